@@ -50,25 +50,25 @@ help:  ## list the targets
 setup: .venv/.stamp  ## build .venv from the hashed locks (does nothing when it is current)
 
 demo: .venv/.demo-stamp  ## simulate, train, export, watch trials go by that the model never met
-	$(BIN)/python -m holdfast.demo
+	$(BIN)/python -m examples.demo.demo
 
 test: setup  ## run the tests
 	$(BIN)/python -m pytest $(ACROSS) $(ARGS)
 
 real: setup  ## train, export and evaluate on the public recordings, into build/real
-	$(BIN)/python -m holdfast.studies.real --out build/real $(ARGS)
+	$(BIN)/python -m studies.real --out build/real $(ARGS)
 
 real-more: setup  ## the same with all 48 channels, and by a truer label, into build/real
-	$(BIN)/python -m holdfast.studies.real.further_rows --out build/real $(ARGS)
+	$(BIN)/python -m studies.real.further_rows --out build/real $(ARGS)
 
 learners: setup  ## forest, network and committee on the public recordings, settings chosen in inner folds; over an hour, into build/real
-	$(BIN)/python -m holdfast.studies.real.learners build/real/learners.json
+	$(BIN)/python -m studies.real.learners build/real/learners.json
 
 scenes: setup  ## simulate and study thesis, apple, p1, p2 at 50, 100 and 150 Hz, into build/scenes
 	rm -rf build/scenes
 	for rate in 50 100 150; do for card in thesis apple p1 p2; do \
 	    $(BIN)/holdfast simulate $$card --rate $$rate --out build/scenes/$${rate}hz/$$card || exit; done; done
-	$(BIN)/python -m holdfast.studies.scenes build/scenes --out build/scenes/study
+	$(BIN)/python -m studies.scenes build/scenes --out build/scenes/study
 
 models: setup  ## rebuild the default model from scenes, into models; RATE=50 for slow bridges, SIZE=tiny or best
 	rm -rf build/models/$(RATE)hz-$(SIZE)
@@ -81,7 +81,7 @@ models: setup  ## rebuild the default model from scenes, into models; RATE=50 fo
 evaluate: setup  ## the default model on unseen simulated sets, beside baselines, into build/evaluate
 	rm -rf build/evaluate
 	mkdir -p build/evaluate
-	{ cat simulation/cards/thesis.toml; echo "[effects.texture]"; } > build/evaluate/thesis-texture.toml
+	{ cat holdfast/simulation/cards/thesis.toml; echo "[effects.texture]"; } > build/evaluate/thesis-texture.toml
 	echo $(EVALUATED) | tr ' :' '\n ' | xargs -P 2 -L 1 sh -c \
 	    '$(BIN)/holdfast simulate $$1 --trials $$2 --seed $$3 --out build/evaluate/$$0'
 	$(BIN)/holdfast evaluate $(MODEL) --data $(addprefix build/evaluate/,thesis thesis-texture apple p1 p2 perturbed-hold daily) \
@@ -89,28 +89,28 @@ evaluate: setup  ## the default model on unseen simulated sets, beside baselines
 	    --json build/evaluate/figures.json --report build/evaluate/report.html $(ARGS)
 
 loop: setup  ## what holding on costs: grip controllers in a closed loop, into build/loop and docs/shared-control.md
-	$(BIN)/python -m holdfast.studies.shared_control --page $(ARGS)
+	$(BIN)/python -m studies.shared_control --page $(ARGS)
 
 fast-handover: setup  ## what tells a fast hand-over from a pull, one change at a time, into build/fast-handover
 	rm -rf build/fast-handover
 	echo $(FAST_HANDOVER) | tr ' :' '\n ' | xargs -P 2 -L 1 sh -c \
 	    '$(BIN)/holdfast simulate $$1 --trials $$2 --seed $$3 --out build/fast-handover/$$0'
-	$(BIN)/python -m holdfast.studies.fast_handover build/fast-handover --out build/fast-handover $(ARGS)
+	$(BIN)/python -m studies.fast_handover build/fast-handover --out build/fast-handover $(ARGS)
 
 learner-streams: setup  ## learners on streams and on styles left out, into build/learner-streams
 	rm -rf build/learner-streams
 	echo $(LEARNER_STREAMS) | tr ' :' '\n ' | xargs -P 2 -L 1 sh -c \
 	    '$(BIN)/holdfast simulate $$1 --trials $$2 --seed $$3 --out build/learner-streams/$$0'
-	$(BIN)/python -m holdfast.studies.learner_streams build/learner-streams --out build/learner-streams $(ARGS)
+	$(BIN)/python -m studies.learner_streams build/learner-streams --out build/learner-streams $(ARGS)
 
 adapt: setup  ## what adapting to a person brings, simulated and on people, into build/adapt-study
-	$(BIN)/python -m holdfast.studies.adapt --out build/adapt-study
-	$(BIN)/python -m holdfast.studies.adapt --people --out build/adapt-study
+	$(BIN)/python -m studies.adapt --out build/adapt-study
+	$(BIN)/python -m studies.adapt --people --out build/adapt-study
 
 preliminary: setup  ## the thesis' preliminary study again, into build/preliminary
 	rm -rf build/preliminary
 	$(BIN)/holdfast simulate twenty-sensors --out build/preliminary/scene
-	$(BIN)/python -m holdfast.studies.thesis_preliminary --out build/preliminary $(ARGS)
+	$(BIN)/python -m studies.thesis_preliminary --out build/preliminary $(ARGS)
 
 fuzz: setup  ## fuzz everything that comes from outside, SECONDS=60 each; what breaks it goes into build/fuzz
 	$(BIN)/python tests/fuzz/fuzz_run.py --seconds $(or $(SECONDS),60) $(ARGS)
@@ -120,25 +120,25 @@ soak: setup  ## the long tests: a million steps, an hour of falls in real time, 
 	.ci/busy
 
 ablation: setup  ## what each part of the method is worth, into build/ablation
-	$(BIN)/python -m holdfast.studies.ablation --out build/ablation $(ARGS)
+	$(BIN)/python -m studies.ablation --out build/ablation $(ARGS)
 
 docs: setup  ## rewrite the tables and pictures of README and docs from build and the code; prose stays
-	$(BIN)/python -m holdfast.studies.tables.step $(MODEL) docs/step.svg
-	$(BIN)/python -m holdfast.studies.tables.timing build/evaluate/figures.json docs
-	$(BIN)/python -m holdfast.studies.tables.features build/ablation/ablation.json docs/features.md
-	$(BIN)/python -m holdfast.studies.real.table build/real/metrics.json build/real/all-channels.json README.md
-	$(BIN)/python -m holdfast.studies.tables.scenes build/bench build/scenes/study/scenes.json docs/scenes.md
-	$(BIN)/python -m holdfast.benchmarks.hand_page build/bench/hand.json build/bench/timed.json build/bench/timed-soak.json docs/hand.md
-	$(BIN)/python -m holdfast.benchmarks.cost.page build/bench docs README.md
-	$(BIN)/python -m holdfast.studies.tables.evaluation build/evaluate/figures.json build/fast-handover/figures.json \
+	$(BIN)/python -m studies.tables.step $(MODEL) docs/step.svg
+	$(BIN)/python -m studies.tables.timing build/evaluate/figures.json docs
+	$(BIN)/python -m studies.tables.features build/ablation/ablation.json docs/features.md
+	$(BIN)/python -m studies.real.table build/real/metrics.json build/real/all-channels.json README.md
+	$(BIN)/python -m studies.tables.scenes build/bench build/scenes/study/scenes.json docs/scenes.md
+	$(BIN)/python -m benchmarks.hand_page build/bench/hand.json build/bench/timed.json build/bench/timed-soak.json docs/hand.md
+	$(BIN)/python -m benchmarks.cost.page build/bench docs README.md
+	$(BIN)/python -m studies.tables.evaluation build/evaluate/figures.json build/fast-handover/figures.json \
 	    build/scenes/study/scenes.json build/preliminary/preliminary.json build/real/truer.json docs/evaluation.md
-	$(BIN)/python -m holdfast.studies.tables.learners build/real/learners.json build/bench/network.json \
+	$(BIN)/python -m studies.tables.learners build/real/learners.json build/bench/network.json \
 	    build/learner-streams/learner-streams.json docs/learners.md
-	$(BIN)/python -m holdfast.studies.tables.adapt build/adapt-study/adapt.json build/adapt-study/people.json docs/adapt.md
-	$(BIN)/python -m holdfast.benchmarks.tag_sheet > docs/tags.svg
-	$(BIN)/python -m holdfast.benchmarks.camera_page build/bench/onset.json docs/camera.md
-	$(BIN)/python -m holdfast.benchmarks.live_page_table build/bench/live-page.json docs/live-page.md
-	$(BIN)/python -m holdfast.benchmarks.runtimes.page build/bench/runtimes.json build/bench/arm.json docs/any-runtime.md
+	$(BIN)/python -m studies.tables.adapt build/adapt-study/adapt.json build/adapt-study/people.json docs/adapt.md
+	$(BIN)/python -m benchmarks.tag_sheet > docs/tags.svg
+	$(BIN)/python -m benchmarks.camera_page build/bench/onset.json docs/camera.md
+	$(BIN)/python -m benchmarks.live_page_table build/bench/live-page.json docs/live-page.md
+	$(BIN)/python -m benchmarks.runtimes.page build/bench/runtimes.json build/bench/arm.json docs/any-runtime.md
 
 docs-site: $(DOCS)/.stamp  ## the documents as a site that opens from a folder, into build/docs-site; fails on a broken link
 	NO_MKDOCS_2_WARNING=1 $(DOCS)/bin/mkdocs build --strict --config-file tools/docs_site/mkdocs.yml
@@ -153,26 +153,26 @@ safety: setup  ## run the tests of the hazards and write their results into docs
 
 bench: setup  ## what accuracy costs in time on this machine: one step, a hand, the simulator; into build/bench
 	$(BIN)/holdfast bench all --out build/bench $(ARGS)
-	$(BIN)/python -m holdfast.benchmarks.network_time build/bench/network.json
-	$(BIN)/python -m holdfast.benchmarks.timed_scans build/bench/timed.json
-	$(BIN)/python -m holdfast.benchmarks.timed_soak build/bench/timed-soak.json
-	$(BIN)/python -m holdfast.benchmarks.live_page build/bench/live-page.json
+	$(BIN)/python -m benchmarks.network_time build/bench/network.json
+	$(BIN)/python -m benchmarks.timed_scans build/bench/timed.json
+	$(BIN)/python -m benchmarks.timed_soak build/bench/timed-soak.json
+	$(BIN)/python -m benchmarks.live_page build/bench/live-page.json
 
 runtimes: setup  ## the default model in every runtime of this machine: labels, bits, time; into build/bench
-	$(BIN)/python -m holdfast.benchmarks.runtimes.here $(MODEL) build/bench/runtimes.json
+	$(BIN)/python -m benchmarks.runtimes.here $(MODEL) build/bench/runtimes.json
 
 browser: setup  ## the default model as one static page that needs no server, into build/browser
 	$(BIN)/python examples/browser/build.py $(MODEL) build/browser/holdfast.html
 
 arm: setup models/holdfast-150hz-tiny.onnx  ## the default and the tiny model on emulated Arm processors, into build/bench
-	$(BIN)/python -m holdfast.benchmarks.runtimes.arm build/bench/arm.json $(MODEL) models/holdfast-150hz-tiny.onnx
+	$(BIN)/python -m benchmarks.runtimes.arm build/bench/arm.json $(MODEL) models/holdfast-150hz-tiny.onnx
 
 models/holdfast-150hz-tiny.onnx:
 	$(MAKE) models SIZE=tiny
 
 peers: $(PEERS)/.stamp  ## beside others: hold and pull, and the closed loop, in MuJoCo, the forest in treelite; an environment of its own, into build/bench
-	$(PEERS)/bin/python -m holdfast.benchmarks.mujoco_peer --out build/bench/mujoco.json $(ARGS)
-	$(PEERS)/bin/python -m holdfast.benchmarks.mujoco_loop --out build/bench/mujoco-loop.json
+	$(PEERS)/bin/python -m benchmarks.mujoco_peer --out build/bench/mujoco.json $(ARGS)
+	$(PEERS)/bin/python -m benchmarks.mujoco_loop --out build/bench/mujoco-loop.json
 	$(PEERS)/bin/python -m holdfast bench latency
 
 lerobot: setup $(LEROBOT)/.stamp  ## lerobot's own loader reads what holdfast convert writes; an environment of its own, 8 GB, needs a C compiler
@@ -184,7 +184,7 @@ lerobot: setup $(LEROBOT)/.stamp  ## lerobot's own loader reads what holdfast co
 
 lint: setup  ## ruff and mypy
 	$(BIN)/ruff check .
-	$(BIN)/mypy holdfast tests
+	$(BIN)/mypy holdfast studies benchmarks examples/demo tests
 
 lock: .tools/.stamp  ## rewrite the locks after a change of dependencies; UPGRADE=1 moves the pins too
 	PYTHON=$(PYTHON) UPGRADE=$(UPGRADE) tools/lock.sh

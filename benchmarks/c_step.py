@@ -8,10 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
-from holdfast.benchmarks.calls import C_STEP
+from benchmarks.calls import C_STEP
+from holdfast.core.contract import BoolArray, FloatArray
+from holdfast.core.errors import CompilerFailed
 from holdfast.edge_runtime.c_engine import LIBRARY, CompiledModel
-from holdfast.edge_runtime.contract import BoolArray, FloatArray
-from holdfast.edge_runtime.errors import CompilerFailed
 from holdfast.edge_runtime.graph import run_recording
 from holdfast.edge_runtime.model import Model
 from holdfast.edge_runtime.onnx_rules import ANSWERS

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 import onnxruntime as ort
 
-from holdfast.edge_runtime.contract import BoolArray, FloatArray, Sample
+from holdfast.core.contract import BoolArray, FloatArray, Sample
 from holdfast.edge_runtime.golden import golden_input
 from holdfast.edge_runtime.graph import StepGraph
 from holdfast.edge_runtime.grip_control import GripControl
@@ -85,4 +85,6 @@ def learner_of(
 
 def golden(model: Model) -> tuple[FloatArray, BoolArray]:
     """The sequence every file is checked with at load, of this model."""
-    return golden_input(model.card.n_channels, model.card.unit, model.card.settle_samples)
+    return golden_input(
+        model.card.n_channels, model.card.unit, model.card.settle_samples
+    )

@@ -5,8 +5,8 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from holdfast.edge_runtime.reading import Json
-from holdfast.evaluation.doc_tables import Tables, refresh, table
+from holdfast.core.reading import Json
+from tools.doc_tables import Tables, refresh, table
 
 ERROR_HEADS = {
     "fps": "frames per s",

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 
-from holdfast.simulation.camera.frames import CAMERA, Camera
+from holdfast.simulation.camera_frames import CAMERA, Camera
 from holdfast.simulation.card import read_card
 from holdfast.simulation.effect import Signal, stream
 from holdfast.simulation.effects import EFFECTS
@@ -48,7 +48,9 @@ USUAL = Effort()
 def scene_with(*names: str, effort: Effort = USUAL) -> Scene:
     """The pull on two balls, with these effects and what they need."""
     needed = {need for name in names for need in EFFECTS[name].needs}
-    tables = "\n".join(f"[effects.{name}]" for name in EFFECTS if name in needed | set(names))
+    tables = "\n".join(
+        f"[effects.{name}]" for name in EFFECTS if name in needed | set(names)
+    )
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "price.toml"
         path.write_text(
@@ -96,7 +98,9 @@ def _run_ns(scene: Scene) -> float:
 
 def _loop_price(name: str, effort: Effort) -> float:
     plain, more = scene_with(effort=effort), scene_with(name, effort=effort)
-    return statistics.median(_run_ns(more) - _run_ns(plain) for _ in range(effort.pairs))
+    return statistics.median(
+        _run_ns(more) - _run_ns(plain) for _ in range(effort.pairs)
+    )
 
 
 @lru_cache(maxsize=1)

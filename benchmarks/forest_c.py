@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from holdfast.edge_runtime.errors import LibraryMissing
+from holdfast.core.errors import LibraryMissing
 from holdfast.export.forest import Forest, leaf_votes
 from holdfast.training.featurise import FloatRows
 
@@ -46,7 +46,10 @@ def c_walk(
         np.concatenate([_lowered(tree.threshold) for tree in trees]),
         *(
             np.concatenate(
-                [getattr(tree, side) + root for tree, root in zip(trees, roots, strict=True)]
+                [
+                    getattr(tree, side) + root
+                    for tree, root in zip(trees, roots, strict=True)
+                ]
             ).astype(np.int32)
             for side in ("children_left", "children_right")
         ),
@@ -54,7 +57,10 @@ def c_walk(
     ]
     out, kept = np.zeros(n_classes, dtype=np.int32), np.ascontiguousarray(rows)
     tables = [ctypes.c_void_p(array.ctypes.data) for array in arrays]
-    pointers = [ctypes.c_void_p(kept.ctypes.data + k * kept.strides[0]) for k in range(len(kept))]
+    pointers = [
+        ctypes.c_void_p(kept.ctypes.data + k * kept.strides[0])
+        for k in range(len(kept))
+    ]
     rest = (
         tables[0],
         ctypes.c_int32(len(roots)),
@@ -79,10 +85,13 @@ def _lowered(threshold: npt.NDArray[np.float64]) -> npt.NDArray[np.float32]:
 def _compiled(work: Path) -> Path:
     compiler = shutil.which("cc")
     if compiler is None:
-        raise LibraryMissing("no C compiler", where="cc", next_step="install gcc to have this row")
+        raise LibraryMissing(
+            "no C compiler", where="cc", next_step="install gcc to have this row"
+        )
     source, library = work / "walk.c", work / "walk.so"
     source.write_text(SOURCE, encoding="utf-8")
     subprocess.run(
-        [compiler, "-O3", "-march=native", "-shared", "-fPIC", "-o", library, source], check=True
+        [compiler, "-O3", "-march=native", "-shared", "-fPIC", "-o", library, source],
+        check=True,
     )
     return library

@@ -28,7 +28,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from holdfast.edge_runtime.contract import FloatArray
+from holdfast.core.contract import FloatArray
 
 RAMP_S = 0.5
 SETTLED_S = 1.0
@@ -71,7 +71,10 @@ class Moving:
     def still(lanes: int) -> Moving:
         """Nothing moves, nothing is stretched."""
         return Moving(
-            np.zeros(lanes), np.zeros(lanes), np.zeros(lanes), np.zeros(lanes, dtype=np.bool_)
+            np.zeros(lanes),
+            np.zeros(lanes),
+            np.zeros(lanes),
+            np.zeros(lanes, dtype=np.bool_),
         )
 
 
@@ -82,7 +85,9 @@ class Law(Protocol):
     def step_s(self) -> float:
         """The step of a run that names none."""
 
-    def step(self, block: Block, state: Moving, load_n: FloatArray, dt_s: float) -> None:
+    def step(
+        self, block: Block, state: Moving, load_n: FloatArray, dt_s: float
+    ) -> None:
         """Move on by dt_s under load_n [B]; changes the state in place."""
 
 
@@ -94,7 +99,9 @@ class Regularised:
     v0_m_s: float = 1e-3
     step_s: float = 1e-3
 
-    def step(self, block: Block, state: Moving, load_n: FloatArray, dt_s: float) -> None:
+    def step(
+        self, block: Block, state: Moving, load_n: FloatArray, dt_s: float
+    ) -> None:
         """One step."""
         bent = np.tanh(state.velocity_m_s / self.v0_m_s)
         slope = block.limit_n * (1.0 - bent * bent) / self.v0_m_s
@@ -122,16 +129,22 @@ class LuGre:
     stribeck_m_s: float = 1e-3
     step_s: float = 2e-4
 
-    def step(self, block: Block, state: Moving, load_n: FloatArray, dt_s: float) -> None:
+    def step(
+        self, block: Block, state: Moving, load_n: FloatArray, dt_s: float
+    ) -> None:
         """One step."""
         speed = np.abs(state.velocity_m_s)
         kinetic_n = block.kinetic * block.normal_n
-        g = kinetic_n + (block.limit_n - kinetic_n) * np.exp(-((speed / self.stribeck_m_s) ** 2))
+        g = kinetic_n + (block.limit_n - kinetic_n) * np.exp(
+            -((speed / self.stribeck_m_s) ** 2)
+        )
         rate = self.sigma0 * speed / g
         kept = 1.0 / (1.0 + dt_s * rate)
         # force a unit of the new z; the new z is kept * (z + dt v)
         bristle = self.sigma0 - self.sigma1 * rate
-        mass = block.mass_kg + dt_s * (bristle * kept * dt_s + self.sigma1 + self.sigma2)
+        mass = block.mass_kg + dt_s * (
+            bristle * kept * dt_s + self.sigma1 + self.sigma2
+        )
         drive = block.mass_kg * state.velocity_m_s + dt_s * (
             load_n - bristle * kept * state.stretch_m
         )
@@ -153,7 +166,9 @@ class SetValued:
     loss_s: float = 2e-3
     step_s: float = 1e-3
 
-    def step(self, block: Block, state: Moving, load_n: FloatArray, dt_s: float) -> None:
+    def step(
+        self, block: Block, state: Moving, load_n: FloatArray, dt_s: float
+    ) -> None:
         """One step: try to stick; where the spring would have to hold more than it can, slide."""
         spring, mass = self.stiffness_n_per_m, block.mass_kg
         limit_n = np.where(state.slides, block.kinetic, block.static) * block.normal_n
@@ -164,7 +179,9 @@ class SetValued:
         trial_m = state.stretch_m + dt_s * stick
         state.slides = spring * np.abs(trial_m) > limit_n
         held_n = np.copysign(limit_n, trial_m)
-        state.velocity_m_s = np.where(state.slides, (drive - dt_s * held_n) / mass, stick)
+        state.velocity_m_s = np.where(
+            state.slides, (drive - dt_s * held_n) / mass, stick
+        )
         state.stretch_m = np.where(state.slides, held_n / spring, trial_m)
         state.position_m += dt_s * state.velocity_m_s
 
@@ -181,7 +198,9 @@ class Task:
     @staticmethod
     def of(share: ArrayLike, vibration: ArrayLike = 0.0, **others: Any) -> Task:
         """From numbers or arrays that fit each other."""
-        shares, vibrations = np.broadcast_arrays(np.atleast_1d(share), np.atleast_1d(vibration))
+        shares, vibrations = np.broadcast_arrays(
+            np.atleast_1d(share), np.atleast_1d(vibration)
+        )
         return Task(shares.astype(np.float64), vibrations.astype(np.float64), **others)
 
     def load_n(self, t_s: FloatArray) -> FloatArray:
@@ -194,14 +213,18 @@ class Task:
         return load
 
 
-def path(law: Law, task: Task, times_s: FloatArray, step_s: float | None = None) -> FloatArray:
+def path(
+    law: Law, task: Task, times_s: FloatArray, step_s: float | None = None
+) -> FloatArray:
     """Position of the block at times_s [n] (rising, rounded to steps): m, [n, B]."""
     dt_s = step_s or law.step_s
     wanted = np.round(np.asarray(times_s) / dt_s).astype(np.int64)
     return np.stack(list(_positions(law, task, wanted, dt_s)))
 
 
-def _positions(law: Law, task: Task, wanted: np.ndarray, dt_s: float) -> Iterator[FloatArray]:
+def _positions(
+    law: Law, task: Task, wanted: np.ndarray, dt_s: float
+) -> Iterator[FloatArray]:
     state, done = Moving.still(len(task.share)), 0
     for number in wanted:
         while done < number:
@@ -212,7 +235,9 @@ def _positions(law: Law, task: Task, wanted: np.ndarray, dt_s: float) -> Iterato
         yield state.position_m.copy()
 
 
-def creep(law: Law, task: Task, held_s: float = HELD_S, step_s: float | None = None) -> FloatArray:
+def creep(
+    law: Law, task: Task, held_s: float = HELD_S, step_s: float | None = None
+) -> FloatArray:
     """Motion of the block from SETTLED_S to held_s, m, [B], both at one phase of the vibration."""
     start, stop = path(law, task, np.array([SETTLED_S, held_s]), step_s)
     moved: FloatArray = stop - start

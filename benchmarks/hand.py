@@ -16,24 +16,23 @@ from typing import Any
 
 import numpy as np
 
-from holdfast.benchmarks.hand_rows import FaultRow, LiveLatency, ProcessMemory, ScanCost
+from benchmarks.hand_rows import FaultRow, LiveLatency, ProcessMemory, ScanCost
+from benchmarks.timing import busy_wait, time_in_turns
+from holdfast.core.clock import MonotonicClock
+from holdfast.core.contract import FloatArray, Prediction, Sample
 from holdfast.drivers.bridges import BRIDGES, open_virtual
 from holdfast.drivers.bus import Bus, Reply, Transfer
-from holdfast.drivers.hand import Hand
+from holdfast.drivers.hand import Hand, LiveHand
 from holdfast.drivers.layout import read_layout
-from holdfast.drivers.live_hand import LiveHand
 from holdfast.drivers.tmag5273 import Setup
 from holdfast.drivers.virtual.clock import VirtualClock
 from holdfast.drivers.virtual.faults import read_fault
-from holdfast.drivers.virtual.hand import VirtualHand
 from holdfast.drivers.virtual.usb_backend import Traffic
-from holdfast.edge_runtime.clock import MonotonicClock
-from holdfast.edge_runtime.contract import FloatArray, Prediction, Sample
-from holdfast.edge_runtime.live import SourceReading, Summary, run_live
+from holdfast.drivers.virtual.virtual_hand import VirtualHand
 from holdfast.edge_runtime.monitor import GripMonitor, Model
-from holdfast.edge_runtime.priority import real_time
-from holdfast.edge_runtime.tare import Tare
-from holdfast.edge_runtime.timing import busy_wait, time_in_turns
+from holdfast.edge_runtime.preparation import Tare
+from holdfast.live.loop import SourceReading, Summary, run_live
+from holdfast.live.real_time import real_time
 
 FAULTS = {
     "nack:3@3+0.3": "finger 3 does not acknowledge for 0.3 s",
@@ -75,7 +74,10 @@ class Bench:
     def __post_init__(self) -> None:
         self.clock = self.clock or VirtualClock()
         self.virtual = VirtualHand(
-            self.clock, layout=self.layout, seed=0, faults=[read_fault(one) for one in self.faults]
+            self.clock,
+            layout=self.layout,
+            seed=0,
+            faults=[read_fault(one) for one in self.faults],
         )
         self.messages: list[str] = []
         opened: Callable[[], Bus]
@@ -119,11 +121,17 @@ def _native(virtual: VirtualHand) -> tuple[Traffic, Callable[[], Bus]]:
 
 def scan_costs() -> list[ScanCost]:
     """One row per bridge and way to read."""
-    ways = [(bridge, reads, "mux", 400_000) for bridge in (*BRIDGES, NATIVE) for reads in READS]
+    ways = [
+        (bridge, reads, "mux", 400_000)
+        for bridge in (*BRIDGES, NATIVE)
+        for reads in READS
+    ]
     ways += [("ft232h", reads, "mux", 1_000_000) for reads in READS]
     ways += [("ft232h", CHECKED, layout, 400_000) for layout in ("mux6", "moved")]
     rows = [_scan_cost(*way) for way in ways]
-    plain = {(row.bridge, row.bus_khz): row.scan_ms for row in rows if row.reads == "1-byte"}
+    plain = {
+        (row.bridge, row.bus_khz): row.scan_ms for row in rows if row.reads == "1-byte"
+    }
     return [
         replace(row, crc_costs_us=1e3 * (row.scan_ms - plain[row.bridge, row.bus_khz]))
         if row.reads == CHECKED and row.layout == "mux"
@@ -149,11 +157,15 @@ def _scan_cost(bridge: str, reads: str, layout: str, bus_hz: int) -> ScanCost:
         bytes_in=traffic.bytes_in / SCANS,
         scan_ms=1e3 * scan_s,
         scans_hz=1.0 / scan_s,
-        serves_model_hz=next((rate for rate in RATES_HZ if scan_s * rate < SPARE), None),
+        serves_model_hz=next(
+            (rate for rate in RATES_HZ if scan_s * rate < SPARE), None
+        ),
     )
 
 
-def fault_table(model_path: Path, compute_ms: float = 0.0, phases: int = PHASES) -> list[FaultRow]:
+def fault_table(
+    model_path: Path, compute_ms: float = 0.0, phases: int = PHASES
+) -> list[FaultRow]:
     """One row per fault at the model's rate.
 
     compute_ms: from the end of a read to the answer, which no virtual clock knows. phases:
@@ -173,13 +185,16 @@ def _fault_row(model: Model, fault: str, compute_ms: float, phases: int) -> Faul
         rows.append((answered_s, bool(sample.valid.all()), prediction.state))
 
     end_ns = round(1e9 * FAULT_RUN_S)
-    summary = _answered(bench, model, bench.clock, emit, lambda: bench.clock.now_ns() >= end_ns)
+    summary = _answered(
+        bench, model, bench.clock, emit, lambda: bench.clock.now_ns() >= end_ns
+    )
     after = [row for row in rows if row[0] >= FAULT_AT_S]
     bad = [t for t, good, _ in after if not good]
     unknown = [t for t, _, state in after if state == "unknown"]
     ends_s = FAULT_AT_S + (read_fault(fault).lasts_s if "+" in fault else 0.0)
     detected_ms = [
-        _detected_ms(model, fault, phase / phases) + compute_ms for phase in range(phases)
+        _detected_ms(model, fault, phase / phases) + compute_ms
+        for phase in range(phases)
     ]
     return FaultRow(
         fault=fault,
@@ -187,7 +202,9 @@ def _fault_row(model: Model, fault: str, compute_ms: float, phases: int) -> Faul
         message=bench.messages[0].split(";")[0] if bench.messages else "",
         detected_ms=float(np.median(detected_ms)),
         detected_max_ms=max(detected_ms),
-        meanwhile=", ".join(sorted({state for t, _, state in after if bad[0] <= t <= bad[-1]})),
+        meanwhile=", ".join(
+            sorted({state for t, _, state in after if bad[0] <= t <= bad[-1]})
+        ),
         whole_again_ms=1e3 * (bad[-1] - ends_s),
         settled_again_ms=1e3 * (unknown[-1] - ends_s),
         samples_lost=summary.overruns,
@@ -208,7 +225,11 @@ def _detected_ms(model: Model, fault: str, phase: float) -> float:
 
     end_ns = round(1e9 * (at_s + 1.0))
     _answered(
-        bench, model, bench.clock, emit, lambda: bool(found_s) or bench.clock.now_ns() >= end_ns
+        bench,
+        model,
+        bench.clock,
+        emit,
+        lambda: bool(found_s) or bench.clock.now_ns() >= end_ns,
     )
     return 1e3 * (found_s[0] - at_s) if found_s else float("inf")
 
@@ -225,16 +246,22 @@ def latency(model_path: Path, rate_hz: float, seconds: float) -> LiveLatency:
     bench = Bench(clock=_Instant(clock))
     end_ns = clock.now_ns() + round(1e9 * seconds)
     with real_time():
-        summary = _answered(bench, model, clock, lambda *_: None, lambda: clock.now_ns() >= end_ns)
+        summary = _answered(
+            bench, model, clock, lambda *_: None, lambda: clock.now_ns() >= end_ns
+        )
     stages_us = summary.latency_us()
-    floor = time_in_turns({"floor": busy_wait(stages_us["read to emit"]["p50"])})["floor"]
+    floor = time_in_turns({"floor": busy_wait(stages_us["read to emit"]["p50"])})[
+        "floor"
+    ]
     return LiveLatency(
         rate_hz=rate_hz,
         samples=summary.samples,
         overruns=summary.overruns,
         latency_us=stages_us,
         share_of_period=stages_us["read to emit"]["p50"] * 1e-6 * rate_hz,
-        floor_us={f"p{p:g}": float(np.percentile(floor, p)) for p in (50.0, 99.0, 99.9)},
+        floor_us={
+            f"p{p:g}": float(np.percentile(floor, p)) for p in (50.0, 99.0, 99.9)
+        },
     )
 
 
@@ -254,11 +281,17 @@ class _Instant(VirtualClock):
 
 
 def _answered(
-    bench: Bench, model: Model, clock: Any, emit: Callable[..., None], stopped: Callable[[], bool]
+    bench: Bench,
+    model: Model,
+    clock: Any,
+    emit: Callable[..., None],
+    stopped: Callable[[], bool],
 ) -> Summary:
     source = LiveHand(bench.hand, _to_force)
     monitor = GripMonitor(model, clock.now_ns)
-    return run_live(source, monitor, Tare(model.card.preparation, 18), clock, emit, stopped=stopped)
+    return run_live(
+        source, monitor, Tare(model.card.preparation, 18), clock, emit, stopped=stopped
+    )
 
 
 def _to_force(field_ut: FloatArray) -> FloatArray:
@@ -266,11 +299,13 @@ def _to_force(field_ut: FloatArray) -> FloatArray:
     return 1e-3 * field_ut
 
 
-FLOOR = "import os; os.environ['ORT_DISABLE_TELEMETRY'] = '1'; import numpy, onnxruntime"
+FLOOR = (
+    "import os; os.environ['ORT_DISABLE_TELEMETRY'] = '1'; import numpy, onnxruntime"
+)
 LIVE_PATH = """
 import sys
 import numpy as np
-from holdfast.edge_runtime.contract import Sample
+from holdfast.core.contract import Sample
 from holdfast.edge_runtime.monitor import GripMonitor, Model
 card = (monitor := GripMonitor(Model(sys.argv[1]), None)).card
 monitor.feed(Sample(0, np.zeros(card.n_channels), np.ones(card.n_channels // 3, dtype=np.bool_), 0))

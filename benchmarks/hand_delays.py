@@ -12,10 +12,10 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from holdfast.benchmarks.hand import CHECKED, RATES_HZ, Bench
-from holdfast.benchmarks.hand_rows import ActDelay, ScanCost
-from holdfast.drivers.virtual.hand import REST_UT, Track
-from holdfast.edge_runtime.contract import FloatArray
+from benchmarks.hand import CHECKED, RATES_HZ, Bench
+from benchmarks.hand_rows import ActDelay, ScanCost
+from holdfast.core.contract import FloatArray
+from holdfast.drivers.virtual.virtual_hand import REST_UT, Track
 
 GRAVITY_M_S2 = 9.81
 CLOSING_S = 0.37
@@ -32,9 +32,13 @@ def delays(
     scan_costs: list[ScanCost], compute_ms: float, act_samples: int, steps: int = STEPS
 ) -> list[ActDelay]:
     """One row per bridge and rate that it serves: ms from a step until the request to act."""
-    default = [cost for cost in scan_costs if cost.layout == "mux" and cost.reads == CHECKED]
+    default = [
+        cost for cost in scan_costs if cost.layout == "mux" and cost.reads == CHECKED
+    ]
     rates = [(cost, rate) for cost in default for rate in _served(cost)]
-    return [_row(cost, rate_hz, compute_ms, act_samples, steps) for cost, rate_hz in rates]
+    return [
+        _row(cost, rate_hz, compute_ms, act_samples, steps) for cost, rate_hz in rates
+    ]
 
 
 def _served(cost: ScanCost) -> Iterator[float]:

@@ -5,9 +5,9 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from holdfast.edge_runtime.reading import Json
-from holdfast.evaluation.doc_tables import Tables, refresh, table
+from holdfast.core.reading import Json
 from holdfast.evaluation.page import markdown
+from tools.doc_tables import Tables, refresh, table
 
 SCAN_HEADS = {
     "bridge": "bridge",
@@ -68,13 +68,15 @@ def tables(figures: Json) -> Tables:
     """Every table by its marker."""
     stages = [row for run in figures["live"] for row in _stages(run)]
     stages += [
-        _stage(run, "busy-wait reference, same length", run["floor_us"]) for run in figures["live"]
+        _stage(run, "busy-wait reference, same length", run["floor_us"])
+        for run in figures["live"]
     ]
     runs = [run | {"share": f"{run['share_of_period']:.0%}"} for run in figures["live"]]
     return {
         "scans": table([_scan(row) for row in figures["scans"]], SCAN_HEADS),
         "faults": table(
-            [row | {"fault": f"`{row['fault']}`"} for row in figures["faults"]], FAULT_HEADS
+            [row | {"fault": f"`{row['fault']}`"} for row in figures["faults"]],
+            FAULT_HEADS,
         ),
         "delays-about": markdown(_about(figures)),
         "delays": table([_delay(row) for row in figures["delays"]], DELAY_HEADS),
@@ -96,7 +98,10 @@ def _about(figures: Json) -> list[Json]:
     """What the card says, and how far an object falls until a hand has closed."""
     closed_mm = [row["falls_until_closed_mm"] for row in figures["delays"]]
     return [
-        {"what": "`act_samples` of the shipped model's card", "value": figures["act_samples"]},
+        {
+            "what": "`act_samples` of the shipped model's card",
+            "value": figures["act_samples"],
+        },
         {
             "what": "fall until the hand has closed, smallest and largest of the rows below, mm",
             "value": f"{min(closed_mm):.0f} to {max(closed_mm):.0f}",
@@ -138,7 +143,9 @@ def _scans(row: Json) -> Json:
         "way": f"{row['queued']} queued" if row["queued"] else "today's scan",
         "spacing": f"{row['spacing_p999_us']:,.0f}",
     }
-    return row | shown | {key: f"{row[key]:.1f}" for key in row if key.startswith("late_")}
+    return (
+        row | shown | {key: f"{row[key]:.1f}" for key in row if key.startswith("late_")}
+    )
 
 
 def soak(figures: Json) -> Tables:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass
 
-from holdfast.edge_runtime.reading import Json
+from holdfast.core.reading import Json
 
 Percentiles = dict[str, float]
 """p50, p99 and p99.9 -> us."""
@@ -52,7 +52,10 @@ class FaultRow:
 
     def to_json(self) -> Json:
         """As it stands in hand.json, where the message's key is "said"."""
-        return {"said" if key == "message" else key: value for key, value in vars(self).items()}
+        return {
+            "said" if key == "message" else key: value
+            for key, value in vars(self).items()
+        }
 
 
 @dataclass(frozen=True)

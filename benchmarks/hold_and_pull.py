@@ -13,13 +13,13 @@ from pathlib import Path
 
 import numpy as np
 
-from holdfast.benchmarks.mujoco_peer import SLIP_TRAVEL_M, STEPS_S
-from holdfast.benchmarks.mujoco_scene import GRAVITY_M_S2, Scene
-from holdfast.edge_runtime.contract import FloatArray
-from holdfast.edge_runtime.reading import Json
+from benchmarks.mujoco_peer import SLIP_TRAVEL_M, STEPS_S
+from benchmarks.mujoco_scene import GRAVITY_M_S2, Scene
+from holdfast.core.contract import FloatArray
+from holdfast.core.reading import Json
 from holdfast.simulation.body import SIDE, Body, Inputs, Pull, State, at_rest
 from holdfast.simulation.core import step
-from holdfast.simulation.loop.brush import pressure
+from holdfast.simulation.loop.contacts import pressure
 
 GRIP_SHARE = np.array([0.5, 0.5, 0.25, 0.25, 0.25, 0.25])[:, None]
 LANES = (2, 200)
@@ -63,7 +63,12 @@ def measure(scene: Scene, step_s: float, lanes: int) -> SolverRow:
     creep_m = float(np.abs(held.state.position_m[2] - from_m).max())
     pulls = [pull(scene, step_s, cap_n) for cap_n in scene.caps_n]
     return _row(
-        f"ours, {lanes} at once", step_s, cpu_s / scene.hold_s / lanes, scene.hold_s, creep_m, pulls
+        f"ours, {lanes} at once",
+        step_s,
+        cpu_s / scene.hold_s / lanes,
+        scene.hold_s,
+        creep_m,
+        pulls,
     )
 
 
@@ -101,7 +106,9 @@ class Held:
 
     def __post_init__(self) -> None:
         self.body = body(self.scene, self.lanes)
-        self.closure_m: FloatArray = GRIP_SHARE * self.scene.grip_n / self.body.stiffness_n_per_m
+        self.closure_m: FloatArray = (
+            GRIP_SHARE * self.scene.grip_n / self.body.stiffness_n_per_m
+        )
         self.state: State = at_rest(self.body, self.closure_m)
         self.dt_s = np.full(self.lanes, self.step_s)
 
@@ -125,7 +132,9 @@ def body(scene: Scene, lanes: int) -> Body:
         at_m=np.zeros((2, len(SIDE), lanes)),
         stiffness_n_per_m=scene.normal_n_per_m * each,
         damping_n_s_per_m=scene.finger_loss_s * scene.normal_n_per_m * each,
-        brush_n_per_m=scene.along_n_per_m / ELEMENTS * np.ones((ELEMENTS, len(SIDE), lanes)),
+        brush_n_per_m=scene.along_n_per_m
+        / ELEMENTS
+        * np.ones((ELEMENTS, len(SIDE), lanes)),
         pressure=pressure(ELEMENTS)[:, None, None],
         static=scene.friction * one,
         kinetic=scene.friction * one,
@@ -136,7 +145,9 @@ def body(scene: Scene, lanes: int) -> Body:
 def _peer(run: Json, version: str) -> SolverRow:
     slips = [pull["slip_s"] for pull in run["pulls"]]
     name = f"MuJoCo {version}, {run['variant']}"
-    return _row(name, run["step_s"], run["cpu_s_per_s"], run["held_s"], run["creep_m"], slips)
+    return _row(
+        name, run["step_s"], run["cpu_s_per_s"], run["held_s"], run["creep_m"], slips
+    )
 
 
 def _row(
@@ -147,7 +158,11 @@ def _row(
     creep_m: float | None,
     slips_s: list[float | None],
 ) -> SolverRow:
-    weak_ms, strong_ms = (None if slip_s is None else 1e3 * slip_s for slip_s in slips_s)
+    weak_ms, strong_ms = (
+        None if slip_s is None else 1e3 * slip_s for slip_s in slips_s
+    )
     creep_mm = None if creep_m is None else 1e3 * creep_m
     cpu_ms_per_s = 1e3 * cpu_s_per_s
-    return SolverRow(solver, 1e3 * step_s, cpu_ms_per_s, held_s, creep_mm, weak_ms, strong_ms)
+    return SolverRow(
+        solver, 1e3 * step_s, cpu_ms_per_s, held_s, creep_mm, weak_ms, strong_ms
+    )

@@ -18,10 +18,10 @@ from pathlib import Path
 import numpy as np
 import onnx
 
-from holdfast.benchmarks.calls import golden
-from holdfast.benchmarks.runtimes.c_programs import GCC, compiled
-from holdfast.benchmarks.runtimes.stream import Stream
-from holdfast.edge_runtime.errors import LibraryMissing
+from benchmarks.calls import golden
+from benchmarks.runtimes.c_programs import GCC, compiled
+from benchmarks.runtimes.stream import Stream
+from holdfast.core.errors import LibraryMissing
 from holdfast.edge_runtime.graph import run_recording
 from holdfast.edge_runtime.monitor import Model
 from holdfast.export.c.exporting import export_c
@@ -36,7 +36,7 @@ PROGRAM = """
 import sys
 from pathlib import Path
 import numpy as np
-from holdfast.benchmarks.calls import learner_of, step_of
+from benchmarks.calls import learner_of, step_of
 from holdfast.edge_runtime.graph import open_session
 from holdfast.edge_runtime.monitor import Model
 path, rows, calls = Path(sys.argv[1]), sys.argv[2], int(sys.argv[3])
@@ -59,13 +59,17 @@ def instructions(model: Path) -> list[CallInstructions]:
     """One row per call. Raises LibraryMissing without valgrind."""
     if shutil.which("valgrind") is None:
         raise LibraryMissing(
-            "no valgrind", where="valgrind", next_step="install valgrind to count instructions"
+            "no valgrind",
+            where="valgrind",
+            next_step="install valgrind to count instructions",
         )
     whole = Model(model)
     with tempfile.TemporaryDirectory() as work:
         alone, rows = Path(work) / "learner.onnx", Path(work) / "rows.npy"
         alone.write_bytes(cut_learners(onnx.load(model)))
-        np.save(rows, run_recording(whole.session, *golden(whole), ["features"])["features"])
+        np.save(
+            rows, run_recording(whole.session, *golden(whole), ["features"])["features"]
+        )
         return [
             _row("whole step", _called(model, "")),
             _row("learner alone", _called(alone, rows)),
@@ -101,9 +105,15 @@ def _counted(words: list[str]) -> int:
     with tempfile.TemporaryDirectory() as work:
         valgrind = ["valgrind", "--tool=callgrind", f"--callgrind-out-file={work}/out"]
         ran = subprocess.run(
-            [*valgrind, *words], capture_output=True, text=True, errors="replace", check=True
+            [*valgrind, *words],
+            capture_output=True,
+            text=True,
+            errors="replace",
+            check=True,
         )
     found = re.search(r"Collected : (\d+)", ran.stderr)
     if found is None:
-        raise LibraryMissing("valgrind counted nothing", where="valgrind", cause=ran.stderr[-200:])
+        raise LibraryMissing(
+            "valgrind counted nothing", where="valgrind", cause=ran.stderr[-200:]
+        )
     return int(found[1])

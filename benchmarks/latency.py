@@ -32,8 +32,8 @@ import onnx
 import onnxruntime as ort
 from scipy.signal import butter
 
-from holdfast.benchmarks.c_step import c_step_of
-from holdfast.benchmarks.calls import (
+from benchmarks.c_step import c_step_of
+from benchmarks.calls import (
     BARE,
     C_FLOOR,
     C_STEP,
@@ -49,13 +49,13 @@ from holdfast.benchmarks.calls import (
     learner_of,
     step_of,
 )
-from holdfast.benchmarks.forest_c import c_walk
-from holdfast.edge_runtime.contract import CLASSES, BoolArray, FloatArray
-from holdfast.edge_runtime.errors import LibraryMissing
+from benchmarks.forest_c import c_walk
+from benchmarks.timing import TURNS, busy_wait, time_in_turns
+from holdfast.core.contract import CLASSES, BoolArray, FloatArray
+from holdfast.core.errors import LibraryMissing
+from holdfast.core.reading import Json
 from holdfast.edge_runtime.graph import open_session, run_recording
 from holdfast.edge_runtime.monitor import Model
-from holdfast.edge_runtime.reading import Json
-from holdfast.edge_runtime.timing import TURNS, busy_wait, time_in_turns
 from holdfast.export.bank import bands_for
 from holdfast.export.exporting import export_artifact
 from holdfast.export.forest import Forest
@@ -71,7 +71,9 @@ from holdfast.training.fitting import train
 from holdfast.training.plan import RAW_BASELINE
 from holdfast.training.recording import DataSet
 
-BUDGET = Path(__file__).resolve().parent.parent / "edge_runtime" / "budget.toml"
+BUDGET = (
+    Path(__file__).resolve().parent.parent / "holdfast" / "edge_runtime" / "budget.toml"
+)
 PERCENTILES = (50, 99, 99.9)
 TRIALS, STREAMED = 400, 10
 C_RATIOS = ("c_step_over_step", "c_p999_over_floor_p999", "c_cold_over_step_cold")
@@ -94,7 +96,12 @@ class CallTimes:
     def to_json(self) -> Json:
         """As it stands in latency.json."""
         percentiles = {"p50": self.p50_us, "p99": self.p99_us, "p99.9": self.p999_us}
-        return {"what": self.what, "n": self.n, **percentiles, "cold_p50": self.cold_p50_us}
+        return {
+            "what": self.what,
+            "n": self.n,
+            **percentiles,
+            "cold_p50": self.cold_p50_us,
+        }
 
 
 @dataclass(frozen=True)
@@ -141,12 +148,18 @@ def latency(path: Path, turns: int = TURNS) -> LatencyFigures:
         }
         times |= _by_turn(time_in_turns(slow, SLOW_TURNS, SLOW_CALLS), SLOW_TURNS)
     calls = [_call_times(name, each) for name, each in times.items()]
-    return LatencyFigures(model.card.model_id, calls, ratios(calls), path.stat().st_size)
+    return LatencyFigures(
+        model.card.model_id, calls, ratios(calls), path.stat().st_size
+    )
 
 
-def _floor(name: str, call: Callable[[], object], floor: str) -> dict[str, Callable[[], object]]:
+def _floor(
+    name: str, call: Callable[[], object], floor: str
+) -> dict[str, Callable[[], object]]:
     """A busy wait as long as a call, by the floor's name."""
-    return {floor: busy_wait(float(np.median(time_in_turns({name: call}, turns=5)[name])))}
+    return {
+        floor: busy_wait(float(np.median(time_in_turns({name: call}, turns=5)[name])))
+    }
 
 
 def _by_turn(times: dict[str, FloatArray], turns: int) -> dict[str, FloatArray]:
@@ -157,7 +170,9 @@ def _by_turn(times: dict[str, FloatArray], turns: int) -> dict[str, FloatArray]:
 def _call_times(what: str, times_us: FloatArray) -> CallTimes:
     """times_us: [turns, calls]."""
     p50, p99, p999 = (float(np.percentile(times_us[:, 1:], one)) for one in PERCENTILES)
-    return CallTimes(what, times_us.size, p50, p99, p999, float(np.median(times_us[:, 0])))
+    return CallTimes(
+        what, times_us.size, p50, p99, p999, float(np.median(times_us[:, 0]))
+    )
 
 
 def ratios(calls: Sequence[CallTimes]) -> dict[str, float]:
@@ -203,7 +218,11 @@ class Budget:
 
     def to_json(self) -> Json:
         """As it stands in latency.json."""
-        return {"budget": self.budget, "value": self.value, "limit": f"at {self.at} {self.limit:g}"}
+        return {
+            "budget": self.budget,
+            "value": self.value,
+            "limit": f"at {self.at} {self.limit:g}",
+        }
 
 
 def budgets(ratios: dict[str, float], n_bytes: int, resident_mb: float) -> list[Budget]:
@@ -234,7 +253,9 @@ def _stream(data: DataSet) -> tuple[FloatArray, BoolArray]:
 
 def _bare(data: DataSet, work: Path) -> tuple[Model, Forest]:
     """The raw-window forest of 100 full-depth trees, as a model file and as scikit-learn's."""
-    train(data, work / "raw", replace(RAW_BASELINE, folds=2))  # its scores are not looked at
+    train(
+        data, work / "raw", replace(RAW_BASELINE, folds=2)
+    )  # its scores are not looked at
     path, _ = export_artifact(work / "raw")
     rows = features_of(data, spec_for(data, RAW_BASELINE.groups))["classes"]
     everything = np.arange(len(rows))
@@ -247,7 +268,9 @@ def _predict(forest: Forest, rows: FloatRows) -> Callable[[], object]:
     return lambda: forest.predict_proba(rows[(k := next(turn)) : k + 1])
 
 
-def _walk(forest: Forest, rows: FloatRows, work: Path) -> dict[str, Callable[[], object]]:
+def _walk(
+    forest: Forest, rows: FloatRows, work: Path
+) -> dict[str, Callable[[], object]]:
     """The walk in C, its votes checked against the reference first; empty without a compiler."""
     try:
         votes = c_walk(forest, len(CLASSES), rows, work)
@@ -268,7 +291,9 @@ def _treelite(forest: Forest, rows: FloatRows) -> dict[str, Callable[[], object]
         return {}
     model, turn = treelite.sklearn.import_model(forest), cycle(range(len(rows)))
     return {
-        TREELITE: lambda: treelite.gtil.predict(model, rows[(k := next(turn)) : k + 1], nthread=1)
+        TREELITE: lambda: treelite.gtil.predict(
+            model, rows[(k := next(turn)) : k + 1], nthread=1
+        )
     }
 
 

@@ -62,10 +62,15 @@ def _require_equal(own: list[dict[str, Any]], rows: dict[str, Any]) -> None:
     np.testing.assert_array_equal(tactile, rows["values"].astype(np.float32))
     valid = np.stack([one["observation.tactile_valid"].numpy() for one in own])
     np.testing.assert_array_equal(valid, rows["valid"])
-    time_s = [one["observation.time_s"].numpy() for one in own]  # torch makes it float32
+    time_s = [
+        one["observation.time_s"].numpy() for one in own
+    ]  # torch makes it float32
     np.testing.assert_array_equal(time_s, rows["time_s"].astype(np.float32))
     labels = [int(one["situation"]) for one in own]
-    expected = [SITUATIONS.index(name) if isinstance(name, str) else -1 for name in rows["label"]]
+    expected = [
+        SITUATIONS.index(name) if isinstance(name, str) else -1
+        for name in rows["label"]
+    ]
     np.testing.assert_array_equal(labels, expected)
 
 

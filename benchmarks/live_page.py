@@ -1,6 +1,6 @@
 """Whether the live page delays the loop: `holdfast run --web` beside browsers that stall and read.
 
-`python -m holdfast.benchmarks.live_page OUT.json`. Runs on the virtual hand in real time, one after
+`python -m benchmarks.live_page OUT.json`. Runs on the virtual hand in real time, one after
 another. A stalled browser asks for the events and never reads; its buffers are small, so the
 server's are soon full. Where the server disconnects it, it comes back at once. Counts and latencies
 are those of the run's own summary: times on this machine, of simulated samples.
@@ -19,9 +19,9 @@ from pathlib import Path
 from threading import Event, Thread
 from typing import IO
 
-from holdfast.edge_runtime.errors import OutputError
-from holdfast.edge_runtime.reading import Json
-from holdfast.edge_runtime.writing import write_whole
+from holdfast.core.errors import OutputError
+from holdfast.core.reading import Json
+from holdfast.core.writing import write_whole
 from holdfast.evaluation.provenance import host
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -33,7 +33,9 @@ POLL_MS = 50
 ADDRESS = re.compile(r"live page: http://127\.0\.0\.1:(\d+)/")
 COUNTS = re.compile(r"^(\d+) samples, (\d+) overruns", re.MULTILINE)
 _TIMES = r" +p50 +([\d.]+) us +p99 +[\d.]+ us +p99\.9 +([\d.]+) us"
-EMIT, WHOLE = (re.compile(f"^{name}{_TIMES}", re.MULTILINE) for name in ("emit", "read to emit"))
+EMIT, WHOLE = (
+    re.compile(f"^{name}{_TIMES}", re.MULTILINE) for name in ("emit", "read to emit")
+)
 
 
 @dataclass(frozen=True)
@@ -146,7 +148,9 @@ def _port(messages: IO[str]) -> int:
     return next(int(found[1]) for line in messages if (found := ADDRESS.match(line)))
 
 
-def _figures(case: Case, seconds: float, said: str, browsers: Browsers | None) -> PageLoad:
+def _figures(
+    case: Case, seconds: float, said: str, browsers: Browsers | None
+) -> PageLoad:
     counts, whole, emit = COUNTS.search(said), WHOLE.search(said), EMIT.search(said)
     if counts is None or whole is None or emit is None:
         raise OutputError("the run has no summary", where=case.name, cause=said[-500:])

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from holdfast.edge_runtime.reading import Json
-from holdfast.evaluation.doc_tables import Tables, refresh, table
+from holdfast.core.reading import Json
+from tools.doc_tables import Tables, refresh, table
 
 HEADS = {
     "case": "watched by",
@@ -26,7 +26,9 @@ SUMS = ("samples", "overruns", "disconnects")
 def tables(figures: Json) -> Tables:
     """Every table by its marker: a row a case, its runs together."""
     cases = dict.fromkeys(row["case"] for row in figures["rows"])
-    return {"delays": table([_together(figures["rows"], case) for case in cases], HEADS)}
+    return {
+        "delays": table([_together(figures["rows"], case) for case in cases], HEADS)
+    }
 
 
 def _together(rows: list[Json], case: str) -> Json:

@@ -19,7 +19,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from holdfast.edge_runtime.contract import BoolArray, FloatArray
+from holdfast.core.contract import BoolArray, FloatArray
 from holdfast.simulation.body import Body, Inputs, Pull
 from holdfast.simulation.closed_loop.physics import HandsAndObjects
 from holdfast.simulation.run import TrialMotion
@@ -67,7 +67,9 @@ class MujocoWorld:
         grips_n = [drive.step(target_n, self._dt_s).copy() for _ in range(self._pieces)]
         script.grip_n = np.stack(grips_n)
         ends_s = (at + np.arange(1, self._pieces + 1) / self._pieces) / self._rate_hz
-        for now, t_s in zip(script.chunk(ends_s[:, None] + 0.0 * target_n), ends_s, strict=True):
+        for now, t_s in zip(
+            script.chunk(ends_s[:, None] + 0.0 * target_n), ends_s, strict=True
+        ):
             self._step(now, float(t_s))
         self.forces_n[:] = self._fingertips_n()
         self.position_m[:] = self._data.qpos[:3]
@@ -89,7 +91,9 @@ class MujocoWorld:
         """[3] force of a person: a capped, damped spring to a target, and a share of the weight."""
         place_m, speed_m_s = self._data.qpos[:3], self._data.qvel[:3]
         to_go_m = person.target_m[:, 0] - place_m
-        reach_n = person.stiffness_n_per_m[0] * np.linalg.norm(to_go_m - speed_m_s * self._dt_s)
+        reach_n = person.stiffness_n_per_m[0] * np.linalg.norm(
+            to_go_m - speed_m_s * self._dt_s
+        )
         share = min(1.0, person.cap_n[0] / max(float(reach_n), 1e-12))
         damper_n = person.damping_n_s_per_m[0] * (person.target_m_s[:, 0] - speed_m_s)
         pull_n = share * (person.stiffness_n_per_m[0] * to_go_m + damper_n)
@@ -117,16 +121,22 @@ class MujocoWorld:
         normals_n = np.maximum(body.stiffness_n_per_m[:, 0] * yields_m, 0.0)
         aside_m = data.qpos[1] - data.qpos[pads[:, 1]] - body.at_m[0, :, 0]
         shear_n[:, 0] += normals_n * aside_m * body.curvature_per_m[0, 0]
-        return np.stack([shear_n[:, 0], shear_n[:, 1] * -body.side[:, 0], normals_n], axis=1)
+        return np.stack(
+            [shear_n[:, 0], shear_n[:, 1] * -body.side[:, 0], normals_n], axis=1
+        )
 
-    def motion(self, lane: int, forces_n: FloatArray, position_m: FloatArray) -> TrialMotion:
+    def motion(
+        self, lane: int, forces_n: FloatArray, position_m: FloatArray
+    ) -> TrialMotion:
         """What became of the trial, as our core gives it; every step counts as without slip."""
         at_s, agents_n, gripped, slip_m = (
             np.array(part) for part in zip(*self._steps, strict=True)
         )
         never = np.zeros(len(at_s), dtype=np.bool_)
         t_s = np.arange(len(forces_n)) / self._rate_hz
-        return TrialMotion(t_s, forces_n, position_m, at_s, agents_n, gripped, never, never, slip_m)
+        return TrialMotion(
+            t_s, forces_n, position_m, at_s, agents_n, gripped, never, never, slip_m
+        )
 
 
 def _joints(model: Any, pads: int) -> Any:

@@ -19,16 +19,16 @@ from typing import Any
 
 import numpy as np
 
-from holdfast.edge_runtime.command import Parser, finish, path_argument
-from holdfast.edge_runtime.contract import FloatArray
-from holdfast.edge_runtime.errors import UsageError
+from holdfast.cli.command import Parser, finish, path_argument
+from holdfast.core.contract import FloatArray
+from holdfast.core.errors import UsageError
+from holdfast.core.writing import require_writable, write_whole
 from holdfast.edge_runtime.model import Model
-from holdfast.edge_runtime.writing import require_writable, write_whole
 from holdfast.evaluation.loop_scores import ThreeRuns
 from holdfast.simulation.card import read_card
 from holdfast.simulation.closed_loop.controllers import managed
 from holdfast.simulation.closed_loop.loop import ClosedLoop
-from holdfast.simulation.closed_loop.outcome import LoopOutcome
+from holdfast.simulation.closed_loop.people import LoopOutcome
 from holdfast.simulation.protocol import PlannedTrial
 from holdfast.simulation.scene import Scene
 
@@ -141,19 +141,26 @@ def _compared(scene: Scene, trial: PlannedTrial, model: Model) -> dict[str, Any]
     return {
         "action": trial.action,
         **{
-            world: {name: asdict(_fates(runs["none"][k], both[k])) for name, both in runs.items()}
+            world: {
+                name: asdict(_fates(runs["none"][k], both[k]))
+                for name, both in runs.items()
+            }
             for k, world in enumerate(("ours", "mujoco"))
         },
-        "same_outcome": _same(_fates(runs["none"][0], ours), _fates(runs["none"][1], peer)),
+        "same_outcome": _same(
+            _fates(runs["none"][0], ours), _fates(runs["none"][1], peer)
+        ),
         "forces": [asdict(one) | {"difference": one.difference} for one in compared],
         "largest_difference": max(one.difference for one in compared),
     }
 
 
-def _run(scene: Scene, trial: PlannedTrial, model: Model, name: str, *, peer: bool) -> LoopRun:
+def _run(
+    scene: Scene, trial: PlannedTrial, model: Model, name: str, *, peer: bool
+) -> LoopRun:
     loop = ClosedLoop(scene, [trial, trial], model, managed(scene, name))
     if peer:
-        from holdfast.benchmarks.mujoco_hand import MujocoWorld
+        from benchmarks.mujoco_hand import MujocoWorld
 
         loop.world = MujocoWorld(loop.world)  # type: ignore[assignment]
     forces_n, grip_n = [], []
@@ -172,23 +179,35 @@ def forces(ours: LoopRun, peer: LoopRun) -> list[Force]:
     act_s = ours.outcome.act_s
     until_s = min(ours.outcome.lost_s, peer.outcome.lost_s, act_s + WATCHED_S)
     both = [
-        run.forces_n[(run.t_s >= run.outcome.onset_s) & (run.t_s < until_s)] for run in (ours, peer)
+        run.forces_n[(run.t_s >= run.outcome.onset_s) & (run.t_s < until_s)]
+        for run in (ours, peer)
     ]
     names = [f"normal {k + 1}" for k in range(both[0].shape[1])]
-    normals = [Force(n, *(_figures(one[:, k, 2]) for one in both)) for k, n in enumerate(names)]
+    normals = [
+        Force(n, *(_figures(one[:, k, 2]) for one in both)) for k, n in enumerate(names)
+    ]
     along = [np.sqrt((one[..., :2] ** 2).sum(axis=2)).sum(axis=1) for one in both]
     return [*normals, Force(ALONG, *(_figures(one) for one in along))]
 
 
 def _figures(force_n: FloatArray) -> Figures:
-    return Figures(float(force_n.mean()), float(np.median(force_n)), float(force_n.max()))
+    return Figures(
+        float(force_n.mean()), float(np.median(force_n)), float(force_n.max())
+    )
 
 
 def _fates(bare: LoopRun, held: LoopRun) -> Fates:
     one, act_s = held.outcome, held.outcome.act_s
-    lost_s, onset_s = (t - act_s if np.isfinite(t) else None for t in (one.lost_s, one.onset_s))
-    blocked = one.trial.action == "pass" and ThreeRuns(bare.outcome, bare.outcome, one).blocked
-    return Fates(not one.dropped, lost_s, onset_s, one.slip_mm, one.peak_grip_n, blocked)
+    lost_s, onset_s = (
+        t - act_s if np.isfinite(t) else None for t in (one.lost_s, one.onset_s)
+    )
+    blocked = (
+        one.trial.action == "pass"
+        and ThreeRuns(bare.outcome, bare.outcome, one).blocked
+    )
+    return Fates(
+        not one.dropped, lost_s, onset_s, one.slip_mm, one.peak_grip_n, blocked
+    )
 
 
 def _same(ours: Fates, peer: Fates) -> bool:
@@ -208,7 +227,9 @@ def require_mujoco() -> str:
 
 def main(argv: Sequence[str]) -> int:
     """Run both, write the JSON, print a line a trial."""
-    parser = Parser(prog="mujoco_loop", description="holdfast in the loop, in MuJoCo and in ours")
+    parser = Parser(
+        prog="mujoco_loop", description="holdfast in the loop, in MuJoCo and in ours"
+    )
     default = Path("build/bench/mujoco-loop.json")
     parser.add_argument("--out", type=path_argument, default=default, metavar="FILE")
     parser.add_argument("--model", type=path_argument, default=MODEL, metavar="FILE")
@@ -217,7 +238,12 @@ def main(argv: Sequence[str]) -> int:
     require_writable(args.out.parent)
     model = Model(args.model)
     trials = compare(model)
-    figures = {"simulated": True, "mujoco": version, "model": model.card.model_id, "trials": trials}
+    figures = {
+        "simulated": True,
+        "mujoco": version,
+        "model": model.card.model_id,
+        "trials": trials,
+    }
     write_whole(args.out, json.dumps(figures, indent=2) + "\n")
     for one in trials:
         outcome = "same" if one["same_outcome"] else "another"

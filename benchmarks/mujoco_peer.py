@@ -30,7 +30,7 @@ from typing import Any
 
 import numpy as np
 
-from holdfast.benchmarks.mujoco_scene import (
+from benchmarks.mujoco_scene import (
     FINGER_Z_M,
     GRAVITY_M_S2,
     THUMB_Z_M,
@@ -39,10 +39,10 @@ from holdfast.benchmarks.mujoco_scene import (
     Variant,
     mjcf,
 )
-from holdfast.edge_runtime.command import Parser, finish, path_argument
-from holdfast.edge_runtime.errors import UsageError
-from holdfast.edge_runtime.reading import Json
-from holdfast.edge_runtime.writing import require_writable, write_whole
+from holdfast.cli.command import Parser, finish, path_argument
+from holdfast.core.errors import UsageError
+from holdfast.core.reading import Json
+from holdfast.core.writing import require_writable, write_whole
 
 try:
     import mujoco
@@ -64,9 +64,13 @@ slides.
 class Hold:
     """A compiled scene and its readings."""
 
-    def __init__(self, scene: Scene, step_s: float, variant: Variant, drawn: float = 1.0) -> None:
+    def __init__(
+        self, scene: Scene, step_s: float, variant: Variant, drawn: float = 1.0
+    ) -> None:
         self.scene, self.step_s = scene, step_s
-        self.model = _mujoco().MjModel.from_xml_string(mjcf(scene, step_s, variant, drawn))
+        self.model = _mujoco().MjModel.from_xml_string(
+            mjcf(scene, step_s, variant, drawn)
+        )
         self.data = mujoco.MjData(self.model)
         self.pads = [f"thumb{k}" for k in range(len(THUMB_Z_M))] + [
             f"finger{k}" for k in range(len(FINGER_Z_M))
@@ -92,7 +96,10 @@ class Hold:
     @property
     def travel_m(self) -> float:
         """How far the object is below the mean of the pads: slip, without what the pads stretch."""
-        return float(np.mean([self.data.joint(f"{pad}z").qpos[0] for pad in self.pads])) - self.z_m
+        return (
+            float(np.mean([self.data.joint(f"{pad}z").qpos[0] for pad in self.pads]))
+            - self.z_m
+        )
 
     @property
     def held(self) -> bool:
@@ -187,7 +194,11 @@ def hold(scene: Scene, step_s: float, variant: Variant, drawn: float) -> HeldObj
         more_s = min(CHUNK_S, scene.hold_s - held_s)
         cpu_s += one.run(more_s)
         if one.held:
-            held_s, creep_m, slip_m = held_s + more_s, from_m - one.z_m, one.travel_m - slipped_m
+            held_s, creep_m, slip_m = (
+                held_s + more_s,
+                from_m - one.z_m,
+                one.travel_m - slipped_m,
+            )
     crept_s = held_s - scene.settled_s
     return HeldObject(
         cpu_s_per_s=cpu_s / float(one.data.time),
@@ -199,7 +210,9 @@ def hold(scene: Scene, step_s: float, variant: Variant, drawn: float) -> HeldObj
     )
 
 
-def pull(scene: Scene, step_s: float, variant: Variant, drawn: float, cap_n: float) -> PulledObject:
+def pull(
+    scene: Scene, step_s: float, variant: Variant, drawn: float, cap_n: float
+) -> PulledObject:
     """Hold until settled, then pull down with at most cap_n for scene.pull_s."""
     one = Hold(scene, step_s, variant, drawn)
     one.run(scene.settled_s)
@@ -215,7 +228,9 @@ def pull(scene: Scene, step_s: float, variant: Variant, drawn: float, cap_n: flo
             if one.travel_m - before_m > SLIP_TRAVEL_M:
                 slip_s = (k + 1) * step_s
     travel_m = one.travel_m - before_m if one.held else None
-    return PulledObject(cap_n, weight_n + cap_n > scene.limit_n, slip_s, peak_n, travel_m)
+    return PulledObject(
+        cap_n, weight_n + cap_n > scene.limit_n, slip_s, peak_n, travel_m
+    )
 
 
 def measure(
@@ -228,14 +243,18 @@ def measure(
         {case: hold(scene, case[1], VARIANTS[case[0]], drawn[case]) for case in cases}
         for _ in range(repeats)
     ]
-    return [_run(scene, case, drawn[case], [turn[case] for turn in holds]) for case in cases]
+    return [
+        _run(scene, case, drawn[case], [turn[case] for turn in holds]) for case in cases
+    ]
 
 
 def _run(
     scene: Scene, case: tuple[str, float], drawn: float, holds: Sequence[HeldObject]
 ) -> PeerRun:
     (name, step_s), cpu = case, [one.cpu_s_per_s for one in holds]
-    pulls = [pull(scene, step_s, VARIANTS[name], drawn, cap_n) for cap_n in scene.caps_n]
+    pulls = [
+        pull(scene, step_s, VARIANTS[name], drawn, cap_n) for cap_n in scene.caps_n
+    ]
     held = replace(holds[0], cpu_s_per_s=statistics.median(cpu))
     return PeerRun(name, step_s, drawn, held, [min(cpu), max(cpu)], pulls)
 
@@ -293,7 +312,10 @@ def main(argv: Sequence[str]) -> int:
         prog="mujoco_peer", description="hold and pull in MuJoCo: CPU time, creep, slip"
     )
     parser.add_argument(
-        "--out", type=path_argument, default=Path("build/bench/mujoco.json"), metavar="FILE"
+        "--out",
+        type=path_argument,
+        default=Path("build/bench/mujoco.json"),
+        metavar="FILE",
     )
     args = parser.parse_args(argv)
     _mujoco()

@@ -46,7 +46,11 @@ class Scene:
     @property
     def arm_n_s_per_m(self) -> float:
         """Damping of the person's arm."""
-        return 2.0 * self.arm_damping_ratio * float(np.sqrt(self.arm_n_per_m * self.mass_kg))
+        return (
+            2.0
+            * self.arm_damping_ratio
+            * float(np.sqrt(self.arm_n_per_m * self.mass_kg))
+        )
 
 
 THUMB_Z_M = (0.012, -0.012)
@@ -67,7 +71,9 @@ VARIANTS = {
     "impratio 10": Variant(options={"impratio": "10"}),
     "impratio 100": Variant(options={"impratio": "100"}),
     "noslip": Variant(options={"noslip_iterations": "10"}),
-    "noslip exact": Variant(options={"noslip_iterations": "100", "noslip_tolerance": "0"}),
+    "noslip exact": Variant(
+        options={"noslip_iterations": "100", "noslip_tolerance": "0"}
+    ),
 }
 """All: elliptic cone, implicitfast, Newton. In order: MuJoCo's default contact; one as stiff as a
 step of 2 ms allows (solref is two steps); that with the documentation's advice for grasping; with
@@ -84,7 +90,8 @@ def mjcf(scene: Scene, step_s: float, variant: Variant, drawn: float = 1.0) -> s
     """
     extra = "".join(f' {name}="{value}"' for name, value in variant.options.items())
     pads = [
-        _pad(scene, f"thumb{k}", -1.0, z, drawn * scene.grip_n / 2) for k, z in enumerate(THUMB_Z_M)
+        _pad(scene, f"thumb{k}", -1.0, z, drawn * scene.grip_n / 2)
+        for k, z in enumerate(THUMB_Z_M)
     ]
     pads += [
         _pad(scene, f"finger{k}", 1.0, z, drawn * scene.grip_n / 4)
@@ -117,7 +124,10 @@ def mjcf(scene: Scene, step_s: float, variant: Variant, drawn: float = 1.0) -> s
 
 def _pad(scene: Scene, name: str, side: float, z_m: float, press_n: float) -> str:
     """A fingertip that just touches; its drawn spring presses with press_n."""
-    at_m, drawn_m = side * (scene.radius_m + scene.pad_radius_m), press_n / scene.normal_n_per_m
+    at_m, drawn_m = (
+        side * (scene.radius_m + scene.pad_radius_m),
+        press_n / scene.normal_n_per_m,
+    )
     along, loss = scene.along_n_per_m, scene.finger_loss_s
     return f"""    <body name="{name}" pos="{at_m:g} 0 {z_m:g}" gravcomp="1">
       <joint name="{name}x" type="slide" axis="{-side:g} 0 0" stiffness="{scene.normal_n_per_m:g}"

@@ -1,6 +1,6 @@
 """What a network of whole numbers costs in time, beside the same in real numbers and the trees.
 
-`python -m holdfast.benchmarks.network_time OUT.json`. All answer the same rows one at a time from
+`python -m benchmarks.network_time OUT.json`. All answer the same rows one at a time from
 their features on, interleaved; the numbers inside are of noise, on which the time does not depend.
 """
 
@@ -18,19 +18,18 @@ import numpy as np
 import onnx
 from onnx import TensorProto, helper, numpy_helper
 
-from holdfast.edge_runtime.contract import CLASSES
+from benchmarks.timing import busy_wait, time_in_turns
+from holdfast.core.contract import CLASSES
+from holdfast.core.reading import Json
+from holdfast.core.writing import write_whole
 from holdfast.edge_runtime.graph import open_session
-from holdfast.edge_runtime.reading import Json
-from holdfast.edge_runtime.timing import busy_wait, time_in_turns
-from holdfast.edge_runtime.writing import write_whole
 from holdfast.evaluation.provenance import host
 from holdfast.export.builder import IR_VERSION, OPSET
-from holdfast.export.committee import Committee
 from holdfast.export.exporting import whole_graph
 from holdfast.export.features import feature_count
 from holdfast.export.forest import votes_of_trees
 from holdfast.export.heads import Calibration, Head
-from holdfast.export.learner import Learner
+from holdfast.export.learner import Committee, Learner
 from holdfast.export.spec import BandsLeftOut, StepSpec
 from holdfast.export.verify import cut_learners
 from holdfast.training.featurise import FloatRows
@@ -85,7 +84,10 @@ def _session(learner: Learner, rows: FloatRows) -> Callable[[], object]:
 
 def _caller(model: bytes, rows: FloatRows) -> Callable[[], object]:
     """One row a call, in turn."""
-    session, k = open_session(model), iter(np.resize(np.arange(len(rows)), 10**6).tolist())
+    session, k = (
+        open_session(model),
+        iter(np.resize(np.arange(len(rows)), 10**6).tolist()),
+    )
 
     def call() -> object:
         at = next(k)
@@ -105,7 +107,9 @@ def _real_session(members: Members, rows: FloatRows) -> Callable[[], object]:
         return name
 
     def node(op: str, *inputs: str, **attributes: Any) -> str:
-        nodes.append(helper.make_node(op, list(inputs), [f"n{len(nodes)}"], **attributes))
+        nodes.append(
+            helper.make_node(op, list(inputs), [f"n{len(nodes)}"], **attributes)
+        )
         return str(nodes[-1].output[0])
 
     squash = members.squash
@@ -115,7 +119,9 @@ def _real_session(members: Members, rows: FloatRows) -> Callable[[], object]:
     shares = []
     for one in members.networks:
         value = inputs
-        for number, (weights, bias) in enumerate(zip(one.coefs_, one.intercepts_, strict=True)):
+        for number, (weights, bias) in enumerate(
+            zip(one.coefs_, one.intercepts_, strict=True)
+        ):
             value = node("Gemm", value, constant(weights), constant(bias))
             value = node("Relu", value) if number < len(one.coefs_) - 1 else value
         shares.append(node("Softmax", value, axis=1))
@@ -124,10 +130,16 @@ def _real_session(members: Members, rows: FloatRows) -> Callable[[], object]:
     graph = helper.make_graph(
         nodes,
         "real",
-        [helper.make_tensor_value_info("features", TensorProto.FLOAT, ["B", rows.shape[1]])],
+        [
+            helper.make_tensor_value_info(
+                "features", TensorProto.FLOAT, ["B", rows.shape[1]]
+            )
+        ],
         [
             helper.make_tensor_value_info("situation", TensorProto.INT64, ["B"]),
-            helper.make_tensor_value_info(votes, TensorProto.FLOAT, ["B", len(CLASSES)]),
+            helper.make_tensor_value_info(
+                votes, TensorProto.FLOAT, ["B", len(CLASSES)]
+            ),
         ],
         constants,
     )

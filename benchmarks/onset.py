@@ -15,6 +15,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.interpolate import CubicSpline
 
+from holdfast.core.contract import FloatArray
+from holdfast.core.reading import Json
 from holdfast.drivers.camera.graph import watch
 from holdfast.drivers.camera.motion import Motion, motion
 from holdfast.drivers.camera.onset import (
@@ -27,9 +29,7 @@ from holdfast.drivers.camera.onset import (
 )
 from holdfast.drivers.camera.recording import read_tracks
 from holdfast.drivers.camera.sources import Frame, Lens, Stored
-from holdfast.edge_runtime.contract import FloatArray
-from holdfast.edge_runtime.reading import Json
-from holdfast.simulation.camera.frames import CAMERA, HAND_TAG, OBJECT_TAG, Camera
+from holdfast.simulation.camera_frames import CAMERA, HAND_TAG, OBJECT_TAG, Camera
 from holdfast.simulation.card import read_card
 from holdfast.simulation.scene import Scene
 
@@ -148,7 +148,11 @@ class HeldRow:
 def small_camera(fps: float) -> Camera:
     """The default camera with fewer pixels and a little noise."""
     return Camera(
-        **({name: parameter.default for name, parameter in CAMERA.items()} | SMALL | {"fps": fps})
+        **(
+            {name: parameter.default for name, parameter in CAMERA.items()}
+            | SMALL
+            | {"fps": fps}
+        )
     )
 
 
@@ -176,16 +180,24 @@ def ramp(acceleration_mm_s2: float, camera: Camera, rng: np.random.Generator) ->
     object_m = np.zeros((len(t_s), 3))
     object_m[:, 2] = -0.5e-3 * acceleration_mm_s2 * np.maximum(t_s - start_s, 0.0) ** 2
     return Case(
-        t_s, object_m, start_s, start_s + float(np.sqrt(2.0 * GROSS_MM / acceleration_mm_s2))
+        t_s,
+        object_m,
+        start_s,
+        start_s + float(np.sqrt(2.0 * GROSS_MM / acceleration_mm_s2)),
     )
 
 
-def ramps(accelerations: Sequence[float] = ACCELERATIONS_MM_S2, each: int = EACH) -> list[OnsetRow]:
+def ramps(
+    accelerations: Sequence[float] = ACCELERATIONS_MM_S2, each: int = EACH
+) -> list[OnsetRow]:
     """A row for every acceleration and frame rate."""
     rows = []
     for camera in map(small_camera, FPS):
         for acceleration in accelerations:
-            cases = [ramp(acceleration, camera, np.random.default_rng(k)) for k in range(each)]
+            cases = [
+                ramp(acceleration, camera, np.random.default_rng(k))
+                for k in range(each)
+            ]
             rows.append(_row(cases, camera, acceleration))
     return rows
 
@@ -215,7 +227,11 @@ def _simulated(card: str, total: int | None) -> list[Case]:
         scene = Scene(read_card(str(path)), 0)
     cases = []
     for simulated in scene.run_together(scene.trials(total)):
-        t_s, place_m, truth = simulated.motion.t_s, simulated.motion.position_m, simulated.truth
+        t_s, place_m, truth = (
+            simulated.motion.t_s,
+            simulated.motion.position_m,
+            simulated.truth,
+        )
         load_s = float(truth.load_onset_s or 0.0)
         fine_s = np.arange(load_s, t_s[-1], 1e-4)
         path_mm = 1e3 * CubicSpline(t_s, place_m[:, [0, 2]])(fine_s)
@@ -226,11 +242,17 @@ def _simulated(card: str, total: int | None) -> list[Case]:
         part = (t_s >= load_s - FROM_S) & (t_s <= to_s)
         first_s = float(t_s[part][0])
         start_s = float(truth.incipient_slip_s or load_s)
-        cases.append(Case(t_s[part] - first_s, place_m[part], start_s - first_s, gross_s - first_s))
+        cases.append(
+            Case(
+                t_s[part] - first_s, place_m[part], start_s - first_s, gross_s - first_s
+            )
+        )
     return cases
 
 
-def _row(cases: Sequence[Case], camera: Camera, mm_per_s2: float | None = None) -> OnsetRow:
+def _row(
+    cases: Sequence[Case], camera: Camera, mm_per_s2: float | None = None
+) -> OnsetRow:
     found = [(case, find_slip(seen(case, camera, k))) for k, case in enumerate(cases)]
     slips = [(case, slip) for case, slip in found if isinstance(slip, Slip)]
     hidden = sum(isinstance(slip, HiddenMotion) for _, slip in found)
@@ -240,7 +262,10 @@ def _row(cases: Sequence[Case], camera: Camera, mm_per_s2: float | None = None) 
 
 def _errors(slips: Sequence[tuple[Case, Slip]]) -> SlipErrors:
     off = 1e3 * np.array(
-        [[s.start_s - c.start_s, s.seen_s - c.start_s, s.gross_s - c.gross_s] for c, s in slips]
+        [
+            [s.start_s - c.start_s, s.seen_s - c.start_s, s.gross_s - c.gross_s]
+            for c, s in slips
+        ]
     )
     start, seen_, gross = (
         Percentiles(*(round(float(np.percentile(column, q)), 2) for q in (5, 50, 95)))

@@ -8,9 +8,9 @@ import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from holdfast.benchmarks.calls import FLOOR, GRIP, OWN, STEP
-from holdfast.benchmarks.cost.picture import figure as cost_figure
-from holdfast.edge_runtime.reading import Json
+from benchmarks.calls import FLOOR, GRIP, OWN, STEP
+from benchmarks.cost.picture import figure as cost_figure
+from holdfast.core.reading import Json
 from holdfast.evaluation.style import INK, OURS, QUIET, STYLE, WARNING, svg
 
 Figures = Json
@@ -27,7 +27,10 @@ def effects(figures: Figures) -> str:
         drawn, axes = _figure(height=0.22 * len(rows) + 0.8)
         colours = [OURS if row["stage"] == "core" else QUIET for row in rows]
         _bars(
-            axes, [row["effect"] for row in rows], [row["ns_per_sample"] for row in rows], colours
+            axes,
+            [row["effect"] for row in rows],
+            [row["ns_per_sample"] for row in rows],
+            colours,
         )
         axes.set(xlabel="ns a sample", xscale="log")
         return svg(drawn)
@@ -40,9 +43,21 @@ def latency(figures: Figures) -> str:
         drawn, axes = _figure(height=0.34 * len(rows) + 0.9)
         for place, row in enumerate(rows):
             colour = COLOURS.get(row["what"], QUIET)
-            axes.plot([row[tail] for tail in TAIL], [place] * 3, "-", color=colour, linewidth=2)
+            axes.plot(
+                [row[tail] for tail in TAIL],
+                [place] * 3,
+                "-",
+                color=colour,
+                linewidth=2,
+            )
             for tail, mark in zip(TAIL, ("o", "|", "|"), strict=True):
-                axes.plot(row[tail], place, mark, color=colour, markersize=8 if mark == "|" else 5)
+                axes.plot(
+                    row[tail],
+                    place,
+                    mark,
+                    color=colour,
+                    markersize=8 if mark == "|" else 5,
+                )
             axes.annotate(
                 f"{row['p50']:,.0f}",
                 (row["p50"], place),
@@ -52,7 +67,9 @@ def latency(figures: Figures) -> str:
                 fontsize=7,
             )
         axes.set_yticks(range(len(rows)), [row["what"] for row in rows])
-        axes.set(xlabel="us a decision: median, and 99 and 99.9 % of the calls", xscale="log")
+        axes.set(
+            xlabel="us a decision: median, and 99 and 99.9 % of the calls", xscale="log"
+        )
         axes.invert_yaxis()
         return svg(drawn)
 
@@ -93,7 +110,8 @@ def hand(figures: Figures) -> str:
     """A scan of six fingers by bridge, layout and clock."""
     rows = figures["scans"]
     names = [
-        f"{row['bridge']}, {row['reads']}, {row['layout']}, {row['bus_khz']} kHz" for row in rows
+        f"{row['bridge']}, {row['reads']}, {row['layout']}, {row['bus_khz']} kHz"
+        for row in rows
     ]
     with mpl.rc_context(STYLE):
         drawn, axes = _figure(height=0.24 * len(rows) + 0.8)
@@ -114,7 +132,10 @@ def simulator(figures: Figures) -> str:
     """What the slip time's error costs in CPU time, step by step."""
     rows = figures["step"]
     points = [
-        (f"{name} % of slips", [(1e3 * row["cpu_s_per_trial"], row[key]) for row in rows])
+        (
+            f"{name} % of slips",
+            [(1e3 * row["cpu_s_per_trial"], row[key]) for row in rows],
+        )
         for name, key in ((50, "p50_ms"), (90, "p90_ms"))
     ]
     return _curves(
@@ -132,7 +153,11 @@ def onset(figures: Figures) -> str:
         [
             (
                 f"{fps:g} fps",
-                [(row["mm_per_s2"], row["start_worst_ms"]) for row in rows if row["fps"] == fps],
+                [
+                    (row["mm_per_s2"], row["start_worst_ms"])
+                    for row in rows
+                    if row["fps"] == fps
+                ],
             )
             for fps in rates
         ],
@@ -180,7 +205,9 @@ def _bars(
     axes.invert_yaxis()
 
 
-def _curves(curves: Sequence[tuple[str, Sequence[tuple[float, float]]]], x: str, y: str) -> str:
+def _curves(
+    curves: Sequence[tuple[str, Sequence[tuple[float, float]]]], x: str, y: str
+) -> str:
     """Lines on two logarithmic axes, each named at its last point."""
     with mpl.rc_context(STYLE):
         drawn, axes = _figure(height=3.6)
@@ -195,7 +222,9 @@ def _curves(curves: Sequence[tuple[str, Sequence[tuple[float, float]]]], x: str,
             )
         axes.set(xlabel=x, ylabel=y, xscale="log", yscale="log")
         axes.set_xticks(
-            [at for at, _ in curves[0][1]], [f"{at:.3g}" for at, _ in curves[0][1]], minor=False
+            [at for at, _ in curves[0][1]],
+            [f"{at:.3g}" for at, _ in curves[0][1]],
+            minor=False,
         )
         axes.set_xticks([], minor=True)
         axes.legend(frameon=False, fontsize=8)

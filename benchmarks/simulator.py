@@ -88,7 +88,9 @@ def step_curve(*, trials: int = 60, seed: int = 0) -> list[StepError]:
 
 
 def size_curve(
-    *, lanes: tuple[int, ...] = (15, 60, 200, 500), elements: tuple[int, ...] = (1, 2, 5, 10, 20)
+    *,
+    lanes: tuple[int, ...] = (15, 60, 200, 500),
+    elements: tuple[int, ...] = (1, 2, 5, 10, 20),
 ) -> SizeCurve:
     """CPU time of a trial of the thesis card."""
     card = read_card("thesis")
@@ -107,7 +109,9 @@ def plausibility(*, trials: int = 200, seed: int = 1) -> list[Lead]:
     for name in ("thesis", "p1", "p2"):
         scene = Scene(read_card(name), seed)
         by_action: dict[str, list[float]] = {}
-        losses = [trial for trial in scene.trials(trials) if trial.action in ("pull", "fall")]
+        losses = [
+            trial for trial in scene.trials(trials) if trial.action in ("pull", "fall")
+        ]
         for simulated in scene.run(losses):
             truth = simulated.truth
             if truth.gross_slip_s is not None and truth.load_onset_s is not None:
@@ -123,7 +127,9 @@ def plausibility(*, trials: int = 200, seed: int = 1) -> list[Lead]:
 
 
 def _losses(card: Card) -> Card:
-    return replace(card, rows=tuple(row for row in card.rows if row.action in ("pull", "fall")))
+    return replace(
+        card, rows=tuple(row for row in card.rows if row.action in ("pull", "fall"))
+    )
 
 
 def _slip_times_s(card: Card, trials: int, seed: int) -> tuple[np.ndarray, float]:
@@ -132,7 +138,8 @@ def _slip_times_s(card: Card, trials: int, seed: int) -> tuple[np.ndarray, float
     started = time.process_time()
     simulated = scene.run_together(chosen)
     times = [
-        np.nan if one.truth.gross_slip_s is None else one.truth.gross_slip_s for one in simulated
+        np.nan if one.truth.gross_slip_s is None else one.truth.gross_slip_s
+        for one in simulated
     ]
     return np.array(times), time.process_time() - started
 

@@ -6,8 +6,8 @@ import sys
 
 import numpy as np
 
-from holdfast.evaluation.drawing import with_label
-from holdfast.simulation.camera.apriltag import CODES, SIDE_CELLS, cells
+from holdfast.evaluation.style import with_label
+from holdfast.simulation.camera_frames import CODES, SIDE_CELLS, cells
 
 TAG_MM, MARGIN_MM, RULER_MM = 10.0, 10.0, 100
 FONT = 'font-size="3" font-family="sans-serif"'
@@ -15,8 +15,12 @@ FONT = 'font-size="3" font-family="sans-serif"'
 
 def sheet() -> str:
     """Both tags at their size with a ruler, as SVG in mm."""
-    size = 'width="120mm" height="50mm" viewBox="0 0 120 50" shape-rendering="crispEdges"'
-    label = "Two printed tags, 0 for the object and 1 for the hand, and a ruler of 100 mm"
+    size = (
+        'width="120mm" height="50mm" viewBox="0 0 120 50" shape-rendering="crispEdges"'
+    )
+    label = (
+        "Two printed tags, 0 for the object and 1 for the hand, and a ruler of 100 mm"
+    )
     head = with_label(f'<svg xmlns="http://www.w3.org/2000/svg" {size}>', label)
     white = '<rect width="120" height="50" fill="white"/>'
     tags = [shape for tag in range(len(CODES)) for shape in _tag(tag)]
@@ -37,7 +41,8 @@ def _tag(tag: int) -> list[str]:
 
 def _ruler() -> list[str]:
     marks = "".join(
-        f"M{MARGIN_MM + k:g} 40v{-3 if k % 10 == 0 else -1.5:g}" for k in range(RULER_MM + 1)
+        f"M{MARGIN_MM + k:g} 40v{-3 if k % 10 == 0 else -1.5:g}"
+        for k in range(RULER_MM + 1)
     )
     pen = 'stroke="black" stroke-width="0.2" fill="none"'
     return [

@@ -1,6 +1,6 @@
 """Scans that an FT232H times itself, beside the scan of today, while the host stalls: virtual.
 
-`python -m holdfast.benchmarks.timed_scans OUT.json`. The real drivers on an emulated FT232H and a
+`python -m benchmarks.timed_scans OUT.json`. The real drivers on an emulated FT232H and a
 virtual clock; the host's stalls are drawn at random, the same for every row of a mean.
 """
 
@@ -15,18 +15,18 @@ from pathlib import Path
 
 import numpy as np
 
+from holdfast.cli.command import show
+from holdfast.core.contract import FloatArray
+from holdfast.core.reading import Json
+from holdfast.core.writing import write_whole
 from holdfast.drivers.bridges import open_virtual
 from holdfast.drivers.bus import Reply, Transfer
 from holdfast.drivers.ft232h_timed import TimedFt232h
 from holdfast.drivers.hand import Hand
 from holdfast.drivers.layout import read_layout
-from holdfast.drivers.virtual.at_once import AtOnce
 from holdfast.drivers.virtual.clock import VirtualClock
-from holdfast.drivers.virtual.hand import VirtualHand
-from holdfast.edge_runtime.command import show
-from holdfast.edge_runtime.contract import FloatArray
-from holdfast.edge_runtime.reading import Json
-from holdfast.edge_runtime.writing import write_whole
+from holdfast.drivers.virtual.usb_devices import AtOnce
+from holdfast.drivers.virtual.virtual_hand import VirtualHand
 from holdfast.evaluation.provenance import host
 
 RATE_HZ, SECONDS = 150.0, 120.0
@@ -100,7 +100,9 @@ def started() -> tuple[Kept, DeviceTimes]:
 def stalls_ns(mean_ms: float, samples: int) -> list[int]:
     """[samples]: how long the host is away before each."""
     random = np.random.default_rng([SEED, round(10 * mean_ms)])
-    lasts = random.exponential(1e6 * mean_ms, samples) * (random.random(samples) < 1 / STALL_EVERY)
+    lasts = random.exponential(1e6 * mean_ms, samples) * (
+        random.random(samples) < 1 / STALL_EVERY
+    )
     return [round(one) for one in lasts]
 
 
@@ -170,7 +172,10 @@ def measure(seconds: float = SECONDS) -> Json:
     rows = []
     for mean_ms in MEANS_MS:
         away_ns = stalls_ns(mean_ms, round(seconds * RATE_HZ))
-        rows += [today(away_ns, mean_ms), *(timed(away_ns, mean_ms, one) for one in BLOCKS)]
+        rows += [
+            today(away_ns, mean_ms),
+            *(timed(away_ns, mean_ms, one) for one in BLOCKS),
+        ]
     return {
         "kind": "simulated",
         "host": asdict(host()),

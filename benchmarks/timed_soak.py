@@ -1,6 +1,6 @@
 """The live loop in real time on an emulated FT232H, today's and timed by the chip, interleaved.
 
-`python -m holdfast.benchmarks.timed_soak OUT.json [SECONDS]`. The stalls are those of this machine:
+`python -m benchmarks.timed_soak OUT.json [SECONDS]`. The stalls are those of this machine:
 every turn of one way is followed by a turn of the other, so both meet the same neighbours. The
 emulated chip is part of the process, and its answers have the times at which a chip would give
 them.
@@ -16,24 +16,23 @@ from dataclasses import asdict
 from itertools import cycle, islice
 from pathlib import Path
 
+from holdfast.cli.command import show
+from holdfast.core.clock import MonotonicClock
+from holdfast.core.contract import FloatArray
+from holdfast.core.reading import Json
+from holdfast.core.writing import write_whole
 from holdfast.drivers.bridges import open_virtual
-from holdfast.drivers.hand import Hand
-from holdfast.drivers.live_hand import LiveHand
+from holdfast.drivers.hand import Hand, LiveHand
 from holdfast.drivers.timed_bridge import timed_virtual
 from holdfast.drivers.timed_hand import TimedHand, TimedLiveHand
 from holdfast.drivers.virtual.clock import DeviceClock
-from holdfast.drivers.virtual.hand import VirtualHand
-from holdfast.edge_runtime.clock import MonotonicClock
-from holdfast.edge_runtime.command import show
-from holdfast.edge_runtime.contract import FloatArray
-from holdfast.edge_runtime.live import Summary, run_live
+from holdfast.drivers.virtual.virtual_hand import VirtualHand
 from holdfast.edge_runtime.model import Model
 from holdfast.edge_runtime.monitor import GripMonitor
-from holdfast.edge_runtime.priority import real_time
-from holdfast.edge_runtime.reading import Json
-from holdfast.edge_runtime.tare import Tare
-from holdfast.edge_runtime.writing import write_whole
+from holdfast.edge_runtime.preparation import Tare
 from holdfast.evaluation.provenance import host
+from holdfast.live.loop import Summary, run_live
+from holdfast.live.real_time import real_time
 
 MODEL = Path("models/holdfast-150hz.onnx")
 SECONDS, TURN_S = 300.0, 30.0
@@ -114,4 +113,10 @@ def measure(seconds: float = SECONDS, turn_s: float = TURN_S) -> Json:
 
 if __name__ == "__main__":
     given_s = float(sys.argv[2]) if len(sys.argv) > 2 else SECONDS
-    show(str(write_whole(Path(sys.argv[1]), json.dumps(measure(given_s), indent=1) + "\n")))
+    show(
+        str(
+            write_whole(
+                Path(sys.argv[1]), json.dumps(measure(given_s), indent=1) + "\n"
+            )
+        )
+    )

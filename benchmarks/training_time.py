@@ -44,12 +44,18 @@ def training_times() -> list[TrainingCost]:
 
 def _row(place: Path, trials: int) -> TrainingCost:
     plan = TrainingPlan(folds=6)
-    simulated_s = _cpu_s(lambda: write_set(Scene(read_card("thesis"), 0), place, trials))[1]
+    simulated_s = _cpu_s(
+        lambda: write_set(Scene(read_card("thesis"), 0), place, trials)
+    )[1]
     data, read_s = _cpu_s(lambda: load(place, windows="thesis"))
-    features, features_s = _cpu_s(lambda: features_of(data, spec_for(data, plan.groups)))
+    features, features_s = _cpu_s(
+        lambda: features_of(data, spec_for(data, plan.groups))
+    )
     task = data.tasks["classes"]
     _, fit_s = _cpu_s(
-        lambda: fit_learner(data, features["classes"], plan, "classes", np.arange(len(task)), 0)
+        lambda: fit_learner(
+            data, features["classes"], plan, "classes", np.arange(len(task)), 0
+        )
     )
     _, validated_s = _cpu_s(lambda: cross_validate(data, features, plan))
     return TrainingCost(

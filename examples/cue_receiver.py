@@ -9,12 +9,20 @@ import sys
 
 SILENT_S = 3.0
 """expires_ms of every line."""
-LINK_LOST = {"cue": "link lost", "pulses": 1, "on_ms": 1500, "off_ms": 0, "strength": 0.5}
+LINK_LOST = {
+    "cue": "link lost",
+    "pulses": 1,
+    "on_ms": 1500,
+    "off_ms": 0,
+    "strength": 0.5,
+}
 
 
 def play(cue):
     """Here the motor would run; this one only prints. A new cue ends the one before."""
-    pulse = f"{cue['on_ms']} ms on, {cue['off_ms']} ms off, strength {cue['strength']:g}"
+    pulse = (
+        f"{cue['on_ms']} ms on, {cue['off_ms']} ms off, strength {cue['strength']:g}"
+    )
     print(f"{cue['cue']}: {cue['pulses']} x {pulse}", flush=True)
 
 

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
-from holdfast.edge_runtime.errors import UsageError
+from holdfast.core.errors import UsageError
 
 KEY, BRIDGE = "timed", "ft232h"
 AHEAD = (2, 4, 8, 16)
 
 
 def scans_ahead(
-    where: tuple[str, str], ahead: int | None, *, together: bool, runs: bool, moved: bool
+    where: tuple[str, str],
+    ahead: int | None,
+    *,
+    together: bool,
+    runs: bool,
+    moved: bool,
 ) -> int:
     """How many scans to queue ahead, 0 where the URL does not ask for it. Raises UsageError.
 

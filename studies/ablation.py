@@ -17,12 +17,11 @@ from pathlib import Path
 
 import numpy as np
 
-from holdfast.edge_runtime.command import Parser, finish, path_argument, seed
-from holdfast.edge_runtime.reading import Json
-from holdfast.edge_runtime.timing import time_in_turns
-from holdfast.edge_runtime.writing import require_writable, write_whole
-from holdfast.evaluation.doc_tables import table as doc_table
-from holdfast.evaluation.timed_calls import step_call
+from benchmarks.timed_calls import step_call
+from benchmarks.timing import time_in_turns
+from holdfast.cli.command import Parser, finish, path_argument, seed
+from holdfast.core.reading import Json
+from holdfast.core.writing import require_writable, write_whole
 from holdfast.export.features import GROUPS, feature_count
 from holdfast.export.learner import LEARNERS
 from holdfast.export.spec import StepSpec
@@ -34,9 +33,9 @@ from holdfast.training.figures import ABSENT, Interval
 from holdfast.training.fitting import held_out_figures, versions
 from holdfast.training.paired import Gain, macro_f1_gain, prediction_gains
 from holdfast.training.plan import LearnerKind, TrainingPlan
-from holdfast.training.progress import stages
+from holdfast.training.progress import Say, stages
 from holdfast.training.recording import DataSet
-from holdfast.training.say import Say
+from tools.doc_tables import table as doc_table
 
 HUMAN = "human_slip_uskin"
 Rows = dict[str, tuple[str, ...]]
@@ -121,7 +120,12 @@ def run(
 
 
 def _row(
-    data: DataSet, held_out: HeldOut, spec: StepSpec, cost: StepCost, gains: Gains, seed: int
+    data: DataSet,
+    held_out: HeldOut,
+    spec: StepSpec,
+    cost: StepCost,
+    gains: Gains,
+    seed: int,
 ) -> AblationRow:
     figures = held_out_figures(data, held_out, seed)
     head = figures.predict_250ms
@@ -143,11 +147,17 @@ def _row(
 def _gains(data: DataSet, ours: HeldOut, default: HeldOut, seed: int) -> Gains:
     situations, head = data.tasks["situations"], data.tasks["predict_250ms"]
     people = data.group_of("predict_250ms")
-    our_score, their_score = (one.shares("predict_250ms")[:, 1] for one in (ours, default))
-    auc, precision = prediction_gains(head.label, our_score, their_score, people, seed=seed)
+    our_score, their_score = (
+        one.shares("predict_250ms")[:, 1] for one in (ours, default)
+    )
+    auc, precision = prediction_gains(
+        head.label, our_score, their_score, people, seed=seed
+    )
     our_labels, their_labels = ours.situations(), default.situations()
     groups = data.group_of("situations")
-    macro_f1 = macro_f1_gain(situations.label, our_labels, their_labels, groups, seed=seed)
+    macro_f1 = macro_f1_gain(
+        situations.label, our_labels, their_labels, groups, seed=seed
+    )
     return Gains(macro_f1, auc, precision)
 
 
@@ -156,12 +166,17 @@ def step_costs(specs: dict[str, StepSpec]) -> dict[str, StepCost]:
     models = {name: feature_graph(spec) for name, spec in specs.items()}
     calls = {
         name: step_call(
-            models[name].SerializeToString(), np.linspace(0.0, 1.0, spec.n_channels)[None]
+            models[name].SerializeToString(),
+            np.linspace(0.0, 1.0, spec.n_channels)[None],
         )
         for name, spec in specs.items()
     }
-    medians = {name: float(np.median(times)) for name, times in time_in_turns(calls).items()}
-    return {name: StepCost(len(models[name].graph.node), medians[name]) for name in specs}
+    medians = {
+        name: float(np.median(times)) for name, times in time_in_turns(calls).items()
+    }
+    return {
+        name: StepCost(len(models[name].graph.node), medians[name]) for name in specs
+    }
 
 
 HEADS = {
@@ -206,12 +221,21 @@ def _with_gain(value: float | None, gain: Json) -> str:
 def main(argv: Sequence[str]) -> int:
     """Parse, run, write ablation.json and ablation.md, print the table."""
     parser = Parser(
-        prog="ablation.py", description="what each feature group brings, and what it costs"
+        prog="ablation.py",
+        description="what each feature group brings, and what it costs",
     )
-    parser.add_argument("--out", type=path_argument, default=Path("build/ablation"), metavar="DIR")
-    parser.add_argument("--learner", choices=LEARNERS, default="committee", metavar="WHAT")
     parser.add_argument(
-        "--groups", nargs="+", choices=GROUPS, metavar="GROUP", help="rows of these groups only"
+        "--out", type=path_argument, default=Path("build/ablation"), metavar="DIR"
+    )
+    parser.add_argument(
+        "--learner", choices=LEARNERS, default="committee", metavar="WHAT"
+    )
+    parser.add_argument(
+        "--groups",
+        nargs="+",
+        choices=GROUPS,
+        metavar="GROUP",
+        help="rows of these groups only",
     )
     parser.add_argument("--seed", type=seed, default=0, metavar="S")
     args = parser.parse_args(argv)

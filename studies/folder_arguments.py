@@ -5,17 +5,28 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from holdfast.edge_runtime.command import path_argument, seed
+from holdfast.cli.command import path_argument, seed
 
 
 def add_folder_arguments(parser: argparse.ArgumentParser, target: str) -> None:
     """FOLDER, --out and --seed. target: of the Makefile, which simulates the sets."""
     parser.add_argument(
-        "folder", type=Path, metavar="FOLDER", help=f"holds the sets that `make {target}` simulates"
+        "folder",
+        type=Path,
+        metavar="FOLDER",
+        help=f"holds the sets that `make {target}` simulates",
     )
     parser.add_argument(
-        "--out", type=path_argument, required=True, metavar="DIR", help="where the JSON goes"
+        "--out",
+        type=path_argument,
+        required=True,
+        metavar="DIR",
+        help="where the JSON goes",
     )
     parser.add_argument(
-        "--seed", type=seed, default=0, metavar="S", help="seed of every random choice (default 0)"
+        "--seed",
+        type=seed,
+        default=0,
+        metavar="S",
+        help="seed of every random choice (default 0)",
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from holdfast.evaluation import labels
+from holdfast.evaluation import page as labels
 
 OURS, RAW, LINE = "ours, clock-free", "raw-window forest", "one line of code"
 CLOCK = "WARNING: a clock, time since contact and summed force"

@@ -21,7 +21,7 @@ from hard_cases import (  # noqa: F401  hooks: pytest finds them here by their n
 from hypothesis import settings
 from made_once import made_once
 
-from holdfast.edge_runtime.errors import DataNotFound
+from holdfast.core.errors import DataNotFound
 from holdfast.training.datasets import find, load
 
 if TYPE_CHECKING:
@@ -84,20 +84,28 @@ def fixture_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     from holdfast.training.fixture import write_fixture
 
     return made_once(
-        tmp_path_factory, "fixture", lambda folder: write_fixture(folder, trials_per_cell=3)
+        tmp_path_factory,
+        "fixture",
+        lambda folder: write_fixture(folder, trials_per_cell=3),
     )
 
 
 @pytest.fixture(scope="session")
-def eight_classes(fixture_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Built:
+def eight_classes(
+    fixture_folder: Path, tmp_path_factory: pytest.TempPathFactory
+) -> Built:
     """A small model of eight classes, so one that knows light and heavy. Read only."""
     data = load(fixture_folder, windows="thesis")
-    out = made_once(tmp_path_factory, "eight_classes", lambda folder: _build(data, folder))
+    out = made_once(
+        tmp_path_factory, "eight_classes", lambda folder: _build(data, folder)
+    )
     return Built(data, fixture_folder, out, out / MODEL_NAME)
 
 
 @pytest.fixture(scope="session")
-def four_situations(fixture_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Built:
+def four_situations(
+    fixture_folder: Path, tmp_path_factory: pytest.TempPathFactory
+) -> Built:
     """A small model of four situations with a second head, so one that knows no weight. Read only.
 
     Its second task is made up: the prediction is "risky now".
@@ -106,9 +114,13 @@ def four_situations(fixture_folder: Path, tmp_path_factory: pytest.TempPathFacto
 
     loaded = load(fixture_folder, windows="thesis")
     rows = with_situations(loaded).tasks["situations"]
-    risky = replace(rows, label=(rows.label == 3).astype(rows.label.dtype), classes=("no", "yes"))
+    risky = replace(
+        rows, label=(rows.label == 3).astype(rows.label.dtype), classes=("no", "yes")
+    )
     data = replace(loaded, tasks={"situations": rows, "predict_250ms": risky})
-    out = made_once(tmp_path_factory, "four_situations", lambda folder: _build(data, folder))
+    out = made_once(
+        tmp_path_factory, "four_situations", lambda folder: _build(data, folder)
+    )
     return Built(data, fixture_folder, out, out / MODEL_NAME)
 
 
@@ -121,6 +133,8 @@ def _build(data: DataSet, out: Path) -> None:
 
     few = ForestPlan(n_estimators=6)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", BandsLeftOut)  # 50 Hz carries three of the ten bands
+        warnings.simplefilter(
+            "ignore", BandsLeftOut
+        )  # 50 Hz carries three of the ten bands
         train(data, out, TrainingPlan(situation=few, prediction=few, folds=2))
     export_artifact(out, out / MODEL_NAME)

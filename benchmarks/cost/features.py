@@ -9,18 +9,23 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from holdfast.benchmarks.cost.point import GROUPS, WINDOWS_S, Point, Set
-from holdfast.benchmarks.cost.recordings import read, starts
-from holdfast.edge_runtime.contract import FloatArray
-from holdfast.edge_runtime.errors import DataError
+from benchmarks.cost.point import GROUPS, WINDOWS_S, Point, Set
+from benchmarks.cost.recordings import read, starts
+from holdfast.core.contract import FloatArray
+from holdfast.core.errors import DataError
 from holdfast.export.bank import BANDS_HZ, STATES_PER_BAND, step_matrix
 from holdfast.export.features import SCALED_LAGS, SPANS_S, feature_count
 from holdfast.export.history import LAGS_S
 from holdfast.export.spec import WINDOW_S, StepSpec
 from holdfast.training.crossval import main_task
-from holdfast.training.featurise import FloatRows, features_everywhere, features_of
+from holdfast.training.featurise import (
+    FloatRows,
+    digest_of,
+    features_everywhere,
+    features_of,
+    kept_rows,
+)
 from holdfast.training.recording import DataSet
-from holdfast.training.row_files import digest_of, kept_rows
 
 
 def windows(folder: Path, point: Point) -> FloatRows:
@@ -36,12 +41,15 @@ def windows(folder: Path, point: Point) -> FloatRows:
     )
     if len(kept) != len(labelled):
         raise DataError(
-            "features of other windows", where=folder, next_step="remove the folder and begin anew"
+            "features of other windows",
+            where=folder,
+            next_step="remove the folder and begin anew",
         )
     rows = _taken(kept, spec)
     if point.bank == "float32":
         rows = _with_bank(
-            rows, _bank_in_float32(data, spec)[starts(data)[labelled.trial] + labelled.row]
+            rows,
+            _bank_in_float32(data, spec)[starts(data)[labelled.trial] + labelled.row],
         )
     return _seen(rows, spec, point.look_back_s)
 
@@ -79,19 +87,29 @@ def whole_rows(folder: Path, point: Point, part: str) -> FloatRows:
     data = read(folder, point.of, point.rate_hz, part)
     spec = point.spec(data)
     return _whole(
-        folder, point.of, spec, part, lambda whole: np.concatenate(features_everywhere(data, whole))
+        folder,
+        point.of,
+        spec,
+        part,
+        lambda whole: np.concatenate(features_everywhere(data, whole)),
     )
 
 
 def _whole(
-    folder: Path, of: Set, spec: StepSpec, name: str, computed: Callable[[StepSpec], FloatRows]
+    folder: Path,
+    of: Set,
+    spec: StepSpec,
+    name: str,
+    computed: Callable[[StepSpec], FloatRows],
 ) -> FloatRows:
     """The features of a whole spec, from disk. Bands come last, so files without them may exist."""
     whole = whole_of(spec)
     path = _kept(folder, of, whole, name)
 
     def from_bands_or_computed() -> FloatRows:
-        with_bands = _kept(folder, of, replace(whole, groups=GROUPS["default and bands"]), name)
+        with_bands = _kept(
+            folder, of, replace(whole, groups=GROUPS["default and bands"]), name
+        )
         if "window" in whole.groups or not with_bands.is_file():
             return computed(whole)
         rows: FloatRows = np.load(with_bands, mmap_mode="r")[:, : feature_count(whole)]
@@ -104,7 +122,10 @@ def whole_of(spec: StepSpec) -> StepSpec:
     """The spec whose features include those of every point, so that they are computed once."""
     if "window" in spec.groups:
         return replace(
-            spec, groups=GROUPS["raw window"], window_s=max(WINDOWS_S), bands_hz=BANDS_HZ
+            spec,
+            groups=GROUPS["raw window"],
+            window_s=max(WINDOWS_S),
+            bands_hz=BANDS_HZ,
         )
     groups = GROUPS["default and bands" if "bands" in spec.groups else "default"]
     return replace(spec, groups=groups, window_s=WINDOW_S, bands_hz=BANDS_HZ)
@@ -147,7 +168,11 @@ def _seen(rows: FloatRows, spec: StepSpec, look_back_s: float) -> FloatRows:
 
 def look_backs_s(spec: StepSpec) -> FloatArray:
     """[F]: how far back each of the default groups' features looks; 0 for the others."""
-    lags, spans, chosen = np.array(LAGS_S), np.array(SPANS_S), np.array(LAGS_S)[list(SCALED_LAGS)]
+    lags, spans, chosen = (
+        np.array(LAGS_S),
+        np.array(SPANS_S),
+        np.array(LAGS_S)[list(SCALED_LAGS)],
+    )
     known = {
         "differences": np.tile(np.repeat(lags, 3), spec.n_sensors),
         "scaled_differences": np.tile(np.repeat(chosen, 3), spec.n_sensors),
@@ -179,12 +204,16 @@ def _bank_in_float32(data: DataSet, spec: StepSpec) -> FloatRows:
         1 + STATES_PER_BAND * len(bands),
     )
     lengths = [len(recording.samples) for recording in data.recordings]
-    changes = np.zeros((max(lengths), len(lengths), 2 * spec.n_sensors), dtype=np.float32)
+    changes = np.zeros(
+        (max(lengths), len(lengths), 2 * spec.n_sensors), dtype=np.float32
+    )
     for lane, recording in enumerate(data.recordings):
-        shear = recording.samples.reshape(len(recording.samples), -1, 3)[:, :, :2].astype(
-            np.float32
+        shear = recording.samples.reshape(len(recording.samples), -1, 3)[
+            :, :, :2
+        ].astype(np.float32)
+        changes[1 : len(shear), lane] = np.diff(shear, axis=0).reshape(
+            len(shear) - 1, -1
         )
-        changes[1 : len(shear), lane] = np.diff(shear, axis=0).reshape(len(shear) - 1, -1)
     joined = np.zeros((changes[0].size, 1 + size), dtype=np.float32)
     out = np.empty((*changes.shape, len(bands)), dtype=np.float32)
     for change, outputs in zip(changes, out, strict=True):

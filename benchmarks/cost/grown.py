@@ -52,7 +52,9 @@ class Grown:
             return forest
         given = data.tasks[task]
         label, n_classes = given.label[rows], len(given.classes)
-        return joined_by_network(forest, plan, task, features[rows], label, n_classes, 0)
+        return joined_by_network(
+            forest, plan, task, features[rows], label, n_classes, 0
+        )
 
 
 def first_trees(forest: Forest, n_trees: int) -> Forest:

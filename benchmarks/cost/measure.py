@@ -11,13 +11,13 @@ import numpy as np
 import numpy.typing as npt
 import onnx
 
-from holdfast.benchmarks.cost.features import everywhere, windows
-from holdfast.benchmarks.cost.grown import Grown
-from holdfast.benchmarks.cost.point import Point
-from holdfast.benchmarks.cost.recordings import per_recording, read
-from holdfast.edge_runtime.contract import RISKY_SLIP, FloatArray
+from benchmarks.cost.features import everywhere, windows
+from benchmarks.cost.grown import Grown
+from benchmarks.cost.point import Point
+from benchmarks.cost.recordings import per_recording, read
+from holdfast.core.contract import RISKY_SLIP, FloatArray
+from holdfast.core.reading import Json
 from holdfast.edge_runtime.decision import UNKNOWN
-from holdfast.edge_runtime.reading import Json
 from holdfast.evaluation.alarms import Answers
 from holdfast.evaluation.event_scores import (
     EventScores,
@@ -91,7 +91,10 @@ def measure(
     data = read(folder, point.of, point.rate_hz, "train")
     fitted = (_people if point.of == "human" else _grasps)(point, folder, data, grown)
     head = Head(
-        "situation", data.tasks[main_task(data)].classes, fitted.learner, fitted.calibration
+        "situation",
+        data.tasks[main_task(data)].classes,
+        fitted.learner,
+        fitted.calibration,
     )
     return [_decided(one, fitted, point.spec(data)) for one in points], whole_graph(
         point.spec(data), [head]
@@ -106,7 +109,8 @@ def _grasps(point: Point, folder: Path, data: DataSet, grown: Grown) -> Fitted:
         _voted(point, folder, part, learner) for part in ("choose", "ask")
     )
     calibration = fit_calibration(
-        _held_out(chosen_on, choosing).shares("classes"), choosing.tasks["classes"].label
+        _held_out(chosen_on, choosing).shares("classes"),
+        choosing.tasks["classes"].label,
     )
     figures = held_out_figures(asking, _held_out(evaluated, asking)).situations
     return Fitted(learner, figures, calibration, [(chosen_on, evaluated)])
@@ -123,24 +127,34 @@ def _people(point: Point, folder: Path, data: DataSet, grown: Grown) -> Fitted:
     of_window = np.array([folds[str(group)] for group in data.group_of("situations")])
     rows = per_recording(data, everywhere(folder, point, "train"))
     learners = [
-        grown.fit(data, features, point.plan, "situations", np.flatnonzero(of_window != fold))
+        grown.fit(
+            data, features, point.plan, "situations", np.flatnonzero(of_window != fold)
+        )
         for fold in range(FOLDS)
     ]
     votes: dict[int, IntArray] = {}
     for fold, learner in enumerate(learners):
         which = _of_fold(data, folds, fold)
         votes |= zip(
-            which, _votes(learner, [rows[k] for k in which], len(task.classes)), strict=True
+            which,
+            _votes(learner, [rows[k] for k in which], len(task.classes)),
+            strict=True,
         )
     evaluated = [_of(data, votes, _of_fold(data, folds, fold)) for fold in range(FOLDS)]
     others = [
-        _of(data, votes, [k for k in range(len(rows)) if k not in set(_of_fold(data, folds, fold))])
+        _of(
+            data,
+            votes,
+            [k for k in range(len(rows)) if k not in set(_of_fold(data, folds, fold))],
+        )
         for fold in range(FOLDS)
     ]
     held = _held_out(_of(data, votes, range(len(rows))), data)
     calibration = fit_calibration(held.shares("situations"), task.label)
     figures = held_out_figures(data, held).situations
-    return Fitted(learners[0], figures, calibration, list(zip(others, evaluated, strict=True)))
+    return Fitted(
+        learners[0], figures, calibration, list(zip(others, evaluated, strict=True))
+    )
 
 
 def _held_out(voted: Voted, data: DataSet) -> HeldOut:
@@ -148,7 +162,11 @@ def _held_out(voted: Voted, data: DataSet) -> HeldOut:
     task = main_task(data)
     rows = data.tasks[task]
     return HeldOut(
-        {task: np.array([voted.votes[t][r] for t, r in zip(rows.trial, rows.row, strict=True)])}
+        {
+            task: np.array(
+                [voted.votes[t][r] for t, r in zip(rows.trial, rows.row, strict=True)]
+            )
+        }
     )
 
 
@@ -161,7 +179,9 @@ def _of(data: DataSet, votes: dict[int, IntArray], which: Sequence[int]) -> Vote
     return Voted([data.recordings[k] for k in which], [votes[k] for k in which])
 
 
-def _voted(point: Point, folder: Path, part: str, learner: Learner) -> tuple[Voted, DataSet]:
+def _voted(
+    point: Point, folder: Path, part: str, learner: Learner
+) -> tuple[Voted, DataSet]:
     data = read(folder, point.of, point.rate_hz, part)
     votes = reference_votes(
         learner, everywhere(folder, point, part), len(data.tasks["classes"].classes)
@@ -169,24 +189,34 @@ def _voted(point: Point, folder: Path, part: str, learner: Learner) -> tuple[Vot
     return Voted(list(data.recordings), per_recording(data, votes)), data
 
 
-def _votes(learner: Learner, rows: Sequence[FloatRows], n_classes: int) -> list[IntArray]:
+def _votes(
+    learner: Learner, rows: Sequence[FloatRows], n_classes: int
+) -> list[IntArray]:
     """Votes on all recordings at once, since counting leaf votes is slow and running is fast."""
     ends = np.cumsum([len(one) for one in rows])
-    return np.split(reference_votes(learner, np.concatenate(rows), n_classes), ends[:-1])
+    return np.split(
+        reference_votes(learner, np.concatenate(rows), n_classes), ends[:-1]
+    )
 
 
 def _decided(point: Point, fitted: Fitted, spec: StepSpec) -> PointFigures:
     """Figures of the votes with a point's decision."""
     matches, chosen = [], []
     for choose, ask in fitted.of:
-        there, here = (_answers(point, voted, fitted.calibration, spec) for voted in (choose, ask))
+        there, here = (
+            _answers(point, voted, fitted.calibration, spec) for voted in (choose, ask)
+        )
         chosen.append(choose_confidence(there, point.rules, MOST_FALSE_PER_MIN))
         matches += match_all_alarms(here, point.rules, chosen[-1])
     windows = fitted.figures
-    return PointFigures(point, windows.macro_f1, windows.macro_f1_ci, event_scores(matches), chosen)
+    return PointFigures(
+        point, windows.macro_f1, windows.macro_f1_ci, event_scores(matches), chosen
+    )
 
 
-def _answers(point: Point, voted: Voted, calibration: Calibration, spec: StepSpec) -> list[Answers]:
+def _answers(
+    point: Point, voted: Voted, calibration: Calibration, spec: StepSpec
+) -> list[Answers]:
     answers = []
     for recording, votes in zip(voted.recordings, voted.votes, strict=True):
         by_situation = situation_votes(votes)
@@ -203,7 +233,12 @@ def _answers(point: Point, voted: Voted, calibration: Calibration, spec: StepSpe
 
 def _probability(votes: IntArray, calibration: Calibration) -> FloatArray:
     """[T] calibrated probability of a risky slip, light or heavy."""
-    logits = votes / votes.sum(axis=1, keepdims=True) @ calibration.weights + calibration.bias
+    logits = (
+        votes / votes.sum(axis=1, keepdims=True) @ calibration.weights
+        + calibration.bias
+    )
     odds = np.exp(logits - logits.max(axis=1, keepdims=True))
-    risky: npt.NDArray[Any] = situation_votes(odds / odds.sum(axis=1, keepdims=True))[:, RISKY_SLIP]
+    risky: npt.NDArray[Any] = situation_votes(odds / odds.sum(axis=1, keepdims=True))[
+        :, RISKY_SLIP
+    ]
     return risky

@@ -7,13 +7,13 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
-from holdfast.benchmarks.cost.picture import figure
-from holdfast.benchmarks.cost.point import GOOD, REFERENCE, SHIPPED, Point
-from holdfast.edge_runtime.reading import Json
-from holdfast.edge_runtime.writing import write_whole
-from holdfast.evaluation.doc_tables import Tables, refresh, table, with_interval
-from holdfast.evaluation.drawing import for_any_page
+from benchmarks.cost.picture import figure
+from benchmarks.cost.point import GOOD, REFERENCE, SHIPPED, Point
+from holdfast.core.reading import Json
+from holdfast.core.writing import write_whole
 from holdfast.evaluation.page import markdown
+from holdfast.evaluation.style import for_any_page
+from tools.doc_tables import Tables, refresh, table, with_interval
 
 HEADS = {
     "what": "choice",
@@ -28,7 +28,9 @@ HEADS = {
 FRONT_HEADS = {key: head for key, head in HEADS.items() if key != "kib"} | {
     "unbeaten_in": "unbeaten in"
 }
-MODEL_HEADS = {"model": "model"} | {key: head for key, head in HEADS.items() if key != "what"}
+MODEL_HEADS = {"model": "model"} | {
+    key: head for key, head in HEADS.items() if key != "what"
+}
 README_HEADS = {
     "set": "data",
     "what": "choice",
@@ -102,9 +104,15 @@ def _surface(cost: Json) -> Tables:
 
 def _latency(latency: Json) -> Tables:
     """One decision beside its peers, and the memory of a process."""
-    heads = {"process": "process", "resident_mb": "resident memory, MB", "start_s": "start, s"}
+    heads = {
+        "process": "process",
+        "resident_mb": "resident memory, MB",
+        "start_s": "start, s",
+    }
     return {
-        "latency": table([_shown(row, "what") for row in latency["rows"]], LATENCY_HEADS),
+        "latency": table(
+            [_shown(row, "what") for row in latency["rows"]], LATENCY_HEADS
+        ),
         "budgets": markdown(_budgets(latency["budgets"])),
         "memory": table([_process(row) for row in latency["memory"]], heads),
     }
@@ -121,7 +129,10 @@ def _training(figures: Json) -> Tables:
 def readme_table(cost: Json) -> Tables:
     """The README's lines."""
     by_choice = {(row["of"], row["what"]): row for row in cost["rows"]}
-    lines = [line(by_choice[point.of, point.what]) | {"set": _name(point)} for point in README_ROWS]
+    lines = [
+        line(by_choice[point.of, point.what]) | {"set": _name(point)}
+        for point in README_ROWS
+    ]
     return {"cost": table(lines, README_HEADS)}
 
 
@@ -137,7 +148,9 @@ MADE_FROM: dict[str, Callable[[Json], Tables]] = {
 def _data(cost: Json) -> list[Json]:
     """What was evaluated, and how long the surface took where one run made every point."""
     rows, took = cost["rows"], cost["took"]
-    reference = next(row for row in rows if row["of"] == "scenes" and row["what"] == REFERENCE)
+    reference = next(
+        row for row in rows if row["of"] == "scenes" and row["what"] == REFERENCE
+    )
     about = [
         {"what": "risky slips, simulated", "value": reference["events"]},
         {"what": "simulated stream, min", "value": f"{reference['minutes']:.0f}"},
@@ -147,7 +160,10 @@ def _data(cost: Json) -> list[Json]:
     minutes = f"{took['wall_s'] / 60.0:.1f} on {took['cores']} cores"
     return [
         *about,
-        {"what": f"time of `holdfast bench cost`, {len(rows)} points, min", "value": minutes},
+        {
+            "what": f"time of `holdfast bench cost`, {len(rows)} points, min",
+            "value": minutes,
+        },
     ]
 
 

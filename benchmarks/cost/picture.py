@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator
 
-from holdfast.benchmarks.cost.point import (
+from benchmarks.cost.point import (
     DEBOUNCES,
     DEPTHS,
     RATES_HZ,
@@ -18,14 +18,16 @@ from holdfast.benchmarks.cost.point import (
     TREES,
     Point,
 )
-from holdfast.edge_runtime.reading import Json
+from holdfast.core.reading import Json
 from holdfast.evaluation.style import INK, OURS, QUIET, STYLE, WARNING, svg
 
 COMPUTED = {
     "trees": [(f"{n}", Point(trees=n)) for n in TREES],
     "depth": [(f"{n or 'unlimited'}", Point(depth=n)) for n in DEPTHS],
     "learner": [(kind, Point(learner=kind)) for kind in ("network", "committee")],
-    "features": [(name, Point(groups=name)) for name in ("now", "now, differences", "raw window")],
+    "features": [
+        (name, Point(groups=name)) for name in ("now", "now, differences", "raw window")
+    ],
 }
 WAITED = {
     "debounce, samples": [(f"{n}", Point(debounce=n)) for n in DEBOUNCES],
@@ -56,7 +58,9 @@ def figure(rows: list[Json]) -> str:
     by_name = {row["what"]: row for row in rows if row["of"] == "scenes"}
     with mpl.rc_context(STYLE):
         drawn = Figure(figsize=(9.4, 4.0))
-        drawn.suptitle("simulated", x=0.995, ha="right", fontsize=8, color=WARNING, style="italic")
+        drawn.suptitle(
+            "simulated", x=0.995, ha="right", fontsize=8, color=WARNING, style="italic"
+        )
         left, right = drawn.subplots(1, 2, sharey=True)
         _panel(left, by_name, COMPUTED, _step_us)
         _marked(left, by_name, _step_us, (7, -12), "left")
@@ -69,11 +73,19 @@ def figure(rows: list[Json]) -> str:
         return svg(drawn)
 
 
-def _panel(axes: Axes, by_name: dict[str, Json], families: Families, measure: Measure) -> None:
+def _panel(
+    axes: Axes, by_name: dict[str, Json], families: Families, measure: Measure
+) -> None:
     for colour, (family, points) in zip(FAMILY_COLOURS, families.items(), strict=False):
-        measured = [(by_name[point.what], name) for name, point in points if point.what in by_name]
+        measured = [
+            (by_name[point.what], name)
+            for name, point in points
+            if point.what in by_name
+        ]
         drawn = [
-            (x, row["in_time"], name) for row, name in measured if (x := measure(row)) is not None
+            (x, row["in_time"], name)
+            for row, name in measured
+            if (x := measure(row)) is not None
         ]
         _family(axes, family, drawn, colour)
     axes.grid(color="#e4e7eb")
@@ -81,17 +93,29 @@ def _panel(axes: Axes, by_name: dict[str, Json], families: Families, measure: Me
 
 
 def _marked(
-    axes: Axes, by_name: dict[str, Json], measure: Measure, beside: tuple[int, int], side: str
+    axes: Axes,
+    by_name: dict[str, Json],
+    measure: Measure,
+    beside: tuple[int, int],
+    side: str,
 ) -> None:
     """The reference's dot and the shipped model's, each with its name."""
-    dots = {REFERENCE: (Point().what, beside, side), "shipped": (SHIPPED.what, (7, 3), "left")}
+    dots = {
+        REFERENCE: (Point().what, beside, side),
+        "shipped": (SHIPPED.what, (7, 3), "left"),
+    }
     for shown, (what, offset, towards) in dots.items():
         row = by_name.get(what)
         if row is None or (x := measure(row)) is None:
             continue
         axes.plot(x, row["in_time"], "o", color=INK, markersize=8, zorder=3)
         axes.annotate(
-            shown, (x, row["in_time"]), offset, textcoords="offset points", fontsize=8, ha=towards
+            shown,
+            (x, row["in_time"]),
+            offset,
+            textcoords="offset points",
+            fontsize=8,
+            ha=towards,
         )
 
 
@@ -128,5 +152,11 @@ def _family(
     for x, y, name in points:
         if name in LABELLED:
             axes.annotate(
-                name, (x, y), beside, textcoords="offset points", fontsize=7, color=colour, ha=side
+                name,
+                (x, y),
+                beside,
+                textcoords="offset points",
+                fontsize=7,
+                color=colour,
+                ha=side,
             )

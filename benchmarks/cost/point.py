@@ -26,7 +26,8 @@ PEOPLES_TREES = 20
 BASES = {
     "scenes": hand_plan("default", "forest"),
     "human": replace(
-        TrainingPlan(), situation=replace(TrainingPlan().situation, n_estimators=PEOPLES_TREES)
+        TrainingPlan(),
+        situation=replace(TrainingPlan().situation, n_estimators=PEOPLES_TREES),
     ),
 }
 """What is varied: the forest of the model for the hand, and on people the plan of `make real` with
@@ -57,7 +58,11 @@ RATES_HZ = (50.0, 100.0, 150.0, 300.0)
 WINDOWS_S = (0.02, 0.05, 0.10, 0.20, 0.30)
 LOOK_BACKS_S = (0.05, 0.10, 0.17)
 DEBOUNCES = (1, 2, 3)
-GOOD = {"recall": "recall", "in_time": "acted before gross slip", "macro_f1": "macro F1"}
+GOOD = {
+    "recall": "recall",
+    "in_time": "acted before gross slip",
+    "macro_f1": "macro F1",
+}
 """What a front is against the step's time of, in words."""
 Set = Literal["scenes", "human"]
 
@@ -87,7 +92,9 @@ class Point:
     @property
     def name(self) -> str:
         """Of the file its figures are kept in."""
-        return hashlib.sha256(json.dumps(asdict(self), sort_keys=True).encode()).hexdigest()[:12]
+        return hashlib.sha256(
+            json.dumps(asdict(self), sort_keys=True).encode()
+        ).hexdigest()[:12]
 
     @property
     def what(self) -> str:
@@ -103,11 +110,17 @@ class Point:
             if self.trees is not None
             else []
         )
-        parts += [f"depth {self.depth or 'unlimited'}"] if self.depth is not None else []
-        parts += [self.groups] if self.groups != "default" else []
-        parts += [f"window {1e3 * self.window_s:g} ms"] if self.window_s != WINDOW_S else []
         parts += (
-            [f"looks back {1e3 * self.look_back_s:g} ms"] if self.look_back_s != HISTORY_S else []
+            [f"depth {self.depth or 'unlimited'}"] if self.depth is not None else []
+        )
+        parts += [self.groups] if self.groups != "default" else []
+        parts += (
+            [f"window {1e3 * self.window_s:g} ms"] if self.window_s != WINDOW_S else []
+        )
+        parts += (
+            [f"looks back {1e3 * self.look_back_s:g} ms"]
+            if self.look_back_s != HISTORY_S
+            else []
         )
         parts += [f"bands {self.bands}"] if self.bands != "all" else []
         parts += [f"debounce {self.debounce}"] if self.debounce != DEBOUNCE else []
@@ -121,15 +134,23 @@ class Point:
         base = BASES[self.of]
         forest = replace(
             base.situation,
-            n_estimators=base.situation.n_estimators if self.trees is None else self.trees,
-            max_depth=base.situation.max_depth if self.depth is None else self.depth or None,
+            n_estimators=base.situation.n_estimators
+            if self.trees is None
+            else self.trees,
+            max_depth=base.situation.max_depth
+            if self.depth is None
+            else self.depth or None,
         )
-        return replace(base, groups=GROUPS[self.groups], situation=forest, learner=self.learner)
+        return replace(
+            base, groups=GROUPS[self.groups], situation=forest, learner=self.learner
+        )
 
     def spec(self, data: DataSet) -> StepSpec:
         """As a step graph for a set."""
         return replace(
-            spec_for(data, GROUPS[self.groups]), window_s=self.window_s, bands_hz=BANDS[self.bands]
+            spec_for(data, GROUPS[self.groups]),
+            window_s=self.window_s,
+            bands_hz=BANDS[self.bands],
         )
 
     @property
@@ -173,7 +194,9 @@ def points() -> list[Point]:
 def _scenes() -> Iterator[Point]:
     yield from _anywhere("scenes")
     yield from (Point(rate_hz=rate_hz) for rate_hz in RATES_HZ)
-    yield from (Point(depth=depth, trees=trees) for depth in (10, 0) for trees in (8, 100))
+    yield from (
+        Point(depth=depth, trees=trees) for depth in (10, 0) for trees in (8, 100)
+    )
     yield from (Point(groups="now and bands", bands=name) for name in BANDS)
     yield Point(groups="now and bands", bank="float32")
 
@@ -187,7 +210,9 @@ def _anywhere(of: Set) -> Iterator[Point]:
     yield from (Point(of, trees=trees) for trees in TREES)
     yield from (Point(of, depth=depth) for depth in DEPTHS)
     yield from (Point(of, groups=name) for name in GROUPS)
-    yield from (Point(of, groups="raw window", window_s=window_s) for window_s in WINDOWS_S)
+    yield from (
+        Point(of, groups="raw window", window_s=window_s) for window_s in WINDOWS_S
+    )
     yield from (Point(of, look_back_s=seconds) for seconds in LOOK_BACKS_S)
     yield Point(of, confidence="calibrated")
     yield Point(of, learner="network")

@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from holdfast.benchmarks.cost.point import Set
-from holdfast.edge_runtime.errors import DataError, UsageError
-from holdfast.edge_runtime.writing import write_whole
+from benchmarks.cost.point import Set
+from holdfast.core.errors import DataError, UsageError
+from holdfast.core.writing import write_whole
 from holdfast.simulation.card import read_card
 from holdfast.simulation.folder import write_set
 from holdfast.simulation.scene import Scene
@@ -23,7 +23,11 @@ from holdfast.training.recording import DataSet
 
 Parts = Mapping[str, tuple[str, int, int]]
 """Part -> card, grasps, seed."""
-PARTS: Parts = {"ask": ("daily", 400, 2), "train": ("thesis", 400, 0), "choose": ("daily", 150, 1)}
+PARTS: Parts = {
+    "ask": ("daily", 400, 2),
+    "train": ("thesis", 400, 0),
+    "choose": ("daily", 150, 1),
+}
 """Streams to evaluate on, trials to fit on, and streams to choose the threshold on."""
 FASTEST_HZ = 300.0
 HUMAN = "human_slip_uskin"
@@ -37,7 +41,9 @@ def require_parts(folder: Path, parts: Parts) -> None:
         write_whole(path, text)
     if path.read_text("utf-8") != text:
         raise DataError(
-            "points of other recordings", where=folder, next_step="remove the folder and begin anew"
+            "points of other recordings",
+            where=folder,
+            next_step="remove the folder and begin anew",
         )
 
 
@@ -61,17 +67,21 @@ def read_slower(there: Path, here: Path, ratio: float) -> None:
     """A simulated set with every n-th sample: equals a slower reader, as the noise is white."""
     if ratio != round(ratio):
         raise UsageError(
-            f"no reading of {FASTEST_HZ:g} Hz over {ratio:g}", next_step="a rate that divides it"
+            f"no reading of {FASTEST_HZ:g} Hz over {ratio:g}",
+            next_step="a rate that divides it",
         )
     for path in sorted(there.rglob("*.csv")):
         if not path.name.endswith(".motion.csv"):
             lines = path.read_bytes().splitlines(keepends=True)
             write_whole(
-                here / path.relative_to(there), b"".join([lines[0], *lines[1 :: round(ratio)]])
+                here / path.relative_to(there),
+                b"".join([lines[0], *lines[1 :: round(ratio)]]),
             )
     for path in sorted(there.rglob("*.json")):
         meta = json.loads(path.read_text("utf-8"))
-        changed = meta | {"rate_hz": meta["rate_hz"] / ratio} if "rate_hz" in meta else meta
+        changed = (
+            meta | {"rate_hz": meta["rate_hz"] / ratio} if "rate_hz" in meta else meta
+        )
         write_whole(here / path.relative_to(there), json.dumps(changed))
 
 
@@ -81,7 +91,10 @@ def read(folder: Path, of: Set, rate_hz: float, part: str) -> DataSet:
     if of == "human":
         data = load(HUMAN)
         return replace(data, tasks={"situations": data.tasks["situations"]})
-    return load(_place(folder, rate_hz, part), windows="balanced" if part == "train" else "natural")
+    return load(
+        _place(folder, rate_hz, part),
+        windows="balanced" if part == "train" else "natural",
+    )
 
 
 def per_recording(data: DataSet, rows: Any) -> list[Any]:
@@ -91,7 +104,9 @@ def per_recording(data: DataSet, rows: Any) -> list[Any]:
 
 def starts(data: DataSet) -> Any:
     """The row at which each recording begins in rows of them all."""
-    return np.concatenate([[0], np.cumsum([len(one.samples) for one in data.recordings])[:-1]])
+    return np.concatenate(
+        [[0], np.cumsum([len(one.samples) for one in data.recordings])[:-1]]
+    )
 
 
 def _place(folder: Path, rate_hz: float, part: str) -> Path:

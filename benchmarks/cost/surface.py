@@ -20,18 +20,18 @@ from typing import Any
 
 import numpy as np
 
-from holdfast.benchmarks.cost.features import some, whole_rows, windows
-from holdfast.benchmarks.cost.grown import Grown
-from holdfast.benchmarks.cost.measure import measure
-from holdfast.benchmarks.cost.point import GOOD, GROUPS, Point, points
-from holdfast.benchmarks.cost.recordings import PARTS, Parts, read, require_parts, simulate
-from holdfast.edge_runtime.contract import FloatArray
-from holdfast.edge_runtime.reading import Json
-from holdfast.edge_runtime.timing import time_in_turns
-from holdfast.edge_runtime.writing import write_whole
-from holdfast.evaluation.job_options import CORES
+from benchmarks.cost.features import some, whole_rows, windows
+from benchmarks.cost.grown import Grown
+from benchmarks.cost.measure import measure
+from benchmarks.cost.point import GOOD, GROUPS, Point, points
+from benchmarks.cost.recordings import PARTS, Parts, read, require_parts, simulate
+from benchmarks.timed_calls import learner_call, step_call
+from benchmarks.timing import time_in_turns
+from holdfast.cli.options import CORES
+from holdfast.core.contract import FloatArray
+from holdfast.core.reading import Json
+from holdfast.core.writing import write_whole
 from holdfast.evaluation.jobs import Job, Workers
-from holdfast.evaluation.timed_calls import learner_call, step_call
 from holdfast.export.verify import cut_learners
 
 HERE = Workers(CORES)
@@ -67,7 +67,8 @@ def cost(
     rates_hz = sorted({point.rate_hz for point in chosen if point.of == "scenes"})
     folder = folder.absolute()  # which the workers of a cluster need
     simulated: list[Job[None]] = [
-        partial(simulate, folder, part, rates_hz, parts) for part in (parts if rates_hz else ())
+        partial(simulate, folder, part, rates_hz, parts)
+        for part in (parts if rates_hz else ())
     ]
     prepared: list[Job[None]] = [
         partial(_features, folder, alike, part) for alike, part in _by_features(chosen)
@@ -104,9 +105,13 @@ def _by_features(chosen: Sequence[Point]) -> list[tuple[list[Point], str]]:
     """Points and a part for all features to compute, the largest first, then without bands."""
     sets: dict[Any, dict[bool, Point]] = {}
     for one in sorted(
-        chosen, key=lambda one: ("bands" in GROUPS[one.groups], one.rate_hz), reverse=True
+        chosen,
+        key=lambda one: ("bands" in GROUPS[one.groups], one.rate_hz),
+        reverse=True,
     ):
-        alike = sets.setdefault((one.of, one.rate_hz, "window" in GROUPS[one.groups]), {})
+        alike = sets.setdefault(
+            (one.of, one.rate_hz, "window" in GROUPS[one.groups]), {}
+        )
         alike.setdefault("bands" in GROUPS[one.groups], one)
     largest = sorted(sets.items(), key=lambda item: item[0][1], reverse=True)
     return [
@@ -123,7 +128,9 @@ def fronts(rows: Sequence[Json]) -> dict[str, dict[str, list[str]]]:
         of: {
             good: [
                 row["what"]
-                for row in pareto([row for row in rows if row["of"] == of], "step_us", good)
+                for row in pareto(
+                    [row for row in rows if row["of"] == of], "step_us", good
+                )
             ]
             for good in GOOD
         }
@@ -173,7 +180,9 @@ def _kept(folder: Path, family: Sequence[Point]) -> list[Json]:
     return [json.loads(_figures(folder, point).read_text("utf-8")) for point in family]
 
 
-def _measured(folder: Path, fitted: Point, points: Sequence[Point], grown: Grown) -> None:
+def _measured(
+    folder: Path, fitted: Point, points: Sequence[Point], grown: Grown
+) -> None:
     """Measure points of one forest; keep their figures, the model and the rows to time it on."""
     figures, model = measure(fitted, points, folder, grown)
     write_whole(_model(folder, fitted), model.SerializeToString())
@@ -214,7 +223,8 @@ def _priced(folder: Path, chosen: Sequence[Point]) -> list[Price]:
             _model(folder, point).read_bytes(), timed["samples"]
         )
     us = {
-        name: float(np.median(times)) for name, times in time_in_turns(calls, TURNS, CALLS).items()
+        name: float(np.median(times))
+        for name, times in time_in_turns(calls, TURNS, CALLS).items()
     }
     return [
         Price(

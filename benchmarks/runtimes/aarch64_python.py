@@ -11,7 +11,7 @@ import os
 import sys
 from pathlib import Path
 
-from holdfast.benchmarks.runtimes.programs import called, require
+from benchmarks.runtimes.programs import called, require
 
 ROOT = Path(__file__).resolve().parents[2]
 EMULATOR = "qemu-aarch64-static"
@@ -46,7 +46,9 @@ def selftest(model: Path, folder: Path) -> list[str]:
         "PYTHONDONTWRITEBYTECODE": "1",
         "ORT_DISABLE_TELEMETRY": "1",
     }
-    done = called([*python, "-m", "holdfast", "selftest", model.resolve()], ROOT, environment)
+    done = called(
+        [*python, "-m", "holdfast", "selftest", model.resolve()], ROOT, environment
+    )
     return done.stdout.decode("utf-8").splitlines()
 
 
@@ -65,9 +67,14 @@ def _unpack(folder: Path, root: Path) -> None:
         "APT::Install-Recommends": "false",
         "Debug::NoLocking": "1",
     }
-    words = [word for key, value in options.items() for word in ("-o", f"{key}={value}")]
+    words = [
+        word for key, value in options.items() for word in ("-o", f"{key}={value}")
+    ]
     called(["apt-get", *words, "-qq", "update"], folder)
-    called(["apt-get", *words, "-qq", "-y", "--download-only", "install", *PACKAGES], folder)
+    called(
+        ["apt-get", *words, "-qq", "-y", "--download-only", "install", *PACKAGES],
+        folder,
+    )
     for package in sorted((apt / "cache/archives").glob("*.deb")):
         called(["dpkg-deb", "-x", package.resolve(), root.resolve()], folder)
     (root / "proc").mkdir(exist_ok=True)
@@ -77,6 +84,13 @@ def _unpack(folder: Path, root: Path) -> None:
 def _wheels(site: Path) -> None:
     """What the live path needs, by the hashes of its lock."""
     uv = ROOT / ".tools/bin/uv"
-    only = ["--python", sys.executable, "--python-platform", PLATFORM, "--only-binary", ":all:"]
+    only = [
+        "--python",
+        sys.executable,
+        "--python-platform",
+        PLATFORM,
+        "--only-binary",
+        ":all:",
+    ]
     lock = ["--require-hashes", "-r", str(ROOT / "requirements/live.lock")]
     called([uv, "pip", "install", "-q", "--target", site.resolve(), *only, *lock], ROOT)

@@ -1,6 +1,6 @@
 """`make arm`: model files on emulated Arm processors: aarch64 in C and Python, and a Cortex-M7.
 
-python -m holdfast.benchmarks.runtimes.arm OUT.json MODEL [MODEL ..]
+python -m benchmarks.runtimes.arm OUT.json MODEL [MODEL ..]
 The first model is also checked in Python.
 """
 
@@ -12,15 +12,21 @@ import tempfile
 from dataclasses import asdict
 from pathlib import Path
 
-from holdfast.benchmarks.runtimes.aarch64_python import selftest
-from holdfast.benchmarks.runtimes.c_programs import AARCH64, GCC, SINGLE_GCC, answers_of, golden_of
-from holdfast.benchmarks.runtimes.cortex_m7 import CLOCK_MHZ, PRECISIONS, on_board
-from holdfast.benchmarks.runtimes.here import same_bits
-from holdfast.benchmarks.runtimes.stream import stream_of
-from holdfast.edge_runtime.command import show
+from benchmarks.runtimes.aarch64_python import selftest
+from benchmarks.runtimes.c_programs import (
+    AARCH64,
+    GCC,
+    SINGLE_GCC,
+    answers_of,
+    golden_of,
+)
+from benchmarks.runtimes.cortex_m7 import CLOCK_MHZ, PRECISIONS, on_board
+from benchmarks.runtimes.here import same_bits
+from benchmarks.runtimes.stream import stream_of
+from holdfast.cli.command import show
+from holdfast.core.reading import Json
+from holdfast.core.writing import write_whole
 from holdfast.edge_runtime.model import Model
-from holdfast.edge_runtime.reading import Json
-from holdfast.edge_runtime.writing import write_whole
 from holdfast.export.c.exporting import export_c
 
 KEPT = Path("build/arm")
@@ -32,7 +38,12 @@ def measure(models: list[Path]) -> Json:
     figures = [of_model(path) for path in models]
     show(f"holdfast selftest {models[0]} on an emulated aarch64: some minutes")
     lines = selftest(models[0], KEPT)
-    return {"kind": "emulated", "clock_mhz": CLOCK_MHZ, "models": figures, "selftest": lines}
+    return {
+        "kind": "emulated",
+        "clock_mhz": CLOCK_MHZ,
+        "models": figures,
+        "selftest": lines,
+    }
 
 
 def of_model(path: Path) -> Json:
@@ -60,7 +71,9 @@ def of_model(path: Path) -> Json:
             {
                 **asdict(one),
                 "projected_us": one.projected_us,
-                "stream_labels_differ": int((differ[one.precision].labels != stream.labels).sum()),
+                "stream_labels_differ": int(
+                    (differ[one.precision].labels != stream.labels).sum()
+                ),
             }
             for one in boards
         ],

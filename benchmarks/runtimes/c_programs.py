@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from holdfast.benchmarks.runtimes.programs import called, require
-from holdfast.benchmarks.runtimes.stream import Stream
+from benchmarks.runtimes.programs import called, require
+from benchmarks.runtimes.stream import Stream
 
 C = Path(__file__).parent / "c"
 BROWSER = Path(__file__).resolve().parents[2] / "examples/browser"

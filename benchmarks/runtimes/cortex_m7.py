@@ -10,12 +10,18 @@ import re
 from dataclasses import dataclass
 from pathlib import Path
 
-from holdfast.benchmarks.runtimes.c_programs import SINGLE, C
-from holdfast.benchmarks.runtimes.programs import called, require
-from holdfast.edge_runtime.errors import HoldfastError
+from benchmarks.runtimes.c_programs import SINGLE, C
+from benchmarks.runtimes.programs import called, require
+from holdfast.core.errors import HoldfastError
 
 COMPILER = "arm-none-eabi-gcc"
-CORE = ("-mcpu=cortex-m7", "-mthumb", "-mfloat-abi=hard", "-ffunction-sections", "-fdata-sections")
+CORE = (
+    "-mcpu=cortex-m7",
+    "-mthumb",
+    "-mfloat-abi=hard",
+    "-ffunction-sections",
+    "-fdata-sections",
+)
 FLAGS = ("-std=gnu99", "-O2", "-ffp-contract=off", *CORE)
 PRECISIONS = {"double": ("-mfpu=fpv5-d16",), "single": ("-mfpu=fpv5-sp-d16", *SINGLE)}
 LINKED = ("-nostartfiles", "--specs=rdimon.specs", "-Wl,--gc-sections")
@@ -66,7 +72,9 @@ def on_board(sources: Path, precision: str, work: Path) -> OnBoard:
     led = ("-Wl,--wrap=holdfast_step_valid", "-T", C / "mps2.ld")
     called([*flags, *LINKED, *led, "-o", "image.elf", *objects, "-lm"], work)
     size = called(["arm-none-eabi-size", objects[0]], work).stdout.decode().split()
-    printed = called([*BOARD, *COUNTED, "image.elf"], work).stdout.decode("utf-8", "replace")
+    printed = called([*BOARD, *COUNTED, "image.elf"], work).stdout.decode(
+        "utf-8", "replace"
+    )
     return read_report(printed, precision, flash_bytes=int(size[6]) + int(size[7]))
 
 

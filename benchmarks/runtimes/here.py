@@ -1,6 +1,6 @@
 """`make runtimes`: one model file in every runtime of this machine, in one run.
 
-python -m holdfast.benchmarks.runtimes.here MODEL OUT.json
+python -m benchmarks.runtimes.here MODEL OUT.json
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ from time import perf_counter
 
 import numpy as np
 
-from holdfast.benchmarks.runtimes import onnx_programs
-from holdfast.benchmarks.runtimes.c_programs import (
+from benchmarks.runtimes import onnx_programs
+from benchmarks.runtimes.c_programs import (
     CLANG,
     GCC,
     SINGLE_GCC,
@@ -25,13 +25,12 @@ from holdfast.benchmarks.runtimes.c_programs import (
     StreamAnswers,
     answers_of,
 )
-from holdfast.benchmarks.runtimes.stream import Stream, stream_of
+from benchmarks.runtimes.stream import Stream, stream_of
+from holdfast.cli.command import show
+from holdfast.core.reading import Json
+from holdfast.core.writing import write_whole
 from holdfast.edge_runtime.c_engine import LIBRARY, CompiledModel
-from holdfast.edge_runtime.command import show
-from holdfast.edge_runtime.engine import OpenedModel
-from holdfast.edge_runtime.model import Model
-from holdfast.edge_runtime.reading import Json
-from holdfast.edge_runtime.writing import write_whole
+from holdfast.edge_runtime.model import Model, OpenedModel
 from holdfast.evaluation.provenance import host
 from holdfast.export.c.exporting import export_c
 
@@ -81,7 +80,9 @@ def measure(path: Path) -> Json:
     }
 
 
-def row(name: str, rounds: list[StreamAnswers], stream: Stream, reference: StreamAnswers) -> Json:
+def row(
+    name: str, rounds: list[StreamAnswers], stream: Stream, reference: StreamAnswers
+) -> Json:
     """One runtime: all that it answered beside onnxruntime's labels and gcc's bits."""
     first = rounds[0]
     return {
@@ -96,7 +97,9 @@ def same_bits(one: StreamAnswers, reference: StreamAnswers) -> bool | None:
     """Whether everything a row leaves is equal, the state too; None where it is not known."""
     if not one.rows.size:
         return None
-    return one.rows.shape == reference.rows.shape and bool((one.rows == reference.rows).all())
+    return one.rows.shape == reference.rows.shape and bool(
+        (one.rows == reference.rows).all()
+    )
 
 
 def from_python(model: OpenedModel, stream: Stream) -> StreamAnswers:

@@ -11,12 +11,14 @@ from pathlib import Path
 import numpy as np
 import onnxruntime
 
-from holdfast.benchmarks.runtimes.c_programs import StreamAnswers
-from holdfast.benchmarks.runtimes.programs import called
-from holdfast.benchmarks.runtimes.stream import Stream
+from benchmarks.runtimes.c_programs import StreamAnswers
+from benchmarks.runtimes.programs import called
+from benchmarks.runtimes.stream import Stream
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
-IN_RUST, IN_C, IN_WEB = (EXAMPLES / name for name in ("rust", "onnxruntime-c", "onnxruntime-web"))
+IN_RUST, IN_C, IN_WEB = (
+    EXAMPLES / name for name in ("rust", "onnxruntime-c", "onnxruntime-web")
+)
 HEADER = "onnxruntime_c_api.h"
 Words = list[str | Path]
 
@@ -51,7 +53,10 @@ def has_header() -> bool:
 
 def has_web() -> bool:
     """Whether Node is here, and `npm install` was run in the example."""
-    return shutil.which("node") is not None and (IN_WEB / "node_modules/onnxruntime-web").exists()
+    return (
+        shutil.which("node") is not None
+        and (IN_WEB / "node_modules/onnxruntime-web").exists()
+    )
 
 
 def from_rust(folder: Path) -> Words:
@@ -64,8 +69,18 @@ def from_rust(folder: Path) -> Words:
 def from_c(folder: Path) -> Words:
     """Built by gcc. Raises HoldfastError."""
     folder.mkdir(parents=True, exist_ok=True)
-    flags: Words = ["-std=c99", "-D_POSIX_C_SOURCE=200809L", "-Wall", "-Wextra", "-Werror", "-O2"]
-    called(["gcc", *flags, "-o", folder.resolve() / "hand", IN_C / "hand.c", "-ldl"], folder)
+    flags: Words = [
+        "-std=c99",
+        "-D_POSIX_C_SOURCE=200809L",
+        "-Wall",
+        "-Wextra",
+        "-Werror",
+        "-O2",
+    ]
+    called(
+        ["gcc", *flags, "-o", folder.resolve() / "hand", IN_C / "hand.c", "-ldl"],
+        folder,
+    )
     return [folder / "hand", library()]
 
 
@@ -83,9 +98,13 @@ PROGRAMS = (RUST, C_API, WEB)
 def answers_of(words: Words, model: Path, stream: Stream) -> StreamAnswers:
     """What an example answers to a stream."""
     given = text_of(stream)
-    done = subprocess.run([*words, model], input=given, capture_output=True, text=True, check=True)
+    done = subprocess.run(
+        [*words, model], input=given, capture_output=True, text=True, check=True
+    )
     labels = np.array(done.stdout.split(), dtype=np.int32)
-    return StreamAnswers(labels, np.zeros((len(labels), 0), np.uint8), float(done.stderr))
+    return StreamAnswers(
+        labels, np.zeros((len(labels), 0), np.uint8), float(done.stderr)
+    )
 
 
 def text_of(stream: Stream) -> str:

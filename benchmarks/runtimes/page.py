@@ -5,8 +5,8 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from holdfast.edge_runtime.reading import Json
-from holdfast.evaluation.doc_tables import Tables, refresh, table
+from holdfast.core.reading import Json
+from tools.doc_tables import Tables, refresh, table
 
 HERE_HEADS = {
     "runtime": "runtime",
@@ -48,7 +48,8 @@ def arm(figures: Json) -> Tables:
     return {
         "aarch64": table([_aarch64(one) for one in models], AARCH64_HEADS),
         "cortex-m7": table(
-            [_board(one, board) for one in models for board in one["boards"]], BOARD_HEADS
+            [_board(one, board) for one in models for board in one["boards"]],
+            BOARD_HEADS,
         ),
     }
 
@@ -59,7 +60,10 @@ def _aarch64(one: Json) -> Json:
 
 
 def _board(one: Json, board: Json) -> Json:
-    kb = {f"{key}_kb": f"{board[f'{key}_bytes'] / 1000:.1f}" for key in ("flash", "ram", "stack")}
+    kb = {
+        f"{key}_kb": f"{board[f'{key}_bytes'] / 1000:.1f}"
+        for key in ("flash", "ram", "stack")
+    }
     counts = {key: f"{board[key]:,}" for key in ("instructions", "most_instructions")}
     return {
         **board,

@@ -7,7 +7,7 @@ import subprocess
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from holdfast.edge_runtime.errors import HoldfastError, LibraryMissing
+from holdfast.core.errors import HoldfastError, LibraryMissing
 
 PACKAGES = {
     "gcc": "gcc",
@@ -39,7 +39,9 @@ def require(*programs: str) -> None:
 
 
 def called(
-    words: Sequence[str | Path], folder: Path, environment: Mapping[str, str] | None = None
+    words: Sequence[str | Path],
+    folder: Path,
+    environment: Mapping[str, str] | None = None,
 ) -> subprocess.CompletedProcess[bytes]:
     """A program that ended well. Raises HoldfastError with the last line that it wrote."""
     done = subprocess.run(
@@ -51,6 +53,10 @@ def called(
         env=environment,
     )
     if done.returncode:
-        lines = (done.stderr or done.stdout).decode("utf-8", "replace").strip().splitlines()
-        raise HoldfastError(f"{words[0]} failed: {lines[-1] if lines else done.returncode!s:.300}")
+        lines = (
+            (done.stderr or done.stdout).decode("utf-8", "replace").strip().splitlines()
+        )
+        raise HoldfastError(
+            f"{words[0]} failed: {lines[-1] if lines else done.returncode!s:.300}"
+        )
     return done

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from holdfast.edge_runtime.contract import BoolArray, FloatArray
+from holdfast.core.contract import BoolArray, FloatArray
 from holdfast.edge_runtime.graph import run_recording
 from holdfast.edge_runtime.model import Model
 from holdfast.simulation.card import read_card
@@ -32,7 +32,9 @@ class Stream:
     def written(self, path: Path, real: npt.DTypeLike = np.float64) -> Path:
         """The rows as the C programs read them; real: their type of a number."""
         lanes, sensors = self.values.shape[1], self.valid.shape[1]
-        rows = np.zeros(len(self.values), [("sample", real, lanes), ("valid", "u1", sensors)])
+        rows = np.zeros(
+            len(self.values), [("sample", real, lanes), ("valid", "u1", sensors)]
+        )
         rows["sample"], rows["valid"] = self.values, self.valid
         path.write_bytes(rows.tobytes())
         return path
@@ -49,4 +51,6 @@ def stream_of(model: Model) -> Stream:
     for k, row in enumerate(range(LOST_EVERY, len(valid), LOST_EVERY)):
         valid[row : row + LOST_ROWS, k % valid.shape[1]] = False
     out = run_recording(model.session, values, valid, ["situation", "unknown"])
-    return Stream(values, valid, np.where(out["unknown"], -1, out["situation"]).astype(np.int64))
+    return Stream(
+        values, valid, np.where(out["unknown"], -1, out["situation"]).astype(np.int64)
+    )

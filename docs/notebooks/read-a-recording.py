@@ -20,10 +20,15 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import pandas as pd
 
-from holdfast import cli
+from holdfast.cli.main import main as cli
 from holdfast.drivers.replay import open_replay
 from holdfast.edge_runtime.monitor import GripMonitor, Model
-from holdfast.evaluation.style import FINGER_COLOURS, FINGER_LINES, SITUATION_COLOURS, STYLE
+from holdfast.evaluation.style import (
+    FINGER_COLOURS,
+    FINGER_LINES,
+    SITUATION_COLOURS,
+    STYLE,
+)
 
 os.chdir(tempfile.mkdtemp())
 folder = Path("trials")
@@ -46,7 +51,9 @@ model = Model("holdfast-150hz")
 recording = open_replay(trial).prepared(model.card.preparation)
 forces = recording.values.reshape(len(recording.values), -1, 3)
 time_s = recording.t_ns / 1e9
-print(f"{forces.shape[0]} samples of {forces.shape[1]} fingers at {recording.rate_hz:.0f} Hz")
+print(
+    f"{forces.shape[0]} samples of {forces.shape[1]} fingers at {recording.rate_hz:.0f} Hz"
+)
 
 # %% [markdown]
 # ## Ask the model
@@ -71,7 +78,9 @@ print(f"first request to act: {act_s[0]:.3f} s")
 # %% alt="Normal force of six fingers in a simulated pull, and the state at every sample below"
 plt.rcParams.update({**STYLE, "font.size": 13})
 fingers = ("thumb 1", "thumb 2", "index", "middle", "ring", "little")
-figure, (above, below) = plt.subplots(2, 1, sharex=True, figsize=(6, 6), height_ratios=(2, 1))
+figure, (above, below) = plt.subplots(
+    2, 1, sharex=True, figsize=(6, 6), height_ratios=(2, 1)
+)
 for number, name in enumerate(fingers):
     colour, line = FINGER_COLOURS[number], FINGER_LINES[number]
     above.plot(time_s, forces[:, number, 2], line, color=colour, label=name)

@@ -19,7 +19,8 @@ from pathlib import Path
 
 import pandas as pd
 
-from holdfast import cli, evaluation, training
+from holdfast import evaluation, training
+from holdfast.cli.main import main as cli
 from holdfast.edge_runtime.monitor import Model
 from holdfast.export.exporting import export_artifact
 from holdfast.training.fitting import train
@@ -87,7 +88,9 @@ print(f"{path.name}: {path.stat().st_size / 1e3:.0f} kB")
 
 # %%
 model = Model(path)
-unseen = training.recordings_from_frames(frames_of(work / "unseen"), unit="N", windows="natural")
+unseen = training.recordings_from_frames(
+    frames_of(work / "unseen"), unit="N", windows="natural"
+)
 answers = evaluation.to_frame(evaluation.run_model(model, unseen))
 pd.crosstab(answers["truth"], answers["state"])
 

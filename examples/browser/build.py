@@ -11,11 +11,11 @@ import sys
 import tempfile
 from pathlib import Path
 
-from holdfast.benchmarks.runtimes.c_programs import WASM, compiled
-from holdfast.benchmarks.runtimes.programs import require
-from holdfast.edge_runtime.command import show
+from benchmarks.runtimes.c_programs import WASM, compiled
+from benchmarks.runtimes.programs import require
+from holdfast.cli.command import show
+from holdfast.core.writing import write_whole
 from holdfast.edge_runtime.model import Model
-from holdfast.edge_runtime.writing import write_whole
 from holdfast.export.c.exporting import export_c
 from holdfast.simulation.card import read_card
 from holdfast.simulation.folder import write_recording

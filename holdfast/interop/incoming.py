@@ -17,21 +17,21 @@ from pathlib import Path
 
 import numpy as np
 
-from holdfast.edge_runtime.contract import SITUATIONS, FloatArray, channel_names
-from holdfast.edge_runtime.errors import EmptyRecording, LabelError, TimeError, UnitError
-from holdfast.edge_runtime.reading import Json
-from holdfast.edge_runtime.trial_file import (
+from holdfast.core.contract import SITUATIONS, FloatArray, channel_names
+from holdfast.core.errors import EmptyRecording, LabelError, TimeError, UnitError
+from holdfast.core.objects import read_json
+from holdfast.core.reading import Json
+from holdfast.core.trial_file import (
     LATEST_S,
     MIN_ROWS,
     MOST_LOST,
     TIME_COLUMN,
     places_by_time,
 )
-from holdfast.edge_runtime.trial_layout import META, truth_path
-from holdfast.edge_runtime.writing import write_whole
+from holdfast.core.trial_layout import META, truth_path
+from holdfast.core.writing import write_whole
 from holdfast.interop.xdf import Marker, TactileStream
 from holdfast.training.datasets.places import EMPTY_HAND, FOLDERS
-from holdfast.training.objects import read_json
 
 BEGIN, END = "begin ", "end"
 PROVENANCE = "marker"
@@ -75,7 +75,9 @@ def _folder(text: str, where: Path) -> str:
     """`<object>/<action>` or `nothing`, checked. Raises LabelError."""
     thing, _, action = text.rpartition("/")
     plain = thing.replace("-", "").replace("_", "")
-    if text != EMPTY_HAND and (action not in FOLDERS or not (plain.isascii() and plain.isalnum())):
+    if text != EMPTY_HAND and (
+        action not in FOLDERS or not (plain.isascii() and plain.isalnum())
+    ):
         raise LabelError(
             f"{text!r:.60} is not OBJECT/ACTION",
             where=where,
@@ -99,7 +101,9 @@ def write_trials(
         write_whole(path, text)
         phases = list(_phases(markers, t0_s, t1_s))
         if phases:
-            write_whole(truth_path(path), json.dumps({"phases": phases}, indent=1) + "\n")
+            write_whole(
+                truth_path(path), json.dumps({"phases": phases}, indent=1) + "\n"
+            )
         paths.append(path)
     return paths
 
@@ -163,7 +167,9 @@ def _next_trial(folder: Path) -> Path:
 
 def _phases(markers: list[Marker], t0_s: float, t1_s: float) -> Iterator[Json]:
     """Phases in s from the first sample, from the markers that are situations."""
-    inside = [one for one in markers if one.text in SITUATIONS and t0_s <= one.t_s <= t1_s]
+    inside = [
+        one for one in markers if one.text in SITUATIONS and t0_s <= one.t_s <= t1_s
+    ]
     for one, after in pairwise([*inside, Marker(t1_s + 1e-6, END)]):
         yield {
             "t0_s": round(one.t_s - t0_s, 6),

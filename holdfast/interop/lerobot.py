@@ -19,10 +19,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from holdfast.edge_runtime.contract import SITUATIONS, channel_names
-from holdfast.edge_runtime.reading import Json
-from holdfast.edge_runtime.writing import write_whole
-from holdfast.interop.carried import NO_LABEL, CarriedTrial
+from holdfast.core.contract import SITUATIONS, channel_names
+from holdfast.core.reading import Json
+from holdfast.core.writing import write_whole
+from holdfast.interop.payload import NO_LABEL, CarriedTrial
 from holdfast.interop.tables import write_columns, write_frame, write_rows
 from holdfast.training.datasets.thesis import common_rate
 
@@ -59,7 +59,9 @@ def write_trials(trials: Sequence[CarriedTrial], folder: Path) -> None:
     episode_path = DATA_PATH.replace("data/", "meta/episodes/", 1)
     write_rows(folder / episode_path.format(chunk_index=0, file_index=0), episodes)
     _write_tasks(folder, tasks)
-    _write_json(folder / "meta/stats.json", {key: _stats(x) for key, x in joined.items()})
+    _write_json(
+        folder / "meta/stats.json", {key: _stats(x) for key, x in joined.items()}
+    )
     _write_json(folder / "meta/info.json", _info(trials, rate_hz, len(tasks)))
 
 
@@ -68,7 +70,9 @@ def _task(trial: CarriedTrial) -> str:
     return f"{action} {thing}" if thing else str(action)
 
 
-def _frames(trial: CarriedTrial, number: int, first: int, fps: int, task: int) -> Columns:
+def _frames(
+    trial: CarriedTrial, number: int, first: int, fps: int, task: int
+) -> Columns:
     rows = np.arange(len(trial.t_s))
     return {
         TACTILE: trial.values.astype(np.float32),
@@ -84,7 +88,10 @@ def _frames(trial: CarriedTrial, number: int, first: int, fps: int, task: int) -
 
 
 def _features(n_sensors: int) -> Json:
-    channels, sensors = list(channel_names(n_sensors)), [f"valid{k + 1}" for k in range(n_sensors)]
+    channels, sensors = (
+        list(channel_names(n_sensors)),
+        [f"valid{k + 1}" for k in range(n_sensors)],
+    )
     scalar = {"shape": [1], "names": None}
     counters = ("frame_index", "episode_index", "index", "task_index")
     return {
@@ -128,9 +135,14 @@ def _stats(values: npt.NDArray[Any]) -> dict[str, list[float]]:
         "max": np.nanmax(table, axis=0),
         "mean": np.nanmean(table, axis=0),
         "std": np.nanstd(table, axis=0),
-        **{name: np.nanquantile(table, share, axis=0) for name, share in QUANTILES.items()},
+        **{
+            name: np.nanquantile(table, share, axis=0)
+            for name, share in QUANTILES.items()
+        },
     }
-    return {name: row.tolist() for name, row in figures.items()} | {"count": [len(table)]}
+    return {name: row.tolist() for name, row in figures.items()} | {
+        "count": [len(table)]
+    }
 
 
 def _info(trials: Sequence[CarriedTrial], rate_hz: float, tasks: int) -> Json:
@@ -160,7 +172,9 @@ def _info(trials: Sequence[CarriedTrial], rate_hz: float, tasks: int) -> Json:
 def _write_tasks(folder: Path, tasks: list[str]) -> None:
     import pandas as pd
 
-    frame = pd.DataFrame({"task_index": np.arange(len(tasks))}, index=pd.Index(tasks, name="task"))
+    frame = pd.DataFrame(
+        {"task_index": np.arange(len(tasks))}, index=pd.Index(tasks, name="task")
+    )
     write_frame(folder / "meta/tasks.parquet", frame)
 
 

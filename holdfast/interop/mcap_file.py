@@ -9,6 +9,11 @@
 | /tf | foxglove.FrameTransform (protobuf) | one: the frame of the arrows |
 
 This module alone imports mcap, mcap_protobuf and foxglove_schemas_protobuf.
+
+Where the arrows of the fingers stand in a 3D view, and how long they are.
+
+The view is a picture, not the geometry of a hand: two rows of pads face each other, the thumb's and
+that of the other fingers, and each arrow points from its pad away from the object.
 """
 
 from __future__ import annotations
@@ -17,16 +22,82 @@ import json
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
-from holdfast.edge_runtime.contract import AXES, FloatArray
-from holdfast.edge_runtime.extras import needs_extra
-from holdfast.edge_runtime.reading import Json
-from holdfast.interop.arrows import Pads, arrows, pads
-from holdfast.interop.carried import CarriedTrial
-from holdfast.interop.happenings import happenings
+from holdfast.core.contract import AXES, FloatArray, Unit
+from holdfast.core.errors import needs_extra
+from holdfast.core.reading import Json
+from holdfast.interop.payload import CarriedTrial, happenings
+from holdfast.simulation.objects import HandLayout
+
+HALF_GAP_M = 0.03
+"""From the middle of the object to each row."""
+ONE_ROW_M = 0.022
+"""Between two pads of a hand without six sensors, which are one row."""
+METRES_PER_UNIT = MappingProxyType({"N": 1e-2, "uT": 1e-5, "count": 1e-5})
+"""Length of an arrow: 1 N is 1 cm long, and so is 1000 uT, about the field of 1 N."""
+
+
+@dataclass(frozen=True)
+class Pads:
+    """at_m [S, 3] places; turned [S, 3, 3] from a sensor's axes to those of the view."""
+
+    at_m: FloatArray
+    turned: FloatArray
+
+
+def pads(n_sensors: int) -> Pads:
+    """The pads of a hand in the order of its channels (docs/wiring.md)."""
+    hand = HandLayout()
+    if n_sensors == hand.n_contacts:
+        along = hand.along_m
+        side = np.where(np.arange(n_sensors) < hand.thumb, -1.0, 1.0)
+    else:
+        along = ONE_ROW_M * (
+            0.5 * (n_sensors - 1) - np.arange(n_sensors, dtype=np.float64)
+        )
+        side = np.ones(n_sensors)
+    at_m = np.column_stack([along, HALF_GAP_M * side, np.zeros(n_sensors)])
+    turned = np.zeros((n_sensors, 3, 3))
+    turned[:, 0, 0] = 1.0  # a sensor's X along the row
+    turned[:, 1, 2] = side  # its Z, the normal, away from the object
+    turned[:, 2, 1] = -side  # its Y completes a right-handed frame
+    return Pads(at_m, turned)
+
+
+def orientations(along: FloatArray) -> FloatArray:
+    """[n, 4] quaternions x, y, z, w that turn the x axis to unit vectors [n, 3].
+
+    The half-way quaternion (1 + x . v, x cross v), normalised; opposite to x it turns about z.
+
+    >>> orientations(np.array([[0.0, 0.0, 1.0]])).round(4).tolist()
+    [[0.0, -0.7071, 0.0, 0.7071]]
+    """
+    zero = np.zeros(len(along))
+    halfway = np.column_stack([zero, -along[:, 2], along[:, 1], 1.0 + along[:, 0]])
+    halfway[np.linalg.norm(halfway, axis=1) < 1e-9] = (0.0, 0.0, 1.0, 0.0)
+    unit: FloatArray = halfway / np.linalg.norm(halfway, axis=1, keepdims=True)
+    return unit
+
+
+def arrows(
+    values: FloatArray, unit: Unit, where: Pads
+) -> tuple[FloatArray, FloatArray]:
+    """(length [S] in m, quaternion [S, 4]) of the arrows of a sample, values [C] all finite."""
+    vectors = np.einsum("sij,sj->si", where.turned, values.reshape(-1, 3))
+    size = np.linalg.norm(vectors, axis=1)
+    towards = np.divide(
+        vectors, size[:, None], where=size[:, None] > 0.0, out=_ahead(len(size))
+    )
+    return METRES_PER_UNIT[unit] * size, orientations(towards)
+
+
+def _ahead(count: int) -> FloatArray:
+    return np.tile([1.0, 0.0, 0.0], (count, 1))
+
 
 with needs_extra("mcap"):
     from foxglove_schemas_protobuf.ArrowPrimitive_pb2 import ArrowPrimitive
@@ -85,7 +156,9 @@ def write_trials(trials: Iterable[CarriedTrial], folder: Path) -> None:
             writer = Writer(file)
             writer.start(library="holdfast")
             _write(_Topics(writer), trial)
-            writer.add_metadata("holdfast", {key: json.dumps(x) for key, x in trial.about.items()})
+            writer.add_metadata(
+                "holdfast", {key: json.dumps(x) for key, x in trial.about.items()}
+            )
             writer.finish()
 
 
@@ -99,7 +172,9 @@ class _Topics:
     def proto(self, topic: str, t_ns: int, message: Any) -> None:
         if topic not in self._channels:
             schema = register_schema(self.writer, type(message))
-            self._channels[topic] = self.writer.register_channel(topic, "protobuf", schema)
+            self._channels[topic] = self.writer.register_channel(
+                topic, "protobuf", schema
+            )
         self._add(topic, t_ns, message.SerializeToString())
 
     def json(self, topic: str, t_ns: int, schema: str, message: Json) -> None:
@@ -110,7 +185,9 @@ class _Topics:
         self._add(topic, t_ns, json.dumps(message, allow_nan=False).encode())
 
     def _add(self, topic: str, t_ns: int, data: bytes) -> None:
-        self.writer.add_message(self._channels[topic], log_time=t_ns, data=data, publish_time=t_ns)
+        self.writer.add_message(
+            self._channels[topic], log_time=t_ns, data=data, publish_time=t_ns
+        )
 
 
 def _write(topics: _Topics, trial: CarriedTrial) -> None:
@@ -124,7 +201,9 @@ def _write(topics: _Topics, trial: CarriedTrial) -> None:
     topics.proto("/tf", stamps[0], frame)
     for one in happenings(trial):
         level = Log.WARNING if one.is_loss else Log.INFO
-        message = Log(timestamp=_stamp(one.t_ns), level=level, message=one.text, name="holdfast")
+        message = Log(
+            timestamp=_stamp(one.t_ns), level=level, message=one.text, name="holdfast"
+        )
         topics.proto("/log", one.t_ns, message)
     for first, stop, name in trial.phases():
         topics.json("/situation", stamps[first], "holdfast.Situation", {
@@ -140,7 +219,9 @@ def _write_samples(topics: _Topics, trial: CarriedTrial, stamps: list[int]) -> N
     where, names = pads(trial.n_sensors), trial.situations()
     for row, t_ns in enumerate(stamps):
         values, present = trial.values[row], trial.valid[row].tolist()
-        entity = _hand(t_ns, np.where(np.isfinite(values), values, 0.0), present, trial, where)
+        entity = _hand(
+            t_ns, np.where(np.isfinite(values), values, 0.0), present, trial, where
+        )
         entity.texts.append(_text(names[row]))
         topics.proto("/tactile/arrows", t_ns, SceneUpdate(entities=[entity]))
         topics.json("/tactile/fingers", t_ns, "holdfast.Fingers", {
@@ -178,7 +259,9 @@ def _hand(
 def _arrow(at: Any, length_m: float, turn: list[float]) -> Any:
     head_m = min(HEAD_M, length_m)
     return ArrowPrimitive(
-        pose=Pose(position=at, orientation=Quaternion(**dict(zip("xyzw", turn, strict=True)))),
+        pose=Pose(
+            position=at, orientation=Quaternion(**dict(zip("xyzw", turn, strict=True)))
+        ),
         shaft_length=length_m - head_m,
         shaft_diameter=SHAFT_M,
         head_length=head_m,
@@ -189,7 +272,9 @@ def _arrow(at: Any, length_m: float, turn: list[float]) -> Any:
 
 def _text(name: str) -> Any:
     pose = Pose(position=Vector3(z=0.08), orientation=Quaternion(w=1.0))
-    return TextPrimitive(pose=pose, billboard=True, font_size=TEXT_M, color=INK, text=name)
+    return TextPrimitive(
+        pose=pose, billboard=True, font_size=TEXT_M, color=INK, text=name
+    )
 
 
 def _stamp(t_ns: int) -> Any:

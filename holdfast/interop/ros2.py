@@ -20,9 +20,8 @@ from typing import Any
 
 import numpy as np
 
-from holdfast.edge_runtime.extras import needs_extra
-from holdfast.interop.carried import CarriedTrial
-from holdfast.interop.happenings import happenings
+from holdfast.core.errors import needs_extra
+from holdfast.interop.payload import CarriedTrial, happenings
 
 with needs_extra("ros2"):
     from rosbags.rosbag2 import StoragePlugin, Writer
@@ -73,7 +72,9 @@ class _Bag:
 
     def header(self, t_ns: int, frame: str) -> Any:
         """A std_msgs/Header."""
-        stamp = self.make("builtin_interfaces/msg/Time", sec=t_ns // NS, nanosec=t_ns % NS)
+        stamp = self.make(
+            "builtin_interfaces/msg/Time", sec=t_ns // NS, nanosec=t_ns % NS
+        )
         return self.make("std_msgs/msg/Header", stamp=stamp, frame_id=frame)
 
     def vector(self, x: float, y: float, z: float) -> Any:
@@ -90,16 +91,24 @@ def _write(bag: _Bag, trial: CarriedTrial) -> None:
         bag.text("/holdfast/log", one.t_ns, one.text)
     changed = np.flatnonzero((np.diff(there, axis=0, prepend=~there[:1])).any(axis=1))
     for row in changed.tolist():
-        bag.send("/diagnostics", stamps[row], _diagnostics(bag, stamps[row], there[row].tolist()))
+        bag.send(
+            "/diagnostics",
+            stamps[row],
+            _diagnostics(bag, stamps[row], there[row].tolist()),
+        )
     for row, sensor in np.argwhere(there).tolist():
         vector = bag.vector(*trial.values[row, 3 * sensor : 3 * sensor + 3].tolist())
         topic = f"finger_{sensor + 1}"
         bag.send(
-            f"/holdfast/{topic}", stamps[row], _measured(bag, trial, stamps[row], topic, vector)
+            f"/holdfast/{topic}",
+            stamps[row],
+            _measured(bag, trial, stamps[row], topic, vector),
         )
 
 
-def _measured(bag: _Bag, trial: CarriedTrial, t_ns: int, frame: str, vector: Any) -> Any:
+def _measured(
+    bag: _Bag, trial: CarriedTrial, t_ns: int, frame: str, vector: Any
+) -> Any:
     """A finger's reading as the message of its unit; a torque is not measured, so it is zero."""
     header, kind = bag.header(t_ns, frame), MESSAGE[trial.unit]
     if trial.unit == "N":

@@ -15,11 +15,11 @@ from typing import Any
 
 import numpy as np
 
-from holdfast.edge_runtime.contract import channel_names
-from holdfast.edge_runtime.extras import needs_extra
-from holdfast.edge_runtime.reading import Json
-from holdfast.edge_runtime.trial_file import TIME_COLUMN
-from holdfast.interop.carried import NO_LABEL, CarriedTrial
+from holdfast.core.contract import channel_names
+from holdfast.core.errors import needs_extra
+from holdfast.core.reading import Json
+from holdfast.core.trial_file import TIME_COLUMN
+from holdfast.interop.payload import NO_LABEL, CarriedTrial
 
 with needs_extra("parquet"):
     import pyarrow as pa
@@ -45,11 +45,17 @@ def table_of(trial: CarriedTrial) -> Any:
         columns[f"valid{sensor + 1}"] = (pa.array(trial.valid[:, sensor]), {})
     names = np.array(trial.situations(), dtype=object)
     labels = pa.array(names, pa.string(), mask=trial.label == NO_LABEL)
-    columns["label"] = (labels.dictionary_encode(), {"by": str(trial.about["labels_by"])})
+    columns["label"] = (
+        labels.dictionary_encode(),
+        {"by": str(trial.about["labels_by"])},
+    )
     for key in ("trial", "person", "object", "action"):
         text = pa.repeat(pa.scalar(trial.about[key], pa.string()), len(trial.t_s))
         columns[key] = (text.dictionary_encode(), {})
-    fields = [pa.field(name, array.type, metadata=note) for name, (array, note) in columns.items()]
+    fields = [
+        pa.field(name, array.type, metadata=note)
+        for name, (array, note) in columns.items()
+    ]
     schema = pa.schema(fields, metadata={KEY: json.dumps(trial.about)})
     return pa.table([array for array, _ in columns.values()], schema=schema)
 
@@ -61,7 +67,9 @@ def write_rows(path: Path, rows: list[Json]) -> None:
 
 def write_columns(path: Path, columns: Mapping[str, Any]) -> None:
     """A table of columns; an array [T, k] becomes a column of lists of k."""
-    write_table(path, pa.table({name: _column(values) for name, values in columns.items()}))
+    write_table(
+        path, pa.table({name: _column(values) for name, values in columns.items()})
+    )
 
 
 def write_frame(path: Path, frame: Any) -> None:
@@ -73,7 +81,9 @@ def _column(values: Any) -> Any:
     array = np.asarray(values)
     if array.ndim < 2:
         return pa.array(array)
-    return pa.FixedSizeListArray.from_arrays(pa.array(array.reshape(-1)), array.shape[1])
+    return pa.FixedSizeListArray.from_arrays(
+        pa.array(array.reshape(-1)), array.shape[1]
+    )
 
 
 def write_table(path: Path, table: Any) -> None:

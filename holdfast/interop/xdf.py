@@ -14,12 +14,10 @@ from typing import Any
 
 import numpy as np
 
+from holdfast.core.contract import UNITS, FloatArray, Unit
+from holdfast.core.errors import DataNotFound, NotANumber, listed, needs_extra
+from holdfast.core.reading import require_file
 from holdfast.drivers.lsl_streams import StreamFacts, order_of, unit_of
-from holdfast.edge_runtime.contract import UNITS, FloatArray, Unit
-from holdfast.edge_runtime.errors import DataNotFound, NotANumber
-from holdfast.edge_runtime.extras import needs_extra
-from holdfast.edge_runtime.reading import require_file
-from holdfast.edge_runtime.visible import listed
 
 with needs_extra("xdf"):
     import pyxdf
@@ -102,7 +100,8 @@ def _stream(info: Any, stream: Any) -> _Stream:
     if len(found) != count:
         found = [{}] * count
     labels, units = (
-        tuple(str((one.get(key) or [""])[0] or "") for one in found) for key in ("label", "unit")
+        tuple(str((one.get(key) or [""])[0] or "") for one in found)
+        for key in ("label", "unit")
     )
     is_text = info["channel_format"][0] == "string"
     rate_hz = float(info["nominal_srate"][0])
@@ -120,7 +119,13 @@ def _chosen(streams: list[_Stream], name: str | None, path: Path) -> _Stream:
     ]
     if len(fit) == 1 and len(fit[0].t_s):
         return fit[0]
-    what = "no stream" if not fit else "no sample in the stream" if len(fit) == 1 else "streams"
+    what = (
+        "no stream"
+        if not fit
+        else "no sample in the stream"
+        if len(fit) == 1
+        else "streams"
+    )
     raise DataNotFound(
         f"{what} to read: {listed([one.facts.name for one in streams]) or 'none'} in the file",
         where=path,

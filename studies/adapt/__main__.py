@@ -1,4 +1,4 @@
-"""`python -m holdfast.studies.adapt --out build/adapt-study`: writes adapt.json.
+"""`python -m studies.adapt --out build/adapt-study`: writes adapt.json.
 
 Each unseen style is answered by the shipped file as it is, with its threshold chosen for a person,
 and with the whole adaptation. A person is a draw of the card `adapt` in that style; nothing of the
@@ -16,17 +16,22 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 
-from holdfast.edge_runtime.command import Parser, finish, path_argument
+from holdfast.cli.command import Parser, finish, path_argument
+from holdfast.core.reading import Json
+from holdfast.core.writing import require_writable, write_whole
 from holdfast.edge_runtime.model import Model
 from holdfast.edge_runtime.onnx_rules import votes_in_all
-from holdfast.edge_runtime.reading import Json
-from holdfast.edge_runtime.writing import require_writable, write_whole
-from holdfast.evaluation.adapting.choice import choose, correction_at
-from holdfast.evaluation.adapting.evidence import Stream, corrected, label_weights, streams_of
-from holdfast.evaluation.adapting.slips import SEED, TRIALS, simulated_slips
 from holdfast.evaluation.provenance import host
-from holdfast.studies.adapt.figures import BEFORE, THRESHOLD, WHOLE, Way, way_figures
-from holdfast.studies.adapt.sets import (
+from holdfast.sessions.adapting.adapt import SEED, TRIALS, simulated_slips
+from holdfast.sessions.adapting.choice import choose, correction_at
+from holdfast.sessions.adapting.evidence import (
+    Stream,
+    corrected,
+    label_weights,
+    streams_of,
+)
+from studies.adapt.figures import BEFORE, THRESHOLD, WHOLE, Way, way_figures
+from studies.adapt.sets import (
     PERSON_SEED,
     PERSONS,
     STYLES,
@@ -38,10 +43,14 @@ from holdfast.studies.adapt.sets import (
 MODEL = Path("models/holdfast-150hz.onnx")
 
 
-def study_style(model: Model, style: str, others: Sequence[Stream], folder: Path) -> Json:
+def study_style(
+    model: Model, style: str, others: Sequence[Stream], folder: Path
+) -> Json:
     """Figures of every way on a style's test set."""
     test = streams_of(model, test_set(style, folder))
-    ways: dict[str, list[Way]] = {BEFORE: [([one.answers for one in test], model.card.decision)]}
+    ways: dict[str, list[Way]] = {
+        BEFORE: [([one.answers for one in test], model.card.decision)]
+    }
     points: dict[str, list[Json]] = {THRESHOLD: [], WHOLE: []}
     for number in range(PERSONS):
         sys.stderr.write(f"{style}, person {number + 1} of {PERSONS}\n")
@@ -68,14 +77,18 @@ def _adapted(
     in_all = votes_in_all(model.card.raw["heads"]["situation"])
     point = choose(own, others, base, weights, in_all if whole else None)
     correction = correction_at(point, own, others, in_all)
-    return ([corrected(one, correction, weights) for one in test], point.rules), asdict(point)
+    return ([corrected(one, correction, weights) for one in test], point.rules), asdict(
+        point
+    )
 
 
 def study_styles(model: Model) -> Json:
     """Figures of every style, and what they were simulated from."""
     others = streams_of(model, simulated_slips(model.card))
     with tempfile.TemporaryDirectory() as folder:
-        styles = {style: study_style(model, style, others, Path(folder)) for style in STYLES}
+        styles = {
+            style: study_style(model, style, others, Path(folder)) for style in STYLES
+        }
     return {
         "kind": "simulated",
         "styles": styles,
@@ -90,12 +103,14 @@ def main(argv: Sequence[str]) -> int:
     parser = Parser(prog="adapt.py", description="what adapting to a person brings")
     out = Path("build/adapt-study")
     parser.add_argument("--out", type=path_argument, default=out, metavar="DIR")
-    parser.add_argument("--people", action="store_true", help="people of human_slip_uskin instead")
+    parser.add_argument(
+        "--people", action="store_true", help="people of human_slip_uskin instead"
+    )
     args: argparse.Namespace = parser.parse_args(argv)
     require_writable(args.out)
     started = time.process_time()
     if args.people:
-        from holdfast.studies.adapt.people import study_people
+        from studies.adapt.people import study_people
 
         name, figures = "people.json", study_people()
     else:

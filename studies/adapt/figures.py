@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from holdfast.edge_runtime.contract import BoolArray
+from holdfast.core.contract import BoolArray
 from holdfast.edge_runtime.decision import DecisionRules
 from holdfast.evaluation.alarms import Answers, act_requests
 from holdfast.evaluation.event_scores import event_scores, match_alarms
@@ -50,7 +50,10 @@ def way_figures(persons: Sequence[Way], seed: int = 0) -> WayFigures:
     answers = [one for of_one, _ in persons for one in of_one]
     requests = [on for way in persons for on in _requests(way)]
     scores = event_scores(
-        [match_alarms(one.recording, on) for one, on in zip(answers, requests, strict=True)],
+        [
+            match_alarms(one.recording, on)
+            for one, on in zip(answers, requests, strict=True)
+        ],
         seed=seed,
     )
     called, interval, actions = _called(answers, requests, seed)
@@ -71,12 +74,17 @@ def way_figures(persons: Sequence[Way], seed: int = 0) -> WayFigures:
 
 def _requests(way: Way) -> list[BoolArray]:
     answers, rules = way
-    return [one[:, 0] for one in act_requests(answers, rules, [rules.min_risky_permille])]
+    return [
+        one[:, 0] for one in act_requests(answers, rules, [rules.min_risky_permille])
+    ]
 
 
 def _of_person(way: Way) -> tuple[float | None, float | None]:
     requests = _requests(way)
-    matches = [match_alarms(one.recording, on) for one, on in zip(way[0], requests, strict=True)]
+    matches = [
+        match_alarms(one.recording, on)
+        for one, on in zip(way[0], requests, strict=True)
+    ]
     return _called(way[0], requests, 0)[0], event_scores(matches, n_draws=2).recall
 
 
@@ -91,4 +99,8 @@ def _called(
             sums[group] += [on[action.first : action.stop].any(), 1]
     called, actions = sums.sum(axis=0)
     drawn = draw_groups(len(sums), DRAWS, seed) @ sums if len(sums) > 1 else None
-    return (called / actions if actions else None), ratio_interval(drawn, 0, 1), int(actions)
+    return (
+        (called / actions if actions else None),
+        ratio_interval(drawn, 0, 1),
+        int(actions),
+    )

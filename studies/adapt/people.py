@@ -12,25 +12,30 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from holdfast.edge_runtime.contract import SITUATIONS
+from holdfast.core.contract import SITUATIONS
+from holdfast.core.reading import Json
 from holdfast.edge_runtime.decision import UNKNOWN
 from holdfast.edge_runtime.graph import Outputs
-from holdfast.edge_runtime.reading import Json
-from holdfast.evaluation.adapting.choice import choose, correction_at
-from holdfast.evaluation.adapting.evidence import Stream, corrected, stream_of
 from holdfast.evaluation.alarms import Answers
 from holdfast.export.learner import Learner, reference_votes, votes_in_all
 from holdfast.export.reference import riskier_argmax
 from holdfast.export.spec import StepSpec
-from holdfast.studies.adapt.figures import BEFORE, THRESHOLD, WHOLE, Way, way_figures
+from holdfast.sessions.adapting.choice import choose, correction_at
+from holdfast.sessions.adapting.evidence import Stream, corrected, stream_of
 from holdfast.training.crossval import fit_learner
 from holdfast.training.datasets import find
 from holdfast.training.datasets.human_slip_uskin import load
-from holdfast.training.featurise import FloatRows, features_everywhere, features_of, spec_for
+from holdfast.training.featurise import (
+    FloatRows,
+    features_everywhere,
+    features_of,
+    spec_for,
+)
 from holdfast.training.metrics import situation_scores
 from holdfast.training.plan import HIGH_CONFIDENCE, TrainingPlan
 from holdfast.training.recording import DataSet, Recording
 from holdfast.training.splits import assign_groups, folds_of
+from studies.adapt.figures import BEFORE, THRESHOLD, WHOLE, Way, way_figures
 
 RULES = HIGH_CONFIDENCE["forest"]
 ON, FOLDS, SEED = "familiarization", 3, 0
@@ -84,7 +89,9 @@ def _people(data: DataSet, learner: Learner, spec: StepSpec) -> list[Person]:
     return [_person(streams, name) for name in data.groups()]
 
 
-def _stream(recording: Recording, rows: FloatRows, learner: Learner, spec: StepSpec) -> Stream:
+def _stream(
+    recording: Recording, rows: FloatRows, learner: Learner, spec: StepSpec
+) -> Stream:
     votes = reference_votes(learner, rows, len(SITUATIONS))
     unknown = np.arange(len(rows)) < spec.settle_samples - 1
     found: Outputs = {
@@ -116,7 +123,10 @@ def _ways(person: Person, in_all: int) -> dict[str, Way]:
     for name, wanted in ((THRESHOLD, None), (WHOLE, in_all)):
         point = choose(person.own, person.others, RULES, None, wanted)
         correction = correction_at(point, person.own, person.others, in_all)
-        ways[name] = ([corrected(one, correction, None) for one in person.rest], point.rules)
+        ways[name] = (
+            [corrected(one, correction, None) for one in person.rest],
+            point.rules,
+        )
     return ways
 
 
@@ -130,5 +140,7 @@ def _macro_f1(data: DataSet, ways: Sequence[Way]) -> Json:
             label.append(true)
             found.append(one.situation[row])
             groups.append(one.recording.group)
-    scores = situation_scores(np.array(label), np.array(found), np.array(groups), seed=SEED)
+    scores = situation_scores(
+        np.array(label), np.array(found), np.array(groups), seed=SEED
+    )
     return {"value": scores.macro_f1, "ci": scores.macro_f1_ci, "windows": len(label)}

@@ -1,4 +1,4 @@
-"""`python -m holdfast.studies.fast_handover FOLDER --out DIR`: writes figures.json."""
+"""`python -m studies.fast_handover FOLDER --out DIR`: writes figures.json."""
 
 from __future__ import annotations
 
@@ -6,12 +6,12 @@ import argparse
 import json
 import sys
 
-from holdfast.edge_runtime.command import run_script
-from holdfast.edge_runtime.writing import require_writable, write_whole
-from holdfast.studies.fast_handover.ideas import IDEAS
-from holdfast.studies.fast_handover.study import study
-from holdfast.studies.folder_arguments import add_folder_arguments
+from holdfast.cli.command import run_script
+from holdfast.core.writing import require_writable, write_whole
 from holdfast.training.progress import stages
+from studies.fast_handover.ideas import IDEAS
+from studies.fast_handover.study import study
+from studies.folder_arguments import add_folder_arguments
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -36,5 +36,5 @@ def run(args: argparse.Namespace) -> int:
 
 if __name__ == "__main__":
     sys.exit(
-        run_script("python -m holdfast.studies.fast_handover", str(__doc__), add_arguments, run)
+        run_script("python -m studies.fast_handover", str(__doc__), add_arguments, run)
     )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass
 
-from holdfast.edge_runtime.reading import Json
+from holdfast.core.reading import Json
 from holdfast.evaluation.event_scores import EventScores
 from holdfast.evaluation.methods import HoldFigures, MethodFigures
 from holdfast.evaluation.statistics import Spread
@@ -28,7 +28,9 @@ class SetAlarms:
     @staticmethod
     def of(figures: MethodFigures) -> SetAlarms:
         """The figures that a row keeps."""
-        return SetAlarms(**{name: getattr(figures, name) for name in SetAlarms.__annotations__})
+        return SetAlarms(
+            **{name: getattr(figures, name) for name in SetAlarms.__annotations__}
+        )
 
 
 @dataclass(frozen=True)
@@ -43,7 +45,9 @@ class UnseenStyles:
     @staticmethod
     def of(scores: EventScores) -> UnseenStyles:
         """The figures that a row keeps."""
-        return UnseenStyles(scores.events, scores.recall, scores.recall_ci, scores.false_per_min)
+        return UnseenStyles(
+            scores.events, scores.recall, scores.recall_ci, scores.false_per_min
+        )
 
 
 @dataclass(frozen=True)
@@ -114,4 +118,8 @@ class HandoverStudy:
     def to_json(self) -> Json:
         """figures.json."""
         rows = [row.to_json() for row in self.rows]
-        return {"kind": "simulated", "rows": rows, "bounds": [asdict(one) for one in self.bounds]}
+        return {
+            "kind": "simulated",
+            "rows": rows,
+            "bounds": [asdict(one) for one in self.bounds],
+        }

@@ -6,9 +6,9 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Literal
 
-from holdfast.studies.fast_handover.learners import Boosting, Forest, Learner, TwoStages
 from holdfast.training.plan import SIZES, UNTUNED
 from holdfast.training.windows import Choice
+from studies.fast_handover.learners import Boosting, Forest, Learner, TwoStages
 
 PLAN = SIZES["default"].situation
 ALONE, VARIED = ("thesis",), ("thesis", "broad")
@@ -43,8 +43,12 @@ IDEAS = (
     Idea("default", objects_left_out=True),
     Idea("without domain randomisation (no `broad`)", trained_on=ALONE),
     Idea("balanced windows at critical points", windows="thesis"),
-    Idea("hard negatives in natural proportion", trained_on=HARD, objects_left_out=True),
-    Idea("raw window, no invariant feature", features="raw window", objects_left_out=True),
+    Idea(
+        "hard negatives in natural proportion", trained_on=HARD, objects_left_out=True
+    ),
+    Idea(
+        "raw window, no invariant feature", features="raw window", objects_left_out=True
+    ),
     Idea(
         "the thesis: raw window, untuned, balanced, `thesis` alone",
         ALONE,
@@ -53,10 +57,19 @@ IDEAS = (
         learner=lambda: Forest(UNTUNED),
     ),
     Idea("grip force before the event, 2 s", features="with context"),
-    Idea("weight as its own head, four situations", learner=lambda: Forest(PLAN, classes=4)),
+    Idea(
+        "weight as its own head, four situations",
+        learner=lambda: Forest(PLAN, classes=4),
+    ),
     Idea("two stages: contact, situation", learner=lambda: TwoStages(PLAN)),
-    Idea("a missed slip costs three times", learner=lambda: Forest(PLAN, risky_weight=3.0)),
-    Idea("a false alarm costs three times", learner=lambda: Forest(PLAN, risky_weight=1.0 / 3.0)),
+    Idea(
+        "a missed slip costs three times",
+        learner=lambda: Forest(PLAN, risky_weight=3.0),
+    ),
+    Idea(
+        "a false alarm costs three times",
+        learner=lambda: Forest(PLAN, risky_weight=1.0 / 3.0),
+    ),
     Idea("gradient boosting", learner=Boosting),
     Idea(
         "100 trees, full depth, hard negatives",

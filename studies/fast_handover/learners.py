@@ -12,7 +12,7 @@ from sklearn.ensemble import HistGradientBoostingClassifier
 from sklearn.utils.class_weight import compute_sample_weight
 from threadpoolctl import threadpool_limits
 
-from holdfast.edge_runtime.contract import GRASP, NOTHING, RISKY_SLIP, SITUATIONS
+from holdfast.core.contract import GRASP, NOTHING, RISKY_SLIP, SITUATIONS
 from holdfast.export.learner import reference_votes
 from holdfast.export.reference import IntArray, riskier_argmax, situation_votes
 from holdfast.training.featurise import FloatRows
@@ -77,7 +77,9 @@ class TwoStages:
         """See Learner."""
         held = label // 2 != NOTHING
         self.contact = self.plan.build(seed).fit(features, held.astype(np.int64))
-        self.situation = self.plan.build(seed).fit(features[held], label[held] // 2 - GRASP)
+        self.situation = self.plan.build(seed).fit(
+            features[held], label[held] // 2 - GRASP
+        )
 
     def answer(self, features: FloatRows) -> Answer:
         """See Learner."""

@@ -8,19 +8,24 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from holdfast.edge_runtime.contract import NORMAL_AXIS, NOTHING
+from holdfast.core.contract import NORMAL_AXIS, NOTHING
 from holdfast.edge_runtime.decision import UNKNOWN
 from holdfast.evaluation.methods import LabelledTrial, without_samples
 from holdfast.evaluation.states import labels_everywhere
 from holdfast.evaluation.truths import grasps_beside
 from holdfast.export.reference import IntArray
-from holdfast.studies.fast_handover.ideas import Features
 from holdfast.training.datasets import load
-from holdfast.training.featurise import FloatRows, features_everywhere, spec_for
+from holdfast.training.featurise import (
+    FloatRows,
+    digest_of,
+    features_everywhere,
+    kept_rows,
+    spec_for,
+)
 from holdfast.training.plan import CLOCK_FREE_GROUPS, RAW_GROUPS
 from holdfast.training.recording import DataSet, Recording
-from holdfast.training.row_files import digest_of, kept_rows
 from holdfast.training.windows import Choice
+from studies.fast_handover.ideas import Features
 
 CHOOSE, STYLES = "choose", ("author", "p1", "p2")
 EVALUATED = (*STYLES, "asked-holds")
@@ -73,13 +78,17 @@ def streams(folder: Path, windows: Choice, features: Features) -> Streams:
     recordings = [without_samples(one) for one in data.recordings]
     trials = [
         LabelledTrial(one, grasps)
-        for one, grasps in zip(recordings, grasps_beside(folder, recordings), strict=True)
+        for one, grasps in zip(
+            recordings, grasps_beside(folder, recordings), strict=True
+        )
     ]
     lengths = [len(one.samples) for one in data.recordings]
     truth = np.concatenate(
         [_situations(one, n) for one, n in zip(recordings, lengths, strict=True)]
     )
-    return Streams(trials, everywhere(folder, data, features), lengths, truth, _rows(data))
+    return Streams(
+        trials, everywhere(folder, data, features), lengths, truth, _rows(data)
+    )
 
 
 def everywhere(folder: Path, data: DataSet, features: Features) -> FloatRows:
@@ -99,7 +108,9 @@ def context(recording: Recording) -> FloatRows:
     normal = recording.samples[:, NORMAL_AXIS::3].sum(axis=1)
     summed = np.concatenate([[0.0], np.cumsum(normal)])
     now = np.arange(1, len(normal) + 1)
-    first = [np.maximum(now - round(seconds * recording.rate_hz), 0) for seconds in CONTEXT_S]
+    first = [
+        np.maximum(now - round(seconds * recording.rate_hz), 0) for seconds in CONTEXT_S
+    ]
     return np.column_stack(
         [(summed[now] - summed[since]) / (now - since) for since in first]
     ).astype(np.float32)
@@ -108,7 +119,10 @@ def context(recording: Recording) -> FloatRows:
 def joined(parts: list[Labelled]) -> Labelled:
     """Several sets to train on as one."""
     return Labelled(
-        *(np.concatenate([getattr(one, name) for one in parts]) for name in vars(parts[0]))
+        *(
+            np.concatenate([getattr(one, name) for one in parts])
+            for name in vars(parts[0])
+        )
     )
 
 
@@ -131,7 +145,9 @@ def _situations(recording: Recording, n: int) -> IntArray:
 
 def _rows(data: DataSet) -> IntArray:
     """[M] where each window's last row stands among all samples of the set."""
-    starts = np.concatenate([[0], np.cumsum([len(one.samples) for one in data.recordings])[:-1]])
+    starts = np.concatenate(
+        [[0], np.cumsum([len(one.samples) for one in data.recordings])[:-1]]
+    )
     task = data.tasks["classes"]
     rows: IntArray = starts[task.trial] + task.row
     return rows

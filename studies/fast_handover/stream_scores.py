@@ -6,10 +6,14 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from holdfast.edge_runtime.contract import SITUATIONS, BoolArray
+from holdfast.core.contract import SITUATIONS, BoolArray
 from holdfast.edge_runtime.decision import UNKNOWN
 from holdfast.evaluation.alarms import Answers, act_requests
-from holdfast.evaluation.event_scores import choose_confidence, event_scores, match_alarms
+from holdfast.evaluation.event_scores import (
+    choose_confidence,
+    event_scores,
+    match_alarms,
+)
 from holdfast.evaluation.methods import (
     LabelledTrial,
     MethodResult,
@@ -20,11 +24,11 @@ from holdfast.evaluation.methods import (
 from holdfast.evaluation.statistics import Spread
 from holdfast.evaluation.truths import Grasp
 from holdfast.export.spec import HISTORY_S
-from holdfast.studies.fast_handover.figures import AlarmFigures, SetAlarms, UnseenStyles
-from holdfast.studies.fast_handover.ideas import Idea
-from holdfast.studies.fast_handover.learners import Answer
-from holdfast.studies.fast_handover.sets import CHOOSE, EVALUATED, Streams
 from holdfast.training.plan import HIGH_CONFIDENCE
+from studies.fast_handover.figures import AlarmFigures, SetAlarms, UnseenStyles
+from studies.fast_handover.ideas import Idea
+from studies.fast_handover.learners import Answer
+from studies.fast_handover.sets import CHOOSE, EVALUATED, Streams
 
 MOST_FALSE_PER_MIN = 0.5
 ONE_SAMPLE = HIGH_CONFIDENCE["forest"]
@@ -35,12 +39,16 @@ BOX_GAP_M = 0.01
 Sets = Mapping[str, Streams]
 
 
-def alarm_figures(idea: Idea, sets: Sets, learned: Mapping[str, Answer], seed: int) -> AlarmFigures:
+def alarm_figures(
+    idea: Idea, sets: Sets, learned: Mapping[str, Answer], seed: int
+) -> AlarmFigures:
     """Thresholds and figures of every evaluated set, at the threshold that CHOOSE gives."""
     veto = idea.decision == "veto"
     answers = {name: answers_of(one, learned[name], veto) for name, one in sets.items()}
     permille = _thresholds(idea, sets, answers)
-    lines = {name: called(sets[name], answers[name], permille[name]) for name in EVALUATED}
+    lines = {
+        name: called(sets[name], answers[name], permille[name]) for name in EVALUATED
+    }
     figures = {
         name: SetAlarms.of(method_figures(lines[name], sets[name].trials, None, seed))
         for name in EVALUATED
@@ -56,7 +64,9 @@ def called(streams: Streams, answers: Sequence[Answers], permille: int) -> Metho
     return method_result(streams.trials, requests)
 
 
-def _thresholds(idea: Idea, sets: Sets, answers: Mapping[str, Sequence[Answers]]) -> dict[str, int]:
+def _thresholds(
+    idea: Idea, sets: Sets, answers: Mapping[str, Sequence[Answers]]
+) -> dict[str, int]:
     """The threshold of each evaluated set, and of CHOOSE, in thousandths of the votes."""
     permille = choose_confidence(answers[CHOOSE], ONE_SAMPLE, MOST_FALSE_PER_MIN)
     personal = idea.decision == "personal"
@@ -66,14 +76,18 @@ def _thresholds(idea: Idea, sets: Sets, answers: Mapping[str, Sequence[Answers]]
     } | {CHOOSE: permille}
 
 
-def _state_delay_ms(answers: Sequence[Answers], permille: int, seed: int) -> Spread | None:
+def _state_delay_ms(
+    answers: Sequence[Answers], permille: int, seed: int
+) -> Spread | None:
     """Delay until the state is first risky, without the decision's own rules."""
     matches = [match_alarms(one.recording, _state(one, permille)) for one in answers]
     return event_scores(matches, seed=seed).delay_ms
 
 
 def _state(one: Answers, permille: int) -> BoolArray:
-    on: BoolArray = (one.situation == len(SITUATIONS) - 1) & (one.risky_permille >= permille)
+    on: BoolArray = (one.situation == len(SITUATIONS) - 1) & (
+        one.risky_permille >= permille
+    )
     return on
 
 
@@ -82,7 +96,10 @@ def answers_of(streams: Streams, learned: Answer, veto: bool = False) -> list[An
     ends = np.cumsum(streams.lengths)[:-1]
     answers = []
     for one, situation, risky in zip(
-        streams.trials, np.split(learned[0], ends), np.split(learned[1], ends), strict=True
+        streams.trials,
+        np.split(learned[0], ends),
+        np.split(learned[1], ends),
+        strict=True,
     ):
         rate_hz = one.recording.rate_hz
         situation[: int(np.floor(HISTORY_S * rate_hz + 1e-9))] = UNKNOWN
@@ -94,7 +111,9 @@ def answers_of(streams: Streams, learned: Answer, veto: bool = False) -> list[An
 
 def _opening(trial: LabelledTrial, n: int) -> BoolArray:
     """[T] after the hand's own opening command, which a scene draws and no sensor shows."""
-    opens_s = [opens for grasp in trial.grasps if (opens := opens_at_s(grasp)) is not None]
+    opens_s = [
+        opens for grasp in trial.grasps if (opens := opens_at_s(grasp)) is not None
+    ]
     times = np.arange(n) / trial.recording.rate_hz
     return times >= opens_s[0] if len(opens_s) == 1 else np.zeros(n, dtype=np.bool_)
 
@@ -105,7 +124,9 @@ def opens_at_s(grasp: Grasp) -> float | None:
     if grasp.action not in ("pass", "put-down") or "open_after_s" not in drawn:
         return None
     acts_s = drawn["close_at_s"] + drawn["closing_s"] + drawn["hold_s"]
-    waits_s = drawn["wait_s"] if grasp.action == "pass" else BOX_GAP_M / drawn["box_m_s"]
+    waits_s = (
+        drawn["wait_s"] if grasp.action == "pass" else BOX_GAP_M / drawn["box_m_s"]
+    )
     return float(acts_s + waits_s + drawn["open_after_s"])
 
 

@@ -17,11 +17,14 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from holdfast.edge_runtime.timing import time_in_turns
-from holdfast.studies.fast_handover.figures import HandoverStudy, IdeaFigures, WindowF1
-from holdfast.studies.fast_handover.ideas import IDEAS, Features, Idea
-from holdfast.studies.fast_handover.learners import Learner
-from holdfast.studies.fast_handover.sets import (
+from benchmarks.timing import time_in_turns
+from holdfast.training.featurise import FloatRows
+from holdfast.training.progress import Say
+from holdfast.training.windows import Choice
+from studies.fast_handover.figures import HandoverStudy, IdeaFigures, WindowF1
+from studies.fast_handover.ideas import IDEAS, Features, Idea
+from studies.fast_handover.learners import Learner
+from studies.fast_handover.sets import (
     CHOOSE,
     EVALUATED,
     STYLES,
@@ -31,12 +34,9 @@ from holdfast.studies.fast_handover.sets import (
     labelled,
     streams,
 )
-from holdfast.studies.fast_handover.stream_scores import alarm_figures
-from holdfast.studies.fast_handover.timing import session_of
-from holdfast.studies.fast_handover.window_scores import bounds, macro_f1, objects_left_out
-from holdfast.training.featurise import FloatRows
-from holdfast.training.say import Say
-from holdfast.training.windows import Choice
+from studies.fast_handover.stream_scores import alarm_figures
+from studies.fast_handover.timing import session_of
+from studies.fast_handover.window_scores import bounds, macro_f1, objects_left_out
 
 PAST_S = 0.020
 """A second F1 leaves out windows nearer to a change of phase, where no sensor is sharp enough."""
@@ -61,11 +61,16 @@ class Sets:
     def part(self, idea: Idea) -> Labelled:
         """All that the idea is trained on."""
         return joined(
-            [self.training(name, idea.windows, idea.features) for name in idea.trained_on]
+            [
+                self.training(name, idea.windows, idea.features)
+                for name in idea.trained_on
+            ]
         )
 
 
-def study(folder: Path, seed: int, say: Say, ideas: Sequence[Idea] = IDEAS) -> HandoverStudy:
+def study(
+    folder: Path, seed: int, say: Say, ideas: Sequence[Idea] = IDEAS
+) -> HandoverStudy:
     """Rows of all ideas, and bounds.
 
     folder: holds the sets by their names, and keeps features. Raises what reading them raises.
@@ -78,14 +83,20 @@ def study(folder: Path, seed: int, say: Say, ideas: Sequence[Idea] = IDEAS) -> H
         rows.append(_figures(idea, sets, part, learner, seed))
         timed[idea.name] = _calls(learner, part.features[:200])
     times_us = time_in_turns(timed, TURNS, CALLS)
-    rows = [replace(row, learner_us=float(np.median(times_us[row.idea]))) for row in rows]
+    rows = [
+        replace(row, learner_us=float(np.median(times_us[row.idea]))) for row in rows
+    ]
     return HandoverStudy(rows, bounds(sets.evaluated("author", "default")))
 
 
-def _figures(idea: Idea, sets: Sets, part: Labelled, learner: Learner, seed: int) -> IdeaFigures:
+def _figures(
+    idea: Idea, sets: Sets, part: Labelled, learner: Learner, seed: int
+) -> IdeaFigures:
     """One row: alarms on streams, then windows, then objects left out where the idea says so."""
     here = {name: sets.evaluated(name, idea.features) for name in (CHOOSE, *EVALUATED)}
-    learned = {name: learner.answer(np.asarray(one.features)) for name, one in here.items()}
+    learned = {
+        name: learner.answer(np.asarray(one.features)) for name, one in here.items()
+    }
     alarms = alarm_figures(idea, here, learned, seed)
     windows = {name: _windows(here[name], learned[name][0]) for name in STYLES}
     worst = None
@@ -95,7 +106,9 @@ def _figures(idea: Idea, sets: Sets, part: Labelled, learner: Learner, seed: int
 
 
 def _windows(streams: Streams, situation: npt.NDArray[np.int64]) -> WindowF1:
-    return WindowF1(macro_f1(streams, situation), macro_f1(streams, situation, past_s=PAST_S))
+    return WindowF1(
+        macro_f1(streams, situation), macro_f1(streams, situation, past_s=PAST_S)
+    )
 
 
 def _calls(learner: Learner, rows: FloatRows) -> Callable[[], object]:

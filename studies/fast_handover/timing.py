@@ -20,7 +20,9 @@ def session_of(model: Any, rows: FloatRows) -> ort.InferenceSession:
     """A session with one input, rows [N, F]."""
     if isinstance(model, HistGradientBoostingClassifier):
         return open_session(boosted(model, rows.shape[1]))
-    return open_session(to_onnx(model, rows[:1], options={"zipmap": False}).SerializeToString())
+    return open_session(
+        to_onnx(model, rows[:1], options={"zipmap": False}).SerializeToString()
+    )
 
 
 def boosted(model: HistGradientBoostingClassifier, n_features: int) -> bytes:
@@ -35,11 +37,17 @@ def boosted(model: HistGradientBoostingClassifier, n_features: int) -> bytes:
         post_transform="NONE",
         **_nodes(model),
     )
-    wide = helper.make_tensor_value_info("features", TensorProto.FLOAT, [None, n_features])
-    scores = helper.make_tensor_value_info("scores", TensorProto.FLOAT, [None, len(model.classes_)])
+    wide = helper.make_tensor_value_info(
+        "features", TensorProto.FLOAT, [None, n_features]
+    )
+    scores = helper.make_tensor_value_info(
+        "scores", TensorProto.FLOAT, [None, len(model.classes_)]
+    )
     opsets = [helper.make_opsetid("", 18), helper.make_opsetid("ai.onnx.ml", 3)]
     made = helper.make_model(
-        helper.make_graph([node], "boosted", [wide], [scores]), opset_imports=opsets, ir_version=9
+        helper.make_graph([node], "boosted", [wide], [scores]),
+        opset_imports=opsets,
+        ir_version=9,
     )
     text: bytes = made.SerializeToString()
     return text
@@ -47,12 +55,24 @@ def boosted(model: HistGradientBoostingClassifier, n_features: int) -> bytes:
 
 def _nodes(model: HistGradientBoostingClassifier) -> dict[str, Any]:
     """Attributes of the trees, tree after tree, each class's in turn."""
-    names = ("treeids", "nodeids", "featureids", "values", "modes", "truenodeids", "falsenodeids")
+    names = (
+        "treeids",
+        "nodeids",
+        "featureids",
+        "values",
+        "modes",
+        "truenodeids",
+        "falsenodeids",
+    )
     nodes: dict[str, Any] = {f"nodes_{name}": [] for name in names}
     leaves: dict[str, Any] = {
         f"target_{name}": [] for name in ("treeids", "nodeids", "ids", "weights")
     }
-    trees = [(target, tree.nodes) for once in model._predictors for target, tree in enumerate(once)]
+    trees = [
+        (target, tree.nodes)
+        for once in model._predictors
+        for target, tree in enumerate(once)
+    ]
     for tree, (target, rows) in enumerate(trees):
         for number, one in enumerate(rows):
             leaf = bool(one["is_leaf"])

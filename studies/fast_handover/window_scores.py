@@ -7,15 +7,20 @@ import numpy.typing as npt
 from sklearn.metrics import f1_score
 
 from holdfast.evaluation.methods import LabelledTrial
-from holdfast.studies.fast_handover.figures import LateObserver
-from holdfast.studies.fast_handover.ideas import Idea
-from holdfast.studies.fast_handover.sets import Labelled, Streams, without
+from studies.fast_handover.figures import LateObserver
+from studies.fast_handover.ideas import Idea
+from studies.fast_handover.sets import Labelled, Streams, without
 
 
-def macro_f1(streams: Streams, situation: npt.NDArray[np.int64], past_s: float = 0.0) -> float:
+def macro_f1(
+    streams: Streams, situation: npt.NDArray[np.int64], past_s: float = 0.0
+) -> float:
     """Over the situations in the truth, at the windows at least past_s after a change of phase."""
     kept = np.concatenate(
-        [_since_change_s(one, n) for one, n in zip(streams.trials, streams.lengths, strict=True)]
+        [
+            _since_change_s(one, n)
+            for one, n in zip(streams.trials, streams.lengths, strict=True)
+        ]
     )
     there = kept[streams.row] >= past_s
     return _macro_f1(streams.label[there], situation[streams.row[there]])
@@ -46,7 +51,9 @@ def bounds(streams: Streams) -> list[LateObserver]:
     return rows
 
 
-def objects_left_out(idea: Idea, part: Labelled, streams: Streams, seed: int) -> dict[str, float]:
+def objects_left_out(
+    idea: Idea, part: Labelled, streams: Streams, seed: int
+) -> dict[str, float]:
     """Object -> macro F1 on its windows from a learner trained without it."""
     objects = np.repeat(
         [one.recording.object_name or "" for one in streams.trials], streams.lengths

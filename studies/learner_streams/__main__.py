@@ -1,4 +1,4 @@
-"""`python -m holdfast.studies.learner_streams FOLDER --out DIR`: learner-streams.json."""
+"""`python -m studies.learner_streams FOLDER --out DIR`: learner-streams.json."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ import sys
 from collections.abc import Sequence
 from dataclasses import asdict
 
-from holdfast.edge_runtime.command import run_script
-from holdfast.edge_runtime.writing import require_writable, write_whole
+from holdfast.cli.command import run_script
+from holdfast.core.writing import require_writable, write_whole
 from holdfast.evaluation.provenance import host
-from holdfast.studies.folder_arguments import add_folder_arguments
-from holdfast.studies.learner_streams.figures import LearnerRow
-from holdfast.studies.learner_streams.study import PLANS, study
 from holdfast.training.progress import stages
+from studies.folder_arguments import add_folder_arguments
+from studies.learner_streams.figures import LearnerRow
+from studies.learner_streams.study import PLANS, study
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -35,12 +35,16 @@ def run(args: argparse.Namespace) -> int:
     with stages(len(PLANS)) as say:
         rows = study(args.folder, args.seed, say, keep=keep)
     keep(rows)
-    lines = [f"{row.unseen.recall:.3f} {row.step_us:6.1f} us  {row.name}" for row in rows]
+    lines = [
+        f"{row.unseen.recall:.3f} {row.step_us:6.1f} us  {row.name}" for row in rows
+    ]
     sys.stdout.write("\n".join([*lines, str(path)]) + "\n")
     return 0
 
 
 if __name__ == "__main__":
     sys.exit(
-        run_script("python -m holdfast.studies.learner_streams", str(__doc__), add_arguments, run)
+        run_script(
+            "python -m studies.learner_streams", str(__doc__), add_arguments, run
+        )
     )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass
 
-from holdfast.edge_runtime.reading import Json
+from holdfast.core.reading import Json
 from holdfast.evaluation.methods import MethodFigures
 from holdfast.evaluation.statistics import Spread
 from holdfast.training.figures import Interval, Share

@@ -15,32 +15,39 @@ from pathlib import Path
 
 import numpy as np
 
-from holdfast.edge_runtime.contract import CLASSES, RISKY_SLIP
-from holdfast.edge_runtime.timing import time_in_turns
+from benchmarks.timed_calls import learner_call, step_call
+from benchmarks.timing import time_in_turns
+from holdfast.core.contract import CLASSES, RISKY_SLIP
 from holdfast.evaluation.alarms import Answers
 from holdfast.evaluation.event_scores import choose_confidence, event_scores
 from holdfast.evaluation.methods import MethodResult, method_figures, together
-from holdfast.evaluation.timed_calls import learner_call, step_call
 from holdfast.export.exporting import whole_graph
 from holdfast.export.heads import Head
 from holdfast.export.learner import Learner, reference_votes
 from holdfast.export.reference import riskier_argmax, situation_votes
 from holdfast.export.spec import StepSpec
 from holdfast.export.verify import cut_learners
-from holdfast.studies.fast_handover.ideas import VARIED
-from holdfast.studies.fast_handover.learners import Answer
-from holdfast.studies.fast_handover.sets import CHOOSE, Labelled, Streams, joined, labelled, streams
-from holdfast.studies.fast_handover.stream_scores import (
+from holdfast.training.crossval import learner_of, uncalibrated
+from holdfast.training.featurise import FloatRows
+from holdfast.training.plan import CLOCK_FREE_GROUPS, SIZES, TrainingPlan
+from holdfast.training.progress import Say, ignored
+from studies.fast_handover.ideas import VARIED
+from studies.fast_handover.learners import Answer
+from studies.fast_handover.sets import (
+    CHOOSE,
+    Labelled,
+    Streams,
+    joined,
+    labelled,
+    streams,
+)
+from studies.fast_handover.stream_scores import (
     MOST_FALSE_PER_MIN,
     ONE_SAMPLE,
     answers_of,
     called,
 )
-from holdfast.studies.learner_streams.figures import CurvePoint, LearnerRow, StreamFigures
-from holdfast.training.crossval import learner_of, uncalibrated
-from holdfast.training.featurise import FloatRows
-from holdfast.training.plan import CLOCK_FREE_GROUPS, SIZES, TrainingPlan
-from holdfast.training.say import Say, ignored
+from studies.learner_streams.figures import CurvePoint, LearnerRow, StreamFigures
 
 EVALUATED = ("author", "asked-daily", "p1", "p2", "asked-holds")
 UNSEEN = ("p1", "p2")
@@ -52,10 +59,14 @@ PLANS: dict[str, TrainingPlan] = {
     "forest, 8 trees": replace(SIZES["tiny"], learner="forest"),
     "forest, 20 trees": replace(DEFAULT, learner="forest"),
     "network": replace(DEFAULT, learner="network"),
-    "network, two hidden layers": replace(DEFAULT, learner="network", network=TWO_LAYERS),
+    "network, two hidden layers": replace(
+        DEFAULT, learner="network", network=TWO_LAYERS
+    ),
     "committee, 8 trees": replace(SIZES["tiny"], learner="committee"),
     "committee, 20 trees": replace(DEFAULT, learner="committee"),
-    "committee, two hidden layers": replace(DEFAULT, learner="committee", network=TWO_LAYERS),
+    "committee, two hidden layers": replace(
+        DEFAULT, learner="committee", network=TWO_LAYERS
+    ),
     "forest, 100 trees": replace(SIZES["best"], learner="forest"),
 }
 SPEC = StepSpec(n_sensors=6, rate_hz=150.0, unit="N", groups=CLOCK_FREE_GROUPS)
@@ -76,7 +87,9 @@ class Sets:
         """Dense windows of some sets, to train on."""
         for name in names:
             if name not in self._windows:
-                self._windows[name] = labelled(self.folder / name, "balanced", "default")
+                self._windows[name] = labelled(
+                    self.folder / name, "balanced", "default"
+                )
         return joined([self._windows[name] for name in names])
 
     def streams(self, name: str) -> Streams:
@@ -104,13 +117,20 @@ def study(
         rows.append(_row(name, plan, learners[name], sets, seed))
         keep(rows)
     us = _times_us(learners, sets.streams("author"))
-    return [replace(row, learner_us=us[row.name][0], step_us=us[row.name][1]) for row in rows]
+    return [
+        replace(row, learner_us=us[row.name][0], step_us=us[row.name][1])
+        for row in rows
+    ]
 
 
-def _row(name: str, plan: TrainingPlan, learner: Learner, sets: Sets, seed: int) -> LearnerRow:
+def _row(
+    name: str, plan: TrainingPlan, learner: Learner, sets: Sets, seed: int
+) -> LearnerRow:
     answers = _answers(learner, sets, (CHOOSE, *EVALUATED))
     permille = _threshold(answers)
-    found = {one: called(sets.streams(one), answers[one], permille) for one in EVALUATED}
+    found = {
+        one: called(sets.streams(one), answers[one], permille) for one in EVALUATED
+    }
     here = {one: _figures(sets, [(one, result)], seed) for one, result in found.items()}
     return LearnerRow(
         name=name,
@@ -123,13 +143,17 @@ def _row(name: str, plan: TrainingPlan, learner: Learner, sets: Sets, seed: int)
     )
 
 
-def _left_out(plan: TrainingPlan, sets: Sets, seed: int) -> list[tuple[str, MethodResult]]:
+def _left_out(
+    plan: TrainingPlan, sets: Sets, seed: int
+) -> list[tuple[str, MethodResult]]:
     """Each style, and what a learner that was trained on the others calls on it."""
     results = []
     for style, others in STYLES_KEPT.items():
         learner = _fitted(plan, sets.part(others), seed)
         answers = _answers(learner, sets, (CHOOSE, style))
-        results.append((style, called(sets.streams(style), answers[style], _threshold(answers))))
+        results.append(
+            (style, called(sets.streams(style), answers[style], _threshold(answers)))
+        )
     return results
 
 
@@ -151,12 +175,16 @@ def _curve(answers: Mapping[str, Sequence[Answers]], sets: Sets) -> list[CurvePo
         scores = event_scores(result.matches, n_draws=0)
         share = float(np.mean([action.called for action in result.actions]))
         points.append(
-            CurvePoint(permille, scores.recall, scores.in_time, scores.false_per_min, share)
+            CurvePoint(
+                permille, scores.recall, scores.in_time, scores.false_per_min, share
+            )
         )
     return points
 
 
-def _answers(learner: Learner, sets: Sets, names: Sequence[str]) -> dict[str, list[Answers]]:
+def _answers(
+    learner: Learner, sets: Sets, names: Sequence[str]
+) -> dict[str, list[Answers]]:
     """The answers to every sample of some sets."""
     found = {}
     for name in names:
@@ -167,11 +195,15 @@ def _answers(learner: Learner, sets: Sets, names: Sequence[str]) -> dict[str, li
 
 def _answer(learner: Learner, features: FloatRows) -> Answer:
     """Situation [T] and thousandths for a risky slip [T]."""
-    votes = situation_votes(reference_votes(learner, np.asarray(features), len(CLASSES)))
+    votes = situation_votes(
+        reference_votes(learner, np.asarray(features), len(CLASSES))
+    )
     return riskier_argmax(votes), (1000 * votes[:, RISKY_SLIP]) // votes.sum(axis=1)
 
 
-def _figures(sets: Sets, parts: Sequence[tuple[str, MethodResult]], seed: int) -> StreamFigures:
+def _figures(
+    sets: Sets, parts: Sequence[tuple[str, MethodResult]], seed: int
+) -> StreamFigures:
     """Figures of one set, or of several together."""
     trials = [trial for name, _ in parts for trial in sets.streams(name).trials]
     results = [result for _, result in parts]
@@ -179,9 +211,13 @@ def _figures(sets: Sets, parts: Sequence[tuple[str, MethodResult]], seed: int) -
     return StreamFigures.of(method_figures(result, trials, None, seed))
 
 
-def _times_us(learners: Mapping[str, Learner], timed: Streams) -> dict[str, tuple[float, float]]:
+def _times_us(
+    learners: Mapping[str, Learner], timed: Streams
+) -> dict[str, tuple[float, float]]:
     """Median of each learner and of its whole step, all interleaved; on rows of trials."""
-    rows = np.array(timed.features[:: max(1, len(timed.features) // TIMED_ROWS)][:TIMED_ROWS])
+    rows = np.array(
+        timed.features[:: max(1, len(timed.features) // TIMED_ROWS)][:TIMED_ROWS]
+    )
     samples = np.random.default_rng(0).uniform(0.0, 3.0, (TIMED_ROWS, SPEC.n_channels))
     calls: dict[str, Callable[[], object]] = {}
     for name, learner in learners.items():
@@ -189,5 +225,8 @@ def _times_us(learners: Mapping[str, Learner], timed: Streams) -> dict[str, tupl
         model = whole_graph(SPEC, [head])
         calls[f"{name} learner"] = learner_call(cut_learners(model), rows)
         calls[f"{name} step"] = step_call(model.SerializeToString(), samples)
-    us = {name: float(np.median(one)) for name, one in time_in_turns(calls, TURNS, CALLS).items()}
+    us = {
+        name: float(np.median(one))
+        for name, one in time_in_turns(calls, TURNS, CALLS).items()
+    }
     return {name: (us[f"{name} learner"], us[f"{name} step"]) for name in learners}

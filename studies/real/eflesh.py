@@ -10,13 +10,17 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from holdfast.edge_runtime.contract import GRASP, RISKY_SLIP, BoolArray
+from holdfast.core.contract import GRASP, RISKY_SLIP, BoolArray
 from holdfast.edge_runtime.decision import DecisionRules
-from holdfast.evaluation.eflesh_figures import DelaySpread, EfleshFigures
+from holdfast.evaluation.real_sets import DelaySpread, EfleshFigures
 from holdfast.export.learner import reference_votes
 from holdfast.export.reference import riskier_argmax
 from holdfast.training.crossval import fit_learner
-from holdfast.training.datasets.eflesh_slip import amplitude, detection_delay_s, threshold_baseline
+from holdfast.training.datasets.eflesh_slip import (
+    amplitude,
+    detection_delay_s,
+    threshold_baseline,
+)
 from holdfast.training.featurise import features_everywhere, features_of, spec_for
 from holdfast.training.metrics import situation_scores
 from holdfast.training.plan import TrainingPlan
@@ -41,20 +45,28 @@ class EfleshStudy:
 def study_eflesh(data: DataSet, plan: TrainingPlan, seed: int = 0) -> EfleshStudy:
     """Forests with blocks of neighbouring trials held out, streamed over whole held-out trials."""
     spec = spec_for(data, plan.groups)
-    windows, everywhere = features_of(data, spec)["situations"], features_everywhere(data, spec)
+    windows, everywhere = (
+        features_of(data, spec)["situations"],
+        features_everywhere(data, spec),
+    )
     task, blocks = data.tasks["situations"], data.group_of("situations")
     folds = assign_groups(blocks, plan.folds, seed=seed)
     predicted = np.zeros(len(task), dtype=np.int64)
     alarms: list[BoolArray] = [np.zeros(0, dtype=np.bool_)] * len(data.recordings)
     for train, test in folds_of(blocks, folds):
         forest = fit_learner(data, windows, plan, "situations", train, seed)
-        predicted[test] = riskier_argmax(reference_votes(forest, windows[test], len(task.classes)))
+        predicted[test] = riskier_argmax(
+            reference_votes(forest, windows[test], len(task.classes))
+        )
         for trial in np.unique(task.trial[test]):
-            label = riskier_argmax(reference_votes(forest, everywhere[trial], len(task.classes)))
+            label = riskier_argmax(
+                reference_votes(forest, everywhere[trial], len(task.classes))
+            )
             label[: spec.settle_samples] = GRASP  # not settled: no alarm can be meant
             alarms[trial] = _in_a_row(label == RISKY_SLIP, ACT_SAMPLES)
     simple = [
-        _in_a_row(amplitude(r.samples) > AMPLITUDE_ALARM_UT, ACT_SAMPLES) for r in data.recordings
+        _in_a_row(amplitude(r.samples) > AMPLITUDE_ALARM_UT, ACT_SAMPLES)
+        for r in data.recordings
     ]
     delays = {"forest": _delays(data, alarms), "one threshold": _delays(data, simple)}
     scores = situation_scores(task.label, predicted, blocks, seed=seed)
@@ -89,7 +101,9 @@ def _in_a_row(flags: BoolArray, length: int) -> BoolArray:
 def _delays(data: DataSet, alarms: list[BoolArray]) -> list[float]:
     """Delay of the first alarm in every tugged trial that has both a departure and an alarm."""
     tugged = [
-        (r, alarm) for r, alarm in zip(data.recordings, alarms, strict=True) if r.action == "tug"
+        (r, alarm)
+        for r, alarm in zip(data.recordings, alarms, strict=True)
+        if r.action == "tug"
     ]
     found = [detection_delay_s(recording, alarm) for recording, alarm in tugged]
     return [delay for delay in found if delay is not None]
@@ -98,18 +112,24 @@ def _delays(data: DataSet, alarms: list[BoolArray]) -> list[float]:
 def _spread(delays_s: list[float]) -> DelaySpread:
     if not delays_s:
         return DelaySpread(0, None, None, None)
-    return DelaySpread(len(delays_s), *(float(np.percentile(delays_s, p)) for p in (5, 50, 95)))
+    return DelaySpread(
+        len(delays_s), *(float(np.percentile(delays_s, p)) for p in (5, 50, 95))
+    )
 
 
 def _held(data: DataSet, alarms: list[BoolArray]) -> str:
     held = [
-        bool(a.any()) for r, a in zip(data.recordings, alarms, strict=True) if r.action == "hold"
+        bool(a.any())
+        for r, a in zip(data.recordings, alarms, strict=True)
+        if r.action == "hold"
     ]
     return f"{sum(held)} of {len(held)}"
 
 
 def _trial_vote(
-    trial: npt.NDArray[np.int64], predicted: npt.NDArray[np.int64], label: npt.NDArray[np.int64]
+    trial: npt.NDArray[np.int64],
+    predicted: npt.NDArray[np.int64],
+    label: npt.NDArray[np.int64],
 ) -> float:
     """Share of trials whose windows' majority is right (half of them risky counts as risky)."""
     right = []

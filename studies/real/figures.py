@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass
 
-from holdfast.edge_runtime.reading import Json
-from holdfast.evaluation.eflesh_figures import EfleshFigures
+from holdfast.core.reading import Json
 from holdfast.evaluation.provenance import Host
+from holdfast.evaluation.real_sets import EfleshFigures
 from holdfast.evaluation.window_scores import WindowFigures
-from holdfast.export.verification import ExportReport
+from holdfast.export.verify import ExportReport
 from holdfast.training.featurise import FeatureCost
 from holdfast.training.figures import HeadFigures, PredictionFigures
 

@@ -16,22 +16,24 @@ from pathlib import Path
 
 import numpy as np
 
-from holdfast.edge_runtime.command import Parser, finish, path_argument, seed
-from holdfast.edge_runtime.reading import Json
-from holdfast.edge_runtime.writing import require_writable, write_whole
-from holdfast.evaluation.job_options import add_job_options, chosen_workers
+from holdfast.cli.command import Parser, finish, path_argument, seed
+from holdfast.cli.options import add_job_options, chosen_workers
+from holdfast.core.reading import Json
+from holdfast.core.writing import require_writable, write_whole
 from holdfast.evaluation.jobs import Workers
 from holdfast.evaluation.provenance import Host, host
-from holdfast.studies.real.methods import METHODS, Method, cross_validated
-from holdfast.studies.row_names import OURS_48, RAW_48, RAW_48_FOLDS
 from holdfast.training.figures import HeadFigures
 from holdfast.training.plan import RAW_BASELINE, TrainingPlan
-from holdfast.training.progress import stages
-from holdfast.training.say import Say
+from holdfast.training.progress import Say, stages
+from studies.real.methods import METHODS, Method, cross_validated
+from studies.row_names import OURS_48, RAW_48, RAW_48_FOLDS
 
 Methods = dict[str, Method]
 FURTHER: dict[str, Methods] = {
-    "truer": {name: replace(one, in_hand=True, verified=False) for name, one in METHODS.items()},
+    "truer": {
+        name: replace(one, in_hand=True, verified=False)
+        for name, one in METHODS.items()
+    },
     "all-channels": {
         OURS_48: Method(TrainingPlan(), channels=48),
         RAW_48: Method(replace(RAW_BASELINE, folds=RAW_48_FOLDS), channels=48),
@@ -60,20 +62,28 @@ class FurtherRows:
         }
 
 
-def further_rows(methods: Methods, seed: int, workers: Workers, say: Say) -> FurtherRows:
+def further_rows(
+    methods: Methods, seed: int, workers: Workers, say: Say
+) -> FurtherRows:
     """Cross-validate the methods, people held out."""
     found = cross_validated(methods, seed, workers, say)
     rows = {name: row.figures for name, row in found.items()}
     data = next(iter(methods.values())).data()
     task = data.tasks["situations"]
     counts = np.bincount(task.label, minlength=len(task.classes)).tolist()
-    return FurtherRows(data.kind, dict(zip(task.classes, counts, strict=True)), rows, host())
+    return FurtherRows(
+        data.kind, dict(zip(task.classes, counts, strict=True)), rows, host()
+    )
 
 
 def main(argv: Sequence[str]) -> int:
     """Parse, run, write a file for each question as soon as it is answered."""
-    parser = Parser(prog="further_rows", description="all 48 channels, and a truer label")
-    parser.add_argument("--out", type=path_argument, default=Path("build/real"), metavar="DIR")
+    parser = Parser(
+        prog="further_rows", description="all 48 channels, and a truer label"
+    )
+    parser.add_argument(
+        "--out", type=path_argument, default=Path("build/real"), metavar="DIR"
+    )
     parser.add_argument("--seed", type=seed, default=0, metavar="S")
     add_job_options(parser, 2)
     args: argparse.Namespace = parser.parse_args(argv)

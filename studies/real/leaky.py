@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from holdfast.edge_runtime.contract import FloatArray
+from holdfast.core.contract import FloatArray
 from holdfast.export.forest import Forest
 from holdfast.export.learner import reference_votes
 from holdfast.export.reference import IntArray, riskier_argmax
-from holdfast.studies.row_names import LEAKY_FOLDS
 from holdfast.training.crossval import fit_learner
 from holdfast.training.featurise import FloatRows, features_of, spec_for
 from holdfast.training.figures import HeadFigures
@@ -16,12 +15,18 @@ from holdfast.training.metrics import report
 from holdfast.training.plan import RAW_BASELINE, TrainingPlan
 from holdfast.training.recording import DataSet
 from holdfast.training.splits import leaky_folds
+from studies.row_names import LEAKY_FOLDS
 
 
-def leaky(data: DataSet, plan: TrainingPlan = RAW_BASELINE, *, seed: int = 0) -> HeadFigures:
+def leaky(
+    data: DataSet, plan: TrainingPlan = RAW_BASELINE, *, seed: int = 0
+) -> HeadFigures:
     """Neighbouring windows stand on both sides of the split: wrong on purpose."""
     features = features_of(data, spec_for(data, plan.groups))
-    votes = {task: _leaky_votes(data, features[task], plan, task, seed) for task in data.tasks}
+    votes = {
+        task: _leaky_votes(data, features[task], plan, task, seed)
+        for task in data.tasks
+    }
     score: FloatArray = votes["predict_250ms"][:, 1].astype(np.float64)
     return report(data, riskier_argmax(votes["situations"]), score, seed=seed)
 

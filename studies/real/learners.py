@@ -16,8 +16,8 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from holdfast.edge_runtime.reading import Json
-from holdfast.edge_runtime.writing import write_whole
+from holdfast.core.reading import Json
+from holdfast.core.writing import write_whole
 from holdfast.evaluation.jobs import Workers
 from holdfast.evaluation.provenance import host
 from holdfast.export.forest import forest_votes, votes_of_trees
@@ -82,7 +82,8 @@ class LearnerFigures:
             "rows": rows,
             "people": self.people,
             "networks": [
-                {task: asdict(network) for task, network in fold.items()} for fold in self.networks
+                {task: asdict(network) for task, network in fold.items()}
+                for fold in self.networks
             ],
         }
 
@@ -93,9 +94,13 @@ def study_learners(
     """All learners on one set, people held out, two folds at a time."""
     features = features_of(data, spec_for(data, plan.groups))
     splits = splits_of(data, plan, seed)
-    answers = Workers(2).run([partial(_fold, data, features, plan, one, seed) for one in splits])
+    answers = Workers(2).run(
+        [partial(_fold, data, features, plan, one, seed) for one in splits]
+    )
     held = [{task: rows[1] for task, rows in one.items()} for one in splits]
-    return _figures(data, channels, in_hand, list(zip(held, answers, strict=True)), seed)
+    return _figures(
+        data, channels, in_hand, list(zip(held, answers, strict=True)), seed
+    )
 
 
 def _fold(
@@ -109,17 +114,23 @@ def _fold(
     votes, real = {}, np.zeros(0, np.int64)
     for task, (train, test) in split.items():
         plan = plan_for(data, features, plan, task, train, seed)
-        votes[task], shares = _votes(data, features[task], plan, task, train, test, seed)
+        votes[task], shares = _votes(
+            data, features[task], plan, task, train, test, seed
+        )
         if task == "situations":
             real = np.argmax(shares, axis=1)
     train = split["situations"][0]
     inner = _inner_votes(data, features["situations"], plan, train, seed)
     truth = data.tasks["situations"].label[train]
     labels = {
-        name: situation_labels(votes["situations"][name], fit_label_weights(inner[name], truth))
+        name: situation_labels(
+            votes["situations"][name], fit_label_weights(inner[name], truth)
+        )
         for name in LEARNERS
     }
-    return Answers(votes, labels, real, {task: plan.network_for(task) for task in split})
+    return Answers(
+        votes, labels, real, {task: plan.network_for(task) for task in split}
+    )
 
 
 def _inner_votes(
@@ -127,7 +138,9 @@ def _inner_votes(
 ) -> Votes:
     """Votes for the training windows, their own people held out in turn."""
     inner = {name: np.zeros((len(rows), 4), np.int64) for name in LEARNERS}
-    for train, test in grouped_folds(data.group_of("situations")[rows], INNER_FOLDS, seed=seed):
+    for train, test in grouped_folds(
+        data.group_of("situations")[rows], INNER_FOLDS, seed=seed
+    ):
         seen, asked = rows[train], rows[test]
         found, _ = _votes(data, features, plan, "situations", seen, asked, seed)
         for name, votes in found.items():
@@ -152,7 +165,10 @@ def _votes(
     members = fit_members(plan.network_for(task), features[train], label, seed)
     in_all = votes_of_trees(len(forest.estimators_))
     network = in_whole_numbers(members, features[train], k, in_all)
-    trees, nets = forest_votes(forest, features[test], k), network_votes(network, features[test])
+    trees, nets = (
+        forest_votes(forest, features[test], k),
+        network_votes(network, features[test]),
+    )
     shares = members.shares(features[test], k)
     return {"forest": trees, "network": nets, "committee": trees + nets}, shares
 
@@ -177,14 +193,18 @@ def _figures(
     for held, found in folds:
         real[held["situations"]] = found.real_labels
     scores = {name: _scores(data, folds, name) for name in LEARNERS}
-    figures = {name: report(data, plain[name], scores[name], seed=seed) for name in LEARNERS}
+    figures = {
+        name: report(data, plain[name], scores[name], seed=seed) for name in LEARNERS
+    }
     figures |= {
         f"{name}, {WEIGHTED}": report(data, weighted[name], scores[name], seed=seed)
         for name in LEARNERS
     }
     figures[UNQUANTISED] = report(data, real, None, seed=seed)
     networks = [found.networks for _, found in folds]
-    return LearnerFigures(channels, in_hand, figures, _by_person(data, weighted), networks)
+    return LearnerFigures(
+        channels, in_hand, figures, _by_person(data, weighted), networks
+    )
 
 
 def _scores(
@@ -198,7 +218,9 @@ def _scores(
     return score
 
 
-def _by_person(data: DataSet, labels: dict[str, IntArray]) -> dict[str, dict[str, float | None]]:
+def _by_person(
+    data: DataSet, labels: dict[str, IntArray]
+) -> dict[str, dict[str, float | None]]:
     """Macro F1 with label weights, by person and learner."""
     truth, people = data.tasks["situations"].label, data.group_of("situations")
     return {
@@ -211,7 +233,9 @@ def _by_person(data: DataSet, labels: dict[str, IntArray]) -> dict[str, dict[str
 
 
 def _macro_f1(truth: IntArray, found: IntArray) -> float | None:
-    return situation_scores(truth, found, np.zeros(len(truth), np.int64), n_draws=1).macro_f1
+    return situation_scores(
+        truth, found, np.zeros(len(truth), np.int64), n_draws=1
+    ).macro_f1
 
 
 def main(out: Path, seed: int = 0) -> None:
@@ -224,7 +248,9 @@ def main(out: Path, seed: int = 0) -> None:
             continue
         sys.stderr.write(f"{channels} channels{', in the hand' if in_hand else ''}\n")
         data = load(root, channels=channels, in_hand=in_hand)
-        kept[channels, in_hand] = study_learners(data, channels, in_hand, seed).to_json()
+        kept[channels, in_hand] = study_learners(
+            data, channels, in_hand, seed
+        ).to_json()
         figures = {
             "kind": "public real data",
             "seed": seed,

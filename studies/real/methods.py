@@ -10,16 +10,16 @@ from itertools import islice
 import numpy as np
 
 from holdfast.evaluation.jobs import Workers
-from holdfast.studies.real.parts import done
-from holdfast.studies.row_names import CLOCK, OURS_18, RAW_18
 from holdfast.training.crossval import FoldAnswers, HeldOut, answer_fold, splits_of
 from holdfast.training.datasets import find, human_slip_uskin
 from holdfast.training.featurise import FloatRows, features_of, spec_for
 from holdfast.training.figures import HeadFigures
 from holdfast.training.fitting import held_out_figures
 from holdfast.training.plan import CLOCK_PLAN, RAW_BASELINE, TrainingPlan
+from holdfast.training.progress import Say
 from holdfast.training.recording import DataSet
-from holdfast.training.say import Say
+from studies.real.parts import done
+from studies.row_names import CLOCK, OURS_18, RAW_18
 
 HUMAN = "human_slip_uskin"
 
@@ -68,7 +68,9 @@ def cross_validated(
 ) -> dict[str, Row]:
     """Every method's row, by its name. say: receives every fold."""
     folds = {
-        f"{name}, fold {fold + 1} of {method.plan.folds}": partial(_answer, method, fold, seed)
+        f"{name}, fold {fold + 1} of {method.plan.folds}": partial(
+            _answer, method, fold, seed
+        )
         for name, method in methods.items()
         for fold in range(method.plan.folds)
     }
@@ -96,10 +98,15 @@ def _data(channels: int, in_hand: bool) -> DataSet:
 
 
 @lru_cache(maxsize=1)
-def _features(channels: int, in_hand: bool, groups: tuple[str, ...]) -> dict[str, FloatRows]:
+def _features(
+    channels: int, in_hand: bool, groups: tuple[str, ...]
+) -> dict[str, FloatRows]:
     """Features of the step, or those of the timing-only baseline."""
     data = _data(channels, in_hand)
     if groups != CLOCK_PLAN.groups:
         return features_of(data, spec_for(data, groups))
-    clock = {task: human_slip_uskin.clock_features(data, rows) for task, rows in data.tasks.items()}
+    clock = {
+        task: human_slip_uskin.clock_features(data, rows)
+        for task, rows in data.tasks.items()
+    }
     return {task: values.astype(np.float32) for task, values in clock.items()}

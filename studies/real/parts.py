@@ -6,12 +6,14 @@ from collections.abc import Iterator, Mapping
 from typing import TypeVar
 
 from holdfast.evaluation.jobs import Job, Workers
-from holdfast.training.say import Say
+from holdfast.training.progress import Say
 
 Result = TypeVar("Result")
 
 
-def done(parts: Mapping[str, Job[Result]], workers: Workers, say: Say) -> Iterator[Result]:
+def done(
+    parts: Mapping[str, Job[Result]], workers: Workers, say: Say
+) -> Iterator[Result]:
     """The results in the order of the parts. say: what begins, or side by side what is done."""
     if workers.here:
         for name, part in parts.items():

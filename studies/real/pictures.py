@@ -10,7 +10,7 @@ from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from sklearn.metrics import confusion_matrix, precision_recall_curve, roc_curve
 
-from holdfast.edge_runtime.contract import SITUATIONS
+from holdfast.core.contract import SITUATIONS
 from holdfast.evaluation.style import (
     INK,
     OURS,
@@ -23,13 +23,13 @@ from holdfast.evaluation.style import (
     bars,
     svg,
 )
-from holdfast.studies.real.figures import prediction_of
-from holdfast.studies.real.proactive import ReplayPicture
-from holdfast.studies.row_names import row_class, shown
 from holdfast.training.crossval import HeldOut
 from holdfast.training.figures import ABSENT, HeadFigures, Interval
 from holdfast.training.metrics import situation_scores
 from holdfast.training.recording import DataSet
+from studies.real.figures import prediction_of
+from studies.real.proactive import ReplayPicture
+from studies.row_names import row_class, shown
 
 TRIALS_SHOWN = 8
 
@@ -51,13 +51,18 @@ def table_bars(rows: dict[str, HeadFigures]) -> str:
 
 
 def _bars(rows: dict[str, tuple[float | None, Interval | None]]) -> list[Bar]:
-    return [bar(value, interval, row_class(name)) for name, (value, interval) in rows.items()]
+    return [
+        bar(value, interval, row_class(name))
+        for name, (value, interval) in rows.items()
+    ]
 
 
 def confusion(data: DataSet, held_out: HeldOut) -> str:
     """Share of each situation's windows by what was answered."""
     truth = data.tasks["situations"].label
-    share = confusion_matrix(truth, held_out.situations(), labels=range(4), normalize="true")
+    share = confusion_matrix(
+        truth, held_out.situations(), labels=range(4), normalize="true"
+    )
     absent = np.bincount(truth, minlength=4) == 0
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(4.1, 3.4))
@@ -82,7 +87,10 @@ def confusion(data: DataSet, held_out: HeldOut) -> str:
 
 def curves(data: DataSet, held_out: HeldOut) -> str:
     """ROC and precision-recall of the 0.25 s prediction, held-out people pooled."""
-    truth, score = data.tasks["predict_250ms"].label, held_out.shares("predict_250ms")[:, 1]
+    truth, score = (
+        data.tasks["predict_250ms"].label,
+        held_out.shares("predict_250ms")[:, 1],
+    )
     false, hit, _ = roc_curve(truth, score)
     precision, recall, _ = precision_recall_curve(truth, score)
     with mpl.rc_context(STYLE):
@@ -91,11 +99,16 @@ def curves(data: DataSet, held_out: HeldOut) -> str:
         left.plot(false, hit, color=OURS)
         left.plot([0, 1], [0, 1], color=QUIET, linewidth=0.8)
         left.set(
-            xlabel="false alarms (share of quiet windows)", ylabel="found (share of risky windows)"
+            xlabel="false alarms (share of quiet windows)",
+            ylabel="found (share of risky windows)",
         )
         right.plot(recall, precision, color=OURS)
         right.axhline(truth.mean(), color=QUIET, linewidth=0.8)
-        right.set(xlabel="found (recall)", ylabel="right when it speaks (precision)", ylim=(0, 1))
+        right.set(
+            xlabel="found (recall)",
+            ylabel="right when it speaks (precision)",
+            ylim=(0, 1),
+        )
         return svg(figure)
 
 
@@ -112,7 +125,11 @@ def by_person(data: DataSet, held_out: HeldOut) -> str:
         axes = figure.subplots()
         axes.plot(range(1, len(ordered) + 1), ordered, "o", color=OURS)
         axes.set_xticks(range(1, len(ordered) + 1, 3))
-        axes.set(xlabel="people, from worst to best", ylabel="macro F1 of one person", ylim=(0, 1))
+        axes.set(
+            xlabel="people, from worst to best",
+            ylabel="macro F1 of one person",
+            ylim=(0, 1),
+        )
         axes.grid(axis="y", color="#e4e7eb")
         return svg(figure)
 
@@ -121,13 +138,16 @@ def timelines(data: DataSet, held_out: HeldOut) -> str:
     """Truth above, answer below, for one trial each of several people."""
     task, answered = data.tasks["situations"], held_out.situations()
     firsts = {
-        recording.group: index for index, recording in reversed(list(enumerate(data.recordings)))
+        recording.group: index
+        for index, recording in reversed(list(enumerate(data.recordings)))
     }
     chosen = sorted(firsts.values())[:TRIALS_SHOWN]
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(8.6, 0.62 * len(chosen) + 0.7))
         for axes, index in zip(
-            np.atleast_1d(figure.subplots(len(chosen), 1, sharex=True)), chosen, strict=True
+            np.atleast_1d(figure.subplots(len(chosen), 1, sharex=True)),
+            chosen,
+            strict=True,
         ):
             here = task.trial == index
             rows = np.stack([task.label[here], answered[here]])
@@ -145,7 +165,9 @@ def timelines(data: DataSet, held_out: HeldOut) -> str:
         return svg(figure)
 
 
-def _strips(axes: Axes, rows: npt.NDArray[np.int64], start_s: float, end_s: float) -> None:
+def _strips(
+    axes: Axes, rows: npt.NDArray[np.int64], start_s: float, end_s: float
+) -> None:
     colours = ListedColormap(("#ffffff", *SITUATION_COLOURS))
     axes.imshow(
         rows,
@@ -166,7 +188,9 @@ def delays(delays_s: dict[str, list[float]]) -> str:
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(5.2, 2.6))
         axes = figure.subplots()
-        for colour, (name, values) in zip((OURS, WARNING), delays_s.items(), strict=True):
+        for colour, (name, values) in zip(
+            (OURS, WARNING), delays_s.items(), strict=True
+        ):
             ordered = np.sort(values)
             axes.step(
                 1000 * ordered,
@@ -176,7 +200,9 @@ def delays(delays_s: dict[str, list[float]]) -> str:
             )
         axes.axvline(0, color=QUIET, linewidth=0.8)
         axes.set(
-            xlabel="first alarm after the field departs, ms", ylabel="share of tugs", ylim=(0, 1)
+            xlabel="first alarm after the field departs, ms",
+            ylabel="share of tugs",
+            ylim=(0, 1),
         )
         axes.legend(frameon=False)
         return svg(figure)
@@ -188,7 +214,9 @@ def replay(picture: ReplayPicture) -> str:
     time_s = np.arange(len(recording.samples)) / rate_hz
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(8.6, 3.6))
-        signals, strips, votes = figure.subplots(3, 1, sharex=True, height_ratios=(3, 1.4, 2))
+        signals, strips, votes = figure.subplots(
+            3, 1, sharex=True, height_ratios=(3, 1.4, 2)
+        )
         by_sensor = recording.samples.reshape(len(time_s), -1, 3)
         signals.plot(
             time_s,
@@ -199,7 +227,9 @@ def replay(picture: ReplayPicture) -> str:
         )
         signals.plot(time_s, by_sensor[..., 2], color=QUIET, linewidth=0.8, alpha=0.8)
         signals.set_ylabel("shear (blue),\nnormal (grey)\nchange, counts")
-        _strips(strips, np.stack([picture.truth, picture.answer]), 0.0, float(time_s[-1]))
+        _strips(
+            strips, np.stack([picture.truth, picture.answer]), 0.0, float(time_s[-1])
+        )
         share = np.where(
             np.arange(len(time_s)) >= picture.settled_from, picture.risky_share, np.nan
         )

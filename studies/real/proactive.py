@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from holdfast.edge_runtime.contract import RISKY_SLIP, FloatArray
+from holdfast.core.contract import RISKY_SLIP, FloatArray
 from holdfast.export.learner import reference_votes
 from holdfast.export.reference import riskier_argmax
 from holdfast.training.crossval import fit_learner
@@ -16,7 +16,10 @@ from holdfast.training.plan import TrainingPlan
 from holdfast.training.recording import DataSet, Recording
 
 UNLABELLED = -1
-SHOWN = {"22-11-23-11": "a slip that recovers", "22-08-10-01": "a slip that ends in failure"}
+SHOWN = {
+    "22-11-23-11": "a slip that recovers",
+    "22-08-10-01": "a slip that ends in failure",
+}
 
 
 @dataclass(frozen=True)
@@ -31,13 +34,25 @@ class ReplayPicture:
     settled_from: int
 
 
-def study_proactive(data: DataSet, plan: TrainingPlan, seed: int = 0) -> list[ReplayPicture]:
+def study_proactive(
+    data: DataSet, plan: TrainingPlan, seed: int = 0
+) -> list[ReplayPicture]:
     """Each shown trial, answered by a forest trained on the other six (two of which slip)."""
     spec = spec_for(data, plan.groups)
-    windows, everywhere = features_of(data, spec)["situations"], features_everywhere(data, spec)
+    windows, everywhere = (
+        features_of(data, spec)["situations"],
+        features_everywhere(data, spec),
+    )
     return [
         _picture(
-            data, plan, windows, everywhere[index], index, SHOWN[name], spec.settle_samples, seed
+            data,
+            plan,
+            windows,
+            everywhere[index],
+            index,
+            SHOWN[name],
+            spec.settle_samples,
+            seed,
         )
         for index, recording in enumerate(data.recordings)
         for name in SHOWN
@@ -66,4 +81,6 @@ def _picture(
     mine = task.trial == index
     truth[task.row[mine]] = task.label[mine]
     share = votes[:, RISKY_SLIP] / votes.sum(axis=1)
-    return ReplayPicture(title, data.recordings[index], truth, answer, share, settled_from)
+    return ReplayPicture(
+        title, data.recordings[index], truth, answer, share, settled_from
+    )

@@ -6,19 +6,18 @@ import html
 from dataclasses import dataclass
 from pathlib import Path
 
-from holdfast.edge_runtime.contract import SITUATIONS
-from holdfast.evaluation.cells import above, number
-from holdfast.evaluation.eflesh_figures import EfleshFigures
-from holdfast.evaluation.page import key, write_page
+from holdfast.core.contract import SITUATIONS
+from holdfast.evaluation.page import above, key, number, write_page
+from holdfast.evaluation.real_sets import EfleshFigures
 from holdfast.evaluation.style import SITUATION_COLOURS
-from holdfast.studies.real import pictures
-from holdfast.studies.real.eflesh import EfleshStudy
-from holdfast.studies.real.figures import RealStudy, prediction_of
-from holdfast.studies.real.proactive import ReplayPicture
-from holdfast.studies.row_names import row_class, shown
 from holdfast.training.crossval import HeldOut
 from holdfast.training.figures import ABSENT, HeadFigures, Interval, over
 from holdfast.training.recording import DataSet
+from studies.real import pictures
+from studies.real.eflesh import EfleshStudy
+from studies.real.figures import RealStudy, prediction_of
+from studies.real.proactive import ReplayPicture
+from studies.row_names import row_class, shown
 
 
 @dataclass(frozen=True)
@@ -50,7 +49,11 @@ def _answer(evidence: Evidence) -> str:
     situations, head = heads.situations, prediction_of(heads)
     precision = f"{_between(head.average_precision_ci)}; chance {chance:.3f}"
     boxes = (
-        (situations.macro_f1, "macro F1 over four situations", _between(situations.macro_f1_ci)),
+        (
+            situations.macro_f1,
+            "macro F1 over four situations",
+            _between(situations.macro_f1_ci),
+        ),
         (head.auc, "AUC, risky within the next 0.25 s", _between(head.auc_ci)),
         (head.average_precision, "average precision of the same", precision),
     )
@@ -73,7 +76,11 @@ def _between(interval: Interval | None) -> str:
 
 
 def _range(interval: Interval | None) -> str:
-    return "-".join(f"{edge:.3f}".removeprefix("0") for edge in interval) if interval else ""
+    return (
+        "-".join(f"{edge:.3f}".removeprefix("0") for edge in interval)
+        if interval
+        else ""
+    )
 
 
 def _table(evidence: Evidence) -> str:
@@ -121,7 +128,10 @@ answer of a forest trained without them.{key(SITUATION_COLOURS)}</p>
 
 
 def _eflesh(evidence: Evidence) -> str:
-    figures, simple = evidence.figures.eflesh_slip, evidence.figures.eflesh_slip.one_threshold
+    figures, simple = (
+        evidence.figures.eflesh_slip,
+        evidence.figures.eflesh_slip.one_threshold,
+    )
     rows = (
         ("forest", figures.trial_vote_accuracy, figures.window_accuracy),
         ("one threshold", simple.trial_accuracy, simple.window_accuracy),
@@ -139,7 +149,9 @@ two risky samples in a row, and below zero it came first. The one threshold for 
 {pictures.delays(evidence.eflesh.delays_s)}"""
 
 
-def _eflesh_row(figures: EfleshFigures, name: str, trials: float, windows: float) -> str:
+def _eflesh_row(
+    figures: EfleshFigures, name: str, trials: float, windows: float
+) -> str:
     delay = figures.delay_s[name]
     return (
         f"<tr><td>{name}<td>{trials:.3f}<td>{windows:.3f}<td>{_ms(delay.p5)}<td>{_ms(delay.p50)}"
@@ -165,7 +177,9 @@ of which slip: a picture, no accuracy. Each is answered by a forest trained on t
 def _made(evidence: Evidence) -> str:
     figures, checked = evidence.figures, evidence.figures.verification
     streamed, cost = figures.streamed_fold, figures.features_cost
-    versions = ", ".join(f"{name} {number}" for name, number in figures.versions.items())
+    versions = ", ".join(
+        f"{name} {number}" for name, number in figures.versions.items()
+    )
     return f"""<h2>How this was made, and that it is the file's own</h2>
 <ul>
 <li>{checked.folds} folds exported and compared with the reference on {checked.rows:,} rows

@@ -13,11 +13,11 @@ from holdfast.evaluation.window_scores import evaluate, stream
 from holdfast.export.artifact import Artifact, write_artifact
 from holdfast.export.exporting import export_artifact
 from holdfast.export.heads import Head
-from holdfast.studies.real.figures import StreamedFold
 from holdfast.training.crossval import HeldOut, fit_calibration, fit_learner, splits_of
 from holdfast.training.featurise import FloatRows, spec_for
 from holdfast.training.plan import TASK_HEADS, TrainingPlan
 from holdfast.training.recording import DataSet
+from studies.real.figures import StreamedFold
 
 FOLD = 0
 
@@ -37,9 +37,12 @@ def stream_one_fold(
     split = splits_of(data, plan, seed)[FOLD]
     train = {task: rows[0] for task, rows in split.items()}
     heads = [
-        _head(data, features[task], plan, task, train[task], held_out, seed) for task in data.tasks
+        _head(data, features[task], plan, task, train[task], held_out, seed)
+        for task in data.tasks
     ]
-    rows = np.concatenate([np.delete(features[task], train[task], axis=0) for task in data.tasks])
+    rows = np.concatenate(
+        [np.delete(features[task], train[task], axis=0) for task in data.tasks]
+    )
     artifact = Artifact(
         spec_for(data, plan.groups),
         data.preparation,
@@ -68,5 +71,7 @@ def _head(
     seed: int,
 ) -> Head:
     forest = fit_learner(data, features, plan, task, train, seed)
-    calibration = fit_calibration(held_out.shares(task)[train], data.tasks[task].label[train])
+    calibration = fit_calibration(
+        held_out.shares(task)[train], data.tasks[task].label[train]
+    )
     return Head(TASK_HEADS[task], data.tasks[task].classes, forest, calibration)

@@ -18,40 +18,40 @@ from typing import Any
 
 import numpy as np
 
-from holdfast.edge_runtime.command import Parser, finish, path_argument, seed
-from holdfast.edge_runtime.writing import require_writable, write_whole
-from holdfast.evaluation.cells import interval, number
-from holdfast.evaluation.job_options import add_job_options, chosen_workers
+from holdfast.cli.command import Parser, finish, path_argument, seed
+from holdfast.cli.options import add_job_options, chosen_workers
+from holdfast.core.writing import require_writable, write_whole
 from holdfast.evaluation.jobs import Workers
+from holdfast.evaluation.page import interval, number
 from holdfast.evaluation.provenance import host
 from holdfast.export.artifact import Artifact, write_artifact
 from holdfast.export.exporting import export_artifact
-from holdfast.studies.real.eflesh import EfleshStudy, study_eflesh
-from holdfast.studies.real.figures import (
-    FinalModel,
-    RealStudy,
-    StreamedFold,
-    VerificationSums,
-    prediction_of,
-)
-from holdfast.studies.real.leaky import leaky
-from holdfast.studies.real.methods import METHODS, OURS, cross_validated
-from holdfast.studies.real.parts import done
-from holdfast.studies.real.proactive import ReplayPicture, study_proactive
-from holdfast.studies.real.report import Evidence, write_report
-from holdfast.studies.real.streamed_fold import stream_one_fold
-from holdfast.studies.row_names import LEAKY, OURS_18
 from holdfast.training.crossval import HeldOut
 from holdfast.training.datasets import load
 from holdfast.training.featurise import cpu_cost, spec_for
 from holdfast.training.figures import HeadFigures
 from holdfast.training.fitting import final_artifact, versions
 from holdfast.training.plan import TrainingPlan
-from holdfast.training.progress import stages
-from holdfast.training.say import Say
+from holdfast.training.progress import Say, stages
+from studies.real.eflesh import EfleshStudy, study_eflesh
+from studies.real.figures import (
+    FinalModel,
+    RealStudy,
+    StreamedFold,
+    VerificationSums,
+    prediction_of,
+)
+from studies.real.leaky import leaky
+from studies.real.methods import METHODS, OURS, cross_validated
+from studies.real.parts import done
+from studies.real.proactive import ReplayPicture, study_proactive
+from studies.real.report import Evidence, write_report
+from studies.real.streamed_fold import stream_one_fold
+from studies.row_names import LEAKY, OURS_18
 
 CLOCK_FREE = (
-    "no feature sees anything older than 0.5 s; time, movement indices and IMUs are never inputs"
+    "no feature sees anything older than 0.5 s; "
+    "time, movement indices and IMUs are never inputs"
 )
 ALONE = Workers()
 STAGES = sum(method.plan.folds for method in METHODS.values()) + 8
@@ -91,13 +91,17 @@ def run(out: Path, seed: int, say: Say, workers: Workers = ALONE) -> RealStudy:
     return figures
 
 
-def _parts(ours: HeldOut, heads: HeadFigures, out: Path, seed: int) -> dict[str, Callable[[], Any]]:
+def _parts(
+    ours: HeldOut, heads: HeadFigures, out: Path, seed: int
+) -> dict[str, Callable[[], Any]]:
     """What follows the table: our files, the leaky split, and the two smaller sets."""
     return {
         "one fold's file, sealed, loaded and streamed sample by sample": partial(
             _streamed, ours, out, seed
         ),
-        "final forests on all people, exported": partial(_final_model, ours, heads, out, seed),
+        "final forests on all people, exported": partial(
+            _final_model, ours, heads, out, seed
+        ),
         LEAKY: partial(_leaky, seed),
         "eflesh_slip: blocks held out": partial(_eflesh, seed),
         "proactive_slip_uskin: two slips replayed": partial(_proactive, seed),
@@ -110,7 +114,9 @@ def _streamed(ours: HeldOut, out: Path, seed: int) -> StreamedFold:
 
 def _final_model(ours: HeldOut, heads: HeadFigures, out: Path, seed: int) -> FinalModel:
     data, features = OURS.data(), OURS.features()
-    return final_model(final_artifact(data, features, ours, heads, OURS.plan, seed), out)
+    return final_model(
+        final_artifact(data, features, ours, heads, OURS.plan, seed), out
+    )
 
 
 def _leaky(seed: int) -> HeadFigures:
@@ -136,7 +142,9 @@ def verification_of(held_out: HeldOut) -> VerificationSums:
         label_mismatches=sum(head.label_mismatches for head in heads),
         vote_mismatches=sum(head.vote_mismatches for head in heads),
         single_rows=sum(fold.single_rows for fold in held_out.verification),
-        predict_disagreement_share=float(np.mean([one.share_off_ties for one in plain])),
+        predict_disagreement_share=float(
+            np.mean([one.share_off_ties for one in plain])
+        ),
         ties=sum(one.ties for one in plain),
     )
 
@@ -151,9 +159,12 @@ def final_model(artifact: Artifact, out: Path) -> FinalModel:
 def main(argv: Sequence[str]) -> int:
     """Parse, run, write metrics.json, print the headline."""
     parser = Parser(
-        prog="real.py", description="the whole main job on human_slip_uskin, eflesh_slip, proactive"
+        prog="real.py",
+        description="the whole main job on human_slip_uskin, eflesh_slip, proactive",
     )
-    parser.add_argument("--out", type=path_argument, default=Path("build/real"), metavar="DIR")
+    parser.add_argument(
+        "--out", type=path_argument, default=Path("build/real"), metavar="DIR"
+    )
     parser.add_argument("--seed", type=seed, default=0, metavar="S")
     add_job_options(parser, 2)
     args: argparse.Namespace = parser.parse_args(argv)
@@ -168,7 +179,9 @@ def main(argv: Sequence[str]) -> int:
         f"AUC {number(head.auc, 3)} ({interval(head.auc_ci, 3)})"
     )
     print(figures.caveat)
-    print(f"{args.out / 'metrics.json'}, {args.out / 'report.html'} ({figures.seconds} s)")
+    print(
+        f"{args.out / 'metrics.json'}, {args.out / 'report.html'} ({figures.seconds} s)"
+    )
     return 0
 
 

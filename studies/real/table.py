@@ -1,6 +1,6 @@
 """The README's tables of `make real` and `make real-more`.
 
-`python -m holdfast.studies.real.table METRICS ALL-CHANNELS PAGE`
+`python -m studies.real.table METRICS ALL-CHANNELS PAGE`
 """
 
 from __future__ import annotations
@@ -8,10 +8,10 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from holdfast.edge_runtime.reading import Json
-from holdfast.evaluation.doc_tables import Tables, refresh
+from holdfast.core.reading import Json
 from holdfast.evaluation.page import markdown
-from holdfast.studies.row_names import shown
+from studies.row_names import shown
+from tools.doc_tables import Tables, refresh
 
 FIGURES = {
     "macro F1, four situations": ("situations", "macro_f1"),
@@ -36,7 +36,9 @@ def _methods(figures: Json) -> str:
 
 
 def _row(name: str, row: Json) -> dict[str, str]:
-    cells = {head: _figure(row[task], figure) for head, (task, figure) in FIGURES.items()}
+    cells = {
+        head: _figure(row[task], figure) for head, (task, figure) in FIGURES.items()
+    }
     return {"method": shown(name)} | cells
 
 
@@ -54,7 +56,10 @@ def _checks(figures: Json) -> list[dict[str, str]]:
         "features of all samples": f"{cost['samples']:,} samples, {cost['cpu_s']:.1f} CPU s",
         "whole command": f"{figures['seconds']:.0f} s",
     }
-    return [{"checked in the same run": name, "result": value} for name, value in rows.items()]
+    return [
+        {"checked in the same run": name, "result": value}
+        for name, value in rows.items()
+    ]
 
 
 if __name__ == "__main__":

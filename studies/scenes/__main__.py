@@ -1,4 +1,4 @@
-"""`python -m holdfast.studies.scenes FOLDER --out DIR`: writes scenes.json and report.html.
+"""`python -m studies.scenes FOLDER --out DIR`: writes scenes.json and report.html.
 
 FOLDER/<rate>hz/<card> are sets that `holdfast simulate <card> --rate <rate>` wrote: thesis, and,
 where they are there, apple, p1 and p2. Everything here is simulated, and says so.
@@ -15,19 +15,18 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 
-from holdfast.edge_runtime.command import Parser, finish, path_argument, seed
-from holdfast.edge_runtime.errors import DataNotFound
-from holdfast.edge_runtime.writing import require_writable, write_whole
+from holdfast.cli.command import Parser, finish, path_argument, seed
+from holdfast.core.errors import DataNotFound
+from holdfast.core.writing import require_writable, write_whole
 from holdfast.evaluation.provenance import host
 from holdfast.evaluation.scores import LeakCheck
-from holdfast.studies.row_names import OURS
-from holdfast.studies.scenes.evidence import SceneEvidence, between, number
-from holdfast.studies.scenes.figures import MadeBy, ScenesFigures
-from holdfast.studies.scenes.report import write_scene_report
-from holdfast.studies.scenes.study import CAVEAT, STAGES, RateStudy, study_rate, ways
 from holdfast.training.fitting import versions
-from holdfast.training.progress import stages
-from holdfast.training.say import Say
+from holdfast.training.progress import Say, stages
+from studies.row_names import OURS
+from studies.scenes.evidence import SceneEvidence, between, number
+from studies.scenes.figures import MadeBy, ScenesFigures
+from studies.scenes.report import write_scene_report
+from studies.scenes.study import CAVEAT, STAGES, RateStudy, study_rate, ways
 
 RATE_FOLDER = re.compile(r"(\d+(?:\.\d+)?)hz")
 
@@ -48,7 +47,9 @@ def rate_folders(folder: Path) -> list[Path]:
     """The folders <rate>hz of a folder, slowest first. Raises DataNotFound."""
     places = list(folder.iterdir()) if folder.is_dir() else []
     found = [
-        (float(match[1]), path) for path in places if (match := RATE_FOLDER.fullmatch(path.name))
+        (float(match[1]), path)
+        for path in places
+        if (match := RATE_FOLDER.fullmatch(path.name))
     ]
     if not found:
         raise DataNotFound(
@@ -69,7 +70,11 @@ def gathered(studies: Sequence[RateStudy]) -> ScenesFigures:
 def leak_lines(figures: ScenesFigures) -> list[str]:
     """One line for each rate at which the weight leaks."""
     checks = {rate: one.leak for rate, one in figures.rates.items()}
-    return [_leak_line(rate, one) for rate, one in checks.items() if one is not None and one.leak]
+    return [
+        _leak_line(rate, one)
+        for rate, one in checks.items()
+        if one is not None and one.leak
+    ]
 
 
 def _leak_line(rate: str, one: LeakCheck) -> str:
@@ -90,7 +95,9 @@ def main(argv: Sequence[str]) -> int:
         metavar="FOLDER",
         help="holds <rate>hz/thesis and other sets that simulate wrote",
     )
-    parser.add_argument("--out", type=path_argument, default=Path("build/scenes"), metavar="DIR")
+    parser.add_argument(
+        "--out", type=path_argument, default=Path("build/scenes"), metavar="DIR"
+    )
     parser.add_argument("--seed", type=seed, default=0, metavar="S")
     args: argparse.Namespace = parser.parse_args(argv)
     require_writable(args.out)
@@ -102,7 +109,9 @@ def main(argv: Sequence[str]) -> int:
         "versions": made.versions,
         "seconds": made.seconds,
     }
-    write_whole(args.out / "scenes.json", json.dumps(written, indent=1, allow_nan=False) + "\n")
+    write_whole(
+        args.out / "scenes.json", json.dumps(written, indent=1, allow_nan=False) + "\n"
+    )
     best = figures.rates[figures.headline_hz].scores(OURS).four
     lines = [
         f"{figures.kind}, {figures.headline_hz} Hz, trials held out: macro F1 over four "

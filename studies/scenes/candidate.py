@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from holdfast.edge_runtime.contract import CLASSES
+from holdfast.core.contract import CLASSES
 from holdfast.export.learner import reference_votes
 from holdfast.export.reference import IntArray
 from holdfast.training.crossval import fit_learner
@@ -22,7 +22,12 @@ class Candidate:
     features: Callable[[DataSet], FloatRows]
 
     def votes(
-        self, data: DataSet, features: FloatRows, train: IntArray, rows: FloatRows, seed: int
+        self,
+        data: DataSet,
+        features: FloatRows,
+        train: IntArray,
+        rows: FloatRows,
+        seed: int,
     ) -> IntArray:
         """Votes [K, 8] on rows [K, F] of a forest fitted on some windows of a set."""
         forest = fit_learner(data, features, self.plan, "classes", train, seed)

@@ -6,13 +6,13 @@ import html
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from holdfast.evaluation.cells import above
+from holdfast.evaluation.model_outputs import StreamPicture
+from holdfast.evaluation.page import above
 from holdfast.evaluation.scores import LevelScores
-from holdfast.evaluation.streams import StreamPicture
-from holdfast.studies.scenes.figures import MadeBy, RateFigures, ScenesFigures
 from holdfast.training.crossval import HeldOut
 from holdfast.training.figures import ABSENT, Interval, over
 from holdfast.training.recording import DataSet
+from studies.scenes.figures import MadeBy, RateFigures, ScenesFigures
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,10 @@ def between(interval: Interval | None, joint: str = " to ") -> str:
 
 def macro_f1(scores: LevelScores) -> str:
     """Macro F1 at a level of classes with its interval, and over which classes if one is absent."""
-    return above(f"{number(scores.macro_f1)} ({between(scores.macro_f1_ci, '-')})", over(scores.f1))
+    return above(
+        f"{number(scores.macro_f1)} ({between(scores.macro_f1_ci, '-')})",
+        over(scores.f1),
+    )
 
 
 def table(heads: Sequence[str], rows: Iterable[Sequence[object]]) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass, field
 
-from holdfast.edge_runtime.reading import Json
+from holdfast.core.reading import Json
 from holdfast.evaluation.scores import ClassScores, LeakCheck, RecallSpread, RiskyCalls
 
 
@@ -129,10 +129,14 @@ class RateFigures:
             "others": {card: one.to_json() for card, one in self.others.items()},
         }
         if self.styles is not None:
-            figures["styles"] = {style: asdict(one) for style, one in self.styles.items()}
+            figures["styles"] = {
+                style: asdict(one) for style, one in self.styles.items()
+            }
         return figures | {
             "learning_curve": [point.to_json() for point in self.learning_curve],
-            "retrainings": {name: one.to_json() for name, one in self.retrainings.items()},
+            "retrainings": {
+                name: one.to_json() for name, one in self.retrainings.items()
+            },
         }
 
 
@@ -152,7 +156,9 @@ class ScenesFigures:
     @property
     def leak(self) -> bool:
         """Whether the weight leaks at any rate."""
-        return any(one.leak is not None and one.leak.leak for one in self.rates.values())
+        return any(
+            one.leak is not None and one.leak.leak for one in self.rates.values()
+        )
 
     def to_json(self) -> Json:
         """As it stands in scenes.json."""
@@ -171,7 +177,7 @@ class MadeBy:
 
     seed: int = 0
     versions: dict[str, str] = field(default_factory=dict)
-    command: str = "python -m holdfast.studies.scenes FOLDER --out DIR"
+    command: str = "python -m studies.scenes FOLDER --out DIR"
     seconds: float | None = None
 
 

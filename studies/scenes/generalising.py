@@ -10,12 +10,12 @@ import numpy as np
 
 from holdfast.evaluation.scores import ClassScores, scores
 from holdfast.export.reference import IntArray
-from holdfast.studies.scenes.candidate import Candidate
-from holdfast.studies.scenes.figures import LearningPoint, StyleLeftOut
 from holdfast.training.crossval import cross_validate
 from holdfast.training.datasets.joined import join
+from holdfast.training.progress import Say
 from holdfast.training.recording import DataSet
-from holdfast.training.say import Say
+from studies.scenes.candidate import Candidate
+from studies.scenes.figures import LearningPoint, StyleLeftOut
 
 TRIALS = (100, 200, 400, 600, 800, 1000)
 """The thesis had 600, then 1000."""
@@ -58,7 +58,9 @@ def learning_curve(
         part = replace(data, tasks={"classes": task.take(mask)})
         rows: dict[str, ClassScores] = {}
         for name, way in ways.items():
-            held = cross_validate(part, {"classes": features[name][mask]}, way.plan, seed=seed)
+            held = cross_validate(
+                part, {"classes": features[name][mask]}, way.plan, seed=seed
+            )
             rows[name] = scores(part, held.votes["classes"], seed=seed)
         points.append(LearningPoint(count, int(mask.sum()), rows))
     return points

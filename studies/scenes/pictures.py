@@ -2,22 +2,24 @@
 
 from __future__ import annotations
 
-from holdfast.evaluation.score_pictures import (
+from holdfast.evaluation.scores import ClassScores
+from holdfast.evaluation.style import bar
+from studies.row_names import row_class, shown
+from studies.scenes.figures import RateFigures, Rows
+from studies.score_pictures import (
     RateCurve,
     ScoreBars,
     by_object,
     over_rates,
     score_bars,
 )
-from holdfast.evaluation.scores import ClassScores
-from holdfast.evaluation.style import bar
-from holdfast.studies.row_names import row_class, shown
-from holdfast.studies.scenes.figures import RateFigures, Rows
 
 
 def level_bars(rows: Rows, kind: str) -> str:
     """Scores at three levels of every row that answers with classes."""
-    drawn = [_bars(name, row) for name, row in rows.items() if isinstance(row, ClassScores)]
+    drawn = [
+        _bars(name, row) for name, row in rows.items() if isinstance(row, ClassScores)
+    ]
     return score_bars(drawn, kind)
 
 
@@ -46,7 +48,9 @@ def rates(studies: dict[str, RateFigures], kind: str) -> str:
     ]
     ours = next(iter(first.rows))
     unseen = [
-        RateCurve(card, [one.others[card].scores(ours).four for one in studies.values()])
+        RateCurve(
+            card, [one.others[card].scores(ours).four for one in studies.values()]
+        )
         for card in first.others
         if all(card in one.others for one in studies.values())
     ]

@@ -10,26 +10,28 @@ import html
 from pathlib import Path
 
 from holdfast.evaluation import stream_pictures as draw
+from holdfast.evaluation.model_outputs import StreamPicture
 from holdfast.evaluation.page import key, write_page
-from holdfast.evaluation.score_pictures import confusion_spread
 from holdfast.evaluation.scores import ClassScores, LeakCheck, confusion, scores
-from holdfast.evaluation.streams import StreamPicture
 from holdfast.evaluation.style import SITUATION_COLOURS
 from holdfast.export.reference import IntArray
 from holdfast.export.spec import window_samples
-from holdfast.studies.real.pictures import confusion as four_by_four
-from holdfast.studies.row_names import LINE, OURS, row_class, shown
-from holdfast.studies.scenes import pictures
-from holdfast.studies.scenes.evidence import SceneEvidence, between, heading, number
-from holdfast.studies.scenes.figures import (
+from holdfast.training.crossval import HeldOut
+from holdfast.training.fitting import with_situations
+from holdfast.training.recording import DataSet
+from studies.real.pictures import confusion as four_by_four
+from studies.row_names import LINE, OURS, row_class, shown
+from studies.scenes import pictures
+from studies.scenes.evidence import SceneEvidence, between, heading, number
+from studies.scenes.figures import (
     DescribedSet,
     MadeBy,
     RateFigures,
     ScenesFigures,
     ShearRateFigures,
 )
-from holdfast.studies.scenes.study import CAVEAT, retraining
-from holdfast.studies.scenes.unseen_report import (
+from studies.scenes.study import CAVEAT, retraining
+from studies.scenes.unseen_report import (
     curve_section,
     level_figures,
     objects_section,
@@ -37,9 +39,7 @@ from holdfast.studies.scenes.unseen_report import (
     rates_section,
     styles_section,
 )
-from holdfast.training.crossval import HeldOut
-from holdfast.training.fitting import with_situations
-from holdfast.training.recording import DataSet
+from studies.score_pictures import confusion_spread
 
 
 def write_scene_report(path: Path, evidence: SceneEvidence) -> Path:
@@ -58,7 +58,9 @@ def write_scene_report(path: Path, evidence: SceneEvidence) -> Path:
         evidence.closed_loop,
         _made(evidence),
     ]
-    return write_page(path, "Holdfast, scenes", [section for section in sections if section])
+    return write_page(
+        path, "Holdfast, scenes", [section for section in sections if section]
+    )
 
 
 def demo_report(
@@ -169,10 +171,13 @@ def _threshold(row: ClassScores | ShearRateFigures | None) -> str:
 
 def _row(name: str, row: ClassScores | ShearRateFigures) -> str:
     cells = "".join(
-        f"<td>{number(value)}<td>{between(interval, '-')}" for value, interval in level_figures(row)
+        f"<td>{number(value)}<td>{between(interval, '-')}"
+        for value, interval in level_figures(row)
     )
     absent = "" if isinstance(row, ClassScores) else "<td>" * 8
-    called = "".join(f"<td>{number(one.share)}" for one in (row.calls.risky, row.calls.safe))
+    called = "".join(
+        f"<td>{number(one.share)}" for one in (row.calls.risky, row.calls.safe)
+    )
     return f"<tr class='{row_class(name)}'><td>{html.escape(shown(name))}{cells}{absent}{called}"
 
 

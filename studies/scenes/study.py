@@ -14,19 +14,34 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from holdfast.edge_runtime.errors import DataNotFound, UnitError
-from holdfast.evaluation.scores import ClassScores, calls, confusion, leak_check, scores, spread_of
+from holdfast.core.errors import DataNotFound, UnitError
+from holdfast.core.objects import read_json
+from holdfast.evaluation.model_outputs import StreamPicture, held_out_streams
+from holdfast.evaluation.scores import (
+    ClassScores,
+    calls,
+    confusion,
+    leak_check,
+    scores,
+    spread_of,
+)
 from holdfast.evaluation.simple_baselines import (
     SHEAR_RATE_LAW,
     clock_features,
     raw_windows,
     shear_rate_at,
 )
-from holdfast.evaluation.streams import StreamPicture, held_out_streams
 from holdfast.export.spec import window_samples
-from holdfast.studies.row_names import CLOCK, LINE, OURS, RAW
-from holdfast.studies.scenes.candidate import Candidate
-from holdfast.studies.scenes.figures import (
+from holdfast.training.crossval import HeldOut, cross_validate
+from holdfast.training.datasets import load
+from holdfast.training.datasets.joined import require_alike
+from holdfast.training.featurise import FloatRows, features_of, spec_for
+from holdfast.training.plan import CLOCK_PLAN, RAW_BASELINE, TrainingPlan
+from holdfast.training.progress import Say
+from holdfast.training.recording import DataSet
+from studies.row_names import CLOCK, LINE, OURS, RAW
+from studies.scenes.candidate import Candidate
+from studies.scenes.figures import (
     DescribedSet,
     LearningPoint,
     OtherSetFigures,
@@ -35,15 +50,7 @@ from holdfast.studies.scenes.figures import (
     ShearRateFigures,
     StyleLeftOut,
 )
-from holdfast.studies.scenes.generalising import learning_curve, styles_left_out
-from holdfast.training.crossval import HeldOut, cross_validate
-from holdfast.training.datasets import load
-from holdfast.training.datasets.joined import require_alike
-from holdfast.training.featurise import FloatRows, features_of, spec_for
-from holdfast.training.objects import read_json
-from holdfast.training.plan import CLOCK_PLAN, RAW_BASELINE, TrainingPlan
-from holdfast.training.recording import DataSet
-from holdfast.training.say import Say
+from studies.scenes.generalising import learning_curve, styles_left_out
 
 TRAINED, OTHERS = "thesis", ("apple", "p1", "p2")
 STYLES = ("p1", "p2")
@@ -87,7 +94,9 @@ class RateStudy:
     streams: list[StreamPicture]
 
 
-def study_rate(folder: Path, chosen: dict[str, Candidate], seed: int, say: Say) -> RateStudy:
+def study_rate(
+    folder: Path, chosen: dict[str, Candidate], seed: int, say: Say
+) -> RateStudy:
     """Everything about the sets in one rate's folder. Raises DataNotFound, UnitError or
     RateError."""
     say(f"{folder.name}: reading {TRAINED}")
@@ -101,11 +110,14 @@ def study_rate(folder: Path, chosen: dict[str, Candidate], seed: int, say: Say) 
         name: cross_validate(data, {"classes": features[name]}, way.plan, seed=seed)
         for name, way in chosen.items()
     }
-    rows = {name: scores(data, held[name].votes["classes"], seed=seed) for name in chosen}
+    rows = {
+        name: scores(data, held[name].votes["classes"], seed=seed) for name in chosen
+    }
     leak = leak_check(data, held[RAW].votes["classes"], seed=seed)
     say(f"{folder.name}: objects held out")
     objects = {
-        name: objects_held_out(data, features[name], way, seed) for name, way in chosen.items()
+        name: objects_held_out(data, features[name], way, seed)
+        for name, way in chosen.items()
     }
     figures = RateFigures(
         rate_hz=data.rate_hz,
@@ -120,7 +132,9 @@ def study_rate(folder: Path, chosen: dict[str, Candidate], seed: int, say: Say) 
         retrainings=retrained(folder.name, data, features, chosen, seed, say),
     )
     say(f"{folder.name}: three whole trials")
-    streams = held_out_streams(folder / TRAINED, data, features[OURS], chosen[OURS].plan, seed)
+    streams = held_out_streams(
+        folder / TRAINED, data, features[OURS], chosen[OURS].plan, seed
+    )
     return RateStudy(figures, data, held[OURS], streams)
 
 
@@ -134,7 +148,9 @@ def _styles(
     styles = {TRAINED: data} | {
         card: load(folder / card, seed=seed, windows="thesis") for card in there
     }
-    return styles_left_out(styles, chosen, seed, lambda line: say(f"{folder.name}: {line}"))
+    return styles_left_out(
+        styles, chosen, seed, lambda line: say(f"{folder.name}: {line}")
+    )
 
 
 def _fewer_trials(
@@ -162,7 +178,9 @@ def read_trained(folder: Path, seed: int) -> DataSet:
     data = load(folder / TRAINED, seed=seed, windows="thesis")
     if data.unit != "N":
         raise UnitError(
-            f"in {data.unit}, the study is in N", where=data.name, next_step="simulate with unit N"
+            f"in {data.unit}, the study is in N",
+            where=data.name,
+            next_step="simulate with unit N",
         )
     return data
 
@@ -203,7 +221,9 @@ def objects_held_out(
     figures = {}
     for name in sorted(set(names.tolist()) - {""}):
         held_out = names == name
-        votes = way.votes(data, features, np.flatnonzero(~held_out), features[held_out], seed)
+        votes = way.votes(
+            data, features, np.flatnonzero(~held_out), features[held_out], seed
+        )
         part = replace(data, tasks={"classes": data.tasks["classes"].take(held_out)})
         figures[name] = scores(part, votes, seed=seed)
     return figures
@@ -234,7 +254,9 @@ def evaluated_on_others(
             for name, way in chosen.items()
         }
         threshold = {LINE: shear_rate_figures(other, seed)}
-        figures[card] = OtherSetFigures(described(other, folder / card), rows | threshold)
+        figures[card] = OtherSetFigures(
+            described(other, folder / card), rows | threshold
+        )
     return figures
 
 
@@ -252,11 +274,15 @@ def retrained(
     for number, one in enumerate(seeds, start=1):
         say(f"{rate}: retraining {number} of {len(seeds)}")
         for name, found in matrices.items():
-            again = cross_validate(data, {"classes": features[name]}, chosen[name].plan, seed=one)
+            again = cross_validate(
+                data, {"classes": features[name]}, chosen[name].plan, seed=one
+            )
             found.append(confusion(data.tasks["classes"].label, again.votes["classes"]))
     return {name: retraining(seeds, found) for name, found in matrices.items()}
 
 
-def retraining(seeds: Sequence[int], matrices: list[npt.NDArray[np.int64]]) -> Retraining:
+def retraining(
+    seeds: Sequence[int], matrices: list[npt.NDArray[np.int64]]
+) -> Retraining:
     """Figures of retrainings. matrices: [8, 8] counts of each."""
     return Retraining(list(seeds), [m.tolist() for m in matrices], spread_of(matrices))

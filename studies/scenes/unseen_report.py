@@ -5,11 +5,11 @@ from __future__ import annotations
 import html
 
 from holdfast.evaluation.scores import ClassScores
-from holdfast.studies.row_names import OURS, RAW, shown
-from holdfast.studies.scenes import pictures
-from holdfast.studies.scenes.evidence import SceneEvidence, heading, macro_f1, number, table
-from holdfast.studies.scenes.figures import ShearRateFigures
 from holdfast.training.figures import Interval
+from studies.row_names import OURS, RAW, shown
+from studies.scenes import pictures
+from studies.scenes.evidence import SceneEvidence, heading, macro_f1, number, table
+from studies.scenes.figures import ShearRateFigures
 
 Figure = tuple[float | None, Interval | None]
 """A value and its 95 % interval."""
@@ -107,10 +107,18 @@ def curve_section(evidence: SceneEvidence) -> str:
     curve = evidence.headline.learning_curve
     if not curve:
         return ""
-    heads = [f"{digit}, F1, {html.escape(shown(name))}" for name in curve[0].rows for digit in "48"]
+    heads = [
+        f"{digit}, F1, {html.escape(shown(name))}"
+        for name in curve[0].rows
+        for digit in "48"
+    ]
     rows = [
         [point.trials, point.windows]
-        + [macro_f1(level) for row in point.rows.values() for level in (row.four, row.eight)]
+        + [
+            macro_f1(level)
+            for row in point.rows.values()
+            for level in (row.four, row.eight)
+        ]
         for point in curve
     ]
     return f"""{heading(evidence, "How many trials it takes")}

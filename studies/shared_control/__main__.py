@@ -8,20 +8,24 @@ import sys
 from dataclasses import asdict
 from pathlib import Path
 
-from holdfast.edge_runtime.command import path_argument, run_script
-from holdfast.edge_runtime.engine_options import add_engine_options, chosen_model
-from holdfast.edge_runtime.errors import UsageError
-from holdfast.edge_runtime.reading import Json
-from holdfast.edge_runtime.writing import require_writable, write_whole
-from holdfast.evaluation.drawing import for_any_page
-from holdfast.evaluation.job_options import add_job_options, chosen_workers
+from holdfast.cli.command import path_argument, run_script
+from holdfast.cli.options import (
+    add_engine_options,
+    add_job_options,
+    chosen_model,
+    chosen_workers,
+)
+from holdfast.core.errors import UsageError
+from holdfast.core.reading import Json
+from holdfast.core.writing import require_writable, write_whole
 from holdfast.evaluation.loop_runs import LoopRuns
 from holdfast.evaluation.provenance import host
+from holdfast.evaluation.style import for_any_page
 from holdfast.simulation.closed_loop.recording import model_of
-from holdfast.studies.shared_control.page import PAGE, fill_page
-from holdfast.studies.shared_control.picture import picture
-from holdfast.studies.shared_control.plan import Row, rows
 from holdfast.training.progress import counted
+from studies.shared_control.page import PAGE, fill_page
+from studies.shared_control.picture import picture
+from studies.shared_control.plan import Row, rows
 
 MODEL = Path("models/holdfast-150hz.onnx")
 FIGURE = Path("docs/shared-control.svg")
@@ -30,16 +34,41 @@ FIGURE = Path("docs/shared-control.svg")
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this command."""
     option = parser.add_argument
-    option("--model", type=path_argument, default=MODEL, metavar="FILE", help=f"default {MODEL}")
+    option(
+        "--model",
+        type=path_argument,
+        default=MODEL,
+        metavar="FILE",
+        help=f"default {MODEL}",
+    )
     add_engine_options(parser)
-    option("--trials", type=int, default=55, metavar="N", help="trials of a set (default 55)")
+    option(
+        "--trials",
+        type=int,
+        default=55,
+        metavar="N",
+        help="trials of a set (default 55)",
+    )
     add_job_options(parser, 2)
     out = "folder of loop.json (default build/loop)"
-    option("--out", type=path_argument, default=Path("build/loop"), metavar="DIR", help=out)
-    option("--parts", nargs="+", metavar="PART", help="of table, curve, lag, delay, noise, without")
+    option(
+        "--out", type=path_argument, default=Path("build/loop"), metavar="DIR", help=out
+    )
+    option(
+        "--parts",
+        nargs="+",
+        metavar="PART",
+        help="of table, curve, lag, delay, noise, without",
+    )
     option("--sets", nargs="+", metavar="SET", help="by their names in the tables")
-    option("--controllers", nargs="+", metavar="NAME", help="of the tables' first column")
-    option("--page", action="store_true", help=f"fill the tables of {PAGE} and draw {FIGURE}")
+    option(
+        "--controllers", nargs="+", metavar="NAME", help="of the tables' first column"
+    )
+    option(
+        "--page",
+        action="store_true",
+        help=f"fill the tables of {PAGE} and draw {FIGURE}",
+    )
 
 
 def run(args: argparse.Namespace) -> int:

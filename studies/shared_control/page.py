@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from holdfast.edge_runtime.reading import Json
-from holdfast.evaluation.doc_tables import table, with_interval, write_tables
-from holdfast.studies.shared_control.plan import CURVE_SETS, OUR_LEAD_N, OURS, UNSEEN
-from holdfast.studies.shared_control.targets import target_rows
+from holdfast.core.reading import Json
+from studies.shared_control.plan import CURVE_SETS, OUR_LEAD_N, OURS, UNSEEN
+from studies.shared_control.targets import target_rows
+from tools.doc_tables import table, with_interval, write_tables
 
 PAGE = Path("docs/shared-control.md")
 CONTROLLER_HEADS = {
@@ -67,12 +67,19 @@ def fill_page(figures: Json) -> None:
     chosen = {
         "author": (_of(rows, "table", ["author"]), CONTROLLER_HEADS),
         "unseen": (_worst_of_unseen(rows), CONTROLLER_HEADS),
-        "sets": ([r for r in _part(rows, "table") if r["controller"] == OURS], SET_HEADS),
+        "sets": (
+            [r for r in _part(rows, "table") if r["controller"] == OURS],
+            SET_HEADS,
+        ),
         "parts": (_part(rows, "without"), PART_HEADS),
         "milliseconds": (_in_time(rows), TIME_HEADS),
         "noise": (_part(rows, "noise"), NOISE_HEADS),
     }
-    made = {n: table([shown(r) for r in of], heads) for n, (of, heads) in chosen.items() if of}
+    made = {
+        n: table([shown(r) for r in of], heads)
+        for n, (of, heads) in chosen.items()
+        if of
+    }
     if _part(rows, "table"):
         made |= {"targets": table(target_rows(rows), {h: h for h in TARGET_HEADS})}
     write_tables(PAGE, made)
@@ -85,7 +92,9 @@ def _part(rows: Sequence[Row], part: str) -> list[Row]:
 def _in_time(rows: Sequence[Row]) -> list[Row]:
     """Ours at its usual setting, by the lag of the drive and by how late its targets come."""
     lagged = [
-        r for r in _part(rows, "lag") if r["controller"] == OURS and r["setting"] == OUR_LEAD_N
+        r
+        for r in _part(rows, "lag")
+        if r["controller"] == OURS and r["setting"] == OUR_LEAD_N
     ]
     usual = [r for r in _of(rows, "table", CURVE_SETS) if r["controller"] == OURS]
     by_lag = sorted([*lagged, *usual], key=lambda row: (row["set"], row["lag_ms"]))
@@ -101,15 +110,22 @@ def _worst_of_unseen(rows: Sequence[Row]) -> list[Row]:
     worst: dict[str, Row] = {}
     for row in _of(rows, "table", UNSEEN):
         name = row["controller"]
-        if name not in worst or (row["saved_share"] or 0) < (worst[name]["saved_share"] or 0):
+        if name not in worst or (row["saved_share"] or 0) < (
+            worst[name]["saved_share"] or 0
+        ):
             worst[name] = row
-    return [{**row, "controller": f"{name} ({row['set']})"} for name, row in worst.items()]
+    return [
+        {**row, "controller": f"{name} ({row['set']})"} for name, row in worst.items()
+    ]
 
 
 def shown(row: Row) -> Row:
     """A row of the study as the tables print it."""
     return {
-        **{key: row[key] for key in ("set", "controller", "drops", "preventable", "handovers")},
+        **{
+            key: row[key]
+            for key in ("set", "controller", "drops", "preventable", "handovers")
+        },
         "lag": f"{row['lag_ms']:g}",
         "noise": f"{row['noise']:g}",
         "late": f"{1e3 * row['delay_samples'] / 150.0:.0f}",

@@ -8,9 +8,9 @@ import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from holdfast.edge_runtime.reading import Json
+from holdfast.core.reading import Json
 from holdfast.evaluation.style import INK, OURS, QUIET, STYLE, svg
-from holdfast.studies.shared_control.plan import CURVE_SETS, LAG_MS, LAGS_MS, SETTINGS
+from studies.shared_control.plan import CURVE_SETS, LAG_MS, LAGS_MS, SETTINGS
 
 MARKS = {"holdfast": "o", "pd-shear": "s", "smsp": "^", "ismsp": "v"}
 BLOCKED_AIM, SAVED_AIM = 0.05, 0.9
@@ -19,7 +19,11 @@ Row = Json
 
 def picture(figures: Json) -> str:
     """The SVG: a panel for each lag of the drive; the sets of the curves are counted together."""
-    rows = [r for r in figures["rows"] if r["part"] in ("curve", "lag") and r["set"] in CURVE_SETS]
+    rows = [
+        r
+        for r in figures["rows"]
+        if r["part"] in ("curve", "lag") and r["set"] in CURVE_SETS
+    ]
     with mpl.rc_context({**STYLE, "font.size": 11}):
         drawn = Figure(figsize=(10.0, 3.8))
         lags = sorted({LAG_MS, *LAGS_MS})
@@ -35,12 +39,16 @@ def _panel(axes: Axes, rows: Sequence[Row], lag_ms: float) -> None:
     for which in SETTINGS:
         points = curve([row for row in rows if row["controller"] == which])
         colour = OURS if which == "holdfast" else QUIET
-        axes.plot(*zip(*points, strict=True), f"{MARKS[which]}-", color=colour, label=which)
+        axes.plot(
+            *zip(*points, strict=True), f"{MARKS[which]}-", color=colour, label=which
+        )
         axes.annotate(which, points[-1], (4, 4), textcoords="offset points", fontsize=9)
     axes.axvline(BLOCKED_AIM, color=INK, linewidth=0.6, linestyle=":")
     axes.axhline(SAVED_AIM, color=INK, linewidth=0.6, linestyle=":")
     title = f"drive with a lag of {lag_ms:g} ms"
-    axes.set(title=title, xlabel="hand-overs blocked", xlim=(-0.02, 0.6), ylim=(-0.03, 1.05))
+    axes.set(
+        title=title, xlabel="hand-overs blocked", xlim=(-0.02, 0.6), ylim=(-0.03, 1.05)
+    )
 
 
 def curve(rows: Sequence[Row]) -> list[tuple[float, float]]:
@@ -48,7 +56,8 @@ def curve(rows: Sequence[Row]) -> list[tuple[float, float]]:
     settings = sorted({row["setting"] for row in rows})
     each = [[row for row in rows if row["setting"] == setting] for setting in settings]
     return [
-        (_share(one, "blocked", "handovers"), _share(one, "saved", "preventable")) for one in each
+        (_share(one, "blocked", "handovers"), _share(one, "saved", "preventable"))
+        for one in each
     ]
 
 

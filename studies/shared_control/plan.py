@@ -97,11 +97,23 @@ def rows(trials: int) -> list[Row]:
             for setting in settings[-4::2]
         ]
         made += [
-            Row("delay", name, OURS, one, LoopRequest(OURS, OUR_LEAD_N, delay_samples=delay))
+            Row(
+                "delay",
+                name,
+                OURS,
+                one,
+                LoopRequest(OURS, OUR_LEAD_N, delay_samples=delay),
+            )
             for delay in DELAYS
         ]
         made += [
-            Row("noise", name, OURS, replace(one, noise=noise), LoopRequest(OURS, OUR_LEAD_N))
+            Row(
+                "noise",
+                name,
+                OURS,
+                replace(one, noise=noise),
+                LoopRequest(OURS, OUR_LEAD_N),
+            )
             for noise in NOISES
         ]
         made += [
@@ -110,6 +122,12 @@ def rows(trials: int) -> list[Row]:
         ]
         deaf = replace(Habits(), missed_share=1.0)
         made.append(
-            Row("without", name, "own command", one, LoopRequest(OURS, OUR_LEAD_N, habits=deaf))
+            Row(
+                "without",
+                name,
+                "own command",
+                one,
+                LoopRequest(OURS, OUR_LEAD_N, habits=deaf),
+            )
         )
     return made

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from holdfast.studies.shared_control.plan import OURS, STYLES, UNSEEN
+from studies.shared_control.plan import OURS, STYLES, UNSEEN
 
 Row = dict[str, Any]
 AUTHOR = ("author",)
@@ -26,17 +26,52 @@ class Target:
 
 
 TARGETS = (
-    Target("drops saved, author's style", "saved_share", AUTHOR, 0.95, at_least=True, ci=True),
-    Target("drops saved, worst unseen style", "saved_share", UNSEEN, 0.90, at_least=True, ci=True),
-    Target("hand-overs blocked, author's style", "blocked_share", AUTHOR, 0.02, ci=True),
-    Target("hand-overs blocked, worst unseen style", "blocked_share", UNSEEN, 0.05, ci=True),
     Target(
-        "receiver's extra force, median, worst style", "extra_force_n_p50", STYLES, 1.0, unit="N"
+        "drops saved, author's style",
+        "saved_share",
+        AUTHOR,
+        0.95,
+        at_least=True,
+        ci=True,
     ),
-    Target("extra delay, 95 %, worst style", "extra_delay_ms_p95", STYLES, 100.0, unit="ms"),
-    Target("slip of what is saved, median, worst style", "slip_mm_p50", STYLES, 2.0, unit="mm"),
+    Target(
+        "drops saved, worst unseen style",
+        "saved_share",
+        UNSEEN,
+        0.90,
+        at_least=True,
+        ci=True,
+    ),
+    Target(
+        "hand-overs blocked, author's style", "blocked_share", AUTHOR, 0.02, ci=True
+    ),
+    Target(
+        "hand-overs blocked, worst unseen style", "blocked_share", UNSEEN, 0.05, ci=True
+    ),
+    Target(
+        "receiver's extra force, median, worst style",
+        "extra_force_n_p50",
+        STYLES,
+        1.0,
+        unit="N",
+    ),
+    Target(
+        "extra delay, 95 %, worst style", "extra_delay_ms_p95", STYLES, 100.0, unit="ms"
+    ),
+    Target(
+        "slip of what is saved, median, worst style",
+        "slip_mm_p50",
+        STYLES,
+        2.0,
+        unit="mm",
+    ),
     Target("fragile objects crushed", "crushed_share", ("fragile",), 0.01, ci=True),
-    Target("error of the friction estimate, median, worst style", "mu_error_p50", STYLES, 0.15),
+    Target(
+        "error of the friction estimate, median, worst style",
+        "mu_error_p50",
+        STYLES,
+        0.15,
+    ),
 )
 RIVALS = ("smsp", "pd-shear")
 """Our grip above need is at most half of theirs, in the same run."""
@@ -51,10 +86,14 @@ def target_rows(rows: Sequence[Row]) -> list[dict[str, str]]:
 
 
 def _against(target: Target, ours: Sequence[Row]) -> dict[str, str]:
-    found = [row for row in ours if row["set"] in target.sets and row[target.key] is not None]
+    found = [
+        row for row in ours if row["set"] in target.sets and row[target.key] is not None
+    ]
     if not found:
         return {}
-    worst = (min if target.at_least else max)(found, key=lambda row: float(row[target.key]))
+    worst = (min if target.at_least else max)(
+        found, key=lambda row: float(row[target.key])
+    )
     value = worst[target.key]
     reached = value >= target.bound if target.at_least else value <= target.bound
     interval = worst[f"{target.key}_ci"] if target.ci else None
@@ -71,7 +110,11 @@ def _against(target: Target, ours: Sequence[Row]) -> dict[str, str]:
 def _excess(table: Sequence[Row], rival: str) -> dict[str, str]:
     """Our grip above need over a rival's, of the styles together."""
     ours, theirs = (
-        sum(r["grip_excess"] for r in table if r["controller"] == name and r["set"] in STYLES)
+        sum(
+            r["grip_excess"]
+            for r in table
+            if r["controller"] == name and r["set"] in STYLES
+        )
         for name in (OURS, rival)
     )
     if not theirs:

@@ -1,4 +1,4 @@
-"""The tables of docs/adapt.md: `python -m holdfast.studies.tables.adapt STYLES PEOPLE PAGE`."""
+"""The tables of docs/adapt.md: `python -m studies.tables.adapt STYLES PEOPLE PAGE`."""
 
 from __future__ import annotations
 
@@ -6,9 +6,9 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
-from holdfast.edge_runtime.reading import Json
-from holdfast.evaluation.doc_tables import Tables, refresh, with_interval
+from holdfast.core.reading import Json
 from holdfast.evaluation.page import markdown
+from tools.doc_tables import Tables, refresh, with_interval
 
 
 def _styles(figures: Json) -> Tables:
@@ -23,7 +23,11 @@ def _styles(figures: Json) -> Tables:
 
 def _people(figures: Json) -> Tables:
     """Every way."""
-    return {"people": markdown([_people_row(name, way) for name, way in figures["ways"].items()])}
+    return {
+        "people": markdown(
+            [_people_row(name, way) for name, way in figures["ways"].items()]
+        )
+    }
 
 
 def _style_row(style: str, name: str, way: Json) -> dict[str, str | None]:
@@ -50,7 +54,9 @@ def _people_row(name: str, way: Json) -> dict[str, str | None]:
 def _alarms(way: Json) -> dict[str, str | None]:
     return {
         "recall (95 %)": with_interval(way["recall"], way["recall_ci"]),
-        "false alarms per min (95 %)": with_interval(way["false_per_min"], way["false_per_min_ci"]),
+        "false alarms per min (95 %)": with_interval(
+            way["false_per_min"], way["false_per_min_ci"]
+        ),
     }
 
 

@@ -6,13 +6,12 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
-from holdfast.edge_runtime.reading import Json
-from holdfast.evaluation.doc_tables import Tables, refresh, table, with_interval
-from holdfast.evaluation.labels import DEPLOYED
-from holdfast.evaluation.page import markdown
-from holdfast.studies.row_names import OURS, RAW, shown
-from holdfast.studies.tables.targets import target_rows
-from holdfast.studies.thesis_preliminary.published import ACCURACY_PERCENT, LEARNERS
+from holdfast.core.reading import Json
+from holdfast.evaluation.page import DEPLOYED, markdown
+from studies.row_names import OURS, RAW, shown
+from studies.tables.targets import target_rows
+from studies.thesis_preliminary.published import ACCURACY_PERCENT, LEARNERS
+from tools.doc_tables import Tables, refresh, table, with_interval
 
 RATE = "150"
 STREAM_HEADS = {
@@ -42,7 +41,11 @@ ALARM_HEADS = {
     "voluntary_p1": "voluntary called risky, p1",
     "delay_ms": "delay, ms",
 }
-BOUND_HEADS = {"samples_late": "samples late", "ms_late": "late, ms", "f1_author": "macro F1"}
+BOUND_HEADS = {
+    "samples_late": "samples late",
+    "ms_late": "late, ms",
+    "f1_author": "macro F1",
+}
 CURVE_HEADS = {
     "trials": "trials",
     "four_ours": "four situations, ours",
@@ -68,13 +71,18 @@ def _streams(figures: Json) -> Tables:
         for name, row in rows.items()
     ]
     by_set = [
-        {"set": name, "events": one["rows"][DEPLOYED]["events"]} | _stream(one["rows"][DEPLOYED])
+        {"set": name, "events": one["rows"][DEPLOYED]["events"]}
+        | _stream(one["rows"][DEPLOYED])
         for name, one in figures["sets"].items()
     ]
     return {
         "streams-about": markdown(about),
-        "streams": table(methods, {"method": "method"} | STREAM_HEADS | {"p": "McNemar p"}),
-        "streams-by-set": table(by_set, {"set": "set", "events": "events"} | STREAM_HEADS),
+        "streams": table(
+            methods, {"method": "method"} | STREAM_HEADS | {"p": "McNemar p"}
+        ),
+        "streams-by-set": table(
+            by_set, {"set": "set", "events": "events"} | STREAM_HEADS
+        ),
     }
 
 
@@ -121,11 +129,14 @@ def _generalisation(figures: Json) -> Tables:
     curve = [_curve_point(row) for row in rate["learning_curve"]]
     spread = {name: one["spread"] for name, one in rate["retrainings"].items()}
     by_class = [
-        {"class": name.replace("_", " ")} | {shown(row): one[name] for row, one in spread.items()}
+        {"class": name.replace("_", " ")}
+        | {shown(row): one[name] for row, one in spread.items()}
         for name in next(iter(spread.values()))
     ]
     return {
-        "generalisation": markdown([_split(name, rows) for name, rows in _splits(rate)]),
+        "generalisation": markdown(
+            [_split(name, rows) for name, rows in _splits(rate)]
+        ),
         "learning-curve": table(curve, CURVE_HEADS),
         "retrainings": markdown(by_class),
     }
@@ -158,7 +169,9 @@ def _split(name: str, rows: Json) -> Json:
 
 
 def _curve_point(row: Json) -> Json:
-    pairs = [(level, name, key) for level in ("four", "eight") for name, key in ROWS.items()]
+    pairs = [
+        (level, name, key) for level in ("four", "eight") for name, key in ROWS.items()
+    ]
     return {"trials": row["trials"]} | {
         f"{level}_{name}": row[key][level]["macro_f1"] for level, name, key in pairs
     }
@@ -177,7 +190,9 @@ def _preliminary(figures: Json) -> Tables:
         for one in figures["sets"]:
             learners = one["cases"][case]["learners"]
             rows.append({"case": case, "set": one["data"]})
-            rows[-1] |= {name: 100.0 * learners[name]["accuracy"]["mean"] for name in LEARNERS}
+            rows[-1] |= {
+                name: 100.0 * learners[name]["accuracy"]["mean"] for name in LEARNERS
+            }
     return {"preliminary": markdown(rows)}
 
 
@@ -187,7 +202,9 @@ def _relative_rotation(figures: Json) -> Tables:
         {
             "method": shown(name),
             "macro F1 (95 %)": with_interval(one["macro_f1"], one["macro_f1_ci"]),
-            "AUC, risky within 0.25 s (95 %)": with_interval(head["auc"], head["auc_ci"]),
+            "AUC, risky within 0.25 s (95 %)": with_interval(
+                head["auc"], head["auc_ci"]
+            ),
         }
         for name, row in figures["rows"].items()
         for one, head in [(row["situations"], row["predict_250ms"])]
@@ -196,7 +213,10 @@ def _relative_rotation(figures: Json) -> Tables:
         {"situation": name.replace("_", " "), "windows": f"{count:,}"}
         for name, count in figures["windows"].items()
     ]
-    return {"relative-rotation-windows": markdown(counts), "relative-rotation": markdown(rows)}
+    return {
+        "relative-rotation-windows": markdown(counts),
+        "relative-rotation": markdown(rows),
+    }
 
 
 MADE_FROM: tuple[Callable[[Json], Tables], ...] = (

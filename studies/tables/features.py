@@ -6,14 +6,14 @@ import math
 import sys
 from pathlib import Path
 
-from holdfast.edge_runtime.contact import NORMAL_FLOOR
-from holdfast.evaluation.doc_tables import refresh, write_tables
+from holdfast.core.contact import NORMAL_FLOOR
 from holdfast.evaluation.page import markdown
 from holdfast.export.features import GROUPS, feature_count
 from holdfast.export.history import LAGS_S
 from holdfast.export.spec import StepSpec
 from holdfast.export.step_graph import feature_graph
-from holdfast.studies.ablation import table
+from studies.ablation import table
+from tools.doc_tables import refresh, write_tables
 
 SHOWN = (6, 58.9)
 """Sensors and rate the page's numbers are for."""
@@ -26,7 +26,9 @@ def tables() -> dict[str, str]:
         {"constant": "lags l, s", "value": ", ".join(f"{lag:.2f}" for lag in LAGS_S)},
         {
             "constant": "floor of Zs",
-            "value": ", ".join(f"{value:g} {unit}" for unit, value in NORMAL_FLOOR.items()),
+            "value": ", ".join(
+                f"{value:g} {unit}" for unit, value in NORMAL_FLOOR.items()
+            ),
         },
     ]
     return {

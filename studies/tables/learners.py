@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from holdfast.edge_runtime.reading import Json
-from holdfast.evaluation.doc_tables import Tables, refresh, table, with_interval
+from holdfast.core.reading import Json
 from holdfast.evaluation.page import markdown
+from tools.doc_tables import Tables, refresh, table, with_interval
 
 CASES = {
     (18, False): "real-18",
@@ -59,7 +59,9 @@ def _row(name: str, row: Json) -> dict[str, str | None]:
     situations, head = row["situations"], row.get("predict_250ms") or {}
     return {
         "learner": name,
-        "macro F1 (95 %)": with_interval(situations["macro_f1"], situations["macro_f1_ci"]),
+        "macro F1 (95 %)": with_interval(
+            situations["macro_f1"], situations["macro_f1_ci"]
+        ),
         "AUC (95 %)": with_interval(head.get("auc"), head.get("auc_ci")),
         "average precision (95 %)": with_interval(
             head.get("average_precision"), head.get("average_precision_ci")
@@ -70,7 +72,9 @@ def _row(name: str, row: Json) -> dict[str, str | None]:
 def _people(people: Json) -> list[dict[str, str]]:
     """Least, median and largest macro F1 of a person, and how many each learner answers best."""
     names = list(next(iter(people.values())))
-    by_learner = np.array([[one[name] for name in names] for one in people.values()], float)
+    by_learner = np.array(
+        [[one[name] for name in names] for one in people.values()], float
+    )
     best = np.bincount(by_learner.argmax(axis=1), minlength=len(names))
     return [
         {
@@ -142,7 +146,9 @@ def _streams(figures: Json) -> Tables:
     """On whole streams, and on unseen styles."""
     return {
         "streams": table([_on_streams(row) for row in figures["rows"]], STREAM_HEADS),
-        "streams-unseen": table([_unseen(row) for row in figures["rows"]], UNSEEN_HEADS),
+        "streams-unseen": table(
+            [_unseen(row) for row in figures["rows"]], UNSEEN_HEADS
+        ),
     }
 
 

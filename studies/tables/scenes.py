@@ -6,16 +6,16 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
-from holdfast.edge_runtime.reading import Json
-from holdfast.evaluation.doc_tables import Tables, refresh, table, write_tables
+from holdfast.core.reading import Json
 from holdfast.evaluation.page import markdown
 from holdfast.simulation.card import read_card
 from holdfast.simulation.effect import Effect
 from holdfast.simulation.effects import EFFECTS
-from holdfast.simulation.sensor.calibration import residual_n
+from holdfast.simulation.sensor.magnet import residual_n
 from holdfast.simulation.shipped import CARDS, shipped
-from holdfast.studies.row_names import OURS, shown
 from holdfast.training.figures import over
+from studies.row_names import OURS, shown
+from tools.doc_tables import Tables, refresh, table, write_tables
 
 STEP_HEADS = {
     "step_ms": "step, ms",
@@ -75,12 +75,18 @@ def _simulator(simulator: Json) -> Tables:
 
 def mujoco_loop(figures: Json) -> Tables:
     """Of `make peers`."""
-    return {"mujoco-loop": table([_loop_row(trial) for trial in figures["trials"]], LOOP_HEADS)}
+    return {
+        "mujoco-loop": table(
+            [_loop_row(trial) for trial in figures["trials"]], LOOP_HEADS
+        )
+    }
 
 
 def _loop_row(trial: Json) -> Json:
     *normals, along = (100.0 * force["difference"] for force in trial["forces"])
-    fates = {world: _fate(trial["action"], trial[world]) for world in ("ours", "mujoco")}
+    fates = {
+        world: _fate(trial["action"], trial[world]) for world in ("ours", "mujoco")
+    }
     return {"action": trial["action"], **fates, "normal": max(normals), "along": along}
 
 
@@ -96,21 +102,32 @@ def _fate(action: str, hands: Json) -> str:
 
 def _sensor() -> str:
     normal_n, shear_n = residual_n()
-    rows = [("simulated", f"{normal_n:.2f}", f"{shear_n:.2f}"), ("published", "0.27", "0.12")]
+    rows = [
+        ("simulated", f"{normal_n:.2f}", f"{shear_n:.2f}"),
+        ("published", "0.27", "0.12"),
+    ]
     return markdown(
-        [dict(zip(("sensor", "normal, N", "shear, N"), row, strict=True)) for row in rows]
+        [
+            dict(zip(("sensor", "normal, N", "shear, N"), row, strict=True))
+            for row in rows
+        ]
     )
 
 
 def _cards() -> str:
     titles = {name: read_card(str(CARDS / f"{name}.toml")).title for name in shipped()}
-    return markdown([{"card": f"`{name}`", "what": title} for name, title in titles.items()])
+    return markdown(
+        [{"card": f"`{name}`", "what": title} for name, title in titles.items()]
+    )
 
 
 def _effects(figures: Json) -> dict[str, str]:
     prices = {row["effect"]: row["ns_per_sample"] for row in figures["prices"]}
     core = [
-        {"what": "core alone, CPU ns per sample", "value": f"{prices['(core alone)']:,.0f}"},
+        {
+            "what": "core alone, CPU ns per sample",
+            "value": f"{prices['(core alone)']:,.0f}",
+        },
         {
             "what": "the same with an empty `[effects]`, times the core alone",
             "value": f"{figures['empty_list_over_core']:.3f}",
@@ -155,7 +172,8 @@ def _study(figures: Json) -> dict[str, str]:
         for name, row in one["rows"].items()
     ]
     leak = [
-        {"rate, Hz": rate, "accuracy (99 %)": _leak(one["leak"])} for rate, one in rates.items()
+        {"rate, Hz": rate, "accuracy (99 %)": _leak(one["leak"])}
+        for rate, one in rates.items()
     ]
     return {
         "forests": markdown(held),
@@ -171,7 +189,10 @@ def _unseen(rate: Json) -> list[tuple[str, Json]]:
         (f"{what}: {shown(name)}", row)
         for name in rate["objects"]
         for what, row in [
-            *((f"without {thing}", row) for thing, row in rate["objects"][name].items()),
+            *(
+                (f"without {thing}", row)
+                for thing, row in rate["objects"][name].items()
+            ),
             *((card, other["rows"][name]) for card, other in rate["others"].items()),
         ]
     ]
@@ -186,7 +207,8 @@ def _recalls(retrainings: Json) -> list[Json]:
     return [
         {
             "class": name.replace("_", " "),
-            "recall of each retraining": " ".join(f"{one:.3f}" for one in recalls or ()) or None,
+            "recall of each retraining": " ".join(f"{one:.3f}" for one in recalls or ())
+            or None,
             "largest minus smallest": retrainings["spread"][name],
         }
         for name, recalls in retrainings["recall"].items()

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import onnx
 
-from holdfast.edge_runtime.writing import write_whole
+from holdfast.core.writing import write_whole
 
 TREES = "TreeEnsembleRegressor"
 ANSWERS = ("p_class", "p_situation", "situation", "weight")
@@ -85,7 +85,9 @@ def _before(names: Iterable[str], by_output: dict[str, onnx.NodeProto]) -> set[i
 
 def edges(found: dict[str, list[onnx.NodeProto]]) -> set[tuple[str, str]]:
     """Pairs of drawn stages of which the second reads what the first computes."""
-    maker = {out: name for name in PLACES for node in found[name] for out in node.output}
+    maker = {
+        out: name for name in PLACES for node in found[name] for out in node.output
+    }
     return {
         (maker[tensor], name)
         for name in PLACES
@@ -107,7 +109,10 @@ def picture(graph: onnx.GraphProto) -> str:
         "features": (f"{sizes['features']} features", "of the last half second"),
         "trees": ("trees", "whole votes"),
         "networks": ("networks", "whole votes"),
-        "answer": ("answer", f"{sizes['p_class']} classes, {sizes['p_situation']} situations"),
+        "answer": (
+            "answer",
+            f"{sizes['p_class']} classes, {sizes['p_situation']} situations",
+        ),
     }
     boxes = [_box(*PLACES[name], *words[name]) for name in PLACES if found[name]]
     arrows = [_arrow(EDGE_X[edge], *edge) for edge in sorted(edges(found))]
@@ -157,8 +162,12 @@ def _size(value: onnx.ValueInfoProto) -> int:
 
 def _box(left: int, top: int, width: int, name: str, about: str) -> str:
     middle = left + width // 2
-    frame = f'<rect class="b" x="{left}" y="{top}" width="{width}" height="{TALL}" rx="6"/>'
-    return frame + _line(middle, top + 23, "n", name) + _line(middle, top + 44, "s", about)
+    frame = (
+        f'<rect class="b" x="{left}" y="{top}" width="{width}" height="{TALL}" rx="6"/>'
+    )
+    return (
+        frame + _line(middle, top + 23, "n", name) + _line(middle, top + 44, "s", about)
+    )
 
 
 def _line(x: int, y: int, kind: str, text: str) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from holdfast.edge_runtime.reading import Json
+from holdfast.core.reading import Json
 
 
 @dataclass(frozen=True)
@@ -39,11 +39,17 @@ TARGETS = (
         ("author.recall", "asked-holds.recall"),
     ),
     Target(
-        "false alarms per min, disturbed holds", 0.5, ("asked-holds.false_per_min",), at_least=False
+        "false alarms per min, disturbed holds",
+        0.5,
+        ("asked-holds.false_per_min",),
+        at_least=False,
     ),
     Target("recall, unseen styles", 0.99, ("unseen_style.recall",)),
     Target(
-        "false alarms per min, unseen styles", 1.0, ("unseen_style.false_per_min",), at_least=False
+        "false alarms per min, unseen styles",
+        1.0,
+        ("unseen_style.false_per_min",),
+        at_least=False,
     ),
     Target(
         "voluntary actions called risky, author",
@@ -63,9 +69,19 @@ TARGETS = (
         ("state_delay_ms.p50",),
         at_least=False,
     ),
-    Target("specificity, disturbed grip (dFn)", 0.95, ("asked-holds.specificity.dFn.share",)),
-    Target("specificity, disturbed load (dFt)", 0.95, ("asked-holds.specificity.dFt.share",)),
-    Target("specificity, moved motor (dq)", 0.95, ("asked-holds.specificity.dq.share",)),
+    Target(
+        "specificity, disturbed grip (dFn)",
+        0.95,
+        ("asked-holds.specificity.dFn.share",),
+    ),
+    Target(
+        "specificity, disturbed load (dFt)",
+        0.95,
+        ("asked-holds.specificity.dFt.share",),
+    ),
+    Target(
+        "specificity, moved motor (dq)", 0.95, ("asked-holds.specificity.dq.share",)
+    ),
 )
 
 
@@ -75,7 +91,9 @@ def target_rows(rows: list[Json]) -> list[Json]:
 
 
 def _row(target: Target, rows: list[Json]) -> Json:
-    reached = {row["idea"]: value for row in rows if (value := target.reached(row)) is not None}
+    reached = {
+        row["idea"]: value for row in rows if (value := target.reached(row)) is not None
+    }
     default = reached[rows[0]["idea"]]
     best = rows[0]["idea"]
     for name, value in reached.items():

@@ -12,12 +12,11 @@ import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from holdfast.edge_runtime.command import show
-from holdfast.edge_runtime.reading import Json
-from holdfast.edge_runtime.writing import write_whole
-from holdfast.evaluation.drawing import for_any_page
-from holdfast.evaluation.labels import DEPLOYED
-from holdfast.evaluation.style import INK, OURS, STYLE, WARNING, svg
+from holdfast.cli.command import show
+from holdfast.core.reading import Json
+from holdfast.core.writing import write_whole
+from holdfast.evaluation.page import DEPLOYED
+from holdfast.evaluation.style import INK, OURS, STYLE, WARNING, for_any_page, svg
 
 LARGE: dict[Any, Any] = {**STYLE, "font.size": 12}
 """Readable on a phone: the pictures are 390 px wide there."""
@@ -33,8 +32,13 @@ def late_or_in_time(figures: Json) -> str:
         left = dict.fromkeys(rows, 0.0)
         for name, colour, share in PARTS:
             width = [share(row) for row in rows.values()]
-            axes.barh(list(rows), width, 0.62, list(left.values()), color=colour, label=name)
-            left = {key: at + part for (key, at), part in zip(left.items(), width, strict=True)}
+            axes.barh(
+                list(rows), width, 0.62, list(left.values()), color=colour, label=name
+            )
+            left = {
+                key: at + part
+                for (key, at), part in zip(left.items(), width, strict=True)
+            }
         axes.set_xlabel("share of risky events")
         _finish(figure, axes)
         return for_any_page(svg(figure))
@@ -62,13 +66,16 @@ PARTS: tuple[tuple[str, str, Callable[[Json], float]], ...] = (
 def hand_overs_called(figures: Json) -> str:
     """Of each set's voluntary actions: the share with an alarm, and its 95 % interval."""
     rows = {
-        name: one["rows"][DEPLOYED]["safe_acts_called"] for name, one in figures["sets"].items()
+        name: one["rows"][DEPLOYED]["safe_acts_called"]
+        for name, one in figures["sets"].items()
     }
     rows = {name: row for name, row in rows.items() if row and row["n"]}
     with mpl.rc_context(LARGE):
         figure, axes = _figure(figures, rows, "n", "voluntary actions")
         for place, row in enumerate(rows.values()):
-            axes.plot(row["share_ci"], [place, place], color=WARNING, linewidth=7, alpha=0.4)
+            axes.plot(
+                row["share_ci"], [place, place], color=WARNING, linewidth=7, alpha=0.4
+            )
             axes.plot(row["share"], place, "o", color=INK, markersize=7)
         axes.set_yticks(range(len(rows)), list(rows))
         axes.set_xlim(left=0.0)
@@ -95,13 +102,18 @@ def _finish(figure: Figure, axes: Axes) -> None:
         figure.legend(loc="outside lower center", ncols=3, frameon=False, fontsize=11)
 
 
-PICTURES = {"late-or-in-time.svg": late_or_in_time, "hand-overs-called.svg": hand_overs_called}
+PICTURES = {
+    "late-or-in-time.svg": late_or_in_time,
+    "hand-overs-called.svg": hand_overs_called,
+}
 
 
 def main(source: Path, docs: Path) -> None:
     """Draw both from an evaluation's JSON file; without it they stay as they are."""
     if not source.is_file():
-        show(f"{docs}: the pictures from {source} stay as they are; that file is not there")
+        show(
+            f"{docs}: the pictures from {source} stay as they are; that file is not there"
+        )
         return
     figures = json.loads(source.read_text("utf-8"))
     for name, draw in PICTURES.items():

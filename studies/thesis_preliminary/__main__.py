@@ -1,4 +1,4 @@
-"""`python -m holdfast.studies.thesis_preliminary --out DIR`: preliminary.json and report.html.
+"""`python -m studies.thesis_preliminary --out DIR`: preliminary.json and report.html.
 
 DIR/scene (or --scene) is what `holdfast simulate twenty-sensors --out DIR/scene` wrote; the
 recordings of people are the public set human_slip_uskin, all 48 channels.
@@ -13,20 +13,19 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
-from holdfast.edge_runtime.command import Parser, finish, path_argument, seed
-from holdfast.edge_runtime.errors import DataNotFound
-from holdfast.edge_runtime.writing import require_writable, write_whole
+from holdfast.cli.command import Parser, finish, path_argument, seed
+from holdfast.core.errors import DataNotFound
+from holdfast.core.writing import require_writable, write_whole
 from holdfast.evaluation.provenance import host
-from holdfast.studies.real.methods import HUMAN
-from holdfast.studies.thesis_preliminary.cases import CASES
-from holdfast.studies.thesis_preliminary.figures import PreliminaryStudy
-from holdfast.studies.thesis_preliminary.report import summary, write_preliminary_report
-from holdfast.studies.thesis_preliminary.study import REPETITIONS, study
 from holdfast.training.datasets import load
 from holdfast.training.fitting import versions
-from holdfast.training.progress import stages
+from holdfast.training.progress import Say, stages
 from holdfast.training.recording import DataSet
-from holdfast.training.say import Say
+from studies.real.methods import HUMAN
+from studies.thesis_preliminary.cases import CASES
+from studies.thesis_preliminary.figures import PreliminaryStudy
+from studies.thesis_preliminary.report import summary, write_preliminary_report
+from studies.thesis_preliminary.study import REPETITIONS, study
 
 STAGES = 1 + 2 * (3 + len(CASES))
 CARD = "twenty-sensors"
@@ -50,7 +49,9 @@ def read_scene(folder: Path) -> DataSet:
     """The simulated set. Raises DataNotFound with the command that makes it."""
     if not folder.is_dir():
         raise DataNotFound(
-            "no scene to study", where=folder, next_step=f"holdfast simulate {CARD} --out {folder}"
+            "no scene to study",
+            where=folder,
+            next_step=f"holdfast simulate {CARD} --out {folder}",
         )
     return load(folder, windows="natural")
 

@@ -26,8 +26,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from holdfast.edge_runtime.contract import FloatArray
-from holdfast.studies.thesis_preliminary.points import KINDS, SLIPPING
+from holdfast.core.contract import FloatArray
+from studies.thesis_preliminary.points import KINDS, SLIPPING
 
 LEAST_SHARE, LOADED_QUANTILE = 0.1, 0.95
 Features = Callable[[FloatArray, FloatArray], FloatArray]
@@ -44,7 +44,9 @@ def friction_ratios(training: FloatArray, windows: FloatArray) -> FloatArray:
     loads = np.quantile(np.abs(training[..., 2::3]), LOADED_QUANTILE, axis=(0, 1))
     return _by_normal(
         windows,
-        np.maximum(windows[..., 2::3], max(LEAST_SHARE * loads.max(), np.finfo(float).tiny)),
+        np.maximum(
+            windows[..., 2::3], max(LEAST_SHARE * loads.max(), np.finfo(float).tiny)
+        ),
     )
 
 
@@ -57,7 +59,9 @@ def bare_ratios(training: FloatArray, windows: FloatArray) -> FloatArray:
 def first_components(training: FloatArray, windows: FloatArray) -> FloatArray:
     """[M, 7, 3] length and direction (rad) of the shear's first component over the sensors, and the
     normal's."""
-    x, y, z = (windows[..., axis::3] @ _direction(training[..., axis::3]) for axis in range(3))
+    x, y, z = (
+        windows[..., axis::3] @ _direction(training[..., axis::3]) for axis in range(3)
+    )
     return np.stack([np.hypot(x, y), np.arctan2(y, x), z], axis=-1)
 
 
@@ -75,14 +79,34 @@ class Case:
 
     def labels(self, kind: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
         """[M] class of points of these kinds."""
-        return kind if len(self.classes) == len(KINDS) else (kind == SLIPPING).astype(np.int64)
+        return (
+            kind
+            if len(self.classes) == len(KINDS)
+            else (kind == SLIPPING).astype(np.int64)
+        )
 
 
 RISK = ("safe", "risky")
 CASES = (
     Case("1", "raw, -3 .. +3 samples about the point", "1", -3, 3, RISK, raw),
-    Case("2", "friction ratios, the normal kept from zero", "2", -3, 3, RISK, friction_ratios),
-    Case("2, bare", "friction ratios, divided as they are", None, -3, 3, RISK, bare_ratios),
+    Case(
+        "2",
+        "friction ratios, the normal kept from zero",
+        "2",
+        -3,
+        3,
+        RISK,
+        friction_ratios,
+    ),
+    Case(
+        "2, bare",
+        "friction ratios, divided as they are",
+        None,
+        -3,
+        3,
+        RISK,
+        bare_ratios,
+    ),
     Case("3", "first principal component and z", "3", -3, 3, RISK, first_components),
     Case("4", "raw, -7 .. -1: prediction", "4", -7, -1, RISK, raw),
     Case("5", "as 4, four classes", "5", -7, -1, KINDS, raw),

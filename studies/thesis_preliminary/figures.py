@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass
 
-from holdfast.edge_runtime.reading import Json
+from holdfast.core.reading import Json
 from holdfast.evaluation.provenance import Host
-from holdfast.studies.thesis_preliminary.published import ACCURACY_PERCENT, LEARNERS, SOURCE
+from studies.thesis_preliminary.published import ACCURACY_PERCENT, LEARNERS, SOURCE
 
 
 @dataclass(frozen=True)
@@ -79,5 +79,9 @@ class PreliminaryStudy:
     def to_json(self) -> Json:
         """preliminary.json; what the thesis published stands first."""
         percent = ACCURACY_PERCENT
-        thesis = {"source": SOURCE, "learners": list(LEARNERS), "accuracy_percent": percent}
+        thesis = {
+            "source": SOURCE,
+            "learners": list(LEARNERS),
+            "accuracy_percent": percent,
+        }
         return {"thesis": thesis, **asdict(self)}

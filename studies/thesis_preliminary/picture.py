@@ -7,8 +7,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from holdfast.evaluation.style import INK, OURS, QUIET, STYLE, WARNING, svg
-from holdfast.studies.thesis_preliminary.figures import StudiedSet
-from holdfast.studies.thesis_preliminary.published import ACCURACY_PERCENT, LEARNERS
+from studies.thesis_preliminary.figures import StudiedSet
+from studies.thesis_preliminary.published import ACCURACY_PERCENT, LEARNERS
 
 COLOURS = (WARNING, OURS)
 """Simulated, then real."""
@@ -20,12 +20,17 @@ def accuracies(sets: list[StudiedSet]) -> str:
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(9.4, 2.9))
         panels = figure.subplots(1, len(ACCURACY_PERCENT), sharey=True)
-        for panel, (case, published) in zip(panels, ACCURACY_PERCENT.items(), strict=True):
+        for panel, (case, published) in zip(
+            panels, ACCURACY_PERCENT.items(), strict=True
+        ):
             _panel(panel, case, published, sets)
         panels[0].set_yticks(range(len(LEARNERS)), LEARNERS)
         panels[0].invert_yaxis()
         figure.legend(
-            *panels[0].get_legend_handles_labels(), loc="outside upper left", ncols=3, frameon=False
+            *panels[0].get_legend_handles_labels(),
+            loc="outside upper left",
+            ncols=3,
+            frameon=False,
         )
         figure.supxlabel("accuracy, %; dotted: chance", fontsize=9)
         return svg(figure)
@@ -36,7 +41,9 @@ def _panel(
 ) -> None:
     chance = 100.0 * sets[0].cases[case].chance
     axes.axvline(chance, color=QUIET, linestyle=":", linewidth=1.0)
-    known = [(value, place) for place, value in enumerate(published) if value is not None]
+    known = [
+        (value, place) for place, value in enumerate(published) if value is not None
+    ]
     axes.plot(
         *zip(*known, strict=True),
         "D",

@@ -24,7 +24,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from holdfast.edge_runtime.contract import (
+from holdfast.core.contract import (
     GRASP,
     NORMAL_AXIS,
     NOTHING,
@@ -81,9 +81,15 @@ def points_of(data: DataSet) -> Points:
         for row, kind in labelled(recording)
     ]
     trial, row, kind, group, since = zip(*found, strict=True) if found else [()] * 5
-    trials, rows, kinds = (np.array(column, dtype=np.int64) for column in (trial, row, kind))
+    trials, rows, kinds = (
+        np.array(column, dtype=np.int64) for column in (trial, row, kind)
+    )
     return Points(
-        trials, rows, kinds, np.array(group, dtype=np.str_), np.array(since, dtype=np.float64)
+        trials,
+        rows,
+        kinds,
+        np.array(group, dtype=np.str_),
+        np.array(since, dtype=np.float64),
     )
 
 
@@ -110,12 +116,15 @@ def labelled(recording: Recording) -> list[tuple[int, int]]:
         riskiest = situation[row - REACH : row + REACH + 1].max()
         if riskiest > NOTHING:
             held = (
-                riskiest == GRASP and (situation[max(row - grasped, 0) : row + 1] > NOTHING).all()
+                riskiest == GRASP
+                and (situation[max(row - grasped, 0) : row + 1] > NOTHING).all()
             )
             found.append(
                 (
                     row,
-                    HELD if held else {GRASP: 0, SAFE_SLIP: 2, RISKY_SLIP: SLIPPING}[int(riskiest)],
+                    HELD
+                    if held
+                    else {GRASP: 0, SAFE_SLIP: 2, RISKY_SLIP: SLIPPING}[int(riskiest)],
                 )
             )
     return found
@@ -123,7 +132,9 @@ def labelled(recording: Recording) -> list[tuple[int, int]]:
 
 def cone_rows(samples: FloatArray, rate_hz: float) -> Rows:
     """Rows of both cones in samples [T, C]: the first of any 0.5 s, none within 1 s of an end."""
-    both = np.union1d(thesis_cone_rows(samples, rate_hz), friction_rows(samples, rate_hz))
+    both = np.union1d(
+        thesis_cone_rows(samples, rate_hz), friction_rows(samples, rate_hz)
+    )
     return _apart(both, round(APART_S * rate_hz))
 
 
@@ -132,7 +143,9 @@ def thesis_cone_rows(samples: FloatArray, rate_hz: float) -> Rows:
     edge = round(EDGE_S * rate_hz)
     if len(samples) <= 2 * edge:
         return np.empty(0, dtype=np.int64)
-    component = np.stack([first_component(samples[:, axis::3]) for axis in range(3)], axis=1)
+    component = np.stack(
+        [first_component(samples[:, axis::3]) for axis in range(3)], axis=1
+    )
     with np.errstate(divide="ignore", invalid="ignore"):
         ratio = component[:, :NORMAL_AXIS] / component[:, NORMAL_AXIS:]
         jump = np.abs(np.diff(ratio, axis=0, prepend=ratio[:1]))
@@ -142,7 +155,9 @@ def thesis_cone_rows(samples: FloatArray, rate_hz: float) -> Rows:
     size = np.where(marked, jump, 0.0).max(axis=1)
     rows = np.flatnonzero(size)
     rows = rows[(rows >= edge) & (rows < len(samples) - edge)]
-    return np.sort(_apart(rows[np.argsort(-size[rows], kind="stable")], round(APART_S * rate_hz)))
+    return np.sort(
+        _apart(rows[np.argsort(-size[rows], kind="stable")], round(APART_S * rate_hz))
+    )
 
 
 def first_component(channels: FloatArray) -> FloatArray:

@@ -5,18 +5,22 @@ from __future__ import annotations
 import html
 from pathlib import Path
 
-from holdfast.evaluation.cells import number
-from holdfast.evaluation.page import Row, table, write_page
-from holdfast.studies.thesis_preliminary.cases import CASES
-from holdfast.studies.thesis_preliminary.figures import (
+from holdfast.evaluation.page import Row, number, table, write_page
+from studies.thesis_preliminary.cases import CASES
+from studies.thesis_preliminary.figures import (
     CaseFigures,
     PreliminaryStudy,
     Repeated,
     StudiedSet,
 )
-from holdfast.studies.thesis_preliminary.picture import accuracies
-from holdfast.studies.thesis_preliminary.points import KINDS
-from holdfast.studies.thesis_preliminary.published import ACCURACY_PERCENT, LEARNERS, SHAPES, SOURCE
+from studies.thesis_preliminary.picture import accuracies
+from studies.thesis_preliminary.points import KINDS
+from studies.thesis_preliminary.published import (
+    ACCURACY_PERCENT,
+    LEARNERS,
+    SHAPES,
+    SOURCE,
+)
 
 BARE = (LEARNERS[1], LEARNERS[2], LEARNERS[0])
 """Learners on distances, on variances and on the order of values."""
@@ -35,8 +39,12 @@ def summary(figures: PreliminaryStudy) -> list[str]:
     """One line a case: accuracy in % of the random forest, published and ours."""
     lines = ["random forest, accuracy in %, published | ours"]
     for case in CASES:
-        published = f"{ACCURACY_PERCENT[case.published][0]:.2f}" if case.published else "-"
-        ours = ", ".join(f"{one.data} {_score(_forest(one, case.name))}" for one in figures.sets)
+        published = (
+            f"{ACCURACY_PERCENT[case.published][0]:.2f}" if case.published else "-"
+        )
+        ours = ", ".join(
+            f"{one.data} {_score(_forest(one, case.name))}" for one in figures.sets
+        )
         lines.append(f"case {case.name}: {published} | {ours}")
     return lines
 
@@ -63,7 +71,9 @@ risky; chance 50 %). {figures.repetitions} repetitions, mean ± standard deviati
 
 
 def _first(one: StudiedSet | None) -> str:
-    return f"{ACCURACY_PERCENT['1'][0]:.2f}" if one is None else _score(_forest(one, "1"))
+    return (
+        f"{ACCURACY_PERCENT['1'][0]:.2f}" if one is None else _score(_forest(one, "1"))
+    )
 
 
 def _table(figures: PreliminaryStudy) -> str:
@@ -74,7 +84,9 @@ def _table(figures: PreliminaryStudy) -> str:
         for line in _case_rows(case.name, case.published, case.what, figures.sets)
     ]
     for one in figures.sets:
-        rows.append(_row("warning", f"case 1, {one.data}, windows split at random", one.leaky))
+        rows.append(
+            _row("warning", f"case 1, {one.data}, windows split at random", one.leaky)
+        )
     return f"""<h2>The table</h2>
 <p>Accuracy in %, and under it balanced accuracy. Published: {SOURCE}, mean of 5 iterations.
 Simulated and real: five repetitions, equal classes, groups held out. "Window" is samples by
@@ -84,9 +96,14 @@ largest class in the tests.</p>
 {"".join(rows)}</table></div>"""
 
 
-def _case_rows(name: str, published: str | None, what: str, sets: list[StudiedSet]) -> list[str]:
+def _case_rows(
+    name: str, published: str | None, what: str, sets: list[StudiedSet]
+) -> list[str]:
     head = f"<tr><td colspan={len(LEARNERS) + 5}><br><b>case {name}</b>: {html.escape(what)}"
-    ours = [_row("ours", f"{one.data}, {one.kind.split(',')[0]}", one.cases[name]) for one in sets]
+    ours = [
+        _row("ours", f"{one.data}, {one.kind.split(',')[0]}", one.cases[name])
+        for one in sets
+    ]
     if published is None:
         return [head, *ours]
     return [head, _published_row(published), *ours]
@@ -94,7 +111,8 @@ def _case_rows(name: str, published: str | None, what: str, sets: list[StudiedSe
 
 def _published_row(published: str) -> str:
     cells = "".join(
-        f"<td>{'-' if value is None else f'{value:.2f}'}" for value in ACCURACY_PERCENT[published]
+        f"<td>{'-' if value is None else f'{value:.2f}'}"
+        for value in ACCURACY_PERCENT[published]
     )
     shape = " x ".join(map(str, SHAPES[published]))
     return f"<tr><td>the thesis, published{cells}<td>{shape}<td><td><td>"
@@ -113,8 +131,15 @@ def _row(kind: str, name: str, case: CaseFigures) -> str:
 
 
 def _late(figures: PreliminaryStudy) -> str:
-    heads = ("set", "risky windows of cases 4 and 5 that end after the event began, %", *BARE_HEADS)
-    rows = [Row([html.escape(one.data), _percent(one.late), *_bare(one)]) for one in figures.sets]
+    heads = (
+        "set",
+        "risky windows of cases 4 and 5 that end after the event began, %",
+        *BARE_HEADS,
+    )
+    rows = [
+        Row([html.escape(one.data), _percent(one.late), *_bare(one)])
+        for one in figures.sets
+    ]
     return f"""<h2>Late marks and bare ratios</h2>
 <p>The event is the load's onset in the scene, and a rotation of 5 degrees in the recordings. "From
 2 to 2, bare": accuracy in % with and without a floor under the normal force. {LIMITS} says what
@@ -134,11 +159,13 @@ def _bare(one: StudiedSet) -> list[str]:
 
 def _made(figures: PreliminaryStudy) -> str:
     lines = "".join(f"<li>{html.escape(_set_line(one))}</li>" for one in figures.sets)
-    versions = ", ".join(f"{name} {number}" for name, number in figures.versions.items())
+    versions = ", ".join(
+        f"{name} {number}" for name, number in figures.versions.items()
+    )
     return f"""<h2>How this was made</h2><ul>{lines}
 <li>Learners at scikit-learn's defaults, untuned; nearest neighbours and the network on standardised
 features; gradient boosting is the histogram kind. Test: one of four folds of groups.</li>
-<li><code>python -m holdfast.studies.thesis_preliminary</code>, seed {figures.seed},
+<li><code>python -m studies.thesis_preliminary</code>, seed {figures.seed},
 {figures.seconds:.0f} s;
 {html.escape(versions)}.</li></ul>"""
 

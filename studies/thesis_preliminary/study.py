@@ -29,19 +29,25 @@ from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 from threadpoolctl import threadpool_limits
 
-from holdfast.edge_runtime.errors import ClassMissing
-from holdfast.studies.thesis_preliminary.cases import CASES, Case
-from holdfast.studies.thesis_preliminary.figures import (
+from holdfast.core.errors import ClassMissing
+from holdfast.training.progress import Say
+from holdfast.training.recording import DataSet
+from holdfast.training.splits import Fold, grouped_folds, leaky_folds
+from studies.thesis_preliminary.cases import CASES, Case
+from studies.thesis_preliminary.figures import (
     CaseFigures,
     LearnerFigures,
     Repeated,
     StudiedSet,
 )
-from holdfast.studies.thesis_preliminary.points import KINDS, SLIPPING, Points, points_of, windows
-from holdfast.studies.thesis_preliminary.published import LEARNERS
-from holdfast.training.recording import DataSet
-from holdfast.training.say import Say
-from holdfast.training.splits import Fold, grouped_folds, leaky_folds
+from studies.thesis_preliminary.points import (
+    KINDS,
+    SLIPPING,
+    Points,
+    points_of,
+    windows,
+)
+from studies.thesis_preliminary.published import LEARNERS
 
 REPETITIONS, FOLDS = 5, 4
 Rows = npt.NDArray[np.int64]
@@ -51,7 +57,9 @@ _MAKERS: tuple[Callable[[int], Any], ...] = (
     lambda seed: make_pipeline(StandardScaler(), KNeighborsClassifier()),
     lambda seed: GaussianNB(),
     lambda seed: HistGradientBoostingClassifier(random_state=seed),
-    lambda seed: make_pipeline(StandardScaler(), MLPClassifier(max_iter=2000, random_state=seed)),
+    lambda seed: make_pipeline(
+        StandardScaler(), MLPClassifier(max_iter=2000, random_state=seed)
+    ),
 )
 MAKE: dict[str, Callable[[int], Any]] = dict(zip(LEARNERS, _MAKERS, strict=True))
 """Name -> what makes the learner from a seed."""
@@ -67,7 +75,11 @@ class Draw:
 
 
 def study(
-    data: DataSet, cases: Sequence[Case] = CASES, *, seed: int = 0, say: Say = lambda line: None
+    data: DataSet,
+    cases: Sequence[Case] = CASES,
+    *,
+    seed: int = 0,
+    say: Say = lambda line: None,
 ) -> StudiedSet:
     """All figures of a set. Raises ClassMissing where a kind of point is missing, TooFewGroups."""
     points = points_of(data)
@@ -98,7 +110,10 @@ def case_figures(
     data: DataSet, points: Points, case: Case, seed: int, *, leaky: bool = False
 ) -> CaseFigures:
     """Figures of one case: windows, chance, and accuracies of every learner."""
-    samples, label = windows(data, points, case.first, case.last), case.labels(points.kind)
+    samples, label = (
+        windows(data, points, case.first, case.last),
+        case.labels(points.kind),
+    )
     draws = repetitions(points, case, seed, leaky=leaky)
     scores: dict[str, list[tuple[float, float]]] = {name: [] for name in MAKE}
     with threadpool_limits(1):  # so few rows: threads would wait for each other
@@ -111,7 +126,10 @@ def case_figures(
             for name, make in MAKE.items():
                 answer = make(draw.seed).fit(train, label[draw.train]).predict(test)
                 scores[name].append(
-                    (accuracy_score(truth, answer), balanced_accuracy_score(truth, answer))
+                    (
+                        accuracy_score(truth, answer),
+                        balanced_accuracy_score(truth, answer),
+                    )
                 )
     largest = [np.bincount(label[draw.test]).max() / len(draw.test) for draw in draws]
     return CaseFigures(
@@ -123,13 +141,17 @@ def case_figures(
         chance=1.0 / len(case.classes),
         largest_class=repeated(largest),
         learners={
-            name: LearnerFigures(*(repeated(values) for values in zip(*each, strict=True)))
+            name: LearnerFigures(
+                *(repeated(values) for values in zip(*each, strict=True))
+            )
             for name, each in scores.items()
         },
     )
 
 
-def repetitions(points: Points, case: Case, seed: int, *, leaky: bool = False) -> list[Draw]:
+def repetitions(
+    points: Points, case: Case, seed: int, *, leaky: bool = False
+) -> list[Draw]:
     """The five repetitions of a case. leaky: windows are split at random, wrong on purpose."""
     draws = []
     for repetition in range(REPETITIONS):
@@ -152,9 +174,12 @@ def balanced(kind: Rows, case: Case, seed: int) -> Rows:
     """
     counts = np.bincount(kind, minlength=len(KINDS))
     if not counts.all():
-        missing = ", ".join(name for name, count in zip(KINDS, counts, strict=True) if not count)
+        missing = ", ".join(
+            name for name, count in zip(KINDS, counts, strict=True) if not count
+        )
         raise ClassMissing(
-            f"no critical point of {missing}", next_step="use more trials, some of disturbed holds"
+            f"no critical point of {missing}",
+            next_step="use more trials, some of disturbed holds",
         )
     label = case.labels(np.arange(len(KINDS)))
     kinds_in = np.bincount(label)
@@ -169,7 +194,9 @@ def balanced(kind: Rows, case: Case, seed: int) -> Rows:
 
 def late_share(points: Points) -> float | None:
     """Share of slipping points whose known onset precedes the end of a predicting window."""
-    since = points.since_onset[(points.kind == SLIPPING) & np.isfinite(points.since_onset)]
+    since = points.since_onset[
+        (points.kind == SLIPPING) & np.isfinite(points.since_onset)
+    ]
     return float((since >= 1.0).mean()) if len(since) else None
 
 

@@ -10,18 +10,18 @@ from typing import Any
 
 from page_tables import require_tables_fit
 
-from holdfast.bench import MEASURES
-from holdfast.benchmarks import simulator
-from holdfast.benchmarks.effects import CARD, Effort, prices
-from holdfast.benchmarks.hold_and_pull import measure, rows
-from holdfast.benchmarks.mujoco_scene import Scene
-from holdfast.benchmarks.pictures import PICTURES
-from holdfast.benchmarks.simulator import plausibility
+from benchmarks import simulator
+from benchmarks.effects import CARD, Effort, prices
+from benchmarks.hold_and_pull import measure, rows
+from benchmarks.mujoco_scene import Scene
+from benchmarks.pictures import PICTURES
+from benchmarks.simulator import plausibility
+from holdfast.cli.bench import MEASURES
 from holdfast.simulation.card import read_card
 from holdfast.simulation.effects import EFFECTS
 from holdfast.simulation.shipped import shipped
-from holdfast.studies.row_names import OURS
-from holdfast.studies.tables.scenes import made_from
+from studies.row_names import OURS
+from studies.tables.scenes import made_from
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -47,16 +47,26 @@ def study() -> dict[str, Any]:
         level: {"accuracy": value, "macro_f1": value + 0.01}
         for level, value in (("eight", 0.701), ("seven", 0.801), ("four", 0.901))
     }
-    calls = {"risky": {"share": 0.921}, "safe": {"share": 0.031}, "grasp": {"share": None}}
+    calls = {
+        "risky": {"share": 0.921},
+        "safe": {"share": 0.031},
+        "grasp": {"share": None},
+    }
     rows: dict[str, Any] = {OURS: row | {"calls": calls}}
     rate = {
         "data": {"n_trials": 9},
         "rows": rows,
-        "leak": {"eight_class_accuracy": 0.702, "eight_class_accuracy_ci99": [0.69, 0.71]},
+        "leak": {
+            "eight_class_accuracy": 0.702,
+            "eight_class_accuracy_ci99": [0.69, 0.71],
+        },
         "objects": {OURS: {"soft-ball": rows[OURS]}},
         "others": {"apple": {"rows": rows}},
         "retrainings": {
-            OURS: {"recall": {"grasp_light": [0.9, 0.95]}, "spread": {"grasp_light": 0.05}}
+            OURS: {
+                "recall": {"grasp_light": [0.9, 0.95]},
+                "spread": {"grasp_light": 0.05},
+            }
         },
     }
     return {"headline_hz": "150", "rates": {"150": rate}}
@@ -64,14 +74,21 @@ def study() -> dict[str, Any]:
 
 SHOWN: dict[str, tuple[dict[str, Any], str]] = {
     "latency": (
-        {"rows": [{"what": "ours, whole step", "p50": 60.0, "p99": 70.0, "p99.9": 90.0}]},
+        {
+            "rows": [
+                {"what": "ours, whole step", "p50": 60.0, "p99": 70.0, "p99.9": 90.0}
+            ]
+        },
         "ours, whole step",
     ),
     "training": (
         {"rows": [{"trials": n, "features_cpu_s": 0.1 * n} for n in (10, 20)]},
         "features",
     ),
-    "instructions": ({"rows": [{"what": "whole step", "instructions": 5e5}]}, "whole step"),
+    "instructions": (
+        {"rows": [{"what": "whole step", "instructions": 5e5}]},
+        "whole step",
+    ),
     "effects": (
         {"prices": [{"effect": "tremor", "stage": "physics", "ns_per_sample": 9.0}]},
         "tremor",
@@ -92,13 +109,23 @@ SHOWN: dict[str, tuple[dict[str, Any], str]] = {
         "ft232h, 1-byte, mux, 400 kHz",
     ),
     "onset": (
-        {"ramps": [{"fps": 60.0, "mm_per_s2": a, "start_worst_ms": 9.0} for a in (10.0, 100.0)]},
+        {
+            "ramps": [
+                {"fps": 60.0, "mm_per_s2": a, "start_worst_ms": 9.0}
+                for a in (10.0, 100.0)
+            ]
+        },
         "60 fps",
     ),
     "simulator": (
         {
             "step": [
-                {"step_ms": ms, "p50_ms": ms, "p90_ms": 2 * ms, "cpu_s_per_trial": 0.1 / ms}
+                {
+                    "step_ms": ms,
+                    "p50_ms": ms,
+                    "p90_ms": 2 * ms,
+                    "cpu_s_per_trial": 0.1 / ms,
+                }
                 for ms in (1.0, 2.0)
             ]
         },
@@ -155,13 +182,17 @@ def test_every_effect_has_a_price_beside_the_core_s(monkeypatch):
 
 def test_the_lead_of_every_style_is_near_what_it_was_fitted_to(monkeypatch):
     """In steps of 3 ms, which are a few per cent of a lead."""
-    monkeypatch.setattr(simulator, "read_card", lambda name: replace(read_card(name), step_s=0.003))
+    monkeypatch.setattr(
+        simulator, "read_card", lambda name: replace(read_card(name), step_s=0.003)
+    )
     for row in plausibility(trials=75):
         if row.expected_ms is not None:
             assert 0.6 < row.p50_ms / row.expected_ms < 1.6
 
 
-def test_the_page_of_scenes_names_every_card_and_effect_and_its_measured_price(tmp_path):
+def test_the_page_of_scenes_names_every_card_and_effect_and_its_measured_price(
+    tmp_path,
+):
     prices_of = [{"effect": "(core alone)", "ns_per_sample": 1234.0}]
     prices_of += [{"effect": name, "ns_per_sample": 77.0} for name in EFFECTS]
     (tmp_path / "effects.json").write_text(
@@ -169,9 +200,17 @@ def test_the_page_of_scenes_names_every_card_and_effect_and_its_measured_price(t
     )
     curves = {
         name: [{"trials": 1.0}]
-        for name in ("step", "by_trials", "by_elements", "plausibility", "hold_and_pull")
+        for name in (
+            "step",
+            "by_trials",
+            "by_elements",
+            "plausibility",
+            "hold_and_pull",
+        )
     }
-    (tmp_path / "simulator.json").write_text(json.dumps(curves | {"friction": [FRICTION]}), "utf-8")
+    (tmp_path / "simulator.json").write_text(
+        json.dumps(curves | {"friction": [FRICTION]}), "utf-8"
+    )
     (tmp_path / "scenes.json").write_text(json.dumps(study()), "utf-8")
     written: dict[str, str] = {}
     for file, tables in made_from(tmp_path, tmp_path / "scenes.json").items():
@@ -180,7 +219,8 @@ def test_the_page_of_scenes_names_every_card_and_effect_and_its_measured_price(t
     text = require_tables_fit("docs/scenes.md", written, tmp_path)
     assert "| core alone, CPU ns per sample | 1,234 |" in text
     assert (
-        "| 150 Hz: ours, clock-free | 0.701 | 0.801 | 0.901 | 0.911 | 0.921 | 0.031 | - |" in text
+        "| 150 Hz: ours, clock-free | 0.701 | 0.801 | 0.901 | 0.911 | 0.921 | 0.031 | - |"
+        in text
     )
     assert "| 150 | 0.702 (0.690 to 0.710) |" in text
     assert "| apple: ours, clock-free | 0.701" in text

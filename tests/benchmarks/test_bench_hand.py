@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 from page_tables import require_tables_fit
 
-from holdfast.benchmarks import hand
-from holdfast.benchmarks.hand import (
+from benchmarks import hand
+from benchmarks.hand import (
     CHECKED,
     FAULTS,
     RATES_HZ,
@@ -21,15 +21,15 @@ from holdfast.benchmarks.hand import (
     memory,
     scan_costs,
 )
-from holdfast.benchmarks.hand_delays import delays, seen_after_ms
-from holdfast.benchmarks.hand_page import soak as soak_tables
-from holdfast.benchmarks.hand_page import tables
-from holdfast.benchmarks.hand_page import timed as timed_tables
-from holdfast.benchmarks.hand_rows import HandFigures
-from holdfast.benchmarks.timed_scans import stalls_ns, timed, today
+from benchmarks.hand_delays import delays, seen_after_ms
+from benchmarks.hand_page import soak as soak_tables
+from benchmarks.hand_page import tables
+from benchmarks.hand_page import timed as timed_tables
+from benchmarks.hand_rows import HandFigures
+from benchmarks.timed_scans import stalls_ns, timed, today
+from benchmarks.timing import time_in_turns
 from holdfast.drivers.bridges import BRIDGES
-from holdfast.edge_runtime.live import STAGES
-from holdfast.edge_runtime.timing import time_in_turns
+from holdfast.live.loop import STAGES
 
 ROOT = Path(__file__).resolve().parents[2]
 MODEL = ROOT / "models" / "holdfast-150hz.onnx"
@@ -40,7 +40,9 @@ def scans():
     return scan_costs()
 
 
-def test_six_sensors_over_an_ft232h_are_two_transfers_and_four_hundred_scans_a_second(scans):
+def test_six_sensors_over_an_ft232h_are_two_transfers_and_four_hundred_scans_a_second(
+    scans,
+):
     best = [row for row in scans if row.bridge == "ft232h"]
     assert all(row.transfers == 2 for row in best)
     assert min(row.scans_hz for row in best) >= 400.0
@@ -58,7 +60,11 @@ def faults():
     """Runs of 2 s, with faults from 0.75 s to 1.25 s: the hand settles within 0.7 s."""
     early = {fault.replace("@3", "@0.75"): what for fault, what in FAULTS.items()}
     with pytest.MonkeyPatch.context() as patched:
-        for name, value in {"FAULTS": early, "FAULT_AT_S": 0.75, "FAULT_RUN_S": 2.0}.items():
+        for name, value in {
+            "FAULTS": early,
+            "FAULT_AT_S": 0.75,
+            "FAULT_RUN_S": 2.0,
+        }.items():
             patched.setattr(hand, name, value)
         patched.setattr(hand, "PHASES_FROM_S", 0.75)
         return fault_table(MODEL, compute_ms=0.5, phases=2)
@@ -88,7 +94,9 @@ def test_a_fault_is_detected_only_once_its_answer_is_out(faults):
 def read_as_drivers_do(scans, bridge):
     """The row of a bridge at 400 kHz."""
     return next(
-        row for row in scans if row.bridge == bridge and row.reads == CHECKED and row.bus_khz == 400
+        row
+        for row in scans
+        if row.bridge == bridge and row.reads == CHECKED and row.bus_khz == 400
     )
 
 
@@ -108,14 +116,18 @@ def test_every_risky_sample_after_the_first_costs_a_period(scans):
         assert one.debounce_ms == 0.0
         assert three.acted_ms - one.acted_ms == pytest.approx(2e3 / one.rate_hz)
         assert one.acted_ms == one.seen_ms
-        assert one.falls_until_acted_mm == pytest.approx(0.5 * 9.81 * one.acted_max_ms**2 * 1e-3)
+        assert one.falls_until_acted_mm == pytest.approx(
+            0.5 * 9.81 * one.acted_max_ms**2 * 1e-3
+        )
     assert [row.rate_hz for row in rows[1]] == [300.0, 150.0, 100.0]
 
 
 def test_the_live_loop_has_a_time_for_every_stage_and_the_page_shows_it(
     scans, faults, tmp_path, monkeypatch
 ):
-    monkeypatch.setattr(hand, "time_in_turns", partial(time_in_turns, turns=2, calls_a_turn=20))
+    monkeypatch.setattr(
+        hand, "time_in_turns", partial(time_in_turns, turns=2, calls_a_turn=20)
+    )
     live = latency(MODEL, 150.0, 1.0)
     assert list(live.latency_us) == [*STAGES, "read to emit"]
     assert live.samples > 100
@@ -128,7 +140,9 @@ def test_the_live_loop_has_a_time_for_every_stage_and_the_page_shows_it(
     assert "finger 3: nack" in text
 
 
-def test_timed_scans_lose_fewer_samples_than_today_s_and_keep_their_spacing(tmp_path) -> None:
+def test_timed_scans_lose_fewer_samples_than_today_s_and_keep_their_spacing(
+    tmp_path,
+) -> None:
     away_ns = stalls_ns(20.0, 1500)
     now, ahead = today(away_ns, 20.0), timed(away_ns, 20.0, block=8)
     assert now.lost > 5
@@ -142,7 +156,12 @@ def test_timed_scans_lose_fewer_samples_than_today_s_and_keep_their_spacing(tmp_
 
 def test_the_page_shows_what_the_live_loop_lost_in_real_time(tmp_path) -> None:
     counts = {"turns": 5, "samples": 22480, "overruns": 3, "too_old": 2}
-    rows = [{"way": "timed", "queued": 16, **counts}, {"way": "today's", "queued": 0, **counts}]
-    text = require_tables_fit("docs/hand.md", soak_tables({"turn_s": 30.0, "rows": rows}), tmp_path)
+    rows = [
+        {"way": "timed", "queued": 16, **counts},
+        {"way": "today's", "queued": 0, **counts},
+    ]
+    text = require_tables_fit(
+        "docs/hand.md", soak_tables({"turn_s": 30.0, "rows": rows}), tmp_path
+    )
     assert "| 16 queued | 2.5 | 22480 | 3 | 2 |" in text
     assert "| today's scan | 2.5 |" in text

@@ -8,8 +8,8 @@ from dataclasses import replace
 
 import pytest
 
-from holdfast.benchmarks import latency as bench
-from holdfast.benchmarks.calls import (
+from benchmarks import latency as bench
+from benchmarks.calls import (
     BARE,
     C_FLOOR,
     C_STEP,
@@ -21,7 +21,7 @@ from holdfast.benchmarks.calls import (
     THESIS,
     WALK,
 )
-from holdfast.benchmarks.latency import BUDGET, C_RATIOS, CallTimes, budgets, latency, ratios
+from benchmarks.latency import BUDGET, C_RATIOS, CallTimes, budgets, latency, ratios
 from holdfast.simulation.card import Card, read_card
 
 
@@ -37,11 +37,21 @@ def test_every_peer_has_its_row_and_every_budget_its_figure(monkeypatch, eight_c
     monkeypatch.setattr(bench, "SLOW_CALLS", 4)
     monkeypatch.setattr(bench, "read_card", in_long_steps)
     few = replace(bench.RAW_BASELINE.situation, n_estimators=10)
-    monkeypatch.setattr(bench, "RAW_BASELINE", replace(bench.RAW_BASELINE, situation=few))
+    monkeypatch.setattr(
+        bench, "RAW_BASELINE", replace(bench.RAW_BASELINE, situation=few)
+    )
     figures = latency(eight_classes.model, turns=3)
     timed = {row.what for row in figures.rows}
     # these need a compiler
-    assert timed - {WALK, C_STEP, C_FLOOR} == {STEP, GRIP, OWN, BARE, SKLEARN, THESIS, FLOOR}
+    assert timed - {WALK, C_STEP, C_FLOOR} == {
+        STEP,
+        GRIP,
+        OWN,
+        BARE,
+        SKLEARN,
+        THESIS,
+        FLOOR,
+    }
     budget = tomllib.loads(BUDGET.read_text("utf-8"))
     limited = set(budget["at_most"]) | set(budget["at_least"])
     measured = {*figures.ratios, "model_mib", "resident_mb"}

@@ -16,17 +16,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 from page_tables import require_tables_fit, tables_of
 
-from holdfast.benchmarks.cost import recordings
-from holdfast.benchmarks.cost.features import columns, look_backs_s, some, whole_of
-from holdfast.benchmarks.cost.grown import first_trees
-from holdfast.benchmarks.cost.page import MADE_FROM, README_ROWS, line, readme_table
-from holdfast.benchmarks.cost.picture import figure
-from holdfast.benchmarks.cost.point import BANDS, GROUPS, REFERENCE, Point, points
-from holdfast.benchmarks.cost.surface import cost, pareto
-from holdfast.edge_runtime.contract import FloatArray
-from holdfast.edge_runtime.errors import DataError, UsageError
+from benchmarks.cost import recordings
+from benchmarks.cost.features import columns, look_backs_s, some, whole_of
+from benchmarks.cost.grown import first_trees
+from benchmarks.cost.page import MADE_FROM, README_ROWS, line, readme_table
+from benchmarks.cost.picture import figure
+from benchmarks.cost.point import BANDS, GROUPS, REFERENCE, Point, points
+from benchmarks.cost.surface import cost, pareto
+from holdfast.core.contract import FloatArray
+from holdfast.core.errors import DataError, UsageError
+from holdfast.core.trial_file import read_trial
 from holdfast.edge_runtime.graph import open_session, run_recordings
-from holdfast.edge_runtime.trial_file import read_trial
 from holdfast.evaluation.jobs import Workers
 from holdfast.export.features import feature_count
 from holdfast.export.learner import reference_votes
@@ -62,7 +62,9 @@ def in_long_steps() -> Iterator[None]:
 def test_the_points_change_every_chosen_setting_and_none_stands_twice():
     tried = points()
     assert (
-        len({point.name for point in tried}) == len(tried) == len({(p.of, p.what) for p in tried})
+        len({point.name for point in tried})
+        == len(tried)
+        == len({(p.of, p.what) for p in tried})
     )
     for of in ("scenes", "human"):
         here = [point for point in tried if point.of == of]
@@ -72,7 +74,9 @@ def test_the_points_change_every_chosen_setting_and_none_stands_twice():
         assert {1, 2, 3} == {point.debounce for point in here}
         assert set(GROUPS) == {point.groups for point in here}
         assert {"votes", "calibrated"} == {point.confidence for point in here}
-    assert {50.0, 100.0, 150.0, 300.0} == {point.rate_hz for point in tried if point.of == "scenes"}
+    assert {50.0, 100.0, 150.0, 300.0} == {
+        point.rate_hz for point in tried if point.of == "scenes"
+    }
     assert {"float64", "float32"} == {point.bank for point in tried}
 
 
@@ -125,7 +129,9 @@ def every_feature(spec: StepSpec, samples: FloatArray) -> FloatRows:
 # -- the front
 
 
-@given(st.lists(st.tuples(st.integers(0, 9), st.integers(0, 9)), min_size=1, max_size=30))
+@given(
+    st.lists(st.tuples(st.integers(0, 9), st.integers(0, 9)), min_size=1, max_size=30)
+)
 def test_nothing_on_the_front_is_beaten_and_everything_else_is(pairs):
     rows = [{"us": us, "found": found} for us, found in pairs]
     front = pareto(rows, "us", "found")
@@ -164,7 +170,9 @@ def test_points_with_one_forest_differ_in_nothing_that_is_fitted(point):
 def test_what_is_only_decided_otherwise_has_the_forest_of_the_default():
     for of in ("scenes", "human"):
         assert (
-            Point(of, debounce=3).fitted == Point(of, confidence="calibrated").fitted == Point(of)
+            Point(of, debounce=3).fitted
+            == Point(of, confidence="calibrated").fitted
+            == Point(of)
         )
     assert Point(trees=20, depth=16).fitted == Point()
     assert Point("human", trees=20, depth=0).fitted == Point("human")
@@ -175,23 +183,37 @@ def test_what_is_only_decided_otherwise_has_the_forest_of_the_default():
 
 @pytest.mark.parametrize("kind", ["extra", "random"])
 @pytest.mark.parametrize("n_trees", [1, 3, 7])
-def test_the_first_trees_of_a_large_forest_are_the_small_one_fitted_alone(kind, n_trees):
+def test_the_first_trees_of_a_large_forest_are_the_small_one_fitted_alone(
+    kind, n_trees
+):
     drawn = np.random.default_rng(3)
-    rows, label = drawn.normal(size=(200, 6)).astype(np.float32), drawn.integers(0, 4, 200)
+    rows, label = (
+        drawn.normal(size=(200, 6)).astype(np.float32),
+        drawn.integers(0, 4, 200),
+    )
     alone = ForestPlan(kind, n_estimators=n_trees).build(0).fit(rows, label)
-    first = first_trees(ForestPlan(kind, n_estimators=7).build(0).fit(rows, label), n_trees)
-    np.testing.assert_array_equal(reference_votes(first, rows, 4), reference_votes(alone, rows, 4))
+    first = first_trees(
+        ForestPlan(kind, n_estimators=7).build(0).fit(rows, label), n_trees
+    )
+    np.testing.assert_array_equal(
+        reference_votes(first, rows, 4), reference_votes(alone, rows, 4)
+    )
 
 
 def test_a_slower_reading_is_every_nth_sample_of_the_same_hand(tmp_path):
     parts = {"ask": ("daily", 3, 2)}
     recordings.simulate(tmp_path, "ask", [100.0, 50.0], parts)
-    fast, slow = (load(tmp_path / f"{rate}hz-ask", windows="natural") for rate in (100, 50))
+    fast, slow = (
+        load(tmp_path / f"{rate}hz-ask", windows="natural") for rate in (100, 50)
+    )
     assert (fast.rate_hz, slow.rate_hz) == (pytest.approx(100.0), pytest.approx(50.0))
     for one, other in zip(fast.recordings, slow.recordings, strict=True):
-        assert [event.onset_s for event in other.events] == [event.onset_s for event in one.events]
+        assert [event.onset_s for event in other.events] == [
+            event.onset_s for event in one.events
+        ]
     every, second = (
-        read_trial(tmp_path / f"{rate}hz-ask/soft-ball/daily/trial_1.csv") for rate in (100, 50)
+        read_trial(tmp_path / f"{rate}hz-ask/soft-ball/daily/trial_1.csv")
+        for rate in (100, 50)
     )
     np.testing.assert_array_equal(second.t_s, every.t_s[::2])
     np.testing.assert_array_equal(second.raw, every.raw[::2])
@@ -204,7 +226,9 @@ def test_half_a_simulation_is_begun_anew_and_a_whole_one_is_kept(tmp_path):
     (tmp_path / "100hz-ask.half" / "card.toml").write_text("torn")
     parts = {"ask": ("daily", 2, 2)}
     recordings.simulate(tmp_path, "ask", [100.0], parts)
-    written = sorted((path.name, path.stat().st_mtime_ns) for path in tmp_path.rglob("*.csv"))
+    written = sorted(
+        (path.name, path.stat().st_mtime_ns) for path in tmp_path.rglob("*.csv")
+    )
     recordings.simulate(tmp_path, "ask", [100.0], parts)
     assert written == sorted(
         (path.name, path.stat().st_mtime_ns) for path in tmp_path.rglob("*.csv")
@@ -236,7 +260,9 @@ def measured(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, 
 
 
 def without_times(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    return [{key: value for key, value in row.items() if key not in TIMES} for row in rows]
+    return [
+        {key: value for key, value in row.items() if key not in TIMES} for row in rows
+    ]
 
 
 def test_a_row_tells_what_was_chosen_what_was_found_and_what_it_costs(measured):
@@ -266,18 +292,24 @@ def test_a_run_goes_on_where_it_was(measured):
     resumed = cost(folder, again, workers=Workers(), parts=SMALL)
     rows = resumed["rows"]
     assert (content["took"]["new_points"], resumed["took"]["new_points"]) == (5, 1)
-    path.write_text(json.dumps(marked | {"recall": content["rows"][0]["recall"]}), encoding="utf-8")
+    path.write_text(
+        json.dumps(marked | {"recall": content["rows"][0]["recall"]}), encoding="utf-8"
+    )
     assert rows[0]["recall"] == 0.125
     assert json.loads(other.read_text("utf-8")) == json.loads(before)
 
 
-def test_a_committee_costs_more_than_its_forest_alone_and_its_trees_are_the_same(measured):
+def test_a_committee_costs_more_than_its_forest_alone_and_its_trees_are_the_same(
+    measured,
+):
     folder, content = measured
     forest, committee = content["rows"][0], content["rows"][-1]
     assert committee["what"] == f"50 Hz, committee, {TINY.what.removeprefix('50 Hz, ')}"
     assert committee["bytes"] > forest["bytes"]
     trees = [
-        onnx_trees(folder / "points" / f"{replace(TINY, learner=kind).fitted.name}.onnx")
+        onnx_trees(
+            folder / "points" / f"{replace(TINY, learner=kind).fitted.name}.onnx"
+        )
         for kind in ("forest", "committee")
     ]
     assert trees[0] == trees[1] != []
@@ -286,19 +318,27 @@ def test_a_committee_costs_more_than_its_forest_alone_and_its_trees_are_the_same
 def onnx_trees(path: Path) -> list[int]:
     """Feature numbers of all nodes of the trees in a file."""
     model = onnx.load(path)
-    (trees,) = [node for node in model.graph.node if node.op_type.startswith("TreeEnsemble")]
+    (trees,) = [
+        node for node in model.graph.node if node.op_type.startswith("TreeEnsemble")
+    ]
     (numbers,) = [one.ints for one in trees.attribute if one.name == "nodes_featureids"]
     return list(numbers)
 
 
-def test_features_that_look_further_back_are_constant_for_a_forest_that_may_not(measured):
+def test_features_that_look_further_back_are_constant_for_a_forest_that_may_not(
+    measured,
+):
     folder, _ = measured
     short = replace(TINY, look_back_s=0.05)
     rows = some(folder, short, "ask", 50)
-    beyond = look_backs_s(short.spec(recordings.read(folder, "scenes", 50.0, "ask"))) > 0.051
+    beyond = (
+        look_backs_s(short.spec(recordings.read(folder, "scenes", 50.0, "ask"))) > 0.051
+    )
     assert beyond.any()
     assert not rows[:, beyond].any()
-    np.testing.assert_array_equal(rows[:, ~beyond], some(folder, TINY, "ask", 50)[:, ~beyond])
+    np.testing.assert_array_equal(
+        rows[:, ~beyond], some(folder, TINY, "ask", 50)[:, ~beyond]
+    )
 
 
 def test_a_dask_cluster_gives_the_same_rows(measured, cluster):
@@ -315,7 +355,10 @@ def test_a_dask_cluster_gives_the_same_rows(measured, cluster):
 
 
 def rows_of(measured: tuple[Path, dict[str, Any]]) -> list[dict[str, Any]]:
-    return [dict(measured[1]["rows"][0], of=point.of, what=point.what) for point in README_ROWS]
+    return [
+        dict(measured[1]["rows"][0], of=point.of, what=point.what)
+        for point in README_ROWS
+    ]
 
 
 def test_the_readme_gets_lines_that_say_what_they_were_measured_on(measured):
@@ -326,7 +369,9 @@ def test_the_readme_gets_lines_that_say_what_they_were_measured_on(measured):
 
 
 @pytest.mark.parametrize(("kept", "says_how_long"), [(0, True), (1, False)])
-def test_the_page_and_its_figure_hold_what_was_measured(measured, kept, says_how_long, tmp_path):
+def test_the_page_and_its_figure_hold_what_was_measured(
+    measured, kept, says_how_long, tmp_path
+):
     rows = [*rows_of(measured), dict(rows_of(measured)[0], what=REFERENCE, of="scenes")]
     fronts = {
         of: {key: [REFERENCE] for key in ("recall", "in_time", "macro_f1")}
@@ -335,7 +380,9 @@ def test_the_page_and_its_figure_hold_what_was_measured(measured, kept, says_how
     us = {"what": "ours, whole step", "n": 1, "p50": 61.25, "p99": 1.0, "p99.9": 1.0}
     latency = {
         "rows": [us],
-        "budgets": [{"budget": "step_over_own_learner", "value": 5.5, "limit": "at most 5"}],
+        "budgets": [
+            {"budget": "step_over_own_learner", "value": 5.5, "limit": "at most 5"}
+        ],
         "memory": [{"process": "floor"}],
     }
     took = {"wall_s": 90.0, "cores": 2, "new_points": len(rows) - kept}

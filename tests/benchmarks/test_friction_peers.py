@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from holdfast.benchmarks.friction_peers import (
+from benchmarks.friction_peers import (
     LAWS,
     SHARES,
     VIBRATION,
@@ -26,7 +26,7 @@ from holdfast.benchmarks.friction_peers import (
     path,
     table,
 )
-from holdfast.benchmarks.mujoco_scene import VARIANTS, Scene, mjcf
+from benchmarks.mujoco_scene import VARIANTS, Scene, mjcf
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -37,21 +37,29 @@ holding = {
 }
 
 
-@pytest.mark.hard_case("Simulation", "a million steps of holding", **holding, unguarded=True)
+@pytest.mark.hard_case(
+    "Simulation", "a million steps of holding", **holding, unguarded=True
+)
 def test_regularised_friction_creeps_in_proportion_to_time() -> None:
-    start, later, latest = path(Regularised(), Task.of(SHARES), np.array([1.0, 3.0, 7.0]))
+    start, later, latest = path(
+        Regularised(), Task.of(SHARES), np.array([1.0, 3.0, 7.0])
+    )
     assert np.allclose((latest - start) / (later - start), 3.0, rtol=1e-9)
 
 
 @pytest.mark.parametrize("v0_m_s", [1e-2, 1e-3, 1e-4])
 def test_regularised_friction_creeps_at_the_speed_of_its_formula(v0_m_s: float) -> None:
     moved = creep(Regularised(v0_m_s), Task.of(SHARES), held_s=3.0)
-    assert np.allclose(moved, [2.0 * v0_m_s * math.atanh(share) for share in SHARES], rtol=1e-6)
+    assert np.allclose(
+        moved, [2.0 * v0_m_s * math.atanh(share) for share in SHARES], rtol=1e-6
+    )
 
 
 @pytest.mark.parametrize("vibration", [0.0, VIBRATION])
 def test_set_valued_friction_does_not_creep_at_all(vibration: float) -> None:
-    settled, later = path(SetValued(), Task.of(SHARES, vibration), np.array([4.0, 12.0]))
+    settled, later = path(
+        SetValued(), Task.of(SHARES, vibration), np.array([4.0, 12.0])
+    )
     assert np.abs(later - settled).max() < 1e-15
     assert (settled > 1e-3).all()  # it does stretch
 
@@ -86,8 +94,12 @@ def test_the_step_of_lugre_is_small_enough_for_its_drift() -> None:
     )
 
 
-@pytest.mark.hard_case("Simulation", "a million steps of holding", **holding, unguarded=True)
-def test_lugre_gets_away_below_its_static_limit_where_set_valued_friction_holds() -> None:
+@pytest.mark.hard_case(
+    "Simulation", "a million steps of holding", **holding, unguarded=True
+)
+def test_lugre_gets_away_below_its_static_limit_where_set_valued_friction_holds() -> (
+    None
+):
     task = Task.of(0.9, VIBRATION)
     assert creep(LuGre(), task, 6.0) > 0.1
     assert abs(creep(SetValued(), task, 6.0)) < 1e-8
@@ -111,7 +123,9 @@ def test_the_scene_in_mujoco_has_the_given_grip_and_object() -> None:
             if joint.get("springref")
         ]
         pressed = scene.normal_n_per_m * np.array(drawn)
-        assert (pressed[:2].sum(), pressed[2:].sum()) == pytest.approx((scene.grip_n, scene.grip_n))
+        assert (pressed[:2].sum(), pressed[2:].sum()) == pytest.approx(
+            (scene.grip_n, scene.grip_n)
+        )
         option = tree.find("option")
         assert option is not None
         assert option.get("cone") == "elliptic"
@@ -125,7 +139,11 @@ def test_without_mujoco_the_peer_says_in_one_line_how_to_get_it(tmp_path: Path) 
         f"sys.exit(finish(main, ['--out', {str(tmp_path / 'm.json')!r}]))"
     )
     done = subprocess.run(
-        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=False
+        [sys.executable, "-c", code],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
     )
     assert done.returncode == 2
     assert done.stderr.count("\n") == 1

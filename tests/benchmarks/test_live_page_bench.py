@@ -7,11 +7,13 @@ from pathlib import Path
 
 from page_tables import require_tables_fit
 
-from holdfast.benchmarks.live_page import Case, watched_run
-from holdfast.benchmarks.live_page_table import tables
+from benchmarks.live_page import Case, watched_run
+from benchmarks.live_page_table import tables
 
 
-def test_a_watched_run_counts_its_samples_its_gaps_and_what_its_browsers_got(tmp_path: Path):
+def test_a_watched_run_counts_its_samples_its_gaps_and_what_its_browsers_got(
+    tmp_path: Path,
+):
     row = watched_run(Case("two stalled, one reading", stalled=2, reading=1), 1.0)
     assert 100 <= row.samples + row.overruns <= 151  # the first scans test the pace
     assert row.frames_per_s is not None

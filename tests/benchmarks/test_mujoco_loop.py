@@ -8,13 +8,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from holdfast.benchmarks.mujoco_loop import CARD, Figures, Force
+from benchmarks.mujoco_loop import CARD, Figures, Force
 from holdfast.simulation.card import read_card
 from holdfast.simulation.scene import Scene
-from holdfast.studies.tables.scenes import mujoco_loop
+from studies.tables.scenes import mujoco_loop
 
 
-def test_the_trials_are_of_an_object_that_both_worlds_have_alike(tmp_path: Path) -> None:
+def test_the_trials_are_of_an_object_that_both_worlds_have_alike(
+    tmp_path: Path,
+) -> None:
     path = tmp_path / "peer.toml"
     path.write_text(CARD, encoding="utf-8")
     trials = Scene(read_card(str(path)), 0).trials()

@@ -13,8 +13,8 @@ from headless_browser import browser, needs_chromium, served
 from page_tables import require_tables_fit, tables_of
 from small_model import for_the_hand, graph_of
 
-from holdfast.benchmarks.runtimes import here as bench
-from holdfast.benchmarks.runtimes.c_programs import (
+from benchmarks.runtimes import here as bench
+from benchmarks.runtimes.c_programs import (
     CLANG,
     GCC,
     SINGLE_GCC,
@@ -23,13 +23,13 @@ from holdfast.benchmarks.runtimes.c_programs import (
     answers_of,
     golden_of,
 )
-from holdfast.benchmarks.runtimes.cortex_m7 import read_report
-from holdfast.benchmarks.runtimes.onnx_programs import C_API, IN_WEB, WEB, OnnxProgram, text_of
-from holdfast.benchmarks.runtimes.onnx_programs import answers_of as onnx_answers_of
-from holdfast.benchmarks.runtimes.page import arm, here
-from holdfast.benchmarks.runtimes.programs import called, require
-from holdfast.benchmarks.runtimes.stream import Stream
-from holdfast.edge_runtime.errors import HoldfastError, LibraryMissing
+from benchmarks.runtimes.cortex_m7 import read_report
+from benchmarks.runtimes.onnx_programs import C_API, IN_WEB, WEB, OnnxProgram, text_of
+from benchmarks.runtimes.onnx_programs import answers_of as onnx_answers_of
+from benchmarks.runtimes.page import arm, here
+from benchmarks.runtimes.programs import called, require
+from benchmarks.runtimes.stream import Stream
+from holdfast.core.errors import HoldfastError, LibraryMissing
 from holdfast.edge_runtime.graph import run_recording
 from holdfast.edge_runtime.model import Model
 from holdfast.export.c.exporting import export_c
@@ -49,7 +49,9 @@ def short_stream(model: Model) -> Stream:
     valid = np.ones((160, 6), dtype=np.bool_)
     valid[130:133, 2] = False
     out = run_recording(model.session, values, valid, ["situation", "unknown"])
-    return Stream(values, valid, np.where(out["unknown"], -1, out["situation"]).astype(np.int64))
+    return Stream(
+        values, valid, np.where(out["unknown"], -1, out["situation"]).astype(np.int64)
+    )
 
 
 @pytest.fixture(scope="module")
@@ -66,7 +68,9 @@ def test_every_runtime_gives_the_labels_of_onnxruntime_and_gcc_and_clang_the_sam
 ) -> None:
     monkeypatch.setattr(bench, "stream_of", short_stream)
     monkeypatch.setattr(bench, "ROUNDS", 1)
-    monkeypatch.setattr(bench.onnx_programs, "PROGRAMS", ())  # cargo fetches and compiles for long
+    monkeypatch.setattr(
+        bench.onnx_programs, "PROGRAMS", ()
+    )  # cargo fetches and compiles for long
     figures = bench.measure(model)
     rows = {row["runtime"]: row for row in figures["runtimes"]}
     doubles = [row for name, row in rows.items() if "single" not in name]
@@ -97,7 +101,9 @@ def test_an_example_answers_as_onnxruntime_from_python_without_telemetry(
 
 
 @needs_chromium
-def test_the_onnx_file_answers_in_a_worker_of_a_browser_as_in_python(tmp_path: Path) -> None:
+def test_the_onnx_file_answers_in_a_worker_of_a_browser_as_in_python(
+    tmp_path: Path,
+) -> None:
     if not WEB.is_installed():
         pytest.skip(f"{WEB.name}: not installed, see docs/any-runtime.md")
     stream = short_stream(Model(RELEASED))
@@ -107,10 +113,14 @@ def test_the_onnx_file_answers_in_a_worker_of_a_browser_as_in_python(tmp_path: P
         shown.open(address, 800, 600)
         shown.wait_until(f"{AT}('samples') && document.readyState === 'complete'")
         shown.choose("#model", RELEASED)
-        shown.wait_until(f"{AT}('said').textContent.startsWith('The model was opened in ')")
+        shown.wait_until(
+            f"{AT}('said').textContent.startsWith('The model was opened in ')"
+        )
         shown.choose("#samples", samples)
         shown.wait_until(f"{AT}('phases').childElementCount")
-        lines = shown.value(f"[...{AT}('phases').children].map((one) => one.textContent)")
+        lines = shown.value(
+            f"[...{AT}('phases').children].map((one) => one.textContent)"
+        )
         assert shown.problems == []
     names = ["unknown", "nothing", "grasp", "safe slip", "risky slip"]
     labels: list[int] = []
@@ -136,7 +146,8 @@ def test_single_precision_has_numbers_of_its_own_and_no_broken_ones(
     stream = short_stream(Model(model))
     export_c(model, tmp_path / "c")
     double, single = (
-        answers_of(one, tmp_path / "c", stream, tmp_path, passes=1) for one in (GCC, SINGLE_GCC)
+        answers_of(one, tmp_path / "c", stream, tmp_path, passes=1)
+        for one in (GCC, SINGLE_GCC)
     )
     assert single.rows.shape[1] < 0.6 * double.rows.shape[1]
     assert (single.labels == double.labels).mean() > 0.95
@@ -144,10 +155,15 @@ def test_single_precision_has_numbers_of_its_own_and_no_broken_ones(
 
 def test_answers_of_another_size_are_other_bits() -> None:
     labels = np.zeros(2, np.int32)
-    one, other = (StreamAnswers(labels, np.zeros((2, n), np.uint8), 1.0) for n in (4, 8))
+    one, other = (
+        StreamAnswers(labels, np.zeros((2, n), np.uint8), 1.0) for n in (4, 8)
+    )
     assert bench.same_bits(one, one) is True
     assert bench.same_bits(one, other) is False
-    assert bench.same_bits(StreamAnswers(labels, np.zeros((2, 0), np.uint8), 1.0), one) is None
+    assert (
+        bench.same_bits(StreamAnswers(labels, np.zeros((2, 0), np.uint8), 1.0), one)
+        is None
+    )
 
 
 def test_the_report_of_an_image_is_read_and_one_without_it_is_an_error() -> None:
@@ -194,6 +210,8 @@ def test_the_page_has_a_place_for_every_table(tmp_path: Path) -> None:
         "aarch64_same_bits": True,
         "boards": [board],
     }
-    made = tables_of((here, arm), {"runtimes": [row | {"same_bits": None}]}, {"models": [one]})
+    made = tables_of(
+        (here, arm), {"runtimes": [row | {"same_bits": None}]}, {"models": [one]}
+    )
     page = require_tables_fit("docs/any-runtime.md", made, tmp_path)
     assert "| m | double | 1274.0 | 41.5 | 24.3 | 244,127 | 246,880 | 514 |" in page

@@ -10,7 +10,7 @@ import sys
 
 import pytest
 
-from holdfast.benchmarks.timed_soak import TURN_S, measure
+from benchmarks.timed_soak import TURN_S, measure
 
 SOAK_S = float(os.environ.get("HOLDFAST_SOAK_S", "3600"))
 
@@ -19,6 +19,8 @@ SOAK_S = float(os.environ.get("HOLDFAST_SOAK_S", "3600"))
 def test_scans_queued_ahead_lose_no_more_samples_than_the_host_s_own_in_real_time():
     today, timed = measure(SOAK_S, min(TURN_S, SOAK_S / 4))["rows"]
     for row in (today, timed):
-        sys.stdout.write(f"{row['way']}: {row['samples']} samples, {row['overruns']} lost\n")
+        sys.stdout.write(
+            f"{row['way']}: {row['samples']} samples, {row['overruns']} lost\n"
+        )
         assert row["samples"] > 100
     assert timed["overruns"] <= today["overruns"] + 16, "one queue more may be chance"

@@ -20,25 +20,22 @@ from bridge_bench import (
     every_usb_bridge,
 )
 
+from holdfast.core.errors import BusStuck, DeviceLost, DeviceNotFound, TransferFailed
 from holdfast.drivers.bus import NOT_ACKED, Reply, Transfer
 from holdfast.drivers.mcp2221 import TIMEOUT_MS, Mcp2221
 from holdfast.drivers.virtual.clock import VirtualClock
 from holdfast.drivers.virtual.faults import Fault
-from holdfast.drivers.virtual.hand import VirtualHand
 from holdfast.drivers.virtual.mcp2221 import VirtualMcp2221
 from holdfast.drivers.virtual.usb_backend import VirtualBackend
-from holdfast.edge_runtime.errors import (
-    BusStuck,
-    DeviceLost,
-    DeviceNotFound,
-    TransferFailed,
-)
+from holdfast.drivers.virtual.virtual_hand import VirtualHand
 
 
 @every_bridge
 @pytest.mark.parametrize("fault", ["stall", "late", "short"])
 @pytest.mark.parametrize("during", [0.0, 0.3, 0.6, 0.9])
-def test_a_bridge_that_fails_says_so_and_the_next_scan_is_right(make, kind, fault, during):
+def test_a_bridge_that_fails_says_so_and_the_next_scan_is_right(
+    make, kind, fault, during
+):
     """during: how far into a scan it begins, as a part of one."""
     healthy = make(kind)
     begun_ns = healthy.clock.now_ns()
@@ -112,7 +109,9 @@ def test_a_reply_that_comes_after_the_late_ones_were_read_away_answers_nothing_e
     hand = VirtualHand(clock)
     device = SlowMcp2221(hand, slow)
     bus = Mcp2221(VirtualBackend(device, clock, hand.faults, hand.power_off))
-    bus.scan([FIRST, *(Transfer(A, bytes([register, register])) for register in range(4, 8))])
+    bus.scan(
+        [FIRST, *(Transfer(A, bytes([register, register])) for register in range(4, 8))]
+    )
     questions = [Transfer(A, bytes([register]), 1) for register in range(4, 8)]
     device.late_ns = 1_000_000 * (TIMEOUT_MS + late_ms)
     failed = 0
@@ -122,7 +121,9 @@ def test_a_reply_that_comes_after_the_late_ones_were_read_away_answers_nothing_e
         except TransferFailed:
             failed += 1
             continue
-        assert [reply.data for reply in replies] == [bytes([register]) for register in range(4, 8)]
+        assert [reply.data for reply in replies] == [
+            bytes([register]) for register in range(4, 8)
+        ]
     assert 0 < failed < 6
     bus.close()
 
@@ -159,7 +160,9 @@ def test_a_bus_that_stays_held_low_cannot_be_cleared(make, kind):
 
 
 @pytest.mark.parametrize("kind", ["avr", "pico"])
-def test_a_firmware_that_swings_the_pins_itself_frees_the_bus_without_knowing(make, kind):
+def test_a_firmware_that_swings_the_pins_itself_frees_the_bus_without_knowing(
+    make, kind
+):
     bench = make(kind, faults=[Fault("stuck", 1)])
     bench.bus.scan([FIRST, WHO])
     bench.clock.wait_until(1_000_000_000)

@@ -24,17 +24,12 @@ from bridge_bench import (
 
 from holdfast.drivers.bus import NOT_ACKED, Reply, Transfer
 from holdfast.drivers.ft232h import Ft232h
-from holdfast.drivers.tmag5273 import (
-    PACKET_BYTES,
-    Setup,
-    field_ut,
-    packet,
-)
+from holdfast.drivers.tmag5273 import PACKET_BYTES, Setup, field_ut, packet
 from holdfast.drivers.virtual.clock import VirtualClock
 from holdfast.drivers.virtual.faults import Fault
 from holdfast.drivers.virtual.ft232h import VirtualFt232h
-from holdfast.drivers.virtual.hand import Track, VirtualHand
 from holdfast.drivers.virtual.usb_backend import VirtualBackend
+from holdfast.drivers.virtual.virtual_hand import Track, VirtualHand
 
 # -- what every bridge does
 
@@ -49,13 +44,20 @@ def test_a_chip_is_identified_through_the_mux(make, kind):
 
 @every_bridge
 def test_a_register_that_was_written_reads_back(make, kind):
-    write, read = Transfer(B, bytes([THRESHOLD, 0x5A, 0xA5])), Transfer(B, bytes([THRESHOLD]), 2)
-    assert make(kind).bus.scan([FIRST, write, read])[2] == Reply(b"\x5a\xa5", acked=True)
+    write, read = (
+        Transfer(B, bytes([THRESHOLD, 0x5A, 0xA5])),
+        Transfer(B, bytes([THRESHOLD]), 2),
+    )
+    assert make(kind).bus.scan([FIRST, write, read])[2] == Reply(
+        b"\x5a\xa5", acked=True
+    )
 
 
 @every_bridge
 def test_a_read_goes_on_where_the_last_one_ended(make, kind):
-    replies = make(kind).bus.scan([FIRST, Transfer(A, bytes([ID]), 1), Transfer(A, read=2)])
+    replies = make(kind).bus.scan(
+        [FIRST, Transfer(A, bytes([ID]), 1), Transfer(A, read=2)]
+    )
     assert [reply.data for reply in replies] == [b"", IDENTITY[:1], IDENTITY[1:]]
 
 
@@ -67,7 +69,9 @@ def test_an_absent_chip_costs_only_itself(make, kind):
         Transfer(ABSENT, b"\0\0"),
         Transfer(ABSENT),
     ]
-    replies = make(kind).bus.scan([FIRST, *(one for gone in absent for one in (gone, WHO))])
+    replies = make(kind).bus.scan(
+        [FIRST, *(one for gone in absent for one in (gone, WHO))]
+    )
     assert replies[1::2] == [NOT_ACKED] * 4
     assert replies[2::2] == [Reply(IDENTITY, acked=True)] * 4
 
@@ -94,7 +98,9 @@ def test_a_byte_that_is_not_acknowledged_is_reported(make, kind):
 def test_an_address_alone_asks_whether_a_chip_is_there(make, kind):
     assert [
         reply.acked
-        for reply in make(kind).bus.scan([FIRST, Transfer(A), Transfer(ABSENT), Transfer(B)])
+        for reply in make(kind).bus.scan(
+            [FIRST, Transfer(A), Transfer(ABSENT), Transfer(B)]
+        )
     ] == [
         True,
         True,
@@ -128,13 +134,17 @@ def test_a_burst_decodes_to_the_field_of_the_track(make, kind):
     bench.wait_s(0.01)
     found = [packet(reply.data) for reply in bench.bus.scan(SIX) if reply.data]
     read_ut = np.array([field_ut(one.raw, 1.0) * Setup().range_mt(1) for one in found])
-    np.testing.assert_allclose(read_ut, given_ut, atol=1.3)  # half a step of the widest range
+    np.testing.assert_allclose(
+        read_ut, given_ut, atol=1.3
+    )  # half a step of the widest range
 
 
 @every_bridge
 def test_one_byte_reads_bring_the_same_packet(make, kind):
     bench = make(kind)
-    bench.bus.scan([FIRST, *(Transfer(A, bytes(byte)) for byte in Setup(burst=True).registers())])
+    bench.bus.scan(
+        [FIRST, *(Transfer(A, bytes(byte)) for byte in Setup(burst=True).registers())]
+    )
     bench.wait_s(0.01)
     reply = bench.bus.scan([FIRST, Transfer(A, read=PACKET_BYTES)])[1]
     assert packet(reply.data).raw == (0, 0, round(23730 / 80000 * 32768))
@@ -144,7 +154,10 @@ def test_one_byte_reads_bring_the_same_packet(make, kind):
 def test_a_write_then_read_does_not_stop_between(make, kind):
     bench = make(kind)
     stops = []
-    original, bench.hand.wire.stop = bench.hand.wire.stop, lambda: (stops.append(1), original())[1]
+    original, bench.hand.wire.stop = (
+        bench.hand.wire.stop,
+        lambda: (stops.append(1), original())[1],
+    )
     bench.bus.scan([FIRST, WHO])
     assert len(stops) == 2
 
@@ -212,7 +225,9 @@ class BitByBit(VirtualFt232h):
             command = data[at : at + WALKS.get(data[at], 1)]
             at += len(command)
             if command[0] == 0x11:
-                command = b"".join(bytes([0x13, 0, command[3] << k & 0xFF]) for k in range(8))
+                command = b"".join(
+                    bytes([0x13, 0, command[3] << k & 0xFF]) for k in range(8)
+                )
             result += b"\x22\x07" if command[0] == 0x20 else command
         super().write(endpoint, result)
 
@@ -228,17 +243,25 @@ class Computing(VirtualClock):
         return super().now_ns()
 
 
-def scans(bridge: type[VirtualFt232h], clock: VirtualClock) -> tuple[list[Reply], float]:
+def scans(
+    bridge: type[VirtualFt232h], clock: VirtualClock
+) -> tuple[list[Reply], float]:
     """What three scans of a noisy, changing hand answer, and how long they take, s."""
-    track = Track(np.array([0.0, 0.02]), np.stack([np.full((6, 3), -9e3), np.full((6, 3), 2e4)]))
+    track = Track(
+        np.array([0.0, 0.02]), np.stack([np.full((6, 3), -9e3), np.full((6, 3), 2e4)])
+    )
     # which it looks out for
-    hand = VirtualHand(clock, track=track, seed=3, faults=[Fault("frozen", 1e6, sensor=1)])
+    hand = VirtualHand(
+        clock, track=track, seed=3, faults=[Fault("frozen", 1e6, sensor=1)]
+    )
     bus = Ft232h(VirtualBackend(bridge(hand), clock, hand.faults, hand.power_off))
     begun_ns = clock.now_ns()
     transfers = [Transfer(A, bytes([*pair])) for pair in Setup(averages=1).registers()]
     replies = bus.scan([FIRST, *transfers])
     replies += [
-        reply for _ in range(3) for reply in bus.scan([WHO, Transfer(ABSENT, read=2), *SIX])
+        reply
+        for _ in range(3)
+        for reply in bus.scan([WHO, Transfer(ABSENT, read=2), *SIX])
     ]
     return replies, 1e-9 * (clock.now_ns() - begun_ns)
 
@@ -266,7 +289,10 @@ def test_what_an_emulated_ft232h_takes_to_compute_is_part_of_what_its_wire_takes
 
 def test_a_track_between_its_rows_is_a_line_to_the_last_bit_and_its_ends_hold():
     rng = np.random.default_rng(0)
-    t_s, field_ut_ = np.cumsum(rng.uniform(1e-4, 2e-3, 50)), 1e4 * rng.normal(size=(50, 6, 3))
+    t_s, field_ut_ = (
+        np.cumsum(rng.uniform(1e-4, 2e-3, 50)),
+        1e4 * rng.normal(size=(50, 6, 3)),
+    )
     track = Track(t_s, field_ut_)
     for now_s in (-1.0, *t_s, *rng.uniform(0.0, t_s[-1], 200), 9.0):
         result = [np.interp(now_s, t_s, field_ut_[:, 4, axis]) for axis in range(3)]

@@ -9,18 +9,24 @@ import pytest
 from hand_bench import Bench, started
 from hazard_marks import BRIDGE_FAULT, SLOW_REPAIR, STUCK_BUS, WIRING
 
+from holdfast.core.errors import BusStuck, DeviceError, TransferFailed, UsageError
 from holdfast.drivers.bus import Transfer
 from holdfast.drivers.ft232h import FASTEST_HZ, SLOWEST_HZ, Ft232h
 from holdfast.drivers.hand import Hand
 from holdfast.drivers.mcp2221 import Mcp2221
 from holdfast.drivers.scanning import as_layout, look_at
 from holdfast.drivers.virtual.clock import VirtualClock
-from holdfast.drivers.virtual.ft232h import IN_ENDPOINT, OUT_ENDPOINT, SCL, SDA_IN, VirtualFt232h
-from holdfast.drivers.virtual.hand import VirtualHand
+from holdfast.drivers.virtual.ft232h import (
+    IN_ENDPOINT,
+    OUT_ENDPOINT,
+    SCL,
+    SDA_IN,
+    VirtualFt232h,
+)
 from holdfast.drivers.virtual.mcp2221 import VirtualMcp2221
 from holdfast.drivers.virtual.usb_backend import VirtualBackend, stall
-from holdfast.edge_runtime.errors import BusStuck, DeviceError, TransferFailed, UsageError
-from holdfast.live_sources import open_live
+from holdfast.drivers.virtual.virtual_hand import VirtualHand
+from holdfast.live.hand_sources import open_live
 
 ONE = [Transfer(0x70, b"\x01"), Transfer(0x35, b"\x0d", 3)]
 IDENTITY = bytes([0x01, 0x49, 0x54])
@@ -45,10 +51,16 @@ def test_a_repaired_finger_is_valid_from_its_second_new_reading_on(fault, rate_h
 @SLOW_REPAIR.mark
 def test_a_finger_behind_an_mcp2221_comes_back_though_every_scan_outlasts_the_stale_time():
     clock = VirtualClock()
-    virtual = VirtualHand(clock, seed=0, faults=Bench(faults=("por:3@4",)).virtual.faults._pending)
-    backend = VirtualBackend(VirtualMcp2221(virtual), clock, virtual.faults, virtual.power_off)
+    virtual = VirtualHand(
+        clock, seed=0, faults=Bench(faults=("por:3@4",)).virtual.faults._pending
+    )
+    backend = VirtualBackend(
+        VirtualMcp2221(virtual), clock, virtual.faults, virtual.power_off
+    )
     hand = Hand(
-        lambda: Mcp2221(backend), now_ns=clock.now_ns, pause=lambda s: clock.spend(round(1e9 * s))
+        lambda: Mcp2221(backend),
+        now_ns=clock.now_ns,
+        pause=lambda s: clock.spend(round(1e9 * s)),
     )
     hand.start()
     words = []
@@ -81,7 +93,9 @@ def test_a_hand_starts_on_a_bus_that_is_held_low_at_whatever_moment_of_the_start
 @pytest.mark.parametrize("at_s", [0.0, 0.001, 0.01, 0.1])
 def test_a_scan_frees_a_bus_that_is_held_low(at_s):
     bench = Bench(faults=(f"stuck@{at_s}",))
-    found = look_at(bench.open_bus(), lambda seconds: bench.clock.spend(round(1e9 * seconds)))
+    found = look_at(
+        bench.open_bus(), lambda seconds: bench.clock.spend(round(1e9 * seconds))
+    )
     assert as_layout(found) == "0:35,0:22,0:78,0:44,1:35,1:22"
 
 
@@ -116,7 +130,9 @@ def test_clearing_a_bus_looks_at_scl_too():
     bench, emulated = bridge(HeldScl)
     bus = bench.open_bus()
     emulated.held = True
-    with pytest.raises(BusStuck, match=r"SCL still low after nine clocks.*without supply"):
+    with pytest.raises(
+        BusStuck, match=r"SCL still low after nine clocks.*without supply"
+    ):
         bus.clear()
 
 
@@ -155,13 +171,17 @@ def test_ad1_and_ad2_that_are_not_tied_together_are_named():
 @WIRING.mark
 @pytest.mark.parametrize("bus_hz", [0, 1, 100, SLOWEST_HZ - 1, FASTEST_HZ + 1])
 def test_a_speed_that_the_ft232h_does_not_have_is_a_usage_error(bus_hz):
-    with pytest.raises(UsageError, match=rf"bus_hz={bus_hz} .*{SLOWEST_HZ} .. {FASTEST_HZ} Hz"):
+    with pytest.raises(
+        UsageError, match=rf"bus_hz={bus_hz} .*{SLOWEST_HZ} .. {FASTEST_HZ} Hz"
+    ):
         open_live(f"virtual://ft232h?bus_hz={bus_hz}", clock=VirtualClock(), say=print)
 
 
 @pytest.mark.parametrize("bus_hz", [SLOWEST_HZ, 100_000, FASTEST_HZ])
 def test_the_ft232h_serves_a_hand_at_every_speed_it_takes(bus_hz):
-    source = open_live(f"virtual://ft232h?bus_hz={bus_hz}", clock=VirtualClock(), say=print)
+    source = open_live(
+        f"virtual://ft232h?bus_hz={bus_hz}", clock=VirtualClock(), say=print
+    )
     reading = source.read()
     assert reading is not None
     assert reading.valid.all()
@@ -188,11 +208,15 @@ class Halting(VirtualBackend):
         super().clear_halt(dev_handle, ep)
         self.halted.discard(ep)
 
-    def bulk_write(self, dev_handle: Any, ep: int, intf: int, data: Any, timeout: int) -> int:
+    def bulk_write(
+        self, dev_handle: Any, ep: int, intf: int, data: Any, timeout: int
+    ) -> int:
         self._stop_if_halted(ep)
         return super().bulk_write(dev_handle, ep, intf, data, timeout)
 
-    def bulk_read(self, dev_handle: Any, ep: int, intf: int, buff: Any, timeout: int) -> int:
+    def bulk_read(
+        self, dev_handle: Any, ep: int, intf: int, buff: Any, timeout: int
+    ) -> int:
         self._stop_if_halted(ep)
         return super().bulk_read(dev_handle, ep, intf, buff, timeout)
 
@@ -208,7 +232,10 @@ class Halting(VirtualBackend):
 def test_an_endpoint_that_stays_halted_is_cleared_and_the_next_scan_is_right(endpoint):
     bench = Bench()
     backend = Halting(
-        VirtualFt232h(bench.virtual), bench.clock, bench.virtual.faults, bench.virtual.power_off
+        VirtualFt232h(bench.virtual),
+        bench.clock,
+        bench.virtual.faults,
+        bench.virtual.power_off,
     )
     bus = Ft232h(backend)
     backend.halted.add(endpoint)
@@ -220,7 +247,12 @@ def test_an_endpoint_that_stays_halted_is_cleared_and_the_next_scan_is_right(end
 
 @BRIDGE_FAULT.mark
 @pytest.mark.parametrize(
-    "faults", [tuple(f"nack:{k}@0+100" for k in range(1, 7)), ("wrong:2@0+100",), ("late@0.01+9",)]
+    "faults",
+    [
+        tuple(f"nack:{k}@0+100" for k in range(1, 7)),
+        ("wrong:2@0+100",),
+        ("late@0.01+9",),
+    ],
 )
 def test_a_start_that_fails_gives_the_bridge_back(faults):
     bench = Bench(faults=faults)
@@ -230,8 +262,12 @@ def test_a_start_that_fails_gives_the_bridge_back(faults):
     bench.open_bus().close()  # an interface that is still claimed would be busy
 
 
-@pytest.mark.parametrize(("value", "commands", "answers"), [(0, 0, 0), (1, 0, 1), (2, 1, 0)])
-def test_the_ft232h_s_purge_values_clear_what_the_chip_s_data_sheet_says(value, commands, answers):
+@pytest.mark.parametrize(
+    ("value", "commands", "answers"), [(0, 0, 0), (1, 0, 1), (2, 1, 0)]
+)
+def test_the_ft232h_s_purge_values_clear_what_the_chip_s_data_sheet_says(
+    value, commands, answers
+):
     """1 what the host sent (the chip's receive buffer), 2 what waits for the host; libftdi's
     SIO_TCOFLUSH, TCIFLUSH."""
     device = VirtualFt232h(VirtualHand(VirtualClock()))
@@ -239,7 +275,10 @@ def test_the_ft232h_s_purge_values_clear_what_the_chip_s_data_sheet_says(value, 
     # a bad command, which answers, and the head of one that waits
     device.write(OUT_ENDPOINT, b"\xaa\x11\x00")
     device.control_out(0x40, 0x00, value, 1, b"")
-    assert (bool(device._commands), bool(device._answers)) == (bool(commands), bool(answers))
+    assert (bool(device._commands), bool(device._answers)) == (
+        bool(commands),
+        bool(answers),
+    )
 
 
 def test_an_unfinished_command_of_an_earlier_program_is_cleared_before_the_next_one():

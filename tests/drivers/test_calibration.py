@@ -16,20 +16,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from holdfast import calibrate
-from holdfast.calibration.reading import read_studies
-from holdfast.drivers.bias import Bias, bias_of
-from holdfast.drivers.calibration import Calibration, CalibrationOrigin, rmse_normal, rmse_shear
-from holdfast.drivers.calibration_file import (
-    read_bias,
-    read_calibration,
-    write_bias,
-    write_calibration,
-)
-from holdfast.drivers.calibration_fit import fit
-from holdfast.edge_runtime.command import Parser
-from holdfast.edge_runtime.contract import FloatArray, channel_names
-from holdfast.edge_runtime.errors import (
+from holdfast.cli import calibrate
+from holdfast.cli.command import Parser
+from holdfast.core.contract import FloatArray, channel_names
+from holdfast.core.errors import (
     ChannelError,
     ColumnError,
     DataError,
@@ -39,6 +29,19 @@ from holdfast.edge_runtime.errors import (
     TooFewGroups,
     UnitError,
 )
+from holdfast.drivers.bias import Bias, bias_of
+from holdfast.drivers.calibration import (
+    Calibration,
+    CalibrationOrigin,
+    read_bias,
+    read_calibration,
+    rmse_normal,
+    rmse_shear,
+    write_bias,
+    write_calibration,
+)
+from holdfast.sessions.calibration.judging import fit
+from holdfast.sessions.calibration.loads import read_studies
 from holdfast.training.datasets import data_folder
 
 FINITE = st.floats(-1e4, 1e4)
@@ -48,14 +51,21 @@ FIELDS = arrays(np.float64, (4, 2, 3), elements=FINITE)
 
 def made(n_sensors: int = 2, *, rest: bool = False, seed: int = 0) -> Calibration:
     rng = np.random.default_rng(seed)
-    meta = CalibrationOrigin("made up", "2026-01-02", "N", 100, np.full((n_sensors, 3), 0.25))
+    meta = CalibrationOrigin(
+        "made up", "2026-01-02", "N", 100, np.full((n_sensors, 3), 0.25)
+    )
     resting = rng.normal(0.0, 1000.0, (n_sensors, 3)) if rest else None
     return Calibration(
-        rng.normal(0.0, 0.01, (n_sensors, 3, 3)), resting, np.zeros(n_sensors, dtype=np.bool_), meta
+        rng.normal(0.0, 0.01, (n_sensors, 3, 3)),
+        resting,
+        np.zeros(n_sensors, dtype=np.bool_),
+        meta,
     )
 
 
-def pressed(n_sensors: int = 2, *, seed: int = 1) -> tuple[FloatArray, FloatArray, FloatArray]:
+def pressed(
+    n_sensors: int = 2, *, seed: int = 1
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     """(field [M, S, 3] uT, matrix [S, 3, 3], blocks [M]) of loads in every direction, each sensor
     in its turn."""
     rng = np.random.default_rng(seed)
@@ -100,7 +110,9 @@ def test_a_reversed_magnet_pulls_the_way_it_is_pulled() -> None:
     right = made(rest=True)
     assert right.rest_ut is not None
     signs = np.array([[1.0], [-1.0]])
-    turned = replace(right, reversed=np.array([False, True]), rest_ut=signs * right.rest_ut)
+    turned = replace(
+        right, reversed=np.array([False, True]), rest_ut=signs * right.rest_ut
+    )
     field = np.random.default_rng(2).normal(0.0, 500.0, (5, 2, 3))
     np.testing.assert_array_equal(turned.apply(signs * field), right.apply(field))
 
@@ -126,7 +138,13 @@ def test_noiseless_loads_give_back_the_matrix(seed: int, n_sensors: int) -> None
     rest = np.full((n_sensors, 3), 2000.0)
     flipped = np.arange(n_sensors) % 2 == 1
     sign = np.where(flipped, -1.0, 1.0)[:, None]
-    fitted = fit(rest + sign * field, total(matrix, field), blocks, rest_ut=rest, reversed_=flipped)
+    fitted = fit(
+        rest + sign * field,
+        total(matrix, field),
+        blocks,
+        rest_ut=rest,
+        reversed_=flipped,
+    )
     np.testing.assert_allclose(fitted.calibration.matrix, matrix, atol=1e-9)
     assert fitted.held_out_n.max() < 1e-6
 
@@ -214,12 +232,17 @@ def calibrations(draw: st.DrawFn) -> Calibration:
         arrays(np.float64, (n, 3), elements=st.floats(0.0, 1e3) | st.just(float("nan")))
     )
     meta = CalibrationOrigin(
-        draw(st.text()), draw(st.text()), draw(st.text()), draw(st.integers(0, 10**9)), residual
+        draw(st.text()),
+        draw(st.text()),
+        draw(st.text()),
+        draw(st.integers(0, 10**9)),
+        residual,
     )
     rest = draw(st.none() | arrays(np.float64, (n, 3), elements=ANY))
     size = draw(st.floats(1e-300, 1e300))
     matrix = size * (
-        np.eye(3) + 0.1 * draw(arrays(np.float64, (n, 3, 3), elements=st.floats(-1.0, 1.0)))
+        np.eye(3)
+        + 0.1 * draw(arrays(np.float64, (n, 3, 3), elements=st.floats(-1.0, 1.0)))
     )
     return Calibration(matrix, rest, draw(arrays(np.bool_, n)), meta)
 
@@ -232,10 +255,14 @@ def same_bits(a: FloatArray, b: FloatArray) -> bool:
 def test_a_calibration_comes_back_bit_for_bit(
     tmp_path_factory: pytest.TempPathFactory, c: Calibration
 ) -> None:
-    back = read_calibration(write_calibration(tmp_path_factory.getbasetemp() / "c.json", c))
+    back = read_calibration(
+        write_calibration(tmp_path_factory.getbasetemp() / "c.json", c)
+    )
     assert same_bits(back.matrix, c.matrix)
     assert (back.rest_ut is None) == (c.rest_ut is None)
-    assert c.rest_ut is None or back.rest_ut is None or same_bits(back.rest_ut, c.rest_ut)
+    assert (
+        c.rest_ut is None or back.rest_ut is None or same_bits(back.rest_ut, c.rest_ut)
+    )
     assert back.reversed.tolist() == c.reversed.tolist()
     np.testing.assert_array_equal(back.meta.residual_n, c.meta.residual_n)
     assert replace(back.meta, residual_n=c.meta.residual_n) == c.meta
@@ -245,9 +272,17 @@ BROKEN: list[tuple[dict[str, Any], type[DataError], str]] = [
     ({"format": 2}, DataError, "format 2 is not known, only 1"),
     ({"format": True}, DataError, "format True is not known"),
     ({"kind": "bias"}, DataError, "this is a 'bias', not a calibration"),
-    ({"matrix_n_per_ut": [[1.0, 2.0, 3.0]]}, ChannelError, r"shape \[1, 3\], not \[S, 3, 3\]"),
+    (
+        {"matrix_n_per_ut": [[1.0, 2.0, 3.0]]},
+        ChannelError,
+        r"shape \[1, 3\], not \[S, 3, 3\]",
+    ),
     ({"matrix_n_per_ut": []}, ChannelError, "shape not rectangular"),
-    ({"matrix_n_per_ut": [[[1.0], [1.0, 2.0], [1.0]]]}, ChannelError, "shape not rectangular"),
+    (
+        {"matrix_n_per_ut": [[[1.0], [1.0, 2.0], [1.0]]]},
+        ChannelError,
+        "shape not rectangular",
+    ),
     ({"matrix_n_per_ut": 3.0}, ChannelError, "shape"),
     (
         {"matrix_n_per_ut": [[[1.0, 2.0, float("nan")]] * 3] * 2},
@@ -260,16 +295,37 @@ BROKEN: list[tuple[dict[str, Any], type[DataError], str]] = [
         "-inf, which is not finite",
     ),
     ({"matrix_n_per_ut": [[[1.0, 2.0, 10**400]] * 3] * 2}, NotANumber, "not finite"),
-    ({"matrix_n_per_ut": [[[1.0, 2.0, "3"]] * 3] * 2}, NotANumber, "'3', which is not a number"),
-    ({"matrix_n_per_ut": [[[1.0, 2.0, None]] * 3] * 2}, NotANumber, "None, which is not a number"),
-    ({"matrix_n_per_ut": [[[1.0, 2.0, True]] * 3] * 2}, NotANumber, "True, which is not a number"),
+    (
+        {"matrix_n_per_ut": [[[1.0, 2.0, "3"]] * 3] * 2},
+        NotANumber,
+        "'3', which is not a number",
+    ),
+    (
+        {"matrix_n_per_ut": [[[1.0, 2.0, None]] * 3] * 2},
+        NotANumber,
+        "None, which is not a number",
+    ),
+    (
+        {"matrix_n_per_ut": [[[1.0, 2.0, True]] * 3] * 2},
+        NotANumber,
+        "True, which is not a number",
+    ),
     ({"matrix_n_per_ut": [[[0.0] * 3] * 3] * 2}, DataError, "sensor 1 is singular"),
     (
-        {"matrix_n_per_ut": [np.eye(3).tolist(), [[1.0, 2.0, 3.0], [0.0] * 3, [2.0, 4.0, 6.0]]]},
+        {
+            "matrix_n_per_ut": [
+                np.eye(3).tolist(),
+                [[1.0, 2.0, 3.0], [0.0] * 3, [2.0, 4.0, 6.0]],
+            ]
+        },
         DataError,
         "sensor 2",
     ),
-    ({"rest_ut": [[0.0, 0.0, 0.0]]}, ChannelError, r"rest_ut has shape \[1, 3\], not \[2, 3\]"),
+    (
+        {"rest_ut": [[0.0, 0.0, 0.0]]},
+        ChannelError,
+        r"rest_ut has shape \[1, 3\], not \[2, 3\]",
+    ),
     ({"reversed": [False]}, ChannelError, "reversed is not 2 times"),
     ({"reversed": [0, 1]}, ChannelError, "reversed is not 2 times"),
     ({"n": 2.5}, NotANumber, "n is 2.5"),
@@ -287,13 +343,16 @@ def test_a_broken_calibration_is_refused_with_what_where_and_the_next_step(
 ) -> None:
     path = write_calibration(tmp_path / "c.json", made())
     path.write_text(json.dumps({**json.loads(path.read_text()), **change}))
-    with pytest.raises(error, match=f"c.json: .*{says}.*next: .*holdfast calibrate") as caught:
+    with pytest.raises(
+        error, match=f"c.json: .*{says}.*next: .*holdfast calibrate"
+    ) as caught:
         read_calibration(path)
     assert type(caught.value) is error
 
 
 @pytest.mark.parametrize(
-    "missing", ["format", "kind", "matrix_n_per_ut", "rest_ut", "reversed", "date", "residual_n"]
+    "missing",
+    ["format", "kind", "matrix_n_per_ut", "rest_ut", "reversed", "date", "residual_n"],
 )
 def test_a_missing_entry_is_named(tmp_path: Path, missing: str) -> None:
     path = write_calibration(tmp_path / "c.json", made())
@@ -322,7 +381,9 @@ def test_what_is_not_an_object_is_called_that(tmp_path: Path) -> None:
         read_calibration(tmp_path / "c.json")
 
 
-def test_a_calibration_that_is_not_there_names_the_command_that_makes_one(tmp_path: Path) -> None:
+def test_a_calibration_that_is_not_there_names_the_command_that_makes_one(
+    tmp_path: Path,
+) -> None:
     with pytest.raises(DataNotFound, match=r"no such file.*holdfast calibrate"):
         read_calibration(tmp_path / "none.json")
     with pytest.raises(DataNotFound, match="cannot be read"):
@@ -361,7 +422,11 @@ def test_a_short_touch_is_a_warning_with_the_channel_and_moves_no_bias() -> None
 def test_a_drift_is_a_warning_with_the_channel() -> None:
     rows = resting()
     rows[:, 16] += np.linspace(0.0, 90.0, 300)
-    assert [line for line in bias_of(rows, "uT")[1] if "drifts by more than 40 uT: Y6;" in line]
+    assert [
+        line
+        for line in bias_of(rows, "uT")[1]
+        if "drifts by more than 40 uT: Y6;" in line
+    ]
 
 
 def test_lost_rows_do_not_count_and_more_than_one_in_twenty_are_a_warning() -> None:
@@ -374,10 +439,14 @@ def test_lost_rows_do_not_count_and_more_than_one_in_twenty_are_a_warning() -> N
     rows[:16, 0] = np.nan
     rows[:16, 1] = np.inf
     _, warned = bias_of(rows, "uT")
-    assert warned == ("up to 16 of 300 rows are lost in X1, Y1; next: check that finger's wires",)
+    assert warned == (
+        "up to 16 of 300 rows are lost in X1, Y1; next: check that finger's wires",
+    )
 
 
-def test_a_channel_lost_for_a_whole_third_is_reported_without_a_warning_of_numpy() -> None:
+def test_a_channel_lost_for_a_whole_third_is_reported_without_a_warning_of_numpy() -> (
+    None
+):
     rows = resting()
     rows[:150, 0] = np.nan
     assert len(bias_of(rows, "uT")[1]) == 1
@@ -417,7 +486,9 @@ def test_a_magnet_is_reversed_below_the_floor_and_never_above(
 ) -> None:
     rows = np.full((30, 18), 500.0)
     rows[:, 3 * sensor + 2] = normal_ut
-    assert bias_of(rows, "uT", normal_floor=100.0)[0].reversed[sensor] == (normal_ut < -100.0)
+    assert bias_of(rows, "uT", normal_floor=100.0)[0].reversed[sensor] == (
+        normal_ut < -100.0
+    )
 
 
 def test_the_floor_is_in_the_unit_of_the_stream() -> None:
@@ -493,9 +564,9 @@ def write_loads(
     matrix = pressed()[1]
     pieces = []
     for k in range(n_probings):
-        ramp = np.concatenate([np.zeros(10), np.sin(np.linspace(0.0, np.pi, 40)), np.zeros(3)])[
-            :, None
-        ]
+        ramp = np.concatenate(
+            [np.zeros(10), np.sin(np.linspace(0.0, np.pi, 40)), np.zeros(3)]
+        )[:, None]
         force = np.zeros((53, 2, 3))
         side = ramp * np.roll(ramp, 3) * rng.normal(0.0, 2.0, 3)
         force[:, k % 2] = ramp * [rng.normal(), rng.normal(), 8.0] + side
@@ -519,14 +590,27 @@ def test_loads_in_a_csv_file_become_a_calibration(
     tmp_path: Path, upside_down: int | None, capsys: pytest.CaptureFixture[str]
 ) -> None:
     matrix = write_loads(tmp_path / "loads.csv", reversed_sensor=upside_down)
-    words = ("--out", tmp_path / "c.json", "--json", tmp_path / "f.json", "--date", "2026-01-02")
+    words = (
+        "--out",
+        tmp_path / "c.json",
+        "--json",
+        tmp_path / "f.json",
+        "--date",
+        "2026-01-02",
+    )
     assert calibrate_with(tmp_path / "loads.csv", *words) == 0
     c = read_calibration(tmp_path / "c.json")
     np.testing.assert_allclose(c.matrix, matrix, atol=1e-8)
     assert c.reversed.tolist() == [False, upside_down == 1]
     assert c.rest_ut is not None
-    np.testing.assert_allclose(np.abs(c.rest_ut), [[100.0, 50.0, 2000.0]] * 2, atol=1e-8)
-    assert (c.meta.source, c.meta.date, c.meta.load_unit) == ("loads.csv/loads", "2026-01-02", "N")
+    np.testing.assert_allclose(
+        np.abs(c.rest_ut), [[100.0, 50.0, 2000.0]] * 2, atol=1e-8
+    )
+    assert (c.meta.source, c.meta.date, c.meta.load_unit) == (
+        "loads.csv/loads",
+        "2026-01-02",
+        "N",
+    )
     content = json.loads((tmp_path / "f.json").read_text())["studies"][0]
     assert len(content["probings"]) == 6
     assert content["models"]["one matrix"]["normal"]["rmse_n"] < 1e-6
@@ -538,7 +622,9 @@ def test_rows_with_a_lost_value_are_left_out_and_counted(
 ) -> None:
     write_loads(tmp_path / "loads.csv")
     lines = (tmp_path / "loads.csv").read_text().splitlines()
-    lines[30] = ",".join(["nan" if k == 2 else cell for k, cell in enumerate(lines[30].split(","))])
+    lines[30] = ",".join(
+        ["nan" if k == 2 else cell for k, cell in enumerate(lines[30].split(","))]
+    )
     (tmp_path / "loads.csv").write_text("\n".join(lines))
     calibrate_with(tmp_path / "loads.csv", "--out", tmp_path / "c.json")
     assert "1 rows with a lost value left out" in capsys.readouterr().out
@@ -546,7 +632,9 @@ def test_rows_with_a_lost_value_are_left_out_and_counted(
 
 def test_one_press_is_too_little_to_hold_one_out(tmp_path: Path) -> None:
     write_loads(tmp_path / "loads.csv", n_probings=1)
-    with pytest.raises(TooFewGroups, match=r"1 probings.*press every fingertip at least twice"):
+    with pytest.raises(
+        TooFewGroups, match=r"1 probings.*press every fingertip at least twice"
+    ):
         calibrate_with(tmp_path / "loads.csv", "--out", tmp_path / "c.json")
 
 
@@ -554,13 +642,21 @@ def test_one_press_is_too_little_to_hold_one_out(tmp_path: Path) -> None:
     ("text", "error", "says"),
     [
         ("Time,X1,Y1,Z1,Fx,Fy\n0,1,2,3,4,5\n", ColumnError, "missing columns: Fz;"),
-        ("Time,X1,Y1,Z1,Fx,Fy,Fz,g\n0,1,2,3,4,5,6,7\n", ColumnError, "unknown columns: g;"),
+        (
+            "Time,X1,Y1,Z1,Fx,Fy,Fz,g\n0,1,2,3,4,5,6,7\n",
+            ColumnError,
+            "unknown columns: g;",
+        ),
         (
             "Time,X1,Z1,g,h,Fx,Fy,Fz\n0,1,2,3,4,5,6,7\n",
             ColumnError,
             "missing.*: Y1, unknown.*: g, h;",
         ),
-        ("Time,X1,Y1,Z1,Fx,Fy,Fz,Fz\n0,1,2,3,4,5,6,7\n", ColumnError, "repeated columns: Fz;"),
+        (
+            "Time,X1,Y1,Z1,Fx,Fy,Fz,Fz\n0,1,2,3,4,5,6,7\n",
+            ColumnError,
+            "repeated columns: Fz;",
+        ),
         ("Time,Fx,Fy,Fz\n0,1,2,3\n", ColumnError, "Time,X1,Y1,Z1"),
         ("Time,X1,Y1,Z1,Fx,Fy,Fz\n0,1,2,much,4,5,6\n", NotANumber, "much"),
         ("", ColumnError, "Time"),
@@ -588,15 +684,21 @@ def write_probings(root: Path, newtons_in_a_unit: float) -> Path:
     for k in range(2):
         folder = root / "normal_force" / f"probe_{k}"
         folder.mkdir(parents=True)
-        depth = np.tile(np.concatenate([np.linspace(0, 12, 50), np.linspace(12, 0, 50)]), 4)
+        depth = np.tile(
+            np.concatenate([np.linspace(0, 12, 50), np.linspace(12, 0, 50)]), 4
+        )
         force = 34.0 * (depth / 12.0)
         field = np.column_stack([force * 10.0, force * 5.0, force * 60.0]) + rng.normal(
             0.0, 30.0, (400, 3)
         )
-        load = np.where(np.arange(400) % 2, -1.0, np.round(force / newtons_in_a_unit, 2))
+        load = np.where(
+            np.arange(400) % 2, -1.0, np.round(force / newtons_in_a_unit, 2)
+        )
         zero = np.zeros(400)
         np.savetxt(
-            folder / "sensor_post_baselines.csv", np.column_stack([zero, field]), delimiter=","
+            folder / "sensor_post_baselines.csv",
+            np.column_stack([zero, field]),
+            delimiter=",",
         )
         np.savetxt(
             folder / "states.csv",
@@ -607,7 +709,8 @@ def write_probings(root: Path, newtons_in_a_unit: float) -> Path:
 
 
 @pytest.mark.parametrize(
-    ("unit", "newtons"), [("gram-force", 9.80665e-3), ("newton", 1.0), ("millinewton", 1e-3)]
+    ("unit", "newtons"),
+    [("gram-force", 9.80665e-3), ("newton", 1.0), ("millinewton", 1e-3)],
 )
 def test_the_unit_of_the_load_is_found_in_the_readings(
     tmp_path: Path, unit: str, newtons: float
@@ -670,23 +773,42 @@ def test_the_real_loads_are_grams_and_judged_on_probings_never_seen(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(
-        "holdfast.calibration.judging.N_TREES", 30
+        "holdfast.sessions.calibration.judging.N_TREES", 30
     )  # the figures of 200 to within the tolerance
     calibrate_with(
-        eflesh, "--out", tmp_path / "c.json", "--json", tmp_path / "f.json", "--date", "2025-04-16"
+        eflesh,
+        "--out",
+        tmp_path / "c.json",
+        "--json",
+        tmp_path / "f.json",
+        "--date",
+        "2025-04-16",
     )
     normal, shear = json.loads((tmp_path / "f.json").read_text())["studies"]
-    assert (normal["rows"], len(normal["probings"]), shear["rows"], len(shear["probings"])) == (
+    assert (
+        normal["rows"],
+        len(normal["probings"]),
+        shear["rows"],
+        len(shear["probings"]),
+    ) == (
         5580,
         3,
         7350,
         2,
     )
     assert normal["load_unit"] == shear["load_unit"] == "gram-force"
-    assert normal["models"]["one matrix"]["normal"]["rmse_n"] == pytest.approx(0.69, abs=0.01)
-    assert shear["models"]["one matrix"]["shear"]["rmse_n"] == pytest.approx(0.50, abs=0.01)
-    assert normal["models"]["extra trees"]["normal"]["rmse_n"] == pytest.approx(0.55, abs=0.03)
-    assert shear["models"]["extra trees"]["shear"]["rmse_n"] == pytest.approx(0.27, abs=0.03)
+    assert normal["models"]["one matrix"]["normal"]["rmse_n"] == pytest.approx(
+        0.69, abs=0.01
+    )
+    assert shear["models"]["one matrix"]["shear"]["rmse_n"] == pytest.approx(
+        0.50, abs=0.01
+    )
+    assert normal["models"]["extra trees"]["normal"]["rmse_n"] == pytest.approx(
+        0.55, abs=0.03
+    )
+    assert shear["models"]["extra trees"]["shear"]["rmse_n"] == pytest.approx(
+        0.27, abs=0.03
+    )
     assert "eFlesh publishes 0.27 N" in capsys.readouterr().out
     pad = read_calibration(tmp_path / "c.json")
     assert (pad.matrix.shape, pad.rest_ut) == ((5, 3, 3), None)

@@ -23,7 +23,7 @@ from drawn_frames import (
 from scipy.interpolate import CubicSpline
 
 from holdfast.drivers.camera.recording import read_about, read_tracks, write_about
-from holdfast.simulation.camera.frames import HAND_TAG, OBJECT_TAG
+from holdfast.simulation.camera_frames import HAND_TAG, OBJECT_TAG
 
 # -- tracks and video
 
@@ -31,7 +31,9 @@ from holdfast.simulation.camera.frames import HAND_TAG, OBJECT_TAG
 def test_drawn_tags_of_known_motion_are_tracked_to_a_twentieth_of_a_pixel(recorded):
     tracks = read_tracks(recorded)
     fine_s = np.arange(N_FRAMES + 1) / FPS
-    thing, hand = (CubicSpline(fine_s, 1e3 * path)(tracks.t_s) for path in motion_m(fine_s))
+    thing, hand = (
+        CubicSpline(fine_s, 1e3 * path)(tracks.t_s) for path in motion_m(fine_s)
+    )
     for tag, moved_mm in ((OBJECT_TAG, thing + hand), (HAND_TAG, hand)):
         true_px = np.array([camera().centre_px(tag, at[[0, 2]]) for at in moved_mm])
         error_px = tracks.of(tag).mean(axis=1) - true_px
@@ -66,7 +68,11 @@ print(json.dumps({"same": bool(same), "off_s": max(off), "in_order": in_order}))
         recorded,
         drawn[0],
     )
-    assert output == {"same": True, "off_s": pytest.approx(0.0, abs=1e-6), "in_order": True}
+    assert output == {
+        "same": True,
+        "off_s": pytest.approx(0.0, abs=1e-6),
+        "in_order": True,
+    }
 
 
 def test_a_video_is_written_by_one_thread_and_none_waits_busily_beside_a_hand(tmp_path):
@@ -107,7 +113,9 @@ print(json.dumps({"frames": len(frames), "held": held, "one": one, "most": most}
     assert output["most"] < 15 * output["one"]
 
 
-def test_a_video_that_is_read_slowly_or_left_early_loses_no_frame_and_never_hangs(recorded):
+def test_a_video_that_is_read_slowly_or_left_early_loses_no_frame_and_never_hangs(
+    recorded,
+):
     output = program(
         """
 from threading import Event
@@ -135,7 +143,9 @@ def test_a_recorded_folder_through_the_graph_gives_the_same_tracks_to_the_last_d
 ):
     done = command("watch", "--camera", recorded, "--out", tmp_path / "again")
     assert done.returncode == 0, done.stderr
-    assert (tmp_path / "again/tags.csv").read_bytes() == (recorded / "tags.csv").read_bytes()
+    assert (tmp_path / "again/tags.csv").read_bytes() == (
+        recorded / "tags.csv"
+    ).read_bytes()
 
 
 def test_a_void_trial_watched_again_stays_void_and_gets_no_label(recorded, tmp_path):
@@ -143,7 +153,10 @@ def test_a_void_trial_watched_again_stays_void_and_gets_no_label(recorded, tmp_p
     write_about(void, read_about(void) | {"void": "oak: frames stopped coming"})
     done = command("watch", "--camera", void, "--out", again)
     assert (done.returncode, "warning: " in done.stderr) == (0, True)
-    assert "is void and gets no label; likely cause: oak: frames stopped coming" in done.stderr
+    assert (
+        "is void and gets no label; likely cause: oak: frames stopped coming"
+        in done.stderr
+    )
     assert read_about(again)["void"] == "oak: frames stopped coming"
     assert read_about(again)["frames"] == N_FRAMES
     done = command("onset", again, "--action", "pull")
@@ -161,7 +174,9 @@ def test_a_recording_is_described_in_a_file_beside_it(recorded):
     }
     assert (
         about.items()
-        >= (numbers | {"in_video": N_FRAMES, "lost": 0, "void": None, "clock": "trial"}).items()
+        >= (
+            numbers | {"in_video": N_FRAMES, "lost": 0, "void": None, "clock": "trial"}
+        ).items()
     )
 
 
@@ -175,7 +190,7 @@ def test_nothing_recorded_is_written_over(drawn, recorded):
 def test_a_tag_smeared_over_one_cell_is_seen_and_over_two_is_lost(tmp_path):
     output = program(
         """
-from holdfast.simulation.camera.frames import CAMERA, Camera
+from holdfast.simulation.camera_frames import CAMERA, Camera
 defaults = {name: parameter.default for name, parameter in CAMERA.items()}
 one = Camera(**defaults | {"width_px": 240.0, "height_px": 160.0})
 seen = []

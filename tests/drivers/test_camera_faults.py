@@ -24,18 +24,23 @@ from drawn_frames import (
 )
 from hand_made_tracks import hand_made
 
-from holdfast.cli import main
+from holdfast.cli.main import main
+from holdfast.core.errors import EmptyRecording, NotANumber
 from holdfast.drivers.camera.library import QUIET
 from holdfast.drivers.camera.recording import read_about, read_tracks, write_about
 from holdfast.drivers.camera.sources import read_frames
-from holdfast.edge_runtime.errors import EmptyRecording, NotANumber
 
 
 def test_without_a_camera_there_is_one_error_and_nothing_is_left(tmp_path):
-    done = fresh_command("watch", "--camera", "oak", "--tag-mm", "10", "--out", tmp_path / "out")
+    done = fresh_command(
+        "watch", "--camera", "oak", "--tag-mm", "10", "--out", tmp_path / "out"
+    )
     errors = [line for line in done.stderr.splitlines() if line.startswith("error: ")]
     assert (done.returncode, len(errors)) == (6, 1), done.stderr
-    assert all(word in errors[0] for word in ("CameraUnavailable", "oak", "likely cause", "next:"))
+    assert all(
+        word in errors[0]
+        for word in ("CameraUnavailable", "oak", "likely cause", "next:")
+    )
     assert not (tmp_path / "out").exists()
 
 
@@ -62,7 +67,7 @@ def test_a_variable_that_the_user_has_set_stays_and_is_reported(tmp_path):
 
 def test_without_depthai_the_error_names_the_extra(tmp_path):
     code = (
-        "import sys; sys.modules['depthai'] = None; from holdfast.cli import main; "
+        "import sys; sys.modules['depthai'] = None; from holdfast.cli.main import main; "
         f"sys.exit(main({WORDS!r}))"
     )
     done = process("-c", code.replace("OUT", str(tmp_path / "out")))
@@ -105,13 +110,19 @@ def collector() -> Iterator[tuple[str, list[str]]]:
 
 
 @pytest.mark.parametrize("telemetry", [{}, {"DEPTHAI_TELEMETRY": "1"}])
-def test_nothing_is_sent_unless_the_user_turned_it_on(drawn, collector, tmp_path, telemetry):
+def test_nothing_is_sent_unless_the_user_turned_it_on(
+    drawn, collector, tmp_path, telemetry
+):
     address, requests = collector
     words = ("watch", "--camera", drawn[0], "--out", tmp_path / "out")
-    done = fresh_command(*words, DEPTHAI_TELEMETRY_URL=address, HOME=str(tmp_path), **telemetry)
+    done = fresh_command(
+        *words, DEPTHAI_TELEMETRY_URL=address, HOME=str(tmp_path), **telemetry
+    )
     assert done.returncode == 0, done.stderr
     assert bool(requests) == bool(telemetry)
-    assert telemetry or not [path for path in (tmp_path / ".cache").rglob("*") if path.is_file()]
+    assert telemetry or not [
+        path for path in (tmp_path / ".cache").rglob("*") if path.is_file()
+    ]
 
 
 def test_a_source_that_ends_early_keeps_what_was_recorded_and_says_so(drawn, tmp_path):
@@ -226,7 +237,9 @@ def test_half_a_video_is_refused_if_it_was_whole_once_and_read_to_its_end_if_a_k
     assert 30 < program(READ, tmp_path)["frames"] < N_FRAMES
 
 
-def test_half_the_tracks_are_no_whole_trial_in_which_nothing_slips(recorded, tmp_path, capsys):
+def test_half_the_tracks_are_no_whole_trial_in_which_nothing_slips(
+    recorded, tmp_path, capsys
+):
     cut(recorded, tmp_path, "tags.csv", 0.4)
     assert main(["onset", str(tmp_path), "--action", "pull"]) == 3
     assert f"of its {N_FRAMES} frames" in capsys.readouterr().err
@@ -235,7 +248,9 @@ def test_half_the_tracks_are_no_whole_trial_in_which_nothing_slips(recorded, tmp
 
 def test_a_video_of_another_time_gives_a_trial_no_onset(tmp_path, capsys):
     hand_made(tmp_path, at_s=4000.0, slides_at_s=0.8)
-    (tmp_path / "tactile.csv").write_text("Time,X1,Y1,Z1,host_ns\n0.0,0,0,0,5000250000000\n")
+    (tmp_path / "tactile.csv").write_text(
+        "Time,X1,Y1,Z1,host_ns\n0.0,0,0,0,5000250000000\n"
+    )
     assert main(["onset", str(tmp_path), "--action", "pull"]) == 3
     assert "another time" in capsys.readouterr().err
     assert not (tmp_path / "events.jsonl").exists()
@@ -244,7 +259,9 @@ def test_a_video_of_another_time_gives_a_trial_no_onset(tmp_path, capsys):
 @pytest.mark.parametrize("size", [(159, 240), (160, 239)])
 def test_frames_that_no_video_holds_without_loss_are_refused(tmp_path, size):
     path = write_frames(
-        tmp_path / "odd.frames.npz", np.arange(3) / FPS, np.zeros((3, *size), dtype=np.uint8)
+        tmp_path / "odd.frames.npz",
+        np.arange(3) / FPS,
+        np.zeros((3, *size), dtype=np.uint8),
     )
     done = command("watch", "--camera", path, "--out", tmp_path / "out")
     errors = [line for line in done.stderr.splitlines() if line.startswith("error: ")]
@@ -255,9 +272,17 @@ def test_frames_that_no_video_holds_without_loss_are_refused(tmp_path, size):
 
 @pytest.mark.parametrize(
     ("name", "number"),
-    [("fps", np.nan), ("fps", -60.0), ("fps", 0.3), ("tag_mm", 0.0), ("exposure_ms", -2.0)],
+    [
+        ("fps", np.nan),
+        ("fps", -60.0),
+        ("fps", 0.3),
+        ("tag_mm", 0.0),
+        ("exposure_ms", -2.0),
+    ],
 )
-def test_a_lens_that_cannot_be_is_refused_in_frames_and_in_folders(tmp_path, name, number):
+def test_a_lens_that_cannot_be_is_refused_in_frames_and_in_folders(
+    tmp_path, name, number
+):
     numbers = {name: number}
     path = write_frames(
         tmp_path / "some.frames.npz",
@@ -268,7 +293,8 @@ def test_a_lens_that_cannot_be_is_refused_in_frames_and_in_folders(tmp_path, nam
     with pytest.raises(EmptyRecording, match=r"some\.frames\.npz"):
         read_frames(path)
     write_about(
-        tmp_path, {"fps": FPS, "exposure_ms": 2.0, "tag_mm": 10.0, "clock": "trial"} | numbers
+        tmp_path,
+        {"fps": FPS, "exposure_ms": 2.0, "tag_mm": 10.0, "clock": "trial"} | numbers,
     )
     with pytest.raises(NotANumber, match=r"camera\.json"):
         read_about(tmp_path)
@@ -281,7 +307,9 @@ def test_stamps_may_begin_before_zero(tmp_path):
     )
     done = command("watch", "--camera", path, "--out", tmp_path / "out")
     assert done.returncode == 0, done.stderr
-    np.testing.assert_allclose(read_tracks(tmp_path / "out").t_s, stamps_s - 1e-3, atol=1.1e-6)
+    np.testing.assert_allclose(
+        read_tracks(tmp_path / "out").t_s, stamps_s - 1e-3, atol=1.1e-6
+    )
 
 
 LATE = """

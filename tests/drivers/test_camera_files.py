@@ -18,14 +18,10 @@ from hand_made_tracks import hand_made
 from page_tables import require_tables_fit
 from rooms import MAY_IMPORT, ROOT, imports_of
 
-from holdfast.benchmarks import camera_page
-from holdfast.benchmarks.tag_sheet import sheet
-from holdfast.cli import main
-from holdfast.drivers.camera import sources
-from holdfast.drivers.camera.library import QUIET
-from holdfast.drivers.camera.recording import TagFile, read_tracks
-from holdfast.drivers.camera.sources import read_frames
-from holdfast.edge_runtime.errors import (
+from benchmarks import camera_page
+from benchmarks.tag_sheet import sheet
+from holdfast.cli.main import main
+from holdfast.core.errors import (
     ColumnError,
     DataNotFound,
     EmptyRecording,
@@ -33,8 +29,11 @@ from holdfast.edge_runtime.errors import (
     NotANumber,
     TimeError,
 )
-from holdfast.simulation.camera.apriltag import cells
-from holdfast.simulation.camera.frames import HAND_TAG, OBJECT_TAG
+from holdfast.drivers.camera import sources
+from holdfast.drivers.camera.library import QUIET
+from holdfast.drivers.camera.recording import TagFile, read_tracks
+from holdfast.drivers.camera.sources import read_frames
+from holdfast.simulation.camera_frames import HAND_TAG, OBJECT_TAG, cells
 
 
 def spoil(path: Path, how: str) -> None:
@@ -94,10 +93,16 @@ def test_tracks_that_cannot_be_used_are_refused(tmp_path, text, error):
         read_tracks(tmp_path)
 
 
-def test_onset_counts_from_the_first_tactile_sample_and_leaves_other_events_alone(tmp_path, capsys):
+def test_onset_counts_from_the_first_tactile_sample_and_leaves_other_events_alone(
+    tmp_path, capsys
+):
     hand_made(tmp_path, at_s=5000.0, slides_at_s=0.8)
-    (tmp_path / "tactile.csv").write_text("Time,X1,Y1,Z1,host_ns\n0.0,0,0,0,5000250000000\n")
-    other = json.dumps({"t0_s": 0.1, "t1_s": 0.2, "label": "grasp", "provenance": "person"})
+    (tmp_path / "tactile.csv").write_text(
+        "Time,X1,Y1,Z1,host_ns\n0.0,0,0,0,5000250000000\n"
+    )
+    other = json.dumps(
+        {"t0_s": 0.1, "t1_s": 0.2, "label": "grasp", "provenance": "person"}
+    )
     (tmp_path / "events.jsonl").write_text(other + "\n")
     for _ in range(2):
         assert main(["onset", str(tmp_path), "--action", "pass"]) == 0
@@ -157,7 +162,9 @@ def test_a_gross_distance_within_what_the_pads_give_is_refused(tmp_path, capsys)
     assert main([*words, "--gross-mm", "3"]) == 2
     assert "within the elastic shear" in capsys.readouterr().err
     assert main(words) == 0
-    assert json.loads((tmp_path / "slid" / "events.jsonl").read_text())["gross_mm"] > 4.0
+    assert (
+        json.loads((tmp_path / "slid" / "events.jsonl").read_text())["gross_mm"] > 4.0
+    )
 
 
 def test_an_object_that_stays_gets_no_line_and_needs_no_action(tmp_path, capsys):
@@ -174,7 +181,13 @@ def test_an_oak_needs_the_printed_side(tmp_path, capsys):
 
 @pytest.mark.parametrize("option", ["--tag-mm", "--fps", "--exposure-ms", "--seconds"])
 def test_an_option_that_stored_frames_would_ignore_is_refused(option, tmp_path, capsys):
-    words = ["watch", "--camera", str(tmp_path / "some.frames.npz"), "--out", str(tmp_path / "out")]
+    words = [
+        "watch",
+        "--camera",
+        str(tmp_path / "some.frames.npz"),
+        "--out",
+        str(tmp_path / "out"),
+    ]
     assert main([*words, option, "10"]) == 2
     err = capsys.readouterr().err
     assert f"{option} would be ignored; likely cause: only --camera oak uses it" in err
@@ -202,10 +215,13 @@ def test_the_printed_sheet_holds_both_tags_at_their_size():
     drawn = ElementTree.fromstring(sheet())
     assert (drawn.get("width"), drawn.get("viewBox")) == ("120mm", "0 0 120 50")
     black = [
-        {key: float(shape.get(key, 0)) for key in ("x", "y", "width", "height")} for shape in drawn
+        {key: float(shape.get(key, 0)) for key in ("x", "y", "width", "height")}
+        for shape in drawn
     ][1:]
     left = [shape for shape in black if shape["width"] == 1.25]
-    assert len(left) == sum(int((cells(tag) == 0).sum()) for tag in (OBJECT_TAG, HAND_TAG))
+    assert len(left) == sum(
+        int((cells(tag) == 0).sum()) for tag in (OBJECT_TAG, HAND_TAG)
+    )
     assert (
         max(shape["x"] for shape in left if shape["x"] < 30)
         + 1.25
@@ -215,7 +231,11 @@ def test_the_printed_sheet_holds_both_tags_at_their_size():
 
 
 def test_the_page_of_the_camera_is_made_of_what_was_measured(tmp_path):
-    numbers = {f"{name}_p{q}_ms": 1.25 for name in ("start", "seen", "gross") for q in (5, 50, 95)}
+    numbers = {
+        f"{name}_p{q}_ms": 1.25
+        for name in ("start", "seen", "gross")
+        for q in (5, 50, 95)
+    }
     row = {
         "fps": 60.0,
         "mm_per_s2": 42.0,
@@ -226,7 +246,11 @@ def test_the_page_of_the_camera_is_made_of_what_was_measured(tmp_path):
         "within_10_ms": 1.0,
     }
     written = camera_page.tables(
-        {"ramps": [row | numbers], "pulls": [row | numbers], "held": [{"n": 5, "onsets": 0}]}
+        {
+            "ramps": [row | numbers],
+            "pulls": [row | numbers],
+            "held": [{"n": 5, "onsets": 0}],
+        }
     )
     text = require_tables_fit("docs/camera.md", written, tmp_path)
     assert "| 60 | 42 | 2 of 3 | 1 | 1.2 / 1.2 / 1.2 |" in text
@@ -240,7 +264,7 @@ def test_depthai_is_imported_in_one_file_and_by_no_help():
         if "depthai" in (text := path.read_text("utf-8"))
     }
     files = [path for path, text in naming.items() if "depthai" in imports_of(text, "")]
-    assert files == [ROOT / "drivers/camera/library.py"]
+    assert files == [ROOT / "holdfast/drivers/camera/library.py"]
     code = (
         "import sys; from holdfast import onset, watch; import drivers.camera.graph; "
         "print('depthai' in sys.modules)"

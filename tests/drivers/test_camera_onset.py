@@ -14,9 +14,9 @@ from drawn_frames import (
     two_sizes,
 )
 
-from holdfast.cli import main
+from holdfast.cli.main import main
 from holdfast.drivers.camera.recording import read_about, read_tracks
-from holdfast.simulation.camera.frames import AWAY_SIDES
+from holdfast.simulation.camera_frames import AWAY_SIDES
 from holdfast.training.timeline import read_truth
 
 CARD = """
@@ -55,7 +55,16 @@ def filmed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("filmed")
     (folder / "card.toml").write_text(CARD, encoding="utf-8")
     assert (
-        main(["simulate", str(folder / "card.toml"), "--out", str(folder / "set"), "--seed", "1"])
+        main(
+            [
+                "simulate",
+                str(folder / "card.toml"),
+                "--out",
+                str(folder / "set"),
+                "--seed",
+                "1",
+            ]
+        )
         == 0
     )
     return folder / "set"
@@ -63,7 +72,7 @@ def filmed(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_the_fitted_onset_of_author_pulls_is_within_ten_ms_of_the_first_sliding():
     output = program("""
-from holdfast.benchmarks import onset
+from benchmarks import onset
 onset.FROM_S = 0.5  # before the load the picture stands still
 print(json.dumps(onset.pulls(6, [60.0])[0].to_json()))
 """)
@@ -75,7 +84,9 @@ print(json.dumps(onset.pulls(6, [60.0])[0].to_json()))
     assert abs(output["gross_p50_ms"]) < 3.0
 
 
-def test_onset_writes_a_label_of_the_camera_s_beside_the_trial_and_leaves_its_truth_alone(filmed):
+def test_onset_writes_a_label_of_the_camera_s_beside_the_trial_and_leaves_its_truth_alone(
+    filmed,
+):
     trial = filmed / "soft-ball/pull/trial_1.csv"
     truth = trial.with_suffix(".truth.json").read_bytes()
     done = command("onset", trial)
@@ -88,26 +99,38 @@ def test_onset_writes_a_label_of_the_camera_s_beside_the_trial_and_leaves_its_tr
         "holdfast onset",
     )
     assert phase["t0_s"] == phase["onset_s"] < phase["gross_s"] < phase["t1_s"]
-    assert phase["onset_s"] == pytest.approx(json.loads(truth)["incipient_slip_s"], abs=0.025)
+    assert phase["onset_s"] == pytest.approx(
+        json.loads(truth)["incipient_slip_s"], abs=0.025
+    )
     t_s = np.loadtxt(trial, delimiter=",", skiprows=1, usecols=0)
     (read,) = read_truth(trial.with_suffix(".onset.json"), t_s)
     assert t_s[read.first - 1] < phase["t0_s"] <= t_s[read.first]
 
 
 def test_a_loaded_hold_has_no_onset_and_sets_the_gross_distance_above_its_shear(filmed):
-    held, pull = filmed / "basket-ball/hold/trial_1.csv", filmed / "soft-ball/pull/trial_1.csv"
-    opens_s = json.loads(held.with_suffix(".truth.json").read_text("utf-8"))["phases"][-2]["t0_s"]
+    held, pull = (
+        filmed / "basket-ball/hold/trial_1.csv",
+        filmed / "soft-ball/pull/trial_1.csv",
+    )
+    opens_s = json.loads(held.with_suffix(".truth.json").read_text("utf-8"))["phases"][
+        -2
+    ]["t0_s"]
     done = command("onset", held, "--until", opens_s)
     assert done.returncode == 0, done.stderr
     assert "no onset: the object moved by less than 2.00 mm" in done.stdout
     content = json.loads(held.with_suffix(".onset.json").read_text("utf-8"))
     assert (content["phases"], content["pad_shear"]) == ([], "not measured")
     assert command("onset", pull, "--no-slip", held).returncode == 0
-    assert json.loads(pull.with_suffix(".onset.json").read_text("utf-8"))["pad_shear"] == "measured"
+    assert (
+        json.loads(pull.with_suffix(".onset.json").read_text("utf-8"))["pad_shear"]
+        == "measured"
+    )
 
 
 @pytest.mark.parametrize("there", ["", "trial_1.csv"])
-def test_onset_names_the_path_that_was_given_where_there_are_no_frames(tmp_path, there, capsys):
+def test_onset_names_the_path_that_was_given_where_there_are_no_frames(
+    tmp_path, there, capsys
+):
     given = tmp_path / (there or "trial_9")
     if there:
         given.write_text("Time,X1,Y1,Z1\n")
@@ -131,10 +154,18 @@ def test_tags_of_two_sizes_are_reported_as_soon_as_they_were_watched_and_what_wa
     tmp_path,
 ):
     done = command(
-        "watch", "--camera", two_sizes(tmp_path / "some.frames.npz"), "--out", tmp_path / "out"
+        "watch",
+        "--camera",
+        two_sizes(tmp_path / "some.frames.npz"),
+        "--out",
+        tmp_path / "out",
     )
     assert done.returncode == 3
-    assert [line for line in done.stderr.splitlines() if "TagError" in line and "12.5" in line]
+    assert [
+        line
+        for line in done.stderr.splitlines()
+        if "TagError" in line and "12.5" in line
+    ]
     assert read_about(tmp_path / "out")["void"] is None
     assert len(read_tracks(tmp_path / "out").t_s) == 30
     assert (tmp_path / "out/camera.mkv").stat().st_size > 0
@@ -147,12 +178,21 @@ def test_a_measured_distance_finds_tags_that_a_printer_scaled_alike_and_stays_wi
     for name, factor, code in (("right", 1.0, 0), ("wrong", 0.92, 3)):
         out = tmp_path / name
         done = command(
-            "watch", "--camera", drawn[0], "--out", out, "--apart-mm", f"{factor * apart_mm:g}"
+            "watch",
+            "--camera",
+            drawn[0],
+            "--out",
+            out,
+            "--apart-mm",
+            f"{factor * apart_mm:g}",
         )
         assert done.returncode == code, done.stderr
         assert read_about(out)["apart_mm"] == pytest.approx(factor * apart_mm)
         again = command("onset", out, "--action", "pull")
-        assert ("TagError" in done.stderr, "TagError" in again.stderr) == (code == 3, code == 3)
+        assert ("TagError" in done.stderr, "TagError" in again.stderr) == (
+            code == 3,
+            code == 3,
+        )
     assert "printed at 92 % of that size" in done.stderr
 
 
@@ -163,7 +203,11 @@ def test_a_printed_side_that_is_no_millimetre_is_a_usage_error(tmp_path, capsys,
         ("record", "--source", "x", "--person", "p01"),
         ("onset",),
     ):
-        out = ("--out", str(tmp_path / "new")) if words != ("onset",) else (str(tmp_path),)
+        out = (
+            ("--out", str(tmp_path / "new"))
+            if words != ("onset",)
+            else (str(tmp_path),)
+        )
         assert main([*words, *out, "--tag-mm", side]) == 2
         err = capsys.readouterr().err
         assert "--tag-mm" in err

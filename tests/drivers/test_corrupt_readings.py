@@ -14,17 +14,24 @@ from hazard_marks import CORRUPT_READING
 from hypothesis import given
 from hypothesis import strategies as st
 
+from holdfast.core.errors import WrongDevice
+from holdfast.drivers.bring_up import MOST_TEST_PACKETS, TEST_PACKETS, PacketCheck
 from holdfast.drivers.bus import Bus, Reply
-from holdfast.drivers.finger_state import FingerState
 from holdfast.drivers.layout import Finger
 from holdfast.drivers.native_i2c import NativeI2C
-from holdfast.drivers.packet_check import MOST_TEST_PACKETS, TEST_PACKETS, PacketCheck
-from holdfast.drivers.tmag5273 import LAYOUT, PACKET_BYTES, RESULTS, Setup, packet, packet_crc
+from holdfast.drivers.scan_plan import FingerState
+from holdfast.drivers.tmag5273 import (
+    LAYOUT,
+    PACKET_BYTES,
+    RESULTS,
+    Setup,
+    packet,
+    packet_crc,
+)
 from holdfast.drivers.virtual.chip import Chip
-from holdfast.drivers.virtual.hand import Track
 from holdfast.drivers.virtual.native import VirtualI2cDev
+from holdfast.drivers.virtual.virtual_hand import Track
 from holdfast.drivers.virtual.wire import Noise
-from holdfast.edge_runtime.errors import WrongDevice
 
 ADDRESS = 0x35
 DIFFERENT_UT = np.arange(18.0).reshape(1, 6, 3) * 1500.0
@@ -37,14 +44,17 @@ def packets(seed: int, count: int) -> list[bytes]:
     rng = np.random.default_rng(seed)
     mean = rng.integers(-20_000, 20_000, size=3)
     rows = [
-        LAYOUT.pack(*(mean + rng.integers(-20, 20, size=3)), k % 8 << 5 | 1) for k in range(count)
+        LAYOUT.pack(*(mean + rng.integers(-20, 20, size=3)), k % 8 << 5 | 1)
+        for k in range(count)
     ]
     return [row + bytes([packet_crc(ADDRESS, row)]) for row in rows]
 
 
 def wired_and(*sent: bytes) -> bytes:
     """What a master reads where chips talk at once."""
-    return bytes(np.bitwise_and.reduce([np.frombuffer(one, dtype=np.uint8) for one in sent]))
+    return bytes(
+        np.bitwise_and.reduce([np.frombuffer(one, dtype=np.uint8) for one in sent])
+    )
 
 
 def trusted() -> PacketCheck:
@@ -98,17 +108,22 @@ def test_after_two_that_do_not_fit_the_test_begins_anew():
     for one in packets(1, 2):
         assert not check.believes(ADDRESS, one[:-1] + b"\0")
     assert check.failures == 1
-    assert [check.believes(ADDRESS, one) for one in packets(2, 10)] == [False] * TEST_PACKETS + [
-        True
-    ] * 2
+    assert [check.believes(ADDRESS, one) for one in packets(2, 10)] == [
+        False
+    ] * TEST_PACKETS + [True] * 2
     assert check.failures == 0
 
 
 @pytest.mark.parametrize("offset", [0x09, 0x2B, 0xFF])
 def test_a_chip_whose_crc_begins_with_another_seed_is_checked_all_the_same(offset):
     """TI E2E 1200004 and 1558871: off by the same bits in every packet."""
-    check, sent = PacketCheck(), [one[:-1] + bytes([one[-1] ^ offset]) for one in packets(0, 20)]
-    assert [check.believes(ADDRESS, one) for one in sent] == [False] * TEST_PACKETS + [True] * 12
+    check, sent = (
+        PacketCheck(),
+        [one[:-1] + bytes([one[-1] ^ offset]) for one in packets(0, 20)],
+    )
+    assert [check.believes(ADDRESS, one) for one in sent] == [False] * TEST_PACKETS + [
+        True
+    ] * 12
     assert not check.believes(ADDRESS, packets(0, 21)[-1])
 
 
@@ -192,19 +207,24 @@ def test_the_crc_option_decides_whether_a_chip_without_a_crc_is_read_unchecked_o
     monkeypatch.setattr(Chip, "_burst", without_crc)
     auto, off = started(), started(crc="off")
     assert auto.messages == [
-        f"finger {k}: sends no CRC, its readings are unchecked (crc=auto)" for k in range(1, 7)
+        f"finger {k}: sends no CRC, its readings are unchecked (crc=auto)"
+        for k in range(1, 7)
     ]
     assert off.messages == []
     for bench in (auto, off):
         assert all(reading.valid.all() for reading in bench.read_for(0.1))
-        assert [sensor["crc"] for sensor in bench.hand.about()["sensors"]] == [False] * 6
+        assert [sensor["crc"] for sensor in bench.hand.about()["sensors"]] == [
+            False
+        ] * 6
     with pytest.raises(WrongDevice, match="crc=auto"):
         started(crc="on")
 
 
 def remember(bench: Bench) -> list[deque[tuple[float, ...]]]:
     """The last results that each chip has really converted, from now on."""
-    recent: list[deque[tuple[float, ...]]] = [deque(maxlen=RECENT) for _ in bench.virtual.chips]
+    recent: list[deque[tuple[float, ...]]] = [
+        deque(maxlen=RECENT) for _ in bench.virtual.chips
+    ]
 
     def watched(chip: Any, of: deque[tuple[float, ...]]) -> None:
         convert = chip._convert
@@ -252,7 +272,9 @@ def _counted(bench: OnTheBoard, scans: int) -> tuple[int, int]:
         reading = bench.hand.read()
         valid += int(reading.valid.sum())
         for finger in np.flatnonzero(reading.valid):
-            wrong += tuple(np.rint(reading.field_ut[finger] / scale)) not in recent[finger]
+            wrong += (
+                tuple(np.rint(reading.field_ut[finger] / scale)) not in recent[finger]
+            )
         bench.messages.clear()
     return wrong, valid
 
@@ -278,5 +300,8 @@ def test_no_finger_of_a_million_scans_is_wrong_and_valid_on_such_a_wire():
 @given(st.binary(min_size=PACKET_BYTES, max_size=PACKET_BYTES))
 def test_a_status_whose_reserved_bits_are_set_is_no_packet_of_the_chip(data):
     spoilt = data[:-1] + bytes([data[-1] | 0x04])
-    assert FingerState(Finger(ADDRESS), Setup()).judge(Reply(spoilt, acked=True), 0)[1] == "garbage"
+    assert (
+        FingerState(Finger(ADDRESS), Setup()).judge(Reply(spoilt, acked=True), 0)[1]
+        == "garbage"
+    )
     assert packet(spoilt).raw == packet(data).raw

@@ -10,14 +10,14 @@ from foreign_chips import Ads1115, Expander, Pca9685, Registers, eeprom
 from hand_bench import Bench, started
 from hazard_marks import FOREIGN_CHIP, WIRING
 
-from holdfast.cli import main
+from holdfast.cli.main import main
+from holdfast.core.errors import DeviceNotFound, WrongDevice
 from holdfast.drivers.bring_up import identify
 from holdfast.drivers.bus import Transfer
 from holdfast.drivers.layout import read_layout
 from holdfast.drivers.scanning import as_layout, look_at
 from holdfast.drivers.tmag5273 import FACTORY_ADDRESSES, Setup
 from holdfast.drivers.virtual.wire import Mux
-from holdfast.edge_runtime.errors import DeviceNotFound, WrongDevice
 
 EIGHT_BITS = 0x36
 """DEVICE_CONFIG_1 of a chip that answers packets of 8 bits an axis, which our driver never asks
@@ -59,7 +59,9 @@ def test_a_scan_leaves_an_eeprom_a_pwm_driver_a_converter_and_an_expander_as_the
 @pytest.mark.parametrize("pointer", [0, 1, 2, 6, 250])
 @pytest.mark.parametrize("increments", [False, True])
 @pytest.mark.parametrize("address", [0x40, 0x73])
-def test_a_pwm_driver_is_taken_for_no_mux_wherever_its_pointer_is(address, increments, pointer):
+def test_a_pwm_driver_is_taken_for_no_mux_wherever_its_pointer_is(
+    address, increments, pointer
+):
     chip = Pca9685(address)
     bench, before = with_chips(chip)
     bench.virtual.wire.targets.remove(bench.virtual.mux)
@@ -76,7 +78,10 @@ def test_a_chip_with_registers_at_a_sensor_s_own_address_is_only_read(address, m
     bench, before = with_chips(chip)
     bench.virtual.wire.targets.remove(bench.virtual.mux)
     assert [one.kind for one in scan(bench)] == ["unknown"]
-    with closing(bench.open_bus()) as bus, pytest.raises(WrongDevice, match="no TMAG5273"):
+    with (
+        closing(bench.open_bus()) as bus,
+        pytest.raises(WrongDevice, match="no TMAG5273"),
+    ):
         identify(bus, address, pause(bench))
     assert [chip.state] == before
 
@@ -108,7 +113,10 @@ def test_a_chip_that_is_no_mux_at_the_mux_s_address_is_written_to_by_no_hand():
 def test_fingers_triggered_together_reset_no_foreign_chip_by_the_general_call(layout):
     chips = [Pca9685(), Ads1115(), Expander()]
     bench, before = with_chips(
-        *chips, layout=layout, on_wire=layout[: layout.index("@")], setup=Setup(together=True)
+        *chips,
+        layout=layout,
+        on_wire=layout[: layout.index("@")],
+        setup=Setup(together=True),
     )
     bench.virtual.mux.address = 0x71
     bench.hand.start()
@@ -120,7 +128,12 @@ def test_fingers_triggered_together_reset_no_foreign_chip_by_the_general_call(la
 @pytest.mark.parametrize("averages", [1, 8, 32])
 @pytest.mark.parametrize(
     ("crc", "burst", "together"),
-    [("auto", False, False), ("auto", False, True), ("off", True, False), ("off", True, True)],
+    [
+        ("auto", False, False),
+        ("auto", False, True),
+        ("off", True, False),
+        ("off", True, True),
+    ],
 )
 def test_a_sensor_left_in_one_byte_mode_is_recognised_by_its_packets_alone(
     averages, crc, burst, together
@@ -154,7 +167,10 @@ def test_sensors_that_were_moved_are_found_at_their_new_addresses_scan_after_sca
 @WIRING.mark
 def test_every_mux_is_looked_behind_and_the_layout_names_it():
     bench = Bench()
-    first, second = Mux([[bench.virtual.chips[0]]], 0x70), Mux([[], [bench.virtual.chips[1]]], 0x77)
+    first, second = (
+        Mux([[bench.virtual.chips[0]]], 0x70),
+        Mux([[], [bench.virtual.chips[1]]], 0x77),
+    )
     bench.virtual.wire.targets[:] = [first, second]
     found = scan(bench)
     layout = as_layout(found)

@@ -7,17 +7,17 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
-from holdfast.benchmarks.timed_scans import DeviceTimes, Kept, started
+from benchmarks.timed_scans import DeviceTimes, Kept, started
+from holdfast.core.errors import BusStuck, DeviceLost, UsageError
 from holdfast.drivers.bridges import open_virtual
 from holdfast.drivers.bus import Transfer
 from holdfast.drivers.ft232h_timed import TimedScan
 from holdfast.drivers.hand import Hand
 from holdfast.drivers.layout import LAYOUTS
-from holdfast.drivers.virtual.at_once import AtOnce
 from holdfast.drivers.virtual.faults import read_fault
 from holdfast.drivers.virtual.ft232h import VirtualFt232h
-from holdfast.drivers.virtual.hand import VirtualHand
-from holdfast.edge_runtime.errors import BusStuck, DeviceLost, UsageError
+from holdfast.drivers.virtual.usb_devices import AtOnce
+from holdfast.drivers.virtual.virtual_hand import VirtualHand
 
 PERIOD_NS = round(1e9 / 150)
 
@@ -42,7 +42,10 @@ def test_samples_are_regular_and_none_is_lost_while_the_host_is_away(n: int):
     times = began(clock, scans)
     steps = np.abs(np.diff(times) - PERIOD_NS)
     assert steps.max() < 25_000, "the idle clocks come in steps of 20 us"
-    assert np.abs([one.t_ns - at for one, at in zip(scans, times, strict=True)]).max() < 700_000
+    assert (
+        np.abs([one.t_ns - at for one, at in zip(scans, times, strict=True)]).max()
+        < 700_000
+    )
     assert abs(np.diff(times).mean() - PERIOD_NS) < 5_000
 
 
@@ -54,7 +57,9 @@ def test_what_the_chips_answer_is_what_a_plain_scan_reads():
     assert [len(one.data) for one in timed] == [len(one.data) for one in plain]
     assert [one.acked for one in timed] == [one.acked for one in plain]
     bus.end()
-    assert all(one.acked for one in bus.scan(bus.last)), "afterwards it is the plain driver again"
+    assert all(one.acked for one in bus.scan(bus.last)), (
+        "afterwards it is the plain driver again"
+    )
 
 
 def test_a_host_that_is_away_for_longer_than_the_queue_counts_what_it_lost():
@@ -80,7 +85,11 @@ def scanned(bus: Kept, n: int) -> list[TimedScan]:
 def with_fault(text: str) -> tuple[Kept, DeviceTimes]:
     clock = DeviceTimes()
     hand = VirtualHand(clock, seed=0, faults=[read_fault(text)])
-    bus = Kept(open_virtual("ft232h", hand, 400_000).backend, now_ns=clock.now_ns, writer=AtOnce())
+    bus = Kept(
+        open_virtual("ft232h", hand, 400_000).backend,
+        now_ns=clock.now_ns,
+        writer=AtOnce(),
+    )
     driver = Hand(
         lambda: bus,
         LAYOUTS["mux"],
@@ -100,7 +109,9 @@ def test_a_finger_that_does_not_answer_costs_only_its_own_reply():
     assert acked[-1].count(False) == 1
 
 
-@pytest.mark.parametrize(("fault", "error"), [("stuck@1", BusStuck), ("unplug@1+60", DeviceLost)])
+@pytest.mark.parametrize(
+    ("fault", "error"), [("stuck@1", BusStuck), ("unplug@1+60", DeviceLost)]
+)
 def test_a_bus_or_a_bridge_that_fails_is_raised(fault: str, error: type[Exception]):
     bus, _ = with_fault(fault)
     with pytest.raises(error):
@@ -122,7 +133,9 @@ def test_a_chip_whose_clock_drifts_is_held_to_the_host_s_grid_slowly(
     ppm: int, monkeypatch: pytest.MonkeyPatch
 ):
     hz = VirtualFt232h._bus_hz
-    monkeypatch.setattr(VirtualFt232h, "_bus_hz", lambda self: hz(self) * (1 + 1e-6 * ppm))
+    monkeypatch.setattr(
+        VirtualFt232h, "_bus_hz", lambda self: hz(self) * (1 + 1e-6 * ppm)
+    )
     bus, clock = started()
     start_ns = clock.now_ns() + 100_000_000
     bus.begin(bus.last, PERIOD_NS, start_ns=start_ns)

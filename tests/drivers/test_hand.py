@@ -12,15 +12,15 @@ import numpy as np
 import pytest
 from hand_bench import PERIOD_NS, Bench, bad, listen, started
 
-from holdfast.drivers.finger_state import STALE_NS
+from holdfast.core.errors import DeviceNotFound, UsageError, WrongDevice
 from holdfast.drivers.ft232h import Ft232h
 from holdfast.drivers.hand import Hand
 from holdfast.drivers.layout import LAYOUTS, Finger, read_layout
+from holdfast.drivers.scan_plan import STALE_NS
 from holdfast.drivers.tmag5273 import Setup
 from holdfast.drivers.virtual.clock import VirtualClock
 from holdfast.drivers.virtual.faults import KINDS, Fault, read_fault
-from holdfast.drivers.virtual.hand import REST_UT, Track
-from holdfast.edge_runtime.errors import DeviceNotFound, UsageError, WrongDevice
+from holdfast.drivers.virtual.virtual_hand import REST_UT, Track
 
 
 class Faltering(VirtualClock):
@@ -43,7 +43,10 @@ WAYS_TO_READ = pytest.mark.parametrize(
 def test_six_fingers_report_the_field_at_their_magnets(layout, crc, burst):
     field_ut = np.arange(18.0).reshape(1, 6, 3) * 500.0
     bench = started(
-        track=Track(np.array([0.0]), field_ut), layout=layout, setup=Setup(burst=burst), crc=crc
+        track=Track(np.array([0.0]), field_ut),
+        layout=layout,
+        setup=Setup(burst=burst),
+        crc=crc,
     )
     reading = bench.read_for(0.05)[-1]
     assert reading.valid.all()
@@ -53,7 +56,14 @@ def test_six_fingers_report_the_field_at_their_magnets(layout, crc, burst):
 
 def test_moved_fingers_are_read_without_ever_switching_and_at_addresses_of_their_own():
     bench = started(layout="moved", crc="off")
-    assert [chip.address for chip in bench.virtual.chips] == [0x50, 0x51, 0x52, 0x53, 0x54, 0x55]
+    assert [chip.address for chip in bench.virtual.chips] == [
+        0x50,
+        0x51,
+        0x52,
+        0x53,
+        0x54,
+        0x55,
+    ]
     seen = listen(bench)
     assert bad(bench.read_for(0.1)) == []
     assert set(seen) == {0x50, 0x51, 0x52, 0x53, 0x54, 0x55}
@@ -83,12 +93,16 @@ def test_fingers_triggered_together_convert_at_one_moment_and_only_when_triggere
     """A field that rises fast: fingers that convert at their own times disagree, those
     triggered together do not."""
     rising = Track(
-        np.array([0.0, 1.0]), np.broadcast_to(np.array([[[0.0]], [[30000.0]]]), (2, 6, 3)).copy()
+        np.array([0.0, 1.0]),
+        np.broadcast_to(np.array([[[0.0]], [[30000.0]]]), (2, 6, 3)).copy(),
     )
 
     def spread(*, together: bool) -> float:
         bench = started(
-            track=rising, layout=layout, setup=Setup(burst=burst, together=together), crc=crc
+            track=rising,
+            layout=layout,
+            setup=Setup(burst=burst, together=together),
+            crc=crc,
         )
         readings = bench.read_for(0.5)
         assert bad(readings) == []
@@ -140,7 +154,8 @@ def test_a_slow_reader_takes_no_roll_over_of_the_counter_for_a_stop_and_still_se
 
 
 @pytest.mark.parametrize(
-    ("fault", "why"), [("por:4@1", "garbage"), ("sleep:4@1", "nack"), ("diag:4@1+0.1", "diagnosis")]
+    ("fault", "why"),
+    [("por:4@1", "garbage"), ("sleep:4@1", "nack"), ("diag:4@1+0.1", "diagnosis")],
 )
 def test_a_chip_that_lost_itself_is_brought_up_while_the_others_are_read(fault, why):
     readings = started(fault).read_for(2.0)
@@ -167,7 +182,9 @@ def test_a_chip_that_slept_gives_no_erased_result_as_a_reading(at_s):
 @pytest.mark.parametrize(
     "fault", ["stuck@1", "stall@1+0.05", "short@1+0.05", "late@1+0.05", "unplug@1+0.3"]
 )
-def test_a_bridge_that_fails_makes_every_finger_invalid_at_once_and_is_brought_back(fault):
+def test_a_bridge_that_fails_makes_every_finger_invalid_at_once_and_is_brought_back(
+    fault,
+):
     bench = started(fault)
     found = bad(bench.read_for(2.5))
     assert found[0].t_ns < 1e9 + 2 * PERIOD_NS
@@ -189,7 +206,9 @@ def test_a_late_reply_never_answers_the_next_question():
     readings = bench.read_for(2.0)
     for reading in readings:
         if reading.valid.all():
-            expected = np.interp(reading.t_ns * 1e-9 - 0.0025, [0.9, 1.1], [1000.0, 30000.0])
+            expected = np.interp(
+                reading.t_ns * 1e-9 - 0.0025, [0.9, 1.1], [1000.0, 30000.0]
+            )
             assert np.abs(reading.field_ut[:, 2] - expected).max() < 1200.0
 
 
@@ -250,7 +269,9 @@ def test_a_scan_with_burst_reads_is_shorter():
 @pytest.mark.parametrize("kind", KINDS)
 def test_every_fault_can_be_written_in_a_url(kind):
     text = f"{kind}:2@1+0.5" if read_needs_sensor(kind) else f"{kind}@1+0.5"
-    assert read_fault(text) == Fault(kind, 1.0, 0.5, 2 if read_needs_sensor(kind) else None)
+    assert read_fault(text) == Fault(
+        kind, 1.0, 0.5, 2 if read_needs_sensor(kind) else None
+    )
 
 
 def read_needs_sensor(kind: str) -> bool:
@@ -259,7 +280,9 @@ def read_needs_sensor(kind: str) -> bool:
     return kind in OF_A_SENSOR
 
 
-@pytest.mark.parametrize("text", ["nack@1", "stuck:2@1", "melt:1@1", "nack:3", "nack:3@x"])
+@pytest.mark.parametrize(
+    "text", ["nack@1", "stuck:2@1", "melt:1@1", "nack:3", "nack:3@x"]
+)
 def test_a_fault_that_cannot_be_is_a_usage_error(text):
     with pytest.raises(UsageError, match=r"such as|kinds: "):
         read_fault(text)
@@ -298,7 +321,11 @@ def soak(scans: int) -> None:
         )
         faults.append(f"{what}@{begins_s:.4f}+{lasts_s:.4f}")
     bench = started(*faults)
-    descriptors, start_ns, words = len(os.listdir("/proc/self/fd")), bench.clock.now_ns(), set()
+    descriptors, start_ns, words = (
+        len(os.listdir("/proc/self/fd")),
+        bench.clock.now_ns(),
+        set(),
+    )
     quiet_bad = blocks = 0
     for k in range(scans):
         bench.clock.wait_until(start_ns + k * PERIOD_NS)
@@ -347,13 +374,18 @@ def test_a_resting_magnet_reads_its_field():
 
 
 @pytest.mark.parametrize("together", [False, True])
-def test_a_machine_that_stood_still_in_the_middle_of_a_scan_takes_no_finger_for_stale(together):
+def test_a_machine_that_stood_still_in_the_middle_of_a_scan_takes_no_finger_for_stale(
+    together,
+):
     clock = Faltering()
     bench = started(clock=clock, setup=Setup(together=together))
     assert not bad(bench.read_for(0.1))
     for _ in range(20):
         clock.lost_ns = 2 * STALE_NS
-        held, after = bench.hand.read(), bench.hand.read()  # the second is late, and begins at once
+        held, after = (
+            bench.hand.read(),
+            bench.hand.read(),
+        )  # the second is late, and begins at once
         assert held.valid.all()
         assert after.why == ("",) * 6
         bench.read_for(0.05)

@@ -9,10 +9,10 @@ import time
 import numpy as np
 import pytest
 
+from holdfast.core.clock import MonotonicClock
 from holdfast.drivers.scanning import look_at
-from holdfast.edge_runtime.clock import MonotonicClock
-from holdfast.live_sources import open_bus, open_live
-from holdfast.real_time import RunClock
+from holdfast.live.hand_sources import open_bus, open_live
+from holdfast.live.real_time import RunClock
 
 pytestmark = pytest.mark.hardware
 URL = os.environ.get("HOLDFAST_HAND", "usb://ft232h")

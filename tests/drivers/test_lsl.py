@@ -16,12 +16,8 @@ import pytest
 from command_line import fails
 from live_bench import DEFAULT, go
 
-from holdfast.drivers.lsl import DECISION, LOST, NO_NUMBER, SKIPPED, LslSource, decision_row
-from holdfast.drivers.lsl_library import LslInlet, LslOutlet, open_answers
-from holdfast.drivers.lsl_streams import StreamFacts
-from holdfast.drivers.virtual.clock import VirtualClock
-from holdfast.edge_runtime.contract import Sample, channel_names
-from holdfast.edge_runtime.errors import (
+from holdfast.core.contract import Sample, channel_names
+from holdfast.core.errors import (
     ChannelError,
     DeviceLost,
     DeviceNotFound,
@@ -29,8 +25,19 @@ from holdfast.edge_runtime.errors import (
     RateError,
     UnitError,
 )
+from holdfast.drivers.lsl import (
+    DECISION,
+    LOST,
+    NO_NUMBER,
+    SKIPPED,
+    LslSource,
+    decision_row,
+)
+from holdfast.drivers.lsl_library import LslInlet, LslOutlet, open_answers
+from holdfast.drivers.lsl_streams import StreamFacts
+from holdfast.drivers.virtual.clock import VirtualClock
 from holdfast.edge_runtime.monitor import GripMonitor, Model
-from holdfast.hand_bias import read_rows
+from holdfast.live.bias import read_rows
 
 ROOT = Path(__file__).resolve().parents[2]
 RATE_HZ = 150.0
@@ -85,7 +92,9 @@ class ScriptedInlet:
         self.closed = True
 
 
-def opened(clock: VirtualClock, **script: Any) -> tuple[LslSource, ScriptedInlet, list[str]]:
+def opened(
+    clock: VirtualClock, **script: Any
+) -> tuple[LslSource, ScriptedInlet, list[str]]:
     said: list[str] = []
     inlet = ScriptedInlet(clock, **script)
     return LslSource(inlet, clock.now_ns, said.append), inlet, said
@@ -96,7 +105,9 @@ def test_every_sample_is_read_once_and_its_stamp_is_on_our_clock():
     source, inlet, _ = opened(clock)
     readings = [source.read() for _ in range(50)]
     for k, reading in enumerate(readings):
-        assert abs(reading.t_ns - 1e9 * (k + 0.5) * PERIOD_S) < 200  # of a double near 1000 s
+        assert (
+            abs(reading.t_ns - 1e9 * (k + 0.5) * PERIOD_S) < 200
+        )  # of a double near 1000 s
         np.testing.assert_array_equal(reading.values, inlet.rows(k))
         assert reading.valid.all()
     assert (source.unit, source.n_channels, source.rate_hz) == ("N", 18, RATE_HZ)
@@ -209,7 +220,9 @@ def test_values_and_decisions_go_out_and_come_back(name):
     clock, model = VirtualClock(), Model(DEFAULT)
     offset_ns = round(1e9 * pylsl.local_clock())
     clock.spend(offset_ns)  # the stamps of the samples: the LSL clock itself
-    answers = open_answers(name, 6, "N", RATE_HZ, lambda: round(1e9 * pylsl.local_clock()))
+    answers = open_answers(
+        name, 6, "N", RATE_HZ, lambda: round(1e9 * pylsl.local_clock())
+    )
     inlet, decisions = LslInlet(name), LslInlet(f"{name}-decision")
     assert inlet.facts == StreamFacts(name, False, RATE_HZ, LABELS, ("N",) * 18)
     assert decisions.facts.labels == DECISION
@@ -222,7 +235,9 @@ def test_values_and_decisions_go_out_and_come_back(name):
         sent.append((sample, monitor.feed(sample)))
         answers.push(sent[-1][1], sample)
     came, rows = received(inlet, len(sent)), received(decisions, len(sent))
-    for (sample, prediction), (stamp_s, values), (at_s, row) in zip(sent, came, rows, strict=True):
+    for (sample, prediction), (stamp_s, values), (at_s, row) in zip(
+        sent, came, rows, strict=True
+    ):
         assert abs(stamp_s - 1e-9 * sample.t_ns) < 0.01
         assert stamp_s == pytest.approx(at_s, abs=1e-3)
         expected = np.where(np.repeat(sample.valid, 3), sample.values, np.nan)
@@ -259,7 +274,15 @@ def config(tmp_path: Path) -> Path:
 @pytest.fixture
 def running(name: str, config: Path) -> Iterator[subprocess.Popen[bytes]]:
     """`holdfast run --lsl` on a simulated trial."""
-    words = ["run", str(DEFAULT), "--source", "sim://thesis", "--quiet", "--lsl", f"{name}-run"]
+    words = [
+        "run",
+        str(DEFAULT),
+        "--source",
+        "sim://thesis",
+        "--quiet",
+        "--lsl",
+        f"{name}-run",
+    ]
     process = subprocess.Popen(
         [sys.executable, "-m", "holdfast", *words],
         cwd=ROOT,
@@ -304,7 +327,9 @@ def test_without_pylsl_the_error_names_the_extra(monkeypatch):
 
 
 def test_a_wheel_without_liblsl_is_an_error_that_says_so(tmp_path):
-    (tmp_path / "pylsl.py").write_text("raise RuntimeError('LSL binary library file not found')")
+    (tmp_path / "pylsl.py").write_text(
+        "raise RuntimeError('LSL binary library file not found')"
+    )
     words = ["run", str(DEFAULT), "--source", "lsl://a"]
     done = subprocess.run(
         [sys.executable, "-m", "holdfast", *words],

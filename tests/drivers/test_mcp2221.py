@@ -13,13 +13,9 @@ from bridge_bench import (
     A,
 )
 
+from holdfast.core.errors import BusStuck, TransferFailed, UsageError
 from holdfast.drivers.bus import Transfer
 from holdfast.drivers.mcp2221 import Mcp2221
-from holdfast.edge_runtime.errors import (
-    BusStuck,
-    TransferFailed,
-    UsageError,
-)
 
 
 def test_a_cancel_of_an_engine_that_was_never_used_hangs_it(make):
@@ -107,7 +103,9 @@ def test_a_transfer_after_a_nack_that_was_not_cancelled_is_bogus(make):
     assert bench.hand.mux.control == 1  # the write to the mux never was on the wire
 
 
-def test_an_engine_that_another_program_left_in_a_nack_is_cancelled_when_it_is_opened(make):
+def test_an_engine_that_another_program_left_in_a_nack_is_cancelled_when_it_is_opened(
+    make,
+):
     bench = make("mcp2221")
     bench.engine().write(0x03, bytes([0x90, 1, 0, ABSENT << 1]))
     bench.bus.close()
@@ -115,7 +113,9 @@ def test_an_engine_that_another_program_left_in_a_nack_is_cancelled_when_it_is_o
     assert bench.bus.scan([FIRST, WHO])[1].data == IDENTITY
 
 
-@pytest.mark.parametrize("command", [[0x94, 1, 0, A << 1, ID], [0x91, 3, 0, A << 1 | 1]])
+@pytest.mark.parametrize(
+    "command", [[0x94, 1, 0, A << 1, ID], [0x91, 3, 0, A << 1 | 1]]
+)
 def test_an_engine_left_in_the_middle_of_a_transfer_is_cancelled(make, command):
     bench = make("mcp2221")
     bench.bus.scan([FIRST])

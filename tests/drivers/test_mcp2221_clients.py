@@ -15,13 +15,19 @@ from typing import Any
 import pytest
 from hid_stand_in import HidModule
 
+from holdfast.core.errors import AccessDenied
 from holdfast.drivers.mcp2221 import Mcp2221
-from holdfast.drivers.tmag5273 import FACTORY_ADDRESSES, PACKET_BYTES, RESULTS, Setup, packet
+from holdfast.drivers.tmag5273 import (
+    FACTORY_ADDRESSES,
+    PACKET_BYTES,
+    RESULTS,
+    Setup,
+    packet,
+)
 from holdfast.drivers.virtual.clock import VirtualClock
-from holdfast.drivers.virtual.hand import REST_UT, VirtualHand
 from holdfast.drivers.virtual.mcp2221 import VirtualMcp2221
 from holdfast.drivers.virtual.usb_backend import VirtualBackend
-from holdfast.edge_runtime.errors import AccessDenied
+from holdfast.drivers.virtual.virtual_hand import REST_UT, VirtualHand
 
 A = FACTORY_ADDRESSES[0]
 MUX = 0x70
@@ -52,7 +58,9 @@ def plugged(monkeypatch) -> Plugged:
     """Time passes only where a client or a transfer spends it."""
     made = Plugged()
     monkeypatch.setitem(sys.modules, "hid", made.hid)
-    monkeypatch.setattr(time, "sleep", lambda seconds: made.clock.spend(round(1e9 * seconds)))
+    monkeypatch.setattr(
+        time, "sleep", lambda seconds: made.clock.spend(round(1e9 * seconds))
+    )
     monkeypatch.setattr(time, "perf_counter", made.looked_at_s)
     return made
 
@@ -90,7 +98,10 @@ def test_easymcp2221_opens_the_bridge_and_reads_its_strings(easy):
         "Microchip Technology Inc.",
         "MCP2221 USB-I2C/UART Combo",
     )
-    assert (result["USB_SERIAL"], result["USB_FACT_SERIAL"]) == ("0000000001", "01234567")
+    assert (result["USB_SERIAL"], result["USB_FACT_SERIAL"]) == (
+        "0000000001",
+        "01234567",
+    )
     assert easy.revision() == {
         "firmware": {"mayor": "A", "minor": "6"},
         "hardware": {"mayor": "1", "minor": "2"},
@@ -133,7 +144,9 @@ def test_easymcp2221_s_smbus_reads_and_writes_a_register(easy):
 
 
 def test_easymcp2221_drives_and_reads_pins(easy, plugged):
-    easy.set_pin_function(gp0="GPIO_IN", gp1="GPIO_OUT", gp2="DAC", gp3="GPIO_OUT", out3=True)
+    easy.set_pin_function(
+        gp0="GPIO_IN", gp1="GPIO_OUT", gp2="DAC", gp3="GPIO_OUT", out3=True
+    )
     plugged.device.sram.pins.levels[0] = 1
     assert easy.GPIO_read() == (1, 0, None, 1)
     easy.GPIO_write(gp1=True, gp3=False)
@@ -155,7 +168,9 @@ def test_easymcp2221_sets_clock_dac_adc_and_edges_and_reads_them_back(easy):
 
 
 def test_what_easymcp2221_saves_is_there_after_a_reset(easy, plugged):
-    easy.set_pin_function(gp0="GPIO_OUT", out0=True, gp1="GPIO_IN", gp2="GPIO_IN", gp3="GPIO_IN")
+    easy.set_pin_function(
+        gp0="GPIO_OUT", out0=True, gp1="GPIO_IN", gp2="GPIO_IN", gp3="GPIO_IN"
+    )
     easy.save_config()
     easy.set_pin_function(gp0="GPIO_IN")
     easy.reset()
@@ -163,7 +178,9 @@ def test_what_easymcp2221_saves_is_there_after_a_reset(easy, plugged):
     assert plugged.device.restarts == 1
 
 
-def test_a_serial_number_that_easymcp2221_switches_off_is_not_shown_after_a_reset(easy, plugged):
+def test_a_serial_number_that_easymcp2221_switches_off_is_not_shown_after_a_reset(
+    easy, plugged
+):
     assert plugged.hid.enumerate()[0]["serial_number"] == "0000000001"
     easy.enable_cdc_serial(False)
     easy.save_config()
@@ -250,7 +267,9 @@ def test_flash_under_a_password_is_written_only_after_it_was_sent():
     assert ask(device, *write)[1] == 0x03
     assert ask(device, 0xB2, 0, *b"password")[1] == 0
     assert ask(device, *write)[1] == 0
-    assert ask(device, 0xB0, 0x04)[:8] == bytes([0xB0, 0, 6, 3]) + "ab".encode("utf-16-le")
+    assert ask(device, 0xB0, 0x04)[:8] == bytes([0xB0, 0, 6, 3]) + "ab".encode(
+        "utf-16-le"
+    )
     device.reset()
     assert device.strings[2] == "ab"
     assert ask(device, *write)[1] == 0x03
@@ -263,7 +282,9 @@ def test_after_too_many_wrong_passwords_no_more_are_taken():
     assert ask(device, 0xB2, 0, *b"password")[1] == 0x03
 
 
-@pytest.mark.parametrize(("command", "status"), [((0xB0, 6), 1), ((0xB1, 5), 2), ((0x99,), 1)])
+@pytest.mark.parametrize(
+    ("command", "status"), [((0xB0, 6), 1), ((0xB1, 5), 2), ((0x99,), 1)]
+)
 def test_a_command_that_the_bridge_does_not_know_is_refused(command, status):
     device = VirtualMcp2221(VirtualHand(VirtualClock()))
     assert ask(device, *command)[:2] == bytes([command[0], status])

@@ -23,22 +23,16 @@ from bridge_bench import (
 from hypothesis import given
 from hypothesis import strategies as st
 
+from holdfast.core.errors import AccessDenied, BusStuck, DeviceNotFound
 from holdfast.drivers.bus import NOT_ACKED, Reply, Transfer
 from holdfast.drivers.ft232h import Ft232h
 from holdfast.drivers.native_i2c import NativeI2C
-from holdfast.drivers.tmag5273 import (
-    GENERAL_CALL,
-)
+from holdfast.drivers.tmag5273 import GENERAL_CALL
 from holdfast.drivers.virtual.clock import VirtualClock
 from holdfast.drivers.virtual.ft232h import VirtualFt232h
-from holdfast.drivers.virtual.hand import VirtualHand
 from holdfast.drivers.virtual.native import VirtualI2cDev
 from holdfast.drivers.virtual.usb_backend import VirtualBackend
-from holdfast.edge_runtime.errors import (
-    AccessDenied,
-    BusStuck,
-    DeviceNotFound,
-)
+from holdfast.drivers.virtual.virtual_hand import VirtualHand
 
 
 @pytest.mark.parametrize("number", [errno.EREMOTEIO, errno.ENXIO])
@@ -106,7 +100,9 @@ def test_a_block_is_written_with_its_length_and_a_process_call_reads_two_bytes(s
     assert smbus.read_word_data(A, THRESHOLD) == 0x1234
 
 
-def test_what_needs_a_length_from_the_chip_is_refused_as_by_a_controller_of_plain_i2c(smbus):
+def test_what_needs_a_length_from_the_chip_is_refused_as_by_a_controller_of_plain_i2c(
+    smbus,
+):
     assert not smbus.funcs & (
         smbus2.I2cFunc.SMBUS_READ_BLOCK_DATA | smbus2.I2cFunc.SMBUS_BLOCK_PROC_CALL
     )
@@ -188,6 +184,10 @@ def test_commands_that_are_joined_do_what_each_alone_does(transfers, held):
         except BusStuck as error:
             replies = str(error)
         outcomes.append(
-            (replies, hand.wire.bits - bits, [bytes(chip._bytes) for chip in hand.chips])
+            (
+                replies,
+                hand.wire.bits - bits,
+                [bytes(chip._bytes) for chip in hand.chips],
+            )
         )
     assert outcomes[0] == outcomes[1]

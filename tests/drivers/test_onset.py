@@ -8,6 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from holdfast.core.contract import FloatArray
+from holdfast.core.errors import LabelError, TagError
 from holdfast.drivers.camera.motion import FLOOR_PX, Motion, motion
 from holdfast.drivers.camera.onset import (
     GROSS_MM,
@@ -17,8 +19,6 @@ from holdfast.drivers.camera.onset import (
     gross_distance_mm,
     largest_move_mm,
 )
-from holdfast.edge_runtime.contract import FloatArray
-from holdfast.edge_runtime.errors import LabelError, TagError
 
 TAG_MM, MM_PER_PX = 10.0, 0.25
 SQUARE = np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]])
@@ -26,14 +26,21 @@ NOISE_MM = 0.004
 
 
 def tag(
-    centre_px: FloatArray, side_px: FloatArray | float = 40.0, turned: FloatArray | float = 0.0
+    centre_px: FloatArray,
+    side_px: FloatArray | float = 40.0,
+    turned: FloatArray | float = 0.0,
 ) -> FloatArray:
     """[K, 4, 2] corners of a square tag at centre_px [K, 2]."""
-    angle, side = np.broadcast_to(turned, len(centre_px)), np.broadcast_to(side_px, len(centre_px))
-    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]).transpose(
-        2, 0, 1
+    angle, side = (
+        np.broadcast_to(turned, len(centre_px)),
+        np.broadcast_to(side_px, len(centre_px)),
     )
-    return centre_px[:, None, :] + side[:, None, None] * (SQUARE @ turn.transpose(0, 2, 1))
+    turn = np.array(
+        [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
+    ).transpose(2, 0, 1)
+    return centre_px[:, None, :] + side[:, None, None] * (
+        SQUARE @ turn.transpose(0, 2, 1)
+    )
 
 
 def slid(
@@ -55,7 +62,9 @@ def pressed(peak_mm: float, *, stays: bool = False) -> Motion:
     """Loaded from 1 s to 2 s: the pads give by peak_mm and come back, or stay there."""
     t_s = np.arange(1, 240) / 60.0
     place_mm = np.random.default_rng(1).normal(0.0, NOISE_MM, (len(t_s), 2))
-    load = np.clip(t_s - 1.0, 0.0, 0.2) - (0.0 if stays else 1.0) * np.clip(t_s - 2.0, 0.0, 0.2)
+    load = np.clip(t_s - 1.0, 0.0, 0.2) - (0.0 if stays else 1.0) * np.clip(
+        t_s - 2.0, 0.0, 0.2
+    )
     place_mm[:, 0] += 5.0 * peak_mm * load
     return Motion(t_s, place_mm, MM_PER_PX)
 
@@ -82,11 +91,13 @@ def test_a_hand_that_moves_turns_and_comes_nearer_moves_nothing(seed, side_px):
     away_mm = rng.uniform(-30, 30, 2)
     angle, side = rng.uniform(-1, 1, 20), side_px * rng.uniform(0.8, 1.25, 20)
     hand = rng.uniform(100, 300, (20, 2))
-    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]).transpose(
-        2, 0, 1
-    )
+    turn = np.array(
+        [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
+    ).transpose(2, 0, 1)
     thing = hand + (turn @ away_mm) * side[:, None] / TAG_MM
-    moved = motion(np.arange(20.0), tag(thing, side, angle + 0.3), tag(hand, side, angle), TAG_MM)
+    moved = motion(
+        np.arange(20.0), tag(thing, side, angle + 0.3), tag(hand, side, angle), TAG_MM
+    )
     np.testing.assert_allclose(moved.place_mm, np.tile(away_mm, (20, 1)), atol=1e-9)
 
 
@@ -95,12 +106,16 @@ def test_millimetres_come_from_the_printed_side():
     thing = hand + np.array([80.0, 0.0]) + np.outer(np.arange(10.0), [0.0, 4.0])
     for printed_mm in (10.0, 9.7):
         moved = motion(np.arange(10.0), tag(thing), tag(hand), printed_mm)
-        np.testing.assert_allclose(np.diff(moved.place_mm[:, 1]), 0.1 * printed_mm, atol=1e-9)
+        np.testing.assert_allclose(
+            np.diff(moved.place_mm[:, 1]), 0.1 * printed_mm, atol=1e-9
+        )
         assert moved.mm_per_px == pytest.approx(printed_mm / 40.0)
 
 
 def test_a_hidden_tag_gives_a_gap_and_never_a_number():
-    hand, thing = (tag(np.tile(place, (20, 1))) for place in ([100.0, 100.0], [180.0, 100.0]))
+    hand, thing = (
+        tag(np.tile(place, (20, 1))) for place in ([100.0, 100.0], [180.0, 100.0])
+    )
     hand[3], thing[7, 2] = np.nan, np.nan
     moved = motion(np.arange(20.0), thing, hand, TAG_MM)
     assert np.flatnonzero(np.isnan(moved.place_mm[:, 0])).tolist() == [3, 7]
@@ -108,7 +123,9 @@ def test_a_hidden_tag_gives_a_gap_and_never_a_number():
 
 
 def test_tags_never_seen_together_are_an_error():
-    hand, thing = (tag(np.tile(place, (20, 1))) for place in ([100.0, 100.0], [180.0, 100.0]))
+    hand, thing = (
+        tag(np.tile(place, (20, 1))) for place in ([100.0, 100.0], [180.0, 100.0])
+    )
     hand[::2], thing[1::2] = np.nan, np.nan
     with pytest.raises(LabelError, match=r"0 of 20 frames.*36h11"):
         motion(np.arange(20.0), thing, hand, TAG_MM)
@@ -126,7 +143,9 @@ def test_tags_printed_in_two_sizes_are_refused_with_the_size_the_other_has():
 def test_a_tag_that_is_no_square_is_refused():
     places = np.tile([100.0, 100.0], (20, 1))
     flat = tag(np.zeros((20, 2))) * [1.0, 0.9] + [180.0, 100.0]
-    with pytest.raises(TagError, match=r"object's tag is 40\.0 px wide and 36\.0 px high.*face"):
+    with pytest.raises(
+        TagError, match=r"object's tag is 40\.0 px wide and 36\.0 px high.*face"
+    ):
         motion(np.arange(20.0), flat, tag(places), TAG_MM)
 
 
@@ -134,7 +153,9 @@ def test_both_tags_printed_too_small_are_found_by_their_distance():
     places = np.tile([100.0, 100.0], (20, 1))
     hand, thing = tag(places), tag(places + np.array([80.0, 0.0]))
     motion(np.arange(20.0), thing, hand, 9.7, apart_mm=19.4)
-    with pytest.raises(TagError, match=r"19\.4 mm apart, but 21\.00 mm.*92 %.*--tag-mm"):
+    with pytest.raises(
+        TagError, match=r"19\.4 mm apart, but 21\.00 mm.*92 %.*--tag-mm"
+    ):
         motion(np.arange(20.0), thing, hand, 10.5, apart_mm=19.4)
 
 
@@ -149,19 +170,25 @@ def test_the_fitted_start_is_the_start_and_the_gross_distance_is_reached_when_it
     slip = found(slid(acceleration, start_s, seed=seed))
     assert slip.start_s == pytest.approx(start_s, abs=6e-3)
     assert abs(slip.start_s - start_s) < 3.0 * slip.uncertainty_s
-    assert slip.gross_s == pytest.approx(start_s + np.sqrt(2.0 * GROSS_MM / acceleration), abs=4e-3)
+    assert slip.gross_s == pytest.approx(
+        start_s + np.sqrt(2.0 * GROSS_MM / acceleration), abs=4e-3
+    )
 
 
 def test_a_threshold_sees_a_slip_late_by_what_the_spec_says():
     for acceleration in (10.0, 100.0, 1000.0):
         slips = [found(slid(acceleration, 1.0 + k / 600.0, seed=k)) for k in range(10)]
-        late_s = np.mean([slip.seen_s - (1.0 + k / 600.0) for k, slip in enumerate(slips)])
+        late_s = np.mean(
+            [slip.seen_s - (1.0 + k / 600.0) for k, slip in enumerate(slips)]
+        )
         expected_s = np.sqrt(2.0 * FLOOR_PX * MM_PER_PX / acceleration)
         assert expected_s - 0.012 < late_s < expected_s + 1.2 / 60.0
 
 
 def test_the_uncertainty_is_never_less_than_a_frame_period_s_and_grows_for_slow_slips():
-    slow, fast = (found(slid(acceleration, 1.0, lasts_s=2.5)) for acceleration in (5.0, 500.0))
+    slow, fast = (
+        found(slid(acceleration, 1.0, lasts_s=2.5)) for acceleration in (5.0, 500.0)
+    )
     assert fast.uncertainty_s >= 1.0 / 60.0 / np.sqrt(12.0) - 1e-9
     assert slow.start_sd_s > 3.0 * fast.start_sd_s
 
@@ -191,14 +218,18 @@ def test_an_object_that_settled_before_is_measured_from_where_it_last_rested():
     moved.place_mm[moved.t_s > 1.0] += [1.5, 0.0]
     slip = found(moved)
     assert slip.start_s == pytest.approx(3.0, abs=5e-3)
-    assert slip.gross_s == pytest.approx(3.0 + np.sqrt(2.0 * GROSS_MM / 300.0), abs=5e-3)
+    assert slip.gross_s == pytest.approx(
+        3.0 + np.sqrt(2.0 * GROSS_MM / 300.0), abs=5e-3
+    )
 
 
 def test_a_gap_while_the_object_rests_or_already_slides_changes_no_start():
     moved = slid(30.0, 1.5)
     start_s = found(moved).start_s
     for first, stop in ((20, 30), (118, 140)):
-        assert found(hiding(moved, first, stop)).start_s == pytest.approx(start_s, abs=1e-3)
+        assert found(hiding(moved, first, stop)).start_s == pytest.approx(
+            start_s, abs=1e-3
+        )
 
 
 def test_an_object_that_moves_behind_a_gap_has_no_onset():
@@ -238,7 +269,9 @@ def test_a_part_of_the_trial_is_looked_at_alone():
 def test_the_interval_ends_where_the_object_rests_again_or_is_last_seen():
     moved = slid(300.0, 1.0, lasts_s=2.5)
     stopped = Motion(
-        moved.t_s, np.where(moved.t_s[:, None] > 1.3, [[0.0, 13.5]], moved.place_mm), MM_PER_PX
+        moved.t_s,
+        np.where(moved.t_s[:, None] > 1.3, [[0.0, 13.5]], moved.place_mm),
+        MM_PER_PX,
     )
     assert found(stopped).end_s == pytest.approx(1.3, abs=0.04)
     assert found(hiding(moved, 90, len(moved.t_s))).end_s == pytest.approx(90 / 60.0)

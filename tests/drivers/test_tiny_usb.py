@@ -15,16 +15,11 @@ from bridge_bench import (
     every_firmware,
 )
 
+from holdfast.core.errors import TransferFailed, UsageError
 from holdfast.drivers.bus import NOT_ACKED, Reply, Transfer
 from holdfast.drivers.tiny_usb import TinyUsb
-from holdfast.drivers.tmag5273 import (
-    REGISTERS,
-)
+from holdfast.drivers.tmag5273 import REGISTERS
 from holdfast.drivers.virtual.usb_backend import stall
-from holdfast.edge_runtime.errors import (
-    TransferFailed,
-    UsageError,
-)
 
 
 @every_firmware
@@ -82,7 +77,9 @@ def test_a_firmware_that_swings_the_pins_itself_makes_no_second_start(make):
     device = make("avr").device
     device.control_out(0x41, 4 | 1, 0, 0x70, b"\1")
     device.control_out(0x41, 4 | 1 | 2, 0, ABSENT, b"\2")
-    assert device.control_in(0xC1, 3, 0, 0, 1) == b"\1"  # the mux took the address for data
+    assert (
+        device.control_in(0xC1, 3, 0, 0, 1) == b"\1"
+    )  # the mux took the address for data
 
 
 @every_firmware

@@ -11,6 +11,13 @@ from bridge_bench import Bench
 from hypothesis import given
 from hypothesis import strategies as st
 
+from holdfast.core.errors import (
+    BusStuck,
+    DeviceLost,
+    DeviceNotFound,
+    TransferFailed,
+    UsageError,
+)
 from holdfast.drivers.bus import Transfer
 from holdfast.drivers.ft232h import Ft232h
 from holdfast.drivers.tmag5273 import (
@@ -26,14 +33,7 @@ from holdfast.drivers.tmag5273 import (
     temperature_degc,
 )
 from holdfast.drivers.virtual.faults import Fault
-from holdfast.drivers.virtual.hand import REST_UT, Track
-from holdfast.edge_runtime.errors import (
-    BusStuck,
-    DeviceLost,
-    DeviceNotFound,
-    TransferFailed,
-    UsageError,
-)
+from holdfast.drivers.virtual.virtual_hand import REST_UT, Track
 
 A, B, C, D = FACTORY_ADDRESSES
 BOTH = Transfer(0x70, bytes([0b11]))
@@ -62,7 +62,8 @@ def test_registers_lie_side_by_side_and_reset_to_what_the_data_sheet_says():
 
 
 @pytest.mark.parametrize(
-    ("averages", "microseconds"), [(1, 100), (2, 175), (4, 325), (8, 625), (16, 1225), (32, 2425)]
+    ("averages", "microseconds"),
+    [(1, 100), (2, 175), (4, 325), (8, 625), (16, 1225), (32, 2425)],
 )
 def test_a_conversion_takes_as_long_as_table_7_4_says(averages, microseconds):
     assert conversion_s(averages) == pytest.approx(1e-6 * microseconds)
@@ -82,7 +83,9 @@ def test_crc_has_the_vectors_of_the_data_sheet():
 
 
 def test_field_and_temperature_follow_their_equations():
-    assert field_ut([32767, -32768, 0], 80.0) == pytest.approx([79997.6, -80000.0, 0.0], abs=0.1)
+    assert field_ut([32767, -32768, 0], 80.0) == pytest.approx(
+        [79997.6, -80000.0, 0.0], abs=0.1
+    )
     assert temperature_degc(17508 + 601) == pytest.approx(35.0)
 
 
@@ -93,7 +96,9 @@ def test_field_and_temperature_follow_their_equations():
     st.integers(0, 255),
 )
 def test_a_packet_keeps_its_numbers(x, y, z, status):
-    data = b"".join(value.to_bytes(2, "big", signed=True) for value in (x, y, z)) + bytes([status])
+    data = b"".join(
+        value.to_bytes(2, "big", signed=True) for value in (x, y, z)
+    ) + bytes([status])
     read = packet(data)
     assert (*read.raw, read.status) == (x, y, z, status)
     assert read.set_count == status >> 5
@@ -116,7 +121,12 @@ def test_the_default_setup_is_what_the_fact_sheet_recommends():
 
 def test_a_chip_says_who_it_is_and_another_address_is_not_acknowledged(bench):
     replies = bench.bus.scan(
-        [FIRST, Transfer(A, b"\x0d", 3), Transfer(0x36, b"\x0d", 3), Transfer(D, b"\x0c", 2)]
+        [
+            FIRST,
+            Transfer(A, b"\x0d", 3),
+            Transfer(0x36, b"\x0d", 3),
+            Transfer(D, b"\x0c", 2),
+        ]
     )
     assert replies[1].data == bytes([0x01, 0x49, 0x54])
     assert (replies[2].acked, replies[2].data) == (False, b"")
@@ -125,7 +135,9 @@ def test_a_chip_says_who_it_is_and_another_address_is_not_acknowledged(bench):
 
 def test_read_only_registers_do_not_take_what_is_written(bench):
     bench.bus.scan([FIRST, Transfer(A, bytes([0x0D, 0xFF, 0xFF, 0xFF]))])
-    assert bench.bus.scan([Transfer(A, b"\x0d", 3)])[0].data == bytes([0x01, 0x49, 0x54])
+    assert bench.bus.scan([Transfer(A, b"\x0d", 3)])[0].data == bytes(
+        [0x01, 0x49, 0x54]
+    )
 
 
 def test_results_are_the_field_in_the_chosen_ranges(bench):
@@ -143,7 +155,10 @@ def test_a_field_beyond_the_range_is_clipped():
     made = Bench("ft232h", track=track)
     made.configure(A)
     made.wait_s(0.01)
-    assert packet(made.bus.scan([Transfer(A, bytes([RESULTS]), 7)])[0].data).raw == (32767,) * 3
+    assert (
+        packet(made.bus.scan([Transfer(A, bytes([RESULTS]), 7)])[0].data).raw
+        == (32767,) * 3
+    )
 
 
 def test_set_count_rolls_with_every_conversion_and_not_with_every_read(bench):
@@ -155,7 +170,10 @@ def test_set_count_rolls_with_every_conversion_and_not_with_every_read(bench):
     bench.wait_s(0.002425)
     assert packet(bench.bus.scan([read])[0].data).set_count == (counts[0] + 1) % 8
     bench.wait_s(8 * 0.002425 - 0.0002)
-    assert packet(bench.bus.scan([read])[0].data).set_count in ((counts[0] + 1) % 8, counts[0])
+    assert packet(bench.bus.scan([read])[0].data).set_count in (
+        (counts[0] + 1) % 8,
+        counts[0],
+    )
 
 
 def test_the_mean_of_a_conversion_has_the_noise_of_the_data_sheet():
@@ -164,7 +182,9 @@ def test_the_mean_of_a_conversion_has_the_noise_of_the_data_sheet():
     rows = []
     for _ in range(600):
         made.wait_s(0.0025)
-        rows.append(packet(made.bus.scan([Transfer(A, bytes([RESULTS]), 7)])[0].data).raw)
+        rows.append(
+            packet(made.bus.scan([Transfer(A, bytes([RESULTS]), 7)])[0].data).raw
+        )
     spread = np.std(np.array(rows) * (1e3 * Setup().range_mt(1) / 32768), axis=0)
     assert spread == pytest.approx([22.1, 22.1, 12.0], rel=0.12)
 
@@ -197,7 +217,10 @@ def test_a_general_call_reaches_every_chip_on_joined_channels(bench):
     bench.bus.scan([BOTH, Transfer(0x00, bytes([0x02, 0x70]))])
     for channel, addresses in ((1, (A, B, C, D)), (2, (A, B))):
         replies = bench.bus.scan(
-            [Transfer(0x70, bytes([channel])), *(Transfer(a, b"\x02", 1) for a in addresses)]
+            [
+                Transfer(0x70, bytes([channel])),
+                *(Transfer(a, b"\x02", 1) for a in addresses),
+            ]
         )
         assert [reply.data for reply in replies[1:]] == [b"\x70"] * len(addresses)
 
@@ -214,13 +237,19 @@ def test_a_triggered_conversion_comes_once(bench):
     assert first.raw[2] > 0
 
 
-def test_one_byte_reads_answer_packets_instead_of_registers_and_can_be_left_by_a_write(bench):
+def test_one_byte_reads_answer_packets_instead_of_registers_and_can_be_left_by_a_write(
+    bench,
+):
     bench.configure(A, burst=True)
     bench.wait_s(0.01)
     assert packet(bench.bus.scan([Transfer(A, b"", 7)])[0].data).raw[2] > 0
-    assert bench.bus.scan([Transfer(A, b"\x0d", 3)])[0].data != bytes([0x01, 0x49, 0x54])
+    assert bench.bus.scan([Transfer(A, b"\x0d", 3)])[0].data != bytes(
+        [0x01, 0x49, 0x54]
+    )
     bench.bus.scan([Transfer(A, b"\x00\x00")])
-    assert bench.bus.scan([Transfer(A, b"\x0d", 3)])[0].data == bytes([0x01, 0x49, 0x54])
+    assert bench.bus.scan([Transfer(A, b"\x0d", 3)])[0].data == bytes(
+        [0x01, 0x49, 0x54]
+    )
 
 
 def test_two_chips_at_one_address_answer_together_and_zeros_win(bench):
@@ -232,7 +261,9 @@ def test_two_chips_at_one_address_answer_together_and_zeros_win(bench):
 # -- the bridge
 
 
-def test_six_fingers_are_one_transfer_out_and_one_in_and_leave_400_scans_a_second(bench):
+def test_six_fingers_are_one_transfer_out_and_one_in_and_leave_400_scans_a_second(
+    bench,
+):
     scan = [
         FIRST,
         *(Transfer(a, bytes([RESULTS]), 7) for a in (A, B, C, D)),
@@ -272,7 +303,9 @@ def test_a_bridge_that_fails_is_named_and_the_next_scan_is_right(kind):
         made.bus.scan([FIRST, Transfer(A, b"\x0d", 3)])
     made.wait_s(1.0)
     made.bus.clear()
-    assert made.bus.scan([FIRST, Transfer(A, b"\x0d", 3)])[1].data == bytes([0x01, 0x49, 0x54])
+    assert made.bus.scan([FIRST, Transfer(A, b"\x0d", 3)])[1].data == bytes(
+        [0x01, 0x49, 0x54]
+    )
 
 
 def test_an_unplugged_bridge_is_lost_for_good_and_another_port_finds_it_again():
@@ -307,7 +340,9 @@ def test_pyftdi_unmodified_reads_the_sensors_of_the_virtual_bridge(monkeypatch):
 
     made = Bench("ft232h")
     made.end()
-    monkeypatch.setattr(UsbTools, "_load_backend", classmethod(lambda cls: made.backend))
+    monkeypatch.setattr(
+        UsbTools, "_load_backend", classmethod(lambda cls: made.backend)
+    )
     UsbTools.flush_cache()
     controller = I2cController()
     controller.configure("ftdi://ftdi:232h/1", frequency=400_000)
@@ -318,7 +353,9 @@ def test_pyftdi_unmodified_reads_the_sensors_of_the_virtual_bridge(monkeypatch):
         chip.write_to(register, bytes([value]))
     assert bytes(chip.read_from(0x00, 1)) == b"\x34"
     made.wait_s(0.01)
-    assert packet(bytes(chip.read_from(RESULTS, 7))).raw[2] == round(REST_UT[2] / 80e3 * 32768)
+    assert packet(bytes(chip.read_from(RESULTS, 7))).raw[2] == round(
+        REST_UT[2] / 80e3 * 32768
+    )
     with pytest.raises(I2cNackError):
         controller.get_port(0x36).read_from(0x0D, 1)
     controller.close()

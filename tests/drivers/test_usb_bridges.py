@@ -14,14 +14,10 @@ from bridge_bench import (
     every_usb_bridge,
 )
 
+from holdfast.core.errors import AccessDenied, DeviceNotFound, TransferFailed
 from holdfast.drivers.mcp2221 import Mcp2221
 from holdfast.drivers.tiny_usb import TinyUsb
 from holdfast.drivers.virtual.faults import Fault
-from holdfast.edge_runtime.errors import (
-    AccessDenied,
-    DeviceNotFound,
-    TransferFailed,
-)
 
 
 @every_usb_bridge
@@ -62,7 +58,8 @@ def test_a_handle_that_is_closed_or_unplugged_claims_nothing_any_more(make):
     bench = make("stm32", faults=[Fault("unplug", 1, 1)])
     bench.bus.close()
     first, second = (
-        bench.backend.open_device(next(bench.backend.enumerate_devices())) for _ in range(2)
+        bench.backend.open_device(next(bench.backend.enumerate_devices()))
+        for _ in range(2)
     )
     bench.backend.detach_kernel_driver(first, 0)
     bench.backend.claim_interface(first, 0)
@@ -80,10 +77,15 @@ def test_a_handle_that_is_closed_or_unplugged_claims_nothing_any_more(make):
     [
         ("ft232h", ("FTDI", "Single RS232-HS", "FTHOLD01")),
         ("rp2040", ("Till Harbaum", "i2c-tiny-usb", "HOLDFAST-RP2040")),
-        ("mcp2221", ("Microchip Technology Inc.", "MCP2221 USB-I2C/UART Combo", "0000000001")),
+        (
+            "mcp2221",
+            ("Microchip Technology Inc.", "MCP2221 USB-I2C/UART Combo", "0000000001"),
+        ),
     ],
 )
-def test_a_bridge_shows_its_maker_its_product_and_its_serial_number(make, kind, strings):
+def test_a_bridge_shows_its_maker_its_product_and_its_serial_number(
+    make, kind, strings
+):
     found = usb.core.find(backend=make(kind).backend)
     assert (found.manufacturer, found.product, found.serial_number) == strings
 
@@ -101,7 +103,9 @@ def test_descriptors_by_request_are_those_that_libusb_shows(make, kind):
     )
     configuration = bytes(found.ctrl_transfer(0x80, 6, 0x0200, 0, 255))
     assert (
-        len(configuration) == struct.unpack_from("<H", configuration, 2)[0] == found[0].wTotalLength
+        len(configuration)
+        == struct.unpack_from("<H", configuration, 2)[0]
+        == found[0].wTotalLength
     )
     kinds, at = [], 0
     while at < len(configuration):
@@ -122,7 +126,10 @@ def test_the_mcp2221_announces_a_hid_interface_of_64_bytes_each_way(make):
     found = usb.core.find(backend=bench.backend)
     found.detach_kernel_driver(2)
     interface = found[0][(2, 0)]
-    assert (interface.bInterfaceClass, [e.wMaxPacketSize for e in interface]) == (3, [64, 64])
+    assert (interface.bInterfaceClass, [e.wMaxPacketSize for e in interface]) == (
+        3,
+        [64, 64],
+    )
     length, kind, _, _, _, report_kind, report_length = struct.unpack(
         "<BBHBBBH", bytes(interface.extra_descriptors)
     )

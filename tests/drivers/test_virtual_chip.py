@@ -27,7 +27,8 @@ CRC_ON, ONE_BYTE_16, ONE_BYTE_8 = 0x80, 0x01, 0x02
 """Bits of DEVICE_CONFIG_1."""
 X_THRESHOLD = REGISTERS["X_THR_CONFIG"].address
 TEMPERATURE, ANGLE, MAGNITUDE = (
-    REGISTERS[name].address for name in ("T_MSB_RESULT", "ANGLE_RESULT_MSB", "MAGNITUDE_RESULT")
+    REGISTERS[name].address
+    for name in ("T_MSB_RESULT", "ANGLE_RESULT_MSB", "MAGNITUDE_RESULT")
 )
 WAKE_AND_SLEEP = 3
 
@@ -74,7 +75,9 @@ class ChipOnWire:
     def convert(self, conversions: int, config: int = 0) -> None:
         """Convert x, y, z continuously without averaging, until this many conversions are
         complete."""
-        self.configure(SENSOR_CONFIG_1=XYZ << 4, DEVICE_CONFIG_1=config, DEVICE_CONFIG_2=CONTINUOUS)
+        self.configure(
+            SENSOR_CONFIG_1=XYZ << 4, DEVICE_CONFIG_1=config, DEVICE_CONFIG_2=CONTINUOUS
+        )
         self.wait_us(conversions * 100 + 10)
 
     def wait_us(self, duration_us: float) -> None:
@@ -100,7 +103,9 @@ def raw_field(*raw: int) -> Callable[[float], list[float]]:
 # -- CRC (section 7.5.1.3.6)
 
 
-@pytest.mark.parametrize(("registers", "check"), [("00000000", 0xD1), ("ffffffff", 0x0F)])
+@pytest.mark.parametrize(
+    ("registers", "check"), [("00000000", 0xD1), ("ffffffff", 0x0F)]
+)
 def test_a_register_read_with_crc_has_the_data_sheet_s_check_byte_after_four_registers(
     registers, check
 ):
@@ -238,7 +243,9 @@ def test_only_the_channels_of_the_mask_are_converted_and_sent(mask, axes, conver
     on.configure(DEVICE_CONFIG_1=ONE_BYTE_16)
     on.wait_us(1_000)
     packet = on.read(2 * len(axes) + 2)
-    assert np.frombuffer(packet[: 2 * len(axes)], ">i2").tolist() == [wanted[axis] for axis in axes]
+    assert np.frombuffer(packet[: 2 * len(axes)], ">i2").tolist() == [
+        wanted[axis] for axis in axes
+    ]
     assert packet[-1] == 0xFF
 
 
@@ -251,7 +258,9 @@ def test_a_temperature_costs_the_time_of_a_channel_where_it_is_averaged(
 ):
     on = ChipOnWire()
     on.configure(SENSOR_CONFIG_1=XYZ << 4, T_CONFIG=temperature)
-    on.configure(DEVICE_CONFIG_1=(averages.bit_length() - 1) << 2, DEVICE_CONFIG_2=CONTINUOUS)
+    on.configure(
+        DEVICE_CONFIG_1=(averages.bit_length() - 1) << 2, DEVICE_CONFIG_2=CONTINUOUS
+    )
     on.wait_us(duration_us - 1)
     assert on.status("SET_COUNT") == 0
     on.wait_us(1)
@@ -275,10 +284,14 @@ def test_a_channel_that_is_converted_twice_has_less_noise():
 
 
 @pytest.mark.parametrize(
-    ("degrees", "register"), [(354.5, "1628"), (17.25, "0114"), (0.0, "0000"), (180.0, "0b40")]
+    ("degrees", "register"),
+    [(354.5, "1628"), (17.25, "0114"), (0.0, "0000"), (180.0, "0b40")],
 )
 def test_an_angle_is_stored_as_in_the_data_sheet_s_examples(degrees, register):
-    first, second = 20_000 * np.cos(np.radians(degrees)), 20_000 * np.sin(np.radians(degrees))
+    first, second = (
+        20_000 * np.cos(np.radians(degrees)),
+        20_000 * np.sin(np.radians(degrees)),
+    )
     on = ChipOnWire(raw_field(round(first), round(second), 0))
     on.configure(SENSOR_CONFIG_2=1 << 2)
     on.convert(1)
@@ -288,7 +301,11 @@ def test_an_angle_is_stored_as_in_the_data_sheet_s_examples(degrees, register):
 @pytest.mark.parametrize(("pair", "angle"), [(1, 45), (2, 90), (3, 90)])
 def test_the_angle_is_that_of_the_chosen_pair(pair, angle):
     on = ChipOnWire(
-        raw_field(*{1: (5_000, 5_000, 9_000), 2: (5_000, 0, 9_000), 3: (0, 5_000, 9_000)}[pair])
+        raw_field(
+            *{1: (5_000, 5_000, 9_000), 2: (5_000, 0, 9_000), 3: (0, 5_000, 9_000)}[
+                pair
+            ]
+        )
     )
     on.configure(SENSOR_CONFIG_2=pair << 2)
     on.convert(1)
@@ -307,7 +324,9 @@ def test_no_angle_is_made_where_it_is_off_or_one_of_its_axes_is():
     for pair, mask in ((0, XYZ), (1, 1)):
         on = ChipOnWire(raw_field(5_000, 5_000, 0))
         on.configure(
-            SENSOR_CONFIG_2=pair << 2, SENSOR_CONFIG_1=mask << 4, DEVICE_CONFIG_2=CONTINUOUS
+            SENSOR_CONFIG_2=pair << 2,
+            SENSOR_CONFIG_1=mask << 4,
+            DEVICE_CONFIG_2=CONTINUOUS,
         )
         on.wait_us(200)
         assert on.read(3, ANGLE) == bytes(3)
@@ -331,7 +350,9 @@ def test_offset_and_gain_correct_the_axes_of_the_angle_and_no_others():
 # -- sleep, and wake-and-sleep (section 7.4)
 
 
-def dozing(sleeptime: int = 2, raw: tuple[int, ...] = (5_000, 0, 0), **options: int) -> ChipOnWire:
+def dozing(
+    sleeptime: int = 2, raw: tuple[int, ...] = (5_000, 0, 0), **options: int
+) -> ChipOnWire:
     """A chip in wake-and-sleep mode, 10 ms of sleep."""
     on = ChipOnWire(raw_field(*raw))
     on.configure(SENSOR_CONFIG_1=XYZ << 4 | sleeptime, **options)
@@ -359,8 +380,12 @@ def test_a_chip_in_wake_and_sleep_mode_is_woken_by_its_address_without_an_acknow
     assert on.results()[1:] == [0, 0, 0]
 
 
-@pytest.mark.parametrize(("sleeptime", "sleep_ms"), [(0, 1), (2, 10), (7, 100), (12, 20_000)])
-def test_the_first_result_keeps_the_chip_awake_where_every_result_interrupts(sleeptime, sleep_ms):
+@pytest.mark.parametrize(
+    ("sleeptime", "sleep_ms"), [(0, 1), (2, 10), (7, 100), (12, 20_000)]
+)
+def test_the_first_result_keeps_the_chip_awake_where_every_result_interrupts(
+    sleeptime, sleep_ms
+):
     for late_us, awake in ((-1, False), (1, True)):
         on = dozing(sleeptime, INT_CONFIG_1=0x80)
         on.wait_us(1_000 * sleep_ms + 50 + 100 + late_us)
@@ -380,7 +405,9 @@ def test_the_first_result_keeps_the_chip_awake_where_every_result_interrupts(sle
         ({"T_CONFIG": 0x23 << 1 | 1}, False),
     ],
 )
-def test_a_chip_in_wake_and_sleep_mode_stays_awake_where_a_threshold_is_crossed(options, awake):
+def test_a_chip_in_wake_and_sleep_mode_stays_awake_where_a_threshold_is_crossed(
+    options, awake
+):
     on = dozing(INT_CONFIG_1=0x40, **options)
     on.wait_us(50_000)
     assert on.write(0x00) == awake
@@ -388,7 +415,9 @@ def test_a_chip_in_wake_and_sleep_mode_stays_awake_where_a_threshold_is_crossed(
 
 def test_a_threshold_for_both_poles_is_crossed_by_either():
     for raw, awake in ((5_000, True), (-5_000, True), (-4_000, False)):
-        on = dozing(raw=(raw, 0, 0), INT_CONFIG_1=0x40, X_THR_CONFIG=19, DEVICE_CONFIG_2=1 << 5)
+        on = dozing(
+            raw=(raw, 0, 0), INT_CONFIG_1=0x40, X_THR_CONFIG=19, DEVICE_CONFIG_2=1 << 5
+        )
         on.wait_us(50_000)
         assert on.write(0x00) == awake
 

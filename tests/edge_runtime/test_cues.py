@@ -11,10 +11,19 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from made_prediction import prediction
 
-from holdfast.edge_runtime.contract import Prediction
-from holdfast.edge_runtime.cue_card import KEYS, SHIPPED, read_cues
-from holdfast.edge_runtime.cues import KINDS, CueRule, Cues, CueTable, Pattern, cue_line
-from holdfast.edge_runtime.errors import CardError, DataNotFound
+from holdfast.core.contract import Prediction
+from holdfast.core.errors import CardError, DataNotFound
+from holdfast.live.cues import (
+    KEYS,
+    KINDS,
+    SHIPPED,
+    CueRule,
+    Cues,
+    CueTable,
+    Pattern,
+    cue_line,
+    read_cues,
+)
 
 ROOT = Path(__file__).resolve().parents[2]
 MS = 1_000_000
@@ -22,7 +31,9 @@ SHIPPED_TABLE = read_cues()
 KNOWN = ("nothing", "grasp", "safe_slip", "risky_slip")
 
 
-def at(ms: int, state: str = "grasp", *, act: bool = False, arm: bool = False) -> Prediction:
+def at(
+    ms: int, state: str = "grasp", *, act: bool = False, arm: bool = False
+) -> Prediction:
     return prediction(state=state, act=act, arm=arm, t_decided_ns=ms * MS)
 
 
@@ -47,7 +58,11 @@ SHORT = Pattern(1, 10, 0, 0.5)
 @st.composite
 def tables(draw: st.DrawFn) -> CueTable:
     patterns = st.builds(
-        Pattern, st.integers(1, 4), st.integers(10, 300), st.integers(0, 200), st.just(0.5)
+        Pattern,
+        st.integers(1, 4),
+        st.integers(10, 300),
+        st.integers(0, 200),
+        st.just(0.5),
     )
     times = st.sampled_from([0, 0, 30, 400])
     rules = st.builds(CueRule, patterns, times, times, st.booleans())
@@ -58,7 +73,9 @@ def tables(draw: st.DrawFn) -> CueTable:
 @st.composite
 def streams(draw: st.DrawFn) -> list[Prediction]:
     """States that flicker, and last, at up to 150 samples a second."""
-    runs = st.tuples(st.sampled_from(("unknown", *KNOWN)), st.booleans(), st.integers(1, 40))
+    runs = st.tuples(
+        st.sampled_from(("unknown", *KNOWN)), st.booleans(), st.integers(1, 40)
+    )
     now, out = 0, []
     for state, act, length in draw(st.lists(runs, max_size=40)):
         for _ in range(length):
@@ -75,7 +92,11 @@ def test_at_most_so_many_cues_a_second_and_urgent_ones_never_overlap(cards, stre
         rule, before = cards.rules[kind], out[:k]
         if rule.urgent:
             ends = [t + cards.rules[one].pattern.length_ns / MS for t, one in before]
-            urgent = [end for end, (_, one) in zip(ends, before, strict=True) if _is(cards, one)]
+            urgent = [
+                end
+                for end, (_, one) in zip(ends, before, strict=True)
+                if _is(cards, one)
+            ]
             assert not urgent or urgent[-1] <= ms
         else:
             assert sum(ms - t < 1000 for t, _ in before) < cards.most_per_s
@@ -97,13 +118,20 @@ def test_the_cue_that_is_sent_is_the_first_that_applies(cards, stream):
     for ms, kind in played(cards, stream):
         one = now[ms]
         applies = {one.state, *(["act"] if one.act else [])}
-        assert kind == next(name for name in KINDS if name in applies and name in cards.rules)
+        assert kind == next(
+            name for name in KINDS if name in applies and name in cards.rules
+        )
 
 
 def test_an_urgent_cue_passes_a_limit_that_is_used_up():
     cards = table(1, grasp=CueRule(SHORT), act=CueRule(SHORT, urgent=True))
     stream = [at(0), at(20, act=True), at(40), at(60, act=True), at(80), at(1070)]
-    assert played(cards, stream) == [(0, "grasp"), (20, "act"), (60, "act"), (1070, "grasp")]
+    assert played(cards, stream) == [
+        (0, "grasp"),
+        (20, "act"),
+        (60, "act"),
+        (1070, "grasp"),
+    ]
 
 
 def test_a_cue_that_waited_is_sent_only_if_it_still_applies():
@@ -133,7 +161,11 @@ def test_an_unknown_state_has_its_own_cue_also_during_a_request_and_repeats_it()
     out = played(SHIPPED_TABLE, stream)
     assert [kind for _, kind in out] == ["unknown", "unknown"]
     own = SHIPPED_TABLE.rules["unknown"].pattern
-    assert all(one.pattern != own for name, one in SHIPPED_TABLE.rules.items() if name != "unknown")
+    assert all(
+        one.pattern != own
+        for name, one in SHIPPED_TABLE.rules.items()
+        if name != "unknown"
+    )
 
 
 def test_a_request_to_tighten_comes_at_once_with_the_shipped_card():
@@ -210,7 +242,11 @@ def test_the_shipped_card_has_every_key_that_a_card_may_have():
 
 def test_the_page_has_the_shipped_table():
     page = (ROOT / "docs" / "feedback.md").read_text("utf-8")
-    rows = [line.strip("| ").split(" | ") for line in page.splitlines() if line.startswith("| `")]
+    rows = [
+        line.strip("| ").split(" | ")
+        for line in page.splitlines()
+        if line.startswith("| `")
+    ]
     shown = {row[0].split("`")[1]: row for row in rows if len(row) == 8}
     assert list(shown) == list(SHIPPED_TABLE.rules)
     for kind, rule in SHIPPED_TABLE.rules.items():

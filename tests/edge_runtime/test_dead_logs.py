@@ -25,14 +25,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from live_bench import DEFAULT, ROOT, RUN, Steady, go
 
+from holdfast.core.contract import Prediction
 from holdfast.drivers.virtual.clock import VirtualClock
-from holdfast.edge_runtime.contract import Prediction
-from holdfast.edge_runtime.line_writer import CLOSING_S, STREAM_LINES, LineWriter
-from holdfast.edge_runtime.live import run_live
 from holdfast.edge_runtime.monitor import GripMonitor, Model
-from holdfast.edge_runtime.sample_file import sample_file
-from holdfast.edge_runtime.sinks import Outlets, Sink, file_sink, stream_sink
-from holdfast.edge_runtime.tare import Tare
+from holdfast.edge_runtime.preparation import Tare
+from holdfast.live.line_writer import CLOSING_S, STREAM_LINES, LineWriter
+from holdfast.live.loop import run_live
+from holdfast.live.outputs import Outlets, Sink, file_sink, sample_file, stream_sink
 
 LINE = "x" * 800
 LONG_S = 300.0
@@ -126,7 +125,9 @@ def test_a_terminal_that_is_not_drained_costs_lines_and_its_reader_gets_whole_on
     sink = sink_on(terminal[1])
     taken = [sink(f"{k}{LINE}") for k in range(1000)]
     assert not all(taken)
-    result = read_until(terminal[0], b"\n999" + LINE.encode())  # the newest line of all is not lost
+    result = read_until(
+        terminal[0], b"\n999" + LINE.encode()
+    )  # the newest line of all is not lost
     sink.close(LONG_S)
     lines = result.decode().split("\r\n")
     numbers = [int(line[: -len(LINE)]) for line in lines if line]
@@ -144,7 +145,9 @@ def test_a_stopped_terminal_goes_on_with_the_newest_lines(terminal):
     termios.tcflow(terminal[1], termios.TCOON)
     numbers = [
         int(line)
-        for line in read_until(terminal[0], f"\n{2 * STREAM_LINES - 1}\r\n".encode()).split()
+        for line in read_until(
+            terminal[0], f"\n{2 * STREAM_LINES - 1}\r\n".encode()
+        ).split()
     ]
     sink.close(LONG_S)
     assert numbers[-STREAM_LINES:] == list(range(STREAM_LINES, 2 * STREAM_LINES))
@@ -164,7 +167,9 @@ def _all_there(handle: int) -> bytes:
 @DEAD_LOG.mark
 @settings(max_examples=25)
 @given(
-    st.lists(st.one_of(st.text(alphabet="abcä", max_size=9000), st.just(None)), max_size=12),
+    st.lists(
+        st.one_of(st.text(alphabet="abcä", max_size=9000), st.just(None)), max_size=12
+    ),
     st.booleans(),
 )
 def test_whatever_is_written_and_read_in_whatever_order_lines_arrive_whole_or_not_at_all(
@@ -172,7 +177,9 @@ def test_whatever_is_written_and_read_in_whatever_order_lines_arrive_whole_or_no
 ):
     read, write = os.pipe()
     fcntl.fcntl(write, fcntl.F_SETPIPE_SZ, 4096)
-    os.set_blocking(write, blocking)  # a shell may hand down a descriptor that does not block
+    os.set_blocking(
+        write, blocking
+    )  # a shell may hand down a descriptor that does not block
     writer = LineWriter(write)
     offered = [f"{k} {step}" for k, step in enumerate(steps) if step is not None]
     os.set_blocking(read, False)
@@ -192,7 +199,9 @@ def test_whatever_is_written_and_read_in_whatever_order_lines_arrive_whole_or_no
 
 
 @DEAD_LOG.mark
-def test_closing_leaves_a_write_that_takes_for_ever_behind_and_nothing_follows_its_line(pipe):
+def test_closing_leaves_a_write_that_takes_for_ever_behind_and_nothing_follows_its_line(
+    pipe,
+):
     writer = LineWriter(os.dup(pipe[1]))
     wait_for(lambda: not writer.put(LINE))
     wait_for(lambda: not select.select([], [pipe[1]], [], 0)[1])
@@ -241,7 +250,9 @@ def test_a_log_that_fails_is_dropped_and_reported_once_and_the_others_get_every_
         outlets.emit(prediction)
     outlets.close()
     assert len(healthy) == 6
-    assert result == [f"stdout takes no more lines ({why}); it is dropped, control goes on"]
+    assert result == [
+        f"stdout takes no more lines ({why}); it is dropped, control goes on"
+    ]
     assert outlets.lost() == {"stdout": why}
     assert 1 <= outlets.dropped <= 2
     assert not outlets.none_acts()
@@ -351,7 +362,9 @@ def test_a_file_of_samples_begins_with_its_header_and_samples_that_a_full_disk_r
 
 
 @contextmanager
-def running(words: Sequence[str] = (), redirect: str = "", **options: Any) -> Iterator[Running]:
+def running(
+    words: Sequence[str] = (), redirect: str = "", **options: Any
+) -> Iterator[Running]:
     """holdfast run as a process of its own, and what waits for its n-th answer at the controller's
     port."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as controller:
@@ -393,7 +406,9 @@ def test_a_run_with_lines_and_view_on_a_terminal_that_is_not_drained_still_ends_
     while _fills(terminal[1]):
         pass
     os.set_blocking(terminal[1], True)
-    with running(["--view"], stdin=terminal[1], stdout=terminal[1], stderr=terminal[1]) as (
+    with running(
+        ["--view"], stdin=terminal[1], stdout=terminal[1], stderr=terminal[1]
+    ) as (
         process,
         answered,
     ):
@@ -410,7 +425,9 @@ def _fills(handle: int) -> bool:
 
 
 @DEAD_LOG.mark
-def test_a_run_in_the_background_of_a_terminal_that_stops_such_output_is_not_stopped(terminal):
+def test_a_run_in_the_background_of_a_terminal_that_stops_such_output_is_not_stopped(
+    terminal,
+):
     attributes = termios.tcgetattr(terminal[1])
     attributes[3] |= termios.TOSTOP
     termios.tcsetattr(terminal[1], termios.TCSANOW, attributes)
@@ -448,10 +465,17 @@ def limit_files() -> None:
 def test_a_run_whose_stdout_is_closed_and_whose_disk_is_full_controls_on_and_says_what_it_lost(
     tmp_path,
 ):
-    words = ["--out", str(tmp_path / "out.jsonl"), "--samples", str(tmp_path / "kept.csv")]
+    words = [
+        "--out",
+        str(tmp_path / "out.jsonl"),
+        "--samples",
+        str(tmp_path / "kept.csv"),
+    ]
     read, write = os.pipe()
     os.close(read)
-    with running(words, stdout=write, stderr=subprocess.PIPE, preexec_fn=limit_files) as (
+    with running(
+        words, stdout=write, stderr=subprocess.PIPE, preexec_fn=limit_files
+    ) as (
         process,
         answered,
     ):
@@ -464,10 +488,16 @@ def test_a_run_whose_stdout_is_closed_and_whose_disk_is_full_controls_on_and_say
         ("--out", "File too large"),
         ("--samples", "File too large"),
     ):
-        assert [why in line for line in err.splitlines() if line.startswith(f"{name}")] == [True]
-        assert len([line for line in err.splitlines() if line.startswith(f"lost: {name}")]) == 1
+        assert [
+            why in line for line in err.splitlines() if line.startswith(f"{name}")
+        ] == [True]
+        assert (
+            len([line for line in err.splitlines() if line.startswith(f"lost: {name}")])
+            == 1
+        )
     assert all(
-        json.loads(line)["state"] for line in (tmp_path / "out.jsonl").read_text().splitlines()
+        json.loads(line)["state"]
+        for line in (tmp_path / "out.jsonl").read_text().splitlines()
     )
     assert (tmp_path / "kept.csv").read_text().endswith("\n")
     assert process.returncode == 5, "the files are not whole"

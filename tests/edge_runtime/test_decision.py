@@ -11,7 +11,7 @@ from hazard_marks import NO_EVIDENCE, OPENING, OVERRIDE
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from holdfast.edge_runtime.contract import GRASP, NOTHING, RISKY_SLIP, SAFE_SLIP
+from holdfast.core.contract import GRASP, NOTHING, RISKY_SLIP, SAFE_SLIP
 from holdfast.edge_runtime.decision import (
     LIMITS,
     UNKNOWN,
@@ -36,7 +36,9 @@ class Given(NamedTuple):
 
 
 def fed(
-    inputs: list[Given], rules: DecisionRules = RULES, start: DecisionState | None = None
+    inputs: list[Given],
+    rules: DecisionRules = RULES,
+    start: DecisionState | None = None,
 ) -> list[DecisionState]:
     """The state after every sample."""
     states = [start or DecisionState()]
@@ -88,7 +90,11 @@ any_rules = st.builds(
 
 def test_it_arms_at_the_first_risky_sample_and_acts_at_the_second() -> None:
     states = fed(times(3, RISKY_SLIP))
-    assert [(s.arm, s.act) for s in states] == [(True, False), (True, True), (True, True)]
+    assert [(s.arm, s.act) for s in states] == [
+        (True, False),
+        (True, True),
+        (True, True),
+    ]
 
 
 @given(rules=any_rules)
@@ -98,7 +104,9 @@ def test_it_arms_and_acts_after_as_many_risky_samples_in_a_row_as_the_rules_say(
 ) -> None:
     states = fed(times(12, RISKY_SLIP), rules)
     assert [s.act for s in states].index(True) == rules.act_samples - 1
-    assert [s.arm for s in states].index(True) == min(rules.arm_samples, rules.act_samples) - 1
+    assert [s.arm for s in states].index(True) == min(
+        rules.arm_samples, rules.act_samples
+    ) - 1
 
 
 @pytest.mark.parametrize("between", [NOTHING, GRASP, SAFE_SLIP])
@@ -109,13 +117,17 @@ def test_one_other_label_starts_the_count_again(between: int) -> None:
 
 @pytest.mark.parametrize("later", [GRASP, SAFE_SLIP])
 def test_once_acting_it_goes_on_when_the_alarm_ends(later: int) -> None:
-    assert after(times(2, RISKY_SLIP) + times(RULES.evidence_ms * 150 // 1000 - 2, later)).act
+    assert after(
+        times(2, RISKY_SLIP) + times(RULES.evidence_ms * 150 // 1000 - 2, later)
+    ).act
 
 
 @NO_EVIDENCE.mark
 @pytest.mark.parametrize("later", [GRASP, SAFE_SLIP])
 def test_an_act_without_fresh_evidence_times_out_and_says_so(later: int) -> None:
-    ended = after(times(2, RISKY_SLIP) + times(RULES.evidence_ms * 150 // 1000 + 1, later))
+    ended = after(
+        times(2, RISKY_SLIP) + times(RULES.evidence_ms * 150 // 1000 + 1, later)
+    )
     assert (ended.arm, ended.act, ended.ended) == (False, False, "timed_out")
 
 
@@ -124,7 +136,9 @@ def test_one_risky_sample_is_fresh_evidence_and_after_a_time_out_a_new_act_needs
     None
 ):
     nearly = times(RULES.evidence_ms * 150 // 1000 - 2, GRASP)
-    assert after(times(2, RISKY_SLIP) + (nearly + times(1, RISKY_SLIP)) * 4 + nearly).act
+    assert after(
+        times(2, RISKY_SLIP) + (nearly + times(1, RISKY_SLIP)) * 4 + nearly
+    ).act
     timed_out = times(2, RISKY_SLIP) + times(500, GRASP)
     assert not after(timed_out + times(1, RISKY_SLIP)).act
     assert after(timed_out + times(2, RISKY_SLIP)).ended is None
@@ -135,9 +149,14 @@ def test_an_act_outlasts_any_time_in_which_the_state_is_unknown() -> None:
     assert after(times(2, RISKY_SLIP) + times(5000, UNKNOWN)).act
 
 
-def test_it_releases_when_there_has_been_nothing_for_long_enough_and_not_a_sample_sooner() -> None:
+def test_it_releases_when_there_has_been_nothing_for_long_enough_and_not_a_sample_sooner() -> (
+    None
+):
     acting = times(2, RISKY_SLIP)
-    short, enough = times(RULES.release_samples - 1, NOTHING), times(RULES.release_samples, NOTHING)
+    short, enough = (
+        times(RULES.release_samples - 1, NOTHING),
+        times(RULES.release_samples, NOTHING),
+    )
     assert after(acting + short).act
     assert after(acting + short + times(1, GRASP) + short).act
     assert not after(acting + enough).act
@@ -187,10 +206,14 @@ def test_the_users_override_always_wins_and_ends_what_runs(
 
 
 @OVERRIDE.mark
-def test_an_override_lasts_for_two_seconds_after_its_last_sample_whatever_is_seen() -> None:
+def test_an_override_lasts_for_two_seconds_after_its_last_sample_whatever_is_seen() -> (
+    None
+):
     override = [*times(2, RISKY_SLIP), Given(RISKY_SLIP, override=True)]
     two_seconds = -(-1000 * RULES.override_ms // PERIOD_US)
-    assert not any(state.arm for state in fed(override + times(two_seconds, RISKY_SLIP))[2:])
+    assert not any(
+        state.arm for state in fed(override + times(two_seconds, RISKY_SLIP))[2:]
+    )
     assert after(override).ended == "overridden"
     assert after(override + times(two_seconds + 2, RISKY_SLIP)).act
     renewed = (
@@ -208,11 +231,15 @@ def test_an_override_ends_early_where_the_hand_has_been_empty() -> None:
     empty = override + times(RULES.release_samples, NOTHING)
     assert not after(empty).overridden
     assert after(empty + times(2, RISKY_SLIP)).act
-    assert after(override + times(RULES.release_samples - 1, NOTHING) + times(1, GRASP)).overridden
+    assert after(
+        override + times(RULES.release_samples - 1, NOTHING) + times(1, GRASP)
+    ).overridden
 
 
 @OVERRIDE.mark
-def test_an_override_lasts_through_unknown_samples_and_not_longer_than_its_time() -> None:
+def test_an_override_lasts_through_unknown_samples_and_not_longer_than_its_time() -> (
+    None
+):
     override = [Given(RISKY_SLIP, override=True)]
     assert after(override + times(299, UNKNOWN)).overridden
     assert not after(override + times(301, UNKNOWN)).overridden
@@ -270,17 +297,28 @@ def test_times_are_of_the_clock_and_not_of_samples(
 ) -> None:
     """With every time and the period made longer alike, the same is requested."""
     longer = replace(
-        rules, override_ms=factor * rules.override_ms, evidence_ms=factor * rules.evidence_ms
+        rules,
+        override_ms=factor * rules.override_ms,
+        evidence_ms=factor * rules.evidence_ms,
     )
     a = b = DecisionState()
     for now in inputs * 3:
         words = {"opening": now.opening, "override": now.override}
         a = decide(rules, a, now.situation, now.permille, period_us=PERIOD_US, **words)
-        b = decide(longer, b, now.situation, now.permille, period_us=factor * PERIOD_US, **words)
+        b = decide(
+            longer,
+            b,
+            now.situation,
+            now.permille,
+            period_us=factor * PERIOD_US,
+            **words,
+        )
         assert (a.arm, a.act, a.ended) == (b.arm, b.act, b.ended)
 
 
-def test_the_rules_are_integers_by_their_names_and_a_name_left_out_is_its_default() -> None:
+def test_the_rules_are_integers_by_their_names_and_a_name_left_out_is_its_default() -> (
+    None
+):
     assert set(RULES.to_json()) == set(LIMITS)
     assert DecisionRules(**RULES.to_json()) == RULES
     assert RULES.override_ms == RULES.evidence_ms == 2000

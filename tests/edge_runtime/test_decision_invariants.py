@@ -13,13 +13,15 @@ from typing import NamedTuple
 import pytest
 from hazard_marks import INVARIANTS
 
-from holdfast.edge_runtime.contract import GRASP, NOTHING, RISKY_SLIP, SAFE_SLIP
+from holdfast.core.contract import GRASP, NOTHING, RISKY_SLIP, SAFE_SLIP
 from holdfast.edge_runtime.decision import UNKNOWN, DecisionRules, DecisionState, decide
 
 PERIOD_US = 1000
 RULES = [
     DecisionRules(arm, act, release, 500, override_ms=override, evidence_ms=evidence)
-    for arm, act, release, override, evidence in product((1, 3), (1, 2, 3), (1, 3), (1, 4), (1, 3))
+    for arm, act, release, override, evidence in product(
+        (1, 3), (1, 2, 3), (1, 3), (1, 4), (1, 3)
+    )
 ]
 
 
@@ -84,7 +86,9 @@ def steps() -> list[Step]:
 
 
 @INVARIANTS.mark
-def test_the_search_ends_and_is_of_some_size(steps: list[Step], record_property) -> None:
+def test_the_search_ends_and_is_of_some_size(
+    steps: list[Step], record_property
+) -> None:
     record_property("steps searched", len(steps))
     assert 50_000 < len(steps) < 10_000_000
 
@@ -110,7 +114,9 @@ def test_no_act_while_the_user_opens_the_hand(steps: list[Step]) -> None:
 
 
 @INVARIANTS.mark
-def test_an_act_begins_only_with_a_full_run_of_counted_risky_samples(steps: list[Step]) -> None:
+def test_an_act_begins_only_with_a_full_run_of_counted_risky_samples(
+    steps: list[Step],
+) -> None:
     begun = [step for step in steps if step.after.act and not step.before.act]
     assert begun
     for step in begun:
@@ -134,8 +140,13 @@ def test_a_run_grows_by_counted_risky_samples_only_and_every_other_known_sample_
 @INVARIANTS.mark
 def test_an_unknown_sample_begins_no_act_and_ends_none(steps: list[Step]) -> None:
     for step in steps:
-        if step.given.situation == UNKNOWN and not (step.given.override or step.given.opening):
-            assert (step.after.arm, step.after.act) == (step.before.arm, step.before.act)
+        if step.given.situation == UNKNOWN and not (
+            step.given.override or step.given.opening
+        ):
+            assert (step.after.arm, step.after.act) == (
+                step.before.arm,
+                step.before.act,
+            )
             assert step.after.evidence_us == step.before.evidence_us
 
 
@@ -146,7 +157,9 @@ def test_an_act_without_evidence_lasts_a_bounded_time(steps: list[Step]) -> None
     for step in steps:
         if step.before.act and step.after.act and step.given.situation != UNKNOWN:
             fresh = step.given.situation == RISKY_SLIP and step.given.sure
-            assert fresh or step.after.evidence_us == step.before.evidence_us - PERIOD_US
+            assert (
+                fresh or step.after.evidence_us == step.before.evidence_us - PERIOD_US
+            )
             assert 0 < step.after.evidence_us <= 1000 * step.rules.evidence_ms
 
 
@@ -163,7 +176,12 @@ def test_an_override_ends_by_its_time_or_by_an_empty_hand(steps: list[Step]) -> 
 @INVARIANTS.mark
 def test_an_act_that_ends_says_how_and_it_is_true(steps: list[Step]) -> None:
     ended = [step for step in steps if step.before.act and not step.after.act]
-    assert {step.after.ended for step in ended} == {"released", "timed_out", "opened", "overridden"}
+    assert {step.after.ended for step in ended} == {
+        "released",
+        "timed_out",
+        "opened",
+        "overridden",
+    }
     for step in ended:
         how = step.after.ended
         assert (how == "overridden") == step.given.override

@@ -28,14 +28,13 @@ from small_model import (
     with_networks,
 )
 
-from holdfast.edge_runtime.contract import Sample, Unit
-from holdfast.edge_runtime.errors import HoldfastError, ModelError, NotAModel
+from holdfast.core.contract import Sample, Unit
+from holdfast.core.errors import HoldfastError, ModelError, NotAModel
 from holdfast.edge_runtime.model import Model, read_model
 from holdfast.edge_runtime.monitor import GripMonitor
-from holdfast.edge_runtime.onnx_bytes import read_onnx
+from holdfast.edge_runtime.onnx_bytes import MOST_FIELDS, Field, Reader, read_onnx
 from holdfast.edge_runtime.onnx_operators import RULES
 from holdfast.edge_runtime.onnx_rules import ALLOWED
-from holdfast.edge_runtime.protobuf import MOST_FIELDS, Field, Reader
 from holdfast.export.artifact import Artifact
 from holdfast.export.features import GROUPS
 from holdfast.export.forest import FOREST_KINDS
@@ -70,14 +69,18 @@ def constant(model: onnx.ModelProto, name: str, values: Any) -> str:
     return name
 
 
-def after(model: onnx.ModelProto, name: str, op: str, *inputs: str, **attributes: Any) -> None:
+def after(
+    model: onnx.ModelProto, name: str, op: str, *inputs: str, **attributes: Any
+) -> None:
     """An output is changed by one more operator, which takes its name."""
     node = maker(model, name)
     node.output[list(node.output).index(name)] = f"{name}_before"
     for later in model.graph.node:
         for k, one in enumerate(later.input):
             later.input[k] = f"{name}_before" if one == name else one
-    model.graph.node.append(helper.make_node(op, [f"{name}_before", *inputs], [name], **attributes))
+    model.graph.node.append(
+        helper.make_node(op, [f"{name}_before", *inputs], [name], **attributes)
+    )
 
 
 # -- outputs that are not what the card says
@@ -154,7 +157,10 @@ def map_output(model: onnx.ModelProto) -> None:
 
 def endless_loop(model: onnx.ModelProto) -> None:
     body = helper.make_graph(
-        [helper.make_node("Identity", ["go"], ["on"]), helper.make_node("Identity", ["x"], ["y"])],
+        [
+            helper.make_node("Identity", ["go"], ["on"]),
+            helper.make_node("Identity", ["x"], ["y"]),
+        ],
         "body",
         [
             helper.make_tensor_value_info("k", TensorProto.INT64, []),
@@ -173,10 +179,15 @@ def endless_loop(model: onnx.ModelProto) -> None:
 
 def one_branch(model: onnx.ModelProto) -> None:
     branch = helper.make_graph(
-        [], "branch", [], [helper.make_tensor_value_info("settled", TensorProto.BOOL, ["B"])]
+        [],
+        "branch",
+        [],
+        [helper.make_tensor_value_info("settled", TensorProto.BOOL, ["B"])],
     )
     model.graph.node.append(
-        helper.make_node("If", ["unknown"], ["if"], then_branch=branch, else_branch=branch)
+        helper.make_node(
+            "If", ["unknown"], ["if"], then_branch=branch, else_branch=branch
+        )
     )
 
 
@@ -189,7 +200,9 @@ def scan(model: onnx.ModelProto) -> None:
 
 def hidden_subgraph(model: onnx.ModelProto) -> None:
     """An attribute that an allowed operator does not have, with a graph in it."""
-    body = helper.make_graph([helper.make_node("Loop", ["", ""], ["z"])], "body", [], [])
+    body = helper.make_graph(
+        [helper.make_node("Loop", ["", ""], ["z"])], "body", [], []
+    )
     maker(model, "settled").attribute.append(helper.make_attribute("body", body))
 
 
@@ -201,7 +214,12 @@ def tensor_attribute(model: onnx.ModelProto) -> None:
 
 def local_function(model: onnx.ModelProto) -> None:
     made = helper.make_function(
-        "", "Abs", ["x"], ["y"], [helper.make_node("Neg", ["x"], ["y"])], model.opset_import
+        "",
+        "Abs",
+        ["x"],
+        ["y"],
+        [helper.make_node("Neg", ["x"], ["y"])],
+        model.opset_import,
     )
     model.functions.append(made)
 
@@ -265,7 +283,9 @@ def negative_constant(model: onnx.ModelProto) -> None:
 def doubled_forty_times(model: onnx.ModelProto) -> None:
     wide = "sample"
     for k in range(40):
-        model.graph.node.append(helper.make_node("Concat", [wide, wide], [f"wide{k}"], axis=1))
+        model.graph.node.append(
+            helper.make_node("Concat", [wide, wide], [f"wide{k}"], axis=1)
+        )
         wide = f"wide{k}"
 
 
@@ -321,7 +341,9 @@ def tree_that_loops(model: onnx.ModelProto) -> None:
 
 def tree_that_joins(model: onnx.ModelProto) -> None:
     node = trees(model)
-    attribute(node, "nodes_truenodeids").ints[0] = attribute(node, "nodes_falsenodeids").ints[0]
+    attribute(node, "nodes_truenodeids").ints[0] = attribute(
+        node, "nodes_falsenodeids"
+    ).ints[0]
 
 
 def child_of_another_tree(model: onnx.ModelProto) -> None:
@@ -375,7 +397,11 @@ def deep_tree(model: onnx.ModelProto) -> None:
         "nodes_falsenodeids": np.where(branch, at + 2, 0),
     }
     leaves = at[~branch]
-    columns |= {"target_treeids": tree[~branch], "target_nodeids": leaves, "target_ids": 0 * leaves}
+    columns |= {
+        "target_treeids": tree[~branch],
+        "target_nodeids": leaves,
+        "target_ids": 0 * leaves,
+    }
     for name, values in columns.items():
         attribute(node, name).ints[:] = values.tolist()
     attribute(node, "nodes_modes").strings[:] = [
@@ -505,7 +531,8 @@ def test_a_resealed_file_is_refused_before_onnxruntime_opens_it(
 
 @FOREIGN_MODEL.mark
 @pytest.mark.parametrize(
-    "alter", [situation_plus_seven, zero_leaves, endless_loop, tree_that_loops, deep_tree]
+    "alter",
+    [situation_plus_seven, zero_leaves, endless_loop, tree_that_loops, deep_tree],
 )
 def test_a_resealed_file_is_refused_when_it_is_opened_for_use(
     alter: Callable[[onnx.ModelProto], None], tmp_path: Path
@@ -566,10 +593,16 @@ def test_a_card_that_names_other_votes_than_its_trees_give_is_refused(
 
 
 @HUGE_INPUT.mark
-def test_a_card_whose_golden_sequences_would_take_hours_is_refused_before_they_are_made() -> None:
+def test_a_card_whose_golden_sequences_would_take_hours_is_refused_before_they_are_made() -> (
+    None
+):
     card = card_of(sealed_bytes()) | {"settle_samples": 10_000}
     model = opened()
-    for shape in (model.graph.input[0], model.graph.input[3], output(model, "state_out")):
+    for shape in (
+        model.graph.input[0],
+        model.graph.input[3],
+        output(model, "state_out"),
+    ):
         shape.type.tensor_type.shape.dim[2].dim_value = 30_000
     model.graph.input[1].type.tensor_type.shape.dim[2].dim_value = 10_000
     card["spec"] = {**card["spec"], "n_sensors": 10_000, "min_valid_sensors": 10_000}
@@ -580,7 +613,9 @@ def test_a_card_whose_golden_sequences_would_take_hours_is_refused_before_they_a
 
 
 def varint(number: int) -> bytes:
-    groups = [number >> 7 * k & 127 for k in range(max(1, -(-number.bit_length() // 7)))]
+    groups = [
+        number >> 7 * k & 127 for k in range(max(1, -(-number.bit_length() // 7)))
+    ]
     return bytes([*(group | 128 for group in groups[:-1]), groups[-1]])
 
 
@@ -626,8 +661,12 @@ def test_a_seal_that_is_not_in_the_metadata_is_refused() -> None:
     choice."""
     model = opened()
     model.metadata_props[2].value = "f" * 64
-    hidden = field(14, field(1, b"note") + field(2, b"holdfast.sha256\x12\x40" + b"0" * 64))
-    assert "seal" in str(refused_unopened(sealed_again(model.SerializeToString() + hidden)))
+    hidden = field(
+        14, field(1, b"note") + field(2, b"holdfast.sha256\x12\x40" + b"0" * 64)
+    )
+    assert "seal" in str(
+        refused_unopened(sealed_again(model.SerializeToString() + hidden))
+    )
 
 
 @HUGE_INPUT.mark
@@ -648,7 +687,8 @@ def test_the_fields_that_are_read_are_counted_and_limited() -> None:
     reader = Reader()
     with pytest.raises(ValueError, match="more than"):
         reader.message(
-            memoryview(b"\x08\x01" * (2 * MOST_FIELDS)), {1: Field("x", 0, repeated=True)}
+            memoryview(b"\x08\x01" * (2 * MOST_FIELDS)),
+            {1: Field("x", 0, repeated=True)},
         )
     assert reader.fields == MOST_FIELDS + 1
 
@@ -658,11 +698,15 @@ def test_the_fields_that_are_read_are_counted_and_limited() -> None:
 
 @FOREIGN_MODEL.mark
 @pytest.mark.parametrize("eight", [True, False])
-def test_probabilities_that_are_no_number_are_refused_at_load(eight: bool, tmp_path: Path) -> None:
+def test_probabilities_that_are_no_number_are_refused_at_load(
+    eight: bool, tmp_path: Path
+) -> None:
     model = opened(eight)
     softmax = maker(model, "p_class" if eight else "p_situation")
     product = maker(model, maker(model, softmax.input[0]).input[0])
-    (weights,) = [one for one in model.graph.initializer if one.name == product.input[1]]
+    (weights,) = [
+        one for one in model.graph.initializer if one.name == product.input[1]
+    ]
     weights.raw_data = np.full_like(numpy_helper.to_array(weights), 3e38).tobytes()
     (tmp_path / "m.onnx").write_bytes(resealed(model, golden=True))
     with pytest.raises(NotAModel, match="p_situation"):
@@ -733,7 +777,9 @@ def _exchange(model: onnx.ModelProto, data: st.DataObject) -> None:
         raw[data.draw(st.integers(0, len(raw) - 1))] = data.draw(st.integers(0, 255))
         tensor.raw_data = bytes(raw)
     if kind == "operator":
-        node.op_type = data.draw(st.sampled_from(sorted({one.op_type for one in model.graph.node})))
+        node.op_type = data.draw(
+            st.sampled_from(sorted({one.op_type for one in model.graph.node}))
+        )
 
 
 def _alter_attribute(attribute: onnx.AttributeProto, data: st.DataObject) -> None:
@@ -741,7 +787,9 @@ def _alter_attribute(attribute: onnx.AttributeProto, data: st.DataObject) -> Non
     if attribute.ints:
         attribute.ints[data.draw(st.integers(0, len(attribute.ints) - 1))] = number
     elif attribute.floats:
-        attribute.floats[data.draw(st.integers(0, len(attribute.floats) - 1))] = float(number)
+        attribute.floats[data.draw(st.integers(0, len(attribute.floats) - 1))] = float(
+            number
+        )
     elif attribute.type == onnx.AttributeProto.INT:
         attribute.i = number
 
@@ -758,9 +806,14 @@ def artifacts() -> list[Artifact]:
     alone = [artifact(spec([group])) for group in GROUPS]
     whole = [
         artifact(
-            spec([*GROUPS], unit, n_sensors, rate_hz), eight, extra, replace(plan, n_estimators=2)
+            spec([*GROUPS], unit, n_sensors, rate_hz),
+            eight,
+            extra,
+            replace(plan, n_estimators=2),
         )
-        for (unit, n_sensors, rate_hz, eight, extra), plan in zip(OPTIONS, plans, strict=True)
+        for (unit, n_sensors, rate_hz, eight, extra), plan in zip(
+            OPTIONS, plans, strict=True
+        )
     ]
     return [*alone, *whole, with_networks(artifact(spec()))]
 
@@ -781,7 +834,9 @@ def test_the_allowed_operators_are_those_that_the_exporter_writes_over_all_its_o
     written: dict[tuple[str, str], set[str]] = {}
     for one in artifacts:
         for node in read_onnx(graph_of(one).SerializeToString()).nodes:
-            written.setdefault((node.domain, node.op_type), set()).update(node.attributes)
+            written.setdefault((node.domain, node.op_type), set()).update(
+                node.attributes
+            )
     assert written == ALLOWED
     assert {op for _, op in written} == set(RULES)
 

@@ -6,20 +6,26 @@ import numpy as np
 import pytest
 from grip_senses import RATE_HZ, bits, of_hand, of_hands, random_senses, sense
 
-from holdfast.edge_runtime.friction import SAMPLES, SPARE, FrictionMargin
-from holdfast.edge_runtime.lanes import ONE_LANE, ManyLanes
+from holdfast.edge_runtime.batch import ONE_LANE, ManyLanes
+from holdfast.edge_runtime.grip_control import SAMPLES, SPARE, FrictionMargin
 
 GRIP_N = 4.0
 
 
-def holding(margin: FrictionMargin, ratio: float, samples: int = 60, **changes: object) -> None:
+def holding(
+    margin: FrictionMargin, ratio: float, samples: int = 60, **changes: object
+) -> None:
     """Hold without slip at a ratio of load to both sides' grip."""
     for _ in range(samples):
         margin.step(sense(grip_n=GRIP_N, load_n=2.0 * GRIP_N * ratio, **changes))
 
 
 def sliding(
-    margin: FrictionMargin, friction: float, samples: int = 20, noise: float = 0.0, seed: int = 0
+    margin: FrictionMargin,
+    friction: float,
+    samples: int = 20,
+    noise: float = 0.0,
+    seed: int = 0,
 ) -> None:
     """Slide: the load is what friction bears, read with noise."""
     rng = np.random.default_rng(seed)
@@ -44,7 +50,9 @@ def test_one_hand_and_many_have_the_same_bits() -> None:
         single.step(of_hands(senses, slice(0, 1)))
         for hand, one in enumerate(ones):
             one.step(of_hand(senses, hand))
-            assert bits([*estimates(one), one.held]) == bits([*estimates(many), many.held], hand)
+            assert bits([*estimates(one), one.held]) == bits(
+                [*estimates(many), many.held], hand
+            )
         assert bits([*estimates(single)], 0) == bits([*estimates(many)], 0)
 
 
@@ -92,7 +100,9 @@ def test_a_ratio_that_changes_is_no_sample_of_friction() -> None:
 
 
 @pytest.mark.parametrize(("samples", "p_risky"), [(SAMPLES - 1, 1.0), (40, 0.8)])
-def test_a_short_or_a_doubtful_slide_is_no_sample_of_friction(samples: int, p_risky: float) -> None:
+def test_a_short_or_a_doubtful_slide_is_no_sample_of_friction(
+    samples: int, p_risky: float
+) -> None:
     margin = margin_of()
     for _ in range(samples):
         margin.step(sense(grip_n=GRIP_N, load_n=2.0 * GRIP_N * 0.2, p_risky=p_risky))

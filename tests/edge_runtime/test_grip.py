@@ -19,10 +19,16 @@ from grip_senses import (
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from holdfast.edge_runtime.errors import UsageError
-from holdfast.edge_runtime.grip import CONTROLLERS, AnswerRules, Controller, Holdfast, PdShear
+from holdfast.core.errors import UsageError
+from holdfast.edge_runtime.batch import ONE_LANE, ManyLanes
+from holdfast.edge_runtime.grip import (
+    CONTROLLERS,
+    AnswerRules,
+    Controller,
+    Holdfast,
+    PdShear,
+)
 from holdfast.edge_runtime.grip_control import controller_of
-from holdfast.edge_runtime.lanes import ONE_LANE, ManyLanes
 
 SAMPLES, HANDS = 80, 3
 EVERY = sorted(CONTROLLERS)
@@ -40,7 +46,9 @@ def after_a_hold(
     return controller
 
 
-def answers_of(controller: Controller, *each: dict[str, Any], given_n: float = 0.0) -> list[float]:
+def answers_of(
+    controller: Controller, *each: dict[str, Any], given_n: float = 0.0
+) -> list[float]:
     """What it wants at samples one after another, each given as the controller wanted before."""
     wanted = []
     for changes in each:
@@ -79,7 +87,9 @@ def test_no_number_makes_a_nan(name: str) -> None:
 
 
 @pytest.mark.parametrize("value", [0.0, 5e-324, 3e38])
-def test_a_hand_that_senses_one_number_for_ever_gets_a_finite_target(value: float) -> None:
+def test_a_hand_that_senses_one_number_for_ever_gets_a_finite_target(
+    value: float,
+) -> None:
     for name in EVERY:
         loop = loop_of(ONE_LANE, name)
         for p_risky in (0.0, 0.9) * 40:
@@ -109,12 +119,18 @@ def test_pd_shear_wants_nothing_under_its_threshold_or_with_an_empty_hand() -> N
     assert answers_of(after_a_hold("pd-shear"), {"load_n": 5.0, "empty": True}) == [0.0]
 
 
-def test_sliding_mode_pushes_back_to_the_own_grip_and_saturates_beyond_its_boundary() -> None:
+def test_sliding_mode_pushes_back_to_the_own_grip_and_saturates_beyond_its_boundary() -> (
+    None
+):
     controller = after_a_hold("sliding-mode", 2.0)
     wanted = [controller.want(sense(grip_n=n), 3.0, 0.0) for n in (3.0, 2.5, 0.5, 6.0)]
     own_n = wanted[2] - 2.0  # saturated
-    assert own_n == pytest.approx(3.0, rel=0.01)  # 0.1 s of averaging, half a second after contact
-    assert wanted == pytest.approx([own_n + 2.0 * x for x in (own_n - 3.0, own_n - 2.5, 1.0, -1.0)])
+    assert own_n == pytest.approx(
+        3.0, rel=0.01
+    )  # 0.1 s of averaging, half a second after contact
+    assert wanted == pytest.approx(
+        [own_n + 2.0 * x for x in (own_n - 3.0, own_n - 2.5, 1.0, -1.0)]
+    )
 
 
 def test_sliding_mode_knows_no_slip_and_waits_for_half_a_second_of_contact() -> None:
@@ -169,7 +185,9 @@ BRAKED_N = 3.0 + 2.0 / 16.0
 RISING = {"grip_n": 5.0, "p_risky": 1.0}
 
 
-def test_holdfast_brakes_when_the_evidence_ends_and_stays_where_the_grip_is_then() -> None:
+def test_holdfast_brakes_when_the_evidence_ends_and_stays_where_the_grip_is_then() -> (
+    None
+):
     quiet = [{"grip_n": n} for n in (6.0, 7.0, 7.5, 7.2, 7.1)]
     wanted = answers_of(after_a_hold("holdfast", 8.0), RISING, *quiet)
     assert wanted == pytest.approx([13.0, BRAKED_N, BRAKED_N, BRAKED_N, 7.2, 7.2])
@@ -190,7 +208,8 @@ def test_a_sample_that_was_lost_leaves_the_controller_as_it_was(name: str) -> No
     """A loop steps it with an unknown state and no forces, a live run does not step it at all."""
     lost: dict[str, Any] = {"known": False, "grip_n": 0.0, "load_n": 0.0}
     stream: list[dict[str, Any]] = [
-        {"load_n": 2.0 + 0.05 * k, "p_safe": 0.8, "p_risky": 0.9 * (k > 3)} for k in range(8)
+        {"load_n": 2.0 + 0.05 * k, "p_safe": 0.8, "p_risky": 0.9 * (k > 3)}
+        for k in range(8)
     ]
     whole = answers_of(after_a_hold(name), *stream, given_n=5.0)
     for at in range(1, 8):
@@ -213,7 +232,9 @@ def handing_over(p_safe: float, step_n: float) -> list[dict[str, Any]]:
 
 @pytest.mark.parametrize("step_n", [-0.06, 0.06])
 def test_holdfast_gives_back_a_safe_slip_with_a_changing_load(step_n: float) -> None:
-    wanted = answers_of(after_a_hold("holdfast"), *handing_over(0.9, step_n), given_n=8.0)
+    wanted = answers_of(
+        after_a_hold("holdfast"), *handing_over(0.9, step_n), given_n=8.0
+    )
     assert wanted[0] == 8.0
     assert wanted[-1] == 0.0
 
@@ -223,7 +244,9 @@ def test_holdfast_keeps_the_grip_in_a_static_hold_and_without_a_safe_slip(
     p_safe: float, step_n: float
 ) -> None:
     controller = after_a_hold("holdfast")
-    answers_of(controller, *[{"load_n": 3.0}] * 100, given_n=8.0)  # the load has come before
+    answers_of(
+        controller, *[{"load_n": 3.0}] * 100, given_n=8.0
+    )  # the load has come before
     wanted = answers_of(controller, *handing_over(p_safe, step_n), given_n=8.0)
     assert set(wanted) == {8.0}
 
@@ -241,5 +264,7 @@ def test_holdfast_raises_to_what_friction_needs_only_where_it_has_answered() -> 
 
 
 def test_an_unknown_controller_is_refused_with_the_names_there_are() -> None:
-    with pytest.raises(UsageError, match="pd-shear, sliding-mode, smsp, ismsp, holdfast"):
+    with pytest.raises(
+        UsageError, match="pd-shear, sliding-mode, smsp, ismsp, holdfast"
+    ):
         controller_of("pid", ONE_LANE, RATE_HZ)

@@ -10,12 +10,18 @@ import pytest
 from hazard_marks import LOST_SENSOR
 from made_prediction import prediction
 
-from holdfast.edge_runtime.contract import BoolArray, FloatArray
-from holdfast.edge_runtime.errors import UsageError
+from holdfast.core.contract import BoolArray, FloatArray
+from holdfast.core.errors import UsageError
 from holdfast.edge_runtime.grip import Holdfast
-from holdfast.edge_runtime.grip_command import EXPIRES_MS, MODES, GripCommand, last_line, to_line
 from holdfast.edge_runtime.grip_control import GripControl
-from holdfast.edge_runtime.supervisor import Limits
+from holdfast.edge_runtime.supervisor import (
+    EXPIRES_MS,
+    MODES,
+    GripCommand,
+    Limits,
+    last_line,
+    to_line,
+)
 
 RATE_HZ = 150.0
 ALL = np.ones(6, dtype=np.bool_)
@@ -29,7 +35,10 @@ UNKNOWN: dict[str, Any] = {"state": "unknown", "why": "sensors", "p_risky": 0.9}
 
 
 def step(
-    control: GripControl, forces: FloatArray = HELD, valid: BoolArray = ALL, **changes: Any
+    control: GripControl,
+    forces: FloatArray = HELD,
+    valid: BoolArray = ALL,
+    **changes: Any,
 ) -> GripCommand:
     return control.step(prediction(**changes), forces, valid)
 
@@ -51,7 +60,11 @@ def test_a_quiet_hold_is_idle_and_has_no_target() -> None:
 
 def test_a_risky_slip_tightens_and_is_felt() -> None:
     command = step(held(), **RISKY)
-    assert (command.mode, command.reason, command.feedback) == ("tighten", "risky slip", 1.0)
+    assert (command.mode, command.reason, command.feedback) == (
+        "tighten",
+        "risky slip",
+        1.0,
+    )
     assert command.target_n == pytest.approx(3.0 + Holdfast.SETTING)
     assert command.slew_n_s == Limits().slew_n_s
     assert (command.sequence, command.t_ns) == (7, 10**9)
@@ -76,7 +89,9 @@ def test_an_unknown_state_with_nothing_given_is_a_hold_without_a_target() -> Non
 @pytest.mark.parametrize(
     ("command", "reason"), [("opening", "opening"), ("overridden", "override")]
 )
-def test_the_wearer_ends_the_target_and_the_command_says_so(command: str, reason: str) -> None:
+def test_the_wearer_ends_the_target_and_the_command_says_so(
+    command: str, reason: str
+) -> None:
     control, ends = held(), RISKY | {command: True}
     step(control, **RISKY)
     ended = step(control, **ends)
@@ -116,8 +131,12 @@ def test_a_ceiling_in_newtons_does_not_end_the_grip_on_raw_fields() -> None:
 
 
 @pytest.mark.parametrize("name", ["pd-shear", "sliding-mode"])
-def test_a_controller_that_needs_newtons_is_refused_where_there_are_none(name: str) -> None:
-    with pytest.raises(UsageError, match=f"{name} needs forces in N, this model answers in uT"):
+def test_a_controller_that_needs_newtons_is_refused_where_there_are_none(
+    name: str,
+) -> None:
+    with pytest.raises(
+        UsageError, match=f"{name} needs forces in N, this model answers in uT"
+    ):
         GripControl(name, RATE_HZ, unit="uT")
 
 
@@ -178,6 +197,10 @@ def test_a_line_is_json_that_gives_the_command_back_with_its_expiry() -> None:
 
 def test_the_last_line_of_a_run_is_a_hold() -> None:
     values = json.loads(last_line(9, 5, "stopped"))
-    assert (values["mode"], values["target_n"], values["slew_n_s"]) == ("hold", None, 0.0)
+    assert (values["mode"], values["target_n"], values["slew_n_s"]) == (
+        "hold",
+        None,
+        0.0,
+    )
     assert (values["sequence"], values["t_ns"], values["reason"]) == (9, 5, "stopped")
     assert values["expires_ms"] == EXPIRES_MS

@@ -8,12 +8,20 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from grip_bench import Hands, TtyReceiver, UdpReceiver, opened, send, sender, wait_for_the_end_of
+from grip_bench import (
+    Hands,
+    TtyReceiver,
+    UdpReceiver,
+    opened,
+    send,
+    sender,
+    wait_for_the_end_of,
+)
 from hazard_marks import NO_GRIP_COMMAND, RUN_DIES, WIRE_FAILS
 
-from holdfast.edge_runtime.errors import DeviceNotFound, UsageError
-from holdfast.edge_runtime.grip_links import open_link
-from holdfast.edge_runtime.guardian import Guardian
+from holdfast.core.errors import DeviceNotFound, UsageError
+from holdfast.live.grip_links import open_link
+from holdfast.live.guardian import Guardian
 
 A_WHILE_NS = 3_000_000_000
 
@@ -157,7 +165,9 @@ def test_a_stalled_reader_never_delays_a_command_and_is_reported(tty):
 
 
 @WIRE_FAILS.mark
-def test_an_unplugged_port_comes_back_under_its_name_and_begins_with_hold(tmp_path: Path):
+def test_an_unplugged_port_comes_back_under_its_name_and_begins_with_hold(
+    tmp_path: Path,
+):
     clock = Hands()
     messages: list[str] = []
     name = tmp_path / "ttyHAND"
@@ -182,7 +192,9 @@ def test_an_unplugged_port_comes_back_under_its_name_and_begins_with_hold(tmp_pa
                 opening.join()
             k += 1
         assert send(sink, k) == [True]
-        assert [second.next()["reason"] for _ in range(4)] == ["link was lost"] * 3 + ["risky slip"]
+        assert [second.next()["reason"] for _ in range(4)] == ["link was lost"] * 3 + [
+            "risky slip"
+        ]
     assert second.next()["reason"] == "stopped"
     second.close()
 
@@ -228,7 +240,7 @@ def test_a_line_that_was_cut_off_does_not_spoil_the_one_after_it(tty):
 
 @WIRE_FAILS.mark
 def test_a_slow_port_leaves_out_commands_and_queues_none(tty, monkeypatch):
-    import holdfast.edge_runtime.grip_links as links
+    import holdfast.live.grip_links as links
 
     waiting = iter([0, 500, 200, 50])
     monkeypatch.setattr(links, "unsent_bytes", lambda port: next(waiting))

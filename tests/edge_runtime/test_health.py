@@ -13,8 +13,14 @@ from hazard_marks import DEAD_HAND, LATE_ANSWER, RESTART, WRONG_RATE
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from holdfast.edge_runtime.contract import Prediction, Sample
-from holdfast.edge_runtime.health import LEAST_SPAN, RING, LoadedStart, RateWatch, RepeatWatch
+from holdfast.core.contract import Prediction, Sample
+from holdfast.edge_runtime.health import (
+    LEAST_SPAN,
+    RING,
+    LoadedStart,
+    RateWatch,
+    RepeatWatch,
+)
 from holdfast.edge_runtime.monitor import GripMonitor, Model
 
 DEFAULT = Path(__file__).resolve().parents[2] / "models" / "holdfast-150hz.onnx"
@@ -40,11 +46,14 @@ def pulls_and_falls(model: Model) -> list[Trial]:
     scene = Scene(replace(read_card("thesis"), step_s=0.003), 4000)
     trials = scene.trials()
     chosen = [
-        [one for one in trials if one.action == action][::16][:10] for action in ("pull", "fall")
+        [one for one in trials if one.action == action][::16][:10]
+        for action in ("pull", "fall")
     ]
     return [
         (
-            model.card.preparation.apply(one.signal.values.reshape(len(one.signal.t_s), -1)),
+            model.card.preparation.apply(
+                one.signal.values.reshape(len(one.signal.t_s), -1)
+            ),
             one.truth.load_onset_s,
             one.truth.contact_lost_s,
         )
@@ -54,7 +63,9 @@ def pulls_and_falls(model: Model) -> list[Trial]:
 
 def noise(count: int, seed: int = 1) -> np.ndarray:
     """[count, 18] of a hand that is held still, N."""
-    return np.tile([0.1, 0.1, 2.0], 6) + 0.02 * np.random.default_rng(seed).normal(size=(count, 18))
+    return np.tile([0.1, 0.1, 2.0], 6) + 0.02 * np.random.default_rng(seed).normal(
+        size=(count, 18)
+    )
 
 
 def fed(
@@ -69,7 +80,8 @@ def fed(
     monitor = GripMonitor(model, None, bias_known=bias_known)
     flags = np.ones((len(values), 6), dtype=np.bool_) if valid is None else valid
     return [
-        monitor.feed(Sample(round(k * period_ns), row, flags[k], k)) for k, row in enumerate(values)
+        monitor.feed(Sample(round(k * period_ns), row, flags[k], k))
+        for k, row in enumerate(values)
     ]
 
 
@@ -92,7 +104,9 @@ def test_a_hand_that_is_stuck_in_a_short_ring_of_readings_is_unknown(
     model: Model, period: int
 ) -> None:
     answers = fed(model, stuck_hand(period))[200 + model.card.settle_samples + RING :]
-    assert {(answer.state, answer.why) for answer in answers} == {("unknown", "repeats")}
+    assert {(answer.state, answer.why) for answer in answers} == {
+        ("unknown", "repeats")
+    }
 
 
 def spoilt(kind: str, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -113,13 +127,17 @@ def spoilt(kind: str, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 @DEAD_HAND.mark
 @pytest.mark.parametrize("kind", ["lost", "nan", "inf", "huge", "signed zeros"])
-def test_one_spoilt_reading_in_seventy_does_not_hide_a_stuck_hand(model: Model, kind: str) -> None:
+def test_one_spoilt_reading_in_seventy_does_not_hide_a_stuck_hand(
+    model: Model, kind: str
+) -> None:
     values, valid = spoilt(kind, stuck_hand(1))
     assert {answer.state for answer in fed(model, values, valid)[300:]} == {"unknown"}
 
 
 @DEAD_HAND.mark
-def test_one_live_finger_is_a_live_hand_and_the_stuck_ones_are_the_drivers_to_find() -> None:
+def test_one_live_finger_is_a_live_hand_and_the_stuck_ones_are_the_drivers_to_find() -> (
+    None
+):
     watch, values = RepeatWatch(6, 10), np.zeros(18)
     stuck = []
     for row in noise(40):
@@ -167,7 +185,9 @@ def test_a_standing_clock_is_noticed_by_the_monitor_itself(model: Model) -> None
 
 
 @WRONG_RATE.mark
-def test_a_clock_that_stands_still_later_is_noticed_within_the_history(model: Model) -> None:
+def test_a_clock_that_stands_still_later_is_noticed_within_the_history(
+    model: Model,
+) -> None:
     monitor = GripMonitor(model, None)
     stamps = [round(min(k, 300) * PERIOD_NS) for k in range(400)]
     answers = [
@@ -175,15 +195,16 @@ def test_a_clock_that_stands_still_later_is_noticed_within_the_history(model: Mo
         for k, (t, row) in enumerate(zip(stamps, noise(400), strict=True))
     ]
     assert answers[299].state == "grasp"
-    assert {answer.why for answer in answers[300 + model.card.settle_samples // 2 + 2 :]} == {
-        "rate"
-    }
+    assert {
+        answer.why for answer in answers[300 + model.card.settle_samples // 2 + 2 :]
+    } == {"rate"}
 
 
 @pytest.mark.parametrize("factor", [0.92, 1.08])
 def test_a_rate_within_tolerance_is_good(model: Model, factor: float) -> None:
     assert "unknown" not in {
-        answer.state for answer in fed(model, noise(400), period_ns=PERIOD_NS / factor)[100:]
+        answer.state
+        for answer in fed(model, noise(400), period_ns=PERIOD_NS / factor)[100:]
     }
 
 
@@ -195,7 +216,8 @@ def test_losses_are_no_other_rate(lost: Callable[[int], bool], counted: bool) ->
     watch = RateWatch(150.0, 76)
     kept = [k for k in range(600) if not lost(k)]
     assert all(
-        watch.fits(round(k * PERIOD_NS), k if counted else turn) for turn, k in enumerate(kept)
+        watch.fits(round(k * PERIOD_NS), k if counted else turn)
+        for turn, k in enumerate(kept)
     )
 
 
@@ -204,7 +226,8 @@ def test_losses_are_no_other_rate(lost: Callable[[int], bool], counted: bool) ->
 def test_jitter_is_no_other_rate(late: list[float]) -> None:
     watch = RateWatch(150.0, 76)
     assert all(
-        watch.fits(round((k + one) * PERIOD_NS), k) for k, one in enumerate(late[: LEAST_SPAN * 20])
+        watch.fits(round((k + one) * PERIOD_NS), k)
+        for k, one in enumerate(late[: LEAST_SPAN * 20])
     )
 
 
@@ -239,18 +262,26 @@ def test_an_answer_older_than_two_periods_says_late_and_is_unknown(
 
 
 @LATE_ANSWER.mark
-def test_a_stamp_from_the_future_is_another_clocks_and_the_state_unknown(model: Model) -> None:
+def test_a_stamp_from_the_future_is_another_clocks_and_the_state_unknown(
+    model: Model,
+) -> None:
     clock = Clock()
     monitor = GripMonitor(model, clock)
     answers = [
         monitor.feed(Sample(round((k + 3) * PERIOD_NS), row, ALL, k))
         for k, row in enumerate(noise(200))
     ]
-    assert (answers[-1].state, answers[-1].why, answers[-1].late) == ("unknown", "clock", False)
+    assert (answers[-1].state, answers[-1].why, answers[-1].late) == (
+        "unknown",
+        "clock",
+        False,
+    )
 
 
 @LATE_ANSWER.mark
-def test_a_late_answer_begins_and_ends_no_act(model: Model, pulls_and_falls: list[Trial]) -> None:
+def test_a_late_answer_begins_and_ends_no_act(
+    model: Model, pulls_and_falls: list[Trial]
+) -> None:
     """The same risky samples, on time and late: only the first ask for anything."""
     rows, _, _ = pulls_and_falls[0]
     for age, acts in ((0.5, True), (3.0, False)):
@@ -270,13 +301,17 @@ def test_a_replay_is_never_late(model: Model) -> None:
 
 
 def test_an_empty_hand_is_seen_empty_and_then_answers_nothing(model: Model) -> None:
-    answers = fed(model, 0.02 * np.random.default_rng(2).normal(size=(200, 18)), bias_known=True)
+    answers = fed(
+        model, 0.02 * np.random.default_rng(2).normal(size=(200, 18)), bias_known=True
+    )
     assert not any(answer.started_loaded for answer in answers)
     assert answers[-1].state == "nothing"
 
 
 @RESTART.mark
-def test_a_start_under_load_is_reported_until_the_hand_has_been_empty(model: Model) -> None:
+def test_a_start_under_load_is_reported_until_the_hand_has_been_empty(
+    model: Model,
+) -> None:
     empty = 0.02 * np.random.default_rng(3).normal(size=(200, 18))
     answers = fed(model, np.concatenate([noise(200), empty]), bias_known=True)
     loaded = [answer.started_loaded for answer in answers]
@@ -286,7 +321,9 @@ def test_a_start_under_load_is_reported_until_the_hand_has_been_empty(model: Mod
 
 
 @RESTART.mark
-def test_without_a_stored_bias_whether_the_start_was_loaded_is_not_known(model: Model) -> None:
+def test_without_a_stored_bias_whether_the_start_was_loaded_is_not_known(
+    model: Model,
+) -> None:
     assert {answer.started_loaded for answer in fed(model, noise(100))} == {None}
 
 
@@ -340,10 +377,12 @@ def acted_in_time(model: Model, trial: Trial, *, restart: bool) -> bool:
 
 
 @pytest.mark.parametrize("valid", [ALL, ~ALL])
-def test_every_answer_is_a_line_of_json_with_the_reason(model: Model, valid: np.ndarray) -> None:
+def test_every_answer_is_a_line_of_json_with_the_reason(
+    model: Model, valid: np.ndarray
+) -> None:
     import json
 
-    from holdfast.edge_runtime.output import to_json_line
+    from holdfast.live.outputs import to_json_line
 
     answer = GripMonitor(model, None).feed(Sample(0, noise(1)[0], valid, 0))
     content = json.loads(to_json_line(replace(answer, commands="expired")))

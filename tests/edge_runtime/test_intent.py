@@ -11,12 +11,18 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from holdfast.drivers.lsl_intent import LslIntent
+from holdfast.core.errors import ColumnError, DeviceLost, NotANumber
+from holdfast.drivers.lsl import LslIntent
 from holdfast.drivers.lsl_streams import StreamFacts
 from holdfast.edge_runtime.commands import receiving
-from holdfast.edge_runtime.errors import ColumnError, DeviceLost, NotANumber
-from holdfast.edge_runtime.intent import Intent, IntentMonitor, UdpIntent
-from holdfast.edge_runtime.intent_file import intent_header, intent_row, read_intent
+from holdfast.edge_runtime.intent import (
+    Intent,
+    IntentMonitor,
+    UdpIntent,
+    intent_header,
+    intent_row,
+    read_intent,
+)
 
 PERIOD_NS = 6_666_667
 
@@ -29,7 +35,9 @@ class Hand:
     def __init__(self, opens_at: float | None = None) -> None:
         self.ns, self.next, self.forgotten = 10**9, list[Intent](), 0
         self.messages: list[str] = []
-        self.monitor = IntentMonitor(self, lambda: self.ns, self.messages.append, opens_at)
+        self.monitor = IntentMonitor(
+            self, lambda: self.ns, self.messages.append, opens_at
+        )
 
     def came(self) -> list[Intent]:
         came, self.next = self.next, []
@@ -42,7 +50,8 @@ class Hand:
         """A period passes, these items come; what is known then."""
         self.ns += PERIOD_NS
         self.next = [
-            Intent(self.ns, one.get("wants", ""), tuple(one.get("envelope", ()))) for one in items
+            Intent(self.ns, one.get("wants", ""), tuple(one.get("envelope", ())))
+            for one in items
         ]
         self.monitor.look()
         return self.monitor.newest
@@ -80,7 +89,11 @@ def test_a_silent_stream_is_unknown_after_three_tenths_of_a_second(hand, word):
 
 def test_envelopes_alone_mean_nothing_without_a_level(hand):
     newest = hand.sample({"envelope": (1.0, 0.0)})
-    assert (newest.wants, newest.envelope, hand.monitor.opening) == ("", (1.0, 0.0), False)
+    assert (newest.wants, newest.envelope, hand.monitor.opening) == (
+        "",
+        (1.0, 0.0),
+        False,
+    )
 
 
 def test_an_envelope_opens_from_its_level_and_ends_below_half_of_it():
@@ -116,7 +129,9 @@ def test_what_waited_while_nothing_looked_is_dropped(hand):
 @given(
     st.lists(
         st.one_of(
-            st.none(), st.sampled_from(["open", "close", "rest"]), st.floats(0.0, 1.0, width=16)
+            st.none(),
+            st.sampled_from(["open", "close", "rest"]),
+            st.floats(0.0, 1.0, width=16),
         ),
         max_size=300,
     ),
@@ -151,7 +166,10 @@ def test_the_wish_is_never_older_than_it_may_be_and_never_made_up(stream, level)
 def udp() -> Iterator[tuple[Callable[[Any], None], UdpIntent, list[str]]]:
     """(sends one datagram, the stream, its messages)."""
     messages: list[str] = []
-    with receiving("127.0.0.1:0") as receiver, socket.socket(type=socket.SOCK_DGRAM) as sender:
+    with (
+        receiving("127.0.0.1:0") as receiver,
+        socket.socket(type=socket.SOCK_DGRAM) as sender,
+    ):
         sender.connect(receiver.getsockname())
 
         def send(said: Any) -> None:
@@ -224,7 +242,9 @@ class ScriptedInlet:
     """Gives what it was given; its clock is 1000 s ahead of the run's."""
 
     def __init__(self, *, is_text: bool, pairs: list[tuple[float, list[Any]]]) -> None:
-        self.facts = StreamFacts("emg", is_text, 100.0, ("",) * (1 if is_text else 2), ("",) * 2)
+        self.facts = StreamFacts(
+            "emg", is_text, 100.0, ("",) * (1 if is_text else 2), ("",) * 2
+        )
         self.pairs = pairs
 
     def pull(self, timeout_s: float) -> list[Any]:
@@ -246,7 +266,10 @@ def test_stamps_of_the_lab_streaming_layer_are_put_on_the_runs_clock():
     pairs = [(1000.5, [0.25, 0.5]), (1000.75, [2.0, 0.0]), (1009.0, [0.5, 0.5])]
     inlet = ScriptedInlet(is_text=False, pairs=pairs)
     stream = LslIntent(inlet, lambda: 10**9, messages.append)
-    assert stream.came() == [Intent(500_000_000, "", (0.25, 0.5)), Intent(10**9, "", (0.5, 0.5))]
+    assert stream.came() == [
+        Intent(500_000_000, "", (0.25, 0.5)),
+        Intent(10**9, "", (0.5, 0.5)),
+    ]
     assert len(messages) == 1
     assert stream.came() == stream.came() == []
     assert messages[1:] == ["intent: lsl://emg ended"]
@@ -277,7 +300,9 @@ def test_a_file_reads_back_as_it_was_written_without_a_torn_line(tmp_path):
     )
     record = read_intent(path)
     assert record.time_s == (0.5, 0.6, 0.9)
-    assert record.items == tuple(Intent(one.t_ns + 5, one.wants, one.envelope) for one in ITEMS)
+    assert record.items == tuple(
+        Intent(one.t_ns + 5, one.wants, one.envelope) for one in ITEMS
+    )
 
 
 @pytest.mark.parametrize(

@@ -23,13 +23,8 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from live_bench import DEFAULT, ROOT, RUN, Steady, go
 
-from holdfast.drivers.calibration_file import read_bias
-from holdfast.drivers.paced import PacedReplay
-from holdfast.drivers.replay import Replay, open_replay
-from holdfast.drivers.virtual.clock import VirtualClock
-from holdfast.edge_runtime.commands import command_port
-from holdfast.edge_runtime.contract import Prediction, Sample
-from holdfast.edge_runtime.errors import (
+from holdfast.core.contract import Prediction, Sample
+from holdfast.core.errors import (
     ChannelError,
     DeviceError,
     OutputError,
@@ -37,16 +32,18 @@ from holdfast.edge_runtime.errors import (
     UnitError,
     UsageError,
 )
+from holdfast.drivers.calibration import read_bias
+from holdfast.drivers.replay import PacedReplay, Replay, open_replay
+from holdfast.drivers.virtual.clock import VirtualClock
+from holdfast.edge_runtime.commands import command_port
 from holdfast.edge_runtime.intent import Intent
-from holdfast.edge_runtime.live import STAGES, Command, SourceReading, Summary
 from holdfast.edge_runtime.monitor import GripMonitor, Model
-from holdfast.edge_runtime.notify import service_watchdog
-from holdfast.edge_runtime.preparation import Preparation
-from holdfast.edge_runtime.sample_file import sample_file
-from holdfast.edge_runtime.sinks import Outlets, file_sink, stream_sink, udp_sink
-from holdfast.edge_runtime.tare import Tare
-from holdfast.live_run import answer
-from holdfast.live_sources import open_live, scene_of
+from holdfast.edge_runtime.preparation import Preparation, Tare
+from holdfast.live.hand_sources import open_live, scene_of
+from holdfast.live.loop import STAGES, Command, SourceReading, Summary
+from holdfast.live.outputs import Outlets, file_sink, sample_file, stream_sink, udp_sink
+from holdfast.live.run import answer
+from holdfast.live.stopping import service_watchdog
 
 if TYPE_CHECKING:
     from conftest import Built
@@ -123,7 +120,9 @@ def test_every_stage_has_its_latency_and_a_run_of_nothing_has_none(model):
     json.dumps(summary.to_json())
 
 
-def test_the_user_s_override_ends_a_request_and_an_opening_hand_begins_none(model, monkeypatch):
+def test_the_user_s_override_ends_a_request_and_an_opening_hand_begins_none(
+    model, monkeypatch
+):
     import holdfast.edge_runtime.monitor as watched
 
     user_commands = []
@@ -131,7 +130,9 @@ def test_the_user_s_override_ends_a_request_and_an_opening_hand_begins_none(mode
     monkeypatch.setattr(
         watched,
         "decide",
-        lambda *a, **k: user_commands.append((k["opening"], k["override"])) or real(*a, **k),
+        lambda *a, **k: (
+            user_commands.append((k["opening"], k["override"])) or real(*a, **k)
+        ),
     )
     clock = VirtualClock()
     commands = iter([Command(), Command(opening=True), Command(override=True)])
@@ -153,7 +154,9 @@ rows = hnp.arrays(
     st.booleans(),
     st.sampled_from(["normal", "sensor"]),
 )
-def test_a_stream_is_tared_as_a_recording_is_prepared(raw, bias_rows, statistic, flip, turns):
+def test_a_stream_is_tared_as_a_recording_is_prepared(
+    raw, bias_rows, statistic, flip, turns
+):
     preparation = Preparation(bias_rows, statistic, flip, flip_beyond=0.3, turns=turns)
     tare, valid = Tare(preparation, 6), np.ones(2, dtype=np.bool_)
     out = [tare.prepare(row, valid) for row in raw]
@@ -209,7 +212,9 @@ def live(
     samples: list[Sample] = []
     source = open_live(url, clock=clock, say=messages.append)
     end_ns = clock.now_ns() + round(1e9 * seconds)
-    summary = answer(source, model, clock, kept(answers, samples), lambda: clock.now_ns() >= end_ns)
+    summary = answer(
+        source, model, clock, kept(answers, samples), lambda: clock.now_ns() >= end_ns
+    )
     source.close()
     return summary, answers, samples, messages
 
@@ -240,7 +245,9 @@ def pull(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return card
 
 
-def test_a_virtual_hand_is_pulled_at_and_asks_to_act_once_after_the_load_came_on(model, pull):
+def test_a_virtual_hand_is_pulled_at_and_asks_to_act_once_after_the_load_came_on(
+    model, pull
+):
     url = f"virtual://ft232h?scene={pull}&seed=2"
     summary, answers, _, _ = live(model, url, 5.0)
     found = scene_of(url)
@@ -257,12 +264,16 @@ def test_a_virtual_hand_is_pulled_at_and_asks_to_act_once_after_the_load_came_on
 @pytest.mark.parametrize(
     "fault", ["nack:3@1+0.3", "frozen:2@1+0.3", "por:4@1", "unplug@1+0.3", "late@1+0.1"]
 )
-def test_the_state_is_unknown_while_a_sensor_is_lost_and_comes_back_settled(model, fault):
+def test_the_state_is_unknown_while_a_sensor_is_lost_and_comes_back_settled(
+    model, fault
+):
     _, answers, _, messages = live(
         model, f"virtual://ft232h?fault={fault.replace('+', '%2B')}", 2.6
     )
     unknown = [
-        a.t_acquired_ns * 1e-9 for a in answers if a.state == "unknown" and a.t_acquired_ns > 0.9e9
+        a.t_acquired_ns * 1e-9
+        for a in answers
+        if a.state == "unknown" and a.t_acquired_ns > 0.9e9
     ]
     assert 1.0 - 1 / 150 < unknown[0] < 1.0 + 0.020 + 3 / 150
     assert answers[-1].state == "nothing"
@@ -270,7 +281,9 @@ def test_the_state_is_unknown_while_a_sensor_is_lost_and_comes_back_settled(mode
     assert messages
 
 
-def test_what_a_live_run_kept_replays_to_the_same_decisions_bit_for_bit(model, pull, tmp_path):
+def test_what_a_live_run_kept_replays_to_the_same_decisions_bit_for_bit(
+    model, pull, tmp_path
+):
     faults = "fault=nack:3@1.5%2B0.1&fault=unplug@2%2B0.1"
     url = f"virtual://ft232h?scene={pull}&seed=2&{faults}"
     _, answers, samples, _ = live(model, url, 5.0)
@@ -284,8 +297,12 @@ def test_what_a_live_run_kept_replays_to_the_same_decisions_bit_for_bit(model, p
     }
     # rows that never came are filled in there
     again = [replayed[sample.t_ns - samples[0].t_ns] for sample in samples]
-    result = [(a.state, a.p_situation, a.arm, a.act, a.detectors, a.settled) for a in answers]
-    assert [(a.state, a.p_situation, a.arm, a.act, a.detectors, a.settled) for a in again] == result
+    result = [
+        (a.state, a.p_situation, a.arm, a.act, a.detectors, a.settled) for a in answers
+    ]
+    assert [
+        (a.state, a.p_situation, a.arm, a.act, a.detectors, a.settled) for a in again
+    ] == result
     assert any(a.act for a in again)
     assert any(a.state == "unknown" for a in again[200:])
 
@@ -298,7 +315,8 @@ def test_a_recording_at_its_own_pace_answers_as_a_replay_does(eight_classes: Bui
     answer(source, model, clock, kept(answers, []), lambda: False)
     monitor = GripMonitor(model, None)
     offline = [
-        monitor.feed(sample) for sample in open_replay(trial).prepared(model.card.preparation)
+        monitor.feed(sample)
+        for sample in open_replay(trial).prepared(model.card.preparation)
     ]
     settle = model.card.preparation.bias_rows + model.card.settle_samples
     assert [a.state for a in answers[settle:]] == [a.state for a in offline[settle:]]
@@ -371,7 +389,10 @@ def test_a_line_goes_everywhere_at_once(tmp_path, model):
         receiver.bind(("127.0.0.1", 0))
         receiver.settimeout(300)
         port = receiver.getsockname()[1]
-        with file_sink(tmp_path / "out.jsonl") as to_file, udp_sink(f"127.0.0.1:{port}") as to_port:
+        with (
+            file_sink(tmp_path / "out.jsonl") as to_file,
+            udp_sink(f"127.0.0.1:{port}") as to_port,
+        ):
             Outlets([stream_sink(text), to_file, to_port], print).emit(predictions[0])
         datagram = receiver.recv(65536).decode()
     assert text.getvalue() == datagram + "\n" == (tmp_path / "out.jsonl").read_text()
@@ -380,14 +401,22 @@ def test_a_line_goes_everywhere_at_once(tmp_path, model):
 
 def test_a_file_that_is_there_is_not_written_over(tmp_path):
     (tmp_path / "out.jsonl").write_text("mine")
-    with pytest.raises(OutputError, match="new file"), file_sink(tmp_path / "out.jsonl"):
+    with (
+        pytest.raises(OutputError, match="new file"),
+        file_sink(tmp_path / "out.jsonl"),
+    ):
         pass
-    with pytest.raises(OutputError, match="new file"), sample_file(tmp_path / "out.jsonl", 18):
+    with (
+        pytest.raises(OutputError, match="new file"),
+        sample_file(tmp_path / "out.jsonl", 18),
+    ):
         pass
     assert (tmp_path / "out.jsonl").read_text() == "mine"
 
 
-@pytest.mark.parametrize("address", ["9000", "host:", ":9", "127.0.0.1:99999", "127.0.0.1:x"])
+@pytest.mark.parametrize(
+    "address", ["9000", "host:", ":9", "127.0.0.1:99999", "127.0.0.1:x"]
+)
 def test_an_address_that_cannot_be_is_a_usage_error(address):
     with pytest.raises(UsageError, match="HOST:PORT"), udp_sink(address):
         pass
@@ -421,10 +450,12 @@ def test_a_signal_ends_a_run_cleanly_with_its_summary(how):
 def test_the_view_shows_the_state_the_fingers_and_what_is_wrong_with_them(model):
     from rich.console import Console
 
-    from holdfast.view import picture
+    from holdfast.live.view import picture
 
     _, answers, samples, _ = live(model, "virtual://ft232h?fault=nack:3@0.5%2B5", 1.0)
-    measured = SourceReading(0, np.zeros(18), samples[-1].valid, ("", "", "nack", "", "", ""))
+    measured = SourceReading(
+        0, np.zeros(18), samples[-1].valid, ("", "", "nack", "", "", "")
+    )
     console = Console(file=io.StringIO(), width=80, force_terminal=True)
     console.print(picture(answers[-1], samples[-1], measured, "N"))
     text = console.file.getvalue()
@@ -438,19 +469,26 @@ def test_the_view_shows_the_state_the_fingers_and_what_is_wrong_with_them(model)
     assert re.search(r"envelope 1 █{15} 0\.50", console.file.getvalue())
 
 
-def test_a_view_draws_over_its_last_picture_below_the_messages_and_goes_away_at_the_end(model):
+def test_a_view_draws_over_its_last_picture_below_the_messages_and_goes_away_at_the_end(
+    model,
+):
     from rich.console import Console
 
-    from holdfast.view import viewed
+    from holdfast.live.view import viewed
 
     _, answers, samples, _ = live(model, "virtual://ft232h", 0.1)
     read, write = os.pipe()
     with open(read, "rb") as seen, open(write, "w", encoding="utf-8") as terminal:
         with viewed(
-            "N", console=Console(file=terminal, width=80, height=30, force_terminal=True)
+            "N",
+            console=Console(file=terminal, width=80, height=30, force_terminal=True),
         ) as view:
             view.tell("finger 3 is lost")
-            view.show(answers[-1], samples[-1], SourceReading(0, np.zeros(18), samples[-1].valid))
+            view.show(
+                answers[-1],
+                samples[-1],
+                SourceReading(0, np.zeros(18), samples[-1].valid),
+            )
             shown = b""
             while b"UNKNOWN" not in shown:
                 shown += os.read(read, 65536)
@@ -465,7 +503,7 @@ def test_a_view_draws_over_its_last_picture_below_the_messages_and_goes_away_at_
 def test_a_view_on_what_is_no_terminal_draws_nothing(tmp_path):
     from rich.console import Console
 
-    from holdfast.view import viewed
+    from holdfast.live.view import viewed
 
     with (
         open(tmp_path / "err", "w", encoding="utf-8") as file,
@@ -476,7 +514,7 @@ def test_a_view_on_what_is_no_terminal_draws_nothing(tmp_path):
 
 
 def test_scan_names_every_sensor_and_the_layout_to_use(capsys):
-    from holdfast.cli import main
+    from holdfast.cli.main import main
 
     assert main(["scan", "virtual://ft232h?layout=mux6&fault=diag:3@0%2B100"]) == 0
     out = capsys.readouterr().out
@@ -487,15 +525,17 @@ def test_scan_names_every_sensor_and_the_layout_to_use(capsys):
 
 
 def test_scan_without_a_bridge_says_what_to_do_next(capsys):
-    from holdfast.cli import main
+    from holdfast.cli.main import main
 
     assert main(["scan"]) == 6
     assert "holdfast doctor" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(("part", "holds"), [("udev", "6014"), ("service", "NoNewPrivileges=yes")])
+@pytest.mark.parametrize(
+    ("part", "holds"), [("udev", "6014"), ("service", "NoNewPrivileges=yes")]
+)
 def test_the_board_s_files_come_out_whole(capsys, part, holds):
-    from holdfast.cli import main
+    from holdfast.cli.main import main
 
     assert main(["board", part]) == 0
     assert holds in capsys.readouterr().out
@@ -507,7 +547,10 @@ def test_the_udev_rules_name_every_bridge():
     rules = (ROOT / "drivers" / "board" / "70-holdfast.rules").read_text()
     for name in BRIDGES:
         for vendor, product in ids_of(name):
-            assert f'ATTR{{idVendor}}=="{vendor:04x}", ATTR{{idProduct}}=="{product:04x}"' in rules
+            assert (
+                f'ATTR{{idVendor}}=="{vendor:04x}", ATTR{{idProduct}}=="{product:04x}"'
+                in rules
+            )
 
 
 def test_a_bridge_too_slow_for_the_model_is_refused_before_the_first_sample(model):
@@ -531,7 +574,9 @@ def test_a_recording_at_another_rate_is_refused(eight_classes: Built, model):
 
 
 @contextmanager
-def commanded(log: list[str], clock: VirtualClock) -> Iterator[Callable[[str], Command]]:
+def commanded(
+    log: list[str], clock: VirtualClock
+) -> Iterator[Callable[[str], Command]]:
     """A command port, and what is commanded after a datagram ("" for none)."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind(("127.0.0.1", 0))
@@ -574,7 +619,13 @@ def test_the_user_s_commands_come_by_a_port_of_their_own_and_changes_are_logged(
         Command(link="live"),
         Command(link="live"),
     ]
-    assert [line.endswith("(not understood)") for line in log] == [False, False, True, False, True]
+    assert [line.endswith("(not understood)") for line in log] == [
+        False,
+        False,
+        True,
+        False,
+        True,
+    ]
 
 
 @SILENT_SENDER.mark
@@ -630,10 +681,18 @@ def test_the_service_manager_receives_ready_at_the_first_answer_then_signs_of_li
             for now_ns in (0, 50_000_000, 100_000_000, 350_000_000):
                 alive(now_ns)
         datagrams = [manager.recv(100) for _ in range(5)]
-    assert datagrams == [b"READY=1", b"WATCHDOG=1", b"WATCHDOG=1", b"WATCHDOG=1", b"STOPPING=1"]
+    assert datagrams == [
+        b"READY=1",
+        b"WATCHDOG=1",
+        b"WATCHDOG=1",
+        b"WATCHDOG=1",
+        b"STOPPING=1",
+    ]
 
 
-def test_a_service_manager_that_does_not_listen_or_is_not_there_delays_nothing(tmp_path):
+def test_a_service_manager_that_does_not_listen_or_is_not_there_delays_nothing(
+    tmp_path,
+):
     path = str(tmp_path / "notify")
     for environment in (
         {},
@@ -669,10 +728,14 @@ def test_the_shipped_service_names_bias_calibration_and_commands_is_never_given_
 def test_the_shipped_service_s_command_is_one_that_the_program_understands():
     import shlex
 
-    from holdfast.edge_runtime.command import Parser
-    from holdfast.run import add_arguments
+    from holdfast.cli.command import Parser
+    from holdfast.cli.run import add_arguments
 
-    unit = (ROOT / "drivers" / "board" / "holdfast.service").read_text().replace("\\\n", "")
+    unit = (
+        (ROOT / "drivers" / "board" / "holdfast.service")
+        .read_text()
+        .replace("\\\n", "")
+    )
     line = next(line for line in unit.splitlines() if line.startswith("ExecStart="))
     parser = Parser(prog="holdfast run")
     add_arguments(parser)
@@ -689,7 +752,7 @@ def test_the_shipped_service_s_command_is_one_that_the_program_understands():
 def test_a_bias_that_was_measured_before_lets_a_run_begin_with_a_loaded_hand(
     model, tmp_path, capsys
 ):
-    from holdfast.cli import main
+    from holdfast.cli.main import main
 
     assert (
         main(

@@ -24,9 +24,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from small_model import metadata_of, with_metadata
 
-from holdfast.edge_runtime.contract import CLASSES, SITUATIONS, Sample
-from holdfast.edge_runtime.decision import DecisionRules
-from holdfast.edge_runtime.errors import (
+from holdfast.core.contract import CLASSES, SITUATIONS, Sample
+from holdfast.core.errors import (
     BrokenSeal,
     DataNotFound,
     GoldenMismatch,
@@ -35,6 +34,7 @@ from holdfast.edge_runtime.errors import (
     NotAModel,
     RuntimeRefused,
 )
+from holdfast.edge_runtime.decision import DecisionRules
 from holdfast.edge_runtime.golden import golden_input
 from holdfast.edge_runtime.model_file import (
     CARD_KEY,
@@ -80,7 +80,11 @@ def test_a_sealed_file_opens_and_says_who_it_is(
         (four_situations, SITUATIONS, ("p_risky_250ms",)),
     ):
         card = Model(built.model).card
-        assert (card.classes, card.heads, card.has_weight) == (classes, heads, classes == CLASSES)
+        assert (card.classes, card.heads, card.has_weight) == (
+            classes,
+            heads,
+            classes == CLASSES,
+        )
         assert metadata_of(content(built.model))[SEAL_KEY].startswith(card.model_id)
 
 
@@ -91,13 +95,18 @@ def test_the_seal_is_the_sha256_of_the_file_with_its_own_digits_zeroed(
     digits = metadata_of(data)[SEAL_KEY].encode()
     assert re.fullmatch(rb"[0-9a-f]{64}", digits)
     assert data.count(digits) == 1
-    assert hashlib.sha256(data.replace(digits, b"0" * 64)).hexdigest().encode() == digits
+    assert (
+        hashlib.sha256(data.replace(digits, b"0" * 64)).hexdigest().encode() == digits
+    )
 
 
 @given(place=st.floats(0.0, 1.0, exclude_max=True), flip=st.integers(1, 255))
 @settings(max_examples=150)
 def test_one_altered_byte_anywhere_is_refused(
-    eight_classes: Built, tmp_path_factory: pytest.TempPathFactory, place: float, flip: int
+    eight_classes: Built,
+    tmp_path_factory: pytest.TempPathFactory,
+    place: float,
+    flip: int,
 ) -> None:
     altered = bytearray(content(eight_classes.model))
     altered[int(place * len(altered))] ^= flip
@@ -117,7 +126,9 @@ def test_one_altered_digit_of_the_seal_is_refused(
         else digits[digit : digit + 1].translate(bytes(range(1, 256)) + b"\0")
     )
     altered = digits[:digit] + other + digits[digit + 1 :]
-    assert isinstance(refused(tmp_path / "m.onnx", data.replace(digits, altered)), BrokenSeal)
+    assert isinstance(
+        refused(tmp_path / "m.onnx", data.replace(digits, altered)), BrokenSeal
+    )
 
 
 @given(share=st.floats(0.0, 1.0, exclude_max=True))
@@ -134,7 +145,9 @@ def test_so_is_one_cut_short_within_its_first_or_last_bytes(
 ) -> None:
     data = content(eight_classes.model)
     for length in [*range(70), *range(len(data) - 100, len(data))]:
-        assert isinstance(refused(tmp_path / "m.onnx", data[:length]), BrokenSeal | NotAModel)
+        assert isinstance(
+            refused(tmp_path / "m.onnx", data[:length]), BrokenSeal | NotAModel
+        )
     assert isinstance(refused(tmp_path / "m.onnx", data[: len(data) // 2]), BrokenSeal)
 
 
@@ -144,10 +157,14 @@ def test_so_is_one_cut_short_within_its_first_or_last_bytes(
 def test_so_is_one_with_something_after_its_end(
     eight_classes: Built, tmp_path: Path, more: bytes
 ) -> None:
-    assert isinstance(refused(tmp_path / "m.onnx", content(eight_classes.model) + more), BrokenSeal)
+    assert isinstance(
+        refused(tmp_path / "m.onnx", content(eight_classes.model) + more), BrokenSeal
+    )
 
 
-def assert_refused_unread(tmp_path_factory: pytest.TempPathFactory, data: bytes) -> None:
+def assert_refused_unread(
+    tmp_path_factory: pytest.TempPathFactory, data: bytes
+) -> None:
     """Refused on the bytes alone, before a parser sees them."""
     path = tmp_path_factory.getbasetemp() / "altered.onnx"
     path.write_bytes(data)
@@ -170,11 +187,17 @@ def zipped(path: Path) -> bytes:
 
 FOREIGN: dict[str, tuple[Callable[[Path], bytes], str]] = {
     "a pickle": (lambda _: pickle.dumps(Trap()), "pickle, which Holdfast never reads"),
-    "an old pickle": (lambda _: pickle.dumps(Trap(), protocol=0), "not a sealed Holdfast model"),
+    "an old pickle": (
+        lambda _: pickle.dumps(Trap(), protocol=0),
+        "not a sealed Holdfast model",
+    ),
     "a zip archive": (lambda folder: zipped(folder / "x.zip"), "zip archive"),
     "text": (lambda _: b"Time,X1,Y1,Z1\n0,1,2,3\n", "not a sealed Holdfast model"),
     "an empty file": (lambda _: b"", "empty file"),
-    "noise": (lambda _: np.random.default_rng(0).bytes(5000), "not a sealed Holdfast model"),
+    "noise": (
+        lambda _: np.random.default_rng(0).bytes(5000),
+        "not a sealed Holdfast model",
+    ),
     "another tool's ONNX file": (
         lambda _: onnx.helper.make_model(
             onnx.helper.make_graph([], "g", [], [])
@@ -194,7 +217,10 @@ def test_what_is_no_model_is_called_by_its_name(tmp_path: Path, kind: str) -> No
 
 
 def test_a_folder_and_nothing_at_all_are_no_model_either(tmp_path: Path) -> None:
-    for path, error in ((tmp_path, NotAModel), (tmp_path / "nowhere.onnx", DataNotFound)):
+    for path, error in (
+        (tmp_path, NotAModel),
+        (tmp_path / "nowhere.onnx", DataNotFound),
+    ):
         with pytest.raises(HoldfastError) as caught:
             Model(path)
         assert type(caught.value) is error
@@ -215,12 +241,16 @@ def test_other_runtimes_are_not(version: str) -> None:
 
 @VERSIONS.mark
 def test_the_runtimes_refused_are_the_runtimes_that_are_never_installed() -> None:
-    requirements = tomllib.loads(PYPROJECT.read_text("utf-8"))["project"]["dependencies"]
+    requirements = tomllib.loads(PYPROJECT.read_text("utf-8"))["project"][
+        "dependencies"
+    ]
     (onnxruntime,) = [line for line in requirements if line.startswith("onnxruntime")]
     assert sorted(re.findall(r"!=([\d.]+)", onnxruntime)) == sorted(WRONG_RUNTIMES)
 
 
-def test_a_file_sealed_by_the_rule_alone_is_accepted(eight_classes: Built, tmp_path: Path) -> None:
+def test_a_file_sealed_by_the_rule_alone_is_accepted(
+    eight_classes: Built, tmp_path: Path
+) -> None:
     again = tmp_path / "m.onnx"
     again.write_bytes(with_metadata(content(eight_classes.model)))
     assert Model(again).card == Model(eight_classes.model).card
@@ -238,11 +268,18 @@ def test_every_golden_answer_is_compared(
     published = {output.name for output in onnx.load_from_string(data).graph.output}
     assert set(golden) == published - {"features", "state_out"}
     for name, entry in golden.items():
-        numbers = np.frombuffer(base64.b64decode(entry["data"]), dtype=entry["dtype"]).copy()
+        numbers = np.frombuffer(
+            base64.b64decode(entry["data"]), dtype=entry["dtype"]
+        ).copy()
         middle = len(numbers) // 2
         numbers[middle] = moved(numbers[middle])
-        other = {**golden, name: {**entry, "data": base64.b64encode(numbers.tobytes()).decode()}}
-        error = refused(tmp_path / "m.onnx", with_metadata(data, **{GOLDEN_KEY: json.dumps(other)}))
+        other = {
+            **golden,
+            name: {**entry, "data": base64.b64encode(numbers.tobytes()).decode()},
+        }
+        error = refused(
+            tmp_path / "m.onnx", with_metadata(data, **{GOLDEN_KEY: json.dumps(other)})
+        )
         assert type(error) is GoldenMismatch
         assert repr(name) in str(error)
 
@@ -250,7 +287,11 @@ def test_every_golden_answer_is_compared(
 def moved(number: Any) -> Any:
     if number.dtype.kind == "b":
         return not number
-    return number + 1 if number.dtype.kind == "i" else number + 3e-5 * max(1.0, abs(number))
+    return (
+        number + 1
+        if number.dtype.kind == "i"
+        else number + 3e-5 * max(1.0, abs(number))
+    )
 
 
 def test_a_golden_answer_within_its_tolerance_is_accepted(
@@ -258,7 +299,9 @@ def test_a_golden_answer_within_its_tolerance_is_accepted(
 ) -> None:
     data = content(eight_classes.model)
     golden = json.loads(metadata_of(data)[GOLDEN_KEY])
-    numbers = np.frombuffer(base64.b64decode(golden["p_class"]["data"]), dtype=np.float32)
+    numbers = np.frombuffer(
+        base64.b64decode(golden["p_class"]["data"]), dtype=np.float32
+    )
     close = base64.b64encode(np.nextafter(numbers, np.float32(1.0)).tobytes()).decode()
     golden["p_class"]["data"] = close
     path = tmp_path / "m.onnx"
@@ -325,7 +368,9 @@ def test_a_card_that_contradicts_its_graph_is_refused(
     four_situations: Built, tmp_path: Path, fault: str
 ) -> None:
     data = content(four_situations.model)
-    error = refused(tmp_path / "m.onnx", with_metadata(data, **CONTRADICTED[fault](data)))
+    error = refused(
+        tmp_path / "m.onnx", with_metadata(data, **CONTRADICTED[fault](data))
+    )
     assert isinstance(error, NotAModel)
 
 
@@ -334,12 +379,15 @@ def test_a_file_whose_seal_holds_is_still_no_model_if_it(
     eight_classes: Built, tmp_path: Path, fault: str
 ) -> None:
     error = refused(
-        tmp_path / "m.onnx", with_metadata(content(eight_classes.model), **GARBLED[fault])
+        tmp_path / "m.onnx",
+        with_metadata(content(eight_classes.model), **GARBLED[fault]),
     )
     assert isinstance(error, NotAModel | GoldenMismatch)
 
 
-def test_golden_input_is_the_same_numbers_every_time_and_holds_every_kind_of_fault() -> None:
+def test_golden_input_is_the_same_numbers_every_time_and_holds_every_kind_of_fault() -> (
+    None
+):
     values, valid = golden_input(18, "N", 26)
     again, _ = golden_input(18, "N", 26)
     assert values.tobytes() == again.tobytes()
@@ -352,11 +400,15 @@ def test_golden_input_is_the_same_numbers_every_time_and_holds_every_kind_of_fau
     np.testing.assert_array_equal(finite * 64.0, np.round(finite * 64.0))
 
 
-def test_golden_sequences_meet_settling_loss_and_more_than_one_answer(eight_classes: Built) -> None:
+def test_golden_sequences_meet_settling_loss_and_more_than_one_answer(
+    eight_classes: Built,
+) -> None:
     golden = json.loads(metadata_of(content(eight_classes.model))[GOLDEN_KEY])
 
     def stored(name: str) -> np.ndarray:
-        return np.frombuffer(base64.b64decode(golden[name]["data"]), dtype=golden[name]["dtype"])
+        return np.frombuffer(
+            base64.b64decode(golden[name]["data"]), dtype=golden[name]["dtype"]
+        )
 
     for name in ("unknown", "settled", "usable_sensors", "situation", "detectors"):
         assert len(np.unique(stored(name))) > 1
@@ -367,7 +419,11 @@ def test_the_card_lists_everything_a_consumer_needs(eight_classes: Built) -> Non
     card = Model(eight_classes.model).card.raw
     spec, training = card["spec"], card["training"]
     assert (spec["rate_hz"], spec["n_sensors"], spec["unit"]) == (50.0, 6, "N")
-    assert (card["window_samples"], card["history_samples"], card["settle_samples"]) == (6, 25, 26)
+    assert (
+        card["window_samples"],
+        card["history_samples"],
+        card["settle_samples"],
+    ) == (6, 25, 26)
     assert spec["min_valid_sensors"] == 6
     assert card["bands_hz"] == [10.0, 15.0, 20.0]
     assert card["bands_left_out_hz"] == [25.0, 30.0, 35.0, 40.0, 45.0, 50.0, 55.0]
@@ -409,11 +465,16 @@ def test_the_decision_rules_of_the_card_are_the_ones_that_decide(
 ) -> None:
     artifact = read_artifact(eight_classes.artifact)
     never = replace(
-        artifact, decision={**artifact.decision, "arm_samples": 10**4, "act_samples": 10**4}
+        artifact,
+        decision={**artifact.decision, "arm_samples": 10**4, "act_samples": 10**4},
     )
     path = tmp_path / "m.onnx"
     path.write_bytes(
-        seal(onnx.load_from_string(content(eight_classes.model)), model_card(never), artifact.spec)
+        seal(
+            onnx.load_from_string(content(eight_classes.model)),
+            model_card(never),
+            artifact.spec,
+        )
     )
     pulled = next(r for r in eight_classes.data.recordings if r.action == "pull")
     armed = {}

@@ -9,7 +9,7 @@ import threading
 
 import pytest
 
-from holdfast.edge_runtime.priority import real_time
+from holdfast.live.real_time import real_time
 
 FIRST = os.SCHED_FIFO | os.SCHED_RESET_ON_FORK
 ASKS = "import os; print(os.sched_getscheduler(0))"
@@ -21,7 +21,9 @@ def policies() -> list[int]:
     thread = threading.Thread(target=lambda: values.append(os.sched_getscheduler(0)))
     thread.start()
     thread.join()
-    child = subprocess.run([sys.executable, "-c", ASKS], capture_output=True, text=True, check=True)
+    child = subprocess.run(
+        [sys.executable, "-c", ASKS], capture_output=True, text=True, check=True
+    )
     return [os.sched_getscheduler(0), *values, int(child.stdout)]
 
 
@@ -82,7 +84,7 @@ def test_a_user_without_the_right_reads_on_and_is_warned_once():
     them."""
     script = (
         "import os\n"
-        "from holdfast.real_time import first_in_line\n"
+        "from holdfast.live.real_time import first_in_line\n"
         "if os.geteuid() == 0:\n    os.setgid(65534); os.setuid(65534)\n"
         "with first_in_line(print) as yes:\n    print(yes)\n"
     )

@@ -14,20 +14,19 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from live_bench import DEFAULT, Steady, go
 
-from holdfast.drivers.paced import PacedReplay
-from holdfast.drivers.replay import Replay
+from holdfast.core import clock as clock_module
+from holdfast.core.clock import MonotonicClock
+from holdfast.core.contract import Prediction, Sample
+from holdfast.core.errors import TimeError
+from holdfast.core.trial_file import read_trial
+from holdfast.drivers.replay import PacedReplay, Replay
 from holdfast.drivers.virtual.clock import VirtualClock
-from holdfast.edge_runtime import clock as clock_module
-from holdfast.edge_runtime.clock import MonotonicClock
 from holdfast.edge_runtime.commands import MOST_A_SAMPLE, command_port
-from holdfast.edge_runtime.contract import Prediction, Sample
 from holdfast.edge_runtime.decision import DecisionState
-from holdfast.edge_runtime.errors import TimeError
-from holdfast.edge_runtime.live import SourceReading, run_live
 from holdfast.edge_runtime.monitor import GripMonitor, Model
-from holdfast.edge_runtime.sinks import Outlets, stream_sink, udp_sink
-from holdfast.edge_runtime.tare import Tare
-from holdfast.edge_runtime.trial_file import read_trial
+from holdfast.edge_runtime.preparation import Tare
+from holdfast.live.loop import SourceReading, run_live
+from holdfast.live.outputs import Outlets, stream_sink, udp_sink
 
 AREA = "Time and schedule"
 PERIOD_NS = round(1e9 / 150)
@@ -130,7 +129,10 @@ def test_a_plain_print_into_a_pipe_without_a_reader_would_wait_for_ever(stalled)
 
 @stalled_consumer
 def test_a_datagram_that_the_machine_does_not_let_out_is_a_line_not_taken():
-    with udp_sink("255.255.255.255:9") as to_broadcast, udp_sink("127.0.0.1:9") as to_closed:
+    with (
+        udp_sink("255.255.255.255:9") as to_broadcast,
+        udp_sink("127.0.0.1:9") as to_closed,
+    ):
         assert not to_broadcast("a line")  # without permission to
         assert to_closed("a line")  # UDP does not report that no socket listens
 
@@ -204,7 +206,11 @@ def still(sequence: int, t_ns: int) -> Sample:
 def test_a_recording_within_the_tolerance_is_read_row_by_row(model, rate_hz):
     clock, rows = VirtualClock(), np.arange(300.0)
     replay = Replay(
-        np.arange(300), np.repeat(rows[:, None], 18, axis=1), np.ones((300, 6), bool), rate_hz, "N"
+        np.arange(300),
+        np.repeat(rows[:, None], 18, axis=1),
+        np.ones((300, 6), bool),
+        rate_hz,
+        "N",
     )
     met: list[float] = []
     run_live(
@@ -230,7 +236,9 @@ class Stamped(Steady):
 
     def read(self) -> SourceReading | None:
         measured = super().read()
-        return measured and SourceReading(self._stamps[self.k - 1], measured.values, measured.valid)
+        return measured and SourceReading(
+            self._stamps[self.k - 1], measured.values, measured.valid
+        )
 
 
 def on_time(count: int, start_ns: int = 0) -> list[int]:
@@ -262,7 +270,9 @@ def test_a_source_that_repeats_itself_is_lost_and_then_unknown(model):
 def test_two_readings_in_the_wrong_order_cost_one_sample_and_no_error(model):
     stamps = on_time(300)
     stamps[200], stamps[201] = stamps[201], stamps[200]
-    summary, predictions, samples = go(model, Stamped(clock := VirtualClock(), stamps), clock)
+    summary, predictions, samples = go(
+        model, Stamped(clock := VirtualClock(), stamps), clock
+    )
     assert (summary.late, summary.repeated, summary.restarts) == (1, 0, 0)
     assert not samples[201].valid.any()
     assert predictions[201].state == "unknown"
@@ -284,7 +294,9 @@ def test_stamps_that_jump_back_begin_anew_and_are_unknown_until_settled(
     stamps = on_time(200, back_ns) + on_time(200, round(200e9 / 150))
     summary, predictions, _ = go(model, Stamped(clock := VirtualClock(), stamps), clock)
     settle = model.card.settle_samples
-    record_property("unknown_samples", sum(p.state == "unknown" for p in predictions[200:]))
+    record_property(
+        "unknown_samples", sum(p.state == "unknown" for p in predictions[200:])
+    )
     assert summary.restarts == 1
     assert {p.state for p in predictions[200 : 200 + settle - 1]} == {"unknown"}
     assert {p.state for p in predictions[200 + settle :]} == {"nothing"}
@@ -410,8 +422,8 @@ def test_a_flooded_port_delays_commands_and_no_sample(record_property):
 
 
 def test_lost_samples_are_counted_in_the_summary(model, capsys):
-    from holdfast.live_run import say_summary
-    from holdfast.messages import say
+    from holdfast.live.run import say_summary
+    from holdfast.live.stopping import say
 
     stamps = on_time(20) + [on_time(20)[-1]] * 3
     summary, predictions, _ = go(model, Stamped(clock := VirtualClock(), stamps), clock)

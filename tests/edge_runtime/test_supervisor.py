@@ -13,11 +13,18 @@ import pytest
 from grip_senses import RATE_HZ, sense
 from hazard_marks import SUPERVISOR_INVARIANTS
 
+from holdfast.edge_runtime.batch import ONE_LANE
 from holdfast.edge_runtime.grip import NoController
-from holdfast.edge_runtime.grip_command import HOLD, IDLE, RELAX, TIGHTEN, YIELD
 from holdfast.edge_runtime.grip_control import GripLoop
-from holdfast.edge_runtime.lanes import ONE_LANE
-from holdfast.edge_runtime.supervisor import Limits, Supervisor
+from holdfast.edge_runtime.supervisor import (
+    HOLD,
+    IDLE,
+    RELAX,
+    TIGHTEN,
+    YIELD,
+    Limits,
+    Supervisor,
+)
 
 PERIOD_S = 0.25
 RISE, MOST_RISE, GIVE_BACK = 2, 3, 4
@@ -47,7 +54,9 @@ class Wish(NamedTuple):
     def to(self, one: Supervisor) -> float:
         """The target that a supervisor makes of it."""
         flags = {name: getattr(self, name) for name in self._fields[3:]}
-        target_n: float = one.step(sense(**flags), self.wanted_n, self.fresh, self.holds_n)
+        target_n: float = one.step(
+            sense(**flags), self.wanted_n, self.fresh, self.holds_n
+        )
         return target_n
 
 
@@ -148,11 +157,15 @@ def test_an_override_or_an_opening_ends_every_target_at_once(steps: list[Step]) 
 
 @SUPERVISOR_INVARIANTS.mark
 def test_an_empty_hand_ends_every_target(steps: list[Step]) -> None:
-    assert not any(step.after.given_n for step in steps if step.wish.known and step.wish.empty)
+    assert not any(
+        step.after.given_n for step in steps if step.wish.known and step.wish.empty
+    )
 
 
 @SUPERVISOR_INVARIANTS.mark
-def test_an_unknown_state_holds_the_target_and_no_time_passes(steps: list[Step]) -> None:
+def test_an_unknown_state_holds_the_target_and_no_time_passes(
+    steps: list[Step],
+) -> None:
     for step in steps:
         if not step.wish.known and not step.ends:
             assert step.after == step.before
@@ -173,7 +186,9 @@ def test_no_target_rises_above_what_the_controller_wants(steps: list[Step]) -> N
 
 
 @SUPERVISOR_INVARIANTS.mark
-def test_no_target_rises_without_evidence_at_this_sample_or_just_before(steps: list[Step]) -> None:
+def test_no_target_rises_without_evidence_at_this_sample_or_just_before(
+    steps: list[Step],
+) -> None:
     for step in steps:
         if step.after.given_n > step.before.given_n:
             assert step.wish.fresh or step.before.since + 1 < RISE
@@ -213,7 +228,9 @@ def test_without_evidence_a_target_is_given_back_to_the_grip_that_holds(
 
 
 @SUPERVISOR_INVARIANTS.mark
-def test_a_target_falls_only_where_the_controller_or_the_time_wants_it(steps: list[Step]) -> None:
+def test_a_target_falls_only_where_the_controller_or_the_time_wants_it(
+    steps: list[Step],
+) -> None:
     for step in steps:
         if step.goes_on and step.after.since < GIVE_BACK:
             assert step.after.given_n >= min(step.wish.wanted_n, step.before.given_n)

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from holdfast.edge_runtime.errors import (
+from holdfast.core.errors import (
     ColumnError,
     DataError,
     DataNotFound,
@@ -17,19 +17,24 @@ from holdfast.edge_runtime.errors import (
     NotANumber,
     TimeError,
 )
-from holdfast.edge_runtime.trial_file import read_trial
+from holdfast.core.trial_file import read_trial
 
 HEADER = "Time,X1,Y1,Z1,X2,Y2,Z2"
 
 
 def rows(times_s: list[float] | None = None) -> list[str]:
-    return [f"{t_s:.3f},1,2,3,4,5,6" for t_s in times_s or [0.0, 0.02, 0.04, 0.06, 0.08]]
+    return [
+        f"{t_s:.3f},1,2,3,4,5,6" for t_s in times_s or [0.0, 0.02, 0.04, 0.06, 0.08]
+    ]
 
 
-def written(tmp_path: Path, header: str = HEADER, lines: list[str] | None = None) -> Path:
+def written(
+    tmp_path: Path, header: str = HEADER, lines: list[str] | None = None
+) -> Path:
     path = tmp_path / "trial_1.csv"
     path.write_text(
-        "\n".join([header, *(rows() if lines is None else lines)]) + "\n", encoding="utf-8"
+        "\n".join([header, *(rows() if lines is None else lines)]) + "\n",
+        encoding="utf-8",
     )
     return path
 
@@ -43,13 +48,17 @@ def test_a_trial_is_time_from_zero_channels_and_validity(tmp_path: Path) -> None
     assert trial.rate_hz == pytest.approx(50.0)
 
 
-def test_the_rate_is_the_median_step_so_one_late_sample_does_not_move_it(tmp_path: Path) -> None:
+def test_the_rate_is_the_median_step_so_one_late_sample_does_not_move_it(
+    tmp_path: Path,
+) -> None:
     assert read_trial(
         written(tmp_path, lines=rows([0, 0.02, 0.04, 0.09, 0.11, 0.13]))
     ).rate_hz == pytest.approx(50.0)
 
 
-def test_the_recorders_own_columns_are_read_and_its_validity_is_kept(tmp_path: Path) -> None:
+def test_the_recorders_own_columns_are_read_and_its_validity_is_kept(
+    tmp_path: Path,
+) -> None:
     lines = [f"{line},{k},{k},{k},1,{int(k != 2)}" for k, line in enumerate(rows())]
     trial = read_trial(
         written(tmp_path, f"{HEADER},host_ns,device_us,sequence,valid1,valid2", lines)
@@ -61,20 +70,23 @@ def test_the_recorders_own_columns_are_read_and_its_validity_is_kept(tmp_path: P
 def test_a_lost_value_is_written_as_nan_and_read_as_such(tmp_path: Path) -> None:
     lines = rows()
     lines[1] = "0.020,nan,2,3,4,5,6"
-    assert np.argwhere(np.isnan(read_trial(written(tmp_path, lines=lines)).raw)).tolist() == [
-        [1, 0]
-    ]
+    assert np.argwhere(
+        np.isnan(read_trial(written(tmp_path, lines=lines)).raw)
+    ).tolist() == [[1, 0]]
 
 
 def test_a_byte_order_mark_and_windows_line_ends_are_accepted(tmp_path: Path) -> None:
     path = tmp_path / "trial_1.csv"
-    path.write_bytes(b"\xef\xbb\xbf" + "\r\n".join([HEADER, *rows()]).encode() + b"\r\n")
+    path.write_bytes(
+        b"\xef\xbb\xbf" + "\r\n".join([HEADER, *rows()]).encode() + b"\r\n"
+    )
     assert read_trial(path).raw.shape == (5, 6)
 
 
 @given(
     values=st.lists(
-        st.lists(st.floats(allow_infinity=False, width=64), min_size=3, max_size=3), min_size=2
+        st.lists(st.floats(allow_infinity=False, width=64), min_size=3, max_size=3),
+        min_size=2,
     )
 )
 @settings(max_examples=50)
@@ -99,11 +111,21 @@ REFUSED = {
         ColumnError,
         "Z2",
     ),
-    "a sensor in the middle is missing": ("Time,X1,Y1,Z1,X3,Y3,Z3", None, ColumnError, "X2"),
+    "a sensor in the middle is missing": (
+        "Time,X1,Y1,Z1,X3,Y3,Z3",
+        None,
+        ColumnError,
+        "X2",
+    ),
     "there is no channel": ("Time", ["0", "1"], ColumnError, "X1"),
     "there is no time": ("X1,Y1,Z1,X2,Y2,Z2,Q", None, ColumnError, "'Time'"),
     "a column is unknown": (f"{HEADER},Temperature", None, ColumnError, "Temperature"),
-    "validity of a sensor that is not there": (f"{HEADER},valid3", None, ColumnError, "valid3"),
+    "validity of a sensor that is not there": (
+        f"{HEADER},valid3",
+        None,
+        ColumnError,
+        "valid3",
+    ),
     "a column occurs twice": ("Time,X1,Y1,Z1,X1,Y2,Z2", None, ColumnError, "X1"),
     "channels are out of order": ("Time,Y1,X1,Z1,X2,Y2,Z2", None, ColumnError, "order"),
     "there is text in a number": (
@@ -112,15 +134,30 @@ REFUSED = {
         NotANumber,
         "line 4, column Z1: 'oops'",
     ),
-    "a cell is empty": (HEADER, changed(2, "0.04,1,,3,4,5,6"), NotANumber, "line 4, column Y1"),
+    "a cell is empty": (
+        HEADER,
+        changed(2, "0.04,1,,3,4,5,6"),
+        NotANumber,
+        "line 4, column Y1",
+    ),
     "a number has underscores": (
         HEADER,
         changed(2, "0.04,1_0,2,3,4,5,6"),
         NotANumber,
         "line 4, column X1",
     ),
-    "a row is short": (HEADER, changed(4, "0.08,1,2"), ColumnError, "line 6 has 3 cells"),
-    "a row is long": (HEADER, changed(1, "0.02,1,2,3,4,5,6,7"), ColumnError, "line 3 has 8 cells"),
+    "a row is short": (
+        HEADER,
+        changed(4, "0.08,1,2"),
+        ColumnError,
+        "line 6 has 3 cells",
+    ),
+    "a row is long": (
+        HEADER,
+        changed(1, "0.02,1,2,3,4,5,6,7"),
+        ColumnError,
+        "line 3 has 8 cells",
+    ),
     "time runs backwards": (
         HEADER,
         rows([0, 0.02, 0.04, 0.03, 0.05]),
@@ -164,7 +201,8 @@ def test_an_empty_file_is_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "content", [bytes(range(256)) * 40, b"\x80\x04\x95pickle", b"PK\x03\x04" + b"\0" * 99]
+    "content",
+    [bytes(range(256)) * 40, b"\x80\x04\x95pickle", b"PK\x03\x04" + b"\0" * 99],
 )
 def test_a_binary_file_is_refused(tmp_path: Path, content: bytes) -> None:
     path = tmp_path / "trial_1.csv"
@@ -183,7 +221,9 @@ def test_binary_rows_under_a_good_header_are_refused(tmp_path: Path) -> None:
     one_line_that_names(path, caught.value)
 
 
-def test_a_file_that_is_absent_and_a_folder_have_different_errors(tmp_path: Path) -> None:
+def test_a_file_that_is_absent_and_a_folder_have_different_errors(
+    tmp_path: Path,
+) -> None:
     refuses(tmp_path / "nowhere.csv", DataNotFound, "no such file")
     refuses(tmp_path, NotANumber, "folder")
 
@@ -206,8 +246,18 @@ def test_rows_lost_in_a_short_gap_come_back_as_invalid_rows(tmp_path: Path) -> N
     path = tmp_path / "trial_1.csv"
     path.write_text("\n".join([HEADER, *rows([0.0, 0.02, 0.04, 0.10, 0.12])]))
     trial = read_trial(path)
-    np.testing.assert_allclose(trial.t_s, [0.0, 0.02, 0.04, 0.06, 0.08, 0.10, 0.12], atol=1e-12)
-    assert trial.valid.all(axis=1).tolist() == [True, True, True, False, False, True, True]
+    np.testing.assert_allclose(
+        trial.t_s, [0.0, 0.02, 0.04, 0.06, 0.08, 0.10, 0.12], atol=1e-12
+    )
+    assert trial.valid.all(axis=1).tolist() == [
+        True,
+        True,
+        True,
+        False,
+        False,
+        True,
+        True,
+    ]
     assert np.isnan(trial.raw).all(axis=1).tolist() == [
         False,
         False,

@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from command_line import Run
 
-from holdfast.evaluation.cells import macro_f1_cell, number, percent
+from holdfast.evaluation.page import macro_f1_cell, number, percent
 from holdfast.evaluation.pictures import confusion
-from holdfast.evaluation.score_pictures import confusion_spread
 from holdfast.evaluation.states import ConfusionFigures
 from holdfast.training.figures import SituationFigures
+from studies.score_pictures import confusion_spread
 
 if TYPE_CHECKING:
     from conftest import Built
@@ -29,19 +29,28 @@ def test_evaluate_prints_a_dash_for_a_situation_that_the_set_does_not_have(
     run: Run, eight_classes: Built, tmp_path: Path
 ) -> None:
     shutil.copytree(eight_classes.fixture, tmp_path / "set")
-    for action in [*(tmp_path / "set").glob("*/pass"), *(tmp_path / "set").glob("*/put-down")]:
+    for action in [
+        *(tmp_path / "set").glob("*/pass"),
+        *(tmp_path / "set").glob("*/put-down"),
+    ]:
         shutil.rmtree(action)
     files = ("--json", tmp_path / "figures.json", "--report", tmp_path / "report.html")
-    code, out, err = run("evaluate", eight_classes.model, "--data", tmp_path / "set", *files)
+    code, out, err = run(
+        "evaluate", eight_classes.model, "--data", tmp_path / "set", *files
+    )
     assert code == 0, err
-    assert re.search(r"^macro F1 over nothing, grasp, risky slip alone  0\.\d{3}", out, re.M)
+    assert re.search(
+        r"^macro F1 over nothing, grasp, risky slip alone  0\.\d{3}", out, re.M
+    )
     assert re.search(r"^  F1 safe_slip +-$", out, re.M)
     figures = json.loads((tmp_path / "figures.json").read_text("utf-8"))
     f1 = figures["situations"]["f1"]
     assert f1.pop("safe_slip") is None
     assert figures["situations"]["macro_f1"] == np.mean(list(f1.values()))
     page = (tmp_path / "report.html").read_text("utf-8")
-    assert page.count("over nothing, grasp, risky slip alone") == 2, "per sample and at windows"
+    assert page.count("over nothing, grasp, risky slip alone") == 2, (
+        "per sample and at windows"
+    )
     assert "over nothing, grasp light, grasp heavy, " in page, "of seven classes"
 
 
@@ -55,7 +64,9 @@ def test_a_cell_of_a_table_names_the_classes_only_where_one_is_absent() -> None:
 
 def test_the_row_of_an_absent_class_is_a_dash_in_pictures_of_confusions() -> None:
     counts = [[8, 2, 0], [0, 0, 0]]
-    level = ConfusionFigures(("grasp", "safe_slip", "unknown"), counts, 0.9, None, {}, {})
+    level = ConfusionFigures(
+        ("grasp", "safe_slip", "unknown"), counts, 0.9, None, {}, {}
+    )
     assert "-" in drawn_texts(confusion(level, "made"))
     matrix = np.diag([5, 5, 5, 5, 0, 5, 5, 5])
     full = np.diag([5] * 8)

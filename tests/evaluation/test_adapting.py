@@ -7,26 +7,24 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from holdfast.edge_runtime.contract import GRASP, RISKY_SLIP, SAFE_SLIP
+from holdfast.core.contract import GRASP, RISKY_SLIP, SAFE_SLIP
+from holdfast.core.errors import TooLittleToAdapt
 from holdfast.edge_runtime.decision import UNKNOWN, DecisionRules
-from holdfast.edge_runtime.errors import TooLittleToAdapt
-from holdfast.evaluation.adapting.adapt import require_enough
-from holdfast.evaluation.adapting.choice import LEAST_RECALL, choose
-from holdfast.evaluation.adapting.evidence import (
-    PersonCounts,
-    Stream,
-    corrected,
-    counts_of,
-    stream_of,
-)
-from holdfast.evaluation.adapting.logistic import (
+from holdfast.export.correction import corrected_votes
+from holdfast.sessions.adapting.adapt import require_enough
+from holdfast.sessions.adapting.choice import LEAST_RECALL, choose
+from holdfast.sessions.adapting.evidence import (
     MOST_NATS,
     TOP,
+    PersonCounts,
+    Stream,
     _best_of_slips,
+    corrected,
+    counts_of,
     fit_correction,
     moved,
+    stream_of,
 )
-from holdfast.export.correction import corrected_votes
 from holdfast.training.recording import Recording
 from holdfast.training.timeline import Phase, RiskyEvent
 
@@ -87,7 +85,9 @@ def test_hand_overs_that_look_like_no_slip_are_no_longer_called() -> None:
     assert ((kept.situation == RISKY_SLIP) & (kept.risky_permille >= 600)).any()
 
 
-def test_hand_overs_that_look_like_a_slip_stay_called_rather_than_slips_missed() -> None:
+def test_hand_overs_that_look_like_a_slip_stay_called_rather_than_slips_missed() -> (
+    None
+):
     for votes_in_all in (None, VOTES):
         point = choose(passes(alike=True), slips(), RULES, None, votes_in_all)
         assert point.reached.recall >= LEAST_RECALL
@@ -102,7 +102,9 @@ def test_a_threshold_alone_cannot_tell_votes_that_are_alike_apart() -> None:
 def test_a_moved_rule_still_adds_exactly_and_keeps_more_or_fewer_risky_votes() -> None:
     fitted, one = fit_correction(passes(), slips(), VOTES), stream(5, slip=False)
     risky = [
-        corrected_votes(moved(fitted, nats), one.features, one.votes)[:, RISKY_SLIP].sum()
+        corrected_votes(moved(fitted, nats), one.features, one.votes)[
+            :, RISKY_SLIP
+        ].sum()
         for nats in (-MOST_NATS, 0.0, MOST_NATS)
     ]
     assert risky == sorted(risky)
@@ -129,7 +131,10 @@ def test_counts_are_of_hand_overs_holding_and_slips() -> None:
 
 @pytest.mark.parametrize(
     ("change", "says"),
-    [({"hand_overs": 7}, "7 hand-overs of 8"), ({"holding_s": 12.0}, "12 s of holding of 40")],
+    [
+        ({"hand_overs": 7}, "7 hand-overs of 8"),
+        ({"holding_s": 12.0}, "12 s of holding of 40"),
+    ],
 )
 def test_too_little_is_refused_with_the_command_that_records_it(change, says) -> None:
     enough = PersonCounts(16, 8, 60.0, 0)

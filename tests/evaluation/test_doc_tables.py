@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from holdfast.edge_runtime.errors import DataNotFound
-from holdfast.evaluation.doc_tables import refresh
+from holdfast.core.errors import DataNotFound
+from tools.doc_tables import refresh
 
 PAGE = """Prose.
 <!-- first: written by a command -->
@@ -23,7 +23,9 @@ old
 def test_a_table_whose_figures_are_not_there_stays_and_is_named(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    page, there, absent = (tmp_path / name for name in ("page.md", "one.json", "two.json"))
+    page, there, absent = (
+        tmp_path / name for name in ("page.md", "one.json", "two.json")
+    )
     page.write_text(PAGE, encoding="utf-8")
     there.write_text(json.dumps({"figure": 7}), encoding="utf-8")
     refresh(

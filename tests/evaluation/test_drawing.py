@@ -9,9 +9,15 @@ from pathlib import Path
 import pytest
 from matplotlib.figure import Figure
 
-from holdfast.evaluation.drawing import DARK_INSTEAD, for_any_page, with_label
 from holdfast.evaluation.page import write_page
-from holdfast.evaluation.style import INK, SITUATION_COLOURS, svg
+from holdfast.evaluation.style import (
+    DARK_INSTEAD,
+    INK,
+    SITUATION_COLOURS,
+    for_any_page,
+    svg,
+    with_label,
+)
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -52,15 +58,25 @@ def test_ink_and_paper_of_a_file_change_on_a_dark_page(figure: Figure) -> None:
         assert f'"fill: {light}"]{{fill:{DARK_INSTEAD[light]}!important}}' in text
 
 
-def test_pictures_of_a_report_scroll_by_themselves(figure: Figure, tmp_path: Path) -> None:
-    page = write_page(tmp_path / "page.html", "two", [svg(figure), f"<h2>b</h2>{svg(figure)}"])
+def test_pictures_of_a_report_scroll_by_themselves(
+    figure: Figure, tmp_path: Path
+) -> None:
+    page = write_page(
+        tmp_path / "page.html", "two", [svg(figure), f"<h2>b</h2>{svg(figure)}"]
+    )
     text = page.read_text("utf-8")
     assert text.count("<div class=wide><svg") == text.count("</svg></div>") == 2
     assert "prefers-color-scheme:dark" in text
 
 
-@pytest.mark.parametrize("page", ["holdfast/live_page/page.css", "examples/browser/page.js"])
-def test_pages_of_their_own_give_situations_the_colours_of_every_report(page: str) -> None:
+@pytest.mark.parametrize(
+    "page", ["holdfast/live/page/page.css", "examples/browser/page.js"]
+)
+def test_pages_of_their_own_give_situations_the_colours_of_every_report(
+    page: str,
+) -> None:
     text = (ROOT / page).read_text("utf-8")
-    found = re.findall(r'(?:nothing|grasp|safe.slip|risky.slip)"?: "?(#[0-9a-f]{6})', text)
+    found = re.findall(
+        r'(?:nothing|grasp|safe.slip|risky.slip)"?: "?(#[0-9a-f]{6})', text
+    )
     assert tuple(found) == SITUATION_COLOURS

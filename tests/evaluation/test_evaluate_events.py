@@ -14,12 +14,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from holdfast.cli import main
-from holdfast.edge_runtime.contract import GRASP, NOTHING, RISKY_SLIP, SAFE_SLIP, Sample
+from holdfast.cli.main import main
+from holdfast.core.contract import GRASP, NOTHING, RISKY_SLIP, SAFE_SLIP, Sample
+from holdfast.core.errors import LabelError, UsageError
 from holdfast.edge_runtime.decision import UNKNOWN, DecisionRules
-from holdfast.edge_runtime.engine import ModelChoice
-from holdfast.edge_runtime.errors import LabelError, UsageError
 from holdfast.edge_runtime.graph import open_session, steps_of
+from holdfast.edge_runtime.model import ModelChoice
 from holdfast.edge_runtime.monitor import GripMonitor, Model
 from holdfast.evaluation.baselines import (
     Baseline,
@@ -37,10 +37,13 @@ from holdfast.evaluation.closing_hand import (
     model_error_ms,
     slide,
 )
-from holdfast.evaluation.detector_baselines import band_pass_fires, cone_fires, detector_signals
-from holdfast.evaluation.evaluate import evaluate_events
+from holdfast.evaluation.detector_baselines import (
+    band_pass_fires,
+    cone_fires,
+    detector_signals,
+)
+from holdfast.evaluation.evaluate import EvaluationRequest, evaluate_events
 from holdfast.evaluation.event_scores import event_scores, match_alarms
-from holdfast.evaluation.labels import CONE, ORACLE, SHEAR_RATE
 from holdfast.evaluation.methods import (
     DisturbedHold,
     LabelledTrial,
@@ -58,9 +61,14 @@ from holdfast.evaluation.model_outputs import (
     steps_with,
 )
 from holdfast.evaluation.outcomes import JudgedTrial, outcome_table, recognised
+from holdfast.evaluation.page import CONE, ORACLE, SHEAR_RATE
 from holdfast.evaluation.real_sets import RealSetsMissing, real_figures
-from holdfast.evaluation.request import EvaluationRequest
-from holdfast.evaluation.states import calibration, changes_per_s, confusions, labels_everywhere
+from holdfast.evaluation.states import (
+    calibration,
+    changes_per_s,
+    confusions,
+    labels_everywhere,
+)
 from holdfast.evaluation.statistics import mcnemar, share
 from holdfast.evaluation.truths import (
     Grasp,
@@ -113,10 +121,15 @@ load_n = 0.5
 
 
 def recording(
-    *events: RiskyEvent, phases: tuple[Phase, ...] = (), action: str | None = None, n: int = 300
+    *events: RiskyEvent,
+    phases: tuple[Phase, ...] = (),
+    action: str | None = None,
+    n: int = 300,
 ) -> Recording:
     samples, valid = np.zeros((n, 18)), np.ones((n, 6), dtype=bool)
-    return Recording("a", "a", samples, valid, RATE_HZ, "N", "soft-ball", action, phases, events)
+    return Recording(
+        "a", "a", samples, valid, RATE_HZ, "N", "soft-ball", action, phases, events
+    )
 
 
 def answered(
@@ -138,7 +151,9 @@ def answered(
 
 def at(*spans: tuple[int, int], n: int = 300) -> np.ndarray:
     rows = np.arange(n)
-    return np.any([(rows >= a) & (rows < b) for a, b in spans] or [np.zeros(n, bool)], axis=0)
+    return np.any(
+        [(rows >= a) & (rows < b) for a, b in spans] or [np.zeros(n, bool)], axis=0
+    )
 
 
 @pytest.fixture(scope="module")
@@ -164,7 +179,9 @@ def test_the_outputs_of_a_whole_set_are_those_of_the_monitor_at_each_sample(
         monitor = GripMonitor(model, None)
         for t, (values, valid) in enumerate(zip(of.samples, of.valid, strict=True)):
             answer = monitor.feed(Sample(round(t * 1e9 / of.rate_hz), values, valid, t))
-            state = ("unknown", "nothing", "grasp", "safe_slip", "risky_slip")[one.situation[t] + 1]
+            state = ("unknown", "nothing", "grasp", "safe_slip", "risky_slip")[
+                one.situation[t] + 1
+            ]
             assert (answer.state, answer.p_situation["grasp"]) == (
                 state,
                 pytest.approx(one.p_situation[t, 1]),
@@ -192,7 +209,11 @@ def test_a_put_down_is_one_voluntary_action_and_a_grip_that_fails_has_none() -> 
         Phase(80, 90, SAFE_SLIP),
     )
     assert voluntary_actions(recording(phases=put_down)) == [VoluntaryAction(50, 90)]
-    sliding = (Phase(0, 100, GRASP), Phase(100, 104, SAFE_SLIP), Phase(104, 110, RISKY_SLIP))
+    sliding = (
+        Phase(0, 100, GRASP),
+        Phase(100, 104, SAFE_SLIP),
+        Phase(104, 110, RISKY_SLIP),
+    )
     assert voluntary_actions(recording(EVENT, phases=sliding)) == []
     assert voluntary_actions(recording(phases=put_down, action="hold")) == []
 
@@ -211,7 +232,9 @@ def test_a_simulated_truth_names_style_disturbance_and_thing(scenes: Path) -> No
     data = load(scenes, windows="natural")
     grasps = {
         one.action: result[0]
-        for one, result in zip(data.recordings, grasps_beside(scenes, data.recordings), strict=True)
+        for one, result in zip(
+            data.recordings, grasps_beside(scenes, data.recordings), strict=True
+        )
     }
     assert grasps["hold"].disturbance == "dFt"
     assert grasps["pull"].disturbance is None
@@ -225,13 +248,21 @@ def test_a_simulated_truth_names_style_disturbance_and_thing(scenes: Path) -> No
 def made_up(*acts: np.ndarray) -> Baseline:
     """One with a setting for each way to ask."""
     return Baseline(
-        "made up", tuple(float(k) for k in range(len(acts))), lambda _: lambda k: [acts[int(k)]]
+        "made up",
+        tuple(float(k) for k in range(len(acts))),
+        lambda _: lambda k: [acts[int(k)]],
     )
 
 
-def test_a_baseline_is_matched_at_its_most_sensitive_setting_with_no_more_false_alarms() -> None:
+def test_a_baseline_is_matched_at_its_most_sensitive_setting_with_no_more_false_alarms() -> (
+    None
+):
     on, per_min = [recording(EVENT)], 1 / (3 / 60)
-    three, two, one = at((10, 12), (20, 22), (30, 32)), at((10, 12), (20, 22)), at((10, 12))
+    three, two, one = (
+        at((10, 12), (20, 22), (30, 32)),
+        at((10, 12), (20, 22)),
+        at((10, 12)),
+    )
     found = matched(made_up(three, two, one, at()), on, 2.0 * per_min)
     assert (found.setting, found.fits) == (1.0, True)
     assert found.false_per_min == pytest.approx(2.0 * per_min)
@@ -239,7 +270,9 @@ def test_a_baseline_is_matched_at_its_most_sensitive_setting_with_no_more_false_
 
 
 def test_a_baseline_that_cannot_be_matched_says_so() -> None:
-    found = matched(made_up(at((10, 12), (20, 22)), at((10, 12))), [recording(EVENT)], 0.0)
+    found = matched(
+        made_up(at((10, 12), (20, 22)), at((10, 12))), [recording(EVENT)], 0.0
+    )
     assert (found.setting, found.fits) == (1.0, False)
 
 
@@ -252,11 +285,15 @@ def test_the_oracle_finds_every_event_within_a_sample_and_nothing_else() -> None
         assert 0.0 < matched.outcomes[0].delay_s <= 1.0 / RATE_HZ + 1e-9
 
 
-def test_a_detector_that_fires_in_the_air_asks_nothing_and_in_the_hand_holds_until_let_go() -> None:
+def test_a_detector_that_fires_in_the_air_asks_nothing_and_in_the_hand_holds_until_let_go() -> (
+    None
+):
     of = recording()
     of.samples[100:200, 2::3] = 1.0
     (acts,) = held_until_let_go([of], [at((20, 30), (120, 121), (250, 260))], RULES)
-    assert np.flatnonzero(acts).tolist() == list(range(120, 200 + RULES.release_samples - 1))
+    assert np.flatnonzero(acts).tolist() == list(
+        range(120, 200 + RULES.release_samples - 1)
+    )
 
 
 def test_a_wider_cone_fires_only_where_a_narrower_one_does() -> None:
@@ -276,7 +313,9 @@ def test_detectors_fire_where_those_of_a_step_graph_with_their_thresholds_do() -
     rng = np.random.default_rng(1)
     streams = [shaking(rng, n) for n in (300, 260)]
     signals, ratios = detector_signals(_spec(), streams), (1.5, 4.0)
-    for ratio, fires in zip(ratios, band_pass_fires(signals, _spec(), ratios), strict=True):
+    for ratio, fires in zip(
+        ratios, band_pass_fires(signals, _spec(), ratios), strict=True
+    ):
         rules = replace(_spec().detectors, band_ratio=ratio, friction=ratio / 4.0)
         graph = feature_graph(replace(_spec(), detectors=rules)).SerializeToString()
         expected = everywhere(steps_of(open_session(graph), ["detectors"]), streams)
@@ -285,8 +324,12 @@ def test_detectors_fire_where_those_of_a_step_graph_with_their_thresholds_do() -
             assert fired.any()
             assert cone.any()
             columns = detector_names(_spec())
-            assert np.array_equal(fired, of_graph["detectors"][:, columns.index("band_pass")])
-            assert np.array_equal(cone, of_graph["detectors"][:, columns.index("friction_cone")])
+            assert np.array_equal(
+                fired, of_graph["detectors"][:, columns.index("band_pass")]
+            )
+            assert np.array_equal(
+                cone, of_graph["detectors"][:, columns.index("friction_cone")]
+            )
 
 
 def shaking(rng: np.random.Generator, n: int) -> Recording:
@@ -345,26 +388,32 @@ def kept(drop: Drop, request_s: float | None, hand: ClosingHand | None = None) -
 
 
 def test_a_hand_closes_its_stroke_in_the_published_time_and_its_lag_later() -> None:
-    assert ClosingHand(lag_s=0.0).travel_m(np.array([-1.0, 0.0, 0.37])).tolist() == pytest.approx(
-        [0.0, 0.0, 0.12]
-    )
+    assert ClosingHand(lag_s=0.0).travel_m(
+        np.array([-1.0, 0.0, 0.37])
+    ).tolist() == pytest.approx([0.0, 0.0, 0.12])
     assert ClosingHand(lag_s=0.05).travel_m(np.array([1.05])) == pytest.approx(
         0.12 / 0.37, rel=1e-6
     )
 
 
-def test_a_falling_object_is_kept_by_a_hand_that_acts_at_once_and_lost_by_a_late_one() -> None:
+def test_a_falling_object_is_kept_by_a_hand_that_acts_at_once_and_lost_by_a_late_one() -> (
+    None
+):
     assert kept(FALL, 0.0)
     assert not kept(FALL, None)
     assert not kept(FALL, FALL.lost_s + 0.01)
 
 
-def test_an_object_that_still_slides_is_not_kept_though_it_has_not_gone_so_far() -> None:
+def test_an_object_that_still_slides_is_not_kept_though_it_has_not_gone_so_far() -> (
+    None
+):
     late = replace(FALL, lost_s=0.59)
     assert not kept(late, 0.0, ClosingHand(closing_s=200.0))
 
 
-def test_a_hard_pull_is_not_preventable_and_a_gentle_one_on_a_firm_grip_never_slips() -> None:
+def test_a_hard_pull_is_not_preventable_and_a_gentle_one_on_a_firm_grip_never_slips() -> (
+    None
+):
     figures = Droppable.of([PULL]).kept([0.0])
     assert (figures.preventable, figures.not_preventable, figures.kept) == (0, 1, 0)
     gentle = slide([replace(PULL, cap_n=2.0)], np.array([np.inf]), ClosingHand())
@@ -379,9 +428,9 @@ def test_a_slip_begins_when_the_load_exceeds_static_friction() -> None:
     u = np.linspace(0.0, 1.0, 100_001)
     load_n = 0.2 * 9.81 * u**3 * (10.0 + u * (6.0 * u - 15.0))
     expected_s = 0.4 * float(u[np.argmax(load_n > 2.0 * 0.6 * 1.0)])
-    assert slide([slow], np.array([np.inf]), ClosingHand()).slides_from_s[0] == pytest.approx(
-        expected_s, abs=0.004
-    )
+    assert slide([slow], np.array([np.inf]), ClosingHand()).slides_from_s[
+        0
+    ] == pytest.approx(expected_s, abs=0.004)
 
 
 @settings(max_examples=15)
@@ -401,7 +450,11 @@ def test_a_hand_with_an_earlier_request_never_keeps_less(
 def test_closing_needs_a_truth_that_says_how_it_was_pulled(scenes: Path) -> None:
     data = load(scenes, windows="natural")
     pairs = zip(data.recordings, grasps_beside(scenes, data.recordings), strict=True)
-    drops = [drop_of(event, grasp_of(event, result)) for of, result in pairs for event in of.events]
+    drops = [
+        drop_of(event, grasp_of(event, result))
+        for of, result in pairs
+        for event in of.events
+    ]
     assert [drop is None for drop in drops] == [False, False]
     result = model_error_ms(drops)
     assert result is not None
@@ -423,24 +476,46 @@ def test_mcnemar_counts_only_what_one_of_two_found() -> None:
     ours = np.array([1, 1, 1, 1, 1, 1, 0], dtype=bool)
     theirs = np.array([0, 0, 0, 0, 0, 1, 0], dtype=bool)
     found = mcnemar(ours, theirs)
-    assert (found.only_ours, found.only_theirs, found.both, found.neither) == (5, 0, 1, 1)
+    assert (found.only_ours, found.only_theirs, found.both, found.neither) == (
+        5,
+        0,
+        1,
+        1,
+    )
     assert found.p == pytest.approx(0.0625)
     assert mcnemar(ours, ours).p == 1.0
 
 
 def test_a_hold_is_specific_without_any_alarm_and_counts_only_if_it_held() -> None:
-    holds = [("dFn", True, True), ("dFn", True, False), ("dFn", False, False), ("dq", True, True)]
+    holds = [
+        ("dFn", True, True),
+        ("dFn", True, False),
+        ("dFn", False, False),
+        ("dq", True, True),
+    ]
     figures = specificity([DisturbedHold(*one) for one in holds])
     assert figures is not None
-    assert (figures["dFn"].share, figures["dFn"].n, figures["dFn"].failed) == (0.5, 2, 1)
+    assert (figures["dFn"].share, figures["dFn"].n, figures["dFn"].failed) == (
+        0.5,
+        2,
+        1,
+    )
     assert (figures["dFt"].n, figures["dq"].share) == (0, 1.0)
     assert specificity([]) is None
 
 
-def test_voluntary_actions_are_called_where_an_act_is_requested_at_any_sample_of_them() -> None:
-    phases = (Phase(0, 100, GRASP), Phase(100, 120, SAFE_SLIP), Phase(120, 300, NOTHING))
+def test_voluntary_actions_are_called_where_an_act_is_requested_at_any_sample_of_them() -> (
+    None
+):
+    phases = (
+        Phase(0, 100, GRASP),
+        Phase(100, 120, SAFE_SLIP),
+        Phase(120, 300, NOTHING),
+    )
     trials = [
-        LabelledTrial(recording(phases=phases, action="pass"), (Grasp({"style": style}),))
+        LabelledTrial(
+            recording(phases=phases, action="pass"), (Grasp({"style": style}),)
+        )
         for style in ("p1", "p1", "p2")
     ]
     acts = [at((90, 110)), at((90, 99)), at()]
@@ -457,7 +532,9 @@ def figures_of(trials: list[LabelledTrial], *requests: np.ndarray) -> MethodFigu
     return method_figures(method_result(trials, requests), trials, None, 0)
 
 
-def test_an_alarm_stands_against_the_camera_and_the_scene_and_how_far_these_are_apart() -> None:
+def test_an_alarm_stands_against_the_camera_and_the_scene_and_how_far_these_are_apart() -> (
+    None
+):
     slips = (
         SeenSlip(2.5, 0.005, 2.6),
         SeenSlip(1.02, 0.005, 1.06, true_start_s=1.01, true_gross_s=1.05),
@@ -471,7 +548,10 @@ def test_an_alarm_stands_against_the_camera_and_the_scene_and_how_far_these_are_
     assert (figures.onsets, figures.events, figures.found) == (3, 2, 1), (
         "one onset belongs to no event"
     )
-    medians = [one and one.p50 for one in (figures.start_sd_ms, figures.delay_ms, figures.lead_ms)]
+    medians = [
+        one and one.p50
+        for one in (figures.start_sd_ms, figures.delay_ms, figures.lead_ms)
+    ]
     assert medians == pytest.approx([5.0, 10.0, 30.0])
     truth = figures.truth
     assert truth is not None
@@ -479,10 +559,14 @@ def test_an_alarm_stands_against_the_camera_and_the_scene_and_how_far_these_are_
     assert [one and one.p50 for one in times] == pytest.approx([20.0, 20.0, 10.0, 10.0])
 
 
-def test_without_a_camera_there_is_no_camera_section_and_without_a_scene_no_truth() -> None:
+def test_without_a_camera_there_is_no_camera_section_and_without_a_scene_no_truth() -> (
+    None
+):
     trials = [LabelledTrial(recording(EVENT), (Grasp({}),))]
     assert figures_of(trials, at((103, 150))).camera is None
-    trials = [LabelledTrial(recording(EVENT), (Grasp({}),), (SeenSlip(1.02, 0.005, 1.06),))]
+    trials = [
+        LabelledTrial(recording(EVENT), (Grasp({}),), (SeenSlip(1.02, 0.005, 1.06),))
+    ]
     figures = figures_of(trials, at()).camera
     assert figures is not None
     assert (figures.found, figures.delay_ms, figures.truth) == (0, None, None)
@@ -525,7 +609,9 @@ def test_the_wider_collar_forgives_what_the_narrow_one_does_not() -> None:
     assert (figures.recall, figures.collar_40_ms.recall) == (0.0, 1.0)
 
 
-def test_probabilities_that_come_true_have_no_calibration_error_and_boasts_have_all_of_it() -> None:
+def test_probabilities_that_come_true_have_no_calibration_error_and_boasts_have_all_of_it() -> (
+    None
+):
     label = np.repeat([RISKY_SLIP, NOTHING], [30, 10])
     p = np.zeros((40, 4), dtype=np.float32)
     p[:, RISKY_SLIP], p[:, NOTHING] = 0.75, 0.25
@@ -549,7 +635,9 @@ def test_unknown_samples_change_no_state_and_are_answers_withheld() -> None:
     )
     one = answered(situation)
     assert changes_per_s([situation], [one]) == pytest.approx(2 / (95 / RATE_HZ))
-    label = labels_everywhere((Phase(0, 100, NOTHING), Phase(100, 130, GRASP)), len(situation))
+    label = labels_everywhere(
+        (Phase(0, 100, NOTHING), Phase(100, 130, GRASP)), len(situation)
+    )
     assert label[130:].tolist() == [UNKNOWN] * 20
     counts = confusions([one], [label], [None], 0)["four"].counts
     assert counts[NOTHING] == [45, 0, 0, 0, 55]
@@ -559,7 +647,9 @@ def test_unknown_samples_change_no_state_and_are_answers_withheld() -> None:
 # -- the thesis' table
 
 
-def test_a_pull_is_recognised_by_one_alarm_in_it_and_a_pass_by_its_state_and_no_alarm() -> None:
+def test_a_pull_is_recognised_by_one_alarm_in_it_and_a_pass_by_its_state_and_no_alarm() -> (
+    None
+):
     grasps = (Grasp({"style": "p1"}),)
     pull, quiet = (
         LabelledTrial(recording(EVENT, action="pull"), grasps),
@@ -568,7 +658,11 @@ def test_a_pull_is_recognised_by_one_alarm_in_it_and_a_pass_by_its_state_and_no_
     assert recognised(pull, quiet, at((102, 120)))
     assert not recognised(pull, quiet, at((50, 60), (102, 120)))
     assert not recognised(pull, quiet, at())
-    phases = (Phase(0, 100, GRASP), Phase(100, 120, SAFE_SLIP), Phase(120, 300, NOTHING))
+    phases = (
+        Phase(0, 100, GRASP),
+        Phase(100, 120, SAFE_SLIP),
+        Phase(120, 300, NOTHING),
+    )
     over, seen = (
         LabelledTrial(recording(phases=phases, action="pass"), grasps),
         answered(np.where(at((105, 109)), SAFE_SLIP, GRASP)),
@@ -576,10 +670,14 @@ def test_a_pull_is_recognised_by_one_alarm_in_it_and_a_pass_by_its_state_and_no_
     assert recognised(over, seen, at())
     assert not recognised(over, seen, at((10, 12)))
     assert not recognised(over, quiet, at())
-    assert recognised(LabelledTrial(recording(action="pull"), grasps), quiet, at()) is None
+    assert (
+        recognised(LabelledTrial(recording(action="pull"), grasps), quiet, at()) is None
+    )
 
 
-def test_the_table_sets_our_word_beside_the_thesis_for_cells_that_have_a_trial() -> None:
+def test_the_table_sets_our_word_beside_the_thesis_for_cells_that_have_a_trial() -> (
+    None
+):
     found = [
         JudgedTrial("soft-ball", "p1", "pass", True),
         JudgedTrial("soft-ball", "p1", "pass", False),
@@ -625,7 +723,9 @@ def evaluated(
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", BandsLeftOut)
         assert main([str(word) for word in words]) == 0
-    return json.loads((out / "figures.json").read_text()), (out / "report.html").read_text()
+    return json.loads((out / "figures.json").read_text()), (
+        out / "report.html"
+    ).read_text()
 
 
 def test_every_set_has_every_line_and_says_where_its_threshold_is_from(
@@ -654,7 +754,10 @@ def test_every_set_has_every_line_and_says_where_its_threshold_is_from(
             == one["rows"]["perfect intent"]["false_alarms"]
             == 0
         )
-        assert one["rows"]["ours, as deployed"]["events"] == one["rows"]["friction cone"]["events"]
+        assert (
+            one["rows"]["ours, as deployed"]["events"]
+            == one["rows"]["friction cone"]["events"]
+        )
     events = [one["data"]["events"] for one in figures["sets"].values()]
     assert figures["all"]["rows"]["perfect intent"]["found"] == sum(events)
 
@@ -665,7 +768,10 @@ def test_scenes_have_closing_and_specificity_and_a_made_up_set_has_neither(
     ours = [one["rows"]["ours, as deployed"] for one in evaluated[0]["sets"].values()]
     assert [row["closing"] is None for row in ours] == [False, True]
     assert [row["specificity"] is None for row in ours] == [False, True]
-    bound = [one["rows"]["perfect intent"]["closing"] for one in evaluated[0]["sets"].values()]
+    bound = [
+        one["rows"]["perfect intent"]["closing"]
+        for one in evaluated[0]["sets"].values()
+    ]
     assert bound[0]["kept"] <= bound[0]["preventable"] <= bound[0]["modelled"] == 2
 
 
@@ -674,7 +780,10 @@ def test_the_report_answers_first_and_needs_no_other_file(
 ) -> None:
     figures, page = evaluated
     row = figures["all"]["rows"]["ours, confidence chosen"]
-    assert f"Of {row['events']} grips that fail, an act is requested in {row['found']}" in page
+    assert (
+        f"Of {row['events']} grips that fail, an act is requested in {row['found']}"
+        in page
+    )
     assert page.index("grips that fail") < page.index("<table")
     assert "src=" not in page
     assert "href=" not in page.replace("xlink:href=", "")
@@ -700,7 +809,9 @@ def test_as_deployed_alone_says_that_baselines_were_matched_on_what_is_scored(
     assert figures["thresholds"]["chosen_on"] is None
     assert figures["thresholds"]["headline"] == "ours, as deployed"
     assert "flatters" in figures["thresholds"]["how"]
-    assert "macro_f1" in figures["situations"]  # one set: its window figures stand on top, as ever
+    assert (
+        "macro_f1" in figures["situations"]
+    )  # one set: its window figures stand on top, as ever
 
 
 def test_a_threshold_chosen_on_what_is_scored_is_refused(
@@ -723,7 +834,9 @@ def test_the_figures_of_ours_are_those_of_its_own_answers(
     for of in data.recordings:
         monitor = GripMonitor(model, None)
         acts = [
-            monitor.feed(Sample(round(t * 1e9 / of.rate_hz), values, of.valid[t], t)).act
+            monitor.feed(
+                Sample(round(t * 1e9 / of.rate_hz), values, of.valid[t], t)
+            ).act
             for t, values in enumerate(of.samples)
         ]
         result.append(match_alarms(of, np.array(acts)))
@@ -734,7 +847,9 @@ def test_the_figures_of_ours_are_those_of_its_own_answers(
     }
 
 
-def test_without_real_recordings_the_report_says_how_to_get_them(tmp_path: Path) -> None:
+def test_without_real_recordings_the_report_says_how_to_get_them(
+    tmp_path: Path,
+) -> None:
     missing = real_figures(tmp_path)
     assert isinstance(missing, RealSetsMissing)
     assert "make real" in missing.next_step

@@ -11,8 +11,14 @@ from hard_marks import COLLAR, EVENTS
 from hypothesis import given
 from hypothesis import strategies as st
 
-from holdfast.edge_runtime.contract import GRASP, NOTHING, RISKY_SLIP
-from holdfast.edge_runtime.decision import UNKNOWN, DecisionRules, DecisionState, decide, period_us
+from holdfast.core.contract import GRASP, NOTHING, RISKY_SLIP
+from holdfast.edge_runtime.decision import (
+    UNKNOWN,
+    DecisionRules,
+    DecisionState,
+    decide,
+    period_us,
+)
 from holdfast.evaluation.alarms import Answers, act_requests
 from holdfast.evaluation.event_scores import (
     CONFIDENCES,
@@ -40,7 +46,9 @@ def requests(*spans: tuple[float, float], length: int = 300) -> np.ndarray:
     """[T] an act is requested from .. to, in s."""
     t_s = np.arange(length) / RATE_HZ
     return np.any(
-        [(t_s >= a - 1e-9) & (t_s < b - 1e-9) for a, b in spans] or [np.zeros(length, bool)], axis=0
+        [(t_s >= a - 1e-9) & (t_s < b - 1e-9) for a, b in spans]
+        or [np.zeros(length, bool)],
+        axis=0,
     )
 
 
@@ -66,9 +74,14 @@ def p50(of: Spread | None) -> float:
 def test_many_streams_at_once_are_decided_as_each_is_sample_by_sample(
     labels, confidences, debounce, release, evidence_ms
 ):
-    rules = DecisionRules(act_samples=debounce, release_samples=release, evidence_ms=evidence_ms)
+    rules = DecisionRules(
+        act_samples=debounce, release_samples=release, evidence_ms=evidence_ms
+    )
     streams = [
-        Answers(recording(), *(np.array([pair[k] for pair in one], dtype=np.int64) for k in (0, 1)))
+        Answers(
+            recording(),
+            *(np.array([pair[k] for pair in one], dtype=np.int64) for k in (0, 1)),
+        )
         for one in labels
     ]
     together = act_requests(streams, rules, confidences)
@@ -79,7 +92,9 @@ def test_many_streams_at_once_are_decided_as_each_is_sample_by_sample(
             for situation, permille in zip(
                 stream.situation.tolist(), stream.risky_permille.tolist(), strict=True
             ):
-                state = decide(result, state, situation, permille, period_us=period_us(RATE_HZ))
+                state = decide(
+                    result, state, situation, permille, period_us=period_us(RATE_HZ)
+                )
                 alone.append(state.act)
             assert acted[:, k].tolist() == alone
 
@@ -87,7 +102,9 @@ def test_many_streams_at_once_are_decided_as_each_is_sample_by_sample(
 # -- an alarm and an event
 
 
-@given(st.lists(st.lists(st.booleans(), min_size=3, max_size=3), min_size=14, max_size=38))
+@given(
+    st.lists(st.lists(st.booleans(), min_size=3, max_size=3), min_size=14, max_size=38)
+)
 def test_false_alarms_of_many_confidences_are_those_that_each_alone_has(result):
     rows = np.repeat(np.array(result), 8, axis=0)
     alone = [len(match_alarms(recording(EVENT), rows[:, k]).false_s) for k in range(3)]
@@ -95,7 +112,9 @@ def test_false_alarms_of_many_confidences_are_those_that_each_alone_has(result):
 
 
 def test_an_alarm_between_load_onset_and_the_end_finds_the_event_and_is_not_false():
-    (found,) = (matched := match_alarms(recording(EVENT), requests((1.02, 2.0)))).outcomes
+    (found,) = (
+        matched := match_alarms(recording(EVENT), requests((1.02, 2.0)))
+    ).outcomes
     assert found.delay_s == pytest.approx(0.02)
     assert found.lead_s == pytest.approx(0.03)
     assert found.available_s == pytest.approx(0.05)
@@ -103,16 +122,22 @@ def test_an_alarm_between_load_onset_and_the_end_finds_the_event_and_is_not_fals
 
 
 @pytest.mark.parametrize(
-    ("from_s", "found", "false"), [(0.98, 1, 0), (0.97, 0, 1), (1.12, 1, 0), (1.13, 0, 1)]
+    ("from_s", "found", "false"),
+    [(0.98, 1, 0), (0.97, 0, 1), (1.12, 1, 0), (1.13, 0, 1)],
 )
 def test_the_collar_is_twenty_milliseconds_on_both_sides(from_s, found, false):
     matched = match_alarms(recording(EVENT), requests((from_s, from_s + 0.01)))
-    assert (sum(one.alarm_s is not None for one in matched.outcomes), len(matched.false_s)) == (
+    assert (
+        sum(one.alarm_s is not None for one in matched.outcomes),
+        len(matched.false_s),
+    ) == (
         found,
         false,
     )
     assert (
-        match_alarms(recording(EVENT), requests((from_s, from_s + 0.01)), collar_s=0.040)
+        match_alarms(
+            recording(EVENT), requests((from_s, from_s + 0.01)), collar_s=0.040
+        )
         .outcomes[0]
         .alarm_s
         is not None
@@ -177,9 +202,19 @@ def stream(
 
 def test_figures_count_what_was_found_missed_false_and_already_on():
     scores = event_scores(
-        [stream("a", (1.02, 1.2)), stream("b", (0.5, 2.0)), stream("c"), stream("d", (2.0, 2.1))]
+        [
+            stream("a", (1.02, 1.2)),
+            stream("b", (0.5, 2.0)),
+            stream("c"),
+            stream("d", (2.0, 2.1)),
+        ]
     )
-    assert (scores.events, scores.found, scores.missed, scores.already_on) == (4, 1, 3, 1)
+    assert (scores.events, scores.found, scores.missed, scores.already_on) == (
+        4,
+        1,
+        3,
+        1,
+    )
     assert scores.recall == 0.25
     assert scores.false_alarms == 2
     assert scores.false_per_min == pytest.approx(2 / (4 * 3 / 60))
@@ -199,7 +234,9 @@ def test_an_alarm_after_gross_slip_finds_the_event_but_not_in_time():
 
 
 def test_an_unknown_gross_slip_gives_a_delay_and_no_lead():
-    scores = event_scores([stream("a", (1.02, 1.2), events=(RiskyEvent(1.0, None, 1.1),))])
+    scores = event_scores(
+        [stream("a", (1.02, 1.2), events=(RiskyEvent(1.0, None, 1.1),))]
+    )
     assert p50(scores.delay_ms) == pytest.approx(20.0)
     assert (scores.lead_ms, scores.lead_used, scores.in_time) == (None, None, 0.0)
 
@@ -207,7 +244,11 @@ def test_an_unknown_gross_slip_gives_a_delay_and_no_lead():
 @EVENTS.mark
 def test_streams_without_events_have_no_recall_and_one_group_has_no_interval():
     scores = event_scores([stream("a", (1.0, 1.1), events=())])
-    assert (scores.recall, scores.recall_ci, scores.false_per_min_ci) == (None, None, None)
+    assert (scores.recall, scores.recall_ci, scores.false_per_min_ci) == (
+        None,
+        None,
+        None,
+    )
     assert scores.false_per_min == pytest.approx(20.0)
 
 

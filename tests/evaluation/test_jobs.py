@@ -15,7 +15,7 @@ from distributed import LocalCluster
 from loop_bench import card_text, row
 from small_jobs import dies_once, square
 
-from holdfast.edge_runtime.errors import UsageError
+from holdfast.core.errors import UsageError
 from holdfast.evaluation.jobs import Workers
 
 
@@ -33,13 +33,21 @@ def test_results_come_in_the_order_of_the_jobs_wherever_these_run(cluster: str) 
     assert os.getpid() not in processes
 
 
-@pytest.mark.filterwarnings("default")  # of a library that is here for these tests alone
+@pytest.mark.filterwarnings(
+    "default"
+)  # of a library that is here for these tests alone
 def test_what_a_killed_worker_computed_is_computed_by_another(tmp_path: Path) -> None:
     jobs = [partial(dies_once, tmp_path / name) for name in ("one", "two", "three")]
     (tmp_path / "one").touch()
     (tmp_path / "three").touch()
-    with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as local:
-        assert list(Workers(dask=local.scheduler_address).run(jobs)) == ["one", "two", "three"]
+    with LocalCluster(
+        n_workers=2, threads_per_worker=1, dashboard_address=None
+    ) as local:
+        assert list(Workers(dask=local.scheduler_address).run(jobs)) == [
+            "one",
+            "two",
+            "three",
+        ]
     assert (tmp_path / "two").exists()
 
 
@@ -57,7 +65,9 @@ def test_an_address_without_a_scheduler_is_refused() -> None:
         assert "dask scheduler" in refused.value.next_step
 
 
-def test_without_its_package_a_cluster_names_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_its_package_a_cluster_names_the_extra(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(UsageError, match="needs the package") as refused:
         list(Workers(dask="127.0.0.1:1").run([partial(square, 1)]))
@@ -82,7 +92,13 @@ def test_sets_scored_on_a_cluster_have_the_figures_of_this_process(
         out = tmp_path / f"{name}.json"
         sets = (tmp_path / "set1", tmp_path / "set2")
         code, _, err = run(
-            "evaluate", "models/holdfast-150hz.onnx", "--data", *sets, "--json", out, *where
+            "evaluate",
+            "models/holdfast-150hz.onnx",
+            "--data",
+            *sets,
+            "--json",
+            out,
+            *where,
         )
         assert code == 0, err
         written.append(out.read_bytes())
@@ -94,10 +110,14 @@ def test_a_closed_loop_on_a_cluster_ends_as_in_this_process(
     run: Run, tmp_path: Path, cluster: str
 ) -> None:
     card, written = tmp_path / "two.toml", []
-    card.write_text(card_text(row("fall", "weak_grip = 0.5\n", "hard-ball"), row("pass")))
+    card.write_text(
+        card_text(row("fall", "weak_grip = 0.5\n", "hard-ball"), row("pass"))
+    )
     for name, where in (("here", ("--jobs", 1)), ("there", ("--dask", cluster))):
         out = tmp_path / f"{name}.json"
-        code, _, err = run("loop", card, "--controller", "pd-shear", "--json", out, *where)
+        code, _, err = run(
+            "loop", card, "--controller", "pd-shear", "--json", out, *where
+        )
         assert code == 0, err
         written.append(out.read_bytes())
     assert written[0] == written[1]

@@ -13,8 +13,8 @@ import pytest
 
 from holdfast.evaluation.loop_scores import LoopFigures, ThreeRuns, loop_figures
 from holdfast.simulation.card import read_card
-from holdfast.simulation.closed_loop.oracle import needed_grip_n
-from holdfast.simulation.closed_loop.outcome import LoopOutcome
+from holdfast.simulation.closed_loop.controllers import needed_grip_n
+from holdfast.simulation.closed_loop.people import LoopOutcome
 from holdfast.simulation.protocol import PlannedTrial
 from holdfast.simulation.scene import Scene
 from holdfast.simulation.script import Times
@@ -51,15 +51,23 @@ def drop(trial: PlannedTrial) -> dict[str, float]:
     return {"lost_s": Times.of(trial).act + 0.1}
 
 
-def three(trial: PlannedTrial, bare: Any = None, best: Any = None, held: Any = None) -> ThreeRuns:
-    return ThreeRuns(*(outcome(trial, **(changes or {})) for changes in (bare, best, held)))
+def three(
+    trial: PlannedTrial, bare: Any = None, best: Any = None, held: Any = None
+) -> ThreeRuns:
+    return ThreeRuns(
+        *(outcome(trial, **(changes or {})) for changes in (bare, best, held))
+    )
 
 
-def risky(held_drops: bool = True, oracle_drops: bool = False, **held: Any) -> ThreeRuns:
+def risky(
+    held_drops: bool = True, oracle_drops: bool = False, **held: Any
+) -> ThreeRuns:
     """A pull that the bare hand loses."""
     trial = trial_of("pull")
     lost = drop(trial)
-    return three(trial, lost, lost if oracle_drops else {}, (lost if held_drops else {}) | held)
+    return three(
+        trial, lost, lost if oracle_drops else {}, (lost if held_drops else {}) | held
+    )
 
 
 def handed(action: str = "pass", **held: Any) -> ThreeRuns:
@@ -77,7 +85,9 @@ def figures(*runs: ThreeRuns) -> LoopFigures:
 # drops
 
 
-def test_a_drop_is_preventable_where_the_oracle_keeps_what_the_bare_hand_loses() -> None:
+def test_a_drop_is_preventable_where_the_oracle_keeps_what_the_bare_hand_loses() -> (
+    None
+):
     assert risky().preventable
     assert not risky(oracle_drops=True).preventable
     assert not three(trial_of("pull")).preventable
@@ -97,7 +107,9 @@ def test_saved_is_what_the_controller_keeps_of_the_preventable_drops() -> None:
     made = figures(*kept, risky(), risky(oracle_drops=True), handed())
     assert (made.trials, made.drops, made.preventable, made.saved) == (6, 5, 4, 3)
     assert made.saved_share == 0.75
-    assert made.saved_share_ci == pytest.approx((0.1941, 0.9937), abs=1e-4)  # Clopper and Pearson
+    assert made.saved_share_ci == pytest.approx(
+        (0.1941, 0.9937), abs=1e-4
+    )  # Clopper and Pearson
     assert made.slip_mm_p50 == 3.0
 
 
@@ -121,7 +133,9 @@ def test_a_hand_over_is_blocked_by_force_by_delay_or_by_an_override() -> None:
 
 def test_figures_count_hand_overs_and_put_downs_apart() -> None:
     passes = [handed(peak_n=5.0 + extra) for extra in (0.0, 1.0, 6.0)]
-    made = figures(*passes, handed("put-down"), handed("put-down", overrode_s=1.0), risky())
+    made = figures(
+        *passes, handed("put-down"), handed("put-down", overrode_s=1.0), risky()
+    )
     assert (made.handovers, made.blocked, made.put_downs) == (3, 1, 2)
     assert made.blocked_share == pytest.approx(1 / 3)
     assert made.disturbed_share == 0.5
@@ -130,7 +144,9 @@ def test_figures_count_hand_overs_and_put_downs_apart() -> None:
 
 def test_extra_delays_are_in_ms_and_one_that_never_ends_is_huge_and_finite() -> None:
     trials = [trial_of("pass") for _ in range(3)]
-    late = [three(t, held=later(t, s)) for t, s in zip(trials, (0.0, 0.1, 0.2), strict=True)]
+    late = [
+        three(t, held=later(t, s)) for t, s in zip(trials, (0.0, 0.1, 0.2), strict=True)
+    ]
     assert figures(*late).extra_delay_ms_p50 == pytest.approx(100.0)
     stuck = figures(three(trials[0], held={"lost_s": np.inf}))
     assert stuck.extra_delay_ms_p95 == 1e6
@@ -185,12 +201,18 @@ def test_a_tightening_is_a_rise_by_a_newton_before_the_action() -> None:
     grip_n[100:120] += 2.0
     grip_n[act + 10 :] += 9.0
     made = figures(three(trial, held={"grip_n": grip_n}))
-    assert made.tightenings_per_min == pytest.approx(60.0 * 2 / (act / RATE_HZ), rel=0.01)
+    assert made.tightenings_per_min == pytest.approx(
+        60.0 * 2 / (act / RATE_HZ), rel=0.01
+    )
 
 
 def test_the_error_of_the_friction_is_over_observed_values_only() -> None:
     trial = trial_of("pull")
-    true = trial.thing.friction * trial.drawn["friction_factor"] * trial.thing.kinetic_share
+    true = (
+        trial.thing.friction
+        * trial.drawn["friction_factor"]
+        * trial.thing.kinetic_share
+    )
     runs = [
         three(trial, drop(trial), {}, {"mu_hat": value})
         for value in (1.1 * true, 0.7 * true, 1.2 * true, np.nan)
@@ -201,8 +223,17 @@ def test_the_error_of_the_friction_is_over_observed_values_only() -> None:
 
 
 def test_figures_of_nothing_are_null_and_every_figure_is_json() -> None:
-    empty, whole = figures().to_json(), figures(risky(held_drops=False), handed()).to_json()
-    for name in ("saved_share", "saved_share_ci", "blocked_share", "slip_mm_p50", "mu_error_p50"):
+    empty, whole = (
+        figures().to_json(),
+        figures(risky(held_drops=False), handed()).to_json(),
+    )
+    for name in (
+        "saved_share",
+        "saved_share_ci",
+        "blocked_share",
+        "slip_mm_p50",
+        "mu_error_p50",
+    ):
         assert empty[name] is None
     for one in (empty, whole):
         assert "NaN" not in json.dumps(one, allow_nan=False)

@@ -10,12 +10,11 @@ import numpy as np
 import pytest
 
 from holdfast import evaluation
-from holdfast.edge_runtime.contract import CLASSES, SITUATIONS
-from holdfast.edge_runtime.engine import ModelChoice
-from holdfast.edge_runtime.errors import RateError
+from holdfast.core.contract import CLASSES, SITUATIONS
+from holdfast.core.errors import RateError
+from holdfast.edge_runtime.model import ModelChoice
 from holdfast.edge_runtime.monitor import Model
-from holdfast.evaluation.evaluate import evaluate_events
-from holdfast.evaluation.request import EvaluationRequest
+from holdfast.evaluation.evaluate import EvaluationRequest, evaluate_events
 from holdfast.training.datasets import load
 from holdfast.training.fixture import write_fixture
 
@@ -31,11 +30,15 @@ def few(eight_classes: Built, tmp_path_factory: pytest.TempPathFactory) -> Path:
     for trial in TRIALS:
         (root / trial).parent.mkdir(parents=True)
         for suffix in (".csv", ".truth.json"):
-            shutil.copy(f"{eight_classes.fixture / trial}{suffix}", f"{root / trial}{suffix}")
+            shutil.copy(
+                f"{eight_classes.fixture / trial}{suffix}", f"{root / trial}{suffix}"
+            )
     return root
 
 
-def test_answers_have_a_line_a_sample_with_truth_and_state(eight_classes: Built, few: Path) -> None:
+def test_answers_have_a_line_a_sample_with_truth_and_state(
+    eight_classes: Built, few: Path
+) -> None:
     data = load(few, windows="natural")
     frame = evaluation.to_frame(evaluation.run_model(Model(eight_classes.model), data))
     assert len(frame) == sum(len(one.samples) for one in data.recordings)
@@ -43,8 +46,12 @@ def test_answers_have_a_line_a_sample_with_truth_and_state(eight_classes: Built,
     pull = frame[frame["trial_id"] == TRIALS[0]]
     assert (set(pull["object"]), set(pull["action"])) == ({"soft-ball"}, {"pull"})
     assert pull["t_s"].iloc[50] == pytest.approx(1.0)
-    onset_s = next(one for one in data.recordings if one.action == "pull").events[0].onset_s
-    assert pull.loc[pull["truth"] == "risky_slip", "t_s"].min() == pytest.approx(onset_s, abs=0.02)
+    onset_s = (
+        next(one for one in data.recordings if one.action == "pull").events[0].onset_s
+    )
+    assert pull.loc[pull["truth"] == "risky_slip", "t_s"].min() == pytest.approx(
+        onset_s, abs=0.02
+    )
     assert pull["state"].iloc[0] == "unknown"
     assert set(frame["state"]) <= {"unknown", *SITUATIONS}
     assert set(frame["class"].dropna()) <= set(CLASSES)
@@ -55,20 +62,28 @@ def test_answers_have_a_line_a_sample_with_truth_and_state(eight_classes: Built,
     assert settled["risky_share"].between(0, 1).all()
 
 
-def test_a_model_without_weight_names_no_class(four_situations: Built, few: Path) -> None:
+def test_a_model_without_weight_names_no_class(
+    four_situations: Built, few: Path
+) -> None:
     data = load(few, windows="natural").of_groups([TRIALS[0]])
-    frame = evaluation.to_frame(evaluation.run_model(Model(four_situations.model), data))
+    frame = evaluation.to_frame(
+        evaluation.run_model(Model(four_situations.model), data)
+    )
     assert frame["class"].isna().all()
 
 
 def test_a_set_at_another_rate_is_refused(eight_classes: Built, tmp_path: Path) -> None:
     write_fixture(tmp_path, trials_per_cell=1, rate_hz=100.0)
     with pytest.raises(RateError):
-        evaluation.run_model(Model(eight_classes.model), load(tmp_path, windows="natural"))
+        evaluation.run_model(
+            Model(eight_classes.model), load(tmp_path, windows="natural")
+        )
 
 
 def test_figures_have_a_line_a_set_and_method(eight_classes: Built, few: Path) -> None:
-    result = evaluate_events(ModelChoice(str(eight_classes.model)), EvaluationRequest([str(few)]))
+    result = evaluate_events(
+        ModelChoice(str(eight_classes.model)), EvaluationRequest([str(few)])
+    )
     frame = evaluation.to_frame(result)
     ours = frame[frame["method"] == "this model, as deployed"].iloc[0]
     row = result.rows[result.thresholds.headline]

@@ -11,18 +11,28 @@ from adapted_model import RULES, base_of, correction, file_of
 from onnx import numpy_helper
 from small_model import card_of, resealed, sealed_again, spec
 
-from holdfast.edge_runtime.errors import NotAdapted, NotAModel, VerificationFailed
+from holdfast.core.errors import NotAdapted, NotAModel, VerificationFailed
 from holdfast.edge_runtime.model import Model, read_model
-from holdfast.export.adapted_file import BASE_KEY, Adaptation, adapted, is_adapted, undone
+from holdfast.export.adapted_file import (
+    BASE_KEY,
+    Adaptation,
+    adapted,
+    is_adapted,
+    undone,
+    verify_adapted,
+)
 from holdfast.export.correction import PREFIX, corrected_votes, rows_of
 from holdfast.export.features import feature_count
-from holdfast.export.verify_adapted import verify_adapted
 
 AREA = "The model file"
 
 
 def rows(n: int = 300) -> np.ndarray:
-    return np.random.default_rng(2).normal(size=(n, feature_count(spec()))).astype(np.float32)
+    return (
+        np.random.default_rng(2)
+        .normal(size=(n, feature_count(spec())))
+        .astype(np.float32)
+    )
 
 
 @pytest.mark.parametrize("committee", [False, True])
@@ -59,7 +69,9 @@ def test_every_vote_of_an_adapted_file_is_the_reference_s(
         verify_adapted(base, made, card, correction(base, bias=-4000.0), rows())
 
 
-def test_a_correction_takes_risky_votes_gives_them_to_safe_slip_and_keeps_the_sum() -> None:
+def test_a_correction_takes_risky_votes_gives_them_to_safe_slip_and_keeps_the_sum() -> (
+    None
+):
     one = correction(base_of())
     votes = np.random.default_rng(3).integers(0, 4096, size=(300, 8))
     found = corrected_votes(one, rows(), votes)
@@ -96,14 +108,20 @@ def test_what_is_not_adapted_or_was_altered_cannot_be_undone() -> None:
 
 
 def constants(model: onnx.ModelProto) -> dict[str, onnx.TensorProto]:
-    return {one.name: one for one in model.graph.initializer if one.name.startswith(PREFIX)}
+    return {
+        one.name: one for one in model.graph.initializer if one.name.startswith(PREFIX)
+    }
 
 
 def spoiled(fault: str) -> bytes:
     """An adapted file, altered and sealed again by the rule alone."""
     model = onnx.load_from_string(file_of(base_of()))
     card, nodes = card_of(model.SerializeToString()), list(model.graph.node)
-    ours = [node for node in nodes if node.output[0].startswith(PREFIX) or "votes" in node.output]
+    ours = [
+        node
+        for node in nodes
+        if node.output[0].startswith(PREFIX) or "votes" in node.output
+    ]
     (last,) = [node for node in ours if "votes" in node.output]
     if fault == "no word of it in the card":
         del card["heads"]["situation"]["correction"]
@@ -122,7 +140,9 @@ def spoiled(fault: str) -> bytes:
         product = next(one for one in ours if one.op_type == "MatMul")
         tensor = constants(model)[product.input[1]]
         tensor.CopyFrom(
-            numpy_helper.from_array(numpy_helper.to_array(tensor) * 30000, product.input[1])
+            numpy_helper.from_array(
+                numpy_helper.to_array(tensor) * 30000, product.input[1]
+            )
         )
     return resealed(model, card, golden=True)
 

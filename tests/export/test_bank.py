@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from onnx import TensorProto
 from scipy.signal import freqz_sos, sosfilt
 
-from holdfast.edge_runtime.contract import FloatArray
-from holdfast.edge_runtime.errors import RateError
+from holdfast.core.contract import FloatArray
+from holdfast.core.errors import RateError
 from holdfast.edge_runtime.graph import StepGraph, open_session, run_recording
 from holdfast.edge_runtime.monitor import Model
 from holdfast.export.bank import BANDS_HZ, DAMPING, bands_for, sections, step_matrix
@@ -40,15 +40,21 @@ def bank_model(spec: StepSpec) -> bytes:
     graph = GraphBuilder(spec.n_sensors)
     rectified = add_bank(graph, spec, add_guard(graph, spec))
     graph.node("Identity", rectified, out="rectified")
-    graph.output("rectified", TensorProto.DOUBLE, len(spec.carried_bands()), spec.n_channels)
+    graph.output(
+        "rectified", TensorProto.DOUBLE, len(spec.carried_bands()), spec.n_channels
+    )
     return graph.model().SerializeToString()
 
 
 def bank_outputs(spec: StepSpec, values: FloatArray) -> FloatArray:
     """[T, n, 2, bands]: sensor, shear axis, band."""
     valid = np.ones((len(values), spec.n_sensors), dtype=np.bool_)
-    out = run_recording(open_session(bank_model(spec)), values, valid, ["rectified"])["rectified"]
-    return out.reshape(len(values), -1, spec.n_sensors, 3).transpose(0, 2, 3, 1)[:, :, :2]
+    out = run_recording(open_session(bank_model(spec)), values, valid, ["rectified"])[
+        "rectified"
+    ]
+    return out.reshape(len(values), -1, spec.n_sensors, 3).transpose(0, 2, 3, 1)[
+        :, :, :2
+    ]
 
 
 def forces(length: int, n_channels: int, seed: int = 0) -> FloatArray:
@@ -80,7 +86,9 @@ def assert_equal_to(expected: FloatArray, got: FloatArray) -> None:
 
 @RATES.mark
 @pytest.mark.parametrize("rate_hz", RATES_HZ)
-def test_the_graphs_bank_is_scipys_filter_from_rest_on_every_shear_signal(rate_hz: float) -> None:
+def test_the_graphs_bank_is_scipys_filter_from_rest_on_every_shear_signal(
+    rate_hz: float,
+) -> None:
     spec = spec_at(rate_hz)
     values = forces(round(3 * rate_hz), spec.n_channels)
     assert_equal_to(np.abs(by_scipy(spec, values)), bank_outputs(spec, values))
@@ -98,12 +106,16 @@ def test_the_step_matrix_by_hand_is_scipys_filter(rate_hz: float) -> None:
         out = np.concatenate([[difference], state]) @ matrix
         state = out[:size]
         outputs.append(out[size:])
-    expected = np.stack([sosfilt(sections(rate_hz, band), x - x[0]) for band in bands], axis=-1)
+    expected = np.stack(
+        [sosfilt(sections(rate_hz, band), x - x[0]) for band in bands], axis=-1
+    )
     assert_equal_to(expected, np.array(outputs))
 
 
 @pytest.mark.parametrize("rate_hz", RATES_HZ)
-def test_every_resonator_sits_at_the_frequency_it_is_named_after(rate_hz: float) -> None:
+def test_every_resonator_sits_at_the_frequency_it_is_named_after(
+    rate_hz: float,
+) -> None:
     """There, and nowhere else, a second-order resonator turns the phase by a quarter; its gain is 1
     / (2 z)."""
     for band in bands_for(rate_hz):
@@ -122,14 +134,21 @@ def test_a_tone_is_loudest_in_the_band_that_bears_its_name(rate_hz: float) -> No
     t_s = np.arange(round(2.5 * rate_hz)) / rate_hz
     for place, band in enumerate(spec.carried_bands()):
         tone = np.repeat(np.sin(2 * np.pi * band * t_s + 0.3)[:, None], 3, axis=1)
-        loudness = np.square(bank_outputs(spec, tone)[round(1.5 * rate_hz) :]).mean(axis=0)
+        loudness = np.square(bank_outputs(spec, tone)[round(1.5 * rate_hz) :]).mean(
+            axis=0
+        )
         np.testing.assert_array_equal(loudness.argmax(axis=-1), place)
 
 
 @RATES.mark
 @pytest.mark.parametrize(
     ("rate_hz", "carried"),
-    [(50.0, (10, 15, 20)), (50.1, (10, 15, 20)), (58.9, (10, 15, 20, 25)), (1000.0, BANDS_HZ)],
+    [
+        (50.0, (10, 15, 20)),
+        (50.1, (10, 15, 20)),
+        (58.9, (10, 15, 20, 25)),
+        (1000.0, BANDS_HZ),
+    ],
 )
 def test_bands_at_or_above_half_the_rate_are_left_out(
     rate_hz: float, carried: tuple[float, ...]
@@ -149,7 +168,9 @@ def test_nothing_is_warned_of_where_every_band_is_carried() -> None:
     spec_at(119.6).warn_of_lost_bands()  # a warning would be an error
 
 
-def test_the_sealed_card_lists_the_bands_and_the_bands_left_out(eight_classes: Built) -> None:
+def test_the_sealed_card_lists_the_bands_and_the_bands_left_out(
+    eight_classes: Built,
+) -> None:
     card = Model(eight_classes.model).card.raw
     assert card["bands_hz"] == [10, 15, 20]
     assert card["bands_left_out_hz"] == [25, 30, 35, 40, 45, 50, 55]
@@ -158,7 +179,10 @@ def test_the_sealed_card_lists_the_bands_and_the_bands_left_out(eight_classes: B
 @RATES.mark
 @pytest.mark.parametrize("rate_hz", [20.0, 12.5, 1.0])
 def test_a_rate_that_carries_no_band_is_refused(rate_hz: float) -> None:
-    for refused in (spec_at(rate_hz).carried_bands, spec_at(rate_hz).warn_of_lost_bands):
+    for refused in (
+        spec_at(rate_hz).carried_bands,
+        spec_at(rate_hz).warn_of_lost_bands,
+    ):
         with pytest.raises(RateError, match="none of the bands"):
             refused()
     with pytest.raises(RateError, match="none of the bands"):
@@ -168,7 +192,9 @@ def test_a_rate_that_carries_no_band_is_refused(rate_hz: float) -> None:
 @POLE.mark
 @given(rate_hz=st.floats(21.75, 20_000.0))
 @settings(max_examples=60)
-def test_every_eigenvalue_of_the_step_is_inside_the_unit_circle_at_any_rate(rate_hz: float) -> None:
+def test_every_eigenvalue_of_the_step_is_inside_the_unit_circle_at_any_rate(
+    rate_hz: float,
+) -> None:
     """The differentiator's pole at -1, on the circle, is gone."""
     bands = bands_for(rate_hz)
     size = 1 + 4 * len(bands)
@@ -192,7 +218,9 @@ def test_no_band_rings_for_more_than_a_second_after_it_was_named_at_any_rate(
 
 @SILENCE.mark
 @pytest.mark.parametrize("rate_hz", [50.0, 150.0])
-def test_silence_ends_in_exact_zeros_and_passes_no_subnormal_number(rate_hz: float) -> None:
+def test_silence_ends_in_exact_zeros_and_passes_no_subnormal_number(
+    rate_hz: float,
+) -> None:
     spec = spec_at(rate_hz)
     graph = StepGraph(open_session(bank_model(spec)))
     loud = 1000.0 * np.random.default_rng(0).normal(size=(50, spec.n_channels))
@@ -214,11 +242,15 @@ def test_silence_ends_in_exact_zeros_and_passes_no_subnormal_number(rate_hz: flo
     numbers=st.lists(st.integers(-(2**10), 2**10), min_size=12, max_size=60),
 )
 @settings(max_examples=20)
-def test_a_constant_offset_however_large_changes_nothing(offset: int, numbers: list[int]) -> None:
+def test_a_constant_offset_however_large_changes_nothing(
+    offset: int, numbers: list[int]
+) -> None:
     spec = spec_at(150.0, n_sensors=1)
     # exact with the offset on top
     values = np.array(numbers[: len(numbers) // 3 * 3]).reshape(-1, 3) / 64.0
-    np.testing.assert_array_equal(bank_outputs(spec, values), bank_outputs(spec, values + offset))
+    np.testing.assert_array_equal(
+        bank_outputs(spec, values), bank_outputs(spec, values + offset)
+    )
 
 
 def test_the_normal_axis_does_not_reach_the_bank() -> None:

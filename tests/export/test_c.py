@@ -21,8 +21,8 @@ from holdfast.edge_runtime.graph import StepGraph, open_session
 from holdfast.edge_runtime.model_file import read_sealed
 from holdfast.export.c.graph import read_graph
 from holdfast.export.features import GROUPS
-from holdfast.export.hard_rows import hard_rows
 from holdfast.export.seal import model_card, seal
+from holdfast.export.structure import hard_rows
 from holdfast.export.verify import cut_learners
 
 if TYPE_CHECKING:
@@ -32,7 +32,11 @@ RELEASED = Path(__file__).resolve().parents[2] / "models" / "holdfast-150hz.onnx
 SMALL = ("four situations", "committee", "adapted committee")
 MODELS = (*SMALL, pytest.param("released", marks=pytest.mark.soak))
 """The released file's C form is built and tested by .ci/run."""
-KINDS = [*((name, "gcc") for name in SMALL), ("committee", "clang"), ("adapted committee", "clang")]
+KINDS = [
+    *((name, "gcc") for name in SMALL),
+    ("committee", "clang"),
+    ("adapted committee", "clang"),
+]
 """Models and compilers: what clang may see otherwise is in the larger ones."""
 Make = Callable[[str], CForm]
 Answers = dict[str, npt.NDArray[Any]]
@@ -53,7 +57,9 @@ def form(tmp_path_factory: pytest.TempPathFactory, four_situations: Built) -> Ma
             return seal(graph_of(made), model_card(made), made.spec)
         if name == "adapted committee":
             return file_of(base_of(committee=True))
-        return read_sealed(four_situations.model if name == "four situations" else RELEASED)
+        return read_sealed(
+            four_situations.model if name == "four situations" else RELEASED
+        )
 
     def make(name: str) -> CForm:
         def write(folder: Path) -> None:
@@ -61,7 +67,9 @@ def form(tmp_path_factory: pytest.TempPathFactory, four_situations: Built) -> Ma
             c_form(folder / "model.onnx", folder / "c")
 
         folder = made_once(tmp_path_factory, f"c-{name.replace(' ', '-')}", write)
-        return CForm(folder / "model.onnx", folder / "c", read_graph(folder / "model.onnx"))
+        return CForm(
+            folder / "model.onnx", folder / "c", read_graph(folder / "model.onnx")
+        )
 
     return make
 
@@ -77,7 +85,9 @@ def quick(made: CForm) -> Path:
 def of_onnx(made: CForm, values: npt.NDArray[Any], valid: npt.NDArray[Any]) -> Answers:
     """Every output of the ONNX file at every sample of streams [N, T, C]."""
     steps = StepGraph(open_session(made.model.read_bytes()), len(values))
-    kept: dict[str, list[npt.NDArray[Any]]] = {name: [] for name in (*steps.out, "state")}
+    kept: dict[str, list[npt.NDArray[Any]]] = {
+        name: [] for name in (*steps.out, "state")
+    }
     for t in range(values.shape[1]):
         np.copyto(steps.sample, values[:, t])
         np.copyto(steps.valid, valid[:, t])
@@ -86,11 +96,15 @@ def of_onnx(made: CForm, values: npt.NDArray[Any], valid: npt.NDArray[Any]) -> A
     return {name: np.concatenate(np.stack(rows, axis=1)) for name, rows in kept.items()}
 
 
-def of_c(made: CForm, program: Path, values: npt.NDArray[Any], valid: npt.NDArray[Any]) -> Any:
+def of_c(
+    made: CForm, program: Path, values: npt.NDArray[Any], valid: npt.NDArray[Any]
+) -> Any:
     """The same of a program of the C form."""
     streams, samples, channels = values.shape
     fresh = np.tile(np.arange(samples) == 0, streams)
-    return made.stepped(program, values.reshape(-1, channels), np.concatenate(valid), fresh)
+    return made.stepped(
+        program, values.reshape(-1, channels), np.concatenate(valid), fresh
+    )
 
 
 def is_label(name: str, answers: npt.NDArray[Any]) -> bool:
@@ -122,7 +136,9 @@ def test_the_golden_sequence_is_replayed_without_a_difference(form, name, compil
 
 @pytest.mark.parametrize("streams", [8, pytest.param(200, marks=pytest.mark.soak)])
 @pytest.mark.parametrize("name", MODELS)
-def test_hard_streams_are_answered_as_the_onnx_file_answers(form, name, streams, record_property):
+def test_hard_streams_are_answered_as_the_onnx_file_answers(
+    form, name, streams, record_property
+):
     """NaN, infinite, lost and impossible samples, ties of the friction cone, numbers on a grid."""
     made = form(name)
     values, valid = hard_streams(made.graph.card, streams, seed=streams)
@@ -164,7 +180,9 @@ def everything_features(made: CForm) -> int:
 
 @pytest.mark.parametrize("n", [5_000, pytest.param(100_000, marks=pytest.mark.soak)])
 @pytest.mark.parametrize("name", MODELS)
-def test_rows_on_every_threshold_get_the_same_votes_and_labels(form, name, n, record_property):
+def test_rows_on_every_threshold_get_the_same_votes_and_labels(
+    form, name, n, record_property
+):
     made = form(name)
     rows = hard_answers(made, n)
     session = open_session(cut_learners(onnx.load(made.model)))
@@ -189,8 +207,12 @@ def has_fused_products() -> bool:
     return cpu.is_file() and " fma " in cpu.read_text("ascii", errors="replace")
 
 
-@pytest.mark.skipif(not has_fused_products(), reason="no fused multiply-add on this processor")
-@pytest.mark.parametrize("name", ["committee", pytest.param("released", marks=pytest.mark.soak)])
+@pytest.mark.skipif(
+    not has_fused_products(), reason="no fused multiply-add on this processor"
+)
+@pytest.mark.parametrize(
+    "name", ["committee", pytest.param("released", marks=pytest.mark.soak)]
+)
 def test_with_fused_products_every_number_has_the_bits_of_onnxruntime(form, name):
     """So the sums are in onnxruntime's order, and only the rounding of products differs."""
     made = form(name)

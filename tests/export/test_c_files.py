@@ -17,10 +17,10 @@ from c_form import STRICT, require_compiler
 from command_line import fails
 from small_model import card_of, for_the_hand, graph_of, resealed, sealed_bytes
 
+from holdfast.core.errors import CompilerFailed, NotCompilable, OutputError
+from holdfast.core.writing import write_whole
 from holdfast.edge_runtime.c_engine import LIBRARY
-from holdfast.edge_runtime.errors import CompilerFailed, NotCompilable, OutputError
 from holdfast.edge_runtime.onnx_bytes import Node
-from holdfast.edge_runtime.writing import write_whole
 from holdfast.export.c.compiler import find_compiler
 from holdfast.export.c.graph import read_graph
 from holdfast.export.c.source import c_source
@@ -96,7 +96,9 @@ def test_a_place_that_takes_no_folder_is_an_error_of_one_line(run: Run, model: P
     assert names(model.parent) == ["small.onnx"]
 
 
-@pytest.mark.parametrize("earlier", [None, "", "an earlier export"], ids=["none", "empty", "full"])
+@pytest.mark.parametrize(
+    "earlier", [None, "", "an earlier export"], ids=["none", "empty", "full"]
+)
 def test_a_disk_that_fills_up_leaves_what_was_there(
     run: Run, model: Path, monkeypatch: pytest.MonkeyPatch, earlier: str | None
 ):
@@ -131,16 +133,21 @@ def test_another_format_and_other_files_are_refused(run: Run, model: Path):
 def test_what_has_no_c_form_is_refused_by_its_name(model: Path):
     graph = read_graph(model)
     altered = [
-        replace(node, op_type="Erf") if node.op_type == "Softmax" else node for node in graph.nodes
+        replace(node, op_type="Erf") if node.op_type == "Softmax" else node
+        for node in graph.nodes
     ]
-    with pytest.raises(NotCompilable, match=r"operator Erf for p_class: it has no C form"):
+    with pytest.raises(
+        NotCompilable, match=r"operator Erf for p_class: it has no C form"
+    ):
         c_source(replace(graph, nodes=tuple(altered)))
 
 
 def test_an_answer_that_depends_on_more_than_the_features_is_refused(model: Path):
     graph = read_graph(model)
     (label,) = [node for node in graph.nodes if node.op_type == "ArgMax"]
-    added = replace(label, op_type="Add", inputs=("votes", "sample"), outputs=("votes_more",))
+    added = replace(
+        label, op_type="Add", inputs=("votes", "sample"), outputs=("votes_more",)
+    )
     tensors = {**graph.tensors, "votes_more": graph.tensors["votes"]}
     with pytest.raises(NotCompilable, match="more than the features"):
         c_source(replace(graph, nodes=(*graph.nodes, added), tensors=tensors))
@@ -180,8 +187,14 @@ def script(folder: Path, body: str) -> str:
     ("body", "says"),
     [
         ("exit 1", "does not take -std=c99"),
-        ('case "$*" in *try.c*) exit 0;; esac; echo "x.c:1: error: no" >&2; exit 1', "error: no"),
-        ('case "$*" in *" selftest "*) cp /bin/false selftest;; esac', "answers differently"),
+        (
+            'case "$*" in *try.c*) exit 0;; esac; echo "x.c:1: error: no" >&2; exit 1',
+            "error: no",
+        ),
+        (
+            'case "$*" in *" selftest "*) cp /bin/false selftest;; esac',
+            "answers differently",
+        ),
     ],
     ids=["too old", "fails", "computes wrongly"],
 )
@@ -193,7 +206,9 @@ def test_a_compiler_that_does_not_do_leaves_nothing_behind(
     assert names(model.parent) == ["small.onnx", "strange-cc"]
 
 
-def test_a_compiler_that_is_missing_is_an_error_that_says_so(monkeypatch: pytest.MonkeyPatch):
+def test_a_compiler_that_is_missing_is_an_error_that_says_so(
+    monkeypatch: pytest.MonkeyPatch,
+):
     monkeypatch.setenv("CC", "no-such-compiler")
     with pytest.raises(CompilerFailed, match="no C compiler"):
         find_compiler()
@@ -203,10 +218,15 @@ def test_a_compiler_that_is_missing_is_an_error_that_says_so(monkeypatch: pytest
         find_compiler()
 
 
-def test_a_state_of_another_size_or_model_gives_a_code_and_no_answer(library: ctypes.CDLL):
+def test_a_state_of_another_size_or_model_gives_a_code_and_no_answer(
+    library: ctypes.CDLL,
+):
     library.holdfast_message.restype = ctypes.c_char_p
     size = library.holdfast_state_bytes()
-    state, out = ctypes.create_string_buffer(size), ctypes.create_string_buffer(b"\xff" * 999, 999)
+    state, out = (
+        ctypes.create_string_buffer(size),
+        ctypes.create_string_buffer(b"\xff" * 999, 999),
+    )
     sample = (ctypes.c_float * 6)()
     assert library.holdfast_init_sized(state, ctypes.c_size_t(size - 8)) == -1
     assert b"another size" in library.holdfast_message(-1)
@@ -217,25 +237,35 @@ def test_a_state_of_another_size_or_model_gives_a_code_and_no_answer(library: ct
 
 
 def test_a_float_sample_is_answered_as_the_same_numbers_in_double(library: ctypes.CDLL):
-    size, out = library.holdfast_state_bytes(), [ctypes.create_string_buffer(999) for _ in "ab"]
+    size, out = (
+        library.holdfast_state_bytes(),
+        [ctypes.create_string_buffer(999) for _ in "ab"],
+    )
     states = [ctypes.create_string_buffer(size) for _ in "ab"]
     for state in states:
         library.holdfast_init_sized(state, ctypes.c_size_t(size))
     for row in range(60):
         numbers = [(k * row % 7) / 8.0 for k in range(6)]
         library.holdfast_step(states[0], (ctypes.c_float * 6)(*numbers), out[0])
-        library.holdfast_step_valid(states[1], (ctypes.c_double * 6)(*numbers), None, out[1])
+        library.holdfast_step_valid(
+            states[1], (ctypes.c_double * 6)(*numbers), None, out[1]
+        )
         assert out[0].raw == out[1].raw
     assert states[0].raw == states[1].raw
 
 
 def compile_in(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        [require_compiler(), *STRICT, *words], cwd=folder, capture_output=True, text=True
+        [require_compiler(), *STRICT, *words],
+        cwd=folder,
+        capture_output=True,
+        text=True,
     )
 
 
-def test_files_of_two_models_do_not_compile_together(run: Run, model: Path, tmp_path: Path):
+def test_files_of_two_models_do_not_compile_together(
+    run: Run, model: Path, tmp_path: Path
+):
     run("export", model, "--to", "c", "--out", tmp_path / "one")
     model.write_bytes(sealed_bytes(False))
     run("export", model, "--to", "c", "--out", tmp_path / "other")
@@ -244,15 +274,26 @@ def test_files_of_two_models_do_not_compile_together(run: Run, model: Path, tmp_
 
 
 @pytest.mark.skipif(shutil.which("nm") is None, reason="no nm")
-def test_the_object_holds_no_memory_that_changes_and_needs_only_libm(run: Run, model: Path):
+def test_the_object_holds_no_memory_that_changes_and_needs_only_libm(
+    run: Run, model: Path
+):
     run("export", model, "--to", "c")
     folder = model.parent / "small-c"
     assert compile_in(folder, "-O2", "-c", "holdfast.c").returncode == 0
-    listed = subprocess.run(["nm", "holdfast.o"], cwd=folder, capture_output=True, text=True)
+    listed = subprocess.run(
+        ["nm", "holdfast.o"], cwd=folder, capture_output=True, text=True
+    )
     symbols = [line.split()[-2:] for line in listed.stdout.splitlines()]
     assert not [name for kind, name in symbols if kind in "bBdDC"]
     needed = {name for kind, name in symbols if kind == "U"}
-    assert needed <= {"memcpy", "memmove", "memset", "sqrt", "floorf", "__stack_chk_fail"}
+    assert needed <= {
+        "memcpy",
+        "memmove",
+        "memset",
+        "sqrt",
+        "floorf",
+        "__stack_chk_fail",
+    }
 
 
 def test_the_page_does_what_it_says_with_a_small_model_too(
@@ -275,6 +316,8 @@ def test_the_page_does_what_it_says_with_a_small_model_too(
             code, printed, _ = run(*shlex.split(text)[1:])
             assert code == 0
         else:
-            done = subprocess.run(["sh", "-e", "-c", text], capture_output=True, text=True)
+            done = subprocess.run(
+                ["sh", "-e", "-c", text], capture_output=True, text=True
+            )
             assert (done.returncode, done.stderr) == (0, "")
             printed = done.stdout

@@ -14,17 +14,20 @@ from grip_senses import QUICK, random_senses
 from made_once import made_once
 from small_model import sealed_bytes
 
+from holdfast.edge_runtime.batch import ManyLanes
 from holdfast.edge_runtime.decision import LIMITS, DecisionRules, DecisionState, decide
 from holdfast.edge_runtime.grip import CONTROLLERS, GripSense
 from holdfast.edge_runtime.grip_control import GripLoop
-from holdfast.edge_runtime.lanes import ManyLanes
 from holdfast.export.c.graph import read_graph
 from holdfast.export.c.hand import RULE_ORDER
 
 RATE_HZ = 50.0
 """Of the small model."""
 DECISION = np.dtype(
-    [(name, "i4") for name in ("risky_run", "nothing_run", "override_us", "evidence_us")]
+    [
+        (name, "i4")
+        for name in ("risky_run", "nothing_run", "override_us", "evidence_us")
+    ]
     + [(name, "u1") for name in ("arm", "act", "ended")],
     align=True,
 )
@@ -49,7 +52,9 @@ def random_decisions(n: int, seed: int) -> Array:
     """[n, 11] records of the harness: rules that change every STREAM samples, then labels."""
     rng = np.random.default_rng(seed)
     streams = -(-n // STREAM)
-    small = [rng.integers(low, min(high, low + 4), streams) for low, high in LIMITS.values()]
+    small = [
+        rng.integers(low, min(high, low + 4), streams) for low, high in LIMITS.values()
+    ]
     small[3] = rng.choice([0, 600, 1000], streams)
     small[4], small[5] = (rng.choice([1, 45, 2000, 600_000], streams) for _ in range(2))
     rules = np.repeat(np.stack(small, axis=1), STREAM, axis=0)[:n]
@@ -74,18 +79,31 @@ def decided(records: Array) -> Array:
     state, rows = DecisionState(), []
     for *rules, fresh, situation, permille, period_us, wish in records.tolist():
         state = DecisionState() if fresh else state
-        state = remembered(rules_of(*rules), state, situation, permille, period_us, wish)
+        state = remembered(
+            rules_of(*rules), state, situation, permille, period_us, wish
+        )
         row = (state.risky_run, state.nothing_run, state.override_us, state.evidence_us)
         rows.append((*row, state.arm, state.act, ENDED.index(state.ended)))
     return np.array(rows, DECISION)
 
 
 def decide_at(
-    rules: DecisionRules, state: DecisionState, situation: int, permille: int, us: int, wish: int
+    rules: DecisionRules,
+    state: DecisionState,
+    situation: int,
+    permille: int,
+    us: int,
+    wish: int,
 ) -> DecisionState:
     opening, override = bool(wish & 1), bool(wish & 2)
     return decide(
-        rules, state, situation, permille, period_us=us, opening=opening, override=override
+        rules,
+        state,
+        situation,
+        permille,
+        period_us=us,
+        opening=opening,
+        override=override,
     )
 
 
@@ -103,7 +121,12 @@ def test_a_decision_in_c_is_that_of_python_at_every_step(form, n):
 def records_of(senses: list[GripSense], hands: int) -> Array:
     """Records of the harness, one hand after another."""
     options = (22.0, QUICK.ceiling_n, QUICK.slew_n_s, QUICK.rise_s, QUICK.most_rise_s)
-    kind = [("options", "f8", 7), ("fresh", "u1"), ("numbers", "f8", 4), ("flags", "u1", 4)]
+    kind = [
+        ("options", "f8", 7),
+        ("fresh", "u1"),
+        ("numbers", "f8", 4),
+        ("flags", "u1", 4),
+    ]
     given = np.zeros((hands, len(senses)), np.dtype(kind))
     given["options"] = (*options, QUICK.give_back_s, QUICK.give_back_n_s)
     given["fresh"][:, 0] = 1
@@ -118,7 +141,9 @@ def records_of(senses: list[GripSense], hands: int) -> Array:
 def commanded(senses: list[GripSense], hands: int) -> Array:
     """[hands, samples] what Python commands, on many hands at once."""
     lanes = ManyLanes(hands)
-    controller = CONTROLLERS["holdfast"](lanes, RATE_HZ, CONTROLLERS["holdfast"].SETTING)
+    controller = CONTROLLERS["holdfast"](
+        lanes, RATE_HZ, CONTROLLERS["holdfast"].SETTING
+    )
     loop = GripLoop(lanes, RATE_HZ, controller, QUICK)
     commands = np.zeros((hands, len(senses)), COMMAND)
     for at, one in enumerate(senses):
@@ -126,7 +151,9 @@ def commanded(senses: list[GripSense], hands: int) -> Array:
         commands["mode"][:, at] = loop.supervisor.mode
         for name in ("mu_hat", "margin", "needed_n"):
             commands[name][:, at] = getattr(loop.margin, name)
-        commands["feedback"][:, at] = np.where(one.known & (one.p_risky >= 0.7), one.p_risky, 0.0)
+        commands["feedback"][:, at] = np.where(
+            one.known & (one.p_risky >= 0.7), one.p_risky, 0.0
+        )
     commands["slew_n_s"] = QUICK.slew_n_s
     return commands
 

@@ -12,7 +12,7 @@ from hard_marks import COLLAR, EVENTS, NORMAL
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from holdfast.edge_runtime.contract import BoolArray, FloatArray, Unit
+from holdfast.core.contract import BoolArray, FloatArray, Unit
 from holdfast.edge_runtime.graph import open_session, run_recording, run_recordings
 from holdfast.export.detectors import detector_names
 from holdfast.export.spec import NOISE_RMS, DetectorSpec, StepSpec
@@ -33,16 +33,23 @@ def session_of(unit: Unit, rate_hz: float = RATE_HZ) -> ort.InferenceSession:
 
 
 def detect(
-    values: FloatArray, unit: Unit = "N", valid: BoolArray | None = None, rate_hz: float = RATE_HZ
+    values: FloatArray,
+    unit: Unit = "N",
+    valid: BoolArray | None = None,
+    rate_hz: float = RATE_HZ,
 ) -> dict[str, BoolArray]:
     """Detector name -> [T] whether it fires."""
     flags = np.ones((len(values), SENSORS), dtype=np.bool_) if valid is None else valid
-    out = run_recording(session_of(unit, rate_hz), values, flags, ["detectors"])["detectors"]
+    out = run_recording(session_of(unit, rate_hz), values, flags, ["detectors"])[
+        "detectors"
+    ]
     names = detector_names(StepSpec(SENSORS, rate_hz, unit, ("now",)))
     return {name: out[:, column] for column, name in enumerate(names)}
 
 
-def quiet(seconds: float, unit: Unit = "N", seed: int = 0, rate_hz: float = RATE_HZ) -> FloatArray:
+def quiet(
+    seconds: float, unit: Unit = "N", seed: int = 0, rate_hz: float = RATE_HZ
+) -> FloatArray:
     """Sensor noise and nothing else."""
     rng = np.random.default_rng(seed)
     return rng.normal(0.0, NOISE_RMS[unit], (round(seconds * rate_hz), 3 * SENSORS))
@@ -58,7 +65,9 @@ def burst(
     """The same stream with vibration on one channel."""
     rows = np.arange(at(start_s), at(start_s + lasts_s))
     shaken = values.copy()
-    shaken[rows, channel] += size * np.sin(2 * np.pi * BURST_HZ * (rows - rows[0]) / RATE_HZ)
+    shaken[rows, channel] += size * np.sin(
+        2 * np.pi * BURST_HZ * (rows - rows[0]) / RATE_HZ
+    )
     return shaken
 
 
@@ -72,9 +81,18 @@ def long_streams() -> dict[str, tuple[FloatArray, BoolArray]]:
     loud, noise = quiet(90.0), quiet(100.0)
     loud[:, 0] *= 100.0
     noise[at(5.0) :, 3] *= 100.0
-    values |= {f"burst on {k}": burst(loud, 85.0, 0.5, small, channel=k) for k in (0, 4)}
-    values |= {"noise": noise, "tone": burst(quiet(100.0), 5.0, 95.0, 2.0), "lost": loud}
-    valid = {name: np.ones((len(one), SENSORS), dtype=np.bool_) for name, one in values.items()}
+    values |= {
+        f"burst on {k}": burst(loud, 85.0, 0.5, small, channel=k) for k in (0, 4)
+    }
+    values |= {
+        "noise": noise,
+        "tone": burst(quiet(100.0), 5.0, 95.0, 2.0),
+        "lost": loud,
+    }
+    valid = {
+        name: np.ones((len(one), SENSORS), dtype=np.bool_)
+        for name, one in values.items()
+    }
     valid["lost"][at(65.0) : at(85.0), 0] = False
     return {name: (values[name], valid[name]) for name in values}
 
@@ -86,8 +104,13 @@ def band_pass() -> dict[str, BoolArray]:
     values, valid = (list(part) for part in zip(*streams.values(), strict=True))
     rows = [np.arange(len(one)) for one in values]
     outputs = run_recordings(session_of("N"), values, valid, ["detectors"], rows)
-    column = detector_names(StepSpec(SENSORS, RATE_HZ, "N", ("now",))).index("band_pass")
-    return {name: out["detectors"][:, column] for name, out in zip(streams, outputs, strict=True)}
+    column = detector_names(StepSpec(SENSORS, RATE_HZ, "N", ("now",))).index(
+        "band_pass"
+    )
+    return {
+        name: out["detectors"][:, column]
+        for name, out in zip(streams, outputs, strict=True)
+    }
 
 
 @given(seed=st.integers(0, 2**16), cut=st.integers(1, 299))
@@ -107,7 +130,9 @@ def test_noise_alone_fires_nothing_in_any_unit(unit: Unit) -> None:
 
 
 @pytest.mark.parametrize("louder", LOUDER)
-def test_one_setting_serves_a_channel_however_noisy_and_a_burst_still_fires(louder: float) -> None:
+def test_one_setting_serves_a_channel_however_noisy_and_a_burst_still_fires(
+    louder: float,
+) -> None:
     fired = band_pass()[f"{louder:g} times as noisy"]
     assert not fired[at(60.0) : at(85.0)].any()
     assert fired[at(85.0) : at(85.5)].any()
@@ -178,14 +203,18 @@ def expect_points(values: FloatArray, rate_hz: float) -> int:
     return int(points.sum())
 
 
-def test_quiet_that_is_exactly_long_enough_is_enough_and_one_sample_less_is_not() -> None:
+def test_quiet_that_is_exactly_long_enough_is_enough_and_one_sample_less_is_not() -> (
+    None
+):
     # noise alone makes excursions close together
     rules = DetectorSpec(quiet_s=0.05, band_ratio=1.5)
     spec = StepSpec(SENSORS, RATE_HZ, "N", ("now",), detectors=rules)
     session = open_session(feature_graph(spec).SerializeToString())
     values = quiet(30.0)
     valid = np.ones((len(values), SENSORS), dtype=np.bool_)
-    firing, points, _ = run_recording(session, values, valid, ["detectors"])["detectors"].T
+    firing, points, _ = run_recording(session, values, valid, ["detectors"])[
+        "detectors"
+    ].T
     change = np.diff(firing.astype(int))
     begins, ends = np.flatnonzero(change == 1) + 1, np.flatnonzero(change == -1) + 1
     begins = begins[begins > ends[0]]
@@ -210,7 +239,9 @@ def pressed(forces: FloatArray) -> FloatArray:
 @given(
     forces=st.lists(
         st.lists(
-            st.sampled_from([-3.0, -1.0, -0.4, 0.0, 0.3, 0.4, 0.5, 0.51, 0.8, 1.0, 5.0, 499.0]),
+            st.sampled_from(
+                [-3.0, -1.0, -0.4, 0.0, 0.3, 0.4, 0.5, 0.51, 0.8, 1.0, 5.0, 499.0]
+            ),
             min_size=6,
             max_size=6,
         ),
@@ -228,7 +259,9 @@ def test_the_cone_is_more_shear_than_friction_holds_at_some_finger_pressed_hard_
     shear, normal = np.hypot(fingers[..., 0], fingers[..., 1]), fingers[..., 2]
     outside = (shear > RULES.friction * normal) & (normal > RULES.min_normal_n)
     on_the_edge = np.isclose(shear, RULES.friction * normal, rtol=1e-12).any(axis=1)
-    np.testing.assert_array_equal(detections[~on_the_edge], outside.any(axis=1)[~on_the_edge])
+    np.testing.assert_array_equal(
+        detections[~on_the_edge], outside.any(axis=1)[~on_the_edge]
+    )
 
 
 @NORMAL.mark
@@ -263,7 +296,9 @@ def test_a_finger_that_is_lost_or_not_settled_fires_nothing() -> None:
 def test_no_vibration_is_reported_before_a_finger_has_settled() -> None:
     shaken = burst(quiet(3.0), 0.1, 1.4, 5.0)
     expected_from = at(0.5)  # the first 50 samples are not settled, the 51st is
-    np.testing.assert_array_equal(np.flatnonzero(detect(shaken)["band_pass"])[0], expected_from)
+    np.testing.assert_array_equal(
+        np.flatnonzero(detect(shaken)["band_pass"])[0], expected_from
+    )
 
 
 def test_the_floor_stands_still_while_a_finger_is_lost() -> None:
@@ -276,5 +311,9 @@ def test_there_is_a_cone_only_where_forces_are_in_newton(unit: Unit) -> None:
     spec = StepSpec(SENSORS, RATE_HZ, unit, ("now",))
     assert "friction_cone" in detector_names(StepSpec(SENSORS, RATE_HZ, "N", ("now",)))
     assert "friction_cone" not in detector_names(spec)
-    (output,) = [output for output in session_of(unit).get_outputs() if output.name == "detectors"]
+    (output,) = [
+        output
+        for output in session_of(unit).get_outputs()
+        if output.name == "detectors"
+    ]
     assert output.shape[1] == len(detector_names(spec)) == 2

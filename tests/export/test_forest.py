@@ -19,16 +19,16 @@ from onnx.utils import Extractor
 from skl2onnx.common import tree_ensemble
 from sklearn.ensemble import ExtraTreesClassifier, RandomForestClassifier
 
-from holdfast.edge_runtime.contract import CLASSES, SITUATIONS
-from holdfast.edge_runtime.errors import NotANumber, VerificationFailed
+from holdfast.core.contract import CLASSES, SITUATIONS
+from holdfast.core.errors import NotANumber, VerificationFailed
 from holdfast.edge_runtime.graph import open_session
 from holdfast.export.exporting import export_artifact, whole_graph
 from holdfast.export.forest import Forest, leaf_votes, vote_bits
-from holdfast.export.hard_rows import edge_rows, threshold_rows
 from holdfast.export.heads import Calibration, Head
 from holdfast.export.learner import reference_votes
 from holdfast.export.reference import riskier_argmax, situation_votes
 from holdfast.export.spec import StepSpec
+from holdfast.export.structure import edge_rows, threshold_rows
 from holdfast.export.verify import verify
 
 if TYPE_CHECKING:
@@ -36,7 +36,10 @@ if TYPE_CHECKING:
 
 SPEC = StepSpec(n_sensors=2, rate_hz=50.0, unit="N", groups=("now",))
 N_FEATURES = 6
-KINDS: dict[str, type[Forest]] = {"random": RandomForestClassifier, "extra": ExtraTreesClassifier}
+KINDS: dict[str, type[Forest]] = {
+    "random": RandomForestClassifier,
+    "extra": ExtraTreesClassifier,
+}
 Rows = npt.NDArray[np.float32]
 
 
@@ -47,7 +50,11 @@ def head_of(forest: Forest, classes: tuple[str, ...]) -> Head:
 
 @cache
 def fitted(
-    kind: str, present: tuple[int, ...], trees: int, depth: int | None = None, rows: int = 120
+    kind: str,
+    present: tuple[int, ...],
+    trees: int,
+    depth: int | None = None,
+    rows: int = 120,
 ) -> tuple[Forest, Rows]:
     """A forest that saw only the classes `present`, and the rows it was fitted on (values on a
     coarse grid)."""
@@ -64,10 +71,14 @@ def cut(model: onnx.ModelProto, rows: Rows) -> dict[str, npt.NDArray[Any]]:
         for n in ("votes", "situation", "p_situation", "p_class", "weight")
         if n in published(model)
     ]
-    part = Extractor(onnx.shape_inference.infer_shapes(model)).extract_model(["features"], names)
+    part = Extractor(onnx.shape_inference.infer_shapes(model)).extract_model(
+        ["features"], names
+    )
     return dict(
         zip(
-            names, open_session(part.SerializeToString()).run(None, {"features": rows}), strict=True
+            names,
+            open_session(part.SerializeToString()).run(None, {"features": rows}),
+            strict=True,
         )
     )
 
@@ -99,24 +110,35 @@ FORESTS: dict[str, tuple[tuple[str, ...], tuple[int, ...], int, int | None]] = {
 @SMALL.mark
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("name", FORESTS)
-def test_the_exported_file_answers_what_the_reference_does(kind: str, name: str) -> None:
+def test_the_exported_file_answers_what_the_reference_does(
+    kind: str, name: str
+) -> None:
     classes, present, trees, depth = FORESTS[name]
     forest, rows = fitted(kind, present, trees, depth)
     hard = hard_rows(forest, rows)
     got = cut(whole_graph(SPEC, [head_of(forest, classes)]), hard)
     votes = reference_votes(forest, hard, len(classes))
     np.testing.assert_array_equal(got["votes"], votes)
-    np.testing.assert_array_equal(got["situation"], riskier_argmax(situation_votes(votes)))
+    np.testing.assert_array_equal(
+        got["situation"], riskier_argmax(situation_votes(votes))
+    )
     assert (got["votes"].sum(axis=1) == trees << vote_bits(trees)).all()
-    assert not got["votes"][:, [k for k in range(len(classes)) if k not in present]].any()
+    assert not got["votes"][
+        :, [k for k in range(len(classes)) if k not in present]
+    ].any()
 
 
-@pytest.mark.parametrize("name", ["four situations", "eight classes", "one tree of one node"])
+@pytest.mark.parametrize(
+    "name", ["four situations", "eight classes", "one tree of one node"]
+)
 def test_such_a_file_is_verified(name: str) -> None:
     classes, present, trees, depth = FORESTS[name]
     forest, rows = fitted("random", present, trees, depth)
     report = verify(
-        whole_graph(SPEC, [head_of(forest, classes)]), SPEC, [head_of(forest, classes)], rows
+        whole_graph(SPEC, [head_of(forest, classes)]),
+        SPEC,
+        [head_of(forest, classes)],
+        rows,
     )
     assert report.heads["situation"].label_mismatches == 0
     assert report.heads["situation"].rows > len(rows)
@@ -124,7 +146,9 @@ def test_such_a_file_is_verified(name: str) -> None:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_the_reference_is_the_forests_own_probability_within_the_quantisation(kind: str) -> None:
+def test_the_reference_is_the_forests_own_probability_within_the_quantisation(
+    kind: str,
+) -> None:
     forest, rows = fitted(kind, (0, 1, 3), 7, 3)
     votes = reference_votes(forest, rows, 4)
     full = 7 << vote_bits(7)
@@ -159,15 +183,21 @@ def test_every_leaf_sums_to_its_full_vote_and_is_its_tree_within_one(
     x, y = rng.normal(size=(80, 3)), rng.integers(3, size=80)
     forest = RandomForestClassifier(trees, max_depth=depth, random_state=seed).fit(x, y)
     scale = 1 << vote_bits(trees)
-    for tree, votes in zip(forest.estimators_, leaf_votes(forest, 3 + spare), strict=True):
+    for tree, votes in zip(
+        forest.estimators_, leaf_votes(forest, 3 + spare), strict=True
+    ):
         assert (votes >= 0).all()
         np.testing.assert_array_equal(votes.sum(axis=1), scale)
-        share = tree.tree_.value[:, 0, :] / tree.tree_.value[:, 0, :].sum(axis=1, keepdims=True)
+        share = tree.tree_.value[:, 0, :] / tree.tree_.value[:, 0, :].sum(
+            axis=1, keepdims=True
+        )
         assert np.abs(votes[:, :3] - share * scale).max() < 1.0
 
 
 @given(
-    votes=st.lists(st.lists(st.integers(0, 5), min_size=4, max_size=4), min_size=1, max_size=20),
+    votes=st.lists(
+        st.lists(st.integers(0, 5), min_size=4, max_size=4), min_size=1, max_size=20
+    ),
 )
 @settings(max_examples=50)
 def test_of_equal_votes_the_riskier_class_wins(votes: list[list[int]]) -> None:
@@ -179,7 +209,9 @@ def test_of_equal_votes_the_riskier_class_wins(votes: list[list[int]]) -> None:
 def tied(present: tuple[int, ...], kind: str = "extra") -> tuple[Forest, Rows]:
     """A forest whose every leaf is an exact tie between these classes: nothing tells them apart."""
     x = np.zeros((4 * len(present), N_FEATURES), dtype=np.float32)
-    return KINDS[kind](3, bootstrap=False, random_state=0).fit(x, np.tile(present, 4)), x[:1]
+    return KINDS[kind](3, bootstrap=False, random_state=0).fit(
+        x, np.tile(present, 4)
+    ), x[:1]
 
 
 @TIES.mark
@@ -201,10 +233,14 @@ def test_a_tie_of_trees_that_disagree_goes_to_the_riskier_one_too() -> None:
     rng = np.random.default_rng(0)
     for seed in range(40):
         x = rng.normal(size=(30, N_FEATURES)).astype(np.float32)
-        forest = RandomForestClassifier(2, random_state=seed).fit(x, rng.integers(4, size=30))
+        forest = RandomForestClassifier(2, random_state=seed).fit(
+            x, rng.integers(4, size=30)
+        )
         rows = rng.normal(size=(200, N_FEATURES)).astype(np.float32)
         votes = reference_votes(forest, rows, 4)
-        ties = (np.sort(votes, axis=1)[:, -1] == np.sort(votes, axis=1)[:, -2]).nonzero()[0]
+        ties = (
+            np.sort(votes, axis=1)[:, -1] == np.sort(votes, axis=1)[:, -2]
+        ).nonzero()[0]
         if len(ties):
             break
     labels = cut(whole_graph(SPEC, [head_of(forest, SITUATIONS)]), rows)["situation"]
@@ -218,7 +254,9 @@ def test_light_and_heavy_are_added_up_before_situations_are_compared() -> None:
     """Grasp is 30 % light and 30 % heavy, risky 40 % light: no class beats risky, yet grasp has
     more."""
     x = np.zeros((10, N_FEATURES), dtype=np.float32)
-    forest = ExtraTreesClassifier(1, bootstrap=False).fit(x, [2] * 3 + [3] * 3 + [6] * 4)
+    forest = ExtraTreesClassifier(1, bootstrap=False).fit(
+        x, [2] * 3 + [3] * 3 + [6] * 4
+    )
     got = cut(whole_graph(SPEC, [head_of(forest, CLASSES)]), x[:1])
     assert got["votes"][0].argmax() == 6
     assert got["situation"][0] == 1
@@ -239,7 +277,10 @@ def test_weight_is_voted_on_outside_of_nothing_and_a_tie_is_heavy(
 ) -> None:
     x = np.zeros((len(labels), N_FEATURES), dtype=np.float32)
     forest = ExtraTreesClassifier(1, bootstrap=False).fit(x, labels)
-    assert bool(cut(whole_graph(SPEC, [head_of(forest, CLASSES)]), x[:1])["weight"][0]) == heavy
+    assert (
+        bool(cut(whole_graph(SPEC, [head_of(forest, CLASSES)]), x[:1])["weight"][0])
+        == heavy
+    )
 
 
 Wrong = Callable[[onnx.ModelProto], None]
@@ -321,13 +362,17 @@ def test_one_wrong_leaf_or_threshold_anywhere_fails_the_verification(
     heads = [head_of(forest, SITUATIONS)]
     model = whole_graph(SPEC, heads)
     branches = sum(int((tree.tree_.feature >= 0).sum()) for tree in forest.estimators_)
-    (one_vote_more if what == "leaf" else one_threshold_by_an_ulp)(place % branches)(model)
+    (one_vote_more if what == "leaf" else one_threshold_by_an_ulp)(place % branches)(
+        model
+    )
     with pytest.raises(VerificationFailed):
         verify(model, SPEC, heads, rows)
 
 
 @MILLION.mark
-def test_a_threshold_row_reaches_its_node_from_any_row_and_stands_on_every_side_of_it() -> None:
+def test_a_threshold_row_reaches_its_node_from_any_row_and_stands_on_every_side_of_it() -> (
+    None
+):
     forest, rows = fitted("random", (0, 1, 2, 3), 4)
     hard = threshold_rows(forest, rows[:1], 0)
     reached = [tree.tree_.decision_path(hard).toarray() for tree in forest.estimators_]
@@ -346,7 +391,9 @@ def renamed(op: str, other: str) -> Wrong:
     def spoil(model: onnx.ModelProto) -> None:
         producers = {name: node for node in model.graph.node for name in node.output}
         (node,) = [
-            n for n in model.graph.node if n.op_type == op and _behind_the_forest(n, producers)
+            n
+            for n in model.graph.node
+            if n.op_type == op and _behind_the_forest(n, producers)
         ]
         node.op_type = other
         if other == "Identity":
@@ -355,11 +402,15 @@ def renamed(op: str, other: str) -> Wrong:
     return spoil
 
 
-def _behind_the_forest(node: onnx.NodeProto, producers: dict[str, onnx.NodeProto]) -> bool:
+def _behind_the_forest(
+    node: onnx.NodeProto, producers: dict[str, onnx.NodeProto]
+) -> bool:
     if node.op_type == "TreeEnsembleRegressor":
         return True
     return any(
-        _behind_the_forest(producers[name], producers) for name in node.input if name in producers
+        _behind_the_forest(producers[name], producers)
+        for name in node.input
+        if name in producers
     )
 
 
@@ -377,7 +428,9 @@ def test_probabilities_and_weight_are_verified_too(
     classes: tuple[str, ...], op: str, other: str
 ) -> None:
     forest, rows = fitted("extra", tuple(range(len(classes))), 5)
-    uneven = Calibration(np.eye(len(classes)) * 4.0, np.linspace(0.0, 1.0, len(classes)))
+    uneven = Calibration(
+        np.eye(len(classes)) * 4.0, np.linspace(0.0, 1.0, len(classes))
+    )
     heads = [Head("situation", classes, forest, uneven)]
     model = whole_graph(SPEC, heads)
     verify(model, SPEC, heads, rows)
@@ -420,11 +473,15 @@ def test_rows_that_are_no_numbers_get_no_votes(odd: float) -> None:
 def test_a_second_head_is_verified_as_the_first() -> None:
     forest, rows = fitted("random", (0, 1, 2, 3), 5)
     question, _ = fitted("random", (0, 1), 6)
-    yes = Head("p_risky_250ms", ("no", "yes"), question, Calibration(np.eye(2), np.zeros(2)))
+    yes = Head(
+        "p_risky_250ms", ("no", "yes"), question, Calibration(np.eye(2), np.zeros(2))
+    )
     heads = [head_of(forest, SITUATIONS), yes]
     model = whole_graph(SPEC, heads)
     assert verify(model, SPEC, heads, rows).heads["p_risky_250ms"].label_mismatches == 0
-    (node,) = [node for node in model.graph.node if node.output[0] == "votes_p_risky_250ms"]
+    (node,) = [
+        node for node in model.graph.node if node.output[0] == "votes_p_risky_250ms"
+    ]
     (weights,) = [a for a in node.attribute if a.name == "target_weights"]
     weights.floats[0] += 1.0
     with pytest.raises(VerificationFailed, match="p_risky_250ms"):
@@ -440,7 +497,9 @@ def lying_converter(real: Callable[..., None]) -> Callable[..., None]:
         real(found, classifies, tree, number, **how)
         if number == 0:
             at = max(k for k, mode in enumerate(found["nodes_modes"]) if mode != "LEAF")
-            lower = np.nextafter(np.float32(found["nodes_values"][at]), np.float32(-np.inf))
+            lower = np.nextafter(
+                np.float32(found["nodes_values"][at]), np.float32(-np.inf)
+            )
             found["nodes_values"][at] = float(lower)
 
     return convert

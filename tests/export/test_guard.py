@@ -17,8 +17,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from onnx import TensorProto
 
-from holdfast.edge_runtime.contract import BoolArray, FloatArray, Sample
-from holdfast.edge_runtime.errors import ChannelError
+from holdfast.core.contract import BoolArray, FloatArray, Sample
+from holdfast.core.errors import ChannelError
 from holdfast.edge_runtime.graph import Outputs, StepGraph, open_session, run_recording
 from holdfast.edge_runtime.monitor import GripMonitor, Model
 from holdfast.export.artifact import read_artifact, write_artifact
@@ -40,7 +40,9 @@ INVALID = "the driver says so"
 BAD: list[float | str] = [*NUMBERS, INVALID]
 
 
-def spec_of(*groups: str, rate_hz: float = 100.0, min_valid_sensors: int = 0) -> StepSpec:
+def spec_of(
+    *groups: str, rate_hz: float = 100.0, min_valid_sensors: int = 0
+) -> StepSpec:
     return StepSpec(SENSORS, rate_hz, "N", groups or tuple(GROUPS), min_valid_sensors)
 
 
@@ -54,12 +56,18 @@ def bank_session(spec: StepSpec) -> ort.InferenceSession:
     """Guard and bank alone: bank outputs [bands, C] in float64; the bank is the last of the state's
     rows."""
     graph = GraphBuilder(spec.n_sensors)
-    graph.node("Identity", add_bank(graph, spec, add_guard(graph, spec)), out="rectified")
-    graph.output("rectified", TensorProto.DOUBLE, len(spec.carried_bands()), spec.n_channels)
+    graph.node(
+        "Identity", add_bank(graph, spec, add_guard(graph, spec)), out="rectified"
+    )
+    graph.output(
+        "rectified", TensorProto.DOUBLE, len(spec.carried_bands()), spec.n_channels
+    )
     return open_session(graph.model().SerializeToString())
 
 
-def stepped(session: ort.InferenceSession, values: FloatArray, valid: BoolArray) -> Outputs:
+def stepped(
+    session: ort.InferenceSession, values: FloatArray, valid: BoolArray
+) -> Outputs:
     """Every output [T, ..] and the state [T, rows, C] after every sample."""
     graph = StepGraph(session)
     kept: dict[str, list[FloatArray]] = {name: [] for name in (*graph.out, "state")}
@@ -71,7 +79,9 @@ def stepped(session: ort.InferenceSession, values: FloatArray, valid: BoolArray)
     return {name: np.array(rows) for name, rows in kept.items()}
 
 
-def clean(length: int, seed: int = 0, sensors: int = SENSORS) -> tuple[FloatArray, BoolArray]:
+def clean(
+    length: int, seed: int = 0, sensors: int = SENSORS
+) -> tuple[FloatArray, BoolArray]:
     rng = np.random.default_rng(seed)
     return np.cumsum(rng.normal(0.0, 0.2, (length, 3 * sensors)), axis=0), np.ones(
         (length, sensors), dtype=np.bool_
@@ -79,7 +89,12 @@ def clean(length: int, seed: int = 0, sensors: int = SENSORS) -> tuple[FloatArra
 
 
 def spoil(
-    values: FloatArray, valid: BoolArray, row: int, sensor: int, how: float | str, axis: int = 0
+    values: FloatArray,
+    valid: BoolArray,
+    row: int,
+    sensor: int,
+    how: float | str,
+    axis: int = 0,
 ) -> None:
     if isinstance(how, str):
         valid[row, sensor] = False
@@ -107,7 +122,9 @@ def test_a_bad_reading_is_replaced_by_that_sensors_last_good_one_and_no_other_is
     expected[[7, 8], 3:6] = values[6, 3:6]
     for row in (7, 8):
         spoil(values, valid, row, 1, how, axis)
-    now = run_recording(session_of(spec_of("now")), values, valid, ["features"])["features"]
+    now = run_recording(session_of(spec_of("now")), values, valid, ["features"])[
+        "features"
+    ]
     np.testing.assert_array_equal(now, expected.astype(np.float32))
 
 
@@ -117,7 +134,9 @@ def test_a_bad_reading_is_replaced_by_that_sensors_last_good_one_and_no_other_is
 def test_a_reading_in_range_is_taken_as_it_is(value: float) -> None:
     values, valid = clean(4)
     values[3, 4] = value
-    out = run_recording(session_of(spec_of("now")), values, valid, ["features"])["features"]
+    out = run_recording(session_of(spec_of("now")), values, valid, ["features"])[
+        "features"
+    ]
     np.testing.assert_array_equal(out[3], values[3].astype(np.float32))
 
 
@@ -137,8 +156,12 @@ def test_a_sensors_bank_is_held_bit_for_bit_while_it_is_bad(how: float | str) ->
         assert bits(bank[row][:, of(1)]) == bits(bank[39][:, of(1)])
     assert bank[39][:, of(1)].any()
     for other in (0, 2):
-        assert bits(held["state"][..., of(other)]) == bits(whole["state"][..., of(other)])
-        assert bits(held["rectified"][..., of(other)]) == bits(whole["rectified"][..., of(other)])
+        assert bits(held["state"][..., of(other)]) == bits(
+            whole["state"][..., of(other)]
+        )
+        assert bits(held["rectified"][..., of(other)]) == bits(
+            whole["rectified"][..., of(other)]
+        )
 
 
 @BAD_SAMPLE.mark
@@ -170,7 +193,9 @@ def test_it_makes_no_difference_in_what_way_a_reading_is_bad(how: float | str) -
 
 
 @st.composite
-def corrupted(draw: st.DrawFn, sensors: int, length: int = 70) -> tuple[FloatArray, BoolArray]:
+def corrupted(
+    draw: st.DrawFn, sensors: int, length: int = 70
+) -> tuple[FloatArray, BoolArray]:
     """A stream with any share of its readings spoilt in any of the ways, from any sample to any
     other."""
     values, valid = clean(length, seed=draw(st.integers(0, 2**16)), sensors=sensors)
@@ -228,7 +253,9 @@ def by_the_stated_rule(good: BoolArray, spec: StepSpec) -> tuple[BoolArray, Bool
             run = 0 if good[row, sensor] else run + 1
             if run > longest:
                 started = row + 1
-            settled[row, sensor] = good[started : row + 1, sensor].sum() >= spec.settle_samples
+            settled[row, sensor] = (
+                good[started : row + 1, sensor].sum() >= spec.settle_samples
+            )
     return settled, good & settled
 
 
@@ -238,7 +265,10 @@ def gaps(draw: st.DrawFn, length: int = 260) -> BoolArray:
     good = np.ones((length, SENSORS), dtype=np.bool_)
     for sensor in range(SENSORS):
         runs = draw(
-            st.lists(st.tuples(st.integers(1, 120), st.sampled_from([1, 2, 3, 4, 40])), max_size=6)
+            st.lists(
+                st.tuples(st.integers(1, 120), st.sampled_from([1, 2, 3, 4, 40])),
+                max_size=6,
+            )
         )
         row = draw(st.sampled_from([0, 0, 1, 5]))
         good[:row, sensor] = False
@@ -259,10 +289,16 @@ def test_settled_and_unknown_follow_the_stated_rule_at_every_sample(
     spec = spec_of("now", rate_hz=rate_hz, min_valid_sensors=needed)
     settled, usable = by_the_stated_rule(good, spec)
     values, _ = clean(len(good))
-    out = run_recording(session_of(spec), values, good, ["settled", "unknown", "usable_sensors"])
+    out = run_recording(
+        session_of(spec), values, good, ["settled", "unknown", "usable_sensors"]
+    )
     np.testing.assert_array_equal(out["usable_sensors"], usable.sum(axis=1))
-    np.testing.assert_array_equal(out["settled"], settled.sum(axis=1) >= (needed or SENSORS))
-    np.testing.assert_array_equal(out["unknown"], usable.sum(axis=1) < (needed or SENSORS))
+    np.testing.assert_array_equal(
+        out["settled"], settled.sum(axis=1) >= (needed or SENSORS)
+    )
+    np.testing.assert_array_equal(
+        out["unknown"], usable.sum(axis=1) < (needed or SENSORS)
+    )
 
 
 @GAPS.mark
@@ -297,7 +333,9 @@ def test_a_fresh_hand_settles_when_its_half_second_of_history_is_its_own() -> No
 def test_a_sensor_that_comes_back_after_a_long_gap_starts_its_filter_afresh() -> None:
     spec = spec_of(rate_hz=100.0)
     values, valid = clean(80)
-    values[40:] += 50.0  # it comes back somewhere else: the jump over the gap is no vibration
+    values[40:] += (
+        50.0  # it comes back somewhere else: the jump over the gap is no vibration
+    )
     valid[30:40, 1] = False
     out = stepped(bank_session(spec), values, valid)["rectified"]
     afresh = stepped(bank_session(spec), values[40:], valid[40:])["rectified"]
@@ -305,7 +343,9 @@ def test_a_sensor_that_comes_back_after_a_long_gap_starts_its_filter_afresh() ->
 
 
 @pytest.mark.parametrize("needed", [-1, SENSORS + 1])
-def test_a_number_of_sensors_that_would_never_or_always_be_unknown_is_refused(needed: int) -> None:
+def test_a_number_of_sensors_that_would_never_or_always_be_unknown_is_refused(
+    needed: int,
+) -> None:
     with pytest.raises(ChannelError, match="min_valid_sensors"):
         spec_of("now", min_valid_sensors=needed)
 
@@ -315,9 +355,14 @@ def test_a_model_that_needs_fewer_sensors_answers_degraded_and_then_not_at_all(
     eight_classes: Built, tmp_path: Path
 ) -> None:
     artifact = read_artifact(eight_classes.artifact)
-    write_artifact(tmp_path, replace(artifact, spec=replace(artifact.spec, min_valid_sensors=4)))
+    write_artifact(
+        tmp_path, replace(artifact, spec=replace(artifact.spec, min_valid_sensors=4))
+    )
     model = Model(export_artifact(tmp_path)[0])
-    strict, tolerant = GripMonitor(Model(eight_classes.model), None), GripMonitor(model, None)
+    strict, tolerant = (
+        GripMonitor(Model(eight_classes.model), None),
+        GripMonitor(model, None),
+    )
     values, valid = clean(model.card.settle_samples + 12, sensors=6)
     settle = model.card.settle_samples
     lost = {settle + 2: 1, settle + 4: 2, settle + 6: 3, settle + 8: 6}

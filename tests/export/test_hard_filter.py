@@ -33,8 +33,8 @@ from hard_marks import (
 from scipy.signal import sosfilt
 from test_bank import bank_model, bank_outputs, by_scipy, forces, spec_at
 
-from holdfast.edge_runtime.contact import NORMAL_FLOOR
-from holdfast.edge_runtime.contract import RISKY_SLIP, FloatArray, Prediction, Sample, Unit
+from holdfast.core.contact import NORMAL_FLOOR
+from holdfast.core.contract import RISKY_SLIP, FloatArray, Prediction, Sample, Unit
 from holdfast.edge_runtime.decision import DecisionRules, DecisionState, decide
 from holdfast.edge_runtime.graph import StepGraph, open_session, run_recording
 from holdfast.edge_runtime.monitor import GripMonitor, Model
@@ -69,7 +69,9 @@ def cascade(rate_hz: float, band_hz: float) -> FloatArray:
 def exact(sos: FloatArray, x: npt.NDArray[Any]) -> LongArray:
     """The filter's output [T] with 64-bit mantissas, from rest at the first value."""
     return np.asarray(
-        sosfilt(sos.astype(np.longdouble), x.astype(np.longdouble) - np.longdouble(x[0]))
+        sosfilt(
+            sos.astype(np.longdouble), x.astype(np.longdouble) - np.longdouble(x[0])
+        )
     )
 
 
@@ -86,13 +88,16 @@ def tone(seconds: float, rate_hz: float, hz: float = 20.0) -> FloatArray:
 
 
 @POLE.unguarded
-def test_the_differentiator_on_its_own_answers_one_knock_for_ever(record_property: Record) -> None:
+def test_the_differentiator_on_its_own_answers_one_knock_for_ever(
+    record_property: Record,
+) -> None:
     k = 2.0 * RATE_HZ
     knock = np.zeros(10**6)
     knock[0] = 1.0
     out = sosfilt([[k, -k, 0.0, 1.0, 1.0, 0.0]], knock)
     record_property(
-        "amplitude_after_a_million_samples_over_the_first", float(abs(out[-1]) / abs(out[1]))
+        "amplitude_after_a_million_samples_over_the_first",
+        float(abs(out[-1]) / abs(out[1])),
     )
     assert abs(out[-1]) == abs(out[1])
     assert np.abs(sosfilt(sections(RATE_HZ, 20.0), knock)[-1000:]).max() < TINY
@@ -106,14 +111,18 @@ def chunks(steps: int, offset: float = 1e4) -> Iterator[FloatArray]:
         yield offset + noise + 100.0 * (rng.random((CHUNK, 1)) < 1e-3)
 
 
-@pytest.mark.parametrize("steps", [100_000, pytest.param(10**8, marks=pytest.mark.soak)])
+@pytest.mark.parametrize(
+    "steps", [100_000, pytest.param(10**8, marks=pytest.mark.soak)]
+)
 @LONG.mark
 def test_the_bank_is_no_further_from_the_exact_filter_at_the_end_than_at_the_beginning(
     steps: int, record_property: Record
 ) -> None:
     spec = spec_at(RATE_HZ, n_sensors=1)
     graph = StepGraph(open_session(bank_model(spec)))
-    memory: list[LongArray] = [np.zeros((3, 2, 2), dtype=np.longdouble) for _ in BANDS_HZ]
+    memory: list[LongArray] = [
+        np.zeros((3, 2, 2), dtype=np.longdouble) for _ in BANDS_HZ
+    ]
     errors, states, first = [], [], None
     got = np.empty((CHUNK, 2, len(BANDS_HZ)))
     for values in chunks(steps):
@@ -124,7 +133,10 @@ def test_the_bank_is_no_further_from_the_exact_filter_at_the_end_than_at_the_beg
         rest = values[:, :2].astype(np.longdouble) - first.astype(np.longdouble)
         for band, hz in enumerate(BANDS_HZ):
             expected, memory[band] = sosfilt(
-                sections(RATE_HZ, hz).astype(np.longdouble), rest, axis=0, zi=memory[band]
+                sections(RATE_HZ, hz).astype(np.longdouble),
+                rest,
+                axis=0,
+                zi=memory[band],
             )
             errors.append(off(got[:, :, band], np.abs(expected)))
         states.append(float(np.abs(graph.state).max()))
@@ -134,18 +146,25 @@ def test_the_bank_is_no_further_from_the_exact_filter_at_the_end_than_at_the_beg
     record_property("largest_error_of_the_first_tenth", float(by_chunk[:tenth].max()))
     record_property("largest_error_of_the_last_tenth", float(by_chunk[-tenth:].max()))
     assert by_chunk.max() < 1e-14
-    assert max(states) < 1e5  # ten times the offset, which is part of the state as the last reading
+    assert (
+        max(states) < 1e5
+    )  # ten times the offset, which is part of the state as the last reading
 
 
 @LONG.unguarded
 def test_a_cascade_drifts_away_from_the_exact_filter(record_property: Record) -> None:
     x = np.random.default_rng(1).normal(7.0, 1.0, 10**6).astype(np.float32)
     errors = {}
-    for name, sos in (("cascade", cascade(RATE_HZ, 20.0)), ("ours", sections(RATE_HZ, 20.0))):
+    for name, sos in (
+        ("cascade", cascade(RATE_HZ, 20.0)),
+        ("ours", sections(RATE_HZ, 20.0)),
+    ):
         expected = exact(sos, x)
         got = sosfilt(sos.astype(np.float32), x - x[0])
         assert got.dtype == np.float32
-        errors[name] = [off(got[part], expected[part]) for part in (np.s_[:TENTH], np.s_[-TENTH:])]
+        errors[name] = [
+            off(got[part], expected[part]) for part in (np.s_[:TENTH], np.s_[-TENTH:])
+        ]
         record_property(
             f"{name}_in_float32_first_and_last_tenth",
             " and ".join(f"{e:.2g}" for e in errors[name]),
@@ -172,7 +191,8 @@ def test_a_slip_ten_thousand_times_smaller_than_its_offset_is_seen_as_without_it
     assert fired[600:660].any()
     np.testing.assert_array_equal(fired, without)
     apart = np.abs(
-        bank_outputs(spec_at(RATE_HZ), values + offset) - bank_outputs(spec_at(RATE_HZ), values)
+        bank_outputs(spec_at(RATE_HZ), values + offset)
+        - bank_outputs(spec_at(RATE_HZ), values)
     ).max()
     largest = bank_outputs(spec_at(RATE_HZ), values).max()
     record_property("what_the_offset_changes_over_the_slip", float(apart / largest))
@@ -180,7 +200,9 @@ def test_a_slip_ten_thousand_times_smaller_than_its_offset_is_seen_as_without_it
 
 
 @cache
-def step_of(unit: Unit, *groups: str, n_sensors: int = 2, rate_hz: float = RATE_HZ) -> Any:
+def step_of(
+    unit: Unit, *groups: str, n_sensors: int = 2, rate_hz: float = RATE_HZ
+) -> Any:
     return open_session(
         feature_graph(StepSpec(n_sensors, rate_hz, unit, groups)).SerializeToString()
     )
@@ -203,7 +225,9 @@ def test_started_at_zero_the_offset_rings_louder_than_the_slip_a_second_later(
     slip = np.concatenate([np.zeros(150), tone(0.4, RATE_HZ), np.zeros(90)])
     passed = np.abs(sosfilt(sections(RATE_HZ, 20.0), slip)).max()
     ringing = np.abs(sosfilt(sections(RATE_HZ, 10.0), np.full(300, 1e4))[150:]).max()
-    record_property("offset_ringing_a_second_later_over_the_slip", float(ringing / passed))
+    record_property(
+        "offset_ringing_a_second_later_over_the_slip", float(ringing / passed)
+    )
     assert ringing > passed
 
 
@@ -280,13 +304,18 @@ def test_a_plain_filter_is_still_busy_with_subnormal_numbers_ten_minutes_later(
 
 @pytest.mark.parametrize("size", [5e-324, 1e-310, 2e-308])
 @SUBNORMAL.mark
-def test_subnormal_readings_are_silence_to_bank_features_and_detectors(size: float) -> None:
+def test_subnormal_readings_are_silence_to_bank_features_and_detectors(
+    size: float,
+) -> None:
     rng = np.random.default_rng(0)
     values = size * rng.choice([-1.0, 0.0, 1.0], size=(120, 6))
     assert not bank_outputs(spec_at(RATE_HZ), values)[1:].max() > 1e-300
     valid = np.ones((120, 2), dtype=np.bool_)
     out = run_recording(
-        step_of("N", "now", "bands", "activity"), values, valid, ["features", "detectors"]
+        step_of("N", "now", "bands", "activity"),
+        values,
+        valid,
+        ["features", "detectors"],
     )
     assert not out["features"].any()
     assert not out["detectors"].any()
@@ -294,7 +323,9 @@ def test_subnormal_readings_are_silence_to_bank_features_and_detectors(size: flo
 
 @SUBNORMAL.unguarded
 def test_a_plain_filter_answers_subnormal_readings_with_subnormal_numbers() -> None:
-    out, memory = sosfilt(sections(RATE_HZ, 20.0), 1e-310 * tone(1.0, RATE_HZ), zi=np.zeros((3, 2)))
+    out, memory = sosfilt(
+        sections(RATE_HZ, 20.0), 1e-310 * tone(1.0, RATE_HZ), zi=np.zeros((3, 2))
+    )
     assert subnormal(out).any()
     assert subnormal(memory).any()
 
@@ -318,7 +349,9 @@ def opened(path: Path) -> Model:
 def grip(length: int, seed: int = 0) -> FloatArray:
     """[T, 18] a noisy hand that has closed on something."""
     rng = np.random.default_rng(seed)
-    return np.tile([0.2, -0.1, 2.0], (length, 6)) + rng.normal(0.0, NOISE_RMS["N"], (length, 18))
+    return np.tile([0.2, -0.1, 2.0], (length, 6)) + rng.normal(
+        0.0, NOISE_RMS["N"], (length, 18)
+    )
 
 
 def answers(
@@ -338,7 +371,9 @@ def answers(
     stamps = np.arange(len(values)) / model.card.rate_hz if t_s is None else t_s
     stamps_ns = np.round(1e9 * (1.0 + stamps)).astype(np.int64).tolist()
     samples = zip(stamps_ns, values, valid, strict=True)
-    return [monitor.feed(Sample(t, row, ok, k)) for k, (t, row, ok) in enumerate(samples)]
+    return [
+        monitor.feed(Sample(t, row, ok, k)) for k, (t, row, ok) in enumerate(samples)
+    ]
 
 
 def fields_of(one: Prediction) -> tuple[Any, ...]:
@@ -365,7 +400,9 @@ def test_one_bad_sample_is_unknown_for_itself_alone_and_the_hand_stays_settled(
     if how in BAD_READINGS:
         values[row, 3 * finger + 1] = BAD_READINGS[how]
     else:
-        values[row, 3 * finger : 3 * finger + 3] = values[row - 1, 3 * finger : 3 * finger + 3]
+        values[row, 3 * finger : 3 * finger + 3] = values[
+            row - 1, 3 * finger : 3 * finger + 3
+        ]
         invalid = ((row, finger),)
     predictions = answers(eight_classes.model, values, invalid=invalid)
     settle = opened(eight_classes.model).card.settle_samples
@@ -378,7 +415,9 @@ def test_one_bad_sample_is_unknown_for_itself_alone_and_the_hand_stays_settled(
 
 
 @BAD_SAMPLE.mark
-def test_a_sample_that_comes_twice_is_answered_twice_and_counted_once(eight_classes: Built) -> None:
+def test_a_sample_that_comes_twice_is_answered_twice_and_counted_once(
+    eight_classes: Built,
+) -> None:
     values = grip(60)
     once = answers(eight_classes.model, values)
     twice = np.repeat(np.arange(60), np.where(np.arange(60) == 40, 3, 1))
@@ -387,7 +426,9 @@ def test_a_sample_that_comes_twice_is_answered_twice_and_counted_once(eight_clas
         monitor.feed(Sample(k * 20_000_000, values[k], np.ones(6, np.bool_), k))
         for k in twice.tolist()
     ]
-    assert [fields_of(one) for one in predictions] == [fields_of(once[k]) for k in twice.tolist()]
+    assert [fields_of(one) for one in predictions] == [
+        fields_of(once[k]) for k in twice.tolist()
+    ]
 
 
 @BAD_SAMPLE.mark
@@ -427,9 +468,12 @@ def test_a_plain_filter_never_gets_over_a_nan_and_takes_thousands_of_samples_ove
             assert np.isnan(sosfilt(sos, spoilt)[101:]).all()
     spoilt[100] = 1e30
     wrong = (
-        np.abs(sosfilt(sos, spoilt) - sosfilt(sos, clean)) > 0.1 * np.abs(sosfilt(sos, clean)).max()
+        np.abs(sosfilt(sos, spoilt) - sosfilt(sos, clean))
+        > 0.1 * np.abs(sosfilt(sos, clean)).max()
     )
-    record_property("samples_until_1e30_has_faded", int(np.flatnonzero(wrong)[-1] - 100))
+    record_property(
+        "samples_until_1e30_has_faded", int(np.flatnonzero(wrong)[-1] - 100)
+    )
     assert np.flatnonzero(wrong)[-1] > 1100
 
 
@@ -444,7 +488,9 @@ def test_a_late_or_early_sample_changes_no_bit_of_any_answer(
     values = grip(80)
     late = share * np.random.default_rng(1).uniform(-1.0, 1.0, 80) / 50.0
     late[1:] = np.where(np.diff(late) * 50.0 > 0.49, 0.0, late[1:])
-    jittered = answers(eight_classes.model, values, t_s=np.arange(80) / 50.0 + 0.5 * late)
+    jittered = answers(
+        eight_classes.model, values, t_s=np.arange(80) / 50.0 + 0.5 * late
+    )
     assert [fields_of(one) for one in jittered] == [
         fields_of(one) for one in answers(eight_classes.model, values)
     ]
@@ -460,11 +506,15 @@ def test_samples_that_were_dropped_are_answered_like_samples_called_invalid(
     kept = [k for k in range(90) if k not in gone]
     dropped = answers(eight_classes.model, values[kept], t_s=np.array(kept) / 50.0)
     invalid = answers(
-        eight_classes.model, values, invalid=tuple((k, finger) for k in gone for finger in range(6))
+        eight_classes.model,
+        values,
+        invalid=tuple((k, finger) for k in gone for finger in range(6)),
     )
     assert [one.state for one in dropped] == [invalid[k].state for k in kept]
     known = [k for k, one in enumerate(dropped) if one.state != "unknown"]
-    assert [fields_of(dropped[k]) for k in known] == [fields_of(invalid[kept[k]]) for k in known]
+    assert [fields_of(dropped[k]) for k in known] == [
+        fields_of(invalid[kept[k]]) for k in known
+    ]
     assert (dropped[first].state == "unknown") == (
         lost > opened(eight_classes.model).card.gap_samples
     )
@@ -479,14 +529,18 @@ def test_glued_together_over_a_gap_a_slow_change_of_grip_rings_like_a_slip(
     glued = np.delete(slow, np.s_[300:330])
     sos = sections(RATE_HZ, 20.0)
     whole, jumped = (np.abs(sosfilt(sos, x - x[0])[200:]).max() for x in (slow, glued))
-    record_property("loudness_over_the_gap_over_loudness_without", float(jumped / whole))
+    record_property(
+        "loudness_over_the_gap_over_loudness_without", float(jumped / whole)
+    )
     assert jumped > 10.0 * whole
 
 
 # Rates and widths
 
 
-@pytest.mark.parametrize("rate_hz", [40.0, 43.5, 54.4, 65.3, 119.5, 120.0, 1000.0, 10_000.0])
+@pytest.mark.parametrize(
+    "rate_hz", [40.0, 43.5, 54.4, 65.3, 119.5, 120.0, 1000.0, 10_000.0]
+)
 @RATES.mark
 def test_at_rates_where_a_band_lies_on_the_edge_the_bank_is_the_exact_filter(
     rate_hz: float, record_property: Record
@@ -497,7 +551,10 @@ def test_at_rates_where_a_band_lies_on_the_edge_the_bank_is_the_exact_filter(
     bands = spec.carried_bands()
     edge = bands[-1] / rate_hz
     error = max(
-        off(got[:, 0, axis, place], np.abs(exact(sections(rate_hz, band), values[:, axis])))
+        off(
+            got[:, 0, axis, place],
+            np.abs(exact(sections(rate_hz, band), values[:, axis])),
+        )
         for axis in range(2)
         for place, band in enumerate(bands)
     )
@@ -508,7 +565,9 @@ def test_at_rates_where_a_band_lies_on_the_edge_the_bank_is_the_exact_filter(
 
 
 @RATES.unguarded
-def test_a_band_kept_next_to_half_the_rate_rings_for_half_a_minute(record_property: Record) -> None:
+def test_a_band_kept_next_to_half_the_rate_rings_for_half_a_minute(
+    record_property: Record,
+) -> None:
     poles = np.abs(np.roots(sections(50.1, 25.0)[1, 3:]))
     rings_s = float(-1.0 / (50.1 * np.log(poles.max())))
     record_property("time_constant_s", rings_s)
@@ -519,17 +578,26 @@ def test_a_band_kept_next_to_half_the_rate_rings_for_half_a_minute(record_proper
 @FLOATS.mark
 def test_sample_and_state_are_float64_and_the_features_of_a_forest_float32() -> None:
     session = step_of("N", "now")
-    types = {tensor.name: tensor.type for tensor in (*session.get_inputs(), *session.get_outputs())}
-    assert (types["sample"], types["state"], types["state_out"]) == ("tensor(double)",) * 3
+    types = {
+        tensor.name: tensor.type
+        for tensor in (*session.get_inputs(), *session.get_outputs())
+    }
+    assert (types["sample"], types["state"], types["state_out"]) == (
+        "tensor(double)",
+    ) * 3
     assert types["features"] == "tensor(float)"
 
 
 @FLOATS.mark
-def test_readings_that_came_as_float32_are_answered_as_the_same_numbers_in_float64() -> None:
+def test_readings_that_came_as_float32_are_answered_as_the_same_numbers_in_float64() -> (
+    None
+):
     narrow: Any = forces(300, 6).astype(np.float32)
     valid = np.ones((300, 2), dtype=np.bool_)
     one, other = (
-        run_recording(step_of("N", "now", "bands"), values, valid, ["features"])["features"]
+        run_recording(step_of("N", "now", "bands"), values, valid, ["features"])[
+            "features"
+        ]
         for values in (narrow, narrow.astype(np.float64))
     )
     assert one.tobytes() == other.tobytes()
@@ -555,7 +623,9 @@ def test_with_float32_state_the_lowest_band_is_right_at_150_hz_and_wrong_at_10_k
 
 @pytest.mark.parametrize("normal", [0.0, -0.0, 1e-300, -1.0, -50.0])
 @NORMAL.mark
-def test_without_a_normal_force_every_ratio_is_taken_over_the_floor(normal: float) -> None:
+def test_without_a_normal_force_every_ratio_is_taken_over_the_floor(
+    normal: float,
+) -> None:
     values = np.tile([3.0, -2.0, normal], (120, 2)) + np.outer(
         np.linspace(0.0, 1.0, 120), np.tile([1.0, 1.0, 0.0], 2)
     )
@@ -565,7 +635,9 @@ def test_without_a_normal_force_every_ratio_is_taken_over_the_floor(normal: floa
     )["features"]
     assert np.isfinite(features).all()
     assert np.abs(features[90:]).max() <= np.abs(values).max() * 2 / NORMAL_FLOOR["N"]
-    np.testing.assert_array_equal(features[:, :6], (values / NORMAL_FLOOR["N"]).astype(np.float32))
+    np.testing.assert_array_equal(
+        features[:, :6], (values / NORMAL_FLOOR["N"]).astype(np.float32)
+    )
 
 
 @NORMAL.unguarded
@@ -590,14 +662,18 @@ def noise(length: int, seed: int = 0) -> FloatArray:
 
 @pytest.mark.parametrize("reading", [0.0, -0.0, 0.1, 5.0])
 @DEAD.mark
-def test_a_hand_that_reads_the_same_numbers_from_the_start_is_never_known(reading: float) -> None:
+def test_a_hand_that_reads_the_same_numbers_from_the_start_is_never_known(
+    reading: float,
+) -> None:
     predictions = answers(DEFAULT_MODEL, np.full((200, 18), reading))
     assert {one.state for one in predictions} == {"unknown"}
     assert not any(one.act or one.arm or one.degraded for one in predictions)
 
 
 @DEAD.mark
-def test_a_frozen_hand_is_unknown_once_its_history_is_one_reading_and_known_when_it_moves() -> None:
+def test_a_frozen_hand_is_unknown_once_its_history_is_one_reading_and_known_when_it_moves() -> (
+    None
+):
     values, settle = noise(260), opened(DEFAULT_MODEL).card.settle_samples
     values[100:230] = values[100]
     predictions = answers(DEFAULT_MODEL, values)
@@ -607,15 +683,21 @@ def test_a_frozen_hand_is_unknown_once_its_history_is_one_reading_and_known_when
 
 @pytest.mark.parametrize("finger", range(6))
 @DEAD.mark
-def test_one_finger_dead_from_the_start_makes_no_grasp_of_an_empty_hand(finger: int) -> None:
+def test_one_finger_dead_from_the_start_makes_no_grasp_of_an_empty_hand(
+    finger: int,
+) -> None:
     values = noise(160)
     values[:, 3 * finger : 3 * finger + 3] = 0.0
     settle = opened(DEFAULT_MODEL).card.settle_samples
-    assert {one.state for one in answers(DEFAULT_MODEL, values)[settle - 1 :]} == {"nothing"}
+    assert {one.state for one in answers(DEFAULT_MODEL, values)[settle - 1 :]} == {
+        "nothing"
+    }
 
 
 @DEAD.mark
-def test_a_finger_that_is_lost_from_the_start_leaves_the_hand_unknown_and_unsettled() -> None:
+def test_a_finger_that_is_lost_from_the_start_leaves_the_hand_unknown_and_unsettled() -> (
+    None
+):
     values = noise(160)
     values[:, 3:6] = np.nan
     predictions = answers(DEFAULT_MODEL, values)
@@ -632,9 +714,13 @@ def test_the_forest_itself_calls_a_quieter_hand_than_it_was_trained_on_a_grasp(
         ("a_tenth_of_the_noise", 0.1),
         ("the_usual_noise", 1.0),
     ):
-        out = run_recording(session, factor * noise(160), valid, ["p_situation", "unknown"])
+        out = run_recording(
+            session, factor * noise(160), valid, ["p_situation", "unknown"]
+        )
         assert not out["unknown"][-1]
-        record_property(f"probability_of_nothing_for_{name}", float(out["p_situation"][-1, 0]))
+        record_property(
+            f"probability_of_nothing_for_{name}", float(out["p_situation"][-1, 0])
+        )
     assert out["p_situation"][-1, 0] > 0.9  # with the usual noise it is right
 
 
@@ -655,13 +741,15 @@ def recording(samples: FloatArray) -> Recording:
 @DEGENERATE.mark
 def test_six_equal_fingers_are_found_slipping_where_one_of_them_is() -> None:
     rng = np.random.default_rng(0)
-    one = np.tile([0.0, 0.0, 2.0], (1200, 1)) * (np.arange(1200) > 300)[:, None] + rng.normal(
-        0.0, 0.01, (1200, 3)
-    )
+    one = np.tile([0.0, 0.0, 2.0], (1200, 1)) * (np.arange(1200) > 300)[
+        :, None
+    ] + rng.normal(0.0, 0.01, (1200, 3))
     one[800:] += [1.5, 0.0, -0.5]
     rows = [point.row for point in offline_critical_points(recording(one))]
     assert rows == [800]
-    assert [point.row for point in offline_critical_points(recording(np.tile(one, 6)))] == rows
+    assert [
+        point.row for point in offline_critical_points(recording(np.tile(one, 6)))
+    ] == rows
 
 
 @DEGENERATE.mark
@@ -673,7 +761,9 @@ def test_equal_fingers_have_equal_features_and_no_number_that_is_not_finite() ->
     assert np.isfinite(features).all()
     for first, width in ((0, 3), (18, 3), (36, 20)):
         fingers = features[:, first : first + 6 * width].reshape(200, 6, width)
-        np.testing.assert_array_equal(fingers, np.broadcast_to(fingers[:, :1], fingers.shape))
+        np.testing.assert_array_equal(
+            fingers, np.broadcast_to(fingers[:, :1], fingers.shape)
+        )
 
 
 @pytest.mark.parametrize("constant", [0.0, 5.0, -5.0, 1e5])
@@ -707,7 +797,9 @@ def test_a_shear_axis_turned_round_changes_no_bit_of_the_bank() -> None:
 
 
 @SIGN.mark
-def test_a_sign_that_flips_in_mid_stream_is_one_jump_and_leaves_the_filter_the_exact_one() -> None:
+def test_a_sign_that_flips_in_mid_stream_is_one_jump_and_leaves_the_filter_the_exact_one() -> (
+    None
+):
     values = forces(300, 6)
     values[150:] *= -1.0
     got, expected = (
@@ -720,9 +812,9 @@ def test_a_sign_that_flips_in_mid_stream_is_one_jump_and_leaves_the_filter_the_e
 def upside_down(flip_beyond: float, seed: int) -> npt.NDArray[np.bool_]:
     """[6] which magnets of an unloaded, tared hand are turned round."""
     tared = np.random.default_rng(seed).normal(0.0, NOISE_RMS["N"], (5, 18))
-    sign, _ = Preparation(5, "mean", flip_negative_normal=True, flip_beyond=flip_beyond).learn(
-        tared
-    )
+    sign, _ = Preparation(
+        5, "mean", flip_negative_normal=True, flip_beyond=flip_beyond
+    ).learn(tared)
     return np.asarray(sign[2::3] < 0.0)
 
 

@@ -25,18 +25,22 @@ from skl2onnx.common.data_types import FloatTensorType
 from sklearn.ensemble import ExtraTreesClassifier, RandomForestClassifier
 from small_model import with_metadata
 
-from holdfast.edge_runtime.contract import CLASSES, SITUATIONS
-from holdfast.edge_runtime.errors import GoldenMismatch
+from holdfast.core.contract import CLASSES, SITUATIONS
+from holdfast.core.errors import GoldenMismatch
 from holdfast.edge_runtime.golden import golden_answers
 from holdfast.edge_runtime.graph import open_session
 from holdfast.edge_runtime.monitor import Model
 from holdfast.export.exporting import whole_graph
 from holdfast.export.forest import Forest, IntArray, leaf_votes, vote_bits
-from holdfast.export.hard_rows import edge_rows, largest_float32_not_above, threshold_rows
 from holdfast.export.heads import Calibration, Head
 from holdfast.export.learner import reference_votes
 from holdfast.export.reference import riskier_argmax, situation_votes
 from holdfast.export.spec import StepSpec
+from holdfast.export.structure import (
+    edge_rows,
+    largest_float32_not_above,
+    threshold_rows,
+)
 from holdfast.export.verify import CHUNK, cut_learners
 
 if TYPE_CHECKING:
@@ -67,7 +71,9 @@ def case(name: str) -> Case:
     eight, four = rng.integers(8, size=400), rng.integers(4, size=400)
     if name == "eight classes, impure leaves":
         return Case(
-            ExtraTreesClassifier(12, min_samples_leaf=4, random_state=0).fit(grid, eight),
+            ExtraTreesClassifier(12, min_samples_leaf=4, random_state=0).fit(
+                grid, eight
+            ),
             grid,
             CLASSES,
         )
@@ -78,7 +84,10 @@ def case(name: str) -> Case:
             SITUATIONS,
         )
     return Case(
-        RandomForestClassifier(10, random_state=0).fit(counts, eight), counts, CLASSES, whole=True
+        RandomForestClassifier(10, random_state=0).fit(counts, eight),
+        counts,
+        CLASSES,
+        whole=True,
     )
 
 
@@ -95,7 +104,9 @@ def beside_thresholds(forest: Forest, n: int, rng: np.random.Generator) -> Rows:
     trees = [tree.tree_ for tree in forest.estimators_]
     feature = np.concatenate([tree.feature for tree in trees])
     at = largest_float32_not_above(np.concatenate([tree.threshold for tree in trees]))
-    rows = np.stack([rng.choice(at[feature == k], n) for k in range(forest.n_features_in_)], axis=1)
+    rows = np.stack(
+        [rng.choice(at[feature == k], n) for k in range(forest.n_features_in_)], axis=1
+    )
     side = rng.integers(-1, 2, rows.shape)
     return np.where(
         side == 0,
@@ -118,7 +129,9 @@ def without_a_sensor(rows: Rows, rng: np.random.Generator) -> Rows:
     other."""
     rows = rows.copy()
     held = rows[rng.permutation(len(rows))]
-    for row, finger in enumerate(rng.integers(0, rows.shape[1] // 3, len(rows)).tolist()):
+    for row, finger in enumerate(
+        rng.integers(0, rows.shape[1] // 3, len(rows)).tolist()
+    ):
         here = slice(3 * finger, 3 * finger + 3)
         rows[row, here] = 0.0 if row % 2 else held[row, here]
     return rows
@@ -141,7 +154,9 @@ def adversarial(one: Case, n: int, seed: int) -> Rows:
 
 def head_of(one: Case) -> Head:
     k = len(one.classes)
-    return Head("situation", one.classes, one.forest, Calibration(4.0 * np.eye(k), np.zeros(k)))
+    return Head(
+        "situation", one.classes, one.forest, Calibration(4.0 * np.eye(k), np.zeros(k))
+    )
 
 
 @cache
@@ -155,12 +170,18 @@ def answered(
 ) -> dict[str, npt.NDArray[Any]]:
     names = [output.name for output in session.get_outputs()]
     parts = [
-        session.run(None, {"features": rows[k : k + batch]}) for k in range(0, len(rows), batch)
+        session.run(None, {"features": rows[k : k + batch]})
+        for k in range(0, len(rows), batch)
     ]
-    return {name: np.concatenate([part[at] for part in parts]) for at, name in enumerate(names)}
+    return {
+        name: np.concatenate([part[at] for part in parts])
+        for at, name in enumerate(names)
+    }
 
 
-@pytest.mark.parametrize("n", [350_000, pytest.param(3_500_000, marks=pytest.mark.soak)])
+@pytest.mark.parametrize(
+    "n", [350_000, pytest.param(3_500_000, marks=pytest.mark.soak)]
+)
 @pytest.mark.parametrize("name", CASES)
 @MILLION.mark
 def test_of_a_third_of_a_million_adversarial_rows_none_is_answered_otherwise_than_by_the_reference(
@@ -200,7 +221,10 @@ def test_a_row_alone_is_answered_bit_for_bit_as_in_any_batch(
     name: str, batch: int, n: int, record_property: Record
 ) -> None:
     rows = adversarial(case(name), n, seed=4)[:n]
-    many, few = answered(session_of(name), rows), answered(session_of(name), rows, batch)
+    many, few = (
+        answered(session_of(name), rows),
+        answered(session_of(name), rows, batch),
+    )
     record_property("rows", len(rows))
     assert {name: part.tobytes() for name, part in few.items()} == {
         name: part.tobytes() for name, part in many.items()
@@ -253,8 +277,12 @@ def hundred_trees() -> tuple[Forest, Rows]:
     """A hundred trees of pure leaves, and rows on the grid they were fitted on."""
     rng = np.random.default_rng(0)
     x = (rng.integers(-20, 20, (400, N_FEATURES)) / 4.0).astype(np.float32)
-    forest = RandomForestClassifier(100, random_state=0).fit(x, rng.integers(4, size=400))
-    return forest, (rng.integers(-20, 20, (60_000, N_FEATURES)) / 4.0).astype(np.float32)
+    forest = RandomForestClassifier(100, random_state=0).fit(
+        x, rng.integers(4, size=400)
+    )
+    return forest, (rng.integers(-20, 20, (60_000, N_FEATURES)) / 4.0).astype(
+        np.float32
+    )
 
 
 @cache
@@ -273,19 +301,23 @@ def test_of_a_hundred_trees_every_tie_is_exact_and_goes_to_the_riskier_class(
 ) -> None:
     forest, rows = hundred_trees()
     model = whole_graph(
-        SPEC, [Head("situation", SITUATIONS, forest, Calibration(np.eye(4), np.zeros(4)))]
+        SPEC,
+        [Head("situation", SITUATIONS, forest, Calibration(np.eye(4), np.zeros(4)))],
     )
     votes = whole_votes()
     tied = (votes == votes.max(axis=1, keepdims=True)).sum(axis=1) > 1
     record_property("ties", int(tied.sum()))
     np.testing.assert_array_equal(
-        answered(open_session(cut_learners(model)), rows)["situation"], riskier_argmax(votes)
+        answered(open_session(cut_learners(model)), rows)["situation"],
+        riskier_argmax(votes),
     )
     assert tied.sum() > 1000
 
 
 @TIES.unguarded
-def test_the_stock_conversion_answers_exact_ties_by_rounding(record_property: Record) -> None:
+def test_the_stock_conversion_answers_exact_ties_by_rounding(
+    record_property: Record,
+) -> None:
     forest, rows = hundred_trees()
     votes, got = whole_votes(), stock(forest)(rows)
     tied = (votes == votes.max(axis=1, keepdims=True)).sum(axis=1) > 1
@@ -309,9 +341,12 @@ def test_where_a_leaf_is_split_in_thirds_the_riskier_class_wins_the_rounding_too
         x, np.tile(present, 4)
     )
     model = whole_graph(
-        SPEC, [Head("situation", SITUATIONS, forest, Calibration(np.eye(4), np.zeros(4)))]
+        SPEC,
+        [Head("situation", SITUATIONS, forest, Calibration(np.eye(4), np.zeros(4)))],
     )
-    assert answered(open_session(cut_learners(model)), x[:1])["situation"][0] == max(present)
+    assert answered(open_session(cut_learners(model)), x[:1])["situation"][0] == max(
+        present
+    )
 
 
 # Exact votes
@@ -326,12 +361,16 @@ def exact_shares(forest: Forest, rows: Rows) -> list[list[Fraction]]:
             tree.tree_.value[:, 0, :] * tree.tree_.weighted_n_node_samples[:, None]
         ).astype(np.int64)
         shares.append(
-            [[Fraction(int(count), int(node.sum())) for count in node] for node in counts]
+            [
+                [Fraction(int(count), int(node.sum())) for count in node]
+                for node in counts
+            ]
         )
     n_trees = len(shares)
     return [
         [
-            sum((shares[t][leaf][k] for t, leaf in enumerate(row)), Fraction(0)) / n_trees
+            sum((shares[t][leaf][k] for t, leaf in enumerate(row)), Fraction(0))
+            / n_trees
             for k in range(forest.n_classes_)
         ]
         for row in leaves.tolist()
@@ -344,15 +383,21 @@ def test_quantised_votes_are_the_exact_rational_votes_within_one_part_in_a_leafs
     min_samples_leaf: int, record_property: Record
 ) -> None:
     rng = np.random.default_rng(2)
-    x, y = rng.normal(size=(300, N_FEATURES)).astype(np.float32), rng.integers(4, size=300)
-    forest = RandomForestClassifier(20, min_samples_leaf=min_samples_leaf, random_state=0).fit(x, y)
+    x, y = (
+        rng.normal(size=(300, N_FEATURES)).astype(np.float32),
+        rng.integers(4, size=300),
+    )
+    forest = RandomForestClassifier(
+        20, min_samples_leaf=min_samples_leaf, random_state=0
+    ).fit(x, y)
     rows = rng.normal(size=(1000, N_FEATURES)).astype(np.float32)
     votes, bits = reference_votes(forest, rows, 4), vote_bits(20)
     unlike, furthest = 0, Fraction(0)
     for row, exact in zip(votes.tolist(), exact_shares(forest, rows), strict=True):
         assert sum(row) == 20 << bits
         apart = [
-            abs(Fraction(vote, 20 << bits) - share) for vote, share in zip(row, exact, strict=True)
+            abs(Fraction(vote, 20 << bits) - share)
+            for vote, share in zip(row, exact, strict=True)
         ]
         furthest = max(furthest, *apart)
         label = max(k for k in range(4) if exact[k] == max(exact))
@@ -368,7 +413,9 @@ def test_quantised_votes_are_the_exact_rational_votes_within_one_part_in_a_leafs
 
 
 @EXACT.mark
-def test_the_odd_votes_of_a_leaf_go_to_the_largest_remainders_equal_ones_to_the_riskier() -> None:
+def test_the_odd_votes_of_a_leaf_go_to_the_largest_remainders_equal_ones_to_the_riskier() -> (
+    None
+):
     rng = np.random.default_rng(6)
     x, y = rng.normal(size=(300, N_FEATURES)), rng.integers(5, size=300)
     forest = RandomForestClassifier(5, min_samples_leaf=7, random_state=0).fit(x, y)
@@ -380,7 +427,9 @@ def test_the_odd_votes_of_a_leaf_go_to_the_largest_remainders_equal_ones_to_the_
         for count, given in zip(counts.tolist(), votes.tolist(), strict=True):
             shares = [Fraction(one * whole, sum(count)) for one in count]
             floors = [share.numerator // share.denominator for share in shares]
-            ranked = sorted(range(5), key=lambda k: (shares[k] - floors[k], k), reverse=True)
+            ranked = sorted(
+                range(5), key=lambda k: (shares[k] - floors[k], k), reverse=True
+            )
             odd = ranked[: whole - sum(floors)]
             assert given == [floor + (k in odd) for k, floor in enumerate(floors)]
 
@@ -390,7 +439,9 @@ def test_the_order_of_the_trees_changes_no_vote() -> None:
     one = case("eight classes, impure leaves")
     rows = adversarial(one, 10_000, seed=5)
     votes = [np.asarray(v, dtype=np.float32) for v in leaf_votes(one.forest, 8)]
-    with np.errstate(over="ignore", invalid="ignore"):  # scikit-learn sums the rows to look for NaN
+    with np.errstate(
+        over="ignore", invalid="ignore"
+    ):  # scikit-learn sums the rows to look for NaN
         leaves = one.forest.apply(rows)
     expected = answered(session_of("eight classes, impure leaves"), rows)["votes"]
     for seed in range(5):
@@ -412,9 +463,13 @@ def test_a_hundred_float32_hundredths_are_not_one_and_depend_on_their_order(
     assert total != 1.0
     forest, rows = hundred_trees()
     shares = [
-        (tree.predict_proba(rows[:2000]) / 100.0).astype(np.float32) for tree in forest.estimators_
+        (tree.predict_proba(rows[:2000]) / 100.0).astype(np.float32)
+        for tree in forest.estimators_
     ]
-    impure = [np.float32(0.3) * one + np.float32(0.7) * other for one, other in pairwise(shares)]
+    impure = [
+        np.float32(0.3) * one + np.float32(0.7) * other
+        for one, other in pairwise(shares)
+    ]
     forwards, backwards = np.zeros_like(impure[0]), np.zeros_like(impure[0])
     for one, other in zip(impure, reversed(impure), strict=True):
         forwards, backwards = forwards + one, backwards + other
@@ -425,10 +480,14 @@ def test_a_hundred_float32_hundredths_are_not_one_and_depend_on_their_order(
 
 
 @MISSING.unguarded
-def test_the_stock_conversion_answers_a_dead_sensor_wrongly(record_property: Record) -> None:
+def test_the_stock_conversion_answers_a_dead_sensor_wrongly(
+    record_property: Record,
+) -> None:
     rng = np.random.default_rng(0)
     x = rng.normal(size=(2000, 18)).astype(np.float32)
-    y = (x[:, 2] + x[:, 5] + 0.3 * rng.normal(size=2000) > 0).astype(int) + 2 * (x[:, 8] > 0)
+    y = (x[:, 2] + x[:, 5] + 0.3 * rng.normal(size=2000) > 0).astype(int) + 2 * (
+        x[:, 8] > 0
+    )
     x[rng.random(2000) < 0.1, :3] = np.nan
     forest = RandomForestClassifier(100, random_state=0, n_jobs=2).fit(x, y)
     rows = rng.normal(size=(3000, 18)).astype(np.float32)
@@ -464,9 +523,15 @@ def test_the_stock_conversion_of_a_forest_of_one_class_answers_another_class() -
 def other_trees(path: Path) -> bytes:
     """The file with every leaf voting for another class, and a seal that holds."""
     model = onnx.load_from_string(path.read_bytes())
-    (trees,) = [node for node in model.graph.node if node.op_type == "TreeEnsembleRegressor"]
-    (targets,) = [attribute for attribute in trees.attribute if attribute.name == "target_ids"]
-    targets.CopyFrom(helper.make_attribute("target_ids", [7 - target for target in targets.ints]))
+    (trees,) = [
+        node for node in model.graph.node if node.op_type == "TreeEnsembleRegressor"
+    ]
+    (targets,) = [
+        attribute for attribute in trees.attribute if attribute.name == "target_ids"
+    ]
+    targets.CopyFrom(
+        helper.make_attribute("target_ids", [7 - target for target in targets.ints])
+    )
     return with_metadata(model.SerializeToString())
 
 
@@ -486,9 +551,9 @@ def test_without_the_golden_sequences_such_a_file_opens_and_its_answers_are_beli
 ) -> None:
     card = Model(eight_classes.model).card
     both = [
-        golden_answers(open_session(data), card.n_channels, card.unit, card.settle_samples)[
-            "situation"
-        ]
+        golden_answers(
+            open_session(data), card.n_channels, card.unit, card.settle_samples
+        )["situation"]
         for data in (eight_classes.model.read_bytes(), other_trees(eight_classes.model))
     ]
     record_property("share_of_answers_that_differ", float(np.mean(both[0] != both[1])))

@@ -16,17 +16,16 @@ from hypothesis import strategies as st
 from onnx import numpy_helper
 from small_model import artifact, card_of, resealed, spec
 
-from holdfast.edge_runtime.contract import CLASSES, SITUATIONS
-from holdfast.edge_runtime.errors import HoldfastError
+from holdfast.core.contract import CLASSES, SITUATIONS
+from holdfast.core.errors import HoldfastError
 from holdfast.edge_runtime.graph import open_session, run_recording
 from holdfast.edge_runtime.model import Model
 from holdfast.edge_runtime.onnx_network import INPUT_MOST
 from holdfast.export.artifact import Artifact, read_artifact, write_artifact
-from holdfast.export.committee import Committee
 from holdfast.export.exporting import export_artifact, whole_graph
 from holdfast.export.features import feature_count
 from holdfast.export.heads import Calibration, Head
-from holdfast.export.learner import Learner, reference_votes, votes_in_all
+from holdfast.export.learner import Committee, Learner, reference_votes, votes_in_all
 from holdfast.export.network import Inputs, Layer, Network, network_votes
 from holdfast.export.reference import reference_label, riskier_argmax, weighted
 from holdfast.export.seal import model_card, seal
@@ -51,7 +50,9 @@ def rows_of(n: int, seed: int = 0) -> FloatRows:
 def learner_of(kind: str, n_classes: int = 8, without: int | None = None) -> Learner:
     """A learner of a rule that the first feature decides. without: a class it never sees."""
     rows = rows_of(300)
-    label = np.clip((2.0 * rows[:, 0] + n_classes / 2).astype(np.int64), 0, n_classes - 1)
+    label = np.clip(
+        (2.0 * rows[:, 0] + n_classes / 2).astype(np.int64), 0, n_classes - 1
+    )
     kept = label != without
     rows, label = rows[kept], label[kept]
     if kind == "network":
@@ -59,11 +60,15 @@ def learner_of(kind: str, n_classes: int = 8, without: int | None = None) -> Lea
     forest = FOREST.build(0, n_jobs=1).fit(rows, label)
     if kind == "forest":
         return forest
-    return Committee(forest, fit_network(PLAN, rows, label, n_classes, 0, votes_in_all(forest)))
+    return Committee(
+        forest, fit_network(PLAN, rows, label, n_classes, 0, votes_in_all(forest))
+    )
 
 
 def made_of(
-    kind: str, classes: tuple[str, ...] = CLASSES, weights: tuple[float, ...] | None = None
+    kind: str,
+    classes: tuple[str, ...] = CLASSES,
+    weights: tuple[float, ...] | None = None,
 ) -> Artifact:
     """An artifact with one head of that learner."""
     k = len(classes)
@@ -76,7 +81,9 @@ def made_of(
 @pytest.mark.parametrize("kind", ["network", "committee"])
 @pytest.mark.parametrize("classes", [CLASSES, SITUATIONS])
 @pytest.mark.parametrize("weights", [None, (1.0, 0.45, 0.3, 0.7)])
-def test_an_exported_learner_answers_what_the_reference_does(kind, classes, weights, tmp_path):
+def test_an_exported_learner_answers_what_the_reference_does(
+    kind, classes, weights, tmp_path
+):
     write_artifact(tmp_path, made_of(kind, classes, weights))
     path, report = export_artifact(tmp_path, tmp_path / "out.onnx")
     head = report.heads["situation"]
@@ -88,19 +95,23 @@ def test_an_exported_learner_answers_what_the_reference_does(kind, classes, weig
 def test_a_network_s_votes_are_near_those_of_the_network_that_it_was_made_of():
     rows = rows_of(300)
     label = (rows[:, 0] > 0.0).astype(np.int64)
-    network = fit_network(NetworkPlan((16,), 1, epochs=40, batch=32, alpha=1e-3), rows, label, 2, 0)
+    network = fit_network(
+        NetworkPlan((16,), 1, epochs=40, batch=32, alpha=1e-3), rows, label, 2, 0
+    )
     right = riskier_argmax(network_votes(network, rows)) == label
     assert right.mean() > 0.9
 
 
 @given(st.integers(0, 2**32 - 1), st.sampled_from([2, 4, 8]))
 @settings(max_examples=20, deadline=None)
-def test_votes_are_whole_not_negative_and_add_up_for_any_network_and_row(seed, n_classes):
+def test_votes_are_whole_not_negative_and_add_up_for_any_network_and_row(
+    seed, n_classes
+):
     network = random_network(seed, n_classes)
     rng = np.random.default_rng(seed)
-    rows = (10.0 ** rng.uniform(-40, 38, (50, 6)) * rng.choice([-1, 0, 1], (50, 6))).astype(
-        np.float32
-    )
+    rows = (
+        10.0 ** rng.uniform(-40, 38, (50, 6)) * rng.choice([-1, 0, 1], (50, 6))
+    ).astype(np.float32)
     votes = network_votes(network, rows)
     assert (votes >= 0).all()
     assert (votes.sum(axis=1) == network.votes_in_all).all()
@@ -119,12 +130,16 @@ def random_network(seed: int, n_classes: int) -> Network:
     for width, out in ((6, 5), (5, n_classes)):
         weights = rng.integers(-3000, 3000, (width, out)).astype(np.float32)
         bias = rng.integers(-(10**6), 10**6, out).astype(np.float32)
-        layers.append(Layer(weights, bias, rng.uniform(1e-6, 1e-3, out).astype(np.float32)))
+        layers.append(
+            Layer(weights, bias, rng.uniform(1e-6, 1e-3, out).astype(np.float32))
+        )
     return Network(inputs, tuple(layers), int(rng.integers(1000, 2**23)))
 
 
 @pytest.mark.parametrize("kind", ["network", "committee"])
-def test_a_row_alone_in_a_batch_and_among_rows_that_are_not_finite_has_the_same_bits(kind):
+def test_a_row_alone_in_a_batch_and_among_rows_that_are_not_finite_has_the_same_bits(
+    kind,
+):
     made = made_of(kind)
     session = open_session(cut_learners(whole_graph(SPEC, made.heads)))
     rows = rows_of(64, seed=3)
@@ -160,13 +175,17 @@ def test_label_weights_change_labels_and_nothing_else():
     names = ["situation", "votes", "p_situation"]
     one, two = (
         run_recording(
-            open_session(whole_graph(SPEC, made.heads).SerializeToString()), values, valid, names
+            open_session(whole_graph(SPEC, made.heads).SerializeToString()),
+            values,
+            valid,
+            names,
         )
         for made in (plain, heavy)
     )
     assert (one["situation"] == 0).any()
     assert not (
-        two["situation"][one["votes"][:, 1:].max(axis=1) * 100 > one["votes"][:, 0]] == 0
+        two["situation"][one["votes"][:, 1:].max(axis=1) * 100 > one["votes"][:, 0]]
+        == 0
     ).any()
     assert one["votes"].tobytes() == two["votes"].tobytes()
     assert one["p_situation"].tobytes() == two["p_situation"].tobytes()
@@ -196,17 +215,25 @@ def spoil(network: Network, **changes: Any) -> Network:
 
 @pytest.mark.parametrize(
     ("weight", "bias", "why"),
-    [(0.5, 0.0, "whole number"), (40_000.0, 0.0, "whole number"), (0.0, 2.0**24, "too large")],
+    [
+        (0.5, 0.0, "whole number"),
+        (40_000.0, 0.0, "whole number"),
+        (0.0, 2.0**24, "too large"),
+    ],
 )
 def test_numbers_that_are_not_exact_make_no_network(weight, bias, why):
     network = random_network(0, 4)
     first, last = network.layers
-    spoilt = Layer(first.weights + np.float32(weight), first.bias + np.float32(bias), first.scale)
+    spoilt = Layer(
+        first.weights + np.float32(weight), first.bias + np.float32(bias), first.scale
+    )
     with pytest.raises(ValueError, match=why):
         spoil(network, layers=(spoilt, last))
 
 
-@pytest.mark.parametrize(("knee", "gain", "why"), [(0, 1, "a knee"), (1, 3, "an input")])
+@pytest.mark.parametrize(
+    ("knee", "gain", "why"), [(0, 1, "a knee"), (1, 3, "an input")]
+)
 def test_inputs_beyond_their_bounds_make_no_network(knee, gain, why):
     inputs = random_network(0, 4).inputs
     with pytest.raises(ValueError, match=why):
@@ -222,7 +249,9 @@ def sealed(kind: str = "committee") -> tuple[onnx.ModelProto, dict[str, Any]]:
     return onnx.load_from_string(data), card_of(data)
 
 
-def constant(model: onnx.ModelProto, node: onnx.NodeProto, place: int = 1) -> onnx.TensorProto:
+def constant(
+    model: onnx.ModelProto, node: onnx.NodeProto, place: int = 1
+) -> onnx.TensorProto:
     (one,) = [c for c in model.graph.initializer if c.name == node.input[place]]
     return one
 
@@ -231,7 +260,9 @@ def nodes(model: onnx.ModelProto, op: str) -> list[onnx.NodeProto]:
     return [node for node in model.graph.node if node.op_type == op]
 
 
-def change(model: onnx.ModelProto, node: onnx.NodeProto, to: Any, place: int = 1) -> None:
+def change(
+    model: onnx.ModelProto, node: onnx.NodeProto, to: Any, place: int = 1
+) -> None:
     """Give a node a constant of its own: to(old)."""
     old = numpy_helper.to_array(constant(model, node, place))
     name = f"altered_{len(model.graph.initializer)}"
@@ -247,12 +278,16 @@ def made_by(model: onnx.ModelProto, node: onnx.NodeProto, place: int) -> onnx.No
 
 def inner_product(model: onnx.ModelProto) -> onnx.NodeProto:
     """A product of a layer behind a hidden one."""
-    return next(n for n in nodes(model, "MatMul") if made_by(model, n, 0).op_type == "Clip")
+    return next(
+        n for n in nodes(model, "MatMul") if made_by(model, n, 0).op_type == "Clip"
+    )
 
 
 def more_shares(model: onnx.ModelProto) -> None:
     (floor,) = nodes(model, "Floor")
-    (shared,) = [node for node in nodes(model, "Mul") if node.output[0] == floor.input[0]]
+    (shared,) = [
+        node for node in nodes(model, "Mul") if node.output[0] == floor.input[0]
+    ]
     change(model, shared, lambda old: 2 * old)
 
 
@@ -264,13 +299,21 @@ def another_axis(model: onnx.ModelProto) -> None:
 
 
 def another_table(model: onnx.ModelProto) -> None:
-    (cast,) = [node for node in nodes(model, "Cast") if made_by(model, node, 0).op_type == "Min"]
-    (gather,) = [node for node in nodes(model, "Gather") if node.input[1] == cast.output[0]]
+    (cast,) = [
+        node
+        for node in nodes(model, "Cast")
+        if made_by(model, node, 0).op_type == "Min"
+    ]
+    (gather,) = [
+        node for node in nodes(model, "Gather") if node.input[1] == cast.output[0]
+    ]
     change(model, gather, lambda old: old - 1.0, 0)
 
 
 def beyond_the_table(model: onnx.ModelProto) -> None:
-    (nearest,) = [node for node in nodes(model, "Min") if made_by(model, node, 0).op_type == "Sub"]
+    (nearest,) = [
+        node for node in nodes(model, "Min") if made_by(model, node, 0).op_type == "Sub"
+    ]
     change(model, nearest, lambda old: old + 1000)
 
 
@@ -324,7 +367,9 @@ def test_an_altered_network_is_refused_when_the_file_is_opened(alter, tmp_path: 
         ("trees", 2),
     ],
 )
-def test_a_card_that_names_another_learner_or_other_votes_is_refused(key, value, tmp_path: Path):
+def test_a_card_that_names_another_learner_or_other_votes_is_refused(
+    key, value, tmp_path: Path
+):
     model, card = sealed()
     card["heads"]["situation"][key] = value
     (tmp_path / "m.onnx").write_bytes(resealed(model, card))
@@ -347,7 +392,10 @@ def test_verify_refuses_a_file_with_other_weights():
     first, *rest = head.learner.layers
     flipped = Layer(-first.weights, first.bias, first.scale)
     changed = Head(
-        head.name, head.classes, spoil(head.learner, layers=(flipped, *rest)), head.calibration
+        head.name,
+        head.classes,
+        spoil(head.learner, layers=(flipped, *rest)),
+        head.calibration,
     )
     with pytest.raises(HoldfastError, match="differ"):
         verify(whole_graph(SPEC, [changed]), SPEC, made.heads, made.rows)

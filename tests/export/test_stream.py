@@ -17,9 +17,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.signal import sosfilt
 
-from holdfast.edge_runtime.contact import NORMAL_FLOOR
-from holdfast.edge_runtime.contract import BoolArray, FloatArray, Unit
-from holdfast.edge_runtime.errors import UsageError
+from holdfast.core.contact import NORMAL_FLOOR
+from holdfast.core.contract import BoolArray, FloatArray, Unit
+from holdfast.core.errors import UsageError
 from holdfast.edge_runtime.graph import (
     BATCH,
     Outputs,
@@ -62,9 +62,9 @@ def whole_step(n_sensors: int) -> ort.InferenceSession:
 def stream_of(length: int, n_sensors: int, seed: int = 0) -> Stream:
     """Forces that wander and shake, with lost sensors and readings that are no numbers."""
     rng = np.random.default_rng(seed)
-    values = np.cumsum(rng.normal(0.0, 0.2, (length, 3 * n_sensors)), axis=0) + rng.normal(
-        size=3 * n_sensors
-    )
+    values = np.cumsum(
+        rng.normal(0.0, 0.2, (length, 3 * n_sensors)), axis=0
+    ) + rng.normal(size=3 * n_sensors)
     values[rng.random(values.shape) < 0.01] = np.nan
     return values, rng.random((length, n_sensors)) > 0.03
 
@@ -72,11 +72,15 @@ def stream_of(length: int, n_sensors: int, seed: int = 0) -> Stream:
 def numbers(length: int, n_sensors: int, seed: int = 0) -> FloatArray:
     """A stream without a fault."""
     rng = np.random.default_rng(seed)
-    return rng.normal(2.0, 1.0, (length, 3 * n_sensors)) + rng.normal(size=3 * n_sensors)
+    return rng.normal(2.0, 1.0, (length, 3 * n_sensors)) + rng.normal(
+        size=3 * n_sensors
+    )
 
 
 def outputs_of(session: ort.InferenceSession) -> list[str]:
-    return [output.name for output in session.get_outputs() if output.name != "state_out"]
+    return [
+        output.name for output in session.get_outputs() if output.name != "state_out"
+    ]
 
 
 def alone(session: ort.InferenceSession, stream: Stream) -> Outputs:
@@ -109,7 +113,9 @@ def in_chunks(model: bytes, stream: Stream, cuts: list[int]) -> Outputs:
         shape = (1, *state_shape(session))
         state = np.frombuffer(carried).reshape(shape) if carried else np.zeros(shape)
         for row in range(first, last):
-            given = inputs(stream[0][row : row + 1], stream[1][row : row + 1], [row == 0], state)
+            given = inputs(
+                stream[0][row : row + 1], stream[1][row : row + 1], [row == 0], state
+            )
             *out, state = session.run([*outputs_of(session), "state_out"], given)
             parts.append(out)
         carried = state.tobytes()
@@ -121,7 +127,9 @@ def in_chunks(model: bytes, stream: Stream, cuts: list[int]) -> Outputs:
 
 
 def bits(outputs: Outputs) -> dict[str, bytes]:
-    return {name: np.ascontiguousarray(rows).tobytes() for name, rows in outputs.items()}
+    return {
+        name: np.ascontiguousarray(rows).tobytes() for name, rows in outputs.items()
+    }
 
 
 @given(
@@ -138,11 +146,16 @@ def test_a_stream_in_random_chunks_gives_the_same_bits_as_sample_by_sample(
     model = data.draw(st.sampled_from([features, eight_classes.model.read_bytes()]))
     stream = stream_of(length, 6, seed)
     inside = [min(cut, length) for cut in cuts]
-    assert bits(in_chunks(model, stream, inside)) == bits(alone(open_session(model), stream))
+    assert bits(in_chunks(model, stream, inside)) == bits(
+        alone(open_session(model), stream)
+    )
 
 
 @pytest.mark.parametrize("n_sensors", [1, 2, 6, 16])
-@given(seed=st.integers(0, 2**16), lengths=st.lists(st.integers(0, 90), min_size=1, max_size=9))
+@given(
+    seed=st.integers(0, 2**16),
+    lengths=st.lists(st.integers(0, 90), min_size=1, max_size=9),
+)
 @settings(max_examples=6)
 def test_recordings_of_unequal_length_in_one_batch_give_the_bits_each_gives_alone(
     n_sensors: int, seed: int, lengths: list[int]
@@ -157,7 +170,11 @@ def test_recordings_of_unequal_length_in_one_batch_give_the_bits_each_gives_alon
 )
 @settings(max_examples=10)
 def test_so_do_whole_models_down_to_the_probabilities(
-    eight_classes: Built, four_situations: Built, seed: int, lengths: list[int], eight: bool
+    eight_classes: Built,
+    four_situations: Built,
+    seed: int,
+    lengths: list[int],
+    eight: bool,
 ) -> None:
     batch_equals_alone(
         sealed((eight_classes if eight else four_situations).model), 6, seed, lengths
@@ -165,13 +182,17 @@ def test_so_do_whole_models_down_to_the_probabilities(
 
 
 def test_more_recordings_than_one_batch_holds_come_back_in_their_own_order() -> None:
-    batch_equals_alone(whole_step(2), 2, 0, [1 + (7 * k) % 13 for k in range(BATCH + 5)])
+    batch_equals_alone(
+        whole_step(2), 2, 0, [1 + (7 * k) % 13 for k in range(BATCH + 5)]
+    )
 
 
 def batch_equals_alone(
     session: ort.InferenceSession, n_sensors: int, seed: int, lengths: list[int]
 ) -> None:
-    streams = [stream_of(length, n_sensors, seed + k) for k, length in enumerate(lengths)]
+    streams = [
+        stream_of(length, n_sensors, seed + k) for k, length in enumerate(lengths)
+    ]
     values, valid = [stream[0] for stream in streams], [stream[1] for stream in streams]
     rows = [np.arange(length) for length in lengths]
     together = run_recordings(session, values, valid, outputs_of(session), rows)
@@ -184,7 +205,9 @@ def batch_equals_alone(
 def test_the_requested_rows_are_the_rows_that_come(seed: int, wanted: set[int]) -> None:
     session, stream = whole_step(2), stream_of(60, 2, seed)
     rows = np.array(sorted(wanted), dtype=np.int64)
-    (some,) = run_recordings(session, [stream[0]], [stream[1]], ["features", "unknown"], [rows])
+    (some,) = run_recordings(
+        session, [stream[0]], [stream[1]], ["features", "unknown"], [rows]
+    )
     every = alone(session, stream)
     assert bits(some) == bits({name: every[name][rows] for name in some})
 
@@ -206,11 +229,21 @@ def fed(graph: StepGraph, stream: Stream) -> Outputs:
     return {name: np.concatenate(parts) for name, parts in rows.items()}
 
 
-def test_an_all_zero_state_is_a_fresh_start_and_reset_forgets_any_other_even_nan() -> None:
+def test_an_all_zero_state_is_a_fresh_start_and_reset_forgets_any_other_even_nan() -> (
+    None
+):
     session, (values, valid) = whole_step(2), stream_of(1, 2)
     answers = []
-    for reset, state in ((False, 0.0), (True, 0.0), (True, 3.5), (True, np.nan), (True, np.inf)):
-        given = inputs(values, valid, [reset], np.full((1, *state_shape(session)), state))
+    for reset, state in (
+        (False, 0.0),
+        (True, 0.0),
+        (True, 3.5),
+        (True, np.nan),
+        (True, np.inf),
+    ):
+        given = inputs(
+            values, valid, [reset], np.full((1, *state_shape(session)), state)
+        )
         answers.append([out.tobytes() for out in session.run(None, given)])
     assert all(answer == answers[0] for answer in answers)
 
@@ -261,7 +294,9 @@ def test_a_group_sees_nothing_older_than_its_stated_memory(
 
 @pytest.mark.parametrize("rate_hz", RATES_HZ)
 @pytest.mark.parametrize("name", FINITE)
-def test_a_group_sees_something_inside_its_stated_memory(name: str, rate_hz: float) -> None:
+def test_a_group_sees_something_inside_its_stated_memory(
+    name: str, rate_hz: float
+) -> None:
     spec = StepSpec(2, rate_hz, "N", (name,))
     values = numbers(120, 2)
     before = last_features(spec, values)
@@ -287,7 +322,9 @@ def test_a_group_that_rings_for_ever_says_so() -> None:
 
 
 @pytest.mark.parametrize("rate_hz", [*RATES_HZ, 100.0, 300.0])
-def test_no_clock_free_feature_can_see_anything_older_than_half_a_second(rate_hz: float) -> None:
+def test_no_clock_free_feature_can_see_anything_older_than_half_a_second(
+    rate_hz: float,
+) -> None:
     spec = StepSpec(2, rate_hz, "N", CLOCK_FREE_GROUPS)
     values = numbers(500, 2)
     before = last_features(spec, values)
@@ -304,17 +341,26 @@ def test_the_clock_free_groups_exist_and_none_claims_a_longer_memory() -> None:
 
 
 @pytest.mark.parametrize(
-    ("rate_hz", "samples"), [(50.0, 6), (58.9, 6), (150.0, 16), (100.0, 11), (20.5, 3), (5.0, 2)]
+    ("rate_hz", "samples"),
+    [(50.0, 6), (58.9, 6), (150.0, 16), (100.0, 11), (20.5, 3), (5.0, 2)],
 )
-def test_the_window_has_its_stated_number_of_samples(rate_hz: float, samples: int) -> None:
+def test_the_window_has_its_stated_number_of_samples(
+    rate_hz: float, samples: int
+) -> None:
     spec = StepSpec(6, rate_hz, "N", ("window",))
-    assert spec.window_samples == samples == max(2, math.floor(0.10 * rate_hz + 1e-9) + 1)
+    assert (
+        spec.window_samples == samples == max(2, math.floor(0.10 * rate_hz + 1e-9) + 1)
+    )
     assert feature_count(spec) == 18 * samples
 
 
-def test_a_rate_a_rounding_error_below_its_name_does_not_cost_the_window_a_sample() -> None:
+def test_a_rate_a_rounding_error_below_its_name_does_not_cost_the_window_a_sample() -> (
+    None
+):
     assert (
-        StepSpec(6, 1.0 / np.median(np.diff(np.arange(50) * 0.02)), "N", ("window",)).window_samples
+        StepSpec(
+            6, 1.0 / np.median(np.diff(np.arange(50) * 0.02)), "N", ("window",)
+        ).window_samples
         == 6
     )
 
@@ -326,10 +372,14 @@ def test_an_unknown_group_is_refused_by_name() -> None:
 
 
 @pytest.mark.parametrize("groups", [("window", "now"), ("now", "bands")])
-def test_features_alone_have_the_bits_of_the_whole_step(groups: tuple[str, ...]) -> None:
+def test_features_alone_have_the_bits_of_the_whole_step(
+    groups: tuple[str, ...],
+) -> None:
     spec, stream = StepSpec(2, 100.0, "N", groups), stream_of(120, 2)
     whole, alone = (
-        run_recording(open_session(made(spec).SerializeToString()), *stream, ["features"])
+        run_recording(
+            open_session(made(spec).SerializeToString()), *stream, ["features"]
+        )
         for made in (feature_graph, features_alone)
     )
     assert whole["features"].tobytes() == alone["features"].tobytes()
@@ -351,12 +401,16 @@ class Past:
     def ago(self, signal: FloatArray, seconds: float) -> FloatArray:
         """signal[t - l], l in samples: the nearest to so many seconds that is one at least and 0.5
         s at most."""
-        lag = min(max(1, round(seconds * self.rate_hz)), inside(HISTORY_S, self.rate_hz))
+        lag = min(
+            max(1, round(seconds * self.rate_hz)), inside(HISTORY_S, self.rate_hz)
+        )
         return before(signal, lag)
 
     def changes(self) -> FloatArray:
         """[T, lags, 3]: Sum x[t] - Sum x[t-l]."""
-        return np.stack([self.total - self.ago(self.total, lag_s) for lag_s in LAGS_S], axis=1)
+        return np.stack(
+            [self.total - self.ago(self.total, lag_s) for lag_s in LAGS_S], axis=1
+        )
 
 
 def before(signal: FloatArray, lag: int) -> FloatArray:
@@ -367,7 +421,9 @@ def before(signal: FloatArray, lag: int) -> FloatArray:
 def window(past: Past) -> FloatArray:
     """Sensor by sensor, oldest sample first."""
     length = max(2, inside(0.10, past.rate_hz) + 1)
-    return np.stack([before(past.x, back) for back in range(length - 1, -1, -1)], axis=2)
+    return np.stack(
+        [before(past.x, back) for back in range(length - 1, -1, -1)], axis=2
+    )
 
 
 def differences(past: Past) -> FloatArray:
@@ -376,7 +432,9 @@ def differences(past: Past) -> FloatArray:
 
 
 def scaled_differences(past: Past) -> FloatArray:
-    chosen = np.stack([past.x - past.ago(past.x, lag_s) for lag_s in (0.10, 0.25, 0.50)], axis=2)
+    chosen = np.stack(
+        [past.x - past.ago(past.x, lag_s) for lag_s in (0.10, 0.25, 0.50)], axis=2
+    )
     return chosen / past.scale[:, None, None]
 
 
@@ -385,7 +443,9 @@ def activity(past: Past) -> FloatArray:
 
     def mean(span_s: float) -> FloatArray:
         lag = min(max(1, round(span_s * past.rate_hz)), inside(HISTORY_S, past.rate_hz))
-        return np.mean([before(steps, back) for back in range(lag)], axis=0) / past.scale
+        return (
+            np.mean([before(steps, back) for back in range(lag)], axis=0) / past.scale
+        )
 
     return np.stack([mean(span_s) for span_s in SPANS_S], axis=1)
 
@@ -422,7 +482,11 @@ def bands(past: Past) -> FloatArray:
     rest = past.x[:, :, :2] - past.x[0, :, :2]
     carried = [band for band in range(10, 60, 5) if band < past.rate_hz / 2]
     return np.stack(
-        [np.abs(sosfilt(sections(past.rate_hz, band), rest, axis=0)) for band in carried], axis=3
+        [
+            np.abs(sosfilt(sections(past.rate_hz, band), rest, axis=0))
+            for band in carried
+        ],
+        axis=3,
     )
 
 
@@ -451,7 +515,8 @@ def test_every_group_has_an_oracle_here() -> None:
 
 
 @pytest.mark.parametrize(
-    ("rate_hz", "unit", "size"), [(50.0, "N", 1.0), (58.9, "count", 700.0), (150.0, "uT", 200.0)]
+    ("rate_hz", "unit", "size"),
+    [(50.0, "N", 1.0), (58.9, "count", 700.0), (150.0, "uT", 200.0)],
 )
 @pytest.mark.parametrize("name", sorted(set(GROUPS) & set(ORACLES)))
 def test_a_group_is_the_formula_it_is_documented_with(
@@ -461,17 +526,22 @@ def test_a_group_is_the_formula_it_is_documented_with(
     values = size * numbers(round(1.2 * rate_hz), 4)
     # the hand opens: the floor under the ratios is used too
     values[len(values) // 2 :, 2::3] -= 2.5 * size
-    got = alone(session_of(spec), (values, np.ones((len(values), 4), dtype=np.bool_)))["features"]
+    got = alone(session_of(spec), (values, np.ones((len(values), 4), dtype=np.bool_)))[
+        "features"
+    ]
     expected = ORACLES[name](Past(values, rate_hz, unit)).reshape(len(values), -1)
     assert got.shape == (len(values), feature_count(spec))
-    np.testing.assert_allclose(got, expected, rtol=1e-6, atol=1e-9 * np.abs(expected).max())
+    np.testing.assert_allclose(
+        got, expected, rtol=1e-6, atol=1e-9 * np.abs(expected).max()
+    )
 
 
 def test_groups_stand_in_the_order_they_are_named_in() -> None:
     names = tuple(sorted(GROUPS, reverse=True))
     stream = stream_of(20, 2)
     parts = [
-        alone(session_of(StepSpec(2, 100.0, "N", (name,))), stream)["features"] for name in names
+        alone(session_of(StepSpec(2, 100.0, "N", (name,))), stream)["features"]
+        for name in names
     ]
     whole = alone(session_of(StepSpec(2, 100.0, "N", names)), stream)["features"]
     np.testing.assert_array_equal(whole, np.concatenate(parts, axis=1))

@@ -52,7 +52,9 @@ def main() -> int:
             _fuzz(atheris, name, args)
         code = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
         broken += code != 0
-        sys.stdout.write(f"{name}: {'holds' if code == 0 else f'broken, exit code {code}'}\n")
+        sys.stdout.write(
+            f"{name}: {'holds' if code == 0 else f'broken, exit code {code}'}\n"
+        )
     return int(broken > 0)
 
 

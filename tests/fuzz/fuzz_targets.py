@@ -1,6 +1,6 @@
 """What comes from outside, and what takes it: a table of targets, each fed with bytes.
 
-One law for all: any input is taken, or refused with one of our errors (edge_runtime/errors.py),
+One law for all: any input is taken, or refused with one of our errors (holdfast/core/errors.py),
 which is one line. Nothing else, no warning either, comes out; nothing hangs, nothing eats the
 memory.
 """
@@ -24,56 +24,61 @@ from urllib.parse import urlsplit
 import numpy as np
 import usb.core
 
-from holdfast.calibration.reading import read_studies
+from holdfast.core.contract import RISKY_SLIP
+from holdfast.core.errors import HoldfastError, NotAModel
+from holdfast.core.objects import mass_g as read_mass_g
+from holdfast.core.tactile_file import MendResult, mend
+from holdfast.core.trial_file import read_trial
+from holdfast.drivers.bring_up import TEST_PACKETS
 from holdfast.drivers.bus import Bus, Reply
-from holdfast.drivers.calibration_file import read_bias, read_calibration
+from holdfast.drivers.calibration import read_bias, read_calibration
 from holdfast.drivers.camera.sources import LENS, read_frames
-from holdfast.drivers.finger_state import FingerState
 from holdfast.drivers.ft232h import Ft232h
 from holdfast.drivers.hand import Hand
 from holdfast.drivers.layout import Finger, read_layout
 from holdfast.drivers.mcp2221 import Mcp2221
-from holdfast.drivers.packet_check import TEST_PACKETS
 from holdfast.drivers.replay import open_replay
+from holdfast.drivers.scan_plan import FingerState
 from holdfast.drivers.tiny_usb import TinyUsb
 from holdfast.drivers.tmag5273 import CHECKED_BYTES, LAYOUT, Setup, packet_crc
 from holdfast.drivers.virtual.clock import VirtualClock
-from holdfast.drivers.virtual.descriptors import descriptor, device_fields
 from holdfast.drivers.virtual.faults import read_fault
 from holdfast.drivers.virtual.ft232h import VirtualFt232h
-from holdfast.drivers.virtual.hand import VirtualHand
 from holdfast.drivers.virtual.mcp2221 import VirtualMcp2221
 from holdfast.drivers.virtual.tiny_usb import VirtualTinyUsb
 from holdfast.drivers.virtual.usb_backend import Device, VirtualBackend
+from holdfast.drivers.virtual.usb_devices import descriptor, device_fields
+from holdfast.drivers.virtual.virtual_hand import VirtualHand
 from holdfast.edge_runtime.answer_ranges import require_in_range
 from holdfast.edge_runtime.commands import command_port
-from holdfast.edge_runtime.contract import RISKY_SLIP
 from holdfast.edge_runtime.decision import DecisionState, decide, period_us
-from holdfast.edge_runtime.errors import HoldfastError, NotAModel
 from holdfast.edge_runtime.golden import golden_answers, golden_from_json
 from holdfast.edge_runtime.graph import StepGraph, open_session
-from holdfast.edge_runtime.live import Command
-from holdfast.edge_runtime.mending import MendResult
 from holdfast.edge_runtime.model import read_model
-from holdfast.edge_runtime.model_file import CARD_KEY, SEAL_KEY, ModelCard, read_card, read_sealed
+from holdfast.edge_runtime.model_file import (
+    CARD_KEY,
+    SEAL_KEY,
+    ModelCard,
+    read_card,
+    read_sealed,
+)
 from holdfast.edge_runtime.onnx_bytes import read_onnx
-from holdfast.edge_runtime.tactile_file import mend
-from holdfast.edge_runtime.tare import Tare
-from holdfast.edge_runtime.trial_file import read_trial
-from holdfast.human_study.card import read_study
-from holdfast.human_study.journal import progress_of, read_journal
-from holdfast.human_study.questionnaires import read_questionnaire
-from holdfast.live_page.address import read_address
-from holdfast.live_page.server import Access, PageHandler, PageServer
-from holdfast.live_page.stream import LiveStream
-from holdfast.live_sources import open_live
-from holdfast.mistakes import require_meant
-from holdfast.recorder.card import read_protocol
-from holdfast.recorder.labels import relabel
+from holdfast.edge_runtime.preparation import Tare
+from holdfast.live.hand_sources import open_live
+from holdfast.live.loop import Command
+from holdfast.live.page.link import read_address
+from holdfast.live.page.server import Access, PageHandler, PageServer
+from holdfast.live.page.stream import LiveStream
+from holdfast.live.sources import require_meant
+from holdfast.sessions.calibration.loads import read_studies
+from holdfast.sessions.recorder.labels import relabel
+from holdfast.sessions.recorder.protocol import read_protocol
+from holdfast.sessions.study.journal import progress_of, read_journal
+from holdfast.sessions.study.questionnaires import read_questionnaire
+from holdfast.sessions.study.steps import read_study
 from holdfast.simulation import card as scene_card
 from holdfast.simulation.scene import Scene
 from holdfast.training.datasets.reading import read_arrays, read_table
-from holdfast.training.objects import mass_g as read_mass_g
 from holdfast.training.timeline import read_truth
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -169,7 +174,9 @@ def meta(data: bytes) -> None:
     """The recorded JSON beside a trial: its unit, and its object's mass."""
     place = folder() / "stone" / "hold"
     place.mkdir(parents=True, exist_ok=True)
-    (place / "trial_1.csv").write_text("Time,X1,Y1,Z1\n0,1,2,3\n0.01,1,2,3\n", encoding="utf-8")
+    (place / "trial_1.csv").write_text(
+        "Time,X1,Y1,Z1\n0,1,2,3\n0.01,1,2,3\n", encoding="utf-8"
+    )
     (place.parent / "meta.json").write_bytes(data)
     # either may refuse what the other takes
     refused(Target(lambda _: open_replay(place / "trial_1.csv"), ()), b"")
@@ -217,7 +224,9 @@ def events(data: bytes) -> None:
     place = folder() / "trial_1"
     place.mkdir(exist_ok=True)
     (place / "tactile.csv").write_bytes(HEAD + ROWS)
-    (place / "meta.json").write_text('{"action": "pull", "unit": "N"}', encoding="utf-8")
+    (place / "meta.json").write_text(
+        '{"action": "pull", "unit": "N"}', encoding="utf-8"
+    )
     (place / "events.jsonl").write_bytes(data)
     relabel(place)
 
@@ -283,7 +292,9 @@ def resealed_model(data: bytes) -> None:
     except Exception as error:  # as Model does
         raise NotAModel("cannot be opened") from error
     require_in_range(
-        golden_answers(session, card.n_channels, card.unit, card.settle_samples), card, "m.onnx"
+        golden_answers(session, card.n_channels, card.unit, card.settle_samples),
+        card,
+        "m.onnx",
     )
     _answers(session, card)
 
@@ -321,21 +332,31 @@ def _answers(session: Any, card: ModelCard) -> None:
     graph, rng = StepGraph(session), np.random.default_rng(0)
     scale = 10.0 ** rng.integers(-3, 12, size=(20, 1))
     for values in rng.normal(size=(20, card.n_channels)) * scale:
-        np.copyto(graph.sample[0], np.where(rng.random(card.n_channels) < 0.1, np.nan, values))
+        np.copyto(
+            graph.sample[0], np.where(rng.random(card.n_channels) < 0.1, np.nan, values)
+        )
         np.copyto(graph.valid[0], rng.random(card.n_channels // 3) < 0.9)
         out = graph.step()
         assert 0 <= out["situation"][0] < 4
         assert out["votes"][0].sum() > 0.0
         assert {
-            name: out[name].shape[1:] for name in ("p_situation", "settled", "unknown", *card.heads)
-        } == {"p_situation": (4,), "settled": (), "unknown": (), **dict.fromkeys(card.heads, ())}
+            name: out[name].shape[1:]
+            for name in ("p_situation", "settled", "unknown", *card.heads)
+        } == {
+            "p_situation": (4,),
+            "settled": (),
+            "unknown": (),
+            **dict.fromkeys(card.heads, ()),
+        }
 
 
 def arrays(data: bytes) -> None:
     """An archive of arrays: frames, and a data set's."""
     path = written("a.npz", data)
     with np.errstate(all="ignore"):
-        refused(Target(lambda _: read_arrays(path, {"frames": (None, None, None)}), ()), b"")
+        refused(
+            Target(lambda _: read_arrays(path, {"frames": (None, None, None)}), ()), b""
+        )
         read_frames(path)
 
 
@@ -353,8 +374,16 @@ def message(data: bytes) -> None:
 
 def sealed_card(data: bytes) -> None:
     """The card in a model file's metadata, and the parts that are made of it alone."""
-    card = read_card({CARD_KEY: data.decode(errors="replace"), SEAL_KEY: "0" * 64}, "model.onnx")
-    decide(card.decision, DecisionState(), RISKY_SLIP, 1000, period_us=period_us(card.rate_hz))
+    card = read_card(
+        {CARD_KEY: data.decode(errors="replace"), SEAL_KEY: "0" * 64}, "model.onnx"
+    )
+    decide(
+        card.decision,
+        DecisionState(),
+        RISKY_SLIP,
+        1000,
+        period_us=period_us(card.rate_hz),
+    )
     Tare(card.preparation, card.n_channels).prepare(
         np.zeros(card.n_channels), np.ones(card.n_channels // 3, bool)
     )
@@ -401,7 +430,9 @@ def packets(data: bytes) -> None:
     state = FingerState(Finger(0x35), Setup(crc=True))
     came = 0
     for k, at in enumerate(range(0, len(data), CHECKED_BYTES)):
-        found, why = state.judge(Reply(data[at : at + CHECKED_BYTES], acked=True), 6_000_000 * k)
+        found, why = state.judge(
+            Reply(data[at : at + CHECKED_BYTES], acked=True), 6_000_000 * k
+        )
         came += found is not None
         assert why or came > TEST_PACKETS
         assert found is not None or why == "nack"
@@ -414,7 +445,9 @@ def commands(data: bytes) -> None:
         address = probe.getsockname()
     messages: list[str] = []
     with (
-        command_port(f"{address[0]}:{address[1]}", messages.append, VirtualClock().now_ns) as ask,
+        command_port(
+            f"{address[0]}:{address[1]}", messages.append, VirtualClock().now_ns
+        ) as ask,
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as user,
     ):
         user.connect(address)
@@ -467,7 +500,11 @@ class Spoilt(Device):
     def __init__(self, device: Any, script: bytes) -> None:
         self._device, self._script = device, script[2:]
         self._left_alone = int.from_bytes(script[:2], "little") % LEFT_ALONE
-        self.vendor, self.product, self.speed = device.vendor, device.product, device.speed
+        self.vendor, self.product, self.speed = (
+            device.vendor,
+            device.product,
+            device.speed,
+        )
         self.interfaces, self.kernel_driver = device.interfaces, device.kernel_driver
 
     def control_out(
@@ -504,7 +541,9 @@ class Spoilt(Device):
         if how & 7 == 4:
             return answer[: more % (len(answer) + 1)]
         if how & 7 == 5:
-            return (answer[:more] + self._take(how >> 3) + answer[more + (how >> 3) :])[:length]
+            return (answer[:more] + self._take(how >> 3) + answer[more + (how >> 3) :])[
+                :length
+            ]
         if how & 7 == 6:
             return self._take(more)[:length]
         if how & 7 == 7:
@@ -559,7 +598,8 @@ RECORDED = HEAD.replace(b"\n", b",host_ns,device_us,sequence,valid1\n") + ROWS.r
     b"\n", b",1,2,3,1\n"
 )
 LOADS = b"Time,X1,Y1,Z1,Fx,Fy,Fz\n" + b"".join(
-    b"%d,%d,2,%d,0,0,%d\n" % (k, k % 3, 100 * (k % 20 > 9), 3 * (k % 20 > 9)) for k in range(80)
+    b"%d,%d,2,%d,0,0,%d\n" % (k, k % 3, 100 * (k % 20 > 9), 3 * (k % 20 > 9))
+    for k in range(80)
 )
 CARD = (
     b'title="a"\n[record]\nrate_hz=150\n[physics]\nstep_s=1e-3\n'
@@ -620,7 +660,9 @@ def spoilings() -> tuple[bytes, ...]:
     rng = np.random.default_rng(0)
     made = [b""]
     for begins in (0, 5, 20, 35, 42, 52, 120, 200, 240, 300, 400, 430, 550):
-        answers = np.where(rng.random(40) < 0.25, rng.integers(256, size=40), 0).astype(np.uint8)
+        answers = np.where(rng.random(40) < 0.25, rng.integers(256, size=40), 0).astype(
+            np.uint8
+        )
         made.append(begins.to_bytes(2, "little") + answers.tobytes())
     return tuple(made)
 
@@ -636,7 +678,10 @@ def small_onnx() -> bytes:
     tree = [
         part(1, b"nodes_treeids") + b"\x40\x00\x40\x81\x01\xa0\x01\x07",
         part(1, b"nodes_values") + b"\x3d\0\0\0\0\x3d\0\0\x80\x3f\xa0\x01\x06",
-        part(1, b"nodes_modes") + part(9, b"LEAF") + part(9, b"BRANCH_LEQ") + b"\xa0\x01\x08",
+        part(1, b"nodes_modes")
+        + part(9, b"LEAF")
+        + part(9, b"BRANCH_LEQ")
+        + b"\xa0\x01\x08",
         part(1, b"n_targets") + b"\x18\x02\xa0\x01\x02",
         part(1, b"post_transform") + part(4, b"NONE") + b"\xa0\x01\x03",
     ]
@@ -650,7 +695,13 @@ def small_onnx() -> bytes:
     tensor = b"\x08\x02\x10\x0b" + part(8, b"c0") + part(9, bytes(16))
     shape = part(1, part(2, b"B")) + part(1, b"\x08\x12")
     value = part(1, b"x") + part(2, part(1, b"\x08\x0b" + part(2, shape)))
-    graph = part(1, node) + part(2, b"g") + part(5, tensor) + part(11, value) + part(12, value)
+    graph = (
+        part(1, node)
+        + part(2, b"g")
+        + part(5, tensor)
+        + part(11, value)
+        + part(12, value)
+    )
     opset, entry = (
         part(8, part(1, b"ml") + b"\x10\x03"),
         part(14, part(1, b"key") + part(2, b"value")),
@@ -670,7 +721,9 @@ def part(number: int, data: bytes) -> bytes:
 def packed(**shapes: tuple[int, ...]) -> bytes:
     """An archive of arrays of ones, and stamps that go up."""
     file = io.BytesIO()
-    arrays: dict[str, Any] = {name: np.ones(shape, np.uint8) for name, shape in shapes.items()}
+    arrays: dict[str, Any] = {
+        name: np.ones(shape, np.uint8) for name, shape in shapes.items()
+    }
     np.savez_compressed(file, time_s=np.arange(2.0), **arrays)
     return file.getvalue()
 
@@ -681,7 +734,11 @@ def small_card() -> bytes:
     for head in content["heads"].values():
         head.pop("calibration")
     return json.dumps(
-        {key: value for key, value in content.items() if key not in ("file", "training")}
+        {
+            key: value
+            for key, value in content.items()
+            if key not in ("file", "training")
+        }
     ).encode()
 
 
@@ -731,15 +788,19 @@ EVENTS = b"""{"t_s": 0.01, "mark": "load_onset", "provenance": "key"}
 {"t0_s": 0.0, "t1_s": 0.02, "label": "grasp", "provenance": "scene"}
 """
 
-RESULTS_OF_A_CHIP = [LAYOUT.pack(100 + k, -200, 9000 - k, k % 8 << 5 | 1) for k in range(12)]
+RESULTS_OF_A_CHIP = [
+    LAYOUT.pack(100 + k, -200, 9000 - k, k % 8 << 5 | 1) for k in range(12)
+]
 PACKETS = [one + bytes([packet_crc(0x35, one)]) for one in RESULTS_OF_A_CHIP]
 
 TARGETS = {
     "trial": Target(
-        trial, (HEAD + ROWS, RECORDED, b"\xef\xbb\xbf" + HEAD + ROWS.replace(b"2.5", b"nan"))
+        trial,
+        (HEAD + ROWS, RECORDED, b"\xef\xbb\xbf" + HEAD + ROWS.replace(b"2.5", b"nan")),
     ),
     "mended": Target(
-        mended, (RECORDED, RECORDED + b"0.08,1,2.", RECORDED[:-1] + bytes(9), RECORDED[:7])
+        mended,
+        (RECORDED, RECORDED + b"0.08,1,2.", RECORDED[:-1] + bytes(9), RECORDED[:7]),
     ),
     "meta": Target(meta, (b'{"unit": "uT", "mass_g": 20}', b"{}")),
     "truth": Target(truth, (PHASES,)),
@@ -752,15 +813,25 @@ TARGETS = {
     "calibration": Target(calibration, (CALIBRATION,)),
     "bias": Target(bias, (BIAS,)),
     "loads": Target(loads, (LOADS,)),
-    "model": Target(model, (sealed(), b"\x08\x08holdfast", b"holdfast.sha256\x12\x40" + b"0" * 64)),
+    "model": Target(
+        model, (sealed(), b"\x08\x08holdfast", b"holdfast.sha256\x12\x40" + b"0" * 64)
+    ),
     "sealed_card": Target(sealed_card, (small_card(),)),
-    "onnx_bytes": Target(onnx_bytes, (small_onnx(), small_onnx()[:-9], small_onnx() + b"\x08\x0a")),
+    "onnx_bytes": Target(
+        onnx_bytes, (small_onnx(), small_onnx()[:-9], small_onnx() + b"\x08\x0a")
+    ),
     "resealed_model": Target(
-        resealed_model, (b"", b"\x00\x10\x00\x00A", b"\x000\x00\x03A\x80\x02\x00\x01\x03"), 100
+        resealed_model,
+        (b"", b"\x00\x10\x00\x00A", b"\x000\x00\x03A\x80\x02\x00\x01\x03"),
+        100,
     ),
     "arrays": Target(
         arrays,
-        (packed(frames=(2, 3, 4), **dict.fromkeys(LENS, ())), packed(frames=(2, 3, 4)), b"PK"),
+        (
+            packed(frames=(2, 3, 4), **dict.fromkeys(LENS, ())),
+            packed(frames=(2, 3, 4)),
+            b"PK",
+        ),
     ),
     "table": Target(table, (b"a,b\n1,2\n3,4\n", b'"a\nb",c\r\n1,2\r\n')),
     "message": Target(
@@ -768,7 +839,9 @@ TARGETS = {
     ),
     "golden": Target(golden, (GOLDEN,)),
     "fault": Target(fault, (b"nack:3@1.5+0.2", b"unplug@2+1")),
-    "layout": Target(layout, (b"mux", b"1:35,22,0:35>50", b"moved@71", b"71/0:35,77/1:35>50")),
+    "layout": Target(
+        layout, (b"mux", b"1:35,22,0:35>50", b"moved@71", b"71/0:35,77/1:35>50")
+    ),
     "packets": Target(packets, (b"".join(PACKETS), bytes(80), b"".join(PACKETS)[:-9])),
     "source": Target(
         source,
@@ -785,7 +858,10 @@ TARGETS = {
     ),
     "commands": Target(
         commands,
-        (b'{"opening": true}\n{"override": true}', b'{"opening": false, "override": false}'),
+        (
+            b'{"opening": true}\n{"override": true}',
+            b'{"opening": false, "override": false}',
+        ),
     ),
     "web_address": Target(web_address, (b"8000", b"[::1]:0", b"0.0.0.0:8000", b"a:b")),
     "web_request": Target(
@@ -803,6 +879,8 @@ TARGETS = {
     "tiny_usb": Target(bridge(VirtualTinyUsb, TinyUsb), spoilings(), 40),
     "mcp2221": Target(bridge(VirtualMcp2221, Mcp2221), spoilings(), 40),
     "mcp2221_reports": Target(
-        mcp2221_reports, (b"".join(one.ljust(64, b"\0") for one in MCP2221_REPORTS),), 500
+        mcp2221_reports,
+        (b"".join(one.ljust(64, b"\0") for one in MCP2221_REPORTS),),
+        500,
     ),
 }

@@ -16,7 +16,9 @@ from fuzz_run import CORPUS, LONGEST_BYTES
 from fuzz_targets import TARGETS, Target, refused
 
 ROOT = Path(__file__).resolve().parents[2]
-KEPT = sorted(str(path.relative_to(CORPUS)) for path in CORPUS.rglob("*") if path.is_file())
+KEPT = sorted(
+    str(path.relative_to(CORPUS)) for path in CORPUS.rglob("*") if path.is_file()
+)
 AREA = "What comes from outside"
 
 
@@ -43,7 +45,9 @@ def test_every_input_that_ever_broke_something_is_now_taken_or_refused_with_an_e
             warnings.simplefilter("error")
             try:
                 refused(TARGETS[name.partition("/")[0]], (CORPUS / name).read_bytes())
-            except Exception as broken:  # whatever it is: the name of the file belongs to it
+            except (
+                Exception
+            ) as broken:  # whatever it is: the name of the file belongs to it
                 errors.append(f"{name}: {broken!r}")
     record_property("inputs", len(KEPT))
     assert errors == []
@@ -76,7 +80,12 @@ def fuzzed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
         )
     out = tmp_path_factory.mktemp("fuzz")
     done = subprocess.run(
-        [sys.executable, str(ROOT / "tests" / "fuzz" / "fuzz_run.py"), "--out", str(out)],
+        [
+            sys.executable,
+            str(ROOT / "tests" / "fuzz" / "fuzz_run.py"),
+            "--out",
+            str(out),
+        ],
         cwd=ROOT,
         capture_output=True,
         text=True,
@@ -88,9 +97,9 @@ def fuzzed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
         for line in done.stdout.splitlines()
         if line.partition(": ")[0] in TARGETS
     )
-    assert (done.returncode == 0) == all(how == "holds" for how in ended.values()), done.stderr[
-        -2000:
-    ]
+    assert (done.returncode == 0) == all(how == "holds" for how in ended.values()), (
+        done.stderr[-2000:]
+    )
     return ended
 
 

@@ -12,11 +12,10 @@ from pathlib import Path
 import pytest
 from command_line import fails
 
-from holdfast.edge_runtime.errors import UsageError
+from holdfast.core.errors import UsageError
 from holdfast.edge_runtime.model import Model
-from holdfast.evaluation.adapting.adapt import of_person
-from holdfast.evaluation.adapting.base import base_model
-from holdfast.recorder.card import read_protocol
+from holdfast.sessions.adapting.adapt import base_model, of_person
+from holdfast.sessions.recorder.protocol import read_protocol
 from holdfast.simulation.shipped import CARDS
 from holdfast.training.datasets import load
 
@@ -46,7 +45,9 @@ def test_the_page_runs_and_the_file_is_one_person_s_until_it_is_undone(
     assert about["person"]["slips"] == 0
     assert about["held_out"]["recall"] >= 0.95
     assert "p01" not in json.dumps(about)
-    assert set(about["others"]) == {"recordings", "slips"}, "a folder may be named after a person"
+    assert set(about["others"]) == {"recordings", "slips"}, (
+        "a folder may be named after a person"
+    )
     assert "correction" in (made.with_suffix(".json")).read_text("utf-8")
     with base_model(made) as (_, base):
         assert base == RELEASED.read_bytes(), "adapting again starts from the base"
@@ -61,7 +62,16 @@ def _refused(run: Run, folder: Path) -> None:
     """Too few hand-overs, one-sided data, an existing file: one line that says what to do."""
     few = folder / "few"
     shutil.copytree(folder / "build/adapt/trials", few)
-    words = ("adapt", RELEASED, "--data", few, "--person", "p01", "--out", folder / "few.onnx")
+    words = (
+        "adapt",
+        RELEASED,
+        "--data",
+        few,
+        "--person",
+        "p01",
+        "--out",
+        folder / "few.onnx",
+    )
     slips = ("--slips", folder / "build/adapt/slips")
     shutil.rmtree(few / "hard-ball/pass")
     fails(run, 3, "TooLittleToAdapt", *words, *slips, says="6 hand-overs of 8")
@@ -73,12 +83,24 @@ def _refused(run: Run, folder: Path) -> None:
         shutil.rmtree(hold)
     fails(run, 3, "TooLittleToAdapt", *words, *slips, says="s of holding of 40")
     made = folder / "build/adapt/p01.onnx"
-    fails(run, 5, "OutputError", "adapt", made, "--undo", "--out", made, says="exists already")
+    fails(
+        run,
+        5,
+        "OutputError",
+        "adapt",
+        made,
+        "--undo",
+        "--out",
+        made,
+        says="exists already",
+    )
     undo = ("adapt", RELEASED, "--undo", "--out", folder / "b.onnx")
     fails(run, 4, "NotAdapted", *undo, says="not adapted")
 
 
-def test_options_that_contradict_each_other_are_refused(run: Run, tmp_path: Path) -> None:
+def test_options_that_contradict_each_other_are_refused(
+    run: Run, tmp_path: Path
+) -> None:
     out = ("--out", tmp_path / "m.onnx")
     fails(run, 2, "UsageError", "adapt", RELEASED, *out, says="--data and --person")
     undo = ("adapt", RELEASED, *out, "--undo", "--person", "p01")
@@ -103,7 +125,10 @@ def write_people(tmp_path: Path) -> Path:
 
 def test_the_card_is_a_protocol_of_eight_hand_overs_and_holding() -> None:
     tasks = read_protocol(CARDS / "adapt.toml").tasks
-    assert [sum(one.action == name for one in tasks) for name in ("pass", "hold")] == [8, 8]
+    assert [sum(one.action == name for one in tasks) for name in ("pass", "hold")] == [
+        8,
+        8,
+    ]
 
 
 def test_every_path_the_page_points_to_exists() -> None:

@@ -16,15 +16,15 @@ from c_form import STRICT, require_compiler
 from headless_browser import Tab, browser, needs_chromium
 from small_model import for_the_hand, graph_of
 
-from holdfast.benchmarks.runtimes.c_programs import WASM, compiled
+from benchmarks.runtimes.c_programs import WASM, compiled
+from holdfast.core.contract import Prediction, channel_names
+from holdfast.core.reading import Json
 from holdfast.drivers.replay import open_replay
-from holdfast.edge_runtime.contract import Prediction, channel_names
-from holdfast.edge_runtime.grip_command import GripCommand
 from holdfast.edge_runtime.grip_control import GripControl
 from holdfast.edge_runtime.model import Model
 from holdfast.edge_runtime.monitor import GripMonitor
-from holdfast.edge_runtime.reading import Json
-from holdfast.edge_runtime.tare import Tare
+from holdfast.edge_runtime.preparation import Tare
+from holdfast.edge_runtime.supervisor import GripCommand
 from holdfast.export.c.exporting import export_c
 from holdfast.export.seal import model_card, seal
 
@@ -47,7 +47,9 @@ Rows = npt.NDArray[np.float64]
 def model(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("example")
     made = for_the_hand()
-    (folder / "small.onnx").write_bytes(seal(graph_of(made), model_card(made), made.spec))
+    (folder / "small.onnx").write_bytes(
+        seal(graph_of(made), model_card(made), made.spec)
+    )
     export_c(folder / "small.onnx", folder / "c")
     words = [
         require_compiler(),
@@ -74,7 +76,13 @@ def recording(path: Path) -> Path:
     values[:, 6:9] = -(press[:, 6:9] + shake[:, 6:9]) - 1.0
     valid = np.ones((ROWS, 6), dtype=int)
     valid[250:252, 4] = valid[400:420, 2] = 0
-    names = ["Time", *channel_names(6), "host_ns", "sequence", *(f"valid{k}" for k in range(1, 7))]
+    names = [
+        "Time",
+        *channel_names(6),
+        "host_ns",
+        "sequence",
+        *(f"valid{k}" for k in range(1, 7)),
+    ]
     lines = [",".join(names)]
     for row in [*range(300), *range(302, ROWS)]:
         cells = [
@@ -121,12 +129,19 @@ def require_same(got: dict[int, Json], model: Path, trial: Path) -> None:
     assert {one["mode"] for one in got.values()} > {"hold"}
 
 
-def test_the_example_answers_a_recording_as_the_live_path_does(model: Path, tmp_path: Path):
+def test_the_example_answers_a_recording_as_the_live_path_does(
+    model: Path, tmp_path: Path
+):
     trial = recording(tmp_path / "trial_1.csv")
     with trial.open() as lines:
-        done = subprocess.run([model.parent / "live"], stdin=lines, capture_output=True, text=True)
+        done = subprocess.run(
+            [model.parent / "live"], stdin=lines, capture_output=True, text=True
+        )
     assert (done.returncode, done.stderr) == (0, "")
-    got = {round(150 * one["t_s"]): one for one in map(json.loads, done.stdout.splitlines())}
+    got = {
+        round(150 * one["t_s"]): one
+        for one in map(json.loads, done.stdout.splitlines())
+    }
     require_same(got, model, trial)
 
 
@@ -141,13 +156,24 @@ def test_the_hand_in_the_browser_answers_as_the_live_path_does(
     model: Path, wasm: Path, tmp_path: Path
 ):
     trial = recording(tmp_path / "trial_1.csv")
-    words = ["node", "-e", IN_NODE, str(EXAMPLES / "browser/trial.js"), str(wasm), str(trial)]
+    words = [
+        "node",
+        "-e",
+        IN_NODE,
+        str(EXAMPLES / "browser/trial.js"),
+        str(wasm),
+        str(trial),
+    ]
     done = subprocess.run(words, capture_output=True, text=True)
     assert (done.returncode, done.stderr) == (0, "")
     got = {}
     for one in map(json.loads, done.stdout.splitlines()):
         names = {"state": one["situation"].replace(" ", "_"), "act": one["acts"]}
-        numbers = {"p_risky": one["risky"], "target_n": one["target"], "mode": one["mode"]}
+        numbers = {
+            "p_risky": one["risky"],
+            "target_n": one["target"],
+            "mode": one["mode"],
+        }
         got[round(150 * one["t"])] = names | numbers
     require_same(got, model, trial)
 
@@ -155,7 +181,12 @@ def test_the_hand_in_the_browser_answers_as_the_live_path_does(
 @pytest.fixture(scope="module")
 def made_page(model: Path, wasm: Path) -> Path:
     made = model.parent / "page.html"
-    build: list[str | Path] = [sys.executable, EXAMPLES / "browser/build.py", model, made]
+    build: list[str | Path] = [
+        sys.executable,
+        EXAMPLES / "browser/build.py",
+        model,
+        made,
+    ]
     assert subprocess.run(build, capture_output=True).returncode == 0
     return made
 
@@ -169,7 +200,9 @@ def answers_of(page: Tab) -> Rows:
 
 
 @needs_chromium
-def test_the_page_opens_without_a_server_a_request_or_an_error(made_page: Path, tmp_path: Path):
+def test_the_page_opens_without_a_server_a_request_or_an_error(
+    made_page: Path, tmp_path: Path
+):
     assert "http" not in re.sub(
         r'http-equiv|"WASM_BASE64"', "", made_page.read_text("utf-8")[:4000]
     )
@@ -183,7 +216,9 @@ def test_the_page_opens_without_a_server_a_request_or_an_error(made_page: Path, 
 
 
 @needs_chromium
-def test_dragging_up_answers_what_a_harder_pull_would_do(made_page: Path, tmp_path: Path):
+def test_dragging_up_answers_what_a_harder_pull_would_do(
+    made_page: Path, tmp_path: Path
+):
     with browser(tmp_path) as shown:
         shown.open(made_page.as_uri(), 1000, 900)
         shown.wait_until("shown.answers.length")
@@ -194,11 +229,14 @@ def test_dragging_up_answers_what_a_harder_pull_would_do(made_page: Path, tmp_pa
         at = left + width / 2, top + 150
         shown.drag(at, (at[0], at[1] - 120))
         (since_s,) = re.findall(
-            r"2\.00 times the pull from ([\d.]+) s on", shown.value("at('summary').textContent")
+            r"2\.00 times the pull from ([\d.]+) s on",
+            shown.value("at('summary').textContent"),
         )
         after, dragged = answers_of(shown), before[:, 0] >= float(since_s) + 0.01
         assert 0.2 < dragged.mean() < 0.8
-        assert np.array_equal(after[~dragged][:-2], before[~dragged][:-2], equal_nan=True)
+        assert np.array_equal(
+            after[~dragged][:-2], before[~dragged][:-2], equal_nan=True
+        )
         assert np.allclose(after[dragged, 1], 2.0 * before[dragged, 1])
         assert np.array_equal(after[dragged, 2], before[dragged, 2])
         assert (after[dragged, 3] != before[dragged, 3]).any()

@@ -11,8 +11,8 @@ import pytest
 from command_line import Run, fails
 from own_data import write_meta, write_people_folders
 
-from holdfast.edge_runtime.intent_file import intent_header
-from holdfast.edge_runtime.trial_layout import intent_path, truth_path
+from holdfast.core.trial_layout import intent_path, truth_path
+from holdfast.edge_runtime.intent import intent_header
 
 PULL, FALL = "soft-ball/pull/trial_1.csv", "hard-ball/fall/trial_1.csv"
 
@@ -27,7 +27,12 @@ def own(made: Path, tmp_path: Path) -> Path:
     """Two people with a pull, a fall and a put-down each, labelled by the script but for one."""
     root = tmp_path / "own"
     for person in ("p01", "p02"):
-        for trial in (PULL, FALL, "soft-ball/pass/trial_1.csv", "hard-ball/pass/trial_1.csv"):
+        for trial in (
+            PULL,
+            FALL,
+            "soft-ball/pass/trial_1.csv",
+            "hard-ball/pass/trial_1.csv",
+        ):
             (root / person / trial).parent.mkdir(parents=True)
             shutil.copy(made / person / trial, root / person / trial)
     shutil.copy(truth_path(made / "p01" / PULL), truth_path(root / "p01" / PULL))
@@ -58,12 +63,18 @@ def test_every_person_object_and_action_has_its_line(run: Run, own: Path) -> Non
     assert "p02 hard-ball fall 1 50 N 197.9 (table) script, action at 7 s" in lines
 
 
-def test_the_json_has_rate_unit_mass_labels_and_their_sources(run: Run, own: Path) -> None:
+def test_the_json_has_rate_unit_mass_labels_and_their_sources(
+    run: Run, own: Path
+) -> None:
     write_meta(own, unit="uT", action_at_s=6.8, masses_g={"soft-ball": 20})
     write_meta(own / "p02/hard-ball", mass_g=200)
     truth_path(own / "p02" / PULL).write_text('{"action_at_s": 6.9}')
     report = reported(run, own)
-    assert (report["layout"], report["held_out_by"], report["channels"]) == ("thesis", "person", 18)
+    assert (report["layout"], report["held_out_by"], report["channels"]) == (
+        "thesis",
+        "person",
+        18,
+    )
     first = cell(report, "p01", "soft-ball", "pull")
     assert (first["rate_hz"], first["unit"]) == (50.0, "uT")
     assert (first["mass_g"], first["mass_from"]) == (20.0, "masses_g")
@@ -111,8 +122,16 @@ FAULTS: dict[str, tuple[Callable[[Path], None], str, str]] = {
         "no mass given for object 'mug'",
         'mug/meta.json: {"mass_g": 120.0}',
     ),
-    "the script": (with_a_trial_off_the_script, "start at 0.5 s", "to trial_1.truth.json"),
-    "an action": (with_an_unknown_action, "'drop' is not an action", "pass, put-down, pull, fall"),
+    "the script": (
+        with_a_trial_off_the_script,
+        "start at 0.5 s",
+        "to trial_1.truth.json",
+    ),
+    "an action": (
+        with_an_unknown_action,
+        "'drop' is not an action",
+        "pass, put-down, pull, fall",
+    ),
     "a rate": (with_another_rate, "runs at 25 Hz", "a set of its own"),
     "a column": (with_an_unknown_column, "X1", "the layout is Time,X1,Y1,Z1"),
     "a unit": (with_an_unknown_unit, "unit 'lbf'", "write the unit"),
@@ -152,7 +171,9 @@ def missing(report: dict, level: str) -> str:
     )
 
 
-def test_a_class_that_is_missing_keeps_it_from_training_alone(run: Run, own: Path) -> None:
+def test_a_class_that_is_missing_keeps_it_from_training_alone(
+    run: Run, own: Path
+) -> None:
     for person in ("p01", "p02"):
         shutil.rmtree(own / person / "hard-ball/fall")
     report = reported(run, own)
@@ -174,9 +195,13 @@ def test_advice_names_unit_labels_and_people(run: Run, own: Path) -> None:
     assert f"{own}/p01/hard-ball/fall/trial_1.truth.json" in said
 
 
-def test_one_person_or_none_is_held_out_by_trial_and_says_so(run: Run, own: Path) -> None:
+def test_one_person_or_none_is_held_out_by_trial_and_says_so(
+    run: Run, own: Path
+) -> None:
     shutil.rmtree(own / "p02")
-    assert "one person, p01: figures are held out by trial" in missing(reported(run, own), "advice")
+    assert "one person, p01: figures are held out by trial" in missing(
+        reported(run, own), "advice"
+    )
     report = reported(run, own / "p01")
     assert (report["held_out_by"], report["groups"]) == ("trial", 4)
     assert "no people: figures are held out by trial" in missing(report, "advice")
@@ -189,7 +214,9 @@ def test_the_wearers_own_command_beside_a_trial_is_counted_and_is_no_trial(
     before = reported(run, own)
     beside = (own / "p01" / PULL, own / "p02" / PULL)
     for trial in beside:
-        intent_path(trial).write_text(f"{intent_header(1)}\n0.5,7,open,0.5\n", encoding="utf-8")
+        intent_path(trial).write_text(
+            f"{intent_header(1)}\n0.5,7,open,0.5\n", encoding="utf-8"
+        )
     after = reported(run, own)
     assert (before["intents"], after["intents"]) == (0, 2)
     assert after | {"intents": 0} == before
@@ -202,8 +229,9 @@ def test_the_wearers_own_command_beside_a_trial_is_counted_and_is_no_trial(
 
 def test_files_at_no_trial_s_place_are_counted_and_named(run: Run, own: Path) -> None:
     (own / "p01" / PULL).with_name("log.csv").touch()
-    assert "CSV files at no trial's place: 1, such as p01/soft-ball/pull/log.csv" in missing(
-        reported(run, own), "advice"
+    assert (
+        "CSV files at no trial's place: 1, such as p01/soft-ball/pull/log.csv"
+        in missing(reported(run, own), "advice")
     )
     loose = own.parent / "loose"
     loose.mkdir()

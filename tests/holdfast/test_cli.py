@@ -23,9 +23,9 @@ from sklearn.linear_model import LogisticRegression
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import FunctionTransformer
 
-from holdfast.cli import VERBS, main
-from holdfast.edge_runtime.errors import ArtifactError, OutputError
-from holdfast.edge_runtime.writing import write_whole
+from holdfast.cli.main import VERBS, main
+from holdfast.core.errors import ArtifactError, OutputError
+from holdfast.core.writing import write_whole
 from holdfast.export.artifact import read_artifact, write_artifact
 from holdfast.training.fixture import write_fixture
 
@@ -60,7 +60,7 @@ def loaded_by(*words: str) -> tuple[str, set[str]]:
     program = (
         "import atexit, json, sys\n"
         "atexit.register(lambda: sys.stderr.write(json.dumps(sorted(sys.modules))))\n"
-        "from holdfast.cli import main\n"
+        "from holdfast.cli.main import main\n"
         "sys.exit(main(sys.argv[1:]))\n"
     )
     command = [sys.executable, "-c", program, *words]
@@ -132,10 +132,16 @@ def test_a_usage_error_is_one_line_that_names_the_word(run: Run, fault: str) -> 
     assert "--help" in run(*words)[2]
 
 
-def test_a_rate_that_no_card_takes_is_blamed_on_its_option(run: Run, tmp_path: Path) -> None:
+def test_a_rate_that_no_card_takes_is_blamed_on_its_option(
+    run: Run, tmp_path: Path
+) -> None:
     words = ("simulate", "apple", "--out", tmp_path / "new", "--rate", "-4")
     fails(
-        run, 2, "UsageError", *words, says="--rate -4 is not a sampling rate of apple; next: give"
+        run,
+        2,
+        "UsageError",
+        *words,
+        says="--rate -4 is not a sampling rate of apple; next: give",
     )
 
 
@@ -143,7 +149,13 @@ def test_an_unknown_scheme_of_a_source_is_refused_with_what_to_use(
     run: Run, four_situations: Built
 ) -> None:
     words = ("replay", four_situations.model, "ub://x")
-    fails(run, 2, "UsageError", *words, says="'ub://x': no such source; next: use replay://PATH")
+    fails(
+        run,
+        2,
+        "UsageError",
+        *words,
+        says="'ub://x': no such source; next: use replay://PATH",
+    )
 
 
 def test_debug_shows_the_traceback_of_an_error(run: Run) -> None:
@@ -176,7 +188,11 @@ BAD_TRIALS = {
         "ColumnError",
         "mood",
     ),
-    "text in a number": (csv_of().replace("0.200,0.1", "0.200,soft"), "NotANumber", "'soft'"),
+    "text in a number": (
+        csv_of().replace("0.200,0.1", "0.200,soft"),
+        "NotANumber",
+        "'soft'",
+    ),
     "time that runs backwards": (
         csv_of([*STEPS[:20], STEPS[18], *STEPS[20:]]),
         "TimeError",
@@ -204,7 +220,17 @@ def test_a_trial_with_this_fault_is_refused_by_replay_and_by_training(
     bad.write_bytes(text.encode("utf-8", "surrogateescape"))
     before = everything_in(tmp_path)
     fails(run, 3, kind, "replay", four_situations.model, bad, says=says)
-    fails(run, 3, kind, "train", "--data", tmp_path / "set", "--out", tmp_path / "out", says=says)
+    fails(
+        run,
+        3,
+        kind,
+        "train",
+        "--data",
+        tmp_path / "set",
+        "--out",
+        tmp_path / "out",
+        says=says,
+    )
     fails(
         run,
         3,
@@ -225,9 +251,25 @@ def test_a_trial_or_a_set_that_is_absent_is_reported_as_absent(
 ) -> None:
     monkeypatch.setenv("HOLDFAST_DATA", str(tmp_path / "elsewhere"))
     model = four_situations.model
-    fails(run, 3, "DataNotFound", "replay", model, tmp_path / "trial.csv", says="no such file")
+    fails(
+        run,
+        3,
+        "DataNotFound",
+        "replay",
+        model,
+        tmp_path / "trial.csv",
+        says="no such file",
+    )
     fails(run, 3, "DataNotFound", "replay", model, tmp_path, says="tactile.csv")
-    fails(run, 3, "DataNotFound", "replay", model, f"{four_situations.fixture}#9999", says="9999")
+    fails(
+        run,
+        3,
+        "DataNotFound",
+        "replay",
+        model,
+        f"{four_situations.fixture}#9999",
+        says="9999",
+    )
     fails(
         run,
         3,
@@ -310,8 +352,13 @@ def write_people(folder: Path, people: int, trials: int = 6, seed: int = 0) -> P
     lines: list[dict[str, Any]] = []
     for k in range(people * trials):
         n = 300 + 7 * k
-        force = np.clip((np.arange(n) - 90) / 20.0, 0.0, 1.0)[:, None] * rng.uniform(0.2, 0.5, 48)
-        turn = np.radians(np.clip(np.arange(n) - 150.0, 0.0, 60.0) * rng.uniform(0.4, 0.8)) / 2.0
+        force = np.clip((np.arange(n) - 90) / 20.0, 0.0, 1.0)[:, None] * rng.uniform(
+            0.2, 0.5, 48
+        )
+        turn = (
+            np.radians(np.clip(np.arange(n) - 150.0, 0.0, 60.0) * rng.uniform(0.4, 0.8))
+            / 2.0
+        )
         imu = np.zeros((n, 7))
         imu[:, 0], imu[:, 2] = np.cos(turn + 0.4), np.sin(turn + 0.4)
         signals["xela"].append(3.0 + force + 0.02 * rng.standard_normal((n, 48)))
@@ -328,10 +375,16 @@ def write_people(folder: Path, people: int, trials: int = 6, seed: int = 0) -> P
                 "end_index": 240,
             }
         )
-    arrays = {name: np.concatenate(parts).astype(np.float32) for name, parts in signals.items()}
+    arrays = {
+        name: np.concatenate(parts).astype(np.float32)
+        for name, parts in signals.items()
+    }
     offset = np.cumsum([0, *(line["n"] for line in lines)])
     np.savez(
-        folder / "signals.npz", xela=arrays["xela"], object_imu=arrays["object_imu"], offset=offset
+        folder / "signals.npz",
+        xela=arrays["xela"],
+        object_imu=arrays["object_imu"],
+        offset=offset,
     )
     with (folder / "trials.csv").open("w", newline="") as file:
         table = csv.DictWriter(file, list(lines[0]))
@@ -341,7 +394,13 @@ def write_people(folder: Path, people: int, trials: int = 6, seed: int = 0) -> P
 
 
 def test_one_person_alone_cannot_be_split(run: Run, tmp_path: Path) -> None:
-    words = ("train", "--data", write_people(tmp_path / "set", people=1), "--out", tmp_path / "out")
+    words = (
+        "train",
+        "--data",
+        write_people(tmp_path / "set", people=1),
+        "--out",
+        tmp_path / "out",
+    )
     fails(run, 3, "TooFewGroups", *words, says="people")
     assert not (tmp_path / "out").exists()
 
@@ -350,15 +409,27 @@ def test_channels_that_a_set_does_not_have_are_blamed_on_their_option(
     run: Run, tmp_path: Path
 ) -> None:
     write_fixture(tmp_path / "set", trials_per_cell=1)
-    shutil.rmtree(next((tmp_path / "set").glob("*/pull")))  # a class without windows, a later error
+    shutil.rmtree(
+        next((tmp_path / "set").glob("*/pull"))
+    )  # a class without windows, a later error
     people = write_people(tmp_path / "people", people=2, trials=1)
     for folder, offered in ((tmp_path / "set", "18"), (people, "18 or 48")):
-        words = ("train", "--data", folder, "--channels", "7", "--out", tmp_path / "out")
+        words = (
+            "train",
+            "--data",
+            folder,
+            "--channels",
+            "7",
+            "--out",
+            tmp_path / "out",
+        )
         says = f"--channels 7: {folder} does not have that many; next: give --channels {offered}"
         fails(run, 2, "UsageError", *words, says=says)
 
 
-def test_so_many_people_as_there_are_not_cannot_be_chosen(run: Run, tmp_path: Path) -> None:
+def test_so_many_people_as_there_are_not_cannot_be_chosen(
+    run: Run, tmp_path: Path
+) -> None:
     folder = write_people(tmp_path / "set", people=2, trials=1)
     for count, kind, code in (
         ("3", "TooFewGroups", 3),
@@ -366,7 +437,16 @@ def test_so_many_people_as_there_are_not_cannot_be_chosen(run: Run, tmp_path: Pa
         ("-1", "UsageError", 2),
     ):
         fails(
-            run, code, kind, "train", "--data", folder, "--groups", count, "--out", tmp_path / "out"
+            run,
+            code,
+            kind,
+            "train",
+            "--data",
+            folder,
+            "--groups",
+            count,
+            "--out",
+            tmp_path / "out",
         )
     assert not (tmp_path / "out").exists()
 
@@ -396,7 +476,9 @@ def test_a_model_made_for_other_channels_another_unit_or_another_rate_refuses_th
     fails(run, 3, "UnitError", "replay", model, trial, says="the model needs N")
 
 
-@pytest.mark.parametrize(("rate_hz", "code"), [(45.1, 0), (54.9, 0), (44.8, 3), (55.2, 3)])
+@pytest.mark.parametrize(
+    ("rate_hz", "code"), [(45.1, 0), (54.9, 0), (44.8, 3), (55.2, 3)]
+)
 def test_a_rate_within_a_tenth_is_accepted(
     run: Run, four_situations: Built, tmp_path: Path, rate_hz: float, code: int
 ) -> None:
@@ -411,11 +493,33 @@ def test_evaluation_refuses_a_set_that_does_not_fit(
 ) -> None:
     model, out = four_situations.model, tmp_path / "figures.json"
     write_fixture(tmp_path / "fast", trials_per_cell=1, rate_hz=100.0)
-    fails(run, 3, "RateError", "evaluate", model, "--data", tmp_path / "fast", "--json", out)
+    fails(
+        run,
+        3,
+        "RateError",
+        "evaluate",
+        model,
+        "--data",
+        tmp_path / "fast",
+        "--json",
+        out,
+    )
     shutil.copytree(four_situations.fixture, tmp_path / "counts")
     meta = json.loads((tmp_path / "counts" / "meta.json").read_text())
-    (tmp_path / "counts" / "meta.json").write_text(json.dumps({**meta, "unit": "count"}))
-    fails(run, 3, "UnitError", "evaluate", model, "--data", tmp_path / "counts", "--json", out)
+    (tmp_path / "counts" / "meta.json").write_text(
+        json.dumps({**meta, "unit": "count"})
+    )
+    fails(
+        run,
+        3,
+        "UnitError",
+        "evaluate",
+        model,
+        "--data",
+        tmp_path / "counts",
+        "--json",
+        out,
+    )
     assert not out.exists()
 
 
@@ -424,13 +528,27 @@ def test_evaluation_leaves_the_figures_with_the_keys_of_the_issue(
 ) -> None:
     out = tmp_path / "deep" / "figures.json"
     code, words, err = run(
-        "evaluate", four_situations.model, "--data", four_situations.fixture, "--json", out
+        "evaluate",
+        four_situations.model,
+        "--data",
+        four_situations.fixture,
+        "--json",
+        out,
     )
     assert code == 0
     assert [line for line in err.splitlines() if not PROGRESS.match(line)] == []
     figures = json.loads(out.read_text())
-    assert figures["n_trials"] == figures["n_groups"] == len(four_situations.data.recordings)
-    assert set(figures["situations"]["f1"]) == {"nothing", "grasp", "safe_slip", "risky_slip"}
+    assert (
+        figures["n_trials"]
+        == figures["n_groups"]
+        == len(four_situations.data.recordings)
+    )
+    assert set(figures["situations"]["f1"]) == {
+        "nothing",
+        "grasp",
+        "safe_slip",
+        "risky_slip",
+    }
     assert 0.0 <= figures["situations"]["macro_f1"] <= 1.0
     assert len(figures["situations"]["macro_f1_ci"]) == 2
     assert figures["trained_on_recordings"] == figures["n_trials"]
@@ -450,10 +568,14 @@ def test_evaluation_on_other_people_scores_both_heads(run: Run, tmp_path: Path) 
     data = load(write_people(tmp_path / "these", people=3))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        train(data, tmp_path / "out", TrainingPlan(situation=few, prediction=few, folds=3))
+        train(
+            data, tmp_path / "out", TrainingPlan(situation=few, prediction=few, folds=3)
+        )
     model, _ = export_artifact(tmp_path / "out")
     others = write_people(tmp_path / "others", people=2, seed=1)
-    code, words, _ = run("evaluate", model, "--data", others, "--json", tmp_path / "figures.json")
+    code, words, _ = run(
+        "evaluate", model, "--data", others, "--json", tmp_path / "figures.json"
+    )
     assert code == 0
     assert "WARNING" not in words
     figures = json.loads((tmp_path / "figures.json").read_text())
@@ -511,7 +633,9 @@ def test_a_model_file_with_this_fault_is_refused(
 
 def pickled_inside(folder: Path) -> None:
     """A skops file with a foreign function in it."""
-    somebodys = make_pipeline(FunctionTransformer(os.path.basename), LogisticRegression())
+    somebodys = make_pipeline(
+        FunctionTransformer(os.path.basename), LogisticRegression()
+    )
     skops.io.dump(somebodys, folder / "situation.skops")
 
 
@@ -584,12 +708,16 @@ BAD_ARTIFACTS: dict[str, Callable[[Path], None]] = {
     "a spec without a rate": index(spec={"n_sensors": 6}),
     "an unknown preparation": index(preparation={"wash": True}),
     "an unknown decision": index(decision={"act_soon": 1}),
-    "a calibration of another size": head(calibration={"weights": [[1.0]], "bias": [0.0]}),
+    "a calibration of another size": head(
+        calibration={"weights": [[1.0]], "bias": [0.0]}
+    ),
     "a calibration of words": head(calibration={"weights": "none", "bias": "none"}),
     "fewer classes than the forest votes for": head(classes=["nothing", "grasp"]),
     "a forest of a foreign type": pickled_inside,
     "a model that is no forest": lambda folder: void(
-        skops.io.dump(LogisticRegression().fit([[0.0], [1.0]], [0, 1]), folder / "situation.skops")
+        skops.io.dump(
+            LogisticRegression().fit([[0.0], [1.0]], [0, 1]), folder / "situation.skops"
+        )
     ),
     "a pickle for a forest": lambda folder: void(
         (folder / "situation.skops").write_bytes(pickle.dumps(Trap()))
@@ -639,7 +767,9 @@ def test_an_artifact_that_could_not_be_finished_is_not_taken_for_the_one_before(
     four_situations: Built, eight_classes: Built, tmp_path: Path
 ) -> None:
     artifact = shutil.copytree(eight_classes.artifact, tmp_path / "artifact")
-    (artifact / "p_risky_250ms.skops").mkdir()  # a folder where the second head's file belongs
+    (
+        artifact / "p_risky_250ms.skops"
+    ).mkdir()  # a folder where the second head's file belongs
     with pytest.raises(OutputError):
         write_artifact(artifact, read_artifact(four_situations.artifact))
     with pytest.raises(ArtifactError):
@@ -681,10 +811,14 @@ def test_a_file_where_a_folder_belongs_is_an_output_error(
     assert everything_in(tmp_path) == {"blocked": b"a file"}
 
 
-def test_so_it_is_for_what_training_leaves(four_situations: Built, tmp_path: Path) -> None:
+def test_so_it_is_for_what_training_leaves(
+    four_situations: Built, tmp_path: Path
+) -> None:
     (tmp_path / "blocked").write_text("a file")
     with pytest.raises(OutputError):
-        write_artifact(tmp_path / "blocked" / "out", read_artifact(four_situations.artifact))
+        write_artifact(
+            tmp_path / "blocked" / "out", read_artifact(four_situations.artifact)
+        )
     assert everything_in(tmp_path) == {"blocked": b"a file"}
 
 
@@ -712,16 +846,23 @@ def test_training_and_export_run_as_scripts_from_any_folder(tmp_path: Path) -> N
         command = [sys.executable, str(ROOT / name), *map(str, words)]
         environment = {k: v for k, v in os.environ.items() if k != "PYTHONPATH"}
         return subprocess.run(
-            command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False
+            command,
+            cwd=tmp_path,
+            env=environment,
+            capture_output=True,
+            text=True,
+            check=False,
         )
 
     words = ("--data", "set", "--out", "out", "--size", "tiny", "--learner", "forest")
-    trained = script("training/train.py", *words)
+    trained = script("holdfast/training/train.py", *words)
     assert trained.returncode == 0, trained.stderr
-    warnings = [line for line in trained.stderr.splitlines() if line.startswith("warning")]
+    warnings = [
+        line for line in trained.stderr.splitlines() if line.startswith("warning")
+    ]
     assert [line for line in warnings if "BandsLeftOut" not in line] == []
     assert "macro F1" in trained.stdout
-    exported = script("export/export.py", "out")
+    exported = script("holdfast/export/export.py", "out")
     assert exported.returncode == 0
     assert exported.stderr.splitlines()[0] == "exporting out"
     assert "0 labels differ from the reference" in exported.stdout
@@ -732,7 +873,7 @@ def test_training_and_export_run_as_scripts_from_any_folder(tmp_path: Path) -> N
         "rows.npz",
         "situation.skops",
     ]
-    failed = script("training/train.py", "--groups", "many")
+    failed = script("holdfast/training/train.py", "--groups", "many")
     assert failed.returncode == 2
     assert failed.stderr.startswith("error: UsageError: ")
     assert len(failed.stderr.splitlines()) == 1
@@ -803,15 +944,26 @@ def test_the_doctor_calls_a_broken_model_broken(
 
 def test_the_doctor_runs_where_no_package_is_installed_at_all(tmp_path: Path) -> None:
     """-S: without the site's packages, numpy and onnxruntime among them."""
-    environment = {**os.environ, "PYTHONPATH": str(ROOT), "HOLDFAST_DATA": str(tmp_path)}
+    environment = {
+        **os.environ,
+        "PYTHONPATH": str(ROOT),
+        "HOLDFAST_DATA": str(tmp_path),
+    }
     command = [sys.executable, "-S", "-m", "holdfast", "doctor", "--json"]
     done = subprocess.run(
-        command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False
+        command,
+        cwd=tmp_path,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
     )
     assert (done.returncode, done.stderr) == (0, "")
     found = {line["what"]: line for line in json.loads(done.stdout)["findings"]}
     assert (
-        found["numpy (live path)"]["status"] == found["scikit-learn (train)"]["status"] == "missing"
+        found["numpy (live path)"]["status"]
+        == found["scikit-learn (train)"]["status"]
+        == "missing"
     )
     assert found["numpy (live path)"]["next_step"] == "pip install holdfast"
     assert found["onnxruntime"]["status"] == "missing"
@@ -823,9 +975,16 @@ def test_windows_at_which_the_hand_would_say_unknown_count_as_misses(
     shutil.copytree(eight_classes.fixture, tmp_path / "blind")
     for trial in (tmp_path / "blind").rglob("*.csv"):
         head, *lines = trial.read_text().splitlines()
-        trial.write_text("\n".join([f"{head},valid1", *(f"{line},0" for line in lines)]) + "\n")
+        trial.write_text(
+            "\n".join([f"{head},valid1", *(f"{line},0" for line in lines)]) + "\n"
+        )
     code, out, _ = run(
-        "evaluate", eight_classes.model, "--data", tmp_path / "blind", "--json", tmp_path / "f.json"
+        "evaluate",
+        eight_classes.model,
+        "--data",
+        tmp_path / "blind",
+        "--json",
+        tmp_path / "f.json",
     )
     figures = json.loads((tmp_path / "f.json").read_text())
     assert (code, figures["situations"]["macro_f1"]) == (0, 0.0)
@@ -834,7 +993,9 @@ def test_windows_at_which_the_hand_would_say_unknown_count_as_misses(
 
 @pytest.mark.parametrize("word", ["-1", "99999999999", "1.5", "seed"])
 def test_a_seed_no_generator_takes_is_a_usage_error(run: Run, word: str) -> None:
-    fails(run, 2, "UsageError", "train", f"--seed={word}", says="whole number from 0 to")
+    fails(
+        run, 2, "UsageError", "train", f"--seed={word}", says="whole number from 0 to"
+    )
 
 
 @pytest.mark.parametrize(
@@ -851,4 +1012,6 @@ def test_an_empty_path_is_a_usage_error_and_not_the_folder_we_are_in(
 def test_a_time_that_is_not_above_0_is_refused_by_its_option(
     run: Run, verb: str, seconds: str
 ) -> None:
-    fails(run, 2, "UsageError", verb, "--seconds", seconds, says="is not a number above 0")
+    fails(
+        run, 2, "UsageError", verb, "--seconds", seconds, says="is not a number above 0"
+    )

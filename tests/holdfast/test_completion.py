@@ -9,7 +9,7 @@ import sys
 import pytest
 from command_line import Run, fails
 
-from holdfast.cli import VERBS
+from holdfast.cli.main import VERBS
 
 COMPLETE = """
 source /dev/stdin
@@ -23,7 +23,9 @@ printf '%s\\n' "${COMPREPLY[@]}"
 def completed(script: str, *words: str) -> set[str]:
     """What bash offers for the last of the words."""
     command = ["bash", "-c", COMPLETE, "bash", *words]
-    done = subprocess.run(command, input=script, capture_output=True, text=True, check=True)
+    done = subprocess.run(
+        command, input=script, capture_output=True, text=True, check=True
+    )
     return set(done.stdout.split())
 
 

@@ -32,9 +32,9 @@ from mcap_protobuf.decoder import DecoderFactory as ProtobufFactory
 from mcap_ros2.decoder import DecoderFactory as Ros2Factory
 from rooms import ROOT
 
-from holdfast.convert import WRITERS
-from holdfast.edge_runtime.contract import channel_names
-from holdfast.edge_runtime.errors import LibraryMissing
+from holdfast.cli.convert import WRITERS
+from holdfast.core.contract import channel_names
+from holdfast.core.errors import LibraryMissing
 
 Run = Callable[..., tuple[int, str, str]]
 CHANNELS = list(channel_names(6))
@@ -49,7 +49,9 @@ LIBRARIES = {
 
 
 @pytest.fixture(scope="module")
-def recorded(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Written]]:
+def recorded(
+    tmp_path_factory: pytest.TempPathFactory,
+) -> tuple[Path, dict[str, Written]]:
     root = tmp_path_factory.mktemp("set") / "trials"
     return root, write_lossy_set(root)
 
@@ -62,7 +64,14 @@ def converted(
 
     def convert(form: str, *options: str) -> Path:
         code, out, err = run(
-            "convert", recorded[0], "--to", form, "--out", tmp_path / form, "--raw", *options
+            "convert",
+            recorded[0],
+            "--to",
+            form,
+            "--out",
+            tmp_path / form,
+            "--raw",
+            *options,
         )
         assert code == 0, err
         assert "trials" in out
@@ -71,19 +80,25 @@ def converted(
     return convert
 
 
-def messages(path: Path, factory: Any, *topics: str) -> dict[str, list[tuple[int, Any]]]:
+def messages(
+    path: Path, factory: Any, *topics: str
+) -> dict[str, list[tuple[int, Any]]]:
     """Topic -> (log time in ns, decoded message), by the reader of the mcap package."""
     found: dict[str, list[tuple[int, Any]]] = {}
     with path.open("rb") as file:
         reader = make_reader(file, decoder_factories=[factory], validate_crcs=True)
-        for _, channel, message, decoded in reader.iter_decoded_messages(topics or None):
+        for _, channel, message, decoded in reader.iter_decoded_messages(
+            topics or None
+        ):
             found.setdefault(channel.topic, []).append((message.log_time, decoded))
     return found
 
 
 def arrows(folder: Path) -> dict[str, list[tuple[int, Any]]]:
     """The topics of the 3D view."""
-    return messages(folder / f"{PULL}.mcap", ProtobufFactory(), "/tactile/arrows", "/tf")
+    return messages(
+        folder / f"{PULL}.mcap", ProtobufFactory(), "/tactile/arrows", "/tf"
+    )
 
 
 def test_pandas_reads_a_folder_of_parquet_as_one_table(converted, recorded):
@@ -94,9 +109,9 @@ def test_pandas_reads_a_folder_of_parquet_as_one_table(converted, recorded):
         np.testing.assert_allclose(rows["Time"], written.t_s, atol=1e-8)
         np.testing.assert_allclose(rows[CHANNELS], written.values, rtol=1e-8)
         np.testing.assert_array_equal(rows[VALID], written.valid)
-        assert [label if isinstance(label, str) else None for label in rows["label"]] == (
-            written.label
-        )
+        assert [
+            label if isinstance(label, str) else None for label in rows["label"]
+        ] == (written.label)
         assert set(rows["person"]) == {name[:3]}
 
 
@@ -106,15 +121,26 @@ def test_parquet_says_units_and_has_nulls_where_a_sample_was_lost(converted):
     assert table.schema.field("Time").metadata == {b"unit": b"s"}
     assert table.schema.field("Z6").metadata == {b"unit": b"N"}
     about = json.loads(table.schema.metadata[b"holdfast"])
-    assert (about["mass_g"], about["labels_by"], about["person"]) == (15.1, "key", "p01")
+    assert (about["mass_g"], about["labels_by"], about["person"]) == (
+        15.1,
+        "key",
+        "p01",
+    )
     assert table.column("X1").null_count == len(NEVER_CAME)
     assert table.column("X3").null_count == len(NEVER_CAME) + 1
     assert table.column("valid1").null_count == 0
 
 
-def test_without_raw_the_values_are_without_the_bias_that_is_written_down(run, recorded, tmp_path):
+def test_without_raw_the_values_are_without_the_bias_that_is_written_down(
+    run, recorded, tmp_path
+):
     root, written = recorded
-    assert run("convert", root, "--to", "parquet", "--out", tmp_path / "o", "--only", PASS)[0] == 0
+    assert (
+        run(
+            "convert", root, "--to", "parquet", "--out", tmp_path / "o", "--only", PASS
+        )[0]
+        == 0
+    )
     assert [path.name for path in (tmp_path / "o").iterdir()] == ["p02"]
     table = pq.read_table(tmp_path / "o" / f"{PASS}.parquet")
     about = json.loads(table.schema.metadata[b"holdfast"])
@@ -166,13 +192,21 @@ def test_the_mcap_package_reads_values_labels_and_losses(converted, recorded):
     values, situations = [], []
     with path.open("rb") as file:
         reader = make_reader(file)
-        for schema, channel, message in reader.iter_messages(["/tactile/fingers", "/situation"]):
+        for schema, channel, message in reader.iter_messages(
+            ["/tactile/fingers", "/situation"]
+        ):
             assert (schema.encoding, channel.message_encoding) == ("jsonschema", "json")
-            (values if "fingers" in channel.topic else situations).append(json.loads(message.data))
-        about = {record.name: record.metadata for record in reader.iter_metadata()}["holdfast"]
+            (values if "fingers" in channel.topic else situations).append(
+                json.loads(message.data)
+            )
+        about = {record.name: record.metadata for record in reader.iter_metadata()}[
+            "holdfast"
+        ]
     read = [[one[axis] for one in row["fingers"] for axis in "xyz"] for row in values]
     np.testing.assert_allclose(np.array(read, dtype=float), written.values, rtol=1e-8)
-    assert [[one["valid"] for one in row["fingers"]] for row in values] == written.valid.tolist()
+    assert [
+        [one["valid"] for one in row["fingers"]] for row in values
+    ] == written.valid.tolist()
     assert [one["situation"] for one in situations] == [
         "nothing",
         "grasp",
@@ -187,7 +221,9 @@ def test_the_mcap_package_reads_values_labels_and_losses(converted, recorded):
     assert [log.count(f"finger {k} is back") for k in (1, 2, 3)] == [1, 2, 2]
 
 
-def test_the_ros_2_decoder_reads_wrenches_and_a_lost_finger_sends_none(converted, recorded):
+def test_the_ros_2_decoder_reads_wrenches_and_a_lost_finger_sends_none(
+    converted, recorded
+):
     written = recorded[1][PULL]
     (path,) = (converted("ros2") / PULL).glob("*.mcap")
     found = messages(path, Ros2Factory())
@@ -212,7 +248,10 @@ def test_ros_2_diagnostics_say_when_a_finger_is_lost(converted):
     (path,) = bag.glob("*.mcap")
     topic = messages(path, Ros2Factory())["/diagnostics"]
     lost = [
-        (round((t_ns - START_S * 1e9) / STEP_NS), [k for k, s in enumerate(one.status) if s.level])
+        (
+            round((t_ns - START_S * 1e9) / STEP_NS),
+            [k for k, s in enumerate(one.status) if s.level],
+        )
         for t_ns, one in topic
     ]
     assert lost == [
@@ -231,18 +270,28 @@ def test_lerobot_s_layout_holds_every_frame_and_nothing_filled(converted, record
     folder = converted("lerobot")
     info = json.loads((folder / "meta/info.json").read_text())
     assert (info["codebase_version"], info["fps"]) == ("v3.0", 100)
-    assert (info["total_episodes"], info["total_frames"], info["total_tasks"]) == (2, 2 * ROWS, 2)
-    data = pd.read_parquet(folder / info["data_path"].format(chunk_index=0, file_index=0))
+    assert (info["total_episodes"], info["total_frames"], info["total_tasks"]) == (
+        2,
+        2 * ROWS,
+        2,
+    )
+    data = pd.read_parquet(
+        folder / info["data_path"].format(chunk_index=0, file_index=0)
+    )
     assert set(data) == set(info["features"])
     episodes = pd.read_parquet(folder / "meta/episodes/chunk-000/file-000.parquet")
     tasks = pd.read_parquet(folder / "meta/tasks.parquet")
-    for (_, episode), written in zip(episodes.iterrows(), recorded[1].values(), strict=True):
+    for (_, episode), written in zip(
+        episodes.iterrows(), recorded[1].values(), strict=True
+    ):
         frames = data[episode["dataset_from_index"] : episode["dataset_to_index"]]
         assert set(frames["episode_index"]) == {episode["episode_index"]}
         np.testing.assert_allclose(
             np.stack(frames["observation.tactile"]), written.values, rtol=1e-6
         )
-        np.testing.assert_array_equal(np.stack(frames["observation.tactile_valid"]), written.valid)
+        np.testing.assert_array_equal(
+            np.stack(frames["observation.tactile_valid"]), written.valid
+        )
         np.testing.assert_allclose(frames["observation.time_s"], written.t_s, atol=1e-8)
         assert tasks.index[frames["task_index"].iloc[0]] == episode["tasks"][0]
     stats = json.loads((folder / "meta/stats.json").read_text())["observation.tactile"]
@@ -261,7 +310,9 @@ def test_a_missing_library_names_its_extra(form, libraries, monkeypatch):
         importlib.reload(module)
 
 
-def test_an_output_that_exists_is_kept_and_an_unknown_trial_is_an_error(run, recorded, tmp_path):
+def test_an_output_that_exists_is_kept_and_an_unknown_trial_is_an_error(
+    run, recorded, tmp_path
+):
     root, _ = recorded
     (tmp_path / "o").mkdir()
     (tmp_path / "o/mine").write_text("mine")

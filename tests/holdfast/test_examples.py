@@ -13,9 +13,9 @@ from pathlib import Path
 import pytest
 from grip_bench import ROOT, Hands, command, opened, send
 
-from holdfast.edge_runtime.cues import QUIET, SILENCE, Pattern, cue_line
-from holdfast.edge_runtime.grip_command import to_line
-from holdfast.edge_runtime.grip_links import open_link
+from holdfast.edge_runtime.supervisor import to_line
+from holdfast.live.cues import QUIET, SILENCE, Pattern, cue_line
+from holdfast.live.grip_links import open_link
 
 EXAMPLES = ROOT / "examples"
 
@@ -30,7 +30,9 @@ def program(request, tmp_path_factory) -> list[str]:
         pytest.skip("no C compiler (cc) for examples/grip_receiver.c")
     made = tmp_path_factory.mktemp("receiver") / "grip_receiver"
     strict = ["-std=c99", "-D_POSIX_C_SOURCE=200809L", "-Wall", "-Wextra", "-Werror"]
-    subprocess.run([compiler, *strict, "-o", str(made), str(source)], check=True, cwd=ROOT)
+    subprocess.run(
+        [compiler, *strict, "-o", str(made), str(source)], check=True, cwd=ROOT
+    )
     return [str(made)]
 
 
@@ -44,7 +46,9 @@ def free_port() -> int:
 def listening(program: list[str]) -> Iterator[tuple[Iterator[str], str]]:
     """(the lines that a receiver prints, its URL)."""
     port = free_port()
-    with subprocess.Popen([*program, str(port)], stdout=subprocess.PIPE, text=True) as process:
+    with subprocess.Popen(
+        [*program, str(port)], stdout=subprocess.PIPE, text=True
+    ) as process:
         try:
             assert process.stdout is not None
             lines = (line.rstrip("\n") for line in process.stdout)
@@ -56,15 +60,22 @@ def listening(program: list[str]) -> Iterator[tuple[Iterator[str], str]]:
 
 def after(lines: Iterator[str], wanted: str) -> str:
     """The line that was wanted, after those of a silence on a slow machine."""
-    return next(line for line in lines if wanted in line or "no command for" not in line)
+    return next(
+        line for line in lines if wanted in line or "no command for" not in line
+    )
 
 
 def test_a_receiver_obeys_commands_and_holds_at_the_end(program):
     with listening(program) as (lines, url):
         with opened(url, Hands(), []) as sink:
             send(sink, 1)
-            assert after(lines, "tighten") == "tighten: 9.4 N, at most 400 N/s (risky slip)"
-        assert after(lines, "stopped") == "hold: the grip it has, at most 0 N/s (stopped)"
+            assert (
+                after(lines, "tighten")
+                == "tighten: 9.4 N, at most 400 N/s (risky slip)"
+            )
+        assert (
+            after(lines, "stopped") == "hold: the grip it has, at most 0 N/s (stopped)"
+        )
 
 
 def test_a_receiver_holds_when_no_command_comes(program):
@@ -72,7 +83,10 @@ def test_a_receiver_holds_when_no_command_comes(program):
         link = open_link(url, "--grip")
         link.write(to_line(command(1)).encode())
         assert next(lines).startswith("tighten")
-        assert next(lines) == "hold: the grip it has, at most 0 N/s (no command for 300 ms)"
+        assert (
+            next(lines)
+            == "hold: the grip it has, at most 0 N/s (no command for 300 ms)"
+        )
         link.close()
 
 

@@ -5,7 +5,7 @@ within a sample the chips are read at: a few seeds are kept at one moment and lo
 What the chips' noise adds depends on the moment, so real time and one more simulation, read at a
 fourth, may both lose one now and then. HOLDFAST_SOAK_S=60 makes it a minute. A trial in which this
 machine lost samples, or answered one late, counts for nothing; what the scene itself costs is no
-time (holdfast/real_time.py). `pytest -s` prints the falls, and how many real time and the last
+time (holdfast/live/real_time.py). `pytest -s` prints the falls, and how many real time and the last
 simulation lost.
 """
 
@@ -23,15 +23,15 @@ from typing import Any
 import pytest
 from test_run_grip import DEFAULT, FALL
 
+from holdfast.cli.options import drive_of
 from holdfast.drivers.virtual.clock import VirtualClock
-from holdfast.edge_runtime.grip_command import GripCommand
 from holdfast.edge_runtime.model import Model
-from holdfast.grip_options import drive_of
-from holdfast.live_grip import GripOutput, controller_for
-from holdfast.live_run import answer
-from holdfast.live_scene import live_scene
-from holdfast.live_sources import open_live
-from holdfast.real_time import RunClock, SceneClock, first_in_line
+from holdfast.edge_runtime.supervisor import GripCommand
+from holdfast.live.grip import GripOutput, controller_for
+from holdfast.live.hand_sources import open_live
+from holdfast.live.real_time import RunClock, SceneClock, first_in_line
+from holdfast.live.run import answer
+from holdfast.live.scene import live_scene
 
 SOAK_S = float(os.environ.get("HOLDFAST_SOAK_S", "3600"))
 SPARE_SAMPLES = 2
@@ -84,7 +84,9 @@ def test_an_hour_in_real_time_loses_no_more_objects_than_the_simulation(tmp_path
     tried = lost_live = lost_again = skipped = 0
     for seed in seeds(clock):
         url = f"virtual://ft232h?scene={tmp_path / 'fall.toml'}&seed={seed}"
-        if not all(kept(url, model, VirtualClock(), SPARE_SAMPLES, ns)[0] for ns in MOMENTS_NS):
+        if not all(
+            kept(url, model, VirtualClock(), SPARE_SAMPLES, ns)[0] for ns in MOMENTS_NS
+        ):
             continue
         with first_in_line(lambda line: None):
             live, lost_samples = kept(url, model, SceneClock())
@@ -92,9 +94,15 @@ def test_an_hour_in_real_time_loses_no_more_objects_than_the_simulation(tmp_path
             skipped += 1
             continue
         again = kept(url, model, VirtualClock(), later_ns=OTHER_MOMENT_NS)[0]
-        tried, lost_live, lost_again = tried + 1, lost_live + (not live), lost_again + (not again)
+        tried, lost_live, lost_again = (
+            tried + 1,
+            lost_live + (not live),
+            lost_again + (not again),
+        )
     left_out = f"{skipped} left out, in which this machine lost samples or was late"
     sys.stdout.write(f"{tried} falls, {lost_live} and {lost_again} lost; {left_out}\n")
     assert tried, "this machine is too slow for a hand in real time"
     chance = CHANCE * math.sqrt(lost_live + lost_again + 1)
-    assert lost_live - lost_again <= chance, f"{lost_live} and {lost_again} lost of {tried}"
+    assert lost_live - lost_again <= chance, (
+        f"{lost_live} and {lost_again} lost of {tried}"
+    )

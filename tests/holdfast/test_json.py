@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from command_line import Run, fails
 
-from holdfast.cli import VERBS
+from holdfast.cli.main import VERBS
 
 LINES_OR_TEXT = {"run", "replay", "board", "completion", "study"}
 """Their stdout is JSON lines, or a file for another program; a study leaves report.json."""
@@ -31,7 +31,15 @@ COMMANDS = {
     "simulate": ("simulate", "pull-soft-ball", "--trials", "1", "--out", "set"),
     "scan": ("scan", "virtual://ft232h"),
     "doctor": ("doctor",),
-    "bias": ("bias", "--source", "virtual://ft232h", "--seconds", "0.3", "--out", "bias.json"),
+    "bias": (
+        "bias",
+        "--source",
+        "virtual://ft232h",
+        "--seconds",
+        "0.3",
+        "--out",
+        "bias.json",
+    ),
     "check": ("check", "set"),
 }
 
@@ -54,14 +62,18 @@ def test_beside_a_file_the_words_stay(
     monkeypatch.chdir(tmp_path)
     alone = run("scan", "virtual://ft232h")[1].splitlines()
     code, out, err = run("scan", "virtual://ft232h", "--json", "found.json")
-    assert (code, out.splitlines()[:-1]) == (0, alone[:-1]), err  # but for the time of a scan
+    assert (code, out.splitlines()[:-1]) == (0, alone[:-1]), (
+        err
+    )  # but for the time of a scan
     (bus,) = json.loads(Path("found.json").read_text("utf-8"))["buses"]
     assert bus["url"] == "virtual://ft232h"
     assert len([one for one in bus["devices"] if one["kind"] == "sensor"]) == 6
     assert bus["scan_s"] > 0.0
 
 
-def test_a_file_that_cannot_be_written_is_refused_before_the_work(run: Run, tmp_path: Path) -> None:
+def test_a_file_that_cannot_be_written_is_refused_before_the_work(
+    run: Run, tmp_path: Path
+) -> None:
     out = tmp_path / "set"
     words = ("pull-soft-ball", "--out", out, "--json", "/proc/none/found.json")
     fails(run, 5, "OutputError", "simulate", *words)

@@ -17,12 +17,12 @@ from hazard_marks import FOREIGN_BROWSER, PAGE_DELAYS, STALE_PAGE
 from page_bench import ABOUT, PERIOD_NS, next_event, sample, served
 from rooms import room_of
 
+from holdfast.core.errors import UsageError
 from holdfast.drivers.replay import open_replay
-from holdfast.edge_runtime.errors import UsageError
 from holdfast.edge_runtime.preparation import Preparation
-from holdfast.live_page.address import listen, read_address
-from holdfast.live_page.server import FILES, MOST_CONNECTIONS, Access
-from holdfast.live_page.stream import KEPT_FRAMES, KEPT_S, ROW_FIELDS, LiveStream
+from holdfast.live.page.link import listen, read_address
+from holdfast.live.page.server import FILES, MOST_CONNECTIONS, Access
+from holdfast.live.page.stream import KEPT_FRAMES, KEPT_S, ROW_FIELDS, LiveStream
 
 ROOT = Path(__file__).resolve().parents[2]
 TOKEN = "a-token-of-the-test"
@@ -38,13 +38,19 @@ def test_a_browser_gets_the_whole_picture_and_then_every_sample_once():
         with page.begin("/events") as answer:
             name, whole = next_event(answer)
             page.frame(
-                sample(3), sample(4, "risky_slip"), {"mark": {"number": 1, "t_ns": 5 * 10**9}}
+                sample(3),
+                sample(4, "risky_slip"),
+                {"mark": {"number": 1, "t_ns": 5 * 10**9}},
             )
             _, frame = next_event(answer)
-    rows = [dict(zip(ROW_FIELDS, row, strict=True)) for row in whole["rows"] + frame["rows"]]
+    rows = [
+        dict(zip(ROW_FIELDS, row, strict=True)) for row in whole["rows"] + frame["rows"]
+    ]
     assert name == "whole"
     assert whole["said"] == ["begun"]
-    assert [row["t_s"] for row in rows] == [round(1e-9 * k * PERIOD_NS, 4) for k in range(5)]
+    assert [row["t_s"] for row in rows] == [
+        round(1e-9 * k * PERIOD_NS, 4) for k in range(5)
+    ]
     assert [row["state"] for row in rows[3:]] == ["grasp", "risky_slip"]
     assert (rows[0]["grip"], rows[0]["load"]) == (2.0, 0.6)
     assert frame["marks"][0]["t_s"] == 0.0
@@ -113,7 +119,9 @@ def test_browsers_that_read_nothing_hold_up_no_other():
             next_event(answer)
             for k in range(300):
                 page.frame(sample(k), {"said": "x" * 20_000})
-                assert next_event(answer)[1]["rows"][0][0] == round(1e-9 * k * PERIOD_NS, 4)
+                assert next_event(answer)[1]["rows"][0][0] == round(
+                    1e-9 * k * PERIOD_NS, 4
+                )
         for one in stalled:
             one.close()
 
@@ -145,7 +153,9 @@ def test_the_page_and_its_parts_come_with_a_policy_that_lets_nothing_else_in(pat
 def test_the_page_names_nothing_outside_itself():
     for name, _ in FILES.values():
         text = (ROOT / "holdfast/live_page" / name).read_text("utf-8")
-        assert set(re.findall(r"https?://[^\s\"']+", text)) <= {"http://www.w3.org/2000/svg"}
+        assert set(re.findall(r"https?://[^\s\"']+", text)) <= {
+            "http://www.w3.org/2000/svg"
+        }
 
 
 @FOREIGN_BROWSER.mark
@@ -163,7 +173,9 @@ def test_without_the_token_every_path_is_refused_alike(path, prefix):
 
 def test_with_the_token_the_page_its_parts_and_its_actions_are_there():
     with served(SECRET) as page:
-        statuses = [page.ask(f"/{TOKEN}/{path}")[0] for path in ("", "page.js", "nothing")]
+        statuses = [
+            page.ask(f"/{TOKEN}/{path}")[0] for path in ("", "page.js", "nothing")
+        ]
         marked = page.ask(f"/{TOKEN}/do/mark", "POST")[0]
     assert (statuses, marked, page.acted) == ([200, 200, 404], 202, [b"m"])
 
@@ -188,7 +200,9 @@ def test_another_site_s_page_presses_no_button():
         assert page.acted == [b"m"]
 
 
-@pytest.mark.parametrize("path", ["/../page.js", "/..%2f..%2fREADME.md", "//etc/passwd", "/a/b"])
+@pytest.mark.parametrize(
+    "path", ["/../page.js", "/..%2f..%2fREADME.md", "//etc/passwd", "/a/b"]
+)
 def test_no_other_file_is_served(path):
     with served() as page:
         assert page.ask(path)[0] == 404
@@ -221,7 +235,10 @@ def test_what_is_saved_is_a_trial_that_replays_without_another_bias(tmp_path):
     tared = source.prepared(Preparation(bias_rows=5))
     np.testing.assert_array_equal(tared.values, source.values)
     (event,) = map(json.loads, (folder / "events.jsonl").read_text().splitlines())
-    assert (event["mark"], event["t_s"]) == ("mark 1", pytest.approx(100 * PERIOD_NS * 1e-9))
+    assert (event["mark"], event["t_s"]) == (
+        "mark 1",
+        pytest.approx(100 * PERIOD_NS * 1e-9),
+    )
 
 
 def test_only_the_last_30_s_are_kept_and_before_the_first_sample_there_is_nothing_to_save():
@@ -243,7 +260,21 @@ def test_an_address_is_a_port_or_a_host_and_a_port():
 
 
 @pytest.mark.parametrize(
-    "text", ["", ":", ":80", "x", "65536", "-1", "1e3", "٣", "::1:80", "a:b", "h:80:x", "a\x1b:80"]
+    "text",
+    [
+        "",
+        ":",
+        ":80",
+        "x",
+        "65536",
+        "-1",
+        "1e3",
+        "٣",
+        "::1:80",
+        "a:b",
+        "h:80:x",
+        "a\x1b:80",
+    ],
 )
 def test_what_is_no_address_is_refused_with_examples(text):
     with pytest.raises(UsageError, match=r"is not \[HOST:\]PORT.*--web 8000"):
@@ -274,7 +305,7 @@ def test_only_a_loopback_host_has_no_token():
 
 def test_the_process_that_serves_the_page_loads_the_standard_library_only():
     program = (
-        "import sys; before = set(sys.modules); import holdfast.live_page.process; "
+        "import sys; before = set(sys.modules); import holdfast.live.page.process; "
         "print(*set(sys.modules) - before - sys.stdlib_module_names)"
     )
     command = [sys.executable, "-c", program]

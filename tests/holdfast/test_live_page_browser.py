@@ -11,10 +11,13 @@ from hazard_marks import STALE_PAGE
 from headless_browser import Tab, browser, needs_chromium
 from page_bench import Served, sample, served
 
-from holdfast.live_page.record_page import ACTIONS
+from holdfast.sessions.record_page import ACTIONS
 
 pytestmark = needs_chromium
-STATE, DETAIL = "document.getElementById('state').textContent", "document.getElementById('detail')"
+STATE, DETAIL = (
+    "document.getElementById('state').textContent",
+    "document.getElementById('detail')",
+)
 PRESS = """(() => {{ const all = [...document.querySelectorAll('#buttons button')];
     const one = all.find((each) => each.textContent === '{}');
     if (!one || one.disabled) return false; one.click(); return true; }})()"""
@@ -49,11 +52,16 @@ def test_a_phone_and_a_desk_show_state_forces_and_faults_in_words(tab, width, da
         lost["sample"]["answer"]["why"] = "sensors"
         page.frame(lost)
         tab.wait_until(f"{STATE} === 'unknown'")
-        assert tab.value(f"{DETAIL}.textContent") == "too few sensors can be used; lost: index"
+        assert (
+            tab.value(f"{DETAIL}.textContent")
+            == "too few sensors can be used; lost: index"
+        )
         fingers, numbers = text_of(tab, "fingers"), text_of(tab, "numbers")
         assert tab.value("document.documentElement.scrollWidth <= window.innerWidth")
         assert tab.value("document.querySelectorAll('#hand .lost').length") == 1
-        assert tab.value("document.querySelector('#hand .arrow').getAttribute('x2') > 3")
+        assert tab.value(
+            "document.querySelector('#hand .arrow').getAttribute('x2') > 3"
+        )
         background = "getComputedStyle(document.body).backgroundColor"
         assert (tab.value(background) == "rgb(255, 255, 255)") is not dark
         assert tab.problems == []
@@ -68,10 +76,14 @@ def test_the_wearers_own_command_stands_beside_the_fingers_and_silence_is_unknow
         intent = {"wants": "open", "envelope": [0.62, 0.08], "link": "live"}
         page.frame(sample(0, intent=intent))
         opened(tab, page, 390)
-        assert "wearer's own command\nopen; envelopes 0.62, 0.08" in text_of(tab, "numbers")
+        assert "wearer's own command\nopen; envelopes 0.62, 0.08" in text_of(
+            tab, "numbers"
+        )
         page.frame(sample(1, intent=intent | {"wants": "unknown", "link": "expired"}))
         words = "unknown: its sender is silent"
-        tab.wait_until(f"document.getElementById('numbers').innerText.includes('{words}')")
+        tab.wait_until(
+            f"document.getElementById('numbers').innerText.includes('{words}')"
+        )
         assert tab.value("document.documentElement.scrollWidth <= window.innerWidth")
         assert tab.problems == []
 
@@ -117,15 +129,22 @@ def test_marks_pause_and_saving_are_buttons(tab):
         opened(tab, page)
         page.frame(sample(0))
         tab.wait_until(PRESS.format("Mark"))
-        tab.wait_until("document.getElementById('note').textContent === 'Mark: passed on'")
+        tab.wait_until(
+            "document.getElementById('note').textContent === 'Mark: passed on'"
+        )
         assert page.acted == [b"m"]
         tab.wait_until(PRESS.format("Pause"))
         page.frame(sample(1, x=[9.0] * 18))
-        tab.wait_until("document.getElementById('numbers').innerText.includes('27.00 N')")
+        tab.wait_until(
+            "document.getElementById('numbers').innerText.includes('27.00 N')"
+        )
         assert "0.67 N" in text_of(tab, "fingers")
         tab.wait_until(PRESS.format("Resume"))
         assert "9.00 N" in text_of(tab, "fingers")
-        assert tab.value("document.querySelector('a.button').getAttribute('href')") == "save"
+        assert (
+            tab.value("document.querySelector('a.button').getAttribute('href')")
+            == "save"
+        )
 
 
 def test_while_recording_only_what_can_be_done_can_be_pressed(tab):
@@ -143,7 +162,9 @@ def test_while_recording_only_what_can_be_done_can_be_pressed(tab):
         assert "Keep" in tab.value(enabled)
         assert "Start" not in tab.value(enabled)
         tab.wait_until(PRESS.format("Keep"))
-        tab.wait_until("document.getElementById('note').textContent === 'Keep: passed on'")
+        tab.wait_until(
+            "document.getElementById('note').textContent === 'Keep: passed on'"
+        )
         assert page.acted == [b"k"]
         assert tab.problems == []
 
@@ -152,6 +173,11 @@ def test_what_a_message_says_is_text_and_never_markup(tab, tmp_path: Path):
     with served(source="<img src=x onerror=alert(1)>") as page:
         opened(tab, page)
         page.frame({"said": "<script>alert(1)</script>"}, sample(0))
-        tab.wait_until("document.getElementById('said').textContent.includes('<script>')")
-        assert tab.value("document.querySelectorAll('#said script, #about img').length") == 0
+        tab.wait_until(
+            "document.getElementById('said').textContent.includes('<script>')"
+        )
+        assert (
+            tab.value("document.querySelectorAll('#said script, #about img').length")
+            == 0
+        )
         assert tab.problems == []

@@ -19,17 +19,17 @@ from live_bench import DEFAULT, ROOT, RUN, Steady
 from page_bench import ABOUT, next_event
 from recorder_bench import PULL, REST, Hand, cup_pull, meta_of, session, start, wait_for
 
+from holdfast.core.contract import Sample
+from holdfast.core.errors import OutputError
 from holdfast.drivers.virtual.clock import VirtualClock
-from holdfast.edge_runtime.contract import Sample
-from holdfast.edge_runtime.errors import OutputError
-from holdfast.edge_runtime.live import SourceReading, run_live
 from holdfast.edge_runtime.monitor import GripMonitor, Model
-from holdfast.edge_runtime.tare import Tare
-from holdfast.live_page.link import PageLink, live_page
-from holdfast.live_page.process import follow
-from holdfast.live_page.run_page import MARK, RunPage
-from holdfast.live_page.stream import LiveStream
-from holdfast.recorder.keys import Keys
+from holdfast.edge_runtime.preparation import Tare
+from holdfast.live.loop import SourceReading, run_live
+from holdfast.live.page.link import PageLink, live_page
+from holdfast.live.page.process import follow
+from holdfast.live.page.run_page import MARK, RunPage
+from holdfast.live.page.stream import LiveStream
+from holdfast.sessions.recorder.keys import Keys
 
 VALID = np.ones(6, dtype=np.bool_)
 READING = SourceReading(0, np.zeros(18), VALID, ("",) * 6)
@@ -77,7 +77,9 @@ def received(end: socket.socket) -> list[dict[str, Any]]:
 
 
 @PAGE_DELAYS.mark
-def test_a_page_that_takes_nothing_costs_its_messages_and_delays_none(ends, not_for_ever):
+def test_a_page_that_takes_nothing_costs_its_messages_and_delays_none(
+    ends, not_for_ever
+):
     ours, theirs = ends
     link = PageLink(ours, print)
     taken = [link.send({"said": "x" * 500, "k": k}) for k in range(5000)]
@@ -112,7 +114,9 @@ def test_a_run_whose_page_takes_nothing_answers_every_sample(model, ends, not_fo
     assert 0 < link.unsent < 1500
 
 
-def test_the_page_gets_every_sample_its_answer_the_margin_and_what_was_lost(model, ends):
+def test_the_page_gets_every_sample_its_answer_the_margin_and_what_was_lost(
+    model, ends
+):
     ours, theirs = ends
     page = RunPage(PageLink(ours, print), model.card, print)
     monitor = GripMonitor(model, None)
@@ -184,8 +188,10 @@ def test_the_page_ends_with_what_it_shows_and_its_port_is_free_again():
 
 
 def test_a_page_whose_process_does_not_start_is_an_error(monkeypatch):
-    monkeypatch.setattr("holdfast.live_page.link.PROCESS", "holdfast.no_such_module")
-    error = pytest.raises(OutputError, match=r"no process for the live page.*run without --web")
+    monkeypatch.setattr("holdfast.live.page.link.PROCESS", "holdfast.no_such_module")
+    error = pytest.raises(
+        OutputError, match=r"no process for the live page.*run without --web"
+    )
     with error, live_page("0", ABOUT, print, "the run"):
         raise AssertionError("it started")
 
@@ -241,7 +247,9 @@ def test_a_port_that_is_taken_is_an_error_before_a_source_is_opened():
     with socket.create_server(("127.0.0.1", 0)) as other:
         port = other.getsockname()[1]
         words = [*RUN[:-1], "usb://ft232h", "--web", str(port)]
-        done = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, check=False)
+        done = subprocess.run(
+            words, cwd=ROOT, capture_output=True, text=True, check=False
+        )
     assert done.returncode == 2
     (line,) = done.stderr.splitlines()
     assert line.startswith(f"error: UsageError: --web '{port}': address already in use")
@@ -250,13 +258,17 @@ def test_a_port_that_is_taken_is_an_error_before_a_source_is_opened():
 # -- recording
 
 
-def test_keys_of_the_page_count_beside_those_of_the_terminal_and_after_its_end(tmp_path):
+def test_keys_of_the_page_count_beside_those_of_the_terminal_and_after_its_end(
+    tmp_path,
+):
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     keys = Keys(None)
     assert keys.closed
     keys.listen_to(ours.fileno())
     press = theirs.send
-    hand = Hand(VirtualClock(), 120, says={60: lambda: press(b"l"), 110: lambda: press(b"k")})
+    hand = Hand(
+        VirtualClock(), 120, says={60: lambda: press(b"l"), 110: lambda: press(b"k")}
+    )
     press(b" ")
     kept, messages = session(tmp_path, hand, keys, [PULL], at_once=False)
     assert kept == 1
@@ -278,7 +290,9 @@ def test_a_trial_is_started_marked_and_kept_from_the_page_alone(tmp_path):
         while (ready := next_event(answer)[1].get("ready")) is None:
             pass
         ask(port, "/do/start", "POST")
-        while not ((sample := next_event(answer)[1]["sample"]) and sample["trial_s"] > 0.3):
+        while not (
+            (sample := next_event(answer)[1]["sample"]) and sample["trial_s"] > 0.3
+        ):
             pass
         ask(port, "/do/load", "POST")
         ask(port, "/do/keep", "POST")

@@ -34,7 +34,9 @@ def written(folder: Path, text: str, name: str = "mine") -> Path:
     return path
 
 
-def looped(run: Run, folder: Path, text: str, *words: object) -> tuple[str, dict[str, Any]]:
+def looped(
+    run: Run, folder: Path, text: str, *words: object
+) -> tuple[str, dict[str, Any]]:
     """(what was printed, the JSON) of a run on a card."""
     out = folder / "loop.json"
     options = ("--model", MODEL, "--jobs", 1, "--json", out, *words)
@@ -44,7 +46,9 @@ def looped(run: Run, folder: Path, text: str, *words: object) -> tuple[str, dict
     return printed, json.loads(out.read_text("utf-8"), parse_constant=pytest.fail)
 
 
-def test_the_figures_of_every_controller_are_written_and_printed(run: Run, tmp_path: Path) -> None:
+def test_the_figures_of_every_controller_are_written_and_printed(
+    run: Run, tmp_path: Path
+) -> None:
     words = ("--controller", "holdfast", "oracle", "--lag-ms", 20, "--seed", 3)
     printed, written_json = looped(run, tmp_path, CARD, *words)
     assert (written_json["kind"], written_json["lag_ms"], written_json["seed"]) == (
@@ -57,7 +61,11 @@ def test_the_figures_of_every_controller_are_written_and_printed(run: Run, tmp_p
     for name, figures in rows.items():
         assert set(KEYS) <= set(figures)
         assert {f"{key}_ci" for key in KEYS if key.endswith("share")} <= set(figures)
-        assert (figures["trials"], figures["handovers"], figures["preventable"]) == (3, 2, 1)
+        assert (figures["trials"], figures["handovers"], figures["preventable"]) == (
+            3,
+            2,
+            1,
+        )
         assert figures["crushed_share"] is figures["crushed_share_ci"] is None
         assert f"  {name}" in printed
     assert rows["oracle"]["saved_share"] == 1.0
@@ -71,7 +79,11 @@ def test_what_no_hand_can_hold_is_an_outcome(run: Run, tmp_path: Path) -> None:
     text = card_text(row("fall", "", "soap"), beyond, effects=slippery)
     _, made = looped(run, tmp_path, text, "--controller", "holdfast")
     figures = made["sets"]["mine"]["holdfast"]
-    assert (figures["drops"], figures["preventable"], figures["saved_share"]) == (2, 0, None)
+    assert (figures["drops"], figures["preventable"], figures["saved_share"]) == (
+        2,
+        0,
+        None,
+    )
 
 
 def test_one_trial_and_an_empty_hand_have_figures_too(run: Run, tmp_path: Path) -> None:
@@ -93,16 +105,33 @@ def test_one_trial_and_an_empty_hand_have_figures_too(run: Run, tmp_path: Path) 
         (3, "ChannelError", ["twenty-sensors"], "the model needs 18"),
     ],
 )
-def test_bad_input_is_one_line(run: Run, code: int, kind: str, words: list[str], says: str) -> None:
+def test_bad_input_is_one_line(
+    run: Run, code: int, kind: str, words: list[str], says: str
+) -> None:
     fails(run, code, kind, "loop", *words, "--model", MODEL, "--jobs", 1, says=says)
 
 
-def test_a_card_in_another_unit_or_at_another_rate_is_refused(run: Run, tmp_path: Path) -> None:
+def test_a_card_in_another_unit_or_at_another_rate_is_refused(
+    run: Run, tmp_path: Path
+) -> None:
     magnet = card_text(row("pull"), effects="[effects.dipole]\n")
-    fields = written(tmp_path, magnet.replace("150\n", '150\nunit = "uT"\n', 1), "fields")
+    fields = written(
+        tmp_path, magnet.replace("150\n", '150\nunit = "uT"\n', 1), "fields"
+    )
     slow = written(tmp_path, CARD.replace("rate_hz = 150", "rate_hz = 100"), "slow")
-    fails(run, 3, "UnitError", "loop", fields, "--model", MODEL, says="the model needs N")
-    fails(run, 3, "RateError", "loop", slow, "--model", MODEL, says="the model needs 150 Hz")
+    fails(
+        run, 3, "UnitError", "loop", fields, "--model", MODEL, says="the model needs N"
+    )
+    fails(
+        run,
+        3,
+        "RateError",
+        "loop",
+        slow,
+        "--model",
+        MODEL,
+        says="the model needs 150 Hz",
+    )
 
 
 @pytest.mark.parametrize("lag", ["-1", "nan", "inf", "1001", "soon"])

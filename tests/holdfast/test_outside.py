@@ -21,17 +21,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from small_model import artifact, sealed_bytes, spec
 
-from holdfast.calibration.reading import read_studies
-from holdfast.cli import main
-from holdfast.drivers.calibration_file import read_bias, read_calibration
-from holdfast.drivers.camera.recording import read_about, read_tracks
-from holdfast.drivers.camera.sources import read_frames
-from holdfast.drivers.replay import open_replay
-from holdfast.drivers.virtual.clock import VirtualClock
-from holdfast.drivers.virtual.faults import read_fault
-from holdfast.edge_runtime import archives, reading
-from holdfast.edge_runtime.command import finish
-from holdfast.edge_runtime.errors import (
+from holdfast.cli.command import finish
+from holdfast.cli.main import main
+from holdfast.core import archives, reading
+from holdfast.core.errors import (
+    LONGEST_LINE,
     ArtifactError,
     ColumnError,
     DataError,
@@ -40,21 +34,29 @@ from holdfast.edge_runtime.errors import (
     NotANumber,
     TooLarge,
     UsageError,
+    one_line,
+    visible,
 )
+from holdfast.core.objects import read_json
+from holdfast.core.reading import MOST_DOCUMENT_BYTES, MOST_LINE_BYTES
+from holdfast.core.trial_file import check_columns, read_trial
+from holdfast.drivers.calibration import read_bias, read_calibration
+from holdfast.drivers.camera.recording import read_about, read_tracks
+from holdfast.drivers.camera.sources import read_frames
+from holdfast.drivers.replay import open_replay
+from holdfast.drivers.virtual.clock import VirtualClock
+from holdfast.drivers.virtual.faults import read_fault
 from holdfast.edge_runtime.model_file import read_sealed
-from holdfast.edge_runtime.reading import MOST_DOCUMENT_BYTES, MOST_LINE_BYTES
-from holdfast.edge_runtime.trial_file import check_columns, read_trial
-from holdfast.edge_runtime.visible import LONGEST_LINE, one_line, visible
 from holdfast.export.artifact import read_artifact, write_artifact
 from holdfast.export.exporting import export_artifact
-from holdfast.live_sources import open_bus, open_live
-from holdfast.recorder.card import read_protocol
-from holdfast.recorder.labels import read_events, read_meta
+from holdfast.live.hand_sources import open_bus, open_live
+from holdfast.live.sources import open_source
+from holdfast.sessions.calibration.loads import read_studies
+from holdfast.sessions.onset import _starts_s
+from holdfast.sessions.recorder.labels import read_events, read_meta
+from holdfast.sessions.recorder.protocol import read_protocol
 from holdfast.simulation.card import read_card
-from holdfast.sources import open_source
 from holdfast.training.datasets.reading import read_arrays, read_table
-from holdfast.training.objects import read_json
-from holdfast.watched_trial import _starts_s
 
 MB = 1 << 20
 
@@ -83,7 +85,10 @@ TABLES: dict[str, tuple[str, Callable[[Path], object]]] = {
     "loads to calibrate by": ("loads.csv", read_studies),
     "tags of a camera": ("tags.csv", lambda path: read_tracks(path.parent)),
     "a table of a data set": ("trials.csv", read_table),
-    "the host's time of a trial": ("tactile.csv", lambda path: _starts_s(path.parent, None)),  # type: ignore[arg-type]
+    "the host's time of a trial": (
+        "tactile.csv",
+        lambda path: _starts_s(path.parent, None),
+    ),  # type: ignore[arg-type]
 }
 
 
@@ -99,11 +104,15 @@ def test_a_line_of_100_mb_is_refused_and_not_kept(tmp_path: Path, kind: str) -> 
 @HUGE_INPUT.mark
 @pytest.mark.parametrize("kind", TABLES)
 @pytest.mark.parametrize("at", ["header", "row"])
-def test_a_cell_that_csv_does_not_take_is_a_typed_error(tmp_path: Path, kind: str, at: str) -> None:
+def test_a_cell_that_csv_does_not_take_is_a_typed_error(
+    tmp_path: Path, kind: str, at: str
+) -> None:
     name, read = TABLES[kind]
     cell, path = "1" * 131_073, tmp_path / name
     path.write_text(
-        f"{cell}\n0\n" if at == "header" else f"Time,X1,Y1,Z1\n0,1,2,3\n0.1,{cell},2,3\n",
+        f"{cell}\n0\n"
+        if at == "header"
+        else f"Time,X1,Y1,Z1\n0,1,2,3\n0.1,{cell},2,3\n",
         encoding="ascii",
     )
     with pytest.raises(DataError):
@@ -154,7 +163,9 @@ class Counted(str):
 def test_a_hundred_thousand_columns_are_looked_at_once_each(name: str) -> None:
     """Counted in comparisons, which were 10^10: the check of the columns takes no longer than
     reading them."""
-    header = [Counted(one) for one in ("Time", *(name.format(k) for k in range(100_000)))]
+    header = [
+        Counted(one) for one in ("Time", *(name.format(k) for k in range(100_000)))
+    ]
     Counted.compared = 0
     with pytest.raises(ColumnError) as caught:
         check_columns(list[str](header), Path("t.csv"))
@@ -196,12 +207,21 @@ def packed(path: Path, **members: bytes) -> Path:
 @HUGE_INPUT.mark
 @pytest.mark.parametrize("kind", ARRAYS)
 @pytest.mark.parametrize(
-    "shape", ["(1000000000,)", "(2**62,)", "(1000000000000000000000000,)", "(-1,)", "(2, 99999)"]
+    "shape",
+    [
+        "(1000000000,)",
+        "(2**62,)",
+        "(1000000000000000000000000,)",
+        "(-1,)",
+        "(2, 99999)",
+    ],
 )
 def test_an_array_that_claims_more_than_it_has_is_refused_by_its_header(
     tmp_path: Path, kind: str, shape: str
 ) -> None:
-    path = packed(tmp_path / "a.npz", frames=npy(shape, bytes(16)), time_s=npy("(2,)", bytes(16)))
+    path = packed(
+        tmp_path / "a.npz", frames=npy(shape, bytes(16)), time_s=npy("(2,)", bytes(16))
+    )
     with little_memory(2 * MB), pytest.raises(DataError):
         ARRAYS[kind](path)
 
@@ -218,7 +238,9 @@ def test_an_archive_that_inflates_a_thousandfold_is_refused_unread(
 
 @HUGE_INPUT.mark
 @pytest.mark.parametrize("kind", ARRAYS)
-def test_an_archive_that_says_it_has_8_gb_is_refused_unread(tmp_path: Path, kind: str) -> None:
+def test_an_archive_that_says_it_has_8_gb_is_refused_unread(
+    tmp_path: Path, kind: str
+) -> None:
     path = packed(tmp_path / "a.npz", frames=npy("(2,)", bytes(16)))
     data = bytearray(path.read_bytes())
     at = data.rfind(b"PK\x01\x02")
@@ -313,7 +335,10 @@ DOCUMENTS: dict[str, tuple[str, Callable[[Path], object]]] = {
 def test_a_document_of_a_gigabyte_is_refused_unread(tmp_path: Path, kind: str) -> None:
     name, read = DOCUMENTS[kind]
     path = sparse(tmp_path / name, 1 << 30)
-    with little_memory(3 * MOST_DOCUMENT_BYTES), pytest.raises((TooLarge, ArtifactError)):
+    with (
+        little_memory(3 * MOST_DOCUMENT_BYTES),
+        pytest.raises((TooLarge, ArtifactError)),
+    ):
         read(path)
 
 
@@ -367,14 +392,21 @@ def test_no_escape_in_an_argument_reaches_the_terminal(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "m.onnx").write_bytes(sealed_bytes())
-    assert main([word.replace("{}", ESCAPES).replace("{model}", "m.onnx") for word in words]) != 0
+    assert (
+        main(
+            [word.replace("{}", ESCAPES).replace("{model}", "m.onnx") for word in words]
+        )
+        != 0
+    )
     out, err = capfd.readouterr()
     assert harmless(out)
     assert harmless(err)
 
 
 @TERMINAL_ESCAPES.mark
-def test_no_escape_in_a_column_a_file_or_a_cell_reaches_the_terminal(tmp_path: Path, capfd) -> None:
+def test_no_escape_in_a_column_a_file_or_a_cell_reaches_the_terminal(
+    tmp_path: Path, capfd
+) -> None:
     names = (
         f"Time,X1,Y1,Z1,{ESCAPES}",
         f"{ESCAPES},X1",
@@ -394,7 +426,9 @@ def test_no_escape_in_a_scenes_title_or_in_a_trials_folder_reaches_the_terminal(
 ) -> None:
     card = '[record]\nrate_hz=50\n[[trials]]\nobjects=["soft-ball"]\naction="pull"\ncount=1\n'
     path = tmp_path / "card\x1b[2J.toml"
-    path.write_text(f"title={json.dumps(ESCAPES.replace(chr(127), ''))}\n{card}", encoding="utf-8")
+    path.write_text(
+        f"title={json.dumps(ESCAPES.replace(chr(127), ''))}\n{card}", encoding="utf-8"
+    )
     code = main(["simulate", str(path), "--out", str(tmp_path / "out\x1b[2J")])
     trial = tmp_path / "person\x1b[31m" / "trial_1"
     trial.mkdir(parents=True)
@@ -464,7 +498,9 @@ def test_a_live_source_and_a_scan_without_a_scheme_are_refused_too(
         open_bus("ft232h", clock)
 
 
-def test_a_file_with_the_name_of_a_bridge_is_a_file(tmp_path: Path, monkeypatch) -> None:
+def test_a_file_with_the_name_of_a_bridge_is_a_file(
+    tmp_path: Path, monkeypatch
+) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "ft232h").write_text(
         "Time,X1,Y1,Z1\n0,1,2,3\n0.1,1,2,3\n0.2,1,2,3\n", encoding="ascii"

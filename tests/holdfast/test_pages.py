@@ -19,7 +19,9 @@ BLOCK = re.compile(r"^```(sh|python)\n(.*?)^```", re.DOTALL | re.MULTILINE)
 
 @pytest.fixture
 def follow(
-    run: Callable[..., tuple[int, str, str]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    run: Callable[..., tuple[int, str, str]],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> Callable[[str], str]:
     """Runs the blocks of a page in their order, in an empty folder; returns what they printed."""
     monkeypatch.chdir(tmp_path)
@@ -46,7 +48,9 @@ def test_getting_started_ends_with_figures(follow: Callable[[str], str]) -> None
     assert "macro F1 over four situations" in printed
 
 
-def test_calibrate_finds_the_matrix_of_its_own_example(follow: Callable[[str], str]) -> None:
+def test_calibrate_finds_the_matrix_of_its_own_example(
+    follow: Callable[[str], str],
+) -> None:
     printed = follow("calibrate.md")
     assert "10 probings, 600 rows, 1 sensors" in printed
     found = json.loads(Path("build/calibrate/hand.json").read_text("utf-8"))
@@ -60,7 +64,9 @@ def test_train_ends_with_a_model_file(follow: Callable[[str], str]) -> None:
     assert Path("build/train/model/holdfast.onnx").is_file()
 
 
-def test_evaluate_ends_with_figures_of_simulated_trials(follow: Callable[[str], str]) -> None:
+def test_evaluate_ends_with_figures_of_simulated_trials(
+    follow: Callable[[str], str],
+) -> None:
     follow("evaluate.md")
     figures = json.loads(Path("build/evaluate-page/figures.json").read_text("utf-8"))
     (unseen,) = figures["sets"].values()
@@ -70,10 +76,16 @@ def test_evaluate_ends_with_figures_of_simulated_trials(follow: Callable[[str], 
 @pytest.mark.filterwarnings("ignore")
 @pytest.mark.parametrize(
     ("name", "says"),
-    [("read-a-recording", "first request to act: "), ("train-on-your-data", "holdfast.onnx: ")],
+    [
+        ("read-a-recording", "first request to act: "),
+        ("train-on-your-data", "holdfast.onnx: "),
+    ],
 )
 def test_a_notebook_runs_as_a_program(
-    name: str, says: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    name: str,
+    says: str,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.chdir(ROOT)  # a notebook goes to a temporary folder of its own
     monkeypatch.setattr(warnings, "showwarning", warnings.showwarning)

@@ -20,29 +20,33 @@ from recorder_bench import (
     session,
 )
 
+from holdfast.core import tactile_file
+from holdfast.core.errors import EmptyRecording, TimeError
+from holdfast.core.tactile_file import TactileFile
+from holdfast.core.trial_file import read_trial
 from holdfast.drivers.replay import open_replay
 from holdfast.drivers.virtual.clock import VirtualClock
-from holdfast.edge_runtime import tactile_file
-from holdfast.edge_runtime.errors import (
-    EmptyRecording,
-    TimeError,
-)
-from holdfast.edge_runtime.live import SourceReading
-from holdfast.edge_runtime.tactile_file import TactileFile
-from holdfast.edge_runtime.trial_file import read_trial
-from holdfast.recorder.keys import Keys
-from holdfast.sources import open_source
+from holdfast.live.loop import SourceReading
+from holdfast.live.sources import open_source
+from holdfast.sessions.recorder.keys import Keys
 
 # -- what is written
 
 
-def test_what_the_source_gave_is_on_the_disk_to_the_last_digit_and_in_order(people, card):
+def test_what_the_source_gave_is_on_the_disk_to_the_last_digit_and_in_order(
+    people, card
+):
     folder = people / "p01/soft-ball/pull/trial_1"
     source, again = open_source(f"sim://{card}?trial=0"), open_replay(folder)
     assert again.values.tobytes() == source.values.tobytes()
     assert again.rate_hz == pytest.approx(50.0, rel=1e-6)
     columns = columns_of(folder)
-    head = ["Time", *(f"{axis}{k}" for k in range(1, 7) for axis in "XYZ"), "host_ns", "sequence"]
+    head = [
+        "Time",
+        *(f"{axis}{k}" for k in range(1, 7) for axis in "XYZ"),
+        "host_ns",
+        "sequence",
+    ]
     assert list(columns) == [*head, *(f"valid{k}" for k in range(1, 7))]
     assert columns["sequence"] == [str(k) for k in range(len(source.values))]
     host_s = 1e-9 * np.array(columns["host_ns"], dtype=np.int64)
@@ -75,10 +79,18 @@ def test_meta_tells_who_what_how_and_how_good(tmp_path):
 def test_nothing_that_is_written_names_a_place_of_the_machine(people, card, tmp_path):
     (tmp_path / "of-anna.toml").write_text(PROTOCOL)
     recorded(
-        tmp_path / "out", "--protocol", tmp_path / "of-anna.toml", "--trials", "1", "--seconds", "1"
+        tmp_path / "out",
+        "--protocol",
+        tmp_path / "of-anna.toml",
+        "--trials",
+        "1",
+        "--seconds",
+        "1",
     )
     texts = [
-        path.read_text("utf-8") for root in (people, tmp_path) for path in root.rglob("meta.json")
+        path.read_text("utf-8")
+        for root in (people, tmp_path)
+        for path in root.rglob("meta.json")
     ]
     assert len(texts) > 8
     for text in texts:
@@ -106,9 +118,13 @@ def test_samples_are_flushed_to_disk_once_a_second(tmp_path, monkeypatch):
     assert len(synced) == 4 + 1
 
 
-def test_samples_that_never_came_are_gaps_in_the_count_and_invalid_rows_to_who_reads(tmp_path):
+def test_samples_that_never_came_are_gaps_in_the_count_and_invalid_rows_to_who_reads(
+    tmp_path,
+):
     clock = VirtualClock()
-    kept, messages = session(tmp_path, Hand(clock, 100, stalls={20: 0.2}), Keys(None), [PULL])
+    kept, messages = session(
+        tmp_path, Hand(clock, 100, stalls={20: 0.2}), Keys(None), [PULL]
+    )
     folder = tmp_path / "p01/soft-ball/pull/trial_1"
     sequence = np.array(columns_of(folder)["sequence"], dtype=np.int64)
     assert (kept, meta_of(folder)["quality"]["lost"]) == (1, 19)
@@ -147,14 +163,20 @@ def test_a_saturated_finger_and_a_drifted_bias_are_reported(tmp_path):
     def read() -> SourceReading | None:
         measured = plain()
         return measured and SourceReading(
-            measured.t_ns, measured.values + 0.5, measured.valid, ("saturated", *[""] * 5)
+            measured.t_ns,
+            measured.values + 0.5,
+            measured.valid,
+            ("saturated", *[""] * 5),
         )
 
     hand.read = read
     session(tmp_path, hand, Keys(None), [PULL], seconds=0.6)
     quality = meta_of(tmp_path / "p01/soft-ball/pull/trial_1")["quality"]
     assert quality["saturated_readings"] == 60
-    assert (quality["bias_drift"], quality["bias_drift_channel"]) == (pytest.approx(0.517), "Z6")
+    assert (quality["bias_drift"], quality["bias_drift_channel"]) == (
+        pytest.approx(0.517),
+        "Z6",
+    )
 
 
 # -- clocks that jump

@@ -19,15 +19,15 @@ import pytest
 from drawn_frames import two_sizes
 from recorder_bench import arguments_of, columns_of, meta_of, never, start, wait_for
 
-from holdfast.cli import main
+from holdfast.cli.main import main
+from holdfast.core.clock import MonotonicClock
+from holdfast.core.trial_file import read_trial
 from holdfast.drivers.camera.recording import read_about, read_tracks
 from holdfast.drivers.virtual.clock import VirtualClock
-from holdfast.edge_runtime.clock import MonotonicClock
-from holdfast.edge_runtime.priority import PRIORITY
-from holdfast.edge_runtime.trial_file import read_trial
-from holdfast.recorder.beside import LOG, Beside
-from holdfast.recorder.keys import Keys
-from holdfast.recorder.recording import record
+from holdfast.live.real_time import PRIORITY
+from holdfast.sessions.recorder.camera import LOG, Beside
+from holdfast.sessions.recorder.keys import Keys
+from holdfast.sessions.recorder.recording import record
 from holdfast.training.datasets import load
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -66,7 +66,9 @@ def words_of(
     """
     text = CARD.format(close_at_s=close_at_s, step_s=step_s) + size
     (folder / "filmed.toml").write_text(text, encoding="utf-8")
-    source = f"virtual://ft232h?burst=1&bus_hz=1000000&scene={folder / 'filmed.toml'}&seed=1"
+    source = (
+        f"virtual://ft232h?burst=1&bus_hz=1000000&scene={folder / 'filmed.toml'}&seed=1"
+    )
     words = [
         "--source",
         source,
@@ -86,12 +88,16 @@ def trial_in(folder: Path) -> Path:
 
 
 def children(pid: int) -> list[int]:
-    return [int(one) for one in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
+    return [
+        int(one) for one in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
+    ]
 
 
 def runs(pid: int) -> bool:
     try:
-        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+        return (
+            Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+        )
     except FileNotFoundError:
         return False
 
@@ -101,7 +107,7 @@ import json, sys
 from pathlib import Path
 from holdfast.drivers.camera.graph import watch
 from holdfast.drivers.virtual.clock import VirtualClock
-from holdfast.recorder.filming import scene
+from holdfast.sessions.recorder.filming import scene
 options = json.loads(sys.argv[1])
 clock = VirtualClock(options["from_ns"])
 until_ns = options["until_ns"]
@@ -122,7 +128,11 @@ class FilmsAfterwards(Beside):
         self._folder, self.from_ns = folder, self.clock.now_ns()
 
     def stop(self) -> dict[str, Any]:
-        span = {"out": str(self._folder), "from_ns": self.from_ns, "until_ns": self.clock.now_ns()}
+        span = {
+            "out": str(self._folder),
+            "from_ns": self.from_ns,
+            "until_ns": self.clock.now_ns(),
+        }
         command = [sys.executable, "-c", FILM, json.dumps(self.options | span)]
         with (self._folder / LOG).open("wb") as log:
             self._process = subprocess.Popen(
@@ -145,13 +155,18 @@ def recorded_with_film(*words: object) -> None:
     )
 
 
-def test_a_scene_that_is_felt_and_filmed_at_once_gives_the_onset_that_it_had(tmp_path, capsys):
+def test_a_scene_that_is_felt_and_filmed_at_once_gives_the_onset_that_it_had(
+    tmp_path, capsys
+):
     recorded_with_film(
         *words_of(tmp_path, size=SHARP, close_at_s=2.0, step_s=0.003), "--seconds", "4"
     )
     folder = trial_in(tmp_path)
     scene = json.loads((folder / "tactile.truth.json").read_text())
-    assert (meta_of(folder)["quality"]["samples"], meta_of(folder)["quality"]["lost"]) == (600, 0)
+    assert (
+        meta_of(folder)["quality"]["samples"],
+        meta_of(folder)["quality"]["lost"],
+    ) == (600, 0)
     assert meta_of(folder)["camera"]["void"] is None
     assert meta_of(folder)["camera"]["doubt"] is None
     tactile_s = 1e-9 * np.array(columns_of(folder)["host_ns"], dtype=np.int64)
@@ -160,7 +175,9 @@ def test_a_scene_that_is_felt_and_filmed_at_once_gives_the_onset_that_it_had(tmp
     assert frames_s[-1] > tactile_s[-1] - 0.02
 
     assert main(["onset", str(folder)]) == 0
-    lines = [json.loads(line) for line in (folder / "events.jsonl").read_text().splitlines()]
+    lines = [
+        json.loads(line) for line in (folder / "events.jsonl").read_text().splitlines()
+    ]
     (seen,) = [line for line in lines if line["provenance"] == "camera"]
     assert (seen["label"], scene["phases"][2]["label"]) == ("risky_slip", "risky_slip")
     assert abs(seen["t0_s"] - scene["incipient_slip_s"]) < 0.010
@@ -199,7 +216,9 @@ def test_a_scene_that_is_felt_and_filmed_at_once_gives_the_onset_that_it_had(tmp
         "lead_ms": seen["gross_s"] - scene["gross_slip_s"],
     }
     for name, by_s in off.items():
-        assert by_camera[name]["p50"] == pytest.approx(truth[name]["p50"] + 1e3 * by_s, abs=0.01)
+        assert by_camera[name]["p50"] == pytest.approx(
+            truth[name]["p50"] + 1e3 * by_s, abs=0.01
+        )
     printed = capsys.readouterr().out
     assert f"act {by_camera['delay_ms']['p50']:+.0f} ms from its onset" in printed
     assert (
@@ -211,7 +230,9 @@ def test_a_scene_that_is_felt_and_filmed_at_once_gives_the_onset_that_it_had(tmp
     assert "<td>1 of 1<br>" in report
 
     only_seen = [line for line in lines if line["provenance"] == "camera"]
-    (folder / "events.jsonl").write_text("".join(f"{json.dumps(line)}\n" for line in only_seen))
+    (folder / "events.jsonl").write_text(
+        "".join(f"{json.dumps(line)}\n" for line in only_seen)
+    )
     assert main(["onset", str(folder)]) == 0
     alone = json.loads((folder / "tactile.truth.json").read_text())
     assert [(one["label"], one["provenance"]) for one in alone["phases"]] == [
@@ -227,7 +248,9 @@ def test_a_scene_that_is_felt_and_filmed_at_once_gives_the_onset_that_it_had(tmp
     data = json.loads((tmp_path / "figures.json").read_text())["sets"]["out"]
     assert data["data"]["onsets_by"] == {"camera": 1}
     assert data["rows"]["ours, as deployed"]["camera"]["truth"] is None
-    assert "the truth of these events is not known" in (printed := capsys.readouterr().out)
+    assert "the truth of these events is not known" in (
+        printed := capsys.readouterr().out
+    )
     assert "source of load onsets: camera 1" in printed
 
 
@@ -252,7 +275,9 @@ def test_in_real_time_frames_go_on_from_before_the_first_sample_to_the_last(tmp_
     here="the recording of the hand continues; the camera part is void, in events.jsonl, meta.json "
     "and on the screen",
 )
-def test_a_camera_that_goes_away_voids_its_part_and_the_hand_is_recorded_to_the_end(tmp_path):
+def test_a_camera_that_goes_away_voids_its_part_and_the_hand_is_recorded_to_the_end(
+    tmp_path,
+):
     with start(*words_of(tmp_path), "--seconds", "2") as run:
         wait_for(run, "recording p01")
         for pid in children(run.pid):
@@ -263,7 +288,9 @@ def test_a_camera_that_goes_away_voids_its_part_and_the_hand_is_recorded_to_the_
     assert meta_of(folder)["state"] == "kept"
     assert meta_of(folder)["camera"]["void"] == "interrupted"
     assert len(read_trial(folder / "tactile.csv").t_s) > 250
-    events = [json.loads(line) for line in (folder / "events.jsonl").read_text().splitlines()]
+    events = [
+        json.loads(line) for line in (folder / "events.jsonl").read_text().splitlines()
+    ]
     assert [one["event"] for one in events if "event" in one] == ["camera_lost"]
     assert "the camera failed" in err
     assert "this trial has no camera recording" in err
@@ -271,7 +298,9 @@ def test_a_camera_that_goes_away_voids_its_part_and_the_hand_is_recorded_to_the_
     assert main(["onset", str(folder)]) == 3, "a void part gets no label"
 
 
-def test_tags_of_two_sizes_are_reported_after_the_trial_and_everything_is_kept(tmp_path):
+def test_tags_of_two_sizes_are_reported_after_the_trial_and_everything_is_kept(
+    tmp_path,
+):
     two_sizes(tmp_path / "some.frames.npz", n=45)
     words = [
         "--source",
@@ -367,7 +396,10 @@ def lost_to(spans: Spans, host_ns: IntArray, sequence: IntArray) -> int:
 
 
 def _within(spans: Spans, from_ns: int, to_ns: int) -> int:
-    return sum(max(0, min(end_ns, to_ns) - max(begin_ns, from_ns)) for begin_ns, end_ns in spans)
+    return sum(
+        max(0, min(end_ns, to_ns) - max(begin_ns, from_ns))
+        for begin_ns, end_ns in spans
+    )
 
 
 @pytest.mark.parametrize(("stood_periods", "lost"), [(0.0, 0), (0.9, 0), (1.1, 1)])
@@ -377,7 +409,9 @@ def test_a_lost_sample_is_laid_to_a_stand_still_only_where_that_was_long_enough(
     host_ns, sequence = np.array([0, 1, 3, 4]) * PERIOD_NS, np.array([0, 1, 3, 4])
     begin_ns = round(1.5 * PERIOD_NS)
     assert (
-        lost_to([(begin_ns, begin_ns + round(stood_periods * PERIOD_NS))], host_ns, sequence)
+        lost_to(
+            [(begin_ns, begin_ns + round(stood_periods * PERIOD_NS))], host_ns, sequence
+        )
         == lost
     )
     assert lost_to([], host_ns - np.array([0, 0, PERIOD_NS // 2, 0]), sequence) == 0

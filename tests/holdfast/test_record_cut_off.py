@@ -26,20 +26,20 @@ from recorder_bench import (
     wait_for,
 )
 
-from holdfast.cli import main
+from holdfast.cli.main import main
+from holdfast.core.errors import OutputError
+from holdfast.core.tactile_file import TactileFile, mend
+from holdfast.core.trial_file import read_trial
 from holdfast.drivers.replay import open_replay
-from holdfast.edge_runtime.errors import OutputError
-from holdfast.edge_runtime.tactile_file import TactileFile, mend
-from holdfast.edge_runtime.trial_file import read_trial
 
 KILLED = """
 import os, signal, sys
-from holdfast.drivers.live_hand import LiveHand
+from holdfast.drivers.hand import LiveHand
 from holdfast.drivers.virtual.clock import VirtualClock
-from holdfast.edge_runtime.command import Parser
+from holdfast.cli.command import Parser
 from holdfast import record
-from holdfast.recorder.keys import Keys
-from holdfast.recorder.recording import record as record_trials
+from holdfast.sessions.recorder.keys import Keys
+from holdfast.sessions.recorder.recording import record as record_trials
 plain, reads = LiveHand.read, 0
 def read(self):
     global reads
@@ -63,7 +63,9 @@ record_trials(options, clock, Keys(None), print, lambda: False, host_ns=clock.no
     here="every sample is written by itself: at most the one under way is lost; repair "
     "and resume go on from there",
 )
-def test_kill_9_loses_at_most_the_sample_under_way_and_the_next_run_goes_on(tmp_path, capsys):
+def test_kill_9_loses_at_most_the_sample_under_way_and_the_next_run_goes_on(
+    tmp_path, capsys
+):
     out = tmp_path / "out"
     words = [*map(str, cup_pull(out)), "--trials", "1", "--at-once", "--seconds", "600"]
     done = subprocess.run(
@@ -77,10 +79,14 @@ def test_kill_9_loses_at_most_the_sample_under_way_and_the_next_run_goes_on(tmp_
     folder = out / "p01/cup/pull/trial_1"
     assert done.returncode == -signal.SIGKILL, done.stderr
     sequence = [int(one) for one in columns_of(folder)["sequence"]]
-    assert sequence == list(range(77)), "a row for every reading, and none between them is lost"
+    assert sequence == list(range(77)), (
+        "a row for every reading, and none between them is lost"
+    )
     assert meta_of(folder)["state"] == "recording"
     with (folder / "tactile.csv").open("a") as file:
-        file.write("0.513,1.0,2.")  # and as if the kill had come in the middle of a write
+        file.write(
+            "0.513,1.0,2."
+        )  # and as if the kill had come in the middle of a write
     assert main(["repair", str(out)]) == 0
     printed = capsys.readouterr().out
     assert "12 bytes of an incomplete line removed, 77 samples complete" in printed
@@ -89,7 +95,9 @@ def test_kill_9_loses_at_most_the_sample_under_way_and_the_next_run_goes_on(tmp_
     assert len(open_replay(folder).values) == 77
     assert main(["repair", str(out)]) == 0
     assert "complete" in capsys.readouterr().out
-    recorded(out, "--object", "cup", "--action", "pull", "--trials", "1", "--seconds", "1")
+    recorded(
+        out, "--object", "cup", "--action", "pull", "--trials", "1", "--seconds", "1"
+    )
     assert [meta_of(folder.with_name(f"trial_{k}"))["state"] for k in (1, 2)] == [
         "interrupted",
         "kept",
@@ -200,7 +208,9 @@ def test_wherever_the_disk_is_full_repair_ends_what_is_left_and_the_next_run_goe
 ):
     with full_disk(room % needed), pytest.raises(OutputError, match="No space left"):
         one_pull(tmp_path)
-    left = [file.parent for file in tmp_path.rglob("meta.json") if "trial_" in str(file)]
+    left = [
+        file.parent for file in tmp_path.rglob("meta.json") if "trial_" in str(file)
+    ]
     assert main(["repair", str(tmp_path)]) == (0 if left else 3)
     assert {meta_of(folder)["state"] for folder in left} <= {"interrupted", "void"}
     for folder in left:
@@ -212,7 +222,9 @@ def test_wherever_the_disk_is_full_repair_ends_what_is_left_and_the_next_run_goe
     assert any(line.startswith("kept: ") for line in one_pull(tmp_path))
 
 
-def test_on_a_disk_that_is_still_full_repair_says_so_for_each_trial(tmp_path, needed, capsys):
+def test_on_a_disk_that_is_still_full_repair_says_so_for_each_trial(
+    tmp_path, needed, capsys
+):
     for _ in range(2):
         with full_disk(needed // 2), pytest.raises(OutputError):
             one_pull(tmp_path)

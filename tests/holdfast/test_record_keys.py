@@ -30,12 +30,12 @@ from recorder_bench import (
     wait_on_terminal_for,
 )
 
+from holdfast.core.trial_file import read_trial
 from holdfast.drivers.virtual.clock import VirtualClock
-from holdfast.edge_runtime.trial_file import read_trial
-from holdfast.recorder.card import Task
-from holdfast.recorder.keys import Keys
-from holdfast.recorder.recording import record
-from holdfast.stopping import stop_signals
+from holdfast.live.stopping import stop_signals
+from holdfast.sessions.recorder.keys import Keys
+from holdfast.sessions.recorder.protocol import Task
+from holdfast.sessions.recorder.recording import record
 from holdfast.training.datasets import load
 
 
@@ -63,7 +63,9 @@ def test_marks_become_phases_with_their_provenance(tmp_path, pressing):
         pytest.approx(0.90),
     )
     assert any("load onset at 0.600 s" in line for line in messages)
-    marks = [json.loads(line) for line in (folder / "events.jsonl").read_text().splitlines()]
+    marks = [
+        json.loads(line) for line in (folder / "events.jsonl").read_text().splitlines()
+    ]
     assert [(one["mark"], one["provenance"]) for one in marks] == [
         ("load_onset", "key"),
         ("contact_lost", "key"),
@@ -72,7 +74,9 @@ def test_marks_become_phases_with_their_provenance(tmp_path, pressing):
 
 def test_without_a_mark_the_load_onset_is_not_guessed(tmp_path):
     session(tmp_path, Hand(VirtualClock(), 120), Keys(None), [PULL])
-    truth = json.loads((tmp_path / "p01/soft-ball/pull/trial_1/tactile.truth.json").read_text())
+    truth = json.loads(
+        (tmp_path / "p01/soft-ball/pull/trial_1/tactile.truth.json").read_text()
+    )
     assert [one["label"] for one in truth["phases"]] == ["nothing", "nothing"]
     assert truth["load_onset_s"] is None
     (recording,) = load(tmp_path, windows="natural").recordings
@@ -88,9 +92,12 @@ def test_a_trial_without_marks_and_contact_is_read_and_has_no_label(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("action", "label"), [("hold", "grasp"), ("pass", "safe_slip"), ("fall", "risky_slip")]
+    ("action", "label"),
+    [("hold", "grasp"), ("pass", "safe_slip"), ("fall", "risky_slip")],
 )
-def test_what_an_action_makes_of_the_grip_is_its_label(tmp_path, pressing, action, label):
+def test_what_an_action_makes_of_the_grip_is_its_label(
+    tmp_path, pressing, action, label
+):
     keys, press = pressing
     session(
         tmp_path,
@@ -105,8 +112,12 @@ def test_what_an_action_makes_of_the_grip_is_its_label(tmp_path, pressing, actio
 
 
 def test_the_empty_hand_is_nothing_from_end_to_end(tmp_path):
-    session(tmp_path, Hand(VirtualClock(), 40), Keys(None), [Task("nothing", "nothing")])
-    truth = json.loads((tmp_path / "p01/nothing/trial_1/tactile.truth.json").read_text())
+    session(
+        tmp_path, Hand(VirtualClock(), 40), Keys(None), [Task("nothing", "nothing")]
+    )
+    truth = json.loads(
+        (tmp_path / "p01/nothing/trial_1/tactile.truth.json").read_text()
+    )
     assert [(one["label"], one["t0_s"], one["t1_s"]) for one in truth["phases"]] == [
         ("nothing", 0.0, 0.4)
     ]
@@ -117,7 +128,11 @@ def test_redo_moves_the_trial_away_and_the_same_comes_up_again(tmp_path, pressin
     hand = Hand(
         VirtualClock(),
         400,
-        says={100: lambda: press("r"), 200: lambda: press("k"), 300: lambda: press("q")},
+        says={
+            100: lambda: press("r"),
+            200: lambda: press("k"),
+            300: lambda: press("q"),
+        },
     )
     kept, _ = session(tmp_path, hand, keys, [PULL, Task("my-cup", "pass")])
     states = {
@@ -134,20 +149,32 @@ def test_redo_moves_the_trial_away_and_the_same_comes_up_again(tmp_path, pressin
 
 def test_after_its_figures_a_kept_trial_can_still_be_done_again(tmp_path, pressing):
     keys, press = pressing
-    hand = Hand(VirtualClock(), 400, says={50: lambda: press("krr q"), 100: lambda: press("k")})
+    hand = Hand(
+        VirtualClock(), 400, says={50: lambda: press("krr q"), 100: lambda: press("k")}
+    )
     press(" ")
-    kept, messages = session(tmp_path, hand, keys, [PULL, Task("my-cup", "pass")], at_once=False)
-    assert kept == 0, "space, k; r does it again; the second r finds none; space, q keeps and stops"
+    kept, messages = session(
+        tmp_path, hand, keys, [PULL, Task("my-cup", "pass")], at_once=False
+    )
+    assert kept == 0, (
+        "space, k; r does it again; the second r finds none; space, q keeps and stops"
+    )
     assert any("no trial to repeat yet" in line for line in messages)
     (moved,) = (tmp_path / "p01/discarded").rglob("meta.json")
     assert meta_of(moved.parent)["state"] == "redone", "training reads what is kept"
 
 
-def test_stop_between_trials_stops_and_so_does_an_operator_who_is_gone(tmp_path, pressing):
+def test_stop_between_trials_stops_and_so_does_an_operator_who_is_gone(
+    tmp_path, pressing
+):
     keys, press = pressing
     press("q")
-    assert session(tmp_path, Hand(VirtualClock(), 10), keys, [PULL], at_once=False)[0] == 0
-    kept, messages = session(tmp_path, Hand(VirtualClock(), 10), Keys(None), [PULL], at_once=False)
+    assert (
+        session(tmp_path, Hand(VirtualClock(), 10), keys, [PULL], at_once=False)[0] == 0
+    )
+    kept, messages = session(
+        tmp_path, Hand(VirtualClock(), 10), Keys(None), [PULL], at_once=False
+    )
     assert kept == 0
     assert any("--at-once" in line for line in messages)
     assert not (tmp_path / "p01").exists()
@@ -158,14 +185,23 @@ def test_a_trial_that_only_a_key_ends_is_interrupted_where_the_keys_end(tmp_path
     os.write(writing, b" l")
     os.close(writing)
     messages: list[str] = []
-    record(arguments_of(*cup_pull(tmp_path)), VirtualClock(), Keys(reading), messages.append, never)
+    record(
+        arguments_of(*cup_pull(tmp_path)),
+        VirtualClock(),
+        Keys(reading),
+        messages.append,
+        never,
+    )
     os.close(reading)
-    assert "no key can be pressed any more; --seconds ends trials without a key" in messages
+    assert (
+        "no key can be pressed any more; --seconds ends trials without a key"
+        in messages
+    )
     assert meta_of(tmp_path / "p01/cup/pull/trial_1")["state"] == "interrupted"
 
 
 TYPED_AHEAD = """
-from holdfast.recorder.keys import listening
+from holdfast.sessions.recorder.keys import listening
 with listening(0) as keys:
     print(keys.ended(), keys.pressed(5.0), keys.pressed(5.0))
 """
@@ -213,12 +249,18 @@ def test_a_terminal_is_as_before_on_every_way_out(tmp_path, way):
         run.communicate(timeout=300)
     assert run.returncode == (3 if way == "error" else 0)
     assert termios.tcgetattr(slave) == before
-    states = [meta_of(path.parent)["state"] for path in (tmp_path / "out").rglob("tactile.csv")]
+    states = [
+        meta_of(path.parent)["state"]
+        for path in (tmp_path / "out").rglob("tactile.csv")
+    ]
     assert (
         states
-        == {"keys": ["kept"], "SIGTERM": ["interrupted"], "SIGHUP": ["interrupted"], "error": []}[
-            way
-        ]
+        == {
+            "keys": ["kept"],
+            "SIGTERM": ["interrupted"],
+            "SIGHUP": ["interrupted"],
+            "error": [],
+        }[way]
     )
     os.close(master)
     os.close(slave)
@@ -237,7 +279,12 @@ def test_a_terminal_that_goes_away_ends_the_trial_as_sigterm_does(tmp_path):
     words = cup_pull(tmp_path / "out")
     command = [sys.executable, "-m", "holdfast", "record", *map(str, words)]
     with subprocess.Popen(
-        command, cwd=ROOT, stdin=slave, stdout=slave, stderr=slave, preexec_fn=terminal_of_its_own
+        command,
+        cwd=ROOT,
+        stdin=slave,
+        stdout=slave,
+        stderr=slave,
+        preexec_fn=terminal_of_its_own,
     ) as run:
         os.close(slave)
         wait_on_terminal_for(master, "next: cup, pull")
@@ -253,7 +300,9 @@ def test_a_terminal_that_goes_away_ends_the_trial_as_sigterm_does(tmp_path):
     assert "why" not in meta, "no error ended it"
     rows = (folder / "tactile.csv").read_bytes().count(b"\n") - 1  # below the header
     assert meta["quality"]["samples"] == rows >= 19
-    assert len(read_trial(folder / "tactile.csv").t_s) >= rows  # lost samples are rows there, too
+    assert (
+        len(read_trial(folder / "tactile.csv").t_s) >= rows
+    )  # lost samples are rows there, too
     assert [path.name for path in folder.parent.iterdir()] == ["trial_1"]
 
 

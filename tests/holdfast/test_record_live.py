@@ -17,14 +17,19 @@ from hazard_marks import OVERWRITTEN, SOURCE_ENDED
 from recorder_bench import PULL, ROOT, Hand, meta_of, recorded, session
 from recorder_bench import columns_of as read_columns
 
+from holdfast.core.errors import EmptyRecording
 from holdfast.drivers.virtual.clock import VirtualClock
-from holdfast.edge_runtime.errors import EmptyRecording
-from holdfast.recorder.card import Task
-from holdfast.recorder.keys import Keys
-from holdfast.recorder.quality import Quality
-from holdfast.recorder.session import Session, SessionOptions
-from holdfast.recorder.status import OVER_THE_LINE_ABOVE, StatusLine, columns_of, status_text
-from holdfast.recorder.trial import TrialRecorder
+from holdfast.sessions.recorder.about import Quality
+from holdfast.sessions.recorder.keys import Keys
+from holdfast.sessions.recorder.protocol import Task
+from holdfast.sessions.recorder.session import Session, SessionOptions
+from holdfast.sessions.recorder.status import (
+    OVER_THE_LINE_ABOVE,
+    StatusLine,
+    columns_of,
+    status_text,
+)
+from holdfast.sessions.recorder.trial import TrialRecorder
 
 SHORT_SCENE = """
 [record]
@@ -52,26 +57,39 @@ def scene(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def states_in(folder: Path) -> list[str]:
-    return [meta_of(path.parent)["state"] for path in sorted(folder.rglob("tactile.csv"))]
+    return [
+        meta_of(path.parent)["state"] for path in sorted(folder.rglob("tactile.csv"))
+    ]
 
 
 @SOURCE_ENDED.mark
 @pytest.mark.parametrize(
-    "samples", [35, 60, 82], ids=["before the hand closed", "in the grip", "as it opened"]
+    "samples",
+    [35, 60, 82],
+    ids=["before the hand closed", "in the grip", "as it opened"],
 )
 def test_a_trial_whose_source_ended_before_it_was_complete_is_not_kept_and_says_so(
     tmp_path, samples
 ):
     messages: list[str] = []
     with pytest.raises(EmptyRecording, match="cannot be kept"):
-        session(tmp_path, Hand(VirtualClock(), samples), Keys(None), [PULL], messages=messages)
+        session(
+            tmp_path,
+            Hand(VirtualClock(), samples),
+            Keys(None),
+            [PULL],
+            messages=messages,
+        )
     folder = tmp_path / "p01/soft-ball/pull/trial_1"
     assert (meta_of(folder)["state"], meta_of(folder)["quality"]["samples"]) == (
         "interrupted",
         samples,
     )
     assert meta_of(folder)["why"] == "the source ended before the trial was complete"
-    assert any("not kept, it will be recorded again: the source ended" in line for line in messages)
+    assert any(
+        "not kept, it will be recorded again: the source ended" in line
+        for line in messages
+    )
     assert not (folder / "tactile.truth.json").exists()
 
 
@@ -86,7 +104,9 @@ def test_a_trial_that_finds_no_sample_any_more_is_not_kept(tmp_path):
 def test_a_source_that_ends_with_the_hand_empty_again_leaves_a_kept_trial(tmp_path):
     assert session(tmp_path, Hand(VirtualClock(), 120), Keys(None), [PULL])[0] == 1
     assert (
-        session(tmp_path, Hand(VirtualClock(), 35), Keys(None), [Task("nothing", "nothing")])[0]
+        session(
+            tmp_path, Hand(VirtualClock(), 35), Keys(None), [Task("nothing", "nothing")]
+        )[0]
         == 1
     )
 
@@ -100,7 +120,9 @@ def test_a_trial_that_ends_by_its_seconds_is_kept_whatever_is_in_it(tmp_path, sa
 
 
 @SOURCE_ENDED.mark
-def test_the_second_trial_of_a_virtual_hand_whose_scene_is_over_is_not_kept(tmp_path, scene):
+def test_the_second_trial_of_a_virtual_hand_whose_scene_is_over_is_not_kept(
+    tmp_path, scene
+):
     words = (
         "--object",
         "soft-ball",
@@ -116,7 +138,9 @@ def test_the_second_trial_of_a_virtual_hand_whose_scene_is_over_is_not_kept(tmp_
     with pytest.raises(EmptyRecording, match="cannot be kept"):
         recorded(tmp_path / "out", *words, source=f"virtual://ft232h?scene={scene}")
     assert states_in(tmp_path) == ["kept", "interrupted"]
-    truth = json.loads((tmp_path / "out/p01/soft-ball/pull/trial_1/tactile.truth.json").read_text())
+    truth = json.loads(
+        (tmp_path / "out/p01/soft-ball/pull/trial_1/tactile.truth.json").read_text()
+    )
     assert [one["label"] for one in truth["phases"]] == [
         "nothing",
         "grasp",
@@ -163,13 +187,21 @@ class Terminal:
         return True
 
 
-def shown(out: Path, terminal: Callable[[str], bool], columns: int = 80, **hand: object) -> None:
+def shown(
+    out: Path, terminal: Callable[[str], bool], columns: int = 80, **hand: object
+) -> None:
     """One trial of 1.2 s at 100 Hz before a terminal."""
     clock, status = VirtualClock(), StatusLine(terminal, lambda: columns, seconds=1.2)
     source = Hand(clock, 130, **hand)  # type: ignore[arg-type]
     chosen = SessionOptions(out, "p01", 100.0, 1.2, True, {})
-    options = {"bias": 0.001 * np.arange(18.0), "about": {"unit": "N"}, "show": status.show}
-    Session(chosen, source, clock, Keys(None), status.say, **options).run([PULL], lambda: False)  # type: ignore[arg-type]
+    options = {
+        "bias": 0.001 * np.arange(18.0),
+        "about": {"unit": "N"},
+        "show": status.show,
+    }
+    Session(chosen, source, clock, Keys(None), status.say, **options).run(
+        [PULL], lambda: False
+    )  # type: ignore[arg-type]
 
 
 def test_time_rate_lost_samples_and_six_forces_are_shown_while_a_trial_runs(tmp_path):
@@ -188,7 +220,11 @@ def test_time_rate_lost_samples_and_six_forces_are_shown_while_a_trial_runs(tmp_
 def test_the_line_is_redrawn_in_place_and_gives_way_to_messages(tmp_path):
     terminal = Terminal()
     shown(tmp_path, terminal)
-    assert [line.partition(" ")[0] for line in terminal.lines] == ["next:", "recording", "kept:"]
+    assert [line.partition(" ")[0] for line in terminal.lines] == [
+        "next:",
+        "recording",
+        "kept:",
+    ]
 
 
 def test_a_line_never_wraps_and_none_is_drawn_without_a_terminal(tmp_path):
@@ -197,19 +233,27 @@ def test_a_line_never_wraps_and_none_is_drawn_without_a_terminal(tmp_path):
     assert {len(line) for line in narrow.drawn} == {39}
     shown(tmp_path / "b", without, columns=0)
     assert without.drawn == []
-    assert [line.partition(" ")[0] for line in without.lines] == ["next:", "recording", "kept:"]
+    assert [line.partition(" ")[0] for line in without.lines] == [
+        "next:",
+        "recording",
+        "kept:",
+    ]
 
 
 @pytest.mark.parametrize("takes", [0, 1, 3, 5])
 def test_a_terminal_that_takes_nothing_costs_no_sample(tmp_path, takes):
     shown(tmp_path / "a", Terminal())
     shown(tmp_path / "b", Terminal(takes))
-    free, stuck = (read_columns(tmp_path / one / "p01/soft-ball/pull/trial_1") for one in "ab")
+    free, stuck = (
+        read_columns(tmp_path / one / "p01/soft-ball/pull/trial_1") for one in "ab"
+    )
     assert stuck["sequence"] == free["sequence"]
     assert states_in(tmp_path / "b") == ["kept"]
 
 
-def test_a_finger_that_is_lost_shows_no_force_and_a_field_is_shown_in_its_unit(tmp_path):
+def test_a_finger_that_is_lost_shows_no_force_and_a_field_is_shown_in_its_unit(
+    tmp_path,
+):
     clock = VirtualClock()
     source = Hand(clock, 9)
     trial = TrialRecorder(tmp_path, 18, {}, Quality(np.full(18, np.nan), 1e7, "uT"), 0)
@@ -281,7 +325,13 @@ def test_what_a_person_wrote_beside_an_object_s_mass_stays(tmp_path):
     clock = VirtualClock()
     chosen = SessionOptions(tmp_path, "p01", 100.0, 0.5, True, {"soft-ball": 91.5})
     made = Session(
-        chosen, Hand(clock, 99), clock, Keys(None), print, bias=np.zeros(18), about={"unit": "N"}
+        chosen,
+        Hand(clock, 99),
+        clock,
+        Keys(None),
+        print,
+        bias=np.zeros(18),
+        about={"unit": "N"},
     )
     assert made.run([PULL], lambda: False) == 1
     assert json.loads(about.read_text()) == {"mass_g": 91.5, "colour": "red"}

@@ -20,9 +20,8 @@ from recorder_bench import (
     recorded,
 )
 
-from holdfast.cli import main
-from holdfast.drivers.virtual.clock import VirtualClock
-from holdfast.edge_runtime.errors import (
+from holdfast.cli.main import main
+from holdfast.core.errors import (
     CardError,
     DataError,
     DataNotFound,
@@ -30,14 +29,25 @@ from holdfast.edge_runtime.errors import (
     UnitError,
     UsageError,
 )
-from holdfast.recorder.card import ACTIONS, Task, left, read_protocol
-from holdfast.recorder.folder import opened
-from holdfast.recorder.keys import Keys
-from holdfast.recorder.recording import record
+from holdfast.drivers.virtual.clock import VirtualClock
+from holdfast.sessions.recorder.folder import opened
+from holdfast.sessions.recorder.keys import Keys
+from holdfast.sessions.recorder.protocol import ACTIONS, Task, left, read_protocol
+from holdfast.sessions.recorder.recording import record
 from holdfast.simulation import protocol as simulated
 from holdfast.training.datasets import load, places
 
-NAMES = ["Anna Müller", "a@b.org", "", "p_01", "../p01", "nothing", "discarded", "p-", "x" * 25]
+NAMES = [
+    "Anna Müller",
+    "a@b.org",
+    "",
+    "p_01",
+    "../p01",
+    "nothing",
+    "discarded",
+    "p-",
+    "x" * 25,
+]
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -52,9 +62,13 @@ def test_withdrawing_a_person_is_deleting_one_folder(people, tmp_path):
     assert load(copy, windows="natural").groups() == ["p01", "p02"]
     shutil.rmtree(copy / "p01")
     left_over = load(copy, windows="natural")
-    assert {recording.trial_id.split("/")[0] for recording in left_over.recordings} == {"p02"}
+    assert {recording.trial_id.split("/")[0] for recording in left_over.recordings} == {
+        "p02"
+    }
     assert not [
-        path for path in copy.rglob("*") if path.is_file() and "p01" in path.read_text("utf-8")
+        path
+        for path in copy.rglob("*")
+        if path.is_file() and "p01" in path.read_text("utf-8")
     ]
 
 
@@ -96,7 +110,9 @@ def test_a_recording_that_ends_by_itself_needs_no_key_and_no_time(card, tmp_path
     assert any(line.startswith("kept: ") for line in messages)
 
 
-def test_a_person_is_never_recorded_into_a_second_folder_within_the_recordings(tmp_path):
+def test_a_person_is_never_recorded_into_a_second_folder_within_the_recordings(
+    tmp_path,
+):
     one_pull(tmp_path / "out")
     for within in ("out/p02", "out/p01/soft-ball", "out/p01/new/newer"):
         with pytest.raises(OutputError, match=r"within a recording folder.*--out"):
@@ -118,7 +134,13 @@ def test_an_object_without_a_mass_is_reported_while_it_is_at_hand(tmp_path):
         assert not any("heavy" in line for line in lines)
     (tmp_path / "two.toml").write_text(PROTOCOL)
     messages = recorded(
-        tmp_path / "out", "--protocol", tmp_path / "two.toml", "--seconds", "0.5", "--trials", "1"
+        tmp_path / "out",
+        "--protocol",
+        tmp_path / "two.toml",
+        "--seconds",
+        "0.5",
+        "--trials",
+        "1",
     )
     assert not any("heavy" in line for line in messages)
 
@@ -136,7 +158,10 @@ def test_two_recorders_do_not_share_a_folder(tmp_path):
 
 def test_units_and_what_is_simulated_are_not_mixed_in_a_folder(tmp_path):
     one_pull(tmp_path / "out")
-    for unit, kind, error in (("uT", "simulated", UnitError), ("N", "recorded", UsageError)):
+    for unit, kind, error in (
+        ("uT", "simulated", UnitError),
+        ("N", "recorded", UsageError),
+    ):
         with pytest.raises(error), opened(tmp_path / "out", unit, kind):
             pass
 
@@ -154,13 +179,21 @@ def test_a_bad_bias_is_refused_without_anyway(tmp_path):
     assert meta_of(tmp_path / "out/p01/soft-ball/pull/trial_1")["bias"]["good"] is False
 
 
-def test_a_card_says_what_comes_next_and_each_person_has_an_order_of_their_own(tmp_path):
+def test_a_card_says_what_comes_next_and_each_person_has_an_order_of_their_own(
+    tmp_path,
+):
     (tmp_path / "two.toml").write_text(PROTOCOL)
     protocol = read_protocol(tmp_path / "two.toml")
-    first, again, other = (protocol.ordered(1, person) for person in ("p01", "p01", "p02"))
+    first, again, other = (
+        protocol.ordered(1, person) for person in ("p01", "p01", "p02")
+    )
     assert first == again != other
     key = lambda task: (task.thing, task.action)  # noqa: E731
-    assert sorted(first, key=key) == sorted(other, key=key) == sorted(protocol.tasks, key=key)
+    assert (
+        sorted(first, key=key)
+        == sorted(other, key=key)
+        == sorted(protocol.tasks, key=key)
+    )
     assert len(first) == 8
     assert protocol.ordered(2, "p01") != first
     assert left(first, first[:3]) == first[3:]
@@ -179,14 +212,17 @@ def test_a_run_goes_on_where_the_last_one_stopped(tmp_path):
     )
     plan = read_protocol(tmp_path / "two.toml").ordered(0, "p01")
     by_start = sorted(
-        (tmp_path / "out").rglob("trial_*/meta.json"), key=lambda path: path.stat().st_mtime_ns
+        (tmp_path / "out").rglob("trial_*/meta.json"),
+        key=lambda path: path.stat().st_mtime_ns,
     )
     done = [
         Task(*(meta_of(path.parent)[name] for name in ("object", "action", "style")))
         for path in by_start
     ]
     assert done == plan
-    assert json.loads((tmp_path / "out/p01/my-cup/meta.json").read_text()) == {"mass_g": 212}
+    assert json.loads((tmp_path / "out/p01/my-cup/meta.json").read_text()) == {
+        "mass_g": 212
+    }
 
 
 def test_actions_are_those_of_scenes_and_of_training():
@@ -206,9 +242,18 @@ def test_actions_are_those_of_scenes_and_of_training():
         ("[[trials]]\naction = 'pull'\nobjects = ['../a']", "'../a'"),
         ("[[trials]]\naction = 'pull'\nobjects = ['a']\ncount = 0", "count = 0"),
         ("[[trials]]\naction = 'pull'\nobjects = ['a']\ncount = true", "count = True"),
-        ("[[trials]]\naction = 'pull'\nobjects = ['a']\ncolour = 1", "'colour' is not known"),
-        ("[[trials]]\naction = 'pull'\nobjects = ['a']\n[objects.a]\nmass_g = nan", "mass_g = nan"),
-        ("[[trials]]\naction = 'pull'\nobjects = ['a']\n[objects]\na = 3", "objects.a = 3"),
+        (
+            "[[trials]]\naction = 'pull'\nobjects = ['a']\ncolour = 1",
+            "'colour' is not known",
+        ),
+        (
+            "[[trials]]\naction = 'pull'\nobjects = ['a']\n[objects.a]\nmass_g = nan",
+            "mass_g = nan",
+        ),
+        (
+            "[[trials]]\naction = 'pull'\nobjects = ['a']\n[objects]\na = 3",
+            "objects.a = 3",
+        ),
         ("x = " + "[" * 5000, "not valid TOML"),
     ],
 )
@@ -230,9 +275,21 @@ def test_a_card_that_cannot_be_is_refused_by_its_key(tmp_path, text, says):
         (("--object", "a b", "--action", "pull", "--trials", "1"), "object 'a b'"),
         (("--object", "cup", "--action", "pull"), "without an end"),
         (("--object", "cup", "--action", "pull", "--trials", "0"), "--trials 0"),
-        (("--object", "cup", "--action", "pull", "--trials", "1", "--camera", "oak"), "--tag-mm"),
         (
-            ("--object", "cup", "--action", "pull", "--trials", "1", "--camera", "scene"),
+            ("--object", "cup", "--action", "pull", "--trials", "1", "--camera", "oak"),
+            "--tag-mm",
+        ),
+        (
+            (
+                "--object",
+                "cup",
+                "--action",
+                "pull",
+                "--trials",
+                "1",
+                "--camera",
+                "scene",
+            ),
             "cannot film",
         ),
         (
@@ -240,7 +297,16 @@ def test_a_card_that_cannot_be_is_refused_by_its_key(tmp_path, text, says):
             "--fps would be ignored",
         ),
         (
-            ("--object", "cup", "--action", "pull", "--trials", "1", "--camera", "gone.npz"),
+            (
+                "--object",
+                "cup",
+                "--action",
+                "pull",
+                "--trials",
+                "1",
+                "--camera",
+                "gone.npz",
+            ),
             "no such file",
         ),
     ],

@@ -14,14 +14,10 @@ from recorder_bench import (
     meta_of,
 )
 
-from holdfast.cli import main
-from holdfast.edge_runtime.errors import (
-    HoldfastError,
-    LabelError,
-    TimeError,
-)
-from holdfast.recorder.card import read_protocol, word
-from holdfast.recorder.keys import KEYS
+from holdfast.cli.main import main
+from holdfast.core.errors import HoldfastError, LabelError, TimeError
+from holdfast.sessions.recorder.keys import KEYS
+from holdfast.sessions.recorder.protocol import read_protocol, word
 from holdfast.training.datasets import load
 
 # -- what training makes of it
@@ -36,7 +32,9 @@ def test_people_are_groups_and_a_single_one_s_trials_are(people):
     assert (both.notes["states"], both.notes["people"]) == ({"kept": 8}, 2)
 
 
-def test_the_truth_of_a_scene_is_the_trial_s_and_only_kept_trials_are_read(people, tmp_path):
+def test_the_truth_of_a_scene_is_the_trial_s_and_only_kept_trials_are_read(
+    people, tmp_path
+):
     data = load(people, windows="natural")
     pull = next(one for one in data.recordings if one.action == "pull")
     assert (pull.object_name, [phase.situation for phase in pull.phases]) == (
@@ -48,7 +46,8 @@ def test_the_truth_of_a_scene_is_the_trial_s_and_only_kept_trials_are_read(peopl
     meta = next(copy.glob("p01/soft-ball/pull/trial_1/meta.json"))
     meta.write_text(json.dumps(meta_of(meta.parent) | {"state": "interrupted"}))
     shutil.move(
-        copy / "p02/hard-ball/fall/trial_1", copy / "p02/discarded/hard-ball/fall/trial_1-1"
+        copy / "p02/hard-ball/fall/trial_1",
+        copy / "p02/discarded/hard-ball/fall/trial_1-1",
     )
     (copy / "p02/discarded/hard-ball/fall/trial_1-1/meta.json").write_text(
         '{"recorder": 1, "state": "redone"}'
@@ -59,16 +58,31 @@ def test_the_truth_of_a_scene_is_the_trial_s_and_only_kept_trials_are_read(peopl
 
 
 @pytest.mark.filterwarnings("ignore::holdfast.export.spec.BandsLeftOut")
-def test_what_was_recorded_trains_evaluates_and_replays_as_it_is(people, tmp_path, capsys):
+def test_what_was_recorded_trains_evaluates_and_replays_as_it_is(
+    people, tmp_path, capsys
+):
     from holdfast.export.exporting import export_artifact
     from holdfast.training.fitting import train
     from holdfast.training.plan import ForestPlan, TrainingPlan
 
     few = ForestPlan(n_estimators=4)
-    train(load(people), tmp_path / "model", TrainingPlan(situation=few, prediction=few, folds=2))
+    train(
+        load(people),
+        tmp_path / "model",
+        TrainingPlan(situation=few, prediction=few, folds=2),
+    )
     model = str(export_artifact(tmp_path / "model")[0])
     assert (
-        main(["evaluate", model, "--data", str(people), "--json", str(tmp_path / "figures.json")])
+        main(
+            [
+                "evaluate",
+                model,
+                "--data",
+                str(people),
+                "--json",
+                str(tmp_path / "figures.json"),
+            ]
+        )
         == 0
     )
     figures = json.loads((tmp_path / "figures.json").read_text())
@@ -78,7 +92,12 @@ def test_what_was_recorded_trains_evaluates_and_replays_as_it_is(people, tmp_pat
     for source in (str(folder), str(folder / "tactile.csv"), f"{people}#0"):
         assert main(["replay", model, source]) == 0
         lines = capsys.readouterr().out.splitlines()
-        assert json.loads(lines[-1])["state"] in ("nothing", "grasp", "safe_slip", "risky_slip")
+        assert json.loads(lines[-1])["state"] in (
+            "nothing",
+            "grasp",
+            "safe_slip",
+            "risky_slip",
+        )
     assert len(lines) > 150
 
 
@@ -93,7 +112,11 @@ def spoil(folder: Path, name: str, text: str) -> None:
         ("tactile.truth.json", '{"phases": [3]}', LabelError),
         ("meta.json", "{", LabelError),
         ("tactile.csv", "Time,X1,Y1,Z1,sequence\n0,1,1,1,0\n1,1,1,1,0\n", TimeError),
-        ("tactile.csv", "Time,X1,Y1,Z1,sequence\n0,1,1,1,0\n1,1,1,1,1e300\n", TimeError),
+        (
+            "tactile.csv",
+            "Time,X1,Y1,Z1,sequence\n0,1,1,1,0\n1,1,1,1,1e300\n",
+            TimeError,
+        ),
         ("tactile.csv", "Time,X1,Y1,Z1,sequence\n0,1,1,1,0\n1,1,1,1,900\n", TimeError),
         ("tactile.csv", "Time,X1,Y1,Z1,sequence\n0,1,1,1,0\n1,1,1,1,1.5\n", TimeError),
         ("tactile.csv", "Time,X1,Y1,Z1,sequence\n0,1,1,1,0\n1,1,1,1,nan\n", TimeError),
@@ -108,11 +131,15 @@ def test_a_recording_that_was_edited_wrongly_is_refused_by_name(
         load(copy)
 
 
-@pytest.mark.parametrize("line", ["nonsense", "3", '{"mark": "contact", "provenance": "key"}'])
+@pytest.mark.parametrize(
+    "line", ["nonsense", "3", '{"mark": "contact", "provenance": "key"}']
+)
 def test_events_that_cannot_be_understood_are_refused_by_name(people, tmp_path, line):
-    from holdfast.recorder.labels import relabel
+    from holdfast.sessions.recorder.labels import relabel
 
-    folder = shutil.copytree(people / "p01/soft-ball/pull/trial_1", tmp_path / "trial_1")
+    folder = shutil.copytree(
+        people / "p01/soft-ball/pull/trial_1", tmp_path / "trial_1"
+    )
     before = relabel(folder)
     assert before.to_json() == json.loads(
         (people / "p01/soft-ball/pull/trial_1/tactile.truth.json").read_text()
@@ -131,9 +158,17 @@ def test_every_error_of_a_word_says_what_is_allowed():
 def test_check_reads_the_same_folders_and_names_the_source_of_labels(people, capsys):
     assert main(["check", str(people), "--json"]) == 0
     report = json.loads(capsys.readouterr().out)
-    assert (report["layout"], report["held_out_by"], report["groups"]) == ("recorded", "person", 2)
+    assert (report["layout"], report["held_out_by"], report["groups"]) == (
+        "recorded",
+        "person",
+        2,
+    )
     pull = next(one for one in report["cells"] if one["action"] == "pull")
-    assert (pull["person"], pull["object_name"], pull["unit"]) == ("p01", "soft-ball", "N")
+    assert (pull["person"], pull["object_name"], pull["unit"]) == (
+        "p01",
+        "soft-ball",
+        "N",
+    )
     assert "scene" in next(iter(pull["labels_by"]))
 
 
@@ -148,7 +183,9 @@ def test_check_says_that_no_trial_was_kept(people, tmp_path, capsys):
 # -- the page
 
 
-def test_the_page_shows_a_card_that_is_one_every_key_and_commands_that_are_understood(tmp_path):
+def test_the_page_shows_a_card_that_is_one_every_key_and_commands_that_are_understood(
+    tmp_path,
+):
     page = (ROOT / "docs/recording.md").read_text("utf-8")
     (card_text,) = re.findall(r"```toml\n(.*?)```", page, re.DOTALL)
     (tmp_path / "shown.toml").write_text(card_text)

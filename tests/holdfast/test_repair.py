@@ -16,13 +16,12 @@ from hazard_marks import DAMAGED_FILE
 from hypothesis import given
 from hypothesis import strategies as st
 
-from holdfast.cli import main
-from holdfast.edge_runtime.errors import ColumnError, DataError, EmptyRecording, OutputError
-from holdfast.edge_runtime.mending import mend_lines
-from holdfast.edge_runtime.tactile_file import TactileFile, mend
-from holdfast.edge_runtime.trial_file import read_trial
-from holdfast.edge_runtime.trial_layout import read_events
-from holdfast.recorder.mending import repaired
+from holdfast.cli.main import main
+from holdfast.core.errors import ColumnError, DataError, EmptyRecording, OutputError
+from holdfast.core.tactile_file import TactileFile, mend, mend_lines
+from holdfast.core.trial_file import read_trial
+from holdfast.core.trial_layout import read_events
+from holdfast.sessions.recorder.folder import repaired
 
 ROWS = 200
 Damage = Callable[[bytes], bytes]
@@ -35,7 +34,9 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> bytes:
     path = tmp_path_factory.mktemp("recorded") / "tactile.csv"
     file = TactileFile(path, 18)
     for k in range(ROWS):
-        values = np.random.default_rng(k).normal(size=18) + np.where(k == 7, np.nan, 0.0)
+        values = np.random.default_rng(k).normal(size=18) + np.where(
+            k == 7, np.nan, 0.0
+        )
         file.write(10_000_000 * k, 7 * k, k, values, np.arange(6) != k % 11)
     file.close()
     return path.read_bytes()
@@ -49,7 +50,9 @@ def trial(
     folder.mkdir(parents=True)
     (folder / "tactile.csv").write_bytes(data)
     (folder / "events.jsonl").write_bytes(events)
-    (folder / "meta.json").write_text(json.dumps({"recorder": 1, "state": state, "action": "pull"}))
+    (folder / "meta.json").write_text(
+        json.dumps({"recorder": 1, "state": state, "action": "pull"})
+    )
     return folder
 
 
@@ -70,22 +73,32 @@ def first_line(change: Damage) -> Damage:
 
 
 DISAGREEMENTS: dict[str, Damage] = {
-    "a comma lost from the header": first_line(lambda head: head.replace(b"Y1,", b"Y1", 1)),
+    "a comma lost from the header": first_line(
+        lambda head: head.replace(b"Y1,", b"Y1", 1)
+    ),
     "a column appended to the header": first_line(lambda head: head + b",note"),
-    "a column cut from the header": first_line(lambda head: head.removesuffix(b",valid6")),
-    "a known column appended to the header": first_line(lambda head: head + b",device_us"),
+    "a column cut from the header": first_line(
+        lambda head: head.removesuffix(b",valid6")
+    ),
+    "a known column appended to the header": first_line(
+        lambda head: head + b",device_us"
+    ),
     "a title above": lambda data: b"grip trial, Monday\n" + data,
     "an empty line above": lambda data: b"\n" + data,
     "the header's newline flipped": lambda data: data.replace(b"\n", b"\x8a", 1),
     "the header's newline lost": lambda data: data.replace(b"\n", b"", 1),
-    "a letter of the header flipped": first_line(lambda head: head.replace(b"Z4", b"Z\x14")),
+    "a letter of the header flipped": first_line(
+        lambda head: head.replace(b"Z4", b"Z\x14")
+    ),
     "zeros over the header": first_line(lambda head: bytes(len(head))),
     "no header": lambda data: data.partition(b"\n")[2],
     "other newlines": lambda data: data.replace(b"\n", b"\r"),
     "every newline lost": lambda data: data.replace(b"\n", b""),
     "a second recording behind it": lambda data: data + data,
     "a header as last line": lambda data: data + data.partition(b"\n")[0] + b"\n",
-    "a cell lost in the middle": lambda data: b"\n".join(cut_cell(data.split(b"\n"), 90)),
+    "a cell lost in the middle": lambda data: b"\n".join(
+        cut_cell(data.split(b"\n"), 90)
+    ),
     "a cell too many in the last line": lambda data: data[:-1] + b",1\n",
     "text in the last line": lambda data: data[:-2] + b"?\n",
     "a remark at the end": lambda data: data + b"end of recording",
@@ -95,7 +108,9 @@ DISAGREEMENTS: dict[str, Damage] = {
 
 
 def cut_cell(lines: list[bytes], at: int) -> list[bytes]:
-    return [line.rpartition(b",")[0] if k == at else line for k, line in enumerate(lines)]
+    return [
+        line.rpartition(b",")[0] if k == at else line for k, line in enumerate(lines)
+    ]
 
 
 @DAMAGED_FILE.mark
@@ -111,7 +126,9 @@ def test_where_header_and_rows_disagree_repair_refuses_and_changes_nothing(
     assert bytes_of(folder) == before
 
 
-def test_the_error_of_a_damaged_header_shows_the_header_that_belongs_there(tmp_path, recorded):
+def test_the_error_of_a_damaged_header_shows_the_header_that_belongs_there(
+    tmp_path, recorded
+):
     header = recorded.partition(b"\n")[0].decode()
     for name in (
         "a column appended to the header",
@@ -133,12 +150,18 @@ def test_a_torn_last_line_is_moved_beside_the_file_and_never_deleted(
     folder = trial(tmp_path, recorded + torn, state, EVENT + b"\n" + EVENT[:20])
     assert main(["repair", str(tmp_path)]) == 0
     printed = capsys.readouterr().out
-    assert f"{len(torn)} bytes of an incomplete line removed, {ROWS} samples complete" in printed
+    assert (
+        f"{len(torn)} bytes of an incomplete line removed, {ROWS} samples complete"
+        in printed
+    )
     assert "tactile.csv.torn" in printed
     assert "20 bytes of an incomplete event removed" in printed
     files = bytes_of(folder)
     assert (files["tactile.csv"], files["tactile.csv.torn"]) == (recorded, torn)
-    assert (files["events.jsonl"], files["events.jsonl.torn"]) == (EVENT + b"\n", EVENT[:20])
+    assert (files["events.jsonl"], files["events.jsonl.torn"]) == (
+        EVENT + b"\n",
+        EVENT[:20],
+    )
     assert state_of(folder) == {"recording": "interrupted", "kept": "kept"}[state]
     assert main(["repair", str(tmp_path)]) == 0
     assert bytes_of(folder) == files
@@ -177,7 +200,11 @@ def test_a_file_whose_rows_are_whole_loses_nothing(tmp_path, recorded, change, s
     before = bytes_of(folder)
     assert main(["repair", str(tmp_path)]) == 0
     after = bytes_of(folder)
-    assert mend(folder / "tactile.csv").rows == len(read_trial(folder / "tactile.csv").t_s) == ROWS
+    assert (
+        mend(folder / "tactile.csv").rows
+        == len(read_trial(folder / "tactile.csv").t_s)
+        == ROWS
+    )
     assert (after.pop("meta.json") == before.pop("meta.json")) is (state == "kept")
     assert after == before
     assert read_events(folder / "events.jsonl") == [json.loads(EVENT)]
@@ -208,7 +235,9 @@ def test_wherever_the_power_was_cut_every_byte_is_in_the_file_or_beside_it(
 
 @DAMAGED_FILE.mark
 @given(data=st.data())
-def test_whatever_a_header_is_changed_to_no_sample_is_lost(recorded, tmp_path_factory, data):
+def test_whatever_a_header_is_changed_to_no_sample_is_lost(
+    recorded, tmp_path_factory, data
+):
     head = recorded.index(b"\n")
     at, byte = data.draw(st.integers(0, head)), data.draw(st.binary(max_size=2))
     damaged = recorded[:at] + byte + recorded[at + 1 :]
@@ -217,7 +246,9 @@ def test_whatever_a_header_is_changed_to_no_sample_is_lost(recorded, tmp_path_fa
     path.write_bytes(damaged)
     with suppress(DataError):
         assert mend(path).rows == ROWS
-    assert {one.name: one.read_bytes() for one in place.iterdir()} == {"tactile.csv": damaged}
+    assert {one.name: one.read_bytes() for one in place.iterdir()} == {
+        "tactile.csv": damaged
+    }
     shutil.rmtree(place)
 
 
@@ -226,11 +257,15 @@ def test_whatever_a_header_is_changed_to_no_sample_is_lost(recorded, tmp_path_fa
 
 @DAMAGED_FILE.mark
 @pytest.mark.parametrize("zeros", [0, 512])
-@pytest.mark.parametrize("written", ["", "Time,X1", "Time,X1,Y1,Z1,host", "all but the newline"])
+@pytest.mark.parametrize(
+    "written", ["", "Time,X1", "Time,X1,Y1,Z1,host", "all but the newline"]
+)
 def test_a_trial_killed_before_its_header_was_written_is_void_once(
     tmp_path, capsys, recorded, written, zeros
 ):
-    begun = recorded.partition(b"\n")[0] if written.startswith("all") else written.encode()
+    begun = (
+        recorded.partition(b"\n")[0] if written.startswith("all") else written.encode()
+    )
     folder = trial(tmp_path, begun + bytes(zeros), events=b"")
     assert main(["repair", str(tmp_path)]) == 0
     assert "marked as void" in capsys.readouterr().out
@@ -255,7 +290,9 @@ def test_a_trial_killed_before_it_had_a_file_is_void_too(tmp_path, capsys, folde
 
 @DAMAGED_FILE.mark
 @pytest.mark.parametrize("left", [b"", b"Time,X1", None])
-def test_a_kept_trial_whose_samples_are_gone_is_refused_and_stays_as_it_is(tmp_path, capsys, left):
+def test_a_kept_trial_whose_samples_are_gone_is_refused_and_stays_as_it_is(
+    tmp_path, capsys, left
+):
     folder = trial(tmp_path, left or b"", "kept")
     if left is None:
         (folder / "tactile.csv").unlink()
@@ -283,7 +320,9 @@ def test_a_trial_whose_meta_cannot_be_read_is_refused_before_anything_is_changed
 def full_disk() -> Iterator[Callable[[bool], None]]:
     """Let no file grow beyond two bytes, or let them again."""
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
-    yield lambda full: resource.setrlimit(resource.RLIMIT_FSIZE, (2, before[1]) if full else before)
+    yield lambda full: resource.setrlimit(
+        resource.RLIMIT_FSIZE, (2, before[1]) if full else before
+    )
     resource.setrlimit(resource.RLIMIT_FSIZE, before)
 
 
@@ -300,12 +339,21 @@ def test_on_a_full_disk_nothing_is_cut_and_repair_ends_it_when_there_is_room(
     full_disk(False)
     assert bytes_of(folder) == before
     repaired(folder)
-    assert (state_of(folder), (folder / "tactile.csv").read_bytes()) == ("interrupted", recorded)
+    assert (state_of(folder), (folder / "tactile.csv").read_bytes()) == (
+        "interrupted",
+        recorded,
+    )
 
 
 def test_events_are_judged_by_their_own_lines(tmp_path):
     path = tmp_path / "events.jsonl"
-    for data, whole in ((b"", 0), (b"{}\n{}", 2), (b"{}\n\0\0", 1), (b"{}\0", 1), (b'{}\n{"a', 1)):
+    for data, whole in (
+        (b"", 0),
+        (b"{}\n{}", 2),
+        (b"{}\n\0\0", 1),
+        (b"{}\0", 1),
+        (b'{}\n{"a', 1),
+    ):
         path.write_bytes(data)
         mended = mend_lines(path, lambda line: line == b"{}")
         assert mended.rows == whole

@@ -18,13 +18,13 @@ import pytest
 from hard_marks import GAPS
 from rooms import MAY_IMPORT
 
-from holdfast.cli import main
+from holdfast.cli.main import main
+from holdfast.core.contract import CLASSES, SITUATIONS, Prediction, Sample
+from holdfast.core.errors import DataNotFound, TimeError, UnitError
+from holdfast.core.trial_file import read_trial
 from holdfast.drivers.replay import open_replay
-from holdfast.edge_runtime.contract import CLASSES, SITUATIONS, Prediction, Sample
-from holdfast.edge_runtime.errors import DataNotFound, TimeError, UnitError
 from holdfast.edge_runtime.monitor import GripMonitor, Model
-from holdfast.edge_runtime.output import to_json_line
-from holdfast.edge_runtime.trial_file import read_trial
+from holdfast.live.outputs import to_json_line
 
 if TYPE_CHECKING:
     from conftest import Built
@@ -34,7 +34,9 @@ TRIAL = "empty-bottle/pull/trial_1.csv"
 Line = dict[str, Any]
 
 
-def replayed(capsys: pytest.CaptureFixture[str], model: Path, trial: Path | str) -> list[Line]:
+def replayed(
+    capsys: pytest.CaptureFixture[str], model: Path, trial: Path | str
+) -> list[Line]:
     assert main(["replay", str(model), str(trial)]) == 0
     out, err = capsys.readouterr()
     assert err == ""
@@ -51,14 +53,22 @@ def test_every_sample_is_one_line_with_exactly_the_contracts_keys(
         assert list(line) == [field.name for field in fields(Prediction)]
         assert line["sequence"] == sequence
         assert line["t_acquired_ns"] == round(trial.t_s[sequence] * 1e9)
-        assert line["latency_us"] == (line["t_decided_ns"] - line["t_acquired_ns"]) / 1000
+        assert (
+            line["latency_us"] == (line["t_decided_ns"] - line["t_acquired_ns"]) / 1000
+        )
         assert line["latency_us"] > 0
         assert set(line["p_situation"]) == set(SITUATIONS)
         assert sum(line["p_situation"].values()) == pytest.approx(1.0, abs=1e-5)
         assert line["p_risky"] == line["p_situation"]["risky_slip"]
-        assert set(line["detectors"]) == {"band_pass", "band_pass_point", "friction_cone"}
+        assert set(line["detectors"]) == {
+            "band_pass",
+            "band_pass_point",
+            "friction_cone",
+        }
         assert line["act"] <= line["arm"]
-    assert {line["model_id"] for line in lines} == {Model(eight_classes.model).card.model_id}
+    assert {line["model_id"] for line in lines} == {
+        Model(eight_classes.model).card.model_id
+    }
 
 
 def test_a_model_of_eight_classes_says_the_weight_of_what_is_held_and_of_nothing_none(
@@ -74,7 +84,10 @@ def test_a_model_of_eight_classes_says_the_weight_of_what_is_held_and_of_nothing
         assert set(line["p_class"]) == set(CLASSES)
         assert line["weight"] in ("light", "heavy")
         for situation in SITUATIONS:
-            both = line["p_class"][f"{situation}_light"] + line["p_class"][f"{situation}_heavy"]
+            both = (
+                line["p_class"][f"{situation}_light"]
+                + line["p_class"][f"{situation}_heavy"]
+            )
             assert line["p_situation"][situation] == pytest.approx(both, abs=1e-6)
 
 
@@ -93,7 +106,9 @@ def test_the_state_is_unknown_until_half_a_second_has_been_seen(
     eight_classes: Built, capsys: pytest.CaptureFixture[str]
 ) -> None:
     lines = replayed(capsys, eight_classes.model, eight_classes.fixture / TRIAL)
-    assert [line["state"] == "unknown" for line in lines] == [k < 25 for k in range(len(lines))]
+    assert [line["state"] == "unknown" for line in lines] == [
+        k < 25 for k in range(len(lines))
+    ]
     assert [line["settled"] for line in lines] == [k >= 25 for k in range(len(lines))]
     assert not any(line["arm"] or line["degraded"] for line in lines[:25])
 
@@ -108,9 +123,9 @@ def test_a_lost_sensor_in_the_recording_makes_the_state_unknown(
     broken = tmp_path / "trial_1.csv"
     broken.write_text("\n".join(rows) + "\n")
     lines = replayed(capsys, eight_classes.model, broken)
-    assert [k for k, line in enumerate(lines) if line["state"] == "unknown" and k >= 25] == list(
-        range(100, 135)
-    )
+    assert [
+        k for k, line in enumerate(lines) if line["state"] == "unknown" and k >= 25
+    ] == list(range(100, 135))
 
 
 @GAPS.mark
@@ -153,7 +168,11 @@ def test_a_number_sign_in_a_path_changes_no_answer(
 def answers(lines: list[Line]) -> list[Line]:
     """Without what depends on when it was computed."""
     return [
-        {key: value for key, value in line.items() if key not in ("t_decided_ns", "latency_us")}
+        {
+            key: value
+            for key, value in line.items()
+            if key not in ("t_decided_ns", "latency_us")
+        }
         for line in lines
     ]
 
@@ -200,7 +219,9 @@ def test_the_stream_is_tared_as_in_training_before_the_model_sees_it(
     table = np.loadtxt(eight_classes.fixture / TRIAL, delimiter=",", skiprows=1)
     table[:, [1, 5]] += 8.0
     header = (eight_classes.fixture / TRIAL).read_text().splitlines()[0]
-    np.savetxt(tmp_path / "trial_1.csv", table, delimiter=",", header=header, comments="")
+    np.savetxt(
+        tmp_path / "trial_1.csv", table, delimiter=",", header=header, comments=""
+    )
     here, there = (
         [line["state"] for line in replayed(capsys, eight_classes.model, path)]
         for path in (eight_classes.fixture / TRIAL, tmp_path / "trial_1.csv")
@@ -208,7 +229,9 @@ def test_the_stream_is_tared_as_in_training_before_the_model_sees_it(
     assert here == there
 
 
-def test_the_unit_is_the_nearest_meta_jsons_and_newton_without_one(tmp_path: Path) -> None:
+def test_the_unit_is_the_nearest_meta_jsons_and_newton_without_one(
+    tmp_path: Path,
+) -> None:
     folder = tmp_path / "set" / "object" / "action"
     folder.mkdir(parents=True)
     trial = folder / "trial_1.csv"
@@ -253,7 +276,12 @@ def test_a_replay_needs_numpy_and_onnxruntime_and_no_other_package_or_room(
     def hand(*words: str) -> subprocess.CompletedProcess[str]:
         command = [sys.executable, "-S", "-m", "holdfast", *words]
         return subprocess.run(
-            command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False
+            command,
+            cwd=tmp_path,
+            env=environment,
+            capture_output=True,
+            text=True,
+            check=False,
         )
 
     done = hand("replay", str(eight_classes.model), str(trial))

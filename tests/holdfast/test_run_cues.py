@@ -14,9 +14,7 @@ from live_bench import RUN
 from made_prediction import prediction
 
 from holdfast.drivers.virtual.clock import VirtualClock
-from holdfast.edge_runtime.cue_card import read_cues
-from holdfast.edge_runtime.cues import QUIET_NS
-from holdfast.live_cues import CueOutput, cue_output
+from holdfast.live.cues import QUIET_NS, CueOutput, cue_output, read_cues
 
 PERIOD_NS = 6_666_667
 UNKNOWN = read_cues().rules["unknown"].pattern
@@ -39,7 +37,12 @@ def test_cues_are_lines_of_their_pattern_on_either_wire():
         with cue_output(options(receiver.url), VirtualClock(), print) as cues:
             show(cues, 1, **RISKY)
         line = receiver.next()
-        assert (line["cue"], line["pulses"], line["on_ms"], line["strength"]) == ("act", 3, 60, 1.0)
+        assert (line["cue"], line["pulses"], line["on_ms"], line["strength"]) == (
+            "act",
+            3,
+            60,
+            1.0,
+        )
         receiver.close()
 
 
@@ -104,7 +107,9 @@ def test_a_receiver_that_comes_back_gets_the_cue_that_applies():
 def test_the_users_own_card_is_played(tmp_path):
     card = tmp_path / "cues.toml"
     rule = "pulses = 1\noff_ms = 0\nstrength = 1\non_ms"
-    card.write_text(f"most_per_s = 1\n[cues.unknown]\n{rule} = 900\n[cues.act]\n{rule} = 45\n")
+    card.write_text(
+        f"most_per_s = 1\n[cues.unknown]\n{rule} = 900\n[cues.act]\n{rule} = 45\n"
+    )
     receiver = UdpReceiver()
     with cue_output(options(receiver.url, cues=card), VirtualClock(), print) as cues:
         show(cues, 1, **RISKY)

@@ -18,16 +18,15 @@ from loop_bench import card_text, row
 from made_once import made_once
 from small_model import for_the_hand, graph_of, sealed_bytes
 
+from holdfast.core.contract import Prediction
+from holdfast.core.errors import LibraryRefused
 from holdfast.drivers.virtual.clock import VirtualClock
 from holdfast.edge_runtime.c_engine import LIBRARY, CompiledModel
-from holdfast.edge_runtime.contract import Prediction
-from holdfast.edge_runtime.engine import OpenedModel
-from holdfast.edge_runtime.errors import LibraryRefused
-from holdfast.edge_runtime.model import Model
+from holdfast.edge_runtime.model import Model, OpenedModel
 from holdfast.export.c.exporting import export_c
 from holdfast.export.seal import model_card, seal
-from holdfast.live_run import answer
-from holdfast.live_sources import open_live
+from holdfast.live.hand_sources import open_live
+from holdfast.live.run import answer
 
 ROOT = Path(__file__).resolve().parents[2]
 FAULT = "nack:3@1%2B0.2"
@@ -43,7 +42,9 @@ def model(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
     def write(folder: Path) -> None:
         made = for_the_hand()
-        (folder / "small.onnx").write_bytes(seal(graph_of(made), model_card(made), made.spec))
+        (folder / "small.onnx").write_bytes(
+            seal(graph_of(made), model_card(made), made.spec)
+        )
         export_c(folder / "small.onnx", folder / "small-c", build=True)
 
     return made_once(tmp_path_factory, "engine", write) / "small.onnx"
@@ -67,14 +68,22 @@ def lines(model: OpenedModel, scene: Path, seconds: float) -> list[dict[str, Any
 
 def near(one: Any, other: Any) -> bool:
     if isinstance(one, dict):
-        return one.keys() == other.keys() and all(near(one[key], other[key]) for key in one)
+        return one.keys() == other.keys() and all(
+            near(one[key], other[key]) for key in one
+        )
     return one == other or (isinstance(one, float) and abs(one - other) <= 2e-6)
 
 
-def test_both_engines_give_the_same_lines_on_a_virtual_hand_that_loses_a_finger(model, tmp_path):
+def test_both_engines_give_the_same_lines_on_a_virtual_hand_that_loses_a_finger(
+    model, tmp_path
+):
     scene = tmp_path / "pull.toml"
-    scene.write_text(card_text(row("pull"), effects="[effects.dipole]\n"), encoding="utf-8")
-    compiled, reference = (lines(one(model), scene, 1.8) for one in (CompiledModel, Model))
+    scene.write_text(
+        card_text(row("pull"), effects="[effects.dipole]\n"), encoding="utf-8"
+    )
+    compiled, reference = (
+        lines(one(model), scene, 1.8) for one in (CompiledModel, Model)
+    )
     assert len(compiled) == len(reference) > 200
     assert all(near(one, other) for one, other in zip(compiled, reference, strict=True))
     assert {line["why"] for line in reference} >= {"", "settling", "sensors"}
@@ -84,23 +93,37 @@ def test_both_engines_give_the_same_lines_on_a_virtual_hand_that_loses_a_finger(
 def test_a_run_of_the_c_engine_never_loads_onnxruntime(model):
     program = f"""
 import sys
-from holdfast.cli import main
+from holdfast.cli.main import main
 words = ["run", {str(model)!r}, "--source", "virtual://ft232h", "--engine", "c", "--seconds", "0.2"]
 code = main([*words, "--quiet"])
 print(code, "onnxruntime" in sys.modules)
 """
     done = subprocess.run(
-        [sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, timeout=300
+        [sys.executable, "-c", program],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        timeout=300,
     )
     assert done.stdout == "0 False\n", done.stderr
 
 
-def test_a_library_that_does_not_fit_is_one_clear_error(run: Run, model: Path, tmp_path: Path):
+def test_a_library_that_does_not_fit_is_one_clear_error(
+    run: Run, model: Path, tmp_path: Path
+):
     alone = tmp_path / "alone.onnx"
     alone.write_bytes(sealed_bytes())
     words = ("run", alone, "--source", "virtual://ft232h", "--engine", "c")
     fails(run, 4, "LibraryRefused", *words, says="no compiled library")
-    fails(run, 4, "LibraryRefused", *words, "--library", alone, says="is no library of a model")
+    fails(
+        run,
+        4,
+        "LibraryRefused",
+        *words,
+        "--library",
+        alone,
+        says="is no library of a model",
+    )
     built = model.parent / "small-c" / LIBRARY
     fails(run, 4, "LibraryRefused", *words, "--library", built, says="is of model")
     fails(run, 2, "UsageError", *words[:4], "--library", built, says="add --engine c")
@@ -133,26 +156,44 @@ def test_a_reset_forgets_all(model: Path):
 def test_many_hands_are_each_answered_as_if_alone(model: Path):
     compiled, rng = CompiledModel(model), np.random.default_rng(3)
     names = ("p_situation", "situation", "unknown", "settled")
-    many, alone = compiled.stepper(names, 3), [compiled.stepper(names) for _ in range(3)]
+    many, alone = (
+        compiled.stepper(names, 3),
+        [compiled.stepper(names) for _ in range(3)],
+    )
     for values in rng.normal(size=(120, *many.sample.shape)):
         many.sample[:] = values
         for one, own in zip(alone, values, strict=True):
             one.sample[:] = own
         together, each = many.step(), [one.step() for one in alone]
         for name in names:
-            assert together[name].tobytes() == b"".join(one[name].tobytes() for one in each)
+            assert together[name].tobytes() == b"".join(
+                one[name].tobytes() for one in each
+            )
     assert len(np.unique(together["p_situation"], axis=0)) == 3
     assert together["settled"].all()
     many.reset()
     assert not many.step()["settled"].any()
 
 
-def test_a_closed_loop_ends_the_same_with_either_engine(run: Run, model: Path, tmp_path: Path):
+def test_a_closed_loop_ends_the_same_with_either_engine(
+    run: Run, model: Path, tmp_path: Path
+):
     card, figures = tmp_path / "two.toml", []
-    card.write_text(card_text(row("fall", "weak_grip = 0.5\n", "hard-ball"), row("pass")))
+    card.write_text(
+        card_text(row("fall", "weak_grip = 0.5\n", "hard-ball"), row("pass"))
+    )
     for engine in ("onnxruntime", "c"):
         out = tmp_path / f"{engine}.json"
-        words = ("--controller", "pd-shear", "--jobs", 1, "--engine", engine, "--json", out)
+        words = (
+            "--controller",
+            "pd-shear",
+            "--jobs",
+            1,
+            "--engine",
+            engine,
+            "--json",
+            out,
+        )
         code, _, err = run("loop", card, "--model", model, *words)
         assert code == 0, err
         figures.append(json.loads(out.read_text("utf-8")))
@@ -169,11 +210,15 @@ def test_an_evaluation_gives_the_same_figures_with_either_engine(
     run: Run, model: Path, tmp_path: Path
 ):
     card, made, figures = tmp_path / "two.toml", tmp_path / "two", []
-    card.write_text(card_text(row("fall", "weak_grip = 0.5\n", "hard-ball"), row("pass")))
+    card.write_text(
+        card_text(row("fall", "weak_grip = 0.5\n", "hard-ball"), row("pass"))
+    )
     assert run("simulate", card, "--out", made)[0] == 0
     for engine in ("onnxruntime", "c"):
         out = tmp_path / f"{engine}.json"
-        code, _, err = run("evaluate", model, "--engine", engine, "--data", made, "--json", out)
+        code, _, err = run(
+            "evaluate", model, "--engine", engine, "--data", made, "--json", out
+        )
         assert code == 0, err
         figures.append(json.loads(out.read_text("utf-8"), parse_float=to_five_places))
     assert figures[0] == figures[1]

@@ -18,15 +18,15 @@ from hazard_marks import DEAD_LOG, LOST_SENSOR, NO_GRIP_COMMAND, RUN_DIES
 from live_bench import DEFAULT, ROOT, RUN
 from rooms import room_of
 
+from holdfast.cli.options import drive_of
+from holdfast.core.errors import ChannelError, UsageError
 from holdfast.drivers.virtual.clock import VirtualClock
-from holdfast.edge_runtime.errors import ChannelError, UsageError
 from holdfast.edge_runtime.grip import CONTROLLERS
-from holdfast.edge_runtime.grip_command import GripCommand
 from holdfast.edge_runtime.model import Model
-from holdfast.grip_options import drive_of
-from holdfast.live_grip import GripOutput, controller_for, grip_output
-from holdfast.live_run import answer
-from holdfast.live_sources import open_live
+from holdfast.edge_runtime.supervisor import GripCommand
+from holdfast.live.grip import GripOutput, controller_for, grip_output
+from holdfast.live.hand_sources import open_live
+from holdfast.live.run import answer
 
 PERIOD_NS = 1e9 / 150
 REST = "virtual://ft232h"
@@ -50,11 +50,15 @@ def options(grip: str, **more: Any) -> Namespace:
 
 
 @contextmanager
-def running(receiver: UdpReceiver, *more: str, **streams: Any) -> Iterator[subprocess.Popen[str]]:
+def running(
+    receiver: UdpReceiver, *more: str, **streams: Any
+) -> Iterator[subprocess.Popen[str]]:
     """A real run that has sent a command."""
     command = [*RUN, "--grip", receiver.url, *more]
     streams = {"stdout": subprocess.DEVNULL, "stderr": subprocess.PIPE} | streams
-    with subprocess.Popen(command, cwd=ROOT, text=True, env=dict(os.environ), **streams) as run:
+    with subprocess.Popen(
+        command, cwd=ROOT, text=True, env=dict(os.environ), **streams
+    ) as run:
         try:
             receiver.next()
             yield run
@@ -74,7 +78,9 @@ def test_a_run_that_is_stopped_ends_with_hold(receiver, how):
 
 
 @RUN_DIES.mark
-def test_a_run_that_is_killed_ends_with_a_hold_that_says_that_the_process_died(receiver):
+def test_a_run_that_is_killed_ends_with_a_hold_that_says_that_the_process_died(
+    receiver,
+):
     with running(receiver) as run:
         run.kill()
         assert receiver.until("process died")["mode"] == "hold"
@@ -110,14 +116,18 @@ def test_a_command_comes_at_every_sample_and_the_last_one_follows_it(model, rece
     assert lines[-1]["reason"] == "stopped"
 
 
-def run_on(grip: GripOutput, model: Model, url: str, seconds: float, clock: Any = None) -> int:
+def run_on(
+    grip: GripOutput, model: Model, url: str, seconds: float, clock: Any = None
+) -> int:
     """Run on virtual time; returns the number of samples."""
     clock = clock or VirtualClock()
     source = open_live(url, clock=clock, say=lambda line: None, field=grip.field)
     end_ns = clock.now_ns() + round(1e9 * seconds)
     with grip.running(source):
         emit = grip.before(lambda *one: 0)
-        return answer(source, model, clock, emit, lambda: clock.now_ns() >= end_ns).samples
+        return answer(
+            source, model, clock, emit, lambda: clock.now_ns() >= end_ns
+        ).samples
 
 
 @LOST_SENSOR.mark
@@ -182,18 +192,22 @@ def test_an_object_that_would_fall_stays_in_the_hand_by_the_commands(
 
 
 def test_a_run_with_a_scene_says_what_became_of_the_object(tmp_path):
-    late = FALL.replace("close_at_s = 0.8", "close_at_s = 90")  # however slowly the run starts
+    late = FALL.replace(
+        "close_at_s = 0.8", "close_at_s = 90"
+    )  # however slowly the run starts
     (tmp_path / "fall.toml").write_text(late, encoding="utf-8")
     source = ["--source", f"virtual://ft232h?scene={tmp_path / 'fall.toml'}&seed=1"]
     command = [*RUN[:-2], *source, "--grip", "virtual", "--quiet", "--seconds", "0.5"]
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=300)
+    done = subprocess.run(
+        command, cwd=ROOT, capture_output=True, text=True, timeout=300
+    )
     assert done.returncode == 0, done.stderr
     assert "scene: the hand has not closed yet" in done.stderr
 
 
 def test_a_scene_without_commands_is_the_recorded_one(tmp_path):
-    from holdfast.live_scene import ROWS_HZ, STEP_S, live_scene
-    from holdfast.live_sources import planned_scene
+    from holdfast.live.hand_sources import planned_scene
+    from holdfast.live.scene import ROWS_HZ, STEP_S, live_scene
 
     (tmp_path / "fall.toml").write_text(FALL, encoding="utf-8")
     url = f"virtual://ft232h?scene={tmp_path / 'fall.toml'}&seed=1"
@@ -209,10 +223,12 @@ def test_a_scene_without_commands_is_the_recorded_one(tmp_path):
 
 @NO_GRIP_COMMAND.mark
 def test_a_hand_in_a_scene_holds_where_commands_stay_away(tmp_path):
-    from holdfast.live_scene import live_scene
+    from holdfast.live.scene import live_scene
 
     (tmp_path / "fall.toml").write_text(FALL, encoding="utf-8")
-    live = live_scene(f"virtual://ft232h?scene={tmp_path / 'fall.toml'}", drive_of("virtual"))
+    live = live_scene(
+        f"virtual://ft232h?scene={tmp_path / 'fall.toml'}", drive_of("virtual")
+    )
     live.advance(2.0)
     tighten = GripCommand(1, 0, "tighten", 20.0, 400.0, 0.0, "test")
     live.obey(tighten, 2_000_000_000)
@@ -248,7 +264,7 @@ def test_an_option_that_cannot_be_is_one_line_and_exit_code_2(run, more, what):
 
 
 def test_a_hand_that_is_too_weak_for_its_object_is_refused(tmp_path):
-    from holdfast.live_scene import live_scene
+    from holdfast.live.scene import live_scene
 
     (tmp_path / "fall.toml").write_text(FALL, encoding="utf-8")
     url = f"virtual://ft232h?scene={tmp_path / 'fall.toml'}&seed=1"
@@ -271,17 +287,24 @@ def test_a_model_for_another_number_of_fingers_is_refused(model):
 
 
 def test_the_help_names_every_controller():
-    done = subprocess.run([*RUN[:4], "--help"], cwd=ROOT, capture_output=True, text=True)
+    done = subprocess.run(
+        [*RUN[:4], "--help"], cwd=ROOT, capture_output=True, text=True
+    )
     text = " ".join(done.stdout.split())
     assert [name for name in CONTROLLERS if name not in text] == []
 
 
 def test_a_run_that_moves_a_real_hand_loads_no_simulation():
-    code = "import sys, holdfast.live_grip; print(*sys.modules)"
-    done = subprocess.run([RUN[0], "-c", code], cwd=ROOT, capture_output=True, text=True)
+    code = "import sys, holdfast.live.grip; print(*sys.modules)"
+    done = subprocess.run(
+        [RUN[0], "-c", code], cwd=ROOT, capture_output=True, text=True
+    )
     loaded = {room_of(name) for name in done.stdout.split()}
     assert "edge_runtime" in loaded
-    assert loaded & {"simulation", "training", "export", "evaluation", "scipy", "sklearn"} == set()
+    assert (
+        loaded & {"simulation", "training", "export", "evaluation", "scipy", "sklearn"}
+        == set()
+    )
 
 
 def test_a_port_too_slow_for_every_command_is_reported(model):

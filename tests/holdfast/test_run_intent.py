@@ -19,15 +19,14 @@ from live_bench import RUN
 from made_prediction import prediction
 from recorder_bench import PULL, Hand, columns_of, meta_of, one_pull, session
 
+from holdfast.core.contract import Sample
 from holdfast.drivers.virtual.clock import VirtualClock
-from holdfast.edge_runtime.contract import Sample
-from holdfast.edge_runtime.intent import Intent, IntentMonitor
-from holdfast.edge_runtime.intent_file import read_intent
-from holdfast.edge_runtime.live import Command, SourceReading
+from holdfast.edge_runtime.intent import Intent, IntentMonitor, read_intent
 from holdfast.edge_runtime.model import Model
-from holdfast.intent_stream import intended, intent_monitor
-from holdfast.live_page.run_page import RunPage
-from holdfast.recorder.keys import Keys
+from holdfast.live.intent import intended, intent_monitor
+from holdfast.live.loop import Command, SourceReading
+from holdfast.live.page.run_page import RunPage
+from holdfast.sessions.recorder.keys import Keys
 
 Send = Callable[[Any], None]
 
@@ -50,7 +49,9 @@ def wearer() -> Iterator[tuple[str, Send]]:
         yield f"udp://127.0.0.1:{port}", send
 
 
-def monitored(url: str, clock: VirtualClock, messages: list[str], **options: Any) -> Any:
+def monitored(
+    url: str, clock: VirtualClock, messages: list[str], **options: Any
+) -> Any:
     return intent_monitor(url, clock, messages.append, **options)
 
 
@@ -66,7 +67,11 @@ def test_a_trial_has_the_wearers_own_command_beside_it_on_the_clock_of_its_sampl
     source = Hand(clock, 140, says=says)
     with monitored(url, clock, messages) as intent:
         send({"wants": "close"})  # before the trial: its time is not known
-        options = {"seconds": 1.2, "intent": intent, "host_ns": lambda: clock.now_ns() + 5000}
+        options = {
+            "seconds": 1.2,
+            "intent": intent,
+            "host_ns": lambda: clock.now_ns() + 5000,
+        }
         kept, _ = session(tmp_path, source, Keys(None), [PULL], **options)
     assert kept == 1
     folder = tmp_path / "p01" / "soft-ball" / "pull" / "trial_1"
@@ -93,12 +98,16 @@ def test_a_trial_without_a_stream_has_no_such_file_and_a_silent_one_has_an_empty
     assert meta_of(path.parent)["configuration"]["intent"].startswith("udp://")
 
 
-def test_a_run_records_the_stream_beside_its_samples_and_opens_only_if_asked(tmp_path, wearer):
+def test_a_run_records_the_stream_beside_its_samples_and_opens_only_if_asked(
+    tmp_path, wearer
+):
     url, send = wearer
     for obeyed in ([], ["--obey-intent", "0.5"]):
         samples = tmp_path / f"trial_{len(obeyed)}.csv"
         options = ["--intent", url, *obeyed, "--samples", str(samples)]
-        with subprocess.Popen([*RUN, *options], cwd=ROOT, text=True, stdout=subprocess.PIPE) as run:
+        with subprocess.Popen(
+            [*RUN, *options], cwd=ROOT, text=True, stdout=subprocess.PIPE
+        ) as run:
             assert run.stdout is not None
             answers, opened = [], 0
             for line in run.stdout:
@@ -112,7 +121,9 @@ def test_a_run_records_the_stream_beside_its_samples_and_opens_only_if_asked(tmp
         assert run.returncode == 0
         record = read_intent(samples.with_suffix(".intent.csv"))
         wants = "open" if obeyed else ""
-        assert {(one.wants, one.envelope) for one in record.items} == {(wants, (0.9, 0.1))}
+        assert {(one.wants, one.envelope) for one in record.items} == {
+            (wants, (0.9, 0.1))
+        }
         assert bool(opened) == bool(obeyed)
         assert answers[-1]["commands"] == ("live" if obeyed else "none")
         with samples.open(newline="") as lines:
@@ -141,8 +152,12 @@ def scripted(wants: Any) -> IntentMonitor:
 
 @pytest.mark.parametrize("wants", ["open", "close", "rest", "unknown", ""])
 @pytest.mark.parametrize("obeyed", [False, True])
-@pytest.mark.parametrize("own", [Command(), Command(True, True, "live"), Command(link="expired")])
-def test_a_stream_adds_an_opening_and_takes_nothing_from_the_commands(wants, obeyed, own):
+@pytest.mark.parametrize(
+    "own", [Command(), Command(True, True, "live"), Command(link="expired")]
+)
+def test_a_stream_adds_an_opening_and_takes_nothing_from_the_commands(
+    wants, obeyed, own
+):
     got = intended(lambda: own, scripted(wants), obeyed=obeyed)()
     if not obeyed:
         assert got == own
@@ -181,15 +196,21 @@ def test_the_page_of_a_run_gets_the_wearers_own_command():
     ],
 )
 def test_an_option_that_cannot_be_is_one_line_and_exit_code_2(more, what):
-    done = subprocess.run([*RUN, *more], cwd=ROOT, capture_output=True, text=True, timeout=300)
+    done = subprocess.run(
+        [*RUN, *more], cwd=ROOT, capture_output=True, text=True, timeout=300
+    )
     assert done.returncode == 2
     assert what in done.stderr
     assert done.stderr.count("\n") == 1
 
 
-def test_an_existing_file_beside_the_samples_is_never_overwritten(tmp_path: Path, wearer):
+def test_an_existing_file_beside_the_samples_is_never_overwritten(
+    tmp_path: Path, wearer
+):
     (tmp_path / "a.intent.csv").write_text("mine", encoding="utf-8")
     command = [*RUN, "--intent", wearer[0], "--samples", str(tmp_path / "a.csv")]
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=300)
+    done = subprocess.run(
+        command, cwd=ROOT, capture_output=True, text=True, timeout=300
+    )
     assert done.returncode == 5
     assert (tmp_path / "a.intent.csv").read_text("utf-8") == "mine"

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from holdfast.edge_runtime.clock import MonotonicClock
-from holdfast.real_time import SceneClock
+from holdfast.core.clock import MonotonicClock
+from holdfast.live.real_time import SceneClock
 
 
 class Machine:
@@ -38,7 +38,9 @@ def test_no_time_passes_while_a_scene_is_computed(machine: Machine) -> None:
     assert clock.now_ns() == 1_030
 
 
-def test_what_a_scene_cost_is_made_up_for_where_the_loop_waits(machine: Machine) -> None:
+def test_what_a_scene_cost_is_made_up_for_where_the_loop_waits(
+    machine: Machine,
+) -> None:
     clock = SceneClock()
     with clock.still():
         machine.now_ns += 500
@@ -47,7 +49,9 @@ def test_what_a_scene_cost_is_made_up_for_where_the_loop_waits(machine: Machine)
     assert machine.now_ns == 1_800
 
 
-def test_a_machine_that_is_too_slow_takes_longer_and_is_not_late(machine: Machine) -> None:
+def test_a_machine_that_is_too_slow_takes_longer_and_is_not_late(
+    machine: Machine,
+) -> None:
     clock = SceneClock()
     for turn in range(1, 5):
         with clock.still():
@@ -58,7 +62,9 @@ def test_a_machine_that_is_too_slow_takes_longer_and_is_not_late(machine: Machin
     assert machine.slept_ns == 0
 
 
-def test_time_that_is_spent_on_the_bus_makes_up_for_the_scene_too(machine: Machine) -> None:
+def test_time_that_is_spent_on_the_bus_makes_up_for_the_scene_too(
+    machine: Machine,
+) -> None:
     clock = SceneClock()
     with clock.still():
         machine.now_ns += 100

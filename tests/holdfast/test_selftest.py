@@ -14,12 +14,12 @@ import numpy as np
 import onnx
 import pytest
 
-from holdfast.cli import main
+from holdfast.cli.main import main
 from holdfast.edge_runtime import graph_checks
 from holdfast.edge_runtime.graph import StepGraph
 from holdfast.edge_runtime.model_file import CARD_KEY
 from holdfast.edge_runtime.monitor import Model
-from holdfast.edge_runtime.self_checks import CHECKS, self_checks
+from holdfast.edge_runtime.selftest import CHECKS, self_checks
 from holdfast.export.artifact import read_artifact
 from holdfast.export.seal import seal
 
@@ -44,10 +44,20 @@ EVERY = [
 ]
 
 
-HEAVY = {"scipy", "sklearn", "pandas", "onnx", "usb", "rich", "training", "export", "simulation"}
+HEAVY = {
+    "scipy",
+    "sklearn",
+    "pandas",
+    "onnx",
+    "usb",
+    "rich",
+    "training",
+    "export",
+    "simulation",
+}
 ALONE = """
 import sys
-from holdfast.cli import main
+from holdfast.cli.main import main
 code = main(["selftest", *sys.argv[1:]])
 print(*sorted({name.removeprefix("holdfast.").split(".")[0] for name in sys.modules}))
 sys.exit(code)
@@ -87,7 +97,9 @@ def test_the_default_model_holds_line_by_line(default_alone, record_property):
     record_property("checks", len(lines))
 
 
-def test_a_model_of_four_situations_holds_too_and_json_says_the_same(four_situations: Built):
+def test_a_model_of_four_situations_holds_too_and_json_says_the_same(
+    four_situations: Built,
+):
     content = json.loads("\n".join(alone(four_situations.model, "--json")[0]))["checks"]
     assert [one["what"] for one in content] == EVERY
     assert all(one["ok"] is True and one["figure"] for one in content)
@@ -105,7 +117,11 @@ def test_a_step_that_keeps_something_every_time_is_found(
     monkeypatch.setattr(StepGraph, "step", leaking)
     monkeypatch.setattr(graph_checks, "SILENT_STEPS", FEWER_STEPS)
     assert main(["selftest", str(four_situations.model)]) == 1
-    failed = [line for line in capsys.readouterr().out.splitlines() if line.startswith("failed")]
+    failed = [
+        line
+        for line in capsys.readouterr().out.splitlines()
+        if line.startswith("failed")
+    ]
     assert [line[8:36].strip() for line in failed] == ["memory"]
 
 
@@ -132,7 +148,9 @@ def rewired(graph: Graph, name: str, *nodes: onnx.NodeProto) -> None:
 
 def constant(graph: Graph, value: np.generic) -> str:
     graph.initializer.append(
-        onnx.numpy_helper.from_array(np.asarray(value), name := f"more_{len(graph.initializer)}")
+        onnx.numpy_helper.from_array(
+            np.asarray(value), name := f"more_{len(graph.initializer)}"
+        )
     )
     return name
 
@@ -141,12 +159,16 @@ def a_reset_that_is_ignored(graph: Graph) -> None:
     rewired(
         graph,
         "reset",
-        onnx.helper.make_node("And", ["reset", constant(graph, np.bool_(False))], ["never"]),
+        onnx.helper.make_node(
+            "And", ["reset", constant(graph, np.bool_(False))], ["never"]
+        ),
     )
 
 
 def a_driver_that_is_not_listened_to(graph: Graph) -> None:
-    number = onnx.helper.make_node("Cast", ["valid"], ["number"], to=onnx.TensorProto.INT32)
+    number = onnx.helper.make_node(
+        "Cast", ["valid"], ["number"], to=onnx.TensorProto.INT32
+    )
     always = onnx.helper.make_node(
         "GreaterOrEqual", ["number", constant(graph, np.int32(0))], ["always"]
     )
@@ -160,14 +182,22 @@ def samples_in_half_precision(graph: Graph) -> None:
     )
     rest = onnx.helper.make_node("Sub", ["scaled", "sample"], ["rest"])
     rewired(
-        graph, "sample", scaled, rest, onnx.helper.make_node("Sub", ["scaled", "rest"], ["rounded"])
+        graph,
+        "sample",
+        scaled,
+        rest,
+        onnx.helper.make_node("Sub", ["scaled", "rest"], ["rounded"]),
     )
 
 
 def a_vote_too_many(graph: Graph) -> None:
-    graph.initializer.append(onnx.numpy_helper.from_array(np.array(1.0, np.float32), "one_more"))
+    graph.initializer.append(
+        onnx.numpy_helper.from_array(np.array(1.0, np.float32), "one_more")
+    )
     for node in graph.node:
-        node.output[:] = ["counted" if name == "votes" else name for name in node.output]
+        node.output[:] = [
+            "counted" if name == "votes" else name for name in node.output
+        ]
     graph.node.append(onnx.helper.make_node("Add", ["counted", "one_more"], ["votes"]))
 
 
@@ -176,8 +206,14 @@ def constants(graph: Graph, before: float, after: float) -> None:
     changed = 0
     for tensor in graph.initializer:
         value = onnx.numpy_helper.to_array(tensor)
-        if value.size == 1 and value.dtype == np.float64 and float(value.reshape(())) == before:
-            tensor.CopyFrom(onnx.numpy_helper.from_array(np.full_like(value, after), tensor.name))
+        if (
+            value.size == 1
+            and value.dtype == np.float64
+            and float(value.reshape(())) == before
+        ):
+            tensor.CopyFrom(
+                onnx.numpy_helper.from_array(np.full_like(value, after), tensor.name)
+            )
             changed += 1
     assert changed
 
@@ -193,7 +229,9 @@ def states_that_fade_for_ever(graph: Graph) -> None:
 def damaged(built: Built, damage: Callable[[Graph], None], path: Path) -> Path:
     """A file that is sealed after the damage, with golden rows of its own."""
     model = onnx.load_from_string(built.model.read_bytes())
-    card = json.loads({entry.key: entry.value for entry in model.metadata_props}[CARD_KEY])
+    card = json.loads(
+        {entry.key: entry.value for entry in model.metadata_props}[CARD_KEY]
+    )
     damage(model.graph)
     path.write_bytes(seal(model, card, read_artifact(built.artifact).spec))
     return path
@@ -233,19 +271,32 @@ def test_a_file_that_cannot_be_opened_fails_in_its_first_line(tmp_path: Path, ca
     assert line.startswith("failed  seal, card and golden rows  BrokenSeal")
 
 
-def test_so_does_one_whose_votes_do_not_add_up(four_situations: Built, tmp_path: Path, capsys):
+def test_so_does_one_whose_votes_do_not_add_up(
+    four_situations: Built, tmp_path: Path, capsys
+):
     assert (
-        main(["selftest", str(damaged(four_situations, a_vote_too_many, tmp_path / "m.onnx"))]) == 1
+        main(
+            [
+                "selftest",
+                str(damaged(four_situations, a_vote_too_many, tmp_path / "m.onnx")),
+            ]
+        )
+        == 1
     )
     (line,) = capsys.readouterr().out.splitlines()
     assert line.startswith("failed  seal, card and golden rows  NotAModel")
 
 
-def test_a_check_that_cannot_be_carried_out_has_failed_and_the_others_go_on(monkeypatch):
+def test_a_check_that_cannot_be_carried_out_has_failed_and_the_others_go_on(
+    monkeypatch,
+):
     def _broken(model: Model) -> None:
         raise ZeroDivisionError("on purpose")
 
-    monkeypatch.setattr("holdfast.edge_runtime.self_checks.CHECKS", (_broken, CHECKS[-1]))
+    monkeypatch.setattr("holdfast.edge_runtime.selftest.CHECKS", (_broken, CHECKS[-1]))
     result = list(self_checks(DEFAULT))
-    assert [(one.what, one.ok) for one in result[1:]] == [("broken", False), ("clock", True)]
+    assert [(one.what, one.ok) for one in result[1:]] == [
+        ("broken", False),
+        ("clock", True),
+    ]
     assert "on purpose" in result[1].figure

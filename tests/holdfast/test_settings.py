@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from command_line import Run, fails
 
-from holdfast.settings import read_settings
+from holdfast.cli.settings import read_settings
 
 HAND = 'source = "virtual://ft232h"\n'
 SOON = ("--seconds", "0.3")
@@ -21,7 +21,9 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path / "holdfast.toml"
 
 
-def test_a_command_takes_its_source_from_the_settings_here(run: Run, here: Path) -> None:
+def test_a_command_takes_its_source_from_the_settings_here(
+    run: Run, here: Path
+) -> None:
     here.write_text(HAND)
     code, _, err = run("bias", "--out", "bias.json", *SOON)
     assert code == 0, err
@@ -80,7 +82,9 @@ def test_sinks_are_of_a_run_alone(here: Path) -> None:
         ('sinks = "x"', "sinks"),
     ],
 )
-def test_a_wrong_setting_is_named_with_its_file(run: Run, here: Path, text: str, says: str) -> None:
+def test_a_wrong_setting_is_named_with_its_file(
+    run: Run, here: Path, text: str, says: str
+) -> None:
     here.write_text(text)
     fails(run, 3, "CardError", "bias", "--out", "b.json", says=says)
     assert "holdfast.toml" in run("bias")[2]

@@ -23,13 +23,19 @@ from recorder_bench import (
 )
 from study_bench import SUS_ANSWERS, TALK, TRIALS, Study, card_of, said
 
-from holdfast.edge_runtime.errors import CardError, DeviceError, LabelError, OutputError, UsageError
-from holdfast.human_study import journal as log
-from holdfast.human_study.desk import QUIT, TrialKeys, letter_of
-from holdfast.human_study.journal import Journal, progress_of
-from holdfast.human_study.runner import FINISHED, WITHDRAWN
-from holdfast.human_study.starting import checked
-from holdfast.human_study.withdrawal import withdraw
+from holdfast.core.errors import (
+    CardError,
+    DeviceError,
+    LabelError,
+    OutputError,
+    UsageError,
+)
+from holdfast.sessions.study import journal as log
+from holdfast.sessions.study.console import QUIT, TrialKeys, letter_of
+from holdfast.sessions.study.journal import Journal, progress_of
+from holdfast.sessions.study.runner import FINISHED, WITHDRAWN
+from holdfast.sessions.study.starting import checked
+from holdfast.sessions.study.withdrawal import withdraw
 from holdfast.training.datasets import load
 
 WHOLE_TALK = "   " + SUS_ANSWERS
@@ -59,20 +65,30 @@ def test_a_study_goes_from_step_to_step_and_ends(talk: Study) -> None:
     assert talk.entries()[0]["event"] == "opened"
     assert talk.entries()[-1]["event"] == "finished"
     assert (talk.home / "protocol.toml").read_text() == TALK
-    for text in ("before: Paper and pen", 'say: "Hello."', "next: Questions", "next: the end"):
+    for text in (
+        "before: Paper and pen",
+        'say: "Hello."',
+        "next: Questions",
+        "next: the end",
+    ):
         assert said(talk.messages, text)
     assert said(talk.messages, "step 1 of 2, Welcome: 2:00 planned; 4:00 left in all")
 
 
-def test_the_time_that_is_left_counts_down_and_what_was_lost_is_said(talk: Study) -> None:
+def test_the_time_that_is_left_counts_down_and_what_was_lost_is_said(
+    talk: Study,
+) -> None:
     talk.run(WHOLE_TALK, pause_s=200.0)
     assert said(
-        talk.messages, "step 1 of 2, Questions: 1:00 planned; 2:00 left in all, 1:20 behind"
+        talk.messages,
+        "step 1 of 2, Questions: 1:00 planned; 2:00 left in all, 1:20 behind",
     )
     assert said(talk.messages, "Mounting: 1:00 planned; 1:00 left in all, 3:40 behind")
 
 
-def test_every_line_of_the_journal_has_the_monotonic_time_and_the_date(talk: Study) -> None:
+def test_every_line_of_the_journal_has_the_monotonic_time_and_the_date(
+    talk: Study,
+) -> None:
     talk.run(WHOLE_TALK, pause_s=1.0)
     times = [entry["t_s"] for entry in talk.entries()]
     assert times == sorted(times)
@@ -80,7 +96,9 @@ def test_every_line_of_the_journal_has_the_monotonic_time_and_the_date(talk: Stu
     assert {entry["at"] for entry in talk.entries()} == {"2026-01-01T00:00:00Z"}
 
 
-def test_skip_repeat_note_and_pause_are_entries_and_a_pause_takes_no_time(talk: Study) -> None:
+def test_skip_repeat_note_and_pause_are_entries_and_a_pause_takes_no_time(
+    talk: Study,
+) -> None:
     talk.run("s" + "nlate bus\n" + "r" + " " + "pxp" + " q", pause_s=1.0)
     events = [(entry["event"], entry.get("part")) for entry in talk.entries()]
     assert events == [
@@ -105,7 +123,9 @@ def test_skip_repeat_note_and_pause_are_entries_and_a_pause_takes_no_time(talk: 
     assert spent_s == {0: 1.0 + 1.0, 1: 11.0 + 1.0 + 1.0, 2: 1.0}
 
 
-def test_a_note_can_be_corrected_and_dropped_and_an_arrow_key_is_no_letter(talk: Study) -> None:
+def test_a_note_can_be_corrected_and_dropped_and_an_arrow_key_is_no_letter(
+    talk: Study,
+) -> None:
     talk.run("n" + "aé\x7f\x7fbc\n" + "n" + "secret\x1b" + "n" + "\n" + "q")
     assert [entry["text"] for entry in talk.entries("note")] == ["bc"]
 
@@ -143,7 +163,9 @@ def test_a_study_that_is_killed_after_any_line_goes_on_and_ends_the_same(
     for last in range(1, len(whole.entries()) + 1):
         study = Study(tmp_path / str(last))
 
-        def cut(journal: Journal, event: str, last: int = last, **more: object) -> object:
+        def cut(
+            journal: Journal, event: str, last: int = last, **more: object
+        ) -> object:
             entry = append(journal, event, **more)
             if len(journal.entries) == last:
                 raise Kill
@@ -162,7 +184,9 @@ def test_a_study_that_is_killed_after_any_line_goes_on_and_ends_the_same(
 
 
 @CUT_OFF_STUDY.mark
-def test_a_line_that_was_torn_is_moved_aside_and_its_step_is_done_again(talk: Study) -> None:
+def test_a_line_that_was_torn_is_moved_aside_and_its_step_is_done_again(
+    talk: Study,
+) -> None:
     talk.run(" q")
     journal = talk.home / "study.jsonl"
     journal.write_bytes(journal.read_bytes()[:-25])
@@ -187,7 +211,9 @@ STAMP = '"run": 1, "t_s": 1, "at": "2026"'
         f'{{"event": "answer", {STAMP}, "part": 3, "item": "easy", "rating": "4"}}',
     ],
 )
-def test_a_journal_that_cannot_be_read_is_named_with_its_file(talk: Study, line: str) -> None:
+def test_a_journal_that_cannot_be_read_is_named_with_its_file(
+    talk: Study, line: str
+) -> None:
     talk.run(" q")
     journal = talk.home / "study.jsonl"
     journal.write_text(journal.read_text() + line + "\n")
@@ -218,7 +244,9 @@ def test_two_terminals_do_not_run_one_person_s_study(talk: Study) -> None:
         talk.run(" ")
 
 
-def test_where_no_key_can_be_pressed_any_more_the_study_can_go_on_later(talk: Study) -> None:
+def test_where_no_key_can_be_pressed_any_more_the_study_can_go_on_later(
+    talk: Study,
+) -> None:
     assert talk.run(" ") == QUIT
     assert said(talk.messages, "no key can be pressed any more")
     assert talk.run(" " + "nhalf a note") == QUIT
@@ -239,8 +267,12 @@ def test_a_full_disk_ends_the_study_with_an_error_and_loses_no_earlier_line(
     talk: Study, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with monkeypatch.context() as patched:
-        patched.setattr(log.os, "write", lambda handle, line: os.pwrite(handle, line[:9], 0) * 0)
-        with pytest.raises(OutputError, match=r"study\.jsonl: cannot write \(No space left"):
+        patched.setattr(
+            log.os, "write", lambda handle, line: os.pwrite(handle, line[:9], 0) * 0
+        )
+        with pytest.raises(
+            OutputError, match=r"study\.jsonl: cannot write \(No space left"
+        ):
             talk.run(" ")
     assert talk.run(WHOLE_TALK) == FINISHED
 
@@ -281,15 +313,21 @@ def test_a_person_is_a_pseudonym(talk: Study, name: str) -> None:
 
 def test_answers_are_kept_one_by_one_with_the_score(talk: Study) -> None:
     assert talk.run(WHOLE_TALK) == FINISHED
-    (sus,) = json.loads((talk.home / "questionnaires.json").read_text())["questionnaires"]
+    (sus,) = json.loads((talk.home / "questionnaires.json").read_text())[
+        "questionnaires"
+    ]
     assert (sus["questionnaire"], sus["score"]) == ("sus", 75.0)
     assert list(sus["ratings"].values()) == [4, 2] * 5
 
 
-def test_a_rating_off_the_scale_is_asked_again_and_keys_work_between_items(talk: Study) -> None:
+def test_a_rating_off_the_scale_is_asked_again_and_keys_work_between_items(
+    talk: Study,
+) -> None:
     typed = "   " + "9\nx\n4\n" + "3\nr\n2\n" + "n\ntired\n" + "-\n" + SUS_ANSWERS[6:]
     assert talk.run(typed) == FINISHED
-    (sus,) = json.loads((talk.home / "questionnaires.json").read_text())["questionnaires"]
+    (sus,) = json.loads((talk.home / "questionnaires.json").read_text())[
+        "questionnaires"
+    ]
     assert list(sus["ratings"].values()) == [4, 2, None, 2, 4, 2, 4, 2, 4, 2]
     assert sus["score"] is None
     assert said(talk.messages, "'9' is not on the scale")
@@ -299,7 +337,9 @@ def test_a_rating_off_the_scale_is_asked_again_and_keys_work_between_items(talk:
 # -- trials
 
 
-def test_a_recording_step_records_its_repetitions_with_the_recorder(scene: Study) -> None:
+def test_a_recording_step_records_its_repetitions_with_the_recorder(
+    scene: Study,
+) -> None:
     assert scene.run(" " * 20) == FINISHED
     assert set(scene.states().values()) == {"kept"}
     assert list(scene.states()) == [
@@ -316,7 +356,9 @@ def test_a_recording_step_records_its_repetitions_with_the_recorder(scene: Study
     assert said(scene.messages, "repetition 2 of 2: space begins it")
 
 
-def test_r_moves_the_last_trial_of_a_step_away_and_records_it_again(scene: Study) -> None:
+def test_r_moves_the_last_trial_of_a_step_away_and_records_it_again(
+    scene: Study,
+) -> None:
     scene.run("  " + "  " + "r" + " " + " q")
     assert list(scene.states()) == [
         "discarded/soft-ball/pass/trial_2-1",
@@ -331,13 +373,17 @@ def test_r_moves_the_last_trial_of_a_step_away_and_records_it_again(scene: Study
     assert len(load(scene.out, windows="natural").recordings) == 2
 
 
-def test_a_trial_that_is_redone_waits_for_the_operator_to_begin_again(scene: Study) -> None:
+def test_a_trial_that_is_redone_waits_for_the_operator_to_begin_again(
+    scene: Study,
+) -> None:
     scene.run("  " + " " + "q", in_trials={30: "r"})
     assert scene.states() == {"discarded/soft-ball/pass/trial_1-1": "redone"}
     assert said(scene.messages[-3:], "repetition 1 of 2")
 
 
-def test_one_step_back_leads_to_the_trials_that_are_kept_and_not_to_new_ones(scene: Study) -> None:
+def test_one_step_back_leads_to_the_trials_that_are_kept_and_not_to_new_ones(
+    scene: Study,
+) -> None:
     scene.run("  " + "   " + "r" + " q")
     assert len(scene.states()) == 2
     assert scene.done() == [0, 1, 2, 2]
@@ -361,7 +407,9 @@ def test_an_adverse_event_stops_the_trial_at_once_and_is_written_before_it_is_de
 
 
 @ADVERSE_EVENT.mark
-def test_after_an_adverse_event_the_study_ends_unless_the_operator_goes_on(scene: Study) -> None:
+def test_after_an_adverse_event_the_study_ends_unless_the_operator_goes_on(
+    scene: Study,
+) -> None:
     assert scene.run("a" + "faint\n3\nn\n") == QUIT
     assert scene.entries("adverse_detail")[0]["severity"] == "severe"
     assert scene.run("a") == QUIT, "the terminal is gone before anything is described"
@@ -389,7 +437,9 @@ def test_a_trial_that_is_killed_is_marked_and_recorded_again(scene: Study) -> No
     assert scene.done() == [0, 1, 2]
 
 
-def test_a_hand_that_does_not_answer_is_seen_before_the_person_is(tmp_path: Path) -> None:
+def test_a_hand_that_does_not_answer_is_seen_before_the_person_is(
+    tmp_path: Path,
+) -> None:
     study = Study(tmp_path, TRIALS, "virtual://ft232h?fault=unplug@0%2B99")
     with pytest.raises(DeviceError):
         study.run(" ")
@@ -399,7 +449,7 @@ def test_a_hand_that_does_not_answer_is_seen_before_the_person_is(tmp_path: Path
 def test_a_fault_in_a_trial_is_said_and_the_operator_tries_again(
     scene: Study, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from holdfast.human_study import trials
+    from holdfast.sessions.study import trials
 
     record, calls = trials.record_plan, []
 
@@ -430,7 +480,9 @@ def test_the_recorder_gets_the_options_of_the_study(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     given = []
-    monkeypatch.setattr("holdfast.human_study.trials.record_plan", lambda *a: given.append(a[0]))
+    monkeypatch.setattr(
+        "holdfast.sessions.study.trials.record_plan", lambda *a: given.append(a[0])
+    )
     words = [
         "--seconds",
         "9",
@@ -449,7 +501,12 @@ def test_the_recorder_gets_the_options_of_the_study(
     (args,) = given
     assert (args.camera, args.tag_mm, args.fps) == ("oak", 9.96, 30.0)
     assert args.exposure_ms == study.args.exposure_ms
-    assert (args.seconds, args.rate, args.anyway, args.at_once) == (9.0, 100.0, True, True)
+    assert (args.seconds, args.rate, args.anyway, args.at_once) == (
+        9.0,
+        100.0,
+        True,
+        True,
+    )
     assert (args.person, args.out, args.calibration) == ("p01", study.out, None)
 
 
@@ -457,7 +514,9 @@ def test_the_recorder_gets_the_options_of_the_study(
 
 
 @WITHDRAWAL.mark
-def test_withdrawing_deletes_everything_of_the_person_and_says_each_file(scene: Study) -> None:
+def test_withdrawing_deletes_everything_of_the_person_and_says_each_file(
+    scene: Study,
+) -> None:
     scene.run("  " + "  " + "nsecret\n" + " q")
     other = shutil.copytree(scene.home, scene.out / "p02")
     files = [path for path in scene.home.rglob("*") if path.is_file()]
@@ -498,14 +557,18 @@ def test_a_file_that_cannot_be_deleted_is_named_and_the_rest_is_deleted(
 
     with monkeypatch.context() as patched:
         patched.setattr(Path, "unlink", refused)
-        with pytest.raises(OutputError, match=r"stuck\.txt: cannot be deleted \(Operation not"):
+        with pytest.raises(
+            OutputError, match=r"stuck\.txt: cannot be deleted \(Operation not"
+        ):
             talk.run("w" + "p01\n")
     assert [path.name for path in talk.home.iterdir()] == ["stuck.txt"]
     with pytest.raises(UsageError, match=r"deletion did not end.*--withdraw"):
         talk.run(" ")
     withdraw(talk.out, "p01", talk.messages.append, str)
     assert not talk.home.exists()
-    with pytest.raises(UsageError, match=r"has withdrawn; next: give a pseudonym that is new"):
+    with pytest.raises(
+        UsageError, match=r"has withdrawn; next: give a pseudonym that is new"
+    ):
         talk.run(" ")
 
 
@@ -552,7 +615,13 @@ def start(*words: object, stdin: int) -> Killed:
 
 @CUT_OFF_STUDY.mark
 def test_a_program_that_is_killed_goes_on_in_the_step_it_was_in(tmp_path: Path) -> None:
-    words = (card_of(tmp_path, TALK), "--source", "virtual://ft232h", "--out", tmp_path / "study")
+    words = (
+        card_of(tmp_path, TALK),
+        "--source",
+        "virtual://ft232h",
+        "--out",
+        tmp_path / "study",
+    )
     reading, writing = os.pipe()
     with start(*words, "--person", "p01", stdin=reading) as run:
         os.write(writing, b" ")
@@ -571,10 +640,23 @@ def test_a_program_that_is_killed_goes_on_in_the_step_it_was_in(tmp_path: Path) 
 @CUT_OFF_STUDY.mark
 def test_a_terminal_that_goes_away_leaves_a_study_that_goes_on(talk: Study) -> None:
     master, slave = pty.openpty()
-    words = [talk.path, "--source", "virtual://ft232h", "--out", talk.out, "--person", "p01"]
+    words = [
+        talk.path,
+        "--source",
+        "virtual://ft232h",
+        "--out",
+        talk.out,
+        "--person",
+        "p01",
+    ]
     command = [sys.executable, "-m", "holdfast", "study", *map(str, words)]
     with subprocess.Popen(
-        command, cwd=ROOT, stdin=slave, stdout=slave, stderr=slave, preexec_fn=terminal_of_its_own
+        command,
+        cwd=ROOT,
+        stdin=slave,
+        stdout=slave,
+        stderr=slave,
+        preexec_fn=terminal_of_its_own,
     ) as run:
         os.close(slave)
         wait_on_terminal_for(master, "step 1 of 2, Welcome")
@@ -592,24 +674,61 @@ def test_a_terminal_that_goes_away_leaves_a_study_that_goes_on(talk: Study) -> N
         (("--out", "o", "--person", "p01"), "--source is missing"),
         (("--out", "o", "--source", "sim://p1"), "--person is missing"),
         (("--person", "p01", "--source", "sim://p1"), "--out is missing"),
-        (("--out", "o", "--person", "p01", "--source", "usb://ft232h", "--rehearse"), "--rehearse"),
         (
-            ("--out", "o", "--person", "p1", "--source", "virtual://ft232h", "--rehearse"),
+            ("--out", "o", "--person", "p01", "--source", "usb://ft232h", "--rehearse"),
+            "--rehearse",
+        ),
+        (
+            (
+                "--out",
+                "o",
+                "--person",
+                "p1",
+                "--source",
+                "virtual://ft232h",
+                "--rehearse",
+            ),
             "--seconds",
         ),
-        (("--out", "o", "--person", "p01", "--source", "sim://p1", "--camera", "oak"), "--tag-mm"),
+        (
+            (
+                "--out",
+                "o",
+                "--person",
+                "p01",
+                "--source",
+                "sim://p1",
+                "--camera",
+                "oak",
+            ),
+            "--tag-mm",
+        ),
     ],
 )
 def test_words_that_do_not_go_together_are_usage_errors(
-    run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: tuple[str, ...], says: str
+    run,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    words: tuple[str, ...],
+    says: str,
 ) -> None:
     monkeypatch.chdir(tmp_path)
     fails(run, 2, "UsageError", "study", "thesis", *words, says=says)
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_study_without_an_operator_is_refused_before_anything_opens(tmp_path: Path) -> None:
-    words = ("thesis", "--source", "sim://p1", "--out", tmp_path / "o", "--person", "p01")
+def test_a_study_without_an_operator_is_refused_before_anything_opens(
+    tmp_path: Path,
+) -> None:
+    words = (
+        "thesis",
+        "--source",
+        "sim://p1",
+        "--out",
+        tmp_path / "o",
+        "--person",
+        "p01",
+    )
     with start(*words, stdin=subprocess.DEVNULL) as run:
         _, err = run.communicate(timeout=300)
     assert run.returncode == 2

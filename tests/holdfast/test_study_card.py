@@ -11,43 +11,57 @@ from hypothesis import given
 from hypothesis import strategies as st
 from study_bench import TALK, TRIALS, card_of
 
-from holdfast.edge_runtime.errors import CardError, DataNotFound
-from holdfast.edge_runtime.trial_layout import MASSES_G
-from holdfast.human_study.card import QUESTIONNAIRE, RECORD, VIDEO, read_study
-from holdfast.human_study.questionnaires import read_questionnaire
-from holdfast.human_study.shipped import QUESTIONNAIRES, names_in
-from holdfast.recorder.card import Task
+from holdfast.cli.study import listed
+from holdfast.core.errors import CardError, DataNotFound
+from holdfast.core.trial_layout import MASSES_G
+from holdfast.sessions.recorder.protocol import Task
+from holdfast.sessions.study.questionnaires import read_questionnaire
+from holdfast.sessions.study.shipped import QUESTIONNAIRES, names_in
+from holdfast.sessions.study.steps import QUESTIONNAIRE, RECORD, VIDEO, read_study
 from holdfast.simulation.card import read_card
 from holdfast.simulation.scene import Scene
-from holdfast.study import listed
 
 THESIS = read_study("thesis")
 OBJECTS = ("basket-ball", "soft-ball", "empty-bottle", "hard-ball", "full-bottle")
 
 
-def test_the_shipped_card_has_31_steps_and_49_minutes_as_the_table_of_the_thesis() -> None:
+def test_the_shipped_card_has_31_steps_and_49_minutes_as_the_table_of_the_thesis() -> (
+    None
+):
     steps = [part.step for part in THESIS.parts if part.step is not None]
     assert (THESIS.first_step, THESIS.last_step) == (0, 31)
     assert sorted(set(steps)) == list(range(32))
     assert steps == sorted(steps)
     assert THESIS.minutes == 49.0
     kinds = Counter(part.kind for part in THESIS.parts)
-    assert kinds == {"say": 1, "mount": 1, "video": 15, "questions": 16, "record": 15} | {
-        "questionnaire": 2
-    }
+    assert kinds == {
+        "say": 1,
+        "mount": 1,
+        "video": 15,
+        "questions": 16,
+        "record": 15,
+    } | {"questionnaire": 2}
     assert [part.minutes for part in THESIS.parts[:6]] == [2, 1, 1, 0.5, 0.5, 2]
 
 
-def test_its_trials_are_five_objects_with_three_actions_three_times_and_heavy_ones_fall() -> None:
+def test_its_trials_are_five_objects_with_three_actions_three_times_and_heavy_ones_fall() -> (
+    None
+):
     recorded = [part for part in THESIS.parts if part.kind == RECORD]
     assert [part.repetitions for part in recorded] == [3] * 15
     tasks = [part.task for part in recorded]
     risky = {name: "pull" if MASSES_G[name] < 150.0 else "fall" for name in OBJECTS}
     assert tasks == [
-        Task(name, action) for name in OBJECTS for action in ("pass", risky[name], "put-down")
+        Task(name, action)
+        for name in OBJECTS
+        for action in ("pass", risky[name], "put-down")
     ]
     assert [part.step for part in recorded] == list(range(3, 32, 2))
-    put_down = [part.hand_over for part in recorded if part.task and part.task.action == "put-down"]
+    put_down = [
+        part.hand_over
+        for part in recorded
+        if part.task and part.task.action == "put-down"
+    ]
     assert all("box" in one for one in put_down)
 
 
@@ -58,20 +72,33 @@ def test_a_virtual_participant_of_every_style_has_all_its_trials() -> None:
         assert Counter(Task(one.thing.name, one.action) for one in trials) == wanted
 
 
-def test_before_each_recording_a_video_and_questions_of_the_same_object_and_action() -> None:
+def test_before_each_recording_a_video_and_questions_of_the_same_object_and_action() -> (
+    None
+):
     for number, part in enumerate(THESIS.parts):
         if part.kind == RECORD:
             video, questions = THESIS.parts[number - 2 : number]
             assert (video.kind, questions.kind) == (VIDEO, "questions")
             assert video.title.partition(": ")[2] == part.title.partition(": ")[2] != ""
     room = [(part.first, part.last) for part in THESIS.parts]
-    assert sum(bool(first) for first, _ in room) == sum(bool(last) for _, last in room) == 5
+    assert (
+        sum(bool(first) for first, _ in room)
+        == sum(bool(last) for _, last in room)
+        == 5
+    )
 
 
 def test_the_list_shows_every_step_with_its_minutes_and_the_sum() -> None:
     lines = listed(THESIS)
     assert lines[-1] == "steps 0 to 31, 49 minutes"
-    assert sum(float(m[1]) for m in map(re.compile(r" +\d+ +([\d.]+) min").match, lines) if m) == 49
+    assert (
+        sum(
+            float(m[1])
+            for m in map(re.compile(r" +\d+ +([\d.]+) min").match, lines)
+            if m
+        )
+        == 49
+    )
 
 
 def test_one_table_makes_the_steps_of_every_object_and_action(tmp_path) -> None:
@@ -118,10 +145,19 @@ EACH = "[objects.a]\nactions = ['pull']\n[[steps]]\nobjects = ['a']\n[[steps.eac
         (STEP + "after = 3", "'after' is not known"),
         ("[[steps]]\nkind = 'questions'\nminutes = 1", "steps[1].kind = 'questions'"),
         ("[[steps]]\nkind = 'record'\nminutes = 1", "steps[1].action = None"),
-        ("[[steps]]\nkind = 'record'\nminutes = 1\naction = 'pull'", "steps[1].object = None"),
-        (EACH + "kind = 'record'\nminutes = 1\nrepetitions = 0", "each[1].repetitions = 0"),
+        (
+            "[[steps]]\nkind = 'record'\nminutes = 1\naction = 'pull'",
+            "steps[1].object = None",
+        ),
+        (
+            EACH + "kind = 'record'\nminutes = 1\nrepetitions = 0",
+            "each[1].repetitions = 0",
+        ),
         (EACH + "kind = 'say'\nminutes = 1\nsay = '{name}'", "each[1].say = '{name}'"),
-        ("[[steps]]\nobjects = ['a']\n[[steps.each]]\nkind = 'say'\nminutes = 1", "objects = 'a'"),
+        (
+            "[[steps]]\nobjects = ['a']\n[[steps.each]]\nkind = 'say'\nminutes = 1",
+            "objects = 'a'",
+        ),
         ("[[steps]]\nobjects = ['a']", "steps[1].each = None"),
         ("[objects.a]\nactions = ['fly']\n" + STEP, "objects.a.actions = 'fly'"),
         ("[objects.'a b']\nactions = ['pull']\n" + STEP, "objects.a b = 'a b'"),
@@ -131,7 +167,9 @@ EACH = "[objects.a]\nactions = ['pull']\n[[steps]]\nobjects = ['a']\n[[steps.eac
         ("first_step = -1\n" + STEP, "first_step = -1"),
     ],
 )
-def test_a_card_that_cannot_be_is_refused_by_its_step_and_key(tmp_path, text, says) -> None:
+def test_a_card_that_cannot_be_is_refused_by_its_step_and_key(
+    tmp_path, text, says
+) -> None:
     with pytest.raises(CardError, match=re.escape(says)) as error:
         read_study(card_of(tmp_path, text))
     assert "card.toml" in str(error.value)
@@ -143,7 +181,9 @@ def test_a_name_that_is_no_card_is_answered_with_those_that_are() -> None:
         read_study("tesis")
 
 
-def test_a_questionnaire_can_stand_between_steps_and_has_no_number_of_its_own(tmp_path) -> None:
+def test_a_questionnaire_can_stand_between_steps_and_has_no_number_of_its_own(
+    tmp_path,
+) -> None:
     between = "[[steps]]\nkind = 'questionnaire'\nquestionnaire = 'nasa-tlx'\n"
     card = read_study(card_of(tmp_path, STEP + between + STEP))
     assert [(part.kind, part.step) for part in card.parts] == [
@@ -152,7 +192,9 @@ def test_a_questionnaire_can_stand_between_steps_and_has_no_number_of_its_own(tm
         ("say", 2),
     ]
     assert card.minutes == 2.0
-    assert [part.questionnaire for part in read_study(card_of(tmp_path, TALK)).parts][-1] == "sus"
+    assert [part.questionnaire for part in read_study(card_of(tmp_path, TALK)).parts][
+        -1
+    ] == "sus"
 
 
 # -- questionnaires
@@ -174,7 +216,9 @@ def test_the_two_questionnaires_have_their_items_scales_and_sources() -> None:
 def test_the_sus_is_two_and_a_half_times_the_sum_of_its_contributions(ratings) -> None:
     odd, even = ratings[0::2], ratings[1::2]
     expected = 2.5 * (sum(one - 1 for one in odd) + sum(5 - one for one in even))
-    answers = {item.name: rating for item, rating in zip(SUS.items, ratings, strict=True)}
+    answers = {
+        item.name: rating for item, rating in zip(SUS.items, ratings, strict=True)
+    }
     assert SUS.score(answers) == expected
 
 
@@ -185,7 +229,9 @@ def test_the_raw_tlx_is_the_mean_of_its_six_scales(ticks) -> None:
     assert all(TLX.allows(rating) for rating in answers.values())
 
 
-@pytest.mark.parametrize(("ratings", "score"), [((5, 1), 100.0), ((1, 5), 0.0), ((3, 3), 50.0)])
+@pytest.mark.parametrize(
+    ("ratings", "score"), [((5, 1), 100.0), ((1, 5), 0.0), ((3, 3), 50.0)]
+)
 def test_known_values_of_the_sus(ratings, score) -> None:
     answers = {item.name: ratings[k % 2] for k, item in enumerate(SUS.items)}
     assert SUS.score(answers) == score
@@ -208,10 +254,15 @@ def test_a_rating_that_is_not_on_the_scale_is_not_allowed(rating) -> None:
         ("lowest = 1\nhighest = 5\nstep = 1", "items = None"),
         ("lowest = 5\nhighest = 1\nstep = 1", "step = 1"),
         ("lowest = 0\nhighest = 5\nstep = 2", "step = 2"),
-        ("lowest = 0\nhighest = 5\nstep = 1\n[[items]]\nname = 'a'", "items[1].ask = None"),
+        (
+            "lowest = 0\nhighest = 5\nstep = 1\n[[items]]\nname = 'a'",
+            "items[1].ask = None",
+        ),
         ("lowest = 'a'", "lowest = 'a'"),
     ],
 )
-def test_a_questionnaire_that_cannot_be_is_refused_by_its_key(tmp_path, text, says) -> None:
+def test_a_questionnaire_that_cannot_be_is_refused_by_its_key(
+    tmp_path, text, says
+) -> None:
     with pytest.raises(CardError, match=re.escape(says)):
         read_questionnaire(str(card_of(tmp_path, text)))

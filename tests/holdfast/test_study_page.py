@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 from study_bench import options
 
-from holdfast.human_study.card import KINDS, read_study
-from holdfast.human_study.desk import KEYS
+from holdfast.sessions.study.console import KEYS
+from holdfast.sessions.study.steps import KINDS, read_study
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / "docs/study.md"
@@ -20,7 +20,9 @@ BLOCK = re.compile(r"```(sh|toml|text)\n(.*?)```", re.DOTALL)
 
 @pytest.mark.filterwarnings("ignore")
 def test_the_page_s_card_and_commands_run_and_print_what_it_shows(
-    run: Callable[..., tuple[int, str, str]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    run: Callable[..., tuple[int, str, str]],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.chdir(tmp_path)
     printed, shown = "", []
@@ -39,7 +41,11 @@ def test_the_page_s_card_and_commands_run_and_print_what_it_shows(
 
 
 def test_the_page_s_commands_with_a_hand_have_options_that_exist() -> None:
-    lines = [line for kind, text in BLOCK.findall(PAGE.read_text()) for line in text.splitlines()]
+    lines = [
+        line
+        for kind, text in BLOCK.findall(PAGE.read_text())
+        for line in text.splitlines()
+    ]
     commands = [line for line in lines if line.startswith("holdfast study thesis")]
     assert len(commands) == 6
     for line in commands:

@@ -13,12 +13,12 @@ from command_line import Run
 from hazard_marks import ADVERSE_EVENT
 from study_bench import SUS_ANSWERS, TRIALS, Study, options, said
 
-from holdfast.edge_runtime.engine import ModelChoice
-from holdfast.edge_runtime.errors import DataNotFound
+from holdfast.core.errors import DataNotFound
+from holdfast.edge_runtime.model import ModelChoice
 from holdfast.evaluation.participant import participant_figures
-from holdfast.human_study.outcome import outcome_of
-from holdfast.human_study.report import in_words, write_report
-from holdfast.human_study.starting import run_study
+from holdfast.sessions.study.outcome import outcome_of
+from holdfast.sessions.study.report import in_words, write_report
+from holdfast.sessions.study.starting import run_study
 from holdfast.training.datasets import load
 
 if TYPE_CHECKING:
@@ -29,30 +29,57 @@ TASKS = (("hard-ball", "fall"), ("soft-ball", "pass"), ("soft-ball", "pull"))
 
 
 @pytest.fixture(scope="module")
-def two(card: Path, eight_classes: Built, tmp_path_factory: pytest.TempPathFactory) -> Study:
+def two(
+    card: Path, eight_classes: Built, tmp_path_factory: pytest.TempPathFactory
+) -> Study:
     """p01 with an operator, an adverse event and answers; p02 rehearsed. Read only."""
-    study = Study(tmp_path_factory.mktemp("two"), CARD, f"sim://{card}", "--seconds", "60")
+    study = Study(
+        tmp_path_factory.mktemp("two"), CARD, f"sim://{card}", "--seconds", "60"
+    )
     study.args.model = eight_classes.model
-    typed = " " + " " + " " + "shock & <awe>\n1\ny\n" + "  " + "nfirst <note>\n" + " " + " s"
+    typed = (
+        " "
+        + " "
+        + " "
+        + "shock & <awe>\n1\ny\n"
+        + "  "
+        + "nfirst <note>\n"
+        + " "
+        + " s"
+    )
     assert study.run(typed + "    " + SUS_ANSWERS, in_trials={40: "a"}) == "finished"
-    words = ("--source", f"sim://{card}?seed=1", "--rehearse", "--model", eight_classes.model)
+    words = (
+        "--source",
+        f"sim://{card}?seed=1",
+        "--rehearse",
+        "--model",
+        eight_classes.model,
+    )
     other = options(study.path, study.out, *words, "--person", "p02")
     assert run_study(other, study.card, sys.stdin) == 0
-    write_report(study.home, outcome_of(study.out, "p01", study.card, eight_classes.model))
+    write_report(
+        study.home, outcome_of(study.out, "p01", study.card, eight_classes.model)
+    )
     return study
 
 
 def report_of(study: Study, person: str) -> tuple[dict[str, Any], str]:
     """(figures, page) of a person."""
     home = study.out / person
-    return json.loads((home / "report.json").read_text()), (home / "report.html").read_text()
+    return json.loads((home / "report.json").read_text()), (
+        home / "report.html"
+    ).read_text()
 
 
 @pytest.mark.filterwarnings("ignore::holdfast.export.spec.BandsLeftOut")
-def test_two_virtual_participants_go_from_consent_to_report(two: Study, run: Run) -> None:
+def test_two_virtual_participants_go_from_consent_to_report(
+    two: Study, run: Run
+) -> None:
     data = load(two.out, windows="natural")
     assert data.groups() == ["p01", "p02"]
-    kept = {("p01", *task): 2 for task in TASKS[:2]} | {("p02", *task): 2 for task in TASKS}
+    kept = {("p01", *task): 2 for task in TASKS[:2]} | {
+        ("p02", *task): 2 for task in TASKS
+    }
     found = [(one.person, one.object_name, one.action) for one in data.recordings]
     assert {key: found.count(key) for key in set(found)} == kept
     code, out, _ = run("check", two.out)
@@ -77,14 +104,20 @@ def test_the_folder_of_a_study_is_evaluated_as_it_is(
 def test_an_adverse_event_comes_before_everything_that_was_recorded(two: Study) -> None:
     figures, page = report_of(two, "p01")
     (event,) = figures["adverse"]
-    assert (event["severity"], event["text"], event["step"]) == ("mild", "shock & <awe>", 3)
+    assert (event["severity"], event["text"], event["step"]) == (
+        "mild",
+        "shock & <awe>",
+        3,
+    )
     assert page.index("Adverse events: 1") < page.index("Recall by action")
     assert "shock &amp; &lt;awe&gt;" in page
     assert "<awe>" not in page
     assert "No adverse event was noted" in report_of(two, "p02")[1]
 
 
-def test_trials_are_counted_by_how_they_ended_and_steps_by_what_was_done(two: Study) -> None:
+def test_trials_are_counted_by_how_they_ended_and_steps_by_what_was_done(
+    two: Study,
+) -> None:
     figures, page = report_of(two, "p01")
     counts = {(one["object"], one["action"]): one for one in figures["trials"]}
     soft = counts["soft-ball", "pass"]
@@ -102,7 +135,9 @@ def test_a_rehearsal_takes_the_planned_time_and_says_that_it_is_one(two: Study) 
     assert not report_of(two, "p01")[0]["rehearsal"]
     assert "A rehearsal without a participant" in page
     taken = [(one["spent_s"], one["planned_s"]) for one in figures["parts"]]
-    assert all(spent_s == pytest.approx(planned_s, abs=0.1) for spent_s, planned_s in taken)
+    assert all(
+        spent_s == pytest.approx(planned_s, abs=0.1) for spent_s, planned_s in taken
+    )
     (sus,) = figures["questionnaires"]
     assert (sus["score"], set(sus["ratings"].values())) == (None, {None})
     assert "no score (10 items left out)" in page
@@ -133,10 +168,16 @@ def test_trials_without_a_label_are_not_recognised_and_not_missed(
         truth.write_text(json.dumps(json.loads(truth.read_text()) | {"phases": []}))
     for number, void in ((1, None), (2, "the camera was unplugged")):
         meta = study.home / f"soft-ball/pass/trial_{number}/meta.json"
-        meta.write_text(json.dumps(json.loads(meta.read_text()) | {"camera": {"void": void}}))
+        meta.write_text(
+            json.dumps(json.loads(meta.read_text()) | {"camera": {"void": void}})
+        )
     outcome = outcome_of(study.out, "p01", study.card, eight_classes.model)
     assert outcome.figures is not None
-    assert [(one.kept, one.filmed) for one in outcome.trials] == [(2, 1), (2, 0), (0, 0)]
+    assert [(one.kept, one.filmed) for one in outcome.trials] == [
+        (2, 1),
+        (2, 0),
+        (0, 0),
+    ]
     whole = outcome.figures.whole
     assert (whole.trials, whole.labelled, whole.recognised) == (4, 0, 0)
     passes = next(one for one in outcome.figures.actions if one.action == "pass")
@@ -159,16 +200,28 @@ def test_the_report_of_a_person_can_be_written_again(
     two: Study, eight_classes: Built, run: Run
 ) -> None:
     before = (two.out / "p02/report.html").read_bytes()
-    words = ("--out", two.out, "--person", "p02", "--report", "--model", eight_classes.model)
+    words = (
+        "--out",
+        two.out,
+        "--person",
+        "p02",
+        "--report",
+        "--model",
+        eight_classes.model,
+    )
     code, out, err = run("study", two.path, *words)
     assert code == 0, err
     assert "p02: 6 of 6 trials kept, 0 adverse events" in out
     assert (two.out / "p02/report.html").read_bytes() == before
 
 
-def test_figures_of_a_person_need_a_kept_trial(two: Study, eight_classes: Built) -> None:
+def test_figures_of_a_person_need_a_kept_trial(
+    two: Study, eight_classes: Built
+) -> None:
     with pytest.raises(DataNotFound):
-        participant_figures(ModelChoice(str(eight_classes.model)).open(), two.out / "withdrawn")
+        participant_figures(
+            ModelChoice(str(eight_classes.model)).open(), two.out / "withdrawn"
+        )
 
 
 def test_a_folder_without_a_study_has_no_report(two: Study, tmp_path: Path) -> None:

@@ -12,18 +12,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from live_bench import DEFAULT, go
 
+from holdfast.core.contract import Prediction, Sample
+from holdfast.core.errors import UsageError
 from holdfast.drivers.bridges import open_virtual
+from holdfast.drivers.hand import LiveHand
 from holdfast.drivers.layout import LAYOUTS
-from holdfast.drivers.live_hand import LiveHand
 from holdfast.drivers.timed_bridge import timed_virtual
 from holdfast.drivers.timed_hand import TimedHand, TimedLiveHand
 from holdfast.drivers.virtual.clock import DeviceClock, VirtualClock
-from holdfast.drivers.virtual.hand import VirtualHand, still
-from holdfast.edge_runtime.contract import Prediction, Sample
-from holdfast.edge_runtime.errors import UsageError
-from holdfast.edge_runtime.live import Summary
+from holdfast.drivers.virtual.virtual_hand import VirtualHand, still
 from holdfast.edge_runtime.model import Model
-from holdfast.live_sources import open_live
+from holdfast.live.hand_sources import open_live
+from holdfast.live.loop import Summary
 
 AHEAD = 16
 PERIOD_NS = 1e9 / 150
@@ -128,7 +128,9 @@ def on_a_staircase(model: Model, n: int, *, timed: bool) -> Run:
         pause=lambda seconds: clock.spend(round(1e9 * seconds)),
     )
     driver.start()
-    source = (TimedLiveHand if timed else LiveHand)(driver, lambda field_ut: 1e-3 * field_ut)
+    source = (TimedLiveHand if timed else LiveHand)(
+        driver, lambda field_ut: 1e-3 * field_ut
+    )
     field_of.start_ns = clock.now_ns()
     if isinstance(source, TimedLiveHand):
         keep_time = source.keep_time
@@ -147,7 +149,9 @@ def test_on_an_undisturbed_scene_the_samples_are_those_without_the_experiment(mo
     assert len(np.unique([one.values[0] for one in plain.samples])) > 10
     for one, other in zip(timed.samples, plain.samples, strict=True):
         assert np.array_equal(one.values, other.values)
-    assert all(one.valid.all() for one in (*timed.samples[TARED:], *plain.samples[TARED:]))
+    assert all(
+        one.valid.all() for one in (*timed.samples[TARED:], *plain.samples[TARED:])
+    )
     assert [one.state for one in timed.answers] == [one.state for one in plain.answers]
     assert timed.summary.overruns == plain.summary.overruns == 0
 
@@ -155,7 +159,9 @@ def test_on_an_undisturbed_scene_the_samples_are_those_without_the_experiment(mo
 # -- a host that is away
 
 
-def test_a_stall_within_the_queue_loses_no_sample_and_only_the_newest_answers_count(model):
+def test_a_stall_within_the_queue_loses_no_sample_and_only_the_newest_answers_count(
+    model,
+):
     got = run(model, TIMED, 300, {200: 0.05})
     assert got.sequences == list(range(300))
     steps_ns = np.diff([one.t_ns for one in got.samples[2:]])
@@ -163,7 +169,9 @@ def test_a_stall_within_the_queue_loses_no_sample_and_only_the_newest_answers_co
     late = [one.sequence for one in got.answers if one.late]
     assert late == [*range(200, 205)], "older than two periods when they are answered"
     assert all(one.why == "late" for one in got.answers if one.late)
-    assert {one.state for one in got.answers[205:]} == {"nothing"}, "the history stays whole"
+    assert {one.state for one in got.answers[205:]} == {"nothing"}, (
+        "the history stays whole"
+    )
     assert got.summary.overruns == 0
     assert got.summary.too_old == len(late)
 
@@ -179,7 +187,9 @@ def test_without_the_experiment_the_same_stall_loses_samples(model):
         st.integers(20, 150), st.floats(0.0, 0.4, allow_subnormal=False), max_size=4
     )
 )
-def test_a_stall_loses_the_periods_for_which_nothing_was_queued_and_no_other(model, stalls):
+def test_a_stall_loses_the_periods_for_which_nothing_was_queued_and_no_other(
+    model, stalls
+):
     got = run(model, TIMED, 180, stalls)
     numbers = np.array(got.sequences)
     assert (np.diff(numbers) >= 1).all()
@@ -188,16 +198,27 @@ def test_a_stall_loses_the_periods_for_which_nothing_was_queued_and_no_other(mod
     gaps = [(a, b) for a, b in pairwise(numbers) if b > a + 1]
     for _, again in gaps:
         woke_ns = max(at for at in got.woke_ns if at < got.due_ns(again))
-        assert got.due_ns(again) < woke_ns + HAND_OVER_NS + PERIOD_NS, "at the next time left"
-        assert got.due_ns(again - 1) < woke_ns + HAND_OVER_NS, "no time that was left is skipped"
-    assert len(gaps) <= sum(1e9 * one > BLOCK_NS - HAND_OVER_NS for one in stalls.values())
+        assert got.due_ns(again) < woke_ns + HAND_OVER_NS + PERIOD_NS, (
+            "at the next time left"
+        )
+        assert got.due_ns(again - 1) < woke_ns + HAND_OVER_NS, (
+            "no time that was left is skipped"
+        )
+    assert len(gaps) <= sum(
+        1e9 * one > BLOCK_NS - HAND_OVER_NS for one in stalls.values()
+    )
 
 
 def test_after_a_gap_the_loop_goes_on_and_settles_again(model):
     got = run(model, TIMED, 400, {200: 1.0})
-    assert got.summary.overruns == pytest.approx(1e9 / PERIOD_NS - AHEAD, abs=AHEAD // 2 + 1)
+    assert got.summary.overruns == pytest.approx(
+        1e9 / PERIOD_NS - AHEAD, abs=AHEAD // 2 + 1
+    )
     assert {one.state for one in got.answers[-50:]} == {"nothing"}
-    assert max(abs(one.t_ns - got.due_ns(one.sequence)) for one in got.samples[300:]) < 500_000
+    assert (
+        max(abs(one.t_ns - got.due_ns(one.sequence)) for one in got.samples[300:])
+        < 500_000
+    )
 
 
 # -- faults

@@ -19,9 +19,9 @@ from command_line import Run, fails
 from hazard_marks import HALF_FINISHED, OVERWRITTEN, READABLE_BY_OTHERS
 from recorder_bench import one_pull
 
-from holdfast.cli import main
-from holdfast.edge_runtime.errors import OutputError
-from holdfast.edge_runtime.writing import whole_folder, write_whole
+from holdfast.cli.main import main
+from holdfast.core.errors import OutputError
+from holdfast.core.writing import whole_folder, write_whole
 from holdfast.export.export import require_replaceable
 from holdfast.training.fixture import write_fixture
 
@@ -52,8 +52,12 @@ def mode_of(path: Path) -> int:
 
 
 @READABLE_BY_OTHERS.mark
-@pytest.mark.parametrize(("mask", "mode"), [(0o077, 0o600), (0o022, 0o644), (0o002, 0o664)])
-def test_a_new_file_has_the_permissions_that_the_umask_leaves(tmp_path, umask, mask, mode):
+@pytest.mark.parametrize(
+    ("mask", "mode"), [(0o077, 0o600), (0o022, 0o644), (0o002, 0o664)]
+)
+def test_a_new_file_has_the_permissions_that_the_umask_leaves(
+    tmp_path, umask, mask, mode
+):
     umask(mask)
     assert mode_of(write_whole(tmp_path / "meta.json", "{}")) == mode
 
@@ -68,7 +72,9 @@ def test_a_file_written_anew_is_readable_by_no_more_people_than_before(tmp_path,
 
 
 @READABLE_BY_OTHERS.mark
-def test_under_a_umask_of_077_no_command_leaves_a_file_that_others_can_read(tmp_path, umask):
+def test_under_a_umask_of_077_no_command_leaves_a_file_that_others_can_read(
+    tmp_path, umask
+):
     umask(0o077)
     one_pull(tmp_path / "recorded")
     with whole_folder(tmp_path / "set") as unfinished:
@@ -76,7 +82,9 @@ def test_under_a_umask_of_077_no_command_leaves_a_file_that_others_can_read(tmp_
     write_fixture(tmp_path / "fixture", trials_per_cell=1)
     written = list(tmp_path.rglob("*"))
     assert len(written) > 20
-    assert {path.name: oct(mode_of(path)) for path in written if mode_of(path) & 0o077} == {}
+    assert {
+        path.name: oct(mode_of(path)) for path in written if mode_of(path) & 0o077
+    } == {}
 
 
 # -- half-finished output
@@ -118,9 +126,18 @@ def test_a_simulation_that_is_ended_leaves_nothing_that_looks_whole(tmp_path, en
 def test_what_a_killed_run_left_is_named_and_not_touched(tmp_path, capsys):
     (tmp_path / "set.unfinished").mkdir()
     (tmp_path / "set.unfinished/card.toml").write_text("half")
-    assert main(["simulate", "thesis", "--trials", "1", "--out", str(tmp_path / "set")]) == 5
-    assert "set.unfinished: exists already; likely cause: another run" in capsys.readouterr().err
-    assert [path.name for path in tmp_path.rglob("*")] == ["set.unfinished", "card.toml"]
+    assert (
+        main(["simulate", "thesis", "--trials", "1", "--out", str(tmp_path / "set")])
+        == 5
+    )
+    assert (
+        "set.unfinished: exists already; likely cause: another run"
+        in capsys.readouterr().err
+    )
+    assert [path.name for path in tmp_path.rglob("*")] == [
+        "set.unfinished",
+        "card.toml",
+    ]
 
 
 def test_a_folder_that_is_there_and_empty_is_filled_and_keeps_its_place(tmp_path):
@@ -128,7 +145,9 @@ def test_a_folder_that_is_there_and_empty_is_filled_and_keeps_its_place(tmp_path
     with whole_folder(tmp_path) as unfinished:
         write_whole(unfinished / "a/b.csv", "1")
         assert [path.name for path in tmp_path.iterdir()] == [".unfinished"]
-    assert [str(path.relative_to(tmp_path)) for path in sorted(tmp_path.rglob("*"))] == [
+    assert [
+        str(path.relative_to(tmp_path)) for path in sorted(tmp_path.rglob("*"))
+    ] == [
         "a",
         "a/b.csv",
     ]
@@ -175,7 +194,14 @@ def test_training_does_not_replace_an_artifact_without_force(
     fails(run, 5, "OutputError", *words, says="holds an artifact already")
     fails(run, 3, "DataNotFound", *words, "--force")
     fails(
-        run, 3, "DataNotFound", "train", "--data", tmp_path / "nowhere", "--out", tmp_path / "new"
+        run,
+        3,
+        "DataNotFound",
+        "train",
+        "--data",
+        tmp_path / "nowhere",
+        "--out",
+        tmp_path / "new",
     )
     assert bytes_of(artifact) == before
 

@@ -21,7 +21,9 @@ BLOCK = re.compile(r"```(sh|python|text)\n(.*?)```", re.DOTALL)
 
 @pytest.mark.filterwarnings("ignore")
 def test_the_page_runs_from_the_first_command_to_the_last(
-    run: Callable[..., tuple[int, str, str]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    run: Callable[..., tuple[int, str, str]],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     page = PAGE.read_text("utf-8")
     monkeypatch.chdir(tmp_path)
@@ -40,12 +42,18 @@ def test_the_page_runs_from_the_first_command_to_the_last(
         else:
             subprocess.run(["sh", "-e", "-c", text], check=True)
     assert [old for old, _ in shown] == [new for _, new in shown]
-    assert [new.splitlines()[-1][:9] for _, new in shown] == ["not ready", "not ready", "ready for"]
+    assert [new.splitlines()[-1][:9] for _, new in shown] == [
+        "not ready",
+        "not ready",
+        "ready for",
+    ]
     assert "held out by person: macro F1" in everything
     assert "grouped" not in everything
     assert "21 trials, 3 people" in printed
     assert "95 % interval over people" in printed
-    card = json.loads(Path("build/your-data/model/holdfast.json").read_text())["training"]
+    card = json.loads(Path("build/your-data/model/holdfast.json").read_text())[
+        "training"
+    ]
     assert (card["groups"], card["group_kind"]) == (3, "person")
     assert set(names["answers"]["truth"].dropna()) == {"nothing", "grasp", "safe_slip"}  # type: ignore[index]
 
@@ -55,11 +63,17 @@ def test_the_example_is_the_same_every_time_and_overwrites_nothing(
 ) -> None:
     for name in ("one", "other"):
         write_example(tmp_path / name)
-    paths = [path.relative_to(tmp_path / "one") for path in (tmp_path / "one").rglob("*.csv")]
+    paths = [
+        path.relative_to(tmp_path / "one") for path in (tmp_path / "one").rglob("*.csv")
+    ]
     assert len(paths) == 21
     for path in paths:
-        assert (tmp_path / "one" / path).read_bytes() == (tmp_path / "other" / path).read_bytes()
-    fails(run, 5, "OutputError", "check", tmp_path / "one", "--example", says="not empty")
+        assert (tmp_path / "one" / path).read_bytes() == (
+            tmp_path / "other" / path
+        ).read_bytes()
+    fails(
+        run, 5, "OutputError", "check", tmp_path / "one", "--example", says="not empty"
+    )
 
 
 def test_every_path_the_page_points_to_exists() -> None:

@@ -21,7 +21,9 @@ SVG = "{http://www.w3.org/2000/svg}"
 def test_every_path_a_page_points_to_exists(page: Path) -> None:
     links = re.findall(r"\]\((?!\w+:)([^)#\s]+)", page.read_text("utf-8"))
     missing = [link for link in links if not (page.parent / link).exists()]
-    assert [link for link in missing if not (page.parent / link).with_suffix(".py").exists()] == []
+    assert [
+        link for link in missing if not (page.parent / link).with_suffix(".py").exists()
+    ] == []
 
 
 def test_every_page_and_every_notebook_is_in_the_site() -> None:
@@ -52,7 +54,9 @@ def test_every_picture_that_is_not_printed_follows_a_dark_page(picture: Path) ->
     assert follows == (picture.name != TO_PRINT)
 
 
-@pytest.mark.parametrize("page", [ROOT / "README.md", *PAGES], ids=lambda page: page.name)
+@pytest.mark.parametrize(
+    "page", [ROOT / "README.md", *PAGES], ids=lambda page: page.name
+)
 def test_every_picture_in_a_page_has_words_in_its_place(page: Path) -> None:
     words = re.findall(r"!\[([^\]]*)\]\(", page.read_text("utf-8"))
     assert all(len(one) > 15 for one in words), words

@@ -38,7 +38,9 @@ def row(
 
 def test_a_mark_that_names_no_area_or_lacks_a_sentence_is_refused():
     assert (
-        details_of(pytest.mark.hard_case(AREAS[0], "a", elsewhere="b", here="c").mark)["unguarded"]
+        details_of(pytest.mark.hard_case(AREAS[0], "a", elsewhere="b", here="c").mark)[
+            "unguarded"
+        ]
         is False
     )
     with pytest.raises(ValueError, match="none of"):
@@ -63,7 +65,9 @@ def test_the_page_has_a_line_a_test_with_the_largest_of_what_its_variants_measur
 @pytest.mark.parametrize("name", ["hard_cases", "safety"])
 def test_a_page_keeps_its_prose_and_a_second_run_changes_nothing(name, tmp_path):
     hazard = {"hazard": "a hazard", "does": "it holds", "left": "Nothing"}
-    (tmp_path / "rows.json").write_text(json.dumps([row("test_it_is_clean") | hazard]), "utf-8")
+    (tmp_path / "rows.json").write_text(
+        json.dumps([row("test_it_is_clean") | hazard]), "utf-8"
+    )
     docs = ROOT / "docs" / f"{name.replace('_', '-')}.md"
     page = Path(shutil.copy(docs, tmp_path))
     script = [sys.executable, str(ROOT / "tests" / "support" / f"{name}_page.py")]
@@ -88,14 +92,20 @@ def reported(request: pytest.FixtureRequest, place: int, measured: object) -> An
         user_properties=[("off", measured)],
     )
     mark = pytest.mark.hard_case(AREAS[0], "a", elsewhere="b", here="c").mark
-    item: Any = SimpleNamespace(stash={PLACE: place}, get_closest_marker={"hard_case": mark}.get)
+    item: Any = SimpleNamespace(
+        stash={PLACE: place}, get_closest_marker={"hard_case": mark}.get
+    )
     made = pytest_runtest_makereport(item)
     next(made)
     with pytest.raises(StopIteration):
         made.send(report)
     hook = request.config.hook
-    sent = execnet.dumps(hook.pytest_report_to_serializable(config=request.config, report=report))
-    return hook.pytest_report_from_serializable(config=request.config, data=execnet.loads(sent))
+    sent = execnet.dumps(
+        hook.pytest_report_to_serializable(config=request.config, report=report)
+    )
+    return hook.pytest_report_from_serializable(
+        config=request.config, data=execnet.loads(sent)
+    )
 
 
 def test_what_workers_report_is_written_in_the_order_of_the_tests(request, tmp_path):
@@ -120,7 +130,9 @@ def test_what_workers_report_is_written_in_the_order_of_the_tests(request, tmp_p
 
 def test_every_hard_case_of_this_run_is_on_the_page(request):
     marks = [
-        mark for item in request.session.items if (mark := item.get_closest_marker("hard_case"))
+        mark
+        for item in request.session.items
+        if (mark := item.get_closest_marker("hard_case"))
     ]
     written = PAGE.read_text("utf-8")
     missing = {

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from page_tables import require_tables_fit
 
-from holdfast import demo, demo_trials
+from examples.demo import demo, demo_trials
 from holdfast.drivers.replay import open_replay
-from holdfast.studies.tables.features import tables
+from studies.tables.features import tables
 
 if TYPE_CHECKING:
     from conftest import Built
@@ -26,7 +26,9 @@ def test_the_readme_shows_the_real_output_of_the_demo(
     monkeypatch.chdir(tmp_path)
     assert demo.main([]) == 0
     shown = re.search(
-        r"<!-- demo:.*?-->\n```text\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL
+        r"<!-- demo:.*?-->\n```text\n(.*?)```",
+        (ROOT / "README.md").read_text(),
+        re.DOTALL,
     )
     assert shown is not None
     assert shown[1] == capsys.readouterr().out
@@ -49,7 +51,9 @@ def test_every_path_the_readme_points_to_exists() -> None:
 
 
 def test_the_five_lines_of_the_readme_answer_every_sample(eight_classes: Built) -> None:
-    code = re.search(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)
+    code = re.search(
+        r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL
+    )
     assert code is not None
     trial = next(eight_classes.fixture.glob("*/pull/trial_1.csv"))
     names: dict[str, Any] = {"source": open_replay(trial)}

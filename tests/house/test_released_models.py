@@ -12,10 +12,10 @@ from pathlib import Path
 import pytest
 
 from holdfast.edge_runtime.monitor import GripMonitor, Model
+from holdfast.live.sources import open_source
 from holdfast.simulation.card import read_card
 from holdfast.simulation.folder import write_recording
 from holdfast.simulation.scene import Scene
-from holdfast.sources import open_source
 
 PLACE = Path(__file__).resolve().parents[2] / "models"
 MODELS = sorted(PLACE.glob("*.onnx"))
@@ -28,7 +28,10 @@ def test_there_is_a_default_model():
 
 @pytest.mark.parametrize("path", MODELS, ids=lambda path: path.stem)
 def test_a_released_file_is_the_one_its_card_describes(path):
-    data, content = path.read_bytes(), json.loads(path.with_suffix(".json").read_text("utf-8"))
+    data, content = (
+        path.read_bytes(),
+        json.loads(path.with_suffix(".json").read_text("utf-8")),
+    )
     assert content["file"] == {
         "name": path.name,
         "bytes": len(data),
@@ -43,17 +46,23 @@ def test_a_released_file_is_the_one_its_card_describes(path):
 
 
 @pytest.mark.parametrize("path", MODELS, ids=lambda path: path.stem)
-def test_a_released_file_acts_in_pulls_of_an_unseen_object_and_in_few_hand_overs(path, tmp_path):
+def test_a_released_file_acts_in_pulls_of_an_unseen_object_and_in_few_hand_overs(
+    path, tmp_path
+):
     model = Model(path)
     card = replace(read_card("apple", rate_hz=model.card.rate_hz), step_s=0.003)
     scene = Scene(card, 7)
     acted = {"pass": 0, "pull": 0}
-    chosen = [[one for one in scene.trials() if one.action == action][:6] for action in acted]
+    chosen = [
+        [one for one in scene.trials() if one.action == action][:6] for action in acted
+    ]
     for one in scene.run_together([*chosen[0], *chosen[1]]):
         trial = tmp_path / f"trial_{one.trial.number}"
         write_recording(trial, scene, [one])
         source = open_source(
-            f"{trial}.csv", channels=model.card.n_channels, preparation=model.card.preparation
+            f"{trial}.csv",
+            channels=model.card.n_channels,
+            preparation=model.card.preparation,
         )
         monitor = GripMonitor(model, None)
         acted[one.trial.action] += any(monitor.feed(sample).act for sample in source)
@@ -64,7 +73,7 @@ def test_a_released_file_acts_in_pulls_of_an_unseen_object_and_in_few_hand_overs
 GROWTH = """
 import sys
 from pathlib import Path
-from holdfast.benchmarks.calls import step_of
+from benchmarks.calls import step_of
 from holdfast.edge_runtime.monitor import Model
 
 def resident_kib():

@@ -12,16 +12,32 @@ import zipfile
 from pathlib import Path
 
 import pytest
-from rooms import MAY_IMPORT, ROOT
+from rooms import MAY_IMPORT, ROOT, SHIPPED, folder_of
 
-LIVE = ("numpy", "numpy.libs", "onnxruntime", "usb", "libusb_package", "importlib_resources")
+LIVE = (
+    "numpy",
+    "numpy.libs",
+    "onnxruntime",
+    "usb",
+    "libusb_package",
+    "importlib_resources",
+)
 """What the live path's dependencies put into site-packages."""
 
 
 @pytest.fixture(scope="module")
 def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("dist")
-    command = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(folder)]
+    command = [
+        sys.executable,
+        "-m",
+        "hatchling",
+        "build",
+        "-t",
+        "wheel",
+        "-d",
+        str(folder),
+    ]
     subprocess.run(command, cwd=ROOT, check=True, capture_output=True)
     (built,) = folder.glob("*.whl")
     return built
@@ -45,7 +61,7 @@ def test_the_wheel_puts_one_name_into_site_packages(wheel: Path) -> None:
         names = packed.namelist()
     assert {re.sub(r"-.*", "", name.split("/")[0]) for name in names} == {"holdfast"}
     rooms = {name.split("/")[1] for name in names if name.startswith("holdfast/")}
-    assert set(MAY_IMPORT) - {"holdfast"} <= rooms
+    assert set(SHIPPED) <= rooms
     assert "holdfast/models/holdfast-150hz.onnx" in names
 
 
@@ -53,21 +69,26 @@ def test_every_file_of_the_rooms_that_git_has_is_in_the_wheel(wheel: Path) -> No
     with zipfile.ZipFile(wheel) as packed:
         names = set(packed.namelist())
     known = subprocess.run(
-        ["git", "ls-files", *MAY_IMPORT], cwd=ROOT, check=True, capture_output=True, text=True
+        ["git", "ls-files", "holdfast"],
+        cwd=ROOT,
+        check=True,
+        capture_output=True,
+        text=True,
     ).stdout.split()
     files = [name for name in known if not (ROOT / name).is_symlink()]
-    missing = {f"holdfast/{name.removeprefix('holdfast/')}" for name in files} - names
-    assert missing == set()
+    assert set(files) - names == set()
 
 
 def test_the_readmes_lines_run_as_printed_where_only_the_live_path_is(
     installed: dict[str, str], tmp_path: Path
 ) -> None:
-    code = re.search(r"```python\n(.*?)```", (ROOT / "README.md").read_text("utf-8"), re.DOTALL)
+    code = re.search(
+        r"```python\n(.*?)```", (ROOT / "README.md").read_text("utf-8"), re.DOTALL
+    )
     assert code is not None
     source = """
 import numpy as np
-from holdfast.edge_runtime.contract import Sample
+from holdfast.core.contract import Sample
 rows = np.random.default_rng(0).normal(0.0, 0.01, (200, 18))
 valid = np.ones(6, dtype=bool)
 source = [Sample(round(k * 1e9 / 150), row, valid, k) for k, row in enumerate(rows)]
@@ -85,18 +106,39 @@ source = [Sample(round(k * 1e9 / 150), row, valid, k) for k, row in enumerate(ro
 @pytest.mark.parametrize(
     ("words", "code", "says"),
     [
-        (("run", "holdfast-150hz", "--source", "virtual://ft232h", "--seconds", "0.2"), 0, ""),
+        (
+            (
+                "run",
+                "holdfast-150hz",
+                "--source",
+                "virtual://ft232h",
+                "--seconds",
+                "0.2",
+            ),
+            0,
+            "",
+        ),
         (("scan", "virtual://ft232h"), 0, ""),
-        (("run", "holdfast-150hz", "--source", "virtual://ft232h", "--view"), 2, "holdfast[train"),
+        (
+            ("run", "holdfast-150hz", "--source", "virtual://ft232h", "--view"),
+            2,
+            "holdfast[train",
+        ),
         (("train",), 2, "holdfast[train"),
         (("completion", "bash"), 2, "holdfast[completion]"),
     ],
 )
 def test_a_command_works_or_names_an_extra(
-    installed: dict[str, str], tmp_path: Path, words: tuple[str, ...], code: int, says: str
+    installed: dict[str, str],
+    tmp_path: Path,
+    words: tuple[str, ...],
+    code: int,
+    says: str,
 ) -> None:
     command = [sys.executable, "-S", "-m", "holdfast", *words]
-    done = subprocess.run(command, cwd=tmp_path, env=installed, capture_output=True, text=True)
+    done = subprocess.run(
+        command, cwd=tmp_path, env=installed, capture_output=True, text=True
+    )
     assert done.returncode == code, done.stderr
     assert says in done.stderr
 
@@ -107,7 +149,7 @@ def test_every_extra_that_a_message_names_is_one_of_the_wheels() -> None:
     named = {
         extra
         for room in MAY_IMPORT
-        for path in (ROOT / room).rglob("*.py")
+        for path in folder_of(room).rglob("*.py")
         for words in re.findall(r"holdfast\[([a-z0-9,]+)\]", path.read_text("utf-8"))
         for extra in words.split(",")
     }

@@ -60,7 +60,10 @@ def digest_of(folder: Path) -> str:
     found = hashlib.sha256()
     for path in sorted(path for path in folder.rglob("*") if path.is_file()):
         found.update(
-            path.relative_to(folder).as_posix().encode() + b"\0" + path.read_bytes() + b"\0"
+            path.relative_to(folder).as_posix().encode()
+            + b"\0"
+            + path.read_bytes()
+            + b"\0"
         )
     return found.hexdigest()[:16]
 
@@ -74,7 +77,9 @@ def test_a_simulated_set_keeps_its_bytes(card: str, tmp_path: Path) -> None:
 
 @on_the_machine_they_are_of
 def test_an_exported_graph_keeps_its_bytes() -> None:
-    graph = graph_of(artifact(spec(GROUPS, n_sensors=6, rate_hz=150.0))).SerializeToString()
+    graph = graph_of(
+        artifact(spec(GROUPS, n_sensors=6, rate_hz=150.0))
+    ).SerializeToString()
     assert hashlib.sha256(graph).hexdigest()[:16] == GRAPH
 
 
@@ -84,15 +89,26 @@ def test_a_batch_that_short_trials_leave_gives_what_one_that_all_stay_in_gives(
 ) -> None:
     scene = scene_of(card, 3)
     trials = sorted(
-        scene.trials(8), key=lambda trial: len(grid_of(trial, 150.0, scene.card.step_s).at_s)
+        scene.trials(8),
+        key=lambda trial: len(grid_of(trial, 150.0, scene.card.step_s).at_s),
     )
     some_leave = scene.run_together(trials)
     steps = [len(one.motion.at_s) for one in some_leave]
     assert max(steps) - min(steps) > run.CHUNK
     monkeypatch.setattr(run._Lanes, "leave", lambda lanes, count: None)
     for one, other in zip(some_leave, scene.run_together(trials), strict=True):
-        for name in ("forces_n", "position_m", "agents_n", "gripped", "slips", "slides", "slip_m"):
-            assert np.array_equal(getattr(one.motion, name), getattr(other.motion, name)), (
+        for name in (
+            "forces_n",
+            "position_m",
+            "agents_n",
+            "gripped",
+            "slips",
+            "slides",
+            "slip_m",
+        ):
+            assert np.array_equal(
+                getattr(one.motion, name), getattr(other.motion, name)
+            ), (
                 one.trial,
                 name,
             )

@@ -12,17 +12,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.interpolate import CubicSpline
 
-from holdfast.edge_runtime.errors import CardError
-from holdfast.simulation.camera import frames as film
-from holdfast.simulation.camera.apriltag import CODES, cells
-from holdfast.simulation.camera.frames import (
+from holdfast.core.errors import CardError
+from holdfast.simulation import camera_frames as film
+from holdfast.simulation.camera_frames import (
     BLACK,
     CAMERA,
+    CODES,
     GREY,
     HAND_TAG,
     OBJECT_TAG,
     WHITE,
     Camera,
+    cells,
 )
 from holdfast.simulation.card import read_card
 from holdfast.simulation.folder import write_set
@@ -38,7 +39,10 @@ close_at_s = 0.1
 hold_s = 0.8
 tail_s = 0.3
 """
-FILMED = CARD + "[effects.camera_frames]\n[camera]\nwidth_px = 240\nheight_px = 120\ntag_mm = 8\n"
+FILMED = (
+    CARD
+    + "[effects.camera_frames]\n[camera]\nwidth_px = 240\nheight_px = 120\ntag_mm = 8\n"
+)
 PICTURES = {
     0: ["..#.#.", "#...#.", "#..###", ".#.###", "#.#..#", "###.##"],
     1: ["..#..#", "#.#...", "....##", "#..###", ".#..#.", "##.##."],
@@ -68,9 +72,9 @@ def test_a_tag_is_six_by_six_cells_in_a_black_border_and_a_white_margin():
         assert whole.shape == (10, 10)
         assert whole.sum() - whole[1:9, 1:9].sum() == 36
         assert whole[1:9, 1:9].sum() == whole[2:8, 2:8].sum()
-        assert ["".join("#."[int(cell)] for cell in row) for row in whole[2:8, 2:8]] == PICTURES[
-            tag
-        ]
+        assert [
+            "".join("#."[int(cell)] for cell in row) for row in whole[2:8, 2:8]
+        ] == PICTURES[tag]
 
 
 def test_two_tags_differ_by_the_family_s_distance_in_any_turn():
@@ -87,7 +91,9 @@ def test_a_drawn_tag_shows_its_cells_where_it_lies():
         column_px, row_px = one.centre_px(tag, np.zeros(2))
         at = np.floor(6.0 * (np.arange(10) - 4.5)).astype(int)
         seen = image[int(row_px) + at[:, None], int(column_px) + at]
-        np.testing.assert_allclose(seen, BLACK + (WHITE - BLACK) * cells(tag), atol=1e-9)
+        np.testing.assert_allclose(
+            seen, BLACK + (WHITE - BLACK) * cells(tag), atol=1e-9
+        )
 
 
 @settings(max_examples=40)
@@ -155,7 +161,11 @@ def test_a_card_with_a_camera_leaves_frames_of_the_object_s_motion(tmp_path):
     write_set(filmed, tmp_path / "set")
     trial = tmp_path / "set" / "soft-ball" / "pull" / "trial_1"
     with np.load(trial.with_suffix(".frames.npz"), allow_pickle=False) as shots:
-        frames, time_s, px_per_mm = shots["frames"], shots["time_s"], float(shots["px_per_mm"])
+        frames, time_s, px_per_mm = (
+            shots["frames"],
+            shots["time_s"],
+            float(shots["px_per_mm"]),
+        )
     assert frames.shape == (len(time_s), 120, 240)
     truth = json.loads(trial.with_suffix(".truth.json").read_text())
     motion = np.genfromtxt(trial.with_suffix(".motion.csv"), delimiter=",", names=True)
@@ -166,7 +176,9 @@ def test_a_card_with_a_camera_leaves_frames_of_the_object_s_motion(tmp_path):
         time_s[[first, middle]] - 1e-3, motion["Time"], motion["object_z_mm"]
     )
     right = [frames[k, :, 120:].astype(float) - GREY for k in (first, middle)]
-    centres = [(light.sum(axis=1) * np.arange(120)).sum() / light.sum() for light in right]
+    centres = [
+        (light.sum(axis=1) * np.arange(120)).sum() / light.sum() for light in right
+    ]
     assert centres[0] - centres[1] == pytest.approx(fell_px[1] - fell_px[0], abs=0.3)
 
 
@@ -180,7 +192,9 @@ def test_the_same_card_and_seed_film_the_same_bytes(tmp_path):
     filmed = scene(tmp_path, FILMED + "noise_levels = 2\n")
     for name in ("one", "two"):
         write_set(filmed, tmp_path / name)
-    one, two = (next((tmp_path / name).rglob("*.npz")).read_bytes() for name in ("one", "two"))
+    one, two = (
+        next((tmp_path / name).rglob("*.npz")).read_bytes() for name in ("one", "two")
+    )
     assert one == two
 
 
@@ -188,7 +202,8 @@ def test_a_camera_changes_no_force(tmp_path):
     for name, text in (("plain", CARD), ("filmed", FILMED)):
         write_set(scene(tmp_path, text), tmp_path / name)
     plain, filmed = (
-        next((tmp_path / name).rglob("trial_1.csv")).read_bytes() for name in ("plain", "filmed")
+        next((tmp_path / name).rglob("trial_1.csv")).read_bytes()
+        for name in ("plain", "filmed")
     )
     assert plain == filmed
 

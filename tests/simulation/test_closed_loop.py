@@ -22,8 +22,7 @@ from loop_bench import (
 
 from holdfast.simulation.closed_loop.controllers import managed, oracle
 from holdfast.simulation.closed_loop.loop import ClosedLoop, LoopSettings, run_loops
-from holdfast.simulation.closed_loop.outcome import LoopOutcome
-from holdfast.simulation.closed_loop.people import Habits, Wearer, held_n
+from holdfast.simulation.closed_loop.people import Habits, LoopOutcome, Wearer, held_n
 from holdfast.simulation.protocol import PlannedTrial
 from holdfast.simulation.scene import Scene
 from holdfast.simulation.script import Times
@@ -53,7 +52,9 @@ def firm_loop(
 # a hand that does nothing
 
 
-@pytest.fixture(scope="module", params=["", WHOLE_BRUSH], ids=["core", "brush and averaging"])
+@pytest.fixture(
+    scope="module", params=["", WHOLE_BRUSH], ids=["core", "brush and averaging"]
+)
 def idle(
     request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
 ) -> tuple[Scene, ClosedLoop, np.ndarray]:
@@ -70,7 +71,9 @@ def test_a_loop_that_does_nothing_is_the_open_loop_bit_for_bit(
     scene, loop, forces_n = idle
     for lane, whole in enumerate(scene.run_together(scene.trials())):
         looped = loop.world.motion(lane, np.zeros((2, 1, 3)), np.zeros((2, 3)))
-        steps = min(len(looped.at_s), len(whole.motion.at_s))  # a pull's loop goes on for longer
+        steps = min(
+            len(looped.at_s), len(whole.motion.at_s)
+        )  # a pull's loop goes on for longer
         assert steps > 300
         for name in ("at_s", "agents_n", "gripped", "slips", "slides", "slip_m"):
             open_loop = getattr(whole.motion, name)[:steps]
@@ -89,7 +92,9 @@ def test_a_loop_begins_before_the_hand_closes_and_ends_after_the_decision(
         times = Times.of(trial)
         assert loop.spans.begins[lane] / 150.0 < times.close - 0.1
         decided_s = {"pull": times.act + 1.2, "fall": times.act + 0.9}
-        assert loop.spans.ends[lane] / 150.0 > decided_s.get(trial.action, times.open + 0.3)
+        assert loop.spans.ends[lane] / 150.0 > decided_s.get(
+            trial.action, times.open + 0.3
+        )
 
 
 # a batch
@@ -98,7 +103,9 @@ def test_a_loop_begins_before_the_hand_closes_and_ends_after_the_decision(
 @pytest.fixture(scope="module")
 def two(tmp_path_factory: pytest.TempPathFactory) -> tuple[Scene, list[LoopOutcome]]:
     """A pull and a fall by the holdfast controller."""
-    scene = scene_of(tmp_path_factory.mktemp("two"), card_text(row("pull"), row("fall")))
+    scene = scene_of(
+        tmp_path_factory.mktemp("two"), card_text(row("pull"), row("fall"))
+    )
     return scene, run_loops(scene, scene.trials(), model(), managed(scene, "holdfast"))
 
 
@@ -117,7 +124,9 @@ def test_a_trial_does_not_depend_on_its_batch_even_alone(
     (alone,) = run_loops(scene, trials[:1], model(), make)
     assert same(alone, outcomes[0])
     swapped = run_loops(scene, [trials[1], trials[0], trials[1]], model(), make)
-    for one, other in zip(swapped, (outcomes[1], outcomes[0], outcomes[1]), strict=True):
+    for one, other in zip(
+        swapped, (outcomes[1], outcomes[0], outcomes[1]), strict=True
+    ):
         assert same(one, other)
 
 
@@ -276,7 +285,9 @@ def test_a_wearer_overrides_only_where_the_own_grip_would_have_let_go(
     holds_n = held_n(trial)
     act_s = Times.of(trial).act
 
-    def overrides(extra_n: float, pulled_n: float, lasts_s: float, after_s: float = 0.1) -> bool:
+    def overrides(
+        extra_n: float, pulled_n: float, lasts_s: float, after_s: float = 0.1
+    ) -> bool:
         wearer = Wearer([trial], Habits(), seed=0)
         for k in range(round(lasts_s * 100)):
             t_s = np.array([act_s + after_s + 0.01 * k])

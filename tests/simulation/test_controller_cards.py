@@ -9,12 +9,16 @@ import numpy as np
 import pytest
 from loop_bench import MODEL, WHOLE_BRUSH, card_text, row
 
-from holdfast.edge_runtime.contract import FloatArray
-from holdfast.edge_runtime.errors import CardError, HoldfastError, NotAModel, RateError
+from holdfast.core.contract import FloatArray
+from holdfast.core.errors import CardError, HoldfastError, NotAModel, RateError
 from holdfast.simulation.card import read_card
-from holdfast.simulation.closed_loop.recording import RecordedLoop, require_controller, scene_of
+from holdfast.simulation.closed_loop.drive import COLUMNS
+from holdfast.simulation.closed_loop.recording import (
+    RecordedLoop,
+    require_controller,
+    scene_of,
+)
 from holdfast.simulation.folder import write_set
-from holdfast.simulation.grip_record import COLUMNS
 from holdfast.simulation.scene import Scene, SimulatedTrial
 
 SENSED = WHOLE_BRUSH + "[effects.dipole]\n[effects.hall_noise]\n"
@@ -79,13 +83,17 @@ def test_an_object_that_was_lost_stays_with_holdfast(
 def test_a_slip_that_the_hand_stopped_ends_as_a_grasp(
     three: dict[str, list[SimulatedTrial]],
 ) -> None:
-    labels = [phase["label"] for phase in three["holdfast"][0].truth.to_json()["phases"]]
+    labels = [
+        phase["label"] for phase in three["holdfast"][0].truth.to_json()["phases"]
+    ]
     assert labels[:4] == ["nothing", "grasp", "risky_slip", "grasp"]
     bare = [phase["label"] for phase in three["none"][0].truth.to_json()["phases"]]
     assert bare == ["nothing", "grasp", "risky_slip", "nothing"]
 
 
-def test_a_recording_holds_the_samples_and_the_commands_of_the_loop(tmp_path: Path) -> None:
+def test_a_recording_holds_the_samples_and_the_commands_of_the_loop(
+    tmp_path: Path,
+) -> None:
     text = card_text(*ROWS, effects=SENSED + section("holdfast"))
     acting = scene(tmp_path, text)
     recorded = RecordedLoop(acting, acting.trials())
@@ -99,17 +107,26 @@ def test_a_recording_holds_the_samples_and_the_commands_of_the_loop(tmp_path: Pa
     recorded.loop.models.answer = noting  # type: ignore[method-assign, assignment]
     motions = recorded.run()
     spans = recorded.loop.spans
-    for lane, (trial, (motion, _)) in enumerate(zip(acting.trials(), motions, strict=True)):
+    for lane, (trial, (motion, _)) in enumerate(
+        zip(acting.trials(), motions, strict=True)
+    ):
         signal = acting.sense(trial, motion.t_s, motion.forces_n)[0]
         begins, ends = int(spans.begins[lane]), int(spans.ends[lane])
         in_loop = np.array([values[lane] for values in sensed[: ends - begins]])
-        assert signal.values[begins:ends].reshape(ends - begins, -1).tobytes() == in_loop.tobytes()
+        assert (
+            signal.values[begins:ends].reshape(ends - begins, -1).tobytes()
+            == in_loop.tobytes()
+        )
 
 
 def test_the_folder_says_who_acted_and_what_was_commanded(tmp_path: Path) -> None:
-    text = card_text(ROWS[0], EMPTY, effects=SENSED + section("holdfast", "lag_ms = 20\n"))
+    text = card_text(
+        ROWS[0], EMPTY, effects=SENSED + section("holdfast", "lag_ms = 20\n")
+    )
     write_set(scene(tmp_path, text), tmp_path / "set")
-    truth = json.loads((tmp_path / "set/full-bottle/fall/trial_1.truth.json").read_text("utf-8"))
+    truth = json.loads(
+        (tmp_path / "set/full-bottle/fall/trial_1.truth.json").read_text("utf-8")
+    )
     assert truth["controller"]["name"] == "holdfast"
     assert truth["controller"]["drive"]["lag_ms"] == 20
     assert len(truth["controller"]["model_id"]) > 8
@@ -124,10 +141,15 @@ def test_the_folder_says_who_acted_and_what_was_commanded(tmp_path: Path) -> Non
     assert set(np.unique(grip["mode"])) <= {0, 1, 2, 3, 4}
     assert 2 in grip["mode"]
     assert not (tmp_path / "set/nothing/trial_1.grip.csv").exists()
-    assert json.loads((tmp_path / "set/meta.json").read_text("utf-8"))["controller"] == "holdfast"
+    assert (
+        json.loads((tmp_path / "set/meta.json").read_text("utf-8"))["controller"]
+        == "holdfast"
+    )
 
 
-def test_a_recording_of_a_pull_lasts_until_the_puller_has_given_up(tmp_path: Path) -> None:
+def test_a_recording_of_a_pull_lasts_until_the_puller_has_given_up(
+    tmp_path: Path,
+) -> None:
     short = row("pull", "cap_n = 0.5\nmove_s = 0.3\ntail_s = 0.2\n")
     acting = scene(tmp_path, card_text(short, effects=section("none")))
     (one,) = acting.run_together(acting.trials())
@@ -153,14 +175,18 @@ def test_a_controller_that_cannot_act_is_refused(
 ) -> None:
     path = tmp_path / "card.toml"
     model = "" if "model" in text else f'model = "{MODEL}"\n'
-    path.write_text(card_text(ROWS[0]) + "[controller]\n" + text + model, encoding="utf-8")
+    path.write_text(
+        card_text(ROWS[0]) + "[controller]\n" + text + model, encoding="utf-8"
+    )
     with pytest.raises(error) as refused:
         _require(path)
     for name in named:
         assert name in str(refused.value)
 
 
-def test_a_rate_a_unit_or_a_stream_that_the_model_does_not_have_is_refused(tmp_path: Path) -> None:
+def test_a_rate_a_unit_or_a_stream_that_the_model_does_not_have_is_refused(
+    tmp_path: Path,
+) -> None:
     path = tmp_path / "card.toml"
     text = card_text(ROWS[0], effects=SENSED + section("none"))
     path.write_text(text, encoding="utf-8")

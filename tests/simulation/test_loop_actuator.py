@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from holdfast.edge_runtime.contract import FloatArray
+from holdfast.core.contract import FloatArray
 from holdfast.simulation.card import read_card
-from holdfast.simulation.closed_loop.actuator import Actuator, Drive
+from holdfast.simulation.closed_loop.drive import Actuator, Drive
 from holdfast.simulation.protocol import PlannedTrial
 from holdfast.simulation.scene import Scene
 
@@ -17,10 +17,16 @@ DT_S = 1e-3
 LIVELY = [t for t in Scene(read_card("thesis"), 0).trials(8) if t.action != "nothing"]
 
 
-def grips(actuator: Actuator, target_n: FloatArray | float, lasts_s: float = 1.0) -> FloatArray:
+def grips(
+    actuator: Actuator, target_n: FloatArray | float, lasts_s: float = 1.0
+) -> FloatArray:
     """[K, B] grips of a drive with one target."""
-    target = np.broadcast_to(np.asarray(target_n, dtype=np.float64), actuator.own_n.shape)
-    return np.array([actuator.step(target, DT_S).copy() for _ in range(round(lasts_s / DT_S))])
+    target = np.broadcast_to(
+        np.asarray(target_n, dtype=np.float64), actuator.own_n.shape
+    )
+    return np.array(
+        [actuator.step(target, DT_S).copy() for _ in range(round(lasts_s / DT_S))]
+    )
 
 
 def drive_of(trials: list[PlannedTrial] = LIVELY, **changes: float) -> Actuator:
@@ -40,7 +46,9 @@ def test_no_grip_is_above_the_ceiling_or_below_zero_or_faster_than_the_drive(
         made = np.vstack([actuator.grip_n, grips(actuator, target, 0.02)])
         assert (made >= 0.0).all()
         assert (made <= 30.0).all()
-        assert (np.abs(np.diff(made, axis=0)) <= actuator.fastest_n_s * DT_S + 1e-9).all()
+        assert (
+            np.abs(np.diff(made, axis=0)) <= actuator.fastest_n_s * DT_S + 1e-9
+        ).all()
 
 
 @pytest.mark.parametrize("lag_ms", [0.0, 20.0, 50.0, 100.0])
@@ -65,7 +73,9 @@ def test_a_small_step_is_critically_damped(lag_ms: float, step_n: float) -> None
     actuator = drive_of(lag_ms=lag_ms, backlash_mm=0.0)
     lag_s = 1e-3 * lag_ms
     target = actuator.own_n + step_n * np.minimum(1.0, 0.4 * actuator.own_n)
-    share = (grips(actuator, target, 12.0 * lag_s) - actuator.own_n) / (target - actuator.own_n)
+    share = (grips(actuator, target, 12.0 * lag_s) - actuator.own_n) / (
+        target - actuator.own_n
+    )
     t_s = DT_S * np.arange(1, len(share) + 1)[:, None]
     expected = 1.0 - (1.0 + t_s / lag_s) * np.exp(-t_s / lag_s)
     assert share.max() <= 1.02
@@ -74,7 +84,9 @@ def test_a_small_step_is_critically_damped(lag_ms: float, step_n: float) -> None
 
 
 def test_a_longer_lag_is_a_later_grip() -> None:
-    reached = [grips(drive_of(lag_ms=lag), 40.0, 0.1)[-1] for lag in (0.0, 20.0, 50.0, 100.0)]
+    reached = [
+        grips(drive_of(lag_ms=lag), 40.0, 0.1)[-1] for lag in (0.0, 20.0, 50.0, 100.0)
+    ]
     assert (np.diff(reached, axis=0) < 0.0).all()
 
 
@@ -90,7 +102,9 @@ def test_the_fingers_follow_a_change_of_direction_after_the_backlash() -> None:
     assert (grips(actuator, down + 1.5 * slack, 0.1)[-1] > down).all()
 
 
-def test_the_fastest_drive_closes_its_stroke_in_its_time_against_stiff_fingers() -> None:
+def test_the_fastest_drive_closes_its_stroke_in_its_time_against_stiff_fingers() -> (
+    None
+):
     slow, fast = drive_of(closing_s=0.74), drive_of(closing_s=0.37)
     assert fast.fastest_n_s == pytest.approx(2.0 * slow.fastest_n_s)
     assert (fast.fastest_n_s > 100.0).all()

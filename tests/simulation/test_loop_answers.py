@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from loop_bench import model
 
-from holdfast.edge_runtime.contract import Sample
+from holdfast.core.contract import Sample
 from holdfast.edge_runtime.grip import GripSense
 from holdfast.edge_runtime.grip_control import sense_of
 from holdfast.edge_runtime.monitor import GripMonitor
-from holdfast.edge_runtime.tare import Tare
+from holdfast.edge_runtime.preparation import Tare
 from holdfast.simulation.closed_loop.answers import TOGETHER, HandModels
 
 SAMPLES, HANDS, SETTLED = 150, 2, 85
@@ -23,7 +23,9 @@ def readings() -> np.ndarray:
     touch = np.clip((np.arange(SAMPLES) - 105) / 20.0, 0.0, 1.0)[:, None, None]
     pressed = np.tile([0.2, -0.1, 1.0], 6) * np.array([[1.0], [2.0]])
     bias = rng.normal(size=(1, HANDS, 18))
-    values: np.ndarray = bias + touch * pressed + 0.02 * rng.normal(size=(SAMPLES, HANDS, 18))
+    values: np.ndarray = (
+        bias + touch * pressed + 0.02 * rng.normal(size=(SAMPLES, HANDS, 18))
+    )
     return values
 
 
@@ -40,7 +42,10 @@ def live_senses(values: np.ndarray) -> list[GripSense]:
 
 def test_a_loop_of_hands_senses_what_the_live_path_senses() -> None:
     values = readings()
-    loop, every = HandModels(model(), np.full(HANDS, SAMPLES)), np.ones((HANDS, 6), dtype=np.bool_)
+    loop, every = (
+        HandModels(model(), np.full(HANDS, SAMPLES)),
+        np.ones((HANDS, 6), dtype=np.bool_),
+    )
     looped = [loop.answer(now, every) for now in values]
     for hand in range(HANDS):
         live = live_senses(values[:, hand])
@@ -59,7 +64,10 @@ def test_hands_that_are_done_cost_nothing_and_change_no_other_hand() -> None:
     values = np.repeat(readings()[:, :1], TOGETHER + 1, axis=1)
     samples = np.full(TOGETHER + 1, SAMPLES)
     samples[-1] = 100  # alone in the second call
-    loop, every = HandModels(model(), samples), np.ones((TOGETHER + 1, 6), dtype=np.bool_)
+    loop, every = (
+        HandModels(model(), samples),
+        np.ones((TOGETHER + 1, 6), dtype=np.bool_),
+    )
     looped = [loop.answer(now, every) for now in values]
     assert any(sense.p_risky[-1] != sense.p_risky[0] for sense in looped[100:])
     assert len({sense.p_risky[-1] for sense in looped[99:]}) == 1

@@ -11,15 +11,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from holdfast.edge_runtime.contract import FloatArray
+from holdfast.core.contract import FloatArray
 from holdfast.simulation.body import Body, Inputs, Pull, State, at_rest
 from holdfast.simulation.core import step
 from holdfast.simulation.effect import PhysicsEffects, stream
 from holdfast.simulation.energy import kinetic_j, normal_j
 from holdfast.simulation.loop import LOOP_EFFECTS, pressure
-from holdfast.simulation.loop.lag import Lag
+from holdfast.simulation.loop.contacts import Lag, Texture
 from holdfast.simulation.loop.rotation import Rotation, gyration_m2
-from holdfast.simulation.loop.texture import Texture
 from holdfast.simulation.objects import OBJECTS
 
 FINGERS = np.array([1000.0, 1000.0, 500.0, 500.0, 500.0, 500.0])
@@ -29,14 +28,23 @@ ALONG = np.array([[0.0] * 6, [12e-3, -12e-3, 33e-3, 11e-3, -11e-3, -33e-3]])
 
 
 def make(
-    name: str, lanes: int = 2, thing: str = "basket-ball", numbers: Any = None, **options: Any
+    name: str,
+    lanes: int = 2,
+    thing: str = "basket-ball",
+    numbers: Any = None,
+    **options: Any,
 ) -> Any:
     """An effect for so many lanes; options: one value, or one for every lane."""
     numbers = range(lanes) if numbers is None else numbers
-    trials = [SimpleNamespace(finger_n_per_m=FINGERS, thing=OBJECTS[thing]) for _ in numbers]
+    trials = [
+        SimpleNamespace(finger_n_per_m=FINGERS, thing=OBJECTS[thing]) for _ in numbers
+    ]
     effect = LOOP_EFFECTS[name]
     rngs = [stream(7, number, name) for number in numbers]
-    drawn = [effect.draw(options, stream(7, number, f"{name} parameters")) for number in numbers]
+    drawn = [
+        effect.draw(options, stream(7, number, f"{name} parameters"))
+        for number in numbers
+    ]
     return effect.make(drawn, trials, rngs)
 
 
@@ -63,7 +71,9 @@ def body(
         at_m=np.repeat(at_m[..., None], lanes, axis=2),
         stiffness_n_per_m=stiffness,
         damping_n_s_per_m=damping_s * stiffness,
-        brush_n_per_m=np.repeat(brush_n_per_m * stiffness[None] / elements, elements, axis=0),
+        brush_n_per_m=np.repeat(
+            brush_n_per_m * stiffness[None] / elements, elements, axis=0
+        ),
         pressure=pressure(elements)[:, None, None],
         static=np.full(lanes, friction),
         kinetic=np.full(lanes, friction),
@@ -98,7 +108,11 @@ def run(
 
 
 def carry(
-    lanes: int = 2, speed_m_s: float = 0.0, t_s: float = 0.0, stiff: float = 1e5, share: float = 0.0
+    lanes: int = 2,
+    speed_m_s: float = 0.0,
+    t_s: float = 0.0,
+    stiff: float = 1e5,
+    share: float = 0.0,
 ) -> Pull:
     """A person strong enough to lead the object along y."""
     to = np.outer([0.0, speed_m_s, 0.0], np.ones(lanes))
@@ -136,11 +150,15 @@ def test_slip_begins_at_the_rim_of_a_brush_and_ends_in_its_middle() -> None:
 # texture
 
 
-@pytest.mark.parametrize(("speed_m_s", "wavelength_mm"), [(0.02, 1.0), (0.04, 1.0), (0.01, 0.5)])
+@pytest.mark.parametrize(
+    ("speed_m_s", "wavelength_mm"), [(0.02, 1.0), (0.04, 1.0), (0.01, 0.5)]
+)
 def test_a_slide_over_texture_vibrates_with_speed_over_wavelength(
     speed_m_s: float, wavelength_mm: float
 ) -> None:
-    what = body(gravity_m_s2=0.0, brush_n_per_m=50.0)  # stiff, or its stretch follows the sine late
+    what = body(
+        gravity_m_s2=0.0, brush_n_per_m=50.0
+    )  # stiff, or its stretch follows the sine late
     texture = make("texture", wavelength_mm=wavelength_mm, depth=0.2)
     _, shear_n = run(
         what,
@@ -196,21 +214,43 @@ def test_pressing_in_and_out_loses_what_a_standard_solid_loses() -> None:
     )
     force, depth = seen[-1001:, 0], seen[-1001:, 1]  # one turn of 0.5 s
     lost_j = (0.5 * (force[1:] + force[:-1]) * np.diff(depth, axis=0)).sum(axis=0)
-    expected = np.pi * ratio * FINGERS * swing_m**2 * omega * time_s / (1.0 + (omega * time_s) ** 2)
+    expected = (
+        np.pi
+        * ratio
+        * FINGERS
+        * swing_m**2
+        * omega
+        * time_s
+        / (1.0 + (omega * time_s) ** 2)
+    )
     assert np.allclose(lost_j, expected, rtol=0.01)
 
 
 def test_a_finger_that_left_remembers_nothing() -> None:
     what = body(gravity_m_s2=0.0)
     lag = make("lag", ratio=0.4, time_s=1.0)
-    run(what, 1e-3, 10, PhysicsEffects(lags=(lag,)), state=at_rest(what, shut(depth_m=0.0)))
+    run(
+        what,
+        1e-3,
+        10,
+        PhysicsEffects(lags=(lag,)),
+        state=at_rest(what, shut(depth_m=0.0)),
+    )
     assert (lag.held_n > 0.0).all()
-    run(what, 1e-3, 1, PhysicsEffects(lags=(lag,)), inputs=lambda t: Inputs(shut(depth_m=-1e-3)))
+    run(
+        what,
+        1e-3,
+        1,
+        PhysicsEffects(lags=(lag,)),
+        inputs=lambda t: Inputs(shut(depth_m=-1e-3)),
+    )
     assert not lag.held_n.any()
 
 
 @pytest.mark.parametrize("dt_s", [4e-4, 2e-3, 5e-3])
-def test_a_branch_that_never_relaxes_is_a_stiffer_finger_while_the_hand_closes(dt_s: float) -> None:
+def test_a_branch_that_never_relaxes_is_a_stiffer_finger_while_the_hand_closes(
+    dt_s: float,
+) -> None:
     # the thumb pushes the object aside
     reach = np.array([1.0, 1.0, 0.2, 0.2, 0.2, 0.2])[:, None] * np.ones(2)
 
@@ -220,7 +260,13 @@ def test_a_branch_that_never_relaxes_is_a_stiffer_finger_while_the_hand_closes(d
     def place_m(what: Body, effects: PhysicsEffects) -> FloatArray:
         start = at_rest(what, closing(0.0).closure_m)
         return run(
-            what, dt_s, int(0.5 / dt_s), effects, closing, lambda s: s.position_m[0].copy(), start
+            what,
+            dt_s,
+            int(0.5 / dt_s),
+            effects,
+            closing,
+            lambda s: s.position_m[0].copy(),
+            start,
         )[1]
 
     soft = body(gravity_m_s2=0.0, damping_s=2e-3)
@@ -274,7 +320,11 @@ def test_a_weight_on_a_pivot_swings_as_a_pendulum() -> None:
     rotation = make("rotation", offset_y_mm=0.0, offset_z_mm=-50.0)
     rotation.angle[:] = 0.05
     _, angle = run(
-        what, 1e-3, 2000, PhysicsEffects(turns=(rotation,)), watch=lambda _: rotation.angle[0]
+        what,
+        1e-3,
+        2000,
+        PhysicsEffects(turns=(rotation,)),
+        watch=lambda _: rotation.angle[0],
     )
     falling = np.flatnonzero((angle[:-1] > 0.0) & (angle[1:] <= 0.0))
     assert len(falling) > 3
@@ -288,7 +338,13 @@ def test_an_object_turns_freely_only_where_no_person_holds_it() -> None:
     what = body()
     rotation = make("rotation", offset_y_mm=30.0, offset_z_mm=0.0)
     turns = PhysicsEffects(turns=(rotation,))
-    run(what, 1e-3, 300, turns, inputs=lambda t: Inputs(shut(), (carry(stiff=1.0, share=1.0),)))
+    run(
+        what,
+        1e-3,
+        300,
+        turns,
+        inputs=lambda t: Inputs(shut(), (carry(stiff=1.0, share=1.0),)),
+    )
     assert np.abs(rotation.angle).max() < 1e-6
     rotation.rate[:] = 2.0
     start = rotation.angle.copy()
@@ -299,7 +355,9 @@ def test_an_object_turns_freely_only_where_no_person_holds_it() -> None:
 
 def test_the_inertia_is_that_of_the_shape() -> None:
     assert gyration_m2(OBJECTS["basket-ball"]) == pytest.approx(0.4 * 0.03**2)
-    assert gyration_m2(OBJECTS["full-bottle"]) == pytest.approx(0.0315**2 / 4 + 0.1**2 / 3)
+    assert gyration_m2(OBJECTS["full-bottle"]) == pytest.approx(
+        0.0315**2 / 4 + 0.1**2 / 3
+    )
 
 
 # arm, tremor, knock
@@ -327,7 +385,9 @@ def test_an_arm_comes_to_rest_where_its_motion_says(count: int) -> None:
     assert np.abs(speed[-1]).max() < 1e-5
     for lane in range(2):
         assert np.allclose(place[:, :, lane], arm.motion_m(t_s, lane), atol=1e-5)
-    assert np.linalg.norm(place[-1], axis=0) == pytest.approx(0.2 * (count % 2), abs=1e-5)
+    assert np.linalg.norm(place[-1], axis=0) == pytest.approx(
+        0.2 * (count % 2), abs=1e-5
+    )
     assert np.linalg.norm(acceleration, axis=1).max() == pytest.approx(
         10.0 / np.sqrt(3.0) * 0.2 / 0.8**2, rel=1e-3
     )
@@ -348,24 +408,30 @@ def test_an_arm_asks_for_fine_steps_in_every_movement_and_only_there() -> None:
 def test_a_tremor_trembles_at_its_frequency(frequency_hz: float) -> None:
     tremor = make("tremor", lanes=20, frequency_hz=frequency_hz, amplitude_m_s2=0.5)
     values = over(tremor, 2e-3 * np.arange(10000), lanes=20)
-    power = (np.abs(np.fft.rfft(values * np.hanning(10000)[:, None, None], axis=0)) ** 2).sum(
-        axis=1
-    )
+    power = (
+        np.abs(np.fft.rfft(values * np.hanning(10000)[:, None, None], axis=0)) ** 2
+    ).sum(axis=1)
     bins_hz = np.fft.rfftfreq(10000, 2e-3)
     near = (bins_hz > 0.84 * frequency_hz) & (bins_hz < 1.16 * frequency_hz)
     assert (power[near].sum(axis=0) > 0.999 * power.sum(axis=0)).all()
     assert np.linalg.norm(values, axis=1).max() <= 0.5
-    mean_square = (values * values).sum(axis=1).mean(axis=0)  # of two sines of half the amplitude
+    mean_square = (
+        (values * values).sum(axis=1).mean(axis=0)
+    )  # of two sines of half the amplitude
     assert np.median(mean_square) == pytest.approx(0.5 * 2 * 0.25**2, rel=0.02)
     assert tremor.busy_s(0)[0][1] > 1e6
 
 
-@pytest.mark.parametrize(("peak", "lasts_s"), [(20.0, 0.005), (20.0, 0.03), (40.0, 0.01)])
+@pytest.mark.parametrize(
+    ("peak", "lasts_s"), [(20.0, 0.005), (20.0, 0.03), (40.0, 0.01)]
+)
 def test_a_knock_gives_a_free_object_its_impulse(peak: float, lasts_s: float) -> None:
     knock = make("knock", peak_m_s2=peak, lasts_s=lasts_s, at_s=0.05)
     what = body(gravity_m_s2=0.0)
     open_hand = Inputs(shut(depth_m=-1.0))
-    state, _ = run(what, 1e-4, 1500, PhysicsEffects(shakes=(knock,)), inputs=lambda t: open_hand)
+    state, _ = run(
+        what, 1e-4, 1500, PhysicsEffects(shakes=(knock,)), inputs=lambda t: open_hand
+    )
     assert np.linalg.norm(state.velocity_m_s, axis=0) == pytest.approx(
         2.0 / np.pi * peak * lasts_s, rel=1e-3
     )
@@ -384,21 +450,32 @@ def held_j(what: Body, state: State, rotation: Rotation, lag: Lag) -> FloatArray
     at = state.position_m.copy()
     at[1:] += rotation.place_m()
     height = -(what.mass_kg * what.gravity_m_s2 * at).sum(axis=0)
-    springs = state.brush_j + normal_j(what, shut(len(at[0])), state.position_m[0], state.recess_m)
+    springs = state.brush_j + normal_j(
+        what, shut(len(at[0])), state.position_m[0], state.recess_m
+    )
     total: FloatArray = kinetic_j(what, state) + spin + branch + springs + height
     return total
 
 
-def gains_j(step_s: float, elements: int, lagging: bool) -> tuple[FloatArray, FloatArray]:
+def gains_j(
+    step_s: float, elements: int, lagging: bool
+) -> tuple[FloatArray, FloatArray]:
     """[K, B] what every step added to the energy of a kicked object that only the hand touches;
     and what was left."""
     lanes, rng = 16, np.random.default_rng(3)
     what = body(
-        lanes, elements, per_m=1.0 / 0.03, damping_s=2e-3, gravity_m_s2=2.0, at_m=0.2 * ALONG
+        lanes,
+        elements,
+        per_m=1.0 / 0.03,
+        damping_s=2e-3,
+        gravity_m_s2=2.0,
+        at_m=0.2 * ALONG,
     )
     lag, texture = make("lag", lanes), make("texture", lanes)
     rotation = make("rotation", lanes, offset_y_mm={"uniform": [-30, 30]})
-    effects = PhysicsEffects(textures=(texture,), lags=(lag,) if lagging else (), turns=(rotation,))
+    effects = PhysicsEffects(
+        textures=(texture,), lags=(lag,) if lagging else (), turns=(rotation,)
+    )
     state = at_rest(what, shut(lanes))
     state.velocity_m_s += rng.normal(size=(3, lanes)) * 0.1
     rotation.rate += rng.normal(size=lanes) * 5.0
@@ -414,7 +491,9 @@ def gains_j(step_s: float, elements: int, lagging: bool) -> tuple[FloatArray, Fl
 
 @pytest.mark.parametrize("step_s", [1e-5, 1e-4, 1e-3, 1e-2, 1e-1, 1.0])
 @pytest.mark.parametrize("elements", [1, 5])
-def test_no_step_makes_energy_with_rotation_and_texture(step_s: float, elements: int) -> None:
+def test_no_step_makes_energy_with_rotation_and_texture(
+    step_s: float, elements: int
+) -> None:
     gains, energy = gains_j(step_s, elements, lagging=False)
     assert np.isfinite(energy).all()
     assert gains.max() < 1e-12
@@ -432,12 +511,14 @@ def all_of(numbers: list[int]) -> tuple[PhysicsEffects, Rotation]:
     """Every effect, of the lanes with these numbers."""
     options: Mapping[str, Any] = {"at_s": 0.1}
     made = {
-        name: make(name, numbers=numbers, **options) for name in LOOP_EFFECTS if name != "brush"
+        name: make(name, numbers=numbers, **options)
+        for name in LOOP_EFFECTS
+        if name != "brush"
     }
     shakes = tuple(made[name] for name in ("arm", "tremor", "knock"))
-    return PhysicsEffects(shakes, (made["texture"],), (made["lag"],), (made["rotation"],)), made[
-        "rotation"
-    ]
+    return PhysicsEffects(
+        shakes, (made["texture"],), (made["lag"],), (made["rotation"],)
+    ), made["rotation"]
 
 
 def test_a_lane_has_the_same_numbers_in_any_batch() -> None:

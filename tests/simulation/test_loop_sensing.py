@@ -12,7 +12,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from loop_bench import card_text, row, scene_of
 
-from holdfast.edge_runtime.contract import FloatArray
+from holdfast.core.contract import FloatArray
 from holdfast.simulation.closed_loop.sensing import LoopSensors
 from holdfast.simulation.scene import Scene
 from holdfast.simulation.sensor import SENSOR_EFFECTS
@@ -46,13 +46,17 @@ def scene_with(names: list[str], folder: Path, seed: int = 0, unit: str = "N") -
 def touched(seed: int) -> FloatArray:
     """[T, 3, 6, 3] forces of three trials: they wander, and some channels rest."""
     rng = np.random.default_rng(seed)
-    steps = rng.normal(size=(COUNTS.max(), 3, 6, 3)) * rng.choice([0.0, 0.05, 0.5], (1, 3, 6, 3))
+    steps = rng.normal(size=(COUNTS.max(), 3, 6, 3)) * rng.choice(
+        [0.0, 0.05, 0.5], (1, 3, 6, 3)
+    )
     forces: FloatArray = steps.cumsum(axis=0)
     forces[..., 2] = np.abs(forces[..., 2])
     return forces
 
 
-def in_the_loop(scene: Scene, forces_n: FloatArray) -> list[list[tuple[bytes, bytes] | None]]:
+def in_the_loop(
+    scene: Scene, forces_n: FloatArray
+) -> list[list[tuple[bytes, bytes] | None]]:
     """By trial, by call: the bytes of values and validity, None for a lost sample."""
     sensors = LoopSensors(scene, scene.trials(), COUNTS)
     reported: list[list[tuple[bytes, bytes] | None]] = [[], [], []]
@@ -65,12 +69,17 @@ def in_the_loop(scene: Scene, forces_n: FloatArray) -> list[list[tuple[bytes, by
     return reported
 
 
-def as_recorded(scene: Scene, forces_n: FloatArray, lane: int) -> list[tuple[bytes, bytes]]:
+def as_recorded(
+    scene: Scene, forces_n: FloatArray, lane: int
+) -> list[tuple[bytes, bytes]]:
     """What the whole trial's signal has, a row a sample that came."""
     n = COUNTS[lane]
-    signal, _ = scene.sense(scene.trials()[lane], np.arange(n) / 150.0, forces_n[:n, lane])
+    signal, _ = scene.sense(
+        scene.trials()[lane], np.arange(n) / 150.0, forces_n[:n, lane]
+    )
     return [
-        (v.tobytes(), good.tobytes()) for v, good in zip(signal.values, signal.valid, strict=True)
+        (v.tobytes(), good.tobytes())
+        for v, good in zip(signal.values, signal.valid, strict=True)
     ]
 
 
@@ -89,10 +98,14 @@ def test_every_effect_of_the_sensor_is_tried() -> None:
 
 
 @pytest.mark.parametrize("name", TEXTS)
-def test_an_effect_row_by_row_is_the_effect_of_the_whole_trial(name: str, tmp_path: Path) -> None:
+def test_an_effect_row_by_row_is_the_effect_of_the_whole_trial(
+    name: str, tmp_path: Path
+) -> None:
     before = ["dipole"] if name in ON_FIELDS and name != "dipole" else []
     scene = scene_with([*before, name], tmp_path)
-    assert LoopSensors(scene, scene.trials(), COUNTS).latency == (name == "timing_jitter")
+    assert LoopSensors(scene, scene.trials(), COUNTS).latency == (
+        name == "timing_jitter"
+    )
     require_same(scene, 1)
 
 
@@ -110,14 +123,18 @@ def test_any_effects_together_row_by_row_are_those_of_the_whole_trial(
     require_same(scene_with(sorted(names), tmp_path, seed, unit), seed)
 
 
-def test_a_stuck_sensor_repeats_its_value_and_is_found_out_after_20_ms(tmp_path: Path) -> None:
+def test_a_stuck_sensor_repeats_its_value_and_is_found_out_after_20_ms(
+    tmp_path: Path,
+) -> None:
     stuck = card_text(
         row("pull", "count = 3"),
         effects="[effects.stale_sensor]\nsensors = [2]\nat_s = 0.1\nlasts_s = 0.1\n",
     )
     scene, forces_n = scene_of(tmp_path, stuck), touched(4)
     sensors = LoopSensors(scene, scene.trials(), COUNTS)
-    seen: list[Any] = [sensors.read(np.array([k] * 3), forces_n[k])[0] for k in range(40)]
+    seen: list[Any] = [
+        sensors.read(np.array([k] * 3), forces_n[k])[0] for k in range(40)
+    ]
     values = np.array([one.values[:, 1] for one in seen])
     valid = np.array([one.valid for one in seen])
     assert (values[15:30] == values[14]).all()

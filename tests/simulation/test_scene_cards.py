@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from holdfast.edge_runtime.errors import CardError, UsageError
+from holdfast.core.errors import CardError, UsageError
 from holdfast.simulation.card import read_card
 from holdfast.simulation.effects import EFFECTS
 from holdfast.simulation.protocol import least_grip_n
@@ -43,11 +43,21 @@ def test_the_thesis_card_has_a_thousand_trials_and_one_of_nothing():
     counts: dict[str, int] = {}
     for trial in Scene(read_card("thesis"), 0).trials():
         counts[trial.action] = counts.get(trial.action, 0) + 1
-    assert counts == {"pass": 300, "pull": 240, "fall": 160, "put-down": 300, "nothing": 1}
+    assert counts == {
+        "pass": 300,
+        "pull": 240,
+        "fall": 160,
+        "put-down": 300,
+        "nothing": 1,
+    }
 
 
 def test_a_participant_does_five_objects_three_actions_three_times():
-    assert len(Scene(read_card("p1"), 0).trials()) == len(Scene(read_card("p2"), 0).trials()) == 45
+    assert (
+        len(Scene(read_card("p1"), 0).trials())
+        == len(Scene(read_card("p2"), 0).trials())
+        == 45
+    )
 
 
 def test_a_new_card_needs_no_code(tmp_path):
@@ -55,7 +65,9 @@ def test_a_new_card_needs_no_code(tmp_path):
         "[objects.pear]\nmass_g = 180\nradius_mm = 32\naxial_radius_mm = 50\nfriction = 0.5\n"
         + PLAIN
     )
-    trials = Scene(read_card(card(tmp_path, text.replace("soft-ball", "pear"))), 0).trials()
+    trials = Scene(
+        read_card(card(tmp_path, text.replace("soft-ball", "pear"))), 0
+    ).trials()
     assert [trial.thing.mass_g for trial in trials] == [180.0]
 
 
@@ -63,7 +75,10 @@ def test_a_new_card_needs_no_code(tmp_path):
     ("text", "named"),
     [
         (PLAIN.replace("pull", "throw"), ["trials[0].action", "throw", "put-down"]),
-        (PLAIN.replace("soft-ball", "melon"), ["trials[0].objects", "melon", "soft-ball"]),
+        (
+            PLAIN.replace("soft-ball", "melon"),
+            ["trials[0].objects", "melon", "soft-ball"],
+        ),
         (PLAIN + 'style = "p9"\n', ["trials[0].style", "p9", "author"]),
         (PLAIN + "hold_s = -1\n", ["trials[0].hold_s", "-1", "0.8 to 600 s"]),
         (PLAIN + "hold_s = { uniform = [3, 2] }\n", ["hold_s", "low before high"]),
@@ -91,9 +106,13 @@ def test_a_new_card_needs_no_code(tmp_path):
             PLAIN + "[physics]\nstep_s = 0.01\n[effects.texture]\n",
             ["physics.step_s", "0.01", "0.001 s"],
         ),
-        (PLAIN + "[objects.stone]\nmass_g = -3\n", ["objects.stone.mass_g", "-3", "0.1 to 5000 g"]),
         (
-            "[objects.lead]\nmass_g = 5000\nfriction = 0.3\n" + PLAIN.replace("soft-ball", "lead"),
+            PLAIN + "[objects.stone]\nmass_g = -3\n",
+            ["objects.stone.mass_g", "-3", "0.1 to 5000 g"],
+        ),
+        (
+            "[objects.lead]\nmass_g = 5000\nfriction = 0.3\n"
+            + PLAIN.replace("soft-ball", "lead"),
             ["trials[0].objects", "lead", "70 N"],
         ),
         ("title = 3", ["trials", "at least one"]),
@@ -125,7 +144,9 @@ def test_a_rate_that_a_user_gives_is_blamed_on_the_user_s_option_and_not_on_the_
     with pytest.raises(UsageError) as error:
         read_card("thesis", rate_hz=rate_hz, rate_option="--rate ")
     message = str(error.value)
-    assert message.startswith(f"--rate {rate_hz:g} is not a sampling rate of thesis; next: give ")
+    assert message.startswith(
+        f"--rate {rate_hz:g} is not a sampling rate of thesis; next: give "
+    )
     assert allowed in message
     assert "record." not in message
 
@@ -148,7 +169,9 @@ def test_styles_say_only_what_actions_know():
 
 def test_every_effect_has_a_default_that_is_allowed():
     for effect in EFFECTS.values():
-        assert [name for name, p in effect.parameters.items() if p.problem(p.default)] == []
+        assert [
+            name for name, p in effect.parameters.items() if p.problem(p.default)
+        ] == []
         assert set(effect.needs) <= set(EFFECTS)
 
 
@@ -164,8 +187,12 @@ def test_no_card_writes_over_the_styles():
 
 def test_no_grip_is_gentler_than_a_hand_can_keep_but_where_the_object_must_fall():
     trials = Scene(read_card("thesis"), 0).trials()
-    grips = [trial.grip_n for trial in trials if trial.action not in ("fall", "nothing")]
+    grips = [
+        trial.grip_n for trial in trials if trial.action not in ("fall", "nothing")
+    ]
     assert min(grips) == 0.5
     for trial in trials:
         if trial.action == "fall":
-            assert trial.grip_n < least_grip_n(trial.thing, trial.drawn["friction_factor"])
+            assert trial.grip_n < least_grip_n(
+                trial.thing, trial.drawn["friction_factor"]
+            )

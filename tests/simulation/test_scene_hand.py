@@ -10,13 +10,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from holdfast.edge_runtime.errors import CardError
-from holdfast.edge_runtime.trial_file import read_trial
+from holdfast.core.errors import CardError
+from holdfast.core.trial_file import read_trial
 from holdfast.simulation.body import SIDE, sides
 from holdfast.simulation.card import read_card
 from holdfast.simulation.effects import EFFECTS
 from holdfast.simulation.folder import write_set
-from holdfast.simulation.hand import HandLayout
+from holdfast.simulation.objects import HandLayout
 from holdfast.simulation.protocol import PlannedTrial
 from holdfast.simulation.run import TrialMotion, motions
 from holdfast.simulation.scene import Scene, SimulatedTrial
@@ -48,7 +48,9 @@ tail_s = 0.2
 HELD_S = 1.0
 """Every hand of these rows is closed by then, and nothing has happened yet."""
 FOURS = "[hand]\nthumb = 4\nfinger = 4\n"
-EVERY_LOOP_EFFECT = "[effects.texture]\n[effects.lag]\n[effects.rotation]\n[effects.tremor]\n"
+EVERY_LOOP_EFFECT = (
+    "[effects.texture]\n[effects.lag]\n[effects.rotation]\n[effects.tremor]\n"
+)
 SENSOR = "".join(
     f"[effects.{name}]\n"
     for name in ("dipole", "cross_talk", "gain_tilt", "hall_noise", "saturation")
@@ -64,7 +66,9 @@ def scene(tmp_path: Path, text: str) -> Scene:
 @pytest.fixture
 def texture_in_any_step(monkeypatch: pytest.MonkeyPatch) -> None:
     """Texture takes part in steps that are too long for its physics."""
-    monkeypatch.setitem(EFFECTS, "texture", replace(EFFECTS["texture"], longest_step_s=math.inf))
+    monkeypatch.setitem(
+        EFFECTS, "texture", replace(EFFECTS["texture"], longest_step_s=math.inf)
+    )
 
 
 def trials_of(tmp_path: Path, text: str) -> list[SimulatedTrial]:
@@ -77,19 +81,36 @@ def even(trial: PlannedTrial, hand: HandLayout, digits: np.ndarray) -> PlannedTr
     differs."""
     share = hand.part / np.array([2.0, 4.0])[np.where(digits > 0, 1, 0)]
     at_m = np.zeros((2, len(digits)))
-    return replace(trial, hand=hand, finger_n_per_m=600.0 * hand.part, share=share, at_m=at_m)
+    return replace(
+        trial, hand=hand, finger_n_per_m=600.0 * hand.part, share=share, at_m=at_m
+    )
 
 
 def summed(motion: TrialMotion, digits: np.ndarray) -> np.ndarray:
     """[T, 5, 3] forces of each digit."""
-    return np.stack([motion.forces_n[:, digits == k].sum(axis=1) for k in range(5)], axis=1)
+    return np.stack(
+        [motion.forces_n[:, digits == k].sum(axis=1) for k in range(5)], axis=1
+    )
 
 
 def test_the_thesis_hand_is_the_default(tmp_path):
-    assert scene(tmp_path, ROWS).card.hand == HandLayout() == HandLayout(thumb=2, finger=1)
+    assert (
+        scene(tmp_path, ROWS).card.hand == HandLayout() == HandLayout(thumb=2, finger=1)
+    )
     assert HandLayout().part.tolist() == [1.0] * 6
-    assert (1e3 * HandLayout().along_m).tolist() == [12.0, -12.0, 33.0, 11.0, -11.0, -33.0]
-    assert SIDE.tolist() == sides(6, 2).tolist() == [[1.0], [1.0], [-1.0], [-1.0], [-1.0], [-1.0]]
+    assert (1e3 * HandLayout().along_m).tolist() == [
+        12.0,
+        -12.0,
+        33.0,
+        11.0,
+        -11.0,
+        -33.0,
+    ]
+    assert (
+        SIDE.tolist()
+        == sides(6, 2).tolist()
+        == [[1.0], [1.0], [-1.0], [-1.0], [-1.0], [-1.0]]
+    )
 
 
 @pytest.mark.usefixtures("texture_in_any_step")
@@ -115,7 +136,9 @@ def test_a_finger_on_four_places_holds_as_the_same_finger_on_one(tmp_path):
     ]
     for six, twenty in zip(*moved, strict=True):
         assert (six.forces_n.shape[1], twenty.forces_n.shape[1]) == (6, 20)
-        np.testing.assert_allclose(summed(twenty, DIGITS[1]), summed(six, DIGITS[0]), atol=1e-6)
+        np.testing.assert_allclose(
+            summed(twenty, DIGITS[1]), summed(six, DIGITS[0]), atol=1e-6
+        )
         np.testing.assert_allclose(twenty.position_m, six.position_m, atol=1e-8)
         assert np.abs(twenty.position_m).max() > 1e-3
 
@@ -132,7 +155,9 @@ def test_a_hand_of_twenty_presses_from_both_sides_alike(tmp_path):
 def test_along_a_bottle_the_places_stand_finger_by_finger():
     along_mm = 1e3 * TWENTY.along_m
     assert along_mm[:4] == pytest.approx([18.0, 6.0, -6.0, -18.0])
-    assert along_mm[4:].reshape(4, 4).mean(axis=1) == pytest.approx([33.0, 11.0, -11.0, -33.0])
+    assert along_mm[4:].reshape(4, 4).mean(axis=1) == pytest.approx(
+        [33.0, 11.0, -11.0, -33.0]
+    )
     assert np.diff(along_mm[4:]) == pytest.approx(np.full(15, -5.5))
 
 

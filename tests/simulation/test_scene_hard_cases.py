@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from test_scene_physics import G, at_rest, body, closed, energy_j, go
 
-from holdfast.edge_runtime.errors import CardError
+from holdfast.core.errors import CardError
 from holdfast.simulation import energy
 from holdfast.simulation.body import Body, Floor, Inputs, State
 from holdfast.simulation.card import read_card
@@ -101,7 +101,9 @@ def test_fingers_that_only_touch_carry_nothing(dt_s):
     assert not state.normal_n.any()
     assert not state.stretch_m.any()
     assert state.velocity_m_s[2] == pytest.approx(np.full(2, -G * 50 * dt_s))
-    floating = replace(held, gravity_m_s2=np.zeros((3, 2)))  # no force, no limit, no way
+    floating = replace(
+        held, gravity_m_s2=np.zeros((3, 2))
+    )  # no force, no limit, no way
     state = at_rest(floating, closure)
     go(floating, state, Inputs(closure), dt_s, 50)
     assert not state.velocity_m_s.any()
@@ -141,10 +143,14 @@ def test_silicone_that_sticks_by_more_than_it_is_pressed(share, holds):
     elsewhere="a force on no mass gives an infinite acceleration",
     here="a card takes no object under a tenth of a gram, and the core is stable at that",
 )
-def test_an_object_without_mass_is_refused_and_a_tenth_of_a_gram_is_held(tmp_path: Path):
+def test_an_object_without_mass_is_refused_and_a_tenth_of_a_gram_is_held(
+    tmp_path: Path,
+):
     text = '[objects.air]\nmass_g = 0\n[[trials]]\nobjects = ["air"]\naction = "pull"\n'
     (tmp_path / "mine.toml").write_text(text)
-    with pytest.raises(CardError, match=r"mass_g = 0; next: allowed: a number from 0\.1"):
+    with pytest.raises(
+        CardError, match=r"mass_g = 0; next: allowed: a number from 0\.1"
+    ):
         read_card(str(tmp_path / "mine.toml"))
     held = body(mass_kg=1e-4)
     closure = closed(held, 1.0)
@@ -176,18 +182,28 @@ def test_without_mass_and_without_contact_the_core_is_no_longer_finite():
     here="thumb and index alone carry the full bottle, and let go where they cannot",
 )
 @pytest.mark.parametrize(("share", "holds"), [(0.8, True), (1.3, False)])
-def test_the_full_bottle_hangs_on_one_finger_and_the_thumb(share, holds, record_property):
+def test_the_full_bottle_hangs_on_one_finger_and_the_thumb(
+    share, holds, record_property
+):
     held = replace(body(mass_kg=0.5173, stiffness=2000.0), straight_m=np.full(2, 0.2))
     grip_n = 0.5173 * G / (2 * 0.6 * share)
     alone = np.array([0.5, 0.5, 1.0, 0.0, 0.0, 0.0])[:, None]
     grown = np.zeros((6, 2))
     state = at_rest(held, grown)
     support = Floor(4e3, 40.0, 300.0, np.zeros(2), np.full(2, 50.0))
-    for part in np.linspace(0.0, 1.0, 500):  # closed on, and then the support is lowered
+    for part in np.linspace(
+        0.0, 1.0, 500
+    ):  # closed on, and then the support is lowered
         grown = alone * part * grip_n / held.stiffness_n_per_m
         go(held, state, Inputs(grown, (), support), 2e-3, 1)
     for below in np.linspace(0.0, 0.02, 1000):
-        go(held, state, Inputs(grown, (), replace(support, height_m=np.full(2, -below))), 2e-3, 1)
+        go(
+            held,
+            state,
+            Inputs(grown, (), replace(support, height_m=np.full(2, -below))),
+            2e-3,
+            1,
+        )
     go(held, state, Inputs(grown), 2e-3, 1000)
     shear_n = (held.brush_n_per_m * state.stretch_m[1]).sum(axis=0)
     record_property("finger_n", float(shear_n[2, 0]))
@@ -208,7 +224,9 @@ def test_the_full_bottle_hangs_on_one_finger_and_the_thumb(share, holds, record_
 )
 @EVERY_STEP
 @pytest.mark.parametrize("stiffness", [600.0, 6e6])
-def test_a_stiff_contact_holds_and_neither_rings_nor_gains_energy(stiffness, dt_s, record_property):
+def test_a_stiff_contact_holds_and_neither_rings_nor_gains_energy(
+    stiffness, dt_s, record_property
+):
     held = body(8, stiffness=stiffness)
     closure = closed(held, 8.0)
     state = at_rest(held, closure)
@@ -255,8 +273,12 @@ def fallen_on(
         before = state.velocity_m_s[2].copy()
         go(held, state, Inputs(np.full((6, 2), -1.0), (), box), dt_s, 1)
         given = (state.agents_n[2] - mass_kg * G) * dt_s
-        balance.append((float(mass_kg * (state.velocity_m_s[2] - before)[0]), float(given[0])))
-        assert abs(state.velocity_m_s[2, 0]) <= speed_m_s + G * dt_s * len(balance) + 1e-9
+        balance.append(
+            (float(mass_kg * (state.velocity_m_s[2] - before)[0]), float(given[0]))
+        )
+        assert (
+            abs(state.velocity_m_s[2, 0]) <= speed_m_s + G * dt_s * len(balance) + 1e-9
+        )
     return balance
 
 
@@ -272,7 +294,11 @@ def fallen_on(
     st.floats(-6.0, 0.0).map(lambda power: 10.0**power),
     st.sampled_from([0.0151, 0.5173]),
 )
-def test_an_object_thrown_at_a_box_obeys_the_balance_of_momentum(speed_m_s, dt_s, mass_kg):
+def test_an_object_thrown_at_a_box_obeys_the_balance_of_momentum(
+    speed_m_s, dt_s, mass_kg
+):
     box = Floor(4e3, 40.0, 300.0, np.full(2, -0.01), np.full(2, 1e6))
     for gained, given_ in fallen_on(box, speed_m_s, dt_s, mass_kg, 60):
-        assert gained == pytest.approx(given_, rel=1e-6, abs=1e-9 * mass_kg * (1.0 + speed_m_s))
+        assert gained == pytest.approx(
+            given_, rel=1e-6, abs=1e-9 * mass_kg * (1.0 + speed_m_s)
+        )

@@ -24,7 +24,7 @@ from holdfast.simulation.body import (
     recess_m,
 )
 from holdfast.simulation.core import step
-from holdfast.simulation.loop.brush import pressure
+from holdfast.simulation.loop.contacts import pressure
 
 G = 9.81
 SHARE = np.array([0.5, 0.5, 0.25, 0.25, 0.25, 0.25])[:, None]
@@ -46,7 +46,10 @@ def body(
     return Body(
         mass_kg=mass_kg * one,
         gravity_m_s2=np.array(gravity)[:, None] * one,
-        curvature_per_m=np.array([1 / radius_m, 1 / radius_m if ball else 200.0])[:, None] * one,
+        curvature_per_m=np.array([1 / radius_m, 1 / radius_m if ball else 200.0])[
+            :, None
+        ]
+        * one,
         straight_m=(0.0 if ball else 0.1) * one,
         at_m=np.zeros((2, 6, lanes)),
         stiffness_n_per_m=stiffness * np.ones((6, lanes)),
@@ -62,7 +65,9 @@ def closed(held: Body, grip_n: float | np.ndarray) -> np.ndarray:
     return np.asarray(SHARE * grip_n / held.stiffness_n_per_m)
 
 
-def go(held: Body, state: State, inputs: Inputs, dt_s: float | np.ndarray, steps: int) -> None:
+def go(
+    held: Body, state: State, inputs: Inputs, dt_s: float | np.ndarray, steps: int
+) -> None:
     dt = np.broadcast_to(np.asarray(dt_s, float), held.mass_kg.shape)
     for k in range(steps):
         step(held, state, inputs, dt, dt * (k + 1))
@@ -77,7 +82,9 @@ def energy_j(held: Body, state: State, closure_m: np.ndarray) -> np.ndarray:
     return np.asarray(energy.kinetic_j(held, state) + stored + height)
 
 
-def thrown(held: Body, closure_m: np.ndarray, rng: np.random.Generator, speed: float) -> State:
+def thrown(
+    held: Body, closure_m: np.ndarray, rng: np.random.Generator, speed: float
+) -> State:
     state = at_rest(held, closure_m)
     lanes = held.mass_kg.shape[0]
     state.velocity_m_s = rng.normal(0.0, speed, (3, lanes))
@@ -218,7 +225,9 @@ def test_the_contacts_of_a_held_object_carry_its_weight(gravity):
     state = at_rest(held, closure)
     go(held, state, Inputs(closure), 5e-3, 1000)
     shear = (held.brush_n_per_m * state.stretch_m).sum(axis=(1, 2))
-    squeeze = (held.curvature_per_m[:, None] * state.offset_m * state.normal_n).sum(axis=1)
+    squeeze = (held.curvature_per_m[:, None] * state.offset_m * state.normal_n).sum(
+        axis=1
+    )
     normal = (SIDE * state.normal_n).sum(axis=0)
     carried = np.concatenate([-normal[None], shear - squeeze])
     assert carried == pytest.approx(held.mass_kg * held.gravity_m_s2, abs=2e-6)
@@ -274,7 +283,9 @@ def test_on_a_ball_the_normal_falls_and_squeezes_and_on_a_cylinder_it_does_not()
     for ball in (True, False):
         held = body(ball=ball)
         recess = recess_m(held, offset_m(held, moved))
-        assert recess == pytest.approx(np.full((6, 2), 0.004**2 / 0.06 if ball else 0.0))
+        assert recess == pytest.approx(
+            np.full((6, 2), 0.004**2 / 0.06 if ball else 0.0)
+        )
     held = body(ball=True, friction=0.0, kinetic=0.0, gravity=(0.0, 0.0, 0.0))
     closure = closed(held, 10.0)
     state = at_rest(held, closure)
@@ -330,7 +341,9 @@ def slip_time_s(dt_s: float, grips_n: np.ndarray) -> np.ndarray:
         slipped = state.slip_m_s.mean(axis=(0, 1)) * dt_s
         crosses = np.isnan(found) & (travel + slipped >= 1e-3)
         found = np.where(
-            crosses, now - dt_s * (travel + slipped - 1e-3) / np.maximum(slipped, 1e-12), found
+            crosses,
+            now - dt_s * (travel + slipped - 1e-3) / np.maximum(slipped, 1e-12),
+            found,
         )
         travel = travel + slipped
     assert np.isfinite(found).all()
@@ -347,7 +360,9 @@ def test_slip_time_is_first_order_in_the_step():
     grips_n = np.random.default_rng(0).uniform(5.0, 12.0, 40)
     reference = slip_time_s(1e-4, grips_n)
     steps = np.array([2e-3, 1e-3, 5e-4])
-    errors = [np.median(np.abs(slip_time_s(dt_s, grips_n) - reference)) for dt_s in steps]
+    errors = [
+        np.median(np.abs(slip_time_s(dt_s, grips_n) - reference)) for dt_s in steps
+    ]
     order = np.polyfit(np.log(steps), np.log(errors), 1)[0]
     assert 0.6 < order < 1.4
     assert errors[1] < 1e-3
@@ -368,7 +383,9 @@ def test_lanes_do_not_know_each_other_and_step_by_themselves():
             for name, value in vars(held).items()
             if isinstance(value, np.ndarray) and name != "pressure"
         }
-        alone = State(**{name: value[..., pair].copy() for name, value in vars(start).items()})
+        alone = State(
+            **{name: value[..., pair].copy() for name, value in vars(start).items()}
+        )
         go(replace(held, **arrays), alone, Inputs(closure[:, pair]), dt_s[pair], 60)
         for name, value in vars(alone).items():
             assert value.tobytes() == getattr(together, name)[..., pair].tobytes(), name

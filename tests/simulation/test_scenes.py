@@ -11,18 +11,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from holdfast.cli import main
+from holdfast.cli.main import main
+from holdfast.core.contract import SITUATIONS
+from holdfast.core.errors import OutputError, UsageError
+from holdfast.core.trial_file import read_trial
 from holdfast.drivers.replay import Replay
-from holdfast.edge_runtime.contract import SITUATIONS
-from holdfast.edge_runtime.errors import OutputError, UsageError
-from holdfast.edge_runtime.trial_file import read_trial
+from holdfast.live.sources import open_source
 from holdfast.simulation import scene as scenes
 from holdfast.simulation.card import Card, read_card
 from holdfast.simulation.effects import EFFECTS
 from holdfast.simulation.folder import write_set
 from holdfast.simulation.scene import Scene, SimulatedTrial
 from holdfast.simulation.shipped import CARDS
-from holdfast.sources import open_source
 from holdfast.training.datasets.thesis import load
 from holdfast.training.timeline import read_truth
 
@@ -81,7 +81,9 @@ def make(tmp_path: Path, text: str = CORE, seed: int = 0) -> Scene:
 @pytest.fixture
 def texture_in_any_step(monkeypatch: pytest.MonkeyPatch) -> None:
     """Texture takes part in steps that are too long for its physics."""
-    monkeypatch.setitem(EFFECTS, "texture", replace(EFFECTS["texture"], longest_step_s=math.inf))
+    monkeypatch.setitem(
+        EFFECTS, "texture", replace(EFFECTS["texture"], longest_step_s=math.inf)
+    )
 
 
 def trials_of(scene: Scene) -> list[SimulatedTrial]:
@@ -94,7 +96,9 @@ def core(tmp_path_factory: pytest.TempPathFactory) -> list[SimulatedTrial]:
 
 
 def test_every_action_ends_as_its_truth_says(core):
-    shapes = {one.trial.action: [SITUATIONS[s] for _, s in one.truth.marks] for one in core}
+    shapes = {
+        one.trial.action: [SITUATIONS[s] for _, s in one.truth.marks] for one in core
+    }
     assert shapes.pop("pass")[:3] == ["nothing", "grasp", "safe_slip"]
     assert shapes == {
         "pull": ["nothing", "grasp", "risky_slip", "nothing"],
@@ -231,15 +235,24 @@ def test_averaging_takes_the_mean_as_the_chip_does(tmp_path, core):
 
 
 def test_the_same_card_and_seed_write_the_same_bytes(tmp_path):
-    text = COARSE + "[effects.brush]\n" + MAGNET + "[effects.hall_noise]\n[effects.saturation]\n"
+    text = (
+        COARSE
+        + "[effects.brush]\n"
+        + MAGNET
+        + "[effects.hall_noise]\n[effects.saturation]\n"
+    )
     for name in ("a", "b"):
         write_set(make(tmp_path, text, seed=3), tmp_path / name)
     files = sorted(
-        path.relative_to(tmp_path / "a") for path in (tmp_path / "a").rglob("*") if path.is_file()
+        path.relative_to(tmp_path / "a")
+        for path in (tmp_path / "a").rglob("*")
+        if path.is_file()
     )
     assert len(files) > 15
     for file in files:
-        assert (tmp_path / "a" / file).read_bytes() == (tmp_path / "b" / file).read_bytes()
+        assert (tmp_path / "a" / file).read_bytes() == (
+            tmp_path / "b" / file
+        ).read_bytes()
 
 
 def test_a_folder_of_trials_is_read_and_trained_on_as_it_is(tmp_path):
@@ -260,8 +273,15 @@ def test_a_folder_of_trials_is_read_and_trained_on_as_it_is(tmp_path):
     assert {"card", "seed", "slip_mm", *events} <= set(sidecar)
     assert {phase["provenance"] for phase in sidecar["phases"]} == {"scene"}
     assert sidecar["phases"][-1]["t1_s"] > read_trial(trial).t_s[-1]
-    assert read_truth(trial.with_suffix(".truth.json"), read_trial(trial).t_s)[2].situation == 3
-    assert (trial.parent / "trial_1.motion.csv").read_text("utf-8").startswith("Time,object_x_mm")
+    assert (
+        read_truth(trial.with_suffix(".truth.json"), read_trial(trial).t_s)[2].situation
+        == 3
+    )
+    assert (
+        (trial.parent / "trial_1.motion.csv")
+        .read_text("utf-8")
+        .startswith("Time,object_x_mm")
+    )
 
 
 def test_in_daily_life_risky_slips_are_four_samples_in_a_thousand():
@@ -297,19 +317,26 @@ def test_one_hand_makes_all_the_grasps_of_a_joined_recording(tmp_path):
         COARSE.replace("rate_hz = 100", "rate_hz = 100\njoin = 3")
         + "\n[effects.dipole]\n[effects.gain_tilt]\n"
     )
-    scene = make(tmp_path, text.replace('action = "pull"', 'action = "pull"\ncount = 3'))
+    scene = make(
+        tmp_path, text.replace('action = "pull"', 'action = "pull"\ncount = 3')
+    )
     trials = scene.run_together(scene.trials())
     joined, starts_s, _ = scene.join(trials)
     rest = [joined.values[np.searchsorted(joined.t_s, start)] for start in starts_s]
     np.testing.assert_allclose(rest[1:], rest[:-1], atol=1e-9)
     assert np.abs(trials[1].signal.values[0] - trials[0].signal.values[0]).max() > 0.01
-    np.testing.assert_array_equal(scene.join(trials[:1])[0].values, trials[0].signal.values)
+    np.testing.assert_array_equal(
+        scene.join(trials[:1])[0].values, trials[0].signal.values
+    )
 
 
 def test_nothing_is_written_over(tmp_path, capsys):
     (tmp_path / "set").mkdir()
     (tmp_path / "set" / "mine.txt").write_text("precious", encoding="utf-8")
-    assert main(["simulate", "apple", "--trials", "1", "--out", str(tmp_path / "set")]) == 5
+    assert (
+        main(["simulate", "apple", "--trials", "1", "--out", str(tmp_path / "set")])
+        == 5
+    )
     assert "exists already" in capsys.readouterr().err
     assert [path.name for path in (tmp_path / "set").iterdir()] == ["mine.txt"]
     with pytest.raises(OutputError):
@@ -356,7 +383,9 @@ def test_a_scene_is_a_source_like_any_other(apple):
     assert isinstance(source, Replay)
     samples = list(source)
     assert [sample.sequence for sample in samples] == list(range(len(samples)))
-    assert {int(step) for step in np.diff([sample.t_ns for sample in samples])} == {20_000_000}
+    assert {int(step) for step in np.diff([sample.t_ns for sample in samples])} == {
+        20_000_000
+    }
     assert samples[0].values.shape == (18,)
     assert samples[0].valid.shape == (6,)
     assert source.unit == "N"
@@ -374,7 +403,12 @@ def test_a_scene_url_that_cannot_be_is_a_usage_error(url):
 
 def test_truth_comes_from_the_core_and_not_from_a_noisy_channel(tmp_path, core):
     noisy = trials_of(
-        make(tmp_path, CORE + MAGNET + "[effects.hall_noise]\n[effects.gain_tilt]\ngain_sd = 0.4\n")
+        make(
+            tmp_path,
+            CORE
+            + MAGNET
+            + "[effects.hall_noise]\n[effects.gain_tilt]\ngain_sd = 0.4\n",
+        )
     )
     assert [one.truth for one in noisy] == [one.truth for one in core]
 

@@ -12,12 +12,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from holdfast.edge_runtime.contract import FloatArray, Unit
+from holdfast.core.contract import FloatArray, Unit
 from holdfast.edge_runtime.preparation import Preparation
 from holdfast.simulation.effect import Signal, stream
 from holdfast.simulation.sensor import SENSOR_EFFECTS
-from holdfast.simulation.sensor.calibration import calibrate, linear_map, loads_n, residual_n
-from holdfast.simulation.sensor.magnet import dipole_ut
+from holdfast.simulation.sensor.magnet import (
+    calibrate,
+    dipole_ut,
+    linear_map,
+    loads_n,
+    residual_n,
+)
 from holdfast.training.datasets.thesis import preparation
 
 MU0 = 4e-7 * np.pi
@@ -54,11 +59,16 @@ RANDOM = ("gain_tilt", "hall_noise", "timing_jitter", "dropped_samples")
 def signal(values: FloatArray, unit: Unit = "uT") -> Signal:
     """[T, 6, 3] at 100 Hz, all valid."""
     return Signal(
-        np.arange(len(values)) / RATE_HZ, values, np.ones(values.shape[:2], dtype=np.bool_), unit
+        np.arange(len(values)) / RATE_HZ,
+        values,
+        np.ones(values.shape[:2], dtype=np.bool_),
+        unit,
     )
 
 
-def steady(rows: int = 300, vector: tuple[float, float, float] = (100.0, -200.0, 20e3)) -> Signal:
+def steady(
+    rows: int = 300, vector: tuple[float, float, float] = (100.0, -200.0, 20e3)
+) -> Signal:
     """The same field on all sensors, always."""
     return signal(np.tile(np.array(vector), (rows, 6, 1)))
 
@@ -71,7 +81,9 @@ def wandering(rows: int = 300) -> Signal:
 
 def forces(*each_n: Sequence[float] | FloatArray) -> Signal:
     """One row per force, the same on all six fingertips."""
-    return signal(np.repeat(np.array(each_n, dtype=np.float64)[:, None], 6, axis=1), "N")
+    return signal(
+        np.repeat(np.array(each_n, dtype=np.float64)[:, None], 6, axis=1), "N"
+    )
 
 
 def apply(name: str, to: Signal, seed: int = 7, **options: Any) -> Signal:
@@ -87,7 +99,11 @@ def same(one: Signal, other: Signal) -> bool:
     """Equal to the bit."""
     return one.unit == other.unit and all(
         a.dtype == b.dtype and a.shape == b.shape and a.tobytes() == b.tobytes()
-        for a, b in ((one.t_s, other.t_s), (one.values, other.values), (one.valid, other.valid))
+        for a, b in (
+            (one.t_s, other.t_s),
+            (one.values, other.values),
+            (one.valid, other.valid),
+        )
     )
 
 
@@ -135,7 +151,8 @@ def test_an_effect_does_not_write_into_what_it_was_given(name: str) -> None:
 @pytest.mark.parametrize("name", SOMETHING)
 def test_an_effect_does_the_same_with_the_same_seed(name: str) -> None:
     assert same(
-        apply(name, wandering(), **SOMETHING[name]), apply(name, wandering(), **SOMETHING[name])
+        apply(name, wandering(), **SOMETHING[name]),
+        apply(name, wandering(), **SOMETHING[name]),
     )
 
 
@@ -198,7 +215,9 @@ def test_the_field_of_a_magnet_has_neither_sources_nor_curls(
 
 
 @pytest.mark.parametrize("height_mm", [1.5, 2.0, 10.0])
-def test_without_force_a_sensor_reads_the_field_of_its_magnet_at_rest(height_mm: float) -> None:
+def test_without_force_a_sensor_reads_the_field_of_its_magnet_at_rest(
+    height_mm: float,
+) -> None:
     read = apply("dipole", forces((0.0, 0.0, 0.0)), height_mm=height_mm)
     assert read.values[0] == pytest.approx(
         np.tile([0.0, 0.0, field_ut(1e-3 * height_mm)], (6, 1)), rel=1e-12
@@ -221,7 +240,10 @@ def test_a_press_brings_the_magnet_nearer_by_what_silicone_yields(
 
 @given(
     st.lists(
-        st.floats(0.0, 100.0), min_size=2, max_size=10, unique_by=lambda force: round(force, 3)
+        st.floats(0.0, 100.0),
+        min_size=2,
+        max_size=10,
+        unique_by=lambda force: round(force, 3),
     )
 )
 def test_the_field_grows_with_the_press(normal_n: list[float]) -> None:
@@ -242,8 +264,12 @@ def test_shear_tilts_the_field_its_own_way(axis: int, sign: float) -> None:
 
 
 @given(st.floats(-10.0, 10.0), st.floats(-10.0, 10.0), st.floats(0.0, 20.0))
-def test_shear_to_the_other_side_is_the_mirror_image(x_n: float, y_n: float, z_n: float) -> None:
-    one, other = apply("dipole", forces((x_n, y_n, z_n), (-x_n, -y_n, z_n))).values[:, 0]
+def test_shear_to_the_other_side_is_the_mirror_image(
+    x_n: float, y_n: float, z_n: float
+) -> None:
+    one, other = apply("dipole", forces((x_n, y_n, z_n), (-x_n, -y_n, z_n))).values[
+        :, 0
+    ]
     assert np.array_equal(one * [-1.0, -1.0, 1.0], other)
 
 
@@ -253,7 +279,9 @@ def test_shear_to_the_other_side_is_the_mirror_image(x_n: float, y_n: float, z_n
 def test_a_neighbour_feels_a_magnet_by_the_cube_of_height_over_spacing() -> None:
     alone = np.zeros((1, 6, 3))
     alone[0, 2] = [100.0, -200.0, 20e3]
-    after = apply("cross_talk", signal(alone), height_mm=2, spacing_mm=10, axes=0).values[0]
+    after = apply(
+        "cross_talk", signal(alone), height_mm=2, spacing_mm=10, axes=0
+    ).values[0]
     assert after[1] == pytest.approx(0.008 * alone[0, 2], rel=1e-12)
     assert after[3] == pytest.approx(0.008 * alone[0, 2], rel=1e-12)
     assert np.array_equal(after[2], alone[0, 2])
@@ -261,20 +289,27 @@ def test_a_neighbour_feels_a_magnet_by_the_cube_of_height_over_spacing() -> None
 
 
 def test_the_first_and_the_last_sensor_have_one_neighbour() -> None:
-    after = apply("cross_talk", steady(1), height_mm=2, spacing_mm=20, axes=0).values[0, :, 2]
-    assert after / 20e3 == pytest.approx([1.001, 1.002, 1.002, 1.002, 1.002, 1.001], rel=1e-12)
+    after = apply("cross_talk", steady(1), height_mm=2, spacing_mm=20, axes=0).values[
+        0, :, 2
+    ]
+    assert after / 20e3 == pytest.approx(
+        [1.001, 1.002, 1.002, 1.002, 1.002, 1.001], rel=1e-12
+    )
 
 
 def test_twice_as_far_a_neighbour_is_felt_an_eighth() -> None:
     near, far = (
-        apply("cross_talk", wandering(), spacing_mm=mm, axes=0).values - wandering().values
+        apply("cross_talk", wandering(), spacing_mm=mm, axes=0).values
+        - wandering().values
         for mm in (20, 40)
     )
     assert near == pytest.approx(8.0 * far, rel=1e-6)
 
 
 def test_an_axis_gets_its_share_of_the_other_two() -> None:
-    after = apply("cross_talk", steady(1, (10.0, 200.0, 3000.0)), height_mm=0, axes=0.1).values[0]
+    after = apply(
+        "cross_talk", steady(1, (10.0, 200.0, 3000.0)), height_mm=0, axes=0.1
+    ).values[0]
     assert after == pytest.approx(np.tile([330.0, 501.0, 3021.0], (6, 1)), rel=1e-12)
 
 
@@ -289,7 +324,9 @@ def turns(seed: int, **options: Any) -> FloatArray:
 
 def test_a_tilted_sensor_reads_the_same_strength_turned() -> None:
     turn = turns(7, gain_sd=0, tilt_sd_deg=20)
-    assert turn @ turn.transpose(0, 2, 1) == pytest.approx(np.tile(np.eye(3), (6, 1, 1)), abs=1e-12)
+    assert turn @ turn.transpose(0, 2, 1) == pytest.approx(
+        np.tile(np.eye(3), (6, 1, 1)), abs=1e-12
+    )
     assert np.linalg.det(turn) == pytest.approx(np.ones(6))
     assert (np.abs(turn - np.eye(3)).max(axis=(1, 2)) > 1e-3).all()
 
@@ -310,7 +347,9 @@ def test_the_norm_changes_by_a_gain_that_a_sensor_keeps() -> None:
 
 
 def test_gains_and_angles_spread_as_they_say() -> None:
-    drawn = np.concatenate([turns(seed, gain_sd=0.05, tilt_sd_deg=3) for seed in range(400)])
+    drawn = np.concatenate(
+        [turns(seed, gain_sd=0.05, tilt_sd_deg=3) for seed in range(400)]
+    )
     gain = np.linalg.norm(drawn[:, :, 2], axis=1)
     along = drawn[:, :, 2] / gain[:, None]
     about_x, about_y = (
@@ -320,16 +359,22 @@ def test_gains_and_angles_spread_as_they_say() -> None:
     spread = np.array([gain.std() / 0.05, about_x.std() / 3.0, about_y.std() / 3.0])
     assert spread == pytest.approx(1.0, abs=0.06)  # four sigma of 2400 draws
     assert (
-        np.abs([(gain.mean() - 1.0) / 0.05, about_x.mean() / 3.0, about_y.mean() / 3.0]).max()
+        np.abs(
+            [(gain.mean() - 1.0) / 0.05, about_x.mean() / 3.0, about_y.mean() / 3.0]
+        ).max()
         < 0.08
     )
     assert np.abs(np.corrcoef([gain, about_x, about_y]) - np.eye(3)).max() < 0.08
 
 
 def test_every_sensor_has_an_angle_and_a_gain_of_its_own() -> None:
-    drawn = np.stack([turns(seed, gain_sd=0.05, tilt_sd_deg=3)[:, :, 2] for seed in range(400)])
+    drawn = np.stack(
+        [turns(seed, gain_sd=0.05, tilt_sd_deg=3)[:, :, 2] for seed in range(400)]
+    )
     for axis in range(3):
-        assert np.abs(np.corrcoef(drawn[:, :, axis].T) - np.eye(6)).max() < 0.25  # five sigma
+        assert (
+            np.abs(np.corrcoef(drawn[:, :, axis].T) - np.eye(6)).max() < 0.25
+        )  # five sigma
 
 
 # magnets reversed and lost
@@ -339,8 +384,12 @@ def test_every_sensor_has_an_angle_and_a_gain_of_its_own() -> None:
 def test_reversed_magnets_turn_exactly_the_named_sensors(sensors: list[int]) -> None:
     before = wandering(3)
     after = apply("magnet_reversed", before, sensors=sensors)
-    assert np.array_equal(after.values[:, columns(*sensors)], -before.values[:, columns(*sensors)])
-    assert np.array_equal(after.values[:, others(*sensors)], before.values[:, others(*sensors)])
+    assert np.array_equal(
+        after.values[:, columns(*sensors)], -before.values[:, columns(*sensors)]
+    )
+    assert np.array_equal(
+        after.values[:, others(*sensors)], before.values[:, others(*sensors)]
+    )
 
 
 def pressed(reversed_sensors: list[int]) -> Signal:
@@ -349,14 +398,18 @@ def pressed(reversed_sensors: list[int]) -> Signal:
     return calibrate(apply("magnet_reversed", read, sensors=reversed_sensors))
 
 
-def test_at_rest_a_reversed_magnet_reads_far_below_zero_and_a_good_one_far_above() -> None:
+def test_at_rest_a_reversed_magnet_reads_far_below_zero_and_a_good_one_far_above() -> (
+    None
+):
     rest = pressed([2, 5]).values[0, :, 2]
     assert (rest[columns(2, 5)] < -10.0).all()
     assert (rest[others(2, 5)] > 10.0).all()
 
 
 @pytest.mark.parametrize("sensors", [[], [1], [2, 5], [1, 2, 3, 4, 5, 6]])
-def test_the_thesis_preparation_turns_exactly_the_reversed_magnets(sensors: list[int]) -> None:
+def test_the_thesis_preparation_turns_exactly_the_reversed_magnets(
+    sensors: list[int],
+) -> None:
     raw = pressed(sensors)
     sign, _ = preparation("N").learn(raw.values.reshape(40, 18))
     expected = np.ones((6, 3))
@@ -365,8 +418,14 @@ def test_the_thesis_preparation_turns_exactly_the_reversed_magnets(sensors: list
 
 
 @pytest.mark.parametrize("sensors", [[], [1], [2, 5], [1, 2, 3, 4, 5, 6]])
-def test_prepared_a_press_is_a_positive_normal_force_on_all_six(sensors: list[int]) -> None:
-    prepared = preparation("N").apply(pressed(sensors).values.reshape(40, 18)).reshape(40, 6, 3)
+def test_prepared_a_press_is_a_positive_normal_force_on_all_six(
+    sensors: list[int],
+) -> None:
+    prepared = (
+        preparation("N")
+        .apply(pressed(sensors).values.reshape(40, 18))
+        .reshape(40, 6, 3)
+    )
     assert prepared[:20] == pytest.approx(0.0, abs=1e-9)
     assert (prepared[20:, :, 2] > 4.0).all()
     assert np.ptp(prepared[20:, :, 2]) < 1e-9
@@ -378,14 +437,16 @@ def test_prepared_a_hand_of_reversed_magnets_is_the_hand_of_upright_ones(
 ) -> None:
     """The shear too: a model learns from one hand and runs on the other."""
     upright, turned = (
-        preparation("N").apply(pressed(which).values.reshape(40, 18)) for which in ([], sensors)
+        preparation("N").apply(pressed(which).values.reshape(40, 18))
+        for which in ([], sensors)
     )
     assert turned == pytest.approx(upright, abs=1e-9)
     thesis_own = replace(preparation("N"), turns="normal")
     kept = thesis_own.apply(pressed(sensors).values.reshape(40, 18)).reshape(40, 6, 3)
     assert (
         np.abs(
-            kept[20:, columns(*sensors), 0] + upright.reshape(40, 6, 3)[20:, columns(*sensors), 0]
+            kept[20:, columns(*sensors), 0]
+            + upright.reshape(40, 6, 3)[20:, columns(*sensors), 0]
         ).max()
         < 1e-9
     )
@@ -456,7 +517,9 @@ def test_a_magnet_that_cools_gains() -> None:
 
 
 def test_a_chip_that_compensates_leaves_a_tenth() -> None:
-    bare, compensated = (loss(warming_degc=10, time_s=300, compensated=yes) for yes in (0, 1))
+    bare, compensated = (
+        loss(warming_degc=10, time_s=300, compensated=yes) for yes in (0, 1)
+    )
     assert compensated == pytest.approx(bare / 10.0, abs=1e-12)
 
 
@@ -470,7 +533,9 @@ def noise(seed: int = 7, **options: Any) -> FloatArray:
 
 
 @pytest.mark.parametrize("averages", [32, 8, 1])
-def test_noise_is_as_the_data_sheet_says_and_falls_with_the_root_of_averages(averages: int) -> None:
+def test_noise_is_as_the_data_sheet_says_and_falls_with_the_root_of_averages(
+    averages: int,
+) -> None:
     sigma = np.tile([22.0, 22.0, 11.0], 6) * (32 / averages) ** 0.5
     # five sigma
     assert noise(averages=averages).std(axis=0) / sigma == pytest.approx(1.0, abs=0.025)
@@ -551,7 +616,8 @@ def test_no_sample_overtakes_another(sd_ms: float) -> None:
 
 def test_samples_are_late_and_early_by_as_much_as_the_card_says() -> None:
     late_ms = 1e3 * (
-        apply("timing_jitter", wandering(5000), sd_ms=0.5).t_s - np.arange(5000) / RATE_HZ
+        apply("timing_jitter", wandering(5000), sd_ms=0.5).t_s
+        - np.arange(5000) / RATE_HZ
     )
     assert late_ms.std() == pytest.approx(0.5, abs=0.025)
     assert abs(late_ms.mean()) < 0.035
@@ -567,7 +633,9 @@ def test_a_late_sample_has_the_value_of_its_own_time() -> None:
 
 @pytest.mark.parametrize("share", [0.005, 0.01, 0.02])
 def test_so_many_samples_never_come(share: float) -> None:
-    left = len(apply("dropped_samples", signal(np.zeros((200_000, 6, 3))), share=share).t_s)
+    left = len(
+        apply("dropped_samples", signal(np.zeros((200_000, 6, 3))), share=share).t_s
+    )
     assert 1.0 - left / 200_000 == pytest.approx(share, rel=0.1)
 
 
@@ -584,7 +652,9 @@ def test_samples_are_lost_in_bursts_of_one_to_three() -> None:
 @pytest.mark.parametrize("rows", [3, 4, 10])
 @pytest.mark.parametrize("seed", range(20))
 def test_the_first_two_samples_and_the_last_always_come(rows: int, seed: int) -> None:
-    came_at = np.round(apply("dropped_samples", steady(rows), seed, share=0.3).t_s * RATE_HZ)
+    came_at = np.round(
+        apply("dropped_samples", steady(rows), seed, share=0.3).t_s * RATE_HZ
+    )
     assert came_at[[0, 1, -1]].tolist() == [0.0, 1.0, rows - 1.0]
 
 
@@ -595,7 +665,12 @@ def test_the_samples_that_come_are_as_they_were() -> None:
     assert len(rows) < 300
     assert same(
         after,
-        replace(before, t_s=before.t_s[rows], values=before.values[rows], valid=before.valid[rows]),
+        replace(
+            before,
+            t_s=before.t_s[rows],
+            values=before.values[rows],
+            valid=before.valid[rows],
+        ),
     )
 
 
@@ -623,11 +698,15 @@ def test_a_stale_sensor_is_invalid_once_the_driver_can_know() -> None:
 def test_a_sensor_that_is_stale_from_the_start_repeats_its_first_value() -> None:
     before = wandering()
     after = apply("stale_sensor", before, sensors=[1], at_s=0, lasts_s=0.1)
-    assert np.array_equal(after.values[:10, 0], np.repeat(before.values[:1, 0], 10, axis=0))
+    assert np.array_equal(
+        after.values[:10, 0], np.repeat(before.values[:1, 0], 10, axis=0)
+    )
 
 
 def test_a_sensor_that_goes_stale_after_the_end_never_does() -> None:
-    assert same(apply("stale_sensor", wandering(), sensors=[1], at_s=4, lasts_s=1), wandering())
+    assert same(
+        apply("stale_sensor", wandering(), sensors=[1], at_s=4, lasts_s=1), wandering()
+    )
 
 
 # calibration
@@ -644,7 +723,9 @@ def newtons(*each_n: Sequence[float] | FloatArray) -> FloatArray:
 def test_calibration_is_linear(a: float, b: float) -> None:
     one, other = wandering(4), signal(wandering(8).values[4:])
     both = calibrate(signal(a * one.values + b * other.values)).values
-    assert both == pytest.approx(a * calibrate(one).values + b * calibrate(other).values, abs=1e-9)
+    assert both == pytest.approx(
+        a * calibrate(one).values + b * calibrate(other).values, abs=1e-9
+    )
 
 
 def test_calibration_changes_the_unit_and_neither_time_nor_validity() -> None:
@@ -659,9 +740,9 @@ def test_all_sensors_have_the_same_map() -> None:
 
 def test_the_rest_field_is_that_of_an_untouched_magnet_and_reads_23_n() -> None:
     assert linear_map()[1] == pytest.approx([0.0, 0.0, field_ut(2e-3)], rel=1e-12)
-    assert calibrate(apply("dipole", forces((0.0, 0.0, 0.0)))).values[0, :, 2] == pytest.approx(
-        [23.0] * 6, abs=1.0
-    )
+    assert calibrate(apply("dipole", forces((0.0, 0.0, 0.0)))).values[
+        0, :, 2
+    ] == pytest.approx([23.0] * 6, abs=1.0)
 
 
 def test_the_loads_are_those_of_the_thesis() -> None:
@@ -688,7 +769,9 @@ def test_no_other_matrix_fits_the_loads_better() -> None:
     read = apply("dipole", forces((0.0, 0.0, 0.0), *loads_n())).values[:, 0]
     fields = read[1:] - read[0]
     error = fields @ matrix.T - loads_n()
-    assert fields.T @ error == pytest.approx(np.zeros((3, 3)), abs=1e-3)  # the normal equations
+    assert fields.T @ error == pytest.approx(
+        np.zeros((3, 3)), abs=1e-3
+    )  # the normal equations
 
 
 @pytest.mark.parametrize("force_n", [1.0, 2.0, 5.0, 10.0, 14.0])
@@ -703,7 +786,9 @@ def test_a_known_shear_comes_back_on_its_side_within_three_residuals(
     angle_deg: float, share: float, normal_n: float
 ) -> None:
     shear = (
-        share * normal_n * np.array([np.cos(np.radians(angle_deg)), np.sin(np.radians(angle_deg))])
+        share
+        * normal_n
+        * np.array([np.cos(np.radians(angle_deg)), np.sin(np.radians(angle_deg))])
     )
     (back,) = newtons((float(shear[0]), float(shear[1]), normal_n))
     assert np.abs(back[:2] - shear).max() < 3.0 * residual_n()[1]

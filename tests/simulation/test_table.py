@@ -10,7 +10,7 @@ import pytest
 from hypothesis import assume, example, given
 from hypothesis import strategies as st
 
-from holdfast.edge_runtime.contract import FloatArray
+from holdfast.core.contract import FloatArray
 from holdfast.simulation.table import csv_bytes
 
 DECIMALS = st.integers(0, 6)
@@ -38,27 +38,53 @@ def clear_of_a_tie(value: float, decimals: int) -> bool:
 
 
 @given(
-    st.lists(st.floats(-1e8, 1e8).filter(lambda v: clear_of_a_tie(v, 4)), min_size=1, max_size=20)
+    st.lists(
+        st.floats(-1e8, 1e8).filter(lambda v: clear_of_a_tie(v, 4)),
+        min_size=1,
+        max_size=20,
+    )
 )
-@example([0.0, -0.0, -0.00001, 0.00001, -0.00006, 0.00006, 0.99996, -0.99996, 9.99999, 1e8, -1e8])
+@example(
+    [
+        0.0,
+        -0.0,
+        -0.00001,
+        0.00001,
+        -0.00006,
+        0.00006,
+        0.99996,
+        -0.99996,
+        9.99999,
+        1e8,
+        -1e8,
+    ]
+)
 def test_a_cell_is_what_python_formats(values: list[float]) -> None:
     assert cells(column(*values), 4) == [formatted(value, 4) for value in values]
 
 
 @given(DECIMALS, st.lists(st.floats(-1e7, 1e7), min_size=1, max_size=20))
-def test_a_cell_has_as_many_decimals_as_its_column_says(decimals: int, values: list[float]) -> None:
+def test_a_cell_has_as_many_decimals_as_its_column_says(
+    decimals: int, values: list[float]
+) -> None:
     assume(all(clear_of_a_tie(value, decimals) for value in values))
-    assert cells(column(*values), decimals) == [formatted(value, decimals) for value in values]
+    assert cells(column(*values), decimals) == [
+        formatted(value, decimals) for value in values
+    ]
 
 
 @given(DECIMALS, st.lists(WHOLE, min_size=1, max_size=20))
-def test_a_decimal_number_is_written_as_it_was_read(decimals: int, whole: list[int]) -> None:
+def test_a_decimal_number_is_written_as_it_was_read(
+    decimals: int, whole: list[int]
+) -> None:
     texts = [formatted(number / 10**decimals, decimals) for number in whole]
     assert cells(column(*map(float, texts)), decimals) == texts
 
 
 @given(DECIMALS, WHOLE.map(lambda number: number / 8.0))
-def test_an_exact_tie_goes_to_the_even_digit_as_in_python(decimals: int, value: float) -> None:
+def test_an_exact_tie_goes_to_the_even_digit_as_in_python(
+    decimals: int, value: float
+) -> None:
     assert cells(column(value), decimals) == [formatted(value, decimals)]
 
 
@@ -91,14 +117,23 @@ def test_a_column_may_be_missing_altogether(decimals: int) -> None:
     assert cells(column(math.nan, math.nan), decimals) == ["nan", "nan"]
 
 
-@pytest.mark.parametrize("whole", [2**31 - 1, 2**31, 2**32 - 1, 2**32, 10**15, 2**53 - 1])
+@pytest.mark.parametrize(
+    "whole", [2**31 - 1, 2**31, 2**32 - 1, 2**32, 10**15, 2**53 - 1]
+)
 def test_every_digit_of_a_large_number_is_written(whole: int) -> None:
     assert cells(column(whole, -whole, 1.0), 0) == [str(whole), str(-whole), "1"]
 
 
 @pytest.mark.parametrize(
     ("value", "decimals"),
-    [(math.inf, 4), (-math.inf, 4), (2.0**53, 0), (-(2.0**53), 0), (2.0**53 / 1e4, 4), (1e300, 4)],
+    [
+        (math.inf, 4),
+        (-math.inf, 4),
+        (2.0**53, 0),
+        (-(2.0**53), 0),
+        (2.0**53 / 1e4, 4),
+        (1e300, 4),
+    ],
 )
 def test_a_value_that_no_cell_can_hold_is_an_error(value: float, decimals: int) -> None:
     with pytest.raises(ValueError, match="infinite or has more digits"):
@@ -135,7 +170,11 @@ def test_a_column_does_not_depend_on_the_columns_beside_it(
     assert lines == [",".join(row) for row in zip(*alone, strict=True)]
 
 
-@given(st.lists(st.lists(st.floats(-1e6, 1e6), min_size=3, max_size=3), min_size=1, max_size=20))
+@given(
+    st.lists(
+        st.lists(st.floats(-1e6, 1e6), min_size=3, max_size=3), min_size=1, max_size=20
+    )
+)
 def test_numpy_reads_back_the_rounded_values(rows: list[list[float]]) -> None:
     values = np.array(rows)
     table = csv_bytes(
@@ -144,7 +183,11 @@ def test_numpy_reads_back_the_rounded_values(rows: list[list[float]]) -> None:
     )
     read = np.loadtxt(io.BytesIO(table), delimiter=",", skiprows=1, ndmin=2)
     rounded = np.stack(
-        [np.round(one, decimals) for one, decimals in zip(values.T, (6, 4, 1), strict=True)], axis=1
+        [
+            np.round(one, decimals)
+            for one, decimals in zip(values.T, (6, 4, 1), strict=True)
+        ],
+        axis=1,
     )
     assert np.array_equal(read, rounded)
 

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from holdfast.evaluation.scores import LevelScores
-from holdfast.studies.fast_handover.window_scores import macro_f1
-from holdfast.studies.real.report import _row
-from holdfast.studies.scenes.evidence import macro_f1 as scenes_cell
-from holdfast.studies.scenes.evidence import number
-from holdfast.studies.tables.scenes import _scores
 from holdfast.training.figures import HeadFigures, PredictionFigures
 from holdfast.training.metrics import situation_scores
+from studies.fast_handover.window_scores import macro_f1
+from studies.real.report import _row
+from studies.scenes.evidence import macro_f1 as scenes_cell
+from studies.scenes.evidence import number
+from studies.tables.scenes import _scores
 
 TRUTH, ANSWERED = np.array([0, 1, 1, 3]), np.array([0, 1, 2, 3])
 """No safe slip is in the truth, and one window is called one."""
@@ -24,7 +24,9 @@ F1 = (1.0 + 2 / 3 + 1.0) / 3
 
 def test_the_fast_handover_study_averages_the_situations_in_the_truth() -> None:
     streams: Any = SimpleNamespace(trials=[], lengths=[], row=np.arange(4), label=TRUTH)
-    streams.trials = [SimpleNamespace(recording=SimpleNamespace(phases=(), rate_hz=50.0))]
+    streams.trials = [
+        SimpleNamespace(recording=SimpleNamespace(phases=(), rate_hz=50.0))
+    ]
     streams.lengths = [4]
     assert macro_f1(streams, ANSWERED) == pytest.approx(F1)
 
@@ -33,7 +35,10 @@ def test_a_row_of_real_recordings_has_a_dash_and_names_what_its_mean_is_over() -
     figures = situation_scores(TRUTH, ANSWERED, list("abab"), n_draws=10)
     row = _row("ours", HeadFigures(4, 2, figures, PredictionFigures()))
     cells = row.split("<td>")[2:]
-    assert cells[0] == f"{F1:.3f}<br><span class=note>over nothing, grasp, risky slip alone</span>"
+    assert (
+        cells[0]
+        == f"{F1:.3f}<br><span class=note>over nothing, grasp, risky slip alone</span>"
+    )
     assert cells[2:6] == ["1.000", "0.667", "-", "1.000"]
 
 

@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 from page_tables import require_tables_fit, tables_of
 
-from holdfast.edge_runtime.contract import GRASP, RISKY_SLIP, SAFE_SLIP
+from holdfast.core.contract import GRASP, RISKY_SLIP, SAFE_SLIP
 from holdfast.edge_runtime.decision import DecisionRules
 from holdfast.evaluation.alarms import Answers
 from holdfast.simulation.card import read_card
-from holdfast.studies.adapt.figures import way_figures
-from holdfast.studies.adapt.sets import STYLES, _adapt_card
-from holdfast.studies.tables.adapt import MADE_FROM
 from holdfast.training.recording import Recording
 from holdfast.training.timeline import Phase
+from studies.adapt.figures import way_figures
+from studies.adapt.sets import STYLES, _adapt_card
+from studies.tables.adapt import MADE_FROM
 
 AREA = "Pages and figures"
 
@@ -45,7 +45,9 @@ def test_every_table_of_the_page_has_its_place(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("style", STYLES)
-def test_a_person_of_a_style_hands_over_eight_times_in_it(style: str, tmp_path: Path) -> None:
+def test_a_person_of_a_style_hands_over_eight_times_in_it(
+    style: str, tmp_path: Path
+) -> None:
     (tmp_path / "card.toml").write_text(_adapt_card(style), "utf-8")
     card, shipped = read_card(str(tmp_path / "card.toml")), read_card("adapt")
     (passes,) = [row for row in card.rows if row.action == "pass"]
@@ -58,7 +60,9 @@ def test_a_trial_that_two_persons_files_answer_is_one_group() -> None:
     def answers(risky: bool, name: str) -> Answers:
         phases = (Phase(0, 20, GRASP), Phase(20, 40, SAFE_SLIP))
         samples, valid = np.zeros((60, 3)), np.ones((60, 1), dtype=bool)
-        one = Recording(name, name, samples, valid, 100.0, "N", action="pass", phases=phases)
+        one = Recording(
+            name, name, samples, valid, 100.0, "N", action="pass", phases=phases
+        )
         situation = np.full(60, GRASP)
         situation[25:30] = RISKY_SLIP if risky else SAFE_SLIP
         return Answers(one, situation, np.full(60, 900))

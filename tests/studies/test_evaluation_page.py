@@ -10,11 +10,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from page_tables import require_tables_fit, tables_of
 
-from holdfast.evaluation.labels import CHOSEN, DEPLOYED
-from holdfast.studies.row_names import CLOCK, OURS, RAW
-from holdfast.studies.tables.evaluation import MADE_FROM
-from holdfast.studies.tables.targets import TARGETS, target_rows
-from holdfast.studies.thesis_preliminary.published import LEARNERS
+from holdfast.evaluation.page import CHOSEN, DEPLOYED
+from studies.row_names import CLOCK, OURS, RAW
+from studies.tables.evaluation import MADE_FROM
+from studies.tables.targets import TARGETS, target_rows
+from studies.thesis_preliminary.published import LEARNERS
 
 
 def row(idea: str, good: float, bad: float) -> dict[str, Any]:
@@ -31,22 +31,31 @@ def row(idea: str, good: float, bad: float) -> dict[str, Any]:
 
 
 def test_a_target_is_reached_where_the_default_is_on_its_right_side():
-    assert {one["reached"] for one in target_rows([row("default", 1.0, 0.0)])} == {"yes"}
-    assert {one["reached"] for one in target_rows([row("default", 0.0, 100.0)])} == {"no"}
+    assert {one["reached"] for one in target_rows([row("default", 1.0, 0.0)])} == {
+        "yes"
+    }
+    assert {one["reached"] for one in target_rows([row("default", 0.0, 100.0)])} == {
+        "no"
+    }
 
 
 @given(st.floats(0.0, 1.0), st.floats(0.0, 1.0))
 def test_the_best_change_is_the_one_that_no_other_beats(one: float, other: float):
     rows = [row("default", one, 1.0 - one), row("other", other, 1.0 - other)]
     for target in target_rows(rows):
-        assert target["best change"] == ("other" if other > one else "default") or one == other
+        assert (
+            target["best change"] == ("other" if other > one else "default")
+            or one == other
+        )
         assert target["best"] in (max(one, other), 1.0 - max(one, other))
 
 
 def test_of_several_places_the_worst_counts():
     figures = row("default", 1.0, 0.0)
     figures["f1_p2"] = 0.5
-    style = next(one for one in target_rows([figures]) if "worse of p1" in one["target"])
+    style = next(
+        one for one in target_rows([figures]) if "worse of p1" in one["target"]
+    )
     assert (style["default"], style["reached"]) == (0.5, "no")
 
 
@@ -115,7 +124,12 @@ def preliminary() -> dict[str, Any]:
 
 def relative_rotation() -> dict[str, Any]:
     """Figures of the relative label: one method."""
-    task = {"macro_f1": 0.6, "macro_f1_ci": [0.5, 0.7], "auc": 0.8, "auc_ci": [0.7, 0.9]}
+    task = {
+        "macro_f1": 0.6,
+        "macro_f1_ci": [0.5, 0.7],
+        "auc": 0.8,
+        "auc_ci": [0.7, 0.9],
+    }
     return {
         "windows": {"safe_slip": 1234},
         "rows": {CLOCK: {"situations": task, "predict_250ms": task}},
@@ -123,7 +137,13 @@ def relative_rotation() -> dict[str, Any]:
 
 
 def test_the_page_shows_every_figure_under_its_column(tmp_path: Path):
-    commands = (evaluated(), fast_handover(), scenes(), preliminary(), relative_rotation())
+    commands = (
+        evaluated(),
+        fast_handover(),
+        scenes(),
+        preliminary(),
+        relative_rotation(),
+    )
     written = tables_of(MADE_FROM, *commands)
     text = require_tables_fit("docs/evaluation.md", written, tmp_path)
     for line in (

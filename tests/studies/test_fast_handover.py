@@ -13,15 +13,18 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from holdfast.edge_runtime.contract import FloatArray
+from holdfast.core.contract import FloatArray
 from holdfast.evaluation.truths import Grasp
 from holdfast.simulation.card import Card, read_card
 from holdfast.simulation.folder import write_set
 from holdfast.simulation.scene import Scene
 from holdfast.simulation.script import Times
-from holdfast.studies.fast_handover.ideas import HARD, IDEAS, VARIED, Idea
-from holdfast.studies.fast_handover.learners import Boosting, Forest, Learner, TwoStages
-from holdfast.studies.fast_handover.sets import (
+from holdfast.training.network_fit import NetworkPlan
+from holdfast.training.plan import ForestPlan, TrainingPlan
+from holdfast.training.recording import Recording
+from studies.fast_handover.ideas import HARD, IDEAS, VARIED, Idea
+from studies.fast_handover.learners import Boosting, Forest, Learner, TwoStages
+from studies.fast_handover.sets import (
     CHOOSE,
     EVALUATED,
     context,
@@ -30,14 +33,11 @@ from holdfast.studies.fast_handover.sets import (
     streams,
     without,
 )
-from holdfast.studies.fast_handover.stream_scores import opens_at_s
-from holdfast.studies.fast_handover.study import study
-from holdfast.studies.fast_handover.timing import session_of
-from holdfast.studies.fast_handover.window_scores import bounds, macro_f1
-from holdfast.studies.learner_streams import study as learner_streams
-from holdfast.training.network_fit import NetworkPlan
-from holdfast.training.plan import ForestPlan, TrainingPlan
-from holdfast.training.recording import Recording
+from studies.fast_handover.stream_scores import opens_at_s
+from studies.fast_handover.study import study
+from studies.fast_handover.timing import session_of
+from studies.fast_handover.window_scores import bounds, macro_f1
+from studies.learner_streams import study as learner_streams
 
 SMALL = ForestPlan(n_estimators=8, max_depth=8)
 CARDS = {
@@ -52,14 +52,23 @@ CARDS = {
 }
 SLOW_EFFECTS = {"texture", "tremor"}
 """Of the card broad: they need fine steps from end to end."""
-TRIALS = {"thesis": 30, "broad": 18, "p1": 30, "p2": 30, "daily": 6, "perturbed-hold": 9}
+TRIALS = {
+    "thesis": 30,
+    "broad": 18,
+    "p1": 30,
+    "p2": 30,
+    "daily": 6,
+    "perturbed-hold": 9,
+}
 
 
 def coarse(name: str) -> Card:
     """A card in long steps: the study asks for streams, not for slip times to the millisecond."""
     card = read_card(name, rate_hz=50)
     kept = {
-        name: parameters for name, parameters in card.effects.items() if name not in SLOW_EFFECTS
+        name: parameters
+        for name, parameters in card.effects.items()
+        if name not in SLOW_EFFECTS
     }
     return replace(card, step_s=0.02, effects=kept)
 
@@ -98,20 +107,26 @@ def test_every_learner_learns_what_is_plain_to_see(learner: Learner):
 
 def test_what_is_timed_of_boosting_gives_its_scores():
     label = np.repeat(np.arange(8), 60)
-    features = (np.random.default_rng(0).normal(0.0, 1.0, (480, 3)) + label[:, None] / 4).astype(
-        np.float32
-    )
+    features = (
+        np.random.default_rng(0).normal(0.0, 1.0, (480, 3)) + label[:, None] / 4
+    ).astype(np.float32)
     learner = Boosting(10, 8)
     learner.fit(features, label, 0)
     session = session_of(learner.model, features)
-    scores = session.run(None, {"features": features})[0] + learner.model._baseline_prediction
-    np.testing.assert_allclose(scores, learner.model.decision_function(features), atol=1e-5)
+    scores = (
+        session.run(None, {"features": features})[0]
+        + learner.model._baseline_prediction
+    )
+    np.testing.assert_allclose(
+        scores, learner.model.decision_function(features), atol=1e-5
+    )
 
 
 def test_the_dearer_a_missed_slip_the_more_is_called():
     label = np.random.default_rng(1).integers(0, 8, 800)
     features = (
-        np.random.default_rng(2).normal(0.0, 1.0, (800, 2)).astype(np.float32) + label[:, None] / 4
+        np.random.default_rng(2).normal(0.0, 1.0, (800, 2)).astype(np.float32)
+        + label[:, None] / 4
     )
     called = []
     for weight in (1 / 3, 1.0, 3.0):
@@ -126,7 +141,9 @@ def test_the_dearer_a_missed_slip_the_more_is_called():
 
 
 def standing(samples: FloatArray) -> Recording:
-    return Recording("one", "one", samples, np.ones((len(samples), 6), np.bool_), 50.0, "N")
+    return Recording(
+        "one", "one", samples, np.ones((len(samples), 6), np.bool_), 50.0, "N"
+    )
 
 
 @given(st.integers(1, 199), st.floats(-5.0, 5.0))
@@ -134,15 +151,21 @@ def test_the_context_of_a_sample_knows_nothing_of_later_ones(row: int, change: f
     samples = np.random.default_rng(0).normal(2.0, 1.0, (200, 18))
     later = samples.copy()
     later[row:] += change
-    np.testing.assert_array_equal(context(standing(samples))[:row], context(standing(later))[:row])
+    np.testing.assert_array_equal(
+        context(standing(samples))[:row], context(standing(later))[:row]
+    )
 
 
 def test_the_context_of_a_steady_grip_is_the_grip():
-    assert context(standing(np.full((200, 18), 2.0))) == pytest.approx(np.full((200, 3), 12.0))
+    assert context(standing(np.full((200, 18), 2.0))) == pytest.approx(
+        np.full((200, 3), 12.0)
+    )
 
 
 def test_an_object_left_out_is_in_no_window(folder):
-    part = joined([labelled(folder / name, "thesis", "default") for name in ("thesis", "broad")])
+    part = joined(
+        [labelled(folder / name, "thesis", "default") for name in ("thesis", "broad")]
+    )
     name = str(part.held_object[part.held_object != ""][0])
     rest = without(part, name)
     assert name not in rest.held_object
@@ -181,13 +204,16 @@ def test_the_opening_command_is_when_the_scene_opens_the_hand(card, tmp_path):
     write_set(scene, tmp_path / "set", 45)
     drawn = {trial.number: trial for trial in scene.trials(45)}
     content = [
-        json.loads(path.read_text("utf-8")) for path in (tmp_path / "set").rglob("*.truth.json")
+        json.loads(path.read_text("utf-8"))
+        for path in (tmp_path / "set").rglob("*.truth.json")
     ]
     opening = {one["number"]: opens_at_s(Grasp(one)) for one in content}
     for number, opens_s in opening.items():
         if opens_s is not None:
             assert opens_s == pytest.approx(Times.of(drawn[number]).open, abs=1e-4)
-    assert {drawn[n].action for n, opens_s in opening.items() if opens_s is not None} == {
+    assert {
+        drawn[n].action for n, opens_s in opening.items() if opens_s is not None
+    } == {
         "pass",
         "put-down",
     }
@@ -214,7 +240,9 @@ def test_the_study_says_of_every_idea_what_it_finds_and_costs(folder):
         assert set(row["asked-holds"]["specificity"]) == {"dFn", "dFt", "dq"}
     forest, veto, personal, _, _ = figures["rows"]
     assert 0.0 < forest["worst_object"] <= 1.0
-    assert all(personal["permille"][name] >= forest["permille"][name] for name in EVALUATED)
+    assert all(
+        personal["permille"][name] >= forest["permille"][name] for name in EVALUATED
+    )
     assert veto["author"]["recall"] >= forest["author"]["recall"] - 0.2
     json.dumps(figures, allow_nan=False)
 
@@ -223,7 +251,10 @@ def test_every_learner_is_evaluated_on_styles_that_it_never_met(folder):
     tiny = NetworkPlan(hidden=(8,), members=1, balance=1.0)
     forest = TrainingPlan(situation=SMALL, network=tiny)
     plans = {"forest": forest, "committee": replace(forest, learner="committee")}
-    rows = [row.to_json() for row in learner_streams.study(folder, 0, lambda line: None, plans)]
+    rows = [
+        row.to_json()
+        for row in learner_streams.study(folder, 0, lambda line: None, plans)
+    ]
     assert [row["learner"] for row in rows] == ["forest", "committee"]
     for row in rows:
         events = {name: one["events"] for name, one in row["sets"].items()}

@@ -6,7 +6,7 @@ from typing import Any
 
 from page_tables import require_tables_fit, tables_of
 
-from holdfast.studies.tables.learners import CASES, MADE_FROM
+from studies.tables.learners import CASES, MADE_FROM
 
 AREA = "Pages and figures"
 
@@ -18,7 +18,10 @@ def row(macro_f1: float) -> dict[str, Any]:
 def figures() -> dict[str, Any]:
     """As `make learners` writes them."""
     names = {"forest": 0.61, "network": 0.62, "committee": 0.63}
-    people = {f"p{k}": {name: value - 0.1 * k for name, value in names.items()} for k in range(3)}
+    people = {
+        f"p{k}": {name: value - 0.1 * k for name, value in names.items()}
+        for k in range(3)
+    }
     rows = {name: row(value) for name, value in names.items()}
     return {
         "studied": [
@@ -39,9 +42,24 @@ def streams() -> dict[str, Any]:
         "safe_acts_called": share,
     }
     holds = one | {"safe_acts_called": {"share": None, "share_ci": None, "n": 0}}
-    sets = {"author": one, "asked-daily": one, "p1": one, "p2": one, "asked-holds": holds}
-    curve = [{"recall": recall, "called": called} for recall, called in ((1.0, 0.4), (0.98, 0.1))]
-    row = {"name": "network", "step_us": 170.4, "sets": sets, "unseen": one, "left_out": one}
+    sets = {
+        "author": one,
+        "asked-daily": one,
+        "p1": one,
+        "p2": one,
+        "asked-holds": holds,
+    }
+    curve = [
+        {"recall": recall, "called": called}
+        for recall, called in ((1.0, 0.4), (0.98, 0.1))
+    ]
+    row = {
+        "name": "network",
+        "step_us": 170.4,
+        "sets": sets,
+        "unseen": one,
+        "left_out": one,
+    }
     return {"rows": [row | {"curve": [*curve, {"recall": 0.9, "called": 0.0}]}]}
 
 
@@ -52,7 +70,10 @@ def test_every_table_of_learners_has_a_place_in_the_page(tmp_path):
     assert "| committee | 0.63 (0.50 to 0.70) | - | - |" in text
     assert "| committee | 0.430 | 0.530 | 0.630 | 3 of 3 |" in text
     assert "| forest | 20.0 | 40 | 1.00 |" in text
-    assert "| network | 170 | 0.98 (0.95 to 1.00) | 0.9 | 0.4 | 0.4 | 0.02 | 0.02 |" in text
+    assert (
+        "| network | 170 | 0.98 (0.95 to 1.00) | 0.9 | 0.4 | 0.4 | 0.02 | 0.02 |"
+        in text
+    )
     assert (
         "| network | 0.98 (0.95 to 1.00) | 0.9 | 0.4 | 0.02 (0.01 to 0.05) | 0.02 | 0.02 | 0.1 |"
         in text

@@ -8,13 +8,13 @@ from dataclasses import replace
 import numpy as np
 from joblib import parallel_config
 
-from holdfast.edge_runtime.contract import SITUATIONS
+from holdfast.core.contract import SITUATIONS
 from holdfast.edge_runtime.preparation import Preparation
-from holdfast.studies.real import learners
 from holdfast.training.network_choice import candidates_of
 from holdfast.training.network_fit import NetworkPlan
 from holdfast.training.plan import ForestPlan
 from holdfast.training.recording import DataSet, LabelledRows, Recording
+from studies.real import learners
 
 PEOPLE, SAMPLES, RATE_HZ = 4, 400, 50.0
 NETWORK = NetworkPlan(hidden=(8,), members=2, epochs=2, batch=64)
@@ -48,15 +48,24 @@ def made_up() -> DataSet:
     label = np.concatenate([one[kept] for one in labels]).astype(np.int64)
     tasks = {
         "situations": LabelledRows(trial, row, label, SITUATIONS),
-        "predict_250ms": LabelledRows(trial, row, (label == 3).astype(np.int64), ("no", "yes")),
+        "predict_250ms": LabelledRows(
+            trial, row, (label == 3).astype(np.int64), ("no", "yes")
+        ),
     }
-    return DataSet("made up", recordings, tasks, RATE_HZ, "N", Preparation(), "made up", True, "")
+    return DataSet(
+        "made up", recordings, tasks, RATE_HZ, "N", Preparation(), "made up", True, ""
+    )
 
 
 def test_every_learner_is_reported_with_what_was_chosen_for_it():
     with parallel_config(backend="sequential"):
-        figures = learners.study_learners(made_up(), 18, in_hand=False, seed=0, plan=SMALL)
-    plain, weighted = list(learners.LEARNERS), [f"{n}, label weights" for n in learners.LEARNERS]
+        figures = learners.study_learners(
+            made_up(), 18, in_hand=False, seed=0, plan=SMALL
+        )
+    plain, weighted = (
+        list(learners.LEARNERS),
+        [f"{n}, label weights" for n in learners.LEARNERS],
+    )
     assert list(figures.rows) == [*plain, *weighted, learners.UNQUANTISED]
     macro_f1 = {name: row.situations.macro_f1 for name, row in figures.rows.items()}
     assert macro_f1["forest"] > 0.4, "every channel says the situation"
@@ -80,7 +89,9 @@ def test_a_study_goes_on_only_where_one_of_the_same_plan_stopped(tmp_path):
         [{"channels": 18, "in_hand": True}],
     )
     assert learners.kept_cases(out, plan, 0) == {}
-    out.write_text(json.dumps({"plan": plan, "seed": 0, "studied": studied}), encoding="utf-8")
+    out.write_text(
+        json.dumps({"plan": plan, "seed": 0, "studied": studied}), encoding="utf-8"
+    )
     assert learners.kept_cases(out, plan, 0) == {(18, True): studied[0]}
     assert learners.kept_cases(out, {"folds": 3}, 0) == {}
     assert learners.kept_cases(out, plan, 1) == {}

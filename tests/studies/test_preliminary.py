@@ -13,17 +13,20 @@ import numpy as np
 import pytest
 from sklearn.naive_bayes import GaussianNB
 
-from holdfast.edge_runtime.errors import ClassMissing, DataNotFound
+from holdfast.core.errors import ClassMissing, DataNotFound
 from holdfast.edge_runtime.preparation import Preparation
-from holdfast.studies.thesis_preliminary import __main__ as program
-from holdfast.studies.thesis_preliminary import study as learners
-from holdfast.studies.thesis_preliminary.cases import (
+from holdfast.training.datasets import load
+from holdfast.training.recording import DataSet, Recording
+from holdfast.training.timeline import Phase, RiskyEvent
+from studies.thesis_preliminary import __main__ as program
+from studies.thesis_preliminary import study as learners
+from studies.thesis_preliminary.cases import (
     CASES,
     bare_ratios,
     first_components,
     friction_ratios,
 )
-from holdfast.studies.thesis_preliminary.points import (
+from studies.thesis_preliminary.points import (
     KINDS,
     SLIPPING,
     Points,
@@ -34,18 +37,15 @@ from holdfast.studies.thesis_preliminary.points import (
     thesis_cone_rows,
     windows,
 )
-from holdfast.studies.thesis_preliminary.published import ACCURACY_PERCENT, LEARNERS, SHAPES
-from holdfast.studies.thesis_preliminary.report import summary, write_preliminary_report
-from holdfast.studies.thesis_preliminary.study import (
+from studies.thesis_preliminary.published import ACCURACY_PERCENT, LEARNERS, SHAPES
+from studies.thesis_preliminary.report import summary, write_preliminary_report
+from studies.thesis_preliminary.study import (
     MAKE,
     balanced,
     case_figures,
     late_share,
     repetitions,
 )
-from holdfast.training.datasets import load
-from holdfast.training.recording import DataSet, Recording
-from holdfast.training.timeline import Phase, RiskyEvent
 
 RATE_HZ, SENSORS = 60.0, 20
 BY_NAME = {case.name: case for case in CASES}
@@ -82,9 +82,19 @@ def made_trial(number: int, rng: np.random.Generator, group: str) -> Recording:
 
 def made_set(n_trials: int = 24, groups: int = 8) -> DataSet:
     rng = np.random.default_rng(0)
-    recordings = [made_trial(k, rng, f"person_{k // 2 % groups}") for k in range(n_trials)]
+    recordings = [
+        made_trial(k, rng, f"person_{k // 2 % groups}") for k in range(n_trials)
+    ]
     return DataSet(
-        "made", recordings, {}, RATE_HZ, "N", Preparation(), "simulated", True, "Made up."
+        "made",
+        recordings,
+        {},
+        RATE_HZ,
+        "N",
+        Preparation(),
+        "simulated",
+        True,
+        "Made up.",
     )
 
 
@@ -114,7 +124,11 @@ def test_the_thesis_numbers_stand_as_published():
         "4": (84.42, None, None, 83.85, 80.58),
         "5": (73.49, None, None, 71.16, 67.91),
     }
-    assert {case.published for case in CASES} - {None} == set(ACCURACY_PERCENT) == set(SHAPES)
+    assert (
+        {case.published for case in CASES} - {None}
+        == set(ACCURACY_PERCENT)
+        == set(SHAPES)
+    )
 
 
 def test_on_twenty_sensors_every_case_has_the_shape_of_the_thesis(data, points):
@@ -139,7 +153,9 @@ def test_with_other_sensors_the_shapes_scale(sensors):
 
 
 @pytest.mark.parametrize("name", ["4", "5"])
-def test_a_predicting_window_sees_neither_the_critical_sample_nor_what_follows(data, points, name):
+def test_a_predicting_window_sees_neither_the_critical_sample_nor_what_follows(
+    data, points, name
+):
     """Everything from the point on may be anything, and the features stay; one sample earlier, and
     they do not."""
     case = BY_NAME[name]
@@ -150,7 +166,9 @@ def test_a_predicting_window_sees_neither_the_critical_sample_nor_what_follows(d
             samples = recordings[k].samples.copy()
             samples[row + from_point :] = 1e6
             recordings[k] = replace(recordings[k], samples=samples)
-        seen = windows(replace(data, recordings=recordings), points, case.first, case.last)[:1]
+        seen = windows(
+            replace(data, recordings=recordings), points, case.first, case.last
+        )[:1]
         return case.features(seen, seen)
 
     untouched = windows(data, points, case.first, case.last)[:1]
@@ -165,7 +183,9 @@ def test_a_detecting_window_has_the_point_in_its_middle(data, points):
         np.testing.assert_array_equal(window[3], data.recordings[trial].samples[row])
 
 
-def test_a_point_is_what_the_truth_says_around_it_and_not_what_a_sensor_does(data, points):
+def test_a_point_is_what_the_truth_says_around_it_and_not_what_a_sensor_does(
+    data, points
+):
     assert set(points.kind) == set(range(len(KINDS)))
     for trial, row, kind in zip(points.trial, points.row, points.kind, strict=True):
         near = [
@@ -218,7 +238,9 @@ def test_a_ratio_is_shear_over_normal_and_bounded_where_nothing_presses():
     window[..., [3, 4]] = 0.2, 0.4
     kept = friction_ratios(window, window)[0, 0]
     np.testing.assert_allclose(kept, [0.25, -0.5, 0.2 / 0.4, 0.4 / 0.4])
-    np.testing.assert_allclose(bare_ratios(window, window)[0, 0], [0.25, -0.5, 0.0, 0.0])
+    np.testing.assert_allclose(
+        bare_ratios(window, window)[0, 0], [0.25, -0.5, 0.0, 0.0]
+    )
     window[..., 5] = 1e-6
     assert (
         np.abs(bare_ratios(window, window)).max()
@@ -231,9 +253,9 @@ def test_the_third_case_is_length_direction_and_normal():
     rng = np.random.default_rng(0)
     training = np.zeros((30, 7, 6))
     scale = rng.normal(size=(30, 7, 3))
-    training[..., 0::3] = training[..., 1::3] = training[..., 2::3] = scale[..., :2].sum(axis=-1)[
-        ..., None
-    ]
+    training[..., 0::3] = training[..., 1::3] = training[..., 2::3] = scale[
+        ..., :2
+    ].sum(axis=-1)[..., None]
     window = np.zeros((1, 7, 6))
     window[..., 0::3], window[..., 1::3], window[..., 2::3] = 3.0, 4.0, 2.0
     np.testing.assert_allclose(
@@ -262,11 +284,15 @@ def test_no_group_is_on_both_sides(points, name):
         assert 0 < len(draw.test) < len(draw.train)
         assert not set(draw.train) & set(draw.test)
     leaky = repetitions(points, BY_NAME[name], seed=0, leaky=True)
-    assert any(set(points.group[draw.train]) & set(points.group[draw.test]) for draw in leaky)
+    assert any(
+        set(points.group[draw.train]) & set(points.group[draw.test]) for draw in leaky
+    )
 
 
 def test_repetitions_differ_and_the_same_seed_repeats_them(points):
-    first, again, other = (repetitions(points, BY_NAME["1"], seed) for seed in (0, 0, 1))
+    first, again, other = (
+        repetitions(points, BY_NAME["1"], seed) for seed in (0, 0, 1)
+    )
     for one, two in zip(first, again, strict=True):
         np.testing.assert_array_equal(one.test, two.test)
         assert one.seed == two.seed
@@ -277,9 +303,19 @@ def test_classes_are_equal_and_so_are_the_kinds_within_one():
     kind = np.repeat(np.arange(4), [50, 20, 30, 45])
     two = np.bincount(kind[balanced(kind, BY_NAME["1"], 0)])
     assert two.tolist() == [15, 15, 15, 45]
-    assert np.bincount(kind[balanced(kind, BY_NAME["5"], 0)]).tolist() == [20, 20, 20, 20]
+    assert np.bincount(kind[balanced(kind, BY_NAME["5"], 0)]).tolist() == [
+        20,
+        20,
+        20,
+        20,
+    ]
     scarce = np.repeat(np.arange(4), [50, 4, 30, 45])
-    assert np.bincount(scarce[balanced(scarce, BY_NAME["1"], 0)]).tolist() == [4, 4, 4, 12]
+    assert np.bincount(scarce[balanced(scarce, BY_NAME["1"], 0)]).tolist() == [
+        4,
+        4,
+        4,
+        12,
+    ]
     with pytest.raises(ClassMissing, match="safe slip"):
         balanced(kind[kind != 2], BY_NAME["1"], 0)
 
@@ -298,17 +334,23 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> None:
         def made(seed: int) -> Any:
             learner = make(seed)
             known = learner.get_params()
-            return learner.set_params(**{k: value for k, value in few.items() if k in known})
+            return learner.set_params(
+                **{k: value for k, value in few.items() if k in known}
+            )
 
         return made
 
-    monkeypatch.setattr(learners, "MAKE", {name: small(make) for name, make in MAKE.items()})
+    monkeypatch.setattr(
+        learners, "MAKE", {name: small(make) for name, make in MAKE.items()}
+    )
 
 
 @pytest.mark.usefixtures("quick")
 @pytest.mark.parametrize("name", ["1", "4"])
 def test_the_same_seed_gives_the_same_figures_and_another_others(data, points, name):
-    first, again, other = (case_figures(data, points, BY_NAME[name], seed) for seed in (0, 0, 1))
+    first, again, other = (
+        case_figures(data, points, BY_NAME[name], seed) for seed in (0, 0, 1)
+    )
     assert first == again
     assert first != other
     assert set(first.learners) == set(LEARNERS) == set(MAKE)
@@ -348,14 +390,20 @@ def test_the_report_says_what_is_simulated_what_is_real_and_what_is_published(
     monkeypatch.setattr(
         program,
         "load",
-        lambda *_, **__: replace(data, name="people", kind="real, recorded by others: made up"),
+        lambda *_, **__: replace(
+            data, name="people", kind="real, recorded by others: made up"
+        ),
     )
-    monkeypatch.setattr(learners, "MAKE", dict.fromkeys(LEARNERS, lambda seed: GaussianNB()))
+    monkeypatch.setattr(
+        learners, "MAKE", dict.fromkeys(LEARNERS, lambda seed: GaussianNB())
+    )
     lines = []
     figures = program.run(tmp_path, 0, lines.append)
     assert len(lines) + 1 == program.STAGES
     json.dumps(figures.to_json(), allow_nan=False)
-    page = write_preliminary_report(tmp_path / "report.html", figures).read_text("utf-8")
+    page = write_preliminary_report(tmp_path / "report.html", figures).read_text(
+        "utf-8"
+    )
     for word in (
         "the thesis, published",
         "made, simulated",
@@ -394,7 +442,11 @@ def test_the_simulated_hand_of_twenty_is_studied_as_it_is_written(tmp_path: Path
 def test_the_real_set_has_every_kind_of_point_and_people_as_groups(
     real_set: Callable[[str], Path], monkeypatch
 ):
-    forest = {"random forest": lambda seed: MAKE["random forest"](seed).set_params(n_estimators=20)}
+    forest = {
+        "random forest": lambda seed: MAKE["random forest"](seed).set_params(
+            n_estimators=20
+        )
+    }
     monkeypatch.setattr(learners, "MAKE", forest)
     data = load(real_set("human_slip_uskin"), channels=48, groups=5)
     found = points_of(data)

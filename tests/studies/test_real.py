@@ -13,32 +13,37 @@ import numpy as np
 import pytest
 from page_tables import require_tables_fit
 
-from holdfast.evaluation.eflesh_figures import EfleshFigures
 from holdfast.evaluation.jobs import Workers
 from holdfast.evaluation.provenance import host
+from holdfast.evaluation.real_sets import EfleshFigures
 from holdfast.evaluation.window_scores import WindowFigures
-from holdfast.export.verification import ExportReport
-from holdfast.studies.ablation import AblationRow, Gains, StepCost, rows_of, table
-from holdfast.studies.real.eflesh import EfleshStudy, study_eflesh
-from holdfast.studies.real.figures import FinalModel, RealStudy, StreamedFold
-from holdfast.studies.real.further_rows import further_rows
-from holdfast.studies.real.leaky import leaky
-from holdfast.studies.real.methods import Method, cross_validated
-from holdfast.studies.real.parts import done
-from holdfast.studies.real.proactive import ReplayPicture, study_proactive
-from holdfast.studies.real.report import Evidence, write_report
-from holdfast.studies.real.streamed_fold import stream_one_fold
-from holdfast.studies.real.study import verification_of
-from holdfast.studies.real.table import all_channels, tables
-from holdfast.studies.row_names import CLOCK, OURS_18, OURS_48
+from holdfast.export.verify import ExportReport
 from holdfast.training.crossval import HeldOut, cross_validate
 from holdfast.training.datasets import load
 from holdfast.training.featurise import FloatRows, cpu_cost, features_of, spec_for
 from holdfast.training.fitting import held_out_figures, versions
 from holdfast.training.paired import Gain
-from holdfast.training.plan import CLOCK_FREE_GROUPS, CLOCK_PLAN, ForestPlan, TrainingPlan
+from holdfast.training.plan import (
+    CLOCK_FREE_GROUPS,
+    CLOCK_PLAN,
+    ForestPlan,
+    TrainingPlan,
+)
+from holdfast.training.progress import ignored
 from holdfast.training.recording import DataSet
-from holdfast.training.say import ignored
+from studies.ablation import AblationRow, Gains, StepCost, rows_of, table
+from studies.real.eflesh import EfleshStudy, study_eflesh
+from studies.real.figures import FinalModel, RealStudy, StreamedFold
+from studies.real.further_rows import further_rows
+from studies.real.leaky import leaky
+from studies.real.methods import Method, cross_validated
+from studies.real.parts import done
+from studies.real.proactive import ReplayPicture, study_proactive
+from studies.real.report import Evidence, write_report
+from studies.real.streamed_fold import stream_one_fold
+from studies.real.study import verification_of
+from studies.real.table import all_channels, tables
+from studies.row_names import CLOCK, OURS_18, OURS_48
 
 pytestmark = pytest.mark.filterwarnings("ignore::holdfast.export.spec.BandsLeftOut")
 FEW = ForestPlan(kind="extra", n_estimators=8, min_samples_leaf=10)
@@ -64,7 +69,9 @@ def replays(real_set: Callable[[str], Path]) -> list[ReplayPicture]:
     return study_proactive(load(real_set("proactive_slip_uskin")), PLAN)
 
 
-def test_every_window_is_answered_by_a_forest_that_never_saw_its_person(small: Small) -> None:
+def test_every_window_is_answered_by_a_forest_that_never_saw_its_person(
+    small: Small,
+) -> None:
     """Labels that only say who it is cannot be learned from other people."""
     data, features, _ = small
     people = np.unique(data.group_of("situations"), return_inverse=True)[1]
@@ -72,14 +79,20 @@ def test_every_window_is_answered_by_a_forest_that_never_saw_its_person(small: S
     named = DataSet(
         **{
             **vars(data),
-            "tasks": {"situations": type(rows)(rows.trial, rows.row, people, rows.classes)},
+            "tasks": {
+                "situations": type(rows)(rows.trial, rows.row, people, rows.classes)
+            },
         }
     )
-    votes = cross_validate(named, {"situations": features["situations"]}, PLAN).votes["situations"]
+    votes = cross_validate(named, {"situations": features["situations"]}, PLAN).votes[
+        "situations"
+    ]
     assert not votes[np.arange(len(votes)), people].any()
 
 
-def test_methods_side_by_side_answer_as_each_would_alone(real_set: Callable[[str], Path]) -> None:
+def test_methods_side_by_side_answer_as_each_would_alone(
+    real_set: Callable[[str], Path],
+) -> None:
     real_set("human_slip_uskin")
     tiny = ForestPlan(n_estimators=2, max_depth=2)
     timed = replace(CLOCK_PLAN, situation=tiny, prediction=tiny, folds=3)
@@ -105,12 +118,17 @@ def test_further_rows_say_how_many_windows_there_are_and_fill_the_readme_s_table
 ) -> None:
     real_set("human_slip_uskin")
     tiny = ForestPlan(n_estimators=2, max_depth=2)
-    timed = Method(replace(CLOCK_PLAN, situation=tiny, prediction=tiny, folds=2), channels=48)
+    timed = Method(
+        replace(CLOCK_PLAN, situation=tiny, prediction=tiny, folds=2), channels=48
+    )
     found = further_rows({OURS_48: timed}, 0, Workers(), ignored)
     written = json.loads(json.dumps(found.to_json(), allow_nan=False))
     assert sum(written["windows"].values()) == len(timed.data().tasks["situations"])
     text = require_tables_fit("README.md", all_channels(written), tmp_path)
-    assert f"| {OURS_48} | {written['rows'][OURS_48]['situations']['macro_f1']:.3f} (" in text
+    assert (
+        f"| {OURS_48} | {written['rows'][OURS_48]['situations']['macro_f1']:.3f} ("
+        in text
+    )
 
 
 def test_parts_are_said_as_they_begin_or_side_by_side_as_they_are_done() -> None:
@@ -119,7 +137,12 @@ def test_parts_are_said_as_they_begin_or_side_by_side_as_they_are_done() -> None
         (Workers(), ["3 squared", "1 squared", "2 squared"]),
         (
             Workers(2),
-            ["3 parts side by side", "3 squared: done", "1 squared: done", "2 squared: done"],
+            [
+                "3 parts side by side",
+                "3 squared: done",
+                "1 squared: done",
+                "2 squared: done",
+            ],
         ),
     ):
         said: list[str] = []
@@ -133,7 +156,11 @@ def test_every_fold_was_exported_and_agrees_with_the_reference_on_every_held_out
     data, _, held_out = small
     checked = verification_of(held_out)
     assert checked.heldout_rows == sum(len(rows) for rows in data.tasks.values())
-    assert (checked.folds, checked.label_mismatches, checked.vote_mismatches) == (3, 0, 0)
+    assert (checked.folds, checked.label_mismatches, checked.vote_mismatches) == (
+        3,
+        0,
+        0,
+    )
 
 
 def test_the_sealed_file_streamed_sample_by_sample_gives_the_tables_labels(
@@ -142,7 +169,9 @@ def test_the_sealed_file_streamed_sample_by_sample_gives_the_tables_labels(
     data, features, held_out = small
     streamed = stream_one_fold(data, features, PLAN, held_out, tmp_path, 0)
     assert streamed.label_mismatches == 0
-    assert streamed.windows.trained_on_recordings == streamed.windows.unknown_windows == 0
+    assert (
+        streamed.windows.trained_on_recordings == streamed.windows.unknown_windows == 0
+    )
     assert streamed.rows > 1000
 
 
@@ -170,7 +199,9 @@ def test_eflesh_stands_beside_one_threshold_with_a_delay_for_every_tug_that_depa
         assert delay.p5 <= (delay.p50 or 0.0) <= (delay.p95 or 0.0) < 0.5
 
 
-def test_the_figures_of_eflesh_are_read_back_as_they_were_written(eflesh: EfleshStudy) -> None:
+def test_the_figures_of_eflesh_are_read_back_as_they_were_written(
+    eflesh: EfleshStudy,
+) -> None:
     written = json.loads(json.dumps(asdict(eflesh.figures)))
     again = EfleshFigures.from_json(written)
     assert json.loads(json.dumps(asdict(again))) == written
@@ -190,7 +221,9 @@ def test_two_slips_are_replayed_one_that_recovers_and_one_that_fails(
 
 
 @pytest.fixture(scope="module")
-def evidence(small: Small, eflesh: EfleshStudy, replays: list[ReplayPicture]) -> Evidence:
+def evidence(
+    small: Small, eflesh: EfleshStudy, replays: list[ReplayPicture]
+) -> Evidence:
     data, _, held_out = small
     heads = held_out_figures(data, held_out)
     windows = WindowFigures(heads, "model", data.name, data.kind, 0, 0, data.caveat, 0)
@@ -206,7 +239,9 @@ def evidence(small: Small, eflesh: EfleshStudy, replays: list[ReplayPicture]) ->
         streamed_fold=StreamedFold(windows, rows=1, label_mismatches=0),
         rows={OURS_18: heads, CLOCK: heads},
         eflesh_slip=eflesh.figures,
-        model=FinalModel("human/holdfast.onnx", 1, ExportReport.of(held_out.verification[0], 1)),
+        model=FinalModel(
+            "human/holdfast.onnx", 1, ExportReport.of(held_out.verification[0], 1)
+        ),
         seed=0,
         host=host(),
         versions=versions(),
@@ -235,7 +270,9 @@ def test_the_readme_s_tables_show_every_method_and_what_was_checked(
     assert f"| {figures['n_trials']}, {figures['n_groups']} |" in text
 
 
-def test_the_ablation_has_a_row_for_every_group_and_says_which_is_not_clock_free() -> None:
+def test_the_ablation_has_a_row_for_every_group_and_says_which_is_not_clock_free() -> (
+    None
+):
     rows = rows_of(CLOCK_FREE_GROUPS)
     assert rows["default"] == CLOCK_FREE_GROUPS
     assert all(f"without {group}" in rows for group in CLOCK_FREE_GROUPS)
@@ -246,10 +283,15 @@ def test_the_ablation_has_a_row_for_every_group_and_says_which_is_not_clock_free
         "with bands",
     ]
     gains = Gains(Gain(0.004, (-0.001, 0.01)), Gain(0.0, None), Gain(None, None))
-    free = AblationRow(StepCost(3, 1.0), 0.5, None, 0.5, None, 2, True, None, None, gains)
+    free = AblationRow(
+        StepCost(3, 1.0), 0.5, None, 0.5, None, 2, True, None, None, gains
+    )
     assert list(free.to_json())[:3] == ["nodes", "us", "macro_f1"]
     text = table(
-        {"default": free.to_json(), "with bands": replace(free, clock_free=False).to_json()}
+        {
+            "default": free.to_json(),
+            "with bands": replace(free, clock_free=False).to_json(),
+        }
     )
     default, bands = text.splitlines()[2:]
     assert "| 0.500 (+0.004, -0.001 to +0.010) | 0.500 (+0.000) | - |" in default

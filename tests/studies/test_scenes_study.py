@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from holdfast.edge_runtime.contract import (
+from holdfast.core.contract import (
     CLASSES,
     GRASP,
     NOTHING,
@@ -23,9 +23,14 @@ from holdfast.edge_runtime.contract import (
     SAFE_SLIP,
     FloatArray,
 )
+from holdfast.core.errors import DataNotFound, RateError, UnitError
 from holdfast.edge_runtime.decision import UNKNOWN, DecisionRules, DecisionState, decide
-from holdfast.edge_runtime.errors import DataNotFound, RateError, UnitError
-from holdfast.evaluation.markers import write_between
+from holdfast.evaluation.model_outputs import (
+    SHOWN,
+    decided,
+    held_out_streams,
+    shown_trials,
+)
 from holdfast.evaluation.scores import (
     CEILING,
     ClassScores,
@@ -46,22 +51,31 @@ from holdfast.evaluation.simple_baselines import (
     shear_rate_fires,
     windows_alone,
 )
-from holdfast.evaluation.streams import SHOWN, decided, held_out_streams, shown_trials
 from holdfast.evaluation.style import FINGER_COLOURS, FINGER_LINES, SITUATION_COLOURS
 from holdfast.export.reference import IntArray
 from holdfast.export.spec import window_samples
 from holdfast.simulation.card import read_card
 from holdfast.simulation.folder import write_set
 from holdfast.simulation.scene import Scene
-from holdfast.studies.row_names import CLOCK, LINE, OURS, RAW
-from holdfast.studies.scenes import __main__ as command
-from holdfast.studies.scenes import pictures
-from holdfast.studies.scenes.candidate import Candidate
-from holdfast.studies.scenes.evidence import SceneEvidence
-from holdfast.studies.scenes.figures import MadeBy
-from holdfast.studies.scenes.generalising import learning_curve, styles_left_out
-from holdfast.studies.scenes.report import demo_report, write_scene_report
-from holdfast.studies.scenes.study import (
+from holdfast.training.crossval import HeldOut
+from holdfast.training.featurise import features_of, spec_for
+from holdfast.training.plan import (
+    CLOCK_PLAN,
+    RAW_BASELINE,
+    RAW_GROUPS,
+    ForestPlan,
+    TrainingPlan,
+)
+from holdfast.training.recording import DataSet, LabelledRows, Recording
+from studies.row_names import CLOCK, LINE, OURS, RAW
+from studies.scenes import __main__ as command
+from studies.scenes import pictures
+from studies.scenes.candidate import Candidate
+from studies.scenes.evidence import SceneEvidence
+from studies.scenes.figures import MadeBy
+from studies.scenes.generalising import learning_curve, styles_left_out
+from studies.scenes.report import demo_report, write_scene_report
+from studies.scenes.study import (
     RETRAININGS,
     STAGES,
     RateStudy,
@@ -71,14 +85,20 @@ from holdfast.studies.scenes.study import (
     study_rate,
     ways,
 )
-from holdfast.training.crossval import HeldOut
-from holdfast.training.featurise import features_of, spec_for
-from holdfast.training.plan import CLOCK_PLAN, RAW_BASELINE, RAW_GROUPS, ForestPlan, TrainingPlan
-from holdfast.training.recording import DataSet, LabelledRows, Recording
+from tools.doc_tables import write_between
 
 FEW = ForestPlan(n_estimators=10, min_samples_leaf=8, max_features=0.3)
 SHARP = ForestPlan(n_estimators=10)
-OKABE_ITO = {"#000000", "#e69f00", "#56b4e9", "#009e73", "#f0e442", "#0072b2", "#d55e00", "#cc79a7"}
+OKABE_ITO = {
+    "#000000",
+    "#e69f00",
+    "#56b4e9",
+    "#009e73",
+    "#f0e442",
+    "#0072b2",
+    "#d55e00",
+    "#cc79a7",
+}
 QUIET_GREY = "#bbbbbb"
 SMALL = ways(
     plan=TrainingPlan(folds=2, situation=FEW),
@@ -134,7 +154,9 @@ def commanded(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Command
         patched.setattr(command, "ways", lambda: SMALL)
         assert command.main([str(folder), "--out", str(out), "--seed", "0"]) == 0
     text = (out / "scenes.json").read_text(encoding="utf-8")
-    figures = json.loads(text, parse_constant=lambda name: pytest.fail(f"{name} is no JSON"))
+    figures = json.loads(
+        text, parse_constant=lambda name: pytest.fail(f"{name} is no JSON")
+    )
     return Commanded(out, figures, (out / "report.html").read_text(encoding="utf-8"))
 
 
@@ -151,14 +173,30 @@ def a_set(samples: FloatArray, rows: list[int], rate_hz: float = 100.0) -> DataS
     """One recording with windows that end at these rows, on everything else that the fixture's sets
     have."""
     task = LabelledRows(
-        np.zeros(len(rows), np.int64), np.array(rows), np.zeros(len(rows), np.int64), CLASSES
+        np.zeros(len(rows), np.int64),
+        np.array(rows),
+        np.zeros(len(rows), np.int64),
+        CLASSES,
     )
     trial = Recording(
-        "a/pull/trial_1", "a", samples, np.ones((len(samples), 1), dtype=bool), rate_hz, "N"
+        "a/pull/trial_1",
+        "a",
+        samples,
+        np.ones((len(samples), 1), dtype=bool),
+        rate_hz,
+        "N",
     )
     preparation: Any = None
     return DataSet(
-        "made", [trial], {"classes": task}, rate_hz, "N", preparation, "made up", True, ""
+        "made",
+        [trial],
+        {"classes": task},
+        rate_hz,
+        "N",
+        preparation,
+        "made up",
+        True,
+        "",
     )
 
 
@@ -174,7 +212,9 @@ def shear(*summed_n: float) -> FloatArray:
 # Levels
 
 
-def test_seven_classes_count_nothing_once_and_four_situations_forget_the_weight() -> None:
+def test_seven_classes_count_nothing_once_and_four_situations_forget_the_weight() -> (
+    None
+):
     label = np.array([7, 0, 1, 2, 3, 4, 5, 6])
     assert labels_at(label, "eight").tolist() == label.tolist()
     assert labels_at(label, "seven").tolist() == [6, 0, 0, 1, 2, 3, 4, 5]
@@ -182,14 +222,18 @@ def test_seven_classes_count_nothing_once_and_four_situations_forget_the_weight(
 
 
 def test_votes_of_merged_classes_are_added_before_the_largest_wins() -> None:
-    votes = np.array([[3, 3, 5, 0, 0, 0, 0, 0], [0, 0, 4, 3, 0, 0, 0, 6], [1, 0, 0, 0, 4, 4, 5, 2]])
+    votes = np.array(
+        [[3, 3, 5, 0, 0, 0, 0, 0], [0, 0, 4, 3, 0, 0, 0, 6], [1, 0, 0, 0, 4, 4, 5, 2]]
+    )
     assert answers_at(votes, "eight").tolist() == [2, 7, 6]
     assert answers_at(votes, "seven").tolist() == [0, 6, 5]
     assert answers_at(votes, "four").tolist() == [NOTHING, GRASP, SAFE_SLIP]
 
 
 def test_a_tie_goes_to_the_riskier_class_at_every_level() -> None:
-    votes = np.array([[5, 0, 0, 0, 5, 0, 0, 0], [2, 3, 5, 0, 0, 0, 0, 0], [0, 0, 0, 0, 3, 2, 1, 4]])
+    votes = np.array(
+        [[5, 0, 0, 0, 5, 0, 0, 0], [2, 3, 5, 0, 0, 0, 0, 0], [0, 0, 0, 0, 3, 2, 1, 4]]
+    )
     assert answers_at(votes, "eight").tolist() == [4, 2, 7]
     assert answers_at(votes, "seven").tolist() == [3, 1, 6]
     assert answers_at(votes, "four").tolist() == [SAFE_SLIP, GRASP, RISKY_SLIP]
@@ -205,10 +249,15 @@ def test_votes_that_know_everything_score_one_and_of_the_wrong_weight_only_situa
     assert [level.present for level in levels] == [8, 7, 4]
     levels = (wrong_weight.eight, wrong_weight.seven, wrong_weight.four)
     assert [level.accuracy for level in levels] == [0.0, 0.25, 1.0]
-    assert (right.n_windows, right.n_trials) == (len(label), len(set(data.group_of("classes"))))
+    assert (right.n_windows, right.n_trials) == (
+        len(label),
+        len(set(data.group_of("classes"))),
+    )
 
 
-def test_calls_are_the_share_of_each_situation_that_is_called_risky(data: DataSet) -> None:
+def test_calls_are_the_share_of_each_situation_that_is_called_risky(
+    data: DataSet,
+) -> None:
     situation = data.tasks["classes"].label // 2
     called = (situation == RISKY_SLIP) | (situation == SAFE_SLIP)
     safe = np.flatnonzero(situation == SAFE_SLIP)
@@ -235,14 +284,18 @@ def test_a_confusion_matrix_counts_truth_in_rows_and_answers_in_columns() -> Non
 # The leak of a weight that nothing shows
 
 
-def test_votes_that_know_the_weight_within_nothing_are_called_a_leak(data: DataSet) -> None:
+def test_votes_that_know_the_weight_within_nothing_are_called_a_leak(
+    data: DataSet,
+) -> None:
     label = data.tasks["classes"].label
     leaks = leak_check(data, one_hot(label))
     assert leaks.leak
     assert leaks.eight_class_accuracy == leaks.weight_within_nothing == 1.0
 
 
-def test_the_weight_within_nothing_is_a_leak_however_bad_the_rest_is(data: DataSet) -> None:
+def test_the_weight_within_nothing_is_a_leak_however_bad_the_rest_is(
+    data: DataSet,
+) -> None:
     label = data.tasks["classes"].label
     bad = leak_check(data, one_hot(np.where(label < 2, label, (label + 2) % 8)))
     assert bad.leak
@@ -299,14 +352,18 @@ def test_a_window_alone_sees_its_first_row_and_nothing_before_it(data: DataSet) 
         return replace(one, recordings=recordings)
 
     assert first > 0
-    np.testing.assert_array_equal(raw_windows(with_raised(slice(0, first))), raw_windows(one))
+    np.testing.assert_array_equal(
+        raw_windows(with_raised(slice(0, first))), raw_windows(one)
+    )
     np.testing.assert_array_equal(
         raw_windows(with_raised(slice(first + n, None))), raw_windows(one)
     )
     assert (raw_windows(with_raised(slice(first, first + 1))) != raw_windows(one)).any()
 
 
-def test_a_window_alone_is_a_recording_of_its_own_that_ends_at_its_row(data: DataSet) -> None:
+def test_a_window_alone_is_a_recording_of_its_own_that_ends_at_its_row(
+    data: DataSet,
+) -> None:
     task, alone = data.tasks["classes"], windows_alone(data)
     assert {len(recording.samples) for recording in alone.recordings} == {
         window_samples(data.rate_hz)
@@ -314,17 +371,28 @@ def test_a_window_alone_is_a_recording_of_its_own_that_ends_at_its_row(data: Dat
     assert len(alone.recordings) == len(task)
     for k in (0, 17, len(task) - 1):
         np.testing.assert_array_equal(
-            alone.recordings[k].samples[-1], data.recordings[task.trial[k]].samples[task.row[k]]
+            alone.recordings[k].samples[-1],
+            data.recordings[task.trial[k]].samples[task.row[k]],
         )
     np.testing.assert_array_equal(alone.tasks["classes"].label, task.label)
 
 
-def test_the_shear_rate_threshold_finds_a_jump_over_half_a_newton_within_two_samples() -> None:
+def test_the_shear_rate_threshold_finds_a_jump_over_half_a_newton_within_two_samples() -> (
+    None
+):
     assert (BACK_SAMPLES, JUMP_N) == (2, 0.5)
     up = shear_rate_fires(shear(1.0, 1.0, 1.0, 1.75, 1.75, 1.75, 1.75))
     assert up.tolist() == [False, False, False, True, True, False, False]
     down_in_two_steps = shear_rate_fires(shear(2.0, 2.0, 2.0, 1.625, 1.25, 1.25, 1.25))
-    assert down_in_two_steps.tolist() == [False, False, False, False, True, False, False]
+    assert down_in_two_steps.tolist() == [
+        False,
+        False,
+        False,
+        False,
+        True,
+        False,
+        False,
+    ]
 
 
 def test_the_shear_rate_threshold_is_silent_at_half_a_newton_on_a_slow_ramp_and_about_normals() -> (
@@ -344,7 +412,9 @@ def test_the_shear_rate_threshold_is_causal(data: DataSet) -> None:
     assert messages.any()
     for row in (2, len(samples) // 2, len(samples) - 1):
         changed = samples.copy()
-        changed[row:] += 50.0 * np.random.default_rng(row).standard_normal(changed[row:].shape)
+        changed[row:] += 50.0 * np.random.default_rng(row).standard_normal(
+            changed[row:].shape
+        )
         np.testing.assert_array_equal(shear_rate_fires(changed)[:row], messages[:row])
         assert shear_rate_fires(changed)[row]
 
@@ -365,7 +435,14 @@ def test_the_clock_tells_seconds_since_the_last_contact_and_the_summed_force() -
     samples[40:, [2, 5]] = 2.0, 2.0
     samples[:, [0, 1, 3, 4]] = 9.0  # shear is no contact
     made = a_set(samples, [5, 10, 25, 35, 40, 50], rate_hz=100.0)
-    expected = [[-0.01, 0.0], [0.0, 2.0], [0.15, 2.0], [0.25, 0.0], [0.0, 4.0], [0.10, 4.0]]
+    expected = [
+        [-0.01, 0.0],
+        [0.0, 2.0],
+        [0.15, 2.0],
+        [0.25, 0.0],
+        [0.0, 4.0],
+        [0.10, 4.0],
+    ]
     np.testing.assert_allclose(clock_features(made), expected, rtol=1e-6)
 
 
@@ -388,7 +465,9 @@ def test_no_window_of_a_held_out_object_is_trained_on(data: DataSet) -> None:
     for name, one in figures.items():
         assert one.n_windows == (names == name).sum()
         assert one.eight.accuracy == 0.0
-    everything = way.votes(of_rows(data, number), features, np.arange(len(number)), features, 0)
+    everything = way.votes(
+        of_rows(data, number), features, np.arange(len(number)), features, 0
+    )
     np.testing.assert_array_equal(answers_at(everything, "eight"), number)
 
 
@@ -422,8 +501,12 @@ def test_no_trial_of_a_style_that_is_left_out_is_trained_on(data: DataSet) -> No
 
 
 def test_a_learning_curve_asks_for_no_more_trials_than_there_are(data: DataSet) -> None:
-    features = {OURS: features_of(data, spec_for(data, SMALL[OURS].plan.groups))["classes"]}
-    few, all_of_them = learning_curve(data, features, {OURS: SMALL[OURS]}, 0, (30, 60, 1000))
+    features = {
+        OURS: features_of(data, spec_for(data, SMALL[OURS].plan.groups))["classes"]
+    }
+    few, all_of_them = learning_curve(
+        data, features, {OURS: SMALL[OURS]}, 0, (30, 60, 1000)
+    )
     assert (few.trials, all_of_them.trials) == (30, 60)
     assert few.windows < all_of_them.windows == len(data.tasks["classes"])
     assert (all_of_them.rows[OURS].eight.macro_f1 or 0.0) > 0.3
@@ -447,7 +530,9 @@ def test_trials_of_the_streams_are_met_by_no_forest_that_answers_them(
     assert any((picture.answer == RISKY_SLIP).any() for picture in honest)
 
 
-def test_streams_answer_every_sample_after_settling_and_bear_the_truth(studied: Studied) -> None:
+def test_streams_answer_every_sample_after_settling_and_bear_the_truth(
+    studied: Studied,
+) -> None:
     for picture in studied.rate.streams:
         length = len(picture.recording.samples)
         assert len(picture.answer) == len(picture.acts) == length
@@ -487,7 +572,9 @@ def test_every_method_stands_in_every_table_and_only_present_cards_are_evaluated
     assert len({row.n_windows for row in apple.rows.values()}) == 1
 
 
-def test_the_study_says_as_many_stages_as_it_promises_for_every_card(studied: Studied) -> None:
+def test_the_study_says_as_many_stages_as_it_promises_for_every_card(
+    studied: Studied,
+) -> None:
     # p1 and p2 are not there, so no style is left out either
     assert len(studied.messages) == STAGES - 5
 
@@ -495,8 +582,12 @@ def test_the_study_says_as_many_stages_as_it_promises_for_every_card(studied: St
 # Retrainings
 
 
-def test_every_retraining_gives_one_confusion_matrix_of_all_windows(studied: Studied) -> None:
-    per_class = np.bincount(studied.rate.data.tasks["classes"].label, minlength=8).tolist()
+def test_every_retraining_gives_one_confusion_matrix_of_all_windows(
+    studied: Studied,
+) -> None:
+    per_class = np.bincount(
+        studied.rate.data.tasks["classes"].label, minlength=8
+    ).tolist()
     for name in (OURS, RAW):
         again = studied.rate.figures.retrainings[name]
         assert len(again.confusion) == len(again.seeds) == RETRAININGS == 5
@@ -515,7 +606,9 @@ def test_the_first_retraining_is_the_one_of_the_table(studied: Studied) -> None:
         assert np.trace(first) / first.sum() == pytest.approx(accuracy)
 
 
-def test_the_spread_is_the_largest_recall_minus_the_smallest_of_each_class_there_is() -> None:
+def test_the_spread_is_the_largest_recall_minus_the_smallest_of_each_class_there_is() -> (
+    None
+):
     one = np.diag([10, 10, 8, 4, 4, 4, 4, 0])
     other = one.copy()
     other[2, 2], other[2, 3] = 6, 2
@@ -525,7 +618,9 @@ def test_the_spread_is_the_largest_recall_minus_the_smallest_of_each_class_there
     assert spreads.spread["grasp_light"] == spreads.largest_spread == 0.25
     assert spreads.spread["nothing_light"] == pytest.approx(0.1)
     assert spreads.spread["grasp_heavy"] == 0.0
-    assert spreads.spread["risky_slip_heavy"] is spreads.recall["risky_slip_heavy"] is None
+    assert (
+        spreads.spread["risky_slip_heavy"] is spreads.recall["risky_slip_heavy"] is None
+    )
     assert not spreads.within_10_percent
     other[2, 2], other[2, 3] = 8, 0
     assert spread_of([one, other]).within_10_percent
@@ -549,10 +644,15 @@ def test_an_act_is_requested_exactly_where_the_decision_would() -> None:
     acts = decided(np.array(two_then_released), np.ones(12), 50.0)
     assert acts.tolist() == [False] * 3 + [True] * 7 + [False] * 2
     rng = np.random.default_rng(3)
-    answer, share = rng.choice([UNKNOWN, 0, 0, 0, 0, 0, 1, 2, 3, 3], 500), rng.random(500)
+    answer, share = (
+        rng.choice([UNKNOWN, 0, 0, 0, 0, 0, 1, 2, 3, 3], 500),
+        rng.random(500),
+    )
     state, expected = DecisionState(), []
     for situation, risky in zip(answer.tolist(), share.tolist(), strict=True):
-        state = decide(DecisionRules(), state, situation, int(1000 * risky), period_us=20_000)
+        state = decide(
+            DecisionRules(), state, situation, int(1000 * risky), period_us=20_000
+        )
         expected.append(state.act)
     assert 0 < sum(expected) < 500
     assert decided(answer, share, 50.0).tolist() == expected
@@ -565,7 +665,11 @@ def test_the_command_leaves_json_that_says_it_is_simulated_and_with_what_it_was_
     commanded: Commanded,
 ) -> None:
     figures = commanded.figures
-    assert (figures["kind"], figures["seed"], figures["headline_hz"]) == ("simulated", 0, "50")
+    assert (figures["kind"], figures["seed"], figures["headline_hz"]) == (
+        "simulated",
+        0,
+        "50",
+    )
     assert figures["caveat"].startswith("Simulated")
     assert figures["leak"] is False
     assert figures["rates"]["50"]["window_samples"] == 6
@@ -580,12 +684,18 @@ def test_the_command_and_the_study_in_it_give_the_same_figures(
     )
 
 
-def test_the_page_says_simulated_beside_its_tables_and_its_pictures(commanded: Commanded) -> None:
+def test_the_page_says_simulated_beside_its_tables_and_its_pictures(
+    commanded: Commanded,
+) -> None:
     heads = re.findall(r"<table><tr>(.*?)<tr", commanded.page, re.DOTALL)
     assert len(heads) == 3
     assert all("simulated" in head for head in heads)
-    assert all("(simulated)" in title for title in re.findall(r"<h2>.*?</h2>", commanded.page))
-    for before, picture in re.findall(r"(.{0,120})(<svg.*?</svg>)", commanded.page, re.DOTALL):
+    assert all(
+        "(simulated)" in title for title in re.findall(r"<h2>.*?</h2>", commanded.page)
+    )
+    for before, picture in re.findall(
+        r"(.{0,120})(<svg.*?</svg>)", commanded.page, re.DOTALL
+    ):
         assert "simulated" in before + picture
     assert html.escape(commanded.figures["caveat"]) in commanded.page
 
@@ -594,7 +704,8 @@ def test_the_page_has_its_sections_and_a_picture_of_every_stream(
     commanded: Commanded, studied: Studied
 ) -> None:
     titles = [
-        re.sub(r" <em.*", "", title) for title in re.findall(r"<h2>(.*?)</h2>", commanded.page)
+        re.sub(r" <em.*", "", title)
+        for title in re.findall(r"<h2>(.*?)</h2>", commanded.page)
     ]
     assert titles == [
         "No leak of weight",
@@ -607,7 +718,9 @@ def test_the_page_has_its_sections_and_a_picture_of_every_stream(
     ]
     for stream in studied.rate.streams:
         trial = re.escape(stream.recording.trial_id)
-        assert re.search(rf"<h3>{trial} \(simulated\)</h3>\s*<div class=wide><svg", commanded.page)
+        assert re.search(
+            rf"<h3>{trial} \(simulated\)</h3>\s*<div class=wide><svg", commanded.page
+        )
     assert (
         commanded.page.count("<svg")
         == commanded.page.count("</svg>")
@@ -618,7 +731,9 @@ def test_the_page_has_its_sections_and_a_picture_of_every_stream(
 def test_the_page_loads_nothing_else_and_shows_the_figures_of_the_json(
     commanded: Commanded,
 ) -> None:
-    assert re.findall(r"""(?:src|href)=["']?(?!#|data:)[^"'#> ]+""", commanded.page) == []
+    assert (
+        re.findall(r"""(?:src|href)=["']?(?!#|data:)[^"'#> ]+""", commanded.page) == []
+    )
     best = commanded.figures["rates"]["50"]["rows"][OURS]
     for figure in (
         best["four"]["macro_f1"],
@@ -641,7 +756,8 @@ def test_a_second_rate_has_a_section_and_a_leak_stands_on_top(
     assert lines[0].startswith("LEAK at 100 Hz")
     rate = studied.rate
     page = write_scene_report(
-        tmp_path / "r.html", SceneEvidence(figures, MadeBy(), rate.data, rate.held_out, [])
+        tmp_path / "r.html",
+        SceneEvidence(figures, MadeBy(), rate.data, rate.held_out, []),
     ).read_text()
     assert "<h2>LEAK: the weight is known where no signal carries it" in page
     assert "<h2>Rates <em class=note>(simulated)</em></h2>" in page
@@ -672,7 +788,9 @@ def test_a_missing_thesis_says_which_command_makes_it(tmp_path: Path) -> None:
     with pytest.raises(DataNotFound) as caught:
         command.main([str(tmp_path), "--out", str(tmp_path / "out")])
     thesis = tmp_path / "50hz" / "thesis"
-    assert caught.value.next_step == f"holdfast simulate thesis --rate 50 --out {thesis}"
+    assert (
+        caught.value.next_step == f"holdfast simulate thesis --rate 50 --out {thesis}"
+    )
 
 
 def test_a_folder_without_rates_says_which_command_makes_one(tmp_path: Path) -> None:
@@ -690,7 +808,11 @@ def test_a_folder_without_rates_says_which_command_makes_one(tmp_path: Path) -> 
 def test_rates_are_studied_slowest_first_by_number(tmp_path: Path) -> None:
     for name in ("150hz", "50hz", "62.5hz", "study", "hz", "50hz.old"):
         (tmp_path / name).mkdir()
-    assert [path.name for path in command.rate_folders(tmp_path)] == ["50hz", "62.5hz", "150hz"]
+    assert [path.name for path in command.rate_folders(tmp_path)] == [
+        "50hz",
+        "62.5hz",
+        "150hz",
+    ]
 
 
 # Colours, and pages that stand between markers
@@ -703,13 +825,20 @@ def luminance(colour: str) -> float:
     return float(linear @ [0.2126, 0.7152, 0.0722])
 
 
-def test_the_four_situations_have_colours_of_okabe_and_ito_beside_a_light_grey() -> None:
+def test_the_four_situations_have_colours_of_okabe_and_ito_beside_a_light_grey() -> (
+    None
+):
     nothing, *slips_and_grasp = SITUATION_COLOURS
     assert nothing == QUIET_GREY
     assert set(slips_and_grasp) <= OKABE_ITO
     assert len(set(SITUATION_COLOURS)) == 4
-    assert all(luminance(nothing) > luminance(colour) + 0.05 for colour in slips_and_grasp)
-    assert luminance(SITUATION_COLOURS[GRASP]) > luminance(SITUATION_COLOURS[RISKY_SLIP]) + 0.1
+    assert all(
+        luminance(nothing) > luminance(colour) + 0.05 for colour in slips_and_grasp
+    )
+    assert (
+        luminance(SITUATION_COLOURS[GRASP])
+        > luminance(SITUATION_COLOURS[RISKY_SLIP]) + 0.1
+    )
 
 
 def test_every_finger_has_its_own_colour_and_none_has_that_of_a_situation() -> None:
@@ -728,10 +857,15 @@ def test_only_what_stands_between_the_markers_is_replaced(tmp_path: Path) -> Non
     for _ in range(2):
         write_between(page, "real", fresh)
         text = page.read_text(encoding="utf-8")
-        assert text == f"before\n<!-- real: by make real -->\n{fresh}<!-- /real -->\n{kept}"
+        assert (
+            text
+            == f"before\n<!-- real: by make real -->\n{fresh}<!-- /real -->\n{kept}"
+        )
 
 
-def test_a_page_without_its_markers_is_refused_and_left_as_it_is(tmp_path: Path) -> None:
+def test_a_page_without_its_markers_is_refused_and_left_as_it_is(
+    tmp_path: Path,
+) -> None:
     page = tmp_path / "page.md"
     for text in (
         "nothing here\n",

@@ -9,18 +9,24 @@ from typing import Any
 import pytest
 
 from holdfast.evaluation.loop_runs import CHOICES, scene_of
-from holdfast.studies.shared_control import page
-from holdfast.studies.shared_control.__main__ import _chosen
-from holdfast.studies.shared_control.page import PAGE, shown
-from holdfast.studies.shared_control.picture import curve, picture
-from holdfast.studies.shared_control.plan import CURVE_SETS, LAGS_MS, OURS, SETTINGS, rows, sets
-from holdfast.studies.shared_control.targets import TARGETS, target_rows
+from studies.shared_control import page
+from studies.shared_control.__main__ import _chosen
+from studies.shared_control.page import PAGE, shown
+from studies.shared_control.picture import curve, picture
+from studies.shared_control.plan import CURVE_SETS, LAGS_MS, OURS, SETTINGS, rows, sets
+from studies.shared_control.targets import TARGETS, target_rows
 
 
 def row(part: str, name: str, controller: str, **figures: Any) -> dict[str, Any]:
     """A row of loop.json; figures: those that matter."""
     whole: dict[str, Any] = {"part": part, "set": name, "controller": controller}
-    whole |= {"setting": None, "lag_ms": 50.0, "delay_samples": 0, "noise": 1.0, "grip_excess": 1.0}
+    whole |= {
+        "setting": None,
+        "lag_ms": 50.0,
+        "delay_samples": 0,
+        "noise": 1.0,
+        "grip_excess": 1.0,
+    }
     for target in TARGETS:
         whole |= {target.key: target.bound, f"{target.key}_ci": [0.0, 1.0]}
     return whole | figures
@@ -39,7 +45,11 @@ def test_every_style_meets_every_controller_and_every_set_ours() -> None:
 
 def test_every_lag_of_the_figure_has_a_curve_of_every_controller() -> None:
     for lag_ms in LAGS_MS:
-        lagged = [one for one in rows(100) if one.part == "lag" and one.request.lag_ms == lag_ms]
+        lagged = [
+            one
+            for one in rows(100)
+            if one.part == "lag" and one.request.lag_ms == lag_ms
+        ]
         assert {one.label for one in lagged} == set(SETTINGS)
         assert {one.set_name for one in lagged} == set(CURVE_SETS)
 
@@ -70,9 +80,17 @@ def test_a_study_of_one_part_leaves_the_other_tables_alone(
 
 
 def test_a_point_of_a_curve_counts_the_sets_together() -> None:
-    counts = {"saved": 1, "preventable": 10, "blocked": 0, "handovers": 5, "setting": 4.0}
+    counts = {
+        "saved": 1,
+        "preventable": 10,
+        "blocked": 0,
+        "handovers": 5,
+        "setting": 4.0,
+    }
     more = counts | {"saved": 9, "blocked": 5}
-    points = curve([row("curve", "p1", OURS, **counts), row("curve", "quick", OURS, **more)])
+    points = curve(
+        [row("curve", "p1", OURS, **counts), row("curve", "quick", OURS, **more)]
+    )
     assert points == [(0.5, 0.5)]
 
 
@@ -85,7 +103,9 @@ def test_the_picture_has_a_panel_for_every_lag() -> None:
         for setting in (1.0, 2.0)
     ]
     drawn = picture({"rows": made})
-    assert all(f"drive with a lag of {lag_ms:g} ms" in drawn for lag_ms in (20, 50, 100))
+    assert all(
+        f"drive with a lag of {lag_ms:g} ms" in drawn for lag_ms in (20, 50, 100)
+    )
 
 
 def test_a_target_is_reached_at_its_bound_and_not_beyond() -> None:
@@ -99,7 +119,10 @@ def test_a_target_is_reached_at_its_bound_and_not_beyond() -> None:
 
 
 def test_of_several_unseen_styles_the_worst_counts() -> None:
-    good, bad = row("table", "p1", OURS, saved_share=1.0), row("table", "p2", OURS, saved_share=0.5)
+    good, bad = (
+        row("table", "p1", OURS, saved_share=1.0),
+        row("table", "p2", OURS, saved_share=0.5),
+    )
     assert reached(good)["drops saved, worst unseen style"] == "yes"
     assert reached(good, bad)["drops saved, worst unseen style"] == "no"
 
@@ -123,7 +146,11 @@ def test_rows_are_chosen_by_part_set_and_controller() -> None:
 
 def test_a_figure_that_is_not_there_is_a_dash_in_the_tables() -> None:
     figures: dict[str, Any] = dict.fromkeys(("drops", "preventable", "handovers"), 0)
-    figures |= dict.fromkeys(("disturbed_share", "disturbed_share_ci", "tightenings_per_min"))
-    none = dict.fromkeys(("saved_share", "slip_mm_p50", "crushed_share", "extra_force_n_p50"))
+    figures |= dict.fromkeys(
+        ("disturbed_share", "disturbed_share_ci", "tightenings_per_min")
+    )
+    none = dict.fromkeys(
+        ("saved_share", "slip_mm_p50", "crushed_share", "extra_force_n_p50")
+    )
     printed = shown(row("table", "holds", OURS, **(figures | none)))
     assert (printed["saved"], printed["slip"], printed["crushed"]) == (None, None, None)

@@ -8,7 +8,7 @@ from pathlib import Path
 import onnx
 import pytest
 
-from holdfast.studies.tables.step import EDGE_X, PLACES, edges, picture, stages
+from studies.tables.step import EDGE_X, PLACES, edges, picture, stages
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -30,10 +30,14 @@ def test_every_node_is_in_one_stage_and_every_drawn_stage_has_nodes(
     assert sorted(placed) == sorted(id(node) for node in graph.node)
     assert all(found[name] for name in PLACES)
     assert [node.op_type for node in found["trees"]] == ["TreeEnsembleRegressor"]
-    assert {"settled", "unknown"} <= {out for node in found["guard"] for out in node.output}
+    assert {"settled", "unknown"} <= {
+        out for node in found["guard"] for out in node.output
+    }
 
 
-def test_an_arrow_is_drawn_for_each_edge_and_for_no_other_pair(graph: onnx.GraphProto) -> None:
+def test_an_arrow_is_drawn_for_each_edge_and_for_no_other_pair(
+    graph: onnx.GraphProto,
+) -> None:
     assert edges(stages(graph)) == set(EDGE_X)
     arrows = len(re.findall(r'<path class="a"', picture(graph)))
     assert arrows == len(EDGE_X) + 2, "and one into the file, one out of it"
@@ -42,7 +46,9 @@ def test_an_arrow_is_drawn_for_each_edge_and_for_no_other_pair(graph: onnx.Graph
 def test_an_edge_without_a_place_is_an_error(graph: onnx.GraphProto) -> None:
     changed = onnx.GraphProto()
     changed.CopyFrom(graph)
-    first = next(node for node in changed.node if node.op_type == "TreeEnsembleRegressor")
+    first = next(
+        node for node in changed.node if node.op_type == "TreeEnsembleRegressor"
+    )
     first.input.append("bank_out")
     with pytest.raises(KeyError, match="bank"):
         picture(changed)

@@ -9,15 +9,18 @@ from typing import Any
 
 import pytest
 
-from holdfast.evaluation.labels import DEPLOYED
-from holdfast.studies.tables.timing import PARTS, PICTURES, main
+from holdfast.evaluation.page import DEPLOYED
+from studies.tables.timing import PARTS, PICTURES, main
 
 
 def evaluated(recall: float, in_time: float, called: float | None) -> dict[str, Any]:
     n = 0 if called is None else 40
     row = {"events": 20, "recall": recall, "in_time": in_time}
     share = {"share": called, "share_ci": [0.0, 0.5], "n": n}
-    return {"data": {"kind": "simulated"}, "rows": {DEPLOYED: {**row, "safe_acts_called": share}}}
+    return {
+        "data": {"kind": "simulated"},
+        "rows": {DEPLOYED: {**row, "safe_acts_called": share}},
+    }
 
 
 @pytest.fixture
@@ -36,7 +39,10 @@ def test_the_parts_of_a_bar_are_all_events() -> None:
 
 def test_both_pictures_say_what_they_are_made_from(drawn: dict[str, str]) -> None:
     assert "simulated: 40 risky events, model abcdef" in drawn["late-or-in-time.svg"]
-    assert "simulated: 40 voluntary actions, model abcdef" in drawn["hand-overs-called.svg"]
+    assert (
+        "simulated: 40 voluntary actions, model abcdef"
+        in drawn["hand-overs-called.svg"]
+    )
     for picture in drawn.values():
         root = ET.fromstring(picture)
         assert root.get("role") == "img"

@@ -30,10 +30,14 @@ def correction(base: bytes, bias: float = 40.0) -> Correction:
     knee[-k:] = votes_in_all(card)
     weights = np.zeros((n, 2), np.float32)
     weights[:, 1] = np.random.default_rng(5).integers(-400, 400, n)
-    layer = Layer(weights, np.array([0, bias], np.float32), np.array([1, 0.002], np.float32))
+    layer = Layer(
+        weights, np.array([0, bias], np.float32), np.array([1, 0.002], np.float32)
+    )
     inputs = Inputs(knee, np.full(n, 511, np.float32), np.zeros(n, np.float32))
     return Correction(Network(inputs, (layer,), votes_in_all=1))
 
 
 def file_of(base: bytes) -> bytes:
-    return adapted(base, Adaptation(correction(base), RULES, {"person": {"hand_overs": 8}}))
+    return adapted(
+        base, Adaptation(correction(base), RULES, {"person": {"hand_overs": 8}})
+    )

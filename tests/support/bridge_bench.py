@@ -21,11 +21,11 @@ from holdfast.drivers.tmag5273 import (
 )
 from holdfast.drivers.virtual.clock import VirtualClock
 from holdfast.drivers.virtual.ft232h import VirtualFt232h
-from holdfast.drivers.virtual.hand import VirtualHand
 from holdfast.drivers.virtual.mcp2221 import VirtualMcp2221
 from holdfast.drivers.virtual.native import VirtualI2cDev
 from holdfast.drivers.virtual.tiny_usb import FIRMWARES, VirtualTinyUsb
 from holdfast.drivers.virtual.usb_backend import Device, VirtualBackend
+from holdfast.drivers.virtual.virtual_hand import VirtualHand
 
 A, B, C, D = FACTORY_ADDRESSES
 ABSENT = 0x11
@@ -83,7 +83,13 @@ class Bench:
     def configure(self, address: int, **options: bool) -> None:
         """Write a chip's settings over the first channel."""
         self.bus.scan(
-            [FIRST, *(Transfer(address, bytes(byte)) for byte in Setup(**options).registers())]
+            [
+                FIRST,
+                *(
+                    Transfer(address, bytes(byte))
+                    for byte in Setup(**options).registers()
+                ),
+            ]
         )
 
     def engine(self) -> VirtualMcp2221:

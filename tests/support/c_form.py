@@ -46,11 +46,16 @@ class CForm:
         """A program with this main: the harness, or a file of the C form; compiled once."""
         require_compiler(compiler)
         kind = "".join((compiler, *flags))
-        built, path = self.folder / f"{kind}.o", self.folder / f"{kind}-{Path(main).stem}"
+        built, path = (
+            self.folder / f"{kind}.o",
+            self.folder / f"{kind}-{Path(main).stem}",
+        )
         if not built.exists():
             self._compile(compiler, *flags, "-c", "-o", built.name, "holdfast.c")
         if not path.exists():
-            self._compile(compiler, *flags, "-I.", "-o", path.name, built.name, main, "-lm")
+            self._compile(
+                compiler, *flags, "-I.", "-o", path.name, built.name, main, "-lm"
+            )
         return path
 
     def _compile(self, compiler: str, *words: str) -> None:
@@ -62,15 +67,25 @@ class CForm:
     def out_type(self) -> np.dtype[Any]:
         """The layout of holdfast_out."""
         fields = [
-            (name, NUMPY_TYPES[C_TYPES[self.graph.element(name)]], self.graph.shape(name)[1:])
+            (
+                name,
+                NUMPY_TYPES[C_TYPES[self.graph.element(name)]],
+                self.graph.shape(name)[1:],
+            )
             for name in self.graph.outputs
         ]
         return np.dtype(fields, align=True)
 
-    def stepped(self, program: Path, values: Array, valid: Array, fresh: Array) -> Array:
+    def stepped(
+        self, program: Path, values: Array, valid: Array, fresh: Array
+    ) -> Array:
         """features, out and state after every sample: values [T, C], valid [T, S], fresh [T]."""
         channels, rows = values.shape[1], self.graph.shape("state")[1:]
-        record = [("sample", "f8", channels), ("valid", "u1", channels // 3), ("fresh", "u1")]
+        record = [
+            ("sample", "f8", channels),
+            ("valid", "u1", channels // 3),
+            ("fresh", "u1"),
+        ]
         given = np.zeros(len(values), np.dtype(record))
         given["sample"], given["valid"], given["fresh"] = values, valid, fresh
         answers = [
@@ -87,7 +102,9 @@ class CForm:
 
 def run(program: Path, mode: str, given: Array, answers: np.dtype[Any]) -> Array:
     """A harness' answers to records, one for each."""
-    done = subprocess.run([str(program), mode], input=given.tobytes(), capture_output=True)
+    done = subprocess.run(
+        [str(program), mode], input=given.tobytes(), capture_output=True
+    )
     assert done.returncode == 0, done.stderr.decode()[:3000]
     return np.frombuffer(done.stdout, answers)
 

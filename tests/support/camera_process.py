@@ -99,7 +99,7 @@ def answered(words: list[str]) -> tuple[int, str, str]:
 
 def done(words: list[str]) -> int:
     """Run one request; a traceback goes to stderr, as Python writes it."""
-    from holdfast.cli import main
+    from holdfast.cli.main import main
 
     faulthandler.dump_traceback_later(LONGEST_S, exit=True)
     try:

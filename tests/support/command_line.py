@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 import pytest
 
-from holdfast.cli import main
+from holdfast.cli.main import main
 
 PROGRESS = re.compile(r"warning: |exporting | *\d+ s  |  ")
 Run = Callable[..., tuple[int, str, str]]

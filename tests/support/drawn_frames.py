@@ -16,9 +16,9 @@ import numpy as np
 import pytest
 from camera_process import CameraProcess
 
+from holdfast.core.contract import FloatArray
 from holdfast.drivers.camera.library import QUIET
-from holdfast.edge_runtime.contract import FloatArray
-from holdfast.simulation.camera.frames import CAMERA, GREY, Camera, Frames
+from holdfast.simulation.camera_frames import CAMERA, GREY, Camera, Frames
 
 ROOT = Path(__file__).resolve().parents[2]
 SIZE = {"width_px": 320.0, "height_px": 240.0}
@@ -28,7 +28,11 @@ COVERED, TWICE = range(60, 66), range(70, 72)
 
 def camera(**changed: float) -> Camera:
     return Camera(
-        **({name: parameter.default for name, parameter in CAMERA.items()} | SIZE | changed)
+        **(
+            {name: parameter.default for name, parameter in CAMERA.items()}
+            | SIZE
+            | changed
+        )
     )
 
 
@@ -56,13 +60,17 @@ def command(*words: object) -> subprocess.CompletedProcess[str]:
     return SHARED.run(*map(str, words))
 
 
-def fresh_command(*words: object, **environment: str) -> subprocess.CompletedProcess[str]:
+def fresh_command(
+    *words: object, **environment: str
+) -> subprocess.CompletedProcess[str]:
     """The command line in a process of its own, which loads depthai in this environment."""
     return process("-m", "holdfast", *map(str, words), environment=environment)
 
 
 def process(
-    *words: str, file_limit: int | None = None, environment: Mapping[str, str] | None = None
+    *words: str,
+    file_limit: int | None = None,
+    environment: Mapping[str, str] | None = None,
 ) -> subprocess.CompletedProcess[str]:
     """Python in a process of its own."""
 
@@ -107,7 +115,7 @@ from holdfast.drivers.camera.graph import watch
 from holdfast.drivers.camera.library import load_depthai
 from holdfast.drivers.camera.recording import read_about, read_recorded, read_tracks, read_video
 from holdfast.drivers.camera.sources import Frame, Lens, Stored, read_frames
-from holdfast.edge_runtime.errors import DeviceLost, HoldfastError
+from holdfast.core.errors import DeviceLost, HoldfastError
 quiet = lambda line: None
 """
 
@@ -121,7 +129,9 @@ def motion_m(t_s: FloatArray) -> tuple[FloatArray, FloatArray]:
     return thing, hand
 
 
-def write_frames(path: Path, stamps_s: FloatArray, frames: Frames, **changed: float) -> Path:
+def write_frames(
+    path: Path, stamps_s: FloatArray, frames: Frames, **changed: float
+) -> Path:
     numbers: dict[str, Any] = {"fps": FPS, "exposure_ms": 2.0, "tag_mm": 10.0} | changed
     np.savez(path, frames=frames, time_s=stamps_s, **numbers)
     return path
@@ -138,7 +148,9 @@ def drawn(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, FloatArray, F
     for k in TWICE:
         frames[k, 10:80, 10:80] = frames[k, 113:183, 165:235]
     return (
-        write_frames(tmp_path_factory.mktemp("drawn") / "known.frames.npz", stamps_s, frames),
+        write_frames(
+            tmp_path_factory.mktemp("drawn") / "known.frames.npz", stamps_s, frames
+        ),
         stamps_s,
         frames,
     )
@@ -152,7 +164,10 @@ def recorded(
     out = tmp_path_factory.mktemp("recorded") / "trial"
     done = command("watch", "--camera", drawn[0], "--out", out)
     assert done.returncode == 0, done.stderr
-    assert f"{N_FRAMES} frames with tags read, {N_FRAMES} in the video, 0 lost" in done.stdout
+    assert (
+        f"{N_FRAMES} frames with tags read, {N_FRAMES} in the video, 0 lost"
+        in done.stdout
+    )
     return out
 
 
@@ -160,6 +175,10 @@ def two_sizes(path: Path, n: int = 30) -> Path:
     """Frames of the object's tag at 10 mm and the hand's at 8, both declared as 10."""
     stamps_s = np.arange(1, n + 1) / FPS
     away = np.array([1e4, 0.0])
-    both = camera().draw(np.zeros(2), away) + camera(tag_mm=8.0).draw(away, np.zeros(2)) - GREY
+    both = (
+        camera().draw(np.zeros(2), away)
+        + camera(tag_mm=8.0).draw(away, np.zeros(2))
+        - GREY
+    )
     frames = np.repeat(np.rint(both).astype(np.uint8)[None], len(stamps_s), axis=0)
     return write_frames(path, stamps_s, frames)

@@ -17,7 +17,11 @@ class Registers:
     """
 
     def __init__(self, address: int, memory: bytes, *, increments: bool = True) -> None:
-        self.address, self.memory, self.increments = address, bytearray(memory), increments
+        self.address, self.memory, self.increments = (
+            address,
+            bytearray(memory),
+            increments,
+        )
         self.pointer, self._first = 0, False
 
     @property
@@ -89,7 +93,9 @@ class Ads1115(Registers):
     bits."""
 
     def __init__(self, address: int = 0x48) -> None:
-        super().__init__(address, bytes([0x12, 0x34, 0x85, 0x83, 0x80, 0x00, 0x7F, 0xFF]))
+        super().__init__(
+            address, bytes([0x12, 0x34, 0x85, 0x83, 0x80, 0x00, 0x7F, 0xFF])
+        )
 
     def write(self, byte: int) -> bool:
         if self._first:

@@ -13,8 +13,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from holdfast.edge_runtime.grip_command import GripCommand, last_line, to_line
-from holdfast.edge_runtime.grip_sinks import LineSink, line_sink
+from holdfast.edge_runtime.supervisor import GripCommand, last_line, to_line
+from holdfast.live.grip_outputs import LineSink, line_sink
 
 ROOT = Path(__file__).resolve().parents[2]
 PATIENCE_S = 60.0

@@ -8,13 +8,15 @@ from typing import Any
 
 import numpy as np
 
+from holdfast.edge_runtime.batch import Lanes
 from holdfast.edge_runtime.grip import GripSense
 from holdfast.edge_runtime.grip_control import GripLoop, controller_of
-from holdfast.edge_runtime.lanes import Lanes
 from holdfast.edge_runtime.supervisor import Limits
 
 RATE_HZ = 150.0
-QUICK = Limits(ceiling_n=20.0, rise_s=0.05, most_rise_s=0.4, give_back_s=0.2, give_back_n_s=30.0)
+QUICK = Limits(
+    ceiling_n=20.0, rise_s=0.05, most_rise_s=0.4, give_back_s=0.2, give_back_n_s=30.0
+)
 """Limits that a short stream reaches."""
 
 
@@ -22,7 +24,9 @@ def sense(**changes: Any) -> GripSense:
     """A quiet hold: 3 N a side, 0.5 N along the skin, nothing likely; changes: other fields."""
     quiet: dict[str, Any] = dict.fromkeys(("p_risky", "p_safe"), 0.0)
     quiet |= dict.fromkeys(("empty", "opening", "overridden"), False)
-    return GripSense(**(quiet | {"grip_n": 3.0, "load_n": 0.5, "known": True} | changes))
+    return GripSense(
+        **(quiet | {"grip_n": 3.0, "load_n": 0.5, "known": True} | changes)
+    )
 
 
 def random_senses(seed: int, samples: int, hands: int) -> list[GripSense]:
@@ -54,12 +58,16 @@ def random_senses(seed: int, samples: int, hands: int) -> list[GripSense]:
 
 def of_hand(senses: GripSense, hand: int) -> GripSense:
     """One hand's part, in Python's own floats and bools."""
-    return GripSense(**{f.name: getattr(senses, f.name)[hand].item() for f in fields(GripSense)})
+    return GripSense(
+        **{f.name: getattr(senses, f.name)[hand].item() for f in fields(GripSense)}
+    )
 
 
 def of_hands(senses: GripSense, hands: slice) -> GripSense:
     """Some hands' part."""
-    return GripSense(**{f.name: getattr(senses, f.name)[hands] for f in fields(GripSense)})
+    return GripSense(
+        **{f.name: getattr(senses, f.name)[hands] for f in fields(GripSense)}
+    )
 
 
 def loop_of(lanes: Lanes, name: str, gain: float = 1.0) -> GripLoop:
@@ -70,10 +78,24 @@ def loop_of(lanes: Lanes, name: str, gain: float = 1.0) -> GripLoop:
 def numbers_of(loop: GripLoop) -> list[Any]:
     """All that a loop says after a sample."""
     supervisor, margin = loop.supervisor, loop.margin
-    numbers = [supervisor.given_n, supervisor.mode, supervisor.since_s, supervisor.risen_s]
-    return [*numbers, margin.mu_hat, margin.margin, margin.needed_n, margin.holds_n, margin.held]
+    numbers = [
+        supervisor.given_n,
+        supervisor.mode,
+        supervisor.since_s,
+        supervisor.risen_s,
+    ]
+    return [
+        *numbers,
+        margin.mu_hat,
+        margin.margin,
+        margin.needed_n,
+        margin.holds_n,
+        margin.held,
+    ]
 
 
 def bits(numbers: list[Any], hand: int | None = None) -> bytes:
     """The bytes of some numbers, or of one hand's."""
-    return struct.pack(f"{len(numbers)}d", *(n if hand is None else n[hand] for n in numbers))
+    return struct.pack(
+        f"{len(numbers)}d", *(n if hand is None else n[hand] for n in numbers)
+    )

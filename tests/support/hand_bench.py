@@ -14,8 +14,8 @@ from holdfast.drivers.tmag5273 import Setup
 from holdfast.drivers.virtual.clock import VirtualClock
 from holdfast.drivers.virtual.faults import read_fault
 from holdfast.drivers.virtual.ft232h import VirtualFt232h
-from holdfast.drivers.virtual.hand import Track, VirtualHand
 from holdfast.drivers.virtual.usb_backend import VirtualBackend
+from holdfast.drivers.virtual.virtual_hand import Track, VirtualHand
 
 PERIOD_NS = round(1e9 / 150)
 
@@ -102,4 +102,8 @@ def listen(bench: Bench) -> list[int]:
 
 
 def bad(readings: list[Reading], finger: int | None = None) -> list[Reading]:
-    return [r for r in readings if not (r.valid.all() if finger is None else r.valid[finger - 1])]
+    return [
+        r
+        for r in readings
+        if not (r.valid.all() if finger is None else r.valid[finger - 1])
+    ]

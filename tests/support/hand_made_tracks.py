@@ -20,7 +20,11 @@ def hand_made(folder: Path, *, at_s: float, slides_at_s: float | None) -> Tracks
     t_s = np.arange(0, 90) / FPS
     with TagFile(folder) as file:
         for k, now_s in enumerate(t_s):
-            down_px = 0.0 if slides_at_s is None else 600.0 * max(0.0, now_s - slides_at_s) ** 2
+            down_px = (
+                0.0
+                if slides_at_s is None
+                else 600.0 * max(0.0, now_s - slides_at_s) ** 2
+            )
             places = {0: (180.0, 100.0 + down_px), 1: (100.0, 100.0)}
             square = {
                 tag: [x + dx for x, dx in zip(at * 4, SIDES, strict=True)]

@@ -41,7 +41,9 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     """Where the results go."""
     for mark, option in OPTIONS.items():
         parser.addoption(
-            option, type=Path, help=f"write how the tests marked {mark} went to this JSON file"
+            option,
+            type=Path,
+            help=f"write how the tests marked {mark} went to this JSON file",
         )
 
 
@@ -67,9 +69,13 @@ def pytest_runtest_makereport(
         marks = {"hard_case": details_of, "hazard": hazard}
         found = [(name, item.get_closest_marker(name)) for name in marks]
         # An attribute of a report survives the way from an xdist worker.
-        report.catalogued = {name: marks[name](mark) for name, mark in found if mark is not None}  # type: ignore[attr-defined]
+        report.catalogued = {
+            name: marks[name](mark) for name, mark in found if mark is not None
+        }  # type: ignore[attr-defined]
         report.place = item.stash[PLACE]  # type: ignore[attr-defined]
-        report.user_properties = [(name, plain(value)) for name, value in report.user_properties]
+        report.user_properties = [
+            (name, plain(value)) for name, value in report.user_properties
+        ]
     return report
 
 

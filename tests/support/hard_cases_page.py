@@ -9,7 +9,7 @@ from typing import Any
 
 from hard_cases import AREAS
 
-from holdfast.evaluation.markers import write_between
+from tools.doc_tables import write_between
 
 
 def lists(results: list[dict[str, Any]]) -> str:
@@ -19,7 +19,10 @@ def lists(results: list[dict[str, Any]]) -> str:
         rows = [row for row in results if row["area"] == area]
         cases = dict.fromkeys(row["case"] for row in rows)
         if cases:
-            texts = (_case(case, [row for row in rows if row["case"] == case]) for case in cases)
+            texts = (
+                _case(case, [row for row in rows if row["case"] == case])
+                for case in cases
+            )
             sections.append(f"## {area}\n\n" + "\n".join(texts))
     return "\n\n".join(sections) + "\n"
 
@@ -28,7 +31,8 @@ def _case(case: str, rows: list[dict[str, Any]]) -> str:
     first = rows[0]
     by_test = dict.fromkeys(row["test"].partition("[")[0] for row in rows)
     lines = "\n".join(
-        _line([row for row in rows if row["test"].partition("[")[0] == test]) for test in by_test
+        _line([row for row in rows if row["test"].partition("[")[0] == test])
+        for test in by_test
     )
     return f"### {case}\n\nElsewhere: {first['elsewhere']}. Here: {first['here']}.\n\n{lines}\n"
 
@@ -38,10 +42,15 @@ def _line(rows: list[dict[str, Any]]) -> str:
     name = rows[0]["test"].partition("[")[0].rpartition("::")[2]
     outcomes = [row["outcome"] for row in rows]
     counts = {outcome: outcomes.count(outcome) for outcome in dict.fromkeys(outcomes)}
-    outcome = outcomes[0] if len(rows) == 1 else ", ".join(map(_times, counts, counts.values()))
+    outcome = (
+        outcomes[0]
+        if len(rows) == 1
+        else ", ".join(map(_times, counts, counts.values()))
+    )
     begins = "without: " if rows[0]["unguarded"] else ""
     measured = "; ".join(
-        f"{key.replace('_', ' ')} {_short(value)}" for key, value in _measured(rows).items()
+        f"{key.replace('_', ' ')} {_short(value)}"
+        for key, value in _measured(rows).items()
     )
     sentence = name.removeprefix("test_").replace("_", " ")
     return f"- {outcome}: {begins}{sentence}" + (f" ({measured})" if measured else "")

@@ -36,11 +36,19 @@ class HardCase:
 
     def _marked(self, *, unguarded: bool) -> pytest.MarkDecorator:
         return pytest.mark.hard_case(
-            self.area, self.case, elsewhere=self.elsewhere, here=self.here, unguarded=unguarded
+            self.area,
+            self.case,
+            elsewhere=self.elsewhere,
+            here=self.here,
+            unguarded=unguarded,
         )
 
 
-FILTER, FOREST, METRICS = "Filter and features", "Forest and ONNX", "Calibration and metrics"
+FILTER, FOREST, METRICS = (
+    "Filter and features",
+    "Forest and ONNX",
+    "Calibration and metrics",
+)
 
 POLE = HardCase(
     FILTER,

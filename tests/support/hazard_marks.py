@@ -26,7 +26,9 @@ class Hazard:
     @property
     def mark(self) -> pytest.MarkDecorator:
         """For a test that shows it."""
-        return pytest.mark.hazard(self.area, self.hazard, does=self.does, left=self.left)
+        return pytest.mark.hazard(
+            self.area, self.hazard, does=self.does, left=self.left
+        )
 
 
 RECORDINGS, BUS, LIVE = "Recordings", "Sensors and bus", "The live loop"

@@ -19,8 +19,16 @@ from typing import Any
 import pytest
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
-needs_chromium = pytest.mark.skipif(CHROMIUM is None, reason="chromium is not installed")
-FLAGS = ("--headless", "--no-sandbox", "--disable-gpu", "--no-first-run", "--remote-debugging-pipe")
+needs_chromium = pytest.mark.skipif(
+    CHROMIUM is None, reason="chromium is not installed"
+)
+FLAGS = (
+    "--headless",
+    "--no-sandbox",
+    "--disable-gpu",
+    "--no-first-run",
+    "--remote-debugging-pipe",
+)
 TROUBLES = ("error", "warning")
 LONGEST_S = 120.0
 """A browser that says nothing for so long is stuck."""
@@ -69,7 +77,10 @@ class Tab:
     def value(self, expression: str) -> Any:
         """Of a JavaScript expression; a promise is waited for."""
         answer = self.call(
-            "Runtime.evaluate", expression=expression, awaitPromise=True, returnByValue=True
+            "Runtime.evaluate",
+            expression=expression,
+            awaitPromise=True,
+            returnByValue=True,
         )
         assert "exceptionDetails" not in answer, answer["exceptionDetails"]
         return answer["result"].get("value")
@@ -87,7 +98,9 @@ class Tab:
         """Files for an input."""
         root = self.call("DOM.getDocument")["root"]["nodeId"]
         node = self.call("DOM.querySelector", nodeId=root, selector=selector)["nodeId"]
-        self.call("DOM.setFileInputFiles", nodeId=node, files=[str(one) for one in files])
+        self.call(
+            "DOM.setFileInputFiles", nodeId=node, files=[str(one) for one in files]
+        )
 
     def drag(self, start: tuple[float, float], end: tuple[float, float]) -> None:
         """Press the left button at one place of the window and release it at another."""
@@ -120,10 +133,20 @@ class Tab:
     def _note(self, answer: dict[str, Any]) -> None:
         params = answer.get("params", {})
         if answer.get("method") == "Runtime.exceptionThrown":
-            self.problems.append(str(params["exceptionDetails"].get("exception", params)))
-        if answer.get("method") == "Log.entryAdded" and params["entry"]["level"] in TROUBLES:
-            self.problems.append(f"{params['entry']['text']} {params['entry'].get('url', '')}")
-        if answer.get("method") == "Runtime.consoleAPICalled" and params["type"] in TROUBLES:
+            self.problems.append(
+                str(params["exceptionDetails"].get("exception", params))
+            )
+        if (
+            answer.get("method") == "Log.entryAdded"
+            and params["entry"]["level"] in TROUBLES
+        ):
+            self.problems.append(
+                f"{params['entry']['text']} {params['entry'].get('url', '')}"
+            )
+        if (
+            answer.get("method") == "Runtime.consoleAPICalled"
+            and params["type"] in TROUBLES
+        ):
             self.problems.append(str(params["args"]))
 
 
@@ -161,7 +184,9 @@ class _Quiet(SimpleHTTPRequestHandler):
 @contextmanager
 def served(folder: Path) -> Iterator[str]:
     """The address of a folder on this machine."""
-    with ThreadingHTTPServer(("127.0.0.1", 0), partial(_Quiet, directory=folder)) as server:
+    with ThreadingHTTPServer(
+        ("127.0.0.1", 0), partial(_Quiet, directory=folder)
+    ) as server:
         thread = Thread(target=server.serve_forever)
         thread.start()
         try:

@@ -22,7 +22,9 @@ class HidModule(ModuleType):
         self.backend = backend
         self.device = lambda: HidDevice(self)
 
-    def enumerate(self, vendor_id: int = 0, product_id: int = 0) -> list[dict[str, Any]]:
+    def enumerate(
+        self, vendor_id: int = 0, product_id: int = 0
+    ) -> list[dict[str, Any]]:
         """HID interfaces with these ids, 0 for any."""
         found = usb.core.find(find_all=True, backend=self.backend)
         return [
@@ -108,7 +110,9 @@ class HidDevice:
 
 
 def _interfaces(device: Any) -> list[dict[str, Any]]:
-    return [_shown(device, one) for one in device[0] if one.bInterfaceClass == HID_CLASS]
+    return [
+        _shown(device, one) for one in device[0] if one.bInterfaceClass == HID_CLASS
+    ]
 
 
 def _shown(device: Any, interface: Any) -> dict[str, Any]:

@@ -8,17 +8,25 @@ from typing import Any
 
 import numpy as np
 
+from holdfast.core.contract import Prediction, Sample
 from holdfast.drivers.virtual.clock import VirtualClock
-from holdfast.edge_runtime.contract import Prediction, Sample
-from holdfast.edge_runtime.live import SourceReading, Summary, run_live
 from holdfast.edge_runtime.monitor import GripMonitor, Model
-from holdfast.edge_runtime.tare import Tare
+from holdfast.edge_runtime.preparation import Tare
+from holdfast.live.loop import SourceReading, Summary, run_live
 
 ROOT = Path(__file__).resolve().parents[2]
 DEFAULT = ROOT / "models" / "holdfast-150hz.onnx"
 
 
-RUN = [sys.executable, "-m", "holdfast", "run", str(DEFAULT), "--source", "virtual://ft232h"]
+RUN = [
+    sys.executable,
+    "-m",
+    "holdfast",
+    "run",
+    str(DEFAULT),
+    "--source",
+    "virtual://ft232h",
+]
 """The command line on the default model and a virtual hand at rest."""
 
 
@@ -27,7 +35,9 @@ class Steady:
 
     unit, n_channels, rate_hz = "N", 18, None
 
-    def __init__(self, clock: VirtualClock, n: int, stalls: dict[int, float] | None = None) -> None:
+    def __init__(
+        self, clock: VirtualClock, n: int, stalls: dict[int, float] | None = None
+    ) -> None:
         self.clock, self.n, self.stalls, self.k = clock, n, stalls or {}, 0
         self.times: list[int] = []
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from holdfast.edge_runtime.contract import FloatArray
+from holdfast.core.contract import FloatArray
 from holdfast.edge_runtime.grip import GripSense
 from holdfast.edge_runtime.model import Model
 from holdfast.simulation.card import read_card
@@ -43,13 +43,19 @@ def row(action: str, more: str = "", name: str = "") -> str:
     if action not in ("pass", "put-down"):
         keys |= {"open_after_s"}
     lines = [line for line in SHORT.splitlines() if line.split(" =")[0] not in keys]
-    first = f'[[trials]]\nobjects = ["{name or ACTIONS[action]}"]\naction = "{action}"\n'
+    first = (
+        f'[[trials]]\nobjects = ["{name or ACTIONS[action]}"]\naction = "{action}"\n'
+    )
     return first + "\n".join(lines) + "\n" + more + "\n"
 
 
 def card_text(*rows: str, effects: str = "") -> str:
     """A card at 150 Hz with two steps a sample."""
-    return "[record]\nrate_hz = 150\n[physics]\nstep_s = 0.0035\n" + "".join(rows) + effects
+    return (
+        "[record]\nrate_hz = 150\n[physics]\nstep_s = 0.0035\n"
+        + "".join(rows)
+        + effects
+    )
 
 
 def scene_of(folder: Path, text: str, seed: int = 0) -> Scene:

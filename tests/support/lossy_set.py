@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from holdfast.edge_runtime.contract import channel_names
+from holdfast.core.contract import channel_names
 
 ROWS, RATE_HZ, SENSORS = 120, 100.0, 6
 NEVER_CAME = (30, 31, 32)
@@ -46,7 +46,9 @@ def write_lossy_set(root: Path) -> dict[str, Written]:
     }
 
 
-def _write(folder: Path, action: str, phases: list[dict[str, object]], lossy: bool) -> Written:
+def _write(
+    folder: Path, action: str, phases: list[dict[str, object]], lossy: bool
+) -> Written:
     rng = np.random.default_rng(len(action))
     k = np.arange(ROWS)
     t_s = k / RATE_HZ
@@ -61,19 +63,32 @@ def _write(folder: Path, action: str, phases: list[dict[str, object]], lossy: bo
     _write_files(folder, action, phases, np.column_stack([t_s, values, k, valid])[kept])
     values[~kept], valid[~kept] = np.nan, False
     valid &= np.isfinite(values).reshape(ROWS, SENSORS, 3).all(axis=2)
-    labels = [next((p["label"] for p in phases if p["t0_s"] <= t < p["t1_s"]), None) for t in t_s]
+    labels = [
+        next((p["label"] for p in phases if p["t0_s"] <= t < p["t1_s"]), None)
+        for t in t_s
+    ]
     return Written(t_s, values, valid, labels)  # type: ignore[arg-type]
 
 
 def _write_files(
-    folder: Path, action: str, phases: list[dict[str, object]], table: npt.NDArray[np.float64]
+    folder: Path,
+    action: str,
+    phases: list[dict[str, object]],
+    table: npt.NDArray[np.float64],
 ) -> None:
     folder.mkdir(parents=True)
     valid = [f"valid{n + 1}" for n in range(SENSORS)]
     header = ",".join(["Time", *channel_names(SENSORS), "sequence", *valid])
     np.savetxt(folder / "tactile.csv", table, "%.9g", ",", header=header, comments="")
-    meta = {"recorder": 1, "state": "kept", "person": folder.parts[-4], "object": "soft-ball"}
+    meta = {
+        "recorder": 1,
+        "state": "kept",
+        "person": folder.parts[-4],
+        "object": "soft-ball",
+    }
     meta |= {"action": action, "unit": "N", "started_utc": STARTED_UTC}
     (folder / "meta.json").write_text(json.dumps(meta))
     (folder / "tactile.truth.json").write_text(json.dumps({"phases": phases}))
-    (folder / "events.jsonl").write_text('{"t_s": 0.8, "mark": "load_onset", "provenance": "key"}')
+    (folder / "events.jsonl").write_text(
+        '{"t_s": 0.8, "mark": "load_onset", "provenance": "key"}'
+    )

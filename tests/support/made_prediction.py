@@ -4,13 +4,18 @@ from __future__ import annotations
 
 from typing import Any
 
-from holdfast.edge_runtime.contract import Prediction
+from holdfast.core.contract import Prediction
 
 
 def prediction(sequence: int = 7, **changes: Any) -> Prediction:
     """A grasp that nothing disturbs; changes: other fields."""
     p_risky = changes.pop("p_risky", 0.0)
-    shares = {"nothing": 0.0, "grasp": 1.0 - p_risky, "safe_slip": 0.0, "risky_slip": p_risky}
+    shares = {
+        "nothing": 0.0,
+        "grasp": 1.0 - p_risky,
+        "safe_slip": 0.0,
+        "risky_slip": p_risky,
+    }
     grasp: dict[str, Any] = {
         "sequence": sequence,
         "t_acquired_ns": 10**9,

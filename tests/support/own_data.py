@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from holdfast.edge_runtime.trial_layout import META
+from holdfast.core.trial_layout import META
 from holdfast.training.fixture import write_fixture
 
 

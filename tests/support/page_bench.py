@@ -10,9 +10,9 @@ from http.client import HTTPConnection, HTTPResponse
 from threading import Thread
 from typing import Any
 
-from holdfast.live_page.run_page import ACTIONS
-from holdfast.live_page.server import Access, PageServer
-from holdfast.live_page.stream import LiveStream
+from holdfast.live.page.run_page import ACTIONS
+from holdfast.live.page.server import Access, PageServer
+from holdfast.live.page.stream import LiveStream
 
 LOCAL = Access("", ("localhost", "127.0.0.1", "::1"))
 ABOUT = {
@@ -30,9 +30,20 @@ PERIOD_NS = 6_666_667
 
 def sample(k: int, state: str = "grasp", **more: Any) -> dict[str, Any]:
     """The message of the k-th sample of a hand that holds 2 N a side with 0.6 N of load."""
-    answer = {"state": state, "why": "", "p_risky": 0.25, "weight": "light", "latency_us": 900.0}
+    answer = {
+        "state": state,
+        "why": "",
+        "p_risky": 0.25,
+        "weight": "light",
+        "latency_us": 900.0,
+    }
     answer |= {"arm": False, "act": False, "opening": False, "overridden": False}
-    answer |= {"commands": "none", "late": False, "started_loaded": None, "degraded": False}
+    answer |= {
+        "commands": "none",
+        "late": False,
+        "started_loaded": None,
+        "degraded": False,
+    }
     forces = [0.1 + 1e-9 * k, 0.0, 2.0 / 3.0] * 6
     grip = {"mu_hat": None, "margin": None, "needed_n": None}
     message = {"n": k, "t_ns": 5_000_000_000 + k * PERIOD_NS, "x": forces, "v": [1] * 6}
@@ -60,7 +71,9 @@ class Served:
             self.stream.take(message, now_s)
         self.stream.publish(now_s)
 
-    def ask(self, path: str, method: str = "GET", **headers: str) -> tuple[int, bytes, Any]:
+    def ask(
+        self, path: str, method: str = "GET", **headers: str
+    ) -> tuple[int, bytes, Any]:
         """(status, content, headers) of a request; header names with _ for -."""
         answer = self.begin(path, method, **headers)
         with answer:

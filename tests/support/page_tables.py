@@ -6,8 +6,8 @@ import re
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 
-from holdfast.edge_runtime.reading import Json
-from holdfast.evaluation.doc_tables import Tables, write_tables
+from holdfast.core.reading import Json
+from tools.doc_tables import Tables, write_tables
 
 ROOT = Path(__file__).resolve().parents[2]
 BETWEEN = re.compile(r"(<!-- ([\w-]+):[^\n]*-->\n)(.*?)(<!-- /\2 -->)", re.DOTALL)
@@ -31,7 +31,9 @@ def require_tables_fit(page: str, tables: Mapping[str, str], folder: Path) -> st
     write_tables(copy, tables)
     assert copy.read_text("utf-8") == once
     assert BETWEEN.sub(r"\1\4", once) == BETWEEN.sub(r"\1\4", before)
-    shown = {match[2]: match[3].partition("\n")[0] for match in BETWEEN.finditer(before)}
+    shown = {
+        match[2]: match[3].partition("\n")[0] for match in BETWEEN.finditer(before)
+    }
     written = {name: table.partition("\n")[0] for name, table in tables.items()}
     assert {name: shown[name] for name in written} == written
     return once

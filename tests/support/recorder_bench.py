@@ -18,14 +18,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from holdfast import record
+from holdfast.cli import record
+from holdfast.cli.command import Parser
 from holdfast.drivers.virtual.clock import VirtualClock
-from holdfast.edge_runtime.command import Parser
-from holdfast.edge_runtime.live import SourceReading
-from holdfast.recorder.card import Task
-from holdfast.recorder.keys import Keys
-from holdfast.recorder.recording import record as record_trials
-from holdfast.recorder.session import Session, SessionOptions
+from holdfast.live.loop import SourceReading
+from holdfast.sessions.recorder.keys import Keys
+from holdfast.sessions.recorder.protocol import Task
+from holdfast.sessions.recorder.recording import record as record_trials
+from holdfast.sessions.recorder.session import Session, SessionOptions
 
 ROOT = Path(__file__).resolve().parents[2]
 REST = "virtual://ft232h"
@@ -99,16 +99,29 @@ def cup_pull(out: Path) -> list[object]:
     return [*argv.split(), "--out", out]
 
 
-def recorded(out: Path, *words: object, source: object = REST, person: str = "p01") -> list[str]:
+def recorded(
+    out: Path, *words: object, source: object = REST, person: str = "p01"
+) -> list[str]:
     """One run of the verb on a clock that costs nothing, without a key; its messages."""
     messages: list[str] = []
-    args = arguments_of("--source", source, "--out", out, "--person", person, "--at-once", *words)
+    args = arguments_of(
+        "--source", source, "--out", out, "--person", person, "--at-once", *words
+    )
     record_trials(args, VirtualClock(7_000_000_000), Keys(None), messages.append, never)
     return messages
 
 
 def one_pull(out: Path, *words: object, **where: Any) -> list[str]:
-    pull = ("--object", "soft-ball", "--action", "pull", "--trials", "1", "--seconds", "1")
+    pull = (
+        "--object",
+        "soft-ball",
+        "--action",
+        "pull",
+        "--trials",
+        "1",
+        "--seconds",
+        "1",
+    )
     return recorded(out, *pull, *words, **where)
 
 
@@ -212,7 +225,12 @@ def people(card: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("recorded") / "trials"
     for number, (thing, action) in enumerate(OF_TRIAL):
         words = ("--object", thing, "--action", action, "--trials", "1")
-        recorded(out, *words, source=f"sim://{card}?trial={number}", person=f"p0{1 + number // 4}")
+        recorded(
+            out,
+            *words,
+            source=f"sim://{card}?trial={number}",
+            person=f"p0{1 + number // 4}",
+        )
     return out
 
 

@@ -8,35 +8,47 @@ from functools import cache
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
+_EDGE = {"core", "edge_runtime"}
+_TRAINING = {*_EDGE, "export", "training"}
+_EVALUATION = {*_TRAINING, "drivers", "simulation", "evaluation"}
+_ALL = {*_EVALUATION, "live", "interop", "sessions", "cli"}
 MAY_IMPORT: dict[str, set[str]] = {
-    "edge_runtime": set(),
-    "drivers": {"edge_runtime"},
-    "simulation": {"edge_runtime"},
-    "export": {"edge_runtime"},
-    "training": {"edge_runtime", "export"},
-    "evaluation": {"edge_runtime", "drivers", "simulation", "export", "training"},
-    "studies": {"edge_runtime", "drivers", "simulation", "export", "training", "evaluation"},
-    "benchmarks": {"edge_runtime", "drivers", "simulation", "export", "training", "evaluation"},
-    "holdfast": {
-        "edge_runtime",
-        "drivers",
-        "simulation",
-        "export",
-        "training",
-        "evaluation",
-        "studies",
-        "benchmarks",
-    },
+    "core": set(),
+    "edge_runtime": {"core"},
+    "drivers": _EDGE,
+    "simulation": _EDGE,
+    "export": _EDGE,
+    "training": _TRAINING,
+    "evaluation": _EVALUATION,
+    "live": {*_EDGE, "drivers", "simulation"},
+    "interop": {"core", "edge_runtime", "training"},
+    "sessions": _ALL - {"cli"},
+    "cli": _ALL,
+    "studies": _ALL,
+    "benchmarks": _ALL,
 }
-"""A room, and the rooms it may import."""
-HOUSE = {*MAY_IMPORT, "tests", "models", "tools"}
+"""A package of ours, and the packages that it may import. CONTRIBUTING draws the same table."""
+SHIPPED = [name for name in MAY_IMPORT if name not in ("studies", "benchmarks")]
+"""The packages in holdfast/; the others are folders at the top, outside the wheel."""
+HOUSE = {*MAY_IMPORT, "tests", "models", "tools", "examples"}
+
+
+def folder_of(package: str) -> Path:
+    """Where the files of a package are."""
+    return ROOT / "holdfast" / package if package in SHIPPED else ROOT / package
 
 
 def calls_by_name(node: ast.AST) -> Iterator[str]:
     """The module in `import_module("x")` and `__import__("x")`."""
-    if isinstance(node, ast.Call) and node.args and isinstance(node.args[0], ast.Constant):
+    if (
+        isinstance(node, ast.Call)
+        and node.args
+        and isinstance(node.args[0], ast.Constant)
+    ):
         called = getattr(node.func, "attr", getattr(node.func, "id", ""))
-        if called in {"import_module", "__import__"} and isinstance(node.args[0].value, str):
+        if called in {"import_module", "__import__"} and isinstance(
+            node.args[0].value, str
+        ):
             yield node.args[0].value
 
 
@@ -74,5 +86,5 @@ def room_of(module: str) -> str:
 
 
 def imports_by_file(room: str) -> dict[str, set[str]]:
-    files = sorted((ROOT / room).rglob("*.py"))
+    files = sorted(folder_of(room).rglob("*.py"))
     return {str(f.relative_to(ROOT)): imports_in(nodes_of(f), room) for f in files}

@@ -8,7 +8,7 @@ from itertools import groupby
 from pathlib import Path
 from typing import Any
 
-from holdfast.evaluation.markers import write_between
+from tools.doc_tables import write_between
 
 
 def lists(results: list[dict[str, Any]]) -> str:
@@ -21,7 +21,8 @@ def lists(results: list[dict[str, Any]]) -> str:
         for row in rows:
             by_hazard.setdefault(row["hazard"], []).append(row)
         parts.append(
-            f"## {area}\n\n" + "\n".join(_hazard(name, tests) for name, tests in by_hazard.items())
+            f"## {area}\n\n"
+            + "\n".join(_hazard(name, tests) for name, tests in by_hazard.items())
         )
     return "\n".join(parts)
 
@@ -43,11 +44,11 @@ def _lines(rows: list[dict[str, Any]]) -> list[str]:
 def _line(test: str, ended: list[str]) -> str:
     path, _, name = test.rpartition("::")
     counts = ", ".join(
-        f"{ended.count(one)} {one}" if len(ended) > 1 else one for one in dict.fromkeys(ended)
+        f"{ended.count(one)} {one}" if len(ended) > 1 else one
+        for one in dict.fromkeys(ended)
     )
-    return (
-        f"- {name.removeprefix('test_').replace('_', ' ')} (`{path.partition('::')[0]}`, {counts})"
-    )
+    sentence = name.removeprefix("test_").replace("_", " ")
+    return f"- {sentence} (`{path.partition('::')[0]}`, {counts})"
 
 
 if __name__ == "__main__":

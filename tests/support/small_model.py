@@ -15,18 +15,18 @@ import numpy as np
 import onnx
 from sklearn.ensemble import RandomForestClassifier
 
-from holdfast.edge_runtime.contract import CLASSES, SITUATIONS, Unit
+from holdfast.core.contract import CLASSES, SITUATIONS, Unit
 from holdfast.edge_runtime.decision import DecisionRules
 from holdfast.edge_runtime.golden import golden_answers, golden_to_json
 from holdfast.edge_runtime.graph import open_session
 from holdfast.edge_runtime.model_file import CARD_KEY, GOLDEN_KEY, SEAL_KEY
 from holdfast.edge_runtime.preparation import Preparation
 from holdfast.export.artifact import Artifact
-from holdfast.export.committee import Committee
 from holdfast.export.exporting import whole_graph
 from holdfast.export.features import feature_count
 from holdfast.export.forest import votes_of_trees
 from holdfast.export.heads import Calibration, Head
+from holdfast.export.learner import Committee
 from holdfast.export.seal import model_card, seal
 from holdfast.export.spec import BandsLeftOut, StepSpec
 from holdfast.training.network_fit import NetworkPlan, fit_network
@@ -36,24 +36,34 @@ EXTRA_HEAD = "p_risky_250ms"
 
 
 def spec(
-    groups: Sequence[str] = ("now",), unit: Unit = "N", n_sensors: int = 2, rate_hz: float = 50.0
+    groups: Sequence[str] = ("now",),
+    unit: Unit = "N",
+    n_sensors: int = 2,
+    rate_hz: float = 50.0,
 ) -> StepSpec:
     """What a small model is built for."""
-    return StepSpec(n_sensors=n_sensors, rate_hz=rate_hz, unit=unit, groups=tuple(groups))
+    return StepSpec(
+        n_sensors=n_sensors, rate_hz=rate_hz, unit=unit, groups=tuple(groups)
+    )
 
 
 SMALL = ForestPlan(kind="random", n_estimators=2, max_depth=3)
 SMALL_NETWORK = NetworkPlan(hidden=(3,), members=1, epochs=1, batch=8)
 
 
-def head(spec: StepSpec, name: str, classes: tuple[str, ...], plan: ForestPlan = SMALL) -> Head:
+def head(
+    spec: StepSpec, name: str, classes: tuple[str, ...], plan: ForestPlan = SMALL
+) -> Head:
     """A head, fitted on noise."""
     rng = np.random.default_rng(0)
     forest = plan.build(0, n_jobs=1)
     forest.fit(
-        rng.normal(size=(40, feature_count(spec))).astype(np.float32), np.arange(40) % len(classes)
+        rng.normal(size=(40, feature_count(spec))).astype(np.float32),
+        np.arange(40) % len(classes),
     )
-    return Head(name, classes, forest, Calibration(np.eye(len(classes)), np.zeros(len(classes))))
+    return Head(
+        name, classes, forest, Calibration(np.eye(len(classes)), np.zeros(len(classes)))
+    )
 
 
 def artifact(
@@ -78,12 +88,16 @@ def with_networks(made: Artifact) -> Artifact:
         )
         votes = votes_of_trees(len(one.learner.estimators_))
         label = np.arange(40) % k
-        network = fit_network(SMALL_NETWORK, rows.astype(np.float32), label, k, 0, votes)
+        network = fit_network(
+            SMALL_NETWORK, rows.astype(np.float32), label, k, 0, votes
+        )
         heads.append(
             replace(one, learner=network)
             if number
             else replace(
-                one, learner=Committee(one.learner, network), label_weights=(1, 0.5, 0.5, 1)
+                one,
+                learner=Committee(one.learner, network),
+                label_weights=(1, 0.5, 0.5, 1),
             )
         )
     return replace(made, heads=heads)
@@ -91,7 +105,9 @@ def with_networks(made: Artifact) -> Artifact:
 
 def for_the_hand() -> Artifact:
     """A committee for six sensors at 150 Hz, as a hand has them; its samples come with a bias."""
-    made = with_networks(artifact(spec(("now", "differences"), n_sensors=6, rate_hz=150.0)))
+    made = with_networks(
+        artifact(spec(("now", "differences"), n_sensors=6, rate_hz=150.0))
+    )
     return replace(made, preparation=Preparation(5, "mean", True, 0.3, "sensor"))
 
 
@@ -113,7 +129,9 @@ def sealed_bytes(eight: bool = True) -> bytes:
 def card_of(data: bytes) -> dict[str, Any]:
     """The card inside a model file."""
     (text,) = [
-        entry.value for entry in onnx.load_from_string(data).metadata_props if entry.key == CARD_KEY
+        entry.value
+        for entry in onnx.load_from_string(data).metadata_props
+        if entry.key == CARD_KEY
     ]
     return dict(json.loads(text))
 
@@ -130,7 +148,10 @@ def resealed(
     if golden:
         session = open_session(model.SerializeToString())
         answers = golden_answers(
-            session, 3 * card["spec"]["n_sensors"], card["spec"]["unit"], card["settle_samples"]
+            session,
+            3 * card["spec"]["n_sensors"],
+            card["spec"]["unit"],
+            card["settle_samples"],
         )
         content[GOLDEN_KEY] = json.dumps(golden_to_json(answers))
     content |= {CARD_KEY: json.dumps(card), SEAL_KEY: "0" * 64}
@@ -146,7 +167,9 @@ def sealed_again(data: bytes) -> bytes:
 
 
 def metadata_of(data: bytes) -> dict[str, str]:
-    return {entry.key: entry.value for entry in onnx.load_from_string(data).metadata_props}
+    return {
+        entry.key: entry.value for entry in onnx.load_from_string(data).metadata_props
+    }
 
 
 def with_metadata(data: bytes, **changed: str | None) -> bytes:

@@ -10,13 +10,13 @@ from typing import Any
 
 from recorder_bench import never
 
-from holdfast import study
+from holdfast.cli import study
+from holdfast.cli.command import Parser
 from holdfast.drivers.virtual.clock import VirtualClock
-from holdfast.edge_runtime.command import Parser
-from holdfast.human_study.card import StudyCard, read_study
-from holdfast.human_study.desk import Desk
-from holdfast.human_study.starting import checked, run_parts
-from holdfast.recorder.keys import Keys
+from holdfast.sessions.recorder.keys import Keys
+from holdfast.sessions.study.console import Desk
+from holdfast.sessions.study.starting import checked, run_parts
+from holdfast.sessions.study.steps import StudyCard, read_study
 
 TALK = """
 title = "Two steps of talk"
@@ -119,7 +119,11 @@ class Study:
     """One person's study in a folder, run as often as a test wants."""
 
     def __init__(
-        self, folder: Path, text: str = TALK, source: object = "virtual://ft232h", *words: object
+        self,
+        folder: Path,
+        text: str = TALK,
+        source: object = "virtual://ft232h",
+        *words: object,
     ) -> None:
         self.path, self.out = card_of(folder, text), folder / "study"
         self.card: StudyCard = read_study(self.path)
@@ -157,7 +161,9 @@ class Study:
     def states(self) -> dict[str, str]:
         """Trial -> its state."""
         return {
-            path.parent.relative_to(self.home).as_posix(): json.loads(path.read_text())["state"]
+            path.parent.relative_to(self.home).as_posix(): json.loads(path.read_text())[
+                "state"
+            ]
             for path in sorted(self.home.rglob("trial_*/meta.json"))
         }
 

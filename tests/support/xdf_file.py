@@ -19,7 +19,12 @@ def _chunk(tag: int, content: bytes) -> bytes:
 
 
 def stream_header(
-    number: int, name: str, form: str, n_channels: int, rate_hz: float, channels: str = ""
+    number: int,
+    name: str,
+    form: str,
+    n_channels: int,
+    rate_hz: float,
+    channels: str = "",
 ) -> bytes:
     """Tag 2. channels: XML of the channels' description."""
     xml = (
@@ -43,11 +48,14 @@ def samples(number: int, t_s: Iterable[float], values: np.ndarray) -> bytes:
 def markers(number: int, texts: Sequence[tuple[float, str]]) -> bytes:
     """Tag 3 of a stream of one text."""
     body = b"".join(
-        b"\x08" + struct.pack("<dB", t, 1) + bytes([len(text)]) + text.encode() for t, text in texts
+        b"\x08" + struct.pack("<dB", t, 1) + bytes([len(text)]) + text.encode()
+        for t, text in texts
     )
     return _chunk(3, struct.pack("<IBI", number, 4, len(texts)) + body)
 
 
 def clock_offsets(number: int, collected_s: Sequence[float], offset_s: float) -> bytes:
     """Tag 4: to add to the stream's stamps to get the recorder's clock."""
-    return b"".join(_chunk(4, struct.pack("<Idd", number, t, offset_s)) for t in collected_s)
+    return b"".join(
+        _chunk(4, struct.pack("<Idd", number, t, offset_s)) for t in collected_s
+    )

@@ -11,8 +11,8 @@ from hard_marks import BAD_SAMPLE, COLLAR, DEGENERATE, NORMAL, SIGN
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from holdfast.edge_runtime.contract import FloatArray
-from holdfast.edge_runtime.errors import RateError
+from holdfast.core.contract import FloatArray
+from holdfast.core.errors import RateError
 from holdfast.training.critical_points import (
     band_pass_envelope,
     band_pass_rows,
@@ -25,7 +25,9 @@ RATES_HZ = (50.0, 100.0, 150.0, 300.0)
 GRASP_S, SLIP_S = 3.0, 6.0
 
 
-def held_object(rate_hz: float = 50.0, seed: int = 0, slip_s: float = SLIP_S) -> FloatArray:
+def held_object(
+    rate_hz: float = 50.0, seed: int = 0, slip_s: float = SLIP_S
+) -> FloatArray:
     """[T, 6]: two sensors close on something at 3 s, feel it shake and shift at `slip_s`; 9 s in
     all."""
     rng = np.random.default_rng(seed)
@@ -33,7 +35,9 @@ def held_object(rate_hz: float = 50.0, seed: int = 0, slip_s: float = SLIP_S) ->
     grip = 2.0 * np.clip((t_s - GRASP_S) / 0.1, 0.0, 1.0)
     shift = 0.8 * np.clip((t_s - slip_s) / 0.1, 0.0, 1.0)
     burst = (
-        ((t_s >= slip_s) & (t_s < slip_s + 0.2)) * 0.5 * np.sin(2 * np.pi * 15.0 * (t_s - slip_s))
+        ((t_s >= slip_s) & (t_s < slip_s + 0.2))
+        * 0.5
+        * np.sin(2 * np.pi * 15.0 * (t_s - slip_s))
     )
     x = 0.4 * grip + shift + burst
     clean = np.stack([x, 0.2 * x, grip, 0.5 * x, -x, 1.2 * grip], axis=1)
@@ -66,7 +70,9 @@ def test_the_output_is_rectified_after_the_filter_and_never_fed_back() -> None:
     samples = held_object()
     envelope = band_pass_envelope(samples, 50.0)
     np.testing.assert_array_equal(band_pass_envelope(-samples, 50.0), envelope)
-    np.testing.assert_allclose(band_pass_envelope(3.0 * samples, 50.0), 3.0 * envelope, rtol=1e-12)
+    np.testing.assert_allclose(
+        band_pass_envelope(3.0 * samples, 50.0), 3.0 * envelope, rtol=1e-12
+    )
 
 
 def test_each_channel_starts_settled_at_its_first_value() -> None:
@@ -99,7 +105,9 @@ def test_one_threshold_serves_every_object() -> None:
 
 
 @pytest.mark.parametrize("rate_hz", RATES_HZ)
-def test_the_grasp_and_the_slip_are_found_at_every_rate_and_nothing_else(rate_hz: float) -> None:
+def test_the_grasp_and_the_slip_are_found_at_every_rate_and_nothing_else(
+    rate_hz: float,
+) -> None:
     points = offline_critical_points(recording(held_object(rate_hz), rate_hz))
     assert [point.t_s for point in points] == pytest.approx([GRASP_S, SLIP_S], abs=0.12)
     assert all(point.t_s == point.row / rate_hz for point in points)
@@ -117,7 +125,10 @@ def test_a_point_names_the_methods_that_found_it() -> None:
     assert hum.source == "band-pass", "a shake that moves nothing"
 
 
-@given(offset=st.lists(st.floats(-50.0, 50.0), min_size=6, max_size=6), seed=st.integers(0, 50))
+@given(
+    offset=st.lists(st.floats(-50.0, 50.0), min_size=6, max_size=6),
+    seed=st.integers(0, 50),
+)
 @settings(max_examples=30)
 def test_a_constant_offset_changes_nothing(offset: list[float], seed: int) -> None:
     samples = held_object(seed=seed)
@@ -134,28 +145,39 @@ def test_the_unit_of_the_channels_changes_nothing(factor: float, seed: int) -> N
 @given(order=st.permutations(range(4)), seed=st.integers(0, 50))
 @settings(max_examples=20)
 def test_the_order_of_the_sensors_changes_nothing(order: list[int], seed: int) -> None:
-    samples = np.hstack([held_object(seed=seed), held_object(seed=seed + 1, slip_s=7.0)])
+    samples = np.hstack(
+        [held_object(seed=seed), held_object(seed=seed + 1, slip_s=7.0)]
+    )
     shuffled = samples.reshape(len(samples), 4, 3)[:, order].reshape(len(samples), -1)
     assert rows(shuffled) == rows(samples)
 
 
 @SIGN.mark
 @given(
-    mirror=st.lists(st.sampled_from([-1.0, 1.0]), min_size=4, max_size=4), seed=st.integers(0, 50)
+    mirror=st.lists(st.sampled_from([-1.0, 1.0]), min_size=4, max_size=4),
+    seed=st.integers(0, 50),
 )
 @settings(max_examples=20)
-def test_the_sign_of_a_shear_axis_changes_nothing(mirror: list[float], seed: int) -> None:
+def test_the_sign_of_a_shear_axis_changes_nothing(
+    mirror: list[float], seed: int
+) -> None:
     samples = held_object(seed=seed)
     signs = np.array([*mirror[:2], 1.0, *mirror[2:], 1.0])
     assert rows(samples * signs) == rows(samples)
 
 
-@given(seed=st.integers(0, 1000), rate_hz=st.sampled_from(RATES_HZ), slip_s=st.floats(0.0, 9.0))
+@given(
+    seed=st.integers(0, 1000),
+    rate_hz=st.sampled_from(RATES_HZ),
+    slip_s=st.floats(0.0, 9.0),
+)
 @settings(max_examples=30)
 def test_points_keep_off_both_ends_and_apart_from_each_other(
     seed: int, rate_hz: float, slip_s: float
 ) -> None:
-    points = offline_critical_points(recording(held_object(rate_hz, seed, slip_s), rate_hz))
+    points = offline_critical_points(
+        recording(held_object(rate_hz, seed, slip_s), rate_hz)
+    )
     times = np.array([point.t_s for point in points])
     assert np.all((times >= 1.0) & (times < 8.0))
     assert np.all(np.diff(times) > 0.5)
@@ -165,9 +187,15 @@ def test_points_keep_off_both_ends_and_apart_from_each_other(
 def test_excursions_that_follow_within_three_tenths_of_a_second_are_one() -> None:
     t_s = np.arange(1500) / 150.0
     samples = np.random.default_rng(0).normal(0.0, 0.002, (1500, 3))
-    for start_s in (4.0, 4.9, 5.8):  # the bank rings on: less than 0.3 s of quiet between them
+    for start_s in (
+        4.0,
+        4.9,
+        5.8,
+    ):  # the bank rings on: less than 0.3 s of quiet between them
         samples[:, 0] += (
-            ((t_s >= start_s) & (t_s < start_s + 0.6)) * 0.4 * np.sin(2 * np.pi * 10.0 * t_s)
+            ((t_s >= start_s) & (t_s < start_s + 0.6))
+            * 0.4
+            * np.sin(2 * np.pi * 10.0 * t_s)
         )
     assert band_pass_rows(samples, 150.0) == pytest.approx([600], abs=15)
     samples[:, 0] += ((t_s >= 7.6) & (t_s < 8.0)) * 0.4 * np.sin(2 * np.pi * 10.0 * t_s)
@@ -186,7 +214,9 @@ def test_a_normal_force_that_crosses_zero_makes_no_friction_point() -> None:
 
 
 def test_a_friction_mark_sits_on_the_jump_and_not_where_it_was_foreseen() -> None:
-    assert friction_rows(held_object(), 50.0) == pytest.approx([50 * GRASP_S, 50 * SLIP_S], abs=6)
+    assert friction_rows(held_object(), 50.0) == pytest.approx(
+        [50 * GRASP_S, 50 * SLIP_S], abs=6
+    )
 
 
 @COLLAR.mark
@@ -217,7 +247,13 @@ def test_a_dead_or_silent_recording_has_no_points() -> None:
 def test_lost_values_poison_nothing() -> None:
     samples = held_object()
     expected = rows(samples)
-    samples[[0, 20, 21, 200, 201], :3] = [[np.nan], [np.inf], [-np.inf], [np.nan], [1e30]]
+    samples[[0, 20, 21, 200, 201], :3] = [
+        [np.nan],
+        [np.inf],
+        [-np.inf],
+        [np.nan],
+        [1e30],
+    ]
     trial = recording(samples)
     trial.valid[201, 0] = False
     assert [point.row for point in offline_critical_points(trial)] == expected

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from holdfast.edge_runtime.contract import GRASP, RISKY_SLIP, SAFE_SLIP
-from holdfast.edge_runtime.errors import (
+from holdfast.core.contract import GRASP, RISKY_SLIP, SAFE_SLIP
+from holdfast.core.errors import (
     ChannelError,
     ColumnError,
     DataError,
@@ -38,7 +38,9 @@ def write_eflesh(root: Path, n_trials: int = 20) -> Path:
     tugged = np.arange(n_trials) % 2
     field = np.random.default_rng(1).standard_normal((n_trials, 300, 30)) + 500.0
     field[tugged == 1, 150:] += 400.0
-    np.savez(root / "eflesh_slip.npz", X=field.astype(np.float32), y=tugged.astype(np.int8))
+    np.savez(
+        root / "eflesh_slip.npz", X=field.astype(np.float32), y=tugged.astype(np.int8)
+    )
     return root
 
 
@@ -76,7 +78,8 @@ def test_a_set_that_is_not_there_says_how_to_get_it(
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("HOLDFAST_DATA", str(tmp_path / "nowhere"))
     with pytest.raises(
-        DataNotFound, match=r"points elsewhere; next: set HOLDFAST_DATA to .* eflesh_slip/"
+        DataNotFound,
+        match=r"points elsewhere; next: set HOLDFAST_DATA to .* eflesh_slip/",
     ):
         load("eflesh_slip")
     with pytest.raises(DataNotFound, match="no such data set or folder"):
@@ -89,7 +92,9 @@ def test_a_set_that_is_not_there_says_how_to_get_it(
 
 
 @pytest.mark.parametrize("path", ["/", "//", "/./"])
-def test_a_path_that_was_cut_short_to_the_whole_file_system_is_not_searched(path: str) -> None:
+def test_a_path_that_was_cut_short_to_the_whole_file_system_is_not_searched(
+    path: str,
+) -> None:
     with pytest.raises(DataNotFound, match="root of the file system"):
         load(path)
 
@@ -97,7 +102,11 @@ def test_a_path_that_was_cut_short_to_the_whole_file_system_is_not_searched(path
 def test_kept_groups_come_with_their_windows_and_no_others(tmp_path: Path) -> None:
     whole = load(write_eflesh(tmp_path))
     part = load(tmp_path, groups=2, seed=3)
-    assert part.groups() == part.notes["kept_groups"] == load(tmp_path, groups=2, seed=3).groups()
+    assert (
+        part.groups()
+        == part.notes["kept_groups"]
+        == load(tmp_path, groups=2, seed=3).groups()
+    )
     kept = np.isin(whole.group_of("situations"), part.groups())
     rows, expected = part.tasks["situations"], whole.tasks["situations"].take(kept)
     np.testing.assert_array_equal(rows.label, expected.label)
@@ -107,7 +116,10 @@ def test_kept_groups_come_with_their_windows_and_no_others(tmp_path: Path) -> No
 
 def test_groups_are_chosen_by_the_seed(tmp_path: Path) -> None:
     write_eflesh(tmp_path)
-    assert len({tuple(load(tmp_path, groups=2, seed=seed).groups()) for seed in range(10)}) > 1
+    assert (
+        len({tuple(load(tmp_path, groups=2, seed=seed).groups()) for seed in range(10)})
+        > 1
+    )
 
 
 def test_more_groups_than_there_are_cannot_be_kept(tmp_path: Path) -> None:
@@ -144,7 +156,9 @@ def test_one_threshold_separates_what_amplitude_separates(tmp_path: Path) -> Non
 def test_a_threshold_lies_in_the_middle_of_the_widest_of_the_best_gaps() -> None:
     value = np.array([1.0, 2.0, 4.0, 3.0])
     assert eflesh_slip.fit_threshold(value, np.array([False, False, True, True])) == 2.5
-    assert eflesh_slip.fit_threshold(value, np.array([False, False, True, False])) == 3.5
+    assert (
+        eflesh_slip.fit_threshold(value, np.array([False, False, True, False])) == 3.5
+    )
     assert eflesh_slip.fit_threshold(value, np.ones(4, bool)) < 1.0
     assert eflesh_slip.fit_threshold(value, np.zeros(4, bool)) >= 4.0
 
@@ -166,7 +180,8 @@ def test_labels_that_are_not_zero_or_one_are_refused(tmp_path: Path) -> None:
 
 def test_a_slip_is_named_by_how_it_ends() -> None:
     slip, fail = (
-        np.array([int(c) for c in word], bool) for word in ("001100110011", "000000001100")
+        np.array([int(c) for c in word], bool)
+        for word in ("001100110011", "000000001100")
     )
     assert situations(slip, fail).tolist() == [1, 1, 2, 2, 1, 1, 3, 3, 3, 3, -1, -1]
 
@@ -178,7 +193,9 @@ def test_pads_give_three_taxels_each_and_every_row_from_30_on(tmp_path: Path) ->
     assert (data.n_sensors, data.unit, data.rate_hz) == (6, "count", 59.5)
     assert rows.row.tolist() == list(range(30, 40))
     assert rows.label.tolist() == [GRASP] * 5 + [SAFE_SLIP] * 3 + [GRASP] * 2
-    assert data.recordings[0].samples[:, 0].tolist() == list(range(40))  # row 0 is the bias
+    assert data.recordings[0].samples[:, 0].tolist() == list(
+        range(40)
+    )  # row 0 is the bias
     assert load(folder.parent).groups() == [folder.name]
 
 
@@ -236,7 +253,9 @@ def test_a_spoilt_trial_gets_one_clear_line(
     assert "next:" in str(caught.value)
 
 
-def test_the_real_eflesh_set_falls_to_one_threshold(real_set: Callable[[str], Path]) -> None:
+def test_the_real_eflesh_set_falls_to_one_threshold(
+    real_set: Callable[[str], Path],
+) -> None:
     data = load(real_set("eflesh_slip"))
     assert len(data.recordings) == 137
     tugged = [recording for recording in data.recordings if recording.action == "tug"]
@@ -245,12 +264,17 @@ def test_the_real_eflesh_set_falls_to_one_threshold(real_set: Callable[[str], Pa
     assert figures.trial_accuracy == figures.trial_accuracy_in_sample
     assert figures.trial_accuracy == pytest.approx(136 / 137)
     departed_s = [
-        (eflesh_slip.departure_row(recording.samples) or 0) / 100.0 for recording in tugged
+        (eflesh_slip.departure_row(recording.samples) or 0) / 100.0
+        for recording in tugged
     ]
-    assert np.percentile(departed_s, [5, 50, 95]) == pytest.approx([0.7, 1.17, 1.55], abs=0.01)
+    assert np.percentile(departed_s, [5, 50, 95]) == pytest.approx(
+        [0.7, 1.17, 1.55], abs=0.01
+    )
 
 
-def test_the_real_pads_slip_in_three_of_seven_trials(real_set: Callable[[str], Path]) -> None:
+def test_the_real_pads_slip_in_three_of_seven_trials(
+    real_set: Callable[[str], Path],
+) -> None:
     data = load(real_set("proactive_slip_uskin"))
     rows = data.tasks["situations"]
     found = {
@@ -262,16 +286,23 @@ def test_the_real_pads_slip_in_three_of_seven_trials(real_set: Callable[[str], P
         "22-11-23-11": [GRASP, SAFE_SLIP],
         "22-15-15-00": [GRASP, RISKY_SLIP],
     }
-    assert (len(data.recordings), sum(len(recording.samples) for recording in data.recordings)) == (
+    assert (
+        len(data.recordings),
+        sum(len(recording.samples) for recording in data.recordings),
+    ) == (
         7,
         2195,
     )
     assert all(59.7 <= recording.rate_hz <= 60.0 for recording in data.recordings)
 
 
-def test_joined_sets_keep_every_recording_and_window_apart_by_name(fixture_folder: Path) -> None:
+def test_joined_sets_keep_every_recording_and_window_apart_by_name(
+    fixture_folder: Path,
+) -> None:
     one = load(fixture_folder)
-    other = replace(load(fixture_folder), name="other", redistributable=False, kind="recorded")
+    other = replace(
+        load(fixture_folder), name="other", redistributable=False, kind="recorded"
+    )
     both = join([one, other])
     n, windows = len(one.recordings), len(one.tasks["classes"])
     names = [
@@ -293,7 +324,9 @@ def test_joined_sets_keep_every_recording_and_window_apart_by_name(fixture_folde
     assert both.kind == f"{one.kind} + recorded"
 
 
-def test_one_set_joined_is_itself_and_the_same_twice_is_refused(fixture_folder: Path) -> None:
+def test_one_set_joined_is_itself_and_the_same_twice_is_refused(
+    fixture_folder: Path,
+) -> None:
     one = load(fixture_folder)
     assert join([one]) is one
     with pytest.raises(DataError, match="the same set twice"):
@@ -306,11 +339,18 @@ def test_one_set_joined_is_itself_and_the_same_twice_is_refused(fixture_folder: 
         (lambda data: replace(data, rate_hz=3.0 * data.rate_hz), RateError, "Hz"),
         (lambda data: replace(data, unit="uT"), UnitError, "in uT"),
         (lambda data: replace(data, tasks={}), LabelError, "classes"),
-        (lambda data: replace(data, preparation=Preparation()), DataError, "tared in another way"),
+        (
+            lambda data: replace(data, preparation=Preparation()),
+            DataError,
+            "tared in another way",
+        ),
     ],
 )
 def test_sets_that_one_model_cannot_serve_are_not_joined(
-    fixture_folder: Path, change: Callable[[DataSet], DataSet], error: type[DataError], says: str
+    fixture_folder: Path,
+    change: Callable[[DataSet], DataSet],
+    error: type[DataError],
+    says: str,
 ) -> None:
     one = load(fixture_folder)
     with pytest.raises(error, match=says):

@@ -10,8 +10,8 @@ import pytest
 from own_data import write_meta, write_people_folders
 
 from holdfast import training
-from holdfast.edge_runtime.contract import GRASP, NOTHING, RISKY_SLIP
-from holdfast.edge_runtime.errors import (
+from holdfast.core.contract import GRASP, NOTHING, RISKY_SLIP
+from holdfast.core.errors import (
     ColumnError,
     DataError,
     DataNotFound,
@@ -21,7 +21,7 @@ from holdfast.edge_runtime.errors import (
     TimeError,
     UnitError,
 )
-from holdfast.edge_runtime.trial_layout import truth_path
+from holdfast.core.trial_layout import truth_path
 from holdfast.training.datasets import load
 
 PULL = "p01/soft-ball/pull/trial_1"
@@ -44,7 +44,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def frames(folder: Path) -> dict[str, pd.DataFrame]:
     paths = sorted(folder.rglob("trial_1.csv"))
     return {
-        path.relative_to(folder).with_suffix("").as_posix(): pd.read_csv(path) for path in paths
+        path.relative_to(folder).with_suffix("").as_posix(): pd.read_csv(path)
+        for path in paths
     }
 
 
@@ -54,7 +55,11 @@ def test_frames_are_read_as_the_folder_of_the_same_trials(
     before = {key: frame.copy() for key, frame in frames.items()}
     data = training.recordings_from_frames(frames, action_at_s=6.9, windows="natural")
     other = load(folder, windows="natural")
-    assert (data.groups(), data.group_kind, data.rate_hz) == (["p01", "p02"], "person", 50.0)
+    assert (data.groups(), data.group_kind, data.rate_hz) == (
+        ["p01", "p02"],
+        "person",
+        50.0,
+    )
     of_folder = {one.trial_id: one for one in other.recordings}
     assert set(of_folder) == {one.trial_id for one in data.recordings}
     for one in data.recordings:
@@ -71,8 +76,12 @@ def test_frames_are_read_as_the_folder_of_the_same_trials(
 
 
 def test_a_start_may_be_given_for_each_frame(frames: dict[str, pd.DataFrame]) -> None:
-    data = training.recordings_from_frames(frames, action_at_s={PULL: 6.5}, windows="natural")
-    starts = {one.trial_id: one.phases[-2].first for one in data.recordings if one.action}
+    data = training.recordings_from_frames(
+        frames, action_at_s={PULL: 6.5}, windows="natural"
+    )
+    starts = {
+        one.trial_id: one.phases[-2].first for one in data.recordings if one.action
+    }
     assert starts[PULL] == round(6.5 * 50)
     assert starts[PULL.replace("p01", "p02")] == round(7.0 * 50)
 
@@ -81,7 +90,9 @@ def labelled(frame: pd.DataFrame) -> pd.DataFrame:
     """Nothing to 3 s, grasp to 7 s, risky to 7.5 s, no label after."""
     edges = [3.0, 7.0, 7.5]
     names = np.array(["nothing", "grasp", "risky_slip", None], dtype=object)
-    return frame.assign(label=names[np.searchsorted(edges, frame["Time"], side="right")])
+    return frame.assign(
+        label=names[np.searchsorted(edges, frame["Time"], side="right")]
+    )
 
 
 def phases_of(frame: pd.DataFrame) -> list[tuple[float, float, int]]:
@@ -90,18 +101,24 @@ def phases_of(frame: pd.DataFrame) -> list[tuple[float, float, int]]:
     return [(one.first / 50, one.stop / 50, one.situation) for one in phases]
 
 
-def test_a_column_of_labels_is_believed_before_the_script(frames: dict[str, pd.DataFrame]) -> None:
+def test_a_column_of_labels_is_believed_before_the_script(
+    frames: dict[str, pd.DataFrame],
+) -> None:
     expected = [(0.0, 3.0, NOTHING), (3.0, 7.0, GRASP), (7.0, 7.5, RISKY_SLIP)]
     assert phases_of(labelled(frames[PULL])) == expected
     event = (
-        training.recordings_from_frames({PULL: labelled(frames[PULL])}, windows="natural")
+        training.recordings_from_frames(
+            {PULL: labelled(frames[PULL])}, windows="natural"
+        )
         .recordings[0]
         .events[0]
     )
     assert (event.onset_s, event.end_s) == (7.0, 7.5)
 
 
-def test_labels_stay_at_their_time_where_rows_were_lost(frames: dict[str, pd.DataFrame]) -> None:
+def test_labels_stay_at_their_time_where_rows_were_lost(
+    frames: dict[str, pd.DataFrame],
+) -> None:
     with_gap = labelled(frames[PULL]).drop(index=[100, 101])
     assert phases_of(with_gap)[1:] == [(3.0, 7.0, GRASP), (7.0, 7.5, RISKY_SLIP)]
 
@@ -171,7 +188,9 @@ def test_a_frame_that_cannot_be_used_is_refused_by_its_name(
 
 def test_a_mass_or_a_unit_is_checked(frames: dict[str, pd.DataFrame]) -> None:
     mug = {"p01/mug/pull/1": frames[PULL]}
-    heavy = training.recordings_from_frames(mug, masses_g={"mug": 320}, windows="natural")
+    heavy = training.recordings_from_frames(
+        mug, masses_g={"mug": 320}, windows="natural"
+    )
     assert set((heavy.tasks["classes"].label % 2).tolist()) == {1}
     with pytest.raises(UnitError, match="lbf"):
         training.recordings_from_frames(frames, unit="lbf")  # type: ignore[arg-type]

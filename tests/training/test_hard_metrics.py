@@ -19,12 +19,15 @@ from hard_marks import ABSENT, CERTAIN, COLLAR, EMPTY, FOREIGN, SINGULAR
 from sklearn.ensemble import ExtraTreesClassifier
 from sklearn.metrics import f1_score, log_loss, roc_auc_score
 
+from holdfast.core.contract import SITUATIONS, FloatArray
+from holdfast.core.errors import ClassMissing, DataError, LabelError, NotANumber
 from holdfast.drivers.calibration import Calibration as FieldCalibration
-from holdfast.drivers.calibration import CalibrationOrigin
-from holdfast.drivers.calibration_file import read_calibration, write_calibration
-from holdfast.edge_runtime.contract import SITUATIONS, FloatArray
+from holdfast.drivers.calibration import (
+    CalibrationOrigin,
+    read_calibration,
+    write_calibration,
+)
 from holdfast.edge_runtime.decision import UNKNOWN
-from holdfast.edge_runtime.errors import ClassMissing, DataError, LabelError, NotANumber
 from holdfast.edge_runtime.graph import open_session
 from holdfast.edge_runtime.preparation import Preparation
 from holdfast.export.exporting import whole_graph
@@ -56,14 +59,18 @@ def test_votes_of_all_or_nothing_give_finite_probabilities_in_file_and_reference
 ) -> None:
     """One tree of pure leaves: every share is 0 or 1."""
     x = np.repeat(np.arange(4.0, dtype=np.float32)[:, None], 6, axis=1)
-    forest = ExtraTreesClassifier(1, bootstrap=False, random_state=0).fit(x, np.arange(4))
+    forest = ExtraTreesClassifier(1, bootstrap=False, random_state=0).fit(
+        x, np.arange(4)
+    )
     head = Head(
         "situation",
         SITUATIONS,
         forest,
         Calibration(steepness * np.eye(4), np.linspace(-30.0, 0.0, 4)),
     )
-    session = open_session(cut_learners(whole_graph(StepSpec(2, 50.0, "N", ("now",)), [head])))
+    session = open_session(
+        cut_learners(whole_graph(StepSpec(2, 50.0, "N", ("now",)), [head]))
+    )
     (got,) = session.run(["p_situation"], {"features": x})
     expected = reference_probability(head, reference_votes(forest, x, 4))
     assert np.isfinite(got).all()
@@ -86,14 +93,17 @@ def probability(shares: FloatArray, calibration: Calibration) -> FloatArray:
     """As `reference_probability`, of shares."""
     forest = ExtraTreesClassifier(1).fit(np.zeros((4, 1)), np.arange(4))
     return reference_probability(
-        Head("situation", SITUATIONS, forest, calibration), (1000 * shares).astype(np.int64)
+        Head("situation", SITUATIONS, forest, calibration),
+        (1000 * shares).astype(np.int64),
     )
 
 
 @CERTAIN.mark
 def test_scores_of_exactly_0_and_1_rank_like_any_other() -> None:
     truth, groups = np.array([0, 0, 1, 1, 0, 1]), list("aabbcc")
-    certain = prediction_scores(truth, np.array([0.0, 1.0, 1.0, 1.0, 0.0, 0.0]), groups, n_draws=20)
+    certain = prediction_scores(
+        truth, np.array([0.0, 1.0, 1.0, 1.0, 0.0, 0.0]), groups, n_draws=20
+    )
     assert certain.auc == roc_auc_score(truth, [0.1, 0.9, 0.9, 0.9, 0.1, 0.1])
 
 
@@ -102,7 +112,9 @@ def test_bare_vote_shares_lose_everything_on_one_surprise_and_a_naive_softmax_is
     record_property: Record,
 ) -> None:
     label = np.array([0, 1, 2, 3] * 25 + [0])
-    shares = np.eye(4)[[*label[:-1], 1]]  # the last is a surprise: no vote for what it was
+    shares = np.eye(4)[
+        [*label[:-1], 1]
+    ]  # the last is a surprise: no vote for what it was
     with np.errstate(divide="ignore"):
         bare = -np.log(shares[np.arange(101), label])
     assert bare[-1] == np.inf
@@ -117,7 +129,9 @@ def test_bare_vote_shares_lose_everything_on_one_surprise_and_a_naive_softmax_is
 
 
 @ABSENT.mark
-def test_a_class_that_was_never_seen_is_given_no_probability_and_the_others_keep_theirs() -> None:
+def test_a_class_that_was_never_seen_is_given_no_probability_and_the_others_keep_theirs() -> (
+    None
+):
     rng = np.random.default_rng(0)
     label = rng.choice([0, 1, 3], 300)
     shares = 0.6 * np.eye(4)[label] + 0.4 * rng.dirichlet(np.ones(4), 300)
@@ -128,7 +142,9 @@ def test_a_class_that_was_never_seen_is_given_no_probability_and_the_others_keep
 
 @pytest.mark.parametrize("present", [[2], [0, 3]])
 @ABSENT.mark
-def test_with_only_one_class_or_two_the_others_are_given_no_probability(present: list[int]) -> None:
+def test_with_only_one_class_or_two_the_others_are_given_no_probability(
+    present: list[int],
+) -> None:
     label = np.resize(present, 60)
     p = probability(np.eye(4)[label], fit_calibration(np.eye(4)[label], label))
     np.testing.assert_array_equal(p.argmax(axis=1), label)
@@ -151,7 +167,9 @@ def test_scikit_learns_macro_f1_over_all_classes_counts_an_absent_one_as_zero(
 
 @EMPTY.mark
 def test_figures_of_no_window_are_none_and_have_all_their_names() -> None:
-    some = situation_scores(np.array([0, 1, 2, 3]), np.array([0, 1, 2, 3]), list("abab"), n_draws=5)
+    some = situation_scores(
+        np.array([0, 1, 2, 3]), np.array([0, 1, 2, 3]), list("abab"), n_draws=5
+    )
     none = situation_scores(NO_ROWS, NO_ROWS, [], n_draws=5)
     assert none.f1.keys() == some.f1.keys() == none.f1_ci.keys()
     assert none.macro_f1 is none.macro_f1_ci is None
@@ -167,7 +185,9 @@ PLAN = TrainingPlan(
 )
 
 
-def two_tasks(first: str, second: str) -> tuple[DataSet, dict[str, npt.NDArray[np.float32]]]:
+def two_tasks(
+    first: str, second: str
+) -> tuple[DataSet, dict[str, npt.NDArray[np.float32]]]:
     """A set of people a, b, c .., who have windows of the one task and of the other; two of each
     label a person."""
     names = sorted({*first, *second})
@@ -177,15 +197,23 @@ def two_tasks(first: str, second: str) -> tuple[DataSet, dict[str, npt.NDArray[n
     ]
 
     def task(people: str, classes: tuple[str, ...]) -> LabelledRows:
-        trial = np.repeat([names.index(one) for one in people], 2 * len(classes)).astype(np.int64)
+        trial = np.repeat(
+            [names.index(one) for one in people], 2 * len(classes)
+        ).astype(np.int64)
         label = np.tile(np.arange(len(classes)), 2 * len(people))
         return LabelledRows(trial, np.zeros(len(trial), np.int64), label, classes)
 
-    tasks = {"situations": task(first, SITUATIONS), "predict_250ms": task(second, ("no", "yes"))}
-    data = DataSet("made", recordings, tasks, RATE_HZ, "N", Preparation(), "made", True, "")
+    tasks = {
+        "situations": task(first, SITUATIONS),
+        "predict_250ms": task(second, ("no", "yes")),
+    }
+    data = DataSet(
+        "made", recordings, tasks, RATE_HZ, "N", Preparation(), "made", True, ""
+    )
     rng = np.random.default_rng(0)
     return data, {
-        name: rng.normal(size=(len(rows), 3)).astype(np.float32) for name, rows in tasks.items()
+        name: rng.normal(size=(len(rows), 3)).astype(np.float32)
+        for name, rows in tasks.items()
     }
 
 
@@ -240,9 +268,13 @@ def test_a_score_that_is_no_number_is_refused(bad: float) -> None:
 
 
 @FOREIGN.unguarded
-def test_counted_in_cells_an_answer_of_minus_one_is_an_answer_withheld_from_another_class() -> None:
+def test_counted_in_cells_an_answer_of_minus_one_is_an_answer_withheld_from_another_class() -> (
+    None
+):
     n, truth, predicted = 4, np.array([0, 1, 1]), np.array([0, 1, UNKNOWN])
-    cells = np.bincount(truth * (n + 1) + predicted, minlength=n * (n + 1)).reshape(n, n + 1)
+    cells = np.bincount(truth * (n + 1) + predicted, minlength=n * (n + 1)).reshape(
+        n, n + 1
+    )
     assert cells[0].sum() == 2  # truth held only one 0
     assert cells[1].sum() == 1
 
@@ -305,10 +337,15 @@ SINGULAR_MATRICES: dict[str, list[list[float]]] = {
 
 @pytest.mark.parametrize("name", SINGULAR_MATRICES)
 @SINGULAR.mark
-def test_a_singular_matrix_is_refused_and_its_sensor_named(name: str, tmp_path: Path) -> None:
-    path = write_calibration(tmp_path / "c.json", field_calibration(SINGULAR_MATRICES[name]))
+def test_a_singular_matrix_is_refused_and_its_sensor_named(
+    name: str, tmp_path: Path
+) -> None:
+    path = write_calibration(
+        tmp_path / "c.json", field_calibration(SINGULAR_MATRICES[name])
+    )
     with pytest.raises(
-        DataError, match=r"c\.json: matrix_n_per_ut of sensor 2 is singular.*holdfast calibrate"
+        DataError,
+        match=r"c\.json: matrix_n_per_ut of sensor 2 is singular.*holdfast calibrate",
     ):
         read_calibration(path)
 
@@ -348,9 +385,13 @@ def test_a_number_that_is_not_finite_is_refused_wherever_it_stands(
 
 
 @SINGULAR.unguarded
-def test_a_finger_with_such_a_matrix_reads_nothing_under_any_load_or_one_force_as_another() -> None:
+def test_a_finger_with_such_a_matrix_reads_nothing_under_any_load_or_one_force_as_another() -> (
+    None
+):
     field = np.random.default_rng(0).normal(0.0, 500.0, (100, 2, 3))
     dead = field_calibration(SINGULAR_MATRICES["zero"]).apply(field)[:, 1]
     assert not dead.any()
-    alike = field_calibration(SINGULAR_MATRICES["normal and shear alike"]).apply(field)[:, 1]
+    alike = field_calibration(SINGULAR_MATRICES["normal and shear alike"]).apply(field)[
+        :, 1
+    ]
     np.testing.assert_array_equal(alike[:, 0], alike[:, 2])

@@ -12,13 +12,12 @@ import pytest
 from command_line import fails
 from own_data import write_meta, write_people_folders
 
-from holdfast.edge_runtime.errors import DataError, DataNotFound, LabelError, TooFewGroups
-from holdfast.edge_runtime.trial_layout import truth_path
+from holdfast.core.errors import DataError, DataNotFound, LabelError, TooFewGroups
+from holdfast.core.trial_layout import truth_path
 from holdfast.training.datasets import load
 from holdfast.training.datasets.joined import join
-from holdfast.training.hold_out import regrouped
 from holdfast.training.recording import DataSet
-from holdfast.training.splits import grouped_folds
+from holdfast.training.splits import grouped_folds, regrouped
 
 PULL = "soft-ball/pull/trial_1"
 
@@ -48,13 +47,21 @@ def test_folders_of_people_make_people_the_groups_of_every_split(data: DataSet) 
     assert (data.groups(), data.group_kind) == (["p01", "p02"], "person")
     assert len(data.recordings) == 2 * 16
     for train, test in grouped_folds(data.group_of("classes"), 2):
-        people = [{data.group_of("classes")[row] for row in rows} for rows in (train, test)]
+        people = [
+            {data.group_of("classes")[row] for row in rows} for rows in (train, test)
+        ]
         assert people[0].isdisjoint(people[1])
     trial = next(one for one in data.recordings if one.trial_id == f"p02/{PULL}")
-    assert (trial.person, trial.object_name, trial.action) == ("p02", "soft-ball", "pull")
+    assert (trial.person, trial.object_name, trial.action) == (
+        "p02",
+        "soft-ball",
+        "pull",
+    )
 
 
-def test_the_hand_alone_is_that_of_its_person(data: DataSet, small: Path, made: Path) -> None:
+def test_the_hand_alone_is_that_of_its_person(
+    data: DataSet, small: Path, made: Path
+) -> None:
     empty = [one for one in data.recordings if one.object_name is None]
     assert [(one.trial_id, one.group) for one in empty] == [
         (f"{person}/nothing/trial_1", person) for person in ("p01", "p02")
@@ -69,7 +76,9 @@ def test_one_person_alone_is_held_out_by_trial(small: Path) -> None:
     assert (data.groups(), data.group_kind) == ([f"p01/{PULL}"], "trial")
 
 
-def test_a_set_may_be_held_out_by_object_or_by_trial_instead(made: Path, data: DataSet) -> None:
+def test_a_set_may_be_held_out_by_object_or_by_trial_instead(
+    made: Path, data: DataSet
+) -> None:
     by_object = load(made, windows="natural", hold_out="object")
     assert by_object.group_kind == "object"
     assert {"soft-ball", "full-bottle", "-"} <= set(by_object.groups())
@@ -78,10 +87,14 @@ def test_a_set_may_be_held_out_by_object_or_by_trial_instead(made: Path, data: D
 
 def test_what_cannot_be_held_out_says_what_to_record(made: Path) -> None:
     one = load(made / "p01", windows="natural")
-    with pytest.raises(TooFewGroups, match=r"held out by person.*next: sort trials into <person>/"):
+    with pytest.raises(
+        TooFewGroups, match=r"held out by person.*next: sort trials into <person>/"
+    ):
         regrouped(one, "person")
     pulls = one.of_groups([PULL])
-    with pytest.raises(TooFewGroups, match=r"held out by object.*record another object"):
+    with pytest.raises(
+        TooFewGroups, match=r"held out by object.*record another object"
+    ):
         regrouped(pulls, "object")
 
 
@@ -99,10 +112,14 @@ def test_two_sets_in_one_folder_are_not_two_people(made: Path, tmp_path: Path) -
 
 
 @pytest.mark.parametrize("stray", ["soft-ball/pull/trial_1.csv", "nothing/trial_1.csv"])
-def test_a_trial_without_a_person_is_refused_beside_people(small: Path, stray: str) -> None:
+def test_a_trial_without_a_person_is_refused_beside_people(
+    small: Path, stray: str
+) -> None:
     (small / stray).parent.mkdir(parents=True)
     shutil.copy(small / "p01" / f"{PULL}.csv", small / stray)
-    with pytest.raises(LabelError, match=f"without a person.*next: move it to .*<person>/{stray}"):
+    with pytest.raises(
+        LabelError, match=f"without a person.*next: move it to .*<person>/{stray}"
+    ):
         load(small, windows="natural")
 
 
@@ -146,7 +163,10 @@ def test_a_trial_off_the_script_is_told_where_to_write_its_start(small: Path) ->
 
 BAD_META: dict[str, tuple[dict[str, object], str]] = {
     "a start that is no number": ({"action_at_s": "late"}, "action_at_s is 'late'"),
-    "a start before the trial": ({"action_at_s": -1}, "write seconds from the first row"),
+    "a start before the trial": (
+        {"action_at_s": -1},
+        "write seconds from the first row",
+    ),
     "masses that are no table": ({"masses_g": 3}, "masses_g is no table"),
     "a mass that is none": ({"masses_g": {"soft-ball": "heavy"}}, "'heavy'"),
 }
@@ -163,7 +183,15 @@ def test_a_meta_that_cannot_be_is_refused_by_name(small: Path, fault: str) -> No
 def test_an_unknown_way_to_hold_out_names_the_known_ones(
     run: Callable[..., tuple[int, str, str]],
 ) -> None:
-    fails(run, 2, "UsageError", "train", "--hold-out", "hand", says="'person', 'object', 'trial'")
+    fails(
+        run,
+        2,
+        "UsageError",
+        "train",
+        "--hold-out",
+        "hand",
+        says="'person', 'object', 'trial'",
+    )
 
 
 def test_groups_of_recordings_do_not_change_their_samples(data: DataSet) -> None:

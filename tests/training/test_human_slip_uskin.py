@@ -15,8 +15,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from holdfast.edge_runtime.contract import SITUATIONS
-from holdfast.edge_runtime.errors import (
+from holdfast.core.contract import SITUATIONS
+from holdfast.core.errors import (
     ChannelError,
     ColumnError,
     DataNotFound,
@@ -25,7 +25,7 @@ from holdfast.edge_runtime.errors import (
 )
 from holdfast.training.datasets import human_slip_uskin as human
 from holdfast.training.datasets import load
-from holdfast.training.datasets.human_slip_labels import in_hand, middle_angle_deg
+from holdfast.training.datasets.human_slip_uskin import in_hand, middle_angle_deg
 from holdfast.training.recording import DataSet
 
 Arrays = dict[str, Any]
@@ -36,7 +36,11 @@ LENGTHS = (320, 291, 400, 350)
 def made_trial(rng: np.random.Generator, n: int) -> tuple[np.ndarray, np.ndarray]:
     """Tactile rows with a grasp from row 90, and an IMU that turns from row 150 on."""
     force = np.clip((np.arange(n) - 90) / 20.0, 0.0, 1.0)
-    xela = 3.0 + 0.02 * rng.standard_normal((n, 48)) + force[:, None] * rng.uniform(0.0, 0.4, 48)
+    xela = (
+        3.0
+        + 0.02 * rng.standard_normal((n, 48))
+        + force[:, None] * rng.uniform(0.0, 0.4, 48)
+    )
     turn = np.radians(np.clip(np.arange(n) - 150.0, 0.0, 40.0) * rng.uniform(0.3, 0.8))
     imu = np.zeros((n, 7))
     imu[:, [0, 2]] = np.round(
@@ -81,7 +85,9 @@ def write(root: Path, arrays: Arrays, lines: Lines) -> Path:
     return root
 
 
-def brute_force(xela: np.ndarray, imu: np.ndarray, s: int, t: int) -> tuple[list[Any], list[Any]]:
+def brute_force(
+    xela: np.ndarray, imu: np.ndarray, s: int, t: int
+) -> tuple[list[Any], list[Any]]:
     """The README's labeller, one row at a time, with scipy's own angles."""
     n = len(xela)
     xb = xela.astype(np.float64) - np.median(xela[:60].astype(np.float64), axis=0)
@@ -89,7 +95,8 @@ def brute_force(xela: np.ndarray, imu: np.ndarray, s: int, t: int) -> tuple[list
         # gimbal lock: the middle angle is right all the same
         warnings.simplefilter("ignore", UserWarning)
         e = [
-            Rotation.from_quat(q[[1, 2, 3, 0]]).as_euler("xyx", degrees=True)[1] for q in imu[:, :4]
+            Rotation.from_quat(q[[1, 2, 3, 0]]).as_euler("xyx", degrees=True)[1]
+            for q in imu[:, :4]
         ]
     r = np.median(e[max(0, s - 30) : s - 3])
     z = [sum(row[2::3]) for row in xb]
@@ -121,7 +128,9 @@ def assert_equals_brute_force(data: DataSet, root: Path, trials: list[int]) -> N
         expected = brute_force(xela[rows], imu[rows], s, t)
         for task, pairs in zip(("situations", "predict_250ms"), expected, strict=True):
             here = data.tasks[task].take(data.tasks[task].trial == k)
-            assert list(zip(here.row.tolist(), here.label.tolist(), strict=True)) == pairs
+            assert (
+                list(zip(here.row.tolist(), here.label.tolist(), strict=True)) == pairs
+            )
 
 
 @pytest.fixture
@@ -138,7 +147,9 @@ def test_the_labeller_equals_a_loop_over_its_definition(folder: Path) -> None:
 
 def test_the_closed_angle_equals_scipys_for_any_quaternion() -> None:
     q = np.random.default_rng(0).standard_normal((1000, 4))
-    expected = Rotation.from_quat(q[:, [1, 2, 3, 0]]).as_euler("xyx", degrees=True)[:, 1]
+    expected = Rotation.from_quat(q[:, [1, 2, 3, 0]]).as_euler("xyx", degrees=True)[
+        :, 1
+    ]
     np.testing.assert_allclose(middle_angle_deg(q), expected, atol=1e-10)
 
 
@@ -165,7 +176,9 @@ def test_a_set_says_what_it_is(folder: Path) -> None:
     assert data.groups() == ["1", "2"]
     assert "wrist" in data.caveat
     assert "scripted" in data.caveat
-    np.testing.assert_allclose(np.median(data.recordings[0].samples[:60], axis=0), 0.0, atol=1e-12)
+    np.testing.assert_allclose(
+        np.median(data.recordings[0].samples[:60], axis=0), 0.0, atol=1e-12
+    )
 
 
 def test_the_clock_counts_from_the_last_rise_through_one_newton(folder: Path) -> None:
@@ -191,7 +204,9 @@ def test_unusable_trials_are_left_out_and_counted(tmp_path: Path) -> None:
 
 def test_rows_that_are_not_finite_are_invalid_and_unlabelled(tmp_path: Path) -> None:
     arrays, lines = made_parts()
-    arrays["xela"][131, 12] = np.nan  # a row that ends a window; txl5 is the first of the six
+    arrays["xela"][131, 12] = (
+        np.nan
+    )  # a row that ends a window; txl5 is the first of the six
     # normals that count for contact, but not of the six
     arrays["xela"][137, [2, 5]] = np.inf, -np.inf
     arrays["object_imu"][143, :4] = 0.0
@@ -278,7 +293,10 @@ def nothing_usable(arrays: Arrays, lines: Lines) -> None:
     ],
 )
 def test_a_spoilt_folder_gets_one_clear_line(
-    tmp_path: Path, spoil: Callable[[Arrays, Lines], None], error: type[Exception], says: str
+    tmp_path: Path,
+    spoil: Callable[[Arrays, Lines], None],
+    error: type[Exception],
+    says: str,
 ) -> None:
     arrays, lines = made_parts()
     spoil(arrays, lines)
@@ -324,12 +342,15 @@ def test_what_is_no_archive_of_numbers_is_refused(
     signals = folder / "signals.npz"
     signals.write_bytes(spoil(signals.read_bytes()))
     with pytest.raises(
-        NotANumber, match=r"signals.npz: cannot be read .* next: copy the data set again"
+        NotANumber,
+        match=r"signals.npz: cannot be read .* next: copy the data set again",
     ):
         load(folder)
 
 
-def test_the_real_set_has_the_windows_its_readme_counts(real_set: Callable[[str], Path]) -> None:
+def test_the_real_set_has_the_windows_its_readme_counts(
+    real_set: Callable[[str], Path],
+) -> None:
     data = load(real_set("human_slip_uskin"))
     situations = data.tasks["situations"]
     assert len(data.recordings) == 676
@@ -350,9 +371,9 @@ def test_the_orientation_in_the_hand_forgets_the_wrist() -> None:
     hand = Rotation.from_euler(
         "xyz", np.cumsum(rng.normal(0.0, 1.0, (200, 3)), axis=0), degrees=True
     )
-    held = Rotation.from_euler("xyz", [30.0, -70.0, 10.0], degrees=True) * Rotation.random(
-        200, rng=rng
-    )
+    held = Rotation.from_euler(
+        "xyz", [30.0, -70.0, 10.0], degrees=True
+    ) * Rotation.random(200, rng=rng)
     found = Rotation.from_quat(
         in_hand(quaternions(hand * held), quaternions(hand)), scalar_first=True
     )
@@ -362,13 +383,17 @@ def test_the_orientation_in_the_hand_forgets_the_wrist() -> None:
 def test_where_an_imu_gave_nothing_the_rotation_in_the_hand_is_not_known() -> None:
     held, hand = (np.tile([1.0, 0.0, 0.0, 0.0], (200, 1)) for _ in range(2))
     held[150], hand[160] = 0.0, np.nan
-    assert np.flatnonzero(~np.isfinite(middle_angle_deg(in_hand(held, hand)))).tolist() == [
+    assert np.flatnonzero(
+        ~np.isfinite(middle_angle_deg(in_hand(held, hand)))
+    ).tolist() == [
         150,
         160,
     ]
 
 
-def test_labels_by_the_rotation_in_the_hand_forget_what_the_wrist_did(tmp_path: Path) -> None:
+def test_labels_by_the_rotation_in_the_hand_forget_what_the_wrist_did(
+    tmp_path: Path,
+) -> None:
     """Of a hand that turns with its object nothing slips; of one that stands still the object's own
     labels stay."""
     arrays, lines = made_parts()
@@ -379,5 +404,9 @@ def test_labels_by_the_rotation_in_the_hand_forget_what_the_wrist_did(tmp_path: 
     fixed[:, 0] = 1.0
     still = write(tmp_path / "still", arrays | {"hand_imu": fixed}, lines)
     assert {2, 3} & set(load(along).tasks["situations"].label.tolist())
-    assert not {2, 3} & set(human.load(along, in_hand=True).tasks["situations"].label.tolist())
-    assert {2, 3} & set(human.load(still, in_hand=True).tasks["situations"].label.tolist())
+    assert not {2, 3} & set(
+        human.load(along, in_hand=True).tasks["situations"].label.tolist()
+    )
+    assert {2, 3} & set(
+        human.load(still, in_hand=True).tasks["situations"].label.tolist()
+    )

@@ -10,15 +10,25 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from holdfast.edge_runtime.contract import SITUATIONS
+from holdfast.core.contract import SITUATIONS
 from holdfast.edge_runtime.preparation import Preparation
-from holdfast.export.committee import Committee
+from holdfast.export.learner import Committee
 from holdfast.export.network import Network, network_votes
-from holdfast.training.crossval import chosen_label_weights, cross_validate, fit_learner, plan_for
+from holdfast.training.crossval import (
+    chosen_label_weights,
+    cross_validate,
+    fit_learner,
+    plan_for,
+)
 from holdfast.training.label_rule import fit_label_weights, situation_labels
 from holdfast.training.metrics import situation_scores
 from holdfast.training.network_choice import candidates_of, choose_network
-from holdfast.training.network_fit import NetworkPlan, fit_members, fit_network, in_whole_numbers
+from holdfast.training.network_fit import (
+    NetworkPlan,
+    fit_members,
+    fit_network,
+    in_whole_numbers,
+)
 from holdfast.training.plan import ForestPlan, TrainingPlan
 from holdfast.training.recording import DataSet, LabelledRows, Recording
 
@@ -43,10 +53,16 @@ def people(seed: int = 0) -> tuple[DataSet, dict[str, FloatRows]]:
     rows[:, 0] += label
     trial = np.repeat(np.arange(PEOPLE), ROWS_EACH)
     values, valid = np.zeros((2, 3)), np.ones((2, 1), np.bool_)
-    recordings = [Recording(f"p{k}", f"p{k}", values, valid, 50.0, "N") for k in range(PEOPLE)]
-    task = LabelledRows(trial, np.zeros(len(trial), np.int64), label.astype(np.int64), SITUATIONS)
+    recordings = [
+        Recording(f"p{k}", f"p{k}", values, valid, 50.0, "N") for k in range(PEOPLE)
+    ]
+    task = LabelledRows(
+        trial, np.zeros(len(trial), np.int64), label.astype(np.int64), SITUATIONS
+    )
     tasks = {"situations": task}
-    data = DataSet("made", recordings, tasks, 50.0, "N", Preparation(), "made", True, "")
+    data = DataSet(
+        "made", recordings, tasks, 50.0, "N", Preparation(), "made", True, ""
+    )
     return data, {"situations": rows}
 
 
@@ -57,7 +73,9 @@ def test_the_same_seed_makes_the_same_learner_and_another_seed_another_one(kind)
     every = np.arange(PEOPLE * ROWS_EACH)
 
     def votes(seed: int) -> npt.NDArray[np.int64]:
-        learner = fit_learner(data, features["situations"], plan, "situations", every, seed)
+        learner = fit_learner(
+            data, features["situations"], plan, "situations", every, seed
+        )
         network = learner.network if isinstance(learner, Committee) else learner
         assert isinstance(network, Network)
         return network_votes(network, features["situations"])
@@ -129,11 +147,15 @@ def test_the_network_that_ranks_people_held_out_best_is_chosen():
     groups = data.group_of("situations")
     stiff = replace(SMALL, alpha=3e3, epochs=20)
     chosen = choose_network(stiff, rows, label, groups, 2, 0)
-    assert chosen.alpha < stiff.alpha, "so much regularisation answers the same whatever it sees"
+    assert chosen.alpha < stiff.alpha, (
+        "so much regularisation answers the same whatever it sees"
+    )
 
 
 @given(st.integers(0, 2**32 - 1))
-def test_chosen_label_weights_never_lower_macro_f1_on_the_windows_they_are_chosen_on(seed):
+def test_chosen_label_weights_never_lower_macro_f1_on_the_windows_they_are_chosen_on(
+    seed,
+):
     rng = np.random.default_rng(seed)
     votes = rng.multinomial(1000, rng.dirichlet(np.ones(4)), size=60)
     truth = rng.choice(4, size=60)
@@ -152,5 +174,7 @@ def test_chosen_label_weights_never_lower_macro_f1_on_the_windows_they_are_chose
 
 def test_a_plan_of_a_forest_says_nothing_of_networks_so_its_card_stays_as_it_was():
     fields = TrainingPlan().to_json()
-    assert not {"learner", "network", "prediction_network", "inner_folds"} & fields.keys()
+    assert (
+        not {"learner", "network", "prediction_network", "inner_folds"} & fields.keys()
+    )
     assert PLAN.to_json()["network"]["hidden"] == (8,)

@@ -17,7 +17,13 @@ from sklearn.metrics import average_precision_score, f1_score, roc_auc_score
 
 from holdfast.edge_runtime.preparation import Preparation
 from holdfast.training.figures import PredictionFigures, SituationFigures
-from holdfast.training.metrics import draw_groups, prediction_scores, rank, report, situation_scores
+from holdfast.training.metrics import (
+    draw_groups,
+    prediction_scores,
+    rank,
+    report,
+    situation_scores,
+)
 from holdfast.training.recording import DataSet, LabelledRows, Recording
 
 SEEDS = st.integers(0, 2**32 - 1)
@@ -75,12 +81,16 @@ def predictions_of(a: dict[str, Any], n_draws: int = 50) -> PredictionFigures:
 def test_figures_equal_scikit_learns(seed: int) -> None:
     a = answers(seed)
     values = situations_of(a)
-    assert values.macro_f1 == pytest.approx(f1_score(a["truth"], a["predicted"], average="macro"))
+    assert values.macro_f1 == pytest.approx(
+        f1_score(a["truth"], a["predicted"], average="macro")
+    )
     assert list(values.f1.values()) == pytest.approx(
         f1_score(a["truth"], a["predicted"], average=None)
     )
     assert predictions_of(a).auc == roc_auc_score(a["slips"], a["score"])
-    assert predictions_of(a).average_precision == average_precision_score(a["slips"], a["score"])
+    assert predictions_of(a).average_precision == average_precision_score(
+        a["slips"], a["score"]
+    )
 
 
 @given(seed=SEEDS)
@@ -112,7 +122,9 @@ def test_a_perfect_answer_scores_one() -> None:
     values = situation_scores(a["truth"], a["truth"], a["groups"], n_draws=50)
     assert values.macro_f1 == 1.0
     assert values.macro_f1_ci == (1.0, 1.0)
-    ranked = prediction_scores(a["slips"], a["slips"].astype(float), a["groups"], n_draws=50)
+    ranked = prediction_scores(
+        a["slips"], a["slips"].astype(float), a["groups"], n_draws=50
+    )
     assert (ranked.auc, ranked.average_precision) == (1.0, 1.0)
 
 
@@ -137,7 +149,12 @@ def test_one_group_has_no_intervals() -> None:
 def test_an_absent_class_has_no_f1_and_does_not_count() -> None:
     truth, groups = np.array([1, 1, 3, 3]), list("abab")
     values = situation_scores(truth, np.array([1, 1, 3, 3]), groups, n_draws=10)
-    assert values.f1 == {"nothing": None, "grasp": 1.0, "safe_slip": None, "risky_slip": 1.0}
+    assert values.f1 == {
+        "nothing": None,
+        "grasp": 1.0,
+        "safe_slip": None,
+        "risky_slip": 1.0,
+    }
     assert values.f1_ci["nothing"] is None
     assert values.macro_f1 == 1.0
     values = situation_scores(truth, np.array([1, 2, 3, 3]), groups, n_draws=10)
@@ -147,7 +164,9 @@ def test_an_absent_class_has_no_f1_and_does_not_count() -> None:
 
 @ABSENT.mark
 def test_one_class_only_has_no_auc() -> None:
-    values = prediction_scores(np.zeros(4, int), np.arange(4.0), list("abab"), n_draws=10)
+    values = prediction_scores(
+        np.zeros(4, int), np.arange(4.0), list("abab"), n_draws=10
+    )
     assert values == PredictionFigures(None, None, None, None)
 
 
@@ -160,16 +179,30 @@ def test_a_report_has_the_promised_keys_and_is_json() -> None:
         for k in range(trial.max() + 1)
     ]
     tasks = {
-        "situations": LabelledRows(trial, np.arange(len(trial)), a["truth"], ("n", "g", "s", "r")),
-        "predict_250ms": LabelledRows(trial, np.arange(len(trial)), a["slips"], ("no", "yes")),
+        "situations": LabelledRows(
+            trial, np.arange(len(trial)), a["truth"], ("n", "g", "s", "r")
+        ),
+        "predict_250ms": LabelledRows(
+            trial, np.arange(len(trial)), a["slips"], ("no", "yes")
+        ),
     }
-    data = DataSet("made", recordings, tasks, 60.0, "N", Preparation(), "made", True, "")
+    data = DataSet(
+        "made", recordings, tasks, 60.0, "N", Preparation(), "made", True, ""
+    )
     values = json.loads(
-        json.dumps(report(data, a["predicted"], a["score"], n_draws=10).to_json(), allow_nan=False)
+        json.dumps(
+            report(data, a["predicted"], a["score"], n_draws=10).to_json(),
+            allow_nan=False,
+        )
     )
     assert (values["n_trials"], values["n_groups"]) == (8, 8)
     assert values["situations"].keys() == {"macro_f1", "macro_f1_ci", "f1", "f1_ci"}
-    assert values["situations"]["f1"].keys() == {"nothing", "grasp", "safe_slip", "risky_slip"}
+    assert values["situations"]["f1"].keys() == {
+        "nothing",
+        "grasp",
+        "safe_slip",
+        "risky_slip",
+    }
     assert values["predict_250ms"].keys() == {
         "auc",
         "auc_ci",

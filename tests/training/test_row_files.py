@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from holdfast.training.row_files import digest_of, kept_rows
+from holdfast.training.featurise import digest_of, kept_rows
 
 
 def test_rows_are_computed_once_and_read_back_bit_for_bit(tmp_path: Path) -> None:
@@ -18,7 +18,10 @@ def test_rows_are_computed_once_and_read_back_bit_for_bit(tmp_path: Path) -> Non
         return rows
 
     for _ in range(2):
-        assert kept_rows(tmp_path / "new" / "rows.npy", compute).tobytes() == rows.tobytes()
+        assert (
+            kept_rows(tmp_path / "new" / "rows.npy", compute).tobytes()
+            == rows.tobytes()
+        )
     assert len(calls) == 1
 
 
@@ -32,4 +35,8 @@ def test_a_computation_that_fails_leaves_no_file(tmp_path: Path) -> None:
 
 
 def test_the_digest_does_not_depend_on_the_order_of_keys() -> None:
-    assert digest_of({"a": 1, "b": 2}) == digest_of({"b": 2, "a": 1}) != digest_of({"a": 1})
+    assert (
+        digest_of({"a": 1, "b": 2})
+        == digest_of({"b": 2, "a": 1})
+        != digest_of({"a": 1})
+    )

@@ -7,19 +7,27 @@ import warnings
 import numpy as np
 import pytest
 
-from holdfast.edge_runtime.contract import CLASSES
+from holdfast.core.contract import CLASSES
 from holdfast.edge_runtime.preparation import Preparation
 from holdfast.training.recording import DataSet, LabelledRows, Recording
-from holdfast.training.scarcity import FEWEST_WINDOWS, FewGroups, FewWindows, warn_of_scarcity
+from holdfast.training.summary import (
+    FEWEST_WINDOWS,
+    FewGroups,
+    FewWindows,
+    warn_of_scarcity,
+)
 
 
 def a_set(counts: dict[str, int], n_groups: int) -> DataSet:
     """A set with so many windows of each class, dealt to so many people."""
-    label = np.repeat(np.arange(len(CLASSES)), [counts.get(name, 60) for name in CLASSES])
+    label = np.repeat(
+        np.arange(len(CLASSES)), [counts.get(name, 60) for name in CLASSES]
+    )
     trial = np.arange(len(label)) % n_groups
     samples, valid = np.zeros((2, 3)), np.ones((2, 1), dtype=np.bool_)
     recordings = [
-        Recording(str(k), f"person {k}", samples, valid, 50.0, "N") for k in range(n_groups)
+        Recording(str(k), f"person {k}", samples, valid, 50.0, "N")
+        for k in range(n_groups)
     ]
     tasks = {"classes": LabelledRows(trial, np.zeros_like(trial), label, CLASSES)}
     return DataSet(
@@ -56,7 +64,9 @@ def test_scarce_classes_are_named_with_their_counts_and_what_to_do() -> None:
 
 def test_the_undersampled_set_is_left_out_before_more_is_recorded() -> None:
     with pytest.warns(FewWindows, match="next: leave out --windows thesis, or record"):
-        warn_of_scarcity(a_set(dict.fromkeys(CLASSES, 3), n_groups=3), undersampled=True)
+        warn_of_scarcity(
+            a_set(dict.fromkeys(CLASSES, 3), n_groups=3), undersampled=True
+        )
 
 
 def test_a_class_that_the_set_lacks_by_its_nature_is_not_scarce() -> None:

@@ -8,7 +8,7 @@ from hard_marks import EMPTY
 from hypothesis import given
 from hypothesis import strategies as st
 
-from holdfast.edge_runtime.errors import TooFewGroups
+from holdfast.core.errors import TooFewGroups
 from holdfast.training.splits import assign_groups, folds_of, grouped_folds, leaky_folds
 
 GROUPS = st.lists(st.sampled_from("abcdefghij"), min_size=1, max_size=200)
@@ -30,7 +30,9 @@ def test_no_group_is_on_both_sides_and_every_window_is_tested_once(
         assert set(names[train]).isdisjoint(names[test])
         assert len(train) + len(test) == len(groups)
         assert len(test) > 0
-    assert sorted(np.concatenate([test for _, test in folds])) == list(range(len(groups)))
+    assert sorted(np.concatenate([test for _, test in folds])) == list(
+        range(len(groups))
+    )
 
 
 @given(groups=GROUPS, seed=st.integers(0, 9))
@@ -48,20 +50,30 @@ def test_a_split_depends_on_the_seed_and_on_nothing_else() -> None:
     groups = list("aabbbccccdeffg")
     assert assign_groups(groups, 3, seed=1) == assign_groups(groups[::-1], 3, seed=1)
     assert (
-        len({tuple(sorted(assign_groups(groups, 3, seed=seed).items())) for seed in range(10)}) > 1
+        len(
+            {
+                tuple(sorted(assign_groups(groups, 3, seed=seed).items()))
+                for seed in range(10)
+            }
+        )
+        > 1
     )
 
 
 def test_two_tasks_hold_out_the_same_people() -> None:
     first, second = np.array(list("aabbccdd")), np.array(list("dcba"))
     fold = assign_groups(first, 2)
-    for (_, one), (_, other) in zip(folds_of(first, fold), folds_of(second, fold), strict=True):
+    for (_, one), (_, other) in zip(
+        folds_of(first, fold), folds_of(second, fold), strict=True
+    ):
         assert set(first[one]) == set(second[other])
 
 
 @EMPTY.mark
 def test_one_person_only_says_what_to_do() -> None:
-    with pytest.raises(TooFewGroups, match=r"1 groups .* next: add recordings of other people"):
+    with pytest.raises(
+        TooFewGroups, match=r"1 groups .* next: add recordings of other people"
+    ):
         grouped_folds(["a"] * 10, 2)
     with pytest.raises(TooFewGroups, match="next: use 3 folds"):
         grouped_folds(list("abc"), 6)

@@ -7,15 +7,20 @@ from small_model import spec
 
 from holdfast.edge_runtime.graph import open_session, run_recordings, steps_of
 from holdfast.export.step_graph import feature_graph
+from holdfast.training.featurise import stepped
 from holdfast.training.recording import Recording
-from holdfast.training.stepping import stepped
 
 
 def recordings_of(lengths: list[int]) -> list[Recording]:
     rng = np.random.default_rng(0)
     return [
         Recording(
-            f"t{k}", f"t{k}", rng.normal(size=(n, 6)), np.ones((n, 2), dtype=np.bool_), 50.0, "N"
+            f"t{k}",
+            f"t{k}",
+            rng.normal(size=(n, 6)),
+            np.ones((n, 2), dtype=np.bool_),
+            50.0,
+            "N",
         )
         for k, n in enumerate(lengths)
     ]
@@ -27,10 +32,14 @@ def test_threads_change_no_bit_and_every_share_done_is_reported() -> None:
     session = open_session(feature_graph(spec(rate_hz=100.0)).SerializeToString())
     shares: list[float] = []
     found = stepped(steps_of(session, ["features"]), recordings, rows, shares.append)
-    values, valid = [one.samples for one in recordings], [one.valid for one in recordings]
+    values, valid = (
+        [one.samples for one in recordings],
+        [one.valid for one in recordings],
+    )
     alone = run_recordings(session, values, valid, ["features"], rows)
     assert all(
-        np.array_equal(a["features"], b["features"]) for a, b in zip(found, alone, strict=True)
+        np.array_equal(a["features"], b["features"])
+        for a, b in zip(found, alone, strict=True)
     )
     assert shares == sorted(shares)
     assert shares[-1] == 1.0

@@ -28,7 +28,9 @@ def test_a_situation_absent_from_the_truth_is_a_dash_and_the_macro_f1_says_what_
 
 def test_a_situation_that_is_never_recognised_has_an_f1_of_zero() -> None:
     truth = np.array([0, 1, 2, 3, 3, 1])
-    macro, *each = situation_lines(situation_scores(truth, TRUTH, GROUPS, n_draws=10), "trial")
+    macro, *each = situation_lines(
+        situation_scores(truth, TRUTH, GROUPS, n_draws=10), "trial"
+    )
     assert macro.startswith("macro F1 over four situations  ")
     assert each[2].split()[:3] == ["F1", "safe_slip", "0.000"]
 

@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from holdfast.edge_runtime.contract import GRASP, NOTHING, RISKY_SLIP, SAFE_SLIP, channel_names
-from holdfast.edge_runtime.errors import (
+from holdfast.core.contract import GRASP, NOTHING, RISKY_SLIP, SAFE_SLIP, channel_names
+from holdfast.core.errors import (
     ChannelError,
     ClassMissing,
     DataError,
@@ -21,12 +21,12 @@ from holdfast.edge_runtime.errors import (
     RateError,
     UnitError,
 )
-from holdfast.edge_runtime.trial_file import Trial, read_trial
-from holdfast.edge_runtime.trial_layout import truth_path
+from holdfast.core.objects import mass_g, object_name
+from holdfast.core.trial_file import Trial, read_trial
+from holdfast.core.trial_layout import truth_path
 from holdfast.training.datasets import thesis
 from holdfast.training.fitting import require_classes
 from holdfast.training.fixture import KIND, UPSIDE_DOWN, write_fixture
-from holdfast.training.objects import mass_g, object_name
 from holdfast.training.recording import DataSet
 from holdfast.training.timeline import contact, read_truth, scripted
 
@@ -48,7 +48,9 @@ def data(made: Path) -> DataSet:
     return thesis.load(made, windows="thesis")
 
 
-def test_the_layout_is_recognised_and_others_are_not(made: Path, tmp_path: Path) -> None:
+def test_the_layout_is_recognised_and_others_are_not(
+    made: Path, tmp_path: Path
+) -> None:
     assert thesis.recognises(made)
     assert not thesis.recognises(tmp_path)
     assert not thesis.recognises(tmp_path / "nowhere")
@@ -64,13 +66,21 @@ def test_every_trial_and_the_empty_hand_become_recordings(data: DataSet) -> None
         for recording in data.recordings
         if recording.trial_id == "full-bottle/fall/trial_2"
     )
-    assert (trial.object_name, trial.action, trial.group) == ("full-bottle", "fall", trial.trial_id)
+    assert (trial.object_name, trial.action, trial.group) == (
+        "full-bottle",
+        "fall",
+        trial.trial_id,
+    )
     assert (data.rate_hz, data.unit, data.n_sensors) == (50.0, "N", 6)
-    empty = next(recording for recording in data.recordings if recording.object_name is None)
+    empty = next(
+        recording for recording in data.recordings if recording.object_name is None
+    )
     assert (empty.trial_id, empty.action) == ("nothing/trial_1", None)
 
 
-def test_magnets_are_turned_round_and_the_offset_is_taken_off(made: Path, data: DataSet) -> None:
+def test_magnets_are_turned_round_and_the_offset_is_taken_off(
+    made: Path, data: DataSet
+) -> None:
     recording = data.recordings[0]
     raw = read_trial(made / f"{recording.trial_id}.csv").raw
     held = slice(round(4.5 * 50), round(6.5 * 50))
@@ -86,8 +96,12 @@ def test_objects_are_sorted_by_name_and_trials_by_number(copied: Path) -> None:
     for path in (first, truth_path(first)):
         path.rename(path.with_name(path.name.replace("trial_1", "trial_10")))
     names = [recording.trial_id for recording in thesis.load(copied).recordings]
-    assert names.index("soft-ball/pass/trial_2") + 1 == names.index("soft-ball/pass/trial_10")
-    assert [name.split("/")[0] for name in names] == sorted(name.split("/")[0] for name in names)
+    assert names.index("soft-ball/pass/trial_2") + 1 == names.index(
+        "soft-ball/pass/trial_10"
+    )
+    assert [name.split("/")[0] for name in names] == sorted(
+        name.split("/")[0] for name in names
+    )
 
 
 def test_both_spellings_of_the_folders_are_read(copied: Path) -> None:
@@ -109,7 +123,11 @@ def test_notes_have_the_counts_of_the_natural_windows_and_of_the_undersampled_on
 ) -> None:
     assert sum(data.notes["windows"].values()) == len(data.tasks["classes"])
     assert sum(data.notes["windows_natural"].values()) > len(data.tasks["classes"])
-    assert data.notes["samples"]["grasp_light"] > data.notes["samples"]["risky_slip_light"] > 0
+    assert (
+        data.notes["samples"]["grasp_light"]
+        > data.notes["samples"]["risky_slip_light"]
+        > 0
+    )
     assert "friction" in data.notes["table"]
     json.dumps(data.notes)
 
@@ -127,7 +145,9 @@ def test_the_truth_beside_a_trial_is_believed_before_the_script(copied: Path) ->
     """The same trials with their truth turned into a script's: other labels come out."""
     result = thesis.load(copied).notes["samples"]
     for path in copied.glob("*/*/*.truth.json"):
-        path.write_text(json.dumps({"phases": [{"t0_s": 0, "t1_s": 2, "label": "nothing"}]}))
+        path.write_text(
+            json.dumps({"phases": [{"t0_s": 0, "t1_s": 2, "label": "nothing"}]})
+        )
         break
     assert thesis.load(copied).notes["samples"] != result
 
@@ -136,23 +156,40 @@ def test_without_truth_the_labels_follow_the_script(made: Path) -> None:
     def situations(name: str) -> list[int]:
         return [phase.situation for phase in follow(made / name)]
 
-    assert situations("soft-ball/pass/trial_1.csv") == [NOTHING, GRASP, SAFE_SLIP, NOTHING]
-    assert situations("soft-ball/pull/trial_1.csv") == [NOTHING, GRASP, RISKY_SLIP, NOTHING]
+    assert situations("soft-ball/pass/trial_1.csv") == [
+        NOTHING,
+        GRASP,
+        SAFE_SLIP,
+        NOTHING,
+    ]
+    assert situations("soft-ball/pull/trial_1.csv") == [
+        NOTHING,
+        GRASP,
+        RISKY_SLIP,
+        NOTHING,
+    ]
     two_steps = [NOTHING, GRASP, SAFE_SLIP, GRASP, SAFE_SLIP, NOTHING]
     assert situations("soft-ball/put-down/trial_1.csv") == two_steps
     assert situations("full-bottle/pass/trial_1.csv") == two_steps
-    starts = [phase.first / 50.0 for phase in follow(made / "hard-ball/put-down/trial_1.csv")]
+    starts = [
+        phase.first / 50.0 for phase in follow(made / "hard-ball/put-down/trial_1.csv")
+    ]
     assert starts[2:5] == [7.0, 9.0, 10.0]
 
 
 def follow(path: Path) -> tuple:
     trial = read_trial(path)
     return scripted(
-        trial, thesis.preparation("N").apply(trial.raw), path.parent.name, path.parent.parent.name
+        trial,
+        thesis.preparation("N").apply(trial.raw),
+        path.parent.name,
+        path.parent.parent.name,
     )
 
 
-def test_contact_is_read_from_the_forces_close_to_where_the_truth_says(made: Path) -> None:
+def test_contact_is_read_from_the_forces_close_to_where_the_truth_says(
+    made: Path,
+) -> None:
     for path in made.glob("*/p*/trial_*.csv"):
         trial = read_trial(path)
         truth = read_truth(truth_path(path), trial.t_s)
@@ -171,16 +208,24 @@ def test_a_trial_that_does_not_follow_the_script_is_refused(made: Path) -> None:
     trial = read_trial(made / "soft-ball/pass/trial_1.csv")
     shifted = Trial(trial.path, trial.t_s, np.roll(trial.raw, 400, axis=0), trial.valid)
     with pytest.raises(LabelError, match=r"trial_1\.csv"):
-        scripted(shifted, thesis.preparation("N").apply(shifted.raw), "pass", "soft-ball")
+        scripted(
+            shifted, thesis.preparation("N").apply(shifted.raw), "pass", "soft-ball"
+        )
 
 
 @pytest.mark.parametrize("action", ["hold", "daily"])
-def test_a_hold_and_a_daily_stream_live_by_their_truth_alone(copied: Path, action: str) -> None:
+def test_a_hold_and_a_daily_stream_live_by_their_truth_alone(
+    copied: Path, action: str
+) -> None:
     (copied / "soft-ball" / "pass").rename(copied / "soft-ball" / action)
-    result = {r.trial_id: r.action for r in thesis.load(copied, windows="natural").recordings}
+    result = {
+        r.trial_id: r.action for r in thesis.load(copied, windows="natural").recordings
+    }
     assert result[f"soft-ball/{action}/trial_1"] == action
     (copied / "soft-ball" / action / "trial_1.truth.json").unlink()
-    with pytest.raises(LabelError, match=r"put trial_1\.truth\.json beside it") as caught:
+    with pytest.raises(
+        LabelError, match=r"put trial_1\.truth\.json beside it"
+    ) as caught:
         thesis.load(copied, windows="natural")
     assert f"soft-ball/{action}/trial_1.csv" in str(caught.value)
 
@@ -200,7 +245,12 @@ def write_trial(path: Path, t_s: np.ndarray, raw: np.ndarray) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     header = ",".join(["Time", *channel_names(raw.shape[1] // 3)])
     np.savetxt(
-        path, np.column_stack([t_s, raw]), delimiter=",", header=header, comments="", fmt="%.6f"
+        path,
+        np.column_stack([t_s, raw]),
+        delimiter=",",
+        header=header,
+        comments="",
+        fmt="%.6f",
     )
 
 
@@ -251,7 +301,10 @@ def with_a_phase_that_ends_before_it_begins(root: Path) -> None:
 
 
 def with_phases_that_overlap(root: Path) -> None:
-    both = [{"t0_s": 0, "t1_s": 9, "label": "grasp"}, {"t0_s": 5, "t1_s": 9, "label": "nothing"}]
+    both = [
+        {"t0_s": 0, "t1_s": 9, "label": "grasp"},
+        {"t0_s": 5, "t1_s": 9, "label": "nothing"},
+    ]
     truth_path(root / TRIAL).write_text(json.dumps({"phases": both}))
 
 
@@ -304,7 +357,9 @@ def test_a_set_is_refused_in_one_line_that_names_the_fault(
     assert "\n" not in str(caught.value)
 
 
-def test_a_mass_beside_the_recordings_is_believed_before_the_table(tmp_path: Path) -> None:
+def test_a_mass_beside_the_recordings_is_believed_before_the_table(
+    tmp_path: Path,
+) -> None:
     half_full = tmp_path / "full-bottle"
     half_full.mkdir()
     assert mass_g(half_full) == 517.3
@@ -322,7 +377,9 @@ def test_a_weighed_object_is_read_like_the_known_ones(copied: Path) -> None:
     (copied / "brick" / "meta.json").write_text('{"mass_g": 900}')
     data = thesis.load(copied)
     brick = [
-        index for index, recording in enumerate(data.recordings) if recording.object_name == "brick"
+        index
+        for index, recording in enumerate(data.recordings)
+        if recording.object_name == "brick"
     ]
     task = data.tasks["classes"]
     assert (task.label[np.isin(task.trial, brick)] % 2 == 1).all()
@@ -332,12 +389,16 @@ def test_lost_values_in_a_trial_are_marked_and_do_not_stop_it(copied: Path) -> N
     trial = read_trial(copied / TRIAL)
     trial.raw[100:103, 4] = np.nan
     write_trial(copied / TRIAL, trial.t_s, trial.raw)
-    recording = next(r for r in thesis.load(copied).recordings if f"{r.trial_id}.csv" == TRIAL)
+    recording = next(
+        r for r in thesis.load(copied).recordings if f"{r.trial_id}.csv" == TRIAL
+    )
     assert np.flatnonzero(~recording.valid[:, 1]).tolist() == [100, 101, 102]
     assert recording.valid[:, [0, 2, 3, 4, 5]].all()
 
 
-def test_the_fixture_writes_the_same_bytes_for_the_same_seed(made: Path, tmp_path: Path) -> None:
+def test_the_fixture_writes_the_same_bytes_for_the_same_seed(
+    made: Path, tmp_path: Path
+) -> None:
     write_fixture(tmp_path / "same", trials_per_cell=2)
     write_fixture(tmp_path / "other", trials_per_cell=2, seed=1)
     paths = sorted(path.relative_to(made) for path in made.rglob("*.*"))
@@ -348,7 +409,9 @@ def test_the_fixture_writes_the_same_bytes_for_the_same_seed(made: Path, tmp_pat
 
 
 @pytest.mark.parametrize("rate_hz", [50.0, 100.0, 150.0, 300.0])
-def test_the_fixture_serves_every_rate_with_all_classes(tmp_path: Path, rate_hz: float) -> None:
+def test_the_fixture_serves_every_rate_with_all_classes(
+    tmp_path: Path, rate_hz: float
+) -> None:
     write_fixture(tmp_path, trials_per_cell=2, rate_hz=rate_hz)
     data = thesis.load(tmp_path)
     assert data.rate_hz == rate_hz
@@ -368,10 +431,14 @@ def test_a_folder_of_one_object_can_be_scored_though_it_cannot_be_trained_on(
     assert set((windows.label % 2).tolist()) == {0}
 
 
-def test_recordings_alone_are_those_of_the_set_without_a_window(made: Path, data: DataSet) -> None:
+def test_recordings_alone_are_those_of_the_set_without_a_window(
+    made: Path, data: DataSet
+) -> None:
     alone = thesis.load(made, windows="none")
     assert alone.tasks == {}
-    assert [one.trial_id for one in alone.recordings] == [one.trial_id for one in data.recordings]
+    assert [one.trial_id for one in alone.recordings] == [
+        one.trial_id for one in data.recordings
+    ]
     for one, other in zip(alone.recordings, data.recordings, strict=True):
         np.testing.assert_array_equal(one.samples, other.samples)
         assert one.phases == other.phases

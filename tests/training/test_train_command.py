@@ -52,10 +52,20 @@ def test_train_without_flags_is_the_default_plan_on_balanced_windows(
 def test_the_undersampled_set_of_a_few_trials_is_not_taken_without_a_word(
     run: Run, fixture_set: Path, tmp_path: Path
 ) -> None:
-    words = ("train", "--data", fixture_set, "--out", tmp_path / "out", "--size", "tiny")
+    words = (
+        "train",
+        "--data",
+        fixture_set,
+        "--out",
+        tmp_path / "out",
+        "--size",
+        "tiny",
+    )
     code, _, err = run(*words, "--windows", "thesis")
     assert code == 0, err
-    (warning,) = [line for line in err.splitlines() if line.startswith("warning: FewWindows")]
+    (warning,) = [
+        line for line in err.splitlines() if line.startswith("warning: FewWindows")
+    ]
     kept = load(fixture_set, windows="thesis").notes["windows"]["nothing_light"]
     assert f"fewer than 50 windows of nothing_light ({kept}), " in warning
     assert "next: leave out --windows thesis, or record" in warning
@@ -83,8 +93,20 @@ def test_a_situation_that_a_set_does_not_have_is_a_dash_in_what_train_prints(
     field = np.random.default_rng(1).standard_normal((20, 300, 30)) + 500.0
     field[tugged == 1, 150:] += 400.0
     (tmp_path / "set").mkdir()
-    np.savez(tmp_path / "set" / "eflesh_slip.npz", X=field.astype("f4"), y=tugged.astype("i1"))
-    words = ("train", "--data", tmp_path / "set", "--out", tmp_path / "out", "--size", "tiny")
+    np.savez(
+        tmp_path / "set" / "eflesh_slip.npz",
+        X=field.astype("f4"),
+        y=tugged.astype("i1"),
+    )
+    words = (
+        "train",
+        "--data",
+        tmp_path / "set",
+        "--out",
+        tmp_path / "out",
+        "--size",
+        "tiny",
+    )
     code, out, err = run(*words)
     assert code == 0, err
     assert "macro F1 over grasp, risky slip alone  " in out
@@ -94,8 +116,12 @@ def test_a_situation_that_a_set_does_not_have_is_a_dash_in_what_train_prints(
 
 
 def test_the_shipped_models_are_made_by_train_without_flags() -> None:
-    recipe = (ROOT / "Makefile").read_text("utf-8").split("\nmodels:")[1].split("\n\n")[0]
+    recipe = (
+        (ROOT / "Makefile").read_text("utf-8").split("\nmodels:")[1].split("\n\n")[0]
+    )
     train = recipe.split("holdfast train")[1].split("$(BIN)")[0]
     assert "--windows" not in train
     assert "$(if $(filter-out default,$(SIZE)),--size $(SIZE))" in train
-    assert "`holdfast train` without flags" in (ROOT / "models" / "README.md").read_text("utf-8")
+    assert "`holdfast train` without flags" in (
+        ROOT / "models" / "README.md"
+    ).read_text("utf-8")

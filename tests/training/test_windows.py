@@ -13,13 +13,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from sklearn.model_selection import GroupKFold
 
-from holdfast.edge_runtime.contract import CLASSES, GRASP, NOTHING, RISKY_SLIP, SAFE_SLIP
-from holdfast.edge_runtime.errors import ClassMissing
-from holdfast.edge_runtime.trial_layout import MASSES_G
+from holdfast.core.contract import CLASSES, GRASP, NOTHING, RISKY_SLIP, SAFE_SLIP
+from holdfast.core.errors import ClassMissing
+from holdfast.core.objects import is_heavy
+from holdfast.core.trial_layout import MASSES_G
 from holdfast.export.spec import StepSpec, window_samples
 from holdfast.training.datasets import thesis
 from holdfast.training.fixture import write_fixture
-from holdfast.training.objects import is_heavy
 from holdfast.training.plan import SIZES
 from holdfast.training.recording import DataSet, Recording
 from holdfast.training.timeline import Phase, whole
@@ -96,28 +96,40 @@ def tables(draw: st.DrawFn) -> pd.DataFrame:
 
 @given(windows=tables(), seed=st.integers(0, 2**32 - 1))
 @settings(max_examples=25)
-def test_all_classes_have_the_same_count_for_any_seed(windows: pd.DataFrame, seed: int) -> None:
+def test_all_classes_have_the_same_count_for_any_seed(
+    windows: pd.DataFrame, seed: int
+) -> None:
     balanced = undersample(windows, seed)
     assert set(class_counts(balanced).values()) == {min(class_counts(windows).values())}
     assert not balanced.duplicated().any()
-    assert len(balanced.merge(windows, how="inner")) == len(balanced), "nothing is made up"
+    assert len(balanced.merge(windows, how="inner")) == len(balanced), (
+        "nothing is made up"
+    )
 
 
 @given(windows=tables(), seed=st.integers(0, 2**32 - 1))
 @settings(max_examples=25)
-def test_the_cells_of_a_class_give_as_equally_as_they_can(windows: pd.DataFrame, seed: int) -> None:
+def test_the_cells_of_a_class_give_as_equally_as_they_can(
+    windows: pd.DataFrame, seed: int
+) -> None:
     keys = ["label", *STRATA]
     had = windows.groupby(keys).size()
-    gave = undersample(windows, seed).groupby(keys).size().reindex(had.index, fill_value=0)
+    gave = (
+        undersample(windows, seed).groupby(keys).size().reindex(had.index, fill_value=0)
+    )
     for label in range(len(CLASSES)):
         most = gave[label].max()
         unspent = gave[label][gave[label] < had[label]]
-        assert (unspent >= most - 1).all(), "a cell gave less than another although it had more"
+        assert (unspent >= most - 1).all(), (
+            "a cell gave less than another although it had more"
+        )
 
 
 @given(seed=st.integers(0, 2**32 - 1))
 @settings(max_examples=10)
-def test_the_same_seed_draws_the_same_table_whatever_the_global_generator_does(seed: int) -> None:
+def test_the_same_seed_draws_the_same_table_whatever_the_global_generator_does(
+    seed: int,
+) -> None:
     windows = pd.DataFrame(
         [(k % 5, k, k % 8, "a", "b", "c") for k in range(300)], columns=list(COLUMNS)
     )
@@ -129,13 +141,16 @@ def test_the_same_seed_draws_the_same_table_whatever_the_global_generator_does(s
 
 def test_another_seed_draws_other_windows() -> None:
     windows = pd.DataFrame(
-        [(0, k, min(k // 9, 7), "a", "b", "c") for k in range(300)], columns=list(COLUMNS)
+        [(0, k, min(k // 9, 7), "a", "b", "c") for k in range(300)],
+        columns=list(COLUMNS),
     )
     assert not undersample(windows, 0).equals(undersample(windows, 1))
 
 
 def test_a_class_without_a_window_is_named() -> None:
-    windows = pd.DataFrame([(0, k, k % 7, "a", "b", "c") for k in range(70)], columns=list(COLUMNS))
+    windows = pd.DataFrame(
+        [(0, k, k % 7, "a", "b", "c") for k in range(70)], columns=list(COLUMNS)
+    )
     with pytest.raises(ClassMissing, match="risky_slip_heavy") as caught:
         undersample(windows, 0)
     assert "\n" not in str(caught.value)
@@ -145,8 +160,12 @@ def test_a_class_without_a_window_is_named() -> None:
 @pytest.mark.parametrize(
     ("rate_hz", "rows"), [(50.0, 6), (58.9, 6), (150.0, 16), (300.0, 31), (8.0, 2)]
 )
-def test_a_window_spans_a_tenth_of_a_second_at_every_rate(rate_hz: float, rows: int) -> None:
-    assert window_samples(rate_hz) == rows == StepSpec(6, rate_hz, "N", ()).window_samples
+def test_a_window_spans_a_tenth_of_a_second_at_every_rate(
+    rate_hz: float, rows: int
+) -> None:
+    assert (
+        window_samples(rate_hz) == rows == StepSpec(6, rate_hz, "N", ()).window_samples
+    )
 
 
 def test_a_point_bears_the_situation_of_the_phase_it_falls_in() -> None:
@@ -160,9 +179,13 @@ def test_a_point_bears_the_situation_of_the_phase_it_falls_in() -> None:
 
 def test_at_an_edge_the_higher_situation_takes_the_points_within_one_window() -> None:
     times = phases((0, NOTHING), (3, GRASP), (7, SAFE_SLIP), (8, NOTHING))
-    found = slips(natural_windows([TimedTrial(shaken(2.92, 6.92, 8.02), times, heavy=False)]))
+    found = slips(
+        natural_windows([TimedTrial(shaken(2.92, 6.92, 8.02), times, heavy=False)])
+    )
     assert [label for _, label in found] == [2, 4, 4]
-    early = slips(natural_windows([TimedTrial(shaken(2.6, 6.6, 8.4), times, heavy=False)]))
+    early = slips(
+        natural_windows([TimedTrial(shaken(2.6, 6.6, 8.4), times, heavy=False)])
+    )
     assert [label for _, label in early] == [2], (
         "before contact and after the release a point is no window"
     )
@@ -170,7 +193,12 @@ def test_at_an_edge_the_higher_situation_takes_the_points_within_one_window() ->
 
 def test_keep_windows_show_steady_holding_before_and_between_actions() -> None:
     times = phases(
-        (0, NOTHING), (3, GRASP), (7, SAFE_SLIP), (8, GRASP), (10, SAFE_SLIP), (11, NOTHING)
+        (0, NOTHING),
+        (3, GRASP),
+        (7, SAFE_SLIP),
+        (8, GRASP),
+        (10, SAFE_SLIP),
+        (11, NOTHING),
     )
     quiet, disturbed = (
         natural_windows([TimedTrial(shaken(*at), times, heavy=False)])
@@ -203,12 +231,16 @@ def test_windows_of_the_empty_hand_bear_both_weights_alternately() -> None:
     assert natural_windows([trial])["label"].tolist() == [0, 1] * 11 + [0]
 
 
-def test_every_window_lies_inside_its_trial_and_no_row_is_used_twice(data: DataSet) -> None:
+def test_every_window_lies_inside_its_trial_and_no_row_is_used_twice(
+    data: DataSet,
+) -> None:
     task = data.tasks["classes"]
     lengths = np.array([len(recording.samples) for recording in data.recordings])
     assert (task.row >= window_samples(data.rate_hz) - 1).all()
     assert (task.row < lengths[task.trial]).all()
-    assert len(set(zip(task.trial.tolist(), task.row.tolist(), strict=True))) == len(task)
+    assert len(set(zip(task.trial.tolist(), task.row.tolist(), strict=True))) == len(
+        task
+    )
 
 
 def test_classes_that_were_402_250_760_580_634_433_282_291_in_the_thesis_are_equal_here(
@@ -227,9 +259,13 @@ def test_balanced_windows_have_every_risky_sample_and_throw_none_away(
 ) -> None:
     counts = balanced.notes["windows"]
     for name in ("risky_slip_light", "risky_slip_heavy"):
-        assert counts[name] == balanced.notes["samples"][name], "a trial's truth is exact"
+        assert counts[name] == balanced.notes["samples"][name], (
+            "a trial's truth is exact"
+        )
     assert all(counts[name] > 2 * data.notes["windows"][name] for name in counts)
-    assert len(set(counts.values())) == len(CLASSES), "none is cut to the size of another"
+    assert len(set(counts.values())) == len(CLASSES), (
+        "none is cut to the size of another"
+    )
 
 
 @pytest.mark.parametrize("size", SIZES)
@@ -244,7 +280,9 @@ def test_all_eight_classes_of_the_balanced_windows_weigh_the_same_in_a_forest(
     np.testing.assert_allclose(at_the_root / at_the_root.sum(), 1.0 / len(CLASSES))
 
 
-def test_a_trial_without_an_exact_truth_gives_its_natural_windows(tmp_path: Path) -> None:
+def test_a_trial_without_an_exact_truth_gives_its_natural_windows(
+    tmp_path: Path,
+) -> None:
     write_fixture(tmp_path, trials_per_cell=1)
     for truth in tmp_path.rglob("*.truth.json"):
         truth.unlink()
@@ -276,7 +314,9 @@ def test_grasping_a_soft_ball_before_its_release_is_a_grasp_and_not_a_risky_slip
             assert label // 2 != RISKY_SLIP
 
 
-def test_test_windows_never_come_from_a_trial_that_was_trained_on(data: DataSet) -> None:
+def test_test_windows_never_come_from_a_trial_that_was_trained_on(
+    data: DataSet,
+) -> None:
     task, groups = data.tasks["classes"], data.group_of("classes")
     assert len(data.groups()) == len(data.recordings)
     for train, test in GroupKFold(5).split(task.row, task.label, groups):
@@ -292,7 +332,9 @@ def test_loading_twice_with_one_seed_gives_one_table_and_another_seed_another(
         thesis.load(tmp_path, seed=1, windows="thesis").tasks["classes"],
     )
     for name in ("trial", "row", "label"):
-        np.testing.assert_array_equal(getattr(again, name), getattr(data.tasks["classes"], name))
+        np.testing.assert_array_equal(
+            getattr(again, name), getattr(data.tasks["classes"], name)
+        )
     assert again.row.tolist() != other.row.tolist()
 
 
@@ -302,9 +344,13 @@ def test_the_counts_table_names_classes_objects_actions_sources_and_totals() -> 
         (0, 9, 7, "brick", "fall", "both"),
         (1, 9, 7, "brick", "fall", "both"),
     ]
-    cells, sources = counts_table(pd.DataFrame(lines, columns=list(COLUMNS))).split("\n\n")
+    cells, sources = counts_table(pd.DataFrame(lines, columns=list(COLUMNS))).split(
+        "\n\n"
+    )
     brick = next(line for line in cells.splitlines() if "brick" in line)
-    assert brick.split() == ["risky_slip_heavy", "brick", "2", "0", "2"], "fall, pass, all"
+    assert brick.split() == ["risky_slip_heavy", "brick", "2", "0", "2"], (
+        "fall, pass, all"
+    )
     assert sources.splitlines()[-1].split() == ["all", "2", "1", "3"], "both, keep, all"
 
 
@@ -314,9 +360,13 @@ def test_samples_are_counted_over_the_whole_time_line() -> None:
     counts = sample_counts([TimedTrial(shaken(), times, heavy=True), empty])
     assert counts["nothing_heavy"] == 150 + 225
     assert (counts["grasp_heavy"], counts["risky_slip_heavy"]) == (200, 25)
-    assert sum(counts.values()) == 600, "the empty hand has no weight to be counted under"
+    assert sum(counts.values()) == 600, (
+        "the empty hand has no weight to be counted under"
+    )
 
 
 def test_the_task_names_its_eight_classes(data: DataSet) -> None:
-    task = labelled_rows(natural_windows([TimedTrial(shaken(), whole(600, NOTHING), heavy=None)]))
+    task = labelled_rows(
+        natural_windows([TimedTrial(shaken(), whole(600, NOTHING), heavy=None)])
+    )
     assert task.classes == data.tasks["classes"].classes == CLASSES

@@ -23,14 +23,25 @@ ROOT = Path(__file__).resolve().parents[2]
 HERE = Path(__file__).parent
 LINK = re.compile(r"(\]\()(?!\w+:)([^)#\s]+)(?=[)#])")
 FENCE = re.compile(r"(^ *```.*?^ *```[^\n]*$)", re.DOTALL | re.MULTILINE)
-LIST_AFTER_TEXT = re.compile(r"^((?![-*|#>\s]|\d+\. ).+\n)(?=(?:- |\d+\. ))", re.MULTILINE)
+LIST_AFTER_TEXT = re.compile(
+    r"^((?![-*|#>\s]|\d+\. ).+\n)(?=(?:- |\d+\. ))", re.MULTILINE
+)
 LIST_AFTER_PARAGRAPH = re.compile(r"(\n\n(?: +\S.*\n)+)(?=- )")
 INDENT = re.compile(r"^ {2,3}(?=\S)", re.MULTILINE)
-EQUATION = re.compile(r'<(span|div) class="arithmatex">\\[(\[](.*?)\\[)\]]</\1>', re.DOTALL)
+EQUATION = re.compile(
+    r'<(span|div) class="arithmatex">\\[(\[](.*?)\\[)\]]</\1>', re.DOTALL
+)
 IN_NAV = ("CHANGELOG.md", "CONTRIBUTING.md")
 SHIM, FROM_ELSEWHERE = "iframe-worker.js", "https://unpkg.com/iframe-worker/shim"
 LOADED = re.compile(r'(?:src|<link[^>]*href)="(https?://[^"]*)"')
-LANGUAGES = {".py": "python", ".toml": "toml", ".c": "c", ".h": "c", ".js": "js", ".rs": "rust"}
+LANGUAGES = {
+    ".py": "python",
+    ".toml": "toml",
+    ".c": "c",
+    ".h": "c",
+    ".js": "js",
+    ".rs": "rust",
+}
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
@@ -42,12 +53,16 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
         for name, content in executed(source).items():
             _add(files, config, f"notebooks/{name}", content)
     waiting = [file for file in files if file.src_uri.endswith(".md")]
-    waiting += [_add(files, config, f"source/{path}", _as_page(path)) for path in IN_NAV]
+    waiting += [
+        _add(files, config, f"source/{path}", _as_page(path)) for path in IN_NAV
+    ]
     while waiting:
         file = waiting.pop()
         for path in sorted(_sources(file)):
             if files.get_file_from_path(f"source/{_page_name(path)}") is None:
-                waiting.append(_add(files, config, f"source/{_page_name(path)}", _as_page(path)))
+                waiting.append(
+                    _add(files, config, f"source/{_page_name(path)}", _as_page(path))
+                )
     return files
 
 
@@ -55,7 +70,9 @@ def on_page_markdown(markdown: str, page: Page, **_: Any) -> str:
     """Links in the site's own terms; lists and fences as GitHub reads them."""
     parts = FENCE.split(markdown)
     for place in range(0, len(parts), 2):
-        linked = LINK.sub(lambda m: m[1] + _target(page.file.src_uri, m[2]), parts[place])
+        linked = LINK.sub(
+            lambda m: m[1] + _target(page.file.src_uri, m[2]), parts[place]
+        )
         indented = INDENT.sub("    ", LIST_AFTER_PARAGRAPH.sub(r"\1\n", linked))
         parts[place] = LIST_AFTER_TEXT.sub(r"\1\n", indented)
     return "".join(parts)
@@ -76,7 +93,9 @@ def on_post_page(output: str, page: Page, **_: Any) -> str:
 
 def on_post_template(output_content: str, template_name: str, **_: Any) -> str:
     """The same for the page of a wrong address."""
-    return _require_own(output_content.replace(FROM_ELSEWHERE, f"/{SHIM}"), template_name)
+    return _require_own(
+        output_content.replace(FROM_ELSEWHERE, f"/{SHIM}"), template_name
+    )
 
 
 def _require_own(output: str, name: str) -> str:
@@ -89,7 +108,11 @@ def _require_own(output: str, name: str) -> str:
 def _mathml(match: re.Match[str]) -> str:
     display = "block" if match[1] == "div" else "inline"
     mathml = convert(html.unescape(match[2]).strip(), display=display)
-    return f'<div class="wide" tabindex="0">{mathml}</div>' if match[1] == "div" else mathml
+    return (
+        f'<div class="wide" tabindex="0">{mathml}</div>'
+        if match[1] == "div"
+        else mathml
+    )
 
 
 def _add(files: Files, config: MkDocsConfig, uri: str, content: str) -> File:
@@ -106,7 +129,9 @@ def _repository_path(uri: str) -> str:
 
 
 def _linked_path(uri: str, link: str) -> str:
-    return posixpath.normpath(posixpath.join(posixpath.dirname(_repository_path(uri)), link))
+    return posixpath.normpath(
+        posixpath.join(posixpath.dirname(_repository_path(uri)), link)
+    )
 
 
 def _page_name(path: str) -> str:
@@ -120,7 +145,9 @@ def _sources(file: File) -> set[str]:
     return {
         path
         for path in paths
-        if path != "README.md" and not path.startswith("docs/") and (ROOT / path).exists()
+        if path != "README.md"
+        and not path.startswith("docs/")
+        and (ROOT / path).exists()
     }
 
 
@@ -144,7 +171,9 @@ def _as_page(path: str) -> str:
     """A file or a folder of the repository as a page that the search leaves out."""
     if (ROOT / path).is_dir():
         names = sorted(one.name for one in (ROOT / path).iterdir() if one.is_file())
-        links = "".join(f"- [{name}]({posixpath.basename(path)}/{name})\n" for name in names)
+        links = "".join(
+            f"- [{name}]({posixpath.basename(path)}/{name})\n" for name in names
+        )
         return f"# {path}\n\n{links}"
     text = (ROOT / path).read_text("utf-8")
     head = "---\nsearch:\n  exclude: true\n---\n"

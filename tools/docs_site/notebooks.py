@@ -9,7 +9,7 @@ import jupytext
 import nbformat
 from nbclient import NotebookClient
 
-from holdfast.evaluation.drawing import for_any_page, with_label
+from holdfast.evaluation.style import for_any_page, with_label
 
 ROOT = Path(__file__).resolve().parents[2]
 SECONDS = 300
@@ -28,9 +28,13 @@ def executed(source: Path) -> dict[str, str]:
             resources={"metadata": {"path": folder}},
         ).execute()
         pages = _pages(book.cells[1:], source.stem)
-        private = [path for path in (folder, str(ROOT)) if path in "".join(pages.values())]
+        private = [
+            path for path in (folder, str(ROOT)) if path in "".join(pages.values())
+        ]
     if private:
-        raise ValueError(f"{source.name}: its output names a folder of this machine: {private}")
+        raise ValueError(
+            f"{source.name}: its output names a folder of this machine: {private}"
+        )
     return pages
 
 

@@ -1,0 +1,116 @@
+"""`make demo`, without hardware or data: simulate, train, export, and show unseen trials."""
+
+from __future__ import annotations
+
+import argparse
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+from examples.demo.demo_trials import RATE_HZ, TRAIN, TRIALS, UNSEEN
+from holdfast.cli.command import Parser, finish, path_argument
+from holdfast.core.errors import HoldfastError
+from holdfast.core.writing import require_writable
+
+RELEASED = "models/holdfast-150hz.onnx"
+"""In the checkout."""
+Await = Callable[[str], Path]
+"""Name of a set -> its folder, once it is complete."""
+
+
+def run(out: Path, work: Path) -> int:
+    """Train, export, show three unseen trials, and leave model and report in `out`."""
+    protocol = f"{TRIALS} trials of the thesis' protocol at {RATE_HZ:g} Hz"
+    print(f"simulating {protocol} (simulated: no recording)", flush=True)
+    with _simulated_beside(work) as ready:
+        _learn_and_watch(out, work, ready)
+    print(
+        "real recordings: make real (needs HOLDFAST_DATA; holdfast doctor says what is there)"
+    )
+    return 0
+
+
+def _learn_and_watch(out: Path, work: Path, ready: Await) -> None:
+    """All steps that need the libraries, which load while the trials are simulated."""
+    from examples.demo.demo_grip import close_the_loop, section
+    from examples.demo.demo_watch import COLUMN_S, show, watch
+    from holdfast.edge_runtime.monitor import Model
+    from holdfast.export.exporting import export_artifact
+    from holdfast.training.datasets.thesis import load
+    from holdfast.training.fitting import train, versions
+    from holdfast.training.plan import TrainingPlan
+    from studies.scenes.figures import MadeBy
+    from studies.scenes.report import demo_report
+
+    data = load(ready(TRAIN), windows="thesis")
+    trained = train(data, work / "model", TrainingPlan(), seed=0)
+    macro_f1 = trained.figures.situations.macro_f1
+    print(f"macro F1 over four situations, trials held out: {macro_f1:.2f}", flush=True)
+    path, verified = export_artifact(work / "model", out / "holdfast.onnx")
+    checked = verified.heads["situation"]
+    rows, differ = f"{checked.rows:,} rows", f"{checked.label_mismatches} labels differ"
+    print(f"exported {path}: {rows} checked, {differ}", flush=True)
+    letters = ". nothing, g grasp, s safe slip, R risky slip, ? unknown (settling)"
+    print(f"\none character = {COLUMN_S} s; {letters}")
+    unseen, model = ready(UNSEEN), Model(path)
+    pictures = [
+        watch(model, unseen, one) for one in load(unseen, windows="none").recordings
+    ]
+    for one in pictures:
+        show(one)
+    hands = close_the_loop(Model(Path(__file__).resolve().parents[2] / RELEASED))
+    print(f"\nthe loop closed, with {RELEASED} (two trials chosen to show it):")
+    print("\n".join(f"  {one.sentence}" for one in hands))
+    made = MadeBy(seed=0, versions=versions(), command="make demo")
+    loop, held_out = section(hands), trained.held_out
+    report = demo_report(out / "report.html", data, held_out, made, pictures, loop)
+    print(f"\nreport: {report}")
+
+
+@contextmanager
+def _simulated_beside(work: Path) -> Iterator[Await]:
+    """Simulate the trials in another process; yields a function that waits for a set.
+
+    Raises HoldfastError.
+    """
+    command = [sys.executable, "-m", "examples.demo.demo_trials", str(work)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as child:
+        names = iter(child.stdout or ())
+
+        def ready(name: str) -> Path:
+            if next(names, "").strip() != name:
+                what = "the trials could not be simulated"
+                raise HoldfastError(what, cause="see the lines above")
+            return work / name
+
+        try:
+            yield ready
+        finally:
+            child.kill()
+
+
+def main(argv: Sequence[str]) -> int:
+    """Parse and run; the simulated trials go into a temporary folder."""
+    parser = Parser(
+        prog="make demo",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    out, default = (
+        "folder for model and report (default build/demo)",
+        Path("build/demo"),
+    )
+    parser.add_argument(
+        "--out", type=path_argument, default=default, metavar="DIR", help=out
+    )
+    args = parser.parse_args(argv)
+    require_writable(args.out)
+    with tempfile.TemporaryDirectory() as work:
+        return run(args.out, Path(work))
+
+
+if __name__ == "__main__":
+    sys.exit(finish(main, sys.argv[1:]))

@@ -1,0 +1,122 @@
+"""The end of the demo: the loop is closed. A bottle is caught, a quick hand-over is let go.
+
+Each trial runs twice in one scene: in a hand that does nothing, and in one whose grip is controlled
+by the released model. All of it is simulated.
+"""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from holdfast.core.contract import FloatArray
+from holdfast.edge_runtime.grip import GripSense
+from holdfast.edge_runtime.model import Model
+from holdfast.evaluation.stream_pictures import labelled
+from holdfast.evaluation.style import OURS, QUIET, WARNING, svg
+from holdfast.simulation.card import read_card
+from holdfast.simulation.closed_loop.controllers import managed
+from holdfast.simulation.closed_loop.loop import (
+    ClosedLoop,
+    LoopController,
+    LoopTruth,
+    Make,
+)
+from holdfast.simulation.closed_loop.people import LoopOutcome
+from holdfast.simulation.protocol import PlannedTrial
+from holdfast.simulation.scene import Scene
+
+CARD = Path(__file__).parent / "demo_grip.toml"
+SEED = 2
+NAMES = {"fall": "a bottle let go", "pass": "a quick hand-over"}
+
+
+@dataclass(frozen=True)
+class TwoHands:
+    """One trial in a hand that does nothing, and in one that answers."""
+
+    bare: LoopOutcome
+    held: LoopOutcome
+
+    @property
+    def sentence(self) -> str:
+        """What became of it."""
+        name = NAMES[self.bare.trial.action]
+        before, after = (_fate(one) for one in (self.bare, self.held))
+        return f"{name}: {before} in a hand that does nothing; {after} with the grip controlled"
+
+
+def close_the_loop(model: Model) -> list[TwoHands]:
+    """Both trials, in both hands."""
+    scene = Scene(read_card(str(CARD)), SEED)
+    trials = scene.trials()
+    loop = ClosedLoop(
+        scene, [*trials, *trials], model, _half(managed(scene, "holdfast"))
+    )
+    outcomes = loop.run()
+    n = len(trials)
+    return [TwoHands(outcomes[k], outcomes[n + k]) for k in range(n)]
+
+
+class _Half:
+    """Controls the second half of the hands; the others keep their own grip."""
+
+    def __init__(self, controller: LoopController, lanes: int) -> None:
+        self._controller, self.mu_hat = controller, controller.mu_hat
+        self._controlled = np.arange(lanes) >= lanes // 2
+
+    def step(self, sense: GripSense, now: LoopTruth) -> FloatArray:
+        """[B] target, N a side."""
+        target_n = self._controller.step(sense, now)
+        self.mu_hat = self._controller.mu_hat
+        wanted: FloatArray = np.where(self._controlled, target_n, 0.0)
+        return wanted
+
+
+def _half(make: Make) -> Make:
+    def both(trials: Sequence[PlannedTrial], rate_hz: float) -> LoopController:
+        return _Half(make(trials, rate_hz), len(trials))
+
+    return both
+
+
+def _fate(one: LoopOutcome) -> str:
+    if one.trial.action == "pass":
+        return f"gone after {1e3 * (one.lost_s - one.act_s):.0f} ms"
+    return (
+        f"lost after {1e3 * (one.lost_s - one.act_s):.0f} ms" if one.dropped else "kept"
+    )
+
+
+def section(pairs: Sequence[TwoHands]) -> str:
+    """The section of the demo's report, HTML."""
+    lines = "".join(f"<li>{html.escape(one.sentence)}</li>" for one in pairs)
+    return f"""<h2>The loop closed</h2>
+<p class=note>The grip of a hand that does nothing, and of one that the model controls, in the same
+scene. Dotted: contact ends. Two trials, chosen to show it; simulated.</p>
+<ul>{lines}</ul>{picture(pairs)}"""
+
+
+def picture(pairs: Sequence[TwoHands]) -> str:
+    """The grip over time in both hands, one panel a trial; SVG."""
+    with labelled("simulated", 9.0, 2.8) as figure:
+        for place, pair in enumerate(pairs, 1):
+            axes = figure.add_subplot(1, len(pairs), place)
+            for one, colour, name in (
+                (pair.bare, QUIET, "does nothing"),
+                (pair.held, OURS, "grip controlled"),
+            ):
+                t_s = one.begin_s + np.arange(len(one.grip_n)) / one.rate_hz - one.act_s
+                shown = (t_s > -0.3) & (t_s < 1.0)
+                axes.plot(t_s[shown], one.grip_n[shown], color=colour, label=name)
+                if np.isfinite(one.lost_s):
+                    axes.axvline(one.lost_s - one.act_s, color=colour, linestyle=":")
+            axes.axvline(0.0, color=WARNING, linewidth=0.8)
+            axes.set(title=NAMES[pair.bare.trial.action], xlabel="s since it began")
+            axes.set_ylabel("grip, N a side" if place == 1 else "")
+            axes.legend(fontsize=8, frameon=False)
+        return svg(figure)

@@ -1,0 +1,46 @@
+"""The demo's trials, simulated in another process while the demo loads its libraries and trains.
+
+    python -m examples.demo.demo_trials FOLDER
+
+It writes FOLDER/train, then FOLDER/unseen, and prints the name of each when it is complete.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+from holdfast.simulation.card import read_card
+from holdfast.simulation.folder import write_recording, write_set
+from holdfast.simulation.scene import Scene
+
+RATE_HZ = 150.0
+TRIALS = 240
+TRAINED_SEED, UNSEEN_SEED = 0, 1
+SHOWN = (("empty-bottle", "pull"), ("full-bottle", "fall"), ("basket-ball", "pass"))
+TRAIN, UNSEEN = "train", "unseen"
+
+
+def run(work: Path) -> None:
+    """Write both sets; prints a line for each."""
+    card = read_card("thesis", rate_hz=RATE_HZ)
+    write_set(Scene(card, TRAINED_SEED), work / TRAIN, TRIALS)
+    print(TRAIN, flush=True)
+    write_shown(Scene(card, UNSEEN_SEED), work / UNSEEN)
+    print(UNSEEN, flush=True)
+
+
+def write_shown(scene: Scene, folder: Path) -> None:
+    """Simulate the first trial of each object and action in SHOWN, as a set in the usual layout."""
+    trials = scene.trials(TRIALS)
+    chosen = [
+        next(t for t in trials if (t.thing.name, t.action) == shown) for shown in SHOWN
+    ]
+    for one in scene.run_together(chosen):
+        write_recording(
+            folder / one.trial.thing.name / one.trial.action / "trial_1", scene, [one]
+        )
+
+
+if __name__ == "__main__":
+    run(Path(sys.argv[1]))

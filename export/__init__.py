@@ -1,7 +1,0 @@
-"""Everything ONNX: builds the step graph, joins the forest to it, verifies, seals.
-
-It reads an artifact folder (forests as skops, the rest as JSON and plain arrays) and never imports
-training.
-"""
-
-from holdfast import edge_runtime as edge_runtime  # first: it switches off onnxruntime's telemetry

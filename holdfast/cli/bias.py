@@ -1,0 +1,71 @@
+"""`holdfast bias --source URL --out FILE`: measures the bias of the open, untouched hand.
+
+It takes two seconds. A bias that is not good is not written, unless --anyway.
+"""
+
+from __future__ import annotations
+
+import argparse
+
+from holdfast.cli.command import (
+    add_json_option,
+    path_argument,
+    positive,
+    require_json_writable,
+    show_found,
+)
+from holdfast.cli.options import add_live_options, force_of
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of this verb."""
+    add_live_options(parser)
+    option = parser.add_argument
+    option(
+        "--out",
+        type=path_argument,
+        required=True,
+        metavar="FILE",
+        help="bias to write (JSON)",
+    )
+    duration = "duration of the measurement (default 2)"
+    option("--seconds", type=positive, default=2.0, metavar="S", help=duration)
+    option("--anyway", action="store_true", help="write it even if it is not good")
+    add_json_option(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Measure, judge, write."""
+    from holdfast.core.writing import require_writable
+    from holdfast.drivers.calibration import write_bias
+    from holdfast.live.bias import measure_bias, require_good
+    from holdfast.live.hand_sources import open_live
+    from holdfast.live.real_time import RunClock
+    from holdfast.live.stopping import say
+
+    require_writable(args.out.parent)
+    require_json_writable(args)
+    clock = RunClock()
+    say(f"opening {args.source}")
+    source = open_live(
+        args.source, clock=clock, say=say, to_force=force_of(args.calibration)
+    )
+    try:
+        measured = measure_bias(source, clock, say, args.seconds)
+    finally:
+        source.close()
+    if not args.anyway:
+        require_good(measured, "nothing is written")
+    bias = measured.bias
+    write_bias(args.out, bias)
+    spread = float(bias.spread.max())
+    next_step = f"next: holdfast run MODEL --source URL --bias {args.out}"
+    words = f"{bias.n} rows, spread at most {spread:.3g} {bias.unit}\nbias written to {args.out}"
+    found = {
+        "out": args.out,
+        "rows": bias.n,
+        "largest_spread": spread,
+        "unit": bias.unit,
+    }
+    show_found(args, f"{words}; {next_step}", found)
+    return 0

@@ -1,0 +1,74 @@
+"""`holdfast calibrate PATH --out FILE`: a map from field to force, from known loads.
+
+PATH is a CSV file with the columns Time, X1..Zn (uT) and Fx, Fy, Fz (N), in which every fingertip
+is pressed at least twice; or a folder in the layout of eflesh_calibration (normal_force/ and
+shear_force/, with one folder a probing). The errors that it prints are on probings left out.
+"""
+
+from __future__ import annotations
+
+import argparse
+from datetime import date
+from pathlib import Path
+
+from holdfast.cli.command import (
+    add_json_option,
+    path_argument,
+    require_json_writable,
+    seed,
+    show_found,
+)
+from holdfast.core.writing import require_writable
+
+STAGES = 5
+"""Reading, then a linear map and trees for the normal and for the shear probings."""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of this verb."""
+    option = parser.add_argument
+    layout = "a CSV file Time,X1..Zn,Fx,Fy,Fz, or a folder like eflesh_calibration"
+    option("path", type=path_argument, metavar="PATH", help=layout)
+    option(
+        "--out",
+        type=path_argument,
+        required=True,
+        metavar="FILE",
+        help="calibration to write",
+    )
+    add_json_option(parser)
+    today = date.today().isoformat()
+    option(
+        "--date", default=today, metavar="DAY", help="day of the loads (default today)"
+    )
+    trees = "seed of the trees that it is compared with (default 0)"
+    option("--seed", type=seed, default=0, metavar="S", help=trees)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Fit, judge on probings left out, print, write."""
+    from holdfast.drivers.calibration import write_calibration
+    from holdfast.sessions.calibration.judging import as_json, in_words, judge
+    from holdfast.sessions.calibration.loads import read_studies
+    from holdfast.training.progress import stages
+
+    require_writable(args.out.parent)
+    require_json_writable(args)
+    figures, lines = [], []
+    with stages(STAGES) as begin:
+        begin(f"reading {args.path}")
+        for k, study in enumerate(read_studies(args.path)):
+            calibration, judged = judge(
+                study, args.path.name, args.date, args.seed, begin
+            )
+            target = _target(args.out, k, study.name)
+            write_calibration(target, calibration)
+            figures.append(as_json(study, judged, args.seed))
+            lines += [*in_words(study, judged, calibration), f"  written: {target}", ""]
+    show_found(args, "\n".join(lines), {"studies": figures})
+    return 0
+
+
+def _target(out: Path, number: int, name: str) -> Path:
+    """FILE for the first study, FILE's stem with the study's name for the others."""
+    return out if number == 0 else out.with_stem(f"{out.stem}.{name}")

@@ -1,0 +1,215 @@
+"""How all programs of Holdfast report errors and end: one line for each error, and an exit code.
+
+Exit codes: 0 done, 1 failed, 2 usage, 3 data, 4 model, 5 output, 6 device, 130 interrupted.
+
+`--json [FILE]`: what a command found as one JSON object, beside its words or instead of them.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+import warnings
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import closing
+from pathlib import Path
+from typing import Any, NoReturn, TextIO
+
+from holdfast.core.errors import (
+    HoldfastError,
+    OutputError,
+    UsageError,
+    one_line,
+    visible_lines,
+)
+from holdfast.core.writing import require_writable, write_whole
+from holdfast.live.outputs import stream_sink
+
+
+class Parser(argparse.ArgumentParser):
+    """argparse with usage errors of one line: what is wrong, what is allowed, the next command."""
+
+    def error(self, message: str) -> NoReturn:
+        """Raise UsageError instead of printing the whole usage."""
+        raise UsageError(message, next_step=f"{self.prog} --help")
+
+
+def seed(word: str) -> int:
+    """A seed from the command line: 0 .. 2^32 - 1, the range that all generators take."""
+    number = int(word) if word.isdecimal() else -1
+    if not 0 <= number < 2**32:
+        raise argparse.ArgumentTypeError(
+            f"{word!r} is not a whole number from 0 to {2**32 - 1}"
+        )
+    return number
+
+
+def path_argument(word: str) -> Path:
+    """A path from the command line. An empty one (a shell variable that is not set) is an error."""
+    if not word.strip():
+        raise argparse.ArgumentTypeError("the path is empty")
+    return Path(word)
+
+
+def positive(word: str) -> float:
+    """A number above zero from the command line."""
+    number = float(word)
+    if not 0.0 < number < float("inf"):
+        raise argparse.ArgumentTypeError(f"{word!r} is not a number above 0")
+    return number
+
+
+def show(text: str) -> None:
+    """Print lines that may hold names from outside, such as those of files, columns or devices."""
+    sys.stdout.write(f"{visible_lines(text)}\n")
+
+
+def run_script(
+    prog: str,
+    about: str,
+    add_arguments: Callable[[argparse.ArgumentParser], None],
+    run: Callable[[argparse.Namespace], int],
+) -> int:
+    """A command run as a script: parse sys.argv, run it, and end like every program of Holdfast."""
+
+    def main(argv: Sequence[str]) -> int:
+        parser = Parser(
+            prog=prog,
+            description=about,
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+        )
+        add_arguments(parser)
+        return run(parser.parse_args(argv))
+
+    return finish(main, sys.argv[1:])
+
+
+def finish(main: Callable[[Sequence[str]], int], argv: Sequence[str]) -> int:
+    """Run a program's main.
+
+    Errors and warnings become one line each on stderr, except with --debug.
+
+    A stderr that takes no data neither blocks the program nor keeps it from ending.
+    """
+    hold_standard_descriptors()
+    with closing(stream_sink(sys.stderr)) as on_stderr:
+        if "--debug" not in argv:
+            warnings.showwarning = _one_line_to(on_stderr)
+        try:
+            code = main([word for word in argv if word != "--debug"])
+            sys.stdout.flush()
+            return code
+        except (HoldfastError, ModuleNotFoundError) as error:
+            if "--debug" in argv:
+                raise
+            shown = error if isinstance(error, HoldfastError) else _not_installed(error)
+            on_stderr(f"error: {type(shown).__name__}: {shown}")
+            return shown.exit_code
+        except KeyboardInterrupt:
+            on_stderr("interrupted")
+            return 130
+        except BrokenPipeError:
+            return 0
+        except OSError as error:
+            if "--debug" in argv:
+                raise
+            what = one_line(str(error))
+            next_step = (
+                "choose another place to write to; --debug shows the whole error"
+            )
+            on_stderr(f"error: OutputError: {what}; next: {next_step}")
+            return OutputError.exit_code
+        finally:
+            _forget_what_cannot_be_written(sys.stdout)
+
+
+def hold_standard_descriptors() -> None:
+    """Open closed standard descriptors on /dev/null, before another file gets their numbers.
+
+    Such a file would receive all that a library prints. As stdout, /dev/null is opened read-only:
+    writing a result to a closed stdout stays an error.
+    """
+    for number, mode in ((0, os.O_RDONLY), (1, os.O_RDONLY), (2, os.O_WRONLY)):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, mode)  # takes the lowest free number
+    sys.stdout = sys.stdout or os.fdopen(1, "w", encoding="utf-8", closefd=False)
+    sys.stderr = sys.stderr or os.fdopen(
+        2, "w", encoding="utf-8", closefd=False, buffering=1
+    )
+
+
+def _forget_what_cannot_be_written(stream: TextIO) -> None:
+    """Drop what stdout cannot take.
+
+    Python flushes it at the end and would report the same error again.
+    """
+    try:
+        stream.flush()
+    except OSError:
+        nothing = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nothing, stream.fileno())
+        os.close(nothing)
+
+
+def _not_installed(error: ModuleNotFoundError) -> UsageError:
+    return UsageError(
+        f"this needs the package {error.name}",
+        cause="only the packages of the live path are installed",
+        next_step="pip install 'holdfast[train,viz]'; holdfast doctor shows what is missing",
+    )
+
+
+def _one_line_to(on_stderr: Callable[[str], object]) -> Callable[..., None]:
+    def show_warning(
+        message: Warning | str,
+        category: type[Warning],
+        filename: str,
+        lineno: int,
+        file: TextIO | None = None,
+        line: str | None = None,
+    ) -> None:
+        on_stderr(f"warning: {category.__name__}: {one_line(str(message))}")
+
+    return show_warning
+
+
+STDOUT = Path("-")
+
+
+def add_json_option(parser: argparse.ArgumentParser) -> None:
+    """--json, which means the same in every command."""
+    text = "what was found as one JSON object, to FILE; without FILE to stdout, instead of words"
+    parser.add_argument(
+        "--json", nargs="?", const=STDOUT, type=path_argument, metavar="FILE", help=text
+    )
+
+
+def require_json_writable(args: argparse.Namespace) -> None:
+    """Raise OutputError where the file of --json cannot be written, before the work begins."""
+    if args.json not in (None, STDOUT):
+        require_writable(args.json.parent)
+
+
+def show_found(args: argparse.Namespace, words: str, found: Mapping[str, Any]) -> None:
+    """Print the words, or the JSON object instead; write the object where --json names a file.
+
+    found: no NaN and no infinity in it.
+    """
+    if args.json != STDOUT:
+        show(words)
+    write_found(args, found)
+
+
+def write_found(args: argparse.Namespace, found: Mapping[str, Any]) -> None:
+    """Only the JSON object, where --json wants it."""
+    if args.json is None:
+        return
+    text = json.dumps(found, indent=1, allow_nan=False, default=str) + "\n"
+    if args.json == STDOUT:
+        sys.stdout.write(text)
+    else:
+        write_whole(args.json, text)

@@ -1,0 +1,104 @@
+"""`holdfast convert`: recordings in the formats of other tools, and XDF into the trial layout.
+
+holdfast convert trials --to parquet --out trials-parquet
+holdfast convert trials --to mcap --out trials-mcap --only 'p01/*'
+holdfast convert session.xdf --to trials --out trials --person p01 --object cup --action pull
+"""
+
+from __future__ import annotations
+
+import argparse
+from importlib import import_module
+from typing import Any
+
+from holdfast.cli.command import add_json_option, path_argument, show_found
+from holdfast.core.contract import UNITS
+from holdfast.core.errors import OutputError, UsageError
+
+WRITERS = {
+    "parquet": "holdfast.interop.tables",
+    "mcap": "holdfast.interop.mcap_file",
+    "ros2": "holdfast.interop.ros2",
+    "lerobot": "holdfast.interop.lerobot",
+}
+"""Format -> the module that writes it and alone imports its library."""
+TRIALS = "trials"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of this verb."""
+    option = parser.add_argument
+    source = "a folder of recordings; an XDF file for --to trials"
+    option("source", type=path_argument, metavar="FOLDER|XDF", help=source)
+    formats = "format to write (docs/interop.md); each needs the extra of its name"
+    option("--to", choices=[*WRITERS, TRIALS], required=True, help=formats)
+    out = "a new folder; for trials also an existing set"
+    option("--out", type=path_argument, required=True, metavar="DIR", help=out)
+    option(
+        "--only",
+        default="*",
+        metavar="GLOB",
+        help="trials whose names match, such as 'p01/*'",
+    )
+    raw = "values as recorded, not without bias"
+    option("--raw", action="store_true", help=raw)
+    add_json_option(parser)
+    xdf = parser.add_argument_group("an XDF file into trials").add_argument
+    xdf(
+        "--person",
+        metavar="PSEUDONYM",
+        help="letters, digits, dashes; never a real name",
+    )
+    xdf(
+        "--object", metavar="NAME", help="without markers that begin trials: the object"
+    )
+    xdf("--action", metavar="ACTION", help="the same: the action, such as pull")
+    xdf(
+        "--stream",
+        metavar="NAME",
+        help="the tactile stream (default: the only one that fits)",
+    )
+    xdf("--unit", choices=UNITS, help="of the stream, where it does not say")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Read all trials, then write all of them or nothing."""
+    return _from_xdf(args) if args.to == TRIALS else _to_format(args)
+
+
+def _to_format(args: argparse.Namespace) -> int:
+    from holdfast.core.writing import whole_folder
+
+    writer: Any = import_module(WRITERS[args.to])
+    from holdfast.interop.payload import carried_trials
+
+    if args.out.exists() and (not args.out.is_dir() or any(args.out.iterdir())):
+        raise OutputError(
+            "exists and is not empty", where=args.out, next_step="name a new folder"
+        )
+    trials = carried_trials(args.source, args.only, raw=args.raw)
+    with whole_folder(args.out) as folder:
+        writer.write_trials(trials, folder)
+    rows = sum(len(trial.t_s) for trial in trials)
+    words = f"{args.out}: {len(trials)} trials, {rows} samples"
+    show_found(args, words, {"out": args.out, "trials": len(trials), "samples": rows})
+    return 0
+
+
+def _from_xdf(args: argparse.Namespace) -> int:
+    from holdfast.interop.incoming import cuts, write_trials
+    from holdfast.interop.xdf import read_xdf
+    from holdfast.sessions.recorder.protocol import word
+
+    if not args.person:
+        raise UsageError("--to trials without a person", next_step="--person p01")
+    person = args.out / word(args.person, "--person")
+    named = (
+        f"{args.object}/{args.action}" if args.object and args.action else args.action
+    )
+    stream, markers = read_xdf(args.source, args.stream, args.unit)
+    found = cuts(markers, named, args.source)
+    written = [str(path) for path in write_trials(stream, markers, found, person)]
+    words = "\n".join([*written, f"next: holdfast check {args.out}"])
+    show_found(args, words, {"out": args.out, "trials": written})
+    return 0

@@ -1,0 +1,143 @@
+"""`holdfast VERB ..`: one parser, one module a verb, imported only for its verb.
+
+Exit codes: 0 done, 1 failed, 2 usage, 3 data, 4 model, 5 output, 6 device, 130 interrupted.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from importlib import import_module
+from importlib.metadata import version
+
+from holdfast.cli.command import Parser, finish
+from holdfast.cli.settings import COMMANDS, SettingsParser, read_settings
+from holdfast.core.errors import UsageError
+
+VERBS = {
+    "simulate": (
+        "holdfast.cli.simulate",
+        "simulate the trials of a scene card, with their truth",
+    ),
+    "check": (
+        "holdfast.cli.check",
+        "say what a folder of recordings holds and what is missing",
+    ),
+    "convert": (
+        "holdfast.cli.convert",
+        "write recordings in the formats of other tools",
+    ),
+    "train": (
+        "holdfast.training.train",
+        "train on recordings; writes an artifact folder",
+    ),
+    "export": (
+        "holdfast.export.export",
+        "turn an artifact folder into one verified, sealed model file",
+    ),
+    "adapt": (
+        "holdfast.cli.adapt",
+        "adapt a model file to one person, from two minutes of recording",
+    ),
+    "evaluate": (
+        "holdfast.cli.evaluate",
+        "score a model file on labelled sets or folders",
+    ),
+    "replay": (
+        "holdfast.cli.replay",
+        "a model's answers on a recorded trial, as JSON lines",
+    ),
+    "run": ("holdfast.cli.run", "read a hand live and answer every sample"),
+    "scan": (
+        "holdfast.cli.scan",
+        "list the sensors on a bus, their faults and the rate",
+    ),
+    "calibrate": (
+        "holdfast.cli.calibrate",
+        "fit the map from field to force, from known loads",
+    ),
+    "bias": ("holdfast.cli.bias", "measure the bias of the open, untouched hand"),
+    "record": ("holdfast.cli.record", "record trials by keys and a protocol card"),
+    "study": (
+        "holdfast.cli.study",
+        "run a study with a person: steps, trials, questionnaires, report",
+    ),
+    "repair": ("holdfast.cli.repair", "repair trials after a kill or a power cut"),
+    "watch": (
+        "holdfast.cli.watch",
+        "record a camera: lossless video and tracks of two printed tags",
+    ),
+    "onset": (
+        "holdfast.cli.onset",
+        "find the onset of slip in a camera recording; writes a label",
+    ),
+    "loop": (
+        "holdfast.cli.loop",
+        "grip controllers in a closed loop: drops saved, hand-overs blocked",
+    ),
+    "bench": ("holdfast.cli.bench", "measure what accuracy costs in time"),
+    "selftest": (
+        "holdfast.cli.selftest",
+        "check a model file on this machine, in seconds",
+    ),
+    "doctor": (
+        "holdfast.cli.doctor",
+        "list what is installed, what is missing, and how to get it",
+    ),
+    "board": ("holdfast.cli.board", "print udev rules or a systemd unit for the board"),
+    "completion": (
+        "holdfast.cli.completion",
+        "print what makes bash, zsh or fish complete commands",
+    ),
+}
+
+HELP = """usage: holdfast VERB [options]    (holdfast help VERB for one verb)
+
+Know a grip is about to fail before it does.
+
+{verbs}
+
+options everywhere: --help, --version, --debug (show the traceback of an error)
+exit codes: 0 done, 1 failed, 2 usage, 3 data, 4 model, 5 output, 6 device, 130 interrupted
+"""
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Entry point of the `holdfast` command; returns the exit code."""
+    return finish(_main, sys.argv[1:] if argv is None else argv)
+
+
+def _main(argv: Sequence[str]) -> int:
+    if len(argv) > 1 and argv[0] == "help":
+        argv = [argv[1], "--help"]
+    if not argv or argv[0] in ("-h", "--help", "help"):
+        width = max(map(len, VERBS)) + 2
+        verbs = "\n".join(
+            f"  {name:<{width}}{about}" for name, (_, about) in VERBS.items()
+        )
+        print(HELP.format(verbs=verbs), end="")
+        return 0
+    if argv[0] == "--version":
+        print(f"holdfast {version('holdfast')}")
+        return 0
+    if argv[0] not in VERBS:
+        what = f"unknown command {argv[0]!r}; choose from {', '.join(VERBS)}"
+        raise UsageError(what, next_step="holdfast --help")
+    return _run(argv[0], argv[1:])
+
+
+def _run(verb: str, argv: Sequence[str]) -> int:
+    module_name, about = VERBS[verb]
+    module = import_module(module_name)
+    parser = _parser(verb, argv, about)
+    module.add_arguments(parser)
+    code: int = module.run(parser.parse_args(argv))
+    return code
+
+
+def _parser(verb: str, argv: Sequence[str], about: str) -> Parser:
+    prog = f"holdfast {verb}"
+    if verb not in COMMANDS:
+        return Parser(prog=prog, description=about)
+    settings = read_settings(argv).of(verb)
+    return SettingsParser(settings=settings, prog=prog, description=about)

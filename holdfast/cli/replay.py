@@ -1,0 +1,37 @@
+"""`holdfast replay MODEL SOURCE`: the model's answers on a recording, one JSON line a sample."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of this verb."""
+    parser.add_argument("model", metavar="MODEL", help="a sealed holdfast.onnx")
+    trial = "a trial's CSV or folder, SET#N, or sim://CARD?trial=N"
+    parser.add_argument("trial", metavar="TRIAL", help=trial)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Replay the whole trial to stdout."""
+    from holdfast.edge_runtime.monitor import GripMonitor, Model, require_fit
+    from holdfast.live.outputs import to_json_line
+    from holdfast.live.sources import open_source
+
+    model = Model(args.model)
+    card = model.card
+    source = open_source(
+        args.trial, channels=card.n_channels, preparation=card.preparation
+    )
+    require_fit(
+        card,
+        n_channels=source.values.shape[1],
+        unit=source.unit,
+        rate_hz=source.rate_hz,
+        where=args.trial,
+    )
+    monitor = GripMonitor(model, None)
+    for sample in source:
+        sys.stdout.write(to_json_line(monitor.feed(sample)) + "\n")
+    return 0

@@ -1,0 +1,66 @@
+"""`holdfast run MODEL --source URL`: reads a hand and answers every sample, until it is stopped.
+
+holdfast run models/holdfast-150hz.onnx --source usb://ft232h
+holdfast run models/holdfast-150hz.onnx --source "virtual://ft232h?scene=pull-soft-ball&seed=1"
+holdfast run models/holdfast-150hz.onnx --source usb://ft232h --grip udp://127.0.0.1:9000
+holdfast run models/holdfast-150hz.onnx --source usb://ft232h --engine c
+holdfast run models/holdfast-150hz.onnx --source "usb://ft232h?timed=16"      (experiment)
+holdfast run models/holdfast-150hz.onnx --source usb://ft232h --quiet --web 8000
+"""
+
+from __future__ import annotations
+
+import argparse
+
+from holdfast.cli.command import path_argument, positive
+from holdfast.cli.options import (
+    add_engine_options,
+    add_grip_options,
+    add_intent_option,
+    add_live_options,
+    add_obey_option,
+    add_web_option,
+)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of this verb."""
+    option = parser.add_argument
+    option("model", metavar="MODEL", help="a sealed holdfast.onnx")
+    add_live_options(parser)
+    add_engine_options(parser)
+    option(
+        "--out",
+        type=path_argument,
+        metavar="FILE",
+        help="also write the JSON lines to FILE",
+    )
+    option("--udp", metavar="HOST:PORT", help="also send the JSON lines as datagrams")
+    lsl = "also send values and decisions as the LSL streams NAME and NAME-decision"
+    option("--lsl", metavar="NAME", help=lsl)
+    commands = "receive the user's commands here: opening, and override of an alarm"
+    option("--commands", metavar="HOST:PORT", help=commands)
+    add_intent_option(parser)
+    add_obey_option(parser)
+    add_grip_options(parser)
+    samples = "write the prepared samples to a CSV, for holdfast replay"
+    option("--samples", type=path_argument, metavar="FILE", help=samples)
+    option("--quiet", action="store_true", help="no JSON lines on stdout")
+    view = "show the stream in the terminal (needs rich)"
+    option("--view", action="store_true", help=view)
+    add_web_option(parser)
+    bias = "file written by holdfast bias (default: from the first samples)"
+    option("--bias", type=path_argument, metavar="FILE", help=bias)
+    option(
+        "--seconds",
+        type=positive,
+        metavar="S",
+        help="stop after S seconds (default: Ctrl-C)",
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run until stopped; JSON lines on stdout, messages and the summary on stderr."""
+    from holdfast.live.run import run_live_verb
+
+    return run_live_verb(args)

@@ -1,0 +1,116 @@
+"""`holdfast simulate CARD --out DIR`: a card's trials in the thesis' layout, with their truth."""
+
+from __future__ import annotations
+
+import argparse
+import signal
+import sys
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from holdfast.cli.command import (
+    add_json_option,
+    path_argument,
+    require_json_writable,
+    seed,
+    show_found,
+)
+from holdfast.core.errors import visible
+from holdfast.simulation.shipped import shipped
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of this verb."""
+    option = parser.add_argument
+    option(
+        "card", metavar="CARD", help=f"a TOML file, or one of {', '.join(shipped())}"
+    )
+    option(
+        "--out", type=path_argument, required=True, metavar="DIR", help="a new folder"
+    )
+    trials = "number of trials, in the card's proportions (default: all)"
+    option("--trials", type=trial_count, metavar="N", help=trials)
+    option(
+        "--rate", type=float, metavar="HZ", help="sampling rate (default: the card's)"
+    )
+    every = "seed of every random choice (default 0)"
+    option("--seed", type=seed, default=0, metavar="S", help=every)
+    add_json_option(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Simulate and write; the same card and seed give the same bytes.
+
+    An interrupted run leaves no folder.
+    """
+    from holdfast.simulation.card import read_card
+    from holdfast.simulation.closed_loop.recording import require_controller, scene_of
+    from holdfast.simulation.folder import require_new, write_set
+    from holdfast.training.progress import counted
+
+    require_json_writable(args)
+    require_new(args.out)
+    card = read_card(args.card, rate_hz=args.rate, rate_option="--rate ")
+    scene = scene_of(card, args.seed)
+    trials = scene.trials(args.trials)
+    total = len(trials)
+    require_controller(scene, trials)
+    with (
+        _nothing_left_of(args.out),
+        counted(f"simulating {total} trials of {scene.card.name}", total) as done,
+    ):
+        files = write_set(scene, args.out, args.trials, done)
+    found = {
+        "kind": "simulated",
+        "card": card.name,
+        "title": card.title,
+        "recordings": files,
+        "rate_hz": card.rate_hz,
+        "seed": args.seed,
+        "out": args.out,
+    }
+    show_found(args, _in_words(found), found)
+    return 0
+
+
+def _in_words(found: Mapping[str, Any]) -> str:
+    rate = f"{found['recordings']} recordings at {found['rate_hz']:g} Hz"
+    next_step = f"next: holdfast train --data {found['out']} --out build/model"
+    return f"{found['title']}\n{rate}, simulated, seed {found['seed']}; {next_step}"
+
+
+@contextmanager
+def _nothing_left_of(out: Path) -> Iterator[None]:
+    """SIGTERM and SIGHUP end the block as Ctrl-C does, so that it removes its unfinished folder."""
+
+    def interrupt(number: int, frame: object) -> None:
+        raise KeyboardInterrupt
+
+    handled = [
+        number
+        for number in (signal.SIGTERM, signal.SIGHUP)
+        if signal.getsignal(number) != signal.SIG_IGN
+    ]
+    before: dict[int, Any] = {
+        number: signal.signal(number, interrupt) for number in handled
+    }
+    try:
+        yield
+    except KeyboardInterrupt:
+        sys.stderr.write(
+            f"{visible(str(out))} is not written: the unfinished folder is removed\n"
+        )
+        raise
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def trial_count(word: str) -> int:
+    """A number of trials, from a word of the command line."""
+    number = int(word) if word.isdecimal() else 0
+    if number < 1:
+        raise argparse.ArgumentTypeError(f"{word!r} is not a whole number from 1")
+    return number

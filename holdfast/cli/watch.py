@@ -1,0 +1,90 @@
+"""`holdfast watch --camera oak --tag-mm 10 --out DIR`: records video and tag tracks until Ctrl-C.
+
+holdfast watch --camera oak --tag-mm 9.96 --seconds 15 --out trials/7
+holdfast watch --camera build/scenes/soft-ball/pull/trial_1.frames.npz --out build/watched
+holdfast watch --camera trials/7 --out build/again     the tags of a recorded video once more
+"""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from holdfast.cli.command import add_json_option, path_argument, positive, show_found
+from holdfast.cli.options import (
+    add_camera_options,
+    require_camera_options,
+    shooting,
+    stored,
+)
+from holdfast.core.errors import TagError
+
+if TYPE_CHECKING:
+    from holdfast.drivers.camera.sources import FrameSource
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of this verb."""
+    option = parser.add_argument
+    cameras = "oak, a .frames.npz, or a recorded folder"
+    option("--camera", required=True, metavar="oak|FILE", help=cameras)
+    option(
+        "--out",
+        type=path_argument,
+        required=True,
+        metavar="DIR",
+        help="the trial's folder",
+    )
+    add_camera_options(parser)
+    apart = "distance between the tags' centres at the start, as a check"
+    option("--apart-mm", type=positive, metavar="MM", help=apart)
+    option("--seconds", type=positive, metavar="S", help="oak: stop after S seconds")
+    add_json_option(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Record until the frames end or the operator stops it; then check the tags.
+
+    Raises TagError where the size of a tag is impossible; the recording is kept.
+    """
+    from holdfast.drivers.camera.graph import watch
+    from holdfast.live.stopping import say, stop_signals
+    from holdfast.sessions.onset import doubt
+
+    source = _source(args)
+    with stop_signals() as stopped:
+        watched = watch(source, args.out, say=say, stopped=stopped)
+    counts = f"{watched.frames} frames with tags read, {watched.in_video} in the video"
+    words = f"{counts}, {watched.lost} lost between them\n"
+    words += f"{args.out}; next: holdfast onset {args.out}"
+    found = {
+        "frames": watched.frames,
+        "in_video": watched.in_video,
+        "lost": watched.lost,
+    }
+    show_found(args, words, {"out": args.out, **found})
+    wrong = doubt(args.out)
+    if isinstance(wrong, TagError):
+        raise wrong
+    if wrong is not None:
+        say(f"warning: {wrong}")
+    return 0
+
+
+def _source(args: argparse.Namespace) -> FrameSource:
+    """The camera, or stored frames. Raises UsageError, a DataError or LibraryMissing."""
+    from holdfast.drivers.camera.sources import OAK, Lens, Oak
+    from holdfast.live.stopping import say
+
+    require_camera_options(args, "seconds")
+    if args.camera == OAK:
+        return Oak(
+            Lens(**shooting(args), clock="monotonic", apart_mm=args.apart_mm),
+            args.seconds,
+        )
+    source = stored(Path(args.camera), say)
+    if args.apart_mm is not None:
+        source.lens = replace(source.lens, apart_mm=args.apart_mm)
+    return source

@@ -1,0 +1,108 @@
+"""Zip archives of arrays (npz, skops): their headers are checked before anything is unpacked.
+
+A zip archive can unpack to a thousand times its size, and an array can claim any shape.
+https://numpy.org/doc/stable/reference/generated/numpy.lib.format.html and APPNOTE.TXT of PKWARE
+describe the headers.
+"""
+
+from __future__ import annotations
+
+import math
+import zipfile
+import zlib
+from pathlib import Path
+from typing import IO
+
+import numpy as np
+
+from holdfast.core.errors import TooLarge
+
+NOT_AN_ARCHIVE = (
+    OSError,
+    ValueError,
+    EOFError,
+    TypeError,
+    AttributeError,
+    RuntimeError,
+    zipfile.BadZipFile,
+    zlib.error,
+)
+"""What zipfile, zlib and numpy raise for no archive, or a damaged, encrypted or pickled one."""
+MOST_BYTES = 4 << 30
+"""Of all members together: two minutes of a camera, or forty times the largest public data set."""
+MOST_RATIO, SMALL_BYTES = 500, 16 << 20
+"""Measured numbers shrink to a fifth and drawn pictures to a hundredth of their size.
+
+A small archive of zeros does no harm.
+"""
+MOST_DIRECTORY_BYTES = 1 << 20
+"""The list of members is read as a whole; this is enough for some ten thousand members."""
+_END, _END_BYTES, _LONGEST_COMMENT = b"PK\x05\x06", 22, 65535
+_LOCATOR_64 = b"PK\x06\x07"
+_LOCATOR_64_BYTES = 20
+
+
+def require_modest_archive(path: Path) -> None:
+    """Raise TooLarge where an archive unpacks to too much, or an array claims more than it has.
+
+    Raises one of NOT_AN_ARCHIVE for a file that is no archive.
+    """
+    _require_short_directory(path)
+    with zipfile.ZipFile(path) as archive:
+        members = archive.infolist()
+        unpacked = sum(one.file_size for one in members)
+        packed = sum(one.compress_size for one in members)
+        if unpacked > MOST_BYTES:
+            raise _too_large(f"it would unpack to {unpacked / 1e9:.1f} GB", path)
+        if unpacked > SMALL_BYTES and unpacked > MOST_RATIO * packed:
+            raise _too_large(
+                f"it would unpack to {unpacked // max(packed, 1)} times its size", path
+            )
+        if not {one.compress_type for one in members} <= {
+            zipfile.ZIP_STORED,
+            zipfile.ZIP_DEFLATED,
+        }:
+            raise ValueError("a compression method that numpy and skops do not write")
+        for member in members:
+            if member.filename.endswith(".npy"):
+                with archive.open(member) as opened:
+                    _require_claim(opened, member, path)
+
+
+def _require_claim(opened: IO[bytes], member: zipfile.ZipInfo, path: Path) -> None:
+    """The shape in an array's header must match the member's size."""
+    if np.lib.format.read_magic(opened) != (1, 0):
+        raise ValueError("an array header of another version")
+    shape, _, dtype = np.lib.format.read_array_header_1_0(opened)
+    claimed, there = math.prod(shape) * dtype.itemsize, member.file_size - opened.tell()
+    if not dtype.hasobject and claimed != there:
+        raise _too_large(
+            f"its array {member.filename} claims {claimed} bytes but has {there}", path
+        )
+
+
+def _require_short_directory(path: Path) -> None:
+    with path.open("rb") as file:
+        file.seek(0, 2)
+        file.seek(
+            max(0, file.tell() - _LONGEST_COMMENT - _END_BYTES - _LOCATOR_64_BYTES)
+        )
+        tail = file.read()
+    at = tail.rfind(_END)
+    long_form = at >= _LOCATOR_64_BYTES and tail[at - _LOCATOR_64_BYTES :].startswith(
+        _LOCATOR_64
+    )
+    if at >= 0 and (
+        long_form
+        or int.from_bytes(tail[at + 12 : at + 16], "little") > MOST_DIRECTORY_BYTES
+    ):
+        raise _too_large("its list of members is too long", path)
+
+
+def _too_large(what: str, path: Path) -> TooLarge:
+    return TooLarge(
+        what,
+        where=path,
+        cause="a damaged or malicious file",
+        next_step="copy the file again",
+    )

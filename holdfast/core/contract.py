@@ -1,0 +1,122 @@
+"""The whole domain on two screens: what comes in, what goes out, and the words for it.
+
+A *sample* is one reading of all sensors. Each sensor is a 3-axis Hall fingertip, and its three
+channels stand together: shear x, shear y, normal z. Six fingertips give 18 channels; any other
+multiple of three works (a 4x4 pad gives 48). A *recording* is samples at one rate, in one unit.
+
+The *situation* says what the hand is in; the *class* adds whether the object is light or heavy::
+
+    situation      class ids   meaning
+    nothing        0 / 1       no contact
+    grasp          2 / 3       the moment of grasping, and steady holding
+    safe_slip      4 / 5       voluntary: pass, put-down, release; no action wanted
+    risky_slip     6 / 7       involuntary: pull, fall; action wanted
+
+Even ids are light objects (under 150 g), odd ids heavy ones. The numbers grow with risk, so the
+rule for ties (the riskier one wins) is "the higher number wins" everywhere.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+AXES = ("x", "y", "z")
+NORMAL_AXIS = 2
+SITUATIONS = ("nothing", "grasp", "safe_slip", "risky_slip")
+CLASSES = tuple(
+    f"{situation}_{weight}" for situation in SITUATIONS for weight in ("light", "heavy")
+)
+LIGHT_BELOW_G = 150.0
+
+NOTHING, GRASP, SAFE_SLIP, RISKY_SLIP = range(4)
+
+Unit = Literal["N", "uT", "count"]
+UNITS: tuple[Unit, ...] = ("N", "uT", "count")
+State = Literal["unknown", "nothing", "grasp", "safe_slip", "risky_slip"]
+Reason = Literal[
+    "", "settling", "sensors", "repeats", "rate", "started_loaded", "late", "clock"
+]
+"""Why the state is unknown.
+
+settling: the history is not whole yet. sensors: too few sensors are usable. repeats: the whole hand
+repeats itself. rate: the rate is not the model's. started_loaded: the hand has not been empty since
+a loaded start. late: the answer is late. clock: the sample's stamp lies in the future.
+"""
+CommandLink = Literal["none", "live", "expired"]
+"""The user's commands: none has come yet, they come, or their sender went silent."""
+
+FloatArray = npt.NDArray[np.float64]
+BoolArray = npt.NDArray[np.bool_]
+
+RATE_TOLERANCE = 0.10
+"""A source may run within +-10 % of the rate a model was built for (median step)."""
+
+
+def class_id(situation: int, *, heavy: bool) -> int:
+    """Eight-class id of a situation index and a weight."""
+    return 2 * situation + int(heavy)
+
+
+def channel_names(n_sensors: int) -> tuple[str, ...]:
+    """Channel names in order: X1, Y1, Z1 .. Xn, Yn, Zn."""
+    return tuple(f"{axis.upper()}{k}" for k in range(1, n_sensors + 1) for axis in AXES)
+
+
+@dataclass(frozen=True)
+class Sample:
+    """One reading of all sensors.
+
+    t_ns: acquisition time, monotonic, ns. values: [C] in the unit of the source.
+    valid: [C/3], False where the driver knows that a sensor is lost, stale or saturated.
+    sequence: counts samples from 0, gaps show losses.
+    """
+
+    t_ns: int
+    values: FloatArray
+    valid: BoolArray
+    sequence: int
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """The answer at one sample (the output contract; one JSON line each).
+
+    t_acquired_ns, t_decided_ns, latency_us: monotonic clock. p_situation: the four situations,
+    always. p_class and weight: None where the model knows no weight, and in "nothing" and
+    "unknown". state and why: "unknown" wherever the samples or the time of the answer cannot be
+    trusted, and the reason; "" where the state is known. extra: further heads by name, such as
+    p_risky_250ms. detectors: which classical detectors fire. arm, act: the decision's debounced
+    request. act_ended: how the last act ended (edge_runtime/decision.py), None before the first act
+    and during one. opening, overridden, commands: what the user commands, whether an override
+    lasts, and whether the commands still come. late: older than two periods when it was given.
+    started_loaded: the hand held something at the start and has not been empty since; None where no
+    stored bias says what unloaded is. degraded: some sensors are missing, yet enough are left.
+    """
+
+    sequence: int
+    t_acquired_ns: int
+    t_decided_ns: int
+    latency_us: float
+    state: State
+    why: Reason
+    p_situation: dict[str, float]
+    p_risky: float
+    p_class: dict[str, float] | None
+    weight: Literal["light", "heavy"] | None
+    extra: dict[str, float]
+    detectors: dict[str, bool]
+    arm: bool
+    act: bool
+    act_ended: Literal["released", "timed_out", "opened", "overridden"] | None
+    opening: bool
+    overridden: bool
+    commands: CommandLink
+    late: bool
+    started_loaded: bool | None
+    degraded: bool
+    settled: bool
+    model_id: str

@@ -1,0 +1,187 @@
+"""Checks before an input is read to its end: its kind, its length, and the depth of its JSON.
+
+Cards in TOML, read and checked: an error names file, key, value and what is allowed.
+"""
+
+from __future__ import annotations
+
+import json
+import stat
+import tomllib
+from collections.abc import Collection, Mapping
+from pathlib import Path
+from typing import Any
+
+from holdfast.core.errors import CardError, DataNotFound, TooLarge
+
+Json = dict[str, Any]
+"""A JSON object as it stands in a file, looked up by its keys."""
+MOST_LEVELS = 32
+"""Our files nest less deeply; a thousand brackets in a row exhaust Python's stack."""
+
+
+def require_file(path: Path) -> None:
+    """Raise DataNotFound for a device or a pipe, which may never end, and for an invalid path.
+
+    For a missing file and for a folder, the code that opens it raises the error.
+    """
+    try:
+        mode = path.stat().st_mode
+    except (FileNotFoundError, NotADirectoryError, PermissionError):
+        return
+    except (OSError, ValueError) as error:
+        what = error.strerror if isinstance(error, OSError) else str(error)
+        raise DataNotFound(
+            f"not a valid path ({what})",
+            where=repr(str(path))[:80],
+            next_step="check the path",
+        ) from None
+    if not stat.S_ISREG(mode) and not stat.S_ISDIR(mode):
+        raise DataNotFound(
+            "a device or a pipe, not a file",
+            where=path,
+            next_step="write the data to a file first, and name that file",
+        )
+
+
+MOST_DOCUMENT_BYTES = 16 << 20
+"""Of a JSON or TOML file, or of its text; ours have a few thousand."""
+MOST_LINE_BYTES = 128 << 10
+"""Of one line of a table; a hand of 64 sensors needs 5,000.
+
+Python's csv has the same limit a cell.
+"""
+MOST_TABLE_BYTES = 4 << 30
+"""A table of six sensors reaches it after a day and a half."""
+CHUNK_BYTES = 64 << 10
+
+
+def text_of(path: Path) -> str:
+    """The text of a small file, UTF-8. Raises TooLarge, and what opening and decoding it raise."""
+    size = path.stat().st_size
+    if size > MOST_DOCUMENT_BYTES:
+        raise TooLarge(
+            f"more than {MOST_DOCUMENT_BYTES >> 20} MiB of text",
+            where=path,
+            cause="another file",
+            next_step="check the path",
+        )
+    with path.open("rb") as file:
+        return file.read(size).decode("utf-8")
+
+
+def require_lines(path: Path) -> None:
+    """Raise TooLarge for a table or a line that is too long; raises also what opening it raises."""
+    with path.open("rb") as file:
+        if path.stat().st_size > MOST_TABLE_BYTES:
+            raise TooLarge(
+                f"more than {MOST_TABLE_BYTES >> 30} GiB",
+                where=path,
+                next_step="split the recording",
+            )
+        number, begun = 1, 0
+        while chunk := file.read(CHUNK_BYTES):
+            ends = [at for at in (chunk.find(b"\n"), chunk.find(b"\r")) if at >= 0]
+            if begun + min(ends, default=len(chunk)) > MOST_LINE_BYTES:
+                raise TooLarge(
+                    f"line {number} is longer than {MOST_LINE_BYTES} bytes",
+                    where=path,
+                    cause="it is another file, or its line ends were lost",
+                    next_step="copy it again",
+                )
+            begun = (
+                len(chunk) - 1 - max(chunk.rfind(b"\n"), chunk.rfind(b"\r"))
+                if ends
+                else begun + len(chunk)
+            )
+            number += chunk.count(b"\n")
+
+
+def json_of(text: str | bytes) -> Any:
+    """json.loads with one kind of error: ValueError, also for text that is too long or too deep."""
+    if len(text) > MOST_DOCUMENT_BYTES:
+        raise ValueError("too long")
+    try:
+        value = json.loads(text)
+    except RecursionError:
+        raise ValueError("nested too deep") from None
+    level = [value]
+    for _ in range(MOST_LEVELS):
+        level = [one for inner in level for one in _within(inner)]
+        if not level:
+            return value
+    raise ValueError("nested too deep")
+
+
+def _within(value: Any) -> list[Any]:
+    """The lists and objects one level down."""
+    inner = (
+        value.values()
+        if isinstance(value, dict)
+        else value
+        if isinstance(value, list)
+        else ()
+    )
+    return [one for one in inner if isinstance(one, dict | list)]
+
+
+def read_toml(path: Path) -> tuple[str, Json]:
+    """(text, tables) of a card. Raises CardError, and FileNotFoundError where there is no file."""
+    try:
+        text = text_of(path)
+        return text, tomllib.loads(text)
+    except FileNotFoundError:
+        raise
+    except (OSError, UnicodeDecodeError) as error:
+        raise CardError(
+            "cannot be read as text", where=path, cause=type(error).__name__
+        ) from None
+    except RecursionError:
+        raise CardError(
+            "not valid TOML: nested too deep",
+            where=path,
+            next_step="remove the brackets",
+        ) from None
+    except (
+        ValueError
+    ) as error:  # TOMLDecodeError, or a number with more digits than Python converts
+        raise CardError(
+            f"not valid TOML: {str(error)[:200]}",
+            where=path,
+            next_step="correct that line",
+        ) from None
+
+
+class CardReader:
+    """Checks of one card that every kind of card needs."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def table(self, raw: Mapping[str, Any], name: str) -> Json:
+        """A copy of a section, empty where the card has none. Raises CardError."""
+        value = raw.get(name, {})
+        return dict(self.require_table(name, value))
+
+    def require_table(self, key: str, value: Any) -> Json:
+        """The value if it is a table. Raises CardError."""
+        if not isinstance(value, dict):
+            raise self.refused(key, value, f"a table: [{key}]")
+        return value
+
+    def require_known(
+        self, names: Collection[str], allowed: Collection[str], what: str
+    ) -> None:
+        """Raise CardError for a name that is not among those allowed."""
+        for name in names:
+            if name not in allowed:
+                raise CardError(
+                    f"{what}: {name!r} is not known",
+                    where=self.path,
+                    next_step=f"allowed: {', '.join(allowed)}",
+                )
+
+    def refused(self, key: str, value: Any, allowed: str) -> CardError:
+        """The error for a value that a key cannot have."""
+        what = f"{key} = {repr(value)[:80]}"
+        return CardError(what, where=self.path, next_step=f"allowed: {allowed}")

@@ -1,0 +1,339 @@
+"""A trial's tactile.csv during recording: append-only, one line a sample.
+
+    Time, X1, Y1, Z1 .. Zn, host_ns, sequence, valid1 .. validn
+
+Every line is one write to the system, so a killed program loses at most the sample that it was
+writing. Once a second of sample time, a thread syncs the file to the disk: a slow card delays no
+sample, and a power cut costs about that second. `mend` moves a torn last line to another file, and
+nothing else. An edited header, rows with another number of cells, or text among the samples are
+damage of another kind: such a file is refused unchanged, for a person to correct.
+
+Repair of a line file that a kill or a power cut has torn: its end moves to `<file>.torn`.
+
+A killed program leaves a part of a line; a power cut may leave zeros behind it. Nothing is deleted.
+"""
+
+from __future__ import annotations
+
+import os
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from queue import SimpleQueue
+
+from holdfast.core.contract import BoolArray, FloatArray, channel_names
+from holdfast.core.errors import ColumnError, EmptyRecording, NotANumber, OutputError
+from holdfast.core.trial_file import TIME_COLUMN, check_columns
+from holdfast.core.writing import write_whole
+
+TORN = ".torn"
+
+
+@dataclass(frozen=True)
+class MendResult:
+    """The result of a repair.
+
+    Whole lines of data, bytes of the torn end, and the file that has them.
+
+    torn is None where nothing was torn.
+    """
+
+    rows: int
+    cut_bytes: int
+    torn: Path | None
+
+
+def mend_lines(path: Path, is_whole: Callable[[bytes], bool]) -> MendResult:
+    """Move the torn end of a file without a header to its own file.
+
+    is_whole: judges a last line without its newline. Raises EmptyRecording without a file,
+    OutputError.
+    """
+    data = read_damaged(path)
+    text = data.rstrip(b"\0")
+    begin = text.rfind(b"\n") + 1
+    kept_bytes = len(text) if begin == len(text) or is_whole(text[begin:]) else begin
+    lines = [line for line in text[:kept_bytes].split(b"\n") if line.strip()]
+    return MendResult(
+        len(lines), len(data) - kept_bytes, move_aside(path, data, kept_bytes)
+    )
+
+
+def move_aside(path: Path, data: bytes, kept_bytes: int) -> Path | None:
+    """Copy the data after kept_bytes to a new file, then cut the original there; None without any.
+
+    An earlier torn end is never overwritten.
+    """
+    torn = data[kept_bytes:]
+    if not torn:
+        return None
+    target, number = path.with_name(path.name + TORN), 1
+    while target.exists() and read_damaged(target) != torn:
+        number += 1
+        target = path.with_name(f"{path.name}{TORN}{number}")
+    write_whole(target, torn)
+    try:
+        os.truncate(path, kept_bytes)
+    except OSError as error:
+        raise _unmended(path, error) from None
+    return target
+
+
+def read_damaged(path: Path) -> bytes:
+    """A file's bytes.
+
+    Raises EmptyRecording without the file, OutputError where it cannot be read.
+    """
+    try:
+        return path.read_bytes()
+    except FileNotFoundError:
+        raise EmptyRecording(
+            "does not exist",
+            where=path,
+            cause="the recorder was killed at once",
+            next_step="record again",
+        ) from None
+    except OSError as error:
+        raise _unmended(path, error) from None
+
+
+def _unmended(path: Path, error: OSError) -> OutputError:
+    return OutputError(
+        f"cannot be repaired ({error.strerror})",
+        where=path,
+        next_step="copy the file and repair the copy",
+    )
+
+
+SYNC_EVERY_NS = 1_000_000_000
+MOST_SENSORS = 64
+IN_NUMBERS = b"0123456789+-.einfa"
+"""The characters of numbers, nan and inf."""
+UNCHANGED, EDITED = (
+    "nothing was changed",
+    "a header or a line was edited, or a newline was lost",
+)
+
+
+class TactileFile:
+    """A new file for n_channels. rows: whole lines. Raises OutputError.
+
+    Lines written before it stay.
+    """
+
+    def __init__(self, path: Path, n_channels: int) -> None:
+        self.path, self.rows, self._size = path, 0, 0
+        try:
+            self._file = path.open("xb", buffering=0)
+        except OSError as error:
+            raise self._failed(error) from None
+        self._sync = _Sync(self._file.fileno())
+        self._first_ns = self._synced_ns = 0
+        try:
+            self._append(header_line(n_channels // 3))
+        except OutputError:
+            self._sync.close()
+            self._file.close()
+            raise
+
+    def write(
+        self,
+        t_ns: int,
+        host_ns: int,
+        sequence: int,
+        values: FloatArray,
+        valid: BoolArray,
+    ) -> float:
+        """Write one sample with all digits, nan where nothing came.
+
+        Returns its Time, s from the first.
+        """
+        if not self.rows:
+            self._first_ns = self._synced_ns = t_ns
+        time_ns = t_ns - self._first_ns
+        cells = [
+            f"{time_ns // 10**9}.{time_ns % 10**9:09d}",
+            *map(repr, values.tolist()),
+            str(host_ns),
+            str(sequence),
+        ]
+        self._append(",".join([*cells, *("1" if one else "0" for one in valid)]))
+        self.rows += 1
+        if t_ns - self._synced_ns >= SYNC_EVERY_NS:
+            self._synced_ns = t_ns
+            self._sync.request()
+        return 1e-9 * time_ns
+
+    def close(self) -> None:
+        """Sync and close the file. Raises OutputError where the disk fails."""
+        self._sync.request()
+        self._sync.close()
+        self._file.close()
+        self._raise_unsynced()
+
+    def _append(self, line: str) -> None:
+        self._raise_unsynced()
+        data = f"{line}\n".encode()
+        try:
+            if self._file.write(data) != len(data):
+                raise OSError(28, os.strerror(28))
+        except OSError as error:
+            os.ftruncate(self._file.fileno(), self._size)
+            raise self._failed(error) from None
+        self._size += len(data)
+
+    def _raise_unsynced(self) -> None:
+        if self._sync.failed is not None:
+            raise self._failed(self._sync.failed)
+
+    def _failed(self, error: OSError) -> OutputError:
+        return OutputError(
+            f"cannot write ({error.strerror})",
+            where=self.path,
+            cause="a full disk, no permission, or an old file",
+            next_step="make room; the recording up to here is kept",
+        )
+
+
+def header_line(n_sensors: int) -> str:
+    """The first line of a file with this many sensors, without its newline."""
+    head = [TIME_COLUMN, *channel_names(n_sensors), "host_ns", "sequence"]
+    return ",".join([*head, *(f"valid{k}" for k in range(1, n_sensors + 1))])
+
+
+class _Sync:
+    """fsync in a thread, once for each request."""
+
+    def __init__(self, handle: int) -> None:
+        self.failed: OSError | None = None
+        self._handle, self._requests = handle, SimpleQueue[bool]()
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+
+    def request(self) -> None:
+        self._requests.put(True)
+
+    def close(self) -> None:
+        self._requests.put(False)
+        self._thread.join()
+
+    def _run(self) -> None:
+        while self._requests.get():
+            try:
+                os.fsync(self._handle)
+            except OSError as error:
+                self.failed = error
+
+
+def mend(path: Path) -> MendResult:
+    """Move what follows the last whole row of a tactile.csv to another file.
+
+    A whole row without its newline is whole. Raises EmptyRecording where the file ends within its
+    header, ColumnError or NotANumber where header and rows disagree, and OutputError; the file is
+    then unchanged.
+    """
+    data = read_damaged(path)
+    header, newline, body = data.rstrip(b"\0").partition(b"\n")
+    if not newline:
+        raise _without_rows(header, path)
+    lines = body.splitlines(keepends=True)
+    n_cells = _require_header(header, lines, path)
+    whole = lines[:-1] if lines and _is_torn(lines[-1], n_cells) else lines
+    for number, line in enumerate(whole, start=2):
+        _require_row(line, n_cells, path, number)
+    kept_bytes = len(header) + 1 + sum(map(len, whole))
+    rows = sum(1 for line in whole if line.strip())
+    return MendResult(rows, len(data) - kept_bytes, move_aside(path, data, kept_bytes))
+
+
+def _require_header(header: bytes, lines: list[bytes], path: Path) -> int:
+    """How many cells a row has by the header.
+
+    Raises ColumnError, with the header that the rows need.
+    """
+    columns = [
+        name.strip() for name in header.decode("utf-8-sig", "replace").split(",")
+    ]
+    try:
+        check_columns(columns, path)
+    except ColumnError as error:
+        step = _by_hand(lines[0].count(b",") + 1 if lines else 0)
+        raise ColumnError(
+            f"{error.what}: {UNCHANGED}", where=path, cause=EDITED, next_step=step
+        ) from None
+    return len(columns)
+
+
+def _is_torn(line: bytes, n_cells: int) -> bool:
+    """Whether a last line is the beginning of a row, or holds zeros from a power cut."""
+    if b"\0" in line:
+        return True
+    *whole, last = line.rstrip(b"\r\n").split(b",")
+    begun = all(map(_is_number, whole)) and not last.strip(IN_NUMBERS)
+    short = len(whole) + 1 < n_cells or (
+        len(whole) + 1 == n_cells and not _is_number(last)
+    )
+    return bool(line.strip()) and begun and short
+
+
+def _require_row(line: bytes, n_cells: int, path: Path, number: int) -> None:
+    """Raise ColumnError or NotANumber for a line that is not a row of the header's.
+
+    Ignore empty lines.
+    """
+    cells = line.split(b",")
+    if not line.strip():
+        return
+    if len(cells) != n_cells:
+        what = f"line {number} has {len(cells)} cells, the header has {n_cells}: {UNCHANGED}"
+        raise ColumnError(
+            what, where=path, cause=EDITED, next_step=_by_hand(len(cells))
+        )
+    if not all(map(_is_number, cells)):
+        raise NotANumber(
+            f"line {number} is not a row of numbers: {UNCHANGED}",
+            where=path,
+            cause="zeros of a power cut, or two recordings in one file",
+            next_step="correct that line by hand",
+        )
+
+
+def _by_hand(n_cells: int) -> str:
+    """The next step, with the recorder's header if rows of n_cells fit one (3 + 4 a sensor)."""
+    sensors, rest = divmod(n_cells - 3, 4)
+    fits = not rest and 0 < sensors <= MOST_SENSORS
+    return "correct it by hand" + (
+        f"; the recorder's header is {header_line(sensors)}" if fits else ""
+    )
+
+
+def _is_number(cell: bytes) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return b"_" not in cell
+
+
+def _without_rows(line: bytes, path: Path) -> EmptyRecording | ColumnError:
+    """The error of a file with one line.
+
+    The beginning of the recorder's header, or something else.
+    """
+    if any(
+        header_line(sensors).encode().startswith(line)
+        for sensors in range(1, MOST_SENSORS + 1)
+    ):
+        return EmptyRecording(
+            "the header is incomplete",
+            where=path,
+            cause="killed at once",
+            next_step="record again",
+        )
+    return ColumnError(
+        f"one line, which is not the recorder's header: {UNCHANGED}",
+        where=path,
+        cause=EDITED,
+        next_step="correct it by hand",
+    )

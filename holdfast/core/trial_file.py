@@ -1,0 +1,345 @@
+"""One trial as a CSV file: `Time` in seconds first, then X1,Y1,Z1 .. Xn,Yn,Zn.
+
+The recorder adds columns of its own (host_ns, device_us, sequence, valid1 .. validn). Any other
+column is an error, because it may be a mistake. If there is a column `sequence`, the samples that
+it skips were lost; they become invalid rows instead of a gap.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+import warnings
+from collections import Counter
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from holdfast.core.contract import BoolArray, FloatArray, channel_names
+from holdfast.core.errors import (
+    ColumnError,
+    DataNotFound,
+    EmptyRecording,
+    NotANumber,
+    TimeError,
+    listed,
+)
+from holdfast.core.reading import require_file, require_lines
+
+TIME_COLUMN = "Time"
+RECORDER_COLUMNS = ("host_ns", "device_us", "sequence")
+MIN_ROWS = 2
+GAP_STEPS = 5.0
+"""A step of more than this many median steps is a gap that splits the trial.
+
+Rows lost in a shorter step are filled in as invalid, so that no later stage takes the rows around
+them for neighbours in time.
+"""
+LONGEST_S, LATEST_S = 1e6, 1e12
+MOST_LOST = 2
+"""A trial is refused if more than one sample in this many is lost."""
+IntArray = npt.NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A trial file as read: t_s [T] from zero, raw [T, C] in the file's unit, valid [T, C/3]."""
+
+    path: Path
+    t_s: FloatArray
+    raw: FloatArray
+    valid: BoolArray
+
+    @property
+    def rate_hz(self) -> float:
+        """Sampling rate by the median time of a tenth of the trial.
+
+        Single steps are rounded or late.
+        """
+        lag = 1 + len(self.t_s) // 10
+        return lag / float(np.median(self.t_s[lag:] - self.t_s[:-lag]))
+
+
+def read_trial(path: str | Path) -> Trial:
+    """Read and check one trial file.
+
+    Raises DataNotFound, EmptyRecording, ColumnError, NotANumber or TimeError; each names the place.
+    """
+    path = Path(path)
+    require_file(path)
+    header = _header(path)
+    check_columns(header, path)
+    return trial_of(header, _table(path, header), path)
+
+
+def trial_of(header: list[str], table: FloatArray, path: Path) -> Trial:
+    """A trial of a table [T, len(header)]; path: what its errors name.
+
+    Raises EmptyRecording, ColumnError or TimeError.
+    """
+    n_sensors = check_columns(header, path)
+    require_rows(table, path)
+    counted = table[:, header.index("sequence")] if "sequence" in header else None
+    t_s = _check_time(table[:, 0], path, gaps_counted=counted is not None)
+    raw = table[:, 1 : 1 + 3 * n_sensors]
+    trial = Trial(path, t_s, raw, _valid(table, header, n_sensors))
+    return _with_lost_rows(
+        trial,
+        places_by_time(t_s) if counted is None else _places_by_sequence(counted, path),
+    )
+
+
+def places_by_time(t_s: FloatArray) -> IntArray:
+    """[T] the index of every row in a stream with the usual step."""
+    steps = np.diff(t_s)
+    places: IntArray = np.zeros(len(t_s), dtype=np.int64)
+    places[1:] = np.cumsum(np.maximum(1, np.round(steps / np.median(steps))))
+    return places
+
+
+def _places_by_sequence(counted: FloatArray, path: Path) -> IntArray:
+    """[T] the same from the column `sequence`, which counts every lost sample. Raises TimeError."""
+    if (
+        not (np.abs(counted) < LATEST_S).all()
+        or (np.diff(counted) < 1.0).any()
+        or (counted % 1.0 != 0.0).any()
+    ):
+        raise TimeError(
+            "the column sequence does not count up",
+            where=path,
+            cause="lines were moved, or the file holds two recordings",
+            next_step="record again",
+        )
+    place: IntArray = (counted - counted[0]).astype(np.int64)
+    if place[-1] + 1 > MOST_LOST * len(place):
+        raise TimeError(
+            f"{place[-1] + 1 - len(place)} of {place[-1] + 1} samples were lost",
+            where=path,
+            cause="the machine is too slow for this rate, or it was suspended",
+            next_step="record again, at a lower rate",
+        )
+    return place
+
+
+def _with_lost_rows(trial: Trial, place: IntArray) -> Trial:
+    """The trial with a row of nan, marked invalid, for every sample that never came."""
+    if place[-1] == len(place) - 1:
+        return trial
+    rows = np.arange(place[-1] + 1)
+    raw = np.full((len(rows), trial.raw.shape[1]), np.nan)
+    valid = np.zeros((len(rows), trial.valid.shape[1]), dtype=np.bool_)
+    raw[place], valid[place] = trial.raw, trial.valid
+    return Trial(trial.path, np.interp(rows, place, trial.t_s), raw, valid)
+
+
+def _header(path: Path) -> list[str]:
+    try:
+        require_lines(path)
+        with path.open(newline="", encoding="utf-8-sig") as lines:
+            header = next(csv.reader(lines), [])
+    except FileNotFoundError:
+        raise DataNotFound(
+            "no such file", where=path, next_step="check the path"
+        ) from None
+    except PermissionError:
+        raise DataNotFound(
+            "no permission to read it", where=path, next_step="change its permissions"
+        ) from None
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise NotANumber(
+            f"cannot be read as a CSV text file ({type(error).__name__})",
+            where=path,
+            cause="it is a binary file or a folder, not a trial",
+            next_step="give a CSV file in the layout Time,X1,Y1,Z1,..",
+        ) from None
+    if not header:
+        raise EmptyRecording(
+            "the file is empty",
+            where=path,
+            cause="the copy was interrupted",
+            next_step="record or copy it again",
+        )
+    return [name.strip() for name in header]
+
+
+def check_columns(header: list[str], path: Path) -> int:
+    """Number of sensors, or a ColumnError that names the columns."""
+    fix = "the layout is Time,X1,Y1,Z1,X2,.. with three columns a sensor"
+    if header[0] != TIME_COLUMN:
+        raise ColumnError(
+            f"the first column is {header[0]!r:.40}, not {TIME_COLUMN!r}",
+            where=path,
+            next_step=fix,
+        )
+    doubled = sorted(name for name, count in Counter(header).items() if count > 1)
+    if doubled:
+        raise ColumnError(
+            f"columns occur twice: {listed(doubled)}", where=path, next_step=fix
+        )
+    n_sensors = max((int(name[1:]) for name in header if _is_channel(name)), default=0)
+    expected = channel_names(n_sensors)
+    there = set(header)
+    missing = (
+        [name for name in expected if name not in there]
+        if n_sensors
+        else ["X1", "Y1", "Z1", ".."]
+    )
+    if missing:
+        raise ColumnError(
+            f"columns missing: {listed(missing)}", where=path, next_step=fix
+        )
+    known = {
+        TIME_COLUMN,
+        *expected,
+        *RECORDER_COLUMNS,
+        *(f"valid{k}" for k in range(1, n_sensors + 1)),
+    }
+    unknown = [name for name in header if name not in known]
+    if unknown:
+        raise ColumnError(
+            f"unknown columns: {listed(unknown)}",
+            where=path,
+            next_step=f"remove them; {fix}",
+        )
+    if tuple(header[1 : 1 + len(expected)]) != expected:
+        raise ColumnError("channels are out of order", where=path, next_step=fix)
+    return n_sensors
+
+
+def _is_channel(name: str) -> bool:
+    return (
+        len(name) > 1
+        and name[0] in "XYZ"
+        and name[1:].isdecimal()
+        and name[1:].isascii()
+        and len(name) < 5
+    )
+
+
+def _table(path: Path, header: list[str]) -> FloatArray:
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)
+            table = np.loadtxt(
+                path,
+                delimiter=",",
+                skiprows=1,
+                ndmin=2,
+                comments=None,
+                quotechar='"',
+                encoding="utf-8-sig",
+            )
+    except (ValueError, UnicodeDecodeError):
+        raise _first_bad_cell(path, header) from None
+    if table.size and table.shape[1] != len(header):
+        raise _first_bad_cell(path, header)
+    return table
+
+
+def require_rows(table: FloatArray, path: Path) -> None:
+    """Raise EmptyRecording for a table with less than two rows."""
+    if len(table) < MIN_ROWS:
+        raise EmptyRecording(
+            f"{len(table)} rows of data",
+            where=path,
+            cause="the recording stopped at once",
+            next_step="record it again",
+        )
+
+
+def _first_bad_cell(path: Path, header: list[str]) -> NotANumber | ColumnError:
+    unreadable = NotANumber(
+        "the table cannot be read", where=path, next_step="write plain decimal numbers"
+    )
+    try:
+        return _bad_cell(path, header) or unreadable
+    except csv.Error:
+        return unreadable
+
+
+def _bad_cell(path: Path, header: list[str]) -> NotANumber | ColumnError | None:
+    with path.open(newline="", encoding="utf-8-sig", errors="replace") as lines:
+        rows = csv.reader(lines)
+        next(rows, None)
+        for number, row in enumerate(rows, start=2):
+            if row and len(row) != len(header):
+                return ColumnError(
+                    f"line {number} has {len(row)} cells, the header has {len(header)}",
+                    where=path,
+                    cause="the line was cut off while it was written",
+                    next_step="remove that line",
+                )
+            for name, cell in zip(header, row, strict=False):
+                if not _is_number(cell):
+                    return NotANumber(
+                        f"line {number}, column {name}: {cell!r:.40} is not a number",
+                        where=path,
+                        cause="text or an empty cell in the data",
+                        next_step="write nan for a value that was lost",
+                    )
+    return None
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return "_" not in cell
+
+
+def _check_time(
+    time_s: FloatArray, path: Path, *, gaps_counted: bool = False
+) -> FloatArray:
+    """Time from zero, or a TimeError that names the line."""
+    plausible = np.abs(time_s) < LATEST_S
+    if not plausible.all():
+        line = int(np.flatnonzero(~plausible)[0]) + 2
+        raise TimeError(
+            f"line {line}: time is not finite, or impossibly large",
+            where=path,
+            next_step="remove that line",
+        )
+    steps = np.diff(time_s)
+    if np.any(steps <= 0.0):
+        at = int(np.flatnonzero(steps <= 0.0)[0])
+        word = (
+            "stands still"
+            if steps[at] == 0.0
+            else f"runs backwards by {-steps[at]:.6g} s"
+        )
+        raise TimeError(
+            f"line {at + 3}: time {word}",
+            where=path,
+            cause="the clock was set, or the file holds two recordings",
+            next_step="split the file there",
+        )
+    median = float(np.median(steps))
+    if steps.max() > GAP_STEPS * median and not gaps_counted:
+        at = int(np.argmax(steps))
+        raise TimeError(
+            f"line {at + 3}: a gap of {steps[at]:.6g} s where {median:.6g} s is usual",
+            where=path,
+            cause="samples were lost",
+            next_step="split the file there, or fill lost rows with nan at the usual step",
+        )
+    if not math.isfinite(1.0 / median) or time_s[-1] - time_s[0] > LONGEST_S:
+        raise TimeError(
+            f"{time_s[-1] - time_s[0]:.4g} s in steps of {median:.4g} s",
+            where=path,
+            next_step="give the column Time in seconds",
+        )
+    from_zero: FloatArray = time_s - time_s[0]
+    return from_zero
+
+
+def _valid(table: FloatArray, header: list[str], n_sensors: int) -> BoolArray:
+    valid = np.ones((len(table), n_sensors), dtype=np.bool_)
+    column = {name: index for index, name in enumerate(header)}
+    for k in range(n_sensors):
+        index = column.get(f"valid{k + 1}")
+        if index is not None:
+            valid[:, k] = table[:, index] != 0.0
+    return valid

@@ -1,0 +1,133 @@
+"""Results appear whole or not at all: written under a temporary name, then renamed.
+
+A new file has the permissions that the umask leaves; a file that replaces another one keeps the
+other's.
+"""
+
+from __future__ import annotations
+
+import os
+import secrets
+import shutil
+import stat
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import BinaryIO
+
+from holdfast.core.errors import OutputError
+
+UNFINISHED = ".unfinished"
+"""The end of a folder's name until everything in it is written."""
+
+
+def write_whole(path: str | Path, data: bytes | str) -> Path:
+    """Write a file so that no reader ever sees a part of it. Raises OutputError."""
+    path = Path(path)
+    content = data.encode() if isinstance(data, str) else data
+    temporary = path.with_name(f".{path.name}.{secrets.token_hex(8)}")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        try:
+            with temporary.open("xb") as file:
+                _keep_permissions(path, file)
+                file.write(content)
+            os.replace(temporary, path)
+        except BaseException:
+            temporary.unlink(missing_ok=True)
+            raise
+    except OSError as error:
+        raise _unwritable(path, error) from None
+    return path
+
+
+def _keep_permissions(path: Path, file: BinaryIO) -> None:
+    """Give a new, still empty file the permissions of the file that it will replace, if any."""
+    if path.exists():
+        before, now = (
+            stat.S_IMODE(one.st_mode) for one in (path.stat(), os.fstat(file.fileno()))
+        )
+        if before != now:
+            os.fchmod(file.fileno(), before)
+
+
+@contextmanager
+def whole_folder(folder: Path) -> Iterator[Path]:
+    """A folder to fill.
+
+    It gets its name when the block ends, and is removed when the block fails.
+
+    Until then it is called `<folder>.unfinished`, so that a killed program leaves nothing that
+    looks whole. In a folder that exists it is `<folder>/.unfinished`, and its content moves up at
+    the end, in place of files of the same names. Raises OutputError where nothing can be written,
+    or where the unfinished folder of another run exists.
+    """
+    unfinished = (
+        folder / UNFINISHED
+        if folder.is_dir()
+        else folder.with_name(folder.name + UNFINISHED)
+    )
+    try:
+        unfinished.mkdir(parents=True)
+    except FileExistsError:
+        raise OutputError(
+            "exists already",
+            where=unfinished,
+            cause="another run is writing it, or a run was killed",
+            next_step="wait for that run, or remove this folder",
+        ) from None
+    except OSError as error:
+        raise _unwritable(folder, error) from None
+    try:
+        yield unfinished
+        _give_name(unfinished, folder)
+    except BaseException:
+        shutil.rmtree(unfinished, ignore_errors=True)
+        raise
+
+
+def _give_name(unfinished: Path, folder: Path) -> None:
+    """Rename a finished folder, or move its content up. Raises OutputError."""
+    try:
+        if unfinished.parent != folder:
+            unfinished.rename(folder)
+            return
+        for path in sorted(unfinished.iterdir()):
+            path.rename(folder / path.name)
+        unfinished.rmdir()
+    except OSError as error:
+        raise _unwritable(folder, error) from None
+
+
+def require_writable(folder: str | Path) -> None:
+    """Check, before long work starts, that a folder or the place for it takes a file.
+
+    Leaves nothing behind. Raises OutputError.
+    """
+    folder = Path(folder)
+    there = next(
+        place for place in (folder, *folder.absolute().parents) if place.exists()
+    )
+    try:
+        with tempfile.TemporaryFile(dir=there):
+            pass
+    except OSError as error:
+        raise _unwritable(folder, error) from None
+
+
+def remove(path: Path) -> None:
+    """Remove a file if it exists. Raises OutputError."""
+    try:
+        path.unlink(missing_ok=True)
+    except OSError as error:
+        raise _unwritable(path, error) from None
+
+
+def _unwritable(path: Path, error: OSError) -> OutputError:
+    return OutputError(
+        f"cannot write ({error.strerror})",
+        where=path,
+        cause="no permission, a full disk, or a file in place of a folder",
+        next_step="choose another place to write to",
+    )

@@ -1,0 +1,269 @@
+"""Bring-up of one TMAG5273: wake, identify, give it its own address, configure, read back.
+
+Nothing is written to an address before a TMAG5273 has identified itself there. A register read is a
+read, although it sends the register's number: that number only sets a pointer in every chip that
+has registers.
+
+Whether a chip's packets can be trusted, by the CRC after each; the CRC is tested first.
+
+The CRC finds every error of one to three bits in a packet, and all but one in 256 of the others.
+Two chips at one address are another matter: zeros win bit by bit, and about one such packet in a
+hundred has a CRC that fits by chance. So no packet is trusted alone:
+
+    at first                        8 different packets in a row must fit
+    after one that does not fit     two in a row must fit; the second one counts
+    after two that do not fit       8 again, and the driver brings the chip up again
+
+Some chips in the field begin their CRC with another seed than the data sheet's (TI E2E 1200004,
+1558871). Such a CRC is off by the same bits in every packet, which never happens with two chips at
+one address. The test finds these bits and allows for them. A chip whose last byte is the same for
+different packets sends no CRC at all.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+from holdfast.core.errors import DeviceNotFound, WrongDevice
+from holdfast.drivers.bus import Bus, Transfer
+from holdfast.drivers.layout import Finger
+from holdfast.drivers.tmag5273 import (
+    CHECKED_BYTES,
+    MANUFACTURER_ID,
+    PACKET_BYTES,
+    RANGES_MT,
+    REGISTERS,
+    RESERVED_STATUS,
+    RESULTS,
+    TRIGGER,
+    Setup,
+    conversion_s,
+    packet,
+    packet_crc,
+)
+
+WAKE_S = 100e-6
+READ_BACK = 9
+"""The configuration is in this many registers, from 0 on."""
+CONFIG, IDENTITY = (
+    REGISTERS["DEVICE_CONFIG_1"].address,
+    REGISTERS["I2C_ADDRESS"].address,
+)
+STATUS, DEVICE = REGISTERS["CONV_STATUS"], REGISTERS["DEVICE_STATUS"]
+PACKETS_LOOKED_AT = 12
+CRCS_TO_AGREE = 6
+COUNTS_TO_SEE = 4
+CONVERTED = 0x01
+"""The lower five bits of CONV_STATUS after a conversion: RESULT_STATUS, and nothing wrong."""
+LONGEST_CONVERSION_S = conversion_s(32)
+
+Pause = Callable[[float], None]
+
+
+def bring_up(
+    bus: Bus, finger: Finger, setup: Setup, pause: Pause, *, known: bool = False
+) -> int:
+    """Make a finger's chip ready, its channel being enabled. Returns the chip's version, 1 or 2.
+
+    known: a TMAG5273 has identified itself at this place before, so it may be written to at once.
+
+    Raises DeviceNotFound where nothing answers, WrongDevice for another chip or one that does not
+    keep its configuration, and what the bridge raises.
+    """
+    plain = dict(setup.plain.registers())
+    if finger.moved is not None:
+        _move(bus, finger.address, finger.moved, pause, known=known)
+    version = identify(bus, finger.read_at, pause, plain[CONFIG], known=known)
+    _configure(bus, finger.read_at, plain)
+    if setup.packets:
+        bus.scan(
+            [Transfer(finger.read_at, bytes([CONFIG, dict(setup.registers())[CONFIG]]))]
+        )
+    return version
+
+
+def identify(
+    bus: Bus, address: int, pause: Pause, config: int = 0, *, known: bool = False
+) -> int:
+    """Wake the chip, check that it is a TMAG5273, return its version.
+
+    Raises DeviceNotFound, WrongDevice.
+
+    Only a chip that was left in 1-byte mode is written to, and only after its packets have shown
+    that it is a TMAG5273, or at once where it is known. The driver then writes config to its
+    DEVICE_CONFIG_1, so that its registers can be read again.
+    """
+    registers = Transfer(address, bytes([CONFIG, config]))
+    if known and not bus.scan([registers])[0].acked:
+        pause(WAKE_S)
+        bus.scan([registers])
+    answer = _identity(bus, address, pause)
+    if _version(answer) is None and _sends_packets(bus, address, pause):
+        bus.scan([registers])
+        answer = _identity(bus, address, pause)
+    version = _version(answer)
+    if version is None:
+        maker = int.from_bytes(answer[2:4], "little")
+        raise WrongDevice(
+            f"maker {maker:#06x}, version {answer[1] & 3}: no TMAG5273",
+            where=f"{address:#04x}",
+            cause="another chip, two chips at one address, or a chip left in 1-byte mode",
+            next_step="holdfast scan lists the chips; or switch the sensor's power off and on",
+        )
+    return version
+
+
+def _identity(bus: Bus, address: int, pause: Pause) -> bytes:
+    """Four registers from I2C_ADDRESS on.
+
+    A sleeping chip does not acknowledge the read that wakes it.
+    """
+    ask = Transfer(address, bytes([IDENTITY]), 4)
+    reply = bus.scan([ask])[0]
+    if not reply.acked:
+        pause(WAKE_S)
+        reply = bus.scan([ask])[0]
+    if not reply.acked:
+        raise DeviceNotFound(
+            "does not answer",
+            where=f"{address:#04x}",
+            cause="no power, or a broken wire",
+        )
+    return reply.data
+
+
+def _version(identity: bytes) -> int | None:
+    """1 or 2 for a TMAG5273, None for another chip."""
+    maker, version = int.from_bytes(identity[2:4], "little"), identity[1] & 3
+    return version if maker == MANUFACTURER_ID and version in RANGES_MT else None
+
+
+def _sends_packets(bus: Bus, address: int, pause: Pause) -> bool:
+    """Whether the chip is a TMAG5273 in 1-byte mode, judged by a dozen register reads.
+
+    In that mode the chip sends its packet, whatever register the request names. Either the CRC fits
+    every packet, or every status has the bits of a good conversion and its count goes on. The
+    highest bit of the register number starts a conversion in a chip that waits for a trigger. The
+    pauses differ, so that no count seems to stand still.
+    """
+    transfers = [
+        Transfer(address, bytes([number]), CHECKED_BYTES)
+        for number in (IDENTITY, TRIGGER | RESULTS)
+    ]
+    packets: list[bytes] = []
+    for k in range(PACKETS_LOOKED_AT):
+        packets.append(bus.scan([transfers[k % 2]])[0].data)
+        if (
+            len(packets[-1]) != CHECKED_BYTES
+            or packets[-1][PACKET_BYTES - 1] & RESERVED_STATUS
+        ):
+            return False
+        pause(LONGEST_CONVERSION_S * (1.0 + k / 16))
+    return _crcs_agree(address, packets) or _counts_go_on(packets)
+
+
+def _crcs_agree(address: int, packets: list[bytes]) -> bool:
+    """Whether all CRCs fit, or are off by the same bits, over several different packets."""
+    different = set(packets)
+    offsets = {one[-1] ^ packet_crc(address, one[:-1]) for one in different}
+    return len(offsets) == 1 and len(different) >= CRCS_TO_AGREE
+
+
+def _counts_go_on(packets: list[bytes]) -> bool:
+    found = [packet(one[:PACKET_BYTES]) for one in packets]
+    return (
+        all(one.status & 0x1F == CONVERTED for one in found)
+        and len({o.set_count for o in found}) >= COUNTS_TO_SEE
+    )
+
+
+def _move(bus: Bus, factory: int, moved: int, pause: Pause, *, known: bool) -> None:
+    """Give a chip its own address, unless it still has it. Raises what identify raises."""
+    try:
+        identify(bus, moved, pause, known=known)
+    except DeviceNotFound:
+        identify(bus, factory, pause, known=known)
+        bus.scan([Transfer(factory, bytes([IDENTITY, moved << 1 | 1]))])
+
+
+def _configure(bus: Bus, address: int, plain: Mapping[int, int]) -> None:
+    """Write the registers that differ, read them back, and only then clear POR.
+
+    Until POR is cleared, the chip reports a loss of power; clearing it earlier would hide one.
+    """
+    wanted = bytes(plain.get(register, 0) for register in range(READ_BACK))
+    read_back = Transfer(address, b"\0", READ_BACK)
+    held = bus.scan(
+        [Transfer(address, bytes([DEVICE.address, DEVICE.write_one_clears])), read_back]
+    )[1]
+    if held.data != wanted:
+        held = bus.scan(
+            [*(Transfer(address, bytes(one)) for one in plain.items()), read_back]
+        )[-1]
+    if held.data != wanted:
+        raise WrongDevice(
+            f"does not keep its configuration ({held.data.hex()}, not {wanted.hex()})",
+            where=f"{address:#04x}",
+            cause="two chips at one address, or noise on the bus",
+        )
+    bus.scan([Transfer(address, bytes([STATUS.address, STATUS.write_one_clears]))])
+
+
+TEST_PACKETS = 8
+MOST_TEST_PACKETS = 24
+"""If no 8 in a row fit among this many, the test has failed and begins again."""
+MISFITS_TO_DISTRUST = 2
+
+
+class PacketCheck:
+    """The check of one chip's packets."""
+
+    def __init__(self) -> None:
+        self.trusted = False
+        """The chip passed the test, and no packet has contradicted that since."""
+        self.absent = False
+        """The chip sends no CRC."""
+        self.failures = 0
+        """Tests failed, or trust lost, since the chip was last trusted."""
+        self.offset = 0
+        """Bits by which the chip's CRC differs from the data sheet's."""
+        self._last = b""
+        self._misfits = self._tested = self._agreed = self._same = 0
+
+    def believes(self, address: int, data: bytes) -> bool:
+        """Whether this packet (with its CRC) counts. address: where the chip was read."""
+        offset = data[-1] ^ packet_crc(address, data[:-1])
+        if not self.trusted:
+            self._test(offset, data)
+            return False
+        if offset == self.offset:
+            believed, self._misfits = not self._misfits, 0
+            return believed
+        self._misfits += 1
+        if self._misfits >= MISFITS_TO_DISTRUST:
+            self.trusted = False
+            self.failures += 1
+            self._begin()
+        return False
+
+    def _begin(self) -> None:
+        """Begin the test again."""
+        self._last = b""
+        self._misfits = self._tested = self._agreed = self._same = 0
+
+    def _test(self, offset: int, data: bytes) -> None:
+        """Count a packet of the test, unless it is the same as the last one."""
+        if data == self._last:
+            return
+        self._agreed = self._agreed + 1 if self._agreed and offset == self.offset else 1
+        self._same = self._same + 1 if data[-1:] == self._last[-1:] else 1
+        self.offset, self._last = offset, data
+        self._tested += 1
+        self.trusted = self._agreed >= TEST_PACKETS
+        self.absent = not self.trusted and self._same >= TEST_PACKETS
+        if self.trusted:
+            self.failures = 0
+            self._begin()
+        elif self._tested >= MOST_TEST_PACKETS:
+            self.failures += 1
+            self._begin()

@@ -1,0 +1,308 @@
+"""From field to force: one matrix [3, 3] in N/uT for each sensor.
+
+Where several sensors lie under one load (a pad, or six fingertips pressed in turn), each sensor
+gives its share, and the load is the sum of the shares. calibration_fit.py fits the matrices,
+calibration_file.py stores them, bias.py measures what the unloaded hand reads.
+
+Calibration and bias files: JSON, written with every digit, checked value by value.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from holdfast.core.contract import NORMAL_AXIS, UNITS, BoolArray, FloatArray
+from holdfast.core.errors import (
+    ChannelError,
+    DataError,
+    DataNotFound,
+    NotANumber,
+    UnitError,
+)
+from holdfast.core.reading import json_of, require_file, text_of
+from holdfast.core.writing import write_whole
+from holdfast.drivers.bias import Bias
+
+
+@dataclass(frozen=True)
+class CalibrationOrigin:
+    """Where a calibration comes from.
+
+    source: of the loads. date: as the caller gave it. load_unit: the unit in which the loads were
+    read. n: rows fitted. residual_n: [S, 3] RMSE over the fitted rows, nan where an axis was never
+    loaded; sensors under one load share the residual of that load.
+    """
+
+    source: str
+    date: str
+    load_unit: str
+    n: int
+    residual_n: FloatArray
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """matrix [S, 3, 3] N/uT; rest_ut [S, 3] the resting field, None where fields come tared.
+
+    reversed [S]: whose magnet is upside down. A row of zeros in a matrix is an axis that was never
+    loaded. The matrix is that of an upright magnet. A reversed magnet has the field of the other
+    sign on all three axes, and `apply` turns it.
+    """
+
+    matrix: FloatArray
+    rest_ut: FloatArray | None
+    reversed: BoolArray
+    meta: CalibrationOrigin
+
+    def apply(self, field_ut: FloatArray) -> FloatArray:
+        """[.., S, 3] uT -> [.., S, 3] N; a nan makes its whole sensor nan. Raises ChannelError."""
+        if field_ut.shape[-2:] != self.matrix.shape[:2]:
+            raise ChannelError(
+                f"a field of shape {list(field_ut.shape)} for {len(self.matrix)} sensors",
+                cause="the calibration is of another hand",
+                next_step=f"use fields [.., {len(self.matrix)}, 3], or calibrate this hand",
+            )
+        moved = field_ut if self.rest_ut is None else field_ut - self.rest_ut
+        force: FloatArray = np.einsum(
+            "sij,...sj->...si", self.matrix, turn(self.reversed) * moved
+        )
+        return force
+
+
+def turn(reversed_: BoolArray) -> FloatArray:
+    """[S, 1] the sign that turns a reversed magnet's field."""
+    return np.where(reversed_, -1.0, 1.0)[:, None]
+
+
+def rmse_normal(error_n: FloatArray) -> float:
+    """Root mean square of [.., 3] errors along the normal."""
+    return float(np.sqrt(np.mean(error_n[..., NORMAL_AXIS] ** 2)))
+
+
+def rmse_shear(error_n: FloatArray) -> float:
+    """Root mean square of [.., 3] errors over the loaded shear axes (not nan); nan without any."""
+    shear = np.delete(error_n, NORMAL_AXIS, axis=-1)
+    known = shear[np.isfinite(shear)]
+    return float(np.sqrt(np.mean(known**2))) if known.size else float("nan")
+
+
+FORMAT = 1
+CALIBRATION, BIAS = "calibration", "bias"
+NEXT = {
+    CALIBRATION: "write it again with holdfast calibrate PATH --out FILE",
+    BIAS: "take the bias again (holdfast bias), with nothing touching the hand",
+}
+
+
+def write_calibration(path: str | Path, calibration: Calibration) -> Path:
+    """As JSON with all digits; OutputError where that cannot be done."""
+    meta, rest = calibration.meta, calibration.rest_ut
+    content = {
+        "format": FORMAT,
+        "kind": CALIBRATION,
+        "matrix_n_per_ut": calibration.matrix.tolist(),
+        "rest_ut": None if rest is None else rest.tolist(),
+        "reversed": calibration.reversed.tolist(),
+        "source": meta.source,
+        "date": meta.date,
+        "load_unit": meta.load_unit,
+        "n": meta.n,
+        "residual_n": [
+            [None if np.isnan(value) else value for value in row]
+            for row in meta.residual_n.tolist()
+        ],
+    }
+    return write_whole(path, json.dumps(content, indent=1, allow_nan=False) + "\n")
+
+
+def read_calibration(path: str | Path) -> Calibration:
+    """Read and check a calibration. Raises DataNotFound, DataError, ChannelError, NotANumber.
+
+    DataError: not JSON, another format, or a singular matrix. With a singular matrix two loaded
+    axes become one, or no field is a force, and the finger would always read zero.
+    """
+    file = _File(Path(path), CALIBRATION)
+    matrix = file.numbers("matrix_n_per_ut", (None, 3, 3))
+    n_sensors = len(matrix)
+    singular = np.flatnonzero([_is_singular(one) for one in matrix]) + 1
+    if singular.size:
+        raise file.wrong(
+            DataError, f"matrix_n_per_ut of sensor {singular[0]} is singular"
+        )
+    rest = (
+        None
+        if file.value("rest_ut") is None
+        else file.numbers("rest_ut", (n_sensors, 3))
+    )
+    meta = CalibrationOrigin(
+        file.word("source"),
+        file.word("date"),
+        file.word("load_unit"),
+        file.count("n"),
+        file.numbers("residual_n", (n_sensors, 3), gaps=True),
+    )
+    return Calibration(matrix, rest, file.flags("reversed", n_sensors), meta)
+
+
+def _is_singular(matrix: FloatArray) -> bool:
+    """Whether the rows of the loaded axes (not all zero) do not span as many directions."""
+    largest = np.abs(matrix).max(axis=1)
+    rows = matrix[largest > 0.0] / largest[largest > 0.0, None]
+    return not len(rows) or int(np.linalg.matrix_rank(rows)) < len(rows)
+
+
+def write_bias(path: str | Path, bias: Bias) -> Path:
+    """As JSON with all digits; OutputError where that cannot be done."""
+    content = {
+        "format": FORMAT,
+        "kind": BIAS,
+        "values": bias.values.tolist(),
+        "spread": bias.spread.tolist(),
+        "n": bias.n,
+        "unit": bias.unit,
+        "reversed": bias.reversed.tolist(),
+    }
+    return write_whole(path, json.dumps(content, indent=1, allow_nan=False) + "\n")
+
+
+def read_bias(path: str | Path) -> Bias:
+    """Read and check a bias. Raises what `read_calibration` raises, or UnitError."""
+    file = _File(Path(path), BIAS)
+    values = file.numbers("values", (None,))
+    if len(values) % 3:
+        raise file.wrong(ChannelError, f"{len(values)} values, not a multiple of three")
+    unit = file.word("unit")
+    if unit not in UNITS:
+        raise file.wrong(UnitError, f"unit {unit!r} is not one of {', '.join(UNITS)}")
+    spread = file.numbers("spread", (len(values),))
+    flags = file.flags("reversed", len(values) // 3)
+    return Bias(values, spread, file.count("n"), UNITS[UNITS.index(unit)], flags)
+
+
+class _File:
+    """A JSON object of the right format and kind; its values are checked when they are read."""
+
+    def __init__(self, path: Path, kind: str) -> None:
+        self._path, self._kind = path, kind
+        content = self._content()
+        if not isinstance(content, dict):
+            raise self.wrong(DataError, "not a JSON object")
+        self._values: dict[str, Any] = content
+        if self.value("format") != FORMAT or isinstance(self.value("format"), bool):
+            raise self.wrong(
+                DataError,
+                f"format {self.value('format')!r} is not known, only {FORMAT}",
+            )
+        if self.value("kind") != kind:
+            raise self.wrong(
+                DataError, f"this is a {self.value('kind')!r}, not a {kind}"
+            )
+
+    def wrong(self, error: type[DataError], what: str) -> DataError:
+        """The error, with its place and the next step."""
+        return error(
+            what,
+            where=self._path,
+            cause="it was written by hand or by another program",
+            next_step=NEXT[self._kind],
+        )
+
+    def value(self, name: str) -> Any:
+        """A value; DataError where it is missing."""
+        if name not in self._values:
+            raise self.wrong(DataError, f"{name!r} is missing")
+        return self._values[name]
+
+    def word(self, name: str) -> str:
+        """A text."""
+        value = self.value(name)
+        if not isinstance(value, str):
+            raise self.wrong(DataError, f"{name} is {value!r}, not a text")
+        return value
+
+    def count(self, name: str) -> int:
+        """A whole number from 0."""
+        value = self.value(name)
+        if not isinstance(value, int) or isinstance(value, bool) or value < 0:
+            raise self.wrong(
+                NotANumber, f"{name} is {value!r}, not a whole number from 0"
+            )
+        return value
+
+    def flags(self, name: str, n: int) -> BoolArray:
+        """[n] of true and false."""
+        value = self.value(name)
+        if (
+            not isinstance(value, list)
+            or len(value) != n
+            or not all(isinstance(one, bool) for one in value)
+        ):
+            raise self.wrong(ChannelError, f"{name} is not {n} times true or false")
+        return np.array(value, dtype=np.bool_)
+
+    def numbers(
+        self, name: str, shape: tuple[int | None, ...], *, gaps: bool = False
+    ) -> FloatArray:
+        """Finite numbers of a shape, None for any length from 1; with gaps, null stands for nan."""
+        leaves: list[Any] = []
+        found = _shape(self.value(name), leaves)
+        if not _fits(found, shape):
+            wanted = ["S" if one is None else one for one in shape]
+            shown = "not rectangular" if found is None else list(found)
+            raise self.wrong(
+                ChannelError, f"{name} has shape {shown}, not {wanted}".replace("'", "")
+            )
+        return np.array([self._number(name, leaf, gaps) for leaf in leaves]).reshape(
+            found or ()
+        )
+
+    def _number(self, name: str, leaf: object, gaps: bool) -> float:
+        if leaf is None and gaps:
+            return float("nan")
+        if isinstance(leaf, bool) or not isinstance(leaf, int | float):
+            raise self.wrong(
+                NotANumber, f"{name} holds {leaf!r}, which is not a number"
+            )
+        if not abs(leaf) <= sys.float_info.max:
+            raise self.wrong(NotANumber, f"{name} holds {leaf!r}, which is not finite")
+        return float(leaf)
+
+    def _content(self) -> Any:
+        try:
+            require_file(self._path)
+            return json_of(text_of(self._path))
+        except FileNotFoundError:
+            raise DataNotFound(
+                "no such file", where=self._path, next_step=NEXT[self._kind]
+            ) from None
+        except OSError as error:
+            raise DataNotFound(
+                f"cannot be read ({error.strerror})",
+                where=self._path,
+                next_step="check the path and its permissions",
+            ) from None
+        except ValueError:
+            raise self.wrong(DataError, "not JSON") from None
+
+
+def _fits(found: tuple[int, ...] | None, shape: tuple[int | None, ...]) -> bool:
+    same_depth = found is not None and len(found) == len(shape)
+    return same_depth and all(
+        wanted in (None, size) for wanted, size in zip(shape, found or (), strict=True)
+    )
+
+
+def _shape(value: object, leaves: list[Any]) -> tuple[int, ...] | None:
+    """Shape of nested lists, their leaves collected; None where they are ragged or empty."""
+    if not isinstance(value, list):
+        leaves.append(value)
+        return ()
+    inner = {_shape(one, leaves) for one in value}
+    only = inner.pop() if len(inner) == 1 else None
+    return None if only is None else (len(value), *only)

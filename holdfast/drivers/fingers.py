@@ -1,0 +1,364 @@
+"""The fingertips of a hand on an open bus: brought up, scanned, judged and brought up again.
+
+A reading is valid only if all of this holds: the chip acknowledged, the CRC of its packet fits
+(holdfast/drivers/bring_up.py), it converted anew within the last 20 ms, it kept its power, its own
+diagnosis found no fault, and no axis is at the end of its range. The chip converted anew if its
+packet differs from the last one: results and SET_COUNT change with a conversion and with nothing
+else. SET_COUNT alone is not enough: it rolls over every 8 conversions (19.4 ms), so it seems to
+stand still when the hand is read at 50 Hz.
+
+A mux is part of every reading behind it. If a mux write was not acknowledged, the readings behind
+that mux are invalid. For ten seconds after any doubtful reply, each mux is read back after its
+fingers.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from holdfast.core.contract import BoolArray, FloatArray
+from holdfast.core.errors import DeviceError, DeviceNotFound, WrongDevice
+from holdfast.drivers.bring_up import MOST_TEST_PACKETS, bring_up
+from holdfast.drivers.bus import Bus, Reply, Transfer
+from holdfast.drivers.layout import Finger
+from holdfast.drivers.scan_plan import (
+    TRY_AGAIN_NS,
+    FingerState,
+    ScanPlan,
+    ScanPlanner,
+    is_mux,
+    plain_read,
+)
+from holdfast.drivers.tmag5273 import (
+    GENERAL_CALL,
+    TRIGGER,
+    Setup,
+    conversion_s,
+    field_ut,
+)
+
+TRIES_AT_START = 3
+"""One flipped bit must not keep a hand from starting."""
+DOUBT_NS = 10_000_000_000
+DOUBTS = frozenset({"crc", "nack", "garbage", "reset", "mux"})
+"""Reasons for an invalid reading that a bus which flips bits produces."""
+NO_READING = (np.nan, np.nan, np.nan)
+
+Crc = Literal["auto", "on", "off"]
+
+
+@dataclass(frozen=True)
+class Reading:
+    """One scan: field_ut [S, 3] (NaN where nothing came), valid [S], why [S] ("" where valid).
+
+    number: of its period, where the hand keeps the time (holdfast/drivers/timed_hand.py).
+    """
+
+    t_ns: int
+    field_ut: FloatArray
+    valid: BoolArray
+    why: tuple[str, ...]
+    number: int | None = None
+
+
+@dataclass(frozen=True)
+class ScanReplies:
+    """A reply for each finger, None where it was not read; unswitched: fingers whose mux failed."""
+
+    replies: list[Reply | None]
+    unswitched: set[int]
+
+
+class Fingers:
+    """The fingers of one hand. Methods take the open bus; Hand owns it and its repair.
+
+    now_ns, pause (s): the clock. say: receives one line for each event that the user should see.
+    crc: see holdfast/drivers/hand.py.
+    """
+
+    def __init__(
+        self,
+        fingers: Sequence[Finger],
+        setup: Setup,
+        crc: Crc,
+        *,
+        now_ns: Callable[[], int],
+        pause: Callable[[float], None],
+        say: Callable[[str], None],
+    ) -> None:
+        self._fingers, self._setup, self._crc = tuple(fingers), setup, crc
+        self._now_ns, self._pause, self._say = now_ns, pause, say
+        chip_setup = replace(setup, crc=crc != "off")
+        self._states = [FingerState(finger, chip_setup) for finger in self._fingers]
+        self._planner = ScanPlanner(self._fingers)
+        self._doubtful_until_ns = 0
+        self._range_mt = np.array(
+            [setup.range_mt(state.version) for state in self._states]
+        )
+
+    def about(self) -> list[dict[str, object]]:
+        """What is known of each finger: its place, its chip's variant and whether it is ready.
+
+        serial is None because the chip has no serial number.
+        """
+        return [
+            {
+                "finger": k,
+                "address": f"0x{finger.address:02x}",
+                "channel": finger.channel,
+                "mux": None if finger.channel is None else f"0x{finger.mux:02x}",
+                "ready": state.ready,
+                "range_mt": self._setup.range_mt(state.version).tolist(),
+                "version": state.version,
+                "serial": None,
+                "crc": state.setup.crc,
+            }
+            for k, (finger, state) in enumerate(
+                zip(self._fingers, self._states, strict=True), 1
+            )
+        ]
+
+    def forget_masks(self) -> None:
+        """Treat every mux as unknown, after anything went wrong on the bus."""
+        self._planner.forget_masks()
+
+    # -- bring-up
+
+    def start(self, bus: Bus) -> None:
+        """Bring up every finger that answers. Raises DeviceNotFound without any, WrongDevice."""
+        failures = self.bring_up_all(bus)
+        for failure in failures:
+            if isinstance(failure, WrongDevice):
+                raise failure
+        if not any(state.ready for state in self._states):
+            raise DeviceNotFound(
+                "no finger answers",
+                where=bus.name,
+                cause="no power, SDA and SCL swapped, or another layout",
+                next_step="holdfast scan lists the sensors on the bus",
+            )
+        for k, failure in enumerate(failures, 1):
+            if failure is not None:
+                self._say(f"finger {k}: {failure}")
+
+    def bring_up_all(self, bus: Bus) -> list[DeviceError | None]:
+        """Check the muxes and bring up every finger; what is wrong with each, or None."""
+        self._require_muxes(bus)
+        return [self._bring_up_patiently(bus, k) for k in range(len(self._fingers))]
+
+    def settle(self, bus: Bus) -> None:
+        """Read until each finger has converted and passed its CRC test.
+
+        The next reading can then be valid. Raises WrongDevice where a CRC does not pass its test.
+        """
+        conversion = conversion_s(self._setup.averages)
+        for _ in range(MOST_TEST_PACKETS + 1):
+            self._pause(conversion)
+            self.judge(self._now_ns(), self.scan(bus))
+            for k, state in enumerate(self._states):
+                if state.check.absent and state.setup.crc:
+                    self._go_without_crc(bus, k)
+            if all(state.settled for state in self._states):
+                break
+        self._pause(conversion)
+        for k, state in enumerate(self._states, 1):
+            if state.ready and state.check.failures:
+                raise _crc_failed(k, state)
+
+    def repair(self, bus: Bus, reading: Reading) -> None:
+        """Bring up the finger that has waited longest; only one, so the others stay on time."""
+        due = self._due(reading)
+        try:
+            for k, state in enumerate(self._states):
+                if state.check.absent and state.setup.crc and self._crc == "auto":
+                    self._go_without_crc(bus, k)
+            if due:
+                self._bring_up(bus, min(due)[1])
+        except DeviceError:
+            self.forget_masks()  # the next scan meets the same failure and handles it
+
+    def repair_due(self, reading: Reading) -> bool:
+        """Whether `repair` would bring up a finger after this reading."""
+        return bool(self._due(reading))
+
+    def _due(self, reading: Reading) -> list[tuple[int, int]]:
+        """(when it was last tried, finger) of those that need a bring-up now."""
+        return [
+            (state.tried_ns, k)
+            for k, (state, why) in enumerate(
+                zip(self._states, reading.why, strict=True)
+            )
+            if state.needs_bring_up(why)
+            and reading.t_ns - state.tried_ns >= TRY_AGAIN_NS
+        ]
+
+    def _require_muxes(self, bus: Bus) -> None:
+        """See that every mux of the layout is there before it is written to.
+
+        Raises DeviceNotFound, WrongDevice.
+        """
+        self.forget_masks()
+        for mux in sorted(self._planner.muxes):
+            if not any(is_mux(bus, mux) for _ in range(TRIES_AT_START)):
+                raise _no_mux(mux, another_chip=bool(plain_read(bus, mux)))
+            self._planner.masks[mux] = 0
+
+    def _bring_up_patiently(self, bus: Bus, k: int) -> DeviceError | None:
+        """Bring up a finger, again if another chip seems to answer; its failure or None."""
+        for _ in range(TRIES_AT_START):
+            failure = self._bring_up(bus, k)
+            if not isinstance(failure, WrongDevice):
+                break
+        return failure
+
+    def _bring_up(self, bus: Bus, k: int) -> DeviceError | None:
+        """Make a finger ready; what is wrong with it, or None. Raises what the bridge raises."""
+        state = self._states[k]
+        state.begin(self._now_ns())
+        try:
+            self._switch_to(bus, state.finger)
+            version = bring_up(
+                bus, state.finger, state.setup, self._pause, known=state.known
+            )
+        except (DeviceNotFound, WrongDevice) as failure:
+            return failure
+        self._range_mt[k] = self._setup.range_mt(version)
+        state.brought_up(version, self._now_ns())
+        return None
+
+    def _switch_to(self, bus: Bus, finger: Finger) -> None:
+        """Enable this finger's channel only, and read the mux back. Raises DeviceNotFound."""
+        self.forget_masks()
+        selects = self._planner.select(finger.behind)
+        read_backs = [Transfer(one.address, b"", 1) for one in selects]
+        held = bus.scan([*selects, *read_backs])[len(selects) :]
+        if any(
+            reply.data != select.write
+            for reply, select in zip(held, selects, strict=True)
+        ):
+            self.forget_masks()
+            raise DeviceNotFound(
+                "its mux does not switch",
+                where=f"{finger.mux:#04x}",
+                cause="no power, or noise on the bus",
+                next_step="holdfast scan lists the muxes and sensors on the bus",
+            )
+
+    def _go_without_crc(self, bus: Bus, k: int) -> None:
+        """Read a chip that sends no CRC without checking one. Raises WrongDevice with crc=on."""
+        state = self._states[k]
+        if self._crc == "on":
+            raise WrongDevice(
+                f"finger {k + 1}: sends no CRC",
+                where=f"{state.finger.read_at:#04x}",
+                cause="a chip whose CRC does not work",
+                next_step="crc=auto reads this finger unchecked",
+            )
+        self._say(
+            f"finger {k + 1}: sends no CRC, its readings are unchecked (crc=auto)"
+        )
+        state.configure(self._setup)
+        self._planner.forget_plans()
+        self._bring_up(bus, k)
+
+    # -- scans
+
+    def scan(self, bus: Bus) -> ScanReplies:
+        """Read each finger that is ready. Raises a DeviceError where bridge or bus fails."""
+        if self._setup.together:
+            self._convert(bus)
+        plan = self.plan()
+        try:
+            answers = bus.scan(plan.transfers)
+        except DeviceError:
+            self.forget_masks()
+            raise
+        return self.sort(plan, answers)
+
+    def plan(self) -> ScanPlan:
+        """What the next scan is to transfer."""
+        return self._planner.plan(
+            self._states, doubtful=self._now_ns() < self._doubtful_until_ns
+        )
+
+    def repeatable_plan(self) -> ScanPlan:
+        """A plan that writes every mask, so that it can be repeated after any other one."""
+        self.forget_masks()
+        return self.plan()
+
+    def would_repeat(self, plan: ScanPlan) -> bool:
+        """Whether this is still the plan to repeat."""
+        masks = self._planner.masks
+        same = self.repeatable_plan() is plan
+        self._planner.masks = masks
+        return same
+
+    def sort(self, plan: ScanPlan, answers: Sequence[Reply]) -> ScanReplies:
+        """The answers to a plan by finger, and the fingers whose mux did not switch."""
+        replies: list[Reply | None] = [None] * len(self._fingers)
+        unswitched: set[int] = set()
+        for group in plan.groups:
+            if unswitched or not group.switched(answers):
+                self.forget_masks()
+                unswitched |= group.fingers.keys()
+            for k, place in group.fingers.items():
+                replies[k] = answers[place]
+        return ScanReplies(replies, unswitched)
+
+    def _convert(self, bus: Bus) -> None:
+        """Start one conversion of every chip at one moment, and wait for it."""
+        trigger = Transfer(GENERAL_CALL, bytes([TRIGGER]))
+        bus.scan([*self._planner.select_all(), trigger])
+        self._pause(conversion_s(self._setup.averages))
+
+    def judge(
+        self, t_ns: int, scanned: ScanReplies, came_ns: int | None = None
+    ) -> Reading:
+        """What the replies to a scan that began at t_ns say.
+
+        came_ns: when they were read, where a bridge did that by itself; else it is now.
+        """
+        # the time of arrival, not of the request: the machine can stall in between
+        came_ns = self._now_ns() if came_ns is None else came_ns
+        judged = [
+            (None, "mux") if k in scanned.unswitched else state.judge(reply, came_ns)
+            for k, (state, reply) in enumerate(
+                zip(self._states, scanned.replies, strict=True)
+            )
+        ]
+        why = tuple([word for _, word in judged])
+        if not DOUBTS.isdisjoint(why):
+            self._doubtful_until_ns = came_ns + DOUBT_NS
+        raw = [NO_READING if found is None else found.raw for found, _ in judged]
+        valid = np.array([not word for word in why])
+        return Reading(t_ns, field_ut(raw, self._range_mt), valid, why)
+
+
+def _no_mux(mux: int, *, another_chip: bool) -> DeviceError:
+    next_step = "holdfast scan lists the muxes; layout=mux@71 is for a mux at 0x71"
+    if another_chip:
+        return WrongDevice(
+            "another chip, no mux (TCA9548A)",
+            where=f"{mux:#04x}",
+            cause="the mux has another address",
+            next_step=next_step,
+        )
+    return DeviceNotFound(
+        "no mux answers",
+        where=f"{mux:#04x}",
+        cause="no power, SDA and SCL swapped, or another address (0x70 to 0x77, pins A0 to A2)",
+        next_step=next_step,
+    )
+
+
+def _crc_failed(number: int, state: FingerState) -> WrongDevice:
+    return WrongDevice(
+        f"finger {number}: its CRC does not fit its packets",
+        where=f"{state.finger.read_at:#04x}",
+        cause="two chips at one address, noise on the bus, or a chip whose CRC is broken",
+        next_step="try shorter wires or bus_hz=100000; crc=off reads all fingers unchecked",
+    )

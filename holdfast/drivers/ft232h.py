@@ -1,0 +1,262 @@
+"""FT232H: a whole scan is one MPSSE batch, one bulk transfer out and one in (FTDI AN 108, AN 255).
+
+SCL is AD0; SDA is AD1 and AD2 tied together. Both are driven open-drain (0x9E), and data change
+with three clock phases (0x8C). The acknowledge bit of every byte comes back, so a chip that does
+not answer costs only its own reading. The driver reads the idle lines before and after a batch. If
+SDA is low, a chip is stuck in the middle of a byte, and every byte would read as an acknowledged
+zero; nine clocks free it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import lru_cache
+from typing import Any
+
+from holdfast.core.errors import BusStuck, TransferFailed, UsageError
+from holdfast.drivers.bus import NOT_ACKED, Reply, Transfer, UsbBridge, require_bus_hz
+
+FT232H_IDS = ((0x0403, 0x6014),)
+OUT_ENDPOINT, IN_ENDPOINT = 0x02, 0x81
+PACKET, STATUS_BYTES = 512, 2
+"""Every packet that comes in begins with two bytes of modem status."""
+MOST_IN = PACKET - STATUS_BYTES - 4
+"""A batch answers with one packet at most.
+
+A mark, the idle lines twice, and the transfers' bytes.
+"""
+EMPTY_READS = 100
+
+VENDOR_OUT, INTERFACE_A = 0x40, 1
+SIO_RESET, SIO_LATENCY, SIO_BITMODE = 0x00, 0x09, 0x0B
+PURGE_SENT, PURGE_ANSWERS = 1, 2
+"""Discard what the host sent, or what waits for the host; the chip names the two the other way."""
+MPSSE_MODE = 0x0200
+LATENCY_MS = 1
+
+WRITE_BYTES, WRITE_BITS, READ_BYTES, READ_BITS = 0x11, 0x13, 0x20, 0x22
+SET_LOW_PINS, GET_LOW_PINS = 0x80, 0x81
+SETUP = bytes([0x8A, 0x97, 0x8C, 0x9E, 0x07, 0x00, 0x85])
+"""60 MHz, no adaptive clock, three phases, AD0 .. AD2 drive only zeros, no loopback."""
+DIVIDER, FLUSH = 0x86, 0x87
+BAD_COMMANDS, REFUSED = (0xAA, 0xAB), 0xFA
+"""Invalid commands: the engine answers 0xFA and the command, which marks where an answer begins."""
+
+SCL, SDA, SDA_IN = 0x01, 0x02, 0x04
+DRIVEN = SCL | SDA
+HOLD = 4
+"""A pin write is repeated this often, for the hold times of START and STOP."""
+MASTER_HZ = 60e6
+SLOWEST_HZ, FASTEST_HZ = 10_000, 1_000_000
+"""Slower, a scan would outlast its USB reads; below 306 Hz the divider has no bits left."""
+
+
+def _pins(levels: int, times: int = HOLD) -> bytes:
+    return bytes([SET_LOW_PINS, levels, DRIVEN]) * times
+
+
+START = _pins(SCL | SDA) + _pins(SCL) + _pins(0, 1)
+STOP = _pins(0) + _pins(SCL) + _pins(SCL | SDA)
+RELEASE = _pins(SDA, 1)
+"""SCL low, SDA released for the next talker."""
+ACK, NACK = bytes([WRITE_BITS, 0, 0x00]), bytes([WRITE_BITS, 0, 0xFF])
+CLOCKS = (_pins(SDA) + _pins(SCL | SDA)) * 9
+SDA_PULSE = (
+    _pins(SDA) + _pins(0) + bytes([GET_LOW_PINS]) + _pins(SDA) + _pins(SCL | SDA)
+)
+"""SDA low for a moment, and read back, while SCL is low."""
+
+
+class Ft232h(UsbBridge):
+    """An I2C bus behind an FT232H. bus_hz: 10 kHz to 1 MHz; number: which FT232H on USB.
+
+    Raises UsageError, DeviceNotFound, AccessDenied, DeviceLost, TransferFailed, or BusStuck where
+    SDA is not wired.
+    """
+
+    name, ids = "ft232h", FT232H_IDS
+
+    def __init__(self, backend: Any, *, number: int = 0, bus_hz: int = 400_000) -> None:
+        require_bus_hz(self.name, bus_hz, SLOWEST_HZ, FASTEST_HZ)
+        self._divider = max(0, round(MASTER_HZ / (3 * bus_hz)) - 1)
+        self._turn, self._doubtful = 0, True
+        super().__init__(backend, number)
+
+    def scan(self, transfers: Sequence[Transfer]) -> list[Reply]:
+        """All transfers in as few round trips as their answers fit packets: one for six fingers."""
+        replies: list[Reply] = []
+        for batch in _batches(transfers):
+            replies += self._carry(batch)
+        return replies
+
+    def clear(self) -> None:
+        """Nine clocks and a STOP. Raises BusStuck where SCL or SDA stays low after them."""
+        self._begin()
+        pins = self._ask(CLOCKS + STOP + bytes([GET_LOW_PINS]), 1)[0]
+        low = [name for name, pin in (("SCL", SCL), ("SDA", SDA_IN)) if not pins & pin]
+        if low:
+            raise BusStuck(
+                f"{' and '.join(low)} still low after nine clocks",
+                where=self.name,
+                cause="a sensor without supply, a short, pull-ups missing, or SDA and SCL swapped",
+                next_step="switch the sensors' power off and on",
+            )
+
+    def _begin(self) -> None:
+        """Reset the engine, and see that it answers."""
+        for value in (0, PURGE_SENT, PURGE_ANSWERS):
+            self._port.control_out(VENDOR_OUT, SIO_RESET, value, INTERFACE_A)
+        self._port.control_out(VENDOR_OUT, SIO_LATENCY, LATENCY_MS, INTERFACE_A)
+        self._port.control_out(VENDOR_OUT, SIO_BITMODE, 0, INTERFACE_A)
+        self._port.control_out(VENDOR_OUT, SIO_BITMODE, MPSSE_MODE, INTERFACE_A)
+        self._doubtful = True
+        self._ask(b"", 0)
+        divider = bytes([DIVIDER, self._divider & 0xFF, self._divider >> 8])
+        self._port.write(OUT_ENDPOINT, SETUP + divider + _pins(SCL | SDA))
+        self._check_wiring()
+
+    def _check_wiring(self) -> None:
+        """Pull SDA low by AD1 and read it by AD2. Raises BusStuck where AD2 does not see it.
+
+        SCL is low meanwhile, so no chip takes it for a START or a STOP. A line that is not tied
+        reads high, and no chip would ever seem to acknowledge.
+        """
+        pins = self._ask(SDA_PULSE, 1)[0]
+        if pins & SDA_IN:
+            raise BusStuck(
+                "SDA cannot be read back",
+                where=self.name,
+                cause="AD1 and AD2 are not tied together",
+                next_step="wire AD1 and AD2 both to SDA",
+            )
+
+    def _carry(self, transfers: Sequence[Transfer]) -> list[Reply]:
+        return replies_of(transfers, self._ask(*batch_of(transfers)))
+
+    def _ask(self, commands: bytes, expected: int) -> bytes:
+        """Send commands and return their answer. After a failure, discard old answers first.
+
+        The mark alternates, so a late answer to an earlier request is never taken for this one.
+        """
+        if self._doubtful:
+            for value in (PURGE_SENT, PURGE_ANSWERS):
+                self._port.control_out(VENDOR_OUT, SIO_RESET, value, INTERFACE_A)
+            self._port.drain(IN_ENDPOINT, PACKET, empty=STATUS_BYTES)
+        self._doubtful = True
+        self._turn = 1 - self._turn
+        mark = BAD_COMMANDS[self._turn]
+        self._port.write(OUT_ENDPOINT, bytes([mark]) + commands + bytes([FLUSH]))
+        answer = self._collect(expected + 2)
+        if answer[:2] != bytes([REFUSED, mark]):
+            raise TransferFailed(
+                "the answer belongs to another request",
+                where=self.name,
+                cause="a late reply",
+            )
+        self._doubtful = False
+        return answer[2:]
+
+    def _collect(self, expected: int) -> bytes:
+        found, empty = b"", 0
+        while len(found) < expected:
+            packet = self._port.read(IN_ENDPOINT, PACKET)
+            if len(packet) < STATUS_BYTES:
+                raise TransferFailed(
+                    f"a packet of {len(packet)} bytes", where=self.name
+                )
+            empty = empty + 1 if len(packet) == STATUS_BYTES else 0
+            if empty > EMPTY_READS:
+                raise TransferFailed(
+                    f"{len(found)} of {expected} bytes arrived", where=self.name
+                )
+            found += packet[STATUS_BYTES:]
+        if len(found) > expected:
+            raise TransferFailed(
+                f"{len(found)} bytes arrived, not {expected}", where=self.name
+            )
+        return found
+
+
+def batch_of(transfers: Sequence[Transfer]) -> tuple[bytes, int]:
+    """The commands that carry the transfers out and look at the idle lines before and after.
+
+    And how many bytes they answer.
+    """
+    look = bytes([GET_LOW_PINS])
+    commands = b"".join(_commands(transfer) for transfer in transfers)
+    return look + commands + look, sum(_answers(transfer) for transfer in transfers) + 2
+
+
+def replies_of(transfers: Sequence[Transfer], answer: bytes) -> list[Reply]:
+    """The replies in a batch's answer. Raises BusStuck where a line was low."""
+    if any(pins & (SCL | SDA_IN) != SCL | SDA_IN for pins in (answer[0], answer[-1])):
+        raise BusStuck(
+            "SCL or SDA is held low",
+            where=Ft232h.name,
+            cause="a chip was interrupted in the middle of a byte",
+        )
+    replies, at = [], 1
+    for transfer in transfers:
+        replies.append(_reply(transfer, answer[at : at + _answers(transfer)]))
+        at += _answers(transfer)
+    return replies
+
+
+@lru_cache(maxsize=64)
+def _commands(transfer: Transfer) -> bytes:
+    """One transfer: every byte written is followed by its acknowledge bit. Cached: scans repeat."""
+    parts = []
+    if transfer.write or not transfer.read:
+        parts.append(
+            START
+            + b"".join(
+                _written(byte) for byte in (transfer.address << 1, *transfer.write)
+            )
+        )
+    if transfer.read:
+        parts.append(_pins(SDA, 1) + START + _written(transfer.address << 1 | 1))
+        parts += [_read(last=k == transfer.read - 1) for k in range(transfer.read)]
+    return b"".join([*parts, STOP])
+
+
+def _written(byte: int) -> bytes:
+    return bytes([WRITE_BYTES, 0, 0, byte]) + RELEASE + bytes([READ_BITS, 0])
+
+
+def _read(*, last: bool) -> bytes:
+    """One byte and the master's acknowledge; SDA is released before and after."""
+    return bytes([READ_BYTES, 0, 0]) + (NACK if last else ACK) + RELEASE
+
+
+def _answers(transfer: Transfer) -> int:
+    """How many bytes a transfer answers: acknowledge bits, then data."""
+    return _acks(transfer) + transfer.read
+
+
+def _acks(transfer: Transfer) -> int:
+    written = 1 + len(transfer.write) if transfer.write or not transfer.read else 0
+    return written + (1 if transfer.read else 0)
+
+
+def _reply(transfer: Transfer, answer: bytes) -> Reply:
+    acks, data = answer[: _acks(transfer)], answer[_acks(transfer) :]
+    return NOT_ACKED if any(ack & 1 for ack in acks) else Reply(data, acked=True)
+
+
+def _batches(transfers: Sequence[Transfer]) -> list[list[Transfer]]:
+    """Groups of transfers whose answers fit into one packet each."""
+    batches: list[list[Transfer]] = []
+    room = 0
+    for transfer in transfers:
+        needed = _answers(transfer)
+        if needed > MOST_IN:
+            raise UsageError(
+                f"{transfer.read} bytes do not fit into one transfer",
+                next_step=f"read fewer than {MOST_IN - 2} bytes at once",
+            )
+        if needed > room:
+            batches.append([])
+            room = MOST_IN
+        batches[-1].append(transfer)
+        room -= needed
+    return batches

@@ -1,0 +1,217 @@
+"""Six fingertips on a bus that is opened, read in one scan, and repaired when something fails.
+
+A failure costs only the readings that it affects, and it is repaired while the other fingers are
+read on (the recovery ladder):
+
+    a finger      does not acknowledge twice in a row, lost its power, or two CRCs do not fit:
+                  the driver brings it up again (holdfast/drivers/fingers.py)
+    the bus       is held low: the driver sends nine clocks
+    the bridge    fails three times in a row: the driver opens it again
+                  is gone from USB, or another program has it: the driver looks for it until it is
+                  back
+
+A hand as a live source: what the fingers read, in uT or, calibrated, in N.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from holdfast.core.contract import FloatArray, Unit
+from holdfast.core.errors import BusStuck, DeviceError, TransferFailed
+from holdfast.drivers.bus import Bus, freeing
+from holdfast.drivers.fingers import Crc, Fingers, Reading
+from holdfast.drivers.layout import LAYOUTS, Finger
+from holdfast.drivers.scan_plan import TRY_AGAIN_NS
+from holdfast.drivers.tmag5273 import Setup
+from holdfast.live.loop import SourceReading
+
+FAILURES_TO_REOPEN = 3
+
+
+class Hand:
+    """Fingers behind a bridge that open_bus opens.
+
+    now_ns, pause (s): the clock. say: receives one line for each failure and each recovery.
+    crc: "auto" checks each chip that sends a CRC, says which chips send none and reads those
+    unchecked; "on" refuses chips without a CRC; "off" checks none.
+
+    start raises what keeps every finger from being read. After that nothing is raised: each reading
+    says what is wrong.
+    """
+
+    def __init__(
+        self,
+        open_bus: Callable[[], Bus],
+        fingers: Sequence[Finger] = LAYOUTS["mux"],
+        *,
+        setup: Setup | None = None,
+        crc: Crc = "auto",
+        now_ns: Callable[[], int],
+        pause: Callable[[float], None],
+        say: Callable[[str], None] = lambda line: None,
+    ) -> None:
+        self.fingers, self.setup, self.crc = tuple(fingers), setup or Setup(), crc
+        self._open_bus, self._now_ns, self._say = open_bus, now_ns, say
+        self._driven = Fingers(
+            self.fingers, self.setup, crc, now_ns=now_ns, pause=pause, say=say
+        )
+        self._bus: Bus | None = None
+        self._failures = 0
+        self._looked_ns = -TRY_AGAIN_NS
+        self._complaint = ""
+        self._last_why = tuple("" for _ in self.fingers)
+
+    def start(self) -> None:
+        """Open the bridge and bring up every finger that answers; free a bus that is held low.
+
+        Raises a DeviceError and closes the bridge: what the bridge raises, DeviceNotFound where no
+        finger or no mux answers, WrongDevice for another chip, for two chips at one address, or
+        (with crc "on") for a chip without a CRC.
+        """
+        try:
+            bus = self._bus = self._open_bus()
+            freeing(bus, lambda: self._driven.start(bus))
+            freeing(bus, lambda: self._driven.settle(bus))
+        except BaseException:
+            self.close()
+            raise
+
+    def read(self) -> Reading:
+        """One scan. What fails is in the reading, and its repair has begun."""
+        t_ns = self._now_ns()
+        bus = self._bus or self._look_for_bridge(t_ns)
+        if bus is None:
+            return self._no_reading(t_ns, "lost")
+        try:
+            replies = self._driven.scan(bus)
+        except BusStuck as error:
+            return self._free(bus, t_ns, error)
+        except TransferFailed as error:
+            self._failures += 1
+            if self._failures >= FAILURES_TO_REOPEN:
+                return self._give_up(t_ns, error)
+            return self._no_reading(t_ns, "bridge")
+        except DeviceError as error:  # gone, or taken by another program
+            return self._give_up(t_ns, error)
+        self._failures, self._complaint = 0, ""
+        reading = self._driven.judge(t_ns, replies)
+        self._driven.repair(bus, reading)
+        self._report_changes(reading.why)
+        return reading
+
+    def about(self) -> dict[str, object]:
+        """What is known of the hand: its bridge, its fingers, and how they convert.
+
+        firmware is None because the bridges do not report their firmware.
+        """
+        return {
+            "bridge": None if self._bus is None else self._bus.name,
+            "firmware": None,
+            "chip": "TMAG5273",
+            "averages": self.setup.averages,
+            "sensors": self._driven.about(),
+        }
+
+    def close(self) -> None:
+        """Give the bridge back."""
+        if self._bus is not None:
+            self._bus.close()
+            self._bus = None
+
+    # -- the recovery ladder
+
+    def _free(self, bus: Bus, t_ns: int, error: DeviceError) -> Reading:
+        """Send nine clocks; where they do not help, close the bridge and open it again."""
+        self._complain(error)
+        try:
+            bus.clear()
+        except DeviceError as worse:
+            return self._give_up(t_ns, worse)
+        return self._no_reading(t_ns, "stuck")
+
+    def _give_up(self, t_ns: int, error: DeviceError) -> Reading:
+        """Close the bridge; the next readings look for it."""
+        self._complain(error)
+        self.close()
+        self._failures = 0
+        return self._no_reading(t_ns, "lost")
+
+    def _look_for_bridge(self, t_ns: int) -> Bus | None:
+        if t_ns - self._looked_ns < TRY_AGAIN_NS:
+            return None
+        self._looked_ns = t_ns
+        try:
+            bus = self._bus = self._open_bus()
+            freeing(bus, lambda: self._driven.bring_up_all(bus))
+        except DeviceError:
+            self.close()
+            return None
+        self._say(f"{bus.name}: back")
+        return bus
+
+    def _no_reading(self, t_ns: int, why: str) -> Reading:
+        """A reading without values, for one reason that holds for all fingers."""
+        self._driven.forget_masks()
+        count = len(self.fingers)
+        reading = Reading(
+            t_ns,
+            np.full((count, 3), np.nan),
+            np.zeros(count, dtype=np.bool_),
+            (why,) * count,
+        )
+        self._report_changes(reading.why)
+        return reading
+
+    def _complain(self, error: DeviceError) -> None:
+        """Report what is wrong with bus or bridge, once until a scan has gone well."""
+        if str(error) != self._complaint:
+            self._say(str(error))
+        self._complaint = str(error)
+
+    def _report_changes(self, why: tuple[str, ...]) -> None:
+        """Report what has changed since the last scan, one line for each finger."""
+        for k, (before, now) in enumerate(zip(self._last_why, why, strict=True), 1):
+            if before != now:
+                self._say(f"finger {k}: {now or 'good again'}")
+        self._last_why = why
+
+
+class LiveHand:
+    """A started hand. to_force.
+
+    field [S, 3] in uT -> force [S, 3] in N, or None to read the field.
+    """
+
+    def __init__(
+        self, hand: Hand, to_force: Callable[[FloatArray], FloatArray] | None = None
+    ) -> None:
+        self._hand, self._to_force = hand, to_force
+        self.unit: Unit = "uT" if to_force is None else "N"
+        self.n_channels = 3 * len(hand.fingers)
+        self.rate_hz: float | None = None
+        self.began_ns: int | None = None
+        """Of a virtual hand: when its scene began."""
+
+    def read(self) -> SourceReading:
+        """One scan."""
+        reading = self._hand.read()
+        values = (
+            reading.field_ut
+            if self._to_force is None
+            else self._to_force(reading.field_ut)
+        )
+        whole = values.reshape(-1)
+        return SourceReading(
+            reading.t_ns, whole, reading.valid, reading.why, reading.number
+        )
+
+    def about(self) -> dict[str, object]:
+        """What is known of the hand itself."""
+        return self._hand.about()
+
+    def close(self) -> None:
+        """Give the bridge back."""
+        self._hand.close()

@@ -1,0 +1,234 @@
+"""A stream of the lab streaming layer as a live source, and answers as such streams.
+
+Stamps of the sender are put on this machine's clock, by the correction that LSL measures. The
+source waits for the next sample, so the stream paces the loop. While no sample comes, the last
+reading is given again, invalid: the state is unknown until the stream is back. Where samples come
+faster than they are read, all but the newest are dropped, and one invalid reading stands for them.
+
+The wearer's own command from the lab streaming layer: envelopes 0 to 1, or words as text.
+
+Stamps of the sender are put on the run's clock, by the correction that LSL measures.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Sequence
+from typing import Any, Protocol
+
+import numpy as np
+
+from holdfast.core.contract import (
+    SITUATIONS,
+    UNITS,
+    BoolArray,
+    FloatArray,
+    Prediction,
+    Sample,
+    Unit,
+)
+from holdfast.core.errors import DeviceLost, DeviceNotFound, RateError
+from holdfast.drivers.lsl_streams import StreamFacts, order_of, unit_of
+from holdfast.edge_runtime.intent import Intent, ItemReader, intent_of
+from holdfast.live.loop import SourceReading
+
+FIRST_S = 5.0
+"""An opened stream must send within this time."""
+WAIT_PERIODS = 1.5
+"""A sample that comes later than this after the call is missing."""
+MOST_WAITING = 2
+FORWARD_NS = 1_000_000
+"""The correction may be wrong by so much: a stamp may lie that far in the future."""
+LOST, SKIPPED, NO_NUMBER = (
+    "no sample of the stream",
+    "samples were dropped",
+    "not a number",
+)
+DECISION = ("state", *(f"p_{name}" for name in SITUATIONS), "p_risky", "arm", "act")
+UNKNOWN_STATE = -1.0
+Pair = tuple[float, list[float]]
+
+
+class Inlet(Protocol):
+    """An opened stream (holdfast/drivers/lsl_library.py)."""
+
+    facts: StreamFacts
+
+    def pull(self, timeout_s: float) -> list[Pair]:
+        """(stamp in s on this machine's LSL clock, values) of all that came, oldest first."""
+        ...
+
+    def clock_s(self) -> float:
+        """Now, on the same clock."""
+        ...
+
+    def close(self) -> None:
+        """Stop receiving."""
+        ...
+
+
+class Outlet(Protocol):
+    """A stream that is sent."""
+
+    def push(self, values: list[float], stamp_s: float) -> None:
+        """Send a sample without waiting."""
+        ...
+
+
+class LslSource:
+    """An inlet as a source.
+
+    unit, rate_hz: None where the stream says them. say: receives a line when the stream ends.
+    Raises ChannelError, UnitError, RateError, or DeviceNotFound where nothing is sent.
+    """
+
+    def __init__(
+        self,
+        inlet: Inlet,
+        now_ns: Callable[[], int],
+        say: Callable[[str], object],
+        unit: Unit | None = None,
+        rate_hz: float | None = None,
+    ) -> None:
+        facts, where = inlet.facts, f"lsl://{inlet.facts.name}"
+        self._inlet, self._now_ns, self._say, self._where = inlet, now_ns, say, where
+        self._order = order_of(() if facts.is_text else facts.labels, where)
+        self.n_channels = len(self._order)
+        self.unit: Unit = unit or unit_of(
+            facts.units, where, f"{where}?unit={'|'.join(UNITS)}"
+        )
+        rate = rate_hz or facts.rate_hz
+        if not rate > 0.0:
+            raise RateError(
+                "its rate is irregular", where=where, next_step=f"{where}?rate_hz=150"
+            )
+        self.rate_hz: float | None = rate
+        self._wait_s, self._ended = WAIT_PERIODS / rate, False
+        self._offset_ns = now_ns() - round(1e9 * inlet.clock_s())
+        self._waiting: deque[Pair] = deque(inlet.pull(FIRST_S)[-1:])
+        if not self._waiting:
+            raise DeviceNotFound(
+                f"nothing was sent for {FIRST_S:g} s",
+                where=where,
+                next_step="start the sender",
+            )
+        self._last = self._reading(*self._waiting[0])
+
+    def read(self) -> SourceReading:
+        """The next sample, or the last reading again with no sensor valid."""
+        self._waiting.extend(self._pulled(0.0 if self._waiting else self._wait_s))
+        if not self._waiting:
+            return self._invalid(LOST)
+        if len(self._waiting) > MOST_WAITING:
+            newest = self._waiting.pop()
+            self._last = self._reading(*self._waiting[-1])
+            self._waiting = deque([newest])
+            return self._invalid(SKIPPED)
+        self._last = self._reading(*self._waiting.popleft())
+        return self._last
+
+    def close(self) -> None:
+        """Stop receiving."""
+        self._inlet.close()
+
+    def _pulled(self, timeout_s: float) -> list[Pair]:
+        try:
+            return self._inlet.pull(timeout_s)
+        except DeviceLost:
+            if not self._ended:
+                self._say(
+                    f"{self._where}: the stream ended; the state is unknown from here on"
+                )
+            self._ended = True
+            return []
+
+    def _reading(self, stamp_s: float, values: list[float]) -> SourceReading:
+        t_ns, now_ns = round(1e9 * stamp_s) + self._offset_ns, self._now_ns()
+        t_ns = now_ns if now_ns < t_ns <= now_ns + FORWARD_NS else t_ns
+        ordered: FloatArray = np.array(values, dtype=np.float64)[self._order]
+        valid: BoolArray = np.logical_and.reduce(
+            np.isfinite(ordered).reshape(-1, 3), axis=1
+        )
+        return SourceReading(
+            t_ns, ordered, valid, tuple("" if x else NO_NUMBER for x in valid)
+        )
+
+    def _invalid(self, why: str) -> SourceReading:
+        last = self._last
+        n_sensors = len(last.valid)
+        none = np.zeros(n_sensors, dtype=np.bool_)
+        return SourceReading(last.t_ns, last.values, none, (why,) * n_sensors)
+
+
+class LslAnswers:
+    """Sends each sample and its answer as two streams, stamped with the sample's time.
+
+    samples: the prepared values, nan where a sensor is not valid. decisions: DECISION, state as an
+    index of SITUATIONS or UNKNOWN_STATE. offset_ns: of the clock of stamps over the LSL clock.
+    """
+
+    def __init__(self, samples: Outlet, decisions: Outlet, offset_ns: int) -> None:
+        self._samples, self._decisions, self._offset_ns = samples, decisions, offset_ns
+
+    def push(self, prediction: Prediction, sample: Sample) -> None:
+        """Send both without waiting."""
+        stamp_s = 1e-9 * (sample.t_ns - self._offset_ns)
+        values = np.where(np.repeat(sample.valid, 3), sample.values, np.nan)
+        self._samples.push(values.tolist(), stamp_s)
+        self._decisions.push(decision_row(prediction), stamp_s)
+
+
+def decision_row(prediction: Prediction) -> list[float]:
+    """The values of DECISION."""
+    state = prediction.state
+    known = state in SITUATIONS
+    return [
+        float(SITUATIONS.index(state)) if known else UNKNOWN_STATE,
+        *(prediction.p_situation[name] for name in SITUATIONS),
+        prediction.p_risky,
+        float(prediction.arm),
+        float(prediction.act),
+    ]
+
+
+class LslIntent:
+    """An inlet as a stream of items. A text stream has words in its first channel."""
+
+    def __init__(
+        self, inlet: Inlet, now_ns: Callable[[], int], say: Callable[[str], object]
+    ) -> None:
+        facts = inlet.facts
+        self._inlet, self._now_ns, self._say, self._is_text = (
+            inlet,
+            now_ns,
+            say,
+            facts.is_text,
+        )
+        self.n_envelopes = 0 if facts.is_text else len(facts.labels)
+        self._offset_ns = now_ns() - round(1e9 * inlet.clock_s())
+        self._reader, self._ended = ItemReader(say), False
+
+    def came(self) -> list[Intent]:
+        """What came; the newest stamp is not in the future."""
+        items = [self._item(stamp_s, values) for stamp_s, values in self._pulled()]
+        return [one for one in items if one is not None]
+
+    def forget(self) -> None:
+        """Drop what came before now."""
+        self._pulled()
+
+    def _pulled(self) -> list[tuple[float, Any]]:
+        try:
+            return list(self._inlet.pull(0.0))
+        except DeviceLost:
+            if not self._ended:
+                self._say(f"intent: lsl://{self._inlet.facts.name} ended")
+            self._ended = True
+            return []
+
+    def _item(self, stamp_s: float, values: Sequence[Any]) -> Intent | None:
+        t_ns = min(round(1e9 * stamp_s) + self._offset_ns, self._now_ns())
+        wants, envelope = (values[0], ()) if self._is_text else ("", values)
+        return self._reader.item(
+            lambda: intent_of(wants, envelope, t_ns, self.n_envelopes), str(values)
+        )

@@ -1,0 +1,129 @@
+"""A recorded trial as a source: the same samples, at the times they were recorded at.
+
+A recording replayed in real time: each row comes at the time at which it was recorded.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from holdfast.core.contract import UNITS, BoolArray, FloatArray, Sample, Unit
+from holdfast.core.errors import DataNotFound, UnitError
+from holdfast.core.reading import json_of, require_file, text_of
+from holdfast.core.trial_file import read_trial
+from holdfast.core.trial_layout import TACTILE
+from holdfast.edge_runtime.preparation import Preparation
+from holdfast.live.loop import SourceReading
+
+META = "meta.json"
+BIAS_REMOVED = "bias_removed"
+"""In a trial's meta.json: true where its values were prepared when they were read, as in what the
+live page saves; such a stream may begin in a grasp."""
+DEFAULT_UNIT: Unit = "N"
+META_LEVELS = 3
+"""A meta.json is in the trial's folder, or this many folders up (<set>/<object>/<action>/)."""
+
+
+@dataclass(frozen=True)
+class Replay:
+    """A recorded stream: t_ns [T] from zero, values [T, C], valid [T, C/3], one rate, one unit.
+
+    bias_removed: its values are prepared already.
+    """
+
+    t_ns: np.ndarray[tuple[int], np.dtype[np.int64]]
+    values: FloatArray
+    valid: BoolArray
+    rate_hz: float
+    unit: Unit
+    bias_removed: bool = False
+
+    def prepared(self, preparation: Preparation) -> Replay:
+        """The same stream with its bias removed, as the model's card says."""
+        if self.bias_removed:
+            return self
+        return replace(self, values=preparation.apply(self.values), bias_removed=True)
+
+    def __iter__(self) -> Iterator[Sample]:
+        """Every sample in turn, without waiting."""
+        for index in range(len(self.values)):
+            yield Sample(
+                int(self.t_ns[index]), self.values[index], self.valid[index], index
+            )
+
+
+def open_replay(path: str | Path) -> Replay:
+    """Open a trial's CSV file, or a trial folder that holds tactile.csv. Raises a DataError."""
+    path = Path(path)
+    require_file(path)
+    file = path / TACTILE if path.is_dir() else path
+    if path.is_dir() and not file.is_file():
+        raise DataNotFound(
+            f"no {TACTILE} in this folder",
+            where=path,
+            next_step="name a trial's CSV file",
+        )
+    trial = read_trial(file)
+    t_ns = np.round(trial.t_s * 1e9).astype(np.int64)
+    removed = _is_prepared(file.with_name(META))
+    return Replay(t_ns, trial.raw, trial.valid, trial.rate_hz, _unit(file), removed)
+
+
+def _is_prepared(meta: Path) -> bool:
+    """Whether the meta.json beside a trial says so; `_unit` refuses one that cannot be read."""
+    try:
+        return meta.is_file() and json_of(text_of(meta)).get(BIAS_REMOVED) is True
+    except (ValueError, AttributeError):
+        return False
+
+
+def _unit(file: Path) -> Unit:
+    """The unit in the nearest meta.json; newton without one, as in the thesis."""
+    for folder in list(file.resolve().parents)[: META_LEVELS + 1]:
+        meta = folder / META
+        if meta.is_file():
+            try:
+                unit = json_of(text_of(meta)).get("unit")
+            except (ValueError, AttributeError):
+                raise UnitError(
+                    "not a JSON object", where=meta, next_step='write {"unit": "N"}'
+                ) from None
+            if unit is not None and unit not in UNITS:
+                raise UnitError(
+                    f"unit {unit!r} is not one of {', '.join(UNITS)}", where=meta
+                )
+            if unit is not None:
+                return UNITS[UNITS.index(unit)]
+    return DEFAULT_UNIT
+
+
+class PacedReplay:
+    """A stream [T] as a live source. A late reader gets the newest row, as it would on a hand."""
+
+    def __init__(self, replay: Replay, now_ns: Callable[[], int]) -> None:
+        self._replay, self._now_ns = replay, now_ns
+        self._start_ns: int | None = None
+        self.unit: Unit = replay.unit
+        self.n_channels = replay.values.shape[1]
+        self.rate_hz: float | None = replay.rate_hz
+
+    def read(self) -> SourceReading | None:
+        """The row whose time has come; None after the last."""
+        now_ns = self._now_ns()
+        if self._start_ns is None:
+            self._start_ns = now_ns
+        row = round((now_ns - self._start_ns) * 1e-9 * self._replay.rate_hz)
+        if row >= len(self._replay.values):
+            return None
+        return SourceReading(now_ns, self._replay.values[row], self._replay.valid[row])
+
+    def begin_anew(self) -> None:
+        """The next reading is the first row again."""
+        self._start_ns = None
+
+    def close(self) -> None:
+        """Nothing is open."""

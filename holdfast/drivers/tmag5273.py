@@ -1,0 +1,333 @@
+"""The TMAG5273, a 3-axis Hall sensor: its registers as data, its numbers as formulas (TI SLYS045A).
+
+The same table is used by the driver and by the virtual chip (drivers/virtual/chip.py). Four factory
+addresses (A1 0x35, B1 0x22, C1 0x78, D1 0x44), so six on one bus need a mux or new addresses.
+Versions 1 and 2 differ in range: 40 / 80 mT and 133 / 266 mT.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from holdfast.core.contract import FloatArray
+
+FACTORY_ADDRESSES = (0x35, 0x22, 0x78, 0x44)
+GENERAL_CALL = 0x00
+MANUFACTURER_ID = 0x5449
+RANGES_MT = {1: (40.0, 80.0), 2: (133.0, 266.0)}
+"""DEVICE_ID.VER -> full scale with the range bit clear and set, mT."""
+SHORTEST_WAKE_S = 50e-6
+"""From the read that wakes a sleeping chip (which it does not acknowledge) until it answers."""
+TRIGGER = 0x80
+"""Added to the register's address: start one conversion (standby mode, TRIGGER_MODE 0)."""
+
+
+@dataclass(frozen=True)
+class Register:
+    """Its address, its value after power-on, and its bit fields: name -> (lowest bit, bits).
+
+    write_one_clears: bits that a written 1 clears; writable: bits that a write changes.
+    """
+
+    address: int
+    reset: int = 0
+    writable: int = 0xFF
+    write_one_clears: int = 0
+    fields: Mapping[str, tuple[int, int]] = field(default_factory=dict)
+
+    def value(self, **fields: int) -> int:
+        """A byte with these fields set, all others 0.
+
+        >>> hex(REGISTERS["DEVICE_CONFIG_1"].value(MAG_TEMPCO=1, CONV_AVG=5))
+        '0x34'
+        """
+        byte = 0
+        for name, number in fields.items():
+            low, bits = self.fields[name]
+            if not 0 <= number < 1 << bits:
+                raise ValueError(f"{name} = {number} does not fit {bits} bits")
+            byte |= number << low
+        return byte
+
+    def read(self, byte: int, name: str) -> int:
+        """One field out of a byte."""
+        low, bits = self.fields[name]
+        return byte >> low & (1 << bits) - 1
+
+
+REGISTERS: dict[str, Register] = {
+    "DEVICE_CONFIG_1": Register(
+        0x00,
+        fields={
+            "CRC_EN": (7, 1),
+            "MAG_TEMPCO": (5, 2),
+            "CONV_AVG": (2, 3),
+            "I2C_RD": (0, 2),
+        },
+    ),
+    "DEVICE_CONFIG_2": Register(
+        0x01,
+        fields={
+            "THR_HYST": (5, 3),
+            "LP_LN": (4, 1),
+            "I2C_GLITCH_FILTER": (3, 1),
+            "TRIGGER_MODE": (2, 1),
+            "OPERATING_MODE": (0, 2),
+        },
+    ),
+    "SENSOR_CONFIG_1": Register(
+        0x02, fields={"MAG_CH_EN": (4, 4), "SLEEPTIME": (0, 4)}
+    ),
+    "SENSOR_CONFIG_2": Register(
+        0x03,
+        writable=0x7F,
+        fields={
+            "THRX_COUNT": (6, 1),
+            "MAG_THR_DIR": (5, 1),
+            "MAG_GAIN_CH": (4, 1),
+            "ANGLE_EN": (2, 2),
+            "X_Y_RANGE": (1, 1),
+            "Z_RANGE": (0, 1),
+        },
+    ),
+    "X_THR_CONFIG": Register(0x04),
+    "Y_THR_CONFIG": Register(0x05),
+    "Z_THR_CONFIG": Register(0x06),
+    "T_CONFIG": Register(0x07, fields={"T_THR": (1, 7), "T_CH_EN": (0, 1)}),
+    "INT_CONFIG_1": Register(
+        0x08,
+        fields={
+            "RSLT_INT": (7, 1),
+            "THRSLD_INT": (6, 1),
+            "INT_STATE": (5, 1),
+            "INT_MODE": (2, 3),
+            "MASK_INTB": (0, 1),
+        },
+    ),
+    "MAG_GAIN_CONFIG": Register(0x09),
+    "MAG_OFFSET_CONFIG_1": Register(0x0A),
+    "MAG_OFFSET_CONFIG_2": Register(0x0B),
+    "I2C_ADDRESS": Register(0x0C, fields={"ADDRESS": (1, 7), "UPDATE_EN": (0, 1)}),
+    "DEVICE_ID": Register(0x0D, reset=0x01, writable=0, fields={"VER": (0, 2)}),
+    "MANUFACTURER_ID_LSB": Register(0x0E, reset=MANUFACTURER_ID & 0xFF, writable=0),
+    "MANUFACTURER_ID_MSB": Register(0x0F, reset=MANUFACTURER_ID >> 8, writable=0),
+    "T_MSB_RESULT": Register(0x10, writable=0),
+    "T_LSB_RESULT": Register(0x11, writable=0),
+    "X_MSB_RESULT": Register(0x12, writable=0),
+    "X_LSB_RESULT": Register(0x13, writable=0),
+    "Y_MSB_RESULT": Register(0x14, writable=0),
+    "Y_LSB_RESULT": Register(0x15, writable=0),
+    "Z_MSB_RESULT": Register(0x16, writable=0),
+    "Z_LSB_RESULT": Register(0x17, writable=0),
+    "CONV_STATUS": Register(
+        0x18,
+        reset=0x10,
+        writable=0,
+        write_one_clears=0x10,
+        fields={
+            "SET_COUNT": (5, 3),
+            "POR": (4, 1),
+            "DIAG_STATUS": (1, 1),
+            "RESULT_STATUS": (0, 1),
+        },
+    ),
+    "ANGLE_RESULT_MSB": Register(0x19, writable=0),
+    "ANGLE_RESULT_LSB": Register(0x1A, writable=0),
+    "MAGNITUDE_RESULT": Register(0x1B, writable=0),
+    "DEVICE_STATUS": Register(
+        0x1C,
+        reset=0x10,
+        writable=0,
+        write_one_clears=0x0F,
+        fields={
+            "INTB_RB": (4, 1),
+            "OSC_ER": (3, 1),
+            "INT_ER": (2, 1),
+            "OTP_CRC_ER": (1, 1),
+            "VCC_UV_ER": (0, 1),
+        },
+    ),
+}
+STANDBY, SLEEP, CONTINUOUS = 0, 1, 2
+"""DEVICE_CONFIG_2.OPERATING_MODE."""
+REGISTER_READS, BURST_16, BURST_8 = 0, 1, 2
+"""DEVICE_CONFIG_1.I2C_RD.
+
+Register reads, or packets without a register byte (16 or 8 bits an axis).
+"""
+XYZ = 7
+"""SENSOR_CONFIG_1.MAG_CH_EN."""
+RESULTS = REGISTERS["X_MSB_RESULT"].address
+"""Seven bytes from here: x, y, z (big-endian) and CONV_STATUS."""
+LAYOUT = struct.Struct(">3hB")
+PACKET_BYTES = LAYOUT.size
+CHECKED_BYTES = PACKET_BYTES + 1
+"""The same and a CRC, if the chip sends one (1-byte reads with CRC_EN)."""
+RESERVED_STATUS = 0x0C
+"""Bits of CONV_STATUS that are always 0."""
+
+
+def conversion_s(averages: int, axes: int = 3) -> float:
+    """Time of one conversion: 25 us (N axes + 1) (reproduces table 7-4).
+
+    >>> conversion_s(32)
+    0.002425
+    """
+    return round(25e-6 * (averages * axes + 1), 9)
+
+
+def field_ut(raw: npt.ArrayLike, range_mt: float | FloatArray) -> FloatArray:
+    """Signed 16-bit results -> uT: raw / 32768 of the full scale (equation 10).
+
+    >>> field_ut([16384, -32768], 40.0).tolist()
+    [20000.0, -40000.0]
+    """
+    converted: FloatArray = np.asarray(raw, dtype=np.float64) * (
+        1e3 * range_mt / 32768.0
+    )
+    return converted
+
+
+def temperature_degc(raw: int) -> float:
+    """T = 25 + (raw - 17508) / 60.1 degC (equation 14).
+
+    >>> temperature_degc(17508)
+    25.0
+    """
+    return 25.0 + (raw - 17508) / 60.1
+
+
+def _shifted(byte: int) -> int:
+    """Eight steps of the CRC's shift register."""
+    for _ in range(8):
+        byte = (byte << 1 ^ 0x07 if byte & 0x80 else byte << 1) & 0xFF
+    return byte
+
+
+CRC_TABLE = bytes(_shifted(byte) for byte in range(256))
+
+
+def crc8(data: bytes) -> int:
+    """x^8 + x^2 + x + 1, begun with 0xFF (section 7.5.3.3).
+
+    >>> [hex(crc8(bytes([byte]))) for byte in (0x00, 0xFF, 0x80, 0x4C)]
+    ['0xf3', '0x0', '0x7a', '0x10']
+    """
+    crc = 0xFF
+    for byte in data:
+        crc = CRC_TABLE[crc ^ byte]
+    return crc
+
+
+def packet_crc(address: int, data: bytes) -> int:
+    """The CRC of a packet from this address: over the address byte of the read, then the packet.
+
+    >>> hex(packet_crc(0x35, bytes(7)))
+    '0xc4'
+    """
+    return crc8(bytes([address << 1 | 1]) + data)
+
+
+@dataclass(frozen=True)
+class Setup:
+    """How a chip is configured. averages: 1 to 32. wide_xy, wide_z: the wide range of these axes.
+
+    burst: 1-byte reads, which are shorter because they send no register byte; registers cannot be
+    read meanwhile. together: all chips convert at one moment, at a general call; otherwise each at
+    its own times. crc: a CRC after each packet. Only 1-byte reads have one over the whole packet,
+    so crc implies them.
+    """
+
+    averages: int = 32
+    wide_xy: bool = False
+    wide_z: bool = True
+    burst: bool = False
+    together: bool = False
+    crc: bool = False
+
+    @property
+    def packets(self) -> bool:
+        """Whether 1-byte reads are on."""
+        return self.burst or self.crc
+
+    @property
+    def plain(self) -> Setup:
+        """The same with register reads, which a read-back needs."""
+        return replace(self, burst=False, crc=False)
+
+    def registers(self) -> list[tuple[int, int]]:
+        """(address, byte) in the order to write.
+
+        The read format last but one, the operating mode last.
+        """
+        one = REGISTERS
+        config = one["DEVICE_CONFIG_1"].value(
+            CRC_EN=int(self.crc),
+            MAG_TEMPCO=1,
+            CONV_AVG=self.averages.bit_length() - 1,
+            I2C_RD=BURST_16 if self.packets else REGISTER_READS,
+        )
+        mode = STANDBY if self.together else CONTINUOUS
+        ranges = one["SENSOR_CONFIG_2"].value(
+            X_Y_RANGE=int(self.wide_xy), Z_RANGE=int(self.wide_z)
+        )
+        return [
+            (one["INT_CONFIG_1"].address, one["INT_CONFIG_1"].value(MASK_INTB=1)),
+            (
+                one["SENSOR_CONFIG_1"].address,
+                one["SENSOR_CONFIG_1"].value(MAG_CH_EN=XYZ),
+            ),
+            (one["SENSOR_CONFIG_2"].address, ranges),
+            (one["T_CONFIG"].address, 0),
+            (one["DEVICE_CONFIG_1"].address, config),
+            (
+                one["DEVICE_CONFIG_2"].address,
+                one["DEVICE_CONFIG_2"].value(LP_LN=1, OPERATING_MODE=mode),
+            ),
+        ]
+
+    def range_mt(self, version: int) -> FloatArray:
+        """[3] full scale of x, y, z."""
+        narrow, wide = RANGES_MT[version]
+        xy = wide if self.wide_xy else narrow
+        return np.array([xy, xy, wide if self.wide_z else narrow])
+
+
+@dataclass(frozen=True)
+class Packet:
+    """One reading: raw x, y, z of 16 bits, signed, and CONV_STATUS."""
+
+    raw: tuple[int, int, int]
+    status: int
+
+    @property
+    def set_count(self) -> int:
+        """Rolls over 0 .. 7 with every conversion."""
+        return REGISTERS["CONV_STATUS"].read(self.status, "SET_COUNT")
+
+    @property
+    def reset(self) -> bool:
+        """Power was lost since POR was cleared, and with it the configuration and the address."""
+        return bool(REGISTERS["CONV_STATUS"].read(self.status, "POR"))
+
+    @property
+    def failing(self) -> bool:
+        """The chip's own diagnosis failed."""
+        return bool(REGISTERS["CONV_STATUS"].read(self.status, "DIAG_STATUS"))
+
+
+def packet(data: bytes) -> Packet:
+    """x, y, z and CONV_STATUS out of seven bytes.
+
+    >>> packet(bytes([0x40, 0, 0xFF, 0xFF, 0, 1, 0xB1])).raw
+    (16384, -1, 1)
+    """
+    if len(data) != PACKET_BYTES:
+        raise ValueError(f"{len(data)} bytes, not {PACKET_BYTES}")
+    x, y, z, status = LAYOUT.unpack(data)
+    return Packet((x, y, z), status)

@@ -1,0 +1,138 @@
+"""Scripted faults: what goes wrong, with which sensor, when, for how long.
+
+nack:3@1.5+0.2      sensor 3 does not acknowledge from 1.5 s on for 0.2 s
+unplug@2+1          the bridge is gone for a second
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from holdfast.core.errors import UsageError
+
+OF_A_SENSOR = {
+    "nack": "acknowledges nothing",
+    "frozen": "stops converting: SET_COUNT and results stay",
+    "por": "loses its power for an instant, and with it its configuration and address",
+    "sleep": "has fallen asleep, as after a stray write",
+    "wrong": "another chip answers at its address",
+    "diag": "reports that its own diagnosis failed",
+}
+
+
+OF_THE_BUS = {
+    "stuck": "SDA is held low until nine clocks are given",
+    "noise": "flips one bit in ten thousand on the wire, of any sender",
+}
+
+
+OF_THE_BRIDGE = {
+    "stall": "answers a transfer with STALL",
+    "late": "lets a transfer time out and answers it afterwards",
+    "short": "answers with half of the bytes",
+    "unplug": "is gone from USB",
+}
+
+
+KINDS = {**OF_A_SENSOR, **OF_THE_BUS, **OF_THE_BRIDGE}
+
+
+AT_ONCE = ("por", "sleep", "stuck")
+"""These faults happen once, at their time; the others last."""
+
+
+FORM = re.compile(
+    r"(?P<kind>[a-z]+)(:(?P<sensor>[1-6]))?@(?P<at>\d+(\.\d+)?)(\+(?P<lasts>\d+(\.\d+)?))?"
+)
+
+
+DEFAULT_LASTS_S = 0.1
+
+
+@dataclass(frozen=True)
+class Fault:
+    """One fault; sensor 1 .. 6, None for bus or bridge; times in s since the hand was made."""
+
+    kind: str
+    at_s: float
+    lasts_s: float = DEFAULT_LASTS_S
+    sensor: int | None = None
+
+
+def read_fault(text: str) -> Fault:
+    """A fault as a URL or a file has it. Raises UsageError.
+
+    >>> read_fault("nack:3@1.5+0.2")
+    Fault(kind='nack', at_s=1.5, lasts_s=0.2, sensor=3)
+    """
+    found = FORM.fullmatch(text)
+    if found is None and FORM.fullmatch(text.replace(" ", "+")):
+        raise UsageError(
+            f"fault={text!r} has a space where a + belongs",
+            cause="an unescaped + in a URL means a space",
+            next_step=f"write fault={text.replace(' ', '%2B')}",
+        )
+    if found is None or found["kind"] not in KINDS:
+        raise UsageError(
+            f"{text!r} is not a fault",
+            next_step=f"write kind:sensor@at+lasts; kinds: {', '.join(KINDS)}",
+        )
+    if (found["kind"] in OF_A_SENSOR) != (found["sensor"] is not None):
+        what = (
+            "needs a sensor, 1 .. 6"
+            if found["kind"] in OF_A_SENSOR
+            else "has no sensor"
+        )
+        raise UsageError(
+            f"{text!r}: {found['kind']} {what}",
+            next_step=f"such as {_example(found['kind'])}",
+        )
+    lasts_s = float(found["lasts"]) if found["lasts"] else DEFAULT_LASTS_S
+    return Fault(
+        found["kind"],
+        float(found["at"]),
+        lasts_s,
+        int(found["sensor"]) if found["sensor"] else None,
+    )
+
+
+def _example(kind: str) -> str:
+    return f"{kind}:3@1+0.2" if kind in OF_A_SENSOR else f"{kind}@1+0.2"
+
+
+class Faults:
+    """The script, which the parts of the virtual hand query as time goes by."""
+
+    def __init__(self, faults: Iterable[Fault] = ()) -> None:
+        ordered = sorted(faults, key=lambda fault: fault.at_s)
+        self._pending = [fault for fault in ordered if fault.kind in AT_ONCE]
+        self._lasting: dict[tuple[str, int | None], list[Fault]] = {}
+        for fault in ordered:
+            if fault.kind not in AT_ONCE:
+                self._lasting.setdefault((fault.kind, fault.sensor), []).append(fault)
+
+    def __bool__(self) -> bool:
+        """Whether the script has any fault left."""
+        return bool(self._lasting or self._pending)
+
+    def lasts(self, kind: str, now_s: float, sensor: int | None = None) -> bool:
+        """Whether a lasting fault is active."""
+        return any(
+            fault.at_s <= now_s < fault.at_s + fault.lasts_s
+            for fault in self._lasting.get((kind, sensor), ())
+        )
+
+    def happened(self, kind: str, now_s: float, sensor: int | None = None) -> bool:
+        """Whether a fault that happens once has happened since the last call."""
+        if not self._pending:
+            return False
+        due = [
+            f
+            for f in self._pending
+            if f.kind == kind and f.sensor == sensor and f.at_s <= now_s
+        ]
+        for fault in due:
+            self._pending.remove(fault)
+        return bool(due)

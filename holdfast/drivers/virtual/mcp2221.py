@@ -1,0 +1,273 @@
+"""An MCP2221A: its HID reports, and its I2C engine with the states and traps known from the field.
+
+States and undocumented bytes are those of EasyMCP2221. Two things are guesses: the time of a
+cancel, and the report descriptor (Microchip's generic one; we found no dump of the real one). The
+serial port is missing, and the ADC reads 0.
+"""
+
+from __future__ import annotations
+
+from holdfast.drivers.virtual.mcp2221_memory import Flash, Sram
+from holdfast.drivers.virtual.usb_backend import INTERRUPT, Device, stall
+from holdfast.drivers.virtual.usb_devices import Interface, endpoints
+from holdfast.drivers.virtual.virtual_hand import VirtualHand
+
+OUT_ENDPOINT, IN_ENDPOINT, REPORT = 0x03, 0x83, 64
+REPORT_NS = 1_500_000
+"""Of a report, each way."""
+CANCEL_NS = 4_000_000
+"""From a cancel until the engine is idle."""
+REPORT_DESCRIPTOR = bytes.fromhex(
+    "0600ff0901a10119012940150026ff00750895408100190129409100c0"
+)
+"""Usage page 0xFF00, usage 1; 64 bytes in and 64 out, without a report number."""
+COMPOSITE, SERIAL_PORT, SERIAL_DATA, HID = (
+    (0xEF, 2, 1),
+    (2, 2, 1),
+    (0x0A, 0, 0),
+    (3, 0, 0),
+)
+"""Class, subclass and protocol of the device and of its interfaces."""
+STATUS_SET, GET_DATA, RESET = 0x10, 0x40, bytes([0x70, 0xAB, 0xCD, 0xEF])
+SET_GPIO, GET_GPIO, SET_SRAM, GET_SRAM, READ_FLASH, WRITE_FLASH, UNLOCK_FLASH = (
+    0x50,
+    0x51,
+    0x60,
+    0x61,
+    0xB0,
+    0xB1,
+    0xB2,
+)
+REVISIONS = b"A612"
+"""Of hardware and firmware, two characters each."""
+WRITE, READ, WRITE_AGAIN, READ_AGAIN, WRITE_NO_STOP = 0x90, 0x91, 0x92, 0x93, 0x94
+CANCEL, SET_SPEED, SPEED_SET, SPEED_NOT_SET = 0x10, 0x20, 0x20, 0x21
+IDLE, START_TIMEOUT, NACK, WRITING, WRITTEN_NO_STOP = 0x00, 0x12, 0x25, 0x42, 0x45
+READING, DATA_READY, STOPPING, STOP_WAIT, STOP_TIMEOUT = 0x50, 0x55, 0x60, 0x61, 0x62
+NO_DATA, NO_COUNT = 0x41, 127
+UNUSED_18, CONFUSED_18, GOOD_18, USED_21 = 0x00, 0x08, 0x10, 0x60
+MOST_BYTES = 60
+BOGUS = 0xFF
+
+
+class VirtualMcp2221(Device):
+    """The bridge in front of a virtual hand."""
+
+    usb_class = COMPOSITE
+    interfaces: tuple[Interface, ...] = (
+        Interface(usb_class=SERIAL_PORT),
+        Interface(usb_class=SERIAL_DATA),
+        Interface(
+            endpoints(
+                (IN_ENDPOINT, INTERRUPT, REPORT), (OUT_ENDPOINT, INTERRUPT, REPORT)
+            ),
+            HID,
+            REPORT_DESCRIPTOR,
+        ),
+    )
+    kernel_driver = frozenset({0, 1, 2})  # cdc_acm, cdc_acm, hid-mcp2221
+
+    def __init__(self, hand: VirtualHand, serial: str = "0000000001") -> None:
+        self.hand = hand
+        self.flash = Flash(serial)
+        self.reset()
+
+    def reset(self) -> None:
+        """As plugged in: settings from flash, 100 kHz, an engine that was never used."""
+        self.flash.lock()
+        self.sram = Sram(self.flash)
+        self.vendor, self.product = self.flash.ids
+        self.strings = self.flash.strings
+        self.bus_hz = 100e3
+        self.state, self.used, self.confused, self.hangs = IDLE, False, False, False
+        self._nacked = False
+        self._meanwhile, self._busy_until_ns = IDLE, 0
+        self._length, self._data, self._divider = 0, b"", 117
+        self._reply = b""
+
+    def tick_sda(self) -> None:
+        """SDA moves while the engine is idle, as when a chip is plugged in.
+
+        A used engine is confused.
+        """
+        self.confused = self.used
+
+    def write(self, endpoint: int, data: bytes) -> None:
+        """A command; an earlier reply that was not read is lost."""
+        if endpoint != OUT_ENDPOINT:
+            raise stall()
+        self.hand.clock.spend(REPORT_NS)
+        self.hand.suffer()
+        command = data.ljust(REPORT, b"\0")
+        if command.startswith(RESET):
+            self.reset()
+            self.restarts += 1
+            return
+        reply = bytearray(REPORT)
+        reply[0] = command[0]
+        if command[0] == STATUS_SET:
+            self._status_set(command, reply)
+        elif command[0] == GET_DATA:
+            self._get_data(reply)
+        elif WRITE <= command[0] <= WRITE_NO_STOP:
+            self._transfer(command, reply)
+        else:
+            self._settings(command, reply)
+        self._reply = bytes(reply)
+
+    def read(self, endpoint: int, length: int) -> bytes:
+        """The reply, once."""
+        if endpoint != IN_ENDPOINT:
+            raise stall()
+        self.hand.clock.spend(REPORT_NS)
+        reply, self._reply = self._reply, b""
+        return reply[:length]
+
+    # -- commands
+
+    def _settings(self, command: bytes, reply: bytearray) -> None:
+        """Pins, SRAM and flash."""
+        if command[0] == SET_GPIO:
+            self.sram.pins.write(command, reply)
+        elif command[0] == GET_GPIO:
+            self.sram.pins.read(reply)
+        elif command[0] == SET_SRAM:
+            self.sram.write(command)
+        elif command[0] == GET_SRAM:
+            self.sram.read(reply)
+        elif command[0] == READ_FLASH:
+            self.flash.read(command, reply)
+        elif command[0] == WRITE_FLASH:
+            self.flash.write(command, reply)
+        elif command[0] == UNLOCK_FLASH:
+            self.flash.unlock(command, reply)
+        else:
+            reply[1] = 1
+
+    def _shown(self) -> int:
+        """The state that the engine reports, which is another one while it works."""
+        return (
+            self._meanwhile
+            if self.hand.clock.now_ns() < self._busy_until_ns
+            else self.state
+        )
+
+    def _status_set(self, command: bytes, reply: bytearray) -> None:
+        if command[3] == SET_SPEED:
+            quiet = self._shown() == IDLE
+            reply[3] = SPEED_SET if quiet else SPEED_NOT_SET
+            if quiet:
+                self._divider = command[4]
+                self.bus_hz = 12e6 / (command[4] + 3)
+        reply[8] = self._shown()
+        if command[2] == CANCEL:
+            self._cancel()
+            reply[2], reply[8] = CANCEL, STOPPING  # in any case
+        reply[9:11] = reply[11:13] = self._length.to_bytes(2, "little")
+        reply[14] = self._divider
+        reply[18] = self._byte_18()
+        reply[20] = 0x40 if self._nacked else 0
+        reply[21] = USED_21 if self.used else 0
+        reply[22], reply[23] = 1, 0 if self.hand.wire.held_low else 1
+        reply[46:50] = REVISIONS
+
+    def _byte_18(self) -> int:
+        if not self.used:
+            return UNUSED_18
+        return (
+            CONFUSED_18
+            if self.confused or self.state in (NACK, WRITTEN_NO_STOP)
+            else GOOD_18
+        )
+
+    def _cancel(self) -> None:
+        """An engine that was never used hangs from then on.
+
+        With a held bus it cannot send a STOP.
+        """
+        self._work(CANCEL_NS, STOP_WAIT)
+        self.hangs = self.hangs or not self.used
+        if self.hangs or self.hand.wire.held_low:
+            self.state = STOP_TIMEOUT
+            return
+        if self.state == WRITTEN_NO_STOP:
+            self.hand.wire.stop()
+        self.state, self.confused, self._nacked, self._data = IDLE, False, False, b""
+
+    def _get_data(self, reply: bytearray) -> None:
+        reply[2] = self._shown()
+        if reply[2] != DATA_READY:
+            reply[1], reply[3] = NO_DATA, NO_COUNT
+            return
+        reply[3] = len(self._data)
+        reply[4 : 4 + len(self._data)] = self._data
+        self.state, self._data = IDLE, b""
+
+    def _transfer(self, command: bytes, reply: bytearray) -> None:
+        kind, length, address = (
+            command[0],
+            int.from_bytes(command[1:3], "little"),
+            command[3],
+        )
+        allowed = (
+            (WRITTEN_NO_STOP, IDLE, NACK)
+            if kind in (WRITE_AGAIN, READ_AGAIN)
+            else (IDLE, NACK)
+        )
+        if self._shown() not in allowed or not 0 < length <= MOST_BYTES:
+            reply[1], reply[2] = 1, self._shown()
+            return
+        self.used, self._length = True, length
+        bits = self.hand.wire.bits
+        if self.hand.wire.held_low:
+            self.state = START_TIMEOUT
+        elif self.confused or self.state == NACK:
+            self._bogus(kind, length)
+        elif kind in (READ, READ_AGAIN):
+            self._read(address, length)
+        else:
+            self._write(kind, address, command[4 : 4 + length])
+        working = READING if kind in (READ, READ_AGAIN) else WRITING
+        self._work(round(1e9 * (self.hand.wire.bits - bits) / self.bus_hz), working)
+        reply[2] = self._shown()
+
+    # -- the engine
+
+    def _work(self, duration_ns: int, state: int) -> None:
+        """Report this state for so long; USB goes on."""
+        self._meanwhile, self._busy_until_ns = (
+            state,
+            self.hand.clock.now_ns() + duration_ns,
+        )
+
+    def _bogus(self, kind: int, length: int) -> None:
+        """A transfer that looks good and never was on the wire."""
+        self.confused = self._nacked = False
+        if kind in (READ, READ_AGAIN):
+            self.state, self._data = DATA_READY, bytes([BOGUS]) * length
+        else:
+            self.state = WRITTEN_NO_STOP if kind == WRITE_NO_STOP else IDLE
+
+    def _read(self, address: int, length: int) -> None:
+        wire = self.hand.wire
+        wire.start()
+        if wire.write(address | 1):
+            self.state, self._data = (
+                DATA_READY,
+                bytes(wire.read() for _ in range(length)),
+            )
+        else:
+            self.state, self._nacked = NACK, True
+        wire.stop()
+
+    def _write(self, kind: int, address: int, data: bytes) -> None:
+        wire = self.hand.wire
+        wire.start()
+        if not all(wire.write(byte) for byte in (address & 0xFE, *data)):
+            self.state, self._nacked = NACK, True
+            wire.stop()
+        elif kind == WRITE_NO_STOP:
+            self.state = WRITTEN_NO_STOP
+        else:
+            self.state = IDLE
+            wire.stop()

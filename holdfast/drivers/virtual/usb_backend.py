@@ -1,0 +1,369 @@
+"""A pyusb backend whose devices are emulated: drivers use it as they use libusb.
+
+Faults of the bridge happen here, in the same way for every device: a stall, a time-out whose reply
+comes late, half of an answer, a device that is unplugged (and comes back as another one, after the
+sensors lost their power).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import usb.backend
+import usb.core
+
+from holdfast.drivers.virtual.clock import Clock
+from holdfast.drivers.virtual.faults import Faults
+from holdfast.drivers.virtual.usb_devices import (
+    Interface,
+    configuration_fields,
+    descriptor,
+    device_fields,
+    endpoint_fields,
+    interface_fields,
+)
+
+BULK, INTERRUPT = 2, 3
+"""bmAttributes of an endpoint."""
+BUSY, NO_DEVICE, STALL, TIMED_OUT = 16, 19, 32, 110
+LIBUSB_ERROR_BUSY = -6
+STANDARD, TYPE_MASK, VENDOR_TYPE, RECIPIENT_MASK, OF_AN_INTERFACE = (
+    0x00,
+    0x60,
+    0x40,
+    0x1F,
+    0x01,
+)
+"""Of bmRequestType."""
+GET_STATUS, GET_DESCRIPTOR, GET_CONFIGURATION = 0, 6, 8
+"""Standard requests (USB 2.0, table 9-4)."""
+
+
+def no_device() -> Any:
+    """What libusb raises once a device is gone."""
+    return usb.core.USBError(
+        "No such device (it may have been disconnected)", NO_DEVICE, NO_DEVICE
+    )
+
+
+def stall() -> Any:
+    """What libusb raises on a STALL."""
+    return usb.core.USBError("Pipe error", STALL, STALL)
+
+
+def timed_out() -> Any:
+    """What libusb raises when no answer comes in time."""
+    return usb.core.USBTimeoutError("Operation timed out", TIMED_OUT, TIMED_OUT)
+
+
+def busy() -> Any:
+    """What libusb raises when another handle or a kernel driver has the interface."""
+    return usb.core.USBError("Resource busy", LIBUSB_ERROR_BUSY, BUSY)
+
+
+@dataclass
+class Traffic:
+    """Transfers and payload bytes since it was last set to zero."""
+
+    transfers: int = 0
+    bytes_out: int = 0
+    bytes_in: int = 0
+
+
+class Device:
+    """An emulated device; a bridge overrides how it answers.
+
+    interfaces: by number. kernel_driver: interfaces that a kernel driver is bound to. strings:
+    manufacturer, product and serial number. restarts: how often the device itself has left USB and
+    come back, as after a command that resets it.
+    """
+
+    vendor = product = 0
+    release = 0x0100
+    speed = "full"
+    usb_class = (0, 0, 0)
+    current_ma = 100
+    strings = ("", "", "")
+    interfaces: tuple[Interface, ...] = (Interface(),)
+    kernel_driver: frozenset[int] = frozenset()
+    restarts = 0
+
+    def control_out(
+        self, request_type: int, request: int, value: int, index: int, data: bytes
+    ) -> None:
+        """A control transfer with data from the host; raise stall() for one it does not know."""
+        raise stall()
+
+    def control_in(
+        self, request_type: int, request: int, value: int, index: int, length: int
+    ) -> bytes:
+        """A control transfer that asks for data."""
+        raise stall()
+
+    def write(self, endpoint: int, data: bytes) -> None:
+        """Data for an OUT endpoint."""
+        raise stall()
+
+    def read(self, endpoint: int, length: int) -> bytes:
+        """What an IN endpoint has, at most length bytes; nothing is a time-out."""
+        raise stall()
+
+    def reset(self) -> None:
+        """Back to what it is after being plugged in."""
+
+
+@dataclass(eq=False)
+class Handle:
+    """A device as found or opened; it becomes invalid when the device leaves USB."""
+
+    generation: int
+
+
+class VirtualBackend(usb.backend.IBackend):  # type: ignore[misc]
+    """One device on its own bus. power_off: called when it is unplugged.
+
+    Traffic counts transfers.
+    """
+
+    def __init__(
+        self,
+        device: Device,
+        clock: Clock,
+        faults: Faults,
+        power_off: Callable[[], None] = lambda: None,
+    ) -> None:
+        self.device, self.traffic = device, Traffic()
+        self._clock, self._faults, self._power_off = clock, faults, power_off
+        self._born_ns, self._unplugs, self._gone = clock.now_ns(), 0, False
+        self._late: dict[int, list[bytes]] = {}
+        self._claimed: dict[int, Handle] = {}
+        self._detached: set[int] = set()
+        self._seen = 0
+
+    # -- what is there
+
+    def enumerate_devices(self) -> Iterator[Any]:
+        """The device, unless it is unplugged."""
+        if not self._unplugged():
+            yield Handle(self._generation())
+
+    def get_parent(self, dev: Any) -> None:
+        """No hub."""
+
+    def get_device_descriptor(self, dev: Any) -> Any:
+        """Its ids, its speed, and which strings it has."""
+        return device_fields(self.device, dev.generation + 1)
+
+    def get_configuration_descriptor(self, dev: Any, config: int) -> Any:
+        """The only one."""
+        if config:
+            raise IndexError(config)
+        return configuration_fields(self.device)
+
+    def get_interface_descriptor(
+        self, dev: Any, intf: int, alt: int, config: int
+    ) -> Any:
+        """One without alternatives."""
+        if alt:
+            raise IndexError(alt)
+        return interface_fields(self.device, intf)
+
+    def get_endpoint_descriptor(
+        self, dev: Any, ep: int, intf: int, alt: int, config: int
+    ) -> Any:
+        """As the device says."""
+        return endpoint_fields(self.device, ep, intf)
+
+    # -- opening
+
+    def open_device(self, dev: Any) -> Any:
+        """A new handle; a second one is allowed, but an interface cannot be claimed twice."""
+        self._alive(dev)
+        return Handle(dev.generation)
+
+    def close_device(self, dev_handle: Any) -> None:
+        """Release what it claimed."""
+        self._claimed = {
+            intf: by for intf, by in self._claimed.items() if by is not dev_handle
+        }
+
+    def set_configuration(self, dev_handle: Any, config_value: int) -> None:
+        """There is one."""
+        self._alive(dev_handle)
+
+    def get_configuration(self, dev_handle: Any) -> int:
+        """The only one."""
+        self._alive(dev_handle)
+        return 1
+
+    def set_interface_altsetting(
+        self, dev_handle: Any, intf: int, altsetting: int
+    ) -> None:
+        """There are none."""
+        self._alive(dev_handle)
+
+    def claim_interface(self, dev_handle: Any, intf: int) -> None:
+        """Busy while a kernel driver or another handle has it; one handle may claim it twice."""
+        self._alive(dev_handle)
+        if (
+            self.is_kernel_driver_active(dev_handle, intf)
+            or self._claimed.get(intf, dev_handle) is not dev_handle
+        ):
+            raise busy()
+        self._claimed[intf] = dev_handle
+
+    def release_interface(self, dev_handle: Any, intf: int) -> None:
+        """Given back."""
+        self._alive(dev_handle)
+        if self._claimed.get(intf) is dev_handle:
+            del self._claimed[intf]
+
+    def is_kernel_driver_active(self, dev_handle: Any, intf: int) -> bool:
+        """As on a machine whose kernel has a driver for the bridge."""
+        return intf in self.device.kernel_driver and intf not in self._detached
+
+    def detach_kernel_driver(self, dev_handle: Any, intf: int) -> None:
+        """Detach it for every handle."""
+        self._detached.add(intf)
+
+    def attach_kernel_driver(self, dev_handle: Any, intf: int) -> None:
+        """Attach it again; busy while the interface is claimed."""
+        if intf in self._claimed:
+            raise busy()
+        self._detached.discard(intf)
+
+    def clear_halt(self, dev_handle: Any, ep: int) -> None:
+        """Nothing stays halted."""
+        self._alive(dev_handle)
+
+    def reset_device(self, dev_handle: Any) -> None:
+        """The device starts again; its sensors keep their power."""
+        self._alive(dev_handle)
+        self._late.clear()
+        self.device.reset()
+
+    # -- transfers
+
+    def ctrl_transfer(
+        self,
+        dev_handle: Any,
+        request_type: int,
+        request: int,
+        value: int,
+        index: int,
+        data: Any,
+        timeout: int,
+    ) -> int:
+        """Out or in, by the highest bit of the request type."""
+        self._begin(dev_handle)
+        if (
+            request_type & RECIPIENT_MASK == OF_AN_INTERFACE
+            and request_type & TYPE_MASK != VENDOR_TYPE
+        ):
+            self._hold(dev_handle, index & 0xFF)
+        if request_type & 0x80:
+            answer = self._answer(request_type, request, value, index, len(data))
+            return self._deliver(self._spoilt(answer, timeout), data)
+        self.device.control_out(request_type, request, value, index, bytes(data))
+        self._spoilt(b"", timeout)
+        self.traffic.bytes_out += len(data)
+        return len(data)
+
+    def _answer(
+        self, request_type: int, request: int, value: int, index: int, length: int
+    ) -> bytes:
+        """Standard requests are answered here, in the same way for every device."""
+        if request_type & TYPE_MASK != STANDARD:
+            return self.device.control_in(request_type, request, value, index, length)
+        if request == GET_DESCRIPTOR:
+            found = descriptor(self.device, value >> 8, value & 0xFF, index)
+        else:
+            found = {GET_STATUS: bytes(2), GET_CONFIGURATION: b"\x01"}.get(request)
+        if found is None:
+            raise stall()
+        return found[:length]
+
+    def bulk_write(
+        self, dev_handle: Any, ep: int, intf: int, data: Any, timeout: int
+    ) -> int:
+        """To an OUT endpoint; its interface is claimed if it was not."""
+        self._begin(dev_handle)
+        self._hold(dev_handle, intf)
+        self.device.write(ep, bytes(data))
+        self.traffic.bytes_out += len(data)
+        return len(data)
+
+    def bulk_read(
+        self, dev_handle: Any, ep: int, intf: int, buff: Any, timeout: int
+    ) -> int:
+        """From an IN endpoint; a late reply comes before everything else."""
+        self._begin(dev_handle)
+        self._hold(dev_handle, intf)
+        late = self._late.get(ep)
+        if late and not self._lasts("late"):
+            return self._deliver(late.pop(0), buff)
+        answer = self.device.read(ep, len(buff))
+        if self._lasts("late") and answer:
+            self._late.setdefault(ep, []).append(answer)
+            answer = b""
+        if not answer:
+            self._clock.spend(1_000_000 * timeout)
+            raise timed_out()
+        return self._deliver(self._spoilt(answer, timeout), buff)
+
+    intr_write, intr_read = bulk_write, bulk_read
+
+    # -- faults
+
+    def _deliver(self, answer: bytes, buff: Any) -> int:
+        buff[: len(answer)] = type(buff)(buff.typecode, answer)
+        self.traffic.bytes_in += len(answer)
+        return len(answer)
+
+    def _begin(self, handle: Any) -> None:
+        self._alive(handle)
+        self.traffic.transfers += 1
+        if self._lasts("stall"):
+            raise stall()
+
+    def _spoilt(self, answer: bytes, timeout: int) -> bytes:
+        if self._lasts("late"):
+            self._clock.spend(1_000_000 * timeout)
+            raise timed_out()
+        return answer[: len(answer) // 2] if self._lasts("short") else answer
+
+    def _hold(self, handle: Any, interface: int) -> None:
+        """Claim an interface that was not claimed, as the kernel does for a transfer."""
+        if self._claimed.get(interface) is not handle:
+            self.claim_interface(handle, interface)
+
+    def _alive(self, handle: Any) -> None:
+        if self._unplugged() or handle.generation != self._generation():
+            raise no_device()
+
+    def _generation(self) -> int:
+        """How often the device has left USB.
+
+        Leaving drops all claims, detached drivers and late replies.
+        """
+        generation = self._unplugs + self.device.restarts
+        if generation != self._seen:
+            self._seen = generation
+            self._claimed.clear()
+            self._detached.clear()
+            self._late.clear()
+        return generation
+
+    def _unplugged(self) -> bool:
+        gone = self._lasts("unplug")
+        if gone and not self._gone:
+            self._unplugs += 1
+            self.device.reset()
+            self._power_off()
+        self._gone = gone
+        return gone
+
+    def _lasts(self, kind: str) -> bool:
+        return self._faults.lasts(kind, 1e-9 * (self._clock.now_ns() - self._born_ns))

@@ -1,0 +1,190 @@
+"""A model's compiled C form as its engine: `holdfast run --engine c`, without onnxruntime.
+
+`holdfast export MODEL --to c --build` makes the library. It is loaded only for the very file that
+it was made of: the seal in it must be the file's. Then it replays the file's golden sequences, as
+onnxruntime does at every load.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from holdfast.core.contract import BoolArray, FloatArray
+from holdfast.core.errors import GoldenMismatch, LibraryRefused
+from holdfast.edge_runtime.golden import check_golden, golden_input
+from holdfast.edge_runtime.graph import Outputs
+from holdfast.edge_runtime.model import read_model
+from holdfast.edge_runtime.model_file import SEAL_KEY, read_sealed
+from holdfast.edge_runtime.onnx_bytes import (
+    BOOL,
+    DOUBLE,
+    FLOAT,
+    INT32,
+    INT64,
+    OnnxModel,
+    read_onnx,
+)
+
+LIBRARY = "libholdfast.so"
+OUTSIDE = ("features", "state_out")
+"""Outputs of the ONNX file that are no field of `holdfast_out`."""
+C_FIELDS = {DOUBLE: "f8", FLOAT: "f4", INT32: "i4", INT64: "i4", BOOL: "?"}
+
+
+def default_folder(model: str | Path) -> Path:
+    """Where the C form of a model is, if no other place is named: MODEL-c beside it.
+
+    >>> str(default_folder("models/holdfast-150hz.onnx"))
+    'models/holdfast-150hz-c'
+    """
+    path = Path(model)
+    return path.with_name(f"{path.stem}-c")
+
+
+class CompiledModel:
+    """A model file and its compiled library, both checked. Raises a ModelError.
+
+    library: None for the one in `default_folder`.
+    """
+
+    def __init__(self, path: str | Path, library: str | Path | None = None) -> None:
+        data = read_sealed(path)
+        self.card, golden = read_model(data, path)
+        onnx = read_onnx(data)
+        where = Path(library) if library else default_folder(path) / LIBRARY
+        self._library = _loaded(where)
+        self._out_type = _out_type(onnx)
+        _require_same_model(
+            self._library, onnx.metadata[SEAL_KEY], self._out_type, where
+        )
+        self._require_golden(golden, where)
+
+    def stepper(self, outputs: Sequence[str], hands: int = 1) -> CStep:
+        """The step of B hands, from a fresh state. outputs: those to show; all are computed."""
+        return CStep(
+            self._library, self._out_type, (hands, self.card.n_channels), outputs
+        )
+
+    def _require_golden(self, golden: Outputs, where: Path) -> None:
+        """Raise LibraryRefused where the library does not give the file's golden answers."""
+        try:
+            check_golden(golden, self._golden_answers(list(golden)))
+        except GoldenMismatch as error:
+            raise LibraryRefused(
+                error.what,
+                where=where,
+                cause="a compiler that does not follow IEEE 754, or altered sources",
+                next_step="build it again: holdfast export MODEL --to c --build --force",
+            ) from None
+
+    def _golden_answers(self, names: list[str]) -> Outputs:
+        card = self.card
+        steps = self.stepper(names)
+        rows: dict[str, list[npt.NDArray[Any]]] = {name: [] for name in names}
+        for values, valid in zip(
+            *golden_input(card.n_channels, card.unit, card.settle_samples), strict=True
+        ):
+            steps.sample[0], steps.valid[0] = values, valid
+            for name, answer in steps.step().items():
+                rows[name].append(answer[0].copy())
+        return {name: np.array(kept) for name, kept in rows.items()}
+
+
+class CStep:
+    """The step of B hands in a compiled library, one after another; buffers are reused.
+
+    sample [B, C] and valid [B, S] are written into before a step. out: arrays [B, ..].
+    shape: (B, C).
+    """
+
+    def __init__(
+        self,
+        library: ctypes.CDLL,
+        out_type: np.dtype[Any],
+        shape: tuple[int, int],
+        outputs: Sequence[str],
+    ) -> None:
+        self._library, self._step = library, library.holdfast_step_valid
+        hands, channels = shape
+        self.sample: FloatArray = np.zeros(shape)
+        self.valid: BoolArray = np.ones((hands, channels // 3), dtype=np.bool_)
+        self._size = library.holdfast_state_bytes()
+        self._states = np.zeros((hands, -(-self._size // 8)))
+        self._fields = np.zeros(hands, out_type)
+        self.out: Outputs = {name: self._fields[name] for name in outputs}
+        buffers = (self._states, self.sample, self.valid, self._fields)
+        self._arguments = [
+            tuple(ctypes.c_void_p(one[hand:].ctypes.data) for one in buffers)
+            for hand in range(hands)
+        ]
+        self.reset()
+
+    def step(self) -> Outputs:
+        """Advance by the sample in `sample` and `valid`; returns buffers that are reused."""
+        for of_one_hand in self._arguments:
+            self._step(*of_one_hand)
+        return self.out
+
+    def reset(self) -> None:
+        """Start from a fresh state at the next sample."""
+        for state, *_ in self._arguments:
+            self._library.holdfast_init_sized(state, ctypes.c_size_t(self._size))
+
+
+def _loaded(path: Path) -> ctypes.CDLL:
+    """The library, with the functions of a C form. Raises LibraryRefused."""
+    if not path.is_file():
+        raise LibraryRefused(
+            "no compiled library",
+            where=path,
+            cause="it was not built yet, or elsewhere",
+            next_step="holdfast export MODEL --to c --build, or name it with --library",
+        )
+    try:
+        library = ctypes.CDLL(str(path.absolute()))
+        for name in ("holdfast_state_bytes", "holdfast_out_bytes"):
+            getattr(library, name).restype = ctypes.c_size_t
+        library.holdfast_digest.restype = ctypes.c_char_p
+        library.holdfast_step_valid.argtypes = [ctypes.c_void_p] * 4
+    except (OSError, AttributeError) as error:
+        raise LibraryRefused(
+            f"is no library of a model ({error!s:.200})",
+            where=path,
+            cause="built for another machine, or another file",
+            next_step="build it here: holdfast export MODEL --to c --build --force",
+        ) from None
+    return library
+
+
+def _require_same_model(
+    library: ctypes.CDLL, digest: str, out_type: np.dtype[Any], where: Path
+) -> None:
+    """Raise LibraryRefused where the library is of another file, or of another version."""
+    own = library.holdfast_digest().decode("ascii", "replace")
+    if own != digest or library.holdfast_out_bytes() != out_type.itemsize:
+        raise LibraryRefused(
+            f"the library is of model {own:.12}, the file is {digest:.12}",
+            where=where,
+            cause="the model was exported again after the library was built",
+            next_step="build it again: holdfast export MODEL --to c --build --force",
+        )
+
+
+def _out_type(onnx: OnnxModel) -> np.dtype[Any]:
+    """The layout of `holdfast_out`: the outputs of the file in their order, as C aligns them."""
+    fields: list[tuple[str, str, tuple[int, ...]]] = [
+        (
+            name,
+            C_FIELDS[spec.element],
+            tuple(n for n in spec.shape if isinstance(n, int)),
+        )
+        for name, spec in onnx.outputs.items()
+        if name not in OUTSIDE
+    ]
+    return np.dtype(fields, align=True)

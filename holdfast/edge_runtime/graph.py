@@ -1,0 +1,250 @@
+"""Running a step graph: one sample of B recordings at a time, with explicit state.
+
+Two buffers hold the state, and each step swaps them as input and output. So a step copies nothing
+and allocates nothing. B = 1 on the hand; training steps many recordings together through the same
+file.
+
+The step of many hands, whatever computes it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from holdfast.core.contract import BoolArray, FloatArray
+
+if TYPE_CHECKING:
+    import onnxruntime as ort
+
+
+class Stepper(Protocol):
+    """The step of B hands. sample [B, C] and valid [B, S] are written into before a step.
+
+    out: arrays [B, ..] by the names of the outputs; the next step reuses them.
+    """
+
+    sample: FloatArray
+    valid: BoolArray
+    out: dict[str, npt.NDArray[Any]]
+
+    def step(self) -> dict[str, npt.NDArray[Any]]:
+        """Advance by one sample; returns `out`."""
+        ...
+
+    def reset(self) -> None:
+        """Start from a fresh state at the next sample."""
+        ...
+
+
+Steps = Callable[[int], Stepper]
+"""Number of hands B -> their step, from a fresh state, with the outputs that its maker chose."""
+
+
+_DTYPES: dict[str, npt.DTypeLike] = {
+    "tensor(double)": np.float64,
+    "tensor(float)": np.float32,
+    "tensor(bool)": np.bool_,
+    "tensor(int32)": np.int32,
+    "tensor(int64)": np.int64,
+}
+BATCH = 64
+"""Recordings stepped together: enough to hide the call, few enough to keep the state in cache."""
+
+Outputs = dict[str, npt.NDArray[Any]]
+
+
+def open_session(model: bytes) -> ort.InferenceSession:
+    """An onnxruntime session with one thread and no spinning, as suits a small board."""
+    import onnxruntime as ort  # here, because a compiled library answers without it
+
+    options = ort.SessionOptions()
+    options.intra_op_num_threads = 1
+    options.inter_op_num_threads = 1
+    options.execution_mode = ort.ExecutionMode.ORT_SEQUENTIAL
+    options.add_session_config_entry("session.intra_op.allow_spinning", "0")
+    options.log_severity_level = 3
+    return ort.InferenceSession(model, options, providers=["CPUExecutionProvider"])
+
+
+class StepGraph:
+    """A step graph bound to buffers for B recordings.
+
+    sample: [B, C] and valid: [B, n], to be written into before a step.
+    outputs: which outputs to compute (default: all but the state, which is always kept).
+    """
+
+    def __init__(
+        self,
+        session: ort.InferenceSession,
+        batch: int = 1,
+        outputs: Sequence[str] | None = None,
+    ):
+        inputs = {i.name: i for i in session.get_inputs()}
+        described = {o.name: o for o in session.get_outputs()}
+        self._session = session
+        self.batch = batch
+        self._inputs = {
+            name: _buffer(inputs[name], batch) for name in ("sample", "valid", "reset")
+        }
+        self.sample: FloatArray = self._inputs["sample"].reshape(batch, -1)
+        self.valid: BoolArray = self._inputs["valid"].reshape(batch, -1)
+        self.valid[:] = True
+        self._reset: BoolArray = self._inputs["reset"].reshape(batch)
+        self._reset[:] = True
+        self._states = [_buffer(inputs["state"], batch) for _ in range(2)]
+        names = (
+            [name for name in described if name != "state_out"]
+            if outputs is None
+            else list(outputs)
+        )
+        self.out: Outputs = {name: _buffer(described[name], batch) for name in names}
+        self._bindings = [self._bind(turn) for turn in range(2)]
+        self._turn = 0
+
+    def step(self) -> Outputs:
+        """Advance by the sample in `sample` and `valid`.
+
+        Returns output buffers that the next step reuses.
+        """
+        self._session.run_with_iobinding(self._bindings[self._turn])
+        self._turn = 1 - self._turn
+        if self._reset[0]:
+            self._reset[:] = False
+        return self.out
+
+    def reset(self) -> None:
+        """Start from a fresh state at the next sample."""
+        self._reset[:] = True
+
+    @property
+    def state(self) -> FloatArray:
+        """[B, rows, C] state after the last step."""
+        return self._states[self._turn]
+
+    def _bind(self, turn: int) -> ort.IOBinding:
+        binding = self._session.io_binding()
+        inputs = {**self._inputs, "state": self._states[turn]}
+        for name, array in inputs.items():
+            binding.bind_input(
+                name, "cpu", 0, array.dtype.type, array.shape, array.ctypes.data
+            )
+        for name, array in {**self.out, "state_out": self._states[1 - turn]}.items():
+            binding.bind_output(
+                name, "cpu", 0, array.dtype.type, array.shape, array.ctypes.data
+            )
+        return binding
+
+
+def run_recording(
+    session: ort.InferenceSession,
+    values: FloatArray,
+    valid: BoolArray,
+    outputs: Sequence[str],
+) -> Outputs:
+    """All outputs of one recording: values [T, C], valid [T, C/3] -> each output [T, ...]."""
+    rows = np.arange(len(values))
+    return next(iter(run_recordings(session, [values], [valid], outputs, [rows])))
+
+
+def run_recordings(
+    session: ort.InferenceSession,
+    values: Sequence[FloatArray],
+    valid: Sequence[BoolArray],
+    outputs: Sequence[str],
+    rows: Sequence[npt.NDArray[np.int64]],
+) -> list[Outputs]:
+    """Step many recordings together, each from a fresh state, and keep the wanted rows of each.
+
+    values: recordings [T_i, C]. rows: ascending row numbers to keep, per recording. Recordings of
+    similar length share a batch. Shorter ones are padded at the end, and no output of the padding
+    is kept.
+    """
+    return step_recordings(steps_of(session, outputs), values, valid, rows)
+
+
+def steps_of(session: ort.InferenceSession, outputs: Sequence[str]) -> Steps:
+    """The step of any number of hands in onnxruntime. outputs: those to compute."""
+    return lambda hands: StepGraph(session, hands, outputs)
+
+
+def step_recordings(
+    steps: Steps,
+    values: Sequence[FloatArray],
+    valid: Sequence[BoolArray],
+    rows: Sequence[npt.NDArray[np.int64]],
+) -> list[Outputs]:
+    """As `run_recordings`, by a step of any engine."""
+    results: list[Outputs] = [{} for _ in values]
+    for batch in _batches(values):
+        graph = steps(len(batch))
+        kept = _KeptRows([rows[index] for index in batch], graph.out)
+        stacked, stacked_valid = _pad(values, valid, batch)
+        for t in range(kept.n_steps):
+            np.copyto(graph.sample, stacked[t])
+            np.copyto(graph.valid, stacked_valid[t])
+            kept.collect(t, graph.step())
+        for position, index in enumerate(batch):
+            results[index] = kept.of(position)
+    return results
+
+
+class _KeptRows:
+    """Collects the wanted rows of a batch of recordings: one copy an output and step."""
+
+    def __init__(self, rows: Sequence[npt.NDArray[np.int64]], buffers: Outputs) -> None:
+        t = np.concatenate(rows)
+        position = np.repeat(np.arange(len(rows)), [len(one) for one in rows])
+        order = np.argsort(t, kind="stable")
+        self.n_steps = int(t.max(initial=-1)) + 1
+        self._position = position[order]
+        self._starts = np.searchsorted(t[order], np.arange(self.n_steps + 1)).tolist()
+        self._out = {
+            k: np.empty((len(t), *b.shape[1:]), b.dtype) for k, b in buffers.items()
+        }
+
+    def collect(self, t: int, out: Outputs) -> None:
+        """Keep what is wanted of step t."""
+        here = slice(self._starts[t], self._starts[t + 1])
+        if here.start < here.stop:
+            for name, array in self._out.items():
+                np.take(
+                    out[name],
+                    self._position[here],
+                    axis=0,
+                    out=array[here],
+                    mode="clip",
+                )
+
+    def of(self, position: int) -> Outputs:
+        """The wanted rows of one recording of the batch."""
+        own = np.flatnonzero(self._position == position)
+        return {name: array[own] for name, array in self._out.items()}
+
+
+def _batches(values: Sequence[FloatArray]) -> Iterator[list[int]]:
+    order = sorted(range(len(values)), key=lambda index: len(values[index]))
+    for start in range(0, len(order), BATCH):
+        yield order[start : start + BATCH]
+
+
+def _pad(
+    values: Sequence[FloatArray], valid: Sequence[BoolArray], batch: list[int]
+) -> tuple[FloatArray, BoolArray]:
+    """[T, B, C] and [T, B, n], time first so that a step reads one block of memory."""
+    longest = max(len(values[index]) for index in batch)
+    stacked = np.zeros((longest, len(batch), values[batch[0]].shape[1]))
+    stacked_valid = np.zeros(
+        (longest, len(batch), valid[batch[0]].shape[1]), dtype=np.bool_
+    )
+    for position, index in enumerate(batch):
+        stacked[: len(values[index]), position] = values[index]
+        stacked_valid[: len(values[index]), position] = valid[index]
+    return stacked, stacked_valid
+
+
+def _buffer(described: Any, batch: int) -> npt.NDArray[Any]:
+    return np.zeros((batch, *described.shape[1:]), dtype=_DTYPES[described.type])

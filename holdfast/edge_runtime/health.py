@@ -1,0 +1,137 @@
+"""Whether the samples can be trusted, beside the graph's own guard.
+
+Repeats, the rate, a loaded start.
+
+Each watch takes one sample at a time and answers yes or no. No watch knows a clock or a model.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+
+import numpy as np
+
+from holdfast.core.contract import RATE_TOLERANCE, BoolArray, FloatArray
+
+RING = 8
+"""A hand repeats itself if it cycles through this many readings or fewer."""
+ONE_NUMBER = np.sqrt(np.array([2.0, 3.0, 5.0]))
+"""Combines a sensor's three numbers into one.
+
+Two different readings hardly ever give the same one.
+"""
+LEAST_SPAN = 10
+"""The rate is not judged on fewer samples: jitter of 0.45 periods moves the mean of ten by 9 %."""
+EMPTY_S = 0.2
+"""A hand that reads its unloaded bias for this long is empty."""
+
+
+class RepeatWatch:
+    """Counts, for each sensor, readings in a row that equal an earlier one at the same distance.
+
+    A live sensor has noise, so no distance of 1 to RING readings fits for long. Readings count only
+    while the sensor is usable, so a lost sample in between does not hide that it is stuck.
+    """
+
+    def __init__(self, n_sensors: int, most: int) -> None:
+        """most: repeats in a row from which on a sensor is stuck."""
+        self._most = most
+        self._past: FloatArray = np.full((RING, n_sensors), np.nan)
+        self._runs: FloatArray = np.zeros((RING, n_sensors))
+
+    def stuck(self, values: FloatArray, usable: BoolArray) -> bool:
+        """Take a sample, values [C] and usable [S].
+
+        Whether all usable sensors, at least one, are stuck.
+        """
+        whole = bool(usable.all())
+        reading = (
+            values if whole else np.where(np.repeat(usable, 3), values, 0.0)
+        ).reshape(-1, 3) @ ONE_NUMBER
+        runs = (self._runs + 1.0) * (
+            self._past == reading
+        )  # -0.0 equals 0.0, and NaN nothing
+        if whole:
+            self._runs = runs
+            self._past[1:] = self._past[:-1]
+            self._past[0] = reading
+        else:
+            self._runs[:, usable] = runs[:, usable]
+            self._past[1:, usable] = self._past[:-1, usable]
+            self._past[0, usable] = reading[usable]
+        if runs.max() < self._most:
+            return False
+        return bool(
+            usable.any() and (self._runs.max(axis=0)[usable] >= self._most).all()
+        )
+
+
+class RateWatch:
+    """Compares the time of the last `span` samples with what they should have taken.
+
+    The rate is wrong where both the mean and the median of the intervals are wrong: a gap changes
+    the mean alone, and regular jitter the median alone. Losses that `sequence` counts change
+    neither.
+    """
+
+    def __init__(self, rate_hz: float, span: int) -> None:
+        self._period_ns = 1e9 / rate_hz
+        self._past: deque[tuple[int, int]] = deque(maxlen=max(span, LEAST_SPAN) + 1)
+
+    def fits(self, t_ns: int, sequence: int) -> bool:
+        """Take a sample's stamp; whether the rate is within tolerance, or cannot be judged yet."""
+        past = self._past
+        past.append((t_ns, sequence))
+        if len(past) <= LEAST_SPAN:
+            return True
+        steps = max(sequence - past[0][1], len(past) - 1)
+        return self._within(t_ns - past[0][0], steps) or self._within(*self._median())
+
+    def forget(self) -> None:
+        """Start again: the next stamp is not related to the last one."""
+        self._past.clear()
+
+    def _within(self, passed_ns: float, steps: int) -> bool:
+        return abs(passed_ns / (steps * self._period_ns) - 1.0) <= RATE_TOLERANCE
+
+    def _median(self) -> tuple[float, int]:
+        """The median interval, each divided by the steps between its sequence numbers."""
+        stamps = np.array(self._past, dtype=np.int64)
+        steps = np.maximum(np.diff(stamps[:, 1]), 1)
+        return float(np.median(np.diff(stamps[:, 0]) / steps)), 1
+
+
+class LoadedStart:
+    """Whether the hand has been empty since the start, judged by its stored unloaded bias.
+
+    Until then the answer must not be "nothing". loaded: it was not empty when first judged, and has
+    not been since.
+    """
+
+    def __init__(self, empty_below: float, rate_hz: float, least_sensors: int) -> None:
+        """empty_below.
+
+        A finger with a larger force or field, in the stream's unit, carries something.
+
+        least_sensors: samples with fewer usable sensors are not judged.
+        """
+        self._empty_below, self._samples = empty_below, max(1, round(EMPTY_S * rate_hz))
+        self._least_sensors = max(1, least_sensors)
+        self._taken = self._empty = 0
+        self.seen_empty = False
+
+    @property
+    def loaded(self) -> bool:
+        """Whether the hand held something at the start, as far as has been seen."""
+        return not self.seen_empty and self._taken >= self._samples
+
+    def take(self, values: FloatArray, usable: BoolArray) -> None:
+        """One sample, values [C] without bias and usable [S]."""
+        if self.seen_empty or usable.sum() < self._least_sensors:
+            return
+        squares = (values.reshape(-1, 3)[usable] ** 2).sum(axis=1)
+        self._taken += 1
+        self._empty = (
+            self._empty + 1 if bool((squares <= self._empty_below**2).all()) else 0
+        )
+        self.seen_empty = self._empty >= self._samples

@@ -1,0 +1,309 @@
+"""The one file that goes onto the hand: its seal, and the card in its metadata.
+
+The SHA-256 in the metadata is that of the file with its own 64 digits zeroed. So it is checked on
+the bytes alone, before any parser reads them.
+
+Models that are installed with Holdfast; each is named by its file's name without the ending.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from pathlib import Path
+
+from holdfast.core.contract import CLASSES, SITUATIONS, UNITS, Unit
+from holdfast.core.errors import BrokenSeal, DataNotFound, NotAModel, RuntimeRefused
+from holdfast.core.reading import Json, json_of, require_file
+from holdfast.edge_runtime.decision import LIMITS, DecisionRules
+from holdfast.edge_runtime.preparation import Preparation, preparation_from_json
+
+_PACKAGE = Path(__file__).resolve().parent.parent
+# in the package of a wheel, beside the package in a checkout
+MODELS = next(
+    (
+        folder
+        for folder in (_PACKAGE / "models", _PACKAGE.parent / "models")
+        if folder.is_dir()
+    ),
+    _PACKAGE / "models",
+)
+
+
+def shipped() -> list[str]:
+    """Names of the shipped models, sorted: "holdfast-150hz" is the default."""
+    return sorted(path.stem for path in MODELS.glob("*.onnx"))
+
+
+def model_path(word: str | Path) -> Path:
+    """The file that a word names: a path, or the name of a shipped model.
+
+    >>> model_path("mine/holdfast.onnx").as_posix()
+    'mine/holdfast.onnx'
+    >>> model_path("holdfast-150hz").name
+    'holdfast-150hz.onnx'
+    """
+    path = Path(word)
+    inside = MODELS / f"{path.name}.onnx"
+    return (
+        inside
+        if path == Path(path.name) and not path.exists() and inside.is_file()
+        else path
+    )
+
+
+SEAL_KEY = "holdfast.sha256"
+CARD_KEY = "holdfast.card"
+GOLDEN_KEY = "holdfast.golden"
+FORMAT = 2
+"""Format 2: the step takes its sample and state in rows of channels."""
+CARD_SUFFIX = ".json"
+"""The suffix of the card file beside a model file."""
+DIGITS = 64
+MOST_BYTES = 512 << 20
+"""The largest model for a hand (100 trees, full depth) has a tenth of it.
+
+The limit of onnxruntime is 2 GiB.
+"""
+_MARKER = SEAL_KEY.encode() + b"\x12" + bytes([DIGITS])
+"""The seal's key and the length of its value, as they are in the file (protobuf.
+
+Field 2, 64 bytes).
+"""
+
+WRONG_RUNTIMES = {
+    "1.21.0": "crashes on a Raspberry Pi 4",
+    "1.26.0": "mislabels binary forests",
+}
+
+
+@dataclass(frozen=True)
+class ModelCard:
+    """The card of a model file. `model_id` is the first 12 digits of its seal.
+
+    range_limit, normal_floor: in the model's unit; a value that no sensor reads, and the largest
+    normal reading of a finger that touches nothing.
+    """
+
+    model_id: str
+    rate_hz: float
+    unit: Unit
+    n_channels: int
+    settle_samples: int
+    gap_samples: int
+    classes: tuple[str, ...]
+    heads: tuple[str, ...]
+    detectors: tuple[str, ...]
+    preparation: Preparation
+    decision: DecisionRules
+    min_valid_sensors: int
+    range_limit: float
+    normal_floor: float
+    raw: Json
+
+    @property
+    def has_weight(self) -> bool:
+        """Whether the model was trained with light and heavy objects."""
+        return self.classes == CLASSES
+
+
+def read_sealed(path: str | Path) -> bytes:
+    """The bytes of a model file whose seal holds; NotAModel or BrokenSeal otherwise.
+
+    path: a file, or the name of a shipped model.
+    """
+    path = model_path(path)
+    data = _file_bytes(path)
+    start = _seal_at(data)
+    if start < 0:
+        raise _foreign(data, path)
+    if _digest(data, start) != data[start : start + DIGITS]:
+        raise BrokenSeal(
+            "the file is not as it was sealed",
+            where=path,
+            cause="it was altered, or a copy was cut short",
+            next_step="export it or copy it again",
+        )
+    return data
+
+
+def _file_bytes(path: Path) -> bytes:
+    """The bytes of a file that may be a model. Raises NotAModel, DataNotFound."""
+    if path.suffix == CARD_SUFFIX:
+        raise NotAModel(
+            "this is a model's card, not the model",
+            where=path,
+            next_step=f"name the model: {path.with_suffix('.onnx')}",
+        )
+    require_file(path)
+    try:
+        size = path.stat().st_size
+        with path.open("rb") as file:
+            data = file.read(min(size, MOST_BYTES))
+    except FileNotFoundError:
+        raise DataNotFound(
+            "no such model file",
+            where=path,
+            next_step=f"export one (holdfast export DIR), or name one of {', '.join(shipped())}",
+        ) from None
+    except OSError as error:
+        raise NotAModel(
+            f"cannot be read ({error.strerror})", where=path, next_step="check the path"
+        ) from None
+    if size > MOST_BYTES:
+        raise NotAModel(
+            f"larger than {MOST_BYTES >> 20} MiB, the largest size of a model",
+            where=path,
+            cause="it is another file",
+            next_step="check the path",
+        )
+    return data
+
+
+def _seal_at(data: bytes) -> int:
+    """Where the digits of the seal begin; negative where there are none."""
+    at = data.rfind(_MARKER)
+    return at + len(_MARKER) if at >= 0 else at
+
+
+def _digest(data: bytes, start: int) -> bytes:
+    """SHA-256 of the file with the digits at `start` zeroed, without a copy of the file."""
+    whole, made = memoryview(data), hashlib.sha256()
+    for part in (whole[:start], b"0" * DIGITS, whole[start + DIGITS :]):
+        made.update(part)
+    return made.hexdigest().encode()
+
+
+def require_own_seal(data: bytes, metadata: dict[str, str]) -> None:
+    """Raise ValueError where the checked digits are not the seal that the metadata name."""
+    start = _seal_at(data)
+    if metadata.get(SEAL_KEY, "").encode() != data[start : start + DIGITS]:
+        raise ValueError("its seal is not in its metadata")
+
+
+def _foreign(data: bytes, path: Path) -> NotAModel | BrokenSeal:
+    if b"holdfast" in data[:64]:
+        return BrokenSeal(
+            "the file ends before its seal",
+            where=path,
+            cause="a copy was cut short",
+            next_step="export it or copy it again",
+        )
+    kind = "not a sealed Holdfast model"
+    if data[:1] == b"\x80":
+        kind = "a Python pickle, which Holdfast never reads"
+    elif data[:2] == b"PK":
+        kind = "a zip archive (skops or numpy), not an ONNX file"
+    elif not data:
+        kind = "an empty file"
+    return NotAModel(
+        kind,
+        where=path,
+        cause="another tool's file, or a training artifact",
+        next_step="make one from an artifact folder: holdfast export DIR",
+    )
+
+
+def check_runtime(version: str | None = None) -> None:
+    """Raise RuntimeRefused for a version of onnxruntime that is known to answer wrongly.
+
+    version: None for the installed one.
+    """
+    if version is None:
+        import onnxruntime as ort  # here, because a compiled library answers without it
+
+        version = ort.__version__
+    if version in WRONG_RUNTIMES:
+        raise RuntimeRefused(
+            f"onnxruntime {version} {WRONG_RUNTIMES[version]}",
+            next_step="install another version of onnxruntime",
+        )
+
+
+def read_card(metadata: dict[str, str], path: str | Path = "") -> ModelCard:
+    """The card in an opened file's metadata; NotAModel where something is missing or impossible."""
+    try:
+        raw = json_of(metadata[CARD_KEY])
+        if raw["format"] != FORMAT:
+            raise NotAModel(
+                f"the model file has format {raw['format']}, this version reads {FORMAT}",
+                where=path,
+                next_step="export the model again with this version",
+            )
+        return ModelCard(
+            model_id=metadata[SEAL_KEY][:12],
+            rate_hz=_rate_hz(raw["spec"]["rate_hz"]),
+            unit=UNITS[UNITS.index(raw["spec"]["unit"])],
+            n_channels=3 * _count(raw["spec"]["n_sensors"], least=1),
+            settle_samples=_count(raw["settle_samples"]),
+            gap_samples=_count(raw["gap_samples"]),
+            classes=_classes(raw["heads"]["situation"]["classes"]),
+            heads=tuple(name for name in raw["heads"] if name != "situation"),
+            detectors=_words(raw["detectors"]),
+            preparation=preparation_from_json(raw["preparation"]),
+            decision=_decision(raw["decision"]),
+            min_valid_sensors=_count(raw["spec"]["min_valid_sensors"]),
+            range_limit=_above_zero(raw["range_limit"]),
+            normal_floor=_above_zero(raw["normal_floor"]),
+            raw=raw,
+        )
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
+        raise NotAModel(
+            f"its metadata are incomplete or wrong: {error}",
+            where=path,
+            next_step="export the model again",
+        ) from None
+
+
+MOST = 10_000
+"""Of sensors, or of samples to settle: more than any model has, and few enough to load in time."""
+
+
+def _count(value: object, least: int = 0, most: int = MOST) -> int:
+    if (
+        not isinstance(value, int)
+        or isinstance(value, bool)
+        or not least <= value <= most
+    ):
+        raise ValueError(f"{value!r:.40}, not a whole number from {least} to {most}")
+    return value
+
+
+def _rate_hz(value: object) -> float:
+    if (
+        isinstance(value, bool)
+        or not isinstance(value, int | float)
+        or not 0.0 < value <= 1e5
+    ):
+        raise ValueError(f"{value!r:.40}, not a sampling rate")
+    return float(value)
+
+
+def _above_zero(value: object) -> float:
+    if (
+        isinstance(value, bool)
+        or not isinstance(value, int | float)
+        or not 0.0 < value < float("inf")
+    ):
+        raise ValueError(f"{value!r:.40}, not a positive number in the model's unit")
+    return float(value)
+
+
+def _words(value: object) -> tuple[str, ...]:
+    if not isinstance(value, list) or not all(isinstance(word, str) for word in value):
+        raise ValueError(f"{value!r:.40}, not a list of names")
+    return tuple(value)
+
+
+def _classes(value: object) -> tuple[str, ...]:
+    classes = _words(value)
+    if classes not in (CLASSES, SITUATIONS):
+        raise ValueError(f"{value!r:.40}, not the classes of this version")
+    return classes
+
+
+def _decision(value: object) -> DecisionRules:
+    """Whole numbers by the names of DecisionRules; a missing one has its default."""
+    if not isinstance(value, dict) or not set(value) <= set(LIMITS):
+        raise ValueError(f"{value!r:.40}, not decision rules")
+    return DecisionRules(**value)

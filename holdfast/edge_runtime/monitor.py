@@ -1,0 +1,306 @@
+"""The live path: a sealed model and a stream of samples become one Prediction a sample.
+
+Whether a source fits a model: channels, unit and rate, each with an error of its own.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from holdfast.core.clock import MonotonicClock
+from holdfast.core.contract import (
+    CLASSES,
+    NOTHING,
+    RATE_TOLERANCE,
+    SITUATIONS,
+    CommandLink,
+    Prediction,
+    Reason,
+    Sample,
+    State,
+)
+from holdfast.core.errors import ChannelError, RateError, TimeError, UnitError
+from holdfast.edge_runtime.decision import UNKNOWN, DecisionState, decide, period_us
+from holdfast.edge_runtime.health import LoadedStart, RateWatch, RepeatWatch
+from holdfast.edge_runtime.model import Model as Model
+from holdfast.edge_runtime.model import OpenedModel
+from holdfast.edge_runtime.model_file import ModelCard
+from holdfast.edge_runtime.onnx_rules import ANSWERS, WEIGHS
+
+# the README's import: a monitor and its model from one module
+
+NOW_NS = MonotonicClock().now_ns
+OLDEST_PERIODS = 2.0
+"""An answer that is older than this is late: `late` is set, and its state is unknown."""
+
+
+class GripMonitor:
+    """Feeds prepared samples to a model and turns its outputs into predictions.
+
+    clock_ns: the monotonic clock of the samples' stamps; None for a replay, whose answers are never
+    late and whose latency is the computing time. bias_known: the samples' bias was measured on the
+    unloaded hand and stored, so that a start under load can be detected.
+    """
+
+    def __init__(
+        self,
+        model: OpenedModel,
+        clock_ns: Callable[[], int] | None = NOW_NS,
+        *,
+        bias_known: bool = False,
+    ) -> None:
+        self.card = model.card
+        self._graph = model.stepper(self._outputs())
+        self._clock_ns = clock_ns
+        self._bias_known = bias_known
+        self._period_us = period_us(self.card.rate_hz)
+        self._oldest_ns = round(OLDEST_PERIODS * 1e9 / self.card.rate_hz)
+        self._handed_in_ns = 0
+        self.stepped_ns = 0
+        """When the graph finished the last sample."""
+        self.reset()
+
+    def feed(
+        self,
+        sample: Sample,
+        *,
+        opening: bool = False,
+        override: bool = False,
+        commands: CommandLink = "none",
+    ) -> Prediction:
+        """One sample in, one prediction out. values [C]: without bias, in the model's unit.
+
+        Samples that never came (a gap in t_ns) count as lost: the graph is stepped over them, and a
+        gap of more than 20 ms makes the state unknown until the history is whole again. A sample
+        that comes twice, with the same time and the same sequence, is answered again and counts
+        once. Raises ChannelError, and TimeError where time runs backwards.
+
+        The state is unknown, and `why` says so, where the samples cannot be trusted
+        (edge_runtime/health.py): the whole hand repeats itself, the rate is not the model's, or the
+        answer is late. (The driver detects one finger that repeats itself, by the chip's own
+        counter.) opening, override, commands: what the user commands now.
+        """
+        self._require_fit(sample)
+        self._handed_in_ns = time.perf_counter_ns()
+        came_before = (sample.t_ns, sample.sequence) == (
+            self._last_t_ns,
+            self._last_sequence,
+        )
+        if not came_before:
+            self._bridge_gap(sample.t_ns)
+            self._watch(sample)
+            np.copyto(self._graph.sample[0], sample.values)
+            np.copyto(self._graph.valid[0], sample.valid)
+            self._graph.step()
+        self.stepped_ns = self._now_ns(sample)
+        return self._predict(sample, came_before, opening, override, commands)
+
+    def reset(self) -> None:
+        """Forget the stream; the next sample starts fresh and unsettled."""
+        card = self.card
+        self._graph.reset()
+        self._decision = DecisionState()
+        self._last_t_ns: int | None = None
+        self._last_sequence: int | None = None
+        self._repeats = RepeatWatch(
+            card.n_channels // 3, max(1, card.settle_samples - 1)
+        )
+        self._rate = RateWatch(card.rate_hz, card.settle_samples)
+        self._start = (
+            LoadedStart(card.normal_floor, card.rate_hz, card.min_valid_sensors)
+            if self._bias_known
+            else None
+        )
+        self._stuck, self._rate_fits = False, True
+
+    def lose_track(self) -> None:
+        """Forget the stream: unknown until settled again; an active request continues."""
+        self._graph.reset()
+        self._rate.forget()
+        self._last_t_ns = None
+
+    def _require_fit(self, sample: Sample) -> None:
+        channels = self.card.n_channels
+        if sample.values.shape != (channels,) or sample.valid.shape != (channels // 3,):
+            raise ChannelError(
+                f"a sample of {sample.values.shape} values and {sample.valid.shape} flags, "
+                f"the model wants {channels} channels of {channels // 3} sensors",
+                next_step="use a model made for this source",
+            )
+
+    def _bridge_gap(self, t_ns: int) -> None:
+        """Step over the samples that are missing since the last one, as invalid samples."""
+        passed_ns = 0 if self._last_t_ns is None else t_ns - self._last_t_ns
+        if passed_ns < 0:
+            raise TimeError(
+                f"a sample {-passed_ns / 1e6:.3f} ms older than the one before it",
+                cause="a clock that was set, or samples out of order",
+                next_step="reset the monitor and start again",
+            )
+        self._last_t_ns = t_ns
+        missing = round(passed_ns * 1e-9 * self.card.rate_hz) - 1
+        self._graph.valid[:] = False
+        # the state is the same for every longer gap
+        for _ in range(min(missing, self.card.gap_samples + 1)):
+            self._graph.step()
+
+    def _watch(self, sample: Sample) -> None:
+        """Pass the sample to every watch that judges whether samples can be trusted."""
+        self._last_sequence = sample.sequence
+        inside = np.abs(sample.values) < self.card.range_limit  # False for NaN
+        usable = sample.valid & inside.reshape(-1, 3).all(axis=1)
+        self._stuck = self._repeats.stuck(sample.values, usable)
+        self._rate_fits = self._rate.fits(sample.t_ns, sample.sequence)
+        if self._start is not None:
+            self._start.take(sample.values, usable)
+
+    def _outputs(self) -> list[str]:
+        return [*ANSWERS, *(WEIGHS if self.card.has_weight else ()), *self.card.heads]
+
+    def _now_ns(self, sample: Sample) -> int:
+        """The clock's time; in a replay, the sample's time plus the computing time."""
+        if self._clock_ns is not None:
+            return self._clock_ns()
+        return sample.t_ns + time.perf_counter_ns() - self._handed_in_ns
+
+    def _predict(
+        self,
+        sample: Sample,
+        came_before: bool,
+        opening: bool,
+        override: bool,
+        commands: CommandLink,
+    ) -> Prediction:
+        before, why = self._decision, self._why_unknown()
+        prediction = self._answer(sample, why, came_before, opening, override, commands)
+        age_ns = prediction.t_decided_ns - sample.t_ns
+        if self._clock_ns is None or abs(age_ns) <= self._oldest_ns:
+            return prediction
+        self._decision = before
+        why = why or ("late" if age_ns > 0 else "clock")
+        prediction = self._answer(sample, why, came_before, opening, override, commands)
+        return replace(prediction, late=age_ns > 0)
+
+    def _why_unknown(self) -> Reason:
+        """Why the state is unknown, or "" where it is known."""
+        out = self._graph.out
+        if out["unknown"][0]:
+            return "sensors" if out["settled"][0] else "settling"
+        if self._stuck:
+            return "repeats"
+        if not self._rate_fits:
+            return "rate"
+        if (
+            self._start is not None
+            and not self._start.seen_empty
+            and out["situation"][0] == NOTHING
+        ):
+            return "started_loaded"
+        return ""
+
+    def _decide(
+        self, label: int, came_before: bool, opening: bool, override: bool
+    ) -> None:
+        if came_before and not (override or opening):
+            return
+        self._decision = decide(
+            self.card.decision,
+            self._decision,
+            UNKNOWN if came_before else label,
+            _risky_permille(self._graph.out["votes"][0]),
+            period_us=self._period_us,
+            opening=opening,
+            override=override,
+        )
+
+    def _answer(
+        self,
+        sample: Sample,
+        why: Reason,
+        came_before: bool,
+        opening: bool,
+        override: bool,
+        commands: CommandLink,
+    ) -> Prediction:
+        out = self._graph.out
+        label = UNKNOWN if why else int(out["situation"][0])
+        self._decide(label, came_before, opening, override)
+        state: State = "unknown" if why else _STATES[label]
+        weighs = self.card.has_weight and state not in ("unknown", "nothing")
+        p_situation = _named(SITUATIONS, out["p_situation"][0])
+        decided_ns = self._now_ns(sample)
+        return Prediction(
+            sequence=sample.sequence,
+            t_acquired_ns=sample.t_ns,
+            t_decided_ns=decided_ns,
+            latency_us=(decided_ns - sample.t_ns) / 1000.0,
+            state=state,
+            why=why,
+            p_situation=p_situation,
+            p_risky=p_situation["risky_slip"],
+            p_class=_named(CLASSES, out["p_class"][0]) if weighs else None,
+            weight=("heavy" if out["weight"][0] else "light") if weighs else None,
+            extra={name: float(out[name][0]) for name in self.card.heads},
+            detectors={
+                n: bool(f)
+                for n, f in zip(self.card.detectors, out["detectors"][0], strict=True)
+            },
+            arm=self._decision.arm,
+            act=self._decision.act,
+            act_ended=self._decision.ended,
+            opening=opening,
+            overridden=self._decision.overridden,
+            commands=commands,
+            late=False,
+            started_loaded=None if self._start is None else self._start.loaded,
+            degraded=not why
+            and int(out["usable_sensors"][0]) < self.card.n_channels // 3,
+            settled=bool(out["settled"][0]),
+            model_id=self.card.model_id,
+        )
+
+
+_STATES: tuple[State, ...] = ("nothing", "grasp", "safe_slip", "risky_slip")
+
+
+def _risky_permille(votes: Any) -> int:
+    """Risky share of the votes in thousandths (of eight classes, the last two are risky)."""
+    risky = votes[len(votes) * 3 // 4 :].sum()
+    return int(1000 * int(risky) // int(votes.sum()))
+
+
+def _named(names: tuple[str, ...], values: Any) -> dict[str, float]:
+    return {name: float(value) for name, value in zip(names, values, strict=True)}
+
+
+def require_fit(
+    card: ModelCard, *, n_channels: int, unit: str, rate_hz: float, where: str | Path
+) -> None:
+    """Raise ChannelError, UnitError or RateError where a source does not fit the model."""
+    if n_channels != card.n_channels:
+        raise ChannelError(
+            f"the source has {n_channels} channels, the model needs {card.n_channels}",
+            where=where,
+            cause="a model made for other sensors",
+            next_step="use a model made for this source, or train one",
+        )
+    if unit != card.unit:
+        raise UnitError(
+            f"the source is in {unit}, the model needs {card.unit}",
+            where=where,
+            cause="a hand without its calibration, or no unit in meta.json",
+            next_step="use --calibration FILE (holdfast calibrate), or a model for this unit",
+        )
+    if not abs(rate_hz / card.rate_hz - 1.0) <= RATE_TOLERANCE:
+        raise RateError(
+            f"{rate_hz:.4g} Hz, the model needs {card.rate_hz:.4g} Hz within {RATE_TOLERANCE:.0%}",
+            where=where,
+            cause="a model made for another rate",
+            next_step="use a model made for this rate, or train one",
+        )

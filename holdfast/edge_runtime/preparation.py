@@ -1,0 +1,164 @@
+"""What happens to raw channels before the step graph: the sign of the magnet, then the bias.
+
+Training, replay and the live path use the same object, and its parameters are in the model's
+metadata. So a model sees on the hand what it saw in training.
+
+Removing the bias from a live stream, as the model's preparation does for a recording.
+
+A recording is prepared as a whole; a live stream has only its past. The first unloaded rows decide.
+Until they have come, every sensor is invalid, so the state is unknown and not a guess.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Literal
+
+import numpy as np
+
+from holdfast.core.contract import NORMAL_AXIS, BoolArray, FloatArray
+from holdfast.core.reading import Json
+
+MOST_ROWS = 100_000
+"""A bias is taken from fewer rows; these would be ten minutes of a resting hand."""
+
+
+@dataclass(frozen=True)
+class Preparation:
+    """How a stream is tared from its first, unloaded rows.
+
+    bias_rows: how many rows the bias is taken from (0: the stream is already tared). statistic:
+    mean or median over these rows, each channel on its own; non-finite rows do not count.
+    flip_negative_normal: turn a sensor round where the first value of z is below -flip_beyond (a
+    reversed magnet). flip_beyond: in the stream's unit, above the noise; otherwise a stream that is
+    already tared would be turned at random. turns: the whole sensor, as a reversed magnet turns the
+    field on all three axes, or its normal alone, as the thesis has it.
+    """
+
+    bias_rows: int = 0
+    statistic: Literal["mean", "median"] = "median"
+    flip_negative_normal: bool = False
+    flip_beyond: float = 0.0
+    turns: Literal["normal", "sensor"] = "normal"
+
+    def apply(self, raw: FloatArray) -> FloatArray:
+        """[T, C] raw -> [T, C] prepared, same unit.
+
+        Only the first `bias_rows` rows decide sign and bias.
+        """
+        sign, bias = self.learn(raw)
+        return raw * sign - bias
+
+    def learn(self, raw: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """(sign [C], bias [C]) from the first rows [T, C]: prepared = raw * sign - bias."""
+        sign = self._sign(raw) if self.flip_negative_normal else np.ones(raw.shape[1])
+        return sign, self._bias(raw * sign)
+
+    def _sign(self, raw: FloatArray) -> FloatArray:
+        sign = np.ones(raw.shape[1])
+        first = raw[: max(1, self.bias_rows)]
+        for channel in range(NORMAL_AXIS, raw.shape[1], 3):
+            finite = first[np.isfinite(first[:, channel]), channel]
+            if finite.size and finite[0] < -self.flip_beyond:
+                sign[self._turned(channel)] = -1.0
+        return sign
+
+    def _turned(self, normal: int) -> slice:
+        """The channels that turn with a normal channel."""
+        return slice(
+            normal - NORMAL_AXIS if self.turns == "sensor" else normal, normal + 1
+        )
+
+    def _bias(self, turned: FloatArray) -> FloatArray:
+        first = turned[: self.bias_rows]
+        if self.statistic == "median" and len(first) and np.isfinite(first).all():
+            together: FloatArray = np.median(first, axis=0)
+            return together
+        middle = np.mean if self.statistic == "mean" else np.median
+        bias = np.zeros(turned.shape[1])
+        for channel in range(turned.shape[1]):
+            finite = first[np.isfinite(first[:, channel]), channel]
+            bias[channel] = middle(finite) if finite.size else 0.0
+        return bias
+
+    def to_json(self) -> Json:
+        """As a JSON object, for the metadata."""
+        return asdict(self)
+
+
+def preparation_from_json(value: Json) -> Preparation:
+    """The inverse of `to_json`. Raises TypeError or ValueError for wrong values."""
+    made = Preparation(**value)
+    whole = isinstance(made.bias_rows, int) and not isinstance(made.bias_rows, bool)
+    if (
+        not whole
+        or not 0 <= made.bias_rows <= MOST_ROWS
+        or made.statistic not in ("mean", "median")
+    ):
+        raise ValueError(
+            f"bias_rows {made.bias_rows!r:.40} or statistic {made.statistic!r:.40}"
+        )
+    if (
+        not isinstance(made.flip_negative_normal, bool)
+        or not 0.0 <= made.flip_beyond < 1e9
+    ):
+        raise ValueError(
+            f"flip_negative_normal {made.flip_negative_normal!r:.9}, "
+            f"flip_beyond {made.flip_beyond!r:.40}"
+        )
+    if made.turns not in ("normal", "sensor"):
+        raise ValueError(f"turns {made.turns!r:.40}")
+    return made
+
+
+class Tare:
+    """Prepares samples one by one: values [C] in, [C] out, and which sensors [S] can be trusted.
+
+    A sensor's bias comes from its own first valid, finite rows, so a sensor that comes late is
+    tared late. For a whole recording without invalid rows the result equals Preparation.apply.
+
+    resting [C]: what the unloaded hand reads, where that is known (`holdfast bias`); then the first
+    rows may be loaded.
+    """
+
+    def __init__(
+        self,
+        preparation: Preparation,
+        n_channels: int,
+        resting: FloatArray | None = None,
+    ) -> None:
+        self._preparation = preparation
+        self._rows: list[list[FloatArray]] = [[] for _ in range(n_channels // 3)]
+        self._sign, self._bias = np.ones(n_channels), np.zeros(n_channels)
+        self._known = np.full(
+            n_channels // 3,
+            preparation.bias_rows == 0 and not preparation.flip_negative_normal,
+        )
+        if resting is not None:
+            self._sign, self._bias = preparation.learn(resting[None])
+            self._known[:] = True
+
+    @property
+    def known(self) -> BoolArray:
+        """[S] whose bias is known."""
+        return self._known
+
+    def prepare(
+        self, values: FloatArray, valid: BoolArray
+    ) -> tuple[FloatArray, BoolArray]:
+        """Prepare one sample; a sensor without a known bias is invalid."""
+        if not self._known.all():
+            finite = np.isfinite(values).reshape(-1, 3).all(axis=1)
+            for sensor in np.flatnonzero(valid & finite & ~self._known):
+                self._learn(int(sensor), values[3 * sensor : 3 * sensor + 3])
+        return values * self._sign - self._bias, valid & self._known
+
+    def _learn(self, sensor: int, values: FloatArray) -> None:
+        rows, wanted = self._rows[sensor], max(1, self._preparation.bias_rows)
+        rows.append(values.copy())
+        if len(rows) < wanted:
+            return
+        here = slice(3 * sensor, 3 * sensor + 3)
+        self._sign[here], self._bias[here] = self._preparation.learn(np.array(rows))
+        self._known[sensor] = True
+        rows.clear()

@@ -1,0 +1,22 @@
+"""A model file on whole streams: events, baselines, states, and what a closing hand would keep."""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from holdfast.evaluation.frames import to_frame as to_frame
+    from holdfast.evaluation.model_outputs import run_model as run_model
+
+MOST_FALSE_PER_MIN = 0.5
+"""Default: false alarms a minute that are allowed where a confidence is chosen."""
+_LATE = {
+    "to_frame": "holdfast.evaluation.frames",
+    "run_model": "holdfast.evaluation.model_outputs",
+}
+"""Imported when first used, so that `holdfast evaluate --help` loads no pandas."""
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _LATE:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(_LATE[name]), name)

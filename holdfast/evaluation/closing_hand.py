@@ -1,0 +1,357 @@
+"""Closing in time: a small model of whether a hand that acts on an alarm still holds the object.
+
+From the request on, the hand closes at v_max (1 - exp(-t / lag)): a rate limit behind a
+first-order lag. Its travel squeezes fingers and object, springs in series, two fingers on the
+thumb's side against four:
+
+    N(t) = grip + travel(t) / c,    c = 1 / (2 k) + 1 / (4 k),    N <= 70 N a side
+    k = finger and object in series
+
+The object is a mass on one line, the hand's skin a spring along it that lets go at 2 mu N (static
+until it slides, kinetic until it rests again). A pull is a spring and damper on a minimum-jerk
+path, capped, with the weight on top; a fall is the weight, as its support vanishes. The model of a
+hand that does nothing gives how far the object had moved when contact was lost. A hand that acts
+keeps the object if it comes to rest before it has moved so far, and keeps it without a slip if it
+slid less than 2 mm, which is the truth's threshold of gross slip.
+
+From the truth: load onset, gross slip, contact lost, grip, stiffness, friction, and the pull.
+Assumed: LAG_S; no dead time beside it; all six fingers close together (the real hand drives three
+and the others follow); the puller does not pull harder because the hand resists; no ball is
+squeezed out. `model_error_ms` compares its slips with those of the truth.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from functools import lru_cache
+
+import numpy as np
+import numpy.typing as npt
+
+from holdfast.core.contract import BoolArray, FloatArray
+from holdfast.evaluation.statistics import spread
+from holdfast.evaluation.truths import Grasp
+from holdfast.training.timeline import RiskyEvent
+
+CLOSING_S = 0.37
+"""Full stroke of the Michelangelo hand (Front. Syst. Neurosci. 9:162, 2015, table 1)."""
+STROKE_MM = 120.0
+"""Its opening width (thesis, 5.1.1); over CLOSING_S, 324 mm/s."""
+MOST_N = 70.0
+"""Its opposition grip (thesis, 5.1.1)."""
+LAG_S = 0.05
+"""Time constant of motor and gear: an assumption, since none is published; LAGS_S are others."""
+LAGS_S = (0.0, 0.02, 0.1)
+GRAVITY_M_S2 = 9.81
+DAMPING_RATIO = 0.7
+"""Of the puller's arm and of the skin while it sticks, as the scenes have it."""
+STEP_S = 0.0005
+LOOK_S = 0.6
+DROPS_AT_ONCE = 512
+"""Their arrays stay within tens of MB."""
+GROSS_SLIP_M = 2e-3
+MODELLED = ("pull", "fall")
+
+
+@dataclass(frozen=True)
+class ClosingHand:
+    """How a hand closes."""
+
+    closing_s: float = CLOSING_S
+    stroke_mm: float = STROKE_MM
+    lag_s: float = LAG_S
+    most_n: float = MOST_N
+
+    def travel_m(self, since_s: FloatArray) -> FloatArray:
+        """By how much the opening has shrunk, s after the request to act (0 before)."""
+        t = np.maximum(since_s, 0.0)
+        behind = self.lag_s * -np.expm1(-t / self.lag_s) if self.lag_s else 0.0
+        travel: FloatArray = 1e-3 * self.stroke_mm / self.closing_s * (t - behind)
+        return travel
+
+
+@dataclass(frozen=True)
+class Drop:
+    """One event that can be modelled. Times in s since load onset; the puller's are 0 in a fall."""
+
+    gross_s: float
+    lost_s: float
+    mass_kg: float
+    grip_n: float
+    squeeze_n_per_m: float
+    skin_n_per_m: float
+    static: float
+    kinetic: float
+    vanish_s: float
+    arm_n_per_m: float
+    distance_m: float
+    move_s: float
+    cap_n: float
+
+
+def drop_of(event: RiskyEvent, grasp: Grasp | None) -> Drop | None:
+    """The event as the model sees it; None where its truth is not complete (a hold)."""
+    if grasp is None or grasp.action not in MODELLED or event.gross_s is None:
+        return None
+    if "thing" not in grasp.truth:
+        return None
+    drawn, thing = grasp.truth["drawn"], grasp.truth["thing"]
+    finger, stuff = drawn["finger_n_per_m"], thing["stiffness_n_per_m"]
+    series = finger * stuff / (finger + stuff)
+    friction = thing["friction"] * drawn["friction_factor"]
+    return Drop(
+        gross_s=event.gross_s - event.onset_s,
+        lost_s=event.end_s - event.onset_s,
+        mass_kg=1e-3 * thing["mass_g"],
+        grip_n=float(grasp.truth["grip_n"]),
+        squeeze_n_per_m=1.0 / (1.0 / (2.0 * series) + 1.0 / (4.0 * series)),
+        skin_n_per_m=6.0 * finger * drawn["shear_ratio"],
+        static=friction,
+        kinetic=friction * thing["kinetic_share"],
+        vanish_s=drawn.get("vanish_s", 0.0),
+        arm_n_per_m=drawn.get("arm_n_per_m", 0.0),
+        distance_m=drawn.get("distance_m", 0.0),
+        move_s=drawn.get("move_s", 1.0),
+        cap_n=drawn.get("cap_n", 0.0),
+    )
+
+
+@dataclass(frozen=True)
+class Slide:
+    """What became of E objects after K steps.
+
+    moved_m [K, E]. slid_m [E]. slides_from_s [E], inf: never. rests [E]: at rest in the end.
+    """
+
+    moved_m: FloatArray
+    slid_m: FloatArray
+    slides_from_s: FloatArray
+    rests: BoolArray
+
+
+@dataclass(frozen=True)
+class _Course:
+    """What drives E drops and does not depend on how they move, each [K, E] over K steps.
+
+    path_m, path_m_s: the puller's hand. weight_n: of the object that the support has let go.
+    normal_n: of the grip on one side.
+    """
+
+    path_m: FloatArray
+    path_m_s: FloatArray
+    weight_n: FloatArray
+    normal_n: FloatArray
+
+
+def _course(
+    d: dict[str, FloatArray], request_s: FloatArray, hand: ClosingHand
+) -> _Course:
+    t_s = np.arange(round(LOOK_S / STEP_S))[:, None] * STEP_S
+    closed_m = hand.travel_m(np.where(np.isfinite(request_s), t_s - request_s, 0.0))
+    u = np.minimum(t_s / d["move_s"], 1.0)
+    given = np.where(
+        d["cap_n"] == 0.0, _smooth(t_s / np.maximum(d["vanish_s"], STEP_S)), 1.0
+    )
+    return _Course(
+        d["distance_m"] * _smooth(u),
+        d["distance_m"] / d["move_s"] * 30.0 * (u * (1.0 - u)) ** 2,
+        d["mass_kg"] * GRAVITY_M_S2 * given,
+        np.minimum(
+            d["grip_n"] + d["squeeze_n_per_m"] * closed_m,
+            np.maximum(hand.most_n, d["grip_n"]),
+        ),
+    )
+
+
+def slide(drops: Sequence[Drop], request_s: npt.ArrayLike, hand: ClosingHand) -> Slide:
+    """Step the drops from their load onset on, the hand closing from request_s [E] (inf: never)."""
+    d = {
+        name: np.array([getattr(one, name) for one in drops])
+        for name in Drop.__dataclass_fields__
+    }
+    mass, skin, arm = d["mass_kg"], d["skin_n_per_m"], d["arm_n_per_m"]
+    course = _course(d, np.asarray(request_s, dtype=np.float64), hand)
+    sticks_n, slides_n = (
+        2.0 * d[name] * course.normal_n for name in ("static", "kinetic")
+    )
+    skin_damping, arm_damping = (
+        2.0 * DAMPING_RATIO * np.sqrt(k * mass) for k in (skin, arm)
+    )
+    at, speed, slid = np.zeros((3, len(drops)))
+    # a pulled object hangs in the skin already
+    stretch = np.where(d["cap_n"] == 0.0, 0.0, mass * GRAVITY_M_S2 / skin)
+    slides_from_s, sliding = (
+        np.full(len(drops), np.inf),
+        np.zeros(len(drops), dtype=np.bool_),
+    )
+    moved = np.empty(course.normal_n.shape)
+    for k in range(len(moved)):
+        arm_n = arm * (course.path_m[k] - at) + arm_damping * (
+            course.path_m_s[k] - speed
+        )
+        load_n = np.minimum(np.maximum(arm_n, 0.0), d["cap_n"]) + course.weight_n[k]
+        stuck_n = skin * stretch + skin_damping * speed
+        limit_n = np.where(sliding, slides_n[k], sticks_n[k])
+        sliding = (sliding | (stuck_n > limit_n)) & (speed > 0.0)
+        slides_from_s[sliding & np.isinf(slides_from_s)] = k * STEP_S
+        held_n = np.where(sliding, slides_n[k], np.minimum(stuck_n, limit_n))
+        speed = speed + STEP_S * (load_n - held_n) / mass
+        speed = np.where(sliding, np.maximum(speed, 0.0), speed)
+        stretch = np.where(sliding, slides_n[k] / skin, stretch + STEP_S * speed)
+        slid = slid + np.where(sliding, STEP_S * speed, 0.0)
+        at = at + STEP_S * speed
+        moved[k] = at
+    return Slide(moved, slid, slides_from_s, ~sliding)
+
+
+def _smooth(u: FloatArray) -> FloatArray:
+    """0 to 1 with minimum jerk."""
+    u = np.clip(u, 0.0, 1.0)
+    risen: FloatArray = u * u * u * (10.0 + u * (6.0 * u - 15.0))
+    return risen
+
+
+@lru_cache(maxsize=2)
+def _never_closed(drops: tuple[Drop, ...]) -> Slide:
+    """The drops in a hand that never closes."""
+    return slide(drops, np.full(len(drops), np.inf), ClosingHand())
+
+
+def room_m(drops: Sequence[Drop]) -> FloatArray:
+    """[E] how far each object had moved in a hand that did nothing when contact was lost."""
+    moved = _never_closed(tuple(drops)).moved_m
+    row = np.minimum(
+        np.array([round(one.lost_s / STEP_S) for one in drops], dtype=np.int64),
+        len(moved) - 1,
+    )
+    room: FloatArray = moved[row, np.arange(len(drops))]
+    return room
+
+
+@dataclass(frozen=True)
+class KeptObjects:
+    """What a hand still holds. preventable: kept by a hand that closes from load onset on.
+
+    kept, kept_share and kept_without_a_slip are of the preventable ones. modelled: of all events.
+    """
+
+    hand: ClosingHand
+    events: int
+    modelled: int
+    preventable: int
+    not_preventable: int
+    kept: int
+    kept_share: float | None
+    kept_without_a_slip: int
+
+
+@dataclass(frozen=True)
+class Droppable:
+    """The events of many streams, in order. drops: None where one is not modelled.
+
+    room_m [E] of the modelled. preventable [E]: a hand that closes from load onset on keeps it.
+    """
+
+    drops: tuple[Drop | None, ...]
+    hand: ClosingHand
+    room_m: FloatArray
+    preventable: BoolArray
+
+    @staticmethod
+    def of(drops: Sequence[Drop | None], hand: ClosingHand | None = None) -> Droppable:
+        """The bounds of these events for a hand."""
+        hand = hand or ClosingHand()
+        modelled = [drop for drop in drops if drop is not None]
+        room = room_m(modelled)
+        at_once = _held(modelled, np.zeros(len(modelled)), hand, room)[0]
+        return Droppable(tuple(drops), hand, room, at_once)
+
+    def kept(self, delays_s: Sequence[float | None]) -> KeptObjects:
+        """What the hand keeps. The request in each event: s after load onset (None: no request)."""
+        return self.kept_by_each([delays_s])[0]
+
+    def kept_by_each(
+        self, delays_s: Sequence[Sequence[float | None]]
+    ) -> list[KeptObjects]:
+        """The same for several lists of requests, whose drops are stepped together."""
+        modelled = [drop for drop in self.drops if drop is not None]
+        from_s = [
+            np.inf if s is None else s
+            for one in delays_s
+            for s, drop in zip(one, self.drops, strict=True)
+            if drop is not None
+        ]
+        lists, room = len(delays_s), np.tile(self.room_m, len(delays_s))
+        held, still = _held(
+            modelled * lists, np.array(from_s, np.float64), self.hand, room
+        )
+        shape = (lists, len(modelled))
+        return [
+            self._kept(*one)
+            for one in zip(held.reshape(shape), still.reshape(shape), strict=True)
+        ]
+
+    def _kept(self, held: BoolArray, still: BoolArray) -> KeptObjects:
+        n, n_kept = int(self.preventable.sum()), int((held & self.preventable).sum())
+        return KeptObjects(
+            hand=self.hand,
+            events=len(self.drops),
+            modelled=len(self.preventable),
+            preventable=n,
+            not_preventable=len(self.preventable) - n,
+            kept=n_kept,
+            kept_share=n_kept / n if n else None,
+            kept_without_a_slip=int((still & self.preventable).sum()),
+        )
+
+
+def droppable(drops: Sequence[Drop | None]) -> Droppable | None:
+    """The bounds for the usual hand; None where no event is modelled."""
+    return Droppable.of(drops) if any(drop is not None for drop in drops) else None
+
+
+def _held(
+    drops: Sequence[Drop], request_s: FloatArray, hand: ClosingHand, room: FloatArray
+) -> tuple[BoolArray, BoolArray]:
+    """[E] whether each object is still in the hand, and whether it did not even slip."""
+    held, still = np.zeros((2, len(drops)), dtype=np.bool_)
+    for start in range(0, len(drops), DROPS_AT_ONCE):
+        some = slice(start, start + DROPS_AT_ONCE)
+        end = slide(drops[some], request_s[some], hand)
+        held[some] = end.rests & (end.moved_m.max(axis=0, initial=0.0) < room[some])
+        still[some] = held[some] & (end.slid_m < GROSS_SLIP_M)
+    return held, still
+
+
+@dataclass(frozen=True)
+class ClosingModel:
+    """How far the model is off the truth, ms, and what other lags of the hand (ms) would keep."""
+
+    model_error_ms: dict[str, float] | None
+    by_lag_ms: dict[str, KeptObjects]
+
+
+def closing_model(
+    drops: Sequence[Drop | None], delays_s: Sequence[float | None]
+) -> ClosingModel | None:
+    """Check the model, and vary its lag; None where no event is modelled."""
+    if not any(drop is not None for drop in drops):
+        return None
+    by_lag = {
+        f"{1e3 * lag_s:g}": Droppable.of(drops, ClosingHand(lag_s=lag_s)).kept(delays_s)
+        for lag_s in LAGS_S
+    }
+    return ClosingModel(model_error_ms(drops), by_lag)
+
+
+def model_error_ms(drops: Sequence[Drop | None]) -> dict[str, float] | None:
+    """The model's slip in a hand at rest minus the truth's gross slip; None without drops."""
+    known = [drop for drop in drops if drop is not None]
+    if not known:
+        return None
+    from_s = _never_closed(tuple(known)).slides_from_s
+    off_ms = 1e3 * (from_s - np.array([one.gross_s for one in known]))
+    off_ms = off_ms[np.isfinite(off_ms)]
+    found = spread(off_ms.tolist())
+    return {**(asdict(found) if found else {}), "slips": len(off_ms), "of": len(known)}

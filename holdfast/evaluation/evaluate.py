@@ -1,0 +1,252 @@
+"""The whole evaluation of a model file: thresholds, baselines, every set, all sets together.
+
+The options of an evaluation. Imports no library, so that a command can read it at once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from holdfast.core.errors import UsageError
+from holdfast.core.objects import read_json
+from holdfast.edge_runtime.graph import Outputs
+from holdfast.edge_runtime.model import ModelChoice, OpenedModel
+from holdfast.evaluation import MOST_FALSE_PER_MIN
+from holdfast.evaluation.baselines import Baseline, baselines, raw_forest
+from holdfast.evaluation.event_scores import choose_confidence
+from holdfast.evaluation.figures import Evaluation, all_sets
+from holdfast.evaluation.jobs import Workers
+from holdfast.evaluation.model_outputs import (
+    OUTPUTS,
+    everywhere,
+    read_outputs,
+    steps_with,
+)
+from holdfast.evaluation.scored_set import ScoredSet, score_set
+from holdfast.evaluation.thresholds import (
+    Chosen,
+    MatchingStreams,
+    Thresholds,
+    find_thresholds,
+)
+from holdfast.evaluation.window_scores import (
+    WindowFigures,
+    at_windows,
+    heads_with_task,
+    require_model_fits,
+    window_figures,
+)
+from holdfast.export.spec import StepSpec
+from holdfast.training.datasets import find, load
+from holdfast.training.fitting import with_situations
+from holdfast.training.progress import Part, Say, ignored
+from holdfast.training.recording import DataSet
+
+
+@dataclass(frozen=True)
+class EvaluationRequest:
+    """The options of an evaluation.
+
+    data: sets to score. choose: sets to choose the confidence on, if any. train: a set to train the
+    raw-window forest on. groups: so many people (or blocks) only. people: these only, if any.
+    """
+
+    data: Sequence[str]
+    choose: Sequence[str] = ()
+    train: str | None = None
+    groups: int | None = None
+    people: frozenset[str] = frozenset()
+    most_false_per_min: float = MOST_FALSE_PER_MIN
+    seed: int = 0
+
+    def n_stages(self) -> int:
+        """How many stages `evaluate_events` announces."""
+        a_set = 3 if self.choose else 4
+        return bool(self.train) + 3 * bool(self.choose) + a_set * len(self.data) + 1
+
+
+ALONE = Workers()
+
+
+def evaluate_events(
+    model: ModelChoice,
+    request: EvaluationRequest,
+    say: Say = ignored,
+    part: Part = ignored,
+    workers: Workers = ALONE,
+) -> Evaluation:
+    """Evaluate a file on sets.
+
+    say: receives what begins. part: receives the share of it that is done. workers: where the sets
+    are scored; each is a job.
+
+    Raises what reading the sets raises, and ChannelError, UnitError or RateError where one does not
+    fit the model.
+    """
+    _require_apart(request)
+    run = _Run(model.open(), request, say, part)
+    forest = run.forest()
+    others = run.baselines(forest)
+    chosen = run.chosen(others) if request.choose else None
+    if workers.here:
+        sets = [run.scored(name, others, chosen) for name in request.data]
+    else:
+        say(f"scoring {len(request.data)} sets")
+        sets = list(
+            workers.run(
+                [
+                    partial(_scored, model, request, forest, chosen, name)
+                    for name in request.data
+                ]
+            )
+        )
+    say("figures of all sets together")
+    thresholds = chosen or sets[0].figures.thresholds
+    assert thresholds is not None
+    return all_sets(run.model.card, _by_label(sets), thresholds, request.seed)
+
+
+def _scored(
+    model: ModelChoice,
+    request: EvaluationRequest,
+    forest: bytes | None,
+    chosen: Thresholds | None,
+    name: str,
+) -> ScoredSet:
+    """One set, scored by any process."""
+    run = _Run(model.open(), request, ignored, ignored)
+    return run.scored(name, run.baselines(forest), chosen)
+
+
+def _by_label(sets: Sequence[ScoredSet]) -> dict[str, ScoredSet]:
+    scored: dict[str, ScoredSet] = {}
+    for one in sets:
+        label = one.figures.card.name
+        scored[label if label not in scored else f"{label} ({len(scored) + 1})"] = one
+    return scored
+
+
+def _require_apart(request: EvaluationRequest) -> None:
+    """Raise DataNotFound for a missing folder, UsageError for one to choose on and to score."""
+    scored = {find(name).resolve(): name for name in request.data}
+    if request.train:
+        find(request.train)
+    for name in request.choose:
+        if find(name).resolve() in scored:
+            raise UsageError(
+                f"{name} is given both to --choose and to --data",
+                cause="a threshold that is scored on the streams it was chosen on flatters",
+                next_step="simulate another set with another --seed, or leave --choose out",
+            )
+
+
+@dataclass(frozen=True)
+class _Run:
+    """One evaluation under way."""
+
+    model: OpenedModel
+    request: EvaluationRequest
+    say: Say
+    part: Part
+
+    @property
+    def spec(self) -> StepSpec:
+        return StepSpec.from_json(self.model.card.raw["spec"])
+
+    def forest(self) -> bytes | None:
+        """The thesis' forest as a step graph; None without a set to train it on."""
+        if self.request.train is None:
+            return None
+        self.say(f"training the raw-window forest on {self.request.train}")
+        channels, seed = self.model.card.n_channels, self.request.seed
+        data = load(
+            self.request.train,
+            channels=channels,
+            seed=seed,
+            windows="thesis",
+            part=self.part,
+        )
+        require_model_fits(self.model, data)
+        return raw_forest(data, self.spec, seed)
+
+    def baselines(self, forest: bytes | None) -> list[Baseline]:
+        """The baselines of this model."""
+        return baselines(self.spec, self.model.card.decision, forest)
+
+    def chosen(self, others: Sequence[Baseline]) -> Thresholds:
+        """Thresholds from streams that are not scored."""
+        names, card = self.request.choose, self.model.card
+        self.say(f"reading {', '.join(names)}, to choose the confidence on")
+        sets = [self._load(name) for name in names]
+        recordings = [one for data in sets for one in data.recordings]
+        self.say(f"running the model on {len(recordings)} recordings to choose on")
+        computed = everywhere(steps_with(self.model, OUTPUTS), recordings, self.part)
+        outputs = read_outputs(self.model, recordings, computed)
+        most = self.request.most_false_per_min
+        permille = choose_confidence(
+            [one.answers for one in outputs], card.decision, most
+        )
+        self.say(
+            f"confidence {permille} of 1000 chosen; matching {len(others)} baselines"
+        )
+        named = [_named(name, data) for name, data in zip(names, sets, strict=True)]
+        streams = MatchingStreams(recordings, outputs, named)
+        return find_thresholds(card, streams, others, Chosen(permille, most), self.part)
+
+    def scored(
+        self, name: str, others: Sequence[Baseline], chosen: Thresholds | None
+    ) -> ScoredSet:
+        """One set, scored; baselines are matched on it where nothing was chosen elsewhere."""
+        self.say(f"reading {name}")
+        data, card, seed = self._load(name), self.model.card, self.request.seed
+        self.say(f"{data.name}: running the model on {len(data.recordings)} recordings")
+        wanted = [*OUTPUTS, *heads_with_task(self.model, with_situations(data))]
+        computed = everywhere(
+            steps_with(self.model, wanted), data.recordings, self.part
+        )
+        outputs = read_outputs(self.model, data.recordings, computed)
+        windows = _window_figures(self.model, data, computed, seed)
+        del computed
+        thresholds = chosen
+        if thresholds is None:
+            self.say(f"{data.name}: matching {len(others)} baselines")
+            streams = MatchingStreams(data.recordings, outputs, [_named(name, data)])
+            thresholds = find_thresholds(card, streams, others, part=self.part)
+        self.say(f"{data.name}: scoring the model and {len(others)} baselines")
+        return score_set(
+            find(name), data, outputs, thresholds, others, windows, seed, self.part
+        )
+
+    def _load(self, name: str) -> DataSet:
+        data = load(
+            name,
+            channels=self.model.card.n_channels,
+            groups=self.request.groups,
+            seed=self.request.seed,
+            windows="natural",
+            part=self.part,
+        )
+        require_model_fits(self.model, data)
+        return data.of_groups(self.request.people) if self.request.people else data
+
+
+def _named(name: str, data: DataSet) -> str:
+    """A set's name with the seed it was made from, if any: two sets of one card differ by it."""
+    made_from = read_json(find(name) / "meta.json").get("seed")
+    return data.name if made_from is None else f"{data.name}, seed {made_from}"
+
+
+def _window_figures(
+    model: OpenedModel, data: DataSet, computed: Sequence[Outputs], seed: int
+) -> WindowFigures:
+    whole = with_situations(data)
+    names = ["situation", "unknown", *heads_with_task(model, whole)]
+    rows = [np.arange(len(one.samples)) for one in whole.recordings]
+    answers = at_windows(
+        whole, [{name: out[name] for name in names} for out in computed], rows
+    )
+    return window_figures(model, whole, answers, seed=seed)

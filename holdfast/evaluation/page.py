@@ -1,0 +1,212 @@
+"""One HTML page: its style, its key of colours, its tables; and tables as Markdown.
+
+Figures as the text of a table's cell: a value, and in small below it what it may be between.
+
+Names of the methods as reports show them; figures.json keeps its stored names.
+"""
+
+from __future__ import annotations
+
+import html
+import re
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from holdfast.core.contract import SITUATIONS
+from holdfast.core.writing import write_whole
+from holdfast.evaluation.closing_hand import KeptObjects
+from holdfast.evaluation.statistics import McNemar, Spread
+from holdfast.evaluation.style import dark_rules
+from holdfast.training.figures import ABSENT, Interval, LevelF1, Share, over
+
+CSS = """
+body{font:16px/1.5 system-ui,sans-serif;color:#1f2933;max-width:62rem;margin:2rem auto;
+padding:0 1rem}
+h1{font-size:1.7rem;line-height:1.2;margin-bottom:.2rem} h2{font-size:1.2rem;margin-top:2.4rem}
+table{border-collapse:collapse;font-size:.8rem;width:100%;font-variant-numeric:tabular-nums}
+th,td{padding:.3rem .45rem;border-bottom:1px solid #e4e7eb;text-align:right;white-space:nowrap}
+th:first-child,td:first-child{text-align:left;white-space:normal;min-width:9.5rem}
+th{font-weight:600;vertical-align:bottom}
+tr.ours td{font-weight:600} tr.warning td{color:#9a4a06} .note{color:#52606d;font-size:.9rem}
+.answer{display:flex;gap:2.5rem;flex-wrap:wrap;margin:1rem 0}
+.answer b{display:block;font-size:2rem;line-height:1.1}
+.key i{display:inline-block;width:.9em;height:.9em;margin:0 .3em 0 1em;vertical-align:-.1em}
+.side{display:flex;flex-wrap:wrap;gap:1rem} svg{max-width:100%;height:auto} .wide{overflow-x:auto}
+.side>*{max-width:100%} @media(max-width:45rem){svg{max-width:none}}
+@media(prefers-color-scheme:dark){body{background:#1e2129;color:#e4e7eb}.note{color:#b8c2cc}
+th,td{border-color:#3e4c59}tr.warning td{color:#f0a35e}a{color:#5fb0e5}}
+"""
+DRAWN = re.compile(r"<svg.*?</svg>", re.DOTALL)
+
+
+def write_page(path: Path, title: str, sections: list[str]) -> Path:
+    """One self-contained page of sections, each HTML; OutputError where it cannot be written.
+
+    On a phone a picture keeps its size and scrolls; the page follows a reader who prefers dark.
+    """
+    meta = '<meta charset="utf-8"><meta name="viewport" content="width=device-width">'
+    head = (
+        f"<title>{html.escape(title)}</title>{meta}<style>{CSS}{dark_rules()}</style>"
+    )
+    body = DRAWN.sub(r"<div class=wide>\g<0></div>", "\n".join(sections))
+    return write_whole(path, f"<!doctype html><html lang=en>{head}{body}</html>")
+
+
+class Row(NamedTuple):
+    """A row of a table, each cell HTML. style: ours, warning, or none."""
+
+    cells: Sequence[str]
+    style: str = ""
+
+
+def table(heads: Sequence[str], rows: Iterable[Row]) -> str:
+    """An HTML table; a row of one cell is a heading over all columns."""
+    lines = [_row(row, len(heads)) for row in rows]
+    head = "".join(f"<th>{name}" for name in heads)
+    body = "\n".join(lines)
+    return f"<div class=wide><table class=close><tr>{head}\n{body}</table></div>"
+
+
+def _row(row: Row, n_columns: int) -> str:
+    if len(row.cells) == 1:
+        look = "text-align:left;padding-top:.9rem"
+        return f"<tr><th colspan={n_columns} style='{look}'>{row.cells[0]}"
+    style = f" class={row.style}" if row.style else ""
+    return f"<tr{style}>" + "".join(f"<td>{cell}" for cell in row.cells)
+
+
+def key(colours: Sequence[str]) -> str:
+    """What the colours of the four situations mean."""
+    pairs = zip(colours, SITUATIONS, strict=True)
+    return "".join(
+        f'<i style="background:{colour}"></i>{name.replace("_", " ")}'
+        for colour, name in pairs
+    )
+
+
+def markdown(rows: Sequence[dict[str, Any]]) -> str:
+    """Rows as a table."""
+    head = list(rows[0])
+    lines = [
+        head,
+        ["---"] * len(head),
+        *([_cell(row[name]) for name in head] for row in rows),
+    ]
+    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
+
+
+def _cell(value: Any) -> str:
+    if isinstance(value, float):
+        return f"{value:,.0f}" if abs(value) >= 1000.0 else f"{value:.3g}"
+    return "-" if value is None else str(value)
+
+
+def number(value: float | None, places: int = 2) -> str:
+    """So many decimal places; "-" where there is no figure."""
+    return ABSENT if value is None else f"{value:.{places}f}"
+
+
+def percent(value: float | None) -> str:
+    """A share as a percentage; "-" where there is none."""
+    return ABSENT if value is None else f"{100 * value:.1f} %"
+
+
+def interval(edges: Interval | None, places: int = 2) -> str:
+    """From one edge to the other, or nothing."""
+    return " to ".join(f"{edge:.{places}f}" for edge in edges) if edges else ""
+
+
+def percent_interval(edges: Interval | None) -> str:
+    """The same of a share, as percentages."""
+    return " to ".join(f"{100 * edge:.1f}" for edge in edges) if edges else ""
+
+
+def with_interval(value: float | None, edges: Interval | None, places: int = 2) -> str:
+    """A number above its interval."""
+    return above(number(value, places), interval(edges, places))
+
+
+def macro_f1_cell(of: LevelF1) -> str:
+    """A macro F1 above its interval, and above what it is over where a class is absent."""
+    return above(with_interval(of.macro_f1, of.macro_f1_ci, 3), over(of.f1))
+
+
+def percent_with_interval(value: float | None, edges: Interval | None) -> str:
+    """A percentage above its interval."""
+    return above(percent(value), percent_interval(edges))
+
+
+def share_cell(of: Share) -> str:
+    """A share with its exact interval."""
+    return percent_with_interval(of.share, of.share_ci)
+
+
+def median(of: Spread | None) -> str:
+    """The median alone, rounded; "-" where there is none."""
+    return ABSENT if of is None else f"{of.p50:.0f}"
+
+
+def spread_cell(of: Spread | None) -> str:
+    """The median above the 5th to 95th percentile."""
+    if of is None:
+        return ""
+    return above(f"{round(of.p50)}", f"{round(of.p5)} to {round(of.p95)}")
+
+
+def percent_spread_cell(of: Spread | None) -> str:
+    """The same of shares."""
+    if of is None:
+        return ""
+    return above(f"{100 * of.p50:.0f} %", f"{100 * of.p5:.0f} to {100 * of.p95:.0f}")
+
+
+def kept_cell(closing: KeptObjects | None) -> str:
+    """Objects that the closing hand keeps, of those it can keep."""
+    return "" if closing is None else f"{closing.kept} of {closing.preventable}"
+
+
+def p_cell(against: McNemar | None) -> str:
+    """McNemar's p; nothing for the method itself."""
+    if against is None:
+        return ""
+    return "&lt; 0.001" if against.p < 0.001 else f"{against.p:.3f}"
+
+
+def above(value: str, below: str) -> str:
+    """A value, and a note in small below it."""
+    return f"{value}<br><span class=note>{below}</span>" if below else value
+
+
+DEPLOYED, CHOSEN = "ours, as deployed", "ours, confidence chosen"
+BAND, CONE, SHEAR_RATE = "band-pass bank", "friction cone", "one line of code"
+RAW, ORACLE = "raw-window forest", "perfect intent"
+"""The stored names: keys of figures.json."""
+_SHOWN = {
+    DEPLOYED: "this model, as deployed",
+    CHOSEN: "this model, chosen confidence",
+    SHEAR_RATE: "shear-rate threshold",
+    ORACLE: "oracle",
+}
+BASELINES = {
+    BAND: "a shear signal exceeds its own noise floor in one of ten bands (setting: ratio)",
+    CONE: "shear / normal force of a finger leaves the friction cone (setting: coefficient)",
+    SHEAR_RATE: "summed shear changes within two samples by more than a threshold (setting: N)",
+    RAW: "the thesis' forest: 100 untuned trees on the last 0.10 s (setting: confidence)",
+    ORACLE: "an upper bound: knows the person's intent, acts one sample after load onset",
+}
+"""How each baseline decides, and what its setting is."""
+
+
+def shown(name: str) -> str:
+    """A stored name as people read it.
+
+    >>> shown("one line of code"), shown("friction cone")
+    ('shear-rate threshold', 'friction cone')
+    """
+    return _SHOWN.get(name, name)
+
+
+def is_this_model(name: str) -> bool:
+    """Whether a stored name is the evaluated model and no baseline."""
+    return name in (DEPLOYED, CHOSEN)

@@ -1,0 +1,129 @@
+"""Real recordings beside the simulated ones: the output of `make real`, scored by the same rules.
+
+The default model runs at another rate than these sets. So the file is one of `make real`, trained
+without one fold of people, and it is evaluated on these people only.
+
+Figures of eflesh_slip as `make real` writes them: windows, trials, and how late alarms come.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from holdfast.core.errors import DataNotFound, NotAModel
+from holdfast.core.reading import Json, json_of, text_of
+from holdfast.edge_runtime.model import ModelChoice
+from holdfast.evaluation.evaluate import EvaluationRequest, evaluate_events
+from holdfast.evaluation.figures import Evaluation
+from holdfast.training.datasets import load
+from holdfast.training.datasets.eflesh_slip import ThresholdAccuracy
+from holdfast.training.figures import Interval
+from holdfast.training.plan import TrainingPlan
+from holdfast.training.recording import DataSet
+from holdfast.training.splits import assign_groups
+
+
+@dataclass(frozen=True)
+class DelaySpread:
+    """Delay of n alarms after the field departs, s; None without an alarm."""
+
+    n: int
+    p5: float | None
+    p50: float | None
+    p95: float | None
+
+
+@dataclass(frozen=True)
+class EfleshFigures:
+    """Figures with blocks of neighbouring trials held out. Accuracies and F1 are from 0 to 1.
+
+    delay_s, held_trials_with_an_alarm: by the name of the detector.
+    """
+
+    n_trials: int
+    n_groups: int
+    window_accuracy: float
+    f1: dict[str, float | None]
+    f1_ci: dict[str, Interval | None]
+    trial_vote_accuracy: float
+    one_threshold: ThresholdAccuracy
+    delay_s: dict[str, DelaySpread]
+    held_trials_with_an_alarm: dict[str, str]
+    caveat: str
+
+    @staticmethod
+    def from_json(written: Json) -> EfleshFigures:
+        """Read what `asdict` gave. Raises KeyError or TypeError where a figure is missing."""
+        delays = {name: DelaySpread(**one) for name, one in written["delay_s"].items()}
+        threshold = ThresholdAccuracy(**written["one_threshold"])
+        return EfleshFigures(
+            **written | {"delay_s": delays, "one_threshold": threshold}
+        )
+
+
+HUMAN, EFLESH = "human_slip_uskin", "eflesh_slip"
+NEXT = (
+    "not here: `make real` trains, exports and leaves them (about 6 min), then `make evaluate` "
+    "again"
+)
+NOTE = (
+    "as deployed, without a threshold of its own: no people are left to choose one on"
+)
+FOLD = 0
+"""The fold that studies/real/streamed_fold.py exports."""
+
+
+@dataclass(frozen=True)
+class RealSetsMissing:
+    """There are no figures of real recordings: how to get them, and why they could not be read."""
+
+    next_step: str = NEXT
+    why: str | None = None
+
+    def to_json(self) -> Json:
+        """As it stands in figures.json."""
+        return {"next": self.next_step} | (
+            {"why": self.why} if self.why is not None else {}
+        )
+
+
+@dataclass(frozen=True)
+class RealFigures:
+    """Figures of unseen people, and what `make real` wrote of eflesh_slip, if it did."""
+
+    human: Evaluation
+    people: list[str]
+    eflesh: EfleshFigures | None
+    note: str = NOTE
+
+    def to_json(self) -> Json:
+        """As it stands in figures.json."""
+        human = self.human.to_json() | {"people": self.people}
+        eflesh = None if self.eflesh is None else asdict(self.eflesh)
+        return {HUMAN: human, EFLESH: eflesh, "note": self.note}
+
+
+def real_figures(folder: Path, seed: int = 0) -> RealFigures | RealSetsMissing:
+    """Figures of the real sets from a folder of `make real`."""
+    metrics, file = folder / "metrics.json", folder / "fold" / "holdfast.onnx"
+    if not metrics.is_file() or not file.is_file():
+        return RealSetsMissing()
+    try:
+        written = json_of(text_of(metrics))
+        eflesh = EfleshFigures.from_json(written[EFLESH]) if EFLESH in written else None
+        data, model = load(HUMAN), ModelChoice(str(file))
+        model.open()
+    except (OSError, ValueError, KeyError, TypeError, DataNotFound, NotAModel) as error:
+        return RealSetsMissing(why=str(error))
+    people = held_out_people(data, int(written["seed"]))
+    human = evaluate_events(
+        model, EvaluationRequest((HUMAN,), people=people, seed=seed)
+    )
+    return RealFigures(human, sorted(people), eflesh)
+
+
+def held_out_people(data: DataSet, seed: int) -> frozenset[str]:
+    """The people that the exported fold's forests were not trained on."""
+    folds = assign_groups(data.group_of("situations"), TrainingPlan().folds, seed=seed)
+    return frozenset(name for name, fold in folds.items() if fold == FOLD)

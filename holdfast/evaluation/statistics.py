@@ -1,0 +1,77 @@
+"""Figures that every table uses: a spread of times, a share with its interval, McNemar's test.
+
+Shares of things that happen once a trial (a voluntary action, a hold) have exact binomial intervals
+(Clopper & Pearson, Biometrika 26, 1934): a bootstrap of a share of one gives 1 to 1.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import binomtest
+
+from holdfast.core.contract import BoolArray, FloatArray
+from holdfast.training.figures import Interval, Share
+from holdfast.training.metrics import INTERVAL_PERCENT
+
+
+@dataclass(frozen=True)
+class Spread:
+    """The 5th, 50th (median) and 95th percentile, in the unit of the values."""
+
+    p5: float
+    p50: float
+    p95: float
+
+
+def spread(values: Sequence[float]) -> Spread | None:
+    """The percentiles of some values; None without a value."""
+    if not values:
+        return None
+    return Spread(*(float(np.percentile(values, percent)) for percent in (5, 50, 95)))
+
+
+def share(hits: Sequence[bool]) -> Share:
+    """The share of the hits that are true, and its exact interval."""
+    n = len(hits)
+    if not n:
+        return Share(None, None, 0)
+    interval = binomtest(sum(hits), n).proportion_ci(0.95, method="exact")
+    return Share(sum(hits) / n, (float(interval.low), float(interval.high)), n)
+
+
+@dataclass(frozen=True)
+class McNemar:
+    """Events that only one of two methods detected, and the exact two-sided p of that split."""
+
+    only_ours: int
+    only_theirs: int
+    both: int
+    neither: int
+    p: float
+
+
+def mcnemar(ours: BoolArray, theirs: BoolArray) -> McNemar:
+    """Compare two methods [E], [E] event by event."""
+    only_ours, only_theirs = int((ours & ~theirs).sum()), int((theirs & ~ours).sum())
+    n = only_ours + only_theirs
+    return McNemar(
+        only_ours,
+        only_theirs,
+        int((ours & theirs).sum()),
+        int((~ours & ~theirs).sum()),
+        float(binomtest(only_ours, n, 0.5).pvalue) if n else 1.0,
+    )
+
+
+def ratio_interval(drawn: FloatArray | None, above: int, below: int) -> Interval | None:
+    """Interval of a ratio of two columns of sums [draws, ..]; None where nothing can be drawn."""
+    if drawn is None:
+        return None
+    ratios = drawn[drawn[:, below] > 0, above] / drawn[drawn[:, below] > 0, below]
+    if not len(ratios):
+        return None
+    low, high = np.percentile(ratios, INTERVAL_PERCENT)
+    return float(low), float(high)

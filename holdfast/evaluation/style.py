@@ -1,0 +1,152 @@
+"""How every picture looks: palettes of situations and fingers, one style, one way to an SVG.
+
+An SVG that a screen reader can name, and that is readable on a light and on a dark page.
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Sequence
+from html import escape
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+
+DARK_INSTEAD = {
+    "#ffffff": "#1e2129",
+    "#000000": "#f5f7fa",
+    "#1f2933": "#e4e7eb",
+    "#52606d": "#b8c2cc",
+    "#e4e7eb": "#3e4c59",
+    "#0b69a3": "#5fb0e5",
+    "#0072b2": "#4ba3db",
+    "#882255": "#b39ddb",
+}
+"""Ink, paper, grid and dark colours on a dark page; other colours stay."""
+
+
+def label_of(figure: Figure) -> str:
+    """What a figure shows, from its own words: kind, titles, axes and the names in its legends."""
+    shown = [axes for axes in figure.axes if axes.get_visible()]
+    panels = dict.fromkeys(filter(None, map(_panel, shown)))
+    return "; ".join(filter(None, [figure.get_suptitle(), *panels])).replace("\n", " ")
+
+
+def _panel(axes: Axes) -> str:
+    titles = " ".join(
+        filter(None, (axes.get_title(at) for at in ("left", "center", "right")))
+    )
+    against = " against ".join(filter(None, (axes.get_ylabel(), axes.get_xlabel())))
+    names = ", ".join(axes.get_legend_handles_labels()[1])
+    return ": ".join(filter(None, (titles, against, names)))
+
+
+def with_label(svg: str, label: str) -> str:
+    """An SVG element as one image with a name and a title."""
+    start = svg.index("<svg")
+    head = f'<svg role="img" aria-label="{escape(label)}"'
+    end = svg.index(">", start) + 1
+    rest = svg[start + len("<svg") : end]
+    return f"{svg[:start]}{head}{rest}<title>{escape(label)}</title>{svg[end:]}"
+
+
+def dark_rules() -> str:
+    """CSS that gives drawings their colours of a dark page, where the reader prefers dark."""
+    rules = "".join(
+        f'svg [style*="{kind}: {light}"]{{{kind}:{dark}!important}}'
+        for light, dark in DARK_INSTEAD.items()
+        for kind in ("fill", "stroke")
+    )
+    return f"@media(prefers-color-scheme:dark){{{rules}}}"
+
+
+def for_any_page(svg: str) -> str:
+    """A file of its own: with other ink and paper where the reader prefers dark."""
+    end = svg.index(">", svg.index("<svg")) + 1
+    return f"{svg[:end]}<style>{dark_rules()}</style>{svg[end:]}"
+
+
+INK, QUIET, OURS, WARNING = "#1f2933", "#9aa5b1", "#0b69a3", "#cb6e17"
+STYLE: dict[Any, Any] = {
+    "font.size": 9,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.edgecolor": QUIET,
+    "text.color": INK,
+    "axes.labelcolor": INK,
+    "xtick.color": INK,
+    "ytick.color": INK,
+    "svg.fonttype": "none",
+    "svg.hashsalt": "holdfast",
+    "figure.constrained_layout.use": True,
+}
+SITUATION_COLOURS = ("#bbbbbb", "#56b4e9", "#009e73", "#d55e00")
+"""nothing, grasp, safe slip, risky slip: Okabe and Ito's sky blue, bluish green and vermilion
+beside a grey."""
+FINGER_COLOURS = ("#000000", "#999933", "#0072b2", "#e69f00", "#cc79a7", "#882255")
+FINGER_LINES = ("-", "--", "-", "--", "-", "--")
+"""Of thumb 1 and 2, index, middle, ring and little finger: none is a situation's colour, and a line
+behind a dashed one still shows."""
+
+
+def svg(figure: Figure) -> str:
+    """The figure as an inline SVG element that names what it shows, the same bytes every time."""
+    buffer = io.StringIO()
+    figure.savefig(buffer, format="svg", metadata={"Date": None})
+    text = buffer.getvalue()
+    return with_label(text[text.index("<svg") :], label_of(figure))
+
+
+ROW_COLOURS = {"ours": OURS, "warning": WARNING, "": QUIET}
+"""By the class of a row, as the tables of a report have it."""
+
+
+class Bar(NamedTuple):
+    """A figure with its interval. row_class: ours, warning, or nothing."""
+
+    value: float
+    interval: Sequence[float]
+    row_class: str = ""
+
+
+def bar(
+    value: float | None, interval: Sequence[float] | None, row_class: str = ""
+) -> Bar:
+    """A bar; there is nothing to draw where the figure or its interval is not defined."""
+    nothing = float("nan")
+    return Bar(
+        nothing if value is None else value, interval or (nothing, nothing), row_class
+    )
+
+
+def bars(axes: Axes, rows: Sequence[Bar], title: str, start: float) -> None:
+    """One figure a row with its interval; this model and warnings in colours of their own."""
+    for place, (value, interval, row_class) in enumerate(rows):
+        colour = ROW_COLOURS[row_class]
+        axes.plot(
+            interval,
+            [place, place],
+            color=colour,
+            linewidth=5,
+            alpha=0.35,
+            solid_capstyle="butt",
+        )
+        axes.plot(value, place, "o", color=colour, markersize=6)
+        axes.annotate(
+            f"{value:.3f}",
+            (value, place),
+            (0, 6),
+            textcoords="offset points",
+            ha="center",
+            fontsize=8,
+        )
+    axes.set_xlim(left=start)
+    axes.set_title(title, fontsize=10, loc="left")
+    axes.grid(axis="x", color="#e4e7eb")
+    axes.set_axisbelow(True)

@@ -1,0 +1,161 @@
+"""A small builder for ONNX graphs with explicit state.
+
+A part of the graph declares the state it needs with `state(name, rows)`, which returns the value
+after the previous sample, and sets the next one with `keep(name, value)`. All state is one table
+[B, rows, C]; a field is some of its rows, and a value that a sensor has once is repeated in its
+three columns. Rows are contiguous in memory, so splitting and joining the table copies a few long
+blocks. A set `reset` flag makes the whole table of a recording zero before anything reads it.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import onnx
+from onnx import TensorProto, helper, numpy_helper
+
+OPSET = 20
+IR_VERSION = 10
+"""Operator set and IR read by every onnxruntime from 1.18 on."""
+
+
+class GraphBuilder:
+    """Collects nodes, constants, outputs and state fields, and assembles them into one model."""
+
+    def __init__(self, n_sensors: int, prefix: str = "") -> None:
+        """prefix: begins the name of every tensor that it names."""
+        self.n_sensors, self._prefix = n_sensors, prefix
+        self._nodes: list[onnx.NodeProto] = []
+        self._constants: dict[str, onnx.TensorProto] = {}
+        self._outputs: list[onnx.ValueInfoProto] = []
+        self._state_rows: dict[str, int] = {}
+        self._state_next: dict[str, str] = {}
+        self._count = 0
+
+    def node(self, op: str, *inputs: str, out: str = "", **attributes: Any) -> str:
+        """Add a node with one output and return the output's name."""
+        return self.nodes(op, *inputs, outs=[out or self._fresh(op)], **attributes)[0]
+
+    def nodes(
+        self, op: str, *inputs: str, outs: list[str], **attributes: Any
+    ) -> list[str]:
+        """Add a node with several outputs and return their names."""
+        self._nodes.append(helper.make_node(op, list(inputs), outs, **attributes))
+        return outs
+
+    def constant(self, value: npt.ArrayLike, dtype: npt.DTypeLike = np.float64) -> str:
+        """A constant tensor; equal ones are stored once."""
+        array = np.array(value, dtype=dtype)
+        name = f"{self._prefix}c{len(self._constants)}"
+        for known, tensor in self._constants.items():
+            if _same(tensor, array):
+                return known
+        self._constants[name] = numpy_helper.from_array(array, name)
+        return name
+
+    def ints(self, *values: int) -> str:
+        """A constant int64 vector (shapes, axes, indices)."""
+        return self.constant(values, np.int64)
+
+    def reshape(self, tensor: str, *shape: int) -> str:
+        """Reshape; 0 copies a dimension, -1 is inferred."""
+        return self.node("Reshape", tensor, self.ints(*shape))
+
+    def columns(self, tensor: str, start: int, stop: int, axis: int = 1) -> str:
+        """tensor[..., start:stop, ...] along one axis."""
+        return self.node(
+            "Slice", tensor, self.ints(start), self.ints(stop), self.ints(axis)
+        )
+
+    def state(self, name: str, rows: int) -> str:
+        """Declare a state field [B, rows, C]; returns its value after the previous sample."""
+        self._state_rows[name] = rows
+        return f"state_{name}"
+
+    def keep(self, name: str, value: str) -> None:
+        """Set a state field's next value, [B, rows, C]."""
+        self._state_next[name] = value
+
+    def output(self, name: str, element: int, *shape: int) -> None:
+        """Publish the tensor of this name, [B, *shape], as a graph output."""
+        self._outputs.append(
+            helper.make_tensor_value_info(name, element, ["B", *shape])
+        )
+
+    @property
+    def n_channels(self) -> int:
+        """Channels C = 3 x sensors."""
+        return 3 * self.n_sensors
+
+    def part(self) -> tuple[list[onnx.NodeProto], list[onnx.TensorProto]]:
+        """Nodes and constants, to be added to another graph."""
+        return self._nodes, list(self._constants.values())
+
+    def model(self) -> onnx.ModelProto:
+        """Assemble and check the model: unpack state, all nodes, pack state."""
+        state_out = self._pack_state()
+        inputs = [
+            helper.make_tensor_value_info(
+                "sample", TensorProto.DOUBLE, ["B", 1, self.n_channels]
+            ),
+            helper.make_tensor_value_info(
+                "valid", TensorProto.BOOL, ["B", 1, self.n_sensors]
+            ),
+            helper.make_tensor_value_info("reset", TensorProto.BOOL, ["B", 1, 1]),
+            self._table("state"),
+        ]
+        unpack = self._unpack_state()
+        graph = helper.make_graph(
+            unpack + self._nodes,
+            "holdfast",
+            inputs,
+            [*self._outputs, state_out],
+            list(self._constants.values()),
+        )
+        opsets = [helper.make_opsetid("", OPSET), helper.make_opsetid("ai.onnx.ml", 3)]
+        model = helper.make_model(
+            graph, opset_imports=opsets, ir_version=IR_VERSION, producer_name="holdfast"
+        )
+        onnx.checker.check_model(model, full_check=True)
+        return model
+
+    def _unpack_state(self) -> list[onnx.NodeProto]:
+        rows = self.ints(*self._state_rows.values())
+        fields = [f"state_{name}" for name in self._state_rows]
+        return [
+            helper.make_node(
+                "Where", ["reset", self.constant(0.0), "state"], ["state_before"]
+            ),
+            helper.make_node("Split", ["state_before", rows], fields, axis=1),
+        ]
+
+    def _pack_state(self) -> onnx.ValueInfoProto:
+        missing = set(self._state_rows) - set(self._state_next)
+        if missing:
+            raise ValueError(f"state without a next value: {sorted(missing)}")
+        self.node(
+            "Concat",
+            *(self._state_next[name] for name in self._state_rows),
+            out="state_out",
+            axis=1,
+        )
+        return self._table("state_out")
+
+    def _table(self, name: str) -> onnx.ValueInfoProto:
+        shape: list[str | int] = ["B", sum(self._state_rows.values()), self.n_channels]
+        return helper.make_tensor_value_info(name, TensorProto.DOUBLE, shape)
+
+    def _fresh(self, op: str) -> str:
+        self._count += 1
+        return f"{self._prefix}{op.lower()}_{self._count}"
+
+
+def _same(tensor: onnx.TensorProto, array: npt.NDArray[Any]) -> bool:
+    known = numpy_helper.to_array(tensor)
+    return (
+        known.dtype == array.dtype
+        and known.shape == array.shape
+        and known.tobytes() == array.tobytes()
+    )

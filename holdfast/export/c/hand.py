@@ -1,0 +1,82 @@
+"""Constants of the hand-written C: decision, friction margin, controller and supervisor.
+
+They are read from the Python that the C must equal, so that neither can change alone.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, replace
+
+from holdfast.edge_runtime import grip_control as friction
+from holdfast.edge_runtime.grip import AnswerRules, Holdfast, OwnGrip
+from holdfast.edge_runtime.grip_control import CUE_P, LARGEST
+from holdfast.edge_runtime.model_file import ModelCard
+from holdfast.edge_runtime.supervisor import Limits
+from holdfast.export.c.literals import number
+
+RULES = AnswerRules()
+REALS = {
+    "HF_FROM_P": RULES.from_p,
+    "HF_FULL_P": RULES.full_p,
+    "HF_YIELD_P": RULES.yield_p,
+    "HF_MOVING_N_S": RULES.moving_n_s,
+    "HF_CHANGE_S": Holdfast.RATE_S,
+    "HF_BRAKE_S": Holdfast.BRAKE_S,
+    "HF_OWN_S": OwnGrip.TIME_S,
+    "HF_FIRM_N": friction.FIRM_N,
+    "HF_STEADY": friction.STEADY,
+    "HF_SURE_P": friction.SURE_P,
+    "HF_QUIET_P": friction.QUIET_P,
+    "HF_SPARE": friction.SPARE,
+    "HF_LEAST_MU": friction.LEAST_MU,
+    "HF_QUIET_S": friction.QUIET_S,
+    "HF_LARGEST": LARGEST,
+    "HF_CUE_P": CUE_P,
+}
+WHOLE = {"HF_YIELD_SAMPLES": RULES.yield_samples, "HF_RATIOS": friction.SAMPLES}
+RULE_ORDER = (
+    "arm_samples",
+    "act_samples",
+    "release_samples",
+    "min_risky_permille",
+    "override_ms",
+    "evidence_ms",
+)
+
+
+def constants() -> str:
+    """`#define` lines for the controller and what it needs."""
+    lines = [
+        f"#define {name} {number(value, 'double')}" for name, value in REALS.items()
+    ]
+    return (
+        "\n".join(
+            [*lines, *(f"#define {name} {value}" for name, value in WHOLE.items())]
+        )
+        + "\n"
+    )
+
+
+def own_rules(card: ModelCard) -> str:
+    """The decision's rules, as an initialiser."""
+    rules = card.decision.to_json()
+    return ", ".join(str(rules[name]) for name in RULE_ORDER)
+
+
+def own_options(card: ModelCard) -> str:
+    """Lead and limits, as an initialiser; forces that are not in N have no ceiling of ours."""
+    limits = Limits() if card.unit == "N" else replace(Limits(), ceiling_n=math.inf)
+    values = asdict(limits)
+    order = (
+        "ceiling_n",
+        "slew_n_s",
+        "rise_s",
+        "most_rise_s",
+        "give_back_s",
+        "give_back_n_s",
+    )
+    return ", ".join(
+        number(value, "double")
+        for value in (Holdfast.SETTING, *(values[name] for name in order))
+    )

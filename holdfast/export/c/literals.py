@@ -1,0 +1,112 @@
+"""Numbers as C writes them, exactly: hexadecimal floats, integers of the smallest type, tables."""
+
+from __future__ import annotations
+
+import textwrap
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from holdfast.edge_runtime.onnx_bytes import BOOL, DOUBLE, FLOAT, INT32, INT64
+
+C_TYPES = {
+    DOUBLE: "double",
+    FLOAT: "float",
+    INT32: "int32_t",
+    INT64: "int32_t",
+    BOOL: "uint8_t",
+}
+"""Element type -> C type. Whole numbers of a graph are places and counts: 32 bits hold them."""
+INTEGERS = (
+    ("int8_t", np.int8),
+    ("uint8_t", np.uint8),
+    ("int16_t", np.int16),
+    ("uint16_t", np.uint16),
+    ("int32_t", np.int32),
+)
+BYTES = {"double": 8, "int8_t": 1, "uint8_t": 1, "int16_t": 2, "uint16_t": 2}
+"""Sizes of C types; all others have 4."""
+LINE = 96
+
+
+def number(value: Any, c_type: str) -> str:
+    """One number as a literal of a C type.
+
+    >>> number(0.1, "double"), number(np.float32(0.5), "float"), number(-3, "int32_t")
+    ('0x1.999999999999ap-4', '0.5f', '-3')
+    """
+    if c_type not in ("double", "float"):
+        return str(int(value))
+    real, end = float(value), "f" if c_type == "float" else ""
+    if np.isinf(real):
+        return f"({'-' if real < 0 else ''}({c_type})INFINITY)"
+    if real == int(real) and abs(real) < 1e6:
+        return f"{real:.1f}{end}"
+    short = repr(real)
+    return (
+        f"{short}{end}"
+        if len(short) <= 6 and _dyadic(real)
+        else f"{_hexadecimal(real)}{end}"
+    )
+
+
+def _hexadecimal(real: float) -> str:
+    """Without zeros at the end."""
+    digits, exponent = real.hex().split("p")
+    return f"{digits.rstrip('0').rstrip('.')}p{exponent}"
+
+
+def _dyadic(real: float) -> bool:
+    """Whether a short decimal is exactly this number."""
+    return real * 1024.0 == round(real * 1024.0)
+
+
+def smallest_type(values: npt.NDArray[Any]) -> str:
+    """The smallest C type that holds whole numbers. Raises OverflowError for more than 32 bits.
+
+    >>> smallest_type(np.array([0, 255])), smallest_type(np.array([-1, 200]))
+    ('uint8_t', 'int16_t')
+    """
+    least, most = int(values.min(initial=0)), int(values.max(initial=0))
+    for name, dtype in INTEGERS:
+        if np.iinfo(dtype).min <= least and most <= np.iinfo(dtype).max:
+            return name
+    raise OverflowError(f"{least} to {most}")
+
+
+def table(name: str, values: npt.NDArray[Any], c_type: str) -> str:
+    """`static const` numbers in a row."""
+    numbers = ", ".join(number(value, c_type) for value in values.ravel().tolist())
+    body = textwrap.fill(numbers, LINE, initial_indent="    ", subsequent_indent="    ")
+    return f"static const {c_type} {name}[{values.size}] = {{\n{body}\n}};\n"
+
+
+class Tables:
+    """The tables of a source file, in the order in which they were asked for; equal ones once.
+
+    n_bytes: of their data.
+    """
+
+    def __init__(self) -> None:
+        self._texts: dict[str, str] = {}
+        self._names: dict[tuple[str, bytes], str] = {}
+        self.n_bytes = 0
+
+    def add(self, name: str, values: npt.NDArray[Any], c_type: str) -> str:
+        """The name of a table with these numbers."""
+        key = (c_type, np.ascontiguousarray(values, dtype=np.float64).tobytes())
+        if key not in self._names:
+            self._names[key] = name
+            size = BYTES.get(c_type, 4)
+            self.add_text(name, table(name, values, c_type), size * values.size)
+        return self._names[key]
+
+    def add_text(self, name: str, text: str, n_bytes: int) -> None:
+        """A table that its owner wrote."""
+        self._texts[name] = text
+        self.n_bytes += n_bytes
+
+    def text(self) -> str:
+        """All of them."""
+        return "\n".join(self._texts.values())

@@ -1,0 +1,138 @@
+"""Where each tensor lies: in the caller's arrays, in the state, or in scratch memory on the stack.
+
+Scratch memory is one array for each C type. A tensor's place is free again after its last reader,
+so the stack holds the largest moment, not the sum of all tensors.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from holdfast.edge_runtime.onnx_bytes import Node
+from holdfast.export.c.graph import Graph
+from holdfast.export.c.literals import BYTES, C_TYPES
+from holdfast.export.c.plan import Step
+from holdfast.export.c.views import View
+
+ALIGNED = 8
+"""Places are multiples of this many numbers, for vector instructions."""
+SCRATCH = {
+    "double": "d",
+    "float": "f",
+    "int32_t": "w",
+    "uint8_t": "b",
+    "int16_t": "h",
+}
+"""The names of the scratch arrays."""
+
+
+@dataclass(frozen=True)
+class Place:
+    """Memory of a tensor: its C type, the array it is in, and the first number there."""
+
+    c_type: str
+    array: str
+    offset: int = 0
+
+    def address(self) -> str:
+        """As an argument of a C call."""
+        return f"{self.array} + {self.offset}" if self.offset else self.array
+
+
+class Memory:
+    """The places of all tensors that a list of steps reads or makes.
+
+    types: of tensors that are kept as another type than the graph's. sizes: of the scratch arrays.
+    """
+
+    def __init__(
+        self,
+        graph: Graph,
+        views: dict[str, View],
+        steps: list[Step],
+        types: dict[str, str],
+        outside: dict[str, str],
+        kept: Node | None = None,
+    ) -> None:
+        self._graph, self._views, self._types = graph, views, types
+        self._places = {
+            name: Place(self.c_type(name), array) for name, array in outside.items()
+        }
+        self.sizes: dict[str, int] = {}
+        self._last = _last_readers(steps, views, kept)
+        self._free: dict[str, list[tuple[int, int]]] = {}
+        for at, step in enumerate(steps):
+            for name in step.outputs:
+                if name in self._last and name not in self._places:
+                    self._places[name] = self._allot(name)
+            self._release(at)
+
+    def c_type(self, name: str) -> str:
+        """The C type that a tensor is kept as."""
+        return self._types.get(name) or C_TYPES[self._graph.element(name)]
+
+    def is_kept(self, name: str) -> bool:
+        """Whether a later step, or the caller, reads a tensor."""
+        return name in self._places
+
+    def place(self, name: str) -> Place:
+        """Where a tensor lies."""
+        view = self._views.get(name)
+        if view is None:
+            return self._places[name]
+        base = self._places[view.base]
+        return Place(base.c_type, base.array, base.offset + view.offset)
+
+    def scratch_bytes(self) -> int:
+        """Of all scratch arrays."""
+        return sum(BYTES.get(c_type, 4) * size for c_type, size in self.sizes.items())
+
+    def _allot(self, name: str) -> Place:
+        """The first free block that is large enough, or new memory at the end."""
+        c_type, n = self.c_type(name), math.prod(self._graph.shape(name))
+        n = -(-n // ALIGNED) * ALIGNED
+        blocks = self._free.setdefault(c_type, [])
+        for k, (start, size) in enumerate(blocks):
+            if size >= n:
+                blocks[k] = (start + n, size - n)
+                return Place(c_type, SCRATCH[c_type], start)
+        start = self.sizes.get(c_type, 0)
+        self.sizes[c_type] = start + n
+        return Place(c_type, SCRATCH[c_type], start)
+
+    def _release(self, at: int) -> None:
+        """Free what no step after this one reads, and join neighbouring blocks."""
+        for name in [one for one, last in self._last.items() if last == at]:
+            place = self._places.get(name)
+            if place is None or place.array != SCRATCH.get(place.c_type):
+                continue
+            n = -(-math.prod(self._graph.shape(name)) // ALIGNED) * ALIGNED
+            blocks = sorted([*self._free[place.c_type], (place.offset, n)])
+            self._free[place.c_type] = _joined(blocks)
+
+
+def _joined(blocks: list[tuple[int, int]]) -> list[tuple[int, int]]:
+    joined: list[tuple[int, int]] = []
+    for start, size in blocks:
+        if size and joined and sum(joined[-1]) == start:
+            joined[-1] = (joined[-1][0], joined[-1][1] + size)
+        elif size:
+            joined.append((start, size))
+    return joined
+
+
+def _last_readers(
+    steps: list[Step], views: dict[str, View], kept: Node | None
+) -> dict[str, int]:
+    """Tensor -> number of the last step that reads it, for those that another step reads."""
+    made = {name: at for at, step in enumerate(steps) for name in step.outputs}
+    last: dict[str, int] = {}
+    readers = [(at, node) for at, step in enumerate(steps) for node in step.nodes]
+    readers += [(len(steps), kept)] if kept else []
+    for at, node in readers:
+        for name in node.inputs:
+            base = views[name].base if name in views else name
+            if base in made and (made[base] != at or name in views):
+                last[base] = at
+    return last

@@ -1,0 +1,43 @@
+/* ---- one grip command a sample (holdfast/edge_runtime/grip_control.py) ---- */
+
+const holdfast_grip_options holdfast_own_options = {@OPTIONS@};
+
+void holdfast_grip_init(holdfast_grip *grip, const holdfast_grip_options *options) {
+    memset(grip, 0, sizeof *grip);
+    grip->options = options ? *options : holdfast_own_options;
+    grip->since_s = grip->options.give_back_s;
+}
+
+holdfast_sense holdfast_sense_of(const holdfast_out *out, const holdfast_decision *decision,
+                                 const double *sample, const uint8_t *valid, holdfast_wish wish) {
+    holdfast_sense sense = {0.0, 0.0, 0.0, 0.0, 0, 0, 0, 0};
+    for (int k = 0; k < HOLDFAST_SENSORS; ++k) {
+        const double x = sample[3 * k], y = sample[3 * k + 1], z = sample[3 * k + 2];
+        if ((!valid || valid[k]) && fabs(x) + fabs(y) + fabs(z) < HF_LARGEST) {
+            sense.grip_n += z > 0.0 ? z : 0.0;
+            sense.load_n += sqrt(x * x + y * y);
+        }
+    }
+    sense.grip_n *= 0.5;
+    sense.p_risky = (double)out->p_situation[HOLDFAST_RISKY_SLIP];
+    sense.p_safe = (double)out->p_situation[HOLDFAST_SAFE_SLIP];
+    sense.known = !out->unknown;
+    sense.empty = !out->unknown && out->situation == HOLDFAST_NOTHING;
+    sense.opening = (wish & HOLDFAST_OPENING) != 0;
+    sense.overridden = decision->override_us > 0;
+    return sense;
+}
+
+void holdfast_grip_step(holdfast_grip *grip, const holdfast_sense *sense, holdfast_command *command) {
+    int fresh;
+    double wanted_n;
+    hf_step_friction(grip, sense);
+    wanted_n = hf_step_controller(grip, sense, &fresh);
+    command->mode = hf_supervise(grip, sense, wanted_n, fresh);
+    command->target_n = HOLDFAST_UNIT_IS_N ? grip->given_n : 0.0;
+    command->slew_n_s = grip->options.slew_n_s;
+    command->feedback = sense->known && sense->p_risky >= HF_CUE_P ? sense->p_risky : 0.0;
+    command->mu_hat = grip->mu_hat;
+    command->margin = grip->margin;
+    command->needed_n = HOLDFAST_UNIT_IS_N ? grip->needed_n : 0.0;
+}

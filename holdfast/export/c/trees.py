@@ -1,0 +1,171 @@
+"""The trees as compact tables: twelve bytes a branch, and each different leaf once.
+
+A branch holds its threshold, its feature, and where to go: a branch of the same tree (0 or more),
+or a leaf (below 0, its number as ~leaf). Leaves hold whole votes for every class; their sums are
+exact in any order. A feature that is NaN goes right, as in onnxruntime.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from holdfast.edge_runtime.onnx_bytes import Node
+from holdfast.export.c.literals import number, smallest_type
+from holdfast.export.c.writer import Writer, block, counted
+
+IntArray = npt.NDArray[np.int64]
+TOGETHER = 4
+"""Trees that are walked at once: while one waits for memory, the others go on."""
+MOST_SHORT = 2**15
+"""Branches of one tree, and different leaves, that 16 bits can name."""
+
+
+@dataclass(frozen=True)
+class Forest:
+    """Branches in the order of the trees, children by C's rule. starts: a tree's first branch.
+
+    roots: where each tree begins: 0, or ~leaf for a tree that is one leaf. votes [leaves, K].
+    """
+
+    threshold: npt.NDArray[np.float32]
+    feature: IntArray
+    children: IntArray
+    starts: IntArray
+    roots: IntArray
+    votes: IntArray
+
+    @property
+    def is_short(self) -> bool:
+        """Whether 16 bits name every child."""
+        least, most = self.children.min(initial=0), self.children.max(initial=0)
+        return least >= -MOST_SHORT and most < MOST_SHORT
+
+
+def read_forest(node: Node, n_classes: int) -> Forest:
+    """The trees of a TreeEnsembleRegressor, which are checked already (edge_runtime)."""
+    about: dict[str, Any] = dict(node.attributes)
+    branch = np.asarray(about["nodes_modes"], dtype=np.bool_)
+    tree = np.asarray(about["nodes_treeids"])
+    first = np.flatnonzero(np.asarray(about["nodes_nodeids"]) == 0)
+    leaf_votes, leaf_of = _leaves(about, first, len(tree), n_classes, branch)
+    place = np.cumsum(branch) - 1
+    starts = np.concatenate([[0], np.cumsum(branch)])[first]
+    meaning = np.where(branch, place - starts[tree], ~leaf_of)
+    left, right = (
+        meaning[(first[tree] + np.asarray(about[name]))[branch]]
+        for name in ("nodes_truenodeids", "nodes_falsenodeids")
+    )
+    return Forest(
+        threshold=np.asarray(about["nodes_values"], dtype=np.float32)[branch],
+        feature=np.asarray(about["nodes_featureids"])[branch],
+        children=np.stack([left, right], axis=1),
+        starts=starts,
+        roots=meaning[first],
+        votes=leaf_votes,
+    )
+
+
+def _leaves(
+    about: dict[str, Any],
+    first: IntArray,
+    n_nodes: int,
+    n_classes: int,
+    branch: npt.NDArray[np.bool_],
+) -> tuple[IntArray, IntArray]:
+    """(votes of every different leaf, the number of each node's leaf)."""
+    votes = np.zeros((n_nodes, n_classes), dtype=np.int64)
+    rows = first[np.asarray(about["target_treeids"])] + np.asarray(
+        about["target_nodeids"]
+    )
+    weights = np.asarray(about["target_weights"]).astype(np.int64)
+    np.add.at(votes, (rows, np.asarray(about["target_ids"])), weights)
+    different, of = np.unique(votes[~branch], axis=0, return_inverse=True)
+    leaf_of = np.zeros(n_nodes, dtype=np.int64)
+    leaf_of[~branch] = of.ravel()
+    return different, leaf_of
+
+
+def write_trees(node: Node, writer: Writer) -> list[str]:
+    """Walk all trees, some at a time, and add up the votes of their leaves."""
+    (out,) = node.outputs
+    name, x, n_classes = (
+        writer.name(out),
+        writer.name(node.inputs[0]),
+        writer.graph.shape(out)[1],
+    )
+    forest = _padded(read_forest(node, n_classes))
+    kind = "short" if forest.is_short else "long"
+    prefix = f"hf_{name}"
+    votes_type = smallest_type(forest.votes)
+    votes = writer.tables.add(f"{prefix}_leaves", forest.votes, votes_type)
+    starts = writer.tables.add(f"{prefix}_starts", forest.starts, "int32_t")
+    roots = writer.tables.add(f"{prefix}_roots", forest.roots, "int32_t")
+    branches = f"{prefix}_branches"
+    width = 12 if forest.is_short else 16
+    writer.tables.add_text(
+        branches, _branches(branches, forest, kind), width * len(forest.threshold)
+    )
+    following = f"hf_next_{kind}({branches} + {starts}[t + k], at[k], {x})"
+    add = [
+        f"const {votes_type} *leaf = {votes} + {n_classes} * ~at[k];",
+        *counted("j", n_classes, ["total[j] += leaf[j];"]),
+    ]
+    walk = [
+        f"int32_t at[{TOGETHER}];",
+        *counted("k", TOGETHER, [f"at[k] = {roots}[t + k];"]),
+        *block(
+            f"while (({' & '.join(f'at[{k}]' for k in range(TOGETHER))}) >= 0)",
+            counted("k", TOGETHER, [f"at[k] = {following};"]),
+        ),
+        *counted("k", TOGETHER, add),
+    ]
+    return [
+        f"int32_t total[{n_classes}] = {{0}};",
+        *block(f"for (int t = 0; t < {len(forest.roots)}; t += {TOGETHER})", walk),
+        *counted("j", n_classes, [f"{name}[j] = (float)total[j];"]),
+    ]
+
+
+def _padded(forest: Forest) -> Forest:
+    """With as many trees as are walked at once: those added are a leaf without votes.
+
+    A tree of one leaf begins at the first branch of all, which a walk may read and never follows.
+    """
+    more = -len(forest.roots) % TOGETHER
+    empty = np.zeros((1, forest.votes.shape[1]), dtype=np.int64)
+    roots = np.concatenate([forest.roots, np.full(more, ~len(forest.votes))])
+    starts = np.concatenate([forest.starts, np.zeros(more, dtype=np.int64)])
+    return replace(
+        forest,
+        roots=roots,
+        starts=np.where(roots < 0, 0, starts),
+        votes=np.concatenate([forest.votes, empty]) if more else forest.votes,
+    )
+
+
+def _branches(name: str, forest: Forest, kind: str) -> str:
+    """The table of branches; a forest of single leaves has one that no walk reads."""
+    if not len(forest.threshold):
+        return (
+            f"static const hf_branch_{kind} {name}[1] = {{{{0.0f, 0, {{-1, -1}}}}}};\n"
+        )
+    rows = zip(
+        forest.threshold.tolist(),
+        forest.feature.tolist(),
+        forest.children.tolist(),
+        strict=True,
+    )
+    lines = [
+        f"    {{{number(threshold, 'float')}, {feature}, {{{low}, {high}}}}}"
+        for threshold, feature, (low, high) in rows
+    ]
+    count = len(lines)
+    return (
+        f"static const hf_branch_{kind} {name}[{count}] = {{\n"
+        + ",\n".join(lines)
+        + "\n};\n"
+    )

@@ -1,0 +1,114 @@
+"""A correction of the votes for one person: a part of the risky votes goes to safe slip.
+
+    x     = features, |features|, votes               of one sample
+    no, yes = shares of a network of two classes on x     (export/network.py: whole numbers)
+    taken = floor(no * risky votes)                   moved to safe slip of the same weight
+
+Hand-overs and holding show only what is no slip, so a correction takes risky votes and never adds
+any. Votes stay whole numbers with the same sum, the same bits on every runtime and in every batch.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import onnx
+
+from holdfast.edge_runtime.onnx_correction import risky_of_shares, risky_to_safe
+from holdfast.export.builder import GraphBuilder
+from holdfast.export.forest import IntArray
+from holdfast.export.network import Float32Array, Network, add_shares, network_shares
+
+PREFIX = "adapted_"
+"""Begins the name of every tensor that a correction adds."""
+BEFORE, VOTES, FEATURES = f"{PREFIX}votes_before", "votes", "features"
+
+
+@dataclass(frozen=True)
+class Correction:
+    """network: of two classes, no slip and slip, on `rows_of`. Raises ValueError for another."""
+
+    network: Network
+
+    def __post_init__(self) -> None:
+        if self.network.n_classes != 2:
+            raise ValueError("a correction's network has two classes")
+
+
+def rows_of(features: Float32Array, votes: IntArray) -> Float32Array:
+    """[N, 2 F + K] inputs of a correction."""
+    return np.concatenate(
+        [features, np.abs(features), votes.astype(np.float32)], axis=1
+    )
+
+
+def corrected_votes(
+    correction: Correction, features: Float32Array, votes: IntArray
+) -> IntArray:
+    """Votes [N, K] after the correction: the reference for the file. votes: before it."""
+    n = votes.shape[1]
+    shares = network_shares(correction.network, rows_of(features, votes))
+    part = shares @ risky_of_shares(n)
+    taken = np.floor(votes.astype(np.float32) * part).astype(np.int64)
+    return np.asarray(votes + taken @ risky_to_safe(n).astype(np.int64))
+
+
+def add_correction(model: onnx.ModelProto, correction: Correction) -> None:
+    """Put it behind the votes of a model, in place: no other operator is changed."""
+    nodes = model.graph.node
+    (at,) = [k for k, node in enumerate(nodes) if VOTES in node.output]
+    (n_classes,) = [
+        one.type.tensor_type.shape.dim[1].dim_value
+        for one in model.graph.output
+        if one.name == VOTES
+    ]
+    added, constants = _correction(correction, n_classes)
+    later = list(nodes)[at + 1 :]
+    del nodes[at + 1 :]
+    nodes[at].output[:] = [BEFORE]
+    nodes.extend([*added, *later])
+    model.graph.initializer.extend(constants)
+
+
+def _correction(
+    correction: Correction, n_classes: int
+) -> tuple[list[onnx.NodeProto], list[onnx.TensorProto]]:
+    graph = GraphBuilder(1, PREFIX)
+    size = graph.node("Abs", FEATURES)
+    shares = add_shares(
+        graph, correction.network, graph.node("Concat", FEATURES, size, BEFORE, axis=1)
+    )
+    part = graph.node(
+        "MatMul", shares, graph.constant(risky_of_shares(n_classes), np.float32)
+    )
+    taken = graph.node("Floor", graph.node("Mul", BEFORE, part))
+    moved = graph.node(
+        "MatMul", taken, graph.constant(risky_to_safe(n_classes), np.float32)
+    )
+    graph.node("Add", BEFORE, moved, out=VOTES)
+    return graph.part()
+
+
+def remove_correction(model: onnx.ModelProto) -> None:
+    """The inverse of `add_correction`, in place. Raises ValueError where there is none."""
+    last = next(node for node in model.graph.node if VOTES in node.output)
+    if last.op_type != "Add" or last.input[0] != BEFORE:
+        raise ValueError("its votes have no correction")
+    nodes, constants = onnx.GraphProto(), onnx.GraphProto()
+    nodes.node.extend(node for node in model.graph.node if _is_of_base(node))
+    constants.initializer.extend(
+        one for one in model.graph.initializer if not one.name.startswith(PREFIX)
+    )
+    for node in nodes.node:
+        if node.output[0] == BEFORE:
+            node.output[:] = [VOTES]
+    model.graph.ClearField("node")
+    model.graph.ClearField("initializer")
+    model.graph.node.extend(nodes.node)
+    model.graph.initializer.extend(constants.initializer)
+
+
+def _is_of_base(node: onnx.NodeProto) -> bool:
+    name = node.output[0]
+    return name == BEFORE or (name != VOTES and not name.startswith(PREFIX))

@@ -1,0 +1,214 @@
+"""A small neural network as integer votes: every product and sum is exact, so are the votes.
+
+    q = round(gain * x / (knee + |x|) + offset)      whole numbers within +-INPUT_MOST
+    h = clip(round((q W + b) * scale), 0, HIDDEN_MOST)    for each hidden layer
+    l = round((h W + b) * scale)                     logits in steps of 1 / LOGIT_STEPS
+    e = table[max(l) - l]                            exp(-d / LOGIT_STEPS) as whole numbers
+    votes = floor(e / sum(e) * (votes in all))       the riskiest class gets what rounding left
+
+Weights are whole numbers, and no unit's weights can add up to 2^24: float32 holds each partial sum
+exactly, in any order. The other operators work number by number, and IEEE 754 fixes their results.
+A feature that is not finite, or beyond LARGEST_FEATURE, counts as 0.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from onnx import TensorProto
+
+from holdfast.edge_runtime.onnx_network import INPUT_MOST, LARGEST_FEATURE
+from holdfast.export.builder import GraphBuilder
+from holdfast.export.forest import EXACT_FLOAT32, IntArray
+
+Float32Array = npt.NDArray[np.float32]
+HIDDEN_MOST = 255
+"""Largest value of a hidden unit."""
+WEIGHT_MOST = 2**15 - 1
+LOGIT_STEPS, TABLE_LENGTH = 64, 1024
+"""Steps of a logit, 1/nat; a class 16 nats behind the first has no votes."""
+EXPONENTIALS = np.round(2.0**16 * np.exp(-np.arange(TABLE_LENGTH) / LOGIT_STEPS))
+VOTES = 1 << 20
+"""Votes of a network that stands alone."""
+
+
+@dataclass(frozen=True)
+class Layer:
+    """weights [I, O] and bias [O]: whole numbers as float32. scale [O]: after the sum."""
+
+    weights: Float32Array
+    bias: Float32Array
+    scale: Float32Array
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """knee, gain and offset [F], which make whole numbers of features. Raises ValueError."""
+
+    knee: Float32Array
+    gain: Float32Array
+    offset: Float32Array
+
+    def __post_init__(self) -> None:
+        if not (self.knee > 0.0).all():
+            raise ValueError("a knee is not above 0")
+        if not (
+            np.abs(self.gain.astype(float)) + np.abs(self.offset) <= INPUT_MOST
+        ).all():
+            raise ValueError(f"an input exceeds {INPUT_MOST}")
+
+    def quantised(self, rows: Float32Array) -> Float32Array:
+        """q [N, F] of rows [N, F]: whole numbers as float32."""
+        finite = np.where(
+            np.abs(rows) < np.float32(LARGEST_FEATURE), rows, np.float32(0.0)
+        )
+        squashed = finite / (np.abs(finite) + self.knee)
+        return np.asarray(
+            np.round(squashed * self.gain + self.offset), dtype=np.float32
+        )
+
+
+@dataclass(frozen=True)
+class Network:
+    """inputs; layers, of which the last gives the logits of K classes.
+
+    votes_in_all: the sum of a row's votes. Raises ValueError for numbers that are not exact.
+    """
+
+    inputs: Inputs
+    layers: tuple[Layer, ...]
+    votes_in_all: int = VOTES
+
+    def __post_init__(self) -> None:
+        most = [INPUT_MOST, *[HIDDEN_MOST] * (len(self.layers) - 1)]
+        for most_in, layer in zip(most, self.layers, strict=True):
+            _require_exact(layer, most_in)
+        if not 0 < self.votes_in_all < EXACT_FLOAT32:
+            raise ValueError("too many votes for float32 to add exactly")
+
+    @property
+    def n_features(self) -> int:
+        """F."""
+        return len(self.inputs.knee)
+
+    @property
+    def n_classes(self) -> int:
+        """K."""
+        return len(self.layers[-1].bias)
+
+    @property
+    def n_weights(self) -> int:
+        """Weights and biases."""
+        return sum(layer.weights.size + layer.bias.size for layer in self.layers)
+
+
+def _require_exact(layer: Layer, most_in: int) -> None:
+    weights, bias = layer.weights.astype(np.float64), layer.bias.astype(np.float64)
+    whole = (weights == np.round(weights)).all() and (bias == np.round(bias)).all()
+    if not whole or np.abs(weights).max(initial=0.0) > WEIGHT_MOST:
+        raise ValueError(f"a weight is not a whole number within +-{WEIGHT_MOST}")
+    if not (most_in * np.abs(weights).sum(axis=0) + np.abs(bias) < EXACT_FLOAT32).all():
+        raise ValueError("a unit's weights are too large for float32 to add exactly")
+    if not np.isfinite(layer.scale).all():
+        raise ValueError("a scale is not finite")
+
+
+def network_votes(network: Network, rows: Float32Array) -> IntArray:
+    """Votes [N, K] of float32 rows [N, F]: the reference for the exported graph."""
+    shares = network_shares(network, rows)
+    votes = np.floor(shares * np.float32(_shared_votes(network))).astype(np.int64)
+    votes[:, -1] = network.votes_in_all - votes[:, :-1].sum(axis=1)
+    return np.asarray(votes)
+
+
+def network_shares(network: Network, rows: Float32Array) -> Float32Array:
+    """Share [N, K] of every class, in float32 as in the file; a row's shares add up to 1."""
+    values = network.inputs.quantised(rows)
+    for layer in network.layers[:-1]:
+        values = hidden_values(layer, values)
+    logits = _layer(network.layers[-1], values)
+    behind = np.minimum(logits.max(axis=1, keepdims=True) - logits, TABLE_LENGTH - 1)
+    raised = EXPONENTIALS.astype(np.float32)[behind.astype(np.int64)]
+    return np.asarray(raised / raised.sum(axis=1, keepdims=True), dtype=np.float32)
+
+
+def hidden_values(layer: Layer, values: Float32Array) -> Float32Array:
+    """h [N, O] of a hidden layer: whole numbers within 0 and HIDDEN_MOST."""
+    return np.clip(_layer(layer, values), np.float32(0.0), np.float32(HIDDEN_MOST))
+
+
+def _layer(layer: Layer, values: Float32Array) -> Float32Array:
+    return np.asarray(
+        np.round((values @ layer.weights + layer.bias) * layer.scale), np.float32
+    )
+
+
+def _shared_votes(network: Network) -> int:
+    """Votes that shares are taken of: rounding can add less than two a class."""
+    return network.votes_in_all - 2 * network.n_classes
+
+
+def add_network(
+    graph: GraphBuilder, network: Network, features: str, out: str = ""
+) -> str:
+    """Add the network; returns votes [B, K] float32 that hold exact integers."""
+    shares = add_shares(graph, network, features)
+    votes = graph.node(
+        "Floor", graph.node("Mul", shares, _number(graph, _shared_votes(network)))
+    )
+    others = graph.node(
+        "MatMul", votes, _number(graph, rest_to_the_last(network.n_classes))
+    )
+    last = np.eye(network.n_classes)[-1] * network.votes_in_all
+    return graph.node("Add", others, _number(graph, last), out=out)
+
+
+def add_shares(graph: GraphBuilder, network: Network, features: str) -> str:
+    """Add the network up to its shares [B, K] float32."""
+    values = _add_inputs(graph, network.inputs, features)
+    for layer in network.layers[:-1]:
+        bounds = (_number(graph, 0.0), _number(graph, HIDDEN_MOST))
+        values = graph.node("Clip", _add_layer(graph, layer, values), *bounds)
+    return _add_raised(graph, _add_layer(graph, network.layers[-1], values))
+
+
+def _number(graph: GraphBuilder, value: npt.ArrayLike) -> str:
+    return graph.constant(value, np.float32)
+
+
+def _add_inputs(graph: GraphBuilder, inputs: Inputs, features: str) -> str:
+    known = graph.node(
+        "Less", graph.node("Abs", features), _number(graph, LARGEST_FEATURE)
+    )
+    finite = graph.node("Where", known, features, _number(graph, 0.0))
+    below = graph.node("Add", graph.node("Abs", finite), _number(graph, inputs.knee))
+    scaled = graph.node(
+        "Mul", graph.node("Div", finite, below), _number(graph, inputs.gain)
+    )
+    return graph.node("Round", graph.node("Add", scaled, _number(graph, inputs.offset)))
+
+
+def _add_layer(graph: GraphBuilder, layer: Layer, values: str) -> str:
+    product = graph.node("MatMul", values, _number(graph, layer.weights))
+    total = graph.node("Add", product, _number(graph, layer.bias))
+    return graph.node("Round", graph.node("Mul", total, _number(graph, layer.scale)))
+
+
+def _add_raised(graph: GraphBuilder, logits: str) -> str:
+    first = graph.node("ReduceMax", logits, graph.ints(1), keepdims=1)
+    behind = graph.node("Sub", first, logits)
+    nearest = graph.node("Min", behind, _number(graph, TABLE_LENGTH - 1))
+    place = graph.node("Cast", nearest, to=TensorProto.INT64)
+    raised = graph.node("Gather", _number(graph, EXPONENTIALS), place, axis=0)
+    total = graph.node("ReduceSum", raised, graph.ints(1), keepdims=1)
+    return graph.node("Div", raised, total)
+
+
+def rest_to_the_last(n_classes: int) -> Float32Array:
+    """[K, K] that keeps all votes but the last class', and takes them from the last class."""
+    matrix = np.eye(n_classes, dtype=np.float32)
+    matrix[:, -1] = -1.0
+    matrix[-1, -1] = 0.0
+    return matrix

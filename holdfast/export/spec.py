@@ -1,0 +1,161 @@
+"""Everything that is fixed when a step graph is built, as one object with a JSON form."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from dataclasses import asdict, dataclass, field, replace
+
+from holdfast.core.contract import UNITS, Unit
+from holdfast.core.errors import ChannelError, RateError, UnitError
+from holdfast.core.reading import Json
+from holdfast.export.bank import BANDS_HZ, bands_for
+
+
+class BandsLeftOut(UserWarning):
+    """Some bands are too close to half the sampling rate, or above it, and left out."""
+
+
+WINDOW_S = 0.10
+HISTORY_S = 0.50
+GAP_S = 0.020
+"""A sensor lost for longer than this must settle again; a shorter gap is bridged."""
+
+RANGE_LIMIT: dict[Unit, float] = {"N": 500.0, "uT": 1.0e5, "count": 1.0e6}
+"""A reading at or above this is a fault: the supported sensors cannot read as much."""
+
+NOISE_RMS: dict[Unit, float] = {"N": 0.02, "uT": 22.0, "count": 4.0}
+"""RMS noise of one quiet channel: the noise floor of the bank is never below its response to it."""
+
+
+def window_samples(rate_hz: float, window_s: float = WINDOW_S) -> int:
+    """Samples in a window, both ends included, at least 2.
+
+    >>> [window_samples(rate_hz) for rate_hz in (10, 50, 58.9, 100, 150, 300)]
+    [2, 6, 6, 11, 16, 31]
+    """
+    return max(2, math.floor(window_s * rate_hz + 1e-9) + 1)
+
+
+@dataclass(frozen=True)
+class DetectorSpec:
+    """Thresholds of the causal detectors; one setting for all objects.
+
+    band_ratio: fires above this multiple (over 1) of the channel's own noise floor. floor_tau_s:
+    time constant of the floor. floor_clip: the floor follows at most this multiple of itself.
+    firing_rate: factor on the floor's speed while firing (above 0, so that lasting noise cannot
+    hold an alarm). quiet_s: quiet before a critical point. friction, min_normal_n: of the friction
+    cone, unit N only.
+    """
+
+    band_ratio: float = 6.0
+    floor_tau_s: float = 2.0
+    floor_clip: float = 3.0
+    firing_rate: float = 1.0 / 16.0
+    quiet_s: float = 0.3
+    friction: float = 0.8
+    min_normal_n: float = 0.5
+
+
+@dataclass(frozen=True)
+class StepSpec:
+    """The specification of a step graph: channels, rate, unit, features, guard and detectors.
+
+    rate_hz: rate of all constants. groups: feature groups by name (holdfast/export/features.py).
+    min_valid_sensors: fewer usable sensors than this make the state unknown. window_s: length of
+    the raw window.
+    """
+
+    n_sensors: int
+    rate_hz: float
+    unit: Unit
+    groups: tuple[str, ...]
+    min_valid_sensors: int = 0
+    bands_hz: tuple[float, ...] = BANDS_HZ
+    window_s: float = WINDOW_S
+    detectors: DetectorSpec = field(default_factory=DetectorSpec)
+
+    def __post_init__(self) -> None:
+        if self.n_sensors < 1:
+            raise ChannelError(
+                f"{self.n_sensors} sensors", next_step="give at least one 3-axis sensor"
+            )
+        if self.unit not in UNITS:
+            raise UnitError(f"unit {self.unit!r} is not one of {', '.join(UNITS)}")
+        if not math.isfinite(self.rate_hz) or self.rate_hz <= 0:
+            raise RateError(
+                f"a rate of {self.rate_hz} Hz", next_step="check the time stamps"
+            )
+        if not 0.0 < self.window_s <= HISTORY_S:
+            raise RateError(
+                f"a window of {self.window_s} s",
+                next_step=f"give more than 0, at most {HISTORY_S} s",
+            )
+        if not self.min_valid_sensors:
+            object.__setattr__(self, "min_valid_sensors", self.n_sensors)
+        if not 1 <= self.min_valid_sensors <= self.n_sensors:
+            raise ChannelError(
+                f"min_valid_sensors={self.min_valid_sensors}",
+                next_step=f"give 1 to {self.n_sensors}, or 0 for all",
+            )
+
+    @property
+    def n_channels(self) -> int:
+        """Channels C = 3 x sensors."""
+        return 3 * self.n_sensors
+
+    @property
+    def window_samples(self) -> int:
+        """Samples in the raw window: max(2, floor(window_s x rate) + 1)."""
+        return window_samples(self.rate_hz, self.window_s)
+
+    @property
+    def history_samples(self) -> int:
+        """Past samples kept; nothing older than 0.5 s can reach a feature."""
+        return max(self.window_samples - 1, math.floor(HISTORY_S * self.rate_hz + 1e-9))
+
+    @property
+    def settle_samples(self) -> int:
+        """Good samples that a sensor must deliver before it is settled."""
+        return self.history_samples + 1
+
+    @property
+    def gap_samples(self) -> int:
+        """Longest run of lost samples that is bridged (20 ms)."""
+        return math.floor(GAP_S * self.rate_hz + 1e-9)
+
+    def lag(self, seconds: float) -> int:
+        """A lag in samples: at least 1, at most the history."""
+        return min(max(1, round(seconds * self.rate_hz)), self.history_samples)
+
+    def carried_bands(self) -> tuple[float, ...]:
+        """The bands of the bank at this rate. Raises RateError if there is none."""
+        return bands_for(self.rate_hz, self.bands_hz)
+
+    def lost_bands(self) -> tuple[float, ...]:
+        """The bands left out at this rate, as in the model's metadata."""
+        carried = self.carried_bands()
+        return tuple(band for band in self.bands_hz if band not in carried)
+
+    def warn_of_lost_bands(self) -> None:
+        """Warn (BandsLeftOut) of bands left out at this rate; RateError if there is no band."""
+        lost = ", ".join(f"{band:g}" for band in self.lost_bands())
+        if lost:
+            warnings.warn(
+                f"bands left out at {self.rate_hz:.4g} Hz: {lost} Hz",
+                BandsLeftOut,
+                stacklevel=2,
+            )
+
+    def to_json(self) -> Json:
+        """As a JSON object, for the artifact and the metadata."""
+        return asdict(self)
+
+    @staticmethod
+    def from_json(value: Json) -> StepSpec:
+        """The inverse of `to_json`."""
+        detectors = DetectorSpec(**value["detectors"])
+        spec = StepSpec(**{**value, "detectors": detectors})
+        return replace(
+            spec, groups=tuple(value["groups"]), bands_hz=tuple(value["bands_hz"])
+        )

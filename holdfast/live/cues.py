@@ -1,0 +1,320 @@
+"""Vibration cues for the wearer: from one prediction to at most one cue.
+
+A card (edge_runtime/cues.toml) gives each kind of cue a pattern. The cue of a sample is the first
+of KINDS that applies and that the card has. It is sent when it has applied for `after_ms`, and
+again every `repeat_ms`. No cue cuts off the one before, and at most `most_per_s` are sent in a
+second. Urgent cues pass both rules, but never cut off another urgent one. A cue that has to wait is
+sent only if it still applies then.
+
+The card (TOML) of the vibration cues: cues.toml beside this file, or the user's own.
+
+`holdfast run --feedback URL`: vibration cues for the wearer, on a wire of their own.
+
+A wire that fails is reported and tried again (live/grip_outputs.py); the loop never waits for
+it. The last line is the cue `unknown`: nothing looks after the grip any more.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from holdfast.core.contract import Prediction, Sample
+from holdfast.core.errors import CardError, DataNotFound
+from holdfast.core.reading import CardReader, Json, read_toml
+from holdfast.live.grip_outputs import LineSink, line_sink
+
+KINDS = ("unknown", "act", "arm", "risky_slip", "safe_slip", "grasp", "nothing")
+"""The situations, and before them the decision's requests; the first that applies counts."""
+UNKNOWN, QUIET = "unknown", "quiet"
+SECOND_NS = 1_000_000_000
+QUIET_NS = SECOND_NS
+"""Where no cue was sent for so long, a line shows that the run goes on."""
+EXPIRES_MS = 3000
+"""A device that has got no line for so long knows nothing any more, as in `unknown`."""
+
+
+@dataclass(frozen=True)
+class Pattern:
+    """What the motor does: pulses of on_ms with off_ms after each, at a strength of 0 to 1."""
+
+    pulses: int
+    on_ms: int
+    off_ms: int
+    strength: float
+
+    @property
+    def length_ns(self) -> int:
+        """From its first pulse to the end of its last pause."""
+        return 1_000_000 * self.pulses * (self.on_ms + self.off_ms)
+
+
+SILENCE = Pattern(0, 0, 0, 0.0)
+
+
+@dataclass(frozen=True)
+class CueRule:
+    """When a pattern is sent. repeat_ms: 0 for once."""
+
+    pattern: Pattern
+    after_ms: int = 0
+    repeat_ms: int = 0
+    urgent: bool = False
+
+
+@dataclass(frozen=True)
+class CueTable:
+    """The rules by kind; a kind without one has no cue."""
+
+    rules: Mapping[str, CueRule]
+    most_per_s: int
+
+
+class Cues:
+    """Chooses the cues of one run; the clock is that of the predictions' t_decided_ns."""
+
+    def __init__(self, table: CueTable) -> None:
+        self._table = table
+        self._kind: str | None = None
+        self._since_ns = 0
+        self._last_ns: int | None = None
+        self._ends_ns, self._urgent_ends_ns = 0, 0
+        self._recent_ns: deque[int] = deque(maxlen=table.most_per_s)
+
+    def due(self, prediction: Prediction) -> str | None:
+        """The kind of cue to send now, or None."""
+        now_ns, kind = prediction.t_decided_ns, self._applies(prediction)
+        if kind != self._kind:
+            self._kind, self._since_ns, self._last_ns = kind, now_ns, None
+        if kind is None:
+            return None
+        rule = self._table.rules[kind]
+        if now_ns - self._since_ns < 1_000_000 * rule.after_ms:
+            return None
+        if self._last_ns is not None and (
+            not rule.repeat_ms or now_ns - self._last_ns < 1_000_000 * rule.repeat_ms
+        ):
+            return None
+        return kind if self._has_room(rule, now_ns) else None
+
+    def sent(self, kind: str, now_ns: int) -> None:
+        """The cue that was due has left."""
+        rule = self._table.rules[kind]
+        self._last_ns = now_ns
+        self._ends_ns = now_ns + rule.pattern.length_ns
+        if rule.urgent:
+            self._urgent_ends_ns = self._ends_ns
+        self._recent_ns.append(now_ns)
+
+    def _applies(self, prediction: Prediction) -> str | None:
+        now: set[str] = {prediction.state}
+        if prediction.act:
+            now.add("act")
+        if prediction.arm:
+            now.add("arm")
+        return next(
+            (kind for kind in KINDS if kind in now and kind in self._table.rules), None
+        )
+
+    def _has_room(self, rule: CueRule, now_ns: int) -> bool:
+        if rule.urgent:
+            return now_ns >= self._urgent_ends_ns
+        recent = self._recent_ns
+        full = len(recent) == recent.maxlen and now_ns - recent[0] < SECOND_NS
+        return now_ns >= self._ends_ns and not full
+
+
+def cue_line(sequence: int, t_ns: int, kind: str, pattern: Pattern) -> str:
+    """One JSON line of a cue, without a line end."""
+    line = {
+        "sequence": sequence,
+        "t_ns": t_ns,
+        "cue": kind,
+        "pulses": pattern.pulses,
+        "on_ms": pattern.on_ms,
+        "off_ms": pattern.off_ms,
+        "strength": pattern.strength,
+        "expires_ms": EXPIRES_MS,
+    }
+    return json.dumps(line, separators=(",", ":"))
+
+
+SHIPPED = Path(__file__).with_name("cues.toml")
+SECTIONS = ("title", "most_per_s", "cues")
+KEYS = ("pulses", "on_ms", "off_ms", "strength", "after_ms", "repeat_ms", "urgent")
+MOST_PER_S, MOST_PULSES, SHORTEST_MS, LONGEST_MS = 10, 10, 10, 60_000
+
+
+def read_cues(path: Path = SHIPPED) -> CueTable:
+    """Read and check a card. Raises CardError, DataNotFound."""
+    try:
+        _, raw = read_toml(path)
+    except FileNotFoundError:
+        raise DataNotFound(
+            "no such card of cues",
+            where=path,
+            next_step="docs/feedback.md has the table",
+        ) from None
+    return _CueReader(path).cues(raw)
+
+
+class _CueReader(CardReader):
+    """Checks one card of cues."""
+
+    def cues(self, raw: Json) -> CueTable:
+        self.require_known(raw, SECTIONS, "section")
+        tables = self.table(raw, "cues")
+        self.require_known(tables, KINDS, "[cues]")
+        rules = {
+            name: self.rule(f"cues.{name}", self.require_table(f"cues.{name}", table))
+            for name, table in tables.items()
+        }
+        self._require_own_unknown(rules)
+        most = self.whole("most_per_s", raw.get("most_per_s"), 1, MOST_PER_S)
+        return CueTable(rules, most)
+
+    def rule(self, key: str, table: Json) -> CueRule:
+        self.require_known(table, KEYS, key)
+        pulses = self.whole(f"{key}.pulses", table.get("pulses"), 1, MOST_PULSES)
+        shortest_off_ms = SHORTEST_MS if pulses > 1 else 0
+        urgent = table.get("urgent", False)
+        if not isinstance(urgent, bool):
+            raise self.refused(f"{key}.urgent", urgent, "true or false")
+        pattern = Pattern(
+            pulses,
+            self.whole(f"{key}.on_ms", table.get("on_ms"), SHORTEST_MS, LONGEST_MS),
+            self.whole(
+                f"{key}.off_ms", table.get("off_ms"), shortest_off_ms, LONGEST_MS
+            ),
+            self.strength(f"{key}.strength", table.get("strength")),
+        )
+        after_ms, repeat_ms = (
+            self.whole(f"{key}.{name}", table.get(name, 0), 0, LONGEST_MS)
+            for name in ("after_ms", "repeat_ms")
+        )
+        return CueRule(pattern, after_ms, repeat_ms, urgent)
+
+    def whole(self, key: str, value: Any, least: int, most: int) -> int:
+        if (
+            isinstance(value, bool)
+            or not isinstance(value, int)
+            or not least <= value <= most
+        ):
+            raise self.refused(key, value, f"a whole number from {least} to {most}")
+        return value
+
+    def strength(self, key: str, value: Any) -> float:
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise self.refused(key, value, "a number above 0, at most 1")
+        if not math.isfinite(value) or not 0.0 < value <= 1.0:
+            raise self.refused(key, value, "a number above 0, at most 1")
+        return float(value)
+
+    def _require_own_unknown(self, rules: dict[str, CueRule]) -> None:
+        """The wearer must feel that the state is not known, and take it for nothing else."""
+        if UNKNOWN not in rules:
+            raise CardError(
+                "no [cues.unknown]",
+                where=self.path,
+                cause="without it, a hand that feels nothing is silent like a safe one",
+                next_step="give it a pattern of its own",
+            )
+        felt = _felt(rules[UNKNOWN].pattern)
+        for name, rule in rules.items():
+            if name != UNKNOWN and _felt(rule.pattern) == felt:
+                raise CardError(
+                    f"[cues.{name}] and [cues.unknown] have the same pulses",
+                    where=self.path,
+                    cause="a wearer does not tell them apart by strength alone",
+                    next_step="give unknown a pattern of its own",
+                )
+
+
+def _felt(pattern: Pattern) -> tuple[int, int, int]:
+    """A pattern without its strength; the pause after a single pulse is not felt."""
+    return pattern.pulses, pattern.on_ms, pattern.off_ms if pattern.pulses > 1 else 0
+
+
+Say = Callable[[str], None]
+Emit = Callable[[Prediction, Sample, Any], int | None]
+
+
+class CueOutput:
+    """Sends the cues of a run."""
+
+    def __init__(self, sink: LineSink, table: CueTable) -> None:
+        self._sink, self._table, self._cues = sink, table, Cues(table)
+        self._newest_ns: int | None = None
+
+    def before(self, emit: Emit) -> Emit:
+        """An emit that first sends the cue of a sample, and then calls another emit."""
+
+        def both(prediction: Prediction, sample: Sample, measured: Any) -> int | None:
+            self.show(prediction)
+            return emit(prediction, sample, measured)
+
+        return both
+
+    def show(self, prediction: Prediction) -> None:
+        """Send the cue of one sample, or a sign of life where none was due for long."""
+        now_ns = prediction.t_decided_ns
+        kind = self._cues.due(prediction)
+        if kind is not None:
+            if self._send(prediction, kind, self._table.rules[kind].pattern):
+                self._cues.sent(kind, now_ns)
+        elif self._newest_ns is None or now_ns - self._newest_ns >= QUIET_NS:
+            self._send(prediction, QUIET, SILENCE)
+        else:
+            self._sink.look()
+
+    def _send(self, prediction: Prediction, kind: str, pattern: Pattern) -> bool:
+        line = cue_line(prediction.sequence, prediction.t_acquired_ns, kind, pattern)
+        taken = self._sink(line, prediction.sequence)
+        if taken:
+            self._newest_ns = prediction.t_decided_ns
+        return taken
+
+    @contextmanager
+    def running(self, say: Say) -> Iterator[None]:
+        """The time of the loop; its last cue is sent before anything is closed."""
+        reason = "failed"
+        try:
+            yield
+            reason = "stopped"
+        finally:
+            self._sink.finish(reason)
+            if self._sink.dropped:
+                say(f"{self._sink.name}: {self._sink.dropped} lines did not leave")
+
+
+@contextmanager
+def cue_output(args: argparse.Namespace, clock: Any, say: Say) -> Iterator[CueOutput]:
+    """The wire of --feedback with the patterns of --cues, opened.
+
+    Raises UsageError, DeviceError, OutputError, CardError, DataNotFound.
+    """
+    table = read_cues(args.cues or SHIPPED)
+    last = partial(last_cue, table)
+    opened = line_sink(
+        args.feedback,
+        "--feedback",
+        last,
+        say,
+        clock.now_ns,
+        effect="the wearer feels no cue",
+    )
+    with opened as sink:
+        yield CueOutput(sink, table)
+
+
+def last_cue(table: CueTable, sequence: int, t_ns: int, reason: str) -> str:
+    """The line that ends the cues, or begins them after a failure: the state is not known."""
+    return cue_line(sequence, t_ns, UNKNOWN, table.rules[UNKNOWN].pattern)

@@ -1,0 +1,271 @@
+"""The wires to a hand's own controller: a UDP port or a serial port, written without waiting.
+
+    udp://HOST:PORT               one datagram a line
+    serial:///dev/ttyX?baud=N     lines that end with a line feed; 115200 where no baud is given
+
+A serial port carries few lines: 115200 baud about 60 a second. A line is left out while the one
+before is still on its way, so that what arrives is never older than two lines. A line that was cut
+off (a full buffer, a program that died) is ended by the next line feed: a reader skips it.
+
+A serial port for one line at a time, by the standard library (termios), never waited for.
+
+The port is raw, eight bits, no parity, no flow control; its modem lines stay as they are when it is
+closed, because some boards reset on them. What has been written and has not left the machine yet
+can be counted and thrown away.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import math
+import os
+import select
+import socket
+import struct
+import termios
+from contextlib import suppress
+from threading import Thread
+from urllib.parse import SplitResult, parse_qs, urlsplit
+
+from holdfast.core.errors import AccessDenied, DeviceError, DeviceNotFound, UsageError
+
+RATES = {
+    int(name[1:]): value
+    for name, value in vars(termios).items()
+    if name[0] == "B" and name[1:].isdecimal() and int(name[1:]) >= 9600
+}
+"""Bits a second that this system's termios can set."""
+CONTROL_FLAGS, LOCAL_FLAGS = 2, 3
+"""Places in what tcgetattr returns."""
+
+
+def open_port(path: str, baud: int) -> int:
+    """A non-blocking descriptor of the port. Raises UsageError, OSError."""
+    if baud not in RATES:
+        raise UsageError(
+            f"baud={baud} cannot be set here",
+            next_step=f"one of {', '.join(map(str, sorted(RATES)))}",
+        )
+    port = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK | os.O_CLOEXEC)
+    try:
+        _make_raw(port, RATES[baud])
+    except (OSError, termios.error) as error:
+        os.close(port)
+        raise OSError(*error.args) from None
+    return port
+
+
+def opening_error(path: str, error: OSError) -> DeviceError:
+    """What to tell a person whose port cannot be opened."""
+    where, what = f"serial://{path}", error.strerror or str(error)
+    if isinstance(error, PermissionError):
+        return AccessDenied(
+            what, where=where, next_step="join the group of the port (dialout)"
+        )
+    cause = "no such port, or not a serial one"
+    return DeviceNotFound(what, where=where, cause=cause, next_step="ls /dev/tty*")
+
+
+def _make_raw(port: int, speed: int) -> None:
+    flags = termios.tcgetattr(port)
+    raw_control = termios.CS8 | termios.CREAD | termios.CLOCAL
+    flags[0] = flags[1] = flags[LOCAL_FLAGS] = 0
+    flags[CONTROL_FLAGS] = raw_control
+    flags[4] = flags[5] = speed
+    termios.tcsetattr(port, termios.TCSANOW, flags)
+
+
+def unsent_bytes(port: int) -> int:
+    """Bytes that were written and have not left the machine. Raises OSError."""
+    count: int = struct.unpack("i", fcntl.ioctl(port, termios.TIOCOUTQ, b"\0" * 4))[0]
+    return count
+
+
+def forget_unsent(port: int) -> None:
+    """Throw away what has been written and has not left the machine. Raises OSError."""
+    try:
+        termios.tcflush(port, termios.TCOFLUSH)
+    except termios.error as error:
+        raise OSError(*error.args) from None
+
+
+DEFAULT_BAUD = 115200
+MOST_UNSENT = 96
+"""A serial port that still has more bytes to send gets no further line."""
+BITS_A_COMMAND = 1900
+"""About 190 bytes, ten bits each."""
+LAST_LINE_MS = 200
+"""The last line waits this long for room in a serial port."""
+ADDRESSES = "udp://127.0.0.1:9000 or serial:///dev/ttyUSB0?baud=115200"
+
+
+class UdpLink:
+    """A connected socket, so that a port without a receiver is an error and not silence.
+
+    most_hz: commands a second that it carries.
+    """
+
+    is_serial = False
+    most_hz = math.inf
+
+    def __init__(self, sender: socket.socket, name: str) -> None:
+        self.name, self._sender = name, sender
+
+    @property
+    def handle(self) -> int:
+        """The socket's descriptor."""
+        return self._sender.fileno()
+
+    def write(self, line: bytes) -> bool:
+        """Send one datagram; False where the system's buffer is full."""
+        try:
+            self._sender.send(line)
+        except BlockingIOError:
+            return False
+        return True
+
+    def reopen(self) -> bool:
+        """The socket stays."""
+        return True
+
+    def finish(self, line: bytes) -> None:
+        """Send it, a second time where the first time only reported an old error."""
+        with suppress(ConnectionRefusedError):
+            self._sender.send(line)
+            return
+        self._sender.send(line)
+
+    def close(self) -> None:
+        """Close the socket."""
+        self._sender.close()
+
+
+class SerialLink:
+    """A serial port that may be unplugged and comes back. most_hz: commands a second."""
+
+    is_serial = True
+
+    def __init__(self, path: str, baud: int, name: str) -> None:
+        self.name, self._path, self._baud = name, path, baud
+        self.most_hz = baud / BITS_A_COMMAND
+        self.handle = -1
+        self._rest = b""
+        self._opening: Thread | None = None
+
+    def open(self) -> None:
+        """Open the port. Raises OSError, UsageError."""
+        self.handle = open_port(self._path, self._baud)
+
+    def write(self, line: bytes) -> bool:
+        """Write one line; False while the one before is still on its way."""
+        if (self._rest and not self._push()) or unsent_bytes(self.handle) > MOST_UNSENT:
+            return False
+        self._rest = line + b"\n"
+        return self._push() or self._begun(line)
+
+    def reopen(self) -> bool:
+        """Open the port again in a thread: a dying adapter can take seconds for it."""
+        if self._opening is not None and self._opening.is_alive():
+            return False
+        if self.handle < 0:
+            self._opening = Thread(
+                target=self._try_to_open, name="serial port", daemon=True
+            )
+            self._opening.start()
+            return False
+        return True
+
+    def lose(self) -> None:
+        """Close a port that failed; `reopen` opens it again."""
+        self.close()
+        self._rest = b"\n"
+
+    def finish(self, line: bytes) -> None:
+        """Write it, after a line feed; throw away what waits where there is no room."""
+        data = b"\n" + line + b"\n"
+        if not self._has_room(0):
+            with suppress(OSError):
+                forget_unsent(self.handle)
+        while data:
+            if not self._has_room(LAST_LINE_MS):
+                raise TimeoutError(110, "no room for the last line")
+            data = data[os.write(self.handle, data) :]
+
+    def close(self) -> None:
+        """Close the port."""
+        if self.handle >= 0:
+            handle, self.handle = self.handle, -1
+            with suppress(OSError):
+                os.close(handle)
+
+    def _try_to_open(self) -> None:
+        with suppress(OSError):
+            self.open()
+
+    def _push(self) -> bool:
+        """Write what is left of a line; whether all of it was taken."""
+        try:
+            self._rest = self._rest[os.write(self.handle, self._rest) :]
+        except BlockingIOError:
+            return False
+        return not self._rest
+
+    def _begun(self, line: bytes) -> bool:
+        """Whether a line was taken in part; its rest follows. A line not begun is left out."""
+        if len(self._rest) <= len(line):
+            return True
+        self._rest = b""
+        return False
+
+    def _has_room(self, wait_ms: int) -> bool:
+        ready = select.poll()
+        ready.register(self.handle, select.POLLOUT)
+        return bool(ready.poll(wait_ms))
+
+
+def open_link(url: str, option: str) -> UdpLink | SerialLink:
+    """Open a URL's wire. option: its name on the command line. Raises UsageError, DeviceError."""
+    try:
+        parts = urlsplit(url)
+        port = parts.port
+    except ValueError as error:
+        raise _not_an_address(url, option, str(error)) from None
+    if parts.scheme == "udp":
+        return _udp(parts.hostname, port, url, option)
+    if parts.scheme == "serial":
+        return _serial(parts, url, option)
+    raise _not_an_address(url, option, "")
+
+
+def _not_an_address(url: str, option: str, cause: str) -> UsageError:
+    return UsageError(
+        f"{option} {url[:80]!r} is not an address", cause=cause, next_step=ADDRESSES
+    )
+
+
+def _udp(host: str | None, port: int | None, url: str, option: str) -> UdpLink:
+    if not host or not port:
+        raise _not_an_address(url, option, "host or port is missing")
+    try:
+        found = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
+        sender = socket.socket(*found[:3])
+        sender.setblocking(False)
+        sender.connect(found[4])
+    except OSError as error:
+        raise _not_an_address(url, option, error.strerror or str(error)) from None
+    return UdpLink(sender, f"{option} {url}")
+
+
+def _serial(parts: SplitResult, url: str, option: str) -> SerialLink:
+    options = parse_qs(parts.query, keep_blank_values=True)
+    baud = options.pop("baud", [str(DEFAULT_BAUD)])[-1]
+    if options or parts.netloc or not parts.path.strip("/"):
+        raise _not_an_address(url, option, "a path, and nothing but baud= after it")
+    if not baud.isdecimal() or len(baud) > 9:
+        raise _not_an_address(url, option, f"baud={baud[:40]!r} is not a whole number")
+    link = SerialLink(parts.path, int(baud), f"{option} {url}")
+    try:
+        link.open()
+    except OSError as error:
+        raise opening_error(parts.path, error) from None
+    return link

@@ -1,0 +1,164 @@
+"""Where grip commands go: to a hand's own controller, which must never be left with an old one.
+
+The loop writes each line itself and never waits. A wire that fails, or that takes no line for
+EXPIRES_MS, is reported once and tried again, at first soon, then every two seconds. When it takes
+lines again its first ones are `hold`, and the report says so. However the run ends, the last line
+is `hold`: this sink writes it, and where the process dies a guardian (holdfast/live/guardian.py)
+does.
+"""
+
+from __future__ import annotations
+
+import errno
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+from holdfast.edge_runtime.supervisor import EXPIRES_MS
+from holdfast.live.grip_links import SerialLink, UdpLink, open_link
+from holdfast.live.guardian import Guardian
+
+FIRST_RETRY_NS, LAST_RETRY_NS = 50_000_000, 2_000_000_000
+TRIALS = 3
+"""A wire works again after this many lines; a socket reports an error only at the next line."""
+LOST, DIED = "link was lost", "process died"
+LastLine = Callable[[int, int, str], str]
+"""(sequence, t_ns, reason) -> the line that ends a run, or begins after a failure."""
+
+
+class LineSink:
+    """One wire with its retries and its guardian. dropped: lines that did not leave.
+
+    most_hz: commands a second that the wire carries.
+    """
+
+    def __init__(
+        self,
+        link: UdpLink | SerialLink,
+        last: LastLine,
+        say: Callable[[str], object],
+        now_ns: Callable[[], int],
+        guardian: Guardian,
+        effect: str = "the hand holds its grip",
+    ) -> None:
+        self._link, self._last, self._say, self._now_ns = link, last, say, now_ns
+        self._guardian, self._effect = guardian, effect
+        guardian.hold(link.handle)
+        self.name, self.dropped, self._guarded = link.name, 0, True
+        self.most_hz = link.most_hz
+        self._sequence = -1
+        self._works, self._trials, self._done = True, 0, False
+        self._failed_ns = self._retry_ns = 0
+        self._full_since_ns: int | None = None
+        self._wait_ns = FIRST_RETRY_NS
+
+    def __call__(self, line: str, sequence: int) -> bool:
+        """Pass a line on; False where it did not leave."""
+        self._sequence = sequence
+        self._guardian.note(sequence)
+        if self._guarded and not self._guardian.lives():
+            self._guarded = False
+            self._say(
+                f"{self.name}: its guardian ended; a run that dies now sends no last command"
+            )
+        now_ns = self._now_ns()
+        taken = self._works and self._write(line, now_ns)
+        if not self._works:
+            self._retry(now_ns)
+        self.dropped += not taken
+        return taken
+
+    def look(self) -> None:
+        """Try a wire that failed again, where there is no line to pass on."""
+        if not self._works:
+            self._retry(self._now_ns())
+
+    def finish(self, reason: str) -> None:
+        """Say the last line, once, and let the guardian go."""
+        if self._done:
+            return
+        self._done = True
+        line = self._last(self._sequence + 1, self._now_ns(), reason).encode()
+        try:
+            self._link.finish(line)
+            written = True
+        except (OSError, ValueError):
+            written = False
+        self._guardian.end(written=written)
+        self._link.close()
+
+    def _write(self, line: str, now_ns: int) -> bool:
+        try:
+            taken = self._link.write(line.encode())
+        except OSError as error:
+            self._fail(error, now_ns)
+            return False
+        if taken:
+            self._full_since_ns = None
+        elif self._full_since_ns is None:
+            self._full_since_ns = now_ns
+        elif now_ns - self._full_since_ns > 1_000_000 * EXPIRES_MS:
+            self._fail(OSError(errno.EAGAIN, "its reader is stalled"), now_ns)
+        return taken
+
+    def _fail(self, error: OSError, now_ns: int) -> None:
+        if self._works:
+            self._failed_ns, self._wait_ns = now_ns, FIRST_RETRY_NS
+            reason = error.strerror or error
+            self._say(f"{self.name}: no line arrives ({reason}); {self._effect}")
+        else:
+            self._wait_ns = min(2 * self._wait_ns, LAST_RETRY_NS)
+        if isinstance(self._link, SerialLink) and error.errno != errno.EAGAIN:
+            self._link.lose()
+            self._guardian.release()
+        self._works, self._trials, self._retry_ns = False, 0, now_ns + self._wait_ns
+
+    def _retry(self, now_ns: int) -> None:
+        """Try a hold line in place of the command, when its time has come."""
+        if now_ns < self._retry_ns or not self._link.reopen():
+            return
+        if not self._trials:
+            self._guardian.hold(self._link.handle)
+        try:
+            if not self._link.write(self._last(self._sequence, now_ns, LOST).encode()):
+                raise OSError(errno.EAGAIN, "its reader is stalled")
+        except OSError as error:
+            self._fail(error, now_ns)
+            return
+        self._trials += 1
+        if self._trials >= TRIALS:
+            self._works, self._full_since_ns = True, None
+            after_s = 1e-9 * (now_ns - self._failed_ns)
+            self._say(f"{self.name}: lines arrive again, after {after_s:.1f} s")
+
+
+@contextmanager
+def line_sink(
+    url: str,
+    option: str,
+    last: LastLine,
+    say: Callable[[str], object],
+    now_ns: Callable[[], int],
+    **effect: str,
+) -> Iterator[LineSink]:
+    """An open wire that ends with its last line. effect: of a wire that fails, for people.
+
+    Raises UsageError, DeviceError, OutputError.
+    """
+    link = open_link(url, option)
+    text = _template(last(-7, -8, DIED), is_serial=link.is_serial)
+    sink = LineSink(link, last, say, now_ns, Guardian(text), **effect)
+    try:
+        yield sink
+    except BaseException:
+        sink.finish("failed")
+        raise
+    finally:
+        sink.finish("stopped")
+
+
+def _template(line: str, *, is_serial: bool) -> str:
+    """The guardian's line: numbers are filled in; a serial line stands between line feeds."""
+    text = (
+        line.replace("%", "%%").replace("-7", "%(sequence)d").replace("-8", "%(t_ns)d")
+    )
+    return f"\n{text}\n" if is_serial else text

@@ -1,0 +1,89 @@
+"""A small process beside the run that says the last line when the run dies without saying it."""
+
+from __future__ import annotations
+
+import mmap
+import os
+import socket
+import subprocess
+import sys
+from contextlib import suppress
+from pathlib import Path
+
+from holdfast.core.errors import OutputError
+from holdfast.live.guardian_process import FRESH, GOODBYE, READY, RELEASE
+
+SCRIPT = Path(__file__).with_name("guardian_process.py")
+START_S = 30.0
+"""A guardian that does not answer within this time after its start is an error."""
+END_S = 0.2
+"""How long the parent waits for its guardian to end."""
+
+
+class Guardian:
+    """The guardian's process. pid: its process id.
+
+    text: the last line, with %(sequence)d and %(t_ns)d where numbers belong. Raises OutputError
+    where it cannot be started.
+    """
+
+    def __init__(self, text: str) -> None:
+        self._control, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        memory_fd = os.memfd_create("holdfast sequence")
+        os.ftruncate(memory_fd, 8)
+        self._memory = mmap.mmap(memory_fd, 8)
+        self._sequence = memoryview(self._memory).cast("q")
+        self._sequence[0] = -1
+        numbers = [theirs.fileno(), memory_fd]
+        try:
+            self._process = subprocess.Popen(
+                [sys.executable, "-I", "-S", str(SCRIPT), *map(str, numbers), text],
+                pass_fds=numbers,
+                start_new_session=True,
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.DEVNULL,
+            )
+            theirs.close()
+            self._wait_until_ready()
+        except OSError as error:
+            raise OutputError(
+                f"no guardian process ({error.strerror or error})"
+            ) from None
+        finally:
+            theirs.close()
+            os.close(memory_fd)
+        self.pid = self._process.pid
+
+    def _wait_until_ready(self) -> None:
+        self._control.settimeout(START_S)
+        if self._control.recv(16) != READY:
+            raise OSError("it ended at once")
+        self._control.setblocking(False)
+
+    def hold(self, handle: int) -> None:
+        """Give it the descriptor to write to, instead of the one before."""
+        with suppress(OSError):
+            socket.send_fds(self._control, [FRESH], [handle])
+
+    def release(self) -> None:
+        """Let it close its descriptor."""
+        with suppress(OSError):
+            self._control.send(RELEASE)
+
+    def note(self, sequence: int) -> None:
+        """The newest sequence; costs no system call."""
+        self._sequence[0] = sequence
+
+    def lives(self) -> bool:
+        """Whether its process still runs."""
+        return self._process.poll() is None
+
+    def end(self, *, written: bool) -> None:
+        """End it. written: the last line was written; else the guardian writes its own."""
+        if written:
+            with suppress(OSError):
+                self._control.send(GOODBYE)
+        self._control.close()
+        with suppress(subprocess.TimeoutExpired):
+            self._process.wait(END_S)

@@ -1,0 +1,86 @@
+"""The child process that speaks when its parent dies: standard library only, run as a script.
+
+It holds the parent's socket or serial port, and waits for the parent's messages on a socket pair:
+
+    b"fresh"            with a descriptor: hold this one from now on
+    b"release"          let go of it: a serial adapter that was unplugged gets another name as long
+                        as it is held
+    b"goodbye"          the parent has written its last line itself: end
+    end of file         the parent is dead (kill -9, out of memory, a crash): write the last line
+
+The line's sequence is one above that in the memory which both share.
+
+    guardian_process.py CONTROL_FD MEMORY_FD TEXT_WITH_%(sequence)d_AND_%(t_ns)d
+"""
+
+from __future__ import annotations
+
+import mmap
+import os
+import select
+import signal
+import socket
+import struct
+import sys
+import time
+
+READY, FRESH, RELEASE, GOODBYE = b"ready", b"fresh", b"release", b"goodbye"
+SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT, signal.SIGABRT)
+"""Ignored: they are sent to a whole terminal or service (systemd's watchdog: SIGABRT)."""
+TRIES, WAIT_MS = 10, 500
+"""How often and how long the last line waits for room in a serial port."""
+
+
+def main(control_fd: int, memory_fd: int, text: str) -> None:
+    """Wait for the parent's end; write the text where it came without a goodbye."""
+    for number in SIGNALS:
+        signal.signal(number, signal.SIG_IGN)
+    control = socket.socket(fileno=control_fd)
+    memory = mmap.mmap(memory_fd, 8, prot=mmap.PROT_READ)
+    control.send(READY)
+    held = _wait_for_the_end(control)
+    if held is not None:
+        sequence = struct.unpack("q", memory[:8])[0] + 1
+        clock = getattr(time, "CLOCK_BOOTTIME", time.CLOCK_MONOTONIC)
+        t_ns = time.clock_gettime_ns(clock)
+        _write(held, (text % {"sequence": sequence, "t_ns": t_ns}).encode())
+
+
+def _wait_for_the_end(control: socket.socket) -> int | None:
+    """The descriptor to write to, or None after a goodbye."""
+    held: int | None = None
+    while True:
+        try:
+            message, fresh, _, _ = socket.recv_fds(control, 16, 1)
+        except ConnectionResetError:  # the parent died before it read our "ready"
+            message, fresh = b"", []
+        if message in (FRESH, RELEASE):
+            if held is not None:
+                os.close(held)
+            held = fresh[0] if fresh else None
+        if message == GOODBYE:
+            return None
+        if not message:
+            return held
+
+
+def _write(held: int, data: bytes) -> None:
+    for _ in range(TRIES):
+        try:
+            data = data[os.write(held, data) :]
+        except BlockingIOError:
+            ready = select.poll()
+            ready.register(held, select.POLLOUT)
+            ready.poll(WAIT_MS)
+        except (
+            ConnectionRefusedError
+        ):  # an old error of the socket; the next write is sent
+            continue
+        except OSError:
+            return
+        if not data:
+            return
+
+
+if __name__ == "__main__":
+    main(int(sys.argv[1]), int(sys.argv[2]), sys.argv[3])

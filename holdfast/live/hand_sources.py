@@ -1,0 +1,384 @@
+"""URLs of hands that can be read live.
+
+    usb://ft232h?number=0                     a bridge on USB
+    i2c://1                                   the board's own bus, /dev/i2c-1
+    virtual://ft232h?scene=pull-soft-ball     the same driver on an emulated bridge; also seed,
+              &fault=nack:3@1.5+0.2           trial, and faults (drivers/virtual/virtual_hand.py)
+    lsl://NAME?unit=N                         a stream of the lab streaming layer (extra `lsl`);
+              unit and rate_hz where the stream does not say them
+    any other source                          a recording or a scene, at its own pace
+
+A hand has more options: layout=mux (drivers/layout.py), averages=32, crc=auto (on: a chip without
+CRC is refused; off: nothing is checked), burst=1 (shorter reads without CRC) and together=1 (a
+trigger makes all fingers convert at one moment). EXPERIMENT, for holdfast run and an FT232H only:
+timed=16 queues so many scans ahead, which the bridge times itself (holdfast/drivers/timed_hand.py).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, cast
+from urllib.parse import parse_qs, unquote
+
+import numpy as np
+
+from holdfast.core.contract import UNITS, FloatArray
+from holdfast.core.errors import UsageError
+from holdfast.drivers.bridges import BRIDGES, open_native, open_usb, open_virtual
+from holdfast.drivers.bus import Bus
+from holdfast.drivers.fingers import Crc
+from holdfast.drivers.hand import Hand, LiveHand
+from holdfast.drivers.layout import read_layout
+from holdfast.drivers.replay import PacedReplay
+from holdfast.drivers.timed_bridge import device_clock, open_timed_usb, timed_virtual
+from holdfast.drivers.timed_hand import TimedHand, TimedLiveHand
+from holdfast.drivers.tmag5273 import Setup
+from holdfast.live.loop import Source
+from holdfast.live.sources import (
+    MOST_DIGITS,
+    SIM,
+    open_source,
+    require_meant,
+    simulated_trial,
+    split_url,
+)
+from holdfast.live.stopping import progress_of, say
+from holdfast.timed_source import KEY, scans_ahead
+
+if TYPE_CHECKING:
+    from holdfast.drivers.virtual.virtual_hand import VirtualHand
+    from holdfast.simulation.protocol import PlannedTrial
+    from holdfast.simulation.scene import Scene, SimulatedTrial
+
+HANDS = ("usb", "i2c", "virtual")
+LSL, LSL_KEYS = "lsl", ("unit", "rate_hz")
+HAND_KEYS = (
+    "layout",
+    "averages",
+    "crc",
+    "burst",
+    "together",
+    "bus_hz",
+    "number",
+    "timed",
+)
+CRC_WORDS = ("auto", "on", "off")
+VIRTUAL_KEYS = (*HAND_KEYS, "scene", "trial", "seed", "fault")
+FIELD_HZ = 1000.0
+"""Rate of a scene's field for the virtual chips, which convert it at their own times."""
+
+ToForce = Callable[[FloatArray], FloatArray]
+
+
+@dataclass(frozen=True)
+class SourceUrl:
+    """A URL in parts: scheme, name, and options."""
+
+    scheme: str
+    name: str
+    options: dict[str, list[str]]
+
+    def text(self, key: str, default: str) -> str:
+        """The last value of an option."""
+        return self.options.get(key, [default])[-1]
+
+    def number(self, key: str, default: int) -> int:
+        """The same, a whole number. Raises UsageError."""
+        text = self.text(key, str(default))
+        if not text.isdecimal() or len(text) > MOST_DIGITS:
+            raise UsageError(
+                f"{key}={text[:40]!r} is not a whole number",
+                next_step=f"{key}={default}",
+            )
+        return int(text)
+
+
+def open_live(
+    url: str,
+    *,
+    clock: Any,
+    say: Callable[[str], None],
+    to_force: ToForce | None = None,
+    field: Any = None,
+    runs: bool = False,
+) -> Source:
+    """Open and start a live source.
+
+    clock: has now_ns, spend and wait_until; to_force: a calibration, for a hand; field: what a
+    virtual hand's chips measure, in place of the recorded field of its scene; runs: the reader is
+    run_live, which knows timed sources. Raises UsageError for an impossible URL, and the errors of
+    the hand or the recording.
+    """
+    source = _source_url(url)
+    if source.scheme == LSL:
+        return _stream(source, clock, say, to_force)
+    if source.scheme not in HANDS:
+        return PacedReplay(open_source(url), clock.now_ns)
+    ahead = scans_ahead(
+        (source.scheme, source.name),
+        source.number(KEY, 0) if KEY in source.options else None,
+        together=bool(source.number("together", 0)),
+        runs=runs,
+        moved=field is not None,
+    )
+    if source.scheme == "virtual":
+        _require_known(source, VIRTUAL_KEYS)
+        hand = _virtual(source, device_clock(clock) if ahead else clock, say, field)
+        bridge = open_virtual(source.name, hand, source.number("bus_hz", 400_000))
+        opener = timed_virtual(bridge, clock.now_ns) if ahead else bridge
+        live = _started(opener, source, clock, say, to_force or _scene_force(), ahead)
+        live.began_ns = hand.born_ns
+        return live
+    return _started(
+        _opener(source, clock, say, ahead), source, clock, say, to_force, ahead
+    )
+
+
+def is_hand(url: str) -> bool:
+    """Whether a URL is a hand or a stream, which has no end of its own, unlike a recording."""
+    return split_url(url).scheme in (*HANDS, LSL)
+
+
+def _stream(
+    source: SourceUrl, clock: Any, say: Callable[[str], None], to_force: ToForce | None
+) -> Source:
+    _require_known(source, LSL_KEYS)
+    unit, name = source.text("unit", ""), unquote(source.name)
+    if unit not in ("", *UNITS):
+        raise UsageError(
+            f"unit={unit[:40]!r} is not known", next_step=f"unit={'|'.join(UNITS)}"
+        )
+    if not name or "'" in name:
+        raise UsageError(
+            f"{name[:40]!r} is no name of a stream", next_step="lsl://NAME"
+        )
+    if to_force is not None:
+        raise UsageError(
+            "--calibration is for a hand, not for a stream",
+            next_step="send forces, or leave it out",
+        )
+    from holdfast.drivers.lsl import LslSource
+    from holdfast.drivers.lsl_library import LslInlet
+
+    rate_hz = source.number("rate_hz", 0) or None
+    known = next((one for one in UNITS if one == unit), None)
+    return LslSource(LslInlet(name), clock.now_ns, say, known, rate_hz)
+
+
+def open_bus(url: str, clock: Any, say: Callable[[str], None] = say) -> Bus:
+    """The bus of a hand's URL, its sensors not started. Raises UsageError and a DeviceError."""
+    source = _source_url(url)
+    if source.scheme not in HANDS:
+        require_meant(url)
+        raise UsageError(
+            f"{url!r} is not a hand", next_step=f"{'://.., '.join(HANDS)}://.."
+        )
+    return _opener(source, clock, say)()
+
+
+def named_addresses(url: str) -> frozenset[int]:
+    """The addresses of the fingers in a URL's layout. Raises UsageError."""
+    layout = read_layout(_source_url(url).text("layout", "mux"))
+    return frozenset(
+        address for one in layout for address in (one.address, one.read_at)
+    )
+
+
+def _opener(
+    source: SourceUrl, clock: Any, say: Callable[[str], None], ahead: int = 0
+) -> Callable[[], Bus]:
+    """A function that opens the bridge, now and again after it was lost."""
+    _require_known(source, VIRTUAL_KEYS if source.scheme == "virtual" else HAND_KEYS)
+    number, bus_hz = source.number("number", 0), source.number("bus_hz", 400_000)
+    if source.scheme == "virtual":
+        return open_virtual(source.name, _virtual(source, clock, say), bus_hz)
+    if ahead:
+        return lambda: open_timed_usb(number, bus_hz, clock.now_ns)
+    if source.scheme == "usb":
+        return lambda: open_usb(source.name, number, bus_hz)
+    return lambda: open_native(source.name)
+
+
+def _source_url(url: str) -> SourceUrl:
+    parts = split_url(url)
+    name = parts.netloc + parts.path
+    if parts.scheme in ("usb", "virtual") and name not in BRIDGES:
+        raise UsageError(
+            f"{url!r}: no bridge {name!r}", next_step=f"one of {', '.join(BRIDGES)}"
+        )
+    return SourceUrl(parts.scheme, name, parse_qs(parts.query, keep_blank_values=True))
+
+
+def _require_known(source: SourceUrl, allowed: tuple[str, ...]) -> None:
+    for key in source.options:
+        if key not in allowed:
+            raise UsageError(
+                f"{source.scheme}://: {key!r} is not known",
+                next_step=f"allowed: {', '.join(allowed)}",
+            )
+
+
+def _started(
+    open_bus: Callable[[], Bus],
+    source: SourceUrl,
+    clock: Any,
+    say: Callable[[str], None],
+    to_force: ToForce | None,
+    ahead: int,
+) -> LiveHand:
+    averages = source.number("averages", 32)
+    if averages not in (1, 2, 4, 8, 16, 32):
+        raise UsageError(
+            f"averages={averages}: the chip does not have it",
+            next_step="1, 2, 4, 8, 16 or 32",
+        )
+    crc = source.text("crc", "auto")
+    if crc not in CRC_WORDS:
+        raise UsageError(
+            f"crc={crc[:40]!r} is not known",
+            next_step=f"crc={' or crc='.join(CRC_WORDS)}",
+        )
+    made = partial(TimedHand, ahead=ahead) if ahead else Hand
+    hand = made(
+        open_bus,
+        read_layout(source.text("layout", "mux")),
+        now_ns=clock.now_ns,
+        say=say,
+        crc=cast("Crc", crc),
+        setup=Setup(
+            averages,
+            burst=bool(source.number("burst", 0)),
+            together=bool(source.number("together", 0)),
+        ),
+        pause=lambda seconds: clock.wait_until(clock.now_ns() + round(1e9 * seconds)),
+    )
+    hand.start()
+    return TimedLiveHand(hand, to_force) if ahead else LiveHand(hand, to_force)
+
+
+def _virtual(
+    source: SourceUrl, clock: Any, say: Callable[[str], None], field: Any = None
+) -> VirtualHand:
+    from holdfast.drivers.virtual.faults import read_fault
+    from holdfast.drivers.virtual.virtual_hand import WIRINGS, VirtualHand
+
+    layout = source.text("layout", "mux")
+    name = layout.partition("@")[0]
+    if name not in WIRINGS:
+        raise UsageError(
+            "a virtual hand has no such layout",
+            next_step=f"layout={' or layout='.join(WIRINGS)}",
+        )
+    seed = source.number("seed", 0)
+    hand = VirtualHand(
+        clock,
+        track=field
+        or _track(source.text("scene", ""), seed, source.number("trial", 0), say),
+        layout=name,
+        seed=seed,
+        faults=[read_fault(text) for text in source.options.get("fault", [])],
+    )
+    hand.mux.address = read_layout(layout)[0].mux
+    return hand
+
+
+def _track(scene: str, seed: int, trial: int, say: Callable[[str], None]) -> Any:
+    """The field of a scene's trial at the chips, or a hand at rest."""
+    from holdfast.drivers.virtual.virtual_hand import Track, still
+
+    if not scene:
+        return still()
+    signal = simulated(scene, seed, trial, say)[1].signal
+    return Track(signal.t_s, signal.values)
+
+
+def scene_of(url: str) -> tuple[Scene, SimulatedTrial] | None:
+    """The scene and the trial of a virtual:// URL with a scene, or of sim://; else None."""
+    if url.startswith(SIM):
+        return simulated_trial(url)
+    named = _named_trial(_source_url(url))
+    return None if named is None else simulated(*named)
+
+
+def _named_trial(source: SourceUrl) -> tuple[str, int, int] | None:
+    """(scene, seed, trial) of a virtual:// URL; None where it has no scene."""
+    if source.scheme != "virtual" or not source.text("scene", ""):
+        return None
+    return source.text("scene", ""), source.number("seed", 0), source.number("trial", 0)
+
+
+_kept: dict[tuple[str, int, int], tuple[Scene, SimulatedTrial]] = {}
+"""The newest simulated trial, which several callers need."""
+
+
+def simulated(
+    scene: str, seed: int, trial: int, say: Callable[[str], None] = say
+) -> tuple[Scene, SimulatedTrial]:
+    """A trial of a card as field at the chips of a virtual hand. Raises CardError, UsageError.
+
+    It takes seconds, so `say` gets the progress.
+    """
+    key = scene, seed, trial
+    if key not in _kept:
+        made, planned = _planned(scene, seed, trial)
+        report = progress_of(f"simulating scene {scene}", say)
+        one = made.run_together([planned], report)[0]
+        _kept.clear()
+        _kept[key] = made, one
+    return _kept[key]
+
+
+def planned_scene(
+    url: str, rate_hz: float, step_s: float
+) -> tuple[Scene, PlannedTrial] | None:
+    """(scene, trial before it is simulated) of a virtual:// URL; None where it has no scene.
+
+    rate_hz: of the field at the chips. Raises CardError, UsageError.
+    """
+    named = _named_trial(_source_url(url))
+    return None if named is None else _planned(*named, rate_hz, step_s)
+
+
+def _planned(
+    name: str,
+    seed: int,
+    number: int,
+    rate_hz: float = FIELD_HZ,
+    step_s: float | None = None,
+) -> tuple[Scene, PlannedTrial]:
+    made = _scene_at_chips(name, seed, rate_hz, step_s)
+    trials = made.trials()
+    if number >= len(trials):
+        what = f"scene {name}: no trial {number}"
+        raise UsageError(what, next_step=f"0..{len(trials) - 1}")
+    return made, trials[number]
+
+
+def _scene_at_chips(
+    name: str, seed: int, rate_hz: float, step_s: float | None
+) -> Scene:
+    """The scene in uT without the effects of the virtual chip and bus, and without a controller."""
+    from holdfast.simulation.card import read_card
+    from holdfast.simulation.effects import AVERAGING
+    from holdfast.simulation.scene import Scene
+    from holdfast.simulation.sensor.chip import CHIP, TIMING
+
+    card = read_card(name, rate_hz=rate_hz) if Path(name).is_file() else read_card(name)
+    of_the_chip = {effect.name for effect in (AVERAGING, *CHIP, *TIMING)}
+    effects = {
+        effect: own for effect, own in card.effects.items() if effect not in of_the_chip
+    }
+    effects = {"dipole": {}} | effects
+    field = replace(card, rate_hz=rate_hz, unit="uT", effects=effects, controller=None)
+    return Scene(field if step_s is None else replace(field, step_s=step_s), seed)
+
+
+def _scene_force() -> ToForce:
+    """The calibration of the scenes' sensors, for a virtual hand without a calibration."""
+    from holdfast.simulation.sensor.magnet import linear_map
+
+    matrix = linear_map()[0]
+    return lambda field_ut: np.einsum("ij,sj->si", matrix, field_ut)

@@ -1,0 +1,331 @@
+"""The live loop: read on an absolute schedule, answer, pass on, and measure each stage.
+
+    due --(wait)--> read --> convert --> step --> decide --> emit
+
+Sample k is due at start + k periods, so a late sample delays no other one. A sample that would be
+due in the past is not read: it counts as an overrun, and the monitor takes it as lost. So a stalled
+machine loses samples, but it is never late without saying so. A recording is due at its own rate,
+so every row of it is read once.
+
+A reading is used once. A reading with the stamp of the last one is the same again (`repeated`); a
+slightly older one came late (`late`). Both are counted, and their sample is lost. Stamps that go
+back by more than a second come from another clock. The stream then starts again (`restarts`): the
+state is unknown until the model has settled, and an active request continues. A line that a
+consumer does not take is dropped (holdfast/live/outputs.py) and counted, so a slow consumer never
+delays an answer.
+
+A timed source (an experiment, drivers/timed_hand.py) waits for its samples itself and numbers them.
+What it read while the program was away is answered in order, so the history stays whole. An answer
+older than two periods is `unknown` like any other, so only the newest acts. A number that is
+missing is an overrun.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+import numpy.typing as npt
+
+from holdfast.core.contract import (
+    BoolArray,
+    CommandLink,
+    FloatArray,
+    Prediction,
+    Sample,
+    Unit,
+)
+from holdfast.core.reading import Json
+from holdfast.edge_runtime.monitor import GripMonitor
+from holdfast.edge_runtime.preparation import Tare
+
+STAGES = ("read", "convert", "step", "decide", "emit")
+REMEMBERED = 1 << 16
+"""The summary uses the latencies of this many last samples."""
+PERCENTS = (50.0, 99.0, 99.9)
+ANOTHER_CLOCK_NS = 1_000_000_000
+"""A reading never takes this long: an older stamp comes from a clock that was set or wrapped."""
+
+
+@dataclass(frozen=True)
+class SourceReading:
+    """One reading of a source: values [C] in its unit, valid [S], why [S] not ("" where valid).
+
+    number: of its period; None where the source leaves the time to its reader.
+    """
+
+    t_ns: int
+    values: FloatArray
+    valid: BoolArray
+    why: tuple[str, ...] = ()
+    number: int | None = None
+
+
+class Source(Protocol):
+    """A hand that can be read now: a driver, or a recording that is replayed in real time."""
+
+    unit: Unit
+    n_channels: int
+    rate_hz: float | None
+    """Of a recording; None where the reader decides the rate."""
+
+    def read(self) -> SourceReading | None:
+        """The newest reading; None where the source has ended."""
+        ...
+
+    def close(self) -> None:
+        """Release the device or file."""
+        ...
+
+
+@runtime_checkable
+class TimedSource(Source, Protocol):
+    """A source whose `read` waits for the next sample, and numbers it."""
+
+    def keep_time(self, period_ns: float) -> None:
+        """Sample n is due n periods from now."""
+        ...
+
+
+class Clock(Protocol):
+    """Time to run by."""
+
+    def now_ns(self) -> int:
+        """Monotonic, ns."""
+        ...
+
+    def wait_until(self, t_ns: int) -> None:
+        """Return at t_ns, or at once where it is past."""
+        ...
+
+
+@dataclass
+class Summary:
+    """What a run did: samples by state, losses and their reasons, acts, and us by stage."""
+
+    samples: int = 0
+    overruns: int = 0
+    acts: int = 0
+    too_old: int = 0
+    """Answers older than two periods; their state is unknown."""
+    repeated: int = 0
+    late: int = 0
+    restarts: int = 0
+    dropped: int = 0
+    """Lines that a consumer did not take."""
+    lost_sinks: dict[str, str] = field(default_factory=dict)
+    """The error after which a consumer got no more lines, by its name."""
+    states: dict[str, int] = field(default_factory=dict)
+    stage_us: npt.NDArray[np.float32] = field(
+        default_factory=lambda: np.zeros((REMEMBERED, len(STAGES)), dtype=np.float32)
+    )
+
+    def note(
+        self, prediction: Prediction, acted_before: bool, times_ns: list[int]
+    ) -> None:
+        """Count one sample. times_ns: when its read began, then the end of every stage."""
+        self.stage_us[self.samples % REMEMBERED] = np.diff(times_ns) / 1e3
+        self.samples += 1
+        self.states[prediction.state] = self.states.get(prediction.state, 0) + 1
+        self.acts += prediction.act and not acted_before
+        self.too_old += prediction.late
+
+    def count(self, trouble: str) -> None:
+        """One reading that was "repeated" or "late", or at which the stream "restarts"."""
+        setattr(self, trouble, getattr(self, trouble) + 1)
+
+    def latency_us(self) -> dict[str, dict[str, float]]:
+        """Stage, and "read to emit" -> p50, p99, p99.9 in us."""
+        kept = self.stage_us[: min(self.samples, REMEMBERED)].astype(np.float64)
+        if not len(kept):
+            return {}
+        whole = np.column_stack([kept, kept.sum(axis=1)])
+        return {
+            name: {
+                f"p{percent:g}": _percentile(whole[:, k], percent)
+                for percent in PERCENTS
+            }
+            for k, name in enumerate((*STAGES, "read to emit"))
+        }
+
+    def to_json(self) -> Json:
+        """As a JSON object."""
+        return {
+            "samples": self.samples,
+            "overruns": self.overruns,
+            "acts": self.acts,
+            "states": self.states,
+            **self.lost(),
+            "lost_sinks": self.lost_sinks,
+            "latency_us": self.latency_us(),
+        }
+
+    def lost(self) -> dict[str, int]:
+        """The other losses, by the names above."""
+        return {
+            name: getattr(self, name)
+            for name in ("repeated", "late", "restarts", "too_old", "dropped")
+        }
+
+
+def _percentile(values: FloatArray, percent: float) -> float:
+    """Like numpy.percentile, without its import of numpy.ma.
+
+    That import takes 0.1 s, and a run must end within a second of SIGTERM.
+    """
+    return float(
+        np.interp(
+            percent / 100.0 * (len(values) - 1), np.arange(len(values)), np.sort(values)
+        )
+    )
+
+
+class Stamps:
+    """Judges by the source's stamps whether a reading is new, and gives each sample its time."""
+
+    def __init__(self, period_ns: float) -> None:
+        self._period_ns = round(period_ns)
+        self._newest_ns: int | None = None
+        self._given_ns = 0
+
+    def judge(self, t_ns: int) -> tuple[str, int]:
+        """Whether the reading is new, and the time of its sample.
+
+        The first is "", "repeated", "late" or "restarts". The time goes back at a restart only.
+        """
+        newest_ns = self._newest_ns
+        if newest_ns is None or t_ns < newest_ns - ANOTHER_CLOCK_NS:
+            self._newest_ns = self._given_ns = t_ns
+            return ("" if newest_ns is None else "restarts"), t_ns
+        if t_ns <= newest_ns:
+            self._given_ns += self._period_ns
+            return ("repeated" if t_ns == newest_ns else "late"), self._given_ns
+        self._newest_ns, self._given_ns = t_ns, max(t_ns, self._given_ns + 1)
+        return "", self._given_ns
+
+
+@dataclass(frozen=True)
+class Command:
+    """What the user commands at a sample.
+
+    opening ends an act and prevents a new one; override ends every request and blocks new ones for
+    a while. link: whether commands have come at all, and whether they still come.
+    """
+
+    opening: bool = False
+    override: bool = False
+    link: CommandLink = "none"
+
+
+class _LiveRun:
+    """A running loop: its source, its schedule, and what it has counted so far."""
+
+    def __init__(
+        self,
+        source: Source,
+        monitor: GripMonitor,
+        tare: Tare,
+        clock: Clock,
+        emit: Callable[[Prediction, Sample, SourceReading], int | None],
+        command: Callable[[], Command],
+    ) -> None:
+        self._source, self._monitor, self._tare, self._clock = (
+            source,
+            monitor,
+            tare,
+            clock,
+        )
+        self._emit, self._command = emit, command
+        self.summary = Summary()
+        self._period_ns = 1e9 / (source.rate_hz or monitor.card.rate_hz)
+        self._stamps = Stamps(self._period_ns)
+        self._start_ns, self._turn, self._acted = clock.now_ns(), 0, False
+        self._timed = isinstance(source, TimedSource)
+        if isinstance(source, TimedSource):
+            source.keep_time(self._period_ns)
+
+    def answer_next(self) -> bool:
+        """Wait until the next sample is due, read and answer it; False where the source ended."""
+        if not self._timed:
+            self._clock.wait_until(self._start_ns + round(self._turn * self._period_ns))
+        began_ns = self._clock.now_ns()
+        measured = self._source.read()
+        if measured is None:
+            return False
+        read_ns = self._clock.now_ns()
+        if measured.number is not None:
+            began_ns = measured.t_ns
+            self._skip(measured.number - self._turn)
+        sample = self._sample(measured)
+        converted_ns = self._clock.now_ns()
+        prediction = self._predict(sample)
+        self.summary.dropped += self._emit(prediction, sample, measured) or 0
+        stepped_ns, decided_ns = self._monitor.stepped_ns, prediction.t_decided_ns
+        stage_ends_ns = [
+            read_ns,
+            converted_ns,
+            stepped_ns,
+            decided_ns,
+            self._clock.now_ns(),
+        ]
+        self.summary.note(prediction, self._acted, [began_ns, *stage_ends_ns])
+        self._acted = prediction.act
+        self._schedule_next()
+        return True
+
+    def _sample(self, measured: SourceReading) -> Sample:
+        """The reading without its bias; no sensor is valid where the reading is not a new one."""
+        trouble, t_ns = self._stamps.judge(measured.t_ns)
+        if trouble == "restarts":
+            self._monitor.lose_track()
+        if trouble:
+            self.summary.count(trouble)
+        lost = trouble in ("repeated", "late")
+        valid = np.zeros_like(measured.valid) if lost else measured.valid
+        values, valid = self._tare.prepare(measured.values, valid)
+        return Sample(t_ns, values, valid, self._turn)
+
+    def _predict(self, sample: Sample) -> Prediction:
+        command = self._command()
+        return self._monitor.feed(
+            sample,
+            opening=command.opening,
+            override=command.override,
+            commands=command.link,
+        )
+
+    def _schedule_next(self) -> None:
+        """Count this turn, and skip the turns whose time has passed."""
+        self._turn += 1
+        if not self._timed:
+            passed_ns = self._clock.now_ns() - self._start_ns
+            self._skip(int(passed_ns / self._period_ns) - self._turn)
+
+    def _skip(self, missed: int) -> None:
+        """Count samples that were not read."""
+        if missed > 0:
+            self.summary.overruns += missed
+            self._turn += missed
+
+
+def run_live(
+    source: Source,
+    monitor: GripMonitor,
+    tare: Tare,
+    clock: Clock,
+    emit: Callable[[Prediction, Sample, SourceReading], int | None],
+    *,
+    stopped: Callable[[], bool],
+    command: Callable[[], Command] = Command,
+) -> Summary:
+    """Read, answer and emit until stopped or until the source ends.
+
+    emit returns how many lines were dropped, where it counts them. What source and emit raise
+    passes.
+    """
+    run = _LiveRun(source, monitor, tare, clock, emit, command)
+    while not stopped() and run.answer_next():
+        pass
+    return run.summary

@@ -1,0 +1,258 @@
+"""The loop's end of the live page: messages that leave without waiting, and the page's actions.
+
+The page is served by a process of its own, because threads of the loop's process would take turns
+with it. Between both is a pair of sockets that never block. A message that finds no room is dropped
+and counted. Where that process dies, the loop says so once and goes on.
+
+One message is one packet of JSON. The first has `access` and `about`; later ones have one of
+`sample`, `said`, `mark`, `ready`, `about`, and the last one `end`. An action is one byte.
+
+Where the live page listens: [HOST:]PORT, its socket, the URL that people open, and its token.
+
+On a loopback host (the default) the page has no token; its server answers only requests that name a
+loopback host, so no other web site can reach it by a name that it points here. On any other host
+each path begins with a token, a secret of 128 bits that is drawn anew for every run.
+"""
+
+from __future__ import annotations
+
+import errno
+import json
+import secrets
+import socket
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager, suppress
+from dataclasses import dataclass
+from ipaddress import ip_address
+
+from holdfast.core.errors import OutputError, UsageError
+from holdfast.core.reading import Json
+
+LOOPBACK = "127.0.0.1"
+LOOPBACK_NAMES = ("localhost", LOOPBACK, "::1")
+TOKEN_BYTES = 16
+WAITING_CONNECTIONS = 64
+SEND_BUFFER = 32 << 10
+"""Bytes that wait for a slow browser: a second or two of frames, so that it never shows old ones
+for long."""
+ELSEWHERE = ("192.0.2.1", 9)
+"""An address for examples: a datagram socket that is connected to it sends nothing."""
+EXAMPLES = (
+    "--web 8000 (this machine only), or --web 0.0.0.0:8000 (the network, with a token)"
+)
+
+
+@dataclass(frozen=True)
+class PageAddress:
+    """A listening socket, the URL to open, and who may ask. token: empty on loopback hosts.
+
+    hosts: names that a request may ask for, where there is no token.
+    """
+
+    listener: socket.socket
+    url: str
+    token: str
+    hosts: tuple[str, ...]
+
+    def access(self) -> Json:
+        """For the server (holdfast/live/page/server.py)."""
+        return {"token": self.token, "hosts": list(self.hosts)}
+
+
+def read_address(text: str) -> tuple[str, int]:
+    """(host, port) of [HOST:]PORT. Raises UsageError.
+
+    >>> read_address("8000"), read_address("[::1]:0")
+    (('127.0.0.1', 8000), ('::1', 0))
+    """
+    host, colon, port = text.rpartition(":")
+    bracketed = host.startswith("[") and host.endswith("]")
+    host = host[1:-1] if bracketed else host
+    wrong = (
+        (colon and not host)
+        or (":" in host and not bracketed)
+        or not host.isprintable()
+    )
+    if (
+        wrong
+        or not (port.isascii() and port.isdecimal())
+        or len(port) > 5
+        or int(port) > 65535
+    ):
+        raise UsageError(f"--web {text[:80]!r} is not [HOST:]PORT", next_step=EXAMPLES)
+    return host or LOOPBACK, int(port)
+
+
+def listen(text: str) -> PageAddress:
+    """Listen on [HOST:]PORT; port 0: any free one.
+
+    Raises UsageError where the host is unknown or the port cannot be had.
+    """
+    host, port = read_address(text)
+    try:
+        found = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
+    except (OSError, UnicodeError) as error:
+        cause = getattr(error, "strerror", None) or str(error)
+        raise UsageError(
+            f"--web: no host {host!r}", cause=cause, next_step=EXAMPLES
+        ) from None
+    listener = socket.socket(*found[:3])
+    try:
+        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        listener.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER)
+        listener.bind(found[4])
+        listener.listen(WAITING_CONNECTIONS)
+    except OSError as error:
+        listener.close()
+        raise _cannot_listen(text, error) from None
+    return _reached(listener, host)
+
+
+def _cannot_listen(text: str, error: OSError) -> UsageError:
+    causes = {
+        errno.EADDRINUSE: "another run or program listens there",
+        errno.EACCES: "a port below 1024 needs root",
+        errno.EADDRNOTAVAIL: "this machine does not have that address",
+    }
+    return UsageError(
+        f"--web {text[:80]!r}: {(error.strerror or str(error)).lower()}",
+        cause=causes.get(error.errno or 0, ""),
+        next_step="choose another port, such as --web 8001, or --web 0 for any free one",
+    )
+
+
+def _reached(listener: socket.socket, host: str) -> PageAddress:
+    """How a listening socket is reached from a browser."""
+    address, port = listener.getsockname()[:2]
+    bound = ip_address(address.partition("%")[0])
+    if bound.is_loopback:
+        names = dict.fromkeys([*LOOPBACK_NAMES, host.lower(), str(bound)])
+        return PageAddress(
+            listener, f"http://{_in_url(host)}:{port}/", "", tuple(names)
+        )
+    token = secrets.token_urlsafe(TOKEN_BYTES)
+    shown = _own_address() if bound.is_unspecified else host
+    return PageAddress(listener, f"http://{_in_url(shown)}:{port}/{token}/", token, ())
+
+
+def _in_url(host: str) -> str:
+    return f"[{host}]" if ":" in host else host
+
+
+def _own_address() -> str:
+    """The address by which others reach this machine; its name where it has no network."""
+    try:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+            probe.connect(ELSEWHERE)
+            return str(probe.getsockname()[0])
+    except OSError:
+        return socket.gethostname()
+
+
+PROCESS = "holdfast.live.page.process"
+READY = b"ready"
+WAITING_BYTES = 200 << 10
+"""Room for messages that wait: more than a second of samples at 150 Hz."""
+START_S, END_S = 30.0, 0.5
+"""How long a run waits for the process to start, and to end."""
+GONE = (errno.EPIPE, errno.ECONNRESET, errno.ENOTCONN, errno.EBADF)
+_to_json = json.JSONEncoder(separators=(",", ":")).encode
+
+
+class PageLink:
+    """Messages to the page's process. unsent: messages that were dropped. handle: of its actions.
+
+    channel: a packet socket. say: gets one line where the process is gone.
+    """
+
+    def __init__(self, channel: socket.socket, say: Callable[[str], object]) -> None:
+        channel.setblocking(False)
+        self._channel, self._say = channel, say
+        self.unsent, self._gone = 0, False
+        self.handle = channel.fileno()
+
+    def send(self, message: Json) -> bool:
+        """Send one message; False where it was dropped. Never waits."""
+        if self._gone:
+            return False
+        try:
+            self._channel.send(_to_json(message).encode())
+        except OSError as error:
+            self._drop(error)
+            return False
+        return True
+
+    def action(self) -> bytes:
+        """The next action of the page, b"" where there is none. Never waits."""
+        try:
+            return self._channel.recv(1)
+        except OSError:
+            return b""
+
+    def close(self, end: str) -> None:
+        """End the link, and say how it ended; the loop is over, so this may wait for END_S."""
+        with suppress(OSError):
+            self._channel.settimeout(END_S)
+            self._channel.send(_to_json({"end": end}).encode())
+        self._channel.close()
+
+    def _drop(self, error: OSError) -> None:
+        self.unsent += 1
+        if error.errno in GONE:
+            self._gone = True
+            self._say(
+                "the live page's process ended; nothing is shown any more, the run goes on"
+            )
+
+
+@contextmanager
+def live_page(
+    address: str, about: Json, say: Callable[[str], object], whole: str
+) -> Iterator[PageLink]:
+    """Serve the page on [HOST:]PORT, and say its URL. whole: what ends with it, such as "the run".
+
+    Raises UsageError for an address that cannot be had, OutputError without a process.
+    """
+    place = listen(address)
+    with closing(place.listener):
+        channel, process = _started(place, about)
+    link, end = PageLink(channel, say), f"{whole} failed"
+    say(f"live page: {place.url}")
+    try:
+        yield link
+        end = f"{whole} has ended"
+    finally:
+        link.close(end)
+        with suppress(subprocess.TimeoutExpired):
+            process.wait(END_S)
+
+
+def _started(
+    place: PageAddress, about: Json
+) -> tuple[socket.socket, subprocess.Popen[bytes]]:
+    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    ours.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, WAITING_BYTES)
+    numbers = [place.listener.fileno(), theirs.fileno()]
+    with theirs:
+        process = subprocess.Popen(
+            [sys.executable, "-m", PROCESS, *map(str, numbers)],
+            pass_fds=numbers,
+            start_new_session=True,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
+    try:
+        ours.send(_to_json({"access": place.access(), "about": about}).encode())
+        ours.settimeout(START_S)
+        if ours.recv(len(READY)) != READY:
+            raise OSError("it ended at once")
+    except OSError as error:
+        ours.close()
+        process.kill()
+        process.wait()
+        what = f"no process for the live page ({error.strerror or error})"
+        raise OutputError(what, where="--web", next_step="run without --web") from None
+    return ours, process

@@ -1,0 +1,223 @@
+"""What the live page knows: the last 30 s of samples, messages and marks; and frames of them.
+
+All browsers get the same frames. A frame has the newest sample and a short row for each sample
+since the frame before, so that no risky sample falls between two frames. A browser that was stalled
+for longer than the frames are kept begins anew with a whole picture; none holds up another.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections import deque
+from collections.abc import Iterator
+from itertools import takewhile
+from threading import Condition
+from typing import Any
+
+Message = dict[str, Any]
+
+KEPT_S, SHOWN_S = 30.0, 10.0
+"""How much is kept for saving, and how much a new browser sees."""
+FRAME_S = 0.06
+"""The time between two frames: shorter than a display is read."""
+KEPT_FRAMES = 32
+"""About two seconds of frames for a slow browser."""
+MOST_SAID, MOST_MARKS = 40, 100
+ROW_FIELDS = ("t_s", "state", "p_risky", "load", "grip", "target", "act")
+"""What a row of a frame has, in this order; null where it is not known."""
+SIGNIFICANT = 6
+"""Digits of a shown number."""
+
+
+class LiveStream:
+    """The samples and messages of one run. about: what the page shows of it once.
+
+    One thread takes messages and publishes; any thread reads.
+    """
+
+    def __init__(self, about: Message) -> None:
+        self.about, self.ended = about, ""
+        self._changed = Condition()
+        self._samples: deque[Message] = deque()
+        self._rows: deque[list[Any]] = deque()
+        self._fresh: list[list[Any]] = []
+        self._said: deque[str] = deque(maxlen=MOST_SAID)
+        self._marks: deque[Message] = deque(maxlen=MOST_MARKS)
+        self._ready: Message | None = None
+        self._news: Message = {}
+        self._frames: deque[bytes] = deque(maxlen=KEPT_FRAMES)
+        self._count, self._over = 0, False
+        self._first_ns: int | None = None
+        self._came_s: float | None = None
+
+    # -- from the run
+
+    def take(self, message: Message, now_s: float) -> None:
+        """One message of the run (link.py), at now_s of a monotonic clock."""
+        with self._changed:
+            if "sample" in message:
+                self._take_sample(message["sample"], now_s)
+            if "said" in message:
+                self._said.append(message["said"])
+                self._news.setdefault("said", []).append(message["said"])
+            if "mark" in message:
+                mark = {
+                    **message["mark"],
+                    "t_s": self._since_start(message["mark"]["t_ns"]),
+                }
+                self._marks.append(mark)
+                self._news.setdefault("marks", []).append(mark)
+            if "ready" in message:
+                self._ready = self._news["ready"] = message["ready"]
+            if "about" in message:
+                self.about = {**self.about, **message["about"]}
+                self._news["about"] = self.about
+            self.ended = self.ended or message.get("end", "")
+
+    def _take_sample(self, sample: Message, now_s: float) -> None:
+        self._came_s, self._ready = now_s, None
+        if self._samples and sample["t_ns"] < self._samples[-1]["t_ns"]:
+            self._forget()
+        self._first_ns = sample["t_ns"] if self._first_ns is None else self._first_ns
+        self._samples.append(sample)
+        oldest_ns = sample["t_ns"] - 1e9 * KEPT_S
+        while self._samples[0]["t_ns"] < oldest_ns:
+            self._samples.popleft()
+        row = self._row(sample)
+        self._rows.append(row)
+        self._fresh.append(row)
+        while self._rows[0][0] < row[0] - SHOWN_S:
+            self._rows.popleft()
+
+    def _forget(self) -> None:
+        """Begin anew, where the stream's clock went back (holdfast/live/loop.py: restarts)."""
+        for kept in (self._samples, self._rows, self._fresh, self._marks):
+            kept.clear()
+        self._first_ns, self._news["restarts"] = None, True
+
+    def publish(self, now_s: float) -> None:
+        """Make a frame of everything new, and wake the browsers' threads."""
+        with self._changed:
+            frame = {**self._now(now_s), "rows": self._fresh, **self._news}
+            self._frames.append(event("frame", frame))
+            self._count += 1
+            self._fresh, self._news = [], {}
+            self._over = bool(self.ended)
+            self._changed.notify_all()
+
+    # -- to a browser, and to a file
+
+    def frames(self) -> Iterator[bytes]:
+        """Events for one browser: a whole picture, then frames as they come; ends with the run."""
+        with self._changed:
+            seen, first = self._count, self._whole()
+        yield first
+        while True:
+            with self._changed:
+                while self._count == seen and not self._over:
+                    self._changed.wait()
+                missed, seen, over = self._count - seen, self._count, self._over
+                behind = missed > len(self._frames)
+                newest = [self._whole()] if behind else list(self._frames)[-missed:]
+            yield b"".join(newest)
+            if over:
+                return
+
+    def last(self) -> tuple[list[Message], list[Message]]:
+        """The last 30 s: samples, and the marks among them, oldest first."""
+        with self._changed:
+            samples = list(self._samples)
+            begins_ns = samples[0]["t_ns"] if samples else 0
+            return samples, [mark for mark in self._marks if mark["t_ns"] >= begins_ns]
+
+    def _whole(self) -> bytes:
+        picture = {
+            **self._now(self._came_s or 0.0),
+            "about": {**self.about, "rows": ROW_FIELDS, "shown_s": SHOWN_S},
+            "rows": list(self._rows),
+            "said": list(self._said),
+            "marks": list(self._marks),
+            "ready": self._ready,
+        }
+        return event("whole", picture)
+
+    def _now(self, now_s: float) -> Message:
+        """The newest sample as it is shown, how long none has come, and losses."""
+        newest = self._samples[-1] if self._samples else None
+        return {
+            "silent_s": None if self._came_s is None else _shown(now_s - self._came_s),
+            "sample": None if newest is None else self._as_shown(newest),
+            "ended": self.ended,
+        }
+
+    def _as_shown(self, sample: Message) -> Message:
+        values = [_shown(value) for value in sample["x"]]
+        oldest = self._samples[0]
+        return {
+            **{
+                name: value
+                for name, value in sample.items()
+                if name not in ("x", "t_ns", "n")
+            },
+            "t_s": self._since_start(sample["t_ns"]),
+            "forces": [values[k : k + 3] for k in range(0, len(values), 3)],
+            "lost_30s": sample["lost"] - oldest["lost"],
+            **_last_second(self._samples),
+        }
+
+    def _row(self, sample: Message) -> list[Any]:
+        answer, grip = sample.get("answer", {}), sample.get("grip", {})
+        load, squeeze = sums(sample["x"], sample["v"])
+        p_risky = None if answer.get("state") == "unknown" else answer.get("p_risky")
+        figures = (p_risky, load, squeeze, grip.get("target_n"))
+        at_s, state = self._since_start(sample["t_ns"]), answer.get("state")
+        return [at_s, state, *map(_shown, figures), int(answer.get("act", False))]
+
+    def _since_start(self, t_ns: int) -> float:
+        first_ns = t_ns if self._first_ns is None else self._first_ns
+        return round(1e-9 * (t_ns - first_ns), 4)
+
+
+def sums(values: list[float], valid: list[int]) -> tuple[float, float]:
+    """(load, grip) of a sample: force along the skin, all fingers; half of all normal forces.
+
+    Fingers that are not valid do not count, as in holdfast/edge_runtime/grip_control.py.
+    """
+    load = squeeze = 0.0
+    for k, good in enumerate(valid):
+        x, y, z = values[3 * k : 3 * k + 3]
+        if good and math.isfinite(x + y + z):
+            load += math.hypot(x, y)
+            squeeze += max(z, 0.0)
+    return load, 0.5 * squeeze
+
+
+def event(name: str, content: Message) -> bytes:
+    """A server-sent event. Its JSON has no number that JavaScript cannot read."""
+    text = json.dumps(content, separators=(",", ":"), allow_nan=False)
+    return f"event: {name}\ndata: {text}\n\n".encode()
+
+
+def _shown(value: float | None) -> float | None:
+    """With few digits; None where it is no finite number."""
+    if value is None or not math.isfinite(value):
+        return None
+    return float(f"{value:.{SIGNIFICANT}g}")
+
+
+def _last_second(samples: deque[Message]) -> Message:
+    """Rate of the last second, Hz, and the median and largest latency of its answers, ms."""
+    newest_ns = samples[-1]["t_ns"]
+    recent = list(
+        takewhile(
+            lambda one: newest_ns - one["t_ns"] < 1_000_000_000, reversed(samples)
+        )
+    )
+    spent_ns = newest_ns - recent[-1]["t_ns"]
+    late_us = sorted(one["answer"]["latency_us"] for one in recent if "answer" in one)
+    return {
+        "rate_hz": round(1e9 * (len(recent) - 1) / spent_ns, 1) if spent_ns else None,
+        "latency_ms": _shown(1e-3 * late_us[len(late_us) // 2]) if late_us else None,
+        "latency_worst_ms": _shown(1e-3 * late_us[-1]) if late_us else None,
+    }

@@ -1,0 +1,180 @@
+"""A scene that goes on while it is read: the hand in it follows the commands that it gets.
+
+The scene behind virtual://..?scene=.. is stepped ROWS_HZ times a second of its own time, as far as
+the next sample needs, and its field goes to the emulated chips. So the real driver reads, the real
+file answers, and the answer moves the emulated drive from that moment on.
+
+The hand in the scene follows the rules of docs/shared-control.md: where no command comes for
+EXPIRES_MS, it holds its grip. The physics share a core with the loop, and no time passes for them:
+the loop's clock stands still (holdfast/live/real_time.py), so what they cost delays no sample.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass
+
+import numpy as np
+
+from holdfast.core.errors import UsageError
+from holdfast.drivers.virtual.virtual_hand import Track
+from holdfast.edge_runtime.supervisor import EXPIRES_MS, GripCommand
+from holdfast.live.hand_sources import planned_scene
+from holdfast.simulation.closed_loop.drive import Actuator, Drive
+from holdfast.simulation.closed_loop.people import Habits
+from holdfast.simulation.closed_loop.physics import HandsAndObjects, Spans
+from holdfast.simulation.closed_loop.sensing import LoopSensors
+from holdfast.simulation.protocol import PlannedTrial
+from holdfast.simulation.run import TrialMotion
+from holdfast.simulation.scene import Scene
+from holdfast.simulation.script import grid_of
+from holdfast.simulation.truth import Truth, truth_of
+
+ROWS_HZ = 300.0
+STEP_S = 1.0 / ROWS_HZ
+"""One step a row: coarser than a recorded scene's, so that a small machine keeps up."""
+Still = Callable[[], AbstractContextManager[None]]
+LANES = 2
+"""A lane twice: numpy sums one lane in another order than many."""
+
+
+@dataclass(frozen=True)
+class SceneOutcome:
+    """What became of the object. until_s: how much of the scene was played.
+
+    kept: it is in the hand at that time. strongest_n: the largest grip of either side.
+    """
+
+    kept: bool
+    until_s: float
+    own_n: float
+    strongest_n: float
+    truth: Truth
+
+    def line(self) -> str:
+        """One line for people."""
+        end = f"the object is in the hand after {self.until_s:.1f} s"
+        if self.truth.contact_s is None:
+            end = "the hand has not closed yet"
+        elif not self.kept:
+            end = f"the object left the hand at {self.truth.contact_lost_s or self.until_s:.2f} s"
+        grip = f"grip {self.own_n:.1f} N, at most {self.strongest_n:.1f} N"
+        return f"scene: {end}; it slid {self.truth.slip_mm:.1f} mm; {grip}"
+
+
+class LiveScene:
+    """A trial of a scene as a field source that is stepped as it is read.
+
+    began_ns is to be set to the start of the scene on the clock of the commands. still: a block in
+    which that clock stands still.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        trial: PlannedTrial,
+        drive: Drive,
+        still: Still = nullcontext,
+    ) -> None:
+        trials, self.trial, self._still = [trial] * LANES, trial, still
+        grid = grid_of(trial, ROWS_HZ, STEP_S)
+        rows = grid.n_samples
+        of_lanes = (0, round(grid.start_s * ROWS_HZ), int(grid.sample[-1]), rows)
+        spans = Spans(*(np.full(LANES, value, dtype=np.int64) for value in of_lanes))
+        self._drive = Actuator(drive, trials)
+        self._fastest_n_s = self._drive.fastest_n_s
+        _require_strength(drive, trial)
+        settings = scene.step_settings_of(trials)
+        self._world = HandsAndObjects(trials, settings, spans, self._drive, Habits())
+        self._sensors = LoopSensors(scene, trials, spans.counts)
+        self._periods, self._row, self.began_ns = spans.periods, 0, 0
+        contacts = self._world.forces_n.shape[1]
+        self._field = Track(np.arange(rows) / ROWS_HZ, np.zeros((rows, contacts, 3)))
+        self._forces_n, self._position_m = (
+            np.zeros((rows, contacts, 3)),
+            np.zeros((rows, 3)),
+        )
+        self._own_n = trial.grip_n
+        self._command: GripCommand | None = None
+        self._strongest_n, self._commanded_s = 0.0, -math.inf
+        self._keep_row()
+
+    def at(self, now_s: float, sensor: int) -> list[float]:
+        """x, y, z of one sensor (0 .. 5) in uT, now_s after the scene began."""
+        self.advance(now_s)
+        return self._field.at(now_s, sensor)
+
+    def obey(self, command: GripCommand, now_ns: int) -> None:
+        """Take a command, which acts from now on."""
+        now_s = 1e-9 * (now_ns - self.began_ns)
+        self.advance(now_s)
+        self._command, self._commanded_s = command, now_s
+        if command.slew_n_s > 0.0:
+            self._drive.fastest_n_s = np.minimum(self._fastest_n_s, command.slew_n_s)
+
+    def advance(self, until_s: float) -> None:
+        """Step the scene to the first row at or after until_s, or to its end."""
+        last = min(math.ceil(until_s * ROWS_HZ), self._periods)
+        if self._row < last:
+            with self._still():
+                self._step_to(last)
+
+    def _step_to(self, last: int) -> None:
+        while self._row < last:
+            self._world.advance(self._row, np.full(LANES, self._next_target_n()))
+            self._row += 1
+            self._keep_row()
+            if self._row == self._periods:
+                self._field.field_ut[self._row :] = self._field.field_ut[self._row]
+
+    def outcome(self) -> SceneOutcome:
+        """What has become of the object so far."""
+        n = self._row + 1
+        motion: TrialMotion = self._world.motion(
+            0, self._forces_n[:n], self._position_m[:n]
+        )
+        kept = bool(motion.gripped[-1]) if len(motion.gripped) else False
+        until_s, strongest_n = self._row / ROWS_HZ, self._strongest_n
+        truth = truth_of(self.trial, motion)
+        return SceneOutcome(kept, until_s, self._own_n, strongest_n, truth)
+
+    def _keep_row(self) -> None:
+        k, forces = self._row, self._world.forces_n
+        readings, _ = self._sensors.read(np.full(LANES, k, dtype=np.int64), forces)
+        self._field.field_ut[k] = readings.values[0]
+        self._forces_n[k], self._position_m[k] = forces[0], self._world.position_m[0]
+        self._strongest_n = max(self._strongest_n, float(self._drive.grip_n[0]))
+
+    def _next_target_n(self) -> float:
+        """The target of the drive at this row, N a side."""
+        command, row_s = self._command, self._row / ROWS_HZ
+        if command is None:
+            return self._own_n
+        expired = row_s - self._commanded_s > 1e-3 * EXPIRES_MS
+        if not expired and command.mode in ("idle", "yield"):
+            return self._own_n
+        if expired or command.target_n is None:
+            return float(self._drive.motor_n[0])
+        return max(command.target_n, self._own_n)
+
+
+def live_scene(url: str, drive: Drive, still: Still = nullcontext) -> LiveScene:
+    """The scene of a virtual:// URL. Raises UsageError where it has none, CardError."""
+    planned = planned_scene(url, ROWS_HZ, STEP_S)
+    if planned is None:
+        raise UsageError(
+            f"--grip virtual: the source {url!r} has no scene whose hand could be moved",
+            next_step="--source 'virtual://ft232h?scene=pull-soft-ball&seed=1'",
+        )
+    return LiveScene(*planned, drive, still)
+
+
+def _require_strength(drive: Drive, trial: PlannedTrial) -> None:
+    if drive.ceiling_n < trial.grip_n:
+        raise UsageError(
+            f"--grip virtual: a ceiling of {drive.ceiling_n:g} N is below the {trial.grip_n:.1f} N "
+            "with which the scene's hand holds the object",
+            next_step=f"ceiling_n={math.ceil(trial.grip_n)} or more",
+        )

@@ -1,0 +1,207 @@
+"""Source URLs: where samples come from, the same for every verb.
+
+replay://PATH, PATH         a recorded trial
+replay://SET#N, SET#N       trial N (or its name) of a data set
+sim://CARD?seed=S&trial=N   a trial of a scene, simulated now (default 0, 0)
+sim://CARD?trials=K         K trials end to end
+
+Suggestions for a source that is neither a URL nor an existing file.
+"""
+
+from __future__ import annotations
+
+import re
+from functools import lru_cache
+from pathlib import Path
+from typing import TYPE_CHECKING
+from urllib.parse import SplitResult, parse_qs, urlsplit
+
+import numpy as np
+
+from holdfast.core.errors import DataNotFound, UsageError
+from holdfast.core.reading import require_file
+from holdfast.drivers.replay import Replay, open_replay
+from holdfast.edge_runtime.preparation import Preparation
+
+if TYPE_CHECKING:
+    from holdfast.simulation.scene import Scene, SimulatedTrial
+
+
+SCHEMES = ("usb", "i2c", "virtual", "sim", "replay")
+_NATIVE = re.compile(r"(?:/dev/)?i2c-(\d{1,3})")
+
+
+def require_meant(word: str) -> None:
+    """Raise UsageError with a suggestion, if the word looks like a source without its scheme."""
+    if "://" in word or _exists(word):
+        return
+    meant = _meant(word)
+    if meant:
+        what = f"{word!r} is not a file, and a source needs its scheme"
+        raise UsageError(what, next_step=f"write {meant}")
+
+
+def _exists(word: str) -> bool:
+    try:
+        return Path(word).exists()
+    except (OSError, ValueError):
+        return False
+
+
+def _meant(word: str) -> str:
+    """What to write instead; empty without a suggestion."""
+    scheme, colon, name = word.partition(":")
+    if colon and scheme in SCHEMES:
+        return f"{scheme}://{name.lstrip('/')}"
+    if native := _NATIVE.fullmatch(word):
+        return f"i2c://{native[1]}"
+    return _bridge(word) or _card(word)
+
+
+def _bridge(word: str) -> str:
+    from holdfast.drivers.bridges import BRIDGES
+
+    name, _, options = word.partition("?")
+    if name not in BRIDGES:
+        return ""
+    query = f"?{options}" if options else ""
+    return f"usb://{name}{query} for the bridge itself, virtual://{name}{query} for an emulated one"
+
+
+def _card(word: str) -> str:
+    from holdfast.simulation.card import shipped
+
+    name, _, _ = word.partition("?")
+    return f"sim://{word}" if name in shipped() else ""
+
+
+REPLAY, SIM = "replay://", "sim://"
+SIM_KEYS = ("seed", "trial", "trials", "rate_hz")
+MOST_DIGITS = 18
+
+
+def open_source(
+    url: str, *, channels: int | None = None, preparation: Preparation | None = None
+) -> Replay:
+    """Open a source and remove its bias as in `preparation` (data sets are prepared already).
+
+    Raises a DataError or UsageError.
+    """
+    if url.startswith(SIM):
+        source = _simulated(url)
+    elif "://" in url and not url.startswith(REPLAY):
+        raise UsageError(
+            f"{url!r}: no such source",
+            next_step=f"use {REPLAY}PATH or {SIM}CARD; holdfast run and record also read usb://, "
+            "i2c://, virtual:// and lsl://",
+        )
+    else:
+        require_meant(url)
+        name = url.removeprefix(REPLAY)
+        require_file(Path(name))
+        if "#" in name and not Path(name).exists():
+            return _from_set(name, channels)
+        source = open_replay(name)
+    return source if preparation is None else source.prepared(preparation)
+
+
+def _simulated(url: str) -> Replay:
+    """Trials of a card, one after another, as one stream."""
+    scene, trials = _trials_of(url)
+    signal, _, _ = scene.join(trials)
+    t_ns = np.round(signal.t_s * 1e9).astype(np.int64)
+    return Replay(
+        t_ns,
+        signal.values.reshape(len(t_ns), -1),
+        signal.valid,
+        scene.card.rate_hz,
+        signal.unit,
+    )
+
+
+def simulated_trial(url: str) -> tuple[Scene, SimulatedTrial] | None:
+    """The scene of a sim:// source and its trial; None where it has several."""
+    scene, trials = _trials_of(url)
+    return (scene, trials[0]) if len(trials) == 1 else None
+
+
+@lru_cache(maxsize=1)
+def _trials_of(url: str) -> tuple[Scene, list[SimulatedTrial]]:
+    from holdfast.simulation.card import read_card
+    from holdfast.simulation.closed_loop.recording import scene_of
+
+    parts, numbers = split_url(url), _numbers(url)
+    card = read_card(parts.netloc + parts.path, rate_hz=numbers.get("rate_hz"))
+    scene = scene_of(card, int(numbers["seed"]))
+    trials, first, count = scene.trials(), int(numbers["trial"]), int(numbers["trials"])
+    if not 0 <= first < first + count <= len(trials):
+        raise UsageError(
+            f"{url!r}: no trials {first} to {first + count - 1}",
+            next_step=f"choose from 0..{len(trials) - 1}",
+        )
+    return scene, scene.run_together(trials[first : first + count])
+
+
+def _numbers(url: str) -> dict[str, float]:
+    options = parse_qs(split_url(url).query, keep_blank_values=True)
+    numbers: dict[str, float] = {"seed": 0, "trial": 0, "trials": 1}
+    for key, values in options.items():
+        if key not in SIM_KEYS:
+            raise UsageError(
+                f"{url!r}: {key!r} is not known",
+                next_step=f"allowed: {', '.join(SIM_KEYS)}",
+            )
+        try:
+            numbers[key] = float(values[-1]) if key == "rate_hz" else _whole(values[-1])
+        except ValueError:
+            raise UsageError(
+                f"{url[:80]!r}: {key}={values[-1][:40]!r} is not a number",
+                next_step=f"write {key}=1",
+            ) from None
+    return numbers
+
+
+def _whole(text: str) -> int:
+    """A whole number that is not negative. Raises ValueError."""
+    if not text.isdecimal() or len(text) > MOST_DIGITS:
+        raise ValueError(text)
+    return int(text)
+
+
+def split_url(url: str) -> SplitResult:
+    """The parts of a URL. Raises UsageError."""
+    try:
+        return urlsplit(url)
+    except ValueError as error:
+        raise UsageError(
+            f"{url[:80]!r} is not a URL ({error})",
+            next_step="write SCHEME://NAME?key=value",
+        ) from None
+
+
+def _index(chosen: str, count: int) -> int:
+    """The number of a trial, or the count where there is no such trial."""
+    return int(chosen) if chosen.isdecimal() and len(chosen) <= MOST_DIGITS else count
+
+
+def _from_set(name: str, channels: int | None) -> Replay:
+    """SET#N; the reader of a set prepares its samples."""
+    from holdfast.training.datasets import load
+
+    folder, _, chosen = name.rpartition("#")
+    data = load(folder, channels=channels, windows="none")
+    names = [recording.trial_id for recording in data.recordings]
+    index = names.index(chosen) if chosen in names else _index(chosen, len(names))
+    if index >= len(names):
+        raise DataNotFound(
+            f"no trial {chosen!r} among {len(names)}",
+            where=folder,
+            next_step=f"give 0..{len(names) - 1} or {names[0]!r}",
+        )
+    recording = data.recordings[index]
+    t_ns = np.round(np.arange(len(recording.samples)) / recording.rate_hz * 1e9).astype(
+        np.int64
+    )
+    return Replay(
+        t_ns, recording.samples, recording.valid, recording.rate_hz, recording.unit
+    )

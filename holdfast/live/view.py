@@ -1,0 +1,168 @@
+"""`holdfast run --view`: the stream in a terminal, also over SSH, on stderr beside the JSON lines.
+
+A separate thread draws and writes, so a terminal that blocks stops the picture and nothing else.
+rich's `Live` is not used: its `stop` waits for the drawing thread, which may wait for the terminal.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterator
+from contextlib import contextmanager
+from threading import Event, Thread
+
+import numpy as np
+from rich.console import Console, Group
+from rich.table import Table
+from rich.text import Text
+
+from holdfast.core.contract import NORMAL_AXIS, SITUATIONS, Prediction, Sample
+from holdfast.edge_runtime.intent import Intent, IntentMonitor
+from holdfast.live.line_writer import STREAM_LINES, STUCK_S, write_whole_line
+from holdfast.live.loop import SourceReading
+
+REFRESH_HZ = 8
+BAR = 30
+COLOURS = {
+    "unknown": "magenta",
+    "nothing": "bright_black",
+    "grasp": "cyan",
+    "safe_slip": "green",
+    "risky_slip": "red",
+}
+CLEAR_LINE, CLEAR_BELOW = "\x1b[K", "\x1b[J"
+
+
+class View:
+    """The newest sample as a picture that is redrawn in place, with messages above it."""
+
+    def __init__(self, unit: str, console: Console) -> None:
+        self._unit, self._console = unit, console
+        self._newest: tuple[Prediction, Sample, SourceReading] | None = None
+        self._messages: deque[str] = deque(maxlen=STREAM_LINES)
+        self.intent: IntentMonitor | None = None
+        self._height = 0
+        self._done = Event()
+        self._thread = Thread(target=self._draw_until_done, name="view", daemon=True)
+
+    def show(
+        self, prediction: Prediction, sample: Sample, measured: SourceReading
+    ) -> None:
+        """Set what the next picture shows."""
+        self._newest = (prediction, sample, measured)
+
+    def tell(self, line: str) -> None:
+        """Put a message above the picture."""
+        self._messages.append(line)
+
+    @property
+    def drawing(self) -> bool:
+        """Whether messages appear here: only while it runs, on a terminal that is there."""
+        return self._thread.is_alive() and not self._done.is_set()
+
+    def start(self) -> None:
+        """Begin to draw."""
+        self._thread.start()
+
+    def stop(self, wait_s: float = STUCK_S) -> None:
+        """Remove the picture; wait at most wait_s for a terminal that blocks."""
+        self._done.set()
+        self._thread.join(wait_s)
+
+    def _draw_until_done(self) -> None:
+        try:
+            while not self._done.wait(1.0 / REFRESH_HZ):
+                self._write(self._frame(self._picture()))
+            self._write(self._frame(""))
+        except OSError:
+            return  # the terminal is gone: the sink of stderr notices it too, and tells
+
+    def _write(self, text: str) -> None:
+        write_whole_line(self._console.file.fileno(), text.encode("utf-8", "replace"))
+
+    def _picture(self) -> str:
+        wearer = None if self.intent is None else self.intent.newest
+        with self._console.capture() as captured:
+            self._console.print(
+                picture(*self._newest, self._unit, wearer)
+                if self._newest
+                else "waiting for the first sample"
+            )
+        return captured.get()
+
+    def _frame(self, drawn: str) -> str:
+        """The codes and lines that overwrite the last picture."""
+        messages = [self._messages.popleft() for _ in range(len(self._messages))]
+        lines = drawn.splitlines()[: self._console.size.height - 1]
+        up = f"\r\x1b[{self._height}A" if self._height else ""
+        self._height = len(lines)
+        return (
+            up
+            + "".join(f"{CLEAR_LINE}{line}\n" for line in [*messages, *lines])
+            + CLEAR_BELOW
+        )
+
+
+@contextmanager
+def viewed(unit: str, *, console: Console | None = None) -> Iterator[View]:
+    """A view that draws in its own thread until the end; without a terminal it draws nothing."""
+    console = console or Console(stderr=True)
+    view = View(unit, console)
+    if not console.is_terminal or console.is_dumb_terminal:
+        yield view
+        return
+    view.start()
+    try:
+        yield view
+    finally:
+        view.stop()
+
+
+def picture(
+    prediction: Prediction,
+    sample: Sample,
+    measured: SourceReading,
+    unit: str,
+    intent: Intent | None = None,
+) -> Group:
+    """State and request, the four situations as bars, the fingers, and the wearer's command."""
+    request = "  ACT" if prediction.act else "  arm" if prediction.arm else ""
+    style = f"bold {COLOURS[prediction.state]}"
+    head = Text(f"{prediction.state.replace('_', ' ').upper()}{request}", style=style)
+    age = f"{1e-3 * prediction.latency_us:.1f} ms after it was taken"
+    sample_line = Text(f"sample {prediction.sequence}, {age}")
+    bars = Table.grid(padding=(0, 1))
+    for name in SITUATIONS:
+        share = prediction.p_situation[name]
+        bars.add_row(
+            name.replace("_", " "),
+            Text("█" * round(BAR * share), style=COLOURS[name]),
+            f"{share:.2f}",
+        )
+    fingers = Table(box=None, padding=(0, 1))
+    for column in ("finger", f"normal, {unit}", f"shear, {unit}", ""):
+        fingers.add_column(column, justify="right")
+    by_finger = sample.values.reshape(-1, 3)
+    for k, (force, good) in enumerate(zip(by_finger, sample.valid, strict=True)):
+        shear = float(np.hypot(*force[:NORMAL_AXIS]))
+        why = measured.why[k] if measured.why else ""
+        trouble = "" if good else why or "taring"
+        fingers.add_row(
+            str(k + 1),
+            f"{force[NORMAL_AXIS]:.2f}",
+            f"{shear:.2f}",
+            Text(trouble, style="magenta"),
+        )
+    return Group(
+        head, sample_line, bars, fingers, *([] if intent is None else [_wearer(intent)])
+    )
+
+
+def _wearer(intent: Intent) -> Table:
+    """What the wearer wants, and the envelopes as bars."""
+    rows = Table.grid(padding=(0, 1))
+    style = COLOURS["unknown"] if intent.wants == "unknown" else ""
+    rows.add_row("wearer", Text(intent.wants or "not in words", style=style))
+    for k, share in enumerate(intent.envelope, start=1):
+        rows.add_row(f"envelope {k}", Text("█" * round(BAR * share)), f"{share:.2f}")
+    return rows

@@ -1,0 +1,1 @@
+"""Work with a person: record, study, calibrate, adapt, repair."""

@@ -1,0 +1,249 @@
+"""From the marks and intervals of events.jsonl to phases with provenance in tactile.truth.json.
+
+Where several sources have a time for an event, the first of PROVENANCES counts: a scene's own
+truth, a camera, a key that the operator pressed (late by about 0.2 s), and a rule that reads from
+the normal forces when the hand closed and when it was empty again. Nothing else is guessed: without
+a load onset the grip has no label. The file is derived; `holdfast onset` writes it again.
+
+The truth of a simulated source, as events of a recorded trial.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+
+from holdfast.core.contact import CONTACT_SMOOTH_S, NORMAL_FLOOR, contact_rows
+from holdfast.core.contract import NORMAL_AXIS, SITUATIONS, FloatArray
+from holdfast.core.errors import LabelError
+from holdfast.core.reading import Json, json_of, text_of
+from holdfast.core.trial_file import Trial, read_trial
+from holdfast.core.trial_layout import (
+    EVENTS,
+    META,
+    SITUATION_OF_ACTION,
+    TACTILE,
+    TRUTH,
+    read_events,
+)
+from holdfast.core.writing import write_whole
+from holdfast.live.hand_sources import scene_of
+from holdfast.live.loop import Source
+
+NOTHING = SITUATIONS[0]
+PROVENANCES = ("scene", "camera", "key", "rule")
+MARKS = ("contact", "load_onset", "incipient_slip", "gross_slip", "contact_lost")
+BIAS_ROWS = 5
+
+
+@dataclass(frozen=True)
+class LabelledInterval:
+    """A phase of a trial, s from the first sample. provenance: one of PROVENANCES."""
+
+    t0_s: float
+    t1_s: float
+    label: str
+    provenance: str
+
+    @staticmethod
+    def of(t0_s: float, t1_s: float, label: str, provenance: str) -> LabelledInterval:
+        """Rounded to microseconds, and never ending before it begins."""
+        return LabelledInterval(
+            round(t0_s, 6), round(max(t0_s, t1_s), 6), label, provenance
+        )
+
+
+@dataclass(frozen=True)
+class TrialTruth:
+    """What tactile.truth.json holds. marks: name of MARKS -> s from the first sample, or None."""
+
+    phases: tuple[LabelledInterval, ...]
+    marks: dict[str, float | None]
+
+    def to_json(self) -> Json:
+        """As training reads it."""
+        marks = {f"{name}_s": at_s for name, at_s in self.marks.items()}
+        return {
+            "phases": [asdict(one) for one in self.phases],
+            **marks,
+            "by": "holdfast record",
+        }
+
+    def is_complete(self, action: str) -> bool:
+        """Whether the hand closed and was then empty for longer than CONTACT_SMOOTH_S.
+
+        Trials of the action nothing always are.
+        """
+        if action == NOTHING:
+            return True
+        if self.marks["contact"] is None or not self.phases:
+            return False
+        last = self.phases[-1]
+        return last.label == NOTHING and last.t1_s - last.t0_s > CONTACT_SMOOTH_S
+
+
+def relabel(folder: Path) -> TrialTruth:
+    """Derive and write tactile.truth.json again; returns it. Raises a DataError or OutputError."""
+    truth = truth_in(folder)
+    write_truth(folder, truth)
+    return truth
+
+
+def write_truth(folder: Path, truth: TrialTruth) -> None:
+    """Write tactile.truth.json of a trial's folder. Raises OutputError."""
+    write_whole(folder / TRUTH, json.dumps(truth.to_json(), indent=1) + "\n")
+
+
+def truth_in(folder: Path) -> TrialTruth:
+    """The phases and marks of a trial's folder, from its samples and events. Raises a DataError."""
+    trial, meta = read_trial(folder / TACTILE), read_meta(folder)
+    try:
+        return truth_of(
+            str(meta.get("action")),
+            trial,
+            str(meta.get("unit", "N")),
+            read_events(folder / EVENTS),
+        )
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
+        raise LabelError(
+            f"an event without its times ({error!r:.60})",
+            where=folder / EVENTS,
+            next_step="correct that line",
+        ) from None
+
+
+def read_meta(folder: Path) -> Json:
+    """meta.json of a folder, empty without one. Raises LabelError."""
+    try:
+        meta = json_of(text_of(folder / META))
+    except FileNotFoundError:
+        return {}
+    except (OSError, ValueError) as error:
+        raise LabelError(
+            f"cannot be read ({type(error).__name__})",
+            where=folder / META,
+            next_step="correct or remove it",
+        ) from None
+    return meta if isinstance(meta, dict) else {}
+
+
+def truth_of(action: str, trial: Trial, unit: str, events: list[Json]) -> TrialTruth:
+    """Phases as training reads them, and the marks behind them. events: lines of events.jsonl."""
+    end_s = float(trial.t_s[-1]) + 1.0 / trial.rate_hz
+    known = _known(events)
+    for name, at_s in zip(
+        ("contact", "contact_lost"), _contact(trial, unit), strict=True
+    ):
+        if at_s is not None:
+            known.setdefault(name, (at_s, "rule"))
+    scene = [
+        one for one in events if one.get("provenance") == "scene" and one.get("label")
+    ]
+    phases = [
+        LabelledInterval.of(
+            float(one["t0_s"]), float(one["t1_s"]), one["label"], "scene"
+        )
+        for one in scene
+    ]
+    marks = {
+        name: round(known[name][0], 6) if name in known else None for name in MARKS
+    }
+    return TrialTruth(tuple(phases or _phases(action, end_s, known)), marks)
+
+
+def _known(events: list[Json]) -> dict[str, tuple[float, str]]:
+    """Mark -> (time in s, provenance), from the best source; the first press of a key counts."""
+    known: dict[str, tuple[float, str]] = {}
+    for provenance in reversed(PROVENANCES):
+        own = [one for one in events if one.get("provenance") == provenance]
+        for one in reversed(own):
+            if one.get("mark") in MARKS:
+                known[one["mark"]] = (float(one["t_s"]), provenance)
+            elif provenance == "camera" and "gross_s" in one:
+                known["incipient_slip"] = (float(one["t0_s"]), provenance)
+                known["gross_slip"] = (float(one["gross_s"]), provenance)
+    return known
+
+
+def _phases(
+    action: str, end_s: float, known: dict[str, tuple[float, str]]
+) -> list[LabelledInterval]:
+    if action == "nothing" or "contact" not in known or "contact_lost" not in known:
+        return (
+            [LabelledInterval.of(0.0, end_s, "nothing", "rule")]
+            if action == "nothing"
+            else []
+        )
+    (closed_s, by_closed), (empty_s, by_empty) = known["contact"], known["contact_lost"]
+    phases = [LabelledInterval.of(0.0, closed_s, "nothing", by_closed)]
+    slip = known.get("load_onset") or known.get("incipient_slip")
+    if action == "hold":
+        phases.append(LabelledInterval.of(closed_s, empty_s, "grasp", by_closed))
+    elif slip is not None and closed_s < slip[0] < empty_s:
+        phases.append(LabelledInterval.of(closed_s, slip[0], "grasp", by_closed))
+        phases.append(
+            LabelledInterval.of(slip[0], empty_s, SITUATION_OF_ACTION[action], slip[1])
+        )
+    return [*phases, LabelledInterval.of(empty_s, end_s, "nothing", by_empty)]
+
+
+def _contact(trial: Trial, unit: str) -> tuple[float | None, float | None]:
+    """Times at which the hand closed and was empty again; None where it did not."""
+    rows = contact_rows(_load(trial), trial.rate_hz, NORMAL_FLOOR.get(unit, 0.0))  # type: ignore[call-overload]
+    if rows is None:
+        return None, None
+    return float(trial.t_s[rows[0]]), float(trial.t_s[min(rows[1], len(trial.t_s) - 1)])
+
+
+def _load(trial: Trial) -> FloatArray:
+    """[T] sum of the normal forces over the valid fingers, less their bias."""
+    normal = np.where(trial.valid, trial.raw[:, NORMAL_AXIS::3], np.nan)
+    first = [column[np.isfinite(column)][:BIAS_ROWS] for column in normal.T]
+    bias = np.array([rows.mean() if rows.size else 0.0 for rows in first])
+    load: FloatArray = np.abs(np.nan_to_num(normal - bias)).sum(axis=1)
+    return load
+
+
+TruthEvents = Callable[[int, int], list[Json]]
+"""(time of the first sample, time of the last), ns -> events."""
+
+
+def scene_truth_of(url: str, source: Source) -> TruthEvents | None:
+    """A function for the events of a trial of a scene; None for another source."""
+    scene_and_trial = scene_of(url) if "://" in url else None
+    if scene_and_trial is None:
+        return None
+    truth = scene_and_trial[1].truth
+    began_ns = getattr(source, "began_ns", None)
+
+    def events(first_ns: int, last_ns: int) -> list[Json]:
+        shift_s = 0.0 if began_ns is None else 1e-9 * (began_ns - first_ns)
+        return _events(truth.shifted(shift_s).to_json(), 1e-9 * (last_ns - first_ns))
+
+    return events
+
+
+def _events(truth: Json, end_s: float) -> list[Json]:
+    """Phases and marks between the first sample and the last, at end_s."""
+    by = {"provenance": "scene", "by": "holdfast record"}
+    phases = [
+        {
+            "t0_s": max(0.0, one["t0_s"]),
+            "t1_s": min(end_s, one["t1_s"]),
+            "label": one["label"],
+            **by,
+        }
+        for one in truth["phases"]
+        if one["t1_s"] > 0.0 and one["t0_s"] < end_s
+    ]
+    times = {name: truth[f"{name}_s"] for name in MARKS}
+    marks = [
+        {"t_s": t_s, "mark": name, **by}
+        for name, t_s in times.items()
+        if t_s is not None and 0.0 <= t_s <= end_s
+    ]
+    return [*phases, *marks]

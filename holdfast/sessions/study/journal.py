@@ -1,0 +1,218 @@
+"""study.jsonl: what happened in one person's study, a line each, on the disk before the next step.
+
+Every line has `event`, `run` (how often the program was started), `t_s` (monotonic, from the start
+of that run) and `at` (UTC). Where the study goes on is read from these lines alone, so a run that
+was killed at any moment loses at most the line that it was writing.
+"""
+
+from __future__ import annotations
+
+import errno
+import fcntl
+import json
+import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from operator import index
+from pathlib import Path
+from typing import Any
+
+from holdfast.core.errors import LabelError, OutputError
+from holdfast.core.reading import Json, json_of
+from holdfast.core.tactile_file import mend_lines
+from holdfast.core.trial_layout import read_events
+
+JOURNAL = "study.jsonl"
+OPENED, BEGUN, DONE, SKIPPED, BACK = "opened", "begun", "done", "skipped", "back"
+PAUSED, RESUMED, QUIT, FINISHED = "paused", "resumed", "quit", "finished"
+NOTE, ADVERSE, DETAIL, ANSWER, FAILED = (
+    "note",
+    "adverse",
+    "adverse_detail",
+    "answer",
+    "failed",
+)
+ENDS_TIME = (DONE, SKIPPED, BACK, PAUSED, QUIT)
+
+
+@dataclass
+class Progress:
+    """Where a study stands. part: the number of the part to do or under way, from 0.
+
+    begun: it is under way. kept_before: part -> trials of its task that were kept when it first
+    began. spent_s: part -> time in it. answers: (part, item) -> rating.
+    """
+
+    part: int = 0
+    begun: bool = False
+    kept_before: dict[int, int] = field(default_factory=dict)
+    spent_s: dict[int, float] = field(default_factory=dict)
+    answers: dict[tuple[int, str], int | None] = field(default_factory=dict)
+    finished: bool = False
+    runs: int = 0
+    _since_s: float | None = None
+    _last_s: float = 0.0
+
+    def take(self, entry: Json) -> None:
+        """One more line. Raises KeyError, TypeError or ValueError where it is no entry."""
+        event, t_s, _ = entry["event"], float(entry["t_s"]), entry["at"]
+        if event == OPENED:
+            self._stop(self._last_s)
+            self.runs += 1
+            self.finished = False
+        elif event == BEGUN:
+            self.part, self.begun = int(entry["part"]), True
+            self.kept_before.setdefault(self.part, int(entry.get("kept", 0)))
+        elif event in (DONE, SKIPPED, BACK):
+            self._stop(t_s)
+            self.part, self.begun = int(entry["next"]), False
+        elif event == ANSWER:
+            rating = entry["rating"]
+            self.answers[int(entry["part"]), str(entry["item"])] = (
+                None if rating is None else index(rating)
+            )
+        elif event in (NOTE, DETAIL):
+            str(entry["text"])
+        elif event == FINISHED:
+            self.finished = True
+        if event in ENDS_TIME:
+            self._stop(t_s)
+        elif self._since_s is None and self.begun and event in (BEGUN, RESUMED):
+            self._since_s = t_s
+        self._last_s = t_s
+
+    def spent_until(self, t_s: float) -> float:
+        """Time in the part under way, s, pauses left out."""
+        now_s = 0.0 if self._since_s is None else t_s - self._since_s
+        return self.spent_s.get(self.part, 0.0) + now_s
+
+    def _stop(self, t_s: float) -> None:
+        """The part under way takes no more time."""
+        if self._since_s is not None:
+            self.spent_s[self.part] = (
+                self.spent_s.get(self.part, 0.0) + t_s - self._since_s
+            )
+        self._since_s = None
+
+
+class Journal:
+    """The open journal of one person; utc: the time now as text."""
+
+    def __init__(
+        self,
+        path: Path,
+        n_parts: int,
+        now_ns: Callable[[], int],
+        utc: Callable[[], str],
+    ) -> None:
+        self.path, self._now_ns, self._utc = path, now_ns, utc
+        self.entries = read_journal(path)
+        self.progress = progress_of(self.entries, path, n_parts)
+        self._began_ns = now_ns()
+        self._run = self.progress.runs
+
+    @property
+    def t_s(self) -> float:
+        """Time since this run began, s."""
+        return 1e-9 * (self._now_ns() - self._began_ns)
+
+    @property
+    def spent_s(self) -> float:
+        """Time in the part under way, s."""
+        return self.progress.spent_until(self.t_s)
+
+    def append(self, event: str, **more: Any) -> Json:
+        """Write a line and bring it to the disk. Raises OutputError."""
+        self._run += event == OPENED
+        stamp = {
+            "event": event,
+            "run": self._run,
+            "t_s": round(self.t_s, 3),
+            "at": self._utc(),
+        }
+        entry = {**stamp, **more}
+        line = (json.dumps(entry, allow_nan=False) + "\n").encode()
+        try:
+            handle = os.open(self.path, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o666)
+            try:
+                if os.write(handle, line) < len(line):
+                    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+                os.fsync(handle)
+            finally:
+                os.close(handle)
+        except OSError as error:
+            raise OutputError(
+                f"cannot write ({error.strerror})",
+                where=self.path,
+                cause="a full disk, or no permission",
+                next_step="make room and run the same command again; it goes on here",
+            ) from None
+        self.entries.append(entry)
+        self.progress.take(entry)
+        return entry
+
+
+@contextmanager
+def opened_journal(
+    home: Path, n_parts: int, now_ns: Callable[[], int], utc: Callable[[], str]
+) -> Iterator[Journal]:
+    """The journal of a person's folder, new or mended, for one program at a time.
+
+    n_parts: of the card.
+
+    Raises OutputError (another terminal has it), LabelError (a line that cannot be read).
+    """
+    home.mkdir(parents=True, exist_ok=True)
+    with held(home / JOURNAL) as path:
+        mend_lines(path, _is_entry)
+        yield Journal(path, n_parts, now_ns, utc)
+
+
+@contextmanager
+def held(path: Path) -> Iterator[Path]:
+    """No other program has the journal meanwhile. Raises OutputError."""
+    with path.open("ab") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            raise OutputError(
+                "another program runs this person's study",
+                where=path,
+                cause="a second terminal",
+                next_step="go on there, or end that program first",
+            ) from None
+        yield path
+
+
+def read_journal(path: Path) -> list[Json]:
+    """The lines of a journal; none without one. Raises LabelError."""
+    return read_events(path)
+
+
+def progress_of(entries: list[Json], path: Path, n_parts: int) -> Progress:
+    """Where the lines leave the study of a card with so many parts. Raises LabelError."""
+    progress = Progress()
+    for number, entry in enumerate(entries, 1):
+        try:
+            progress.take(entry)
+            if (
+                not 0 <= entry.get("part", 0) < n_parts
+                or not 0 <= progress.part <= n_parts
+            ):
+                raise ValueError("the card has no such part")
+        except (KeyError, TypeError, ValueError, OverflowError) as error:
+            raise LabelError(
+                f"line {number} is no entry of a study ({error!r:.60})",
+                where=path,
+                cause="it was edited, or it is another file",
+                next_step="correct that line, or take another --out",
+            ) from None
+    return progress
+
+
+def _is_entry(line: bytes) -> bool:
+    try:
+        return isinstance(json_of(line), dict)
+    except ValueError:
+        return False

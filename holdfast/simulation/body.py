@@ -1,0 +1,157 @@
+"""What the core steps: the held object and its contacts, what acts on it, and where everything is.
+
+Hand frame: x from the thumb to the fingers (contact normal), y across, z along the object's axis,
+upwards; the origin is where the hand takes the object. Arrays are [.., B] with trials (lanes) last.
+S is the number of contacts, 6 unless a card asks for more (hand.py); the thumb's come first.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+
+from holdfast.core.contract import FloatArray
+
+
+@cache
+def sides(contacts: int, thumb: int) -> FloatArray:
+    """[S, 1] direction in which a contact pushes: the thumb's along x, the fingers' against it."""
+    return np.where(np.arange(contacts) < thumb, 1.0, -1.0)[:, None]
+
+
+SIDE = sides(6, 2)
+"""Of the default hand: two contacts of the thumb, then index, middle, ring, little."""
+
+
+@dataclass(frozen=True)
+class Body:
+    """The object and the contacts that hold it: constants of a batch.
+
+    mass_kg [B]; gravity_m_s2 [3, B]; curvature_per_m [2, B]; straight_m [B]: half length of a
+    cylinder, 0 of a ball; at_m [2, S, B]: (y, z) of each contact from the object's apex or middle;
+    stiffness_n_per_m, damping_n_s_per_m [S, B]: normal; brush_n_per_m [E, S, B]: spring of each
+    element; pressure [E, 1, 1]: share of the normal that an element bears; static, kinetic [B]:
+    friction; stribeck_m_s: slip speed at which friction is half way; loss_s: a finger's damping
+    along the surface over its stiffness (none while sliding); thumb: contacts of the thumb.
+    """
+
+    mass_kg: FloatArray
+    gravity_m_s2: FloatArray
+    curvature_per_m: FloatArray
+    straight_m: FloatArray
+    at_m: FloatArray
+    stiffness_n_per_m: FloatArray
+    damping_n_s_per_m: FloatArray
+    brush_n_per_m: FloatArray
+    pressure: FloatArray
+    static: FloatArray
+    kinetic: FloatArray
+    stribeck_m_s: float = 2e-3
+    loss_s: float = 2e-3
+    thumb: int = 2
+
+    @property
+    def side(self) -> FloatArray:
+        """[S, 1] which way each contact pushes."""
+        return sides(len(self.stiffness_n_per_m), self.thumb)
+
+
+@dataclass(frozen=True)
+class Pull:
+    """A person: a damped spring to a moving target, who also bears a share of the weight.
+
+    The spring never pulls harder than cap_n.
+    stiffness_n_per_m, damping_n_s_per_m, cap_n, weight_share [B]; target_m, target_m_s [3, B].
+    """
+
+    stiffness_n_per_m: FloatArray
+    damping_n_s_per_m: FloatArray
+    cap_n: FloatArray
+    weight_share: FloatArray
+    target_m: FloatArray
+    target_m_s: FloatArray
+
+
+@dataclass(frozen=True)
+class Floor:
+    """A box from below: a spring at height_m [B] that pushes with at most cap_n [B] and resists
+    sliding."""
+
+    stiffness_n_per_m: float
+    damping_n_s_per_m: float
+    sideways_n_s_per_m: float
+    height_m: FloatArray
+    cap_n: FloatArray
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """What hand, people and box do during one step; closure_m [S, B]: at its end."""
+
+    closure_m: FloatArray
+    people: tuple[Pull, ...] = ()
+    floor: Floor | None = None
+
+
+@dataclass
+class State:
+    """Where everything is: position_m, velocity_m_s [3, B] of the object, and its contacts.
+
+    stretch_m [2, E, S, B] of the brush elements; rho [E, S, B]: share of the trial stretch that
+    friction held in the last step; slip_m_s [E, S, B]; depth_m, normal_n [S, B]; agents_n [3, B]:
+    force of people and box on the object in the last step; brush_j [B]: energy in the brushes;
+    offset_m [2, S, B], recess_m [S, B]: of the contacts, kept from the last step.
+    """
+
+    position_m: FloatArray
+    velocity_m_s: FloatArray
+    stretch_m: FloatArray
+    rho: FloatArray
+    slip_m_s: FloatArray
+    depth_m: FloatArray
+    normal_n: FloatArray
+    agents_n: FloatArray
+    brush_j: FloatArray
+    offset_m: FloatArray
+    recess_m: FloatArray
+
+
+def at_rest(body: Body, closure_m: FloatArray) -> State:
+    """Nothing moves, nothing is stretched; closure_m [S, B]."""
+    elements, contacts, lanes = body.brush_n_per_m.shape
+    offset = offset_m(body, np.zeros((2, lanes)))
+    state = State(
+        np.zeros((3, lanes)),
+        np.zeros((3, lanes)),
+        np.zeros((2, elements, contacts, lanes)),
+        np.ones((elements, contacts, lanes)),
+        np.zeros((elements, contacts, lanes)),
+        np.zeros((contacts, lanes)),
+        np.zeros((contacts, lanes)),
+        np.zeros((3, lanes)),
+        np.zeros(lanes),
+        offset,
+        recess_m(body, offset),
+    )
+    state.depth_m = closure_m - state.recess_m
+    return state
+
+
+def offset_m(body: Body, sideways_m: FloatArray) -> FloatArray:
+    """[2, S, B] each contact from where the object is flat; object at sideways_m [2, B]."""
+    from_apex = sideways_m[:, None] - body.at_m
+    along = from_apex[1]
+    from_apex[1] = along - np.minimum(
+        np.maximum(along, -body.straight_m), body.straight_m
+    )
+    return from_apex
+
+
+def recess_m(body: Body, offset: FloatArray) -> FloatArray:
+    """[S, B] how far the surface lies behind its apex at an offset [2, S, B]."""
+    curve = 0.5 * body.curvature_per_m[:, None] * offset
+    curve *= offset
+    recess: FloatArray = curve[0] + curve[1]
+    return recess

@@ -1,0 +1,207 @@
+"""People in a closed loop: they react to what the hand does.
+
+A receiver pulls no harder than a cap and gives up after a while. A puller does, too. The wearer of
+the hand opens it by muscle signals that come before the hand moves, and are missed now and then;
+and overrides the hand where it resists a hand-over.
+
+What became of a trial in a closed loop, from its physics alone: kept or lost, at what cost.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+
+import numpy as np
+import numpy.typing as npt
+
+from holdfast.core.contract import BoolArray, FloatArray
+from holdfast.simulation.body import Body
+from holdfast.simulation.effect import stream
+from holdfast.simulation.protocol import NEVER_S, PlannedTrial
+from holdfast.simulation.run import TrialMotion
+from holdfast.simulation.script import Script, Times, smooth
+from holdfast.simulation.truth import load_onset
+
+
+@dataclass(frozen=True)
+class Habits:
+    """How people behave; distributions are uniform where two figures are given.
+
+    pull_gives_up_s, pass_gives_up_s: from the first pull until the other person lets go.
+    lets_go_s: how long letting go takes. signal_s: by how much the wearer's muscle signal precedes
+    the opening of the hand. missed_share: of the signals, which the hand's own control sees and
+    we do not. resisted_n, resisted_s: grip above the wearer's own, for so long, in a hand-over:
+    then the wearer overrides.
+    """
+
+    pull_gives_up_s: float = 1.0
+    pass_gives_up_s: float = 3.0
+    lets_go_s: float = 0.2
+    signal_s: tuple[float, float] = (0.08, 0.15)
+    missed_share: float = 0.1
+    resisted_n: float = 1.0
+    resisted_s: float = 0.3
+
+
+class LoopScript(Script):
+    """The script of a batch whose hands tighten and whose people give up."""
+
+    def __init__(
+        self, trials: Sequence[PlannedTrial], body: Body, habits: Habits
+    ) -> None:
+        super().__init__(trials, body)
+        after_s = {"pull": habits.pull_gives_up_s, "pass": habits.pass_gives_up_s}
+        patience_s = np.array([after_s.get(trial.action, NEVER_S) for trial in trials])
+        self.gives_up_s = self.t["act"] + self.d("wait_s") + patience_s
+        self.lets_go_s = habits.lets_go_s
+        self.own_n = np.array([trial.grip_n for trial in trials])
+        self.grip_n: FloatArray = self.own_n[None]
+        """[n, B] grip of the drive in each step of the next chunk."""
+
+    def grip_share(self, k: int) -> FloatArray:
+        """[B] the hand's grip in step k of a chunk, over the wearer's own."""
+        share: FloatArray = self.grip_n[k] / self.own_n
+        return share
+
+    def still_there(self, t_s: FloatArray) -> FloatArray:
+        """[n, B] 1 while the other person pulls, 0 after giving up."""
+        there: FloatArray = 1.0 - smooth((t_s - self.gives_up_s) / self.lets_go_s)
+        return there
+
+
+def held_n(trial: PlannedTrial) -> float:
+    """Force along the skin, N, that the wearer's own grip holds by kinetic friction."""
+    return 2.0 * trial.kinetic_friction * trial.grip_n
+
+
+class Wearer:
+    """B wearers: when the muscle signal comes, and whether the wearer overrides."""
+
+    def __init__(
+        self, trials: Sequence[PlannedTrial], habits: Habits, seed: int
+    ) -> None:
+        self.habits = habits
+        opens_s = np.array([Times.of(trial).open for trial in trials])
+        rngs = [stream(seed, trial.number, "muscle signal") for trial in trials]
+        before_s = np.array([rng.uniform(*habits.signal_s) for rng in rngs])
+        missed = np.array([rng.uniform() < habits.missed_share for rng in rngs])
+        self.signal_s = np.where(missed, NEVER_S, opens_s - before_s)
+        self.hands_over = np.array(
+            [trial.action in ("pass", "put-down") for trial in trials]
+        )
+        self.act_s = np.array([Times.of(trial).act for trial in trials])
+        self.own_holds_n = np.array([held_n(trial) for trial in trials])
+        self.resisted_s = np.zeros(len(trials))
+        self.overrode_s = np.full(len(trials), np.inf)
+
+    def opening(self, t_s: FloatArray) -> BoolArray:
+        """[B] whether the signal to open has come, at t_s [B]."""
+        signalled: BoolArray = t_s >= self.signal_s
+        return signalled
+
+    def resist(
+        self, t_s: FloatArray, extra_n: FloatArray, pulled_n: FloatArray, dt_s: float
+    ) -> None:
+        """One sample: the wearer overrides a hand that resists a hand-over for too long.
+
+        extra_n [B]: grip above the own one. pulled_n [B]: force of the other person or the box on
+        the object, beyond the one before the action; it is resisted where the own grip would have
+        let go.
+        """
+        would_go = pulled_n > self.own_holds_n
+        resisted = self.hands_over & (t_s >= self.act_s) & would_go
+        resisted &= extra_n > self.habits.resisted_n
+        self.resisted_s = np.where(resisted, self.resisted_s + dt_s, 0.0)
+        now = (self.resisted_s >= self.habits.resisted_s) & np.isinf(self.overrode_s)
+        self.overrode_s = np.where(now, t_s, self.overrode_s)
+
+
+HELD_AT_END_S = float("inf")
+
+
+@dataclass(frozen=True)
+class LoopOutcome:
+    """One trial. Times in s of the trial; inf for what never happened.
+
+    lost_s: the last contact ends. onset_s: load onset. slip_mm: travel of the contacts since load
+    onset. peak_n: largest force of the other person or the box beyond the one before the action,
+    while there is contact. grip_n: the grip of either side that the drive gave, over time [T] from
+    begin_s on. overrode_s: the wearer overrides. mu_hat: the last friction estimate, nan where no
+    slip has shown it.
+    """
+
+    trial: PlannedTrial
+    lost_s: float
+    onset_s: float
+    slip_mm: float
+    peak_n: float
+    overrode_s: float
+    begin_s: float
+    rate_hz: float
+    mu_hat: float
+    grip_n: npt.NDArray[np.float32]
+
+    @property
+    def act_s(self) -> float:
+        """When the action begins."""
+        return Times.of(self.trial).act
+
+    @property
+    def opens_s(self) -> float:
+        """When the wearer opens the hand."""
+        return Times.of(self.trial).open
+
+    @property
+    def dropped(self) -> bool:
+        """Contact is lost before the wearer opens the hand."""
+        return self.lost_s < min(self.opens_s, HELD_AT_END_S)
+
+    @property
+    def crushed(self) -> bool:
+        """The grip of either side exceeded what the object bears."""
+        return 0.0 < self.trial.thing.crush_n < self.peak_grip_n
+
+    @property
+    def peak_grip_n(self) -> float:
+        """The largest grip of either side."""
+        return float(self.grip_n.max())
+
+
+@dataclass(frozen=True)
+class LaneRecord:
+    """What the loop itself kept of a trial; fields as in LoopOutcome."""
+
+    overrode_s: float
+    begin_s: float
+    rate_hz: float
+    mu_hat: float
+    grip_n: npt.NDArray[np.float32]
+
+
+def outcome_of(
+    trial: PlannedTrial, motion: TrialMotion, kept: LaneRecord
+) -> LoopOutcome:
+    """Read the outcome of a trial off its motion."""
+    act_s, at_s = Times.of(trial).act, motion.at_s
+    held = np.flatnonzero(motion.gripped)
+    last = int(held[-1]) if held.size else -1
+    lost_s = float(at_s[last + 1]) if last + 1 < len(at_s) else HELD_AT_END_S
+    onset = load_onset(motion, act_s)
+    start = min(onset if onset is not None else last, max(last, 0))
+    return LoopOutcome(
+        trial=trial,
+        lost_s=lost_s,
+        onset_s=float(at_s[onset]) if onset is not None else HELD_AT_END_S,
+        slip_mm=1e3 * float(motion.slip_m[max(last, 0)] - motion.slip_m[start]),
+        peak_n=_peak_n(motion, act_s, last),
+        **{one.name: getattr(kept, one.name) for one in fields(kept)},
+    )
+
+
+def _peak_n(motion: TrialMotion, act_s: float, last: int) -> float:
+    first = int(np.searchsorted(motion.at_s, act_s))
+    if first > last:
+        return 0.0
+    change = motion.agents_n[first : last + 1] - motion.agents_n[max(first - 1, 0)]
+    return float(np.sqrt((change * change).sum(axis=1)).max())

@@ -1,0 +1,280 @@
+"""The core: brush contacts on an object in 3D, one implicit step, many trials at once.
+
+body.py has the frame, the arrays and what they mean; every lane has a step length of its own.
+Contact i presses by how deep its finger is closed into the object:
+
+    depth_i = closure_i(t) - s_i x - r_i,   s = +1 thumb, -1 finger
+    r_i = (curvature_y dy^2 + curvature_z dz^2) / 2
+    N_i = max(0, k_i depth_i + c_i d(depth_i)/dt)
+
+so on a curved object that moves by d the normal falls by k d^2/2R, and the same energy pushes it
+out with N d/R. Along the surface a contact is a brush of E elements: spring k_e, deflection u, and
+|k_e u| <= mu N_e (Coulomb, set-valued: no motion below the limit at all); mu falls from static to
+kinetic with slip speed (Stribeck).
+
+One step of length dt is implicit in the velocity (backward Euler): first x with the normals, then y
+and z with the brushes. With |k u| bounded, the second is the minimum of a convex function whose
+springs are those of Huber; it is found by reweighting them, rho = min(1, limit / |k (u + v dt)|),
+until rho stands still (Huber & Ronchetti, "Robust statistics", 2009, 7.8). Backward Euler cannot
+gain energy from convex springs at any dt; the squeeze of a curved object is concave and is taken at
+the old place for the same reason (Eyre, "Unconditionally gradient stable time marching", 1998).
+Friction by return mapping: Simo & Hughes, "Computational inelasticity", 1998, chapter 1.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from holdfast.core.contract import FloatArray
+from holdfast.simulation.body import Body, Floor, Inputs, State, offset_m, recess_m
+from holdfast.simulation.effect import NO_EFFECTS, PhysicsEffects
+from holdfast.simulation.energy import TINY, keep_the_balance, taken_by_lags_j
+
+IntArray = npt.NDArray[np.int64]
+RHO_TOLERANCE = 2e-3
+"""Reweighting ends where no rho changes by more than this."""
+MAX_SWEEPS = 60
+add = np.add.reduce
+"""As numpy's sum, whose wrapper costs as much as the sum of a small batch."""
+
+
+def step(
+    body: Body,
+    state: State,
+    inputs: Inputs,
+    dt_s: FloatArray,
+    t_s: FloatArray,
+    effects: PhysicsEffects = NO_EFFECTS,
+) -> None:
+    """Move every lane by its own dt_s [B], to the time t_s [B]; changes the state in place."""
+    old = State(**vars(state))
+    load_n, drag = _loads(body, old, inputs, dt_s)
+    held_n = load_n + body.mass_kg * body.gravity_m_s2
+    for shake in effects.shakes:
+        held_n = held_n - body.mass_kg * shake.acceleration_m_s2(t_s)
+    speed_x = _normals(body, state, inputs.closure_m, held_n[0], drag[0], dt_s, effects)
+    limit_m = _stretch_limit(body, old, state.normal_n, dt_s, effects)
+    squeeze_n = add(
+        body.curvature_per_m[:, None] * old.offset_m * state.normal_n, axis=1
+    )
+    sideways = _sideways(
+        body,
+        state,
+        held_n[1:] + squeeze_n,
+        drag[1:] + damping(body, old, limit_m),
+        limit_m,
+        dt_s,
+    )
+    state.velocity_m_s = np.concatenate([speed_x[None], sideways])
+    moved_m, resisted_n = state.velocity_m_s * dt_s, drag * state.velocity_m_s
+    state.position_m = old.position_m + moved_m
+    state.agents_n = load_n - resisted_n
+    given_j = add((held_n - resisted_n) * moved_m, axis=0)
+    if effects.lags:
+        given_j = given_j - taken_by_lags_j(
+            body, old, state, inputs.closure_m, dt_s, effects
+        )
+    keep_the_balance(body, old, state, inputs.closure_m, given_j)
+    if effects.lags:
+        state.depth_m = (
+            inputs.closure_m - state.recess_m - body.side * state.position_m[0]
+        )
+        change_m = np.maximum(state.depth_m, 0.0) - np.maximum(old.depth_m, 0.0)
+        for lag in effects.lags:
+            lag.moved(change_m, state.normal_n > 0.0, dt_s)
+    for turn in effects.turns:
+        turn.turn(body, state, limit_m, dt_s)
+
+
+def _loads(
+    body: Body, state: State, inputs: Inputs, dt_s: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """(forces of people and box at zero velocity, what a velocity takes off them), [3, B] each."""
+    load_n, drag = np.zeros_like(state.position_m), np.zeros_like(state.position_m)
+    moved_m = state.velocity_m_s * dt_s
+    for pull in inputs.people:
+        to_go = pull.target_m - state.position_m
+        ahead = to_go - moved_m
+        ahead *= ahead
+        reach_m = np.sqrt(ahead[0] + ahead[1] + ahead[2])
+        share = np.minimum(
+            1.0, pull.cap_n / np.maximum(pull.stiffness_n_per_m * reach_m, TINY)
+        )
+        spring, damper = share * pull.stiffness_n_per_m, share * pull.damping_n_s_per_m
+        load_n += spring * to_go + damper * pull.target_m_s
+        load_n -= pull.weight_share * body.mass_kg * body.gravity_m_s2
+        drag += spring * dt_s + damper
+    if inputs.floor is not None:
+        _add_floor(inputs.floor, state, load_n[2], drag, dt_s)
+    return load_n, drag
+
+
+def _add_floor(
+    floor: Floor, state: State, load_n: FloatArray, drag: FloatArray, dt_s: FloatArray
+) -> None:
+    above_m = floor.height_m - state.position_m[2]
+    pressed_m = np.maximum(above_m - state.velocity_m_s[2] * dt_s, 0.0)
+    share = np.minimum(
+        1.0, floor.cap_n / np.maximum(floor.stiffness_n_per_m * pressed_m, TINY)
+    ) * (pressed_m > 0.0)
+    load_n += share * floor.stiffness_n_per_m * above_m
+    drag[2] += share * (floor.stiffness_n_per_m * dt_s + floor.damping_n_s_per_m)
+    drag[:2] += share * floor.sideways_n_s_per_m
+
+
+def _normals(
+    body: Body,
+    state: State,
+    closure_m: FloatArray,
+    held_n: FloatArray,
+    drag: FloatArray,
+    dt_s: FloatArray,
+    effects: PhysicsEffects,
+) -> FloatArray:
+    """Velocity along x [B] at the end of the step; sets depth and normal.
+
+    Trial and error decides which contacts press: those that would pull drop out until none changes.
+    """
+    side, sideways_m = body.side, state.position_m[1:] + state.velocity_m_s[1:] * dt_s
+    stays_m = (
+        closure_m
+        - recess_m(body, offset_m(body, sideways_m))
+        - side * state.position_m[0]
+    )
+    before_m = np.maximum(state.depth_m, 0.0)
+    remembers, memory_n = body.damping_n_s_per_m / dt_s, None
+    for lag in effects.lags:
+        stiffness, held = lag.terms(dt_s)
+        remembers, memory_n = (
+            remembers + stiffness,
+            held if memory_n is None else memory_n + held,
+        )
+    slope = body.stiffness_n_per_m + remembers
+    still_n = slope * stays_m - remembers * before_m
+    if memory_n is not None:
+        still_n = still_n + memory_n
+    mass, drive = (
+        body.mass_kg + dt_s * drag,
+        body.mass_kg * state.velocity_m_s[0] + dt_s * held_n,
+    )
+    speed = state.velocity_m_s[0]
+    pressing = None
+    pushed_n, square_s2 = side * still_n, dt_s * dt_s
+    for _ in range(MAX_SWEEPS):
+        moved_m = side * (speed * dt_s)
+        tried = (still_n > slope * moved_m) & (stays_m > moved_m)
+        if pressing is not None and (tried == pressing).all():
+            break
+        pressing = tried
+        push_n = add(np.where(pressing, pushed_n, 0.0), axis=0)
+        speed = (drive + dt_s * push_n) / (
+            mass + square_s2 * add(np.where(pressing, slope, 0.0), axis=0)
+        )
+    moved_m = side * (speed * dt_s)
+    state.depth_m = stays_m - moved_m
+    state.normal_n = np.where(
+        state.depth_m > 0.0, np.maximum(still_n - slope * moved_m, 0.0), 0.0
+    )
+    return speed
+
+
+def damping(body: Body, state: State, limit_m: FloatArray) -> FloatArray:
+    """[B] damping of the fingers along the surface, N s/m: of the elements that stick."""
+    sticks = (state.slip_m_s == 0.0) & (limit_m > 0.0)
+    stuck = add(np.where(sticks, body.brush_n_per_m, 0.0), axis=(0, 1))
+    coefficient: FloatArray = body.loss_s * stuck
+    return coefficient
+
+
+def _stretch_limit(
+    body: Body,
+    state: State,
+    normal_n: FloatArray,
+    dt_s: FloatArray,
+    effects: PhysicsEffects,
+) -> FloatArray:
+    """[E, S, B] how far friction lets each element stretch."""
+    # `friction` holds the slip speed first. In place: this array is large and computed every step.
+    friction = state.slip_m_s / body.stribeck_m_s
+    friction *= friction
+    friction += 1.0
+    np.divide(body.static - body.kinetic, friction, out=friction)
+    friction += body.kinetic
+    for texture in effects.textures:
+        friction *= texture.scale(state.slip_m_s * dt_s)
+    friction *= body.pressure * normal_n
+    friction /= body.brush_n_per_m
+    return friction
+
+
+def _sideways(
+    body: Body,
+    state: State,
+    held_n: FloatArray,
+    drag: FloatArray,
+    limit_m: FloatArray,
+    dt_s: FloatArray,
+) -> FloatArray:
+    """[2, B] velocity at the end of the step; stretches the brushes as far as friction holds."""
+    drive = body.mass_kg * state.velocity_m_s[1:] + dt_s * held_n
+    mass = body.mass_kg + dt_s * drag
+    velocity, rho, trial, length = _sweep(
+        drive, mass, body.brush_n_per_m, state.stretch_m, state.rho, limit_m, dt_s
+    )
+    change = rho - state.rho
+    worst = np.maximum.reduce(np.abs(change, out=change), axis=(0, 1))
+    open_ = two_at_least((worst > RHO_TOLERANCE).nonzero()[0])
+    for _ in range(MAX_SWEEPS):
+        if not open_.size:
+            break
+        before = rho[..., open_]
+        velocity[:, open_], after, trial[..., open_], length[..., open_] = _sweep(
+            drive[:, open_],
+            mass[:, open_],
+            body.brush_n_per_m[..., open_],
+            state.stretch_m[..., open_],
+            before,
+            limit_m[..., open_],
+            dt_s[open_],
+        )
+        rho[..., open_] = after
+        open_ = open_[np.abs(after - before).max(axis=(0, 1)) > RHO_TOLERANCE]
+    state.rho = rho
+    trial *= rho
+    state.stretch_m = trial
+    length *= 1.0 - rho
+    length /= dt_s
+    state.slip_m_s = length
+    return velocity
+
+
+def two_at_least(lanes: IntArray) -> IntArray:
+    """The lanes; a single one twice.
+
+    numpy sums one lane in another order than many, and a trial must not depend on its batch.
+    """
+    return np.repeat(lanes, 2) if len(lanes) == 1 else lanes
+
+
+def _sweep(
+    drive: FloatArray,
+    mass: FloatArray,
+    brush: FloatArray,
+    stretch: FloatArray,
+    rho: FloatArray,
+    limit: FloatArray,
+    dt_s: FloatArray,
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """One reweighting of the springs by rho: (velocity [2, B], rho, stretch, its length)."""
+    spring = brush * rho
+    stiffness = add(spring, axis=(0, 1))
+    pull = add(spring * stretch, axis=(1, 2))
+    velocity = (drive - dt_s * pull) / (mass + dt_s * dt_s * stiffness)
+    trial = stretch + (velocity * dt_s)[:, None, None]
+    length = trial[0] * trial[0]
+    length += trial[1] * trial[1]
+    np.sqrt(length, out=length)
+    held = np.maximum(length, TINY)
+    np.divide(limit, held, out=held)
+    return velocity, np.minimum(1.0, held, out=held), trial, length

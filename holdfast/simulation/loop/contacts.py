@@ -1,0 +1,153 @@
+"""Several brush elements a contact: slip begins at the rim while the middle still holds.
+
+Silicone yields with a delay: a Maxwell branch beside the normal spring.
+
+Roughness of the object: friction changes with the place, so that slipping vibrates.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from holdfast.core.contract import BoolArray, FloatArray
+from holdfast.simulation.effect import Drawn, Effect
+from holdfast.simulation.protocol import PlannedTrial
+from holdfast.simulation.values import Parameter
+
+
+def pressure(count: int) -> FloatArray:
+    """[E] share of the normal force on each of E elements: p ~ 1 - x^2 over the patch; sum 1.
+
+    A soft fingertip presses hardest in the middle (Johnson, "Contact mechanics", 1985, chapter 4),
+    so the outer elements reach mu N first: incipient slip. A single element bears everything and
+    slips all at once.
+    """
+    x = (np.arange(count) + 0.5) / count
+    share = 1.0 - x * x
+    even: FloatArray = share / share.sum()
+    return even
+
+
+BRUSH = Effect(
+    "brush",
+    "physics",
+    make=lambda count: pressure(int(count)),
+    parameters={"count": Parameter(5.0, "", 1, 50, "elements of each contact")},
+    constant="count",
+    sets="pressure",
+)
+
+
+class Lag:
+    """Standard linear solid: N gains q, dq/dt = ratio k d(depth)/dt - q / time, stepped implicitly.
+
+    Pressed in and held, the force falls from (1 + ratio) k depth to k depth as exp(-t / time); in
+    and out again it makes a hysteresis loop (Findley, Lai & Onaran, "Creep and relaxation of
+    nonlinear viscoelastic materials", 1976). Force N, stiffness N/m, time s.
+    """
+
+    def __init__(
+        self,
+        drawn: Sequence[Drawn],
+        trials: Sequence[object],
+        rngs: Sequence[np.random.Generator],
+    ) -> None:
+        stiffness = np.stack(
+            [getattr(trial, "finger_n_per_m") for trial in trials],  # noqa: B009
+            axis=1,
+        )
+        self.stiffness = stiffness * np.array([d["ratio"] for d in drawn])
+        self.time_s = np.array([d["time_s"] for d in drawn])
+        self.held_n = np.zeros(self.stiffness.shape)
+
+    def terms(self, dt_s: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """(stiffness, held), [S, B] each: q after the step = held + stiffness * change of depth."""
+        left = 1.0 / (1.0 + dt_s / self.time_s)
+        return self.stiffness * left, self.held_n * left
+
+    def moved(
+        self, change_m: FloatArray, touching: BoolArray, dt_s: FloatArray
+    ) -> None:
+        """Take in the change of depth; without contact the memory is lost."""
+        stiffness, held = self.terms(dt_s)
+        self.held_n = np.where(touching, held + stiffness * change_m, 0.0)
+
+    def busy_s(self, lane: int) -> list[tuple[float, float]]:
+        """No interval of its own."""
+        return []
+
+
+LAG = Effect(
+    "lag",
+    "physics",
+    make=Lag,
+    parameters={
+        "ratio": Parameter(
+            {"uniform": [0.1, 0.5]},
+            "",
+            0,
+            10,
+            "stiffness that relaxes over stiffness that stays",
+        ),
+        "time_s": Parameter(
+            {"log_uniform": [0.05, 0.8]}, "s", 0.001, 100, "time constant of relaxation"
+        ),
+    },
+)
+
+
+MOST_ELEMENTS = 50
+
+
+class Texture:
+    """Friction limit of an element times 1 + depth sin(2 pi s / wavelength + phase), s its slip.
+
+    At a slip speed v the force swings with v / wavelength, Hz: the vibration by which skin and slip
+    sensors detect slip (Johansson & Flanagan, Nat. Rev. Neurosci. 10, 2009). Each element has a
+    random phase. The effect needs fine steps.
+    """
+
+    def __init__(
+        self,
+        drawn: Sequence[Drawn],
+        trials: Sequence[PlannedTrial],
+        rngs: Sequence[np.random.Generator],
+    ) -> None:
+        self.depth = np.array([d["depth"] for d in drawn])
+        self.per_m = 2e3 * np.pi / np.array([d["wavelength_mm"] for d in drawn])
+        shape = MOST_ELEMENTS, len(trials[0].finger_n_per_m)
+        self.phase = np.stack(
+            [rng.uniform(0.0, 2.0 * np.pi, shape) for rng in rngs], axis=2
+        )
+        self.slipped_m: FloatArray | None = None
+
+    def scale(self, slipped_m: FloatArray) -> FloatArray:
+        """[E, S, B] factor of the friction limit; slipped_m [E, S, B]: slip in the last step."""
+        self.slipped_m = (
+            slipped_m if self.slipped_m is None else self.slipped_m + slipped_m
+        )
+        place = self.per_m * self.slipped_m + self.phase[: len(slipped_m)]
+        factor: FloatArray = 1.0 + self.depth * np.sin(place)
+        return factor
+
+    def busy_s(self, lane: int) -> list[tuple[float, float]]:
+        """No interval of its own."""
+        return []
+
+
+TEXTURE = Effect(
+    "texture",
+    "physics",
+    make=Texture,
+    parameters={
+        "wavelength_mm": Parameter(
+            {"uniform": [0.6, 2.0]}, "mm", 0.05, 50, "spatial period of the roughness"
+        ),
+        "depth": Parameter(
+            {"uniform": [0.1, 0.3]}, "", 0, 0.9, "how much friction swings"
+        ),
+    },
+    longest_step_s=1e-3,
+)

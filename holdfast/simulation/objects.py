@@ -1,0 +1,153 @@
+"""Objects: mass, size, shape, friction and stiffness.
+
+Masses and sizes are the thesis'. Friction against silicone and stiffness are our assumptions for
+foam, PET, rubber and printed plastic; the card varies them from trial to trial. A card may add
+objects.
+
+The hand of a card: how many contacts its thumb and its four fingers have.
+
+    [hand]
+    thumb = 4                # contacts on the thumb, default 2
+    finger = 4               # contacts on each of the four fingers, default 1; 20 in all here
+
+Each contact has an equal part of its finger's stiffness, and of the object's under it, so more
+contacts do not make a finger stiffer. Along a cylinder they lie side by side over the finger's
+width. All press along the thumb's axis: there is no palm, and a finger does not bend between its
+contacts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from holdfast.core.contract import FloatArray
+from holdfast.core.trial_layout import MASSES_G
+from holdfast.simulation.values import Parameter
+
+OBJECT_KEYS = {
+    "mass_g": Parameter(100.0, "g", 0.1, 5000.0, "mass"),
+    "radius_mm": Parameter(
+        30.0, "mm", 5.0, 60.0, "radius of curvature across the grip"
+    ),
+    "axial_radius_mm": Parameter(
+        0.0, "mm", 0.0, 1000.0, "radius of curvature along the axis; 0: a cylinder"
+    ),
+    "half_length_mm": Parameter(
+        0.0, "mm", 0.0, 500.0, "half the straight length of a cylinder; 0 for a ball"
+    ),
+    "friction": Parameter(0.7, "", 0.0, 3.0, "static friction coefficient on silicone"),
+    "kinetic_share": Parameter(0.8, "", 0.0, 1.0, "kinetic over static friction"),
+    "crush_n": Parameter(
+        0.0, "N", 0.0, 1e4, "grip of either side that crushes it; 0: none does"
+    ),
+    "stiffness_n_per_m": Parameter(
+        1e4, "N/m", 50.0, 1e7, "stiffness, in series with a finger's"
+    ),
+}
+EDGE_RADIUS_MM = 5.0
+"""A cylinder ends in a rounded edge of this radius."""
+
+
+@dataclass(frozen=True)
+class Thing:
+    """One object; a ball where axial_radius_mm is above zero, else a cylinder with rounded ends."""
+
+    name: str
+    mass_g: float
+    radius_mm: float
+    axial_radius_mm: float
+    half_length_mm: float
+    friction: float
+    kinetic_share: float
+    stiffness_n_per_m: float
+    crush_n: float = 0.0
+
+    @property
+    def curvature_per_m(self) -> tuple[float, float]:
+        """(across the grip, along the axis or at its edge), 1/m."""
+        return 1e3 / self.radius_mm, 1e3 / (self.axial_radius_mm or EDGE_RADIUS_MM)
+
+
+def thing(name: str, values: Mapping[str, Any]) -> Thing:
+    """An object from a card's table; missing values have their defaults."""
+    return Thing(
+        name,
+        **{key: float(values.get(key, p.default)) for key, p in OBJECT_KEYS.items()},
+    )
+
+
+def _ball(
+    name: str, diameter_mm: float, friction: float, stiffness: float, tall_mm: float = 0
+) -> Thing:
+    return Thing(
+        name,
+        MASSES_G[name],
+        diameter_mm / 2,
+        (tall_mm or diameter_mm) / 2,
+        0.0,
+        friction,
+        0.8,
+        stiffness,
+    )
+
+
+def _bottle(name: str, stiffness: float) -> Thing:
+    return Thing(name, MASSES_G[name], 31.5, 0.0, 100.0, 0.6, 0.8, stiffness)
+
+
+OBJECTS = {
+    thing.name: thing
+    for thing in (
+        _ball("soft-ball", 69.0, 0.8, 1.5e3),
+        _bottle("empty-bottle", 3e3),
+        _ball("basket-ball", 60.0, 0.8, 5e3),
+        _ball("hard-ball", 60.0, 0.6, 1e5),
+        _bottle("full-bottle", 2e4),
+        _ball("apple", 66.5, 0.5, 2e4, tall_mm=86.5),
+    )
+}
+
+
+HAND = {
+    "thumb": Parameter(2.0, "", 2, 20, "contacts on the thumb"),
+    "finger": Parameter(1.0, "", 1, 20, "contacts on each of the four fingers"),
+}
+THUMB_MM, FINGER_MM = 48.0, 22.0
+"""Widths along the object's axis, contacts spread evenly over each."""
+FINGERS_AT_MM = (33.0, 11.0, -11.0, -33.0)
+"""Middles of index, middle, ring, little."""
+
+
+@dataclass(frozen=True)
+class HandLayout:
+    """Numbers of contacts, the thumb's first, then finger by finger; default: the thesis' hand."""
+
+    thumb: int = 2
+    finger: int = 1
+
+    @property
+    def n_contacts(self) -> int:
+        """S, contacts of the whole hand."""
+        return self.thumb + len(FINGERS_AT_MM) * self.finger
+
+    @property
+    def part(self) -> FloatArray:
+        """[S] a contact's stiffness over that of a contact of the thesis' hand."""
+        fingers = np.full(len(FINGERS_AT_MM) * self.finger, 1.0 / self.finger)
+        return np.concatenate([np.full(self.thumb, 2.0 / self.thumb), fingers])
+
+    @property
+    def along_m(self) -> FloatArray:
+        """[S] positions of the contacts along the axis of a cylinder."""
+        fingers = [_spread(FINGER_MM, self.finger) + middle for middle in FINGERS_AT_MM]
+        return 1e-3 * np.concatenate([_spread(THUMB_MM, self.thumb), *fingers])
+
+
+def _spread(width_mm: float, count: int) -> FloatArray:
+    """[count] middles of equal parts of a width, centred on 0, the uppermost first."""
+    places: FloatArray = width_mm * (0.5 - (np.arange(count) + 0.5) / count)
+    return places

@@ -1,0 +1,327 @@
+"""What hand and people do in a trial: the parameters of every action, and how a trial is drawn.
+
+The hand grips the object that a person holds out, the person lets go, the hand holds for a while,
+and then:
+
+    pass        another person takes it slowly, and the hand opens (wait_s: after a pause)
+    pull        another person tears at it
+    fall        the support vanishes under a grip too weak for the weight
+    put-down    a box comes from below and takes the weight; later the hand opens
+    hold        disturbances only: of grip (dFn), load (dFt) or motor (dq)
+    nothing     the hand stays open and empty
+
+Every action may also have a weak grip with support (weak_share), so that a weak grip does not
+announce a fall.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from holdfast.simulation.effect import stream
+from holdfast.simulation.objects import HandLayout, Thing
+from holdfast.simulation.values import Parameter
+
+GRAVITY_M_S2 = 9.81
+NEVER_S = 1e9
+
+COMMON = {
+    "close_at_s": Parameter(
+        {"uniform": [2.6, 3.4]}, "s", 0.05, 100, "when the hand begins to close"
+    ),
+    "closing_s": Parameter(
+        {"uniform": [0.3, 0.5]}, "s", 0.05, 5, "how long closing takes"
+    ),
+    "grip_n": Parameter(
+        {"uniform": [2.5, 6.0]}, "N", 0.1, 70, "normal force of either side"
+    ),
+    "spare": Parameter(
+        {"uniform": [1.4, 2.2]},
+        "",
+        1,
+        20,
+        "smallest ratio of the grip to the least grip that holds the weight",
+    ),
+    "weak_share": Parameter(
+        0.25,
+        "",
+        0,
+        1,
+        "share of trials with a weak grip, which the person keeps supporting",
+    ),
+    "weak_grip": Parameter(
+        {"uniform": [0.2, 0.75]},
+        "",
+        0,
+        1,
+        "ratio of a weak grip to the least grip that holds the weight",
+    ),
+    "gentlest_n": Parameter(
+        0.5,
+        "N",
+        0,
+        70,
+        "the weakest grip of the hand; only an object that must fall is held with less",
+    ),
+    "give_after_s": Parameter(
+        {"uniform": [0.15, 0.4]},
+        "s",
+        0,
+        10,
+        "from closed hand until the person begins to let go",
+    ),
+    "give_s": Parameter(
+        {"uniform": [0.2, 0.5]}, "s", 0.01, 10, "how long letting go takes"
+    ),
+    "hold_s": Parameter(
+        {"uniform": [2.5, 4.0]}, "s", 0.8, 600, "from closed hand to the action"
+    ),
+    "tail_s": Parameter(
+        {"uniform": [2.0, 3.0]}, "s", 0.2, 600, "the empty hand after the action"
+    ),
+    "tilt_deg": Parameter(
+        {"normal": [0, 6]}, "deg", -60, 60, "of the hand, thumb side down"
+    ),
+    "roll_deg": Parameter(
+        {"normal": [0, 6]}, "deg", -60, 60, "of the hand about the thumb's axis"
+    ),
+    "finger_n_per_m": Parameter(
+        {"uniform": [400, 900]}, "N/m", 50, 1e7, "normal stiffness of a finger"
+    ),
+    "shear_ratio": Parameter(
+        {"uniform": [1.0, 1.6]},
+        "",
+        0.01,
+        100,
+        "stiffness along the surface over normal",
+    ),
+    "share_spread": Parameter(
+        0.2, "", 0, 0.9, "spread of the fingers' shares of the grip"
+    ),
+    "offset_mm": Parameter(
+        1.0, "mm", 0, 20, "distance of a contact from the apex of a curved object (sd)"
+    ),
+    "friction_factor": Parameter(
+        {"normal": [1.0, 0.08]}, "", 0, 3, "factor of the object's friction"
+    ),
+}
+OPENING = {
+    "opening_s": Parameter(
+        {"uniform": [0.3, 0.5]}, "s", 0.05, 10, "how long opening takes"
+    ),
+}
+ACTIONS: dict[str, dict[str, Parameter]] = {
+    "pass": {
+        **OPENING,
+        "distance_m": Parameter(
+            {"uniform": [0.08, 0.25]}, "m", 0, 3, "how far the taker carries it"
+        ),
+        "move_s": Parameter(
+            {"uniform": [1.0, 2.2]}, "s", 0.05, 60, "duration of the move"
+        ),
+        "open_after_s": Parameter(
+            {"uniform": [0.25, 0.8]}, "s", 0, 60, "from taking to opening"
+        ),
+        "take_s": Parameter(
+            {"uniform": [0.2, 0.6]},
+            "s",
+            0.01,
+            60,
+            "time in which the taker takes over the weight",
+        ),
+        "wait_s": Parameter(
+            0.0, "s", 0, 60, "pause of the taker between taking the weight and moving"
+        ),
+        "arm_n_per_m": Parameter(
+            {"log_uniform": [150, 600]}, "N/m", 1, 1e5, "stiffness of the taker's arm"
+        ),
+        "cap_n": Parameter(
+            {"uniform": [4, 12]}, "N", 0.1, 500, "largest pull of the taker"
+        ),
+    },
+    "pull": {
+        "distance_m": Parameter(
+            {"uniform": [0.15, 0.3]}, "m", 0, 3, "distance the object is torn away"
+        ),
+        "move_s": Parameter(
+            {"uniform": [0.25, 0.5]}, "s", 0.02, 60, "duration of the move"
+        ),
+        "arm_n_per_m": Parameter(
+            {"log_uniform": [600, 2000]}, "N/m", 1, 1e5, "stiffness of the puller's arm"
+        ),
+        "cap_n": Parameter(
+            {"uniform": [25, 50]}, "N", 0.1, 500, "largest pull of the puller"
+        ),
+    },
+    "fall": {
+        "vanish_s": Parameter(
+            {"uniform": [0.02, 0.06]},
+            "s",
+            0.001,
+            10,
+            "time in which the support vanishes",
+        ),
+        "watch_s": Parameter(
+            1.0, "s", 0.1, 60, "time observed after the support vanishes"
+        ),
+    },
+    "put-down": {
+        **OPENING,
+        "box_m_s": Parameter(
+            {"uniform": [0.02, 0.06]},
+            "m/s",
+            0.001,
+            2,
+            "how fast the hand comes down on the box",
+        ),
+        "press": Parameter(
+            {"uniform": [1.0, 1.3]}, "", 1, 50, "force on the box over the weight"
+        ),
+        "excess_n": Parameter(
+            {"uniform": [0.0, 0.5]},
+            "N",
+            0,
+            100,
+            "constant part of the force on the box",
+        ),
+        "open_after_s": Parameter(
+            {"uniform": [1.5, 3.0]}, "s", 0, 60, "from touching the box to opening"
+        ),
+    },
+    "hold": {
+        **OPENING,
+        "grip_change": Parameter(
+            0.0, "", -1, 5, "dFn: change of grip at a disturbance, over the grip"
+        ),
+        "load_n": Parameter(
+            0.0, "N", -50, 50, "dFt: force along the object at a disturbance"
+        ),
+        "motor_mm": Parameter(
+            0.0,
+            "mm",
+            -20,
+            20,
+            "dq: travel of the fingers (not the thumb) at a disturbance",
+        ),
+        "times": Parameter(3.0, "", 0, 100, "number of disturbances"),
+        "every_s": Parameter(
+            {"uniform": [0.8, 1.4]}, "s", 0.2, 60, "from one to the next"
+        ),
+        "pulse_s": Parameter(
+            {"uniform": [0.1, 0.4]}, "s", 0.01, 10, "how long one lasts"
+        ),
+    },
+    "nothing": {
+        "lasts_s": Parameter(20.0, "s", 0.5, 3600, "how long the hand stays empty"),
+    },
+}
+FOLDERS = tuple(ACTIONS)
+
+
+@dataclass(frozen=True)
+class PlannedTrial:
+    """One trial to simulate, all its numbers drawn; only effects draw more.
+
+    number: counts the trials of a card and picks every random stream. drawn: value of every
+    parameter. supported: a person keeps supporting a weak grip. For each contact of the hand:
+    share of the grip and finger_n_per_m [S], at_m [2, S]. push [3]: direction of taking.
+    """
+
+    number: int
+    thing: Thing
+    action: str
+    style: str
+    drawn: dict[str, float]
+    supported: bool
+    grip_n: float
+    share: np.ndarray
+    finger_n_per_m: np.ndarray
+    at_m: np.ndarray
+    push: np.ndarray
+    hand: HandLayout
+
+    @property
+    def kinetic_friction(self) -> float:
+        """Of the object in this trial, while it slides."""
+        thing = self.thing
+        return thing.friction * self.drawn["friction_factor"] * thing.kinetic_share
+
+
+def draw_trial(
+    number: int,
+    thing: Thing,
+    action: str,
+    style: str,
+    values: Mapping[str, Any],
+    seed: int,
+    hand: HandLayout,
+) -> PlannedTrial:
+    """Draw a trial from the stream of its number; values: the card's over those of its style."""
+    rng = stream(seed, number, "protocol")
+    table = COMMON | ACTIONS[action]
+    drawn = {
+        name: p.draw(values.get(name, p.default), rng) for name, p in table.items()
+    }
+    share = 1.0 + drawn["share_spread"] * rng.uniform(-1.0, 1.0, hand.n_contacts)
+    share[: hand.thumb] /= share[: hand.thumb].sum()
+    share[hand.thumb :] /= share[hand.thumb :].sum()
+    weak = rng.uniform() < drawn["weak_share"] or action == "fall"
+    return PlannedTrial(
+        number,
+        thing,
+        action,
+        style,
+        drawn,
+        supported=weak,
+        grip_n=_grip_n(
+            thing, drawn, weak, 0.0 if action == "fall" else drawn["gentlest_n"]
+        ),
+        share=share,
+        finger_n_per_m=drawn["finger_n_per_m"]
+        * rng.uniform(0.8, 1.25, hand.n_contacts)
+        * hand.part,
+        at_m=_places_m(thing, drawn, rng, hand),
+        push=_direction(rng),
+        hand=hand,
+    )
+
+
+def least_grip_n(thing: Thing, friction_factor: float = 1.0) -> float:
+    """Normal force a side, N, that just holds the weight by kinetic friction; inf without."""
+    friction = thing.friction * thing.kinetic_share * friction_factor
+    return (
+        thing.mass_g * 1e-3 * GRAVITY_M_S2 / (2.0 * friction)
+        if friction > 0.0
+        else np.inf
+    )
+
+
+def _grip_n(
+    thing: Thing, drawn: dict[str, float], weak: bool, gentlest_n: float
+) -> float:
+    least = least_grip_n(thing, drawn["friction_factor"])
+    return (
+        max(drawn["weak_grip"] * least, gentlest_n)
+        if weak
+        else max(drawn["grip_n"], drawn["spare"] * least)
+    )
+
+
+def _places_m(
+    thing: Thing, drawn: dict[str, float], rng: np.random.Generator, hand: HandLayout
+) -> np.ndarray:
+    """[2, S]: contacts lie along a cylinder, or about the apex of a ball, which fingers wrap."""
+    places = 1e-3 * drawn["offset_mm"] * rng.normal(size=(2, hand.n_contacts))
+    if not thing.axial_radius_mm:
+        places[1] += hand.along_m
+    return places
+
+
+def _direction(rng: np.random.Generator) -> np.ndarray:
+    """[3] unit vector of taking: away from the palm, up to 60 degrees up or down."""
+    angle = rng.uniform(-np.pi / 3, np.pi / 3)
+    return np.array([0.0, np.cos(angle), np.sin(angle)])

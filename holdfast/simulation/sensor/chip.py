@@ -1,0 +1,202 @@
+"""The Hall chip (TMAG5273A1): noise, range and resolution.
+
+Clock and bus: late, lost and repeated samples.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from holdfast.core.contract import BoolArray, FloatArray
+from holdfast.simulation.effect import Drawn, Effect, Signal
+from holdfast.simulation.sensor.rows import Plan, Rows, row_effect
+from holdfast.simulation.values import Parameter
+
+NOISE_UT = np.array([22.0, 22.0, 11.0])
+"""1 sigma at 32 averaged conversions (data sheet SLYS045).
+
+Its 125 and 68 uT at one conversion agree with 1/sqrt(32) within 10 %.
+"""
+RANGE_UT = np.array([40e3, 40e3, 80e3])
+
+
+def noise_plan(
+    drawn: Drawn, rng: np.random.Generator, t_s: FloatArray, sensors: int
+) -> Plan:
+    """White noise of 22 uT in x and y and 11 uT in z at 32 averages, times sqrt(32 / averages)."""
+    sigma = NOISE_UT * np.sqrt(32.0 / drawn["averages"])
+    return {"noise_ut": sigma * rng.normal(size=(len(t_s), sensors, 3))}
+
+
+def hall_noise(rows: Rows, plan: Plan) -> Rows:
+    """Adds the noise."""
+    return replace(rows, values=rows.values + plan["noise_ut"])
+
+
+def range_plan(
+    drawn: Drawn, rng: np.random.Generator, t_s: FloatArray, sensors: int
+) -> Plan:
+    """The chip's range, +-40 mT in x, y and +-80 mT in z, times a factor."""
+    return {"limit_ut": (RANGE_UT * drawn["range"])[None, None]}
+
+
+def saturation(rows: Rows, plan: Plan) -> Rows:
+    """Beyond its range the chip reports its limit; the sensor is invalid."""
+    limit = plan["limit_ut"]
+    inside = (np.abs(rows.values) < limit).all(axis=2)
+    return Rows(np.clip(rows.values, -limit, limit), rows.valid & inside)
+
+
+def bits_plan(
+    drawn: Drawn, rng: np.random.Generator, t_s: FloatArray, sensors: int
+) -> Plan:
+    """Steps of 2 range / 2^bits: 19.5 uT in x, y and 39 uT in z at 12 effective bits."""
+    return {"step_ut": (2.0 * RANGE_UT / 2.0 ** drawn["bits"])[None, None]}
+
+
+def quantisation(rows: Rows, plan: Plan) -> Rows:
+    """Rounds to whole steps."""
+    step = plan["step_ut"]
+    return replace(rows, values=np.rint(rows.values / step) * step)
+
+
+CHIP = (
+    row_effect(
+        "hall_noise",
+        noise_plan,
+        hall_noise,
+        parameters={
+            "averages": Parameter(
+                32.0, "", 1, 32, "conversions of each axis a reading is the mean of"
+            )
+        },
+        needs=("dipole",),
+    ),
+    row_effect(
+        "saturation",
+        range_plan,
+        saturation,
+        parameters={"range": Parameter(1.0, "", 0.01, 2, "of the chip's range")},
+        needs=("dipole",),
+        marks_invalid=True,
+    ),
+    row_effect(
+        "quantisation",
+        bits_plan,
+        quantisation,
+        parameters={"bits": Parameter(12.0, "", 4, 24, "of the whole range")},
+        needs=("dipole",),
+    ),
+)
+
+
+STALE_AFTER_S = 0.02
+LONGEST_BURST = 3
+LATEST = 0.45
+"""A sample is late or early by less than half a step, so the order is kept."""
+
+
+def late_s(t_s: FloatArray, drawn: Drawn, rng: np.random.Generator) -> FloatArray:
+    """[T] by how much each sample is late, s: normal with sd_ms; the first and the last are not."""
+    step_s = float(t_s[1] - t_s[0])
+    late = np.clip(
+        1e-3 * drawn["sd_ms"] * rng.normal(size=len(t_s)),
+        -LATEST * step_s,
+        LATEST * step_s,
+    )
+    late[[0, -1]] = 0.0
+    return late
+
+
+def timing_jitter(signal: Signal, drawn: Drawn, rng: np.random.Generator) -> Signal:
+    """A sample is taken at t + e, e normal with sd_ms; value and time stamp are of that moment."""
+    late = late_s(signal.t_s, drawn, rng)
+    if not late.any():
+        return signal
+    t_s = signal.t_s + late
+    flat = signal.values.reshape(len(t_s), -1)
+    values = np.stack([np.interp(t_s, signal.t_s, column) for column in flat.T], axis=1)
+    return replace(signal, t_s=t_s, values=values.reshape(signal.values.shape))
+
+
+def kept_rows(t_s: FloatArray, drawn: Drawn, rng: np.random.Generator) -> BoolArray:
+    """[T] which samples come; the others are lost in bursts of 1 to 3 rows.
+
+    The first two and the last come. At least two rows lie between bursts, then one begins with
+    probability p at each row. So m / (m + 1 + 1 / p) of the rows are lost, m the mean length of a
+    burst.
+    """
+    n, mean = len(t_s), 0.5 * (1 + LONGEST_BURST)
+    bursts = rng.integers(1, LONGEST_BURST + 1, n)
+    share = drawn["share"]
+    begins = rng.uniform(size=n) < (1.0 / (mean / share - mean - 1.0) if share else 0.0)
+    kept = np.ones(n, dtype=np.bool_)
+    last = -LONGEST_BURST
+    for start in np.flatnonzero(begins):
+        if start >= last + 2:
+            last = min(start + bursts[start], n - 1)
+            kept[max(start, 2) : last] = False
+    return kept
+
+
+def dropped_samples(signal: Signal, drawn: Drawn, rng: np.random.Generator) -> Signal:
+    """A share of the samples is lost."""
+    kept = kept_rows(signal.t_s, drawn, rng)
+    return replace(
+        signal,
+        t_s=signal.t_s[kept],
+        values=signal.values[kept],
+        valid=signal.valid[kept],
+    )
+
+
+def stale_plan(
+    drawn: Drawn, rng: np.random.Generator, t_s: FloatArray, sensors: int
+) -> Plan:
+    """From at_s on for lasts_s the sensors are stuck; the driver detects it after 20 ms."""
+    these = [int(number) - 1 for number in drawn["sensors"]]
+    stuck = np.zeros((len(t_s), sensors), dtype=np.bool_)
+    since_s = t_s - drawn["at_s"]
+    stuck[:, these] = (
+        (t_s >= drawn["at_s"]) & (t_s < drawn["at_s"] + drawn["lasts_s"])
+    )[:, None]
+    return {"stuck": stuck, "detected": stuck & (since_s > STALE_AFTER_S)[:, None]}
+
+
+def stale_sensor(rows: Rows, plan: Plan, before: Rows) -> Rows:
+    """A stuck sensor repeats its last value; it is invalid once the driver has detected it."""
+    values = np.where(plan["stuck"][..., None], before.values, rows.values)
+    return Rows(values, rows.valid & ~plan["detected"])
+
+
+TIMING = (
+    Effect(
+        "timing_jitter",
+        "sensor",
+        timing_jitter,
+        {"sd_ms": Parameter(0.3, "ms", 0, 20, "standard deviation of a sample's time")},
+        in_card_unit=True,
+    ),
+    Effect(
+        "dropped_samples",
+        "sensor",
+        dropped_samples,
+        {"share": Parameter(0.01, "", 0, 0.3, "share of the samples")},
+        in_card_unit=True,
+    ),
+    row_effect(
+        "stale_sensor",
+        stale_plan,
+        stale_sensor,
+        chained=True,
+        parameters={
+            "sensors": Parameter([], "", 1, 6, "which sensors", many=True),
+            "at_s": Parameter({"uniform": [4, 8]}, "s", 0, 1e6, "start"),
+            "lasts_s": Parameter({"uniform": [0.1, 1]}, "s", 0, 1e6, "duration"),
+        },
+        marks_invalid=True,
+        in_card_unit=True,
+    ),
+)

@@ -1,0 +1,295 @@
+"""From force to field: a magnet in silicone above a Hall chip, and its faults.
+
+From field back to newtons as in the thesis: one linear map for all sensors, fitted to loads.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+
+from holdfast.core.contract import FloatArray
+from holdfast.simulation.effect import Drawn, Signal
+from holdfast.simulation.sensor.rows import Plan, Rows, row_effect
+from holdfast.simulation.values import Parameter
+
+UT_PER_T = 1e6
+MU0_OVER_4PI = 1e-7
+REMANENCE_T = 1.35
+MAGNET_M3 = np.pi * 0.75e-3**2 * 0.5e-3
+MOMENT_A_M2 = REMANENCE_T * MAGNET_M3 / (4e-7 * np.pi)
+"""Of an N45 disc, 1.5 x 0.5 mm: 0.95 mA m^2."""
+NORMAL_N_PER_M, SHEAR_N_PER_M = 30e3, 15e3
+STIFFENING_N = 30.0
+"""Silicone stiffens: displacement = F / (k (1 + |F| / STIFFENING_N))."""
+EARTH_UT = np.array([20.0, 0.0, 43.0])
+
+
+def dipole_ut(place_m: FloatArray, moment_a_m2: float = MOMENT_A_M2) -> FloatArray:
+    """[.., 3] field at the chip, uT, of a dipole along z at place_m [.., 3] above it.
+
+    B = mu0/4pi (3 (m.r) r / r^5 - m / r^3) (Jackson, "Classical electrodynamics", 1998, 5.56).
+    """
+    z = place_m[..., 2]
+    r2 = (place_m * place_m).sum(axis=-1)
+    r3 = r2 * np.sqrt(r2)
+    field = 3.0 * (z / (r2 * r3))[..., None] * place_m
+    field[..., 2] -= 1.0 / r3
+    scaled: FloatArray = UT_PER_T * MU0_OVER_4PI * moment_a_m2 * field
+    return scaled
+
+
+def place_m(forces_n: FloatArray, height_mm: float | FloatArray) -> FloatArray:
+    """[.., 3] position of the magnet under forces [.., 3]: normal pushes down, shear sideways."""
+    yielding = forces_n / (1.0 + np.abs(forces_n) / STIFFENING_N)
+    return np.stack(
+        [
+            yielding[..., 0] / SHEAR_N_PER_M,
+            yielding[..., 1] / SHEAR_N_PER_M,
+            np.maximum(1e-3 * height_mm - yielding[..., 2] / NORMAL_N_PER_M, 5e-4),
+        ],
+        axis=-1,
+    )
+
+
+def height_plan(
+    drawn: Drawn, rng: np.random.Generator, t_s: FloatArray, sensors: int
+) -> Plan:
+    """Distance of the magnet from the chip, unloaded."""
+    return {"height_mm": np.full((1, 1), drawn["height_mm"])}
+
+
+def dipole(rows: Rows, plan: Plan) -> Rows:
+    """Force moves a magnet in silicone; the chip under it reads its dipole field, uT.
+
+    The field at rest is included. Displacement F / (k (1 + |F| / 30 N)) for each axis, k 30 N/mm
+    inwards and 15 N/mm sideways (a Shore-35A dome); field: dipole_ut.
+    """
+    return replace(rows, values=dipole_ut(place_m(rows.values, plan["height_mm"])))
+
+
+def leak_plan(
+    drawn: Drawn, rng: np.random.Generator, t_s: FloatArray, sensors: int
+) -> Plan:
+    """Shares of the neighbours' field and of the other axes."""
+    ratio = (drawn["height_mm"] / drawn["spacing_mm"]) ** 3
+    return {
+        "near": np.full((1, 1, 1), ratio),
+        "axes": np.full((1, 1, 1), drawn["axes"]),
+    }
+
+
+def cross_talk(rows: Rows, plan: Plan) -> Rows:
+    """Axes leak into each other, and neighbours' magnets add (height / spacing)^3 of their field.
+
+    A dipole's field falls as r^-3; neighbours are the sensors before and after. uT.
+    """
+    own = rows.values
+    near = np.zeros_like(own)
+    near[:, 1:] += own[:, :-1]
+    near[:, :-1] += own[:, 1:]
+    leak = plan["axes"] * (own.sum(axis=2, keepdims=True) - own)
+    return replace(rows, values=own + plan["near"] * near + leak)
+
+
+def turn_plan(
+    drawn: Drawn, rng: np.random.Generator, t_s: FloatArray, sensors: int
+) -> Plan:
+    """Each sensor's gain, 1 + gain_sd n, and its tilt, tilt_sd_deg n about x and y.
+
+    n is standard normal. Both are drawn for each recording, so a model cannot learn the
+    calibration.
+    """
+    gain = 1.0 + drawn["gain_sd"] * rng.normal(size=(sensors, 1))
+    angle = np.radians(drawn["tilt_sd_deg"]) * rng.normal(size=(2, sensors))
+    (cx, cy), (sx, sy) = np.cos(angle), np.sin(angle)
+    zero, one = np.zeros(sensors), np.ones(sensors)
+    about_x = np.array([[one, zero, zero], [zero, cx, -sx], [zero, sx, cx]])
+    about_y = np.array([[cy, zero, sy], [zero, one, zero], [-sy, zero, cy]])
+    return {
+        "gain": gain[None],
+        "turn": np.einsum("ijs,jks->sik", about_y, about_x)[None],
+    }
+
+
+def gain_tilt(rows: Rows, plan: Plan) -> Rows:
+    """Values become gain * R v, R the rotation of the sensor."""
+    turned = np.einsum("rsij,rsj->rsi", plan["turn"], rows.values)
+    return replace(rows, values=plan["gain"] * turned)
+
+
+def reversed_plan(
+    drawn: Drawn, rng: np.random.Generator, t_s: FloatArray, sensors: int
+) -> Plan:
+    """-1 where the magnet of a sensor (1 .. S) is upside down (thesis)."""
+    sign = np.ones((1, sensors, 1))
+    sign[:, _indices(drawn["sensors"])] = -1.0
+    return {"sign": sign}
+
+
+def magnet_reversed(rows: Rows, plan: Plan) -> Rows:
+    """The field of a magnet that is upside down flips."""
+    return replace(rows, values=rows.values * plan["sign"])
+
+
+def lost_plan(
+    drawn: Drawn, rng: np.random.Generator, t_s: FloatArray, sensors: int
+) -> Plan:
+    """From at_s on the magnets of these sensors are lost."""
+    gone = np.zeros((len(t_s), sensors, 1), dtype=np.bool_)
+    gone[:, _indices(drawn["sensors"])] = (t_s >= drawn["at_s"])[:, None, None]
+    return {"gone": gone}
+
+
+def magnet_lost(rows: Rows, plan: Plan) -> Rows:
+    """Without a magnet the earth's field remains, 48 uT."""
+    return replace(rows, values=np.where(plan["gone"], EARTH_UT, rows.values))
+
+
+def warming_plan(
+    drawn: Drawn, rng: np.random.Generator, t_s: FloatArray, sensors: int
+) -> Plan:
+    """The magnets warm by w (1 - exp(-t / tau)) degC and lose 0.12 % of their field per degree.
+
+    That is for neodymium. With compensated = 1 the chip's own temperature coefficient corrects for
+    it, and a tenth remains.
+    """
+    warm = drawn["warming_degc"] * (1.0 - np.exp(-t_s / drawn["time_s"]))
+    share = 0.0012 * (0.1 if drawn["compensated"] else 1.0)
+    return {"left": (1.0 - share * warm)[:, None, None]}
+
+
+def thermal_drift(rows: Rows, plan: Plan) -> Rows:
+    """The field that is left."""
+    return replace(rows, values=rows.values * plan["left"])
+
+
+def _indices(sensors: Sequence[float]) -> list[int]:
+    return [int(number) - 1 for number in sensors]
+
+
+HEIGHT = Parameter(2.0, "mm", 1.5, 20, "from chip to magnet, unloaded")
+SENSORS = Parameter([], "", 1, 6, "which sensors", many=True)
+MAGNET = (
+    row_effect(
+        "dipole", height_plan, dipole, parameters={"height_mm": HEIGHT}, gives_unit="uT"
+    ),
+    row_effect(
+        "cross_talk",
+        leak_plan,
+        cross_talk,
+        parameters={
+            "height_mm": HEIGHT,
+            "spacing_mm": Parameter(
+                20.0, "mm", 5, 200, "between neighbouring fingertips"
+            ),
+            "axes": Parameter(0.01, "", 0, 0.3, "share of the other axes"),
+        },
+        needs=("dipole",),
+    ),
+    row_effect(
+        "gain_tilt",
+        turn_plan,
+        gain_tilt,
+        parameters={
+            "gain_sd": Parameter(0.05, "", 0, 0.5, "spread of the gains"),
+            "tilt_sd_deg": Parameter(3.0, "deg", 0, 45, "spread of the angles"),
+        },
+    ),
+    row_effect(
+        "magnet_reversed",
+        reversed_plan,
+        magnet_reversed,
+        parameters={"sensors": SENSORS},
+        needs=("dipole",),
+    ),
+    row_effect(
+        "magnet_lost",
+        lost_plan,
+        magnet_lost,
+        parameters={
+            "sensors": SENSORS,
+            "at_s": Parameter(5.0, "s", 0, 1e6, "time of the loss"),
+        },
+        needs=("dipole",),
+    ),
+    row_effect(
+        "thermal_drift",
+        warming_plan,
+        thermal_drift,
+        parameters={
+            "warming_degc": Parameter(
+                {"uniform": [0, 10]}, "degC", -50, 80, "final warming"
+            ),
+            "time_s": Parameter(300.0, "s", 1, 1e5, "time constant"),
+            "compensated": Parameter(1.0, "", 0, 1, "1: the chip compensates"),
+        },
+        needs=("dipole",),
+    ),
+)
+
+
+SHEAR_SHARE = 0.5
+"""Largest shear of the calibration's loads over their normal force."""
+
+
+def loads_n() -> FloatArray:
+    """[M, 3] the thesis' loads: 0 .. 14 N normal, and shear to every side at 5 and 14 N normal."""
+    normal = np.stack([np.zeros(15), np.zeros(15), np.arange(15.0)], axis=1)
+    angles = np.radians(np.arange(0, 360, 45))
+    shear = [
+        [
+            share * SHEAR_SHARE * force * np.cos(a),
+            share * SHEAR_SHARE * force * np.sin(a),
+            force,
+        ]
+        for force in (5.0, 14.0)
+        for share in (0.25, 0.5, 0.75, 1.0)
+        for a in angles
+    ]
+    return np.concatenate([normal, np.array(shear)])
+
+
+@cache
+def linear_map() -> tuple[FloatArray, FloatArray]:
+    """(matrix [3, 3] N/uT, rest field [3] uT): force = matrix (field - rest), least squares."""
+    forces = loads_n()
+    rest = dipole_ut(place_m(np.zeros((1, 3)), HEIGHT.default))[0]
+    fields = dipole_ut(place_m(forces, HEIGHT.default)) - rest
+    solution = np.linalg.lstsq(fields, forces, rcond=None)[0]
+    return solution.T, rest
+
+
+def calibrate(signal: Signal) -> Signal:
+    """A signal in uT as newtons, its bias not removed.
+
+    The magnet's own field is 23 N, that of a magnet upside down -23 N.
+    """
+    matrix, _ = linear_map()
+    newton = np.einsum("ij,tsj->tsi", matrix, signal.values)
+    return replace(signal, values=newton, unit="N")
+
+
+def residual_n() -> tuple[float, float]:
+    """RMS error of the map over its loads: (normal, shear), N; hardware: 0.27, 0.12."""
+    matrix, rest = linear_map()
+    forces = loads_n()
+    error = (dipole_ut(place_m(forces, HEIGHT.default)) - rest) @ matrix.T - forces
+    return float(np.sqrt((error[:, 2] ** 2).mean())), float(
+        np.sqrt((error[:, :2] ** 2).mean())
+    )
+
+
+def shear_gain() -> float:
+    """True over read ratio of shear and normal force, at a light touch of 1 N with 0.5 N of shear.
+
+    The map is fitted to loads up to 14 N, and silicone stiffens: a light touch reads too little
+    along the skin.
+    """
+    matrix, rest = linear_map()
+    force = np.array([[0.5, 0.0, 1.0]])
+    read = (dipole_ut(place_m(force, HEIGHT.default)) - rest) @ matrix.T
+    return float(0.5 * read[0, 2] / read[0, 0])

@@ -1,0 +1,196 @@
+"""Critical points for labelling, computed OFFLINE: these functions look ahead.
+
+Nothing here may run on a hand; the causal detectors that do are in `export`. Two methods look for
+the moment at which a grip changes:
+
+band-pass  slip rings. Engeberg and Meek's bank, H(s) = s [wn^2 / (s^2 + 2 z wn s + wn^2)]^2 [wl /
+           (s + wl)], ten bands on every shear channel; the largest rectified band against the
+           recording's own noise.
+friction   the ratio of shear to normal force jumps, and the force itself has moved a moment later.
+
+Every rule is in seconds and every threshold is relative to the recording itself, so that one
+setting serves all objects, rates and units.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from holdfast.core.contract import NORMAL_AXIS, BoolArray, FloatArray
+from holdfast.export.bank import bands_for, sections
+from holdfast.training.recording import Recording
+
+PointMethod = Literal["band-pass", "friction", "both"]
+Rows = npt.NDArray[np.int64]
+
+NOISE_TIMES = 6.0  # a point stands this far above the median of its signal
+# and above this share of the recording's largest swing (a recording without noise)
+LEAST_SHARE = 0.02
+REST_S = 0.1  # unloaded start, the zero of all forces
+EDGE_S = 1.0  # ignored at both ends: filters settle, hands come and go
+RECOVERY_S = 0.3  # quiet between two excursions of one signal
+BAND_PASS_APART_S = 0.6
+STEP_S = 0.02  # the ratio's jump is taken over this time
+LEAST_JUMP = 0.1  # of the friction ratio, dimensionless
+NORMAL_JUMP = 5.0  # times stricter where only the normal force moved
+SHEAR_AHEAD_S = 0.3
+NORMAL_AHEAD_S = 0.1  # to both sides: 0.2 s in all
+FRICTION_APART_S = 0.5
+FUSED_APART_S = 0.5
+
+
+@dataclass(frozen=True)
+class CriticalPoint:
+    """A moment at which a grip changes. source: the method that detected it, or both."""
+
+    row: int
+    t_s: float
+    source: PointMethod
+
+
+def offline_critical_points(recording: Recording) -> list[CriticalPoint]:
+    """Both methods or-ed, in order of time: the first of any 0.5 s, none within 1 s of either end.
+
+    Raises RateError where the rate carries no band.
+    """
+    rate_hz = recording.rate_hz
+    samples = _at_rest_zero(_held(recording.samples, recording.valid), rate_hz)
+    by_band, by_friction = (
+        band_pass_rows(samples, rate_hz),
+        friction_rows(samples, rate_hz),
+    )
+    apart = _rows(FUSED_APART_S, rate_hz)
+    fused = _first_of_any(np.union1d(by_band, by_friction), apart)
+    return [
+        CriticalPoint(row, row / rate_hz, _source(row, by_band, by_friction, apart))
+        for row in fused.tolist()
+    ]
+
+
+def band_pass_envelope(samples: FloatArray, rate_hz: float) -> FloatArray:
+    """[T, C] -> [T, 2 C / 3] largest |output| over the bands of each shear channel, unit/s.
+
+    Each channel has a state of its own, settled at its first value, and starts afresh with every
+    call.
+    """
+    from scipy.signal import sosfilt  # here, because its import takes a second
+
+    shear = np.delete(samples, np.s_[NORMAL_AXIS::3], axis=1)
+    outputs = [
+        sosfilt(sections(rate_hz, band), shear - shear[0], axis=0)
+        for band in bands_for(rate_hz)
+    ]
+    return np.abs(outputs).max(axis=0)
+
+
+def band_pass_rows(samples: FloatArray, rate_hz: float) -> Rows:
+    """Rows at which a shear channel rises above its noise: the first of any 0.6 s."""
+    envelope = band_pass_envelope(samples, rate_hz)
+    threshold = np.maximum(
+        NOISE_TIMES * np.median(envelope, axis=0), LEAST_SHARE * envelope.max()
+    )
+    above = envelope > threshold
+    edges = [
+        _fresh_edges(above[:, channel], _rows(RECOVERY_S, rate_hz))
+        for channel in range(above.shape[1])
+    ]
+    return _first_of_any(
+        _inside(np.unique(np.concatenate(edges)), len(samples), rate_hz),
+        _rows(BAND_PASS_APART_S, rate_hz),
+    )
+
+
+def _fresh_edges(above: BoolArray, quiet: int) -> Rows:
+    """First rows of the excursions that begin at least `quiet` rows after the one before ended."""
+    change = np.diff(above.astype(np.int8), prepend=0, append=0)
+    starts, stops = np.flatnonzero(change == 1), np.flatnonzero(change == -1)
+    fresh = np.ones(len(starts), dtype=np.bool_)
+    fresh[1:] = starts[1:] - stops[:-1] >= quiet
+    return starts[fresh]
+
+
+def friction_rows(samples: FloatArray, rate_hz: float) -> Rows:
+    """Jumps of a sensor's shear-to-normal ratio, confirmed by what the force does next: rows.
+
+    Each sensor has a cone of its own in its own fixed axes: no component whose sign or scale
+    depends on the trial. The normal force under the fraction bar never falls below a tenth of what
+    the recording's most loaded sensor carries, so the ratio is bounded where contact is light and
+    has no pole. Of marks within 0.5 s the largest jump is kept.
+    """
+    forces = samples.reshape(len(samples), -1, 3)
+    shear, normal = forces[..., :NORMAL_AXIS], forces[..., NORMAL_AXIS:]
+    noise = np.median(np.abs(np.diff(forces, axis=0)), axis=0).max()
+    least = max(
+        0.1 * np.quantile(np.abs(normal), 0.95, axis=0).max(), NOISE_TIMES * noise
+    )
+    if least == 0.0:
+        return np.empty(0, dtype=np.int64)
+    ratio = shear / np.maximum(normal, least)
+    jump = _moved(ratio, _rows(STEP_S, rate_hz), 0)
+    size = np.maximum(LEAST_JUMP, NOISE_TIMES * np.median(jump, axis=0))
+    ahead, around = _rows(SHEAR_AHEAD_S, rate_hz), _rows(NORMAL_AHEAD_S, rate_hz)
+    shear_moved = (
+        np.maximum(_moved(shear, ahead, ahead), _moved(shear, 0, ahead)) > least
+    )
+    normal_moved = _moved(normal, around, around) > least
+    marked = (jump > size) & shear_moved | (jump > NORMAL_JUMP * size) & normal_moved
+    strength = np.where(marked, jump, 0.0).max(axis=1)
+    rows = _inside(np.flatnonzero(strength), len(samples), rate_hz)
+    return _largest_of_any(rows, strength[rows], _rows(FRICTION_APART_S, rate_hz))
+
+
+def _moved(x: FloatArray, back: int, ahead: int) -> FloatArray:
+    """[T, S, A] -> [T, S]: how far x[t + ahead] is from x[t - back]; clamped at the ends."""
+    rows = np.arange(len(x))
+    change = x[np.minimum(rows + ahead, len(x) - 1)] - x[np.maximum(rows - back, 0)]
+    return np.sqrt(np.square(change).sum(axis=2))
+
+
+def _held(samples: FloatArray, valid: BoolArray) -> FloatArray:
+    """Lost values replaced by the last good one, else the first good one, else zero."""
+    good = np.isfinite(samples) & np.repeat(valid, 3, axis=1)
+    rows = np.where(good, np.arange(len(samples))[:, None], -1)
+    last = np.maximum.accumulate(rows, axis=0)
+    last = np.where(last < 0, good.argmax(axis=0), last)
+    return np.where(good.any(axis=0), np.take_along_axis(samples, last, axis=0), 0.0)
+
+
+def _at_rest_zero(samples: FloatArray, rate_hz: float) -> FloatArray:
+    return samples - np.median(samples[: _rows(REST_S, rate_hz)], axis=0)
+
+
+def _rows(seconds: float, rate_hz: float) -> int:
+    return max(1, round(seconds * rate_hz))
+
+
+def _inside(rows: Rows, n_rows: int, rate_hz: float) -> Rows:
+    edge = _rows(EDGE_S, rate_hz)
+    return rows[(rows >= edge) & (rows < n_rows - edge)]
+
+
+def _first_of_any(rows: Rows, apart: int) -> Rows:
+    kept: list[int] = []
+    for row in rows:
+        if not kept or row - kept[-1] > apart:
+            kept.append(int(row))
+    return np.array(kept, dtype=np.int64)
+
+
+def _largest_of_any(rows: Rows, size: FloatArray, apart: int) -> Rows:
+    kept: list[int] = []
+    for row in rows[np.argsort(-size, kind="stable")]:
+        if all(abs(row - other) > apart for other in kept):
+            kept.append(int(row))
+    return np.array(sorted(kept), dtype=np.int64)
+
+
+def _source(row: int, by_band: Rows, by_friction: Rows, apart: int) -> PointMethod:
+    """Which methods have a point in the time that one fused point stands for."""
+    band, friction = (
+        np.any((rows >= row) & (rows - row <= apart)) for rows in (by_band, by_friction)
+    )
+    return "both" if band and friction else "band-pass" if band else "friction"

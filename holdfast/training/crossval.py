@@ -1,0 +1,327 @@
+"""Cross-validation by person, and calibration from its held-out votes.
+
+Predictions are the reference's (quantised leaves, riskier class on ties), that is, the exported
+file's: with `verify_spec` every fold's forest really is exported and compared on every held-out
+row.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+from sklearn.linear_model import LogisticRegression
+
+from holdfast.core.contract import SITUATIONS
+from holdfast.core.errors import ClassMissing
+from holdfast.export.exporting import whole_graph
+from holdfast.export.forest import Forest, IntArray, votes_of_trees
+from holdfast.export.heads import Calibration, Head
+from holdfast.export.learner import Committee, Learner, reference_votes
+from holdfast.export.reference import reference_label, situation_votes
+from holdfast.export.spec import StepSpec
+from holdfast.export.verify import Verification, verify
+from holdfast.training.featurise import FloatRows
+from holdfast.training.label_rule import (
+    LabelWeights,
+    fit_label_weights,
+    situation_labels,
+)
+from holdfast.training.network_choice import choose_network
+from holdfast.training.network_fit import fit_network
+from holdfast.training.plan import TASK_HEADS, TrainingPlan
+from holdfast.training.progress import Say
+from holdfast.training.recording import DataSet
+from holdfast.training.splits import Fold, assign_groups, folds_of, grouped_folds
+
+CALIBRATION_C = 1.0
+"""Inverse regularisation of the calibration (scikit-learn's C) on vote shares between 0 and 1."""
+
+
+@dataclass(frozen=True)
+class FoldAnswers:
+    """What the learners of one fold answer for the windows of its held-out people.
+
+    rows: task -> [N] which windows of the task. votes: task -> [N, K] exact integers. labels: [N]
+    of the main task. verification: of the exported learners, where that was asked for.
+    """
+
+    rows: dict[str, IntArray]
+    votes: dict[str, IntArray]
+    labels: IntArray
+    verification: Verification | None
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """Votes for every window, each from a learner that never saw its person.
+
+    votes: task -> [M, K] exact integers. labels: [M] situations of the main task, where a fold's
+    label weights count; else the riskiest of those with most votes. verification: one report a
+    fold.
+    """
+
+    votes: dict[str, IntArray]
+    labels: IntArray | None = None
+    verification: list[Verification] = field(default_factory=list)
+
+    @classmethod
+    def of(cls, data: DataSet, folds: Sequence[FoldAnswers]) -> HeldOut:
+        """The answers of all folds, window by window."""
+        main = main_task(data)
+        votes = {
+            task: np.zeros((len(rows), len(rows.classes)), np.int64)
+            for task, rows in data.tasks.items()
+        }
+        labels = np.zeros(len(data.tasks[main]), np.int64)
+        for fold in folds:
+            labels[fold.rows[main]] = fold.labels
+            for task, rows in fold.rows.items():
+                votes[task][rows] = fold.votes[task]
+        return cls(
+            votes, labels, [fold.verification for fold in folds if fold.verification]
+        )
+
+    def shares(self, task: str) -> npt.NDArray[np.float64]:
+        """[M, K] vote shares, rows summing to one."""
+        votes = self.votes[task]
+        return votes / votes.sum(axis=1, keepdims=True)
+
+    def situations(self) -> IntArray:
+        """[M] labels of the main task by the declared tie rule."""
+        return (
+            situation_labels(self.situation_votes(), None)
+            if self.labels is None
+            else self.labels
+        )
+
+    def situation_votes(self) -> IntArray:
+        """[M, 4] votes of the main task."""
+        return situation_votes(
+            self.votes["classes" if "classes" in self.votes else "situations"]
+        )
+
+
+def cross_validate(
+    data: DataSet,
+    features: dict[str, FloatRows],
+    plan: TrainingPlan,
+    *,
+    seed: int = 0,
+    say: Say = lambda line: None,
+    verify_spec: StepSpec | None = None,
+) -> HeldOut:
+    """Held-out votes for every window of every task; folds of people are shared by all tasks.
+
+    features: task -> [M, F]. verify_spec: export every fold's learners and compare them on all
+    held-out rows. A fold may hold out no window of a task; one that leaves none to train on is a
+    ClassMissing. Raises TooFewGroups.
+    """
+    folds = []
+    for number, split in enumerate(splits_of(data, plan, seed), 1):
+        say(f"fold {number} of {plan.folds}")
+        folds.append(answer_fold(data, features, plan, split, seed, verify_spec))
+    return HeldOut.of(data, folds)
+
+
+def splits_of(data: DataSet, plan: TrainingPlan, seed: int) -> list[dict[str, Fold]]:
+    """Task -> training and test rows, of every fold; all tasks hold out the same people."""
+    folds = assign_groups(_groups_of_all(data, main_task(data)), plan.folds, seed=seed)
+    splits = {task: folds_of(data.group_of(task), folds) for task in data.tasks}
+    return [{task: splits[task][fold] for task in splits} for fold in range(plan.folds)]
+
+
+def answer_fold(
+    data: DataSet,
+    features: dict[str, FloatRows],
+    plan: TrainingPlan,
+    split: dict[str, Fold],
+    seed: int,
+    verify_spec: StepSpec | None = None,
+) -> FoldAnswers:
+    """Train on one fold's people and answer the windows of those it holds out.
+
+    The arguments are those of `cross_validate`; split: one of `splits_of`.
+    """
+    heads = {
+        task: _fold_head(data, features, plan, task, rows, seed)
+        for task, rows in split.items()
+    }
+    held = {task: rows[1] for task, rows in split.items()}
+    votes = {
+        task: reference_votes(
+            head.learner, features[task][held[task]], len(head.classes)
+        )
+        for task, head in heads.items()
+    }
+    main, report = main_task(data), None
+    if verify_spec is not None:
+        rows, learners = (
+            np.concatenate([features[t][held[t]] for t in held]),
+            list(heads.values()),
+        )
+        graph = whole_graph(verify_spec, learners)
+        report = verify(graph, verify_spec, learners, rows, seed)
+    return FoldAnswers(held, votes, reference_label(heads[main], votes[main]), report)
+
+
+def plan_for(
+    data: DataSet,
+    features: dict[str, FloatRows],
+    plan: TrainingPlan,
+    task: str,
+    rows: npt.NDArray[np.int64],
+    seed: int,
+) -> TrainingPlan:
+    """The plan with a task's network as these windows alone choose it, people held out in turn.
+
+    The plan itself where it has no inner folds or no network. Raises TooFewGroups.
+    """
+    if not plan.inner_folds or plan.learner == "forest":
+        return plan
+    label, groups = data.tasks[task].label[rows], data.group_of(task)[rows]
+    given, seen = plan.network_for(task), features[task][rows]
+    chosen = choose_network(given, seen, label, groups, plan.inner_folds, seed)
+    return plan.with_network(task, chosen)
+
+
+def chosen_label_weights(
+    data: DataSet,
+    features: dict[str, FloatRows],
+    plan: TrainingPlan,
+    rows: npt.NDArray[np.int64],
+    seed: int,
+) -> LabelWeights | None:
+    """Label weights from these windows of the main task alone, their people held out in turn.
+
+    None where the plan wants none. Raises TooFewGroups.
+    """
+    if not plan.inner_folds:
+        return None
+    task = main_task(data)
+    held_out = data.tasks[task]
+    votes = np.zeros((len(rows), len(held_out.classes)), np.int64)
+    for train, test in grouped_folds(
+        data.group_of(task)[rows], plan.inner_folds, seed=seed
+    ):
+        learner = fit_learner(data, features[task], plan, task, rows[train], seed)
+        votes[test] = reference_votes(
+            learner, features[task][rows[test]], votes.shape[1]
+        )
+    situation = held_out.label[rows] // (votes.shape[1] // len(SITUATIONS))
+    return fit_label_weights(situation_votes(votes), situation)
+
+
+def _groups_of_all(data: DataSet, main: str) -> npt.NDArray[np.str_]:
+    """Groups of the main task's windows, then of those windows of other tasks with other people."""
+    known = data.group_of(main)
+    others = [data.group_of(task) for task in data.tasks if task != main]
+    return np.concatenate(
+        [known, *(groups[~np.isin(groups, known)] for groups in others)]
+    )
+
+
+def main_task(data: DataSet) -> str:
+    """The main head's task: eight classes where the set has them, else four situations."""
+    return "classes" if "classes" in data.tasks else "situations"
+
+
+def fit_learner(
+    data: DataSet,
+    features: FloatRows,
+    plan: TrainingPlan,
+    task: str,
+    rows: npt.NDArray[np.int64],
+    seed: int,
+) -> Learner:
+    """The plan's learner for a task, fitted on some windows. Raises ClassMissing without any."""
+    if not len(rows):
+        raise ClassMissing(
+            f"task {task}: no window to train on",
+            where=data.name,
+            cause="all of its windows are in recordings that are held out",
+            next_step="add recordings of other people, or leave the task out",
+        )
+    given = data.tasks[task]
+    n_classes = len(given.classes)
+    return learner_of(plan, task, features[rows], given.label[rows], n_classes, seed)
+
+
+def learner_of(
+    plan: TrainingPlan,
+    task: str,
+    rows: FloatRows,
+    label: IntArray,
+    n_classes: int,
+    seed: int,
+) -> Learner:
+    """The plan's learner for a task, fitted on rows [N, F] with labels [N]."""
+    if plan.learner == "network":
+        return fit_network(plan.network_for(task), rows, label, n_classes, seed)
+    by_column = np.asfortranarray(rows)  # as a tree reads them: the same forest, sooner
+    forest = plan.forest_for(task).build(seed).fit(by_column, label)
+    if plan.learner == "forest":
+        return forest
+    return joined_by_network(forest, plan, task, rows, label, n_classes, seed)
+
+
+def joined_by_network(
+    forest: Forest,
+    plan: TrainingPlan,
+    task: str,
+    rows: FloatRows,
+    label: IntArray,
+    n_classes: int,
+    seed: int,
+) -> Committee:
+    """A fitted forest and the plan's network, fitted on the same rows [N, F] and labels [N]."""
+    votes = votes_of_trees(len(forest.estimators_))
+    network = fit_network(plan.network_for(task), rows, label, n_classes, seed, votes)
+    return Committee(forest, network)
+
+
+def fit_calibration(
+    shares: npt.NDArray[np.float64], label: npt.NDArray[np.int64]
+) -> Calibration:
+    """Multinomial logistic map from held-out vote shares [M, K] to probabilities.
+
+    A class without a single window keeps a probability of (all but) zero.
+    """
+    k = shares.shape[1]
+    present = np.unique(label)
+    weights, bias = np.zeros((k, k)), np.full(k, -30.0)
+    if len(present) == 1:
+        bias[present] = 0.0
+        return Calibration(weights, bias)
+    model = LogisticRegression(C=CALIBRATION_C, max_iter=1000).fit(shares, label)
+    if len(present) == 2:
+        weights[:, present[1]], bias[present] = (
+            model.coef_[0],
+            [0.0, model.intercept_[0]],
+        )
+    else:
+        weights[:, present], bias[present] = model.coef_.T, model.intercept_
+    return Calibration(weights, bias)
+
+
+def uncalibrated(n_classes: int) -> Calibration:
+    """A placeholder for learners of single folds, whose probabilities are not used."""
+    return Calibration(np.eye(n_classes), np.zeros(n_classes))
+
+
+def _fold_head(
+    data: DataSet,
+    features: dict[str, FloatRows],
+    plan: TrainingPlan,
+    task: str,
+    split: Fold,
+    seed: int,
+) -> Head:
+    plan = plan_for(data, features, plan, task, split[0], seed)
+    learner = fit_learner(data, features[task], plan, task, split[0], seed)
+    classes, weights = data.tasks[task].classes, None
+    if task == main_task(data):
+        weights = chosen_label_weights(data, features, plan, split[0], seed)
+    return Head(TASK_HEADS[task], classes, learner, uncalibrated(len(classes)), weights)

@@ -1,0 +1,183 @@
+"""The labels of human_slip_uskin: situations from the rotation of the object, no model input.
+
+Per trial, with x the 48 channels, e the middle angle of the object quaternion's xyx decomposition
+in degrees (the authors' own measure of slip), s and t the rows where the move starts and ends::
+
+    bias       xb = x - median(x[0:60])
+    contact    z = sum of the 16 normals of xb, z >= 1 N
+    reference  r = median(e[max(0, s-30) : s-3])
+    rotation   d = |e - r|
+    situation  z < 1 nothing; d < 5 grasp; 5 <= d < 15 safe_slip; d >= 15 risky_slip
+
+Contact always uses all 16 normals, so the labels do not depend on the channels a model gets.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from holdfast.core.contract import (
+    GRASP,
+    NORMAL_AXIS,
+    NOTHING,
+    RISKY_SLIP,
+    SAFE_SLIP,
+    FloatArray,
+)
+from holdfast.training.datasets.reading import TrialRows
+from holdfast.training.timeline import Phase, RiskyEvent
+
+BIAS_ROWS = 60
+CONTACT_N, SAFE_DEG, RISKY_DEG = 1.0, 5.0, 15.0
+WINDOW_ROWS, SITUATION_STEP_ROWS, PREDICTION_STEP_ROWS = 6, 6, 3
+AROUND_MOVE_ROWS = 60
+"""Situations go on for this long after the move; predictions start this long before it."""
+HORIZON_ROWS = 15
+"""0.25 s at the set's 58.9 Hz."""
+UNLABELLED = -1
+
+
+def contact_force_n(prepared: FloatArray) -> FloatArray:
+    """[T, 48] prepared -> z [T], the summed normal force in N."""
+    # inf - inf: not finite, hence no label, and no reason to warn
+    with np.errstate(invalid="ignore"):
+        return prepared[:, NORMAL_AXIS::3].sum(axis=1)
+
+
+def middle_angle_deg(quaternion: npt.NDArray[np.floating]) -> FloatArray:
+    """[T, 4] quaternions (w, x, y, z) -> [T] middle angle of the xyx Euler decomposition, degrees.
+
+    The closed form of scipy's `Rotation.from_quat([x, y, z, w]).as_euler("xyx")[1]`: R_xx =
+    cos(angle), hence angle = 2 atan2(|(y, z)|, |(w, x)|). It needs no unit norm and has no gimbal
+    lock; a zero or non-finite quaternion is no rotation and gives nan.
+
+    >>> middle_angle_deg(np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 0]]))
+    array([  0., 180.,  nan])
+    """
+    w, x, y, z = quaternion.astype(np.float64).T
+    angle_deg = np.degrees(2.0 * np.arctan2(np.hypot(y, z), np.hypot(w, x)))
+    norm = np.hypot(np.hypot(w, x), np.hypot(y, z))
+    return np.where(np.isfinite(norm) & (norm > 0.0), angle_deg, np.nan)
+
+
+def rotation_from_start_deg(angle_deg: FloatArray, start: int) -> FloatArray:
+    """d [T]: rotation away from the angle just before the move; nan where the IMU gave none."""
+    reference = angle_deg[max(0, start - 30) : start - 3]
+    known = reference[np.isfinite(reference)]
+    return np.abs(angle_deg - (np.median(known) if known.size else np.nan))
+
+
+def in_hand(
+    object_q: npt.NDArray[np.floating], hand_q: npt.NDArray[np.floating]
+) -> FloatArray:
+    """[T, 4] orientation of the object in the hand, hand^-1 object, of quaternions w first.
+
+    0 where one of the two is no rotation.
+
+    The wrist, which turns both, cancels.
+    """
+    w, x, y, z = object_q.astype(np.float64).T
+    a, b, c, d = hand_q.astype(np.float64).T
+    product = np.column_stack(
+        [
+            a * w + b * x + c * y + d * z,
+            a * x - b * w - c * z + d * y,
+            a * y + b * z - c * w - d * x,
+            a * z - b * y + c * x - d * w,
+        ]
+    )
+    return np.where(np.isfinite(product).all(axis=1, keepdims=True), product, 0.0)
+
+
+def situations(force_n: FloatArray, rotation_deg: FloatArray) -> npt.NDArray[np.int64]:
+    """[T] situation at every row, UNLABELLED where force or rotation is not finite."""
+    slip = [
+        rotation_deg < SAFE_DEG,
+        rotation_deg < RISKY_DEG,
+        rotation_deg >= RISKY_DEG,
+    ]
+    label = np.select(slip, [GRASP, SAFE_SLIP, RISKY_SLIP], default=UNLABELLED)
+    label = np.where(force_n < CONTACT_N, NOTHING, label)
+    return np.where(np.isfinite(force_n), label, UNLABELLED)
+
+
+def phases(
+    force_n: FloatArray, rotation_deg: FloatArray, end: int
+) -> tuple[Phase, ...]:
+    """Runs of one situation, from the tare to 60 rows after the move.
+
+    Rows without a label are in none.
+    """
+    label = situations(force_n, rotation_deg)[: end + AROUND_MOVE_ROWS]
+    label[:BIAS_ROWS] = UNLABELLED
+    edges = np.flatnonzero(np.diff(label)) + 1
+    runs = zip([0, *edges.tolist()], [*edges.tolist(), len(label)], strict=True)
+    return tuple(
+        Phase(first, stop, int(label[first]))
+        for first, stop in runs
+        if label[first] != UNLABELLED
+    )
+
+
+def events(found: tuple[Phase, ...], rate_hz: float) -> tuple[RiskyEvent, ...]:
+    """Slips that become risky: onset at 5 deg, gross slip at 15 deg, end below 5 deg.
+
+    Load onset was not recorded; the onset here is the object's, which is later.
+    """
+    runs: list[list[Phase]] = []
+    for phase in found:
+        if phase.situation in (SAFE_SLIP, RISKY_SLIP):
+            if runs and runs[-1][-1].stop == phase.first:
+                runs[-1].append(phase)
+            else:
+                runs.append([phase])
+    return tuple(
+        RiskyEvent(
+            run[0].first / rate_hz, risky[0].first / rate_hz, run[-1].stop / rate_hz
+        )
+        for run in runs
+        if (risky := [phase for phase in run if phase.situation == RISKY_SLIP])
+    )
+
+
+def situation_windows(
+    force_n: FloatArray, rotation_deg: FloatArray, end: int
+) -> TrialRows:
+    """Adjacent windows of 6 rows, labelled by their last row, up to 60 rows after the move."""
+    stop = min(len(force_n), end + AROUND_MOVE_ROWS)
+    row = _last_rows(BIAS_ROWS, stop, SITUATION_STEP_ROWS)
+    label = situations(force_n, rotation_deg)[row]
+    return row[label != UNLABELLED], label[label != UNLABELLED]
+
+
+def prediction_windows(
+    force_n: FloatArray, rotation_deg: FloatArray, start: int, end: int
+) -> TrialRows:
+    """Grasp rows around the move: 1 where the rotation exceeds 15 deg within the next 15 rows."""
+    n = len(force_n)
+    row = _last_rows(
+        max(BIAS_ROWS, start - AROUND_MOVE_ROWS), min(end, n), PREDICTION_STEP_ROWS
+    )
+    has_future = row + 1 < n
+    row = row[has_future & (force_n[row] >= CONTACT_N) & (rotation_deg[row] < SAFE_DEG)]
+    over = np.concatenate([[0], np.cumsum(rotation_deg > RISKY_DEG)])
+    return row, over[np.minimum(row + 1 + HORIZON_ROWS, n)] > over[row + 1]
+
+
+def frames_since_contact(
+    force_n: FloatArray, contact_n: float = CONTACT_N
+) -> npt.NDArray[np.int64]:
+    """[T] rows since z last rose through contact_n, -1 before: the timing of a scripted set."""
+    touching = force_n >= contact_n
+    rises = touching & ~np.concatenate([[False], touching[:-1]])
+    row = np.arange(len(force_n))
+    last_rise = np.maximum.accumulate(np.where(rises, row, -1))
+    return np.where(last_rise >= 0, row - last_rise, -1)
+
+
+def _last_rows(first: int, stop: int, step: int) -> npt.NDArray[np.int64]:
+    """Last rows of the windows that begin at first, first + step, .. and end before stop."""
+    return (
+        np.arange(first, stop - WINDOW_ROWS + 1, step, dtype=np.int64) + WINDOW_ROWS - 1
+    )

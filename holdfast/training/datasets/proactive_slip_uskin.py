@@ -1,0 +1,162 @@
+"""Reader of proactive_slip_uskin: an arm carries a box between two uSkin pads; the box may slip.
+
+K. Nazari, W. Mandil, A. Ghalamzan E., "Proactive slip control by learned slip model and trajectory
+adaptation", CoRL 2022, arXiv:2209.06019, MIT. Seven trials, three of which slip: for a replay and a
+lead-time picture, never for an accuracy.
+
+The unit is raw counts. Pressing raises z: when the box is lost (the trial marked as dropped), all
+32 normals fall, by 370 to 1170 counts (mean of its second half); so no sign is turned. Row 0, from
+which the bias is taken, is already in the grip: prepared normals are changes from the grip, and
+"nothing" does not occur.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from holdfast.core.contract import GRASP, RISKY_SLIP, SAFE_SLIP, SITUATIONS, FloatArray
+from holdfast.core.errors import ColumnError, DataNotFound
+from holdfast.edge_runtime.preparation import Preparation
+from holdfast.training.datasets.reading import (
+    COPY_AGAIN,
+    ChannelsNotOffered,
+    TrialRows,
+    finite_sensors,
+    join_trials,
+    read_table,
+)
+from holdfast.training.recording import DataSet, Recording
+
+PADS = ("xela_sensor1.csv", "xela_sensor2.csv")
+LABELS, META = "slip_label.csv", "meta_data.csv"
+PREPARATION = Preparation(bias_rows=1)
+THREE_TAXELS = (4, 14, 16)
+"""Of either pad, counted from 1: the three whose normals fall most when the box is lost, mean of
+both pads and both failing trials (769, 763 and 754 counts; the next are 726 and 653)."""
+FIRST_ROW = 30
+"""Half a second for filters to settle before the first window."""
+UNLABELLED = -1
+CAVEAT = (
+    "Seven trials, only three of which slip: a demonstration, which cannot support any accuracy "
+    "claim."
+)
+
+
+def recognises(root: Path) -> bool:
+    """Whether a folder (or its folder data_set) holds trials with the recordings of two pads."""
+    return bool(_trial_folders(root))
+
+
+def load(root: Path, *, channels: int = 18) -> DataSet:
+    """Read the set, 18 channels (three taxels of either pad) or all 96, unit count.
+
+    Task "situations": every row from row 30 on. A slip run that recovers is safe_slip; one that
+    ends in failure, and failure itself, risky_slip; the rest grasp. Every trial is a group of its
+    own. Raises DataNotFound, ColumnError, NotANumber, EmptyRecording or ChannelError.
+    """
+    columns = _columns(channels)
+    folders = _trial_folders(root)
+    if not folders:
+        raise DataNotFound("no trials", where=root, next_step=COPY_AGAIN)
+    recordings = [_recording(folder, columns) for folder in folders]
+    windows = [
+        _windows(folder, len(trial.samples))
+        for folder, trial in zip(folders, recordings, strict=True)
+    ]
+    return DataSet(
+        name="proactive_slip_uskin",
+        recordings=recordings,
+        tasks={"situations": join_trials(windows, SITUATIONS)},
+        rate_hz=float(np.median([recording.rate_hz for recording in recordings])),
+        unit="count",
+        preparation=PREPARATION,
+        kind="real, recorded by others: a robot arm carrying a box",
+        redistributable=True,
+        caveat=CAVEAT,
+        lacks=("nothing",),
+    )
+
+
+def situations(
+    slip: npt.NDArray[np.bool_], fail: npt.NDArray[np.bool_]
+) -> npt.NDArray[np.int64]:
+    """[T] slip and fail -> [T] situation; UNLABELLED for a slip that the recording's end cuts off.
+
+    >>> situations(np.array([0, 1, 0, 1, 0], bool), np.array([0, 0, 0, 0, 1], bool)).tolist()
+    [1, 2, 1, 3, 3]
+    """
+    label = np.where(fail, RISKY_SLIP, GRASP)
+    slipping = np.concatenate([[False], slip & ~fail, [False]])
+    edges = np.flatnonzero(slipping[1:] != slipping[:-1])
+    for start, stop in edges.reshape(-1, 2):
+        label[start:stop] = _outcome(fail, stop)
+    return label.astype(np.int64)
+
+
+def _outcome(fail: npt.NDArray[np.bool_], stop: int) -> int:
+    """What a slip run turned into, by the row after it."""
+    if stop == len(fail):
+        return UNLABELLED
+    return RISKY_SLIP if fail[stop] else SAFE_SLIP
+
+
+def _trial_folders(root: Path) -> list[Path]:
+    return sorted(
+        path.parent
+        for level in ("*", "data_set/*")
+        for path in root.glob(f"{level}/{PADS[0]}")
+    )
+
+
+def _columns(channels: int) -> list[int]:
+    taxels = {18: THREE_TAXELS, 96: tuple(range(1, 17))}
+    if channels not in taxels:
+        raise ChannelsNotOffered("proactive_slip_uskin", channels, taxels)
+    return [
+        48 * pad + 3 * (taxel - 1) + axis
+        for pad in range(2)
+        for taxel in taxels[channels]
+        for axis in range(3)
+    ]
+
+
+def _recording(folder: Path, columns: list[int]) -> Recording:
+    pads = [_pad(folder / name) for name in PADS]
+    if len(pads[0]) != len(pads[1]):
+        raise ColumnError(
+            "the two pads differ in length", where=folder, next_step=COPY_AGAIN
+        )
+    raw = np.hstack(pads)[:, columns]
+    return Recording(
+        trial_id=folder.name,
+        group=folder.name,
+        samples=PREPARATION.apply(raw),
+        valid=finite_sensors(raw),
+        rate_hz=float(read_table(folder / META).numbers("frequency_hz")[0]),
+        unit="count",
+        object_name="box",
+    )
+
+
+def _pad(path: Path) -> FloatArray:
+    """[T, 48] counts of one pad."""
+    table = read_table(path)
+    names = [f"txl{taxel}_{axis}" for taxel in range(1, 17) for axis in "xyz"]
+    table.require(names)
+    return np.column_stack([table.numbers(name, finite=False) for name in names])
+
+
+def _windows(folder: Path, n_rows: int) -> TrialRows:
+    table = read_table(folder / LABELS)
+    slip, fail = (table.numbers(name) > 0.5 for name in ("slip", "fail"))
+    if len(slip) != n_rows:
+        raise ColumnError(
+            f"{len(slip)} labels for {n_rows} rows", where=folder, next_step=COPY_AGAIN
+        )
+    label = situations(slip, fail)
+    row = np.arange(FIRST_ROW, n_rows)
+    row = row[label[row] != UNLABELLED]
+    return row, label[row]

@@ -1,0 +1,88 @@
+"""Figures at the windows of a set: of situations, of the 0.25 s prediction, and shares.
+
+F1, AUC, average precision and shares are from 0 to 1. A figure that is not defined is None, and so
+is an interval with less than two groups.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Protocol
+
+from holdfast.core.reading import Json
+
+ABSENT = "-"
+"""What a table has for a class that is absent from the truth."""
+Interval = tuple[float, float]
+"""The interval of a figure, 95 % unless stated."""
+
+
+@dataclass(frozen=True)
+class Share:
+    """A share of n cases, 0 to 1, and its interval; None without a case."""
+
+    share: float | None
+    share_ci: Interval | None
+    n: int
+
+
+class LevelF1(Protocol):
+    """F1 at some level of classes, None for a class that is absent from the truth."""
+
+    @property
+    def macro_f1(self) -> float | None: ...
+    @property
+    def macro_f1_ci(self) -> Interval | None: ...
+    @property
+    def f1(self) -> Mapping[str, float | None]: ...
+
+
+@dataclass(frozen=True)
+class SituationFigures:
+    """F1 by class, None where it is absent from the truth, and its mean over the others."""
+
+    macro_f1: float | None
+    macro_f1_ci: Interval | None
+    f1: dict[str, float | None]
+    f1_ci: dict[str, Interval | None]
+
+
+@dataclass(frozen=True)
+class PredictionFigures:
+    """How well scores rank the windows before a risky slip above all others."""
+
+    auc: float | None = None
+    auc_ci: Interval | None = None
+    average_precision: float | None = None
+    average_precision_ci: Interval | None = None
+
+
+@dataclass(frozen=True)
+class HeadFigures:
+    """Figures of a model's heads on a set. predict_250ms: None without that head.
+
+    group_kind: what is held out together, and what intervals resample: person, object, trial, ..
+    """
+
+    n_trials: int
+    n_groups: int
+    situations: SituationFigures
+    predict_250ms: PredictionFigures | None
+    group_kind: str = "trial"
+
+    def to_json(self) -> Json:
+        """As a model card and the reports of studies have it; an absent head has no key."""
+        return {
+            name: figure for name, figure in asdict(self).items() if figure is not None
+        }
+
+
+def over(f1: Mapping[str, float | None]) -> str:
+    """The classes that a macro F1 of these averages, if any is absent from the truth; else ""."""
+    if None not in f1.values():
+        return ""
+    present = [
+        name.replace("_", " ") for name, value in f1.items() if value is not None
+    ]
+    return f"over {', '.join(present) or 'no class'} alone"

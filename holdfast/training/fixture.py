@@ -1,0 +1,245 @@
+"""A small generated set in the thesis' layout: training and export run without any recording.
+
+This is NOT a physical simulation: smooth ramps, fading tones and noise, shaped so that the classes
+resemble the thesis' in kind and are not trivial to tell apart. Numbers from this set say that the
+pipeline runs and nothing about hands; simulated scenes live in `simulation`. The same arguments
+write the same bytes.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from holdfast.core.contract import (
+    GRASP,
+    NORMAL_AXIS,
+    NOTHING,
+    RISKY_SLIP,
+    SITUATIONS,
+    FloatArray,
+    channel_names,
+)
+from holdfast.core.objects import is_heavy
+from holdfast.core.trial_file import TIME_COLUMN
+from holdfast.core.trial_layout import MASSES_G, truth_path
+from holdfast.training.timeline import situation_of
+
+KIND = "generated fixture"
+FIXTURE_OBJECTS = (
+    "soft-ball",
+    "empty-bottle",
+    "basket-ball",
+    "hard-ball",
+    "full-bottle",
+)
+N_SENSORS = 6
+UPSIDE_DOWN = (1, 4)
+NOISE_N = 0.02
+EMPTY_HAND_S = 20.0
+TAIL_S = 2.5
+NEWTON_PER_GRAM = 9.81e-3
+
+
+class _Scene:
+    """Forces being drawn over time, and what happens when.
+
+    t_s [T]; grip_n [T] and load_n [T]: mean normal force and shear of a sensor; slip_n [T, 6]:
+    vibration; marks: (since when, situation), in order.
+    """
+
+    def __init__(
+        self, rng: np.random.Generator, lasts_s: float, rate_hz: float
+    ) -> None:
+        self.rng = rng
+        self.t_s = np.arange(round(lasts_s * rate_hz)) / rate_hz
+        self.grip_n, self.load_n = np.zeros_like(self.t_s), np.zeros_like(self.t_s)
+        self.slip_n = np.zeros((len(self.t_s), N_SENSORS))
+        self.marks = [(0.0, NOTHING)]
+
+    def some(self, low: float, high: float) -> float:
+        """A uniform draw."""
+        return float(self.rng.uniform(low, high))
+
+    def ramp(self, start_s: float, lasts_s: float) -> FloatArray:
+        """[T] from 0 to 1, smooth at both ends."""
+        u = np.clip((self.t_s - start_s) / lasts_s, 0.0, 1.0)
+        return u * u * (3.0 - 2.0 * u)
+
+    def shake(self, start_s: float, lasts_s: float, force_n: float) -> None:
+        """Stick and slip: a tone of its own on every sensor, then fading in a tenth of a second."""
+        t = self.t_s - start_s
+        envelope = (
+            force_n
+            * self.ramp(start_s, 0.02)
+            * np.exp(-np.clip(t - lasts_s, 0.0, None) / 0.05)
+        )
+        tone_hz, phase = (
+            self.rng.uniform(9.0, 22.0, N_SENSORS),
+            self.rng.uniform(0.0, 2 * np.pi, N_SENSORS),
+        )
+        self.slip_n += envelope[:, None] * np.sin(
+            2 * np.pi * tone_hz * t[:, None] + phase
+        )
+
+    def empty(self, start_s: float, lasts_s: float) -> None:
+        """All forces fade: the object leaves the hand."""
+        left = 1.0 - self.ramp(start_s, lasts_s)
+        self.grip_n *= left
+        self.load_n *= left
+        self.slip_n *= left[:, None]
+        self.marks.append((start_s + lasts_s, NOTHING))
+
+
+class _Hand:
+    """Six mounted sensors: offset, magnet up or down, share of the grip, axis of shear."""
+
+    def __init__(self, rng: np.random.Generator) -> None:
+        angle = np.pi * (np.arange(N_SENSORS) > 1) + rng.uniform(-0.5, 0.5, N_SENSORS)
+        self.along = np.stack([np.sin(angle), np.cos(angle)], axis=1)
+        self.share = rng.uniform(0.6, 1.4, N_SENSORS)
+        self.offset_n = rng.uniform(-0.5, 0.5, (N_SENSORS, 3))
+        self.offset_n[:, NORMAL_AXIS] = rng.uniform(0.2, 0.8, N_SENSORS)
+        self.sign = np.ones((N_SENSORS, 3))
+        self.sign[list(UPSIDE_DOWN)] = -1.0
+
+    def feel(self, scene: _Scene) -> FloatArray:
+        """[T, 18] what the sensors read."""
+        share = self.share * scene.rng.uniform(0.7, 1.3, N_SENSORS)
+        forces = (
+            scene.rng.normal(0.0, NOISE_N, (len(scene.t_s), N_SENSORS, 3))
+            + self.offset_n
+        )
+        shear = scene.load_n[:, None] * share + scene.slip_n
+        forces[..., :NORMAL_AXIS] += shear[..., None] * self.along
+        forces[..., 0] += 0.08 * scene.grip_n[:, None] * share
+        forces[..., NORMAL_AXIS] += scene.grip_n[:, None] * share + 0.3 * np.abs(
+            scene.slip_n
+        )
+        return (forces * self.sign).reshape(len(forces), -1)
+
+
+def write_fixture(
+    folder: Path,
+    *,
+    trials_per_cell: int = 4,
+    rate_hz: float = 50.0,
+    seed: int = 0,
+    objects: Sequence[str] = FIXTURE_OBJECTS,
+) -> None:
+    """Write objects x three actions x `trials_per_cell` trials, the empty hand and truth.
+
+    A light object is pulled away, a heavy one falls. Two magnets are upside down, and every channel
+    has an offset. Files that are there already are written over.
+    """
+    rng = np.random.default_rng(seed)
+    hand = _Hand(rng)
+    for name in objects:
+        risky = "fall" if is_heavy(MASSES_G[name]) else "pull"
+        for action in ("pass", risky, "put-down"):
+            for number in range(1, trials_per_cell + 1):
+                scene = _trial(name, action, rng.spawn(1)[0], rate_hz)
+                _write(folder / name / action / f"trial_{number}.csv", scene, hand)
+    _write(folder / "nothing" / "trial_1.csv", _Scene(rng, EMPTY_HAND_S, rate_hz), hand)
+    meta = {
+        "kind": KIND,
+        "unit": "N",
+        "recordings by": "nobody",
+        "redistributable": True,
+        "seed": seed,
+    }
+    _write_json(folder / "meta.json", meta)
+
+
+def _trial(name: str, action: str, rng: np.random.Generator, rate_hz: float) -> _Scene:
+    """Nothing, grasp, hold, act at about 7 s, after a put-down release at about 10 s, nothing."""
+    in_steps = action == "put-down" or (name, action) == ("full-bottle", "pass")
+    scene = _Scene(rng, (10.5 if in_steps else 7.5) + TAIL_S, rate_hz)
+    weight_n = MASSES_G[name] * NEWTON_PER_GRAM / N_SENSORS
+    act_s = scene.some(6.8, 7.5)
+    _grasp(scene, weight_n, held_by_other=action == "fall")
+    if in_steps:
+        _set_down(scene, act_s, quickly=action == "put-down")
+        _hand_over(scene, scene.some(10.0, 10.4), pull_n=0.1)
+    elif situation_of(action) == RISKY_SLIP:
+        _lose(scene, act_s, weight_n if action == "fall" else scene.some(0.5, 1.5))
+    else:
+        _hand_over(scene, act_s, pull_n=scene.some(0.2, 0.8))
+    return scene
+
+
+def _grasp(scene: _Scene, weight_n: float, *, held_by_other: bool) -> None:
+    start_s, closing_s = scene.some(2.6, 3.4), scene.some(0.2, 0.6)
+    scene.marks.append((start_s, GRASP))
+    scene.grip_n += (scene.some(1.0, 2.5) + 1.5 * weight_n) * scene.ramp(
+        start_s, closing_s
+    )
+    scene.load_n += (
+        weight_n
+        * (0.1 if held_by_other else 1.0)
+        * scene.ramp(start_s + closing_s, 0.5)
+    )
+    scene.shake(start_s + 0.05, 0.1, scene.some(0.1, 0.3))
+
+
+def _hand_over(scene: _Scene, start_s: float, pull_n: float) -> None:
+    """Slow: the other hand takes over, then this one opens."""
+    taking_s = scene.some(0.2, 0.9)
+    scene.marks.append((start_s, situation_of("pass")))
+    scene.load_n += pull_n * scene.ramp(start_s, taking_s)
+    scene.shake(start_s + 0.5 * taking_s, 0.2, scene.some(0.05, 0.2))
+    scene.empty(start_s + taking_s, scene.some(0.2, 0.6))
+
+
+def _set_down(scene: _Scene, start_s: float, *, quickly: bool) -> None:
+    """Something else carries the object from now on; the hand holds it a little longer."""
+    lasts_s = scene.some(0.1, 0.3) if quickly else scene.some(0.5, 1.0)
+    scene.marks += [
+        (start_s, situation_of("put-down")),
+        (start_s + lasts_s + 0.3, GRASP),
+    ]
+    scene.load_n *= 1.0 - 0.9 * scene.ramp(start_s, lasts_s)
+    scene.shake(
+        start_s, 0.1, scene.some(0.15, 0.5) if quickly else scene.some(0.05, 0.2)
+    )
+
+
+def _lose(scene: _Scene, start_s: float, force_n: float) -> None:
+    """Sudden: the object is torn away or falls, sliding through the closed hand."""
+    sliding_s = scene.some(0.15, 0.5)
+    scene.marks.append((start_s, RISKY_SLIP))
+    scene.load_n += force_n * scene.ramp(start_s, scene.some(0.05, 0.25))
+    scene.shake(start_s, sliding_s, scene.some(0.2, 0.8))
+    scene.empty(start_s + sliding_s, scene.some(0.06, 0.15))
+
+
+def _write(path: Path, scene: _Scene, hand: _Hand) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    header = ",".join([TIME_COLUMN, *channel_names(N_SENSORS)])
+    table = np.column_stack([scene.t_s, hand.feel(scene)])
+    np.savetxt(
+        path,
+        table,
+        fmt="%.6f" + ",%.4f" * (3 * N_SENSORS),
+        header=header,
+        comments="",
+        encoding="utf-8",
+    )
+    stops = [start for start, _ in scene.marks[1:]] + [float(scene.t_s[-1]) + 1.0]
+    phases = [
+        {
+            "t0_s": round(t0, 6),
+            "t1_s": round(t1, 6),
+            "label": SITUATIONS[situation],
+            "provenance": KIND,
+        }
+        for (t0, situation), t1 in zip(scene.marks, stops, strict=True)
+    ]
+    _write_json(truth_path(path), {"phases": phases})
+
+
+def _write_json(path: Path, value: object) -> None:
+    path.write_text(json.dumps(value, indent=1) + "\n", encoding="utf-8", newline="\n")

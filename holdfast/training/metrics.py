@@ -1,0 +1,280 @@
+"""F1 of the situations, AUC and average precision, with intervals over people.
+
+Windows of one person are not independent, hence the intervals resample people (groups), not
+windows: B = 1000 draws with replacement, percentile 95 % (Efron & Tibshirani, "An Introduction to
+the Bootstrap", 1993, chapter 13). With one group there is nothing to resample, and intervals are
+None.
+
+An absent figure is never guessed. The F1 of a class that is absent from the truth is None, whatever
+was predicted (a window wrongly given to it already costs its true class recall). The macro F1
+averages the classes in the truth; AUC and average precision are None with one class only. Draws in
+which a figure is undefined do not count towards its interval. Without a single window every figure
+is None.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from sklearn.metrics import average_precision_score, roc_auc_score
+
+from holdfast.core.contract import SITUATIONS, FloatArray
+from holdfast.core.errors import LabelError, NotANumber
+from holdfast.training.figures import (
+    HeadFigures,
+    Interval,
+    PredictionFigures,
+    Share,
+    SituationFigures,
+)
+from holdfast.training.recording import DataSet
+
+N_DRAWS = 1000
+INTERVAL_PERCENT = (2.5, 97.5)
+Labels = npt.NDArray[np.integer[Any]]
+
+
+def report(
+    data: DataSet,
+    predicted: Labels,
+    risky_score: FloatArray | None = None,
+    *,
+    n_draws: int = N_DRAWS,
+    seed: int = 0,
+) -> HeadFigures:
+    """All figures for answers at every window of a set.
+
+    predicted [M]: situation at each window of the task "situations". risky_score [M2]: score at
+    each window of the task "predict_250ms"; None where the model has no such head.
+    """
+    truth, groups = data.tasks["situations"].label, data.group_of("situations")
+    situations = situation_scores(truth, predicted, groups, n_draws=n_draws, seed=seed)
+    prediction = None
+    if risky_score is not None:
+        truth, groups = (
+            data.tasks["predict_250ms"].label,
+            data.group_of("predict_250ms"),
+        )
+        prediction = prediction_scores(
+            truth, risky_score, groups, n_draws=n_draws, seed=seed
+        )
+    n_groups, kind = len(data.groups()), data.group_kind
+    return HeadFigures(len(data.recordings), n_groups, situations, prediction, kind)
+
+
+def situation_scores(
+    truth: Labels,
+    predicted: Labels,
+    groups: npt.ArrayLike,
+    *,
+    classes: tuple[str, ...] = SITUATIONS,
+    n_draws: int = N_DRAWS,
+    seed: int = 0,
+) -> SituationFigures:
+    """F1 by class, its mean and their intervals, from labels [M], [M] and groups [M].
+
+    A prediction of len(classes) means "unknown": an answer withheld, which misses what was there.
+    Raises LabelError for any other number: -1, the decision's own "unknown", would silently count
+    as another class' answer.
+    """
+    f1, f1_draws = f1_and_draws(truth, predicted, groups, len(classes), n_draws, seed)
+    return SituationFigures(
+        macro_f1=_value(float(macro(f1))),
+        macro_f1_ci=interval_of(macro(f1_draws)),
+        f1={name: _value(f1[k]) for k, name in enumerate(classes)},
+        f1_ci={name: interval_of(f1_draws[:, k]) for k, name in enumerate(classes)},
+    )
+
+
+def f1_and_draws(
+    truth: Labels,
+    predicted: Labels,
+    groups: npt.ArrayLike,
+    n: int,
+    n_draws: int,
+    seed: int,
+) -> tuple[FloatArray, FloatArray]:
+    """F1 of n classes [n], and of each draw of groups [B, n]; as situation_scores."""
+    code = _codes(groups)
+    _require_labels(truth, n, "truth")
+    _require_labels(predicted, n + 1, "prediction")
+    cells = (code * n + np.asarray(truth)) * (n + 1) + np.asarray(predicted)
+    n_groups = int(code.max(initial=-1)) + 1
+    by_group = np.bincount(cells, minlength=n_groups * n * (n + 1)).reshape(
+        -1, n, n + 1
+    )
+    total = by_group.sum(axis=0)[None]
+    draws = np.einsum(
+        "bg,gij->bij", draw_groups(len(by_group), n_draws, seed), by_group
+    )
+    return _f1(total)[0], _f1(draws)
+
+
+def prediction_scores(
+    truth: Labels,
+    score: FloatArray,
+    groups: npt.ArrayLike,
+    *,
+    n_draws: int = N_DRAWS,
+    seed: int = 0,
+) -> PredictionFigures:
+    """AUC, average precision and their intervals, from labels 0/1 [M], scores [M] and groups [M].
+
+    Raises LabelError for another label, and NotANumber for a score that is not finite.
+    """
+    truth, code = np.asarray(truth), _codes(groups)
+    _require_labels(truth, 2, "truth")
+    if not np.isfinite(score).all():
+        raise NotANumber(
+            f"{int((~np.isfinite(score)).sum())} of {len(score)} scores are not finite",
+            cause="windows without an answer",
+            next_step="score an answer withheld as 0",
+        )
+    if not len(truth):
+        return PredictionFigures()
+    both = len(np.unique(truth)) == 2
+    figures = ranking_draws(truth, score, code, n_draws, seed)
+    return PredictionFigures(
+        auc=float(roc_auc_score(truth, score)) if both else None,
+        auc_ci=interval_of(figures[:, 0]),
+        average_precision=float(average_precision_score(truth, score))
+        if both
+        else None,
+        average_precision_ci=interval_of(figures[:, 1]),
+    )
+
+
+def ranking_draws(
+    truth: Labels, score: FloatArray, groups: npt.ArrayLike, n_draws: int, seed: int
+) -> FloatArray:
+    """[B, 2] AUC and average precision of each draw of groups [M]; nan where not defined."""
+    code, ranking = _codes(groups), rank(truth, score)
+    draws = draw_groups(int(code.max()) + 1, n_draws, seed)
+    return np.array([ranking.auc_and_precision(draw[code]) for draw in draws]).reshape(
+        -1, 2
+    )
+
+
+def share_scores(
+    hit: npt.NDArray[np.bool_],
+    groups: npt.ArrayLike,
+    *,
+    percent: tuple[float, float] = INTERVAL_PERCENT,
+    n_draws: int = N_DRAWS,
+    seed: int = 0,
+) -> Share:
+    """Share of the windows [M] that are hit, its interval over groups [M], and their number n."""
+    if not len(hit):
+        return Share(None, None, 0)
+    code = _codes(groups)
+    windows, hits = np.bincount(code), np.bincount(code, weights=hit)
+    draws = draw_groups(len(windows), n_draws, seed)
+    interval = interval_of((draws @ hits) / (draws @ windows), percent)
+    return Share(float(np.mean(hit)), interval, len(hit))
+
+
+@dataclass(frozen=True)
+class Ranking:
+    """Scores sorted once, best first, so that each reweighting costs one pass.
+
+    order [M] sorts rows; first [K] starts each run of equal scores in that order; positive [M]
+    sorted.
+    """
+
+    order: npt.NDArray[np.int64]
+    first: npt.NDArray[np.int64]
+    positive: npt.NDArray[np.bool_]
+
+    def auc_and_precision(self, weight: FloatArray) -> tuple[float, float]:
+        """AUC and average precision with row weights [M]; nan with only one class left.
+
+        Equal to scikit-learn's on rows repeated `weight` times: ties count half, and precision
+        steps at distinct scores.
+        """
+        sorted_weight = weight[self.order]
+        hit = np.add.reduceat(np.where(self.positive, sorted_weight, 0.0), self.first)
+        miss = np.add.reduceat(np.where(self.positive, 0.0, sorted_weight), self.first)
+        hits, misses = np.cumsum(hit), np.cumsum(miss)
+        if hits[-1] == 0.0 or misses[-1] == 0.0:
+            return np.nan, np.nan
+        auc = np.sum(hit * (misses[-1] - misses + 0.5 * miss)) / (hits[-1] * misses[-1])
+        precision = np.divide(
+            hits, hits + misses, out=np.zeros_like(hits), where=hit > 0.0
+        )
+        return float(auc), float(np.sum(hit * precision) / hits[-1])
+
+
+def rank(truth: Labels, score: FloatArray) -> Ranking:
+    """Sort rows by falling score [M], once for all weightings."""
+    order = np.argsort(-np.asarray(score), kind="stable")
+    falling = np.asarray(score)[order]
+    first = np.flatnonzero(np.concatenate([[True], falling[1:] != falling[:-1]]))
+    return Ranking(order, first, np.asarray(truth)[order] == 1)
+
+
+@lru_cache(maxsize=4)
+def draw_groups(n_groups: int, n_draws: int, seed: int) -> FloatArray:
+    """[B, G] how often each group is drawn, G draws with replacement; no row below two groups."""
+    if n_groups < 2:
+        return np.zeros((0, n_groups))
+    rng = np.random.default_rng(seed)
+    drawn = rng.multinomial(n_groups, np.full(n_groups, 1.0 / n_groups), size=n_draws)
+    draws = drawn.astype(np.float64)
+    draws.setflags(write=False)  # kept for the next figures of the same set
+    return draws
+
+
+def _require_labels(labels: npt.ArrayLike, n: int, what: str) -> None:
+    """Raise LabelError where a label is not one of 0 .. n - 1."""
+    foreign = np.setdiff1d(np.asarray(labels), np.arange(n))
+    if foreign.size:
+        raise LabelError(
+            f"a {what} of {foreign.tolist()[0]}, not of 0..{n - 1}",
+            next_step="use the task's own labels",
+        )
+
+
+def _codes(groups: npt.ArrayLike) -> npt.NDArray[np.int64]:
+    """[M] number of each row's group, in order of the names; sorts one name a run of equal ones."""
+    names = np.asarray(groups, dtype=str)
+    changes = np.ones(len(names), dtype=np.bool_)
+    changes[1:] = names[1:] != names[:-1]
+    starts = np.flatnonzero(changes)
+    code = np.unique(names[starts], return_inverse=True)[1].astype(np.int64)
+    return np.repeat(code, np.diff(np.append(starts, len(names))))
+
+
+def _f1(confusion: npt.NDArray[Any]) -> FloatArray:
+    """[.., n, n + 1] counts (truth, predicted or withheld) -> [.., n] F1, nan without a truth."""
+    both = confusion.sum(axis=-1) + confusion[..., :-1].sum(axis=-2)
+    right = 2.0 * np.diagonal(confusion, axis1=-2, axis2=-1)
+    return np.divide(
+        right, both, out=np.full(both.shape, np.nan), where=confusion.sum(axis=-1) > 0
+    )
+
+
+def macro(f1: FloatArray) -> FloatArray:
+    """[.., n] -> [..] mean F1 over the classes in the truth, nan without one."""
+    present = np.isfinite(f1)
+    count = present.sum(axis=-1)
+    total = np.where(present, f1, 0.0).sum(axis=-1)
+    return np.divide(total, count, out=np.full(total.shape, np.nan), where=count > 0)
+
+
+def _value(figure: float) -> float | None:
+    return float(figure) if np.isfinite(figure) else None
+
+
+def interval_of(
+    draws: FloatArray, percent: tuple[float, float] = INTERVAL_PERCENT
+) -> Interval | None:
+    """Percentiles of the draws [B] that are defined; None without one."""
+    defined = draws[np.isfinite(draws)]
+    if not defined.size:
+        return None
+    low, high = np.percentile(defined, percent)
+    return float(low), float(high)

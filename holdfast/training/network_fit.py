@@ -1,0 +1,229 @@
+"""A network trained by scikit-learn and turned into whole numbers (holdfast/export/network.py).
+
+Several networks that differ in their seed alone stand side by side, and the mean of their logits
+counts: their first layers are one matrix, later ones a matrix of blocks.
+"""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.linalg import block_diag
+from sklearn.exceptions import ConvergenceWarning
+from sklearn.neural_network import MLPClassifier
+
+from holdfast.edge_runtime.onnx_network import INPUT_MOST
+from holdfast.export.forest import EXACT_FLOAT32
+from holdfast.export.network import (
+    HIDDEN_MOST,
+    LOGIT_STEPS,
+    VOTES,
+    WEIGHT_MOST,
+    Inputs,
+    Layer,
+    Network,
+    hidden_values,
+)
+
+Rows = npt.NDArray[np.float32]
+Reals = npt.NDArray[np.float64]
+KNEE_FLOOR = 1e-3
+"""Smallest knee, in the features' unit: a feature that hardly moves is not blown up."""
+UNUSED_PERCENT = 0.1
+"""A hidden unit's largest values that are cut off, % of the training rows."""
+NO_VOTES_NATS = -20.0
+"""Logit of a class that training never saw."""
+
+
+@dataclass(frozen=True)
+class NetworkPlan:
+    """Parameters of a network by scikit-learn's names; members: networks side by side.
+
+    knee: of x / (knee + |x|), in standard deviations of the feature. balance: 1 weighs all classes
+    the same, 0 all windows.
+    """
+
+    hidden: tuple[int, ...] = (64, 32)
+    members: int = 4
+    alpha: float = 1.0
+    epochs: int = 6
+    batch: int = 512
+    rate: float = 2e-3
+    balance: float = 0.0
+    knee: float = 1.0
+
+
+@dataclass(frozen=True)
+class _Squash:
+    """knee [F], mean [F] and deviation [F] of what it gives."""
+
+    knee: Rows
+    mean: Reals
+    deviation: Reals
+
+    @staticmethod
+    def of(rows: Rows, knee: float) -> _Squash:
+        """Fitted on training rows [N, F]."""
+        knees = (knee * rows.std(axis=0, dtype=np.float64) + KNEE_FLOOR).astype(
+            np.float32
+        )
+        squashed = rows / (np.abs(rows) + knees)
+        deviation = squashed.std(axis=0, dtype=np.float64)
+        return _Squash(knees, squashed.mean(axis=0, dtype=np.float64), deviation + 1e-6)
+
+    def steps(self) -> Reals:
+        """[F] steps of a quantised input a standard deviation."""
+        return INPUT_MOST * self.deviation / (1.0 + np.abs(self.mean)) * (1.0 - 1e-6)
+
+    def standardised(self, rows: Rows) -> Rows:
+        """[N, F] as the network sees it."""
+        squashed = rows / (np.abs(rows) + self.knee)
+        return ((squashed - self.mean) / self.deviation).astype(np.float32)
+
+
+@dataclass(frozen=True)
+class Members:
+    """Networks of one plan that differ in their seed alone, in real numbers. present: classes."""
+
+    squash: _Squash
+    networks: tuple[MLPClassifier, ...]
+    present: npt.NDArray[np.int64]
+
+    def shares(self, rows: Rows, n_classes: int) -> Reals:
+        """[N, n_classes] probabilities of the mean logits, before they become whole numbers."""
+        standardised = self.squash.standardised(rows)
+        shares = [one.predict_proba(standardised) for one in self.networks]
+        mean = np.exp(
+            np.mean([np.log(np.maximum(one, 1e-30)) for one in shares], axis=0)
+        )
+        wide = np.zeros((len(rows), n_classes))
+        wide[:, self.present] = mean / mean.sum(axis=1, keepdims=True)
+        return wide
+
+
+def fit_members(
+    plan: NetworkPlan, rows: Rows, label: npt.NDArray[np.int64], seed: int
+) -> Members:
+    """Train on rows [N, F] with labels [N]; the seed makes it the same every time."""
+    squash = _Squash.of(rows, plan.knee)
+    standardised = squash.standardised(rows)
+    networks = [
+        _fit_member(plan, standardised, label, seed + number)
+        for number in range(plan.members)
+    ]
+    return Members(squash, tuple(networks), np.unique(label))
+
+
+def fit_network(
+    plan: NetworkPlan,
+    rows: Rows,
+    label: npt.NDArray[np.int64],
+    n_classes: int,
+    seed: int,
+    votes_in_all: int = VOTES,
+) -> Network:
+    """Train on rows [N, F] with labels [N], and make whole numbers of it."""
+    return in_whole_numbers(
+        fit_members(plan, rows, label, seed), rows, n_classes, votes_in_all
+    )
+
+
+def _fit_member(
+    plan: NetworkPlan, rows: Rows, label: npt.NDArray[np.int64], seed: int
+) -> MLPClassifier:
+    member = MLPClassifier(
+        plan.hidden,
+        alpha=plan.alpha,
+        max_iter=plan.epochs,
+        batch_size=min(plan.batch, len(rows)),
+        learning_rate_init=plan.rate,
+        random_state=seed,
+    )
+    counts = np.bincount(label)
+    share = (len(label) / np.maximum(counts, 1) / len(counts)) ** plan.balance
+    with warnings.catch_warnings():  # it stops after the plan's epochs on purpose
+        warnings.simplefilter("ignore", ConvergenceWarning)
+        return member.fit(rows, label, sample_weight=share[label])
+
+
+def in_whole_numbers(
+    members: Members, rows: Rows, n_classes: int, votes_in_all: int = VOTES
+) -> Network:
+    """One network of whole numbers. rows [N, F]: of training, for the range of hidden values."""
+    squash, networks = members.squash, members.networks
+    steps = squash.steps()
+    gain = (steps / squash.deviation).astype(np.float32)
+    offset = (-steps * squash.mean / squash.deviation).astype(np.float32)
+    inputs = Inputs(squash.knee, gain, offset)
+    values, most, unit = inputs.quantised(rows), INPUT_MOST, 1.0 / steps
+    layers = []
+    for number in range(len(networks[0].coefs_) - 1):
+        layer, unit = _hidden(networks, number, values, most, unit)
+        values = hidden_values(layer, values)
+        layers.append(layer)
+        most = HIDDEN_MOST
+    layers.append(_logits(networks, unit, most, members.present, n_classes))
+    return Network(inputs, tuple(layers), votes_in_all)
+
+
+def _hidden(
+    members: tuple[MLPClassifier, ...],
+    number: int,
+    values: Rows,
+    most: int,
+    unit: Reals,
+) -> tuple[Layer, Reals]:
+    """A hidden layer of all members, and the real value of one step of each of its units.
+
+    values [N, I]: what enters it. unit [I]: the real value of one step of that.
+    """
+    coefficients = [member.coefs_[number] for member in members]
+    joined = np.hstack(coefficients) if number == 0 else block_diag(*coefficients)
+    bias = np.concatenate([member.intercepts_[number] for member in members])
+    weights, whole_bias, fineness = _whole(joined * unit[:, None], bias, most)
+    real = np.maximum((values @ weights + whole_bias) / fineness, 0.0)
+    top = np.percentile(real, 100.0 - UNUSED_PERCENT, axis=0)
+    step = np.where(top > 0.0, top, 1.0) / HIDDEN_MOST
+    return Layer(
+        weights, whole_bias, (1.0 / (fineness * step)).astype(np.float32)
+    ), step
+
+
+def _logits(
+    members: tuple[MLPClassifier, ...],
+    unit: Reals,
+    most: int,
+    present: npt.NDArray[np.int64],
+    n_classes: int,
+) -> Layer:
+    """The last layer: the mean of the members' logits, for all classes."""
+    coefficients = np.vstack([member.coefs_[-1] for member in members]) / len(members)
+    intercepts = np.mean([member.intercepts_[-1] for member in members], axis=0)
+    wide = np.zeros((len(coefficients), n_classes))
+    bias = np.full(n_classes, NO_VOTES_NATS)
+    columns = present[
+        -coefficients.shape[1] :
+    ]  # of two classes only the second has a logit
+    wide[:, columns] = coefficients
+    bias[present] = 0.0
+    bias[columns] = intercepts
+    weights, whole_bias, fineness = _whole(wide * unit[:, None], bias, most)
+    return Layer(weights, whole_bias, (LOGIT_STEPS / fineness).astype(np.float32))
+
+
+def _whole(weights: Reals, bias: Reals, most: int) -> tuple[Rows, Rows, Reals]:
+    """Whole weights and bias, as fine as exact sums allow, and their steps per real 1, [O]."""
+    room = (
+        EXACT_FLOAT32 - 1 - most * len(weights)
+    )  # rounding may add half a step to each
+    size = most * np.abs(weights).sum(axis=0) + np.abs(bias) + 1e-9
+    largest = np.abs(weights).max(axis=0) + 1e-9
+    fineness = np.minimum(room / size, (WEIGHT_MOST - 1) / largest)
+    return (
+        np.round(weights * fineness).astype(np.float32),
+        np.round(bias * fineness).astype(np.float32),
+        fineness,
+    )

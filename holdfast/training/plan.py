@@ -1,0 +1,156 @@
+"""What is trained by default: feature groups, learner, how many folds. One place to look.
+
+The choice was made on human_slip_uskin, people held out (docs/decisions.md says how many were
+tried).
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, replace
+from typing import Literal
+
+from sklearn.ensemble import ExtraTreesClassifier, RandomForestClassifier
+
+from holdfast.core.reading import Json
+from holdfast.edge_runtime.decision import DecisionRules
+from holdfast.export.forest import Forest
+from holdfast.training.network_fit import NetworkPlan
+
+CLOCK_FREE_GROUPS = (
+    "now",
+    "differences",
+    "scaled_differences",
+    "scaled_sums",
+    "activity",
+)
+RAW_GROUPS = ("window",)
+
+LearnerKind = Literal["forest", "network", "committee"]
+TASK_HEADS = {
+    "situations": "situation",
+    "classes": "situation",
+    "predict_250ms": "p_risky_250ms",
+}
+"""Which head of the exported file learns which task."""
+
+
+@dataclass(frozen=True)
+class ForestPlan:
+    """Parameters of one forest by scikit-learn's names; extra: ExtraTrees."""
+
+    kind: Literal["random", "extra"] = "extra"
+    n_estimators: int = 100
+    min_samples_leaf: int = 1
+    max_depth: int | None = None
+    max_features: float | str = "sqrt"
+    class_weight: str | None = "balanced"
+
+    def build(self, seed: int, n_jobs: int = 2) -> Forest:
+        """An unfitted forest; the seed makes it the same every time."""
+        maker = ExtraTreesClassifier if self.kind == "extra" else RandomForestClassifier
+        parameters = {
+            key: value for key, value in asdict(self).items() if key != "kind"
+        }
+        return maker(random_state=seed, n_jobs=n_jobs, **parameters)
+
+
+TWO_SAMPLES = DecisionRules()
+HIGH_CONFIDENCE: dict[LearnerKind, DecisionRules] = {
+    "forest": DecisionRules(act_samples=1, min_risky_permille=600),
+    "network": DecisionRules(act_samples=1, min_risky_permille=860),
+    "committee": DecisionRules(act_samples=1, min_risky_permille=680),
+}
+"""Act on two samples in a row, or on one of which the learner is sure: as seldom wrong, and a
+sample sooner. Networks are surer of themselves than forests (docs/decisions.md)."""
+
+UNTUNED = ForestPlan(kind="random", class_weight=None)
+"""The thesis' forest: 100 trees, nothing chosen."""
+
+
+SITUATION_NETWORK = NetworkPlan()
+PREDICTION_NETWORK = NetworkPlan(alpha=10.0, epochs=10, rate=1e-3, balance=0.5)
+
+
+HAND_NETWORK = NetworkPlan(hidden=(64,), balance=1.0)
+"""For the hand: a second hidden layer costs time and brings no clear gain (docs/learners.md)."""
+
+
+@dataclass(frozen=True)
+class TrainingPlan:
+    """All choices of a training run beside the data and the seed.
+
+    inner_folds: label weights and a network's hyperparameters are chosen on so many folds of the
+    training windows alone; 0 for none.
+    """
+
+    groups: tuple[str, ...] = CLOCK_FREE_GROUPS
+    situation: ForestPlan = ForestPlan(
+        n_estimators=60, min_samples_leaf=8, max_features=0.12
+    )
+    prediction: ForestPlan = ForestPlan(
+        n_estimators=100, min_samples_leaf=5, max_features=0.3
+    )
+    folds: int = 6
+    decision: DecisionRules = TWO_SAMPLES
+    learner: LearnerKind = "forest"
+    network: NetworkPlan = SITUATION_NETWORK
+    prediction_network: NetworkPlan = PREDICTION_NETWORK
+    inner_folds: int = 0
+
+    def network_for(self, task: str) -> NetworkPlan:
+        """The network of a task."""
+        return (
+            self.prediction_network
+            if TASK_HEADS[task] == "p_risky_250ms"
+            else self.network
+        )
+
+    def with_network(self, task: str, network: NetworkPlan) -> TrainingPlan:
+        """The plan with another network for a task."""
+        if TASK_HEADS[task] == "p_risky_250ms":
+            return replace(self, prediction_network=network)
+        return replace(self, network=network)
+
+    def forest_for(self, task: str) -> ForestPlan:
+        """The forest of a task."""
+        return (
+            self.prediction if TASK_HEADS[task] == "p_risky_250ms" else self.situation
+        )
+
+    def to_json(self) -> Json:
+        """As a JSON object, for the model card."""
+        fields = asdict(self)
+        if self.learner == "forest":
+            del fields["learner"], fields["network"], fields["prediction_network"]
+        if not self.inner_folds:
+            del fields["inner_folds"]
+        return fields
+
+
+RAW_BASELINE = TrainingPlan(groups=RAW_GROUPS, situation=UNTUNED, prediction=UNTUNED)
+"""The raw-window forest every other figure stands beside."""
+
+_FOREST_SIZES = {"tiny": (8, 10), "default": (20, 16), "best": (100, None)}
+"""Trees and depth."""
+
+
+def hand_plan(size: str, learner: LearnerKind = "committee") -> TrainingPlan:
+    """A model for the hand, trained on dense windows, by the size of its forest."""
+    trees, depth = _FOREST_SIZES[size]
+    return TrainingPlan(
+        situation=ForestPlan(
+            n_estimators=trees, min_samples_leaf=3, max_depth=depth, max_features=0.3
+        ),
+        decision=HIGH_CONFIDENCE[learner],
+        learner=learner,
+        network=HAND_NETWORK,
+    )
+
+
+SIZES = {size: hand_plan(size) for size in _FOREST_SIZES}
+"""Three models for the hand (`holdfast bench cost` says what each costs)."""
+
+_SMOOTH = ForestPlan(kind="random", min_samples_leaf=20)
+CLOCK_PLAN = TrainingPlan(groups=(), situation=_SMOOTH, prediction=_SMOOTH)
+"""For the clock's two numbers: smooth and balanced, the best such forest found, so that the warning
+is fair."""

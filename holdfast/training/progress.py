@@ -1,0 +1,104 @@
+"""Progress of long work on stderr: a bar with the time left, or one line a stage.
+
+How long work reports its stages, and the share of each that is done.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+from rich.console import Console
+from rich.progress import (
+    BarColumn,
+    Progress,
+    TaskID,
+    TaskProgressColumn,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
+
+from holdfast.core.errors import visible
+
+
+class Stages:
+    """Call it with what begins now; `part` says how much of that is done, 0 to 1."""
+
+    def __init__(self, progress: Progress, bar: TaskID) -> None:
+        self._progress, self._bar, self._begun = progress, bar, -1
+        self._started_s = time.perf_counter()
+
+    def __call__(self, text: str) -> None:
+        """The stage under way has ended, and this one begins."""
+        line = visible(text)
+        self._begun += 1
+        self._progress.update(self._bar, description=line, completed=self._begun)
+        elapsed_s = time.perf_counter() - self._started_s
+        self._progress.console.print(
+            f"{elapsed_s:6.0f} s  {line}",
+            style="dim",
+            highlight=False,
+            markup=False,
+            soft_wrap=True,
+        )
+
+    def part(self, share: float) -> None:
+        """So much of the stage under way is done."""
+        self._progress.update(self._bar, completed=max(self._begun, 0) + share)
+
+
+@contextmanager
+def stages(total: int) -> Iterator[Stages]:
+    """Yields what is called once for each of `total` stages, as it begins."""
+    progress = _progress()
+    with progress:
+        yield Stages(progress, progress.add_task("starting", total=total))
+
+
+@contextmanager
+def counted(text: str, total: int) -> Iterator[Callable[[float], None]]:
+    """Yields what takes how many of `total` are done. text: what is being done."""
+    line = visible(text)
+    progress = _progress()
+    with progress:
+        if not progress.console.is_terminal:
+            progress.console.print(line, highlight=False, markup=False, soft_wrap=True)
+        bar = progress.add_task(line, total=total)
+        yield lambda done: progress.update(bar, completed=done)
+
+
+def _progress() -> Progress:
+    columns = (
+        TextColumn("{task.description}", markup=False),
+        BarColumn(),
+        TaskProgressColumn(),
+        TimeElapsedColumn(),
+        TextColumn("left"),
+        TimeRemainingColumn(),
+    )
+    console = Console(stderr=True)
+    # What is printed on a terminal goes above the bar; what is piped stays in the pipe.
+    return Progress(
+        *columns,
+        console=console,
+        transient=True,
+        redirect_stdout=sys.stdout.isatty(),
+        disable=not console.is_terminal,
+    )
+
+
+Say = Callable[[str], None]
+Part = Callable[[float], None]
+"""Takes which share of the stage under way is done, 0 to 1."""
+
+
+def ignored(message: object) -> None:
+    """A Say or a Part that shows nothing."""
+
+
+def span(part: Part, start: float, stop: float) -> Part:
+    """A Part for what lasts from one share of a stage to another."""
+    return lambda share: part(start + (stop - start) * share)

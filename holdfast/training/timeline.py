@@ -1,0 +1,259 @@
+"""The phases of a trial: from the truth beside it, else from the script it followed.
+
+A `hold` (disturbed, but kept) and a `daily` (many grasps in a row) follow no script: they need
+their truth.
+
+The script (s): nothing, grasp, hold until 7, the action from 7. A put-down, and the hand-over of
+the full bottle, act in [7, 10) and release from 10. Then nothing. Where "action_at_s" gives another
+start of the action, the times after it move along. The script does not contain contact: the normal
+forces give when the hand closes, and when it is empty again.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from holdfast.core.contact import contact_rows
+from holdfast.core.contract import (
+    GRASP,
+    NORMAL_AXIS,
+    NOTHING,
+    RISKY_SLIP,
+    SITUATIONS,
+    FloatArray,
+)
+from holdfast.core.errors import LabelError
+from holdfast.core.objects import read_json
+from holdfast.core.reading import Json
+from holdfast.core.trial_file import LONGEST_S, Trial
+from holdfast.core.trial_layout import SITUATION_OF_ACTION, truth_path
+
+UNSCRIPTED = ("hold", "daily")
+"""Actions whose labels come only from the truth beside a trial."""
+ACTION_S = 7.0
+HOLD_AGAIN_S = 2.0
+"""After the action's start; a put-down holds again in its last second before the release; the
+script gives no time."""
+RELEASE_S = 3.0
+"""After the action's start."""
+ACTION_KEY = "action_at_s"
+"""In meta.json of the set or in a trial's truth: when the action starts."""
+
+
+@dataclass(frozen=True)
+class Phase:
+    """Rows [first, stop) of a trial in one situation (0..3)."""
+
+    first: int
+    stop: int
+    situation: int
+
+
+@dataclass(frozen=True)
+class RiskyEvent:
+    """A grip that fails, in s from the first sample. gross_s: None where it is not known."""
+
+    onset_s: float
+    gross_s: float | None
+    end_s: float
+
+
+def whole(n_rows: int, situation: int) -> tuple[Phase, ...]:
+    """One phase from end to end."""
+    return (Phase(0, n_rows, situation),)
+
+
+def scripted(
+    trial: Trial,
+    samples: FloatArray,
+    action: str,
+    object_name: str,
+    action_at_s: float = ACTION_S,
+) -> tuple[Phase, ...]:
+    """Phases of a trial that followed the script; samples [T, C] are the trial's, prepared.
+
+    Raises LabelError where the hand is not closed when the action should begin, or where there is
+    no script.
+    """
+    if action in UNSCRIPTED:
+        raise LabelError(
+            f"a {action!r} follows no script, and its truth is missing",
+            where=trial.path,
+            cause=f"{truth_path(trial.path).name} was not copied along, or never written",
+            next_step=f"put {truth_path(trial.path).name} beside it, or move the trial out",
+        )
+    t_s = trial.t_s
+    onset, empty = contact(t_s, samples)
+    acts = int(np.searchsorted(t_s, action_at_s))
+    if not onset < acts < empty:
+        raise _off_the_script(trial, action_at_s, onset, empty)
+    marks = [(0, NOTHING), (onset, GRASP), (acts, situation_of(action))]
+    if action == "put-down" or (action, object_name) == ("pass", "full-bottle"):
+        again, release = np.searchsorted(
+            t_s, [action_at_s + HOLD_AGAIN_S, action_at_s + RELEASE_S]
+        )
+        marks += [(int(again), GRASP), (int(release), situation_of(action))]
+    return _phases(
+        [mark for mark in marks if mark[0] < empty] + [(empty, NOTHING)], len(t_s)
+    )
+
+
+def _off_the_script(
+    trial: Trial, action_at_s: float, onset: int, empty: int
+) -> LabelError:
+    truth = truth_path(trial.path).name
+    return LabelError(
+        f"the layout expects the action to start at {action_at_s:g} s, but contact lasted from "
+        f"{trial.t_s[onset]:.2f} to {trial.t_s[empty - 1]:.2f} s",
+        where=trial.path,
+        cause="a trial that did not follow the script",
+        next_step=f'write {{"{ACTION_KEY}": ..}} to meta.json of the set, or that or its phases to '
+        f"{truth}",
+    )
+
+
+def action_start_s(about: Json, where: Path) -> float | None:
+    """When the action starts, s, as a meta.json or a truth says; None where it does not.
+
+    Raises LabelError.
+    """
+    at_s = about.get(ACTION_KEY)
+    if at_s is None:
+        return None
+    if (
+        isinstance(at_s, bool)
+        or not isinstance(at_s, int | float)
+        or not 0.0 < at_s < LONGEST_S
+    ):
+        raise LabelError(
+            f"{ACTION_KEY} is {at_s!r}",
+            where=where,
+            next_step="write seconds from the first row",
+        )
+    return float(at_s)
+
+
+def situation_of(action: str) -> int:
+    """The situation that an action leads to, as an index of SITUATIONS."""
+    return SITUATIONS.index(SITUATION_OF_ACTION[action])
+
+
+def contact(t_s: FloatArray, samples: FloatArray) -> tuple[int, int]:
+    """First row with the hand closed on something, and first row after the last such.
+
+    Closed: the normal forces, summed and averaged over 0.1 s, exceed a tenth of their 95th
+    percentile.
+    """
+    load = np.abs(np.nan_to_num(samples[:, NORMAL_AXIS::3])).sum(axis=1)
+    rows = contact_rows(load, 1.0 / float(np.median(np.diff(t_s))))
+    assert rows is not None  # no load is less than none
+    return rows
+
+
+def _phases(marks: list[tuple[int, int]], n_rows: int) -> tuple[Phase, ...]:
+    stops = [first for first, _ in marks[1:]] + [n_rows]
+    pairs = zip(marks, stops, strict=True)
+    return tuple(
+        Phase(first, stop, situation)
+        for (first, situation), stop in pairs
+        if first < stop
+    )
+
+
+def has_phases(path: Path) -> bool:
+    """Whether a truth gives phases: one that is there, unless it only says when the action starts.
+
+    A truth with neither is one with its phases missing.
+    """
+    return path.exists() and (
+        "phases" in (truth := read_json(path)) or ACTION_KEY not in truth
+    )
+
+
+def labels_by(path: Path, action_at_s: float) -> str:
+    """What the labels of a trial come from: provenances of its truth, or the script.
+
+    path: of the truth. action_at_s: of the set.
+    """
+    truth = read_json(path)
+    if has_phases(path):
+        entries = [one for one in truth.get("phases", []) if isinstance(one, dict)]
+        names = {str(one["provenance"]) for one in entries if one.get("provenance")}
+        return ", ".join(sorted(names)) or ("truth file" if entries else "no label")
+    of_trial = action_start_s(truth, path)
+    return f"script, action at {of_trial or action_at_s:g} s" + (
+        " (truth file)" if of_trial else ""
+    )
+
+
+def read_truth(path: Path, t_s: FloatArray) -> tuple[Phase, ...]:
+    """Phases from a truth file, times from the first sample.
+
+    The file holds `{"phases": [{"t0_s", "t1_s", "label", "provenance"}, ..]}`.
+
+    They follow each other without overlap; rows in no phase have no label. Raises LabelError.
+    """
+    written = read_json(path).get("phases")
+    if not isinstance(written, list) or not written:
+        raise LabelError(
+            "holds no list of phases", where=path, next_step="correct or remove it"
+        )
+    phases = tuple(_phase(entry, t_s, path) for entry in written)
+    if any(one.stop > other.first for one, other in pairwise(phases)):
+        raise LabelError(
+            "phases overlap or are out of order",
+            where=path,
+            next_step="correct or remove it",
+        )
+    return tuple(phase for phase in phases if phase.first < phase.stop)
+
+
+def read_events(path: Path) -> tuple[RiskyEvent, ...]:
+    """The risky phases of a truth, each with the gross slip that falls into it."""
+    truth = read_json(path)
+    trials = truth.get("trials", [truth])
+    gross = [
+        float(one["gross_slip_s"])
+        for one in trials
+        if one.get("gross_slip_s") is not None
+    ]
+    risky = (
+        entry for entry in truth["phases"] if entry["label"] == SITUATIONS[RISKY_SLIP]
+    )
+    return tuple(
+        _event(float(entry["t0_s"]), float(entry["t1_s"]), gross) for entry in risky
+    )
+
+
+def events_of(phases: tuple[Phase, ...], rate_hz: float) -> tuple[RiskyEvent, ...]:
+    """The risky phases of a script, which knows no gross slip."""
+    risky = (phase for phase in phases if phase.situation == RISKY_SLIP)
+    return tuple(
+        RiskyEvent(phase.first / rate_hz, None, phase.stop / rate_hz) for phase in risky
+    )
+
+
+def _event(onset_s: float, end_s: float, gross: list[float]) -> RiskyEvent:
+    return RiskyEvent(
+        onset_s, next((at_s for at_s in gross if onset_s <= at_s <= end_s), None), end_s
+    )
+
+
+def _phase(entry: Any, t_s: FloatArray, path: Path) -> Phase:
+    try:
+        t0_s, t1_s = float(entry["t0_s"]), float(entry["t1_s"])
+        if not t0_s <= t1_s:  # also true of nan
+            raise ValueError("a phase that ends before it begins")
+        first, stop = np.searchsorted(t_s, [t0_s, t1_s])
+        return Phase(int(first), int(stop), SITUATIONS.index(entry["label"]))
+    except (KeyError, OverflowError, TypeError, ValueError):
+        raise LabelError(
+            f"{entry!r} is not a phase",
+            where=path,
+            next_step=f"write t0_s and t1_s in seconds and a label of {', '.join(SITUATIONS)}",
+        ) from None

@@ -1,0 +1,291 @@
+"""Labelled windows of the eight classes, and their balance.
+
+A window is the N samples that end at its row. Five kinds of row are used:
+
+critical points  labelled by the phase they fall in. At an edge between phases both claim the points
+                 within 0.10 s of it, one window, and the higher situation wins, as in every tie:
+                 the grasp point is the contact onset, a slip begins with its first sign and ends
+                 when the object is gone
+slip             only with an exact truth (a simulated trial, a camera), not from a script: evenly
+                 spaced over each slip, since a short or faint one may have no critical point
+keep             steady holding: in the middle of each hold and just before its end, with no
+                 critical point near (critical points alone never show a hand that just holds)
+nothing          the same in each phase without contact; labelled with the weight of the trial's
+                 object, although no signal carries it
+nothing, without an object: every half second, light and heavy alternately
+
+These are the natural windows; classes are far from equal in number. Two other choices are made:
+
+balanced  dense windows, for a hand in continuous use: of trials with an exact truth every risky
+          sample, and evenly spaced ones of everything else, each labelled by its phase; critical
+          points play no part. Counts differ, and the plan's class weights make all eight classes
+          weigh the same (training/plan.py). The forest sees what a hand mostly does: not slip
+thesis    the thesis' undersampled set: natural windows, as many of each class as the rarest has,
+          and within a class every cell of object x action x source gives as equally as it can
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+
+from holdfast.core.contract import (
+    CLASSES,
+    GRASP,
+    NOTHING,
+    RISKY_SLIP,
+    SAFE_SLIP,
+    class_id,
+)
+from holdfast.core.errors import ClassMissing
+from holdfast.core.objects import Mass
+from holdfast.export.spec import HISTORY_S, WINDOW_S, window_samples
+from holdfast.training.critical_points import CriticalPoint, offline_critical_points
+from holdfast.training.progress import Part, ignored
+from holdfast.training.recording import LabelledRows, Recording
+from holdfast.training.timeline import Phase
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+Choice = Literal["balanced", "thesis", "natural", "none"]
+"""Which windows of a set in the thesis' layout are taken; none for its recordings alone."""
+EDGE_S = WINDOW_S
+STEADY_MARGIN_S = 0.3
+"""A steady window keeps this far from the end of its phase and from every critical point."""
+EMPTY_HAND_EVERY_S = 0.5
+SLIP_EVERY_S = 0.02
+MOST_OF_A_SLIP = 12
+DENSE_EVERY_S = {NOTHING: 0.5, GRASP: 0.1, SAFE_SLIP: 0.02, RISKY_SLIP: 0.0}
+"""Between two dense windows of a situation; 0 takes every sample."""
+NO_OBJECT = "-"
+COLUMNS = ("trial", "row", "label", "object", "action", "source")
+STRATA = ["object", "action", "source"]
+
+
+@dataclass(frozen=True)
+class TimedTrial:
+    """A recording, what happens in it, and whether its object is heavy (None: there is no object).
+
+    timed: the phases are known to the moment and not from a script. mass: of the object, None where
+    it is not known here. labels_by: what gives the phases.
+    """
+
+    recording: Recording
+    phases: tuple[Phase, ...]
+    heavy: bool | None
+    timed: bool = False
+    mass: Mass | None = None
+    labels_by: str = ""
+
+
+@dataclass(frozen=True)
+class _Spot:
+    row: int
+    label: int
+    source: str
+
+
+def natural_windows(trials: Sequence[TimedTrial], part: Part = ignored) -> pd.DataFrame:
+    """Every window there is, one line each.
+
+    Columns: trial (index), row (the window's last), label (0..7), object, action and source
+    (band-pass, friction, both, slip, keep, nothing). part: receives the share of trials done.
+    """
+    return _table(trials, _spots, part)
+
+
+def dense_windows(trials: Sequence[TimedTrial], part: Part = ignored) -> pd.DataFrame:
+    """As `natural_windows`, but dense; a trial without an exact truth gives its natural ones."""
+    return _table(trials, _dense_spots, part)
+
+
+def _table(
+    trials: Sequence[TimedTrial],
+    spots_of: Callable[[TimedTrial], list[_Spot]],
+    part: Part,
+) -> pd.DataFrame:
+    import pandas as pd  # a third of a second, which no command without windows needs
+
+    lines = []
+    for index, trial in enumerate(trials):
+        name, action = (
+            trial.recording.object_name or NO_OBJECT,
+            trial.recording.action or NO_OBJECT,
+        )
+        lines += [
+            (index, spot.row, spot.label, name, action, spot.source)
+            for spot in spots_of(trial)
+        ]
+        part((index + 1) / len(trials))
+    return pd.DataFrame(lines, columns=list(COLUMNS))
+
+
+def undersample(windows: pd.DataFrame, seed: int) -> pd.DataFrame:
+    """As many windows of each class as the rarest has, drawn evenly from the cells of a class.
+
+    Cells are dealt from in turn until the class is full, so a small cell gives all it has and large
+    ones share the rest. The same seed draws the same windows; order is by trial and row. Raises
+    ClassMissing.
+    """
+    counts = class_counts(windows)
+    missing = [name for name, count in counts.items() if not count]
+    if missing:
+        raise ClassMissing(
+            f"no window of {', '.join(missing)}",
+            cause="no trial with such an object and action, or none with a critical point",
+            next_step="record light and heavy objects, each with a safe and a risky action",
+        )
+    shuffled = windows.assign(
+        _draw=np.random.default_rng(seed).permutation(len(windows))
+    )
+    turn = shuffled.groupby(["label", *STRATA])["_draw"].rank()
+    dealt = shuffled.assign(_turn=turn).sort_values(["_turn", "_draw"])
+    kept = dealt.groupby("label").head(min(counts.values()))
+    return kept.sort_values(["trial", "row"])[list(COLUMNS)].reset_index(drop=True)
+
+
+def labelled_rows(windows: pd.DataFrame) -> LabelledRows:
+    """The task "classes" of a table of windows."""
+    trial, row, label = (windows[name].to_numpy(dtype=np.int64) for name in COLUMNS[:3])
+    return LabelledRows(trial, row, label, CLASSES)
+
+
+def class_counts(windows: pd.DataFrame) -> dict[str, int]:
+    """Windows per class, by name, zeros included."""
+    return _by_class(
+        np.bincount(windows["label"].to_numpy(dtype=np.int64), minlength=len(CLASSES))
+    )
+
+
+def sample_counts(trials: Sequence[TimedTrial]) -> dict[str, int]:
+    """Samples per class over the whole time lines, of trials with an object."""
+    counts = np.zeros(len(CLASSES), dtype=np.int64)
+    for trial in trials:
+        for phase in trial.phases if trial.heavy is not None else ():
+            counts[class_id(phase.situation, heavy=bool(trial.heavy))] += (
+                phase.stop - phase.first
+            )
+    return _by_class(counts)
+
+
+def counts_table(windows: pd.DataFrame) -> str:
+    """Two tables to print: class x object against action, and class against source."""
+    import pandas as pd
+
+    names = pd.Categorical.from_codes(
+        windows["label"].to_numpy(), categories=list(CLASSES)
+    )
+    named = windows.assign(**{"class": names})
+    cells = _with_totals(
+        pd.crosstab([named["class"], named["object"]], named["action"])
+    )
+    sources = _with_totals(pd.crosstab(named["class"], named["source"]))
+    return f"{cells.to_string()}\n\n{sources.to_string()}"
+
+
+def _with_totals(counts: pd.DataFrame) -> pd.DataFrame:
+    """The counts with a column and a row "all"; pandas' own margins take three times as long."""
+    import pandas as pd
+
+    counts["all"] = counts.sum(axis=1)
+    total = counts.sum().to_frame().T
+    one = counts.index.nlevels == 1
+    total.index = pd.Index(["all"]) if one else pd.MultiIndex.from_tuples([("all", "")])
+    return pd.concat([counts, total]).rename_axis(
+        index=counts.index.names, columns=counts.columns.name
+    )
+
+
+def _by_class(counts: Any) -> dict[str, int]:
+    return {name: int(count) for name, count in zip(CLASSES, counts, strict=True)}
+
+
+def _spots(trial: TimedTrial) -> list[_Spot]:
+    """All windows of a trial, each row once, in order of time."""
+    if trial.heavy is None:
+        return _empty_hand(trial)
+    points = offline_critical_points(trial.recording)
+    spots = [
+        *_critical(trial, points, trial.heavy),
+        *_steady(trial, points, trial.heavy),
+    ]
+    if trial.timed:
+        taken = {spot.row for spot in spots}
+        spots += [
+            spot for spot in _slipping(trial, trial.heavy) if spot.row not in taken
+        ]
+    return sorted(spots, key=lambda spot: spot.row)
+
+
+def _dense_spots(trial: TimedTrial) -> list[_Spot]:
+    """Dense windows of a trial with an exact truth and an object, else the natural ones."""
+    if not trial.timed or trial.heavy is None:
+        return _spots(trial)
+    return list(_dense(trial, trial.heavy))
+
+
+def _dense(trial: TimedTrial, heavy: bool) -> Iterator[_Spot]:
+    rate_hz = trial.recording.rate_hz
+    settled = math.ceil(HISTORY_S * rate_hz)
+    for phase in trial.phases:
+        every = max(1, round(DENSE_EVERY_S[phase.situation] * rate_hz))
+        for row in range(max(phase.first, settled), phase.stop, every):
+            yield _Spot(row, class_id(phase.situation, heavy=heavy), "dense")
+
+
+def _slipping(trial: TimedTrial, heavy: bool) -> Iterator[_Spot]:
+    every = SLIP_EVERY_S * trial.recording.rate_hz
+    for phase in trial.phases:
+        if phase.situation in (NOTHING, GRASP):
+            continue
+        count = int(np.clip((phase.stop - phase.first) / every, 1, MOST_OF_A_SLIP))
+        for row in np.unique(
+            np.linspace(phase.first, phase.stop - 1, count + 2)
+            .round()[1:-1]
+            .astype(np.int64)
+        ):
+            yield _Spot(int(row), class_id(phase.situation, heavy=heavy), "slip")
+
+
+def _critical(
+    trial: TimedTrial, points: list[CriticalPoint], heavy: bool
+) -> Iterator[_Spot]:
+    near = round(EDGE_S * trial.recording.rate_hz)
+    for point in points:
+        claims = [
+            p.situation
+            for p in trial.phases
+            if p.first - near <= point.row < p.stop + near
+        ]
+        situation = max(claims, default=NOTHING)
+        if situation != NOTHING:
+            yield _Spot(point.row, class_id(situation, heavy=heavy), point.source)
+
+
+def _steady(
+    trial: TimedTrial, points: list[CriticalPoint], heavy: bool
+) -> Iterator[_Spot]:
+    rate_hz = trial.recording.rate_hz
+    margin, n = round(STEADY_MARGIN_S * rate_hz), window_samples(rate_hz)
+    for phase in trial.phases:
+        middle, late = (phase.first + phase.stop) // 2, phase.stop - 1 - margin
+        if phase.situation not in (NOTHING, GRASP) or late - middle < n:
+            continue
+        source = "nothing" if phase.situation == NOTHING else "keep"
+        for row in (middle, late):
+            if all(abs(point.row - row) > margin for point in points):
+                yield _Spot(row, class_id(phase.situation, heavy=heavy), source)
+
+
+def _empty_hand(trial: TimedTrial) -> list[_Spot]:
+    every = round(EMPTY_HAND_EVERY_S * trial.recording.rate_hz)
+    rows = range(every, len(trial.recording.samples), every)
+    return [
+        _Spot(row, class_id(NOTHING, heavy=bool(k % 2)), "nothing")
+        for k, row in enumerate(rows)
+    ]

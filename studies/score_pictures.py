@@ -1,0 +1,231 @@
+"""Scores of studies as pictures: bars with intervals, confusion, objects and rates."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from holdfast.core.contract import CLASSES
+from holdfast.evaluation.scores import ClassScores, LevelScores
+from holdfast.evaluation.stream_pictures import labelled
+from holdfast.evaluation.style import (
+    FINGER_COLOURS,
+    INK,
+    OURS,
+    QUIET,
+    WARNING,
+    Bar,
+    bars,
+    svg,
+)
+from holdfast.training.figures import ABSENT
+
+METHOD_COLOURS = (OURS, QUIET, WARNING)
+
+
+class ScoreBars(NamedTuple):
+    """Scores of a row at three levels, under the name that is shown."""
+
+    name: str
+    eight: Bar
+    seven: Bar
+    four: Bar
+
+
+def score_bars(rows: Sequence[ScoreBars], kind: str) -> str:
+    """Accuracy of eight and seven classes, and macro F1 of four situations."""
+    with labelled(kind, 9.2, 0.5 * len(rows) + 1.1) as figure:
+        eight, seven, four = figure.subplots(1, 3, sharey=True)
+        bars(eight, [row.eight for row in rows], "accuracy, eight classes", 0.2)
+        bars(seven, [row.seven for row in rows], "accuracy, nothing as one", 0.2)
+        bars(four, [row.four for row in rows], "macro F1, four situations", 0.2)
+        for axes in (eight, seven, four):
+            axes.set_xlim(right=1.0)
+        eight.axvline(0.875, color=WARNING, linewidth=0.8, linestyle=":")
+        eight.set_yticks(
+            range(len(rows)), [row.name.replace(", ", ",\n", 1) for row in rows]
+        )
+        eight.set_ylim(len(rows) - 0.5, -0.6)
+        return svg(figure)
+
+
+def confusion_spread(matrices: list[Any], kind: str) -> str:
+    """Mean confusion of the retrainings with half their range, and the recall of each."""
+    shares = np.array(
+        [
+            np.asarray(m) / np.maximum(np.sum(m, axis=1, keepdims=True), 1)
+            for m in matrices
+        ]
+    )
+    mean, half = shares.mean(axis=0), np.ptp(shares, axis=0) / 2.0
+    names = [name.replace("_", " ") for name in CLASSES]
+    with labelled(kind, 9.2, 4.9) as figure:
+        left, right = figure.subplots(1, 2, sharey=True, width_ratios=(3.4, 1))
+        left.imshow(mean, cmap="Blues", vmin=0, vmax=1, aspect="auto")
+        for (row, column), value in np.ndenumerate(mean):
+            _cell(
+                left,
+                row,
+                column,
+                value,
+                half[row, column] if len(matrices) > 1 else None,
+            )
+        left.set_xticks(range(len(names)), names, rotation=25, ha="right")
+        left.set_yticks(range(len(names)), names)
+        left.set(xlabel="answered", ylabel="was")
+        left.spines[:].set_visible(False)
+        absent = np.sum(matrices, axis=(0, 2)) == 0
+        for row in np.flatnonzero(absent).tolist():
+            left.text(row, row, ABSENT, ha="center", va="center", fontsize=9)
+        for one in shares:
+            right.plot(
+                np.where(absent, np.nan, np.diagonal(one)),
+                range(len(names)),
+                "o",
+                color=OURS,
+                markersize=5,
+                alpha=0.6,
+            )
+        right.set(xlabel="recall of each\nretraining", xlim=(0, 1))
+        right.grid(axis="x", color="#e4e7eb")
+        return svg(figure)
+
+
+def _cell(axes: Axes, row: int, column: int, value: float, half: float | None) -> None:
+    """A share above half its range over the retrainings; nothing where it rounds to 0."""
+    if value < 0.005:
+        return
+    colour = "white" if value > 0.5 else INK
+    up = 0.0 if half is None else 0.13
+    axes.text(
+        column,
+        row - up,
+        f"{value:.2f}",
+        ha="center",
+        va="center",
+        color=colour,
+        fontsize=9,
+    )
+    if half is not None:
+        axes.text(
+            column,
+            row + 0.25,
+            f"± {half:.2f}",
+            ha="center",
+            va="center",
+            color=colour,
+            fontsize=6.5,
+        )
+
+
+def by_object(objects: dict[str, dict[str, ClassScores]], kind: str) -> str:
+    """Macro F1 of each object held out, one row an object, one mark a method.
+
+    objects: shown name of the method -> object -> its scores.
+    """
+    names = list(next(iter(objects.values())))
+    with labelled(kind, 7.2, 0.42 * len(names) + 1.5) as figure:
+        axes = figure.subplots()
+        for place, (method, figures) in enumerate(objects.items()):
+            colour, shift = (
+                METHOD_COLOURS[place % 3],
+                0.2 * (place - (len(objects) - 1) / 2),
+            )
+            for row, name in enumerate(names):
+                one = figures[name].four
+                axes.plot(
+                    _edges(one),
+                    [row + shift] * 2,
+                    color=colour,
+                    linewidth=4,
+                    alpha=0.35,
+                )
+                label = _short(method) if row == 0 else None
+                axes.plot(
+                    _value(one),
+                    row + shift,
+                    "o",
+                    color=colour,
+                    markersize=5,
+                    label=label,
+                )
+        axes.set_yticks(range(len(names)), names)
+        axes.set(
+            xlabel="macro F1, four situations, unseen object",
+            xlim=(0, 1),
+            ylim=(len(names) - 0.5, -0.5),
+        )
+        axes.grid(axis="x", color="#e4e7eb")
+        axes.legend(
+            frameon=False,
+            loc="lower center",
+            bbox_to_anchor=(0.5, 1.0),
+            ncols=3,
+            fontsize=8,
+        )
+        return svg(figure)
+
+
+class RateCurve(NamedTuple):
+    """Scores of four situations at every rate, under the name that is shown."""
+
+    name: str
+    scores: Sequence[LevelScores]
+
+
+def over_rates(
+    hz: Sequence[float],
+    held_out: Sequence[RateCurve],
+    unseen: Sequence[RateCurve],
+    kind: str,
+) -> str:
+    """Left, every method over the rates, trials held out; right, this model on unseen sets."""
+    with labelled(kind, 9.2, 3.2) as figure:
+        left, right = figure.subplots(1, 2, sharey=True)
+        for place, (name, scores) in enumerate(held_out):
+            _over(left, hz, scores, METHOD_COLOURS[place % 3], _short(name))
+        for (name, scores), colour in zip(unseen, FINGER_COLOURS[1:], strict=False):
+            _over(right, hz, scores, colour, name)
+        left.set(
+            title="trials held out",
+            ylabel="macro F1, four situations",
+            xlabel="Hz",
+            xticks=hz,
+        )
+        right.set(title="this model, unseen sets", xlabel="Hz", xticks=hz)
+        for axes in (left, right):
+            axes.grid(axis="y", color="#e4e7eb")
+            if axes.get_legend_handles_labels()[0]:
+                axes.legend(frameon=False, fontsize=8)
+        return svg(figure)
+
+
+def _over(
+    axes: Axes,
+    hz: Sequence[float],
+    figures: Sequence[LevelScores],
+    colour: str,
+    label: str,
+) -> None:
+    low, high = np.array([_edges(one) for one in figures]).T
+    axes.fill_between(list(hz), low, high, color=colour, alpha=0.15, linewidth=0)
+    axes.plot(
+        list(hz), [_value(one) for one in figures], "o-", color=colour, label=label
+    )
+
+
+def _value(of: LevelScores) -> float:
+    """Macro F1, or nothing to draw where it is not defined."""
+    return np.nan if of.macro_f1 is None else of.macro_f1
+
+
+def _edges(of: LevelScores) -> list[float]:
+    """The interval, or nothing to draw where one trial alone gives none."""
+    return list(of.macro_f1_ci or (np.nan, np.nan))
+
+
+def _short(name: str) -> str:
+    return name.split(",")[0]
