@@ -20,6 +20,7 @@ from benchmarks.hand_rows import FaultRow, LiveLatency, ProcessMemory, ScanCost
 from benchmarks.timing import busy_wait, time_in_turns
 from holdfast.core.clock import MonotonicClock
 from holdfast.core.contract import FloatArray, Prediction, Sample
+from holdfast.core.source import SourceReading
 from holdfast.drivers.bridges import BRIDGES, open_virtual
 from holdfast.drivers.bus import Bus, Reply, Transfer
 from holdfast.drivers.hand import Hand, LiveHand
@@ -31,7 +32,7 @@ from holdfast.drivers.virtual.usb_backend import Traffic
 from holdfast.drivers.virtual.virtual_hand import VirtualHand
 from holdfast.edge_runtime.monitor import GripMonitor, Model
 from holdfast.edge_runtime.preparation import Tare
-from holdfast.live.loop import SourceReading, Summary, run_live
+from holdfast.live.loop import Summary, run_live
 from holdfast.live.real_time import real_time
 
 FAULTS = {

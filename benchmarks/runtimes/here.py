@@ -30,7 +30,8 @@ from holdfast.cli.command import show
 from holdfast.core.reading import Json
 from holdfast.core.writing import write_whole
 from holdfast.edge_runtime.c_engine import LIBRARY, CompiledModel
-from holdfast.edge_runtime.model import Model, OpenedModel
+from holdfast.edge_runtime.engine import OpenedModel
+from holdfast.edge_runtime.model import Model
 from holdfast.evaluation.provenance import host
 from holdfast.export.c.exporting import export_c
 

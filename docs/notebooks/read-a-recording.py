@@ -20,7 +20,7 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import pandas as pd
 
-from holdfast.cli.main import main as cli
+from holdfast.cli.main import main
 from holdfast.drivers.replay import open_replay
 from holdfast.edge_runtime.monitor import GripMonitor, Model
 from holdfast.evaluation.style import (
@@ -32,7 +32,7 @@ from holdfast.evaluation.style import (
 
 os.chdir(tempfile.mkdtemp())
 folder = Path("trials")
-cli.main(["simulate", "thesis", "--trials", "10", "--out", str(folder)])
+main(["simulate", "thesis", "--trials", "10", "--out", str(folder)])
 trial = sorted(folder.glob("*/pull/trial_1.csv"))[0]
 print(trial)
 table = pd.read_csv(trial)

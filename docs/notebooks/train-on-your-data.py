@@ -20,7 +20,7 @@ from pathlib import Path
 import pandas as pd
 
 from holdfast import evaluation, training
-from holdfast.cli.main import main as cli
+from holdfast.cli.main import main
 from holdfast.edge_runtime.monitor import Model
 from holdfast.export.exporting import export_artifact
 from holdfast.training.fitting import train
@@ -30,7 +30,7 @@ os.chdir(tempfile.mkdtemp())
 work = Path("work")
 for name, seed in (("mine", 1), ("unseen", 2)):
     command = ["simulate", "thesis", "--trials", "40", "--seed", str(seed)]
-    cli.main([*command, "--out", str(work / name)])
+    main([*command, "--out", str(work / name)])
 
 # %% [markdown]
 # ## One data frame a trial

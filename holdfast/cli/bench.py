@@ -20,7 +20,7 @@ from holdfast.cli.command import (
 )
 from holdfast.cli.options import CORES, add_job_options, chosen_workers
 from holdfast.core.reading import Json
-from holdfast.edge_runtime.model_file import model_path
+from holdfast.core.shipped import model_path
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance

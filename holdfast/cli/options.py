@@ -25,13 +25,13 @@ from urllib.parse import parse_qs
 
 from holdfast.cli.command import path_argument, positive
 from holdfast.core.errors import UnitError, UsageError
-from holdfast.edge_runtime.model import ENGINES, ONNXRUNTIME, ModelChoice
+from holdfast.edge_runtime.engine import ENGINES, ONNXRUNTIME, ModelChoice
 
 if TYPE_CHECKING:
     from holdfast.core.contract import FloatArray
+    from holdfast.core.source import Source
     from holdfast.drivers.camera.sources import FrameSource
     from holdfast.evaluation.jobs import Workers
-    from holdfast.live.loop import Source
     from holdfast.simulation.closed_loop.drive import Drive
 
 

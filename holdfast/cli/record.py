@@ -70,7 +70,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Record until the plan is done, the operator stops it, or an error ends it."""
-    from holdfast.live.outputs import stream_sink
+    from holdfast.live.log_sink import stream_sink
     from holdfast.live.real_time import RunClock
     from holdfast.live.stopping import stop_signals
     from holdfast.sessions.record_page import record_page

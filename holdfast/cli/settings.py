@@ -22,7 +22,7 @@ from typing import Any
 from holdfast.cli.command import Parser, path_argument
 from holdfast.core.errors import CardError, DataNotFound
 from holdfast.core.reading import CardReader, read_toml
-from holdfast.edge_runtime.model_file import shipped
+from holdfast.core.shipped import shipped
 
 DEFAULT = Path("holdfast.toml")
 HAND = ("source", "calibration", "bias", "model", "intent")

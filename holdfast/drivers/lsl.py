@@ -28,9 +28,9 @@ from holdfast.core.contract import (
     Unit,
 )
 from holdfast.core.errors import DeviceLost, DeviceNotFound, RateError
-from holdfast.drivers.lsl_streams import StreamFacts, order_of, unit_of
+from holdfast.core.lsl_streams import StreamFacts, order_of, unit_of
+from holdfast.core.source import SourceReading
 from holdfast.edge_runtime.intent import Intent, ItemReader, intent_of
-from holdfast.live.loop import SourceReading
 
 FIRST_S = 5.0
 """An opened stream must send within this time."""

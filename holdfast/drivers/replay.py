@@ -14,10 +14,10 @@ import numpy as np
 from holdfast.core.contract import UNITS, BoolArray, FloatArray, Sample, Unit
 from holdfast.core.errors import DataNotFound, UnitError
 from holdfast.core.reading import json_of, require_file, text_of
+from holdfast.core.source import SourceReading
 from holdfast.core.trial_file import read_trial
 from holdfast.core.trial_layout import TACTILE
 from holdfast.edge_runtime.preparation import Preparation
-from holdfast.live.loop import SourceReading
 
 META = "meta.json"
 BIAS_REMOVED = "bias_removed"

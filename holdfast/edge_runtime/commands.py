@@ -12,11 +12,11 @@ from __future__ import annotations
 import socket
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 
 from holdfast.core.contract import CommandLink
 from holdfast.core.errors import UsageError
 from holdfast.core.reading import json_of
-from holdfast.live.loop import Command
 
 LONGEST = 1024
 
@@ -29,6 +29,19 @@ KEYS = {"opening", "override"}
 
 EXPIRES_NS = 300_000_000
 """The command of a sender that has been silent for longer expires."""
+
+
+@dataclass(frozen=True)
+class Command:
+    """What the user commands at a sample.
+
+    opening ends an act and prevents a new one; override ends every request and blocks new ones for
+    a while. link: whether commands have come at all, and whether they still come.
+    """
+
+    opening: bool = False
+    override: bool = False
+    link: CommandLink = "none"
 
 
 @contextmanager

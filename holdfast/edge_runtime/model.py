@@ -5,8 +5,6 @@ everything else is checked too, in this order: seal, bytes (onnx_bytes.py), card
 and trees (onnx_rules.py), all before onnxruntime opens the file; then its answers on the golden
 sequences.
 
-What computes a step: onnxruntime (model.py), or the model's compiled C form (c_engine.py).
-
 Memory given back to the board once a model is loaded.
 
 Golden sequences: answers stored in a model file, recomputed every time the file is loaded.
@@ -22,11 +20,10 @@ from __future__ import annotations
 import ctypes
 import gc
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
-from holdfast.core.errors import NotAModel, UsageError
+from holdfast.core.errors import NotAModel
 from holdfast.edge_runtime.answer_ranges import require_in_range
 from holdfast.edge_runtime.golden import check_golden, golden_answers, golden_from_json
 from holdfast.edge_runtime.graph import Outputs, StepGraph, open_session
@@ -44,7 +41,6 @@ from holdfast.edge_runtime.onnx_rules import require_ours
 if TYPE_CHECKING:
     import onnxruntime as ort
 
-    from holdfast.edge_runtime.graph import Stepper
     from holdfast.edge_runtime.model_file import ModelCard
 
 
@@ -57,44 +53,6 @@ def give_back() -> None:
     trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
     if trim is not None:
         trim(0)
-
-
-ONNXRUNTIME, C = "onnxruntime", "c"
-ENGINES = (ONNXRUNTIME, C)
-
-
-class OpenedModel(Protocol):
-    """A model file that has passed all checks, with something that steps it."""
-
-    @property
-    def card(self) -> ModelCard:
-        """The card in the file."""
-        ...
-
-    def stepper(self, outputs: Sequence[str], hands: int = 1) -> Stepper:
-        """The step of B hands, from a fresh state. outputs: those to compute."""
-        ...
-
-
-@dataclass(frozen=True)
-class ModelChoice:
-    """A model file and what steps it. library: of the C engine; None: in MODEL-c beside it."""
-
-    path: str
-    engine: str = ONNXRUNTIME
-    library: str | None = None
-
-    def open(self) -> OpenedModel:
-        """The model, checked. Raises a ModelError, or UsageError."""
-        if self.engine == C:
-            from holdfast.edge_runtime.c_engine import CompiledModel
-
-            return CompiledModel(self.path, self.library)
-        if self.library:
-            raise UsageError(
-                "--library is for the C engine", next_step="add --engine c"
-            )
-        return Model(self.path)
 
 
 LONGEST_REASON = 200

@@ -2,8 +2,6 @@
 
 The SHA-256 in the metadata is that of the file with its own 64 digits zeroed. So it is checked on
 the bytes alone, before any parser reads them.
-
-Models that are installed with Holdfast; each is named by its file's name without the ending.
 """
 
 from __future__ import annotations
@@ -15,42 +13,9 @@ from pathlib import Path
 from holdfast.core.contract import CLASSES, SITUATIONS, UNITS, Unit
 from holdfast.core.errors import BrokenSeal, DataNotFound, NotAModel, RuntimeRefused
 from holdfast.core.reading import Json, json_of, require_file
+from holdfast.core.shipped import model_path, shipped
 from holdfast.edge_runtime.decision import LIMITS, DecisionRules
 from holdfast.edge_runtime.preparation import Preparation, preparation_from_json
-
-_PACKAGE = Path(__file__).resolve().parent.parent
-# in the package of a wheel, beside the package in a checkout
-MODELS = next(
-    (
-        folder
-        for folder in (_PACKAGE / "models", _PACKAGE.parent / "models")
-        if folder.is_dir()
-    ),
-    _PACKAGE / "models",
-)
-
-
-def shipped() -> list[str]:
-    """Names of the shipped models, sorted: "holdfast-150hz" is the default."""
-    return sorted(path.stem for path in MODELS.glob("*.onnx"))
-
-
-def model_path(word: str | Path) -> Path:
-    """The file that a word names: a path, or the name of a shipped model.
-
-    >>> model_path("mine/holdfast.onnx").as_posix()
-    'mine/holdfast.onnx'
-    >>> model_path("holdfast-150hz").name
-    'holdfast-150hz.onnx'
-    """
-    path = Path(word)
-    inside = MODELS / f"{path.name}.onnx"
-    return (
-        inside
-        if path == Path(path.name) and not path.exists() and inside.is_file()
-        else path
-    )
-
 
 SEAL_KEY = "holdfast.sha256"
 CARD_KEY = "holdfast.card"

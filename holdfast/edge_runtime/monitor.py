@@ -27,9 +27,9 @@ from holdfast.core.contract import (
 )
 from holdfast.core.errors import ChannelError, RateError, TimeError, UnitError
 from holdfast.edge_runtime.decision import UNKNOWN, DecisionState, decide, period_us
+from holdfast.edge_runtime.engine import OpenedModel
 from holdfast.edge_runtime.health import LoadedStart, RateWatch, RepeatWatch
 from holdfast.edge_runtime.model import Model as Model
-from holdfast.edge_runtime.model import OpenedModel
 from holdfast.edge_runtime.model_file import ModelCard
 from holdfast.edge_runtime.onnx_rules import ANSWERS, WEIGHS
 

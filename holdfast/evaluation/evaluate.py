@@ -13,8 +13,8 @@ import numpy as np
 
 from holdfast.core.errors import UsageError
 from holdfast.core.objects import read_json
+from holdfast.edge_runtime.engine import ModelChoice, OpenedModel
 from holdfast.edge_runtime.graph import Outputs
-from holdfast.edge_runtime.model import ModelChoice, OpenedModel
 from holdfast.evaluation import MOST_FALSE_PER_MIN
 from holdfast.evaluation.baselines import Baseline, baselines, raw_forest
 from holdfast.evaluation.event_scores import choose_confidence

@@ -8,8 +8,8 @@ from functools import lru_cache, partial
 
 from holdfast.core.errors import UsageError
 from holdfast.core.reading import Json
+from holdfast.edge_runtime.engine import ModelChoice, OpenedModel
 from holdfast.edge_runtime.grip import CONTROLLERS, AnswerRules
-from holdfast.edge_runtime.model import ModelChoice, OpenedModel
 from holdfast.edge_runtime.monitor import require_fit
 from holdfast.edge_runtime.supervisor import Limits
 from holdfast.evaluation.jobs import Workers

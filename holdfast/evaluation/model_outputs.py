@@ -22,8 +22,8 @@ from holdfast.edge_runtime.decision import (
     decide,
     period_us,
 )
+from holdfast.edge_runtime.engine import OpenedModel
 from holdfast.edge_runtime.graph import Outputs, Steps
-from holdfast.edge_runtime.model import OpenedModel
 from holdfast.evaluation.alarms import Answers
 from holdfast.evaluation.scores import answers_at, labels_at
 from holdfast.evaluation.window_scores import require_model_fits

@@ -17,7 +17,7 @@ from holdfast.core.contract import SITUATIONS, BoolArray
 from holdfast.core.objects import read_json
 from holdfast.core.reading import Json
 from holdfast.core.trial_layout import RISKY_ACTIONS, TACTILE, truth_path
-from holdfast.edge_runtime.model import OpenedModel
+from holdfast.edge_runtime.engine import OpenedModel
 from holdfast.evaluation.event_scores import EventMatch, match_alarms
 from holdfast.evaluation.methods import LabelledTrial, without_samples
 from holdfast.evaluation.model_outputs import ModelOutputs, run_model

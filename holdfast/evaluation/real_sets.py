@@ -13,7 +13,7 @@ from pathlib import Path
 
 from holdfast.core.errors import DataNotFound, NotAModel
 from holdfast.core.reading import Json, json_of, text_of
-from holdfast.edge_runtime.model import ModelChoice
+from holdfast.edge_runtime.engine import ModelChoice
 from holdfast.evaluation.evaluate import EvaluationRequest, evaluate_events
 from holdfast.evaluation.figures import Evaluation
 from holdfast.training.datasets import load

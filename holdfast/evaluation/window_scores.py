@@ -10,8 +10,8 @@ import numpy.typing as npt
 
 from holdfast.core.contract import SITUATIONS, FloatArray
 from holdfast.core.reading import Json
+from holdfast.edge_runtime.engine import OpenedModel
 from holdfast.edge_runtime.graph import Outputs, run_recordings
-from holdfast.edge_runtime.model import OpenedModel
 from holdfast.edge_runtime.monitor import Model, require_fit
 from holdfast.training.featurise import pick_rows, rows_wanted
 from holdfast.training.figures import HeadFigures

@@ -16,8 +16,8 @@ import numpy as np
 
 from holdfast.core.contract import UNITS, FloatArray, Unit
 from holdfast.core.errors import DataNotFound, NotANumber, listed, needs_extra
+from holdfast.core.lsl_streams import StreamFacts, order_of, unit_of
 from holdfast.core.reading import require_file
-from holdfast.drivers.lsl_streams import StreamFacts, order_of, unit_of
 
 with needs_extra("xdf"):
     import pyxdf

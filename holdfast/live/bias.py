@@ -10,8 +10,8 @@ import numpy as np
 
 from holdfast.core.contract import FloatArray
 from holdfast.core.errors import DataError
+from holdfast.core.source import Source
 from holdfast.drivers.bias import Bias, bias_of
-from holdfast.live.loop import Source
 
 RATE_HZ = 100.0
 """Of a hand, which has no rate of its own."""

@@ -15,11 +15,11 @@ from typing import TYPE_CHECKING, Any
 from holdfast.cli.options import DEFAULT_CONTROLLER, drive_of, is_virtual
 from holdfast.core.contract import Prediction, Sample
 from holdfast.core.errors import ChannelError
+from holdfast.core.source import Source
 from holdfast.edge_runtime.grip_control import GripControl
 from holdfast.edge_runtime.model_file import ModelCard
 from holdfast.edge_runtime.supervisor import GripCommand, Limits, last_line, to_line
 from holdfast.live.grip_outputs import LineSink, line_sink
-from holdfast.live.loop import Source
 
 if TYPE_CHECKING:
     from holdfast.live.scene import LiveScene

@@ -27,6 +27,7 @@ import numpy as np
 
 from holdfast.core.contract import UNITS, FloatArray
 from holdfast.core.errors import UsageError
+from holdfast.core.source import Source
 from holdfast.drivers.bridges import BRIDGES, open_native, open_usb, open_virtual
 from holdfast.drivers.bus import Bus
 from holdfast.drivers.fingers import Crc
@@ -36,7 +37,6 @@ from holdfast.drivers.replay import PacedReplay
 from holdfast.drivers.timed_bridge import device_clock, open_timed_usb, timed_virtual
 from holdfast.drivers.timed_hand import TimedHand, TimedLiveHand
 from holdfast.drivers.tmag5273 import Setup
-from holdfast.live.loop import Source
 from holdfast.live.sources import (
     MOST_DIGITS,
     SIM,

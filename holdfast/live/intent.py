@@ -27,15 +27,15 @@ from holdfast.cli.options import ADDRESSES
 from holdfast.core.contract import CommandLink
 from holdfast.core.errors import UsageError
 from holdfast.core.trial_layout import intent_path
-from holdfast.edge_runtime.commands import receiving
+from holdfast.edge_runtime.commands import Command, receiving
 from holdfast.edge_runtime.intent import (
     IntentMonitor,
     UdpIntent,
     intent_header,
     intent_row,
 )
-from holdfast.live.loop import Command
-from holdfast.live.outputs import Sink, file_sink
+from holdfast.live.log_sink import Sink
+from holdfast.live.outputs import file_sink
 
 
 class IntentLog:

@@ -30,14 +30,13 @@ import numpy as np
 import numpy.typing as npt
 
 from holdfast.core.contract import (
-    BoolArray,
-    CommandLink,
     FloatArray,
     Prediction,
     Sample,
-    Unit,
 )
 from holdfast.core.reading import Json
+from holdfast.core.source import Source, SourceReading
+from holdfast.edge_runtime.commands import Command
 from holdfast.edge_runtime.monitor import GripMonitor
 from holdfast.edge_runtime.preparation import Tare
 
@@ -47,37 +46,6 @@ REMEMBERED = 1 << 16
 PERCENTS = (50.0, 99.0, 99.9)
 ANOTHER_CLOCK_NS = 1_000_000_000
 """A reading never takes this long: an older stamp comes from a clock that was set or wrapped."""
-
-
-@dataclass(frozen=True)
-class SourceReading:
-    """One reading of a source: values [C] in its unit, valid [S], why [S] not ("" where valid).
-
-    number: of its period; None where the source leaves the time to its reader.
-    """
-
-    t_ns: int
-    values: FloatArray
-    valid: BoolArray
-    why: tuple[str, ...] = ()
-    number: int | None = None
-
-
-class Source(Protocol):
-    """A hand that can be read now: a driver, or a recording that is replayed in real time."""
-
-    unit: Unit
-    n_channels: int
-    rate_hz: float | None
-    """Of a recording; None where the reader decides the rate."""
-
-    def read(self) -> SourceReading | None:
-        """The newest reading; None where the source has ended."""
-        ...
-
-    def close(self) -> None:
-        """Release the device or file."""
-        ...
 
 
 @runtime_checkable
@@ -204,19 +172,6 @@ class Stamps:
             return ("repeated" if t_ns == newest_ns else "late"), self._given_ns
         self._newest_ns, self._given_ns = t_ns, max(t_ns, self._given_ns + 1)
         return "", self._given_ns
-
-
-@dataclass(frozen=True)
-class Command:
-    """What the user commands at a sample.
-
-    opening ends an act and prevents a new one; override ends every request and blocks new ones for
-    a while. link: whether commands have come at all, and whether they still come.
-    """
-
-    opening: bool = False
-    override: bool = False
-    link: CommandLink = "none"
 
 
 class _LiveRun:

@@ -28,23 +28,17 @@ from holdfast.cli.options import (
 )
 from holdfast.core.contract import FloatArray, Prediction, Sample
 from holdfast.core.errors import OutputError, RateError, visible
-from holdfast.edge_runtime.commands import command_port
+from holdfast.core.source import Source, SourceReading
+from holdfast.edge_runtime.commands import Command, command_port
+from holdfast.edge_runtime.engine import OpenedModel
 from holdfast.edge_runtime.intent import IntentMonitor
-from holdfast.edge_runtime.model import OpenedModel
 from holdfast.edge_runtime.monitor import GripMonitor, require_fit
 from holdfast.edge_runtime.preparation import Tare
 from holdfast.live.hand_sources import open_live
 from holdfast.live.intent import intended, intent_monitor
-from holdfast.live.loop import Command, Source, SourceReading, Summary, run_live
-from holdfast.live.outputs import (
-    Outlets,
-    SampleFile,
-    Sink,
-    file_sink,
-    sample_file,
-    stream_sink,
-    udp_sink,
-)
+from holdfast.live.log_sink import Sink, stream_sink
+from holdfast.live.loop import Summary, run_live
+from holdfast.live.outputs import Outlets, SampleFile, file_sink, sample_file, udp_sink
 from holdfast.live.real_time import RunClock, SceneClock, first_in_line
 from holdfast.live.stopping import (
     output_from_the_background,

@@ -17,9 +17,9 @@ from rich.table import Table
 from rich.text import Text
 
 from holdfast.core.contract import NORMAL_AXIS, SITUATIONS, Prediction, Sample
+from holdfast.core.source import SourceReading
 from holdfast.edge_runtime.intent import Intent, IntentMonitor
 from holdfast.live.line_writer import STREAM_LINES, STUCK_S, write_whole_line
-from holdfast.live.loop import SourceReading
 
 REFRESH_HZ = 8
 BAR = 30

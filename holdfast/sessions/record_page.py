@@ -9,7 +9,7 @@ from contextlib import contextmanager
 import numpy as np
 
 from holdfast.core.reading import Json
-from holdfast.live.loop import SourceReading
+from holdfast.core.source import SourceReading
 from holdfast.live.page.link import PageLink, live_page
 from holdfast.live.page.run_page import intent_message
 from holdfast.sessions.recorder.keys import Keys

@@ -135,7 +135,7 @@ def test_the_scene_in_mujoco_has_the_given_grip_and_object() -> None:
 def test_without_mujoco_the_peer_says_in_one_line_how_to_get_it(tmp_path: Path) -> None:
     code = (
         "import sys; sys.modules['mujoco'] = None\n"
-        "from benchmarks.mujoco_peer import main; from edge_runtime.command import finish\n"
+        "from benchmarks.mujoco_peer import main; from holdfast.cli.command import finish\n"
         f"sys.exit(finish(main, ['--out', {str(tmp_path / 'm.json')!r}]))"
     )
     done = subprocess.run(

@@ -16,7 +16,7 @@ from drawn_frames import (
 )
 from hand_made_tracks import hand_made
 from page_tables import require_tables_fit
-from rooms import MAY_IMPORT, ROOT, imports_of
+from rooms import MAY_IMPORT, ROOT, folder_of, imports_of
 
 from benchmarks import camera_page
 from benchmarks.tag_sheet import sheet
@@ -260,13 +260,13 @@ def test_depthai_is_imported_in_one_file_and_by_no_help():
     naming = {
         path: text
         for room in MAY_IMPORT
-        for path in (ROOT / room).rglob("*.py")
+        for path in folder_of(room).rglob("*.py")
         if "depthai" in (text := path.read_text("utf-8"))
     }
     files = [path for path, text in naming.items() if "depthai" in imports_of(text, "")]
     assert files == [ROOT / "holdfast/drivers/camera/library.py"]
     code = (
-        "import sys; from holdfast import onset, watch; import drivers.camera.graph; "
+        "import sys; from holdfast.cli import onset, watch; import holdfast.drivers.camera.graph; "
         "print('depthai' in sys.modules)"
     )
     assert process("-c", code).stdout == "False\n"

@@ -25,6 +25,7 @@ from holdfast.core.errors import (
     RateError,
     UnitError,
 )
+from holdfast.core.lsl_streams import StreamFacts
 from holdfast.drivers.lsl import (
     DECISION,
     LOST,
@@ -34,7 +35,6 @@ from holdfast.drivers.lsl import (
     decision_row,
 )
 from holdfast.drivers.lsl_library import LslInlet, LslOutlet, open_answers
-from holdfast.drivers.lsl_streams import StreamFacts
 from holdfast.drivers.virtual.clock import VirtualClock
 from holdfast.edge_runtime.monitor import GripMonitor, Model
 from holdfast.live.bias import read_rows

@@ -30,8 +30,9 @@ from holdfast.drivers.virtual.clock import VirtualClock
 from holdfast.edge_runtime.monitor import GripMonitor, Model
 from holdfast.edge_runtime.preparation import Tare
 from holdfast.live.line_writer import CLOSING_S, STREAM_LINES, LineWriter
+from holdfast.live.log_sink import Sink, stream_sink
 from holdfast.live.loop import run_live
-from holdfast.live.outputs import Outlets, Sink, file_sink, sample_file, stream_sink
+from holdfast.live.outputs import Outlets, file_sink, sample_file
 
 LINE = "x" * 800
 LONG_S = 300.0

@@ -12,8 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from holdfast.core.errors import ColumnError, DeviceLost, NotANumber
+from holdfast.core.lsl_streams import StreamFacts
 from holdfast.drivers.lsl import LslIntent
-from holdfast.drivers.lsl_streams import StreamFacts
 from holdfast.edge_runtime.commands import receiving
 from holdfast.edge_runtime.intent import (
     Intent,

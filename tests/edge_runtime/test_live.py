@@ -32,16 +32,18 @@ from holdfast.core.errors import (
     UnitError,
     UsageError,
 )
+from holdfast.core.source import SourceReading
 from holdfast.drivers.calibration import read_bias
 from holdfast.drivers.replay import PacedReplay, Replay, open_replay
 from holdfast.drivers.virtual.clock import VirtualClock
-from holdfast.edge_runtime.commands import command_port
+from holdfast.edge_runtime.commands import Command, command_port
 from holdfast.edge_runtime.intent import Intent
 from holdfast.edge_runtime.monitor import GripMonitor, Model
 from holdfast.edge_runtime.preparation import Preparation, Tare
 from holdfast.live.hand_sources import open_live, scene_of
-from holdfast.live.loop import STAGES, Command, SourceReading, Summary
-from holdfast.live.outputs import Outlets, file_sink, sample_file, stream_sink, udp_sink
+from holdfast.live.log_sink import stream_sink
+from holdfast.live.loop import STAGES, Summary
+from holdfast.live.outputs import Outlets, file_sink, sample_file, udp_sink
 from holdfast.live.run import answer
 from holdfast.live.stopping import service_watchdog
 

@@ -18,8 +18,8 @@ from holdfast.cli.main import main
 from holdfast.core.contract import GRASP, NOTHING, RISKY_SLIP, SAFE_SLIP, Sample
 from holdfast.core.errors import LabelError, UsageError
 from holdfast.edge_runtime.decision import UNKNOWN, DecisionRules
+from holdfast.edge_runtime.engine import ModelChoice
 from holdfast.edge_runtime.graph import open_session, steps_of
-from holdfast.edge_runtime.model import ModelChoice
 from holdfast.edge_runtime.monitor import GripMonitor, Model
 from holdfast.evaluation.baselines import (
     Baseline,

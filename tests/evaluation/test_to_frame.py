@@ -12,7 +12,7 @@ import pytest
 from holdfast import evaluation
 from holdfast.core.contract import CLASSES, SITUATIONS
 from holdfast.core.errors import RateError
-from holdfast.edge_runtime.model import ModelChoice
+from holdfast.edge_runtime.engine import ModelChoice
 from holdfast.edge_runtime.monitor import Model
 from holdfast.evaluation.evaluate import EvaluationRequest, evaluate_events
 from holdfast.training.datasets import load

@@ -50,7 +50,7 @@ from holdfast.drivers.virtual.usb_backend import Device, VirtualBackend
 from holdfast.drivers.virtual.usb_devices import descriptor, device_fields
 from holdfast.drivers.virtual.virtual_hand import VirtualHand
 from holdfast.edge_runtime.answer_ranges import require_in_range
-from holdfast.edge_runtime.commands import command_port
+from holdfast.edge_runtime.commands import Command, command_port
 from holdfast.edge_runtime.decision import DecisionState, decide, period_us
 from holdfast.edge_runtime.golden import golden_answers, golden_from_json
 from holdfast.edge_runtime.graph import StepGraph, open_session
@@ -65,7 +65,6 @@ from holdfast.edge_runtime.model_file import (
 from holdfast.edge_runtime.onnx_bytes import read_onnx
 from holdfast.edge_runtime.preparation import Tare
 from holdfast.live.hand_sources import open_live
-from holdfast.live.loop import Command
 from holdfast.live.page.link import read_address
 from holdfast.live.page.server import Access, PageHandler, PageServer
 from holdfast.live.page.stream import LiveStream

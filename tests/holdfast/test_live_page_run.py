@@ -21,10 +21,11 @@ from recorder_bench import PULL, REST, Hand, cup_pull, meta_of, session, start, 
 
 from holdfast.core.contract import Sample
 from holdfast.core.errors import OutputError
+from holdfast.core.source import SourceReading
 from holdfast.drivers.virtual.clock import VirtualClock
 from holdfast.edge_runtime.monitor import GripMonitor, Model
 from holdfast.edge_runtime.preparation import Tare
-from holdfast.live.loop import SourceReading, run_live
+from holdfast.live.loop import run_live
 from holdfast.live.page.link import PageLink, live_page
 from holdfast.live.page.process import follow
 from holdfast.live.page.run_page import MARK, RunPage

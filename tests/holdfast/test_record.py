@@ -22,11 +22,11 @@ from recorder_bench import (
 
 from holdfast.core import tactile_file
 from holdfast.core.errors import EmptyRecording, TimeError
+from holdfast.core.source import SourceReading
 from holdfast.core.tactile_file import TactileFile
 from holdfast.core.trial_file import read_trial
 from holdfast.drivers.replay import open_replay
 from holdfast.drivers.virtual.clock import VirtualClock
-from holdfast.live.loop import SourceReading
 from holdfast.live.sources import open_source
 from holdfast.sessions.recorder.keys import Keys
 

@@ -37,7 +37,7 @@ import os, signal, sys
 from holdfast.drivers.hand import LiveHand
 from holdfast.drivers.virtual.clock import VirtualClock
 from holdfast.cli.command import Parser
-from holdfast import record
+from holdfast.cli import record
 from holdfast.sessions.recorder.keys import Keys
 from holdfast.sessions.recorder.recording import record as record_trials
 plain, reads = LiveHand.read, 0

@@ -22,7 +22,8 @@ from holdfast.core.contract import Prediction
 from holdfast.core.errors import LibraryRefused
 from holdfast.drivers.virtual.clock import VirtualClock
 from holdfast.edge_runtime.c_engine import LIBRARY, CompiledModel
-from holdfast.edge_runtime.model import Model, OpenedModel
+from holdfast.edge_runtime.engine import OpenedModel
+from holdfast.edge_runtime.model import Model
 from holdfast.export.c.exporting import export_c
 from holdfast.export.seal import model_card, seal
 from holdfast.live.hand_sources import open_live

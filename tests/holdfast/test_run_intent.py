@@ -20,11 +20,12 @@ from made_prediction import prediction
 from recorder_bench import PULL, Hand, columns_of, meta_of, one_pull, session
 
 from holdfast.core.contract import Sample
+from holdfast.core.source import SourceReading
 from holdfast.drivers.virtual.clock import VirtualClock
+from holdfast.edge_runtime.commands import Command
 from holdfast.edge_runtime.intent import Intent, IntentMonitor, read_intent
 from holdfast.edge_runtime.model import Model
 from holdfast.live.intent import intended, intent_monitor
-from holdfast.live.loop import Command, SourceReading
 from holdfast.live.page.run_page import RunPage
 from holdfast.sessions.recorder.keys import Keys
 

@@ -14,7 +14,7 @@ from hazard_marks import ADVERSE_EVENT
 from study_bench import SUS_ANSWERS, TRIALS, Study, options, said
 
 from holdfast.core.errors import DataNotFound
-from holdfast.edge_runtime.model import ModelChoice
+from holdfast.edge_runtime.engine import ModelChoice
 from holdfast.evaluation.participant import participant_figures
 from holdfast.sessions.study.outcome import outcome_of
 from holdfast.sessions.study.report import in_words, write_report

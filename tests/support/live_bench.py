@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 
 from holdfast.core.contract import Prediction, Sample
+from holdfast.core.source import SourceReading
 from holdfast.drivers.virtual.clock import VirtualClock
 from holdfast.edge_runtime.monitor import GripMonitor, Model
 from holdfast.edge_runtime.preparation import Tare
-from holdfast.live.loop import SourceReading, Summary, run_live
+from holdfast.live.loop import Summary, run_live
 
 ROOT = Path(__file__).resolve().parents[2]
 DEFAULT = ROOT / "models" / "holdfast-150hz.onnx"

@@ -20,8 +20,8 @@ import pytest
 
 from holdfast.cli import record
 from holdfast.cli.command import Parser
+from holdfast.core.source import SourceReading
 from holdfast.drivers.virtual.clock import VirtualClock
-from holdfast.live.loop import SourceReading
 from holdfast.sessions.recorder.keys import Keys
 from holdfast.sessions.recorder.protocol import Task
 from holdfast.sessions.recorder.recording import record as record_trials

@@ -25,7 +25,7 @@ from holdfast.core.errors import (
 )
 from holdfast.training.datasets import human_slip_uskin as human
 from holdfast.training.datasets import load
-from holdfast.training.datasets.human_slip_uskin import in_hand, middle_angle_deg
+from holdfast.training.datasets.human_slip_labels import in_hand, middle_angle_deg
 from holdfast.training.recording import DataSet
 
 Arrays = dict[str, Any]

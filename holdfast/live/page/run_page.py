@@ -12,12 +12,12 @@ from pathlib import Path
 
 from holdfast.core.contract import Prediction, Sample
 from holdfast.core.reading import Json
+from holdfast.core.source import SourceReading
 from holdfast.edge_runtime.batch import ONE_LANE
 from holdfast.edge_runtime.grip_control import FrictionMargin, sense_of
 from holdfast.edge_runtime.intent import IntentMonitor
 from holdfast.edge_runtime.model_file import ModelCard
 from holdfast.edge_runtime.supervisor import GripCommand
-from holdfast.live.loop import SourceReading
 from holdfast.live.page.link import PageLink, live_page
 
 MARK = b"m"

@@ -19,10 +19,10 @@ import numpy as np
 
 from holdfast.core.contract import FloatArray, channel_names
 from holdfast.core.reading import Json
+from holdfast.core.source import Source, SourceReading
 from holdfast.drivers.calibration import read_calibration
 from holdfast.drivers.hand import LiveHand
 from holdfast.live.bias import MeasuredBias
-from holdfast.live.loop import Source, SourceReading
 from holdfast.sessions.recorder.plan import Plan
 
 

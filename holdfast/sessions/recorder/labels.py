@@ -21,6 +21,7 @@ from holdfast.core.contact import CONTACT_SMOOTH_S, NORMAL_FLOOR, contact_rows
 from holdfast.core.contract import NORMAL_AXIS, SITUATIONS, FloatArray
 from holdfast.core.errors import LabelError
 from holdfast.core.reading import Json, json_of, text_of
+from holdfast.core.source import Source
 from holdfast.core.trial_file import Trial, read_trial
 from holdfast.core.trial_layout import (
     EVENTS,
@@ -32,7 +33,6 @@ from holdfast.core.trial_layout import (
 )
 from holdfast.core.writing import write_whole
 from holdfast.live.hand_sources import scene_of
-from holdfast.live.loop import Source
 
 NOTHING = SITUATIONS[0]
 PROVENANCES = ("scene", "camera", "key", "rule")

@@ -13,11 +13,11 @@ from holdfast.cli.command import show_found
 from holdfast.cli.options import force_of, require_camera_options, shooting
 from holdfast.core.errors import LabelError, UsageError
 from holdfast.core.reading import Json
+from holdfast.core.source import Source
 from holdfast.drivers.camera.sources import OAK
 from holdfast.live.bias import MeasuredBias, measure_bias, require_good
 from holdfast.live.hand_sources import is_hand, open_live
 from holdfast.live.intent import intent_monitor
-from holdfast.live.loop import Source
 from holdfast.live.real_time import first_in_line
 from holdfast.sessions.recorder.about import about
 from holdfast.sessions.recorder.camera import Beside

@@ -19,11 +19,12 @@ from typing import Any
 from holdfast.core.contract import FloatArray
 from holdfast.core.errors import EmptyRecording, TimeError
 from holdfast.core.reading import Json
+from holdfast.core.source import Source, SourceReading
 from holdfast.core.trial_layout import META
 from holdfast.core.writing import write_whole
 from holdfast.drivers.replay import PacedReplay
 from holdfast.edge_runtime.intent import IntentMonitor
-from holdfast.live.loop import ANOTHER_CLOCK_NS, Source, SourceReading, Stamps
+from holdfast.live.loop import ANOTHER_CLOCK_NS, Stamps
 from holdfast.sessions.recorder.about import Quality, in_words
 from holdfast.sessions.recorder.camera import Beside
 from holdfast.sessions.recorder.folder import (

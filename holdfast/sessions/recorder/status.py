@@ -14,7 +14,7 @@ from typing import TextIO
 import numpy as np
 
 from holdfast.core.errors import visible_lines
-from holdfast.live.loop import SourceReading
+from holdfast.core.source import SourceReading
 from holdfast.sessions.recorder.trial import TrialRecorder
 
 REDRAW_NS = 250_000_000

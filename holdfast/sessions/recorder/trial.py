@@ -11,11 +11,11 @@ from typing import Any, TextIO
 
 from holdfast.core.errors import DataError, HoldfastError, OutputError
 from holdfast.core.reading import Json
+from holdfast.core.source import SourceReading
 from holdfast.core.tactile_file import TactileFile
 from holdfast.core.trial_layout import EVENTS, META, TACTILE, intent_path
 from holdfast.core.writing import write_whole
 from holdfast.edge_runtime.intent import IntentMonitor, intent_header, intent_row
-from holdfast.live.loop import SourceReading
 from holdfast.sessions.recorder.about import Quality, QualityFigures
 from holdfast.sessions.recorder.folder import FORMAT, INTERRUPTED, KEPT, RECORDING
 from holdfast.sessions.recorder.labels import truth_in, write_truth

@@ -131,7 +131,7 @@ def outcome_of(root: Path, person: str, card: StudyCard, model: Path) -> StudyOu
 
 def _figures(home: Path, model: Path) -> tuple[ParticipantFigures | None, str]:
     """The model's figures, or why there are none."""
-    from holdfast.edge_runtime.model import ModelChoice
+    from holdfast.edge_runtime.engine import ModelChoice
     from holdfast.evaluation.participant import participant_figures
 
     try:

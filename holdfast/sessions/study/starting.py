@@ -15,7 +15,7 @@ from holdfast.core.errors import CardError, DataNotFound, UsageError
 from holdfast.core.writing import require_writable, write_whole
 from holdfast.drivers.virtual.clock import VirtualClock
 from holdfast.live.hand_sources import is_hand
-from holdfast.live.outputs import stream_sink
+from holdfast.live.log_sink import stream_sink
 from holdfast.live.real_time import RunClock
 from holdfast.live.stopping import say, stop_signals
 from holdfast.sessions.recorder.folder import require_ours

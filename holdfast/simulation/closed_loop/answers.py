@@ -6,8 +6,8 @@ import numpy as np
 import numpy.typing as npt
 
 from holdfast.core.contract import NOTHING, RISKY_SLIP, SAFE_SLIP, BoolArray, FloatArray
+from holdfast.edge_runtime.engine import OpenedModel
 from holdfast.edge_runtime.grip import GripSense
-from holdfast.edge_runtime.model import OpenedModel
 
 IntArray = npt.NDArray[np.int64]
 

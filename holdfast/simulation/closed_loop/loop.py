@@ -19,8 +19,8 @@ import numpy.typing as npt
 
 from holdfast.core.contract import BoolArray, FloatArray
 from holdfast.core.trial_layout import RISKY_ACTIONS
+from holdfast.edge_runtime.engine import OpenedModel
 from holdfast.edge_runtime.grip import GripSense
-from holdfast.edge_runtime.model import OpenedModel
 from holdfast.simulation.closed_loop.answers import HandModels
 from holdfast.simulation.closed_loop.drive import Actuator, Drive
 from holdfast.simulation.closed_loop.people import (

@@ -15,8 +15,8 @@ import numpy as np
 from holdfast.core.contract import FloatArray
 from holdfast.core.errors import CardError
 from holdfast.core.reading import Json
+from holdfast.edge_runtime.engine import ModelChoice, OpenedModel
 from holdfast.edge_runtime.grip import GripSense
-from holdfast.edge_runtime.model import ModelChoice, OpenedModel
 from holdfast.edge_runtime.monitor import require_fit
 from holdfast.edge_runtime.supervisor import IDLE, Limits
 from holdfast.simulation.card import Card

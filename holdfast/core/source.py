@@ -1,0 +1,39 @@
+"""Sources of samples: what every driver, recording and scene gives to its reader."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+from holdfast.core.contract import BoolArray, FloatArray, Unit
+
+
+@dataclass(frozen=True)
+class SourceReading:
+    """One reading of a source: values [C] in its unit, valid [S], why [S] not ("" where valid).
+
+    number: of its period; None where the source leaves the time to its reader.
+    """
+
+    t_ns: int
+    values: FloatArray
+    valid: BoolArray
+    why: tuple[str, ...] = ()
+    number: int | None = None
+
+
+class Source(Protocol):
+    """A hand that can be read now: a driver, or a recording that is replayed in real time."""
+
+    unit: Unit
+    n_channels: int
+    rate_hz: float | None
+    """Of a recording; None where the reader decides the rate."""
+
+    def read(self) -> SourceReading | None:
+        """The newest reading; None where the source has ended."""
+        ...
+
+    def close(self) -> None:
+        """Release the device or file."""
+        ...
