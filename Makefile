@@ -184,7 +184,7 @@ lerobot: setup $(LEROBOT)/.stamp  ## lerobot's own loader reads what holdfast co
 
 lint: setup  ## ruff and mypy
 	$(BIN)/ruff check .
-	$(BIN)/mypy holdfast studies benchmarks examples/demo tests
+	$(BIN)/mypy holdfast studies benchmarks tests
 
 lock: .tools/.stamp  ## rewrite the locks after a change of dependencies; UPGRADE=1 moves the pins too
 	PYTHON=$(PYTHON) UPGRADE=$(UPGRADE) tools/lock.sh

@@ -87,8 +87,8 @@ TABLES: dict[str, tuple[str, Callable[[Path], object]]] = {
     "a table of a data set": ("trials.csv", read_table),
     "the host's time of a trial": (
         "tactile.csv",
-        lambda path: _starts_s(path.parent, None),
-    ),  # type: ignore[arg-type]
+        lambda path: _starts_s(path.parent, None),  # type: ignore[arg-type]
+    ),
 }
 
 

@@ -199,9 +199,8 @@ def shown(
         "about": {"unit": "N"},
         "show": status.show,
     }
-    Session(chosen, source, clock, Keys(None), status.say, **options).run(
-        [PULL], lambda: False
-    )  # type: ignore[arg-type]
+    arguments: Any = (chosen, source, clock, Keys(None), status.say)
+    Session(*arguments, **cast("Any", options)).run([PULL], lambda: False)
 
 
 def test_time_rate_lost_samples_and_six_forces_are_shown_while_a_trial_runs(tmp_path):

@@ -69,9 +69,9 @@ def pytest_runtest_makereport(
         marks = {"hard_case": details_of, "hazard": hazard}
         found = [(name, item.get_closest_marker(name)) for name in marks]
         # An attribute of a report survives the way from an xdist worker.
-        report.catalogued = {
+        report.catalogued = {  # type: ignore[attr-defined]
             name: marks[name](mark) for name, mark in found if mark is not None
-        }  # type: ignore[attr-defined]
+        }
         report.place = item.stash[PLACE]  # type: ignore[attr-defined]
         report.user_properties = [
             (name, plain(value)) for name, value in report.user_properties
