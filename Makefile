@@ -128,7 +128,7 @@ docs: setup  ## rewrite the tables and pictures of README and docs from build an
 	$(BIN)/python -m studies.tables.features build/ablation/ablation.json docs/features.md
 	$(BIN)/python -m studies.real.table build/real/metrics.json build/real/all-channels.json README.md
 	$(BIN)/python -m studies.tables.scenes build/bench build/scenes/study/scenes.json docs/scenes.md
-	$(BIN)/python -m benchmarks.hand_page build/bench/hand.json build/bench/timed.json build/bench/timed-soak.json docs/hand.md
+	$(BIN)/python -m benchmarks.hand_page build/bench/hand.json docs/hand.md
 	$(BIN)/python -m benchmarks.cost.page build/bench docs README.md
 	$(BIN)/python -m studies.tables.evaluation build/evaluate/figures.json build/fast-handover/figures.json \
 	    build/scenes/study/scenes.json build/preliminary/preliminary.json build/real/truer.json docs/evaluation.md

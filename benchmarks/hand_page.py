@@ -29,23 +29,6 @@ FAULT_HEADS = {
     "settled_again_ms": "settled again, ms",
     "samples_lost": "samples lost",
 }
-TIMED_HEADS = {
-    "stall_ms": "mean stall, ms",
-    "way": "scans",
-    "samples": "samples",
-    "lost": "lost",
-    "spacing": "spacing error, 99.9 %, us",
-    "late_p50_ms": "late, median, ms",
-    "late_p999_ms": "99.9 %, ms",
-    "late_max_ms": "longest, ms",
-}
-SOAK_HEADS = {
-    "scans": "scans",
-    "minutes": "minutes",
-    "samples": "samples",
-    "overruns": "lost",
-    "too_old": "answered late",
-}
 DELAY_HEADS = {
     "way": "bridge, reads, bus",
     "rate_hz": "rate, Hz",
@@ -133,34 +116,5 @@ def _process(row: Json) -> Json:
     }
 
 
-def timed(figures: Json) -> Tables:
-    """Scans that the FT232H times itself, beside today's."""
-    return {"timed": table([_scans(row) for row in figures["rows"]], TIMED_HEADS)}
-
-
-def _scans(row: Json) -> Json:
-    shown = {
-        "way": f"{row['queued']} queued" if row["queued"] else "today's scan",
-        "spacing": f"{row['spacing_p999_us']:,.0f}",
-    }
-    return (
-        row | shown | {key: f"{row[key]:.1f}" for key in row if key.startswith("late_")}
-    )
-
-
-def soak(figures: Json) -> Tables:
-    """The live loop in real time, today's and timed by the emulated chip."""
-    rows = [
-        row
-        | {
-            "scans": f"{row['queued']} queued" if row["queued"] else "today's scan",
-            "minutes": f"{row['turns'] * figures['turn_s'] / 60:g}",
-        }
-        for row in figures["rows"]
-    ]
-    return {"timed-soak": table(rows, SOAK_HEADS)}
-
-
 if __name__ == "__main__":
-    made_from = dict(zip(map(Path, sys.argv[1:4]), (tables, timed, soak), strict=True))
-    refresh(sys.argv[4], made_from)
+    refresh(sys.argv[2], {Path(sys.argv[1]): tables})

@@ -4,7 +4,6 @@ holdfast run models/holdfast-150hz.onnx --source usb://ft232h
 holdfast run models/holdfast-150hz.onnx --source "virtual://ft232h?scene=pull-soft-ball&seed=1"
 holdfast run models/holdfast-150hz.onnx --source usb://ft232h --grip udp://127.0.0.1:9000
 holdfast run models/holdfast-150hz.onnx --source usb://ft232h --engine c
-holdfast run models/holdfast-150hz.onnx --source "usb://ft232h?timed=16"      (experiment)
 holdfast run models/holdfast-150hz.onnx --source usb://ft232h --quiet --web 8000
 """
 

@@ -10,16 +10,12 @@ from holdfast.core.contract import BoolArray, FloatArray, Unit
 
 @dataclass(frozen=True)
 class SourceReading:
-    """One reading of a source: values [C] in its unit, valid [S], why [S] not ("" where valid).
-
-    number: of its period; None where the source leaves the time to its reader.
-    """
+    """One reading of a source: values [C] in its unit, valid [S], why [S] not ("" where valid)."""
 
     t_ns: int
     values: FloatArray
     valid: BoolArray
     why: tuple[str, ...] = ()
-    number: int | None = None
 
 
 class Source(Protocol):

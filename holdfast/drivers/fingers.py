@@ -53,16 +53,12 @@ Crc = Literal["auto", "on", "off"]
 
 @dataclass(frozen=True)
 class Reading:
-    """One scan: field_ut [S, 3] (NaN where nothing came), valid [S], why [S] ("" where valid).
-
-    number: of its period, where the hand keeps the time (holdfast/drivers/timed_hand.py).
-    """
+    """One scan: field_ut [S, 3] (NaN where nothing came), valid [S], why [S] ("" where valid)."""
 
     t_ns: int
     field_ut: FloatArray
     valid: BoolArray
     why: tuple[str, ...]
-    number: int | None = None
 
 
 @dataclass(frozen=True)
@@ -181,10 +177,6 @@ class Fingers:
         except DeviceError:
             self.forget_masks()  # the next scan meets the same failure and handles it
 
-    def repair_due(self, reading: Reading) -> bool:
-        """Whether `repair` would bring up a finger after this reading."""
-        return bool(self._due(reading))
-
     def _due(self, reading: Reading) -> list[tuple[int, int]]:
         """(when it was last tried, finger) of those that need a bring-up now."""
         return [
@@ -271,33 +263,17 @@ class Fingers:
         """Read each finger that is ready. Raises a DeviceError where bridge or bus fails."""
         if self._setup.together:
             self._convert(bus)
-        plan = self.plan()
+        plan = self._planner.plan(
+            self._states, doubtful=self._now_ns() < self._doubtful_until_ns
+        )
         try:
             answers = bus.scan(plan.transfers)
         except DeviceError:
             self.forget_masks()
             raise
-        return self.sort(plan, answers)
+        return self._sort(plan, answers)
 
-    def plan(self) -> ScanPlan:
-        """What the next scan is to transfer."""
-        return self._planner.plan(
-            self._states, doubtful=self._now_ns() < self._doubtful_until_ns
-        )
-
-    def repeatable_plan(self) -> ScanPlan:
-        """A plan that writes every mask, so that it can be repeated after any other one."""
-        self.forget_masks()
-        return self.plan()
-
-    def would_repeat(self, plan: ScanPlan) -> bool:
-        """Whether this is still the plan to repeat."""
-        masks = self._planner.masks
-        same = self.repeatable_plan() is plan
-        self._planner.masks = masks
-        return same
-
-    def sort(self, plan: ScanPlan, answers: Sequence[Reply]) -> ScanReplies:
+    def _sort(self, plan: ScanPlan, answers: Sequence[Reply]) -> ScanReplies:
         """The answers to a plan by finger, and the fingers whose mux did not switch."""
         replies: list[Reply | None] = [None] * len(self._fingers)
         unswitched: set[int] = set()
@@ -315,15 +291,10 @@ class Fingers:
         bus.scan([*self._planner.select_all(), trigger])
         self._pause(conversion_s(self._setup.averages))
 
-    def judge(
-        self, t_ns: int, scanned: ScanReplies, came_ns: int | None = None
-    ) -> Reading:
-        """What the replies to a scan that began at t_ns say.
-
-        came_ns: when they were read, where a bridge did that by itself; else it is now.
-        """
+    def judge(self, t_ns: int, scanned: ScanReplies) -> Reading:
+        """What the replies to a scan that began at t_ns say."""
         # the time of arrival, not of the request: the machine can stall in between
-        came_ns = self._now_ns() if came_ns is None else came_ns
+        came_ns = self._now_ns()
         judged = [
             (None, "mux") if k in scanned.unswitched else state.judge(reply, came_ns)
             for k, (state, reply) in enumerate(

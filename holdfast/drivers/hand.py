@@ -204,9 +204,7 @@ class LiveHand:
             else self._to_force(reading.field_ut)
         )
         whole = values.reshape(-1)
-        return SourceReading(
-            reading.t_ns, whole, reading.valid, reading.why, reading.number
-        )
+        return SourceReading(reading.t_ns, whole, reading.valid, reading.why)
 
     def about(self) -> dict[str, object]:
         """What is known of the hand itself."""

@@ -10,15 +10,13 @@
 
 A hand has more options: layout=mux (drivers/layout.py), averages=32, crc=auto (on: a chip without
 CRC is refused; off: nothing is checked), burst=1 (shorter reads without CRC) and together=1 (a
-trigger makes all fingers convert at one moment). EXPERIMENT, for holdfast run and an FT232H only:
-timed=16 queues so many scans ahead, which the bridge times itself (holdfast/drivers/timed_hand.py).
+trigger makes all fingers convert at one moment).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 from urllib.parse import parse_qs, unquote
@@ -34,8 +32,6 @@ from holdfast.drivers.fingers import Crc
 from holdfast.drivers.hand import Hand, LiveHand
 from holdfast.drivers.layout import read_layout
 from holdfast.drivers.replay import PacedReplay
-from holdfast.drivers.timed_bridge import device_clock, open_timed_usb, timed_virtual
-from holdfast.drivers.timed_hand import TimedHand, TimedLiveHand
 from holdfast.drivers.tmag5273 import Setup
 from holdfast.live.sources import (
     MOST_DIGITS,
@@ -46,7 +42,6 @@ from holdfast.live.sources import (
     split_url,
 )
 from holdfast.live.stopping import progress_of, say
-from holdfast.timed_source import KEY, scans_ahead
 
 if TYPE_CHECKING:
     from holdfast.drivers.virtual.virtual_hand import VirtualHand
@@ -63,7 +58,6 @@ HAND_KEYS = (
     "together",
     "bus_hz",
     "number",
-    "timed",
 )
 CRC_WORDS = ("auto", "on", "off")
 VIRTUAL_KEYS = (*HAND_KEYS, "scene", "trial", "seed", "fault")
@@ -103,38 +97,26 @@ def open_live(
     say: Callable[[str], None],
     to_force: ToForce | None = None,
     field: Any = None,
-    runs: bool = False,
 ) -> Source:
     """Open and start a live source.
 
     clock: has now_ns, spend and wait_until; to_force: a calibration, for a hand; field: what a
-    virtual hand's chips measure, in place of the recorded field of its scene; runs: the reader is
-    run_live, which knows timed sources. Raises UsageError for an impossible URL, and the errors of
-    the hand or the recording.
+    virtual hand's chips measure, in place of the recorded field of its scene. Raises UsageError for
+    an impossible URL, and the errors of the hand or the recording.
     """
     source = _source_url(url)
     if source.scheme == LSL:
         return _stream(source, clock, say, to_force)
     if source.scheme not in HANDS:
         return PacedReplay(open_source(url), clock.now_ns)
-    ahead = scans_ahead(
-        (source.scheme, source.name),
-        source.number(KEY, 0) if KEY in source.options else None,
-        together=bool(source.number("together", 0)),
-        runs=runs,
-        moved=field is not None,
-    )
     if source.scheme == "virtual":
         _require_known(source, VIRTUAL_KEYS)
-        hand = _virtual(source, device_clock(clock) if ahead else clock, say, field)
+        hand = _virtual(source, clock, say, field)
         bridge = open_virtual(source.name, hand, source.number("bus_hz", 400_000))
-        opener = timed_virtual(bridge, clock.now_ns) if ahead else bridge
-        live = _started(opener, source, clock, say, to_force or _scene_force(), ahead)
+        live = _started(bridge, source, clock, say, to_force or _scene_force())
         live.began_ns = hand.born_ns
         return live
-    return _started(
-        _opener(source, clock, say, ahead), source, clock, say, to_force, ahead
-    )
+    return _started(_opener(source, clock, say), source, clock, say, to_force)
 
 
 def is_hand(url: str) -> bool:
@@ -188,15 +170,13 @@ def named_addresses(url: str) -> frozenset[int]:
 
 
 def _opener(
-    source: SourceUrl, clock: Any, say: Callable[[str], None], ahead: int = 0
+    source: SourceUrl, clock: Any, say: Callable[[str], None]
 ) -> Callable[[], Bus]:
     """A function that opens the bridge, now and again after it was lost."""
     _require_known(source, VIRTUAL_KEYS if source.scheme == "virtual" else HAND_KEYS)
     number, bus_hz = source.number("number", 0), source.number("bus_hz", 400_000)
     if source.scheme == "virtual":
         return open_virtual(source.name, _virtual(source, clock, say), bus_hz)
-    if ahead:
-        return lambda: open_timed_usb(number, bus_hz, clock.now_ns)
     if source.scheme == "usb":
         return lambda: open_usb(source.name, number, bus_hz)
     return lambda: open_native(source.name)
@@ -227,7 +207,6 @@ def _started(
     clock: Any,
     say: Callable[[str], None],
     to_force: ToForce | None,
-    ahead: int,
 ) -> LiveHand:
     averages = source.number("averages", 32)
     if averages not in (1, 2, 4, 8, 16, 32):
@@ -241,8 +220,7 @@ def _started(
             f"crc={crc[:40]!r} is not known",
             next_step=f"crc={' or crc='.join(CRC_WORDS)}",
         )
-    made = partial(TimedHand, ahead=ahead) if ahead else Hand
-    hand = made(
+    hand = Hand(
         open_bus,
         read_layout(source.text("layout", "mux")),
         now_ns=clock.now_ns,
@@ -256,7 +234,7 @@ def _started(
         pause=lambda seconds: clock.wait_until(clock.now_ns() + round(1e9 * seconds)),
     )
     hand.start()
-    return TimedLiveHand(hand, to_force) if ahead else LiveHand(hand, to_force)
+    return LiveHand(hand, to_force)
 
 
 def _virtual(

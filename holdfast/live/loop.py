@@ -13,18 +13,13 @@ back by more than a second come from another clock. The stream then starts again
 state is unknown until the model has settled, and an active request continues. A line that a
 consumer does not take is dropped (holdfast/live/outputs.py) and counted, so a slow consumer never
 delays an answer.
-
-A timed source (an experiment, drivers/timed_hand.py) waits for its samples itself and numbers them.
-What it read while the program was away is answered in order, so the history stays whole. An answer
-older than two periods is `unknown` like any other, so only the newest acts. A number that is
-missing is an overrun.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Protocol, runtime_checkable
+from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -46,15 +41,6 @@ REMEMBERED = 1 << 16
 PERCENTS = (50.0, 99.0, 99.9)
 ANOTHER_CLOCK_NS = 1_000_000_000
 """A reading never takes this long: an older stamp comes from a clock that was set or wrapped."""
-
-
-@runtime_checkable
-class TimedSource(Source, Protocol):
-    """A source whose `read` waits for the next sample, and numbers it."""
-
-    def keep_time(self, period_ns: float) -> None:
-        """Sample n is due n periods from now."""
-        ...
 
 
 class Clock(Protocol):
@@ -197,22 +183,15 @@ class _LiveRun:
         self._period_ns = 1e9 / (source.rate_hz or monitor.card.rate_hz)
         self._stamps = Stamps(self._period_ns)
         self._start_ns, self._turn, self._acted = clock.now_ns(), 0, False
-        self._timed = isinstance(source, TimedSource)
-        if isinstance(source, TimedSource):
-            source.keep_time(self._period_ns)
 
     def answer_next(self) -> bool:
         """Wait until the next sample is due, read and answer it; False where the source ended."""
-        if not self._timed:
-            self._clock.wait_until(self._start_ns + round(self._turn * self._period_ns))
+        self._clock.wait_until(self._start_ns + round(self._turn * self._period_ns))
         began_ns = self._clock.now_ns()
         measured = self._source.read()
         if measured is None:
             return False
         read_ns = self._clock.now_ns()
-        if measured.number is not None:
-            began_ns = measured.t_ns
-            self._skip(measured.number - self._turn)
         sample = self._sample(measured)
         converted_ns = self._clock.now_ns()
         prediction = self._predict(sample)
@@ -254,12 +233,8 @@ class _LiveRun:
     def _schedule_next(self) -> None:
         """Count this turn, and skip the turns whose time has passed."""
         self._turn += 1
-        if not self._timed:
-            passed_ns = self._clock.now_ns() - self._start_ns
-            self._skip(int(passed_ns / self._period_ns) - self._turn)
-
-    def _skip(self, missed: int) -> None:
-        """Count samples that were not read."""
+        passed_ns = self._clock.now_ns() - self._start_ns
+        missed = int(passed_ns / self._period_ns) - self._turn
         if missed > 0:
             self.summary.overruns += missed
             self._turn += missed

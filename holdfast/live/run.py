@@ -185,7 +185,6 @@ def _run_until_stopped(
             say=tell,
             to_force=to_force,
             field=field,
-            runs=True,
         )
         stack.enter_context(first_in_line(tell))
         with closing(source), _acting(grip, cues, source, tell):

@@ -4,7 +4,6 @@ them."""
 from __future__ import annotations
 
 import json
-from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 
@@ -22,11 +21,8 @@ from benchmarks.hand import (
     scan_costs,
 )
 from benchmarks.hand_delays import delays, seen_after_ms
-from benchmarks.hand_page import soak as soak_tables
 from benchmarks.hand_page import tables
-from benchmarks.hand_page import timed as timed_tables
 from benchmarks.hand_rows import HandFigures
-from benchmarks.timed_scans import stalls_ns, timed, today
 from benchmarks.timing import time_in_turns
 from holdfast.drivers.bridges import BRIDGES
 from holdfast.live.loop import STAGES
@@ -138,30 +134,3 @@ def test_the_live_loop_has_a_time_for_every_stage_and_the_page_shows_it(
     assert "| ft232h | registers |" in text
     assert "busy-wait reference" in text
     assert "finger 3: nack" in text
-
-
-def test_timed_scans_lose_fewer_samples_than_today_s_and_keep_their_spacing(
-    tmp_path,
-) -> None:
-    away_ns = stalls_ns(20.0, 1500)
-    now, ahead = today(away_ns, 20.0), timed(away_ns, 20.0, block=8)
-    assert now.lost > 5
-    assert ahead.lost < now.lost / 2
-    assert ahead.spacing_p999_us < 30.0 < now.spacing_p999_us
-    assert ahead.late_max_ms == pytest.approx(now.late_max_ms, abs=8.0)
-    rows = [asdict(now), asdict(ahead)]
-    text = require_tables_fit("docs/hand.md", timed_tables({"rows": rows}), tmp_path)
-    assert f"| 20 | 16 queued | {ahead.samples} | {ahead.lost} |" in text
-
-
-def test_the_page_shows_what_the_live_loop_lost_in_real_time(tmp_path) -> None:
-    counts = {"turns": 5, "samples": 22480, "overruns": 3, "too_old": 2}
-    rows = [
-        {"way": "timed", "queued": 16, **counts},
-        {"way": "today's", "queued": 0, **counts},
-    ]
-    text = require_tables_fit(
-        "docs/hand.md", soak_tables({"turn_s": 30.0, "rows": rows}), tmp_path
-    )
-    assert "| 16 queued | 2.5 | 22480 | 3 | 2 |" in text
-    assert "| today's scan | 2.5 |" in text

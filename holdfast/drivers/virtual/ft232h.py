@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Sequence
 from functools import lru_cache
 
 from holdfast.drivers.virtual.usb_backend import BULK, Device, stall
@@ -31,9 +29,8 @@ libftdi calls 1 SIO_TCOFLUSH.
 """
 MPSSE = 2
 SET_PINS = 0x80
-IDLE_BYTES = 0x8F
 LENGTHS = dict.fromkeys(
-    (SET_PINS, 0x82, 0x86, 0x9E, 0x10, 0x11, 0x20, 0x24, 0x12, 0x13, IDLE_BYTES), 3
+    (SET_PINS, 0x82, 0x86, 0x9E, 0x10, 0x11, 0x20, 0x24, 0x12, 0x13), 3
 ) | {
     0x22: 2,
     0x26: 2,
@@ -122,9 +119,6 @@ class VirtualFt232h(Device):
         self._flushed = False
         self._pins = BusLines(self.hand.wire)
         self._divider, self._by_five, self._phases, self._loopback = 0, True, 2, False
-        self._queued: deque[Command] = deque()
-        self._coming: deque[tuple[int, bytes]] = deque()
-        self._free_ns = 0
 
     # -- control requests
 
@@ -135,17 +129,13 @@ class VirtualFt232h(Device):
         if request == SIO_RESET and value in (0, PURGE_SENT, PURGE_ANSWERS):
             if value != PURGE_ANSWERS:
                 self._commands = b""
-                self._queued.clear()
             if value != PURGE_SENT:
                 self._answers = bytearray()
-                self._coming.clear()
         elif request == SIO_LATENCY:
             self._latency_ms = value & 0xFF
         elif request == SIO_BITMODE:
             self._mode = value >> 8
             self._commands, self._answers = b"", bytearray()
-            self._queued.clear()
-            self._coming.clear()
         elif request > SIO_GET_PINS:
             raise stall()
 
@@ -166,8 +156,7 @@ class VirtualFt232h(Device):
     def write(self, endpoint: int, data: bytes) -> None:
         """Commands; an incomplete one waits for its rest.
 
-        Our computing time counts as transfer time. Commands with idle clocks among them take their
-        time while the host does something else.
+        Our computing time counts as transfer time.
         """
         self.hand.clock.spend(TRANSFER_NS)
         if self._mode != MPSSE:
@@ -177,9 +166,6 @@ class VirtualFt232h(Device):
         bits, from_ns = self.hand.wire.bits, self.hand.clock.now_ns()
         commands, used = parsed(self._commands)
         self._commands = self._commands[used:]
-        if self._queued or any(opcode == IDLE_BYTES for opcode, _ in commands):
-            self._queue(commands)
-            return
         for opcode, arguments in commands:
             self._carry_out(opcode, arguments)
         lasts_ns = round(1e9 * (self.hand.wire.bits - bits) / self._bus_hz())
@@ -188,7 +174,6 @@ class VirtualFt232h(Device):
     def read(self, endpoint: int, length: int) -> bytes:
         """Packets, each with its status; without a flush they wait for the latency timer."""
         self.hand.clock.spend(TRANSFER_NS)
-        self._await_queued()
         if not self._flushed:
             self.hand.clock.spend(1_000_000 * self._latency_ms)
         packets = b""
@@ -200,58 +185,6 @@ class VirtualFt232h(Device):
                 break
         self._flushed = self._flushed and bool(self._answers)
         return packets
-
-    # -- commands with idle clocks: carried out by the engine's own time
-
-    def _queue(self, commands: Sequence[Command]) -> None:
-        """Begin with these when the ones before are done; with none before, now."""
-        self._catch_up()
-        if not self._queued:
-            self._free_ns = max(self._free_ns, self.hand.clock.now_ns())
-        self._queued.extend(commands)
-        self._catch_up()
-
-    def _catch_up(self) -> None:
-        """Carry out what the engine has begun by now, each part at its own time."""
-        now_ns = self.hand.clock.now_ns()
-        while self._queued and (begin_ns := self._next_begin_ns()) <= now_ns:
-            part = [self._queued.popleft()]
-            while self._queued and self._queued[0][0] != IDLE_BYTES:
-                part.append(self._queued.popleft())
-            kept, self._answers = self._answers, bytearray()
-            flushed, bits = self._flushed, self.hand.wire.bits
-            with self.hand.clock.at(begin_ns):
-                for opcode, arguments in part:
-                    self._carry_out(opcode, arguments)
-            lasts_ns = round(1e9 * (self.hand.wire.bits - bits) / self._bus_hz())
-            self._free_ns = begin_ns + lasts_ns
-            if self._answers:
-                self._coming.append((self._free_ns, bytes(self._answers)))
-            self._answers, self._flushed = kept, flushed
-
-    def _next_begin_ns(self) -> int:
-        """When the engine comes to what follows the idle clocks at the head of the queue."""
-        opcode, arguments = self._queued[0]
-        bits = (
-            8 * (int.from_bytes(arguments, "little") + 1) if opcode == IDLE_BYTES else 0
-        )
-        return self._free_ns + round(1e9 * bits / self._bus_hz())
-
-    def _await_queued(self) -> None:
-        """Wait for the next answer of the queue, at most the latency timer's time."""
-        until_ns = self.hand.clock.now_ns() + 1_000_000 * self._latency_ms
-        while self._queued or self._coming:
-            self._catch_up()
-            now_ns = self.hand.clock.now_ns()
-            while self._coming and self._coming[0][0] <= now_ns:
-                self._answers += self._coming.popleft()[1]
-                self._flushed = True
-            if self._flushed or not (self._coming or self._queued):
-                return
-            next_ns = self._coming[0][0] if self._coming else self._next_begin_ns()
-            if next_ns > until_ns:
-                return
-            self.hand.clock.spend(next_ns - now_ns)
 
     # -- the engine
 

@@ -1,13 +1,8 @@
-"""Descriptors of an emulated USB device: as fields, for pyusb, and as bytes, for GET_DESCRIPTOR.
-
-An executor without threads: an emulated bridge takes what is written at once.
-"""
+"""Descriptors of an emulated USB device: as fields, for pyusb, and as bytes, for GET_DESCRIPTOR."""
 
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable
-from concurrent.futures import Executor, Future
 from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Any, Protocol
@@ -207,18 +202,3 @@ def _string_bytes(device: UsbDescription, number: int) -> bytes | None:
 def endpoints(*fields: tuple[int, int, int]) -> tuple[Endpoint, ...]:
     """Short for a tuple of endpoints."""
     return tuple(Endpoint(*one) for one in fields)
-
-
-class AtOnce(Executor):
-    """Calls in the caller's thread; what a call raises is in its future."""
-
-    def submit(
-        self, call: Callable[..., Any], /, *args: Any, **more: Any
-    ) -> Future[Any]:
-        """Call it now."""
-        done: Future[Any] = Future()
-        try:
-            done.set_result(call(*args, **more))
-        except Exception as error:
-            done.set_exception(error)
-        return done
