@@ -14,12 +14,13 @@ from holdfast.cli.command import (
     require_json_writable,
     show_found,
 )
-from holdfast.cli.options import add_live_options, force_of
+from holdfast.cli.options import add_calibration_option, add_source_option
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this verb."""
-    add_live_options(parser)
+    add_source_option(parser)
+    add_calibration_option(parser)
     option = parser.add_argument
     option(
         "--out",
@@ -41,6 +42,7 @@ def run(args: argparse.Namespace) -> int:
     from holdfast.live.bias import measure_bias, require_good
     from holdfast.live.hand_sources import open_live
     from holdfast.live.real_time import RunClock
+    from holdfast.live.sources import force_of
     from holdfast.live.stopping import say
 
     require_writable(args.out.parent)

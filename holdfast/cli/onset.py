@@ -13,7 +13,7 @@ import argparse
 from dataclasses import replace
 
 from holdfast.cli.command import add_json_option, path_argument, positive, show_found
-from holdfast.cli.options import printed_mm
+from holdfast.cli.options import add_apart_option, printed_mm
 from holdfast.core.errors import UsageError
 from holdfast.sessions.onset import ACTIONS, WatchedTrial, read, write
 
@@ -47,8 +47,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     side = "side of the printed tags (default: as recorded)"
     option("--tag-mm", type=printed_mm, metavar="MM", help=side)
-    apart = "distance between the tags' centres at the start, as a check"
-    option("--apart-mm", type=positive, metavar="MM", help=apart)
+    add_apart_option(parser)
     option(
         "--from",
         type=float,

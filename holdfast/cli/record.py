@@ -16,55 +16,37 @@ import argparse
 import sys
 from contextlib import ExitStack
 
-from holdfast.cli.command import add_json_option, path_argument, positive, seed
+from holdfast.cli.command import add_json_option, path_argument, seed
 from holdfast.cli.options import (
-    add_camera_options,
-    add_intent_option,
-    add_live_options,
+    add_calibration_option,
+    add_recording_options,
+    add_source_option,
     add_web_option,
 )
 from holdfast.sessions.recorder.protocol import ACTIONS
-
-RATE_HZ = 150.0
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this verb."""
     option = parser.add_argument
-    add_live_options(parser)
+    add_source_option(parser)
+    add_calibration_option(parser)
     out = "folder of recordings, new or of an earlier run"
     option("--out", type=path_argument, required=True, metavar="DIR", help=out)
     person = "letters, digits, dashes; never a real name"
     option("--person", required=True, metavar="PSEUDONYM", help=person)
     card = "protocol card (TOML): which trials, in which number"
     option("--protocol", type=path_argument, metavar="CARD", help=card)
-    option(
-        "--object", metavar="NAME", help="without a card: the object, such as soft-ball"
-    )
+    thing = "without a card: the object, such as soft-ball"
+    option("--object", metavar="NAME", help=thing)
     option("--action", choices=ACTIONS, help="without a card: the action")
     order = "seed of the order of the card's trials (default 0)"
     option("--seed", type=seed, default=0, metavar="S", help=order)
-    rate = f"sampling rate of a hand (default {RATE_HZ:g})"
-    option("--rate", type=positive, default=RATE_HZ, metavar="HZ", help=rate)
-    option("--anyway", action="store_true", help="record even if the bias is not good")
-    option(
-        "--seconds",
-        type=positive,
-        metavar="S",
-        help="end and keep a trial after S seconds",
-    )
     option("--trials", type=int, metavar="N", help="stop after N trials")
-    option(
-        "--at-once",
-        action="store_true",
-        help="begin every trial without waiting for a key",
-    )
+    at_once = "begin every trial without waiting for a key"
+    option("--at-once", action="store_true", help=at_once)
+    add_recording_options(parser, "oak|scene|FILE")
     add_web_option(parser)
-    add_intent_option(parser)
-    option(
-        "--camera", metavar="oak|scene|FILE", help="film every trial (docs/camera.md)"
-    )
-    add_camera_options(parser)
     add_json_option(parser)
 
 

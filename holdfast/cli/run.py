@@ -13,11 +13,12 @@ import argparse
 
 from holdfast.cli.command import path_argument, positive
 from holdfast.cli.options import (
+    add_calibration_option,
     add_engine_options,
     add_grip_options,
     add_intent_option,
-    add_live_options,
     add_obey_option,
+    add_source_option,
     add_web_option,
 )
 
@@ -26,7 +27,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this verb."""
     option = parser.add_argument
     option("model", metavar="MODEL", help="a sealed holdfast.onnx")
-    add_live_options(parser)
+    add_source_option(parser)
+    add_calibration_option(parser)
     add_engine_options(parser)
     option(
         "--out",

@@ -14,14 +14,13 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from holdfast.cli.command import path_argument, positive, show
-from holdfast.cli.options import add_camera_options, add_intent_option
+from holdfast.cli.command import path_argument, show
+from holdfast.cli.options import add_calibration_option, add_recording_options
 from holdfast.sessions.study.shipped import CARDS, names_in
 
 if TYPE_CHECKING:
     from holdfast.sessions.study.steps import StudyCard
 
-RATE_HZ = 150.0
 MODEL = Path("holdfast-150hz")
 
 
@@ -30,38 +29,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     option = parser.add_argument
     cards = f"protocol card: a TOML file, or one of {', '.join(names_in(CARDS))}"
     option("protocol", metavar="PROTOCOL", help=cards)
-    option(
-        "--list",
-        action="store_true",
-        help="print the steps with their minutes, and stop",
-    )
+    steps = "print the steps with their minutes, and stop"
+    option("--list", action="store_true", help=steps)
     urls = "a hand as in holdfast record, or a virtual participant such as sim://p1"
     option("--source", metavar="URL", help=urls)
-    made = "map from field to force, made by holdfast calibrate"
-    option("--calibration", type=path_argument, metavar="FILE", help=made)
-    option(
-        "--out",
-        type=path_argument,
-        metavar="DIR",
-        help="folder of all people of the study",
-    )
-    option(
-        "--person",
-        metavar="PSEUDONYM",
-        help="letters, digits, dashes; never a real name",
-    )
-    rate = f"sampling rate of a hand (default {RATE_HZ:g})"
-    option("--rate", type=positive, default=RATE_HZ, metavar="HZ", help=rate)
-    option("--anyway", action="store_true", help="record even if the bias is not good")
-    option(
-        "--seconds",
-        type=positive,
-        metavar="S",
-        help="end and keep a trial after S seconds",
-    )
-    option("--camera", metavar="oak|FILE", help="film every trial (docs/camera.md)")
-    add_camera_options(parser)
-    add_intent_option(parser)
+    add_calibration_option(parser)
+    out = "folder of all people of the study"
+    option("--out", type=path_argument, metavar="DIR", help=out)
+    person = "letters, digits, dashes; never a real name"
+    option("--person", metavar="PSEUDONYM", help=person)
+    add_recording_options(parser, "oak|FILE")
     model = "model file for the report (default: the shipped one)"
     option("--model", type=path_argument, default=MODEL, metavar="MODEL", help=model)
     rehearse = "virtual participant, no operator: every step passes at once"

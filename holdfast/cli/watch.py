@@ -13,12 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from holdfast.cli.command import add_json_option, path_argument, positive, show_found
-from holdfast.cli.options import (
-    add_camera_options,
-    require_camera_options,
-    shooting,
-    stored,
-)
+from holdfast.cli.options import add_apart_option, add_camera_options
 from holdfast.core.errors import TagError
 
 if TYPE_CHECKING:
@@ -38,8 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="the trial's folder",
     )
     add_camera_options(parser)
-    apart = "distance between the tags' centres at the start, as a check"
-    option("--apart-mm", type=positive, metavar="MM", help=apart)
+    add_apart_option(parser)
     option("--seconds", type=positive, metavar="S", help="oak: stop after S seconds")
     add_json_option(parser)
 
@@ -77,14 +71,14 @@ def _source(args: argparse.Namespace) -> FrameSource:
     """The camera, or stored frames. Raises UsageError, a DataError or LibraryMissing."""
     from holdfast.drivers.camera.sources import OAK, Lens, Oak
     from holdfast.live.stopping import say
+    from holdfast.sessions.camera import CameraOptions, stored_frames
 
-    require_camera_options(args, "seconds")
+    options = CameraOptions(args.camera, args.tag_mm, args.fps, args.exposure_ms)
+    options.require_complete(args.seconds)
     if args.camera == OAK:
-        return Oak(
-            Lens(**shooting(args), clock="monotonic", apart_mm=args.apart_mm),
-            args.seconds,
-        )
-    source = stored(Path(args.camera), say)
+        lens = Lens(**options.shooting(), clock="monotonic", apart_mm=args.apart_mm)
+        return Oak(lens, args.seconds)
+    source = stored_frames(Path(args.camera), say)
     if args.apart_mm is not None:
         source.lens = replace(source.lens, apart_mm=args.apart_mm)
     return source

@@ -12,7 +12,6 @@ from contextlib import ExitStack, contextmanager, nullcontext
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from holdfast.cli.options import DEFAULT_CONTROLLER, drive_of, is_virtual
 from holdfast.core.contract import Prediction, Sample
 from holdfast.core.errors import ChannelError
 from holdfast.core.source import Source
@@ -24,10 +23,16 @@ from holdfast.live.grip_outputs import LineSink, line_sink
 if TYPE_CHECKING:
     from holdfast.live.scene import LiveScene
 
+DEFAULT_CONTROLLER = "holdfast"
 FINGERS = 6
 """The controllers take half of the sum of all normal forces as the grip of either side."""
 Say = Callable[[str], None]
 Emit = Callable[[Prediction, Sample, Any], int | None]
+
+
+def is_virtual(url: str | None) -> bool:
+    """Whether commands go to the hand in the scene of the source."""
+    return url is not None and url.partition("?")[0] == "virtual"
 
 
 def controller_for(
@@ -142,7 +147,7 @@ def _report_slow_wire(wire: LineSink, rate_hz: float, say: Say) -> None:
 
 
 def _scene(args: argparse.Namespace, clock: Any) -> LiveScene:
-    from holdfast.live.scene import live_scene
+    from holdfast.live.scene import drive_of, live_scene
 
     drive = drive_of(args.grip)
     if args.ceiling is not None:

@@ -23,7 +23,6 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import parse_qs, unquote, urlsplit
 
-from holdfast.cli.options import ADDRESSES
 from holdfast.core.contract import CommandLink
 from holdfast.core.errors import UsageError
 from holdfast.core.trial_layout import intent_path
@@ -70,6 +69,7 @@ def intent_log(
         yield IntentLog(sink, intent, now_ns)
 
 
+ADDRESSES = "udp://127.0.0.1:9003?envelopes=2 or lsl://NAME"
 MOST_ENVELOPES = 16
 Say = Callable[[str], None]
 

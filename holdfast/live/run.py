@@ -20,11 +20,8 @@ from typing import TYPE_CHECKING, Any
 
 from holdfast.cli.options import (
     chosen_model,
-    force_of,
-    is_virtual,
     require_grip,
     require_intent,
-    resting_of,
 )
 from holdfast.core.contract import FloatArray, Prediction, Sample
 from holdfast.core.errors import OutputError, RateError, visible
@@ -40,6 +37,7 @@ from holdfast.live.log_sink import Sink, stream_sink
 from holdfast.live.loop import Summary, run_live
 from holdfast.live.outputs import Outlets, SampleFile, file_sink, sample_file, udp_sink
 from holdfast.live.real_time import RunClock, SceneClock, first_in_line
+from holdfast.live.sources import force_of, resting_of
 from holdfast.live.stopping import (
     output_from_the_background,
     service_watchdog,
@@ -70,6 +68,8 @@ def run_live_verb(args: argparse.Namespace) -> int:
     """Run until stopped; returns the exit code."""
     require_grip(args)
     require_intent(args)
+    from holdfast.live.grip import is_virtual
+
     clock = SceneClock() if is_virtual(args.grip) else RunClock()
     model = chosen_model(args).open()
     with (

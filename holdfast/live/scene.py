@@ -14,7 +14,8 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from urllib.parse import parse_qs
 
 import numpy as np
 
@@ -178,3 +179,34 @@ def _require_strength(drive: Drive, trial: PlannedTrial) -> None:
             "with which the scene's hand holds the object",
             next_step=f"ceiling_n={math.ceil(trial.grip_n)} or more",
         )
+
+
+LARGEST = 1e4
+"""Of a figure of the virtual drive."""
+
+
+def drive_of(url: str) -> Drive:
+    """The drive of virtual?lag_ms=..&ceiling_n=... Raises UsageError."""
+    known = [one.name for one in fields(Drive)]
+    figures = {}
+    for key, values in parse_qs(url.partition("?")[2], keep_blank_values=True).items():
+        if key not in known:
+            raise UsageError(
+                f"--grip virtual: {key[:40]!r} is not known",
+                next_step=f"allowed: {', '.join(known)}",
+            )
+        may_be_zero = key in ("lag_ms", "backlash_mm")
+        figures[key] = _figure(key, values[-1], may_be_zero=may_be_zero)
+    return Drive(**figures)
+
+
+def _figure(key: str, text: str, *, may_be_zero: bool) -> float:
+    try:
+        figure = float(text)
+    except ValueError:
+        figure = -1.0
+    if not 0.0 <= figure <= LARGEST or (not figure and not may_be_zero):
+        bound = "from 0" if may_be_zero else "above 0"
+        what = f"--grip virtual: {key}={text[:40]!r} is not a number {bound} to {LARGEST:g}"
+        raise UsageError(what, next_step=f"{key}=50")
+    return figure

@@ -11,6 +11,7 @@ Suggestions for a source that is neither a URL nor an existing file.
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -18,8 +19,10 @@ from urllib.parse import SplitResult, parse_qs, urlsplit
 
 import numpy as np
 
-from holdfast.core.errors import DataNotFound, UsageError
+from holdfast.core.contract import FloatArray
+from holdfast.core.errors import DataNotFound, UnitError, UsageError
 from holdfast.core.reading import require_file
+from holdfast.core.source import Source
 from holdfast.drivers.replay import Replay, open_replay
 from holdfast.edge_runtime.preparation import Preparation
 
@@ -205,3 +208,34 @@ def _from_set(name: str, channels: int | None) -> Replay:
     return Replay(
         t_ns, recording.samples, recording.valid, recording.rate_hz, recording.unit
     )
+
+
+ToForce = Callable[[FloatArray], FloatArray]
+"""Field [sensors, 3] -> force [sensors, 3]."""
+
+
+def force_of(path: Path | None) -> ToForce | None:
+    """The map from field to force in a calibration file, or None. Raises a DataError."""
+    if path is None:
+        return None
+    from holdfast.drivers.calibration import read_calibration
+
+    return read_calibration(path).apply
+
+
+def resting_of(path: Path | None, source: Source) -> FloatArray | None:
+    """A bias file [C] that fits the source, or None. Raises a DataError."""
+    if path is None:
+        return None
+    from holdfast.drivers.calibration import read_bias
+
+    bias = read_bias(path)
+    if bias.unit != source.unit or len(bias.values) != source.n_channels:
+        raise UnitError(
+            f"{len(bias.values)} channels in {bias.unit}, "
+            f"the source has {source.n_channels} in {source.unit}",
+            where=path,
+            cause="measured with another calibration or hand",
+            next_step="run holdfast bias again",
+        )
+    return bias.values

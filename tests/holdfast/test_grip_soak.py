@@ -23,7 +23,6 @@ from typing import Any
 import pytest
 from test_run_grip import DEFAULT, FALL
 
-from holdfast.cli.options import drive_of
 from holdfast.drivers.virtual.clock import VirtualClock
 from holdfast.edge_runtime.model import Model
 from holdfast.edge_runtime.supervisor import GripCommand
@@ -31,7 +30,7 @@ from holdfast.live.grip import GripOutput, controller_for
 from holdfast.live.hand_sources import open_live
 from holdfast.live.real_time import RunClock, SceneClock, first_in_line
 from holdfast.live.run import answer
-from holdfast.live.scene import live_scene
+from holdfast.live.scene import drive_of, live_scene
 
 SOAK_S = float(os.environ.get("HOLDFAST_SOAK_S", "3600"))
 SPARE_SAMPLES = 2

@@ -18,7 +18,6 @@ from hazard_marks import DEAD_LOG, LOST_SENSOR, NO_GRIP_COMMAND, RUN_DIES
 from live_bench import DEFAULT, ROOT, RUN
 from rooms import room_of
 
-from holdfast.cli.options import drive_of
 from holdfast.core.errors import ChannelError, UsageError
 from holdfast.drivers.virtual.clock import VirtualClock
 from holdfast.edge_runtime.grip import CONTROLLERS
@@ -27,6 +26,7 @@ from holdfast.edge_runtime.supervisor import GripCommand
 from holdfast.live.grip import GripOutput, controller_for, grip_output
 from holdfast.live.hand_sources import open_live
 from holdfast.live.run import answer
+from holdfast.live.scene import drive_of
 
 PERIOD_NS = 1e9 / 150
 REST = "virtual://ft232h"

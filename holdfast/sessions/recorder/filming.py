@@ -18,7 +18,6 @@ from pathlib import Path
 from typing import Any
 
 from holdfast.cli.command import finish
-from holdfast.cli.options import stored
 from holdfast.core.errors import UsageError
 from holdfast.core.reading import Json
 from holdfast.drivers.camera.graph import watch
@@ -26,6 +25,7 @@ from holdfast.drivers.camera.sources import OAK, Frame, FrameSource, Lens, Oak, 
 from holdfast.drivers.virtual.clock import Clock, WallClock
 from holdfast.live.hand_sources import scene_of
 from holdfast.live.stopping import say
+from holdfast.sessions.camera import stored_frames
 
 SCENE = "scene"
 LONGEST_S = 36_000.0
@@ -45,7 +45,7 @@ def main(argv: Sequence[str]) -> int:
         source = scene(options["source"], options["began_ns"], WallClock(), must_end)
         watch(source, out, say=say)
     else:
-        watch(stored(Path(options["camera"]), say), out, say=say)
+        watch(stored_frames(Path(options["camera"]), say), out, say=say)
     return 0
 
 

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 from holdfast.cli.command import show_found
-from holdfast.cli.options import force_of, require_camera_options, shooting
 from holdfast.core.errors import LabelError, UsageError
 from holdfast.core.reading import Json
 from holdfast.core.source import Source
@@ -19,6 +18,8 @@ from holdfast.live.bias import MeasuredBias, measure_bias, require_good
 from holdfast.live.hand_sources import is_hand, open_live
 from holdfast.live.intent import intent_monitor
 from holdfast.live.real_time import first_in_line
+from holdfast.live.sources import force_of
+from holdfast.sessions.camera import CameraOptions
 from holdfast.sessions.recorder.about import about
 from holdfast.sessions.recorder.camera import Beside
 from holdfast.sessions.recorder.folder import RECORDING, opened, require_ours, trials_of
@@ -170,7 +171,7 @@ def require_keys(args: argparse.Namespace, plan: Plan, keys: Keys) -> None:
 
 def require_camera(args: argparse.Namespace) -> None:
     """Raise UsageError for an impossible camera, before anything else happens."""
-    require_camera_options(args)
+    _camera_options(args).require_complete()
     if args.camera == "scene":
         from holdfast.sessions.recorder.filming import require_camera_in
 
@@ -182,13 +183,21 @@ def require_camera(args: argparse.Namespace) -> None:
         )
 
 
+def _camera_options(args: argparse.Namespace) -> CameraOptions:
+    return CameraOptions(args.camera, args.tag_mm, args.fps, args.exposure_ms)
+
+
 def camera_of(
     args: argparse.Namespace, source: Source, after_ns: int, camera: CameraOf
 ) -> Beside | None:
     """The camera of a run, if any; after_ns: its clock minus the source's."""
     if args.camera is None:
         return None
-    options = {"camera": args.camera, "source": args.source, **shooting(args)}
+    options = {
+        "camera": args.camera,
+        "source": args.source,
+        **_camera_options(args).shooting(),
+    }
     began_ns = getattr(source, "began_ns", None)
     return camera(
         {**options, "began_ns": None if began_ns is None else began_ns + after_ns}

@@ -13,12 +13,11 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import parse_qs
 
-from holdfast.cli.options import force_of
 from holdfast.core.errors import UsageError
 from holdfast.core.trial_layout import DISCARDED, META
 from holdfast.live.hand_sources import open_live
 from holdfast.live.real_time import NO_PRIORITY
-from holdfast.live.sources import SIM, split_url
+from holdfast.live.sources import SIM, force_of, split_url
 from holdfast.sessions.recorder.folder import (
     KEPT,
     RECORDING,
