@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 
 from holdfast.core.reading import Json
-from holdfast.evaluation.page import markdown
+from holdfast.evaluation.formats import markdown
 from tools.doc_tables import Tables, refresh, table
 
 SCAN_HEADS = {

@@ -11,7 +11,7 @@ from benchmarks.cost.picture import figure
 from benchmarks.cost.point import GOOD, REFERENCE, SHIPPED, Point
 from holdfast.core.reading import Json
 from holdfast.core.writing import write_whole
-from holdfast.evaluation.page import markdown
+from holdfast.evaluation.formats import markdown
 from holdfast.evaluation.style import for_any_page
 from tools.doc_tables import Tables, refresh, table, with_interval
 

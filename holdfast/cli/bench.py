@@ -114,7 +114,7 @@ def _written(out: Path, what: str, figures: Json) -> list[str]:
 
 def _print_tables(what: str, figures: Json) -> None:
     from benchmarks.cost.page import short
-    from holdfast.evaluation.page import markdown
+    from holdfast.evaluation.formats import markdown
 
     for title, rows in short(figures).items() if what == "cost" else figures.items():
         is_table = isinstance(rows, list) and rows and isinstance(rows[0], dict)

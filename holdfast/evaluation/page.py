@@ -11,11 +11,12 @@ import html
 import re
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from holdfast.core.contract import SITUATIONS
 from holdfast.core.writing import write_whole
 from holdfast.evaluation.closing_hand import KeptObjects
+from holdfast.evaluation.formats import interval, number, percent, percent_interval
 from holdfast.evaluation.statistics import McNemar, Spread
 from holdfast.evaluation.style import dark_rules
 from holdfast.training.figures import ABSENT, Interval, LevelF1, Share, over
@@ -83,43 +84,6 @@ def key(colours: Sequence[str]) -> str:
         f'<i style="background:{colour}"></i>{name.replace("_", " ")}'
         for colour, name in pairs
     )
-
-
-def markdown(rows: Sequence[dict[str, Any]]) -> str:
-    """Rows as a table."""
-    head = list(rows[0])
-    lines = [
-        head,
-        ["---"] * len(head),
-        *([_cell(row[name]) for name in head] for row in rows),
-    ]
-    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
-
-
-def _cell(value: Any) -> str:
-    if isinstance(value, float):
-        return f"{value:,.0f}" if abs(value) >= 1000.0 else f"{value:.3g}"
-    return "-" if value is None else str(value)
-
-
-def number(value: float | None, places: int = 2) -> str:
-    """So many decimal places; "-" where there is no figure."""
-    return ABSENT if value is None else f"{value:.{places}f}"
-
-
-def percent(value: float | None) -> str:
-    """A share as a percentage; "-" where there is none."""
-    return ABSENT if value is None else f"{100 * value:.1f} %"
-
-
-def interval(edges: Interval | None, places: int = 2) -> str:
-    """From one edge to the other, or nothing."""
-    return " to ".join(f"{edge:.{places}f}" for edge in edges) if edges else ""
-
-
-def percent_interval(edges: Interval | None) -> str:
-    """The same of a share, as percentages."""
-    return " to ".join(f"{100 * edge:.1f}" for edge in edges) if edges else ""
 
 
 def with_interval(value: float | None, edges: Interval | None, places: int = 2) -> str:

@@ -8,17 +8,14 @@ from pathlib import Path
 from holdfast.evaluation import pictures as draw
 from holdfast.evaluation.closing_hand import KeptObjects
 from holdfast.evaluation.figures import Evaluation
+from holdfast.evaluation.formats import interval, number, percent, percent_interval
 from holdfast.evaluation.methods import MethodFigures
 from holdfast.evaluation.page import (
     DEPLOYED,
     ORACLE,
-    interval,
     key,
     median,
-    number,
     p_cell,
-    percent,
-    percent_interval,
     shown,
     write_page,
 )

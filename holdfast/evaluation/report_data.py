@@ -7,7 +7,8 @@ import html
 from holdfast.core.contract import SITUATIONS
 from holdfast.evaluation.camera import onsets_in_words
 from holdfast.evaluation.figures import Evaluation
-from holdfast.evaluation.page import Row, number, shown, table
+from holdfast.evaluation.formats import number
+from holdfast.evaluation.page import Row, shown, table
 from holdfast.evaluation.real_sets import (
     HUMAN,
     EfleshFigures,

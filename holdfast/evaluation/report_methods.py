@@ -7,20 +7,17 @@ from collections.abc import Iterator, Mapping
 
 from holdfast.evaluation.camera import CameraFigures
 from holdfast.evaluation.figures import Evaluation
+from holdfast.evaluation.formats import interval, number, percent, percent_interval
 from holdfast.evaluation.methods import MethodFigures
 from holdfast.evaluation.outcomes import STYLES
 from holdfast.evaluation.page import (
     BASELINES,
     ORACLE,
     Row,
-    interval,
     is_this_model,
     kept_cell,
     median,
-    number,
     p_cell,
-    percent,
-    percent_interval,
     percent_spread_cell,
     percent_with_interval,
     share_cell,

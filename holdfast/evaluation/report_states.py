@@ -13,14 +13,13 @@ from holdfast.evaluation.closing_hand import (
     ClosingModel,
 )
 from holdfast.evaluation.figures import Evaluation
+from holdfast.evaluation.formats import number, percent
 from holdfast.evaluation.outcomes import COLUMNS, STYLES, THESIS, OutcomeRow
 from holdfast.evaluation.page import (
     Row,
     above,
     kept_cell,
     macro_f1_cell,
-    number,
-    percent,
     spread_cell,
     table,
 )

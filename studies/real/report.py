@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from holdfast.core.contract import SITUATIONS
-from holdfast.evaluation.page import above, key, number, write_page
+from holdfast.evaluation.formats import number
+from holdfast.evaluation.page import above, key, write_page
 from holdfast.evaluation.real_sets import EfleshFigures
 from holdfast.evaluation.style import SITUATION_COLOURS
 from holdfast.training.crossval import HeldOut

@@ -21,8 +21,8 @@ import numpy as np
 from holdfast.cli.command import Parser, finish, path_argument, seed
 from holdfast.cli.options import add_job_options, chosen_workers
 from holdfast.core.writing import require_writable, write_whole
+from holdfast.evaluation.formats import interval, number
 from holdfast.evaluation.jobs import Workers
-from holdfast.evaluation.page import interval, number
 from holdfast.evaluation.provenance import host
 from holdfast.export.artifact import Artifact, write_artifact
 from holdfast.export.exporting import export_artifact

@@ -8,7 +8,7 @@ from pathlib import Path
 from holdfast.core.reading import Json
 from studies.shared_control.plan import CURVE_SETS, OUR_LEAD_N, OURS, UNSEEN
 from studies.shared_control.targets import target_rows
-from tools.doc_tables import table, with_interval, write_tables
+from tools.doc_tables import fill, table, with_interval
 
 PAGE = Path("docs/shared-control.md")
 CONTROLLER_HEADS = {
@@ -82,7 +82,7 @@ def fill_page(figures: Json) -> None:
     }
     if _part(rows, "table"):
         made |= {"targets": table(target_rows(rows), {h: h for h in TARGET_HEADS})}
-    write_tables(PAGE, made)
+    fill(PAGE, made)
 
 
 def _part(rows: Sequence[Row], part: str) -> list[Row]:

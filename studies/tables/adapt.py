@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from holdfast.core.reading import Json
-from holdfast.evaluation.page import markdown
+from holdfast.evaluation.formats import markdown
 from tools.doc_tables import Tables, refresh, with_interval
 
 

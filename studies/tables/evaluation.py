@@ -7,7 +7,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 from holdfast.core.reading import Json
-from holdfast.evaluation.page import DEPLOYED, markdown
+from holdfast.evaluation.formats import markdown
+from holdfast.evaluation.page import DEPLOYED
 from studies.row_names import OURS, RAW, shown
 from studies.tables.targets import target_rows
 from studies.thesis_preliminary.published import ACCURACY_PERCENT, LEARNERS

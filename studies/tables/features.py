@@ -7,13 +7,13 @@ import sys
 from pathlib import Path
 
 from holdfast.core.contact import NORMAL_FLOOR
-from holdfast.evaluation.page import markdown
+from holdfast.evaluation.formats import markdown
 from holdfast.export.features import GROUPS, feature_count
 from holdfast.export.history import LAGS_S
 from holdfast.export.spec import StepSpec
 from holdfast.export.step_graph import feature_graph
 from studies.ablation import table
-from tools.doc_tables import refresh, write_tables
+from tools.doc_tables import fill, refresh
 
 SHOWN = (6, 58.9)
 """Sensors and rate the page's numbers are for."""
@@ -60,5 +60,5 @@ def _spec(groups: tuple[str, ...]) -> StepSpec:
 
 if __name__ == "__main__":
     ablation, page = sys.argv[1:]
-    write_tables(page, tables())
+    fill(page, tables())
     refresh(page, {Path(ablation): lambda figures: {"gains": table(figures["rows"])}})

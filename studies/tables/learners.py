@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from holdfast.core.reading import Json
-from holdfast.evaluation.page import markdown
+from holdfast.evaluation.formats import markdown
 from tools.doc_tables import Tables, refresh, table, with_interval
 
 CASES = {

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from holdfast.core.reading import Json
-from holdfast.evaluation.page import markdown
+from holdfast.evaluation.formats import markdown
 from holdfast.simulation.card import read_card
 from holdfast.simulation.effect import Effect
 from holdfast.simulation.effects import EFFECTS
@@ -15,7 +15,7 @@ from holdfast.simulation.sensor.magnet import residual_n
 from holdfast.simulation.shipped import CARDS, shipped
 from holdfast.training.figures import over
 from studies.row_names import OURS, shown
-from tools.doc_tables import Tables, refresh, table, write_tables
+from tools.doc_tables import Tables, fill, refresh, table
 
 STEP_HEADS = {
     "step_ms": "step, ms",
@@ -245,5 +245,5 @@ def made_from(bench: Path, study: Path) -> dict[Path, Callable[[Json], Tables]]:
 
 if __name__ == "__main__":
     bench_folder, study_file, page = map(Path, sys.argv[1:])
-    write_tables(page, _from_code())
+    fill(page, _from_code())
     refresh(page, made_from(bench_folder, study_file))

@@ -5,7 +5,8 @@ from __future__ import annotations
 import html
 from pathlib import Path
 
-from holdfast.evaluation.page import Row, number, table, write_page
+from holdfast.evaluation.formats import number
+from holdfast.evaluation.page import Row, table, write_page
 from studies.thesis_preliminary.cases import CASES
 from studies.thesis_preliminary.figures import (
     CaseFigures,

@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from command_line import Run
 
-from holdfast.evaluation.page import macro_f1_cell, number, percent
+from holdfast.evaluation.formats import number, percent
+from holdfast.evaluation.page import macro_f1_cell
 from holdfast.evaluation.pictures import confusion
 from holdfast.evaluation.states import ConfusionFigures
 from holdfast.training.figures import SituationFigures

@@ -9,8 +9,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from holdfast.core.writing import write_whole
+from holdfast.evaluation.formats import number
 from holdfast.evaluation.outcomes import word
-from holdfast.evaluation.page import Row, key, median, number, table, write_page
+from holdfast.evaluation.page import Row, key, median, table, write_page
 from holdfast.evaluation.pictures import timelines
 from holdfast.evaluation.style import SITUATION_COLOURS
 from holdfast.sessions.study.console import clock_text
