@@ -13,15 +13,6 @@ DOCS   := .venv-docs
 RATE   ?= 150
 SIZE   ?= default
 MODEL  ?= models/holdfast-150hz.onnx
-# folder:card:trials:seed, for make evaluate; models are trained on seed 0
-EVALUATED := thesis:thesis:900:1000 thesis-texture:build/evaluate/thesis-texture.toml:300:1001 apple:apple:200:1002 \
-    p1:p1:900:1003 p2:p2:900:1004 perturbed-hold:perturbed-hold:300:1005 daily:daily:370:1006 \
-    choose:daily:370:1007 train:thesis:500:1008
-# the same, for make fast-handover and make learner-streams
-STREAMS := thesis:thesis:500:0 broad:broad:500:0 choose:daily:370:1007 author:thesis:300:1000 p1:p1:450:1003 \
-    p2:p2:450:1004 asked-holds:perturbed-hold:300:1005
-FAST_HANDOVER := $(STREAMS) daily:daily:200:3 holds:perturbed-hold:150:4
-LEARNER_STREAMS := $(STREAMS) asked-daily:daily:370:1006
 # Tests run in a process a core, a file at a time: what a file sets up is set up once. The order of the
 # files is that of tests/support/longest_first.py.
 ACROSS := -n auto --dist loadfile --no-loadscope-reorder
@@ -42,33 +33,33 @@ unexport VIRTUAL_ENV PYTHONPATH PYTHONHOME PYTHONDONTWRITEBYTECODE
 # onnxruntime sends usage data otherwise; edge_runtime says so too.
 export ORT_DISABLE_TELEMETRY := 1
 
-.PHONY: help setup demo test soak fuzz real real-more learners scenes models evaluate loop fast-handover learner-streams adapt preliminary ablation bench runtimes browser arm peers lerobot dist lint lock clean docs docs-site hard-cases safety
+.PHONY: help setup hooks demo test lint lock clean dist docs docs-site hard-cases safety soak fuzz real loop evaluate study models bench runtimes browser arm peers lerobot
 
 help:  ## list the targets
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/make \1\t\2/p' Makefile | expand -t 16
 
 setup: .venv/.stamp  ## build .venv from the hashed locks (does nothing when it is current)
 
-demo: .venv/.demo-stamp  ## simulate, train, export, watch trials go by that the model never met
+hooks: setup  ## run ruff and mypy before every commit from now on
+	$(BIN)/pre-commit install
+
+demo: .venv/.demo-stamp  ## simulate, train, export, watch trials go by that the model never saw
 	$(BIN)/python -m examples.demo.demo
 
 test: setup  ## run the tests
 	$(BIN)/python -m pytest $(ACROSS) $(ARGS)
 
 real: setup  ## train, export and evaluate on the public recordings, into build/real
-	$(BIN)/python -m studies.real --out build/real $(ARGS)
+	$(BIN)/python -m studies real $(ARGS)
 
-real-more: setup  ## the same with all 48 channels, and by a truer label, into build/real
-	$(BIN)/python -m studies.real.further_rows --out build/real $(ARGS)
+loop: setup  ## what holding on costs: grip controllers in a closed loop, into build/loop and docs/shared-control.md
+	$(BIN)/python -m studies loop --page $(ARGS)
 
-learners: setup  ## forest, network and committee on the public recordings, settings chosen in inner folds; over an hour, into build/real
-	$(BIN)/python -m studies.real.learners build/real/learners.json
+evaluate: setup  ## the default model on unseen simulated sets, with baselines, into build/evaluate
+	$(BIN)/python -m studies evaluate --model $(MODEL) $(ARGS)
 
-scenes: setup  ## simulate and study thesis, apple, p1, p2 at 50, 100 and 150 Hz, into build/scenes
-	rm -rf build/scenes
-	for rate in 50 100 150; do for card in thesis apple p1 p2; do \
-	    $(BIN)/holdfast simulate $$card --rate $$rate --out build/scenes/$${rate}hz/$$card || exit; done; done
-	$(BIN)/python -m studies.scenes build/scenes --out build/scenes/study
+study: setup  ## one study: make study NAME=adapt; without NAME the list
+	$(BIN)/python -m studies $(NAME) $(ARGS)
 
 models: setup  ## rebuild the default model from scenes, into models; RATE=50 for slow bridges, SIZE=tiny or best
 	rm -rf build/models/$(RATE)hz-$(SIZE)
@@ -78,40 +69,6 @@ models: setup  ## rebuild the default model from scenes, into models; RATE=50 fo
 	    $(if $(filter-out default,$(SIZE)),--size $(SIZE)) --out build/models/$(RATE)hz-$(SIZE)
 	$(BIN)/holdfast export build/models/$(RATE)hz-$(SIZE) --force --out models/holdfast-$(RATE)hz$(if $(filter-out default,$(SIZE)),-$(SIZE)).onnx
 
-evaluate: setup  ## the default model on unseen simulated sets, beside baselines, into build/evaluate
-	rm -rf build/evaluate
-	mkdir -p build/evaluate
-	{ cat holdfast/simulation/cards/thesis.toml; echo "[effects.texture]"; } > build/evaluate/thesis-texture.toml
-	echo $(EVALUATED) | tr ' :' '\n ' | xargs -P 2 -L 1 sh -c \
-	    '$(BIN)/holdfast simulate $$1 --trials $$2 --seed $$3 --out build/evaluate/$$0'
-	$(BIN)/holdfast evaluate $(MODEL) --data $(addprefix build/evaluate/,thesis thesis-texture apple p1 p2 perturbed-hold daily) \
-	    --choose build/evaluate/choose --train build/evaluate/train --real build/real \
-	    --json build/evaluate/figures.json --report build/evaluate/report.html $(ARGS)
-
-loop: setup  ## what holding on costs: grip controllers in a closed loop, into build/loop and docs/shared-control.md
-	$(BIN)/python -m studies.shared_control --page $(ARGS)
-
-fast-handover: setup  ## what tells a fast hand-over from a pull, one change at a time, into build/fast-handover
-	rm -rf build/fast-handover
-	echo $(FAST_HANDOVER) | tr ' :' '\n ' | xargs -P 2 -L 1 sh -c \
-	    '$(BIN)/holdfast simulate $$1 --trials $$2 --seed $$3 --out build/fast-handover/$$0'
-	$(BIN)/python -m studies.fast_handover build/fast-handover --out build/fast-handover $(ARGS)
-
-learner-streams: setup  ## learners on streams and on styles left out, into build/learner-streams
-	rm -rf build/learner-streams
-	echo $(LEARNER_STREAMS) | tr ' :' '\n ' | xargs -P 2 -L 1 sh -c \
-	    '$(BIN)/holdfast simulate $$1 --trials $$2 --seed $$3 --out build/learner-streams/$$0'
-	$(BIN)/python -m studies.learner_streams build/learner-streams --out build/learner-streams $(ARGS)
-
-adapt: setup  ## what adapting to a person brings, simulated and on people, into build/adapt-study
-	$(BIN)/python -m studies.adapt --out build/adapt-study
-	$(BIN)/python -m studies.adapt --people --out build/adapt-study
-
-preliminary: setup  ## the thesis' preliminary study again, into build/preliminary
-	rm -rf build/preliminary
-	$(BIN)/holdfast simulate twenty-sensors --out build/preliminary/scene
-	$(BIN)/python -m studies.thesis_preliminary --out build/preliminary $(ARGS)
-
 fuzz: setup  ## fuzz everything that comes from outside, SECONDS=60 each; what breaks it goes into build/fuzz
 	$(BIN)/python tests/fuzz/fuzz_run.py --seconds $(or $(SECONDS),60) $(ARGS)
 
@@ -119,19 +76,16 @@ soak: setup  ## the long tests: a million steps, an hour of falls in real time, 
 	$(BIN)/python -m pytest -m soak $(ARGS)
 	.ci/busy
 
-ablation: setup  ## what each part of the method is worth, into build/ablation
-	$(BIN)/python -m studies.ablation --out build/ablation $(ARGS)
-
 docs: setup  ## rewrite the tables and pictures of README and docs from build and the code; prose stays
 	$(BIN)/python -m studies.tables.step $(MODEL) docs/step.svg
 	$(BIN)/python -m studies.tables.timing build/evaluate/figures.json docs
 	$(BIN)/python -m studies.tables.features build/ablation/ablation.json docs/features.md
 	$(BIN)/python -m studies.real.table build/real/metrics.json build/real/all-channels.json README.md
-	$(BIN)/python -m studies.tables.scenes build/bench build/scenes/study/scenes.json docs/scenes.md
+	$(BIN)/python -m studies.tables.scenes build/bench build/scenes/scenes.json docs/scenes.md
 	$(BIN)/python -m benchmarks.hand_page build/bench/hand.json docs/hand.md
 	$(BIN)/python -m benchmarks.cost.page build/bench docs README.md
 	$(BIN)/python -m studies.tables.evaluation build/evaluate/figures.json build/fast-handover/figures.json \
-	    build/scenes/study/scenes.json build/preliminary/preliminary.json build/real/truer.json docs/evaluation.md
+	    build/scenes/scenes.json build/preliminary/preliminary.json build/real/truer.json docs/evaluation.md
 	$(BIN)/python -m studies.tables.learners build/real/learners.json build/bench/network.json \
 	    build/learner-streams/learner-streams.json docs/learners.md
 	$(BIN)/python -m studies.tables.adapt build/adapt-study/adapt.json build/adapt-study/people.json docs/adapt.md

@@ -1,4 +1,4 @@
-"""`make ablation`: what each feature group brings on unseen people, and its microseconds.
+"""What each feature group brings on unseen people, and its price: `make study NAME=ablation`.
 
 Every row is a full cross-validation on human_slip_uskin, 18 channels: the default groups, each of
 them left out, and each other group added. Gains are paired: the same people in every draw. A row
@@ -8,18 +8,15 @@ median of a single step of the feature graph, all rows interleaved.
 
 from __future__ import annotations
 
-import json
+import argparse
 import math
-import sys
-from collections.abc import Collection, Sequence
+from collections.abc import Collection
 from dataclasses import asdict, dataclass, replace
-from pathlib import Path
 
 import numpy as np
 
 from benchmarks.timed_calls import step_call
 from benchmarks.timing import time_in_turns
-from holdfast.cli.command import Parser, finish, path_argument, seed
 from holdfast.core.reading import Json
 from holdfast.core.writing import require_writable, write_whole
 from holdfast.export.features import GROUPS, feature_count
@@ -36,6 +33,7 @@ from holdfast.training.plan import LearnerKind, TrainingPlan
 from holdfast.training.progress import Say, stages
 from holdfast.training.recording import DataSet
 from tools.doc_tables import table as doc_table
+from tools.harness import write_figures
 
 HUMAN = "human_slip_uskin"
 Rows = dict[str, tuple[str, ...]]
@@ -102,7 +100,7 @@ class AblationRow:
         return fields.pop("cost") | fields
 
 
-def run(
+def study_rows(
     data: DataSet, plan: TrainingPlan, rows: Rows, seed: int, say: Say
 ) -> dict[str, AblationRow]:
     """Every row's figures and cost; the first is the default."""
@@ -218,15 +216,8 @@ def _with_gain(value: float | None, gain: Json) -> str:
     return f"{value:.3f} ({gain['value']:+.3f}, {low:+.3f} to {high:+.3f})"
 
 
-def main(argv: Sequence[str]) -> int:
-    """Parse, run, write ablation.json and ablation.md, print the table."""
-    parser = Parser(
-        prog="ablation.py",
-        description="what each feature group brings, and what it costs",
-    )
-    parser.add_argument(
-        "--out", type=path_argument, default=Path("build/ablation"), metavar="DIR"
-    )
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of this study alone."""
     parser.add_argument(
         "--learner", choices=LEARNERS, default="committee", metavar="WHAT"
     )
@@ -237,13 +228,15 @@ def main(argv: Sequence[str]) -> int:
         metavar="GROUP",
         help="rows of these groups only",
     )
-    parser.add_argument("--seed", type=seed, default=0, metavar="S")
-    args = parser.parse_args(argv)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Write ablation.json and ablation.md, print the table."""
     require_writable(args.out)
     plan, data = _plan(args.learner), load(HUMAN)
     chosen = rows_of(plan.groups, args.groups)
     with stages(len(chosen)) as say:
-        rows = run(data, plan, chosen, args.seed, say)
+        rows = study_rows(data, plan, chosen, args.seed, say)
     result = {
         "data": HUMAN,
         "learner": args.learner,
@@ -252,12 +245,8 @@ def main(argv: Sequence[str]) -> int:
         "versions": versions(),
         "rows": {name: row.to_json() for name, row in rows.items()},
     }
-    write_whole(args.out / "ablation.json", json.dumps(result, indent=2) + "\n")
+    write_figures(args.out / "ablation.json", result)
     text = table(result["rows"])
     write_whole(args.out / "ablation.md", text)
     print(text + data.caveat)
     return 0
-
-
-if __name__ == "__main__":
-    sys.exit(finish(main, sys.argv[1:]))

@@ -1,4 +1,4 @@
-"""Further rows on human_slip_uskin: `make real-more` writes all-channels.json and truer.json.
+"""Further rows on human_slip_uskin: `make study NAME=real-more`; all-channels.json, truer.json.
 
 Two questions beside the headline of `make real`. What would all 48 channels bring? And what is left
 of the figures under a truer label? The set's usual label is the object's rotation, about half of it
@@ -8,18 +8,13 @@ the wrist's; with the hand's IMU the wrist cancels. The same people, folds, feat
 from __future__ import annotations
 
 import argparse
-import json
-import sys
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
-from pathlib import Path
 
 import numpy as np
 
-from holdfast.cli.command import Parser, finish, path_argument, seed
 from holdfast.cli.options import add_job_options, chosen_workers
 from holdfast.core.reading import Json
-from holdfast.core.writing import require_writable, write_whole
+from holdfast.core.writing import require_writable
 from holdfast.evaluation.jobs import Workers
 from holdfast.evaluation.provenance import Host, host
 from holdfast.training.figures import HeadFigures
@@ -27,6 +22,7 @@ from holdfast.training.plan import RAW_BASELINE, TrainingPlan
 from holdfast.training.progress import Say, stages
 from studies.real.methods import METHODS, Method, cross_validated
 from studies.row_names import OURS_48, RAW_48, RAW_48_FOLDS
+from tools.harness import write_figures
 
 Methods = dict[str, Method]
 FURTHER: dict[str, Methods] = {
@@ -76,26 +72,17 @@ def further_rows(
     )
 
 
-def main(argv: Sequence[str]) -> int:
-    """Parse, run, write a file for each question as soon as it is answered."""
-    parser = Parser(
-        prog="further_rows", description="all 48 channels, and a truer label"
-    )
-    parser.add_argument(
-        "--out", type=path_argument, default=Path("build/real"), metavar="DIR"
-    )
-    parser.add_argument("--seed", type=seed, default=0, metavar="S")
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of this study alone."""
     add_job_options(parser, 2)
-    args: argparse.Namespace = parser.parse_args(argv)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Write a file for each question as soon as it is answered."""
     require_writable(args.out)
     folds = [one.plan.folds for methods in FURTHER.values() for one in methods.values()]
     with stages(sum(folds) + len(FURTHER)) as say:
         for name, methods in FURTHER.items():
             rows = further_rows(methods, args.seed, chosen_workers(args), say)
-            text = json.dumps(rows.to_json(), indent=1, allow_nan=False)
-            write_whole(args.out / f"{name}.json", text + "\n")
+            write_figures(args.out / f"{name}.json", rows.to_json())
     return 0
-
-
-if __name__ == "__main__":
-    sys.exit(finish(main, sys.argv[1:]))

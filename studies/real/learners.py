@@ -1,4 +1,4 @@
-"""Forest, network and committee side by side on people held out: `make learners`, learners.json.
+"""Forest, network and committee with people held out: `make study NAME=learners`, learners.json.
 
 Nested: a person's windows are answered by learners that never saw that person, with a network and
 label weights chosen on the other people alone (their own people held out in turn).
@@ -6,6 +6,7 @@ label weights chosen on the other people alone (their own people held out in tur
 
 from __future__ import annotations
 
+import argparse
 import json
 import sys
 from collections.abc import Mapping
@@ -17,9 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from holdfast.core.reading import Json
-from holdfast.core.writing import write_whole
 from holdfast.evaluation.jobs import Workers
-from holdfast.evaluation.provenance import host
 from holdfast.export.forest import forest_votes, votes_of_trees
 from holdfast.export.learner import LEARNERS
 from holdfast.export.network import network_votes
@@ -35,6 +34,7 @@ from holdfast.training.network_fit import NetworkPlan, fit_members, in_whole_num
 from holdfast.training.plan import TrainingPlan
 from holdfast.training.recording import DataSet
 from holdfast.training.splits import grouped_folds
+from tools.harness import write_figures
 
 IntArray = npt.NDArray[np.int64]
 UNQUANTISED = "network before it is made of whole numbers"
@@ -238,27 +238,31 @@ def _macro_f1(truth: IntArray, found: IntArray) -> float | None:
     ).macro_f1
 
 
-def main(out: Path, seed: int = 0) -> None:
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """This study has no options of its own."""
+
+
+def run(args: argparse.Namespace) -> int:
     """Study all cases; write learners.json after each. A run goes on where an equal one stopped."""
+    out: Path = args.out / "learners.json"
     root = find("human_slip_uskin")
     plan: Json = json.loads(json.dumps(PLAN.to_json()))
-    kept = kept_cases(out, plan, seed)
+    kept = kept_cases(out, plan, args.seed)
     for channels, in_hand in CASES:
         if (channels, in_hand) in kept:
             continue
         sys.stderr.write(f"{channels} channels{', in the hand' if in_hand else ''}\n")
         data = load(root, channels=channels, in_hand=in_hand)
-        kept[channels, in_hand] = study_learners(
-            data, channels, in_hand, seed
-        ).to_json()
+        studied = study_learners(data, channels, in_hand, args.seed)
+        kept[channels, in_hand] = studied.to_json()
         figures = {
             "kind": "public real data",
-            "seed": seed,
+            "seed": args.seed,
             "plan": plan,
-            "host": asdict(host()),
             "studied": [kept[case] for case in CASES if case in kept],
         }
-        write_whole(out, json.dumps(figures, indent=1, allow_nan=False) + "\n")
+        write_figures(out, figures)
+    return 0
 
 
 def kept_cases(out: Path, plan: Json, seed: int) -> dict[tuple[int, bool], Json]:
@@ -269,7 +273,3 @@ def kept_cases(out: Path, plan: Json, seed: int) -> dict[tuple[int, bool], Json]
     if (written["plan"], written["seed"]) != (plan, seed):
         return {}
     return {(one["channels"], one["in_hand"]): one for one in written["studied"]}
-
-
-if __name__ == "__main__":
-    main(Path(sys.argv[1]))

@@ -94,7 +94,8 @@ warnings. The timing-only baseline sees time since contact and total force: how 
 goes. The leaky split is the raw forest with windows split at random: what a wrong test reports. The
 set's own README gives figures of 24 people, six of whom are not in our copy: macro F1 0.563 and AUC
 0.777 for the raw forest, and macro F1 0.624 for the timing-only baseline. The macro F1 of the raw
-forest is reproduced here, the other two are not (docs/decisions.md). <code>make real-more</code>
+is reproduced here, the other two are not (docs/decisions.md). <code>make study
+NAME=real-more</code>
 adds all 48 channels and another label.</p>
 {pictures.table_bars(rows)}
 <div class=wide><table><tr><th>people held out<th>macro F1<th>95 %{header}<th>AUC<th>95 %

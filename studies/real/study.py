@@ -8,19 +8,16 @@ by a forest trained without its person.
 from __future__ import annotations
 
 import argparse
-import json
-import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from holdfast.cli.command import Parser, finish, path_argument, seed
 from holdfast.cli.options import add_job_options, chosen_workers
-from holdfast.core.writing import require_writable, write_whole
+from holdfast.core.writing import require_writable
 from holdfast.evaluation.formats import interval, number
 from holdfast.evaluation.jobs import Workers
 from holdfast.evaluation.provenance import host
@@ -48,6 +45,7 @@ from studies.real.proactive import ReplayPicture, study_proactive
 from studies.real.report import Evidence, write_report
 from studies.real.streamed_fold import stream_one_fold
 from studies.row_names import LEAKY, OURS_18
+from tools.harness import write_figures
 
 CLOCK_FREE = (
     "no feature sees anything older than 0.5 s; "
@@ -58,7 +56,7 @@ STAGES = sum(method.plan.folds for method in METHODS.values()) + 8
 """Lines the progress bar expects; a wrong number only makes the bar end early or late."""
 
 
-def run(out: Path, seed: int, say: Say, workers: Workers = ALONE) -> RealStudy:
+def study_sets(out: Path, seed: int, say: Say, workers: Workers = ALONE) -> RealStudy:
     """Do everything and write the report; returns what metrics.json holds.
 
     workers: where the parts run; those of a cluster see the same `out` and data sets.
@@ -156,34 +154,22 @@ def final_model(artifact: Artifact, out: Path) -> FinalModel:
     return FinalModel(str(path.relative_to(out)), report.bytes, report)
 
 
-def main(argv: Sequence[str]) -> int:
-    """Parse, run, write metrics.json, print the headline."""
-    parser = Parser(
-        prog="real.py",
-        description="the whole main job on human_slip_uskin, eflesh_slip, proactive",
-    )
-    parser.add_argument(
-        "--out", type=path_argument, default=Path("build/real"), metavar="DIR"
-    )
-    parser.add_argument("--seed", type=seed, default=0, metavar="S")
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of this study alone."""
     add_job_options(parser, 2)
-    args: argparse.Namespace = parser.parse_args(argv)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the whole job, write metrics.json, print the headline."""
     require_writable(args.out)
     with stages(STAGES) as say:
-        figures = run(args.out, args.seed, say, chosen_workers(args))
-    text = json.dumps(figures.to_json(), indent=2, allow_nan=False)
-    write_whole(args.out / "metrics.json", text + "\n")
+        figures = study_sets(args.out, args.seed, say, chosen_workers(args))
+    path = write_figures(args.out / "metrics.json", figures.to_json())
     situations, head = figures.heads.situations, prediction_of(figures.heads)
     print(
         f"macro F1 {number(situations.macro_f1, 3)} ({interval(situations.macro_f1_ci, 3)}), "
         f"AUC {number(head.auc, 3)} ({interval(head.auc_ci, 3)})"
     )
     print(figures.caveat)
-    print(
-        f"{args.out / 'metrics.json'}, {args.out / 'report.html'} ({figures.seconds} s)"
-    )
+    print(f"{path}, {args.out / 'report.html'} ({figures.seconds} s)")
     return 0
-
-
-if __name__ == "__main__":
-    sys.exit(finish(main, sys.argv[1:]))

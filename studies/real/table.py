@@ -1,4 +1,4 @@
-"""The README's tables of `make real` and `make real-more`.
+"""The README's tables of `make real` and `make study NAME=real-more`.
 
 `python -m studies.real.table METRICS ALL-CHANNELS PAGE`
 """

@@ -177,7 +177,7 @@ class MadeBy:
 
     seed: int = 0
     versions: dict[str, str] = field(default_factory=dict)
-    command: str = "python -m studies.scenes FOLDER --out DIR"
+    command: str = "python -m studies scenes"
     seconds: float | None = None
 
 

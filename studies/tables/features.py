@@ -1,4 +1,4 @@
-"""The tables of docs/features.md, from the feature groups and from `make ablation`: `make docs`."""
+"""The tables of docs/features.md, from the feature groups and from the ablation: `make docs`."""
 
 from __future__ import annotations
 

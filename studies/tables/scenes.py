@@ -234,7 +234,7 @@ def _macro_f1(four: Json) -> str | None:
 
 
 def made_from(bench: Path, study: Path) -> dict[Path, Callable[[Json], Tables]]:
-    """bench: folder of `holdfast bench`; study: scenes.json of `make scenes`."""
+    """bench: folder of `holdfast bench`; study: scenes.json of `make study NAME=scenes`."""
     return {
         bench / "effects.json": _effects,
         bench / "simulator.json": _simulator,

@@ -166,7 +166,7 @@ def _made(figures: PreliminaryStudy) -> str:
     return f"""<h2>How this was made</h2><ul>{lines}
 <li>Learners at scikit-learn's defaults, untuned; nearest neighbours and the network on standardised
 features; gradient boosting is the histogram kind. Test: one of four folds of groups.</li>
-<li><code>python -m studies.thesis_preliminary</code>, seed {figures.seed},
+<li><code>python -m studies preliminary</code>, seed {figures.seed},
 {figures.seconds:.0f} s;
 {html.escape(versions)}.</li></ul>"""
 

@@ -42,7 +42,7 @@ BRIEF = '"pull"\nclose_at_s = 0.1\nclosing_s = 0.1\nhold_s = 0.8\nmove_s = 0.2\n
 
 
 def study() -> dict[str, Any]:
-    """Figures as `make scenes` writes them, one rate and one line of the table."""
+    """Figures as `make study NAME=scenes` writes them, one rate and one line of the table."""
     row = {
         level: {"accuracy": value, "macro_f1": value + 0.01}
         for level, value in (("eight", 0.701), ("seven", 0.801), ("four", 0.901))

@@ -103,7 +103,7 @@ def fast_handover() -> dict[str, Any]:
 
 
 def scenes() -> dict[str, Any]:
-    """Figures as `make scenes` writes them, at the rate that the page shows."""
+    """Figures as `make study NAME=scenes` writes them, at the rate that the page shows."""
     rows = {OURS: LEVELS, RAW: LEVELS}
     rate = {
         "rows": rows,

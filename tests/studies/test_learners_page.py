@@ -16,7 +16,7 @@ def row(macro_f1: float) -> dict[str, Any]:
 
 
 def figures() -> dict[str, Any]:
-    """As `make learners` writes them."""
+    """As `make study NAME=learners` writes them."""
     names = {"forest": 0.61, "network": 0.62, "committee": 0.63}
     people = {
         f"p{k}": {name: value - 0.1 * k for name, value in names.items()}
@@ -32,7 +32,7 @@ def figures() -> dict[str, Any]:
 
 
 def streams() -> dict[str, Any]:
-    """As `make learner-streams` writes them."""
+    """As `make study NAME=learner-streams` writes them."""
     share = {"share": 0.02, "share_ci": [0.01, 0.05], "n": 100}
     one = {
         "recall": 0.98,

@@ -18,7 +18,7 @@ from holdfast.edge_runtime.preparation import Preparation
 from holdfast.training.datasets import load
 from holdfast.training.recording import DataSet, Recording
 from holdfast.training.timeline import Phase, RiskyEvent
-from studies.thesis_preliminary import __main__ as program
+from studies.thesis_preliminary import program
 from studies.thesis_preliminary import study as learners
 from studies.thesis_preliminary.cases import (
     CASES,
@@ -398,7 +398,7 @@ def test_the_report_says_what_is_simulated_what_is_real_and_what_is_published(
         learners, "MAKE", dict.fromkeys(LEARNERS, lambda seed: GaussianNB())
     )
     lines = []
-    figures = program.run(tmp_path, 0, lines.append)
+    figures = program.study_sets(tmp_path, 0, lines.append)
     assert len(lines) + 1 == program.STAGES
     json.dumps(figures.to_json(), allow_nan=False)
     page = write_preliminary_report(tmp_path / "report.html", figures).read_text(

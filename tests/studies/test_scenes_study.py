@@ -3,6 +3,7 @@ page."""
 
 from __future__ import annotations
 
+import argparse
 import html
 import json
 import re
@@ -67,9 +68,10 @@ from holdfast.training.plan import (
     TrainingPlan,
 )
 from holdfast.training.recording import DataSet, LabelledRows, Recording
+from studies.__main__ import PROGRAMS
 from studies.row_names import CLOCK, LINE, OURS, RAW
-from studies.scenes import __main__ as command
 from studies.scenes import pictures
+from studies.scenes import program as command
 from studies.scenes.candidate import Candidate
 from studies.scenes.evidence import SceneEvidence
 from studies.scenes.figures import MadeBy
@@ -86,6 +88,7 @@ from studies.scenes.study import (
     ways,
 )
 from tools.doc_tables import write_between
+from tools.harness import start
 
 FEW = ForestPlan(n_estimators=10, min_samples_leaf=8, max_features=0.3)
 SHARP = ForestPlan(n_estimators=10)
@@ -152,7 +155,8 @@ def commanded(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Command
     out = tmp_path_factory.mktemp("out")
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(command, "ways", lambda: SMALL)
-        assert command.main([str(folder), "--out", str(out), "--seed", "0"]) == 0
+        words = ["scenes", "--sets", str(folder), "--out", str(out)]
+        assert start("studies", PROGRAMS, words) == 0
     text = (out / "scenes.json").read_text(encoding="utf-8")
     figures = json.loads(
         text, parse_constant=lambda name: pytest.fail(f"{name} is no JSON")
@@ -783,10 +787,14 @@ def test_the_demo_makes_the_same_page_from_one_set_and_leaves_out_what_is_not_th
     assert page.count("<svg") == 4
 
 
+def studied_in(sets: Path, out: Path) -> None:
+    command.run(argparse.Namespace(sets=sets, out=out, seed=0))
+
+
 def test_a_missing_thesis_says_which_command_makes_it(tmp_path: Path) -> None:
     (tmp_path / "50hz" / "apple").mkdir(parents=True)
     with pytest.raises(DataNotFound) as caught:
-        command.main([str(tmp_path), "--out", str(tmp_path / "out")])
+        studied_in(tmp_path, tmp_path / "out")
     thesis = tmp_path / "50hz" / "thesis"
     assert (
         caught.value.next_step == f"holdfast simulate thesis --rate 50 --out {thesis}"
@@ -798,7 +806,7 @@ def test_a_folder_without_rates_says_which_command_makes_one(tmp_path: Path) -> 
     (tmp_path / "out").mkdir()
     for place in (tmp_path / "empty", tmp_path / "nowhere"):
         with pytest.raises(DataNotFound) as caught:
-            command.main([str(place), "--out", str(tmp_path / "out")])
+            studied_in(place, tmp_path / "out")
         assert (
             caught.value.next_step
             == f"holdfast simulate thesis --rate 150 --out {place / '150hz' / 'thesis'}"

@@ -10,10 +10,10 @@ import pytest
 
 from holdfast.evaluation.loop_runs import CHOICES, scene_of
 from studies.shared_control import page
-from studies.shared_control.__main__ import _chosen
 from studies.shared_control.page import PAGE, shown
 from studies.shared_control.picture import curve, picture
 from studies.shared_control.plan import CURVE_SETS, LAGS_MS, OURS, SETTINGS, rows, sets
+from studies.shared_control.program import _chosen
 from studies.shared_control.targets import TARGETS, target_rows
 
 

@@ -1,4 +1,4 @@
-"""`python -m studies.adapt --out build/adapt-study`: writes adapt.json.
+"""`python -m studies adapt`: writes adapt.json, or with --people people.json.
 
 Each unseen style is answered by the shipped file as it is, with its threshold chosen for a person,
 and with the whole adaptation. A person is a draw of the card `adapt` in that style; nothing of the
@@ -8,7 +8,6 @@ test sets is seen while adapting. With --people, the same on a public set of peo
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 import tempfile
 import time
@@ -16,12 +15,10 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 
-from holdfast.cli.command import Parser, finish, path_argument
 from holdfast.core.reading import Json
-from holdfast.core.writing import require_writable, write_whole
+from holdfast.core.writing import require_writable
 from holdfast.edge_runtime.model import Model
 from holdfast.edge_runtime.onnx_rules import votes_in_all
-from holdfast.evaluation.provenance import host
 from holdfast.sessions.adapting.adapt import SEED, TRIALS, simulated_slips
 from holdfast.sessions.adapting.choice import choose, correction_at
 from holdfast.sessions.adapting.evidence import (
@@ -39,6 +36,7 @@ from studies.adapt.sets import (
     person_set,
     test_set,
 )
+from tools.harness import write_figures
 
 MODEL = Path("models/holdfast-150hz.onnx")
 
@@ -98,31 +96,25 @@ def study_styles(model: Model) -> Json:
     }
 
 
-def main(argv: Sequence[str]) -> int:
-    """Parse, run, write adapt.json."""
-    parser = Parser(prog="adapt.py", description="what adapting to a person brings")
-    out = Path("build/adapt-study")
-    parser.add_argument("--out", type=path_argument, default=out, metavar="DIR")
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of this study alone."""
     parser.add_argument(
         "--people", action="store_true", help="people of human_slip_uskin instead"
     )
-    args: argparse.Namespace = parser.parse_args(argv)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Study the styles or the people; write the figures."""
     require_writable(args.out)
     started = time.process_time()
     if args.people:
+        # reads the public set and loads scikit-learn
         from studies.adapt.people import study_people
 
         name, figures = "people.json", study_people()
     else:
         name, figures = "adapt.json", study_styles(Model(MODEL))
-    figures |= {
-        "host": asdict(host()),
-        "cpu_s": round(time.process_time() - started, 1),
-    }
-    write_whole(args.out / name, json.dumps(figures, indent=1, allow_nan=False) + "\n")
-    sys.stdout.write(f"{args.out / name} ({figures['cpu_s']} CPU s)\n")
+    cpu_s = round(time.process_time() - started, 1)
+    path = write_figures(args.out / name, figures | {"cpu_s": cpu_s})
+    sys.stdout.write(f"{path} ({cpu_s} CPU s)\n")
     return 0
-
-
-if __name__ == "__main__":
-    sys.exit(finish(main, sys.argv[1:]))

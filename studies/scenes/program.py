@@ -1,24 +1,21 @@
-"""`python -m studies.scenes FOLDER --out DIR`: writes scenes.json and report.html.
+"""`python -m studies scenes`: writes scenes.json and report.html.
 
-FOLDER/<rate>hz/<card> are sets that `holdfast simulate <card> --rate <rate>` wrote: thesis, and,
-where they are there, apple, p1 and p2. Everything here is simulated, and says so.
+It simulates thesis, apple, p1 and p2 at three rates into DIR/<rate>hz/<scene>, unless --sets names
+a folder that has such sets already. Everything here is simulated, and says so.
 """
 
 from __future__ import annotations
 
 import argparse
-import json
 import re
 import sys
 import time
 from collections.abc import Sequence
-from dataclasses import asdict
 from pathlib import Path
 
-from holdfast.cli.command import Parser, finish, path_argument, seed
+from holdfast.cli.command import path_argument
 from holdfast.core.errors import DataNotFound
-from holdfast.core.writing import require_writable, write_whole
-from holdfast.evaluation.provenance import host
+from holdfast.core.writing import require_writable
 from holdfast.evaluation.scores import LeakCheck
 from holdfast.training.fitting import versions
 from holdfast.training.progress import Say, stages
@@ -27,11 +24,19 @@ from studies.scenes.evidence import SceneEvidence, between, number
 from studies.scenes.figures import MadeBy, ScenesFigures
 from studies.scenes.report import write_scene_report
 from studies.scenes.study import CAVEAT, STAGES, RateStudy, study_rate, ways
+from tools.harness import SimulatedSet, simulate_sets, write_figures
 
+SETS = [
+    SimulatedSet(f"{rate_hz}hz/{scene}", scene, rate_hz=rate_hz)
+    for rate_hz in (50, 100, 150)
+    for scene in ("thesis", "apple", "p1", "p2")
+]
 RATE_FOLDER = re.compile(r"(\d+(?:\.\d+)?)hz")
 
 
-def run(folder: Path, out: Path, seed: int, say: Say) -> tuple[ScenesFigures, MadeBy]:
+def study_rates(
+    folder: Path, out: Path, seed: int, say: Say
+) -> tuple[ScenesFigures, MadeBy]:
     """Study every rate of a folder and write the report."""
     started = time.perf_counter()
     studies = [study_rate(rate, ways(), seed, say) for rate in rate_folders(folder)]
@@ -86,42 +91,36 @@ def _leak_line(rate: str, one: LeakCheck) -> str:
     )
 
 
-def main(argv: Sequence[str]) -> int:
-    """Parse, run, write scenes.json, print the headline."""
-    parser = Parser(prog="scenes.py", description="the whole study of simulated scenes")
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of this study alone."""
     parser.add_argument(
-        "folder",
+        "--sets",
         type=path_argument,
-        metavar="FOLDER",
-        help="holds <rate>hz/thesis and other sets that simulate wrote",
+        metavar="DIR",
+        help="holds <rate>hz/thesis and others already (default: simulated into --out)",
     )
-    parser.add_argument(
-        "--out", type=path_argument, default=Path("build/scenes"), metavar="DIR"
-    )
-    parser.add_argument("--seed", type=seed, default=0, metavar="S")
-    args: argparse.Namespace = parser.parse_args(argv)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Study every rate, write scenes.json, print the headline."""
     require_writable(args.out)
-    with stages(1 + STAGES * len(rate_folders(args.folder))) as say:
-        figures, made = run(args.folder, args.out, args.seed, say)
-    written = figures.to_json() | {
+    folder = args.sets or args.out / "sets"
+    if args.sets is None:
+        simulate_sets(SETS, folder)
+    with stages(1 + STAGES * len(rate_folders(folder))) as say:
+        figures, made = study_rates(folder, args.out, args.seed, say)
+    provenance = {
         "seed": made.seed,
-        "host": asdict(host()),
         "versions": made.versions,
         "seconds": made.seconds,
     }
-    write_whole(
-        args.out / "scenes.json", json.dumps(written, indent=1, allow_nan=False) + "\n"
-    )
+    path = write_figures(args.out / "scenes.json", figures.to_json() | provenance)
     best = figures.rates[figures.headline_hz].scores(OURS).four
     lines = [
         f"{figures.kind}, {figures.headline_hz} Hz, trials held out: macro F1 over four "
         f"situations {number(best.macro_f1)} ({between(best.macro_f1_ci)})",
         *leak_lines(figures),
-        f"{args.out / 'scenes.json'}, {args.out / 'report.html'} ({made.seconds} s)",
+        f"{path}, {args.out / 'report.html'} ({made.seconds} s)",
     ]
     sys.stdout.write("\n".join(lines) + "\n")
     return 0
-
-
-if __name__ == "__main__":
-    sys.exit(finish(main, sys.argv[1:]))

@@ -1,21 +1,19 @@
-"""`python -m studies.thesis_preliminary --out DIR`: preliminary.json and report.html.
+"""`python -m studies preliminary`: preliminary.json and report.html.
 
-DIR/scene (or --scene) is what `holdfast simulate twenty-sensors --out DIR/scene` wrote; the
+The scene is simulated first, unless --scene names one that is there already; the
 recordings of people are the public set human_slip_uskin, all 48 channels.
 """
 
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 import time
-from collections.abc import Sequence
 from pathlib import Path
 
-from holdfast.cli.command import Parser, finish, path_argument, seed
+from holdfast.cli.command import path_argument
 from holdfast.core.errors import DataNotFound
-from holdfast.core.writing import require_writable, write_whole
+from holdfast.core.writing import require_writable
 from holdfast.evaluation.provenance import host
 from holdfast.training.datasets import load
 from holdfast.training.fitting import versions
@@ -26,12 +24,13 @@ from studies.thesis_preliminary.cases import CASES
 from studies.thesis_preliminary.figures import PreliminaryStudy
 from studies.thesis_preliminary.report import summary, write_preliminary_report
 from studies.thesis_preliminary.study import REPETITIONS, study
+from tools.harness import SimulatedSet, simulate_sets, write_figures
 
 STAGES = 1 + 2 * (3 + len(CASES))
 CARD = "twenty-sensors"
 
 
-def run(scene: Path, seed: int, say: Say) -> PreliminaryStudy:
+def study_sets(scene: Path, seed: int, say: Say) -> PreliminaryStudy:
     """Study both sets. Raises DataNotFound and what `study` raises."""
     started = time.perf_counter()
     sets = []
@@ -56,34 +55,26 @@ def read_scene(folder: Path) -> DataSet:
     return load(folder, windows="natural")
 
 
-def main(argv: Sequence[str]) -> int:
-    """Parse, run, write preliminary.json and the report, print the table's main lines."""
-    parser = Parser(
-        prog="preliminary.py",
-        description="the thesis' preliminary study, on a scene and on recordings",
-    )
-    parser.add_argument(
-        "--out", type=path_argument, default=Path("build/preliminary"), metavar="DIR"
-    )
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of this study alone."""
     parser.add_argument(
         "--scene",
         type=path_argument,
         metavar="DIR",
-        help="a simulated set (default: scene in --out)",
+        help="a simulated set that is there already (default: simulated into --out)",
     )
-    parser.add_argument("--seed", type=seed, default=0, metavar="S")
-    args: argparse.Namespace = parser.parse_args(argv)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Study both sets; write preliminary.json and the report; print the main lines."""
     require_writable(args.out)
+    if args.scene is None:
+        simulate_sets([SimulatedSet("scene", CARD)], args.out)
     with stages(STAGES) as say:
-        figures = run(args.scene or args.out / "scene", args.seed, say)
+        figures = study_sets(args.scene or args.out / "scene", args.seed, say)
         say("report")
-    text = json.dumps(figures.to_json(), indent=1, allow_nan=False)
-    write_whole(args.out / "preliminary.json", text + "\n")
+    path = write_figures(args.out / "preliminary.json", figures.to_json())
     page = write_preliminary_report(args.out / "report.html", figures)
-    where = f"{args.out / 'preliminary.json'}, {page} ({figures.seconds} s)"
+    where = f"{path}, {page} ({figures.seconds} s)"
     sys.stdout.write("\n".join([*summary(figures), where]) + "\n")
     return 0
-
-
-if __name__ == "__main__":
-    sys.exit(finish(main, sys.argv[1:]))

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import argparse
-import json
 import sys
-from dataclasses import asdict
 from pathlib import Path
 
-from holdfast.cli.command import path_argument, run_script
+from holdfast.cli.command import path_argument
 from holdfast.cli.options import (
     add_engine_options,
     add_job_options,
@@ -19,20 +17,20 @@ from holdfast.core.errors import UsageError
 from holdfast.core.reading import Json
 from holdfast.core.writing import require_writable, write_whole
 from holdfast.evaluation.loop_runs import LoopRuns
-from holdfast.evaluation.provenance import host
 from holdfast.evaluation.style import for_any_page
 from holdfast.simulation.closed_loop.recording import model_of
 from holdfast.training.progress import counted
 from studies.shared_control.page import PAGE, fill_page
 from studies.shared_control.picture import picture
 from studies.shared_control.plan import Row, rows
+from tools.harness import write_figures
 
 MODEL = Path("models/holdfast-150hz.onnx")
 FIGURE = Path("docs/shared-control.svg")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The options of this command."""
+    """The options of this study alone."""
     option = parser.add_argument
     option(
         "--model",
@@ -50,10 +48,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="trials of a set (default 55)",
     )
     add_job_options(parser, 2)
-    out = "folder of loop.json (default build/loop)"
-    option(
-        "--out", type=path_argument, default=Path("build/loop"), metavar="DIR", help=out
-    )
     option(
         "--parts",
         nargs="+",
@@ -83,10 +77,9 @@ def run(args: argparse.Namespace) -> int:
         "model": model_of(chosen_model(args)).card.model_id,
         "engine": args.engine,
         "trials": args.trials,
-        "host": asdict(host()),
         "rows": [_row(row, runs) for row in wanted],
     }
-    path = write_whole(args.out / "loop.json", json.dumps(figures, indent=1) + "\n")
+    path = write_figures(args.out / "loop.json", figures)
     if args.page:
         fill_page(figures)
     if args.page and any(row.part == "curve" for row in wanted):
@@ -124,7 +117,3 @@ def _row(row: Row, runs: LoopRuns) -> Json:
         "noise": row.one.noise,
         **runs.figures(row.one, request).to_json(),
     }
-
-
-if __name__ == "__main__":
-    sys.exit(run_script("make loop", str(__doc__), add_arguments, run))

@@ -1,0 +1,68 @@
+"""`python -m studies NAME`: one study by its name; without a name, what there is."""
+
+from __future__ import annotations
+
+import sys
+
+from tools.harness import Program, start
+
+PROGRAMS = {
+    "real": Program(
+        "studies.real.study",
+        "train, export and evaluate on the public recordings, people held out",
+        "build/real",
+    ),
+    "real-more": Program(
+        "studies.real.further_rows",
+        "the same with all 48 channels, and by a truer label",
+        "build/real",
+    ),
+    "learners": Program(
+        "studies.real.learners",
+        "forest, network and committee on the public recordings; over an hour",
+        "build/real",
+    ),
+    "evaluate": Program(
+        "studies.default_model",
+        "the default model on unseen simulated sets, with baselines",
+        "build/evaluate",
+    ),
+    "loop": Program(
+        "studies.shared_control.program",
+        "what holding on costs: grip controllers in a closed loop",
+        "build/loop",
+    ),
+    "scenes": Program(
+        "studies.scenes.program",
+        "thesis, apple, p1 and p2 at 50, 100 and 150 Hz",
+        "build/scenes",
+    ),
+    "fast-handover": Program(
+        "studies.fast_handover.program",
+        "what tells a fast hand-over from a pull, one change at a time",
+        "build/fast-handover",
+    ),
+    "learner-streams": Program(
+        "studies.learner_streams.program",
+        "learners on streams and on styles left out",
+        "build/learner-streams",
+    ),
+    "adapt": Program(
+        "studies.adapt.program",
+        "what adapting to a person brings, simulated and on people",
+        "build/adapt-study",
+    ),
+    "preliminary": Program(
+        "studies.thesis_preliminary.program",
+        "the thesis' preliminary study again",
+        "build/preliminary",
+    ),
+    "ablation": Program(
+        "studies.ablation",
+        "what each part of the method is worth",
+        "build/ablation",
+    ),
+}
+
+if __name__ == "__main__":
+    sys.exit(start("studies", PROGRAMS, sys.argv[1:]))

@@ -1,0 +1,69 @@
+"""`python -m studies evaluate`: the default model on simulated sets that it never saw.
+
+Every set has a seed of its own, none of them the seed 0 of training. One set chooses thresholds,
+one trains the thesis' forest, which is a baseline; neither is scored.
+"""
+
+from __future__ import annotations
+
+import argparse
+from importlib.resources import files
+from pathlib import Path
+
+from holdfast.cli.command import path_argument
+from holdfast.cli.main import main as holdfast
+from holdfast.core.writing import write_whole
+from tools.harness import SimulatedSet, simulate_sets
+
+MODEL = Path("models/holdfast-150hz.onnx")
+TEXTURE = "thesis-texture"
+"""The scene `thesis` on rough objects, which vibrate when they slip."""
+SCORED = [
+    SimulatedSet("thesis", "thesis", 900, 1000),
+    SimulatedSet(TEXTURE, TEXTURE, 300, 1001),
+    SimulatedSet("apple", "apple", 200, 1002),
+    SimulatedSet("p1", "p1", 900, 1003),
+    SimulatedSet("p2", "p2", 900, 1004),
+    SimulatedSet("perturbed-hold", "perturbed-hold", 300, 1005),
+    SimulatedSet("daily", "daily", 370, 1006),
+]
+CHOOSE = SimulatedSet("choose", "daily", 370, 1007)
+TRAIN = SimulatedSet("train", "thesis", 500, 1008)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of this study alone."""
+    parser.add_argument("--model", type=path_argument, default=MODEL, metavar="FILE")
+    parser.add_argument(
+        "--real",
+        type=path_argument,
+        default=Path("build/real"),
+        metavar="DIR",
+        help="results of `make real`, for the report (default build/real)",
+    )
+    parser.add_argument("--jobs", type=int, default=1, metavar="N")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Simulate the sets, score the model; figures.json and report.html."""
+    simulate_sets(_sets(args.out), args.out)
+    words = ["evaluate", str(args.model), "--data"]
+    words += [str(args.out / one.folder) for one in SCORED]
+    words += ["--choose", str(args.out / CHOOSE.folder)]
+    words += ["--train", str(args.out / TRAIN.folder)]
+    words += ["--real", str(args.real), "--jobs", str(args.jobs)]
+    words += ["--seed", str(args.seed)]
+    words += ["--json", str(args.out / "figures.json")]
+    words += ["--report", str(args.out / "report.html")]
+    return holdfast(words)
+
+
+def _sets(out: Path) -> list[SimulatedSet]:
+    """All sets; the scene of the rough objects is written first, for it is no shipped one."""
+    scene = out / f"{TEXTURE}.toml"
+    thesis = files("holdfast") / "simulation" / "cards" / "thesis.toml"
+    out.mkdir(parents=True, exist_ok=True)
+    write_whole(scene, thesis.read_text("utf-8") + "\n[effects.texture]\n")
+    rough = SimulatedSet(TEXTURE, str(scene), 300, 1001)
+    others = [one for one in SCORED if one.folder != TEXTURE]
+    return [*others, rough, CHOOSE, TRAIN]

@@ -1,0 +1,39 @@
+"""The sets of whole streams that two studies share, and the option that names others."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+
+from holdfast.cli.command import path_argument
+from tools.harness import SimulatedSet, simulate_sets
+
+STREAMS = [
+    SimulatedSet("thesis", "thesis", 500, 0),
+    SimulatedSet("broad", "broad", 500, 0),
+    SimulatedSet("choose", "daily", 370, 1007),
+    SimulatedSet("author", "thesis", 300, 1000),
+    SimulatedSet("p1", "p1", 450, 1003),
+    SimulatedSet("p2", "p2", 450, 1004),
+    SimulatedSet("asked-holds", "perturbed-hold", 300, 1005),
+]
+"""Models are trained on seed 0; no other set has a seed of these."""
+
+
+def add_sets_option(parser: argparse.ArgumentParser) -> None:
+    """--sets: a folder in which the sets are already."""
+    parser.add_argument(
+        "--sets",
+        type=path_argument,
+        metavar="DIR",
+        help="holds the simulated sets already (default: simulated into --out)",
+    )
+
+
+def sets_folder(args: argparse.Namespace, sets: Sequence[SimulatedSet]) -> Path:
+    """The folder of the sets, which are simulated into --out unless --sets names them."""
+    if args.sets is None:
+        simulate_sets(sets, args.out)
+    folder: Path = args.sets or args.out
+    return folder

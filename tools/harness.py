@@ -1,0 +1,131 @@
+"""What all studies and benchmarks share: how one is started by its name, the scenes that it
+simulates first, and how its figures are written.
+
+    python -m studies adapt --people
+    python -m benchmarks network
+
+A program is a module with `add_arguments(parser)`, for options of its own, and `run(args) -> int`.
+`--out` and `--seed` are options of every program.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import shutil
+import subprocess
+import sys
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import asdict, dataclass
+from importlib import import_module
+from pathlib import Path
+
+from holdfast.cli.command import Parser, finish, path_argument, seed
+from holdfast.core.errors import UsageError
+from holdfast.core.reading import Json
+from holdfast.core.writing import write_whole
+
+SIMULATED_AT_ONCE = 2
+
+
+@dataclass(frozen=True)
+class Program:
+    """A program by its module, what it does in one line, and where its results go by default."""
+
+    module: str
+    about: str
+    out: str
+
+
+@dataclass(frozen=True)
+class SimulatedSet:
+    """A set that `holdfast simulate` writes. folder: below the program's own; scene: a name or a
+    file. trials, rate_hz: None for those of the scene."""
+
+    folder: str
+    scene: str
+    trials: int | None = None
+    seed: int = 0
+    rate_hz: int | None = None
+
+    def command(self, out: Path) -> list[str]:
+        """The command that writes this set into the folder `out`."""
+        words = [sys.executable, "-m", "holdfast", "simulate", self.scene]
+        if self.trials is not None:
+            words += ["--trials", str(self.trials)]
+        if self.rate_hz is not None:
+            words += ["--rate", str(self.rate_hz)]
+        return [*words, "--seed", str(self.seed), "--out", str(out / self.folder)]
+
+
+def simulate_sets(sets: Sequence[SimulatedSet], out: Path) -> None:
+    """Simulate the sets into folders of `out`, two at a time. Earlier sets of that name go."""
+    for one in sets:
+        shutil.rmtree(out / one.folder, ignore_errors=True)
+    with ThreadPoolExecutor(SIMULATED_AT_ONCE) as pool:
+        commands = [one.command(out) for one in sets]
+        # list() waits for all of them and raises the first failure
+        list(pool.map(lambda words: subprocess.run(words, check=True), commands))
+
+
+def write_figures(path: Path, figures: Json) -> Path:
+    """Write figures as JSON together with the machine that they were measured on.
+
+    A figure that is not a number is an error, for such a file is read by nothing else.
+    """
+    from holdfast.evaluation.provenance import host
+
+    content = {"host": asdict(host()), **figures}
+    return write_whole(path, json.dumps(content, indent=1, allow_nan=False) + "\n")
+
+
+def start(folder: str, programs: Mapping[str, Program], argv: Sequence[str]) -> int:
+    """Run the program that the first word names, or list all of them."""
+    if not argv or argv[0] in ("-h", "--help", "list"):
+        width = max(map(len, programs)) + 2
+        for name, program in programs.items():
+            print(f"  {name:<{width}}{program.about}")
+        return 0
+    if argv[0] not in programs:
+        return finish(lambda words: _unknown(folder, programs, words[0]), argv)
+    return _start_program(folder, argv[0], programs[argv[0]], argv[1:])
+
+
+def _unknown(folder: str, programs: Mapping[str, Program], word: str) -> int:
+    raise UsageError(
+        f"unknown name {word!r}; choose from {', '.join(programs)}",
+        next_step=f"python -m {folder}",
+    )
+
+
+def _start_program(
+    folder: str, name: str, program: Program, words: Sequence[str]
+) -> int:
+    # loaded only now: the list and a wrong name need no library
+    module = import_module(program.module)
+
+    def add_arguments(parser: argparse.ArgumentParser) -> None:
+        parser.add_argument(
+            "--out",
+            type=path_argument,
+            default=Path(program.out),
+            metavar="DIR",
+            help=f"folder of the results (default {program.out})",
+        )
+        parser.add_argument(
+            "--seed",
+            type=seed,
+            default=0,
+            metavar="S",
+            help="seed of every random choice (default 0)",
+        )
+        module.add_arguments(parser)
+
+    def main(words: Sequence[str]) -> int:
+        parser = Parser(prog=f"python -m {folder} {name}", description=program.about)
+        add_arguments(parser)
+        code: int = module.run(parser.parse_args(words))
+        return code
+
+    return finish(main, words)
