@@ -42,7 +42,7 @@ from studies.real.leaky import leaky
 from studies.real.methods import METHODS, OURS, cross_validated
 from studies.real.parts import done
 from studies.real.proactive import ReplayPicture, study_proactive
-from studies.real.report import Evidence, write_report
+from studies.real.report import Evidence, write_real_report
 from studies.real.streamed_fold import stream_one_fold
 from studies.row_names import LEAKY, OURS_18
 from tools.harness import write_figures
@@ -85,7 +85,9 @@ def study_sets(out: Path, seed: int, say: Say, workers: Workers = ALONE) -> Real
         seconds=round(time.perf_counter() - started, 1),
     )
     say("report")
-    write_report(out / "report.html", Evidence(data, ours, figures, eflesh, replays))
+    write_real_report(
+        out / "report.html", Evidence(data, ours, figures, eflesh, replays)
+    )
     return figures
 
 

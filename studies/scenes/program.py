@@ -16,13 +16,14 @@ from pathlib import Path
 from holdfast.cli.command import path_argument
 from holdfast.core.errors import DataNotFound
 from holdfast.core.writing import require_writable
+from holdfast.evaluation.formats import number
 from holdfast.evaluation.scores import LeakCheck
 from holdfast.training.fitting import versions
 from holdfast.training.progress import Say, stages
+from studies.report import edges
 from studies.row_names import OURS
-from studies.scenes.evidence import SceneEvidence, between, number
 from studies.scenes.figures import MadeBy, ScenesFigures
-from studies.scenes.report import write_scene_report
+from studies.scenes.report import SceneEvidence, write_scene_report
 from studies.scenes.study import CAVEAT, STAGES, RateStudy, study_rate, ways
 from tools.harness import SimulatedSet, simulate_sets, write_figures
 
@@ -85,9 +86,9 @@ def leak_lines(figures: ScenesFigures) -> list[str]:
 def _leak_line(rate: str, one: LeakCheck) -> str:
     return (
         f"LEAK at {rate} Hz: the weight is known where no signal carries it: eight classes "
-        f"{number(one.eight_class_accuracy)} (99 %: {between(one.eight_class_accuracy_ci99)}, "
-        f"ceiling {one.ceiling}), weight within nothing {number(one.weight_within_nothing)} "
-        f"(99 %: {between(one.weight_within_nothing_ci99)}, chance 0.5)"
+        f"{number(one.eight_class_accuracy, 3)} (99 %: {edges(one.eight_class_accuracy_ci99)}, "
+        f"ceiling {one.ceiling}), weight within nothing {number(one.weight_within_nothing, 3)} "
+        f"(99 %: {edges(one.weight_within_nothing_ci99)}, chance 0.5)"
     )
 
 
@@ -118,7 +119,7 @@ def run(args: argparse.Namespace) -> int:
     best = figures.rates[figures.headline_hz].scores(OURS).four
     lines = [
         f"{figures.kind}, {figures.headline_hz} Hz, trials held out: macro F1 over four "
-        f"situations {number(best.macro_f1)} ({between(best.macro_f1_ci)})",
+        f"situations {number(best.macro_f1, 3)} ({edges(best.macro_f1_ci)})",
         *leak_lines(figures),
         f"{path}, {args.out / 'report.html'} ({made.seconds} s)",
     ]

@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
-from holdfast.evaluation.scores import LevelScores
-from holdfast.training.figures import HeadFigures, PredictionFigures
-from holdfast.training.metrics import situation_scores
 from studies.fast_handover.window_scores import macro_f1
-from studies.real.report import _row
-from studies.scenes.evidence import macro_f1 as scenes_cell
-from studies.scenes.evidence import number
+from studies.report import FUNCTIONS, TEMPLATES
 from studies.tables.scenes import _scores
 
 TRUTH, ANSWERED = np.array([0, 1, 1, 3]), np.array([0, 1, 2, 3])
@@ -31,21 +27,16 @@ def test_the_fast_handover_study_averages_the_situations_in_the_truth() -> None:
     assert macro_f1(streams, ANSWERED) == pytest.approx(F1)
 
 
-def test_a_row_of_real_recordings_has_a_dash_and_names_what_its_mean_is_over() -> None:
-    figures = situation_scores(TRUTH, ANSWERED, list("abab"), n_draws=10)
-    row = _row("ours", HeadFigures(4, 2, figures, PredictionFigures()))
-    cells = row.split("<td>")[2:]
-    assert (
-        cells[0]
-        == f"{F1:.3f}<br><span class=note>over nothing, grasp, risky slip alone</span>"
-    )
-    assert cells[2:6] == ["1.000", "0.667", "-", "1.000"]
+def level_cell(level: LevelScores) -> str:
+    return str(render("level.html", TEMPLATES, level=level, **FUNCTIONS))
 
 
 def test_a_cell_of_the_scenes_names_what_its_mean_is_over() -> None:
     level = LevelScores(0.75, None, 0.9, None, {"grasp": 0.9, "safe_slip": None}, {}, 1)
-    assert "over grasp alone" in scenes_cell(level)
-    assert number(None) == "-"
+    cell = level_cell(level)
+    assert "0.900 (no interval)" in cell
+    assert "over grasp alone" in cell
+    assert "- (no interval)" in level_cell(replace(level, macro_f1=None))
 
 
 def test_a_table_of_the_docs_names_what_its_mean_is_over() -> None:
