@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from holdfast.evaluation import page as labels
+from holdfast.evaluation.method_names import display_name
 
 OURS, RAW, LINE = "ours, clock-free", "raw-window forest", "one line of code"
 CLOCK = "WARNING: a clock, time since contact and summed force"
@@ -25,7 +25,7 @@ SHOWN = {
 
 def shown(row: str) -> str:
     """The name that tables and pictures show."""
-    return SHOWN.get(row) or labels.shown(row)
+    return SHOWN.get(row) or display_name(row)
 
 
 def row_class(row: str) -> str:

@@ -119,7 +119,7 @@ def _evaluated(
 def in_words(of: Evaluation) -> list[str]:
     """The figures as lines for people, with the caveats that belong to them."""
     from holdfast.evaluation.camera import onsets_in_words
-    from holdfast.evaluation.page import shown
+    from holdfast.evaluation.method_names import display_name
 
     lines = [
         line for one in of.sets.values() for line in _windows_in_words(one.windows)
@@ -130,7 +130,7 @@ def in_words(of: Evaluation) -> list[str]:
         rows["all sets"] = of.rows[headline]
     for name, row in rows.items():
         lines += [
-            _events_in_words(f"{name}, {shown(headline)}", row),
+            _events_in_words(f"{name}, {display_name(headline)}", row),
             *_camera_in_words(name, row.camera),
         ]
     lines += [

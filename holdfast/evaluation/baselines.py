@@ -33,8 +33,8 @@ from holdfast.evaluation.detector_baselines import (
     is_narrow,
 )
 from holdfast.evaluation.event_scores import CONFIDENCES, match_alarms
+from holdfast.evaluation.method_names import BAND, CONE, ORACLE, RAW, SHEAR_RATE
 from holdfast.evaluation.model_outputs import everywhere, risky_permille
-from holdfast.evaluation.page import BAND, CONE, ORACLE, RAW, SHEAR_RATE
 from holdfast.evaluation.simple_baselines import shear_change
 from holdfast.export.builder import GraphBuilder
 from holdfast.export.detectors import detector_names

@@ -12,8 +12,8 @@ import pandas as pd
 
 from holdfast.core.contract import CLASSES, SITUATIONS
 from holdfast.evaluation.figures import Evaluation
+from holdfast.evaluation.method_names import display_name
 from holdfast.evaluation.model_outputs import ModelOutputs
-from holdfast.evaluation.page import shown
 from holdfast.training.recording import Recording
 
 UNKNOWN, ALL_SETS = "unknown", "all sets"
@@ -70,7 +70,11 @@ def _figures(of: Evaluation) -> Iterator[dict[str, Any]]:
         rows | ({ALL_SETS: of.rows} if len(rows) > 1 else {})
     ).items():
         for method, figures in methods.items():
-            yield {"set": name, "method": shown(method), **_flat(asdict(figures))}
+            yield {
+                "set": name,
+                "method": display_name(method),
+                **_flat(asdict(figures)),
+            }
 
 
 def _flat(figures: dict[str, Any]) -> dict[str, Any]:

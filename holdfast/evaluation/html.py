@@ -19,7 +19,9 @@ from markupsafe import Markup
 from holdfast.core.contract import SITUATIONS
 from holdfast.core.writing import write_whole
 from holdfast.evaluation import formats
+from holdfast.evaluation.method_names import display_name, is_this_model
 from holdfast.evaluation.style import SITUATION_COLOURS, dark_rules
+from holdfast.training.figures import over
 
 TEMPLATES = Path(__file__).with_name("templates")
 FILTERS = {
@@ -30,6 +32,10 @@ FILTERS = {
     "percent_interval": formats.percent_interval,
     "p_value": formats.p_value,
     "spaced": formats.spaced,
+    "ms": formats.milliseconds,
+    "over": over,
+    "display_name": display_name,
+    "is_this_model": is_this_model,
 }
 
 

@@ -1,9 +1,4 @@
-"""One HTML page: its style, its key of colours, its tables; and tables as Markdown.
-
-Figures as the text of a table's cell: a value, and in small below it what it may be between.
-
-Names of the methods as reports show them; figures.json keeps its stored names.
-"""
+"""Pages whose sections are still written as strings; new pages are templates, see html.py."""
 
 from __future__ import annotations
 
@@ -15,11 +10,9 @@ from typing import NamedTuple
 
 from holdfast.core.contract import SITUATIONS
 from holdfast.core.writing import write_whole
-from holdfast.evaluation.closing_hand import KeptObjects
-from holdfast.evaluation.formats import interval, number, percent, percent_interval
-from holdfast.evaluation.statistics import McNemar, Spread
+from holdfast.evaluation.statistics import Spread
 from holdfast.evaluation.style import dark_rules
-from holdfast.training.figures import ABSENT, Interval, LevelF1, Share, over
+from holdfast.training.figures import ABSENT
 
 CSS = """
 body{font:16px/1.5 system-ui,sans-serif;color:#1f2933;max-width:62rem;margin:2rem auto;
@@ -86,91 +79,11 @@ def key(colours: Sequence[str]) -> str:
     )
 
 
-def with_interval(value: float | None, edges: Interval | None, places: int = 2) -> str:
-    """A number above its interval."""
-    return above(number(value, places), interval(edges, places))
-
-
-def macro_f1_cell(of: LevelF1) -> str:
-    """A macro F1 above its interval, and above what it is over where a class is absent."""
-    return above(with_interval(of.macro_f1, of.macro_f1_ci, 3), over(of.f1))
-
-
-def percent_with_interval(value: float | None, edges: Interval | None) -> str:
-    """A percentage above its interval."""
-    return above(percent(value), percent_interval(edges))
-
-
-def share_cell(of: Share) -> str:
-    """A share with its exact interval."""
-    return percent_with_interval(of.share, of.share_ci)
-
-
 def median(of: Spread | None) -> str:
     """The median alone, rounded; "-" where there is none."""
     return ABSENT if of is None else f"{of.p50:.0f}"
 
 
-def spread_cell(of: Spread | None) -> str:
-    """The median above the 5th to 95th percentile."""
-    if of is None:
-        return ""
-    return above(f"{round(of.p50)}", f"{round(of.p5)} to {round(of.p95)}")
-
-
-def percent_spread_cell(of: Spread | None) -> str:
-    """The same of shares."""
-    if of is None:
-        return ""
-    return above(f"{100 * of.p50:.0f} %", f"{100 * of.p5:.0f} to {100 * of.p95:.0f}")
-
-
-def kept_cell(closing: KeptObjects | None) -> str:
-    """Objects that the closing hand keeps, of those it can keep."""
-    return "" if closing is None else f"{closing.kept} of {closing.preventable}"
-
-
-def p_cell(against: McNemar | None) -> str:
-    """McNemar's p; nothing for the method itself."""
-    if against is None:
-        return ""
-    return "&lt; 0.001" if against.p < 0.001 else f"{against.p:.3f}"
-
-
 def above(value: str, below: str) -> str:
     """A value, and a note in small below it."""
     return f"{value}<br><span class=note>{below}</span>" if below else value
-
-
-DEPLOYED, CHOSEN = "ours, as deployed", "ours, confidence chosen"
-BAND, CONE, SHEAR_RATE = "band-pass bank", "friction cone", "one line of code"
-RAW, ORACLE = "raw-window forest", "perfect intent"
-"""The stored names: keys of figures.json."""
-_SHOWN = {
-    DEPLOYED: "this model, as deployed",
-    CHOSEN: "this model, chosen confidence",
-    SHEAR_RATE: "shear-rate threshold",
-    ORACLE: "oracle",
-}
-BASELINES = {
-    BAND: "a shear signal exceeds its own noise floor in one of ten bands (setting: ratio)",
-    CONE: "shear / normal force of a finger leaves the friction cone (setting: coefficient)",
-    SHEAR_RATE: "summed shear changes within two samples by more than a threshold (setting: N)",
-    RAW: "the thesis' forest: 100 untuned trees on the last 0.10 s (setting: confidence)",
-    ORACLE: "an upper bound: knows the person's intent, acts one sample after load onset",
-}
-"""How each baseline decides, and what its setting is."""
-
-
-def shown(name: str) -> str:
-    """A stored name as people read it.
-
-    >>> shown("one line of code"), shown("friction cone")
-    ('shear-rate threshold', 'friction cone')
-    """
-    return _SHOWN.get(name, name)
-
-
-def is_this_model(name: str) -> bool:
-    """Whether a stored name is the evaluated model and no baseline."""
-    return name in (DEPLOYED, CHOSEN)

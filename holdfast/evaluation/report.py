@@ -1,50 +1,23 @@
-"""The report of one evaluation: answer, trials over time, tables beside baselines, limits."""
+"""The report of one evaluation: its pictures, and what its template shows.
+
+The template is templates/evaluation.html; the order of its sections is the order of the report.
+"""
 
 from __future__ import annotations
 
-import html
 from pathlib import Path
+from typing import Any
 
 from holdfast.evaluation import pictures as draw
-from holdfast.evaluation.closing_hand import KeptObjects
+from holdfast.evaluation.camera import CameraFigures, onsets_in_words
+from holdfast.evaluation.closing_hand import ClosingHand
 from holdfast.evaluation.figures import Evaluation
-from holdfast.evaluation.formats import interval, number, percent, percent_interval
+from holdfast.evaluation.html import write_page
+from holdfast.evaluation.method_names import DEPLOYED, LAWS, ORACLE
 from holdfast.evaluation.methods import MethodFigures
-from holdfast.evaluation.page import (
-    DEPLOYED,
-    ORACLE,
-    key,
-    median,
-    p_cell,
-    shown,
-    write_page,
-)
+from holdfast.evaluation.outcomes import COLUMNS, STYLES, OutcomeRow
 from holdfast.evaluation.real_sets import RealFigures, RealSetsMissing
-from holdfast.evaluation.report_data import (
-    SIMULATED,
-    data_section,
-    how_made,
-    real_section,
-)
-from holdfast.evaluation.report_methods import (
-    actions_section,
-    camera_section,
-    methods_section,
-)
-from holdfast.evaluation.report_parts import heading, kind_of
-from holdfast.evaluation.report_states import (
-    closing_section,
-    outcomes_section,
-    states_section,
-)
-from holdfast.evaluation.style import SITUATION_COLOURS
 from holdfast.training.splits import PLURAL
-
-CLOSE = """<style>table.close th{white-space:normal} table.close .note{font-size:.7rem}
-table.close td{vertical-align:top}
-table.close th,table.close td{padding:.3rem} table.close td:first-child{min-width:7rem}
-.answer{gap:2rem}</style>"""
-"""Wide tables: heads may break, intervals stand in small below their values."""
 
 
 def write_event_report(
@@ -53,36 +26,51 @@ def write_event_report(
     real: RealFigures | RealSetsMissing | None = None,
 ) -> Path:
     """Write the report; OutputError where that cannot be done. real: of real recordings, if any."""
-    sections = [
-        _answer(evaluation),
-        _timelines(evaluation),
-        methods_section(evaluation),
-        _distributions(evaluation),
-        camera_section(evaluation),
-        actions_section(evaluation),
-        closing_section(evaluation),
-        states_section(evaluation),
-        outcomes_section(evaluation),
-        real_section(real),
-        data_section(evaluation),
-        how_made(evaluation),
-    ]
-    return write_page(path, "Holdfast, evaluation", [CLOSE, *filter(None, sections)])
+    of, headline = evaluation, evaluation.thresholds.headline
+    cards = {name: one.card for name, one in of.sets.items()}
+    kind = kind_of(of)
+    return write_page(
+        path,
+        "evaluation.html",
+        of=of,
+        kind=kind,
+        headline=headline,
+        deployed=DEPLOYED,
+        oracle=ORACLE,
+        laws=LAWS,
+        ours=of.rows[headline],
+        parts=_parts(of),
+        cards=cards,
+        better_baselines=_better_baselines(of),
+        resampled=_resampled(of),
+        timelines={
+            title: draw.timelines(rows, kind) for title, rows in of.shown.items()
+        },
+        distributions=draw.distributions(of.times, kind),
+        camera_rows=_camera_rows(of),
+        closing={name: one.closing for name, one in of.sets.items() if one.closing},
+        hand=ClosingHand(),
+        state_pictures=_state_pictures(of, kind),
+        style_names=STYLES,
+        outcome_columns=list(COLUMNS),
+        outcome_tables=_outcome_tables(of),
+        real=real if isinstance(real, RealFigures) else None,
+        real_missing=real if isinstance(real, RealSetsMissing) else None,
+        onsets=_onsets(of),
+        caveats=" ".join(dict.fromkeys(card.caveat for card in cards.values())),
+    )
 
 
-def _answer(of: Evaluation) -> str:
-    row, kind = of.rows[of.thresholds.headline], html.escape(kind_of(of))
-    trained_on = html.escape(of.model.trained_on or "data that its card does not name")
-    return f"""<h1>Does the model tell a failing grip from a voluntary action? Whole streams, {kind}
-</h1>
-<p><strong>{_events_sentence(row)} {_closing_sentence(row.closing)}</strong></p>
-<div class=answer>{_boxes(row, kind)}</div>
-<p>Threshold: {html.escape(of.thresholds.how())}.{_as_deployed(of)}{_better_baselines(of)}</p>
-<p class=note>Model {of.model.model_id} at {of.model.rate_hz:g} Hz, trained on {trained_on};
-{len(of.sets)} sets, {row.minutes:.0f} minutes, every sample answered by the file itself from a
-fresh state. {html.escape(SIMULATED) if "simulated" in kind else ""} Intervals are 95 %, over
-{_resampled(of)} (bootstrap) or exact (shares of actions).</p>
-{_warnings(of)}"""
+def kind_of(of: Evaluation) -> str:
+    """The kind of the data (simulated, recorded), which stands beside every number."""
+    return ", ".join(dict.fromkeys(one.card.kind for one in of.sets.values()))
+
+
+def _parts(of: Evaluation) -> dict[str, Any]:
+    """Title -> what has rows and comparisons: all sets together, then each set."""
+    if len(of.sets) == 1:
+        return dict(of.sets)
+    return {"all sets": of, **of.sets}
 
 
 def _resampled(of: Evaluation) -> str:
@@ -91,115 +79,54 @@ def _resampled(of: Evaluation) -> str:
     return " and ".join(PLURAL[kind] for kind in kinds)
 
 
-def _boxes(row: MethodFigures, kind: str) -> str:
-    called = row.safe_acts_called
-    boxes = (
-        (
-            percent(row.recall),
-            f"recall of {row.events} risky events",
-            percent_interval(row.recall_ci),
-        ),
-        (
-            number(row.false_per_min),
-            "false alarms a minute",
-            interval(row.false_per_min_ci),
-        ),
-        (
-            percent(called.share),
-            f"of {called.n} voluntary actions called risky",
-            percent_interval(called.share_ci),
-        ),
-        (median(row.delay_ms), "ms from load onset to act", "median"),
-    )
-    return "".join(
-        f"<div><b>{value}</b>{label}<br><span class=note>"
-        f"{' &middot; '.join(filter(None, (below, kind)))}</span></div>"
-        for value, label, below in boxes
-    )
-
-
-def _as_deployed(of: Evaluation) -> str:
-    if of.thresholds.headline == DEPLOYED:
-        return ""
-    row = of.rows[DEPLOYED]
-    return (
-        f" As deployed (no threshold of its own) its recall is {percent(row.recall)} at "
-        f"{number(row.false_per_min)} false alarms a minute."
-    )
-
-
-def _better_baselines(of: Evaluation) -> str:
+def _better_baselines(of: Evaluation) -> dict[str, MethodFigures]:
     """Every baseline with a higher recall, the oracle apart."""
     ours = of.rows[of.thresholds.headline].recall or 0.0
-    return "".join(
-        f" <strong>The {html.escape(shown(name))} has a higher recall:</strong> "
-        f"{percent(row.recall)} at {number(row.false_per_min)} false alarms a minute and "
-        f"{percent(row.safe_acts_called.share)} of the voluntary actions called risky "
-        f"(McNemar p {p_cell(of.mcnemar[name])})."
-        for name, row in of.rows.items()
-        if name in of.mcnemar and name != ORACLE and (row.recall or 0.0) > ours
-    )
+    better = {}
+    for name in of.mcnemar:
+        row = of.rows[name]
+        if name != ORACLE and (row.recall or 0.0) > ours:
+            better[name] = row
+    return better
 
 
-def _warnings(of: Evaluation) -> str:
-    seen = [
-        (name, one.card)
-        for name, one in of.sets.items()
-        if one.card.trained_on_recordings
-    ]
-    return "".join(
-        f"<p class=note><strong>Warning:</strong> the model was trained on "
-        f"{card.trained_on_recordings} of the {card.recordings} recordings of "
-        f"{html.escape(name)}; its figures flatter.</p>"
-        for name, card in seen
-    )
+def _camera_rows(of: Evaluation) -> list[tuple[str, str, CameraFigures]]:
+    """Set, method and its figures, of every set that a camera saw."""
+    rows = []
+    for name, one in of.sets.items():
+        for method, figures in one.rows.items():
+            if figures.camera is not None:
+                rows.append((name, method, figures.camera))
+    return rows
 
 
-def _events_sentence(row: MethodFigures) -> str:
-    if not row.events:
-        return (
-            "No grip fails in these streams; an act was requested "
-            f"{row.false_alarms} times without a cause."
-        )
-    delay = row.delay_ms
-    when = f", a median of {delay.p50:.0f} ms after load onset" if delay else ""
-    return (
-        f"Of {row.events} grips that fail, an act is requested in {row.found} "
-        f"({percent(row.recall)}){when}, at {number(row.false_per_min)} false alarms a minute; "
-        f"{percent(row.safe_acts_called.share)} of the hand-overs and put-downs are called risky."
-    )
+def _state_pictures(of: Evaluation, kind: str) -> dict[str, str]:
+    """Caption -> picture: confusions of the first set by their size, calibration of every set."""
+    first, figures = next(iter(of.sets.items()))
+    levels = figures.states.confusion
+    by_size = sorted(levels, key=lambda level: len(levels[level].classes))
+    calibrated = {}
+    for name, one in of.sets.items():
+        if one.states.calibration:
+            calibrated[name] = one.states.calibration.reliability_risky
+    pictures = {}
+    for level in by_size:
+        pictures[f"{level} classes, {first}"] = draw.confusion(levels[level], kind)
+        # The calibration is of the four situations, so it stands after their confusion.
+        if level == by_size[0] and calibrated:
+            pictures["calibration"] = draw.reliability(calibrated, kind)
+    return pictures
 
 
-def _closing_sentence(closing: KeptObjects | None) -> str:
-    if closing is None or not closing.modelled:
-        return "These recordings do not show whether a closing hand would have held the objects."
-    return (
-        "A hand that closes like a Michelangelo hand would still hold "
-        f"{closing.kept} of the {closing.preventable} objects that it can hold at all; "
-        f"{closing.not_preventable} of {closing.modelled} it would lose even if it acted at load "
-        "onset."
-    )
+def _outcome_tables(of: Evaluation) -> dict[str, dict[str, dict[str, OutcomeRow]]]:
+    """Style -> object -> column -> cell, in the order of the thesis."""
+    tables: dict[str, dict[str, dict[str, OutcomeRow]]] = {name: {} for name in STYLES}
+    for row in of.outcomes:
+        tables[row.style].setdefault(row.object, {})[row.action] = row
+    return {style: table for style, table in tables.items() if table}
 
 
-def _timelines(of: Evaluation) -> str:
-    if not of.shown:
-        return ""
-    first, kind = next(iter(of.sets)), kind_of(of)
-    parts = "".join(
-        f"<h3>{html.escape(title)}</h3>{draw.timelines(rows, kind)}"
-        for title, rows in of.shown.items()
-    )
-    return f"""{heading(of, "Trials over time")}
-<p class=key>The first trials of {html.escape(first)}, objects interleaved, one row a trial.
-Behind, in pale colour: the truth. In front: the state at every sample (hatched: unknown, while the
-filters settle). A triangle: an act is requested. {key(SITUATION_COLOURS)}</p>{parts}"""
-
-
-def _distributions(of: Evaluation) -> str:
-    if not of.times:
-        return ""
-    return f"""{heading(of, "Delay, and the lead that was left")}
-<p>Of the events that were detected: from load onset to the first sample called risky_slip, and to
-the request to act. The lead from load onset to gross slip, and what was left of it at the request
-(below 0: the object slid already).</p>
-{draw.distributions(of.times, kind_of(of))}"""
+def _onsets(of: Evaluation) -> dict[str, str]:
+    """Set -> what gave its load onsets, where a camera or a person did."""
+    words = {name: onsets_in_words(one.card.onsets_by) for name, one in of.sets.items()}
+    return {name: said for name, said in words.items() if said}

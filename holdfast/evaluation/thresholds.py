@@ -16,8 +16,8 @@ from holdfast.evaluation.baselines import (
     false_per_min,
     matched,
 )
+from holdfast.evaluation.method_names import CHOSEN, DEPLOYED, LAWS
 from holdfast.evaluation.model_outputs import ModelOutputs
-from holdfast.evaluation.page import BASELINES, CHOSEN, DEPLOYED
 from holdfast.training.progress import Part, ignored
 from holdfast.training.recording import Recording
 
@@ -85,7 +85,7 @@ class Thresholds:
 
 def _baseline_json(one: MatchedBaseline) -> Json:
     return {
-        "law": BASELINES[one.name],
+        "law": LAWS[one.name],
         "setting": one.setting,
         "false_per_min_there": one.false_per_min,
         "fits": one.fits,

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from holdfast.core.reading import Json
 from holdfast.evaluation.formats import markdown
-from holdfast.evaluation.page import DEPLOYED
+from holdfast.evaluation.method_names import DEPLOYED
 from studies.row_names import OURS, RAW, shown
 from studies.tables.targets import target_rows
 from studies.thesis_preliminary.published import ACCURACY_PERCENT, LEARNERS

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from holdfast.cli.command import show
 from holdfast.core.reading import Json
 from holdfast.core.writing import write_whole
-from holdfast.evaluation.page import DEPLOYED
+from holdfast.evaluation.method_names import DEPLOYED
 from holdfast.evaluation.style import INK, OURS, STYLE, WARNING, for_any_page, svg
 
 LARGE: dict[Any, Any] = {**STYLE, "font.size": 12}

@@ -12,10 +12,9 @@ import numpy as np
 from command_line import Run
 
 from holdfast.evaluation.formats import number, percent
-from holdfast.evaluation.page import macro_f1_cell
 from holdfast.evaluation.pictures import confusion
 from holdfast.evaluation.states import ConfusionFigures
-from holdfast.training.figures import SituationFigures
+from holdfast.training.figures import over
 from studies.score_pictures import confusion_spread
 
 if TYPE_CHECKING:
@@ -55,11 +54,9 @@ def test_evaluate_prints_a_dash_for_a_situation_that_the_set_does_not_have(
     assert "over nothing, grasp light, grasp heavy, " in page, "of seven classes"
 
 
-def test_a_cell_of_a_table_names_the_classes_only_where_one_is_absent() -> None:
-    every = SituationFigures(0.5, None, {"grasp": 0.25, "safe_slip": 0.75}, {})
-    assert macro_f1_cell(every) == "0.500"
-    one = SituationFigures(0.25, None, {"grasp": 0.25, "safe_slip": None}, {})
-    assert macro_f1_cell(one) == "0.250<br><span class=note>over grasp alone</span>"
+def test_a_macro_f1_names_its_classes_only_where_one_is_absent() -> None:
+    assert over({"grasp": 0.25, "safe_slip": 0.75}) == ""
+    assert over({"grasp": 0.25, "safe_slip": None}) == "over grasp alone"
     assert (number(None), percent(None)) == ("-", "-")
 
 

@@ -44,6 +44,7 @@ from holdfast.evaluation.detector_baselines import (
 )
 from holdfast.evaluation.evaluate import EvaluationRequest, evaluate_events
 from holdfast.evaluation.event_scores import event_scores, match_alarms
+from holdfast.evaluation.method_names import CONE, ORACLE, SHEAR_RATE
 from holdfast.evaluation.methods import (
     DisturbedHold,
     LabelledTrial,
@@ -61,7 +62,6 @@ from holdfast.evaluation.model_outputs import (
     steps_with,
 )
 from holdfast.evaluation.outcomes import JudgedTrial, outcome_table, recognised
-from holdfast.evaluation.page import CONE, ORACLE, SHEAR_RATE
 from holdfast.evaluation.real_sets import RealSetsMissing, real_figures
 from holdfast.evaluation.states import (
     calibration,

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from page_tables import require_tables_fit, tables_of
 
-from holdfast.evaluation.page import CHOSEN, DEPLOYED
+from holdfast.evaluation.method_names import CHOSEN, DEPLOYED
 from studies.row_names import CLOCK, OURS, RAW
 from studies.tables.evaluation import MADE_FROM
 from studies.tables.targets import TARGETS, target_rows

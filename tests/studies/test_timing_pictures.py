@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from holdfast.evaluation.page import DEPLOYED
+from holdfast.evaluation.method_names import DEPLOYED
 from studies.tables.timing import PARTS, PICTURES, main
 
 
