@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from holdfast.evaluation.html import render
+from holdfast.evaluation.scores import LevelScores
 from studies.fast_handover.window_scores import macro_f1
 from studies.report import FUNCTIONS, TEMPLATES
 from studies.tables.scenes import _scores
