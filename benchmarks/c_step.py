@@ -13,8 +13,7 @@ from holdfast.core.contract import BoolArray, FloatArray
 from holdfast.core.errors import CompilerFailed
 from holdfast.edge_runtime.c_engine import LIBRARY, CompiledModel
 from holdfast.edge_runtime.graph import run_recording
-from holdfast.edge_runtime.model import Model
-from holdfast.edge_runtime.onnx_rules import ANSWERS
+from holdfast.edge_runtime.model import ANSWERS, Model
 from holdfast.export.c.exporting import export_c
 
 

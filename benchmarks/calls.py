@@ -10,9 +10,9 @@ import numpy.typing as npt
 import onnxruntime as ort
 
 from holdfast.core.contract import BoolArray, FloatArray, Sample
-from holdfast.edge_runtime.golden import golden_input
 from holdfast.edge_runtime.graph import StepGraph
 from holdfast.edge_runtime.grip_control import GripControl
+from holdfast.edge_runtime.model import golden_input
 from holdfast.edge_runtime.monitor import GripMonitor, Model
 
 STEP, C_STEP, GRIP, OWN, BARE, SKLEARN, THESIS, FLOOR, C_FLOOR, WALK, TREELITE = (

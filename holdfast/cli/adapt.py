@@ -173,6 +173,6 @@ def _write(path: Path, data: bytes) -> None:
     from holdfast.edge_runtime.model_file import CARD_SUFFIX
     from holdfast.export.exporting import readable_card
 
-    card, _ = read_model(data, path)
+    card, _, _ = read_model(data, path)
     write_whole(path, data)
     write_whole(path.with_suffix(CARD_SUFFIX), readable_card(card.raw, path.name, data))

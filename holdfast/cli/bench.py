@@ -19,8 +19,7 @@ from holdfast.cli.command import (
     write_found,
 )
 from holdfast.cli.options import CORES, add_job_options, chosen_workers
-from holdfast.core.reading import Json
-from holdfast.core.shipped import model_path
+from holdfast.core.reading import Json, model_path
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance

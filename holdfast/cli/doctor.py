@@ -146,7 +146,7 @@ def _data_sets() -> list[Finding]:
 def _models() -> list[Finding]:
     """The shipped models, and the one that `holdfast export` without options wrote here."""
     from holdfast.core.errors import HoldfastError
-    from holdfast.core.shipped import shipped
+    from holdfast.core.reading import shipped
     from holdfast.edge_runtime.monitor import Model
 
     built = Path("build/default/holdfast.onnx")

@@ -21,8 +21,7 @@ from typing import Any
 
 from holdfast.cli.command import Parser, path_argument
 from holdfast.core.errors import CardError, DataNotFound
-from holdfast.core.reading import CardReader, read_toml
-from holdfast.core.shipped import shipped
+from holdfast.core.reading import CardReader, read_toml, shipped
 
 DEFAULT = Path("holdfast.toml")
 HAND = ("source", "calibration", "bias", "model", "intent")

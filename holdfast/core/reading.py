@@ -1,6 +1,7 @@
-"""Checks before an input is read to its end: its kind, its length, and the depth of its JSON.
+"""Files before they are read: where a shipped model is, and whether a file can be read whole.
 
-Cards in TOML, read and checked: an error names file, key, value and what is allowed.
+A file may be of the wrong kind, too long, or JSON that nests too deep. A TOML file's content is
+checked by a CardReader: its errors name file, key, value and what is allowed.
 """
 
 from __future__ import annotations
@@ -16,8 +17,31 @@ from holdfast.core.errors import CardError, DataNotFound, TooLarge
 
 Json = dict[str, Any]
 """A JSON object as it stands in a file, looked up by its keys."""
+_PACKAGE = Path(__file__).resolve().parent.parent
+_IN_WHEEL, _IN_CHECKOUT = _PACKAGE / "models", _PACKAGE.parent / "models"
+MODELS = _IN_CHECKOUT if _IN_CHECKOUT.is_dir() else _IN_WHEEL
+"""The models that are installed with Holdfast."""
 MOST_LEVELS = 32
 """Our files nest less deeply; a thousand brackets in a row exhaust Python's stack."""
+
+
+def shipped() -> list[str]:
+    """Names of the shipped models, sorted: "holdfast-150hz" is the default."""
+    return sorted(path.stem for path in MODELS.glob("*.onnx"))
+
+
+def model_path(word: str | Path) -> Path:
+    """The file that a word names: a path, or the name of a shipped model.
+
+    >>> model_path("mine/holdfast.onnx").as_posix()
+    'mine/holdfast.onnx'
+    >>> model_path("holdfast-150hz").name
+    'holdfast-150hz.onnx'
+    """
+    path = Path(word)
+    inside = MODELS / f"{path.name}.onnx"
+    is_bare_name = path == Path(path.name) and not path.exists()
+    return inside if is_bare_name and inside.is_file() else path
 
 
 def require_file(path: Path) -> None:

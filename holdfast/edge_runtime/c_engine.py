@@ -17,9 +17,8 @@ import numpy.typing as npt
 
 from holdfast.core.contract import BoolArray, FloatArray
 from holdfast.core.errors import GoldenMismatch, LibraryRefused
-from holdfast.edge_runtime.golden import check_golden, golden_input
 from holdfast.edge_runtime.graph import Outputs
-from holdfast.edge_runtime.model import read_model
+from holdfast.edge_runtime.model import check_golden, golden_input, read_model
 from holdfast.edge_runtime.model_file import SEAL_KEY, read_sealed
 from holdfast.edge_runtime.onnx_bytes import (
     BOOL,
@@ -28,7 +27,6 @@ from holdfast.edge_runtime.onnx_bytes import (
     INT32,
     INT64,
     OnnxModel,
-    read_onnx,
 )
 
 LIBRARY = "libholdfast.so"
@@ -55,8 +53,7 @@ class CompiledModel:
 
     def __init__(self, path: str | Path, library: str | Path | None = None) -> None:
         data = read_sealed(path)
-        self.card, golden = read_model(data, path)
-        onnx = read_onnx(data)
+        self.card, golden, onnx = read_model(data, path)
         where = Path(library) if library else default_folder(path) / LIBRARY
         self._library = _loaded(where)
         self._out_type = _out_type(onnx)

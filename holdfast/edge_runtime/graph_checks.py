@@ -1,24 +1,26 @@
-"""Self-checks of the step graph: batches, corrupted samples, silence, reset, votes, offsets."""
+"""Self-checks of the step graph: batches, corrupted samples, silence, reset, answers, offsets.
+
+Each check takes an opened model and yields results with a figure. The input is the golden input of
+model.py, which is made by formula and never from a recording.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from holdfast.core.contract import BoolArray, FloatArray
-from holdfast.edge_runtime.check_result import CheckResult, clean_input
+from holdfast.core.contract import SITUATIONS, BoolArray, FloatArray
 from holdfast.edge_runtime.graph import (
     Outputs,
     StepGraph,
     run_recording,
     run_recordings,
 )
-from holdfast.edge_runtime.monitor import Model
-from holdfast.edge_runtime.onnx_rules import votes_in_all
+from holdfast.edge_runtime.model import Model, golden_input
+from holdfast.edge_runtime.model_file import votes_in_all
 
 SILENT_STEPS = 10_000
 WARM_STEPS = 500
@@ -28,6 +30,26 @@ STATM = Path("/proc/self/statm")
 PAGE_KB = 4
 BATCH = (1.0, 0.5, 2.0, -1.0)
 """Factors: each recording of the batch is the golden input times one of these."""
+EVIL = (np.nan, np.inf, -np.inf, 1e30, -1e30)
+ROUNDING = 1e-5
+"""A probability is a float32, and so is a sum of eight of them."""
+
+
+@dataclass(frozen=True)
+class CheckResult:
+    """One self-check: what it checks, whether it held, and its figure."""
+
+    what: str
+    ok: bool
+    figure: str
+
+
+def clean_input(model: Model) -> tuple[FloatArray, BoolArray]:
+    """The golden input [T, C] and [T, S] without its corrupted and lost samples."""
+    card = model.card
+    values, valid = golden_input(card.n_channels, card.unit, card.settle_samples)
+    good = np.isfinite(values) & (np.abs(values) < 1e6)
+    return np.where(good, values, 0.0), np.ones_like(valid)
 
 
 def check_one_against_many(model: Model) -> Iterator[CheckResult]:
@@ -37,103 +59,102 @@ def check_one_against_many(model: Model) -> Iterator[CheckResult]:
     scaled = [values * factor for factor in BATCH]
     rows = [np.arange(len(values))] * len(BATCH)
     together = run_recordings(model.session, scaled, [valid] * len(BATCH), names, rows)
-    alone = [run_recording(model.session, one, valid, names) for one in scaled]
-    pairs = list(zip(alone, together, strict=True))
-    other = [
-        name
-        for name in names
-        if any(_bits(one[name]) != _bits(many[name]) for one, many in pairs)
-    ]
-    verdict = (
-        f"{', '.join(other)} differ"
-        if other
-        else f"{len(names)} outputs, the same bits"
-    )
-    figure = f"{len(values)} rows, {len(BATCH)} together: {verdict}"
-    yield CheckResult("one sample against a batch", not other, figure)
+    different = set()
+    for recording, of_batch in zip(scaled, together, strict=True):
+        alone = run_recording(model.session, recording, valid, names)
+        different.update(_different(alone, of_batch))
+    figure = f"{len(values)} rows, {len(BATCH)} together: "
+    figure += _verdict(different, f"{len(names)} outputs, the same bits")
+    yield CheckResult("one sample against a batch", not different, figure)
 
 
 def check_corrupted_samples(model: Model) -> Iterator[CheckResult]:
     """NaN, inf and 1e30 must act like a lost sensor, bit for bit, in outputs and state."""
     values, valid = clean_input(model)
-    settle, bad_values, lost = model.card.settle_samples, values.copy(), valid.copy()
-    places = [
-        (settle + 3 * k, k % model.card.n_channels, evil)
-        for k, evil in enumerate(EVIL * 2)
-    ]
-    for row, channel, evil in places:
-        bad_values[row, channel] = evil
+    corrupted, lost = values.copy(), valid.copy()
+    count = 2 * len(EVIL)
+    for k in range(count):
+        row = model.card.settle_samples + 3 * k
+        channel = k % model.card.n_channels
+        corrupted[row, channel] = EVIL[k % len(EVIL)]
         lost[row, channel // 3] = False
-    got, finite = _followed(model, bad_values, valid)
-    wanted, _ = _followed(model, values, lost)
-    same = all(_bits(got[name]) == _bits(wanted[name]) for name in got)
-    verdict = f"{len(places)} of nan, inf, 1e30: " + (
-        "as if lost, to the last bit" if same else "not as if lost"
-    )
-    yield CheckResult(
-        "corrupted samples",
-        same and finite,
-        verdict + ("" if finite else "; not finite"),
-    )
-
-
-EVIL = (np.nan, np.inf, -np.inf, 1e30, -1e30)
+    answers = _outputs_and_states(StepGraph(model.session), corrupted, valid)
+    wanted = _outputs_and_states(StepGraph(model.session), values, lost)
+    same = not _different(answers, wanted)
+    finite = all(np.isfinite(rows).all() for rows in answers.values())
+    figure = f"{count} of nan, inf, 1e30: "
+    figure += "as if lost, to the last bit" if same else "not as if lost"
+    if not finite:
+        figure += "; not finite"
+    yield CheckResult("corrupted samples", same and finite, figure)
 
 
 def check_silence_and_memory(model: Model) -> Iterator[CheckResult]:
     """A press and a shake, then one reading 10,000 times: no subnormal numbers, no memory leak."""
     graph, (values, _) = StepGraph(model.session), clean_input(model)
-    tiny, smallest, subnormal = float(np.finfo(np.float64).tiny), np.inf, 0
+    tiny = float(np.finfo(np.float64).tiny)
     for row in values[: model.card.settle_samples + 5]:
         np.copyto(graph.sample[0], row)
         graph.step()
     for _ in range(WARM_STEPS):
         graph.step()
     before_kb = _resident_kb()
+    subnormal, smallest = 0, float("inf")
     for k in range(SILENT_STEPS):
         graph.step()
         if k % 10 == 0:
-            size = np.abs(graph.state[graph.state != 0.0])
-            subnormal += int((size < tiny).sum())
-            smallest = min(smallest, float(size.min(initial=np.inf)))
+            sizes = np.abs(graph.state[graph.state != 0.0])
+            subnormal += int((sizes < tiny).sum())
+            smallest = min(smallest, float(sizes.min(initial=np.inf)))
     grown_kb = _resident_kb() - before_kb
-    yield CheckResult(
-        "silence",
-        subnormal == 0,
-        f"{subnormal} subnormal numbers, the smallest state {smallest:.1e}",
-    )
-    yield CheckResult(
-        "memory", grown_kb <= MOST_GROWTH_KB, f"{SILENT_STEPS} steps, {grown_kb:+d} kB"
-    )
+    figure = f"{subnormal} subnormal numbers, the smallest state {smallest:.1e}"
+    yield CheckResult("silence", subnormal == 0, figure)
+    figure = f"{SILENT_STEPS} steps, {grown_kb:+d} kB"
+    yield CheckResult("memory", grown_kb <= MOST_GROWTH_KB, figure)
 
 
 def check_reset(model: Model) -> Iterator[CheckResult]:
     """After a reset the graph must answer as a fresh one does, bit for bit."""
     values, valid = clean_input(model)
     graph = StepGraph(model.session)
-    first = _walked(graph, values, valid)
-    _walked(graph, -3.0 * values, ~valid)
+    first = _outputs_and_states(graph, values, valid)
+    _outputs_and_states(graph, -3.0 * values, ~valid)
     graph.reset()
-    again = _walked(graph, values, valid)
-    other = [name for name in first if _bits(first[name]) != _bits(again[name])]
-    verdict = f"{', '.join(other)} differ" if other else "the same bits"
-    yield CheckResult(
-        "reset forgets", not other, f"{len(values)} rows again: {verdict}"
-    )
+    different = _different(first, _outputs_and_states(graph, values, valid))
+    figure = f"{len(values)} rows again: {_verdict(different, 'the same bits')}"
+    yield CheckResult("reset forgets", not different, figure)
 
 
-def check_votes(model: Model) -> Iterator[CheckResult]:
-    """Every sample must get whole votes, and as many as its card says."""
-    values, valid = clean_input(model)
-    votes = run_recording(model.session, values, valid, ["votes"])["votes"].astype(
-        np.float64
-    )
-    head = model.card.raw["heads"]["situation"]
-    wanted = votes_in_all(head)
-    sums = np.unique(votes.sum(axis=1))
-    whole = bool((votes == np.round(votes)).all()) and sums.tolist() == [wanted]
-    verdict = f"{wanted} a sample, found {sums[:3].tolist()}"
-    yield CheckResult("votes", whole, verdict)
+def check_answers(model: Model) -> Iterator[CheckResult]:
+    """Votes must be whole, and as many as the card says; probabilities must be possible."""
+    card = model.card
+    values, valid = golden_input(card.n_channels, card.unit, card.settle_samples)
+    names = [one.name for one in model.session.get_outputs() if one.name != "state_out"]
+    answers = run_recording(model.session, values, valid, names)
+    wrong = set()
+    if not np.isin(answers["situation"], np.arange(len(SITUATIONS))).all():
+        wrong.add("situation")
+    sensors = answers["usable_sensors"]
+    if (sensors < 0).any() or (sensors > card.n_channels // 3).any():
+        wrong.add("usable_sensors")
+    for head in ("situation", *card.heads):
+        name = "votes" if head == "situation" else f"votes_{head}"
+        votes, wanted = answers[name], votes_in_all(card.raw["heads"][head])
+        whole = (votes >= 0) & (votes == np.floor(votes))
+        if not whole.all() or (votes.sum(axis=1, dtype=np.float64) != wanted).any():
+            wrong.add(name)
+    shares = ["p_situation", "p_class"] if card.has_weight else ["p_situation"]
+    for name in (*shares, *card.heads):
+        p = answers[name]
+        # a comparison with NaN is false, so this says what must hold
+        possible = bool(((p >= 0.0) & (p <= 1.0 + ROUNDING)).all())
+        if name in shares:
+            possible &= bool((np.abs(p.sum(axis=1) - 1.0) <= ROUNDING).all())
+        if not possible:
+            wrong.add(name)
+    figure = f"{len(values)} rows: "
+    figure += f"{', '.join(sorted(wrong))} out of range" if wrong else "all in range"
+    yield CheckResult("votes and probabilities", not wrong, figure)
 
 
 def check_large_offset(model: Model) -> Iterator[CheckResult]:
@@ -142,59 +163,43 @@ def check_large_offset(model: Model) -> Iterator[CheckResult]:
     The offset is a power of two, which the input's numbers take without rounding.
     """
     values, valid = clean_input(model)
-    offset = 2.0 ** np.floor(np.log2(0.5 * model.card.raw["range_limit"]))
-    columns = [
-        k for k, name in enumerate(model.card.detectors) if name.startswith("band_pass")
-    ]
-    plain, moved = (
-        run_recording(model.session, one, valid, ["detectors"])["detectors"][:, columns]
-        for one in (values, values + offset)
-    )
-    differ = int((plain != moved).sum())
-    found = int(plain.sum())
-    verdict = (
-        f"{offset:g} {model.card.unit} on every channel: {found} found, {differ} differ"
-    )
-    yield CheckResult("a large offset", differ == 0, verdict)
+    offset = 2.0 ** np.floor(np.log2(0.5 * model.card.range_limit))
+    is_band_pass = [name.startswith("band_pass") for name in model.card.detectors]
+    fired = []
+    for moved in (values, values + offset):
+        answers = run_recording(model.session, moved, valid, ["detectors"])
+        fired.append(answers["detectors"][:, is_band_pass])
+    plain, with_offset = fired
+    differ = int((plain != with_offset).sum())
+    unit = model.card.unit
+    figure = f"{offset:g} {unit} on every channel: {plain.sum()} found, {differ} differ"
+    yield CheckResult("a large offset", differ == 0, figure)
 
 
-def _walked(graph: StepGraph, values: FloatArray, valid: BoolArray) -> Outputs:
-    """Every output at every row, and the last state; the graph may have stepped before."""
-    kept: dict[str, list[Any]] = {name: [] for name in graph.out}
-    for row, flags in zip(values, valid, strict=True):
-        np.copyto(graph.sample[0], row)
-        np.copyto(graph.valid[0], flags)
-        for name, array in graph.step().items():
-            kept[name].append(array[0].copy())
-    return {
-        **{name: np.array(rows) for name, rows in kept.items()},
-        "state": graph.state.copy(),
-    }
-
-
-def _followed(
-    model: Model, values: FloatArray, valid: BoolArray
-) -> tuple[Outputs, bool]:
-    """What a fresh graph gave, and whether outputs and state were finite at every step."""
-    graph, finite = StepGraph(model.session), True
-    kept: dict[str, list[Any]] = {name: [] for name in (*graph.out, "state")}
+def _outputs_and_states(
+    graph: StepGraph, values: FloatArray, valid: BoolArray
+) -> Outputs:
+    """Every output and the state at every row; the graph may have stepped before."""
+    kept: dict[str, list[np.ndarray]] = {name: [] for name in (*graph.out, "state")}
     for row, flags in zip(values, valid, strict=True):
         np.copyto(graph.sample[0], row)
         np.copyto(graph.valid[0], flags)
         for name, array in {**graph.step(), "state": graph.state}.items():
             kept[name].append(array[0].copy())
-            finite = finite and bool(np.isfinite(array.astype(np.float64)).all())
-    return {name: np.array(rows) for name, rows in kept.items()}, finite
+    return {name: np.array(rows) for name, rows in kept.items()}
 
 
-def _bits(array: npt.NDArray[Any]) -> bytes:
-    return array.tobytes()
+def _different(one: Outputs, other: Outputs) -> list[str]:
+    """Names of the outputs whose bits differ."""
+    return [name for name in one if one[name].tobytes() != other[name].tobytes()]
+
+
+def _verdict(different: set[str] | list[str], same: str) -> str:
+    return f"{', '.join(sorted(different))} differ" if different else same
 
 
 def _resident_kb() -> int:
     """Memory of this process; 0 where the system does not report it."""
-    return (
-        int(STATM.read_text(encoding="ascii").split()[1]) * PAGE_KB
-        if STATM.exists()
-        else 0
-    )
+    if not STATM.exists():
+        return 0
+    return int(STATM.read_text(encoding="ascii").split()[1]) * PAGE_KB

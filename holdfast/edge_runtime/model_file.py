@@ -7,13 +7,14 @@ the bytes alone, before any parser reads them.
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from holdfast.core.contract import CLASSES, SITUATIONS, UNITS, Unit
 from holdfast.core.errors import BrokenSeal, DataNotFound, NotAModel, RuntimeRefused
-from holdfast.core.reading import Json, json_of, require_file
-from holdfast.core.shipped import model_path, shipped
+from holdfast.core.reading import Json, json_of, model_path, require_file, shipped
 from holdfast.edge_runtime.decision import LIMITS, DecisionRules
 from holdfast.edge_runtime.preparation import Preparation, preparation_from_json
 
@@ -23,7 +24,7 @@ GOLDEN_KEY = "holdfast.golden"
 FORMAT = 2
 """Format 2: the step takes its sample and state in rows of channels."""
 CARD_SUFFIX = ".json"
-"""The suffix of the card file beside a model file."""
+"""The suffix of the card's file, which stands next to a model file for people to read."""
 DIGITS = 64
 MOST_BYTES = 512 << 20
 """The largest model for a hand (100 trees, full depth) has a tenth of it.
@@ -31,10 +32,7 @@ MOST_BYTES = 512 << 20
 The limit of onnxruntime is 2 GiB.
 """
 _MARKER = SEAL_KEY.encode() + b"\x12" + bytes([DIGITS])
-"""The seal's key and the length of its value, as they are in the file (protobuf.
-
-Field 2, 64 bytes).
-"""
+"""The seal's key and the length of its value, as protobuf writes them (field 2, 64 bytes)."""
 
 WRONG_RUNTIMES = {
     "1.21.0": "crashes on a Raspberry Pi 4",
@@ -70,6 +68,13 @@ class ModelCard:
     def has_weight(self) -> bool:
         """Whether the model was trained with light and heavy objects."""
         return self.classes == CLASSES
+
+
+def votes_in_all(head: Mapping[str, Any]) -> int:
+    """The sum of a sample's votes, from the card of a head."""
+    if "votes" in head:
+        return int(head["votes"])
+    return int(head["trees"]) << int(head["vote_bits"])
 
 
 def read_sealed(path: str | Path) -> bytes:

@@ -9,7 +9,7 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -27,13 +27,15 @@ from holdfast.core.contract import (
 )
 from holdfast.core.errors import ChannelError, RateError, TimeError, UnitError
 from holdfast.edge_runtime.decision import UNKNOWN, DecisionState, decide, period_us
-from holdfast.edge_runtime.engine import OpenedModel
 from holdfast.edge_runtime.health import LoadedStart, RateWatch, RepeatWatch
-from holdfast.edge_runtime.model import Model as Model
+from holdfast.edge_runtime.model import ANSWERS, WEIGHS
+from holdfast.edge_runtime.model import (
+    Model as Model,  # both from here, as the README does
+)
 from holdfast.edge_runtime.model_file import ModelCard
-from holdfast.edge_runtime.onnx_rules import ANSWERS, WEIGHS
 
-# the README's import: a monitor and its model from one module
+if TYPE_CHECKING:
+    from holdfast.edge_runtime.engine import OpenedModel
 
 NOW_NS = MonotonicClock().now_ns
 OLDEST_PERIODS = 2.0

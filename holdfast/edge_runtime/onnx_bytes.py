@@ -1,16 +1,14 @@
 """A model file's graph, read from its bytes before onnxruntime sees any of it.
 
-Only what our exporter writes is accepted. Field numbers are those of
-https://github.com/onnx/onnx/blob/main/onnx/onnx.proto. A field that the exporter never writes has
-no number here and is refused: subgraphs, local functions, external data, sequences, optionals,
+Only what our exporter writes is accepted: its operators (ALLOWED), and the fields of
+https://github.com/onnx/onnx/blob/main/onnx/onnx.proto that it uses. A field that it never writes
+has no number here and is refused: subgraphs, local functions, external data, sequences, optionals,
 sparse tensors, training graphs, text.
 
-The protobuf wire format, read strictly, before any other parser sees a model file's bytes.
-
-https://protobuf.dev/programming-guides/encoding/: a message is a row of fields; a field is a tag
-(number * 8 + wire type) and a value. Two parsers can disagree on a message that repeats a singular
-field, pads a number or holds unknown fields. So all of these are refused, and an accepted message
-has one meaning only. The number of fields is limited; numpy decodes long lists of numbers.
+The wire format (https://protobuf.dev/programming-guides/encoding/) is read strictly. A message is a
+row of fields; a field is a tag (number * 8 + wire type) and a value. Two parsers can disagree on a
+message that repeats a singular field, pads a number or holds unknown fields. So all of these are
+refused, and an accepted message has one meaning only.
 """
 
 from __future__ import annotations
@@ -27,177 +25,106 @@ VARINT, LENGTH = 0, 2
 """Wire types in our model files: a number, and data preceded by its length in bytes."""
 MOST_FIELDS = 100_000
 """In a whole file. The default model has 1,300; numbers in lists are not counted."""
-LONGEST_VARINT, LONGEST_LISTED = 10, 5
-"""Bytes of one number, and of a number in a list (of trees, nodes or features)."""
+LONGEST_VARINT = 10
+"""Bytes of one number."""
+MOST_ELEMENTS = 10_000_000
+"""Of one constant."""
 
-IntArray = npt.NDArray[np.int64]
+IR_VERSION = 10
+OPSETS = {"": 20, "ai.onnx.ml": 3}
+ALLOWED = frozenset(
+    (
+        "Abs",
+        "Add",
+        "And",
+        "ArgMax",
+        "Cast",
+        "Clip",
+        "Concat",
+        "Div",
+        "Flatten",
+        "Floor",
+        "Gather",
+        "Greater",
+        "GreaterOrEqual",
+        "Less",
+        "MatMul",
+        "Max",
+        "Min",
+        "Mul",
+        "ReduceL2",
+        "ReduceMax",
+        "ReduceMin",
+        "ReduceSum",
+        "Reshape",
+        "Round",
+        "Slice",
+        "Softmax",
+        "Split",
+        "Sqrt",
+        "Sub",
+        "Transpose",
+        "Where",
+        "ai.onnx.ml.TreeEnsembleRegressor",
+    )
+)
+"""All operators that export/ writes, with any options; those of another domain with its name."""
+
 Message = dict[str, list[Any]]
 
 
 @dataclass(frozen=True)
 class Field:
-    """A field that a message may have: its name, its wire type, and whether it may be repeated."""
+    """A field that a message may have: its name, and whether it may be repeated.
+
+    inside: the fields of a message in it; None for plain bytes, or for a number.
+    """
 
     name: str
-    wire: int
     repeated: bool = False
+    inside: Mapping[int, Field] | None = None
+    wire: int = LENGTH
 
 
 Schema = Mapping[int, Field]
 
-
-class Reader:
-    """Reads messages; `fields` counts the fields of all of them."""
-
-    def __init__(self) -> None:
-        self.fields = 0
-
-    def message(self, data: memoryview, schema: Schema) -> Message:
-        """Name -> values (int or memoryview). Raises ValueError for fields outside the schema."""
-        found: Message = {}
-        at = 0
-        while at < len(data):
-            tag, at = varint(data, at)
-            field = self._field(tag, schema)
-            value, at = _value(data, at, field.wire)
-            values = found.setdefault(field.name, [])
-            if values and not field.repeated:
-                raise ValueError(f"its field {field.name} occurs twice")
-            values.append(value)
-        return found
-
-    def _field(self, tag: int, schema: Schema) -> Field:
-        self.fields += 1
-        if self.fields > MOST_FIELDS:
-            raise ValueError(f"it has more than {MOST_FIELDS} fields")
-        field = schema.get(tag >> 3)
-        if field is None or field.wire != tag & 7:
-            number, wire = tag >> 3, tag & 7
-            raise ValueError(
-                f"it has a field (number {number}, type {wire}) that holdfast export never writes"
-            )
-        return field
-
-
-def _value(data: memoryview, at: int, wire: int) -> tuple[int | memoryview, int]:
-    number, at = varint(data, at)
-    if wire == VARINT:
-        return number, at
-    if number > len(data) - at:
-        raise ValueError("a field is longer than its message")
-    return data[at : at + number], at + number
-
-
-def varint(data: memoryview, at: int) -> tuple[int, int]:
-    """The number that begins at `at`, and where the next field begins. Raises ValueError."""
-    value = 0
-    for k, byte in enumerate(data[at : at + LONGEST_VARINT]):
-        value |= (byte & 0x7F) << (7 * k)
-        if byte < 0x80:
-            if (k and not byte) or value >= 1 << 64:
-                break
-            return value, at + k + 1
-    raise ValueError("a number in it is cut short, padded or too long")
-
-
-def text(data: memoryview) -> str:
-    """Names and words of a graph are ASCII; ValueError."""
-    return bytes(data).decode("ascii")
-
-
-def listed_ints(data: memoryview, tag: int) -> IntArray:
-    """A list of whole numbers from 0, each behind its tag (as protobuf 2 writes lists).
-
-    Raises ValueError.
-    """
-    raw = np.frombuffer(data, np.uint8)
-    ends = np.flatnonzero(raw < 0x80)
-    if len(ends) % 2 or (len(raw) and (not len(ends) or ends[-1] != len(raw) - 1)):
-        raise ValueError("a list of numbers is cut short")
-    tags, ends = ends[::2], ends[1::2]
-    if (
-        (raw[tags] != tag).any()
-        or (tags[:1] != 0).any()
-        or (tags[1:] != ends[:-1] + 1).any()
-    ):
-        raise ValueError("a list of numbers holds other data")
-    return _joined(raw, ends, ends - tags)
-
-
-def _joined(raw: npt.NDArray[np.uint8], ends: IntArray, lengths: IntArray) -> IntArray:
-    """Seven bits a byte, the lowest first; the highest is not 0."""
-    values = raw[ends].astype(np.int64)
-    longer = np.flatnonzero(lengths > 1)
-    if (lengths > LONGEST_LISTED).any() or (values[longer] == 0).any():
-        raise ValueError("a number in a list is padded or too large")
-    for back in range(1, LONGEST_LISTED):
-        values[longer] = values[longer] << 7 | (raw[ends[longer] - back] & 0x7F)
-        longer = longer[lengths[longer] > back + 1]
-    return values
-
-
-def listed_floats(data: memoryview, tag: int) -> npt.NDArray[np.float32]:
-    """A list of float32, each behind its tag; ValueError."""
-    if len(data) % 5:
-        raise ValueError("a list of numbers is cut short")
-    raw = np.frombuffer(data, np.uint8).reshape(-1, 5)
-    if (raw[:, 0] != tag).any():
-        raise ValueError("a list of numbers holds other data")
-    return np.ascontiguousarray(raw[:, 1:]).view("<f4").ravel()
-
-
-def listed_words(
-    data: memoryview, tag: int, words: tuple[bytes, bytes]
-) -> npt.NDArray[np.bool_]:
-    """Which entries of a list of two words are the second one; each is behind its tag and length.
-
-    The tag occurs in neither word, so two entries never overlap, and counting them is parsing.
-    Raises ValueError.
-    """
-    entries = [bytes([tag, len(word)]) + word for word in words]
-    whole = bytes(data)
-    if sum(whole.count(entry) * len(entry) for entry in entries) != len(whole):
-        allowed = " and ".join(word.decode() for word in words)
-        raise ValueError(f"a list of words holds other words than {allowed}")
-    raw = np.frombuffer(whole, np.uint8)
-    second: npt.NDArray[np.bool_] = raw[np.flatnonzero(raw == tag) + 1] == len(words[1])
-    return second
-
-
-MODEL: Schema = {
-    1: Field("ir_version", VARINT),
-    2: Field("producer_name", LENGTH),
-    7: Field("graph", LENGTH),
-    8: Field("opset_import", LENGTH, repeated=True),
-    14: Field("metadata_props", LENGTH, repeated=True),
+DIMENSION: Schema = {1: Field("dim_value", wire=VARINT), 2: Field("dim_param")}
+SHAPE: Schema = {1: Field("dim", True, DIMENSION)}
+TENSOR_TYPE: Schema = {
+    1: Field("elem_type", wire=VARINT),
+    2: Field("shape", inside=SHAPE),
 }
-OPSET: Schema = {1: Field("domain", LENGTH), 2: Field("version", VARINT)}
-ENTRY: Schema = {1: Field("key", LENGTH), 2: Field("value", LENGTH)}
-GRAPH: Schema = {
-    1: Field("node", LENGTH, repeated=True),
-    2: Field("name", LENGTH),
-    5: Field("initializer", LENGTH, repeated=True),
-    11: Field("input", LENGTH, repeated=True),
-    12: Field("output", LENGTH, repeated=True),
+TYPE: Schema = {1: Field("tensor_type", inside=TENSOR_TYPE)}
+VALUE: Schema = {1: Field("name"), 2: Field("type", inside=TYPE)}
+TENSOR: Schema = {
+    1: Field("dims", True, wire=VARINT),
+    2: Field("data_type", wire=VARINT),
+    8: Field("name"),
+    9: Field("raw_data"),
 }
 NODE: Schema = {
-    1: Field("input", LENGTH, repeated=True),
-    2: Field("output", LENGTH, repeated=True),
-    4: Field("op_type", LENGTH),
-    5: Field("attribute", LENGTH, repeated=True),
-    7: Field("domain", LENGTH),
+    1: Field("input", True),
+    2: Field("output", True),
+    4: Field("op_type"),
+    5: Field("attribute", True),
+    7: Field("domain"),
 }
-TENSOR: Schema = {
-    1: Field("dims", VARINT, repeated=True),
-    2: Field("data_type", VARINT),
-    8: Field("name", LENGTH),
-    9: Field("raw_data", LENGTH),
+GRAPH: Schema = {
+    1: Field("node", True, NODE),
+    2: Field("name"),
+    5: Field("initializer", True, TENSOR),
+    11: Field("input", True, VALUE),
+    12: Field("output", True, VALUE),
 }
-VALUE: Schema = {1: Field("name", LENGTH), 2: Field("type", LENGTH)}
-TYPE: Schema = {1: Field("tensor_type", LENGTH)}
-TENSOR_TYPE: Schema = {1: Field("elem_type", VARINT), 2: Field("shape", LENGTH)}
-SHAPE: Schema = {1: Field("dim", LENGTH, repeated=True)}
-DIMENSION: Schema = {1: Field("dim_value", VARINT), 2: Field("dim_param", LENGTH)}
+OPSET: Schema = {1: Field("domain"), 2: Field("version", wire=VARINT)}
+ENTRY: Schema = {1: Field("key"), 2: Field("value")}
+MODEL: Schema = {
+    1: Field("ir_version", wire=VARINT),
+    2: Field("producer_name"),
+    7: Field("graph", inside=GRAPH),
+    8: Field("opset_import", True, OPSET),
+    14: Field("metadata_props", True, ENTRY),
+}
 
 FLOAT, INT32, INT64, BOOL, DOUBLE = 1, 6, 7, 9, 11
 DTYPES: dict[int, str] = {
@@ -209,33 +136,31 @@ DTYPES: dict[int, str] = {
 }
 """TensorProto.DataType -> the type of its raw data in the file."""
 INT, STRING, FLOATS, INTS, STRINGS = 2, 3, 6, 7, 8
-"""AttributeProto.AttributeType: the types that our attributes have."""
-_TYPE_TAG = b"\xa0\x01"
-"""The tag of AttributeProto.type (field 20), which protobuf writes last."""
-TREE_MODES = (b"LEAF", b"BRANCH_LEQ")
-"""The only list of words in a graph of ours: what each node of a tree is."""
-MOST_ELEMENTS = 10_000_000
-"""Of one tensor, when a single sample is stepped."""
-
-Value = int | bytes | npt.NDArray[Any]
+"""AttributeProto.AttributeType: the types that our attributes have; none of them is a graph."""
+_NAME_TAG, _TYPE_TAG = b"\x0a", b"\xa0\x01"
+"""The tags of an attribute's name (field 1) and type (field 20)."""
 
 
 @dataclass(frozen=True)
 class Node:
-    """One operator; its attributes by name are whole numbers, words or arrays."""
+    """One operator; its attributes by name.
+
+    A whole number or a word is decoded. A list stays in bytes, each entry behind its tag: nothing
+    that runs on the hand needs it, and export/c/graph.py decodes it.
+    """
 
     domain: str
     op_type: str
     inputs: tuple[str, ...]
     outputs: tuple[str, ...]
-    attributes: dict[str, Value]
+    attributes: dict[str, Any]
 
 
 @dataclass(frozen=True)
 class TensorSpec:
     """An input or output as the file declares it.
 
-    Element type, and dimensions (a word for the batch).
+    element: of TensorProto.DataType. shape: dimensions, a word for the batch.
     """
 
     element: int
@@ -246,8 +171,6 @@ class TensorSpec:
 class OnnxModel:
     """Everything that a model file of ours holds."""
 
-    ir_version: int
-    opsets: dict[str, int]
     metadata: dict[str, str]
     nodes: tuple[Node, ...]
     constants: dict[str, npt.NDArray[Any]]
@@ -260,37 +183,95 @@ def read_onnx(data: bytes) -> OnnxModel:
 
     Raises ValueError, in plain words, for what our exporter never writes.
     """
-    reader = Reader()
-    model = reader.message(memoryview(data), MODEL)
-    graph = reader.message(_one(model, "graph"), GRAPH)
-    tensors = [
-        _tensor(reader.message(one, TENSOR)) for one in graph.get("initializer", ())
-    ]
+    model = Reader().message(memoryview(data), MODEL)
+    opsets = {}
+    for opset in model.get("opset_import", []):
+        opsets[_text(_only(opset, "domain", b""))] = _only(opset, "version")
+    if _only(model, "ir_version") != IR_VERSION or opsets != OPSETS:
+        raise ValueError(f"it has other operator sets ({opsets!s:.80})")
+    metadata = []
+    for entry in model.get("metadata_props", []):
+        value = bytes(_only(entry, "value")).decode("utf-8")
+        metadata.append((_text(_only(entry, "key")), value))
+    graph = _only(model, "graph")
     return OnnxModel(
-        ir_version=_one(model, "ir_version"),
-        opsets=_unique(
-            [
-                _opset(reader.message(one, OPSET))
-                for one in model.get("opset_import", ())
-            ]
-        ),
-        metadata=_unique(
-            [
-                _entry(reader.message(one, ENTRY))
-                for one in model.get("metadata_props", ())
-            ]
-        ),
-        nodes=tuple(_node(reader, one) for one in graph.get("node", ())),
-        constants=_unique(tensors),
-        inputs=_unique([_declared(reader, one) for one in graph.get("input", ())]),
-        outputs=_unique([_declared(reader, one) for one in graph.get("output", ())]),
+        metadata=_unique(metadata),
+        nodes=tuple(map(_node, graph.get("node", []))),
+        constants=_unique([_constant(one) for one in graph.get("initializer", [])]),
+        inputs=_unique([_declared(one) for one in graph.get("input", [])]),
+        outputs=_unique([_declared(one) for one in graph.get("output", [])]),
     )
 
 
-def _one(message: Message, name: str) -> Any:
-    if name not in message:
+class Reader:
+    """Reads messages; `fields` counts the fields of all of them."""
+
+    def __init__(self) -> None:
+        self.fields = 0
+
+    def message(self, data: memoryview, schema: Schema) -> Message:
+        """Name -> values (int, memoryview or Message).
+
+        Raises ValueError for fields outside the schema.
+        """
+        found: Message = {}
+        at = 0
+        while at < len(data):
+            tag, at = _varint(data, at)
+            field = self._field(tag, schema)
+            value: Any
+            value, at = _varint(data, at)
+            if field.wire == LENGTH:
+                # the number is a length: what follows it is the value
+                end = at + value
+                if end > len(data):
+                    raise ValueError("a field is longer than its message")
+                value, at = data[at:end], end
+            if field.inside is not None:
+                value = self.message(value, field.inside)
+            values = found.setdefault(field.name, [])
+            if values and not field.repeated:
+                raise ValueError(f"its field {field.name} occurs twice")
+            values.append(value)
+        return found
+
+    def _field(self, tag: int, schema: Schema) -> Field:
+        self.fields += 1
+        if self.fields > MOST_FIELDS:
+            raise ValueError(f"it has more than {MOST_FIELDS} fields")
+        number, wire = tag >> 3, tag & 7
+        field = schema.get(number)
+        if field is None or field.wire != wire:
+            raise ValueError(
+                f"it has a field (number {number}, type {wire}) that holdfast export never writes"
+            )
+        return field
+
+
+def _varint(data: memoryview, at: int) -> tuple[int, int]:
+    """The number that begins at `at`, and where the next field begins. Raises ValueError."""
+    value = 0
+    for k, byte in enumerate(data[at : at + LONGEST_VARINT]):
+        value |= (byte & 0x7F) << (7 * k)
+        if byte < 0x80:
+            if (k and not byte) or value >= 1 << 64:
+                break
+            return value, at + k + 1
+    raise ValueError("a number in it is cut short, padded or too long")
+
+
+def _text(data: memoryview | bytes) -> str:
+    """Names of a graph are ASCII; ValueError."""
+    return bytes(data).decode("ascii")
+
+
+def _only(message: Message, name: str, default: Any = None) -> Any:
+    """The value of a field that occurs once. Raises ValueError where it is missing."""
+    if name in message:
+        return message[name][0]
+    if default is None:
         raise ValueError(f"it lacks the field {name}")
-    return message[name][0]
+    return default
 
 
 def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
@@ -300,104 +281,74 @@ def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     return found
 
 
-def _opset(message: Message) -> tuple[str, int]:
-    return text(message.get("domain", [memoryview(b"")])[0]), _one(message, "version")
-
-
-def _entry(message: Message) -> tuple[str, str]:
-    return text(_one(message, "key")), bytes(_one(message, "value")).decode("utf-8")
-
-
-def _node(reader: Reader, data: memoryview) -> Node:
-    message = reader.message(data, NODE)
-    op_type = text(_one(message, "op_type"))
-    try:
-        attributes = _unique([_attribute(one) for one in message.get("attribute", ())])
-    except ValueError as error:
-        raise ValueError(f"operator {op_type}: {error}") from None
+def _node(message: Message) -> Node:
+    """One operator. Raises ValueError for one that our exporter never writes."""
+    domain = _text(_only(message, "domain", b""))
+    op_type = _text(_only(message, "op_type"))
+    name = f"{domain}.{op_type}" if domain else op_type
+    if name not in ALLOWED:
+        raise ValueError(
+            f"it has the operator {name}, which holdfast export never writes"
+        )
     return Node(
-        domain=text(message.get("domain", [memoryview(b"")])[0]),
+        domain=domain,
         op_type=op_type,
-        inputs=tuple(text(name) for name in message.get("input", ())),
-        outputs=tuple(text(name) for name in message.get("output", ())),
-        attributes=attributes,
+        inputs=tuple(map(_text, message.get("input", []))),
+        outputs=tuple(map(_text, message.get("output", []))),
+        attributes=_unique([_attribute(one) for one in message.get("attribute", [])]),
     )
 
 
-def _attribute(data: memoryview) -> tuple[str, Value]:
-    """Name first, value, type last.
+def _attribute(data: memoryview) -> tuple[str, Any]:
+    """(name, value): protobuf libraries write the name first, the value next, the type last.
 
-    The order in which protobuf libraries write an AttributeProto.
+    It is not read field by field: a forest's lists have a million entries.
     """
-    if bytes(data[:1]) != b"\x0a" or bytes(data[-3:-1]) != _TYPE_TAG:
+    if bytes(data[:1]) != _NAME_TAG or bytes(data[-3:-1]) != _TYPE_TAG:
         raise ValueError("an attribute is not written as holdfast export writes it")
-    length, at = varint(data, 1)
-    name, value = data[at : at + length], data[at + length : -3]
+    length, at = _varint(data, 1)
     if at + length > len(data) - 3:
         raise ValueError("an attribute is cut short")
-    return text(name), _attribute_value(value, data[-1])
-
-
-def _attribute_value(data: memoryview, kind: int) -> Value:
-    if kind == INTS:
-        return listed_ints(data, 0x40)
-    if kind == FLOATS:
-        return listed_floats(data, 0x3D)
-    if kind == STRINGS:
-        return listed_words(data, 0x4A, TREE_MODES)
-    if kind not in (INT, STRING):
+    name, value, kind = data[at : at + length], data[at + length : -3], data[-1]
+    if kind not in (INT, STRING, INTS, FLOATS, STRINGS):
         raise ValueError(
             f"an attribute has a type ({kind}) that holdfast export never writes"
         )
-    name = "i" if kind == INT else "s"
-    message = Reader().message(
-        data, {3: Field("i", VARINT)} if kind == INT else {4: Field("s", LENGTH)}
-    )
-    value = _one(message, name)
-    return _signed(value) if kind == INT else bytes(value)
+    if kind == INT:
+        message = Reader().message(value, {3: Field("i", wire=VARINT)})
+        number = _only(message, "i")
+        # protobuf writes a negative int64 as its two's complement
+        return _text(name), number - (1 << 64) if number >> 63 else number
+    if kind == STRING:
+        return _text(name), bytes(_only(Reader().message(value, {4: Field("s")}), "s"))
+    return _text(name), bytes(value)
 
 
-def _signed(value: int) -> int:
-    """protobuf writes a negative int64 as its two's complement."""
-    return value - (1 << 64) if value >> 63 else value
-
-
-def _tensor(message: Message) -> tuple[str, npt.NDArray[Any]]:
-    """A constant; its dimensions and its raw data must have the same size."""
-    dtype = DTYPES.get(_one(message, "data_type"))
-    shape = tuple(message.get("dims", ()))
-    raw = message.get("raw_data", [memoryview(b"")])[0]
+def _constant(message: Message) -> tuple[str, npt.NDArray[Any]]:
+    """(name, values); the dimensions must have the size of the raw data."""
+    dtype = DTYPES.get(_only(message, "data_type"))
     if dtype is None:
         raise ValueError("a constant has a type that holdfast export never writes")
-    if (
-        math.prod(shape) > MOST_ELEMENTS
-        or math.prod(shape) * np.dtype(dtype).itemsize != len(raw)
-        or not len(raw)
-    ):
+    shape = tuple(message.get("dims", []))
+    raw = _only(message, "raw_data", b"")
+    size = math.prod(shape)
+    # compared before numpy multiplies: a claimed shape may overflow its integers
+    if not 0 < size <= MOST_ELEMENTS or size * np.dtype(dtype).itemsize != len(raw):
         raise ValueError("a constant has another size than it claims")
     values = np.frombuffer(raw, dtype).reshape(shape)
-    if np.isnan(values).any() or (
-        values.dtype == np.float32 and not np.isfinite(values).all()
-    ):
-        raise ValueError("a constant is not finite")
-    return text(_one(message, "name")), values
+    return _text(_only(message, "name")), values
 
 
-def _declared(reader: Reader, data: memoryview) -> tuple[str, TensorSpec]:
-    value = reader.message(data, VALUE)
-    tensor = reader.message(
-        _one(reader.message(_one(value, "type"), TYPE), "tensor_type"), TENSOR_TYPE
-    )
-    if "shape" not in tensor:
-        raise ValueError("an input or output has no shape")
-    dims = reader.message(_one(tensor, "shape"), SHAPE).get("dim", ())
-    shape = tuple(_dimension(reader.message(one, DIMENSION)) for one in dims)
-    return text(_one(value, "name")), TensorSpec(_one(tensor, "elem_type"), shape)
-
-
-def _dimension(message: Message) -> int | str:
-    if len(message) != 1:
-        raise ValueError("a dimension of an input or output is missing")
-    if "dim_param" in message:
-        return text(message["dim_param"][0])
-    return int(message["dim_value"][0])
+def _declared(message: Message) -> tuple[str, TensorSpec]:
+    """(name, type and shape) of an input or output."""
+    tensor = _only(_only(message, "type"), "tensor_type")
+    shape: list[int | str] = []
+    for dimension in _only(tensor, "shape").get("dim", []):
+        if len(dimension) != 1:
+            raise ValueError("a dimension of an input or output is missing")
+        if "dim_param" in dimension:
+            shape.append(_text(_only(dimension, "dim_param")))
+        else:
+            shape.append(_only(dimension, "dim_value"))
+    spec = TensorSpec(_only(tensor, "elem_type"), tuple(shape))
+    return _text(_only(message, "name")), spec

@@ -27,8 +27,8 @@ import onnx
 from holdfast.core.errors import NotAdapted, VerificationFailed
 from holdfast.core.reading import Json, json_of
 from holdfast.edge_runtime.decision import DecisionRules
-from holdfast.edge_runtime.golden import golden_input
 from holdfast.edge_runtime.graph import Outputs, open_session, run_recording
+from holdfast.edge_runtime.model import golden_input
 from holdfast.edge_runtime.model_file import CARD_KEY, SEAL_KEY, ModelCard
 from holdfast.export.correction import (
     Correction,

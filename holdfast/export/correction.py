@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 import onnx
 
-from holdfast.edge_runtime.onnx_correction import risky_of_shares, risky_to_safe
+from holdfast.core.contract import RISKY_SLIP, SAFE_SLIP, SITUATIONS
 from holdfast.export.builder import GraphBuilder
 from holdfast.export.forest import IntArray
 from holdfast.export.network import Float32Array, Network, add_shares, network_shares
@@ -34,6 +34,23 @@ class Correction:
     def __post_init__(self) -> None:
         if self.network.n_classes != 2:
             raise ValueError("a correction's network has two classes")
+
+
+def risky_of_shares(n_classes: int) -> Float32Array:
+    """[2, K]: the first of two shares for the risky classes, 0 for all others."""
+    shares = np.zeros((2, n_classes), dtype=np.float32)
+    shares[0, RISKY_SLIP * n_classes // len(SITUATIONS) :] = 1.0
+    return shares
+
+
+def risky_to_safe(n_classes: int) -> Float32Array:
+    """[K, K] that takes votes from risky classes and gives them to safe slip of the same weight."""
+    per = n_classes // len(SITUATIONS)
+    moved = np.zeros((n_classes, n_classes), dtype=np.float32)
+    for k in range(per):
+        risky, safe = RISKY_SLIP * per + k, SAFE_SLIP * per + k
+        moved[risky, risky], moved[risky, safe] = -1.0, 1.0
+    return moved
 
 
 def rows_of(features: Float32Array, votes: IntArray) -> Float32Array:

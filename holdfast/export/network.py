@@ -19,11 +19,13 @@ import numpy as np
 import numpy.typing as npt
 from onnx import TensorProto
 
-from holdfast.edge_runtime.onnx_network import INPUT_MOST, LARGEST_FEATURE
 from holdfast.export.builder import GraphBuilder
 from holdfast.export.forest import EXACT_FLOAT32, IntArray
 
 Float32Array = npt.NDArray[np.float32]
+INPUT_MOST = 511
+"""Largest magnitude of a quantised input."""
+LARGEST_FEATURE = 2.0**100
 HIDDEN_MOST = 255
 """Largest value of a hidden unit."""
 WEIGHT_MOST = 2**15 - 1

@@ -11,8 +11,8 @@ import onnx
 from holdfast.core.contact import NORMAL_FLOOR
 from holdfast.core.contract import channel_names
 from holdfast.core.reading import Json
-from holdfast.edge_runtime.golden import golden_answers, golden_to_json
 from holdfast.edge_runtime.graph import open_session
+from holdfast.edge_runtime.model import golden_answers, golden_to_json
 from holdfast.edge_runtime.model_file import (
     CARD_KEY,
     DIGITS,

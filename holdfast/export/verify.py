@@ -19,8 +19,8 @@ from onnx.utils import Extractor
 
 from holdfast.core.contract import CLASSES, SITUATIONS
 from holdfast.core.errors import VerificationFailed
-from holdfast.edge_runtime.golden import golden_input
 from holdfast.edge_runtime.graph import BATCH, StepGraph, open_session, run_recording
+from holdfast.edge_runtime.model import golden_input
 from holdfast.export.forest import FOREST_KINDS, Forest
 from holdfast.export.heads import MAIN_HEAD, Head
 from holdfast.export.learner import reference_votes

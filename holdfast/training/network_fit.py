@@ -15,10 +15,10 @@ from scipy.linalg import block_diag
 from sklearn.exceptions import ConvergenceWarning
 from sklearn.neural_network import MLPClassifier
 
-from holdfast.edge_runtime.onnx_network import INPUT_MOST
 from holdfast.export.forest import EXACT_FLOAT32
 from holdfast.export.network import (
     HIDDEN_MOST,
+    INPUT_MOST,
     LOGIT_STEPS,
     VOTES,
     WEIGHT_MOST,

@@ -1,5 +1,5 @@
-"""Model files that were altered and sealed again: refused when they are opened, before onnxruntime
-sees them."""
+"""Model files that were altered and sealed again: what is refused when they are opened, before
+onnxruntime sees them, and what `holdfast selftest` and its `--deep` find."""
 
 from __future__ import annotations
 
@@ -13,8 +13,6 @@ import numpy as np
 import onnx
 import pytest
 from hazard_marks import FOREIGN_MODEL, HUGE_INPUT
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from onnx import TensorProto, helper, numpy_helper
 from small_model import (
     EXTRA_HEAD,
@@ -28,14 +26,21 @@ from small_model import (
     with_networks,
 )
 
-from holdfast.core.contract import Sample, Unit
-from holdfast.core.errors import HoldfastError, ModelError, NotAModel
+from holdfast.core.contract import Unit
+from holdfast.core.errors import ModelError, NotAModel
+from holdfast.edge_runtime.graph_checks import check_answers
 from holdfast.edge_runtime.model import Model, read_model
-from holdfast.edge_runtime.monitor import GripMonitor
-from holdfast.edge_runtime.onnx_bytes import MOST_FIELDS, Field, Reader, read_onnx
-from holdfast.edge_runtime.onnx_operators import RULES
-from holdfast.edge_runtime.onnx_rules import ALLOWED
+from holdfast.edge_runtime.onnx_bytes import (
+    ALLOWED,
+    MOST_FIELDS,
+    VARINT,
+    Field,
+    Reader,
+    read_onnx,
+)
 from holdfast.export.artifact import Artifact
+from holdfast.export.c.graph import decoded
+from holdfast.export.deep_check import deep_checks
 from holdfast.export.features import GROUPS
 from holdfast.export.forest import FOREST_KINDS
 from holdfast.export.seal import model_card, seal
@@ -100,10 +105,6 @@ def symbolic_shape(model: onnx.ModelProto) -> None:
     output(model, "p_situation").type.tensor_type.shape.dim[1].dim_param = "N"
 
 
-def symbolic_channels(model: onnx.ModelProto) -> None:
-    model.graph.input[0].type.tensor_type.shape.dim[2].dim_param = "C"
-
-
 def missing_shape(model: onnx.ModelProto) -> None:
     output(model, "detectors").type.tensor_type.ClearField("shape")
 
@@ -114,11 +115,6 @@ def missing_dimension(model: onnx.ModelProto) -> None:
 
 def negative_dimension(model: onnx.ModelProto) -> None:
     output(model, "detectors").type.tensor_type.shape.dim[1].dim_value = -1
-
-
-def string_output(model: onnx.ModelProto) -> None:
-    after(model, "usable_sensors", "Cast", to=TensorProto.STRING)
-    output(model, "usable_sensors").type.tensor_type.elem_type = TensorProto.STRING
 
 
 def other_type(model: onnx.ModelProto) -> None:
@@ -140,16 +136,6 @@ def sequence_output(model: onnx.ModelProto) -> None:
     output(model, "detectors").type.CopyFrom(
         helper.make_sequence_type_proto(output(model, "settled").type)
     )
-
-
-def optional_output(model: onnx.ModelProto) -> None:
-    output(model, "detectors").type.CopyFrom(
-        helper.make_optional_type_proto(output(model, "settled").type)
-    )
-
-
-def map_output(model: onnx.ModelProto) -> None:
-    output(model, "detectors").type.map_type.key_type = TensorProto.INT64
 
 
 # -- operators and parts of a file that our exporter never writes
@@ -175,27 +161,6 @@ def endless_loop(model: onnx.ModelProto) -> None:
     yes = constant(model, "yes", np.bool_(True))
     after(model, "p_situation", "Loop", body=body)
     maker(model, "p_situation").input[:] = ["", yes, "p_situation_before"]
-
-
-def one_branch(model: onnx.ModelProto) -> None:
-    branch = helper.make_graph(
-        [],
-        "branch",
-        [],
-        [helper.make_tensor_value_info("settled", TensorProto.BOOL, ["B"])],
-    )
-    model.graph.node.append(
-        helper.make_node(
-            "If", ["unknown"], ["if"], then_branch=branch, else_branch=branch
-        )
-    )
-
-
-def scan(model: onnx.ModelProto) -> None:
-    body = helper.make_graph([], "body", [], [])
-    model.graph.node.append(
-        helper.make_node("Scan", ["sample"], ["s"], body=body, num_scan_inputs=1)
-    )
 
 
 def hidden_subgraph(model: onnx.ModelProto) -> None:
@@ -228,14 +193,6 @@ def custom_domain(model: onnx.ModelProto) -> None:
     maker(model, "settled").domain = "com.microsoft"
 
 
-def custom_operator(model: onnx.ModelProto) -> None:
-    maker(model, "settled").op_type = "Sample"
-
-
-def other_operator_set(model: onnx.ModelProto) -> None:
-    model.opset_import.append(helper.make_opsetid("com.microsoft", 1))
-
-
 def newer_operator_set(model: onnx.ModelProto) -> None:
     model.opset_import[0].version = 21
 
@@ -249,12 +206,6 @@ def external_data(model: onnx.ModelProto) -> None:
     tensor.ClearField("raw_data")
     tensor.data_location = TensorProto.EXTERNAL
     tensor.external_data.add(key="location", value="/etc/passwd")
-
-
-def float_data(model: onnx.ModelProto) -> None:
-    tensor = model.graph.initializer[0]
-    tensor.ClearField("raw_data")
-    tensor.double_data.append(1.0)
 
 
 def sparse_constant(model: onnx.ModelProto) -> None:
@@ -276,10 +227,6 @@ def overflowing_constant(model: onnx.ModelProto) -> None:
     model.graph.initializer[0].dims[:] = [2**32, 2**32]
 
 
-def negative_constant(model: onnx.ModelProto) -> None:
-    model.graph.initializer[0].dims[:] = [-1, -8]
-
-
 def doubled_forty_times(model: onnx.ModelProto) -> None:
     wide = "sample"
     for k in range(40):
@@ -295,12 +242,6 @@ def outer_product(model: onnx.ModelProto) -> None:
         constant(model, "wide", np.zeros((1, 9000))),
     )
     model.graph.node.append(helper.make_node("Add", [high, wide], ["outer"]))
-
-
-def dear_product(model: onnx.ModelProto) -> None:
-    big = constant(model, "big", np.zeros((1000, 1000)))
-    for k in range(9):
-        model.graph.node.append(helper.make_node("MatMul", [big, big], [f"product{k}"]))
 
 
 # -- trees
@@ -339,13 +280,6 @@ def tree_that_loops(model: onnx.ModelProto) -> None:
     attribute(trees(model), "nodes_truenodeids").ints[0] = 0
 
 
-def tree_that_joins(model: onnx.ModelProto) -> None:
-    node = trees(model)
-    attribute(node, "nodes_truenodeids").ints[0] = attribute(
-        node, "nodes_falsenodeids"
-    ).ints[0]
-
-
 def child_of_another_tree(model: onnx.ModelProto) -> None:
     attribute(trees(model), "nodes_falsenodeids").ints[0] = 10**6
 
@@ -354,16 +288,8 @@ def feature_outside(model: onnx.ModelProto) -> None:
     attribute(trees(model), "nodes_featureids").ints[0] = 2**31 - 1
 
 
-def negative_feature(model: onnx.ModelProto) -> None:
-    attribute(trees(model), "nodes_featureids").ints[0] = -1
-
-
 def vote_for_no_node(model: onnx.ModelProto) -> None:
     attribute(trees(model), "target_nodeids").ints[0] = 10**6
-
-
-def vote_for_no_tree(model: onnx.ModelProto) -> None:
-    attribute(trees(model), "target_treeids").ints[-1] = 10**6
 
 
 def vote_for_no_class(model: onnx.ModelProto) -> None:
@@ -382,58 +308,7 @@ def a_column_short(model: onnx.ModelProto) -> None:
     attribute(trees(model), "nodes_values").floats.pop()
 
 
-def deep_tree(model: onnx.ModelProto) -> None:
-    """A chain of 3000 branches, each of which has a leaf and the next; and a tree that is a
-    leaf."""
-    node, depth = trees(model), 3000
-    at = np.append(np.arange(2 * depth + 1), 0)
-    tree = np.append(np.zeros(2 * depth + 1, int), 1)
-    branch = (at % 2 == 0) & (at < 2 * depth) & (tree == 0)
-    columns = {
-        "nodes_treeids": tree,
-        "nodes_nodeids": at,
-        "nodes_featureids": 0 * at,
-        "nodes_truenodeids": np.where(branch, at + 1, 0),
-        "nodes_falsenodeids": np.where(branch, at + 2, 0),
-    }
-    leaves = at[~branch]
-    columns |= {
-        "target_treeids": tree[~branch],
-        "target_nodeids": leaves,
-        "target_ids": 0 * leaves,
-    }
-    for name, values in columns.items():
-        attribute(node, name).ints[:] = values.tolist()
-    attribute(node, "nodes_modes").strings[:] = [
-        b"BRANCH_LEQ" if one else b"LEAF" for one in branch
-    ]
-    attribute(node, "nodes_values").floats[:] = [0.0] * len(at)
-    attribute(node, "target_weights").floats[:] = [65536.0] * len(leaves)
-
-
-# -- numbers that fail on some later sample
-
-
-def place_outside_of_its_table(model: onnx.ModelProto) -> None:
-    """A table whose last entry, which a settled hand reaches, leads outside of it."""
-    (guard,) = [
-        node
-        for node in model.graph.node
-        if node.op_type == "Gather" and node.input[1].startswith("cast")
-    ]
-    (table,) = [one for one in model.graph.initializer if one.name == guard.input[0]]
-    values = numpy_helper.to_array(table).copy()
-    values[-1] = 1e6
-    table.raw_data = values.tobytes()
-
-
-def divided_by_zero(model: onnx.ModelProto) -> None:
-    maker(model, "usable_sensors").input[1] = constant(model, "zero", np.int32(0))
-
-
-def divided_by_what_may_be_zero(model: onnx.ModelProto) -> None:
-    node = maker(model, "usable_sensors")
-    node.input[1] = node.input[0]
+# -- the rest
 
 
 def not_a_number(model: onnx.ModelProto) -> None:
@@ -448,65 +323,51 @@ def other_state(model: onnx.ModelProto) -> None:
     model.graph.input[3].type.tensor_type.shape.dim[1].dim_value += 1
 
 
-ALTERED: tuple[Callable[[onnx.ModelProto], None], ...] = (
-    situation_plus_seven,
+Alteration = Callable[[onnx.ModelProto], None]
+AT_LOAD: tuple[Alteration, ...] = (
     eight_situations,
     symbolic_shape,
-    symbolic_channels,
     missing_shape,
     missing_dimension,
     negative_dimension,
-    string_output,
     other_type,
     one_output_more,
     one_output_less,
     sequence_output,
-    optional_output,
-    map_output,
     endless_loop,
-    one_branch,
-    scan,
     hidden_subgraph,
     tensor_attribute,
     local_function,
     custom_domain,
-    custom_operator,
-    other_operator_set,
     newer_operator_set,
     overload,
     external_data,
-    float_data,
     sparse_constant,
     training_graph,
     huge_constant,
     overflowing_constant,
-    negative_constant,
-    doubled_forty_times,
-    outer_product,
-    dear_product,
-    zero_leaves,
-    half_votes,
-    negative_votes,
-    votes_that_are_no_number,
-    tree_that_loops,
-    tree_that_joins,
-    child_of_another_tree,
-    feature_outside,
-    negative_feature,
-    vote_for_no_node,
-    vote_for_no_tree,
-    vote_for_no_class,
-    another_mode,
-    averaged,
-    a_column_short,
-    deep_tree,
-    place_outside_of_its_table,
-    divided_by_zero,
-    divided_by_what_may_be_zero,
-    not_a_number,
-    input_from_nowhere,
     other_state,
 )
+"""Refused before onnxruntime opens the file."""
+DEEP: dict[Alteration, str] = {
+    doubled_forty_times: "shapes",
+    outer_product: "shapes",
+    input_from_nowhere: "shapes",
+    not_a_number: "constants",
+    zero_leaves: "trees",
+    half_votes: "trees",
+    negative_votes: "trees",
+    votes_that_are_no_number: "trees",
+    tree_that_loops: "trees",
+    child_of_another_tree: "trees",
+    feature_outside: "trees",
+    vote_for_no_node: "trees",
+    vote_for_no_class: "trees",
+    another_mode: "trees",
+    averaged: "trees",
+    a_column_short: "trees",
+}
+"""Found by `selftest --deep`, each by one of its checks."""
 
 
 def refused_unopened(data: bytes) -> NotAModel:
@@ -520,9 +381,9 @@ def refused_unopened(data: bytes) -> NotAModel:
 
 
 @FOREIGN_MODEL.mark
-@pytest.mark.parametrize("alter", ALTERED, ids=lambda alter: alter.__name__)
+@pytest.mark.parametrize("alter", AT_LOAD, ids=lambda alter: alter.__name__)
 def test_a_resealed_file_is_refused_before_onnxruntime_opens_it(
-    alter: Callable[[onnx.ModelProto], None],
+    alter: Alteration,
 ) -> None:
     model = opened()
     alter(model)
@@ -530,17 +391,65 @@ def test_a_resealed_file_is_refused_before_onnxruntime_opens_it(
 
 
 @FOREIGN_MODEL.mark
-@pytest.mark.parametrize(
-    "alter",
-    [situation_plus_seven, zero_leaves, endless_loop, tree_that_loops, deep_tree],
-)
-def test_a_resealed_file_is_refused_when_it_is_opened_for_use(
-    alter: Callable[[onnx.ModelProto], None], tmp_path: Path
+@pytest.mark.parametrize("alter", DEEP, ids=lambda alter: alter.__name__)
+def test_the_deep_check_finds_what_a_file_hides_until_later(
+    alter: Alteration, tmp_path: Path
 ) -> None:
     model = opened()
     alter(model)
     (tmp_path / "m.onnx").write_bytes(resealed(model))
-    with pytest.raises(NotAModel):
+    failed = [one for one in deep_checks(tmp_path / "m.onnx") if not one.ok]
+    assert f"deep: {DEEP[alter]}" in [one.what for one in failed]
+    assert not any("\n" in one.figure for one in failed)
+
+
+@pytest.mark.parametrize("eight", [True, False])
+def test_the_deep_check_accepts_what_the_exporter_writes(
+    eight: bool, tmp_path: Path
+) -> None:
+    (tmp_path / "m.onnx").write_bytes(sealed_bytes(eight))
+    results = list(deep_checks(tmp_path / "m.onnx"))
+    assert [one.what for one in results if not one.ok] == []
+    assert len(results) == 4
+
+
+def more_sensors_than_there_are(model: onnx.ModelProto) -> None:
+    after(model, "usable_sensors", "Add", constant(model, "nine", np.int32(9)))
+
+
+@FOREIGN_MODEL.mark
+@pytest.mark.parametrize(
+    ("alter", "found"),
+    [
+        (situation_plus_seven, "situation"),
+        (more_sensors_than_there_are, "usable_sensors"),
+    ],
+)
+def test_the_selftest_finds_answers_that_cannot_be(
+    alter: Alteration, found: str, tmp_path: Path
+) -> None:
+    model = opened()
+    alter(model)
+    (tmp_path / "m.onnx").write_bytes(resealed(model, golden=True))
+    (result,) = check_answers(Model(tmp_path / "m.onnx"))
+    assert not result.ok
+    assert found in result.figure
+
+
+def probabilities_that_are_no_number(model: onnx.ModelProto) -> None:
+    product = maker(model, maker(model, maker(model, "p_class").input[0]).input[0])
+    (weights,) = [
+        one for one in model.graph.initializer if one.name == product.input[1]
+    ]
+    weights.raw_data = np.full_like(numpy_helper.to_array(weights), 3e38).tobytes()
+
+
+@FOREIGN_MODEL.mark
+def test_probabilities_that_are_no_number_are_refused_at_load(tmp_path: Path) -> None:
+    model = opened()
+    probabilities_that_are_no_number(model)
+    (tmp_path / "m.onnx").write_bytes(resealed(model, golden=True))
+    with pytest.raises(ModelError, match="p_"):
         Model(tmp_path / "m.onnx")
 
 
@@ -565,31 +474,6 @@ def test_a_further_head_may_not_be_named_like_anything_else(name: str) -> None:
     card["heads"][name] = card["heads"].pop(EXTRA_HEAD)
     error = refused_unopened(resealed(opened(), card))
     assert "\x1b" not in str(error)
-
-
-@FOREIGN_MODEL.mark
-@pytest.mark.parametrize(
-    ("key", "value"),
-    [
-        ("trees", 3),
-        ("trees", 0),
-        ("trees", "2"),
-        ("trees", True),
-        ("trees", 10**30),
-        ("vote_bits", 4),
-        ("vote_bits", 10**9),
-        ("vote_bits", -1),
-        ("classes", []),
-        ("classes", None),
-    ],
-)
-def test_a_card_that_names_other_votes_than_its_trees_give_is_refused(
-    key: str, value: object
-) -> None:
-    for head in ("situation", EXTRA_HEAD):
-        card = card_of(sealed_bytes())
-        card["heads"][head][key] = value
-        refused_unopened(resealed(opened(), card))
 
 
 @HUGE_INPUT.mark
@@ -688,110 +572,9 @@ def test_the_fields_that_are_read_are_counted_and_limited() -> None:
     with pytest.raises(ValueError, match="more than"):
         reader.message(
             memoryview(b"\x08\x01" * (2 * MOST_FIELDS)),
-            {1: Field("x", 0, repeated=True)},
+            {1: Field("x", repeated=True, wire=VARINT)},
         )
     assert reader.fields == MOST_FIELDS + 1
-
-
-# -- answers that only show when the model runs
-
-
-@FOREIGN_MODEL.mark
-@pytest.mark.parametrize("eight", [True, False])
-def test_probabilities_that_are_no_number_are_refused_at_load(
-    eight: bool, tmp_path: Path
-) -> None:
-    model = opened(eight)
-    softmax = maker(model, "p_class" if eight else "p_situation")
-    product = maker(model, maker(model, softmax.input[0]).input[0])
-    (weights,) = [
-        one for one in model.graph.initializer if one.name == product.input[1]
-    ]
-    weights.raw_data = np.full_like(numpy_helper.to_array(weights), 3e38).tobytes()
-    (tmp_path / "m.onnx").write_bytes(resealed(model, golden=True))
-    with pytest.raises(NotAModel, match="p_situation"):
-        Model(tmp_path / "m.onnx")
-
-
-@FOREIGN_MODEL.mark
-def test_more_sensors_than_there_are_are_refused_at_load(tmp_path: Path) -> None:
-    model = opened()
-    after(model, "usable_sensors", "Add", constant(model, "nine", np.int32(9)))
-    (tmp_path / "m.onnx").write_bytes(resealed(model, golden=True))
-    with pytest.raises(NotAModel, match="usable_sensors"):
-        Model(tmp_path / "m.onnx")
-
-
-@FOREIGN_MODEL.mark
-@given(data=st.data())
-@settings(max_examples=15)
-def test_no_altered_graph_that_opens_ever_raises_in_the_monitor(
-    tmp_path_factory: pytest.TempPathFactory, data: st.DataObject
-) -> None:
-    """Numbers and names are exchanged at random, the golden sequences made anew: it is refused, or
-    it answers."""
-    model = opened(data.draw(st.booleans()))
-    for _ in range(data.draw(st.integers(1, 3))):
-        _exchange(model, data)
-    path = tmp_path_factory.getbasetemp() / "altered.onnx"
-    path.write_bytes(_with_its_own_golden(model))
-    try:
-        monitor = GripMonitor(Model(path), lambda: 0)
-    except ModelError:
-        return
-    for k in range(80):
-        values = (
-            np.array(data.draw(st.lists(st.floats(), min_size=6, max_size=6)))
-            if k % 20 == 3
-            else np.full(6, k)
-        )
-        monitor.feed(Sample(20_000_000 * k, values, np.array([k % 31 > 0, True]), k))
-
-
-def _with_its_own_golden(model: onnx.ModelProto) -> bytes:
-    """Only where its bytes would be accepted: what is refused unopened could hang."""
-    unopened = resealed(model)
-    try:
-        read_model(unopened, "")
-        return resealed(model, golden=True)
-    except (HoldfastError, RuntimeError, ValueError):
-        return unopened
-
-
-def _exchange(model: onnx.ModelProto, data: st.DataObject) -> None:
-    node = data.draw(st.sampled_from(list(model.graph.node)))
-    names = [
-        *(one.name for one in model.graph.initializer),
-        *(name for n in model.graph.node for name in n.output),
-    ]
-    kind = data.draw(st.sampled_from(["input", "attribute", "constant", "operator"]))
-    if kind == "input" and node.input:
-        node.input[data.draw(st.integers(0, len(node.input) - 1))] = data.draw(
-            st.sampled_from(names)
-        )
-    if kind == "attribute" and node.attribute:
-        _alter_attribute(data.draw(st.sampled_from(list(node.attribute))), data)
-    if kind == "constant":
-        tensor = data.draw(st.sampled_from(list(model.graph.initializer)))
-        raw = bytearray(tensor.raw_data)
-        raw[data.draw(st.integers(0, len(raw) - 1))] = data.draw(st.integers(0, 255))
-        tensor.raw_data = bytes(raw)
-    if kind == "operator":
-        node.op_type = data.draw(
-            st.sampled_from(sorted({one.op_type for one in model.graph.node}))
-        )
-
-
-def _alter_attribute(attribute: onnx.AttributeProto, data: st.DataObject) -> None:
-    number = data.draw(st.integers(-3, 40))
-    if attribute.ints:
-        attribute.ints[data.draw(st.integers(0, len(attribute.ints) - 1))] = number
-    elif attribute.floats:
-        attribute.floats[data.draw(st.integers(0, len(attribute.floats) - 1))] = float(
-            number
-        )
-    elif attribute.type == onnx.AttributeProto.INT:
-        attribute.i = number
 
 
 # -- what our exporter writes is what is allowed
@@ -831,25 +614,24 @@ OPTIONS: tuple[tuple[Unit, int, float, bool, bool], ...] = (
 def test_the_allowed_operators_are_those_that_the_exporter_writes_over_all_its_options(
     artifacts,
 ) -> None:
-    written: dict[tuple[str, str], set[str]] = {}
+    written = set()
     for one in artifacts:
-        for node in read_onnx(graph_of(one).SerializeToString()).nodes:
-            written.setdefault((node.domain, node.op_type), set()).update(
-                node.attributes
+        for node in graph_of(one).graph.node:
+            written.add(
+                f"{node.domain}.{node.op_type}" if node.domain else node.op_type
             )
     assert written == ALLOWED
-    assert {op for _, op in written} == set(RULES)
 
 
 def test_whatever_the_exporter_writes_is_accepted(artifacts) -> None:
     for one in artifacts:
-        card, _ = read_model(seal(graph_of(one), model_card(one), one.spec), "m.onnx")
+        card, *_ = read_model(seal(graph_of(one), model_card(one), one.spec), "m.onnx")
         assert card.n_channels == one.spec.n_channels
 
 
 @pytest.mark.parametrize("path", RELEASED, ids=lambda path: path.name)
 def test_every_released_model_is_accepted(path: Path) -> None:
-    card, golden = read_model(path.read_bytes(), path)
+    card, golden, _ = read_model(path.read_bytes(), path)
     assert set(golden) >= {"votes", "situation", *card.heads}
 
 
@@ -860,14 +642,12 @@ def test_the_bytes_are_read_as_onnx_reads_them(eight: bool) -> None:
         (n.domain, n.op_type, [*n.input], [*n.output]) for n in model.graph.node
     ]
     for node, other in zip(parsed.nodes, model.graph.node, strict=True):
+        attributes = decoded(node).attributes
         for one in other.attribute:
             expected = helper.get_attribute_value(one)
-            expected = (
-                [word == b"BRANCH_LEQ" for word in expected]
-                if one.name == "nodes_modes"
-                else expected
-            )
-            np.testing.assert_array_equal(node.attributes[one.name], expected)
+            if one.name == "nodes_modes":
+                expected = [word == b"BRANCH_LEQ" for word in expected]
+            np.testing.assert_array_equal(attributes[one.name], expected)
     for tensor in model.graph.initializer:
         np.testing.assert_array_equal(
             parsed.constants[tensor.name], numpy_helper.to_array(tensor), strict=True

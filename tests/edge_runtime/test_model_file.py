@@ -35,7 +35,7 @@ from holdfast.core.errors import (
     RuntimeRefused,
 )
 from holdfast.edge_runtime.decision import DecisionRules
-from holdfast.edge_runtime.golden import golden_input
+from holdfast.edge_runtime.model import golden_input
 from holdfast.edge_runtime.model_file import (
     CARD_KEY,
     GOLDEN_KEY,

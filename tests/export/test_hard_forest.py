@@ -27,8 +27,8 @@ from small_model import with_metadata
 
 from holdfast.core.contract import CLASSES, SITUATIONS
 from holdfast.core.errors import GoldenMismatch
-from holdfast.edge_runtime.golden import golden_answers
 from holdfast.edge_runtime.graph import open_session
+from holdfast.edge_runtime.model import golden_answers
 from holdfast.edge_runtime.monitor import Model
 from holdfast.export.exporting import whole_graph
 from holdfast.export.forest import Forest, IntArray, leaf_votes, vote_bits

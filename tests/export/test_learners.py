@@ -3,32 +3,26 @@
 from __future__ import annotations
 
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import onnx
 import pytest
-from hazard_marks import FOREIGN_MODEL
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from onnx import numpy_helper
-from small_model import artifact, card_of, resealed, spec
+from small_model import artifact, spec
 
 from holdfast.core.contract import CLASSES, SITUATIONS
 from holdfast.core.errors import HoldfastError
 from holdfast.edge_runtime.graph import open_session, run_recording
 from holdfast.edge_runtime.model import Model
-from holdfast.edge_runtime.onnx_network import INPUT_MOST
 from holdfast.export.artifact import Artifact, read_artifact, write_artifact
 from holdfast.export.exporting import export_artifact, whole_graph
 from holdfast.export.features import feature_count
 from holdfast.export.heads import Calibration, Head
 from holdfast.export.learner import Committee, Learner, reference_votes, votes_in_all
-from holdfast.export.network import Inputs, Layer, Network, network_votes
+from holdfast.export.network import INPUT_MOST, Inputs, Layer, Network, network_votes
 from holdfast.export.reference import reference_label, riskier_argmax, weighted
-from holdfast.export.seal import model_card, seal
 from holdfast.export.verify import cut_learners, verify
 from holdfast.training.network_fit import NetworkPlan, fit_network
 from holdfast.training.plan import ForestPlan
@@ -238,143 +232,6 @@ def test_inputs_beyond_their_bounds_make_no_network(knee, gain, why):
     inputs = random_network(0, 4).inputs
     with pytest.raises(ValueError, match=why):
         Inputs(knee * inputs.knee, gain * inputs.gain, inputs.offset)
-
-
-# -- files that were altered and sealed again
-
-
-def sealed(kind: str = "committee") -> tuple[onnx.ModelProto, dict[str, Any]]:
-    made = made_of(kind, SITUATIONS)
-    data = seal(whole_graph(made.spec, made.heads), model_card(made), made.spec)
-    return onnx.load_from_string(data), card_of(data)
-
-
-def constant(
-    model: onnx.ModelProto, node: onnx.NodeProto, place: int = 1
-) -> onnx.TensorProto:
-    (one,) = [c for c in model.graph.initializer if c.name == node.input[place]]
-    return one
-
-
-def nodes(model: onnx.ModelProto, op: str) -> list[onnx.NodeProto]:
-    return [node for node in model.graph.node if node.op_type == op]
-
-
-def change(
-    model: onnx.ModelProto, node: onnx.NodeProto, to: Any, place: int = 1
-) -> None:
-    """Give a node a constant of its own: to(old)."""
-    old = numpy_helper.to_array(constant(model, node, place))
-    name = f"altered_{len(model.graph.initializer)}"
-    model.graph.initializer.append(numpy_helper.from_array(to(old), name))
-    node.input[place] = name
-
-
-def made_by(model: onnx.ModelProto, node: onnx.NodeProto, place: int) -> onnx.NodeProto:
-    """The node that makes an input; the node itself where none does."""
-    found = [one for one in model.graph.node if node.input[place] in one.output]
-    return found[0] if found else node
-
-
-def inner_product(model: onnx.ModelProto) -> onnx.NodeProto:
-    """A product of a layer behind a hidden one."""
-    return next(
-        n for n in nodes(model, "MatMul") if made_by(model, n, 0).op_type == "Clip"
-    )
-
-
-def more_shares(model: onnx.ModelProto) -> None:
-    (floor,) = nodes(model, "Floor")
-    (shared,) = [
-        node for node in nodes(model, "Mul") if node.output[0] == floor.input[0]
-    ]
-    change(model, shared, lambda old: 2 * old)
-
-
-def another_axis(model: onnx.ModelProto) -> None:
-    (floor,) = nodes(model, "Floor")
-    by_name = {node.output[0]: node for node in model.graph.node}
-    division = by_name[by_name[floor.input[0]].input[0]]
-    change(model, by_name[division.input[1]], lambda old: old - 1)
-
-
-def another_table(model: onnx.ModelProto) -> None:
-    (cast,) = [
-        node
-        for node in nodes(model, "Cast")
-        if made_by(model, node, 0).op_type == "Min"
-    ]
-    (gather,) = [
-        node for node in nodes(model, "Gather") if node.input[1] == cast.output[0]
-    ]
-    change(model, gather, lambda old: old - 1.0, 0)
-
-
-def beyond_the_table(model: onnx.ModelProto) -> None:
-    (nearest,) = [
-        node for node in nodes(model, "Min") if made_by(model, node, 0).op_type == "Sub"
-    ]
-    change(model, nearest, lambda old: old + 1000)
-
-
-def without_the_guard(model: onnx.ModelProto) -> None:
-    by_name = {node.output[0]: node for node in model.graph.node}
-    for division in nodes(model, "Div"):
-        finite = by_name.get(division.input[0])
-        if finite is not None and finite.op_type == "Where":
-            division.input[0] = finite.input[1]
-
-
-def large_weights(model: onnx.ModelProto) -> None:
-    change(model, inner_product(model), lambda old: old * np.float32(1000.0))
-
-
-def weights_not_finite(model: onnx.ModelProto) -> None:
-    change(model, inner_product(model), lambda old: old * np.float32(np.nan))
-
-
-ALTERED = [
-    more_shares,
-    another_axis,
-    another_table,
-    beyond_the_table,
-    without_the_guard,
-    large_weights,
-    weights_not_finite,
-]
-
-
-@FOREIGN_MODEL.mark
-@pytest.mark.parametrize("alter", ALTERED)
-def test_an_altered_network_is_refused_when_the_file_is_opened(alter, tmp_path: Path):
-    model, card = sealed()
-    alter(model)
-    (tmp_path / "m.onnx").write_bytes(resealed(model, card))
-    with pytest.raises(HoldfastError, match=r"network|Gather"):
-        Model(tmp_path / "m.onnx")
-
-
-@FOREIGN_MODEL.mark
-@pytest.mark.parametrize(
-    ("key", "value"),
-    [
-        ("learner", "forest"),
-        ("learner", "network"),
-        ("learner", "x"),
-        ("votes", 3),
-        ("votes", 2**24),
-        ("votes", "9"),
-        ("trees", 2),
-    ],
-)
-def test_a_card_that_names_another_learner_or_other_votes_is_refused(
-    key, value, tmp_path: Path
-):
-    model, card = sealed()
-    card["heads"]["situation"][key] = value
-    (tmp_path / "m.onnx").write_bytes(resealed(model, card))
-    with pytest.raises(HoldfastError, match=r"votes|network|trees"):
-        Model(tmp_path / "m.onnx")
 
 
 def test_a_committee_s_members_have_equally_many_votes():

@@ -6,7 +6,7 @@ import numpy as np
 from small_model import artifact, card_of, graph_of, spec, with_networks
 
 from holdfast.edge_runtime.decision import DecisionRules
-from holdfast.edge_runtime.onnx_rules import votes_in_all
+from holdfast.edge_runtime.model_file import votes_in_all
 from holdfast.export.adapted_file import Adaptation, adapted
 from holdfast.export.correction import Correction
 from holdfast.export.features import feature_count

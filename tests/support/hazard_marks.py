@@ -213,8 +213,8 @@ SUPERVISOR_INVARIANTS = Hazard(
 FOREIGN_MODEL = Hazard(
     OUTSIDE,
     "A model file was altered and sealed again",
-    "Its shapes, types, names and operators are checked before it is run; a file "
-    "that does not fit is refused at load",
+    "At load its sizes, operators, inputs and outputs are checked, and its golden sequences are "
+    "replayed; `holdfast selftest --deep` checks shapes, constants and trees too",
     "Deciding whose model files to trust: the seal shows integrity and not who made it",
 )
 HUGE_INPUT = Hazard(

@@ -17,8 +17,8 @@ from sklearn.ensemble import RandomForestClassifier
 
 from holdfast.core.contract import CLASSES, SITUATIONS, Unit
 from holdfast.edge_runtime.decision import DecisionRules
-from holdfast.edge_runtime.golden import golden_answers, golden_to_json
 from holdfast.edge_runtime.graph import open_session
+from holdfast.edge_runtime.model import golden_answers, golden_to_json
 from holdfast.edge_runtime.model_file import CARD_KEY, GOLDEN_KEY, SEAL_KEY
 from holdfast.edge_runtime.preparation import Preparation
 from holdfast.export.artifact import Artifact

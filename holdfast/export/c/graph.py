@@ -9,13 +9,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from holdfast.core.errors import NotCompilable
 from holdfast.edge_runtime.graph import Outputs
 from holdfast.edge_runtime.model import read_model
 from holdfast.edge_runtime.model_file import SEAL_KEY, ModelCard, read_sealed
-from holdfast.edge_runtime.onnx_bytes import BOOL, Node, read_onnx
-from holdfast.edge_runtime.onnx_shapes import shapes_of
-from holdfast.edge_runtime.onnx_tensors import Tensor
+from holdfast.edge_runtime.onnx_bytes import BOOL, Node
+from holdfast.export.c.shapes import Tensor, refusal, shapes_of
 
 INPUTS = ("sample", "valid", "state")
 """Tensors that the caller of a step owns."""
@@ -64,20 +62,11 @@ class Graph:
         return self.shape(FEATURES)[1]
 
 
-def refusal(node: Node, what: str) -> NotCompilable:
-    """The error for an operator that has no C form."""
-    return NotCompilable(
-        f"operator {node.op_type} for {node.outputs[0][:40]}: {what}",
-        cause="a model made by another version of Holdfast",
-        next_step="export the model again with this version, or run the ONNX file",
-    )
-
-
 def read_graph(path: str | Path) -> Graph:
     """The graph of a sealed file, all checks passed. Raises a ModelError."""
     data = read_sealed(path)
-    card, golden = read_model(data, path)
-    model = read_onnx(data)
+    card, golden, model = read_model(data, path)
+    model = replace(model, nodes=tuple(map(decoded, model.nodes)))
     tensors = shapes_of(model)
     # a fresh state is all zero, and holdfast_init makes it: no step has to reset
     tensors["reset"] = Tensor(BOOL, (1, 1, 1), np.zeros((1, 1, 1), dtype=np.bool_))
@@ -102,3 +91,51 @@ def _without_resets(
         else:
             kept.append(node)
     return tuple(kept)
+
+
+FLOAT_LISTS = ("nodes_values", "target_weights")
+BRANCH = b"BRANCH_LEQ"
+"""What a node of a tree is: this, or LEAF."""
+
+
+def decoded(node: Node) -> Node:
+    """The node with its lists as arrays; `nodes_modes` says which nodes are branches."""
+    attributes = dict(node.attributes)
+    lists = [name for name in attributes if name.startswith(("nodes_", "target_"))]
+    if node.op_type == "Transpose":
+        lists.append("perm")
+    for name in lists:
+        data = attributes[name]
+        if name in FLOAT_LISTS:
+            attributes[name] = _floats(data)
+        elif name == "nodes_modes":
+            attributes[name] = _are_branches(data)
+        else:
+            attributes[name] = _whole_numbers(data)
+    return replace(node, attributes=attributes)
+
+
+def _floats(data: bytes) -> npt.NDArray[np.float32]:
+    """Four bytes each, behind a tag of one byte."""
+    raw = np.frombuffer(data, np.uint8).reshape(-1, 5)
+    return np.ascontiguousarray(raw[:, 1:]).view("<f4").ravel()
+
+
+def _whole_numbers(data: bytes) -> npt.NDArray[np.int64]:
+    """Seven bits a byte, the lowest first, each number behind a tag of one byte."""
+    raw = np.frombuffer(data, np.uint8)
+    # the last byte of a tag and of a number is below 128: every second one ends a number
+    last = np.flatnonzero(raw < 0x80)
+    tags, ends = last[::2], last[1::2]
+    values = np.zeros(len(ends), dtype=np.int64)
+    for k in range(int((ends - tags).max(initial=0))):
+        here = tags + 1 + k <= ends
+        values[here] |= (raw[tags[here] + 1 + k] & 0x7F).astype(np.int64) << (7 * k)
+    return values
+
+
+def _are_branches(data: bytes) -> npt.NDArray[np.bool_]:
+    """Words behind a tag and a length of one byte each; the tag, J, is in neither word."""
+    raw = np.frombuffer(data, np.uint8)
+    lengths = raw[np.flatnonzero(raw == ord("J")) + 1]
+    return np.asarray(lengths == len(BRANCH))

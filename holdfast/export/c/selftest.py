@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from holdfast.edge_runtime.golden import AMPLITUDE, golden_length
+from holdfast.edge_runtime.model import AMPLITUDE, golden_length
 from holdfast.export.c.graph import Graph
 from holdfast.export.c.literals import C_TYPES, number, smallest_type, table
 from holdfast.export.c.templates import template

@@ -13,11 +13,12 @@ from functools import cache
 import numpy as np
 
 from holdfast.edge_runtime.onnx_bytes import FLOAT, Node
-from holdfast.edge_runtime.onnx_trees import EXACT_FLOAT32
 from holdfast.export.c.graph import Graph
 
 Bounds = tuple[float, float]
 ANYTHING: Bounds = (-math.inf, math.inf)
+EXACT_FLOAT32 = 2**24
+"""Whole numbers below it are exact in float32."""
 
 
 class Whole:

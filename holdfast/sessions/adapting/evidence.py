@@ -26,7 +26,6 @@ from holdfast.core.contract import GRASP, RISKY_SLIP, BoolArray, FloatArray
 from holdfast.edge_runtime.decision import UNKNOWN
 from holdfast.edge_runtime.graph import Outputs
 from holdfast.edge_runtime.model import Model
-from holdfast.edge_runtime.onnx_network import INPUT_MOST
 from holdfast.evaluation.alarms import Answers
 from holdfast.evaluation.event_scores import COLLAR_S
 from holdfast.evaluation.methods import without_samples
@@ -36,6 +35,7 @@ from holdfast.evaluation.window_scores import require_model_fits
 from holdfast.export.correction import Correction, corrected_votes, rows_of
 from holdfast.export.forest import EXACT_FLOAT32
 from holdfast.export.network import (
+    INPUT_MOST,
     LOGIT_STEPS,
     WEIGHT_MOST,
     Float32Array,
