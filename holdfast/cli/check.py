@@ -96,7 +96,7 @@ def _alike(missing: Sequence[Missing]) -> list[tuple[Missing, int]]:
 
 
 def _summary(report: FolderReport) -> list[str]:
-    from holdfast.training.splits import in_words as counted
+    from holdfast.training.figures import in_words as counted
 
     if report.layout is None or report.held_out_by is None:
         return [f"{report.folder}: no recording can be read"]

@@ -178,7 +178,7 @@ def _camera_in_words(name: str, of: CameraFigures | None) -> list[str]:
 
 
 def _windows_in_words(figures: WindowFigures) -> list[str]:
-    from holdfast.training.summary import situation_lines, with_interval
+    from holdfast.training.figures import situation_lines, with_interval
 
     heads, head = figures.heads, figures.heads.predict_250ms
     lines = [
@@ -215,7 +215,7 @@ def _warnings(figures: WindowFigures) -> list[str]:
 
 
 def _trials_in_words(of: HeadFigures) -> str:
-    from holdfast.training.splits import in_words
+    from holdfast.training.figures import in_words
 
     trials = in_words(of.n_trials, "trial")
     return (

@@ -28,7 +28,7 @@ VERBS = {
         "write recordings in the formats of other tools",
     ),
     "train": (
-        "holdfast.training.train",
+        "holdfast.cli.train",
         "train on recordings; writes an artifact folder",
     ),
     "export": (

@@ -17,7 +17,7 @@ from holdfast.evaluation.method_names import DEPLOYED, LAWS, ORACLE
 from holdfast.evaluation.methods import MethodFigures
 from holdfast.evaluation.outcomes import COLUMNS, STYLES, OutcomeRow
 from holdfast.evaluation.real_sets import RealFigures, RealSetsMissing
-from holdfast.training.splits import PLURAL
+from holdfast.training.figures import PLURAL
 
 
 def write_event_report(

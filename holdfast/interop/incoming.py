@@ -31,7 +31,7 @@ from holdfast.core.trial_file import (
 from holdfast.core.trial_layout import META, truth_path
 from holdfast.core.writing import write_whole
 from holdfast.interop.xdf import Marker, TactileStream
-from holdfast.training.datasets.places import EMPTY_HAND, FOLDERS
+from holdfast.training.datasets.trials import EMPTY_HAND, FOLDERS
 
 BEGIN, END = "begin ", "end"
 PROVENANCE = "marker"

@@ -11,10 +11,8 @@ from calendar import timegm
 from collections.abc import Iterator
 from dataclasses import dataclass
 from fnmatch import fnmatch
-from importlib import import_module
 from pathlib import Path
 from time import strptime
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -25,9 +23,9 @@ from holdfast.core.objects import read_json
 from holdfast.core.reading import Json
 from holdfast.core.trial_file import read_trial
 from holdfast.core.trial_layout import EVENTS, META, TACTILE, read_events
-from holdfast.training.datasets import LAYOUTS, find, layout_of
-from holdfast.training.datasets.reading import TrialReader
+from holdfast.training.datasets import LAYOUTS, find, layout_of, reader_of
 from holdfast.training.datasets.thesis import preparation
+from holdfast.training.datasets.trials import TrialReader
 from holdfast.training.recording import Recording
 from holdfast.training.windows import TimedTrial
 
@@ -128,8 +126,7 @@ def carried_trials(
             cause="a public set, a level too high or too low, or an empty copy",
             next_step="give a folder that holdfast check reads",
         )
-    module: Any = import_module(f"holdfast.training.datasets.{layout}")
-    readers: list[TrialReader] = module.readers(root)
+    readers: list[TrialReader] = reader_of(layout).readers(root)
     chosen = [reader for reader in readers if fnmatch(_name(reader, root), only)]
     if not chosen:
         names = ", ".join(_name(reader, root) for reader in readers[:3])

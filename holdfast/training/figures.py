@@ -14,6 +14,8 @@ from holdfast.core.reading import Json
 
 ABSENT = "-"
 """What a table has for a class that is absent from the truth."""
+PLURAL = {"person": "people", "object": "objects", "trial": "trials", "block": "blocks"}
+"""Of the kinds of group that are held out together."""
 Interval = tuple[float, float]
 """The interval of a figure, 95 % unless stated."""
 
@@ -86,3 +88,37 @@ def over(f1: Mapping[str, float | None]) -> str:
         name.replace("_", " ") for name, value in f1.items() if value is not None
     ]
     return f"over {', '.join(present) or 'no class'} alone"
+
+
+def situation_lines(of: SituationFigures, group_kind: str) -> list[str]:
+    """The macro F1 and the classes it averages, then the F1 of each situation.
+
+    group_kind: what the intervals resample.
+    """
+    macro = with_interval(of.macro_f1, of.macro_f1_ci, group_kind)
+    lines = [f"macro F1 {over(of.f1) or 'over four situations'}  {macro}"]
+    for name, f1 in of.f1.items():
+        shown = with_interval(f1, of.f1_ci[name], group_kind)
+        lines.append(f"  F1 {name:<12} {shown}")
+    return lines
+
+
+def with_interval(
+    value: float | None, interval: Interval | None, group_kind: str
+) -> str:
+    """A figure and its interval over groups of a kind; "-" where it is not defined."""
+    if value is None:
+        return ABSENT
+    if not interval:
+        return f"{value:.3f}"
+    groups, (low, high) = PLURAL.get(group_kind, "groups"), interval
+    return f"{value:.3f}  (95 % interval over {groups} {low:.3f} to {high:.3f})"
+
+
+def in_words(n_groups: int, kind: str) -> str:
+    """How many groups there are, and of what.
+
+    >>> in_words(3, "person"), in_words(1, "object"), in_words(4, "trial")
+    ('3 people', '1 object', '4 trials')
+    """
+    return f"{n_groups} {kind if n_groups == 1 else PLURAL[kind]}"

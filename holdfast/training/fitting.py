@@ -1,9 +1,11 @@
-"""Recordings -> features -> cross-validation -> calibrated learners -> an artifact for export."""
+"""One training run: sets -> features -> held-out figures -> calibrated learners -> an artifact."""
 
 from __future__ import annotations
 
 import hashlib
 import platform
+import warnings
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
@@ -11,9 +13,16 @@ from pathlib import Path
 import numpy as np
 
 from holdfast.core.contract import SITUATIONS
-from holdfast.core.errors import ClassMissing
+from holdfast.core.errors import ClassMissing, DataError, UsageError
+from holdfast.core.objects import read_json
 from holdfast.core.reading import Json
-from holdfast.export.artifact import Artifact, write_artifact
+from holdfast.core.writing import require_writable
+from holdfast.export.artifact import (
+    INDEX,
+    Artifact,
+    require_no_artifact,
+    write_artifact,
+)
 from holdfast.export.heads import Head
 from holdfast.training.crossval import (
     HeldOut,
@@ -23,15 +32,56 @@ from holdfast.training.crossval import (
     main_task,
     plan_for,
 )
+from holdfast.training.datasets import join, load
 from holdfast.training.featurise import FloatRows, features_of, spec_for
-from holdfast.training.figures import HeadFigures
+from holdfast.training.figures import PLURAL, HeadFigures
+from holdfast.training.fixture import KIND, write_fixture
 from holdfast.training.label_rule import fit_label_weights
 from holdfast.training.metrics import report
-from holdfast.training.plan import TASK_HEADS, TrainingPlan
-from holdfast.training.progress import Part, Say, ignored
-from holdfast.training.recording import DataSet, Recording
+from holdfast.training.plan import TASK_HEADS, LearnerKind, TrainingPlan, hand_plan
+from holdfast.training.progress import Part, Say, Stages, ignored
+from holdfast.training.recording import DataSet, LabelledRows, Recording
+from holdfast.training.splits import HoldOut
+from holdfast.training.windows import Choice
 
 VERSIONS_OF = ("numpy", "scipy", "scikit-learn", "skl2onnx", "onnx", "onnxruntime")
+FIXTURE = "fixture"
+FIXTURE_TRIALS = 4
+"""Trials a cell: enough windows for a forest to learn something, few enough for a minute of CI."""
+FEWEST_WINDOWS = 50
+"""Of a class; below, a forest learns single trials and an F1 jumps with each window."""
+
+
+class FewWindows(UserWarning):
+    """A class with fewer windows than FEWEST_WINDOWS."""
+
+
+class FewGroups(UserWarning):
+    """A set of two groups (people, objects, blocks, trials) only."""
+
+
+@dataclass(frozen=True)
+class TrainingRequest:
+    """What `train_on_sets` is asked for.
+
+    data: sets by name or folder; none for the generated fixture. replace: an artifact in `out` may
+    be replaced; replace_fixture: one of the fixture may be, by one of the fixture. channels,
+    groups, hold_out, windows: as `datasets.load` takes them. size, learner, inner_folds: of the
+    plan.
+    """
+
+    data: tuple[str, ...]
+    out: Path
+    replace: bool = False
+    replace_fixture: bool = False
+    channels: int | None = None
+    groups: int | None = None
+    hold_out: HoldOut | None = None
+    windows: Choice = "balanced"
+    size: str = "default"
+    learner: LearnerKind = "committee"
+    inner_folds: int = 0
+    seed: int = 0
 
 
 @dataclass(frozen=True)
@@ -40,6 +90,128 @@ class Trained:
 
     figures: HeadFigures
     held_out: HeldOut
+
+
+def train_on_sets(
+    request: TrainingRequest, progress: Stages, describe: Callable[[str], None]
+) -> tuple[DataSet, HeadFigures]:
+    """Read the sets, train on all of them together and write the artifact.
+
+    describe: receives a description of each set that was read. Returns the joined set and its
+    held-out figures. Raises UsageError, OutputError, or a DataError.
+    """
+    require_writable(request.out)
+    if not request.replace and not _rebuilds_fixture(request):
+        require_no_artifact(request.out)
+    names = request.data
+    if not names:
+        write_fixture(request.out / FIXTURE, trials_per_cell=FIXTURE_TRIALS)
+        names = (str(request.out / FIXTURE),)
+    sets = []
+    for name in names:
+        progress(f"reading {name}")
+        data = _read_set(name, request, progress.part)
+        count = f"{len(data.recordings)} recordings at {data.rate_hz:.4g} Hz"
+        describe(f"{data.name}: {data.kind}; {count}\n{windows_table(data)}")
+        sets.append(data)
+    joined = join(sets)
+    warn_of_scarcity(joined, undersampled=request.windows == "thesis")
+    plan = hand_plan(request.size, request.learner)
+    trained = train(
+        joined,
+        request.out,
+        replace(plan, inner_folds=request.inner_folds),
+        seed=request.seed,
+        say=progress,
+        part=progress.part,
+    )
+    return joined, trained.figures
+
+
+def _rebuilds_fixture(request: TrainingRequest) -> bool:
+    """Whether the artifact there and the one to write are both the fixture's."""
+    if request.data or not request.replace_fixture:
+        return False
+    try:
+        origin = read_json(request.out / INDEX).get("training")
+    except DataError:
+        return False
+    return isinstance(origin, dict) and origin.get("kind") == KIND
+
+
+def _read_set(name: str, request: TrainingRequest, part: Part) -> DataSet:
+    from holdfast.training.datasets.trials import ChannelsNotOffered
+
+    try:
+        return load(
+            name,
+            channels=request.channels,
+            groups=request.groups,
+            seed=request.seed,
+            windows=request.windows,
+            hold_out=request.hold_out,
+            part=part,
+        )
+    except ChannelsNotOffered as error:
+        raise UsageError(
+            f"--channels {request.channels}: {name} does not have that many",
+            next_step=f"give --channels {error.offered}, or leave it out",
+        ) from None
+
+
+def windows_table(data: DataSet) -> str:
+    """Windows by class, a line for each task; in the thesis' layout object x action too."""
+    if "table" in data.notes:
+        return f"{data.notes['table']}\n\n{_on_counts(data.notes)}"
+    lines = []
+    for task, rows in data.tasks.items():
+        counts = rows.class_counts().items()
+        cells = ", ".join(f"{name} {count:,}" for name, count in counts)
+        lines.append(f"{task}: {len(rows):,} windows ({cells})")
+    return "\n".join(lines)
+
+
+def _on_counts(notes: Json) -> str:
+    """The counts that were undersampled, or else the note that counts are no weights."""
+    counts = notes.get("windows_natural") or notes["windows"]
+    if counts == notes["windows"]:
+        return "in training every class weighs the same, whatever its count"
+    natural = ", ".join(f"{name} {count}" for name, count in counts.items())
+    return f"all windows before undersampling: {natural}"
+
+
+def warn_of_scarcity(data: DataSet, *, undersampled: bool = False) -> None:
+    """Warn (FewWindows, FewGroups) of a set that holds too little, and say what to do.
+
+    undersampled: its windows are the thesis' set, which is as small as its rarest class.
+    """
+    few = []
+    groups: set[str] = set()
+    for task, rows in data.tasks.items():
+        groups.update(data.group_of(task).tolist())
+        for name, count in rows.class_counts().items():
+            # A class without any window is an error of its own, or the set lacks it by nature.
+            if 0 < count < FEWEST_WINDOWS:
+                few.append(f"{name} ({count})")
+    if few:
+        remedy = "leave out --windows thesis, or " if undersampled else ""
+        warnings.warn(
+            f"{data.name}: fewer than {FEWEST_WINDOWS} windows of {', '.join(few)}; do not trust "
+            f"the answers and figures of these; next: {remedy}record or simulate more trials with "
+            "them",
+            FewWindows,
+            stacklevel=2,
+        )
+    if len(groups) == 2:
+        kind = PLURAL.get(data.group_kind, "groups")
+        cut_down = "kept_groups" in data.notes
+        remedy = "raise --groups" if cut_down else f"record more {kind}"
+        warnings.warn(
+            f"{data.name}: two {kind} only; each is answered by a model of the other alone, and "
+            f"intervals mean little; next: {remedy}",
+            FewGroups,
+            stacklevel=2,
+        )
 
 
 def train(
@@ -53,7 +225,8 @@ def train(
 ) -> Trained:
     """Train on a set and write the artifact folder.
 
-    say: receives what begins. part: receives the share of it that is done.
+    say: receives the name of each stage as it begins. part: receives the share of the stage that is
+    done.
 
     Raises ClassMissing, TooFewGroups, RateError or OutputError.
     """
@@ -84,14 +257,22 @@ def final_artifact(
     """
     for task, windows in data.tasks.items():
         plan = plan_for(data, features, plan, task, np.arange(len(windows)), seed)
+    heads = []
+    for task, windows in data.tasks.items():
+        every = np.arange(len(windows))
+        learner = fit_learner(data, features[task], plan, task, every, seed)
+        calibration = fit_calibration(held_out.shares(task), windows.label)
+        weights = None
+        if plan.inner_folds and task == main_task(data):
+            situation = situations_of(windows).label
+            weights = fit_label_weights(held_out.situation_votes(), situation)
+        head = Head(TASK_HEADS[task], windows.classes, learner, calibration, weights)
+        heads.append(head)
     return Artifact(
         spec=spec_for(data, plan.groups),
         preparation=data.preparation,
         decision=plan.decision.to_json(),
-        heads=[
-            _final_head(data, features[task], plan, task, held_out, seed)
-            for task in data.tasks
-        ],
+        heads=heads,
         rows=np.concatenate(list(features.values())),
         training=_origin(data, plan, seed, figures),
     )
@@ -100,12 +281,8 @@ def final_artifact(
 def require_classes(data: DataSet) -> None:
     """Raise ClassMissing where a task has no window of a class that the set should have."""
     for task, rows in data.tasks.items():
-        counts = np.bincount(rows.label, minlength=len(rows.classes))
-        missing = [
-            name
-            for name, n in zip(rows.classes, counts, strict=True)
-            if n == 0 and name not in data.lacks
-        ]
+        counts = rows.class_counts()
+        missing = [n for n in counts if counts[n] == 0 and n not in data.lacks]
         if missing:
             raise ClassMissing(
                 f"task {task}: no window of {', '.join(missing)}",
@@ -117,11 +294,9 @@ def require_classes(data: DataSet) -> None:
 
 def held_out_figures(data: DataSet, held_out: HeldOut, seed: int = 0) -> HeadFigures:
     """Metrics of the held-out votes, situations always four."""
-    score = (
-        held_out.shares("predict_250ms")[:, 1]
-        if "predict_250ms" in data.tasks
-        else None
-    )
+    score = None
+    if "predict_250ms" in data.tasks:
+        score = held_out.shares("predict_250ms")[:, 1]
     return report(with_situations(data), held_out.situations(), score, seed=seed)
 
 
@@ -129,40 +304,26 @@ def with_situations(data: DataSet) -> DataSet:
     """The same set with a task "situations", made from the eight classes where it has none."""
     if "situations" in data.tasks:
         return data
-    classes = data.tasks["classes"]
-    situations = replace(classes, label=classes.label // 2, classes=SITUATIONS)
+    situations = situations_of(data.tasks["classes"])
     return replace(data, tasks={**data.tasks, "situations": situations})
 
 
+def situations_of(rows: LabelledRows) -> LabelledRows:
+    """The same windows labelled with the four situations, from these or the eight classes."""
+    per_situation = len(rows.classes) // len(SITUATIONS)
+    return replace(rows, label=rows.label // per_situation, classes=SITUATIONS)
+
+
 def fingerprint(recording: Recording) -> str:
-    """First 12 digits of the SHA-256 of a recording's samples: says whether a model has seen it."""
-    return hashlib.sha256(
-        np.ascontiguousarray(recording.samples).tobytes()
-    ).hexdigest()[:12]
-
-
-def _final_head(
-    data: DataSet,
-    features: FloatRows,
-    plan: TrainingPlan,
-    task: str,
-    held_out: HeldOut,
-    seed: int,
-) -> Head:
-    rows = data.tasks[task]
-    learner = fit_learner(data, features, plan, task, np.arange(len(rows)), seed)
-    calibration, weights = fit_calibration(held_out.shares(task), rows.label), None
-    if plan.inner_folds and task == main_task(data):
-        votes = held_out.situation_votes()
-        weights = fit_label_weights(
-            votes, rows.label // (len(rows.classes) // len(SITUATIONS))
-        )
-    return Head(TASK_HEADS[task], rows.classes, learner, calibration, weights)
+    """First 12 digits of the SHA-256 of a recording's samples, by which a model knows it."""
+    samples = np.ascontiguousarray(recording.samples)
+    return hashlib.sha256(samples.tobytes()).hexdigest()[:12]
 
 
 def _origin(data: DataSet, plan: TrainingPlan, seed: int, figures: HeadFigures) -> Json:
     """What the model card says of where it comes from."""
     prints = [fingerprint(recording) for recording in data.recordings]
+    windows = {task: rows.class_counts() for task, rows in data.tasks.items()}
     return {
         "data": data.name,
         "kind": data.kind,
@@ -172,16 +333,7 @@ def _origin(data: DataSet, plan: TrainingPlan, seed: int, figures: HeadFigures) 
         "recordings": prints,
         "groups": len(data.groups()),
         "group_kind": data.group_kind,
-        "windows": {
-            task: dict(
-                zip(
-                    rows.classes,
-                    np.bincount(rows.label, minlength=len(rows.classes)).tolist(),
-                    strict=True,
-                )
-            )
-            for task, rows in data.tasks.items()
-        },
+        "windows": windows,
         "main_task": main_task(data),
         "plan": plan.to_json(),
         "seed": seed,
@@ -192,7 +344,5 @@ def _origin(data: DataSet, plan: TrainingPlan, seed: int, figures: HeadFigures) 
 
 def versions() -> dict[str, str]:
     """Versions of what computes the figures."""
-    return {
-        "python": platform.python_version(),
-        **{name: version(name) for name in VERSIONS_OF},
-    }
+    packages = {name: version(name) for name in VERSIONS_OF}
+    return {"python": platform.python_version(), **packages}

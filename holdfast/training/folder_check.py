@@ -10,9 +10,8 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
-from importlib import import_module
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
@@ -30,10 +29,9 @@ from holdfast.core.trial_layout import (
     truth_path,
 )
 from holdfast.edge_runtime.intent import read_intent
-from holdfast.training.datasets import LAYOUTS, layout_of, load
-from holdfast.training.datasets.places import FOLDERS, TrialPlace
-from holdfast.training.datasets.reading import TrialReader, read_all
+from holdfast.training.datasets import LAYOUTS, layout_of, load, reader_of
 from holdfast.training.datasets.thesis import common_rate
+from holdfast.training.datasets.trials import FOLDERS, TrialPlace, TrialReader, read_all
 from holdfast.training.progress import Part, ignored
 from holdfast.training.splits import grouped
 from holdfast.training.windows import TimedTrial
@@ -360,9 +358,8 @@ def intents_beside(trials: Sequence[Path]) -> tuple[int, list[Missing]]:
 
 
 def _readers(root: Path, layout: str, faults: list[DataError]) -> list[TrialReader]:
-    module: Any = import_module(f"holdfast.training.datasets.{layout}")
     try:
-        readers: list[TrialReader] = module.readers(root, faults.append)
+        readers: list[TrialReader] = reader_of(layout).readers(root, faults.append)
     except DataError as error:
         faults.append(error)
         return []

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,16 +14,28 @@ from holdfast.core.contract import NOTHING, SITUATIONS, FloatArray, Unit
 from holdfast.core.errors import DataNotFound, LabelError, NotANumber
 from holdfast.core.objects import Mass, named_mass, object_name, plain_word
 from holdfast.core.trial_file import Trial, trial_of
-from holdfast.training.datasets.places import EMPTY_HAND, FOLDERS
-from holdfast.training.datasets.reading import finite_sensors
 from holdfast.training.datasets.thesis import (
     OPEN_HAND,
     assembled,
-    preparation,
+    prepared,
     require_unit,
 )
-from holdfast.training.recording import DataSet, Recording
-from holdfast.training.timeline import ACTION_S, Phase, events_of, scripted, whole
+from holdfast.training.datasets.trials import (
+    EMPTY_HAND,
+    FOLDERS,
+    TrialPlace,
+    TrialReader,
+    action_of,
+)
+from holdfast.training.recording import DataSet
+from holdfast.training.timeline import (
+    ACTION_S,
+    Phase,
+    Phases,
+    events_of,
+    scripted,
+    whole,
+)
 from holdfast.training.windows import Choice, TimedTrial
 
 if TYPE_CHECKING:
@@ -30,6 +43,7 @@ if TYPE_CHECKING:
 
 LABEL = "label"
 NAME = "<person>/<object>/<action>/<name>"
+NO_LABEL = -1
 
 
 def recordings_from_frames(
@@ -53,17 +67,15 @@ def recordings_from_frames(
     if not frames:
         raise DataNotFound("no data frame", where=name, next_step=f"name each {NAME}")
     require_unit(unit, Path(name))
-    starts = (
-        action_at_s
-        if isinstance(action_at_s, Mapping)
-        else dict.fromkeys(frames, action_at_s)
-    )
-    trials = [
-        _timed(key, frame, unit, masses_g, starts.get(key, ACTION_S))
-        for key, frame in frames.items()
-    ]
-    about = {"name": name, "unit": unit, "kind": "recorded"}
-    data = assembled(about, trials, channels=None, seed=seed, windows=windows)
+    readers = []
+    for key, frame in frames.items():
+        starts_s = action_at_s
+        if isinstance(starts_s, Mapping):
+            starts_s = starts_s.get(key, ACTION_S)
+        read = partial(_timed, key, frame, unit, masses_g, starts_s)
+        readers.append(TrialReader(TrialPlace(Path(key)), read))
+    about = {"name": name, "kind": "recorded"}
+    data = assembled(about, readers, channels=None, seed=seed, windows=windows)
     return replace(data, notes={**data.notes, "layout": "frames"})
 
 
@@ -74,29 +86,34 @@ def _timed(
     masses_g: Mapping[str, float] | None,
     action_at_s: float,
 ) -> TimedTrial:
-    person, thing, action = _named(key)
-    labels = frame[LABEL].tolist() if LABEL in frame else None
+    person, name, action = _named(key)
     trial = _trial(key, frame.drop(columns=LABEL, errors="ignore"))
-    samples = preparation(unit).apply(trial.raw)
-    valid = trial.valid & finite_sensors(trial.raw)
-    where = (key, key, samples, valid, trial.rate_hz, unit)
-    recording = Recording(*where, thing, action, person=person)
-    if labels is not None:
-        phases, by = (
-            _phases(trial, frame["Time"].to_numpy(np.float64), labels),
-            "label column",
-        )
-    elif thing is None or action is None:
-        phases, by = whole(len(samples), NOTHING), OPEN_HAND
+    recording = prepared(trial, unit, key)
+    if LABEL in frame:
+        phases = _phases(trial, frame)
+        labels_by = "label column"
+    elif name is None or action is None:
+        phases = whole(len(recording.samples), NOTHING)
+        labels_by = OPEN_HAND
     else:
-        phases = scripted(trial, samples, action, thing, action_at_s)
-        by = f"script, action at {action_at_s:g} s"
-    recording = replace(
-        recording, phases=phases, events=events_of(phases, trial.rate_hz)
+        phases = scripted(trial, recording.samples, action, name, action_at_s)
+        labels_by = f"script, action at {action_at_s:g} s"
+    mass = _mass(key, name, masses_g) if name else None
+    return TimedTrial(
+        replace(
+            recording,
+            object_name=name,
+            action=action,
+            phases=phases,
+            events=events_of(phases, trial.rate_hz),
+            person=person,
+        ),
+        phases,
+        heavy=mass.heavy if mass else None,
+        timed=LABEL in frame,
+        mass=mass,
+        labels_by=labels_by,
     )
-    mass = _mass(key, thing, masses_g)
-    heavy = mass.heavy if mass else None
-    return TimedTrial(recording, phases, heavy, labels is not None, mass, by)
 
 
 def _named(key: str) -> tuple[str | None, str | None, str | None]:
@@ -104,7 +121,7 @@ def _named(key: str) -> tuple[str | None, str | None, str | None]:
     *above, last = key.split("/")[:-1] or [""]
     if plain_word(last) == EMPTY_HAND and len(above) < 2:
         return (above[0] if above else None), None, None
-    action = next((one for one in FOLDERS if plain_word(one) == plain_word(last)), None)
+    action = action_of(last)
     if action is None or not 1 <= len(above) <= 2 or not all(above):
         raise LabelError(
             "not the name of a trial",
@@ -126,39 +143,34 @@ def _trial(key: str, frame: pd.DataFrame) -> Trial:
     return trial_of([str(column) for column in frame.columns], table, Path(key))
 
 
-def _phases(
-    trial: Trial, time_s: FloatArray, labels: list[object]
-) -> tuple[Phase, ...]:
-    """Runs of equal labels; a row that is no text has none. Raises LabelError."""
-    known = {name: index for index, name in enumerate(SITUATIONS)}
-    codes = np.array(
-        [known.get(one, -2) if isinstance(one, str) and one else -1 for one in labels]
-    )
-    if (codes == -2).any():
-        raise LabelError(
-            f"{labels[int(np.argmax(codes == -2))]!r} is not a situation",
-            where=str(trial.path),
-            next_step=f"write one of {', '.join(SITUATIONS)} in the column {LABEL}, or nan",
-        )
-    first = np.flatnonzero(np.diff(codes, prepend=-3))
-    rows = [
-        *np.searchsorted(trial.t_s, time_s[first] - time_s[0]).tolist(),
-        len(trial.t_s),
-    ]
-    runs = zip(rows[:-1], rows[1:], codes[first].tolist(), strict=True)
-    return tuple(Phase(start, stop, code) for start, stop, code in runs if code >= 0)
+def _phases(trial: Trial, frame: pd.DataFrame) -> Phases:
+    """Runs of equal labels; a row whose label is no text has none. Raises LabelError."""
+    codes = np.full(len(frame), NO_LABEL)
+    for row, label in enumerate(frame[LABEL].tolist()):
+        if not isinstance(label, str) or not label:
+            continue
+        if label not in SITUATIONS:
+            raise LabelError(
+                f"{label!r} is not a situation",
+                where=str(trial.path),
+                next_step=f"write one of {', '.join(SITUATIONS)} in the column {LABEL}, or nan",
+            )
+        codes[row] = SITUATIONS.index(label)
+    # A lost sample is a row of the trial and none of the frame: rows are looked up by time.
+    time_s = frame["Time"].to_numpy(np.float64)
+    first = np.flatnonzero(np.diff(codes, prepend=NO_LABEL - 1))
+    starts = np.searchsorted(trial.t_s, time_s[first] - time_s[0]).tolist()
+    stops = [*starts[1:], len(trial.t_s)]
+    runs = zip(starts, stops, codes[first].tolist(), strict=True)
+    return tuple(Phase(a, b, code) for a, b, code in runs if code != NO_LABEL)
 
 
-def _mass(
-    key: str, thing: str | None, masses_g: Mapping[str, float] | None
-) -> Mass | None:
-    if thing is None:
-        return None
-    mass = named_mass(thing, masses_g)
+def _mass(key: str, name: str, masses_g: Mapping[str, float] | None) -> Mass:
+    mass = named_mass(name, masses_g)
     if mass is None:
         raise LabelError(
-            f"no mass given for object {thing!r}",
+            f"no mass given for object {name!r}",
             where=key,
-            next_step=f"weigh it and give masses_g={{{thing!r}: 120.0}}",
+            next_step=f"weigh it and give masses_g={{{name!r}: 120.0}}",
         )
     return mass

@@ -1,15 +1,15 @@
-"""What every data set becomes before anything else looks at it."""
+"""Recordings, their labelled windows, and a data set of both: what every reader returns."""
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from holdfast.core.contract import BoolArray, FloatArray, Unit
+from holdfast.core.contract import BoolArray, FloatArray, IntArray, Unit
 from holdfast.core.reading import Json
 from holdfast.edge_runtime.preparation import Preparation
 from holdfast.training.timeline import Phase, RiskyEvent
@@ -44,6 +44,12 @@ class Recording:
         return self.samples.shape[1] // 3
 
 
+def finite_sensors(raw: FloatArray) -> BoolArray:
+    """[T, C] -> [T, C/3]: True where all three channels of a sensor are finite."""
+    by_sensor = np.isfinite(raw).reshape(len(raw), -1, 3)
+    return np.logical_and.reduce(by_sensor, axis=2)
+
+
 @dataclass(frozen=True)
 class LabelledRows:
     """Windows of one task: the last row of each, and its label.
@@ -52,19 +58,32 @@ class LabelledRows:
     classes: name of each label value (label k means classes[k]).
     """
 
-    trial: npt.NDArray[np.int64]
-    row: npt.NDArray[np.int64]
-    label: npt.NDArray[np.int64]
+    trial: IntArray
+    row: IntArray
+    label: IntArray
     classes: tuple[str, ...]
 
     def __len__(self) -> int:
         return len(self.label)
+
+    def class_counts(self) -> dict[str, int]:
+        """Windows of each class, by name, zeros included."""
+        counts = np.bincount(self.label, minlength=len(self.classes))
+        return dict(zip(self.classes, counts.tolist(), strict=True))
 
     def take(self, keep: npt.NDArray[Any]) -> LabelledRows:
         """The same task on a subset of the windows (boolean mask or indices)."""
         return LabelledRows(
             self.trial[keep], self.row[keep], self.label[keep], self.classes
         )
+
+    @staticmethod
+    def concatenated(parts: Sequence[LabelledRows]) -> LabelledRows:
+        """The windows of all parts, one after the other, with the classes of the first."""
+        trial = np.concatenate([part.trial for part in parts])
+        row = np.concatenate([part.row for part in parts]).astype(np.int64)
+        label = np.concatenate([part.label for part in parts]).astype(np.int64)
+        return LabelledRows(trial, row, label, parts[0].classes)
 
     def of_trials(self, index: list[int]) -> LabelledRows:
         """The windows of the recordings at these ascending places, numbered anew."""
@@ -113,11 +132,10 @@ class DataSet:
 
     def of_groups(self, names: Collection[str]) -> DataSet:
         """The part of the set that these people (or blocks) recorded; the set's rate stays."""
-        index = [
-            k for k, recording in enumerate(self.recordings) if recording.group in names
-        ]
-        return replace(
-            self,
-            recordings=[self.recordings[k] for k in index],
-            tasks={task: rows.of_trials(index) for task, rows in self.tasks.items()},
-        )
+        index, kept = [], []
+        for k, recording in enumerate(self.recordings):
+            if recording.group in names:
+                index.append(k)
+                kept.append(recording)
+        tasks = {task: rows.of_trials(index) for task, rows in self.tasks.items()}
+        return replace(self, recordings=kept, tasks=tasks)

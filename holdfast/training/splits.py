@@ -86,7 +86,6 @@ def leaky_folds(n_rows: int, n_folds: int, *, seed: int = 0) -> list[Fold]:
 
 HoldOut = Literal["person", "object", "trial"]
 NO_OBJECT = "-"
-PLURAL = {"person": "people", "object": "objects", "trial": "trials", "block": "blocks"}
 
 
 def grouped(recordings: Sequence[Recording]) -> tuple[list[Recording], HoldOut]:
@@ -127,12 +126,3 @@ def _group(recording: Recording, by: HoldOut) -> str:
         "trial": recording.trial_id,
     }
     return names[by] or recording.trial_id
-
-
-def in_words(n_groups: int, kind: str) -> str:
-    """How many groups there are, and of what.
-
-    >>> in_words(3, "person"), in_words(1, "object"), in_words(4, "trial")
-    ('3 people', '1 object', '4 trials')
-    """
-    return f"{n_groups} {kind if n_groups == 1 else PLURAL[kind]}"

@@ -1,4 +1,4 @@
-"""The phases of a trial: from the truth beside it, else from the script it followed.
+"""The phases of a trial: from its truth file, else from the script it followed.
 
 A `hold` (disturbed, but kept) and a `daily` (many grasps in a row) follow no script: they need
 their truth.
@@ -37,8 +37,9 @@ UNSCRIPTED = ("hold", "daily")
 """Actions whose labels come only from the truth beside a trial."""
 ACTION_S = 7.0
 HOLD_AGAIN_S = 2.0
-"""After the action's start; a put-down holds again in its last second before the release; the
-script gives no time."""
+"""After the action's start: a put-down holds again in its last second before the release.
+
+The thesis' script gives no time for it."""
 RELEASE_S = 3.0
 """After the action's start."""
 ACTION_KEY = "action_at_s"
@@ -63,7 +64,11 @@ class RiskyEvent:
     end_s: float
 
 
-def whole(n_rows: int, situation: int) -> tuple[Phase, ...]:
+Phases = tuple[Phase, ...]
+RiskyEvents = tuple[RiskyEvent, ...]
+
+
+def whole(n_rows: int, situation: int) -> Phases:
     """One phase from end to end."""
     return (Phase(0, n_rows, situation),)
 
@@ -74,7 +79,7 @@ def scripted(
     action: str,
     object_name: str,
     action_at_s: float = ACTION_S,
-) -> tuple[Phase, ...]:
+) -> Phases:
     """Phases of a trial that followed the script; samples [T, C] are the trial's, prepared.
 
     Raises LabelError where the hand is not closed when the action should begin, or where there is
@@ -92,14 +97,18 @@ def scripted(
     acts = int(np.searchsorted(t_s, action_at_s))
     if not onset < acts < empty:
         raise _off_the_script(trial, action_at_s, onset, empty)
-    marks = [(0, NOTHING), (onset, GRASP), (acts, situation_of(action))]
+    slip = situation_of(action)
+    starts = {0: NOTHING, onset: GRASP, acts: slip}
     if action == "put-down" or (action, object_name) == ("pass", "full-bottle"):
-        again, release = np.searchsorted(
-            t_s, [action_at_s + HOLD_AGAIN_S, action_at_s + RELEASE_S]
-        )
-        marks += [(int(again), GRASP), (int(release), situation_of(action))]
-    return _phases(
-        [mark for mark in marks if mark[0] < empty] + [(empty, NOTHING)], len(t_s)
+        times_s = [action_at_s + HOLD_AGAIN_S, action_at_s + RELEASE_S]
+        again, release = np.searchsorted(t_s, times_s).tolist()
+        starts |= {again: GRASP, release: slip}
+    starts = {row: situation for row, situation in starts.items() if row < empty}
+    starts[empty] = NOTHING
+    rows = [*starts, len(t_s)]
+    phases = zip(rows[:-1], rows[1:], starts.values(), strict=True)
+    return tuple(
+        Phase(first, stop, what) for first, stop, what in phases if first < stop
     )
 
 
@@ -125,11 +134,8 @@ def action_start_s(about: Json, where: Path) -> float | None:
     at_s = about.get(ACTION_KEY)
     if at_s is None:
         return None
-    if (
-        isinstance(at_s, bool)
-        or not isinstance(at_s, int | float)
-        or not 0.0 < at_s < LONGEST_S
-    ):
+    is_number = isinstance(at_s, int | float) and not isinstance(at_s, bool)
+    if not is_number or not 0.0 < at_s < LONGEST_S:
         raise LabelError(
             f"{ACTION_KEY} is {at_s!r}",
             where=where,
@@ -155,24 +161,15 @@ def contact(t_s: FloatArray, samples: FloatArray) -> tuple[int, int]:
     return rows
 
 
-def _phases(marks: list[tuple[int, int]], n_rows: int) -> tuple[Phase, ...]:
-    stops = [first for first, _ in marks[1:]] + [n_rows]
-    pairs = zip(marks, stops, strict=True)
-    return tuple(
-        Phase(first, stop, situation)
-        for (first, situation), stop in pairs
-        if first < stop
-    )
-
-
 def has_phases(path: Path) -> bool:
     """Whether a truth gives phases: one that is there, unless it only says when the action starts.
 
     A truth with neither is one with its phases missing.
     """
-    return path.exists() and (
-        "phases" in (truth := read_json(path)) or ACTION_KEY not in truth
-    )
+    if not path.exists():
+        return False
+    truth = read_json(path)
+    return "phases" in truth or ACTION_KEY not in truth
 
 
 def labels_by(path: Path, action_at_s: float) -> str:
@@ -181,17 +178,18 @@ def labels_by(path: Path, action_at_s: float) -> str:
     path: of the truth. action_at_s: of the set.
     """
     truth = read_json(path)
-    if has_phases(path):
-        entries = [one for one in truth.get("phases", []) if isinstance(one, dict)]
-        names = {str(one["provenance"]) for one in entries if one.get("provenance")}
-        return ", ".join(sorted(names)) or ("truth file" if entries else "no label")
-    of_trial = action_start_s(truth, path)
-    return f"script, action at {of_trial or action_at_s:g} s" + (
-        " (truth file)" if of_trial else ""
-    )
+    if not has_phases(path):
+        of_trial = action_start_s(truth, path)
+        source = " (truth file)" if of_trial else ""
+        return f"script, action at {of_trial or action_at_s:g} s{source}"
+    entries = [entry for entry in truth.get("phases", []) if isinstance(entry, dict)]
+    names = {str(entry.get("provenance") or "") for entry in entries} - {""}
+    if names:
+        return ", ".join(sorted(names))
+    return "truth file" if entries else "no label"
 
 
-def read_truth(path: Path, t_s: FloatArray) -> tuple[Phase, ...]:
+def read_truth(path: Path, t_s: FloatArray) -> Phases:
     """Phases from a truth file, times from the first sample.
 
     The file holds `{"phases": [{"t0_s", "t1_s", "label", "provenance"}, ..]}`.
@@ -204,7 +202,7 @@ def read_truth(path: Path, t_s: FloatArray) -> tuple[Phase, ...]:
             "holds no list of phases", where=path, next_step="correct or remove it"
         )
     phases = tuple(_phase(entry, t_s, path) for entry in written)
-    if any(one.stop > other.first for one, other in pairwise(phases)):
+    if any(phase.stop > later.first for phase, later in pairwise(phases)):
         raise LabelError(
             "phases overlap or are out of order",
             where=path,
@@ -213,34 +211,28 @@ def read_truth(path: Path, t_s: FloatArray) -> tuple[Phase, ...]:
     return tuple(phase for phase in phases if phase.first < phase.stop)
 
 
-def read_events(path: Path) -> tuple[RiskyEvent, ...]:
+def read_events(path: Path) -> RiskyEvents:
     """The risky phases of a truth, each with the gross slip that falls into it."""
     truth = read_json(path)
-    trials = truth.get("trials", [truth])
-    gross = [
-        float(one["gross_slip_s"])
-        for one in trials
-        if one.get("gross_slip_s") is not None
-    ]
-    risky = (
-        entry for entry in truth["phases"] if entry["label"] == SITUATIONS[RISKY_SLIP]
-    )
-    return tuple(
-        _event(float(entry["t0_s"]), float(entry["t1_s"]), gross) for entry in risky
-    )
+    events = []
+    for entry in truth["phases"]:
+        if entry["label"] != SITUATIONS[RISKY_SLIP]:
+            continue
+        onset_s, end_s = float(entry["t0_s"]), float(entry["t1_s"])
+        gross_s = None
+        for trial in truth.get("trials", [truth]):
+            at_s = trial.get("gross_slip_s")
+            if gross_s is None and at_s is not None and onset_s <= at_s <= end_s:
+                gross_s = float(at_s)
+        events.append(RiskyEvent(onset_s, gross_s, end_s))
+    return tuple(events)
 
 
-def events_of(phases: tuple[Phase, ...], rate_hz: float) -> tuple[RiskyEvent, ...]:
+def events_of(phases: Phases, rate_hz: float) -> RiskyEvents:
     """The risky phases of a script, which knows no gross slip."""
-    risky = (phase for phase in phases if phase.situation == RISKY_SLIP)
+    risky = [phase for phase in phases if phase.situation == RISKY_SLIP]
     return tuple(
         RiskyEvent(phase.first / rate_hz, None, phase.stop / rate_hz) for phase in risky
-    )
-
-
-def _event(onset_s: float, end_s: float, gross: list[float]) -> RiskyEvent:
-    return RiskyEvent(
-        onset_s, next((at_s for at_s in gross if onset_s <= at_s <= end_s), None), end_s
     )
 
 

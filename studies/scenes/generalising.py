@@ -11,7 +11,7 @@ import numpy as np
 from holdfast.evaluation.scores import ClassScores, scores
 from holdfast.export.reference import IntArray
 from holdfast.training.crossval import cross_validate
-from holdfast.training.datasets.joined import join
+from holdfast.training.datasets import join
 from holdfast.training.progress import Say
 from holdfast.training.recording import DataSet
 from studies.scenes.candidate import Candidate

@@ -73,7 +73,7 @@ from holdfast.sessions.study.questionnaires import read_questionnaire
 from holdfast.sessions.study.steps import read_study
 from holdfast.simulation import card as scene_card
 from holdfast.simulation.scene import Scene
-from holdfast.training.datasets.reading import read_arrays, read_table
+from holdfast.training.datasets.public_files import read_arrays, read_table
 from holdfast.training.timeline import read_truth
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -56,7 +56,7 @@ from holdfast.sessions.onset import _starts_s
 from holdfast.sessions.recorder.labels import read_events, read_meta
 from holdfast.sessions.recorder.protocol import read_protocol
 from holdfast.simulation.card import read_card
-from holdfast.training.datasets.reading import read_arrays, read_table
+from holdfast.training.datasets.public_files import read_arrays, read_table
 
 MB = 1 << 20
 

@@ -35,7 +35,7 @@ from holdfast.sessions.recorder.keys import Keys
 from holdfast.sessions.recorder.protocol import ACTIONS, Task, left, read_protocol
 from holdfast.sessions.recorder.recording import record
 from holdfast.simulation import protocol as simulated
-from holdfast.training.datasets import load, places
+from holdfast.training.datasets import load, trials
 
 NAMES = [
     "Anna Müller",
@@ -227,7 +227,7 @@ def test_a_run_goes_on_where_the_last_one_stopped(tmp_path):
 
 def test_actions_are_those_of_scenes_and_of_training():
     assert set(ACTIONS) == set(simulated.ACTIONS)
-    assert set(ACTIONS) - {"nothing"} <= set(places.FOLDERS)
+    assert set(ACTIONS) - {"nothing"} <= set(trials.FOLDERS)
 
 
 @pytest.mark.parametrize(

@@ -24,8 +24,7 @@ from holdfast.core.errors import (
     UsageError,
 )
 from holdfast.edge_runtime.preparation import Preparation
-from holdfast.training.datasets import eflesh_slip, load
-from holdfast.training.datasets.joined import join
+from holdfast.training.datasets import eflesh_slip, join, load
 from holdfast.training.datasets.proactive_slip_uskin import situations
 from holdfast.training.recording import DataSet
 

@@ -9,13 +9,13 @@ import pytest
 
 from holdfast.core.contract import CLASSES
 from holdfast.edge_runtime.preparation import Preparation
-from holdfast.training.recording import DataSet, LabelledRows, Recording
-from holdfast.training.summary import (
+from holdfast.training.fitting import (
     FEWEST_WINDOWS,
     FewGroups,
     FewWindows,
     warn_of_scarcity,
 )
+from holdfast.training.recording import DataSet, LabelledRows, Recording
 
 
 def a_set(counts: dict[str, int], n_groups: int) -> DataSet:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from holdfast.training.figures import situation_lines
 from holdfast.training.metrics import situation_scores
-from holdfast.training.summary import situation_lines
 
 TRUTH = np.array([0, 1, 1, 3, 3, 1])
 GROUPS = list("ababab")

@@ -24,7 +24,7 @@ from holdfast.core.errors import (
 from holdfast.core.objects import mass_g, object_name
 from holdfast.core.trial_file import Trial, read_trial
 from holdfast.core.trial_layout import truth_path
-from holdfast.training.datasets import thesis
+from holdfast.training.datasets import layout_of, thesis
 from holdfast.training.fitting import require_classes
 from holdfast.training.fixture import KIND, UPSIDE_DOWN, write_fixture
 from holdfast.training.recording import DataSet
@@ -51,12 +51,12 @@ def data(made: Path) -> DataSet:
 def test_the_layout_is_recognised_and_others_are_not(
     made: Path, tmp_path: Path
 ) -> None:
-    assert thesis.recognises(made)
-    assert not thesis.recognises(tmp_path)
-    assert not thesis.recognises(tmp_path / "nowhere")
+    assert layout_of(made) == "thesis"
+    assert layout_of(tmp_path) is None
+    assert layout_of(tmp_path / "nowhere") is None
     (tmp_path / "photos" / "summer").mkdir(parents=True)
     (tmp_path / "photos" / "summer" / "trial_1.csv").touch()
-    assert not thesis.recognises(tmp_path)
+    assert layout_of(tmp_path) is None
 
 
 def test_every_trial_and_the_empty_hand_become_recordings(data: DataSet) -> None:

@@ -1,12 +1,13 @@
 """Data sets by name or folder: `load` finds the folder, recognises its format and reads it.
 
-A format is recognised by the files in the folder, whatever the folder is called. Each reader has
-`recognises(root)` and `load(root, ..)` and is imported when it is needed.
+A format is recognised by the files in the folder, whatever the folder is called. Only the reader of
+that format is imported. `join` makes one set of several.
 """
 
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
@@ -14,9 +15,22 @@ from typing import Any
 
 import numpy as np
 
-from holdfast.core.errors import DataNotFound, TooFewGroups, UsageError
+from holdfast.core.contract import RATE_TOLERANCE
+from holdfast.core.errors import (
+    ChannelError,
+    DataError,
+    DataNotFound,
+    LabelError,
+    RateError,
+    TooFewGroups,
+    UnitError,
+    UsageError,
+)
+from holdfast.core.objects import read_json
+from holdfast.core.trial_layout import META, TACTILE
+from holdfast.training.datasets.trials import has_thesis_layout
 from holdfast.training.progress import Part, ignored
-from holdfast.training.recording import DataSet
+from holdfast.training.recording import DataSet, LabelledRows, Recording
 from holdfast.training.splits import HoldOut, regrouped
 from holdfast.training.windows import Choice
 
@@ -44,11 +58,22 @@ def load(
     that is natural, to score on (training/windows.py), or none: recordings alone, which are read
     sooner. hold_out: what a group is; None for people where there are two.
 
-    Raises DataNotFound, ChannelsNotOffered, TooFewGroups, UsageError, or what the reader says about
-    its files.
+    Raises DataNotFound, ChannelsNotOffered, TooFewGroups, UsageError, or a DataError of the reader.
     """
     root = find(name_or_path)
-    data = _read(root, channels, seed, windows, part)
+    layout = layout_of(root)
+    if layout is None:
+        raise DataNotFound(
+            "no known data set in this folder",
+            where=root,
+            cause="a level too high or too low, or an empty copy",
+            next_step="give a public set, a folder of `holdfast record`, or a folder with "
+            "<object>/<action>/trial_<n>.csv; holdfast check says what was found",
+        )
+    options: dict[str, Any] = {} if channels is None else {"channels": channels}
+    if layout in LAYOUTS:
+        options |= {"seed": seed, "windows": windows, "part": part}
+    data: DataSet = reader_of(layout).load(root, **options)
     if hold_out is not None:
         data = regrouped(data, hold_out)
     return data if groups is None else keep_groups(data, groups, seed=seed)
@@ -62,33 +87,56 @@ def data_folder() -> Path:
 def find(name_or_path: str | Path) -> Path:
     """Folder of a set. Raises DataNotFound with the likely cause."""
     named = str(name_or_path) in PUBLIC_SETS
-    places = ([data_folder() / name_or_path] if named else []) + [Path(name_or_path)]
-    for place in places:
-        if place.is_dir() and place.resolve() == Path(place.resolve().anchor):
+    candidates = [Path(name_or_path)]
+    if named:
+        candidates.insert(0, data_folder() / name_or_path)
+    for folder in candidates:
+        if not folder.is_dir():
+            continue
+        if folder.resolve() == Path(folder.resolve().anchor):
             raise DataNotFound(
                 "the root of the file system is not a data set",
-                where=place,
+                where=folder,
                 cause="a path that was cut short",
                 next_step="give the folder of the set",
             )
-        if place.is_dir():
-            return place
+        return folder
     if named:
         is_set = os.environ.get(FOLDER_VARIABLE)
         raise DataNotFound(
             f"data set {name_or_path} not found",
-            where=places[0],
-            cause=f"{FOLDER_VARIABLE} points elsewhere"
-            if is_set
-            else f"{FOLDER_VARIABLE} is not set",
+            where=candidates[0],
+            cause=f"{FOLDER_VARIABLE} {'points elsewhere' if is_set else 'is not set'}",
             next_step=f"set {FOLDER_VARIABLE} to the folder that holds {name_or_path}/",
         )
+    is_file = candidates[0].exists()
     raise DataNotFound(
-        "a file, not a folder" if places[0].exists() else "no such data set or folder",
-        where=places[0],
+        "a file, not a folder" if is_file else "no such data set or folder",
+        where=candidates[0],
         cause="a name misspelt, or a path from another folder",
         next_step=f"give a folder, or one of {', '.join(PUBLIC_SETS)}",
     )
+
+
+def layout_of(root: Path) -> str | None:
+    """The name of the reader for a folder: one of PUBLIC_SETS or LAYOUTS, or None."""
+    if (root / "signals.npz").is_file() or (root / "trials.csv").is_file():
+        return "human_slip_uskin"
+    if (root / "eflesh_slip.npz").is_file():
+        return "eflesh_slip"
+    for depth in ("*", "data_set/*"):
+        if any(root.glob(f"{depth}/xela_sensor1.csv")):
+            return "proactive_slip_uskin"
+    if any(
+        "recorder" in read_json(path.with_name(META)) for path in root.rglob(TACTILE)
+    ):
+        return "recorded"
+    return "thesis" if has_thesis_layout(root) else None
+
+
+def reader_of(layout: str) -> Any:
+    """The module that reads a layout: `load`, and for one of LAYOUTS also `readers`."""
+    return import_module(f"holdfast.training.datasets.{layout}")
 
 
 def keep_groups(data: DataSet, n_groups: int, *, seed: int = 0) -> DataSet:
@@ -97,44 +145,92 @@ def keep_groups(data: DataSet, n_groups: int, *, seed: int = 0) -> DataSet:
     Raises UsageError for less than one, TooFewGroups for more than there are.
     """
     names = data.groups()
+    next_step = f"keep 1 to {len(names)}"
     if n_groups < 1:
-        raise UsageError(
-            f"groups={n_groups} keeps no group", next_step=f"keep 1 to {len(names)}"
-        )
+        raise UsageError(f"groups={n_groups} keeps no group", next_step=next_step)
     if n_groups > len(names):
         raise TooFewGroups(
             f"{n_groups} groups (people, blocks) requested, {len(names)} exist",
-            next_step=f"keep 1 to {len(names)}",
+            next_step=next_step,
         )
     kept = set(np.random.default_rng(seed).permutation(names)[:n_groups].tolist())
-    part = data.of_groups(kept)
-    return replace(part, notes={**data.notes, "kept_groups": sorted(kept)})
+    smaller = data.of_groups(kept)
+    return replace(smaller, notes={**data.notes, "kept_groups": sorted(kept)})
 
 
-def layout_of(root: Path) -> str | None:
-    """The name of the reader that recognises a folder: one of PUBLIC_SETS or LAYOUTS, or None."""
-    names = (*PUBLIC_SETS, *LAYOUTS)
-    return next((name for name in names if _reader(name).recognises(root)), None)
+def join(sets: Sequence[DataSet]) -> DataSet:
+    """One set of several, each with the windows it has, at the rate of the first.
 
-
-def _reader(name: str) -> Any:
-    return import_module(f"holdfast.training.datasets.{name}")
-
-
-def _read(
-    root: Path, channels: int | None, seed: int, windows: Choice, part: Part
-) -> DataSet:
-    layout = layout_of(root)
-    if layout is None:
-        raise DataNotFound(
-            "no known data set in this folder",
-            where=root,
-            cause="a level too high or too low, or an empty copy",
-            next_step="give a public set, a folder of `holdfast record`, or a folder with "
-            "<object>/<action>/trial_<n>.csv; holdfast check says what was found",
+    Trials and groups get their set's name before theirs, so that people of two sets stay two
+    groups. Redistributable only if all are. Raises RateError, UnitError, ChannelError, LabelError
+    or DataError.
+    """
+    first, *others = sets
+    for other in others:
+        require_alike(other, first)
+    names = [data.name for data in sets]
+    if len(set(names)) < len(names):
+        raise DataError(
+            f"the same set twice ({', '.join(names)})", next_step="give every set once"
         )
-    choice: dict[str, Any] = {} if channels is None else {"channels": channels}
-    if layout in LAYOUTS:
-        choice |= {"seed": seed, "windows": windows, "part": part}
-    data: DataSet = _reader(layout).load(root, **choice)
-    return data
+    if not others:
+        return first
+    recordings: list[Recording] = []
+    lacks = list(first.lacks)
+    parts: dict[str, list[LabelledRows]] = {task: [] for task in first.tasks}
+    for data in sets:
+        for task, rows in data.tasks.items():
+            parts[task].append(replace(rows, trial=rows.trial + len(recordings)))
+        for recording in data.recordings:
+            trial_id = f"{data.name}/{recording.trial_id}"
+            group = f"{data.name}/{recording.group}"
+            recordings.append(replace(recording, trial_id=trial_id, group=group))
+        lacks = [name for name in lacks if name in data.lacks]
+    return replace(
+        first,
+        name=" + ".join(names),
+        recordings=recordings,
+        tasks={task: LabelledRows.concatenated(rows) for task, rows in parts.items()},
+        kind=_each_once(" + ", [data.kind for data in sets]),
+        redistributable=all(data.redistributable for data in sets),
+        caveat=_each_once(" ", [data.caveat for data in sets]),
+        notes={"sets": {data.name: data.notes for data in sets}},
+        group_kind=_each_once(" and by ", [data.group_kind for data in sets]),
+        lacks=tuple(lacks),
+    )
+
+
+def require_alike(other: DataSet, first: DataSet) -> None:
+    """Check that one model fits both sets.
+
+    Raises RateError, UnitError, ChannelError, LabelError or DataError.
+    """
+    error: type[DataError]
+    if abs(other.rate_hz / first.rate_hz - 1.0) > RATE_TOLERANCE:
+        error, has, wanted = (
+            RateError,
+            f"at {other.rate_hz:g} Hz",
+            f"{first.rate_hz:g} Hz",
+        )
+    elif other.unit != first.unit:
+        error, has, wanted = UnitError, f"in {other.unit}", first.unit
+    elif other.n_sensors != first.n_sensors:
+        error, has = ChannelError, f"of {other.n_sensors} sensors"
+        wanted = str(first.n_sensors)
+    elif set(other.tasks) != set(first.tasks):
+        error, has = LabelError, f"with the tasks {', '.join(other.tasks)}"
+        wanted = ", ".join(first.tasks)
+    elif other.preparation != first.preparation:
+        error, has, wanted = DataError, "tared in another way", "the same"
+    else:
+        return
+    raise error(
+        f"{other.name} is {has}, {first.name}: {wanted}",
+        where=other.name,
+        cause="recorded with other settings",
+        next_step="use sets that were recorded alike, or one of them alone",
+    )
+
+
+def _each_once(separator: str, texts: list[str]) -> str:
+    return separator.join(dict.fromkeys(texts))

@@ -17,14 +17,14 @@ import numpy.typing as npt
 from holdfast.core.contract import GRASP, RISKY_SLIP, SITUATIONS, BoolArray, FloatArray
 from holdfast.core.errors import LabelError
 from holdfast.edge_runtime.preparation import Preparation
-from holdfast.training.datasets.reading import (
+from holdfast.training.datasets.public_files import (
     COPY_AGAIN,
-    ChannelsNotOffered,
-    finite_sensors,
+    channels_of,
     join_trials,
     read_arrays,
 )
-from holdfast.training.recording import DataSet, Recording
+from holdfast.training.datasets.trials import ChannelsNotOffered
+from holdfast.training.recording import DataSet, Recording, finite_sensors
 from holdfast.training.splits import grouped_folds
 
 ARRAYS = "eflesh_slip.npz"
@@ -43,11 +43,6 @@ CAVEAT = (
 )
 
 
-def recognises(root: Path) -> bool:
-    """Whether a folder is in this format."""
-    return (root / ARRAYS).is_file()
-
-
 def load(root: Path, *, channels: int = 18) -> DataSet:
     """Read the set, 18 channels (six magnetometers) or all 30, unit uT.
 
@@ -58,11 +53,8 @@ def load(root: Path, *, channels: int = 18) -> DataSet:
     columns = _columns(channels)
     arrays = read_arrays(root / ARRAYS, {"X": (None, TRIAL_ROWS, 30), "y": (None,)})
     tugged = arrays["y"]
-    if (
-        len(tugged) != len(arrays["X"])
-        or not np.isin(tugged, (0, 1)).all()
-        or not len(tugged)
-    ):
+    binary = bool(np.isin(tugged, (0, 1)).all())
+    if not len(tugged) or len(tugged) != len(arrays["X"]) or not binary:
         raise LabelError(
             "y is not one 0 or 1 for each trial of X",
             where=root / ARRAYS,
@@ -70,10 +62,14 @@ def load(root: Path, *, channels: int = 18) -> DataSet:
         )
     raw = arrays["X"][:, :, columns].astype(np.float64)
     row = np.arange(LAST_SECOND.start + WINDOW_ROWS - 1, LAST_SECOND.stop, WINDOW_ROWS)
-    windows = [(row, np.full(len(row), RISKY_SLIP if tug else GRASP)) for tug in tugged]
+    recordings, windows = [], []
+    for number, tug in enumerate(tugged):
+        label = RISKY_SLIP if tug else GRASP
+        recordings.append(_recording(number, raw[number], bool(tug)))
+        windows.append((row, np.full(len(row), label)))
     return DataSet(
         name="eflesh_slip",
-        recordings=[_recording(k, raw[k], bool(tug)) for k, tug in enumerate(tugged)],
+        recordings=recordings,
         tasks={"situations": join_trials(windows, SITUATIONS)},
         rate_hz=RATE_HZ,
         unit="uT",
@@ -117,9 +113,9 @@ def threshold_baseline(
     blocks = np.array([recording.group for recording in data.recordings])
     n_folds = n_folds or len(data.groups())
     rows = data.tasks["situations"]
-    at_window = np.array(
-        [field[trial][row] for trial, row in zip(rows.trial, rows.row, strict=True)]
-    )
+    at_window = np.empty(len(rows))
+    for k, (trial, row) in enumerate(zip(rows.trial, rows.row, strict=True)):
+        at_window[k] = field[trial][row]
     risky, groups = rows.label == RISKY_SLIP, data.group_of("situations")
     in_sample = float(np.mean((largest > fit_threshold(largest, tugged)) == tugged))
     return ThresholdAccuracy(
@@ -139,9 +135,8 @@ def fit_threshold(value: FloatArray, positive: BoolArray) -> float:
     cuts = np.concatenate([[value.min() - 1.0], np.unique(value)])
     # Cut k calls the values up to cuts[k] negative, and the rest positive.
     order = np.searchsorted(cuts, value)
-    right = np.cumsum(
-        np.bincount(order, weights=np.where(positive, -1.0, 1.0), minlength=len(cuts))
-    )
+    gain = np.where(positive, -1.0, 1.0)
+    right = np.cumsum(np.bincount(order, weights=gain, minlength=len(cuts)))
     gap = np.append(np.diff(cuts), 0.0)
     best = np.lexsort((gap, right))[-1]
     return float(cuts[best] + gap[best] / 2.0)
@@ -172,7 +167,7 @@ def detection_delay_s(recording: Recording, alarm: BoolArray) -> float | None:
 def _held_out_accuracy(
     value: FloatArray,
     positive: BoolArray,
-    blocks: npt.NDArray[np.str_],
+    blocks: npt.ArrayLike,
     n_folds: int,
     seed: int,
 ) -> float:
@@ -187,11 +182,7 @@ def _columns(channels: int) -> list[int]:
     magnetometers = {18: SIX_MAGNETOMETERS, 30: tuple(range(10))}
     if channels not in magnetometers:
         raise ChannelsNotOffered("eflesh_slip", channels, magnetometers)
-    return [
-        3 * magnetometer + axis
-        for magnetometer in magnetometers[channels]
-        for axis in range(3)
-    ]
+    return channels_of(magnetometers[channels])
 
 
 def _recording(number: int, raw: FloatArray, tug: bool) -> Recording:

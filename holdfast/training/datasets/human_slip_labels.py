@@ -14,6 +14,8 @@ Contact always uses all 16 normals, so the labels do not depend on the channels 
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import numpy.typing as npt
 
@@ -24,9 +26,10 @@ from holdfast.core.contract import (
     RISKY_SLIP,
     SAFE_SLIP,
     FloatArray,
+    IntArray,
 )
-from holdfast.training.datasets.reading import TrialRows
-from holdfast.training.timeline import Phase, RiskyEvent
+from holdfast.training.datasets.public_files import TrialRows
+from holdfast.training.timeline import Phase, Phases, RiskyEvent, RiskyEvents
 
 BIAS_ROWS = 60
 CONTACT_N, SAFE_DEG, RISKY_DEG = 1.0, 5.0, 15.0
@@ -73,9 +76,7 @@ def in_hand(
 ) -> FloatArray:
     """[T, 4] orientation of the object in the hand, hand^-1 object, of quaternions w first.
 
-    0 where one of the two is no rotation.
-
-    The wrist, which turns both, cancels.
+    0 where one of the two is no rotation. The wrist, which turns both, cancels.
     """
     w, x, y, z = object_q.astype(np.float64).T
     a, b, c, d = hand_q.astype(np.float64).T
@@ -90,21 +91,20 @@ def in_hand(
     return np.where(np.isfinite(product).all(axis=1, keepdims=True), product, 0.0)
 
 
-def situations(force_n: FloatArray, rotation_deg: FloatArray) -> npt.NDArray[np.int64]:
+def situations(force_n: FloatArray, rotation_deg: FloatArray) -> IntArray:
     """[T] situation at every row, UNLABELLED where force or rotation is not finite."""
-    slip = [
+    # The first condition that holds counts; a rotation of nan fulfils none.
+    conditions = [
         rotation_deg < SAFE_DEG,
         rotation_deg < RISKY_DEG,
         rotation_deg >= RISKY_DEG,
     ]
-    label = np.select(slip, [GRASP, SAFE_SLIP, RISKY_SLIP], default=UNLABELLED)
+    label = np.select(conditions, [GRASP, SAFE_SLIP, RISKY_SLIP], default=UNLABELLED)
     label = np.where(force_n < CONTACT_N, NOTHING, label)
     return np.where(np.isfinite(force_n), label, UNLABELLED)
 
 
-def phases(
-    force_n: FloatArray, rotation_deg: FloatArray, end: int
-) -> tuple[Phase, ...]:
+def phases(force_n: FloatArray, rotation_deg: FloatArray, end: int) -> Phases:
     """Runs of one situation, from the tare to 60 rows after the move.
 
     Rows without a label are in none.
@@ -112,33 +112,39 @@ def phases(
     label = situations(force_n, rotation_deg)[: end + AROUND_MOVE_ROWS]
     label[:BIAS_ROWS] = UNLABELLED
     edges = np.flatnonzero(np.diff(label)) + 1
-    runs = zip([0, *edges.tolist()], [*edges.tolist(), len(label)], strict=True)
-    return tuple(
-        Phase(first, stop, int(label[first]))
-        for first, stop in runs
-        if label[first] != UNLABELLED
-    )
+    rows = [0, *edges.tolist(), len(label)]
+    runs = []
+    for first, stop in pairwise(rows):
+        if label[first] != UNLABELLED:
+            runs.append(Phase(first, stop, int(label[first])))
+    return tuple(runs)
 
 
-def events(found: tuple[Phase, ...], rate_hz: float) -> tuple[RiskyEvent, ...]:
+def events(found: Phases, rate_hz: float) -> RiskyEvents:
     """Slips that become risky: onset at 5 deg, gross slip at 15 deg, end below 5 deg.
 
     Load onset was not recorded; the onset here is the object's, which is later.
     """
-    runs: list[list[Phase]] = []
-    for phase in found:
-        if phase.situation in (SAFE_SLIP, RISKY_SLIP):
-            if runs and runs[-1][-1].stop == phase.first:
-                runs[-1].append(phase)
-            else:
-                runs.append([phase])
-    return tuple(
-        RiskyEvent(
-            run[0].first / rate_hz, risky[0].first / rate_hz, run[-1].stop / rate_hz
+    result = []
+    onset = gross = None
+    for phase, following in zip(found, (*found[1:], None), strict=True):
+        if phase.situation not in (SAFE_SLIP, RISKY_SLIP):
+            continue
+        if onset is None:
+            onset = phase.first
+        if gross is None and phase.situation == RISKY_SLIP:
+            gross = phase.first
+        slips_on = (
+            following is not None
+            and following.first == phase.stop
+            and following.situation in (SAFE_SLIP, RISKY_SLIP)
         )
-        for run in runs
-        if (risky := [phase for phase in run if phase.situation == RISKY_SLIP])
-    )
+        if not slips_on:
+            if gross is not None:
+                stop_s = phase.stop / rate_hz
+                result.append(RiskyEvent(onset / rate_hz, gross / rate_hz, stop_s))
+            onset = gross = None
+    return tuple(result)
 
 
 def situation_windows(
@@ -165,9 +171,7 @@ def prediction_windows(
     return row, over[np.minimum(row + 1 + HORIZON_ROWS, n)] > over[row + 1]
 
 
-def frames_since_contact(
-    force_n: FloatArray, contact_n: float = CONTACT_N
-) -> npt.NDArray[np.int64]:
+def frames_since_contact(force_n: FloatArray, contact_n: float = CONTACT_N) -> IntArray:
     """[T] rows since z last rose through contact_n, -1 before: the timing of a scripted set."""
     touching = force_n >= contact_n
     rises = touching & ~np.concatenate([[False], touching[:-1]])
@@ -176,8 +180,7 @@ def frames_since_contact(
     return np.where(last_rise >= 0, row - last_rise, -1)
 
 
-def _last_rows(first: int, stop: int, step: int) -> npt.NDArray[np.int64]:
+def _last_rows(first: int, stop: int, step: int) -> IntArray:
     """Last rows of the windows that begin at first, first + step, .. and end before stop."""
-    return (
-        np.arange(first, stop - WINDOW_ROWS + 1, step, dtype=np.int64) + WINDOW_ROWS - 1
-    )
+    begins = np.arange(first, stop - WINDOW_ROWS + 1, step, dtype=np.int64)
+    return begins + WINDOW_ROWS - 1

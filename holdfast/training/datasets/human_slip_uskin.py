@@ -11,29 +11,39 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from holdfast.core.contract import SITUATIONS, FloatArray
+from holdfast.core.contract import SITUATIONS, FloatArray, IntArray
 from holdfast.core.errors import ChannelError, ColumnError, EmptyRecording, NotANumber
 from holdfast.edge_runtime.preparation import Preparation
 from holdfast.training.datasets import human_slip_labels as labels
-from holdfast.training.datasets.reading import (
+from holdfast.training.datasets.public_files import (
     COPY_AGAIN,
-    ChannelsNotOffered,
+    Arrays,
+    Shape,
     Table,
-    TrialRows,
-    finite_sensors,
+    channels_of,
     join_trials,
     read_arrays,
     read_table,
 )
-from holdfast.training.recording import DataSet, LabelledRows, Recording
+from holdfast.training.datasets.trials import ChannelsNotOffered
+from holdfast.training.recording import DataSet, LabelledRows, Recording, finite_sensors
 
 SIGNALS, TRIALS = "signals.npz", "trials.csv"
 PREPARATION = Preparation(bias_rows=labels.BIAS_ROWS, statistic="median")
+COLUMNS = (
+    "subject",
+    "stage",
+    "sample",
+    "n",
+    "frequency_hz",
+    "start_index",
+    "end_index",
+    "offset",
+)
+"""Of trials.csv; others are ignored."""
 N_TAXELS = 16
 SIX_TAXELS = (5, 9, 10, 11, 12, 13)
 """The 18-channel case, counted from 1 as the set's own column names do."""
@@ -60,14 +70,8 @@ class _Move:
     @property
     def usable(self) -> bool:
         """A tare before the move, a move after it, and all of it recorded."""
-        return (
-            labels.BIAS_ROWS < self.start < self.end <= self.rows.stop - self.rows.start
-        )
-
-
-def recognises(root: Path) -> bool:
-    """Whether a folder is in this format: one of its two files is there."""
-    return (root / SIGNALS).is_file() or (root / TRIALS).is_file()
+        n_rows = self.rows.stop - self.rows.start
+        return labels.BIAS_ROWS < self.start < self.end <= n_rows
 
 
 def load(root: Path, *, channels: int = 18, in_hand: bool = False) -> DataSet:
@@ -83,12 +87,40 @@ def load(root: Path, *, channels: int = 18, in_hand: bool = False) -> DataSet:
     Raises DataNotFound, ColumnError, NotANumber, ChannelError or EmptyRecording.
     """
     columns = _columns(channels)
-    arrays = _arrays(root, in_hand)
+    wanted: dict[str, Shape] = {
+        "xela": (None, 48),
+        "object_imu": (None, 7),
+        "offset": (None,),
+    }
+    if in_hand:
+        wanted["hand_imu"] = (None, 7)
+    arrays = read_arrays(root / SIGNALS, wanted)
     moves = list(_moves(read_table(root / TRIALS), arrays))
-    usable = _usable(moves, root)
-    angle_deg = labels.middle_angle_deg(_orientation(arrays, in_hand))
-    trials = [_trial(move, arrays["xela"], angle_deg, columns) for move in usable]
-    recordings, situations, predictions = map(list, zip(*trials, strict=True))
+    usable = [move for move in moves if move.usable]
+    if not usable:
+        raise EmptyRecording(
+            "no usable trial",
+            where=root,
+            cause="no trial with 60 < start_index < end_index <= n",
+            next_step="check start_index and end_index in trials.csv",
+        )
+    orientation = arrays["object_imu"][:, :4]
+    if in_hand:
+        orientation = labels.in_hand(orientation, arrays["hand_imu"][:, :4])
+    angle_deg = labels.middle_angle_deg(orientation)
+    recordings, situations, predictions = [], [], []
+    for move in usable:
+        raw = arrays["xela"][move.rows].astype(np.float64)
+        force_n = labels.contact_force_n(PREPARATION.apply(raw))
+        rotation_deg = labels.rotation_from_start_deg(angle_deg[move.rows], move.start)
+        phases = labels.phases(force_n, rotation_deg, move.end)
+        events = labels.events(phases, move.rate_hz)
+        recording = _recording(move, raw, columns)
+        recordings.append(replace(recording, phases=phases, events=events))
+        situations.append(labels.situation_windows(force_n, rotation_deg, move.end))
+        predictions.append(
+            labels.prediction_windows(force_n, rotation_deg, move.start, move.end)
+        )
     return DataSet(
         name="human_slip_uskin",
         recordings=recordings,
@@ -105,37 +137,6 @@ def load(root: Path, *, channels: int = 18, in_hand: bool = False) -> DataSet:
         group_kind="person",
         notes={"unusable_trials": len(moves) - len(usable)},
     )
-
-
-def _arrays(root: Path, in_hand: bool) -> dict[str, npt.NDArray[Any]]:
-    wanted: dict[str, tuple[int | None, ...]] = {
-        "xela": (None, 48),
-        "object_imu": (None, 7),
-        "offset": (None,),
-    }
-    return read_arrays(
-        root / SIGNALS, wanted | ({"hand_imu": (None, 7)} if in_hand else {})
-    )
-
-
-def _usable(moves: list[_Move], root: Path) -> list[_Move]:
-    usable = [move for move in moves if move.usable]
-    if not usable:
-        raise EmptyRecording(
-            "no usable trial",
-            where=root,
-            cause="no trial with 60 < start_index < end_index <= n",
-            next_step="check start_index and end_index in trials.csv",
-        )
-    return usable
-
-
-def _orientation(
-    arrays: dict[str, npt.NDArray[Any]], in_hand: bool
-) -> npt.NDArray[np.floating]:
-    """[T, 4] quaternions of the object, or of the object in the hand."""
-    object_q = arrays["object_imu"][:, :4]
-    return labels.in_hand(object_q, arrays["hand_imu"][:, :4]) if in_hand else object_q
 
 
 def clock_features(data: DataSet, rows: LabelledRows) -> FloatArray:
@@ -165,23 +166,12 @@ def _columns(channels: int) -> list[int]:
     taxels = {18: SIX_TAXELS, 48: tuple(range(1, N_TAXELS + 1))}
     if channels not in taxels:
         raise ChannelsNotOffered("human_slip_uskin", channels, taxels)
-    return [3 * (taxel - 1) + axis for taxel in taxels[channels] for axis in range(3)]
+    return channels_of([taxel - 1 for taxel in taxels[channels]])
 
 
-def _moves(table: Table, arrays: dict[str, npt.NDArray[Any]]) -> Iterator[_Move]:
+def _moves(table: Table, arrays: Arrays) -> Iterator[_Move]:
     """The rows of trials.csv, once they and the signals are seen to agree."""
-    table.require(
-        [
-            "subject",
-            "stage",
-            "sample",
-            "n",
-            "frequency_hz",
-            "start_index",
-            "end_index",
-            "offset",
-        ]
-    )
+    table.require(COLUMNS)
     bounds = _bounds(table, arrays)
     rate_hz = table.numbers("frequency_hz")
     if np.any(rate_hz <= 0.0):
@@ -190,19 +180,22 @@ def _moves(table: Table, arrays: dict[str, npt.NDArray[Any]]) -> Iterator[_Move]
             where=table.path,
             next_step="correct that line",
         )
+    subject, stage = table.text("subject"), table.text("stage")
+    sample = table.text("sample")
     start, end = table.whole_numbers("start_index"), table.whole_numbers("end_index")
-    identity = zip(
-        table.text("subject"), table.text("stage"), table.text("sample"), strict=True
-    )
-    for k, (subject, stage, sample) in enumerate(identity):
-        rows = slice(int(bounds[k]), int(bounds[k + 1]))
-        name = f"{subject}/{stage}/{sample}"
+    for k in range(len(table)):
         yield _Move(
-            name, subject, stage, rows, float(rate_hz[k]), int(start[k]), int(end[k])
+            name=f"{subject[k]}/{stage[k]}/{sample[k]}",
+            subject=subject[k],
+            stage=stage[k],
+            rows=slice(int(bounds[k]), int(bounds[k + 1])),
+            rate_hz=float(rate_hz[k]),
+            start=int(start[k]),
+            end=int(end[k]),
         )
 
 
-def _bounds(table: Table, arrays: dict[str, npt.NDArray[Any]]) -> npt.NDArray[np.int64]:
+def _bounds(table: Table, arrays: Arrays) -> IntArray:
     """[trials + 1] row where each trial starts; table and signals must agree."""
     n_rows = len(arrays["xela"])
     bounds = np.append(table.whole_numbers("offset"), n_rows)
@@ -222,32 +215,16 @@ def _bounds(table: Table, arrays: dict[str, npt.NDArray[Any]]) -> npt.NDArray[np
     return bounds
 
 
-def _trial(
-    move: _Move,
-    xela: npt.NDArray[np.floating],
-    angle_deg: FloatArray,
-    columns: list[int],
-) -> tuple[Recording, TrialRows, TrialRows]:
-    """One trial with its windows of both tasks."""
-    raw = xela[move.rows].astype(np.float64)
-    prepared = PREPARATION.apply(raw)
-    recording = Recording(
+def _recording(move: _Move, raw: FloatArray, columns: list[int]) -> Recording:
+    """The trial of a move with the chosen columns of its raw samples [T, 48]."""
+    return Recording(
         trial_id=move.name,
         group=move.subject,
-        samples=prepared[:, columns],
+        samples=PREPARATION.apply(raw)[:, columns],
         valid=finite_sensors(raw[:, columns]),
         rate_hz=move.rate_hz,
         unit="N",
         object_name="book",
         action=move.stage,
         person=move.subject,
-    )
-    force_n = labels.contact_force_n(prepared)
-    rotation_deg = labels.rotation_from_start_deg(angle_deg[move.rows], move.start)
-    phases = labels.phases(force_n, rotation_deg, move.end)
-    events = labels.events(phases, move.rate_hz)
-    return (
-        replace(recording, phases=phases, events=events),
-        labels.situation_windows(force_n, rotation_deg, move.end),
-        labels.prediction_windows(force_n, rotation_deg, move.start, move.end),
     )

@@ -15,20 +15,27 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
-from holdfast.core.contract import GRASP, RISKY_SLIP, SAFE_SLIP, SITUATIONS, FloatArray
+from holdfast.core.contract import (
+    GRASP,
+    RISKY_SLIP,
+    SAFE_SLIP,
+    SITUATIONS,
+    BoolArray,
+    FloatArray,
+    IntArray,
+)
 from holdfast.core.errors import ColumnError, DataNotFound
 from holdfast.edge_runtime.preparation import Preparation
-from holdfast.training.datasets.reading import (
+from holdfast.training.datasets.public_files import (
     COPY_AGAIN,
-    ChannelsNotOffered,
     TrialRows,
-    finite_sensors,
+    channels_of,
     join_trials,
     read_table,
 )
-from holdfast.training.recording import DataSet, Recording
+from holdfast.training.datasets.trials import ChannelsNotOffered
+from holdfast.training.recording import DataSet, Recording, finite_sensors
 
 PADS = ("xela_sensor1.csv", "xela_sensor2.csv")
 LABELS, META = "slip_label.csv", "meta_data.csv"
@@ -45,11 +52,6 @@ CAVEAT = (
 )
 
 
-def recognises(root: Path) -> bool:
-    """Whether a folder (or its folder data_set) holds trials with the recordings of two pads."""
-    return bool(_trial_folders(root))
-
-
 def load(root: Path, *, channels: int = 18) -> DataSet:
     """Read the set, 18 channels (three taxels of either pad) or all 96, unit count.
 
@@ -61,11 +63,11 @@ def load(root: Path, *, channels: int = 18) -> DataSet:
     folders = _trial_folders(root)
     if not folders:
         raise DataNotFound("no trials", where=root, next_step=COPY_AGAIN)
-    recordings = [_recording(folder, columns) for folder in folders]
-    windows = [
-        _windows(folder, len(trial.samples))
-        for folder, trial in zip(folders, recordings, strict=True)
-    ]
+    recordings, windows = [], []
+    for folder in folders:
+        recording = _recording(folder, columns)
+        recordings.append(recording)
+        windows.append(_windows(folder, len(recording.samples)))
     return DataSet(
         name="proactive_slip_uskin",
         recordings=recordings,
@@ -80,9 +82,7 @@ def load(root: Path, *, channels: int = 18) -> DataSet:
     )
 
 
-def situations(
-    slip: npt.NDArray[np.bool_], fail: npt.NDArray[np.bool_]
-) -> npt.NDArray[np.int64]:
+def situations(slip: BoolArray, fail: BoolArray) -> IntArray:
     """[T] slip and fail -> [T] situation; UNLABELLED for a slip that the recording's end cuts off.
 
     >>> situations(np.array([0, 1, 0, 1, 0], bool), np.array([0, 0, 0, 0, 1], bool)).tolist()
@@ -96,7 +96,7 @@ def situations(
     return label.astype(np.int64)
 
 
-def _outcome(fail: npt.NDArray[np.bool_], stop: int) -> int:
+def _outcome(fail: BoolArray, stop: int) -> int:
     """What a slip run turned into, by the row after it."""
     if stop == len(fail):
         return UNLABELLED
@@ -104,23 +104,17 @@ def _outcome(fail: npt.NDArray[np.bool_], stop: int) -> int:
 
 
 def _trial_folders(root: Path) -> list[Path]:
-    return sorted(
-        path.parent
-        for level in ("*", "data_set/*")
-        for path in root.glob(f"{level}/{PADS[0]}")
-    )
+    pads = [*root.glob(f"*/{PADS[0]}"), *root.glob(f"data_set/*/{PADS[0]}")]
+    return sorted(path.parent for path in pads)
 
 
 def _columns(channels: int) -> list[int]:
     taxels = {18: THREE_TAXELS, 96: tuple(range(1, 17))}
     if channels not in taxels:
         raise ChannelsNotOffered("proactive_slip_uskin", channels, taxels)
-    return [
-        48 * pad + 3 * (taxel - 1) + axis
-        for pad in range(2)
-        for taxel in taxels[channels]
-        for axis in range(3)
-    ]
+    first_pad = [taxel - 1 for taxel in taxels[channels]]
+    second_pad = [16 + taxel for taxel in first_pad]
+    return channels_of([*first_pad, *second_pad])
 
 
 def _recording(folder: Path, columns: list[int]) -> Recording:
@@ -151,7 +145,7 @@ def _pad(path: Path) -> FloatArray:
 
 def _windows(folder: Path, n_rows: int) -> TrialRows:
     table = read_table(folder / LABELS)
-    slip, fail = (table.numbers(name) > 0.5 for name in ("slip", "fail"))
+    slip, fail = table.numbers("slip") > 0.5, table.numbers("fail") > 0.5
     if len(slip) != n_rows:
         raise ColumnError(
             f"{len(slip)} labels for {n_rows} rows", where=folder, next_step=COPY_AGAIN

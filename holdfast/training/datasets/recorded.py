@@ -2,14 +2,15 @@
 
 Who did what with which object stands in each meta.json, so a whole recording, one person's folder,
 or any choice of trials is a data set. Only kept trials are read. A person is a group: no split ever
-tears one apart; where only one person is there, every trial is a group of its own, and the figures
-say nothing about other people. Phases are those of tactile.truth.json and no script's; preparation,
-objects and windows are the thesis'.
+divides the trials of one; where only one person is there, every trial is its own group, and the
+figures do not apply to other people. Phases are those of tactile.truth.json and no script's;
+preparation, objects and windows are the thesis'.
 """
 
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -20,11 +21,16 @@ from holdfast.core.reading import Json
 from holdfast.core.trial_file import Trial
 from holdfast.core.trial_layout import DISCARDED, META, TACTILE, truth_path
 from holdfast.training.datasets import thesis
-from holdfast.training.datasets.places import EMPTY_HAND, Fault, TrialPlace, refuse
-from holdfast.training.datasets.reading import TrialReader, read_all
-from holdfast.training.progress import Part, ignored, span
-from holdfast.training.recording import DataSet, Recording
-from holdfast.training.timeline import Phase, RiskyEvent, read_events, read_truth
+from holdfast.training.datasets.trials import (
+    EMPTY_HAND,
+    Fault,
+    TrialPlace,
+    TrialReader,
+    refuse,
+)
+from holdfast.training.progress import Part, ignored
+from holdfast.training.recording import DataSet
+from holdfast.training.timeline import Phases, RiskyEvents, read_events, read_truth
 from holdfast.training.windows import Choice, TimedTrial
 
 KEPT = "kept"
@@ -36,11 +42,6 @@ CAVEAT = (
 ONE_PERSON = " One person: the figures do not apply to other people."
 
 
-def recognises(root: Path) -> bool:
-    """Whether a folder holds a trial of `holdfast record`."""
-    return any("recorder" in read_json(path.with_name(META)) for path in _trials(root))
-
-
 def load(
     root: Path,
     *,
@@ -50,27 +51,20 @@ def load(
     part: Part = ignored,
 ) -> DataSet:
     """All kept trials of a folder, as training.datasets.thesis does. Raises a DataError."""
-    found, reading = _found(root), span(part, 0.0, thesis.READING)
-    trials = [trial for trial in read_all(readers(root), part=reading) if trial]
-    kinds = sorted({_kind(meta) for _, meta in found if meta.get("state") == KEPT})
-    about = {
-        "unit": trials[0].recording.unit,
-        "kind": " and ".join(kinds),
-        "name": root.resolve().name,
-    }
-    rest = span(part, thesis.READING, 1.0)
+    found = _found(root)
+    kinds = sorted({_kind(meta) for meta in found.values() if _is_kept(meta)})
+    about = {"kind": " and ".join(kinds), "name": root.resolve().name}
     data = thesis.assembled(
-        about, trials, channels=channels, seed=seed, windows=windows, part=rest
+        about, readers(root), channels=channels, seed=seed, windows=windows, part=part
     )
-    states = dict(Counter(str(meta.get("state")) for _, meta in found))
-    people = {one.person for one in data.recordings}
-    caveat = CAVEAT + (ONE_PERSON if len(people) == 1 else "")
+    people = len({recording.person for recording in data.recordings})
     notes = {
         **data.notes,
         "layout": "recorded",
-        "states": states,
-        "people": len(people),
+        "states": dict(Counter(str(meta.get("state")) for meta in found.values())),
+        "people": people,
     }
+    caveat = CAVEAT + (ONE_PERSON if people == 1 else "")
     return replace(data, caveat=caveat, notes=notes)
 
 
@@ -80,11 +74,10 @@ def readers(root: Path, fault: Fault = refuse) -> list[TrialReader]:
     Raises DataNotFound without any, and UnitError for several units.
     """
     found = _found(root)
-    kept = [
-        (path, meta)
-        for path, meta in found
-        if meta.get("state") == KEPT and DISCARDED not in path.relative_to(root).parts
-    ]
+    kept = []
+    for path, meta in found.items():
+        if _is_kept(meta) and DISCARDED not in path.relative_to(root).parts:
+            kept.append(path)
     if not kept:
         raise DataNotFound(
             f"no kept trial among {len(found)}",
@@ -92,72 +85,65 @@ def readers(root: Path, fault: Fault = refuse) -> list[TrialReader]:
             cause="all of them were interrupted or done again",
             next_step="record again",
         )
-    units = sorted({str(meta.get("unit")) for _, meta in kept})
+    units = sorted({str(found[path].get("unit")) for path in kept})
     if len(units) > 1:
         raise UnitError(
             f"trials in {' and in '.join(units)}",
             where=root,
             next_step="keep them in two folders",
         )
-    thesis.require_unit(units[0], kept[0][0].with_name(META))
-    return [
-        TrialReader(_place(path, meta), partial(_timed, path, meta, root))
-        for path, meta in kept
-    ]
+    thesis.require_unit(units[0], kept[0].with_name(META))
+    return [_reader(path, found[path], root) for path in kept]
 
 
-def _found(root: Path) -> list[tuple[Path, Json]]:
-    return [(path, read_json(path.with_name(META))) for path in _trials(root)]
-
-
-def _trials(root: Path) -> list[Path]:
-    return sorted(
+def _found(root: Path) -> dict[Path, Json]:
+    """Each tactile.csv with its meta.json, in order; trial_10 comes after trial_9."""
+    paths = sorted(
         root.rglob(TACTILE),
         key=lambda path: (path.parent.parent, len(path.parent.name), path.parent.name),
     )
+    return {path: read_json(path.with_name(META)) for path in paths}
+
+
+def _is_kept(meta: Json) -> bool:
+    return meta.get("state") == KEPT
 
 
 def _kind(meta: Json) -> str:
     """simulated where the source was a virtual or simulated hand, else recorded."""
     configuration = meta.get("configuration")
-    source = (
-        str(configuration.get("source", "")) if isinstance(configuration, dict) else ""
-    )
-    return "simulated" if source.startswith(("virtual://", "sim://")) else "recorded"
+    if isinstance(configuration, dict):
+        source = str(configuration.get("source", ""))
+        if source.startswith(("virtual://", "sim://")):
+            return "simulated"
+    return "recorded"
 
 
-def _place(path: Path, meta: Json) -> TrialPlace:
+def _reader(path: Path, meta: Json, root: Path) -> TrialReader:
     person, action = str(meta.get("person")), str(meta.get("action"))
     if action == EMPTY_HAND:
-        return TrialPlace(path, person=person)
-    return TrialPlace(path, path.parent.parent.parent, action, person)
+        place = TrialPlace(path, person=person)
+    else:
+        place = TrialPlace(path, path.parent.parent.parent, action, person)
+    return TrialReader(place, partial(_timed, place, meta, root))
 
 
-def _timed(path: Path, meta: Json, root: Path) -> TimedTrial:
-    thing, place = str(meta.get("object")), _place(path, meta)
+def _timed(place: TrialPlace, meta: Json, root: Path) -> TimedTrial:
+    folder = place.path.parent
     timed = thesis.timed(place, root, {"unit": meta.get("unit")}, phased)
-    trial_id = (
-        path.parent.relative_to(root).as_posix()
-        if path.parent != root
-        else path.parent.name
-    )
+    trial_id = folder.name if folder == root else folder.relative_to(root).as_posix()
+    # The object is the one in meta.json; the folder may be called otherwise.
+    name = object_name(str(meta.get("object"))) if place.object_folder else None
     recording = replace(
-        timed.recording,
-        trial_id=trial_id,
-        group=trial_id,
-        object_name=object_name(thing) if place.object_folder else None,
+        timed.recording, trial_id=trial_id, group=trial_id, object_name=name
     )
-    provenances = {
-        str(phase.get("provenance"))
-        for phase in read_json(truth_path(path)).get("phases", [])
-    }
-    return replace(timed, recording=recording, timed=bool(provenances & {*EXACT}))
+    phases: Sequence[Json] = read_json(truth_path(place.path)).get("phases", [])
+    exact = any(str(phase.get("provenance")) in EXACT for phase in phases)
+    return replace(timed, recording=recording, timed=exact)
 
 
-def phased(
-    trial: Trial, recording: Recording
-) -> tuple[tuple[Phase, ...], tuple[RiskyEvent, ...]]:
-    """Phases and risky events of the truth beside a trial. Raises LabelError."""
+def phased(trial: Trial) -> tuple[Phases, RiskyEvents]:
+    """Phases and risky events of the truth for a trial. Raises LabelError."""
     truth = truth_path(trial.path)
     if not truth.exists():
         raise LabelError(

@@ -1,7 +1,7 @@
 """Reader of the thesis' layout: `<root>/[<person>/]<object>/<action>/trial_<n>.csv`.
 
 In the root there may be a `meta.json` {"unit", "kind", "name", "recordings by", "redistributable",
-"action_at_s", "masses_g"}; in an object's folder a `meta.json` {"mass_g"}; beside a trial its
+"action_at_s", "masses_g"}; in an object's folder a `meta.json` {"mass_g"}; next to a trial its
 truth, `trial_<n>.truth.json`, with the phases that replace the script (the actions `hold` and
 `daily` need them) or with "action_at_s" alone. The preparation is the thesis': magnets
 turned the right way round, the mean of five rows subtracted, time from zero. Its moving average is
@@ -16,7 +16,6 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 
 from holdfast.core.contact import NORMAL_FLOOR
 from holdfast.core.contract import NOTHING, RATE_TOLERANCE, UNITS, Unit
@@ -33,22 +32,28 @@ from holdfast.core.trial_file import Trial, read_trial
 from holdfast.core.trial_layout import META, truth_path
 from holdfast.edge_runtime.preparation import Preparation
 from holdfast.export.bank import bands_for
-from holdfast.training.datasets.places import Fault, TrialPlace, places, refuse
-from holdfast.training.datasets.places import recognises as recognises
-from holdfast.training.datasets.reading import (
+from holdfast.training.datasets.trials import (
     ChannelsNotOffered,
+    Fault,
+    TrialPlace,
     TrialReader,
-    finite_sensors,
+    places,
     read_all,
+    refuse,
 )
 from holdfast.training.progress import Part, ignored, span
-from holdfast.training.recording import DataSet, LabelledRows, Recording
+from holdfast.training.recording import (
+    DataSet,
+    LabelledRows,
+    Recording,
+    finite_sensors,
+)
 from holdfast.training.splits import grouped
 from holdfast.training.timeline import (
     ACTION_KEY,
     ACTION_S,
-    Phase,
-    RiskyEvent,
+    Phases,
+    RiskyEvents,
     action_start_s,
     events_of,
     has_phases,
@@ -70,7 +75,6 @@ from holdfast.training.windows import (
     undersample,
 )
 
-Phased = Callable[[Trial, Recording], tuple[tuple[Phase, ...], tuple[RiskyEvent, ...]]]
 CAVEAT = (
     "Light and heavy differ only by object: windows without contact keep the light/heavy label of "
     "their trial although no signal carries it. Where a trial has no truth file its labels follow "
@@ -109,24 +113,26 @@ def load(
     channels: refuse the set if it has another number; None takes it as it is.
     windows: training/windows.py; thesis draws by the seed, and every class must be there; none
     leaves the task and its counts out.
-    People are the groups; without at least two, every trial is one. `notes` has the counts of
+    People are the groups; without at least two, every trial is its own. `notes` has the counts of
     samples and of the windows, these also as a table, and where they were drawn from the natural
     ones, the counts of those. rate_hz is the median over the trials to three digits, so that a
     clock that is a microsecond off does not cost the window a sample. Raises a DataError, such as
     RateError for a trial more than 10 % off the others, which names the place.
     """
-    meta = meta_of(root)
-    found = read_all(readers(root), part=span(part, 0.0, READING))
-    trials = [trial for trial in found if trial]
-    if not trials:
+    found = readers(root)
+    if not found:
         raise DataNotFound(
             "no trials",
             where=root,
             next_step="give a folder with <object>/<action>/trial_<n>.csv in it",
         )
-    rest = span(part, READING, 1.0)
     return assembled(
-        meta, trials, channels=channels, seed=seed, windows=windows, part=rest
+        meta_of(root),
+        found,
+        channels=channels,
+        seed=seed,
+        windows=windows,
+        part=part,
     )
 
 
@@ -138,33 +144,40 @@ def readers(root: Path, fault: Fault = refuse) -> list[TrialReader]:
     """
     meta = meta_of(root)
     return [
-        TrialReader(one, partial(timed, one, root, meta)) for one in places(root, fault)
+        TrialReader(place, partial(timed, place, root, meta))
+        for place in places(root, fault)
     ]
 
 
 def assembled(
     meta: Json,
-    trials: list[TimedTrial],
+    readers: Sequence[TrialReader],
     *,
     channels: int | None,
     seed: int,
     windows: Choice,
     part: Part = ignored,
 ) -> DataSet:
-    """A data set of trials. meta: name, unit, kind, origin. Raises RateError or ChannelError."""
-    rate_hz = common_rate([trial.recording for trial in trials])
-    has = 3 * trials[0].recording.n_sensors
-    if channels is not None and channels != has:
-        raise ChannelsNotOffered(str(meta["name"]), channels, [has])
-    tasks, counted = _task_of_windows(trials, windows, seed, part)
-    recordings, group_kind = grouped([trial.recording for trial in trials])
+    """A data set of trials. meta: name, kind, origin. Raises RateError, ChannelError, .."""
+    read = read_all(readers, part=span(part, 0.0, READING))
+    trials = [trial for trial in read if trial]
+    recordings = [trial.recording for trial in trials]
+    rate_hz, unit = common_rate(recordings), recordings[0].unit
+    n_channels = 3 * recordings[0].n_sensors
+    if channels not in (None, n_channels):
+        raise ChannelsNotOffered(str(meta["name"]), channels, [n_channels])
+    tasks: dict[str, LabelledRows] = {}
+    notes: Json = {}
+    if windows != "none":
+        tasks, notes = _windows(trials, windows, seed, span(part, READING, 1.0))
+    recordings, group_kind = grouped(recordings)
     return DataSet(
         name=str(meta["name"]),
         recordings=recordings,
         tasks=tasks,
         rate_hz=rate_hz,
-        unit=meta["unit"],
-        preparation=preparation(meta["unit"]),
+        unit=unit,
+        preparation=preparation(unit),
         kind=str(meta["kind"]),
         redistributable=meta.get("redistributable") is True,
         caveat=CAVEAT.format(at_s=meta.get(ACTION_KEY, ACTION_S)),
@@ -175,39 +188,32 @@ def assembled(
             "seed": seed,
             "bands_hz": list(bands_for(rate_hz)),
             "samples": sample_counts(trials),
-            **counted,
+            **notes,
         },
     )
 
 
-def _task_of_windows(
-    trials: list[TimedTrial], windows: Choice, seed: int, part: Part
+def _windows(
+    trials: list[TimedTrial], choice: Choice, seed: int, part: Part
 ) -> tuple[dict[str, LabelledRows], Json]:
-    """The task "classes" on the chosen windows, and their counts for the notes; none for none."""
-    if windows == "none":
-        return {}, {}
-    chosen, drawn_from = _chosen_windows(trials, windows, seed, part)
-    counts = {"windows": class_counts(chosen), "table": counts_table(chosen)}
-    return {"classes": labelled_rows(chosen)}, {**drawn_from, **counts}
-
-
-def _chosen_windows(
-    trials: list[TimedTrial], windows: Choice, seed: int, part: Part
-) -> tuple[pd.DataFrame, Json]:
-    """The windows that were chosen, and the note on the natural ones where these were found."""
-    if windows == "balanced":
-        return dense_windows(trials, part), {}
-    natural = natural_windows(trials, part)
-    note = {"windows_natural": class_counts(natural)}
-    return (undersample(natural, seed) if windows == "thesis" else natural), note
+    """The task "classes" on the chosen windows, and their counts for the notes."""
+    notes: Json = {}
+    if choice == "balanced":
+        chosen = dense_windows(trials, part)
+    else:
+        chosen = natural_windows(trials, part)
+        notes["windows_natural"] = class_counts(chosen)
+    if choice == "thesis":
+        chosen = undersample(chosen, seed)
+    notes |= {"windows": class_counts(chosen), "table": counts_table(chosen)}
+    return {"classes": labelled_rows(chosen)}, notes
 
 
 def meta_of(root: Path) -> Json:
-    """The set's meta.json, with what is assumed where it says nothing. Raises a DataError."""
+    """The set's meta.json, with the assumption for each key it lacks. Raises a DataError."""
     where = root / META
-    meta = {"unit": "N", "kind": "recorded", "name": root.resolve().name} | read_json(
-        where
-    )
+    assumed = {"unit": "N", "kind": "recorded", "name": root.resolve().name}
+    meta = {**assumed, **read_json(where)}
     require_unit(meta["unit"], where)
     if not isinstance(meta.get(MASSES_KEY, {}), dict):
         example = f'{{"{MASSES_KEY}": {{"mug": 320.0}}}}'
@@ -229,65 +235,66 @@ def require_unit(unit: object, where: Path) -> None:
 
 
 def timed(
-    place: TrialPlace, root: Path, meta: Json, phased: Phased | None = None
+    place: TrialPlace,
+    root: Path,
+    meta: Json,
+    phased: Callable[[Trial], tuple[Phases, RiskyEvents]] | None = None,
 ) -> TimedTrial:
     """Read and prepare a trial. phased: gives its phases; default: its truth, else the script."""
-    trial, unit = read_trial(place.path), meta["unit"]
+    trial, folder = read_trial(place.path), place.object_folder
     trial_id = place.path.relative_to(root).with_suffix("").as_posix()
-    recording = Recording(
+    recording = prepared(trial, meta["unit"], trial_id)
+    recording = replace(
+        recording,
+        object_name=object_name(folder.name) if folder else None,
+        action=place.action,
+        person=place.person,
+    )
+    action_at_s = action_start_s(meta, root / META) or ACTION_S
+    if phased is None:
+        phases, events = _phased(trial, recording, action_at_s)
+    else:
+        phases, events = phased(trial)
+    truth = truth_path(trial.path)
+    mass = mass_of(folder, meta.get(MASSES_KEY)) if folder else None
+    return TimedTrial(
+        replace(recording, phases=phases, events=events),
+        phases,
+        heavy=mass.heavy if mass else None,
+        timed=has_phases(truth),
+        mass=mass,
+        labels_by=labels_by(truth, action_at_s) if folder else OPEN_HAND,
+    )
+
+
+def prepared(trial: Trial, unit: Unit, trial_id: str) -> Recording:
+    """A trial's samples as a model sees them; every trial is a group until people are known."""
+    return Recording(
         trial_id=trial_id,
         group=trial_id,
         samples=preparation(unit).apply(trial.raw),
         valid=trial.valid & finite_sensors(trial.raw),
         rate_hz=trial.rate_hz,
         unit=unit,
-        object_name=object_name(place.object_folder.name)
-        if place.object_folder
-        else None,
-        action=place.action,
-        person=place.person,
-    )
-    action_at_s = action_start_s(meta, root / META) or ACTION_S
-    phases, events = (
-        phased(trial, recording) if phased else _phased(trial, recording, action_at_s)
-    )
-    recording = replace(recording, phases=phases, events=events)
-    folder = place.object_folder
-    mass = mass_of(folder, meta.get(MASSES_KEY)) if folder else None
-    return TimedTrial(
-        recording,
-        phases,
-        heavy=mass.heavy if mass else None,
-        timed=has_phases(truth_path(trial.path)),
-        mass=mass,
-        labels_by=labels_by(truth_path(trial.path), action_at_s)
-        if folder
-        else OPEN_HAND,
     )
 
 
 def _phased(
     trial: Trial, recording: Recording, action_at_s: float
-) -> tuple[tuple[Phase, ...], tuple[RiskyEvent, ...]]:
+) -> tuple[Phases, RiskyEvents]:
     truth = truth_path(trial.path)
-    phases = _phases(trial, recording, action_at_s)
-    return phases, read_events(truth) if has_phases(truth) else events_of(
-        phases, trial.rate_hz
-    )
-
-
-def _phases(
-    trial: Trial, recording: Recording, action_at_s: float
-) -> tuple[Phase, ...]:
-    if recording.object_name is None or recording.action is None:
-        return whole(len(trial.t_s), NOTHING)
-    truth = truth_path(trial.path)
+    name, action = recording.object_name, recording.action
+    if name is None or action is None:
+        phases = whole(len(trial.t_s), NOTHING)
+    elif has_phases(truth):
+        phases = read_truth(truth, trial.t_s)
+    else:
+        of_trial = action_start_s(read_json(truth), truth)
+        starts_s = of_trial or action_at_s
+        phases = scripted(trial, recording.samples, action, name, starts_s)
     if has_phases(truth):
-        return read_truth(truth, trial.t_s)
-    action_at_s = action_start_s(read_json(truth), truth) or action_at_s
-    return scripted(
-        trial, recording.samples, recording.action, recording.object_name, action_at_s
-    )
+        return phases, read_events(truth)
+    return phases, events_of(phases, trial.rate_hz)
 
 
 def common_rate(recordings: Sequence[Recording], fault: Fault = refuse) -> float:
@@ -296,23 +303,22 @@ def common_rate(recordings: Sequence[Recording], fault: Fault = refuse) -> float
     fault: receives a RateError or ChannelError for each recording that differs from the others.
     """
     rate_hz = float(f"{np.median([recording.rate_hz for recording in recordings]):.3g}")
+    first = recordings[0]
     for recording in recordings:
         if abs(recording.rate_hz / rate_hz - 1.0) > RATE_TOLERANCE:
-            fault(
-                RateError(
-                    f"runs at {recording.rate_hz:.4g} Hz, the set at {rate_hz:g} Hz",
-                    where=recording.trial_id,
-                    cause="recorded with other settings",
-                    next_step="move it to a set of its own",
-                )
+            error = RateError(
+                f"runs at {recording.rate_hz:.4g} Hz, the set at {rate_hz:g} Hz",
+                where=recording.trial_id,
+                cause="recorded with other settings",
+                next_step="move it to a set of its own",
             )
-        if recording.n_sensors != recordings[0].n_sensors:
-            fault(
-                ChannelError(
-                    f"{recording.n_sensors} sensors, but {recordings[0].n_sensors} in "
-                    f"{recordings[0].trial_id}",
-                    where=recording.trial_id,
-                    next_step="move it to a set of its own",
-                )
+            fault(error)
+        if recording.n_sensors != first.n_sensors:
+            differs = f"{recording.n_sensors} sensors, but {first.n_sensors}"
+            other_hand = ChannelError(
+                f"{differs} in {first.trial_id}",
+                where=recording.trial_id,
+                next_step="move it to a set of its own",
             )
+            fault(other_hand)
     return rate_hz

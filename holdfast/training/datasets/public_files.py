@@ -1,18 +1,13 @@
 """Checked reading of the two file kinds public data sets come in: npz archives and csv tables.
 
-Nothing here knows a data set; every fault is a typed error that names the file and the place.
-
-How many channels of a set are used, where more than one number is possible.
-
-The last step of every reader: the windows of single trials become one task.
-
-Trials that are found but not yet read, so that a check can go on after a fault.
+Every fault is a typed error that names the file and the place. Cells of a table are read by
+Python's own `float`, because pandas rounds some decimals differently in the last bit.
 """
 
 from __future__ import annotations
 
 import csv
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -21,27 +16,25 @@ import numpy as np
 import numpy.typing as npt
 
 from holdfast.core.archives import NOT_AN_ARCHIVE, require_modest_archive
-from holdfast.core.contract import BoolArray, FloatArray
+from holdfast.core.contract import FloatArray, IntArray
 from holdfast.core.errors import (
-    ChannelError,
     ColumnError,
-    DataError,
     DataNotFound,
     EmptyRecording,
     NotANumber,
     listed,
 )
 from holdfast.core.reading import require_lines
-from holdfast.training.datasets.places import Fault, TrialPlace, refuse
-from holdfast.training.progress import Part, ignored
 from holdfast.training.recording import LabelledRows
-from holdfast.training.windows import TimedTrial
 
 Shape = tuple[int | None, ...]
+Arrays = dict[str, npt.NDArray[Any]]
+TrialRows = tuple[npt.NDArray[Any], npt.NDArray[Any]]
+"""Last rows [m] of a trial's windows, and their labels [m]."""
 COPY_AGAIN = "copy the data set again from its source"
 
 
-def read_arrays(path: Path, shapes: Mapping[str, Shape]) -> dict[str, npt.NDArray[Any]]:
+def read_arrays(path: Path, shapes: Mapping[str, Shape]) -> Arrays:
     """The named arrays of an npz archive; a None in a shape stands for any length.
 
     Pickled objects are refused. Raises DataNotFound, ColumnError (missing array or shape) or
@@ -79,13 +72,15 @@ def _check_array(array: npt.NDArray[Any], name: str, shape: Shape, path: Path) -
             where=path,
             next_step=COPY_AGAIN,
         )
-    if array.ndim != len(shape) or any(
-        want not in (None, got) for want, got in zip(shape, array.shape, strict=True)
-    ):
-        wanted = " x ".join("any" if want is None else str(want) for want in shape)
-        got = " x ".join(map(str, array.shape))
+    fits = array.ndim == len(shape)
+    if fits:
+        for wanted, length in zip(shape, array.shape, strict=True):
+            fits = fits and wanted in (None, length)
+    if not fits:
+        expected = " x ".join("any" if n is None else str(n) for n in shape)
+        found = " x ".join(map(str, array.shape))
         raise ColumnError(
-            f"array {name} is {got}, not {wanted}", where=path, next_step=COPY_AGAIN
+            f"array {name} is {found}, not {expected}", where=path, next_step=COPY_AGAIN
         )
 
 
@@ -117,28 +112,26 @@ class Table:
     def numbers(self, name: str, *, finite: bool = True) -> FloatArray:
         """One column as float64. Raises ColumnError, or NotANumber (of nan too, if `finite`)."""
         cells = self.text(name)
-        values = np.array([_number(cell) for cell in cells], dtype=object)
-        bad = [
-            k
-            for k, value in enumerate(values)
-            if value is None or (finite and not np.isfinite(value))
-        ]
-        if bad:
-            raise NotANumber(
-                f"line {bad[0] + 2}, column {name}: {cells[bad[0]]!r:.40} is no number",
-                where=self.path,
-                cause="text or an empty cell in the data",
-                next_step="correct or remove that line",
-            )
-        return values.astype(np.float64)
+        values = np.empty(len(cells))
+        for k, cell in enumerate(cells):
+            value = _number(cell)
+            if value is None or (finite and not np.isfinite(value)):
+                raise NotANumber(
+                    f"line {k + 2}, column {name}: {cell!r:.40} is no number",
+                    where=self.path,
+                    cause="text or an empty cell in the data",
+                    next_step="correct or remove that line",
+                )
+            values[k] = value
+        return values
 
-    def whole_numbers(self, name: str) -> npt.NDArray[np.int64]:
+    def whole_numbers(self, name: str) -> IntArray:
         """One column of whole numbers, also where they are written as 12.0."""
         values = self.numbers(name)
-        if np.any(values != np.round(values)):
-            line = int(np.flatnonzero(values != np.round(values))[0]) + 2
+        broken = np.flatnonzero(values != np.round(values))
+        if broken.size:
             raise NotANumber(
-                f"line {line}, column {name}: not a whole number",
+                f"line {broken[0] + 2}, column {name}: not a whole number",
                 where=self.path,
                 next_step="correct that line",
             )
@@ -166,85 +159,39 @@ def read_table(path: Path) -> Table:
             cause="a copy cut short",
             next_step=COPY_AGAIN,
         )
-    header = [name.strip() for name in rows[0]]
-    ragged = [k for k, row in enumerate(rows) if len(row) != len(header)]
-    if ragged or len(set(header)) < len(header):
-        what = (
-            f"line {ragged[0] + 1} has another number of cells"
-            if ragged
-            else "a column occurs twice"
-        )
+    names = [name.strip() for name in rows[0]]
+    fault = "a column occurs twice" if len(set(names)) < len(names) else ""
+    for number, row in enumerate(rows, 1):
+        if len(row) != len(names):
+            fault = f"line {number} has another number of cells"
+            break
+    if fault:
         raise ColumnError(
-            what, where=path, cause="a copy cut short", next_step=COPY_AGAIN
+            fault, where=path, cause="a copy cut short", next_step=COPY_AGAIN
         )
-    return Table(
-        path,
-        {name: [row[k].strip() for row in rows[1:]] for k, name in enumerate(header)},
-    )
+    columns = {
+        name: [row[k].strip() for row in rows[1:]] for k, name in enumerate(names)
+    }
+    return Table(path, columns)
 
 
 def _number(cell: str) -> float | None:
     try:
+        # Python reads 1_000 as a number; a data set means something else by it.
         return None if "_" in cell else float(cell)
     except ValueError:
         return None
 
 
-class ChannelsNotOffered(ChannelError):
-    """A set cannot be read with that number of channels. offered: those that it has, in words."""
-
-    def __init__(self, set_name: str, channels: int, offered: Iterable[int]) -> None:
-        self.offered = " or ".join(map(str, sorted(offered)))
-        super().__init__(
-            f"{set_name} has no {channels}-channel case",
-            next_step=f"ask for {self.offered}",
-        )
-
-
-TrialRows = tuple[npt.NDArray[Any], npt.NDArray[Any]]
-"""Last rows [m] of a trial's windows, and their labels [m]."""
+def channels_of(sensors: Sequence[int]) -> list[int]:
+    """The columns of 3-axis sensors, counted from 0, in a table of all sensors' channels."""
+    return [3 * sensor + axis for sensor in sensors for axis in range(3)]
 
 
 def join_trials(parts: Sequence[TrialRows], classes: tuple[str, ...]) -> LabelledRows:
     """One task from the windows of all trials, part k belonging to recording k."""
-    trial = np.repeat(np.arange(len(parts)), [len(rows) for rows, _ in parts])
-    row, label = (
-        np.concatenate([part[k] for part in parts]).astype(np.int64) for k in (0, 1)
-    )
-    return LabelledRows(trial.astype(np.int64), row, label, classes)
-
-
-def finite_sensors(raw: FloatArray) -> BoolArray:
-    """[T, C] -> [T, C/3]: True where all three channels of a sensor are finite."""
-    by_sensor = np.isfinite(raw).reshape(len(raw), -1, 3)
-    return np.logical_and.reduce(by_sensor, axis=2)
-
-
-@dataclass(frozen=True)
-class TrialReader:
-    """A trial's place, and the function that reads, prepares and labels it."""
-
-    place: TrialPlace
-    read: Callable[[], TimedTrial]
-
-
-def read_all(
-    readers: Sequence[TrialReader], fault: Fault = refuse, part: Part = ignored
-) -> list[TimedTrial | None]:
-    """The trials in their order, None for one that cannot be used.
-
-    fault: receives its DataError. part: receives the share of the trials that is read.
-    """
-    trials = []
-    for number, reader in enumerate(readers, 1):
-        trials.append(_read(reader, fault))
-        part(number / len(readers))
-    return trials
-
-
-def _read(reader: TrialReader, fault: Fault) -> TimedTrial | None:
-    try:
-        return reader.read()
-    except DataError as error:
-        fault(error)
-        return None
+    labelled = []
+    for number, (row, label) in enumerate(parts):
+        trial = np.full(len(row), number, dtype=np.int64)
+        labelled.append(LabelledRows(trial, row, label, classes))
+    return LabelledRows.concatenated(labelled)

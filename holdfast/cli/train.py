@@ -1,0 +1,177 @@
+"""`holdfast train --data SET .. --out DIR`: train on sets, write an artifact for export.
+
+Without arguments it trains on the small generated fixture, into build/default, and may be run
+again: an artifact of the fixture there is replaced. Every other artifact is replaced only with
+--force.
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from holdfast.cli.command import (
+    STDOUT,
+    add_json_option,
+    path_argument,
+    require_json_writable,
+    seed,
+    show,
+    show_found,
+)
+
+if TYPE_CHECKING:
+    from holdfast.training.fitting import TrainingRequest
+
+# As holdfast.training has them; repeated here so that --help need not import it.
+WINDOWS = ("balanced", "thesis", "natural")
+MODEL_SIZES = ("tiny", "default", "best")
+LEARNERS = ("forest", "network", "committee")
+HELD_OUT_BY = ("person", "object", "trial")
+DEFAULT_OUT = Path("build/default")
+OTHER_STAGES = 9
+"""Stages besides one for each set: libraries, features, six folds, final forests."""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of this verb."""
+    parser.add_argument(
+        "--data",
+        nargs="+",
+        default=[],
+        metavar="SET|FOLDER",
+        help="sets by name or path (default: a small generated set, to try the command)",
+    )
+    parser.add_argument(
+        "--out",
+        type=path_argument,
+        default=DEFAULT_OUT,
+        metavar="DIR",
+        help="artifact folder (default build/default)",
+    )
+    parser.add_argument(
+        "--force",
+        action="store_true",
+        help="replace an artifact that is in DIR already",
+    )
+    _choose_recordings(parser)
+    _choose_learner(parser)
+    parser.add_argument(
+        "--seed",
+        type=seed,
+        default=0,
+        metavar="S",
+        help="seed of every random choice (default 0)",
+    )
+    add_json_option(parser)
+
+
+def _choose_recordings(parser: argparse.ArgumentParser) -> None:
+    """The options of which recordings are read, and how they are held out."""
+    parser.add_argument(
+        "--channels", type=int, metavar="C", help="channels, where a set offers several"
+    )
+    parser.add_argument(
+        "--groups", type=int, metavar="K", help="use K people (or blocks) only"
+    )
+    parser.add_argument(
+        "--hold-out",
+        choices=HELD_OUT_BY,
+        metavar="WHAT",
+        help="what is held out together: person (default with two or more), object, or trial",
+    )
+
+
+def _choose_learner(parser: argparse.ArgumentParser) -> None:
+    """The options of what is learned from which windows."""
+    parser.add_argument(
+        "--windows",
+        choices=WINDOWS,
+        default="balanced",
+        metavar="WHICH",
+        help="windows to train on: balanced (dense; default), thesis (undersampled), natural",
+    )
+    parser.add_argument(
+        "--size",
+        choices=MODEL_SIZES,
+        default="default",
+        metavar="SIZE",
+        help=f"size of the forest, also of one in a committee: {', '.join(MODEL_SIZES)}",
+    )
+    parser.add_argument(
+        "--learner",
+        choices=LEARNERS,
+        default="committee",
+        metavar="WHAT",
+        help="what answers: forest, network, or committee (both; default; docs/learners.md)",
+    )
+    parser.add_argument(
+        "--inner-folds",
+        type=_fold_count,
+        default=0,
+        metavar="K",
+        help="choose label weights and network on K folds of the training groups (default: no)",
+    )
+
+
+def _fold_count(word: str) -> int:
+    """A number of folds from the command line: two or more."""
+    number = int(word) if word.isdecimal() else 0
+    if number < 2:
+        raise argparse.ArgumentTypeError(f"{word!r} is not a whole number of 2 or more")
+    return number
+
+
+def run(args: argparse.Namespace) -> int:
+    """Train; prints the windows and the held-out figures, and the stages on stderr."""
+    from holdfast.training.figures import situation_lines, with_interval
+    from holdfast.training.progress import stages
+
+    require_json_writable(args)
+    with stages(max(1, len(args.data)) + OTHER_STAGES) as progress:
+        progress("loading the libraries")
+        from holdfast.training.fitting import train_on_sets
+
+        describe = _quiet if args.json == STDOUT else show
+        data, figures = train_on_sets(_request(args), progress, describe)
+    held_out = f"held out by {data.group_kind}: "
+    macro_f1, *each_f1 = situation_lines(figures.situations, figures.group_kind)
+    lines = [held_out + macro_f1, *each_f1]
+    if figures.predict_250ms is not None:
+        ranking = figures.predict_250ms
+        auc = with_interval(ranking.auc, ranking.auc_ci, figures.group_kind)
+        lines.append(f"{held_out}0.25 s prediction AUC {auc}")
+    lines += [data.caveat, f"artifact: {args.out}; next: holdfast export {args.out}"]
+    found = {
+        "artifact": args.out,
+        "data": data.name,
+        "kind": data.kind,
+        "caveat": data.caveat,
+        "held_out": figures.to_json(),
+    }
+    show_found(args, "\n".join(lines), found)
+    return 0
+
+
+def _quiet(text: str) -> None:
+    """What describes the sets where stdout is kept for JSON."""
+
+
+def _request(args: argparse.Namespace) -> TrainingRequest:
+    from holdfast.training.fitting import TrainingRequest
+
+    return TrainingRequest(
+        data=tuple(args.data),
+        out=args.out,
+        replace=args.force,
+        replace_fixture=args.out == DEFAULT_OUT,
+        channels=args.channels,
+        groups=args.groups,
+        hold_out=args.hold_out,
+        windows=args.windows,
+        size=args.size,
+        learner=args.learner,
+        inner_folds=args.inner_folds,
+        seed=args.seed,
+    )
