@@ -29,9 +29,9 @@ import numpy as np
 
 from holdfast.core.contract import AXES, FloatArray, Unit
 from holdfast.core.errors import needs_extra
+from holdfast.core.hand_layout import HandLayout
 from holdfast.core.reading import Json
 from holdfast.interop.payload import CarriedTrial, happenings
-from holdfast.simulation.objects import HandLayout
 
 HALF_GAP_M = 0.03
 """From the middle of the object to each row."""

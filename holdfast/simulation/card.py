@@ -43,20 +43,14 @@ from typing import Any
 
 from holdfast.core.contract import UNITS, Unit
 from holdfast.core.errors import CardError, HoldfastError, UsageError
+from holdfast.core.hand_layout import HandLayout
 from holdfast.core.reading import CardReader, Json, read_toml
 from holdfast.edge_runtime.grip import CONTROLLERS
 from holdfast.simulation.camera_frames import CAMERA
 from holdfast.simulation.closed_loop.drive import MODEL, NAMES, NUMBERS, HandControl
 from holdfast.simulation.effect import Effect
 from holdfast.simulation.effects import EFFECTS, step_settings
-from holdfast.simulation.objects import (
-    HAND,
-    OBJECT_KEYS,
-    OBJECTS,
-    HandLayout,
-    Thing,
-    thing,
-)
+from holdfast.simulation.objects import HAND, OBJECT_KEYS, OBJECTS, Thing, thing
 from holdfast.simulation.protocol import ACTIONS, COMMON, least_grip_n
 from holdfast.simulation.shipped import CARDS, STYLES, shipped
 from holdfast.simulation.values import Parameter

@@ -22,8 +22,9 @@ from typing import Any
 
 import numpy as np
 
+from holdfast.core.hand_layout import HandLayout
 from holdfast.simulation.effect import stream
-from holdfast.simulation.objects import HandLayout, Thing
+from holdfast.simulation.objects import Thing
 from holdfast.simulation.values import Parameter
 
 GRAVITY_M_S2 = 9.81

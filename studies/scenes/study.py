@@ -33,8 +33,7 @@ from holdfast.evaluation.simple_baselines import (
 )
 from holdfast.export.spec import window_samples
 from holdfast.training.crossval import HeldOut, cross_validate
-from holdfast.training.datasets import load
-from holdfast.training.datasets import require_alike
+from holdfast.training.datasets import load, require_alike
 from holdfast.training.featurise import FloatRows, features_of, spec_for
 from holdfast.training.plan import CLOCK_PLAN, RAW_BASELINE, TrainingPlan
 from holdfast.training.progress import Say

@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 
 from holdfast.core.errors import CardError
+from holdfast.core.hand_layout import HandLayout
 from holdfast.core.trial_file import read_trial
 from holdfast.simulation.body import SIDE, sides
 from holdfast.simulation.card import read_card
 from holdfast.simulation.effects import EFFECTS
 from holdfast.simulation.folder import write_set
-from holdfast.simulation.objects import HandLayout
 from holdfast.simulation.protocol import PlannedTrial
 from holdfast.simulation.run import TrialMotion, motions
 from holdfast.simulation.scene import Scene, SimulatedTrial
