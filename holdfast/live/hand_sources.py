@@ -356,7 +356,6 @@ def _scene_at_chips(
 
 def _scene_force() -> ToForce:
     """The calibration of the scenes' sensors, for a virtual hand without a calibration."""
-    from holdfast.simulation.sensor.magnet import linear_map
+    from holdfast.drivers.virtual.virtual_hand import FORCE_N_PER_UT
 
-    matrix = linear_map()[0]
-    return lambda field_ut: np.einsum("ij,sj->si", matrix, field_ut)
+    return lambda field_ut: np.einsum("ij,sj->si", FORCE_N_PER_UT, field_ut)

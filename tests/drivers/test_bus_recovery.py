@@ -24,7 +24,8 @@ from holdfast.drivers.virtual.ft232h import (
     VirtualFt232h,
 )
 from holdfast.drivers.virtual.mcp2221 import VirtualMcp2221
-from holdfast.drivers.virtual.usb_backend import VirtualBackend, stall
+from holdfast.drivers.virtual.usb_backend import VirtualBackend
+from holdfast.drivers.virtual.usb_device import stall
 from holdfast.drivers.virtual.virtual_hand import VirtualHand
 from holdfast.live.hand_sources import open_live
 

@@ -30,8 +30,7 @@ from holdfast.drivers.tmag5273 import (
 )
 from holdfast.drivers.virtual.chip import Chip
 from holdfast.drivers.virtual.native import VirtualI2cDev
-from holdfast.drivers.virtual.virtual_hand import Track
-from holdfast.drivers.virtual.wire import Noise
+from holdfast.drivers.virtual.virtual_hand import Noise, Track
 
 ADDRESS = 0x35
 DIFFERENT_UT = np.arange(18.0).reshape(1, 6, 3) * 1500.0

@@ -17,7 +17,7 @@ from holdfast.drivers.bus import Transfer
 from holdfast.drivers.layout import read_layout
 from holdfast.drivers.scanning import as_layout, look_at
 from holdfast.drivers.tmag5273 import FACTORY_ADDRESSES, Setup
-from holdfast.drivers.virtual.wire import Mux
+from holdfast.drivers.virtual.virtual_hand import Mux
 
 EIGHT_BITS = 0x36
 """DEVICE_CONFIG_1 of a chip that answers packets of 8 bits an axis, which our driver never asks

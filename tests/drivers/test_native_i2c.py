@@ -1,21 +1,15 @@
-"""The board's own I2C bus, SMBus calls on it, and commands joined into one."""
+"""The board's own I2C bus, and MPSSE commands joined into one."""
 
 from __future__ import annotations
 
 import errno
-import os
 import sys
-from collections.abc import Iterator
-from typing import Any
 
 import pytest
-import smbus2
 from bridge_bench import (
     ABSENT,
     FIRST,
-    ID,
     IDENTITY,
-    THRESHOLD,
     WHO,
     A,
     B,
@@ -61,71 +55,6 @@ def test_closing_the_board_s_bus_closes_its_file(make):
     assert bench.backend.open_files == 1
     bench.bus.close()
     assert bench.backend.open_files == 0
-
-
-@pytest.fixture
-def smbus(make) -> Iterator[Any]:
-    """smbus2's own bus on the virtual controller, the mux's first channel on."""
-    make("native")
-    with smbus2.SMBus(1) as bus:
-        bus.write_byte(0x70, 1)
-        yield bus
-
-
-def test_smbus_calls_read_and_write_registers(smbus):
-    smbus.write_byte_data(A, THRESHOLD, 0x5A)
-    assert smbus.read_byte_data(A, THRESHOLD) == 0x5A
-    smbus.write_word_data(A, THRESHOLD, 0x1234)
-    assert smbus.read_word_data(A, THRESHOLD) == 0x1234
-    assert smbus.read_i2c_block_data(A, THRESHOLD, 2) == [0x34, 0x12]
-    smbus.write_i2c_block_data(A, THRESHOLD, [1, 2, 3])
-    assert smbus.read_i2c_block_data(A, THRESHOLD, 3) == [1, 2, 3]
-    assert bytes(smbus.read_i2c_block_data(A, ID, 3)) == IDENTITY
-
-
-def test_smbus_calls_without_a_register_read_on_and_ask_whether_a_chip_is_there(smbus):
-    smbus.write_byte(A, ID)
-    assert [smbus.read_byte(A) for _ in range(3)] == list(IDENTITY)
-    smbus.write_quick(A)
-    with pytest.raises(OSError, match=os.strerror(errno.EREMOTEIO)):
-        smbus.write_quick(ABSENT)
-    assert smbus.read_byte(0x70) == 1
-
-
-def test_a_block_is_written_with_its_length_and_a_process_call_reads_two_bytes(smbus):
-    smbus.write_block_data(A, THRESHOLD, [7, 8])
-    assert smbus.read_i2c_block_data(A, THRESHOLD, 3) == [2, 7, 8]
-    smbus.write_i2c_block_data(A, THRESHOLD + 2, [0x56, 0x78])
-    assert smbus.process_call(A, THRESHOLD, 0x1234) == 0x7856
-    assert smbus.read_word_data(A, THRESHOLD) == 0x1234
-
-
-def test_what_needs_a_length_from_the_chip_is_refused_as_by_a_controller_of_plain_i2c(
-    smbus,
-):
-    assert not smbus.funcs & (
-        smbus2.I2cFunc.SMBUS_READ_BLOCK_DATA | smbus2.I2cFunc.SMBUS_BLOCK_PROC_CALL
-    )
-    for call in (
-        lambda: smbus.read_block_data(A, ID),
-        lambda: smbus.block_process_call(A, ID, [1]),
-    ):
-        with pytest.raises(OSError, match=os.strerror(errno.EOPNOTSUPP)):
-            call()
-    with pytest.raises(OSError, match=os.strerror(errno.EINVAL)):
-        smbus.read_i2c_block_data(A, ID, 0)
-    with pytest.raises(OSError, match=os.strerror(errno.EINVAL)):
-        smbus.read_byte(0x80)
-
-
-def test_an_smbus_read_is_one_transfer_with_a_repeated_start(make):
-    bench = make("native")
-    with smbus2.SMBus(1) as bus:
-        bus.write_byte(0x70, 1)
-        bits, transfers = bench.hand.wire.bits, bench.backend.traffic.transfers
-        bus.read_byte_data(A, ID)
-    assert bench.backend.traffic.transfers - transfers == 1
-    assert bench.hand.wire.bits - bits == 1 + 9 + 9 + 1 + 9 + 9 + 1
 
 
 def test_the_shim_leaves_smbus2_as_it_was():

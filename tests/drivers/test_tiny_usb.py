@@ -19,7 +19,7 @@ from holdfast.core.errors import TransferFailed, UsageError
 from holdfast.drivers.bus import NOT_ACKED, Reply, Transfer
 from holdfast.drivers.tiny_usb import TinyUsb
 from holdfast.drivers.tmag5273 import REGISTERS
-from holdfast.drivers.virtual.usb_backend import stall
+from holdfast.drivers.virtual.usb_device import stall
 
 
 @every_firmware

@@ -20,7 +20,7 @@ from holdfast.drivers.tmag5273 import (
 from holdfast.drivers.virtual.chip import Chip
 from holdfast.drivers.virtual.clock import VirtualClock
 from holdfast.drivers.virtual.faults import Faults
-from holdfast.drivers.virtual.wire import Wire
+from holdfast.drivers.virtual.virtual_hand import Wire
 
 A = FACTORY_ADDRESSES[0]
 CRC_ON, ONE_BYTE_16, ONE_BYTE_8 = 0x80, 0x01, 0x02
@@ -44,9 +44,7 @@ class ChipOnWire:
         seed: int | None = None,
     ) -> None:
         self.clock = VirtualClock()
-        self.chip = Chip(
-            1, A, 1, field_ut, self.clock, Faults(), degc=lambda now_s: degc, seed=seed
-        )
+        self.chip = Chip(1, A, 1, field_ut, self.clock, Faults(), degc=degc, seed=seed)
         self.wire = Wire([self.chip])
 
     def write(self, *data: int) -> bool:
@@ -350,16 +348,6 @@ def test_offset_and_gain_correct_the_axes_of_the_angle_and_no_others():
 # -- sleep, and wake-and-sleep (section 7.4)
 
 
-def dozing(
-    sleeptime: int = 2, raw: tuple[int, ...] = (5_000, 0, 0), **options: int
-) -> ChipOnWire:
-    """A chip in wake-and-sleep mode, 10 ms of sleep."""
-    on = ChipOnWire(raw_field(*raw))
-    on.configure(SENSOR_CONFIG_1=XYZ << 4 | sleeptime, **options)
-    on.configure(DEVICE_CONFIG_2=WAKE_AND_SLEEP | options.get("DEVICE_CONFIG_2", 0))
-    return on
-
-
 def test_results_are_lost_in_sleep_and_the_configuration_is_not():
     on = ChipOnWire(raw_field(1, 2, 3))
     on.convert(1)
@@ -372,61 +360,13 @@ def test_results_are_lost_in_sleep_and_the_configuration_is_not():
 
 
 def test_a_chip_in_wake_and_sleep_mode_is_woken_by_its_address_without_an_acknowledge():
-    on = dozing()
+    on = ChipOnWire(raw_field(5_000, 0, 0))
+    on.configure(SENSOR_CONFIG_1=XYZ << 4 | 2, DEVICE_CONFIG_2=WAKE_AND_SLEEP)
     on.wait_us(50_000)
     assert not on.write(0x00)
     on.wait_us(50)
     assert on.read(1, 0x01) == b"\x00"
     assert on.results()[1:] == [0, 0, 0]
-
-
-@pytest.mark.parametrize(
-    ("sleeptime", "sleep_ms"), [(0, 1), (2, 10), (7, 100), (12, 20_000)]
-)
-def test_the_first_result_keeps_the_chip_awake_where_every_result_interrupts(
-    sleeptime, sleep_ms
-):
-    for late_us, awake in ((-1, False), (1, True)):
-        on = dozing(sleeptime, INT_CONFIG_1=0x80)
-        on.wait_us(1_000 * sleep_ms + 50 + 100 + late_us)
-        assert on.write(0x00) == awake
-    assert on.results()[1:] == [5_000, 0, 0]
-    assert on.status("SET_COUNT") == 1
-
-
-@pytest.mark.parametrize(
-    ("options", "awake"),
-    [
-        ({"X_THR_CONFIG": 19}, True),
-        ({"X_THR_CONFIG": 20}, False),
-        ({"X_THR_CONFIG": 20, "SENSOR_CONFIG_2": 0x20}, True),
-        ({"Z_THR_CONFIG": 19}, False),
-        ({"T_CONFIG": 0x22 << 1 | 1}, True),
-        ({"T_CONFIG": 0x23 << 1 | 1}, False),
-    ],
-)
-def test_a_chip_in_wake_and_sleep_mode_stays_awake_where_a_threshold_is_crossed(
-    options, awake
-):
-    on = dozing(INT_CONFIG_1=0x40, **options)
-    on.wait_us(50_000)
-    assert on.write(0x00) == awake
-
-
-def test_a_threshold_for_both_poles_is_crossed_by_either():
-    for raw, awake in ((5_000, True), (-5_000, True), (-4_000, False)):
-        on = dozing(
-            raw=(raw, 0, 0), INT_CONFIG_1=0x40, X_THR_CONFIG=19, DEVICE_CONFIG_2=1 << 5
-        )
-        on.wait_us(50_000)
-        assert on.write(0x00) == awake
-
-
-def test_four_crossings_in_a_row_can_be_required():
-    for cycles, awake in ((3, False), (4, True)):
-        on = dozing(INT_CONFIG_1=0x40, X_THR_CONFIG=19, SENSOR_CONFIG_2=1 << 6)
-        on.wait_us(cycles * 10_150 + 1)
-        assert on.write(0x00) == awake
 
 
 def test_a_chip_that_waits_for_its_pin_is_not_triggered_over_the_bus():

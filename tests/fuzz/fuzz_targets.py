@@ -46,8 +46,8 @@ from holdfast.drivers.virtual.faults import read_fault
 from holdfast.drivers.virtual.ft232h import VirtualFt232h
 from holdfast.drivers.virtual.mcp2221 import VirtualMcp2221
 from holdfast.drivers.virtual.tiny_usb import VirtualTinyUsb
-from holdfast.drivers.virtual.usb_backend import Device, VirtualBackend
-from holdfast.drivers.virtual.usb_devices import descriptor, device_fields
+from holdfast.drivers.virtual.usb_backend import VirtualBackend
+from holdfast.drivers.virtual.usb_device import Device
 from holdfast.drivers.virtual.virtual_hand import VirtualHand
 from holdfast.edge_runtime.commands import Command, command_port
 from holdfast.edge_runtime.decision import DecisionState, decide, period_us
@@ -612,9 +612,9 @@ def mcp2221_reports(data: bytes) -> None:
     for at in range(0, len(data), 64):
         device.write(0x03, data[at : at + 64])
         assert len(device.read(0x83, 64)) in (0, 64)
-        assert device_fields(device, 0).idVendor == device.vendor
+        assert int.from_bytes(device.device_descriptor[8:10], "little") == device.vendor
         for number in range(4):
-            assert len(descriptor(device, 3, number, 0x0409) or b"") <= 64
+            assert len(device.descriptor(3, number, 0x0409) or b"") <= 64
 
 
 def spoilings() -> tuple[bytes, ...]:

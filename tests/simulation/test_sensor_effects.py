@@ -13,6 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from holdfast.core.contract import FloatArray, Unit
+from holdfast.drivers.virtual.virtual_hand import FORCE_N_PER_UT
 from holdfast.edge_runtime.preparation import Preparation
 from holdfast.simulation.effect import Signal, stream
 from holdfast.simulation.sensor import SENSOR_EFFECTS
@@ -762,6 +763,10 @@ def test_the_residual_is_the_root_mean_square_over_the_loads() -> None:
     assert residual_n() == pytest.approx(
         (rms[2], np.sqrt((rms[0] ** 2 + rms[1] ** 2) / 2.0)), rel=1e-9
     )
+
+
+def test_a_virtual_hand_is_calibrated_as_the_scenes_sensors_are() -> None:
+    assert linear_map()[0] == pytest.approx(FORCE_N_PER_UT, rel=1e-12, abs=1e-17)
 
 
 def test_no_other_matrix_fits_the_loads_better() -> None:

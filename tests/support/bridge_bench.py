@@ -24,7 +24,8 @@ from holdfast.drivers.virtual.ft232h import VirtualFt232h
 from holdfast.drivers.virtual.mcp2221 import VirtualMcp2221
 from holdfast.drivers.virtual.native import VirtualI2cDev
 from holdfast.drivers.virtual.tiny_usb import FIRMWARES, VirtualTinyUsb
-from holdfast.drivers.virtual.usb_backend import Device, VirtualBackend
+from holdfast.drivers.virtual.usb_backend import VirtualBackend
+from holdfast.drivers.virtual.usb_device import Device
 from holdfast.drivers.virtual.virtual_hand import VirtualHand
 
 A, B, C, D = FACTORY_ADDRESSES

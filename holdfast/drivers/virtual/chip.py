@@ -17,6 +17,7 @@ from holdfast.drivers.tmag5273 import (
     STANDBY,
     TRIGGER,
     crc8,
+    packet_crc,
 )
 from holdfast.drivers.virtual.clock import Clock
 from holdfast.drivers.virtual.conversion import (
@@ -24,7 +25,6 @@ from holdfast.drivers.virtual.conversion import (
     REFERENCE_DEGC,
     RegisterFile,
     angle_raw,
-    interrupts,
     magnitude_raw,
     noise_of,
     settings,
@@ -34,22 +34,15 @@ from holdfast.drivers.virtual.faults import Faults
 
 FieldSource = Callable[[float], Sequence[float]]
 """Time in s -> the field at the chip, [3] in uT."""
-Temperature = Callable[[float], float]
-"""Time in s -> degC of the chip."""
 WAKE_AND_SLEEP = 3
 """DEVICE_CONFIG_2.OPERATING_MODE."""
 ASLEEP = (SLEEP, WAKE_AND_SLEEP)
 STATUS = REGISTERS["CONV_STATUS"].address
-TEMPERATURE, ANGLE = (
-    REGISTERS["T_MSB_RESULT"].address,
-    REGISTERS["ANGLE_RESULT_MSB"].address,
-)
-RESULT_READY = 0x01
+TEMPERATURE = REGISTERS["T_MSB_RESULT"].address
+ANGLE = REGISTERS["ANGLE_RESULT_MSB"].address
+RESULT_READY, DIAG_FAILED = 0x01, 0x02
 """Of CONV_STATUS."""
-RESTARTING = tuple(
-    REGISTERS[name]
-    for name in ("DEVICE_CONFIG_1", "DEVICE_CONFIG_2", "SENSOR_CONFIG_1", "T_CONFIG")
-)
+RESTARTING = ("DEVICE_CONFIG_1", "DEVICE_CONFIG_2", "SENSOR_CONFIG_1", "T_CONFIG")
 """A write to one of these registers restarts the conversions."""
 MOST_CHECKED_CHANNELS = 3
 """A packet of 16 bits a channel has no room for a check byte after more channels."""
@@ -68,9 +61,9 @@ NOTHING_SENT = 0xFF
 
 
 class Chip:
-    """One chip. number: 1 .. 6, its name in faults; version 1 or 2; seed.
+    """One chip. number: 1 .. 6, its name in faults; version: 1 or 2.
 
-    Of its noise, None for none.
+    seed: of its noise, None for none. degc: its temperature.
     """
 
     def __init__(
@@ -83,14 +76,13 @@ class Chip:
         faults: Faults,
         *,
         seed: int | None = None,
-        degc: Temperature = lambda now_s: REFERENCE_DEGC,
+        degc: float = REFERENCE_DEGC,
     ) -> None:
-        self.number, self.factory_address, self.version = (
-            number,
-            factory_address,
-            version,
-        )
-        self._field, self._degc, self._clock, self._faults = field, degc, clock, faults
+        self.number = number
+        self.factory_address = factory_address
+        self.version = version
+        self._field, self._degc = field, degc
+        self._clock, self._faults = clock, faults
         self._born_ns = clock.now_ns()
         self._noise_ut = noise_of(seed, number)
         self.power_on()
@@ -105,11 +97,9 @@ class Chip:
         self._next_address: int | None = None
         self._conversions = 0
         self._done = 0
-        self._crossings = 0
         self._started_ns: int | None = None
         self._awake_ns = 0
         self._packet: bytes | None = None
-        self._packet_at = 0
         self._first_byte = False
         self._sent = bytearray()
 
@@ -122,8 +112,6 @@ class Chip:
         called = address == self.address or (address == GENERAL_CALL and not read)
         if not called or self._has("nack"):
             return False
-        if self._mode == WAKE_AND_SLEEP:
-            self._doze()
         if self._mode in ASLEEP:
             self._set_mode(STANDBY)
             self._started_ns = None
@@ -134,7 +122,6 @@ class Chip:
         self._update()
         self._first_byte = not read
         self._packet = self._burst(address) if read else None
-        self._packet_at = 0
         self._sent.clear()
         return True
 
@@ -143,41 +130,27 @@ class Chip:
 
         The address's highest bit starts a conversion.
         """
-        if self._first_byte:
-            self._first_byte = False
-            self._pointer = byte & ~TRIGGER
-            if (
-                byte & TRIGGER
-                and self._mode == STANDBY
-                and not self._registers.field("DEVICE_CONFIG_2", "TRIGGER_MODE")
-            ):
-                self._begin()
+        if not self._first_byte:
+            self._store(self._pointer, byte)
+            self._pointer += 1
             return True
-        self._store(self._pointer, byte)
-        self._pointer += 1
+        self._first_byte = False
+        self._pointer = byte & ~TRIGGER
+        by_pin = self._registers.field("DEVICE_CONFIG_2", "TRIGGER_MODE")
+        if byte & TRIGGER and self._mode == STANDBY and not by_pin:
+            self._begin()
         return True
 
     def read(self) -> int:
         """The next register, or the next byte of a packet in 1-byte mode."""
         if self._packet is not None:
-            byte = (
-                self._packet[self._packet_at]
-                if self._packet_at < len(self._packet)
-                else NOTHING_SENT
-            )
-            self._packet_at += 1
+            if not self._packet:
+                return NOTHING_SENT
+            byte, self._packet = self._packet[0], self._packet[1:]
             return byte
-        if self._checked:
-            return self._read_checked()
-        byte = self._load(self._pointer)
-        self._pointer += 1
-        return byte
-
-    def _read_checked(self) -> int:
-        """A register read with CRC_EN: four registers, their check byte, and then nothing."""
-        if len(self._sent) > CHECKED_BYTES:
+        if self._checked and len(self._sent) > CHECKED_BYTES:
             return NOTHING_SENT
-        if len(self._sent) == CHECKED_BYTES:
+        if self._checked and len(self._sent) == CHECKED_BYTES:
             byte = crc8(bytes(self._sent))
         else:
             byte = self._load(self._pointer)
@@ -199,7 +172,7 @@ class Chip:
             return WRONG_ID
         byte = self._bytes[address]
         if address == STATUS and self._has("diag"):
-            byte |= 1 << REGISTERS["CONV_STATUS"].fields["DIAG_STATUS"][0]
+            byte |= DIAG_FAILED
         return byte
 
     def _store(self, address: int, byte: int) -> None:
@@ -210,15 +183,13 @@ class Chip:
             self._next_address = byte >> 1
             self._bytes[address] = byte & 0xFE
         self._configured()
-        if register in RESTARTING:
+        if any(register is REGISTERS[name] for name in RESTARTING):
             self._restart(mode)
 
     def _configured(self) -> None:
         """Decode the registers once, not at every conversion."""
         self._mode = self._registers.field("DEVICE_CONFIG_2", "OPERATING_MODE")
-        configuration = self._registers.configuration
-        self._settings = settings(configuration, self.version)
-        self._interrupts = interrupts(configuration)
+        self._settings = settings(self._registers.configuration, self.version)
         self._reads_as = self._registers.field("DEVICE_CONFIG_1", "I2C_RD")
         self._checked = bool(self._registers.field("DEVICE_CONFIG_1", "CRC_EN"))
 
@@ -235,9 +206,9 @@ class Chip:
         """
         if self._mode in ASLEEP:
             self._forget()
-        if self._mode in (CONTINUOUS, WAKE_AND_SLEEP):
+        if self._mode == CONTINUOUS:
             self._begin()
-        elif mode_before in (CONTINUOUS, WAKE_AND_SLEEP):
+        elif mode_before == CONTINUOUS:
             self._started_ns = None
 
     def _forget(self) -> None:
@@ -246,81 +217,43 @@ class Chip:
         self._bytes[STATUS] &= ~RESULT_READY & 0xFF
 
     def _begin(self) -> None:
-        self._started_ns, self._done, self._crossings = self._clock.now_ns(), 0, 0
-
-    def _completed(self, period_s: float) -> int:
-        """Periods that have passed since conversions began; 0 where the chip does not convert."""
-        if (
-            self._started_ns is None
-            or not (self._settings.axes or self._settings.temperature)
-            or self._has("frozen")
-        ):
-            return 0
-        return (self._clock.now_ns() - self._started_ns) // round(1e9 * period_s)
+        self._started_ns, self._done = self._clock.now_ns(), 0
 
     def _update(self) -> None:
         """Complete the conversions that are due by now; only the last one leaves its result."""
-        done = self._completed(self._settings.lasts_s)
+        wanted = self._settings
+        if self._started_ns is None or not (wanted.axes or wanted.temperature):
+            return
+        if self._has("frozen"):
+            return
+        passed_ns = self._clock.now_ns() - self._started_ns
+        done = passed_ns // round(1e9 * wanted.duration_s)
         if self._mode == STANDBY:
             done = min(done, 1)
         if done <= self._done:
             return
         self._conversions += done - self._done
         self._done = done
-        self._convert(self._middle_s(done * self._settings.lasts_s))
+        began_s = 1e-9 * (self._started_ns - self._born_ns)
+        # a conversion measures the mean field, which is about that of its middle
+        self._convert(began_s + done * wanted.duration_s - 0.5 * wanted.duration_s)
 
-    def _doze(self) -> None:
-        """Wake-and-sleep mode until now.
-
-        Each sleep erases the result, unless it keeps the chip awake.
-        """
+    def _convert(self, middle_s: float) -> None:
+        """One conversion into the result registers."""
         wanted = self._settings
-        period_s = wanted.sleep_s + SHORTEST_WAKE_S + wanted.lasts_s
-        done = self._completed(period_s)
-        if not self._interrupts.possible:
-            self._conversions, self._done = self._conversions + done - self._done, done
-            return
-        while self._done < done and self._mode == WAKE_AND_SLEEP:
-            self._done += 1
-            self._conversions += 1
-            if self._interrupting(self._convert(self._middle_s(self._done * period_s))):
-                self._set_mode(STANDBY)
-                self._started_ns = None
-            else:
-                self._forget()
-
-    def _interrupting(self, results: dict[int, int]) -> bool:
-        """Whether a result keeps the chip awake."""
-        rules = self._interrupts
-        crossed = rules.on_threshold and rules.crossed(
-            results, self._degc(self._now_s())
-        )
-        self._crossings = self._crossings + 1 if crossed else 0
-        return rules.every_result or self._crossings >= rules.crossings
-
-    def _middle_s(self, ends_s: float) -> float:
-        """The middle of the conversion that ends this long after the first began, in field time."""
-        began_ns = self._born_ns if self._started_ns is None else self._started_ns
-        return 1e-9 * (began_ns - self._born_ns) + ends_s - 0.5 * self._settings.lasts_s
-
-    def _convert(self, middle_s: float) -> dict[int, int]:
-        """One conversion into the result registers; returns its results by axis."""
-        wanted, degc = self._settings, self._degc(middle_s)
         noise_ut = self._noise_ut[self._conversions % len(self._noise_ut)]
-        results = wanted.raw(self._field(middle_s), noise_ut, degc)
+        results = wanted.raw(self._field(middle_s), noise_ut, self._degc)
         for axis, result in results.items():
             struct.pack_into(">h", self._bytes, RESULTS + 2 * axis, result)
         if wanted.temperature:
-            struct.pack_into(">H", self._bytes, TEMPERATURE, temperature_raw(degc))
-        pair = wanted.paired(results)
-        if pair is not None:
-            struct.pack_into(
-                ">HB", self._bytes, ANGLE, angle_raw(*pair), magnitude_raw(*pair)
-            )
-        self._bytes[STATUS] = (
-            self._bytes[STATUS] & 0x1E | (self._conversions % 8) << 5 | RESULT_READY
-        )
-        return results
+            temperature = temperature_raw(self._degc)
+            struct.pack_into(">H", self._bytes, TEMPERATURE, temperature)
+        if wanted.pair is not None and set(wanted.pair) <= results.keys():
+            first, second = (results[axis] for axis in wanted.pair)
+            angle, magnitude = angle_raw(first, second), magnitude_raw(first, second)
+            struct.pack_into(">HB", self._bytes, ANGLE, angle, magnitude)
+        count = (self._conversions % 8) << 5
+        self._bytes[STATUS] = self._bytes[STATUS] & 0x1E | count | RESULT_READY
 
     def _burst(self, address: int) -> bytes | None:
         """The packet of a read without a register byte; None in register reads.
@@ -329,15 +262,14 @@ class Chip:
         """
         if self._reads_as not in (BURST_16, BURST_8):
             return None
-        on = [TEMPERATURE] * self._settings.temperature + [
-            RESULTS + 2 * axis for axis in self._settings.axes
-        ]
+        places = [RESULTS + 2 * axis for axis in self._settings.axes]
+        if self._settings.temperature:
+            places.insert(0, TEMPERATURE)
         width = 2 if self._reads_as == BURST_16 else 1
-        data = b"".join(self._bytes[at : at + width] for at in on) + bytes(
-            [self._load(STATUS)]
-        )
-        if self._checked and (width == 1 or len(on) <= MOST_CHECKED_CHANNELS):
-            data += bytes([crc8(bytes([address << 1 | 1]) + data)])
+        data = b"".join(self._bytes[at : at + width] for at in places)
+        data += bytes([self._load(STATUS)])
+        if self._checked and (width == 1 or len(places) <= MOST_CHECKED_CHANNELS):
+            data += bytes([packet_crc(address, data)])
         return data
 
     # -- faults
@@ -347,9 +279,9 @@ class Chip:
 
     def _has(self, fault: str) -> bool:
         """Whether this chip has a fault now."""
-        return bool(self._faults) and self._faults.lasts(
-            fault, self._now_s(), self.number
-        )
+        if not self._faults:
+            return False
+        return self._faults.lasts(fault, self._now_s(), self.number)
 
     def _suffer(self) -> None:
         if self._faults.happened("por", self._now_s(), self.number):

@@ -1,13 +1,16 @@
-"""An FT232H: its control requests and its MPSSE engine (FTDI AN 108)."""
+"""An FT232H: its control requests, its MPSSE engine (FTDI AN 108), and the two lines it drives.
+
+The engine carries out a byte and its acknowledge in one step wherever the driver's commands allow
+it, because the emulation's computing time is taken from the reader in the same process. Bit by bit
+gives the same replies and takes the same virtual time.
+"""
 
 from __future__ import annotations
 
 from functools import lru_cache
 
-from holdfast.drivers.virtual.usb_backend import BULK, Device, stall
-from holdfast.drivers.virtual.usb_devices import Interface, endpoints
-from holdfast.drivers.virtual.virtual_hand import VirtualHand
-from holdfast.drivers.virtual.wire import BusLines
+from holdfast.drivers.virtual.usb_device import BULK, Device, Endpoint, Interface, stall
+from holdfast.drivers.virtual.virtual_hand import VirtualHand, Wire
 
 OUT_ENDPOINT, IN_ENDPOINT, PACKET = 0x02, 0x81, 512
 STATUS = bytes([0x32, 0x60])
@@ -15,13 +18,8 @@ STATUS = bytes([0x32, 0x60])
 TRANSFER_NS = 125_000
 """A transfer takes at least a microframe."""
 SCL, SDA, SDA_IN = 0x01, 0x02, 0x04
-SIO_RESET, SIO_LATENCY, SIO_GET_LATENCY, SIO_BITMODE, SIO_GET_PINS = (
-    0x00,
-    0x09,
-    0x0A,
-    0x0B,
-    0x0C,
-)
+SIO_RESET, SIO_LATENCY, SIO_GET_LATENCY = 0x00, 0x09, 0x0A
+SIO_BITMODE, SIO_GET_PINS, SIO_GET_STATUS = 0x0B, 0x0C, 0x05
 PURGE_SENT, PURGE_ANSWERS = 1, 2
 """Values of SIO_RESET: 1 clears what the host sent, 2 what waits for it, 0 both.
 
@@ -31,35 +29,29 @@ MPSSE = 2
 SET_PINS = 0x80
 LENGTHS = dict.fromkeys(
     (SET_PINS, 0x82, 0x86, 0x9E, 0x10, 0x11, 0x20, 0x24, 0x12, 0x13), 3
-) | {
-    0x22: 2,
-    0x26: 2,
-}
+)
+LENGTHS |= {0x22: 2, 0x26: 2}
 """Bytes of the commands that have arguments, data of byte writes not counted."""
 BYTE_WRITES = (0x10, 0x11)
-LET_GO = (SET_PINS, bytes([SDA, SCL | SDA]))
-"""SCL low, SDA free."""
+RELEASE = (SET_PINS, bytes([SDA, SCL | SDA]))
+"""SCL low, SDA released."""
 READ_BIT, READ_BYTE = (0x22, bytes(1)), (0x20, bytes(2))
 SENT, GOT = 0x100, 0x101
-"""Three commands as one.
-
-A byte out and its acknowledge in, or a byte in and its acknowledge out.
-"""
-SIMPLE = {0x81, 0x83, 0x84, 0x85, 0x87, 0x8A, 0x8B, 0x8C, 0x8D, 0x96, 0x97}
-
+"""Three commands as one: a byte out and its acknowledge, or a byte in and its acknowledge."""
+WITHOUT_EFFECT = (0x82, 0x84, 0x85, 0x8D, 0x96, 0x97, 0x9E)
 
 Command = tuple[int, bytes]
 """An opcode and its arguments."""
 
 
 @lru_cache(maxsize=64)
-def parsed(commands: bytes) -> tuple[tuple[tuple[int, bytes], ...], int]:
+def parsed(commands: bytes) -> tuple[tuple[Command, ...], int]:
     """MPSSE commands as (opcode, arguments), and how many bytes they use; the rest is incomplete.
 
     A pin write that repeats the one before is left out; SENT and GOT stand for three commands each.
     Cached: a driver sends the same batch again and again.
     """
-    found: list[tuple[int, bytes]] = []
+    found: list[Command] = []
     at = 0
     while at < len(commands):
         opcode = commands[at]
@@ -76,24 +68,17 @@ def parsed(commands: bytes) -> tuple[tuple[tuple[int, bytes], ...], int]:
     return tuple(found), at
 
 
-def _joined(last: list[tuple[int, bytes]]) -> list[tuple[int, bytes]]:
+def _joined(last: list[Command]) -> list[Command]:
     """The last three commands, or the one command that they make."""
-    if (
-        len(last) == 3
-        and last[2] == READ_BIT
-        and last[1] == LET_GO
-        and last[0][0] == 0x11
-        and len(last[0][1]) == 3
-    ):
-        return [(SENT, last[0][1][2:])]
-    if (
-        len(last) == 3
-        and last[2] == LET_GO
-        and last[1][0] == 0x13
-        and last[1][1][0] == 0
-        and last[0] == READ_BYTE
-    ):
-        return [(GOT, last[1][1][1:])]
+    if len(last) < 3:
+        return last
+    (first, data), second, third = last
+    one_byte_out = first == 0x11 and len(data) == 3
+    if one_byte_out and second == RELEASE and third == READ_BIT:
+        return [(SENT, data[2:])]
+    one_bit_out = second[0] == 0x13 and second[1][0] == 0
+    if last[0] == READ_BYTE and one_bit_out and third == RELEASE:
+        return [(GOT, second[1][1:])]
     return last
 
 
@@ -104,7 +89,9 @@ class VirtualFt232h(Device):
     release = 0x0900
     strings = ("FTDI", "Single RS232-HS", "FTHOLD01")
     interfaces = (
-        Interface(endpoints((IN_ENDPOINT, BULK, PACKET), (OUT_ENDPOINT, BULK, PACKET))),
+        Interface(
+            (Endpoint(IN_ENDPOINT, BULK, PACKET), Endpoint(OUT_ENDPOINT, BULK, PACKET))
+        ),
     )
     kernel_driver = frozenset({0})  # ftdi_sio
 
@@ -117,8 +104,8 @@ class VirtualFt232h(Device):
         self._mode, self._latency_ms = 0, 16
         self._commands, self._answers = b"", bytearray()
         self._flushed = False
-        self._pins = BusLines(self.hand.wire)
-        self._divider, self._by_five, self._phases, self._loopback = 0, True, 2, False
+        self._lines = BusLines(self.hand.wire)
+        self._divider, self._by_five, self._phases = 0, True, 2
 
     # -- control requests
 
@@ -126,16 +113,16 @@ class VirtualFt232h(Device):
         self, request_type: int, request: int, value: int, index: int, data: bytes
     ) -> None:
         """FTDI's own requests; those for the serial port are accepted and ignored."""
-        if request == SIO_RESET and value in (0, PURGE_SENT, PURGE_ANSWERS):
-            if value != PURGE_ANSWERS:
+        purges = (0, PURGE_SENT, PURGE_ANSWERS)
+        if request == SIO_BITMODE:
+            self._mode = value >> 8
+        if request == SIO_BITMODE or (request == SIO_RESET and value in purges):
+            if request == SIO_BITMODE or value != PURGE_ANSWERS:
                 self._commands = b""
-            if value != PURGE_SENT:
+            if request == SIO_BITMODE or value != PURGE_SENT:
                 self._answers = bytearray()
         elif request == SIO_LATENCY:
             self._latency_ms = value & 0xFF
-        elif request == SIO_BITMODE:
-            self._mode = value >> 8
-            self._commands, self._answers = b"", bytearray()
         elif request > SIO_GET_PINS:
             raise stall()
 
@@ -147,7 +134,7 @@ class VirtualFt232h(Device):
             return bytes([self._latency_ms])
         if request == SIO_GET_PINS:
             return bytes([self._levels()])
-        if request == 0x05:
+        if request == SIO_GET_STATUS:
             return bytes([0x01, 0x60])
         raise stall()
 
@@ -158,18 +145,21 @@ class VirtualFt232h(Device):
 
         Our computing time counts as transfer time.
         """
-        self.hand.clock.spend(TRANSFER_NS)
+        clock, wire = self.hand.clock, self.hand.wire
+        clock.spend(TRANSFER_NS)
         if self._mode != MPSSE:
             return
         self.hand.suffer()
         self._commands += data
-        bits, from_ns = self.hand.wire.bits, self.hand.clock.now_ns()
+        bits, from_ns = wire.bits, clock.now_ns()
         commands, used = parsed(self._commands)
         self._commands = self._commands[used:]
         for opcode, arguments in commands:
             self._carry_out(opcode, arguments)
-        lasts_ns = round(1e9 * (self.hand.wire.bits - bits) / self._bus_hz())
-        self.hand.clock.spend(from_ns + lasts_ns - self.hand.clock.now_ns())
+        master_hz = 12e6 if self._by_five else 60e6
+        bus_hz = master_hz / ((1 + self._divider) * self._phases)
+        duration_ns = round(1e9 * (wire.bits - bits) / bus_hz)
+        clock.spend(from_ns + duration_ns - clock.now_ns())
 
     def read(self, endpoint: int, length: int) -> bytes:
         """Packets, each with its status; without a flush they wait for the latency timer."""
@@ -188,59 +178,164 @@ class VirtualFt232h(Device):
 
     # -- the engine
 
-    def _bus_hz(self) -> float:
-        master = 12e6 if self._by_five else 60e6
-        return master / ((1 + self._divider) * self._phases)
-
     def _levels(self) -> int:
-        return self._pins.scl * SCL | self._pins.master * SDA | self._pins.sda * SDA_IN
+        lines = self._lines
+        return lines.scl * SCL | lines.master * SDA | lines.sda * SDA_IN
 
     def _carry_out(self, opcode: int, arguments: bytes) -> None:
         if opcode == SET_PINS:
             levels, driven = arguments
-            self._pins.set(
-                bool(levels & SCL or not driven & SCL),
-                bool(levels & SDA or not driven & SDA),
-            )
+            # a pin that is not driven is pulled up
+            high = levels | ~driven
+            self._lines.set(bool(high & SCL), bool(high & SDA))
         elif opcode == GOT:
-            self._answers.append(self._pins.got(arguments[0] > 127))
+            self._answers.append(self._lines.got(arguments[0] > 127))
         elif opcode == SENT:
-            self._answers.append(self._pins.sent(arguments[0]))
+            self._answers.append(self._lines.sent(arguments[0]))
         elif opcode in (0x20, 0x24):
             for _ in range(int.from_bytes(arguments, "little") + 1):
-                self._answers.append(self._pins.byte_in())
+                self._answers.append(self._lines.bits_in(8))
         elif opcode in (0x22, 0x26):
-            self._answers.append(self._shift_in(arguments[0] + 1))
+            self._answers.append(self._lines.bits_in(arguments[0] + 1))
         elif opcode in (0x12, 0x13):
-            self._shift_out(arguments[1], arguments[0] + 1)
+            self._lines.bits_out(arguments[1], arguments[0] + 1)
         elif opcode in BYTE_WRITES:
             for byte in arguments[2:]:
-                self._pins.byte_out(byte)
-        elif opcode == 0x86:
-            self._divider = int.from_bytes(arguments, "little")
-        elif opcode in SIMPLE:
-            self._simple(opcode)
-        elif opcode not in LENGTHS:
-            self._answers += bytes([0xFA, opcode])
+                self._lines.bits_out(byte, 8)
+        else:
+            self._configure(opcode, arguments)
 
-    def _simple(self, opcode: int) -> None:
+    def _configure(self, opcode: int, arguments: bytes) -> None:
+        """Commands that do not move the lines."""
         if opcode == 0x81:
             self._answers.append(self._levels())
         elif opcode == 0x83:
             self._answers.append(0)
+        elif opcode == 0x86:
+            self._divider = int.from_bytes(arguments, "little")
         elif opcode == 0x87:
             self._flushed = True
         elif opcode in (0x8A, 0x8B):
             self._by_five = opcode == 0x8B
         elif opcode in (0x8C, 0x8D):
             self._phases = 3 if opcode == 0x8C else 2
+        elif opcode not in WITHOUT_EFFECT:
+            self._answers += bytes([0xFA, opcode])
 
-    def _shift_out(self, byte: int, bits: int) -> None:
+
+class BusLines:
+    """SCL and SDA as the master drives them and as the chips decode them, edge by edge."""
+
+    def __init__(self, wire: Wire) -> None:
+        self.wire = wire
+        self.scl = self.master = True
+        self._state = "idle"
+        self._count = self._byte = 0
+        self._acked = self._addressing = False
+
+    @property
+    def sda(self) -> bool:
+        """The SDA line: low if the master or a chip pulls it."""
+        return self.master and not self.wire.held_low
+
+    def set(self, scl: bool, sda: bool) -> None:
+        """Pins written by the master; SDA that moves while SCL is high is a START or a STOP."""
+        if self.scl and scl and sda != self.master and not self.wire.held_low:
+            self._stop() if sda else self._start()
+        rises = scl and not self.scl
+        self.scl, self.master = scl, sda
+        if rises:
+            self._clocked(sda)
+
+    def bits_out(self, byte: int, bits: int) -> None:
+        """The highest bits of a byte from the master; a 1 releases the line."""
         for k in range(bits):
-            self._pins.clock(bool(byte >> 7 - k & 1))
+            self._clock(bool(byte >> 7 - k & 1))
 
-    def _shift_in(self, bits: int) -> int:
+    def bits_in(self, bits: int) -> int:
+        """The levels of SDA while SCL is high, the master's side unchanged."""
         byte = 0
         for _ in range(bits):
-            byte = byte << 1 | self._pins.clock(self._pins.master)
+            byte = byte << 1 | self._clock(self.master)
         return byte
+
+    def sent(self, byte: int) -> bool:
+        """A byte from the master, the line released, and its level then.
+
+        Low where a chip acknowledges.
+        """
+        if self._state == "listen" and not self._count and not self.wire.held_low:
+            self._acked = self.wire.write(byte)
+            self.master, self.scl = True, False
+            self._acknowledged(byte)
+            return not self._acked
+        self.bits_out(byte, 8)
+        self.set(scl=False, sda=True)
+        return self._clock(bit=True)
+
+    def got(self, acknowledge: bool) -> int:
+        """A byte from the chips, the master's acknowledge bit (low to go on), the line released."""
+        begins = self._state == "talk" and not self._count
+        if begins and self.master and not self.wire.held_low:
+            self._byte, self.scl = self.wire.read(), False
+            self._state = "silent" if acknowledge else "talk"
+            return self._byte
+        byte = self.bits_in(8)
+        self._clock(acknowledge)
+        self.set(scl=False, sda=True)
+        return byte
+
+    def _clock(self, bit: bool) -> bool:
+        """One bit from the master (1 releases the line); the level of SDA while SCL was high."""
+        self.master = bit
+        level = self._clocked(bit)
+        self.scl = False
+        return level
+
+    def _start(self) -> None:
+        self.wire.start()
+        self._state, self._count, self._byte, self._addressing = "listen", 0, 0, True
+
+    def _stop(self) -> None:
+        self.wire.stop()
+        self._state = "idle"
+
+    def _clocked(self, bit: bool) -> bool:
+        if self.wire.held_low:
+            self.wire.clock()
+            return False
+        if self._state == "listen":
+            return self._from_master(bit)
+        if self._state == "talk":
+            return self._from_chips(bit)
+        return bit
+
+    def _from_master(self, bit: bool) -> bool:
+        """Eight bits from the master, then the chips' acknowledge."""
+        if self._count < 8:
+            self._byte, self._count = self._byte << 1 & 0xFF | bit, self._count + 1
+            if self._count == 8:
+                self._acked = self.wire.write(self._byte)
+            return bit
+        self._count = 0
+        self._acknowledged(self._byte)
+        return bit and not self._acked
+
+    def _acknowledged(self, byte: int) -> None:
+        """The chip that acknowledged its address for a read sends next."""
+        if self._addressing and self._acked and byte & 1:
+            self._state = "talk"
+        self._addressing = False
+
+    def _from_chips(self, bit: bool) -> bool:
+        """Eight bits from the chips, then the master's acknowledge; a NACK silences the chips."""
+        if self._count == 0:
+            self._byte = self.wire.read()
+        if self._count < 8:
+            level = bool(self._byte >> 7 - self._count & 1) and bit
+            self._count += 1
+            return level
+        self._count = 0
+        if bit:
+            self._state = "silent"
+        return bit

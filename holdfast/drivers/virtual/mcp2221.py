@@ -1,15 +1,20 @@
 """An MCP2221A: its HID reports, and its I2C engine with the states and traps known from the field.
 
 States and undocumented bytes are those of EasyMCP2221. Two things are guesses: the time of a
-cancel, and the report descriptor (Microchip's generic one; we found no dump of the real one). The
-serial port is missing, and the ADC reads 0.
+cancel, and the report descriptor (Microchip's generic one; we found no dump of the real one).
+Settings can be read, as other programs do when they open it, and cannot be changed: no driver here
+uses its pins, its flash or its serial port.
 """
 
 from __future__ import annotations
 
-from holdfast.drivers.virtual.mcp2221_memory import Flash, Sram
-from holdfast.drivers.virtual.usb_backend import INTERRUPT, Device, stall
-from holdfast.drivers.virtual.usb_devices import Interface, endpoints
+from holdfast.drivers.virtual.usb_device import (
+    INTERRUPT,
+    Device,
+    Endpoint,
+    Interface,
+    stall,
+)
 from holdfast.drivers.virtual.virtual_hand import VirtualHand
 
 OUT_ENDPOINT, IN_ENDPOINT, REPORT = 0x03, 0x83, 64
@@ -29,15 +34,18 @@ COMPOSITE, SERIAL_PORT, SERIAL_DATA, HID = (
 )
 """Class, subclass and protocol of the device and of its interfaces."""
 STATUS_SET, GET_DATA, RESET = 0x10, 0x40, bytes([0x70, 0xAB, 0xCD, 0xEF])
-SET_GPIO, GET_GPIO, SET_SRAM, GET_SRAM, READ_FLASH, WRITE_FLASH, UNLOCK_FLASH = (
-    0x50,
-    0x51,
-    0x60,
-    0x61,
-    0xB0,
-    0xB1,
-    0xB2,
-)
+SET_SRAM, GET_SRAM, READ_FLASH = 0x60, 0x61, 0xB0
+STRINGS = ("Microchip Technology Inc.", "MCP2221 USB-I2C/UART Combo", "0000000001")
+CHIP_SETTINGS = bytes.fromhex("fc 12 00 60 d8 04 dd 00 80 32")
+"""Clock 12 MHz at half duty, DAC and ADC on VDD, ids, bus-powered, 100 mA (DS20005565)."""
+PIN_SETTINGS = bytes.fromhex("02 03 01 01")
+"""LED_URX, LED_UTX, USBCFG, LED_I2C."""
+PASSWORD_BYTES = 8
+STRING_TYPE = 3
+FLASH = {0: CHIP_SETTINGS, 1: PIN_SETTINGS, 5: b"01234567"}
+"""READ FLASH DATA, besides the three strings (2, 3 and 4); 5 is the factory's serial number."""
+UNKNOWN = 1
+"""Second byte of a reply to a command that the bridge does not know."""
 REVISIONS = b"A612"
 """Of hardware and firmware, two characters each."""
 WRITE, READ, WRITE_AGAIN, READ_AGAIN, WRITE_NO_STOP = 0x90, 0x91, 0x92, 0x93, 0x94
@@ -53,13 +61,15 @@ BOGUS = 0xFF
 class VirtualMcp2221(Device):
     """The bridge in front of a virtual hand."""
 
-    usb_class = COMPOSITE
+    vendor, product, usb_class = 0x04D8, 0x00DD, COMPOSITE
+    strings = STRINGS
     interfaces: tuple[Interface, ...] = (
         Interface(usb_class=SERIAL_PORT),
         Interface(usb_class=SERIAL_DATA),
         Interface(
-            endpoints(
-                (IN_ENDPOINT, INTERRUPT, REPORT), (OUT_ENDPOINT, INTERRUPT, REPORT)
+            (
+                Endpoint(IN_ENDPOINT, INTERRUPT, REPORT),
+                Endpoint(OUT_ENDPOINT, INTERRUPT, REPORT),
             ),
             HID,
             REPORT_DESCRIPTOR,
@@ -67,17 +77,12 @@ class VirtualMcp2221(Device):
     )
     kernel_driver = frozenset({0, 1, 2})  # cdc_acm, cdc_acm, hid-mcp2221
 
-    def __init__(self, hand: VirtualHand, serial: str = "0000000001") -> None:
+    def __init__(self, hand: VirtualHand) -> None:
         self.hand = hand
-        self.flash = Flash(serial)
         self.reset()
 
     def reset(self) -> None:
-        """As plugged in: settings from flash, 100 kHz, an engine that was never used."""
-        self.flash.lock()
-        self.sram = Sram(self.flash)
-        self.vendor, self.product = self.flash.ids
-        self.strings = self.flash.strings
+        """As plugged in: 100 kHz, an engine that was never used."""
         self.bus_hz = 100e3
         self.state, self.used, self.confused, self.hangs = IDLE, False, False, False
         self._nacked = False
@@ -126,23 +131,23 @@ class VirtualMcp2221(Device):
     # -- commands
 
     def _settings(self, command: bytes, reply: bytearray) -> None:
-        """Pins, SRAM and flash."""
-        if command[0] == SET_GPIO:
-            self.sram.pins.write(command, reply)
-        elif command[0] == GET_GPIO:
-            self.sram.pins.read(reply)
-        elif command[0] == SET_SRAM:
-            self.sram.write(command)
-        elif command[0] == GET_SRAM:
-            self.sram.read(reply)
-        elif command[0] == READ_FLASH:
-            self.flash.read(command, reply)
-        elif command[0] == WRITE_FLASH:
-            self.flash.write(command, reply)
-        elif command[0] == UNLOCK_FLASH:
-            self.flash.unlock(command, reply)
-        else:
-            reply[1] = 1
+        """The settings as from the factory; a change of the SRAM has no effect."""
+        if command[0] == GET_SRAM:
+            # the password reads as zeros
+            data = CHIP_SETTINGS + bytes(PASSWORD_BYTES) + PIN_SETTINGS
+            reply[2] = len(CHIP_SETTINGS) + PASSWORD_BYTES
+            reply[3] = len(PIN_SETTINGS)
+            reply[4 : 4 + len(data)] = data
+        elif command[0] == READ_FLASH and 2 <= command[1] < 2 + len(STRINGS):
+            data = STRINGS[command[1] - 2].encode("utf-16-le")
+            reply[2], reply[3] = len(data) + 2, STRING_TYPE
+            reply[4 : 4 + len(data)] = data
+        elif command[0] == READ_FLASH and command[1] in FLASH:
+            data = FLASH[command[1]]
+            reply[2] = len(data)
+            reply[4 : 4 + len(data)] = data
+        elif command[0] != SET_SRAM:
+            reply[1] = UNKNOWN
 
     def _shown(self) -> int:
         """The state that the engine reports, which is another one while it works."""

@@ -1,14 +1,9 @@
 """A fake /dev/i2c-N: smbus2 opens it and sends it ioctls, as it does with the kernel.
 
 Only what smbus2 itself calls is replaced, and only while the shim is installed; every other file is
-the system's. Faults appear as the kernel reports them: stall is EIO, short is EAGAIN (arbitration
-lost), late and a held bus are ETIMEDOUT after the controller's second, unplug is ENODEV and then a
-missing file.
-
-SMBus calls as plain I2C messages, made as in i2c_smbus_xfer_emulated (Linux 6.12).
-
-Block reads and block process calls need a read whose length the chip sends; a controller of plain
-I2C cannot do that.
+the system's. It carries combined transfers (I2C_RDWR), which are all that the driver uses. Faults
+appear as the kernel reports them: stall is EIO, short is EAGAIN (arbitration lost), late and a held
+bus are ETIMEDOUT after the controller's second, unplug is ENODEV and then a missing file.
 """
 
 from __future__ import annotations
@@ -18,7 +13,6 @@ import errno
 import itertools
 import os
 import sys
-from dataclasses import dataclass
 from types import TracebackType
 from typing import Any
 
@@ -26,118 +20,10 @@ import holdfast.drivers.native_i2c  # noqa: F401  (it imports smbus2)
 from holdfast.drivers.virtual.usb_backend import Traffic
 from holdfast.drivers.virtual.virtual_hand import VirtualHand
 
-WRITE, READ = 0, 1
-QUICK, BYTE, BYTE_DATA, WORD_DATA, PROC_CALL, BLOCK_DATA = range(6)
-BLOCK_PROC_CALL, I2C_BLOCK_DATA = 7, 8
-"""The size of a call (uapi/linux/i2c.h); 6 is an old name of 8."""
-SIZES = (
-    QUICK,
-    BYTE,
-    BYTE_DATA,
-    WORD_DATA,
-    PROC_CALL,
-    BLOCK_DATA,
-    BLOCK_PROC_CALL,
-    I2C_BLOCK_DATA,
-)
-MOST_BLOCK_BYTES = 32
-
-
-@dataclass(frozen=True)
-class Message:
-    """One address after a START: bytes to write, or how many to read (then data is empty)."""
-
-    address: int
-    data: bytes = b""
-    read: int | None = None
-
-    @property
-    def length(self) -> int:
-        """Bytes of its payload."""
-        return len(self.data) if self.read is None else self.read
-
-
-def refused(number: int) -> OSError:
-    """The kernel's error of this number."""
-    return OSError(number, os.strerror(number))
-
-
-def messages(call: Any, address: int) -> list[Message]:
-    """The messages of an i2c_smbus_ioctl_data to this address.
-
-    Raises OSError: EINVAL, EOPNOTSUPP.
-    """
-    if call.size not in SIZES or call.read_write not in (READ, WRITE):
-        raise refused(errno.EINVAL)
-    reads = call.read_write == READ
-    if call.size == BLOCK_PROC_CALL or (call.size == BLOCK_DATA and reads):
-        raise refused(errno.EOPNOTSUPP)
-    if call.size in (QUICK, BYTE):
-        return [_short(call, address, reads)]
-    command = bytes([call.command])
-    if call.size == PROC_CALL:
-        return [Message(address, command + _payload(call)), Message(address, read=2)]
-    if reads:
-        return [Message(address, command), Message(address, read=_wanted(call))]
-    return [Message(address, command + _payload(call))]
-
-
-def take(call: Any, data: bytes) -> None:
-    """Put the bytes that were read into a call's data."""
-    union = call.data.contents
-    if call.size in (BYTE, BYTE_DATA) and call.read_write == READ:
-        union.byte = data[0]
-    elif call.size == PROC_CALL or (call.size == WORD_DATA and call.read_write == READ):
-        union.word = int.from_bytes(data, "little")
-    elif call.size == I2C_BLOCK_DATA and call.read_write == READ:
-        union.block[0] = len(data)
-        union.block[1 : len(data) + 1] = list(data)
-
-
-def _short(call: Any, address: int, reads: bool) -> Message:
-    """A call without a register: the address alone, or one byte."""
-    if reads:
-        return Message(address, read=int(call.size == BYTE))
-    return Message(address, bytes([call.command]) if call.size == BYTE else b"")
-
-
-def _wanted(call: Any) -> int:
-    """How many bytes a read of a register returns."""
-    if call.size == I2C_BLOCK_DATA:
-        return _block_length(call)
-    return 2 if call.size == WORD_DATA else 1
-
-
-def _payload(call: Any) -> bytes:
-    """The bytes that are written after the command."""
-    union = call.data.contents
-    if call.size == BYTE_DATA:
-        return bytes([union.byte])
-    if call.size in (WORD_DATA, PROC_CALL):
-        return int(union.word).to_bytes(2, "little")
-    length = _block_length(call)
-    block = bytes(union.block[: length + 1])
-    return block if call.size == BLOCK_DATA else block[1:]
-
-
-def _block_length(call: Any) -> int:
-    length = int(call.data.contents.block[0])
-    if not 0 < length <= MOST_BLOCK_BYTES:
-        raise refused(errno.EINVAL)
-    return length
-
-
-I2C_SLAVE, I2C_FUNCS, I2C_SLAVE_FORCE, I2C_RDWR, I2C_SMBUS = (
-    0x0703,
-    0x0705,
-    0x0706,
-    0x0707,
-    0x0720,
-)
+I2C_FUNCS, I2C_RDWR = 0x0705, 0x0707
 FLAG_READ = 0x0001
-FUNCS = 0x0EFF0001
-"""I2C_FUNC_I2C and what the kernel emulates with it, except packet error codes."""
-LAST_ADDRESS = 0x7F
+FUNCS = 0x00000001
+"""I2C_FUNC_I2C."""
 MOST_MESSAGES, MOST_BYTES = 42, 8192
 BUS_HZ = 400_000
 IOCTL_NS = 50_000
@@ -145,6 +31,11 @@ IOCTL_NS = 50_000
 TIMEOUT_NS = 1_000_000_000
 _NUMBERS = itertools.count(1_000_000)
 """Of files; no real one has such a number."""
+
+
+def _refused(number: int) -> OSError:
+    """The kernel's error of this number."""
+    return OSError(number, os.strerror(number))
 
 
 class VirtualI2cDev:
@@ -167,7 +58,6 @@ class VirtualI2cDev:
         self._path, self._nack_errno = f"/dev/i2c-{number}", nack_errno
         self._born_ns = hand.clock.now_ns()
         self._opened: dict[int, int] = {}
-        self._addresses: dict[int, int] = {}
         self._generation, self._gone = 0, False
         self._replaced: dict[str, Any] = {}
 
@@ -200,88 +90,67 @@ class VirtualI2cDev:
         if path != self._path:
             return None
         if self._unplugged():
-            raise refused(errno.ENOENT)
+            raise _refused(errno.ENOENT)
         if not self.readable:
-            raise refused(errno.EACCES)
+            raise _refused(errno.EACCES)
         fd = next(_NUMBERS)
         self._opened[fd] = self._generation
         return fd
 
     def close(self, fd: int) -> bool:
         """Whether it was one of ours."""
-        self._addresses.pop(fd, None)
         return self._opened.pop(fd, None) is not None
 
     def _ioctl(self, fd: int, request: int, argument: Any = 0) -> Any:
         if fd not in self._opened:
             return self._replaced["ioctl"](fd, request, argument)
         if self._unplugged() or self._opened[fd] != self._generation:
-            raise refused(errno.ENODEV)
+            raise _refused(errno.ENODEV)
         if request == I2C_FUNCS:
             argument.value = FUNCS
             return 0
-        if request in (I2C_SLAVE, I2C_SLAVE_FORCE):
-            return self._choose(fd, argument)
-        if request == I2C_SMBUS:
-            return self._smbus(argument, self._addresses.get(fd, 0))
         if request != I2C_RDWR:
-            raise refused(errno.ENOTTY)
-        return self._combined([argument.msgs[k] for k in range(argument.nmsgs)])
-
-    def _choose(self, fd: int, address: int) -> int:
-        """The chip that this file's SMBus calls go to."""
-        if not 0 <= address <= LAST_ADDRESS:
-            raise refused(errno.EINVAL)
-        self._addresses[fd] = address
-        return 0
-
-    def _smbus(self, call: Any, address: int) -> int:
-        brought = self._transfer(messages(call, address))
-        take(call, brought[-1])
-        return 0
-
-    def _combined(self, requests: list[Any]) -> int:
-        """I2C_RDWR: how many messages there were, as the kernel returns."""
-        brought = self._transfer([_message(one) for one in requests])
-        for message, data in zip(requests, brought, strict=True):
-            if message.flags & FLAG_READ:
-                ctypes.memmove(message.buf, data, len(data))
-        return len(requests)
+            raise _refused(errno.ENOTTY)
+        return self._transfer([argument.msgs[k] for k in range(argument.nmsgs)])
 
     # -- the controller
 
-    def _transfer(self, messages: list[Message]) -> list[bytes]:
-        """Messages with START between and STOP after the last; what each has read."""
+    def _transfer(self, messages: list[Any]) -> int:
+        """smbus2's i2c_msg , START between and STOP after the last; returns their number."""
         self._check(messages)
         self.traffic.transfers += 1
         self.hand.clock.spend(IOCTL_NS)
         self._suffer()
         bits = self.hand.wire.bits
         try:
-            return [self._carry(message) for message in messages]
+            for message in messages:
+                self._carry(message)
         finally:
             self.hand.wire.stop()
             self.hand.clock.spend(round(1e9 * (self.hand.wire.bits - bits) / BUS_HZ))
+        return len(messages)
 
-    def _check(self, messages: list[Message]) -> None:
-        if not 0 < len(messages) <= MOST_MESSAGES or any(
-            message.length > MOST_BYTES for message in messages
-        ):
-            raise refused(errno.EINVAL)
-        if any(message.read is not None for message in messages[:-1]):
-            raise refused(errno.EOPNOTSUPP)
+    def _check(self, messages: list[Any]) -> None:
+        too_long = any(message.len > MOST_BYTES for message in messages)
+        if too_long or not 0 < len(messages) <= MOST_MESSAGES:
+            raise _refused(errno.EINVAL)
+        if any(message.flags & FLAG_READ for message in messages[:-1]):
+            raise _refused(errno.EOPNOTSUPP)
 
-    def _carry(self, message: Message) -> bytes:
-        wire, reads = self.hand.wire, message.read is not None
+    def _carry(self, message: Any) -> None:
+        wire, reads = self.hand.wire, bool(message.flags & FLAG_READ)
         wire.start()
-        if not wire.write(message.address << 1 | reads):
-            raise refused(self._nack_errno)
-        data = bytes(wire.read() for _ in range(message.read or 0))
-        if not all(wire.write(byte) for byte in message.data):
-            raise refused(self._nack_errno)
-        self.traffic.bytes_in += len(data)
-        self.traffic.bytes_out += len(message.data)
-        return data
+        if not wire.write(message.addr << 1 | reads):
+            raise _refused(self._nack_errno)
+        if reads:
+            data = bytes(wire.read() for _ in range(message.len))
+            ctypes.memmove(message.buf, data, len(data))
+            self.traffic.bytes_in += len(data)
+            return
+        for byte in ctypes.string_at(message.buf, message.len):
+            if not wire.write(byte):
+                raise _refused(self._nack_errno)
+        self.traffic.bytes_out += message.len
 
     # -- faults
 
@@ -289,11 +158,11 @@ class VirtualI2cDev:
         self.hand.suffer()
         if self.hand.wire.held_low or self._lasts("late"):
             self.hand.clock.spend(TIMEOUT_NS)
-            raise refused(errno.ETIMEDOUT)
+            raise _refused(errno.ETIMEDOUT)
         if self._lasts("stall"):
-            raise refused(errno.EIO)
+            raise _refused(errno.EIO)
         if self._lasts("short"):
-            raise refused(errno.EAGAIN)
+            raise _refused(errno.EAGAIN)
 
     def _unplugged(self) -> bool:
         gone = self._lasts("unplug")
@@ -304,9 +173,8 @@ class VirtualI2cDev:
         return gone
 
     def _lasts(self, kind: str) -> bool:
-        return self.hand.faults.lasts(
-            kind, 1e-9 * (self.hand.clock.now_ns() - self._born_ns)
-        )
+        now_s = 1e-9 * (self.hand.clock.now_ns() - self._born_ns)
+        return self.hand.faults.lasts(kind, now_s)
 
 
 class _Os:
@@ -325,10 +193,3 @@ class _Os:
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._real, name)
-
-
-def _message(request: Any) -> Message:
-    """An i2c_msg of smbus2's."""
-    if request.flags & FLAG_READ:
-        return Message(request.addr, read=request.len)
-    return Message(request.addr, ctypes.string_at(request.buf, request.len))

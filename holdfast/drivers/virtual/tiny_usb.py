@@ -10,10 +10,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from holdfast.drivers.virtual.usb_backend import Device, stall
-from holdfast.drivers.virtual.usb_devices import Interface
-from holdfast.drivers.virtual.virtual_hand import VirtualHand
-from holdfast.drivers.virtual.wire import BITS_OF_A_BYTE
+from holdfast.drivers.virtual.usb_device import Device, Interface, stall
+from holdfast.drivers.virtual.virtual_hand import BITS_OF_A_BYTE, VirtualHand
 
 VENDOR_OUT, VENDOR_IN = 0x41, 0xC1
 ECHO, GET_FUNC, SET_DELAY, GET_STATUS, I2C_IO = 0, 1, 2, 3, 4

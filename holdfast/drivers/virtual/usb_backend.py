@@ -7,8 +7,10 @@ sensors lost their power).
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from types import SimpleNamespace
 from typing import Any
 
 import usb.backend
@@ -16,41 +18,38 @@ import usb.core
 
 from holdfast.drivers.virtual.clock import Clock
 from holdfast.drivers.virtual.faults import Faults
-from holdfast.drivers.virtual.usb_devices import (
-    Interface,
-    configuration_fields,
-    descriptor,
-    device_fields,
-    endpoint_fields,
-    interface_fields,
-)
+from holdfast.drivers.virtual.usb_device import Device, stall
 
-BULK, INTERRUPT = 2, 3
-"""bmAttributes of an endpoint."""
-BUSY, NO_DEVICE, STALL, TIMED_OUT = 16, 19, 32, 110
+BUSY, NO_DEVICE, TIMED_OUT = 16, 19, 110
 LIBUSB_ERROR_BUSY = -6
-STANDARD, TYPE_MASK, VENDOR_TYPE, RECIPIENT_MASK, OF_AN_INTERFACE = (
-    0x00,
-    0x60,
-    0x40,
-    0x1F,
-    0x01,
-)
+STANDARD, TYPE_MASK, VENDOR_TYPE = 0x00, 0x60, 0x40
+RECIPIENT_MASK, OF_AN_INTERFACE = 0x1F, 0x01
 """Of bmRequestType."""
 GET_STATUS, GET_DESCRIPTOR, GET_CONFIGURATION = 0, 6, 8
 """Standard requests (USB 2.0, table 9-4)."""
+DEVICE_FIELDS = (
+    "bLength bDescriptorType bcdUSB bDeviceClass bDeviceSubClass bDeviceProtocol "
+    "bMaxPacketSize0 idVendor idProduct bcdDevice iManufacturer iProduct iSerialNumber "
+    "bNumConfigurations"
+)
+CONFIGURATION_FIELDS = (
+    "bLength bDescriptorType wTotalLength bNumInterfaces bConfigurationValue "
+    "iConfiguration bmAttributes bMaxPower"
+)
+INTERFACE_FIELDS = (
+    "bLength bDescriptorType bInterfaceNumber bAlternateSetting bNumEndpoints "
+    "bInterfaceClass bInterfaceSubClass bInterfaceProtocol iInterface"
+)
+ENDPOINT_FIELDS = (
+    "bLength bDescriptorType bEndpointAddress bmAttributes wMaxPacketSize bInterval"
+)
+SPEEDS = {"low": 1, "full": 2, "high": 3}
 
 
 def no_device() -> Any:
     """What libusb raises once a device is gone."""
-    return usb.core.USBError(
-        "No such device (it may have been disconnected)", NO_DEVICE, NO_DEVICE
-    )
-
-
-def stall() -> Any:
-    """What libusb raises on a STALL."""
-    return usb.core.USBError("Pipe error", STALL, STALL)
+    text = "No such device (it may have been disconnected)"
+    return usb.core.USBError(text, NO_DEVICE, NO_DEVICE)
 
 
 def timed_out() -> Any:
@@ -63,6 +62,13 @@ def busy() -> Any:
     return usb.core.USBError("Resource busy", LIBUSB_ERROR_BUSY, BUSY)
 
 
+def _named(form: str, names: str, descriptor: bytes, **more: object) -> SimpleNamespace:
+    """A descriptor's fields by name, as pyusb wants them."""
+    values = struct.unpack_from(form, descriptor)
+    fields = dict(zip(names.split(), values, strict=True))
+    return SimpleNamespace(**fields, **more)
+
+
 @dataclass
 class Traffic:
     """Transfers and payload bytes since it was last set to zero."""
@@ -70,48 +76,6 @@ class Traffic:
     transfers: int = 0
     bytes_out: int = 0
     bytes_in: int = 0
-
-
-class Device:
-    """An emulated device; a bridge overrides how it answers.
-
-    interfaces: by number. kernel_driver: interfaces that a kernel driver is bound to. strings:
-    manufacturer, product and serial number. restarts: how often the device itself has left USB and
-    come back, as after a command that resets it.
-    """
-
-    vendor = product = 0
-    release = 0x0100
-    speed = "full"
-    usb_class = (0, 0, 0)
-    current_ma = 100
-    strings = ("", "", "")
-    interfaces: tuple[Interface, ...] = (Interface(),)
-    kernel_driver: frozenset[int] = frozenset()
-    restarts = 0
-
-    def control_out(
-        self, request_type: int, request: int, value: int, index: int, data: bytes
-    ) -> None:
-        """A control transfer with data from the host; raise stall() for one it does not know."""
-        raise stall()
-
-    def control_in(
-        self, request_type: int, request: int, value: int, index: int, length: int
-    ) -> bytes:
-        """A control transfer that asks for data."""
-        raise stall()
-
-    def write(self, endpoint: int, data: bytes) -> None:
-        """Data for an OUT endpoint."""
-        raise stall()
-
-    def read(self, endpoint: int, length: int) -> bytes:
-        """What an IN endpoint has, at most length bytes; nothing is a time-out."""
-        raise stall()
-
-    def reset(self) -> None:
-        """Back to what it is after being plugged in."""
 
 
 @dataclass(eq=False)
@@ -122,10 +86,7 @@ class Handle:
 
 
 class VirtualBackend(usb.backend.IBackend):  # type: ignore[misc]
-    """One device on its own bus. power_off: called when it is unplugged.
-
-    Traffic counts transfers.
-    """
+    """One device on its own bus. power_off: called when it is unplugged."""
 
     def __init__(
         self,
@@ -154,13 +115,23 @@ class VirtualBackend(usb.backend.IBackend):  # type: ignore[misc]
 
     def get_device_descriptor(self, dev: Any) -> Any:
         """Its ids, its speed, and which strings it has."""
-        return device_fields(self.device, dev.generation + 1)
+        return _named(
+            "<BBHBBBBHHHBBBB",
+            DEVICE_FIELDS,
+            self.device.device_descriptor,
+            address=dev.generation + 1,
+            bus=1,
+            port_number=1,
+            port_numbers=(1,),
+            speed=SPEEDS[self.device.speed],
+        )
 
     def get_configuration_descriptor(self, dev: Any, config: int) -> Any:
         """The only one."""
         if config:
             raise IndexError(config)
-        return configuration_fields(self.device)
+        found = self.device.configuration_descriptor
+        return _named("<BBHBBBBB", CONFIGURATION_FIELDS, found, extra_descriptors=[])
 
     def get_interface_descriptor(
         self, dev: Any, intf: int, alt: int, config: int
@@ -168,13 +139,24 @@ class VirtualBackend(usb.backend.IBackend):  # type: ignore[misc]
         """One without alternatives."""
         if alt:
             raise IndexError(alt)
-        return interface_fields(self.device, intf)
+        interface = self.device.interfaces[intf]
+        extra = list(interface.extra)
+        found = interface.descriptor(intf)
+        return _named("<9B", INTERFACE_FIELDS, found, extra_descriptors=extra)
 
     def get_endpoint_descriptor(
         self, dev: Any, ep: int, intf: int, alt: int, config: int
     ) -> Any:
         """As the device says."""
-        return endpoint_fields(self.device, ep, intf)
+        found = self.device.interfaces[intf].endpoints[ep].descriptor
+        return _named(
+            "<BBBBHB",
+            ENDPOINT_FIELDS,
+            found,
+            bRefresh=0,
+            bSynchAddress=0,
+            extra_descriptors=[],
+        )
 
     # -- opening
 
@@ -185,9 +167,9 @@ class VirtualBackend(usb.backend.IBackend):  # type: ignore[misc]
 
     def close_device(self, dev_handle: Any) -> None:
         """Release what it claimed."""
-        self._claimed = {
-            intf: by for intf, by in self._claimed.items() if by is not dev_handle
-        }
+        for intf, holder in list(self._claimed.items()):
+            if holder is dev_handle:
+                del self._claimed[intf]
 
     def set_configuration(self, dev_handle: Any, config_value: int) -> None:
         """There is one."""
@@ -278,7 +260,7 @@ class VirtualBackend(usb.backend.IBackend):  # type: ignore[misc]
         if request_type & TYPE_MASK != STANDARD:
             return self.device.control_in(request_type, request, value, index, length)
         if request == GET_DESCRIPTOR:
-            found = descriptor(self.device, value >> 8, value & 0xFF, index)
+            found = self.device.descriptor(value >> 8, value & 0xFF, index)
         else:
             found = {GET_STATUS: bytes(2), GET_CONFIGURATION: b"\x01"}.get(request)
         if found is None:

@@ -1,9 +1,15 @@
-"""Six chips on a wire, behind a mux or re-addressed, in a field that changes with time."""
+"""Six chips on an I2C wire, behind a mux or re-addressed, in a field that changes with time.
+
+A bridge calls start, write, read and stop; everything on the wire receives all of it. Bits are
+counted, because they take time. While SDA is held low, nothing is acknowledged and every byte reads
+0.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
@@ -12,8 +18,11 @@ from holdfast.drivers.tmag5273 import FACTORY_ADDRESSES
 from holdfast.drivers.virtual.chip import Chip, FieldSource
 from holdfast.drivers.virtual.clock import Clock
 from holdfast.drivers.virtual.faults import Fault, Faults
-from holdfast.drivers.virtual.wire import Mux, Noise, Target, Wire
 
+BITS_OF_A_BYTE = 9
+RELEASED = 0xFF
+"""What is read where nothing pulls SDA low."""
+CLOCKS_TO_FREE = 9
 A, B, C, D = FACTORY_ADDRESSES
 WIRINGS: dict[str, tuple[tuple[int, int], ...]] = {
     "mux": ((0, A), (0, B), (0, C), (0, D), (1, A), (1, B)),
@@ -25,6 +34,198 @@ BIT_ERROR_RATE = 1e-4
 """Of the fault "noise"."""
 REST_UT = np.array([0.0, 0.0, 23730.0])
 """The field of a resting magnet."""
+FORCE_N_PER_UT = np.diag(
+    [5.476783541909617e-4, 5.476783541909616e-4, 9.877272411937602e-4]
+)
+"""The calibration of these sensors: the linear map that the simulation's magnet is fitted with."""
+
+
+class Target(Protocol):
+    """Something with an address on a wire."""
+
+    def addressed(self, address: int, *, read: bool) -> bool:
+        """After a START: whether it acknowledges."""
+        ...
+
+    def write(self, byte: int) -> bool:
+        """A byte from the master; whether it is acknowledged."""
+        ...
+
+    def read(self) -> int:
+        """The next byte for the master."""
+        ...
+
+    def stop(self) -> None:
+        """STOP was seen."""
+        ...
+
+
+class Noise:
+    """Bits that flip on their way, each with the same probability. seed: decides which bits."""
+
+    def __init__(self, bit_error_rate: float, seed: int = 0) -> None:
+        self._rate, self._random = bit_error_rate, np.random.default_rng(seed)
+        self._until = int(self._random.geometric(self._rate))
+
+    def flips(self) -> int:
+        """Which bits of the next byte flip: a mask of nine bits, the acknowledge lowest."""
+        mask = 0
+        while self._until <= BITS_OF_A_BYTE:
+            mask |= 1 << BITS_OF_A_BYTE - self._until
+            self._until += int(self._random.geometric(self._rate))
+        self._until -= BITS_OF_A_BYTE
+        return mask
+
+
+class Wire:
+    """A wire and the targets on it. noise: what flips bits, or None."""
+
+    def __init__(self, targets: Sequence[Target]) -> None:
+        self.targets = list(targets)
+        self.bits = 0
+        self.noise: Noise | None = None
+        self._listening: list[Target] = []
+        self._address_next = False
+        self._reading = self._silent = False
+        self._clocks_to_go = 0
+
+    @property
+    def held_low(self) -> bool:
+        """Whether a chip holds SDA low."""
+        return self._clocks_to_go > 0
+
+    def hold_low(self) -> None:
+        """A chip was interrupted in a byte and holds SDA until enough clocks have come."""
+        self._clocks_to_go = CLOCKS_TO_FREE
+
+    def power_on(self) -> None:
+        """A chip that held SDA low has lost its power meanwhile."""
+        self._clocks_to_go = 0
+
+    def clock(self) -> None:
+        """One clock pulse with SDA released."""
+        self.bits += 1
+        self._clocks_to_go = max(0, self._clocks_to_go - 1)
+
+    def start(self) -> None:
+        """START, or a repeated START."""
+        self.bits += 1
+        self._address_next, self._listening = True, []
+        self._reading = self._silent = False
+
+    def write(self, byte: int) -> bool:
+        """A byte to the addressed targets; whether one acknowledged."""
+        self.bits += BITS_OF_A_BYTE
+        if self.held_low:
+            return False
+        if self.noise is None:
+            return self._written(byte)
+        flips = self.noise.flips()
+        return self._written(byte ^ flips >> 1) ^ bool(flips & 1)
+
+    def read(self) -> int:
+        """A byte from the addressed targets: open drain, so zeros win; 0xFF without any target."""
+        self.bits += BITS_OF_A_BYTE
+        if self.held_low:
+            return 0
+        if self.noise is None:
+            return self._sent_byte()
+        flips, byte = self.noise.flips(), self._sent_byte()
+        # a target that sees no acknowledge ends
+        self._silent = self._silent or bool(flips & 1)
+        return byte ^ flips >> 1
+
+    def _written(self, byte: int) -> bool:
+        if self._address_next:
+            self._address_next, self._reading = False, bool(byte & 1)
+            self._listening = _called(self.targets, byte >> 1, self._reading)
+            return bool(self._listening)
+        if self._reading:  # the targets send the data themselves
+            return False
+        return _write_all(self._listening, byte)
+
+    def _sent_byte(self) -> int:
+        # the targets were addressed for a write: to them the released line is a byte
+        if not self._reading:
+            _write_all(self._listening, RELEASED)
+            return RELEASED
+        return RELEASED if self._silent else _read_all(self._listening)
+
+    def stop(self) -> None:
+        """STOP."""
+        self.bits += 1
+        self._listening, self._address_next, self._reading = [], False, False
+        for target in self.targets:
+            target.stop()
+
+
+def _called(targets: Sequence[Target], address: int, read: bool) -> list[Target]:
+    """The targets that acknowledge this address; every target sees it."""
+    return [target for target in targets if target.addressed(address, read=read)]
+
+
+def _write_all(targets: Sequence[Target], byte: int) -> bool:
+    """Whether one of them acknowledged; every target gets the byte."""
+    acked = False
+    for target in targets:
+        acked = target.write(byte) or acked
+    return acked
+
+
+def _read_all(targets: Sequence[Target]) -> int:
+    byte = RELEASED
+    for target in targets:
+        byte &= target.read()
+    return byte
+
+
+class Mux:
+    """A TCA9548A: one byte enables any of eight channels, from the next STOP on."""
+
+    def __init__(
+        self, channels: Sequence[Sequence[Target]], address: int = 0x70
+    ) -> None:
+        self.channels = [list(channel) for channel in channels]
+        self.address = address
+        self._own = False
+        self._listening: list[Target] = []
+        self.power_on()
+
+    def addressed(self, address: int, *, read: bool) -> bool:
+        """Its own address, or one on an enabled channel."""
+        self._own = address == self.address
+        self._listening = [] if self._own else _called(self._enabled, address, read)
+        return self._own or bool(self._listening)
+
+    def write(self, byte: int) -> bool:
+        """To its control register, or on to the channels."""
+        if self._own:
+            self._next = byte
+            return True
+        return _write_all(self._listening, byte)
+
+    def read(self) -> int:
+        """Its control register, or what the channels send."""
+        return self.control if self._own else _read_all(self._listening)
+
+    def stop(self) -> None:
+        """The new channels are enabled; the channels used so far receive the STOP."""
+        for target in self._enabled:
+            target.stop()
+        if self._next != self.control:
+            self._enable(self._next)
+        self._own, self._listening = False, []
+
+    def power_on(self) -> None:
+        """No channel is enabled."""
+        self._enable(0)
+
+    def _enable(self, control: int) -> None:
+        self.control = self._next = control
+        self._enabled: list[Target] = []
+        for number, channel in enumerate(self.channels):
+            if control >> number & 1:
+                self._enabled += channel
 
 
 @dataclass(frozen=True)
@@ -46,13 +247,13 @@ class Track:
         if row < 0 or row >= last:
             held: list[float] = self.field_ut[min(max(row, 0), last), sensor].tolist()
             return held
-        (before, after), (from_s, to_s) = (
-            of[row : row + 2].tolist() for of in (self.field_ut[:, sensor], self.t_s)
-        )
-        return [
-            (after_ut - before_ut) / (to_s - from_s) * (now_s - from_s) + before_ut
-            for before_ut, after_ut in zip(before, after, strict=True)
-        ]
+        before, after = self.field_ut[row : row + 2, sensor].tolist()
+        from_s, to_s = self.t_s[row : row + 2].tolist()
+        field_ut = []
+        for before_ut, after_ut in zip(before, after, strict=True):
+            slope = (after_ut - before_ut) / (to_s - from_s)
+            field_ut.append(slope * (now_s - from_s) + before_ut)
+        return field_ut
 
 
 def still(field_ut: FloatArray = REST_UT) -> Track:
@@ -61,7 +262,7 @@ def still(field_ut: FloatArray = REST_UT) -> Track:
 
 
 class VirtualHand:
-    """Chips, mux and wire. layout: a name of LAYOUTS; seed: of the chips' noise, None for none.
+    """Chips, mux and wire. layout: a name of WIRINGS; seed: of the chips' noise, None for none.
 
     born_ns: when the hand was made; its field and its faults begin then.
     """
@@ -78,20 +279,12 @@ class VirtualHand:
     ) -> None:
         self.clock, self.faults, self.track = clock, Faults(faults), track or still()
         self.born_ns = clock.now_ns()
-        self.chips = [
-            Chip(
-                k + 1,
-                address,
-                version,
-                self._field_of(k),
-                clock,
-                self.faults,
-                seed=seed,
-            )
-            for k, (_, address) in enumerate(WIRINGS[layout])
-        ]
+        self.chips: list[Chip] = []
         channels: list[list[Target]] = [[] for _ in range(8)]
-        for chip, (channel, _) in zip(self.chips, WIRINGS[layout], strict=True):
+        for k, (channel, address) in enumerate(WIRINGS[layout]):
+            field = self._field_of(k)
+            chip = Chip(k + 1, address, version, field, clock, self.faults, seed=seed)
+            self.chips.append(chip)
             channels[channel].append(chip)
         self.mux = Mux(channels)
         self.wire, self._noise = Wire([self.mux]), Noise(BIT_ERROR_RATE)
