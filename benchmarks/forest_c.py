@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from holdfast.core.errors import LibraryMissing
-from holdfast.export.forest import Forest, leaf_votes
+from holdfast.export.learner import Forest, leaf_votes
 from holdfast.training.featurise import FloatRows
 
 SOURCE = """

@@ -56,10 +56,9 @@ from holdfast.core.errors import LibraryMissing
 from holdfast.core.reading import Json
 from holdfast.edge_runtime.graph import open_session, run_recording
 from holdfast.edge_runtime.monitor import Model
-from holdfast.export.bank import bands_for
 from holdfast.export.exporting import export_artifact
-from holdfast.export.forest import Forest
-from holdfast.export.learner import reference_votes
+from holdfast.export.learner import Forest, reference_votes
+from holdfast.export.spec import bands_for
 from holdfast.export.verify import cut_learners
 from holdfast.simulation.card import read_card
 from holdfast.simulation.folder import write_set

@@ -27,9 +27,8 @@ from holdfast.evaluation.provenance import host
 from holdfast.export.builder import IR_VERSION, OPSET
 from holdfast.export.exporting import whole_graph
 from holdfast.export.features import feature_count
-from holdfast.export.forest import votes_of_trees
 from holdfast.export.heads import Calibration, Head
-from holdfast.export.learner import Committee, Learner
+from holdfast.export.learner import Committee, Learner, votes_of_trees
 from holdfast.export.spec import BandsLeftOut, StepSpec
 from holdfast.export.verify import cut_learners
 from holdfast.training.featurise import FloatRows

@@ -19,10 +19,9 @@ from benchmarks.timed_calls import step_call
 from benchmarks.timing import time_in_turns
 from holdfast.core.reading import Json
 from holdfast.core.writing import require_writable, write_whole
-from holdfast.export.features import GROUPS, feature_count
+from holdfast.export.features import GROUPS, feature_count, feature_graph
 from holdfast.export.learner import LEARNERS
 from holdfast.export.spec import StepSpec
-from holdfast.export.step_graph import feature_graph
 from holdfast.training.crossval import HeldOut, cross_validate
 from holdfast.training.datasets import load
 from holdfast.training.featurise import features_of, spec_for

@@ -11,8 +11,7 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from holdfast.export.forest import Forest
-from holdfast.export.learner import Learner, forest_of
+from holdfast.export.learner import Forest, Learner, forest_of
 from holdfast.training.crossval import fit_learner, joined_by_network
 from holdfast.training.featurise import FloatRows
 from holdfast.training.plan import TrainingPlan

@@ -26,9 +26,9 @@ from holdfast.evaluation.event_scores import (
     match_all_alarms,
 )
 from holdfast.export.exporting import whole_graph
-from holdfast.export.heads import Calibration, Head
+from holdfast.export.heads import Calibration, Head, riskier_argmax, situation_votes
 from holdfast.export.learner import Learner, reference_votes
-from holdfast.export.reference import IntArray, riskier_argmax, situation_votes
+from holdfast.export.network import IntArray
 from holdfast.export.spec import StepSpec
 from holdfast.training.crossval import HeldOut, fit_calibration, main_task
 from holdfast.training.featurise import FloatRows

@@ -9,8 +9,7 @@ from dataclasses import asdict, dataclass, replace
 from typing import Literal
 
 from holdfast.edge_runtime.decision import DecisionRules
-from holdfast.export.bank import BANDS_HZ
-from holdfast.export.spec import HISTORY_S, WINDOW_S, StepSpec
+from holdfast.export.spec import BANDS_HZ, HISTORY_S, WINDOW_S, StepSpec
 from holdfast.training.featurise import spec_for
 from holdfast.training.plan import (
     CLOCK_FREE_GROUPS,

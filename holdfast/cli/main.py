@@ -32,7 +32,7 @@ VERBS = {
         "train on recordings; writes an artifact folder",
     ),
     "export": (
-        "holdfast.export.export",
+        "holdfast.cli.export",
         "turn an artifact folder into one verified, sealed model file",
     ),
     "adapt": (

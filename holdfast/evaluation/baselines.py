@@ -38,9 +38,9 @@ from holdfast.evaluation.model_outputs import everywhere, risky_permille
 from holdfast.evaluation.simple_baselines import shear_change
 from holdfast.export.builder import GraphBuilder
 from holdfast.export.detectors import detector_names
+from holdfast.export.features import add_features_alone
 from holdfast.export.heads import Head, add_heads
 from holdfast.export.spec import StepSpec
-from holdfast.export.step_graph import add_features_alone
 from holdfast.training.crossval import fit_learner, main_task, uncalibrated
 from holdfast.training.featurise import features_of, spec_for
 from holdfast.training.plan import RAW_BASELINE

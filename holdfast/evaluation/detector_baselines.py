@@ -20,9 +20,8 @@ from holdfast.core.contract import (
 )
 from holdfast.edge_runtime.graph import BATCH, open_session, steps_of
 from holdfast.evaluation.model_outputs import everywhere
-from holdfast.export.bank import noise_gain
 from holdfast.export.builder import GraphBuilder
-from holdfast.export.detectors import add_bank
+from holdfast.export.detectors import add_bank, noise_gain
 from holdfast.export.guard import add_guard
 from holdfast.export.spec import NOISE_RMS, StepSpec
 from holdfast.training.recording import Recording

@@ -27,8 +27,9 @@ from holdfast.edge_runtime.graph import Outputs, Steps
 from holdfast.evaluation.alarms import Answers
 from holdfast.evaluation.scores import answers_at, labels_at
 from holdfast.evaluation.window_scores import require_model_fits
+from holdfast.export.heads import riskier_argmax, situation_votes
 from holdfast.export.learner import reference_votes
-from holdfast.export.reference import IntArray, riskier_argmax, situation_votes
+from holdfast.export.network import IntArray
 from holdfast.export.spec import StepSpec
 from holdfast.training.critical_points import CriticalPoint, offline_critical_points
 from holdfast.training.crossval import fit_learner

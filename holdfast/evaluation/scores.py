@@ -21,7 +21,8 @@ from holdfast.core.contract import (
     SITUATIONS,
     BoolArray,
 )
-from holdfast.export.reference import IntArray, riskier_argmax, situation_votes
+from holdfast.export.heads import riskier_argmax, situation_votes
+from holdfast.export.network import IntArray
 from holdfast.training.figures import Interval, Share
 from holdfast.training.metrics import Labels, share_scores, situation_scores
 from holdfast.training.recording import DataSet

@@ -1,12 +1,11 @@
 """An adapted model file: the base file, other decision parameters, a correction, and the way back.
 
-The metadata keep what `undone` needs: the base's own metadata, compressed. The base comes back byte
-for byte, which is checked before an adapted file is returned.
+The metadata keep what `undone` needs: the base's metadata, compressed. The base comes back byte for
+byte, which is checked before an adapted file is returned.
 
-Verification of an adapted file: every label and vote equals the reference, all else the base.
-
-Base and adapted file answer the same rows, from the tensor `features` on. The reference takes the
-base's own votes, which its export has verified, and corrects them in numpy.
+Verification: base and adapted file answer the same rows, from the tensor `features` on. The
+reference takes the base's votes, which its export has verified, and corrects them in numpy. Every
+label and vote must equal the reference, every other output the base's.
 """
 
 from __future__ import annotations
@@ -36,21 +35,25 @@ from holdfast.export.correction import (
     corrected_votes,
     remove_correction,
 )
-from holdfast.export.network import LOGIT_STEPS, Inputs
-from holdfast.export.reference import (
-    FloatRows,
-    riskier_argmax,
-    situation_votes,
-    weighted,
-)
-from holdfast.export.seal import seal, sealed_with
+from holdfast.export.exporting import seal, sealed_with
+from holdfast.export.heads import FloatRows, riskier_argmax, situation_votes, weighted
+from holdfast.export.network import LOGIT_STEPS, Inputs, IntArray
 from holdfast.export.spec import StepSpec
 from holdfast.export.structure import edge_rows, step_rows
-from holdfast.export.verify import cut_learners
+from holdfast.export.verify import (
+    CHUNK,
+    REPORT_VERSIONS,
+    cut_learners,
+    require_single_rows_equal,
+    run_rows,
+)
 
 BASE_KEY = "holdfast.base"
 MOST_BASE_BYTES = 16 << 20
 """Of the base's metadata, unpacked: its card and its golden sequences."""
+SINGLE_ROWS = 1_000
+OF_THE_VOTES = {"votes", "situation", "p_situation", "p_class", "weight"}
+"""Outputs that a correction changes."""
 
 
 @dataclass(frozen=True)
@@ -68,7 +71,7 @@ def adapted(base: bytes, adaptation: Adaptation) -> bytes:
     Raises VerificationFailed where the base could not be restored byte for byte.
     """
     model = onnx.load_from_string(base)
-    metadata = {entry.key: entry.value for entry in model.metadata_props}
+    metadata = _metadata(model)
     card = _card(json.loads(metadata[CARD_KEY]), base, adaptation)
     if adaptation.correction is not None:
         add_correction(model, adaptation.correction)
@@ -85,18 +88,19 @@ def adapted(base: bytes, adaptation: Adaptation) -> bytes:
     return data
 
 
+def _metadata(model: onnx.ModelProto) -> dict[str, str]:
+    return {entry.key: entry.value for entry in model.metadata_props}
+
+
 def _card(card: Json, base: bytes, adaptation: Adaptation) -> Json:
     card["decision"] = adaptation.decision.to_json()
     if adaptation.correction is not None:
-        network = adaptation.correction.network
         card["heads"]["situation"]["correction"] = {
-            "inputs": network.n_features,
+            "inputs": adaptation.correction.network.n_features,
             "steps_per_nat": LOGIT_STEPS,
         }
-    card["adaptation"] = {
-        "base_sha256": hashlib.sha256(base).hexdigest(),
-        **adaptation.about,
-    }
+    digest = hashlib.sha256(base).hexdigest()
+    card["adaptation"] = {"base_sha256": digest, **adaptation.about}
     return card
 
 
@@ -108,15 +112,13 @@ def _packed(metadata: dict[str, str]) -> str:
 
 def is_adapted(data: bytes) -> bool:
     """Whether a sealed file is an adapted one."""
-    return any(
-        entry.key == BASE_KEY for entry in onnx.load_from_string(data).metadata_props
-    )
+    return BASE_KEY in _metadata(onnx.load_from_string(data))
 
 
 def undone(data: bytes, where: str | Path = "") -> bytes:
     """The base of an adapted file, byte for byte. Raises NotAdapted."""
     model = onnx.load_from_string(data)
-    metadata = {entry.key: entry.value for entry in model.metadata_props}
+    metadata = _metadata(model)
     if BASE_KEY not in metadata:
         raise NotAdapted(
             "this file is not adapted", where=where, next_step="use it as it is"
@@ -141,17 +143,13 @@ def undone(data: bytes, where: str | Path = "") -> bytes:
 
 def _unpacked(text: str) -> dict[str, str]:
     """Raises ValueError for what `_packed` does not write, or for too much of it."""
+    compressed = base64.b64decode(text, validate=True)
     unpacking = zlib.decompressobj()
-    content = unpacking.decompress(
-        base64.b64decode(text, validate=True), MOST_BASE_BYTES
-    )
+    # a limit, because a small file can hold gigabytes of zeros
+    content = unpacking.decompress(compressed, MOST_BASE_BYTES)
     if not unpacking.eof:
         raise ValueError("too long")
     return {str(key): str(value) for key, value in json_of(content)}
-
-
-CHUNK, SINGLE_ROWS = 4096, 1_000
-OF_THE_VOTES = ("votes", "situation", "p_situation", "p_class", "weight")
 
 
 @dataclass(frozen=True)
@@ -174,58 +172,53 @@ def verify_adapted(
 ) -> AdaptedVerification:
     """Compare an adapted file with the reference. rows: [N, F] features. Raises
     VerificationFailed."""
-    before, after = (
-        open_session(cut_learners(onnx.load_from_string(one))) for one in (base, data)
-    )
     hard = np.concatenate([rows, _hard_rows(correction, rows)])
-    old, new = _answers(before, hard, CHUNK), _answers(after, hard, CHUNK)
-    expected = _expected(correction, hard, old["votes"])
-    label = _label(card, expected)
-    _require(np.array_equal(new["votes"], expected), "votes")
+    old = run_rows(_learners(base), hard, CHUNK)
+    session = _learners(data)
+    new = run_rows(session, hard, CHUNK)
+    _require_reference(old, new, hard, correction, "")
+    label = _label(card, new["votes"].astype(np.int64))
     _require(np.array_equal(new["situation"], label), "labels")
-    for name in set(old) - ({*OF_THE_VOTES} if correction else set()):
-        _require(old[name].tobytes() == new[name].tobytes(), name)
-    chosen = np.random.default_rng(0).choice(
-        len(hard), min(SINGLE_ROWS, len(hard)), replace=False
-    )
-    for name, value in _answers(after, hard[chosen], 1).items():
-        _require(
-            value.tobytes() == new[name][chosen].tobytes(), f"{name} of single rows"
-        )
+    n_single = require_single_rows_equal(session, hard, new, SINGLE_ROWS, seed=0)
     samples = _require_same_streams(base, data, card, correction)
-    changed = int((new["situation"] != old["situation"])[: len(rows)].sum())
-    return AdaptedVerification(len(hard), len(chosen), samples, changed)
+    changed = new["situation"][: len(rows)] != old["situation"][: len(rows)]
+    return AdaptedVerification(len(hard), n_single, samples, int(changed.sum()))
+
+
+def _learners(data: bytes) -> Any:
+    return open_session(cut_learners(onnx.load_from_string(data)))
 
 
 def _hard_rows(correction: Correction | None, rows: FloatRows) -> FloatRows:
-    edges = edge_rows(rows.shape[1])
+    n = rows.shape[1]
+    edges = edge_rows(n)
     if correction is None:
         return edges
-    of_all, n = correction.network.inputs, rows.shape[1]
-    inputs = Inputs(of_all.knee[:n], of_all.gain[:n], of_all.offset[:n])
-    return np.concatenate([edges, step_rows(inputs, rows, 0)])
+    # of the correction's inputs, the first n are the features
+    inputs = correction.network.inputs
+    features = Inputs(inputs.knee[:n], inputs.gain[:n], inputs.offset[:n])
+    return np.concatenate([edges, step_rows(features, rows, 0)])
 
 
-def _answers(session: Any, rows: FloatRows, chunk: int) -> Outputs:
-    names = [output.name for output in session.get_outputs()]
-    parts = [
-        session.run(names, {"features": rows[k : k + chunk]})
-        for k in range(0, len(rows), chunk)
-    ]
-    return {
-        name: np.concatenate([part[k] for part in parts])
-        for k, name in enumerate(names)
-    }
+def _require_reference(
+    old: Outputs,
+    new: Outputs,
+    rows: npt.NDArray[np.float32],
+    correction: Correction | None,
+    where: str,
+) -> None:
+    """Votes are the base's, corrected; what does not follow from votes is the base's."""
+    expected: IntArray = old["votes"].astype(np.int64)
+    changed: set[str] = set()
+    if correction is not None:
+        expected = corrected_votes(correction, rows, expected)
+        changed = OF_THE_VOTES
+    _require(np.array_equal(new["votes"], expected), f"votes{where}")
+    for name in set(old) - changed:
+        _require(old[name].tobytes() == new[name].tobytes(), f"{name}{where}")
 
 
-def _expected(
-    correction: Correction | None, rows: FloatRows, votes: npt.NDArray[Any]
-) -> npt.NDArray[np.int64]:
-    whole = votes.astype(np.int64)
-    return whole if correction is None else corrected_votes(correction, rows, whole)
-
-
-def _label(card: ModelCard, votes: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+def _label(card: ModelCard, votes: IntArray) -> IntArray:
     weights = card.raw["heads"]["situation"].get("label_weights")
     given = None if weights is None else tuple(weights)
     return riskier_argmax(weighted(situation_votes(votes), given))
@@ -237,15 +230,13 @@ def _require_same_streams(
     """The golden input through both whole steps; returns its length in samples."""
     values, valid = golden_input(card.n_channels, card.unit, card.settle_samples)
     streams = []
-    for one in (base, data):
-        session = open_session(one)
-        names = [out.name for out in session.get_outputs() if out.name != "state_out"]
+    for file in (base, data):
+        session = open_session(file)
+        names = [output.name for output in session.get_outputs()]
+        names.remove("state_out")
         streams.append(run_recording(session, values, valid, names))
     old, new = streams
-    expected = _expected(correction, old["features"], old["votes"])
-    _require(np.array_equal(new["votes"], expected), "votes of a stream")
-    for name in set(old) - {*OF_THE_VOTES}:
-        _require(old[name].tobytes() == new[name].tobytes(), f"{name} of a stream")
+    _require_reference(old, new, old["features"], correction, " of a stream")
     return len(values)
 
 
@@ -254,5 +245,5 @@ def _require(same: bool, what: str) -> None:
         raise VerificationFailed(
             f"the adapted file: {what} differ from the reference",
             cause="a runtime that computes differently",
-            next_step="report the versions that holdfast doctor prints",
+            next_step=REPORT_VERSIONS,
         )

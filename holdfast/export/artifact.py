@@ -1,9 +1,8 @@
 """The folder between training and export: forests as skops, the rest as JSON and plain arrays.
 
 artifact.json lists everything, including the types inside the skops files; a type that is not in
-ALLOWED_TYPES is never loaded. rows.npz holds the feature rows that an export is verified on.
-
-A network as a file of plain arrays (.npz, no pickle).
+ALLOWED_TYPES is never loaded. rows.npz holds the feature rows that an export is verified on. A
+network is a file of plain arrays (.npz, no pickle).
 """
 
 from __future__ import annotations
@@ -25,76 +24,26 @@ from holdfast.core.writing import remove, write_whole
 from holdfast.edge_runtime.decision import DecisionRules
 from holdfast.edge_runtime.preparation import Preparation, preparation_from_json
 from holdfast.export.features import feature_count
-from holdfast.export.forest import FOREST_KINDS, Forest
-from holdfast.export.heads import MAIN_HEAD, Calibration, Head
+from holdfast.export.heads import MAIN_HEAD, Calibration, FloatRows, Head
 from holdfast.export.learner import (
+    FOREST_KINDS,
     Committee,
+    Forest,
     Learner,
     features_in,
     forest_of,
     network_of,
 )
-from holdfast.export.network import Inputs, Layer, Network
-from holdfast.export.reference import FloatRows
+from holdfast.export.network import Float32Array, Inputs, Layer, Network
 from holdfast.export.spec import StepSpec
-
-INPUTS, LAYER = ("knee", "gain", "offset"), ("weights", "bias", "scale")
-
-
-def write_network(path: Path, network: Network) -> None:
-    """Write it whole."""
-    arrays = {name: getattr(network.inputs, name) for name in INPUTS}
-    for number, layer in enumerate(network.layers):
-        arrays |= {f"{name}{number}": getattr(layer, name) for name in LAYER}
-    buffer = io.BytesIO()
-    np.savez(buffer, votes_in_all=np.int64(network.votes_in_all), **arrays)
-    write_whole(path, buffer.getvalue())
-
-
-def read_network(path: Path) -> Network:
-    """Read it. Raises TooLarge, KeyError or ValueError, or what NOT_AN_ARCHIVE names."""
-    require_modest_archive(path)
-    with np.load(path, allow_pickle=False) as arrays:
-        layers = [
-            Layer(*(_float32(arrays[f"{name}{number}"]) for name in LAYER))
-            for number in range(
-                sum(name.startswith("weights") for name in arrays.files)
-            )
-        ]
-        inputs = Inputs(*(_float32(arrays[name]) for name in INPUTS))
-        network = Network(inputs, tuple(layers), int(arrays["votes_in_all"]))
-    _require_chain(network)
-    return network
-
-
-def _float32(array: np.ndarray) -> np.ndarray:
-    if array.dtype != np.float32 or not np.isfinite(array).all():
-        raise ValueError("a network's numbers are not finite float32")
-    return array
-
-
-def _require_chain(network: Network) -> None:
-    """Raise ValueError where one layer does not follow the other."""
-    width = network.n_features
-    if not network.layers or {len(network.inputs.gain), len(network.inputs.offset)} != {
-        width
-    }:
-        raise ValueError("a network's inputs and layers are not complete")
-    for layer in network.layers:
-        if (
-            layer.weights.shape != (width, len(layer.bias))
-            or layer.scale.shape != layer.bias.shape
-        ):
-            raise ValueError("a network's layers do not fit each other")
-        width = len(layer.bias)
-
 
 FORMAT = 1
 INDEX = "artifact.json"
 ROWS = "rows.npz"
 MOST_LABEL_WEIGHT = 1e6
 ALLOWED_TYPES = ("sklearn.tree._tree.Tree",)
-"""The only type besides skops' own defaults that a forest needs."""
+"""The only type besides skops' defaults that a forest needs."""
+EMPTY_FOLDER = "train again into an empty folder"
 
 
 @dataclass(frozen=True)
@@ -133,16 +82,13 @@ def write_artifact(folder: str | Path, artifact: Artifact) -> Path:
     remove(folder / INDEX)
     heads: dict[str, Any] = {}
     for head in artifact.heads:
-        heads[head.name] = {
-            "classes": list(head.classes),
-            **_write_learner(folder, head),
-            "calibration": head.calibration.to_json(),
-        }
+        entry: dict[str, Any] = {"classes": list(head.classes)}
+        entry |= _write_learner(folder, head)
+        entry["calibration"] = head.calibration.to_json()
         if head.label_weights is not None:
-            heads[head.name]["label_weights"] = list(head.label_weights)
-    buffer = io.BytesIO()
-    np.savez(buffer, rows=artifact.rows)
-    write_whole(folder / ROWS, buffer.getvalue())
+            entry["label_weights"] = list(head.label_weights)
+        heads[head.name] = entry
+    _write_arrays(folder / ROWS, {"rows": artifact.rows})
     index = {
         "format": FORMAT,
         "spec": artifact.spec.to_json(),
@@ -156,7 +102,7 @@ def write_artifact(folder: str | Path, artifact: Artifact) -> Path:
 
 
 def _write_learner(folder: Path, head: Head) -> dict[str, str]:
-    """Write a head's files; returns their names by what they hold."""
+    """Write a head's files; returns their names, for the index."""
     import skops.io  # half a second, which reading figures need not wait for
 
     names = {}
@@ -166,8 +112,29 @@ def _write_learner(folder: Path, head: Head) -> dict[str, str]:
         write_whole(folder / names["forest"], skops.io.dumps(forest))
     if network is not None:
         names["network"] = f"{head.name}.npz"
-        write_network(folder / names["network"], network)
+        _write_network(folder / names["network"], network)
     return names
+
+
+def _write_network(path: Path, network: Network) -> None:
+    inputs = network.inputs
+    arrays: dict[str, Any] = {
+        "votes_in_all": np.int64(network.votes_in_all),
+        "knee": inputs.knee,
+        "gain": inputs.gain,
+        "offset": inputs.offset,
+    }
+    for number, layer in enumerate(network.layers):
+        arrays[f"weights{number}"] = layer.weights
+        arrays[f"bias{number}"] = layer.bias
+        arrays[f"scale{number}"] = layer.scale
+    _write_arrays(path, arrays)
+
+
+def _write_arrays(path: Path, arrays: Mapping[str, Any]) -> None:
+    buffer = io.BytesIO()
+    np.savez(buffer, **arrays)
+    write_whole(path, buffer.getvalue())
 
 
 def read_artifact(folder: str | Path) -> Artifact:
@@ -175,72 +142,34 @@ def read_artifact(folder: str | Path) -> Artifact:
     folder = Path(folder)
     index = _read_index(folder)
     try:
-        heads = [
-            _read_head(folder, name, entry) for name, entry in index["heads"].items()
-        ]
-        require_modest_archive(folder / ROWS)
-        with np.load(folder / ROWS, allow_pickle=False) as arrays:
-            rows = arrays["rows"]
+        heads = []
+        for name, entry in index["heads"].items():
+            heads.append(_read_head(folder, name, entry))
         artifact = Artifact(
             spec=StepSpec.from_json(index["spec"]),
             preparation=preparation_from_json(index["preparation"]),
             decision=DecisionRules(**index["decision"]).to_json(),
             heads=heads,
-            rows=rows,
+            rows=_read_arrays(folder / ROWS)["rows"],
             training=index["training"],
         )
         _require_that_parts_fit(artifact)
-        return artifact
     except TooLarge as error:
         raise ArtifactError(
-            error.what, where=error.where, next_step="train again into an empty folder"
+            error.what, where=error.where, next_step=EMPTY_FOLDER
         ) from None
     except (KeyError, *NOT_AN_ARCHIVE) as error:
         raise ArtifactError(
-            f"the artifact is damaged ({error})",
-            where=folder,
-            next_step="train again into an empty folder",
+            f"the artifact is damaged ({error})", where=folder, next_step=EMPTY_FOLDER
         ) from None
+    return artifact
 
 
-def _require_that_parts_fit(artifact: Artifact) -> None:
-    """Raise ValueError where forests, rows and spec do not fit each other."""
-    width = feature_count(artifact.spec)
-    if artifact.rows.shape[1:] != (width,):
-        raise ValueError(f"rows of shape {artifact.rows.shape} for {width} features")
-    if MAIN_HEAD not in [head.name for head in artifact.heads]:
-        raise ValueError(f"no head {MAIN_HEAD}")
-    for head in artifact.heads:
-        k = len(head.classes)
-        shapes = head.calibration.weights.shape, head.calibration.bias.shape
-        if (
-            features_in(head.learner) != width
-            or shapes != ((k, k), (k,))
-            or not _votes_for(head.learner, k)
-        ):
-            raise ValueError(f"head {head.name} does not fit the spec or its classes")
-        if head.label_weights is not None:
-            _require_label_weights(head)
-
-
-def _votes_for(learner: Learner, n_classes: int) -> bool:
-    """Whether a learner votes for these classes and no others."""
-    forest, network = forest_of(learner), network_of(learner)
-    return (
-        forest is None or bool(np.isin(forest.classes_, range(n_classes)).all())
-    ) and (network is None or network.n_classes == n_classes)
-
-
-def _require_label_weights(head: Head) -> None:
-    weights = np.asarray(head.label_weights, dtype=np.float64)
-    if (
-        head.name != MAIN_HEAD
-        or weights.shape != (len(SITUATIONS),)
-        or not ((weights > 0.0) & (weights <= MOST_LABEL_WEIGHT)).all()
-    ):
-        raise ValueError(
-            f"head {head.name} has label weights that are no weights of situations"
-        )
+def _read_arrays(path: Path) -> dict[str, Any]:
+    """Raises TooLarge, or what NOT_AN_ARCHIVE names."""
+    require_modest_archive(path)
+    with np.load(path, allow_pickle=False) as arrays:
+        return dict(arrays)
 
 
 def _read_index(folder: Path) -> Mapping[str, Any]:
@@ -263,33 +192,29 @@ def _read_index(folder: Path) -> Mapping[str, Any]:
 
 
 def _read_head(folder: Path, name: str, entry: Mapping[str, Any]) -> Head:
-    calibration = Calibration(
-        np.array(entry["calibration"]["weights"]),
-        np.array(entry["calibration"]["bias"]),
-    )
-    forest = _load_forest(folder / entry["forest"]) if "forest" in entry else None
-    network = read_network(folder / entry["network"]) if "network" in entry else None
-    weights = entry.get("label_weights")
+    numbers, weights = entry["calibration"], entry.get("label_weights")
     return Head(
-        name,
-        tuple(entry["classes"]),
-        _joined(forest, network),
-        calibration,
-        None if weights is None else tuple(float(weight) for weight in weights),
+        name=name,
+        classes=tuple(entry["classes"]),
+        learner=_read_learner(folder, entry),
+        calibration=Calibration(
+            np.array(numbers["weights"]), np.array(numbers["bias"])
+        ),
+        label_weights=None if weights is None else tuple(map(float, weights)),
     )
 
 
-def _joined(forest: Forest | None, network: Network | None) -> Learner:
+def _read_learner(folder: Path, entry: Mapping[str, Any]) -> Learner:
     """The learner of a head's files. Raises KeyError without any."""
-    if forest is not None and network is not None:
-        return Committee(forest, network)
-    one = forest if forest is not None else network
-    if one is None:
-        raise KeyError("forest")
-    return one
+    if "network" not in entry:
+        return _read_forest(folder / entry["forest"])
+    network = _read_network(folder / entry["network"])
+    if "forest" not in entry:
+        return network
+    return Committee(_read_forest(folder / entry["forest"]), network)
 
 
-def _load_forest(path: Path) -> Forest:
+def _read_forest(path: Path) -> Forest:
     import skops.io
 
     try:
@@ -319,3 +244,79 @@ def _load_forest(path: Path) -> Forest:
             next_step="train again",
         )
     return forest
+
+
+def _read_network(path: Path) -> Network:
+    """Raises TooLarge, KeyError or ValueError, or what NOT_AN_ARCHIVE names."""
+    arrays = _read_arrays(path)
+    votes_in_all = int(arrays.pop("votes_in_all"))
+    for array in arrays.values():
+        _require_finite_float32(array)
+    layers: list[Layer] = []
+    while f"weights{len(layers)}" in arrays:
+        number = len(layers)
+        layer = Layer(
+            weights=arrays[f"weights{number}"],
+            bias=arrays[f"bias{number}"],
+            scale=arrays[f"scale{number}"],
+        )
+        layers.append(layer)
+    inputs = Inputs(arrays["knee"], arrays["gain"], arrays["offset"])
+    network = Network(inputs, tuple(layers), votes_in_all)
+    _require_chain(network)
+    return network
+
+
+def _require_finite_float32(array: Float32Array) -> None:
+    if array.dtype != np.float32 or not np.isfinite(array).all():
+        raise ValueError("a network's numbers are not finite float32")
+
+
+def _require_chain(network: Network) -> None:
+    """Raise ValueError where one layer does not follow the other."""
+    inputs, width = network.inputs, network.n_features
+    complete = len(inputs.gain) == len(inputs.offset) == width
+    if not network.layers or not complete:
+        raise ValueError("a network's inputs and layers are not complete")
+    for layer in network.layers:
+        n_out = len(layer.bias)
+        if layer.weights.shape != (width, n_out) or layer.scale.shape != (n_out,):
+            raise ValueError("a network's layers do not fit each other")
+        width = n_out
+
+
+def _require_that_parts_fit(artifact: Artifact) -> None:
+    """Raise ValueError where learners, rows and spec do not fit each other."""
+    width = feature_count(artifact.spec)
+    if artifact.rows.shape[1:] != (width,):
+        raise ValueError(f"rows of shape {artifact.rows.shape} for {width} features")
+    if MAIN_HEAD not in [head.name for head in artifact.heads]:
+        raise ValueError(f"no head {MAIN_HEAD}")
+    for head in artifact.heads:
+        k = len(head.classes)
+        calibration = head.calibration
+        is_calibrated = calibration.weights.shape == (k, k)
+        is_calibrated &= calibration.bias.shape == (k,)
+        fits = features_in(head.learner) == width and _votes_for(head.learner, k)
+        if not fits or not is_calibrated:
+            raise ValueError(f"head {head.name} does not fit the spec or its classes")
+        if head.label_weights is not None:
+            _require_label_weights(head)
+
+
+def _votes_for(learner: Learner, n_classes: int) -> bool:
+    """Whether a learner votes for these classes and no others."""
+    forest, network = forest_of(learner), network_of(learner)
+    if forest is not None and not np.isin(forest.classes_, range(n_classes)).all():
+        return False
+    return network is None or network.n_classes == n_classes
+
+
+def _require_label_weights(head: Head) -> None:
+    weights = np.asarray(head.label_weights, dtype=np.float64)
+    of_situations = head.name == MAIN_HEAD and weights.shape == (len(SITUATIONS),)
+    in_range = (weights > 0.0) & (weights <= MOST_LABEL_WEIGHT)
+    if not of_situations or not in_range.all():
+        raise ValueError(
+            f"head {head.name} has label weights that are no weights of situations"
+        )

@@ -26,9 +26,10 @@ class GraphBuilder:
 
     def __init__(self, n_sensors: int, prefix: str = "") -> None:
         """prefix: begins the name of every tensor that it names."""
-        self.n_sensors, self._prefix = n_sensors, prefix
+        self.n_sensors = n_sensors
+        self._prefix = prefix
         self._nodes: list[onnx.NodeProto] = []
-        self._constants: dict[str, onnx.TensorProto] = {}
+        self._constants: dict[tuple[Any, ...], onnx.TensorProto] = {}
         self._outputs: list[onnx.ValueInfoProto] = []
         self._state_rows: dict[str, int] = {}
         self._state_next: dict[str, str] = {}
@@ -48,12 +49,12 @@ class GraphBuilder:
     def constant(self, value: npt.ArrayLike, dtype: npt.DTypeLike = np.float64) -> str:
         """A constant tensor; equal ones are stored once."""
         array = np.array(value, dtype=dtype)
-        name = f"{self._prefix}c{len(self._constants)}"
-        for known, tensor in self._constants.items():
-            if _same(tensor, array):
-                return known
-        self._constants[name] = numpy_helper.from_array(array, name)
-        return name
+        # compared as bytes: 0.0 and -0.0 are two constants
+        key = (array.dtype.str, array.shape, array.tobytes())
+        if key not in self._constants:
+            name = f"{self._prefix}c{len(self._constants)}"
+            self._constants[key] = numpy_helper.from_array(array, name)
+        return self._constants[key].name
 
     def ints(self, *values: int) -> str:
         """A constant int64 vector (shapes, axes, indices)."""
@@ -65,9 +66,8 @@ class GraphBuilder:
 
     def columns(self, tensor: str, start: int, stop: int, axis: int = 1) -> str:
         """tensor[..., start:stop, ...] along one axis."""
-        return self.node(
-            "Slice", tensor, self.ints(start), self.ints(stop), self.ints(axis)
-        )
+        bounds = self.ints(start), self.ints(stop), self.ints(axis)
+        return self.node("Slice", tensor, *bounds)
 
     def state(self, name: str, rows: int) -> str:
         """Declare a state field [B, rows, C]; returns its value after the previous sample."""
@@ -80,9 +80,8 @@ class GraphBuilder:
 
     def output(self, name: str, element: int, *shape: int) -> None:
         """Publish the tensor of this name, [B, *shape], as a graph output."""
-        self._outputs.append(
-            helper.make_tensor_value_info(name, element, ["B", *shape])
-        )
+        info = helper.make_tensor_value_info(name, element, ["B", *shape])
+        self._outputs.append(info)
 
     @property
     def n_channels(self) -> int:
@@ -96,24 +95,18 @@ class GraphBuilder:
     def model(self) -> onnx.ModelProto:
         """Assemble and check the model: unpack state, all nodes, pack state."""
         state_out = self._pack_state()
+        channels: list[str | int] = ["B", 1, self.n_channels]
+        sensors: list[str | int] = ["B", 1, self.n_sensors]
         inputs = [
-            helper.make_tensor_value_info(
-                "sample", TensorProto.DOUBLE, ["B", 1, self.n_channels]
-            ),
-            helper.make_tensor_value_info(
-                "valid", TensorProto.BOOL, ["B", 1, self.n_sensors]
-            ),
+            helper.make_tensor_value_info("sample", TensorProto.DOUBLE, channels),
+            helper.make_tensor_value_info("valid", TensorProto.BOOL, sensors),
             helper.make_tensor_value_info("reset", TensorProto.BOOL, ["B", 1, 1]),
             self._table("state"),
         ]
-        unpack = self._unpack_state()
-        graph = helper.make_graph(
-            unpack + self._nodes,
-            "holdfast",
-            inputs,
-            [*self._outputs, state_out],
-            list(self._constants.values()),
-        )
+        nodes = self._unpack_state() + self._nodes
+        outputs = [*self._outputs, state_out]
+        constants = list(self._constants.values())
+        graph = helper.make_graph(nodes, "holdfast", inputs, outputs, constants)
         opsets = [helper.make_opsetid("", OPSET), helper.make_opsetid("ai.onnx.ml", 3)]
         model = helper.make_model(
             graph, opset_imports=opsets, ir_version=IR_VERSION, producer_name="holdfast"
@@ -124,10 +117,9 @@ class GraphBuilder:
     def _unpack_state(self) -> list[onnx.NodeProto]:
         rows = self.ints(*self._state_rows.values())
         fields = [f"state_{name}" for name in self._state_rows]
+        zero = self.constant(0.0)
         return [
-            helper.make_node(
-                "Where", ["reset", self.constant(0.0), "state"], ["state_before"]
-            ),
+            helper.make_node("Where", ["reset", zero, "state"], ["state_before"]),
             helper.make_node("Split", ["state_before", rows], fields, axis=1),
         ]
 
@@ -135,12 +127,8 @@ class GraphBuilder:
         missing = set(self._state_rows) - set(self._state_next)
         if missing:
             raise ValueError(f"state without a next value: {sorted(missing)}")
-        self.node(
-            "Concat",
-            *(self._state_next[name] for name in self._state_rows),
-            out="state_out",
-            axis=1,
-        )
+        following = [self._state_next[name] for name in self._state_rows]
+        self.node("Concat", *following, out="state_out", axis=1)
         return self._table("state_out")
 
     def _table(self, name: str) -> onnx.ValueInfoProto:
@@ -150,12 +138,3 @@ class GraphBuilder:
     def _fresh(self, op: str) -> str:
         self._count += 1
         return f"{self._prefix}{op.lower()}_{self._count}"
-
-
-def _same(tensor: onnx.TensorProto, array: npt.NDArray[Any]) -> bool:
-    known = numpy_helper.to_array(tensor)
-    return (
-        known.dtype == array.dtype
-        and known.shape == array.shape
-        and known.tobytes() == array.tobytes()
-    )

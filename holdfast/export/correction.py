@@ -17,8 +17,13 @@ import onnx
 
 from holdfast.core.contract import RISKY_SLIP, SAFE_SLIP, SITUATIONS
 from holdfast.export.builder import GraphBuilder
-from holdfast.export.forest import IntArray
-from holdfast.export.network import Float32Array, Network, add_shares, network_shares
+from holdfast.export.network import (
+    Float32Array,
+    IntArray,
+    Network,
+    add_shares,
+    network_shares,
+)
 
 PREFIX = "adapted_"
 """Begins the name of every tensor that a correction adds."""
@@ -55,9 +60,8 @@ def risky_to_safe(n_classes: int) -> Float32Array:
 
 def rows_of(features: Float32Array, votes: IntArray) -> Float32Array:
     """[N, 2 F + K] inputs of a correction."""
-    return np.concatenate(
-        [features, np.abs(features), votes.astype(np.float32)], axis=1
-    )
+    parts = [features, np.abs(features), votes.astype(np.float32)]
+    return np.concatenate(parts, axis=1)
 
 
 def corrected_votes(
@@ -73,18 +77,18 @@ def corrected_votes(
 
 def add_correction(model: onnx.ModelProto, correction: Correction) -> None:
     """Put it behind the votes of a model, in place: no other operator is changed."""
-    nodes = model.graph.node
-    (at,) = [k for k, node in enumerate(nodes) if VOTES in node.output]
     (n_classes,) = [
-        one.type.tensor_type.shape.dim[1].dim_value
-        for one in model.graph.output
-        if one.name == VOTES
+        output.type.tensor_type.shape.dim[1].dim_value
+        for output in model.graph.output
+        if output.name == VOTES
     ]
     added, constants = _correction(correction, n_classes)
-    later = list(nodes)[at + 1 :]
-    del nodes[at + 1 :]
+    nodes = list(model.graph.node)
+    (at,) = [k for k, node in enumerate(nodes) if VOTES in node.output]
     nodes[at].output[:] = [BEFORE]
-    nodes.extend([*added, *later])
+    later = nodes[at + 1 :]
+    del model.graph.node[at + 1 :]
+    model.graph.node.extend([*added, *later])
     model.graph.initializer.extend(constants)
 
 
@@ -93,37 +97,34 @@ def _correction(
 ) -> tuple[list[onnx.NodeProto], list[onnx.TensorProto]]:
     graph = GraphBuilder(1, PREFIX)
     size = graph.node("Abs", FEATURES)
-    shares = add_shares(
-        graph, correction.network, graph.node("Concat", FEATURES, size, BEFORE, axis=1)
-    )
-    part = graph.node(
-        "MatMul", shares, graph.constant(risky_of_shares(n_classes), np.float32)
-    )
+    rows = graph.node("Concat", FEATURES, size, BEFORE, axis=1)
+    shares = add_shares(graph, correction.network, rows)
+    of_risky = graph.constant(risky_of_shares(n_classes), np.float32)
+    part = graph.node("MatMul", shares, of_risky)
     taken = graph.node("Floor", graph.node("Mul", BEFORE, part))
-    moved = graph.node(
-        "MatMul", taken, graph.constant(risky_to_safe(n_classes), np.float32)
-    )
+    to_safe = graph.constant(risky_to_safe(n_classes), np.float32)
+    moved = graph.node("MatMul", taken, to_safe)
     graph.node("Add", BEFORE, moved, out=VOTES)
     return graph.part()
 
 
 def remove_correction(model: onnx.ModelProto) -> None:
     """The inverse of `add_correction`, in place. Raises ValueError where there is none."""
-    last = next(node for node in model.graph.node if VOTES in node.output)
+    graph = model.graph
+    last = next(node for node in graph.node if VOTES in node.output)
     if last.op_type != "Add" or last.input[0] != BEFORE:
         raise ValueError("its votes have no correction")
-    nodes, constants = onnx.GraphProto(), onnx.GraphProto()
-    nodes.node.extend(node for node in model.graph.node if _is_of_base(node))
-    constants.initializer.extend(
-        one for one in model.graph.initializer if not one.name.startswith(PREFIX)
-    )
-    for node in nodes.node:
+    nodes = [node for node in graph.node if _is_of_base(node)]
+    constants = [one for one in graph.initializer if not one.name.startswith(PREFIX)]
+    for node in nodes:
         if node.output[0] == BEFORE:
             node.output[:] = [VOTES]
-    model.graph.ClearField("node")
-    model.graph.ClearField("initializer")
-    model.graph.node.extend(nodes.node)
-    model.graph.initializer.extend(constants.initializer)
+    # a copy, because clearing the graph ends the messages that it holds
+    kept = onnx.GraphProto(node=nodes, initializer=constants)
+    graph.ClearField("node")
+    graph.ClearField("initializer")
+    graph.node.extend(kept.node)
+    graph.initializer.extend(kept.initializer)
 
 
 def _is_of_base(node: onnx.NodeProto) -> bool:

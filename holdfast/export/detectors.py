@@ -1,33 +1,118 @@
-"""The classical detectors as causal parts of the step graph, computed at every sample.
+"""The band-pass filter bank of Engeberg and Meek, and the causal detectors of the step graph.
 
-(The critical points of training, which may look ahead, are in training/critical_points.py.)
+For every shear signal and band (f_n = 10, 15 .. 55 Hz, w_n = 2 pi f_n), in parallel::
 
-band_pass: the largest |output| over the bands of any shear signal exceeds a multiple of that
-signal's own noise floor, a clipped running mean that almost stops while the detector fires.
-band_pass_point: the first sample of such an excursion, after enough quiet. friction_cone: |shear| >
-mu x normal at a finger with enough normal force; without a division. Unit N only.
+    H(s) = s * [w_n^2 / (s^2 + 2 z w_n s + w_n^2)]^2 * [w_l / (s + w_l)]
+    z = 0.1,  w_l = 2 pi 75 Hz
+
+The differentiator alone has a pole on the unit circle after the bilinear transform. It cancels the
+low-pass' zero analytically, so both together are one stable section. The section is driven by the
+difference of two samples, so that a large offset never enters the filter::
+
+    u[t] = (K w_l d[t] - (w_l - K) u[t-1]) / (K + w_l),   K = 2 fs,   d[t] = x[t] - x[t-1]
+
+Each resonator is prewarped to its nominal frequency. The bank of a signal has one shared state and
+four for each band; a step is one product [1 + states] x [1 + states, states + bands].
+
+The detectors are computed at every sample. (The critical points of training, which may look ahead,
+are in training/critical_points.py.) band_pass: the largest |output| over the bands of any shear
+signal exceeds a multiple of that signal's noise floor, a clipped running mean that almost stops
+while the detector fires. band_pass_point: the first sample of such an excursion, after enough
+quiet. friction_cone: |shear| > mu x normal at a finger with enough normal force; without a
+division. Unit N only.
 """
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from onnx import TensorProto
 
-from holdfast.export.bank import STATES_PER_BAND, noise_gain, step_matrix
+from holdfast.core.contract import FloatArray
 from holdfast.export.builder import GraphBuilder
 from holdfast.export.guard import Guarded
 from holdfast.export.spec import NOISE_RMS, StepSpec
 
+DAMPING = 0.1
+LOW_PASS_HZ = 75.0
+STATES_PER_BAND = 4
 GRAIN = 1e-30
 """Every number in the filter moves this far towards zero: silence must not become subnormal
 numbers, which are slow."""
 
 
-def detector_names(spec: StepSpec) -> tuple[str, ...]:
-    """Columns of the `detectors` output; the cone exists only where the unit is N."""
-    return ("band_pass", "band_pass_point") + (
-        ("friction_cone",) if spec.unit == "N" else ()
-    )
+def sections(rate_hz: float, band_hz: float) -> FloatArray:
+    """[3, 6] second-order sections of a band as in scipy: low-passed difference, resonators."""
+    gain, feedback = _first_section(rate_hz)
+    b, a = _resonator(rate_hz, band_hz)
+    first = [gain, -gain, 0.0, 1.0, feedback, 0.0]
+    resonator = [*b, *a]
+    return np.array([first, resonator, resonator])
+
+
+def _first_section(rate_hz: float) -> tuple[float, float]:
+    """(gain, feedback) of the low-passed difference."""
+    k, low = 2.0 * rate_hz, 2.0 * math.pi * LOW_PASS_HZ
+    return k * low / (k + low), (low - k) / (k + low)
+
+
+def _resonator(rate_hz: float, band_hz: float) -> tuple[FloatArray, FloatArray]:
+    """b and a of w^2 / (s^2 + 2 z w s + w^2), bilinear, prewarped to the band's frequency."""
+    warped = math.tan(math.pi * band_hz / rate_hz)
+    denominator = 1.0 + 2.0 * DAMPING * warped + warped**2
+    b = warped**2 * np.array([1.0, 2.0, 1.0]) / denominator
+    a_1 = 2.0 * (warped**2 - 1.0)
+    a_2 = 1.0 - 2.0 * DAMPING * warped + warped**2
+    return b, np.array([denominator, a_1, a_2]) / denominator
+
+
+def step_matrix(rate_hz: float, bands_hz: tuple[float, ...]) -> FloatArray:
+    """[1 + S, S + bands] of one step: (d, state) -> (next state, outputs), S = 1 + 4 bands."""
+    # A step is linear, so the answers to unit vectors are the rows of its matrix.
+    unit_vectors = np.eye(2 + STATES_PER_BAND * len(bands_hz))
+    return np.array([_step(row[0], row[1:], rate_hz, bands_hz) for row in unit_vectors])
+
+
+def _step(
+    difference: float, state: FloatArray, rate_hz: float, bands_hz: tuple[float, ...]
+) -> FloatArray:
+    """One step in the form that the matrix is derived from (transposed direct form II)."""
+    gain, feedback = _first_section(rate_hz)
+    u = gain * difference - feedback * state[0]
+    following, outputs = [u], []
+    for index, band_hz in enumerate(bands_hz):
+        b, a = _resonator(rate_hz, band_hz)
+        signal = u
+        start = 1 + STATES_PER_BAND * index
+        for at in (start, start + 2):
+            out = b[0] * signal + state[at]
+            following.append(b[1] * signal - a[1] * out + state[at + 1])
+            following.append(b[2] * signal - a[2] * out)
+            signal = out
+        outputs.append(signal)
+    return np.array(following + outputs)
+
+
+def noise_gain(
+    rate_hz: float, bands_hz: tuple[float, ...], seconds: float = 3.0
+) -> float:
+    """RMS output of the loudest band for white noise of RMS 1 at the input, in 1/s.
+
+    The number goes into the model file. It is summed row by row, because a matrix product may sum
+    in another order on another processor.
+    """
+    matrix = step_matrix(rate_hz, bands_hz)
+    size = matrix.shape[0] - 1
+    state, response = np.zeros(size), []
+    impulse = [1.0, -1.0] + [0.0] * math.ceil(seconds * rate_hz)
+    for difference in impulse:
+        row = np.concatenate([[difference], state])
+        out = (row[:, None] * matrix).sum(axis=0)
+        state = out[:size]
+        response.append(out[size:])
+    energy = (np.array(response) ** 2).sum(axis=0)
+    return float(np.sqrt(energy).max())
 
 
 def add_bank(graph: GraphBuilder, spec: StepSpec, guarded: Guarded) -> str:
@@ -39,25 +124,26 @@ def add_bank(graph: GraphBuilder, spec: StepSpec, guarded: Guarded) -> str:
     size = 1 + STATES_PER_BAND * len(bands)
     before = graph.state("bank", size)
     difference = graph.node("Sub", guarded.now, guarded.last)
-    joined = graph.node(
-        "Mul", graph.node("Concat", difference, before, axis=1), guarded.begun
-    )
+    joined = graph.node("Concat", difference, before, axis=1)
+    # a sensor without a past has no difference yet
+    begun = graph.node("Mul", joined, guarded.begun)
     # x - clip(x) is 0 up to GRAIN, x itself from 1e-13 on, a multiple of 1e-46 in between:
     # never subnormal
-    grains = graph.node("Clip", joined, graph.constant(-GRAIN), graph.constant(GRAIN))
-    rested = graph.node("Sub", joined, grains)
-    stepped = graph.node(
-        "MatMul", graph.constant(step_matrix(spec.rate_hz, bands).T), rested
-    )
-    advanced, outputs = graph.nodes(
-        "Split",
-        stepped,
-        graph.ints(size, len(bands)),
-        outs=["bank_next", "bank_out"],
-        axis=1,
-    )
+    grains = graph.node("Clip", begun, graph.constant(-GRAIN), graph.constant(GRAIN))
+    rested = graph.node("Sub", begun, grains)
+    matrix = graph.constant(step_matrix(spec.rate_hz, bands).T)
+    stepped = graph.node("MatMul", matrix, rested)
+    sizes = graph.ints(size, len(bands))
+    outs = ["bank_next", "bank_out"]
+    advanced, outputs = graph.nodes("Split", stepped, sizes, outs=outs, axis=1)
     graph.keep("bank", graph.node("Where", guarded.good, advanced, before))
     return graph.node("Abs", outputs)
+
+
+def detector_names(spec: StepSpec) -> tuple[str, ...]:
+    """Columns of the `detectors` output; the cone exists only where the unit is N."""
+    names = ("band_pass", "band_pass_point")
+    return (*names, "friction_cone") if spec.unit == "N" else names
 
 
 def add_detectors(
@@ -68,13 +154,8 @@ def add_detectors(
     rows = [firing, _band_pass_point(graph, spec, firing)]
     if spec.unit == "N":
         rows.append(_friction_cone(graph, spec, guarded))
-    graph.node(
-        "ReduceMax",
-        graph.node("Concat", *rows, axis=1),
-        graph.ints(2),
-        out="detectors",
-        keepdims=0,
-    )
+    joined = graph.node("Concat", *rows, axis=1)
+    graph.node("ReduceMax", joined, graph.ints(2), out="detectors", keepdims=0)
     graph.output("detectors", TensorProto.BOOL, len(rows))
 
 
@@ -92,14 +173,13 @@ def _band_pass(
     peak = graph.node("Where", guarded.usable, loudest, floor)
     # the normal is not shear
     ratio = np.tile([rules.band_ratio, rules.band_ratio, np.inf], spec.n_sensors)
-    above = graph.node("Greater", peak, graph.node("Mul", floor, graph.constant(ratio)))
+    threshold = graph.node("Mul", floor, graph.constant(ratio))
+    above = graph.node("Greater", peak, threshold)
     fast = min(1.0, 1.0 / (rules.floor_tau_s * spec.rate_hz))
-    rate = graph.node(
-        "Where", above, graph.constant(fast * rules.firing_rate), graph.constant(fast)
-    )
-    clipped = graph.node(
-        "Min", peak, graph.node("Mul", floor, graph.constant(rules.floor_clip))
-    )
+    slow = graph.constant(fast * rules.firing_rate)
+    rate = graph.node("Where", above, slow, graph.constant(fast))
+    most = graph.node("Mul", floor, graph.constant(rules.floor_clip))
+    clipped = graph.node("Min", peak, most)
     change = graph.node("Mul", graph.node("Sub", clipped, floor), rate)
     graph.keep("floor", graph.node("Add", floor, change))
     return above
@@ -115,20 +195,21 @@ def _band_pass_point(graph: GraphBuilder, spec: StepSpec, firing: str) -> str:
     longer = graph.node("Add", quiet, graph.constant(1.0))
     graph.keep("quiet", graph.node("Where", fired, graph.constant(0.0), longer))
     needed = graph.constant(spec.detectors.quiet_s * spec.rate_hz)
-    return graph.node("And", firing, graph.node("GreaterOrEqual", quiet, needed))
+    enough = graph.node("GreaterOrEqual", quiet, needed)
+    return graph.node("And", firing, enough)
 
 
 def _friction_cone(graph: GraphBuilder, spec: StepSpec, guarded: Guarded) -> str:
     """[B, 1, C] in the normal's column: |shear| > mu x normal at a usable, pressed finger."""
     rules = spec.detectors
     squares = graph.node("Mul", guarded.now, guarded.now)
-    to_normal = np.kron(
-        np.eye(spec.n_sensors), [[0.0, 0.0, 1.0], [0.0, 0.0, 1.0], [0.0, 0.0, 0.0]]
-    )
-    shear = graph.node("Sqrt", graph.node("MatMul", squares, graph.constant(to_normal)))
-    outside = graph.node(
-        "Greater", shear, graph.node("Mul", guarded.now, graph.constant(rules.friction))
-    )
+    shear_to_normal = [[0.0, 0.0, 1.0], [0.0, 0.0, 1.0], [0.0, 0.0, 0.0]]
+    matrix = graph.constant(np.kron(np.eye(spec.n_sensors), shear_to_normal))
+    shear = graph.node("Sqrt", graph.node("MatMul", squares, matrix))
+    most = graph.node("Mul", guarded.now, graph.constant(rules.friction))
+    outside = graph.node("Greater", shear, most)
+    # in the columns of shear, no force is enough
     least = np.tile([np.inf, np.inf, rules.min_normal_n], spec.n_sensors)
     pressed = graph.node("Greater", guarded.now, graph.constant(least))
-    return graph.node("And", graph.node("And", outside, pressed), guarded.usable)
+    slips = graph.node("And", outside, pressed)
+    return graph.node("And", slips, guarded.usable)

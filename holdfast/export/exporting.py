@@ -1,45 +1,60 @@
-"""Artifact folder -> one verified, sealed ONNX file, written only if everything agrees."""
+"""Artifact folder -> one verified, sealed ONNX file, written only if everything agrees.
+
+Sealing puts the model card, the golden sequences and the SHA-256 of the file into its metadata.
+"""
 
 from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import onnx
 
-from holdfast.core.errors import UsageError
+from holdfast.core.contact import NORMAL_FLOOR
+from holdfast.core.contract import channel_names
+from holdfast.core.errors import OutputError, UsageError
 from holdfast.core.reading import Json
 from holdfast.core.writing import require_writable, write_whole
-from holdfast.edge_runtime.model_file import CARD_SUFFIX
-from holdfast.export.artifact import read_artifact
+from holdfast.edge_runtime.graph import open_session
+from holdfast.edge_runtime.model import golden_answers, golden_to_json
+from holdfast.edge_runtime.model_file import (
+    CARD_KEY,
+    CARD_SUFFIX,
+    DIGITS,
+    FORMAT,
+    GOLDEN_KEY,
+    SEAL_KEY,
+)
+from holdfast.export.artifact import INDEX, ROWS, Artifact, read_artifact
 from holdfast.export.builder import GraphBuilder
+from holdfast.export.detectors import detector_names
+from holdfast.export.features import add_step
 from holdfast.export.heads import Head, add_heads
-from holdfast.export.seal import model_card, seal
-from holdfast.export.spec import StepSpec
-from holdfast.export.step_graph import add_step
+from holdfast.export.learner import (
+    forest_of,
+    kind_of,
+    network_of,
+    vote_bits,
+    votes_in_all,
+)
+from holdfast.export.spec import NOISE_RMS, RANGE_LIMIT, StepSpec
 from holdfast.export.verify import ExportReport, verify
 
 MODEL_NAME = "holdfast.onnx"
-
-
-def whole_graph(spec: StepSpec, heads: list[Head]) -> onnx.ModelProto:
-    """The complete step: guard, bank, detectors, features, forests, calibration."""
-    graph = GraphBuilder(spec.n_sensors)
-    add_heads(graph, add_step(graph, spec), heads)
-    return graph.model()
+TIE_RULE = "the riskier class wins"
 
 
 def export_artifact(
     folder: str | Path,
     out: str | Path | None = None,
     *,
-    say: Callable[[str], None] = lambda line: None,
+    report: Callable[[str], None] = lambda line: None,
 ) -> tuple[Path, ExportReport]:
     """Export an artifact folder; returns the path of the file, and what was verified.
 
-    The card is written beside the file. say: called with what begins now.
+    The model card is written next to the file. report: called with the name of each stage.
     """
     folder = Path(folder)
     path = Path(out or folder / MODEL_NAME)
@@ -50,25 +65,126 @@ def export_artifact(
         )
     artifact = read_artifact(folder)
     require_writable(path.parent)
-    say("building the graph")
+    report("building the graph")
     model = whole_graph(artifact.spec, artifact.heads)
-    verification = verify(model, artifact.spec, artifact.heads, artifact.rows, say=say)
-    say("sealing: card, golden sequences, SHA-256")
+    verification = verify(
+        model, artifact.spec, artifact.heads, artifact.rows, report=report
+    )
+    report("sealing: card, golden sequences, SHA-256")
     card = model_card(artifact)
     data = seal(model, card, artifact.spec)
     write_whole(path, data)
     write_whole(path.with_suffix(CARD_SUFFIX), readable_card(card, path.name, data))
-    return path, ExportReport.of(verification, len(data))
+    return path, ExportReport(**vars(verification), bytes=len(data))
+
+
+def require_replaceable(artifact: Path, model: Path, *, force: bool) -> None:
+    """Raise OutputError where model or card would replace part of the artifact, or another file."""
+    for path in (model, model.with_suffix(CARD_SUFFIX)):
+        inside = path.resolve().parent == artifact.resolve()
+        is_part = path.name in (INDEX, ROWS) or path.suffix in (".skops", ".npz")
+        if inside and is_part:
+            raise OutputError(
+                "is part of the artifact",
+                where=path,
+                cause="the card of a model is written to MODEL.json",
+                next_step="name another file, such as --out holdfast.onnx",
+            )
+        if not inside and not force and path.exists():
+            raise OutputError(
+                "exists already",
+                where=path,
+                cause="an earlier export",
+                next_step="name a new file with --out, or add --force to replace it",
+            )
+
+
+def whole_graph(spec: StepSpec, heads: list[Head]) -> onnx.ModelProto:
+    """The complete step: guard, bank, detectors, features, learners, calibration."""
+    graph = GraphBuilder(spec.n_sensors)
+    features = add_step(graph, spec)
+    add_heads(graph, features, heads)
+    return graph.model()
+
+
+def model_card(artifact: Artifact) -> Json:
+    """Everything a consumer of the file needs to know, as one JSON object."""
+    spec = artifact.spec
+    return {
+        "format": FORMAT,
+        "spec": spec.to_json(),
+        "channels": list(channel_names(spec.n_sensors)),
+        "range_limit": RANGE_LIMIT[spec.unit],
+        "noise_rms": NOISE_RMS[spec.unit],
+        "normal_floor": NORMAL_FLOOR[spec.unit],
+        "window_samples": spec.window_samples,
+        "history_samples": spec.history_samples,
+        "settle_samples": spec.settle_samples,
+        "gap_samples": spec.gap_samples,
+        "bands_hz": list(spec.carried_bands()),
+        "bands_left_out_hz": list(spec.lost_bands()),
+        "detectors": list(detector_names(spec)),
+        "heads": {head.name: _head_card(head) for head in artifact.heads},
+        "tie_rule": TIE_RULE,
+        "preparation": artifact.preparation.to_json(),
+        "decision": artifact.decision,
+        "training": artifact.training,
+    }
+
+
+def _head_card(head: Head) -> Json:
+    card: Json = {"classes": list(head.classes)}
+    forest, network = forest_of(head.learner), network_of(head.learner)
+    if forest is not None:
+        trees = forest.estimators_
+        card["trees"] = len(trees)
+        card["nodes"] = int(sum(tree.tree_.node_count for tree in trees))
+        card["vote_bits"] = vote_bits(len(trees))
+        card["kind"] = type(forest).__name__
+    if network is not None:
+        card["learner"] = kind_of(head.learner)
+        card["layers"] = [len(layer.bias) for layer in network.layers]
+        card["votes"] = votes_in_all(head.learner)
+    if head.label_weights is not None:
+        card["label_weights"] = list(head.label_weights)
+    card["calibration"] = head.calibration.to_json()
+    return card
 
 
 def readable_card(card: Json, name: str, data: bytes) -> str:
     """The card of a file as readable JSON, with name, size and SHA-256, without fingerprints."""
-    training = {
-        key: value for key, value in card["training"].items() if key != "recordings"
-    }
     file = {
         "name": name,
         "bytes": len(data),
         "sha256": hashlib.sha256(data).hexdigest(),
     }
+    training = dict(card["training"])
+    training.pop("recordings", None)
     return json.dumps({"file": file, **card, "training": training}, indent=1) + "\n"
+
+
+def seal(
+    model: onnx.ModelProto,
+    card: Json,
+    spec: StepSpec,
+    more: Mapping[str, str] | None = None,
+) -> bytes:
+    """The serialised model with card, golden sequences and hash. more: of its metadata."""
+    session = open_session(model.SerializeToString())
+    answers = golden_answers(session, spec.n_channels, spec.unit, spec.settle_samples)
+    metadata = {
+        CARD_KEY: json.dumps(card, separators=(",", ":")),
+        GOLDEN_KEY: json.dumps(golden_to_json(answers), separators=(",", ":")),
+        **(more or {}),
+    }
+    return sealed_with(model, metadata)
+
+
+def sealed_with(model: onnx.ModelProto, metadata: Mapping[str, str]) -> bytes:
+    """The serialised model with these metadata, and the hash of the file as the last of them."""
+    onnx.helper.set_model_props(model, {**metadata, SEAL_KEY: "0" * DIGITS})
+    zeroed = model.SerializeToString()
+    digest = hashlib.sha256(zeroed).hexdigest()
+    # In protobuf, two bytes (field number and length) stand between the key and its digits.
+    start = zeroed.rfind(SEAL_KEY.encode()) + len(SEAL_KEY) + 2
+    return zeroed[:start] + digest.encode() + zeroed[start + DIGITS :]

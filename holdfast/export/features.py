@@ -1,4 +1,4 @@
-"""The features of one sample in named groups, each with its memory.
+"""The features of one sample in named groups, each with its memory, and the step up to them.
 
 All groups but one use a finite history of 0.5 s: x[t] is the guarded sample, Sum x the sum over the
 sensors, l a lag in samples (0.05, 0.10, 0.17, 0.25, 0.37 and 0.50 s), Zs = max(Sum z, floor). In a
@@ -8,19 +8,20 @@ response decays without end); it is marked and reported separately.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+import math
+from collections.abc import Callable
 from dataclasses import dataclass
-from itertools import groupby
 
 import numpy as np
+import onnx
 from onnx import TensorProto
 
 from holdfast.core.contact import NORMAL_FLOOR
 from holdfast.core.contract import FloatArray
 from holdfast.core.errors import UsageError
 from holdfast.export.builder import GraphBuilder
-from holdfast.export.guard import Guarded
-from holdfast.export.history import LAGS_S, History, Triples
+from holdfast.export.detectors import add_bank, add_detectors
+from holdfast.export.guard import LAGS_S, Guarded, History, Triples, add_guard
 from holdfast.export.spec import HISTORY_S, WINDOW_S, StepSpec
 
 SPANS_S = (0.10, 0.25, 0.50)
@@ -44,48 +45,50 @@ class FeatureGroup:
     reason: str
 
 
-def _window(h: History) -> Triples:
-    first, count = h.length - h.spec.window_samples, h.spec.window_samples
-    triples = h.graph.reshape(
-        h.graph.columns(h.samples, first, h.length), 0, count * h.spec.n_sensors, 3
-    )
-    places = h.pooled(triples, count * h.spec.n_sensors)
-    return Triples(np.reshape(places, (count, -1)).T.ravel().tolist())
+def _window(history: History) -> Triples:
+    graph, n_sensors = history.graph, history.spec.n_sensors
+    n_samples = history.spec.window_samples
+    first = history.length - n_samples
+    recent = graph.columns(history.samples, first, history.length)
+    triples = graph.reshape(recent, 0, n_samples * n_sensors, 3)
+    places = history.pooled(triples, n_samples * n_sensors)
+    # the thesis lists all samples of a sensor, then those of the next one
+    return Triples(np.reshape(places, (n_samples, -1)).T.ravel().tolist())
 
 
-def _now(h: History) -> Triples:
-    return Triples(h.change_places[0, :-1].tolist())
+def _now(history: History) -> Triples:
+    return Triples(history.change_places[0, :-1].tolist())
 
 
-def _differences(h: History) -> Triples:
-    return Triples(h.change_places[1:, :-1].T.ravel().tolist())
+def _differences(history: History) -> Triples:
+    return Triples(history.change_places[1:, :-1].T.ravel().tolist())
 
 
-def _sums(h: History) -> Triples:
-    return Triples(h.change_places[:, -1].tolist())
+def _sums(history: History) -> Triples:
+    return Triples(history.change_places[:, -1].tolist())
 
 
-def _scaled_sums(h: History) -> Triples:
-    return Triples(h.change_places[1:, -1].tolist(), scaled=True)
+def _scaled_sums(history: History) -> Triples:
+    return Triples(history.change_places[1:, -1].tolist(), scaled=True)
 
 
-def _scaled_now(h: History) -> Triples:
-    return Triples(_now(h).places, scaled=True)
+def _scaled_now(history: History) -> Triples:
+    return Triples(_now(history).places, scaled=True)
 
 
-def _scaled_differences(h: History) -> Triples:
+def _scaled_differences(history: History) -> Triples:
     rows = [1 + lag for lag in SCALED_LAGS]
-    return Triples(h.change_places[rows, :-1].T.ravel().tolist(), scaled=True)
+    places = history.change_places[rows, :-1]
+    return Triples(places.T.ravel().tolist(), scaled=True)
 
 
-def _activity(h: History) -> Triples:
-    later, earlier = (
-        h.graph.columns(h.summed, 1, h.length),
-        h.graph.columns(h.summed, 0, h.length - 1),
-    )
-    steps = h.graph.node("Abs", h.graph.node("Sub", later, earlier))
-    means = h.graph.node("MatMul", h.graph.constant(_span_means(h.spec)), steps)
-    return Triples(h.pooled(means, len(SPANS_S)), scaled=True)
+def _activity(history: History) -> Triples:
+    graph, summed = history.graph, history.summed
+    later = graph.columns(summed, 1, history.length)
+    earlier = graph.columns(summed, 0, history.length - 1)
+    steps = graph.node("Abs", graph.node("Sub", later, earlier))
+    means = graph.node("MatMul", graph.constant(_span_means(history.spec)), steps)
+    return Triples(history.pooled(means, len(SPANS_S)), scaled=True)
 
 
 def _span_means(spec: StepSpec) -> FloatArray:
@@ -96,82 +99,83 @@ def _span_means(spec: StepSpec) -> FloatArray:
     return means
 
 
-def _shear(h: History) -> str:
-    graph = h.graph
-    shear = graph.node(
-        "ReduceL2",
-        h.summed_changes((1, 1 + len(LAGS_S)), (0, 2)),
-        graph.ints(2),
-        keepdims=1,
-    )
-    scale = graph.node("Max", h.normal, graph.constant(NORMAL_FLOOR[h.spec.unit]))
-    both = graph.node("Concat", shear, graph.node("Div", shear, scale), axis=1)
+def _shear(history: History) -> str:
+    graph = history.graph
+    changes = history.summed_changes((1, 1 + len(LAGS_S)), (0, 2))
+    shear = graph.node("ReduceL2", changes, graph.ints(2), keepdims=1)
+    normal, floor = history.normal, NORMAL_FLOOR[history.spec.unit]
+    scale = graph.node("Max", normal, graph.constant(floor))
+    scaled = graph.node("Div", shear, scale)
+    both = graph.node("Concat", shear, scaled, axis=1)
     return graph.node("Flatten", both, axis=1)
 
 
-def _ranges(h: History) -> Triples:
+def _ranges(history: History) -> Triples:
     places: list[int] = []
     for span_s in SPANS_S:
-        places += h.pooled(_range(h, h.summed, span_s), 1)
+        places += history.pooled(_range(history, history.summed, span_s), 1)
     return Triples(places)
 
 
-def _range(h: History, signal: str, span_s: float) -> str:
+def _range(history: History, signal: str, span_s: float) -> str:
     """[B, 1, ..]: the largest minus the smallest of a signal [B, L, ..] over a span."""
-    recent = h.graph.columns(signal, h.length - h.spec.lag(span_s) - 1, h.length)
-    high = h.graph.node("ReduceMax", recent, h.graph.ints(1), keepdims=1)
-    low = h.graph.node("ReduceMin", recent, h.graph.ints(1), keepdims=1)
-    return h.graph.node("Sub", high, low)
+    graph, length = history.graph, history.length
+    recent = graph.columns(signal, length - history.spec.lag(span_s) - 1, length)
+    high = graph.node("ReduceMax", recent, graph.ints(1), keepdims=1)
+    low = graph.node("ReduceMin", recent, graph.ints(1), keepdims=1)
+    return graph.node("Sub", high, low)
 
 
-def _more_differences(h: History) -> Triples:
-    graph, lags = h.graph, [h.spec.lag(seconds) for seconds in MORE_LAGS_S]
-    places = graph.ints(h.length - 1, *(h.length - 1 - lag for lag in lags))
-    rows = graph.node("Gather", h.samples, places, axis=1)
+def _more_differences(history: History) -> Triples:
+    graph, now = history.graph, history.length - 1
+    lags = [history.spec.lag(seconds) for seconds in MORE_LAGS_S]
+    places = graph.ints(now, *(now - lag for lag in lags))
+    rows = graph.node("Gather", history.samples, places, axis=1)
     since = np.hstack([np.ones((len(lags), 1)), -np.eye(len(lags))])
     changes = graph.node("MatMul", graph.constant(since), rows)
-    count = len(lags) * h.spec.n_sensors
-    return Triples(h.pooled(graph.reshape(changes, 0, count, 3), count))
+    count = len(lags) * history.spec.n_sensors
+    return Triples(history.pooled(graph.reshape(changes, 0, count, 3), count))
 
 
-def _finger_ranges(h: History) -> Triples:
+def _finger_ranges(history: History) -> Triples:
+    n_sensors = history.spec.n_sensors
     places: list[int] = []
     for span_s in SPANS_S:
-        by_finger = h.graph.reshape(
-            _range(h, h.samples, span_s), 0, h.spec.n_sensors, 3
-        )
-        places += h.pooled(by_finger, h.spec.n_sensors)
+        channels = _range(history, history.samples, span_s)
+        by_finger = history.graph.reshape(channels, 0, n_sensors, 3)
+        places += history.pooled(by_finger, n_sensors)
     return Triples(places)
 
 
-def _moments(h: History) -> Triples:
+def _moments(history: History) -> Triples:
     """The arm of a sensor is its place in the row, from the middle."""
-    middle = (h.spec.n_sensors - 1) / 2.0
-    return _leaned(h, np.arange(h.spec.n_sensors, dtype=np.float64) - middle)
+    n_sensors = history.spec.n_sensors
+    places = np.arange(n_sensors, dtype=np.float64)
+    return _leaned(history, places - (n_sensors - 1) / 2.0)
 
 
-def _imbalance(h: History) -> Triples:
+def _imbalance(history: History) -> Triples:
     """The first half of the sensors against the second."""
-    middle = (h.spec.n_sensors - 1) / 2.0
-    return _leaned(h, np.where(np.arange(h.spec.n_sensors) < middle, -1.0, 1.0))
+    n_sensors = history.spec.n_sensors
+    first_half = np.arange(n_sensors) < (n_sensors - 1) / 2.0
+    return _leaned(history, np.where(first_half, -1.0, 1.0))
 
 
-def _leaned(h: History, arms: FloatArray) -> Triples:
+def _leaned(history: History, arms: FloatArray) -> Triples:
     """Sum a x[t] and its changes, scaled, for arms [S] of the sensors."""
-    by_arm = h.graph.constant(np.kron(arms[:, None], np.eye(3)))
-    own = h.graph.columns(h.changes, 0, h.spec.n_channels, axis=2)
-    rows = 1 + len(LAGS_S)
-    return Triples(h.pooled(h.graph.node("MatMul", own, by_arm), rows), scaled=True)
+    graph, rows = history.graph, 1 + len(LAGS_S)
+    by_arm = graph.constant(np.kron(arms[:, None], np.eye(3)))
+    channels = graph.columns(history.changes, 0, history.spec.n_channels, axis=2)
+    moments = graph.node("MatMul", channels, by_arm)
+    return Triples(history.pooled(moments, rows), scaled=True)
 
 
-def _bands(h: History) -> str:
-    by_channel = h.graph.node("Transpose", h.rectified, perm=[0, 2, 1])
-    shear = [channel for channel in range(h.spec.n_channels) if channel % 3 < 2]
-    return h.graph.node(
-        "Flatten",
-        h.graph.node("Gather", by_channel, h.graph.ints(*shear), axis=1),
-        axis=1,
-    )
+def _bands(history: History) -> str:
+    graph = history.graph
+    by_channel = graph.node("Transpose", history.rectified, perm=[0, 2, 1])
+    shear = [channel for channel in range(history.spec.n_channels) if channel % 3 < 2]
+    of_shear = graph.node("Gather", by_channel, graph.ints(*shear), axis=1)
+    return graph.node("Flatten", of_shear, axis=1)
 
 
 GROUPS: dict[str, FeatureGroup] = {
@@ -272,7 +276,7 @@ GROUPS: dict[str, FeatureGroup] = {
     "bands": FeatureGroup(
         _bands,
         lambda s: 2 * s.n_sensors * len(s.carried_bands()),
-        float("inf"),
+        math.inf,
         "|band-pass output| per shear signal and band",
         "vibration of slip",
     ),
@@ -296,19 +300,56 @@ def add_features(
         )
     history = History(graph, spec, guarded, rectified)
     added = [GROUPS[name].add(history) for name in spec.groups]
-    parts = list(_joined(history, added))
+    parts = _joined(history, added)
     joined = parts[0] if len(parts) == 1 else graph.node("Concat", *parts, axis=1)
     graph.node("Cast", joined, out="features", to=TensorProto.FLOAT)
     graph.output("features", TensorProto.FLOAT, feature_count(spec))
     return "features"
 
 
-def _joined(history: History, added: list[Triples | str]) -> Iterator[str]:
+def _joined(history: History, added: list[Triples | str]) -> list[str]:
     """[B, ..] tensors in order; groups of triples that follow each other are one."""
-    for of_triples, groups in groupby(added, lambda group: isinstance(group, Triples)):
-        if of_triples:
-            yield history.chosen(
-                [group for group in groups if isinstance(group, Triples)]
-            )
-        else:
-            yield from (group for group in groups if isinstance(group, str))
+    parts: list[str] = []
+    run: list[Triples] = []
+    for group in added:
+        if isinstance(group, Triples):
+            run.append(group)
+            continue
+        if run:
+            parts.append(history.chosen(run))
+            run = []
+        parts.append(group)
+    if run:
+        parts.append(history.chosen(run))
+    return parts
+
+
+def add_step(graph: GraphBuilder, spec: StepSpec) -> str:
+    """Add the whole step up to the features; returns the features [B, F] float32."""
+    guarded = add_guard(graph, spec)
+    rectified = add_bank(graph, spec, guarded)
+    add_detectors(graph, spec, guarded, rectified)
+    return add_features(graph, spec, guarded, rectified)
+
+
+def add_features_alone(graph: GraphBuilder, spec: StepSpec) -> str:
+    """Add the same features without detectors; with the bank only where a group reads it."""
+    guarded = add_guard(graph, spec)
+    known = [GROUPS[name] for name in spec.groups if name in GROUPS]
+    reads_bank = any(group.memory_s == math.inf for group in known)
+    rectified = add_bank(graph, spec, guarded) if reads_bank else ""
+    return add_features(graph, spec, guarded, rectified)
+
+
+def features_alone(spec: StepSpec) -> onnx.ModelProto:
+    """A model of these features: what training steps over whole sets."""
+    graph = GraphBuilder(spec.n_sensors)
+    add_features_alone(graph, spec)
+    return graph.model()
+
+
+def feature_graph(spec: StepSpec) -> onnx.ModelProto:
+    """A model with outputs features, detectors, settled, unknown, usable_sensors and the state."""
+    graph = GraphBuilder(spec.n_sensors)
+    add_step(graph, spec)
+    return graph.model()

@@ -13,18 +13,26 @@ The history of a sensor is one number, its place, stepped by a table (`_next_pla
 More than 20 ms lost in a row lead back to 0, and the sensor must settle again. unknown = fewer
 usable sensors than the model needs. A short gap makes the state unknown while it lasts; a long one
 until the whole history is of good samples again.
+
+`History` is what the guard lets through: the last 0.5 s of samples, from which features are made.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 from onnx import TensorProto
 
-from holdfast.core.contract import FloatArray
+from holdfast.core.contact import NORMAL_FLOOR
+from holdfast.core.contract import BoolArray, FloatArray
 from holdfast.export.builder import GraphBuilder
 from holdfast.export.spec import RANGE_LIMIT, StepSpec
+
+LAGS_S = (0.05, 0.10, 0.17, 0.25, 0.37, 0.50)
 
 
 @dataclass(frozen=True)
@@ -46,19 +54,19 @@ class Guarded:
 
 def add_guard(graph: GraphBuilder, spec: StepSpec) -> Guarded:
     """Add the guard; publishes settled [B], unknown [B] and usable_sensors [B]."""
-    oldest, older = (
-        graph.state("oldest", 1),
-        graph.state("older", spec.history_samples - 2),
-    )
-    last, place = graph.state("last", 1), graph.state("place", 1)
+    oldest = graph.state("oldest", 1)
+    older = graph.state("older", spec.history_samples - 2)
+    last = graph.state("last", 1)
+    place = graph.state("place", 1)
     share = _share_of_good(graph, spec)
     good = graph.node("GreaterOrEqual", share, graph.constant(1.0))
     now = graph.node("Where", good, "sample", last)
     # each row takes the value of the next newer one
-    for name, following in (("oldest", older), ("older", last), ("last", now)):
-        graph.keep(name, following)
+    graph.keep("oldest", older)
+    graph.keep("older", last)
+    graph.keep("last", now)
     begun = graph.node("Min", place, graph.constant(1.0))
-    # rounds a share down
+    # the cast rounds a share below 1 down
     entry = graph.node("Cast", graph.node("Add", place, share), to=TensorProto.INT64)
     following = graph.node("Gather", graph.constant(_next_places(spec)), entry)
     graph.keep("place", following)
@@ -68,60 +76,191 @@ def add_guard(graph: GraphBuilder, spec: StepSpec) -> Guarded:
 
 def _share_of_good(graph: GraphBuilder, spec: StepSpec) -> str:
     """[B, 1, C]: good quarters of a sensor: three channels in range, and the valid flag."""
-    in_range = graph.node(
-        "Less", graph.node("Abs", "sample"), graph.constant(RANGE_LIMIT[spec.unit])
-    )
-    checks = graph.node(
-        "Cast", graph.node("Concat", in_range, "valid", axis=2), to=TensorProto.DOUBLE
-    )
-    own = np.kron(np.eye(spec.n_sensors), np.ones((3, 3)))
+    magnitude = graph.node("Abs", "sample")
+    in_range = graph.node("Less", magnitude, graph.constant(RANGE_LIMIT[spec.unit]))
+    flags = graph.node("Concat", in_range, "valid", axis=2)
+    checks = graph.node("Cast", flags, to=TensorProto.DOUBLE)
+    channels = np.kron(np.eye(spec.n_sensors), np.ones((3, 3)))
     valid = np.kron(np.eye(spec.n_sensors), np.ones((1, 3)))
-    return graph.node(
-        "MatMul", checks, graph.constant(np.concatenate([own, valid]) / 4.0)
-    )
-
-
-def _places(spec: StepSpec) -> tuple[int, int]:
-    """(first settled place, last place).
-
-    A place is an even number; its entry in the table is that number, or the next if good.
-    """
-    a_delivery = 2 * (spec.gap_samples + 1)
-    last = a_delivery * spec.settle_samples
-    return last - a_delivery + 2, last
+    quarters = graph.constant(np.concatenate([channels, valid]) / 4.0)
+    return graph.node("MatMul", checks, quarters)
 
 
 def _next_places(spec: StepSpec) -> FloatArray:
-    """[last place + 2] next places: entry `place` if this sample is bad, `place + 1` if good."""
+    """[last place + 2] next places: entry `place` if this sample is bad, `place + 1` if good.
+
+    So that both entries of a place fit into one table, a place is an even number.
+    """
     bridged = spec.gap_samples + 1
     number = np.arange(1 + bridged * spec.settle_samples)
     delivered, lost = -(-number // bridged), -number % bridged
-    after_bad = np.where((number == 0) | (lost + 1 == bridged), 0, number - 1)
+    is_lost = (number == 0) | (lost + 1 == bridged)
+    after_bad = np.where(is_lost, 0, number - 1)
     after_good = bridged * np.minimum(delivered + 1, spec.settle_samples)
     return 2.0 * np.stack([after_bad, after_good], axis=1).ravel()
 
 
 def _publish(graph: GraphBuilder, spec: StepSpec, place: str) -> str:
     """Publish the flags; returns usable [B, 1, C]. A sensor counts three times, once a channel."""
-    settled, last = (
-        graph.node("Greater", place, graph.constant(at - 1.0)) for at in _places(spec)
-    )
+    a_delivery = 2 * (spec.gap_samples + 1)
+    last_place = a_delivery * spec.settle_samples
+    first_settled = last_place - a_delivery + 2
+    settled = graph.node("Greater", place, graph.constant(first_settled - 1.0))
+    usable = graph.node("Greater", place, graph.constant(last_place - 1.0))
     needed = graph.constant(3 * spec.min_valid_sensors, np.int32)
-    graph.node("GreaterOrEqual", _count(graph, settled), needed, out="settled")
-    usable = _count(graph, last)
-    graph.node("Less", usable, needed, out="unknown")
-    graph.node("Div", usable, graph.constant(3, np.int32), out="usable_sensors")
+    n_settled = _count(graph, settled)
+    graph.node("GreaterOrEqual", n_settled, needed, out="settled")
+    n_usable = _count(graph, usable)
+    graph.node("Less", n_usable, needed, out="unknown")
+    graph.node("Div", n_usable, graph.constant(3, np.int32), out="usable_sensors")
     graph.output("settled", TensorProto.BOOL)
     graph.output("unknown", TensorProto.BOOL)
     graph.output("usable_sensors", TensorProto.INT32)
-    return last
+    return usable
 
 
 def _count(graph: GraphBuilder, flags: str) -> str:
     """[B, 1, C] bool -> [B] number of channels."""
-    return graph.node(
-        "ReduceSum",
-        graph.node("Cast", flags, to=TensorProto.INT32),
-        graph.ints(1, 2),
-        keepdims=0,
-    )
+    numbers = graph.node("Cast", flags, to=TensorProto.INT32)
+    return graph.node("ReduceSum", numbers, graph.ints(1, 2), keepdims=0)
+
+
+def reference_flags(
+    values: FloatArray, valid: BoolArray, spec: StepSpec
+) -> dict[str, npt.NDArray[Any]]:
+    """settled, unknown and usable_sensors [T] by the guard's rule in plain Python, from fresh."""
+    triples = values.reshape(len(values), -1, 3)
+    in_range = (np.abs(triples) < RANGE_LIMIT[spec.unit]).all(axis=2)
+    good = valid & in_range
+    delivered, lost = np.zeros(spec.n_sensors, int), np.zeros(spec.n_sensors, int)
+    n_settled, n_usable = [], []
+    for now in good:
+        lost = np.where(now, 0, lost + 1)
+        bridged = np.where(lost > spec.gap_samples, 0, delivered)
+        delivered = np.where(now, delivered + 1, bridged)
+        settled = delivered >= spec.settle_samples
+        n_settled.append(settled.sum())
+        n_usable.append((now & settled).sum())
+    usable = np.array(n_usable)
+    return {
+        "settled": np.array(n_settled) >= spec.min_valid_sensors,
+        "unknown": usable < spec.min_valid_sensors,
+        "usable_sensors": usable,
+    }
+
+
+@dataclass(frozen=True)
+class Triples:
+    """Features that are rows of the pool: (x, y, z) of a sensor or of the sum, or their change.
+
+    places: rows of the pool. scaled: divided by Zs.
+    """
+
+    places: list[int]
+    scaled: bool = False
+
+
+class History:
+    """The last 0.5 s of guarded samples, and a pool of triples that groups share.
+
+    What no group asks for is not added to the graph.
+    """
+
+    def __init__(
+        self, graph: GraphBuilder, spec: StepSpec, guarded: Guarded, rectified: str
+    ) -> None:
+        self.graph = graph
+        self.spec = spec
+        self.rectified = rectified
+        self.length = spec.history_samples + 1
+        self._parts = (*guarded.past, guarded.now)
+        self._pool: list[str] = []
+        self._pooled = 0
+
+    @cached_property
+    def samples(self) -> str:
+        """[B, L, C], oldest first."""
+        return self.graph.node("Concat", *self._parts, axis=1)
+
+    @cached_property
+    def summed(self) -> str:
+        """[B, L, 3]: the sum over the sensors at every sample."""
+        samples = self.samples
+        over_sensors = self.graph.constant(_over_sensors(self.spec))
+        return self.graph.node("MatMul", samples, over_sensors)
+
+    @cached_property
+    def changes(self) -> str:
+        """[B, 1 + lags, C + 3]: x[t] and every x[t] - x[t-l], of each sensor and of the sum."""
+        now = self.length - 1
+        places = [now] + [now - self.spec.lag(seconds) for seconds in LAGS_S]
+        samples = self.samples
+        rows = self.graph.node("Gather", samples, self.graph.ints(*places), axis=1)
+        channels = np.eye(self.spec.n_channels)
+        and_sum = np.concatenate([channels, _over_sensors(self.spec)], axis=1)
+        values = self.graph.node("MatMul", rows, self.graph.constant(and_sum))
+        since = -np.eye(len(places))
+        since[:, 0] = 1.0
+        return self.graph.node("MatMul", self.graph.constant(since), values)
+
+    @cached_property
+    def normal(self) -> str:
+        """[B, 1, 1]: Sum z[t]."""
+        return self.summed_changes((0, 1), (2, 3))
+
+    def summed_changes(self, rows: tuple[int, int], axes: tuple[int, int]) -> str:
+        """Part of Sum x[t] (row 0) and Sum x[t] - Sum x[t-l] (a row for each lag).
+
+        rows, axes: (first, one past the last).
+        """
+        changes, graph = self.changes, self.graph
+        sum_x = self.spec.n_channels
+        starts = graph.ints(rows[0], sum_x + axes[0])
+        stops = graph.ints(rows[1], sum_x + axes[1])
+        return graph.node("Slice", changes, starts, stops, graph.ints(1, 2))
+
+    def pooled(self, tensor: str, rows: int) -> list[int]:
+        """Put [B, rows, 3] into the pool; returns the rows' places in it."""
+        first = self._pooled
+        self._pool.append(tensor)
+        self._pooled += rows
+        return list(range(first, self._pooled))
+
+    @cached_property
+    def change_places(self) -> npt.NDArray[np.int64]:
+        """[1 + lags, n + 1] rows of `changes` in the pool."""
+        rows, columns = 1 + len(LAGS_S), self.spec.n_sensors + 1
+        triples = self.graph.reshape(self.changes, 0, rows * columns, 3)
+        return np.reshape(self.pooled(triples, rows * columns), (rows, columns))
+
+    @cached_property
+    def pool(self) -> str:
+        """[B, triples, 3]: everything in the pool."""
+        if len(self._pool) == 1:
+            return self._pool[0]
+        return self.graph.node("Concat", *self._pool, axis=1)
+
+    def chosen(self, groups: list[Triples]) -> str:
+        """[B, 3 x triples]: rows of the pool, divided by Zs where they are scaled."""
+        graph = self.graph
+        places: list[int] = []
+        flags: list[bool] = []
+        for group in groups:
+            places += group.places
+            flags += [group.scaled] * len(group.places)
+        pool = self.pool
+        triples = graph.node("Gather", pool, graph.ints(*places), axis=1)
+        if any(flags):
+            scaled = np.array(flags)[:, None]
+            normal = self.normal
+            scale = graph.node("Mul", normal, graph.constant(scaled))
+            # rows that are not scaled are divided by max(0, 1) = 1
+            floor = np.where(scaled, NORMAL_FLOOR[self.spec.unit], 1.0)
+            divisor = graph.node("Max", scale, graph.constant(floor))
+            triples = graph.node("Div", triples, divisor)
+        return graph.node("Flatten", triples, axis=1)
+
+
+def _over_sensors(spec: StepSpec) -> FloatArray:
+    """[C, 3]: channels to their sum over the sensors."""
+    return np.tile(np.eye(3), (spec.n_sensors, 1))

@@ -4,11 +4,14 @@ The main head is called "situation" and votes for four situations or for eight c
 head votes no or yes on one question (p_risky_250ms) and publishes the probability of yes. Labels
 come from the integer votes. Calibration follows and cannot change a label: vote shares pass one
 affine map and a softmax (multinomial logistic calibration, fitted on held-out votes).
+
+The `reference_...` functions compute the same in numpy; verification compares a file with them.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -18,8 +21,10 @@ from holdfast.core.contract import CLASSES, SITUATIONS
 from holdfast.core.reading import Json
 from holdfast.export.builder import GraphBuilder
 from holdfast.export.learner import Learner, add_learner, votes_in_all
+from holdfast.export.network import IntArray
 
 MAIN_HEAD = "situation"
+FloatRows = npt.NDArray[np.float32]
 
 
 @dataclass(frozen=True)
@@ -47,13 +52,18 @@ class Head:
     calibration: Calibration
     label_weights: tuple[float, ...] | None = None
 
+    @property
+    def votes_name(self) -> str:
+        """The tensor of this head's votes."""
+        return "votes" if self.name == MAIN_HEAD else f"votes_{self.name}"
+
 
 def add_heads(graph: GraphBuilder, features: str, heads: list[Head]) -> None:
     """Join every head to the features; publishes the outputs of the model's interface."""
     for head in heads:
-        out = "votes" if head.name == MAIN_HEAD else f"votes_{head.name}"
-        votes = add_learner(graph, head.learner, features, len(head.classes), out)
-        graph.output(out, TensorProto.FLOAT, len(head.classes))
+        n_classes, out = len(head.classes), head.votes_name
+        votes = add_learner(graph, head.learner, features, n_classes, out)
+        graph.output(out, TensorProto.FLOAT, n_classes)
         if head.name != MAIN_HEAD:
             _publish_extra(graph, head, votes)
         elif head.classes == CLASSES:
@@ -68,21 +78,21 @@ def _calibrated(graph: GraphBuilder, head: Head, votes: str, out: str = "") -> s
     """[B, K] float32 probabilities; the division of votes into shares is part of the weights."""
     weights = head.calibration.weights / votes_in_all(head.learner)
     product = graph.node("MatMul", votes, graph.constant(weights, np.float32))
-    logits = graph.node(
-        "Add", product, graph.constant(head.calibration.bias, np.float32)
-    )
-    return graph.node("Softmax", logits, out=out, axis=1)
+    bias = graph.constant(head.calibration.bias, np.float32)
+    return graph.node("Softmax", graph.node("Add", product, bias), out=out, axis=1)
 
 
 def _publish_extra(graph: GraphBuilder, head: Head, votes: str) -> None:
     yes = graph.constant(1, np.int64)
-    graph.node("Gather", _calibrated(graph, head, votes), yes, out=head.name, axis=1)
+    probabilities = _calibrated(graph, head, votes)
+    graph.node("Gather", probabilities, yes, out=head.name, axis=1)
     graph.output(head.name, TensorProto.FLOAT)
 
 
 def _publish_label(graph: GraphBuilder, head: Head, votes: str) -> None:
     if head.label_weights is not None:
         votes = graph.node("Mul", votes, graph.constant(head.label_weights, np.float32))
+    # Of equal votes the last counts, which is the riskier situation.
     graph.node(
         "ArgMax", votes, out="situation", axis=1, keepdims=0, select_last_index=1
     )
@@ -92,16 +102,56 @@ def _publish_label(graph: GraphBuilder, head: Head, votes: str) -> None:
 def _publish_classes(graph: GraphBuilder, head: Head, votes: str) -> None:
     _calibrated(graph, head, votes, "p_class")
     graph.output("p_class", TensorProto.FLOAT, len(CLASSES))
-    pairs = graph.constant(
-        np.kron(np.eye(len(SITUATIONS)), np.ones((2, 1))), np.float32
-    )
+    light_and_heavy = np.kron(np.eye(len(SITUATIONS)), np.ones((2, 1)))
+    pairs = graph.constant(light_and_heavy, np.float32)
     graph.node("MatMul", "p_class", pairs, out="p_situation")
     graph.output("p_situation", TensorProto.FLOAT, len(SITUATIONS))
     _publish_label(graph, head, graph.node("MatMul", votes, pairs))
     # "nothing" has no weight, so its two classes do not count; a tie is heavy, which is riskier
     heavier = graph.constant([0, 0] + [-1, 1] * 3, np.float32)
     difference = graph.node("MatMul", votes, heavier)
-    graph.node(
-        "GreaterOrEqual", difference, graph.constant(0.0, np.float32), out="weight"
-    )
+    zero = graph.constant(0.0, np.float32)
+    graph.node("GreaterOrEqual", difference, zero, out="weight")
     graph.output("weight", TensorProto.BOOL)
+
+
+def riskier_argmax(votes: npt.NDArray[Any]) -> IntArray:
+    """[N, K] votes -> [N] label: the largest; among equal ones the riskier (the last)."""
+    from_the_last = np.argmax(votes[:, ::-1], axis=1)
+    return np.asarray(votes.shape[1] - 1 - from_the_last, dtype=np.int64)
+
+
+def reference_label(head: Head, votes: IntArray) -> IntArray:
+    """[N, K] votes -> [N] label of a head; of the main one, a situation by its label weights."""
+    if head.name != MAIN_HEAD:
+        return riskier_argmax(votes)
+    return riskier_argmax(weighted(situation_votes(votes), head.label_weights))
+
+
+def weighted(votes: IntArray, weights: tuple[float, ...] | None) -> npt.NDArray[Any]:
+    """Votes [N, 4] times the weights of their situations, in float32 as in the file."""
+    if weights is None:
+        return votes
+    return np.asarray(votes.astype(np.float32) * np.asarray(weights, dtype=np.float32))
+
+
+def reference_probability(head: Head, votes: IntArray) -> npt.NDArray[np.float64]:
+    """Calibrated probabilities [N, K] of exact votes [N, K], in float64."""
+    shares = votes / votes.sum(axis=1, keepdims=True)
+    logits = shares @ head.calibration.weights + head.calibration.bias
+    raised = np.exp(logits - logits.max(axis=1, keepdims=True))
+    return np.asarray(raised / raised.sum(axis=1, keepdims=True), dtype=np.float64)
+
+
+def reference_heavy(votes: IntArray) -> npt.NDArray[np.bool_]:
+    """[N, 8] votes -> [N]: at least as many for heavy as for light; "nothing" does not count."""
+    contact = votes[:, 2:]
+    light, heavy = contact[:, 0::2].sum(axis=1), contact[:, 1::2].sum(axis=1)
+    return np.asarray(heavy >= light, dtype=np.bool_)
+
+
+def situation_votes(votes: IntArray) -> IntArray:
+    """Votes for the four situations; of eight classes, light and heavy are added up."""
+    if votes.shape[1] == len(SITUATIONS):
+        return votes
+    return votes.reshape(len(votes), -1, 2).sum(axis=2)

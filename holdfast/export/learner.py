@@ -1,26 +1,62 @@
-"""What answers in a file: a forest, a network, or both together; each votes in whole numbers.
+"""What answers in a file: a forest, a network, or both as a committee; each votes in whole numbers.
 
-A forest and a network that vote together: each has as many votes as the other.
+Leaf probabilities of a forest are quantised to integers that sum to 2^k in every leaf, with
+trees x 2^k < 2^24, so float32 adds them exactly and a batch equals a single row. skl2onnx converts
+the trees (it rounds float64 thresholds down to float32 correctly); only the weights of the leaves
+are ours. Ties go to the riskier class: classes are ordered by risk, and the last of equal ones
+wins. In a committee, forest and network have the same number of votes.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
-from typing import TypeAlias
+from types import SimpleNamespace
+from typing import Any, TypeAlias
 
 import numpy as np
+import numpy.typing as npt
+from sklearn.ensemble import ExtraTreesClassifier, RandomForestClassifier
 
 from holdfast.core.errors import NotANumber
 from holdfast.export.builder import GraphBuilder
-from holdfast.export.forest import (
+from holdfast.export.network import (
     EXACT_FLOAT32,
-    Forest,
+    Float32Array,
     IntArray,
-    add_forest,
-    forest_votes,
-    votes_of_trees,
+    Network,
+    add_network,
+    network_votes,
 )
-from holdfast.export.network import Float32Array, Network, add_network, network_votes
+
+REMAINDER_DIGITS = 6
+"""As float64, equal fractions differ by less than this; unequal ones by more, in a leaf with fewer
+than a million rows."""
+NODE_ATTRIBUTES = (
+    "nodes_treeids",
+    "nodes_nodeids",
+    "nodes_modes",
+    "nodes_featureids",
+    "nodes_values",
+    "nodes_truenodeids",
+    "nodes_falsenodeids",
+)
+ROWS_AT_ONCE = 8192
+"""So many stay in the processor's caches; a long stream at once takes twice as long."""
+LEARNERS = ("forest", "network", "committee")
+
+FOREST_KINDS = (RandomForestClassifier, ExtraTreesClassifier)
+Forest: TypeAlias = RandomForestClassifier | ExtraTreesClassifier
+
+
+def vote_bits(n_trees: int) -> int:
+    """Largest k with trees x 2^k < 2^24, at most 16."""
+    return min(16, math.ceil(math.log2(EXACT_FLOAT32 / n_trees)) - 1)
+
+
+def votes_of_trees(n_trees: int) -> int:
+    """The sum of a row's votes."""
+    return n_trees << vote_bits(n_trees)
 
 
 @dataclass(frozen=True)
@@ -38,26 +74,7 @@ class Committee:
             )
 
 
-def committee_votes(
-    committee: Committee, rows: Float32Array, n_classes: int
-) -> IntArray:
-    """Exact integer votes [N, n_classes] of float32 rows [N, F]."""
-    of_trees = forest_votes(committee.forest, rows, n_classes)
-    return np.asarray(of_trees + network_votes(committee.network, rows))
-
-
-def add_committee(
-    graph: GraphBuilder, committee: Committee, features: str, n_classes: int, out: str
-) -> str:
-    """Add both; returns votes [B, n_classes] float32 that hold exact integers."""
-    trees = add_forest(graph, committee.forest, features, n_classes, "")
-    return graph.node(
-        "Add", trees, add_network(graph, committee.network, features), out=out
-    )
-
-
 Learner: TypeAlias = Forest | Network | Committee
-LEARNERS = ("forest", "network", "committee")
 
 
 def forest_of(learner: Learner) -> Forest | None:
@@ -84,15 +101,20 @@ def kind_of(learner: Learner) -> str:
 def votes_in_all(learner: Learner) -> int:
     """The sum of a row's votes."""
     forest, network = forest_of(learner), network_of(learner)
-    of_trees = votes_of_trees(len(forest.estimators_)) if forest is not None else 0
-    return of_trees + (network.votes_in_all if network is not None else 0)
+    votes = 0
+    if forest is not None:
+        votes += votes_of_trees(len(forest.estimators_))
+    if network is not None:
+        votes += network.votes_in_all
+    return votes
 
 
 def features_in(learner: Learner) -> int:
-    """F."""
-    forest, network = forest_of(learner), network_of(learner)
+    """The number of features, F."""
+    network = network_of(learner)
     if network is not None:
         return network.n_features
+    forest = forest_of(learner)
     assert forest is not None
     return int(forest.n_features_in_)
 
@@ -102,23 +124,137 @@ def reference_votes(
 ) -> IntArray:
     """Exact integer votes [N, n_classes] of float32 rows [N, F]. Raises NotANumber."""
     rows = np.asarray(features, dtype=np.float32)
-    if not np.isfinite(rows).all():
-        bad = np.flatnonzero(~np.isfinite(rows).all(axis=1))
+    finite = np.isfinite(rows).all(axis=1)
+    if not finite.all():
+        bad = np.flatnonzero(~finite)
         what = f"{len(bad)} rows have features that are not finite, the first is row {bad[0]}"
         raise NotANumber(what, where="feature rows")
-    if isinstance(learner, Committee):
-        return committee_votes(learner, rows, n_classes)
-    if isinstance(learner, Network):
-        return network_votes(learner, rows)
-    return forest_votes(learner, rows, n_classes)
+    forest, network = forest_of(learner), network_of(learner)
+    total = np.zeros((len(rows), n_classes), dtype=np.int64)
+    if forest is not None:
+        total += forest_votes(forest, rows, n_classes)
+    if network is not None:
+        total += network_votes(network, rows)
+    return total
+
+
+def forest_votes(
+    forest: Forest, rows: npt.NDArray[np.float32], n_classes: int
+) -> IntArray:
+    """Exact integer votes [N, n_classes] of float32 rows [N, F]: the reference for the graph."""
+    total = np.zeros((len(rows), n_classes), dtype=np.int64)
+    votes_by_tree = leaf_votes(forest, n_classes)
+    for start in range(0, len(rows), ROWS_AT_ONCE):
+        some = slice(start, start + ROWS_AT_ONCE)
+        for tree, votes in zip(forest.estimators_, votes_by_tree, strict=True):
+            total[some] += votes[tree.tree_.apply(rows[some])]
+    return total
+
+
+def leaf_votes(forest: Forest, n_classes: int) -> list[IntArray]:
+    """Integer votes [nodes, n_classes] of every tree; each leaf's sum to 2^k (largest remainder).
+
+    The forest's classes_ are columns of the n_classes; a class it never saw has no votes.
+    """
+    scale = 1 << vote_bits(len(forest.estimators_))
+    columns = np.asarray(forest.classes_, dtype=np.int64)
+    votes = []
+    for tree in forest.estimators_:
+        wide = np.zeros((tree.tree_.node_count, n_classes), dtype=np.int64)
+        wide[:, columns] = _quantise(tree.tree_.value[:, 0, :], scale)
+        votes.append(wide)
+    return votes
+
+
+def _quantise(values: npt.NDArray[np.float64], scale: int) -> IntArray:
+    """Rows of weights -> integers that sum to `scale`, by largest remainders, the riskier first."""
+    share = values / values.sum(axis=1, keepdims=True) * scale
+    whole = np.floor(share).astype(np.int64)
+    missing = scale - whole.sum(axis=1)
+    # Reversed columns and stable sorts: of equal remainders, the riskier class comes first.
+    by_risk = np.round(whole - share, REMAINDER_DIGITS)[:, ::-1]
+    order = np.argsort(by_risk, axis=1, kind="stable")
+    rank = np.argsort(order, axis=1, kind="stable")[:, ::-1]
+    return whole + (rank < missing[:, None])
 
 
 def add_learner(
     graph: GraphBuilder, learner: Learner, features: str, n_classes: int, out: str
 ) -> str:
     """Add it to a graph; returns votes [B, n_classes] float32 that hold exact integers."""
-    if isinstance(learner, Committee):
-        return add_committee(graph, learner, features, n_classes, out)
     if isinstance(learner, Network):
         return add_network(graph, learner, features, out)
+    if isinstance(learner, Committee):
+        trees = add_forest(graph, learner.forest, features, n_classes, "")
+        network = add_network(graph, learner.network, features)
+        return graph.node("Add", trees, network, out=out)
     return add_forest(graph, learner, features, n_classes, out)
+
+
+def add_forest(
+    graph: GraphBuilder, forest: Forest, features: str, n_classes: int, out: str
+) -> str:
+    """Add the trees; returns votes [B, n_classes] float32 that hold exact integers."""
+    attributes = _tree_attributes(forest)
+    trees = np.array(attributes["nodes_treeids"])
+    nodes = np.array(attributes["nodes_nodeids"])
+    is_leaf = np.array(attributes["nodes_modes"]) == "LEAF"
+    votes = np.concatenate(leaf_votes(forest, n_classes))
+    rows, targets = np.nonzero(votes * is_leaf[:, None])
+    return graph.node(
+        "TreeEnsembleRegressor",
+        features,
+        out=out,
+        domain="ai.onnx.ml",
+        n_targets=n_classes,
+        aggregate_function="SUM",
+        post_transform="NONE",
+        target_ids=targets.tolist(),
+        target_treeids=trees[rows].tolist(),
+        target_nodeids=nodes[rows].tolist(),
+        target_weights=votes[rows, targets].astype(float).tolist(),
+        **attributes,
+    )
+
+
+def _tree_attributes(forest: Forest) -> dict[str, Any]:
+    """The trees as skl2onnx writes them; node ids equal scikit-learn's, which is checked."""
+    from skl2onnx.common.tree_ensemble import (  # not needed to run or score a model file
+        add_tree_to_attribute_pairs,
+        get_default_tree_classifier_attribute_pairs,
+    )
+
+    attributes = get_default_tree_classifier_attribute_pairs()
+    expected: list[int] = []
+    for number, tree in enumerate(forest.estimators_):
+        add_tree_to_attribute_pairs(
+            attributes,
+            True,
+            _plain(tree.tree_),
+            number,
+            tree_weight=1.0,
+            weight_id_bias=0,
+            leaf_weights_are_counts=False,
+            adjust_threshold_for_sklearn=True,
+            dtype=np.float32,
+        )
+        expected.extend(range(tree.tree_.node_count))
+    if not np.array_equal(expected, attributes["nodes_nodeids"]):
+        raise AssertionError("skl2onnx no longer numbers nodes as scikit-learn does")
+    return {name: attributes[name] for name in NODE_ATTRIBUTES}
+
+
+def _plain(tree: Any) -> SimpleNamespace:
+    """A copy of a tree's columns: scikit-learn wraps an array again for every node that is read.
+
+    Thresholds stay float64, because a plain number would be compared as float32. The values of the
+    leaves are not read: votes replace them.
+    """
+    return SimpleNamespace(
+        node_count=tree.node_count,
+        children_left=tree.children_left.tolist(),
+        children_right=tree.children_right.tolist(),
+        feature=tree.feature.tolist(),
+        threshold=np.array(tree.threshold),
+        value=np.zeros((tree.node_count, 1)),
+    )

@@ -20,9 +20,11 @@ import numpy.typing as npt
 from onnx import TensorProto
 
 from holdfast.export.builder import GraphBuilder
-from holdfast.export.forest import EXACT_FLOAT32, IntArray
 
 Float32Array = npt.NDArray[np.float32]
+IntArray = npt.NDArray[np.int64]
+EXACT_FLOAT32 = 2**24
+"""float32 holds every whole number up to this one."""
 INPUT_MOST = 511
 """Largest magnitude of a quantised input."""
 LARGEST_FEATURE = 2.0**100
@@ -56,20 +58,17 @@ class Inputs:
     def __post_init__(self) -> None:
         if not (self.knee > 0.0).all():
             raise ValueError("a knee is not above 0")
-        if not (
-            np.abs(self.gain.astype(float)) + np.abs(self.offset) <= INPUT_MOST
-        ).all():
+        largest = np.abs(self.gain.astype(float)) + np.abs(self.offset)
+        if not (largest <= INPUT_MOST).all():
             raise ValueError(f"an input exceeds {INPUT_MOST}")
 
     def quantised(self, rows: Float32Array) -> Float32Array:
         """q [N, F] of rows [N, F]: whole numbers as float32."""
-        finite = np.where(
-            np.abs(rows) < np.float32(LARGEST_FEATURE), rows, np.float32(0.0)
-        )
+        known = np.abs(rows) < np.float32(LARGEST_FEATURE)
+        finite = np.where(known, rows, np.float32(0.0))
         squashed = finite / (np.abs(finite) + self.knee)
-        return np.asarray(
-            np.round(squashed * self.gain + self.offset), dtype=np.float32
-        )
+        scaled = squashed * self.gain + self.offset
+        return np.asarray(np.round(scaled), dtype=np.float32)
 
 
 @dataclass(frozen=True)
@@ -84,20 +83,21 @@ class Network:
     votes_in_all: int = VOTES
 
     def __post_init__(self) -> None:
-        most = [INPUT_MOST, *[HIDDEN_MOST] * (len(self.layers) - 1)]
-        for most_in, layer in zip(most, self.layers, strict=True):
-            _require_exact(layer, most_in)
+        largest_input = INPUT_MOST
+        for layer in self.layers:
+            _require_exact(layer, largest_input)
+            largest_input = HIDDEN_MOST
         if not 0 < self.votes_in_all < EXACT_FLOAT32:
             raise ValueError("too many votes for float32 to add exactly")
 
     @property
     def n_features(self) -> int:
-        """F."""
+        """The number of features, F."""
         return len(self.inputs.knee)
 
     @property
     def n_classes(self) -> int:
-        """K."""
+        """The number of classes, K."""
         return len(self.layers[-1].bias)
 
     @property
@@ -105,13 +105,20 @@ class Network:
         """Weights and biases."""
         return sum(layer.weights.size + layer.bias.size for layer in self.layers)
 
+    @property
+    def shared_votes(self) -> int:
+        """Votes that shares are taken of: rounding can add less than two a class."""
+        return self.votes_in_all - 2 * self.n_classes
 
-def _require_exact(layer: Layer, most_in: int) -> None:
+
+def _require_exact(layer: Layer, largest_input: int) -> None:
     weights, bias = layer.weights.astype(np.float64), layer.bias.astype(np.float64)
     whole = (weights == np.round(weights)).all() and (bias == np.round(bias)).all()
-    if not whole or np.abs(weights).max(initial=0.0) > WEIGHT_MOST:
+    magnitudes = np.abs(weights)
+    if not whole or magnitudes.max(initial=0.0) > WEIGHT_MOST:
         raise ValueError(f"a weight is not a whole number within +-{WEIGHT_MOST}")
-    if not (most_in * np.abs(weights).sum(axis=0) + np.abs(bias) < EXACT_FLOAT32).all():
+    largest_sum = largest_input * magnitudes.sum(axis=0) + np.abs(bias)
+    if not (largest_sum < EXACT_FLOAT32).all():
         raise ValueError("a unit's weights are too large for float32 to add exactly")
     if not np.isfinite(layer.scale).all():
         raise ValueError("a scale is not finite")
@@ -120,7 +127,7 @@ def _require_exact(layer: Layer, most_in: int) -> None:
 def network_votes(network: Network, rows: Float32Array) -> IntArray:
     """Votes [N, K] of float32 rows [N, F]: the reference for the exported graph."""
     shares = network_shares(network, rows)
-    votes = np.floor(shares * np.float32(_shared_votes(network))).astype(np.int64)
+    votes = np.floor(shares * np.float32(network.shared_votes)).astype(np.int64)
     votes[:, -1] = network.votes_in_all - votes[:, :-1].sum(axis=1)
     return np.asarray(votes)
 
@@ -131,8 +138,9 @@ def network_shares(network: Network, rows: Float32Array) -> Float32Array:
     for layer in network.layers[:-1]:
         values = hidden_values(layer, values)
     logits = _layer(network.layers[-1], values)
-    behind = np.minimum(logits.max(axis=1, keepdims=True) - logits, TABLE_LENGTH - 1)
-    raised = EXPONENTIALS.astype(np.float32)[behind.astype(np.int64)]
+    behind = logits.max(axis=1, keepdims=True) - logits
+    place = np.minimum(behind, TABLE_LENGTH - 1).astype(np.int64)
+    raised = EXPONENTIALS.astype(np.float32)[place]
     return np.asarray(raised / raised.sum(axis=1, keepdims=True), dtype=np.float32)
 
 
@@ -142,28 +150,20 @@ def hidden_values(layer: Layer, values: Float32Array) -> Float32Array:
 
 
 def _layer(layer: Layer, values: Float32Array) -> Float32Array:
-    return np.asarray(
-        np.round((values @ layer.weights + layer.bias) * layer.scale), np.float32
-    )
-
-
-def _shared_votes(network: Network) -> int:
-    """Votes that shares are taken of: rounding can add less than two a class."""
-    return network.votes_in_all - 2 * network.n_classes
+    sums = values @ layer.weights + layer.bias
+    return np.asarray(np.round(sums * layer.scale), np.float32)
 
 
 def add_network(
     graph: GraphBuilder, network: Network, features: str, out: str = ""
 ) -> str:
     """Add the network; returns votes [B, K] float32 that hold exact integers."""
+    k = network.n_classes
     shares = add_shares(graph, network, features)
-    votes = graph.node(
-        "Floor", graph.node("Mul", shares, _number(graph, _shared_votes(network)))
-    )
-    others = graph.node(
-        "MatMul", votes, _number(graph, rest_to_the_last(network.n_classes))
-    )
-    last = np.eye(network.n_classes)[-1] * network.votes_in_all
+    of_votes = graph.node("Mul", shares, _number(graph, network.shared_votes))
+    votes = graph.node("Floor", of_votes)
+    others = graph.node("MatMul", votes, _number(graph, _rest_to_the_last(k)))
+    last = np.eye(k)[-1] * network.votes_in_all
     return graph.node("Add", others, _number(graph, last), out=out)
 
 
@@ -171,8 +171,8 @@ def add_shares(graph: GraphBuilder, network: Network, features: str) -> str:
     """Add the network up to its shares [B, K] float32."""
     values = _add_inputs(graph, network.inputs, features)
     for layer in network.layers[:-1]:
-        bounds = (_number(graph, 0.0), _number(graph, HIDDEN_MOST))
-        values = graph.node("Clip", _add_layer(graph, layer, values), *bounds)
+        least, most = _number(graph, 0.0), _number(graph, HIDDEN_MOST)
+        values = graph.node("Clip", _add_layer(graph, layer, values), least, most)
     return _add_raised(graph, _add_layer(graph, network.layers[-1], values))
 
 
@@ -181,24 +181,26 @@ def _number(graph: GraphBuilder, value: npt.ArrayLike) -> str:
 
 
 def _add_inputs(graph: GraphBuilder, inputs: Inputs, features: str) -> str:
-    known = graph.node(
-        "Less", graph.node("Abs", features), _number(graph, LARGEST_FEATURE)
-    )
+    size = graph.node("Abs", features)
+    known = graph.node("Less", size, _number(graph, LARGEST_FEATURE))
     finite = graph.node("Where", known, features, _number(graph, 0.0))
-    below = graph.node("Add", graph.node("Abs", finite), _number(graph, inputs.knee))
-    scaled = graph.node(
-        "Mul", graph.node("Div", finite, below), _number(graph, inputs.gain)
-    )
-    return graph.node("Round", graph.node("Add", scaled, _number(graph, inputs.offset)))
+    finite_size = graph.node("Abs", finite)
+    below = graph.node("Add", finite_size, _number(graph, inputs.knee))
+    squashed = graph.node("Div", finite, below)
+    scaled = graph.node("Mul", squashed, _number(graph, inputs.gain))
+    shifted = graph.node("Add", scaled, _number(graph, inputs.offset))
+    return graph.node("Round", shifted)
 
 
 def _add_layer(graph: GraphBuilder, layer: Layer, values: str) -> str:
     product = graph.node("MatMul", values, _number(graph, layer.weights))
     total = graph.node("Add", product, _number(graph, layer.bias))
-    return graph.node("Round", graph.node("Mul", total, _number(graph, layer.scale)))
+    scaled = graph.node("Mul", total, _number(graph, layer.scale))
+    return graph.node("Round", scaled)
 
 
 def _add_raised(graph: GraphBuilder, logits: str) -> str:
+    """exp of the logits behind the first, by a table, as shares of their sum."""
     first = graph.node("ReduceMax", logits, graph.ints(1), keepdims=1)
     behind = graph.node("Sub", first, logits)
     nearest = graph.node("Min", behind, _number(graph, TABLE_LENGTH - 1))
@@ -208,7 +210,7 @@ def _add_raised(graph: GraphBuilder, logits: str) -> str:
     return graph.node("Div", raised, total)
 
 
-def rest_to_the_last(n_classes: int) -> Float32Array:
+def _rest_to_the_last(n_classes: int) -> Float32Array:
     """[K, K] that keeps all votes but the last class', and takes them from the last class."""
     matrix = np.eye(n_classes, dtype=np.float32)
     matrix[:, -1] = -1.0

@@ -4,18 +4,15 @@ from __future__ import annotations
 
 import math
 import warnings
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field
 
 from holdfast.core.contract import UNITS, Unit
 from holdfast.core.errors import ChannelError, RateError, UnitError
 from holdfast.core.reading import Json
-from holdfast.export.bank import BANDS_HZ, bands_for
 
-
-class BandsLeftOut(UserWarning):
-    """Some bands are too close to half the sampling rate, or above it, and left out."""
-
-
+BANDS_HZ = tuple(float(band) for band in range(10, 60, 5))
+HIGHEST_SHARE = 0.46
+"""Closer to half the rate, prewarping makes a band ring: 25 Hz at 50.1 Hz for 32 s."""
 WINDOW_S = 0.10
 HISTORY_S = 0.50
 GAP_S = 0.020
@@ -26,6 +23,26 @@ RANGE_LIMIT: dict[Unit, float] = {"N": 500.0, "uT": 1.0e5, "count": 1.0e6}
 
 NOISE_RMS: dict[Unit, float] = {"N": 0.02, "uT": 22.0, "count": 4.0}
 """RMS noise of one quiet channel: the noise floor of the bank is never below its response to it."""
+
+
+class BandsLeftOut(UserWarning):
+    """Some bands are too close to half the sampling rate, or above it, and left out."""
+
+
+def bands_for(
+    rate_hz: float, bands_hz: tuple[float, ...] = BANDS_HZ
+) -> tuple[float, ...]:
+    """The bands below 0.46 of a sampling rate. Raises RateError if there is none."""
+    carried = tuple(band for band in bands_hz if band < HIGHEST_SHARE * rate_hz)
+    if not carried:
+        lowest = min(bands_hz)
+        raise RateError(
+            f"{rate_hz:.4g} Hz carries none of the bands",
+            cause=f"the lowest band is {lowest:g} Hz "
+            f"and needs more than {lowest / HIGHEST_SHARE:.4g} Hz",
+            next_step="record faster",
+        )
+    return carried
 
 
 def window_samples(rate_hz: float, window_s: float = WINDOW_S) -> int:
@@ -41,7 +58,7 @@ def window_samples(rate_hz: float, window_s: float = WINDOW_S) -> int:
 class DetectorSpec:
     """Thresholds of the causal detectors; one setting for all objects.
 
-    band_ratio: fires above this multiple (over 1) of the channel's own noise floor. floor_tau_s:
+    band_ratio: fires above this multiple (over 1) of the channel's noise floor. floor_tau_s:
     time constant of the floor. floor_clip: the floor follows at most this multiple of itself.
     firing_rate: factor on the floor's speed while firing (above 0, so that lasting noise cannot
     hold an alarm). quiet_s: quiet before a critical point. friction, min_normal_n: of the friction
@@ -154,8 +171,8 @@ class StepSpec:
     @staticmethod
     def from_json(value: Json) -> StepSpec:
         """The inverse of `to_json`."""
-        detectors = DetectorSpec(**value["detectors"])
-        spec = StepSpec(**{**value, "detectors": detectors})
-        return replace(
-            spec, groups=tuple(value["groups"]), bands_hz=tuple(value["bands_hz"])
-        )
+        fields = dict(value)
+        fields["detectors"] = DetectorSpec(**value["detectors"])
+        fields["groups"] = tuple(value["groups"])
+        fields["bands_hz"] = tuple(value["bands_hz"])
+        return StepSpec(**fields)

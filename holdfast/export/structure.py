@@ -1,13 +1,12 @@
-"""Compares every node of an exported forest with scikit-learn's own trees.
+"""Hard rows for a converted learner, and a comparison of every number in it with training.
 
-Rows on a threshold can agree by chance, where both sides of a branch vote alike; the numbers of the
-nodes cannot.
-
-Rows that are hard for a converted learner: on its steps, and at the edges of float32.
+Hard rows lie on the learner's steps and at the edges of float32. Rows on a threshold can agree by
+chance, where both sides of a branch vote alike; the numbers of the nodes cannot.
 """
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -16,44 +15,59 @@ import onnx
 from onnx import helper
 
 from holdfast.core.errors import VerificationFailed
-from holdfast.export.forest import Forest, leaf_votes
-from holdfast.export.heads import Head
-from holdfast.export.learner import Learner, features_in, forest_of, network_of
+from holdfast.export.heads import FloatRows, Head
+from holdfast.export.learner import (
+    Forest,
+    Learner,
+    features_in,
+    forest_of,
+    leaf_votes,
+    network_of,
+)
 from holdfast.export.network import Inputs, Network
-from holdfast.export.reference import FloatRows
 
 THRESHOLD_ROWS = 20_000
 STEP_ROWS, STEP_SHARE = 5_000, 0.2
-"""Rows beside steps of a network's inputs, and the share of inputs that are moved there."""
+"""Rows on the steps of a network's inputs, and the share of inputs that are moved there."""
+Places = npt.NDArray[np.intp]
 
 
 def hard_rows(learner: Learner, rows: FloatRows, seed: int) -> FloatRows:
     """Hard rows [H, F] for all that is in a learner."""
     forest, network = forest_of(learner), network_of(learner)
-    parts = [edge_rows(features_in(learner))]
+    parts = []
     if forest is not None:
-        parts.insert(0, threshold_rows(forest, rows, seed))
+        parts.append(threshold_rows(forest, rows, seed))
+    parts.append(edge_rows(features_in(learner)))
     if network is not None:
         parts.append(step_rows(network.inputs, rows, seed))
     return np.concatenate(parts)
 
 
+def edge_rows(n_features: int) -> FloatRows:
+    """Rows of zeros of both signs, subnormals, the smallest and the largest finite numbers."""
+    limits = np.finfo(np.float32)
+    subnormal = limits.smallest_subnormal
+    values = [0.0, -0.0, subnormal, -subnormal, limits.tiny, limits.max, limits.min]
+    return np.repeat(np.array(values, dtype=np.float32)[:, None], n_features, axis=1)
+
+
 def step_rows(inputs: Inputs, rows: FloatRows, seed: int) -> FloatRows:
-    """Rows in which some inputs are where rounding steps, or one float32 beside it."""
+    """Rows in which some inputs are where rounding steps, or at a neighbouring float32."""
     rng = np.random.default_rng(seed)
     hard = rows[rng.integers(len(rows), size=STEP_ROWS)].copy()
-    columns = rng.random(hard.shape) < STEP_SHARE
+    is_moved = rng.random(hard.shape) < STEP_SHARE
+    # q rounds gain * s + offset with s = x / (knee + |x|): solve for x where that is a half
     half = np.floor(np.abs(inputs.gain) * rng.uniform(-1, 1, hard.shape)) + 0.5
     squashed = np.clip((half - inputs.offset) / inputs.gain, -0.999, 0.999)
     at = (squashed * inputs.knee / (1.0 - np.abs(squashed))).astype(np.float32)
     towards = rng.choice(np.array([-np.inf, 0.0, np.inf], np.float32), size=hard.shape)
-    return np.where(
-        columns, np.where(towards == 0.0, at, np.nextafter(at, towards)), hard
-    )
+    moved = np.where(towards == 0.0, at, np.nextafter(at, towards))
+    return np.where(is_moved, moved, hard)
 
 
-def threshold_rows(forest: Any, rows: FloatRows, seed: int) -> FloatRows:
-    """Rows that reach a node of a tree with its threshold, or one float32 step beside it.
+def threshold_rows(forest: Forest, rows: FloatRows, seed: int) -> FloatRows:
+    """Rows that reach a node of a tree with its threshold, or with a neighbouring float32.
 
     All thresholds get all three values equally often, or a random choice if there are too many for
     THRESHOLD_ROWS. Each row is a held-out one, changed only so far that it reaches its node.
@@ -65,9 +79,9 @@ def threshold_rows(forest: Any, rows: FloatRows, seed: int) -> FloatRows:
     chosen = np.resize(rng.permutation(3 * len(nodes.branches)), THRESHOLD_ROWS)
     hard = rows[rng.integers(len(rows), size=THRESHOLD_ROWS)].copy()
     place, side = np.divmod(chosen, 3)
-    at = nodes.branches[place]
-    nodes.lead(hard, at)
-    hard[np.arange(len(hard)), nodes.feature[at]] = nodes.beside[side, at]
+    node = nodes.branches[place]
+    nodes.lead(hard, node)
+    hard[np.arange(len(hard)), nodes.feature[node]] = nodes.values[side, node]
     return hard
 
 
@@ -80,79 +94,65 @@ def largest_float32_not_above(threshold: npt.NDArray[np.float64]) -> FloatRows:
 class _Nodes:
     """The nodes of all trees in one row; a node's number is its place there.
 
-    beside: [3, nodes] for each node the largest float32 that goes left, the one below it, and the
+    values: [3, nodes] for each node the largest float32 that goes left, the one below it, and the
     one above it, which goes right. branches: numbers of the nodes that are no leaves.
     """
 
     def __init__(self, trees: list[Any]) -> None:
-        self.feature = np.concatenate([tree.feature for tree in trees])
-        at = largest_float32_not_above(
-            np.concatenate([tree.threshold for tree in trees])
-        )
         infinite = np.float32(np.inf)
-        self.beside = np.array(
-            [at, np.nextafter(at, -infinite), np.nextafter(at, infinite)]
-        )
+        self.feature = np.concatenate([tree.feature for tree in trees])
+        threshold = np.concatenate([tree.threshold for tree in trees])
+        at = largest_float32_not_above(threshold)
+        below, above = np.nextafter(at, -infinite), np.nextafter(at, infinite)
+        self.values = np.array([at, below, above])
         self.branches = np.flatnonzero(self.feature >= 0)
-        first = np.cumsum([0] + [tree.node_count for tree in trees])[:-1].repeat(
-            [tree.node_count for tree in trees]
-        )
-        left, right = (
-            np.concatenate([getattr(tree, side) for tree in trees])[self.branches]
-            + first[self.branches]
-            for side in ("children_left", "children_right")
-        )
-        self._above, self._is_left = np.full(len(at), -1), np.zeros(len(at), dtype=bool)
-        self._above[left] = self._above[right] = self.branches
-        self._is_left[left] = True
+        self._parent = np.full(len(at), -1)
+        self._is_left = np.zeros(len(at), dtype=bool)
+        first = 0
+        for tree in trees:
+            branches = np.flatnonzero(tree.feature >= 0)
+            left = first + tree.children_left[branches]
+            self._parent[left] = first + branches
+            self._parent[first + tree.children_right[branches]] = first + branches
+            self._is_left[left] = True
+            first += tree.node_count
 
-    def lead(self, rows: FloatRows, nodes: npt.NDArray[np.intp]) -> None:
+    def lead(self, rows: FloatRows, nodes: Places) -> None:
         """Change each row of [N, F] in place where it leaves the path to its node of [N], from the
         root on down."""
         path = []
         while (nodes >= 0).any():
             path.append(nodes)
-            nodes = np.where(nodes >= 0, self._above[nodes], -1)
-        for node, above in zip(path[-2::-1], path[:0:-1], strict=True):
-            self._turn(rows, node, above)
+            nodes = np.where(nodes >= 0, self._parent[nodes], -1)
+        path.reverse()
+        for parent, node in pairwise(path):
+            self._turn(rows, parent, node)
 
-    def _turn(
-        self, rows: FloatRows, node: npt.NDArray[np.intp], above: npt.NDArray[np.intp]
-    ) -> None:
-        """Send rows from the node above, where there is one (-1: none), to its child, the node."""
-        these = np.flatnonzero(above >= 0)
-        above, left = above[these], self._is_left[node[these]]
-        feature, (at, _, over) = self.feature[above], self.beside[:, above]
-        wrong = (rows[these, feature] <= at) != left
-        rows[these[wrong], feature[wrong]] = np.where(left, at, over)[wrong]
-
-
-def edge_rows(n_features: int) -> FloatRows:
-    """Rows of zeros of both signs, subnormals, the smallest and the largest finite numbers."""
-    limits = np.finfo(np.float32)
-    values = [
-        0.0,
-        -0.0,
-        limits.smallest_subnormal,
-        -limits.smallest_subnormal,
-        limits.tiny,
-        limits.max,
-        limits.min,
-    ]
-    return np.repeat(np.array(values, dtype=np.float32)[:, None], n_features, axis=1)
+    def _turn(self, rows: FloatRows, parent: Places, node: Places) -> None:
+        """Send rows from a node's parent, where there is one (-1: none), to the node."""
+        these = np.flatnonzero(parent >= 0)
+        parent, is_left = parent[these], self._is_left[node[these]]
+        feature = self.feature[parent]
+        at, over = self.values[0, parent], self.values[2, parent]
+        goes_left = rows[these, feature] <= at
+        wrong = goes_left != is_left
+        turned = np.where(is_left, at, over)
+        rows[these[wrong], feature[wrong]] = turned[wrong]
 
 
-def require_same_numbers(model: onnx.ModelProto, head: Head, votes_name: str) -> int:
+def require_same_numbers(model: onnx.ModelProto, head: Head) -> int:
     """Compare all numbers of a learner; returns how many nodes and weights it has.
 
     Raises VerificationFailed with the number of those that differ.
     """
     forest, network = forest_of(head.learner), network_of(head.learner)
-    (node,) = [node for node in model.graph.node if node.output[0] == votes_name]
     count = 0
     if forest is not None:
         made_by = {node.output[0]: node for node in model.graph.node}
-        trees = made_by[node.input[0]] if network is not None else node
+        trees = made_by[head.votes_name]
+        if network is not None:
+            # the votes of a committee are the sum of those of the trees and of the network
+            trees = made_by[trees.input[0]]
         count += _same_trees(trees, forest, head)
     if network is not None:
         count += _same_weights(model, network, head)
@@ -161,13 +161,48 @@ def require_same_numbers(model: onnx.ModelProto, head: Head, votes_name: str) ->
 
 def _same_weights(model: onnx.ModelProto, network: Network, head: Head) -> int:
     """Every matrix and every bias of the network is in the file, number by number."""
-    stored = [onnx.numpy_helper.to_array(one) for one in model.graph.initializer]
-    for numbers in (
-        one for layer in network.layers for one in (layer.weights, layer.bias)
-    ):
-        if not any(np.array_equal(numbers, one) for one in stored):
-            _refuse(head, numbers.size, network.n_weights)
+    constants = [onnx.numpy_helper.to_array(one) for one in model.graph.initializer]
+    for layer in network.layers:
+        for numbers in (layer.weights, layer.bias):
+            if not any(np.array_equal(numbers, one) for one in constants):
+                _refuse(head, numbers.size, network.n_weights)
     return network.n_weights
+
+
+def _same_trees(node: onnx.NodeProto, forest: Forest, head: Head) -> int:
+    """Features, thresholds, children and leaves."""
+    exported = {one.name: helper.get_attribute_value(one) for one in node.attribute}
+    trees = [tree.tree_ for tree in forest.estimators_]
+    threshold = np.concatenate([tree.threshold for tree in trees])
+    expected = {
+        "nodes_values": largest_float32_not_above(threshold),
+        "nodes_featureids": np.concatenate([tree.feature for tree in trees]),
+        "nodes_truenodeids": np.concatenate([tree.children_left for tree in trees]),
+        "nodes_falsenodeids": np.concatenate([tree.children_right for tree in trees]),
+    }
+    branch = expected["nodes_featureids"] >= 0
+    wrong = (np.array(exported["nodes_modes"]) == b"BRANCH_LEQ") != branch
+    for name, numbers in expected.items():
+        given = np.array(exported[name], dtype=numbers.dtype)
+        wrong |= branch & (given != numbers)
+    expected_votes = np.concatenate(leaf_votes(forest, len(head.classes)))
+    expected_votes[branch] = 0
+    wrong |= np.any(_votes_of(exported, trees, head) != expected_votes, axis=1)
+    if wrong.any():
+        _refuse(head, int(wrong.sum()), len(wrong))
+    return len(wrong)
+
+
+def _votes_of(exported: dict[str, Any], trees: list[Any], head: Head) -> FloatRows:
+    """[nodes, K] votes of every node in the file; a branch should have none."""
+    counts = [tree.node_count for tree in trees]
+    starts = np.concatenate([[0], np.cumsum(counts)])
+    votes = np.zeros((starts[-1], len(head.classes)))
+    tree = np.array(exported["target_treeids"], int)
+    rows = starts[tree] + np.array(exported["target_nodeids"], int)
+    targets = np.array(exported["target_ids"], int)
+    np.add.at(votes, (rows, targets), exported["target_weights"])
+    return votes
 
 
 def _refuse(head: Head, wrong: int, of: int) -> None:
@@ -176,45 +211,3 @@ def _refuse(head: Head, wrong: int, of: int) -> None:
         cause="a converter that treats them differently",
         next_step="report the versions that holdfast doctor prints",
     )
-
-
-def _same_trees(node: onnx.NodeProto, forest: Forest, head: Head) -> int:
-    """Features, thresholds, children and leaves."""
-    exported = {one.name: helper.get_attribute_value(one) for one in node.attribute}
-    trees = [tree.tree_ for tree in forest.estimators_]
-    feature, threshold, left, right = (
-        np.concatenate([getattr(tree, name) for tree in trees])
-        for name in ("feature", "threshold", "children_left", "children_right")
-    )
-    branch = feature >= 0
-    wrong = (
-        np.array([mode == b"BRANCH_LEQ" for mode in exported["nodes_modes"]]) != branch
-    ) | _leaves_differ(exported, forest, len(head.classes))
-    wrong |= branch & (
-        np.array(exported["nodes_values"], np.float32)
-        != largest_float32_not_above(threshold)
-    )
-    for name, expected in (
-        ("nodes_featureids", feature),
-        ("nodes_truenodeids", left),
-        ("nodes_falsenodeids", right),
-    ):
-        wrong |= branch & (np.array(exported[name]) != expected)
-    if wrong.any():
-        _refuse(head, int(wrong.sum()), len(wrong))
-    return len(wrong)
-
-
-def _leaves_differ(exported: dict[str, Any], forest: Forest, n_classes: int) -> Any:
-    """[nodes] whether a node's votes differ from those of its leaf (a branch has none)."""
-    votes = leaf_votes(forest, n_classes)
-    starts = np.concatenate([[0], np.cumsum([len(tree) for tree in votes])])
-    given = np.zeros((starts[-1], n_classes))
-    rows = starts[np.array(exported["target_treeids"], int)] + np.array(
-        exported["target_nodeids"], int
-    )
-    np.add.at(
-        given, (rows, np.array(exported["target_ids"], int)), exported["target_weights"]
-    )
-    leaf = np.concatenate([tree.tree_.feature for tree in forest.estimators_]) < 0
-    return np.any(given != np.concatenate(votes) * leaf[:, None], axis=1)

@@ -21,7 +21,8 @@ import numpy as np
 import numpy.typing as npt
 
 from holdfast.core.contract import NORMAL_AXIS, BoolArray, FloatArray
-from holdfast.export.bank import bands_for, sections
+from holdfast.export.detectors import sections
+from holdfast.export.spec import bands_for
 from holdfast.training.recording import Recording
 
 PointMethod = Literal["band-pass", "friction", "both"]

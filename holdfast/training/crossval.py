@@ -17,10 +17,15 @@ from sklearn.linear_model import LogisticRegression
 from holdfast.core.contract import SITUATIONS
 from holdfast.core.errors import ClassMissing
 from holdfast.export.exporting import whole_graph
-from holdfast.export.forest import Forest, IntArray, votes_of_trees
-from holdfast.export.heads import Calibration, Head
-from holdfast.export.learner import Committee, Learner, reference_votes
-from holdfast.export.reference import reference_label, situation_votes
+from holdfast.export.heads import Calibration, Head, reference_label, situation_votes
+from holdfast.export.learner import (
+    Committee,
+    Forest,
+    Learner,
+    reference_votes,
+    votes_of_trees,
+)
+from holdfast.export.network import IntArray
 from holdfast.export.spec import StepSpec
 from holdfast.export.verify import Verification, verify
 from holdfast.training.featurise import FloatRows

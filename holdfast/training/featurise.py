@@ -28,9 +28,9 @@ from holdfast.edge_runtime.graph import (
     step_recordings,
     steps_of,
 )
-from holdfast.export.reference import FloatRows
+from holdfast.export.features import features_alone
+from holdfast.export.heads import FloatRows
 from holdfast.export.spec import StepSpec
-from holdfast.export.step_graph import features_alone
 from holdfast.training.progress import Part, ignored
 from holdfast.training.recording import DataSet, Recording
 

@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from holdfast.core.contract import SITUATIONS
-from holdfast.export.reference import riskier_argmax, weighted
+from holdfast.export.heads import riskier_argmax, weighted
 
 FACTORS = np.exp(np.linspace(-1.2, 1.2, 13)).tolist()
 """What one weight is multiplied by in a round of the search."""

@@ -15,8 +15,8 @@ from scipy.linalg import block_diag
 from sklearn.exceptions import ConvergenceWarning
 from sklearn.neural_network import MLPClassifier
 
-from holdfast.export.forest import EXACT_FLOAT32
 from holdfast.export.network import (
+    EXACT_FLOAT32,
     HIDDEN_MOST,
     INPUT_MOST,
     LOGIT_STEPS,

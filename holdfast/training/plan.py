@@ -13,7 +13,7 @@ from sklearn.ensemble import ExtraTreesClassifier, RandomForestClassifier
 
 from holdfast.core.reading import Json
 from holdfast.edge_runtime.decision import DecisionRules
-from holdfast.export.forest import Forest
+from holdfast.export.learner import Forest
 from holdfast.training.network_fit import NetworkPlan
 
 CLOCK_FREE_GROUPS = (

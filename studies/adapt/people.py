@@ -17,8 +17,8 @@ from holdfast.core.reading import Json
 from holdfast.edge_runtime.decision import UNKNOWN
 from holdfast.edge_runtime.graph import Outputs
 from holdfast.evaluation.alarms import Answers
+from holdfast.export.heads import riskier_argmax
 from holdfast.export.learner import Learner, reference_votes, votes_in_all
-from holdfast.export.reference import riskier_argmax
 from holdfast.export.spec import StepSpec
 from holdfast.sessions.adapting.choice import choose, correction_at
 from holdfast.sessions.adapting.evidence import Stream, corrected, stream_of

@@ -13,8 +13,9 @@ from sklearn.utils.class_weight import compute_sample_weight
 from threadpoolctl import threadpool_limits
 
 from holdfast.core.contract import GRASP, NOTHING, RISKY_SLIP, SITUATIONS
+from holdfast.export.heads import riskier_argmax, situation_votes
 from holdfast.export.learner import reference_votes
-from holdfast.export.reference import IntArray, riskier_argmax, situation_votes
+from holdfast.export.network import IntArray
 from holdfast.training.featurise import FloatRows
 from holdfast.training.plan import ForestPlan
 

@@ -13,7 +13,7 @@ from holdfast.edge_runtime.decision import UNKNOWN
 from holdfast.evaluation.methods import LabelledTrial, without_samples
 from holdfast.evaluation.states import labels_everywhere
 from holdfast.evaluation.truths import grasps_beside
-from holdfast.export.reference import IntArray
+from holdfast.export.network import IntArray
 from holdfast.training.datasets import load
 from holdfast.training.featurise import (
     FloatRows,

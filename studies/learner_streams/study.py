@@ -22,9 +22,8 @@ from holdfast.evaluation.alarms import Answers
 from holdfast.evaluation.event_scores import choose_confidence, event_scores
 from holdfast.evaluation.methods import MethodResult, method_figures, together
 from holdfast.export.exporting import whole_graph
-from holdfast.export.heads import Head
+from holdfast.export.heads import Head, riskier_argmax, situation_votes
 from holdfast.export.learner import Learner, reference_votes
-from holdfast.export.reference import riskier_argmax, situation_votes
 from holdfast.export.spec import StepSpec
 from holdfast.export.verify import cut_learners
 from holdfast.training.crossval import learner_of, uncalibrated

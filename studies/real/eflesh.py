@@ -13,8 +13,8 @@ import numpy.typing as npt
 from holdfast.core.contract import GRASP, RISKY_SLIP, BoolArray
 from holdfast.edge_runtime.decision import DecisionRules
 from holdfast.evaluation.real_sets import DelaySpread, EfleshFigures
+from holdfast.export.heads import riskier_argmax
 from holdfast.export.learner import reference_votes
-from holdfast.export.reference import riskier_argmax
 from holdfast.training.crossval import fit_learner
 from holdfast.training.datasets.eflesh_slip import (
     amplitude,

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from holdfast.core.contract import FloatArray
-from holdfast.export.forest import Forest
-from holdfast.export.learner import reference_votes
-from holdfast.export.reference import IntArray, riskier_argmax
+from holdfast.export.heads import riskier_argmax
+from holdfast.export.learner import Forest, reference_votes
+from holdfast.export.network import IntArray
 from holdfast.training.crossval import fit_learner
 from holdfast.training.featurise import FloatRows, features_of, spec_for
 from holdfast.training.figures import HeadFigures

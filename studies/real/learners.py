@@ -19,10 +19,9 @@ import numpy.typing as npt
 
 from holdfast.core.reading import Json
 from holdfast.evaluation.jobs import Workers
-from holdfast.export.forest import forest_votes, votes_of_trees
-from holdfast.export.learner import LEARNERS
+from holdfast.export.heads import riskier_argmax
+from holdfast.export.learner import LEARNERS, forest_votes, votes_of_trees
 from holdfast.export.network import network_votes
-from holdfast.export.reference import riskier_argmax
 from holdfast.training.crossval import plan_for, splits_of
 from holdfast.training.datasets import find
 from holdfast.training.datasets.human_slip_uskin import load

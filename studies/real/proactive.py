@@ -8,8 +8,8 @@ import numpy as np
 import numpy.typing as npt
 
 from holdfast.core.contract import RISKY_SLIP, FloatArray
+from holdfast.export.heads import riskier_argmax
 from holdfast.export.learner import reference_votes
-from holdfast.export.reference import riskier_argmax
 from holdfast.training.crossval import fit_learner
 from holdfast.training.featurise import features_everywhere, features_of, spec_for
 from holdfast.training.plan import TrainingPlan

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from holdfast.core.contract import CLASSES
 from holdfast.export.learner import reference_votes
-from holdfast.export.reference import IntArray
+from holdfast.export.network import IntArray
 from holdfast.training.crossval import fit_learner
 from holdfast.training.featurise import FloatRows
 from holdfast.training.plan import TrainingPlan

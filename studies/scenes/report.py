@@ -12,7 +12,7 @@ from pathlib import Path
 from holdfast.evaluation import stream_pictures as draw
 from holdfast.evaluation.model_outputs import StreamPicture
 from holdfast.evaluation.scores import confusion, scores
-from holdfast.export.reference import IntArray
+from holdfast.export.network import IntArray
 from holdfast.export.spec import window_samples
 from holdfast.training.crossval import HeldOut
 from holdfast.training.fitting import with_situations

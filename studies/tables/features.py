@@ -8,10 +8,9 @@ from pathlib import Path
 
 from holdfast.core.contact import NORMAL_FLOOR
 from holdfast.evaluation.formats import markdown
-from holdfast.export.features import GROUPS, feature_count
-from holdfast.export.history import LAGS_S
+from holdfast.export.features import GROUPS, feature_count, feature_graph
+from holdfast.export.guard import LAGS_S
 from holdfast.export.spec import StepSpec
-from holdfast.export.step_graph import feature_graph
 from studies.ablation import table
 from tools.doc_tables import fill, refresh
 

@@ -28,10 +28,9 @@ from holdfast.core.errors import DataError, UsageError
 from holdfast.core.trial_file import read_trial
 from holdfast.edge_runtime.graph import open_session, run_recordings
 from holdfast.evaluation.jobs import Workers
-from holdfast.export.features import feature_count
+from holdfast.export.features import feature_count, feature_graph
 from holdfast.export.learner import reference_votes
 from holdfast.export.spec import StepSpec
-from holdfast.export.step_graph import feature_graph
 from holdfast.simulation.card import Card, read_card
 from holdfast.training.datasets import load
 from holdfast.training.featurise import FloatRows

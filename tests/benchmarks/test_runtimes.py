@@ -33,7 +33,7 @@ from holdfast.core.errors import HoldfastError, LibraryMissing
 from holdfast.edge_runtime.graph import run_recording
 from holdfast.edge_runtime.model import Model
 from holdfast.export.c.exporting import export_c
-from holdfast.export.seal import model_card, seal
+from holdfast.export.exporting import model_card, seal
 
 RELEASED = Path(__file__).resolve().parents[2] / "models/holdfast-150hz.onnx"
 AT = "document.getElementById"

@@ -41,9 +41,9 @@ from holdfast.edge_runtime.onnx_bytes import (
 from holdfast.export.artifact import Artifact
 from holdfast.export.c.graph import decoded
 from holdfast.export.deep_check import deep_checks
+from holdfast.export.exporting import model_card, seal
 from holdfast.export.features import GROUPS
-from holdfast.export.forest import FOREST_KINDS
-from holdfast.export.seal import model_card, seal
+from holdfast.export.learner import FOREST_KINDS
 from holdfast.training.plan import RAW_BASELINE, SIZES
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -46,8 +46,7 @@ from holdfast.edge_runtime.model_file import (
 )
 from holdfast.edge_runtime.monitor import GripMonitor, Model
 from holdfast.export.artifact import read_artifact, write_artifact
-from holdfast.export.exporting import export_artifact
-from holdfast.export.seal import model_card, seal
+from holdfast.export.exporting import export_artifact, model_card, seal
 from holdfast.training.fitting import VERSIONS_OF
 
 if TYPE_CHECKING:

@@ -78,8 +78,8 @@ from holdfast.evaluation.truths import (
     voluntary_actions,
 )
 from holdfast.export.detectors import detector_names
+from holdfast.export.features import feature_graph
 from holdfast.export.spec import BandsLeftOut, StepSpec
-from holdfast.export.step_graph import feature_graph
 from holdfast.simulation.card import read_card
 from holdfast.simulation.folder import write_set
 from holdfast.simulation.scene import Scene

@@ -16,12 +16,11 @@ from holdfast.core.contract import FloatArray
 from holdfast.core.errors import RateError
 from holdfast.edge_runtime.graph import StepGraph, open_session, run_recording
 from holdfast.edge_runtime.monitor import Model
-from holdfast.export.bank import BANDS_HZ, DAMPING, bands_for, sections, step_matrix
 from holdfast.export.builder import GraphBuilder
-from holdfast.export.detectors import add_bank
+from holdfast.export.detectors import DAMPING, add_bank, sections, step_matrix
+from holdfast.export.features import feature_graph
 from holdfast.export.guard import add_guard
-from holdfast.export.spec import BandsLeftOut, StepSpec
-from holdfast.export.step_graph import feature_graph
+from holdfast.export.spec import BANDS_HZ, BandsLeftOut, StepSpec, bands_for
 
 if TYPE_CHECKING:
     from conftest import Built

@@ -20,8 +20,8 @@ from small_model import artifact, graph_of, spec, with_networks
 from holdfast.edge_runtime.graph import StepGraph, open_session
 from holdfast.edge_runtime.model_file import read_sealed
 from holdfast.export.c.graph import read_graph
+from holdfast.export.exporting import model_card, seal
 from holdfast.export.features import GROUPS
-from holdfast.export.seal import model_card, seal
 from holdfast.export.structure import hard_rows
 from holdfast.export.verify import cut_learners
 

@@ -24,7 +24,7 @@ from holdfast.edge_runtime.onnx_bytes import Node
 from holdfast.export.c.compiler import find_compiler
 from holdfast.export.c.graph import read_graph
 from holdfast.export.c.source import c_source
-from holdfast.export.seal import model_card, seal
+from holdfast.export.exporting import model_card, seal
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / "docs" / "c.md"

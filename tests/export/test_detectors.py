@@ -15,8 +15,8 @@ from hypothesis import strategies as st
 from holdfast.core.contract import BoolArray, FloatArray, Unit
 from holdfast.edge_runtime.graph import open_session, run_recording, run_recordings
 from holdfast.export.detectors import detector_names
+from holdfast.export.features import feature_graph
 from holdfast.export.spec import NOISE_RMS, DetectorSpec, StepSpec
-from holdfast.export.step_graph import feature_graph
 
 RATE_HZ = 100.0
 SENSORS = 2

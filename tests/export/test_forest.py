@@ -23,10 +23,8 @@ from holdfast.core.contract import CLASSES, SITUATIONS
 from holdfast.core.errors import NotANumber, VerificationFailed
 from holdfast.edge_runtime.graph import open_session
 from holdfast.export.exporting import export_artifact, whole_graph
-from holdfast.export.forest import Forest, leaf_votes, vote_bits
-from holdfast.export.heads import Calibration, Head
-from holdfast.export.learner import reference_votes
-from holdfast.export.reference import riskier_argmax, situation_votes
+from holdfast.export.heads import Calibration, Head, riskier_argmax, situation_votes
+from holdfast.export.learner import Forest, leaf_votes, reference_votes, vote_bits
 from holdfast.export.spec import StepSpec
 from holdfast.export.structure import edge_rows, threshold_rows
 from holdfast.export.verify import verify

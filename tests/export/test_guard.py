@@ -25,10 +25,9 @@ from holdfast.export.artifact import read_artifact, write_artifact
 from holdfast.export.builder import GraphBuilder
 from holdfast.export.detectors import add_bank
 from holdfast.export.exporting import export_artifact
-from holdfast.export.features import GROUPS
+from holdfast.export.features import GROUPS, feature_graph
 from holdfast.export.guard import add_guard
 from holdfast.export.spec import RANGE_LIMIT, StepSpec
-from holdfast.export.step_graph import feature_graph
 
 if TYPE_CHECKING:
     from conftest import Built

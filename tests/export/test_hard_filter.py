@@ -39,10 +39,9 @@ from holdfast.edge_runtime.decision import DecisionRules, DecisionState, decide
 from holdfast.edge_runtime.graph import StepGraph, open_session, run_recording
 from holdfast.edge_runtime.monitor import GripMonitor, Model
 from holdfast.edge_runtime.preparation import Preparation
-from holdfast.export.bank import BANDS_HZ, LOW_PASS_HZ, sections
-from holdfast.export.detectors import detector_names
-from holdfast.export.spec import NOISE_RMS, RANGE_LIMIT, StepSpec
-from holdfast.export.step_graph import feature_graph
+from holdfast.export.detectors import LOW_PASS_HZ, detector_names, sections
+from holdfast.export.features import feature_graph
+from holdfast.export.spec import BANDS_HZ, NOISE_RMS, RANGE_LIMIT, StepSpec
 from holdfast.training.critical_points import offline_critical_points
 from holdfast.training.recording import Recording
 

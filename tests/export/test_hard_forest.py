@@ -31,10 +31,9 @@ from holdfast.edge_runtime.graph import open_session
 from holdfast.edge_runtime.model import golden_answers
 from holdfast.edge_runtime.monitor import Model
 from holdfast.export.exporting import whole_graph
-from holdfast.export.forest import Forest, IntArray, leaf_votes, vote_bits
-from holdfast.export.heads import Calibration, Head
-from holdfast.export.learner import reference_votes
-from holdfast.export.reference import riskier_argmax, situation_votes
+from holdfast.export.heads import Calibration, Head, riskier_argmax, situation_votes
+from holdfast.export.learner import Forest, leaf_votes, reference_votes, vote_bits
+from holdfast.export.network import IntArray
 from holdfast.export.spec import StepSpec
 from holdfast.export.structure import (
     edge_rows,

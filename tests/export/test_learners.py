@@ -19,10 +19,15 @@ from holdfast.edge_runtime.model import Model
 from holdfast.export.artifact import Artifact, read_artifact, write_artifact
 from holdfast.export.exporting import export_artifact, whole_graph
 from holdfast.export.features import feature_count
-from holdfast.export.heads import Calibration, Head
+from holdfast.export.heads import (
+    Calibration,
+    Head,
+    reference_label,
+    riskier_argmax,
+    weighted,
+)
 from holdfast.export.learner import Committee, Learner, reference_votes, votes_in_all
 from holdfast.export.network import INPUT_MOST, Inputs, Layer, Network, network_votes
-from holdfast.export.reference import reference_label, riskier_argmax, weighted
 from holdfast.export.verify import cut_learners, verify
 from holdfast.training.network_fit import NetworkPlan, fit_network
 from holdfast.training.plan import ForestPlan

@@ -29,11 +29,16 @@ from holdfast.edge_runtime.graph import (
     run_recordings,
 )
 from holdfast.edge_runtime.monitor import Model
-from holdfast.export.bank import sections
-from holdfast.export.features import GROUPS, SPANS_S, feature_count
-from holdfast.export.history import LAGS_S
+from holdfast.export.detectors import sections
+from holdfast.export.features import (
+    GROUPS,
+    SPANS_S,
+    feature_count,
+    feature_graph,
+    features_alone,
+)
+from holdfast.export.guard import LAGS_S
 from holdfast.export.spec import StepSpec
-from holdfast.export.step_graph import feature_graph, features_alone
 from holdfast.training.plan import CLOCK_FREE_GROUPS
 
 if TYPE_CHECKING:

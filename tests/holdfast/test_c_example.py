@@ -26,7 +26,7 @@ from holdfast.edge_runtime.monitor import GripMonitor
 from holdfast.edge_runtime.preparation import Tare
 from holdfast.edge_runtime.supervisor import GripCommand
 from holdfast.export.c.exporting import export_c
-from holdfast.export.seal import model_card, seal
+from holdfast.export.exporting import model_card, seal
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 LIVE = EXAMPLES / "c" / "live.c"

@@ -25,7 +25,7 @@ from holdfast.edge_runtime.c_engine import LIBRARY, CompiledModel
 from holdfast.edge_runtime.engine import OpenedModel
 from holdfast.edge_runtime.model import Model
 from holdfast.export.c.exporting import export_c
-from holdfast.export.seal import model_card, seal
+from holdfast.export.exporting import model_card, seal
 from holdfast.live.hand_sources import open_live
 from holdfast.live.run import answer
 

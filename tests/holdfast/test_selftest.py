@@ -21,7 +21,7 @@ from holdfast.edge_runtime.model_file import CARD_KEY
 from holdfast.edge_runtime.monitor import Model
 from holdfast.edge_runtime.selftest import CHECKS, self_checks
 from holdfast.export.artifact import read_artifact
-from holdfast.export.seal import seal
+from holdfast.export.exporting import seal
 
 if TYPE_CHECKING:
     from conftest import Built

@@ -22,7 +22,7 @@ from recorder_bench import one_pull
 from holdfast.cli.main import main
 from holdfast.core.errors import OutputError
 from holdfast.core.writing import whole_folder, write_whole
-from holdfast.export.export import require_replaceable
+from holdfast.export.exporting import require_replaceable
 from holdfast.training.fixture import write_fixture
 
 if TYPE_CHECKING:

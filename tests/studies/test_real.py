@@ -241,7 +241,9 @@ def evidence(
         rows={OURS_18: heads, CLOCK: heads},
         eflesh_slip=eflesh.figures,
         model=FinalModel(
-            "human/holdfast.onnx", 1, ExportReport.of(held_out.verification[0], 1)
+            "human/holdfast.onnx",
+            1,
+            ExportReport(**vars(held_out.verification[0]), bytes=1),
         ),
         seed=0,
         host=host(),

@@ -53,7 +53,7 @@ from holdfast.evaluation.simple_baselines import (
     windows_alone,
 )
 from holdfast.evaluation.style import FINGER_COLOURS, FINGER_LINES, SITUATION_COLOURS
-from holdfast.export.reference import IntArray
+from holdfast.export.network import IntArray
 from holdfast.export.spec import window_samples
 from holdfast.simulation.card import read_card
 from holdfast.simulation.folder import write_set

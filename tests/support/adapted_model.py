@@ -9,9 +9,9 @@ from holdfast.edge_runtime.decision import DecisionRules
 from holdfast.edge_runtime.model_file import votes_in_all
 from holdfast.export.adapted_file import Adaptation, adapted
 from holdfast.export.correction import Correction
+from holdfast.export.exporting import model_card, seal
 from holdfast.export.features import feature_count
 from holdfast.export.network import Inputs, Layer, Network
-from holdfast.export.seal import model_card, seal
 
 RULES = DecisionRules(min_risky_permille=700)
 

@@ -82,7 +82,7 @@ def imports_in(nodes: Iterable[ast.AST], room: str) -> set[str]:
 
 
 def room_of(module: str) -> str:
-    """The room, or the package, that a module is in: holdfast.export.seal is in export."""
+    """The room, or the package, that a module is in: holdfast.export.verify is in export."""
     first, _, rest = module.partition(".")
     inner = rest.split(".")[0]
     return inner if first == "holdfast" and inner in MAY_IMPORT else first

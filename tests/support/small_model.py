@@ -22,12 +22,10 @@ from holdfast.edge_runtime.model import golden_answers, golden_to_json
 from holdfast.edge_runtime.model_file import CARD_KEY, GOLDEN_KEY, SEAL_KEY
 from holdfast.edge_runtime.preparation import Preparation
 from holdfast.export.artifact import Artifact
-from holdfast.export.exporting import whole_graph
+from holdfast.export.exporting import model_card, seal, whole_graph
 from holdfast.export.features import feature_count
-from holdfast.export.forest import votes_of_trees
 from holdfast.export.heads import Calibration, Head
-from holdfast.export.learner import Committee
-from holdfast.export.seal import model_card, seal
+from holdfast.export.learner import Committee, votes_of_trees
 from holdfast.export.spec import BandsLeftOut, StepSpec
 from holdfast.training.network_fit import NetworkPlan, fit_network
 from holdfast.training.plan import ForestPlan

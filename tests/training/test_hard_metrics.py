@@ -31,9 +31,8 @@ from holdfast.edge_runtime.decision import UNKNOWN
 from holdfast.edge_runtime.graph import open_session
 from holdfast.edge_runtime.preparation import Preparation
 from holdfast.export.exporting import whole_graph
-from holdfast.export.heads import Calibration, Head
+from holdfast.export.heads import Calibration, Head, reference_probability
 from holdfast.export.learner import reference_votes
-from holdfast.export.reference import reference_probability
 from holdfast.export.spec import StepSpec
 from holdfast.export.verify import cut_learners
 from holdfast.training.critical_points import band_pass_envelope, band_pass_rows

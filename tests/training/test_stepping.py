@@ -6,7 +6,7 @@ import numpy as np
 from small_model import spec
 
 from holdfast.edge_runtime.graph import open_session, run_recordings, steps_of
-from holdfast.export.step_graph import feature_graph
+from holdfast.export.features import feature_graph
 from holdfast.training.featurise import stepped
 from holdfast.training.recording import Recording
 

@@ -17,7 +17,7 @@ from holdfast.export.c.source import CSource, c_source
 class CExport:
     """What was written. selftest: what the compiled self-test printed; empty without --build."""
 
-    folder: Path
+    names: list[str]
     source: CSource
     selftest: list[str]
 
@@ -27,22 +27,20 @@ def export_c(
 ) -> CExport:
     """Write the C form of a model. Raises a ModelError, CompilerFailed or OutputError."""
     graph = read_graph(model)
-    names = [
-        "holdfast.c",
-        "holdfast.h",
-        "holdfast_selftest.c",
-        *([LIBRARY] if build else []),
-    ]
+    names = ["holdfast.c", "holdfast.h", "holdfast_selftest.c"]
+    if build:
+        names.append(LIBRARY)
     _require_free(folder, names, force=force)
     require_writable(folder)
-    source, selftest = c_source(graph), list[str]()
+    source = c_source(graph)
     contents: dict[str, str | bytes] = dict(source.files)
+    selftest: list[str] = []
     if build:
         contents[LIBRARY] = compiled_library(source.files, selftest)
     with whole_folder(folder) as unfinished:
         for name, content in contents.items():
             write_whole(unfinished / name, content)
-    return CExport(folder, source, selftest)
+    return CExport(names, source, selftest)
 
 
 def _require_free(folder: Path, names: list[str], *, force: bool) -> None:

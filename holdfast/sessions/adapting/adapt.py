@@ -20,7 +20,7 @@ from holdfast.core.reading import Json
 from holdfast.edge_runtime.model import Model
 from holdfast.edge_runtime.model_file import ModelCard, read_sealed, votes_in_all
 from holdfast.export.adapted_file import Adaptation, is_adapted, undone
-from holdfast.export.reference import FloatRows
+from holdfast.export.heads import FloatRows
 from holdfast.sessions.adapting.choice import OperatingPoint, choose, correction_at
 from holdfast.sessions.adapting.evidence import (
     PersonCounts,

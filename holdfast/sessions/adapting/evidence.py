@@ -33,22 +33,17 @@ from holdfast.evaluation.model_outputs import everywhere, risky_permille, steps_
 from holdfast.evaluation.truths import voluntary_actions
 from holdfast.evaluation.window_scores import require_model_fits
 from holdfast.export.correction import Correction, corrected_votes, rows_of
-from holdfast.export.forest import EXACT_FLOAT32
+from holdfast.export.heads import FloatRows, riskier_argmax, situation_votes, weighted
 from holdfast.export.network import (
+    EXACT_FLOAT32,
     INPUT_MOST,
     LOGIT_STEPS,
     WEIGHT_MOST,
     Float32Array,
     Inputs,
+    IntArray,
     Layer,
     Network,
-)
-from holdfast.export.reference import (
-    FloatRows,
-    IntArray,
-    riskier_argmax,
-    situation_votes,
-    weighted,
 )
 from holdfast.training.progress import Part, ignored
 from holdfast.training.recording import DataSet, Recording

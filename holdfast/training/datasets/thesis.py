@@ -31,7 +31,7 @@ from holdfast.core.reading import Json
 from holdfast.core.trial_file import Trial, read_trial
 from holdfast.core.trial_layout import META, truth_path
 from holdfast.edge_runtime.preparation import Preparation
-from holdfast.export.bank import bands_for
+from holdfast.export.spec import bands_for
 from holdfast.training.datasets.trials import (
     ChannelsNotOffered,
     Fault,

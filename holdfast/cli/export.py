@@ -1,0 +1,127 @@
+"""Turn an artifact folder into one verified, sealed model file: `holdfast export DIR --out FILE`.
+
+Without arguments it exports build/default. Nothing is written unless file and reference agree. A
+file in the artifact's folder is derived from it and replaced; a file elsewhere is replaced only
+with --force. `--to c` turns a sealed file into C99 instead (export/c).
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from holdfast.cli.command import (
+    add_json_option,
+    path_argument,
+    require_json_writable,
+    show_found,
+)
+from holdfast.core.errors import UsageError, visible
+
+if TYPE_CHECKING:
+    from holdfast.export.verify import HeadVerification
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of this verb."""
+    parser.add_argument(
+        "artifact",
+        nargs="?",
+        type=path_argument,
+        default=Path("build/default"),
+        metavar="DIR",
+        help="artifact folder of holdfast train (default build/default); "
+        "a model file with --to c",
+    )
+    parser.add_argument(
+        "--to",
+        choices=("onnx", "c"),
+        default="onnx",
+        help="the form to write (default onnx)",
+    )
+    parser.add_argument(
+        "--out",
+        type=path_argument,
+        metavar="FILE",
+        help="model file to write (default DIR/holdfast.onnx); "
+        "with --to c a folder (default MODEL-c)",
+    )
+    parser.add_argument(
+        "--force", action="store_true", help="replace FILE if it exists"
+    )
+    parser.add_argument(
+        "--build", action="store_true", help="with --to c: compile libholdfast.so too"
+    )
+    add_json_option(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Export; prints what was verified."""
+    require_json_writable(args)
+    sys.stderr.write(f"exporting {visible(str(args.artifact))}\n")
+    if args.to == "c":
+        return _export_c(args)
+    if args.build:
+        raise UsageError("--build compiles C", next_step="add --to c")
+    from holdfast.export.exporting import (
+        MODEL_NAME,
+        export_artifact,
+        require_replaceable,
+    )
+
+    model = args.out or args.artifact / MODEL_NAME
+    require_replaceable(args.artifact, model, force=args.force)
+    path, report = export_artifact(args.artifact, args.out, report=_report_stage)
+    lines = [f"{name}: {_agreement(head)}" for name, head in report.heads.items()]
+    lines += [
+        "one at a time equals a batch, bit for bit: "
+        f"{report.single_rows} rows and {report.stream_samples} samples",
+        f"model: {path} ({report.bytes / 1e6:.1f} MB)",
+    ]
+    show_found(args, "\n".join(lines), {"model": path, **asdict(report)})
+    return 0
+
+
+def _export_c(args: argparse.Namespace) -> int:
+    """Export a sealed file as C; prints its memory and the result of the self-test."""
+    from holdfast.edge_runtime.c_engine import default_folder
+    from holdfast.export.c.exporting import export_c
+
+    model = args.artifact / "holdfast.onnx" if args.artifact.is_dir() else args.artifact
+    folder = args.out or default_folder(model)
+    done = export_c(model, folder, build=args.build, force=args.force)
+    source = done.source
+    lines = [
+        f"state {source.state_bytes} bytes, tables {source.table_bytes} bytes, "
+        f"stack of a step about {source.stack_bytes} bytes",
+        *done.selftest,
+        f"C: {folder} ({', '.join(done.names)})",
+    ]
+    found = {
+        "folder": folder,
+        "files": done.names,
+        "state_bytes": source.state_bytes,
+        "table_bytes": source.table_bytes,
+        "stack_bytes": source.stack_bytes,
+        "selftest": done.selftest,
+    }
+    show_found(args, "\n".join(lines), found)
+    return 0
+
+
+def _report_stage(line: str) -> None:
+    sys.stderr.write(f"  {line}\n")
+
+
+def _agreement(head: HeadVerification) -> str:
+    """How a head of the file compares with the reference; a forest, with scikit-learn's predict."""
+    labels = f"{head.label_mismatches} labels differ from the reference"
+    plain = head.predict_disagreement
+    if plain is None:
+        return f"{head.rows} rows, {labels}"
+    share = f"{1.0 - plain.share_off_ties:.4%}".replace("100.0000%", "100 %")
+    agreement = f"agreement with scikit-learn predict: {share} ({plain.ties} ties)"
+    return f"{head.rows} rows, {labels}; {agreement}"
