@@ -1,6 +1,93 @@
-"""Know a grip is about to fail before it does: slip from magnetic fingertips."""
+"""Know a grip is about to fail before it does: slip from magnetic fingertips.
+
+The names in `__all__` are the public interface (docs/api.md). They load when they are first used,
+so that `import holdfast` loads next to nothing.
+"""
+
+from __future__ import annotations
 
 import os
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
-# onnxruntime from 1.31 on collects and sends usage data unless this turns it off before its import.
+if TYPE_CHECKING:
+    from holdfast.core import errors as errors
+    from holdfast.core.contract import Prediction as Prediction
+    from holdfast.core.contract import Sample as Sample
+    from holdfast.core.errors import DataError as DataError
+    from holdfast.core.errors import DeviceError as DeviceError
+    from holdfast.core.errors import HoldfastError as HoldfastError
+    from holdfast.core.errors import ModelError as ModelError
+    from holdfast.core.errors import UsageError as UsageError
+    from holdfast.core.trial_file import read_trial as read_trial
+    from holdfast.edge_runtime.monitor import GripMonitor
+    from holdfast.edge_runtime.supervisor import GripCommand as GripCommand
+    from holdfast.live.open_hand import OpenHand
+
+# onnxruntime from 1.31 on collects and sends usage data unless this turns it off before its import
 os.environ["ORT_DISABLE_TELEMETRY"] = "1"
+
+_HOMES = {
+    "Prediction": "core.contract",
+    "Sample": "core.contract",
+    "DataError": "core.errors",
+    "DeviceError": "core.errors",
+    "HoldfastError": "core.errors",
+    "ModelError": "core.errors",
+    "UsageError": "core.errors",
+    "read_trial": "core.trial_file",
+    "GripCommand": "edge_runtime.supervisor",
+}
+"""Public name -> the module that has it."""
+
+__all__ = [
+    "DataError",
+    "DeviceError",
+    "GripCommand",
+    "HoldfastError",
+    "ModelError",
+    "Prediction",
+    "Sample",
+    "UsageError",
+    "errors",
+    "load",
+    "open_hand",
+    "read_trial",
+]
+
+
+def load(model: str | Path, *, live: bool = True) -> GripMonitor:
+    """A monitor on a model: `feed` it one sample at a time, it returns a Prediction.
+
+    model: a file, or the name of a shipped model. live: the samples are stamped by
+    CLOCK_BOOTTIME, and a late answer is `unknown`; False for recorded samples. Raises ModelError.
+    """
+    from holdfast.edge_runtime.model import Model
+    from holdfast.edge_runtime.monitor import GripMonitor
+
+    opened = Model(model)
+    return GripMonitor(opened) if live else GripMonitor(opened, None)
+
+
+def open_hand(url: str) -> OpenHand:
+    """A hand, a stream or a recording, read now; `for sample in hand.samples(monitor)`.
+
+    url: as for `holdfast run --source`: usb://ft232h, virtual://ft232h, replay://PATH, .. Raises
+    UsageError, DeviceError or DataError.
+    """
+    from holdfast.live.open_hand import OpenHand
+
+    return OpenHand(url)
+
+
+def __getattr__(name: str) -> Any:
+    if name == "errors":
+        return import_module("holdfast.core.errors")
+    if name not in _HOMES:
+        raise AttributeError(f"module 'holdfast' has no attribute {name!r}")
+    return getattr(import_module(f"holdfast.{_HOMES[name]}"), name)
+
+
+def __dir__() -> list[str]:
+    return __all__

@@ -8,6 +8,11 @@ if TYPE_CHECKING:
         recordings_from_frames as recordings_from_frames,
     )
 
+if __name__ == "training":  # imported by the link at the top of a checkout
+    from holdfast.core.links import link
+
+    link(__name__)
+
 _LATE = {"recordings_from_frames": "holdfast.training.frames"}
 """Imported when first used, so that `holdfast train --help` loads no pandas."""
 

@@ -73,6 +73,17 @@ def test_evaluate_ends_with_figures_of_simulated_trials(
     assert (unseen["data"]["kind"], unseen["data"]["recordings"]) == ("simulated", 20)
 
 
+def test_the_api_page_answers_a_trial_and_a_hand(
+    follow: Callable[[str], str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    follow("api.md")
+    states = r"(unknown|nothing|grasp|safe_slip|risky_slip)"
+    printed = capsys.readouterr().out
+    assert re.search(rf"^{states} 0\.\d+ (True|False)$", printed, re.MULTILINE)
+    assert re.search(rf"^{states} \d+ us$", printed, re.MULTILINE)
+    assert "no such model file | export one" in printed
+
+
 @pytest.mark.filterwarnings("ignore")
 @pytest.mark.parametrize(
     ("name", "says"),

@@ -1,0 +1,68 @@
+"""`holdfast.open_hand(url)`: a source of samples for a program of one's own."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from types import TracebackType
+
+from holdfast.core.contract import Sample
+from holdfast.edge_runtime.monitor import GripMonitor, require_fit
+from holdfast.edge_runtime.preparation import Tare
+from holdfast.live.hand_sources import open_live
+from holdfast.live.real_time import RunClock
+from holdfast.live.stopping import say
+
+
+class OpenHand:
+    """A source that is read now; close it, or use it in a `with` block.
+
+    url: as for `holdfast run --source`. Raises UsageError, DeviceError or DataError.
+    """
+
+    def __init__(self, url: str) -> None:
+        self.url = url
+        self._clock = RunClock()
+        self._source = open_live(url, clock=self._clock, say=say)
+
+    def samples(self, monitor: GripMonitor) -> Iterator[Sample]:
+        """Samples for a monitor, on time and at its rate, until the source ends.
+
+        The bias of the unloaded hand is taken from the first rows, as the model's card says; until
+        then no sensor is valid. Raises UnitError, ChannelError or RateError where the source does
+        not fit the model.
+        """
+        card, source = monitor.card, self._source
+        rate_hz = source.rate_hz or card.rate_hz
+        require_fit(
+            card,
+            n_channels=source.n_channels,
+            unit=source.unit,
+            rate_hz=rate_hz,
+            where=self.url,
+        )
+        tare = Tare(card.preparation, card.n_channels)
+        start_ns, sequence = self._clock.now_ns(), 0
+        while True:
+            # an absolute schedule: a late sample delays no other one
+            self._clock.wait_until(start_ns + round(1e9 * sequence / rate_hz))
+            reading = source.read()
+            if reading is None:
+                return
+            values, valid = tare.prepare(reading.values, reading.valid)
+            yield Sample(reading.t_ns, values, valid, sequence)
+            sequence += 1
+
+    def close(self) -> None:
+        """Release the device or file."""
+        self._source.close()
+
+    def __enter__(self) -> OpenHand:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()

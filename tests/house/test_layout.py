@@ -1,0 +1,104 @@
+"""The package works without the links at the top: nothing that runs depends on one."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import tarfile
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from rooms import ROOT
+
+LINKS = ("drivers", "edge_runtime", "export", "training")
+IN_GIT = (ROOT / ".git").exists()
+"""Not in an unpacked archive, where these tests may run too."""
+
+
+def without_links(folder: Path) -> Path:
+    """A clone by a git that makes no links, as on a file system that has none."""
+    command = ["git", "clone", "-q", "-c", "core.symlinks=false", str(ROOT)]
+    subprocess.run([*command, str(folder / "clone")], check=True)
+    return folder / "clone"
+
+
+def unpacked_zip(folder: Path) -> Path:
+    """What a page that offers a zip gives: links are files there."""
+    packed = folder / "holdfast.zip"
+    command = ["git", "archive", "--format", "zip", "--output", str(packed), "HEAD"]
+    subprocess.run(command, cwd=ROOT, check=True)
+    with zipfile.ZipFile(packed) as archive:
+        archive.extractall(folder / "zip")
+    return folder / "zip"
+
+
+def unpacked_sdist(folder: Path) -> Path:
+    """The source distribution."""
+    command = [sys.executable, "-m", "hatchling", "build", "-t", "sdist", "-d"]
+    subprocess.run([*command, str(folder)], cwd=ROOT, check=True, capture_output=True)
+    (packed,) = folder.glob("*.tar.gz")
+    with tarfile.open(packed) as archive:
+        archive.extractall(folder / "sdist", filter="data")
+    (tree,) = (folder / "sdist").iterdir()
+    return tree
+
+
+@pytest.fixture(scope="module", params=[without_links, unpacked_zip, unpacked_sdist])
+def tree(
+    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
+) -> Path:
+    """A tree of the project without links."""
+    if not IN_GIT and request.param is not unpacked_sdist:
+        pytest.skip("needs the repository")
+    make: Callable[[Path], Path] = request.param
+    return make(tmp_path_factory.mktemp(make.__name__))
+
+
+def python(tree: Path, *words: str) -> str:
+    """What Python prints, with the tree's own package in place of the installed one."""
+    done = subprocess.run(
+        [sys.executable, *words],
+        cwd=tree,
+        env={**os.environ, "PYTHONPATH": str(tree)},
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_a_tree_without_links_trains_exports_and_answers(tree: Path) -> None:
+    assert not any((tree / name).is_dir() for name in LINKS)
+    for program in ("training.train", "export.export"):
+        assert "usage:" in python(tree, "-m", f"holdfast.{program}", "--help")
+    program = "import holdfast; print(holdfast.__file__, holdfast.load('holdfast-150hz').card.model_id)"
+    file, model_id = python(tree, "-c", program).split()
+    assert Path(file).is_relative_to(tree)
+    assert len(model_id) == 12
+
+
+def test_a_tree_without_links_has_its_tests(tree: Path) -> None:
+    words = ("-m", "pytest", "-q", "-p", "no:cacheprovider")
+    printed = python(tree, *words, "tests/edge_runtime/test_decision.py")
+    assert " passed" in printed
+
+
+@pytest.mark.skipif(
+    not all((ROOT / name).is_symlink() for name in LINKS), reason="no links here"
+)
+def test_a_link_gives_the_modules_of_the_package(tmp_path: Path) -> None:
+    program = """
+import edge_runtime.monitor, drivers, export.seal, training
+import holdfast.edge_runtime.monitor, holdfast.drivers.replay, holdfast.export.seal
+assert edge_runtime is holdfast.edge_runtime
+assert edge_runtime.monitor is holdfast.edge_runtime.monitor
+assert export.seal is holdfast.export.seal
+import drivers.replay
+assert drivers.replay.Replay is holdfast.drivers.replay.Replay
+assert edge_runtime.monitor.__spec__.name == "holdfast.edge_runtime.monitor"
+print("one of each")
+"""
+    assert python(ROOT, "-c", program).strip() == "one of each"
