@@ -74,7 +74,8 @@ def test_a_tree_without_links_trains_exports_and_answers(tree: Path) -> None:
     assert not any((tree / name).is_dir() for name in LINKS)
     for program in ("training.train", "export.export"):
         assert "usage:" in python(tree, "-m", f"holdfast.{program}", "--help")
-    program = "import holdfast; print(holdfast.__file__, holdfast.load('holdfast-150hz').card.model_id)"
+    program = "import holdfast; print(holdfast.__file__)\n"
+    program += "print(holdfast.load('holdfast-150hz').card.model_id)"
     file, model_id = python(tree, "-c", program).split()
     assert Path(file).is_relative_to(tree)
     assert len(model_id) == 12
@@ -91,11 +92,11 @@ def test_a_tree_without_links_has_its_tests(tree: Path) -> None:
 )
 def test_a_link_gives_the_modules_of_the_package(tmp_path: Path) -> None:
     program = """
-import edge_runtime.monitor, drivers, export.seal, training
-import holdfast.edge_runtime.monitor, holdfast.drivers.replay, holdfast.export.seal
+import edge_runtime.monitor, drivers, export.spec, training
+import holdfast.edge_runtime.monitor, holdfast.drivers.replay, holdfast.export.spec
 assert edge_runtime is holdfast.edge_runtime
 assert edge_runtime.monitor is holdfast.edge_runtime.monitor
-assert export.seal is holdfast.export.seal
+assert export.spec is holdfast.export.spec
 import drivers.replay
 assert drivers.replay.Replay is holdfast.drivers.replay.Replay
 assert edge_runtime.monitor.__spec__.name == "holdfast.edge_runtime.monitor"
