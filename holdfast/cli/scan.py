@@ -11,8 +11,7 @@ from dataclasses import asdict, dataclass
 
 from holdfast.cli.command import add_json_option, show_found
 from holdfast.drivers.bus import Bus, Transfer
-from holdfast.drivers.layout import masks_of, muxes_of, read_layout
-from holdfast.drivers.scan_plan import enable_channels
+from holdfast.drivers.layout import enable_channels, masks_of, muxes_of, read_layout
 from holdfast.drivers.scanning import BusDevice, as_layout, look_at
 from holdfast.drivers.tmag5273 import PACKET_BYTES, RESULTS
 from holdfast.live.hand_sources import named_addresses, open_bus

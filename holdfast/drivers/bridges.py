@@ -1,7 +1,8 @@
-"""The bridges by name: the driver, and its emulation for virtual://."""
+"""The bridges by name: one table of backends, and what opens one of them."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from typing import Any
@@ -10,32 +11,32 @@ from holdfast.core.errors import UsageError
 from holdfast.drivers.bus import Bus
 
 BRIDGES = {
-    "ft232h": (
-        "holdfast.drivers.ft232h:Ft232h",
-        "holdfast.drivers.virtual.ft232h:VirtualFt232h",
-        "holdfast.drivers.ft232h:FT232H_IDS",
-    ),
-    "tiny-usb": (
-        "holdfast.drivers.tiny_usb:TinyUsb",
-        "holdfast.drivers.virtual.tiny_usb:VirtualTinyUsb",
-        "holdfast.drivers.tiny_usb:TINY_USB_IDS",
-    ),
-    "mcp2221": (
-        "holdfast.drivers.mcp2221:Mcp2221",
-        "holdfast.drivers.virtual.mcp2221:VirtualMcp2221",
-        "holdfast.drivers.mcp2221:MCP2221_IDS",
-    ),
+    "ft232h": ("ft232h:Ft232h", "virtual.ft232h:VirtualFt232h"),
+    "tiny-usb": ("tiny_usb:TinyUsb", "virtual.tiny_usb:VirtualTinyUsb"),
+    "mcp2221": ("mcp2221:Mcp2221", "virtual.mcp2221:VirtualMcp2221"),
 }
-"""Name -> (driver, emulation, USB ids)."""
-OWN_SPEED = ("ft232h", "mcp2221")
-"""Bridges whose bus speed the driver sets; the firmware of the others decides."""
+"""Name -> (driver, its emulation for virtual://), loaded when one is opened."""
+MOST_DIGITS = 9
+BUS_HZ = 400_000
 
 
-def open_usb(name: str, number: int, bus_hz: int) -> Bus:
-    """The driver on the machine's USB. Raises a DeviceError."""
-    from holdfast.drivers.usb import real_backend
+def open_bus(scheme: str, name: str, *, number: int = 0, bus_hz: int = BUS_HZ) -> Bus:
+    """A bus of this machine. scheme: "usb", with a name of BRIDGES, or "i2c" with a bus number.
 
-    return _driver(name, real_backend(), number, bus_hz)
+    number: which of several bridges on USB. bus_hz: ignored where a firmware or the kernel decides.
+    Raises a DeviceError or UsageError.
+    """
+    if scheme == "usb":
+        from holdfast.drivers.usb import real_backend
+
+        return _driver(name, real_backend(), number, bus_hz)
+    if not name.isdecimal() or len(name) > MOST_DIGITS:
+        raise UsageError(
+            f"i2c://{name}: not a bus number", next_step="i2c://1 means /dev/i2c-1"
+        )
+    from holdfast.drivers.native_i2c import NativeI2C
+
+    return NativeI2C(int(name))
 
 
 def bridges_on_usb() -> list[str]:
@@ -43,27 +44,17 @@ def bridges_on_usb() -> list[str]:
     from holdfast.drivers.usb import find_usb, real_backend
 
     backend = real_backend()
-    found = {name: find_usb(ids_of(name), backend) for name in BRIDGES}
-    return [
-        f"usb://{name}?number={k}"
-        for name, devices in found.items()
-        for k in range(len(devices))
-    ]
+    urls = []
+    for name in BRIDGES:
+        count = len(find_usb(ids_of(name), backend))
+        urls += [f"usb://{name}?number={k}" for k in range(count)]
+    return urls
 
 
-def ids_of(name: str) -> Any:
+def ids_of(name: str) -> Sequence[tuple[int, int]]:
     """The USB ids of a bridge: (vendor, product), .."""
-    return _load(BRIDGES[name][2])
-
-
-def open_native(name: str) -> Bus:
-    """The board's own bus, by its number. Raises a DeviceError or UsageError."""
-    if not name.isdecimal() or len(name) > 9:
-        raise UsageError(
-            f"i2c://{name}: not a bus number", next_step="i2c://1 means /dev/i2c-1"
-        )
-    bus: Bus = _load("holdfast.drivers.native_i2c:NativeI2C")(int(name))
-    return bus
+    ids: Sequence[tuple[int, int]] = _load(BRIDGES[name][0]).ids
+    return ids
 
 
 @dataclass(frozen=True)
@@ -79,23 +70,21 @@ class VirtualBridge:
         return _driver(self.name, self.backend, 0, self.bus_hz)
 
 
-def open_virtual(name: str, hand: Any, bus_hz: int) -> VirtualBridge:
+def open_virtual(name: str, hand: Any, bus_hz: int = BUS_HZ) -> VirtualBridge:
     """An emulated bridge in front of a virtual hand."""
     from holdfast.drivers.virtual.usb_backend import VirtualBackend
 
-    backend = VirtualBackend(
-        _load(BRIDGES[name][1])(hand), hand.clock, hand.faults, hand.power_off
-    )
+    device = _load(BRIDGES[name][1])(hand)
+    backend = VirtualBackend(device, hand.clock, hand.faults, hand.power_off)
     return VirtualBridge(name, backend, bus_hz)
 
 
 def _driver(name: str, backend: Any, number: int, bus_hz: int) -> Bus:
-    driver = _load(BRIDGES[name][0])
-    options = {"bus_hz": bus_hz} if name in OWN_SPEED else {}
-    bus: Bus = driver(backend, number=number, **options)
+    bus: Bus = _load(BRIDGES[name][0])(backend, number=number, bus_hz=bus_hz)
     return bus
 
 
 def _load(path: str) -> Any:
+    """A class by its module within this package and its name."""
     module, _, name = path.partition(":")
-    return getattr(import_module(module), name)
+    return getattr(import_module(f"holdfast.drivers.{module}"), name)

@@ -1,22 +1,17 @@
-"""What every bridge does.
-
-It takes a list of I2C transfers and returns a reply for each, in one call.
+"""What every bridge does: it takes a list of I2C transfers and returns a reply for each.
 
 A bridge that can carry a whole list in one round trip does so; that is why there is a list. A
 transfer that no chip acknowledges is no error: its reply says so, and the other replies are not
 affected. A bridge that does not answer is an error, a DeviceError.
-
-What the drivers of all USB bridges share: opening, closing and the check of the bus speed.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, Protocol, TypeVar
+from typing import Protocol, TypeVar
 
-from holdfast.core.errors import BusStuck, TransferFailed, UsageError
-from holdfast.drivers.usb import UsbId, UsbPort
+from holdfast.core.errors import BusStuck, TransferFailed
 
 MOST_CLEARS = 9
 """One chip behind each of a mux's eight channels may hold SDA low, but only while it is enabled."""
@@ -39,7 +34,7 @@ class Reply:
     acked: bool
 
 
-NOT_ACKED = Reply(b"", acked=False)
+ACKED, NOT_ACKED = Reply(b"", acked=True), Reply(b"", acked=False)
 
 
 class Bus(Protocol):
@@ -88,43 +83,4 @@ def require_short(name: str, transfer: Transfer, most_bytes: int) -> None:
             f"{longest} bytes in one transfer",
             where=name,
             cause=f"it carries at most {most_bytes} bytes",
-        )
-
-
-class UsbBridge:
-    """A bridge on USB. A driver sets name, ids and interface, and overrides _begin.
-
-    number: which of the bridges with these ids, 0 is the first. Raises DeviceNotFound,
-    AccessDenied, DeviceLost, TransferFailed, or what _begin raises.
-    """
-
-    name: str
-    ids: ClassVar[tuple[UsbId, ...]]
-    interface: ClassVar[int] = 0
-
-    def __init__(self, backend: Any, number: int) -> None:
-        self._port = UsbPort(
-            self.name, self.ids, backend, interface=self.interface, number=number
-        )
-        try:
-            self._begin()
-        except BaseException:
-            self._port.close()
-            raise
-
-    def close(self) -> None:
-        """Give the bridge back; a second call does no harm."""
-        self._port.close()
-
-    def _begin(self) -> None:
-        """Make the bridge ready for transfers."""
-        raise NotImplementedError
-
-
-def require_bus_hz(name: str, bus_hz: int, slowest_hz: int, fastest_hz: int) -> None:
-    """Raise UsageError where a bridge cannot run its bus at this speed."""
-    if not slowest_hz <= bus_hz <= fastest_hz:
-        raise UsageError(
-            f"bus_hz={bus_hz} is not a bus speed of the {name}",
-            next_step=f"choose {slowest_hz} to {fastest_hz} Hz",
         )

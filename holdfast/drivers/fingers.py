@@ -1,7 +1,7 @@
 """The fingertips of a hand on an open bus: brought up, scanned, judged and brought up again.
 
 A reading is valid only if all of this holds: the chip acknowledged, the CRC of its packet fits
-(holdfast/drivers/bring_up.py), it converted anew within the last 20 ms, it kept its power, its own
+(holdfast/drivers/finger.py), it converted anew within the last 20 ms, it kept its power, its own
 diagnosis found no fault, and no axis is at the end of its range. The chip converted anew if its
 packet differs from the last one: results and SET_COUNT change with a conversion and with nothing
 else. SET_COUNT alone is not enough: it rolls over every 8 conversions (19.4 ms), so it seems to
@@ -22,17 +22,14 @@ import numpy as np
 
 from holdfast.core.contract import BoolArray, FloatArray
 from holdfast.core.errors import DeviceError, DeviceNotFound, WrongDevice
-from holdfast.drivers.bring_up import MOST_TEST_PACKETS, bring_up
 from holdfast.drivers.bus import Bus, Reply, Transfer
-from holdfast.drivers.layout import Finger
-from holdfast.drivers.scan_plan import (
+from holdfast.drivers.finger import (
+    MOST_TEST_PACKETS,
     TRY_AGAIN_NS,
     FingerState,
-    ScanPlan,
-    ScanPlanner,
-    is_mux,
-    plain_read,
+    bring_up,
 )
+from holdfast.drivers.layout import Finger, ScanPlan, ScanPlanner, is_mux, plain_read
 from holdfast.drivers.tmag5273 import (
     GENERAL_CALL,
     TRIGGER,
@@ -86,37 +83,36 @@ class Fingers:
         pause: Callable[[float], None],
         say: Callable[[str], None],
     ) -> None:
-        self._fingers, self._setup, self._crc = tuple(fingers), setup, crc
+        self._setup, self._crc = setup, crc
         self._now_ns, self._pause, self._say = now_ns, pause, say
         chip_setup = replace(setup, crc=crc != "off")
-        self._states = [FingerState(finger, chip_setup) for finger in self._fingers]
-        self._planner = ScanPlanner(self._fingers)
+        self._states = [FingerState(finger, chip_setup) for finger in fingers]
+        self._planner = ScanPlanner(fingers)
         self._doubtful_until_ns = 0
-        self._range_mt = np.array(
-            [setup.range_mt(state.version) for state in self._states]
-        )
+        self._range_mt = np.array([setup.range_mt(one.version) for one in self._states])
 
     def about(self) -> list[dict[str, object]]:
         """What is known of each finger: its place, its chip's variant and whether it is ready.
 
         serial is None because the chip has no serial number.
         """
-        return [
-            {
-                "finger": k,
-                "address": f"0x{finger.address:02x}",
-                "channel": finger.channel,
-                "mux": None if finger.channel is None else f"0x{finger.mux:02x}",
-                "ready": state.ready,
-                "range_mt": self._setup.range_mt(state.version).tolist(),
-                "version": state.version,
-                "serial": None,
-                "crc": state.setup.crc,
-            }
-            for k, (finger, state) in enumerate(
-                zip(self._fingers, self._states, strict=True), 1
+        facts: list[dict[str, object]] = []
+        for k, state in enumerate(self._states, 1):
+            finger = state.finger
+            facts.append(
+                {
+                    "finger": k,
+                    "address": f"0x{finger.address:02x}",
+                    "channel": finger.channel,
+                    "mux": None if finger.channel is None else f"0x{finger.mux:02x}",
+                    "ready": state.ready,
+                    "range_mt": self._setup.range_mt(state.version).tolist(),
+                    "version": state.version,
+                    "serial": None,
+                    "crc": state.setup.crc,
+                }
             )
-        ]
+        return facts
 
     def forget_masks(self) -> None:
         """Treat every mux as unknown, after anything went wrong on the bus."""
@@ -144,7 +140,7 @@ class Fingers:
     def bring_up_all(self, bus: Bus) -> list[DeviceError | None]:
         """Check the muxes and bring up every finger; what is wrong with each, or None."""
         self._require_muxes(bus)
-        return [self._bring_up_patiently(bus, k) for k in range(len(self._fingers))]
+        return [self._bring_up_patiently(bus, k) for k in range(len(self._states))]
 
     def settle(self, bus: Bus) -> None:
         """Read until each finger has converted and passed its CRC test.
@@ -155,9 +151,7 @@ class Fingers:
         for _ in range(MOST_TEST_PACKETS + 1):
             self._pause(conversion)
             self.judge(self._now_ns(), self.scan(bus))
-            for k, state in enumerate(self._states):
-                if state.check.absent and state.setup.crc:
-                    self._go_without_crc(bus, k)
+            self._accept_absent_crcs(bus)
             if all(state.settled for state in self._states):
                 break
         self._pause(conversion)
@@ -167,26 +161,19 @@ class Fingers:
 
     def repair(self, bus: Bus, reading: Reading) -> None:
         """Bring up the finger that has waited longest; only one, so the others stay on time."""
-        due = self._due(reading)
+        # (when it was last tried, finger) of those that need a bring-up now
+        due: list[tuple[int, int]] = []
+        for k, state in enumerate(self._states):
+            rested = reading.t_ns - state.tried_ns >= TRY_AGAIN_NS
+            if rested and state.needs_bring_up(reading.why[k]):
+                due.append((state.tried_ns, k))
         try:
-            for k, state in enumerate(self._states):
-                if state.check.absent and state.setup.crc and self._crc == "auto":
-                    self._go_without_crc(bus, k)
+            if self._crc == "auto":
+                self._accept_absent_crcs(bus)
             if due:
                 self._bring_up(bus, min(due)[1])
         except DeviceError:
             self.forget_masks()  # the next scan meets the same failure and handles it
-
-    def _due(self, reading: Reading) -> list[tuple[int, int]]:
-        """(when it was last tried, finger) of those that need a bring-up now."""
-        return [
-            (state.tried_ns, k)
-            for k, (state, why) in enumerate(
-                zip(self._states, reading.why, strict=True)
-            )
-            if state.needs_bring_up(why)
-            and reading.t_ns - state.tried_ns >= TRY_AGAIN_NS
-        ]
 
     def _require_muxes(self, bus: Bus) -> None:
         """See that every mux of the layout is there before it is written to.
@@ -228,10 +215,7 @@ class Fingers:
         selects = self._planner.select(finger.behind)
         read_backs = [Transfer(one.address, b"", 1) for one in selects]
         held = bus.scan([*selects, *read_backs])[len(selects) :]
-        if any(
-            reply.data != select.write
-            for reply, select in zip(held, selects, strict=True)
-        ):
+        if [reply.data for reply in held] != [one.write for one in selects]:
             self.forget_masks()
             raise DeviceNotFound(
                 "its mux does not switch",
@@ -239,6 +223,11 @@ class Fingers:
                 cause="no power, or noise on the bus",
                 next_step="holdfast scan lists the muxes and sensors on the bus",
             )
+
+    def _accept_absent_crcs(self, bus: Bus) -> None:
+        for k, state in enumerate(self._states):
+            if state.check.absent and state.setup.crc:
+                self._go_without_crc(bus, k)
 
     def _go_without_crc(self, bus: Bus, k: int) -> None:
         """Read a chip that sends no CRC without checking one. Raises WrongDevice with crc=on."""
@@ -253,8 +242,7 @@ class Fingers:
         self._say(
             f"finger {k + 1}: sends no CRC, its readings are unchecked (crc=auto)"
         )
-        state.configure(self._setup)
-        self._planner.forget_plans()
+        state.setup = self._setup
         self._bring_up(bus, k)
 
     # -- scans
@@ -263,9 +251,9 @@ class Fingers:
         """Read each finger that is ready. Raises a DeviceError where bridge or bus fails."""
         if self._setup.together:
             self._convert(bus)
-        plan = self._planner.plan(
-            self._states, doubtful=self._now_ns() < self._doubtful_until_ns
-        )
+        reads = [state.transfer if state.ready else None for state in self._states]
+        doubtful = self._now_ns() < self._doubtful_until_ns
+        plan = self._planner.plan(reads, doubtful=doubtful)
         try:
             answers = bus.scan(plan.transfers)
         except DeviceError:
@@ -275,7 +263,7 @@ class Fingers:
 
     def _sort(self, plan: ScanPlan, answers: Sequence[Reply]) -> ScanReplies:
         """The answers to a plan by finger, and the fingers whose mux did not switch."""
-        replies: list[Reply | None] = [None] * len(self._fingers)
+        replies: list[Reply | None] = [None] * len(self._states)
         unswitched: set[int] = set()
         for group in plan.groups:
             if unswitched or not group.switched(answers):
@@ -295,18 +283,18 @@ class Fingers:
         """What the replies to a scan that began at t_ns say."""
         # the time of arrival, not of the request: the machine can stall in between
         came_ns = self._now_ns()
-        judged = [
-            (None, "mux") if k in scanned.unswitched else state.judge(reply, came_ns)
-            for k, (state, reply) in enumerate(
-                zip(self._states, scanned.replies, strict=True)
-            )
-        ]
-        why = tuple([word for _, word in judged])
+        raw: list[tuple[float, float, float]] = []
+        why: list[str] = []
+        for k, state in enumerate(self._states):
+            found, word = None, "mux"
+            if k not in scanned.unswitched:
+                found, word = state.judge(scanned.replies[k], came_ns)
+            raw.append(NO_READING if found is None else found.raw)
+            why.append(word)
         if not DOUBTS.isdisjoint(why):
             self._doubtful_until_ns = came_ns + DOUBT_NS
-        raw = [NO_READING if found is None else found.raw for found, _ in judged]
         valid = np.array([not word for word in why])
-        return Reading(t_ns, field_ut(raw, self._range_mt), valid, why)
+        return Reading(t_ns, field_ut(raw, self._range_mt), valid, tuple(why))
 
 
 def _no_mux(mux: int, *, another_chip: bool) -> DeviceError:

@@ -14,22 +14,19 @@ from functools import lru_cache
 from typing import Any
 
 from holdfast.core.errors import BusStuck, TransferFailed, UsageError
-from holdfast.drivers.bus import NOT_ACKED, Reply, Transfer, UsbBridge, require_bus_hz
+from holdfast.drivers.bus import NOT_ACKED, Reply, Transfer
+from holdfast.drivers.usb import UsbBridge, require_bus_hz
 
-FT232H_IDS = ((0x0403, 0x6014),)
 OUT_ENDPOINT, IN_ENDPOINT = 0x02, 0x81
 PACKET, STATUS_BYTES = 512, 2
 """Every packet that comes in begins with two bytes of modem status."""
 MOST_IN = PACKET - STATUS_BYTES - 4
-"""A batch answers with one packet at most.
-
-A mark, the idle lines twice, and the transfers' bytes.
-"""
+"""A batch answers with one packet at most: a mark, the idle lines twice, the transfers' bytes."""
 EMPTY_READS = 100
 
 VENDOR_OUT, INTERFACE_A = 0x40, 1
 SIO_RESET, SIO_LATENCY, SIO_BITMODE = 0x00, 0x09, 0x0B
-PURGE_SENT, PURGE_ANSWERS = 1, 2
+RESET, PURGE_SENT, PURGE_ANSWERS = 0, 1, 2
 """Discard what the host sent, or what waits for the host; the chip names the two the other way."""
 MPSSE_MODE = 0x0200
 LATENCY_MS = 1
@@ -60,10 +57,9 @@ STOP = _pins(0) + _pins(SCL) + _pins(SCL | SDA)
 RELEASE = _pins(SDA, 1)
 """SCL low, SDA released for the next talker."""
 ACK, NACK = bytes([WRITE_BITS, 0, 0x00]), bytes([WRITE_BITS, 0, 0xFF])
+LOOK = bytes([GET_LOW_PINS])
 CLOCKS = (_pins(SDA) + _pins(SCL | SDA)) * 9
-SDA_PULSE = (
-    _pins(SDA) + _pins(0) + bytes([GET_LOW_PINS]) + _pins(SDA) + _pins(SCL | SDA)
-)
+SDA_PULSE = _pins(SDA) + _pins(0) + LOOK + _pins(SDA) + _pins(SCL | SDA)
 """SDA low for a moment, and read back, while SCL is low."""
 
 
@@ -74,7 +70,7 @@ class Ft232h(UsbBridge):
     SDA is not wired.
     """
 
-    name, ids = "ft232h", FT232H_IDS
+    name, ids = "ft232h", ((0x0403, 0x6014),)
 
     def __init__(self, backend: Any, *, number: int = 0, bus_hz: int = 400_000) -> None:
         require_bus_hz(self.name, bus_hz, SLOWEST_HZ, FASTEST_HZ)
@@ -92,7 +88,7 @@ class Ft232h(UsbBridge):
     def clear(self) -> None:
         """Nine clocks and a STOP. Raises BusStuck where SCL or SDA stays low after them."""
         self._begin()
-        pins = self._ask(CLOCKS + STOP + bytes([GET_LOW_PINS]), 1)[0]
+        pins = self._ask(CLOCKS + STOP + LOOK, 1)[0]
         low = [name for name, pin in (("SCL", SCL), ("SDA", SDA_IN)) if not pins & pin]
         if low:
             raise BusStuck(
@@ -104,11 +100,15 @@ class Ft232h(UsbBridge):
 
     def _begin(self) -> None:
         """Reset the engine, and see that it answers."""
-        for value in (0, PURGE_SENT, PURGE_ANSWERS):
-            self._port.control_out(VENDOR_OUT, SIO_RESET, value, INTERFACE_A)
-        self._port.control_out(VENDOR_OUT, SIO_LATENCY, LATENCY_MS, INTERFACE_A)
-        self._port.control_out(VENDOR_OUT, SIO_BITMODE, 0, INTERFACE_A)
-        self._port.control_out(VENDOR_OUT, SIO_BITMODE, MPSSE_MODE, INTERFACE_A)
+        for request, value in (
+            (SIO_RESET, RESET),
+            (SIO_RESET, PURGE_SENT),
+            (SIO_RESET, PURGE_ANSWERS),
+            (SIO_LATENCY, LATENCY_MS),
+            (SIO_BITMODE, 0),
+            (SIO_BITMODE, MPSSE_MODE),
+        ):
+            self._port.control_out(VENDOR_OUT, request, value, INTERFACE_A)
         self._doubtful = True
         self._ask(b"", 0)
         divider = bytes([DIVIDER, self._divider & 0xFF, self._divider >> 8])
@@ -131,7 +131,27 @@ class Ft232h(UsbBridge):
             )
 
     def _carry(self, transfers: Sequence[Transfer]) -> list[Reply]:
-        return replies_of(transfers, self._ask(*batch_of(transfers)))
+        """One batch, between two looks at the idle lines. Raises BusStuck where one was low."""
+        commands = b"".join(_commands(transfer) for transfer in transfers)
+        expected = sum(_answers(transfer) for transfer in transfers) + 2
+        answer = self._ask(LOOK + commands + LOOK, expected)
+        idle = SCL | SDA_IN
+        if answer[0] & answer[-1] & idle != idle:
+            raise BusStuck(
+                "SCL or SDA is held low",
+                where=self.name,
+                cause="a chip was interrupted in the middle of a byte",
+            )
+        replies, at = [], 1
+        for transfer in transfers:
+            data_at = at + _acks(transfer)
+            end = data_at + transfer.read
+            refused = any(ack & 1 for ack in answer[at:data_at])
+            replies.append(
+                NOT_ACKED if refused else Reply(answer[data_at:end], acked=True)
+            )
+            at = end
+        return replies
 
     def _ask(self, commands: bytes, expected: int) -> bytes:
         """Send commands and return their answer. After a failure, discard old answers first.
@@ -157,75 +177,43 @@ class Ft232h(UsbBridge):
         return answer[2:]
 
     def _collect(self, expected: int) -> bytes:
+        """Exactly so many bytes of answers, without the packets' status bytes."""
         found, empty = b"", 0
         while len(found) < expected:
             packet = self._port.read(IN_ENDPOINT, PACKET)
             if len(packet) < STATUS_BYTES:
-                raise TransferFailed(
-                    f"a packet of {len(packet)} bytes", where=self.name
-                )
+                raise self._wrong_length(f"a packet of {len(packet)} bytes")
             empty = empty + 1 if len(packet) == STATUS_BYTES else 0
             if empty > EMPTY_READS:
-                raise TransferFailed(
-                    f"{len(found)} of {expected} bytes arrived", where=self.name
-                )
+                raise self._wrong_length(f"{len(found)} of {expected} bytes arrived")
             found += packet[STATUS_BYTES:]
         if len(found) > expected:
-            raise TransferFailed(
-                f"{len(found)} bytes arrived, not {expected}", where=self.name
-            )
+            raise self._wrong_length(f"{len(found)} bytes arrived, not {expected}")
         return found
 
-
-def batch_of(transfers: Sequence[Transfer]) -> tuple[bytes, int]:
-    """The commands that carry the transfers out and look at the idle lines before and after.
-
-    And how many bytes they answer.
-    """
-    look = bytes([GET_LOW_PINS])
-    commands = b"".join(_commands(transfer) for transfer in transfers)
-    return look + commands + look, sum(_answers(transfer) for transfer in transfers) + 2
-
-
-def replies_of(transfers: Sequence[Transfer], answer: bytes) -> list[Reply]:
-    """The replies in a batch's answer. Raises BusStuck where a line was low."""
-    if any(pins & (SCL | SDA_IN) != SCL | SDA_IN for pins in (answer[0], answer[-1])):
-        raise BusStuck(
-            "SCL or SDA is held low",
-            where=Ft232h.name,
-            cause="a chip was interrupted in the middle of a byte",
-        )
-    replies, at = [], 1
-    for transfer in transfers:
-        replies.append(_reply(transfer, answer[at : at + _answers(transfer)]))
-        at += _answers(transfer)
-    return replies
+    def _wrong_length(self, what: str) -> TransferFailed:
+        return TransferFailed(what, where=self.name)
 
 
 @lru_cache(maxsize=64)
 def _commands(transfer: Transfer) -> bytes:
     """One transfer: every byte written is followed by its acknowledge bit. Cached: scans repeat."""
-    parts = []
+    commands = b""
     if transfer.write or not transfer.read:
-        parts.append(
-            START
-            + b"".join(
-                _written(byte) for byte in (transfer.address << 1, *transfer.write)
-            )
-        )
+        commands += START + _written(transfer.address << 1)
+        for byte in transfer.write:
+            commands += _written(byte)
     if transfer.read:
-        parts.append(_pins(SDA, 1) + START + _written(transfer.address << 1 | 1))
-        parts += [_read(last=k == transfer.read - 1) for k in range(transfer.read)]
-    return b"".join([*parts, STOP])
+        commands += _pins(SDA, 1) + START + _written(transfer.address << 1 | 1)
+        # SDA is released before and after each byte; a NACK ends the read
+        one_byte = bytes([READ_BYTES, 0, 0])
+        commands += (one_byte + ACK + RELEASE) * (transfer.read - 1)
+        commands += one_byte + NACK + RELEASE
+    return commands + STOP
 
 
 def _written(byte: int) -> bytes:
     return bytes([WRITE_BYTES, 0, 0, byte]) + RELEASE + bytes([READ_BITS, 0])
-
-
-def _read(*, last: bool) -> bytes:
-    """One byte and the master's acknowledge; SDA is released before and after."""
-    return bytes([READ_BYTES, 0, 0]) + (NACK if last else ACK) + RELEASE
 
 
 def _answers(transfer: Transfer) -> int:
@@ -235,12 +223,7 @@ def _answers(transfer: Transfer) -> int:
 
 def _acks(transfer: Transfer) -> int:
     written = 1 + len(transfer.write) if transfer.write or not transfer.read else 0
-    return written + (1 if transfer.read else 0)
-
-
-def _reply(transfer: Transfer, answer: bytes) -> Reply:
-    acks, data = answer[: _acks(transfer)], answer[_acks(transfer) :]
-    return NOT_ACKED if any(ack & 1 for ack in acks) else Reply(data, acked=True)
+    return written + bool(transfer.read)
 
 
 def _batches(transfers: Sequence[Transfer]) -> list[list[Transfer]]:

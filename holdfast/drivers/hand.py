@@ -23,9 +23,9 @@ from holdfast.core.contract import FloatArray, Unit
 from holdfast.core.errors import BusStuck, DeviceError, TransferFailed
 from holdfast.core.source import SourceReading
 from holdfast.drivers.bus import Bus, freeing
+from holdfast.drivers.finger import TRY_AGAIN_NS
 from holdfast.drivers.fingers import Crc, Fingers, Reading
 from holdfast.drivers.layout import LAYOUTS, Finger
-from holdfast.drivers.scan_plan import TRY_AGAIN_NS
 from holdfast.drivers.tmag5273 import Setup
 
 FAILURES_TO_REOPEN = 3

@@ -1,8 +1,8 @@
-"""Where the six fingertips answer. The sensor has four addresses only, so mux channels share them.
+"""Where the six fingertips answer, the muxes in front of them, and the transfers of one scan.
 
-Alternatively, the driver gives each finger its own address at bring-up, behind its channel. Then
-all channels are enabled at once, and a scan never switches. A chip loses such an address with its
-power, and the driver gives it again.
+The sensor has four addresses only, so mux channels share them. Alternatively, the driver gives each
+finger its own address at bring-up, behind its channel. Then all channels are enabled at once, and a
+scan never switches. A chip loses such an address with its power, and the driver gives it again.
 
 A layout in a URL is a name (`mux`, or `mux@71` for a mux at 0x71), or a place for each finger:
 
@@ -10,19 +10,26 @@ A layout in a URL is a name (`mux`, or `mux@71` for a mux at 0x71), or a place f
     1:35            0x35 on channel 1 of the mux at 0x70
     71/1:35         0x35 on channel 1 of the mux at 0x71
     1:35>50         the same on 0x70, given the address 0x50 at start
+
+A TCA9548A mux has one register and no register numbers: the byte after its address is the mask of
+its enabled channels. A chip with registers takes the same byte as a register number. So a mux
+shows itself in a register read: it returns the very byte that was sent as the number, again and
+again. No chip with registers holds its own register numbers.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 from holdfast.core.errors import UsageError
+from holdfast.drivers.bus import Bus, Reply, Transfer
 
 MUX_ADDRESSES = range(0x70, 0x78)
 MUX_ADDRESS = MUX_ADDRESSES[0]
 """A TCA9548A with its address pins at ground."""
 CHANNELS = range(8)
+ADDRESSES = range(0x08, 0x80)
 
 Channel = tuple[int, int]
 """Address of a mux, and number of its channel."""
@@ -49,29 +56,28 @@ class Finger:
     @property
     def behind(self) -> frozenset[Channel]:
         """Its own channel; empty where it is directly on the bus."""
-        return (
-            frozenset()
-            if self.channel is None
-            else frozenset({(self.mux, self.channel)})
-        )
+        if self.channel is None:
+            return frozenset()
+        return frozenset({(self.mux, self.channel)})
 
 
 LAYOUTS: dict[str, tuple[Finger, ...]] = {
-    "mux": tuple(
-        Finger(a, c)
-        for c, a in ((0, 0x35), (0, 0x22), (0, 0x78), (0, 0x44), (1, 0x35), (1, 0x22))
+    "mux": (
+        Finger(0x35, 0),
+        Finger(0x22, 0),
+        Finger(0x78, 0),
+        Finger(0x44, 0),
+        Finger(0x35, 1),
+        Finger(0x22, 1),
     ),
     "mux6": tuple(Finger(0x35, channel) for channel in range(6)),
-    "moved": tuple(
-        Finger(a, c, moved)
-        for c, a, moved in (
-            (0, 0x35, 0x50),
-            (0, 0x22, 0x51),
-            (0, 0x78, 0x52),
-            (0, 0x44, 0x53),
-            (1, 0x35, 0x54),
-            (1, 0x22, 0x55),
-        )
+    "moved": (
+        Finger(0x35, 0, 0x50),
+        Finger(0x22, 0, 0x51),
+        Finger(0x78, 0, 0x52),
+        Finger(0x44, 0, 0x53),
+        Finger(0x35, 1, 0x54),
+        Finger(0x22, 1, 0x55),
     ),
 }
 """"mux": four fingers on one channel, two on another. "mux6": one a channel. "moved": see above."""
@@ -87,37 +93,34 @@ def read_layout(text: str) -> tuple[Finger, ...]:
     """
     name, at, mux = text.partition("@")
     try:
+        if name in LAYOUTS and at:
+            address = _hex_within(mux, MUX_ADDRESSES)
+            return tuple(replace(one, mux=address) for one in LAYOUTS[name])
         if name in LAYOUTS:
-            return (
-                tuple(replace(one, mux=_mux(mux)) for one in LAYOUTS[name])
-                if at
-                else LAYOUTS[name]
-            )
-        fingers = tuple(_finger(one) for one in text.split(","))
+            return LAYOUTS[name]
+        fingers = tuple(_finger(place) for place in text.split(","))
     except ValueError:
         raise UsageError(
             f"{text!r} is not a layout",
             next_step=f"choose {', '.join(LAYOUTS)}, a name@71 for a mux at 0x71, "
             "or one place for each finger, such as 0:35,1:35 or 71/0:35,71/1:35",
         ) from None
-    _check(text, fingers)
+    _require_distinct(text, fingers)
     return fingers
 
 
-def _check(text: str, fingers: Sequence[Finger]) -> None:
-    places = [(one.behind, one.address) for one in fingers]
-    own = [one.moved for one in fingers if one.moved]
-    read_at = {one.read_at for one in fingers}
-    if (
-        len(set(places)) < len(places)
-        or len(set(own)) < len(own)
-        or {one.address for one in fingers} & {*own}
-    ):
+def _require_distinct(text: str, fingers: Sequence[Finger]) -> None:
+    places = {(one.behind, one.address) for one in fingers}
+    moved = [one.moved for one in fingers if one.moved]
+    factory = {one.address for one in fingers}
+    doubled = len(places) < len(fingers) or len(set(moved)) < len(moved)
+    if doubled or not factory.isdisjoint(moved):
         raise UsageError(
             f"{text!r}: two fingers at one place",
             next_step="give each its own address or channel",
         )
-    if taken := (read_at | {one.address for one in fingers}) & muxes_of(fingers):
+    taken = factory.union(moved) & muxes_of(fingers)
+    if taken:
         raise UsageError(
             f"{text!r}: a finger has a mux's address, {min(taken):#04x}",
             next_step="choose another",
@@ -125,27 +128,22 @@ def _check(text: str, fingers: Sequence[Finger]) -> None:
 
 
 def _finger(text: str) -> Finger:
+    """One place of a layout. Raises ValueError."""
     where, _, place = text.rpartition(":")
     mux, _, channel = where.rpartition("/")
     address, _, moved = place.partition(">")
     if (channel and int(channel) not in CHANNELS) or (mux and not channel):
         raise ValueError(where)
     return Finger(
-        _address(address),
+        _hex_within(address, ADDRESSES),
         int(channel) if channel else None,
-        _address(moved) if moved else None,
-        _mux(mux) if mux else MUX_ADDRESS,
+        _hex_within(moved, ADDRESSES) if moved else None,
+        _hex_within(mux, MUX_ADDRESSES) if mux else MUX_ADDRESS,
     )
 
 
-def _address(text: str) -> int:
-    if not 0x08 <= int(text, 16) <= 0x7F:
-        raise ValueError(text)
-    return int(text, 16)
-
-
-def _mux(text: str) -> int:
-    if int(text, 16) not in MUX_ADDRESSES:
+def _hex_within(text: str, allowed: range) -> int:
+    if int(text, 16) not in allowed:
         raise ValueError(text)
     return int(text, 16)
 
@@ -153,6 +151,167 @@ def _mux(text: str) -> int:
 def muxes_of(fingers: Sequence[Finger]) -> frozenset[int]:
     """Addresses of the muxes in front of these fingers."""
     return frozenset(one.mux for one in fingers if one.channel is not None)
+
+
+def masks_of(channels: frozenset[Channel], muxes: frozenset[int]) -> dict[int, int]:
+    """Each mux's mask that enables these channels only; muxes that enable none come first."""
+    masks = dict.fromkeys(sorted(muxes), 0)
+    for mux, channel in channels:
+        masks[mux] |= 1 << channel
+    # a channel is disabled before another one with the same addresses is enabled
+    return dict(sorted(masks.items(), key=lambda item: item[1] != 0))
+
+
+# -- muxes on a bus
+
+ALIKE_BYTES = 8
+"""A chip with one register answers a plain read of this many bytes with equal bytes."""
+ECHOES = (0x02, 0x01, 0x00)
+"""Sent as register numbers; the last one disables all channels.
+
+LED drivers and pressure sensors also use 0x70 to 0x77. To them these numbers are registers or
+nothing, and none of them starts a reset.
+"""
+
+
+def answering(bus: Bus, addresses: Sequence[int]) -> list[int]:
+    """Which addresses acknowledge a read; a sleeping sensor does so from the second read on."""
+    transfers = [Transfer(address, b"", 1) for address in addresses]
+    first, second = bus.scan(transfers), bus.scan(transfers)
+    return [a for k, a in enumerate(addresses) if first[k].acked or second[k].acked]
+
+
+def plain_read(bus: Bus, address: int) -> bytes:
+    """What a chip answers to a read without a register number; empty if no chip acknowledges."""
+    return bus.scan([Transfer(address, b"", ALIKE_BYTES)])[0].data
+
+
+def is_mux(bus: Bus, address: int) -> bool:
+    """Whether a mux answers there, found by reads alone. Its channels are all disabled afterwards.
+
+    A chip that answers a plain read with different bytes is sent nothing at all. Raises what a
+    bridge raises.
+    """
+    if len(set(plain_read(bus, address))) != 1:
+        return False
+    for number in ECHOES:
+        register_read = Transfer(address, bytes([number]), 1)
+        after = bus.scan([register_read, Transfer(address, b"", 2)])[1]
+        if after.data != bytes([number, number]):
+            return False
+    return True
+
+
+def enable_channels(mux: int, mask: int) -> Transfer:
+    """The transfer that enables these channels of a mux and disables the rest."""
+    return Transfer(mux, bytes([mask]))
+
+
+# -- the transfers of one scan
+
+
+@dataclass
+class Group:
+    """Fingers read behind the same channels. A place is an index into a scan's transfers.
+
+    masks: the mask of every mux during this group. selects: places of the mux writes. fingers:
+    finger index -> place of its read. read_backs: place of a mux read -> mask that it must return.
+    """
+
+    masks: dict[int, int]
+    selects: list[int]
+    fingers: dict[int, int] = field(default_factory=dict)
+    read_backs: dict[int, int] = field(default_factory=dict)
+
+    def switched(self, replies: Sequence[Reply]) -> bool:
+        """Whether every mux write was acknowledged and every mux that was read held its mask."""
+        for place, mask in self.read_backs.items():
+            if replies[place].data != bytes([mask]):
+                return False
+        return all(replies[place].acked for place in self.selects)
+
+
+@dataclass(frozen=True)
+class ScanPlan:
+    """The transfers of one scan, their groups, and the masks that the muxes hold afterwards."""
+
+    transfers: list[Transfer]
+    groups: list[Group]
+    masks: dict[int, int]
+
+
+class ScanPlanner:
+    """Plans the scans of a hand, and remembers the mask that each mux holds.
+
+    Fingers behind the same channels form a group: the channels are enabled once, then the fingers
+    are read. masks: by mux; a mux without an entry is unknown and will be written.
+    """
+
+    def __init__(self, fingers: Sequence[Finger]) -> None:
+        self.muxes = muxes_of(fingers)
+        self.masks: dict[int, int] = {}
+        self._channels = [read_behind(fingers, finger) for finger in fingers]
+        self._all_channels = frozenset[Channel]().union(
+            *(one.behind for one in fingers)
+        )
+        self._plans: dict[object, ScanPlan] = {}
+
+    def forget_masks(self) -> None:
+        """Treat every mux as unknown: the next scan writes all masks again."""
+        self.masks = {}
+
+    def plan(self, reads: Sequence[Transfer | None], *, doubtful: bool) -> ScanPlan:
+        """The plan for these reads of the fingers, None for one that is not read; plans are cached.
+
+        doubtful: the bus flipped bits lately, so each group ends with a read of its muxes.
+        """
+        key = (doubtful, tuple(self.masks.items()), tuple(reads))
+        if key not in self._plans:
+            self._plans[key] = self._new_plan(reads, doubtful)
+        plan = self._plans[key]
+        self.masks = plan.masks.copy()
+        return plan
+
+    def select(self, channels: frozenset[Channel]) -> list[Transfer]:
+        """Mux writes that enable these channels and disable the others; none where that holds."""
+        wanted = masks_of(channels, self.muxes) if channels else {}
+        writes = [
+            enable_channels(mux, mask)
+            for mux, mask in wanted.items()
+            if self.masks.get(mux) != mask
+        ]
+        self.masks = self.masks | wanted
+        return writes
+
+    def select_all(self) -> list[Transfer]:
+        """Mux writes that enable the channels of all fingers at once."""
+        return self.select(self._all_channels)
+
+    def _new_plan(self, reads: Sequence[Transfer | None], doubtful: bool) -> ScanPlan:
+        transfers: list[Transfer] = []
+        groups: list[Group] = []
+        for k, read in enumerate(reads):
+            if read is None:
+                continue
+            selects = self.select(self._channels[k])
+            if selects or not groups:
+                if doubtful and groups:
+                    _read_back(transfers, groups[-1])
+                places = range(len(transfers), len(transfers) + len(selects))
+                groups.append(Group(self.masks.copy(), list(places)))
+                transfers += selects
+            groups[-1].fingers[k] = len(transfers)
+            transfers.append(read)
+        if doubtful and groups:
+            _read_back(transfers, groups[-1])
+        return ScanPlan(transfers, groups, self.masks.copy())
+
+
+def _read_back(transfers: list[Transfer], group: Group) -> None:
+    """End a group with a read of every mux."""
+    for mux, mask in group.masks.items():
+        group.read_backs[len(transfers)] = mask
+        transfers.append(Transfer(mux, b"", 1))
 
 
 def read_behind(fingers: Sequence[Finger], finger: Finger) -> frozenset[Channel]:
@@ -164,11 +323,3 @@ def read_behind(fingers: Sequence[Finger], finger: Finger) -> frozenset[Channel]
     if finger.moved is None:
         return finger.behind
     return frozenset().union(*(one.behind for one in fingers if one.moved is not None))
-
-
-def masks_of(channels: frozenset[Channel], muxes: frozenset[int]) -> dict[int, int]:
-    """Each mux's mask that enables these channels only; muxes that enable none come first."""
-    masks = {
-        mux: sum(1 << number for at, number in channels if at == mux) for mux in muxes
-    }
-    return dict(sorted(masks.items(), key=lambda item: (item[1] != 0, item[0])))

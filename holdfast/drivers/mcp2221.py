@@ -1,6 +1,4 @@
-"""MCP2221A.
-
-An I2C engine that remembers its failures, driven by HID reports, one command at a time.
+"""MCP2221A: an I2C engine that remembers its failures, driven by HID reports one at a time.
 
 A scan begins with a status request; one more follows every write and the first half of a
 write-then-read. Three things need a cancel: a chip that did not acknowledge, a time-out, and an
@@ -16,17 +14,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from holdfast.core.errors import BusStuck, TransferFailed
-from holdfast.drivers.bus import (
-    NOT_ACKED,
-    Reply,
-    Transfer,
-    UsbBridge,
-    require_bus_hz,
-    require_short,
-)
-from holdfast.drivers.usb import named_errors
+from holdfast.drivers.bus import ACKED, NOT_ACKED, Reply, Transfer, require_short
+from holdfast.drivers.usb import UsbBridge, require_bus_hz
 
-MCP2221_IDS = ((0x04D8, 0x00DD),)
 HID_INTERFACE, OUT_ENDPOINT, IN_ENDPOINT, REPORT = 2, 0x03, 0x83, 64
 STATUS_SET, GET_DATA = 0x10, 0x40
 WRITE, READ, READ_AGAIN, WRITE_NO_STOP = 0x90, 0x91, 0x93, 0x94
@@ -66,16 +56,16 @@ class Status:
 
 
 class Mcp2221(UsbBridge):
-    """An I2C bus behind an MCP2221 or MCP2221A. number: which of them on USB.
+    """An I2C bus behind an MCP2221 or MCP2221A.
 
-    bus_hz: 47 to 400 kHz.
+    number: which of them on USB. bus_hz: 47 to 400 kHz.
 
     Raises UsageError, DeviceNotFound, AccessDenied, DeviceLost, TransferFailed or BusStuck.
     """
 
-    name, ids, interface = "mcp2221", MCP2221_IDS, HID_INTERFACE
+    name, ids, interface = "mcp2221", ((0x04D8, 0x00DD),), HID_INTERFACE
 
-    def __init__(self, backend: Any, number: int = 0, bus_hz: int = 400_000) -> None:
+    def __init__(self, backend: Any, *, number: int = 0, bus_hz: int = 400_000) -> None:
         require_bus_hz(self.name, bus_hz, SLOWEST_HZ, FASTEST_HZ)
         self._divider = round(12e6 / bus_hz) - 3
         self._doubtful = True
@@ -103,14 +93,10 @@ class Mcp2221(UsbBridge):
         if transfer.read:
             return self._read(transfer)
         if transfer.write:
-            return (
-                Reply(b"", acked=True)
-                if self._write(WRITE, transfer, IDLE)
-                else NOT_ACKED
-            )
+            return ACKED if self._write(WRITE, transfer, IDLE) else NOT_ACKED
         # the engine cannot write nothing
         present = self._read(Transfer(transfer.address, read=1))
-        return Reply(b"", present.acked)
+        return ACKED if present.acked else NOT_ACKED
 
     def _write(self, command: int, transfer: Transfer, done: int) -> bool:
         """Whether the write was acknowledged. done: the state that it ends in."""
@@ -177,10 +163,8 @@ class Mcp2221(UsbBridge):
     def _begin(self) -> None:
         """Make the engine ready and set its speed."""
         self._make_ready()
-        if (
-            self._ask(bytes([STATUS_SET, 0, 0, SET_SPEED, self._divider]))[3]
-            != SPEED_IS_SET
-        ):
+        reply = self._ask(bytes([STATUS_SET, 0, 0, SET_SPEED, self._divider]))
+        if reply[3] != SPEED_IS_SET:
             raise TransferFailed(
                 "does not accept its bus speed",
                 where=self.name,
@@ -264,17 +248,14 @@ class Mcp2221(UsbBridge):
         return reply
 
     def _synchronise(self) -> None:
-        """After a failure.
-
-        Read away late replies, which differ from new ones only by their command.
+        """After a failure, read away late replies; only their command tells them from new ones.
 
         A reply that comes even later does not match the next command, because the first two
         commands of a scan differ: that is a failure again.
         """
         if not self._doubtful:
             return
-        with named_errors(self.name):
-            for endpoint in (OUT_ENDPOINT, IN_ENDPOINT):
-                self._port.clear_halt(endpoint)
+        for endpoint in (OUT_ENDPOINT, IN_ENDPOINT):
+            self._port.clear_halt(endpoint)
         self._port.drain(IN_ENDPOINT, REPORT)
         self._doubtful = False

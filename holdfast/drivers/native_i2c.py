@@ -60,8 +60,13 @@ class NativeI2C:
         self._bus.close()
 
     def _carry(self, transfer: Transfer) -> Reply:
+        """A write, a read, or both with a repeated START between; the read is the last message."""
         require_short(self.name, transfer, MOST_BYTES)
-        messages = _messages(transfer)
+        address, messages = transfer.address, []
+        if transfer.write or not transfer.read:
+            messages.append(smbus2.i2c_msg.write(address, list(transfer.write)))
+        if transfer.read:
+            messages.append(smbus2.i2c_msg.read(address, transfer.read))
         try:
             self._bus.i2c_rdwr(*messages)
         except OSError as error:
@@ -100,13 +105,3 @@ class NativeI2C:
                 "no longer there", where=self.name, cause="its adapter was unplugged"
             )
         return TransferFailed(f"a transfer failed: {error.strerror}", where=self.name)
-
-
-def _messages(transfer: Transfer) -> list[smbus2.i2c_msg]:
-    """A write, a read, or both with a repeated START between; a read is always the last."""
-    messages = []
-    if transfer.write or not transfer.read:
-        messages.append(smbus2.i2c_msg.write(transfer.address, list(transfer.write)))
-    if transfer.read:
-        messages.append(smbus2.i2c_msg.read(transfer.address, transfer.read))
-    return messages

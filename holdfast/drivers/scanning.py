@@ -1,7 +1,7 @@
 """What is on a bus: muxes, sensors, their variants, and what is wrong with them.
 
 The scan reads only. It writes nothing to an address before a TMAG5273 or a mux has identified
-itself there (scan_plan.py, bring_up.py), and nothing to the general call, which resets
+itself there (layout.py, finger.py), and nothing to the general call, which resets
 some other chips. A register read sends the register's number, which a chip without registers would
 take for data. So a chip that answers a plain read with equal bytes is identified only at the
 sensor's own addresses and at those that a layout names.
@@ -14,14 +14,21 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 from holdfast.core.errors import DeviceNotFound, WrongDevice
-from holdfast.drivers.bring_up import identify
 from holdfast.drivers.bus import Bus, Transfer, freeing
-from holdfast.drivers.layout import CHANNELS, LAYOUTS, MUX_ADDRESS, MUX_ADDRESSES
-from holdfast.drivers.scan_plan import answering, enable_channels, is_mux, plain_read
+from holdfast.drivers.finger import identify
+from holdfast.drivers.layout import (
+    ADDRESSES,
+    CHANNELS,
+    LAYOUTS,
+    MUX_ADDRESS,
+    MUX_ADDRESSES,
+    answering,
+    enable_channels,
+    is_mux,
+    plain_read,
+)
 from holdfast.drivers.tmag5273 import FACTORY_ADDRESSES, RANGES_MT, REGISTERS
 
-FIRST_ADDRESS, LAST_ADDRESS = 0x08, 0x7F
-"""0x78 is a factory address of the sensor; tools that stop at 0x77 never see it."""
 LETTERS = dict(zip(FACTORY_ADDRESSES, "ABCD", strict=True))
 SENSOR_ADDRESSES = frozenset(FACTORY_ADDRESSES) | {
     one.read_at for layout in LAYOUTS.values() for one in layout
@@ -68,9 +75,7 @@ def look_at(
 def _look_at(
     bus: Bus, pause: Callable[[float], None], expected: frozenset[int]
 ) -> list[BusDevice]:
-    muxes = [
-        address for address in answering(bus, MUX_ADDRESSES) if is_mux(bus, address)
-    ]
+    muxes = [one for one in answering(bus, MUX_ADDRESSES) if is_mux(bus, one)]
     found = [BusDevice(address, None, "mux", "mux (TCA9548A)") for address in muxes]
     found += _chips(bus, set(muxes), expected, pause)
     taken = {one.address for one in found}
@@ -87,22 +92,26 @@ def _chips(
     bus: Bus, taken: set[int], expected: frozenset[int], pause: Callable[[float], None]
 ) -> list[BusDevice]:
     """The chips that answer now, except at the addresses in `taken`."""
-    there = answering(
-        bus, [a for a in range(FIRST_ADDRESS, LAST_ADDRESS + 1) if a not in taken]
-    )
-    return [
-        _identified(bus, address, pause)
-        if address in expected or len(set(plain_read(bus, address))) > 1
-        else BusDevice(address, None, "unknown", "unknown", NOT_IDENTIFIED)
-        for address in there
-    ]
+    # 0x78 is a factory address of the sensor; tools that stop at 0x77 never see it
+    free = [address for address in ADDRESSES if address not in taken]
+    found = []
+    for address in answering(bus, free):
+        if address in expected or len(set(plain_read(bus, address))) > 1:
+            found.append(_identified(bus, address, pause))
+        else:
+            found.append(_unknown(address, NOT_IDENTIFIED))
+    return found
+
+
+def _unknown(address: int, trouble: str) -> BusDevice:
+    return BusDevice(address, None, "unknown", "unknown", trouble)
 
 
 def _identified(bus: Bus, address: int, pause: Callable[[float], None]) -> BusDevice:
     try:
         version = identify(bus, address, pause)
     except (DeviceNotFound, WrongDevice) as error:
-        return BusDevice(address, None, "unknown", "unknown", error.what)
+        return _unknown(address, error.what)
     narrow, wide = RANGES_MT[version]
     what = f"TMAG5273 {LETTERS.get(address, '?')}{version} ({narrow:g}/{wide:g} mT)"
     return BusDevice(address, None, "sensor", what, _health(bus, address))
@@ -111,24 +120,16 @@ def _identified(bus: Bus, address: int, pause: Callable[[float], None]) -> BusDe
 def _health(bus: Bus, address: int) -> str:
     """What the status registers report as wrong."""
     status, device = REGISTERS["CONV_STATUS"], REGISTERS["DEVICE_STATUS"]
-    statuses = bus.scan(
-        [
-            Transfer(address, bytes([device.address]), 1),
-            Transfer(address, bytes([status.address]), 1),
-        ]
-    )
-    if not all(reply.acked for reply in statuses):
+    reads = [Transfer(address, bytes([one.address]), 1) for one in (device, status)]
+    device_reply, status_reply = bus.scan(reads)
+    if not (device_reply.acked and status_reply.acked):
         return "stopped answering"
-    troubles = (
-        ["its own diagnosis failed"]
-        if status.read(statuses[1].data[0], "DIAG_STATUS")
-        else []
-    )
-    troubles += [
-        name
-        for name in ("OSC_ER", "OTP_CRC_ER", "VCC_UV_ER")
-        if device.read(statuses[0].data[0], name)
-    ]
+    troubles = []
+    if status.read(status_reply.data[0], "DIAG_STATUS"):
+        troubles.append("its own diagnosis failed")
+    for name in ("OSC_ER", "OTP_CRC_ER", "VCC_UV_ER"):
+        if device.read(device_reply.data[0], name):
+            troubles.append(name)
     if address not in FACTORY_ADDRESSES:
         troubles.append(
             "not a factory address: it was given at run time and is lost with its power"

@@ -1,6 +1,4 @@
-"""i2c-tiny-usb.
-
-One control transfer for each I2C message and one for its status, with any firmware.
+"""i2c-tiny-usb: one control transfer for each I2C message, one for its status, any firmware.
 
 Four firmwares answer for an absent chip in four ways: zeros, the data of the transfer before, no
 data, or a STALL. So the driver always reads the status, and only the status says whether a reply
@@ -14,11 +12,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from holdfast.core.errors import BusStuck, TransferFailed, UsageError
-from holdfast.drivers.bus import NOT_ACKED, Reply, Transfer, UsbBridge, require_short
-from holdfast.drivers.usb import Stalled
+from holdfast.core.errors import BusStuck, TransferFailed
+from holdfast.drivers.bus import ACKED, NOT_ACKED, Reply, Transfer, require_short
+from holdfast.drivers.usb import Stalled, UsbBridge
 
-TINY_USB_IDS = ((0x0403, 0xC631), (0x1C40, 0x0534))
 VENDOR_OUT, VENDOR_IN = 0x41, 0xC1
 """Vendor requests to the interface.
 
@@ -33,39 +30,27 @@ TIMEOUT_MS = 100
 """64 bytes take 12 ms at 50 kHz, and as long again on low-speed USB."""
 MOST_BYTES = 64
 """Two of the four firmwares have no larger buffer."""
-DELAY_US_100_KHZ = 10
+DELAY_US = 10
+"""About half a clock: 100 kHz. A firmware may ignore it."""
 ECHOED = 0xA55A
 
 
 class TinyUsb(UsbBridge):
-    """An I2C bus behind an i2c-tiny-usb. number: which of them on USB; delay_us.
+    """An I2C bus behind an i2c-tiny-usb. number: which of them on USB.
 
-    About half a clock.
-
-    10 us is 100 kHz; a firmware may ignore the delay. Raises UsageError, DeviceNotFound,
-    AccessDenied, DeviceLost or TransferFailed.
+    bus_hz: ignored, its firmware decides. Raises DeviceNotFound, AccessDenied, DeviceLost or
+    TransferFailed.
     """
 
-    name, ids = "tiny-usb", TINY_USB_IDS
+    name, ids = "tiny-usb", ((0x0403, 0xC631), (0x1C40, 0x0534))
 
-    def __init__(
-        self, backend: Any, number: int = 0, delay_us: int = DELAY_US_100_KHZ
-    ) -> None:
-        if not 0 < delay_us <= 0xFFFF:
-            raise UsageError(
-                f"delay_us={delay_us} is not a delay of the {self.name}",
-                next_step="choose 1 to 65535 us; 10 us gives 100 kHz",
-            )
-        self._delay_us = delay_us
+    def __init__(self, backend: Any, *, number: int = 0, bus_hz: int = 0) -> None:
         self._seen: dict[int, None] = {}
         self._unended: int | None = None
         super().__init__(backend, number)
 
     def scan(self, transfers: Sequence[Transfer]) -> list[Reply]:
-        """One transfer after the other.
-
-        Two control transfers for each message (a write or a read).
-        """
+        """One after the other, two control transfers for each message (a write or a read)."""
         for transfer in transfers:
             require_short(self.name, transfer, MOST_BYTES)
         self._end()
@@ -78,9 +63,8 @@ class TinyUsb(UsbBridge):
         """
         self._port.reset()
         self._begin()
-        if self._seen and not any(
-            self._read(address, 1, BEGIN | END).acked for address in list(self._seen)
-        ):
+        seen = list(self._seen)
+        if seen and not any(self._read(one, 1, BEGIN | END).acked for one in seen):
             raise BusStuck(
                 "no chip answers after a reset of the bridge",
                 where=self.name,
@@ -96,7 +80,7 @@ class TinyUsb(UsbBridge):
                 f"the echo of {ECHOED:04x} is {echo.hex() or 'empty'}", where=self.name
             )
         self._port.control_out(
-            VENDOR_OUT, SET_DELAY, self._delay_us, 0, timeout_ms=TIMEOUT_MS
+            VENDOR_OUT, SET_DELAY, DELAY_US, 0, timeout_ms=TIMEOUT_MS
         )
         self._end()
 
@@ -106,12 +90,9 @@ class TinyUsb(UsbBridge):
         if not transfer.write:
             return self._read(transfer.address, transfer.read, BEGIN | END)
         self._unended = transfer.address
-        written = self._write(transfer, BEGIN)
-        reply = (
-            self._read(transfer.address, transfer.read, END)
-            if written.acked
-            else written
-        )
+        reply = self._write(transfer, BEGIN)
+        if reply.acked:
+            reply = self._read(transfer.address, transfer.read, END)
         self._unended = None
         return reply
 
@@ -144,7 +125,7 @@ class TinyUsb(UsbBridge):
         acked = self._acked(transfer.address, stalled)
         if stalled is not None and acked and not isinstance(stalled, Stalled):
             raise stalled
-        return Reply(b"", acked=True) if acked and stalled is None else NOT_ACKED
+        return ACKED if acked and stalled is None else NOT_ACKED
 
     def _read(self, address: int, length: int, flags: int) -> Reply:
         """Read one message; its data count only if the status says so."""
@@ -166,10 +147,7 @@ class TinyUsb(UsbBridge):
         return Reply(data, acked=True)
 
     def _acked(self, address: int, failed: TransferFailed | None) -> bool:
-        """Whether the last message was acknowledged. failed.
-
-        Its error, raised where no status comes.
-        """
+        """Whether the last message was acknowledged. failed: its error, raised without a status."""
         try:
             status = self._port.control_in(VENDOR_IN, GET_STATUS, 0, 0, 1, TIMEOUT_MS)
         except TransferFailed as error:

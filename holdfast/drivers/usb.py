@@ -1,10 +1,10 @@
-"""A USB device through pyusb, with typed errors: the only importer of usb and libusb_package."""
+"""A bridge on USB through pyusb, with typed errors: the only importer of usb and libusb_package."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, ClassVar
 
 import libusb_package
 import usb.backend.libusb1
@@ -18,6 +18,7 @@ from holdfast.core.errors import (
     DeviceNotFound,
     LibraryMissing,
     TransferFailed,
+    UsageError,
 )
 
 TIMEOUT_MS = 10
@@ -42,14 +43,11 @@ def real_backend() -> Any:
     return backend
 
 
-def find_usb(ids: Iterable[UsbId], backend: Any) -> list[Any]:
+def find_usb(ids: Sequence[UsbId], backend: Any) -> list[Any]:
     """Unopened pyusb devices with one of these ids. Raises AccessDenied or TransferFailed."""
-    wanted = set(ids)
     with named_errors("USB"):
-        found = usb.core.find(find_all=True, backend=backend)
-        return [
-            device for device in found if (device.idVendor, device.idProduct) in wanted
-        ]
+        everything = usb.core.find(find_all=True, backend=backend)
+        return [one for one in everything if (one.idVendor, one.idProduct) in ids]
 
 
 class Stalled(TransferFailed):
@@ -66,40 +64,32 @@ class UsbPort:
     def __init__(
         self,
         name: str,
-        ids: Iterable[UsbId],
+        ids: Sequence[UsbId],
         backend: Any,
         *,
         interface: int = 0,
         number: int = 0,
     ) -> None:
         self.name, self.interface = name, interface
-        ids = list(ids)
         found = find_usb(ids, backend)
         if number >= len(found):
-            wanted = " or ".join(
-                f"{vendor:04x}:{product:04x}" for vendor, product in ids
-            )
+            shown = [f"{vendor:04x}:{product:04x}" for vendor, product in ids]
             raise DeviceNotFound(
                 f"only {len(found)} on USB" if found else "none on USB",
                 where=name,
-                cause=f"not plugged in, or another bridge than {wanted}",
+                cause=f"not plugged in, or another bridge than {' or '.join(shown)}",
                 next_step="holdfast scan lists the bridges on USB",
             )
         self.device = found[number]
         self._attached = False
         self._closed = False
-        with named_errors(name):
-            self._detach()
-            usb.util.claim_interface(self.device, interface)
+        self._claim()
 
     def write(self, endpoint: int, data: bytes, timeout_ms: int = TIMEOUT_MS) -> None:
         """Send all of the data. Raises TransferFailed, DeviceLost."""
         with self._unhalting(endpoint):
             sent = self.device.write(endpoint, data, timeout_ms)
-        if sent != len(data):
-            raise TransferFailed(
-                f"{sent} of {len(data)} bytes went out", where=self.name
-            )
+        self._require_all(sent, data)
 
     def read(self, endpoint: int, length: int, timeout_ms: int = TIMEOUT_MS) -> bytes:
         """What one transfer brings, at most length bytes. Raises TransferFailed, DeviceLost."""
@@ -120,10 +110,7 @@ class UsbPort:
             sent = self.device.ctrl_transfer(
                 request_type, request, value, index, data, timeout_ms
             )
-        if sent != len(data):
-            raise TransferFailed(
-                f"{sent} of {len(data)} bytes went out", where=self.name
-            )
+        self._require_all(sent, data)
 
     def control_in(
         self,
@@ -136,11 +123,10 @@ class UsbPort:
     ) -> bytes:
         """A control transfer in: its data, which may be shorter than length."""
         with named_errors(self.name):
-            return bytes(
-                self.device.ctrl_transfer(
-                    request_type, request, value, index, length, timeout_ms
-                )
+            data = self.device.ctrl_transfer(
+                request_type, request, value, index, length, timeout_ms
             )
+        return bytes(data)
 
     def drain(self, endpoint: int, length: int, *, empty: int = 0) -> None:
         """Read away what is left of a transfer that timed out, so that no later request gets it.
@@ -159,25 +145,11 @@ class UsbPort:
         with named_errors(self.name):
             self.device.clear_halt(endpoint)
 
-    @contextmanager
-    def _unhalting(self, endpoint: int) -> Iterator[None]:
-        """Typed errors.
-
-        A stalled endpoint stays halted until the host clears it, so clear it at once.
-        """
-        try:
-            with named_errors(self.name):
-                yield
-        except Stalled:
-            self.clear_halt(endpoint)
-            raise
-
     def reset(self) -> None:
         """Reset the device on its USB port and claim it again."""
         with named_errors(self.name):
             self.device.reset()
-            self._detach()
-            usb.util.claim_interface(self.device, self.interface)
+        self._claim()
 
     def close(self) -> None:
         """Give the interface back to its kernel driver.
@@ -195,13 +167,73 @@ class UsbPort:
             pass  # it is gone, and there is nothing to give back
         usb.util.dispose_resources(self.device)
 
-    def _detach(self) -> None:
+    @contextmanager
+    def _unhalting(self, endpoint: int) -> Iterator[None]:
+        """Raise typed errors, and end a stall.
+
+        A stalled endpoint stays halted until the host clears it, so clear it at once.
+        """
         try:
-            if self.device.is_kernel_driver_active(self.interface):
-                self.device.detach_kernel_driver(self.interface)
-                self._attached = True
-        except NotImplementedError:
-            pass  # a backend without kernel drivers
+            with named_errors(self.name):
+                yield
+        except Stalled:
+            self.clear_halt(endpoint)
+            raise
+
+    def _require_all(self, sent: int, data: bytes) -> None:
+        if sent != len(data):
+            what = f"{sent} of {len(data)} bytes went out"
+            raise TransferFailed(what, where=self.name)
+
+    def _claim(self) -> None:
+        """Detach the kernel's driver, and claim the interface."""
+        with named_errors(self.name):
+            try:
+                if self.device.is_kernel_driver_active(self.interface):
+                    self.device.detach_kernel_driver(self.interface)
+                    self._attached = True
+            except NotImplementedError:
+                pass  # a backend without kernel drivers
+            usb.util.claim_interface(self.device, self.interface)
+
+
+class UsbBridge:
+    """A bridge on USB. A driver sets name, ids and interface, and overrides _begin.
+
+    number: which of the bridges with these ids, 0 is the first. Raises DeviceNotFound,
+    AccessDenied, DeviceLost, TransferFailed, or what _begin raises.
+    """
+
+    name: str
+    ids: ClassVar[tuple[UsbId, ...]]
+    interface: ClassVar[int] = 0
+
+    def __init__(self, backend: Any, number: int) -> None:
+        self._port = UsbPort(
+            self.name, self.ids, backend, interface=self.interface, number=number
+        )
+        try:
+            self._begin()
+        except BaseException:
+            self._port.close()
+            raise
+
+    def close(self) -> None:
+        """Give the bridge back; a second call does no harm."""
+        self._port.close()
+
+    def _begin(self) -> None:
+        """Make the bridge ready for transfers."""
+        raise NotImplementedError
+
+
+def require_bus_hz(name: str, bus_hz: int, slowest_hz: int, fastest_hz: int) -> None:
+    """Raise UsageError where a bridge cannot run its bus at this speed."""
+    if not slowest_hz <= bus_hz <= fastest_hz:
+        raise UsageError(
+            f"bus_hz={bus_hz} is not a bus speed of the {name}",
+            next_step=f"choose {slowest_hz} to {fastest_hz} Hz",
+        )
 
 
 @contextmanager
@@ -209,10 +241,6 @@ def named_errors(name: str) -> Iterator[None]:
     """pyusb's errors as ours."""
     try:
         yield
-    except usb.core.USBTimeoutError:
-        raise TransferFailed(
-            "no answer in time", where=name, cause="a bridge or a bus that hangs"
-        ) from None
     except usb.core.NoBackendError:
         raise LibraryMissing(
             "no libusb", where=name, next_step="holdfast doctor"
@@ -222,29 +250,24 @@ def named_errors(name: str) -> Iterator[None]:
 
 
 def _named(error: Any, name: str) -> DeviceError:
+    timed_out = isinstance(error, usb.core.USBTimeoutError)
+    if timed_out or error.errno == TIMED_OUT:
+        return TransferFailed(
+            "no answer in time", where=name, cause="a bridge or a bus that hangs"
+        )
     if error.errno == NO_DEVICE:
         return DeviceLost(
             "no longer on USB",
             where=name,
             cause="it was unplugged, or its power dipped",
         )
-    if error.errno == NO_ACCESS:
+    if error.errno in (NO_ACCESS, BUSY):
+        busy = error.errno == BUSY
         return AccessDenied(
-            "not allowed to open it",
+            "busy" if busy else "not allowed to open it",
             where=name,
-            cause="no udev rule",
+            cause="another program has it open" if busy else "no udev rule",
             next_step="holdfast doctor",
-        )
-    if error.errno == BUSY:
-        return AccessDenied(
-            "busy",
-            where=name,
-            cause="another program has it open",
-            next_step="holdfast doctor",
-        )
-    if error.errno == TIMED_OUT:
-        return TransferFailed(
-            "no answer in time", where=name, cause="a bridge or a bus that hangs"
         )
     if error.errno == STALL:
         return Stalled("the bridge refused the transfer (stall)", where=name)

@@ -26,7 +26,8 @@ import numpy as np
 from holdfast.core.contract import UNITS, FloatArray
 from holdfast.core.errors import UsageError
 from holdfast.core.source import Source
-from holdfast.drivers.bridges import BRIDGES, open_native, open_usb, open_virtual
+from holdfast.drivers.bridges import BRIDGES, open_virtual
+from holdfast.drivers.bridges import open_bus as open_bridge
 from holdfast.drivers.bus import Bus
 from holdfast.drivers.fingers import Crc
 from holdfast.drivers.hand import Hand, LiveHand
@@ -177,9 +178,8 @@ def _opener(
     number, bus_hz = source.number("number", 0), source.number("bus_hz", 400_000)
     if source.scheme == "virtual":
         return open_virtual(source.name, _virtual(source, clock, say), bus_hz)
-    if source.scheme == "usb":
-        return lambda: open_usb(source.name, number, bus_hz)
-    return lambda: open_native(source.name)
+    scheme, name = source.scheme, source.name
+    return lambda: open_bridge(scheme, name, number=number, bus_hz=bus_hz)
 
 
 def _source_url(url: str) -> SourceUrl:

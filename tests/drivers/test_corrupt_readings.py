@@ -15,11 +15,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from holdfast.core.errors import WrongDevice
-from holdfast.drivers.bring_up import MOST_TEST_PACKETS, TEST_PACKETS, PacketCheck
 from holdfast.drivers.bus import Bus, Reply
+from holdfast.drivers.finger import (
+    MOST_TEST_PACKETS,
+    TEST_PACKETS,
+    FingerState,
+    PacketCheck,
+)
 from holdfast.drivers.layout import Finger
 from holdfast.drivers.native_i2c import NativeI2C
-from holdfast.drivers.scan_plan import FingerState
 from holdfast.drivers.tmag5273 import (
     LAYOUT,
     PACKET_BYTES,

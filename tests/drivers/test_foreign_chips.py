@@ -12,8 +12,8 @@ from hazard_marks import FOREIGN_CHIP, WIRING
 
 from holdfast.cli.main import main
 from holdfast.core.errors import DeviceNotFound, WrongDevice
-from holdfast.drivers.bring_up import identify
 from holdfast.drivers.bus import Transfer
+from holdfast.drivers.finger import identify
 from holdfast.drivers.layout import read_layout
 from holdfast.drivers.scanning import as_layout, look_at
 from holdfast.drivers.tmag5273 import FACTORY_ADDRESSES, Setup

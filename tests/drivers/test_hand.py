@@ -13,10 +13,10 @@ import pytest
 from hand_bench import PERIOD_NS, Bench, bad, listen, started
 
 from holdfast.core.errors import DeviceNotFound, UsageError, WrongDevice
+from holdfast.drivers.finger import STALE_NS
 from holdfast.drivers.ft232h import Ft232h
 from holdfast.drivers.hand import Hand
 from holdfast.drivers.layout import LAYOUTS, Finger, read_layout
-from holdfast.drivers.scan_plan import STALE_NS
 from holdfast.drivers.tmag5273 import Setup
 from holdfast.drivers.virtual.clock import VirtualClock
 from holdfast.drivers.virtual.faults import KINDS, Fault, read_fault

@@ -15,9 +15,8 @@ from bridge_bench import (
     every_firmware,
 )
 
-from holdfast.core.errors import TransferFailed, UsageError
+from holdfast.core.errors import TransferFailed
 from holdfast.drivers.bus import NOT_ACKED, Reply, Transfer
-from holdfast.drivers.tiny_usb import TinyUsb
 from holdfast.drivers.tmag5273 import REGISTERS
 from holdfast.drivers.virtual.usb_device import stall
 
@@ -26,17 +25,9 @@ from holdfast.drivers.virtual.usb_device import stall
 def test_tiny_usb_sets_100_khz_when_it_opens_and_after_a_reset(make, kind):
     bench = make(kind)
     assert bench.device.delay_us == 10
-    bench.bus.close()
-    slow = TinyUsb(bench.backend, delay_us=50)
-    assert bench.device.delay_us == 50
-    slow.clear()
-    assert bench.device.delay_us == 50
-    slow.close()
-
-
-def test_tiny_usb_refuses_a_delay_that_is_none(make):
-    with pytest.raises(UsageError):
-        TinyUsb(make("avr").backend, delay_us=0)
+    bench.device.delay_us = 50
+    bench.bus.clear()
+    assert bench.device.delay_us == 10
 
 
 def test_stale_data_of_the_rp2040_firmware_are_never_a_reply(make):

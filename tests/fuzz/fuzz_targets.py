@@ -29,16 +29,15 @@ from holdfast.core.errors import HoldfastError, NotAModel
 from holdfast.core.objects import mass_g as read_mass_g
 from holdfast.core.tactile_file import MendResult, mend
 from holdfast.core.trial_file import read_trial
-from holdfast.drivers.bring_up import TEST_PACKETS
 from holdfast.drivers.bus import Bus, Reply
 from holdfast.drivers.calibration import read_bias, read_calibration
 from holdfast.drivers.camera.sources import LENS, read_frames
+from holdfast.drivers.finger import TEST_PACKETS, FingerState
 from holdfast.drivers.ft232h import Ft232h
 from holdfast.drivers.hand import Hand
 from holdfast.drivers.layout import Finger, read_layout
 from holdfast.drivers.mcp2221 import Mcp2221
 from holdfast.drivers.replay import open_replay
-from holdfast.drivers.scan_plan import FingerState
 from holdfast.drivers.tiny_usb import TinyUsb
 from holdfast.drivers.tmag5273 import CHECKED_BYTES, LAYOUT, Setup, packet_crc
 from holdfast.drivers.virtual.clock import VirtualClock

@@ -1,14 +1,13 @@
-"""Bring-up of one TMAG5273: wake, identify, give it its own address, configure, read back.
+"""One finger: its chip is brought up, its packets are checked, and each reading is judged.
 
-Nothing is written to an address before a TMAG5273 has identified itself there. A register read is a
-read, although it sends the register's number: that number only sets a pointer in every chip that
-has registers.
+Bring-up: wake, identify, give the chip its own address, configure, read back. Nothing is written to
+an address before a TMAG5273 has identified itself there. A register read is a read, although it
+sends the register's number: that number only sets a pointer in every chip that has registers.
 
-Whether a chip's packets can be trusted, by the CRC after each; the CRC is tested first.
-
-The CRC finds every error of one to three bits in a packet, and all but one in 256 of the others.
-Two chips at one address are another matter: zeros win bit by bit, and about one such packet in a
-hundred has a CRC that fits by chance. So no packet is trusted alone:
+Whether a chip's packets can be trusted is judged by the CRC after each; the CRC is tested first. It
+finds every error of one to three bits in a packet, and all but one in 256 of the others. Two chips
+at one address are another matter: zeros win bit by bit, and about one such packet in a hundred has
+a CRC that fits by chance. So no packet is trusted alone:
 
     at first                        8 different packets in a row must fit
     after one that does not fit     two in a row must fit; the second one counts
@@ -22,10 +21,10 @@ different packets sends no CRC at all.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 
 from holdfast.core.errors import DeviceNotFound, WrongDevice
-from holdfast.drivers.bus import Bus, Transfer
+from holdfast.drivers.bus import Bus, Reply, Transfer
 from holdfast.drivers.layout import Finger
 from holdfast.drivers.tmag5273 import (
     CHECKED_BYTES,
@@ -36,6 +35,7 @@ from holdfast.drivers.tmag5273 import (
     RESERVED_STATUS,
     RESULTS,
     TRIGGER,
+    Packet,
     Setup,
     conversion_s,
     packet,
@@ -43,13 +43,13 @@ from holdfast.drivers.tmag5273 import (
 )
 
 WAKE_S = 100e-6
-READ_BACK = 9
-"""The configuration is in this many registers, from 0 on."""
 CONFIG, IDENTITY = (
     REGISTERS["DEVICE_CONFIG_1"].address,
     REGISTERS["I2C_ADDRESS"].address,
 )
 STATUS, DEVICE = REGISTERS["CONV_STATUS"], REGISTERS["DEVICE_STATUS"]
+READ_BACK = 9
+"""The configuration is in this many registers, from 0 on."""
 PACKETS_LOOKED_AT = 12
 CRCS_TO_AGREE = 6
 COUNTS_TO_SEE = 4
@@ -70,15 +70,15 @@ def bring_up(
     Raises DeviceNotFound where nothing answers, WrongDevice for another chip or one that does not
     keep its configuration, and what the bridge raises.
     """
+    address = finger.read_at
     plain = dict(setup.plain.registers())
     if finger.moved is not None:
         _move(bus, finger.address, finger.moved, pause, known=known)
-    version = identify(bus, finger.read_at, pause, plain[CONFIG], known=known)
-    _configure(bus, finger.read_at, plain)
+    version = identify(bus, address, pause, plain[CONFIG], known=known)
+    _configure(bus, address, plain)
     if setup.packets:
-        bus.scan(
-            [Transfer(finger.read_at, bytes([CONFIG, dict(setup.registers())[CONFIG]]))]
-        )
+        config = dict(setup.registers())[CONFIG]
+        bus.scan([Transfer(address, bytes([CONFIG, config]))])
     return version
 
 
@@ -87,19 +87,17 @@ def identify(
 ) -> int:
     """Wake the chip, check that it is a TMAG5273, return its version.
 
-    Raises DeviceNotFound, WrongDevice.
-
     Only a chip that was left in 1-byte mode is written to, and only after its packets have shown
     that it is a TMAG5273, or at once where it is known. The driver then writes config to its
-    DEVICE_CONFIG_1, so that its registers can be read again.
+    DEVICE_CONFIG_1, so that its registers can be read again. Raises DeviceNotFound, WrongDevice.
     """
-    registers = Transfer(address, bytes([CONFIG, config]))
-    if known and not bus.scan([registers])[0].acked:
+    use_registers = Transfer(address, bytes([CONFIG, config]))
+    if known and not bus.scan([use_registers])[0].acked:
         pause(WAKE_S)
-        bus.scan([registers])
+        bus.scan([use_registers])
     answer = _identity(bus, address, pause)
     if _version(answer) is None and _sends_packets(bus, address, pause):
-        bus.scan([registers])
+        bus.scan([use_registers])
         answer = _identity(bus, address, pause)
     version = _version(answer)
     if version is None:
@@ -143,21 +141,17 @@ def _sends_packets(bus: Bus, address: int, pause: Pause) -> bool:
 
     In that mode the chip sends its packet, whatever register the request names. Either the CRC fits
     every packet, or every status has the bits of a good conversion and its count goes on. The
-    highest bit of the register number starts a conversion in a chip that waits for a trigger. The
-    pauses differ, so that no count seems to stand still.
+    highest bit of the register number starts a conversion in a chip that waits for a trigger.
     """
-    transfers = [
-        Transfer(address, bytes([number]), CHECKED_BYTES)
-        for number in (IDENTITY, TRIGGER | RESULTS)
-    ]
+    numbers = (IDENTITY, TRIGGER | RESULTS)
     packets: list[bytes] = []
     for k in range(PACKETS_LOOKED_AT):
-        packets.append(bus.scan([transfers[k % 2]])[0].data)
-        if (
-            len(packets[-1]) != CHECKED_BYTES
-            or packets[-1][PACKET_BYTES - 1] & RESERVED_STATUS
-        ):
+        ask = Transfer(address, bytes([numbers[k % 2]]), CHECKED_BYTES)
+        data = bus.scan([ask])[0].data
+        if len(data) != CHECKED_BYTES or data[PACKET_BYTES - 1] & RESERVED_STATUS:
             return False
+        packets.append(data)
+        # the pauses differ, so that no count seems to stand still
         pause(LONGEST_CONVERSION_S * (1.0 + k / 16))
     return _crcs_agree(address, packets) or _counts_go_on(packets)
 
@@ -165,16 +159,18 @@ def _sends_packets(bus: Bus, address: int, pause: Pause) -> bool:
 def _crcs_agree(address: int, packets: list[bytes]) -> bool:
     """Whether all CRCs fit, or are off by the same bits, over several different packets."""
     different = set(packets)
-    offsets = {one[-1] ^ packet_crc(address, one[:-1]) for one in different}
+    offsets = {data[-1] ^ packet_crc(address, data[:-1]) for data in different}
     return len(offsets) == 1 and len(different) >= CRCS_TO_AGREE
 
 
 def _counts_go_on(packets: list[bytes]) -> bool:
-    found = [packet(one[:PACKET_BYTES]) for one in packets]
-    return (
-        all(one.status & 0x1F == CONVERTED for one in found)
-        and len({o.set_count for o in found}) >= COUNTS_TO_SEE
-    )
+    counts = set()
+    for data in packets:
+        found = packet(data[:PACKET_BYTES])
+        if found.status & 0x1F != CONVERTED:
+            return False
+        counts.add(found.set_count)
+    return len(counts) >= COUNTS_TO_SEE
 
 
 def _move(bus: Bus, factory: int, moved: int, pause: Pause, *, known: bool) -> None:
@@ -186,20 +182,18 @@ def _move(bus: Bus, factory: int, moved: int, pause: Pause, *, known: bool) -> N
         bus.scan([Transfer(factory, bytes([IDENTITY, moved << 1 | 1]))])
 
 
-def _configure(bus: Bus, address: int, plain: Mapping[int, int]) -> None:
+def _configure(bus: Bus, address: int, plain: dict[int, int]) -> None:
     """Write the registers that differ, read them back, and only then clear POR.
 
     Until POR is cleared, the chip reports a loss of power; clearing it earlier would hide one.
     """
     wanted = bytes(plain.get(register, 0) for register in range(READ_BACK))
     read_back = Transfer(address, b"\0", READ_BACK)
-    held = bus.scan(
-        [Transfer(address, bytes([DEVICE.address, DEVICE.write_one_clears])), read_back]
-    )[1]
+    clear = Transfer(address, bytes([DEVICE.address, DEVICE.write_one_clears]))
+    held = bus.scan([clear, read_back])[-1]
     if held.data != wanted:
-        held = bus.scan(
-            [*(Transfer(address, bytes(one)) for one in plain.items()), read_back]
-        )[-1]
+        writes = [Transfer(address, bytes(pair)) for pair in plain.items()]
+        held = bus.scan([*writes, read_back])[-1]
     if held.data != wanted:
         raise WrongDevice(
             f"does not keep its configuration ({held.data.hex()}, not {wanted.hex()})",
@@ -227,8 +221,7 @@ class PacketCheck:
         """Tests failed, or trust lost, since the chip was last trusted."""
         self.offset = 0
         """Bits by which the chip's CRC differs from the data sheet's."""
-        self._last = b""
-        self._misfits = self._tested = self._agreed = self._same = 0
+        self._begin()
 
     def believes(self, address: int, data: bytes) -> bool:
         """Whether this packet (with its CRC) counts. address: where the chip was read."""
@@ -237,7 +230,8 @@ class PacketCheck:
             self._test(offset, data)
             return False
         if offset == self.offset:
-            believed, self._misfits = not self._misfits, 0
+            believed = self._misfits == 0
+            self._misfits = 0
             return believed
         self._misfits += 1
         if self._misfits >= MISFITS_TO_DISTRUST:
@@ -267,3 +261,114 @@ class PacketCheck:
         elif self._tested >= MOST_TEST_PACKETS:
             self.failures += 1
             self._begin()
+
+
+STALE_NS = 20_000_000
+TRY_AGAIN_NS = 50_000_000
+"""The pause between two attempts to bring up a finger."""
+NACKS_TO_BRING_UP = 2
+EDGE = 32767
+GARBAGE = (bytes(PACKET_BYTES), b"\xff" * PACKET_BYTES)
+ERASED = (0, 0, 0)
+"""Results of a chip that has slept and not converted since; a field of exactly nothing on all three
+axes is no reading of a magnet."""
+REINIT_REASONS = ("reset", "missing", "stale", "garbage", "diagnosis")
+"""Reasons for a new bring-up, besides missing acknowledges and CRC failures."""
+
+
+class FingerState:
+    """One finger of a hand. setup: of its chip; with crc, the CRC of each packet is checked."""
+
+    def __init__(self, finger: Finger, setup: Setup) -> None:
+        self.finger, self.setup = finger, setup
+        self.ready, self.version = False, 1
+        self.known = False
+        """A TMAG5273 has identified itself at this finger's place."""
+        self.check = PacketCheck()
+        self.nacks = 0
+        self.tried_ns = -TRY_AGAIN_NS
+        self._last = b""
+        self._changed_ns = 0
+        self._converts = self._missed = False
+        self._failures = 0
+
+    @property
+    def transfer(self) -> Transfer:
+        """The transfer that reads the finger."""
+        if not self.setup.packets:
+            return Transfer(self.finger.read_at, bytes([RESULTS]), PACKET_BYTES)
+        length = CHECKED_BYTES if self.setup.crc else PACKET_BYTES
+        return Transfer(self.finger.read_at, b"", length)
+
+    @property
+    def settled(self) -> bool:
+        """Whether its readings count from now on, or it is not read at all."""
+        checked = self.check.trusted or not self.setup.crc
+        return not self.ready or (self._converts and checked)
+
+    def begin(self, now_ns: int) -> None:
+        """A bring-up begins."""
+        self.tried_ns, self.ready, self.nacks = now_ns, False, 0
+
+    def brought_up(self, version: int, now_ns: int) -> None:
+        """The chip is ready; its earlier conversions do not count."""
+        self.ready, self.known, self.version = True, True, version
+        self._last, self._changed_ns, self._converts = b"", now_ns, False
+        self._failures = self.check.failures
+
+    def needs_bring_up(self, why: str) -> bool:
+        """Whether the reason of an invalid reading calls for a bring-up."""
+        distrusted = why == "crc" and self.check.failures > self._failures
+        return distrusted or self.nacks >= NACKS_TO_BRING_UP or why in REINIT_REASONS
+
+    def judge(self, reply: Reply | None, came_ns: int) -> tuple[Packet | None, str]:
+        """The reply's packet, and one word for why it is not valid ("" where it is).
+
+        reply: None where the finger was not read. came_ns: when it came.
+        """
+        if reply is None:
+            return None, "missing"
+        if not reply.acked or len(reply.data) != self.transfer.read:
+            self.nacks += 1
+            self._missed = True
+            return None, "nack"
+        self.nacks = 0
+        found = packet(reply.data[:PACKET_BYTES])
+        return found, self._trouble(found, reply.data, came_ns)
+
+    def _trouble(self, found: Packet, data: bytes, came_ns: int) -> str:
+        if data[:PACKET_BYTES] in GARBAGE:
+            return "garbage"
+        under_test = not self.check.trusted
+        if self.setup.crc and not self.check.believes(self.finger.read_at, data):
+            if under_test and not self.check.failures:
+                return self._stale(data, came_ns) or "settling"
+            return "crc"
+        if found.status & RESERVED_STATUS:
+            return "garbage"
+        if found.reset:
+            return "reset"
+        if found.failing:
+            return "diagnosis"
+        stale = self._stale(data, came_ns)
+        if stale:
+            return stale
+        if found.raw == ERASED:
+            return "settling"
+        saturated = max(found.raw) >= EDGE or min(found.raw) <= -EDGE
+        return "saturated" if saturated else ""
+
+    def _stale(self, data: bytes, came_ns: int) -> str:
+        """ "stale" if the chip has not converted within 20 ms, "settling" until that is known.
+
+        It is known once a second packet differs. After a missing acknowledge and a longer pause it
+        is unknown again, because the chip may have been asleep since its last conversion.
+        """
+        if data != self._last:
+            slept = self._missed and came_ns - self._changed_ns > STALE_NS
+            self._converts, self._missed = bool(self._last) and not slept, False
+            self._last, self._changed_ns = data, came_ns
+        if came_ns - self._changed_ns > STALE_NS:
+            self._converts = False
+            return "stale"
+        return "" if self._converts else "settling"
