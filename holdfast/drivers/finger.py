@@ -212,6 +212,8 @@ MISFITS_TO_DISTRUST = 2
 class PacketCheck:
     """The check of one chip's packets."""
 
+    _misfits: int
+
     def __init__(self) -> None:
         self.trusted = False
         """The chip passed the test, and no packet has contradicted that since."""
