@@ -77,22 +77,8 @@ soak: setup  ## the long tests: a million steps, an hour of falls in real time, 
 	.ci/busy
 
 docs: setup  ## rewrite the tables and pictures of README and docs from build and the code; prose stays
-	$(BIN)/python -m studies.tables.step $(MODEL) docs/step.svg
-	$(BIN)/python -m studies.tables.timing build/evaluate/figures.json docs
-	$(BIN)/python -m studies.tables.features build/ablation/ablation.json docs/features.md
-	$(BIN)/python -m studies.real.table build/real/metrics.json build/real/all-channels.json README.md
-	$(BIN)/python -m studies.tables.scenes build/bench build/scenes/scenes.json docs/scenes.md
-	$(BIN)/python -m benchmarks.hand_page build/bench/hand.json docs/hand.md
-	$(BIN)/python -m benchmarks.cost.page build/bench docs README.md
-	$(BIN)/python -m studies.tables.evaluation build/evaluate/figures.json build/fast-handover/figures.json \
-	    build/scenes/scenes.json build/preliminary/preliminary.json build/real/truer.json docs/evaluation.md
-	$(BIN)/python -m studies.tables.learners build/real/learners.json build/bench/network.json \
-	    build/learner-streams/learner-streams.json docs/learners.md
-	$(BIN)/python -m studies.tables.adapt build/adapt-study/adapt.json build/adapt-study/people.json docs/adapt.md
-	$(BIN)/python -m benchmarks.tag_sheet > docs/tags.svg
-	$(BIN)/python -m benchmarks.camera_page build/bench/onset.json docs/camera.md
-	$(BIN)/python -m benchmarks.live_page_table build/bench/live-page.json docs/live-page.md
-	$(BIN)/python -m benchmarks.runtimes.page build/bench/runtimes.json build/bench/arm.json docs/any-runtime.md
+	$(BIN)/python -m tools.doc_tables
+	$(BIN)/python -m tools.doc_pictures
 
 docs-site: $(DOCS)/.stamp  ## the documents as a site that opens from a folder, into build/docs-site; fails on a broken link
 	NO_MKDOCS_2_WARNING=1 $(DOCS)/bin/mkdocs build --strict --config-file tools/docs_site/mkdocs.yml

@@ -19,6 +19,7 @@ from benchmarks.timed_calls import step_call
 from benchmarks.timing import time_in_turns
 from holdfast.core.reading import Json
 from holdfast.core.writing import require_writable, write_whole
+from holdfast.evaluation.formats import markdown
 from holdfast.export.features import GROUPS, feature_count, feature_graph
 from holdfast.export.learner import LEARNERS
 from holdfast.export.spec import StepSpec
@@ -31,7 +32,6 @@ from holdfast.training.paired import Gain, macro_f1_gain, prediction_gains
 from holdfast.training.plan import LearnerKind, TrainingPlan
 from holdfast.training.progress import Say, stages
 from holdfast.training.recording import DataSet
-from tools.doc_tables import table as doc_table
 from tools.harness import write_figures
 
 HUMAN = "human_slip_uskin"
@@ -188,10 +188,13 @@ HEADS = {
 }
 
 
-def table(rows: Json) -> str:
+def gains_table(rows: Json) -> str:
     """The rows of ablation.json as a Markdown table; gains are over the default."""
     base_us = rows["default"]["us"]
-    return doc_table([_line(name, row, base_us) for name, row in rows.items()], HEADS)
+    lines = [_line(name, row, base_us) for name, row in rows.items()]
+    return markdown(
+        [{head: line[key] for key, head in HEADS.items()} for line in lines]
+    )
 
 
 def _line(name: str, row: Json, base_us: float) -> Json:
@@ -245,7 +248,7 @@ def run(args: argparse.Namespace) -> int:
         "rows": {name: row.to_json() for name, row in rows.items()},
     }
     write_figures(args.out / "ablation.json", result)
-    text = table(result["rows"])
+    text = gains_table(result["rows"])
     write_whole(args.out / "ablation.md", text)
     print(text + data.caveat)
     return 0

@@ -1,9 +1,9 @@
-"""Tables of the documentation's pages: chosen columns of a JSON file, written between markers.
+"""`make docs`: the tables of the documentation, from the JSON files that commands wrote.
 
-A table stands in a page between `<!-- name: .. -->` and `<!-- /name -->`. A generator is a function
-from the content of one JSON file to the tables that it has figures for: marker's name -> rows. A
-program that writes tables ends in `main(generator, ..)`, and is called with one JSON file for each
-generator, in their order, and the page.
+A table stands in a page between `<!-- name: .. -->` and `<!-- /name -->`. The template of the page,
+tools/tables/<page>, writes each with `{% call put("name") %}`. It sees the JSON files of SOURCES by
+their names, and the functions of tools/table_rows.py. A table whose file is not there is not put:
+the one in the page stays. Prose is never touched.
 """
 
 from __future__ import annotations
@@ -11,48 +11,119 @@ from __future__ import annotations
 import json
 import re
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
+from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import NoReturn
+
+from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
 
 from holdfast.cli.command import show
 from holdfast.core.errors import DataNotFound
 from holdfast.core.reading import Json
 from holdfast.core.writing import write_whole
-from holdfast.evaluation.formats import markdown
+from holdfast.evaluation.formats import markdown_cell
+from tools import table_rows
 
-Rows = Sequence[Mapping[str, Any]]
-"""Of a table: title of a column -> cell; every row has the columns of the first."""
-Tables = Mapping[str, Rows | str]
-"""Marker's name -> the rows of the table, or its Markdown."""
-Generator = Callable[[Json], Tables]
+TEMPLATES = Path(__file__).with_name("tables")
+SOURCES: dict[str, dict[str, str]] = {
+    "README.md": {
+        "real": "build/real/metrics.json",
+        "all_channels": "build/real/all-channels.json",
+        "cost": "build/bench/cost.json",
+    },
+    "docs/adapt.md": {
+        "adapt": "build/adapt-study/adapt.json",
+        "people": "build/adapt-study/people.json",
+    },
+    "docs/any-runtime.md": {
+        "here": "build/bench/runtimes.json",
+        "arm": "build/bench/arm.json",
+    },
+    "docs/camera.md": {"onset": "build/bench/onset.json"},
+    "docs/evaluation.md": {
+        "evaluated": "build/evaluate/figures.json",
+        "handover": "build/fast-handover/figures.json",
+        "scenes": "build/scenes/scenes.json",
+        "preliminary": "build/preliminary/preliminary.json",
+        "truer": "build/real/truer.json",
+    },
+    "docs/features.md": {"ablation": "build/ablation/ablation.json"},
+    "docs/hand.md": {"hand": "build/bench/hand.json"},
+    "docs/learners.md": {
+        "learners": "build/real/learners.json",
+        "network": "build/bench/network.json",
+        "streams": "build/learner-streams/learner-streams.json",
+    },
+    "docs/live-page.md": {"live_page": "build/bench/live-page.json"},
+    "docs/scenes.md": {
+        "effects": "build/bench/effects.json",
+        "simulator": "build/bench/simulator.json",
+        "mujoco_loop": "build/bench/mujoco-loop.json",
+        "scenes": "build/scenes/scenes.json",
+    },
+    "docs/shared-control.md": {"loop": "build/loop/loop.json"},
+    "docs/what-accuracy-costs.md": {
+        "cost": "build/bench/cost.json",
+        "latency": "build/bench/latency.json",
+        "training": "build/bench/training.json",
+        "instructions": "build/bench/instructions.json",
+    },
+}
+"""Page -> the files that its template sees."""
 
 
-def main(*generators: Generator) -> None:
-    """Write the tables of the page that the command line names last, from the files before it."""
-    *sources, page = map(Path, sys.argv[1:])
-    refresh(page, dict(zip(sources, generators, strict=True)))
+class _NotThere(Exception):
+    """A table needs figures of a file that does not exist."""
 
 
-def refresh(page: str | Path, made_from: Mapping[Path, Generator]) -> None:
-    """Write the tables that each JSON file has figures for; those of an absent file stay.
+class _Absent:
+    """Stands for the figures of a file that is not there: any use of them ends the table."""
 
-    Raises DataNotFound for a page without the markers.
-    """
-    for source, generator in made_from.items():
-        if source.is_file():
-            fill(page, generator(json.loads(source.read_text("utf-8"))))
-        else:
-            show(
-                f"{page}: the tables from {source} stay as they are; that file is not there"
-            )
+    def __getattr__(self, key: str) -> NoReturn:
+        raise _NotThere
+
+    def __getitem__(self, key: object) -> NoReturn:
+        raise _NotThere
 
 
-def fill(page: str | Path, tables: Tables) -> None:
+@cache
+def _template(page: str) -> Template:
+    environment = Environment(
+        loader=FileSystemLoader(TEMPLATES),
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        finalize=markdown_cell,
+    )
+    environment.filters["cell"] = markdown_cell
+    environment.globals.update(table_rows.FUNCTIONS)
+    return environment.get_template(Path(page).name)
+
+
+def tables_of(page: str, figures: Mapping[str, Json]) -> dict[str, str]:
+    """The tables of a page: marker's name -> Markdown. figures: by the names of SOURCES."""
+    tables: dict[str, str] = {}
+
+    def put(name: str, caller: Callable[[], str]) -> str:
+        try:
+            text = caller().strip("\n")
+        except _NotThere:
+            return ""
+        # a run that left rows out writes an empty table, which is not put
+        if text:
+            tables[name] = text + "\n"
+        return ""
+
+    absent = {name: _Absent() for name in SOURCES[page]}
+    _template(page).render({**absent, **figures, "put": put})
+    return tables
+
+
+def fill(page: str | Path, tables: Mapping[str, str]) -> None:
     """Write each table between the page's markers of its name. Raises DataNotFound without them."""
-    for name, table in tables.items():
-        text = table if isinstance(table, str) else markdown(table)
-        write_between(page, name, text.rstrip("\n") + "\n")
+    for name, text in tables.items():
+        write_between(page, name, text)
 
 
 def write_between(page: str | Path, name: str, text: str) -> None:
@@ -69,21 +140,17 @@ def write_between(page: str | Path, name: str, text: str) -> None:
     write_whole(page, marked.sub(lambda found: found[1] + text + found[2], whole))
 
 
-def columns(rows: Rows, heads: Mapping[str, str]) -> list[dict[str, Any]]:
-    """Chosen columns of rows of figures. heads: key of a figure -> title with its unit."""
-    return [{head: row.get(key) for key, head in heads.items()} for row in rows]
+def refresh(page: str) -> None:
+    """Write the tables whose files are there into a page; name the files that are not."""
+    figures: dict[str, Json] = {}
+    for name, place in SOURCES[page].items():
+        if Path(place).is_file():
+            figures[name] = json.loads(Path(place).read_text("utf-8"))
+        else:
+            show(f"{page}: the tables of {place} stay: that file is not there")
+    fill(page, tables_of(page, figures))
 
 
-def table(rows: Rows, heads: Mapping[str, str]) -> str:
-    """The same as Markdown."""
-    return markdown(columns(rows, heads))
-
-
-def with_interval(value: float | None, interval: Sequence[float] | None) -> str | None:
-    """A figure with its 95 % interval: 0.986 (0.98 to 0.99)."""
-    if value is None:
-        return None
-    if interval is None:
-        return f"{value:.3g}"
-    low, high = interval
-    return f"{value:.3g} ({low:.2f} to {high:.2f})"
+if __name__ == "__main__":
+    for each in sys.argv[1:] or SOURCES:
+        refresh(each)

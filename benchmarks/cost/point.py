@@ -217,3 +217,27 @@ def _anywhere(of: Set) -> Iterator[Point]:
     yield Point(of, learner="network")
     for trees, depth in COMMITTEES:
         yield Point(of, learner="committee", trees=trees, depth=depth)
+
+
+README_POINTS = (
+    Point(),
+    Point(debounce=2),
+    Point(debounce=3),
+    SHIPPED,
+    Point(learner="committee", trees=8, depth=10),
+    Point(learner="committee", trees=100, depth=0),
+    Point(learner="network"),
+    Point(trees=1),
+    Point(rate_hz=50.0),
+    Point(groups="raw window"),
+    Point("human"),
+    Point("human", learner="committee"),
+    Point("human", groups="raw window"),
+)
+"""What the README shows of the surface."""
+RECOMMENDED = {
+    "tiny": Point(learner="committee", trees=8, depth=10),
+    "default": SHIPPED,
+    "best": Point(learner="committee", trees=100, depth=0),
+}
+"""The models that have names."""

@@ -59,11 +59,12 @@ def markdown(rows: Sequence[Mapping[str, Any]]) -> str:
     heads = list(rows[0])
     lines = [heads, ["---"] * len(heads)]
     for row in rows:
-        lines.append([_markdown_cell(row[head]) for head in heads])
+        lines.append([markdown_cell(row[head]) for head in heads])
     return "\n".join("| " + " | ".join(line) + " |" for line in lines)
 
 
-def _markdown_cell(value: Any) -> str:
+def markdown_cell(value: Any) -> str:
+    """A cell of such a table: three digits of a number, or thousands with commas."""
     if isinstance(value, float):
         return f"{value:,.0f}" if abs(value) >= 1000.0 else f"{value:.3g}"
     return ABSENT if value is None else str(value)

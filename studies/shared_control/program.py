@@ -20,12 +20,13 @@ from holdfast.evaluation.loop_runs import LoopRuns
 from holdfast.evaluation.style import for_any_page
 from holdfast.simulation.closed_loop.recording import model_of
 from holdfast.training.progress import counted
-from studies.shared_control.page import PAGE, fill_page
 from studies.shared_control.picture import picture
 from studies.shared_control.plan import Row, rows
+from tools.doc_tables import fill, tables_of
 from tools.harness import write_figures
 
 MODEL = Path("models/holdfast-150hz.onnx")
+PAGE = "docs/shared-control.md"
 FIGURE = Path("docs/shared-control.svg")
 
 
@@ -81,7 +82,7 @@ def run(args: argparse.Namespace) -> int:
     }
     path = write_figures(args.out / "loop.json", figures)
     if args.page:
-        fill_page(figures)
+        fill(PAGE, tables_of(PAGE, {"loop": figures}))
     if args.page and any(row.part == "curve" for row in wanted):
         write_whole(FIGURE, for_any_page(picture(figures)) + "\n")
     sys.stdout.write(f"{path}\n")

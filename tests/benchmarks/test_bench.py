@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from page_tables import require_tables_fit
+from page_tables import filled
 
 from benchmarks import simulator
 from benchmarks.effects import CARD, Effort, prices
@@ -21,7 +21,6 @@ from holdfast.simulation.card import read_card
 from holdfast.simulation.effects import EFFECTS
 from holdfast.simulation.shipped import shipped
 from studies.row_names import OURS
-from studies.tables.scenes import made_from
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -212,11 +211,10 @@ def test_the_page_of_scenes_names_every_card_and_effect_and_its_measured_price(
         json.dumps(curves | {"friction": [FRICTION]}), "utf-8"
     )
     (tmp_path / "scenes.json").write_text(json.dumps(study()), "utf-8")
-    written: dict[str, str] = {}
-    for file, tables in made_from(tmp_path, tmp_path / "scenes.json").items():
-        if file.is_file():
-            written |= tables(json.loads(file.read_text("utf-8")))
-    text = require_tables_fit("docs/scenes.md", written, tmp_path)
+    figures = {}
+    for name in ("effects", "simulator", "scenes"):
+        figures[name] = json.loads((tmp_path / f"{name}.json").read_text("utf-8"))
+    text = filled("docs/scenes.md", figures, tmp_path)
     assert "| core alone, CPU ns per sample | 1,234 |" in text
     assert (
         "| 150 Hz: ours, clock-free | 0.701 | 0.801 | 0.901 | 0.911 | 0.921 | 0.031 | - |"

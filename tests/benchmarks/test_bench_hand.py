@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 
 import pytest
-from page_tables import require_tables_fit
+from page_tables import filled
 
 from benchmarks import hand
 from benchmarks.hand import (
@@ -21,7 +21,6 @@ from benchmarks.hand import (
     scan_costs,
 )
 from benchmarks.hand_delays import delays, seen_after_ms
-from benchmarks.hand_page import tables
 from benchmarks.hand_rows import HandFigures
 from benchmarks.timing import time_in_turns
 from holdfast.drivers.bridges import BRIDGES
@@ -129,8 +128,8 @@ def test_the_live_loop_has_a_time_for_every_stage_and_the_page_shows_it(
     assert live.samples > 100
     rows = delays([read_as_drivers_do(scans, "ft232h")], 0.5, 1, steps=2)
     figures = HandFigures(scans, faults, [live], 1, rows, memory(MODEL))
-    written = tables(json.loads(json.dumps(figures.to_json())))
-    text = require_tables_fit("docs/hand.md", written, tmp_path)
+    written = json.loads(json.dumps(figures.to_json()))
+    text = filled("docs/hand.md", {"hand": written}, tmp_path)
     assert "| ft232h | registers |" in text
     assert "busy-wait reference" in text
     assert "finger 3: nack" in text

@@ -14,14 +14,13 @@ import onnx
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from page_tables import require_tables_fit, tables_of
+from page_tables import filled
 
 from benchmarks.cost import recordings
 from benchmarks.cost.features import columns, look_backs_s, some, whole_of
 from benchmarks.cost.grown import first_trees
-from benchmarks.cost.page import MADE_FROM, README_ROWS, line, readme_table
 from benchmarks.cost.picture import figure
-from benchmarks.cost.point import BANDS, GROUPS, REFERENCE, Point, points
+from benchmarks.cost.point import BANDS, GROUPS, README_POINTS, REFERENCE, Point, points
 from benchmarks.cost.surface import cost, pareto
 from holdfast.core.contract import FloatArray
 from holdfast.core.errors import DataError, UsageError
@@ -35,6 +34,7 @@ from holdfast.simulation.card import Card, read_card
 from holdfast.training.datasets import load
 from holdfast.training.featurise import FloatRows
 from holdfast.training.plan import ForestPlan
+from tools.doc_tables import tables_of
 
 SMALL = {"train": ("thesis", 10, 0), "choose": ("daily", 3, 1), "ask": ("daily", 8, 2)}
 TINY = Point(rate_hz=50.0, trees=5, depth=6, debounce=2)
@@ -80,7 +80,7 @@ def test_the_points_change_every_chosen_setting_and_none_stands_twice():
 
 
 def test_every_line_of_the_readme_is_a_point_that_is_measured():
-    assert set(README_ROWS) <= set(points())
+    assert set(README_POINTS) <= set(points())
 
 
 @pytest.mark.parametrize("name", GROUPS)
@@ -356,15 +356,16 @@ def test_a_dask_cluster_gives_the_same_rows(measured, cluster):
 def rows_of(measured: tuple[Path, dict[str, Any]]) -> list[dict[str, Any]]:
     return [
         dict(measured[1]["rows"][0], of=point.of, what=point.what)
-        for point in README_ROWS
+        for point in README_POINTS
     ]
 
 
 def test_the_readme_gets_lines_that_say_what_they_were_measured_on(measured):
-    (written,) = readme_table({"rows": rows_of(measured)}).values()
+    figures = {"cost": {"rows": rows_of(measured)}}
+    written = tables_of("README.md", figures)["cost"]
     assert written.startswith("| data |")
-    assert len(written.splitlines()) == 2 + len(README_ROWS)
-    assert written.count("simulated |") + written.count("real |") == len(README_ROWS)
+    assert len(written.splitlines()) == 2 + len(README_POINTS)
+    assert written.count("simulated |") + written.count("real |") == len(README_POINTS)
 
 
 @pytest.mark.parametrize(("kept", "says_how_long"), [(0, True), (1, False)])
@@ -385,14 +386,13 @@ def test_the_page_and_its_figure_hold_what_was_measured(
         "memory": [{"process": "floor"}],
     }
     took = {"wall_s": 90.0, "cores": 2, "new_points": len(rows) - kept}
-    written = tables_of(
-        MADE_FROM.values(),
-        {"rows": rows, "fronts": fronts, "took": took},
-        latency,
-        {"rows": [{"trials": 50}]},
-        {"rows": [{"what": "whole step", "instructions": 7.0}]},
-    )
-    text = require_tables_fit("docs/what-accuracy-costs.md", written, tmp_path)
+    made = {
+        "cost": {"rows": rows, "fronts": fronts, "took": took},
+        "latency": latency,
+        "training": {"rows": [{"trials": 50}]},
+        "instructions": {"rows": [{"what": "whole step", "instructions": 7.0}]},
+    }
+    text = filled("docs/what-accuracy-costs.md", made, tmp_path)
     assert "| ours, whole step | 1 | 61.2 |" in text
     assert "| step over own learner | 5.50 | at most 5 |" in text
     assert (f"{len(rows)} points, min | 1.5 on 2 cores |" in text) == says_how_long, (
@@ -401,4 +401,3 @@ def test_the_page_and_its_figure_hold_what_was_measured(
     drawn = figure(rows)
     assert drawn.startswith("<svg")
     assert "simulated" in drawn
-    assert line(rows[0])["recall_alone"] == rows[0]["recall"]

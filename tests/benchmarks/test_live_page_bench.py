@@ -5,10 +5,9 @@ from __future__ import annotations
 from dataclasses import asdict
 from pathlib import Path
 
-from page_tables import require_tables_fit
+from page_tables import filled
 
 from benchmarks.live_page import Case, watched_run
-from benchmarks.live_page_table import tables
 
 
 def test_a_watched_run_counts_its_samples_its_gaps_and_what_its_browsers_got(
@@ -20,5 +19,5 @@ def test_a_watched_run_counts_its_samples_its_gaps_and_what_its_browsers_got(
     assert row.frames_per_s > 0.0
     assert 0.0 < row.latency_p50_us <= row.latency_p999_us
     figures = {"rows": [asdict(row), asdict(row)]}
-    written = require_tables_fit("docs/live-page.md", tables(figures), tmp_path)
+    written = filled("docs/live-page.md", {"live_page": figures}, tmp_path)
     assert f"| two stalled, one reading | {2 * row.samples} |" in written

@@ -11,7 +11,7 @@ import pytest
 from benchmarks.mujoco_loop import CARD, Figures, Force
 from holdfast.simulation.card import read_card
 from holdfast.simulation.scene import Scene
-from studies.tables.scenes import mujoco_loop
+from tools.doc_tables import tables_of
 
 
 def test_the_trials_are_of_an_object_that_both_worlds_have_alike(
@@ -42,6 +42,7 @@ def test_the_page_has_a_row_a_trial() -> None:
         {"action": action, "ours": world, "mujoco": world, "forces": forces}
         for action in ("pull", "pass")
     ]
-    (table,) = mujoco_loop({"trials": trials}).values()
+    made = {"mujoco_loop": {"trials": trials}}
+    table = tables_of("docs/scenes.md", made)["mujoco-loop"]
     assert "| pull | lost; kept, 2.0 mm | lost; kept, 2.0 mm | 12 | 8 |" in table
     assert "| pass | taken after 140 ms; taken after 140 ms |" in table

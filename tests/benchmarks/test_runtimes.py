@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from c_form import require_compiler
 from headless_browser import browser, needs_chromium, served
-from page_tables import require_tables_fit, tables_of
+from page_tables import filled
 from small_model import for_the_hand, graph_of
 
 from benchmarks.runtimes import here as bench
@@ -26,7 +26,6 @@ from benchmarks.runtimes.c_programs import (
 from benchmarks.runtimes.cortex_m7 import read_report
 from benchmarks.runtimes.onnx_programs import C_API, IN_WEB, WEB, OnnxProgram, text_of
 from benchmarks.runtimes.onnx_programs import answers_of as onnx_answers_of
-from benchmarks.runtimes.page import arm, here
 from benchmarks.runtimes.programs import called, require
 from benchmarks.runtimes.stream import Stream
 from holdfast.core.errors import HoldfastError, LibraryMissing
@@ -34,6 +33,7 @@ from holdfast.edge_runtime.graph import run_recording
 from holdfast.edge_runtime.model import Model
 from holdfast.export.c.exporting import export_c
 from holdfast.export.exporting import model_card, seal
+from tools.doc_tables import tables_of
 
 RELEASED = Path(__file__).resolve().parents[2] / "models/holdfast-150hz.onnx"
 AT = "document.getElementById"
@@ -79,7 +79,8 @@ def test_every_runtime_gives_the_labels_of_onnxruntime_and_gcc_and_clang_the_sam
     assert {one.name for one in (CLANG, WASM) if one.is_installed} <= set(rows)
     assert rows["C, gcc, single precision"]["same_bits"] is False
     assert rows["onnxruntime, from Python"]["beside_python"] == 1.0
-    assert "| C, gcc |" in here(figures)["runtimes"]
+    made = tables_of("docs/any-runtime.md", {"here": figures})
+    assert "| C, gcc |" in made["runtimes"]
 
 
 @pytest.mark.parametrize("one", [C_API, WEB], ids=lambda one: one.name)
@@ -210,8 +211,6 @@ def test_the_page_has_a_place_for_every_table(tmp_path: Path) -> None:
         "aarch64_same_bits": True,
         "boards": [board],
     }
-    made = tables_of(
-        (here, arm), {"runtimes": [row | {"same_bits": None}]}, {"models": [one]}
-    )
-    page = require_tables_fit("docs/any-runtime.md", made, tmp_path)
+    made = {"here": {"runtimes": [row | {"same_bits": None}]}, "arm": {"models": [one]}}
+    page = filled("docs/any-runtime.md", made, tmp_path)
     assert "| m | double | 1274.0 | 41.5 | 24.3 | 244,127 | 246,880 | 514 |" in page

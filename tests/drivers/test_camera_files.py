@@ -15,11 +15,9 @@ from drawn_frames import (
     write_frames,
 )
 from hand_made_tracks import hand_made
-from page_tables import require_tables_fit
+from page_tables import filled
 from rooms import MAY_IMPORT, ROOT, folder_of, imports_of
 
-from benchmarks import camera_page
-from benchmarks.tag_sheet import sheet
 from holdfast.cli.main import main
 from holdfast.core.errors import (
     ColumnError,
@@ -34,6 +32,7 @@ from holdfast.drivers.camera.library import QUIET
 from holdfast.drivers.camera.recording import TagFile, read_tracks
 from holdfast.drivers.camera.sources import read_frames
 from holdfast.simulation.camera_frames import HAND_TAG, OBJECT_TAG, cells
+from studies.doc_pictures.tags import sheet
 
 
 def spoil(path: Path, how: str) -> None:
@@ -245,14 +244,12 @@ def test_the_page_of_the_camera_is_made_of_what_was_measured(tmp_path):
         "start_worst_ms": 7.7,
         "within_10_ms": 1.0,
     }
-    written = camera_page.tables(
-        {
-            "ramps": [row | numbers],
-            "pulls": [row | numbers],
-            "held": [{"n": 5, "onsets": 0}],
-        }
-    )
-    text = require_tables_fit("docs/camera.md", written, tmp_path)
+    made = {
+        "ramps": [row | numbers],
+        "pulls": [row | numbers],
+        "held": [{"n": 5, "onsets": 0}],
+    }
+    text = filled("docs/camera.md", {"onset": made}, tmp_path)
     assert "| 60 | 42 | 2 of 3 | 1 | 1.2 / 1.2 / 1.2 |" in text
 
 

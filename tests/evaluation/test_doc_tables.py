@@ -6,9 +6,10 @@ import json
 from pathlib import Path
 
 import pytest
+from jinja2 import UndefinedError
 
 from holdfast.core.errors import DataNotFound
-from tools.doc_tables import refresh
+from tools import doc_tables
 
 PAGE = """Prose.
 <!-- first: written by a command -->
@@ -18,25 +19,44 @@ old
 old
 <!-- /second -->
 """
+TEMPLATE = """{% call put("first") %}{{ one.figure }}{% endcall %}
+{% call put("second") %}{{ two.figure }}{% endcall %}
+"""
+
+
+@pytest.fixture
+def page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A page whose template needs two files; only one of them is there."""
+    page = tmp_path / "page.md"
+    page.write_text(PAGE, "utf-8")
+    (tmp_path / "templates").mkdir()
+    (tmp_path / "templates/page.md").write_text(TEMPLATE, "utf-8")
+    (tmp_path / "one.json").write_text(json.dumps({"figure": 7}), "utf-8")
+    files = {name: str(tmp_path / f"{name}.json") for name in ("one", "two")}
+    monkeypatch.setattr(doc_tables, "TEMPLATES", tmp_path / "templates")
+    monkeypatch.setitem(doc_tables.SOURCES, str(page), files)
+    return page
 
 
 def test_a_table_whose_figures_are_not_there_stays_and_is_named(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    page: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    page, there, absent = (
-        tmp_path / name for name in ("page.md", "one.json", "two.json")
-    )
-    page.write_text(PAGE, encoding="utf-8")
-    there.write_text(json.dumps({"figure": 7}), encoding="utf-8")
-    refresh(
-        page,
-        {
-            there: lambda figures: {"first": f"{figures['figure']}"},
-            absent: lambda figures: {"second": f"{figures['figure']}"},
-        },
-    )
+    doc_tables.refresh(str(page))
     assert page.read_text("utf-8") == PAGE.replace("old", "7", 1)
-    out, err = capsys.readouterr()
-    assert f"{absent} stay as they are; that file is not there" in out + err
+    assert "two.json stay: that file is not there" in capsys.readouterr().out
+
+
+def test_a_figure_that_is_missing_from_its_file_is_an_error(page: Path) -> None:
+    (page.parent / "two.json").write_text("{}", "utf-8")
+    with pytest.raises(UndefinedError, match="figure"):
+        doc_tables.refresh(str(page))
+
+
+def test_a_table_without_a_place_in_the_page_is_an_error(page: Path) -> None:
     with pytest.raises(DataNotFound, match="third"):
-        refresh(page, {there: lambda figures: {"third": ""}})
+        doc_tables.fill(page, {"third": ""})
+
+
+def test_every_page_with_a_template_names_its_files() -> None:
+    templates = {path.name for path in doc_tables.TEMPLATES.iterdir()}
+    assert templates == {Path(page).name for page in doc_tables.SOURCES}

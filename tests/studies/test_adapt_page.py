@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from page_tables import require_tables_fit, tables_of
+from page_tables import filled
 
 from holdfast.core.contract import GRASP, RISKY_SLIP, SAFE_SLIP
 from holdfast.edge_runtime.decision import DecisionRules
@@ -17,7 +17,6 @@ from holdfast.training.recording import Recording
 from holdfast.training.timeline import Phase
 from studies.adapt.figures import way_figures
 from studies.adapt.sets import STYLES, _adapt_card
-from studies.tables.adapt import MADE_FROM
 
 AREA = "Pages and figures"
 
@@ -39,8 +38,8 @@ def way(called: float) -> dict[str, Any]:
 def test_every_table_of_the_page_has_its_place(tmp_path: Path) -> None:
     ways = {"as it is": way(0.4), "adapted": way(0.1)}
     styles = {"styles": {"p1": {"ways": ways}}}
-    written = tables_of(MADE_FROM, styles, {"ways": ways})
-    text = require_tables_fit("docs/adapt.md", written, tmp_path)
+    made = {"adapt": styles, "people": {"ways": ways}}
+    text = filled("docs/adapt.md", made, tmp_path)
     assert "| p1 | adapted | 0.1 (0.10 to 0.20) | 0.050 to 0.100 |" in text
 
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from page_tables import require_tables_fit, tables_of
+from page_tables import filled
 
-from studies.tables.learners import CASES, MADE_FROM
+CASES = [(18, False), (48, False), (18, True)]
 
 AREA = "Pages and figures"
 
@@ -65,8 +65,8 @@ def streams() -> dict[str, Any]:
 
 def test_every_table_of_learners_has_a_place_in_the_page(tmp_path):
     times = {"times": {"forest": {"p50_us": 20.0, "p99_us": 40.0}}}
-    written = tables_of(MADE_FROM, figures(), times, streams())
-    text = require_tables_fit("docs/learners.md", written, tmp_path)
+    made = {"learners": figures(), "network": times, "streams": streams()}
+    text = filled("docs/learners.md", made, tmp_path)
     assert "| committee | 0.63 (0.50 to 0.70) | - | - |" in text
     assert "| committee | 0.430 | 0.530 | 0.630 | 3 of 3 |" in text
     assert "| forest | 20.0 | 40 | 1.00 |" in text

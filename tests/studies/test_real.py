@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from page_tables import require_tables_fit
+from page_tables import filled
 
 from holdfast.evaluation.jobs import Workers
 from holdfast.evaluation.provenance import host
@@ -43,7 +43,6 @@ from studies.real.proactive import ReplayPicture, study_proactive
 from studies.real.report import Evidence, write_real_report
 from studies.real.streamed_fold import stream_one_fold
 from studies.real.study import verification_of
-from studies.real.table import all_channels, tables
 from studies.row_names import CLOCK, OURS_18, OURS_48
 
 pytestmark = pytest.mark.filterwarnings("ignore::holdfast.export.spec.BandsLeftOut")
@@ -125,7 +124,7 @@ def test_further_rows_say_how_many_windows_there_are_and_fill_the_readme_s_table
     found = further_rows({OURS_48: timed}, 0, Workers(), ignored)
     written = json.loads(json.dumps(found.to_json(), allow_nan=False))
     assert sum(written["windows"].values()) == len(timed.data().tasks["situations"])
-    text = require_tables_fit("README.md", all_channels(written), tmp_path)
+    text = filled("README.md", {"all_channels": written}, tmp_path)
     assert (
         f"| {OURS_48} | {written['rows'][OURS_48]['situations']['macro_f1']:.3f} ("
         in text
@@ -267,7 +266,7 @@ def test_the_readme_s_tables_show_every_method_and_what_was_checked(
     evidence: Evidence, tmp_path: Path
 ) -> None:
     figures = json.loads(json.dumps(evidence.figures.to_json()))
-    text = require_tables_fit("README.md", tables(figures), tmp_path)
+    text = filled("README.md", {"real": figures}, tmp_path)
     assert f"| {OURS_18} | {figures['situations']['macro_f1']:.3f} (" in text
     assert "| timing-only baseline |" in text
     assert f"| {figures['n_trials']}, {figures['n_groups']} |" in text

@@ -9,12 +9,11 @@ from typing import Any
 import pytest
 
 from holdfast.evaluation.loop_runs import CHOICES, scene_of
-from studies.shared_control import page
-from studies.shared_control.page import PAGE, shown
 from studies.shared_control.picture import curve, picture
 from studies.shared_control.plan import CURVE_SETS, LAGS_MS, OURS, SETTINGS, rows, sets
-from studies.shared_control.program import _chosen
+from studies.shared_control.program import PAGE, _chosen
 from studies.shared_control.targets import TARGETS, target_rows
+from tools.doc_tables import fill, tables_of
 
 
 def row(part: str, name: str, controller: str, **figures: Any) -> dict[str, Any]:
@@ -66,17 +65,17 @@ def test_a_study_of_one_part_leaves_the_other_tables_alone(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     copy = tmp_path / "page.md"
-    copy.write_text(PAGE.read_text("utf-8"), encoding="utf-8")
-    monkeypatch.setattr(page, "PAGE", copy)
+    copy.write_text(Path(PAGE).read_text("utf-8"), encoding="utf-8")
     counts = dict.fromkeys(("drops", "preventable", "handovers"), 7)
     figures = counts | dict.fromkeys(
         ("disturbed_share", "disturbed_share_ci", "tightenings_per_min")
     )
-    page.fill_page({"rows": [row("noise", "p1", OURS, noise=4.0, **figures)]})
+    figures_of_noise = {"rows": [row("noise", "p1", OURS, noise=4.0, **figures)]}
+    fill(copy, tables_of(PAGE, {"loop": figures_of_noise}))
     written = copy.read_text("utf-8")
     assert "| p1 | 4 | 7 |" in written
     between = re.compile("<!-- noise:.*<!-- /noise -->", re.DOTALL)
-    assert between.sub("", written) == between.sub("", PAGE.read_text("utf-8"))
+    assert between.sub("", written) == between.sub("", Path(PAGE).read_text("utf-8"))
 
 
 def test_a_point_of_a_curve_counts_the_sets_together() -> None:
@@ -152,5 +151,6 @@ def test_a_figure_that_is_not_there_is_a_dash_in_the_tables() -> None:
     none = dict.fromkeys(
         ("saved_share", "slip_mm_p50", "crushed_share", "extra_force_n_p50")
     )
-    printed = shown(row("table", "holds", OURS, **(figures | none)))
-    assert (printed["saved"], printed["slip"], printed["crushed"]) == (None, None, None)
+    absent = row("table", "holds", OURS, **(figures | none))
+    made = tables_of(PAGE, {"loop": {"rows": [absent]}})
+    assert "| holds | 0 | 0 | - | 0 |" in made["sets"]

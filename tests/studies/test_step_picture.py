@@ -8,7 +8,7 @@ from pathlib import Path
 import onnx
 import pytest
 
-from studies.tables.step import EDGE_X, PLACES, edges, picture, stages
+from studies.doc_pictures.step import EDGE_X, PLACES, edges, picture, stages
 
 ROOT = Path(__file__).resolve().parents[2]
 

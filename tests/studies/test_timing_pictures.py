@@ -10,7 +10,8 @@ from typing import Any
 import pytest
 
 from holdfast.evaluation.method_names import DEPLOYED
-from studies.tables.timing import PARTS, PICTURES, main
+from studies.doc_pictures.timing import PARTS, PICTURES
+from tools.doc_pictures import EVALUATED, draw_measured
 
 
 def evaluated(recall: float, in_time: float, called: float | None) -> dict[str, Any]:
@@ -24,11 +25,13 @@ def evaluated(recall: float, in_time: float, called: float | None) -> dict[str, 
 
 
 @pytest.fixture
-def drawn(tmp_path: Path) -> dict[str, str]:
+def drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, str]:
     sets = {"thesis": evaluated(1.0, 0.75, 0.1), "holds": evaluated(0.5, 0.25, None)}
-    source = tmp_path / "figures.json"
+    source = tmp_path / EVALUATED
+    source.parent.mkdir(parents=True)
     source.write_text(json.dumps({"model": {"model_id": "abcdef012345"}, "sets": sets}))
-    main(source, tmp_path)
+    monkeypatch.chdir(tmp_path)
+    draw_measured(tmp_path)
     return {name: (tmp_path / name).read_text("utf-8") for name in PICTURES}
 
 
@@ -55,8 +58,11 @@ def test_a_set_without_voluntary_actions_has_no_line(drawn: dict[str, str]) -> N
 
 
 def test_without_figures_the_pictures_stay(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
-    main(tmp_path / "none.json", tmp_path)
-    assert "stay as they are" in capsys.readouterr().out
+    monkeypatch.chdir(tmp_path)
+    draw_measured(tmp_path)
+    assert f"{EVALUATED} is not there" in capsys.readouterr().out
     assert list(tmp_path.iterdir()) == []

@@ -3,26 +3,23 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Mapping
 from pathlib import Path
 
 from holdfast.core.reading import Json
-from tools.doc_tables import Generator, Rows, Tables, fill
+from tools.doc_tables import fill, tables_of
 
 ROOT = Path(__file__).resolve().parents[2]
 BETWEEN = re.compile(r"(<!-- ([\w-]+):[^\n]*-->\n)(.*?)(<!-- /\2 -->)", re.DOTALL)
 
 
-def tables_of(made_from: Iterable[Generator], *figures: Json) -> Tables:
-    """All tables of a page, from the figures of each command."""
-    made: dict[str, Rows | str] = {}
-    for tables, one in zip(made_from, figures, strict=True):
-        made |= tables(one)
-    return made
+def filled(page: str, figures: Mapping[str, Json], folder: Path) -> str:
+    """The page with the tables of these figures, which are named as in tools/doc_tables.py.
 
-
-def require_tables_fit(page: str, tables: Tables, folder: Path) -> str:
-    """The page with these tables. Writing twice changes nothing, prose stays, columns agree."""
+    Writing twice changes nothing, prose stays, and the columns are those of the page.
+    """
+    tables = tables_of(page, figures)
+    assert tables
     before = (ROOT / page).read_text("utf-8")
     copy = folder / Path(page).name
     copy.write_text(before, encoding="utf-8")

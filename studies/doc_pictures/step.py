@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterable
-from pathlib import Path
 
 import onnx
-
-from holdfast.core.writing import write_whole
 
 TREES = "TreeEnsembleRegressor"
 ANSWERS = ("p_class", "p_situation", "situation", "weight")
@@ -180,8 +176,3 @@ def _arrow(x: int, source: str, target: str) -> str:
 
 def _down(x: int, top: int, bottom: int) -> str:
     return f'<path class="a" d="M{x} {top}V{bottom}"/>'
-
-
-if __name__ == "__main__":
-    model, target = map(Path, sys.argv[1:])
-    write_whole(target, picture(onnx.load(model).graph))

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import sys
-
 import numpy as np
 
 from holdfast.evaluation.style import with_label
@@ -49,7 +47,3 @@ def _ruler() -> list[str]:
         f'<path d="M{MARGIN_MM:g} 40h{RULER_MM}{marks}" {pen}/>',
         f'<text x="10" y="45" {FONT}>100 mm</text>',
     ]
-
-
-if __name__ == "__main__":
-    sys.stdout.write(sheet())

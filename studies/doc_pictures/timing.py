@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-import json
-import sys
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from holdfast.cli.command import show
 from holdfast.core.reading import Json
-from holdfast.core.writing import write_whole
 from holdfast.evaluation.method_names import DEPLOYED
 from holdfast.evaluation.style import INK, OURS, STYLE, WARNING, for_any_page, svg
 
@@ -106,19 +101,3 @@ PICTURES = {
     "late-or-in-time.svg": late_or_in_time,
     "hand-overs-called.svg": hand_overs_called,
 }
-
-
-def main(source: Path, docs: Path) -> None:
-    """Draw both from an evaluation's JSON file; without it they stay as they are."""
-    if not source.is_file():
-        show(
-            f"{docs}: the pictures from {source} stay as they are; that file is not there"
-        )
-        return
-    figures = json.loads(source.read_text("utf-8"))
-    for name, draw in PICTURES.items():
-        write_whole(docs / name, draw(figures))
-
-
-if __name__ == "__main__":
-    main(*map(Path, sys.argv[1:]))

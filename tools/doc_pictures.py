@@ -1,0 +1,51 @@
+"""`make docs`: the pictures of the documentation, from the model and from measured figures."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import onnx
+
+from benchmarks.cost.picture import figure
+from holdfast.cli.command import show
+from holdfast.core.reading import Json
+from holdfast.core.writing import write_whole
+from holdfast.evaluation.style import for_any_page
+from studies.doc_pictures.step import picture as step_picture
+from studies.doc_pictures.tags import sheet
+from studies.doc_pictures.timing import PICTURES as TIMING
+
+MODEL = Path("models/holdfast-150hz.onnx")
+COST = "build/bench/cost.json"
+EVALUATED = "build/evaluate/figures.json"
+MEASURED: dict[str, tuple[str, Callable[[Json], str]]] = {
+    "what-accuracy-costs.svg": (
+        COST,
+        lambda cost: for_any_page(figure(cost["rows"])),
+    ),
+    **{name: (EVALUATED, draw) for name, draw in TIMING.items()},
+}
+"""Picture -> the file of its figures, and what draws it."""
+
+
+def draw_all(docs: Path) -> None:
+    """Draw every picture whose figures are there; name those that stay as they are."""
+    write_whole(docs / "step.svg", step_picture(onnx.load(MODEL).graph))
+    write_whole(docs / "tags.svg", sheet())
+    draw_measured(docs)
+
+
+def draw_measured(docs: Path) -> None:
+    """Draw what is made from measured figures."""
+    for name, (place, draw) in MEASURED.items():
+        if Path(place).is_file():
+            figures = json.loads(Path(place).read_text("utf-8"))
+            write_whole(docs / name, draw(figures))
+        else:
+            show(f"{docs / name} stays: {place} is not there")
+
+
+if __name__ == "__main__":
+    draw_all(Path("docs"))

@@ -1,0 +1,269 @@
+"""What the templates of documents call: numbers as text, and rows that need more than a loop."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from holdfast.export.history import LAGS_S
+
+from benchmarks.cost.point import GOOD, README_POINTS, RECOMMENDED, REFERENCE
+from holdfast.core.contact import NORMAL_FLOOR
+from holdfast.core.reading import Json
+from holdfast.evaluation.formats import markdown
+from holdfast.evaluation.method_names import DEPLOYED
+from holdfast.export.features import GROUPS, feature_count, feature_graph
+from holdfast.export.spec import StepSpec
+from holdfast.simulation.card import read_card
+from holdfast.simulation.effects import EFFECTS
+from holdfast.simulation.sensor.magnet import residual_n
+from holdfast.simulation.shipped import CARDS, shipped
+from holdfast.training.figures import ABSENT, over
+from studies.ablation import gains_table
+from studies.fast_handover.targets import target_rows as handover_targets
+from studies.row_names import OURS, RAW, shown
+from studies.shared_control.plan import CURVE_SETS, OUR_LEAD_N, UNSEEN
+from studies.shared_control.plan import OURS as OUR_CONTROLLER
+from studies.shared_control.targets import target_rows as loop_targets
+from studies.thesis_preliminary.published import ACCURACY_PERCENT, LEARNERS
+
+Rows = Sequence[Json]
+SENSORS, RATE_HZ = 6, 58.9
+"""What the numbers of the page of features are for."""
+
+
+def table(
+    rows: Rows,
+    heads: Mapping[str, str],
+    words: Mapping[str, Mapping[Any, str]] | None = None,
+) -> str:
+    """Chosen columns of rows of figures as Markdown. heads: key -> title with its unit.
+
+    words: key -> what the table says for a value, where that is not the value itself.
+    """
+    lines = []
+    for row in rows:
+        line = {head: row.get(key) for key, head in heads.items()}
+        for key, names in (words or {}).items():
+            line[heads[key]] = names.get(row[key], row[key])
+        lines.append(line)
+    return markdown(lines)
+
+
+def number(value: float | None, places: int) -> str | None:
+    """A number with so many decimal places."""
+    return None if value is None else f"{value:.{places}f}"
+
+
+def grouped(value: float, places: int = 0) -> str:
+    """A large number with a comma every three digits."""
+    return f"{value:,.{places}f}"
+
+
+def percent(share: float) -> str:
+    """A share in whole per cent."""
+    return f"{share:.0%}"
+
+
+def with_interval(value: float | None, interval: Sequence[float] | None) -> str | None:
+    """A figure with its 95 % interval: 0.986 (0.98 to 0.99)."""
+    if value is None:
+        return None
+    if interval is None:
+        return f"{value:.3g}"
+    return f"{value:.3g} ({interval[0]:.2f} to {interval[1]:.2f})"
+
+
+def exact(value: float, interval: Sequence[float]) -> str:
+    """The same with three places everywhere."""
+    return f"{value:.3f} ({interval[0]:.3f} to {interval[1]:.3f})"
+
+
+def f1_by_person(people: Json) -> list[Json]:
+    """Least, median and largest macro F1 of a person, and how many each learner answers best."""
+    learners = list(next(iter(people.values())))
+    f1 = np.array([[one[name] for name in learners] for one in people.values()], float)
+    best = np.bincount(f1.argmax(axis=1), minlength=len(learners))
+    rows = []
+    for k, name in enumerate(learners):
+        row = {"learner": name, "best": best[k], "people": len(f1)}
+        row |= {"least": f1[:, k].min(), "most": f1[:, k].max()}
+        rows.append(row | {"median": np.median(f1[:, k])})
+    return rows
+
+
+def watched_runs(figures: Json) -> list[Json]:
+    """Of every case sums of counts and medians of times over its runs."""
+    sums = ("samples", "overruns", "disconnects")
+    by_case: dict[str, list[Json]] = {}
+    for row in figures["rows"]:
+        by_case.setdefault(row["case"], []).append(row)
+    together = []
+    for case, runs in by_case.items():
+        line: Json = {"case": case}
+        for key in runs[0].keys() - {"case"}:
+            values = [run[key] for run in runs]
+            if key in sums:
+                line[key] = sum(values)
+            elif None not in values and not isinstance(values[0], str):
+                line[key] = float(np.median(values))
+        together.append(line)
+    return together
+
+
+def lags() -> str:
+    """The lags of the features, s."""
+    return ", ".join(f"{lag:.2f}" for lag in LAGS_S)
+
+
+def floors() -> str:
+    """The least normal force that a ratio divides by, in each unit."""
+    return ", ".join(f"{value:g} {unit}" for unit, value in NORMAL_FLOOR.items())
+
+
+def feature_groups() -> list[Json]:
+    """Every group of features: how many, how long its memory, how many nodes, its formula."""
+    alone = _nodes("now")
+    rows = []
+    for name, group in GROUPS.items():
+        finite = math.isfinite(group.memory_s)
+        memory = f"{group.memory_s:.2f}" if finite else "unlimited: not clock-free"
+        nodes = 0 if name == "now" else _nodes("now", name) - alone
+        row = {"name": name, "features": feature_count(_spec(name)), "memory": memory}
+        # a bar would end the cell
+        formula = group.formula.replace("|", "\\|")
+        rows.append({**row, "nodes": nodes, "formula": formula, "why": group.reason})
+    return rows
+
+
+def _nodes(*groups: str) -> int:
+    return len(feature_graph(_spec(*groups)).graph.node)
+
+
+def _spec(*groups: str) -> StepSpec:
+    return StepSpec(SENSORS, RATE_HZ, "N", groups)
+
+
+def scene_titles() -> dict[str, str]:
+    """The title of every shipped scene."""
+    return {name: read_card(str(CARDS / f"{name}.toml")).title for name in shipped()}
+
+
+def effect_rows(figures: Json) -> list[Json]:
+    """Every effect of the code with its parameters and its measured price."""
+    prices = {row["effect"]: row["ns_per_sample"] for row in figures["prices"]}
+    rows = []
+    for name, effect in EFFECTS.items():
+        ranges = []
+        for key, parameter in effect.parameters.items():
+            ranges.append(f"`{key}` {parameter.allowed().split(' from ')[-1]}")
+        price_ns = prices.get(name)
+        rows.append(
+            {
+                "name": effect.name,
+                "stage": effect.stage,
+                "needs": ", ".join(f"`{one}`" for one in effect.needs) or ABSENT,
+                "parameters": ", ".join(ranges) or ABSENT,
+                "ns": None if price_ns is None else grouped(price_ns),
+            }
+        )
+    return rows
+
+
+def by_delay(rows: Rows) -> list[Json]:
+    """Ours at its usual setting, by the lag of the drive and by how late its targets come."""
+    ours = [row for row in rows if row["controller"] == OUR_CONTROLLER]
+    lagged = []
+    for row in ours:
+        usual = row["part"] == "table" and row["set"] in CURVE_SETS
+        if usual or (row["part"] == "lag" and row["setting"] == OUR_LEAD_N):
+            lagged.append(row)
+    lagged.sort(key=lambda row: (row["set"], row["lag_ms"]))
+    return [*lagged, *(row for row in rows if row["part"] == "delay")]
+
+
+def worst_of_unseen(rows: Rows) -> list[Json]:
+    """For each controller the unseen style on which it saves the least."""
+    worst: dict[str, Json] = {}
+    for row in rows:
+        if row["part"] != "table" or row["set"] not in UNSEEN:
+            continue
+        held = worst.setdefault(row["controller"], row)
+        if (row["saved_share"] or 0) < (held["saved_share"] or 0):
+            worst[row["controller"]] = row
+    return [
+        {**row, "controller": f"{name} ({row['set']})"} for name, row in worst.items()
+    ]
+
+
+def reference_point(cost: Json) -> Json:
+    """The row of the surface that all others change one choice of."""
+    return _points(cost)["scenes", REFERENCE]
+
+
+def recommended_points(cost: Json) -> dict[str, Json]:
+    """The rows of the models that have names: tiny, default, best."""
+    points = _points(cost)
+    return {name: points[one.of, one.what] for name, one in RECOMMENDED.items()}
+
+
+def readme_points(cost: Json) -> list[Json]:
+    """The README's rows, and whether people or scenes were evaluated."""
+    points, rows = _points(cost), []
+    for one in README_POINTS:
+        data = "people, real" if one.of == "human" else "scenes, simulated"
+        rows.append({**points[one.of, one.what], "set": data})
+    return rows
+
+
+def cost_front(cost: Json, of: str) -> list[Json]:
+    """The points of a set that no other beats, cheapest first, each with what it is unbeaten in."""
+    rows = []
+    for row in cost["rows"]:
+        fronts = cost["fronts"][of].items()
+        unbeaten = [GOOD[good] for good, names in fronts if row["what"] in names]
+        if row["of"] == of and unbeaten:
+            rows.append({**row, "unbeaten_in": ", ".join(unbeaten)})
+    return sorted(rows, key=lambda row: float(row["step_us"]))
+
+
+def _points(cost: Json) -> dict[tuple[str, str], Json]:
+    return {(row["of"], row["what"]): row for row in cost["rows"]}
+
+
+FUNCTIONS: dict[str, Callable[..., Any] | object] = {
+    "averaged_over": over,
+    "by_delay": by_delay,
+    "calibration_error_n": residual_n,
+    "cost_front": cost_front,
+    "deployed": DEPLOYED,
+    "effect_rows": effect_rows,
+    "exact": exact,
+    "f1_by_person": f1_by_person,
+    "feature_groups": feature_groups,
+    "floors": floors,
+    "gains": gains_table,
+    "grouped": grouped,
+    "handover_targets": handover_targets,
+    "lags": lags,
+    "loop_targets": loop_targets,
+    "number": number,
+    "our_controller": OUR_CONTROLLER,
+    "ours": OURS,
+    "percent": percent,
+    "published_learners": LEARNERS,
+    "published_percent": ACCURACY_PERCENT,
+    "raw": RAW,
+    "readme_points": readme_points,
+    "recommended_points": recommended_points,
+    "reference_point": reference_point,
+    "scene_titles": scene_titles,
+    "shown": shown,
+    "table": table,
+    "watched_runs": watched_runs,
+    "with_interval": with_interval,
+    "worst_of_unseen": worst_of_unseen,
+}
+"""Every name that a template may use besides the figures."""
