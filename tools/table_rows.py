@@ -7,14 +7,13 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from holdfast.export.history import LAGS_S
 
 from benchmarks.cost.point import GOOD, README_POINTS, RECOMMENDED, REFERENCE
 from holdfast.core.contact import NORMAL_FLOOR
 from holdfast.core.reading import Json
 from holdfast.evaluation.formats import markdown
 from holdfast.evaluation.method_names import DEPLOYED
-from holdfast.export.features import GROUPS, feature_count, feature_graph
+from holdfast.export.features import GROUPS, LAGS_S, feature_count, feature_graph
 from holdfast.export.spec import StepSpec
 from holdfast.simulation.card import read_card
 from holdfast.simulation.effects import EFFECTS

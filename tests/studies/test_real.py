@@ -32,7 +32,7 @@ from holdfast.training.plan import (
 )
 from holdfast.training.progress import ignored
 from holdfast.training.recording import DataSet
-from studies.ablation import AblationRow, Gains, StepCost, rows_of, table
+from studies.ablation import AblationRow, Gains, StepCost, gains_table, rows_of
 from studies.real.eflesh import EfleshStudy, study_eflesh
 from studies.real.figures import FinalModel, RealStudy, StreamedFold
 from studies.real.further_rows import further_rows
@@ -289,7 +289,7 @@ def test_the_ablation_has_a_row_for_every_group_and_says_which_is_not_clock_free
         StepCost(3, 1.0), 0.5, None, 0.5, None, 2, True, None, None, gains
     )
     assert list(free.to_json())[:3] == ["nodes", "us", "macro_f1"]
-    text = table(
+    text = gains_table(
         {
             "default": free.to_json(),
             "with bands": replace(free, clock_free=False).to_json(),
