@@ -88,11 +88,11 @@ def _to_format(args: argparse.Namespace) -> int:
 def _from_xdf(args: argparse.Namespace) -> int:
     from holdfast.interop.incoming import cuts, write_trials
     from holdfast.interop.xdf import read_xdf
-    from holdfast.sessions.recorder.protocol import word
+    from holdfast.sessions.recorder.protocol import checked_name
 
     if not args.person:
         raise UsageError("--to trials without a person", next_step="--person p01")
-    person = args.out / word(args.person, "--person")
+    person = args.out / checked_name(args.person, "--person")
     named = (
         f"{args.object}/{args.action}" if args.object and args.action else args.action
     )

@@ -57,7 +57,7 @@ VERBS = {
         "fit the map from field to force, from known loads",
     ),
     "bias": ("holdfast.cli.bias", "measure the bias of the open, untouched hand"),
-    "record": ("holdfast.cli.record", "record trials by keys and a protocol card"),
+    "record": ("holdfast.cli.record", "record trials by keys and a protocol"),
     "study": (
         "holdfast.cli.study",
         "run a study with a person: steps, trials, questionnaires, report",

@@ -1,7 +1,7 @@
 """`holdfast record --source URL --out DIR --person P01`: records trials, safe against crashes.
 
     holdfast record --source usb://ft232h --calibration c.json --out trials --person p01 \\
-        --protocol card.toml
+        --protocol protocol.toml
     holdfast record --source usb://ft232h --out trials --person p01 \\
         --object cup --action pull --camera oak --tag-mm 10
     holdfast record --source "virtual://ft232h?scene=pull-soft-ball" --out trials --person p00 \\
@@ -15,8 +15,9 @@ from __future__ import annotations
 import argparse
 import sys
 from contextlib import ExitStack
+from typing import TYPE_CHECKING
 
-from holdfast.cli.command import add_json_option, path_argument, seed
+from holdfast.cli.command import add_json_option, path_argument, seed, show_found
 from holdfast.cli.options import (
     add_calibration_option,
     add_recording_options,
@@ -24,6 +25,9 @@ from holdfast.cli.options import (
     add_web_option,
 )
 from holdfast.sessions.recorder.protocol import ACTIONS
+
+if TYPE_CHECKING:
+    from holdfast.sessions.recorder.plan import RecordOptions
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -35,12 +39,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     option("--out", type=path_argument, required=True, metavar="DIR", help=out)
     person = "letters, digits, dashes; never a real name"
     option("--person", required=True, metavar="PSEUDONYM", help=person)
-    card = "protocol card (TOML): which trials, in which number"
-    option("--protocol", type=path_argument, metavar="CARD", help=card)
-    thing = "without a card: the object, such as soft-ball"
-    option("--object", metavar="NAME", help=thing)
-    option("--action", choices=ACTIONS, help="without a card: the action")
-    order = "seed of the order of the card's trials (default 0)"
+    protocol = "recording protocol (TOML): which trials, in which number"
+    option("--protocol", type=path_argument, metavar="PROTOCOL", help=protocol)
+    name = "without a protocol: the object, such as soft-ball"
+    option("--object", metavar="NAME", help=name)
+    option("--action", choices=ACTIONS, help="without a protocol: the action")
+    order = "seed of the order of the protocol's trials (default 0)"
     option("--seed", type=seed, default=0, metavar="S", help=order)
     option("--trials", type=int, metavar="N", help="stop after N trials")
     at_once = "begin every trial without waiting for a key"
@@ -55,22 +59,47 @@ def run(args: argparse.Namespace) -> int:
     from holdfast.live.log_sink import stream_sink
     from holdfast.live.real_time import RunClock
     from holdfast.live.stopping import stop_signals
-    from holdfast.sessions.record_page import record_page
+    from holdfast.sessions.recorder.display import StatusLine, columns_of, record_page
     from holdfast.sessions.recorder.keys import listening
     from holdfast.sessions.recorder.recording import record
-    from holdfast.sessions.recorder.session import show_nothing
-    from holdfast.sessions.recorder.status import StatusLine, columns_of
+    from holdfast.sessions.recorder.session import Display, RunContext
 
-    status = StatusLine(
+    options = options_of(args)
+    display: Display = StatusLine(
         stream_sink(sys.stderr), lambda: columns_of(sys.stderr), args.seconds
     )
-    show = status.show if columns_of(sys.stderr) else show_nothing
     with ExitStack() as stack:
         stopped = stack.enter_context(stop_signals())
         keys = stack.enter_context(listening(sys.stdin.fileno()))
-        if not args.web:
-            return record(args, RunClock(), keys, status.say, stopped, show)
-        page = stack.enter_context(record_page(args, keys, status.say, show))
-        return record(
-            args, RunClock(), keys, page.say, stopped, page.show, announce=page.announce
-        )
+        if args.web:
+            page = record_page(args.web, options, keys, display)
+            display = stack.enter_context(page)
+        kept = record(options, RunContext(RunClock(), keys, display, stopped))
+    next_step = f"next: holdfast evaluate MODEL --data {args.out}"
+    words = f"{kept} trials kept in {args.out / args.person}; {next_step}"
+    show_found(args, words, {"out": args.out, "person": args.person, "kept": kept})
+    return 0
+
+
+def options_of(args: argparse.Namespace) -> RecordOptions:
+    """What the recorder gets of the words on the command line."""
+    from holdfast.sessions.camera import CameraOptions
+    from holdfast.sessions.recorder.plan import RecordOptions
+
+    return RecordOptions(
+        source=args.source,
+        out=args.out,
+        person=args.person,
+        camera=CameraOptions(args.camera, args.tag_mm, args.fps, args.exposure_ms),
+        calibration=args.calibration,
+        protocol=args.protocol,
+        object=args.object,
+        action=args.action,
+        seed=args.seed,
+        rate=args.rate,
+        anyway=args.anyway,
+        seconds=args.seconds,
+        trials=args.trials,
+        at_once=args.at_once,
+        intent=args.intent,
+    )

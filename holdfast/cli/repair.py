@@ -25,13 +25,13 @@ def run(args: argparse.Namespace) -> int:
 
     Returns the exit code of the last error where one could not be repaired: 3, or 5 on a full disk.
     """
-    from holdfast.sessions.recorder.folder import all_trials, alone, repaired
+    from holdfast.sessions.recorder.folder import all_trials, alone, repair
 
     code, trials = 0, []
     with alone(args.folder):
         for folder in all_trials(args.folder):
             try:
-                done = ", ".join(repaired(folder)) or "complete"
+                done = ", ".join(repair(folder)) or "complete"
             except (DataError, OutputError) as error:
                 done, code = f"not repaired: {error}", error.exit_code
             trials.append({"folder": folder, "done": done})

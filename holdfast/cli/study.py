@@ -16,10 +16,11 @@ from typing import TYPE_CHECKING
 
 from holdfast.cli.command import path_argument, show
 from holdfast.cli.options import add_calibration_option, add_recording_options
-from holdfast.sessions.study.shipped import CARDS, names_in
+from holdfast.core.errors import UsageError
+from holdfast.sessions.study.protocol import PROTOCOLS, names_in
 
 if TYPE_CHECKING:
-    from holdfast.sessions.study.steps import StudyCard
+    from holdfast.sessions.study.starting import StudyOptions
 
 MODEL = Path("holdfast-150hz")
 
@@ -27,8 +28,9 @@ MODEL = Path("holdfast-150hz")
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this verb."""
     option = parser.add_argument
-    cards = f"protocol card: a TOML file, or one of {', '.join(names_in(CARDS))}"
-    option("protocol", metavar="PROTOCOL", help=cards)
+    shipped = ", ".join(names_in(PROTOCOLS))
+    protocol = f"study protocol: a TOML file, or one of {shipped}"
+    option("protocol", metavar="PROTOCOL", help=protocol)
     steps = "print the steps with their minutes, and stop"
     option("--list", action="store_true", help=steps)
     urls = "a hand as in holdfast record, or a virtual participant such as sim://p1"
@@ -53,27 +55,58 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """List the card, run the study, write its report, or delete a person."""
-    from holdfast.sessions.study.starting import checked, run_study
-    from holdfast.sessions.study.steps import read_study
+    """List the protocol, run the study, write its report, or delete a person."""
+    from holdfast.sessions.study import starting
+    from holdfast.sessions.study.protocol import read_study
+    from holdfast.sessions.study.runner import Ending
 
-    card = read_study(args.protocol)
+    protocol = read_study(args.protocol)
     if args.list:
-        show("\n".join(listed(card)))
+        show("\n".join(protocol.listing()))
         return 0
-    return run_study(checked(args, card), card, sys.stdin)
+    require_options(args)
+    if args.withdraw:
+        done = starting.withdraw_person(args.out, args.person, sys.stdin)
+        return 0 if done else 1
+    if not args.report:
+        ending = starting.run_study(options_of(args), protocol, sys.stdin)
+        if ending != Ending.FINISHED:
+            return 0
+    lines = starting.write_participant_report(
+        args.out, args.person, protocol, args.model
+    )
+    show("\n".join(lines))
+    return 0
 
 
-def listed(card: StudyCard) -> list[str]:
-    """The card as lines: step, minutes, title; and the sum."""
-    lines = [card.title]
-    lines += [f"before: {one}" for one in card.before]
-    for part in card.parts:
-        number = "" if part.step is None else str(part.step)
-        minutes = f"{part.minutes:g}" if part.minutes else "-"
-        times = f" x {part.repetitions}" if part.repetitions else ""
-        lines.append(f"{number:>4} {minutes:>5} min  {part.title}{times}")
-    return [
-        *lines,
-        f"steps {card.first_step} to {card.last_step}, {card.minutes:g} minutes",
-    ]
+def require_options(args: argparse.Namespace) -> None:
+    """Raise UsageError for an option that is missing, or that goes with no other."""
+    needed = {"--out": args.out, "--person": args.person}
+    if not args.report and not args.withdraw:
+        needed["--source"] = args.source
+    for option, value in needed.items():
+        if value is None:
+            step = "holdfast study --help shows all"
+            raise UsageError(f"{option} is missing", next_step=step)
+    if args.rehearse and args.withdraw:
+        raise UsageError("--withdraw asks first", next_step="leave out --rehearse")
+
+
+def options_of(args: argparse.Namespace) -> StudyOptions:
+    """What a study gets of the words on the command line."""
+    from holdfast.sessions.camera import CameraOptions
+    from holdfast.sessions.recorder.plan import RecordOptions
+    from holdfast.sessions.study.starting import StudyOptions
+
+    recording = RecordOptions(
+        source=args.source,
+        out=args.out,
+        person=args.person,
+        camera=CameraOptions(args.camera, args.tag_mm, args.fps, args.exposure_ms),
+        calibration=args.calibration,
+        rate=args.rate,
+        anyway=args.anyway,
+        seconds=args.seconds,
+        intent=args.intent,
+    )
+    return StudyOptions(recording, args.rehearse)

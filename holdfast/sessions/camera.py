@@ -1,19 +1,53 @@
-"""Which camera films, and how: the options --camera, --tag-mm, --fps and --exposure-ms."""
+"""A camera beside the recorder: its options, the process that films, and how that is watched.
+
+    python -m holdfast.sessions.camera '{"camera": "oak", "out": "trial_1", ..}'
+
+One process films one trial, on the same monotonic clock as the recorder. It ends when its standard
+input does, so it never outlives the recorder. A scene is then filmed up to that moment, however
+busy the machine is; a camera is stopped at once. Errors are written to camera.json and stderr.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import json
+import os
+import select
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from holdfast.core.errors import UsageError
+from holdfast.core.errors import CameraUnavailable, DataError, HoldfastError, UsageError
+from holdfast.core.reading import Json
 from holdfast.drivers.camera.library import load_depthai
-from holdfast.drivers.camera.recording import read_recorded
-from holdfast.drivers.camera.sources import OAK, FrameSource, read_frames
+from holdfast.drivers.camera.recording import TAGS, read_about, read_recorded
+from holdfast.drivers.camera.sources import (
+    OAK,
+    Frame,
+    FrameSource,
+    Lens,
+    Oak,
+    Stored,
+    read_frames,
+)
+from holdfast.drivers.virtual.clock import Clock, WallClock
+from holdfast.live.hand_sources import scene_of
+from holdfast.live.stopping import say
+from holdfast.sessions.onset import doubt
 
 FPS, EXPOSURE_MS = 60.0, 2.0
 """Of an OAK camera, where nothing else is given."""
+SCENE = "scene"
+LONGEST_S = 36_000.0
+LONGEST_START_S, LONGEST_END_S = 40.0, 120.0
+FIRST_FRAME_POLL_S = 0.02
+POLL_NS = 10_000_000
+NICE = 5
+"""The hand has precedence: it loses samples that are read late; the camera's queues can wait."""
+LOG = "camera.log"
 
 
 @dataclass(frozen=True)
@@ -23,7 +57,7 @@ class CameraOptions:
     camera: oak, scene, or a file; None films nothing. tag_mm: measured side of the printed tags.
     """
 
-    camera: str | None
+    camera: str | None = None
     tag_mm: float | None = None
     fps: float | None = None
     exposure_ms: float | None = None
@@ -56,6 +90,17 @@ class CameraOptions:
                 next_step=f"omit it{corrects if '--tag-mm' in given else ''}",
             )
 
+    def require_usable(self, source: str) -> None:
+        """Raise UsageError for a camera that cannot film a source's trials, before they begin."""
+        self.require_complete()
+        if self.camera == SCENE:
+            _filmed_scene(source)
+        elif self.camera not in (None, OAK) and not Path(self.camera).exists():
+            raise UsageError(
+                f"--camera {self.camera!r}: no such file",
+                next_step="oak, scene, or a .frames.npz",
+            )
+
     def shooting(self) -> dict[str, Any]:
         """Frames a second, exposure and side of an OAK camera."""
         return {
@@ -70,3 +115,184 @@ def stored_frames(path: Path, report: Callable[[str], None]) -> FrameSource:
     if path.is_dir():
         return read_recorded(path, load_depthai(report))
     return read_frames(path)
+
+
+# -- the recorder's side
+
+
+class CameraProcess:
+    """Films one trial at a time; options: what the process gets, except `out`."""
+
+    def __init__(self, options: Json) -> None:
+        self.options = options
+        self._folder = Path()
+        self._process: subprocess.Popen[bytes] | None = None
+        self._reported = False
+
+    def start(self, folder: Path) -> None:
+        """Film into a trial's folder; returns when frames arrive. Raises CameraUnavailable."""
+        self._folder, self._reported = folder, False
+        options = json.dumps({**self.options, "out": str(folder)})
+        command = [sys.executable, "-m", "holdfast.sessions.camera", options]
+        with (folder / LOG).open("wb") as log:
+            # A group of its own: Ctrl-C is for the recorder, which then ends the camera.
+            self._process = subprocess.Popen(
+                command, stdin=subprocess.PIPE, stdout=log, stderr=log, process_group=0
+            )
+        until_s = time.monotonic() + LONGEST_START_S
+        while not self._films():
+            if self._process.poll() not in (None, 0) or time.monotonic() > until_s:
+                self.stop()
+                raise CameraUnavailable(
+                    self._last_error() or "no frame arrived",
+                    where="camera",
+                    cause="the camera's own error",
+                    next_step="correct that, or record without --camera; "
+                    f"{LOG} of the discarded trial has all messages",
+                )
+            time.sleep(FIRST_FRAME_POLL_S)
+
+    def lost(self) -> str:
+        """Why the process failed, once; empty while it runs or after a normal end."""
+        process = self._process
+        if self._reported or process is None or process.poll() in (None, 0):
+            return ""
+        self._reported = True
+        return self._last_error() or f"its process ended with {process.returncode}"
+
+    def stop(self) -> Json:
+        """End it; returns {"void": reason or None, "frames", "lost", "doubt": reason or None}."""
+        if self._process is None:
+            return {"void": "was not started"}
+        if self._process.stdin is not None:
+            self._process.stdin.close()
+        try:
+            self._process.wait(LONGEST_END_S)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+        failed = self._process.returncode != 0
+        self._process = None
+        try:
+            about = read_about(self._folder)
+        except DataError as error:
+            return {"void": self._last_error() or str(error)}
+        void = about.get("void") or None
+        if failed and not void:
+            void = self._last_error() or "its process failed"
+        wrong = None if void else doubt(self._folder)
+        return {
+            "void": void,
+            "frames": about.get("frames"),
+            "lost": about.get("lost"),
+            "doubt": wrong and f"{type(wrong).__name__}: {wrong}",
+        }
+
+    def _films(self) -> bool:
+        """Whether a frame has been read."""
+        try:
+            return (self._folder / TAGS).read_bytes().count(b"\n") > 1
+        except OSError:
+            return False
+
+    def _last_error(self) -> str:
+        """The last error in its log."""
+        try:
+            log = (self._folder / LOG).read_text("utf-8", "replace")
+        except OSError:
+            return ""
+        errors = [line for line in log.splitlines() if line.startswith("error: ")]
+        return errors[-1].removeprefix("error: ") if errors else ""
+
+
+# -- the process
+
+
+def film(options: Json) -> None:
+    """Film until the recorder closes standard input, or until the frames end."""
+    from holdfast.drivers.camera.graph import watch
+
+    os.nice(NICE)
+    out = Path(options["out"])
+    if options["camera"] == OAK:
+        lens = Lens(
+            options["fps"],
+            options["exposure_ms"],
+            options["tag_mm"],
+            clock="monotonic",
+        )
+        watch(Oak(lens), out, say=say, stopped=must_end)
+    elif options["camera"] == SCENE:
+        scene = filmed(options["source"], options["began_ns"], WallClock(), must_end)
+        watch(scene, out, say=say)
+    else:
+        watch(stored_frames(Path(options["camera"]), say), out, say=say)
+
+
+def must_end() -> bool:
+    """Whether the recorder has closed standard input, or has ended."""
+    return bool(select.select([sys.stdin], [], [], 0)[0])
+
+
+def filmed(
+    url: str, began_ns: int, clock: Clock, must_end: Callable[[], bool]
+) -> FrameSource:
+    """The scene of a virtual hand, filmed live; began_ns: its start on the clock.
+
+    Raises UsageError.
+    """
+    scene, trial = _filmed_scene(url)
+    camera = scene.camera
+    shoot = scene.shooting(trial, camera)
+    lens = Lens(camera.fps, camera.exposure_ms, camera.tag_mm, clock="monotonic")
+    frames = _live(shoot, camera.fps, began_ns, clock, must_end)
+    return Stored(f"{SCENE} {url}", lens, frames)
+
+
+def _filmed_scene(url: str) -> Any:
+    """(scene, trial) of a virtual hand whose scene has a camera. Raises UsageError."""
+    scene_and_trial = scene_of(url) if url.startswith("virtual://") else None
+    if scene_and_trial is None or scene_and_trial[0].camera is None:
+        raise UsageError(
+            f"--camera {SCENE} cannot film {url!r}",
+            cause="no virtual hand in a scene, or its file has no [camera]",
+            next_step="virtual://ft232h?scene=SCENE, "
+            "with [camera] and [effects.camera_frames] in the scene",
+        )
+    return scene_and_trial
+
+
+def _live(
+    shoot: Callable[[float], Any],
+    fps: float,
+    began_ns: int,
+    clock: Clock,
+    must_end: Callable[[], bool],
+) -> Iterator[Frame]:
+    """Frames from now on, none before its time, until it must end; the last is of that moment."""
+    first = max(1, int((clock.now_ns() - began_ns) * 1e-9 * fps))
+    until_ns = began_ns + round(1e9 * LONGEST_S)
+    for k in range(first, first + round(LONGEST_S * fps)):
+        end_s = k / fps
+        end_ns = began_ns + round(1e9 * end_s)
+        while (now_ns := clock.now_ns()) < end_ns and not must_end():
+            clock.spend(min(POLL_NS, end_ns - now_ns))
+        if must_end():
+            until_ns = min(until_ns, now_ns)
+        if end_ns > until_ns:
+            return
+        yield Frame(k - first, 1e-9 * began_ns + end_s, shoot(end_s))
+
+
+def main() -> int:
+    """Run the process; an error is one line in its log, which the recorder reads."""
+    try:
+        film(json.loads(sys.argv[1]))
+    except (HoldfastError, OSError) as error:
+        sys.stderr.write(f"error: {type(error).__name__}: {error}\n")
+        return 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

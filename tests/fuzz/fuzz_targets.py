@@ -29,6 +29,7 @@ from holdfast.core.errors import HoldfastError, NotAModel
 from holdfast.core.objects import mass_g as read_mass_g
 from holdfast.core.tactile_file import MendResult, mend
 from holdfast.core.trial_file import read_trial
+from holdfast.core.trial_layout import read_events
 from holdfast.drivers.bus import Bus, Reply
 from holdfast.drivers.calibration import read_bias, read_calibration
 from holdfast.drivers.camera.sources import LENS, read_frames
@@ -67,9 +68,9 @@ from holdfast.live.sources import require_meant
 from holdfast.sessions.calibration.loads import read_studies
 from holdfast.sessions.recorder.labels import relabel
 from holdfast.sessions.recorder.protocol import read_protocol
-from holdfast.sessions.study.journal import progress_of, read_journal
+from holdfast.sessions.study.journal import progress_of
+from holdfast.sessions.study.protocol import read_study
 from holdfast.sessions.study.questionnaires import read_questionnaire
-from holdfast.sessions.study.steps import read_study
 from holdfast.simulation import card as scene_card
 from holdfast.simulation.scene import Scene
 from holdfast.training.datasets.public_files import read_arrays, read_table
@@ -188,15 +189,16 @@ def scene(data: bytes) -> None:
 
 
 def protocol(data: bytes) -> None:
-    """A recorder's protocol card, and a person's order of it."""
+    """A recording protocol, and a person's order of it."""
     read_protocol(written("protocol.toml", data)).ordered(0, "p01")
 
 
 def study_card(data: bytes) -> None:
-    """The protocol card of a study, and all that is computed from it."""
-    card = read_study(written("study.toml", data))
-    assert card.minutes_after(0) <= card.minutes
-    assert len(card.protocol().tasks) == sum(part.repetitions for part in card.parts)
+    """A study protocol, and all that is computed from it."""
+    study = read_study(written("study.toml", data))
+    assert study.minutes_after(0) <= study.minutes
+    repetitions = sum(part.repetitions for part in study.parts)
+    assert len(study.recording_protocol().tasks) == repetitions
 
 
 def questionnaire(data: bytes) -> None:
@@ -210,7 +212,7 @@ def questionnaire(data: bytes) -> None:
 def study_journal(data: bytes) -> None:
     """The journal of a person's study, and where it goes on."""
     path = written("study.jsonl", data)
-    progress_of(read_journal(path), path, 3)
+    progress_of(read_events(path), path, 3)
 
 
 def events(data: bytes) -> None:

@@ -11,7 +11,7 @@ from hazard_marks import STALE_PAGE
 from headless_browser import Tab, browser, needs_chromium
 from page_bench import Served, sample, served
 
-from holdfast.sessions.record_page import ACTIONS
+from holdfast.sessions.recorder.display import ACTIONS
 
 pytestmark = needs_chromium
 STATE, DETAIL = (

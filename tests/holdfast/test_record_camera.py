@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 from drawn_frames import two_sizes
-from recorder_bench import arguments_of, columns_of, meta_of, never, start, wait_for
+from recorder_bench import columns_of, context_of, meta_of, options_of, start, wait_for
 
 from holdfast.cli.main import main
 from holdfast.core.clock import MonotonicClock
@@ -25,7 +25,7 @@ from holdfast.core.trial_file import read_trial
 from holdfast.drivers.camera.recording import read_about, read_tracks
 from holdfast.drivers.virtual.clock import VirtualClock
 from holdfast.live.real_time import PRIORITY
-from holdfast.sessions.recorder.camera import LOG, Beside
+from holdfast.sessions.camera import LOG, CameraProcess
 from holdfast.sessions.recorder.keys import Keys
 from holdfast.sessions.recorder.recording import record
 from holdfast.training.datasets import load
@@ -107,16 +107,16 @@ import json, sys
 from pathlib import Path
 from holdfast.drivers.camera.graph import watch
 from holdfast.drivers.virtual.clock import VirtualClock
-from holdfast.sessions.recorder.filming import scene
+from holdfast.sessions.camera import filmed
 options = json.loads(sys.argv[1])
 clock = VirtualClock(options["from_ns"])
 until_ns = options["until_ns"]
-shown = scene(options["source"], options["began_ns"], clock, lambda: clock.now_ns() >= until_ns)
+shown = filmed(options["source"], options["began_ns"], clock, lambda: clock.now_ns() >= until_ns)
 watch(shown, Path(options["out"]), say=lambda line: None)
 """
 
 
-class FilmsAfterwards(Beside):
+class FilmsAfterwards(CameraProcess):
     """A camera on a virtual clock: what it would have filmed from start to stop is filmed when it
     is stopped."""
 
@@ -144,15 +144,13 @@ class FilmsAfterwards(Beside):
 def recorded_with_film(*words: object) -> None:
     """The verb on a clock that costs nothing, for hand and camera alike."""
     clock = VirtualClock(7_000_000_000)
-    record(
-        arguments_of(*words),
+    context = context_of(
         clock,
         Keys(None),
-        lambda line: None,
-        never,
         host_ns=clock.now_ns,
-        camera=lambda argv: FilmsAfterwards(argv, clock),
+        camera=lambda options: FilmsAfterwards(options, clock),
     )
+    record(options_of(*words), context)
 
 
 def test_a_scene_that_is_felt_and_filmed_at_once_gives_the_onset_that_it_had(

@@ -40,6 +40,7 @@ from holdfast.cli.command import Parser
 from holdfast.cli import record
 from holdfast.sessions.recorder.keys import Keys
 from holdfast.sessions.recorder.recording import record as record_trials
+from holdfast.sessions.recorder.session import Display, RunContext
 plain, reads = LiveHand.read, 0
 def read(self):
     global reads
@@ -50,9 +51,11 @@ def read(self):
 LiveHand.read = read
 parser = Parser(prog="holdfast record")
 record.add_arguments(parser)
-options = parser.parse_args(sys.argv[1:])
+options = record.options_of(parser.parse_args(sys.argv[1:]))
 clock = VirtualClock(7_000_000_000)
-record_trials(options, clock, Keys(None), print, lambda: False, host_ns=clock.now_ns)
+display = Display(print)
+context = RunContext(clock, Keys(None), display, lambda: False, host_ns=clock.now_ns)
+record_trials(options, context)
 """
 
 

@@ -19,10 +19,10 @@ from recorder_bench import (
     REST,
     ROOT,
     Hand,
-    arguments_of,
+    context_of,
     cup_pull,
     meta_of,
-    never,
+    options_of,
     session,
     start,
     terminal_of_its_own,
@@ -185,13 +185,8 @@ def test_a_trial_that_only_a_key_ends_is_interrupted_where_the_keys_end(tmp_path
     os.write(writing, b" l")
     os.close(writing)
     messages: list[str] = []
-    record(
-        arguments_of(*cup_pull(tmp_path)),
-        VirtualClock(),
-        Keys(reading),
-        messages.append,
-        never,
-    )
+    options = options_of(*cup_pull(tmp_path))
+    record(options, context_of(VirtualClock(), Keys(reading), messages))
     os.close(reading)
     assert (
         "no key can be pressed any more; --seconds ends trials without a key"

@@ -10,7 +10,6 @@ import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -20,17 +19,16 @@ from recorder_bench import columns_of as read_columns
 
 from holdfast.core.errors import EmptyRecording
 from holdfast.drivers.virtual.clock import VirtualClock
-from holdfast.sessions.recorder.about import Quality
-from holdfast.sessions.recorder.keys import Keys
-from holdfast.sessions.recorder.protocol import Task
-from holdfast.sessions.recorder.session import Session, SessionOptions
-from holdfast.sessions.recorder.status import (
+from holdfast.sessions.recorder.display import (
     OVER_THE_LINE_ABOVE,
     StatusLine,
     columns_of,
     status_text,
 )
-from holdfast.sessions.recorder.trial import TrialRecorder
+from holdfast.sessions.recorder.keys import Keys
+from holdfast.sessions.recorder.protocol import Task
+from holdfast.sessions.recorder.session import Display
+from holdfast.sessions.recorder.trial import Quality, TrialRecorder
 
 SHORT_SCENE = """
 [record]
@@ -73,14 +71,10 @@ def test_a_trial_whose_source_ended_before_it_was_complete_is_not_kept_and_says_
     tmp_path, samples
 ):
     messages: list[str] = []
+    display = Display(messages.append)
+    hand = Hand(VirtualClock(), samples)
     with pytest.raises(EmptyRecording, match="cannot be kept"):
-        session(
-            tmp_path,
-            Hand(VirtualClock(), samples),
-            Keys(None),
-            [PULL],
-            messages=messages,
-        )
+        session(tmp_path, hand, Keys(None), [PULL], display=display)
     folder = tmp_path / "p01/soft-ball/pull/trial_1"
     assert (meta_of(folder)["state"], meta_of(folder)["quality"]["samples"]) == (
         "interrupted",
@@ -194,14 +188,8 @@ def shown(
     """One trial of 1.2 s at 100 Hz before a terminal."""
     clock, status = VirtualClock(), StatusLine(terminal, lambda: columns, seconds=1.2)
     source = Hand(clock, 130, **hand)  # type: ignore[arg-type]
-    chosen = SessionOptions(out, "p01", 100.0, 1.2, True, {})
-    options = {
-        "bias": 0.001 * np.arange(18.0),
-        "about": {"unit": "N"},
-        "show": status.show,
-    }
-    arguments: Any = (chosen, source, clock, Keys(None), status.say)
-    Session(*arguments, **cast("Any", options)).run([PULL], lambda: False)
+    bias = 0.001 * np.arange(18.0)
+    session(out, source, Keys(None), [PULL], seconds=1.2, display=status, bias=bias)
 
 
 def test_time_rate_lost_samples_and_six_forces_are_shown_while_a_trial_runs(tmp_path):
@@ -322,16 +310,7 @@ def test_what_a_person_wrote_beside_an_object_s_mass_stays(tmp_path):
     about = tmp_path / "p01/soft-ball/meta.json"
     about.parent.mkdir(parents=True)
     about.write_text('{"mass_g": 80, "colour": "red"}')
-    clock = VirtualClock()
-    chosen = SessionOptions(tmp_path, "p01", 100.0, 0.5, True, {"soft-ball": 91.5})
-    made = Session(
-        chosen,
-        Hand(clock, 99),
-        clock,
-        Keys(None),
-        print,
-        bias=np.zeros(18),
-        about={"unit": "N"},
-    )
-    assert made.run([PULL], lambda: False) == 1
+    hand, mass_g = Hand(VirtualClock(), 99), {"soft-ball": 91.5}
+    kept, _ = session(tmp_path, hand, Keys(None), [PULL], seconds=0.5, mass_g=mass_g)
+    assert kept == 1
     assert json.loads(about.read_text()) == {"mass_g": 91.5, "colour": "red"}

@@ -12,11 +12,11 @@ import pytest
 from recorder_bench import (
     PROTOCOL,
     REST,
-    arguments_of,
+    context_of,
     cup_pull,
     meta_of,
-    never,
     one_pull,
+    options_of,
     recorded,
 )
 
@@ -32,7 +32,12 @@ from holdfast.core.errors import (
 from holdfast.drivers.virtual.clock import VirtualClock
 from holdfast.sessions.recorder.folder import opened
 from holdfast.sessions.recorder.keys import Keys
-from holdfast.sessions.recorder.protocol import ACTIONS, Task, left, read_protocol
+from holdfast.sessions.recorder.protocol import (
+    ACTIONS,
+    Task,
+    read_protocol,
+    tasks_left,
+)
 from holdfast.sessions.recorder.recording import record
 from holdfast.simulation import protocol as simulated
 from holdfast.training.datasets import load, trials
@@ -94,10 +99,12 @@ def test_a_folder_that_is_no_recording_is_left_alone(tmp_path):
 def test_where_no_key_can_be_pressed_what_needs_one_is_refused_before_anything_opens(
     tmp_path, words, says, add
 ):
-    args = arguments_of(*cup_pull(tmp_path / "out"), *words)
+    options = options_of(*cup_pull(tmp_path / "out"), *words)
     messages: list[str] = []
-    with open(os.devnull) as at_its_end, pytest.raises(UsageError) as error:
-        record(args, VirtualClock(), Keys(at_its_end.fileno()), messages.append, never)
+    with open(os.devnull) as at_its_end:
+        context = context_of(VirtualClock(), Keys(at_its_end.fileno()), messages)
+        with pytest.raises(UsageError) as error:
+            record(options, context)
     assert str(error.value).startswith(f"{says}, and no key can be pressed; ")
     assert str(error.value).endswith(f"next: run it in a terminal, or add {add}")
     assert messages == []
@@ -188,7 +195,7 @@ def test_a_card_says_what_comes_next_and_each_person_has_an_order_of_their_own(
         protocol.ordered(1, person) for person in ("p01", "p01", "p02")
     )
     assert first == again != other
-    key = lambda task: (task.thing, task.action)  # noqa: E731
+    key = lambda task: (task.object, task.action)  # noqa: E731
     assert (
         sorted(first, key=key)
         == sorted(other, key=key)
@@ -196,7 +203,7 @@ def test_a_card_says_what_comes_next_and_each_person_has_an_order_of_their_own(
     )
     assert len(first) == 8
     assert protocol.ordered(2, "p01") != first
-    assert left(first, first[:3]) == first[3:]
+    assert tasks_left(first, first[:3]) == first[3:]
 
 
 def test_a_run_goes_on_where_the_last_one_stopped(tmp_path):

@@ -10,14 +10,14 @@ from pathlib import Path
 import pytest
 from recorder_bench import (
     ROOT,
-    arguments_of,
     meta_of,
+    options_of,
 )
 
 from holdfast.cli.main import main
 from holdfast.core.errors import HoldfastError, LabelError, TimeError
 from holdfast.sessions.recorder.keys import KEYS
-from holdfast.sessions.recorder.protocol import read_protocol, word
+from holdfast.sessions.recorder.protocol import checked_name, read_protocol
 from holdfast.training.datasets import load
 
 # -- what training makes of it
@@ -151,8 +151,8 @@ def test_events_that_cannot_be_understood_are_refused_by_name(people, tmp_path, 
 
 def test_every_error_of_a_word_says_what_is_allowed():
     with pytest.raises(HoldfastError, match="letters, digits and dashes"):
-        word("a b", "pseudonym")
-    assert word("p-01", "pseudonym") == "p-01"
+        checked_name("a b", "pseudonym")
+    assert checked_name("p-01", "pseudonym") == "p-01"
 
 
 def test_check_reads_the_same_folders_and_names_the_source_of_labels(people, capsys):
@@ -197,4 +197,4 @@ def test_the_page_shows_a_card_that_is_one_every_key_and_commands_that_are_under
     import shlex
 
     for command in commands:
-        arguments_of(*shlex.split(command))
+        options_of(*shlex.split(command))

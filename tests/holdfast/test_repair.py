@@ -21,7 +21,7 @@ from holdfast.core.errors import ColumnError, DataError, EmptyRecording, OutputE
 from holdfast.core.tactile_file import TactileFile, mend, mend_lines
 from holdfast.core.trial_file import read_trial
 from holdfast.core.trial_layout import read_events
-from holdfast.sessions.recorder.folder import repaired
+from holdfast.sessions.recorder.folder import repair
 
 ROWS = 200
 Damage = Callable[[bytes], bytes]
@@ -335,10 +335,10 @@ def test_on_a_full_disk_nothing_is_cut_and_repair_ends_it_when_there_is_room(
     before = bytes_of(folder)
     full_disk(True)
     with pytest.raises(OutputError):
-        repaired(folder)
+        repair(folder)
     full_disk(False)
     assert bytes_of(folder) == before
-    repaired(folder)
+    repair(folder)
     assert (state_of(folder), (folder / "tactile.csv").read_bytes()) == (
         "interrupted",
         recorded,

@@ -21,7 +21,7 @@ from recorder_bench import (
     wait_for,
     wait_on_terminal_for,
 )
-from study_bench import SUS_ANSWERS, TALK, TRIALS, Study, card_of, said
+from study_bench import SUS_ANSWERS, TALK, TRIALS, Study, protocol_of, said
 
 from holdfast.core.errors import (
     CardError,
@@ -30,11 +30,12 @@ from holdfast.core.errors import (
     OutputError,
     UsageError,
 )
-from holdfast.sessions.study import journal as log
-from holdfast.sessions.study.console import QUIT, TrialKeys, letter_of
-from holdfast.sessions.study.journal import Journal, progress_of
-from holdfast.sessions.study.runner import FINISHED, WITHDRAWN
-from holdfast.sessions.study.starting import checked
+from holdfast.sessions.camera import CameraOptions
+from holdfast.sessions.study import journal as journals
+from holdfast.sessions.study.console import TrialKeys, letter_of
+from holdfast.sessions.study.journal import Event, Journal, progress_of
+from holdfast.sessions.study.runner import Ending
+from holdfast.sessions.study.starting import write_participant_report
 from holdfast.sessions.study.withdrawal import withdraw
 from holdfast.training.datasets import load
 
@@ -60,7 +61,7 @@ class Kill(BaseException):
 
 
 def test_a_study_goes_from_step_to_step_and_ends(talk: Study) -> None:
-    assert talk.run(WHOLE_TALK) == FINISHED
+    assert talk.run(WHOLE_TALK) == Ending.FINISHED
     assert talk.done() == [0, 1, 2, 3]
     assert talk.entries()[0]["event"] == "opened"
     assert talk.entries()[-1]["event"] == "finished"
@@ -145,9 +146,9 @@ def test_an_arrow_key_ends_no_trial_and_begins_no_step(pressing) -> None:
 
 
 def test_a_study_that_was_quit_goes_on_in_its_step(talk: Study) -> None:
-    assert talk.run(" q") == QUIT
+    assert talk.run(" q") == Ending.QUIT
     assert said(talk.messages, "goes on here with the same command")
-    assert talk.run("  " + SUS_ANSWERS) == FINISHED
+    assert talk.run("  " + SUS_ANSWERS) == Ending.FINISHED
     assert talk.done() == [0, 1, 2, 3]
     assert said(talk.messages, "goes on where it ended")
 
@@ -164,7 +165,7 @@ def test_a_study_that_is_killed_after_any_line_goes_on_and_ends_the_same(
         study = Study(tmp_path / str(last))
 
         def cut(
-            journal: Journal, event: str, last: int = last, **more: object
+            journal: Journal, event: Event, last: int = last, **more: object
         ) -> object:
             entry = append(journal, event, **more)
             if len(journal.entries) == last:
@@ -177,7 +178,9 @@ def test_a_study_that_is_killed_after_any_line_goes_on_and_ends_the_same(
         monkeypatch.setattr(Journal, "append", append)
         left = 3 - min(progress_of(study.entries(), study.home, 4).part, 3)
         answered = len(progress_of(study.entries(), study.home, 4).answers)
-        assert study.run(" " * left + SUS_ANSWERS[2 * answered :]) == FINISHED, last
+        assert study.run(" " * left + SUS_ANSWERS[2 * answered :]) == Ending.FINISHED, (
+            last
+        )
         found = progress_of(study.entries(), study.home, 4)
         assert (found.part, found.answers) == (wanted.part, wanted.answers), last
         assert found.runs == 2
@@ -190,7 +193,7 @@ def test_a_line_that_was_torn_is_moved_aside_and_its_step_is_done_again(
     talk.run(" q")
     journal = talk.home / "study.jsonl"
     journal.write_bytes(journal.read_bytes()[:-25])
-    assert talk.run("  " + SUS_ANSWERS) == FINISHED
+    assert talk.run("  " + SUS_ANSWERS) == Ending.FINISHED
     assert (talk.home / "study.jsonl.torn").exists()
     assert talk.done() == [0, 1, 2, 3]
 
@@ -228,17 +231,16 @@ def test_a_card_that_was_edited_in_between_is_refused_with_the_one_to_go_on_with
     other = Study(talk.path.parent, TALK + "\n")
     with pytest.raises(CardError, match=r"not the one.*p01/protocol\.toml"):
         other.run(" ")
-    other.args.report = True
     with pytest.raises(CardError, match=r"protocol\.toml"):
-        checked(other.args, other.card)
+        write_participant_report(other.out, "p01", other.protocol, other.args.model)
     shutil.copy(talk.home / "protocol.toml", talk.path)
-    assert talk.run("  " + SUS_ANSWERS) == FINISHED
+    assert talk.run("  " + SUS_ANSWERS) == Ending.FINISHED
 
 
 def test_two_terminals_do_not_run_one_person_s_study(talk: Study) -> None:
     talk.run(" q")
     with (
-        log.opened_journal(talk.home, 4, lambda: 0, str),
+        journals.opened_journal(talk.home, 4, lambda: 0, str),
         pytest.raises(OutputError, match="another"),
     ):
         talk.run(" ")
@@ -247,17 +249,17 @@ def test_two_terminals_do_not_run_one_person_s_study(talk: Study) -> None:
 def test_where_no_key_can_be_pressed_any_more_the_study_can_go_on_later(
     talk: Study,
 ) -> None:
-    assert talk.run(" ") == QUIT
+    assert talk.run(" ") == Ending.QUIT
     assert said(talk.messages, "no key can be pressed any more")
-    assert talk.run(" " + "nhalf a note") == QUIT
+    assert talk.run(" " + "nhalf a note") == Ending.QUIT
     assert talk.entries("note") == []
-    assert talk.run(" " + SUS_ANSWERS[:8]) == QUIT
-    assert talk.run(SUS_ANSWERS[8:]) == FINISHED
+    assert talk.run(" " + SUS_ANSWERS[:8]) == Ending.QUIT
+    assert talk.run(SUS_ANSWERS[8:]) == Ending.FINISHED
 
 
 def test_a_study_that_is_finished_stays_finished(talk: Study) -> None:
     talk.run(WHOLE_TALK)
-    assert talk.run("q") == FINISHED
+    assert talk.run("q") == Ending.FINISHED
     assert said(talk.messages, "every step of this person's study is done")
     assert talk.done() == [0, 1, 2, 3]
 
@@ -268,26 +270,28 @@ def test_a_full_disk_ends_the_study_with_an_error_and_loses_no_earlier_line(
 ) -> None:
     with monkeypatch.context() as patched:
         patched.setattr(
-            log.os, "write", lambda handle, line: os.pwrite(handle, line[:9], 0) * 0
+            journals.os,
+            "write",
+            lambda handle, line: os.pwrite(handle, line[:9], 0) * 0,
         )
         with pytest.raises(
             OutputError, match=r"study\.jsonl: cannot write \(No space left"
         ):
             talk.run(" ")
-    assert talk.run(WHOLE_TALK) == FINISHED
+    assert talk.run(WHOLE_TALK) == Ending.FINISHED
 
 
 def test_a_signal_ends_it_as_q_does(talk: Study) -> None:
-    assert talk.run("   ", stopped=lambda: True) == QUIT
+    assert talk.run("   ", stopped=lambda: True) == Ending.QUIT
     assert talk.entries()[-1]["event"] == "quit"
 
 
 def test_the_time_of_a_killed_run_counts_up_to_its_last_line(
     talk: Study, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def cut(journal: Journal, event: str, **more: object) -> None:
+    def cut(journal: Journal, event: Event, **more: object) -> None:
         append(journal, event, **more)
-        if event == log.NOTE:
+        if event == Event.NOTE:
             raise Kill
 
     append = Journal.append
@@ -312,7 +316,7 @@ def test_a_person_is_a_pseudonym(talk: Study, name: str) -> None:
 
 
 def test_answers_are_kept_one_by_one_with_the_score(talk: Study) -> None:
-    assert talk.run(WHOLE_TALK) == FINISHED
+    assert talk.run(WHOLE_TALK) == Ending.FINISHED
     (sus,) = json.loads((talk.home / "questionnaires.json").read_text())[
         "questionnaires"
     ]
@@ -324,7 +328,7 @@ def test_a_rating_off_the_scale_is_asked_again_and_keys_work_between_items(
     talk: Study,
 ) -> None:
     typed = "   " + "9\nx\n4\n" + "3\nr\n2\n" + "n\ntired\n" + "-\n" + SUS_ANSWERS[6:]
-    assert talk.run(typed) == FINISHED
+    assert talk.run(typed) == Ending.FINISHED
     (sus,) = json.loads((talk.home / "questionnaires.json").read_text())[
         "questionnaires"
     ]
@@ -340,7 +344,7 @@ def test_a_rating_off_the_scale_is_asked_again_and_keys_work_between_items(
 def test_a_recording_step_records_its_repetitions_with_the_recorder(
     scene: Study,
 ) -> None:
-    assert scene.run(" " * 20) == FINISHED
+    assert scene.run(" " * 20) == Ending.FINISHED
     assert set(scene.states().values()) == {"kept"}
     assert list(scene.states()) == [
         f"{place}/trial_{n}"
@@ -348,8 +352,8 @@ def test_a_recording_step_records_its_repetitions_with_the_recorder(
         for n in (1, 2)
     ]
     meta = json.loads((scene.home / "hard-ball/fall/trial_2/meta.json").read_text())
-    assert meta["protocol"]["card"] == "card"
-    assert meta["protocol"]["sha256"] == scene.card.sha256
+    assert meta["protocol"]["card"] == "protocol"
+    assert meta["protocol"]["sha256"] == scene.protocol.sha256
     assert meta["person"] == "p01"
     assert meta["configuration"]["source"].endswith("trial=7")
     assert said(scene.messages, "hand over: soft ball")
@@ -410,9 +414,11 @@ def test_an_adverse_event_stops_the_trial_at_once_and_is_written_before_it_is_de
 def test_after_an_adverse_event_the_study_ends_unless_the_operator_goes_on(
     scene: Study,
 ) -> None:
-    assert scene.run("a" + "faint\n3\nn\n") == QUIT
+    assert scene.run("a" + "faint\n3\nn\n") == Ending.QUIT
     assert scene.entries("adverse_detail")[0]["severity"] == "severe"
-    assert scene.run("a") == QUIT, "the terminal is gone before anything is described"
+    assert scene.run("a") == Ending.QUIT, (
+        "the terminal is gone before anything is described"
+    )
     assert len(scene.entries("adverse")) == 2
 
 
@@ -499,8 +505,7 @@ def test_the_recorder_gets_the_options_of_the_study(
     study = Study(tmp_path, TRIALS, "virtual://ft232h", *words)
     study.run("  " + " " + "q")
     (args,) = given
-    assert (args.camera, args.tag_mm, args.fps) == ("oak", 9.96, 30.0)
-    assert args.exposure_ms == study.args.exposure_ms
+    assert args.camera == CameraOptions("oak", 9.96, 30.0)
     assert (args.seconds, args.rate, args.anyway, args.at_once) == (
         9.0,
         100.0,
@@ -520,7 +525,7 @@ def test_withdrawing_deletes_everything_of_the_person_and_says_each_file(
     scene.run("  " + "  " + "nsecret\n" + " q")
     other = shutil.copytree(scene.home, scene.out / "p02")
     files = [path for path in scene.home.rglob("*") if path.is_file()]
-    assert scene.run("w" + "p01\n") == WITHDRAWN
+    assert scene.run("w" + "p01\n") == Ending.WITHDRAWN
     assert not scene.home.exists()
     assert other.is_dir()
     for path in files:
@@ -537,7 +542,7 @@ def test_withdrawing_deletes_everything_of_the_person_and_says_each_file(
 
 @WITHDRAWAL.mark
 def test_a_withdrawal_needs_the_pseudonym(talk: Study) -> None:
-    assert talk.run("w" + "p02\n" + "w" + "\n" + " q") == QUIT
+    assert talk.run("w" + "p02\n" + "w" + "\n" + " q") == Ending.QUIT
     assert said(talk.messages, "nothing is deleted")
     assert talk.done() == [0]
 
@@ -580,7 +585,7 @@ def test_a_person_is_not_deleted_while_another_terminal_runs_their_study(
     reading, writing = os.pipe()
     os.write(writing, b"p01\np01\n")
     words = (talk.path, "--out", talk.out, "--person", "p01", "--withdraw")
-    with log.held(talk.home / "study.jsonl"), start(*words, stdin=reading) as run:
+    with journals.held(talk.home / "study.jsonl"), start(*words, stdin=reading) as run:
         _, err = run.communicate(timeout=300)
     assert (run.returncode, "another program runs" in err) == (5, True)
     with start(*words, stdin=reading) as run:
@@ -616,7 +621,7 @@ def start(*words: object, stdin: int) -> Killed:
 @CUT_OFF_STUDY.mark
 def test_a_program_that_is_killed_goes_on_in_the_step_it_was_in(tmp_path: Path) -> None:
     words = (
-        card_of(tmp_path, TALK),
+        protocol_of(tmp_path, TALK),
         "--source",
         "virtual://ft232h",
         "--out",
@@ -665,7 +670,7 @@ def test_a_terminal_that_goes_away_leaves_a_study_that_goes_on(talk: Study) -> N
         os.close(master)
         assert run.wait(timeout=300) == 0
     assert talk.entries()[-1]["event"] == "quit"
-    assert talk.run("  " + SUS_ANSWERS) == FINISHED
+    assert talk.run("  " + SUS_ANSWERS) == Ending.FINISHED
 
 
 @pytest.mark.parametrize(

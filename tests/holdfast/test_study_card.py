@@ -9,15 +9,20 @@ from fractions import Fraction
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from study_bench import TALK, TRIALS, card_of
+from study_bench import TALK, TRIALS, protocol_of
 
-from holdfast.cli.study import listed
 from holdfast.core.errors import CardError, DataNotFound
 from holdfast.core.trial_layout import MASSES_G
 from holdfast.sessions.recorder.protocol import Task
+from holdfast.sessions.study.protocol import (
+    FORMS,
+    QUESTIONNAIRE,
+    RECORD,
+    VIDEO,
+    names_in,
+    read_study,
+)
 from holdfast.sessions.study.questionnaires import read_questionnaire
-from holdfast.sessions.study.shipped import QUESTIONNAIRES, names_in
-from holdfast.sessions.study.steps import QUESTIONNAIRE, RECORD, VIDEO, read_study
 from holdfast.simulation.card import read_card
 from holdfast.simulation.scene import Scene
 
@@ -66,7 +71,7 @@ def test_its_trials_are_five_objects_with_three_actions_three_times_and_heavy_on
 
 
 def test_a_virtual_participant_of_every_style_has_all_its_trials() -> None:
-    wanted = Counter(THESIS.protocol().tasks)
+    wanted = Counter(THESIS.recording_protocol().tasks)
     for style in ("p1", "p2"):
         trials = Scene(read_card(style), 0).trials()
         assert Counter(Task(one.thing.name, one.action) for one in trials) == wanted
@@ -80,7 +85,7 @@ def test_before_each_recording_a_video_and_questions_of_the_same_object_and_acti
             video, questions = THESIS.parts[number - 2 : number]
             assert (video.kind, questions.kind) == (VIDEO, "questions")
             assert video.title.partition(": ")[2] == part.title.partition(": ")[2] != ""
-    room = [(part.first, part.last) for part in THESIS.parts]
+    room = [(part.room_before, part.room_after) for part in THESIS.parts]
     assert (
         sum(bool(first) for first, _ in room)
         == sum(bool(last) for _, last in room)
@@ -89,7 +94,7 @@ def test_before_each_recording_a_video_and_questions_of_the_same_object_and_acti
 
 
 def test_the_list_shows_every_step_with_its_minutes_and_the_sum() -> None:
-    lines = listed(THESIS)
+    lines = THESIS.listing()
     assert lines[-1] == "steps 0 to 31, 49 minutes"
     assert (
         sum(
@@ -102,7 +107,7 @@ def test_the_list_shows_every_step_with_its_minutes_and_the_sum() -> None:
 
 
 def test_one_table_makes_the_steps_of_every_object_and_action(tmp_path) -> None:
-    card = read_study(card_of(tmp_path, TRIALS))
+    card = read_study(protocol_of(tmp_path, TRIALS))
     assert [part.title for part in card.parts] == [
         "Welcome",
         "Training: soft ball, pass",
@@ -113,7 +118,7 @@ def test_one_table_makes_the_steps_of_every_object_and_action(tmp_path) -> None:
         "Testing: hard-ball, fall",
     ]
     assert [part.step for part in card.parts] == [1, 2, 3, 4, 5, 6, 7]
-    assert [bool(part.first) for part in card.parts] == [
+    assert [bool(part.room_before) for part in card.parts] == [
         False,
         True,
         False,
@@ -171,8 +176,8 @@ def test_a_card_that_cannot_be_is_refused_by_its_step_and_key(
     tmp_path, text, says
 ) -> None:
     with pytest.raises(CardError, match=re.escape(says)) as error:
-        read_study(card_of(tmp_path, text))
-    assert "card.toml" in str(error.value)
+        read_study(protocol_of(tmp_path, text))
+    assert "protocol.toml" in str(error.value)
     assert "next: " in str(error.value)
 
 
@@ -185,16 +190,16 @@ def test_a_questionnaire_can_stand_between_steps_and_has_no_number_of_its_own(
     tmp_path,
 ) -> None:
     between = "[[steps]]\nkind = 'questionnaire'\nquestionnaire = 'nasa-tlx'\n"
-    card = read_study(card_of(tmp_path, STEP + between + STEP))
+    card = read_study(protocol_of(tmp_path, STEP + between + STEP))
     assert [(part.kind, part.step) for part in card.parts] == [
         ("say", 1),
         (QUESTIONNAIRE, None),
         ("say", 2),
     ]
     assert card.minutes == 2.0
-    assert [part.questionnaire for part in read_study(card_of(tmp_path, TALK)).parts][
-        -1
-    ] == "sus"
+    assert [
+        part.questionnaire for part in read_study(protocol_of(tmp_path, TALK)).parts
+    ][-1] == "sus"
 
 
 # -- questionnaires
@@ -203,7 +208,7 @@ SUS, TLX = read_questionnaire("sus"), read_questionnaire("nasa-tlx")
 
 
 def test_the_two_questionnaires_have_their_items_scales_and_sources() -> None:
-    assert names_in(QUESTIONNAIRES) == ["nasa-tlx", "sus"]
+    assert names_in(FORMS) == ["nasa-tlx", "sus"]
     assert (len(TLX.items), TLX.lowest, TLX.highest, TLX.step) == (6, 0, 100, 5)
     assert (len(SUS.items), SUS.lowest, SUS.highest, SUS.step) == (10, 1, 5, 1)
     assert [item.reversed for item in SUS.items] == [False, True] * 5
@@ -265,4 +270,4 @@ def test_a_questionnaire_that_cannot_be_is_refused_by_its_key(
     tmp_path, text, says
 ) -> None:
     with pytest.raises(CardError, match=re.escape(says)):
-        read_questionnaire(str(card_of(tmp_path, text)))
+        read_questionnaire(str(protocol_of(tmp_path, text)))

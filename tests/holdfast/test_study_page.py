@@ -11,7 +11,7 @@ import pytest
 from study_bench import options
 
 from holdfast.sessions.study.console import KEYS
-from holdfast.sessions.study.steps import KINDS, read_study
+from holdfast.sessions.study.protocol import KINDS, read_study
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / "docs/study.md"
@@ -28,10 +28,10 @@ def test_the_page_s_card_and_commands_run_and_print_what_it_shows(
     printed, shown = "", []
     for kind, text in BLOCK.findall(PAGE.read_text("utf-8")):
         if kind == "toml":
-            Path("card.toml").write_text(text, encoding="utf-8")
+            Path("my-study.toml").write_text(text, encoding="utf-8")
         elif kind == "text":
             shown.append((text, printed))
-        elif "card.toml" in text:
+        elif "my-study.toml" in text:
             results = [run(*shlex.split(line)[1:]) for line in text.splitlines()]
             assert [code for code, _, _ in results] == [0] * len(results), results
             printed = "".join(out for _, out, _ in results)

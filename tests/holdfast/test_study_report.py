@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,12 +12,12 @@ from command_line import Run
 from hazard_marks import ADVERSE_EVENT
 from study_bench import SUS_ANSWERS, TRIALS, Study, options, said
 
+from holdfast.cli import study as verb
 from holdfast.core.errors import DataNotFound
 from holdfast.edge_runtime.engine import ModelChoice
 from holdfast.evaluation.participant import participant_figures
 from holdfast.sessions.study.outcome import outcome_of
-from holdfast.sessions.study.report import in_words, write_report
-from holdfast.sessions.study.starting import run_study
+from holdfast.sessions.study.report import summary_lines, write_report
 from holdfast.training.datasets import load
 
 if TYPE_CHECKING:
@@ -56,9 +55,9 @@ def two(
         eight_classes.model,
     )
     other = options(study.path, study.out, *words, "--person", "p02")
-    assert run_study(other, study.card, sys.stdin) == 0
+    assert verb.run(other) == 0
     write_report(
-        study.home, outcome_of(study.out, "p01", study.card, eight_classes.model)
+        study.home, outcome_of(study.out, "p01", study.protocol, eight_classes.model)
     )
     return study
 
@@ -171,7 +170,7 @@ def test_trials_without_a_label_are_not_recognised_and_not_missed(
         meta.write_text(
             json.dumps(json.loads(meta.read_text()) | {"camera": {"void": void}})
         )
-    outcome = outcome_of(study.out, "p01", study.card, eight_classes.model)
+    outcome = outcome_of(study.out, "p01", study.protocol, eight_classes.model)
     assert outcome.figures is not None
     assert [(one.kept, one.filmed) for one in outcome.trials] == [
         (2, 1),
@@ -188,10 +187,12 @@ def test_trials_without_a_label_are_not_recognised_and_not_missed(
 
 
 def test_a_model_that_does_not_fit_leaves_a_report_that_says_so(two: Study) -> None:
-    outcome = outcome_of(two.out, "p02", two.card, Path("models/holdfast-150hz.onnx"))
+    outcome = outcome_of(
+        two.out, "p02", two.protocol, Path("models/holdfast-150hz.onnx")
+    )
     assert outcome.figures is None
     assert outcome.no_figures.startswith("RateError: ")
-    lines = in_words(outcome, two.out)
+    lines = summary_lines(outcome, two.out)
     assert said(lines, "6 of 6 trials kept")
     assert said(lines, "no figures of a model: RateError")
 
@@ -227,4 +228,4 @@ def test_figures_of_a_person_need_a_kept_trial(
 def test_a_folder_without_a_study_has_no_report(two: Study, tmp_path: Path) -> None:
     (tmp_path / "p09").mkdir()
     with pytest.raises(DataNotFound, match="no study of this person"):
-        outcome_of(tmp_path, "p09", two.card, two.args.model)
+        outcome_of(tmp_path, "p09", two.protocol, two.args.model)

@@ -3,7 +3,6 @@ recorded."""
 
 from __future__ import annotations
 
-import argparse
 import csv
 import fcntl
 import json
@@ -11,6 +10,7 @@ import os
 import subprocess
 import sys
 import termios
+import time
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -23,9 +23,10 @@ from holdfast.cli.command import Parser
 from holdfast.core.source import SourceReading
 from holdfast.drivers.virtual.clock import VirtualClock
 from holdfast.sessions.recorder.keys import Keys
+from holdfast.sessions.recorder.plan import RecordOptions
 from holdfast.sessions.recorder.protocol import Task
 from holdfast.sessions.recorder.recording import record as record_trials
-from holdfast.sessions.recorder.session import Session, SessionOptions
+from holdfast.sessions.recorder.session import Display, RunContext, Session
 
 ROOT = Path(__file__).resolve().parents[2]
 REST = "virtual://ft232h"
@@ -87,10 +88,23 @@ def never() -> bool:
     return False
 
 
-def arguments_of(*words: object) -> argparse.Namespace:
+def options_of(*words: object) -> RecordOptions:
+    """What the recorder gets of the words of the verb."""
     parser = Parser(prog="holdfast record")
     record.add_arguments(parser)
-    return parser.parse_args([str(one) for one in words])
+    return record.options_of(parser.parse_args([str(one) for one in words]))
+
+
+def context_of(
+    clock: VirtualClock,
+    keys: Keys,
+    messages: list[str] | None = None,
+    stopped: Callable[[], bool] = never,
+    **more: Any,
+) -> RunContext:
+    """A run without a terminal; more: further fields of a RunContext."""
+    messages = [] if messages is None else messages
+    return RunContext(clock, keys, Display(messages.append), stopped, **more)
 
 
 def cup_pull(out: Path) -> list[object]:
@@ -104,10 +118,11 @@ def recorded(
 ) -> list[str]:
     """One run of the verb on a clock that costs nothing, without a key; its messages."""
     messages: list[str] = []
-    args = arguments_of(
+    options = options_of(
         "--source", source, "--out", out, "--person", person, "--at-once", *words
     )
-    record_trials(args, VirtualClock(7_000_000_000), Keys(None), messages.append, never)
+    clock = VirtualClock(7_000_000_000)
+    record_trials(options, context_of(clock, Keys(None), messages))
     return messages
 
 
@@ -177,23 +192,17 @@ def session(
     *,
     at_once: bool = True,
     seconds: float | None = None,
-    stopped: Callable[[], bool] = never,
-    messages: list[str] | None = None,
-    **beside: Any,
+    display: Display | None = None,
+    host_ns: Callable[[], int] = time.monotonic_ns,
+    **more: Any,
 ) -> tuple[int, list[str]]:
-    """A session on any source. beside: further options of a Session."""
-    messages = [] if messages is None else messages
-    made = Session(
-        SessionOptions(out, "p01", 100.0, seconds, at_once, {}),
-        source,
-        source.clock,
-        keys,
-        messages.append,
-        bias=np.zeros(18),
-        about={"unit": "N"},
-        **beside,
-    )
-    return made.run(tasks, stopped), messages
+    """A session on any source, at 100 Hz. more: further fields of a Session."""
+    messages: list[str] = []
+    options = RecordOptions("sim://", out, "p01", seconds=seconds, at_once=at_once)
+    display = display or Display(messages.append)
+    context = RunContext(source.clock, keys, display, never, host_ns)
+    given: dict[str, Any] = {"bias": np.zeros(18), "about": {"unit": "N"}} | more
+    return Session(options, context, source, 100.0, **given).run(tasks), messages
 
 
 PULL = Task("soft-ball", "pull")

@@ -1,4 +1,4 @@
-"""A study on a virtual clock: an operator who types when the desk waits, and cards to run."""
+"""A study on a virtual clock: an operator who types when the console waits, and protocols."""
 
 from __future__ import annotations
 
@@ -14,9 +14,10 @@ from holdfast.cli import study
 from holdfast.cli.command import Parser
 from holdfast.drivers.virtual.clock import VirtualClock
 from holdfast.sessions.recorder.keys import Keys
-from holdfast.sessions.study.console import Desk
-from holdfast.sessions.study.starting import checked, run_parts
-from holdfast.sessions.study.steps import StudyCard, read_study
+from holdfast.sessions.recorder.session import Display
+from holdfast.sessions.study.console import Console
+from holdfast.sessions.study.protocol import StudyProtocol, read_study
+from holdfast.sessions.study.starting import run_parts
 
 TALK = """
 title = "Two steps of talk"
@@ -66,7 +67,7 @@ SUS_ANSWERS = "4\n2\n" * 5
 
 
 class Typing(Keys):
-    """Types while the desk waits, a key every `pause_s`; in_trials: by the sample of all trials.
+    """Types while the console waits, a key every `pause_s`; in_trials: by the sample of all trials.
 
     After its last key none can be pressed any more.
     """
@@ -99,19 +100,19 @@ class Typing(Keys):
         return self.typed.pop(0) if self.typed else b""
 
 
-def card_of(folder: Path, text: str) -> Path:
-    """A card on the disk."""
+def protocol_of(folder: Path, text: str) -> Path:
+    """A protocol on the disk."""
     folder.mkdir(parents=True, exist_ok=True)
-    path = folder / "card.toml"
+    path = folder / "protocol.toml"
     path.write_text(text, encoding="utf-8")
     return path
 
 
-def options(card: Path, out: Path, *words: object) -> argparse.Namespace:
+def options(protocol: Path, out: Path, *words: object) -> argparse.Namespace:
     """The options of the verb."""
     parser = Parser(prog="holdfast study")
     study.add_arguments(parser)
-    given = [card, "--out", out, "--person", "p01", *words]
+    given = [protocol, "--out", out, "--person", "p01", *words]
     return parser.parse_args([str(one) for one in given])
 
 
@@ -125,8 +126,8 @@ class Study:
         source: object = "virtual://ft232h",
         *words: object,
     ) -> None:
-        self.path, self.out = card_of(folder, text), folder / "study"
-        self.card: StudyCard = read_study(self.path)
+        self.path, self.out = protocol_of(folder, text), folder / "study"
+        self.protocol: StudyProtocol = read_study(self.path)
         self.args = options(self.path, self.out, "--source", source, *words)
         self.home = self.out / self.args.person
         self.messages: list[str] = []
@@ -143,10 +144,14 @@ class Study:
         """One run of the program, with these keys; returns how it ended."""
         clock = VirtualClock(7_000_000_000)
         keys = Typing(clock, typed, **typing)
-        desk = Desk(keys, self.messages.append, lambda line: None, clock, stopped)
-        more = {} if show is None else {"show": show}
-        checked(self.args, self.card)
-        return run_parts(self.args, self.card, desk, clock, stopped, utc=utc, **more)
+        report = self.messages.append
+        console = Console(keys, report, lambda line: None, clock, stopped)
+        display = Display(report)
+        if show is not None:
+            display.show = show  # type: ignore[method-assign]
+        chosen = study.options_of(self.args)
+        chosen.require_consistent(self.protocol)
+        return run_parts(chosen, self.protocol, console, display, utc)
 
     def entries(self, *events: str) -> list[dict[str, Any]]:
         """The lines of the journal, of all events or of some."""

@@ -1,7 +1,7 @@
 """The recorder: trials on disk that survive a crash; the recordings of a person are one folder.
 
     OUT/meta.json                         format, unit, kind (recorded, simulated, replayed)
-    OUT/<person>/<object>/meta.json       the object's mass, if the protocol card has it
+    OUT/<person>/<object>/meta.json       the object's mass, if the protocol has it
     OUT/<person>/<object>/<action>/trial_<n>/   (<person>/nothing/trial_<n>/ for the empty hand)
         tactile.csv            the samples, as they came (holdfast/core/tactile_file.py)
         meta.json              state, person, object, action, calibration, bias, quality and more

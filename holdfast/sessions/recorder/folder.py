@@ -26,14 +26,14 @@ from holdfast.sessions.recorder.labels import read_meta
 from holdfast.sessions.recorder.protocol import NOTHING, Task
 
 FORMAT = 1
-KEPT, RECORDING, INTERRUPTED, REDONE, VOID = (
-    "kept",
-    "recording",
-    "interrupted",
-    "redone",
-    "void",
-)
+KEPT, RECORDING, INTERRUPTED = "kept", "recording", "interrupted"
+REDONE, VOID = "redone", "void"
 LOCK = ".holdfast.lock"
+
+
+def write_meta(folder: Path, meta: Json) -> None:
+    """Write meta.json of a folder. Raises OutputError."""
+    write_whole(folder / META, json.dumps(meta, indent=1, default=str) + "\n")
 
 
 @contextmanager
@@ -51,13 +51,9 @@ def opened(root: Path, unit: str, kind: str) -> Iterator[None]:
         if there:
             _require_same(root, there, unit, kind)
         else:
-            meta = {
-                "recorder": FORMAT,
-                "name": root.resolve().name,
-                "kind": kind,
-                "unit": unit,
-            }
-            write_whole(root / META, json.dumps(meta, indent=1) + "\n")
+            name = root.resolve().name
+            meta = {"recorder": FORMAT, "name": name, "kind": kind, "unit": unit}
+            write_meta(root, meta)
         yield
 
 
@@ -68,11 +64,9 @@ def alone(place: Path) -> Iterator[None]:
         for root in (place, *place.absolute().parents):
             if not (root / LOCK).is_file():
                 continue
+            lock = held.enter_context((root / LOCK).open())
             try:
-                fcntl.flock(
-                    held.enter_context((root / LOCK).open()),
-                    fcntl.LOCK_EX | fcntl.LOCK_NB,
-                )
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except OSError:
                 raise OutputError(
                     "another recorder is using it",
@@ -85,26 +79,8 @@ def alone(place: Path) -> Iterator[None]:
 
 def require_ours(root: Path) -> Json:
     """meta.json of a folder of recordings; empty for a new or empty folder. Raises OutputError."""
-    _require_not_within(root)
-    if root.is_dir():
-        meta = read_meta(root)
-        if meta.get("recorder") == FORMAT or not any(
-            path.name != LOCK for path in root.iterdir()
-        ):
-            return meta
-    elif not root.exists():
-        return {}
-    raise OutputError(
-        "exists but is not a recording folder",
-        where=root,
-        cause="the name of another folder",
-        next_step="name a new folder; nothing is ever overwritten",
-    )
-
-
-def _require_not_within(root: Path) -> None:
-    """Raise OutputError within a recording folder: a person would have data in two places."""
     for above in root.absolute().parents:
+        # A person's data would be in two places, and a withdrawal would delete only one.
         if (above / LOCK).is_file() and read_meta(above).get("recorder") == FORMAT:
             raise OutputError(
                 "is within a recording folder",
@@ -112,6 +88,19 @@ def _require_not_within(root: Path) -> None:
                 cause="the recorder makes the person's folder itself",
                 next_step=f"--out {above}",
             )
+    if not root.exists():
+        return {}
+    if root.is_dir():
+        meta = read_meta(root)
+        is_empty = all(path.name == LOCK for path in root.iterdir())
+        if is_empty or meta.get("recorder") == FORMAT:
+            return meta
+    raise OutputError(
+        "exists but is not a recording folder",
+        where=root,
+        cause="the name of another folder",
+        next_step="name a new folder; nothing is ever overwritten",
+    )
 
 
 def _require_same(root: Path, there: Json, unit: str, kind: str) -> None:
@@ -129,19 +118,21 @@ def _require_same(root: Path, there: Json, unit: str, kind: str) -> None:
         )
 
 
+# -- trials
+
+
 def task_folder(root: Path, person: str, task: Task) -> Path:
     """Where trials of a task lie."""
-    return (
-        root / person / NOTHING
-        if task.action == NOTHING
-        else root / person / task.thing / task.action
-    )
+    home = root / person
+    if task.action == NOTHING:
+        return home / NOTHING
+    return home / task.object / task.action
 
 
 def new_trial(root: Path, person: str, task: Task) -> Path:
     """The next trial's folder, made. Raises OutputError."""
     place = task_folder(root, person, task)
-    taken = [number(path) for path in place.iterdir()] if place.is_dir() else []
+    taken = [number(path) for path in place.glob("*")]
     folder = place / f"trial_{max(taken, default=0) + 1}"
     try:
         folder.mkdir(parents=True)
@@ -159,22 +150,17 @@ def number(folder: Path) -> int:
 
 
 def discard(root: Path, person: str, folder: Path) -> Path:
-    """Move a trial to the person's discarded ones; returns its new path. Raises OutputError.
-
-    A kept trial is marked as redone first: training reads whatever is kept, wherever it lies.
-    """
+    """Move a trial to the person's discarded ones; returns its new path. Raises OutputError."""
     meta = read_meta(folder)
     if meta.get("state") == KEPT:
-        write_whole(
-            folder / META, json.dumps({**meta, "state": REDONE}, indent=1) + "\n"
-        )
-    place = root / person / DISCARDED / folder.parent.relative_to(root / person)
+        # Before it is moved: training reads whatever is kept, wherever it lies.
+        write_meta(folder, meta | {"state": REDONE})
+    home = root / person
+    place = home / DISCARDED / folder.parent.relative_to(home)
     try:
         place.mkdir(parents=True, exist_ok=True)
-        target = (
-            place
-            / f"{folder.name}-{1 + sum(1 for _ in place.glob(f'{folder.name}-*'))}"
-        )
+        earlier = len(list(place.glob(f"{folder.name}-*")))
+        target = place / f"{folder.name}-{earlier + 1}"
         folder.rename(target)
     except OSError as error:
         raise OutputError(
@@ -188,26 +174,22 @@ def discard(root: Path, person: str, folder: Path) -> Path:
 def trials_of(root: Path, person: str) -> list[tuple[Path, Json]]:
     """The trials of a person with their meta.json, without the discarded ones."""
     home = root / person
-    folders = [
-        path.parent
-        for pattern in ("*/trial_*", "*/*/trial_*")
-        for path in home.glob(f"{pattern}/{META}")
-    ]
-    there = [
-        folder
-        for folder in sorted(folders)
-        if DISCARDED not in folder.relative_to(home).parts
-    ]
-    return [(folder, read_meta(folder)) for folder in there]
+    trials = []
+    metas = [*home.glob(f"*/trial_*/{META}"), *home.glob(f"*/*/trial_*/{META}")]
+    for folder in sorted(meta.parent for meta in metas):
+        if DISCARDED not in folder.relative_to(home).parts:
+            trials.append((folder, read_meta(folder)))
+    return trials
 
 
 def done(root: Path, person: str) -> list[Task]:
     """The tasks of a person's kept trials."""
-    kept = [meta for _, meta in trials_of(root, person) if meta.get("state") == KEPT]
-    return [
-        Task(str(m.get("object")), str(m.get("action")), str(m.get("style")))
-        for m in kept
-    ]
+    tasks = []
+    for _, meta in trials_of(root, person):
+        if meta.get("state") == KEPT:
+            name, action = str(meta.get("object")), str(meta.get("action"))
+            tasks.append(Task(name, action, str(meta.get("style"))))
+    return tasks
 
 
 def all_trials(root: Path) -> list[Path]:
@@ -215,23 +197,23 @@ def all_trials(root: Path) -> list[Path]:
 
     A trial that was interrupted before it had a tactile.csv has a meta.json. Raises DataNotFound.
     """
-    with_samples = {path.parent for path in root.rglob(TACTILE)}
-    begun = {
-        path.parent
-        for path in root.rglob(META)
-        if path.parent.name.startswith("trial_")
-    }
-    folders = sorted(with_samples | begun)
+    folders = {path.parent for path in root.rglob(TACTILE)}
+    for path in root.rglob(META):
+        if path.parent.name.startswith("trial_"):
+            folders.add(path.parent)
     if not folders:
         raise DataNotFound(
             "no trial in this folder",
             where=root,
             next_step="give a trial's folder, or one with trials in it",
         )
-    return folders
+    return sorted(folders)
 
 
-def repaired(folder: Path) -> list[str]:
+# -- repair
+
+
+def repair(folder: Path) -> list[str]:
     """Repair one trial; returns what was done, in words.
 
     Raises a DataError or OutputError; what is whole in the trial is then unchanged.
@@ -247,50 +229,43 @@ def repaired(folder: Path) -> list[str]:
 
 def _repaired(folder: Path) -> list[str]:
     meta = read_meta(folder)
+    state = meta.get("state")
     try:
-        mended = mend(folder / TACTILE)
+        samples = mend(folder / TACTILE)
     except EmptyRecording:
-        if meta.get("state") == KEPT:
+        if state == KEPT:
             raise
-        return _voided(folder, meta)
-    done = _in_words(mended, f"incomplete line removed, {mended.rows} samples complete")
+        return [_voided(folder, meta)]
+    done = _removed(samples, f"line removed, {samples.rows} samples complete")
     if (folder / EVENTS).exists():
-        done += _in_words(
-            mend_lines(folder / EVENTS, _is_event), "incomplete event removed"
-        )
-    if meta.get("state") == RECORDING:
-        _mark(folder, meta, INTERRUPTED, f"cut off; mended, {mended.rows} samples")
-        done.append(f"marked as interrupted with {mended.rows} samples")
+        events = mend_lines(folder / EVENTS, is_json_object)
+        done += _removed(events, "event removed")
+    if state == RECORDING:
+        why = f"cut off; mended, {samples.rows} samples"
+        write_meta(folder, meta | {"state": INTERRUPTED, "why": why})
+        done.append(f"marked as interrupted with {samples.rows} samples")
     return done
 
 
-def _voided(folder: Path, meta: Json) -> list[str]:
+def _voided(folder: Path, meta: Json) -> str:
     """A trial that ended before its header: marked as void, once."""
-    begun = meta.get("state") == RECORDING or (not meta and (folder / TACTILE).exists())
-    if begun:
-        _mark(
-            folder,
-            {"recorder": FORMAT, **meta},
-            VOID,
-            "cut off before its header was written",
-        )
-        return ["marked as void: it ended before its header was written"]
-    return [f"{meta.get('state', 'not a trial')}: no sample was recorded"]
+    state = meta.get("state")
+    if state == RECORDING or (not meta and (folder / TACTILE).exists()):
+        why = "cut off before its header was written"
+        write_meta(folder, {"recorder": FORMAT, **meta, "state": VOID, "why": why})
+        return "marked as void: it ended before its header was written"
+    return f"{state or 'not a trial'}: no sample was recorded"
 
 
-def _mark(folder: Path, meta: Json, state: str, why: str) -> None:
-    write_whole(
-        folder / META, json.dumps({**meta, "state": state, "why": why}, indent=1) + "\n"
-    )
-
-
-def _in_words(mended: MendResult, what: str) -> list[str]:
-    if mended.torn is None:
+def _removed(result: MendResult, what: str) -> list[str]:
+    """What was moved out of a file, and where it is now."""
+    if result.torn is None:
         return []
-    return [f"{mended.cut_bytes} bytes of an {what}", f"they are in {mended.torn.name}"]
+    removed = f"{result.cut_bytes} bytes of an incomplete {what}"
+    return [removed, f"they are in {result.torn.name}"]
 
 
-def _is_event(line: bytes) -> bool:
+def is_json_object(line: bytes) -> bool:
     """Whether a line is a complete JSON object."""
     try:
         return isinstance(json_of(line), dict)

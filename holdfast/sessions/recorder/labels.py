@@ -1,11 +1,11 @@
-"""From the marks and intervals of events.jsonl to phases with provenance in tactile.truth.json.
+"""From the marks and intervals of events.jsonl to the phases in tactile.truth.json.
 
 Where several sources have a time for an event, the first of PROVENANCES counts: a scene's own
 truth, a camera, a key that the operator pressed (late by about 0.2 s), and a rule that reads from
 the normal forces when the hand closed and when it was empty again. Nothing else is guessed: without
 a load onset the grip has no label. The file is derived; `holdfast onset` writes it again.
 
-The truth of a simulated source, as events of a recorded trial.
+The truth of a scene becomes events of the recorded trial here, too.
 """
 
 from __future__ import annotations
@@ -52,9 +52,8 @@ class LabelledInterval:
     @staticmethod
     def of(t0_s: float, t1_s: float, label: str, provenance: str) -> LabelledInterval:
         """Rounded to microseconds, and never ending before it begins."""
-        return LabelledInterval(
-            round(t0_s, 6), round(max(t0_s, t1_s), 6), label, provenance
-        )
+        end_s = round(max(t0_s, t1_s), 6)
+        return LabelledInterval(round(t0_s, 6), end_s, label, provenance)
 
 
 @dataclass(frozen=True)
@@ -101,13 +100,10 @@ def write_truth(folder: Path, truth: TrialTruth) -> None:
 def truth_in(folder: Path) -> TrialTruth:
     """The phases and marks of a trial's folder, from its samples and events. Raises a DataError."""
     trial, meta = read_trial(folder / TACTILE), read_meta(folder)
+    action, unit = str(meta.get("action")), str(meta.get("unit", "N"))
+    events = read_events(folder / EVENTS)
     try:
-        return truth_of(
-            str(meta.get("action")),
-            trial,
-            str(meta.get("unit", "N")),
-            read_events(folder / EVENTS),
-        )
+        return truth_of(action, trial, unit, events)
     except (KeyError, TypeError, ValueError, OverflowError) as error:
         raise LabelError(
             f"an event without its times ({error!r:.60})",
@@ -134,76 +130,77 @@ def read_meta(folder: Path) -> Json:
 def truth_of(action: str, trial: Trial, unit: str, events: list[Json]) -> TrialTruth:
     """Phases as training reads them, and the marks behind them. events: lines of events.jsonl."""
     end_s = float(trial.t_s[-1]) + 1.0 / trial.rate_hz
-    known = _known(events)
-    for name, at_s in zip(
-        ("contact", "contact_lost"), _contact(trial, unit), strict=True
-    ):
+    known = _known_marks(events)
+    closed_s, empty_s = _contact(trial, unit)
+    for name, at_s in (("contact", closed_s), ("contact_lost", empty_s)):
         if at_s is not None:
             known.setdefault(name, (at_s, "rule"))
-    scene = [
-        one for one in events if one.get("provenance") == "scene" and one.get("label")
-    ]
-    phases = [
-        LabelledInterval.of(
-            float(one["t0_s"]), float(one["t1_s"]), one["label"], "scene"
-        )
-        for one in scene
-    ]
-    marks = {
-        name: round(known[name][0], 6) if name in known else None for name in MARKS
-    }
+    phases = []
+    for event in events:
+        if event.get("provenance") == "scene" and event.get("label"):
+            t0_s, t1_s = float(event["t0_s"]), float(event["t1_s"])
+            phases.append(LabelledInterval.of(t0_s, t1_s, event["label"], "scene"))
+    marks = {}
+    for name in MARKS:
+        marks[name] = round(known[name][0], 6) if name in known else None
     return TrialTruth(tuple(phases or _phases(action, end_s, known)), marks)
 
 
-def _known(events: list[Json]) -> dict[str, tuple[float, str]]:
+def _known_marks(events: list[Json]) -> dict[str, tuple[float, str]]:
     """Mark -> (time in s, provenance), from the best source; the first press of a key counts."""
     known: dict[str, tuple[float, str]] = {}
+    # From the worst source to the best and from the last line to the first: later ones replace.
     for provenance in reversed(PROVENANCES):
-        own = [one for one in events if one.get("provenance") == provenance]
-        for one in reversed(own):
-            if one.get("mark") in MARKS:
-                known[one["mark"]] = (float(one["t_s"]), provenance)
-            elif provenance == "camera" and "gross_s" in one:
-                known["incipient_slip"] = (float(one["t0_s"]), provenance)
-                known["gross_slip"] = (float(one["gross_s"]), provenance)
+        for event in reversed(events):
+            if event.get("provenance") != provenance:
+                continue
+            if event.get("mark") in MARKS:
+                known[event["mark"]] = (float(event["t_s"]), provenance)
+            elif provenance == "camera" and "gross_s" in event:
+                known["incipient_slip"] = (float(event["t0_s"]), provenance)
+                known["gross_slip"] = (float(event["gross_s"]), provenance)
     return known
 
 
 def _phases(
     action: str, end_s: float, known: dict[str, tuple[float, str]]
 ) -> list[LabelledInterval]:
-    if action == "nothing" or "contact" not in known or "contact_lost" not in known:
-        return (
-            [LabelledInterval.of(0.0, end_s, "nothing", "rule")]
-            if action == "nothing"
-            else []
-        )
-    (closed_s, by_closed), (empty_s, by_empty) = known["contact"], known["contact_lost"]
-    phases = [LabelledInterval.of(0.0, closed_s, "nothing", by_closed)]
+    if action == NOTHING:
+        return [LabelledInterval.of(0.0, end_s, NOTHING, "rule")]
+    if "contact" not in known or "contact_lost" not in known:
+        return []
+    closed_s, by_closed = known["contact"]
+    empty_s, by_empty = known["contact_lost"]
+    phases = [LabelledInterval.of(0.0, closed_s, NOTHING, by_closed)]
     slip = known.get("load_onset") or known.get("incipient_slip")
     if action == "hold":
         phases.append(LabelledInterval.of(closed_s, empty_s, "grasp", by_closed))
     elif slip is not None and closed_s < slip[0] < empty_s:
-        phases.append(LabelledInterval.of(closed_s, slip[0], "grasp", by_closed))
-        phases.append(
-            LabelledInterval.of(slip[0], empty_s, SITUATION_OF_ACTION[action], slip[1])
-        )
-    return [*phases, LabelledInterval.of(empty_s, end_s, "nothing", by_empty)]
+        slip_s, by_slip = slip
+        situation = SITUATION_OF_ACTION[action]
+        phases.append(LabelledInterval.of(closed_s, slip_s, "grasp", by_closed))
+        phases.append(LabelledInterval.of(slip_s, empty_s, situation, by_slip))
+    return [*phases, LabelledInterval.of(empty_s, end_s, NOTHING, by_empty)]
 
 
 def _contact(trial: Trial, unit: str) -> tuple[float | None, float | None]:
     """Times at which the hand closed and was empty again; None where it did not."""
-    rows = contact_rows(_load(trial), trial.rate_hz, NORMAL_FLOOR.get(unit, 0.0))  # type: ignore[call-overload]
+    floor = NORMAL_FLOOR.get(unit, 0.0)  # type: ignore[call-overload]
+    rows = contact_rows(_load(trial), trial.rate_hz, floor)
     if rows is None:
         return None, None
-    return float(trial.t_s[rows[0]]), float(trial.t_s[min(rows[1], len(trial.t_s) - 1)])
+    first, stop = rows
+    return float(trial.t_s[first]), float(trial.t_s[min(stop, len(trial.t_s) - 1)])
 
 
 def _load(trial: Trial) -> FloatArray:
     """[T] sum of the normal forces over the valid fingers, less their bias."""
     normal = np.where(trial.valid, trial.raw[:, NORMAL_AXIS::3], np.nan)
-    first = [column[np.isfinite(column)][:BIAS_ROWS] for column in normal.T]
-    bias = np.array([rows.mean() if rows.size else 0.0 for rows in first])
+    bias = np.zeros(normal.shape[1])
+    for finger, column in enumerate(normal.T):
+        first = column[np.isfinite(column)][:BIAS_ROWS]
+        if first.size:
+            bias[finger] = first.mean()
     load: FloatArray = np.abs(np.nan_to_num(normal - bias)).sum(axis=1)
     return load
 
@@ -230,20 +227,14 @@ def scene_truth_of(url: str, source: Source) -> TruthEvents | None:
 def _events(truth: Json, end_s: float) -> list[Json]:
     """Phases and marks between the first sample and the last, at end_s."""
     by = {"provenance": "scene", "by": "holdfast record"}
-    phases = [
-        {
-            "t0_s": max(0.0, one["t0_s"]),
-            "t1_s": min(end_s, one["t1_s"]),
-            "label": one["label"],
-            **by,
-        }
-        for one in truth["phases"]
-        if one["t1_s"] > 0.0 and one["t0_s"] < end_s
-    ]
-    times = {name: truth[f"{name}_s"] for name in MARKS}
-    marks = [
-        {"t_s": t_s, "mark": name, **by}
-        for name, t_s in times.items()
-        if t_s is not None and 0.0 <= t_s <= end_s
-    ]
-    return [*phases, *marks]
+    events = []
+    for phase in truth["phases"]:
+        if phase["t1_s"] > 0.0 and phase["t0_s"] < end_s:
+            t0_s, t1_s = max(0.0, phase["t0_s"]), min(end_s, phase["t1_s"])
+            label = phase["label"]
+            events.append({"t0_s": t0_s, "t1_s": t1_s, "label": label, **by})
+    for name in MARKS:
+        t_s = truth[f"{name}_s"]
+        if t_s is not None and 0.0 <= t_s <= end_s:
+            events.append({"t_s": t_s, "mark": name, **by})
+    return events

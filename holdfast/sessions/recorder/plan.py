@@ -1,56 +1,117 @@
-"""The trials that a run of the recorder is to record."""
+"""What a run of the recorder was asked to do: its options, and the trials that follow from them."""
 
 from __future__ import annotations
 
-import argparse
 from dataclasses import dataclass
+from pathlib import Path
 
 from holdfast.core.errors import UsageError
+from holdfast.live.hand_sources import is_hand
+from holdfast.sessions.camera import CameraOptions
 from holdfast.sessions.recorder.folder import done
+from holdfast.sessions.recorder.keys import Keys
 from holdfast.sessions.recorder.protocol import (
     NOTHING,
     Protocol,
     Task,
-    left,
+    checked_name,
     read_protocol,
-    word,
+    tasks_left,
 )
 
 ENDLESS = 100_000
+NO_CAMERA = CameraOptions()
+RATE_HZ = 150.0
+
+
+@dataclass(frozen=True)
+class RecordOptions:
+    """The options of a run, by the names under which meta.json lists them.
+
+    seconds: length of a trial; None: until a key. at_once: begin a trial without a key. protocol:
+    a path, or the name of a study's protocol. rate: Hz, of a hand.
+    """
+
+    source: str
+    out: Path
+    person: str
+    camera: CameraOptions = NO_CAMERA
+    calibration: Path | None = None
+    protocol: Path | str | None = None
+    object: str | None = None
+    action: str | None = None
+    seed: int = 0
+    rate: float = RATE_HZ
+    anyway: bool = False
+    seconds: float | None = None
+    trials: int | None = None
+    at_once: bool = False
+    intent: str | None = None
+
+    @property
+    def only_a_key_ends(self) -> bool:
+        """Whether a trial goes on until a key is pressed: a hand has no end of its own."""
+        return self.seconds is None and is_hand(self.source)
 
 
 @dataclass(frozen=True)
 class Plan:
-    """The trials of a card, or one object and action repeatedly; done: trials of it kept before."""
+    """Trials of a protocol, or one object and action repeatedly.
+
+    done: trials of it that were kept before.
+    """
 
     protocol: Protocol | None
     tasks: list[Task]
     done: int
 
+    @property
+    def mass_g(self) -> dict[str, float]:
+        """Masses that the protocol gives, by object."""
+        return self.protocol.mass_g if self.protocol else {}
 
-def planned(args: argparse.Namespace, person: str) -> Plan:
+
+def planned(options: RecordOptions) -> Plan:
     """The tasks that are left. Raises UsageError, CardError."""
-    if (args.protocol is None) == (args.object is None and args.action is None):
+    by_name = options.object is not None or options.action is not None
+    if (options.protocol is not None) == by_name:
         raise UsageError(
             "no trials given",
-            next_step="--protocol CARD, or --object NAME --action ACTION",
+            next_step="--protocol PROTOCOL, or --object NAME --action ACTION",
         )
-    if args.trials is not None and args.trials < 1:
-        raise UsageError(f"--trials {args.trials}", next_step="a whole number from 1")
-    if args.protocol is not None:
-        protocol = read_protocol(args.protocol)
-        tasks = left(protocol.ordered(args.seed, person), done(args.out, person))
-        return Plan(protocol, tasks[: args.trials], len(protocol.tasks) - len(tasks))
-    if args.action is None or (args.object is None) != (args.action == NOTHING):
+    trials, before = options.trials, done(options.out, options.person)
+    if trials is not None and trials < 1:
+        raise UsageError(f"--trials {trials}", next_step="a whole number from 1")
+    if options.protocol is not None:
+        protocol = read_protocol(Path(options.protocol))
+        ordered = protocol.ordered(options.seed, options.person)
+        tasks = tasks_left(ordered, before)
+        return Plan(protocol, tasks[:trials], len(ordered) - len(tasks))
+    is_empty_hand = options.action == NOTHING
+    if options.action is None or (options.object is None) != is_empty_hand:
         raise UsageError(
             "--object and --action go together",
             next_step="--object soft-ball --action pull",
         )
-    if args.at_once and args.trials is None:
+    if options.at_once and trials is None:
         raise UsageError(
             "--at-once without an end", next_step="--trials N, or a --protocol"
         )
-    task = Task(word(args.object, "object") if args.object else NOTHING, args.action)
-    return Plan(
-        None, [task] * (args.trials or ENDLESS), done(args.out, person).count(task)
-    )
+    name = checked_name(options.object, "object") if options.object else NOTHING
+    task = Task(name, options.action)
+    return Plan(None, [task] * (trials or ENDLESS), before.count(task))
+
+
+def require_keys(options: RecordOptions, plan: Plan, keys: Keys) -> None:
+    """Raise UsageError where a trial of the plan needs a key and none can be pressed."""
+    missing = {}
+    if not options.at_once:
+        missing["begins"] = "--at-once"
+    if options.only_a_key_ends:
+        missing["ends"] = "--seconds 8"
+    if plan.tasks and missing and keys.ended():
+        raise UsageError(
+            f"only a key {' and '.join(missing)} a trial, and no key can be pressed",
+            cause="standard input is at its end (</dev/null), or the program is in the background",
+            next_step=f"run it in a terminal, or add {' '.join(missing.values())}",
+        )

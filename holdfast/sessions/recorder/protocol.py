@@ -1,4 +1,4 @@
-"""A protocol card (TOML): which objects, which actions, how often; keys as on a scene's card.
+"""A recording protocol (TOML): which objects, which actions, how often; keys as in a scene.
 
     title = "Five objects, thirty minutes"
 
@@ -21,9 +21,9 @@ Every person gets a random order, drawn from the seed and the pseudonym, so it i
 from __future__ import annotations
 
 import hashlib
-import math
 import re
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -34,29 +34,27 @@ from holdfast.core.trial_layout import DISCARDED, SITUATION_OF_ACTION
 
 ACTIONS = tuple(SITUATION_OF_ACTION)
 NOTHING = "nothing"
-WORD = re.compile(r"[A-Za-z0-9]+(-[A-Za-z0-9]+)*")
-LONGEST_WORD = 24
+NAME = re.compile(r"[A-Za-z0-9]+(-[A-Za-z0-9]+)*")
+LONGEST_NAME = 24
 MOST_TRIALS = 10_000
-SECTIONS, ROW_KEYS = (
-    ("title", "about", "trials", "objects", "effects"),
-    ("objects", "action", "style", "count"),
-)
-"""Effects are of a simulated hand; they are allowed so that one card may serve both."""
-OBJECT_KEYS = ("mass_g",)
+MOST_MASS_G = 100_000.0
+SECTIONS = ("title", "about", "trials", "objects", "effects")
+"""Effects are of a simulated hand; they are allowed so that one file may serve both."""
+ROW_KEYS = ("objects", "action", "style", "count")
 
 
 @dataclass(frozen=True)
 class Task:
-    """One trial to record; thing: "nothing" for the empty hand."""
+    """One trial to record; object: "nothing" for the empty hand."""
 
-    thing: str
+    object: str
     action: str
     style: str = ""
 
 
 @dataclass(frozen=True)
 class Protocol:
-    """All trials of a card in its own order, masses by object, and the card's name and text."""
+    """All trials in the order of the file, masses by object, and the file's name and text."""
 
     name: str
     text: str
@@ -65,127 +63,142 @@ class Protocol:
 
     @property
     def sha256(self) -> str:
-        """Of the card's text."""
+        """Of the file's text."""
         return hashlib.sha256(self.text.encode()).hexdigest()
 
     def ordered(self, seed: int, person: str) -> list[Task]:
         """The trials in the random order of a seed and a person."""
         import numpy as np
 
+        # Python's own hash of a text differs from run to run, so the order would not continue.
         of_person = int.from_bytes(hashlib.sha256(person.encode()).digest()[:4])
-        return [
-            self.tasks[k]
-            for k in np.random.default_rng([seed, of_person]).permutation(
-                len(self.tasks)
-            )
-        ]
+        order = np.random.default_rng([seed, of_person]).permutation(len(self.tasks))
+        return [self.tasks[k] for k in order]
 
 
-def left(plan: Sequence[Task], done: Sequence[Task]) -> list[Task]:
+def tasks_left(planned: Iterable[Task], done: Iterable[Task]) -> list[Task]:
     """What is left to record: the plan without one task for each trial that is done."""
-    counts: dict[Task, int] = {}
-    for task in done:
-        counts[task] = counts.get(task, 0) + 1
-    still = []
-    for task in plan:
-        if counts.get(task, 0):
+    counts = Counter(done)
+    left = []
+    for task in planned:
+        if counts[task]:
             counts[task] -= 1
         else:
-            still.append(task)
-    return still
+            left.append(task)
+    return left
 
 
-def word(text: str, what: str) -> str:
+def checked_name(text: str, what: str) -> str:
     """A pseudonym or a name that may become a folder. Raises UsageError."""
-    if (
-        not WORD.fullmatch(text)
-        or len(text) > LONGEST_WORD
-        or text.lower() in (NOTHING, DISCARDED)
-    ):
+    reserved = text.lower() in (NOTHING, DISCARDED)
+    if reserved or not NAME.fullmatch(text) or len(text) > LONGEST_NAME:
         raise UsageError(
             f"{what} {text[:40]!r} is not allowed",
             cause="an address, a path, or a reserved word",
-            next_step=f"up to {LONGEST_WORD} letters, digits and dashes, such as p01; no real name",
+            next_step=f"up to {LONGEST_NAME} letters, digits and dashes, such as p01; no real name",
         )
     return text
 
 
 def read_protocol(path: Path) -> Protocol:
-    """Read and check a card. Raises CardError, DataNotFound."""
+    """Read and check a recording protocol. Raises CardError, DataNotFound."""
     try:
         require_file(path)
         text, raw = read_toml(path)
     except FileNotFoundError:
         raise DataNotFound(
-            "no such card", where=path, next_step="docs/recording.md shows one"
+            "no such protocol", where=path, next_step="docs/recording.md shows one"
         ) from None
-    return _ProtocolReader(path).protocol(raw, text)
+    return _TrialsReader(path).protocol(raw, text)
 
 
-class _ProtocolReader(CardReader):
-    """Checks one protocol card."""
+def is_list_of(value: Any, kind: type) -> bool:
+    """Whether a value is a list, and all in it are of one type."""
+    return isinstance(value, list) and all(isinstance(item, kind) for item in value)
+
+
+class ProtocolReader(CardReader):
+    """Checks that recording protocols, study protocols and questionnaires share.
+
+    Every method returns the value of a key, or raises CardError with what is allowed.
+    """
+
+    def text(self, key: str, value: Any) -> str:
+        """A text, its white space made single spaces."""
+        if not isinstance(value, str):
+            raise self.refused(key, value, "a text in quotes")
+        return " ".join(value.split())
+
+    def whole_number(self, key: str, value: Any, least: int, most: int) -> int:
+        """A whole number within bounds."""
+        is_whole = isinstance(value, int) and not isinstance(value, bool)
+        if not is_whole or not least <= value <= most:
+            raise self.refused(key, value, f"a whole number from {least} to {most}")
+        return int(value)
+
+    def positive(self, key: str, value: Any, most: float, unit: str) -> float:
+        """A number above 0."""
+        is_number = isinstance(value, int | float) and not isinstance(value, bool)
+        if not is_number or not 0 < value <= most:
+            allowed = f"{unit}, a number above 0 and at most {most:g}"
+            raise self.refused(key, value, allowed)
+        return float(value)
+
+    def mass_g(self, key: str, value: Any) -> float:
+        """The mass of an object."""
+        return self.positive(key, value, MOST_MASS_G, "grams")
+
+    def rows(self, key: str, value: Any, allowed: str) -> list[Json]:
+        """A list of tables, at least one."""
+        if not value or not is_list_of(value, dict):
+            raise self.refused(key, value, allowed)
+        return list(value)
+
+    def action(self, key: str, value: Any) -> str:
+        """One of ACTIONS."""
+        if value not in ACTIONS:
+            raise self.refused(key, value, ", ".join(ACTIONS))
+        return str(value)
+
+    def object_name(self, key: str, value: Any) -> str:
+        """A name that may become a folder."""
+        try:
+            return checked_name(value if isinstance(value, str) else "", "object")
+        except UsageError:
+            allowed = f"up to {LONGEST_NAME} letters, digits and dashes"
+            raise self.refused(key, value, allowed) from None
+
+
+class _TrialsReader(ProtocolReader):
+    """Checks one recording protocol."""
 
     def protocol(self, raw: Json, text: str) -> Protocol:
         self.require_known(raw, SECTIONS, "section")
-        rows = raw.get("trials")
-        if (
-            not isinstance(rows, list)
-            or not rows
-            or not all(isinstance(row, dict) for row in rows)
-        ):
-            raise self.refused("trials", rows, "at least one [[trials]] with an action")
-        tasks = [
-            task for k, row in enumerate(rows) for task in self.row(f"trials[{k}]", row)
-        ]
+        tasks: list[Task] = []
+        allowed = "at least one [[trials]] with an action"
+        for k, row in enumerate(self.rows("trials", raw.get("trials"), allowed)):
+            tasks += self.tasks(f"trials[{k}]", row)
         if len(tasks) > MOST_TRIALS:
             raise self.refused("trials", len(tasks), f"at most {MOST_TRIALS} in all")
-        return Protocol(
-            self.path.stem, text, tuple(tasks), self.masses(self.table(raw, "objects"))
-        )
+        mass_g = {}
+        for name, value in self.table(raw, "objects").items():
+            key = f"objects.{self.object_name('objects', name)}"
+            table = self.require_table(key, value)
+            self.require_known(table, ("mass_g",), key)
+            mass_g[name] = self.mass_g(f"{key}.mass_g", table.get("mass_g"))
+        return Protocol(self.path.stem, text, tuple(tasks), mass_g)
 
-    def row(self, key: str, row: Json) -> list[Task]:
+    def tasks(self, key: str, row: Json) -> list[Task]:
+        """The trials of one row."""
         self.require_known(row, ROW_KEYS, key)
-        action, style = row.get("action"), row.get("style", "")
-        count, names = row.get("count", 1), row.get("objects", [])
-        if not isinstance(action, str) or action not in ACTIONS:
-            raise self.refused(f"{key}.action", action, ", ".join(ACTIONS))
-        if (
-            not isinstance(count, int)
-            or isinstance(count, bool)
-            or not 1 <= count <= MOST_TRIALS
-        ):
-            raise self.refused(
-                f"{key}.count", count, f"a whole number from 1 to {MOST_TRIALS}"
-            )
-        if not isinstance(style, str) or (style and not WORD.fullmatch(style)):
-            raise self.refused(
-                f"{key}.style", style, "a word of letters, digits and dashes"
-            )
+        action = self.action(f"{key}.action", row.get("action"))
+        count = self.whole_number(f"{key}.count", row.get("count", 1), 1, MOST_TRIALS)
+        style, names = row.get("style", ""), row.get("objects", [])
+        if not isinstance(style, str) or (style and not NAME.fullmatch(style)):
+            allowed = "a word of letters, digits and dashes"
+            raise self.refused(f"{key}.style", style, allowed)
         if not isinstance(names, list) or bool(names) == (action == NOTHING):
             allowed = "a list of objects, and none for the action nothing"
             raise self.refused(f"{key}.objects", names, allowed)
-        things = [self.thing(f"{key}.objects", name) for name in names] or [NOTHING]
-        return [Task(thing, action, style) for _ in range(count) for thing in things]
-
-    def masses(self, objects: Json) -> dict[str, float]:
-        return {
-            self.thing("objects", name): self.mass(f"objects.{name}", table)
-            for name, table in objects.items()
-        }
-
-    def mass(self, key: str, table: Any) -> float:
-        mass_g = self.require_table(key, table).get("mass_g")
-        self.require_known(table, OBJECT_KEYS, key)
-        if isinstance(mass_g, bool) or not isinstance(mass_g, int | float):
-            raise self.refused(f"{key}.mass_g", mass_g, "grams, a number")
-        if not 0.0 < mass_g < math.inf:
-            raise self.refused(f"{key}.mass_g", mass_g, "grams, above 0")
-        return float(mass_g)
-
-    def thing(self, key: str, name: Any) -> str:
-        try:
-            return word(name if isinstance(name, str) else "", "object")
-        except UsageError:
-            raise self.refused(
-                key, name, "a word of letters, digits and dashes"
-            ) from None
+        objects = [self.object_name(f"{key}.objects", name) for name in names]
+        return [Task(name, action, style) for name in objects or [NOTHING]] * count

@@ -1,145 +1,106 @@
-"""From the options of `holdfast record` to a session: source, bias, camera, and what is there."""
+"""From the options of a run to a session: source, bias, camera, what is there, and meta.json."""
 
 from __future__ import annotations
 
-import argparse
-import time
-from collections.abc import Callable
+import hashlib
+import json
+import platform
 from contextlib import closing
+from dataclasses import asdict
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from holdfast.cli.command import show_found
-from holdfast.core.errors import LabelError, UsageError
+from holdfast.core.errors import LabelError
 from holdfast.core.reading import Json
 from holdfast.core.source import Source
-from holdfast.drivers.camera.sources import OAK
+from holdfast.drivers.calibration import read_calibration
+from holdfast.drivers.hand import LiveHand
 from holdfast.live.bias import MeasuredBias, measure_bias, require_good
-from holdfast.live.hand_sources import is_hand, open_live
+from holdfast.live.hand_sources import open_live
 from holdfast.live.intent import intent_monitor
 from holdfast.live.real_time import first_in_line
 from holdfast.live.sources import force_of
-from holdfast.sessions.camera import CameraOptions
-from holdfast.sessions.recorder.about import about
-from holdfast.sessions.recorder.camera import Beside
+from holdfast.sessions.camera import CameraProcess
 from holdfast.sessions.recorder.folder import RECORDING, opened, require_ours, trials_of
-from holdfast.sessions.recorder.keys import Keys
 from holdfast.sessions.recorder.labels import scene_truth_of
-from holdfast.sessions.recorder.plan import Plan, planned
-from holdfast.sessions.recorder.protocol import NOTHING, word
-from holdfast.sessions.recorder.session import (
-    Announce,
-    HostClock,
-    Session,
-    SessionOptions,
-    Show,
-    announce_nothing,
-    show_nothing,
-)
+from holdfast.sessions.recorder.plan import Plan, RecordOptions, planned, require_keys
+from holdfast.sessions.recorder.protocol import NOTHING, checked_name
+from holdfast.sessions.recorder.session import Display, RunContext, Session
 
 CHECK_S = 1.0
+"""Time over which the bias is measured."""
 KINDS = {
     "usb": "recorded",
     "i2c": "recorded",
     "virtual": "simulated",
     "sim": "simulated",
 }
-CameraOf = Callable[[Json], Beside]
 
 
-def record(
-    args: argparse.Namespace,
-    clock: Any,
-    keys: Keys,
-    say: Callable[[str], None],
-    stopped: Any,
-    show: Show = show_nothing,
-    *,
-    announce: Announce = announce_nothing,
-    host_ns: HostClock = time.monotonic_ns,
-    camera: CameraOf = Beside,
-) -> int:
-    """The verb on any clock and keys. Raises a HoldfastError.
+def record(options: RecordOptions, context: RunContext) -> int:
+    """Check the options and record what is left; returns how many trials were kept.
 
-    announce: gets each trial before it begins. host_ns: clock of a camera's time stamps, to which
-    the samples' are converted. camera: what films, from its options.
+    Raises a HoldfastError.
     """
-    person = word(args.person, "pseudonym")
-    require_ours(args.out)
-    plan = planned(args, person)
-    require_camera(args)
-    require_keys(args, plan, keys)
-    _report_before(args.out, person, plan, say)
-    kept = record_plan(
-        args,
-        plan,
-        clock,
-        keys,
-        say,
-        stopped,
-        show,
-        announce=announce,
-        host_ns=host_ns,
-        camera=camera,
-    )
-    next_step = f"next: holdfast evaluate MODEL --data {args.out}"
-    words = f"{kept} trials kept in {args.out / person}; {next_step}"
-    show_found(args, words, {"out": args.out, "person": person, "kept": kept})
-    return 0
+    checked_name(options.person, "pseudonym")
+    require_ours(options.out)
+    plan = planned(options)
+    options.camera.require_usable(options.source)
+    require_keys(options, plan, context.keys)
+    _report_before(options, plan, context.display)
+    return record_plan(options, plan, context)
 
 
-def record_plan(
-    args: argparse.Namespace,
-    plan: Plan,
-    clock: Any,
-    keys: Keys,
-    say: Callable[[str], None],
-    stopped: Any,
-    show: Show = show_nothing,
-    *,
-    announce: Announce = announce_nothing,
-    host_ns: HostClock = time.monotonic_ns,
-    camera: CameraOf = Beside,
-) -> int:
+def record_plan(options: RecordOptions, plan: Plan, context: RunContext) -> int:
     """Open the source and record the trials of a plan; returns how many were kept.
 
-    args: the checked options of the verb. Raises a HoldfastError.
+    options: checked. Raises a HoldfastError.
     """
-    say(f"opening {args.source}")
+    clock, report = context.clock, context.display.report
+    report(f"opening {options.source}")
     source = open_live(
-        args.source, clock=clock, say=say, to_force=force_of(args.calibration)
+        options.source,
+        clock=clock,
+        say=report,
+        to_force=force_of(options.calibration),
     )
-    folder = opened(args.out, source.unit, kind_of(args.source))
-    own = intent_monitor(args.intent, clock, say)
-    with closing(source), folder, own as intent, first_in_line(say) as real_time:
-        measured = _checked_bias(source, clock, say, anyway=args.anyway)
-        rate_hz = source.rate_hz or args.rate
+    folder = opened(options.out, source.unit, kind_of(options.source))
+    monitor = intent_monitor(options.intent, clock, report)
+    with (
+        closing(source),
+        folder,
+        monitor as intent,
+        first_in_line(report) as has_priority,
+    ):
+        measured = measure_bias(source, clock, report, CHECK_S)
+        if not options.anyway:
+            require_good(measured, "nothing is recorded")
+        rate_hz = source.rate_hz or options.rate
+        about = {
+            "unit": source.unit,
+            "rate_hz": rate_hz,
+            "hand": source.about() if isinstance(source, LiveHand) else None,
+            "calibration": _calibration(options.calibration),
+            "bias": _bias(measured),
+            "protocol": _protocol(plan, options.seed),
+            "versions": _versions(),
+            "real_time_priority": has_priority,
+            "configuration": _configuration(options),
+        }
         session = Session(
-            _options(args, plan, rate_hz),
+            options,
+            context,
             source,
-            clock,
-            keys,
-            say,
-            bias=measured.bias.values,
-            about=about(args, source, measured, plan, rate_hz, real_time=real_time),
-            camera=camera_of(args, source, host_ns() - clock.now_ns(), camera),
+            rate_hz,
+            measured.bias.values,
+            about,
+            mass_g=plan.mass_g,
+            camera=_camera(options, context, source),
             intent=intent,
-            host_ns=host_ns,
-            truth=scene_truth_of(args.source, source),
-            show=show,
-            announce=announce,
+            truth=scene_truth_of(options.source, source),
         )
-        return session.run(plan.tasks, stopped)
-
-
-def _checked_bias(
-    source: Source, clock: Any, say: Callable[[str], None], *, anyway: bool
-) -> MeasuredBias:
-    """The bias of the hand now. Raises DataError if it is not good, unless anyway."""
-    measured = measure_bias(source, clock, say, CHECK_S)
-    if not anyway:
-        require_good(measured, "nothing is recorded")
-    return measured
+        return session.run(plan.tasks)
 
 
 def kind_of(url: str) -> str:
@@ -148,87 +109,126 @@ def kind_of(url: str) -> str:
     return KINDS.get(scheme if mark else "", "replayed")
 
 
-def _options(args: argparse.Namespace, plan: Plan, rate_hz: float) -> SessionOptions:
-    masses = plan.protocol.mass_g if plan.protocol else {}
-    chosen = (args.out, args.person, rate_hz, args.seconds, args.at_once, masses)
-    return SessionOptions(*chosen, endless=is_hand(args.source))
-
-
-def require_keys(args: argparse.Namespace, plan: Plan, keys: Keys) -> None:
-    """Raise UsageError where a trial of the plan needs a key and none can be pressed."""
-    begins = {} if args.at_once else {"begins": "--at-once"}
-    ends = (
-        {"ends": "--seconds 8"} if args.seconds is None and is_hand(args.source) else {}
-    )
-    missing = begins | ends
-    if plan.tasks and missing and keys.ended():
-        raise UsageError(
-            f"only a key {' and '.join(missing)} a trial, and no key can be pressed",
-            cause="standard input is at its end (</dev/null), or the program is in the background",
-            next_step=f"run it in a terminal, or add {' '.join(missing.values())}",
-        )
-
-
-def require_camera(args: argparse.Namespace) -> None:
-    """Raise UsageError for an impossible camera, before anything else happens."""
-    _camera_options(args).require_complete()
-    if args.camera == "scene":
-        from holdfast.sessions.recorder.filming import require_camera_in
-
-        require_camera_in(args.source)
-    elif args.camera not in (None, OAK) and not Path(args.camera).exists():
-        raise UsageError(
-            f"--camera {args.camera!r}: no such file",
-            next_step="oak, scene, or a .frames.npz",
-        )
-
-
-def _camera_options(args: argparse.Namespace) -> CameraOptions:
-    return CameraOptions(args.camera, args.tag_mm, args.fps, args.exposure_ms)
-
-
-def camera_of(
-    args: argparse.Namespace, source: Source, after_ns: int, camera: CameraOf
-) -> Beside | None:
-    """The camera of a run, if any; after_ns: its clock minus the source's."""
-    if args.camera is None:
+def _camera(
+    options: RecordOptions, context: RunContext, source: Source
+) -> CameraProcess | None:
+    """The camera of a run, if any."""
+    if options.camera.camera is None:
         return None
-    options = {
-        "camera": args.camera,
-        "source": args.source,
-        **_camera_options(args).shooting(),
-    }
     began_ns = getattr(source, "began_ns", None)
-    return camera(
-        {**options, "began_ns": None if began_ns is None else began_ns + after_ns}
+    if began_ns is not None:
+        # The scene began on the source's clock; the camera's process has the host's.
+        began_ns += context.host_ns() - context.clock.now_ns()
+    process = {"camera": options.camera.camera, "source": options.source}
+    return context.camera(
+        {**process, **options.camera.shooting(), "began_ns": began_ns}
     )
 
 
-def _report_before(
-    root: Path, person: str, plan: Plan, say: Callable[[str], None]
-) -> None:
+# -- before the first trial
+
+
+def _report_before(options: RecordOptions, plan: Plan, display: Display) -> None:
     """Report earlier trials, trials that a kill left, and objects without a mass."""
     if plan.done:
-        say(f"{plan.done} of these trials are recorded already; this run continues")
-    for folder, meta in trials_of(root, person):
+        display.report(
+            f"{plan.done} of these trials are recorded already; this run continues"
+        )
+    for folder, meta in trials_of(options.out, options.person):
         if meta.get("state") == RECORDING:
-            say(
+            display.report(
                 f"{folder} was interrupted and does not count; next: holdfast repair {folder}"
             )
-    for thing in dict.fromkeys(
-        task.thing for task in plan.tasks if task.action != NOTHING
-    ):
-        if plan.protocol is None or thing not in plan.protocol.mass_g:
-            _report_mass(root / person / thing, say)
+    for name in dict.fromkeys(task.object for task in plan.tasks):
+        if name != NOTHING and name not in plan.mass_g:
+            _report_mass(options.out / options.person / name, display)
     if not plan.tasks:
-        say("every trial of the card is recorded")
+        display.report("every trial of the protocol is recorded")
 
 
-def _report_mass(folder: Path, say: Callable[[str], None]) -> None:
+def _report_mass(folder: Path, display: Display) -> None:
     """Warn of a missing mass, which training needs, while the object is still there."""
     from holdfast.core.objects import mass_g
 
     try:
         mass_g(folder)
     except LabelError as error:
-        say(f"warning: {error}")
+        display.report(f"warning: {error}")
+
+
+# -- what meta.json says of a run; of paths only the last part, because folders can name people
+
+
+def _configuration(options: RecordOptions) -> Json:
+    """The options, without those that meta.json has a key for."""
+    values = asdict(options)
+    values |= values.pop("camera")
+    for name in ("person", "object", "action"):
+        del values[name]
+    return {name: _without_folders(value) for name, value in values.items()}
+
+
+def _bias(measured: MeasuredBias) -> Json:
+    bias = measured.bias
+    return {
+        "values": bias.values.tolist(),
+        "spread": bias.spread.tolist(),
+        "n": bias.n,
+        "unit": bias.unit,
+        "reversed": bias.reversed.tolist(),
+        "warnings": list(measured.warnings),
+        "good": measured.good,
+    }
+
+
+def _protocol(plan: Plan, seed: int) -> Json | None:
+    protocol = plan.protocol
+    if protocol is None:
+        return None
+    return {
+        "card": protocol.name,
+        "sha256": protocol.sha256,
+        "seed": seed,
+        "done_before": plan.done,
+    }
+
+
+def _calibration(path: Path | None) -> Json | None:
+    if path is None:
+        return None
+    meta = read_calibration(path).meta
+    return {
+        "file": path.name,
+        "sha256": hashlib.sha256(path.read_bytes()).hexdigest(),
+        "source": meta.source,
+        "date": meta.date,
+        "n": meta.n,
+        "content": json.loads(path.read_text("utf-8")),
+    }
+
+
+def _versions() -> dict[str, str]:
+    return {
+        "holdfast": version("holdfast"),
+        "numpy": version("numpy"),
+        "python": platform.python_version(),
+        "machine": platform.machine(),
+    }
+
+
+def _without_folders(value: Any) -> Any:
+    """A path, or a URL with paths, without the folders."""
+    if isinstance(value, Path):
+        return value.name
+    if isinstance(value, str) and "/" in value:
+        scheme, mark, rest = value.rpartition("://")
+        parts = [_last(part) for part in rest.split("&")]
+        return f"{scheme}{mark}{'&'.join(parts)}"
+    return value
+
+
+def _last(part: str) -> str:
+    """One option of a URL, its path without the folders."""
+    key, mark, path = part.rpartition("=")
+    head, question, key = key.rpartition("?")
+    return f"{head.rpartition('/')[2]}{question}{key}{mark}{path.rpartition('/')[2]}"

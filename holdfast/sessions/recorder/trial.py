@@ -1,24 +1,136 @@
-"""One trial while it is recorded: its samples, its events, and its meta.json."""
+"""One trial while it is recorded: its samples, its events, its meta.json, and its quality.
+
+The quality of a recording: rate, jitter, lost samples, saturation, drift of the bias.
+"""
 
 from __future__ import annotations
 
 import json
 import os
+from collections import Counter
 from contextlib import suppress
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, TextIO
 
+import numpy as np
+
+from holdfast.core.contract import FloatArray, channel_names
 from holdfast.core.errors import DataError, HoldfastError, OutputError
 from holdfast.core.reading import Json
 from holdfast.core.source import SourceReading
 from holdfast.core.tactile_file import TactileFile
-from holdfast.core.trial_layout import EVENTS, META, TACTILE, intent_path
-from holdfast.core.writing import write_whole
+from holdfast.core.trial_layout import EVENTS, TACTILE, intent_path
 from holdfast.edge_runtime.intent import IntentMonitor, intent_header, intent_row
-from holdfast.sessions.recorder.about import Quality, QualityFigures
-from holdfast.sessions.recorder.folder import FORMAT, INTERRUPTED, KEPT, RECORDING
+from holdfast.sessions.recorder.folder import (
+    FORMAT,
+    INTERRUPTED,
+    KEPT,
+    RECORDING,
+    write_meta,
+)
 from holdfast.sessions.recorder.labels import truth_in, write_truth
+
+REST_S = 0.3
+"""Time at the start of a trial over which its bias is measured."""
+
+
+@dataclass(frozen=True)
+class QualityFigures:
+    """Figures of a trial; None with too few samples. rate_hz: of the median step.
+
+    jitter_p99_ms: 99 % of the distances from whole periods. why: reason -> readings. bias_drift:
+    largest change of a resting channel since the bias was measured, in `unit`.
+    """
+
+    samples: int
+    seconds: float
+    rate_hz: float | None
+    jitter_p99_ms: float | None
+    lost: int
+    invalid_readings: int
+    saturated_readings: int
+    why: dict[str, int]
+    bias_drift: float | None
+    bias_drift_channel: str | None
+    unit: str
+
+    def in_words(self) -> str:
+        """One line for the operator."""
+        if self.rate_hz is None or self.jitter_p99_ms is None:
+            return f"too few samples for a rate ({self.samples})"
+        drift = "not known"
+        if self.bias_drift is not None:
+            drift = f"{self.bias_drift:g} {self.unit} ({self.bias_drift_channel})"
+        return (
+            f"{self.seconds:g} s, {self.rate_hz:.2f} Hz, "
+            f"jitter p99 {self.jitter_p99_ms:.2f} ms, {self.lost} lost, "
+            f"{self.invalid_readings} invalid, {self.saturated_readings} saturated, "
+            f"bias drift {drift}"
+        )
+
+
+@dataclass
+class Quality:
+    """Counts of the samples so far; bias [C]: measured before; period_ns: the period wanted."""
+
+    bias: FloatArray
+    period_ns: float
+    unit: str
+    lost: int = 0
+    why: Counter[str] = field(default_factory=Counter)
+    invalid: int = 0
+    times_ns: list[int] = field(default_factory=list)
+    rest: list[FloatArray] = field(default_factory=list)
+
+    def take(self, t_ns: int, measured: SourceReading) -> None:
+        """One sample that was written."""
+        self.times_ns.append(t_ns)
+        self.why.update(reason for reason in measured.why if reason)
+        self.invalid += int(np.count_nonzero(~measured.valid))
+        if t_ns - self.times_ns[0] < 1e9 * REST_S:
+            valid = np.repeat(measured.valid, 3)
+            self.rest.append(np.where(valid, measured.values, np.nan))
+
+    def figures(self) -> QualityFigures:
+        """Figures of the whole trial."""
+        times = np.array(self.times_ns, dtype=np.int64)
+        seconds, rate_hz, jitter_ms = 0.0, None, None
+        if len(times):
+            seconds = round(1e-9 * float(times[-1] - times[0]), 3)
+        steps = np.diff(times)
+        if len(steps):
+            rate_hz = round(1e9 / float(np.median(steps)), 3)
+            # A lost sample is no jitter: the distance is from the nearest whole period.
+            periods = np.maximum(1, np.round(steps / self.period_ns))
+            late_ms = 1e-6 * np.abs(steps - self.period_ns * periods)
+            jitter_ms = round(float(np.percentile(late_ms, 99)), 3)
+        drift, channel = self._drift()
+        return QualityFigures(
+            samples=len(times),
+            seconds=seconds,
+            rate_hz=rate_hz,
+            jitter_p99_ms=jitter_ms,
+            lost=self.lost,
+            invalid_readings=self.invalid,
+            saturated_readings=self.why["saturated"],
+            why=dict(sorted(self.why.items())),
+            bias_drift=drift,
+            bias_drift_channel=channel,
+            unit=self.unit,
+        )
+
+    def _drift(self) -> tuple[float | None, str | None]:
+        """(largest change of a resting channel since the bias was measured, its name)."""
+        rows = np.array(self.rest).reshape(-1, len(self.bias))
+        known = np.isfinite(rows).any(axis=0) & np.isfinite(self.bias)
+        if not known.any():
+            return None, None
+        change = np.abs(np.nanmedian(rows[:, known], axis=0) - self.bias[known])
+        worst = int(np.argmax(change))
+        channel = int(np.flatnonzero(known)[worst])
+        name = channel_names(len(self.bias) // 3)[channel]
+        return round(float(change[worst]), 4), name
 
 
 @dataclass(frozen=True)
@@ -42,18 +154,18 @@ class TrialRecorder:
         host_after_ns: int,
         intent: IntentMonitor | None = None,
     ) -> None:
-        self.folder, self.about, self.quality, self.intent = (
-            folder,
-            about,
-            quality,
-            intent,
-        )
-        self._host_after_ns = host_after_ns
+        self.folder, self.about, self.quality = folder, about, quality
+        self.intent, self._host_after_ns = intent, host_after_ns
         self.t_s = 0.0
         self._write_meta(RECORDING)
         self._file = TactileFile(folder / TACTILE, n_channels)
+        # Line by line: what the operator marked is on the disk when the next sample comes.
         self._events = (folder / EVENTS).open("a", encoding="utf-8", buffering=1)
-        self._beside = None if intent is None else self._open_intent(intent)
+        self._intent_file: TextIO | None = None
+        if intent is not None:
+            path = intent_path(folder / TACTILE)
+            self._intent_file = path.open("x", encoding="utf-8", buffering=1)
+            _write_line(self._intent_file, intent_header(intent.n_envelopes))
 
     @property
     def started(self) -> bool:
@@ -75,48 +187,26 @@ class TrialRecorder:
 
     def write_intent(self) -> None:
         """Look at the wearer's own command, and write what came. Raises OutputError."""
-        if self.intent is None or self._beside is None:
+        if self.intent is None or self._intent_file is None:
             return
         self.intent.look()
         if not self.started:
             return
-        count = self.intent.n_envelopes
+        first_ns, count = self.span_ns[0], self.intent.n_envelopes
         for item in self.intent.fresh:
-            row = intent_row(item, self.span_ns[0], self._host_after_ns, count)
-            self._line(self._beside, row)
+            row = intent_row(item, first_ns, self._host_after_ns, count)
+            _write_line(self._intent_file, row)
 
-    def _open_intent(self, intent: IntentMonitor) -> TextIO:
-        file = intent_path(self.folder / TACTILE).open(
-            "x", encoding="utf-8", buffering=1
-        )
-        self._line(file, intent_header(intent.n_envelopes))
-        return file
-
-    def _line(self, file: TextIO, line: str) -> None:
-        try:
-            file.write(line + "\n")
-        except OSError as error:
-            what = f"cannot write ({error.strerror})"
-            raise OutputError(
-                what, where=Path(file.name), next_step="make room"
-            ) from None
-
-    def mark(self, name: str, now_ns: int, provenance: str = "key") -> float:
-        """Note that an event happens now; returns its time from the first sample, s."""
+    def mark(self, name: str, now_ns: int) -> float:
+        """Note that the operator marked an event now; returns its time from the first sample, s."""
         at_s = round(1e-9 * (now_ns - self.span_ns[0]), 6)
-        self.note(
-            {
-                "t_s": at_s,
-                "mark": name,
-                "provenance": provenance,
-                "by": "holdfast record",
-            }
-        )
+        by = {"provenance": "key", "by": "holdfast record"}
+        self.note({"t_s": at_s, "mark": name, **by})
         return at_s
 
     def note(self, event: Json) -> None:
         """Write a line of events.jsonl. Raises OutputError."""
-        self._line(self._events, json.dumps(event))
+        _write_line(self._events, json.dumps(event))
 
     def close(
         self, state: str, over: str = "", *, why: str = "", camera: Json | None = None
@@ -132,10 +222,12 @@ class TrialRecorder:
         if state == KEPT:
             why = self._label(over)
             state = INTERRUPTED if why else KEPT
-        filmed = {} if camera is None else {"camera": camera}
-        self._write_meta(
-            state, quality=asdict(figures), **filmed, **({"why": why} if why else {})
-        )
+        more: Json = {"quality": asdict(figures)}
+        if camera is not None:
+            more["camera"] = camera
+        if why:
+            more["why"] = why
+        self._write_meta(state, **more)
         return ClosedTrial(figures, state, why)
 
     def _close_files(self) -> None:
@@ -146,7 +238,7 @@ class TrialRecorder:
             self._file.close()
             os.fsync(self._events.fileno())
         finally:
-            for file in (self._events, self._beside):
+            for file in (self._events, self._intent_file):
                 with suppress(OSError):
                     if file is not None:
                         file.close()
@@ -163,16 +255,27 @@ class TrialRecorder:
         write_truth(self.folder, truth)
         return ""
 
-    def give_up(self, state: str, why: str) -> None:
-        """Close as far as possible after an error, which the caller raises."""
+    def give_up(self, why: str) -> None:
+        """Close as interrupted as far as possible after an error, which the caller raises."""
         with suppress(HoldfastError, OSError):
-            if (
-                not self._events.closed
-            ):  # the error may have come after they were closed
-                self.note({"t_s": self.t_s, "event": state, "why": why})
+            if not self._events.closed:  # the error may have come after they were
+                self.note({"t_s": self.t_s, "event": INTERRUPTED, "why": why})
         with suppress(HoldfastError, OSError):
-            self.close(state, why=why)
+            self.close(INTERRUPTED, why=why)
 
     def _write_meta(self, state: str, **more: Any) -> None:
-        meta = {"recorder": FORMAT, "state": state, **self.about, **more}
-        write_whole(self.folder / META, json.dumps(meta, indent=1, default=str) + "\n")
+        write_meta(
+            self.folder, {"recorder": FORMAT, "state": state, **self.about, **more}
+        )
+
+
+def _write_line(file: TextIO, line: str) -> None:
+    """Write a line. Raises OutputError."""
+    try:
+        file.write(line + "\n")
+    except OSError as error:
+        raise OutputError(
+            f"cannot write ({error.strerror})",
+            where=Path(file.name),
+            next_step="make room",
+        ) from None

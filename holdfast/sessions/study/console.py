@@ -1,30 +1,44 @@
-"""The operator's desk: messages, single keys, and lines of text, on a terminal or a pipe.
+"""The operator's console: messages, single keys, and lines of text, on a terminal or a pipe.
 
-`Desk` is the operator's terminal. `Rehearsal` has no operator: every part takes its planned time on
-a clock that jumps, and no question is answered.
+`Console` is the operator's terminal. `Rehearsal` has no operator: every part takes its planned time
+on a clock that jumps, and no question is answered.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, Protocol
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Any
 
 from holdfast.core.errors import HoldfastError, visible
 from holdfast.sessions.recorder.keys import KEYS as TRIAL_KEYS
 from holdfast.sessions.recorder.keys import Keys
 
-NEXT, SKIP, REPEAT, NOTE, ADVERSE = "next", "skip", "repeat", "note", "adverse"
-PAUSE, WITHDRAW, QUIT = "pause", "withdraw", "quit"
+
+class Key(StrEnum):
+    """What the operator wants next."""
+
+    NEXT = "next"
+    SKIP = "skip"
+    REPEAT = "repeat"
+    NOTE = "note"
+    ADVERSE = "adverse"
+    PAUSE = "pause"
+    WITHDRAW = "withdraw"
+    QUIT = "quit"
+
+
 KEYS = {
-    " ": NEXT,
-    "\n": NEXT,
-    "s": SKIP,
-    "r": REPEAT,
-    "n": NOTE,
-    "a": ADVERSE,
-    "p": PAUSE,
-    "w": WITHDRAW,
-    "q": QUIT,
+    " ": Key.NEXT,
+    "\n": Key.NEXT,
+    "s": Key.SKIP,
+    "r": Key.REPEAT,
+    "n": Key.NOTE,
+    "a": Key.ADVERSE,
+    "p": Key.PAUSE,
+    "w": Key.WITHDRAW,
+    "q": Key.QUIT,
 }
 HELP = (
     "keys: space goes on, s skip, r repeat, n note, a adverse event, p pause, w withdraw, q quit "
@@ -67,122 +81,102 @@ class TrialKeys(Keys):
         return key
 
 
-class AnyDesk(Protocol):
-    """What the runner needs of either desk."""
+@dataclass
+class Console:
+    """The operator at a terminal, or what types in a pipe.
 
-    rehearsal: bool
-    say: Callable[[str], None]
+    report: takes a message that stays; draw: a line that the next one replaces.
+    """
 
-    def key(self, left_s: float, *, ends_part: bool, paused: bool = False) -> str:
-        """What to do next, one of KEYS; left_s: planned time that is left in this part."""
-        ...
-
-    def text(self, prompt: str) -> str | None:
-        """A line of text, "" for none, LEFT_OUT without an operator; None without any key."""
-        ...
-
-    def trial_keys(self) -> TrialKeys:
-        """The keys of one trial."""
-        ...
-
-    def failed(self, error: HoldfastError) -> None:
-        """An error that the operator may correct while the study waits."""
-        ...
-
-
-class Desk:
-    """The operator at a terminal, or what types in a pipe."""
-
+    keys: Keys
+    report: Callable[[str], None]
+    draw: Callable[[str], None]
+    clock: Any
+    stopped: Callable[[], bool]
     rehearsal = False
 
-    def __init__(
-        self,
-        keys: Keys,
-        say: Callable[[str], None],
-        draw: Callable[[str], None],
-        clock: Any,
-        stopped: Callable[[], bool],
-    ) -> None:
-        self._keys, self.say, self._draw = keys, say, draw
-        self._clock, self._stopped = clock, stopped
+    def key(self, left_s: float, *, ends_part: bool, paused: bool = False) -> Key:
+        """What to do next; QUIT after a signal or where the terminal is gone.
 
-    def key(self, left_s: float, *, ends_part: bool, paused: bool = False) -> str:
-        """What to do next; QUIT after a signal or where the terminal is gone."""
-        began_ns, drawn_s = self._clock.now_ns(), -REDRAW_S
-        while not self._stopped():
-            spent_s = 1e-9 * (self._clock.now_ns() - began_ns)
+        left_s: planned time that is left in this part.
+        """
+        began_ns, drawn_s = self.clock.now_ns(), -REDRAW_S
+        while not self.stopped():
+            spent_s = 1e-9 * (self.clock.now_ns() - began_ns)
             if spent_s >= drawn_s + REDRAW_S:
-                over = f"paused for {clock_text(spent_s)}"
-                self._draw(over if paused else _left_in_words(left_s - spent_s))
                 drawn_s = spent_s
-            letter = letter_of(self._keys, WAIT_S)
+                if paused:
+                    self.draw(f"paused for {clock_text(spent_s)}")
+                else:
+                    self.draw(countdown(left_s - spent_s))
+            letter = letter_of(self.keys, WAIT_S)
             if letter in KEYS:
                 return KEYS[letter]
-            if self._keys.closed:
-                self.say(NO_KEY)
-                return QUIT
-        return QUIT
+            if self.keys.closed:
+                self.report(NO_KEY)
+                return Key.QUIT
+        return Key.QUIT
 
     def text(self, prompt: str) -> str | None:
-        """A line that is shown as it is typed; Escape or an empty line: none."""
-        self.say(prompt)
+        """A line that is shown as it is typed: "" where it is empty or Escape drops it.
+
+        None where no key can be pressed any more.
+        """
+        self.report(prompt)
         typed, drawn = b"", None
-        while not self._stopped():
+        while not self.stopped():
             if typed != drawn:
-                self._draw(f"> {visible(typed.decode('utf-8', 'replace'))[-60:]}")
+                self.draw(f"> {visible(typed.decode('utf-8', 'replace'))[-60:]}")
                 drawn = typed
-            byte = self._keys.byte(WAIT_S)
+            byte = self.keys.byte(WAIT_S)
             if byte and byte in ENTER:
                 line = typed.decode("utf-8", "replace").strip()
-                self.say(f"> {line}")
+                self.report(f"> {line}")
                 return line
             if byte == ESCAPE:
-                _drop_the_rest(self._keys)
+                _drop_the_rest(self.keys)
                 return ""
             if byte and byte in ERASE:
+                # A letter of several bytes goes as a whole.
                 typed = typed.decode("utf-8", "ignore")[:-1].encode()
             elif byte and len(typed) < LONGEST_TEXT and (byte >= b" " or byte == b"\t"):
                 typed += byte
-            elif self._keys.closed:
-                self.say(NO_KEY)
+            elif self.keys.closed:
+                self.report(NO_KEY)
                 return None
         return None
 
     def trial_keys(self) -> TrialKeys:
         """The keys of one trial."""
-        return TrialKeys(self._keys)
+        return TrialKeys(self.keys)
 
     def failed(self, error: HoldfastError) -> None:
-        """Say what failed; the operator corrects it, tries again or skips."""
-        self.say(f"error: {type(error).__name__}: {error}")
-        self.say("space tries again, s skips this step, q quits and goes on later")
+        """Report what failed; the operator corrects it, tries again or skips."""
+        self.report(f"error: {type(error).__name__}: {error}")
+        self.report("space tries again, s skips this step, q quits and goes on later")
 
 
-class Rehearsal:
+class Rehearsal(Console):
     """No operator: every part takes its planned time, and every question is left out."""
 
     rehearsal = True
 
     def __init__(
-        self, say: Callable[[str], None], clock: Any, stopped: Callable[[], bool]
+        self, report: Callable[[str], None], clock: Any, stopped: Callable[[], bool]
     ) -> None:
-        self.say, self._clock, self._stopped = say, clock, stopped
+        super().__init__(Keys(None), report, report, clock, stopped)
 
-    def key(self, left_s: float, *, ends_part: bool, paused: bool = False) -> str:
+    def key(self, left_s: float, *, ends_part: bool, paused: bool = False) -> Key:
         """Go on, after the time that is left."""
-        if self._stopped():
-            return QUIT
+        if self.stopped():
+            return Key.QUIT
         if ends_part and left_s > 0.0:
-            self._clock.wait_until(self._clock.now_ns() + round(1e9 * left_s))
-        return NEXT
+            self.clock.wait_until(self.clock.now_ns() + round(1e9 * left_s))
+        return Key.NEXT
 
     def text(self, prompt: str) -> str | None:
         """No answer."""
         return LEFT_OUT
-
-    def trial_keys(self) -> TrialKeys:
-        """No key."""
-        return TrialKeys(Keys(None))
 
     def failed(self, error: HoldfastError) -> None:
         """End with the error: no operator can correct it."""
@@ -199,16 +193,15 @@ def letter_of(keys: Keys, wait_s: float) -> str:
 
 
 def _drop_the_rest(keys: Keys) -> None:
-    """Drop what came with an Escape: the rest of an arrow key, say."""
+    """Drop what came with an Escape, such as the rest of an arrow key."""
     while keys.byte():
         pass
 
 
-def _left_in_words(left_s: float) -> str:
-    """The countdown of a part."""
-    return (
-        f"{clock_text(left_s)} left" if left_s >= 0.0 else f"{clock_text(-left_s)} over"
-    )
+def countdown(left_s: float) -> str:
+    """Planned time that is left of a part, or how far it is over."""
+    what = "left" if left_s >= 0.0 else "over"
+    return f"{clock_text(abs(left_s))} {what}"
 
 
 def clock_text(seconds: float) -> str:

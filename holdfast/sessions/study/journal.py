@@ -14,26 +14,43 @@ import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from enum import StrEnum
 from operator import index
 from pathlib import Path
 from typing import Any
 
 from holdfast.core.errors import LabelError, OutputError
-from holdfast.core.reading import Json, json_of
+from holdfast.core.reading import Json
 from holdfast.core.tactile_file import mend_lines
 from holdfast.core.trial_layout import read_events
+from holdfast.sessions.recorder.folder import is_json_object
 
 JOURNAL = "study.jsonl"
-OPENED, BEGUN, DONE, SKIPPED, BACK = "opened", "begun", "done", "skipped", "back"
-PAUSED, RESUMED, QUIT, FINISHED = "paused", "resumed", "quit", "finished"
-NOTE, ADVERSE, DETAIL, ANSWER, FAILED = (
-    "note",
-    "adverse",
-    "adverse_detail",
-    "answer",
-    "failed",
-)
-ENDS_TIME = (DONE, SKIPPED, BACK, PAUSED, QUIT)
+
+
+class Event(StrEnum):
+    """What a line says has happened; the values stand in the file."""
+
+    OPENED = "opened"
+    BEGUN = "begun"
+    DONE = "done"
+    SKIPPED = "skipped"
+    BACK = "back"
+    PAUSED = "paused"
+    RESUMED = "resumed"
+    QUIT = "quit"
+    FINISHED = "finished"
+    NOTE = "note"
+    ADVERSE = "adverse"
+    DETAIL = "adverse_detail"
+    ANSWER = "answer"
+    FAILED = "failed"
+
+
+MOVES = (Event.DONE, Event.SKIPPED, Event.BACK)
+"""They name the next part."""
+STARTS_TIME = (Event.BEGUN, Event.RESUMED)
+STOPS_TIME = (*MOVES, Event.PAUSED, Event.QUIT)
 
 
 @dataclass
@@ -57,29 +74,28 @@ class Progress:
     def take(self, entry: Json) -> None:
         """One more line. Raises KeyError, TypeError or ValueError where it is no entry."""
         event, t_s, _ = entry["event"], float(entry["t_s"]), entry["at"]
-        if event == OPENED:
+        if event == Event.OPENED:
+            # A run that was killed wrote no end: its time counts up to its last line.
             self._stop(self._last_s)
             self.runs += 1
             self.finished = False
-        elif event == BEGUN:
+        elif event == Event.BEGUN:
             self.part, self.begun = int(entry["part"]), True
             self.kept_before.setdefault(self.part, int(entry.get("kept", 0)))
-        elif event in (DONE, SKIPPED, BACK):
-            self._stop(t_s)
-            self.part, self.begun = int(entry["next"]), False
-        elif event == ANSWER:
+        elif event == Event.ANSWER:
             rating = entry["rating"]
-            self.answers[int(entry["part"]), str(entry["item"])] = (
-                None if rating is None else index(rating)
-            )
-        elif event in (NOTE, DETAIL):
+            item = int(entry["part"]), str(entry["item"])
+            self.answers[item] = None if rating is None else index(rating)
+        elif event in (Event.NOTE, Event.DETAIL):
             str(entry["text"])
-        elif event == FINISHED:
+        elif event == Event.FINISHED:
             self.finished = True
-        if event in ENDS_TIME:
+        if event in STOPS_TIME:
             self._stop(t_s)
-        elif self._since_s is None and self.begun and event in (BEGUN, RESUMED):
+        elif event in STARTS_TIME and self.begun and self._since_s is None:
             self._since_s = t_s
+        if event in MOVES:
+            self.part, self.begun = int(entry["next"]), False
         self._last_s = t_s
 
     def spent_until(self, t_s: float) -> float:
@@ -90,9 +106,7 @@ class Progress:
     def _stop(self, t_s: float) -> None:
         """The part under way takes no more time."""
         if self._since_s is not None:
-            self.spent_s[self.part] = (
-                self.spent_s.get(self.part, 0.0) + t_s - self._since_s
-            )
+            self.spent_s[self.part] = self.spent_until(t_s)
         self._since_s = None
 
 
@@ -107,10 +121,9 @@ class Journal:
         utc: Callable[[], str],
     ) -> None:
         self.path, self._now_ns, self._utc = path, now_ns, utc
-        self.entries = read_journal(path)
+        self.entries = read_events(path)
         self.progress = progress_of(self.entries, path, n_parts)
         self._began_ns = now_ns()
-        self._run = self.progress.runs
 
     @property
     def t_s(self) -> float:
@@ -118,20 +131,24 @@ class Journal:
         return 1e-9 * (self._now_ns() - self._began_ns)
 
     @property
+    def part(self) -> int:
+        """The number of the part to do or under way."""
+        return self.progress.part
+
+    @property
     def spent_s(self) -> float:
         """Time in the part under way, s."""
         return self.progress.spent_until(self.t_s)
 
-    def append(self, event: str, **more: Any) -> Json:
+    def append(self, event: Event, **more: Any) -> None:
         """Write a line and bring it to the disk. Raises OutputError."""
-        self._run += event == OPENED
-        stamp = {
+        entry = {
             "event": event,
-            "run": self._run,
+            "run": self.progress.runs + (event == Event.OPENED),
             "t_s": round(self.t_s, 3),
             "at": self._utc(),
+            **more,
         }
-        entry = {**stamp, **more}
         line = (json.dumps(entry, allow_nan=False) + "\n").encode()
         try:
             handle = os.open(self.path, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o666)
@@ -150,27 +167,26 @@ class Journal:
             ) from None
         self.entries.append(entry)
         self.progress.take(entry)
-        return entry
 
 
 @contextmanager
 def opened_journal(
     home: Path, n_parts: int, now_ns: Callable[[], int], utc: Callable[[], str]
 ) -> Iterator[Journal]:
-    """The journal of a person's folder, new or mended, for one program at a time.
+    """The journal of a person's folder, new or repaired, for one program at a time.
 
-    n_parts: of the card.
-
-    Raises OutputError (another terminal has it), LabelError (a line that cannot be read).
+    n_parts: of the protocol. Raises OutputError (another terminal has it), LabelError (a line that
+    cannot be read).
     """
     home.mkdir(parents=True, exist_ok=True)
-    with held(home / JOURNAL) as path:
-        mend_lines(path, _is_entry)
+    path = home / JOURNAL
+    with held(path):
+        mend_lines(path, is_json_object)
         yield Journal(path, n_parts, now_ns, utc)
 
 
 @contextmanager
-def held(path: Path) -> Iterator[Path]:
+def held(path: Path) -> Iterator[None]:
     """No other program has the journal meanwhile. Raises OutputError."""
     with path.open("ab") as file:
         try:
@@ -182,25 +198,18 @@ def held(path: Path) -> Iterator[Path]:
                 cause="a second terminal",
                 next_step="go on there, or end that program first",
             ) from None
-        yield path
-
-
-def read_journal(path: Path) -> list[Json]:
-    """The lines of a journal; none without one. Raises LabelError."""
-    return read_events(path)
+        yield
 
 
 def progress_of(entries: list[Json], path: Path, n_parts: int) -> Progress:
-    """Where the lines leave the study of a card with so many parts. Raises LabelError."""
+    """Where the lines leave the study of a protocol with so many parts. Raises LabelError."""
     progress = Progress()
     for number, entry in enumerate(entries, 1):
         try:
             progress.take(entry)
-            if (
-                not 0 <= entry.get("part", 0) < n_parts
-                or not 0 <= progress.part <= n_parts
-            ):
-                raise ValueError("the card has no such part")
+            known = 0 <= entry.get("part", 0) < n_parts
+            if not known or not 0 <= progress.part <= n_parts:
+                raise ValueError("the protocol has no such part")
         except (KeyError, TypeError, ValueError, OverflowError) as error:
             raise LabelError(
                 f"line {number} is no entry of a study ({error!r:.60})",
@@ -209,10 +218,3 @@ def progress_of(entries: list[Json], path: Path, n_parts: int) -> Progress:
                 next_step="correct that line, or take another --out",
             ) from None
     return progress
-
-
-def _is_entry(line: bytes) -> bool:
-    try:
-        return isinstance(json_of(line), dict)
-    except ValueError:
-        return False

@@ -3,23 +3,23 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from holdfast.core.errors import DataError, DataNotFound, ModelError
 from holdfast.core.reading import Json
-from holdfast.core.trial_layout import META
+from holdfast.core.trial_layout import META, read_events
 from holdfast.sessions.recorder.folder import KEPT, REDONE
 from holdfast.sessions.recorder.labels import read_meta
-from holdfast.sessions.study import journal as log
-from holdfast.sessions.study.journal import JOURNAL, progress_of, read_journal
+from holdfast.sessions.study.journal import JOURNAL, Event, Progress, progress_of
+from holdfast.sessions.study.protocol import StudyProtocol
 from holdfast.sessions.study.questionnaires import scores
-from holdfast.sessions.study.steps import StudyCard
 
 if TYPE_CHECKING:
     from holdfast.evaluation.participant import ParticipantFigures
 
+STATES = {Event.BEGUN: "under way", Event.DONE: "done", Event.SKIPPED: "skipped"}
 NOT_REACHED = "not reached"
 
 
@@ -27,7 +27,7 @@ NOT_REACHED = "not reached"
 class PartOutcome:
     """One row of the protocol. spent_s: None where it was not reached. begun: how often.
 
-    state: done, skipped, under way, or not reached.
+    state: of STATES, or NOT_REACHED.
     """
 
     step: int | None
@@ -49,27 +49,25 @@ class AdverseEvent:
     text: str
 
 
-@dataclass(frozen=True)
+@dataclass
 class TrialCounts:
-    """Trials of one object and action by how they ended. filmed: kept, with a whole video."""
+    """Trials of one object and action by how they ended. filmed: kept, with a whole video.
+
+    interrupted: also void and cut off ones.
+    """
 
     object: str
     action: str
-    planned: int
-    kept: int
-    filmed: int
-    redone: int
-    interrupted: int
-
-    @property
-    def of_plan(self) -> int:
-        """Kept trials that the plan asks for; further ones do not make up for other tasks."""
-        return min(self.planned, self.kept)
+    planned: int = 0
+    kept: int = 0
+    filmed: int = 0
+    redone: int = 0
+    interrupted: int = 0
 
 
 @dataclass(frozen=True)
 class StudyOutcome:
-    """All of one person. answers: the model's figures, None where `no_answers` says why not."""
+    """All of one person. figures: of the model, None where `no_figures` says why not."""
 
     person: str
     title: str
@@ -86,46 +84,58 @@ class StudyOutcome:
     figures: ParticipantFigures | None
     no_figures: str
 
+    @property
+    def kept(self) -> int:
+        """Kept trials that the plan asks for; further ones do not make up for other tasks."""
+        return sum(min(one.planned, one.kept) for one in self.trials)
+
+    @property
+    def planned(self) -> int:
+        """Trials that the plan asks for."""
+        return sum(one.planned for one in self.trials)
+
     def to_json(self) -> Json:
         """As it stands in report.json."""
-        own = {name: value for name, value in vars(self).items() if name != "figures"}
-        rows = ("parts", "adverse", "trials")
-        lists = {name: [asdict(one) for one in own[name]] for name in rows}
-        figures = None if self.figures is None else self.figures.to_json()
-        return {**own, **lists, "answers": figures}
+        content = asdict(replace(self, figures=None))
+        del content["figures"]
+        answers = None if self.figures is None else self.figures.to_json()
+        return {**content, "answers": answers}
 
 
-def outcome_of(root: Path, person: str, card: StudyCard, model: Path) -> StudyOutcome:
+def outcome_of(
+    root: Path, person: str, protocol: StudyProtocol, model: Path
+) -> StudyOutcome:
     """Read everything of one person.
 
     Raises DataNotFound without a journal, LabelError for one that cannot be read.
     """
     home = root / person
-    entries = read_journal(home / JOURNAL)
+    journal = home / JOURNAL
+    entries = read_events(journal)
     if not entries:
         raise DataNotFound(
             "no study of this person",
-            where=home / JOURNAL,
+            where=journal,
             cause="recorded with holdfast record alone",
             next_step="holdfast evaluate MODEL --data FOLDER --report OUT scores such recordings",
         )
-    progress = progress_of(entries, home / JOURNAL, len(card.parts))
+    progress = progress_of(entries, journal, len(protocol.parts))
     figures, why = _figures(home, model)
     return StudyOutcome(
-        person,
-        card.title,
-        any(entry.get("rehearsal") for entry in entries),
-        progress.finished,
-        progress.runs,
-        str(entries[0]["at"]),
-        str(entries[-1]["at"]),
-        _parts(card, entries, progress),
-        _adverse(card, entries),
-        [_note(card, entry) for entry in entries if entry["event"] == log.NOTE],
-        _trials(card, home),
-        scores(card, progress),
-        figures,
-        why,
+        person=person,
+        title=protocol.title,
+        rehearsal=any(entry.get("rehearsal") for entry in entries),
+        finished=progress.finished,
+        runs=progress.runs,
+        began=str(entries[0]["at"]),
+        ended=str(entries[-1]["at"]),
+        parts=_parts(protocol, entries, progress),
+        adverse=_adverse(protocol, entries),
+        notes=_notes(protocol, entries),
+        trials=_trials(protocol, home),
+        questionnaires=scores(protocol, progress),
+        figures=figures,
+        no_figures=why,
     )
 
 
@@ -141,80 +151,74 @@ def _figures(home: Path, model: Path) -> tuple[ParticipantFigures | None, str]:
 
 
 def _parts(
-    card: StudyCard, entries: list[Json], progress: log.Progress
+    protocol: StudyProtocol, entries: list[Json], progress: Progress
 ) -> list[PartOutcome]:
-    begun = Counter(entry["part"] for entry in entries if entry["event"] == log.BEGUN)
-    last = {
-        entry["part"]: entry["event"]
-        for entry in entries
-        if entry["event"] in (log.BEGUN, log.DONE, log.SKIPPED)
-    }
-    words = {log.BEGUN: "under way", None: NOT_REACHED}
-    return [
-        PartOutcome(
-            part.step,
-            part.title,
-            60.0 * part.minutes,
-            round(progress.spent_s.get(k, 0.0), 1) if k in last else None,
-            begun[k],
-            words.get(last.get(k), str(last.get(k))),
+    begun: Counter[int] = Counter()
+    states: dict[int, str] = {}
+    for entry in entries:
+        if entry["event"] in STATES:
+            states[entry["part"]] = STATES[entry["event"]]
+            begun[entry["part"]] += entry["event"] == Event.BEGUN
+    outcomes = []
+    for number, part in enumerate(protocol.parts):
+        reached = number in states
+        spent_s = round(progress.spent_s.get(number, 0.0), 1)
+        outcomes.append(
+            PartOutcome(
+                step=part.step,
+                title=part.title,
+                planned_s=60.0 * part.minutes,
+                spent_s=spent_s if reached else None,
+                begun=begun[number],
+                state=states.get(number, NOT_REACHED),
+            )
         )
-        for k, part in enumerate(card.parts)
-    ]
+    return outcomes
 
 
-def _adverse(card: StudyCard, entries: list[Json]) -> list[AdverseEvent]:
+def _adverse(protocol: StudyProtocol, entries: list[Json]) -> list[AdverseEvent]:
     """Every adverse event, with the description that follows it, if it was given."""
     events: list[AdverseEvent] = []
     for entry in entries:
-        if entry["event"] == log.ADVERSE:
-            part = card.parts[entry["part"]]
+        if entry["event"] == Event.ADVERSE:
+            part = protocol.parts[entry["part"]]
             events.append(AdverseEvent(entry["at"], part.step, part.title, None, ""))
-        elif entry["event"] == log.DETAIL and events:
-            before = asdict(events.pop())
-            events.append(
-                AdverseEvent(**before | {k: entry[k] for k in ("severity", "text")})
-            )
+        elif entry["event"] == Event.DETAIL and events:
+            severity, text = entry["severity"], entry["text"]
+            events[-1] = replace(events[-1], severity=severity, text=text)
     return events
 
 
-def _note(card: StudyCard, entry: Json) -> Json:
-    part = card.parts[entry["part"]]
-    return {
-        "at": entry["at"],
-        "step": part.step,
-        "title": part.title,
-        "text": entry["text"],
-    }
+def _notes(protocol: StudyProtocol, entries: list[Json]) -> list[Json]:
+    notes = []
+    for entry in entries:
+        if entry["event"] == Event.NOTE:
+            part = protocol.parts[entry["part"]]
+            place = {"at": entry["at"], "step": part.step, "title": part.title}
+            notes.append({**place, "text": entry["text"]})
+    return notes
 
 
-def _trials(card: StudyCard, home: Path) -> list[TrialCounts]:
-    """Trials on the disk by the tasks of the card; interrupted: also void and cut off ones."""
-    planned: Counter[tuple[str, str]] = Counter()
-    for part in card.parts:
+def _trials(protocol: StudyProtocol, home: Path) -> list[TrialCounts]:
+    """Trials on the disk, by the tasks of the protocol first."""
+    counts: dict[tuple[str, str], TrialCounts] = {}
+
+    def of(name: str, action: str) -> TrialCounts:
+        return counts.setdefault((name, action), TrialCounts(name, action))
+
+    for part in protocol.parts:
         if part.task:
-            planned[part.task.thing, part.task.action] += part.repetitions
-    states: dict[tuple[str, str], Counter[str]] = {key: Counter() for key in planned}
-    filmed: Counter[tuple[str, str]] = Counter()
+            of(part.task.object, part.task.action).planned += part.repetitions
     for path in home.rglob(f"trial_*/{META}"):
         meta = read_meta(path.parent)
-        key = str(meta.get("object")), str(meta.get("action"))
-        states.setdefault(key, Counter())[str(meta.get("state"))] += 1
-        filmed[key] += meta.get("state") == KEPT and _is_whole(meta.get("camera"))
-    return [
-        TrialCounts(
-            thing,
-            action,
-            planned[thing, action],
-            of[KEPT],
-            filmed[thing, action],
-            of[REDONE],
-            of.total() - of[KEPT] - of[REDONE],
-        )
-        for (thing, action), of in states.items()
-    ]
-
-
-def _is_whole(camera: Any) -> bool:
-    """Whether a trial's entry on its camera is one of a whole video."""
-    return isinstance(camera, dict) and not camera.get("void")
+        trials = of(str(meta.get("object")), str(meta.get("action")))
+        camera = meta.get("camera")
+        if meta.get("state") == KEPT:
+            trials.kept += 1
+            # A video that is void has gaps, or ended before the trial.
+            trials.filmed += isinstance(camera, dict) and not camera.get("void")
+        elif meta.get("state") == REDONE:
+            trials.redone += 1
+        else:
+            trials.interrupted += 1
+    return list(counts.values())

@@ -5,15 +5,14 @@ A virtual participant: the scene of a source, and the trial of it that fits what
 
 from __future__ import annotations
 
-import argparse
-from collections.abc import Callable
 from contextlib import closing
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
 from urllib.parse import parse_qs
 
 from holdfast.core.errors import UsageError
+from holdfast.core.source import SourceReading
 from holdfast.core.trial_layout import DISCARDED, META
 from holdfast.live.hand_sources import open_live
 from holdfast.live.real_time import NO_PRIORITY
@@ -26,33 +25,39 @@ from holdfast.sessions.recorder.folder import (
     done,
     number,
     opened,
-    repaired,
+    repair,
     task_folder,
     trials_of,
 )
 from holdfast.sessions.recorder.labels import read_meta
-from holdfast.sessions.recorder.plan import Plan
+from holdfast.sessions.recorder.plan import Plan, RecordOptions
 from holdfast.sessions.recorder.protocol import NOTHING, Task
 from holdfast.sessions.recorder.recording import kind_of, record_plan
-from holdfast.sessions.recorder.session import Show
+from holdfast.sessions.recorder.session import Display, RunContext
+from holdfast.sessions.recorder.trial import TrialRecorder
 from holdfast.sessions.study.console import TrialKeys
-from holdfast.sessions.study.steps import StudyCard
+from holdfast.sessions.study.protocol import StudyProtocol
+
+REVERSED = "warning: the magnet is reversed"
+REPEATED = (NO_PRIORITY, REVERSED)
+"""How messages begin that every trial would repeat."""
 
 
 def scene_in(url: str) -> tuple[str, int] | None:
-    """(card, seed) of a source whose scene's trials can be chosen; None where it names a trial."""
-    parts = split_url(url) if "://" in url else None
-    options = {} if parts is None else parse_qs(parts.query, keep_blank_values=True)
-    if parts is None or "trial" in options or "trials" in options:
+    """(name, seed) of a source whose scene's trials can be chosen; None where it names a trial."""
+    if "://" not in url:
         return None
-    name = (
-        parts.netloc + parts.path
-        if url.startswith(SIM)
-        else options.get("scene", [""])[-1]
-    )
+    parts = split_url(url)
+    options = parse_qs(parts.query, keep_blank_values=True)
+    if "trial" in options or "trials" in options:
+        return None
+    name = options.get("scene", [""])[-1]
+    if url.startswith(SIM):
+        name = parts.netloc + parts.path
     seed = options.get("seed", ["0"])[-1]
-    known = parts.scheme in ("sim", "virtual") and name and seed.isdecimal()
-    return (name, int(seed)) if known else None
+    if parts.scheme in ("sim", "virtual") and name and seed.isdecimal():
+        return name, int(seed)
+    return None
 
 
 def url_for(url: str, task: Task, nth: int) -> str:
@@ -63,144 +68,134 @@ def url_for(url: str, task: Task, nth: int) -> str:
     scene = scene_in(url)
     if scene is None:
         return url
-    fitting = [
-        k
-        for k, one in enumerate(_tasks(*scene))
-        if one == Task(task.thing, task.action)
-    ]
+    wanted = task.object, task.action
+    fitting = [k for k, trial in enumerate(_scene_trials(*scene)) if trial == wanted]
     if not fitting:
         raise UsageError(
-            f"the scene {scene[0]} has no trial of {task.thing}, {task.action}",
-            cause="a card with other objects or actions than the protocol's",
-            next_step="take a scene with them, such as sim://p1 for the card thesis",
+            f"the scene {scene[0]} has no trial of {task.object}, {task.action}",
+            cause="a scene with other objects or actions than the protocol's",
+            next_step="take a scene with them, such as sim://p1 for the protocol thesis",
         )
     return f"{url}{'&' if '?' in url else '?'}trial={fitting[nth % len(fitting)]}"
 
 
 @lru_cache(maxsize=1)
-def _tasks(name: str, seed: int) -> list[Task]:
-    """What each trial of a scene is. Raises CardError."""
+def _scene_trials(name: str, seed: int) -> list[tuple[str, str]]:
+    """(object, action) of each trial of a scene. Raises CardError."""
     from holdfast.simulation.card import read_card
     from holdfast.simulation.scene import Scene
 
-    trials = Scene(read_card(name), seed).trials()
-    things = [NOTHING if one.action == NOTHING else one.thing.name for one in trials]
-    return [Task(thing, one.action) for thing, one in zip(things, trials, strict=True)]
+    trials = []
+    for trial in Scene(read_card(name), seed).trials():
+        held = NOTHING if trial.action == NOTHING else trial.thing.name
+        trials.append((held, trial.action))
+    return trials
 
 
-REVERSED = "warning: the magnet is reversed"
+class _ReportedOnce(Display):
+    """Shows what another display shows, but reports only once what every trial would repeat."""
+
+    def __init__(self, display: Display) -> None:
+        super().__init__(display.report)
+        self._display = display
+        self._reported: set[str] = set()
+
+    def report(self, line: str) -> None:
+        if line in self._reported and line.startswith(REPEATED):
+            return
+        self._reported.add(line)
+        super().report(line)
+
+    def show(self, trial: TrialRecorder, measured: SourceReading, now_ns: int) -> None:
+        self._display.show(trial, measured, now_ns)
 
 
+@dataclass
 class Trials:
-    """Records and counts the trials of one person; args: the checked options of the verb."""
+    """Records and counts the trials of one person. options: of every trial."""
 
-    def __init__(
-        self,
-        args: argparse.Namespace,
-        card: StudyCard,
-        clock: Any,
-        say: Callable[[str], None],
-        stopped: Callable[[], bool],
-        show: Show,
-    ) -> None:
-        self._args, self._card, self._clock = args, card, clock
-        self._stopped, self._show, self._tell = stopped, show, say
-        self._root, self._person = args.out, args.person
-        self._said: set[str] = set()
+    options: RecordOptions
+    protocol: StudyProtocol
+    context: RunContext
+    display: Display = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.display = _ReportedOnce(self.context.display)
+        self.root, self.person = self.options.out, self.options.person
 
     def require_hand(self) -> None:
         """Open the source once, so that a hand that does not answer is seen before the person is.
 
         It also makes the folder of recordings. Raises the errors of the source, and UsageError for
-        a virtual participant who does not do what the card asks for.
+        a virtual participant who does not do what the protocol asks for.
         """
-        tasks = [part.task for part in self._card.parts if part.task]
-        urls = [url_for(self._args.source, task, 0) for task in tasks]
-        url = urls[0] if urls else self._args.source
-        there = read_meta(self._root).get("kind", kind_of(url))
-        if there != kind_of(url):
+        tasks = [part.task for part in self.protocol.parts if part.task]
+        urls = [url_for(self.options.source, task, 0) for task in tasks]
+        url = urls[0] if urls else self.options.source
+        kind = kind_of(url)
+        before = read_meta(self.root).get("kind", kind)
+        if before != kind:
             raise UsageError(
-                f"{self._root}: holds trials that are {there}, these would be {kind_of(url)}",
+                f"{self.root}: holds trials that are {before}, these would be {kind}",
                 next_step="name another folder, so that rehearsals stay apart from people",
             )
-        if (self._root / META).exists():
+        if (self.root / META).exists():
             return
         source = open_live(
             url,
-            clock=self._clock,
-            say=self._say,
-            to_force=force_of(self._args.calibration),
+            clock=self.context.clock,
+            say=self.display.report,
+            to_force=force_of(self.options.calibration),
         )
-        with closing(source), opened(self._root, source.unit, kind_of(url)):
-            self._say(
-                f"the hand answers: {source.n_channels // 3} fingers, in {source.unit}"
+        with closing(source), opened(self.root, source.unit, kind):
+            fingers = source.n_channels // 3
+            self.display.report(
+                f"the hand answers: {fingers} fingers, in {source.unit}"
             )
 
-    def mend(self) -> None:
+    def repair(self) -> None:
         """Mark trials that a kill left as interrupted. Raises a DataError or OutputError."""
-        with alone(self._root):
-            for folder, meta in trials_of(self._root, self._person):
+        with alone(self.root):
+            for folder, meta in trials_of(self.root, self.person):
                 if meta.get("state") == RECORDING:
-                    self._say(
-                        f"{folder}: {', '.join(repaired(folder))}; it is recorded again"
-                    )
+                    repaired = ", ".join(repair(folder))
+                    self.display.report(f"{folder}: {repaired}; it is recorded again")
 
     def kept(self, task: Task) -> int:
         """How many trials of a task are kept."""
-        return done(self._root, self._person).count(task)
+        return done(self.root, self.person).count(task)
 
     def record(self, task: Task, keys: TrialKeys) -> None:
         """Record one trial. Raises a HoldfastError; the study may go on after it."""
-        nth = self._recorded(task)
-        options = self._options(url_for(self._args.source, task, nth))
-        record_plan(
-            options,
-            Plan(self._card.protocol(), [task], self.kept(task)),
-            self._clock,
-            keys,
-            self._say,
-            lambda: self._stopped() or keys.ends,
-            self._show,
-        )
-
-    def discard_last(self, task: Task) -> Path:
-        """Move the last kept trial of a task to the discarded ones; returns its new path."""
-        with alone(self._root):
-            last = max(
-                (
-                    folder
-                    for folder, meta in trials_of(self._root, self._person)
-                    if meta.get("state") == KEPT
-                    and folder.parent == task_folder(self._root, self._person, task)
-                ),
-                key=number,
-            )
-            return discard(self._root, self._person, last)
-
-    def _recorded(self, task: Task) -> int:
-        """How many trials of a task were begun, the discarded ones counted too."""
-        place = task_folder(self._root, self._person, task)
-        home = self._root / self._person
-        moved = home / DISCARDED / place.relative_to(home)
-        return sum(1 for folder in (place, moved) for _ in folder.glob("trial_*"))
-
-    def _options(self, url: str) -> argparse.Namespace:
-        """The options of `holdfast record` for one trial, begun by the operator of the study."""
-        shared = ("calibration", "out", "person", "rate", "anyway", "seconds", "intent")
-        camera = ("camera", "tag_mm", "fps", "exposure_ms")
-        given = {name: getattr(self._args, name) for name in (*shared, *camera)}
-        return argparse.Namespace(
-            **given,
-            source=url,
-            protocol=self._card.name,
-            seed=0,
+        options = replace(
+            self.options,
+            source=url_for(self.options.source, task, self._begun(task)),
+            protocol=self.protocol.name,
             trials=1,
             at_once=True,
         )
+        stopped = self.context.stopped
+        context = replace(
+            self.context,
+            keys=keys,
+            display=self.display,
+            stopped=lambda: stopped() or keys.ends,
+        )
+        protocol = self.protocol.recording_protocol()
+        record_plan(options, Plan(protocol, [task], self.kept(task)), context)
 
-    def _say(self, line: str) -> None:
-        """Messages of the recorder; those that every trial would repeat, once."""
-        if line in self._said and line.startswith((NO_PRIORITY, REVERSED)):
-            return
-        self._said.add(line)
-        self._tell(line)
+    def discard_last(self, task: Task) -> Path:
+        """Move the last kept trial of a task to the discarded ones; returns its new path."""
+        place, kept = task_folder(self.root, self.person, task), []
+        with alone(self.root):
+            for folder, meta in trials_of(self.root, self.person):
+                if folder.parent == place and meta.get("state") == KEPT:
+                    kept.append(folder)
+            return discard(self.root, self.person, max(kept, key=number))
+
+    def _begun(self, task: Task) -> int:
+        """How many trials of a task were begun, the discarded ones counted too."""
+        home = self.root / self.person
+        place = task_folder(self.root, self.person, task)
+        moved = home / DISCARDED / place.relative_to(home)
+        return len([*place.glob("trial_*"), *moved.glob("trial_*")])

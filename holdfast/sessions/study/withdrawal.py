@@ -14,7 +14,6 @@ from contextlib import suppress
 from pathlib import Path
 
 from holdfast.core.errors import OutputError, UsageError
-from holdfast.core.reading import Json
 from holdfast.core.trial_layout import read_events
 from holdfast.sessions.recorder.folder import alone
 
@@ -27,60 +26,72 @@ NOT_HERE = (
 
 
 def withdraw(
-    root: Path, person: str, say: Callable[[str], None], utc: Callable[[], str]
+    root: Path, person: str, report: Callable[[str], None], utc: Callable[[], str]
 ) -> None:
-    """Delete the folder of a person, and say each file.
+    """Delete the folder of a person, and report each file.
 
     Raises OutputError where a file cannot be deleted, which it names; the others are deleted.
     """
     with alone(root):
-        home = root / person
-        files = sorted(
-            path for path in home.rglob("*") if path.is_symlink() or not path.is_dir()
-        )
-        names = [str(path.relative_to(root)) for path in files]
-        _note(root, person, BEGUN, utc, names)
-        left: dict[str, str] = {}
-        for path, name in zip(files, names, strict=True):
-            why = _deleted(path)
-            say(f"deleted {name}" if not why else f"not deleted: {name} ({why})")
-            left |= {name: why} if why else {}
-        for folder in sorted((p for p in home.rglob("*") if p.is_dir()), reverse=True):
-            _remove_folder(folder)
-        _remove_folder(home)
-        if home.exists() and not left:
-            left = {person: "something in it cannot be seen or deleted"}
-        _note(
-            root,
-            person,
-            INCOMPLETE if left else DONE,
-            utc,
-            [n for n in names if n not in left],
-        )
+        left, n_files = _delete_all(root, person, report, utc)
     if left:
         name, why = next(iter(left.items()))
         raise OutputError(
-            f"cannot be deleted ({why}); {len(left)} left of {len(names)} files",
+            f"cannot be deleted ({why}); {len(left)} left of {n_files} files",
             where=root / name,
             cause="no permission, or another program has it",
             next_step=f"correct that, then run it again with --person {person} --withdraw",
         )
-    say(
-        f"{person} has withdrawn: {len(names)} files deleted; {root / WITHDRAWN} has their names"
-    )
-    say(NOT_HERE)
+    names = root / WITHDRAWN
+    report(f"{person} has withdrawn: {n_files} files deleted; {names} has their names")
+    report(NOT_HERE)
+
+
+def _delete_all(
+    root: Path, person: str, report: Callable[[str], None], utc: Callable[[], str]
+) -> tuple[dict[str, str], int]:
+    """(name of each file that is left -> why, how many files there were)."""
+    home = root / person
+    files, folders = [], [home]
+    for path in sorted(home.rglob("*")):
+        if path.is_dir() and not path.is_symlink():
+            folders.append(path)
+        else:
+            files.append(path)
+    names = [str(path.relative_to(root)) for path in files]
+    entry = {"event": "withdrawn", "person": person}
+    _note(root, {**entry, "state": BEGUN, "at": utc(), "files": names})
+    left: dict[str, str] = {}
+    for path, name in zip(files, names, strict=True):
+        try:
+            path.unlink()
+            report(f"deleted {name}")
+        except OSError as error:
+            left[name] = str(error.strerror)
+            report(f"not deleted: {name} ({error.strerror})")
+    for folder in reversed(folders):
+        # One that still holds something stays.
+        with suppress(OSError):
+            folder.rmdir()
+    if home.exists() and not left:
+        left = {person: "something in it cannot be seen or deleted"}
+    state = INCOMPLETE if left else DONE
+    deleted = [name for name in names if name not in left]
+    _note(root, {**entry, "state": state, "at": utc(), "deleted": deleted})
+    return left, len(names)
 
 
 def require_not_withdrawn(root: Path, person: str) -> None:
     """Raise UsageError for the pseudonym of a person who withdrew."""
-    states = [
-        e["state"] for e in read_events(root / WITHDRAWN) if e.get("person") == person
-    ]
-    if states and states[-1] == DONE:
+    state = None
+    for entry in read_events(root / WITHDRAWN):
+        if entry.get("person") == person:
+            state = entry["state"]
+    if state == DONE:
         raise UsageError(
             f"{person} has withdrawn", next_step="give a pseudonym that is new"
         )
-    if states:
+    if state is not None:
         raise UsageError(
             f"{person} has withdrawn, and the deletion did not end",
             cause="it was cut off, or a file could not be deleted",
@@ -88,35 +99,17 @@ def require_not_withdrawn(root: Path, person: str) -> None:
         )
 
 
-def _deleted(path: Path) -> str:
-    """Delete a file; returns why it could not be."""
-    try:
-        path.unlink()
-    except OSError as error:
-        return str(error.strerror)
-    return ""
-
-
-def _remove_folder(folder: Path) -> None:
-    """Remove a folder if nothing is left in it."""
-    with suppress(OSError):
-        folder.rmdir()
-
-
-def _note(
-    root: Path, person: str, state: str, utc: Callable[[], str], deleted: list[str]
-) -> None:
+def _note(root: Path, entry: dict[str, object]) -> None:
     """A line of withdrawn.jsonl, on the disk. Raises OutputError."""
-    entry: Json = {"event": "withdrawn", "person": person, "state": state, "at": utc()}
-    entry |= {"files": deleted} if state == BEGUN else {"deleted": deleted}
     try:
         with (root / WITHDRAWN).open("a", encoding="utf-8") as lines:
             lines.write(json.dumps(entry) + "\n")
             lines.flush()
             os.fsync(lines.fileno())
     except OSError as error:
+        deleted = "nothing" if entry["state"] == BEGUN else "all"
         raise OutputError(
-            f"cannot write ({error.strerror}); {'nothing' if state == BEGUN else 'all'} is deleted",
+            f"cannot write ({error.strerror}); {deleted} is deleted",
             where=root / WITHDRAWN,
             cause="a full disk, or no permission",
             next_step="make room, then run it again with --withdraw",
