@@ -149,7 +149,7 @@ def _carried(path: Path, timed: TimedTrial, raw: bool) -> CarriedTrial:
     trial, recording = read_trial(path), timed.recording
     meta = read_json(path.with_name(META)) if path.name == TACTILE else {}
     label = np.full(len(trial.t_s), NO_LABEL, dtype=np.int8)
-    for phase in timed.phases:
+    for phase in timed.recording.phases:
         label[phase.first : phase.stop] = phase.situation
     return CarriedTrial(
         recording,

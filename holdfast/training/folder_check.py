@@ -1,14 +1,13 @@
-"""Examine a folder of recordings: read every trial, go on after a fault, say what is missing.
+"""What a folder of recordings holds and what is missing, for `holdfast check`.
 
-What a folder of recordings lacks, and what to write or record where.
-
-What a folder of recordings holds: people, objects, actions, rates, masses, labels.
+Every trial is read; a fault is noted and the reading goes on. What is missing is told with what to
+write or record, and where.
 """
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Literal
@@ -31,16 +30,22 @@ from holdfast.core.trial_layout import (
 from holdfast.edge_runtime.intent import read_intent
 from holdfast.training.datasets import LAYOUTS, layout_of, load, reader_of
 from holdfast.training.datasets.thesis import common_rate
-from holdfast.training.datasets.trials import FOLDERS, TrialPlace, TrialReader, read_all
+from holdfast.training.datasets.trials import FOLDERS, TrialReader, read_all
 from holdfast.training.progress import Part, ignored
 from holdfast.training.splits import grouped
 from holdfast.training.windows import TimedTrial
 
 Level = Literal["error", "training", "advice"]
+OF_THE_SET = "labels of the set"
+SCRIPT = "script"
+LAYOUT = "<person>/<object>/<action>/trial_1.csv"
+SLIPS = {"safe_slip": VOLUNTARY_ACTIONS, "risky_slip": RISKY_ACTIONS}
+PHASES = '{"phases": [{"t0_s": 2.1, "t1_s": 6.4, "label": "grasp"}, ..]}'
+LIGHT, HEAVY = f"under {LIGHT_BELOW_G:g} g", f"of {LIGHT_BELOW_G:g} g or more"
 CellName = tuple[str | None, str | None, str | None]
 """Person, object, action."""
-Found = tuple[CellName, TimedTrial | None]
-"""The cell of a trial, and the trial if it could be read."""
+CellTrials = dict[CellName, list[TimedTrial | None]]
+"""The trials of each cell in order of first sight; None for one that cannot be read."""
 
 
 @dataclass(frozen=True)
@@ -57,9 +62,9 @@ class Missing:
     next_step: str
 
     @staticmethod
-    def of(error: DataError) -> Missing:
+    def of(error: DataError, level: Level = "error") -> Missing:
         """A fault of reading."""
-        return Missing("error", error.where, error.what, error.next_step)
+        return Missing(level, error.where, error.what, error.next_step)
 
 
 @dataclass(frozen=True)
@@ -97,7 +102,7 @@ class FolderReport:
     """What was found in a folder, and what is missing.
 
     layout: None where no reader recognises the folder. held_out_by: what training holds out.
-    intents: trials with the wearer's own command beside them.
+    intents: trials with a file of the wearer's command.
     """
 
     folder: str
@@ -125,171 +130,6 @@ class FolderReport:
         return {**asdict(self), "readable": self.readable, "trainable": self.trainable}
 
 
-def cell_of(place: TrialPlace) -> CellName:
-    """The cell that a trial's place names."""
-    folder = place.object_folder
-    return place.person, object_name(folder.name) if folder else None, place.action
-
-
-def cells_of(found: Sequence[Found]) -> list[Cell]:
-    """The trials by person, object and action, in order of first sight."""
-    by_cell: dict[CellName, list[TimedTrial | None]] = {}
-    for name, trial in found:
-        by_cell.setdefault(name, []).append(trial)
-    return [_cell(name, trials) for name, trials in by_cell.items()]
-
-
-def _cell(name: CellName, trials: Sequence[TimedTrial | None]) -> Cell:
-    read = [trial for trial in trials if trial]
-    recordings = [trial.recording for trial in read]
-    mass = next((trial.mass for trial in read if trial.mass), None)
-    return Cell(
-        *name,
-        len(trials),
-        len(read),
-        seconds=sum(len(one.samples) / one.rate_hz for one in recordings),
-        rate_hz=float(np.median([one.rate_hz for one in recordings])) if read else None,
-        unit=recordings[0].unit if read else None,
-        mass_g=mass.mass_g if mass else None,
-        mass_from=mass.source if mass else None,
-        labels_by=dict(Counter(trial.labels_by for trial in read)),
-    )
-
-
-def seconds_of_classes(trials: Sequence[TimedTrial]) -> list[ClassSeconds]:
-    """How long each class lasts. The hand alone counts half as light, half as heavy."""
-    total = np.zeros((len(SITUATIONS), 2))
-    for trial in trials:
-        for situation, seconds in _seconds(trial):
-            weight = (
-                [0.5, 0.5] if trial.heavy is None else [not trial.heavy, trial.heavy]
-            )
-            total[situation] += np.multiply(weight, seconds)
-    return [
-        ClassSeconds(name, *map(float, row))
-        for name, row in zip(SITUATIONS, total, strict=True)
-    ]
-
-
-def _seconds(trial: TimedTrial) -> Iterator[tuple[int, float]]:
-    for phase in trial.phases:
-        yield phase.situation, (phase.stop - phase.first) / trial.recording.rate_hz
-
-
-SCRIPT = "script"
-LAYOUT = "<person>/<object>/<action>/trial_1.csv"
-SLIPS = {"safe_slip": VOLUNTARY_ACTIONS, "risky_slip": RISKY_ACTIONS}
-PHASES = '{"phases": [{"t0_s": 2.1, "t1_s": 6.4, "label": "grasp"}, ..]}'
-LIGHT, HEAVY = f"under {LIGHT_BELOW_G:g} g", f"of {LIGHT_BELOW_G:g} g or more"
-
-
-def advice(
-    root: Path,
-    layout: str,
-    trials: Sequence[TimedTrial],
-    classes: Sequence[ClassSeconds],
-    *,
-    all_read: bool,
-) -> list[Missing]:
-    """What is missing beside the faults: unit, people, classes, actions of people, exact labels.
-
-    all_read: else only the first two are known, since an unread trial may have the rest.
-    """
-    if not trials:
-        return []
-    bare = layout == "thesis"
-    if not all_read:
-        return [*(_unit(root) if bare else ()), *_people(root, trials)]
-    return [
-        *(_unit(root) if bare else ()),
-        *_people(root, trials),
-        *_classes(root, classes),
-        *_actions_of_people(root, trials),
-        *(_labels(root, trials) if bare else ()),
-    ]
-
-
-def not_read(root: Path, read: Sequence[Path]) -> list[Missing]:
-    """CSV files that are at no trial's place; an error where no file is at one."""
-    others = sorted(
-        path
-        for path in set(root.rglob("*.csv")) - set(read)
-        if path.name != TACTILE and not path.name.endswith(INTENT_SUFFIX)
-    )
-    if read and not others:
-        return []
-    what = "no CSV file"
-    if others:
-        first = others[0].relative_to(root).as_posix()
-        what = f"CSV files at no trial's place: {len(others)}, such as {first}"
-    next_step = (
-        f"a trial belongs at {root / LAYOUT}; an action is one of {', '.join(FOLDERS)}"
-    )
-    return [Missing("advice" if read else "error", str(root), what, next_step)]
-
-
-def _unit(root: Path) -> Iterator[Missing]:
-    if "unit" not in read_json(root / META):
-        units = " or ".join(f'{{"unit": "{unit}"}}' for unit in UNITS)
-        yield Missing(
-            "advice", str(root / META), "no unit; N is assumed", f"write {units}"
-        )
-
-
-def _people(root: Path, trials: Sequence[TimedTrial]) -> Iterator[Missing]:
-    people = {trial.recording.person for trial in trials} - {None}
-    if len(people) < 2:
-        named = f"one person, {people.pop()}" if people else "no people"
-        what = (
-            f"{named}: figures are held out by trial and do not apply to other people"
-        )
-        yield Missing(
-            "advice", str(root), what, f"sort trials of several people into {LAYOUT}"
-        )
-
-
-def _classes(root: Path, classes: Sequence[ClassSeconds]) -> Iterator[Missing]:
-    for one in classes:
-        action = SLIPS[one.situation][0] if one.situation in SLIPS else "<action>"
-        for seconds, weight in ((one.light_s, LIGHT), (one.heavy_s, HEAVY)):
-            if not seconds:
-                path = root / "<person>" / f"<object {weight}>" / action / "trial_1.csv"
-                what = f"no {one.situation} with an object {weight}"
-                yield Missing("training", str(root), what, f"record {path}")
-
-
-def _actions_of_people(root: Path, trials: Sequence[TimedTrial]) -> Iterator[Missing]:
-    situations: dict[str, set[str]] = {}
-    for trial in trials:
-        if trial.recording.person is not None:
-            seen = situations.setdefault(trial.recording.person, set())
-            seen.update(SITUATIONS[phase.situation] for phase in trial.phases)
-    for person, seen in situations.items() if len(situations) > 1 else ():
-        for slip in SLIPS:
-            if slip not in seen:
-                actions = " or ".join(SLIPS[slip])
-                yield Missing(
-                    "advice",
-                    str(root / person),
-                    f"no {slip} of {person}",
-                    f"record a {actions}",
-                )
-
-
-def _labels(root: Path, trials: Sequence[TimedTrial]) -> Iterator[Missing]:
-    scripted = [trial for trial in trials if trial.labels_by.startswith(SCRIPT)]
-    if scripted:
-        truth = truth_path(root / f"{scripted[0].recording.trial_id}.csv")
-        share = f"{len(scripted)} of {len(trials)} trials"
-        what = f"{share} have labels by the script, not measured ones"
-        yield Missing(
-            "advice", str(truth), what, f"where you know the times, write {PHASES}"
-        )
-
-
-OF_THE_SET = "labels of the set"
-
-
 def examine(root: Path, part: Part = ignored) -> FolderReport:
     """What a folder holds, and what is missing. part: receives the share of it that is read.
 
@@ -297,87 +137,219 @@ def examine(root: Path, part: Part = ignored) -> FolderReport:
     """
     layout = layout_of(root)
     if layout is None:
-        return FolderReport(str(root), None, None, 0, None, [], [], not_read(root, []))
+        return FolderReport(str(root), None, None, 0, None, [], [], _not_read(root, []))
     if layout not in LAYOUTS:
         return _public(root, layout, part)
     faults: list[DataError] = []
-    readers = _readers(root, layout, faults)
-    trials = read_all(readers, faults.append, part)
-    found = [
-        (cell_of(one.place), trial) for one, trial in zip(readers, trials, strict=True)
-    ]
-    return _report(root, layout, found, faults, [one.place.path for one in readers])
-
-
-def _report(
-    root: Path,
-    layout: str,
-    found: Sequence[Found],
-    faults: list[DataError],
-    paths: Sequence[Path],
-) -> FolderReport:
-    trials = [trial for _, trial in found if trial]
-    if trials:
-        common_rate([trial.recording for trial in trials], faults.append)
-    recordings, kind = grouped([trial.recording for trial in trials])
-    classes = seconds_of_classes(trials)
-    wrong = list(dict.fromkeys(Missing.of(fault) for fault in faults))
-    intents, damaged = intents_beside(paths)
-    others = not_read(root, paths) if paths else []
-    return FolderReport(
-        str(root),
-        layout,
-        kind if trials else None,
-        len({one.group for one in recordings}),
-        3 * recordings[0].n_sensors if recordings else None,
-        cells_of(found),
-        classes,
-        [
-            *wrong,
-            *advice(root, layout, trials, classes, all_read=not wrong),
-            *damaged,
-            *others,
-        ],
-        intents,
-    )
-
-
-def intents_beside(trials: Sequence[Path]) -> tuple[int, list[Missing]]:
-    """How many trials have the wearer's own command beside them; advice on those that are damaged.
-
-    Training does not read these files.
-    """
-    paths = [path for path in map(intent_path, trials) if path.is_file()]
-    damaged = []
-    for path in paths:
-        try:
-            read_intent(path)
-        except DataError as error:
-            damaged.append(Missing("advice", error.where, error.what, error.next_step))
-    return len(paths) - len(damaged), damaged
-
-
-def _readers(root: Path, layout: str, faults: list[DataError]) -> list[TrialReader]:
+    readers: list[TrialReader] = []
     try:
-        readers: list[TrialReader] = reader_of(layout).readers(root, faults.append)
+        readers = reader_of(layout).readers(root, faults.append)
     except DataError as error:
         faults.append(error)
-        return []
-    return readers
+    cells: CellTrials = {}
+    trials = []
+    for reader, trial in zip(
+        readers, read_all(readers, faults.append, part), strict=True
+    ):
+        place = reader.place
+        folder = place.object_folder
+        name = object_name(folder.name) if folder else None
+        cells.setdefault((place.person, name, place.action), []).append(trial)
+        if trial:
+            trials.append(trial)
+    recordings, kind = grouped([trial.recording for trial in trials])
+    if recordings:
+        common_rate(recordings, faults.append)
+    classes = _class_seconds(trials)
+    missing = list(dict.fromkeys(Missing.of(fault) for fault in faults))
+    if trials:
+        missing += _advice(root, layout, trials, classes, all_read=not missing)
+    paths = [reader.place.path for reader in readers]
+    intents, damaged = _intents(paths)
+    missing += damaged
+    if paths:
+        missing += _not_read(root, paths)
+    return FolderReport(
+        folder=str(root),
+        layout=layout,
+        held_out_by=kind if recordings else None,
+        groups=len({recording.group for recording in recordings}),
+        channels=3 * recordings[0].n_sensors if recordings else None,
+        cells=_cells(cells),
+        classes=classes,
+        missing=missing,
+        intents=intents,
+    )
 
 
 def _public(root: Path, layout: str, part: Part) -> FolderReport:
     """A public set: its reader refuses what is wrong, and it lacks nothing."""
     data = load(root, part=part)
-    found = [
-        (
-            (one.person, one.object_name, one.action),
-            TimedTrial(one, (), None, labels_by=OF_THE_SET),
-        )
-        for one in data.recordings
-    ]
-    n_groups, channels = len(data.groups()), 3 * data.n_sensors
-    cells = cells_of(found)
+    cells: CellTrials = {}
+    for recording in data.recordings:
+        name = (recording.person, recording.object_name, recording.action)
+        trial = TimedTrial(recording, None, labels_by=OF_THE_SET)
+        cells.setdefault(name, []).append(trial)
     return FolderReport(
-        str(root), layout, data.group_kind, n_groups, channels, cells, [], []
+        folder=str(root),
+        layout=layout,
+        held_out_by=data.group_kind,
+        groups=len(data.groups()),
+        channels=3 * data.n_sensors,
+        cells=_cells(cells),
+        classes=[],
+        missing=[],
     )
+
+
+def _cells(cells: CellTrials) -> list[Cell]:
+    return [_cell(name, trials) for name, trials in cells.items()]
+
+
+def _cell(name: CellName, trials: list[TimedTrial | None]) -> Cell:
+    read = [trial for trial in trials if trial]
+    recordings = [trial.recording for trial in read]
+    mass = next((trial.mass for trial in read if trial.mass), None)
+    rate_hz = None
+    if recordings:
+        rate_hz = float(np.median([recording.rate_hz for recording in recordings]))
+    person, thing, action = name
+    return Cell(
+        person=person,
+        object_name=thing,
+        action=action,
+        trials=len(trials),
+        read=len(read),
+        seconds=sum(len(one.samples) / one.rate_hz for one in recordings),
+        rate_hz=rate_hz,
+        unit=recordings[0].unit if recordings else None,
+        mass_g=mass.mass_g if mass else None,
+        mass_from=mass.source if mass else None,
+        labels_by=dict(Counter(trial.labels_by for trial in read)),
+    )
+
+
+def _class_seconds(trials: Sequence[TimedTrial]) -> list[ClassSeconds]:
+    """How long each class lasts. The hand alone counts half as light, half as heavy."""
+    light_s, heavy_s = np.zeros(len(SITUATIONS)), np.zeros(len(SITUATIONS))
+    for trial in trials:
+        heavy = 0.5 if trial.heavy is None else float(trial.heavy)
+        for phase in trial.recording.phases:
+            seconds = (phase.stop - phase.first) / trial.recording.rate_hz
+            light_s[phase.situation] += (1.0 - heavy) * seconds
+            heavy_s[phase.situation] += heavy * seconds
+    rows = zip(SITUATIONS, light_s.tolist(), heavy_s.tolist(), strict=True)
+    return [ClassSeconds(name, light, heavy) for name, light, heavy in rows]
+
+
+def _advice(
+    root: Path,
+    layout: str,
+    trials: Sequence[TimedTrial],
+    classes: Sequence[ClassSeconds],
+    *,
+    all_read: bool,
+) -> list[Missing]:
+    """What is missing besides the faults: unit, people, classes, actions of people, exact labels.
+
+    all_read: else only the first two are known, since an unread trial may have the rest.
+    """
+    found = []
+    bare = layout == "thesis"
+    if bare and "unit" not in read_json(root / META):
+        where = str(root / META)
+        units = " or ".join(f'{{"unit": "{unit}"}}' for unit in UNITS)
+        found.append(
+            Missing("advice", where, "no unit; N is assumed", f"write {units}")
+        )
+    people = sorted({trial.recording.person or "" for trial in trials} - {""})
+    if len(people) < 2:
+        named = f"one person, {people[0]}" if people else "no people"
+        what = (
+            f"{named}: figures are held out by trial and do not apply to other people"
+        )
+        next_step = f"sort trials of several people into {LAYOUT}"
+        found.append(Missing("advice", str(root), what, next_step))
+    if all_read:
+        found += _missing_classes(root, classes)
+        if len(people) > 1:
+            found += _missing_actions(root, trials)
+        if bare:
+            found += _missing_labels(root, trials)
+    return found
+
+
+def _missing_classes(root: Path, classes: Sequence[ClassSeconds]) -> list[Missing]:
+    found = []
+    for of_class in classes:
+        situation = of_class.situation
+        action = SLIPS[situation][0] if situation in SLIPS else "<action>"
+        for seconds, weight in ((of_class.light_s, LIGHT), (of_class.heavy_s, HEAVY)):
+            if not seconds:
+                path = root / "<person>" / f"<object {weight}>" / action / "trial_1.csv"
+                what = f"no {situation} with an object {weight}"
+                found.append(Missing("training", str(root), what, f"record {path}"))
+    return found
+
+
+def _missing_actions(root: Path, trials: Sequence[TimedTrial]) -> list[Missing]:
+    """The slips that a person has no trial of."""
+    situations: dict[str, set[str]] = {}
+    for trial in trials:
+        person = trial.recording.person
+        if person is not None:
+            seen = situations.setdefault(person, set())
+            seen.update(SITUATIONS[phase.situation] for phase in trial.recording.phases)
+    found = []
+    for person, seen in situations.items():
+        for slip, actions in SLIPS.items():
+            if slip not in seen:
+                what = f"no {slip} of {person}"
+                next_step = f"record a {' or '.join(actions)}"
+                found.append(Missing("advice", str(root / person), what, next_step))
+    return found
+
+
+def _missing_labels(root: Path, trials: Sequence[TimedTrial]) -> list[Missing]:
+    scripted = [trial for trial in trials if trial.labels_by.startswith(SCRIPT)]
+    if not scripted:
+        return []
+    truth = truth_path(root / f"{scripted[0].recording.trial_id}.csv")
+    share = f"{len(scripted)} of {len(trials)} trials"
+    what = f"{share} have labels by the script, not measured ones"
+    next_step = f"where you know the times, write {PHASES}"
+    return [Missing("advice", str(truth), what, next_step)]
+
+
+def _not_read(root: Path, read: Sequence[Path]) -> list[Missing]:
+    """CSV files that are at no trial's place; an error where no file is at one."""
+    others = []
+    for path in sorted(set(root.rglob("*.csv")) - set(read)):
+        if path.name != TACTILE and not path.name.endswith(INTENT_SUFFIX):
+            others.append(path)
+    if read and not others:
+        return []
+    what = "no CSV file"
+    if others:
+        first = others[0].relative_to(root).as_posix()
+        what = f"CSV files at no trial's place: {len(others)}, such as {first}"
+    actions = ", ".join(FOLDERS)
+    next_step = f"a trial belongs at {root / LAYOUT}; an action is one of {actions}"
+    return [Missing("advice" if read else "error", str(root), what, next_step)]
+
+
+def _intents(trials: Sequence[Path]) -> tuple[int, list[Missing]]:
+    """How many trials have a file of the wearer's command; advice on those that are damaged.
+
+    Training does not read these files.
+    """
+    whole = 0
+    damaged = []
+    for path in map(intent_path, trials):
+        if path.is_file():
+            try:
+                read_intent(path)
+                whole += 1
+            except DataError as error:
+                damaged.append(Missing.of(error, "advice"))
+    return whole, damaged

@@ -108,7 +108,6 @@ def _timed(
             events=events_of(phases, trial.rate_hz),
             person=person,
         ),
-        phases,
         heavy=mass.heavy if mass else None,
         timed=LABEL in frame,
         mass=mass,

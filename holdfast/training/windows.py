@@ -27,9 +27,9 @@ thesis    the thesis' undersampled set: natural windows, as many of each class a
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -47,7 +47,6 @@ from holdfast.export.spec import HISTORY_S, WINDOW_S, window_samples
 from holdfast.training.critical_points import CriticalPoint, offline_critical_points
 from holdfast.training.progress import Part, ignored
 from holdfast.training.recording import LabelledRows, Recording
-from holdfast.training.timeline import Phase
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -63,20 +62,19 @@ MOST_OF_A_SLIP = 12
 DENSE_EVERY_S = {NOTHING: 0.5, GRASP: 0.1, SAFE_SLIP: 0.02, RISKY_SLIP: 0.0}
 """Between two dense windows of a situation; 0 takes every sample."""
 NO_OBJECT = "-"
-COLUMNS = ("trial", "row", "label", "object", "action", "source")
 STRATA = ["object", "action", "source"]
+COLUMNS = ["trial", "row", "label", *STRATA]
 
 
 @dataclass(frozen=True)
 class TimedTrial:
-    """A recording, what happens in it, and whether its object is heavy (None: there is no object).
+    """A recording with its phases, and whether its object is heavy (None: there is no object).
 
     timed: the phases are known to the moment and not from a script. mass: of the object, None where
     it is not known here. labels_by: what gives the phases.
     """
 
     recording: Recording
-    phases: tuple[Phase, ...]
     heavy: bool | None
     timed: bool = False
     mass: Mass | None = None
@@ -85,8 +83,10 @@ class TimedTrial:
 
 @dataclass(frozen=True)
 class _Spot:
+    """The last row of a window, its situation, and the rule that chose it."""
+
     row: int
-    label: int
+    situation: int
     source: str
 
 
@@ -96,7 +96,7 @@ def natural_windows(trials: Sequence[TimedTrial], part: Part = ignored) -> pd.Da
     Columns: trial (index), row (the window's last), label (0..7), object, action and source
     (band-pass, friction, both, slip, keep, nothing). part: receives the share of trials done.
     """
-    return _table(trials, _spots, part)
+    return _table(trials, _natural_spots, part)
 
 
 def dense_windows(trials: Sequence[TimedTrial], part: Part = ignored) -> pd.DataFrame:
@@ -113,16 +113,15 @@ def _table(
 
     lines = []
     for index, trial in enumerate(trials):
-        name, action = (
-            trial.recording.object_name or NO_OBJECT,
-            trial.recording.action or NO_OBJECT,
-        )
-        lines += [
-            (index, spot.row, spot.label, name, action, spot.source)
-            for spot in spots_of(trial)
-        ]
+        name = trial.recording.object_name or NO_OBJECT
+        action = trial.recording.action or NO_OBJECT
+        for number, spot in enumerate(spots_of(trial)):
+            # Without an object windows are light and heavy alternately.
+            heavy = bool(number % 2) if trial.heavy is None else trial.heavy
+            label = class_id(spot.situation, heavy=heavy)
+            lines.append((index, spot.row, label, name, action, spot.source))
         part((index + 1) / len(trials))
-    return pd.DataFrame(lines, columns=list(COLUMNS))
+    return pd.DataFrame(lines, columns=COLUMNS)
 
 
 def undersample(windows: pd.DataFrame, seed: int) -> pd.DataFrame:
@@ -140,51 +139,46 @@ def undersample(windows: pd.DataFrame, seed: int) -> pd.DataFrame:
             cause="no trial with such an object and action, or none with a critical point",
             next_step="record light and heavy objects, each with a safe and a risky action",
         )
-    shuffled = windows.assign(
-        _draw=np.random.default_rng(seed).permutation(len(windows))
-    )
+    order = np.random.default_rng(seed).permutation(len(windows))
+    shuffled = windows.assign(_draw=order)
     turn = shuffled.groupby(["label", *STRATA])["_draw"].rank()
     dealt = shuffled.assign(_turn=turn).sort_values(["_turn", "_draw"])
     kept = dealt.groupby("label").head(min(counts.values()))
-    return kept.sort_values(["trial", "row"])[list(COLUMNS)].reset_index(drop=True)
+    return kept.sort_values(["trial", "row"])[COLUMNS].reset_index(drop=True)
 
 
 def labelled_rows(windows: pd.DataFrame) -> LabelledRows:
     """The task "classes" of a table of windows."""
-    trial, row, label = (windows[name].to_numpy(dtype=np.int64) for name in COLUMNS[:3])
+    trial, row, label = windows[COLUMNS[:3]].to_numpy(dtype=np.int64).T
     return LabelledRows(trial, row, label, CLASSES)
 
 
 def class_counts(windows: pd.DataFrame) -> dict[str, int]:
     """Windows per class, by name, zeros included."""
-    return _by_class(
-        np.bincount(windows["label"].to_numpy(dtype=np.int64), minlength=len(CLASSES))
-    )
+    return labelled_rows(windows).class_counts()
 
 
 def sample_counts(trials: Sequence[TimedTrial]) -> dict[str, int]:
     """Samples per class over the whole time lines, of trials with an object."""
-    counts = np.zeros(len(CLASSES), dtype=np.int64)
+    counts = dict.fromkeys(CLASSES, 0)
     for trial in trials:
-        for phase in trial.phases if trial.heavy is not None else ():
-            counts[class_id(phase.situation, heavy=bool(trial.heavy))] += (
-                phase.stop - phase.first
-            )
-    return _by_class(counts)
+        if trial.heavy is None:
+            continue
+        for phase in trial.recording.phases:
+            name = CLASSES[class_id(phase.situation, heavy=trial.heavy)]
+            counts[name] += phase.stop - phase.first
+    return counts
 
 
 def counts_table(windows: pd.DataFrame) -> str:
     """Two tables to print: class x object against action, and class against source."""
     import pandas as pd
 
-    names = pd.Categorical.from_codes(
-        windows["label"].to_numpy(), categories=list(CLASSES)
-    )
+    names = pd.Categorical.from_codes(windows["label"].to_numpy(), categories=CLASSES)
     named = windows.assign(**{"class": names})
-    cells = _with_totals(
-        pd.crosstab([named["class"], named["object"]], named["action"])
-    )
-    sources = _with_totals(pd.crosstab(named["class"], named["source"]))
+    by_action = pd.crosstab([named["class"], named["object"]], named["action"])
+    by_source = pd.crosstab(named["class"], named["source"])
+    cells, sources = _with_totals(by_action), _with_totals(by_source)
     return f"{cells.to_string()}\n\n{sources.to_string()}"
 
 
@@ -194,98 +188,86 @@ def _with_totals(counts: pd.DataFrame) -> pd.DataFrame:
 
     counts["all"] = counts.sum(axis=1)
     total = counts.sum().to_frame().T
-    one = counts.index.nlevels == 1
-    total.index = pd.Index(["all"]) if one else pd.MultiIndex.from_tuples([("all", "")])
-    return pd.concat([counts, total]).rename_axis(
-        index=counts.index.names, columns=counts.columns.name
+    # A row cannot be added in place: "all" is none of the categories of the index.
+    flat = counts.index.nlevels == 1
+    total.index = (
+        pd.Index(["all"]) if flat else pd.MultiIndex.from_tuples([("all", "")])
     )
+    names = {"index": counts.index.names, "columns": counts.columns.name}
+    return pd.concat([counts, total]).rename_axis(**names)
 
 
-def _by_class(counts: Any) -> dict[str, int]:
-    return {name: int(count) for name, count in zip(CLASSES, counts, strict=True)}
-
-
-def _spots(trial: TimedTrial) -> list[_Spot]:
+def _natural_spots(trial: TimedTrial) -> list[_Spot]:
     """All windows of a trial, each row once, in order of time."""
     if trial.heavy is None:
-        return _empty_hand(trial)
+        return _empty_hand(trial.recording)
     points = offline_critical_points(trial.recording)
-    spots = [
-        *_critical(trial, points, trial.heavy),
-        *_steady(trial, points, trial.heavy),
-    ]
+    spots = _critical(trial.recording, points) + _steady(trial.recording, points)
     if trial.timed:
         taken = {spot.row for spot in spots}
-        spots += [
-            spot for spot in _slipping(trial, trial.heavy) if spot.row not in taken
-        ]
+        for spot in _slipping(trial.recording):
+            if spot.row not in taken:
+                spots.append(spot)
     return sorted(spots, key=lambda spot: spot.row)
 
 
 def _dense_spots(trial: TimedTrial) -> list[_Spot]:
     """Dense windows of a trial with an exact truth and an object, else the natural ones."""
     if not trial.timed or trial.heavy is None:
-        return _spots(trial)
-    return list(_dense(trial, trial.heavy))
-
-
-def _dense(trial: TimedTrial, heavy: bool) -> Iterator[_Spot]:
+        return _natural_spots(trial)
     rate_hz = trial.recording.rate_hz
     settled = math.ceil(HISTORY_S * rate_hz)
-    for phase in trial.phases:
+    spots = []
+    for phase in trial.recording.phases:
         every = max(1, round(DENSE_EVERY_S[phase.situation] * rate_hz))
         for row in range(max(phase.first, settled), phase.stop, every):
-            yield _Spot(row, class_id(phase.situation, heavy=heavy), "dense")
+            spots.append(_Spot(row, phase.situation, "dense"))
+    return spots
 
 
-def _slipping(trial: TimedTrial, heavy: bool) -> Iterator[_Spot]:
-    every = SLIP_EVERY_S * trial.recording.rate_hz
-    for phase in trial.phases:
-        if phase.situation in (NOTHING, GRASP):
-            continue
-        count = int(np.clip((phase.stop - phase.first) / every, 1, MOST_OF_A_SLIP))
-        for row in np.unique(
-            np.linspace(phase.first, phase.stop - 1, count + 2)
-            .round()[1:-1]
-            .astype(np.int64)
-        ):
-            yield _Spot(int(row), class_id(phase.situation, heavy=heavy), "slip")
+def _empty_hand(recording: Recording) -> list[_Spot]:
+    every = round(EMPTY_HAND_EVERY_S * recording.rate_hz)
+    rows = range(every, len(recording.samples), every)
+    return [_Spot(row, NOTHING, "nothing") for row in rows]
 
 
-def _critical(
-    trial: TimedTrial, points: list[CriticalPoint], heavy: bool
-) -> Iterator[_Spot]:
-    near = round(EDGE_S * trial.recording.rate_hz)
+def _critical(recording: Recording, points: list[CriticalPoint]) -> list[_Spot]:
+    near = round(EDGE_S * recording.rate_hz)
+    spots = []
     for point in points:
-        claims = [
-            p.situation
-            for p in trial.phases
-            if p.first - near <= point.row < p.stop + near
-        ]
-        situation = max(claims, default=NOTHING)
+        # Near an edge two phases claim the point, and the higher situation wins.
+        situation = NOTHING
+        for phase in recording.phases:
+            if phase.first - near <= point.row < phase.stop + near:
+                situation = max(situation, phase.situation)
         if situation != NOTHING:
-            yield _Spot(point.row, class_id(situation, heavy=heavy), point.source)
+            spots.append(_Spot(point.row, situation, point.source))
+    return spots
 
 
-def _steady(
-    trial: TimedTrial, points: list[CriticalPoint], heavy: bool
-) -> Iterator[_Spot]:
-    rate_hz = trial.recording.rate_hz
-    margin, n = round(STEADY_MARGIN_S * rate_hz), window_samples(rate_hz)
-    for phase in trial.phases:
+def _steady(recording: Recording, points: list[CriticalPoint]) -> list[_Spot]:
+    margin = round(STEADY_MARGIN_S * recording.rate_hz)
+    shortest = window_samples(recording.rate_hz)
+    spots = []
+    for phase in recording.phases:
         middle, late = (phase.first + phase.stop) // 2, phase.stop - 1 - margin
-        if phase.situation not in (NOTHING, GRASP) or late - middle < n:
+        if phase.situation not in (NOTHING, GRASP) or late - middle < shortest:
             continue
         source = "nothing" if phase.situation == NOTHING else "keep"
         for row in (middle, late):
             if all(abs(point.row - row) > margin for point in points):
-                yield _Spot(row, class_id(phase.situation, heavy=heavy), source)
+                spots.append(_Spot(row, phase.situation, source))
+    return spots
 
 
-def _empty_hand(trial: TimedTrial) -> list[_Spot]:
-    every = round(EMPTY_HAND_EVERY_S * trial.recording.rate_hz)
-    rows = range(every, len(trial.recording.samples), every)
-    return [
-        _Spot(row, class_id(NOTHING, heavy=bool(k % 2)), "nothing")
-        for k, row in enumerate(rows)
-    ]
+def _slipping(recording: Recording) -> list[_Spot]:
+    every = SLIP_EVERY_S * recording.rate_hz
+    spots = []
+    for phase in recording.phases:
+        if phase.situation in (NOTHING, GRASP):
+            continue
+        count = int(np.clip((phase.stop - phase.first) / every, 1, MOST_OF_A_SLIP))
+        rows = np.linspace(phase.first, phase.stop - 1, count + 2).round()[1:-1]
+        for row in np.unique(rows.astype(np.int64)).tolist():
+            spots.append(_Spot(row, phase.situation, "slip"))
+    return spots

@@ -73,6 +73,15 @@ def phases(*marks: tuple[float, int], stop_s: float = 12.0) -> tuple[Phase, ...]
     )
 
 
+def timed(
+    times: tuple[Phase, ...], *shaken_s: float, heavy: bool | None = False
+) -> TimedTrial:
+    return TimedTrial(replace(shaken(*shaken_s), phases=times), heavy)
+
+
+EMPTY = timed(whole(600, NOTHING), heavy=None)
+
+
 def slips(windows: pd.DataFrame) -> list[tuple[int, int]]:
     """(row, label) of the windows that come from critical points."""
     critical = windows[~windows["source"].isin(["keep", "nothing"])]
@@ -91,7 +100,7 @@ def tables(draw: st.DrawFn) -> pd.DataFrame:
     for label in range(len(CLASSES)):
         for cell_of_window in draw(st.lists(cell, min_size=1, max_size=25)):
             lines.append((len(lines) % 7, len(lines), label, *cell_of_window))
-    return pd.DataFrame(lines, columns=list(COLUMNS))
+    return pd.DataFrame(lines, columns=COLUMNS)
 
 
 @given(windows=tables(), seed=st.integers(0, 2**32 - 1))
@@ -131,7 +140,7 @@ def test_the_same_seed_draws_the_same_table_whatever_the_global_generator_does(
     seed: int,
 ) -> None:
     windows = pd.DataFrame(
-        [(k % 5, k, k % 8, "a", "b", "c") for k in range(300)], columns=list(COLUMNS)
+        [(k % 5, k, k % 8, "a", "b", "c") for k in range(300)], columns=COLUMNS
     )
     np.random.seed(1)
     first = undersample(windows, seed)
@@ -142,14 +151,14 @@ def test_the_same_seed_draws_the_same_table_whatever_the_global_generator_does(
 def test_another_seed_draws_other_windows() -> None:
     windows = pd.DataFrame(
         [(0, k, min(k // 9, 7), "a", "b", "c") for k in range(300)],
-        columns=list(COLUMNS),
+        columns=COLUMNS,
     )
     assert not undersample(windows, 0).equals(undersample(windows, 1))
 
 
 def test_a_class_without_a_window_is_named() -> None:
     windows = pd.DataFrame(
-        [(0, k, k % 7, "a", "b", "c") for k in range(70)], columns=list(COLUMNS)
+        [(0, k, k % 7, "a", "b", "c") for k in range(70)], columns=COLUMNS
     )
     with pytest.raises(ClassMissing, match="risky_slip_heavy") as caught:
         undersample(windows, 0)
@@ -169,23 +178,16 @@ def test_a_window_spans_a_tenth_of_a_second_at_every_rate(
 
 
 def test_a_point_bears_the_situation_of_the_phase_it_falls_in() -> None:
-    trial = TimedTrial(
-        shaken(3.2, 7.3, 9.5),
-        phases((0, NOTHING), (3, GRASP), (7, RISKY_SLIP), (8, NOTHING)),
-        heavy=True,
-    )
+    times = phases((0, NOTHING), (3, GRASP), (7, RISKY_SLIP), (8, NOTHING))
+    trial = timed(times, 3.2, 7.3, 9.5, heavy=True)
     assert [label for _, label in slips(natural_windows([trial]))] == [3, 7]
 
 
 def test_at_an_edge_the_higher_situation_takes_the_points_within_one_window() -> None:
     times = phases((0, NOTHING), (3, GRASP), (7, SAFE_SLIP), (8, NOTHING))
-    found = slips(
-        natural_windows([TimedTrial(shaken(2.92, 6.92, 8.02), times, heavy=False)])
-    )
+    found = slips(natural_windows([timed(times, 2.92, 6.92, 8.02, heavy=False)]))
     assert [label for _, label in found] == [2, 4, 4]
-    early = slips(
-        natural_windows([TimedTrial(shaken(2.6, 6.6, 8.4), times, heavy=False)])
-    )
+    early = slips(natural_windows([timed(times, 2.6, 6.6, 8.4, heavy=False)]))
     assert [label for _, label in early] == [2], (
         "before contact and after the release a point is no window"
     )
@@ -201,8 +203,7 @@ def test_keep_windows_show_steady_holding_before_and_between_actions() -> None:
         (11, NOTHING),
     )
     quiet, disturbed = (
-        natural_windows([TimedTrial(shaken(*at), times, heavy=False)])
-        for at in ((7.2,), (5.1, 7.2))
+        natural_windows([timed(times, *at, heavy=False)]) for at in ((7.2,), (5.1, 7.2))
     )
     keep = quiet[quiet["source"] == "keep"]
     assert (keep["label"] == 2).all()
@@ -212,14 +213,14 @@ def test_keep_windows_show_steady_holding_before_and_between_actions() -> None:
 
 def test_a_hold_too_short_to_be_steady_gives_no_keep_window() -> None:
     times = phases((0, NOTHING), (3, GRASP), (3.6, SAFE_SLIP), (4.5, NOTHING))
-    windows = natural_windows([TimedTrial(shaken(), times, heavy=False)])
+    windows = natural_windows([timed(times, heavy=False)])
     assert "keep" not in set(windows["source"])
 
 
 def test_nothing_windows_stand_at_both_ends_and_bear_the_weight_of_the_object() -> None:
     times = phases((0, NOTHING), (3, GRASP), (8, NOTHING))
     for heavy in (False, True):
-        windows = natural_windows([TimedTrial(shaken(3.1), times, heavy)])
+        windows = natural_windows([timed(times, 3.1, heavy=heavy)])
         nothing = windows[windows["source"] == "nothing"]
         assert set(nothing["label"]) == {int(heavy)}
         assert (nothing["row"] < 150).any()
@@ -227,8 +228,7 @@ def test_nothing_windows_stand_at_both_ends_and_bear_the_weight_of_the_object() 
 
 
 def test_windows_of_the_empty_hand_bear_both_weights_alternately() -> None:
-    trial = TimedTrial(shaken(), whole(600, NOTHING), heavy=None)
-    assert natural_windows([trial])["label"].tolist() == [0, 1] * 11 + [0]
+    assert natural_windows([EMPTY])["label"].tolist() == [0, 1] * 11 + [0]
 
 
 def test_every_window_lies_inside_its_trial_and_no_row_is_used_twice(
@@ -344,9 +344,7 @@ def test_the_counts_table_names_classes_objects_actions_sources_and_totals() -> 
         (0, 9, 7, "brick", "fall", "both"),
         (1, 9, 7, "brick", "fall", "both"),
     ]
-    cells, sources = counts_table(pd.DataFrame(lines, columns=list(COLUMNS))).split(
-        "\n\n"
-    )
+    cells, sources = counts_table(pd.DataFrame(lines, columns=COLUMNS)).split("\n\n")
     brick = next(line for line in cells.splitlines() if "brick" in line)
     assert brick.split() == ["risky_slip_heavy", "brick", "2", "0", "2"], (
         "fall, pass, all"
@@ -356,8 +354,7 @@ def test_the_counts_table_names_classes_objects_actions_sources_and_totals() -> 
 
 def test_samples_are_counted_over_the_whole_time_line() -> None:
     times = phases((0, NOTHING), (3, GRASP), (7, RISKY_SLIP), (7.5, NOTHING))
-    empty = TimedTrial(shaken(), whole(600, NOTHING), heavy=None)
-    counts = sample_counts([TimedTrial(shaken(), times, heavy=True), empty])
+    counts = sample_counts([timed(times, heavy=True), EMPTY])
     assert counts["nothing_heavy"] == 150 + 225
     assert (counts["grasp_heavy"], counts["risky_slip_heavy"]) == (200, 25)
     assert sum(counts.values()) == 600, (
@@ -366,7 +363,5 @@ def test_samples_are_counted_over_the_whole_time_line() -> None:
 
 
 def test_the_task_names_its_eight_classes(data: DataSet) -> None:
-    task = labelled_rows(
-        natural_windows([TimedTrial(shaken(), whole(600, NOTHING), heavy=None)])
-    )
+    task = labelled_rows(natural_windows([EMPTY]))
     assert task.classes == data.tasks["classes"].classes == CLASSES

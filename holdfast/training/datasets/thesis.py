@@ -259,7 +259,6 @@ def timed(
     mass = mass_of(folder, meta.get(MASSES_KEY)) if folder else None
     return TimedTrial(
         replace(recording, phases=phases, events=events),
-        phases,
         heavy=mass.heavy if mass else None,
         timed=has_phases(truth),
         mass=mass,
