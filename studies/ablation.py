@@ -28,7 +28,7 @@ from holdfast.training.datasets import load
 from holdfast.training.featurise import features_of, spec_for
 from holdfast.training.figures import ABSENT, Interval
 from holdfast.training.fitting import held_out_figures, versions
-from holdfast.training.paired import Gain, macro_f1_gain, prediction_gains
+from holdfast.training.metrics import Gain, macro_f1_gain, prediction_gains
 from holdfast.training.plan import LearnerKind, TrainingPlan
 from holdfast.training.progress import Say, stages
 from holdfast.training.recording import DataSet

@@ -57,7 +57,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _write_example(folder: Path) -> int:
-    from holdfast.training.example_data import LOGGER, TRIALS, write_example
+    from holdfast.training.fixture import LOGGER, TRIALS, write_example
 
     write_example(folder)
     show(

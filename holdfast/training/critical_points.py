@@ -18,15 +18,13 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 
-from holdfast.core.contract import NORMAL_AXIS, BoolArray, FloatArray
+from holdfast.core.contract import NORMAL_AXIS, BoolArray, FloatArray, IntArray
 from holdfast.export.detectors import sections
 from holdfast.export.spec import bands_for
 from holdfast.training.recording import Recording
 
 PointMethod = Literal["band-pass", "friction", "both"]
-Rows = npt.NDArray[np.int64]
 
 NOISE_TIMES = 6.0  # a point stands this far above the median of its signal
 # and above this share of the recording's largest swing (a recording without noise)
@@ -60,16 +58,14 @@ def offline_critical_points(recording: Recording) -> list[CriticalPoint]:
     """
     rate_hz = recording.rate_hz
     samples = _at_rest_zero(_held(recording.samples, recording.valid), rate_hz)
-    by_band, by_friction = (
-        band_pass_rows(samples, rate_hz),
-        friction_rows(samples, rate_hz),
-    )
+    by_band = band_pass_rows(samples, rate_hz)
+    by_friction = friction_rows(samples, rate_hz)
     apart = _rows(FUSED_APART_S, rate_hz)
-    fused = _first_of_any(np.union1d(by_band, by_friction), apart)
-    return [
-        CriticalPoint(row, row / rate_hz, _source(row, by_band, by_friction, apart))
-        for row in fused.tolist()
-    ]
+    points = []
+    for row in _first_of_any(np.union1d(by_band, by_friction), apart).tolist():
+        source = _source(row, by_band, by_friction, apart)
+        points.append(CriticalPoint(row, row / rate_hz, source))
+    return points
 
 
 def band_pass_envelope(samples: FloatArray, rate_hz: float) -> FloatArray:
@@ -81,31 +77,24 @@ def band_pass_envelope(samples: FloatArray, rate_hz: float) -> FloatArray:
     from scipy.signal import sosfilt  # here, because its import takes a second
 
     shear = np.delete(samples, np.s_[NORMAL_AXIS::3], axis=1)
-    outputs = [
-        sosfilt(sections(rate_hz, band), shear - shear[0], axis=0)
-        for band in bands_for(rate_hz)
-    ]
+    outputs = []
+    for band in bands_for(rate_hz):
+        outputs.append(sosfilt(sections(rate_hz, band), shear - shear[0], axis=0))
     return np.abs(outputs).max(axis=0)
 
 
-def band_pass_rows(samples: FloatArray, rate_hz: float) -> Rows:
-    """Rows at which a shear channel rises above its noise: the first of any 0.6 s."""
+def band_pass_rows(samples: FloatArray, rate_hz: float) -> IntArray:
+    """IntArray at which a shear channel rises above its noise: the first of any 0.6 s."""
     envelope = band_pass_envelope(samples, rate_hz)
-    threshold = np.maximum(
-        NOISE_TIMES * np.median(envelope, axis=0), LEAST_SHARE * envelope.max()
-    )
-    above = envelope > threshold
-    edges = [
-        _fresh_edges(above[:, channel], _rows(RECOVERY_S, rate_hz))
-        for channel in range(above.shape[1])
-    ]
-    return _first_of_any(
-        _inside(np.unique(np.concatenate(edges)), len(samples), rate_hz),
-        _rows(BAND_PASS_APART_S, rate_hz),
-    )
+    noise = NOISE_TIMES * np.median(envelope, axis=0)
+    above = envelope > np.maximum(noise, LEAST_SHARE * envelope.max())
+    quiet = _rows(RECOVERY_S, rate_hz)
+    edges = np.concatenate([_fresh_edges(channel, quiet) for channel in above.T])
+    rows = _inside(np.unique(edges), len(samples), rate_hz)
+    return _first_of_any(rows, _rows(BAND_PASS_APART_S, rate_hz))
 
 
-def _fresh_edges(above: BoolArray, quiet: int) -> Rows:
+def _fresh_edges(above: BoolArray, quiet: int) -> IntArray:
     """First rows of the excursions that begin at least `quiet` rows after the one before ended."""
     change = np.diff(above.astype(np.int8), prepend=0, append=0)
     starts, stops = np.flatnonzero(change == 1), np.flatnonzero(change == -1)
@@ -114,7 +103,7 @@ def _fresh_edges(above: BoolArray, quiet: int) -> Rows:
     return starts[fresh]
 
 
-def friction_rows(samples: FloatArray, rate_hz: float) -> Rows:
+def friction_rows(samples: FloatArray, rate_hz: float) -> IntArray:
     """Jumps of a sensor's shear-to-normal ratio, confirmed by what the force does next: rows.
 
     Each sensor has a cone of its own in its own fixed axes: no component whose sign or scale
@@ -125,18 +114,16 @@ def friction_rows(samples: FloatArray, rate_hz: float) -> Rows:
     forces = samples.reshape(len(samples), -1, 3)
     shear, normal = forces[..., :NORMAL_AXIS], forces[..., NORMAL_AXIS:]
     noise = np.median(np.abs(np.diff(forces, axis=0)), axis=0).max()
-    least = max(
-        0.1 * np.quantile(np.abs(normal), 0.95, axis=0).max(), NOISE_TIMES * noise
-    )
+    load = np.quantile(np.abs(normal), 0.95, axis=0).max()
+    least = max(0.1 * load, NOISE_TIMES * noise)
     if least == 0.0:
         return np.empty(0, dtype=np.int64)
     ratio = shear / np.maximum(normal, least)
     jump = _moved(ratio, _rows(STEP_S, rate_hz), 0)
     size = np.maximum(LEAST_JUMP, NOISE_TIMES * np.median(jump, axis=0))
     ahead, around = _rows(SHEAR_AHEAD_S, rate_hz), _rows(NORMAL_AHEAD_S, rate_hz)
-    shear_moved = (
-        np.maximum(_moved(shear, ahead, ahead), _moved(shear, 0, ahead)) > least
-    )
+    shear_change = np.maximum(_moved(shear, ahead, ahead), _moved(shear, 0, ahead))
+    shear_moved = shear_change > least
     normal_moved = _moved(normal, around, around) > least
     marked = (jump > size) & shear_moved | (jump > NORMAL_JUMP * size) & normal_moved
     strength = np.where(marked, jump, 0.0).max(axis=1)
@@ -168,12 +155,12 @@ def _rows(seconds: float, rate_hz: float) -> int:
     return max(1, round(seconds * rate_hz))
 
 
-def _inside(rows: Rows, n_rows: int, rate_hz: float) -> Rows:
+def _inside(rows: IntArray, n_rows: int, rate_hz: float) -> IntArray:
     edge = _rows(EDGE_S, rate_hz)
     return rows[(rows >= edge) & (rows < n_rows - edge)]
 
 
-def _first_of_any(rows: Rows, apart: int) -> Rows:
+def _first_of_any(rows: IntArray, apart: int) -> IntArray:
     kept: list[int] = []
     for row in rows:
         if not kept or row - kept[-1] > apart:
@@ -181,7 +168,7 @@ def _first_of_any(rows: Rows, apart: int) -> Rows:
     return np.array(kept, dtype=np.int64)
 
 
-def _largest_of_any(rows: Rows, size: FloatArray, apart: int) -> Rows:
+def _largest_of_any(rows: IntArray, size: FloatArray, apart: int) -> IntArray:
     kept: list[int] = []
     for row in rows[np.argsort(-size, kind="stable")]:
         if all(abs(row - other) > apart for other in kept):
@@ -189,9 +176,12 @@ def _largest_of_any(rows: Rows, size: FloatArray, apart: int) -> Rows:
     return np.array(sorted(kept), dtype=np.int64)
 
 
-def _source(row: int, by_band: Rows, by_friction: Rows, apart: int) -> PointMethod:
+def _source(
+    row: int, by_band: IntArray, by_friction: IntArray, apart: int
+) -> PointMethod:
     """Which methods have a point in the time that one fused point stands for."""
-    band, friction = (
-        np.any((rows >= row) & (rows - row <= apart)) for rows in (by_band, by_friction)
-    )
-    return "both" if band and friction else "band-pass" if band else "friction"
+    in_band = np.any((by_band >= row) & (by_band - row <= apart))
+    in_friction = np.any((by_friction >= row) & (by_friction - row <= apart))
+    if in_band and in_friction:
+        return "both"
+    return "band-pass" if in_band else "friction"

@@ -1,4 +1,4 @@
-"""Cross-validation by person, and calibration from its held-out votes.
+"""Cross-validation by person, its learners, and calibration from the held-out votes.
 
 Predictions are the reference's (quantised leaves, riskier class on ties), that is, the exported
 file's: with `verify_spec` every fold's forest really is exported and compared on every held-out
@@ -11,10 +11,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-import numpy.typing as npt
 from sklearn.linear_model import LogisticRegression
 
-from holdfast.core.contract import SITUATIONS
+from holdfast.core.contract import SITUATIONS, FloatArray, IntArray
 from holdfast.core.errors import ClassMissing
 from holdfast.export.exporting import whole_graph
 from holdfast.export.heads import Calibration, Head, reference_label, situation_votes
@@ -25,24 +24,25 @@ from holdfast.export.learner import (
     reference_votes,
     votes_of_trees,
 )
-from holdfast.export.network import IntArray
 from holdfast.export.spec import StepSpec
 from holdfast.export.verify import Verification, verify
 from holdfast.training.featurise import FloatRows
-from holdfast.training.label_rule import (
-    LabelWeights,
-    fit_label_weights,
-    situation_labels,
-)
-from holdfast.training.network_choice import choose_network
 from holdfast.training.network_fit import fit_network
 from holdfast.training.plan import TASK_HEADS, TrainingPlan
 from holdfast.training.progress import Say
-from holdfast.training.recording import DataSet
+from holdfast.training.recording import DataSet, StringArray
 from holdfast.training.splits import Fold, assign_groups, folds_of, grouped_folds
+from holdfast.training.tuning import (
+    LabelWeights,
+    choose_network,
+    fit_label_weights,
+    situation_labels,
+)
 
 CALIBRATION_C = 1.0
 """Inverse regularisation of the calibration (scikit-learn's C) on vote shares between 0 and 1."""
+ABSENT_NATS = -30.0
+"""Logit of a class without a window: a probability of about 1e-13."""
 
 
 @dataclass(frozen=True)
@@ -76,37 +76,32 @@ class HeldOut:
     def of(cls, data: DataSet, folds: Sequence[FoldAnswers]) -> HeldOut:
         """The answers of all folds, window by window."""
         main = main_task(data)
-        votes = {
-            task: np.zeros((len(rows), len(rows.classes)), np.int64)
-            for task, rows in data.tasks.items()
-        }
+        votes = {}
+        for task, windows in data.tasks.items():
+            votes[task] = np.zeros((len(windows), len(windows.classes)), np.int64)
         labels = np.zeros(len(data.tasks[main]), np.int64)
         for fold in folds:
             labels[fold.rows[main]] = fold.labels
             for task, rows in fold.rows.items():
                 votes[task][rows] = fold.votes[task]
-        return cls(
-            votes, labels, [fold.verification for fold in folds if fold.verification]
-        )
+        verified = [fold.verification for fold in folds if fold.verification]
+        return cls(votes, labels, verified)
 
-    def shares(self, task: str) -> npt.NDArray[np.float64]:
+    def shares(self, task: str) -> FloatArray:
         """[M, K] vote shares, rows summing to one."""
         votes = self.votes[task]
         return votes / votes.sum(axis=1, keepdims=True)
 
     def situations(self) -> IntArray:
         """[M] labels of the main task by the declared tie rule."""
-        return (
-            situation_labels(self.situation_votes(), None)
-            if self.labels is None
-            else self.labels
-        )
+        if self.labels is None:
+            return situation_labels(self.situation_votes(), None)
+        return self.labels
 
     def situation_votes(self) -> IntArray:
         """[M, 4] votes of the main task."""
-        return situation_votes(
-            self.votes["classes" if "classes" in self.votes else "situations"]
-        )
+        main = "classes" if "classes" in self.votes else "situations"
+        return situation_votes(self.votes[main])
 
 
 def cross_validate(
@@ -133,9 +128,26 @@ def cross_validate(
 
 def splits_of(data: DataSet, plan: TrainingPlan, seed: int) -> list[dict[str, Fold]]:
     """Task -> training and test rows, of every fold; all tasks hold out the same people."""
-    folds = assign_groups(_groups_of_all(data, main_task(data)), plan.folds, seed=seed)
-    splits = {task: folds_of(data.group_of(task), folds) for task in data.tasks}
-    return [{task: splits[task][fold] for task in splits} for fold in range(plan.folds)]
+    folds = assign_groups(_groups_of_all(data), plan.folds, seed=seed)
+    splits: list[dict[str, Fold]] = [{} for _ in range(plan.folds)]
+    for task in data.tasks:
+        for split, fold in zip(
+            splits, folds_of(data.group_of(task), folds), strict=True
+        ):
+            split[task] = fold
+    return splits
+
+
+def _groups_of_all(data: DataSet) -> StringArray:
+    """Groups of the main task's windows, then of those windows of other tasks with other people."""
+    main = main_task(data)
+    known = data.group_of(main)
+    groups = [known]
+    for task in data.tasks:
+        if task != main:
+            others = data.group_of(task)
+            groups.append(others[~np.isin(others, known)])
+    return np.concatenate(groups)
 
 
 def answer_fold(
@@ -150,26 +162,37 @@ def answer_fold(
 
     The arguments are those of `cross_validate`; split: one of `splits_of`.
     """
-    heads = {
-        task: _fold_head(data, features, plan, task, rows, seed)
-        for task, rows in split.items()
-    }
-    held = {task: rows[1] for task, rows in split.items()}
-    votes = {
-        task: reference_votes(
-            head.learner, features[task][held[task]], len(head.classes)
-        )
-        for task, head in heads.items()
-    }
-    main, report = main_task(data), None
+    heads, held, votes = {}, {}, {}
+    for task, (train, test) in split.items():
+        head = _fold_head(data, features, plan, task, train, seed)
+        heads[task], held[task] = head, test
+        rows = features[task][test]
+        votes[task] = reference_votes(head.learner, rows, len(head.classes))
+    report = None
     if verify_spec is not None:
-        rows, learners = (
-            np.concatenate([features[t][held[t]] for t in held]),
-            list(heads.values()),
-        )
+        seen = np.concatenate([features[task][held[task]] for task in held])
+        learners = list(heads.values())
         graph = whole_graph(verify_spec, learners)
-        report = verify(graph, verify_spec, learners, rows, seed)
+        report = verify(graph, verify_spec, learners, seen, seed)
+    main = main_task(data)
     return FoldAnswers(held, votes, reference_label(heads[main], votes[main]), report)
+
+
+def _fold_head(
+    data: DataSet,
+    features: dict[str, FloatRows],
+    plan: TrainingPlan,
+    task: str,
+    rows: IntArray,
+    seed: int,
+) -> Head:
+    """The head of a task as a fold's training rows give it; its probabilities are not used."""
+    plan = plan_for(data, features, plan, task, rows, seed)
+    learner = fit_learner(data, features[task], plan, task, rows, seed)
+    classes, weights = data.tasks[task].classes, None
+    if task == main_task(data):
+        weights = chosen_label_weights(data, features, plan, rows, seed)
+    return Head(TASK_HEADS[task], classes, learner, uncalibrated(len(classes)), weights)
 
 
 def plan_for(
@@ -177,7 +200,7 @@ def plan_for(
     features: dict[str, FloatRows],
     plan: TrainingPlan,
     task: str,
-    rows: npt.NDArray[np.int64],
+    rows: IntArray,
     seed: int,
 ) -> TrainingPlan:
     """The plan with a task's network as these windows alone choose it, people held out in turn.
@@ -196,7 +219,7 @@ def chosen_label_weights(
     data: DataSet,
     features: dict[str, FloatRows],
     plan: TrainingPlan,
-    rows: npt.NDArray[np.int64],
+    rows: IntArray,
     seed: int,
 ) -> LabelWeights | None:
     """Label weights from these windows of the main task alone, their people held out in turn.
@@ -206,26 +229,15 @@ def chosen_label_weights(
     if not plan.inner_folds:
         return None
     task = main_task(data)
-    held_out = data.tasks[task]
-    votes = np.zeros((len(rows), len(held_out.classes)), np.int64)
-    for train, test in grouped_folds(
-        data.group_of(task)[rows], plan.inner_folds, seed=seed
-    ):
+    windows, groups = data.tasks[task].take(rows), data.group_of(task)[rows]
+    n_classes = len(windows.classes)
+    votes = np.zeros((len(rows), n_classes), np.int64)
+    for train, test in grouped_folds(groups, plan.inner_folds, seed=seed):
         learner = fit_learner(data, features[task], plan, task, rows[train], seed)
-        votes[test] = reference_votes(
-            learner, features[task][rows[test]], votes.shape[1]
-        )
-    situation = held_out.label[rows] // (votes.shape[1] // len(SITUATIONS))
+        held_out = features[task][rows[test]]
+        votes[test] = reference_votes(learner, held_out, n_classes)
+    situation = windows.label // (n_classes // len(SITUATIONS))
     return fit_label_weights(situation_votes(votes), situation)
-
-
-def _groups_of_all(data: DataSet, main: str) -> npt.NDArray[np.str_]:
-    """Groups of the main task's windows, then of those windows of other tasks with other people."""
-    known = data.group_of(main)
-    others = [data.group_of(task) for task in data.tasks if task != main]
-    return np.concatenate(
-        [known, *(groups[~np.isin(groups, known)] for groups in others)]
-    )
 
 
 def main_task(data: DataSet) -> str:
@@ -238,7 +250,7 @@ def fit_learner(
     features: FloatRows,
     plan: TrainingPlan,
     task: str,
-    rows: npt.NDArray[np.int64],
+    rows: IntArray,
     seed: int,
 ) -> Learner:
     """The plan's learner for a task, fitted on some windows. Raises ClassMissing without any."""
@@ -265,7 +277,8 @@ def learner_of(
     """The plan's learner for a task, fitted on rows [N, F] with labels [N]."""
     if plan.learner == "network":
         return fit_network(plan.network_for(task), rows, label, n_classes, seed)
-    by_column = np.asfortranarray(rows)  # as a tree reads them: the same forest, sooner
+    # A tree reads by column: the same forest, sooner.
+    by_column = np.asfortranarray(rows)
     forest = plan.forest_for(task).build(seed).fit(by_column, label)
     if plan.learner == "forest":
         return forest
@@ -287,46 +300,28 @@ def joined_by_network(
     return Committee(forest, network)
 
 
-def fit_calibration(
-    shares: npt.NDArray[np.float64], label: npt.NDArray[np.int64]
-) -> Calibration:
+def fit_calibration(shares: FloatArray, label: IntArray) -> Calibration:
     """Multinomial logistic map from held-out vote shares [M, K] to probabilities.
 
     A class without a single window keeps a probability of (all but) zero.
     """
     k = shares.shape[1]
     present = np.unique(label)
-    weights, bias = np.zeros((k, k)), np.full(k, -30.0)
+    weights, bias = np.zeros((k, k)), np.full(k, ABSENT_NATS)
     if len(present) == 1:
         bias[present] = 0.0
         return Calibration(weights, bias)
     model = LogisticRegression(C=CALIBRATION_C, max_iter=1000).fit(shares, label)
     if len(present) == 2:
-        weights[:, present[1]], bias[present] = (
-            model.coef_[0],
-            [0.0, model.intercept_[0]],
-        )
+        # Of two classes scikit-learn fits the second's logit alone.
+        weights[:, present[1]] = model.coef_[0]
+        bias[present] = [0.0, model.intercept_[0]]
     else:
-        weights[:, present], bias[present] = model.coef_.T, model.intercept_
+        weights[:, present] = model.coef_.T
+        bias[present] = model.intercept_
     return Calibration(weights, bias)
 
 
 def uncalibrated(n_classes: int) -> Calibration:
     """A placeholder for learners of single folds, whose probabilities are not used."""
     return Calibration(np.eye(n_classes), np.zeros(n_classes))
-
-
-def _fold_head(
-    data: DataSet,
-    features: dict[str, FloatRows],
-    plan: TrainingPlan,
-    task: str,
-    split: Fold,
-    seed: int,
-) -> Head:
-    plan = plan_for(data, features, plan, task, split[0], seed)
-    learner = fit_learner(data, features[task], plan, task, split[0], seed)
-    classes, weights = data.tasks[task].classes, None
-    if task == main_task(data):
-        weights = chosen_label_weights(data, features, plan, split[0], seed)
-    return Head(TASK_HEADS[task], classes, learner, uncalibrated(len(classes)), weights)

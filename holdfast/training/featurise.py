@@ -1,10 +1,7 @@
-"""Features for training come from the step graph that runs on the hand.
+"""Features for training, from the step graph that runs on the hand.
 
-A model's step on many recordings at once, on two threads.
-
-Which recordings run together changes no bit of the outputs.
-
-Rows that are computed once and kept in an .npy file, complete or not at all.
+Recordings are stepped in batches on two threads; which of them run together changes no bit of the
+outputs. Rows that are computed once can be kept in a file, complete or not at all.
 """
 
 from __future__ import annotations
@@ -19,8 +16,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from holdfast.core.contract import IntArray
 from holdfast.edge_runtime.graph import (
     Outputs,
     Steps,
@@ -35,47 +32,47 @@ from holdfast.training.progress import Part, ignored
 from holdfast.training.recording import DataSet, Recording
 
 THREADS = 2
-"""The step leaves the interpreter alone while it runs."""
 FEWEST, MOST = 16, 32
 """Recordings a batch: a step of 5 costs little more than one of 2, and 32 states fit the cache."""
-Rows = npt.NDArray[np.int64]
 
 
 def stepped(
     steps: Steps,
     recordings: Sequence[Recording],
-    rows: Sequence[Rows],
+    rows: Sequence[IntArray],
     part: Part = ignored,
 ) -> list[Outputs]:
     """Outputs [M, ..] of a step at the wanted rows [M] of every recording.
 
     part: called after every batch with the share of all samples that is done.
     """
-    order = sorted(range(len(recordings)), key=lambda k: len(recordings[k].samples))
+    lengths = np.array([len(recording.samples) for recording in recordings])
+    # Recordings of like length together: a batch is padded to its longest.
+    order = np.argsort(lengths, kind="stable").tolist()
     size = min(MOST, max(FEWEST, -(-len(order) // THREADS)))
     batches = [order[start : start + size] for start in range(0, len(order), size)]
 
     def run(batch: list[int]) -> list[Outputs]:
-        chosen = [recordings[k] for k in batch]
-        values, valid = [one.samples for one in chosen], [one.valid for one in chosen]
+        values = [recordings[k].samples for k in batch]
+        valid = [recordings[k].valid for k in batch]
         return step_recordings(steps, values, valid, [rows[k] for k in batch])
 
-    found: list[Outputs] = [{} for _ in recordings]
-    total, done = sum(len(one.samples) for one in recordings), 0
+    outputs: list[Outputs] = [{} for _ in recordings]
+    done = 0
+    # Threads and no processes: the step leaves the interpreter alone while it runs.
     with ThreadPoolExecutor(THREADS) as pool:
-        for batch, outputs_of in zip(batches, pool.map(run, batches), strict=True):
-            for k, one in zip(batch, outputs_of, strict=True):
-                found[k] = one
-            done += sum(len(recordings[k].samples) for k in batch)
-            part(done / total)
-    return found
+        for batch, of_batch in zip(batches, pool.map(run, batches), strict=True):
+            for k, output in zip(batch, of_batch, strict=True):
+                outputs[k] = output
+            done += int(lengths[batch].sum())
+            part(done / int(lengths.sum()))
+    return outputs
 
 
 def digest_of(settings: Any) -> str:
     """12 hex digits that name the settings of rows, for a file name; settings: JSON values."""
-    return hashlib.sha256(json.dumps(settings, sort_keys=True).encode()).hexdigest()[
-        :12
-    ]
+    text = json.dumps(settings, sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()[:12]
 
 
 def kept_rows(path: Path, compute: Callable[[], FloatRows]) -> FloatRows:
@@ -110,9 +107,8 @@ def features_of(
 
 def features_everywhere(data: DataSet, spec: StepSpec) -> list[FloatRows]:
     """Features [T, F] at every sample of every recording, as a free-running stream has them."""
-    return _compute(
-        data, spec, [np.arange(len(recording.samples)) for recording in data.recordings]
-    )
+    every = [np.arange(len(recording.samples)) for recording in data.recordings]
+    return _compute(data, spec, every)
 
 
 @dataclass(frozen=True)
@@ -135,49 +131,34 @@ def cpu_cost(data: DataSet, spec: StepSpec) -> FeatureCost:
 
 
 def _compute(
-    data: DataSet,
-    spec: StepSpec,
-    rows: list[npt.NDArray[np.int64]],
-    part: Part = ignored,
+    data: DataSet, spec: StepSpec, rows: list[IntArray], part: Part = ignored
 ) -> list[FloatRows]:
-    steps = steps_of(
-        open_session(features_alone(spec).SerializeToString()), ["features"]
-    )
-    return [
-        computed["features"] for computed in stepped(steps, data.recordings, rows, part)
-    ]
+    session = open_session(features_alone(spec).SerializeToString())
+    steps = steps_of(session, ["features"])
+    outputs = stepped(steps, data.recordings, rows, part)
+    return [output["features"] for output in outputs]
 
 
-def rows_wanted(data: DataSet) -> list[npt.NDArray[np.int64]]:
+def rows_wanted(data: DataSet) -> list[IntArray]:
     """Per recording, the ascending rows at which any task has a window."""
-    rows: list[list[npt.NDArray[np.int64]]] = [[] for _ in data.recordings]
-    for labelled in data.tasks.values():
-        for trial, row in _by_trial(labelled.trial, labelled.row):
-            rows[trial].append(row)
-    return [
-        np.unique(np.concatenate(found)) if found else np.empty(0, np.int64)
-        for found in rows
-    ]
-
-
-def _by_trial(
-    trial: npt.NDArray[np.int64], row: npt.NDArray[np.int64]
-) -> list[tuple[int, npt.NDArray[np.int64]]]:
-    return [(int(index), row[trial == index]) for index in np.unique(trial)]
+    wanted = [np.empty(0, np.int64) for _ in data.recordings]
+    for windows in data.tasks.values():
+        for trial in np.unique(windows.trial).tolist():
+            rows = windows.row[windows.trial == trial]
+            wanted[trial] = np.union1d(wanted[trial], rows)
+    return wanted
 
 
 def pick_rows(
-    data: DataSet,
-    task: str,
-    wanted: list[npt.NDArray[np.int64]],
-    computed: list[FloatRows],
+    data: DataSet, task: str, wanted: list[IntArray], computed: list[FloatRows]
 ) -> FloatRows:
-    """The task's windows in its own order, out of what was computed per recording."""
-    labelled = data.tasks[task]
-    starts = np.concatenate([[0], np.cumsum([len(rows) for rows in wanted])])
-    place = np.empty(len(labelled), dtype=np.int64)
-    for trial in np.unique(labelled.trial):
-        here = labelled.trial == trial
-        place[here] = starts[trial] + np.searchsorted(wanted[trial], labelled.row[here])
-    picked: npt.NDArray[Any] = np.concatenate(computed)[place]
+    """The task's windows in their order, out of what was computed per recording."""
+    windows = data.tasks[task]
+    first = computed[0]
+    picked = np.empty((len(windows), *first.shape[1:]), dtype=first.dtype)
+    for trial in np.unique(windows.trial).tolist():
+        here = windows.trial == trial
+        picked[here] = computed[trial][
+            np.searchsorted(wanted[trial], windows.row[here])
+        ]
     return picked

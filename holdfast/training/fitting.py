@@ -36,12 +36,12 @@ from holdfast.training.datasets import join, load
 from holdfast.training.featurise import FloatRows, features_of, spec_for
 from holdfast.training.figures import PLURAL, HeadFigures
 from holdfast.training.fixture import KIND, write_fixture
-from holdfast.training.label_rule import fit_label_weights
 from holdfast.training.metrics import report
 from holdfast.training.plan import TASK_HEADS, LearnerKind, TrainingPlan, hand_plan
 from holdfast.training.progress import Part, Say, Stages, ignored
 from holdfast.training.recording import DataSet, LabelledRows, Recording
 from holdfast.training.splits import HoldOut
+from holdfast.training.tuning import fit_label_weights
 from holdfast.training.windows import Choice
 
 VERSIONS_OF = ("numpy", "scipy", "scikit-learn", "skl2onnx", "onnx", "onnxruntime")

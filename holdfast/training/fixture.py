@@ -1,4 +1,6 @@
-"""A small generated set in the thesis' layout: training and export run without any recording.
+"""A small generated set in the thesis' layout, and the example files of docs/your-data.md.
+
+With them training and export run without any recording.
 
 This is NOT a physical simulation: smooth ramps, fading tones and noise, shaped so that the classes
 resemble the thesis' in kind and are not trivial to tell apart. Numbers from this set say that the
@@ -11,10 +13,12 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 
 from holdfast.core.contract import (
+    AXES,
     GRASP,
     NORMAL_AXIS,
     NOTHING,
@@ -23,9 +27,11 @@ from holdfast.core.contract import (
     FloatArray,
     channel_names,
 )
+from holdfast.core.errors import OutputError
 from holdfast.core.objects import is_heavy
 from holdfast.core.trial_file import TIME_COLUMN
-from holdfast.core.trial_layout import MASSES_G, truth_path
+from holdfast.core.trial_layout import MASSES_G, META, truth_path
+from holdfast.core.writing import require_writable
 from holdfast.training.timeline import situation_of
 
 KIND = "generated fixture"
@@ -45,7 +51,7 @@ NEWTON_PER_GRAM = 9.81e-3
 
 
 class _Scene:
-    """Forces being drawn over time, and what happens when.
+    """Forces drawn over time, and what happens when.
 
     t_s [T]; grip_n [T] and load_n [T]: mean normal force and shear of a sensor; slip_n [T, 6]:
     vibration; marks: (since when, situation), in order.
@@ -56,7 +62,8 @@ class _Scene:
     ) -> None:
         self.rng = rng
         self.t_s = np.arange(round(lasts_s * rate_hz)) / rate_hz
-        self.grip_n, self.load_n = np.zeros_like(self.t_s), np.zeros_like(self.t_s)
+        self.grip_n = np.zeros_like(self.t_s)
+        self.load_n = np.zeros_like(self.t_s)
         self.slip_n = np.zeros((len(self.t_s), N_SENSORS))
         self.marks = [(0.0, NOTHING)]
 
@@ -71,19 +78,13 @@ class _Scene:
 
     def shake(self, start_s: float, lasts_s: float, force_n: float) -> None:
         """Stick and slip: a tone of its own on every sensor, then fading in a tenth of a second."""
-        t = self.t_s - start_s
-        envelope = (
-            force_n
-            * self.ramp(start_s, 0.02)
-            * np.exp(-np.clip(t - lasts_s, 0.0, None) / 0.05)
-        )
-        tone_hz, phase = (
-            self.rng.uniform(9.0, 22.0, N_SENSORS),
-            self.rng.uniform(0.0, 2 * np.pi, N_SENSORS),
-        )
-        self.slip_n += envelope[:, None] * np.sin(
-            2 * np.pi * tone_hz * t[:, None] + phase
-        )
+        t_s = self.t_s - start_s
+        fading = np.exp(-np.clip(t_s - lasts_s, 0.0, None) / 0.05)
+        envelope_n = force_n * self.ramp(start_s, 0.02) * fading
+        tone_hz = self.rng.uniform(9.0, 22.0, N_SENSORS)
+        phase = self.rng.uniform(0.0, 2 * np.pi, N_SENSORS)
+        tones = np.sin(2 * np.pi * tone_hz * t_s[:, None] + phase)
+        self.slip_n += envelope_n[:, None] * tones
 
     def empty(self, start_s: float, lasts_s: float) -> None:
         """All forces fade: the object leaves the hand."""
@@ -109,16 +110,13 @@ class _Hand:
     def feel(self, scene: _Scene) -> FloatArray:
         """[T, 18] what the sensors read."""
         share = self.share * scene.rng.uniform(0.7, 1.3, N_SENSORS)
-        forces = (
-            scene.rng.normal(0.0, NOISE_N, (len(scene.t_s), N_SENSORS, 3))
-            + self.offset_n
-        )
+        noise = scene.rng.normal(0.0, NOISE_N, (len(scene.t_s), N_SENSORS, 3))
+        forces = noise + self.offset_n
         shear = scene.load_n[:, None] * share + scene.slip_n
         forces[..., :NORMAL_AXIS] += shear[..., None] * self.along
         forces[..., 0] += 0.08 * scene.grip_n[:, None] * share
-        forces[..., NORMAL_AXIS] += scene.grip_n[:, None] * share + 0.3 * np.abs(
-            scene.slip_n
-        )
+        normal = scene.grip_n[:, None] * share + 0.3 * np.abs(scene.slip_n)
+        forces[..., NORMAL_AXIS] += normal
         return (forces * self.sign).reshape(len(forces), -1)
 
 
@@ -144,14 +142,8 @@ def write_fixture(
                 scene = _trial(name, action, rng.spawn(1)[0], rate_hz)
                 _write(folder / name / action / f"trial_{number}.csv", scene, hand)
     _write(folder / "nothing" / "trial_1.csv", _Scene(rng, EMPTY_HAND_S, rate_hz), hand)
-    meta = {
-        "kind": KIND,
-        "unit": "N",
-        "recordings by": "nobody",
-        "redistributable": True,
-        "seed": seed,
-    }
-    _write_json(folder / "meta.json", meta)
+    meta = {"kind": KIND, "unit": "N", "recordings by": "nobody"}
+    _write_json(folder / META, {**meta, "redistributable": True, "seed": seed})
 
 
 def _trial(name: str, action: str, rng: np.random.Generator, rate_hz: float) -> _Scene:
@@ -174,14 +166,10 @@ def _trial(name: str, action: str, rng: np.random.Generator, rate_hz: float) -> 
 def _grasp(scene: _Scene, weight_n: float, *, held_by_other: bool) -> None:
     start_s, closing_s = scene.some(2.6, 3.4), scene.some(0.2, 0.6)
     scene.marks.append((start_s, GRASP))
-    scene.grip_n += (scene.some(1.0, 2.5) + 1.5 * weight_n) * scene.ramp(
-        start_s, closing_s
-    )
-    scene.load_n += (
-        weight_n
-        * (0.1 if held_by_other else 1.0)
-        * scene.ramp(start_s + closing_s, 0.5)
-    )
+    grip_n = scene.some(1.0, 2.5) + 1.5 * weight_n
+    scene.grip_n += grip_n * scene.ramp(start_s, closing_s)
+    load_n = weight_n * (0.1 if held_by_other else 1.0)
+    scene.load_n += load_n * scene.ramp(start_s + closing_s, 0.5)
     scene.shake(start_s + 0.05, 0.1, scene.some(0.1, 0.3))
 
 
@@ -197,14 +185,11 @@ def _hand_over(scene: _Scene, start_s: float, pull_n: float) -> None:
 def _set_down(scene: _Scene, start_s: float, *, quickly: bool) -> None:
     """Something else carries the object from now on; the hand holds it a little longer."""
     lasts_s = scene.some(0.1, 0.3) if quickly else scene.some(0.5, 1.0)
-    scene.marks += [
-        (start_s, situation_of("put-down")),
-        (start_s + lasts_s + 0.3, GRASP),
-    ]
+    scene.marks.append((start_s, situation_of("put-down")))
+    scene.marks.append((start_s + lasts_s + 0.3, GRASP))
     scene.load_n *= 1.0 - 0.9 * scene.ramp(start_s, lasts_s)
-    scene.shake(
-        start_s, 0.1, scene.some(0.15, 0.5) if quickly else scene.some(0.05, 0.2)
-    )
+    force_n = scene.some(0.15, 0.5) if quickly else scene.some(0.05, 0.2)
+    scene.shake(start_s, 0.1, force_n)
 
 
 def _lose(scene: _Scene, start_s: float, force_n: float) -> None:
@@ -217,29 +202,95 @@ def _lose(scene: _Scene, start_s: float, force_n: float) -> None:
 
 
 def _write(path: Path, scene: _Scene, hand: _Hand) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    header = ",".join([TIME_COLUMN, *channel_names(N_SENSORS)])
-    table = np.column_stack([scene.t_s, hand.feel(scene)])
-    np.savetxt(
-        path,
-        table,
-        fmt="%.6f" + ",%.4f" * (3 * N_SENSORS),
-        header=header,
-        comments="",
-        encoding="utf-8",
-    )
-    stops = [start for start, _ in scene.marks[1:]] + [float(scene.t_s[-1]) + 1.0]
-    phases = [
-        {
-            "t0_s": round(t0, 6),
-            "t1_s": round(t1, 6),
+    _write_table(path, np.column_stack([scene.t_s, hand.feel(scene)]))
+    stops_s = [start_s for start_s, _ in scene.marks[1:]]
+    stops_s.append(float(scene.t_s[-1]) + 1.0)
+    phases = []
+    for (start_s, situation), stop_s in zip(scene.marks, stops_s, strict=True):
+        phase = {
+            "t0_s": round(start_s, 6),
+            "t1_s": round(stop_s, 6),
             "label": SITUATIONS[situation],
             "provenance": KIND,
         }
-        for (t0, situation), t1 in zip(scene.marks, stops, strict=True)
-    ]
+        phases.append(phase)
     _write_json(truth_path(path), {"phases": phases})
+
+
+def _write_table(
+    path: Path,
+    table: FloatArray,
+    names: Sequence[str] = (TIME_COLUMN, *channel_names(N_SENSORS)),
+    formats: str = "%.6f" + ",%.4f" * (3 * N_SENSORS),
+) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    header = ",".join(names)
+    np.savetxt(path, table, formats, header=header, comments="", encoding="utf-8")
 
 
 def _write_json(path: Path, value: object) -> None:
     path.write_text(json.dumps(value, indent=1) + "\n", encoding="utf-8", newline="\n")
+
+
+TRIALS, LOGGER = "trials", "logger"
+PEOPLE = ("p01", "p02", "p03")
+EXAMPLE_OBJECTS = {"soft-ball": "soft-ball", "hard-ball": "mug"}
+"""Objects of the fixture, and their names in the example: the mass of a mug is in no table."""
+EARLY_S = 2.0
+"""All actions of the example start so much before the script's time."""
+SHORT_HOLD, HELD_S = "p03/mug/fall/trial_1.csv", (2.5, 4.0)
+"""One trial does not follow the script: these seconds of its hold are left out."""
+LOGGED = "p03/soft-ball/put-down/trial_1.csv"
+FINGERS = ("thumb", "index", "middle", "ring", "little", "palm")
+LOG_STARTS_MS = 120_000
+
+
+def write_example(folder: Path) -> None:
+    """Write the files of docs/your-data.md: trials with gaps to fill, and a log to convert.
+
+    They are `trials/<person>/<object>/<action>/trial_1.csv` and one log. Same bytes every time.
+    Raises OutputError for a folder that holds something.
+    """
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise OutputError(
+            "exists and is not empty", where=folder, next_step="name a new folder"
+        )
+    require_writable(folder)
+    with TemporaryDirectory() as made:
+        for seed, person in enumerate(PEOPLE, 1):
+            source = Path(made) / person
+            write_fixture(
+                source, trials_per_cell=1, seed=seed, objects=[*EXAMPLE_OBJECTS]
+            )
+            for path in sorted(source.rglob("trial_1.csv")):
+                name = f"{person}/{path.relative_to(source).as_posix()}"
+                _write_example_trial(folder, name, path)
+
+
+def _write_example_trial(folder: Path, name: str, source: Path) -> None:
+    for known, renamed in EXAMPLE_OBJECTS.items():
+        name = name.replace(known, renamed)
+    table = np.loadtxt(source, delimiter=",", skiprows=1)
+    if "nothing" not in name:
+        table = _without(table, 0.0, EARLY_S)
+    if name == SHORT_HOLD:
+        table = _without(table, *HELD_S)
+    if name != LOGGED:
+        _write_table(folder / TRIALS / name, table)
+        return
+    # As a logger that knows nothing of the layout writes it: ms, names of fingers, mN.
+    names = ["millis"]
+    for finger in FINGERS:
+        names += [f"{finger}_{axis}" for axis in AXES]
+    table *= 1000.0
+    table[:, 0] += LOG_STARTS_MS
+    formats = "%.0f" + ",%.1f" * (3 * N_SENSORS)
+    _write_table(folder / LOGGER / "p03_soft-ball_put-down.csv", table, names, formats)
+
+
+def _without(table: FloatArray, start_s: float, stop_s: float) -> FloatArray:
+    """The rows outside [start_s, stop_s), the later ones moved up."""
+    t_s = table[:, 0]
+    kept = table[(t_s < start_s) | (t_s >= stop_s)]
+    kept[:, 0] -= (stop_s - start_s) * (kept[:, 0] >= stop_s)
+    return kept

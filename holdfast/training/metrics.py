@@ -22,7 +22,7 @@ import numpy as np
 import numpy.typing as npt
 from sklearn.metrics import average_precision_score, roc_auc_score
 
-from holdfast.core.contract import SITUATIONS, FloatArray
+from holdfast.core.contract import SITUATIONS, BoolArray, FloatArray, IntArray
 from holdfast.core.errors import LabelError, NotANumber
 from holdfast.training.figures import (
     HeadFigures,
@@ -51,19 +51,28 @@ def report(
     predicted [M]: situation at each window of the task "situations". risky_score [M2]: score at
     each window of the task "predict_250ms"; None where the model has no such head.
     """
-    truth, groups = data.tasks["situations"].label, data.group_of("situations")
-    situations = situation_scores(truth, predicted, groups, n_draws=n_draws, seed=seed)
     prediction = None
     if risky_score is not None:
-        truth, groups = (
-            data.tasks["predict_250ms"].label,
-            data.group_of("predict_250ms"),
-        )
         prediction = prediction_scores(
-            truth, risky_score, groups, n_draws=n_draws, seed=seed
+            data.tasks["predict_250ms"].label,
+            risky_score,
+            data.group_of("predict_250ms"),
+            n_draws=n_draws,
+            seed=seed,
         )
-    n_groups, kind = len(data.groups()), data.group_kind
-    return HeadFigures(len(data.recordings), n_groups, situations, prediction, kind)
+    return HeadFigures(
+        n_trials=len(data.recordings),
+        n_groups=len(data.groups()),
+        situations=situation_scores(
+            data.tasks["situations"].label,
+            predicted,
+            data.group_of("situations"),
+            n_draws=n_draws,
+            seed=seed,
+        ),
+        predict_250ms=prediction,
+        group_kind=data.group_kind,
+    )
 
 
 def situation_scores(
@@ -104,14 +113,11 @@ def f1_and_draws(
     _require_labels(predicted, n + 1, "prediction")
     cells = (code * n + np.asarray(truth)) * (n + 1) + np.asarray(predicted)
     n_groups = int(code.max(initial=-1)) + 1
-    by_group = np.bincount(cells, minlength=n_groups * n * (n + 1)).reshape(
-        -1, n, n + 1
-    )
-    total = by_group.sum(axis=0)[None]
-    draws = np.einsum(
-        "bg,gij->bij", draw_groups(len(by_group), n_draws, seed), by_group
-    )
-    return _f1(total)[0], _f1(draws)
+    counts = np.bincount(cells, minlength=n_groups * n * (n + 1))
+    by_group = counts.reshape(-1, n, n + 1)
+    times_drawn = draw_groups(len(by_group), n_draws, seed)
+    draws = np.einsum("bg,gij->bij", times_drawn, by_group)
+    return _f1(by_group.sum(axis=0)), _f1(draws)
 
 
 def prediction_scores(
@@ -134,17 +140,14 @@ def prediction_scores(
             cause="windows without an answer",
             next_step="score an answer withheld as 0",
         )
-    if not len(truth):
+    if len(np.unique(truth)) < 2:
         return PredictionFigures()
-    both = len(np.unique(truth)) == 2
-    figures = ranking_draws(truth, score, code, n_draws, seed)
+    draws = ranking_draws(truth, score, code, n_draws, seed)
     return PredictionFigures(
-        auc=float(roc_auc_score(truth, score)) if both else None,
-        auc_ci=interval_of(figures[:, 0]),
-        average_precision=float(average_precision_score(truth, score))
-        if both
-        else None,
-        average_precision_ci=interval_of(figures[:, 1]),
+        auc=float(roc_auc_score(truth, score)),
+        auc_ci=interval_of(draws[:, 0]),
+        average_precision=float(average_precision_score(truth, score)),
+        average_precision_ci=interval_of(draws[:, 1]),
     )
 
 
@@ -154,13 +157,14 @@ def ranking_draws(
     """[B, 2] AUC and average precision of each draw of groups [M]; nan where not defined."""
     code, ranking = _codes(groups), rank(truth, score)
     draws = draw_groups(int(code.max()) + 1, n_draws, seed)
-    return np.array([ranking.auc_and_precision(draw[code]) for draw in draws]).reshape(
-        -1, 2
-    )
+    figures = np.empty((len(draws), 2))
+    for row, draw in zip(figures, draws, strict=True):
+        row[:] = ranking.auc_and_precision(draw[code])
+    return figures
 
 
 def share_scores(
-    hit: npt.NDArray[np.bool_],
+    hit: BoolArray,
     groups: npt.ArrayLike,
     *,
     percent: tuple[float, float] = INTERVAL_PERCENT,
@@ -185,9 +189,9 @@ class Ranking:
     sorted.
     """
 
-    order: npt.NDArray[np.int64]
-    first: npt.NDArray[np.int64]
-    positive: npt.NDArray[np.bool_]
+    order: IntArray
+    first: IntArray
+    positive: BoolArray
 
     def auc_and_precision(self, weight: FloatArray) -> tuple[float, float]:
         """AUC and average precision with row weights [M]; nan with only one class left.
@@ -202,9 +206,8 @@ class Ranking:
         if hits[-1] == 0.0 or misses[-1] == 0.0:
             return np.nan, np.nan
         auc = np.sum(hit * (misses[-1] - misses + 0.5 * miss)) / (hits[-1] * misses[-1])
-        precision = np.divide(
-            hits, hits + misses, out=np.zeros_like(hits), where=hit > 0.0
-        )
+        zero = np.zeros_like(hits)
+        precision = np.divide(hits, hits + misses, out=zero, where=hit > 0.0)
         return float(auc), float(np.sum(hit * precision) / hits[-1])
 
 
@@ -224,7 +227,8 @@ def draw_groups(n_groups: int, n_draws: int, seed: int) -> FloatArray:
     rng = np.random.default_rng(seed)
     drawn = rng.multinomial(n_groups, np.full(n_groups, 1.0 / n_groups), size=n_draws)
     draws = drawn.astype(np.float64)
-    draws.setflags(write=False)  # kept for the next figures of the same set
+    # The cache hands the same array out again, for the next figures of the same set.
+    draws.setflags(write=False)
     return draws
 
 
@@ -233,12 +237,12 @@ def _require_labels(labels: npt.ArrayLike, n: int, what: str) -> None:
     foreign = np.setdiff1d(np.asarray(labels), np.arange(n))
     if foreign.size:
         raise LabelError(
-            f"a {what} of {foreign.tolist()[0]}, not of 0..{n - 1}",
+            f"a {what} of {foreign[0]}, not of 0..{n - 1}",
             next_step="use the task's own labels",
         )
 
 
-def _codes(groups: npt.ArrayLike) -> npt.NDArray[np.int64]:
+def _codes(groups: npt.ArrayLike) -> IntArray:
     """[M] number of each row's group, in order of the names; sorts one name a run of equal ones."""
     names = np.asarray(groups, dtype=str)
     changes = np.ones(len(names), dtype=np.bool_)
@@ -252,9 +256,8 @@ def _f1(confusion: npt.NDArray[Any]) -> FloatArray:
     """[.., n, n + 1] counts (truth, predicted or withheld) -> [.., n] F1, nan without a truth."""
     both = confusion.sum(axis=-1) + confusion[..., :-1].sum(axis=-2)
     right = 2.0 * np.diagonal(confusion, axis1=-2, axis2=-1)
-    return np.divide(
-        right, both, out=np.full(both.shape, np.nan), where=confusion.sum(axis=-1) > 0
-    )
+    undefined = np.full(both.shape, np.nan)
+    return np.divide(right, both, out=undefined, where=confusion.sum(axis=-1) > 0)
 
 
 def macro(f1: FloatArray) -> FloatArray:
@@ -262,7 +265,8 @@ def macro(f1: FloatArray) -> FloatArray:
     present = np.isfinite(f1)
     count = present.sum(axis=-1)
     total = np.where(present, f1, 0.0).sum(axis=-1)
-    return np.divide(total, count, out=np.full(total.shape, np.nan), where=count > 0)
+    undefined = np.full(total.shape, np.nan)
+    return np.divide(total, count, out=undefined, where=count > 0)
 
 
 def _value(figure: float) -> float | None:
@@ -278,3 +282,57 @@ def interval_of(
         return None
     low, high = np.percentile(defined, percent)
     return float(low), float(high)
+
+
+@dataclass(frozen=True)
+class Gain:
+    """A difference of two figures and its 95 % interval; None where one is not defined.
+
+    Two answers to the same people go up and down together, so this interval is much narrower than
+    the difference of their intervals suggests. Both are resampled by the same draws.
+    """
+
+    value: float | None
+    ci: Interval | None
+
+
+def macro_f1_gain(
+    truth: Labels,
+    ours: Labels,
+    theirs: Labels,
+    groups: npt.ArrayLike,
+    *,
+    n_draws: int = N_DRAWS,
+    seed: int = 0,
+) -> Gain:
+    """What our labels [M] gain over theirs, groups [M]."""
+    n = len(SITUATIONS)
+    our_f1, our_draws = f1_and_draws(truth, ours, groups, n, n_draws, seed)
+    their_f1, their_draws = f1_and_draws(truth, theirs, groups, n, n_draws, seed)
+    gain = float(macro(our_f1) - macro(their_f1))
+    return Gain(_value(gain), interval_of(macro(our_draws) - macro(their_draws)))
+
+
+def prediction_gains(
+    truth: Labels,
+    ours: FloatArray,
+    theirs: FloatArray,
+    groups: npt.ArrayLike,
+    *,
+    n_draws: int = N_DRAWS,
+    seed: int = 0,
+) -> tuple[Gain, Gain]:
+    """What our scores [M] gain over theirs in AUC and in average precision."""
+    our = prediction_scores(truth, ours, groups, n_draws=0)
+    their = prediction_scores(truth, theirs, groups, n_draws=0)
+    our_draws = ranking_draws(truth, ours, groups, n_draws, seed)
+    their_draws = ranking_draws(truth, theirs, groups, n_draws, seed)
+    auc_ci, precision_ci = map(interval_of, (our_draws - their_draws).T)
+    return (
+        Gain(_difference(our.auc, their.auc), auc_ci),
+        Gain(_difference(our.average_precision, their.average_precision), precision_ci),
+    )
+
+
+def _difference(our: float | None, their: float | None) -> float | None:
+    return None if our is None or their is None else our - their

@@ -1,7 +1,7 @@
 """A network trained by scikit-learn and turned into whole numbers (holdfast/export/network.py).
 
-Several networks that differ in their seed alone stand side by side, and the mean of their logits
-counts: their first layers are one matrix, later ones a matrix of blocks.
+Several networks that differ in their seed alone are evaluated together, and the mean of their
+logits counts: their first layers are one matrix, later ones a matrix of blocks.
 """
 
 from __future__ import annotations
@@ -10,11 +10,12 @@ import warnings
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from scipy.linalg import block_diag
 from sklearn.exceptions import ConvergenceWarning
 from sklearn.neural_network import MLPClassifier
 
+from holdfast.core.contract import FloatArray, IntArray
+from holdfast.export.heads import FloatRows
 from holdfast.export.network import (
     EXACT_FLOAT32,
     HIDDEN_MOST,
@@ -28,8 +29,6 @@ from holdfast.export.network import (
     hidden_values,
 )
 
-Rows = npt.NDArray[np.float32]
-Reals = npt.NDArray[np.float64]
 KNEE_FLOOR = 1e-3
 """Smallest knee, in the features' unit: a feature that hardly moves is not blown up."""
 UNUSED_PERCENT = 0.1
@@ -60,25 +59,24 @@ class NetworkPlan:
 class _Squash:
     """knee [F], mean [F] and deviation [F] of what it gives."""
 
-    knee: Rows
-    mean: Reals
-    deviation: Reals
+    knee: FloatRows
+    mean: FloatArray
+    deviation: FloatArray
 
     @staticmethod
-    def of(rows: Rows, knee: float) -> _Squash:
+    def of(rows: FloatRows, knee: float) -> _Squash:
         """Fitted on training rows [N, F]."""
-        knees = (knee * rows.std(axis=0, dtype=np.float64) + KNEE_FLOOR).astype(
-            np.float32
-        )
+        spread = rows.std(axis=0, dtype=np.float64)
+        knees = (knee * spread + KNEE_FLOOR).astype(np.float32)
         squashed = rows / (np.abs(rows) + knees)
         deviation = squashed.std(axis=0, dtype=np.float64)
         return _Squash(knees, squashed.mean(axis=0, dtype=np.float64), deviation + 1e-6)
 
-    def steps(self) -> Reals:
+    def steps(self) -> FloatArray:
         """[F] steps of a quantised input a standard deviation."""
         return INPUT_MOST * self.deviation / (1.0 + np.abs(self.mean)) * (1.0 - 1e-6)
 
-    def standardised(self, rows: Rows) -> Rows:
+    def standardised(self, rows: FloatRows) -> FloatRows:
         """[N, F] as the network sees it."""
         squashed = rows / (np.abs(rows) + self.knee)
         return ((squashed - self.mean) / self.deviation).astype(np.float32)
@@ -90,37 +88,37 @@ class Members:
 
     squash: _Squash
     networks: tuple[MLPClassifier, ...]
-    present: npt.NDArray[np.int64]
+    present: IntArray
 
-    def shares(self, rows: Rows, n_classes: int) -> Reals:
+    def shares(self, rows: FloatRows, n_classes: int) -> FloatArray:
         """[N, n_classes] probabilities of the mean logits, before they become whole numbers."""
         standardised = self.squash.standardised(rows)
-        shares = [one.predict_proba(standardised) for one in self.networks]
-        mean = np.exp(
-            np.mean([np.log(np.maximum(one, 1e-30)) for one in shares], axis=0)
-        )
+        logits = []
+        for network in self.networks:
+            shares = network.predict_proba(standardised)
+            logits.append(np.log(np.maximum(shares, 1e-30)))
+        mean = np.exp(np.mean(logits, axis=0))
         wide = np.zeros((len(rows), n_classes))
         wide[:, self.present] = mean / mean.sum(axis=1, keepdims=True)
         return wide
 
 
 def fit_members(
-    plan: NetworkPlan, rows: Rows, label: npt.NDArray[np.int64], seed: int
+    plan: NetworkPlan, rows: FloatRows, label: IntArray, seed: int
 ) -> Members:
     """Train on rows [N, F] with labels [N]; the seed makes it the same every time."""
     squash = _Squash.of(rows, plan.knee)
     standardised = squash.standardised(rows)
-    networks = [
-        _fit_member(plan, standardised, label, seed + number)
-        for number in range(plan.members)
-    ]
+    networks = []
+    for number in range(plan.members):
+        networks.append(_fit_member(plan, standardised, label, seed + number))
     return Members(squash, tuple(networks), np.unique(label))
 
 
 def fit_network(
     plan: NetworkPlan,
-    rows: Rows,
-    label: npt.NDArray[np.int64],
+    rows: FloatRows,
+    label: IntArray,
     n_classes: int,
     seed: int,
     votes_in_all: int = VOTES,
@@ -132,7 +130,7 @@ def fit_network(
 
 
 def _fit_member(
-    plan: NetworkPlan, rows: Rows, label: npt.NDArray[np.int64], seed: int
+    plan: NetworkPlan, rows: FloatRows, label: IntArray, seed: int
 ) -> MLPClassifier:
     member = MLPClassifier(
         plan.hidden,
@@ -144,13 +142,14 @@ def _fit_member(
     )
     counts = np.bincount(label)
     share = (len(label) / np.maximum(counts, 1) / len(counts)) ** plan.balance
-    with warnings.catch_warnings():  # it stops after the plan's epochs on purpose
+    with warnings.catch_warnings():
+        # It stops after the plan's epochs on purpose.
         warnings.simplefilter("ignore", ConvergenceWarning)
         return member.fit(rows, label, sample_weight=share[label])
 
 
 def in_whole_numbers(
-    members: Members, rows: Rows, n_classes: int, votes_in_all: int = VOTES
+    members: Members, rows: FloatRows, n_classes: int, votes_in_all: int = VOTES
 ) -> Network:
     """One network of whole numbers. rows [N, F]: of training, for the range of hidden values."""
     squash, networks = members.squash, members.networks
@@ -172,10 +171,10 @@ def in_whole_numbers(
 def _hidden(
     members: tuple[MLPClassifier, ...],
     number: int,
-    values: Rows,
+    values: FloatRows,
     most: int,
-    unit: Reals,
-) -> tuple[Layer, Reals]:
+    unit: FloatArray,
+) -> tuple[Layer, FloatArray]:
     """A hidden layer of all members, and the real value of one step of each of its units.
 
     values [N, I]: what enters it. unit [I]: the real value of one step of that.
@@ -187,16 +186,15 @@ def _hidden(
     real = np.maximum((values @ weights + whole_bias) / fineness, 0.0)
     top = np.percentile(real, 100.0 - UNUSED_PERCENT, axis=0)
     step = np.where(top > 0.0, top, 1.0) / HIDDEN_MOST
-    return Layer(
-        weights, whole_bias, (1.0 / (fineness * step)).astype(np.float32)
-    ), step
+    scale = (1.0 / (fineness * step)).astype(np.float32)
+    return Layer(weights, whole_bias, scale), step
 
 
 def _logits(
     members: tuple[MLPClassifier, ...],
-    unit: Reals,
+    unit: FloatArray,
     most: int,
-    present: npt.NDArray[np.int64],
+    present: IntArray,
     n_classes: int,
 ) -> Layer:
     """The last layer: the mean of the members' logits, for all classes."""
@@ -204,9 +202,8 @@ def _logits(
     intercepts = np.mean([member.intercepts_[-1] for member in members], axis=0)
     wide = np.zeros((len(coefficients), n_classes))
     bias = np.full(n_classes, NO_VOTES_NATS)
-    columns = present[
-        -coefficients.shape[1] :
-    ]  # of two classes only the second has a logit
+    # Of two classes only the second has a logit.
+    columns = present[-coefficients.shape[1] :]
     wide[:, columns] = coefficients
     bias[present] = 0.0
     bias[columns] = intercepts
@@ -214,16 +211,15 @@ def _logits(
     return Layer(weights, whole_bias, (LOGIT_STEPS / fineness).astype(np.float32))
 
 
-def _whole(weights: Reals, bias: Reals, most: int) -> tuple[Rows, Rows, Reals]:
+def _whole(
+    weights: FloatArray, bias: FloatArray, most: int
+) -> tuple[FloatRows, FloatRows, FloatArray]:
     """Whole weights and bias, as fine as exact sums allow, and their steps per real 1, [O]."""
-    room = (
-        EXACT_FLOAT32 - 1 - most * len(weights)
-    )  # rounding may add half a step to each
+    # Rounding may add half a step to each weight.
+    room = EXACT_FLOAT32 - 1 - most * len(weights)
     size = most * np.abs(weights).sum(axis=0) + np.abs(bias) + 1e-9
     largest = np.abs(weights).max(axis=0) + 1e-9
     fineness = np.minimum(room / size, (WEIGHT_MOST - 1) / largest)
-    return (
-        np.round(weights * fineness).astype(np.float32),
-        np.round(bias * fineness).astype(np.float32),
-        fineness,
-    )
+    whole_weights = np.round(weights * fineness).astype(np.float32)
+    whole_bias = np.round(bias * fineness).astype(np.float32)
+    return whole_weights, whole_bias, fineness

@@ -14,6 +14,8 @@ from holdfast.core.reading import Json
 from holdfast.edge_runtime.preparation import Preparation
 from holdfast.training.timeline import Phase, RiskyEvent
 
+StringArray = npt.NDArray[np.str_]
+
 
 @dataclass(frozen=True)
 class Recording:
@@ -125,7 +127,7 @@ class DataSet:
         """The distinct groups (people, blocks), sorted."""
         return sorted({recording.group for recording in self.recordings})
 
-    def group_of(self, task: str) -> npt.NDArray[np.str_]:
+    def group_of(self, task: str) -> StringArray:
         """[M] group of every window of a task."""
         names = np.array([recording.group for recording in self.recordings])
         return names[self.tasks[task].trial]

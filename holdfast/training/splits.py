@@ -1,24 +1,24 @@
-"""Training and test sets: a person (or block) is never in both.
+"""Training and test sets: a group is never on both sides of a split.
 
-What is held out together: all trials of a person, of an object, or one trial at a time.
-
-A group is never on both sides of a split, and intervals resample groups.
+A group is what is held out together: all trials of a person, of an object (or a block), or one
+trial at a time. Intervals resample groups. Folds are dealt here and not by scikit-learn's splitters
+(GroupKFold, StratifiedGroupKFold): theirs differ, and the published figures rest on these.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 
+from holdfast.core.contract import IntArray
 from holdfast.core.errors import TooFewGroups
 from holdfast.training.recording import DataSet, Recording
 
-Rows = npt.NDArray[np.int64]
-Fold = tuple[Rows, Rows]
+Fold = tuple[IntArray, IntArray]
 """Training rows and test rows, both ascending."""
 
 
@@ -36,12 +36,11 @@ def assign_groups(
     """
     names, sizes = np.unique(np.asarray(groups, dtype=str), return_counts=True)
     if n_folds < 2 or len(names) < n_folds:
+        fewer = f"use {len(names)} folds"
         raise TooFewGroups(
             f"{len(names)} groups (people, blocks) do not make {n_folds} folds",
             cause="the set holds too few people, or was cut down with --groups",
-            next_step=f"use {len(names)} folds"
-            if len(names) > 1
-            else "add recordings of other people",
+            next_step=fewer if len(names) > 1 else "add recordings of other people",
         )
     rng = np.random.default_rng(seed)
     by_size = names[np.argsort(-sizes, kind="stable")]
@@ -63,25 +62,23 @@ def grouped_folds(groups: npt.ArrayLike, n_folds: int, *, seed: int = 0) -> list
 
 def folds_of(groups: npt.ArrayLike, assignment: dict[str, int]) -> list[Fold]:
     """Training and test rows of every fold, for windows of these groups [M]."""
-    fold = np.array(
-        [assignment[str(name)] for name in np.asarray(groups, dtype=str)],
-        dtype=np.int64,
-    )
-    return [
-        (np.flatnonzero(fold != k), np.flatnonzero(fold == k))
-        for k in sorted(set(assignment.values()))
-    ]
+    names, place = np.unique(np.asarray(groups, dtype=str), return_inverse=True)
+    folds = np.array([assignment[name] for name in names.tolist()], dtype=np.int64)
+    return _folds(folds[place], sorted(set(assignment.values())))
+
+
+def _folds(fold: IntArray, numbers: Iterable[int]) -> list[Fold]:
+    """Training and test rows of each fold, from the fold of every row."""
+    return [(np.flatnonzero(fold != k), np.flatnonzero(fold == k)) for k in numbers]
 
 
 def leaky_folds(n_rows: int, n_folds: int, *, seed: int = 0) -> list[Fold]:
     """Folds of random windows, so that neighbours in time are on both sides.
 
-    WRONG, and named so: it exists to show, beside the right number, how far a bad split flatters.
+    WRONG, and named so: it exists to show, next to the right number, how far a bad split flatters.
     """
     fold = np.random.default_rng(seed).permutation(n_rows) % n_folds
-    return [
-        (np.flatnonzero(fold != k), np.flatnonzero(fold == k)) for k in range(n_folds)
-    ]
+    return _folds(fold, range(n_folds))
 
 
 HoldOut = Literal["person", "object", "trial"]
@@ -91,25 +88,26 @@ NO_OBJECT = "-"
 def grouped(recordings: Sequence[Recording]) -> tuple[list[Recording], HoldOut]:
     """The recordings with their groups, and the kind of these.
 
-    People are the groups where there are two or more; else every trial is one.
+    People are the groups where there are two or more; else every trial is its own.
     """
-    people = {one.person for one in recordings if one.person is not None}
+    people = {recording.person for recording in recordings} - {None}
     kind: HoldOut = "person" if len(people) > 1 else "trial"
-    return [replace(one, group=_group(one, kind)) for one in recordings], kind
+    return _grouped_by(recordings, kind), kind
 
 
 def regrouped(data: DataSet, by: HoldOut) -> DataSet:
     """The same set held out by something else. Raises TooFewGroups with less than two groups."""
-    recordings = [replace(one, group=_group(one, by)) for one in data.recordings]
-    count = len({one.group for one in recordings})
-    if count < 2 or (by == "person" and any(one.person is None for one in recordings)):
+    recordings = _grouped_by(data.recordings, by)
+    regrouped_set = replace(data, recordings=recordings, group_kind=by)
+    unnamed = by == "person" and None in {one.person for one in recordings}
+    if unnamed or len(regrouped_set.groups()) < 2:
         raise TooFewGroups(
             f"the recordings cannot be held out by {by}",
             where=data.name,
             cause="the set names no people" if by == "person" else f"one {by} alone",
             next_step=_NEXT[by],
         )
-    return replace(data, recordings=recordings, group_kind=by)
+    return regrouped_set
 
 
 _NEXT = {
@@ -119,10 +117,13 @@ _NEXT = {
 }
 
 
-def _group(recording: Recording, by: HoldOut) -> str:
-    names = {
-        "person": recording.person,
-        "object": recording.object_name or NO_OBJECT,
-        "trial": recording.trial_id,
-    }
-    return names[by] or recording.trial_id
+def _grouped_by(recordings: Sequence[Recording], by: HoldOut) -> list[Recording]:
+    result = []
+    for recording in recordings:
+        group = recording.trial_id
+        if by == "person" and recording.person:
+            group = recording.person
+        elif by == "object":
+            group = recording.object_name or NO_OBJECT
+        result.append(replace(recording, group=group))
+    return result

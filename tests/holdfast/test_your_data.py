@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from command_line import fails
 
-from holdfast.training.example_data import write_example
+from holdfast.training.fixture import write_example
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / "docs/your-data.md"

@@ -10,10 +10,10 @@ from joblib import parallel_config
 
 from holdfast.core.contract import SITUATIONS
 from holdfast.edge_runtime.preparation import Preparation
-from holdfast.training.network_choice import candidates_of
 from holdfast.training.network_fit import NetworkPlan
 from holdfast.training.plan import ForestPlan
 from holdfast.training.recording import DataSet, LabelledRows, Recording
+from holdfast.training.tuning import candidates_of
 from studies.real import learners
 
 PEOPLE, SAMPLES, RATE_HZ = 4, 400, 50.0

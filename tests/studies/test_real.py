@@ -23,7 +23,7 @@ from holdfast.training.crossval import HeldOut, cross_validate
 from holdfast.training.datasets import load
 from holdfast.training.featurise import FloatRows, cpu_cost, features_of, spec_for
 from holdfast.training.fitting import held_out_figures, versions
-from holdfast.training.paired import Gain
+from holdfast.training.metrics import Gain
 from holdfast.training.plan import (
     CLOCK_FREE_GROUPS,
     CLOCK_PLAN,

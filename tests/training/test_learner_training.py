@@ -20,9 +20,7 @@ from holdfast.training.crossval import (
     fit_learner,
     plan_for,
 )
-from holdfast.training.label_rule import fit_label_weights, situation_labels
 from holdfast.training.metrics import situation_scores
-from holdfast.training.network_choice import candidates_of, choose_network
 from holdfast.training.network_fit import (
     NetworkPlan,
     fit_members,
@@ -31,6 +29,12 @@ from holdfast.training.network_fit import (
 )
 from holdfast.training.plan import ForestPlan, TrainingPlan
 from holdfast.training.recording import DataSet, LabelledRows, Recording
+from holdfast.training.tuning import (
+    candidates_of,
+    choose_network,
+    fit_label_weights,
+    situation_labels,
+)
 
 SMALL = NetworkPlan(hidden=(8,), members=2, epochs=3, batch=16)
 PLAN = TrainingPlan(

@@ -7,8 +7,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from holdfast.training.metrics import prediction_scores, situation_scores
-from holdfast.training.paired import macro_f1_gain, prediction_gains
+from holdfast.training.metrics import (
+    macro_f1_gain,
+    prediction_gains,
+    prediction_scores,
+    situation_scores,
+)
 
 PEOPLE, EACH = 8, 40
 

@@ -1,0 +1,103 @@
+"""What is chosen on folds of the training groups alone: label weights, and a network's parameters.
+
+A label weight is what each situation's votes count for the label, chosen for macro F1.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+from sklearn.metrics import average_precision_score
+
+from holdfast.core.contract import SITUATIONS, FloatArray, IntArray
+from holdfast.export.heads import FloatRows, riskier_argmax, weighted
+from holdfast.training.network_fit import NetworkPlan, fit_members
+from holdfast.training.splits import grouped_folds
+
+WEIGHT_FACTORS = np.exp(np.linspace(-1.2, 1.2, 13)).tolist()
+"""What a weight is multiplied by in a round of the search."""
+ROUNDS = 2
+DIGITS = 4
+NETWORK_FACTORS = ((1.0, 1), (0.1, 1), (10.0, 1), (1.0, 2))
+"""On a plan's alpha and epochs; the first is the plan itself, which wins a tie."""
+LabelWeights = tuple[float, ...]
+
+
+def fit_label_weights(votes: IntArray, situation: IntArray) -> LabelWeights:
+    """Weights [4], the largest 1, from votes [M, 4] and true situations [M].
+
+    The weights are searched in turn. A situation that is not in the truth keeps its weight.
+    """
+    shares = votes / votes.sum(axis=1, keepdims=True)
+    weights = np.ones(len(SITUATIONS))
+    present = np.unique(situation).tolist()
+    for _ in range(ROUNDS):
+        for k in present:
+            candidates, scores = [], []
+            for factor in WEIGHT_FACTORS:
+                candidate = weights.copy()
+                candidate[k] *= factor
+                candidates.append(candidate)
+                scores.append(_macro_f1(shares * candidate, situation, present))
+            weights = candidates[int(np.argmax(scores))]
+    return tuple(np.round(weights / weights.max(), DIGITS).tolist())
+
+
+def _macro_f1(scores: FloatArray, situation: IntArray, present: list[int]) -> float:
+    """Mean F1 of the situations in the truth."""
+    n = len(SITUATIONS)
+    cell = situation * n + riskier_argmax(scores)
+    cells = np.bincount(cell, minlength=n * n).reshape(n, n)
+    f1 = 2 * np.diag(cells) / np.maximum(cells.sum(axis=0) + cells.sum(axis=1), 1)
+    return float(f1[present].mean())
+
+
+def situation_labels(votes: IntArray, weights: LabelWeights | None) -> IntArray:
+    """[M] situations from situation votes [M, 4]; weights: None for the same for all."""
+    return riskier_argmax(weighted(votes, weights))
+
+
+def candidates_of(plan: NetworkPlan) -> list[NetworkPlan]:
+    """The plan and its neighbours."""
+    return [
+        replace(plan, alpha=plan.alpha * alpha, epochs=plan.epochs * epochs)
+        for alpha, epochs in NETWORK_FACTORS
+    ]
+
+
+def choose_network(
+    plan: NetworkPlan,
+    rows: FloatRows,
+    label: IntArray,
+    groups: npt.ArrayLike,
+    n_folds: int,
+    seed: int,
+) -> NetworkPlan:
+    """The candidate that ranks the windows of groups held out best: mean average precision.
+
+    rows [N, F], label [N], groups [N]: of training. One network stands for a plan's members.
+    Raises TooFewGroups.
+    """
+    candidates = candidates_of(plan)
+    folds = grouped_folds(groups, n_folds, seed=seed)
+    n_classes = int(label.max()) + 1
+    precisions = []
+    for candidate in candidates:
+        shares = np.zeros((len(label), n_classes))
+        for train, test in folds:
+            single = replace(candidate, members=1)
+            members = fit_members(single, rows[train], label[train], seed)
+            shares[test] = members.shares(rows[test], n_classes)
+        precisions.append(_mean_precision(shares, label))
+    return candidates[int(np.argmax(precisions))]
+
+
+def _mean_precision(shares: FloatArray, label: IntArray) -> float:
+    """Mean over the classes; of two classes, that of the second."""
+    classes = np.unique(label)
+    if shares.shape[1] == 2:
+        classes = classes[-1:]
+    precisions = [average_precision_score(label == k, shares[:, k]) for k in classes]
+    return float(np.mean(precisions))
