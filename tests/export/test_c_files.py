@@ -21,7 +21,7 @@ from holdfast.core.errors import CompilerFailed, NotCompilable, OutputError
 from holdfast.core.writing import write_whole
 from holdfast.edge_runtime.c_engine import LIBRARY
 from holdfast.edge_runtime.onnx_bytes import Node
-from holdfast.export.c.compiler import find_compiler
+from holdfast.export.c.exporting import find_compiler
 from holdfast.export.c.graph import read_graph
 from holdfast.export.c.source import c_source
 from holdfast.export.exporting import model_card, seal

@@ -18,8 +18,8 @@ from holdfast.edge_runtime.batch import ManyLanes
 from holdfast.edge_runtime.decision import LIMITS, DecisionRules, DecisionState, decide
 from holdfast.edge_runtime.grip import CONTROLLERS, GripSense
 from holdfast.edge_runtime.grip_control import GripLoop
+from holdfast.export.c.constants import RULE_ORDER
 from holdfast.export.c.graph import read_graph
-from holdfast.export.c.hand import RULE_ORDER
 
 RATE_HZ = 50.0
 """Of the small model."""

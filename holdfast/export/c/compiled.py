@@ -3,20 +3,48 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 from holdfast.edge_runtime.onnx_bytes import Node
-from holdfast.export.c.graph import FEATURES, INPUTS, Graph, refusal
+from holdfast.export.c.graph import FEATURES, INPUTS, Graph
 from holdfast.export.c.literals import Tables
+from holdfast.export.c.loops import write_loop
 from holdfast.export.c.memory import SCRATCH, Memory
-from holdfast.export.c.operators import write_step
-from holdfast.export.c.plan import Plan, Step, plan_of
-from holdfast.export.c.views import View, views_of
-from holdfast.export.c.whole import Whole
-from holdfast.export.c.whole_products import whole_types
-from holdfast.export.c.writer import Names, Writer
+from holdfast.export.c.moves import (
+    write_arg_max,
+    write_concat,
+    write_gather,
+    write_reduction,
+    write_slice,
+    write_softmax,
+    write_split,
+    write_transpose,
+)
+from holdfast.export.c.plan import Plan, Step, View, plan_of, views_of
+from holdfast.export.c.products import write_product
+from holdfast.export.c.shapes import refusal
+from holdfast.export.c.trees import write_trees
+from holdfast.export.c.whole import Whole, whole_types
+from holdfast.export.c.writer import Function, Names, Writer, function
 
 CALL_BYTES = 256
-"""Stack of calls and registers beside the scratch arrays."""
+"""Stack of calls and registers, in addition to the scratch arrays."""
+EMITTERS: dict[str, Callable[[Node, Writer], list[str]]] = {
+    "ArgMax": write_arg_max,
+    "Concat": write_concat,
+    "Gather": write_gather,
+    "MatMul": write_product,
+    "ReduceL2": write_reduction,
+    "ReduceMax": write_reduction,
+    "ReduceMin": write_reduction,
+    "ReduceSum": write_reduction,
+    "Slice": write_slice,
+    "Softmax": write_softmax,
+    "Split": write_split,
+    "Transpose": write_transpose,
+    "TreeEnsembleRegressor": write_trees,
+}
+"""The body of each operator that stands alone; loops.py has those that go number by number."""
 
 
 class Compiled:
@@ -25,22 +53,26 @@ class Compiled:
     def __init__(self, graph: Graph) -> None:
         """Raises NotCompilable."""
         self.tables = Tables()
-        self._graph, self._names, self._number = graph, Names(), 0
-        self._whole = Whole(graph)
+        self._graph = graph
+        self._names = Names()
+        self._n_functions = 0
+        whole = Whole(graph)
+        self._largest = whole.largest
         views = views_of(graph)
         plan = plan_of(graph, views)
-        types = whole_types(graph, plan, self._whole)
-        outside = {name: name for name in (*INPUTS, FEATURES)}
+        types = whole_types(graph, plan, whole)
         made_early = {name for step in plan.sense for name in step.outputs}
-        early = {name: at for name, at in _fields(graph).items() if name in made_early}
-        late = {
-            name: at for name, at in _fields(graph).items() if name not in made_early
-        }
-        sense = Memory(graph, views, plan.sense, types, outside | early, plan.keep)
-        answer = Memory(graph, views, plan.answer, types, {FEATURES: FEATURES, **late})
+        early = {name: name for name in (*INPUTS, FEATURES)}
+        late = {FEATURES: FEATURES}
+        for name, field in _fields(graph).items():
+            places = early if name in made_early else late
+            places[name] = field
+        sense = Memory(graph, views, plan.sense, types, early, plan.keep)
+        answer = Memory(graph, views, plan.answer, types, late)
         _require_apart(graph, plan, views)
         _require_outputs(graph, plan)
-        self.sense = self._part(plan.sense, sense, _kept_state(graph, plan.keep, sense))
+        next_state = _kept_state(graph, plan.keep, sense)
+        self.sense = self._part(plan.sense, sense, next_state)
         self.answer = self._part(plan.answer, answer, [])
         self.state_bytes = 8 + 8 * math.prod(graph.shape("state"))
         scratch = max(sense.scratch_bytes(), answer.scratch_bytes())
@@ -50,47 +82,64 @@ class Compiled:
         self, steps: list[Step], memory: Memory, end: list[str]
     ) -> tuple[str, str]:
         """(definitions, body of the function that calls them in order)."""
-        writer = Writer(self._graph, memory, self.tables, self._names, self._whole)
-        functions = []
+        writer = Writer(self._graph, memory, self.tables, self._names, self._largest)
+        definitions, calls = [], []
         for step in steps:
+            # a step that nothing reads is not written
             if any(memory.is_kept(name) for name in step.outputs):
-                functions.append(write_step(step, self._number, writer))
-                self._number += 1
-        scratch = [
-            f"{c_type} {SCRATCH[c_type]}[{size}];"
-            for c_type, size in memory.sizes.items()
-            if size
-        ]
-        lines = [*scratch, *(one.call for one in functions), *end]
-        definitions = "\n".join(one.definition for one in functions)
-        return definitions, "\n".join(f"    {line}" for line in lines)
+                made = _write_step(step, self._n_functions, writer)
+                definitions.append(made.definition)
+                calls.append(made.call)
+                self._n_functions += 1
+        lines = []
+        for c_type, size in memory.sizes.items():
+            if size:
+                lines.append(f"    {c_type} {SCRATCH[c_type]}[{size}];")
+        for line in [*calls, *end]:
+            lines.append(f"    {line}")
+        return "\n".join(definitions), "\n".join(lines)
+
+
+def _write_step(step: Step, number: int, writer: Writer) -> Function:
+    """The C function of a step. Raises NotCompilable for an operator without a C form."""
+    if step.shape is not None:
+        return function(step, number, write_loop(step, writer), writer)
+    (node,) = step.nodes
+    emitter = EMITTERS.get(node.op_type)
+    if emitter is None:
+        raise refusal(node, "it has no C form")
+    return function(step, number, emitter(node, writer), writer)
 
 
 def _fields(graph: Graph) -> dict[str, str]:
     """Output -> where the caller's struct has it."""
-    return {
-        name: f"out->{name}" if math.prod(graph.shape(name)) > 1 else f"&out->{name}"
-        for name in graph.outputs
-    }
+    fields = {}
+    for name in graph.outputs:
+        is_array = math.prod(graph.shape(name)) > 1
+        fields[name] = f"out->{name}" if is_array else f"&out->{name}"
+    return fields
 
 
 def _require_apart(graph: Graph, plan: Plan, views: dict[str, View]) -> None:
     """Raise NotCompilable where an answer depends on more than the features."""
-    own = {FEATURES, *(name for step in plan.answer for name in step.outputs)}
-    for node in (node for step in plan.answer for node in step.nodes):
-        for name in node.inputs:
-            base = views[name].base if name in views else name
-            if base not in own and graph.values(base) is None:
-                raise refusal(node, "an answer depends on more than the features")
+    known = {FEATURES}
+    for step in plan.answer:
+        known.update(step.outputs)
+    for step in plan.answer:
+        for node in step.nodes:
+            for name in node.inputs:
+                base = views[name].base if name in views else name
+                if base not in known and graph.values(base) is None:
+                    raise refusal(node, "an answer depends on more than the features")
 
 
 def _require_outputs(graph: Graph, plan: Plan) -> None:
     """Raise NotCompilable where an output only names a part of another tensor."""
     made = {name for step in (*plan.sense, *plan.answer) for name in step.outputs}
-    for name in (*graph.outputs, FEATURES):
-        if name not in made:
-            (node,) = [node for node in graph.nodes if name in node.outputs]
-            raise refusal(node, "an output is only a part of another tensor")
+    for node in graph.nodes:
+        for name in node.outputs:
+            if name in (*graph.outputs, FEATURES) and name not in made:
+                raise refusal(node, "an output is only a part of another tensor")
 
 
 def _kept_state(graph: Graph, node: Node, memory: Memory) -> list[str]:
@@ -101,11 +150,11 @@ def _kept_state(graph: Graph, node: Node, memory: Memory) -> list[str]:
     for name in node.inputs:
         place, size = memory.place(name), math.prod(graph.shape(name))
         inside = place.array == "state"
+        # a part that moves backwards would be overwritten before it is copied
         if (inside and place.offset < at) or graph.values(name) is not None:
             raise refusal(node, "a part of the state moves backwards, or is constant")
-        call = "memmove" if inside else "memcpy"
-        lines.append(
-            f"{call}(state + {at}, {place.address()}, {size} * sizeof *state);"
-        )
+        copy = "memmove" if inside else "memcpy"
+        source = place.address()
+        lines.append(f"{copy}(state + {at}, {source}, {size} * sizeof *state);")
         at += size
     return lines

@@ -38,28 +38,19 @@ def number(value: Any, c_type: str) -> str:
     """
     if c_type not in ("double", "float"):
         return str(int(value))
-    real, end = float(value), "f" if c_type == "float" else ""
+    real = float(value)
+    end = "f" if c_type == "float" else ""
     if np.isinf(real):
         return f"({'-' if real < 0 else ''}({c_type})INFINITY)"
     if real == int(real) and abs(real) < 1e6:
         return f"{real:.1f}{end}"
     short = repr(real)
-    return (
-        f"{short}{end}"
-        if len(short) <= 6 and _dyadic(real)
-        else f"{_hexadecimal(real)}{end}"
-    )
-
-
-def _hexadecimal(real: float) -> str:
-    """Without zeros at the end."""
+    is_exact = real * 1024.0 == round(real * 1024.0)
+    if len(short) <= 6 and is_exact:
+        return f"{short}{end}"
+    # hexadecimal digits are exact; zeros at the end are left out
     digits, exponent = real.hex().split("p")
-    return f"{digits.rstrip('0').rstrip('.')}p{exponent}"
-
-
-def _dyadic(real: float) -> bool:
-    """Whether a short decimal is exactly this number."""
-    return real * 1024.0 == round(real * 1024.0)
+    return f"{digits.rstrip('0').rstrip('.')}p{exponent}{end}"
 
 
 def smallest_type(values: npt.NDArray[Any]) -> str:
@@ -70,7 +61,8 @@ def smallest_type(values: npt.NDArray[Any]) -> str:
     """
     least, most = int(values.min(initial=0)), int(values.max(initial=0))
     for name, dtype in INTEGERS:
-        if np.iinfo(dtype).min <= least and most <= np.iinfo(dtype).max:
+        limits = np.iinfo(dtype)
+        if limits.min <= least and most <= limits.max:
             return name
     raise OverflowError(f"{least} to {most}")
 

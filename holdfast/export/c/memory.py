@@ -12,8 +12,7 @@ from dataclasses import dataclass
 from holdfast.edge_runtime.onnx_bytes import Node
 from holdfast.export.c.graph import Graph
 from holdfast.export.c.literals import BYTES, C_TYPES
-from holdfast.export.c.plan import Step
-from holdfast.export.c.views import View
+from holdfast.export.c.plan import Step, View
 
 ALIGNED = 8
 """Places are multiples of this many numbers, for vector instructions."""
@@ -25,6 +24,8 @@ SCRATCH = {
     "int16_t": "h",
 }
 """The names of the scratch arrays."""
+Block = tuple[int, int]
+"""First number and size of free memory."""
 
 
 @dataclass(frozen=True)
@@ -55,18 +56,22 @@ class Memory:
         outside: dict[str, str],
         kept: Node | None = None,
     ) -> None:
-        self._graph, self._views, self._types = graph, views, types
-        self._places = {
-            name: Place(self.c_type(name), array) for name, array in outside.items()
-        }
+        self._graph = graph
+        self._views = views
+        self._types = types
         self.sizes: dict[str, int] = {}
-        self._last = _last_readers(steps, views, kept)
-        self._free: dict[str, list[tuple[int, int]]] = {}
+        self._free: dict[str, list[Block]] = {}
+        self._places: dict[str, Place] = {}
+        for name, array in outside.items():
+            self._places[name] = Place(self.c_type(name), array)
+        last_reader = _last_readers(steps, views, kept)
         for at, step in enumerate(steps):
             for name in step.outputs:
-                if name in self._last and name not in self._places:
+                if name in last_reader and name not in self._places:
                     self._places[name] = self._allot(name)
-            self._release(at)
+            for name, last in last_reader.items():
+                if last == at:
+                    self._release(name)
 
     def c_type(self, name: str) -> str:
         """The C type that a tensor is kept as."""
@@ -88,51 +93,56 @@ class Memory:
         """Of all scratch arrays."""
         return sum(BYTES.get(c_type, 4) * size for c_type, size in self.sizes.items())
 
+    def _size(self, name: str) -> int:
+        """Numbers of a tensor, rounded up."""
+        return -(-math.prod(self._graph.shape(name)) // ALIGNED) * ALIGNED
+
     def _allot(self, name: str) -> Place:
         """The first free block that is large enough, or new memory at the end."""
-        c_type, n = self.c_type(name), math.prod(self._graph.shape(name))
-        n = -(-n // ALIGNED) * ALIGNED
+        c_type, n = self.c_type(name), self._size(name)
         blocks = self._free.setdefault(c_type, [])
         for k, (start, size) in enumerate(blocks):
             if size >= n:
                 blocks[k] = (start + n, size - n)
                 return Place(c_type, SCRATCH[c_type], start)
-        start = self.sizes.get(c_type, 0)
-        self.sizes[c_type] = start + n
-        return Place(c_type, SCRATCH[c_type], start)
+        end = self.sizes.get(c_type, 0)
+        self.sizes[c_type] = end + n
+        return Place(c_type, SCRATCH[c_type], end)
 
-    def _release(self, at: int) -> None:
-        """Free what no step after this one reads, and join neighbouring blocks."""
-        for name in [one for one, last in self._last.items() if last == at]:
-            place = self._places.get(name)
-            if place is None or place.array != SCRATCH.get(place.c_type):
+    def _release(self, name: str) -> None:
+        """Free a tensor's scratch memory, and join neighbouring blocks."""
+        place = self._places.get(name)
+        if place is None or place.array != SCRATCH.get(place.c_type):
+            return
+        freed = (place.offset, self._size(name))
+        joined: list[Block] = []
+        for start, size in sorted([*self._free[place.c_type], freed]):
+            if not size:
                 continue
-            n = -(-math.prod(self._graph.shape(name)) // ALIGNED) * ALIGNED
-            blocks = sorted([*self._free[place.c_type], (place.offset, n)])
-            self._free[place.c_type] = _joined(blocks)
-
-
-def _joined(blocks: list[tuple[int, int]]) -> list[tuple[int, int]]:
-    joined: list[tuple[int, int]] = []
-    for start, size in blocks:
-        if size and joined and sum(joined[-1]) == start:
-            joined[-1] = (joined[-1][0], joined[-1][1] + size)
-        elif size:
-            joined.append((start, size))
-    return joined
+            if joined and sum(joined[-1]) == start:
+                first, before = joined.pop()
+                joined.append((first, before + size))
+            else:
+                joined.append((start, size))
+        self._free[place.c_type] = joined
 
 
 def _last_readers(
     steps: list[Step], views: dict[str, View], kept: Node | None
 ) -> dict[str, int]:
     """Tensor -> number of the last step that reads it, for those that another step reads."""
-    made = {name: at for at, step in enumerate(steps) for name in step.outputs}
+    made: dict[str, int] = {}
+    readers: list[tuple[int, Node]] = []
+    for at, step in enumerate(steps):
+        made |= dict.fromkeys(step.outputs, at)
+        readers += [(at, node) for node in step.nodes]
+    if kept is not None:
+        readers.append((len(steps), kept))
     last: dict[str, int] = {}
-    readers = [(at, node) for at, step in enumerate(steps) for node in step.nodes]
-    readers += [(len(steps), kept)] if kept else []
     for at, node in readers:
         for name in node.inputs:
             base = views[name].base if name in views else name
+            # inside the loop that makes it, a tensor is a variable and needs no memory
             if base in made and (made[base] != at or name in views):
                 last[base] = at
     return last

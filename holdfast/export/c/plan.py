@@ -1,12 +1,16 @@
-"""The order of the work: nodes that go number by number share one loop, all others stand alone."""
+"""The order of the work, and the tensors that are only views of another one's memory.
+
+Nodes that go number by number share one loop, all others stand alone. Parts of the state, and other
+shapes of one row, need no memory and no work.
+"""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from holdfast.edge_runtime.onnx_bytes import Node
 from holdfast.export.c.graph import FEATURES, NEXT_STATE, Graph, Shape
-from holdfast.export.c.views import View
 
 BY_NUMBER = frozenset(
     [
@@ -33,6 +37,79 @@ BY_NUMBER = frozenset(
 
 
 @dataclass(frozen=True)
+class View:
+    """A tensor that begins `offset` numbers into the memory of another one."""
+
+    base: str
+    offset: int = 0
+
+
+def views_of(graph: Graph) -> dict[str, View]:
+    """Every tensor that needs no memory of its own, by name; bases are never views."""
+    views: dict[str, View] = {}
+    for node in graph.nodes:
+        for name, offset in _contiguous(node, graph):
+            first = views.get(node.inputs[0], View(node.inputs[0]))
+            views[name] = View(first.base, first.offset + offset)
+    return views
+
+
+def _contiguous(node: Node, graph: Graph) -> list[tuple[str, int]]:
+    """(output, where it begins) of a node that only names a part of its first input."""
+    if node.op_type in ("Reshape", "Flatten"):
+        return [(node.outputs[0], 0)]
+    if node.op_type == "Split":
+        return _parts(node, graph)
+    if node.op_type == "Slice":
+        return _block(node, graph)
+    return []
+
+
+def _parts(node: Node, graph: Graph) -> list[tuple[str, int]]:
+    """The outputs of a Split along the first axis that is longer than 1."""
+    shape = graph.shape(node.inputs[0])
+    parts: list[tuple[str, int]] = []
+    if math.prod(shape[: split_axis(node)]) == 1:
+        at = 0
+        for name in node.outputs:
+            parts.append((name, at))
+            at += math.prod(graph.shape(name))
+    return parts
+
+
+def split_axis(node: Node) -> int:
+    """The attribute `axis`."""
+    axis = node.attributes.get("axis", 0)
+    assert isinstance(axis, int)
+    return axis
+
+
+def _block(node: Node, graph: Graph) -> list[tuple[str, int]]:
+    """The output of a Slice, if it is one block: only its first axis longer than 1 is cut."""
+    whole, part = graph.shape(node.inputs[0]), graph.shape(node.outputs[0])
+    for axis, size in enumerate(whole):
+        if part[axis] != size and math.prod(part[:axis]) != 1:
+            return []
+    return [(node.outputs[0], slice_offset(node, graph))]
+
+
+def slice_offset(node: Node, graph: Graph) -> int:
+    """Where a Slice begins in its input, in numbers."""
+    starts, _, axes = (graph.constant(name, node).tolist() for name in node.inputs[1:])
+    step = strides(graph.shape(node.inputs[0]))
+    return sum(start * step[axis] for start, axis in zip(starts, axes, strict=True))
+
+
+def strides(shape: Shape) -> tuple[int, ...]:
+    """How far apart neighbours along each axis are, in numbers.
+
+    >>> strides((1, 7, 18))
+    (126, 18, 1)
+    """
+    return tuple(math.prod(shape[axis + 1 :]) for axis in range(len(shape)))
+
+
+@dataclass(frozen=True)
 class Step:
     """Nodes that one C function computes. shape: of its loop, without ones; None: one node."""
 
@@ -56,16 +133,20 @@ class Plan:
 
 def plan_of(graph: Graph, views: dict[str, View]) -> Plan:
     """Cut the graph at its features; what follows them is a function of them alone."""
-    after = {FEATURES}
+    behind = {FEATURES}
     sense, answer = _Order(graph, views), _Order(graph, views)
     (keep,) = [node for node in graph.nodes if NEXT_STATE in node.outputs]
     for node in graph.nodes:
-        if any(name in views for name in node.outputs) or node is keep:
-            after |= set(node.outputs) if node.inputs[0] in after else set()
-            continue
-        behind = any(name in after for name in node.inputs)
-        after |= set(node.outputs) if behind else set()
-        (answer if behind else sense).add(node)
+        is_view = any(name in views for name in node.outputs)
+        if is_view or node is keep:
+            # the other inputs of a view are constants: where it begins, and its shape
+            is_behind = node.inputs[0] in behind
+        else:
+            is_behind = any(name in behind for name in node.inputs)
+            order = answer if is_behind else sense
+            order.add(node)
+        if is_behind:
+            behind.update(node.outputs)
     return Plan(sense.steps, keep, answer.steps)
 
 
@@ -74,7 +155,8 @@ class _Order:
 
     def __init__(self, graph: Graph, views: dict[str, View]) -> None:
         self.steps: list[Step] = []
-        self._graph, self._views = graph, views
+        self._graph = graph
+        self._views = views
         self._made_in: dict[str, int] = {}
 
     def add(self, node: Node) -> None:
@@ -84,14 +166,15 @@ class _Order:
         if at == len(self.steps):
             self.steps.append(Step([], shape))
         self.steps[at].nodes.append(node)
-        self._made_in |= dict.fromkeys(node.outputs, at)
+        for name in node.outputs:
+            self._made_in[name] = at
 
     def _loop_for(self, node: Node, shape: Shape) -> int:
-        first = max((self._ready(name, shape) for name in node.inputs), default=0)
-        fits = (
-            k for k in range(first, len(self.steps)) if self.steps[k].shape == shape
-        )
-        return next(fits, len(self.steps))
+        """The first step that can take the node; one past the last where there is none."""
+        at = max((self._ready(name, shape) for name in node.inputs), default=0)
+        while at < len(self.steps) and self.steps[at].shape != shape:
+            at += 1
+        return at
 
     def _ready(self, name: str, shape: Shape) -> int:
         """The first step that may read a tensor number by number."""
@@ -99,15 +182,16 @@ class _Order:
         at = self._made_in.get(view.base if view else name, -1)
         if at < 0:
             return 0
-        shared = view is None and self.steps[at].shape == shape
-        whole = without_ones(self._graph.shape(name)) == shape
-        return at if shared and whole else at + 1
+        # the loop that makes a tensor may read it, but only the number that it has just made
+        same_loop = view is None and self.steps[at].shape == shape
+        same_number = without_ones(self._graph.shape(name)) == shape
+        return at if same_loop and same_number else at + 1
 
 
 def _loop_shape(node: Node, graph: Graph) -> Shape | None:
     """The shape of the loop that a node belongs to; None where it stands alone."""
-    looked_up = node.op_type == "Gather" and graph.values(node.inputs[1]) is None
-    if node.op_type not in BY_NUMBER and not looked_up:
+    is_table = node.op_type == "Gather" and graph.values(node.inputs[1]) is None
+    if node.op_type not in BY_NUMBER and not is_table:
         return None
     return without_ones(graph.shape(node.outputs[0]))
 

@@ -8,15 +8,16 @@ processor has. Products with 0, 1 and -1, and whole numbers below 2^24, are exac
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from holdfast.edge_runtime.onnx_bytes import Node
-from holdfast.export.c.graph import refusal
 from holdfast.export.c.literals import C_TYPES, number
-from holdfast.export.c.whole_products import write_whole_product
+from holdfast.export.c.shapes import refusal
+from holdfast.export.c.whole import write_whole_product
 from holdfast.export.c.writer import Writer, block, counted, index
 
 Matrix = npt.NDArray[Any]
@@ -28,134 +29,131 @@ MOST_WRITTEN = 600
 """Terms of a whole product that are written out where the constant is on the right."""
 
 
+@dataclass(frozen=True)
+class _Product:
+    """A product with a constant matrix [M, K]: C names of the computed input and the output."""
+
+    matrix: Matrix
+    x: str
+    out: str
+    c_type: str
+    writer: Writer
+
+
 def write_product(node: Node, writer: Writer) -> list[str]:
     """MatMul of one constant matrix with a computed tensor."""
-    left, right = (writer.graph.values(name) for name in node.inputs)
-    (out,) = node.outputs
+    graph, (out,) = writer.graph, node.outputs
+    left, right = graph.values(node.inputs[0]), graph.values(node.inputs[1])
     if writer.memory.c_type(out) == "int32_t":
         assert right is not None
         return write_whole_product(node, right, writer)
+    c_type = C_TYPES[graph.element(out)]
     if left is not None and right is None and left.ndim == 2:
-        return _constant_left(node, left, writer)
+        x, shape = writer.name(node.inputs[1]), graph.shape(node.inputs[1])
+        if math.prod(shape[:-2]) != 1:
+            raise refusal(node, "its second input has more than two dimensions")
+        product = _Product(left, x, writer.name(out), c_type, writer)
+        return _constant_left(product, shape[-1])
     if right is not None and left is None and right.ndim <= 2:
-        return _constant_right(node, right.reshape(len(right), -1), writer)
+        x, shape = writer.name(node.inputs[0]), graph.shape(node.inputs[0])
+        matrix = right.reshape(len(right), -1)
+        product = _Product(matrix, x, writer.name(out), c_type, writer)
+        return _constant_right(product, math.prod(shape[:-1]))
     raise refusal(node, "neither of its inputs is a constant matrix")
 
 
-def _constant_left(node: Node, matrix: Matrix, writer: Writer) -> list[str]:
+def _constant_left(product: _Product, columns: int) -> list[str]:
     """[M, K] x [K, N]: one sum over rows of the input for each row of the output."""
-    columns = writer.graph.shape(node.inputs[1])[-1]
-    if math.prod(writer.graph.shape(node.inputs[1])[:-2]) != 1:
-        raise refusal(node, "its second input has more than two dimensions")
-    return [
-        line
-        for row, weights in enumerate(matrix)
-        for line in _row(node, row, weights, columns, writer)
-    ]
-
-
-def _row(
-    node: Node, row: int, weights: Matrix, columns: int, writer: Writer
-) -> list[str]:
-    c_type = C_TYPES[writer.graph.element(node.outputs[0])]
-    x, out = writer.name(node.inputs[1]), writer.name(node.outputs[0])
-    places = np.flatnonzero(weights)
-    if len(places) > MOST_TERMS:
-        return _long_row(node, row, weights, columns, writer)
+    lines: list[str] = []
     along = (1, "j", columns)
-    terms = [
-        (weights[k], f"{x}[{index(along, first=k * columns)}]") for k in places.tolist()
-    ]
-    body = [*_sum(terms, c_type), f"{out}[{index(along, first=row * columns)}] = y;"]
-    return counted("j", columns, body) if columns > 1 else block("", body)
-
-
-def _long_row(
-    node: Node, row: int, weights: Matrix, columns: int, writer: Writer
-) -> list[str]:
-    """A sum over a range of rows of the input, in a loop for each column."""
-    c_type = C_TYPES[writer.graph.element(node.outputs[0])]
-    x, out = writer.name(node.inputs[1]), writer.name(node.outputs[0])
-    places = np.flatnonzero(weights)
-    first, last = int(places[0]), int(places[-1]) + 1
-    used = weights[first:last]
-    if len(np.unique(used)) == 1:
-        weight = number(used[0], c_type)
-    else:
-        table = writer.tables.add(f"hf_{out}_row_{row}", used, c_type)
-        weight = f"{table}[k - {first}]" if first else f"{table}[k]"
-    lines = []
-    for start in range(0, columns, MOST_SUMS):
-        some = range(start, min(columns, start + MOST_SUMS))
-        terms = ((f"y{n}", f"{x}[{index((columns, 'k', 2), first=n)}]") for n in some)
-        adds = [_add(c_type, weight, operand, total) for total, operand in terms]
-        zeros = ", ".join(f"y{n} = 0" for n in some)
-        kept = [f"{out}[{row * columns + n}] = y{n};" for n in some]
-        body = [f"{c_type} {zeros};", *counted("k", last, adds, first=first), *kept]
-        lines += block("", body)
+    for row, weights in enumerate(product.matrix):
+        places = np.flatnonzero(weights).tolist()
+        if len(places) > MOST_TERMS:
+            lines += _long_row(product, row, columns)
+            continue
+        terms = []
+        for k in places:
+            operand = f"{product.x}[{index(along, first=k * columns)}]"
+            terms.append((weights[k], operand))
+        target = f"{product.out}[{index(along, first=row * columns)}]"
+        body = [*_sum(terms, product.c_type), f"{target} = y;"]
+        lines += counted("j", columns, body) if columns > 1 else block("", body)
     return lines
 
 
-def _constant_right(node: Node, matrix: Matrix, writer: Writer) -> list[str]:
+def _long_row(product: _Product, row: int, columns: int) -> list[str]:
+    """A sum over a range of rows of the input, in a loop for some columns at once."""
+    c_type, weights = product.c_type, product.matrix[row]
+    places = np.flatnonzero(weights)
+    first, end = int(places[0]), int(places[-1]) + 1
+    used = weights[first:end]
+    if len(np.unique(used)) == 1:
+        weight = number(used[0], c_type)
+    else:
+        name = f"hf_{product.out}_row_{row}"
+        table = product.writer.tables.add(name, used, c_type)
+        weight = f"{table}[k - {first}]" if first else f"{table}[k]"
+    lines = []
+    for start in range(0, columns, MOST_SUMS):
+        zeros, adds, kept = [], [], []
+        for n in range(start, min(columns, start + MOST_SUMS)):
+            operand = f"{product.x}[{index((columns, 'k', 2), first=n)}]"
+            zeros.append(f"y{n} = 0")
+            adds.append(_add(c_type, f"y{n}", weight, operand))
+            kept.append(f"{product.out}[{row * columns + n}] = y{n};")
+        loop = counted("k", end, adds, first=first)
+        lines += block("", [f"{c_type} {', '.join(zeros)};", *loop, *kept])
+    return lines
+
+
+def _constant_right(product: _Product, rows: int) -> list[str]:
     """[M, K] x [K, N]: every row of the input gives N sums."""
-    c_type = C_TYPES[writer.graph.element(node.outputs[0])]
-    shape = writer.graph.shape(node.inputs[0])
-    rows, (inner, columns) = math.prod(shape[:-1]), matrix.shape
-    x, out = writer.name(node.inputs[0]), writer.name(node.outputs[0])
-    if np.count_nonzero(matrix) > MOST_WRITTEN:
-        return _dense_right(node, matrix, rows, writer)
-    body = []
-    for column in range(columns):
-        places = np.flatnonzero(matrix[:, column]).tolist()
-        terms = [
-            (matrix[k, column], f"{x}[{index((inner, 'i', rows), first=k)}]")
-            for k in places
-        ]
-        kept = f"{out}[{index((columns, 'i', rows), first=column)}] = y;"
-        body += block("", [*_sum(terms, c_type), kept])
-    return counted("i", rows, body)
+    inner, columns = product.matrix.shape
+    if np.count_nonzero(product.matrix) > MOST_WRITTEN:
+        return _dense_right(product, rows)
+    lines: list[str] = []
+    for column, weights in enumerate(product.matrix.T):
+        terms = []
+        for k in np.flatnonzero(weights).tolist():
+            operand = f"{product.x}[{index((inner, 'i', rows), first=k)}]"
+            terms.append((weights[k], operand))
+        target = f"{product.out}[{index((columns, 'i', rows), first=column)}]"
+        lines += block("", [*_sum(terms, product.c_type), f"{target} = y;"])
+    return counted("i", rows, lines)
 
 
-def _dense_right(node: Node, matrix: Matrix, rows: int, writer: Writer) -> list[str]:
+def _dense_right(product: _Product, rows: int) -> list[str]:
     """All of a large matrix as a table."""
-    c_type = C_TYPES[writer.graph.element(node.outputs[0])]
-    inner, columns = matrix.shape
-    x, out = writer.name(node.inputs[0]), writer.name(node.outputs[0])
-    table = writer.tables.add(f"hf_{out}_weights", matrix, c_type)
-    at = index((inner, "i", rows), (1, "k", inner))
-    add = _add(c_type, f"{table}[{columns} * k + j]", f"{x}[{at}]", "y[j]")
-    return counted(
-        "i",
-        rows,
-        [
-            f"{c_type} y[{columns}] = {{0}};",
-            *counted("k", inner, counted("j", columns, [add])),
-            *counted(
-                "j",
-                columns,
-                [f"{out}[{index((columns, 'i', rows), (1, 'j', columns))}] = y[j];"],
-            ),
-        ],
-    )
+    c_type, (inner, columns) = product.c_type, product.matrix.shape
+    name = f"hf_{product.out}_weights"
+    table = product.writer.tables.add(name, product.matrix, c_type)
+    operand = f"{product.x}[{index((inner, 'i', rows), (1, 'k', inner))}]"
+    add = _add(c_type, "y[j]", f"{table}[{columns} * k + j]", operand)
+    target = f"{product.out}[{index((columns, 'i', rows), (1, 'j', columns))}]"
+    body = [
+        f"{c_type} y[{columns}] = {{0}};",
+        *counted("k", inner, counted("j", columns, [add])),
+        *counted("j", columns, [f"{target} = y[j];"]),
+    ]
+    return counted("i", rows, body)
 
 
 def _sum(terms: list[tuple[Any, str]], c_type: str) -> list[str]:
     """`y` as the sum of weight x operand, one term after another."""
     if not terms:
         return [f"const {c_type} y = 0;"]
-    lines: list[str] = []
-    for weight, operand in terms:
-        if not lines:
-            plain = {1.0: operand, -1.0: f"-{operand}"}
-            first = plain.get(float(weight), f"{number(weight, c_type)} * {operand}")
-            lines.append(f"{c_type} y = {first};")
-        elif abs(weight) == 1.0:
+    weight, operand = terms[0]
+    signs = {1.0: "", -1.0: "-"}
+    sign = signs.get(float(weight), f"{number(weight, c_type)} * ")
+    lines = [f"{c_type} y = {sign}{operand};"]
+    for weight, operand in terms[1:]:
+        if abs(weight) == 1.0:
             lines.append(f"y {'+' if weight > 0 else '-'}= {operand};")
         else:
-            lines.append(_add(c_type, number(weight, c_type), operand, "y"))
+            lines.append(_add(c_type, "y", number(weight, c_type), operand))
     return lines
 
 
-def _add(c_type: str, weight: str, operand: str, total: str) -> str:
+def _add(c_type: str, total: str, weight: str, operand: str) -> str:
     macro = "HF_ADD_PRODUCT" if c_type == "double" else "HF_ADD_PRODUCT_F"
     return f"{total} = {macro}({weight}, {operand}, {total});"

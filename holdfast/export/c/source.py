@@ -1,17 +1,41 @@
-"""holdfast.c, holdfast.h and holdfast_selftest.c of a graph, as text."""
+"""The text of holdfast.c, holdfast.h and holdfast_selftest.c: templates, filled in for one model.
+
+The hand-written C is in templates/: words between @ are filled in, snippets come by need.
+"""
 
 from __future__ import annotations
 
+import math
+import re
+from collections.abc import Mapping
 from dataclasses import dataclass
+from importlib.resources import files
 
+import numpy as np
+
+from holdfast.edge_runtime.decision import period_us
+from holdfast.edge_runtime.grip_control import SAMPLES
+from holdfast.edge_runtime.model import AMPLITUDE, golden_length
+from holdfast.edge_runtime.preparation import Preparation
 from holdfast.export.c.compiled import Compiled
+from holdfast.export.c.constants import constants, options_of, rules_of
 from holdfast.export.c.graph import Graph
-from holdfast.export.c.hand import constants
-from holdfast.export.c.selftest import selftest_source
-from holdfast.export.c.templates import snippets, template
-from holdfast.export.c.words import words_of
+from holdfast.export.c.literals import C_TYPES, number, smallest_type, table
 
 HAND_FILES = ("friction.c", "controller.c", "supervisor.c", "grip.c")
+ABOUT = {
+    "settled": "every sensor needed has a whole history",
+    "unknown": "the samples cannot be trusted now: use none of the answers below",
+    "usable_sensors": "sensors that are settled and good now",
+    "votes": "whole numbers; a class's share of their sum is how sure the model is",
+    "situation": "HOLDFAST_NOTHING to HOLDFAST_RISKY_SLIP; of equal votes the riskier one",
+    "p_situation": "calibrated probabilities of the four situations",
+    "p_class": "of the eight classes: each situation with a light, then a heavy object",
+    "weight": "1: the object is heavy (150 g or more); no meaning where nothing is held",
+}
+_SNIPPET = re.compile(r"^/\*\*\* (\w+) \*\*\*/\n", re.MULTILINE)
+Words = Mapping[str, object]
+"""What stands in a template between @ -> what replaces it."""
 
 
 @dataclass(frozen=True)
@@ -27,37 +51,170 @@ class CSource:
 def c_source(graph: Graph) -> CSource:
     """Compile a graph. Raises NotCompilable."""
     compiled = Compiled(graph)
-    words = words_of(graph, compiled)
-    files = {
-        "holdfast.c": _source(compiled, words),
-        "holdfast.h": template("header.h", words),
-        "holdfast_selftest.c": selftest_source(graph, words),
-    }
+    words = _words(graph, compiled)
     return CSource(
-        files, compiled.state_bytes, compiled.tables.n_bytes, compiled.stack_bytes
+        files={
+            "holdfast.c": _source(compiled, words),
+            "holdfast.h": _template("header.h", words),
+            "holdfast_selftest.c": _selftest(graph, words),
+        },
+        state_bytes=compiled.state_bytes,
+        table_bytes=compiled.tables.n_bytes,
+        stack_bytes=compiled.stack_bytes,
     )
 
 
-def _source(compiled: Compiled, words: dict[str, object]) -> str:
-    parameters = (
-        "double *state, const double *sample, const uint8_t *valid, float *features"
+def _source(compiled: Compiled, words: Words) -> str:
+    """holdfast.c: what is used of maths.c, the model, then the hand-written files."""
+    sense, sense_body = compiled.sense
+    answer, answer_body = compiled.answer
+    sense_head = (
+        "static void hf_sense(double *state, const double *sample, "
+        "const uint8_t *valid, float *features, holdfast_out *out)"
     )
-    steps, body = compiled.sense
-    answers, answer_body = compiled.answer
-    generated = [
-        compiled.tables.text(),
-        steps,
-        f"static void hf_sense({parameters}, holdfast_out *out) {{\n{body}\n}}\n",
-        answers,
-        f"void holdfast_answer(const float *features, holdfast_out *out) {{\n{answer_body}\n}}\n",
-    ]
-    hand = [constants(), *(template(name, words) for name in HAND_FILES)]
+    answer_head = "void holdfast_answer(const float *features, holdfast_out *out)"
     parts = [
-        *generated,
-        template("step.c", words),
-        template("decision.c", words),
-        *hand,
+        _template("begin.c", words),
+        _snippets(f"{sense}\n{answer}"),
+        compiled.tables.text(),
+        sense,
+        f"{sense_head} {{\n{sense_body}\n}}\n",
+        answer,
+        f"{answer_head} {{\n{answer_body}\n}}\n",
+        _template("step.c", words),
+        _template("decision.c", words),
+        constants(),
     ]
-    return "\n".join(
-        [template("begin.c", words), snippets(f"{steps}\n{answers}"), *parts]
-    )
+    for name in HAND_FILES:
+        parts.append(_template(name, words))
+    return "\n".join(parts)
+
+
+def _template(name: str, words: Words) -> str:
+    """A template with every @WORD@ replaced. Raises KeyError for a word without a value."""
+    file = files("holdfast.export.c").joinpath("templates", name)
+    text = file.read_text(encoding="utf-8")
+    return re.sub(r"@([A-Z_]+)@", lambda match: str(words[match[1]]), text)
+
+
+def _snippets(used_in: str) -> str:
+    """The helpers of maths.c that a source uses, and those that they use, in their order."""
+    parts = _SNIPPET.split(_template("maths.c", {}))
+    helpers = dict(zip(parts[1::2], parts[2::2], strict=True))
+    wanted: set[str] = set()
+    texts = [used_in]
+    while texts:
+        called = set(re.findall(r"\w+", texts.pop()))
+        for name in called & set(helpers) - wanted:
+            wanted.add(name)
+            texts.append(helpers[name])
+    bodies = [body.strip() + "\n" for name, body in helpers.items() if name in wanted]
+    return "\n".join(bodies)
+
+
+def _words(graph: Graph, compiled: Compiled) -> dict[str, object]:
+    """The words and numbers of one model."""
+    card, n = graph.card, graph.card.n_channels
+    reduced = "; forces are not in N, so there is no ceiling and no target"
+    words: dict[str, object] = {
+        "MODEL_ID": card.model_id,
+        "DIGEST": graph.digest,
+        "TAG": f"0x{graph.digest[:8]}u",
+        "SENSORS": n // 3,
+        "CHANNELS": n,
+        "FEATURES": graph.n_features,
+        "CLASSES": len(card.classes),
+        "RATE": f"{card.rate_hz:g}",
+        "RATE_HZ": number(card.rate_hz, "double"),
+        "PERIOD_US": period_us(card.rate_hz),
+        "UNIT": card.unit,
+        "UNIT_IS_N": int(card.unit == "N"),
+        "LIMIT": f"{card.range_limit:g} {card.unit}",
+        "GAP": card.gap_samples,
+        "GAP_MS": f"{1000.0 * card.gap_samples / card.rate_hz:.0f}",
+        "LEAST": card.min_valid_sensors,
+        "SETTLE": card.settle_samples,
+        "STATE_NUMBERS": math.prod(graph.shape("state")),
+        "STATE_BYTES": compiled.state_bytes,
+        "TABLE_BYTES": compiled.tables.n_bytes,
+        "STACK_BYTES": compiled.stack_bytes,
+        "ONES": ", ".join(["1"] * (n // 3)),
+        "OUTPUTS": _struct(graph),
+        "RULES": rules_of(card),
+        "OPTIONS": options_of(card),
+        "REDUCED": "" if card.unit == "N" else reduced,
+        "RATIOS": SAMPLES - 1,
+    }
+    return words | _preparation(card.preparation)
+
+
+def _preparation(preparation: Preparation) -> dict[str, object]:
+    """How a stream is prepared: words and numbers for the header."""
+    turned_axes = 3 if preparation.turns == "sensor" else 1
+    is_median = preparation.statistic == "median" and preparation.bias_rows > 0
+    return {
+        "BIAS": _bias(preparation),
+        "BIAS_ROWS": preparation.bias_rows,
+        "BIAS_MEDIAN": int(is_median),
+        "TURNED_AXES": turned_axes if preparation.flip_negative_normal else 0,
+        "TURN_BEYOND": number(preparation.flip_beyond, "double"),
+    }
+
+
+def _bias(preparation: Preparation) -> str:
+    """The preparation in words."""
+    if not preparation.bias_rows:
+        return "if its samples are not without bias already"
+    words = f"the {preparation.statistic} of its first {preparation.bias_rows} samples"
+    if not preparation.flip_negative_normal:
+        return words
+    what = "x, y and z of a sensor" if preparation.turns == "sensor" else "z"
+    below = f"-{preparation.flip_beyond:g}"
+    return f"{words}.\n   Before that, turn {what} round where z begins below {below}"
+
+
+def _struct(graph: Graph) -> str:
+    """The fields of holdfast_out, each with what it means."""
+    lines = []
+    for name in graph.outputs:
+        about = ABOUT.get(name, "")
+        if name == "detectors":
+            about = f"1 where it fires: {', '.join(graph.card.detectors)}"
+        elif name in graph.card.heads:
+            about = "probability of yes"
+        size = math.prod(graph.shape(name))
+        length = f"[{size}]" if size > 1 else ""
+        field = f"{C_TYPES[graph.element(name)]} {name}{length};"
+        comment = f"/* {about} */" if about else ""
+        lines.append(f"    {field:<28}{comment}".rstrip())
+    return "\n".join(lines)
+
+
+def _selftest(graph: Graph, words: Words) -> str:
+    """holdfast_selftest.c: the golden answers of the file as tables, the input by its formula."""
+    tables, checks = [], []
+    for name in graph.outputs:
+        answers = graph.golden[name]
+        size = math.prod(answers.shape[1:])
+        # votes are whole numbers kept as float32: they must be equal, like labels
+        is_exact = answers.dtype != np.float32 or "votes" in name
+        c_type = smallest_type(answers) if is_exact else C_TYPES[graph.element(name)]
+        tables.append(table(f"golden_{name}", answers, c_type))
+        checks.append(f"        {_check(name, size, is_exact)}")
+    more = {
+        "ROWS": golden_length(graph.card.settle_samples),
+        "AMPLITUDE": number(AMPLITUDE[graph.card.unit], "double"),
+        "TABLES": "\n".join(tables),
+        "CHECKS": "\n".join(checks),
+    }
+    return _template("selftest.c", {**words, **more})
+
+
+def _check(name: str, size: int, is_exact: bool) -> str:
+    """A line that counts where a row's answer differs."""
+    field = f"out.{name}" if size > 1 else f"&out.{name}"
+    if not is_exact:
+        return f"floats += far({field}, golden_{name} + {size} * row, {size});"
+    given = f"{field}[k]" if size > 1 else f"({field})[k]"
+    differs = f"{given} != golden_{name}[{size} * row + k]"
+    return f"for (int k = 0; k < {size}; ++k) labels += {differs};"

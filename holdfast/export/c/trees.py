@@ -48,20 +48,18 @@ class Forest:
 def read_forest(node: Node, n_classes: int) -> Forest:
     """The trees of a TreeEnsembleRegressor, which are checked already (edge_runtime)."""
     about: dict[str, Any] = dict(node.attributes)
-    branch = np.asarray(about["nodes_modes"], dtype=np.bool_)
-    tree = np.asarray(about["nodes_treeids"])
-    first = np.flatnonzero(np.asarray(about["nodes_nodeids"]) == 0)
-    leaf_votes, leaf_of = _leaves(about, first, len(tree), n_classes, branch)
+    branch, tree = about["nodes_modes"], about["nodes_treeids"]
+    first = np.flatnonzero(about["nodes_nodeids"] == 0)
+    leaf_votes, leaf_of = _leaves(about, first, branch, n_classes)
+    # a node's number in C: a branch counts from its tree's first branch, a leaf is ~leaf
     place = np.cumsum(branch) - 1
     starts = np.concatenate([[0], np.cumsum(branch)])[first]
     meaning = np.where(branch, place - starts[tree], ~leaf_of)
-    left, right = (
-        meaning[(first[tree] + np.asarray(about[name]))[branch]]
-        for name in ("nodes_truenodeids", "nodes_falsenodeids")
-    )
+    left = meaning[(first[tree] + about["nodes_truenodeids"])[branch]]
+    right = meaning[(first[tree] + about["nodes_falsenodeids"])[branch]]
     return Forest(
-        threshold=np.asarray(about["nodes_values"], dtype=np.float32)[branch],
-        feature=np.asarray(about["nodes_featureids"])[branch],
+        threshold=about["nodes_values"][branch],
+        feature=about["nodes_featureids"][branch],
         children=np.stack([left, right], axis=1),
         starts=starts,
         roots=meaning[first],
@@ -72,44 +70,37 @@ def read_forest(node: Node, n_classes: int) -> Forest:
 def _leaves(
     about: dict[str, Any],
     first: IntArray,
-    n_nodes: int,
-    n_classes: int,
     branch: npt.NDArray[np.bool_],
+    n_classes: int,
 ) -> tuple[IntArray, IntArray]:
     """(votes of every different leaf, the number of each node's leaf)."""
-    votes = np.zeros((n_nodes, n_classes), dtype=np.int64)
-    rows = first[np.asarray(about["target_treeids"])] + np.asarray(
-        about["target_nodeids"]
-    )
-    weights = np.asarray(about["target_weights"]).astype(np.int64)
-    np.add.at(votes, (rows, np.asarray(about["target_ids"])), weights)
-    different, of = np.unique(votes[~branch], axis=0, return_inverse=True)
-    leaf_of = np.zeros(n_nodes, dtype=np.int64)
-    leaf_of[~branch] = of.ravel()
+    votes = np.zeros((len(branch), n_classes), dtype=np.int64)
+    rows = first[about["target_treeids"]] + about["target_nodeids"]
+    weights = about["target_weights"].astype(np.int64)
+    np.add.at(votes, (rows, about["target_ids"]), weights)
+    different, number_of = np.unique(votes[~branch], axis=0, return_inverse=True)
+    leaf_of = np.zeros(len(branch), dtype=np.int64)
+    leaf_of[~branch] = number_of.ravel()
     return different, leaf_of
 
 
 def write_trees(node: Node, writer: Writer) -> list[str]:
     """Walk all trees, some at a time, and add up the votes of their leaves."""
     (out,) = node.outputs
-    name, x, n_classes = (
-        writer.name(out),
-        writer.name(node.inputs[0]),
-        writer.graph.shape(out)[1],
-    )
+    name, x = writer.name(out), writer.name(node.inputs[0])
+    n_classes = writer.graph.shape(out)[1]
     forest = _padded(read_forest(node, n_classes))
-    kind = "short" if forest.is_short else "long"
-    prefix = f"hf_{name}"
+    kind, width = ("short", 12) if forest.is_short else ("long", 16)
+    tables, prefix = writer.tables, f"hf_{name}"
     votes_type = smallest_type(forest.votes)
-    votes = writer.tables.add(f"{prefix}_leaves", forest.votes, votes_type)
-    starts = writer.tables.add(f"{prefix}_starts", forest.starts, "int32_t")
-    roots = writer.tables.add(f"{prefix}_roots", forest.roots, "int32_t")
+    votes = tables.add(f"{prefix}_leaves", forest.votes, votes_type)
+    starts = tables.add(f"{prefix}_starts", forest.starts, "int32_t")
+    roots = tables.add(f"{prefix}_roots", forest.roots, "int32_t")
     branches = f"{prefix}_branches"
-    width = 12 if forest.is_short else 16
-    writer.tables.add_text(
-        branches, _branches(branches, forest, kind), width * len(forest.threshold)
-    )
+    text = _branches(branches, forest, kind)
+    tables.add_text(branches, text, width * len(forest.threshold))
     following = f"hf_next_{kind}({branches} + {starts}[t + k], at[k], {x})"
+    all_at = " & ".join(f"at[{k}]" for k in range(TOGETHER))
     add = [
         f"const {votes_type} *leaf = {votes} + {n_classes} * ~at[k];",
         *counted("j", n_classes, ["total[j] += leaf[j];"]),
@@ -117,8 +108,9 @@ def write_trees(node: Node, writer: Writer) -> list[str]:
     walk = [
         f"int32_t at[{TOGETHER}];",
         *counted("k", TOGETHER, [f"at[k] = {roots}[t + k];"]),
+        # the sign of the conjunction is negative only where all have reached a leaf
         *block(
-            f"while (({' & '.join(f'at[{k}]' for k in range(TOGETHER))}) >= 0)",
+            f"while (({all_at}) >= 0)",
             counted("k", TOGETHER, [f"at[k] = {following};"]),
         ),
         *counted("k", TOGETHER, add),
@@ -149,23 +141,16 @@ def _padded(forest: Forest) -> Forest:
 
 def _branches(name: str, forest: Forest, kind: str) -> str:
     """The table of branches; a forest of single leaves has one that no walk reads."""
+    head = f"static const hf_branch_{kind} {name}"
     if not len(forest.threshold):
-        return (
-            f"static const hf_branch_{kind} {name}[1] = {{{{0.0f, 0, {{-1, -1}}}}}};\n"
-        )
-    rows = zip(
-        forest.threshold.tolist(),
-        forest.feature.tolist(),
-        forest.children.tolist(),
-        strict=True,
-    )
-    lines = [
-        f"    {{{number(threshold, 'float')}, {feature}, {{{low}, {high}}}}}"
-        for threshold, feature, (low, high) in rows
-    ]
-    count = len(lines)
-    return (
-        f"static const hf_branch_{kind} {name}[{count}] = {{\n"
-        + ",\n".join(lines)
-        + "\n};\n"
-    )
+        return f"{head}[1] = {{{{0.0f, 0, {{-1, -1}}}}}};\n"
+    lines = []
+    columns = forest.threshold.tolist(), forest.feature.tolist()
+    for threshold, feature, children in zip(
+        *columns, forest.children.tolist(), strict=True
+    ):
+        low, high = children
+        limit = number(threshold, "float")
+        lines.append(f"    {{{limit}, {feature}, {{{low}, {high}}}}}")
+    rows = ",\n".join(lines)
+    return f"{head}[{len(lines)}] = {{\n{rows}\n}};\n"

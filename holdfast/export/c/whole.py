@@ -1,24 +1,39 @@
-"""Which float tensors hold whole numbers, and within which bounds, for any sample.
+"""Float tensors that hold whole numbers, and their products in integers.
 
 A network's sums are whole numbers below 2^24: float32 holds them exactly, and so do the integers of
-a processor, which are faster and take half the memory. This proves where that may be used.
+a processor, which are faster and take half the memory. `Whole` proves where that may be used, for
+any sample. Such a product has 16-bit inputs, weights of the smallest type and 32-bit sums. A row of
+the table holds one unit's weights. Units that read the same inputs share a loop; inputs that no
+unit of a loop reads are left out. Ranges are multiples of PACKED, as vector units need.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import cache
+from itertools import groupby
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from holdfast.edge_runtime.onnx_bytes import FLOAT, Node
 from holdfast.export.c.graph import Graph
+from holdfast.export.c.literals import smallest_type
+from holdfast.export.c.plan import BY_NUMBER, Plan
+from holdfast.export.c.writer import Writer, block, counted, index
 
 Bounds = tuple[float, float]
 ANYTHING: Bounds = (-math.inf, math.inf)
 EXACT_FLOAT32 = 2**24
 """Whole numbers below it are exact in float32."""
+PACKED = 8
+TOGETHER = 4
+"""Units whose sums are made at once: they share each input that is read."""
+INPUT_TYPE, SUM_TYPE = "int16_t", "int32_t"
+MOST_INPUT = 2**15 - 1
 
 
 class Whole:
@@ -29,23 +44,21 @@ class Whole:
         self._made_by = {name: node for node in graph.nodes for name in node.outputs}
         self._bounds = cache(self._find_bounds)
 
-    def bounds(self, name: str) -> Bounds | None:
-        """(least, most) of a float tensor that holds whole numbers, else None."""
+    def largest(self, name: str) -> float | None:
+        """The largest magnitude of a float tensor that holds whole numbers, else None."""
         if self._graph.element(name) != FLOAT or not self._is_whole(name):
             return None
         least, most = self._bounds(name)
-        return (least, most) if math.isfinite(most - least) else None
+        return max(-least, most) if math.isfinite(most - least) else None
 
     def sums_are_exact(self, node: Node) -> bool:
         """Whether a product of whole numbers with a constant matrix stays below 2^24."""
-        weights, bounds = (
-            self._graph.values(node.inputs[1]),
-            self.bounds(node.inputs[0]),
-        )
-        if weights is None or bounds is None or (weights != np.round(weights)).any():
+        weights = self._graph.values(node.inputs[1])
+        largest = self.largest(node.inputs[0])
+        if weights is None or largest is None or (weights != np.round(weights)).any():
             return False
-        largest = max(-bounds[0], bounds[1])
-        return bool((largest * np.abs(weights).sum(axis=0) < EXACT_FLOAT32).all())
+        largest_sums = largest * np.abs(weights).sum(axis=0)
+        return bool((largest_sums < EXACT_FLOAT32).all())
 
     def _is_whole(self, name: str) -> bool:
         values, node = self._graph.values(name), self._made_by.get(name)
@@ -61,37 +74,36 @@ class Whole:
         values, node = self._graph.values(name), self._made_by.get(name)
         if values is not None:
             return float(values.min()), float(values.max())
-        rule = _RULES.get(node.op_type) if node else None
-        return rule(self, node) if rule and node else ANYTHING
+        if node is None or node.op_type not in _RULES:
+            return ANYTHING
+        return _RULES[node.op_type](self, node)
 
     def of_round(self, node: Node) -> Bounds:
         """To the nearest whole number."""
         least, most = self._bounds(node.inputs[0])
-        return math.floor(least) if math.isfinite(least) else least, (
-            math.ceil(most) if math.isfinite(most) else most
-        )
+        return float(np.floor(least)), float(np.ceil(most))
 
     def of_clip(self, node: Node) -> Bounds:
         """Within two constants."""
-        least, most = (self._bounds(name) for name in node.inputs[1:])
-        return least[0], most[1]
+        least, most = node.inputs[1:]
+        return self._bounds(least)[0], self._bounds(most)[1]
 
     def with_constant(self, node: Node) -> Bounds:
         """A sum or a product with a constant, number by number."""
-        ends = self._each(node)
-        return float(ends[0].min()), float(ends[1].max())
+        least, most = self._each(node)
+        return float(least.min()), float(most.max())
 
     def _each(self, node: Node) -> tuple[np.ndarray, np.ndarray]:
-        """(least, most) of every number: each feature has a gain and an offset of its own."""
+        """(least, most) of every number: each feature has its gain and its offset."""
         first, second = node.inputs
-        values = self._graph.values(second)
-        inner = self._made_by.get(first)
+        values, inner = self._graph.values(second), self._made_by.get(first)
         if values is None:
             return np.array(-math.inf), np.array(math.inf)
         if node.op_type == "Add" and inner is not None and inner.op_type == "Mul":
             low, high = self._each(inner)
         else:
-            low, high = (np.array(end) for end in self._bounds(first))
+            bounds = self._bounds(first)
+            low, high = np.array(bounds[0]), np.array(bounds[1])
         if node.op_type == "Add":
             return low + values, high + values
         if not np.isfinite(high - low).all():
@@ -111,21 +123,16 @@ class Whole:
     def of_quotient(self, node: Node) -> Bounds:
         """x / (|x| + k) with k > 0 is within 1."""
         above, below = node.inputs
-        size = self._made_by.get(below)
-        if size is None or size.op_type != "Add":
+        total = self._made_by.get(below)
+        if total is None or total.op_type != "Add":
             return ANYTHING
-        knee, magnitude = (
-            self._graph.values(size.inputs[1]),
-            self._made_by.get(size.inputs[0]),
-        )
-        squashes = (
-            knee is not None
-            and (knee > 0).all()
-            and magnitude is not None
-            and magnitude.op_type == "Abs"
-            and magnitude.inputs[0] == above
-        )
-        return (-1.0, 1.0) if squashes else ANYTHING
+        size, knee = self._made_by.get(total.inputs[0]), total.inputs[1]
+        if size is None or size.op_type != "Abs" or size.inputs[0] != above:
+            return ANYTHING
+        values = self._graph.values(knee)
+        if values is None or not (values > 0).all():
+            return ANYTHING
+        return -1.0, 1.0
 
 
 _RULES: dict[str, Callable[[Whole, Node], Bounds]] = {
@@ -136,3 +143,117 @@ _RULES: dict[str, Callable[[Whole, Node], Bounds]] = {
     "Div": Whole.of_quotient,
     "MatMul": Whole.of_product,
 }
+
+
+def whole_types(graph: Graph, plan: Plan, whole: Whole) -> dict[str, str]:
+    """C types of the tensors of products that are computed in integers: inputs and sums."""
+    types: dict[str, str] = {}
+    in_loops: set[str] = set()
+    for step in plan.answer:
+        if step.shape is not None:
+            in_loops.update(step.outputs)
+    readers = _readers(graph)
+    for node in graph.nodes:
+        if node.op_type != "MatMul" or graph.element(node.outputs[0]) != FLOAT:
+            continue
+        values, (total,) = node.inputs[0], node.outputs
+        largest = whole.largest(values)
+        fits = largest is not None and largest <= MOST_INPUT
+        alone = all(reader.op_type == "MatMul" for reader in readers[values])
+        into_loops = True
+        for reader in readers[total]:
+            is_in_loop = reader.outputs[0] in in_loops and reader.op_type in BY_NUMBER
+            into_loops = into_loops and is_in_loop
+        if fits and alone and into_loops and whole.sums_are_exact(node):
+            types[values] = INPUT_TYPE
+            types[total] = SUM_TYPE
+    return types
+
+
+def _readers(graph: Graph) -> dict[str, list[Node]]:
+    """The nodes that read a tensor; a node in the loop that makes it reads it there."""
+    readers: dict[str, list[Node]] = {name: [] for name in graph.tensors}
+    for node in graph.nodes:
+        for name in node.inputs:
+            readers[name].append(node)
+    return readers
+
+
+@dataclass(frozen=True)
+class _Units:
+    """Units that read the same inputs: C names of input, output and table, and places there."""
+
+    x: str
+    out: str
+    table: str
+    c_type: str
+    first_input: int
+    width: int
+    first_unit: int
+    count: int
+
+
+def write_whole_product(
+    node: Node, matrix: npt.NDArray[Any], writer: Writer
+) -> list[str]:
+    """The sums of all units, loop by loop."""
+    x, out = writer.name(node.inputs[0]), writer.name(node.outputs[0])
+    ranges = [_range(column) for column in matrix.T]
+    lines: list[str] = []
+    unit = 0
+    for number, ((first, last), same) in enumerate(groupby(ranges)):
+        count = len(list(same))
+        weights = np.zeros((count, last - first))
+        within = matrix[first:last, unit : unit + count].T
+        # the last range may end behind the last input: its weights there are 0
+        weights[:, : within.shape[1]] = within
+        c_type = smallest_type(weights)
+        table = writer.tables.add(f"hf_{out}_weights_{number}", weights, c_type)
+        units = _Units(
+            x=x,
+            out=out,
+            table=table,
+            c_type=c_type,
+            first_input=first,
+            width=last - first,
+            first_unit=unit,
+            count=count,
+        )
+        lines += _sums(units, 0, TOGETHER)
+        lines += _sums(units, count - count % TOGETHER, 1)
+        unit += count
+    return lines
+
+
+def _sums(units: _Units, begin: int, together: int) -> list[str]:
+    """A loop over units from `begin` on, some at once."""
+    passes = (units.count - begin) // together
+    if not passes:
+        return []
+    width = units.width
+    value = f"{units.x}[{index((1, 'k', width), first=units.first_input)}]"
+    zeros, adds, kept = [], [], []
+    for n in range(together):
+        zeros.append(f"y{n} = 0")
+        row = index((1, "k", width), first=n * width)
+        adds.append(f"y{n} += {value} * row[{row}];")
+        first_unit = units.first_unit + begin + n
+        target = index((together, "i", passes), first=first_unit)
+        kept.append(f"{units.out}[{target}] = y{n};")
+    start = index((together * width, "i", passes), first=begin * width)
+    body = [
+        f"const {units.c_type} *row = {units.table} + {start};",
+        f"int32_t {', '.join(zeros)};",
+        *counted("k", width, adds),
+        *kept,
+    ]
+    return counted("i", passes, body) if passes > 1 else block("", body)
+
+
+def _range(column: npt.NDArray[Any]) -> tuple[int, int]:
+    """The inputs that a unit reads: first, and one past the last, in multiples of PACKED."""
+    places = np.flatnonzero(column)
+    if not len(places):
+        return 0, PACKED
+    first, last = int(places[0]), int(places[-1])
+    return first // PACKED * PACKED, (last // PACKED + 1) * PACKED

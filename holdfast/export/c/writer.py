@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import re
 import textwrap
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from holdfast.export.c.graph import Graph
 from holdfast.export.c.literals import C_TYPES, Tables
 from holdfast.export.c.memory import Memory
 from holdfast.export.c.plan import Step
-from holdfast.export.c.whole import Whole
 
 _NAME = re.compile(r"[a-z][a-z0-9]*_[a-z0-9_]{1,50}")
 """With an underscore inside, no name is a word of C or a function of its library."""
+OURS = ("hf_", "holdfast_", "tensor_")
+"""How the names begin that the C form itself defines."""
 KNOWN = frozenset(
     [
         "sample",
@@ -28,35 +30,35 @@ KNOWN = frozenset(
         "weight",
     ]
 )
-"""Names of the step's own interface, which are free in C too."""
+"""Names of the step's interface, which are free in C too."""
 
 
 class Names:
-    """C names of tensors: the graph's own where C allows them."""
+    """C names of tensors: those of the graph where C allows them."""
 
     def __init__(self) -> None:
         self._names: dict[str, str] = {}
 
     def of(self, tensor: str) -> str:
         """The same name at every call."""
-        free = _NAME.fullmatch(tensor) and not tensor.startswith(
-            ("hf_", "holdfast_", "tensor_")
-        )
+        free = _NAME.fullmatch(tensor) and not tensor.startswith(OURS)
         number = len(self._names)
-        return self._names.setdefault(
-            tensor, tensor if free or tensor in KNOWN else f"tensor_{number}"
-        )
+        name = tensor if free or tensor in KNOWN else f"tensor_{number}"
+        return self._names.setdefault(tensor, name)
 
 
 @dataclass(frozen=True)
 class Writer:
-    """What emitters of one part of the graph share. tables, names: of the whole file."""
+    """What emitters of one part of the graph share. tables, names: of the whole file.
+
+    largest: the largest magnitude of a tensor that holds whole numbers (Whole.largest).
+    """
 
     graph: Graph
     memory: Memory
     tables: Tables
     names: Names
-    whole: Whole
+    largest: Callable[[str], float | None]
 
     def name(self, tensor: str) -> str:
         """The C name of a tensor."""
@@ -73,10 +75,8 @@ class Writer:
 
     def read(self, tensor: str, index: str) -> str:
         """A number of a tensor, as the type that the graph says."""
-        kept, wanted = (
-            self.memory.place(tensor).c_type,
-            C_TYPES[self.graph.element(tensor)],
-        )
+        kept = self.memory.place(tensor).c_type
+        wanted = C_TYPES[self.graph.element(tensor)]
         number = f"{self.name(tensor)}[{index}]"
         return number if kept == wanted else f"({wanted}){number}"
 
@@ -91,27 +91,34 @@ class Function:
 
 def function(step: Step, number: int, body: list[str], writer: Writer) -> Function:
     """Wrap the body of a step; its parameters are what it reads and what it makes."""
-    made = [name for name in step.outputs if writer.memory.is_kept(name)]
-    inside = set(step.outputs)
-    read = dict.fromkeys(
-        name
-        for node in step.nodes
-        for name in node.inputs
-        if name not in inside and not writer.is_constant(name)
-    )
-    used = [name for name in read if _is_used(writer.name(name), body)]
-    parameters = [_parameter(name, writer, "const ") for name in used]
-    parameters += [_parameter(name, writer, "") for name in made]
+    arguments, parameters = [], []
+    text = "\n".join(body)
+    for tensor in _read_from_outside(step, writer):
+        # the body of a step may leave out what it multiplies with 0
+        if re.search(rf"\b{writer.name(tensor)}\b", text):
+            parameters.append(_parameter(tensor, writer, "const "))
+            arguments.append(writer.memory.place(tensor).address())
+    for tensor in step.outputs:
+        if writer.memory.is_kept(tensor):
+            parameters.append(_parameter(tensor, writer, ""))
+            arguments.append(writer.memory.place(tensor).address())
     name = f"hf_step_{number}"
-    head = f"static void {name}({', '.join(parameters)}) {{"
-    about = textwrap.fill(", ".join(node.op_type for node in step.nodes), 94)
-    text = "\n".join([f"/* {about} */", head, *(f"    {line}" for line in body), "}"])
-    arguments = ", ".join(writer.memory.place(one).address() for one in [*used, *made])
-    return Function(f"{text}\n", f"{name}({arguments});")
+    operators = ", ".join(node.op_type for node in step.nodes)
+    about = f"/* {textwrap.fill(operators, 94)} */"
+    head = f"static void {name}({', '.join(parameters)})"
+    definition = "\n".join([about, *block(head, body)])
+    return Function(f"{definition}\n", f"{name}({', '.join(arguments)});")
 
 
-def _is_used(name: str, body: list[str]) -> bool:
-    return re.search(rf"\b{name}\b", "\n".join(body)) is not None
+def _read_from_outside(step: Step, writer: Writer) -> list[str]:
+    """The tensors that a step reads and does not make, once each, in order."""
+    inside, read = set(step.outputs), []
+    for node in step.nodes:
+        for tensor in node.inputs:
+            if tensor not in inside and not writer.is_constant(tensor):
+                inside.add(tensor)
+                read.append(tensor)
+    return read
 
 
 def _parameter(tensor: str, writer: Writer, const: str) -> str:
@@ -140,9 +147,7 @@ def index(*terms: tuple[int, str, int], first: int = 0) -> str:
     ('18 * i + j', '0', '6 + j')
     """
     words = [f"{first}"] if first else []
-    words += [
-        name if step == 1 else f"{step} * {name}"
-        for step, name, size in terms
-        if size > 1
-    ]
+    for step, name, size in terms:
+        if size > 1:
+            words.append(name if step == 1 else f"{step} * {name}")
     return " + ".join(words) or "0"

@@ -6,7 +6,6 @@ They are read from the Python that the C must equal, so that neither can change 
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, replace
 
 from holdfast.edge_runtime import grip_control as friction
 from holdfast.edge_runtime.grip import AnswerRules, Holdfast, OwnGrip
@@ -47,36 +46,30 @@ RULE_ORDER = (
 
 def constants() -> str:
     """`#define` lines for the controller and what it needs."""
-    lines = [
-        f"#define {name} {number(value, 'double')}" for name, value in REALS.items()
-    ]
-    return (
-        "\n".join(
-            [*lines, *(f"#define {name} {value}" for name, value in WHOLE.items())]
-        )
-        + "\n"
-    )
+    lines = []
+    for name, value in REALS.items():
+        lines.append(f"#define {name} {number(value, 'double')}\n")
+    for name, count in WHOLE.items():
+        lines.append(f"#define {name} {count}\n")
+    return "".join(lines)
 
 
-def own_rules(card: ModelCard) -> str:
+def rules_of(card: ModelCard) -> str:
     """The decision's rules, as an initialiser."""
     rules = card.decision.to_json()
     return ", ".join(str(rules[name]) for name in RULE_ORDER)
 
 
-def own_options(card: ModelCard) -> str:
-    """Lead and limits, as an initialiser; forces that are not in N have no ceiling of ours."""
-    limits = Limits() if card.unit == "N" else replace(Limits(), ceiling_n=math.inf)
-    values = asdict(limits)
-    order = (
-        "ceiling_n",
-        "slew_n_s",
-        "rise_s",
-        "most_rise_s",
-        "give_back_s",
-        "give_back_n_s",
-    )
-    return ", ".join(
-        number(value, "double")
-        for value in (Holdfast.SETTING, *(values[name] for name in order))
-    )
+def options_of(card: ModelCard) -> str:
+    """Lead and limits, as an initialiser; forces that are not in N have no ceiling."""
+    limits = Limits()
+    values = [
+        Holdfast.SETTING,
+        limits.ceiling_n if card.unit == "N" else math.inf,
+        limits.slew_n_s,
+        limits.rise_s,
+        limits.most_rise_s,
+        limits.give_back_s,
+        limits.give_back_n_s,
+    ]
+    return ", ".join(number(value, "double") for value in values)
