@@ -1,15 +1,14 @@
-"""The same formulas for one hand and for many: a number is a float, or an array [B] of floats.
+"""The same formulas for one hand and for a batch: a number is a float, or an array [B] of floats.
 
 What a grip controller computes is a few dozen operations on single numbers. On the hand they run on
 Python's own floats, which is several times faster than numpy on arrays of one element. A closed
 loop in simulation runs them on arrays of B hands. Only +, -, *, /, comparisons and the choices
-below are used. IEEE 754 defines each of them to the last bit, so both give the same
-bits.
+below are used. IEEE 754 defines each of them to the last bit, so both give the same bits.
 """
 
 from __future__ import annotations
 
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -19,40 +18,8 @@ Flag = Any
 """A bool, or an array [B] of bool."""
 
 
-class Lanes(Protocol):
-    """The choices that Python and numpy write differently."""
-
-    def choose(self, where: Flag, then: Number, otherwise: Number) -> Number:
-        """`then` where the flag is set."""
-        ...
-
-    def least(self, a: Number, b: Number) -> Number:
-        """The smaller of two."""
-        ...
-
-    def most(self, a: Number, b: Number) -> Number:
-        """The larger of two."""
-        ...
-
-    def within(self, low: Number, x: Number, high: Number) -> Number:
-        """x, not below low and not above high."""
-        ...
-
-    def no(self, flag: Flag) -> Flag:
-        """Not."""
-        ...
-
-    def zero(self) -> Number:
-        """0 for every hand."""
-        ...
-
-    def false(self) -> Flag:
-        """False for every hand."""
-        ...
-
-
-class OneLane:
-    """One hand: Python's floats and bools."""
+class Batch:
+    """The choices that Python and numpy write differently; here for one hand."""
 
     @staticmethod
     def choose(where: Flag, then: Number, otherwise: Number) -> Number:
@@ -70,38 +37,43 @@ class OneLane:
         return a if a > b else b
 
     @staticmethod
-    def within(low: Number, x: Number, high: Number) -> Number:
-        """x, not below low and not above high."""
-        x = x if x > low else low
-        return x if x < high else high
-
-    @staticmethod
     def no(flag: Flag) -> Flag:
         """Not."""
         return not flag
 
-    @staticmethod
-    def zero() -> Number:
-        """0."""
+    def within(self, low: Number, x: Number, high: Number) -> Number:
+        """x, not below low and not above high."""
+        return self.least(self.most(x, low), high)
+
+    def zero(self) -> Number:
+        """0 for every hand."""
         return 0.0
 
-    @staticmethod
-    def false() -> Flag:
-        """False."""
+    def false(self) -> Flag:
+        """False for every hand."""
         return False
 
 
-class ManyLanes:
+class ManyHands(Batch):
     """B hands: arrays [B]."""
 
-    def __init__(self, batch: int) -> None:
-        self.batch = batch
+    def __init__(self, n_hands: int) -> None:
+        self.n_hands = n_hands
 
-    choose = staticmethod(np.where)
+    @staticmethod
+    def choose(where: Flag, then: Number, otherwise: Number) -> Number:
+        """`then` where the flag is set."""
+        return np.where(where, then, otherwise)
+
+    @staticmethod
+    def no(flag: Flag) -> Flag:
+        """Not."""
+        return np.logical_not(flag)
 
     @staticmethod
     def least(a: Number, b: Number) -> Number:
         """The smaller of two."""
+        # not np.minimum: where one of them is NaN, Python's comparison gives b
         return np.where(a < b, a, b)
 
     @staticmethod
@@ -109,21 +81,13 @@ class ManyLanes:
         """The larger of two."""
         return np.where(a > b, a, b)
 
-    @staticmethod
-    def within(low: Number, x: Number, high: Number) -> Number:
-        """x, not below low and not above high."""
-        x = np.where(x > low, x, low)
-        return np.where(x < high, x, high)
-
-    no = staticmethod(np.logical_not)
-
     def zero(self) -> Number:
         """Zeros."""
-        return np.zeros(self.batch)
+        return np.zeros(self.n_hands)
 
     def false(self) -> Flag:
         """No flag set."""
-        return np.zeros(self.batch, dtype=np.bool_)
+        return np.zeros(self.n_hands, dtype=np.bool_)
 
 
-ONE_LANE = OneLane()
+ONE_HAND = Batch()

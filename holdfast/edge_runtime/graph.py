@@ -1,10 +1,7 @@
 """Running a step graph: one sample of B recordings at a time, with explicit state.
 
-Two buffers hold the state, and each step swaps them as input and output. So a step copies nothing
-and allocates nothing. B = 1 on the hand; training steps many recordings together through the same
-file.
-
-The step of many hands, whatever computes it.
+B = 1 on the hand; training steps many recordings together through the same file. A Stepper is the
+step of B hands, whatever computes it; StepGraph is that of onnxruntime.
 """
 
 from __future__ import annotations
@@ -19,6 +16,19 @@ from holdfast.core.contract import BoolArray, FloatArray
 
 if TYPE_CHECKING:
     import onnxruntime as ort
+
+Outputs = dict[str, npt.NDArray[Any]]
+Rows = npt.NDArray[np.int64]
+
+BATCH = 64
+"""Recordings stepped together: enough to hide the call, few enough to keep the state in cache."""
+_DTYPES: dict[str, npt.DTypeLike] = {
+    "tensor(double)": np.float64,
+    "tensor(float)": np.float32,
+    "tensor(bool)": np.bool_,
+    "tensor(int32)": np.int32,
+    "tensor(int64)": np.int64,
+}
 
 
 class Stepper(Protocol):
@@ -42,19 +52,6 @@ class Stepper(Protocol):
 
 Steps = Callable[[int], Stepper]
 """Number of hands B -> their step, from a fresh state, with the outputs that its maker chose."""
-
-
-_DTYPES: dict[str, npt.DTypeLike] = {
-    "tensor(double)": np.float64,
-    "tensor(float)": np.float32,
-    "tensor(bool)": np.bool_,
-    "tensor(int32)": np.int32,
-    "tensor(int64)": np.int64,
-}
-BATCH = 64
-"""Recordings stepped together: enough to hide the call, few enough to keep the state in cache."""
-
-Outputs = dict[str, npt.NDArray[Any]]
 
 
 def open_session(model: bytes) -> ort.InferenceSession:
@@ -83,25 +80,26 @@ class StepGraph:
         batch: int = 1,
         outputs: Sequence[str] | None = None,
     ):
-        inputs = {i.name: i for i in session.get_inputs()}
-        described = {o.name: o for o in session.get_outputs()}
+        inputs = {one.name: one for one in session.get_inputs()}
+        described = {one.name: one for one in session.get_outputs()}
+        if outputs is None:
+            outputs = [name for name in described if name != "state_out"]
         self._session = session
         self.batch = batch
-        self._inputs = {
-            name: _buffer(inputs[name], batch) for name in ("sample", "valid", "reset")
-        }
+        self._inputs: Outputs = {}
+        for name in ("sample", "valid", "reset"):
+            self._inputs[name] = _buffer(inputs[name], batch)
         self.sample: FloatArray = self._inputs["sample"].reshape(batch, -1)
         self.valid: BoolArray = self._inputs["valid"].reshape(batch, -1)
         self.valid[:] = True
         self._reset: BoolArray = self._inputs["reset"].reshape(batch)
         self._reset[:] = True
+        self.out: Outputs = {}
+        for name in outputs:
+            self.out[name] = _buffer(described[name], batch)
+        # Two buffers hold the state, and each step swaps them as input and output: so a step
+        # copies nothing and allocates nothing.
         self._states = [_buffer(inputs["state"], batch) for _ in range(2)]
-        names = (
-            [name for name in described if name != "state_out"]
-            if outputs is None
-            else list(outputs)
-        )
-        self.out: Outputs = {name: _buffer(described[name], batch) for name in names}
         self._bindings = [self._bind(turn) for turn in range(2)]
         self._turn = 0
 
@@ -128,15 +126,20 @@ class StepGraph:
     def _bind(self, turn: int) -> ort.IOBinding:
         binding = self._session.io_binding()
         inputs = {**self._inputs, "state": self._states[turn]}
+        outputs = {**self.out, "state_out": self._states[1 - turn]}
         for name, array in inputs.items():
             binding.bind_input(
                 name, "cpu", 0, array.dtype.type, array.shape, array.ctypes.data
             )
-        for name, array in {**self.out, "state_out": self._states[1 - turn]}.items():
+        for name, array in outputs.items():
             binding.bind_output(
                 name, "cpu", 0, array.dtype.type, array.shape, array.ctypes.data
             )
         return binding
+
+
+def _buffer(described: Any, batch: int) -> npt.NDArray[Any]:
+    return np.zeros((batch, *described.shape[1:]), dtype=_DTYPES[described.type])
 
 
 def run_recording(
@@ -147,7 +150,8 @@ def run_recording(
 ) -> Outputs:
     """All outputs of one recording: values [T, C], valid [T, C/3] -> each output [T, ...]."""
     rows = np.arange(len(values))
-    return next(iter(run_recordings(session, [values], [valid], outputs, [rows])))
+    (answers,) = run_recordings(session, [values], [valid], outputs, [rows])
+    return answers
 
 
 def run_recordings(
@@ -155,7 +159,7 @@ def run_recordings(
     values: Sequence[FloatArray],
     valid: Sequence[BoolArray],
     outputs: Sequence[str],
-    rows: Sequence[npt.NDArray[np.int64]],
+    rows: Sequence[Rows],
 ) -> list[Outputs]:
     """Step many recordings together, each from a fresh state, and keep the wanted rows of each.
 
@@ -175,7 +179,7 @@ def step_recordings(
     steps: Steps,
     values: Sequence[FloatArray],
     valid: Sequence[BoolArray],
-    rows: Sequence[npt.NDArray[np.int64]],
+    rows: Sequence[Rows],
 ) -> list[Outputs]:
     """As `run_recordings`, by a step of any engine."""
     results: list[Outputs] = [{} for _ in values]
@@ -195,37 +199,37 @@ def step_recordings(
 class _KeptRows:
     """Collects the wanted rows of a batch of recordings: one copy an output and step."""
 
-    def __init__(self, rows: Sequence[npt.NDArray[np.int64]], buffers: Outputs) -> None:
+    def __init__(self, rows: Sequence[Rows], buffers: Outputs) -> None:
+        counts = [len(one) for one in rows]
         t = np.concatenate(rows)
-        position = np.repeat(np.arange(len(rows)), [len(one) for one in rows])
+        position = np.repeat(np.arange(len(rows)), counts)
+        # stable, so that the rows of one step stay in the order of the recordings
         order = np.argsort(t, kind="stable")
         self.n_steps = int(t.max(initial=-1)) + 1
         self._position = position[order]
         self._starts = np.searchsorted(t[order], np.arange(self.n_steps + 1)).tolist()
-        self._out = {
-            k: np.empty((len(t), *b.shape[1:]), b.dtype) for k, b in buffers.items()
-        }
+        self._out: Outputs = {}
+        for name, buffer in buffers.items():
+            self._out[name] = np.empty((len(t), *buffer.shape[1:]), buffer.dtype)
 
     def collect(self, t: int, out: Outputs) -> None:
         """Keep what is wanted of step t."""
         here = slice(self._starts[t], self._starts[t + 1])
-        if here.start < here.stop:
-            for name, array in self._out.items():
-                np.take(
-                    out[name],
-                    self._position[here],
-                    axis=0,
-                    out=array[here],
-                    mode="clip",
-                )
+        if here.start == here.stop:
+            return
+        hands = self._position[here]
+        for name, array in self._out.items():
+            # with mode="clip" numpy writes into `out` without a buffer of its own
+            np.take(out[name], hands, axis=0, out=array[here], mode="clip")
 
     def of(self, position: int) -> Outputs:
         """The wanted rows of one recording of the batch."""
-        own = np.flatnonzero(self._position == position)
-        return {name: array[own] for name, array in self._out.items()}
+        mine = np.flatnonzero(self._position == position)
+        return {name: array[mine] for name, array in self._out.items()}
 
 
 def _batches(values: Sequence[FloatArray]) -> Iterator[list[int]]:
+    """Indices of recordings of similar length, the shortest first."""
     order = sorted(range(len(values)), key=lambda index: len(values[index]))
     for start in range(0, len(order), BATCH):
         yield order[start : start + BATCH]
@@ -236,15 +240,11 @@ def _pad(
 ) -> tuple[FloatArray, BoolArray]:
     """[T, B, C] and [T, B, n], time first so that a step reads one block of memory."""
     longest = max(len(values[index]) for index in batch)
-    stacked = np.zeros((longest, len(batch), values[batch[0]].shape[1]))
-    stacked_valid = np.zeros(
-        (longest, len(batch), valid[batch[0]].shape[1]), dtype=np.bool_
-    )
+    n_channels, n_sensors = values[batch[0]].shape[1], valid[batch[0]].shape[1]
+    stacked = np.zeros((longest, len(batch), n_channels))
+    stacked_valid = np.zeros((longest, len(batch), n_sensors), dtype=np.bool_)
     for position, index in enumerate(batch):
-        stacked[: len(values[index]), position] = values[index]
-        stacked_valid[: len(values[index]), position] = valid[index]
+        length = len(values[index])
+        stacked[:length, position] = values[index]
+        stacked_valid[:length, position] = valid[index]
     return stacked, stacked_valid
-
-
-def _buffer(described: Any, batch: int) -> npt.NDArray[Any]:
-    return np.zeros((batch, *described.shape[1:]), dtype=_DTYPES[described.type])

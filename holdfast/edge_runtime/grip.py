@@ -2,14 +2,14 @@
 
 Pure formulas with a fixed step: no clock, no randomness. Each runs on one hand or on B hands with
 the same bits (edge_runtime/batch.py). A controller only wants; edge_runtime/supervisor.py decides
-what may reach the hand. "Own grip" is the grip that the wearer set: it is measured while no
+what may reach the hand. The wearer's grip is the grip that the wearer set: it is measured while no
 target is given.
 
     none           wants nothing
-    pd-shear       own + kp (T - T0) + kd dT/dt            T: load along the skin, above T0
-    sliding-mode   r + k sat((r - N) / phi)                r: own grip; no provision against slip
-    smsp           own + one step for every slip event
-    ismsp          own + the integral of the slip signal
+    pd-shear       wearer's + kp (T - T0) + kd dT/dt       T: load along the skin, above T0
+    sliding-mode   r + k sat((r - N) / phi)            r: wearer's grip; no provision against slip
+    smsp           wearer's + one step for every slip event
+    ismsp          wearer's + the integral of the slip signal
     holdfast       N + lead * evidence while a slip is likely; taken back when it was a hand-over
 
 pd-shear is the scheme of the SensorHand Speed as the thesis describes it (2.4, [46]); sliding-mode,
@@ -21,9 +21,8 @@ that controllers differ in their answers only. holdfast is ours (docs/shared-con
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
 
-from holdfast.edge_runtime.batch import Flag, Lanes, Number
+from holdfast.edge_runtime.batch import Batch, Flag, Number
 
 SLIP_P = 0.5
 """p(risky slip) above which the published controllers see a slip."""
@@ -50,41 +49,53 @@ class GripSense:
     overridden: Flag
 
 
-class OwnGrip:
+class WearersGrip:
     """The grip that the wearer set, measured while no target is given; 0 while nothing is held."""
 
     TIME_S = 0.1
 
-    def __init__(self, lanes: Lanes, rate_hz: float) -> None:
-        self._lanes, self._share = lanes, 1.0 / (1.0 + self.TIME_S * rate_hz)
-        self.grip_n = lanes.zero()
+    def __init__(self, batch: Batch, rate_hz: float) -> None:
+        self._batch = batch
+        # the share of a new value in a first-order low-pass
+        self._share = 1.0 / (1.0 + self.TIME_S * rate_hz)
+        self.grip_n = batch.zero()
 
     def step(self, sense: GripSense, given_n: Number) -> Number:
-        """The own grip after one sample; it stands still while a target is given."""
-        lanes = self._lanes
-        measured_n = self.grip_n + self._share * (sense.grip_n - self.grip_n)
+        """The wearer's grip after one sample; it stands still while a target is given."""
+        batch = self._batch
+        smooth_n = self.grip_n + self._share * (sense.grip_n - self.grip_n)
+        measured_n = batch.choose(sense.empty, 0.0, smooth_n)
+        # a grip that a target made says nothing about what the wearer set
         idle = (given_n <= 0.0) & sense.known
-        self.grip_n = lanes.choose(
-            idle, lanes.choose(sense.empty, 0.0, measured_n), self.grip_n
-        )
+        self.grip_n = batch.choose(idle, measured_n, self.grip_n)
         return self.grip_n
 
 
-class NoController:
-    """Wants nothing: the hand keeps the grip that its wearer set."""
+class Controller:
+    """What every controller has; this one wants nothing: the hand keeps the wearer's grip.
+
+    setting: the parameter that studies vary. fresh: whether it has evidence at the last sample.
+    """
 
     SETTING = 0.0
+    """Its default."""
 
-    def __init__(self, lanes: Lanes, rate_hz: float, setting: float) -> None:
-        self._nothing, self.fresh = lanes.zero(), lanes.false()
+    def __init__(self, batch: Batch, rate_hz: float, setting: float) -> None:
+        self._batch, self._rate_hz, self._setting = batch, rate_hz, setting
+        self._period_s = 1.0 / rate_hz
+        self._wearer = WearersGrip(batch, rate_hz)
+        self.fresh = batch.false()
 
     def want(self, sense: GripSense, given_n: Number, needed_n: Number) -> Number:
-        """0."""
-        return self._nothing
+        """The wanted grip, N a side; 0 for none.
+
+        given_n: what the supervisor gave last. needed_n: by the friction margin, 0 if unknown.
+        """
+        return self._batch.zero()
 
 
-class PdShear:
-    """own + kp (T - T0) + kd dT/dt while the load T along the skin exceeds T0; setting: kp.
+class PdShear(Controller):
+    """wearer's + kp (T - T0) + kd dT/dt while the load T along the skin exceeds T0; setting: kp.
 
     T0 = 1 N, a fixed threshold; kd = 5 ms * kp.
     """
@@ -93,56 +104,49 @@ class PdShear:
     THRESHOLD_N = 1.0
     RATE_S = 0.005
 
-    def __init__(self, lanes: Lanes, rate_hz: float, setting: float) -> None:
-        self._lanes, self._rate_hz, self._kp = lanes, rate_hz, setting
-        self._own = OwnGrip(lanes, rate_hz)
-        self._load_n, self.fresh = lanes.zero(), lanes.false()
+    def __init__(self, batch: Batch, rate_hz: float, setting: float) -> None:
+        super().__init__(batch, rate_hz, setting)
+        self._load_n = batch.zero()
 
     def want(self, sense: GripSense, given_n: Number, needed_n: Number) -> Number:
         """The wanted grip, N a side; 0 for none."""
-        lanes = self._lanes
-        own_n = self._own.step(sense, given_n)
-        load_n = lanes.choose(sense.known, sense.load_n, self._load_n)
+        batch = self._batch
+        wearers_n = self._wearer.step(sense, given_n)
+        load_n = batch.choose(sense.known, sense.load_n, self._load_n)
         rate_n_s = (load_n - self._load_n) * self._rate_hz
         self._load_n = load_n
         above_n = load_n - self.THRESHOLD_N + self.RATE_S * rate_n_s
-        self.fresh = (load_n > self.THRESHOLD_N) & lanes.no(sense.empty)
-        return lanes.choose(
-            self.fresh, own_n + self._kp * lanes.most(above_n, 0.0), 0.0
-        )
+        self.fresh = (load_n > self.THRESHOLD_N) & batch.no(sense.empty)
+        wanted_n = wearers_n + self._setting * batch.most(above_n, 0.0)
+        return batch.choose(self.fresh, wanted_n, 0.0)
 
 
-class SlidingMode:
-    """r + k sat((r - N) / phi): keeps the grip N at r, the own grip; setting: k, N.
+class SlidingMode(Controller):
+    """r + k sat((r - N) / phi): keeps the grip N at r, the wearer's grip; setting: k, N.
 
-    r is the own grip half a second after contact. There is no provision against slip.
+    r is the wearer's grip half a second after contact. There is no provision against slip.
     """
 
     SETTING = 2.0
     BOUNDARY_N = 1.0
     SETTLED_S = 0.5
 
-    def __init__(self, lanes: Lanes, rate_hz: float, setting: float) -> None:
-        self._lanes, self._gain_n = lanes, setting
-        self._period_s = 1.0 / rate_hz
-        self._own = OwnGrip(lanes, rate_hz)
-        self._held_s, self._reference_n, self.fresh = (
-            lanes.zero(),
-            lanes.zero(),
-            lanes.false(),
-        )
+    def __init__(self, batch: Batch, rate_hz: float, setting: float) -> None:
+        super().__init__(batch, rate_hz, setting)
+        self._held_s = batch.zero()
+        self._reference_n = batch.zero()
 
     def want(self, sense: GripSense, given_n: Number, needed_n: Number) -> Number:
         """The wanted grip, N a side; 0 for none."""
-        lanes = self._lanes
-        own_n = self._own.step(sense, self._reference_n)
-        self._held_s = lanes.choose(sense.empty, 0.0, self._held_s + self._period_s)
+        batch = self._batch
+        wearers_n = self._wearer.step(sense, self._reference_n)
+        self._held_s = batch.choose(sense.empty, 0.0, self._held_s + self._period_s)
         self.fresh = self._held_s >= self.SETTLED_S
-        kept_n = lanes.choose(self._reference_n > 0.0, self._reference_n, own_n)
-        self._reference_n = lanes.choose(self.fresh, kept_n, 0.0)
+        kept_n = batch.choose(self._reference_n > 0.0, self._reference_n, wearers_n)
+        self._reference_n = batch.choose(self.fresh, kept_n, 0.0)
         error = (self._reference_n - sense.grip_n) / self.BOUNDARY_N
-        pushed_n = self._reference_n + self._gain_n * lanes.within(-1.0, error, 1.0)
-        return lanes.choose(self.fresh, lanes.most(pushed_n, 0.0), 0.0)
+        pushed_n = self._reference_n + self._setting * batch.within(-1.0, error, 1.0)
+        return batch.choose(self.fresh, batch.most(pushed_n, 0.0), 0.0)
 
 
 def _slips(sense: GripSense) -> Flag:
@@ -150,44 +154,40 @@ def _slips(sense: GripSense) -> Flag:
     return (sense.p_risky > SLIP_P) & (sense.grip_n > HELD_N) & sense.known
 
 
-class SlipSteps:
-    """own + one step for each slip event; setting: the step, N."""
+class SlipSteps(Controller):
+    """wearer's + one step for each slip event; setting: the step, N."""
 
     SETTING = 8.0
 
-    def __init__(self, lanes: Lanes, rate_hz: float, setting: float) -> None:
-        self._lanes, self._step_n = lanes, setting
-        self._own = OwnGrip(lanes, rate_hz)
-        self._slipped, self.fresh = lanes.false(), lanes.false()
+    def __init__(self, batch: Batch, rate_hz: float, setting: float) -> None:
+        super().__init__(batch, rate_hz, setting)
+        self._slipped = batch.false()
 
     def want(self, sense: GripSense, given_n: Number, needed_n: Number) -> Number:
         """The wanted grip, N a side; 0 for none."""
-        lanes = self._lanes
-        own_n = self._own.step(sense, given_n)
+        batch = self._batch
+        wearers_n = self._wearer.step(sense, given_n)
         slips = _slips(sense)
-        self.fresh = slips & lanes.no(self._slipped)
-        self._slipped = lanes.choose(sense.known, slips, self._slipped)
-        raised_n = lanes.most(given_n, own_n) + self._step_n
-        return lanes.choose(self.fresh, raised_n, given_n)
+        # an event is the first sample of a slip
+        self.fresh = slips & batch.no(self._slipped)
+        self._slipped = batch.choose(sense.known, slips, self._slipped)
+        raised_n = batch.most(given_n, wearers_n) + self._setting
+        return batch.choose(self.fresh, raised_n, given_n)
 
 
-class SlipIntegral:
-    """own + the integral of the slip signal; setting: N per s of slip."""
+class SlipIntegral(Controller):
+    """wearer's + the integral of the slip signal; setting: N per s of slip."""
 
     SETTING = 200.0
 
-    def __init__(self, lanes: Lanes, rate_hz: float, setting: float) -> None:
-        self._lanes, self._rise_n = lanes, setting / rate_hz
-        self._own = OwnGrip(lanes, rate_hz)
-        self.fresh = lanes.false()
-
     def want(self, sense: GripSense, given_n: Number, needed_n: Number) -> Number:
         """The wanted grip, N a side; 0 for none."""
-        lanes = self._lanes
-        own_n = self._own.step(sense, given_n)
+        batch = self._batch
+        wearers_n = self._wearer.step(sense, given_n)
         self.fresh = _slips(sense)
-        raised_n = lanes.most(given_n, own_n) + self._rise_n
-        return lanes.choose(self.fresh, raised_n, given_n)
+        rise_n = self._setting / self._rate_hz
+        raised_n = batch.most(given_n, wearers_n) + rise_n
+        return batch.choose(self.fresh, raised_n, given_n)
 
 
 @dataclass(frozen=True)
@@ -211,7 +211,7 @@ class AnswerRules:
     margin: bool = True
 
 
-class Holdfast:
+class Holdfast(Controller):
     """N + lead * evidence while a slip is likely; what friction needs after it; given back then.
 
     evidence = (p_risky - from_p) / (full_p - from_p), within 0 and 1. The drive's speed grows with
@@ -227,95 +227,80 @@ class Holdfast:
 
     def __init__(
         self,
-        lanes: Lanes,
+        batch: Batch,
         rate_hz: float,
         setting: float,
         rules: AnswerRules | None = None,
     ) -> None:
-        self._lanes, self._lead_n, self.rules = lanes, setting, rules or AnswerRules()
-        self._own = OwnGrip(lanes, rate_hz)
-        self._rate_hz, self._share = rate_hz, 1.0 / (1.0 + self.RATE_S * rate_hz)
-        self._period_s = 1.0 / rate_hz
-        self._load_n, self._change_n_s, self._safe_run = (
-            lanes.zero() for _ in range(3)
-        )
-        self._quiet_s, self.fresh = lanes.zero(), lanes.false()
+        super().__init__(batch, rate_hz, setting)
+        self.rules = rules or AnswerRules()
+        self._share = 1.0 / (1.0 + self.RATE_S * rate_hz)
+        self._load_n = batch.zero()
+        self._change_n_s = batch.zero()
+        self._safe_run = batch.zero()
+        self._quiet_s = batch.zero()
 
     def want(self, sense: GripSense, given_n: Number, needed_n: Number) -> Number:
-        """The wanted grip, N a side; 0 for none. needed_n: by the friction margin, 0 if unknown."""
-        lanes = self._lanes
-        own_n = self._own.step(sense, given_n)
+        """The wanted grip, N a side; 0 for none."""
+        batch = self._batch
+        wearers_n = self._wearer.step(sense, given_n)
         evidence = self._evidence(sense)
-        rises = (evidence > 0.0) & sense.known & lanes.no(sense.empty)
-        ahead_n = lanes.most(sense.grip_n, own_n) + self._lead_n * evidence
-        kept_n = self._kept_n(sense, own_n, given_n, needed_n)
-        wanted_n = lanes.choose(rises, ahead_n, kept_n)
-        ends = self._handed_over(sense) & lanes.no(rises)
-        later_s = lanes.least(self._quiet_s + self._period_s, 1.0)
-        quiet_s = lanes.choose(rises, 0.0, later_s)
-        self._quiet_s = lanes.choose(sense.known, quiet_s, self._quiet_s)
+        rises = (evidence > 0.0) & sense.known & batch.no(sense.empty)
+        ahead_n = batch.most(sense.grip_n, wearers_n) + self._setting * evidence
+        kept_n = self._kept_n(sense, wearers_n, given_n, needed_n)
+        wanted_n = batch.choose(rises, ahead_n, kept_n)
+        ends = self._handed_over(sense) & batch.no(rises)
+        # bounded, so that it does not grow for days; only times below BRAKE_S matter
+        later_s = batch.least(self._quiet_s + self._period_s, 1.0)
+        quiet_s = batch.choose(rises, 0.0, later_s)
+        self._quiet_s = batch.choose(sense.known, quiet_s, self._quiet_s)
         self.fresh = rises
-        return lanes.choose(ends, 0.0, wanted_n)
+        return batch.choose(ends, 0.0, wanted_n)
 
     def _evidence(self, sense: GripSense) -> Number:
         """0 to 1."""
-        rules, lanes = self.rules, self._lanes
+        rules, batch = self.rules, self._batch
         share = (sense.p_risky - rules.from_p) / (rules.full_p - rules.from_p)
         if not rules.graded:
-            return lanes.choose(share >= 0.5, 1.0, 0.0)
-        return lanes.within(0.0, share, 1.0)
+            return batch.choose(share >= 0.5, 1.0, 0.0)
+        return batch.within(0.0, share, 1.0)
 
     def _kept_n(
-        self, sense: GripSense, own_n: Number, given_n: Number, needed_n: Number
+        self, sense: GripSense, wearers_n: Number, given_n: Number, needed_n: Number
     ) -> Number:
         """The grip to keep without evidence: brake first, then stay where the grip is."""
-        lanes = self._lanes
+        batch = self._batch
         braking = self._quiet_s < self.BRAKE_S
-        stops = lanes.no(braking) & (self._quiet_s < self.BRAKE_S + self._period_s)
-        kept_n = lanes.choose(stops, lanes.most(sense.grip_n, own_n), given_n)
+        stops = batch.no(braking) & (self._quiet_s < self.BRAKE_S + self._period_s)
+        kept_n = batch.choose(stops, batch.most(sense.grip_n, wearers_n), given_n)
         if self.rules.margin:
-            kept_n = lanes.most(kept_n, needed_n)
-        back_n = lanes.most(lanes.choose(own_n > 0.0, own_n, sense.grip_n), needed_n)
-        kept_n = lanes.choose(
-            braking, back_n, lanes.choose(kept_n > own_n, kept_n, 0.0)
-        )
-        return lanes.choose(given_n > 0.0, kept_n, 0.0)
+            kept_n = batch.most(kept_n, needed_n)
+        # no more than the wearer's grip is no target of ours
+        kept_n = batch.choose(kept_n > wearers_n, kept_n, 0.0)
+        back_n = batch.choose(wearers_n > 0.0, wearers_n, sense.grip_n)
+        kept_n = batch.choose(braking, batch.most(back_n, needed_n), kept_n)
+        return batch.choose(given_n > 0.0, kept_n, 0.0)
 
     def _handed_over(self, sense: GripSense) -> Flag:
         """Whether the evidence says hand-over: safe slip, while the load changes."""
-        lanes, rules = self._lanes, self.rules
-        load_n = lanes.choose(sense.known, sense.load_n, self._load_n)
+        batch, rules = self._batch, self.rules
+        load_n = batch.choose(sense.known, sense.load_n, self._load_n)
         change_n_s = (load_n - self._load_n) * self._rate_hz
         self._load_n = load_n
         smooth_n_s = self._change_n_s + self._share * (change_n_s - self._change_n_s)
-        self._change_n_s = lanes.choose(sense.known, smooth_n_s, self._change_n_s)
-        moving = (self._change_n_s > rules.moving_n_s) | (
-            self._change_n_s < -rules.moving_n_s
-        )
-        run = lanes.choose(
-            moving & (sense.p_safe > rules.yield_p), self._safe_run + 1.0, 0.0
-        )
-        self._safe_run = lanes.choose(sense.known, run, self._safe_run)
+        self._change_n_s = batch.choose(sense.known, smooth_n_s, self._change_n_s)
+        grows = self._change_n_s > rules.moving_n_s
+        falls = self._change_n_s < -rules.moving_n_s
+        safe = (grows | falls) & (sense.p_safe > rules.yield_p)
+        run = batch.choose(safe, self._safe_run + 1.0, 0.0)
+        self._safe_run = batch.choose(sense.known, run, self._safe_run)
         if not rules.revocable:
-            return lanes.false()
+            return batch.false()
         return self._safe_run >= rules.yield_samples
 
 
-class Controller(Protocol):
-    """What every controller has. fresh: whether it has evidence at the last sample."""
-
-    SETTING: float
-    fresh: Flag
-
-    def __init__(self, lanes: Lanes, rate_hz: float, setting: float) -> None: ...
-
-    def want(self, sense: GripSense, given_n: Number, needed_n: Number) -> Number:
-        """The wanted grip, N a side; 0 for none. given_n: what the supervisor gave last."""
-        ...
-
-
 CONTROLLERS: dict[str, type[Controller]] = {
-    "none": NoController,
+    "none": Controller,
     "pd-shear": PdShear,
     "sliding-mode": SlidingMode,
     "smsp": SlipSteps,

@@ -1,10 +1,9 @@
-"""Controller, friction margin and supervisor joined: from one prediction to one grip command.
+"""One grip command for each prediction: friction margin, controller and supervisor joined.
 
-Friction, as far as a slip has shown it: what the fingers hold, and what they need.
-
-While the object slides the fingers bear no more than friction allows, so the ratio of the force
-along the skin to the normal force stands still at the friction coefficient (Coulomb), whatever the
-load is. It is never larger, so the largest ratio that has stood still is the best one:
+Friction, as far as a slip has shown it: what the fingers hold, and what they need. While the object
+slides the fingers bear no more than friction allows, so the ratio of the force along the skin to
+the normal force stands still at the friction coefficient (Coulomb), whatever the load is. It is
+never larger, so the largest ratio that has stood still is the best one:
 
     ratio        r = T / 2N
     mu_hat       the largest r that stood still for SAMPLES, while a slip was all but certain
@@ -17,19 +16,17 @@ The largest ratio that the hand has held in quiet (`held`) bounds friction from 
 holds_n is known to hold the load. Less is a guess.
 
 r is of all fingers' sums, because one finger's ratio is mostly noise at 0.3 N. It is in the
-sensors' own units. shear_gain: by how much they read too little along the skin, from their
-calibration.
+sensors' own units.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 from holdfast.core.contract import BoolArray, FloatArray, Prediction, Unit
 from holdfast.core.errors import UsageError
-from holdfast.edge_runtime.batch import ONE_LANE, Lanes, Number
+from holdfast.edge_runtime.batch import ONE_HAND, Batch, Flag, Number
 from holdfast.edge_runtime.grip import CONTROLLERS, AnswerRules, Controller, GripSense
 from holdfast.edge_runtime.supervisor import (
     HOLD,
@@ -41,10 +38,6 @@ from holdfast.edge_runtime.supervisor import (
     Supervisor,
 )
 
-if TYPE_CHECKING:
-    from holdfast.edge_runtime.grip import GripSense
-
-
 FIRM_N = 0.3
 """A ratio counts from this grip on, N a side."""
 SAMPLES = 6
@@ -54,6 +47,7 @@ STEADY = 0.1
 SURE_P = 0.9
 """p(risky slip) from which a slip is all but certain."""
 QUIET_P = 0.2
+"""p(any slip) below which the hand holds in quiet."""
 SPARE = 1.25
 """Grip over the least grip that friction needs."""
 LEAST_MU = 0.05
@@ -61,69 +55,72 @@ QUIET_S = 0.1
 
 
 class FrictionMargin:
-    """Friction of the object in the hand; forgets it when the hand is empty."""
+    """Friction of the object in the hand; forgets it when the hand is empty.
 
-    def __init__(self, lanes: Lanes, rate_hz: float, shear_gain: float = 1.0) -> None:
-        self._lanes, self._gain = lanes, shear_gain
+    shear_gain: by how much the sensors read too little along the skin, from their calibration.
+    """
+
+    def __init__(self, batch: Batch, rate_hz: float, shear_gain: float = 1.0) -> None:
+        self._batch, self._gain = batch, shear_gain
         self._share = 1.0 / (1.0 + QUIET_S * rate_hz)
-        self._last = [lanes.zero()] * (SAMPLES - 1)
-        self._slid, self._quiet = lanes.zero(), lanes.zero()
-        self.held, self.mu_hat = lanes.zero(), lanes.zero()
-        self.needed_n, self.holds_n, self.margin = (
-            lanes.zero(),
-            lanes.zero(),
-            lanes.zero(),
-        )
+        self._last = [batch.zero()] * (SAMPLES - 1)
+        self._slid = batch.zero()
+        self._quiet = batch.zero()
+        self.held = batch.zero()
+        self.mu_hat = batch.zero()
+        self.needed_n = batch.zero()
+        self.holds_n = batch.zero()
+        self.margin = batch.zero()
 
     def step(self, sense: GripSense) -> None:
         """Take in one sample."""
-        lanes = self._lanes
+        batch = self._batch
         load_n = self._gain * sense.load_n
         firm = (sense.grip_n > FIRM_N) & sense.known
-        ratio = lanes.choose(
-            firm, load_n / (2.0 * lanes.most(sense.grip_n, FIRM_N)), 0.0
-        )
-        self._take(sense, ratio)
-        self._hold(sense, ratio, firm)
+        both_sides_n = 2.0 * batch.most(sense.grip_n, FIRM_N)
+        ratio = batch.choose(firm, load_n / both_sides_n, 0.0)
+        self._take_slide(sense, ratio)
+        self._take_quiet(sense, ratio, firm)
         self._forget(sense)
-        self._conclude(sense, load_n, firm)
 
-    def _conclude(self, sense: GripSense, load_n: Number, firm: Number) -> None:
-        """mu_hat, margin and the needed grip after this sample."""
-        lanes = self._lanes
         sure = self._slid > 0.0
-        lower = lanes.most(lanes.most(self._slid, self.held), LEAST_MU)
+        lower = batch.most(batch.most(self._slid, self.held), LEAST_MU)
         slides_n = load_n / (2.0 * lower)
-        self.mu_hat = lanes.choose(sure, lower, 0.0)
-        self.needed_n = lanes.choose(sure, SPARE * slides_n, 0.0)
-        self.holds_n = lanes.choose(sure, self.needed_n, slides_n)
-        used = slides_n / lanes.most(sense.grip_n, FIRM_N)
-        self.margin = lanes.choose(sure & firm, 1.0 - used, 0.0)
+        self.mu_hat = batch.choose(sure, lower, 0.0)
+        self.needed_n = batch.choose(sure, SPARE * slides_n, 0.0)
+        self.holds_n = batch.choose(sure, self.needed_n, slides_n)
+        used = slides_n / batch.most(sense.grip_n, FIRM_N)
+        self.margin = batch.choose(sure & firm, 1.0 - used, 0.0)
 
-    def _take(self, sense: GripSense, ratio: Number) -> None:
+    def _take_slide(self, sense: GripSense, ratio: Number) -> None:
         """A sample of friction, where the ratio stands still while a slip is all but certain."""
-        lanes, likely = self._lanes, sense.known & (sense.p_risky > SURE_P)
-        ratio = lanes.choose(likely, ratio, 0.0)
+        batch = self._batch
+        likely = sense.known & (sense.p_risky > SURE_P)
+        # a 0 in the row keeps it from standing still
+        ratio = batch.choose(likely, ratio, 0.0)
         low = high = ratio
-        for one in self._last:
-            low, high = lanes.least(low, one), lanes.most(high, one)
+        for earlier in self._last:
+            low = batch.least(low, earlier)
+            high = batch.most(high, earlier)
         still = high - low < STEADY * high
-        self._slid = lanes.choose(still, lanes.most(self._slid, low), self._slid)
+        self._slid = batch.choose(still, batch.most(self._slid, low), self._slid)
         self._last = [ratio, *self._last[:-1]]
 
-    def _hold(self, sense: GripSense, ratio: Number, firm: Number) -> None:
+    def _take_quiet(self, sense: GripSense, ratio: Number, firm: Flag) -> None:
         """The largest ratio that was held in quiet."""
-        lanes = self._lanes
+        batch = self._batch
         quiet = firm & (sense.p_risky < QUIET_P) & (sense.p_safe < QUIET_P)
         smooth = self._quiet + self._share * (ratio - self._quiet)
-        self._quiet = lanes.choose(quiet, smooth, self._quiet)
-        self.held = lanes.choose(quiet, lanes.most(self.held, self._quiet), self.held)
+        self._quiet = batch.choose(quiet, smooth, self._quiet)
+        self.held = batch.choose(quiet, batch.most(self.held, self._quiet), self.held)
 
     def _forget(self, sense: GripSense) -> None:
-        lanes, gone = self._lanes, sense.empty & sense.known
-        self._slid = lanes.choose(gone, 0.0, self._slid)
-        self._quiet = lanes.choose(gone, 0.0, self._quiet)
-        self.held = lanes.choose(gone, 0.0, self.held)
+        """The next object has another friction."""
+        batch = self._batch
+        gone = sense.empty & sense.known
+        self._slid = batch.choose(gone, 0.0, self._slid)
+        self._quiet = batch.choose(gone, 0.0, self._quiet)
+        self.held = batch.choose(gone, 0.0, self.held)
 
 
 FORCE_CONTROLLERS = ("pd-shear", "sliding-mode")
@@ -135,7 +132,7 @@ CUE_P = AnswerRules.from_p
 
 
 def controller_of(
-    name: str, lanes: Lanes, rate_hz: float, setting: float | None = None
+    name: str, batch: Batch, rate_hz: float, setting: float | None = None
 ) -> Controller:
     """A controller by its name; setting: None for its default. Raises UsageError."""
     if name not in CONTROLLERS:
@@ -143,7 +140,7 @@ def controller_of(
             f"no controller {name!r}", next_step=f"choose from {', '.join(CONTROLLERS)}"
         )
     kind = CONTROLLERS[name]
-    return kind(lanes, rate_hz, kind.SETTING if setting is None else setting)
+    return kind(batch, rate_hz, kind.SETTING if setting is None else setting)
 
 
 class GripLoop:
@@ -151,15 +148,15 @@ class GripLoop:
 
     def __init__(
         self,
-        lanes: Lanes,
+        batch: Batch,
         rate_hz: float,
         controller: Controller,
         limits: Limits | None = None,
         shear_gain: float = 1.0,
     ) -> None:
         self.controller = controller
-        self.margin = FrictionMargin(lanes, rate_hz, shear_gain)
-        self.supervisor = Supervisor(lanes, rate_hz, limits)
+        self.margin = FrictionMargin(batch, rate_hz, shear_gain)
+        self.supervisor = Supervisor(batch, rate_hz, limits)
 
     def step(self, sense: GripSense) -> Number:
         """One sample: the target, N a side; 0 for none."""
@@ -172,12 +169,12 @@ class GripLoop:
 
 
 class GripControl:
-    """The grip controller of one hand, beside its monitor: one command a sample.
+    """The grip controller of one hand, next to its monitor: one command a sample.
 
     name: of CONTROLLERS. setting: the controller's own, None for its default. unit: of the forces.
-    In uT or count there is no N: a friction ratio still means something, a grip in N does not, so
-    controllers that need N are refused, the ceiling is the hand's own business, and every command
-    says `reduced`. Raises UsageError.
+    In uT or count there is no N: a friction ratio still means something, a grip in N does not. So
+    controllers that need N are refused, the ceiling is left to the hand, and every command says
+    `reduced`. Raises UsageError.
     """
 
     def __init__(
@@ -189,18 +186,20 @@ class GripControl:
         n_fingers: int = 6,
         limits: Limits | None = None,
     ) -> None:
-        self.reduced, self._n_fingers = unit != "N", n_fingers
+        self.reduced = unit != "N"
+        self._n_fingers = n_fingers
         if self.reduced and name in FORCE_CONTROLLERS:
             raise UsageError(
                 f"{name} needs forces in N, this model answers in {unit}",
                 next_step="calibrate the sensors (holdfast calibrate), or choose holdfast",
             )
         self.limits = limits or Limits()
-        controller = controller_of(name, ONE_LANE, rate_hz, setting)
-        limits = (
-            replace(self.limits, ceiling_n=math.inf) if self.reduced else self.limits
-        )
-        self._loop = GripLoop(ONE_LANE, rate_hz, controller, limits)
+        controller = controller_of(name, ONE_HAND, rate_hz, setting)
+        within = self.limits
+        if self.reduced:
+            # a ceiling in N says nothing about numbers in another unit
+            within = replace(within, ceiling_n=math.inf)
+        self._loop = GripLoop(ONE_HAND, rate_hz, controller, within)
 
     def step(
         self, prediction: Prediction, forces: FloatArray, valid: BoolArray
@@ -234,14 +233,15 @@ class GripControl:
 
 def sense_of(prediction: Prediction, forces: FloatArray, valid: BoolArray) -> GripSense:
     """What a controller knows of one sample; no force where a sensor is not valid or not finite."""
-    f, grip_n, load_n = forces.tolist(), 0.0, 0.0
+    f = forces.tolist()
+    grip_n = load_n = 0.0
     for x, y, z, good in zip(f[::3], f[1::3], f[2::3], valid.tolist(), strict=True):
+        # NaN is not below LARGEST
         if good and abs(x) + abs(y) + abs(z) < LARGEST:
             grip_n += z if z > 0.0 else 0.0
             load_n += math.sqrt(x * x + y * y)
-    grip_n *= 0.5
     return GripSense(
-        grip_n=grip_n,
+        grip_n=0.5 * grip_n,
         load_n=load_n,
         p_risky=prediction.p_risky,
         p_safe=prediction.p_situation["safe_slip"],

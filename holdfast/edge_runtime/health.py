@@ -1,6 +1,4 @@
-"""Whether the samples can be trusted, beside the graph's own guard.
-
-Repeats, the rate, a loaded start.
+"""Whether samples can be trusted, next to the guard in the graph: repeats, rate, a loaded start.
 
 Each watch takes one sample at a time and answers yes or no. No watch knows a clock or a model.
 """
@@ -16,10 +14,7 @@ from holdfast.core.contract import RATE_TOLERANCE, BoolArray, FloatArray
 RING = 8
 """A hand repeats itself if it cycles through this many readings or fewer."""
 ONE_NUMBER = np.sqrt(np.array([2.0, 3.0, 5.0]))
-"""Combines a sensor's three numbers into one.
-
-Two different readings hardly ever give the same one.
-"""
+"""Combines a sensor's three numbers into one; two different readings hardly ever give the same."""
 LEAST_SPAN = 10
 """The rate is not judged on fewer samples: jitter of 0.45 periods moves the mean of ten by 9 %."""
 EMPTY_S = 0.2
@@ -36,21 +31,21 @@ class RepeatWatch:
     def __init__(self, n_sensors: int, most: int) -> None:
         """most: repeats in a row from which on a sensor is stuck."""
         self._most = most
+        # row k: the reading k + 1 samples ago, and for how long it has repeated
         self._past: FloatArray = np.full((RING, n_sensors), np.nan)
         self._runs: FloatArray = np.zeros((RING, n_sensors))
 
     def stuck(self, values: FloatArray, usable: BoolArray) -> bool:
-        """Take a sample, values [C] and usable [S].
+        """Whether all usable sensors, at least one, are stuck after this sample.
 
-        Whether all usable sensors, at least one, are stuck.
+        values: [C]. usable: [S].
         """
         whole = bool(usable.all())
-        reading = (
-            values if whole else np.where(np.repeat(usable, 3), values, 0.0)
-        ).reshape(-1, 3) @ ONE_NUMBER
-        runs = (self._runs + 1.0) * (
-            self._past == reading
-        )  # -0.0 equals 0.0, and NaN nothing
+        if not whole:
+            values = np.where(np.repeat(usable, 3), values, 0.0)
+        reading = values.reshape(-1, 3) @ ONE_NUMBER
+        # -0.0 equals 0.0, and NaN equals nothing
+        runs = (self._runs + 1.0) * (self._past == reading)
         if whole:
             self._runs = runs
             self._past[1:] = self._past[:-1]
@@ -59,11 +54,11 @@ class RepeatWatch:
             self._runs[:, usable] = runs[:, usable]
             self._past[1:, usable] = self._past[:-1, usable]
             self._past[0, usable] = reading[usable]
+        # nearly every sample ends here, and cheaply
         if runs.max() < self._most:
             return False
-        return bool(
-            usable.any() and (self._runs.max(axis=0)[usable] >= self._most).all()
-        )
+        longest = self._runs.max(axis=0)[usable]
+        return bool(usable.any() and (longest >= self._most).all())
 
 
 class RateWatch:
@@ -84,21 +79,25 @@ class RateWatch:
         past.append((t_ns, sequence))
         if len(past) <= LEAST_SPAN:
             return True
-        steps = max(sequence - past[0][1], len(past) - 1)
-        return self._within(t_ns - past[0][0], steps) or self._within(*self._median())
+        first_ns, first_sequence = past[0]
+        steps = max(sequence - first_sequence, len(past) - 1)
+        if self._within((t_ns - first_ns) / (steps * self._period_ns)):
+            return True
+        return self._within(self._median_ns() / self._period_ns)
 
     def forget(self) -> None:
         """Start again: the next stamp is not related to the last one."""
         self._past.clear()
 
-    def _within(self, passed_ns: float, steps: int) -> bool:
-        return abs(passed_ns / (steps * self._period_ns) - 1.0) <= RATE_TOLERANCE
+    def _within(self, periods: float) -> bool:
+        return abs(periods - 1.0) <= RATE_TOLERANCE
 
-    def _median(self) -> tuple[float, int]:
+    def _median_ns(self) -> float:
         """The median interval, each divided by the steps between its sequence numbers."""
         stamps = np.array(self._past, dtype=np.int64)
+        intervals_ns = np.diff(stamps[:, 0])
         steps = np.maximum(np.diff(stamps[:, 1]), 1)
-        return float(np.median(np.diff(stamps[:, 0]) / steps)), 1
+        return float(np.median(intervals_ns / steps))
 
 
 class LoadedStart:
@@ -109,15 +108,14 @@ class LoadedStart:
     """
 
     def __init__(self, empty_below: float, rate_hz: float, least_sensors: int) -> None:
-        """empty_below.
-
-        A finger with a larger force or field, in the stream's unit, carries something.
+        """empty_below: a finger with a larger force or field, in the stream's unit, is loaded.
 
         least_sensors: samples with fewer usable sensors are not judged.
         """
-        self._empty_below, self._samples = empty_below, max(1, round(EMPTY_S * rate_hz))
+        self._empty_below = empty_below
+        self._samples = max(1, round(EMPTY_S * rate_hz))
         self._least_sensors = max(1, least_sensors)
-        self._taken = self._empty = 0
+        self._taken = self._empty_run = 0
         self.seen_empty = False
 
     @property
@@ -130,8 +128,7 @@ class LoadedStart:
         if self.seen_empty or usable.sum() < self._least_sensors:
             return
         squares = (values.reshape(-1, 3)[usable] ** 2).sum(axis=1)
+        empty = bool((squares <= self._empty_below**2).all())
         self._taken += 1
-        self._empty = (
-            self._empty + 1 if bool((squares <= self._empty_below**2).all()) else 0
-        )
-        self.seen_empty = self._empty >= self._samples
+        self._empty_run = self._empty_run + 1 if empty else 0
+        self.seen_empty = self._empty_run >= self._samples

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from grip_senses import RATE_HZ, bits, of_hand, of_hands, random_senses, sense
 
-from holdfast.edge_runtime.batch import ONE_LANE, ManyLanes
+from holdfast.edge_runtime.batch import ONE_HAND, ManyHands
 from holdfast.edge_runtime.grip_control import SAMPLES, SPARE, FrictionMargin
 
 GRIP_N = 4.0
@@ -35,7 +35,7 @@ def sliding(
 
 
 def margin_of(gain: float = 1.0) -> FrictionMargin:
-    return FrictionMargin(ONE_LANE, RATE_HZ, gain)
+    return FrictionMargin(ONE_HAND, RATE_HZ, gain)
 
 
 def estimates(margin: FrictionMargin) -> tuple[float, float, float]:
@@ -43,7 +43,7 @@ def estimates(margin: FrictionMargin) -> tuple[float, float, float]:
 
 
 def test_one_hand_and_many_have_the_same_bits() -> None:
-    many, single = (FrictionMargin(ManyLanes(n), RATE_HZ) for n in (8, 1))
+    many, single = (FrictionMargin(ManyHands(n), RATE_HZ) for n in (8, 1))
     ones = [margin_of() for _ in range(8)]
     for senses in random_senses(5, 400, 8):
         many.step(senses)

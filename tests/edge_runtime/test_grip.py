@@ -20,7 +20,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from holdfast.core.errors import UsageError
-from holdfast.edge_runtime.batch import ONE_LANE, ManyLanes
+from holdfast.edge_runtime.batch import ONE_HAND, ManyHands
 from holdfast.edge_runtime.grip import (
     CONTROLLERS,
     AnswerRules,
@@ -38,9 +38,9 @@ def after_a_hold(
     name: str, setting: float | None = None, rules: AnswerRules | None = None
 ) -> Controller:
     """A controller after two seconds of a quiet hold at 3 N; its own grip is 3 N."""
-    controller = controller_of(name, ONE_LANE, RATE_HZ, setting)
+    controller = controller_of(name, ONE_HAND, RATE_HZ, setting)
     if rules is not None:
-        controller = Holdfast(ONE_LANE, RATE_HZ, setting or Holdfast.SETTING, rules)
+        controller = Holdfast(ONE_HAND, RATE_HZ, setting or Holdfast.SETTING, rules)
     for _ in range(int(2 * RATE_HZ)):
         controller.want(sense(), 0.0, 0.0)
     return controller
@@ -66,9 +66,9 @@ def answers_of(
 def test_controller_margin_and_supervisor_give_one_hand_the_bits_of_many(
     name: str, seed: int, gain: float
 ) -> None:
-    many = loop_of(ManyLanes(HANDS), name, gain)
-    single = loop_of(ManyLanes(1), name, gain)
-    ones = [loop_of(ONE_LANE, name, gain) for _ in range(HANDS)]
+    many = loop_of(ManyHands(HANDS), name, gain)
+    single = loop_of(ManyHands(1), name, gain)
+    ones = [loop_of(ONE_HAND, name, gain) for _ in range(HANDS)]
     for senses in random_senses(seed, SAMPLES, HANDS):
         many.step(senses)
         single.step(of_hands(senses, slice(0, 1)))
@@ -80,7 +80,7 @@ def test_controller_margin_and_supervisor_give_one_hand_the_bits_of_many(
 
 @pytest.mark.parametrize("name", EVERY)
 def test_no_number_makes_a_nan(name: str) -> None:
-    loop = loop_of(ManyLanes(40), name)
+    loop = loop_of(ManyHands(40), name)
     for senses in random_senses(3, 150, 40):
         loop.step(senses)
         assert all(np.isfinite(number).all() for number in numbers_of(loop))
@@ -91,7 +91,7 @@ def test_a_hand_that_senses_one_number_for_ever_gets_a_finite_target(
     value: float,
 ) -> None:
     for name in EVERY:
-        loop = loop_of(ONE_LANE, name)
+        loop = loop_of(ONE_HAND, name)
         for p_risky in (0.0, 0.9) * 40:
             loop.step(sense(grip_n=value, load_n=value, p_risky=p_risky))
             assert all(np.isfinite(number) for number in numbers_of(loop))
@@ -134,7 +134,7 @@ def test_sliding_mode_pushes_back_to_the_own_grip_and_saturates_beyond_its_bound
 
 
 def test_sliding_mode_knows_no_slip_and_waits_for_half_a_second_of_contact() -> None:
-    controller = controller_of("sliding-mode", ONE_LANE, RATE_HZ)
+    controller = controller_of("sliding-mode", ONE_HAND, RATE_HZ)
     waits = int(0.5 * RATE_HZ) - 1
     wanted = [controller.want(sense(p_risky=1.0), 0.0, 0.0) for _ in range(waits)]
     assert not any(wanted)
@@ -160,7 +160,7 @@ def test_ismsp_integrates_the_slip_signal() -> None:
 def test_the_published_controllers_see_no_slip_in_an_unknown_state_or_a_loose_grip(
     name: str, other: dict[str, Any]
 ) -> None:
-    controller = controller_of(name, ONE_LANE, RATE_HZ)
+    controller = controller_of(name, ONE_HAND, RATE_HZ)
     assert answers_of(controller, {"p_risky": 1.0} | other) == [0.0]
     assert not controller.fresh
 
@@ -267,4 +267,4 @@ def test_an_unknown_controller_is_refused_with_the_names_there_are() -> None:
     with pytest.raises(
         UsageError, match="pd-shear, sliding-mode, smsp, ismsp, holdfast"
     ):
-        controller_of("pid", ONE_LANE, RATE_HZ)
+        controller_of("pid", ONE_HAND, RATE_HZ)

@@ -13,8 +13,8 @@ import pytest
 from grip_senses import RATE_HZ, sense
 from hazard_marks import SUPERVISOR_INVARIANTS
 
-from holdfast.edge_runtime.batch import ONE_LANE
-from holdfast.edge_runtime.grip import NoController
+from holdfast.edge_runtime.batch import ONE_HAND
+from holdfast.edge_runtime.grip import Controller
 from holdfast.edge_runtime.grip_control import GripLoop
 from holdfast.edge_runtime.supervisor import (
     HOLD,
@@ -104,7 +104,7 @@ def state_of(one: Supervisor) -> State:
 
 
 def supervisor_in(state: State) -> Supervisor:
-    one = Supervisor(ONE_LANE, 1.0 / PERIOD_S, LIMITS)
+    one = Supervisor(ONE_HAND, 1.0 / PERIOD_S, LIMITS)
     one.given_n, one.since_s, one.risen_s = (
         state.given_n,
         state.since * PERIOD_S,
@@ -135,7 +135,7 @@ def search(first: State) -> Iterator[Step]:
 
 @pytest.fixture(scope="module")
 def steps() -> list[Step]:
-    return list(search(state_of(Supervisor(ONE_LANE, 1.0 / PERIOD_S, LIMITS))))
+    return list(search(state_of(Supervisor(ONE_HAND, 1.0 / PERIOD_S, LIMITS))))
 
 
 @SUPERVISOR_INVARIANTS.mark
@@ -199,7 +199,7 @@ def test_no_target_rises_without_evidence_at_this_sample_or_just_before(
 
 
 def test_no_target_rises_before_the_first_evidence() -> None:
-    one = Supervisor(ONE_LANE, 1.0 / PERIOD_S, LIMITS)
+    one = Supervisor(ONE_HAND, 1.0 / PERIOD_S, LIMITS)
     for _ in range(2 * GIVE_BACK):
         assert Wish(3.0, fresh=False, holds_n=2.0).to(one) == 0.0
 
@@ -251,7 +251,7 @@ def test_the_mode_of_a_grip_says_what_happens_to_the_target(steps: list[Step]) -
 
 
 def test_before_its_first_sample_the_supervisor_holds_and_gives_no_target() -> None:
-    one = Supervisor(ONE_LANE, RATE_HZ)
+    one = Supervisor(ONE_HAND, RATE_HZ)
     assert (one.given_n, one.mode) == (0.0, HOLD)
 
 
@@ -263,7 +263,7 @@ def test_an_answer_that_the_wearer_ended_begins_again_with_fresh_evidence() -> N
 
 
 def test_a_loop_gives_its_supervisor_what_the_wearer_commands() -> None:
-    loop = GripLoop(ONE_LANE, RATE_HZ, NoController(ONE_LANE, RATE_HZ, 0.0))
+    loop = GripLoop(ONE_HAND, RATE_HZ, Controller(ONE_HAND, RATE_HZ, 0.0))
     for command in ({"opening": True}, {"overridden": True}, {"empty": True}):
         loop.supervisor.given_n = 9.0
         assert loop.step(sense(**command)) == 0.0

@@ -14,7 +14,7 @@ from grip_senses import QUICK, random_senses
 from made_once import made_once
 from small_model import sealed_bytes
 
-from holdfast.edge_runtime.batch import ManyLanes
+from holdfast.edge_runtime.batch import ManyHands
 from holdfast.edge_runtime.decision import LIMITS, DecisionRules, DecisionState, decide
 from holdfast.edge_runtime.grip import CONTROLLERS, GripSense
 from holdfast.edge_runtime.grip_control import GripLoop
@@ -140,11 +140,11 @@ def records_of(senses: list[GripSense], hands: int) -> Array:
 
 def commanded(senses: list[GripSense], hands: int) -> Array:
     """[hands, samples] what Python commands, on many hands at once."""
-    lanes = ManyLanes(hands)
+    batch = ManyHands(hands)
     controller = CONTROLLERS["holdfast"](
-        lanes, RATE_HZ, CONTROLLERS["holdfast"].SETTING
+        batch, RATE_HZ, CONTROLLERS["holdfast"].SETTING
     )
-    loop = GripLoop(lanes, RATE_HZ, controller, QUICK)
+    loop = GripLoop(batch, RATE_HZ, controller, QUICK)
     commands = np.zeros((hands, len(senses)), COMMAND)
     for at, one in enumerate(senses):
         commands["target_n"][:, at] = loop.step(one)

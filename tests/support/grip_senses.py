@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from holdfast.edge_runtime.batch import Lanes
+from holdfast.edge_runtime.batch import Batch
 from holdfast.edge_runtime.grip import GripSense
 from holdfast.edge_runtime.grip_control import GripLoop, controller_of
 from holdfast.edge_runtime.supervisor import Limits
@@ -70,9 +70,9 @@ def of_hands(senses: GripSense, hands: slice) -> GripSense:
     )
 
 
-def loop_of(lanes: Lanes, name: str, gain: float = 1.0) -> GripLoop:
+def loop_of(batch: Batch, name: str, gain: float = 1.0) -> GripLoop:
     """A named controller with margin and supervisor, under quick limits."""
-    return GripLoop(lanes, RATE_HZ, controller_of(name, lanes, RATE_HZ), QUICK, gain)
+    return GripLoop(batch, RATE_HZ, controller_of(name, batch, RATE_HZ), QUICK, gain)
 
 
 def numbers_of(loop: GripLoop) -> list[Any]:

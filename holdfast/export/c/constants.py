@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 
 from holdfast.edge_runtime import grip_control as friction
-from holdfast.edge_runtime.grip import AnswerRules, Holdfast, OwnGrip
+from holdfast.edge_runtime.grip import AnswerRules, Holdfast, WearersGrip
 from holdfast.edge_runtime.grip_control import CUE_P, LARGEST
 from holdfast.edge_runtime.model_file import ModelCard
 from holdfast.edge_runtime.supervisor import Limits
@@ -22,7 +22,7 @@ REALS = {
     "HF_MOVING_N_S": RULES.moving_n_s,
     "HF_CHANGE_S": Holdfast.RATE_S,
     "HF_BRAKE_S": Holdfast.BRAKE_S,
-    "HF_OWN_S": OwnGrip.TIME_S,
+    "HF_OWN_S": WearersGrip.TIME_S,
     "HF_FIRM_N": friction.FIRM_N,
     "HF_STEADY": friction.STEADY,
     "HF_SURE_P": friction.SURE_P,

@@ -13,7 +13,7 @@ from pathlib import Path
 from holdfast.core.contract import Prediction, Sample
 from holdfast.core.reading import Json
 from holdfast.core.source import SourceReading
-from holdfast.edge_runtime.batch import ONE_LANE
+from holdfast.edge_runtime.batch import ONE_HAND
 from holdfast.edge_runtime.grip_control import FrictionMargin, sense_of
 from holdfast.edge_runtime.intent import IntentMonitor
 from holdfast.edge_runtime.model_file import ModelCard
@@ -34,7 +34,7 @@ class RunPage:
         self, link: PageLink, card: ModelCard, say: Callable[[str], None]
     ) -> None:
         self._link, self._say = link, say
-        self._margin = FrictionMargin(ONE_LANE, card.rate_hz)
+        self._margin = FrictionMargin(ONE_HAND, card.rate_hz)
         self.newest_command: Callable[[], GripCommand | None] = lambda: None
         self.intent: IntentMonitor | None = None
         self._lost = self._next = self._marks = 0

@@ -15,7 +15,7 @@ import numpy as np
 
 from holdfast.core.contract import FloatArray
 from holdfast.core.trial_layout import RISKY_ACTIONS
-from holdfast.edge_runtime.batch import Lanes, ManyLanes
+from holdfast.edge_runtime.batch import Batch, ManyHands
 from holdfast.edge_runtime.grip import AnswerRules, GripSense, Holdfast
 from holdfast.edge_runtime.grip_control import CUE_P, GripLoop, controller_of
 from holdfast.edge_runtime.supervisor import Limits
@@ -83,11 +83,11 @@ def managed(
     gain = shear_gain() if "dipole" in scene.card.effects else 1.0
 
     def make(trials: Sequence[PlannedTrial], rate_hz: float) -> Managed:
-        lanes: Lanes = ManyLanes(len(trials))
-        controller = controller_of(name, lanes, rate_hz, setting)
+        batch: Batch = ManyHands(len(trials))
+        controller = controller_of(name, batch, rate_hz, setting)
         if rules is not None:
-            controller = Holdfast(lanes, rate_hz, setting or Holdfast.SETTING, rules)
-        grip = GripLoop(lanes, rate_hz, controller, limits, gain)
+            controller = Holdfast(batch, rate_hz, setting or Holdfast.SETTING, rules)
+        grip = GripLoop(batch, rate_hz, controller, limits, gain)
         return Managed(grip, len(trials))
 
     return make
