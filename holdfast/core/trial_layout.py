@@ -1,23 +1,34 @@
-"""The files of a trial, and the meaning of its names: file names, actions, objects, events.
+"""The files of a trial, and the meaning of its names: file names, actions, objects, contact.
 
 Recording, simulation, training and evaluation share this module::
 
-    <object>/<action>/trial_<n>.csv     samples; beside it trial_<n>.truth.json, .onset.json,
+    <object>/<action>/trial_<n>.csv     samples; next to it trial_<n>.truth.json, .onset.json,
                                         .frames.npz and .intent.csv
     <object>/<action>/trial_<n>/        of the recorder: tactile.csv, events.jsonl, meta.json,
                                         tactile.truth.json and tactile.intent.csv
 
-Folders of people may stand above the objects: `<person>/<object>/<action>/`.
-It imports no numpy, so that the command line can list actions at once.
+Folders of people may stand above the objects: `<person>/<object>/<action>/`. numpy is imported
+late, so that the command line can list actions at once.
+
+An object without a known mass has no weight class, and a guess would put wrong labels on all its
+windows. The mass comes from `meta.json` next to the recordings, else from "masses_g" of the set's
+meta.json, else from MASSES_G.
 """
 
 from __future__ import annotations
 
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
+from typing import TYPE_CHECKING, Any
 
 from holdfast.core.errors import LabelError
 from holdfast.core.reading import Json, json_of, text_of
+
+if TYPE_CHECKING:
+    from holdfast.core.contract import FloatArray, Unit
 
 META, EVENTS, TACTILE = "meta.json", "events.jsonl", "tactile.csv"
 TRUTH_SUFFIX, ONSET_SUFFIX, FRAMES_SUFFIX = ".truth.json", ".onset.json", ".frames.npz"
@@ -44,18 +55,6 @@ RISKY_ACTIONS = tuple(
     name for name, situation in SITUATION_OF_ACTION.items() if situation == "risky_slip"
 )
 
-MASSES_G = MappingProxyType(
-    {
-        "soft-ball": 15.1,
-        "empty-bottle": 21.2,
-        "basket-ball": 83.1,
-        "hard-ball": 197.9,
-        "full-bottle": 517.3,
-        "apple": 20.3,
-    }
-)
-"""The objects of the thesis (docs/glossary.md) and its test object, g."""
-
 
 def truth_path(trial: Path) -> Path:
     """`trial_3.csv` -> `trial_3.truth.json`."""
@@ -73,8 +72,12 @@ def read_events(path: Path) -> list[Json]:
     Raises LabelError.
     """
     try:
-        *lines, last = text_of(path).split("\n") if path.exists() else [""]
-        events = [json_of(line) for line in [*lines, *_if_whole(last)] if line.strip()]
+        if not path.exists():
+            return []
+        *lines, last = text_of(path).split("\n")
+        if _is_json(last):
+            lines.append(last)
+        events = [json_of(line) for line in lines if line.strip()]
         if not all(isinstance(event, dict) for event in events):
             raise ValueError("not an object")
         return events
@@ -86,10 +89,167 @@ def read_events(path: Path) -> list[Json]:
         ) from None
 
 
-def _if_whole(line: str) -> list[str]:
-    """The last line if it is whole. No part of a JSON object is a JSON object itself."""
+def _is_json(line: str) -> bool:
+    """Whether a last line is whole: no part of a JSON object is a JSON object itself."""
     try:
         json_of(line)
     except ValueError:
-        return []
-    return [line]
+        return False
+    return True
+
+
+def read_json(path: Path) -> Json:
+    """A JSON object next to the recordings; empty without the file. Raises LabelError."""
+    try:
+        value = json_of(text_of(path))
+    except FileNotFoundError:
+        return {}
+    except (OSError, ValueError) as error:
+        raise LabelError(
+            f"cannot be read as JSON ({type(error).__name__})",
+            where=path,
+            next_step="mend or remove it",
+        ) from None
+    if not isinstance(value, dict):
+        raise LabelError(
+            "holds no JSON object",
+            where=path,
+            next_step="write {..} with the keys by name",
+        )
+    return value
+
+
+# -- objects and their masses
+
+MASSES_G = MappingProxyType(
+    {
+        "soft-ball": 15.1,
+        "empty-bottle": 21.2,
+        "basket-ball": 83.1,
+        "hard-ball": 197.9,
+        "full-bottle": 517.3,
+        "apple": 20.3,
+    }
+)
+"""The objects of the thesis (docs/glossary.md) and its test object, g."""
+MASSES_KEY, TABLE = "masses_g", "table"
+ALIASES = {"colabottle": "full-bottle"}
+
+
+def object_name(folder_name: str) -> str:
+    """The table's name of a folder: `softball`, `Soft_Ball` and `soft-ball` are one object."""
+    plain = plain_word(folder_name)
+    known = {plain_word(name): name for name in MASSES_G} | ALIASES
+    return known.get(plain, folder_name)
+
+
+def plain_word(name: str) -> str:
+    """Lower case, letters and digits only."""
+    return "".join(letter for letter in name.lower() if letter.isalnum())
+
+
+def is_heavy(mass_g: float) -> bool:
+    """Heavy is 150 g and more."""
+    from holdfast.core.contract import LIGHT_BELOW_G  # late, because it imports numpy
+
+    return mass_g >= LIGHT_BELOW_G
+
+
+@dataclass(frozen=True)
+class Mass:
+    """Mass of an object, and the file that gives it ("table" for MASSES_G)."""
+
+    mass_g: float
+    source: str
+
+    @property
+    def heavy(self) -> bool:
+        """150 g and more."""
+        return is_heavy(self.mass_g)
+
+
+def mass_g(folder: Path) -> float:
+    """Mass of the object a folder is named after, g. Raises LabelError."""
+    return mass_of(folder).mass_g
+
+
+def mass_of(folder: Path, masses_g: Json | None = None) -> Mass:
+    """Mass of the object a folder is named after: its `meta.json`, the set's, or the table.
+
+    masses_g: "masses_g" of the set's meta.json. Raises LabelError where none knows the mass, or
+    where it is no positive number.
+    """
+    meta = folder / META
+    mass = read_json(meta).get("mass_g")
+    if mass is not None:
+        return _checked(mass, str(meta), folder.name)
+    known = named_mass(folder.name, masses_g)
+    if known is None:
+        raise LabelError(
+            f"no mass given for object {folder.name!r}",
+            where=folder,
+            cause="an object whose mass Holdfast does not know",
+            next_step=f'weigh it and add "mass_g" to {meta}: {{"mass_g": 120.0}}',
+        )
+    return known
+
+
+def named_mass(name: str, masses_g: Mapping[str, Any] | None = None) -> Mass | None:
+    """The mass of an object by the set's masses_g, else by the table; None where neither knows it.
+
+    Raises LabelError for a mass that is no positive number.
+    """
+    of_set = {object_name(other): mass for other, mass in (masses_g or {}).items()}
+    table = object_name(name)
+    if table in of_set:
+        return _checked(of_set[table], MASSES_KEY, name)
+    return Mass(MASSES_G[table], TABLE) if table in MASSES_G else None
+
+
+def _checked(mass: Any, source: str, name: str) -> Mass:
+    if (
+        isinstance(mass, bool)
+        or not isinstance(mass, int | float)
+        or not 0.0 < mass <= sys.float_info.max
+    ):
+        raise LabelError(
+            f"the mass of {name!r} is {mass!r}",
+            where=source,
+            next_step="write the mass in gram",
+        )
+    return Mass(float(mass), source)
+
+
+# -- the contact rule
+
+NORMAL_FLOOR: Mapping[Unit, float] = MappingProxyType(
+    {"N": 0.3, "uT": 100.0, "count": 300.0}
+)
+"""A finger with a smaller normal reading touches nothing; above the noise of a resting channel.
+
+In the stream's unit. No friction ratio is computed below it, and a resting normal below minus this
+value means a reversed magnet.
+"""
+
+CONTACT_SHARE, CONTACT_SMOOTH_S = 0.1, 0.1
+"""A hand is closed on something while its normal force exceeds this share of its 95 % quantile."""
+
+
+def contact_rows(
+    load: FloatArray, rate_hz: float, least: float = 0.0
+) -> tuple[int, int] | None:
+    """First row with the hand closed on something, and first row after the last such; None without.
+
+    load [T]: sum of the fingers' normal forces without bias; it is averaged over 0.1 s. least: a
+    hand whose load never exceeds it has touched nothing.
+    """
+    import numpy as np
+
+    rows = max(1, round(CONTACT_SMOOTH_S * rate_hz))
+    padded = np.pad(load, (rows // 2, (rows - 1) // 2), mode="symmetric")
+    smooth = np.convolve(padded, np.full(rows, 1.0 / rows), mode="valid")
+    high = float(np.quantile(smooth, 0.95))
+    if high < least:
+        return None
+    closed = np.flatnonzero(smooth >= CONTACT_SHARE * high)
+    return int(closed[0]), int(closed[-1]) + 1

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from holdfast.core.contact import NORMAL_FLOOR
 from holdfast.core.contract import (
     NORMAL_AXIS,
     BoolArray,
@@ -16,6 +15,7 @@ from holdfast.core.contract import (
     channel_names,
 )
 from holdfast.core.errors import ChannelError, EmptyRecording, NotANumber, UnitError
+from holdfast.core.trial_layout import NORMAL_FLOOR
 
 MIN_BIAS_ROWS = 30
 LOST_SHARE = 0.05

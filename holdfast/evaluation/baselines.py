@@ -15,7 +15,6 @@ from typing import TypeVar
 
 import numpy as np
 
-from holdfast.core.contact import NORMAL_FLOOR
 from holdfast.core.contract import (
     GRASP,
     NORMAL_AXIS,
@@ -23,6 +22,7 @@ from holdfast.core.contract import (
     RISKY_SLIP,
     BoolArray,
 )
+from holdfast.core.trial_layout import NORMAL_FLOOR
 from holdfast.edge_runtime.decision import UNKNOWN, DecisionRules
 from holdfast.edge_runtime.graph import open_session, steps_of
 from holdfast.evaluation.alarms import Answers, act_requests

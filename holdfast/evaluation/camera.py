@@ -20,13 +20,13 @@ from typing import Any
 
 from holdfast.core.contract import RISKY_SLIP, SITUATIONS
 from holdfast.core.errors import LabelError
-from holdfast.core.objects import read_json
 from holdfast.core.reading import Json
 from holdfast.core.trial_layout import (
     EVENTS,
     ONSET_SUFFIX,
     TACTILE,
     read_events,
+    read_json,
     truth_path,
 )
 from holdfast.evaluation.event_scores import AlarmOutcome, EventMatch

@@ -12,7 +12,7 @@ from functools import partial
 import numpy as np
 
 from holdfast.core.errors import UsageError
-from holdfast.core.objects import read_json
+from holdfast.core.trial_layout import read_json
 from holdfast.edge_runtime.engine import ModelChoice, OpenedModel
 from holdfast.edge_runtime.graph import Outputs
 from holdfast.evaluation import MOST_FALSE_PER_MIN

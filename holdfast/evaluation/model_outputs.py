@@ -13,8 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from holdfast.core.contract import RISKY_SLIP, SAFE_SLIP, BoolArray, FloatArray
-from holdfast.core.objects import read_json
-from holdfast.core.trial_layout import truth_path
+from holdfast.core.trial_layout import read_json, truth_path
 from holdfast.edge_runtime.decision import (
     UNKNOWN,
     DecisionRules,

@@ -14,9 +14,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from holdfast.core.contract import SITUATIONS, BoolArray
-from holdfast.core.objects import read_json
 from holdfast.core.reading import Json
-from holdfast.core.trial_layout import RISKY_ACTIONS, TACTILE, truth_path
+from holdfast.core.trial_layout import RISKY_ACTIONS, TACTILE, read_json, truth_path
 from holdfast.edge_runtime.engine import OpenedModel
 from holdfast.evaluation.event_scores import EventMatch, match_alarms
 from holdfast.evaluation.methods import LabelledTrial, without_samples

@@ -7,8 +7,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from holdfast.core.contract import BoolArray
-from holdfast.core.objects import read_json
 from holdfast.core.reading import Json
+from holdfast.core.trial_layout import read_json
 from holdfast.evaluation.baselines import Baseline
 from holdfast.evaluation.camera import onsets_by, seen_beside
 from holdfast.evaluation.closing_hand import (

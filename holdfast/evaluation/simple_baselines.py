@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from holdfast.core.contact import NORMAL_FLOOR
 from holdfast.core.contract import NORMAL_AXIS, BoolArray, FloatArray
+from holdfast.core.trial_layout import NORMAL_FLOOR
 from holdfast.export.spec import window_samples
 from holdfast.training.datasets.human_slip_labels import (
     contact_force_n,

@@ -7,9 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from holdfast.core.contract import NOTHING, RISKY_SLIP, SAFE_SLIP
-from holdfast.core.objects import read_json
 from holdfast.core.reading import Json
-from holdfast.core.trial_layout import truth_path
+from holdfast.core.trial_layout import read_json, truth_path
 from holdfast.training.recording import Recording
 from holdfast.training.timeline import Phase, RiskyEvent
 

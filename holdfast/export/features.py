@@ -16,9 +16,9 @@ import numpy as np
 import onnx
 from onnx import TensorProto
 
-from holdfast.core.contact import NORMAL_FLOOR
 from holdfast.core.contract import FloatArray
 from holdfast.core.errors import UsageError
+from holdfast.core.trial_layout import NORMAL_FLOOR
 from holdfast.export.builder import GraphBuilder
 from holdfast.export.detectors import add_bank, add_detectors
 from holdfast.export.guard import LAGS_S, Guarded, History, Triples, add_guard

@@ -27,8 +27,8 @@ import numpy as np
 import numpy.typing as npt
 from onnx import TensorProto
 
-from holdfast.core.contact import NORMAL_FLOOR
 from holdfast.core.contract import BoolArray, FloatArray
+from holdfast.core.trial_layout import NORMAL_FLOOR
 from holdfast.export.builder import GraphBuilder
 from holdfast.export.spec import RANGE_LIMIT, StepSpec
 

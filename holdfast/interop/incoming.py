@@ -19,7 +19,6 @@ import numpy as np
 
 from holdfast.core.contract import SITUATIONS, FloatArray, channel_names
 from holdfast.core.errors import EmptyRecording, LabelError, TimeError, UnitError
-from holdfast.core.objects import read_json
 from holdfast.core.reading import Json
 from holdfast.core.trial_file import (
     LATEST_S,
@@ -28,7 +27,7 @@ from holdfast.core.trial_file import (
     TIME_COLUMN,
     places_by_time,
 )
-from holdfast.core.trial_layout import META, truth_path
+from holdfast.core.trial_layout import META, read_json, truth_path
 from holdfast.core.writing import write_whole
 from holdfast.interop.xdf import Marker, TactileStream
 from holdfast.training.datasets.trials import EMPTY_HAND, FOLDERS

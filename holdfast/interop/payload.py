@@ -19,10 +19,9 @@ import numpy.typing as npt
 
 from holdfast.core.contract import NOTHING, SITUATIONS, BoolArray, FloatArray, Unit
 from holdfast.core.errors import DataNotFound
-from holdfast.core.objects import read_json
 from holdfast.core.reading import Json
 from holdfast.core.trial_file import read_trial
-from holdfast.core.trial_layout import EVENTS, META, TACTILE, read_events
+from holdfast.core.trial_layout import EVENTS, META, TACTILE, read_events, read_json
 from holdfast.training.datasets import LAYOUTS, find, layout_of, reader_of
 from holdfast.training.datasets.thesis import preparation
 from holdfast.training.datasets.trials import TrialReader

@@ -14,8 +14,8 @@ import numpy as np
 
 from holdfast.core.contract import SITUATIONS
 from holdfast.core.errors import ClassMissing, DataError, UsageError
-from holdfast.core.objects import read_json
 from holdfast.core.reading import Json
+from holdfast.core.trial_layout import read_json
 from holdfast.core.writing import require_writable
 from holdfast.export.artifact import (
     INDEX,

@@ -28,9 +28,8 @@ from holdfast.core.contract import (
     channel_names,
 )
 from holdfast.core.errors import OutputError
-from holdfast.core.objects import is_heavy
 from holdfast.core.trial_file import TIME_COLUMN
-from holdfast.core.trial_layout import MASSES_G, META, truth_path
+from holdfast.core.trial_layout import MASSES_G, META, is_heavy, truth_path
 from holdfast.core.writing import require_writable
 from holdfast.training.timeline import situation_of
 

@@ -16,7 +16,6 @@ import numpy as np
 
 from holdfast.core.contract import LIGHT_BELOW_G, SITUATIONS, UNITS
 from holdfast.core.errors import DataError
-from holdfast.core.objects import object_name, read_json
 from holdfast.core.reading import Json
 from holdfast.core.trial_layout import (
     INTENT_SUFFIX,
@@ -25,6 +24,8 @@ from holdfast.core.trial_layout import (
     TACTILE,
     VOLUNTARY_ACTIONS,
     intent_path,
+    object_name,
+    read_json,
     truth_path,
 )
 from holdfast.edge_runtime.intent import read_intent

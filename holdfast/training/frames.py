@@ -12,8 +12,8 @@ import numpy as np
 
 from holdfast.core.contract import NOTHING, SITUATIONS, FloatArray, Unit
 from holdfast.core.errors import DataNotFound, LabelError, NotANumber
-from holdfast.core.objects import Mass, named_mass, object_name, plain_word
 from holdfast.core.trial_file import Trial, trial_of
+from holdfast.core.trial_layout import Mass, named_mass, object_name, plain_word
 from holdfast.training.datasets.thesis import (
     OPEN_HAND,
     assembled,

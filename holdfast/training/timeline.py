@@ -18,7 +18,6 @@ from typing import Any
 
 import numpy as np
 
-from holdfast.core.contact import contact_rows
 from holdfast.core.contract import (
     GRASP,
     NORMAL_AXIS,
@@ -28,10 +27,14 @@ from holdfast.core.contract import (
     FloatArray,
 )
 from holdfast.core.errors import LabelError
-from holdfast.core.objects import read_json
 from holdfast.core.reading import Json
 from holdfast.core.trial_file import LONGEST_S, Trial
-from holdfast.core.trial_layout import SITUATION_OF_ACTION, truth_path
+from holdfast.core.trial_layout import (
+    SITUATION_OF_ACTION,
+    contact_rows,
+    read_json,
+    truth_path,
+)
 
 UNSCRIPTED = ("hold", "daily")
 """Actions whose labels come only from the truth beside a trial."""

@@ -42,7 +42,7 @@ from holdfast.core.contract import (
     class_id,
 )
 from holdfast.core.errors import ClassMissing
-from holdfast.core.objects import Mass
+from holdfast.core.trial_layout import Mass
 from holdfast.export.spec import HISTORY_S, WINDOW_S, window_samples
 from holdfast.training.critical_points import CriticalPoint, offline_critical_points
 from holdfast.training.progress import Part, ignored

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from holdfast.core.errors import DataNotFound, UnitError
-from holdfast.core.objects import read_json
+from holdfast.core.trial_layout import read_json
 from holdfast.evaluation.model_outputs import StreamPicture, held_out_streams
 from holdfast.evaluation.scores import (
     ClassScores,

@@ -17,9 +17,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.signal import sosfilt
 
-from holdfast.core.contact import NORMAL_FLOOR
 from holdfast.core.contract import BoolArray, FloatArray, Unit
 from holdfast.core.errors import UsageError
+from holdfast.core.trial_layout import NORMAL_FLOOR
 from holdfast.edge_runtime.graph import (
     BATCH,
     Outputs,

@@ -37,9 +37,9 @@ from holdfast.core.errors import (
     one_line,
     visible,
 )
-from holdfast.core.objects import read_json
 from holdfast.core.reading import MOST_DOCUMENT_BYTES, MOST_LINE_BYTES
 from holdfast.core.trial_file import check_columns, read_trial
+from holdfast.core.trial_layout import read_json
 from holdfast.drivers.calibration import read_bias, read_calibration
 from holdfast.drivers.camera.recording import read_about, read_tracks
 from holdfast.drivers.camera.sources import read_frames

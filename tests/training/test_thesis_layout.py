@@ -21,9 +21,8 @@ from holdfast.core.errors import (
     RateError,
     UnitError,
 )
-from holdfast.core.objects import mass_g, object_name
 from holdfast.core.trial_file import Trial, read_trial
-from holdfast.core.trial_layout import truth_path
+from holdfast.core.trial_layout import mass_g, object_name, truth_path
 from holdfast.training.datasets import layout_of, thesis
 from holdfast.training.fitting import require_classes
 from holdfast.training.fixture import KIND, UPSIDE_DOWN, write_fixture

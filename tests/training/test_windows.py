@@ -15,8 +15,7 @@ from sklearn.model_selection import GroupKFold
 
 from holdfast.core.contract import CLASSES, GRASP, NOTHING, RISKY_SLIP, SAFE_SLIP
 from holdfast.core.errors import ClassMissing
-from holdfast.core.objects import is_heavy
-from holdfast.core.trial_layout import MASSES_G
+from holdfast.core.trial_layout import MASSES_G, is_heavy
 from holdfast.export.spec import StepSpec, window_samples
 from holdfast.training.datasets import thesis
 from holdfast.training.fixture import write_fixture

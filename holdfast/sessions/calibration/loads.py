@@ -33,7 +33,6 @@ from pathlib import Path
 
 import numpy as np
 
-from holdfast.core.contact import NORMAL_FLOOR
 from holdfast.core.contract import NORMAL_AXIS, BoolArray, FloatArray, channel_names
 from holdfast.core.errors import (
     ChannelError,
@@ -46,6 +45,7 @@ from holdfast.core.errors import (
     listed,
 )
 from holdfast.core.reading import require_lines
+from holdfast.core.trial_layout import NORMAL_FLOOR
 from holdfast.sessions.calibration.judging import PUBLISHED_N, Probing, Study, fit
 
 UNITS_N = {"newton": 1.0, "gram-force": 9.80665e-3, "millinewton": 1e-3}

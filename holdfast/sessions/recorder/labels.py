@@ -17,18 +17,20 @@ from pathlib import Path
 
 import numpy as np
 
-from holdfast.core.contact import CONTACT_SMOOTH_S, NORMAL_FLOOR, contact_rows
 from holdfast.core.contract import NORMAL_AXIS, SITUATIONS, FloatArray
 from holdfast.core.errors import LabelError
 from holdfast.core.reading import Json, json_of, text_of
 from holdfast.core.source import Source
 from holdfast.core.trial_file import Trial, read_trial
 from holdfast.core.trial_layout import (
+    CONTACT_SMOOTH_S,
     EVENTS,
     META,
+    NORMAL_FLOOR,
     SITUATION_OF_ACTION,
     TACTILE,
     TRUTH,
+    contact_rows,
     read_events,
 )
 from holdfast.core.writing import write_whole

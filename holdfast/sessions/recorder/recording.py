@@ -148,7 +148,7 @@ def _report_before(options: RecordOptions, plan: Plan, display: Display) -> None
 
 def _report_mass(folder: Path, display: Display) -> None:
     """Warn of a missing mass, which training needs, while the object is still there."""
-    from holdfast.core.objects import mass_g
+    from holdfast.core.trial_layout import mass_g
 
     try:
         mass_g(folder)

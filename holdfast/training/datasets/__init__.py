@@ -26,8 +26,7 @@ from holdfast.core.errors import (
     UnitError,
     UsageError,
 )
-from holdfast.core.objects import read_json
-from holdfast.core.trial_layout import META, TACTILE
+from holdfast.core.trial_layout import META, TACTILE, read_json
 from holdfast.training.datasets.trials import has_thesis_layout
 from holdfast.training.progress import Part, ignored
 from holdfast.training.recording import DataSet, LabelledRows, Recording

@@ -16,10 +16,16 @@ from functools import partial
 from pathlib import Path
 
 from holdfast.core.errors import DataNotFound, LabelError, UnitError
-from holdfast.core.objects import object_name, read_json
 from holdfast.core.reading import Json
 from holdfast.core.trial_file import Trial
-from holdfast.core.trial_layout import DISCARDED, META, TACTILE, truth_path
+from holdfast.core.trial_layout import (
+    DISCARDED,
+    META,
+    TACTILE,
+    object_name,
+    read_json,
+    truth_path,
+)
 from holdfast.training.datasets import thesis
 from holdfast.training.datasets.trials import (
     EMPTY_HAND,

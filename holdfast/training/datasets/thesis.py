@@ -17,7 +17,6 @@ from pathlib import Path
 
 import numpy as np
 
-from holdfast.core.contact import NORMAL_FLOOR
 from holdfast.core.contract import NOTHING, RATE_TOLERANCE, UNITS, Unit
 from holdfast.core.errors import (
     ChannelError,
@@ -26,10 +25,17 @@ from holdfast.core.errors import (
     RateError,
     UnitError,
 )
-from holdfast.core.objects import MASSES_KEY, mass_of, object_name, read_json
 from holdfast.core.reading import Json
 from holdfast.core.trial_file import Trial, read_trial
-from holdfast.core.trial_layout import META, truth_path
+from holdfast.core.trial_layout import (
+    MASSES_KEY,
+    META,
+    NORMAL_FLOOR,
+    mass_of,
+    object_name,
+    read_json,
+    truth_path,
+)
 from holdfast.edge_runtime.preparation import Preparation
 from holdfast.export.spec import bands_for
 from holdfast.training.datasets.trials import (
