@@ -28,8 +28,8 @@ from holdfast.core.contract import RISKY_SLIP
 from holdfast.core.errors import HoldfastError, NotAModel
 from holdfast.core.tactile_file import MendResult, mend
 from holdfast.core.trial_file import read_trial
-from holdfast.core.trial_layout import read_events
 from holdfast.core.trial_layout import mass_g as read_mass_g
+from holdfast.core.trial_layout import read_events
 from holdfast.drivers.bus import Bus, Reply
 from holdfast.drivers.calibration import read_bias, read_calibration
 from holdfast.drivers.camera.sources import LENS, read_frames
