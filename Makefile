@@ -91,12 +91,12 @@ safety: setup  ## run the tests of the hazards and write their results into docs
 	$(BIN)/python -m pytest $(ACROSS) -m "hazard and not soak" --hazards=build/hazards.json $(ARGS)
 	$(BIN)/python tests/support/safety_page.py build/hazards.json docs/safety.md
 
-bench: setup  ## what accuracy costs in time on this machine: one step, a hand, the simulator; into build/bench
-	$(BIN)/holdfast bench all --out build/bench $(ARGS)
+bench: setup  ## what accuracy costs in time on this machine: one step, a hand, the simulator, or only NAME=cost; into build/bench
+	$(BIN)/python -m benchmarks $(or $(NAME),all) --out build/bench $(ARGS)
+ifeq ($(NAME),)
 	$(BIN)/python -m benchmarks.network_time build/bench/network.json
-	$(BIN)/python -m benchmarks.timed_scans build/bench/timed.json
-	$(BIN)/python -m benchmarks.timed_soak build/bench/timed-soak.json
 	$(BIN)/python -m benchmarks.live_page build/bench/live-page.json
+endif
 
 runtimes: setup  ## the default model in every runtime of this machine: labels, bits, time; into build/bench
 	$(BIN)/python -m benchmarks.runtimes.here $(MODEL) build/bench/runtimes.json

@@ -288,7 +288,7 @@ class CreepRow:
 
 
 def table(held_s: float = HELD_S) -> list[CreepRow]:
-    """Rows of `holdfast bench simulator`: every law at every share and vibration."""
+    """Rows of `make bench NAME=simulator`: every law at every share and vibration."""
     shares, vibrations = (
         grid.ravel() for grid in np.meshgrid(SHARES, (0.0, VIBRATION), indexing="ij")
     )

@@ -6,9 +6,6 @@ has it), not measured on silicon; times of computing are this machine's.
 
 from __future__ import annotations
 
-import subprocess
-import sys
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -16,8 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.hand_rows import FaultRow, LiveLatency, ProcessMemory, ScanCost
-from benchmarks.timing import busy_wait, time_in_turns
+from benchmarks.hand_rows import FaultRow, LiveLatency, ScanCost
 from holdfast.core.clock import MonotonicClock
 from holdfast.core.contract import FloatArray, Prediction, Sample
 from holdfast.core.source import SourceReading
@@ -32,8 +28,9 @@ from holdfast.drivers.virtual.usb_backend import Traffic
 from holdfast.drivers.virtual.virtual_hand import VirtualHand
 from holdfast.edge_runtime.monitor import GripMonitor, Model
 from holdfast.edge_runtime.preparation import Tare
+from holdfast.evaluation.latency.timing import busy_wait, time_in_turns
 from holdfast.live.loop import Summary, run_live
-from holdfast.live.real_time import real_time
+from holdfast.live.running import real_time
 
 FAULTS = {
     "nack:3@3+0.3": "finger 3 does not acknowledge for 0.3 s",
@@ -298,31 +295,3 @@ def _answered(
 def _to_force(field_ut: FloatArray) -> FloatArray:
     """Any newtons will do: about those of the scenes' sensors."""
     return 1e-3 * field_ut
-
-
-FLOOR = (
-    "import os; os.environ['ORT_DISABLE_TELEMETRY'] = '1'; import numpy, onnxruntime"
-)
-LIVE_PATH = """
-import sys
-import numpy as np
-from holdfast.core.contract import Sample
-from holdfast.edge_runtime.monitor import GripMonitor, Model
-card = (monitor := GripMonitor(Model(sys.argv[1]), None)).card
-monitor.feed(Sample(0, np.zeros(card.n_channels), np.ones(card.n_channels // 3, dtype=np.bool_), 0))
-"""
-TELL = """
-print(next(line.split()[1] for line in open("/proc/self/status") if line.startswith("VmRSS")))
-"""
-
-
-def memory(model_path: Path) -> list[ProcessMemory]:
-    """Two processes: libraries alone, and the live path with a model."""
-    rows = []
-    for name, program in (("floor", FLOOR), ("live path, default model", LIVE_PATH)):
-        started = time.perf_counter()
-        command = [sys.executable, "-c", program + TELL, str(model_path)]
-        done = subprocess.run(command, capture_output=True, text=True, check=True)
-        took_s = time.perf_counter() - started
-        rows.append(ProcessMemory(name, int(done.stdout) / 1024, took_s))
-    return rows

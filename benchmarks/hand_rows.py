@@ -1,10 +1,11 @@
-"""Rows of `holdfast bench hand`; `asdict` or `to_json` gives their part of hand.json."""
+"""Rows of `make bench NAME=hand`; `asdict` or `to_json` gives their part of hand.json."""
 
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
 
 from holdfast.core.reading import Json
+from holdfast.evaluation.latency.memory import ProcessMemory
 
 Percentiles = dict[str, float]
 """p50, p99 and p99.9 -> us."""
@@ -89,15 +90,6 @@ class ActDelay:
     acted_max_ms: float
     falls_until_acted_mm: float
     falls_until_closed_mm: float
-
-
-@dataclass(frozen=True)
-class ProcessMemory:
-    """A process: its resident memory, and the time of its start and end."""
-
-    process: str
-    resident_mb: float
-    start_s: float
 
 
 @dataclass(frozen=True)

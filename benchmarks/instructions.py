@@ -18,12 +18,12 @@ from pathlib import Path
 import numpy as np
 import onnx
 
-from benchmarks.calls import golden
 from benchmarks.runtimes.c_programs import GCC, compiled
 from benchmarks.runtimes.stream import Stream
 from holdfast.core.errors import LibraryMissing
 from holdfast.edge_runtime.graph import run_recording
 from holdfast.edge_runtime.monitor import Model
+from holdfast.evaluation.latency.calls import golden
 from holdfast.export.c.exporting import export_c
 from holdfast.export.verify import cut_learners
 
@@ -36,7 +36,7 @@ PROGRAM = """
 import sys
 from pathlib import Path
 import numpy as np
-from benchmarks.calls import learner_of, step_of
+from holdfast.evaluation.latency.calls import learner_of, step_of
 from holdfast.edge_runtime.graph import open_session
 from holdfast.edge_runtime.monitor import Model
 path, rows, calls = Path(sys.argv[1]), sys.argv[2], int(sys.argv[3])

@@ -18,11 +18,11 @@ import numpy as np
 import onnx
 from onnx import TensorProto, helper, numpy_helper
 
-from benchmarks.timing import busy_wait, time_in_turns
 from holdfast.core.contract import CLASSES
 from holdfast.core.reading import Json
 from holdfast.core.writing import write_whole
 from holdfast.edge_runtime.graph import open_session
+from holdfast.evaluation.latency.timing import busy_wait, time_in_turns
 from holdfast.evaluation.provenance import host
 from holdfast.export.builder import IR_VERSION, OPSET
 from holdfast.export.exporting import whole_graph

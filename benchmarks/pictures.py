@@ -1,4 +1,4 @@
-"""Pictures of `holdfast bench WHAT`: one function a measure, figures in, SVG out."""
+"""Pictures of `python -m benchmarks WHAT`: one function a measure, figures in, SVG out."""
 
 from __future__ import annotations
 
@@ -8,16 +8,13 @@ import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from benchmarks.calls import FLOOR, GRIP, OWN, STEP
 from benchmarks.cost.picture import figure as cost_figure
 from holdfast.core.reading import Json
+from holdfast.evaluation.latency.picture import latency
 from holdfast.evaluation.style import INK, OURS, QUIET, STYLE, WARNING, svg
 
 Figures = Json
 """What WHAT.json holds."""
-TAIL = ("p50", "p99", "p99.9")
-COLOURS = {STEP: OURS, GRIP: OURS, OWN: OURS, FLOOR: WARNING}
-"""Of calls in the picture of latencies; all others are quiet."""
 
 
 def effects(figures: Figures) -> str:
@@ -33,44 +30,6 @@ def effects(figures: Figures) -> str:
             colours,
         )
         axes.set(xlabel="ns a sample", xscale="log")
-        return svg(drawn)
-
-
-def latency(figures: Figures) -> str:
-    """Half, 99 % and 99.9 % of the calls of ours and of every peer."""
-    rows = figures["rows"]
-    with mpl.rc_context(STYLE):
-        drawn, axes = _figure(height=0.34 * len(rows) + 0.9)
-        for place, row in enumerate(rows):
-            colour = COLOURS.get(row["what"], QUIET)
-            axes.plot(
-                [row[tail] for tail in TAIL],
-                [place] * 3,
-                "-",
-                color=colour,
-                linewidth=2,
-            )
-            for tail, mark in zip(TAIL, ("o", "|", "|"), strict=True):
-                axes.plot(
-                    row[tail],
-                    place,
-                    mark,
-                    color=colour,
-                    markersize=8 if mark == "|" else 5,
-                )
-            axes.annotate(
-                f"{row['p50']:,.0f}",
-                (row["p50"], place),
-                (0, 5),
-                textcoords="offset points",
-                ha="center",
-                fontsize=7,
-            )
-        axes.set_yticks(range(len(rows)), [row["what"] for row in rows])
-        axes.set(
-            xlabel="us a decision: median, and 99 and 99.9 % of the calls", xscale="log"
-        )
-        axes.invert_yaxis()
         return svg(drawn)
 
 

@@ -16,7 +16,7 @@ from dataclasses import asdict, dataclass, replace
 import numpy as np
 
 from benchmarks.timed_calls import step_call
-from benchmarks.timing import time_in_turns
+from holdfast.evaluation.latency.timing import time_in_turns
 from holdfast.core.reading import Json
 from holdfast.core.writing import require_writable, write_whole
 from holdfast.evaluation.formats import markdown

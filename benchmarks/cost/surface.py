@@ -1,4 +1,4 @@
-"""`holdfast bench cost`: what accuracy costs in time, one choice changed at a time.
+"""`make bench NAME=cost`: what accuracy costs in time, one choice changed at a time.
 
 Every point is a learner evaluated on unseen streams of scenes or people, sample by sample: recall
 at one false alarm a minute, delay after load onset, and the share of the lead that was used.
@@ -26,12 +26,12 @@ from benchmarks.cost.measure import measure
 from benchmarks.cost.point import GOOD, GROUPS, Point, points
 from benchmarks.cost.recordings import PARTS, Parts, read, require_parts, simulate
 from benchmarks.timed_calls import learner_call, step_call
-from benchmarks.timing import time_in_turns
 from holdfast.cli.options import CORES
 from holdfast.core.contract import FloatArray
 from holdfast.core.reading import Json
 from holdfast.core.writing import write_whole
 from holdfast.evaluation.jobs import Job, Workers
+from holdfast.evaluation.latency.timing import time_in_turns
 from holdfast.export.verify import cut_learners
 
 HERE = Workers(CORES)

@@ -1,276 +1,54 @@
-"""`holdfast bench WHAT`: measures what accuracy costs in time, as JSON, a picture and tables."""
+"""`holdfast bench latency`: the time of one decision on this machine, and its budgets.
+
+What accuracy costs in time, a hand, the simulator: `make bench NAME=..` in a checkout.
+"""
 
 from __future__ import annotations
 
 import argparse
-import json
-import platform
-from collections.abc import Callable, Iterable
-from dataclasses import asdict, dataclass
-from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from holdfast.cli.command import (
     STDOUT,
     add_json_option,
     path_argument,
     require_json_writable,
+    show,
     write_found,
 )
-from holdfast.cli.options import CORES, add_job_options, chosen_workers
-from holdfast.core.reading import Json, model_path
 
-if TYPE_CHECKING:
-    from _typeshed import DataclassInstance
-
-    from holdfast.evaluation.jobs import Workers
-
-MODEL = model_path("holdfast-150hz")
-LIVE_HZ, LIVE_S = (150.0, 400.0), 60.0
-LIBRARIES = ("numpy", "scipy", "scikit-learn", "onnx", "onnxruntime", "skl2onnx")
-SEED = 0
-
-
-@dataclass(frozen=True)
-class BenchRequest:
-    """Folder of the results, and where the points of `cost` are measured."""
-
-    out: Path
-    workers: Workers
-
-
-@dataclass(frozen=True)
-class Measure:
-    """One WHAT: what it measures, the kind of its data, and the function that measures it."""
-
-    about: str
-    kind: str
-    measure: Callable[[BenchRequest], Json]
+LATENCY = "latency"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this verb."""
-    parser.formatter_class = argparse.RawDescriptionHelpFormatter
-    parser.epilog = "WHAT:\n" + "\n".join(
-        f"  {n:<14}{one.about}" for n, one in MEASURES.items()
-    )
     option = parser.add_argument
-    option(
-        "what",
-        choices=(*MEASURES, "all"),
-        metavar="WHAT",
-        help="one of the list below, or all",
-    )
-    option(
-        "--check",
-        action="store_true",
-        help="with latency: exit 1 if a budget is exceeded",
-    )
+    what = "latency: one decision next to other implementations, interleaved"
+    option("what", choices=[LATENCY], metavar="latency", help=what)
+    check = "exit 1 if a budget is exceeded"
+    option("--check", action="store_true", help=check)
+    out = "folder for the results (default build/bench)"
     default = Path("build/bench")
-    out = "folder for the results (default build/bench); cost continues there where it stopped"
     option("--out", type=path_argument, default=default, metavar="DIR", help=out)
-    add_job_options(parser, CORES)
     add_json_option(parser)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Measure, write WHAT.json and WHAT.svg, print the tables."""
+    """Measure, write latency.json and latency.svg, print the tables."""
+    from holdfast.core.reading import model_path
     from holdfast.core.writing import require_writable
+    from holdfast.evaluation.latency.check import KIND, figures_of
+    from holdfast.evaluation.latency.picture import latency
+    from holdfast.evaluation.measured import table_lines, write_measured
     from holdfast.training.progress import stages
 
     require_writable(args.out)
     require_json_writable(args)
-    request = BenchRequest(args.out, chosen_workers(args))
-    chosen = list(MEASURES) if args.what == "all" else [args.what]
-    found: dict[str, Json] = {}
-    with stages(len(chosen)) as begin:
-        for what in chosen:
-            begin(f"{what}: {MEASURES[what].about}")
-            found[what] = MEASURES[what].measure(request)
-            written = _written(args.out, what, found[what])
-            if args.json != STDOUT:
-                _print_tables(what, found[what])
-                print("\n".join(written))
-    write_found(args, found)
-    return int(args.check and any(one.get("broken") for one in found.values()))
-
-
-def _written(out: Path, what: str, figures: Json) -> list[str]:
-    """Write WHAT.json and WHAT.svg; returns their names, and what is over a budget."""
-    from benchmarks.pictures import PICTURES
-    from holdfast.core.writing import write_whole
-
-    text = json.dumps(figures | _host(what), indent=2) + "\n"
-    path = write_whole(out / f"{what}.json", text)
-    picture = write_whole(path.with_suffix(".svg"), PICTURES[what](figures))
-    return [
-        f"{path}",
-        f"{picture}",
-        *(f"over budget: {one}" for one in figures.get("broken", [])),
-    ]
-
-
-def _print_tables(what: str, figures: Json) -> None:
-    from benchmarks.cost.page import short
-    from holdfast.evaluation.formats import markdown
-
-    for title, rows in short(figures).items() if what == "cost" else figures.items():
-        is_table = isinstance(rows, list) and rows and isinstance(rows[0], dict)
-        if is_table and "latency_us" not in rows[0]:
-            print(f"{title}\n{markdown(rows)}\n")
-
-
-def _rows(rows: Iterable[DataclassInstance]) -> list[Json]:
-    """Dataclasses as the rows of a table in WHAT.json."""
-    return [asdict(row) for row in rows]
-
-
-def _effects(request: BenchRequest) -> Json:
-    from benchmarks.effects import empty_list_over_core, prices
-
-    return {"prices": _rows(prices()), "empty_list_over_core": empty_list_over_core()}
-
-
-def _simulator(request: BenchRequest) -> Json:
-    from benchmarks.friction_peers import table
-    from benchmarks.hold_and_pull import rows
-    from benchmarks.simulator import plausibility, size_curve, step_curve
-
-    step, sizes, leads = (
-        _rows(step_curve()),
-        asdict(size_curve()),
-        _rows(plausibility()),
-    )
-    peers = {"hold_and_pull": _rows(rows(request.out)), "friction": _rows(table())}
-    return {"step": step, **sizes, "plausibility": leads, **peers}
-
-
-def _latency(request: BenchRequest) -> Json:
-    from benchmarks.hand import memory
-    from benchmarks.latency import budgets, latency
-
-    figures, processes = latency(MODEL), memory(MODEL)
-    limited = budgets(figures.ratios, figures.bytes, processes[-1].resident_mb)
-    return figures.to_json() | {
-        "memory": _rows(processes),
-        "budgets": [one.to_json() for one in limited],
-        "broken": [one.line for one in limited if one.is_broken],
-    }
-
-
-def _instructions(request: BenchRequest) -> Json:
-    from benchmarks.instructions import INSTRUCTIONS_A_CYCLE, instructions
-
-    rows = _rows(instructions(MODEL))
-    return {"rows": rows, "assumed_instructions_a_cycle": INSTRUCTIONS_A_CYCLE}
-
-
-def _training(request: BenchRequest) -> Json:
-    from benchmarks.training_time import training_times
-
-    return {"rows": _rows(training_times())}
-
-
-def _cost(request: BenchRequest) -> Json:
-    from benchmarks.cost.surface import cost
-
-    return cost(request.out / "cost", workers=request.workers)
-
-
-def _hand(request: BenchRequest) -> Json:
-    from benchmarks.hand import fault_table, latency, memory, scan_costs
-    from benchmarks.hand_delays import delays
-    from benchmarks.hand_rows import HandFigures
-    from holdfast.edge_runtime.monitor import Model
-
-    act_samples = Model(MODEL).card.decision.act_samples
-    scans = scan_costs()
-    live = [latency(MODEL, rate_hz, LIVE_S) for rate_hz in LIVE_HZ]
-    compute_ms = 1e-3 * sum(
-        live[0].latency_us[stage]["p50"]
-        for stage in ("convert", "step", "decide", "emit")
-    )
-    faults, acted = (
-        fault_table(MODEL, compute_ms),
-        delays(scans, compute_ms, act_samples),
-    )
-    return HandFigures(scans, faults, live, act_samples, acted, memory(MODEL)).to_json()
-
-
-def _onset(request: BenchRequest) -> Json:
-    from benchmarks.onset import held, pulls, ramps
-
-    moved = {"ramps": ramps(), "pulls": pulls()}
-    written: Json = {
-        name: [row.to_json() for row in rows] for name, rows in moved.items()
-    }
-    return written | {"held": _rows(held())}
-
-
-MEASURES: dict[str, Measure] = {
-    "latency": Measure(
-        "time of one decision beside other implementations, interleaved",
-        "time on this machine, samples simulated",
-        _latency,
-    ),
-    "cost": Measure(
-        "recall and delay by trees, depth, features, rate, window, debounce (hours; --dask)",
-        "scenes simulated, people public real data",
-        _cost,
-    ),
-    "training": Measure(
-        "CPU time of simulating, features and training by number of trials",
-        "time on this machine, trials simulated",
-        _training,
-    ),
-    "instructions": Measure(
-        "instructions of a step (callgrind), projected to a small board",
-        "counted by callgrind",
-        _instructions,
-    ),
-    "effects": Measure(
-        "time per sample of every effect of a scene", "time on this machine", _effects
-    ),
-    "hand": Measure(
-        "scans by bridge, faults, delays, latency of the live loop by stage (minutes)",
-        "simulated",
-        _hand,
-    ),
-    "onset": Measure(
-        "error of the slip onset that a camera finds (needs the extra camera)",
-        "simulated",
-        _onset,
-    ),
-    "simulator": Measure(
-        "error by step, CPU time by size, other friction laws, MuJoCo after make peers",
-        "simulated, time on this machine",
-        _simulator,
-    ),
-}
-
-
-def _host(what: str) -> Json:
-    """Where and with what it was measured, for every JSON; all measures use fixed seeds."""
-    from holdfast.evaluation.provenance import host
-
-    versions = {"python": platform.python_version()} | {
-        name: version(name) for name in LIBRARIES
-    }
-    machine = {**asdict(host()), "cpu": _cpu()}
-    return {
-        "kind": MEASURES[what].kind,
-        "seed": SEED,
-        "host": machine,
-        "versions": versions,
-    }
-
-
-def _cpu() -> str | None:
-    """The processor's name, None where the system does not have it."""
-    try:
-        text = Path("/proc/cpuinfo").read_text("utf-8")
-    except OSError:
-        return None
-    lines = (line for line in text.splitlines() if line.startswith("model name"))
-    return next((line.partition(":")[2].strip() for line in lines), None)
+    with stages(1) as begin:
+        begin("latency: time of one decision")
+        figures = figures_of(model_path("holdfast-150hz"))
+    written = write_measured(args.out, LATENCY, KIND, figures, latency(figures))
+    if args.json != STDOUT:
+        show("\n".join([*table_lines(figures), *written]))
+    write_found(args, {LATENCY: figures})
+    return int(args.check and bool(figures["broken"]))

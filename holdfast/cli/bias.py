@@ -14,7 +14,7 @@ from holdfast.cli.command import (
     require_json_writable,
     show_found,
 )
-from holdfast.cli.options import add_calibration_option, add_source_option
+from holdfast.cli.options import add_calibration_option, add_source_option, set_reader
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -41,16 +41,19 @@ def run(args: argparse.Namespace) -> int:
     from holdfast.drivers.calibration import write_bias
     from holdfast.live.bias import measure_bias, require_good
     from holdfast.live.hand_sources import open_live
-    from holdfast.live.real_time import RunClock
+    from holdfast.live.running import RunClock, say
     from holdfast.live.sources import force_of
-    from holdfast.live.stopping import say
 
     require_writable(args.out.parent)
     require_json_writable(args)
     clock = RunClock()
     say(f"opening {args.source}")
     source = open_live(
-        args.source, clock=clock, say=say, to_force=force_of(args.calibration)
+        args.source,
+        clock=clock,
+        say=say,
+        to_force=force_of(args.calibration),
+        read_set=set_reader(args.source),
     )
     try:
         measured = measure_bias(source, clock, say, args.seconds)

@@ -25,7 +25,7 @@ from holdfast.core.errors import (
     visible_lines,
 )
 from holdfast.core.writing import require_writable, write_whole
-from holdfast.live.log_sink import stream_sink
+from holdfast.live.lines import stream_sink
 
 
 class Parser(argparse.ArgumentParser):

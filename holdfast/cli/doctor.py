@@ -268,7 +268,7 @@ def _governor() -> list[Finding]:
 
 
 def _priority() -> list[Finding]:
-    from holdfast.live.real_time import PRIORITY, real_time
+    from holdfast.live.running import PRIORITY, real_time
 
     with real_time() as allowed:
         if allowed:

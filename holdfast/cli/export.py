@@ -61,8 +61,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Export; prints what was verified."""
     require_json_writable(args)
-    sys.stderr.write(f"exporting {visible(str(args.artifact))}\n")
     if args.to == "c":
+        _report_begin(args)
         return _export_c(args)
     if args.build:
         raise UsageError("--build compiles C", next_step="add --to c")
@@ -72,6 +72,7 @@ def run(args: argparse.Namespace) -> int:
         require_replaceable,
     )
 
+    _report_begin(args)
     model = args.out or args.artifact / MODEL_NAME
     require_replaceable(args.artifact, model, force=args.force)
     path, report = export_artifact(args.artifact, args.out, report=_report_stage)
@@ -83,6 +84,10 @@ def run(args: argparse.Namespace) -> int:
     ]
     show_found(args, "\n".join(lines), {"model": path, **asdict(report)})
     return 0
+
+
+def _report_begin(args: argparse.Namespace) -> None:
+    sys.stderr.write(f"exporting {visible(str(args.artifact))}\n")
 
 
 def _export_c(args: argparse.Namespace) -> int:

@@ -15,6 +15,7 @@ from holdfast.edge_runtime.engine import ENGINES, ONNXRUNTIME, ModelChoice
 
 if TYPE_CHECKING:
     from holdfast.evaluation.jobs import Workers
+    from holdfast.live.sources import SetReader
 
 RATE_HZ = 150.0
 CORES = len(os.sched_getaffinity(0))
@@ -29,6 +30,15 @@ def add_source_option(parser: argparse.ArgumentParser) -> None:
     """--source."""
     urls = "usb://ft232h, i2c://1, virtual://ft232h?scene=.., sim://CARD, lsl://NAME"
     parser.add_argument("--source", required=True, metavar="URL", help=urls)
+
+
+def set_reader(source: str) -> SetReader | None:
+    """What reads a source such as SET#N; its packages are loaded only where they are needed."""
+    if "#" not in source:
+        return None
+    from holdfast.sessions.set_source import read_set_trial
+
+    return read_set_trial
 
 
 def add_calibration_option(parser: argparse.ArgumentParser) -> None:

@@ -56,9 +56,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Record until the plan is done, the operator stops it, or an error ends it."""
-    from holdfast.live.log_sink import stream_sink
-    from holdfast.live.real_time import RunClock
-    from holdfast.live.stopping import stop_signals
+    from holdfast.live.lines import stream_sink
+    from holdfast.live.running import RunClock, stop_signals
     from holdfast.sessions.recorder.display import StatusLine, columns_of, record_page
     from holdfast.sessions.recorder.keys import listening
     from holdfast.sessions.recorder.recording import record

@@ -5,6 +5,8 @@ from __future__ import annotations
 import argparse
 import sys
 
+from holdfast.cli.options import set_reader
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this verb."""
@@ -22,7 +24,10 @@ def run(args: argparse.Namespace) -> int:
     model = Model(args.model)
     card = model.card
     source = open_source(
-        args.trial, channels=card.n_channels, preparation=card.preparation
+        args.trial,
+        channels=card.n_channels,
+        preparation=card.preparation,
+        read_set=set_reader(args.trial),
     )
     require_fit(
         card,

@@ -20,6 +20,10 @@ from holdfast.cli.options import (
     add_obey_option,
     add_source_option,
     add_web_option,
+    chosen_model,
+    require_grip,
+    require_intent,
+    set_reader,
 )
 
 
@@ -62,6 +66,30 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run until stopped; JSON lines on stdout, messages and the summary on stderr."""
-    from holdfast.live.run import run_live_verb
+    from holdfast.live.run import RunOptions, run
 
-    return run_live_verb(args)
+    require_grip(args)
+    require_intent(args)
+    options = RunOptions(
+        model=chosen_model(args),
+        source=args.source,
+        calibration=args.calibration,
+        bias=args.bias,
+        seconds=args.seconds,
+        quiet=args.quiet,
+        out=args.out,
+        udp=args.udp,
+        lsl=args.lsl,
+        samples=args.samples,
+        view=args.view,
+        web=args.web,
+        commands=args.commands,
+        intent=args.intent,
+        obey_intent=args.obey_intent,
+        grip=args.grip,
+        controller=args.controller,
+        ceiling=args.ceiling,
+        feedback=args.feedback,
+        cues=args.cues,
+    )
+    return run(options, set_reader(args.source))

@@ -15,7 +15,7 @@ from holdfast.drivers.layout import enable_channels, masks_of, muxes_of, read_la
 from holdfast.drivers.scanning import BusDevice, as_layout, look_at
 from holdfast.drivers.tmag5273 import PACKET_BYTES, RESULTS
 from holdfast.live.hand_sources import named_addresses, open_bus
-from holdfast.live.real_time import RunClock
+from holdfast.live.running import RunClock
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from holdfast.cli.command import STDOUT, add_json_option, show, write_found
 from holdfast.core.errors import needs_extra
-from holdfast.live.stopping import say
+from holdfast.live.running import say
 
 if TYPE_CHECKING:
     from holdfast.edge_runtime.graph_checks import CheckResult

@@ -44,7 +44,7 @@ def run(args: argparse.Namespace) -> int:
     Raises TagError where the size of a tag is impossible; the recording is kept.
     """
     from holdfast.drivers.camera.graph import watch
-    from holdfast.live.stopping import say, stop_signals
+    from holdfast.live.running import say, stop_signals
     from holdfast.sessions.onset import doubt
 
     source = _source(args)
@@ -70,7 +70,7 @@ def run(args: argparse.Namespace) -> int:
 def _source(args: argparse.Namespace) -> FrameSource:
     """The camera, or stored frames. Raises UsageError, a DataError or LibraryMissing."""
     from holdfast.drivers.camera.sources import OAK, Lens, Oak
-    from holdfast.live.stopping import say
+    from holdfast.live.running import say
     from holdfast.sessions.camera import CameraOptions, stored_frames
 
     options = CameraOptions(args.camera, args.tag_mm, args.fps, args.exposure_ms)

@@ -170,12 +170,17 @@ class LslAnswers:
     def __init__(self, samples: Outlet, decisions: Outlet, offset_ns: int) -> None:
         self._samples, self._decisions, self._offset_ns = samples, decisions, offset_ns
 
-    def push(self, prediction: Prediction, sample: Sample) -> None:
+    def write(
+        self, prediction: Prediction, sample: Sample, reading: object = None
+    ) -> None:
         """Send both without waiting."""
         stamp_s = 1e-9 * (sample.t_ns - self._offset_ns)
         values = np.where(np.repeat(sample.valid, 3), sample.values, np.nan)
         self._samples.push(values.tolist(), stamp_s)
         self._decisions.push(decision_row(prediction), stamp_s)
+
+    def close(self, reason: str = "") -> None:
+        """The streams end with the program."""
 
 
 def decision_row(prediction: Prediction) -> list[float]:

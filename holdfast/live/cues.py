@@ -1,36 +1,31 @@
 """Vibration cues for the wearer: from one prediction to at most one cue.
 
-A card (edge_runtime/cues.toml) gives each kind of cue a pattern. The cue of a sample is the first
-of KINDS that applies and that the card has. It is sent when it has applied for `after_ms`, and
-again every `repeat_ms`. No cue cuts off the one before, and at most `most_per_s` are sent in a
+A table (cues.toml here, or the user's) gives each kind of cue a pattern. The cue of a sample is the
+first of KINDS that applies and that the table has. It is sent when it has applied for `after_ms`,
+and again every `repeat_ms`. No cue cuts off the one before, and at most `most_per_s` are sent in a
 second. Urgent cues pass both rules, but never cut off another urgent one. A cue that has to wait is
 sent only if it still applies then.
 
-The card (TOML) of the vibration cues: cues.toml beside this file, or the user's own.
-
-`holdfast run --feedback URL`: vibration cues for the wearer, on a wire of their own.
-
-A wire that fails is reported and tried again (live/grip_outputs.py); the loop never waits for
-it. The last line is the cue `unknown`: nothing looks after the grip any more.
+`holdfast run --feedback URL` sends the cues on a separate wire. A wire that fails is reported and
+tried again (live/wire.py); the loop never waits for it. The last line is the cue `unknown`: nothing
+looks after the grip any more.
 """
 
 from __future__ import annotations
 
-import argparse
 import json
-import math
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-from holdfast.core.contract import Prediction, Sample
+from holdfast.core.contract import Prediction
 from holdfast.core.errors import CardError, DataNotFound
 from holdfast.core.reading import CardReader, Json, read_toml
-from holdfast.live.grip_outputs import LineSink, line_sink
+from holdfast.live.outputs import STOPPED
+from holdfast.live.wire import Wire, open_wire
 
 KINDS = ("unknown", "act", "arm", "risky_slip", "safe_slip", "grasp", "nothing")
 """The situations, and before them the decision's requests; the first that applies counts."""
@@ -120,9 +115,10 @@ class Cues:
             now.add("act")
         if prediction.arm:
             now.add("arm")
-        return next(
-            (kind for kind in KINDS if kind in now and kind in self._table.rules), None
-        )
+        for kind in KINDS:
+            if kind in now and kind in self._table.rules:
+                return kind
+        return None
 
     def _has_room(self, rule: CueRule, now_ns: int) -> bool:
         if rule.urgent:
@@ -154,12 +150,12 @@ MOST_PER_S, MOST_PULSES, SHORTEST_MS, LONGEST_MS = 10, 10, 10, 60_000
 
 
 def read_cues(path: Path = SHIPPED) -> CueTable:
-    """Read and check a card. Raises CardError, DataNotFound."""
+    """Read and check a table. Raises CardError, DataNotFound."""
     try:
         _, raw = read_toml(path)
     except FileNotFoundError:
         raise DataNotFound(
-            "no such card of cues",
+            "no such table of cues",
             where=path,
             next_step="docs/feedback.md has the table",
         ) from None
@@ -167,17 +163,17 @@ def read_cues(path: Path = SHIPPED) -> CueTable:
 
 
 class _CueReader(CardReader):
-    """Checks one card of cues."""
+    """Checks one table of cues."""
 
     def cues(self, raw: Json) -> CueTable:
         self.require_known(raw, SECTIONS, "section")
         tables = self.table(raw, "cues")
         self.require_known(tables, KINDS, "[cues]")
-        rules = {
-            name: self.rule(f"cues.{name}", self.require_table(f"cues.{name}", table))
-            for name, table in tables.items()
-        }
-        self._require_own_unknown(rules)
+        rules = {}
+        for name, table in tables.items():
+            key = f"cues.{name}"
+            rules[name] = self.rule(key, self.require_table(key, table))
+        self._require_distinct_unknown(rules)
         most = self.whole("most_per_s", raw.get("most_per_s"), 1, MOST_PER_S)
         return CueTable(rules, most)
 
@@ -196,9 +192,11 @@ class _CueReader(CardReader):
             ),
             self.strength(f"{key}.strength", table.get("strength")),
         )
-        after_ms, repeat_ms = (
-            self.whole(f"{key}.{name}", table.get(name, 0), 0, LONGEST_MS)
-            for name in ("after_ms", "repeat_ms")
+        after_ms = self.whole(
+            f"{key}.after_ms", table.get("after_ms", 0), 0, LONGEST_MS
+        )
+        repeat_ms = self.whole(
+            f"{key}.repeat_ms", table.get("repeat_ms", 0), 0, LONGEST_MS
         )
         return CueRule(pattern, after_ms, repeat_ms, urgent)
 
@@ -212,13 +210,12 @@ class _CueReader(CardReader):
         return value
 
     def strength(self, key: str, value: Any) -> float:
-        if isinstance(value, bool) or not isinstance(value, int | float):
-            raise self.refused(key, value, "a number above 0, at most 1")
-        if not math.isfinite(value) or not 0.0 < value <= 1.0:
+        is_number = isinstance(value, int | float) and not isinstance(value, bool)
+        if not is_number or not 0.0 < value <= 1.0:
             raise self.refused(key, value, "a number above 0, at most 1")
         return float(value)
 
-    def _require_own_unknown(self, rules: dict[str, CueRule]) -> None:
+    def _require_distinct_unknown(self, rules: dict[str, CueRule]) -> None:
         """The wearer must feel that the state is not known, and take it for nothing else."""
         if UNKNOWN not in rules:
             raise CardError(
@@ -243,27 +240,16 @@ def _felt(pattern: Pattern) -> tuple[int, int, int]:
     return pattern.pulses, pattern.on_ms, pattern.off_ms if pattern.pulses > 1 else 0
 
 
-Say = Callable[[str], None]
-Emit = Callable[[Prediction, Sample, Any], int | None]
-
-
 class CueOutput:
-    """Sends the cues of a run."""
+    """The wearer's cues as an output of a run."""
 
-    def __init__(self, sink: LineSink, table: CueTable) -> None:
-        self._sink, self._table, self._cues = sink, table, Cues(table)
+    def __init__(self, wire: Wire, table: CueTable) -> None:
+        self._wire, self._table, self._cues = wire, table, Cues(table)
         self._newest_ns: int | None = None
 
-    def before(self, emit: Emit) -> Emit:
-        """An emit that first sends the cue of a sample, and then calls another emit."""
-
-        def both(prediction: Prediction, sample: Sample, measured: Any) -> int | None:
-            self.show(prediction)
-            return emit(prediction, sample, measured)
-
-        return both
-
-    def show(self, prediction: Prediction) -> None:
+    def write(
+        self, prediction: Prediction, sample: object = None, reading: object = None
+    ) -> None:
         """Send the cue of one sample, or a sign of life where none was due for long."""
         now_ns = prediction.t_decided_ns
         kind = self._cues.due(prediction)
@@ -273,46 +259,35 @@ class CueOutput:
         elif self._newest_ns is None or now_ns - self._newest_ns >= QUIET_NS:
             self._send(prediction, QUIET, SILENCE)
         else:
-            self._sink.look()
+            self._wire.look()
+
+    def close(self, reason: str = STOPPED) -> None:
+        """Send the cue `unknown`: nothing looks after the grip any more."""
+        self._wire.close(reason)
 
     def _send(self, prediction: Prediction, kind: str, pattern: Pattern) -> bool:
         line = cue_line(prediction.sequence, prediction.t_acquired_ns, kind, pattern)
-        taken = self._sink(line, prediction.sequence)
+        taken = self._wire(line, prediction.sequence)
         if taken:
             self._newest_ns = prediction.t_decided_ns
         return taken
 
-    @contextmanager
-    def running(self, say: Say) -> Iterator[None]:
-        """The time of the loop; its last cue is sent before anything is closed."""
-        reason = "failed"
-        try:
-            yield
-            reason = "stopped"
-        finally:
-            self._sink.finish(reason)
-            if self._sink.dropped:
-                say(f"{self._sink.name}: {self._sink.dropped} lines did not leave")
 
-
-@contextmanager
-def cue_output(args: argparse.Namespace, clock: Any, say: Say) -> Iterator[CueOutput]:
+def open_cues(
+    url: str,
+    path: Path | None,
+    now_ns: Callable[[], int],
+    report: Callable[[str], object],
+) -> CueOutput:
     """The wire of --feedback with the patterns of --cues, opened.
 
     Raises UsageError, DeviceError, OutputError, CardError, DataNotFound.
     """
-    table = read_cues(args.cues or SHIPPED)
+    table = read_cues(path or SHIPPED)
+    effect = "the wearer feels no cue"
     last = partial(last_cue, table)
-    opened = line_sink(
-        args.feedback,
-        "--feedback",
-        last,
-        say,
-        clock.now_ns,
-        effect="the wearer feels no cue",
-    )
-    with opened as sink:
-        yield CueOutput(sink, table)
+    wire = open_wire(url, "--feedback", last, report, now_ns, effect)
+    return CueOutput(wire, table)
 
 
 def last_cue(table: CueTable, sequence: int, t_ns: int, reason: str) -> str:

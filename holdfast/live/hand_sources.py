@@ -23,7 +23,7 @@ from urllib.parse import parse_qs, unquote
 
 import numpy as np
 
-from holdfast.core.contract import UNITS, FloatArray
+from holdfast.core.contract import UNITS
 from holdfast.core.errors import UsageError
 from holdfast.core.source import Source
 from holdfast.drivers.bridges import BRIDGES, open_virtual
@@ -34,15 +34,17 @@ from holdfast.drivers.hand import Hand, LiveHand
 from holdfast.drivers.layout import read_layout
 from holdfast.drivers.replay import PacedReplay
 from holdfast.drivers.tmag5273 import Setup
+from holdfast.live.running import progress_of, say
 from holdfast.live.sources import (
     MOST_DIGITS,
     SIM,
+    SetReader,
+    ToForce,
     open_source,
     require_meant,
     simulated_trial,
     split_url,
 )
-from holdfast.live.stopping import progress_of, say
 
 if TYPE_CHECKING:
     from holdfast.drivers.virtual.virtual_hand import VirtualHand
@@ -64,8 +66,6 @@ CRC_WORDS = ("auto", "on", "off")
 VIRTUAL_KEYS = (*HAND_KEYS, "scene", "trial", "seed", "fault")
 FIELD_HZ = 1000.0
 """Rate of a scene's field for the virtual chips, which convert it at their own times."""
-
-ToForce = Callable[[FloatArray], FloatArray]
 
 
 @dataclass(frozen=True)
@@ -98,18 +98,19 @@ def open_live(
     say: Callable[[str], None],
     to_force: ToForce | None = None,
     field: Any = None,
+    read_set: SetReader | None = None,
 ) -> Source:
     """Open and start a live source.
 
     clock: has now_ns, spend and wait_until; to_force: a calibration, for a hand; field: what a
-    virtual hand's chips measure, in place of the recorded field of its scene. Raises UsageError for
-    an impossible URL, and the errors of the hand or the recording.
+    virtual hand's chips measure, in place of the recorded field of its scene; read_set: reads
+    SET#N. Raises UsageError for an impossible URL, and the errors of the hand or the recording.
     """
     source = _source_url(url)
     if source.scheme == LSL:
         return _stream(source, clock, say, to_force)
     if source.scheme not in HANDS:
-        return PacedReplay(open_source(url), clock.now_ns)
+        return PacedReplay(open_source(url, read_set=read_set), clock.now_ns)
     if source.scheme == "virtual":
         _require_known(source, VIRTUAL_KEYS)
         hand = _virtual(source, clock, say, field)

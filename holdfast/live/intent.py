@@ -1,16 +1,7 @@
-"""Commands of the user's own control, as datagrams: {"opening": true}, {"override": true}.
+"""The wearer's command next to the sensors: the stream behind the URL of --intent, and its log.
 
-opening lasts until a datagram takes it back, or until no datagram has come for EXPIRES_NS. So a
-sender repeats its command, or sends {} to show that it is still there. override counts for the
-sample at which it came; the decision (edge_runtime/decision.py) sets how long it then lasts. At
-most MOST_A_SAMPLE datagrams are read at one sample: a flooded port delays commands, but no sample.
-Commands have a log of their own.
-
-The wearer's own command beside the sensors: the stream behind the URL of --intent.
-
-udp://HOST:PORT?envelopes=2 or lsl://NAME
-
-The wearer's own command beside the samples of `holdfast run --samples FILE`: FILE.intent.csv.
+udp://HOST:PORT?envelopes=2 or lsl://NAME. The log of `holdfast run --samples FILE` is
+FILE.intent.csv.
 """
 
 from __future__ import annotations
@@ -33,50 +24,52 @@ from holdfast.edge_runtime.intent import (
     intent_header,
     intent_row,
 )
-from holdfast.live.log_sink import Sink
-from holdfast.live.outputs import file_sink
-
-
-class IntentLog:
-    """Writes what came at each sample."""
-
-    def __init__(
-        self, sink: Sink, intent: IntentMonitor, now_ns: Callable[[], int]
-    ) -> None:
-        self.sink, self._intent, self._now_ns = sink, intent, now_ns
-
-    def write(self, first_ns: int | None) -> int:
-        """The items of one sample; returns how many lines were dropped.
-
-        first_ns: time of the first sample.
-        """
-        if not self._intent.fresh or first_ns is None or self.sink.failure is not None:
-            return 0
-        after_ns, count = time.monotonic_ns() - self._now_ns(), self._intent.n_envelopes
-        rows = [
-            intent_row(one, first_ns, after_ns, count) for one in self._intent.fresh
-        ]
-        return sum(not self.sink(row) for row in rows)
-
-
-@contextmanager
-def intent_log(
-    samples: Path, intent: IntentMonitor, now_ns: Callable[[], int]
-) -> Iterator[IntentLog]:
-    """A new file beside the samples. now_ns: the run's clock. Raises OutputError."""
-    header = intent_header(intent.n_envelopes)
-    with file_sink(intent_path(samples), "--intent", header) as sink:
-        yield IntentLog(sink, intent, now_ns)
-
+from holdfast.live.outputs import STOPPED, SampleFile, file_sink
 
 ADDRESSES = "udp://127.0.0.1:9003?envelopes=2 or lsl://NAME"
 MOST_ENVELOPES = 16
-Say = Callable[[str], None]
+
+
+class IntentLog:
+    """An output: a file of the items that came at each sample.
+
+    path: of the samples; the log is a new file next to it. now_ns: the run's clock. Raises
+    OutputError.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        intent: IntentMonitor,
+        now_ns: Callable[[], int],
+        samples: SampleFile,
+    ) -> None:
+        header = intent_header(intent.n_envelopes)
+        self.sink = file_sink(intent_path(path), "--intent", header)
+        self._intent, self._now_ns, self._samples = intent, now_ns, samples
+
+    def write(
+        self, prediction: object = None, sample: object = None, reading: object = None
+    ) -> None:
+        """The items of one sample, on the time axis of the samples' file."""
+        first_ns = self._samples.first_ns
+        if first_ns is None or self.sink.failure is not None:
+            return
+        after_ns = time.monotonic_ns() - self._now_ns()
+        for item in self._intent.fresh:
+            self.sink(intent_row(item, first_ns, after_ns, self._intent.n_envelopes))
+
+    def close(self, reason: str = STOPPED) -> None:
+        """Wait for the last lines."""
+        self.sink.close()
 
 
 @contextmanager
 def intent_monitor(
-    url: str | None, clock: Any, say: Say, opens_at: float | None = None
+    url: str | None,
+    clock: Any,
+    report: Callable[[str], None],
+    opens_at: float | None = None,
 ) -> Iterator[IntentMonitor | None]:
     """The stream of --intent, opened; None without it.
 
@@ -88,18 +81,17 @@ def intent_monitor(
         from holdfast.drivers.lsl import LslIntent
         from holdfast.drivers.lsl_library import LslInlet
 
-        with closing(LslInlet(_name(url))) as inlet:
-            yield IntentMonitor(
-                LslIntent(inlet, clock.now_ns, say), clock.now_ns, say, opens_at
-            )
+        with closing(LslInlet(_stream_name(url))) as inlet:
+            stream = LslIntent(inlet, clock.now_ns, report)
+            yield IntentMonitor(stream, clock.now_ns, report, opens_at)
     else:
-        address, n_envelopes = _udp(url)
+        address, n_envelopes = _udp_address(url)
         with receiving(address) as receiver:
-            stream = UdpIntent(receiver, n_envelopes, clock.now_ns, say)
-            yield IntentMonitor(stream, clock.now_ns, say, opens_at)
+            datagrams = UdpIntent(receiver, n_envelopes, clock.now_ns, report)
+            yield IntentMonitor(datagrams, clock.now_ns, report, opens_at)
 
 
-def _name(url: str) -> str:
+def _stream_name(url: str) -> str:
     name = unquote(url.removeprefix("lsl://"))
     if not name or "'" in name:
         raise UsageError(
@@ -108,7 +100,7 @@ def _name(url: str) -> str:
     return name
 
 
-def _udp(url: str) -> tuple[str, int]:
+def _udp_address(url: str) -> tuple[str, int]:
     """(HOST:PORT, number of envelopes)."""
     not_an_address = UsageError(
         f"--intent {url[:80]!r} is not an address", next_step=ADDRESSES
@@ -132,18 +124,15 @@ def _udp(url: str) -> tuple[str, int]:
 def intended(
     command: Callable[[], Command], intent: IntentMonitor, *, obeyed: bool
 ) -> Callable[[], Command]:
-    """A command that also looks at the stream, once a sample, and adds what it says if obeyed."""
+    """A command that also looks at the stream, once a sample, and adds its word if obeyed."""
 
     def ask() -> Command:
         intent.look()
-        own = command()
+        given = command()
         if not obeyed:
-            return own
-        return replace(
-            own,
-            opening=own.opening or intent.opening,
-            link=_worse(own.link, intent.link),
-        )
+            return given
+        opening = given.opening or intent.opening
+        return replace(given, opening=opening, link=_worse(given.link, intent.link))
 
     return ask
 

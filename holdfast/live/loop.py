@@ -39,8 +39,13 @@ STAGES = ("read", "convert", "step", "decide", "emit")
 REMEMBERED = 1 << 16
 """The summary uses the latencies of this many last samples."""
 PERCENTS = (50.0, 99.0, 99.9)
+PERCENT_NAMES = ("p50", "p99", "p99.9")
 ANOTHER_CLOCK_NS = 1_000_000_000
 """A reading never takes this long: an older stamp comes from a clock that was set or wrapped."""
+
+
+Emit = Callable[[Prediction, Sample, SourceReading], object]
+"""Passes an answer on, with the prepared sample and the reading that it is for."""
 
 
 class Clock(Protocol):
@@ -88,21 +93,22 @@ class Summary:
 
     def count(self, trouble: str) -> None:
         """One reading that was "repeated" or "late", or at which the stream "restarts"."""
-        setattr(self, trouble, getattr(self, trouble) + 1)
+        self.repeated += trouble == "repeated"
+        self.late += trouble == "late"
+        self.restarts += trouble == "restarts"
 
     def latency_us(self) -> dict[str, dict[str, float]]:
         """Stage, and "read to emit" -> p50, p99, p99.9 in us."""
         kept = self.stage_us[: min(self.samples, REMEMBERED)].astype(np.float64)
         if not len(kept):
             return {}
-        whole = np.column_stack([kept, kept.sum(axis=1)])
-        return {
-            name: {
-                f"p{percent:g}": _percentile(whole[:, k], percent)
-                for percent in PERCENTS
-            }
-            for k, name in enumerate((*STAGES, "read to emit"))
-        }
+        columns = dict(zip(STAGES, kept.T, strict=True))
+        columns["read to emit"] = kept.sum(axis=1)
+        latency_us = {}
+        for name, values in columns.items():
+            percentiles = [_percentile(values, percent) for percent in PERCENTS]
+            latency_us[name] = dict(zip(PERCENT_NAMES, percentiles, strict=True))
+        return latency_us
 
     def to_json(self) -> Json:
         """As a JSON object."""
@@ -119,8 +125,11 @@ class Summary:
     def lost(self) -> dict[str, int]:
         """The other losses, by the names above."""
         return {
-            name: getattr(self, name)
-            for name in ("repeated", "late", "restarts", "too_old", "dropped")
+            "repeated": self.repeated,
+            "late": self.late,
+            "restarts": self.restarts,
+            "too_old": self.too_old,
+            "dropped": self.dropped,
         }
 
 
@@ -129,11 +138,8 @@ def _percentile(values: FloatArray, percent: float) -> float:
 
     That import takes 0.1 s, and a run must end within a second of SIGTERM.
     """
-    return float(
-        np.interp(
-            percent / 100.0 * (len(values) - 1), np.arange(len(values)), np.sort(values)
-        )
-    )
+    place = percent / 100.0 * (len(values) - 1)
+    return float(np.interp(place, np.arange(len(values)), np.sort(values)))
 
 
 class Stamps:
@@ -169,15 +175,11 @@ class _LiveRun:
         monitor: GripMonitor,
         tare: Tare,
         clock: Clock,
-        emit: Callable[[Prediction, Sample, SourceReading], int | None],
+        emit: Emit,
         command: Callable[[], Command],
     ) -> None:
-        self._source, self._monitor, self._tare, self._clock = (
-            source,
-            monitor,
-            tare,
-            clock,
-        )
+        self._source, self._clock = source, clock
+        self._monitor, self._tare = monitor, tare
         self._emit, self._command = emit, command
         self.summary = Summary()
         self._period_ns = 1e9 / (source.rate_hz or monitor.card.rate_hz)
@@ -195,16 +197,16 @@ class _LiveRun:
         sample = self._sample(measured)
         converted_ns = self._clock.now_ns()
         prediction = self._predict(sample)
-        self.summary.dropped += self._emit(prediction, sample, measured) or 0
-        stepped_ns, decided_ns = self._monitor.stepped_ns, prediction.t_decided_ns
-        stage_ends_ns = [
+        self._emit(prediction, sample, measured)
+        times_ns = [
+            began_ns,
             read_ns,
             converted_ns,
-            stepped_ns,
-            decided_ns,
+            self._monitor.stepped_ns,
+            prediction.t_decided_ns,
             self._clock.now_ns(),
         ]
-        self.summary.note(prediction, self._acted, [began_ns, *stage_ends_ns])
+        self.summary.note(prediction, self._acted, times_ns)
         self._acted = prediction.act
         self._schedule_next()
         return True
@@ -245,15 +247,14 @@ def run_live(
     monitor: GripMonitor,
     tare: Tare,
     clock: Clock,
-    emit: Callable[[Prediction, Sample, SourceReading], int | None],
+    emit: Emit,
     *,
     stopped: Callable[[], bool],
     command: Callable[[], Command] = Command,
 ) -> Summary:
     """Read, answer and emit until stopped or until the source ends.
 
-    emit returns how many lines were dropped, where it counts them. What source and emit raise
-    passes.
+    What source and emit raise passes. The summary counts no dropped lines: emit knows them.
     """
     run = _LiveRun(source, monitor, tare, clock, emit, command)
     while not stopped() and run.answer_next():

@@ -9,8 +9,7 @@ from holdfast.core.contract import Sample
 from holdfast.edge_runtime.monitor import GripMonitor, require_fit
 from holdfast.edge_runtime.preparation import Tare
 from holdfast.live.hand_sources import open_live
-from holdfast.live.real_time import RunClock
-from holdfast.live.stopping import say
+from holdfast.live.running import RunClock, say
 
 
 class OpenHand:

@@ -1,16 +1,11 @@
-"""Where predictions go: a text stream, a file, a UDP port; one JSON line each.
+"""Where the answers of a run go: every destination is an Output.
 
-The loop never waits for a sink. Streams and files are logs: a thread of their own writes them
-(line_writer.py). Lines that they do not take in time are dropped whole and counted. A log that
-fails is left out, reported and counted, while the loop goes on. The loop itself writes to a UDP
-port, because a socket never delays it. A controller may listen there, so a UDP port counts as
-acting. A run ends without purpose only when every acting sink is lost.
+The terminal, files, a UDP port, the page, LSL streams, the grip and the wearer's cues are outputs.
+The loop passes each answer to all of them in turn and never waits for one.
 
-Predictions as JSON lines: one object a sample, the output contract to the letter.
-
-Prepared samples as a CSV that replays to the same decisions: Time, X1 .. Zn, valid1 .. validn.
-
-All digits are kept.
+Streams and files are logs: a thread writes each (lines.py). Lines that they do not take in time are
+dropped whole and counted. A log that fails is left out, reported and counted, while the loop goes
+on. The loop itself writes to a UDP port, because a socket never delays it.
 """
 
 from __future__ import annotations
@@ -19,16 +14,46 @@ import json
 import os
 import socket
 import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
 from dataclasses import asdict
 from pathlib import Path
+from typing import Protocol
 
 from holdfast.core.contract import Prediction, Sample, channel_names
 from holdfast.core.errors import OutputError, UsageError
+from holdfast.core.source import SourceReading
 from holdfast.core.trial_file import TIME_COLUMN
-from holdfast.live.line_writer import CLOSING_S
-from holdfast.live.log_sink import Kind, LogSink, Sink
+from holdfast.live.lines import CLOSING_S, LineWriter, Sink
+
+STOPPED, FAILED = "stopped", "failed"
+"""Why an output is closed: the run came to its end, or an error ended it."""
+
+
+class Output(Protocol):
+    """Gets every answer of a run."""
+
+    def write(
+        self, prediction: Prediction, sample: Sample, reading: SourceReading
+    ) -> None:
+        """Pass on one answer, the prepared sample that it is for, and the reading behind it.
+
+        Never waits.
+        """
+        ...
+
+    def close(self, reason: str) -> None:
+        """End within bounded time. reason: STOPPED or FAILED. A second call does nothing."""
+        ...
+
+
+def close_at_end(stack: ExitStack, output: Output) -> None:
+    """Close an output when the stack ends, FAILED where an exception ends it."""
+
+    def close(kind: object, error: BaseException | None, trace: object) -> None:
+        output.close(STOPPED if error is None else FAILED)
+
+    stack.push(close)
 
 
 def to_json_line(prediction: Prediction) -> str:
@@ -42,7 +67,6 @@ class UdpSink:
     A controller may start later.
     """
 
-    kind: Kind = "acting"
     failure: OSError | None = None
 
     def __init__(
@@ -68,11 +92,28 @@ class UdpSink:
         """No line is waiting."""
 
     def close(self, wait_s: float = CLOSING_S) -> None:
-        """No line is waiting."""
+        """Close the socket; no line is waiting."""
+        self._sender.close()
 
 
-@contextmanager
-def file_sink(path: Path, name: str = "", header: str | None = None) -> Iterator[Sink]:
+def udp_sink(address: str) -> UdpSink:
+    """A sink to HOST:PORT. Raises UsageError."""
+    example = "give HOST:PORT, such as 127.0.0.1:9000"
+    host, _, port = address.rpartition(":")
+    if not host or not port.isdecimal() or not 0 < int(port) < 65536:
+        raise UsageError(f"{address!r} is not an address", next_step=example)
+    try:
+        found = socket.getaddrinfo(host, int(port), type=socket.SOCK_DGRAM)[0]
+    except OSError as error:
+        what = f"{address!r}: {error.strerror}"
+        raise UsageError(what, next_step=example) from None
+    family, kind, protocol, _, target = found
+    sender = socket.socket(family, kind, protocol)
+    sender.setblocking(False)
+    return UdpSink(sender, target, f"--udp {address}")
+
+
+def file_sink(path: Path, name: str = "", header: str | None = None) -> LineWriter:
     """A new file, a line at a time, after its header.
 
     Raises OutputError if it exists or is not writable.
@@ -83,62 +124,31 @@ def file_sink(path: Path, name: str = "", header: str | None = None) -> Iterator
         raise OutputError(
             f"cannot write ({error.strerror})", where=path, next_step="name a new file"
         ) from None
-    sink = LogSink(handle, f"{name} {path}".strip(), header)
-    try:
-        yield sink
-    finally:
-        sink.close()
+    return LineWriter(handle, f"{name} {path}".strip(), header)
 
 
-@contextmanager
-def udp_sink(address: str) -> Iterator[Sink]:
-    """One datagram for each line to HOST:PORT. Raises UsageError."""
-    host, _, port = address.rpartition(":")
-    if not host or not port.isdecimal() or not 0 < int(port) < 65536:
-        raise UsageError(
-            f"{address!r} is not an address",
-            next_step="give HOST:PORT, such as 127.0.0.1:9000",
-        )
-    try:
-        family, kind, proto, _, target = socket.getaddrinfo(
-            host, int(port), type=socket.SOCK_DGRAM
-        )[0]
-    except OSError as error:
-        raise UsageError(
-            f"{address!r}: {error.strerror}",
-            next_step="give HOST:PORT, such as 127.0.0.1:9000",
-        ) from None
-    with socket.socket(family, kind, proto) as sender:
-        sender.setblocking(False)
-        yield UdpSink(sender, target, f"--udp {address}")
+class LineOutput:
+    """Predictions as JSON lines, to every sink that works; it reports the sinks that fail.
 
-
-class Outlets:
-    """All sinks of a run: passes each prediction to every working sink, and detects failures.
-
-    sinks: take predictions. others: take other lines (samples), and are closed with them. watched:
-    only checked for failures. say: receives a line for each failure. failures: the error by the
-    sink's name.
+    watched: sinks that get their lines elsewhere and are only checked for failures. report:
+    receives a line for each failure. failures: the error by the sink's name.
     """
 
     def __init__(
         self,
         sinks: Sequence[Sink],
-        say: Callable[[str], object],
-        *,
-        others: Sequence[Sink] = (),
+        report: Callable[[str], object],
         watched: Sequence[Sink] = (),
     ) -> None:
         self.failures: dict[str, OSError] = {}
-        self._sinks, self._say = list(sinks), say
-        self._all = [*sinks, *others]
-        self._living = [*self._all, *watched]
-        self._acting = [sink for sink in sinks if sink.kind == "acting"]
+        self._sinks, self._report = list(sinks), report
+        self._closed_here = list(sinks)
+        self._working = [*sinks, *watched]
 
     @property
     def dropped(self) -> int:
-        """Lines that were offered to sinks and others and are not in them; exact after `close`."""
-        return sum(sink.dropped for sink in self._all)
+        """Lines that were offered to sinks and are not in them; exact after `close`."""
+        return sum(sink.dropped for sink in self._closed_here)
 
     def lost(self) -> dict[str, str]:
         """The reason why a sink failed, by its name."""
@@ -146,88 +156,82 @@ class Outlets:
             name: str(error.strerror or error) for name, error in self.failures.items()
         }
 
-    def emit(self, prediction: Prediction) -> int:
-        """Pass it to all working sinks; returns how many dropped a line."""
-        line = to_json_line(prediction)
-        dropped = sum([not sink(line) for sink in self._sinks])
-        self.look()
-        return dropped
+    def add(self, sink: Sink) -> None:
+        """Check one more sink that gets its lines elsewhere, and close it with the others."""
+        self._closed_here.append(sink)
+        self._working.append(sink)
 
-    def look(self) -> None:
+    def write(
+        self,
+        prediction: Prediction,
+        sample: Sample | None = None,
+        reading: SourceReading | None = None,
+    ) -> None:
+        """Pass the prediction to all working sinks, and look for failures."""
+        line = to_json_line(prediction)
+        for sink in self._sinks:
+            sink(line)
+        self._leave_out_failures()
+
+    def _leave_out_failures(self) -> None:
         """Leave out each sink that has failed since the last look, and report it once."""
-        for sink in self._living:
+        for sink in self._working:
             if sink.failure is not None:
                 self._leave_out(sink, sink.failure)
 
-    def _leave_out(self, sink: Sink, why: OSError) -> None:
-        self._living = [one for one in self._living if one is not sink]
-        self._sinks = [one for one in self._sinks if one is not sink]
-        self.failures[sink.name] = why
-        reason = self.lost()[sink.name]
-        self._say(
-            f"{sink.name} takes no more lines ({reason}); it is dropped, control goes on"
+    def _leave_out(self, failed: Sink, error: OSError) -> None:
+        self._working = [sink for sink in self._working if sink is not failed]
+        self._sinks = [sink for sink in self._sinks if sink is not failed]
+        self.failures[failed.name] = error
+        reason = self.lost()[failed.name]
+        self._report(
+            f"{failed.name} takes no more lines ({reason}); it is dropped, control goes on"
         )
 
-    def add(self, sink: Sink) -> None:
-        """Look after one more sink that gets its lines from elsewhere, and close it with them."""
-        self._all.append(sink)
-        self._living.append(sink)
-
-    def none_acts(self) -> bool:
-        """Whether there were acting sinks and all of them failed: no answer can reach a hand."""
-        return bool(self._acting) and all(
-            sink.failure is not None for sink in self._acting
-        )
-
-    def close(self, wait_s: float = CLOSING_S) -> None:
+    def close(self, reason: str = STOPPED, wait_s: float = CLOSING_S) -> None:
         """End all sinks at once and wait at most wait_s for all together.
 
         Report those that failed.
         """
-        for sink in self._all:
+        for sink in self._closed_here:
             sink.end()
         end_s = time.monotonic() + wait_s
-        for sink in self._all:
+        for sink in self._closed_here:
             sink.close(end_s - time.monotonic())
-        self.look()
+        self._leave_out_failures()
 
 
 class SampleFile:
-    """Writes samples to a sink; invalid values are written as they are, nan too.
+    """A new CSV of prepared samples that replays to the same decisions.
 
-    first_ns: time of the first sample, None before it.
+    Columns: Time, X1 .. Zn, valid1 .. validn. Invalid values are written as they are, nan too; all
+    digits are kept. first_ns: time of the first sample, None before it. Raises OutputError.
     """
 
-    def __init__(self, sink: Sink) -> None:
-        self.sink = sink
+    def __init__(self, path: Path, n_channels: int) -> None:
+        sensors = n_channels // 3
+        valid = [f"valid{k}" for k in range(1, sensors + 1)]
+        header = ",".join([TIME_COLUMN, *channel_names(sensors), *valid])
+        self.sink = file_sink(path, "--samples", header)
         self.first_ns: int | None = None
 
-    def write(self, sample: Sample) -> bool:
-        """One line, with the time in s since the first sample; False where a line is dropped."""
+    def write(
+        self,
+        prediction: Prediction,
+        sample: Sample,
+        reading: SourceReading | None = None,
+    ) -> None:
+        """One line, with the time in s since the first sample."""
         if self.sink.failure is not None:
-            return True
+            return
         if self.first_ns is None:
             self.first_ns = sample.t_ns
         time_ns = sample.t_ns - self.first_ns
-        cells = [
-            f"{time_ns // 10**9}.{time_ns % 10**9:09d}",
-            *map(repr, sample.values.tolist()),
-        ]
-        return self.sink(
-            ",".join([*cells, *("1" if one else "0" for one in sample.valid)])
-        )
+        cells = [f"{time_ns // 10**9}.{time_ns % 10**9:09d}"]
+        cells += map(repr, sample.values.tolist())
+        cells += ["1" if valid else "0" for valid in sample.valid]
+        self.sink(",".join(cells))
 
-
-@contextmanager
-def sample_file(path: Path, n_channels: int) -> Iterator[SampleFile]:
-    """A new file, written by its own thread. Raises OutputError."""
-    sensors = n_channels // 3
-    header = ",".join(
-        [
-            TIME_COLUMN,
-            *channel_names(sensors),
-            *(f"valid{k}" for k in range(1, sensors + 1)),
-        ]
-    )
-    with file_sink(path, "--samples", header) as sink:
-        yield SampleFile(sink)
+    def close(self, reason: str = STOPPED) -> None:
+        """Wait for the last lines."""
+        self.sink.close()

@@ -5,51 +5,46 @@ A log that fails costs its lines and nothing else; the exit code is 5 where a fi
 
 from __future__ import annotations
 
-import argparse
 import errno
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import (
-    AbstractContextManager,
-    ExitStack,
-    closing,
-    contextmanager,
-    nullcontext,
-)
+from collections.abc import Callable
+from contextlib import ExitStack, closing
+from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from holdfast.cli.options import (
-    chosen_model,
-    require_grip,
-    require_intent,
-)
 from holdfast.core.contract import FloatArray, Prediction, Sample
 from holdfast.core.errors import OutputError, RateError, visible
 from holdfast.core.source import Source, SourceReading
 from holdfast.edge_runtime.commands import Command, command_port
-from holdfast.edge_runtime.engine import OpenedModel
-from holdfast.edge_runtime.intent import IntentMonitor
+from holdfast.edge_runtime.engine import ModelChoice, OpenedModel
 from holdfast.edge_runtime.monitor import GripMonitor, require_fit
 from holdfast.edge_runtime.preparation import Tare
 from holdfast.live.hand_sources import open_live
-from holdfast.live.intent import intended, intent_monitor
-from holdfast.live.log_sink import Sink, stream_sink
-from holdfast.live.loop import Summary, run_live
-from holdfast.live.outputs import Outlets, SampleFile, file_sink, sample_file, udp_sink
-from holdfast.live.real_time import RunClock, SceneClock, first_in_line
-from holdfast.live.sources import force_of, resting_of
-from holdfast.live.stopping import (
+from holdfast.live.lines import Sink, stream_sink
+from holdfast.live.loop import Emit, Summary, run_live
+from holdfast.live.outputs import (
+    LineOutput,
+    Output,
+    SampleFile,
+    close_at_end,
+    file_sink,
+    udp_sink,
+)
+from holdfast.live.running import (
+    RunClock,
+    ServiceWatchdog,
+    first_in_line,
     output_from_the_background,
-    service_watchdog,
     stop_signals,
     until,
 )
+from holdfast.live.sources import SetReader, force_of, resting_of
 
 if TYPE_CHECKING:
-    from holdfast.drivers.lsl import LslAnswers
+    from holdfast.edge_runtime.intent import IntentMonitor
     from holdfast.live.cues import CueOutput
     from holdfast.live.grip import GripOutput
-    from holdfast.live.intent import IntentLog
     from holdfast.live.page.run_page import RunPage
     from holdfast.live.view import View
 
@@ -61,23 +56,55 @@ UNLOADED = (
 STDOUT, STDERR = "stdout", "stderr"
 READER_GONE = (errno.EPIPE, errno.EIO, errno.EBADF)
 """Errors of a standard stream that its reader closed on purpose: `| head`, a closed terminal."""
-Emit = Callable[[Prediction, Sample, SourceReading], int | None]
 
 
-def run_live_verb(args: argparse.Namespace) -> int:
-    """Run until stopped; returns the exit code."""
-    require_grip(args)
-    require_intent(args)
-    from holdfast.live.grip import is_virtual
+@dataclass(frozen=True)
+class RunOptions:
+    """The options of `holdfast run`, by their names."""
 
-    clock = SceneClock() if is_virtual(args.grip) else RunClock()
-    model = chosen_model(args).open()
+    model: ModelChoice
+    source: str
+    calibration: Path | None = None
+    bias: Path | None = None
+    seconds: float | None = None
+    quiet: bool = False
+    out: Path | None = None
+    udp: str | None = None
+    lsl: str | None = None
+    samples: Path | None = None
+    view: bool = False
+    web: str | None = None
+    commands: str | None = None
+    intent: str | None = None
+    obey_intent: float | None = None
+    grip: str | None = None
+    controller: str | None = None
+    ceiling: float | None = None
+    feedback: str | None = None
+    cues: Path | None = None
+
+    @property
+    def moves_scene(self) -> bool:
+        """Whether commands go to the hand in the scene of the source."""
+        return self.grip is not None and self.grip.partition("?")[0] == "virtual"
+
+
+def run(options: RunOptions, read_set: SetReader | None = None) -> int:
+    """Run until stopped; returns the exit code. read_set: reads SET#N as a source."""
+    clock = RunClock()
+    if options.moves_scene:
+        from holdfast.live.scene import SceneClock
+
+        clock = SceneClock()
+    model = options.model.open()
     with (
         output_from_the_background(),
-        closing(stream_sink(sys.stderr, STDERR)) as beside,
+        closing(stream_sink(sys.stderr, STDERR)) as stderr,
     ):
-        summary, failures = _run_until_stopped(args, clock, model, beside)
-        say_summary(summary, beside)
+        live = _Run(options, model, clock, stderr)
+        summary = live.until_stopped(read_set)
+        report_summary(summary, stderr)
+    failures = live.lines.failures
     complete = all(_closed_by_reader(name, error) for name, error in failures.items())
     return 0 if complete else OutputError.exit_code
 
@@ -87,190 +114,196 @@ def _closed_by_reader(name: str, error: OSError) -> bool:
     return name in (STDOUT, STDERR) and error.errno in READER_GONE
 
 
-class _Outputs:
+class _Run:
     """Everything that a run writes to, opened in order and closed within bounded time."""
 
     def __init__(
-        self,
-        args: argparse.Namespace,
-        model: OpenedModel,
-        beside: Sink,
-        enter: Callable[[AbstractContextManager[Any]], Any],
-        at_end: Callable[[Callable[[], None]], object],
+        self, options: RunOptions, model: OpenedModel, clock: RunClock, stderr: Sink
     ) -> None:
-        self._beside = beside
-        self.page: RunPage | None = None
-        self.lsl: LslAnswers | None = None
-        self._intent: IntentLog | None = None
-        self._view: View | None = enter(_view(model)) if args.view else None
-        sinks = _sinks(args, enter)
-        n_channels = model.card.n_channels
-        self._samples: SampleFile | None = (
-            enter(sample_file(args.samples, n_channels)) if args.samples else None
-        )
-        others = [self._samples.sink] if self._samples else []
-        self.outlets = Outlets(sinks, self.tell, others=others, watched=[beside])
-        at_end(self.outlets.close)
-        self.page = enter(_page(args, model, self.tell)) if args.web else None
-        self._alive: Callable[[int], None] = enter(service_watchdog())
+        self._options, self._model, self._clock = options, model, clock
+        self._stderr = stderr
+        self._samples: SampleFile | None = None
+        self._view: View | None = None
+        self._page: RunPage | None = None
+        self._grip: GripOutput | None = None
+        self._cues: CueOutput | None = None
 
-    def tell(self, text: str) -> None:
+    def report(self, text: str) -> None:
         """A message: above the picture while it is drawn, else on stderr."""
         line = visible(text)
         if self._view and self._view.drawing:
-            self._view.tell(line)
+            self._view.report(line)
         else:
-            self._beside(line)
-        if self.page:
-            self.page.said(line)
+            self._stderr(line)
+        if self._page:
+            self._page.report(line)
 
-    def take_intent(self, intent: IntentMonitor, log: IntentLog | None) -> None:
-        """Show the wearer's own command, and write it to a log."""
+    def until_stopped(self, read_set: SetReader | None) -> Summary:
+        """Open everything, run the loop, close everything."""
+        options, clock = self._options, self._clock
+        with ExitStack() as stack:
+            stopped = stack.enter_context(stop_signals())
+            outputs = self._open_outputs(stack)
+            command = self._open_commands(stack, outputs)
+            self._open_grip(stack)
+            self._open_cues(stack)
+            # the hand and the wearer come first: their lines must not wait for the others
+            moving = [one for one in (self._grip, self._cues) if one is not None]
+            source = open_live(
+                options.source,
+                clock=clock,
+                say=self.report,
+                to_force=force_of(options.calibration),
+                field=None if self._grip is None else self._grip.scene,
+                read_set=read_set,
+            )
+            stack.enter_context(first_in_line(self.report))
+            with closing(source), ExitStack() as before_source:
+                for output in moving:
+                    close_at_end(before_source, output)
+                if self._grip is not None:
+                    self._grip.begin(source)
+                resting = resting_of(options.bias, source)
+                if resting is None:
+                    self.report(UNLOADED)
+                summary = answer(
+                    source,
+                    self._model,
+                    clock,
+                    emit_to([*moving, *outputs]),
+                    until(stopped, clock, options.seconds),
+                    resting=resting,
+                    command=command,
+                )
+        summary.dropped = self.lines.dropped
+        summary.lost_sinks = self.lines.lost()
+        return summary
+
+    def _open_outputs(self, stack: ExitStack) -> list[Output]:
+        """Those that only show or keep answers, in the order in which they get one."""
+        options, card = self._options, self._model.card
+        if options.view:
+            from holdfast.live.view import open_view
+
+            self._view = open_view(card.unit)
+            close_at_end(stack, self._view)
+        sinks: list[Sink] = []
+        if not options.quiet:
+            sinks.append(stream_sink(sys.stdout, STDOUT))
+        if options.out:
+            sinks.append(file_sink(options.out, "--out"))
+        if options.udp:
+            sinks.append(udp_sink(options.udp))
+        self.lines = LineOutput(sinks, self.report, watched=[self._stderr])
+        close_at_end(stack, self.lines)
+        outputs: list[Output] = [self.lines]
+        if options.samples:
+            self._samples = SampleFile(options.samples, card.n_channels)
+            self.lines.add(self._samples.sink)
+            outputs.append(self._samples)
+        if self._view:
+            outputs.append(self._view)
+        if options.web:
+            from holdfast.live.page.run_page import open_run_page
+
+            name = f"{Path(options.model.path).name} ({card.model_id})"
+            self._page = open_run_page(options, card, name, self.report)
+            close_at_end(stack, self._page)
+            outputs.append(self._page)
+        if options.lsl:
+            from holdfast.drivers.lsl_library import open_answers
+
+            n_sensors = card.n_channels // 3
+            answers = open_answers(
+                options.lsl, n_sensors, card.unit, card.rate_hz, self._clock.now_ns
+            )
+            close_at_end(stack, answers)
+            outputs.append(answers)
+        watchdog = ServiceWatchdog()
+        close_at_end(stack, watchdog)
+        outputs.append(watchdog)
+        return outputs
+
+    def _open_commands(
+        self, stack: ExitStack, outputs: list[Output]
+    ) -> Callable[[], Command]:
+        """What the user commands at a sample, also by the wearer's stream."""
+        options, now_ns = self._options, self._clock.now_ns
+        command: Callable[[], Command] = Command
+        if options.commands:
+            port = command_port(options.commands, self.report, now_ns)
+            command = stack.enter_context(port)
+        if not options.intent:
+            return command
+        from holdfast.live.intent import IntentLog, intended, intent_monitor
+
+        opens_at = options.obey_intent
+        opened = intent_monitor(options.intent, self._clock, self.report, opens_at)
+        intent = stack.enter_context(opened)
+        if intent is None:
+            return command
+        self._show_intent(intent)
+        if options.samples and self._samples is not None:
+            log = IntentLog(options.samples, intent, now_ns, self._samples)
+            self.lines.add(log.sink)
+            outputs.insert(outputs.index(self._samples) + 1, log)
+        return intended(command, intent, obeyed=opens_at is not None)
+
+    def _show_intent(self, intent: IntentMonitor) -> None:
         if self._view:
             self._view.intent = intent
-        if self.page:
-            self.page.intent = intent
-        if log:
-            self._intent = log
-            self.outlets.add(log.sink)
+        if self._page:
+            self._page.intent = intent
 
-    def emit(
-        self, prediction: Prediction, sample: Sample, measured: SourceReading
-    ) -> int:
-        """Pass on one answer; returns how many lines were dropped."""
-        dropped = self.outlets.emit(prediction)
-        if self._samples:
-            dropped += not self._samples.write(sample)
-            if self._intent:
-                dropped += self._intent.write(self._samples.first_ns)
-        if self._view:
-            self._view.show(prediction, sample, measured)
-        if self.lsl:
-            self.lsl.push(prediction, sample)
-        if self.page:
-            self.page.show(prediction, sample, measured)
-        self._alive(prediction.t_decided_ns)
-        return dropped
+    def _open_grip(self, stack: ExitStack) -> None:
+        options, card = self._options, self._model.card
+        if not options.grip:
+            return
+        from holdfast.live import grip
 
-
-def _run_until_stopped(
-    args: argparse.Namespace, clock: RunClock, model: OpenedModel, beside: Sink
-) -> tuple[Summary, dict[str, OSError]]:
-    """(summary, failed outputs): everything opened, the loop, everything closed."""
-    with ExitStack() as stack:
-        stopped = stack.enter_context(stop_signals())
-        outputs = _Outputs(args, model, beside, stack.enter_context, stack.callback)
-        outputs.lsl = _lsl(args, model, clock)
-        outlets, tell = outputs.outlets, outputs.tell
-        port = (
-            command_port(args.commands, tell, clock.now_ns) if args.commands else None
+        controller = grip.controller_for(
+            options.controller or grip.DEFAULT_CONTROLLER,
+            card,
+            self.report,
+            ceiling_n=options.ceiling,
         )
-        command = Command if port is None else stack.enter_context(port)
-        intent = stack.enter_context(
-            intent_monitor(args.intent, clock, tell, args.obey_intent)
-        )
-        if intent is not None:
-            log = stack.enter_context(_intent_log(args, intent, clock))
-            outputs.take_intent(intent, log)
-            command = intended(command, intent, obeyed=args.obey_intent is not None)
-        grip = stack.enter_context(_grip(args, model, clock, tell))
-        if grip is not None and outputs.page is not None:
-            outputs.page.newest_command = lambda: grip.newest
-        cues = stack.enter_context(_cues(args, clock, tell))
-        field = None if grip is None else grip.field
-        to_force = force_of(args.calibration)
-        source = open_live(
-            args.source,
-            clock=clock,
-            say=tell,
-            to_force=to_force,
-            field=field,
-        )
-        stack.enter_context(first_in_line(tell))
-        with closing(source), _acting(grip, cues, source, tell):
-            resting = resting_of(args.bias, source)
-            if resting is None:
-                tell(UNLOADED)
-            stop = until(lambda: stopped() or outlets.none_acts(), clock, args.seconds)
-            emit = outputs.emit if cues is None else cues.before(outputs.emit)
-            emit = emit if grip is None else grip.before(emit)
-            summary = answer(
-                source, model, clock, emit, stop, resting=resting, command=command
+        if options.moves_scene:
+            self._grip = grip.grip_to_scene(
+                options.grip,
+                options.source,
+                controller,
+                options.ceiling,
+                self._clock,
+                self.report,
             )
-    summary.dropped, summary.lost_sinks = outlets.dropped, outlets.lost()
-    return summary, outlets.failures
+        else:
+            self._grip = grip.grip_to_wire(
+                options.grip, controller, card.rate_hz, self._clock, self.report
+            )
+        close_at_end(stack, self._grip)
+        if self._page:
+            self._page.grip = self._grip
+
+    def _open_cues(self, stack: ExitStack) -> None:
+        options = self._options
+        if not options.feedback:
+            return
+        from holdfast.live.cues import open_cues
+
+        self._cues = open_cues(
+            options.feedback, options.cues, self._clock.now_ns, self.report
+        )
+        close_at_end(stack, self._cues)
 
 
-def _grip(
-    args: argparse.Namespace,
-    model: OpenedModel,
-    clock: RunClock,
-    tell: Callable[[str], None],
-) -> AbstractContextManager[GripOutput | None]:
-    if not args.grip:
-        return nullcontext()
-    from holdfast.live.grip import grip_output
+def emit_to(outputs: list[Output]) -> Emit:
+    """An emit that passes each answer to all outputs in turn."""
 
-    return grip_output(args, model.card, clock, tell)
+    def emit(prediction: Prediction, sample: Sample, reading: SourceReading) -> None:
+        for output in outputs:
+            output.write(prediction, sample, reading)
 
-
-def _lsl(
-    args: argparse.Namespace, model: OpenedModel, clock: RunClock
-) -> LslAnswers | None:
-    if not args.lsl:
-        return None
-    from holdfast.drivers.lsl_library import open_answers
-
-    card = model.card
-    return open_answers(
-        args.lsl, card.n_channels // 3, card.unit, card.rate_hz, clock.now_ns
-    )
-
-
-def _intent_log(
-    args: argparse.Namespace, intent: IntentMonitor, clock: RunClock
-) -> AbstractContextManager[IntentLog | None]:
-    if not args.samples:
-        return nullcontext()
-    from holdfast.live.intent import intent_log
-
-    return intent_log(args.samples, intent, clock.now_ns)
-
-
-def _cues(
-    args: argparse.Namespace, clock: RunClock, tell: Callable[[str], None]
-) -> AbstractContextManager[CueOutput | None]:
-    if not args.feedback:
-        return nullcontext()
-    from holdfast.live.cues import cue_output
-
-    return cue_output(args, clock, tell)
-
-
-@contextmanager
-def _acting(
-    grip: GripOutput | None,
-    cues: CueOutput | None,
-    source: Source,
-    tell: Callable[[str], None],
-) -> Iterator[None]:
-    """The time of the loop, after which hand and wearer get their last lines."""
-    with ExitStack() as stack:
-        if cues is not None:
-            stack.enter_context(cues.running(tell))
-        if grip is not None:
-            stack.enter_context(grip.running(source))
-        yield
-
-
-def _sinks(
-    args: argparse.Namespace, enter: Callable[[AbstractContextManager[Sink]], Sink]
-) -> list[Sink]:
-    """Outputs of the predictions."""
-    sinks = [] if args.quiet else [enter(closing(stream_sink(sys.stdout, STDOUT)))]
-    sinks += [enter(file_sink(args.out, "--out"))] if args.out else []
-    sinks += [enter(udp_sink(args.udp))] if args.udp else []
-    return sinks
+    return emit
 
 
 def answer(
@@ -323,30 +356,15 @@ def require_pace(source: Source, model: OpenedModel, clock: Any) -> None:
     )
 
 
-def _view(model: OpenedModel) -> AbstractContextManager[View]:
-    from holdfast.live.view import viewed
-
-    return viewed(model.card.unit)
-
-
-def _page(
-    args: argparse.Namespace, model: OpenedModel, say: Callable[[str], None]
-) -> AbstractContextManager[RunPage]:
-    from holdfast.live.page.run_page import run_page
-
-    return run_page(args, model.card, say)
-
-
-def say_summary(summary: Summary, tell: Callable[[str], object]) -> None:
+def report_summary(summary: Summary, report: Callable[[str], object]) -> None:
     """Print counts, lost outputs, and the latency of each stage."""
     states = ", ".join(f"{name} {count}" for name, count in summary.states.items())
-    lost = "".join(
-        f", {count} {name}" for name, count in summary.lost().items() if count
-    )
-    counts = f"{summary.samples} samples, {summary.overruns} overruns{lost}, {summary.acts} acts"
-    tell(f"\n{counts}; {states}")
-    for sink, why in summary.lost_sinks.items():
-        tell(f"lost: {sink} ({why})")
+    counts = [f"{summary.samples} samples", f"{summary.overruns} overruns"]
+    counts += [f"{count} {name}" for name, count in summary.lost().items() if count]
+    counts.append(f"{summary.acts} acts")
+    report(f"\n{', '.join(counts)}; {states}")
+    for sink, reason in summary.lost_sinks.items():
+        report(f"lost: {sink} ({reason})")
     for stage, figures in summary.latency_us().items():
         each = "  ".join(f"{name} {value:8.1f} us" for name, value in figures.items())
-        tell(f"{stage:<14}{each}")
+        report(f"{stage:<14}{each}")

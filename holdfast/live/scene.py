@@ -6,23 +6,25 @@ file answers, and the answer moves the emulated drive from that moment on.
 
 The hand in the scene follows the rules of docs/shared-control.md: where no command comes for
 EXPIRES_MS, it holds its grip. The physics share a core with the loop, and no time passes for them:
-the loop's clock stands still (holdfast/live/real_time.py), so what they cost delays no sample.
+the loop's clock (SceneClock) stands still, so what they cost delays no sample.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from contextlib import AbstractContextManager, nullcontext
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, fields
 from urllib.parse import parse_qs
 
 import numpy as np
+import numpy.typing as npt
 
 from holdfast.core.errors import UsageError
 from holdfast.drivers.virtual.virtual_hand import Track
 from holdfast.edge_runtime.supervisor import EXPIRES_MS, GripCommand
 from holdfast.live.hand_sources import planned_scene
+from holdfast.live.running import RunClock
 from holdfast.simulation.closed_loop.drive import Actuator, Drive
 from holdfast.simulation.closed_loop.people import Habits
 from holdfast.simulation.closed_loop.physics import HandsAndObjects, Spans
@@ -37,20 +39,53 @@ ROWS_HZ = 300.0
 STEP_S = 1.0 / ROWS_HZ
 """One step a row: coarser than a recorded scene's, so that a small machine keeps up."""
 Still = Callable[[], AbstractContextManager[None]]
-LANES = 2
-"""A lane twice: numpy sums one lane in another order than many."""
+COPIES = 2
+"""The trial twice: numpy sums a batch of one in another order than a larger one."""
+LARGEST = 1e4
+"""Of a figure of the virtual drive."""
+
+
+class SceneClock(RunClock):
+    """Real time, but for a scene that is computed in the loop: the clock stands still meanwhile.
+
+    No such time passes on a real hand. It is made up for where the loop would wait, so a machine
+    with time to spare keeps to real time, and a slower one takes longer without being late.
+    """
+
+    def __init__(self) -> None:
+        self._behind_ns = 0
+
+    def now_ns(self) -> int:
+        """ns; behind the machine's clock by what is not yet made up for."""
+        return super().now_ns() - self._behind_ns
+
+    def wait_until(self, t_ns: int) -> None:
+        """Go on to t_ns: first by what the clock is behind, then by waiting."""
+        remaining_ns = max(t_ns - self.now_ns(), 0)
+        self._behind_ns -= min(remaining_ns, self._behind_ns)
+        super().wait_until(t_ns)
+
+    @contextmanager
+    def still(self) -> Iterator[None]:
+        """A block that takes no time."""
+        began_ns = super().now_ns()
+        try:
+            yield
+        finally:
+            self._behind_ns += super().now_ns() - began_ns
 
 
 @dataclass(frozen=True)
 class SceneOutcome:
     """What became of the object. until_s: how much of the scene was played.
 
-    kept: it is in the hand at that time. strongest_n: the largest grip of either side.
+    kept: it is in the hand at that time. wearers_n: the grip that the wearer's command asks for;
+    strongest_n: the largest grip; both of either side.
     """
 
     kept: bool
     until_s: float
-    own_n: float
+    wearers_n: float
     strongest_n: float
     truth: Truth
 
@@ -61,7 +96,7 @@ class SceneOutcome:
             end = "the hand has not closed yet"
         elif not self.kept:
             end = f"the object left the hand at {self.truth.contact_lost_s or self.until_s:.2f} s"
-        grip = f"grip {self.own_n:.1f} N, at most {self.strongest_n:.1f} N"
+        grip = f"grip {self.wearers_n:.1f} N, at most {self.strongest_n:.1f} N"
         return f"scene: {end}; it slid {self.truth.slip_mm:.1f} mm; {grip}"
 
 
@@ -79,11 +114,15 @@ class LiveScene:
         drive: Drive,
         still: Still = nullcontext,
     ) -> None:
-        trials, self.trial, self._still = [trial] * LANES, trial, still
+        trials, self.trial, self._still = [trial] * COPIES, trial, still
         grid = grid_of(trial, ROWS_HZ, STEP_S)
         rows = grid.n_samples
-        of_lanes = (0, round(grid.start_s * ROWS_HZ), int(grid.sample[-1]), rows)
-        spans = Spans(*(np.full(LANES, value, dtype=np.int64) for value in of_lanes))
+        spans = Spans(
+            _for_all(0),
+            _for_all(round(grid.start_s * ROWS_HZ)),
+            _for_all(int(grid.sample[-1])),
+            _for_all(rows),
+        )
         self._drive = Actuator(drive, trials)
         self._fastest_n_s = self._drive.fastest_n_s
         _require_strength(drive, trial)
@@ -93,11 +132,9 @@ class LiveScene:
         self._periods, self._row, self.began_ns = spans.periods, 0, 0
         contacts = self._world.forces_n.shape[1]
         self._field = Track(np.arange(rows) / ROWS_HZ, np.zeros((rows, contacts, 3)))
-        self._forces_n, self._position_m = (
-            np.zeros((rows, contacts, 3)),
-            np.zeros((rows, 3)),
-        )
-        self._own_n = trial.grip_n
+        self._forces_n = np.zeros((rows, contacts, 3))
+        self._position_m = np.zeros((rows, 3))
+        self._wearers_n = trial.grip_n
         self._command: GripCommand | None = None
         self._strongest_n, self._commanded_s = 0.0, -math.inf
         self._keep_row()
@@ -124,7 +161,7 @@ class LiveScene:
 
     def _step_to(self, last: int) -> None:
         while self._row < last:
-            self._world.advance(self._row, np.full(LANES, self._next_target_n()))
+            self._world.advance(self._row, np.full(COPIES, self._next_target_n()))
             self._row += 1
             self._keep_row()
             if self._row == self._periods:
@@ -139,11 +176,11 @@ class LiveScene:
         kept = bool(motion.gripped[-1]) if len(motion.gripped) else False
         until_s, strongest_n = self._row / ROWS_HZ, self._strongest_n
         truth = truth_of(self.trial, motion)
-        return SceneOutcome(kept, until_s, self._own_n, strongest_n, truth)
+        return SceneOutcome(kept, until_s, self._wearers_n, strongest_n, truth)
 
     def _keep_row(self) -> None:
         k, forces = self._row, self._world.forces_n
-        readings, _ = self._sensors.read(np.full(LANES, k, dtype=np.int64), forces)
+        readings, _ = self._sensors.read(_for_all(k), forces)
         self._field.field_ut[k] = readings.values[0]
         self._forces_n[k], self._position_m[k] = forces[0], self._world.position_m[0]
         self._strongest_n = max(self._strongest_n, float(self._drive.grip_n[0]))
@@ -152,13 +189,18 @@ class LiveScene:
         """The target of the drive at this row, N a side."""
         command, row_s = self._command, self._row / ROWS_HZ
         if command is None:
-            return self._own_n
+            return self._wearers_n
         expired = row_s - self._commanded_s > 1e-3 * EXPIRES_MS
         if not expired and command.mode in ("idle", "yield"):
-            return self._own_n
+            return self._wearers_n
         if expired or command.target_n is None:
             return float(self._drive.motor_n[0])
-        return max(command.target_n, self._own_n)
+        return max(command.target_n, self._wearers_n)
+
+
+def _for_all(value: int) -> npt.NDArray[np.int64]:
+    """The value for each copy of the trial."""
+    return np.full(COPIES, value, dtype=np.int64)
 
 
 def live_scene(url: str, drive: Drive, still: Still = nullcontext) -> LiveScene:
@@ -179,10 +221,6 @@ def _require_strength(drive: Drive, trial: PlannedTrial) -> None:
             "with which the scene's hand holds the object",
             next_step=f"ceiling_n={math.ceil(trial.grip_n)} or more",
         )
-
-
-LARGEST = 1e4
-"""Of a figure of the virtual drive."""
 
 
 def drive_of(url: str) -> Drive:

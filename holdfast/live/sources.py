@@ -1,11 +1,11 @@
-"""Source URLs: where samples come from, the same for every verb.
+"""Source URLs: where samples come from, the same for every verb; and the files that belong to them.
 
 replay://PATH, PATH         a recorded trial
 replay://SET#N, SET#N       trial N (or its name) of a data set
 sim://CARD?seed=S&trial=N   a trial of a scene, simulated now (default 0, 0)
 sim://CARD?trials=K         K trials end to end
 
-Suggestions for a source that is neither a URL nor an existing file.
+A source that is neither a URL nor an existing file gets a suggestion.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from urllib.parse import SplitResult, parse_qs, urlsplit
 import numpy as np
 
 from holdfast.core.contract import FloatArray
-from holdfast.core.errors import DataNotFound, UnitError, UsageError
+from holdfast.core.errors import UnitError, UsageError
 from holdfast.core.reading import require_file
 from holdfast.core.source import Source
 from holdfast.drivers.replay import Replay, open_replay
@@ -81,12 +81,22 @@ def _card(word: str) -> str:
 REPLAY, SIM = "replay://", "sim://"
 SIM_KEYS = ("seed", "trial", "trials", "rate_hz")
 MOST_DIGITS = 18
+ToForce = Callable[[FloatArray], FloatArray]
+"""Field [sensors, 3] -> force [sensors, 3]."""
+SetReader = Callable[[str, int | None], Replay]
+"""(SET#N, channels) -> trial N of a labelled set, prepared. Sets are read by packages above."""
 
 
 def open_source(
-    url: str, *, channels: int | None = None, preparation: Preparation | None = None
+    url: str,
+    *,
+    channels: int | None = None,
+    preparation: Preparation | None = None,
+    read_set: SetReader | None = None,
 ) -> Replay:
     """Open a source and remove its bias as in `preparation` (data sets are prepared already).
+
+    read_set: reads SET#N with so many channels.
 
     Raises a DataError or UsageError.
     """
@@ -102,8 +112,8 @@ def open_source(
         require_meant(url)
         name = url.removeprefix(REPLAY)
         require_file(Path(name))
-        if "#" in name and not Path(name).exists():
-            return _from_set(name, channels)
+        if "#" in name and not Path(name).exists() and read_set is not None:
+            return read_set(name, channels)
         source = open_replay(name)
     return source if preparation is None else source.prepared(preparation)
 
@@ -180,38 +190,6 @@ def split_url(url: str) -> SplitResult:
             f"{url[:80]!r} is not a URL ({error})",
             next_step="write SCHEME://NAME?key=value",
         ) from None
-
-
-def _index(chosen: str, count: int) -> int:
-    """The number of a trial, or the count where there is no such trial."""
-    return int(chosen) if chosen.isdecimal() and len(chosen) <= MOST_DIGITS else count
-
-
-def _from_set(name: str, channels: int | None) -> Replay:
-    """SET#N; the reader of a set prepares its samples."""
-    from holdfast.training.datasets import load
-
-    folder, _, chosen = name.rpartition("#")
-    data = load(folder, channels=channels, windows="none")
-    names = [recording.trial_id for recording in data.recordings]
-    index = names.index(chosen) if chosen in names else _index(chosen, len(names))
-    if index >= len(names):
-        raise DataNotFound(
-            f"no trial {chosen!r} among {len(names)}",
-            where=folder,
-            next_step=f"give 0..{len(names) - 1} or {names[0]!r}",
-        )
-    recording = data.recordings[index]
-    t_ns = np.round(np.arange(len(recording.samples)) / recording.rate_hz * 1e9).astype(
-        np.int64
-    )
-    return Replay(
-        t_ns, recording.samples, recording.valid, recording.rate_hz, recording.unit
-    )
-
-
-ToForce = Callable[[FloatArray], FloatArray]
-"""Field [sensors, 3] -> force [sensors, 3]."""
 
 
 def force_of(path: Path | None) -> ToForce | None:

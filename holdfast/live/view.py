@@ -1,4 +1,4 @@
-"""`holdfast run --view`: the stream in a terminal, also over SSH, on stderr beside the JSON lines.
+"""`holdfast run --view`: the stream in a terminal, also over SSH, on stderr.
 
 A separate thread draws and writes, so a terminal that blocks stops the picture and nothing else.
 rich's `Live` is not used: its `stop` waits for the drawing thread, which may wait for the terminal.
@@ -7,19 +7,18 @@ rich's `Live` is not used: its `stop` waits for the drawing thread, which may wa
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator
-from contextlib import contextmanager
 from threading import Event, Thread
 
 import numpy as np
-from rich.console import Console, Group
+from rich.console import Console, ConsoleRenderable, Group
 from rich.table import Table
 from rich.text import Text
 
 from holdfast.core.contract import NORMAL_AXIS, SITUATIONS, Prediction, Sample
 from holdfast.core.source import SourceReading
 from holdfast.edge_runtime.intent import Intent, IntentMonitor
-from holdfast.live.line_writer import STREAM_LINES, STUCK_S, write_whole_line
+from holdfast.live.lines import STREAM_LINES, STUCK_S, write_whole_line
+from holdfast.live.outputs import STOPPED
 
 REFRESH_HZ = 8
 BAR = 30
@@ -45,13 +44,13 @@ class View:
         self._done = Event()
         self._thread = Thread(target=self._draw_until_done, name="view", daemon=True)
 
-    def show(
-        self, prediction: Prediction, sample: Sample, measured: SourceReading
+    def write(
+        self, prediction: Prediction, sample: Sample, reading: SourceReading
     ) -> None:
         """Set what the next picture shows."""
-        self._newest = (prediction, sample, measured)
+        self._newest = (prediction, sample, reading)
 
-    def tell(self, line: str) -> None:
+    def report(self, line: str) -> None:
         """Put a message above the picture."""
         self._messages.append(line)
 
@@ -64,10 +63,11 @@ class View:
         """Begin to draw."""
         self._thread.start()
 
-    def stop(self, wait_s: float = STUCK_S) -> None:
-        """Remove the picture; wait at most wait_s for a terminal that blocks."""
+    def close(self, reason: str = STOPPED) -> None:
+        """Remove the picture; wait at most STUCK_S for a terminal that blocks."""
         self._done.set()
-        self._thread.join(wait_s)
+        if self._thread.is_alive():
+            self._thread.join(STUCK_S)
 
     def _draw_until_done(self) -> None:
         try:
@@ -75,7 +75,7 @@ class View:
                 self._write(self._frame(self._picture()))
             self._write(self._frame(""))
         except OSError:
-            return  # the terminal is gone: the sink of stderr notices it too, and tells
+            return  # the terminal is gone: the sink of stderr notices it too, and reports it
 
     def _write(self, text: str) -> None:
         write_whole_line(self._console.file.fileno(), text.encode("utf-8", "replace"))
@@ -83,39 +83,32 @@ class View:
     def _picture(self) -> str:
         wearer = None if self.intent is None else self.intent.newest
         with self._console.capture() as captured:
-            self._console.print(
-                picture(*self._newest, self._unit, wearer)
-                if self._newest
-                else "waiting for the first sample"
-            )
+            if self._newest is None:
+                self._console.print("waiting for the first sample")
+            else:
+                prediction, sample, reading = self._newest
+                shown = picture(prediction, sample, reading, self._unit, wearer)
+                self._console.print(shown)
         return captured.get()
 
     def _frame(self, drawn: str) -> str:
         """The codes and lines that overwrite the last picture."""
         messages = [self._messages.popleft() for _ in range(len(self._messages))]
         lines = drawn.splitlines()[: self._console.size.height - 1]
-        up = f"\r\x1b[{self._height}A" if self._height else ""
+        frame = f"\r\x1b[{self._height}A" if self._height else ""
         self._height = len(lines)
-        return (
-            up
-            + "".join(f"{CLEAR_LINE}{line}\n" for line in [*messages, *lines])
-            + CLEAR_BELOW
-        )
+        for line in [*messages, *lines]:
+            frame += f"{CLEAR_LINE}{line}\n"
+        return frame + CLEAR_BELOW
 
 
-@contextmanager
-def viewed(unit: str, *, console: Console | None = None) -> Iterator[View]:
-    """A view that draws in its own thread until the end; without a terminal it draws nothing."""
+def open_view(unit: str, *, console: Console | None = None) -> View:
+    """A view that draws in its thread until it is closed; without a terminal it draws nothing."""
     console = console or Console(stderr=True)
     view = View(unit, console)
-    if not console.is_terminal or console.is_dumb_terminal:
-        yield view
-        return
-    view.start()
-    try:
-        yield view
-    finally:
-        view.stop()
+    if console.is_terminal and not console.is_dumb_terminal:
+        view.start()
+    return view
 
 
 def picture(
@@ -126,7 +119,11 @@ def picture(
     intent: Intent | None = None,
 ) -> Group:
     """State and request, the four situations as bars, the fingers, and the wearer's command."""
-    request = "  ACT" if prediction.act else "  arm" if prediction.arm else ""
+    request = ""
+    if prediction.act:
+        request = "  ACT"
+    elif prediction.arm:
+        request = "  arm"
     style = f"bold {COLOURS[prediction.state]}"
     head = Text(f"{prediction.state.replace('_', ' ').upper()}{request}", style=style)
     age = f"{1e-3 * prediction.latency_us:.1f} ms after it was taken"
@@ -134,28 +131,36 @@ def picture(
     bars = Table.grid(padding=(0, 1))
     for name in SITUATIONS:
         share = prediction.p_situation[name]
-        bars.add_row(
-            name.replace("_", " "),
-            Text("█" * round(BAR * share), style=COLOURS[name]),
-            f"{share:.2f}",
-        )
+        bar = Text("█" * round(BAR * share), style=COLOURS[name])
+        bars.add_row(name.replace("_", " "), bar, f"{share:.2f}")
+    shown: list[ConsoleRenderable] = [
+        head,
+        sample_line,
+        bars,
+        _fingers(sample, measured, unit),
+    ]
+    if intent is not None:
+        shown.append(_wearer(intent))
+    return Group(*shown)
+
+
+def _fingers(sample: Sample, measured: SourceReading, unit: str) -> Table:
+    """Normal force and shear of each finger, and why one is not valid."""
     fingers = Table(box=None, padding=(0, 1))
     for column in ("finger", f"normal, {unit}", f"shear, {unit}", ""):
         fingers.add_column(column, justify="right")
-    by_finger = sample.values.reshape(-1, 3)
-    for k, (force, good) in enumerate(zip(by_finger, sample.valid, strict=True)):
+    for k, force in enumerate(sample.values.reshape(-1, 3)):
         shear = float(np.hypot(*force[:NORMAL_AXIS]))
-        why = measured.why[k] if measured.why else ""
-        trouble = "" if good else why or "taring"
+        trouble = ""
+        if not sample.valid[k]:
+            trouble = (measured.why[k] if measured.why else "") or "taring"
         fingers.add_row(
             str(k + 1),
             f"{force[NORMAL_AXIS]:.2f}",
             f"{shear:.2f}",
             Text(trouble, style="magenta"),
         )
-    return Group(
-        head, sample_line, bars, fingers, *([] if intent is None else [_wearer(intent)])
-    )
+    return fingers
 
 
 def _wearer(intent: Intent) -> Table:

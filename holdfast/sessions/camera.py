@@ -35,7 +35,7 @@ from holdfast.drivers.camera.sources import (
 )
 from holdfast.drivers.virtual.clock import Clock, WallClock
 from holdfast.live.hand_sources import scene_of
-from holdfast.live.stopping import say
+from holdfast.live.running import say
 from holdfast.sessions.onset import doubt
 
 FPS, EXPOSURE_MS = 60.0, 2.0

@@ -61,7 +61,7 @@ def read(
         return watched(path, path, tag_mm, apart_mm)
     from holdfast.drivers.camera.graph import watch
     from holdfast.drivers.camera.sources import read_frames
-    from holdfast.live.stopping import say
+    from holdfast.live.running import say
 
     frames = (
         path if path.name.endswith(FRAMES_SUFFIX) else path.with_suffix(FRAMES_SUFFIX)

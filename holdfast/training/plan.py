@@ -148,7 +148,7 @@ def hand_plan(size: str, learner: LearnerKind = "committee") -> TrainingPlan:
 
 
 SIZES = {size: hand_plan(size) for size in _FOREST_SIZES}
-"""Three models for the hand (`holdfast bench cost` says what each costs)."""
+"""Three models for the hand (`make bench NAME=cost` says what each costs)."""
 
 _SMOOTH = ForestPlan(kind="random", min_samples_leaf=20)
 CLOCK_PLAN = TrainingPlan(groups=(), situation=_SMOOTH, prediction=_SMOOTH)

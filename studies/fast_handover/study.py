@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from benchmarks.timing import time_in_turns
+from holdfast.evaluation.latency.timing import time_in_turns
 from holdfast.training.featurise import FloatRows
 from holdfast.training.progress import Say
 from holdfast.training.windows import Choice

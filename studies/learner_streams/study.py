@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.timed_calls import learner_call, step_call
-from benchmarks.timing import time_in_turns
+from holdfast.evaluation.latency.timing import time_in_turns
 from holdfast.core.contract import CLASSES, RISKY_SLIP
 from holdfast.evaluation.alarms import Answers
 from holdfast.evaluation.event_scores import choose_confidence, event_scores

@@ -1,4 +1,4 @@
-"""`holdfast bench`: every effect has a price, and the page shows what was measured."""
+"""`python -m benchmarks`: every effect has a price, and the page shows what was measured."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from typing import Any
 from page_tables import filled
 
 from benchmarks import simulator
+from benchmarks.__main__ import MEASURES
 from benchmarks.effects import CARD, Effort, prices
 from benchmarks.hold_and_pull import measure, rows
 from benchmarks.mujoco_scene import Scene
 from benchmarks.pictures import PICTURES
 from benchmarks.simulator import plausibility
-from holdfast.cli.bench import MEASURES
 from holdfast.simulation.card import read_card
 from holdfast.simulation.effects import EFFECTS
 from holdfast.simulation.shipped import shipped

@@ -1,4 +1,4 @@
-"""`holdfast bench hand`: scans counted, faults all green, delays added up, and the page made from
+"""`make bench NAME=hand`: scans counted, faults all green, delays added up, and the page made from
 them."""
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ from benchmarks.hand import (
     RATES_HZ,
     fault_table,
     latency,
-    memory,
     scan_costs,
 )
 from benchmarks.hand_delays import delays, seen_after_ms
 from benchmarks.hand_rows import HandFigures
-from benchmarks.timing import time_in_turns
 from holdfast.drivers.bridges import BRIDGES
+from holdfast.evaluation.latency.memory import memory
+from holdfast.evaluation.latency.timing import time_in_turns
 from holdfast.live.loop import STAGES
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -8,8 +8,8 @@ from dataclasses import replace
 
 import pytest
 
-from benchmarks import latency as bench
-from benchmarks.calls import (
+from holdfast.evaluation.latency import check as bench
+from holdfast.evaluation.latency.calls import (
     BARE,
     C_FLOOR,
     C_STEP,
@@ -21,7 +21,14 @@ from benchmarks.calls import (
     THESIS,
     WALK,
 )
-from benchmarks.latency import BUDGET, C_RATIOS, CallTimes, budgets, latency, ratios
+from holdfast.evaluation.latency.check import (
+    BUDGET,
+    C_RATIOS,
+    CallTimes,
+    budgets,
+    latency,
+    ratios,
+)
 from holdfast.simulation.card import Card, read_card
 
 

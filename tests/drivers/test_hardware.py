@@ -12,7 +12,7 @@ import pytest
 from holdfast.core.clock import MonotonicClock
 from holdfast.drivers.scanning import look_at
 from holdfast.live.hand_sources import open_bus, open_live
-from holdfast.live.real_time import RunClock
+from holdfast.live.running import RunClock
 
 pytestmark = pytest.mark.hardware
 URL = os.environ.get("HOLDFAST_HAND", "usb://ft232h")

@@ -233,7 +233,7 @@ def test_values_and_decisions_go_out_and_come_back(name):
         valid = np.arange(6) != (3 if k == 7 else -1)
         sample = Sample(offset_ns + round(1e9 * k * PERIOD_S), values, valid, k)
         sent.append((sample, monitor.feed(sample)))
-        answers.push(sent[-1][1], sample)
+        answers.write(sent[-1][1], sample)
     came, rows = received(inlet, len(sent)), received(decisions, len(sent))
     for (sample, prediction), (stamp_s, values), (at_s, row) in zip(
         sent, came, rows, strict=True

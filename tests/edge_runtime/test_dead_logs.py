@@ -16,23 +16,22 @@ import subprocess
 import sys
 import termios
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from typing import Any
 
 import pytest
 from hazard_marks import DEAD_LOG
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from live_bench import DEFAULT, ROOT, RUN, Steady, go
+from live_bench import DEFAULT, ROOT, RUN, Steady, closing_output, go
 
 from holdfast.core.contract import Prediction
 from holdfast.drivers.virtual.clock import VirtualClock
 from holdfast.edge_runtime.monitor import GripMonitor, Model
 from holdfast.edge_runtime.preparation import Tare
-from holdfast.live.line_writer import CLOSING_S, STREAM_LINES, LineWriter
-from holdfast.live.log_sink import Sink, stream_sink
+from holdfast.live.lines import CLOSING_S, STREAM_LINES, LineWriter, Sink, stream_sink
 from holdfast.live.loop import run_live
-from holdfast.live.outputs import Outlets, file_sink, sample_file
+from holdfast.live.outputs import LineOutput, SampleFile, file_sink
 
 LINE = "x" * 800
 LONG_S = 300.0
@@ -102,7 +101,7 @@ def read_to_end(handle: int) -> bytes:
 class Lines(list[str]):
     """A sink that works until a test makes it fail."""
 
-    name, kind, dropped = "grip", "acting", 0
+    name, dropped = "grip", 0
     failure: OSError | None = None
 
     def __call__(self, line: str) -> bool:
@@ -189,7 +188,7 @@ def test_whatever_is_written_and_read_in_whatever_order_lines_arrive_whole_or_no
         if step is None:
             kept += _all_there(read)
         else:
-            writer.put(next(lines))
+            writer(next(lines))
     writer.end()
     os.set_blocking(read, True)
     kept += read_to_end(read)
@@ -204,11 +203,11 @@ def test_closing_leaves_a_write_that_takes_for_ever_behind_and_nothing_follows_i
     pipe,
 ):
     writer = LineWriter(os.dup(pipe[1]))
-    wait_for(lambda: not writer.put(LINE))
+    wait_for(lambda: not writer(LINE))
     wait_for(lambda: not select.select([], [pipe[1]], [], 0)[1])
     writer.close()  # returns, or this test hangs
     writer.close()
-    assert not writer.put("after the end")
+    assert not writer("after the end")
     os.dup2(pipe[0], pipe[1])  # closed, and the number is still ours
     lines = read_to_end(pipe[0]).decode().splitlines(keepends=True)
     assert set(lines) == {LINE + "\n"}
@@ -244,11 +243,11 @@ def test_a_log_that_fails_is_dropped_and_reported_once_and_the_others_get_every_
 ):
     log, why = failing(name)
     result: list[str] = []
-    outlets = Outlets([log, healthy := Lines()], result.append)
-    outlets.emit(prediction)
+    outlets = LineOutput([log, healthy := Lines()], result.append)
+    outlets.write(prediction)
     wait_for(lambda: log.failure is not None)
     for _ in range(5):
-        outlets.emit(prediction)
+        outlets.write(prediction)
     outlets.close()
     assert len(healthy) == 6
     assert result == [
@@ -256,41 +255,24 @@ def test_a_log_that_fails_is_dropped_and_reported_once_and_the_others_get_every_
     ]
     assert outlets.lost() == {"stdout": why}
     assert 1 <= outlets.dropped <= 2
-    assert not outlets.none_acts()
 
 
 @DEAD_LOG.mark
 def test_a_loop_whose_logs_are_all_dead_answers_on(model):
     log, _ = failing("full disk")
-    outlets = Outlets([log], lambda line: None)
+    outlets = LineOutput([log], lambda line: None)
     clock = VirtualClock()
     summary = run_live(
         Steady(clock, 200),
         GripMonitor(model, clock.now_ns),
         Tare(model.card.preparation, 18),
         clock,
-        lambda prediction, sample, measured: outlets.emit(prediction),
-        stopped=outlets.none_acts,
+        lambda prediction, sample, measured: outlets.write(prediction),
+        stopped=lambda: False,
     )
     outlets.close()
     assert summary.samples == 200
     assert list(outlets.lost()) == ["stdout"]
-
-
-@DEAD_LOG.mark
-def test_only_the_loss_of_every_sink_that_can_act_ends_a_loop():
-    one, other = Lines(), Lines()
-    log, _ = failing("closed pipe")
-    outlets = Outlets([log, one, other], lambda line: None)
-    log("")
-    wait_for(lambda: log.failure is not None)
-    one.failure = OSError(errno.ENODEV, "gone")
-    assert not outlets.none_acts()
-    other.failure = OSError(errno.ENODEV, "gone")
-    assert outlets.none_acts()
-    assert not Outlets([log], lambda line: None).none_acts(), (
-        "where nothing acts from the start, nothing is lost"
-    )
 
 
 @contextmanager
@@ -306,7 +288,7 @@ def largest_file(n_bytes: int) -> Iterator[None]:
 
 @DEAD_LOG.mark
 def test_a_disk_that_fills_up_in_the_middle_of_a_line_keeps_whole_lines_only(tmp_path):
-    with largest_file(10_000), file_sink(tmp_path / "out.jsonl", "--out") as sink:
+    with largest_file(10_000), closing(file_sink(tmp_path / "out.jsonl")) as sink:
         for k in range(20):
             sink(f"{k:3d}{LINE}")
         wait_for(lambda: sink.failure is not None)
@@ -319,7 +301,7 @@ def test_a_disk_that_fills_up_in_the_middle_of_a_line_keeps_whole_lines_only(tmp
 
 def test_a_line_that_another_program_wrote_behind_ours_is_not_cut_off(tmp_path):
     path = tmp_path / "shared"
-    with file_sink(path) as sink:
+    with closing(file_sink(path)) as sink:
         sink("ours")
         wait_for(lambda: path.read_text() == "ours\n")
         path.write_bytes(b"ours\n" + 9_990 * b"t")
@@ -344,15 +326,15 @@ def test_a_file_of_samples_begins_with_its_header_and_samples_that_a_full_disk_r
     tmp_path, model
 ):
     clock = VirtualClock()
-    _, _, samples = go(model, Steady(clock, 50), clock)
+    _, answers, samples = go(model, Steady(clock, 50), clock)
     path = tmp_path / "kept.csv"
-    with largest_file(5000), sample_file(path, 18) as file:
+    with largest_file(5000), closing_output(SampleFile(path, 18)) as file:
         wait_for(lambda: path.stat().st_size > 0)
         with no_thread_switch():  # what comes after the failure would not be counted
             for sample in samples:
-                file.write(sample)
+                file.write(answers[0], sample)
         wait_for(lambda: file.sink.failure is not None)
-        assert file.write(samples[0]), "a sink that was reported counts no more lines"
+        file.write(answers[0], samples[0])  # after a failure no line is counted
     lines = path.read_text().splitlines(keepends=True)
     assert lines[0].startswith("Time,X1,")
     assert all(line.endswith("\n") and line.count(",") == 24 for line in lines)

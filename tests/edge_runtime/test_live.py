@@ -21,7 +21,8 @@ from hazard_marks import LOST_SENSOR, RESTART, SILENT_SENDER
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
-from live_bench import DEFAULT, ROOT, RUN, Steady, go
+from live_bench import DEFAULT, ROOT, RUN, Steady, closing_output, go
+from made_prediction import prediction
 
 from holdfast.core.contract import Prediction, Sample
 from holdfast.core.errors import (
@@ -41,11 +42,11 @@ from holdfast.edge_runtime.intent import Intent
 from holdfast.edge_runtime.monitor import GripMonitor, Model
 from holdfast.edge_runtime.preparation import Preparation, Tare
 from holdfast.live.hand_sources import open_live, scene_of
-from holdfast.live.log_sink import stream_sink
+from holdfast.live.lines import stream_sink
 from holdfast.live.loop import STAGES, Summary
-from holdfast.live.outputs import Outlets, file_sink, sample_file, udp_sink
+from holdfast.live.outputs import LineOutput, SampleFile, file_sink, udp_sink
 from holdfast.live.run import answer
-from holdfast.live.stopping import service_watchdog
+from holdfast.live.running import ServiceWatchdog
 
 if TYPE_CHECKING:
     from conftest import Built
@@ -289,9 +290,9 @@ def test_what_a_live_run_kept_replays_to_the_same_decisions_bit_for_bit(
     faults = "fault=nack:3@1.5%2B0.1&fault=unplug@2%2B0.1"
     url = f"virtual://ft232h?scene={pull}&seed=2&{faults}"
     _, answers, samples, _ = live(model, url, 5.0)
-    with sample_file(tmp_path / "kept.csv", 18) as file:
+    with closing_output(SampleFile(tmp_path / "kept.csv", 18)) as file:
         for sample in samples:
-            file.write(sample)
+            file.write(answers[0], sample)
     monitor = GripMonitor(model, None)
     replayed = {
         a.t_acquired_ns: a
@@ -391,11 +392,9 @@ def test_a_line_goes_everywhere_at_once(tmp_path, model):
         receiver.bind(("127.0.0.1", 0))
         receiver.settimeout(300)
         port = receiver.getsockname()[1]
-        with (
-            file_sink(tmp_path / "out.jsonl") as to_file,
-            udp_sink(f"127.0.0.1:{port}") as to_port,
-        ):
-            Outlets([stream_sink(text), to_file, to_port], print).emit(predictions[0])
+        sinks = [file_sink(tmp_path / "out.jsonl"), udp_sink(f"127.0.0.1:{port}")]
+        with closing_output(LineOutput([stream_sink(text), *sinks], print)) as lines:
+            lines.write(predictions[0])
         datagram = receiver.recv(65536).decode()
     assert text.getvalue() == datagram + "\n" == (tmp_path / "out.jsonl").read_text()
     assert json.loads(datagram)["state"] == "unknown"
@@ -403,16 +402,10 @@ def test_a_line_goes_everywhere_at_once(tmp_path, model):
 
 def test_a_file_that_is_there_is_not_written_over(tmp_path):
     (tmp_path / "out.jsonl").write_text("mine")
-    with (
-        pytest.raises(OutputError, match="new file"),
-        file_sink(tmp_path / "out.jsonl"),
-    ):
-        pass
-    with (
-        pytest.raises(OutputError, match="new file"),
-        sample_file(tmp_path / "out.jsonl", 18),
-    ):
-        pass
+    with pytest.raises(OutputError, match="new file"):
+        file_sink(tmp_path / "out.jsonl")
+    with pytest.raises(OutputError, match="new file"):
+        SampleFile(tmp_path / "out.jsonl", 18)
     assert (tmp_path / "out.jsonl").read_text() == "mine"
 
 
@@ -420,8 +413,8 @@ def test_a_file_that_is_there_is_not_written_over(tmp_path):
     "address", ["9000", "host:", ":9", "127.0.0.1:99999", "127.0.0.1:x"]
 )
 def test_an_address_that_cannot_be_is_a_usage_error(address):
-    with pytest.raises(UsageError, match="HOST:PORT"), udp_sink(address):
-        pass
+    with pytest.raises(UsageError, match="HOST:PORT"):
+        udp_sink(address)
 
 
 @pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM])
@@ -476,21 +469,16 @@ def test_a_view_draws_over_its_last_picture_below_the_messages_and_goes_away_at_
 ):
     from rich.console import Console
 
-    from holdfast.live.view import viewed
+    from holdfast.live.view import open_view
 
     _, answers, samples, _ = live(model, "virtual://ft232h", 0.1)
     read, write = os.pipe()
     with open(read, "rb") as seen, open(write, "w", encoding="utf-8") as terminal:
-        with viewed(
-            "N",
-            console=Console(file=terminal, width=80, height=30, force_terminal=True),
-        ) as view:
-            view.tell("finger 3 is lost")
-            view.show(
-                answers[-1],
-                samples[-1],
-                SourceReading(0, np.zeros(18), samples[-1].valid),
-            )
+        console = Console(file=terminal, width=80, height=30, force_terminal=True)
+        with closing_output(open_view("N", console=console)) as view:
+            view.report("finger 3 is lost")
+            reading = SourceReading(0, np.zeros(18), samples[-1].valid)
+            view.write(answers[-1], samples[-1], reading)
             shown = b""
             while b"UNKNOWN" not in shown:
                 shown += os.read(read, 65536)
@@ -505,11 +493,11 @@ def test_a_view_draws_over_its_last_picture_below_the_messages_and_goes_away_at_
 def test_a_view_on_what_is_no_terminal_draws_nothing(tmp_path):
     from rich.console import Console
 
-    from holdfast.live.view import viewed
+    from holdfast.live.view import open_view
 
     with (
         open(tmp_path / "err", "w", encoding="utf-8") as file,
-        viewed("N", console=Console(file=file)) as view,
+        closing_output(open_view("N", console=Console(file=file))) as view,
     ):
         assert not view.drawing
     assert (tmp_path / "err").read_text() == ""
@@ -677,11 +665,11 @@ def test_the_service_manager_receives_ready_at_the_first_answer_then_signs_of_li
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as manager:
         manager.bind(path)
         manager.setblocking(False)
-        with service_watchdog({"NOTIFY_SOCKET": path}) as alive:
+        with closing_output(ServiceWatchdog({"NOTIFY_SOCKET": path})) as watchdog:
             with pytest.raises(BlockingIOError):
                 manager.recv(100)
             for now_ns in (0, 50_000_000, 100_000_000, 350_000_000):
-                alive(now_ns)
+                watchdog.write(prediction(t_decided_ns=now_ns))
         datagrams = [manager.recv(100) for _ in range(5)]
     assert datagrams == [
         b"READY=1",
@@ -701,13 +689,13 @@ def test_a_service_manager_that_does_not_listen_or_is_not_there_delays_nothing(
         {"NOTIFY_SOCKET": path},
         {"NOTIFY_SOCKET": "@holdfast-test-no-listener"},
     ):
-        with service_watchdog(environment) as alive:
-            alive(0)
+        with closing_output(ServiceWatchdog(environment)) as watchdog:
+            watchdog.write(prediction())
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as manager:
         manager.bind(path)
-        with service_watchdog({"NOTIFY_SOCKET": path}) as alive:
+        with closing_output(ServiceWatchdog({"NOTIFY_SOCKET": path})) as watchdog:
             for k in range(10_000):
-                alive(k * 10**9)
+                watchdog.write(prediction(t_decided_ns=k * 10**9))
 
 
 @RESTART.mark

@@ -9,7 +9,7 @@ import threading
 
 import pytest
 
-from holdfast.live.real_time import real_time
+from holdfast.live.running import real_time
 
 FIRST = os.SCHED_FIFO | os.SCHED_RESET_ON_FORK
 ASKS = "import os; print(os.sched_getscheduler(0))"
@@ -84,7 +84,7 @@ def test_a_user_without_the_right_reads_on_and_is_warned_once():
     them."""
     script = (
         "import os\n"
-        "from holdfast.live.real_time import first_in_line\n"
+        "from holdfast.live.running import first_in_line\n"
         "if os.geteuid() == 0:\n    os.setgid(65534); os.setuid(65534)\n"
         "with first_in_line(print) as yes:\n    print(yes)\n"
     )

@@ -6,6 +6,7 @@ import io
 import os
 import time
 from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -26,9 +27,9 @@ from holdfast.edge_runtime.commands import MOST_A_SAMPLE, command_port
 from holdfast.edge_runtime.decision import DecisionState
 from holdfast.edge_runtime.monitor import GripMonitor, Model
 from holdfast.edge_runtime.preparation import Tare
-from holdfast.live.log_sink import stream_sink
+from holdfast.live.lines import stream_sink
 from holdfast.live.loop import run_live
-from holdfast.live.outputs import Outlets, udp_sink
+from holdfast.live.outputs import LineOutput, udp_sink
 
 AREA = "Time and schedule"
 PERIOD_NS = round(1e9 / 150)
@@ -75,13 +76,13 @@ def test_a_pipe_without_a_reader_loses_whole_lines_counted_and_delays_no_sample(
 ):
     clock, kept = VirtualClock(), io.StringIO()
     with open(stalled[1], "w", encoding="utf-8", closefd=False) as stream:
-        outlets = Outlets([stream_sink(stream), stream_sink(kept)], print)
+        outlets = LineOutput([stream_sink(stream), stream_sink(kept)], print)
     summary = run_live(
         Steady(clock, 400),
         GripMonitor(model, clock.now_ns),
         Tare(model.card.preparation, 18),
         clock,
-        lambda prediction, sample, measured: outlets.emit(prediction),
+        lambda prediction, sample, measured: outlets.write(prediction),
         stopped=lambda: False,
     )
     outlets.close()
@@ -132,8 +133,8 @@ def test_a_plain_print_into_a_pipe_without_a_reader_would_wait_for_ever(stalled)
 @stalled_consumer
 def test_a_datagram_that_the_machine_does_not_let_out_is_a_line_not_taken():
     with (
-        udp_sink("255.255.255.255:9") as to_broadcast,
-        udp_sink("127.0.0.1:9") as to_closed,
+        closing(udp_sink("255.255.255.255:9")) as to_broadcast,
+        closing(udp_sink("127.0.0.1:9")) as to_closed,
     ):
         assert not to_broadcast("a line")  # without permission to
         assert to_closed("a line")  # UDP does not report that no socket listens
@@ -424,11 +425,11 @@ def test_a_flooded_port_delays_commands_and_no_sample(record_property):
 
 
 def test_lost_samples_are_counted_in_the_summary(model, capsys):
-    from holdfast.live.run import say_summary
-    from holdfast.live.stopping import say
+    from holdfast.live.run import report_summary
+    from holdfast.live.running import say
 
     stamps = on_time(20) + [on_time(20)[-1]] * 3
     summary, predictions, _ = go(model, Stamped(clock := VirtualClock(), stamps), clock)
     assert all(isinstance(one, Prediction) for one in predictions)
-    say_summary(summary, say)
+    report_summary(summary, say)
     assert "0 overruns, 3 repeated, 0 acts" in capsys.readouterr().err

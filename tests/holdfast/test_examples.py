@@ -15,7 +15,7 @@ from grip_bench import ROOT, Hands, command, opened, send
 
 from holdfast.edge_runtime.supervisor import to_line
 from holdfast.live.cues import QUIET, SILENCE, Pattern, cue_line
-from holdfast.live.grip_links import open_link
+from holdfast.live.links import open_link
 
 EXAMPLES = ROOT / "examples"
 

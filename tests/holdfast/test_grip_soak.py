@@ -5,7 +5,7 @@ within a sample the chips are read at: a few seeds are kept at one moment and lo
 What the chips' noise adds depends on the moment, so real time and one more simulation, read at a
 fourth, may both lose one now and then. HOLDFAST_SOAK_S=60 makes it a minute. A trial in which this
 machine lost samples, or answered one late, counts for nothing; what the scene itself costs is no
-time (holdfast/live/real_time.py). `pytest -s` prints the falls, and how many real time and the last
+time (holdfast/live/scene.py). `pytest -s` prints the falls, and how many real time and the last
 simulation lost.
 """
 
@@ -28,9 +28,9 @@ from holdfast.edge_runtime.model import Model
 from holdfast.edge_runtime.supervisor import GripCommand
 from holdfast.live.grip import GripOutput, controller_for
 from holdfast.live.hand_sources import open_live
-from holdfast.live.real_time import RunClock, SceneClock, first_in_line
-from holdfast.live.run import answer
-from holdfast.live.scene import drive_of, live_scene
+from holdfast.live.run import answer, emit_to
+from holdfast.live.running import RunClock, first_in_line
+from holdfast.live.scene import SceneClock, drive_of, live_scene
 
 SOAK_S = float(os.environ.get("HOLDFAST_SOAK_S", "3600"))
 SPARE_SAMPLES = 2
@@ -60,9 +60,10 @@ def kept(
     source = open_live(url, clock=clock, say=lambda line: None, field=scene)
     clock.spend(later_ns)
     end_ns = clock.now_ns() + round(1e9 * PLAYED_S)
-    with grip.running(source):
-        emit = grip.before(lambda *one: 0)
-        summary = answer(source, model, clock, emit, lambda: clock.now_ns() >= end_ns)
+    grip.begin(source)
+    summary = answer(
+        source, model, clock, emit_to([grip]), lambda: clock.now_ns() >= end_ns
+    )
     return scene.outcome().kept, summary.overruns + sum(summary.lost().values())
 
 

@@ -26,7 +26,7 @@ from holdfast.drivers.virtual.clock import VirtualClock
 from holdfast.edge_runtime.monitor import GripMonitor, Model
 from holdfast.edge_runtime.preparation import Tare
 from holdfast.live.loop import run_live
-from holdfast.live.page.link import PageLink, live_page
+from holdfast.live.page.link import PageLink, open_page
 from holdfast.live.page.process import follow
 from holdfast.live.page.run_page import MARK, RunPage
 from holdfast.live.page.stream import LiveStream
@@ -110,7 +110,7 @@ def test_a_run_whose_page_takes_nothing_answers_every_sample(model, ends, not_fo
     page = RunPage(link, model.card, print)
     monitor, tare = GripMonitor(model, clock.now_ns), Tare(model.card.preparation, 18)
     source = Steady(clock, 1500)
-    summary = run_live(source, monitor, tare, clock, page.show, stopped=lambda: False)
+    summary = run_live(source, monitor, tare, clock, page.write, stopped=lambda: False)
     assert (summary.samples, summary.overruns) == (1500, 0)
     assert 0 < link.unsent < 1500
 
@@ -123,7 +123,7 @@ def test_the_page_gets_every_sample_its_answer_the_margin_and_what_was_lost(
     monitor = GripMonitor(model, None)
     for k in (0, 1, 5):
         sample = Sample(k * 6_666_667, np.full(18, 0.1 * k), VALID, k)
-        page.show(monitor.feed(sample), sample, READING)
+        page.write(monitor.feed(sample), sample, READING)
     samples = [one["sample"] for one in received(theirs)]
     assert [(one["n"], one["lost"]) for one in samples] == [(0, 0), (1, 0), (5, 3)]
     assert samples[2]["x"] == [0.5] * 18
@@ -140,7 +140,7 @@ def test_a_mark_of_the_page_is_the_sample_at_which_the_loop_saw_it(model, ends):
     theirs.send(b"?")
     for k in range(3):
         sample = Sample(k * 6_666_667, np.zeros(18), VALID, k)
-        page.show(monitor.feed(sample), sample, READING)
+        page.write(monitor.feed(sample), sample, READING)
     marks = [one["mark"] for one in received(theirs) if "mark" in one]
     assert marks == [{"number": 1, "t_ns": 0}]
     assert len(said) == 1
@@ -180,9 +180,10 @@ def test_the_page_ends_with_what_it_shows_and_its_port_is_free_again():
     about = {"verb": "run", "actions": []}
     for address in ("0", None):
         address = address or str(port_in(lines[0]))
-        with live_page(address, about, lines.append, "the run") as link:
-            assert b"Holdfast live" in ask(port_in(lines[-1]), "/")
-            assert link.send({"said": "begun"})
+        link = open_page(address, about, lines.append)
+        assert b"Holdfast live" in ask(port_in(lines[-1]), "/")
+        assert link.send({"said": "begun"})
+        link.close("the run has ended")
         with pytest.raises(ConnectionRefusedError):
             ask(port_in(lines[-1]), "/")
     assert len(lines) == 2
@@ -193,8 +194,8 @@ def test_a_page_whose_process_does_not_start_is_an_error(monkeypatch):
     error = pytest.raises(
         OutputError, match=r"no process for the live page.*run without --web"
     )
-    with error, live_page("0", ABOUT, print, "the run"):
-        raise AssertionError("it started")
+    with error:
+        open_page("0", ABOUT, print)
 
 
 def test_a_run_shows_itself_takes_a_mark_and_ends_as_without_a_page():

@@ -24,7 +24,7 @@ from holdfast.core.clock import MonotonicClock
 from holdfast.core.trial_file import read_trial
 from holdfast.drivers.camera.recording import read_about, read_tracks
 from holdfast.drivers.virtual.clock import VirtualClock
-from holdfast.live.real_time import PRIORITY
+from holdfast.live.running import PRIORITY
 from holdfast.sessions.camera import LOG, CameraProcess
 from holdfast.sessions.recorder.keys import Keys
 from holdfast.sessions.recorder.recording import record

@@ -32,7 +32,7 @@ from recorder_bench import (
 
 from holdfast.core.trial_file import read_trial
 from holdfast.drivers.virtual.clock import VirtualClock
-from holdfast.live.stopping import stop_signals
+from holdfast.live.running import stop_signals
 from holdfast.sessions.recorder.keys import Keys
 from holdfast.sessions.recorder.protocol import Task
 from holdfast.sessions.recorder.recording import record

@@ -5,23 +5,33 @@ from __future__ import annotations
 import json
 import signal
 import subprocess
-from argparse import Namespace
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 from grip_bench import ROOT, TtyReceiver, UdpReceiver, wait_for_the_end_of
 from hazard_marks import SILENT_CUES
-from live_bench import RUN
+from live_bench import RUN, closing_output
 from made_prediction import prediction
 
 from holdfast.drivers.virtual.clock import VirtualClock
-from holdfast.live.cues import QUIET_NS, CueOutput, cue_output, read_cues
+from holdfast.live.cues import QUIET_NS, CueOutput, open_cues, read_cues
 
 PERIOD_NS = 6_666_667
 UNKNOWN = read_cues().rules["unknown"].pattern
 
 
-def options(url: str, **more: Any) -> Namespace:
-    return Namespace(feedback=url, **({"cues": None} | more))
+@contextmanager
+def opened(
+    url: str,
+    clock: VirtualClock | None = None,
+    report: Callable[[str], object] = print,
+    path: Path | None = None,
+) -> Iterator[CueOutput]:
+    now_ns = (clock or VirtualClock()).now_ns
+    with closing_output(open_cues(url, path, now_ns, report)) as cues:
+        yield cues
 
 
 RISKY: dict[str, Any] = {"state": "risky_slip", "act": True}
@@ -29,12 +39,12 @@ RISKY: dict[str, Any] = {"state": "risky_slip", "act": True}
 
 def show(cues: CueOutput, samples: int, **changes: Any) -> None:
     for k in range(samples):
-        cues.show(prediction(k, t_decided_ns=k * PERIOD_NS, **changes))
+        cues.write(prediction(k, t_decided_ns=k * PERIOD_NS, **changes))
 
 
 def test_cues_are_lines_of_their_pattern_on_either_wire():
     for receiver in (UdpReceiver(), TtyReceiver()):
-        with cue_output(options(receiver.url), VirtualClock(), print) as cues:
+        with opened(receiver.url) as cues:
             show(cues, 1, **RISKY)
         line = receiver.next()
         assert (line["cue"], line["pulses"], line["on_ms"], line["strength"]) == (
@@ -49,7 +59,7 @@ def test_cues_are_lines_of_their_pattern_on_either_wire():
 @SILENT_CUES.mark
 def test_lines_go_on_while_no_cue_is_due():
     receiver = UdpReceiver()
-    with cue_output(options(receiver.url), VirtualClock(), print) as cues:
+    with opened(receiver.url) as cues:
         show(cues, 3 * QUIET_NS // PERIOD_NS, state="safe_slip")
     lines = receiver.waiting()
     assert [one["cue"] for one in lines] == ["quiet"] * 3 + ["unknown"]
@@ -77,10 +87,9 @@ def test_the_last_line_is_the_cue_unknown_also_where_the_process_dies():
 def test_a_dead_link_is_reported_once_and_no_cue_waits_for_it():
     receiver, clock, messages = UdpReceiver(), VirtualClock(), []
     receiver.close()
-    with cue_output(options(receiver.url), clock, messages.append) as cues:
-        with cues.running(messages.append):
-            show(cues, 300, **RISKY)
-        guardian = cues._sink._guardian.pid
+    with opened(receiver.url, clock, messages.append) as cues:
+        show(cues, 300, **RISKY)
+        guardian = cues._wire._guardian.pid
     assert [one for one in messages if "no line arrives" in one] == [messages[0]]
     assert "the wearer feels no cue" in messages[0]
     assert "did not leave" in messages[-1]
@@ -92,10 +101,10 @@ def test_a_receiver_that_comes_back_gets_the_cue_that_applies():
     receiver, clock = UdpReceiver(), VirtualClock()
     port = receiver.port
     receiver.close()
-    with cue_output(options(receiver.url), clock, lambda line: None) as cues:
+    with opened(receiver.url, clock) as cues:
         for k in range(300):
             clock.spend(PERIOD_NS)
-            cues.show(prediction(k, t_decided_ns=clock.now_ns(), **RISKY))
+            cues.write(prediction(k, t_decided_ns=clock.now_ns(), **RISKY))
             if k == 20:
                 again = UdpReceiver(port)
     kinds = [line["cue"] for line in again.waiting()]
@@ -111,7 +120,7 @@ def test_the_users_own_card_is_played(tmp_path):
         f"most_per_s = 1\n[cues.unknown]\n{rule} = 900\n[cues.act]\n{rule} = 45\n"
     )
     receiver = UdpReceiver()
-    with cue_output(options(receiver.url, cues=card), VirtualClock(), print) as cues:
+    with opened(receiver.url, path=card) as cues:
         show(cues, 1, **RISKY)
     assert [json.dumps(one["on_ms"]) for one in receiver.waiting()] == ["45", "900"]
     receiver.close()

@@ -6,16 +6,16 @@ import os
 import resource
 import signal
 import subprocess
-from argparse import Namespace
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any
+from unittest.mock import Mock
 
 import pytest
 from grip_bench import TtyReceiver, UdpReceiver, wait_for_the_end_of
 from hazard_marks import DEAD_LOG, LOST_SENSOR, NO_GRIP_COMMAND, RUN_DIES
-from live_bench import DEFAULT, ROOT, RUN
+from live_bench import DEFAULT, ROOT, RUN, closing_output
 from rooms import room_of
 
 from holdfast.core.errors import ChannelError, UsageError
@@ -23,9 +23,9 @@ from holdfast.drivers.virtual.clock import VirtualClock
 from holdfast.edge_runtime.grip import CONTROLLERS
 from holdfast.edge_runtime.model import Model
 from holdfast.edge_runtime.supervisor import GripCommand
-from holdfast.live.grip import GripOutput, controller_for, grip_output
+from holdfast.live.grip import GripOutput, controller_for, grip_to_scene, grip_to_wire
 from holdfast.live.hand_sources import open_live
-from holdfast.live.run import answer
+from holdfast.live.run import answer, emit_to
 from holdfast.live.scene import drive_of
 
 PERIOD_NS = 1e9 / 150
@@ -44,9 +44,16 @@ def receiver() -> Iterator[UdpReceiver]:
     one.close()
 
 
-def options(grip: str, **more: Any) -> Namespace:
-    given = {"controller": None, "ceiling": None, "source": REST}
-    return Namespace(grip=grip, **(given | more))
+@contextmanager
+def to_wire(
+    url: str, model: Model, report: Callable[[str], None] = print
+) -> Iterator[GripOutput]:
+    """The controller on a wire, closed as a run closes it."""
+    control = controller_for("holdfast", model.card, report)
+    rate_hz = model.card.rate_hz
+    grip = grip_to_wire(url, control, rate_hz, VirtualClock(), report)
+    with closing_output(grip):
+        yield grip
 
 
 @contextmanager
@@ -109,9 +116,9 @@ def test_a_full_disk_and_a_stalled_reader_stop_no_command_and_the_last_one_holds
 
 
 def test_a_command_comes_at_every_sample_and_the_last_one_follows_it(model, receiver):
-    with grip_output(options(receiver.url), model.card, VirtualClock(), print) as grip:
+    with to_wire(receiver.url, model) as grip:
         n = run_on(grip, model, REST, 1.0)
-        lines = [receiver.next() for _ in range(n + 1)]
+    lines = [receiver.next() for _ in range(n + 1)]
     assert [line["sequence"] for line in lines] == list(range(n + 1))
     assert lines[-1]["reason"] == "stopped"
 
@@ -121,35 +128,31 @@ def run_on(
 ) -> int:
     """Run on virtual time; returns the number of samples."""
     clock = clock or VirtualClock()
-    source = open_live(url, clock=clock, say=lambda line: None, field=grip.field)
+    source = open_live(url, clock=clock, say=lambda line: None, field=grip.scene)
     end_ns = clock.now_ns() + round(1e9 * seconds)
-    with grip.running(source):
-        emit = grip.before(lambda *one: 0)
-        return answer(
-            source, model, clock, emit, lambda: clock.now_ns() >= end_ns
-        ).samples
+    grip.begin(source)
+    summary = answer(
+        source, model, clock, emit_to([grip]), lambda: clock.now_ns() >= end_ns
+    )
+    return summary.samples
 
 
 @LOST_SENSOR.mark
 def test_an_unplugged_hand_is_answered_with_hold_until_the_end(model, receiver):
     url = f"{REST}?fault=unplug@1%2B1000"
-    with grip_output(options(receiver.url), model.card, VirtualClock(), print) as grip:
+    with to_wire(receiver.url, model) as grip:
         n = run_on(grip, model, url, 3.0)
-        lines = [receiver.next() for _ in range(n + 1)]
+    lines = [receiver.next() for _ in range(n + 1)]
     assert {line["mode"] for line in lines[200:]} == {"hold"}
     assert "unknown" in lines[-2]["reason"]
 
 
 @RUN_DIES.mark
 def test_an_error_in_the_loop_ends_with_a_hold_that_says_failed(model, receiver):
-    def fails(*one: object) -> int:
-        raise ZeroDivisionError
-
-    clock = VirtualClock()
-    with grip_output(options(receiver.url), model.card, clock, print) as grip:
-        source = open_live(REST, clock=clock, say=print)
-        with pytest.raises(ZeroDivisionError), grip.running(source):
-            answer(source, model, clock, grip.before(fails), lambda: False)
+    clock, broken = VirtualClock(), Mock(write=Mock(side_effect=ZeroDivisionError))
+    source = open_live(REST, clock=clock, say=print)
+    with pytest.raises(ZeroDivisionError), to_wire(receiver.url, model) as grip:
+        answer(source, model, clock, emit_to([grip, broken]), lambda: False)
     assert [line["reason"] for line in receiver.waiting()][1:] == ["failed"]
 
 
@@ -181,14 +184,17 @@ def test_an_object_that_would_fall_stays_in_the_hand_by_the_commands(
     url = f"virtual://ft232h?scene={tmp_path / 'fall.toml'}&seed=1"
     messages: list[str] = []
     clock = VirtualClock()
-    chosen = options("virtual?lag_ms=50", source=url, controller=controller)
-    with grip_output(chosen, model.card, clock, messages.append) as grip:
-        run_on(grip, model, url, 5.0, clock)
-    assert grip.field is not None
-    outcome = grip.field.outcome()
+    control = controller_for(controller, model.card, print)
+    grip = grip_to_scene(
+        "virtual?lag_ms=50", url, control, None, clock, messages.append
+    )
+    run_on(grip, model, url, 5.0, clock)
+    grip.close()
+    assert grip.scene is not None
+    outcome = grip.scene.outcome()
     assert outcome.kept == kept
     assert messages[-1].startswith("scene: the object " + ("is in" if kept else "left"))
-    assert outcome.strongest_n > outcome.own_n or not kept
+    assert outcome.strongest_n > outcome.wearers_n or not kept
 
 
 def test_a_run_with_a_scene_says_what_became_of_the_object(tmp_path):
@@ -311,8 +317,7 @@ def test_a_port_too_slow_for_every_command_is_reported(model):
     tty = TtyReceiver()
     messages: list[str] = []
     for baud in (115200, 460800):
-        chosen = options(f"{tty.url}?baud={baud}")
-        with grip_output(chosen, model.card, VirtualClock(), messages.append):
+        with to_wire(f"{tty.url}?baud={baud}", model, messages.append):
             pass
     assert len(messages) == 1
     assert "about 61 of 150 commands" in messages[0]
@@ -320,7 +325,7 @@ def test_a_port_too_slow_for_every_command_is_reported(model):
 
 
 def test_a_run_leaves_no_guardian_behind(model, receiver):
-    with grip_output(options(receiver.url), model.card, VirtualClock(), print) as grip:
+    with to_wire(receiver.url, model) as grip:
         assert grip._wire is not None
         guardian = grip._wire._guardian.pid
         run_on(grip, model, REST, 0.1)

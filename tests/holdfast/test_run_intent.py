@@ -173,10 +173,10 @@ def test_the_page_of_a_run_gets_the_wearers_own_command():
     page = RunPage(link, Model(ROOT / "models" / "holdfast-150hz.onnx").card, print)
     sample = Sample(0, np.zeros(18), np.ones(6, dtype=np.bool_), 0)
     reading = SourceReading(0, sample.values, sample.valid)
-    page.show(prediction(), sample, reading)
+    page.write(prediction(), sample, reading)
     page.intent = scripted("close")
     page.intent.look()
-    page.show(prediction(), sample, reading)
+    page.write(prediction(), sample, reading)
     assert "intent" not in sent[0]["sample"]
     shown = {"wants": "close", "envelope": (0.25,), "link": "live"}
     assert sent[1]["sample"]["intent"] == shown

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from holdfast.core.clock import MonotonicClock
-from holdfast.live.real_time import SceneClock
+from holdfast.live.scene import SceneClock
 
 
 class Machine:

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from holdfast.edge_runtime.supervisor import GripCommand, last_line, to_line
-from holdfast.live.grip_outputs import LineSink, line_sink
+from holdfast.live.wire import Wire, open_wire
 
 ROOT = Path(__file__).resolve().parents[2]
 PATIENCE_S = 60.0
@@ -107,12 +107,17 @@ def command(sequence: int, mode: Any = "tighten") -> GripCommand:
 
 
 @contextmanager
-def opened(url: str, clock: Hands, messages: list[str]) -> Iterator[LineSink]:
-    with line_sink(url, "--grip", last_line, messages.append, clock.now_ns) as sink:
-        yield sink
+def opened(url: str, clock: Hands, messages: list[str]) -> Iterator[Wire]:
+    wire = open_wire(url, "--grip", last_line, messages.append, clock.now_ns)
+    reason = "failed"
+    try:
+        yield wire
+        reason = "stopped"
+    finally:
+        wire.close(reason)
 
 
-def send(sink: LineSink, *sequences: int) -> list[bool]:
+def send(sink: Wire, *sequences: int) -> list[bool]:
     return [sink(to_line(command(k)), k) for k in sequences]
 
 

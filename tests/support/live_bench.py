@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -14,8 +16,10 @@ from holdfast.drivers.virtual.clock import VirtualClock
 from holdfast.edge_runtime.monitor import GripMonitor, Model
 from holdfast.edge_runtime.preparation import Tare
 from holdfast.live.loop import Summary, run_live
+from holdfast.live.outputs import Output, close_at_end
 
 ROOT = Path(__file__).resolve().parents[2]
+AnyOutput = TypeVar("AnyOutput", bound=Output)
 DEFAULT = ROOT / "models" / "holdfast-150hz.onnx"
 
 
@@ -29,6 +33,14 @@ RUN = [
     "virtual://ft232h",
 ]
 """The command line on the default model and a virtual hand at rest."""
+
+
+@contextmanager
+def closing_output(output: AnyOutput) -> Iterator[AnyOutput]:
+    """An output that is closed as a run closes it."""
+    with ExitStack() as stack:
+        close_at_end(stack, output)
+        yield output
 
 
 class Steady:

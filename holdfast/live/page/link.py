@@ -2,16 +2,15 @@
 
 The page is served by a process of its own, because threads of the loop's process would take turns
 with it. Between both is a pair of sockets that never block. A message that finds no room is dropped
-and counted. Where that process dies, the loop says so once and goes on.
+and counted. Where that process dies, the loop reports it once and goes on.
 
 One message is one packet of JSON. The first has `access` and `about`; later ones have one of
 `sample`, `said`, `mark`, `ready`, `about`, and the last one `end`. An action is one byte.
 
-Where the live page listens: [HOST:]PORT, its socket, the URL that people open, and its token.
-
-On a loopback host (the default) the page has no token; its server answers only requests that name a
-loopback host, so no other web site can reach it by a name that it points here. On any other host
-each path begins with a token, a secret of 128 bits that is drawn anew for every run.
+The page listens on [HOST:]PORT. On a loopback host (the default) the page has no token; its server
+answers only requests that name a loopback host, so no other web site can reach it by a name that it
+points here. On any other host each path begins with a token, a secret of 128 bits that is drawn
+anew for every run.
 """
 
 from __future__ import annotations
@@ -22,8 +21,8 @@ import secrets
 import socket
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import closing, contextmanager, suppress
+from collections.abc import Callable
+from contextlib import closing, suppress
 from dataclasses import dataclass
 from ipaddress import ip_address
 
@@ -70,17 +69,10 @@ def read_address(text: str) -> tuple[str, int]:
     host, colon, port = text.rpartition(":")
     bracketed = host.startswith("[") and host.endswith("]")
     host = host[1:-1] if bracketed else host
-    wrong = (
-        (colon and not host)
-        or (":" in host and not bracketed)
-        or not host.isprintable()
-    )
-    if (
-        wrong
-        or not (port.isascii() and port.isdecimal())
-        or len(port) > 5
-        or int(port) > 65535
-    ):
+    empty = colon and not host
+    unclear = ":" in host and not bracketed
+    is_number = port.isascii() and port.isdecimal() and len(port) <= 5
+    if empty or unclear or not host.isprintable() or not is_number or int(port) > 65535:
         raise UsageError(f"--web {text[:80]!r} is not [HOST:]PORT", next_step=EXAMPLES)
     return host or LOOPBACK, int(port)
 
@@ -133,7 +125,7 @@ def _reached(listener: socket.socket, host: str) -> PageAddress:
             listener, f"http://{_in_url(host)}:{port}/", "", tuple(names)
         )
     token = secrets.token_urlsafe(TOKEN_BYTES)
-    shown = _own_address() if bound.is_unspecified else host
+    shown = _address_for_others() if bound.is_unspecified else host
     return PageAddress(listener, f"http://{_in_url(shown)}:{port}/{token}/", token, ())
 
 
@@ -141,7 +133,7 @@ def _in_url(host: str) -> str:
     return f"[{host}]" if ":" in host else host
 
 
-def _own_address() -> str:
+def _address_for_others() -> str:
     """The address by which others reach this machine; its name where it has no network."""
     try:
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
@@ -164,12 +156,18 @@ _to_json = json.JSONEncoder(separators=(",", ":")).encode
 class PageLink:
     """Messages to the page's process. unsent: messages that were dropped. handle: of its actions.
 
-    channel: a packet socket. say: gets one line where the process is gone.
+    channel: a packet socket. process: serves the page, None in tests. report: gets one line where
+    the process is gone.
     """
 
-    def __init__(self, channel: socket.socket, say: Callable[[str], object]) -> None:
+    def __init__(
+        self,
+        channel: socket.socket,
+        report: Callable[[str], object],
+        process: subprocess.Popen[bytes] | None = None,
+    ) -> None:
         channel.setblocking(False)
-        self._channel, self._say = channel, say
+        self._channel, self._report, self._process = channel, report, process
         self.unsent, self._gone = 0, False
         self.handle = channel.fileno()
 
@@ -192,46 +190,39 @@ class PageLink:
             return b""
 
     def close(self, end: str) -> None:
-        """End the link, and say how it ended; the loop is over, so this may wait for END_S."""
+        """Show how the run ended and end the link; the loop is over, so this may wait for END_S."""
         with suppress(OSError):
             self._channel.settimeout(END_S)
             self._channel.send(_to_json({"end": end}).encode())
         self._channel.close()
+        if self._process is not None:
+            with suppress(subprocess.TimeoutExpired):
+                self._process.wait(END_S)
 
     def _drop(self, error: OSError) -> None:
         self.unsent += 1
         if error.errno in GONE:
             self._gone = True
-            self._say(
+            self._report(
                 "the live page's process ended; nothing is shown any more, the run goes on"
             )
 
 
-@contextmanager
-def live_page(
-    address: str, about: Json, say: Callable[[str], object], whole: str
-) -> Iterator[PageLink]:
-    """Serve the page on [HOST:]PORT, and say its URL. whole: what ends with it, such as "the run".
+def open_page(address: str, about: Json, report: Callable[[str], object]) -> PageLink:
+    """Serve the page on [HOST:]PORT until the link is closed, and report its URL.
 
     Raises UsageError for an address that cannot be had, OutputError without a process.
     """
     place = listen(address)
     with closing(place.listener):
-        channel, process = _started(place, about)
-    link, end = PageLink(channel, say), f"{whole} failed"
-    say(f"live page: {place.url}")
-    try:
-        yield link
-        end = f"{whole} has ended"
-    finally:
-        link.close(end)
-        with suppress(subprocess.TimeoutExpired):
-            process.wait(END_S)
+        link = _started(place, about, report)
+    report(f"live page: {place.url}")
+    return link
 
 
 def _started(
-    place: PageAddress, about: Json
-) -> tuple[socket.socket, subprocess.Popen[bytes]]:
+    place: PageAddress, about: Json, report: Callable[[str], object]
+) -> PageLink:
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     ours.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, WAITING_BYTES)
     numbers = [place.listener.fileno(), theirs.fileno()]
@@ -255,4 +246,4 @@ def _started(
         process.wait()
         what = f"no process for the live page ({error.strerror or error})"
         raise OutputError(what, where="--web", next_step="run without --web") from None
-    return ours, process
+    return PageLink(ours, report, process)

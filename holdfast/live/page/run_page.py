@@ -1,14 +1,12 @@
-"""What `holdfast run --web` sends to the live page: every sample, its answer, its grip command.
+"""The live page of `holdfast run --web`: every sample, its answer, its grip command.
 
 Without --grip no controller runs; the friction margin is then computed for the page alone.
 """
 
 from __future__ import annotations
 
-import argparse
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from pathlib import Path
+from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 from holdfast.core.contract import Prediction, Sample
 from holdfast.core.reading import Json
@@ -17,61 +15,65 @@ from holdfast.edge_runtime.batch import ONE_HAND
 from holdfast.edge_runtime.grip_control import FrictionMargin, sense_of
 from holdfast.edge_runtime.intent import IntentMonitor
 from holdfast.edge_runtime.model_file import ModelCard
-from holdfast.edge_runtime.supervisor import GripCommand
-from holdfast.live.page.link import PageLink, live_page
+from holdfast.live.outputs import STOPPED
+from holdfast.live.page.link import PageLink, open_page
+
+if TYPE_CHECKING:
+    from holdfast.live.grip import GripOutput
+    from holdfast.live.run import RunOptions
 
 MARK = b"m"
 ACTIONS = [{"do": "mark", "label": "Mark", "key": MARK.decode(), "when": "always"}]
 
 
 class RunPage:
-    """Sends samples to the page, and takes its marks. say: gets a line for each mark.
+    """The page as an output of a run: it gets every sample and gives marks.
 
-    newest_command: of the grip controller that runs, None where none does.
+    report: gets a line for each mark. grip: the output that runs a controller; None where none
+    does.
     """
 
     def __init__(
-        self, link: PageLink, card: ModelCard, say: Callable[[str], None]
+        self, link: PageLink, card: ModelCard, report: Callable[[str], None]
     ) -> None:
-        self._link, self._say = link, say
+        self._link, self._report = link, report
         self._margin = FrictionMargin(ONE_HAND, card.rate_hz)
-        self.newest_command: Callable[[], GripCommand | None] = lambda: None
+        self.grip: GripOutput | None = None
         self.intent: IntentMonitor | None = None
         self._lost = self._next = self._marks = 0
         self._first_ns: int | None = None
 
-    def show(
-        self, prediction: Prediction, sample: Sample, measured: SourceReading
+    def write(
+        self, prediction: Prediction, sample: Sample, reading: SourceReading
     ) -> None:
         """Send one sample; nothing waits, and what finds no room is dropped."""
         self._lost += sample.sequence - self._next
         self._next = sample.sequence + 1
         self._first_ns = sample.t_ns if self._first_ns is None else self._first_ns
-        self._link.send(
-            {
-                "sample": {
-                    **sample_message(sample, measured, self._lost, self._link.unsent),
-                    "answer": _answer(prediction),
-                    "grip": self._grip(prediction, sample),
-                    **intent_message(self.intent),
-                }
-            }
-        )
+        message = sample_message(sample, reading, self._lost, self._link.unsent)
+        message["answer"] = _answer(prediction)
+        message["grip"] = self._grip(prediction, sample)
+        message |= intent_message(self.intent)
+        self._link.send({"sample": message})
         if self._link.action() == MARK:
             self._mark(sample)
 
-    def said(self, line: str) -> None:
+    def report(self, line: str) -> None:
         """Show a message of the run."""
         self._link.send({"said": line})
+
+    def close(self, reason: str) -> None:
+        """Show how the run ended."""
+        self._link.close("the run has ended" if reason == STOPPED else "the run failed")
 
     def _mark(self, sample: Sample) -> None:
         self._marks += 1
         self._link.send({"mark": {"number": self._marks, "t_ns": sample.t_ns}})
         at_s = 1e-9 * (sample.t_ns - (self._first_ns or 0))
-        self._say(f"mark {self._marks} at {at_s:.3f} s, sample {sample.sequence}")
+        self._report(f"mark {self._marks} at {at_s:.3f} s, sample {sample.sequence}")
 
     def _grip(self, prediction: Prediction, sample: Sample) -> Json:
-        command = self.newest_command()
+        command = None if self.grip is None else self.grip.newest
         if command is not None:
             return command._asdict()
         margin = self._margin
@@ -104,8 +106,8 @@ def intent_message(intent: IntentMonitor | None) -> Json:
     if intent is None:
         return {}
     newest = intent.newest
-    said = {"wants": newest.wants, "envelope": newest.envelope, "link": intent.link}
-    return {"intent": said}
+    wish = {"wants": newest.wants, "envelope": newest.envelope, "link": intent.link}
+    return {"intent": wish}
 
 
 def _answer(prediction: Prediction) -> Json:
@@ -126,20 +128,21 @@ def _answer(prediction: Prediction) -> Json:
     }
 
 
-@contextmanager
-def run_page(
-    args: argparse.Namespace, card: ModelCard, say: Callable[[str], None]
-) -> Iterator[RunPage]:
-    """The page of a run, served on args.web until the end. Raises UsageError, OutputError."""
+def open_run_page(
+    options: RunOptions,
+    card: ModelCard,
+    model_name: str,
+    report: Callable[[str], None],
+) -> RunPage:
+    """The page of a run, served until it is closed. Raises UsageError, OutputError."""
     about: Json = {
         "verb": "run",
         "unit": card.unit,
-        "model": f"{Path(args.model).name} ({card.model_id})",
-        "source": args.source,
+        "model": model_name,
+        "source": options.source,
         "answers": True,
-        "grip": args.grip is not None,
+        "grip": options.grip is not None,
         "saves": True,
         "actions": ACTIONS,
     }
-    with live_page(args.web, about, say, "the run") as link:
-        yield RunPage(link, card, say)
+    return RunPage(open_page(options.web or "", about, report), card, report)

@@ -17,7 +17,7 @@ import numpy as np
 from holdfast.core.errors import visible_lines
 from holdfast.core.reading import Json
 from holdfast.core.source import SourceReading
-from holdfast.live.page.link import PageLink, live_page
+from holdfast.live.page.link import PageLink, open_page
 from holdfast.live.page.run_page import intent_message
 from holdfast.sessions.recorder.keys import Keys
 from holdfast.sessions.recorder.plan import RecordOptions
@@ -170,6 +170,10 @@ def record_page(
         "saves": False,
         "actions": ACTIONS,
     }
-    with live_page(address, about, terminal.report, "the recording") as link:
+    link, end = open_page(address, about, terminal.report), "the recording failed"
+    try:
         keys.listen_to(link.handle)
         yield RecordPage(link, terminal)
+        end = "the recording has ended"
+    finally:
+        link.close(end)

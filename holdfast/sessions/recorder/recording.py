@@ -19,7 +19,7 @@ from holdfast.drivers.hand import LiveHand
 from holdfast.live.bias import MeasuredBias, measure_bias, require_good
 from holdfast.live.hand_sources import open_live
 from holdfast.live.intent import intent_monitor
-from holdfast.live.real_time import first_in_line
+from holdfast.live.running import first_in_line
 from holdfast.live.sources import force_of
 from holdfast.sessions.camera import CameraProcess
 from holdfast.sessions.recorder.folder import RECORDING, opened, require_ours, trials_of

@@ -15,9 +15,8 @@ from holdfast.core.trial_layout import read_events
 from holdfast.core.writing import require_writable, write_whole
 from holdfast.drivers.virtual.clock import VirtualClock
 from holdfast.live.hand_sources import is_hand
-from holdfast.live.log_sink import stream_sink
-from holdfast.live.real_time import RunClock
-from holdfast.live.stopping import say, stop_signals
+from holdfast.live.lines import stream_sink
+from holdfast.live.running import RunClock, say, stop_signals
 from holdfast.sessions.recorder.display import StatusLine, columns_of
 from holdfast.sessions.recorder.folder import require_ours
 from holdfast.sessions.recorder.keys import Keys, listening

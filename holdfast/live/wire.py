@@ -1,55 +1,58 @@
-"""Where grip commands go: to a hand's own controller, which must never be left with an old one.
+"""A wire to a hand's own controller or to a cue device, which must never be left with an old line.
 
 The loop writes each line itself and never waits. A wire that fails, or that takes no line for
 EXPIRES_MS, is reported once and tried again, at first soon, then every two seconds. When it takes
 lines again its first ones are `hold`, and the report says so. However the run ends, the last line
-is `hold`: this sink writes it, and where the process dies a guardian (holdfast/live/guardian.py)
+is `hold`: the wire writes it, and where the process dies a guardian (holdfast/live/guardian.py)
 does.
 """
 
 from __future__ import annotations
 
 import errno
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 
 from holdfast.edge_runtime.supervisor import EXPIRES_MS
-from holdfast.live.grip_links import SerialLink, UdpLink, open_link
 from holdfast.live.guardian import Guardian
+from holdfast.live.links import SerialLink, UdpLink, open_link
 
 FIRST_RETRY_NS, LAST_RETRY_NS = 50_000_000, 2_000_000_000
 TRIALS = 3
 """A wire works again after this many lines; a socket reports an error only at the next line."""
 LOST, DIED = "link was lost", "process died"
+HOLDS = "the hand holds its grip"
 LastLine = Callable[[int, int, str], str]
 """(sequence, t_ns, reason) -> the line that ends a run, or begins after a failure."""
 
 
-class LineSink:
-    """One wire with its retries and its guardian. dropped: lines that did not leave.
+class Wire:
+    """One link with its retries and its guardian. dropped: lines that did not leave.
 
-    most_hz: commands a second that the wire carries.
+    most_hz: commands a second that the link carries. effect: of a link that fails, for people.
     """
 
     def __init__(
         self,
         link: UdpLink | SerialLink,
         last: LastLine,
-        say: Callable[[str], object],
+        report: Callable[[str], object],
         now_ns: Callable[[], int],
         guardian: Guardian,
-        effect: str = "the hand holds its grip",
+        effect: str = HOLDS,
     ) -> None:
-        self._link, self._last, self._say, self._now_ns = link, last, say, now_ns
-        self._guardian, self._effect = guardian, effect
+        self._link, self._last, self._now_ns = link, last, now_ns
+        self._report, self._effect = report, effect
+        self._guardian = guardian
         guardian.hold(link.handle)
-        self.name, self.dropped, self._guarded = link.name, 0, True
-        self.most_hz = link.most_hz
+        self.name, self.most_hz = link.name, link.most_hz
+        self.dropped = 0
         self._sequence = -1
-        self._works, self._trials, self._done = True, 0, False
+        self._guarded = self._works = True
+        self._closed = False
+        self._trials = 0
         self._failed_ns = self._retry_ns = 0
-        self._full_since_ns: int | None = None
         self._wait_ns = FIRST_RETRY_NS
+        self._full_since_ns: int | None = None
 
     def __call__(self, line: str, sequence: int) -> bool:
         """Pass a line on; False where it did not leave."""
@@ -57,7 +60,7 @@ class LineSink:
         self._guardian.note(sequence)
         if self._guarded and not self._guardian.lives():
             self._guarded = False
-            self._say(
+            self._report(
                 f"{self.name}: its guardian ended; a run that dies now sends no last command"
             )
         now_ns = self._now_ns()
@@ -72,11 +75,11 @@ class LineSink:
         if not self._works:
             self._retry(self._now_ns())
 
-    def finish(self, reason: str) -> None:
-        """Say the last line, once, and let the guardian go."""
-        if self._done:
+    def close(self, reason: str) -> None:
+        """Write the last line, once, and let the guardian go; report lines that did not leave."""
+        if self._closed:
             return
-        self._done = True
+        self._closed = True
         line = self._last(self._sequence + 1, self._now_ns(), reason).encode()
         try:
             self._link.finish(line)
@@ -85,6 +88,8 @@ class LineSink:
             written = False
         self._guardian.end(written=written)
         self._link.close()
+        if self.dropped:
+            self._report(f"{self.name}: {self.dropped} lines did not leave")
 
     def _write(self, line: str, now_ns: int) -> bool:
         try:
@@ -97,20 +102,21 @@ class LineSink:
         elif self._full_since_ns is None:
             self._full_since_ns = now_ns
         elif now_ns - self._full_since_ns > 1_000_000 * EXPIRES_MS:
-            self._fail(OSError(errno.EAGAIN, "its reader is stalled"), now_ns)
+            self._fail(_stalled(), now_ns)
         return taken
 
     def _fail(self, error: OSError, now_ns: int) -> None:
         if self._works:
             self._failed_ns, self._wait_ns = now_ns, FIRST_RETRY_NS
             reason = error.strerror or error
-            self._say(f"{self.name}: no line arrives ({reason}); {self._effect}")
+            self._report(f"{self.name}: no line arrives ({reason}); {self._effect}")
         else:
             self._wait_ns = min(2 * self._wait_ns, LAST_RETRY_NS)
         if isinstance(self._link, SerialLink) and error.errno != errno.EAGAIN:
             self._link.lose()
             self._guardian.release()
-        self._works, self._trials, self._retry_ns = False, 0, now_ns + self._wait_ns
+        self._works, self._trials = False, 0
+        self._retry_ns = now_ns + self._wait_ns
 
     def _retry(self, now_ns: int) -> None:
         """Try a hold line in place of the command, when its time has come."""
@@ -118,9 +124,10 @@ class LineSink:
             return
         if not self._trials:
             self._guardian.hold(self._link.handle)
+        line = self._last(self._sequence, now_ns, LOST)
         try:
-            if not self._link.write(self._last(self._sequence, now_ns, LOST).encode()):
-                raise OSError(errno.EAGAIN, "its reader is stalled")
+            if not self._link.write(line.encode()):
+                raise _stalled()
         except OSError as error:
             self._fail(error, now_ns)
             return
@@ -128,37 +135,32 @@ class LineSink:
         if self._trials >= TRIALS:
             self._works, self._full_since_ns = True, None
             after_s = 1e-9 * (now_ns - self._failed_ns)
-            self._say(f"{self.name}: lines arrive again, after {after_s:.1f} s")
+            self._report(f"{self.name}: lines arrive again, after {after_s:.1f} s")
 
 
-@contextmanager
-def line_sink(
+def _stalled() -> OSError:
+    return OSError(errno.EAGAIN, "its reader is stalled")
+
+
+def open_wire(
     url: str,
     option: str,
     last: LastLine,
-    say: Callable[[str], object],
+    report: Callable[[str], object],
     now_ns: Callable[[], int],
-    **effect: str,
-) -> Iterator[LineSink]:
-    """An open wire that ends with its last line. effect: of a wire that fails, for people.
+    effect: str = HOLDS,
+) -> Wire:
+    """An open wire, which ends with its last line when it is closed.
 
     Raises UsageError, DeviceError, OutputError.
     """
     link = open_link(url, option)
     text = _template(last(-7, -8, DIED), is_serial=link.is_serial)
-    sink = LineSink(link, last, say, now_ns, Guardian(text), **effect)
-    try:
-        yield sink
-    except BaseException:
-        sink.finish("failed")
-        raise
-    finally:
-        sink.finish("stopped")
+    return Wire(link, last, report, now_ns, Guardian(text), effect)
 
 
 def _template(line: str, *, is_serial: bool) -> str:
     """The guardian's line: numbers are filled in; a serial line stands between line feeds."""
-    text = (
-        line.replace("%", "%%").replace("-7", "%(sequence)d").replace("-8", "%(t_ns)d")
-    )
+    text = line.replace("%", "%%")
+    text = text.replace("-7", "%(sequence)d").replace("-8", "%(t_ns)d")
     return f"\n{text}\n" if is_serial else text

@@ -1,4 +1,4 @@
-"""Lines written to a file descriptor by a thread: the caller never waits for the descriptor.
+"""Lines of text for streams and files, written by a thread: the caller never waits for them.
 
 A write to a terminal, a pipe or a disk may never return: `poll` promises a terminal less room than
 a line needs, and a regular file is always "ready". So a thread on which nothing depends does the
@@ -12,13 +12,16 @@ the writer.
 
 from __future__ import annotations
 
+import atexit
 import errno
+import io
 import os
 import select
 import stat
 import time
 from queue import Empty, SimpleQueue
 from threading import Thread
+from typing import Protocol, TextIO
 
 STREAM_LINES = 128
 """Lines that may wait for a terminal or a pipe: 0.85 s at 150 Hz, and more than a summary has."""
@@ -35,19 +38,50 @@ RETRY_S = 0.01
 """Pause between attempts on a non-blocking descriptor that wrongly reports to be ready."""
 
 
+class Sink(Protocol):
+    """Takes lines without waiting."""
+
+    name: str
+
+    @property
+    def failure(self) -> OSError | None:
+        """The error after which it takes no more lines, or None."""
+        ...
+
+    @property
+    def dropped(self) -> int:
+        """How many lines it received and did not pass on."""
+        ...
+
+    def __call__(self, line: str) -> bool:
+        """Pass a line on; False where this line, or an older one instead, is dropped."""
+        ...
+
+    def end(self) -> None:
+        """Take no more lines, without waiting for those in the queue."""
+        ...
+
+    def close(self, wait_s: float = CLOSING_S) -> None:
+        """`end`, and wait at most wait_s for the lines in the queue."""
+        ...
+
+
 class LineWriter:
-    """Passes lines to a thread that writes them to `handle`; the writer owns and closes the handle.
+    """A sink whose thread writes to `handle`; it owns the handle and closes it after the last line.
 
     handle: an open descriptor, or None for one that is already closed. header: the first line,
     which is never dropped. failure: the first error, or None; after it nothing more is written.
-    offered, written: lines so far.
+    offered, written: lines so far. A writer that is still open when Python ends is closed then.
     """
 
-    def __init__(self, handle: int | None, header: str | None = None) -> None:
+    def __init__(
+        self, handle: int | None, name: str = "", header: str | None = None
+    ) -> None:
+        self.name = name
         self.failure: OSError | None = None
         self.offered = self.written = 0
         self._waiting: SimpleQueue[str | None] = SimpleQueue()
-        self._closed = self._given_up = False
+        self._ended = self._given_up = False
         if handle is None:
             self.failure = OSError(errno.EBADF, os.strerror(errno.EBADF))
             return
@@ -59,6 +93,7 @@ class LineWriter:
             daemon=True,
         )
         self._thread.start()
+        atexit.register(self.close)
 
     @property
     def dropped(self) -> int:
@@ -68,13 +103,13 @@ class LineWriter:
         """
         return self.offered - self.written
 
-    def put(self, line: str) -> bool:
+    def __call__(self, line: str) -> bool:
         """Queue one line; False where it, or the oldest line instead, is dropped.
 
         line: without its line break.
         """
         self.offered += 1
-        if self.failure is not None or self._closed:
+        if self.failure is not None or self._ended:
             return False
         room = self._waiting.qsize() < self._most
         if not room:
@@ -84,8 +119,8 @@ class LineWriter:
 
     def end(self) -> None:
         """Take no more lines; the waiting ones are still written."""
-        if not self._closed:
-            self._closed = True
+        if not self._ended:
+            self._ended = True
             self._waiting.put(None)
 
     def close(self, wait_s: float = CLOSING_S) -> None:
@@ -93,6 +128,7 @@ class LineWriter:
 
         Drop the others.
         """
+        atexit.unregister(self.close)
         self.end()
         if self.failure is not None or self._given_up:
             return
@@ -109,11 +145,8 @@ class LineWriter:
         """
         before = self.written
         self._thread.join(max(0.0, min(STUCK_S, end_s - time.monotonic())))
-        return (
-            self._thread.is_alive()
-            and self.written > before
-            and time.monotonic() < end_s
-        )
+        progresses = self._thread.is_alive() and self.written > before
+        return progresses and time.monotonic() < end_s
 
     def _give_up(self) -> None:
         """Leave the thread in the write that it waits for; nothing follows that write."""
@@ -130,23 +163,59 @@ class LineWriter:
         return True
 
     def _write_all(self, handle: int, header: str | None) -> None:
-        """The thread.
-
-        Write every line until the end or the first error, which may come from close.
-        """
+        """Write every line until the end or the first error, which may come from closing."""
         try:
             try:
                 if header is not None:
                     write_whole_line(handle, header.encode() + b"\n")
                 while (line := self._waiting.get()) is not None:
-                    write_whole_line(
-                        handle, line.encode("utf-8", "backslashreplace") + b"\n"
-                    )
+                    data = line.encode("utf-8", "backslashreplace") + b"\n"
+                    write_whole_line(handle, data)
                     self.written += 1
             finally:
                 os.close(handle)
         except OSError as error:
             self.failure = error
+
+
+class TextSink:
+    """A text object in memory: it has no descriptor, and writing to it never blocks."""
+
+    failure: OSError | None = None
+    dropped = 0
+
+    def __init__(self, stream: TextIO, name: str) -> None:
+        self.name = name
+        self._stream = stream
+
+    def __call__(self, line: str) -> bool:
+        """Write it."""
+        self._stream.write(line + "\n")
+        return True
+
+    def end(self) -> None:
+        """No line is waiting."""
+
+    def close(self, wait_s: float = CLOSING_S) -> None:
+        """No line is waiting."""
+
+
+def stream_sink(stream: TextIO, name: str = "") -> Sink:
+    """A sink that writes line by line to a stream's descriptor, so no reader waits for a buffer.
+
+    It stays open until its `close`, or until Python ends; the stream itself may be closed before.
+    """
+    name = name or str(getattr(stream, "name", "stream")).strip("<>")
+    try:
+        handle = stream.fileno()
+    except (io.UnsupportedOperation, AttributeError, ValueError):
+        return TextSink(stream, name)
+    stream.flush()
+    try:
+        # a new descriptor for the same file, which no other code closes
+        return LineWriter(os.dup(handle), name)
+    except OSError:
+        return LineWriter(None, name)
 
 
 def write_whole_line(handle: int, data: bytes) -> None:

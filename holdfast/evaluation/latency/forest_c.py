@@ -38,21 +38,19 @@ def c_walk(
     library = ctypes.CDLL(str(_compiled(work)))
     trees = [tree.tree_ for tree in forest.estimators_]
     roots = np.cumsum([0, *(tree.node_count for tree in trees)])[:-1].astype(np.int32)
+    features, thresholds, lefts, rights = [], [], [], []
+    for tree, root in zip(trees, roots, strict=True):
+        # a leaf has no feature; children are numbered from the first node of all trees
+        features.append(np.where(tree.children_left < 0, -1, tree.feature))
+        thresholds.append(_lowered(tree.threshold))
+        lefts.append(tree.children_left + root)
+        rights.append(tree.children_right + root)
     arrays = [
         roots,
-        np.concatenate(
-            [np.where(tree.children_left < 0, -1, tree.feature) for tree in trees]
-        ).astype(np.int32),
-        np.concatenate([_lowered(tree.threshold) for tree in trees]),
-        *(
-            np.concatenate(
-                [
-                    getattr(tree, side) + root
-                    for tree, root in zip(trees, roots, strict=True)
-                ]
-            ).astype(np.int32)
-            for side in ("children_left", "children_right")
-        ),
+        np.concatenate(features).astype(np.int32),
+        np.concatenate(thresholds),
+        np.concatenate(lefts).astype(np.int32),
+        np.concatenate(rights).astype(np.int32),
         np.concatenate(leaf_votes(forest, n_classes)).astype(np.int32),
     ]
     out, kept = np.zeros(n_classes, dtype=np.int32), np.ascontiguousarray(rows)

@@ -23,7 +23,7 @@ from __future__ import annotations
 import tempfile
 import tomllib
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from itertools import cycle
 from pathlib import Path
 
@@ -32,8 +32,13 @@ import onnx
 import onnxruntime as ort
 from scipy.signal import butter
 
-from benchmarks.c_step import c_step_of
-from benchmarks.calls import (
+from holdfast import edge_runtime
+from holdfast.core.contract import CLASSES, BoolArray, FloatArray
+from holdfast.core.errors import LibraryMissing
+from holdfast.core.reading import Json
+from holdfast.edge_runtime.graph import open_session, run_recording
+from holdfast.edge_runtime.monitor import Model
+from holdfast.evaluation.latency.calls import (
     BARE,
     C_FLOOR,
     C_STEP,
@@ -45,17 +50,14 @@ from benchmarks.calls import (
     THESIS,
     TREELITE,
     WALK,
+    c_step_of,
     grip_of,
     learner_of,
     step_of,
 )
-from benchmarks.forest_c import c_walk
-from benchmarks.timing import TURNS, busy_wait, time_in_turns
-from holdfast.core.contract import CLASSES, BoolArray, FloatArray
-from holdfast.core.errors import LibraryMissing
-from holdfast.core.reading import Json
-from holdfast.edge_runtime.graph import open_session, run_recording
-from holdfast.edge_runtime.monitor import Model
+from holdfast.evaluation.latency.forest_c import c_walk
+from holdfast.evaluation.latency.memory import memory
+from holdfast.evaluation.latency.timing import TURNS, busy_wait, time_in_turns
 from holdfast.export.exporting import export_artifact
 from holdfast.export.learner import Forest, reference_votes
 from holdfast.export.spec import bands_for
@@ -70,13 +72,12 @@ from holdfast.training.fitting import train
 from holdfast.training.plan import RAW_BASELINE
 from holdfast.training.recording import DataSet
 
-BUDGET = (
-    Path(__file__).resolve().parent.parent / "holdfast" / "edge_runtime" / "budget.toml"
-)
+BUDGET = Path(edge_runtime.__file__).with_name("budget.toml")
 PERCENTILES = (50, 99, 99.9)
 TRIALS, STREAMED = 400, 10
 C_RATIOS = ("c_step_over_step", "c_p999_over_floor_p999", "c_cold_over_step_cold")
 """Budgets that only a machine with a compiler can measure."""
+KIND = "time on this machine, samples simulated"
 SLOW_TURNS, SLOW_CALLS = 5, 20
 """Calls of milliseconds are timed less often."""
 
@@ -115,6 +116,17 @@ class LatencyFigures:
     def to_json(self) -> Json:
         """As it stands in latency.json."""
         return {**vars(self), "rows": [row.to_json() for row in self.rows]}
+
+
+def figures_of(path: Path) -> Json:
+    """What latency.json holds of a model file: calls, memory, budgets, and what breaks one."""
+    figures, processes = latency(path), memory(path)
+    limited = budgets(figures.ratios, figures.bytes, processes[-1].resident_mb)
+    return figures.to_json() | {
+        "memory": [asdict(row) for row in processes],
+        "budgets": [one.to_json() for one in limited],
+        "broken": [one.line for one in limited if one.is_broken],
+    }
 
 
 def latency(path: Path, turns: int = TURNS) -> LatencyFigures:
@@ -181,12 +193,11 @@ def ratios(calls: Sequence[CallTimes]) -> dict[str, float]:
     in_c: dict[str, float] = {}
     if C_STEP in of:
         c_step = of[C_STEP]
-        figures = (
-            c_step.p50_us / step.p50_us,
-            c_step.p999_us / of[C_FLOOR].p999_us,
-            c_step.cold_p50_us / step.cold_p50_us,
-        )
-        in_c = dict(zip(C_RATIOS, figures, strict=True))
+        in_c = {
+            "c_step_over_step": c_step.p50_us / step.p50_us,
+            "c_p999_over_floor_p999": c_step.p999_us / of[C_FLOOR].p999_us,
+            "c_cold_over_step_cold": c_step.cold_p50_us / step.cold_p50_us,
+        }
     return in_c | {
         "step_over_bare_full_depth_forest": step.p50_us / of[BARE].p50_us,
         "step_over_own_learner": step.p50_us / of[OWN].p50_us,

@@ -1,33 +1,33 @@
-"""Calls that are timed and counted: the whole step, the learners alone. Live path only."""
+"""Calls that are timed and counted: the whole step, also in C, and the learners alone."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from itertools import cycle
+from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 import onnxruntime as ort
 
 from holdfast.core.contract import BoolArray, FloatArray, Sample
-from holdfast.edge_runtime.graph import StepGraph
+from holdfast.core.errors import CompilerFailed
+from holdfast.edge_runtime.graph import StepGraph, run_recording
 from holdfast.edge_runtime.grip_control import GripControl
-from holdfast.edge_runtime.model import golden_input
+from holdfast.edge_runtime.model import ANSWERS, golden_input
 from holdfast.edge_runtime.monitor import GripMonitor, Model
 
-STEP, C_STEP, GRIP, OWN, BARE, SKLEARN, THESIS, FLOOR, C_FLOOR, WALK, TREELITE = (
-    "ours, whole step",
-    "ours, whole step in C",
-    "ours, grip command",
-    "ours, learner alone",
-    "bare forest, 100 full-depth trees",
-    "scikit-learn, the same trees",
-    "the thesis' way",
-    "floor",
-    "floor of the step in C",
-    "a walk in C, the same trees",
-    "treelite, the same trees",
-)
+STEP = "ours, whole step"
+C_STEP = "ours, whole step in C"
+GRIP = "ours, grip command"
+OWN = "ours, learner alone"
+BARE = "bare forest, 100 full-depth trees"
+SKLEARN = "scikit-learn, the same trees"
+THESIS = "the thesis' way"
+FLOOR = "floor"
+C_FLOOR = "floor of the step in C"
+WALK = "a walk in C, the same trees"
+TREELITE = "treelite, the same trees"
 """Names of the calls of `holdfast bench latency`, as latency.json has them."""
 
 
@@ -45,6 +45,35 @@ def step_of(
         graph.step()
 
     return step
+
+
+def c_step_of(
+    model: Model, stream: tuple[FloatArray, BoolArray], work: Path
+) -> dict[str, Callable[[], object]]:
+    """Step over a stream in the compiled library, by its name; empty without a compiler.
+
+    Raises AssertionError where a label differs from onnxruntime's.
+    """
+    from holdfast.edge_runtime.c_engine import LIBRARY, CompiledModel
+    from holdfast.export.c.exporting import export_c
+
+    try:
+        export_c(model.path, work / "c", build=True)
+    except CompilerFailed:
+        return {}
+    steps = CompiledModel(model.path, work / "c" / LIBRARY).stepper(ANSWERS)
+    rows, turn = list(zip(*stream, strict=True)), cycle(range(len(stream[0])))
+
+    def step() -> None:
+        steps.sample[0], steps.valid[0] = rows[next(turn)]
+        steps.step()
+
+    expected = run_recording(model.session, *stream, ["situation"])["situation"]
+    for label in expected:
+        step()
+        if not np.array_equal(steps.out["situation"][0], label):
+            raise AssertionError("the C form does not label as onnxruntime does")
+    return {C_STEP: step}
 
 
 def grip_of(model: Model, stream: tuple[FloatArray, BoolArray]) -> Callable[[], object]:

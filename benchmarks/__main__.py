@@ -1,0 +1,219 @@
+"""`python -m benchmarks WHAT`: measures what accuracy costs in time, as JSON, a picture and tables.
+
+`make bench NAME=WHAT` is the same; `make bench` measures all.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Callable, Iterable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from holdfast.cli.command import (
+    STDOUT,
+    add_json_option,
+    path_argument,
+    require_json_writable,
+    run_script,
+    write_found,
+)
+from holdfast.cli.options import CORES, add_job_options, chosen_workers
+from holdfast.core.reading import Json, model_path
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+    from holdfast.evaluation.jobs import Workers
+
+MODEL = model_path("holdfast-150hz")
+LIVE_HZ, LIVE_S = (150.0, 400.0), 60.0
+
+
+@dataclass(frozen=True)
+class BenchRequest:
+    """Folder of the results, and where the points of `cost` are measured."""
+
+    out: Path
+    workers: Workers
+
+
+@dataclass(frozen=True)
+class Measure:
+    """One WHAT: what it measures, the kind of its data, and the function that measures it."""
+
+    about: str
+    kind: str
+    measure: Callable[[BenchRequest], Json]
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of this program."""
+    lines = [f"  {name:<14}{one.about}" for name, one in MEASURES.items()]
+    parser.epilog = "WHAT:\n" + "\n".join(lines)
+    option = parser.add_argument
+    what = "one of the list below, or all"
+    option("what", choices=(*MEASURES, "all"), metavar="WHAT", help=what)
+    check = "with latency: exit 1 if a budget is exceeded"
+    option("--check", action="store_true", help=check)
+    default = Path("build/bench")
+    out = "folder for the results (default build/bench); cost continues there where it stopped"
+    option("--out", type=path_argument, default=default, metavar="DIR", help=out)
+    add_job_options(parser, CORES)
+    add_json_option(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Measure, write WHAT.json and WHAT.svg, print the tables."""
+    from benchmarks.cost.page import short
+    from benchmarks.pictures import PICTURES
+    from holdfast.core.writing import require_writable
+    from holdfast.evaluation.measured import table_lines, write_measured
+    from holdfast.training.progress import stages
+
+    require_writable(args.out)
+    require_json_writable(args)
+    request = BenchRequest(args.out, chosen_workers(args))
+    chosen = list(MEASURES) if args.what == "all" else [args.what]
+    found: dict[str, Json] = {}
+    with stages(len(chosen)) as begin:
+        for what in chosen:
+            measure = MEASURES[what]
+            begin(f"{what}: {measure.about}")
+            figures = found[what] = measure.measure(request)
+            picture = PICTURES[what](figures)
+            written = write_measured(args.out, what, measure.kind, figures, picture)
+            if args.json != STDOUT:
+                tables = table_lines(short(figures) if what == "cost" else figures)
+                print("\n".join([*tables, *written]))
+    write_found(args, found)
+    return int(args.check and any(one.get("broken") for one in found.values()))
+
+
+def _rows(rows: Iterable[DataclassInstance]) -> list[Json]:
+    """Dataclasses as the rows of a table in WHAT.json."""
+    return [asdict(row) for row in rows]
+
+
+def _effects(request: BenchRequest) -> Json:
+    from benchmarks.effects import empty_list_over_core, prices
+
+    return {"prices": _rows(prices()), "empty_list_over_core": empty_list_over_core()}
+
+
+def _simulator(request: BenchRequest) -> Json:
+    from benchmarks.friction_peers import table
+    from benchmarks.hold_and_pull import rows
+    from benchmarks.simulator import plausibility, size_curve, step_curve
+
+    step, sizes, leads = (
+        _rows(step_curve()),
+        asdict(size_curve()),
+        _rows(plausibility()),
+    )
+    peers = {"hold_and_pull": _rows(rows(request.out)), "friction": _rows(table())}
+    return {"step": step, **sizes, "plausibility": leads, **peers}
+
+
+def _latency(request: BenchRequest) -> Json:
+    from holdfast.evaluation.latency.check import figures_of
+
+    return figures_of(MODEL)
+
+
+def _instructions(request: BenchRequest) -> Json:
+    from benchmarks.instructions import INSTRUCTIONS_A_CYCLE, instructions
+
+    rows = _rows(instructions(MODEL))
+    return {"rows": rows, "assumed_instructions_a_cycle": INSTRUCTIONS_A_CYCLE}
+
+
+def _training(request: BenchRequest) -> Json:
+    from benchmarks.training_time import training_times
+
+    return {"rows": _rows(training_times())}
+
+
+def _cost(request: BenchRequest) -> Json:
+    from benchmarks.cost.surface import cost
+
+    return cost(request.out / "cost", workers=request.workers)
+
+
+def _hand(request: BenchRequest) -> Json:
+    from benchmarks.hand import fault_table, latency, scan_costs
+    from benchmarks.hand_delays import delays
+    from benchmarks.hand_rows import HandFigures
+    from holdfast.edge_runtime.monitor import Model
+    from holdfast.evaluation.latency.memory import memory
+
+    act_samples = Model(MODEL).card.decision.act_samples
+    scans = scan_costs()
+    live = [latency(MODEL, rate_hz, LIVE_S) for rate_hz in LIVE_HZ]
+    compute_ms = 1e-3 * sum(
+        live[0].latency_us[stage]["p50"]
+        for stage in ("convert", "step", "decide", "emit")
+    )
+    faults, acted = (
+        fault_table(MODEL, compute_ms),
+        delays(scans, compute_ms, act_samples),
+    )
+    return HandFigures(scans, faults, live, act_samples, acted, memory(MODEL)).to_json()
+
+
+def _onset(request: BenchRequest) -> Json:
+    from benchmarks.onset import held, pulls, ramps
+
+    moved = {"ramps": ramps(), "pulls": pulls()}
+    written: Json = {
+        name: [row.to_json() for row in rows] for name, rows in moved.items()
+    }
+    return written | {"held": _rows(held())}
+
+
+MEASURES: dict[str, Measure] = {
+    "latency": Measure(
+        "time of one decision next to other implementations, interleaved",
+        "time on this machine, samples simulated",
+        _latency,
+    ),
+    "cost": Measure(
+        "recall and delay by trees, depth, features, rate, window, debounce (hours; --dask)",
+        "scenes simulated, people public real data",
+        _cost,
+    ),
+    "training": Measure(
+        "CPU time of simulating, features and training by number of trials",
+        "time on this machine, trials simulated",
+        _training,
+    ),
+    "instructions": Measure(
+        "instructions of a step (callgrind), projected to a small board",
+        "counted by callgrind",
+        _instructions,
+    ),
+    "effects": Measure(
+        "time per sample of every effect of a scene", "time on this machine", _effects
+    ),
+    "hand": Measure(
+        "scans by bridge, faults, delays, latency of the live loop by stage (minutes)",
+        "simulated",
+        _hand,
+    ),
+    "onset": Measure(
+        "error of the slip onset that a camera finds (needs the extra camera)",
+        "simulated",
+        _onset,
+    ),
+    "simulator": Measure(
+        "error by step, CPU time by size, other friction laws, MuJoCo after make peers",
+        "simulated, time on this machine",
+        _simulator,
+    ),
+}
+
+
+if __name__ == "__main__":
+    sys.exit(run_script("python -m benchmarks", str(__doc__), add_arguments, run))

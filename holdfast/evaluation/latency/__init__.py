@@ -1,0 +1,1 @@
+"""`holdfast bench latency`: one decision next to other implementations, and its budgets."""

@@ -1,0 +1,46 @@
+"""Resident memory and start of two processes: the libraries alone, and the live path."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+FLOOR = (
+    "import os; os.environ['ORT_DISABLE_TELEMETRY'] = '1'; import numpy, onnxruntime"
+)
+LIVE_PATH = """
+import sys
+import numpy as np
+from holdfast.core.contract import Sample
+from holdfast.edge_runtime.monitor import GripMonitor, Model
+monitor = GripMonitor(Model(sys.argv[1]), None)
+card = monitor.card
+monitor.feed(Sample(0, np.zeros(card.n_channels), np.ones(card.n_channels // 3, dtype=np.bool_), 0))
+"""
+RESIDENT_KB = """
+print(next(line.split()[1] for line in open("/proc/self/status") if line.startswith("VmRSS")))
+"""
+
+
+@dataclass(frozen=True)
+class ProcessMemory:
+    """A process: its resident memory, and the time of its start and end."""
+
+    process: str
+    resident_mb: float
+    start_s: float
+
+
+def memory(model_path: Path) -> list[ProcessMemory]:
+    """Two processes: libraries alone, and the live path with a model."""
+    rows = []
+    for name, program in (("floor", FLOOR), ("live path, default model", LIVE_PATH)):
+        started = time.perf_counter()
+        command = [sys.executable, "-c", program + RESIDENT_KB, str(model_path)]
+        done = subprocess.run(command, capture_output=True, text=True, check=True)
+        took_s = time.perf_counter() - started
+        rows.append(ProcessMemory(name, int(done.stdout) / 1024, took_s))
+    return rows

@@ -1,0 +1,41 @@
+"""The picture of the latency check."""
+
+from __future__ import annotations
+
+import matplotlib as mpl
+from matplotlib.figure import Figure
+
+from holdfast.core.reading import Json
+from holdfast.evaluation.latency.calls import FLOOR, GRIP, OWN, STEP
+from holdfast.evaluation.style import OURS, QUIET, STYLE, WARNING, svg
+
+COLOURS = {STEP: OURS, GRIP: OURS, OWN: OURS, FLOOR: WARNING}
+"""Of calls in the picture; all others are quiet."""
+
+
+def latency(figures: Json) -> str:
+    """Half, 99 % and 99.9 % of the calls of ours and of every peer."""
+    rows = figures["rows"]
+    with mpl.rc_context(STYLE):
+        drawn = Figure(figsize=(7.6, 0.34 * len(rows) + 0.9))
+        axes = drawn.subplots()
+        for place, row in enumerate(rows):
+            colour = COLOURS.get(row["what"], QUIET)
+            times = [row["p50"], row["p99"], row["p99.9"]]
+            axes.plot(times, [place] * 3, "-", color=colour, linewidth=2)
+            axes.plot(times[:1], [place], "o", color=colour, markersize=5)
+            axes.plot(times[1:], [place] * 2, "|", color=colour, markersize=8)
+            axes.annotate(
+                f"{row['p50']:,.0f}",
+                (row["p50"], place),
+                (0, 5),
+                textcoords="offset points",
+                ha="center",
+                fontsize=7,
+            )
+        axes.set_yticks(range(len(rows)), [row["what"] for row in rows])
+        axes.set(
+            xlabel="us a decision: median, and 99 and 99.9 % of the calls", xscale="log"
+        )
+        axes.invert_yaxis()
+        return svg(drawn)

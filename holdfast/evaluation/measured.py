@@ -1,0 +1,60 @@
+"""Files of a measurement: WHAT.json with the machine that it was measured on, and WHAT.svg."""
+
+from __future__ import annotations
+
+import json
+import platform
+from dataclasses import asdict
+from importlib.metadata import version
+from pathlib import Path
+
+from holdfast.core.reading import Json
+from holdfast.core.writing import write_whole
+from holdfast.evaluation.formats import markdown
+from holdfast.evaluation.provenance import host
+
+LIBRARIES = ("numpy", "scipy", "scikit-learn", "onnx", "onnxruntime", "skl2onnx")
+SEED = 0
+"""All measures use fixed seeds."""
+
+
+def write_measured(
+    out: Path, what: str, kind: str, figures: Json, picture: str
+) -> list[str]:
+    """Write both files; returns their names, and what is over a budget, as lines."""
+    text = json.dumps(figures | machine_facts(kind), indent=2) + "\n"
+    path = write_whole(out / f"{what}.json", text)
+    drawn = write_whole(path.with_suffix(".svg"), picture)
+    broken = [f"over budget: {line}" for line in figures.get("broken", [])]
+    return [f"{path}", f"{drawn}", *broken]
+
+
+def table_lines(figures: Json) -> list[str]:
+    """The tables among the figures as lines for people; nested figures are only in the JSON."""
+    lines = []
+    for title, rows in figures.items():
+        is_table = isinstance(rows, list) and rows and isinstance(rows[0], dict)
+        if is_table and "latency_us" not in rows[0]:
+            lines.append(f"{title}\n{markdown(rows)}\n")
+    return lines
+
+
+def machine_facts(kind: str) -> Json:
+    """Where and with what it was measured. kind: of the data."""
+    versions = {"python": platform.python_version()}
+    for name in LIBRARIES:
+        versions[name] = version(name)
+    machine = {**asdict(host()), "cpu": _processor()}
+    return {"kind": kind, "seed": SEED, "host": machine, "versions": versions}
+
+
+def _processor() -> str | None:
+    """The processor's name, None where the system does not have it."""
+    try:
+        text = Path("/proc/cpuinfo").read_text("utf-8")
+    except OSError:
+        return None
+    for line in text.splitlines():
+        if line.startswith("model name"):
+            return line.partition(":")[2].strip()
+    return None

@@ -1,0 +1,212 @@
+"""How a live program runs: its clock, priority and end, the lost terminal, and the service manager.
+
+Linux grants real-time priority to root, to a process with CAP_SYS_NICE, and to others up to
+`ulimit -r`. Without it everything works as before, only a busy machine may wake the reader late.
+
+systemd is told that the service has started and that it still answers samples (sd_notify(3)): one
+datagram for each message to the socket in NOTIFY_SOCKET; without that variable nothing is sent.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import socket
+import sys
+import termios
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from typing import Any
+
+from holdfast.core.clock import MonotonicClock
+from holdfast.core.contract import Prediction
+from holdfast.core.errors import visible_lines
+
+PRIORITY = 10
+"""Above every ordinary program, below the kernel's threads that serve USB and the clock (50)."""
+NO_PRIORITY = (
+    "no real-time priority: other programs can delay a sample; "
+    "holdfast doctor says how to allow it"
+)
+SIGN_OF_LIFE_NS = 100_000_000
+"""Between two signs of life; WatchdogSec in holdfast.service is ten times as long."""
+PROGRESS_EVERY_S = 2.0
+
+
+class RunClock(MonotonicClock):
+    """Real time; a virtual hand's transfers wait on it."""
+
+    def spend(self, duration_ns: int) -> None:
+        """Let time pass."""
+        self.wait_until(self.now_ns() + duration_ns)
+
+
+def until(
+    stopped: Callable[[], bool], clock: Any, seconds: float | None
+) -> Callable[[], bool]:
+    """Stopped by a signal, or after a number of seconds."""
+    if seconds is None:
+        return stopped
+    end_ns = clock.now_ns() + round(1e9 * seconds)
+    return lambda: stopped() or clock.now_ns() >= end_ns
+
+
+@contextmanager
+def real_time() -> Iterator[bool]:
+    """Give this thread real-time priority (SCHED_FIFO) within the block; yields whether it has it.
+
+    Its threads and children never have it.
+    """
+    if not hasattr(os, "sched_setscheduler"):
+        yield False
+        return
+    before, param = os.sched_getscheduler(0), os.sched_getparam(0)
+    first = os.SCHED_FIFO | os.SCHED_RESET_ON_FORK
+    try:
+        os.sched_setscheduler(0, first, os.sched_param(PRIORITY))
+    except PermissionError:
+        yield False
+        return
+    try:
+        yield True
+    finally:
+        try:
+            os.sched_setscheduler(0, before, param)
+        except PermissionError:
+            # only the system may remove the reset-on-fork mark
+            os.sched_setscheduler(0, before | os.SCHED_RESET_ON_FORK, param)
+
+
+@contextmanager
+def first_in_line(report: Callable[[str], None]) -> Iterator[bool]:
+    """Real-time priority, or one message that there is none."""
+    with real_time() as allowed:
+        if not allowed:
+            report(NO_PRIORITY)
+        yield allowed
+
+
+@contextmanager
+def stop_signals() -> Iterator[Callable[[], bool]]:
+    """SIGINT, SIGTERM and SIGHUP stop the verb after the current sample.
+
+    A second SIGINT or SIGTERM has its usual effect. SIGHUP comes twice where an SSH connection
+    drops, from the shell and from the system; under nohup it stays ignored. A terminal that is lost
+    with it is replaced by /dev/null, because writing to it would be an error.
+    """
+    requested = False
+    terminals = [handle for handle in (0, 1, 2) if os.isatty(handle)]
+
+    def stop(number: int, frame: object) -> None:
+        nonlocal requested
+        requested = True
+        if number == signal.SIGHUP:
+            _let_go(terminals)
+        else:
+            signal.signal(number, before[number])
+
+    wanted = [signal.SIGINT, signal.SIGTERM]
+    if signal.getsignal(signal.SIGHUP) != signal.SIG_IGN:
+        wanted.append(signal.SIGHUP)
+    before: dict[int, Any] = {number: signal.signal(number, stop) for number in wanted}
+    try:
+        yield lambda: requested
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _let_go(terminals: list[int]) -> None:
+    """Redirect the descriptors of lost terminals to /dev/null; the others stay as they are."""
+    for handle in terminals:
+        try:
+            termios.tcgetattr(handle)
+        except termios.error:
+            nothing = os.open(os.devnull, os.O_RDWR)
+            os.dup2(nothing, handle)
+            os.close(nothing)
+
+
+@contextmanager
+def output_from_the_background() -> Iterator[None]:
+    """Write to a terminal from the background too, where `stty tostop` would stop the program."""
+    before = signal.signal(signal.SIGTTOU, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTTOU, before)
+
+
+class ServiceWatchdog:
+    """An output that shows systemd each answer as a sign of life.
+
+    It sends READY with the first answer, then WATCHDOG=1, and STOPPING at the end. It never waits
+    and never raises: a service manager that does not listen delays no sample.
+    """
+
+    def __init__(self, environment: Mapping[str, str] = os.environ) -> None:
+        path = environment.get("NOTIFY_SOCKET", "")
+        self._address = "\0" + path[1:] if path.startswith("@") else path
+        self._sender: socket.socket | None = None
+        if path:
+            kind = socket.SOCK_DGRAM | socket.SOCK_CLOEXEC
+            self._sender = socket.socket(socket.AF_UNIX, kind)
+            self._sender.setblocking(False)
+        self._last_ns: int | None = None
+
+    def write(
+        self, prediction: Prediction, sample: object = None, reading: object = None
+    ) -> None:
+        """An answer was given."""
+        now_ns = prediction.t_decided_ns
+        if self._last_ns is None:
+            self._send("READY=1")
+        if self._last_ns is None or now_ns - self._last_ns >= SIGN_OF_LIFE_NS:
+            self._send("WATCHDOG=1")
+            self._last_ns = now_ns
+
+    def close(self, reason: str = "") -> None:
+        """The run ends."""
+        self._send("STOPPING=1")
+        if self._sender is not None:
+            self._sender.close()
+            self._sender = None
+
+    def _send(self, message: str) -> None:
+        """Send one datagram; it is lost where it cannot be sent at once."""
+        if self._sender is not None:
+            with suppress(OSError):
+                self._sender.sendto(message.encode(), self._address)
+
+
+def say(line: str) -> None:
+    """Write a message to stderr."""
+    sys.stderr.write(visible_lines(line) + "\n")
+
+
+def progress_of(
+    what: str,
+    report: Callable[[str], None],
+    now_s: Callable[[], float] = time.monotonic,
+) -> Callable[[float], None]:
+    """A function that takes the share done and now and then reports it, with the time left.
+
+    >>> times = iter([0.0, 1.0, 3.0])
+    >>> show = progress_of("simulating", print, lambda: next(times))
+    >>> show(0.1)
+    >>> show(0.25)
+    simulating: 25 % done, about 9 s left
+    """
+    started_s = last_s = now_s()
+
+    def show(share: float) -> None:
+        nonlocal last_s
+        at_s = now_s()
+        if at_s - last_s < PROGRESS_EVERY_S or not 0.0 < share < 1.0:
+            return
+        last_s = at_s
+        left_s = (at_s - started_s) * (1.0 - share) / share
+        report(f"{what}: {100 * share:.0f} % done, about {left_s:.0f} s left")
+
+    return show
