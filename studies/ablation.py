@@ -16,10 +16,10 @@ from dataclasses import asdict, dataclass, replace
 import numpy as np
 
 from benchmarks.timed_calls import step_call
-from holdfast.evaluation.latency.timing import time_in_turns
 from holdfast.core.reading import Json
 from holdfast.core.writing import require_writable, write_whole
 from holdfast.evaluation.formats import markdown
+from holdfast.evaluation.latency.timing import time_in_turns
 from holdfast.export.features import GROUPS, feature_count, feature_graph
 from holdfast.export.learner import LEARNERS
 from holdfast.export.spec import StepSpec

@@ -70,13 +70,13 @@ def _to_format(args: argparse.Namespace) -> int:
     from holdfast.core.writing import whole_folder
 
     writer: Any = import_module(WRITERS[args.to])
-    from holdfast.interop.payload import carried_trials
+    from holdfast.interop.payload import read_payloads
 
     if args.out.exists() and (not args.out.is_dir() or any(args.out.iterdir())):
         raise OutputError(
             "exists and is not empty", where=args.out, next_step="name a new folder"
         )
-    trials = carried_trials(args.source, args.only, raw=args.raw)
+    trials = read_payloads(args.source, args.only, raw=args.raw)
     with whole_folder(args.out) as folder:
         writer.write_trials(trials, folder)
     rows = sum(len(trial.t_s) for trial in trials)
@@ -86,8 +86,7 @@ def _to_format(args: argparse.Namespace) -> int:
 
 
 def _from_xdf(args: argparse.Namespace) -> int:
-    from holdfast.interop.incoming import cuts, write_trials
-    from holdfast.interop.xdf import read_xdf
+    from holdfast.interop.xdf import cuts, read_xdf, write_trials
     from holdfast.sessions.recorder.protocol import checked_name
 
     if not args.person:

@@ -22,7 +22,7 @@ import numpy as np
 from holdfast.core.contract import SITUATIONS, channel_names
 from holdfast.core.reading import Json
 from holdfast.core.writing import write_whole
-from holdfast.interop.payload import NO_LABEL, CarriedTrial
+from holdfast.interop.payload import NO_LABEL, TrialPayload
 from holdfast.interop.tables import write_columns, write_frame, write_rows
 from holdfast.training.datasets.thesis import common_rate
 
@@ -34,44 +34,43 @@ CHUNK_FILES, DATA_MB, VIDEO_MB = 1000, 100, 200
 """lerobot's own defaults; a set of ours stays in one file."""
 DATA_PATH = "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
 QUANTILES = {"q01": 0.01, "q10": 0.10, "q50": 0.50, "q90": 0.90, "q99": 0.99}
-TACTILE, VALID, TIME, SITUATION = (
-    "observation.tactile",
-    "observation.tactile_valid",
-    "observation.time_s",
-    "situation",
-)
+TACTILE = "observation.tactile"
+VALID = "observation.tactile_valid"
+TIME = "observation.time_s"
+SITUATION = "situation"
 Columns = dict[str, "npt.NDArray[Any]"]
 
 
-def write_trials(trials: Sequence[CarriedTrial], folder: Path) -> None:
+def write_trials(trials: Sequence[TrialPayload], folder: Path) -> None:
     """The whole set. Raises RateError or ChannelError where trials differ."""
     rate_hz = common_rate([trial.recording for trial in trials])
     fps = round(rate_hz)
-    tasks = list(dict.fromkeys(map(_task, trials)))
+    tasks: list[str] = []
     episodes, parts, first = [], [], 0
     for number, trial in enumerate(trials):
+        if _task(trial) not in tasks:
+            tasks.append(_task(trial))
         columns = _frames(trial, number, first, fps, tasks.index(_task(trial)))
         parts.append(columns)
         episodes.append(_episode(trial, number, first, columns))
         first += len(trial.t_s)
     joined = {key: np.concatenate([part[key] for part in parts]) for key in parts[0]}
-    write_columns(folder / DATA_PATH.format(chunk_index=0, file_index=0), joined)
-    episode_path = DATA_PATH.replace("data/", "meta/episodes/", 1)
-    write_rows(folder / episode_path.format(chunk_index=0, file_index=0), episodes)
+    path = DATA_PATH.format(chunk_index=0, file_index=0)
+    write_columns(folder / path, joined)
+    write_rows(folder / path.replace("data/", "meta/episodes/", 1), episodes)
     _write_tasks(folder, tasks)
-    _write_json(
-        folder / "meta/stats.json", {key: _stats(x) for key, x in joined.items()}
-    )
+    stats = {key: _stats(values) for key, values in joined.items()}
+    _write_json(folder / "meta/stats.json", stats)
     _write_json(folder / "meta/info.json", _info(trials, rate_hz, len(tasks)))
 
 
-def _task(trial: CarriedTrial) -> str:
-    action, thing = trial.about["action"], trial.about["object"]
-    return f"{action} {thing}" if thing else str(action)
+def _task(trial: TrialPayload) -> str:
+    action, name = trial.about["action"], trial.about["object"]
+    return f"{action} {name}" if name else str(action)
 
 
 def _frames(
-    trial: CarriedTrial, number: int, first: int, fps: int, task: int
+    trial: TrialPayload, number: int, first: int, fps: int, task: int
 ) -> Columns:
     rows = np.arange(len(trial.t_s))
     return {
@@ -88,10 +87,8 @@ def _frames(
 
 
 def _features(n_sensors: int) -> Json:
-    channels, sensors = (
-        list(channel_names(n_sensors)),
-        [f"valid{k + 1}" for k in range(n_sensors)],
-    )
+    channels = list(channel_names(n_sensors))
+    sensors = [f"valid{k + 1}" for k in range(n_sensors)]
     scalar = {"shape": [1], "names": None}
     counters = ("frame_index", "episode_index", "index", "task_index")
     return {
@@ -104,13 +101,12 @@ def _features(n_sensors: int) -> Json:
     }
 
 
-def _episode(trial: CarriedTrial, number: int, first: int, columns: Columns) -> Json:
+def _episode(trial: TrialPayload, number: int, first: int, columns: Columns) -> Json:
     """A row of meta/episodes: where its frames are, their statistics, and what the trial was."""
-    stats = {
-        f"stats/{key}/{name}": value
-        for key, values in columns.items()
-        for name, value in _stats(values).items()
-    }
+    stats = {}
+    for key, values in columns.items():
+        for name, figures in _stats(values).items():
+            stats[f"stats/{key}/{name}"] = figures
     return {
         "episode_index": number,
         "tasks": [_task(trial)],
@@ -135,17 +131,14 @@ def _stats(values: npt.NDArray[Any]) -> dict[str, list[float]]:
         "max": np.nanmax(table, axis=0),
         "mean": np.nanmean(table, axis=0),
         "std": np.nanstd(table, axis=0),
-        **{
-            name: np.nanquantile(table, share, axis=0)
-            for name, share in QUANTILES.items()
-        },
     }
-    return {name: row.tolist() for name, row in figures.items()} | {
-        "count": [len(table)]
-    }
+    for name, share in QUANTILES.items():
+        figures[name] = np.nanquantile(table, share, axis=0)
+    stats = {name: row.tolist() for name, row in figures.items()}
+    return {**stats, "count": [len(table)]}
 
 
-def _info(trials: Sequence[CarriedTrial], rate_hz: float, tasks: int) -> Json:
+def _info(trials: Sequence[TrialPayload], rate_hz: float, tasks: int) -> Json:
     return {
         "codebase_version": VERSION,
         "robot_type": "holdfast",
@@ -172,9 +165,8 @@ def _info(trials: Sequence[CarriedTrial], rate_hz: float, tasks: int) -> Json:
 def _write_tasks(folder: Path, tasks: list[str]) -> None:
     import pandas as pd
 
-    frame = pd.DataFrame(
-        {"task_index": np.arange(len(tasks))}, index=pd.Index(tasks, name="task")
-    )
+    names = pd.Index(tasks, name="task")
+    frame = pd.DataFrame({"task_index": np.arange(len(tasks))}, index=names)
     write_frame(folder / "meta/tasks.parquet", frame)
 
 

@@ -8,12 +8,9 @@
 | /log | foxglove.Log (protobuf) | marks, changes of the label, fingers lost and back |
 | /tf | foxglove.FrameTransform (protobuf) | one: the frame of the arrows |
 
-This module alone imports mcap, mcap_protobuf and foxglove_schemas_protobuf.
-
-Where the arrows of the fingers stand in a 3D view, and how long they are.
-
-The view is a picture, not the geometry of a hand: two rows of pads face each other, the thumb's and
-that of the other fingers, and each arrow points from its pad away from the object.
+The 3D view is a picture, not the geometry of a hand: two rows of pads face each other, the thumb's
+and that of the other fingers, and each arrow points from its pad away from the object. This module
+alone imports mcap, mcap_protobuf and foxglove_schemas_protobuf.
 """
 
 from __future__ import annotations
@@ -31,7 +28,7 @@ from holdfast.core.contract import AXES, FloatArray, Unit
 from holdfast.core.errors import needs_extra
 from holdfast.core.hand_layout import HandLayout
 from holdfast.core.reading import Json
-from holdfast.interop.payload import CarriedTrial, happenings
+from holdfast.interop.payload import TrialPayload, log_lines
 
 HALF_GAP_M = 0.03
 """From the middle of the object to each row."""
@@ -56,9 +53,8 @@ def pads(n_sensors: int) -> Pads:
         along = hand.along_m
         side = np.where(np.arange(n_sensors) < hand.thumb, -1.0, 1.0)
     else:
-        along = ONE_ROW_M * (
-            0.5 * (n_sensors - 1) - np.arange(n_sensors, dtype=np.float64)
-        )
+        numbers = np.arange(n_sensors, dtype=np.float64)
+        along = ONE_ROW_M * (0.5 * (n_sensors - 1) - numbers)
         side = np.ones(n_sensors)
     at_m = np.column_stack([along, HALF_GAP_M * side, np.zeros(n_sensors)])
     turned = np.zeros((n_sensors, 3, 3))
@@ -89,14 +85,10 @@ def arrows(
     """(length [S] in m, quaternion [S, 4]) of the arrows of a sample, values [C] all finite."""
     vectors = np.einsum("sij,sj->si", where.turned, values.reshape(-1, 3))
     size = np.linalg.norm(vectors, axis=1)
-    towards = np.divide(
-        vectors, size[:, None], where=size[:, None] > 0.0, out=_ahead(len(size))
-    )
+    # An arrow of no length has no direction; it points along x.
+    towards = np.tile([1.0, 0.0, 0.0], (len(size), 1))
+    np.divide(vectors, size[:, None], where=size[:, None] > 0.0, out=towards)
     return METRES_PER_UNIT[unit] * size, orientations(towards)
-
-
-def _ahead(count: int) -> FloatArray:
-    return np.tile([1.0, 0.0, 0.0], (count, 1))
 
 
 with needs_extra("mcap"):
@@ -116,12 +108,13 @@ with needs_extra("mcap"):
     from mcap_protobuf.schema import register_schema
 
 ROOT_FRAME, FRAME = "world", "hand"
+UPRIGHT = Quaternion(w=1.0)
 PAD_M, SHAFT_M, HEAD_M, TEXT_M = 0.012, 0.004, 0.008, 0.012
 PAD = Color(r=0.55, g=0.58, b=0.62, a=0.9)
 LOST = Color(r=0.1, g=0.1, b=0.1, a=0.3)
 ARROW = Color(r=0.13, g=0.35, b=0.6, a=1.0)
 INK = Color(r=0.12, g=0.16, b=0.2, a=1.0)
-"""None is the colour of a situation: a finger has none."""
+"""No colour of a situation: a finger has none."""
 NUMBER = {"type": ["number", "null"]}
 FINGER = {
     "type": "object",
@@ -147,7 +140,7 @@ SCHEMAS: dict[str, Json] = {
 }
 
 
-def write_trials(trials: Iterable[CarriedTrial], folder: Path) -> None:
+def write_trials(trials: Iterable[TrialPayload], folder: Path) -> None:
     """One file for each trial below a folder."""
     for trial in trials:
         path = folder / f"{trial.name}.mcap"
@@ -156,9 +149,8 @@ def write_trials(trials: Iterable[CarriedTrial], folder: Path) -> None:
             writer = Writer(file)
             writer.start(library="holdfast")
             _write(_Topics(writer), trial)
-            writer.add_metadata(
-                "holdfast", {key: json.dumps(x) for key, x in trial.about.items()}
-            )
+            about = {key: json.dumps(value) for key, value in trial.about.items()}
+            writer.add_metadata("holdfast", about)
             writer.finish()
 
 
@@ -190,78 +182,76 @@ class _Topics:
         )
 
 
-def _write(topics: _Topics, trial: CarriedTrial) -> None:
+def _write(topics: _Topics, trial: TrialPayload) -> None:
     stamps = trial.t_ns.tolist()
     frame = FrameTransform(
         timestamp=_stamp(stamps[0]),
         parent_frame_id=ROOT_FRAME,
         child_frame_id=FRAME,
-        rotation=Quaternion(w=1.0),
+        rotation=UPRIGHT,
     )
     topics.proto("/tf", stamps[0], frame)
-    for one in happenings(trial):
-        level = Log.WARNING if one.is_loss else Log.INFO
+    for line in log_lines(trial):
         message = Log(
-            timestamp=_stamp(one.t_ns), level=level, message=one.text, name="holdfast"
+            timestamp=_stamp(line.t_ns),
+            level=Log.WARNING if line.is_loss else Log.INFO,
+            message=line.text,
+            name="holdfast",
         )
-        topics.proto("/log", one.t_ns, message)
+        topics.proto("/log", line.t_ns, message)
     for first, stop, name in trial.phases():
-        topics.json("/situation", stamps[first], "holdfast.Situation", {
+        situation = {
             "situation": name,
             "by": trial.about["labels_by"],
             "t0_s": float(trial.t_s[first]),
             "t1_s": float(trial.t_s[stop - 1]),
-        })  # fmt: skip
-    _write_samples(topics, trial, stamps)
-
-
-def _write_samples(topics: _Topics, trial: CarriedTrial, stamps: list[int]) -> None:
+        }
+        topics.json("/situation", stamps[first], "holdfast.Situation", situation)
     where, names = pads(trial.n_sensors), trial.situations()
     for row, t_ns in enumerate(stamps):
-        values, present = trial.values[row], trial.valid[row].tolist()
-        entity = _hand(
-            t_ns, np.where(np.isfinite(values), values, 0.0), present, trial, where
-        )
+        entity = _hand(trial, row, t_ns, where)
         entity.texts.append(_text(names[row]))
         topics.proto("/tactile/arrows", t_ns, SceneUpdate(entities=[entity]))
-        topics.json("/tactile/fingers", t_ns, "holdfast.Fingers", {
-            "unit": trial.unit,
-            "fingers": _fingers(values, present),
-        })  # fmt: skip
+        fingers = {"unit": trial.unit, "fingers": _fingers(trial, row)}
+        topics.json("/tactile/fingers", t_ns, "holdfast.Fingers", fingers)
 
 
-def _fingers(values: FloatArray, valid: list[bool]) -> list[Json]:
-    finite = [x if np.isfinite(x) else None for x in values.tolist()]
-    return [
-        {**dict(zip(AXES, finite[3 * k : 3 * k + 3], strict=True)), "valid": good}
-        for k, good in enumerate(valid)
-    ]
+def _fingers(trial: TrialPayload, row: int) -> list[Json]:
+    """The readings of a sample; JSON has no nan, so a lost value is None."""
+    fingers: list[Json] = []
+    readings = trial.values[row].reshape(-1, len(AXES)).tolist()
+    for reading, valid in zip(readings, trial.valid[row].tolist(), strict=True):
+        finger: Json = {"valid": valid}
+        for axis, value in zip(AXES, reading, strict=True):
+            finger[axis] = value if np.isfinite(value) else None
+        fingers.append(finger)
+    return fingers
 
 
-def _hand(
-    t_ns: int, values: FloatArray, present: list[bool], trial: CarriedTrial, where: Pads
-) -> Any:
+def _hand(trial: TrialPayload, row: int, t_ns: int, where: Pads) -> Any:
     """All pads, and the arrows of those that were measured."""
-    lengths, turns = arrows(values, trial.unit, where)
+    values = np.nan_to_num(trial.values[row], nan=0.0, posinf=0.0, neginf=0.0)
+    lengths_m, turns = arrows(values, trial.unit, where)
     entity = SceneEntity(timestamp=_stamp(t_ns), frame_id=FRAME, id="hand")
     for k, (x, y, z) in enumerate(where.at_m.tolist()):
         at = Vector3(x=x, y=y, z=z)
-        size = Vector3(x=PAD_M, y=PAD_M, z=PAD_M)
-        pose = Pose(position=at, orientation=Quaternion(w=1.0))
-        entity.spheres.append(
-            SpherePrimitive(pose=pose, size=size, color=PAD if present[k] else LOST)
+        valid = bool(trial.valid[row, k])
+        pad = SpherePrimitive(
+            pose=Pose(position=at, orientation=UPRIGHT),
+            size=Vector3(x=PAD_M, y=PAD_M, z=PAD_M),
+            color=PAD if valid else LOST,
         )
-        if present[k]:
-            entity.arrows.append(_arrow(at, float(lengths[k]), turns[k].tolist()))
+        entity.spheres.append(pad)
+        if valid:
+            entity.arrows.append(_arrow(at, float(lengths_m[k]), turns[k].tolist()))
     return entity
 
 
 def _arrow(at: Any, length_m: float, turn: list[float]) -> Any:
+    x, y, z, w = turn
     head_m = min(HEAD_M, length_m)
     return ArrowPrimitive(
-        pose=Pose(
-            position=at, orientation=Quaternion(**dict(zip("xyzw", turn, strict=True)))
-        ),
+        pose=Pose(position=at, orientation=Quaternion(x=x, y=y, z=z, w=w)),
         shaft_length=length_m - head_m,
         shaft_diameter=SHAFT_M,
         head_length=head_m,
@@ -271,7 +261,7 @@ def _arrow(at: Any, length_m: float, turn: list[float]) -> Any:
 
 
 def _text(name: str) -> Any:
-    pose = Pose(position=Vector3(z=0.08), orientation=Quaternion(w=1.0))
+    pose = Pose(position=Vector3(z=0.08), orientation=UPRIGHT)
     return TextPrimitive(
         pose=pose, billboard=True, font_size=TEXT_M, color=INK, text=name
     )

@@ -1,14 +1,12 @@
-"""A trial as every other format gets it: times, values, validity, labels, and what is known of it.
+"""A trial as every other format gets it: times, values, validity, labels, and its metadata.
 
-Lost samples stay rows, invalid and without a value. Nothing is resampled or filled.
-
-What happens in a trial, by time: labels that change, marks, fingers lost and back.
+Lost samples stay rows, invalid and without a value. Nothing is resampled or filled. `log_lines` are
+the events of a trial by time: labels that change, marks, fingers lost and back.
 """
 
 from __future__ import annotations
 
 from calendar import timegm
-from collections.abc import Iterator
 from dataclasses import dataclass
 from fnmatch import fnmatch
 from pathlib import Path
@@ -17,7 +15,14 @@ from time import strptime
 import numpy as np
 import numpy.typing as npt
 
-from holdfast.core.contract import NOTHING, SITUATIONS, BoolArray, FloatArray, Unit
+from holdfast.core.contract import (
+    NOTHING,
+    SITUATIONS,
+    BoolArray,
+    FloatArray,
+    IntArray,
+    Unit,
+)
 from holdfast.core.errors import DataNotFound
 from holdfast.core.reading import Json
 from holdfast.core.trial_file import read_trial
@@ -43,13 +48,13 @@ class Mark:
 
 
 @dataclass(frozen=True)
-class CarriedTrial:
+class TrialPayload:
     """One trial.
 
     recording: unit, rate and validity; a sensor is valid where it was and has all three values.
     t_s [T] from the first sample; values [T, C] in the recording's unit, nan where a sample was
     lost. label [T]: index into SITUATIONS, or NO_LABEL. start_ns: of the first sample since 1970,
-    to the second; 0 where the trial does not say. about: what is known of the trial, and how the
+    to the second; 0 where the trial gives none. about: what is known of the trial, and how the
     values were prepared, for the metadata of a format.
     """
 
@@ -82,12 +87,9 @@ class CarriedTrial:
         return self.recording.n_sensors
 
     @property
-    def t_ns(self) -> npt.NDArray[np.int64]:
+    def t_ns(self) -> IntArray:
         """[T] the stamps that formats with absolute times get: start_ns + t_s."""
-        stamps: npt.NDArray[np.int64] = self.start_ns + np.round(self.t_s * 1e9).astype(
-            np.int64
-        )
-        return stamps
+        return self.start_ns + np.round(self.t_s * 1e9).astype(np.int64)
 
     def situations(self) -> list[str]:
         """[T] names of the labels."""
@@ -95,12 +97,10 @@ class CarriedTrial:
 
     def phases(self) -> list[tuple[int, int, str]]:
         """(first row, row after the last, situation) of runs of equal labels, in their order."""
-        first = [
-            *np.flatnonzero(np.diff(self.label, prepend=-2)).tolist(),
-            len(self.label),
-        ]
-        names = [label_name(int(self.label[row])) for row in first[:-1]]
-        return list(zip(first[:-1], first[1:], names, strict=True))
+        changes = np.flatnonzero(np.diff(self.label)) + 1
+        rows = [0, *changes.tolist(), len(self.label)]
+        names = [label_name(int(self.label[row])) for row in rows[:-1]]
+        return list(zip(rows[:-1], rows[1:], names, strict=True))
 
 
 def label_name(code: int) -> str:
@@ -108,9 +108,9 @@ def label_name(code: int) -> str:
     return UNLABELLED if code == NO_LABEL else SITUATIONS[code]
 
 
-def carried_trials(
+def read_payloads(
     source: Path, only: str = "*", *, raw: bool = False
-) -> list[CarriedTrial]:
+) -> list[TrialPayload]:
     """The trials of a folder whose names match a pattern.
 
     raw: values as recorded; else without bias and with reversed magnets turned, as a model sees
@@ -125,46 +125,36 @@ def carried_trials(
             cause="a public set, a level too high or too low, or an empty copy",
             next_step="give a folder that holdfast check reads",
         )
-    readers: list[TrialReader] = reader_of(layout).readers(root)
-    chosen = [reader for reader in readers if fnmatch(_name(reader, root), only)]
+    readers: dict[str, TrialReader] = {}
+    for reader in reader_of(layout).readers(root):
+        readers[_name(reader.place.path, root)] = reader
+    chosen = [readers[name] for name in readers if fnmatch(name, only)]
     if not chosen:
-        names = ", ".join(_name(reader, root) for reader in readers[:3])
+        names = ", ".join(list(readers)[:3])
         raise DataNotFound(
             f"no trial matches {only!r}",
             where=root,
             next_step=f"its trials are {names}, ..",
         )
-    return [_carried(reader.place.path, reader.read(), raw) for reader in chosen]
+    return [_payload(reader.place.path, reader.read(), raw) for reader in chosen]
 
 
-def _name(reader: TrialReader, root: Path) -> str:
+def _name(path: Path, root: Path) -> str:
     """As trial_id will be, before the trial is read."""
-    path = reader.place.path
     place = path.parent if path.name == TACTILE else path.with_suffix("")
     return place.relative_to(root).as_posix() if place != root else root.name
 
 
-def _carried(path: Path, timed: TimedTrial, raw: bool) -> CarriedTrial:
+def _payload(path: Path, timed: TimedTrial, raw: bool) -> TrialPayload:
     trial, recording = read_trial(path), timed.recording
-    meta = read_json(path.with_name(META)) if path.name == TACTILE else {}
     label = np.full(len(trial.t_s), NO_LABEL, dtype=np.int8)
-    for phase in timed.recording.phases:
+    for phase in recording.phases:
         label[phase.first : phase.stop] = phase.situation
-    return CarriedTrial(
-        recording,
-        trial.t_s,
-        trial.raw if raw else recording.samples,
-        label,
-        tuple(_marks(path)),
-        _start_ns(meta),
-        _about(timed, trial.raw, raw) | {START_KEY: meta.get(START_KEY)},
-    )
-
-
-def _about(timed: TimedTrial, recorded: FloatArray, raw: bool) -> Json:
-    recording = timed.recording
-    sign, bias = preparation(recording.unit).learn(recorded)
-    return {
+    # Only the recorder's folders have a start and marks.
+    recorded = path.name == TACTILE
+    meta = read_json(path.with_name(META)) if recorded else {}
+    sign, bias = preparation(recording.unit).learn(trial.raw)
+    about = {
         "trial": recording.trial_id,
         "person": recording.person,
         "object": recording.object_name,
@@ -176,30 +166,41 @@ def _about(timed: TimedTrial, recorded: FloatArray, raw: bool) -> Json:
         "sign": sign.tolist(),
         "bias": bias.tolist(),
         "labels_by": timed.labels_by,
+        START_KEY: meta.get(START_KEY),
     }
+    return TrialPayload(
+        recording=recording,
+        t_s=trial.t_s,
+        values=trial.raw if raw else recording.samples,
+        label=label,
+        marks=_marks(path.with_name(EVENTS)) if recorded else (),
+        start_ns=_start_ns(meta),
+        about=about,
+    )
 
 
 def _start_ns(meta: Json) -> int:
     """Of the recorder's meta.json; 0 without."""
     try:
-        return (
-            timegm(strptime(str(meta[START_KEY]), "%Y-%m-%dT%H:%M:%SZ")) * 1_000_000_000
-        )
+        start = strptime(str(meta[START_KEY]), "%Y-%m-%dT%H:%M:%SZ")
     except (KeyError, ValueError):
         return 0
+    return timegm(start) * 1_000_000_000
 
 
-def _marks(path: Path) -> Iterator[Mark]:
+def _marks(path: Path) -> tuple[Mark, ...]:
     """The marks of a recorder's events.jsonl."""
-    for event in read_events(path.with_name(EVENTS)) if path.name == TACTILE else []:
-        if "mark" in event and isinstance(event.get("t_s"), int | float):
-            yield Mark(
-                float(event["t_s"]), str(event["mark"]), str(event.get("provenance"))
-            )
+    marks = []
+    for event in read_events(path):
+        t_s = event.get("t_s")
+        if "mark" in event and isinstance(t_s, int | float):
+            provenance = str(event.get("provenance"))
+            marks.append(Mark(float(t_s), str(event["mark"]), provenance))
+    return tuple(marks)
 
 
 @dataclass(frozen=True)
-class Happening:
+class LogLine:
     """One line of a log. is_loss: a finger is not valid from here on."""
 
     t_ns: int
@@ -207,32 +208,21 @@ class Happening:
     is_loss: bool = False
 
 
-def happenings(trial: CarriedTrial) -> list[Happening]:
-    """All of a trial."""
+def log_lines(trial: TrialPayload) -> list[LogLine]:
+    """All events of a trial, by time."""
     stamps = trial.t_ns.tolist()
-    labels = [
-        Happening(stamps[first], f"label: {name} ({trial.about['labels_by']})")
-        for first, _, name in trial.phases()
-    ]
-    marks = [
-        Happening(
-            trial.start_ns + round(1e9 * one.t_s),
-            f"mark: {one.text} ({one.provenance})",
-        )
-        for one in trial.marks
-    ]
-    return sorted(labels + marks + _losses(trial, stamps), key=lambda one: one.t_ns)
-
-
-def _losses(trial: CarriedTrial, stamps: list[int]) -> list[Happening]:
-    """Where a finger is lost, also from the start, and where it is back."""
-    there = trial.valid
-    before = np.vstack([np.ones((1, there.shape[1]), dtype=np.bool_), there[:-1]])
-    return [
-        Happening(
-            stamps[row],
-            f"finger {sensor + 1} {'is back' if there[row, sensor] else 'is lost'}",
-            is_loss=not there[row, sensor],
-        )
-        for row, sensor in np.argwhere(there != before).tolist()
-    ]
+    lines = []
+    for first, _, name in trial.phases():
+        text = f"label: {name} ({trial.about['labels_by']})"
+        lines.append(LogLine(stamps[first], text))
+    for mark in trial.marks:
+        t_ns = trial.start_ns + round(1e9 * mark.t_s)
+        lines.append(LogLine(t_ns, f"mark: {mark.text} ({mark.provenance})"))
+    # Before the first row every finger counts as valid, so one lost from the start is logged too.
+    unchanged = np.ones((1, trial.n_sensors), dtype=np.bool_)
+    changed = np.diff(trial.valid, axis=0, prepend=unchanged)
+    for row, sensor in np.argwhere(changed).tolist():
+        valid = bool(trial.valid[row, sensor])
+        text = f"finger {sensor + 1} {'is back' if valid else 'is lost'}"
+        lines.append(LogLine(stamps[row], text, is_loss=not valid))
+    return sorted(lines, key=lambda line: line.t_ns)

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from holdfast.core.errors import needs_extra
-from holdfast.interop.payload import CarriedTrial, happenings
+from holdfast.interop.payload import TrialPayload, log_lines
 
 with needs_extra("ros2"):
     from rosbags.rosbag2 import StoragePlugin, Writer
@@ -37,7 +37,7 @@ STRING, DIAGNOSTICS = "std_msgs/msg/String", "diagnostic_msgs/msg/DiagnosticArra
 NS = 1_000_000_000
 
 
-def write_trials(trials: Iterable[CarriedTrial], folder: Path) -> None:
+def write_trials(trials: Iterable[TrialPayload], folder: Path) -> None:
     """One bag for each trial below a folder."""
     for trial in trials:
         place = folder / trial.name
@@ -82,32 +82,27 @@ class _Bag:
         return self.make("geometry_msgs/msg/Vector3", x=x, y=y, z=z)
 
 
-def _write(bag: _Bag, trial: CarriedTrial) -> None:
+def _write(bag: _Bag, trial: TrialPayload) -> None:
     stamps, there = trial.t_ns.tolist(), trial.valid
     bag.text("/holdfast/about", stamps[0], json.dumps(trial.about))
     for first, _, name in trial.phases():
         bag.text("/holdfast/situation", stamps[first], name)
-    for one in happenings(trial):
-        bag.text("/holdfast/log", one.t_ns, one.text)
-    changed = np.flatnonzero((np.diff(there, axis=0, prepend=~there[:1])).any(axis=1))
-    for row in changed.tolist():
-        bag.send(
-            "/diagnostics",
-            stamps[row],
-            _diagnostics(bag, stamps[row], there[row].tolist()),
-        )
+    for line in log_lines(trial):
+        bag.text("/holdfast/log", line.t_ns, line.text)
+    # The first row differs from its own opposite, so the diagnostics start with it.
+    changed = np.diff(there, axis=0, prepend=~there[:1]).any(axis=1)
+    for row in np.flatnonzero(changed).tolist():
+        t_ns = stamps[row]
+        bag.send("/diagnostics", t_ns, _diagnostics(bag, t_ns, there[row].tolist()))
     for row, sensor in np.argwhere(there).tolist():
-        vector = bag.vector(*trial.values[row, 3 * sensor : 3 * sensor + 3].tolist())
-        topic = f"finger_{sensor + 1}"
-        bag.send(
-            f"/holdfast/{topic}",
-            stamps[row],
-            _measured(bag, trial, stamps[row], topic, vector),
-        )
+        x, y, z = trial.values[row, 3 * sensor : 3 * sensor + 3].tolist()
+        frame, t_ns = f"finger_{sensor + 1}", stamps[row]
+        message = _measured(bag, trial, t_ns, frame, bag.vector(x, y, z))
+        bag.send(f"/holdfast/{frame}", t_ns, message)
 
 
 def _measured(
-    bag: _Bag, trial: CarriedTrial, t_ns: int, frame: str, vector: Any
+    bag: _Bag, trial: TrialPayload, t_ns: int, frame: str, vector: Any
 ) -> Any:
     """A finger's reading as the message of its unit; a torque is not measured, so it is zero."""
     header, kind = bag.header(t_ns, frame), MESSAGE[trial.unit]
@@ -116,25 +111,31 @@ def _measured(
         wrench = bag.make("geometry_msgs/msg/Wrench", force=vector, torque=torque)
         return bag.make(kind, header=header, wrench=wrench)
     if trial.unit == "uT":
-        tesla = bag.vector(*(TESLA_PER_UT * x for x in (vector.x, vector.y, vector.z)))
-        unknown = np.zeros(9)  # 0 means "covariance unknown" in this message
         return bag.make(
-            kind, header=header, magnetic_field=tesla, magnetic_field_covariance=unknown
+            kind,
+            header=header,
+            magnetic_field=bag.vector(
+                TESLA_PER_UT * vector.x,
+                TESLA_PER_UT * vector.y,
+                TESLA_PER_UT * vector.z,
+            ),
+            # 0 means "covariance unknown" in this message.
+            magnetic_field_covariance=np.zeros(9),
         )
     return bag.make(kind, header=header, vector=vector)
 
 
 def _diagnostics(bag: _Bag, t_ns: int, there: list[bool]) -> Any:
     """One status a finger: level 0 is OK, 2 is an error."""
-    status = [
-        bag.make(
+    status = []
+    for number, valid in enumerate(there, 1):
+        finger = bag.make(
             "diagnostic_msgs/msg/DiagnosticStatus",
-            level=0 if good else 2,
-            name=f"holdfast: finger {k + 1}",
-            message="valid" if good else "lost",
-            hardware_id=f"finger_{k + 1}",
+            level=0 if valid else 2,
+            name=f"holdfast: finger {number}",
+            message="valid" if valid else "lost",
+            hardware_id=f"finger_{number}",
             values=[],
         )
-        for k, good in enumerate(there)
-    ]
+        status.append(finger)
     return bag.make(DIAGNOSTICS, header=bag.header(t_ns, ""), status=status)

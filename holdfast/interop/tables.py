@@ -19,7 +19,7 @@ from holdfast.core.contract import channel_names
 from holdfast.core.errors import needs_extra
 from holdfast.core.reading import Json
 from holdfast.core.trial_file import TIME_COLUMN
-from holdfast.interop.payload import NO_LABEL, CarriedTrial
+from holdfast.interop.payload import NO_LABEL, TrialPayload
 
 with needs_extra("parquet"):
     import pyarrow as pa
@@ -28,13 +28,13 @@ with needs_extra("parquet"):
 KEY = "holdfast"
 
 
-def write_trials(trials: Iterable[CarriedTrial], folder: Path) -> None:
+def write_trials(trials: Iterable[TrialPayload], folder: Path) -> None:
     """One file for each trial below a folder."""
     for trial in trials:
         write_table(folder / f"{trial.name}.parquet", table_of(trial))
 
 
-def table_of(trial: CarriedTrial) -> Any:
+def table_of(trial: TrialPayload) -> Any:
     """A trial as a pyarrow.Table."""
     columns = {TIME_COLUMN: (pa.array(trial.t_s), {"unit": "s"})}
     for channel, name in enumerate(channel_names(trial.n_sensors)):
@@ -45,19 +45,17 @@ def table_of(trial: CarriedTrial) -> Any:
         columns[f"valid{sensor + 1}"] = (pa.array(trial.valid[:, sensor]), {})
     names = np.array(trial.situations(), dtype=object)
     labels = pa.array(names, pa.string(), mask=trial.label == NO_LABEL)
-    columns["label"] = (
-        labels.dictionary_encode(),
-        {"by": str(trial.about["labels_by"])},
-    )
+    labels_by = {"by": str(trial.about["labels_by"])}
+    columns["label"] = (labels.dictionary_encode(), labels_by)
     for key in ("trial", "person", "object", "action"):
         text = pa.repeat(pa.scalar(trial.about[key], pa.string()), len(trial.t_s))
         columns[key] = (text.dictionary_encode(), {})
-    fields = [
-        pa.field(name, array.type, metadata=note)
-        for name, (array, note) in columns.items()
-    ]
+    fields, arrays = [], []
+    for name, (array, note) in columns.items():
+        fields.append(pa.field(name, array.type, metadata=note))
+        arrays.append(array)
     schema = pa.schema(fields, metadata={KEY: json.dumps(trial.about)})
-    return pa.table([array for array, _ in columns.values()], schema=schema)
+    return pa.table(arrays, schema=schema)
 
 
 def write_rows(path: Path, rows: list[Json]) -> None:
@@ -67,9 +65,8 @@ def write_rows(path: Path, rows: list[Json]) -> None:
 
 def write_columns(path: Path, columns: Mapping[str, Any]) -> None:
     """A table of columns; an array [T, k] becomes a column of lists of k."""
-    write_table(
-        path, pa.table({name: _column(values) for name, values in columns.items()})
-    )
+    arrays = {name: _column(values) for name, values in columns.items()}
+    write_table(path, pa.table(arrays))
 
 
 def write_frame(path: Path, frame: Any) -> None:
@@ -81,9 +78,8 @@ def _column(values: Any) -> Any:
     array = np.asarray(values)
     if array.ndim < 2:
         return pa.array(array)
-    return pa.FixedSizeListArray.from_arrays(
-        pa.array(array.reshape(-1)), array.shape[1]
-    )
+    cells = pa.array(array.reshape(-1))
+    return pa.FixedSizeListArray.from_arrays(cells, array.shape[1])
 
 
 def write_table(path: Path, table: Any) -> None:

@@ -1,26 +1,56 @@
-"""XDF recordings (of LabRecorder, say) by pyxdf, which only this module imports.
+"""XDF recordings (of LabRecorder, say) as trials: `<person>/<object>/<action>/trial_<n>.csv`.
 
-Clocks are those of the recorder: pyxdf corrects the stamps of each stream by the clock offsets in
-the file. Its removal of jitter is off, because a straight line through all stamps hides lost
-samples.
+This module alone imports pyxdf. Clocks are those of the recorder: pyxdf corrects the stamps of each
+stream by the clock offsets in the file. Its removal of jitter is off, because a straight line
+through all stamps hides lost samples.
+
+Markers cut a recording and label it. `begin OBJECT/ACTION` (or `begin nothing`) starts a trial and
+`end` ends it; without them the whole recording is one trial. A marker that is a situation starts
+that phase, which lasts to the next of them or to the end. A sample that is missing between two
+stamps becomes a gap in `sequence`.
 """
 
 from __future__ import annotations
 
 import gzip
+import io
+import json
 from dataclasses import dataclass
+from itertools import count
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from holdfast.core.contract import UNITS, FloatArray, Unit
-from holdfast.core.errors import DataNotFound, NotANumber, listed, needs_extra
+from holdfast.core.contract import SITUATIONS, UNITS, FloatArray, Unit, channel_names
+from holdfast.core.errors import (
+    DataNotFound,
+    EmptyRecording,
+    LabelError,
+    NotANumber,
+    TimeError,
+    UnitError,
+    listed,
+    needs_extra,
+)
 from holdfast.core.lsl_streams import StreamFacts, order_of, unit_of
-from holdfast.core.reading import require_file
+from holdfast.core.reading import Json, require_file
+from holdfast.core.trial_file import (
+    LATEST_S,
+    MIN_ROWS,
+    MOST_LOST,
+    TIME_COLUMN,
+    places_by_time,
+)
+from holdfast.core.trial_layout import META, read_json, truth_path
+from holdfast.core.writing import write_whole
+from holdfast.training.datasets.trials import EMPTY_HAND, FOLDERS
 
 with needs_extra("xdf"):
     import pyxdf
+
+BEGIN, END = "begin ", "end"
+PROVENANCE = "marker"
 
 
 @dataclass(frozen=True)
@@ -56,22 +86,22 @@ def read_xdf(
     """The tactile stream of a file, and all markers in their order.
 
     name: of the stream; None where only one has a multiple of three numeric channels. unit: None
-    where the stream says it. Raises DataNotFound, NotANumber, ChannelError or UnitError.
+    where the stream names it. Raises DataNotFound, NotANumber, ChannelError or UnitError.
     """
-    streams = _loaded(path)
-    markers = [
-        Marker(t_s, str(row[0]))
-        for stream in streams
-        if stream.facts.is_text
-        for t_s, row in zip(stream.t_s.tolist(), stream.rows, strict=True)
-        if len(row)
-    ]
-    chosen = _chosen([one for one in streams if not one.facts.is_text], name, path)
+    numeric, markers = [], []
+    for stream in _loaded(path):
+        if not stream.facts.is_text:
+            numeric.append(stream)
+            continue
+        for t_s, row in zip(stream.t_s.tolist(), stream.rows, strict=True):
+            if len(row):
+                markers.append(Marker(t_s, str(row[0])))
+    chosen = _chosen(numeric, name, path)
     facts, where = chosen.facts, str(path)
     values = np.asarray(chosen.rows, dtype=np.float64)[:, order_of(facts.labels, where)]
     unit = unit or unit_of(facts.units, where, f"--unit {' or --unit '.join(UNITS)}")
     tactile = TactileStream(facts.name, chosen.t_s, values, unit)
-    return tactile, sorted(markers, key=lambda one: one.t_s)
+    return tactile, sorted(markers, key=lambda marker: marker.t_s)
 
 
 def _loaded(path: Path) -> list[_Stream]:
@@ -82,8 +112,8 @@ def _loaded(path: Path) -> list[_Stream]:
     try:
         with opened(path, "rb") as file, np.errstate(all="ignore"):
             streams = pyxdf.load_xdf(file, dejitter_timestamps=False)[0]
-        return [_stream(one["info"], one) for one in streams]
-    except Exception as error:  # pyxdf raises what its parsing meets
+        return [_stream(stream["info"], stream) for stream in streams]
+    except Exception as error:  # pyxdf raises whatever its parsing meets
         raise NotANumber(
             f"cannot be read as XDF ({type(error).__name__}: {error})",
             where=path,
@@ -93,42 +123,196 @@ def _loaded(path: Path) -> list[_Stream]:
 
 
 def _stream(info: Any, stream: Any) -> _Stream:
+    # Every level of an XDF header is a list, which may be absent, empty or hold None.
     described = info.get("desc") or [None]
     groups = (described[0] or {}).get("channels") or [None]
-    count = int(info["channel_count"][0])
-    found = (groups[0] or {}).get("channel") or [{}] * count
-    if len(found) != count:
-        found = [{}] * count
-    labels, units = (
-        tuple(str((one.get(key) or [""])[0] or "") for one in found)
-        for key in ("label", "unit")
+    n_channels = int(info["channel_count"][0])
+    channels = (groups[0] or {}).get("channel") or []
+    if len(channels) != n_channels:
+        channels = [{}] * n_channels
+    labels, units = [], []
+    for channel in channels:
+        labels.append(str((channel.get("label") or [""])[0] or ""))
+        units.append(str((channel.get("unit") or [""])[0] or ""))
+    facts = StreamFacts(
+        str(info["name"][0]),
+        info["channel_format"][0] == "string",
+        float(info["nominal_srate"][0]),
+        tuple(labels),
+        tuple(units),
     )
-    is_text = info["channel_format"][0] == "string"
-    rate_hz = float(info["nominal_srate"][0])
     t_s = np.asarray(stream["time_stamps"], dtype=np.float64)
-    facts = StreamFacts(str(info["name"][0]), is_text, rate_hz, labels, units)
     return _Stream(facts, t_s, stream["time_series"])
 
 
 def _chosen(streams: list[_Stream], name: str | None, path: Path) -> _Stream:
     """The stream of this name, else the only one that can be tactile."""
-    fit = [
-        one
-        for one in streams
-        if (one.facts.name == name if name else len(one.facts.labels) % 3 == 0)
-    ]
-    if len(fit) == 1 and len(fit[0].t_s):
+    if name:
+        fit = [stream for stream in streams if stream.facts.name == name]
+    else:
+        fit = [stream for stream in streams if len(stream.facts.labels) % 3 == 0]
+    if not fit:
+        what = "no stream"
+    elif len(fit) > 1:
+        what = "streams"
+    elif len(fit[0].t_s):
         return fit[0]
-    what = (
-        "no stream"
-        if not fit
-        else "no sample in the stream"
-        if len(fit) == 1
-        else "streams"
-    )
+    else:
+        what = "no sample in the stream"
+    names = listed([stream.facts.name for stream in streams]) or "none"
     raise DataNotFound(
-        f"{what} to read: {listed([one.facts.name for one in streams]) or 'none'} in the file",
+        f"{what} to read: {names} in the file",
         where=path,
         cause="another name, several streams of three channels, or an empty recording",
         next_step="name one: --stream NAME",
     )
+
+
+@dataclass(frozen=True)
+class Cut:
+    """A trial in a recording: [t0_s, t1_s) on its clock, and its folder below the person's."""
+
+    t0_s: float
+    t1_s: float
+    folder: str
+
+
+def cuts(markers: list[Marker], whole: str | None, where: Path) -> list[Cut]:
+    """The trials that the markers begin and end, else the whole recording in one folder.
+
+    whole: that folder, `<object>/<action>`. Raises LabelError.
+    """
+    bounds = []
+    for marker in markers:
+        if marker.text == END or marker.text.startswith(BEGIN):
+            bounds.append(marker)
+    found = []
+    for marker in bounds:
+        if marker.text != END:
+            later = [bound.t_s for bound in bounds if bound.t_s > marker.t_s]
+            folder = _folder(marker.text.removeprefix(BEGIN).strip(), where)
+            found.append(Cut(marker.t_s, min(later, default=np.inf), folder))
+    if found:
+        return found
+    if whole is None:
+        raise LabelError(
+            "no marker begins a trial",
+            where=where,
+            next_step="--object NAME --action ACTION, or send 'begin OBJECT/ACTION' markers",
+        )
+    return [Cut(-np.inf, np.inf, _folder(whole, where))]
+
+
+def _folder(text: str, where: Path) -> str:
+    """`<object>/<action>` or `nothing`, checked. Raises LabelError."""
+    thing, _, action = text.rpartition("/")
+    plain = thing.replace("-", "").replace("_", "")
+    is_name = plain.isascii() and plain.isalnum()
+    if text != EMPTY_HAND and (action not in FOLDERS or not is_name):
+        raise LabelError(
+            f"{text!r:.60} is not OBJECT/ACTION",
+            where=where,
+            next_step=f"letters, digits and dashes, then one of {', '.join(FOLDERS)}",
+        )
+    return text
+
+
+def write_trials(
+    stream: TactileStream, markers: list[Marker], found: list[Cut], person: Path
+) -> list[Path]:
+    """Write each cut as the next trial of its folder. person: <set>/<person>.
+
+    Raises EmptyRecording, TimeError, or UnitError where the set has another unit.
+    """
+    # All tables are made first, so that a fault in the last leaves no trial behind.
+    tables = [_table(stream, cut) for cut in found]
+    _require_unit(person.parent / META, stream)
+    paths = []
+    for cut, (text, t0_s, t1_s) in zip(found, tables, strict=True):
+        path = _next_trial(person / cut.folder)
+        write_whole(path, text)
+        phases = _phases(markers, t0_s, t1_s)
+        if phases:
+            truth = json.dumps({"phases": phases}, indent=1)
+            write_whole(truth_path(path), truth + "\n")
+        paths.append(path)
+    return paths
+
+
+def _table(stream: TactileStream, cut: Cut) -> tuple[str, float, float]:
+    """(CSV text, first stamp, last stamp) of a cut."""
+    rows = (stream.t_s >= cut.t0_s) & (stream.t_s < cut.t1_s)
+    stamps, values = stream.t_s[rows], stream.values[rows]
+    if len(stamps) < MIN_ROWS:
+        raise EmptyRecording(
+            f"{len(stamps)} samples of trial {cut.folder}",
+            where=stream.name,
+            cause="the stream was not sent then, or its clock was not corrected",
+            next_step="check the markers and the stream",
+        )
+    _require_time(stamps, stream.name)
+    t_s = stamps - stamps[0]
+    names = [TIME_COLUMN, *channel_names(values.shape[1] // 3), "sequence"]
+    table = np.column_stack([t_s, values, places_by_time(t_s)])
+    text = io.StringIO()
+    header = ",".join(names)
+    np.savetxt(text, table, "%.9g", ",", header=header, comments="")
+    return text.getvalue(), float(stamps[0]), float(stamps[-1])
+
+
+def _require_time(stamps: FloatArray, where: str) -> None:
+    """Raise TimeError unless the stamps run forward and less than every other sample is missing."""
+    steps = np.diff(stamps)
+    if not (np.abs(stamps) < LATEST_S).all() or (steps <= 0.0).any():
+        raise TimeError(
+            "stamps stand still, run backwards or are no times",
+            where=where,
+            cause="the sender stamps blocks of samples alike, or its clock was set",
+            next_step="stamp every sample",
+        )
+    expected = (stamps[-1] - stamps[0]) / float(np.median(steps))
+    if expected > MOST_LOST * len(stamps):
+        raise TimeError(
+            f"{expected - len(stamps):.0f} samples are missing between {len(stamps)}",
+            where=where,
+            cause="the stream was interrupted",
+            next_step="cut the recording there, by markers",
+        )
+
+
+def _require_unit(meta: Path, stream: TactileStream) -> None:
+    """Write the unit into the set's meta.json, or require that it is the one there."""
+    there = read_json(meta)
+    if there.get("unit", stream.unit) != stream.unit:
+        raise UnitError(
+            f"the set is in {there['unit']}, the stream in {stream.unit}",
+            where=meta,
+            next_step="choose another folder",
+        )
+    if "unit" not in there:
+        write_whole(meta, json.dumps({"unit": stream.unit} | there, indent=1) + "\n")
+
+
+def _next_trial(folder: Path) -> Path:
+    paths = (folder / f"trial_{number}.csv" for number in count(1))
+    return next(path for path in paths if not path.exists())
+
+
+def _phases(markers: list[Marker], t0_s: float, t1_s: float) -> list[Json]:
+    """Phases in s from the first sample, from the markers that are situations."""
+    inside = []
+    for marker in markers:
+        if marker.text in SITUATIONS and t0_s <= marker.t_s <= t1_s:
+            inside.append(marker)
+    # The last phase ends just after the last sample.
+    stops_s = [marker.t_s for marker in inside[1:]] + [t1_s + 1e-6]
+    phases: list[Json] = []
+    for marker, stop_s in zip(inside, stops_s, strict=False):
+        phase = {
+            "t0_s": round(marker.t_s - t0_s, 6),
+            "t1_s": round(stop_s - t0_s, 6),
+            "label": marker.text,
+            "provenance": PROVENANCE,
+        }
+        phases.append(phase)
+    return phases

@@ -16,10 +16,10 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.timed_calls import learner_call, step_call
-from holdfast.evaluation.latency.timing import time_in_turns
 from holdfast.core.contract import CLASSES, RISKY_SLIP
 from holdfast.evaluation.alarms import Answers
 from holdfast.evaluation.event_scores import choose_confidence, event_scores
+from holdfast.evaluation.latency.timing import time_in_turns
 from holdfast.evaluation.methods import MethodResult, method_figures, together
 from holdfast.export.exporting import whole_graph
 from holdfast.export.heads import Head, riskier_argmax, situation_votes
