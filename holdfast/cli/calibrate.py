@@ -48,8 +48,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Fit, judge on probings left out, print, write."""
     from holdfast.drivers.calibration import write_calibration
-    from holdfast.sessions.calibration.judging import as_json, in_words, judge
-    from holdfast.sessions.calibration.loads import read_studies
+    from holdfast.sessions.calibration import as_json, calibrate, in_words
+    from holdfast.sessions.known_loads import read_load_sets
     from holdfast.training.progress import stages
 
     require_writable(args.out.parent)
@@ -57,18 +57,18 @@ def run(args: argparse.Namespace) -> int:
     figures, lines = [], []
     with stages(STAGES) as begin:
         begin(f"reading {args.path}")
-        for k, study in enumerate(read_studies(args.path)):
-            calibration, judged = judge(
-                study, args.path.name, args.date, args.seed, begin
+        for k, loads in enumerate(read_load_sets(args.path)):
+            calibration, errors = calibrate(
+                loads, args.path.name, args.date, args.seed, begin
             )
-            target = _target(args.out, k, study.name)
+            target = _target(args.out, k, loads.name)
             write_calibration(target, calibration)
-            figures.append(as_json(study, judged, args.seed))
-            lines += [*in_words(study, judged, calibration), f"  written: {target}", ""]
+            figures.append(as_json(loads, errors, args.seed))
+            lines += [*in_words(loads, errors), f"  written: {target}", ""]
     show_found(args, "\n".join(lines), {"studies": figures})
     return 0
 
 
 def _target(out: Path, number: int, name: str) -> Path:
-    """FILE for the first study, FILE's stem with the study's name for the others."""
+    """FILE for the first set of loads, FILE's stem with the set's name for the others."""
     return out if number == 0 else out.with_stem(f"{out.stem}.{name}")

@@ -40,8 +40,8 @@ from holdfast.drivers.calibration import (
     write_bias,
     write_calibration,
 )
-from holdfast.sessions.calibration.judging import fit
-from holdfast.sessions.calibration.loads import read_studies
+from holdfast.sessions.calibration import fit
+from holdfast.sessions.known_loads import read_load_sets
 from holdfast.training.datasets import data_folder
 
 FINITE = st.floats(-1e4, 1e4)
@@ -715,13 +715,13 @@ def write_probings(root: Path, newtons_in_a_unit: float) -> Path:
 def test_the_unit_of_the_load_is_found_in_the_readings(
     tmp_path: Path, unit: str, newtons: float
 ) -> None:
-    study = read_studies(write_probings(tmp_path, newtons))[0]
+    study = read_load_sets(write_probings(tmp_path, newtons))[0]
     assert study.load_unit == unit
     assert study.force_n[:, 2].max() == pytest.approx(34.0, abs=0.01)
 
 
 def test_a_row_that_says_minus_one_has_no_load_and_is_left_out(tmp_path: Path) -> None:
-    study = read_studies(write_probings(tmp_path, 9.80665e-3))[0]
+    study = read_load_sets(write_probings(tmp_path, 9.80665e-3))[0]
     assert len(study.blocks) == 400
     assert study.force_n[:, 2].min() == 0.0
     assert "no reading in 400 rows" in study.evidence[0]
@@ -731,7 +731,7 @@ def test_loads_in_no_unit_we_know_are_refused_with_the_evidence(tmp_path: Path) 
     with pytest.raises(
         UnitError, match=r"fits no known unit.*as newton: largest 3.4e\+05 N.*: out"
     ):
-        read_studies(write_probings(tmp_path, 1e-4))
+        read_load_sets(write_probings(tmp_path, 1e-4))
 
 
 def test_a_load_below_zero_beside_the_marker_is_refused(tmp_path: Path) -> None:
@@ -741,7 +741,7 @@ def test_a_load_below_zero_beside_the_marker_is_refused(tmp_path: Path) -> None:
     table[0, 4] = -0.5
     np.savetxt(path, table, delimiter=",")
     with pytest.raises(UnitError, match=r"probe_1: loads below zero"):
-        read_studies(root)
+        read_load_sets(root)
 
 
 def test_a_probing_with_rows_missing_is_refused(tmp_path: Path) -> None:
@@ -749,10 +749,10 @@ def test_a_probing_with_rows_missing_is_refused(tmp_path: Path) -> None:
     path = root / "normal_force" / "probe_0" / "states.csv"
     path.write_text("\n".join(path.read_text().splitlines()[:-1]))
     with pytest.raises(ColumnError, match=r"probe_0: .*400 and 399 rows"):
-        read_studies(root)
+        read_load_sets(root)
     path.unlink()
     with pytest.raises(DataNotFound, match=r"states.csv: no such file"):
-        read_studies(root)
+        read_load_sets(root)
 
 
 @pytest.fixture(scope="module")
@@ -773,7 +773,7 @@ def test_the_real_loads_are_grams_and_judged_on_probings_never_seen(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(
-        "holdfast.sessions.calibration.judging.N_TREES", 30
+        "holdfast.sessions.calibration.N_TREES", 30
     )  # the figures of 200 to within the tolerance
     calibrate_with(
         eflesh,

@@ -65,7 +65,7 @@ from holdfast.live.page.link import read_address
 from holdfast.live.page.server import Access, PageHandler, PageServer
 from holdfast.live.page.stream import LiveStream
 from holdfast.live.sources import require_meant
-from holdfast.sessions.calibration.loads import read_studies
+from holdfast.sessions.known_loads import read_load_sets
 from holdfast.sessions.recorder.labels import relabel
 from holdfast.sessions.recorder.protocol import read_protocol
 from holdfast.sessions.study.journal import progress_of
@@ -258,7 +258,7 @@ def bias(data: bytes) -> None:
 
 def loads(data: bytes) -> None:
     """Loads and fields to calibrate by."""
-    read_studies(written("loads.csv", data))
+    read_load_sets(written("loads.csv", data))
 
 
 def model(data: bytes) -> None:

@@ -51,7 +51,7 @@ from holdfast.export.artifact import read_artifact, write_artifact
 from holdfast.export.exporting import export_artifact
 from holdfast.live.hand_sources import open_bus, open_live
 from holdfast.live.sources import open_source
-from holdfast.sessions.calibration.loads import read_studies
+from holdfast.sessions.known_loads import read_load_sets
 from holdfast.sessions.onset import _starts_s
 from holdfast.sessions.recorder.labels import read_events, read_meta
 from holdfast.sessions.recorder.protocol import read_protocol
@@ -82,7 +82,7 @@ def sparse(path: Path, size: int) -> Path:
 TABLES: dict[str, tuple[str, Callable[[Path], object]]] = {
     "a trial": ("trial_1.csv", read_trial),
     "a trial that is replayed": ("tactile.csv", lambda path: open_replay(path.parent)),
-    "loads to calibrate by": ("loads.csv", read_studies),
+    "loads to calibrate by": ("loads.csv", read_load_sets),
     "tags of a camera": ("tags.csv", lambda path: read_tracks(path.parent)),
     "a table of a data set": ("trials.csv", read_table),
     "the host's time of a trial": (

@@ -1,16 +1,13 @@
-"""A calibration of all probings, and the errors of models on probings that they never saw.
+"""A calibration by least squares from field to force, and its errors on loads that it never saw.
 
-Fields and loads of one piece of hardware, in probings; and the errors of a model on them.
-
-A probing is a series of presses from unloaded to unloaded. Every split leaves one probing out.
-
-Fitting a calibration: least squares from field to force, with every block held out once.
+A probing is a series of presses from unloaded to unloaded. Every split leaves one probing out: rows
+of one press are too alike to judge a model that has seen some of them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -34,6 +31,9 @@ from holdfast.drivers.calibration import (
 )
 
 MIN_FIT_ROWS = 10
+N_TREES = 200
+PUBLISHED_N = {"normal": 0.27, "shear": 0.12}
+"""RMSE of eFlesh's network; its test rows are the last fifth of the probing it was trained on."""
 
 
 @dataclass(frozen=True)
@@ -64,48 +64,45 @@ def fit(
     the field in as many directions as they have.
     """
     field = field_ut[:, None, :] if field_ut.ndim == 2 else field_ut
-    force = _three_axes(force_n)
-    _check_rows(field, force, blocks)
-    flipped = (
-        np.zeros(field.shape[1], dtype=np.bool_) if reversed_ is None else reversed_
-    )
-    moved = turn(flipped) * (field if rest_ut is None else field - rest_ut)
+    force = force_n
+    if force_n.ndim == 1:
+        force = np.full((len(force_n), 3), np.nan)
+        force[:, NORMAL_AXIS] = force_n
+    _require_rows(field, force, blocks)
+    n_sensors = field.shape[1]
+    if reversed_ is None:
+        reversed_ = np.zeros(n_sensors, dtype=np.bool_)
+    rest = 0.0 if rest_ut is None else rest_ut
+    moved = turn(reversed_) * (field - rest)
     matrix = _solve(moved, force)
-    residual = np.tile(_rmse(moved, force, matrix), (field.shape[1], 1))
+    held_out = []
+    for block in _at_least_two(blocks):
+        out = blocks == block
+        others = _solve(moved[~out], force[~out])
+        held_out.append(_rmse(moved[out], force[out], others))
+    residual = np.tile(_rmse(moved, force, matrix), (n_sensors, 1))
     meta = CalibrationOrigin(source, date, load_unit, len(field), residual)
-    return Fit(
-        Calibration(matrix, rest_ut, flipped, meta), _held_out(moved, force, blocks)
-    )
+    return Fit(Calibration(matrix, rest_ut, reversed_, meta), np.array(held_out))
 
 
-def _three_axes(force_n: FloatArray) -> FloatArray:
-    if force_n.ndim == 2:
-        return force_n
-    three = np.full((len(force_n), 3), np.nan)
-    three[:, NORMAL_AXIS] = force_n
-    return three
-
-
-def _check_rows(field: FloatArray, force: FloatArray, blocks: npt.NDArray[Any]) -> None:
-    if (
-        field.shape[2:] != (3,)
-        or force.shape != (len(field), 3)
-        or blocks.shape != (len(field),)
-    ):
+def _require_rows(
+    field: FloatArray, force: FloatArray, blocks: npt.NDArray[Any]
+) -> None:
+    rows = len(field)
+    shapes = field.shape[2:], force.shape, blocks.shape
+    if shapes != ((3,), (rows, 3), (rows,)):
         raise ChannelError(
             f"fields {list(field.shape)}, forces {list(force.shape)} and blocks "
             f"{list(blocks.shape)} do not fit together",
             next_step="use [M, S, 3], [M, 3] and [M]",
         )
-    if len(field) < MIN_FIT_ROWS:
+    if rows < MIN_FIT_ROWS:
         raise EmptyRecording(
-            f"{len(field)} rows to fit",
-            next_step=f"press for at least {MIN_FIT_ROWS} rows",
+            f"{rows} rows to fit", next_step=f"press for at least {MIN_FIT_ROWS} rows"
         )
     loaded = _loaded_axes(force)
-    if not loaded.any() or not (
-        np.isfinite(field).all() and np.isfinite(force[:, loaded]).all()
-    ):
+    is_finite = np.isfinite(field).all() and np.isfinite(force[:, loaded]).all()
+    if not loaded.any() or not is_finite:
         raise NotANumber(
             "fields or forces are not finite",
             cause="rows where a sensor was lost",
@@ -113,17 +110,29 @@ def _check_rows(field: FloatArray, force: FloatArray, blocks: npt.NDArray[Any]) 
         )
 
 
+def _at_least_two(blocks: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """The names of the blocks. Raises TooFewGroups."""
+    names = np.unique(blocks)
+    if len(names) < 2:
+        raise TooFewGroups(
+            f"{len(names)} block of loads",
+            cause="the sensor was pressed once",
+            next_step="press it at least twice; each block is held out once",
+        )
+    return names
+
+
 def _loaded_axes(force: FloatArray) -> BoolArray:
     """[3] which axes were measured."""
-    return np.array([not np.isnan(column).all() for column in force.T])
+    measured: BoolArray = np.logical_not(np.isnan(force).all(axis=0))
+    return measured
 
 
 def _solve(moved: FloatArray, force: FloatArray) -> FloatArray:
     """[S, 3, 3] by least squares; zeros for axes that were not measured."""
     n_sensors, loaded = moved.shape[1], _loaded_axes(force)
-    solution, _, rank, _ = np.linalg.lstsq(
-        moved.reshape(len(moved), -1), force[:, loaded], rcond=None
-    )
+    flat = moved.reshape(len(moved), -1)
+    solution, _, rank, _ = np.linalg.lstsq(flat, force[:, loaded], rcond=None)
     if rank < loaded.sum():
         raise DataError(
             f"loads along {loaded.sum()} axes move the field in {rank} directions only",
@@ -131,7 +140,9 @@ def _solve(moved: FloatArray, force: FloatArray) -> FloatArray:
             next_step="check the fields, then press and shear to every side",
         )
     matrix = np.zeros((n_sensors, 3, 3))
-    matrix[:, loaded, :] = solution.T.reshape(-1, n_sensors, 3).transpose(1, 0, 2)
+    # lstsq gives [S * 3 fields, forces]; a sensor's matrix is [forces, 3 fields].
+    by_sensor = solution.T.reshape(-1, n_sensors, 3)
+    matrix[:, loaded, :] = by_sensor.transpose(1, 0, 2)
     return matrix
 
 
@@ -142,30 +153,9 @@ def _rmse(moved: FloatArray, force: FloatArray, matrix: FloatArray) -> FloatArra
     return root
 
 
-def _held_out(
-    moved: FloatArray, force: FloatArray, blocks: npt.NDArray[Any]
-) -> FloatArray:
-    names = np.unique(blocks)
-    if len(names) < 2:
-        raise TooFewGroups(
-            f"{len(names)} block of loads",
-            cause="the sensor was pressed once",
-            next_step="press it at least twice; each block is held out once",
-        )
-    return np.array([_one_held_out(moved, force, blocks == name) for name in names])
-
-
-def _one_held_out(moved: FloatArray, force: FloatArray, out: BoolArray) -> FloatArray:
-    return _rmse(moved[out], force[out], _solve(moved[~out], force[~out]))
-
-
-PUBLISHED_N = {"normal": 0.27, "shear": 0.12}
-"""RMSE of eFlesh's network; its test rows are the last fifth of the probing it was trained on."""
-
-
 @dataclass(frozen=True)
 class Probing:
-    """field_ut [M, S, 3] less its rest; load [M, 3] in the study's unit, nan if not measured."""
+    """field_ut [M, S, 3] less its rest; load [M, 3] in the set's unit, nan if not measured."""
 
     name: str
     field_ut: FloatArray
@@ -173,7 +163,7 @@ class Probing:
 
 
 @dataclass(frozen=True)
-class Study:
+class LoadSet:
     """Probings of one piece of hardware.
 
     load_n: newtons in one unit of the load. rest_ut: [S, 3] or None. reversed_: [S] magnets that
@@ -181,30 +171,28 @@ class Study:
     """
 
     name: str
-    probings: tuple[Probing, ...]
+    probings: list[Probing]
     load_unit: str
     load_n: float
     rest_ut: FloatArray | None
     reversed_: BoolArray | None
-    evidence: tuple[str, ...]
+    evidence: list[str]
 
     @property
     def field_ut(self) -> FloatArray:
         """[M, S, 3] of all probings."""
-        return np.concatenate([one.field_ut for one in self.probings])
+        return np.concatenate([probing.field_ut for probing in self.probings])
 
     @property
     def force_n(self) -> FloatArray:
         """[M, 3] of all probings."""
-        return self.load_n * np.concatenate([one.load for one in self.probings])
+        return self.load_n * np.concatenate([probing.load for probing in self.probings])
 
     @property
     def blocks(self) -> FloatArray:
         """[M] number of the probing of each row."""
-        return np.repeat(
-            np.arange(len(self.probings), dtype=np.float64),
-            [len(one.load) for one in self.probings],
-        )
+        rows = [len(probing.load) for probing in self.probings]
+        return np.repeat(np.arange(len(rows), dtype=np.float64), rows)
 
 
 @dataclass(frozen=True)
@@ -216,98 +204,99 @@ class AxisError:
 
 
 @dataclass(frozen=True)
-class Judged:
+class ModelErrors:
     """A model's errors: held_out_n [G, 3] RMSE on each probing left out; nan: axis not loaded."""
 
     name: str
     held_out_n: FloatArray
 
-    def errors(self) -> dict[str, AxisError]:
+    def by_axis(self) -> dict[str, AxisError]:
         """For normal and shear, where every probing was loaded on that axis."""
         errors = {}
-        for axis, of in (("normal", rmse_normal), ("shear", rmse_shear)):
-            each = [of(row) for row in self.held_out_n]
+        for axis, rmse_of in (("normal", rmse_normal), ("shear", rmse_shear)):
+            each = [rmse_of(row) for row in self.held_out_n]
             if np.isfinite(each).all():
                 errors[axis] = AxisError(float(np.sqrt(np.mean(np.square(each)))), each)
         return errors
 
 
-N_TREES = 200
-
-
-def judge(
-    study: Study,
+def calibrate(
+    loads: LoadSet,
     source: str,
-    day: str,
+    date: str,
     seed: int,
     begin: Callable[[str], None] = lambda text: None,
-) -> tuple[Calibration, list[Judged]]:
+) -> tuple[Calibration, list[ModelErrors]]:
     """(calibration of all probings, errors of the linear map and of trees on probings left out).
 
     begin: called with what begins now.
     """
-    begin(f"{study.name}: fitting one matrix")
+    begin(f"{loads.name}: fitting one matrix")
     fitted = fit(
-        study.field_ut,
-        study.force_n,
-        study.blocks,
-        reversed_=study.reversed_,
-        source=f"{source}/{study.name}",
-        date=day,
-        load_unit=study.load_unit,
+        loads.field_ut,
+        loads.force_n,
+        loads.blocks,
+        reversed_=loads.reversed_,
+        source=f"{source}/{loads.name}",
+        date=date,
+        load_unit=loads.load_unit,
     )
-    plain = fitted.calibration
-    calibration = Calibration(plain.matrix, study.rest_ut, plain.reversed, plain.meta)
-    begin(f"{study.name}: extra trees on {len(study.probings)} splits, to compare with")
-    trees = Judged("extra trees", _trees_rmse_n(study, seed))
-    return calibration, [Judged("one matrix", fitted.held_out_n), trees]
+    # The fields are already less their rest; a hand's are not.
+    calibration = replace(fitted.calibration, rest_ut=loads.rest_ut)
+    begin(f"{loads.name}: extra trees on {len(loads.probings)} splits, to compare with")
+    trees = ModelErrors("extra trees", _trees_rmse_n(loads, seed))
+    return calibration, [ModelErrors("one matrix", fitted.held_out_n), trees]
 
 
-def _trees_rmse_n(study: Study, seed: int) -> FloatArray:
+def _trees_rmse_n(loads: LoadSet, seed: int) -> FloatArray:
     """[G, 3] RMSE of extra trees on each probing, fitted to the others, N."""
     from sklearn.ensemble import ExtraTreesRegressor
 
-    field, force, blocks = study.field_ut, study.force_n, study.blocks
+    field, force, blocks = loads.field_ut, loads.force_n, loads.blocks
     field = field.reshape(len(blocks), -1)
     axes = np.flatnonzero(np.isfinite(force).all(axis=0))
-    rmse = np.full((len(study.probings), 3), np.nan)
-    for block in range(len(study.probings)):
+    force = force[:, axes]
+    rmse = np.full((len(loads.probings), 3), np.nan)
+    for block in range(len(loads.probings)):
         out = blocks == block
         model = ExtraTreesRegressor(N_TREES, min_samples_leaf=3, random_state=seed)
-        model.fit(field[~out], force[~out][:, axes].squeeze())
-        error = model.predict(field[out]).reshape(-1, len(axes)) - force[out][:, axes]
+        model.fit(field[~out], force[~out].squeeze())
+        error = model.predict(field[out]).reshape(-1, len(axes)) - force[out]
         rmse[block, axes] = np.sqrt(np.mean(error**2, axis=0))
     return rmse
 
 
-def in_words(
-    study: Study, judged: Sequence[Judged], calibration: Calibration
-) -> Iterator[str]:
+def in_words(loads: LoadSet, models: Sequence[ModelErrors]) -> list[str]:
     """Lines for people: the data, the evidence, the error of each model."""
-    rows, n_sensors = calibration.meta.n, len(calibration.matrix)
-    yield f"{study.name}: {len(study.probings)} probings, {rows} rows, {n_sensors} sensors"
-    yield from (f"  {line}" for line in study.evidence)
-    for model in judged:
-        for axis, error in model.errors().items():
+    rows, n_sensors = loads.field_ut.shape[:2]
+    probings = f"{len(loads.probings)} probings"
+    lines = [f"{loads.name}: {probings}, {rows} rows, {n_sensors} sensors"]
+    lines += [f"  {line}" for line in loads.evidence]
+    for model in models:
+        for axis, error in model.by_axis().items():
             each = ", ".join(f"{value:.2f}" for value in error.each_probing_n)
             rmse = f"RMSE {error.rmse_n:.2f} N on probings left out ({each})"
             published = f"eFlesh publishes {PUBLISHED_N[axis]} N"
-            yield f"  {model.name}, {axis}: {rmse}; {published}, on later rows of the same probing"
+            lines.append(
+                f"  {model.name}, {axis}: {rmse}; {published}, on later rows of the same probing"
+            )
+    return lines
 
 
-def as_json(study: Study, judged: Sequence[Judged], seed: int) -> Json:
+def as_json(loads: LoadSet, models: Sequence[ModelErrors], seed: int) -> Json:
     """The same as a JSON object."""
+    errors = {}
+    for model in models:
+        by_axis = model.by_axis().items()
+        errors[model.name] = {axis: asdict(error) for axis, error in by_axis}
     return {
-        "study": study.name,
-        "probings": [one.name for one in study.probings],
-        "rows": len(study.blocks),
-        "sensors": study.field_ut.shape[1],
-        "load_unit": study.load_unit,
-        "evidence": list(study.evidence),
+        "study": loads.name,
+        "probings": [probing.name for probing in loads.probings],
+        "rows": len(loads.blocks),
+        "sensors": loads.field_ut.shape[1],
+        "load_unit": loads.load_unit,
+        "evidence": loads.evidence,
         "seed": seed,
         "published_n": PUBLISHED_N,
-        "models": {
-            model.name: {axis: asdict(error) for axis, error in model.errors().items()}
-            for model in judged
-        },
+        "models": errors,
     }
