@@ -27,7 +27,7 @@ from holdfast.core.writing import require_writable, write_whole
 if TYPE_CHECKING:
     from holdfast.edge_runtime.model import Model
     from holdfast.export.adapted_file import AdaptedVerification
-    from holdfast.sessions.adapting.adapt import Fitted
+    from holdfast.sessions.adapting import Fitted
     from holdfast.training.progress import Stages
     from holdfast.training.recording import DataSet
 
@@ -136,7 +136,7 @@ def _adapted(
 ) -> tuple[Fitted, AdaptedVerification]:
     """Fit, build, verify and write."""
     from holdfast.export.adapted_file import adapted, verify_adapted
-    from holdfast.sessions.adapting.adapt import adapt, base_model, of_person
+    from holdfast.sessions.adapting import adapt, base_model, of_person
     from holdfast.training.datasets import load
 
     with base_model(args.model) as (model, base):
@@ -155,7 +155,7 @@ def _adapted(
 
 
 def _slips(args: argparse.Namespace, model: Model, say: Stages) -> DataSet:
-    from holdfast.sessions.adapting.adapt import simulated_slips
+    from holdfast.sessions.adapting import simulated_slips
     from holdfast.training.datasets import load
 
     if args.slips:

@@ -20,8 +20,8 @@ from holdfast.evaluation.alarms import Answers
 from holdfast.export.heads import riskier_argmax
 from holdfast.export.learner import Learner, reference_votes, votes_in_all
 from holdfast.export.spec import StepSpec
-from holdfast.sessions.adapting.choice import choose, correction_at
-from holdfast.sessions.adapting.evidence import Stream, corrected, stream_of
+from holdfast.sessions.adapting import choose, correction_at
+from holdfast.sessions.slip_evidence import Stream, corrected, stream_of
 from holdfast.training.crossval import fit_learner
 from holdfast.training.datasets import find
 from holdfast.training.datasets.human_slip_uskin import load
@@ -100,7 +100,7 @@ def _stream(
         "unknown": unknown,
         "situation": riskier_argmax(votes),
     }
-    return stream_of(recording, found, None)
+    return stream_of(recording, found)
 
 
 def _person(streams: Sequence[Stream], name: str) -> Person:

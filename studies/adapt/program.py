@@ -19,9 +19,14 @@ from holdfast.core.reading import Json
 from holdfast.core.writing import require_writable
 from holdfast.edge_runtime.model import Model
 from holdfast.edge_runtime.model_file import votes_in_all
-from holdfast.sessions.adapting.adapt import SEED, TRIALS, simulated_slips
-from holdfast.sessions.adapting.choice import choose, correction_at
-from holdfast.sessions.adapting.evidence import (
+from holdfast.sessions.adapting import (
+    SEED,
+    TRIALS,
+    choose,
+    correction_at,
+    simulated_slips,
+)
+from holdfast.sessions.slip_evidence import (
     Stream,
     corrected,
     label_weights,

@@ -11,9 +11,8 @@ from holdfast.core.contract import GRASP, RISKY_SLIP, SAFE_SLIP
 from holdfast.core.errors import TooLittleToAdapt
 from holdfast.edge_runtime.decision import UNKNOWN, DecisionRules
 from holdfast.export.correction import corrected_votes
-from holdfast.sessions.adapting.adapt import require_enough
-from holdfast.sessions.adapting.choice import LEAST_RECALL, choose
-from holdfast.sessions.adapting.evidence import (
+from holdfast.sessions.adapting import LEAST_RECALL, choose, require_enough
+from holdfast.sessions.slip_evidence import (
     MOST_NATS,
     TOP,
     PersonCounts,
@@ -62,7 +61,7 @@ def stream(number: int, *, slip: bool, alike: bool = False) -> Stream:
         "unknown": unknown,
         "situation": np.argmax(votes, axis=1),
     }
-    return stream_of(recording, found, None)
+    return stream_of(recording, found)
 
 
 def passes(n: int = 8, *, alike: bool = False) -> list[Stream]:

@@ -14,7 +14,7 @@ from command_line import fails
 
 from holdfast.core.errors import UsageError
 from holdfast.edge_runtime.model import Model
-from holdfast.sessions.adapting.adapt import base_model, of_person
+from holdfast.sessions.adapting import base_model, of_person
 from holdfast.sessions.recorder.protocol import read_protocol
 from holdfast.simulation.shipped import CARDS
 from holdfast.training.datasets import load

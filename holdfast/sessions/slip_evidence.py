@@ -1,9 +1,9 @@
-"""Evidence for an adaptation: the samples that a model may call risky, and whether they are slips.
+"""Evidence for an adaptation, and the logistic rule of a correction that is fitted on it.
 
-A sample can only be called risky with at least a quarter of the votes for it (or more, by label
-weights), so all other samples are left out: a correction cannot change their label.
-
-The logistic rule of a correction, fitted on a person's samples beside those of other slips.
+Evidence is the samples that a model may call risky, and whether they are slips. A sample can only
+be called risky with at least a quarter of the votes for it (or more, by label weights), so all
+other samples are left out: a correction cannot change their label. The rule is fitted on a person's
+samples together with those of other slips.
 
 A slip must be called once, while a hand-over must not be called at any of its samples. So after a
 first fit only the TOP best samples of each slip count, and the rule is fitted again on these, some
@@ -15,10 +15,9 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 from sklearn.exceptions import ConvergenceWarning
 from sklearn.linear_model import LogisticRegression
 
@@ -53,6 +52,18 @@ AT_ONCE = 32
 """Recordings whose features are in memory together."""
 NO_EVENT = -1
 OUTPUTS = ("situation", "votes", "unknown", "features")
+TOP, ROUNDS = 3, 4
+OF_PERSON = 0.9
+"""Share of the weight of all samples that are no slip, for those of the person."""
+SCALE = 2000.0
+"""Sum of the weights of slips, and of the others; with INVERSE_PENALTY it says how small the
+correction stays."""
+INVERSE_PENALTY = 0.03
+MOST_STEPS = 100
+"""Of a fit: held-out trials judge the rule, so its last digits do not matter."""
+LEAST_KNEE = 1e-6
+MOST_NATS = 10.0
+"""How far `moved` may move a logit, and still add exactly."""
 LabelWeights = tuple[float, ...] | None
 
 
@@ -78,7 +89,7 @@ class Stream:
 
 @dataclass(frozen=True)
 class PersonCounts:
-    """What a person's recording holds, for the card and for the error where it is too little."""
+    """What a person's recordings hold, for the model card and for the error if it is too little."""
 
     trials: int
     hand_overs: int
@@ -90,14 +101,12 @@ def streams_of(model: Model, data: DataSet, part: Part = ignored) -> list[Stream
     """A model's answers and candidate rows on a set. Raises ChannelError, UnitError, RateError."""
     require_model_fits(model, data)
     streams: list[Stream] = []
-    weights, recordings = label_weights(model), data.recordings
+    recordings = data.recordings
     for first in range(0, len(recordings), AT_ONCE):
-        some = recordings[first : first + AT_ONCE]
-        computed = everywhere(steps_with(model, OUTPUTS), some)
-        streams += [
-            stream_of(one, out, weights)
-            for one, out in zip(some, computed, strict=True)
-        ]
+        batch = recordings[first : first + AT_ONCE]
+        computed = everywhere(steps_with(model, OUTPUTS), batch)
+        for recording, outputs in zip(batch, computed, strict=True):
+            streams.append(stream_of(recording, outputs))
         part(len(streams) / len(recordings))
     return streams
 
@@ -108,32 +117,19 @@ def label_weights(model: Model) -> LabelWeights:
     return None if given is None else tuple(given)
 
 
-def stream_of(recording: Recording, out: Outputs, weights: LabelWeights) -> Stream:
-    """The candidate rows of a recording. out: OUTPUTS at every sample."""
-    votes = out["votes"].astype(np.int64)
-    permille = risky_permille(votes)
-    known = ~out["unknown"]
-    situation = np.where(known, out["situation"], UNKNOWN)
-    row = np.flatnonzero(
-        known & ((permille >= LEAST_PERMILLE) | (situation == RISKY_SLIP))
-    )
-    light = without_samples(recording)
-    return Stream(
-        Answers(light, situation, permille),
-        row,
-        out["features"][row],
-        votes[row],
-        event_of(light, row),
-    )
-
-
-def event_of(recording: Recording, row: IntArray) -> IntArray:
-    """[M] the risky event of a recording that each row belongs to, or NO_EVENT."""
+def stream_of(recording: Recording, outputs: Outputs) -> Stream:
+    """The candidate rows of a recording. outputs: OUTPUTS at every sample."""
+    votes = outputs["votes"].astype(np.int64)
+    permille, known = risky_permille(votes), ~outputs["unknown"]
+    situation = np.where(known, outputs["situation"], UNKNOWN)
+    may_be_risky = (permille >= LEAST_PERMILLE) | (situation == RISKY_SLIP)
+    row = np.flatnonzero(known & may_be_risky)
     t_s = row / recording.rate_hz
     event = np.full(len(row), NO_EVENT)
-    for k, one in enumerate(recording.events):
-        event[(t_s >= one.onset_s - COLLAR_S) & (t_s <= one.end_s + COLLAR_S)] = k
-    return event
+    for k, slip in enumerate(recording.events):
+        event[(t_s >= slip.onset_s - COLLAR_S) & (t_s <= slip.end_s + COLLAR_S)] = k
+    answers = Answers(without_samples(recording), situation, permille)
+    return Stream(answers, row, outputs["features"][row], votes[row], event)
 
 
 def corrected(
@@ -143,10 +139,8 @@ def corrected(
     if correction is None or not len(stream.row):
         return stream.answers
     votes = corrected_votes(correction, stream.features, stream.votes)
-    situation, permille = (
-        stream.answers.situation.copy(),
-        stream.answers.risky_permille.copy(),
-    )
+    situation = stream.answers.situation.copy()
+    permille = stream.answers.risky_permille.copy()
     situation[stream.row] = riskier_argmax(weighted(situation_votes(votes), weights))
     permille[stream.row] = risky_permille(votes)
     return Answers(stream.recording, situation, permille)
@@ -154,57 +148,26 @@ def corrected(
 
 def counts_of(recordings: Sequence[Recording]) -> PersonCounts:
     """Hand-overs (passes with a voluntary action), seconds of holding, slips."""
-    passes = [one for one in recordings if one.action == "pass"]
-    holding_s = sum(
-        (phase.stop - phase.first) / one.rate_hz
-        for one in recordings
-        for phase in one.phases
-        if phase.situation == GRASP
-    )
-    return PersonCounts(
-        trials=len(recordings),
-        hand_overs=sum(len(voluntary_actions(one)) for one in passes),
-        holding_s=round(holding_s, 1),
-        slips=sum(len(one.events) for one in recordings),
-    )
-
-
-def is_slip(event: IntArray) -> BoolArray:
-    """[M] whether each row belongs to a slip."""
-    return np.asarray(event != NO_EVENT)
-
-
-TOP, ROUNDS = 3, 4
-OF_PERSON = 0.9
-"""Share of the weight of all samples that are no slip, for those of the person."""
-SCALE = 2000.0
-"""Sum of the weights of slips, and of the others; with INVERSE_PENALTY it says how small the
-correction stays."""
-INVERSE_PENALTY = 0.03
-MOST_STEPS = 100
-"""Of a fit: held-out trials judge the rule, so its last digits do not matter."""
-LEAST_KNEE = 1e-6
-MOST_NATS = 10.0
-"""How far `moved` may move a logit, and still add exactly."""
-
-
-@dataclass(frozen=True)
-class Rows:
-    """Candidate rows. x [N, I]: inputs of a correction. weight [N]. slip [N]: its number, or -1."""
-
-    x: Float32Array
-    weight: FloatArray
-    slip: npt.NDArray[np.int64]
+    hand_overs, holding_s, slips = 0, 0.0, 0
+    for recording in recordings:
+        if recording.action == "pass":
+            hand_overs += len(voluntary_actions(recording))
+        for phase in recording.phases:
+            if phase.situation == GRASP:
+                holding_s += (phase.stop - phase.first) / recording.rate_hz
+        slips += len(recording.events)
+    return PersonCounts(len(recordings), hand_overs, round(holding_s, 1), slips)
 
 
 def fit_correction(
     person: Sequence[Stream], others: Sequence[Stream], votes_in_all: int
 ) -> Correction:
     """The correction for a person. others: recordings with slips, of any person."""
-    x = _rows_of(others)
-    inputs = _inputs(x, votes_in_all, others[0].votes.shape[1])
-    rows = _weighed(person, others, inputs)
-    weights, bias = _fitted(rows)
+    inputs = _inputs(others, votes_in_all)
+    slip = _slip_numbers([*person, *others])
+    n_person = sum(len(stream.row) for stream in person)
+    x = inputs.quantised(_rows_of([*person, *others]))
+    weights, bias = _fitted(x, slip, _row_weights(slip, n_person))
     return _in_whole_numbers(inputs, weights, bias)
 
 
@@ -212,76 +175,78 @@ def _rows_of(streams: Sequence[Stream]) -> Float32Array:
     return np.concatenate([rows_of(one.features, one.votes) for one in streams])
 
 
-def _inputs(x: Float32Array, votes_in_all: int, n_classes: int) -> Inputs:
+def _inputs(others: Sequence[Stream], votes_in_all: int) -> Inputs:
     """A knee at each input's median magnitude; of votes, at all votes."""
+    x, n_classes = _rows_of(others), others[0].votes.shape[1]
     knee = np.median(np.abs(x), axis=0) + LEAST_KNEE
     knee[-n_classes:] = votes_in_all
     most = np.full(x.shape[1], INPUT_MOST, dtype=np.float32)
     return Inputs(knee.astype(np.float32), most, np.zeros_like(most))
 
 
-def _weighed(
-    person: Sequence[Stream], others: Sequence[Stream], inputs: Inputs
-) -> Rows:
-    """All rows: slips weigh as much as the rest, and the person's most of the rest."""
-    streams, ends, slip, count = [*person, *others], [], [], 0
-    for one in streams:
-        slip.append(np.where(is_slip(one.event), one.event + count, -1))
-        count += len(one.recording.events)
-        ends.append(len(one.row))
-    number = np.concatenate(slip)
-    of_person = np.arange(len(number)) < sum(ends[: len(person)])
-    weight = np.zeros(len(number))
-    for mask, share in (
-        (number >= 0, 1.0),
-        ((number < 0) & of_person, OF_PERSON),
-        ((number < 0) & ~of_person, 1.0 - OF_PERSON),
+def _slip_numbers(streams: Sequence[Stream]) -> IntArray:
+    """[N] the number of each row's slip among those of all recordings, or NO_EVENT."""
+    numbers, count = [], 0
+    for stream in streams:
+        of_slip = stream.event != NO_EVENT
+        numbers.append(np.where(of_slip, stream.event + count, NO_EVENT))
+        count += len(stream.recording.events)
+    return np.concatenate(numbers)
+
+
+def _row_weights(slip: IntArray, n_person: int) -> FloatArray:
+    """[N] slips weigh as much as the rest, and the person's (the first rows) most of the rest."""
+    of_slip = slip != NO_EVENT
+    of_person = np.arange(len(slip)) < n_person
+    weight = np.zeros(len(slip))
+    for rows, share in (
+        (of_slip, 1.0),
+        (~of_slip & of_person, OF_PERSON),
+        (~of_slip & ~of_person, 1.0 - OF_PERSON),
     ):
-        weight[mask] = SCALE * share / max(1, mask.sum())
-    return Rows(inputs.quantised(_rows_of(streams)), weight, number)
+        weight[rows] = SCALE * share / max(1, rows.sum())
+    return weight
 
 
-def _fitted(rows: Rows) -> tuple[FloatArray, float]:
-    """Weights [I] and bias of the logit of "it is a slip", for quantised inputs."""
-    mean = np.average(rows.x, axis=0, weights=rows.weight)
-    scale = np.sqrt(np.average((rows.x - mean) ** 2, axis=0, weights=rows.weight)) + 1.0
-    x, kept = (rows.x - mean) / scale, np.ones(len(rows.slip), dtype=np.bool_)
+def _fitted(
+    x: Float32Array, slip: IntArray, weight: FloatArray
+) -> tuple[FloatArray, float]:
+    """Weights [I] and bias of the logit of "it is a slip". x [N, I]: quantised inputs."""
+    mean = np.average(x, axis=0, weights=weight)
+    scale = np.sqrt(np.average((x - mean) ** 2, axis=0, weights=weight)) + 1.0
+    scaled, kept = (x - mean) / scale, np.ones(len(slip), dtype=np.bool_)
     for _ in range(ROUNDS):
         model = LogisticRegression(C=INVERSE_PENALTY, max_iter=MOST_STEPS)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", ConvergenceWarning)
-            model.fit(x[kept], rows.slip[kept] >= 0, sample_weight=rows.weight[kept])
-        kept = _best_of_slips(rows.slip, x @ model.coef_[0])
+            model.fit(scaled[kept], slip[kept] >= 0, sample_weight=weight[kept])
+        kept = _best_of_slips(slip, scaled @ model.coef_[0])
     weights = model.coef_[0] / scale
     return weights, float(model.intercept_[0] - mean @ weights)
 
 
-def _best_of_slips(
-    slip: npt.NDArray[np.int64], logit: FloatArray
-) -> npt.NDArray[np.bool_]:
+def _best_of_slips(slip: IntArray, logit: FloatArray) -> BoolArray:
     """[N] all rows of no slip, and the TOP rows of every slip."""
     order = np.lexsort((-logit, slip))
     ordered = slip[order]
-    first = np.searchsorted(ordered, ordered)
+    # In this order a slip's rows stand together, the best first.
+    place_in_slip = np.arange(len(slip)) - np.searchsorted(ordered, ordered)
     kept = np.zeros(len(slip), dtype=np.bool_)
-    kept[order] = (ordered < 0) | (np.arange(len(slip)) - first < TOP)
+    kept[order] = (ordered == NO_EVENT) | (place_in_slip < TOP)
     return kept
 
 
 def _in_whole_numbers(inputs: Inputs, weights: FloatArray, bias: float) -> Correction:
     """The largest whole numbers that float32 still adds exactly."""
     room = EXACT_FLOAT32 - (INPUT_MOST + 1) * len(weights)
-    size = min(
-        room / (INPUT_MOST * np.abs(weights).sum() + abs(bias) + MOST_NATS),
-        (WEIGHT_MOST - 1) / (np.abs(weights).max() + 1e-9),
-    )
+    most_sum = INPUT_MOST * np.abs(weights).sum() + abs(bias) + MOST_NATS
+    most_weight = np.abs(weights).max() + 1e-9
+    size = min(room / most_sum, (WEIGHT_MOST - 1) / most_weight)
     whole = np.zeros((len(weights), 2), dtype=np.float32)
     whole[:, 1] = np.round(weights * size)
-    layer = Layer(
-        whole,
-        np.array([0.0, np.round(bias * size)], dtype=np.float32),
-        np.array([1.0, LOGIT_STEPS / size], dtype=np.float32),
-    )
+    biases = np.array([0.0, np.round(bias * size)], dtype=np.float32)
+    scales = np.array([1.0, LOGIT_STEPS / size], dtype=np.float32)
+    layer = Layer(whole, biases, scales)
     return Correction(Network(inputs, (layer,), votes_in_all=1))
 
 
@@ -291,8 +256,4 @@ def moved(correction: Correction, nats: float) -> Correction:
     (layer,) = network.layers
     bias = layer.bias.copy()
     bias[1] = np.round(bias[1] + nats * LOGIT_STEPS / layer.scale[1])
-    return Correction(
-        Network(
-            network.inputs, (Layer(layer.weights, bias, layer.scale),), votes_in_all=1
-        )
-    )
+    return Correction(replace(network, layers=(replace(layer, bias=bias),)))

@@ -1,0 +1,368 @@
+"""Adapting a model file to one person from a short recording: a correction and when it acts.
+
+An adaptation starts from the file itself, or from the base inside an adapted file. Recordings with
+slips, which a person does not have to record, are simulated if none are given.
+
+The operating point is chosen on trials that its correction has not seen: the correction is fitted
+in turn without a part of all trials and answers that part. Among the operating points that keep the
+recall on the others' slips, the one is taken that calls fewest of the person's samples. (Eight
+hand-overs called or not are too coarse a measure to choose by.)
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from holdfast.core.contract import RISKY_SLIP, BoolArray
+from holdfast.core.errors import TooLittleToAdapt, UsageError
+from holdfast.core.reading import Json
+from holdfast.edge_runtime.decision import DecisionRules
+from holdfast.edge_runtime.model import Model
+from holdfast.edge_runtime.model_file import ModelCard, read_sealed, votes_in_all
+from holdfast.evaluation.alarms import Answers, act_requests
+from holdfast.evaluation.event_scores import match_alarms
+from holdfast.evaluation.truths import voluntary_actions
+from holdfast.export.adapted_file import Adaptation, is_adapted, undone
+from holdfast.export.correction import Correction
+from holdfast.export.heads import FloatRows
+from holdfast.sessions.slip_evidence import (
+    LabelWeights,
+    PersonCounts,
+    Stream,
+    corrected,
+    counts_of,
+    fit_correction,
+    label_weights,
+    moved,
+    streams_of,
+)
+from holdfast.simulation.card import read_card
+from holdfast.simulation.closed_loop.recording import scene_of
+from holdfast.simulation.folder import write_set
+from holdfast.training.datasets import load
+from holdfast.training.progress import Part, Say, ignored
+from holdfast.training.recording import DataSet
+
+LEAST_HAND_OVERS, LEAST_HOLDING_S, LEAST_SLIPS = 8, 40.0, 40
+LEAST_RECALL = 0.99
+"""Of the others' slips, with the trial held out; or the base's own recall where that is less."""
+FOLDS = 4
+NATS = (-1.0, -0.5, 0.0, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0)
+"""How far the logit of a correction is moved."""
+PERMILLE, FINER = (400, 500, 600, 700), tuple(range(400, 1000, 50))
+"""Thresholds with a correction, whose place moves more finely, and without one."""
+LONGER = (0, 1)
+"""Samples that an act needs beyond the base's."""
+SCENE, TRIALS, SEED = "thesis", 300, 1
+"""Of simulated slips. Models are trained on seed 0."""
+
+
+@dataclass(frozen=True)
+class HeldOutFigures:
+    """What an operating point reaches on held-out trials.
+
+    recall, before_gross_slip: of the others' slips. hand_overs, called: of the person.
+    called_samples: of the person, at which an act may begin.
+    """
+
+    recall: float
+    before_gross_slip: float
+    hand_overs: int
+    called: int
+    called_samples: int
+
+
+@dataclass(frozen=True)
+class OperatingPoint:
+    """nats: how far the correction's logit is moved, None without a correction."""
+
+    nats: float | None
+    rules: DecisionRules
+    reached: HeldOutFigures
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """An adaptation, the held-out figures of its operating point, and what it was fitted on."""
+
+    adaptation: Adaptation
+    point: OperatingPoint
+    streams: list[Stream]
+
+    def rows(self) -> FloatRows:
+        """[N, F] features of all samples that a correction may change, to verify on."""
+        return np.concatenate([one.features for one in self.streams])
+
+
+def adapt(
+    model: Model,
+    person: DataSet,
+    others_of: Callable[[], DataSet],
+    say: Say = ignored,
+    part: Part = ignored,
+) -> Fitted:
+    """Adapt a base model to a person. others_of: reads recordings with slips, of any person.
+
+    Raises TooLittleToAdapt; ChannelError, UnitError or RateError where a set does not fit.
+    """
+    counts = counts_of(person.recordings)
+    require_enough(counts)
+    others = others_of()
+    require_slips(others)
+    say(f"running the model on {counts.trials} trials of the person")
+    own = streams_of(model, person, part)
+    say(
+        f"running the model on {len(others.recordings)} recordings with slips ({others.name})"
+    )
+    return adapt_streams(model, own, streams_of(model, others, part), counts, say)
+
+
+def adapt_streams(
+    model: Model,
+    person: Sequence[Stream],
+    others: Sequence[Stream],
+    counts: PersonCounts,
+    say: Say = ignored,
+) -> Fitted:
+    """Adapt from computed answers. counts: what the person's recordings hold."""
+    in_all = votes_in_all(model.card.raw["heads"]["situation"])
+    weights = label_weights(model)
+    say("fitting the correction, each trial held out in turn")
+    wanted = in_all if any(len(one.row) for one in person) else None
+    point = choose(person, others, model.card.decision, weights, wanted)
+    correction = correction_at(point, person, others, in_all)
+    about = _about(counts, others, point)
+    return Fitted(Adaptation(correction, point.rules, about), point, [*person, *others])
+
+
+def _about(
+    counts: PersonCounts, others: Sequence[Stream], point: OperatingPoint
+) -> Json:
+    """What the card says of an adaptation: counts and figures, no name of a person or a folder."""
+    return {
+        "person": asdict(counts),
+        "others": {
+            "recordings": len(others),
+            "slips": sum(len(one.recording.events) for one in others),
+        },
+        "held_out": asdict(point.reached),
+    }
+
+
+# -- the operating point
+
+
+def choose(
+    person: Sequence[Stream],
+    others: Sequence[Stream],
+    base: DecisionRules,
+    weights: LabelWeights,
+    votes_in_all: int | None,
+) -> OperatingPoint:
+    """The operating point. votes_in_all: of the model; None for decision parameters alone."""
+    trials = _Trials(person, others, base, weights)
+    as_it_is: list[Correction | None] = [None] * FOLDS
+    points: list[OperatingPoint] = []
+    if votes_in_all is None:
+        points += trials.points(as_it_is, None, FINER)
+    else:
+        fits = []
+        for fold in range(FOLDS):
+            seen = _without(person, fold), _without(others, fold)
+            fits.append(fit_correction(*seen, votes_in_all))
+        for nats in NATS:
+            points += trials.points([moved(fit, nats) for fit in fits], nats, PERMILLE)
+    (before,) = trials.points(as_it_is, None, (base.min_risky_permille,), (0,))
+    least = min(LEAST_RECALL, before.reached.recall)
+    enough = [point for point in points if point.reached.recall >= least]
+    if not enough:
+        return max(points, key=lambda point: point.reached.recall)
+    return min(enough, key=_cost)
+
+
+def correction_at(
+    point: OperatingPoint,
+    person: Sequence[Stream],
+    others: Sequence[Stream],
+    votes_in_all: int,
+) -> Correction | None:
+    """The correction of an operating point, fitted on all trials; None without one."""
+    if point.nats is None:
+        return None
+    return moved(fit_correction(person, others, votes_in_all), point.nats)
+
+
+def _cost(point: OperatingPoint) -> tuple[float, ...]:
+    reached = point.reached
+    return reached.called_samples, -reached.before_gross_slip, -reached.recall
+
+
+def _without(streams: Sequence[Stream], fold: int) -> list[Stream]:
+    return [stream for k, stream in enumerate(streams) if k % FOLDS != fold]
+
+
+@dataclass(frozen=True)
+class _Trials:
+    """The trials that operating points are judged on, and the rules that they start from."""
+
+    person: Sequence[Stream]
+    others: Sequence[Stream]
+    base: DecisionRules
+    weights: LabelWeights
+
+    def points(
+        self,
+        corrections: Sequence[Correction | None],
+        nats: float | None,
+        permille: Sequence[int],
+        longer: Sequence[int] = LONGER,
+    ) -> Iterator[OperatingPoint]:
+        """All thresholds and durations; corrections: for the trials of each fold."""
+        answers = self._answers(self.person, corrections)
+        of_person = len(answers)
+        answers += self._answers(
+            self.others, corrections, only=lambda stream: bool(stream.recording.events)
+        )
+        for more in longer:
+            rules = replace(self.base, act_samples=self.base.act_samples + more)
+            requests = act_requests(answers, rules, permille)
+            for k, least in enumerate(permille):
+                samples = _called_samples(answers[:of_person], rules, least)
+                reached = _reached(answers, [on[:, k] for on in requests], samples)
+                at_least = replace(rules, min_risky_permille=least)
+                yield OperatingPoint(nats, at_least, reached)
+
+    def _answers(
+        self,
+        streams: Sequence[Stream],
+        corrections: Sequence[Correction | None],
+        only: Callable[[Stream], bool] = lambda stream: True,
+    ) -> list[Answers]:
+        """Each trial's, by the correction that has not seen it."""
+        answers = []
+        for k, stream in enumerate(streams):
+            if only(stream):
+                correction = corrections[k % FOLDS]
+                answers.append(corrected(stream, correction, self.weights))
+        return answers
+
+
+def _called_samples(
+    answers: Sequence[Answers], rules: DecisionRules, permille: int
+) -> int:
+    """Samples that are risky, together with others, for as long as an act needs."""
+    needed, total = np.ones(rules.act_samples), 0
+    for one in answers:
+        risky = (one.situation == RISKY_SLIP) & (one.risky_permille >= permille)
+        lasting = np.convolve(risky, needed, "valid") >= len(needed)
+        # The second convolution gives back all samples of every run that lasts.
+        total += int((np.convolve(lasting, needed) > 0).sum())
+    return total
+
+
+def _reached(
+    answers: Sequence[Answers], requests: Sequence[BoolArray], called_samples: int
+) -> HeldOutFigures:
+    """Figures of trials with slips, and of hand-overs, which are in trials without."""
+    slips, acted, before, hand_overs, called = 0, 0, 0, 0, 0
+    for one, on in zip(answers, requests, strict=True):
+        for outcome in match_alarms(one.recording, on).outcomes:
+            slips += 1
+            acted += outcome.alarm_s is not None
+            if outcome.alarm_s is not None and outcome.lead_s is not None:
+                before += outcome.lead_s > 0.0
+        if not one.recording.events:
+            for action in voluntary_actions(one.recording):
+                hand_overs += 1
+                called += bool(on[action.first : action.stop].any())
+    return HeldOutFigures(
+        recall=acted / max(1, slips),
+        before_gross_slip=before / max(1, slips),
+        hand_overs=hand_overs,
+        called=called,
+        called_samples=called_samples,
+    )
+
+
+# -- what it needs
+
+
+def require_enough(counts: PersonCounts) -> None:
+    """Raise TooLittleToAdapt that says what to record."""
+    missing = []
+    if counts.hand_overs < LEAST_HAND_OVERS:
+        missing.append(f"{counts.hand_overs} hand-overs of {LEAST_HAND_OVERS}")
+    if counts.holding_s < LEAST_HOLDING_S:
+        missing.append(f"{counts.holding_s:.0f} s of holding of {LEAST_HOLDING_S:.0f}")
+    if missing:
+        raise TooLittleToAdapt(
+            " and ".join(missing),
+            cause="an adaptation from less would follow chance; without a mark of the load onset "
+            "a hand-over has no label",
+            next_step="holdfast record --source URL --out DIR --person p01 --protocol "
+            "simulation/cards/adapt.toml",
+        )
+
+
+def require_slips(others: DataSet) -> None:
+    """Raise TooLittleToAdapt where the recordings that keep the recall have too few slips."""
+    slips = sum(len(one.events) for one in others.recordings)
+    if slips < LEAST_SLIPS:
+        raise TooLittleToAdapt(
+            f"{slips} risky slips of {LEAST_SLIPS} in {others.name}",
+            cause="the correction must be shown what it has to keep",
+            next_step="holdfast simulate thesis --trials 300 --seed 1 --out slips, then --slips "
+            "slips",
+        )
+
+
+def of_person(data: DataSet, person: str) -> DataSet:
+    """The recordings of a person; all of them where the set names no person. Raises UsageError."""
+    people = sorted({one.person for one in data.recordings if one.person is not None})
+    if not people:
+        return data
+    if person not in people:
+        raise UsageError(
+            f"--person {person}: no recording in {data.name} is of this person",
+            next_step=f"choose from {', '.join(people)}",
+        )
+    kept = [k for k, one in enumerate(data.recordings) if one.person == person]
+    tasks = {name: rows.of_trials(kept) for name, rows in data.tasks.items()}
+    return replace(data, recordings=[data.recordings[k] for k in kept], tasks=tasks)
+
+
+@contextmanager
+def base_model(path: Path) -> Iterator[tuple[Model, bytes]]:
+    """The opened base model and its bytes. Raises what opening a model raises."""
+    data = read_sealed(path)
+    if not is_adapted(data):
+        yield Model(path), data
+        return
+    base = undone(data, path)
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / path.name
+        file.write_bytes(base)
+        yield Model(file), base
+
+
+def simulated_slips(
+    card: ModelCard, trials: int = TRIALS, part: Part = ignored
+) -> DataSet:
+    """Trials of the thesis' protocol at the model's rate. Raises UsageError for another hand."""
+    if card.unit != "N" or card.n_channels != 18:
+        raise UsageError(
+            "--slips is needed: scenes have six sensors in N, this model has "
+            f"{card.n_channels // 3} in {card.unit}",
+            next_step="--slips FOLDER, with recordings of pulls and falls by any person",
+        )
+    scene = scene_of(read_card(SCENE, rate_hz=card.rate_hz), SEED)
+    with tempfile.TemporaryDirectory() as folder:
+        out = Path(folder) / SCENE
+        write_set(scene, out, trials, lambda n: part(min(1.0, n / trials)))
+        return load(out, windows="none")

@@ -1,1 +1,0 @@
-"""Adapting a model file to one person, from a short recording."""
