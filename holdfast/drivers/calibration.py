@@ -1,10 +1,9 @@
-"""From field to force: one matrix [3, 3] in N/uT for each sensor.
+"""What an unloaded hand reads (its bias), and from field to force (its calibration), with files.
 
-Where several sensors lie under one load (a pad, or six fingertips pressed in turn), each sensor
-gives its share, and the load is the sum of the shares. calibration_fit.py fits the matrices,
-calibration_file.py stores them, bias.py measures what the unloaded hand reads.
-
-Calibration and bias files: JSON, written with every digit, checked value by value.
+A calibration is one matrix [3, 3] in N/uT for each sensor. Where several sensors lie under one load
+(a pad, or six fingertips pressed in turn), each sensor gives its share, and the load is the sum of
+the shares. `holdfast calibrate` fits the matrices. Files are JSON, written with every digit and
+checked value by value.
 """
 
 from __future__ import annotations
@@ -17,17 +16,139 @@ from typing import Any
 
 import numpy as np
 
-from holdfast.core.contract import NORMAL_AXIS, UNITS, BoolArray, FloatArray
+from holdfast.core.contract import (
+    NORMAL_AXIS,
+    UNITS,
+    BoolArray,
+    FloatArray,
+    Unit,
+    channel_names,
+)
 from holdfast.core.errors import (
     ChannelError,
     DataError,
     DataNotFound,
+    EmptyRecording,
     NotANumber,
     UnitError,
 )
 from holdfast.core.reading import json_of, require_file, text_of
+from holdfast.core.trial_layout import NORMAL_FLOOR
 from holdfast.core.writing import write_whole
-from holdfast.drivers.bias import Bias
+
+MIN_BIAS_ROWS = 30
+LOST_SHARE = 0.05
+"""Of the rows of a channel, more lost than this is a finger's wires; less is a moment's bus."""
+QUIET: dict[Unit, float] = {"N": 0.12, "uT": 40.0}
+"""The noise of an untouched channel stays below this.
+
+The TMAG5273's noise is 22 uT in x and y, and 11 uT in z.
+"""
+
+
+@dataclass(frozen=True)
+class Bias:
+    """What an unloaded hand reads: values [C] median, spread [C] standard deviation, over n rows.
+
+    reversed [S]: whose magnet is upside down. The values are as read: a reversed magnet is
+    reported, not corrected.
+    """
+
+    values: FloatArray
+    spread: FloatArray
+    n: int
+    unit: Unit
+    reversed: BoolArray
+
+
+def bias_of(values: FloatArray, unit: Unit) -> tuple[Bias, tuple[str, ...]]:
+    """The bias of unloaded rows [T, C], and warnings that name the channels.
+
+    Warnings are about lost rows (more than LOST_SHARE), noise or drift (from the first to the last
+    third) above QUIET, and reversed magnets, whose resting normal is below minus NORMAL_FLOOR.
+    Raises EmptyRecording, NotANumber (a channel without MIN_BIAS_ROWS finite rows), ChannelError,
+    UnitError.
+    """
+    if unit not in QUIET:
+        raise UnitError(
+            f"no noise limits for the unit {unit}",
+            next_step="take the bias in N or in uT",
+        )
+    _check_bias_rows(values)
+    masked = np.where(np.isfinite(values), values, np.nan)
+    middle, spread = np.nanmedian(masked, axis=0), np.nanstd(masked, axis=0)
+    reversed_ = middle[NORMAL_AXIS::3] < -NORMAL_FLOOR[unit]
+    bias = Bias(middle, spread, len(values), unit, reversed_)
+    return bias, _bias_warnings(masked, bias)
+
+
+def _check_bias_rows(values: FloatArray) -> None:
+    if values.ndim != 2 or values.shape[1] == 0 or values.shape[1] % 3:
+        raise ChannelError(
+            f"rows of shape {list(values.shape)}",
+            next_step="give [T, C] with three channels a sensor",
+        )
+    if len(values) < MIN_BIAS_ROWS:
+        raise EmptyRecording(
+            f"{len(values)} rows for a bias",
+            cause="the stream stopped early",
+            next_step=f"leave the hand untouched for at least {MIN_BIAS_ROWS} rows",
+        )
+    few = np.isfinite(values).sum(axis=0) < MIN_BIAS_ROWS
+    if few.any():
+        raise NotANumber(
+            f"fewer than {MIN_BIAS_ROWS} finite rows in {_named(few)}",
+            cause="a finger that does not answer",
+            next_step="holdfast doctor shows which fingers answer; or take more rows",
+        )
+
+
+def _bias_warnings(masked: FloatArray, bias: Bias) -> tuple[str, ...]:
+    third = len(masked) // 3
+    lost = np.isnan(masked).sum(axis=0)
+    drift = np.abs(_middle(masked[-third:]) - _middle(masked[:third]))
+    upside_down = np.zeros(len(bias.values), dtype=np.bool_)
+    upside_down[NORMAL_AXIS::3] = bias.reversed
+    quiet = QUIET[bias.unit]
+    limit = f"{quiet:g} {bias.unit}"
+    found = (
+        (
+            lost > LOST_SHARE * len(masked),
+            f"up to {lost.max()} of {len(masked)} rows are lost in {{}}; "
+            "next: check that finger's wires",
+        ),
+        (
+            bias.spread > quiet,
+            f"noise above {limit}: {{}}; likely cause: the hand was touched; "
+            "next: take the bias again",
+        ),
+        (
+            drift > quiet,
+            f"drifts by more than {limit}: {{}}; likely cause: it warms up, or a load creeps; "
+            "next: wait a minute and take the bias again",
+        ),
+        (
+            upside_down,
+            "the magnet is reversed (normal field below zero at rest) in {}; "
+            "next: turn the magnet or its sign",
+        ),
+    )
+    return tuple(text.format(_named(which)) for which, text in found if which.any())
+
+
+def _middle(rows: FloatArray) -> FloatArray:
+    """[C] median of the finite rows; nan without any (np.nanmedian would warn)."""
+    middle = np.full(rows.shape[1], np.nan)
+    for k, column in enumerate(rows.T):
+        finite = column[np.isfinite(column)]
+        if finite.size:
+            middle[k] = np.median(finite)
+    return middle
+
+
+def _named(which: BoolArray) -> str:
+    names = channel_names(len(which) // 3)
+    return ", ".join(names[index] for index in np.flatnonzero(which))
 
 
 @dataclass(frozen=True)
@@ -130,22 +251,19 @@ def read_calibration(path: str | Path) -> Calibration:
     file = _File(Path(path), CALIBRATION)
     matrix = file.numbers("matrix_n_per_ut", (None, 3, 3))
     n_sensors = len(matrix)
-    singular = np.flatnonzero([_is_singular(one) for one in matrix]) + 1
-    if singular.size:
-        raise file.wrong(
-            DataError, f"matrix_n_per_ut of sensor {singular[0]} is singular"
-        )
-    rest = (
-        None
-        if file.value("rest_ut") is None
-        else file.numbers("rest_ut", (n_sensors, 3))
-    )
+    for number, one in enumerate(matrix, 1):
+        if _is_singular(one):
+            what = f"matrix_n_per_ut of sensor {number} is singular"
+            raise file.wrong(DataError, what)
+    rest = None
+    if file.value("rest_ut") is not None:
+        rest = file.numbers("rest_ut", (n_sensors, 3))
     meta = CalibrationOrigin(
-        file.word("source"),
-        file.word("date"),
-        file.word("load_unit"),
-        file.count("n"),
-        file.numbers("residual_n", (n_sensors, 3), gaps=True),
+        source=file.word("source"),
+        date=file.word("date"),
+        load_unit=file.word("load_unit"),
+        n=file.count("n"),
+        residual_n=file.numbers("residual_n", (n_sensors, 3), gaps=True),
     )
     return Calibration(matrix, rest, file.flags("reversed", n_sensors), meta)
 
@@ -250,17 +368,18 @@ class _File:
         self, name: str, shape: tuple[int | None, ...], *, gaps: bool = False
     ) -> FloatArray:
         """Finite numbers of a shape, None for any length from 1; with gaps, null stands for nan."""
-        leaves: list[Any] = []
-        found = _shape(self.value(name), leaves)
-        if not _fits(found, shape):
-            wanted = ["S" if one is None else one for one in shape]
-            shown = "not rectangular" if found is None else list(found)
-            raise self.wrong(
-                ChannelError, f"{name} has shape {shown}, not {wanted}".replace("'", "")
-            )
-        return np.array([self._number(name, leaf, gaps) for leaf in leaves]).reshape(
-            found or ()
-        )
+        found = np.array(self.value(name), dtype=object)
+        ragged = any(isinstance(leaf, list) for leaf in found.flat) or not found.size
+        fits = not ragged and found.ndim == len(shape)
+        for size, wanted in zip(found.shape, shape, strict=False):
+            fits = fits and wanted in (None, size)
+        if not fits:
+            letters = ", ".join("S" if one is None else str(one) for one in shape)
+            shown = "not rectangular" if ragged else list(found.shape)
+            what = f"{name} has shape {shown}, not [{letters}]"
+            raise self.wrong(ChannelError, what)
+        numbers = [self._number(name, leaf, gaps) for leaf in found.flat]
+        return np.array(numbers).reshape(found.shape)
 
     def _number(self, name: str, leaf: object, gaps: bool) -> float:
         if leaf is None and gaps:
@@ -289,20 +408,3 @@ class _File:
             ) from None
         except ValueError:
             raise self.wrong(DataError, "not JSON") from None
-
-
-def _fits(found: tuple[int, ...] | None, shape: tuple[int | None, ...]) -> bool:
-    same_depth = found is not None and len(found) == len(shape)
-    return same_depth and all(
-        wanted in (None, size) for wanted, size in zip(shape, found or (), strict=True)
-    )
-
-
-def _shape(value: object, leaves: list[Any]) -> tuple[int, ...] | None:
-    """Shape of nested lists, their leaves collected; None where they are ragged or empty."""
-    if not isinstance(value, list):
-        leaves.append(value)
-        return ()
-    inner = {_shape(one, leaves) for one in value}
-    only = inner.pop() if len(inner) == 1 else None
-    return None if only is None else (len(value), *only)

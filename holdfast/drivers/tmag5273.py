@@ -193,15 +193,6 @@ def field_ut(raw: npt.ArrayLike, range_mt: float | FloatArray) -> FloatArray:
     return converted
 
 
-def temperature_degc(raw: int) -> float:
-    """T = 25 + (raw - 17508) / 60.1 degC (equation 14).
-
-    >>> temperature_degc(17508)
-    25.0
-    """
-    return 25.0 + (raw - 17508) / 60.1
-
-
 def _shifted(byte: int) -> int:
     """Eight steps of the CRC's shift register."""
     for _ in range(8):

@@ -11,7 +11,7 @@ import numpy as np
 from holdfast.core.contract import FloatArray
 from holdfast.core.errors import DataError
 from holdfast.core.source import Source
-from holdfast.drivers.bias import Bias, bias_of
+from holdfast.drivers.calibration import Bias, bias_of
 
 RATE_HZ = 100.0
 """Of a hand, which has no rate of its own."""

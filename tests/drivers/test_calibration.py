@@ -18,7 +18,7 @@ from hypothesis.extra.numpy import arrays
 
 from holdfast.cli import calibrate
 from holdfast.cli.command import Parser
-from holdfast.core.contract import FloatArray, channel_names
+from holdfast.core.contract import FloatArray, Unit, channel_names
 from holdfast.core.errors import (
     ChannelError,
     ColumnError,
@@ -29,10 +29,12 @@ from holdfast.core.errors import (
     TooFewGroups,
     UnitError,
 )
-from holdfast.drivers.bias import Bias, bias_of
+from holdfast.core.trial_layout import NORMAL_FLOOR
 from holdfast.drivers.calibration import (
+    Bias,
     Calibration,
     CalibrationOrigin,
+    bias_of,
     read_bias,
     read_calibration,
     rmse_normal,
@@ -480,28 +482,19 @@ def test_a_reversed_magnet_is_found_and_named() -> None:
     assert " in Z4;" in warned[0]
 
 
-@given(st.integers(0, 5), st.floats(-250.0, 250.0))
-def test_a_magnet_is_reversed_below_the_floor_and_never_above(
-    sensor: int, normal_ut: float
+@given(st.sampled_from(["N", "uT"]), st.integers(0, 5), st.floats(-2.5, 2.5))
+def test_a_magnet_is_reversed_below_the_floor_of_its_unit_and_never_above(
+    unit: Unit, sensor: int, floors: float
 ) -> None:
-    rows = np.full((30, 18), 500.0)
-    rows[:, 3 * sensor + 2] = normal_ut
-    assert bias_of(rows, "uT", normal_floor=100.0)[0].reversed[sensor] == (
-        normal_ut < -100.0
-    )
+    rows = np.full((30, 18), 5.0 * NORMAL_FLOOR[unit])
+    normal = floors * NORMAL_FLOOR[unit]
+    rows[:, 3 * sensor + 2] = normal
+    assert bias_of(rows, unit)[0].reversed[sensor] == (normal < -NORMAL_FLOOR[unit])
 
 
-def test_the_floor_is_in_the_unit_of_the_stream() -> None:
-    rows = np.full((30, 3), -0.31)
-    assert bias_of(rows, "N")[0].reversed.all()
-    assert not bias_of(rows, "uT")[0].reversed.any()
-    assert not bias_of(rows, "N", normal_floor=0.32)[0].reversed.any()
-
-
-def test_counts_have_no_usual_noise_so_it_must_be_given() -> None:
-    with pytest.raises(UnitError, match="normal_floor and quiet"):
+def test_counts_have_no_usual_noise() -> None:
+    with pytest.raises(UnitError, match="take the bias in N or in uT"):
         bias_of(resting(), "count")
-    assert bias_of(resting(), "count", normal_floor=300.0, quiet=60.0)[1] == ()
 
 
 @given(st.integers(1, 6), st.data())

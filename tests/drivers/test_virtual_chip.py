@@ -13,9 +13,9 @@ from holdfast.drivers.tmag5273 import (
     FACTORY_ADDRESSES,
     RANGES_MT,
     REGISTERS,
+    RESULTS,
     XYZ,
     crc8,
-    temperature_degc,
 )
 from holdfast.drivers.virtual.chip import Chip
 from holdfast.drivers.virtual.clock import VirtualClock
@@ -26,10 +26,6 @@ A = FACTORY_ADDRESSES[0]
 CRC_ON, ONE_BYTE_16, ONE_BYTE_8 = 0x80, 0x01, 0x02
 """Bits of DEVICE_CONFIG_1."""
 X_THRESHOLD = REGISTERS["X_THR_CONFIG"].address
-TEMPERATURE, ANGLE, MAGNITUDE = (
-    REGISTERS[name].address
-    for name in ("T_MSB_RESULT", "ANGLE_RESULT_MSB", "MAGNITUDE_RESULT")
-)
 WAKE_AND_SLEEP = 3
 
 
@@ -40,11 +36,9 @@ class ChipOnWire:
     def __init__(
         self,
         field_ut: Callable[[float], list[float]] = lambda now_s: [0.0, 0.0, 0.0],
-        degc: float = 25.0,
-        seed: int | None = None,
     ) -> None:
         self.clock = VirtualClock()
-        self.chip = Chip(1, A, 1, field_ut, self.clock, Faults(), degc=degc, seed=seed)
+        self.chip = Chip(1, A, 1, field_ut, self.clock, Faults())
         self.wire = Wire([self.chip])
 
     def write(self, *data: int) -> bool:
@@ -88,8 +82,8 @@ class ChipOnWire:
         return register.read(self.read(1, register.address)[0], name)
 
     def results(self) -> list[int]:
-        """T, X, Y, Z: 16 bits, signed."""
-        return [int(one) for one in np.frombuffer(self.read(8, TEMPERATURE), ">i2")]
+        """X, Y, Z: 16 bits, signed."""
+        return [int(one) for one in np.frombuffer(self.read(6, RESULTS), ">i2")]
 
 
 def raw_field(*raw: int) -> Callable[[float], list[float]]:
@@ -159,55 +153,6 @@ def test_a_bit_that_was_read_wrong_shows_in_the_check_byte():
         assert crc8(bytes([0x6B]) + wrong[:7].tobytes()) != wrong[7]
 
 
-def test_three_channels_of_16_bits_have_a_check_byte_and_four_have_none():
-    on = ChipOnWire(raw_field(1, 2, 3))
-    on.convert(1, CRC_ON | ONE_BYTE_16)
-    on.configure(SENSOR_CONFIG_1=0x30, T_CONFIG=1)
-    on.wait_us(200)
-    data = on.read(8)
-    assert data[7] == crc8(bytes([0x6B]) + data[:7])
-    on.configure(SENSOR_CONFIG_1=XYZ << 4)
-    on.wait_us(200)
-    assert on.read(10)[9:] == b"\xff"
-
-
-# -- temperature (section 7.5.2.2)
-
-
-@pytest.mark.parametrize(
-    ("degc", "raw"), [(25.0, 17508), (35.0, 18109), (-40.0, 13602), (125.0, 23518)]
-)
-def test_the_temperature_channel_follows_its_equation(degc, raw):
-    on = ChipOnWire(degc=degc)
-    on.configure(T_CONFIG=1)
-    on.convert(1)
-    assert on.results()[0] == raw
-    assert temperature_degc(raw) == pytest.approx(degc, abs=0.01)
-
-
-def test_a_temperature_channel_that_is_off_shows_nothing():
-    on = ChipOnWire()
-    on.convert(1)
-    assert on.results()[0] == 0
-
-
-def test_a_packet_begins_with_the_temperature_where_it_is_on():
-    on = ChipOnWire(raw_field(0x0102, 0x0304, 0x0506))
-    on.configure(T_CONFIG=1)
-    on.convert(1, ONE_BYTE_16)
-    assert on.read(9).hex() == "446401020304050631"
-    on.configure(DEVICE_CONFIG_1=ONE_BYTE_8)
-    on.wait_us(110)
-    assert on.read(5).hex() == "4401030551"
-
-
-@pytest.mark.parametrize(("tempco", "gain"), [(0, 1.0), (1, 1.06), (3, 1.1)])
-def test_the_magnet_s_loss_with_temperature_is_made_up_for(tempco, gain):
-    on = ChipOnWire(raw_field(10_000, -10_000, 1_000), degc=75.0)
-    on.convert(1, tempco << 5)
-    assert on.results()[1:] == [round(gain * raw) for raw in (10_000, -10_000, 1_000)]
-
-
 # -- channels (register 0x02) and their time (section 6.11)
 
 
@@ -222,11 +167,6 @@ def test_the_magnet_s_loss_with_temperature_is_made_up_for(tempco, gain):
         (5, "xz", 2),
         (6, "yz", 2),
         (7, "xyz", 3),
-        (8, "xy", 3),
-        (9, "xy", 3),
-        (10, "yz", 3),
-        (11, "xz", 3),
-        (12, "", 0),
     ],
 )
 def test_only_the_channels_of_the_mask_are_converted_and_sent(mask, axes, conversions):
@@ -237,7 +177,7 @@ def test_only_the_channels_of_the_mask_are_converted_and_sent(mask, axes, conver
     on.wait_us(1)
     assert on.status("RESULT_STATUS") == (conversions > 0)
     wanted = {"x": 100, "y": 200, "z": 300}
-    assert on.results()[1:] == [wanted[axis] if axis in axes else 0 for axis in "xyz"]
+    assert on.results() == [wanted[axis] if axis in axes else 0 for axis in "xyz"]
     on.configure(DEVICE_CONFIG_1=ONE_BYTE_16)
     on.wait_us(1_000)
     packet = on.read(2 * len(axes) + 2)
@@ -245,104 +185,6 @@ def test_only_the_channels_of_the_mask_are_converted_and_sent(mask, axes, conver
         wanted[axis] for axis in axes
     ]
     assert packet[-1] == 0xFF
-
-
-@pytest.mark.parametrize(
-    ("averages", "temperature", "duration_us"),
-    [(1, 0, 100), (1, 1, 100), (32, 0, 2425), (32, 1, 3225)],
-)
-def test_a_temperature_costs_the_time_of_a_channel_where_it_is_averaged(
-    averages, temperature, duration_us
-):
-    on = ChipOnWire()
-    on.configure(SENSOR_CONFIG_1=XYZ << 4, T_CONFIG=temperature)
-    on.configure(
-        DEVICE_CONFIG_1=(averages.bit_length() - 1) << 2, DEVICE_CONFIG_2=CONTINUOUS
-    )
-    on.wait_us(duration_us - 1)
-    assert on.status("SET_COUNT") == 0
-    on.wait_us(1)
-    assert on.status("SET_COUNT") == 1
-
-
-def test_a_channel_that_is_converted_twice_has_less_noise():
-    spread = {}
-    for mask in (XYZ, 8):
-        on = ChipOnWire(seed=1)
-        on.configure(SENSOR_CONFIG_1=mask << 4, DEVICE_CONFIG_2=CONTINUOUS)
-        rows = []
-        for _ in range(600):
-            on.wait_us(100)
-            rows.append(on.results()[1])
-        spread[mask] = np.std(rows)
-    assert spread[8] / spread[XYZ] == pytest.approx(0.5**0.5, rel=0.01)
-
-
-# -- angle and magnitude (section 7.5.2.3), offset and gain (7.5.2.4)
-
-
-@pytest.mark.parametrize(
-    ("degrees", "register"),
-    [(354.5, "1628"), (17.25, "0114"), (0.0, "0000"), (180.0, "0b40")],
-)
-def test_an_angle_is_stored_as_in_the_data_sheet_s_examples(degrees, register):
-    first, second = (
-        20_000 * np.cos(np.radians(degrees)),
-        20_000 * np.sin(np.radians(degrees)),
-    )
-    on = ChipOnWire(raw_field(round(first), round(second), 0))
-    on.configure(SENSOR_CONFIG_2=1 << 2)
-    on.convert(1)
-    assert on.read(2, ANGLE).hex() == register
-
-
-@pytest.mark.parametrize(("pair", "angle"), [(1, 45), (2, 90), (3, 90)])
-def test_the_angle_is_that_of_the_chosen_pair(pair, angle):
-    on = ChipOnWire(
-        raw_field(
-            *{1: (5_000, 5_000, 9_000), 2: (5_000, 0, 9_000), 3: (0, 5_000, 9_000)}[
-                pair
-            ]
-        )
-    )
-    on.configure(SENSOR_CONFIG_2=pair << 2)
-    on.convert(1)
-    assert int.from_bytes(on.read(2, ANGLE), "big") == angle << 4
-
-
-def test_the_magnitude_is_the_one_that_a_real_chip_showed():
-    """78.69 and -78.89 mT at +-80 mT gave 178 (log in devOramaMan/stm32_TMAG5273)."""
-    on = ChipOnWire(lambda now_s: [78_690.0, -78_890.0, 0.0])
-    on.configure(SENSOR_CONFIG_2=1 << 2 | 1 << 1)
-    on.convert(1)
-    assert on.read(1, MAGNITUDE) == bytes([178])
-
-
-def test_no_angle_is_made_where_it_is_off_or_one_of_its_axes_is():
-    for pair, mask in ((0, XYZ), (1, 1)):
-        on = ChipOnWire(raw_field(5_000, 5_000, 0))
-        on.configure(
-            SENSOR_CONFIG_2=pair << 2,
-            SENSOR_CONFIG_1=mask << 4,
-            DEVICE_CONFIG_2=CONTINUOUS,
-        )
-        on.wait_us(200)
-        assert on.read(3, ANGLE) == bytes(3)
-
-
-def test_offset_and_gain_correct_the_axes_of_the_angle_and_no_others():
-    on = ChipOnWire(raw_field(1_000, 2_000, 3_000))
-    on.configure(
-        MAG_GAIN_CONFIG=128,
-        MAG_OFFSET_CONFIG_1=0xFF,
-        MAG_OFFSET_CONFIG_2=2,
-        SENSOR_CONFIG_2=1 << 2 | 1 << 4,
-    )
-    on.convert(1)
-    assert on.results()[1:] == [1_000 - 16, (2_000 + 32) // 2, 3_000]
-    on.configure(SENSOR_CONFIG_2=0)
-    on.wait_us(200)
-    assert on.results()[1:] == [1_000, 2_000, 3_000]
 
 
 # -- sleep, and wake-and-sleep (section 7.4)
@@ -354,7 +196,7 @@ def test_results_are_lost_in_sleep_and_the_configuration_is_not():
     on.configure(DEVICE_CONFIG_2=1)
     assert not on.write(0x00)
     on.wait_us(50)
-    assert on.results()[1:] == [0, 0, 0]
+    assert on.results() == [0, 0, 0]
     assert on.status("RESULT_STATUS") == 0
     assert on.read(1, 0x02) == bytes([XYZ << 4])
 
@@ -366,7 +208,7 @@ def test_a_chip_in_wake_and_sleep_mode_is_woken_by_its_address_without_an_acknow
     assert not on.write(0x00)
     on.wait_us(50)
     assert on.read(1, 0x01) == b"\x00"
-    assert on.results()[1:] == [0, 0, 0]
+    assert on.results() == [0, 0, 0]
 
 
 def test_a_chip_that_waits_for_its_pin_is_not_triggered_over_the_bus():

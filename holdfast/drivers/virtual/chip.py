@@ -22,13 +22,9 @@ from holdfast.drivers.tmag5273 import (
 from holdfast.drivers.virtual.clock import Clock
 from holdfast.drivers.virtual.conversion import (
     LAST,
-    REFERENCE_DEGC,
     RegisterFile,
-    angle_raw,
-    magnitude_raw,
     noise_of,
     settings,
-    temperature_raw,
 )
 from holdfast.drivers.virtual.faults import Faults
 
@@ -38,14 +34,10 @@ WAKE_AND_SLEEP = 3
 """DEVICE_CONFIG_2.OPERATING_MODE."""
 ASLEEP = (SLEEP, WAKE_AND_SLEEP)
 STATUS = REGISTERS["CONV_STATUS"].address
-TEMPERATURE = REGISTERS["T_MSB_RESULT"].address
-ANGLE = REGISTERS["ANGLE_RESULT_MSB"].address
 RESULT_READY, DIAG_FAILED = 0x01, 0x02
 """Of CONV_STATUS."""
 RESTARTING = ("DEVICE_CONFIG_1", "DEVICE_CONFIG_2", "SENSOR_CONFIG_1", "T_CONFIG")
 """A write to one of these registers restarts the conversions."""
-MOST_CHECKED_CHANNELS = 3
-"""A packet of 16 bits a channel has no room for a check byte after more channels."""
 IDS = (
     REGISTERS["MANUFACTURER_ID_LSB"].address,
     REGISTERS["MANUFACTURER_ID_MSB"].address,
@@ -63,7 +55,7 @@ NOTHING_SENT = 0xFF
 class Chip:
     """One chip. number: 1 .. 6, its name in faults; version: 1 or 2.
 
-    seed: of its noise, None for none. degc: its temperature.
+    seed: of its noise, None for none.
     """
 
     def __init__(
@@ -76,13 +68,11 @@ class Chip:
         faults: Faults,
         *,
         seed: int | None = None,
-        degc: float = REFERENCE_DEGC,
     ) -> None:
         self.number = number
         self.factory_address = factory_address
         self.version = version
-        self._field, self._degc = field, degc
-        self._clock, self._faults = clock, faults
+        self._field, self._clock, self._faults = field, clock, faults
         self._born_ns = clock.now_ns()
         self._noise_ut = noise_of(seed, number)
         self.power_on()
@@ -212,8 +202,7 @@ class Chip:
             self._started_ns = None
 
     def _forget(self) -> None:
-        self._bytes[TEMPERATURE:STATUS] = bytes(STATUS - TEMPERATURE)
-        self._bytes[ANGLE : ANGLE + 3] = bytes(3)
+        self._bytes[RESULTS:STATUS] = bytes(STATUS - RESULTS)
         self._bytes[STATUS] &= ~RESULT_READY & 0xFF
 
     def _begin(self) -> None:
@@ -222,9 +211,7 @@ class Chip:
     def _update(self) -> None:
         """Complete the conversions that are due by now; only the last one leaves its result."""
         wanted = self._settings
-        if self._started_ns is None or not (wanted.axes or wanted.temperature):
-            return
-        if self._has("frozen"):
+        if self._started_ns is None or not wanted.axes or self._has("frozen"):
             return
         passed_ns = self._clock.now_ns() - self._started_ns
         done = passed_ns // round(1e9 * wanted.duration_s)
@@ -240,35 +227,25 @@ class Chip:
 
     def _convert(self, middle_s: float) -> None:
         """One conversion into the result registers."""
-        wanted = self._settings
         noise_ut = self._noise_ut[self._conversions % len(self._noise_ut)]
-        results = wanted.raw(self._field(middle_s), noise_ut, self._degc)
+        results = self._settings.raw(self._field(middle_s), noise_ut)
         for axis, result in results.items():
             struct.pack_into(">h", self._bytes, RESULTS + 2 * axis, result)
-        if wanted.temperature:
-            temperature = temperature_raw(self._degc)
-            struct.pack_into(">H", self._bytes, TEMPERATURE, temperature)
-        if wanted.pair is not None and set(wanted.pair) <= results.keys():
-            first, second = (results[axis] for axis in wanted.pair)
-            angle, magnitude = angle_raw(first, second), magnitude_raw(first, second)
-            struct.pack_into(">HB", self._bytes, ANGLE, angle, magnitude)
         count = (self._conversions % 8) << 5
         self._bytes[STATUS] = self._bytes[STATUS] & 0x1E | count | RESULT_READY
 
     def _burst(self, address: int) -> bytes | None:
         """The packet of a read without a register byte; None in register reads.
 
-        T, X, Y and Z as they are enabled, then the status and perhaps a check byte.
+        X, Y and Z as they are enabled, then the status and perhaps a check byte.
         """
         if self._reads_as not in (BURST_16, BURST_8):
             return None
         places = [RESULTS + 2 * axis for axis in self._settings.axes]
-        if self._settings.temperature:
-            places.insert(0, TEMPERATURE)
         width = 2 if self._reads_as == BURST_16 else 1
         data = b"".join(self._bytes[at : at + width] for at in places)
         data += bytes([self._load(STATUS)])
-        if self._checked and (width == 1 or len(places) <= MOST_CHECKED_CHANNELS):
+        if self._checked:
             data += bytes([packet_crc(address, data)])
         return data
 
