@@ -22,7 +22,6 @@ from typing import Any
 
 from holdfast.core.errors import CameraUnavailable, DataError, HoldfastError, UsageError
 from holdfast.core.reading import Json
-from holdfast.drivers.camera.library import load_depthai
 from holdfast.drivers.camera.recording import TAGS, read_about, read_recorded
 from holdfast.drivers.camera.sources import (
     OAK,
@@ -31,6 +30,7 @@ from holdfast.drivers.camera.sources import (
     Lens,
     Oak,
     Stored,
+    load_depthai,
     read_frames,
 )
 from holdfast.drivers.virtual.clock import Clock, WallClock

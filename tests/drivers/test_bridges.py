@@ -212,26 +212,6 @@ def test_a_scan_of_six_sensors_takes_this_much_traffic_and_time(
     assert milliseconds[0] < 1e-6 * (bench.clock.now_ns() - begun_ns) < milliseconds[1]
 
 
-WALKS = {0x11: 4, 0x13: 3, 0x20: 3, 0x22: 2, 0x80: 3, 0x86: 3}
-"""Bytes of the MPSSE commands that have arguments; the driver sends one byte at a time."""
-
-
-class BitByBit(VirtualFt232h):
-    """An FT232H whose driver clocks every bit by itself, where it would send whole bytes."""
-
-    def write(self, endpoint: int, data: bytes) -> None:
-        at, result = 0, b""
-        while at < len(data):
-            command = data[at : at + WALKS.get(data[at], 1)]
-            at += len(command)
-            if command[0] == 0x11:
-                command = b"".join(
-                    bytes([0x13, 0, command[3] << k & 0xFF]) for k in range(8)
-                )
-            result += b"\x22\x07" if command[0] == 0x20 else command
-        super().write(endpoint, result)
-
-
 class Computing(VirtualClock):
     """A clock on which an emulation that computes takes time: so much for every look at it."""
 
@@ -243,9 +223,7 @@ class Computing(VirtualClock):
         return super().now_ns()
 
 
-def scans(
-    bridge: type[VirtualFt232h], clock: VirtualClock
-) -> tuple[list[Reply], float]:
+def scans(clock: VirtualClock) -> tuple[list[Reply], float]:
     """What three scans of a noisy, changing hand answer, and how long they take, s."""
     track = Track(
         np.array([0.0, 0.02]), np.stack([np.full((6, 3), -9e3), np.full((6, 3), 2e4)])
@@ -254,7 +232,9 @@ def scans(
     hand = VirtualHand(
         clock, track=track, seed=3, faults=[Fault("frozen", 1e6, sensor=1)]
     )
-    bus = Ft232h(VirtualBackend(bridge(hand), clock, hand.faults, hand.power_off))
+    bus = Ft232h(
+        VirtualBackend(VirtualFt232h(hand), clock, hand.faults, hand.power_off)
+    )
     begun_ns = clock.now_ns()
     transfers = [Transfer(A, bytes([*pair])) for pair in Setup(averages=1).registers()]
     replies = bus.scan([FIRST, *transfers])
@@ -266,22 +246,9 @@ def scans(
     return replies, 1e-9 * (clock.now_ns() - begun_ns)
 
 
-def test_an_emulated_ft232h_carries_bytes_as_it_carries_bits():
-    (whole, whole_s), (bits, bits_s) = (
-        scans(VirtualFt232h, VirtualClock()),
-        scans(BitByBit, VirtualClock()),
-    )
-    assert whole == bits
-    assert whole_s == bits_s
-    assert len({reply.data for reply in whole if len(reply.data) == PACKET_BYTES}) > 3
-
-
 def test_what_an_emulated_ft232h_takes_to_compute_is_part_of_what_its_wire_takes():
     clock = Computing()
-    (replies, lasts_s), (_, plain_s) = (
-        scans(VirtualFt232h, clock),
-        scans(VirtualFt232h, VirtualClock()),
-    )
+    (replies, lasts_s), (_, plain_s) = scans(clock), scans(VirtualClock())
     assert any(reply.acked for reply in replies)
     assert clock.looks > 300
     assert lasts_s - plain_s < 0.2 * 100e-9 * clock.looks

@@ -26,9 +26,8 @@ from hand_made_tracks import hand_made
 
 from holdfast.cli.main import main
 from holdfast.core.errors import EmptyRecording, NotANumber
-from holdfast.drivers.camera.library import QUIET
 from holdfast.drivers.camera.recording import read_about, read_tracks, write_about
-from holdfast.drivers.camera.sources import read_frames
+from holdfast.drivers.camera.sources import QUIET, read_frames
 
 
 def test_without_a_camera_there_is_one_error_and_nothing_is_left(tmp_path):
@@ -49,7 +48,7 @@ def test_the_search_for_a_camera_is_short_and_every_setting_is_in_force_before_t
 lines = []
 load_depthai(lines.append)
 load_depthai(lines.append)
-from holdfast.drivers.camera.library import QUIET
+from holdfast.drivers.camera.sources import QUIET
 print(json.dumps({"set": {name: os.environ[name] for name in QUIET}, "lines": lines}))
 """)
     assert output["set"] == QUIET

@@ -28,9 +28,8 @@ from holdfast.core.errors import (
     TimeError,
 )
 from holdfast.drivers.camera import sources
-from holdfast.drivers.camera.library import QUIET
 from holdfast.drivers.camera.recording import TagFile, read_tracks
-from holdfast.drivers.camera.sources import read_frames
+from holdfast.drivers.camera.sources import QUIET, read_frames
 from holdfast.simulation.camera_frames import HAND_TAG, OBJECT_TAG, cells
 from studies.doc_pictures.tags import sheet
 
@@ -261,7 +260,7 @@ def test_depthai_is_imported_in_one_file_and_by_no_help():
         if "depthai" in (text := path.read_text("utf-8"))
     }
     files = [path for path, text in naming.items() if "depthai" in imports_of(text, "")]
-    assert files == [ROOT / "holdfast/drivers/camera/library.py"]
+    assert files == [ROOT / "holdfast/drivers/camera/sources.py"]
     code = (
         "import sys; from holdfast.cli import onset, watch; import holdfast.drivers.camera.graph; "
         "print('depthai' in sys.modules)"

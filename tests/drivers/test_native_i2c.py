@@ -99,7 +99,7 @@ TRANSFERS = st.builds(
 
 
 @given(st.lists(TRANSFERS, min_size=1, max_size=6), st.booleans())
-def test_commands_that_are_joined_do_what_each_alone_does(transfers, held):
+def test_commands_that_come_byte_by_byte_do_what_a_batch_does(transfers, held):
     outcomes = []
     for engine in (VirtualFt232h, OneByOne):
         clock = Still()

@@ -17,7 +17,7 @@ import pytest
 from camera_process import CameraProcess
 
 from holdfast.core.contract import FloatArray
-from holdfast.drivers.camera.library import QUIET
+from holdfast.drivers.camera.sources import QUIET
 from holdfast.simulation.camera_frames import CAMERA, GREY, Camera, Frames
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -112,7 +112,7 @@ from pathlib import Path
 from typing import Any
 import numpy as np
 from holdfast.drivers.camera.graph import watch
-from holdfast.drivers.camera.library import load_depthai
+from holdfast.drivers.camera.sources import load_depthai
 from holdfast.drivers.camera.recording import read_about, read_recorded, read_tracks, read_video
 from holdfast.drivers.camera.sources import Frame, Lens, Stored, read_frames
 from holdfast.core.errors import DeviceLost, HoldfastError

@@ -24,7 +24,6 @@ from holdfast.core.errors import (
     OutputError,
     TimeError,
 )
-from holdfast.drivers.camera.library import load_depthai
 from holdfast.drivers.camera.recording import (
     ABOUT,
     STAMPS,
@@ -37,7 +36,7 @@ from holdfast.drivers.camera.recording import (
     require_same_stamps,
     write_about,
 )
-from holdfast.drivers.camera.sources import LONGEST_WAIT_S, FrameSource
+from holdfast.drivers.camera.sources import LONGEST_WAIT_S, FrameSource, load_depthai
 
 FAMILY, QUAD_DECIMATE, THREADS = "36h11", 2, 1
 """Decimation 4, the default, loses tags of 30 px.

@@ -3,7 +3,7 @@
 The result is a time on which no tactile sample had an influence. There are three times:
 
     start  where a quadratic, fitted to the first frames that moved, leaves the level of rest
-           (with its standard deviation, start_fit.py)
+           (with its standard deviation)
     seen   the first of three frames in a row beyond max(5 sigma, 0.15 px). It is late by
            sqrt(2 threshold / acceleration), 20 to 100 ms; lead times would look too long with it
     gross  a fixed distance in mm, larger than what soft pads give without any slip
@@ -12,8 +12,6 @@ A soft pad lets the object move before anything slips. So a motion counts only i
 gross distance, and that distance is measured on trials that load the grip and do not slip
 (`gross_distance_mm`). Where a tag is hidden, the track has a gap, and nothing in the gap has a
 time. The camera cannot see parts of the contact slide (incipient slip).
-
-When a motion began: a quadratic fitted to its first frames.
 """
 
 from __future__ import annotations
@@ -23,10 +21,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from holdfast.core.contract import FloatArray
+from holdfast.core.contract import BoolArray, FloatArray
 from holdfast.core.errors import LabelError
 from holdfast.drivers.camera.motion import REST_FRAMES, REST_S, Motion
 
+IN_A_ROW = 3
+LONGEST_STEP = 2.5
+"""Seen frames that are further apart than this many periods have a gap between them."""
+GROSS_MM = 2.0
+ABOVE_SHEAR = 1.5
+"""Gross slip begins at this many times the largest motion of a grip that held."""
 FIT_FRAMES, FIT_THRESHOLDS = 4, 20.0
 """The fit covers the rest, this many moving frames, and later ones up to this many thresholds away.
 
@@ -35,70 +39,11 @@ STEPS = 400
 """Points of the grid on which the start is searched."""
 
 
-def fitted_start(
-    t_s: FloatArray,
-    along_mm: FloatArray,
-    first: int,
-    threshold_mm: float,
-    sigma_mm: float,
-) -> tuple[float, float]:
-    """Start of c + k (t - start)^2, 0 before it, by least squares, and its standard deviation, s.
-
-    first: the first frame beyond the threshold. The fit covers the rest before it and the first
-    frames after it. The start is searched on a grid, then on a finer one around the best point,
-    because the model has a corner there. The standard deviation comes from the model's slopes and
-    from the larger of residual and noise.
-    """
-    stop = min(first + FIT_FRAMES, len(t_s))
-    while (
-        stop < len(t_s)
-        and along_mm[stop] <= FIT_THRESHOLDS * threshold_mm
-        and t_s[stop] - t_s[first] < REST_S
-    ):
-        stop += 1
-    begin = int(np.searchsorted(t_s, t_s[first] - REST_S))
-    t, d = t_s[begin:stop], along_mm[begin:stop]
-    low, high = t_s[begin], t_s[first]
-    for _ in range(2):
-        grid = np.linspace(low, high, STEPS)
-        best = int(np.argmin(_misfit(t, d, grid)))
-        low, high = grid[max(best - 1, 0)], grid[min(best + 1, STEPS - 1)]
-    start_s = float(grid[best])
-    since = np.maximum(t - start_s, 0.0)
-    known = np.stack([np.ones_like(since), since**2], axis=1)
-    solved = np.linalg.lstsq(known, d, rcond=None)[0]
-    left = d - known @ solved
-    slopes = np.column_stack([known, -2.0 * solved[1] * since])
-    noise_mm = max(sigma_mm, float(np.sqrt(left @ left / max(len(t) - 3, 1))))
-    spread = np.linalg.pinv(slopes.T @ slopes)
-    return start_s, noise_mm * float(np.sqrt(max(spread[2, 2], 0.0)))
-
-
-def _misfit(t: FloatArray, d: FloatArray, starts: FloatArray) -> FloatArray:
-    """[G] squared residual of the best line in (t - start)^2, for every start."""
-    x = np.maximum(t - starts[:, None], 0.0) ** 2
-    x -= x.mean(axis=1, keepdims=True)
-    y = d - d.mean()
-    bent, square = x @ y, (x * x).sum(axis=1)
-    misfit: FloatArray = y @ y - np.where(
-        (bent > 0.0) & (square > 0.0), bent, 0.0
-    ) ** 2 / np.maximum(square, 1e-300)
-    return misfit
-
-
-IN_A_ROW = 3
-LONGEST_STEP = 2.5
-"""Seen frames that are further apart than this many periods have a gap between them."""
-GROSS_MM = 2.0
-ABOVE_SHEAR = 1.5
-"""Gross slip begins at this many times the largest motion of a grip that held."""
-
-
 @dataclass(frozen=True)
 class Slip:
-    """One slip, times in s as in the frames. start_sd_s: of the fit; frame_s.
+    """One slip, times in s as in the frames.
 
-    The longest frame step.
+    start_sd_s: standard deviation of the fit. frame_s: the longest frame step.
     """
 
     start_s: float
@@ -125,49 +70,51 @@ class HiddenMotion:
     to_s: float
 
 
+@dataclass(frozen=True)
+class Departure:
+    """A motion away from a rest: level_mm [2] of that rest, and rows of the track.
+
+    first: the first of three frames away. stop: the first frame after the next rest began, or the
+    track's end.
+    """
+
+    level_mm: FloatArray
+    first: int
+    stop: int
+
+
 def find_slip(moved: Motion, gross_mm: float = GROSS_MM) -> Slip | HiddenMotion | None:
     """The first motion from rest that reaches gross_mm; None without one. Raises LabelError.
 
     LabelError: the object never rests.
     """
     track = _Track(moved)
-    for level_mm, first, stop in track.departures():
-        away_mm = np.linalg.norm(track.place_mm[first:stop] - level_mm, axis=1)
-        far = np.flatnonzero(away_mm >= gross_mm)
+    for departure in track.departures():
+        far = np.flatnonzero(track.away_mm(departure) >= gross_mm)
         if not far.size:
             continue
-        gross = first + int(far[0])
-        before = max(first - 1, 0)
-        gaps = before + np.flatnonzero(
-            np.diff(track.t_s[before : gross + 1]) > track.longest_s
-        )
-        if gaps.size:
-            return HiddenMotion(
-                float(track.t_s[gaps[0]]), track.next_seen_s(int(gaps[0]))
-            )
-        return _slip(track, level_mm, first, gross, stop, gross_mm)
+        gross = departure.first + int(far[0])
+        gap = track.first_gap(max(departure.first - 1, 0), gross + 1)
+        if gap is not None:
+            return HiddenMotion(float(track.t_s[gap]), track.next_seen_s(gap))
+        return _slip(track, departure, gross, gross_mm)
     return track.hidden_while_away()
 
 
 def largest_move_mm(moved: Motion) -> float:
     """The largest distance from the last rest.
 
-    The elastic shear, in a trial that loads and holds.
+    In a trial that loads and holds, this is the elastic shear.
     """
     track = _Track(moved)
-    largest_mm = 0.0
-    for level_mm, first, stop in track.departures():
-        away_mm = np.linalg.norm(track.place_mm[first:stop] - level_mm, axis=1)
-        largest_mm = max(largest_mm, float(away_mm.max(initial=0.0)))
-    return largest_mm
+    moves_mm = [track.away_mm(one).max(initial=0.0) for one in track.departures()]
+    return float(max(moves_mm, default=0.0))
 
 
 def gross_distance_mm(no_slip: Sequence[Motion]) -> float:
     """A gross distance above the elastic shear of loaded trials without slip, at least 2 mm."""
-    return max(
-        GROSS_MM,
-        ABOVE_SHEAR * max((largest_move_mm(one) for one in no_slip), default=0.0),
-    )
+    shear_mm = max((largest_move_mm(one) for one in no_slip), default=0.0)
+    return max(GROSS_MM, ABOVE_SHEAR * shear_mm)
 
 
 class _Track:
@@ -175,28 +122,29 @@ class _Track:
 
     def __init__(self, moved: Motion) -> None:
         seen = np.isfinite(moved.place_mm).all(axis=1)
-        self.t_s, self.place_mm, self.threshold_mm = (
-            moved.t_s[seen],
-            moved.place_mm[seen],
-            moved.threshold_mm,
-        )
-        self.sigma_mm, self.end_s = (
-            moved.sigma_mm,
-            float(moved.t_s[-1]) if len(moved.t_s) else 0.0,
-        )
-        self.longest_s = (
-            LONGEST_STEP * float(np.median(np.diff(moved.t_s)))
-            if len(moved.t_s) > 1
-            else 0.0
-        )
+        self.t_s, self.place_mm = moved.t_s[seen], moved.place_mm[seen]
+        self.threshold_mm, self.sigma_mm = moved.threshold_mm, moved.sigma_mm
+        self.end_s = float(moved.t_s[-1]) if len(moved.t_s) else 0.0
+        self.longest_s = 0.0
+        if len(moved.t_s) > 1:
+            self.longest_s = LONGEST_STEP * float(np.median(np.diff(moved.t_s)))
+
+    def away_mm(self, departure: Departure) -> FloatArray:
+        """Distance from the rest, for each frame of a departure."""
+        places_mm = self.place_mm[departure.first : departure.stop]
+        away_mm: FloatArray = np.linalg.norm(places_mm - departure.level_mm, axis=1)
+        return away_mm
+
+    def first_gap(self, first: int, stop: int) -> int | None:
+        """The first of these frames that a gap follows."""
+        gaps = np.flatnonzero(np.diff(self.t_s[first:stop]) > self.longest_s)
+        return first + int(gaps[0]) if gaps.size else None
 
     def rest(self, first: int) -> tuple[FloatArray, int] | None:
         """Level [2] of the first rest from this frame on, and the first frame after it."""
         for start in range(first, len(self.t_s)):
-            stop = max(
-                int(np.searchsorted(self.t_s, self.t_s[start] + REST_S)) + 1,
-                start + REST_FRAMES,
-            )
+            rested = int(np.searchsorted(self.t_s, self.t_s[start] + REST_S)) + 1
+            stop = max(rested, start + REST_FRAMES)
             if stop > len(self.t_s):
                 return None
             level_mm = np.median(self.place_mm[start:stop], axis=0)
@@ -204,46 +152,27 @@ class _Track:
                 return level_mm, stop
         return None
 
-    def no_rest(self) -> tuple[FloatArray, int]:
-        """Raise LabelError: the object never rests."""
-        raise LabelError(
-            f"the object never rests in the hand for {REST_S:g} s",
-            cause="hidden tags, or an object that moves all the time",
-            next_step="hold still before the action, or choose a part with --from and --until",
-        )
+    def first_rest(self) -> tuple[FloatArray, int]:
+        """The first rest of the recording. Raises LabelError: the object never rests."""
+        found = self.rest(0)
+        if found is None:
+            raise LabelError(
+                f"the object never rests in the hand for {REST_S:g} s",
+                cause="hidden tags, or an object that moves all the time",
+                next_step="hold still before the action, or choose a part with --from and --until",
+            )
+        return found
 
-    def departures(self) -> Iterator[tuple[FloatArray, int, int]]:
-        """(level, first of three frames away, first frame after the next rest began or the end)."""
-        level_mm, after = self.rest(0) or self.no_rest()
+    def departures(self) -> Iterator[Departure]:
+        """Every motion away from a rest, each from the rest before it."""
+        level_mm, after = self.first_rest()
         while (first := self._departs(after, level_mm)) is not None:
             again = self.rest(first)
             if again is None:
-                yield level_mm, first, len(self.t_s)
+                yield Departure(level_mm, first, len(self.t_s))
                 return
-            yield level_mm, first, again[1]
+            yield Departure(level_mm, first, again[1])
             level_mm, after = again
-
-    def _away(self, first: int, level_mm: FloatArray) -> FloatArray:
-        away: FloatArray = (
-            np.linalg.norm(self.place_mm[first:] - level_mm, axis=1) > self.threshold_mm
-        )
-        return away
-
-    def _departs(self, first: int, level_mm: FloatArray) -> int | None:
-        away = self._away(first, level_mm)
-        rows = len(away) - IN_A_ROW + 1
-        found = (
-            np.flatnonzero(
-                np.all([away[k : k + rows] for k in range(IN_A_ROW)], axis=0)
-            )
-            if rows > 0
-            else away[:0]
-        )
-        return first + int(found[0]) if found.size else None
-
-    def lost_after(self, row: int) -> bool:
-        """Whether this frame is followed by a gap or by the end of what is seen."""
-        return self.next_seen_s(row) - float(self.t_s[row]) > self.longest_s
 
     def next_seen_s(self, row: int) -> float:
         """When both tags are seen again after this frame; the recording's end if never."""
@@ -251,35 +180,46 @@ class _Track:
 
     def hidden_while_away(self) -> HiddenMotion | None:
         """The gap at the end of what is seen, if the object was away from its rest then."""
-        level_mm, after = self.rest(0) or self.no_rest()
+        level_mm, after = self.first_rest()
         while (again := self.rest(after)) is not None:
             level_mm, after = again
         last = len(self.t_s) - 1
-        if self.lost_after(last) and self._away(last, level_mm)[0]:
-            return HiddenMotion(float(self.t_s[last]), self.end_s)
+        last_s = float(self.t_s[last])
+        if self.end_s - last_s > self.longest_s and self._away(last, level_mm)[0]:
+            return HiddenMotion(last_s, self.end_s)
+        return None
+
+    def _away(self, first: int, level_mm: FloatArray) -> BoolArray:
+        away_mm = np.linalg.norm(self.place_mm[first:] - level_mm, axis=1)
+        away: BoolArray = away_mm > self.threshold_mm
+        return away
+
+    def _departs(self, first: int, level_mm: FloatArray) -> int | None:
+        """The first frame of three in a row that are away from this level."""
+        run = 0
+        for row, away in enumerate(self._away(first, level_mm).tolist(), first):
+            run = run + 1 if away else 0
+            if run == IN_A_ROW:
+                return row - IN_A_ROW + 1
         return None
 
 
-def _slip(
-    track: _Track,
-    level_mm: FloatArray,
-    first: int,
-    gross: int,
-    stop: int,
-    gross_mm: float,
-) -> Slip:
-    t_s, offset_mm = track.t_s, track.place_mm - level_mm
+def _slip(track: _Track, departure: Departure, gross: int, gross_mm: float) -> Slip:
+    """The times of a slip. gross: the first frame beyond the gross distance."""
+    t_s, first, stop = track.t_s, departure.first, departure.stop
+    offset_mm = track.place_mm - departure.level_mm
     along_mm = offset_mm @ (offset_mm[gross] / np.linalg.norm(offset_mm[gross]))
     start_s, start_sd_s = fitted_start(
         t_s, along_mm, first, track.threshold_mm, track.sigma_mm
     )
-    away_mm = np.linalg.norm(offset_mm[gross - 1 : gross + 1], axis=1)
-    gross_s = float(
-        np.interp(np.sqrt(gross_mm), np.sqrt(away_mm), t_s[gross - 1 : gross + 1])
-    )
-    gaps = gross + np.flatnonzero(np.diff(t_s[gross:stop]) > track.longest_s)
-    end_s = float(t_s[gaps[0]] if gaps.size else t_s[stop - 1])
-    if not gaps.size and stop < len(t_s):
+    around = slice(gross - 1, gross + 1)
+    # a constant acceleration: the root of the distance grows linearly with time
+    roots = np.sqrt(np.linalg.norm(offset_mm[around], axis=1))
+    gross_s = float(np.interp(np.sqrt(gross_mm), roots, t_s[around]))
+    gap = track.first_gap(gross, stop)
+    end_s = float(t_s[stop - 1 if gap is None else gap])
+    if gap is None and stop < len(t_s):
+        # the next rest was recognised only at its end
         end_s = max(gross_s, end_s - REST_S)
     return Slip(
         start_s=start_s,
@@ -289,3 +229,62 @@ def _slip(
         end_s=end_s,
         frame_s=float(np.diff(t_s[max(first - 1, 0) : gross + 1]).max()),
     )
+
+
+def fitted_start(
+    t_s: FloatArray,
+    along_mm: FloatArray,
+    first: int,
+    threshold_mm: float,
+    sigma_mm: float,
+) -> tuple[float, float]:
+    """Start of c + k (t - start)^2, 0 before it, by least squares, and its standard deviation, s.
+
+    first: the first frame beyond the threshold. The fit covers the rest before it and the first
+    frames after it. The start is searched on a grid, then on a finer one around the best point,
+    because the model has a corner there. The standard deviation comes from the model's slopes and
+    from the larger of residual and noise.
+    """
+    begin, stop = _frames_to_fit(t_s, along_mm, first, threshold_mm)
+    t, d = t_s[begin:stop], along_mm[begin:stop]
+    low, high = t_s[begin], t_s[first]
+    for _ in range(2):
+        grid = np.linspace(low, high, STEPS)
+        best = int(np.argmin(_misfit(t, d, grid)))
+        low, high = grid[max(best - 1, 0)], grid[min(best + 1, STEPS - 1)]
+    start_s = float(grid[best])
+    since = np.maximum(t - start_s, 0.0)
+    known = np.stack([np.ones_like(since), since**2], axis=1)
+    solved = np.linalg.lstsq(known, d, rcond=None)[0]
+    left = d - known @ solved
+    slopes = np.column_stack([known, -2.0 * solved[1] * since])
+    # three parameters were fitted: level, acceleration and start
+    noise_mm = max(sigma_mm, float(np.sqrt(left @ left / max(len(t) - 3, 1))))
+    spread = np.linalg.pinv(slopes.T @ slopes)
+    return start_s, noise_mm * float(np.sqrt(max(spread[2, 2], 0.0)))
+
+
+def _frames_to_fit(
+    t_s: FloatArray, along_mm: FloatArray, first: int, threshold_mm: float
+) -> tuple[int, int]:
+    """First and last + 1 of the frames of the fit."""
+    begin = int(np.searchsorted(t_s, t_s[first] - REST_S))
+    stop = min(first + FIT_FRAMES, len(t_s))
+    limit_mm = FIT_THRESHOLDS * threshold_mm
+    while stop < len(t_s) and along_mm[stop] <= limit_mm:
+        if t_s[stop] - t_s[first] >= REST_S:
+            break
+        stop += 1
+    return begin, stop
+
+
+def _misfit(t: FloatArray, d: FloatArray, starts: FloatArray) -> FloatArray:
+    """[G] squared residual of the best line in (t - start)^2, for every start."""
+    x = np.maximum(t - starts[:, None], 0.0) ** 2
+    x -= x.mean(axis=1, keepdims=True)
+    y = d - d.mean()
+    slope, square = x @ y, (x * x).sum(axis=1)
+    # a motion back towards the rest explains nothing
+    explained = np.where((slope > 0.0) & (square > 0.0), slope, 0.0) ** 2
+    misfit: FloatArray = y @ y - explained / np.maximum(square, 1e-300)
+    return misfit

@@ -1,8 +1,7 @@
 """An FT232H: its control requests, its MPSSE engine (FTDI AN 108), and the two lines it drives.
 
-The engine carries out a byte and its acknowledge in one step wherever the driver's commands allow
-it, because the emulation's computing time is taken from the reader in the same process. Bit by bit
-gives the same replies and takes the same virtual time.
+The engine moves whole bytes, because the emulation's computing time is taken from the reader in
+the same process. A driver that clocks single bits of a byte would not be understood.
 """
 
 from __future__ import annotations
@@ -10,7 +9,7 @@ from __future__ import annotations
 from functools import lru_cache
 
 from holdfast.drivers.virtual.usb_device import BULK, Device, Endpoint, Interface, stall
-from holdfast.drivers.virtual.virtual_hand import VirtualHand, Wire
+from holdfast.drivers.virtual.virtual_hand import RELEASED, VirtualHand, Wire
 
 OUT_ENDPOINT, IN_ENDPOINT, PACKET = 0x02, 0x81, 512
 STATUS = bytes([0x32, 0x60])
@@ -32,12 +31,8 @@ LENGTHS = dict.fromkeys(
 )
 LENGTHS |= {0x22: 2, 0x26: 2}
 """Bytes of the commands that have arguments, data of byte writes not counted."""
-BYTE_WRITES = (0x10, 0x11)
-RELEASE = (SET_PINS, bytes([SDA, SCL | SDA]))
-"""SCL low, SDA released."""
-READ_BIT, READ_BYTE = (0x22, bytes(1)), (0x20, bytes(2))
-SENT, GOT = 0x100, 0x101
-"""Three commands as one: a byte out and its acknowledge, or a byte in and its acknowledge."""
+BYTE_WRITES, BIT_WRITES = (0x10, 0x11), (0x12, 0x13)
+BYTE_READS, BIT_READS = (0x20, 0x24), (0x22, 0x26)
 WITHOUT_EFFECT = (0x82, 0x84, 0x85, 0x8D, 0x96, 0x97, 0x9E)
 
 Command = tuple[int, bytes]
@@ -48,8 +43,8 @@ Command = tuple[int, bytes]
 def parsed(commands: bytes) -> tuple[tuple[Command, ...], int]:
     """MPSSE commands as (opcode, arguments), and how many bytes they use; the rest is incomplete.
 
-    A pin write that repeats the one before is left out; SENT and GOT stand for three commands each.
-    Cached: a driver sends the same batch again and again.
+    A pin write that repeats the one before is left out. Cached: a driver sends the same batch again
+    and again.
     """
     found: list[Command] = []
     at = 0
@@ -63,23 +58,8 @@ def parsed(commands: bytes) -> tuple[tuple[Command, ...], int]:
         command = opcode, commands[at + 1 : at + used]
         if opcode != SET_PINS or not found or found[-1] != command:
             found.append(command)
-            found[-3:] = _joined(found[-3:])
         at += used
     return tuple(found), at
-
-
-def _joined(last: list[Command]) -> list[Command]:
-    """The last three commands, or the one command that they make."""
-    if len(last) < 3:
-        return last
-    (first, data), second, third = last
-    one_byte_out = first == 0x11 and len(data) == 3
-    if one_byte_out and second == RELEASE and third == READ_BIT:
-        return [(SENT, data[2:])]
-    one_bit_out = second[0] == 0x13 and second[1][0] == 0
-    if last[0] == READ_BYTE and one_bit_out and third == RELEASE:
-        return [(GOT, second[1][1:])]
-    return last
 
 
 class VirtualFt232h(Device):
@@ -188,20 +168,16 @@ class VirtualFt232h(Device):
             # a pin that is not driven is pulled up
             high = levels | ~driven
             self._lines.set(bool(high & SCL), bool(high & SDA))
-        elif opcode == GOT:
-            self._answers.append(self._lines.got(arguments[0] > 127))
-        elif opcode == SENT:
-            self._answers.append(self._lines.sent(arguments[0]))
-        elif opcode in (0x20, 0x24):
-            for _ in range(int.from_bytes(arguments, "little") + 1):
-                self._answers.append(self._lines.bits_in(8))
-        elif opcode in (0x22, 0x26):
-            self._answers.append(self._lines.bits_in(arguments[0] + 1))
-        elif opcode in (0x12, 0x13):
-            self._lines.bits_out(arguments[1], arguments[0] + 1)
         elif opcode in BYTE_WRITES:
             for byte in arguments[2:]:
-                self._lines.bits_out(byte, 8)
+                self._lines.byte_out(byte)
+        elif opcode in BIT_READS:
+            self._answers.append(self._lines.acknowledge_in())
+        elif opcode in BYTE_READS:
+            for _ in range(int.from_bytes(arguments, "little") + 1):
+                self._answers.append(self._lines.byte_in())
+        elif opcode in BIT_WRITES:
+            self._lines.acknowledge_out(bool(arguments[1] & 0x80))
         else:
             self._configure(opcode, arguments)
 
@@ -224,14 +200,14 @@ class VirtualFt232h(Device):
 
 
 class BusLines:
-    """SCL and SDA as the master drives them and as the chips decode them, edge by edge."""
+    """SCL and SDA as the master drives them: pins make START and STOP, commands move bytes."""
 
     def __init__(self, wire: Wire) -> None:
         self.wire = wire
         self.scl = self.master = True
         self._state = "idle"
-        self._count = self._byte = 0
-        self._acked = self._addressing = False
+        self._addressing = self._acked = False
+        self._byte = 0
 
     @property
     def sda(self) -> bool:
@@ -244,98 +220,52 @@ class BusLines:
             self._stop() if sda else self._start()
         rises = scl and not self.scl
         self.scl, self.master = scl, sda
-        if rises:
-            self._clocked(sda)
+        if rises and self.wire.held_low:
+            self.wire.clock()
 
-    def bits_out(self, byte: int, bits: int) -> None:
-        """The highest bits of a byte from the master; a 1 releases the line."""
-        for k in range(bits):
-            self._clock(bool(byte >> 7 - k & 1))
+    def byte_out(self, byte: int) -> None:
+        """A byte from the master."""
+        self.scl, self.master = False, bool(byte & 1)
+        if not self._held(8) and self._state == "listen":
+            self._byte, self._acked = byte, self.wire.write(byte)
 
-    def bits_in(self, bits: int) -> int:
-        """The levels of SDA while SCL is high, the master's side unchanged."""
-        byte = 0
-        for _ in range(bits):
-            byte = byte << 1 | self._clock(self.master)
-        return byte
-
-    def sent(self, byte: int) -> bool:
-        """A byte from the master, the line released, and its level then.
-
-        Low where a chip acknowledges.
-        """
-        if self._state == "listen" and not self._count and not self.wire.held_low:
-            self._acked = self.wire.write(byte)
-            self.master, self.scl = True, False
-            self._acknowledged(byte)
-            return not self._acked
-        self.bits_out(byte, 8)
-        self.set(scl=False, sda=True)
-        return self._clock(bit=True)
-
-    def got(self, acknowledge: bool) -> int:
-        """A byte from the chips, the master's acknowledge bit (low to go on), the line released."""
-        begins = self._state == "talk" and not self._count
-        if begins and self.master and not self.wire.held_low:
-            self._byte, self.scl = self.wire.read(), False
-            self._state = "silent" if acknowledge else "talk"
-            return self._byte
-        byte = self.bits_in(8)
-        self._clock(acknowledge)
-        self.set(scl=False, sda=True)
-        return byte
-
-    def _clock(self, bit: bool) -> bool:
-        """One bit from the master (1 releases the line); the level of SDA while SCL was high."""
-        self.master = bit
-        level = self._clocked(bit)
+    def acknowledge_in(self) -> int:
+        """The level of SDA after a byte from the master: low where a chip acknowledges."""
         self.scl = False
-        return level
+        if self._held(1):
+            return 0
+        if self._state != "listen":
+            return int(self.master)
+        # the chip that acknowledged its address for a read sends next
+        if self._addressing and self._acked and self._byte & 1:
+            self._state = "talk"
+        self._addressing = False
+        return int(self.master and not self._acked)
+
+    def byte_in(self) -> int:
+        """A byte from the chips; the released line where none sends."""
+        self.scl = False
+        if self._held(8):
+            return 0
+        return self.wire.read() if self._state == "talk" else RELEASED
+
+    def acknowledge_out(self, level: bool) -> None:
+        """The master's acknowledge of a byte; a high level silences the chips."""
+        self.scl, self.master = False, level
+        if not self._held(1) and self._state == "talk" and level:
+            self._state = "silent"
+
+    def _held(self, clocks: int) -> bool:
+        """Whether a chip holds SDA low; it counts these clocks."""
+        held = self.wire.held_low
+        for _ in range(clocks if held else 0):
+            self.wire.clock()
+        return held
 
     def _start(self) -> None:
         self.wire.start()
-        self._state, self._count, self._byte, self._addressing = "listen", 0, 0, True
+        self._state, self._addressing, self._acked = "listen", True, False
 
     def _stop(self) -> None:
         self.wire.stop()
         self._state = "idle"
-
-    def _clocked(self, bit: bool) -> bool:
-        if self.wire.held_low:
-            self.wire.clock()
-            return False
-        if self._state == "listen":
-            return self._from_master(bit)
-        if self._state == "talk":
-            return self._from_chips(bit)
-        return bit
-
-    def _from_master(self, bit: bool) -> bool:
-        """Eight bits from the master, then the chips' acknowledge."""
-        if self._count < 8:
-            self._byte, self._count = self._byte << 1 & 0xFF | bit, self._count + 1
-            if self._count == 8:
-                self._acked = self.wire.write(self._byte)
-            return bit
-        self._count = 0
-        self._acknowledged(self._byte)
-        return bit and not self._acked
-
-    def _acknowledged(self, byte: int) -> None:
-        """The chip that acknowledged its address for a read sends next."""
-        if self._addressing and self._acked and byte & 1:
-            self._state = "talk"
-        self._addressing = False
-
-    def _from_chips(self, bit: bool) -> bool:
-        """Eight bits from the chips, then the master's acknowledge; a NACK silences the chips."""
-        if self._count == 0:
-            self._byte = self.wire.read()
-        if self._count < 8:
-            level = bool(self._byte >> 7 - self._count & 1) and bit
-            self._count += 1
-            return level
-        self._count = 0
-        if bit:
-            self._state = "silent"
-        return bit
