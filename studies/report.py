@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from holdfast.evaluation.html import write_page
-from holdfast.evaluation.scores import ClassScores, LevelScores
+from holdfast.evaluation.window_scores import ClassScores, LevelScores
 from holdfast.training.figures import Interval, over
 from studies.row_names import row_class, shown
 

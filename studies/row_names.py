@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from holdfast.evaluation.method_names import display_name
+from holdfast.evaluation.formats import display_name
 
 OURS, RAW, LINE = "ours, clock-free", "raw-window forest", "one line of code"
 CLOCK = "WARNING: a clock, time since contact and summed force"

@@ -9,7 +9,6 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from holdfast.core.contract import CLASSES
-from holdfast.evaluation.scores import ClassScores, LevelScores
 from holdfast.evaluation.stream_pictures import labelled
 from holdfast.evaluation.style import (
     FINGER_COLOURS,
@@ -21,6 +20,7 @@ from holdfast.evaluation.style import (
     bars,
     svg,
 )
+from holdfast.evaluation.window_scores import ClassScores, LevelScores
 from holdfast.training.figures import ABSENT
 
 METHOD_COLOURS = (OURS, QUIET, WARNING)

@@ -11,8 +11,7 @@ import numpy as np
 from benchmarks.cost.point import GOOD, README_POINTS, RECOMMENDED, REFERENCE
 from holdfast.core.reading import Json
 from holdfast.core.trial_layout import NORMAL_FLOOR
-from holdfast.evaluation.formats import markdown
-from holdfast.evaluation.method_names import DEPLOYED
+from holdfast.evaluation.formats import DEPLOYED, markdown
 from holdfast.export.features import GROUPS, LAGS_S, feature_count, feature_graph
 from holdfast.export.spec import StepSpec
 from holdfast.simulation.card import read_card

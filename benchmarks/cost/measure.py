@@ -18,8 +18,8 @@ from benchmarks.cost.recordings import per_recording, read
 from holdfast.core.contract import RISKY_SLIP, FloatArray
 from holdfast.core.reading import Json
 from holdfast.edge_runtime.decision import UNKNOWN
-from holdfast.evaluation.alarms import Answers
-from holdfast.evaluation.event_scores import (
+from holdfast.evaluation.alarms import (
+    Answers,
     EventScores,
     choose_confidence,
     event_scores,

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from holdfast.core.contract import SITUATIONS, Prediction, Sample
 from holdfast.edge_runtime.decision import UNKNOWN
 from holdfast.edge_runtime.monitor import GripMonitor, Model
-from holdfast.evaluation.model_outputs import StreamPicture, picture_of
+from holdfast.evaluation.stream_pictures import StreamPicture, picture_of
 from holdfast.training.recording import Recording
 
 LETTERS = ".gsR"

@@ -119,7 +119,7 @@ def _evaluated(
 def in_words(of: Evaluation) -> list[str]:
     """The figures as lines for people, with the caveats that belong to them."""
     from holdfast.evaluation.camera import onsets_in_words
-    from holdfast.evaluation.method_names import display_name
+    from holdfast.evaluation.formats import display_name
 
     lines = [
         line for one in of.sets.values() for line in _windows_in_words(one.windows)

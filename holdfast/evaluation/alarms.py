@@ -1,4 +1,12 @@
-"""When an act is requested, on whole streams: edge_runtime/decision.py for many at once."""
+"""Alarms against events: recall, false alarms a minute, delay, and the lead that was left.
+
+An act is requested on a stream by the decision of the hand (edge_runtime/decision.py), here for
+many confidences at once. An alarm is the moment at which a request begins. It detects an event if
+it begins between load onset and the loss of contact, give or take a collar: the truth is no
+sharper. An alarm that was on before detects nothing (the event is missed, "already on"). An alarm
+that belongs to no event is false. An event is detected once; further alarms in it are neither
+detections nor false.
+"""
 
 from __future__ import annotations
 
@@ -8,9 +16,20 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from holdfast.core.contract import NOTHING, RISKY_SLIP, BoolArray
+from holdfast.core.contract import NOTHING, RISKY_SLIP, BoolArray, FloatArray
 from holdfast.edge_runtime.decision import UNKNOWN, DecisionRules, period_us
+from holdfast.evaluation.statistics import Spread, spread
+from holdfast.training.figures import Interval
+from holdfast.training.metrics import INTERVAL_PERCENT, draw_groups
 from holdfast.training.recording import Recording
+from holdfast.training.timeline import RiskyEvent
+
+IntArray = npt.NDArray[np.int64]
+COLLAR_S = 0.020
+WIDE_COLLAR_S = 0.040
+CONFIDENCES = tuple(range(0, 1000, 10))
+"""Thousandths of the votes from which one is chosen."""
+DRAWS = 1000
 
 
 @dataclass(frozen=True)
@@ -22,8 +41,8 @@ class Answers:
     """
 
     recording: Recording
-    situation: npt.NDArray[np.int64]
-    risky_permille: npt.NDArray[np.int64]
+    situation: IntArray
+    risky_permille: IntArray
 
 
 def act_requests(
@@ -33,30 +52,37 @@ def act_requests(
 
     Sample by sample the same as `decide` with neither opening command nor override.
     """
-    return [_requests(one, rules, np.asarray(min_risky_permille)) for one in answers]
+    least = np.asarray(min_risky_permille)
+    return [_requests(one, rules, least) for one in answers]
 
 
-def _requests(
-    one: Answers, rules: DecisionRules, least: npt.NDArray[np.int64]
-) -> BoolArray:
+def requests_at(
+    answers: Sequence[Answers], rules: DecisionRules, permille: int
+) -> list[BoolArray]:
+    """[T] a stream: whether an act is requested, from one confidence on."""
+    return [on[:, 0] for on in act_requests(answers, rules, [permille])]
+
+
+def _requests(answers: Answers, rules: DecisionRules, least: IntArray) -> BoolArray:
     """A request lasts from its last call until release, or until evidence is missing for too long.
 
     An unknown sample neither calls nor releases, and breaks no run of samples that do.
     """
-    known = np.flatnonzero(one.situation != UNKNOWN)
-    situation, permille = one.situation[known], one.risky_permille[known, None]
-    risky = (situation == RISKY_SLIP)[:, None] & (permille >= least)
+    known = np.flatnonzero(answers.situation != UNKNOWN)
+    situation = answers.situation[known][:, None]
+    confident = answers.risky_permille[known, None] >= least
+    risky = (situation == RISKY_SLIP) & confident
     calls = _lasting(risky, rules.act_samples)
-    patience = -(-1000 * rules.evidence_ms // period_us(one.recording.rate_hz))
-    lets_go = _lasting(
-        (situation == NOTHING)[:, None], rules.release_samples
-    ) | _lasting(~risky, patience)
+    # Rounded up: evidence may be missing for whole sample periods only.
+    patience = -(-1000 * rules.evidence_ms // period_us(answers.recording.rate_hz))
+    released = _lasting(situation == NOTHING, rules.release_samples)
+    lets_go = released | _lasting(~risky, patience)
+    # Row 0 is the state before the first known sample: nothing is requested.
     requested = np.zeros((1 + len(known), len(least)), dtype=np.bool_)
     called = _last(calls)
     requested[1:] = (called > 0) & (called >= _last(lets_go))
-    return requested[
-        np.searchsorted(known, np.arange(len(one.situation)), side="right")
-    ]
+    every_row = np.arange(len(answers.situation))
+    return requested[np.searchsorted(known, every_row, side="right")]
 
 
 def _lasting(flags: BoolArray, samples: int) -> BoolArray:
@@ -73,3 +99,221 @@ def _last(flags: BoolArray) -> npt.NDArray[np.int32]:
 
 def _turns(flags: BoolArray) -> npt.NDArray[np.int32]:
     return np.arange(1, 1 + len(flags), dtype=np.int32)[:, None]
+
+
+@dataclass(frozen=True)
+class AlarmOutcome:
+    """One event and its alarm, in s of the stream. alarm_s: None where it was missed."""
+
+    event: RiskyEvent
+    alarm_s: float | None
+    already_on: bool
+
+    @property
+    def delay_s(self) -> float | None:
+        """From load onset to the alarm; below 0 within the collar."""
+        return None if self.alarm_s is None else self.alarm_s - self.event.onset_s
+
+    @property
+    def lead_s(self) -> float | None:
+        """From the alarm to gross slip; below 0 where the object slides already."""
+        if self.alarm_s is None or self.event.gross_s is None:
+            return None
+        return self.event.gross_s - self.alarm_s
+
+    @property
+    def available_s(self) -> float | None:
+        """From load onset to gross slip."""
+        if self.event.gross_s is None:
+            return None
+        return self.event.gross_s - self.event.onset_s
+
+
+@dataclass(frozen=True)
+class EventMatch:
+    """One stream: what became of its events, times in s of its false alarms, its minutes."""
+
+    recording: Recording
+    outcomes: tuple[AlarmOutcome, ...]
+    false_s: tuple[float, ...]
+    minutes: float
+
+
+def match_alarms(
+    recording: Recording, requests: BoolArray, collar_s: float = COLLAR_S
+) -> EventMatch:
+    """Match the alarms of a stream with its events. requests [T]: an act is requested."""
+    rate_hz = recording.rate_hz
+    alarms_s = np.flatnonzero(_begins(requests)) / rate_hz
+    false = np.ones(len(alarms_s), dtype=np.bool_)
+    outcomes = []
+    for event in recording.events:
+        within = _within(event, alarms_s, collar_s)
+        last_before = int(np.ceil((event.onset_s - collar_s) * rate_hz)) - 1
+        last_before = min(last_before, len(requests) - 1)
+        already_on = last_before >= 0 and bool(requests[last_before])
+        alarm_s = None
+        if within.any() and not already_on:
+            alarm_s = float(alarms_s[within][0])
+        outcomes.append(AlarmOutcome(event, alarm_s, already_on))
+        false &= ~within
+    false_s = tuple(alarms_s[false].tolist())
+    return EventMatch(
+        recording, tuple(outcomes), false_s, len(requests) / rate_hz / 60.0
+    )
+
+
+def false_alarms(
+    recording: Recording, requests: BoolArray, collar_s: float = COLLAR_S
+) -> IntArray:
+    """[K] how many alarms of requests [T, K] belong to no event, as `match_alarms` counts them."""
+    false, t_s = _begins(requests), np.arange(len(requests)) / recording.rate_hz
+    for event in recording.events:
+        false[_within(event, t_s, collar_s)] = False
+    return np.asarray(false.sum(axis=0), dtype=np.int64)
+
+
+def _begins(requests: BoolArray) -> BoolArray:
+    """[T, ..] where an alarm begins."""
+    begins = requests.copy()
+    begins[1:] &= ~requests[:-1]
+    return begins
+
+
+def _within(event: RiskyEvent, t_s: FloatArray, collar_s: float) -> BoolArray:
+    after_onset = t_s >= event.onset_s - collar_s
+    return np.asarray(after_onset & (t_s <= event.end_s + collar_s))
+
+
+def match_all_alarms(
+    answers: Sequence[Answers], rules: DecisionRules, permille: int
+) -> list[EventMatch]:
+    """Match many answered streams. permille: the confidence from which an act is requested."""
+    requests = requests_at(answers, rules, permille)
+    pairs = zip(answers, requests, strict=True)
+    return [match_alarms(one.recording, on) for one, on in pairs]
+
+
+def choose_confidence(
+    answers: Sequence[Answers], rules: DecisionRules, most_false_per_min: float
+) -> int:
+    """The lowest of CONFIDENCES that allows so few false alarms.
+
+    answers: of streams that are not scored later.
+    """
+    requests = act_requests(answers, rules, CONFIDENCES)
+    false = np.zeros(len(CONFIDENCES), dtype=np.int64)
+    seconds = 0.0
+    for one, of_one in zip(answers, requests, strict=True):
+        false += false_alarms(one.recording, of_one)
+        seconds += len(one.situation) / one.recording.rate_hz
+    few = np.flatnonzero(false <= most_false_per_min * (seconds / 60.0))
+    return CONFIDENCES[few[0]] if len(few) else CONFIDENCES[-1]
+
+
+@dataclass(frozen=True)
+class EventScores:
+    """Alarms of many streams against their events; intervals are over groups.
+
+    already_on: events missed because the hand acted before them. delay_ms: load onset to alarm.
+    lead_ms: alarm to gross slip. available_ms: load onset to gross slip. lead_used: share of that
+    time that had passed at the alarm. in_time: share of the events acted on before gross slip.
+    """
+
+    events: int
+    found: int
+    missed: int
+    already_on: int
+    minutes: float
+    false_alarms: int
+    recall: float | None
+    recall_ci: Interval | None
+    false_per_min: float | None
+    false_per_min_ci: Interval | None
+    false_per_hour: float | None
+    delay_ms: Spread | None
+    lead_ms: Spread | None
+    available_ms: Spread | None
+    lead_used: Spread | None
+    in_time: float | None
+
+
+@dataclass
+class _Times:
+    """Times of the detected events; those before gross slip only where the truth knows it."""
+
+    delay_ms: list[float]
+    lead_ms: list[float]
+    available_ms: list[float]
+    lead_used: list[float]
+    in_time: int = 0
+
+    def add(self, outcome: AlarmOutcome) -> None:
+        if outcome.delay_s is None:
+            return
+        self.delay_ms.append(1e3 * outcome.delay_s)
+        if outcome.lead_s is None or outcome.available_s is None:
+            return
+        self.lead_ms.append(1e3 * outcome.lead_s)
+        self.available_ms.append(1e3 * outcome.available_s)
+        # A lead of nothing would divide by 0: at least 1 ms.
+        self.lead_used.append(outcome.delay_s / max(outcome.available_s, 1e-3))
+        self.in_time += outcome.lead_s > 0.0
+
+
+def event_scores(
+    streams: Sequence[EventMatch], *, seed: int = 0, n_draws: int = DRAWS
+) -> EventScores:
+    """Figures of many streams; groups are people, or trials where no person is named."""
+    times = _Times([], [], [], [])
+    already_on = 0
+    for stream in streams:
+        for outcome in stream.outcomes:
+            times.add(outcome)
+            already_on += outcome.already_on
+    sums = _sums_by_group(streams)
+    drawn = draw_groups(len(sums), n_draws, seed) @ sums if len(sums) > 1 else None
+    found, events, false, minutes = sums.sum(axis=0).tolist()
+    false_per_min = false / minutes if minutes else None
+    return EventScores(
+        events=int(events),
+        found=int(found),
+        missed=int(events - found),
+        already_on=already_on,
+        minutes=minutes,
+        false_alarms=int(false),
+        recall=found / events if events else None,
+        recall_ci=ratio_interval(drawn, 0, 1),
+        false_per_min=false_per_min,
+        false_per_min_ci=ratio_interval(drawn, 2, 3),
+        false_per_hour=60.0 * false / minutes if minutes else None,
+        delay_ms=spread(times.delay_ms),
+        lead_ms=spread(times.lead_ms),
+        available_ms=spread(times.available_ms),
+        lead_used=spread(times.lead_used),
+        in_time=times.in_time / events if events else None,
+    )
+
+
+def _sums_by_group(streams: Sequence[EventMatch]) -> FloatArray:
+    """[G, 4] events detected, events, false alarms and minutes of each group."""
+    names = [stream.recording.group for stream in streams]
+    groups = np.unique(names, return_inverse=True)[1]
+    sums = np.zeros((groups.max(initial=-1) + 1, 4))
+    for group, stream in zip(groups, streams, strict=True):
+        detected = sum(one.alarm_s is not None for one in stream.outcomes)
+        events, false = len(stream.outcomes), len(stream.false_s)
+        sums[group] += [detected, events, false, stream.minutes]
+    return sums
+
+
+def ratio_interval(drawn: FloatArray | None, above: int, below: int) -> Interval | None:
+    """Interval of a ratio of two columns of sums [draws, ..]; None where nothing can be drawn."""
+    if drawn is None:
+        return None
+    defined = drawn[drawn[:, below] > 0]
+    ratios = defined[:, above] / defined[:, below]
+    if not len(ratios):
+        return None
+    low, high = np.percentile(ratios, INTERVAL_PERCENT)
+    return float(low), float(high)

@@ -1,4 +1,4 @@
-"""Baselines beside a model on streams: classical detectors, the thesis' forest, an oracle.
+"""Baselines of a model on streams: classical detectors, the thesis' forest, an oracle.
 
 Each goes through the same decision as the model (a request holds until the load falls), acts on its
 first sample, and only while something is held: a ratio of noises fires in the air all day. Each has
@@ -25,17 +25,16 @@ from holdfast.core.contract import (
 from holdfast.core.trial_layout import NORMAL_FLOOR
 from holdfast.edge_runtime.decision import UNKNOWN, DecisionRules
 from holdfast.edge_runtime.graph import open_session, steps_of
-from holdfast.evaluation.alarms import Answers, act_requests
-from holdfast.evaluation.detector_baselines import (
+from holdfast.evaluation.alarms import CONFIDENCES, Answers, match_alarms, requests_at
+from holdfast.evaluation.baseline_signals import (
     band_pass_fires,
     cone_fires,
     detector_signals,
     is_narrow,
+    shear_change,
 )
-from holdfast.evaluation.event_scores import CONFIDENCES, match_alarms
-from holdfast.evaluation.method_names import BAND, CONE, ORACLE, RAW, SHEAR_RATE
+from holdfast.evaluation.formats import BAND, CONE, ORACLE, RAW, SHEAR_RATE
 from holdfast.evaluation.model_outputs import everywhere, risky_permille
-from holdfast.evaluation.simple_baselines import shear_change
 from holdfast.export.builder import GraphBuilder
 from holdfast.export.detectors import detector_names
 from holdfast.export.features import add_features_alone
@@ -68,22 +67,24 @@ def baselines(
     spec: StepSpec, rules: DecisionRules, forest: bytes | None = None
 ) -> list[Baseline]:
     """The baselines of a model of this step. forest: None without a set to train it on."""
-    found = _detectors(spec, rules)
+    # Bank and cone read the same pass of guard and bank over a set.
+    signals = _kept(partial(detector_signals, spec))
+    found = [Baseline(BAND, BAND_RATIOS, _kept(_bank(spec, rules, signals)))]
+    if "friction_cone" in detector_names(spec):
+        found.append(Baseline(CONE, FRICTIONS, _cone(spec, rules, signals)))
     if spec.unit == "N":
-        on = partial(_shear_rate, rules=rules)
-        found.append(Baseline(SHEAR_RATE, JUMPS_N, on))
-    oracle = Baseline(
-        ORACLE, (0.0,), lambda of: lambda _: [oracle_requests(one) for one in of]
-    )
-    return [*found, *([_raw(forest, rules)] if forest else []), oracle]
+        found.append(Baseline(SHEAR_RATE, JUMPS_N, partial(_shear_rate, rules=rules)))
+    if forest:
+        confidences = tuple(map(float, CONFIDENCES))
+        found.append(Baseline(RAW, confidences, _kept(_raw_forest(forest, rules))))
+    return [*found, Baseline(ORACLE, (0.0,), _oracle)]
 
 
 Computed = TypeVar("Computed")
+OnRecordings = Callable[[Sequence[Recording]], Computed]
 
 
-def _kept(
-    compute: Callable[[Sequence[Recording]], Computed],
-) -> Callable[[Sequence[Recording]], Computed]:
+def _kept(compute: OnRecordings[Computed]) -> OnRecordings[Computed]:
     """The same function, which keeps its last result: a set is matched on, then scored."""
     last: list[tuple[Sequence[Recording], Computed]] = []
 
@@ -95,76 +96,83 @@ def _kept(
     return on
 
 
-def raw_forest(data: DataSet, spec: StepSpec, seed: int) -> bytes:
-    """The thesis' forest, trained on a set, as a step graph of its own."""
-    narrow, task = spec_for(data, RAW_BASELINE.groups), main_task(data)
-    narrow = replace(narrow, rate_hz=spec.rate_hz)
-    features = features_of(replace(data, tasks={task: data.tasks[task]}), narrow)[task]
-    fitted = fit_learner(
-        data, features, RAW_BASELINE, task, np.arange(len(features)), seed
-    )
-    classes = data.tasks[task].classes
-    head = Head("situation", classes, fitted, uncalibrated(len(classes)))
-    return _forest_graph(narrow, head)
-
-
-def _raw(forest: bytes, rules: DecisionRules) -> Baseline:
-    steps = steps_of(open_session(forest), RAW_OUTPUTS)
-
+def _bank(
+    spec: StepSpec, rules: DecisionRules, signals: OnRecordings
+) -> OnRecordings[Requests]:
     def on(recordings: Sequence[Recording]) -> Requests:
-        answers, outputs = [], everywhere(steps, recordings)
-        for one, out in zip(recordings, outputs, strict=True):
-            situation = np.where(out["unknown"], UNKNOWN, out["situation"])
-            answers.append(
-                Answers(one, situation, risky_permille(out["votes"].astype(np.int64)))
-            )
-        return lambda permille: [
-            requested[:, 0]
-            for requested in act_requests(answers, rules, [int(permille)])
-        ]
-
-    return Baseline(RAW, tuple(float(one) for one in CONFIDENCES), _kept(on))
-
-
-def _forest_graph(spec: StepSpec, head: Head) -> bytes:
-    graph = GraphBuilder(spec.n_sensors)
-    add_heads(graph, add_features_alone(graph, spec), [head])
-    return bytes(graph.model().SerializeToString())
-
-
-def _detectors(spec: StepSpec, rules: DecisionRules) -> list[Baseline]:
-    """The bank and, in N, the cone; both read the same pass of guard and bank over a set."""
-    signals = _kept(lambda recordings: detector_signals(spec, recordings))
-
-    def band(recordings: Sequence[Recording]) -> Requests:
-        found, fires = signals(recordings), dict[float, list[BoolArray]]()
+        found = signals(recordings)
+        fires: dict[float, list[BoolArray]] = {}
 
         def at(ratio: float) -> list[BoolArray]:
             if ratio not in fires:
-                ratios = BAND_RATIOS if is_narrow(found, len(BAND_RATIOS)) else (ratio,)
-                fires.update(
-                    zip(ratios, band_pass_fires(found, spec, ratios), strict=True)
-                )
+                # Of few recordings all settings are stepped at once, in the time of one.
+                narrow = is_narrow(found, len(BAND_RATIOS))
+                ratios = BAND_RATIOS if narrow else (ratio,)
+                stepped = band_pass_fires(found, spec, ratios)
+                fires.update(zip(ratios, stepped, strict=True))
             return held_until_let_go(recordings, fires[ratio], rules)
 
         return at
 
-    def cone(recordings: Sequence[Recording]) -> Requests:
-        found = signals(recordings)
-        return lambda friction: held_until_let_go(
-            recordings, [cone_fires(one, spec, friction) for one in found], rules
-        )
+    return on
 
-    bank = Baseline(BAND, BAND_RATIOS, _kept(band))
-    has_cone = "friction_cone" in detector_names(spec)
-    return [bank, Baseline(CONE, FRICTIONS, cone)] if has_cone else [bank]
+
+def _cone(
+    spec: StepSpec, rules: DecisionRules, signals: OnRecordings
+) -> OnRecordings[Requests]:
+    def on(recordings: Sequence[Recording]) -> Requests:
+        found = signals(recordings)
+
+        def at(friction: float) -> list[BoolArray]:
+            fires = [cone_fires(one, spec, friction) for one in found]
+            return held_until_let_go(recordings, fires, rules)
+
+        return at
+
+    return on
 
 
 def _shear_rate(recordings: Sequence[Recording], rules: DecisionRules) -> Requests:
     changes = [shear_change(one.samples) for one in recordings]
-    return lambda least: held_until_let_go(
-        recordings, [one > least for one in changes], rules
-    )
+
+    def at(least_n: float) -> list[BoolArray]:
+        fires = [change > least_n for change in changes]
+        return held_until_let_go(recordings, fires, rules)
+
+    return at
+
+
+def _raw_forest(forest: bytes, rules: DecisionRules) -> OnRecordings[Requests]:
+    steps = steps_of(open_session(forest), RAW_OUTPUTS)
+
+    def on(recordings: Sequence[Recording]) -> Requests:
+        answers = []
+        for one, out in zip(recordings, everywhere(steps, recordings), strict=True):
+            situation = np.where(out["unknown"], UNKNOWN, out["situation"])
+            permille = risky_permille(out["votes"].astype(np.int64))
+            answers.append(Answers(one, situation, permille))
+        return lambda permille: requests_at(answers, rules, int(permille))
+
+    return on
+
+
+def _oracle(recordings: Sequence[Recording]) -> Requests:
+    return lambda _: [oracle_requests(one) for one in recordings]
+
+
+def raw_forest(data: DataSet, spec: StepSpec, seed: int) -> bytes:
+    """The thesis' forest, trained on a set, as a step graph of its own."""
+    task = main_task(data)
+    narrow = replace(spec_for(data, RAW_BASELINE.groups), rate_hz=spec.rate_hz)
+    alone = replace(data, tasks={task: data.tasks[task]})
+    features = features_of(alone, narrow)[task]
+    every_row = np.arange(len(features))
+    fitted = fit_learner(data, features, RAW_BASELINE, task, every_row, seed)
+    classes = data.tasks[task].classes
+    head = Head("situation", classes, fitted, uncalibrated(len(classes)))
+    graph = GraphBuilder(narrow.n_sensors)
+    add_heads(graph, add_features_alone(graph, narrow), [head])
+    return bytes(graph.model().SerializeToString())
 
 
 def held_until_let_go(
@@ -176,20 +184,16 @@ def held_until_let_go(
         held = one.samples[:, NORMAL_AXIS::3].sum(axis=1) > NORMAL_FLOOR[one.unit]
         situation = np.where(held, np.where(fires, RISKY_SLIP, GRASP), NOTHING)
         answers.append(Answers(one, situation, np.full(len(situation), 1000)))
-    return [
-        requested[:, 0]
-        for requested in act_requests(answers, replace(rules, act_samples=1), [0])
-    ]
+    return requests_at(answers, replace(rules, act_samples=1), 0)
 
 
 def oracle_requests(recording: Recording) -> BoolArray:
     """[T] an act is requested at the first whole sample after a load onset, and at no other."""
     requests = np.zeros(len(recording.samples), dtype=np.bool_)
-    rows = [
-        int(np.floor(event.onset_s * recording.rate_hz)) + 1
-        for event in recording.events
-    ]
-    requests[[row for row in rows if row < len(requests)]] = True
+    for event in recording.events:
+        row = int(np.floor(event.onset_s * recording.rate_hz)) + 1
+        if row < len(requests):
+            requests[row] = True
     return requests
 
 
@@ -197,12 +201,12 @@ def false_per_min(
     recordings: Sequence[Recording], requests: Sequence[BoolArray]
 ) -> float:
     """False alarms a minute on streams."""
-    matches = [
-        match_alarms(one, on) for one, on in zip(recordings, requests, strict=True)
-    ]
-    return sum(len(one.false_s) for one in matches) / max(
-        sum(one.minutes for one in matches), 1e-9
-    )
+    false, minutes = 0, 0.0
+    for recording, on in zip(recordings, requests, strict=True):
+        match = match_alarms(recording, on)
+        false += len(match.false_s)
+        minutes += match.minutes
+    return false / max(minutes, 1e-9)
 
 
 @dataclass(frozen=True)
@@ -226,15 +230,17 @@ def matched(
     Bisection: false alarms fall as a setting gets less sensitive, with small exceptions.
     """
     requests = baseline.on(recordings)
-    rates: dict[int, float] = {}
 
-    def fits(place: int) -> bool:
-        rates[place] = false_per_min(recordings, requests(baseline.settings[place]))
-        return rates[place] <= most_false_per_min
+    def rate_at(place: int) -> float:
+        return false_per_min(recordings, requests(baseline.settings[place]))
 
     low, high = 0, len(baseline.settings) - 1
     while low < high:
         middle = (low + high) // 2
-        low, high = (low, middle) if fits(middle) else (middle + 1, high)
-    fit = fits(low)
-    return MatchedBaseline(baseline.name, baseline.settings[low], rates[low], fit)
+        if rate_at(middle) <= most_false_per_min:
+            high = middle
+        else:
+            low = middle + 1
+    rate = rate_at(low)
+    fits = rate <= most_false_per_min
+    return MatchedBaseline(baseline.name, baseline.settings[low], rate, fits)

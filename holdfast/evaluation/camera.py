@@ -1,6 +1,6 @@
 """Alarms against a slip as a camera saw it, and against the truth of a simulated scene.
 
-`holdfast onset` writes what a camera saw beside a trial (events.jsonl of a recorded one,
+`holdfast onset` writes what a camera saw next to a trial (events.jsonl of a recorded one,
 trial_n.onset.json of a bare CSV), with the provenance `camera`; no tactile sample is used for it.
 Two of its times count:
 
@@ -29,11 +29,13 @@ from holdfast.core.trial_layout import (
     read_json,
     truth_path,
 )
-from holdfast.evaluation.event_scores import AlarmOutcome, EventMatch
+from holdfast.evaluation.alarms import AlarmOutcome, EventMatch
 from holdfast.evaluation.statistics import Spread, spread
 from holdfast.training.recording import Recording
 
 CAMERA, KEY, SCENE, RISKY = "camera", "key", "scene", SITUATIONS[RISKY_SLIP]
+TRUE_START, TRUE_GROSS = "incipient_slip", "gross_slip"
+"""Marks of a scene."""
 LATE_S = 0.05
 """A camera's start belongs to the event it falls into, or so much before or after it."""
 
@@ -52,54 +54,82 @@ class SeenSlip:
     true_gross_s: float | None = None
 
 
-def seen_beside(
+def seen_slips(
     root: Path, recordings: Sequence[Recording]
 ) -> list[tuple[SeenSlip, ...]]:
     """What a camera saw of every recording of a folder, if anything. Raises LabelError."""
-    return [_seen(root, one.trial_id) for one in recordings]
+    return [_seen(_csv(root, one.trial_id)) for one in recordings]
 
 
-def _seen(root: Path, trial_id: str) -> tuple[SeenSlip, ...]:
-    csv = _beside(root, trial_id)
-    where = (
-        csv.with_name(EVENTS) if csv.name == TACTILE else csv.with_suffix(ONSET_SUFFIX)
-    )
+def _seen(csv: Path) -> tuple[SeenSlip, ...]:
     if csv.name == TACTILE:
-        entries = read_events(where) if where.is_file() else []
-        scene = [one for one in entries if one.get("provenance") == SCENE]
-        marks = [(str(one.get("mark")), one.get("t_s")) for one in scene]
+        where = csv.with_name(EVENTS)
+        intervals = read_events(where) if where.is_file() else []
+        marks = _recorded_marks(intervals)
     else:
-        phases = read_json(where).get("phases", [])
-        phases = phases if isinstance(phases, list) else []
-        entries = [one for one in phases if isinstance(one, dict)]
-        marks = _truth_marks(read_json(truth_path(csv))) if entries else []
-    try:
-        return tuple(
-            _one(interval, marks) for interval in entries if _is_risky(interval)
-        )
-    except (KeyError, TypeError, ValueError) as error:
-        raise LabelError(
-            f"a camera's interval without its times ({error!r:.60})",
-            where=where,
-            next_step="holdfast onset, again",
-        ) from None
+        where = csv.with_suffix(ONSET_SUFFIX)
+        intervals = _phases(read_json(where))
+        marks = _truth_marks(read_json(truth_path(csv))) if intervals else []
+    slips = []
+    for interval in intervals:
+        if interval.get("provenance") == CAMERA and interval.get("label") == RISKY:
+            try:
+                slips.append(_slip(interval, marks))
+            except (KeyError, TypeError, ValueError) as error:
+                raise LabelError(
+                    f"a camera's interval without its times ({error!r:.60})",
+                    where=where,
+                    next_step="holdfast onset, again",
+                ) from None
+    return tuple(slips)
+
+
+def _phases(content: Json) -> list[Json]:
+    phases = content.get("phases", [])
+    if not isinstance(phases, list):
+        return []
+    return [phase for phase in phases if isinstance(phase, dict)]
+
+
+def _recorded_marks(events: Sequence[Json]) -> list[tuple[str, Any]]:
+    """(name, s) of the marks of a scene among the events of a recorded trial."""
+    marks = []
+    for event in events:
+        if event.get("provenance") == SCENE:
+            marks.append((str(event.get("mark")), event.get("t_s")))
+    return marks
+
+
+def _truth_marks(truth: Json) -> list[tuple[str, Any]]:
+    """(name, s) of the first sliding and the gross slip of every grasp in a scene's truth."""
+    marks = []
+    for grasp in truth.get("trials", [truth]):
+        for name in (TRUE_START, TRUE_GROSS):
+            marks.append((name, grasp.get(f"{name}_s")))
+    return marks
+
+
+def _slip(interval: Json, marks: Sequence[tuple[str, Any]]) -> SeenSlip:
+    """An interval with the scene's marks that fall into it."""
+    start_s, gross_s = float(interval["t0_s"]), float(interval["gross_s"])
+    last_s = max(gross_s, float(interval["t1_s"]))
+    near = {}
+    for name, at_s in marks:
+        if at_s is not None and start_s - LATE_S <= float(at_s) <= last_s + LATE_S:
+            near[name] = float(at_s)
+    sd_s = float(interval["uncertainty_s"])
+    return SeenSlip(start_s, sd_s, gross_s, near.get(TRUE_START), near.get(TRUE_GROSS))
 
 
 def onsets_by(root: Path, recordings: Sequence[Recording]) -> dict[str, int]:
     """Provenance (scene, camera, key) -> number of risky events whose onset it gave."""
-    truths = [read_json(truth_path(_beside(root, one.trial_id))) for one in recordings]
-    phases = [
-        phase
-        for truth in truths
-        for phase in truth.get("phases", [])
-        if isinstance(phase, dict)
-    ]
-    provenances = [
-        str(phase["provenance"])
-        for phase in phases
-        if phase.get("label") == RISKY and "provenance" in phase
-    ]
-    return dict(sorted(Counter(provenances).items()))
+    count: Counter[str] = Counter()
+    for recording in recordings:
+        truth = read_json(truth_path(_csv(root, recording.trial_id)))
+        for phase in _phases(truth):
+            if phase.get("label") == RISKY and "provenance" in phase:
+                count[str(phase["provenance"])] += 1
+    return dict(sorted(count.items()))
 
 
 def onsets_in_words(by: dict[str, int]) -> str:
@@ -113,43 +143,12 @@ def onsets_in_words(by: dict[str, int]) -> str:
     )
 
 
-def _beside(root: Path, trial_id: str) -> Path:
+def _csv(root: Path, trial_id: str) -> Path:
     """The CSV of a trial: tactile.csv in its folder (or in the root itself), or trial_n.csv."""
-    folders = (root, root / trial_id)
-    return next(
-        (one / TACTILE for one in folders if (one / TACTILE).is_file()),
-        root / f"{trial_id}.csv",
-    )
-
-
-def _is_risky(interval: Json) -> bool:
-    return interval.get("provenance") == CAMERA and interval.get("label") == RISKY
-
-
-def _truth_marks(truth: Json) -> list[tuple[str, Any]]:
-    """(name, s) of the first sliding and the gross slip of every grasp in a scene's truth."""
-    trials = truth.get("trials", [truth])
-    return [
-        (name, one.get(f"{name}_s"))
-        for one in trials
-        for name in ("incipient_slip", "gross_slip")
-    ]
-
-
-def _one(interval: Json, marks: Sequence[tuple[str, Any]]) -> SeenSlip:
-    start_s, gross_s, end_s = (
-        float(interval[name]) for name in ("t0_s", "gross_s", "t1_s")
-    )
-    near = {
-        name: float(at_s)
-        for name, at_s in marks
-        if at_s is not None
-        and start_s - LATE_S <= float(at_s) <= max(gross_s, end_s) + LATE_S
-    }
-    sd_s = float(interval["uncertainty_s"])
-    return SeenSlip(
-        start_s, sd_s, gross_s, near.get("incipient_slip"), near.get("gross_slip")
-    )
+    for folder in (root, root / trial_id):
+        if (folder / TACTILE).is_file():
+            return folder / TACTILE
+    return root / f"{trial_id}.csv"
 
 
 @dataclass(frozen=True)
@@ -186,56 +185,53 @@ def camera_figures(
     """Match the alarms of every stream with the slips that a camera saw; None without a slip."""
     if not any(seen):
         return None
-    matched = [
-        pair
-        for stream, slips in zip(streams, seen, strict=True)
-        for pair in _matched(stream, slips)
-    ]
-    found = [
-        (outcome.alarm_s, slip)
-        for outcome, slip in matched
-        if outcome.alarm_s is not None
-    ]
+    matched: list[tuple[AlarmOutcome, SeenSlip]] = []
+    for stream, slips in zip(streams, seen, strict=True):
+        matched += _matched(stream, slips)
+    delay_ms, lead_ms = [], []
+    for outcome, slip in matched:
+        if outcome.alarm_s is not None:
+            delay_ms.append(1e3 * (outcome.alarm_s - slip.start_s))
+            lead_ms.append(1e3 * (slip.gross_s - outcome.alarm_s))
     return CameraFigures(
         onsets=sum(len(slips) for slips in seen),
         events=len(matched),
-        found=len(found),
+        found=len(delay_ms),
         start_sd_ms=spread([1e3 * slip.sd_s for _, slip in matched]),
-        delay_ms=spread([1e3 * (alarm_s - slip.start_s) for alarm_s, slip in found]),
-        lead_ms=spread([1e3 * (slip.gross_s - alarm_s) for alarm_s, slip in found]),
-        truth=_by_truth([slip for _, slip in matched], found),
+        delay_ms=spread(delay_ms),
+        lead_ms=spread(lead_ms),
+        truth=_by_truth(matched),
     )
 
 
 def _matched(
     stream: EventMatch, slips: Sequence[SeenSlip]
 ) -> list[tuple[AlarmOutcome, SeenSlip]]:
-    """Every event with the slip that a camera saw begin in it."""
+    """Every event with the first slip that a camera saw begin in it."""
     pairs = []
     for outcome in stream.outcomes:
         first_s, last_s = outcome.event.onset_s - LATE_S, outcome.event.end_s + LATE_S
         within = [slip for slip in slips if first_s <= slip.start_s <= last_s]
-        pairs += [(outcome, slip) for slip in within[:1]]
+        if within:
+            pairs.append((outcome, within[0]))
     return pairs
 
 
-def _by_truth(
-    matched: Sequence[SeenSlip], found: Sequence[tuple[float, SeenSlip]]
-) -> SceneFigures | None:
-    if not any(
-        slip.true_start_s is not None or slip.true_gross_s is not None
-        for slip in matched
-    ):
+def _by_truth(matched: Sequence[tuple[AlarmOutcome, SeenSlip]]) -> SceneFigures | None:
+    """The times of the scene, of the events of which it knows them; None where it knows none."""
+    delay_ms, lead_ms, start_off_ms, gross_off_ms = [], [], [], []
+    for outcome, slip in matched:
+        alarm_s = outcome.alarm_s
+        if slip.true_start_s is not None:
+            start_off_ms.append(1e3 * (slip.start_s - slip.true_start_s))
+            if alarm_s is not None:
+                delay_ms.append(1e3 * (alarm_s - slip.true_start_s))
+        if slip.true_gross_s is not None:
+            gross_off_ms.append(1e3 * (slip.gross_s - slip.true_gross_s))
+            if alarm_s is not None:
+                lead_ms.append(1e3 * (slip.true_gross_s - alarm_s))
+    if not start_off_ms and not gross_off_ms:
         return None
-    starts = [(s, s.true_start_s) for s in matched if s.true_start_s is not None]
-    grosses = [(s, s.true_gross_s) for s in matched if s.true_gross_s is not None]
     return SceneFigures(
-        spread(
-            [1e3 * (a - s.true_start_s) for a, s in found if s.true_start_s is not None]
-        ),
-        spread(
-            [1e3 * (s.true_gross_s - a) for a, s in found if s.true_gross_s is not None]
-        ),
-        spread([1e3 * (slip.start_s - true_s) for slip, true_s in starts]),
-        spread([1e3 * (slip.gross_s - true_s) for slip, true_s in grosses]),
+        spread(delay_ms), spread(lead_ms), spread(start_off_ms), spread(gross_off_ms)
     )

@@ -15,7 +15,7 @@ keeps the object if it comes to rest before it has moved so far, and keeps it wi
 slid less than 2 mm, which is the truth's threshold of gross slip.
 
 From the truth: load onset, gross slip, contact lost, grip, stiffness, friction, and the pull.
-Assumed: LAG_S; no dead time beside it; all six fingers close together (the real hand drives three
+Assumed: LAG_S; no dead time in addition; all six fingers close together (the real hand drives three
 and the others follow); the puller does not pull harder because the hand resists; no ball is
 squeezed out. `model_error_ms` compares its slips with those of the truth.
 """
@@ -23,7 +23,7 @@ squeezed out. `model_error_ms` compares its slips with those of the truth.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, astuple, dataclass, fields
 from functools import lru_cache
 
 import numpy as np
@@ -31,7 +31,7 @@ import numpy.typing as npt
 
 from holdfast.core.contract import BoolArray, FloatArray
 from holdfast.evaluation.statistics import spread
-from holdfast.evaluation.truths import Grasp
+from holdfast.evaluation.trials import Grasp
 from holdfast.training.timeline import RiskyEvent
 
 CLOSING_S = 0.37
@@ -96,19 +96,19 @@ def drop_of(event: RiskyEvent, grasp: Grasp | None) -> Drop | None:
         return None
     if "thing" not in grasp.truth:
         return None
-    drawn, thing = grasp.truth["drawn"], grasp.truth["thing"]
-    finger, stuff = drawn["finger_n_per_m"], thing["stiffness_n_per_m"]
+    drawn, held = grasp.truth["drawn"], grasp.truth["thing"]
+    finger, stuff = drawn["finger_n_per_m"], held["stiffness_n_per_m"]
     series = finger * stuff / (finger + stuff)
-    friction = thing["friction"] * drawn["friction_factor"]
+    friction = held["friction"] * drawn["friction_factor"]
     return Drop(
         gross_s=event.gross_s - event.onset_s,
         lost_s=event.end_s - event.onset_s,
-        mass_kg=1e-3 * thing["mass_g"],
+        mass_kg=1e-3 * held["mass_g"],
         grip_n=float(grasp.truth["grip_n"]),
         squeeze_n_per_m=1.0 / (1.0 / (2.0 * series) + 1.0 / (4.0 * series)),
         skin_n_per_m=6.0 * finger * drawn["shear_ratio"],
         static=friction,
-        kinetic=friction * thing["kinetic_share"],
+        kinetic=friction * held["kinetic_share"],
         vanish_s=drawn.get("vanish_s", 0.0),
         arm_n_per_m=drawn.get("arm_n_per_m", 0.0),
         distance_m=drawn.get("distance_m", 0.0),
@@ -145,67 +145,66 @@ class _Course:
 
 
 def _course(
-    d: dict[str, FloatArray], request_s: FloatArray, hand: ClosingHand
+    drop: dict[str, FloatArray], request_s: FloatArray, hand: ClosingHand
 ) -> _Course:
     t_s = np.arange(round(LOOK_S / STEP_S))[:, None] * STEP_S
-    closed_m = hand.travel_m(np.where(np.isfinite(request_s), t_s - request_s, 0.0))
-    u = np.minimum(t_s / d["move_s"], 1.0)
-    given = np.where(
-        d["cap_n"] == 0.0, _smooth(t_s / np.maximum(d["vanish_s"], STEP_S)), 1.0
-    )
+    since_s = np.where(np.isfinite(request_s), t_s - request_s, 0.0)
+    squeezed_n = drop["squeeze_n_per_m"] * hand.travel_m(since_s)
+    # A grip that is already above what the hand can close with stays as it is.
+    most_n = np.maximum(hand.most_n, drop["grip_n"])
+    share = np.minimum(t_s / drop["move_s"], 1.0)
+    # A pulled object has no support; a falling one loses its own over vanish_s.
+    falls = drop["cap_n"] == 0.0
+    support_gone = _minimum_jerk(t_s / np.maximum(drop["vanish_s"], STEP_S))
     return _Course(
-        d["distance_m"] * _smooth(u),
-        d["distance_m"] / d["move_s"] * 30.0 * (u * (1.0 - u)) ** 2,
-        d["mass_kg"] * GRAVITY_M_S2 * given,
-        np.minimum(
-            d["grip_n"] + d["squeeze_n_per_m"] * closed_m,
-            np.maximum(hand.most_n, d["grip_n"]),
-        ),
+        path_m=drop["distance_m"] * _minimum_jerk(share),
+        path_m_s=drop["distance_m"]
+        / drop["move_s"]
+        * 30.0
+        * (share * (1.0 - share)) ** 2,
+        weight_n=drop["mass_kg"] * GRAVITY_M_S2 * np.where(falls, support_gone, 1.0),
+        normal_n=np.minimum(drop["grip_n"] + squeezed_n, most_n),
     )
 
 
 def slide(drops: Sequence[Drop], request_s: npt.ArrayLike, hand: ClosingHand) -> Slide:
     """Step the drops from their load onset on, the hand closing from request_s [E] (inf: never)."""
-    d = {
-        name: np.array([getattr(one, name) for one in drops])
-        for name in Drop.__dataclass_fields__
-    }
-    mass, skin, arm = d["mass_kg"], d["skin_n_per_m"], d["arm_n_per_m"]
-    course = _course(d, np.asarray(request_s, dtype=np.float64), hand)
-    sticks_n, slides_n = (
-        2.0 * d[name] * course.normal_n for name in ("static", "kinetic")
-    )
-    skin_damping, arm_damping = (
-        2.0 * DAMPING_RATIO * np.sqrt(k * mass) for k in (skin, arm)
-    )
+    names = [field.name for field in fields(Drop)]
+    table = np.array([astuple(one) for one in drops]).reshape(len(drops), len(names))
+    drop = dict(zip(names, table.T, strict=True))
+    course = _course(drop, np.asarray(request_s, dtype=np.float64), hand)
+    mass, skin, arm = drop["mass_kg"], drop["skin_n_per_m"], drop["arm_n_per_m"]
+    static_n = 2.0 * drop["static"] * course.normal_n
+    kinetic_n = 2.0 * drop["kinetic"] * course.normal_n
+    skin_damping = 2.0 * DAMPING_RATIO * np.sqrt(skin * mass)
+    arm_damping = 2.0 * DAMPING_RATIO * np.sqrt(arm * mass)
     at, speed, slid = np.zeros((3, len(drops)))
-    # a pulled object hangs in the skin already
-    stretch = np.where(d["cap_n"] == 0.0, 0.0, mass * GRAVITY_M_S2 / skin)
-    slides_from_s, sliding = (
-        np.full(len(drops), np.inf),
-        np.zeros(len(drops), dtype=np.bool_),
-    )
+    # A pulled object hangs in the skin already.
+    stretch = np.where(drop["cap_n"] == 0.0, 0.0, mass * GRAVITY_M_S2 / skin)
+    slides_from_s = np.full(len(drops), np.inf)
+    sliding = np.zeros(len(drops), dtype=np.bool_)
     moved = np.empty(course.normal_n.shape)
     for k in range(len(moved)):
-        arm_n = arm * (course.path_m[k] - at) + arm_damping * (
-            course.path_m_s[k] - speed
-        )
-        load_n = np.minimum(np.maximum(arm_n, 0.0), d["cap_n"]) + course.weight_n[k]
+        behind_m, behind_m_s = course.path_m[k] - at, course.path_m_s[k] - speed
+        arm_n = arm * behind_m + arm_damping * behind_m_s
+        # An arm pulls and never pushes.
+        load_n = np.minimum(np.maximum(arm_n, 0.0), drop["cap_n"]) + course.weight_n[k]
         stuck_n = skin * stretch + skin_damping * speed
-        limit_n = np.where(sliding, slides_n[k], sticks_n[k])
+        limit_n = np.where(sliding, kinetic_n[k], static_n[k])
         sliding = (sliding | (stuck_n > limit_n)) & (speed > 0.0)
         slides_from_s[sliding & np.isinf(slides_from_s)] = k * STEP_S
-        held_n = np.where(sliding, slides_n[k], np.minimum(stuck_n, limit_n))
+        held_n = np.where(sliding, kinetic_n[k], np.minimum(stuck_n, limit_n))
         speed = speed + STEP_S * (load_n - held_n) / mass
+        # What slides comes to rest; it does not slide back.
         speed = np.where(sliding, np.maximum(speed, 0.0), speed)
-        stretch = np.where(sliding, slides_n[k] / skin, stretch + STEP_S * speed)
+        stretch = np.where(sliding, kinetic_n[k] / skin, stretch + STEP_S * speed)
         slid = slid + np.where(sliding, STEP_S * speed, 0.0)
         at = at + STEP_S * speed
         moved[k] = at
     return Slide(moved, slid, slides_from_s, ~sliding)
 
 
-def _smooth(u: FloatArray) -> FloatArray:
+def _minimum_jerk(u: FloatArray) -> FloatArray:
     """0 to 1 with minimum jerk."""
     u = np.clip(u, 0.0, 1.0)
     risen: FloatArray = u * u * u * (10.0 + u * (6.0 * u - 15.0))
@@ -218,15 +217,14 @@ def _never_closed(drops: tuple[Drop, ...]) -> Slide:
     return slide(drops, np.full(len(drops), np.inf), ClosingHand())
 
 
-def room_m(drops: Sequence[Drop]) -> FloatArray:
+def _distance_when_lost_m(drops: tuple[Drop, ...]) -> FloatArray:
     """[E] how far each object had moved in a hand that did nothing when contact was lost."""
-    moved = _never_closed(tuple(drops)).moved_m
-    row = np.minimum(
-        np.array([round(one.lost_s / STEP_S) for one in drops], dtype=np.int64),
-        len(moved) - 1,
-    )
-    room: FloatArray = moved[row, np.arange(len(drops))]
-    return room
+    moved = _never_closed(drops).moved_m
+    steps = np.array([round(one.lost_s / STEP_S) for one in drops], dtype=np.int64)
+    distance: FloatArray = moved[
+        np.minimum(steps, len(moved) - 1), np.arange(len(drops))
+    ]
+    return distance
 
 
 @dataclass(frozen=True)
@@ -246,26 +244,18 @@ class KeptObjects:
     kept_without_a_slip: int
 
 
-@dataclass(frozen=True)
 class Droppable:
-    """The events of many streams, in order. drops: None where one is not modelled.
+    """The events of many streams, in order, for a hand. drops: None where one is not modelled."""
 
-    room_m [E] of the modelled. preventable [E]: a hand that closes from load onset on keeps it.
-    """
-
-    drops: tuple[Drop | None, ...]
-    hand: ClosingHand
-    room_m: FloatArray
-    preventable: BoolArray
-
-    @staticmethod
-    def of(drops: Sequence[Drop | None], hand: ClosingHand | None = None) -> Droppable:
-        """The bounds of these events for a hand."""
-        hand = hand or ClosingHand()
-        modelled = [drop for drop in drops if drop is not None]
-        room = room_m(modelled)
-        at_once = _held(modelled, np.zeros(len(modelled)), hand, room)[0]
-        return Droppable(tuple(drops), hand, room, at_once)
+    def __init__(
+        self, drops: Sequence[Drop | None], hand: ClosingHand | None = None
+    ) -> None:
+        self.hand = hand or ClosingHand()
+        self._is_modelled = np.array([drop is not None for drop in drops], np.bool_)
+        self._drops = tuple(drop for drop in drops if drop is not None)
+        self._lost_at_m = _distance_when_lost_m(self._drops)
+        # A hand that closes from load onset on keeps it.
+        self._preventable = self._held(np.zeros((1, len(self._drops))))[0][0]
 
     def kept(self, delays_s: Sequence[float | None]) -> KeptObjects:
         """What the hand keeps. The request in each event: s after load onset (None: no request)."""
@@ -275,53 +265,46 @@ class Droppable:
         self, delays_s: Sequence[Sequence[float | None]]
     ) -> list[KeptObjects]:
         """The same for several lists of requests, whose drops are stepped together."""
-        modelled = [drop for drop in self.drops if drop is not None]
-        from_s = [
-            np.inf if s is None else s
-            for one in delays_s
-            for s, drop in zip(one, self.drops, strict=True)
-            if drop is not None
-        ]
-        lists, room = len(delays_s), np.tile(self.room_m, len(delays_s))
-        held, still = _held(
-            modelled * lists, np.array(from_s, np.float64), self.hand, room
-        )
-        shape = (lists, len(modelled))
-        return [
-            self._kept(*one)
-            for one in zip(held.reshape(shape), still.reshape(shape), strict=True)
-        ]
+        # None becomes nan as a float, and a request that never comes is at infinity.
+        delays = np.array(delays_s, dtype=np.float64)
+        from_s = np.where(np.isnan(delays), np.inf, delays)
+        held, still = self._held(from_s[:, self._is_modelled])
+        return [self._kept(*one) for one in zip(held, still, strict=True)]
+
+    def _held(self, request_s: FloatArray) -> tuple[BoolArray, BoolArray]:
+        """[L, E] whether each object is still in the hand, and whether it did not even slip.
+
+        request_s [L, E]: of L lists of requests.
+        """
+        drops = self._drops * len(request_s)
+        lost_at_m, from_s = np.tile(self._lost_at_m, len(request_s)), request_s.ravel()
+        held, still = np.zeros((2, len(drops)), dtype=np.bool_)
+        for start in range(0, len(drops), DROPS_AT_ONCE):
+            some = slice(start, start + DROPS_AT_ONCE)
+            end = slide(drops[some], from_s[some], self.hand)
+            farthest_m = end.moved_m.max(axis=0, initial=0.0)
+            held[some] = end.rests & (farthest_m < lost_at_m[some])
+            still[some] = held[some] & (end.slid_m < GROSS_SLIP_M)
+        return held.reshape(request_s.shape), still.reshape(request_s.shape)
 
     def _kept(self, held: BoolArray, still: BoolArray) -> KeptObjects:
-        n, n_kept = int(self.preventable.sum()), int((held & self.preventable).sum())
+        n = int(self._preventable.sum())
+        n_kept = int((held & self._preventable).sum())
         return KeptObjects(
             hand=self.hand,
-            events=len(self.drops),
-            modelled=len(self.preventable),
+            events=len(self._is_modelled),
+            modelled=len(self._drops),
             preventable=n,
-            not_preventable=len(self.preventable) - n,
+            not_preventable=len(self._drops) - n,
             kept=n_kept,
             kept_share=n_kept / n if n else None,
-            kept_without_a_slip=int((still & self.preventable).sum()),
+            kept_without_a_slip=int((still & self._preventable).sum()),
         )
 
 
 def droppable(drops: Sequence[Drop | None]) -> Droppable | None:
     """The bounds for the usual hand; None where no event is modelled."""
-    return Droppable.of(drops) if any(drop is not None for drop in drops) else None
-
-
-def _held(
-    drops: Sequence[Drop], request_s: FloatArray, hand: ClosingHand, room: FloatArray
-) -> tuple[BoolArray, BoolArray]:
-    """[E] whether each object is still in the hand, and whether it did not even slip."""
-    held, still = np.zeros((2, len(drops)), dtype=np.bool_)
-    for start in range(0, len(drops), DROPS_AT_ONCE):
-        some = slice(start, start + DROPS_AT_ONCE)
-        end = slide(drops[some], request_s[some], hand)
-        held[some] = end.rests & (end.moved_m.max(axis=0, initial=0.0) < room[some])
-        still[some] = held[some] & (end.slid_m < GROSS_SLIP_M)
-    return held, still
+    return Droppable(drops) if any(drops) else None
 
 
 @dataclass(frozen=True)
@@ -336,22 +319,23 @@ def closing_model(
     drops: Sequence[Drop | None], delays_s: Sequence[float | None]
 ) -> ClosingModel | None:
     """Check the model, and vary its lag; None where no event is modelled."""
-    if not any(drop is not None for drop in drops):
+    if not any(drops):
         return None
-    by_lag = {
-        f"{1e3 * lag_s:g}": Droppable.of(drops, ClosingHand(lag_s=lag_s)).kept(delays_s)
-        for lag_s in LAGS_S
-    }
+    by_lag = {}
+    for lag_s in LAGS_S:
+        hand = ClosingHand(lag_s=lag_s)
+        by_lag[f"{1e3 * lag_s:g}"] = Droppable(drops, hand).kept(delays_s)
     return ClosingModel(model_error_ms(drops), by_lag)
 
 
 def model_error_ms(drops: Sequence[Drop | None]) -> dict[str, float] | None:
     """The model's slip in a hand at rest minus the truth's gross slip; None without drops."""
-    known = [drop for drop in drops if drop is not None]
+    known = tuple(drop for drop in drops if drop is not None)
     if not known:
         return None
-    from_s = _never_closed(tuple(known)).slides_from_s
+    from_s = _never_closed(known).slides_from_s
     off_ms = 1e3 * (from_s - np.array([one.gross_s for one in known]))
     off_ms = off_ms[np.isfinite(off_ms)]
     found = spread(off_ms.tolist())
-    return {**(asdict(found) if found else {}), "slips": len(off_ms), "of": len(known)}
+    error: dict[str, float] = asdict(found) if found else {}
+    return error | {"slips": len(off_ms), "of": len(known)}

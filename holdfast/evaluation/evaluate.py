@@ -1,7 +1,4 @@
-"""The whole evaluation of a model file: thresholds, baselines, every set, all sets together.
-
-The options of an evaluation. Imports no library, so that a command can read it at once.
-"""
+"""The whole evaluation of a model file: thresholds, baselines, every set, all sets together."""
 
 from __future__ import annotations
 
@@ -16,8 +13,8 @@ from holdfast.core.trial_layout import read_json
 from holdfast.edge_runtime.engine import ModelChoice, OpenedModel
 from holdfast.edge_runtime.graph import Outputs
 from holdfast.evaluation import MOST_FALSE_PER_MIN
+from holdfast.evaluation.alarms import choose_confidence
 from holdfast.evaluation.baselines import Baseline, baselines, raw_forest
-from holdfast.evaluation.event_scores import choose_confidence
 from holdfast.evaluation.figures import Evaluation, all_sets
 from holdfast.evaluation.jobs import Workers
 from holdfast.evaluation.model_outputs import (
@@ -65,8 +62,9 @@ class EvaluationRequest:
 
     def n_stages(self) -> int:
         """How many stages `evaluate_events` announces."""
-        a_set = 3 if self.choose else 4
-        return bool(self.train) + 3 * bool(self.choose) + a_set * len(self.data) + 1
+        of_a_set = 3 if self.choose else 4
+        of_choosing = 3 if self.choose else 0
+        return bool(self.train) + of_choosing + of_a_set * len(self.data) + 1
 
 
 ALONE = Workers()
@@ -90,20 +88,14 @@ def evaluate_events(
     _require_apart(request)
     run = _Run(model.open(), request, say, part)
     forest = run.forest()
-    others = run.baselines(forest)
-    chosen = run.chosen(others) if request.choose else None
+    found = run.baselines(forest)
+    chosen = run.chosen(found) if request.choose else None
     if workers.here:
-        sets = [run.scored(name, others, chosen) for name in request.data]
+        sets = [run.scored(name, found, chosen) for name in request.data]
     else:
         say(f"scoring {len(request.data)} sets")
-        sets = list(
-            workers.run(
-                [
-                    partial(_scored, model, request, forest, chosen, name)
-                    for name in request.data
-                ]
-            )
-        )
+        job = partial(_scored, model, request, forest, chosen)
+        sets = list(workers.run([partial(job, name) for name in request.data]))
     say("figures of all sets together")
     thresholds = chosen or sets[0].figures.thresholds
     assert thresholds is not None
@@ -123,16 +115,19 @@ def _scored(
 
 
 def _by_label(sets: Sequence[ScoredSet]) -> dict[str, ScoredSet]:
+    """Name -> set; a second set of the same name has a number behind it."""
     scored: dict[str, ScoredSet] = {}
     for one in sets:
         label = one.figures.card.name
-        scored[label if label not in scored else f"{label} ({len(scored) + 1})"] = one
+        if label in scored:
+            label = f"{label} ({len(scored) + 1})"
+        scored[label] = one
     return scored
 
 
 def _require_apart(request: EvaluationRequest) -> None:
     """Raise DataNotFound for a missing folder, UsageError for one to choose on and to score."""
-    scored = {find(name).resolve(): name for name in request.data}
+    scored = {find(name).resolve() for name in request.data}
     if request.train:
         find(request.train)
     for name in request.choose:
@@ -162,63 +157,72 @@ class _Run:
         if self.request.train is None:
             return None
         self.say(f"training the raw-window forest on {self.request.train}")
-        channels, seed = self.model.card.n_channels, self.request.seed
         data = load(
             self.request.train,
-            channels=channels,
-            seed=seed,
+            channels=self.model.card.n_channels,
+            seed=self.request.seed,
             windows="thesis",
             part=self.part,
         )
         require_model_fits(self.model, data)
-        return raw_forest(data, self.spec, seed)
+        return raw_forest(data, self.spec, self.request.seed)
 
     def baselines(self, forest: bytes | None) -> list[Baseline]:
         """The baselines of this model."""
         return baselines(self.spec, self.model.card.decision, forest)
 
-    def chosen(self, others: Sequence[Baseline]) -> Thresholds:
+    def chosen(self, baselines: Sequence[Baseline]) -> Thresholds:
         """Thresholds from streams that are not scored."""
         names, card = self.request.choose, self.model.card
         self.say(f"reading {', '.join(names)}, to choose the confidence on")
-        sets = [self._load(name) for name in names]
-        recordings = [one for data in sets for one in data.recordings]
+        recordings, labels = [], []
+        for name in names:
+            data = self._load(name)
+            recordings += data.recordings
+            labels.append(_label(name, data))
         self.say(f"running the model on {len(recordings)} recordings to choose on")
         computed = everywhere(steps_with(self.model, OUTPUTS), recordings, self.part)
         outputs = read_outputs(self.model, recordings, computed)
         most = self.request.most_false_per_min
-        permille = choose_confidence(
-            [one.answers for one in outputs], card.decision, most
-        )
+        answers = [one.answers for one in outputs]
+        permille = choose_confidence(answers, card.decision, most)
         self.say(
-            f"confidence {permille} of 1000 chosen; matching {len(others)} baselines"
+            f"confidence {permille} of 1000 chosen; matching {len(baselines)} baselines"
         )
-        named = [_named(name, data) for name, data in zip(names, sets, strict=True)]
-        streams = MatchingStreams(recordings, outputs, named)
-        return find_thresholds(card, streams, others, Chosen(permille, most), self.part)
+        streams = MatchingStreams(recordings, outputs, labels)
+        chosen = Chosen(permille, most)
+        return find_thresholds(card, streams, baselines, chosen, self.part)
 
     def scored(
-        self, name: str, others: Sequence[Baseline], chosen: Thresholds | None
+        self, name: str, baselines: Sequence[Baseline], chosen: Thresholds | None
     ) -> ScoredSet:
         """One set, scored; baselines are matched on it where nothing was chosen elsewhere."""
         self.say(f"reading {name}")
-        data, card, seed = self._load(name), self.model.card, self.request.seed
-        self.say(f"{data.name}: running the model on {len(data.recordings)} recordings")
+        data = self._load(name)
+        recordings = data.recordings
+        self.say(f"{data.name}: running the model on {len(recordings)} recordings")
         wanted = [*OUTPUTS, *heads_with_task(self.model, with_situations(data))]
-        computed = everywhere(
-            steps_with(self.model, wanted), data.recordings, self.part
-        )
-        outputs = read_outputs(self.model, data.recordings, computed)
-        windows = _window_figures(self.model, data, computed, seed)
+        computed = everywhere(steps_with(self.model, wanted), recordings, self.part)
+        outputs = read_outputs(self.model, recordings, computed)
+        windows = self._window_figures(data, computed)
+        # The outputs of a long set take much memory, and are read by now.
         del computed
         thresholds = chosen
         if thresholds is None:
-            self.say(f"{data.name}: matching {len(others)} baselines")
-            streams = MatchingStreams(data.recordings, outputs, [_named(name, data)])
-            thresholds = find_thresholds(card, streams, others, part=self.part)
-        self.say(f"{data.name}: scoring the model and {len(others)} baselines")
+            self.say(f"{data.name}: matching {len(baselines)} baselines")
+            streams = MatchingStreams(recordings, outputs, [_label(name, data)])
+            card = self.model.card
+            thresholds = find_thresholds(card, streams, baselines, part=self.part)
+        self.say(f"{data.name}: scoring the model and {len(baselines)} baselines")
         return score_set(
-            find(name), data, outputs, thresholds, others, windows, seed, self.part
+            find(name),
+            data,
+            outputs,
+            thresholds,
+            baselines,
+            windows,
+            self.request.seed,
+            self.part,
         )
 
     def _load(self, name: str) -> DataSet:
@@ -233,20 +237,18 @@ class _Run:
         require_model_fits(self.model, data)
         return data.of_groups(self.request.people) if self.request.people else data
 
+    def _window_figures(
+        self, data: DataSet, computed: Sequence[Outputs]
+    ) -> WindowFigures:
+        whole = with_situations(data)
+        names = ["situation", "unknown", *heads_with_task(self.model, whole)]
+        every_row = [np.arange(len(one.samples)) for one in whole.recordings]
+        wanted = [{name: out[name] for name in names} for out in computed]
+        answers = at_windows(whole, wanted, every_row)
+        return window_figures(self.model, whole, answers, seed=self.request.seed)
 
-def _named(name: str, data: DataSet) -> str:
+
+def _label(name: str, data: DataSet) -> str:
     """A set's name with the seed it was made from, if any: two sets of one card differ by it."""
     made_from = read_json(find(name) / "meta.json").get("seed")
     return data.name if made_from is None else f"{data.name}, seed {made_from}"
-
-
-def _window_figures(
-    model: OpenedModel, data: DataSet, computed: Sequence[Outputs], seed: int
-) -> WindowFigures:
-    whole = with_situations(data)
-    names = ["situation", "unknown", *heads_with_task(model, whole)]
-    rows = [np.arange(len(one.samples)) for one in whole.recordings]
-    answers = at_windows(
-        whole, [{name: out[name] for name in names} for out in computed], rows
-    )
-    return window_figures(model, whole, answers, seed=seed)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 
 from holdfast.core.reading import Json
@@ -17,8 +17,8 @@ from holdfast.evaluation.methods import (
 from holdfast.evaluation.outcomes import OutcomeRow, outcome_table
 from holdfast.evaluation.scored_set import ScoredSet, SetFigures, compared
 from holdfast.evaluation.statistics import McNemar
-from holdfast.evaluation.stream_pictures import ShownTrial
 from holdfast.evaluation.thresholds import Thresholds
+from holdfast.evaluation.trials import AnsweredTrial
 
 
 @dataclass(frozen=True)
@@ -31,30 +31,22 @@ class EvaluatedModel:
     votes_for: list[str]
     trained_on: str | None
 
-    @staticmethod
-    def of(card: ModelCard) -> EvaluatedModel:
-        """From the card of a model file."""
-        trained_on = card.raw["training"].get("data")
-        return EvaluatedModel(
-            card.model_id, card.rate_hz, card.unit, list(card.classes), trained_on
-        )
 
-
-@dataclass(frozen=True)
+@dataclass
 class TimesMs:
     """ms of every event: to the first risky state, to the alarm; the lead there was, and left."""
 
     to_state: list[float]
-    to_act: list[float]
-    available: list[float]
-    left: list[float]
+    to_act: list[float] = field(default_factory=list)
+    available: list[float] = field(default_factory=list)
+    left: list[float] = field(default_factory=list)
 
 
 @dataclass(frozen=True)
 class Evaluation:
     """Everything the report shows. rows, mcnemar: of all sets together.
 
-    thresholds: of the first set where each set has its own. shown, times: of pictures only.
+    thresholds: of the first set where each set has its own. drawn, times: of pictures only.
     """
 
     model: EvaluatedModel
@@ -64,16 +56,15 @@ class Evaluation:
     rows: dict[str, MethodFigures]
     mcnemar: dict[str, McNemar]
     outcomes: list[OutcomeRow]
-    shown: dict[str, list[ShownTrial]] = field(default_factory=dict)
+    drawn: dict[str, list[AnsweredTrial]] = field(default_factory=dict)
     times: dict[str, TimesMs] = field(default_factory=dict)
 
     def to_json(self) -> Json:
         """figures.json; of one set alone, its window figures stand on top."""
-        first = next(iter(self.sets.values()))
-        alone = len(self.sets) == 1
-        return (
-            first.windows.to_json() if alone else {"model_id": self.model.model_id}
-        ) | {
+        top = {"model_id": self.model.model_id}
+        if len(self.sets) == 1:
+            top = next(iter(self.sets.values())).windows.to_json()
+        return top | {
             "model": asdict(self.model),
             "thresholds": self.thresholds.to_json(),
             "seed": self.seed,
@@ -87,43 +78,52 @@ class Evaluation:
 
 
 def all_sets(
-    card: ModelCard, scored: dict[str, ScoredSet], thresholds: Thresholds, seed: int
+    card: ModelCard, scored: Mapping[str, ScoredSet], thresholds: Thresholds, seed: int
 ) -> Evaluation:
     """The figures of all sets together."""
-    results = list(scored.values())
-    methods = {
-        name: together([one.methods[name] for one in results])
-        for name in results[0].methods
-    }
-    trials = [trial for one in results for trial in one.trials]
-    bounds = droppable([drop for one in results for drop in one.drops])
-    headline = thresholds.headline
+    trials, drops, judged = [], [], []
+    by_method: dict[str, list[MethodResult]] = {}
+    drawn: dict[str, list[AnsweredTrial]] = {}
+    times = {}
+    for name, one in scored.items():
+        trials += one.trials
+        drops += one.drops
+        judged += one.judged
+        for method, result in one.methods.items():
+            by_method.setdefault(method, []).append(result)
+        # The first set with a trial to draw stands for all.
+        drawn = drawn or one.drawn
+        if one.figures.card.events:
+            headline = one.methods[thresholds.headline]
+            times[name] = _times(headline, one.to_state_ms)
+    methods = {name: together(of_sets) for name, of_sets in by_method.items()}
+    model = EvaluatedModel(
+        card.model_id,
+        card.rate_hz,
+        card.unit,
+        list(card.classes),
+        card.raw["training"].get("data"),
+    )
     return Evaluation(
-        EvaluatedModel.of(card),
-        thresholds,
-        seed,
-        {name: one.figures for name, one in scored.items()},
-        figures_of_methods(methods, trials, bounds, seed),
-        compared(methods, thresholds),
-        outcome_table([trial for one in results for trial in one.judged]),
-        next((one.shown for one in results if one.shown), {}),
-        {
-            name: _times(one.methods[headline], one.to_state_ms)
-            for name, one in scored.items()
-            if one.figures.card.events
-        },
+        model=model,
+        thresholds=thresholds,
+        seed=seed,
+        sets={name: one.figures for name, one in scored.items()},
+        rows=figures_of_methods(methods, trials, droppable(drops), seed),
+        mcnemar=compared(methods, thresholds),
+        outcomes=outcome_table(judged),
+        drawn=drawn,
+        times=times,
     )
 
 
 def _times(method: MethodResult, to_state_ms: list[float]) -> TimesMs:
-    found = [o for one in method.matches for o in one.outcomes if o.delay_s is not None]
-    return TimesMs(
-        to_state_ms,
-        _ms([o.delay_s for o in found]),
-        _ms([o.available_s for o in found]),
-        _ms([o.lead_s for o in found]),
-    )
-
-
-def _ms(seconds: Sequence[float | None]) -> list[float]:
-    return [1e3 * one for one in seconds if one is not None]
+    times = TimesMs(to_state_ms)
+    for match in method.matches:
+        for outcome in match.outcomes:
+            if outcome.delay_s is not None:
+                times.to_act.append(1e3 * outcome.delay_s)
+                if outcome.available_s is not None and outcome.lead_s is not None:
+                    times.available.append(1e3 * outcome.available_s)
+                    times.left.append(1e3 * outcome.lead_s)
+    return times

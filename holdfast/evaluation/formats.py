@@ -1,6 +1,7 @@
-"""How numbers are written for people: in reports, in tables of documents, on a terminal.
+"""How numbers and names of methods are written for people: reports, documents, terminals.
 
-"-" stands where a figure is not defined; an interval that is not defined is not written at all.
+figures.json keeps the stored names. "-" stands where a figure is not defined; an interval that is
+not defined is not written at all.
 """
 
 from __future__ import annotations
@@ -9,6 +10,25 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from holdfast.training.figures import ABSENT, Interval
+
+DEPLOYED, CHOSEN = "ours, as deployed", "ours, confidence chosen"
+BAND, CONE, SHEAR_RATE = "band-pass bank", "friction cone", "one line of code"
+RAW, ORACLE = "raw-window forest", "perfect intent"
+DISPLAY_NAMES = {
+    DEPLOYED: "this model, as deployed",
+    CHOSEN: "this model, chosen confidence",
+    SHEAR_RATE: "shear-rate threshold",
+    ORACLE: "oracle",
+}
+"""Stored name -> the name that people read, where they differ."""
+LAWS = {
+    BAND: "a shear signal exceeds its own noise floor in one of ten bands (setting: ratio)",
+    CONE: "shear / normal force of a finger leaves the friction cone (setting: coefficient)",
+    SHEAR_RATE: "summed shear changes within two samples by more than a threshold (setting: N)",
+    RAW: "the thesis' forest: 100 untuned trees on the last 0.10 s (setting: confidence)",
+    ORACLE: "an upper bound: knows the person's intent, acts one sample after load onset",
+}
+"""How each baseline decides, and what its setting is."""
 
 
 def number(value: float | None, places: int = 2) -> str:
@@ -52,6 +72,20 @@ def p_value(p: float) -> str:
 def spaced(name: str) -> str:
     """A name of the contract as words: safe slip."""
     return name.replace("_", " ")
+
+
+def display_name(stored: str) -> str:
+    """A stored name as people read it.
+
+    >>> display_name("one line of code"), display_name("friction cone")
+    ('shear-rate threshold', 'friction cone')
+    """
+    return DISPLAY_NAMES.get(stored, stored)
+
+
+def is_this_model(stored: str) -> bool:
+    """Whether a stored name is the evaluated model and no baseline."""
+    return stored in (DEPLOYED, CHOSEN)
 
 
 def markdown(rows: Sequence[Mapping[str, Any]]) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
 
@@ -12,12 +12,11 @@ import pandas as pd
 
 from holdfast.core.contract import CLASSES, SITUATIONS
 from holdfast.evaluation.figures import Evaluation
-from holdfast.evaluation.method_names import display_name
+from holdfast.evaluation.formats import display_name
 from holdfast.evaluation.model_outputs import ModelOutputs
-from holdfast.training.recording import Recording
+from holdfast.evaluation.states import labels_everywhere
 
 UNKNOWN, ALL_SETS = "unknown", "all sets"
-LOW_HIGH = ("low", "high")
 
 
 def to_frame(of: Evaluation | Sequence[ModelOutputs]) -> pd.DataFrame:
@@ -28,33 +27,29 @@ def to_frame(of: Evaluation | Sequence[ModelOutputs]) -> pd.DataFrame:
     Figures: set, method, then each figure; an interval as _low and _high, parts joined by a dot.
     """
     if isinstance(of, Evaluation):
-        return pd.json_normalize(list(_figures(of)))
+        return pd.json_normalize(_figures(of))
     return pd.concat([_answers(one) for one in of], ignore_index=True)
 
 
 def _answers(of: ModelOutputs) -> pd.DataFrame:
-    one = of.recording
-    lines = {
-        "trial_id": one.trial_id,
-        "person": one.person,
-        "object": one.object_name,
-        "action": one.action,
-        "t_s": np.arange(len(of.situation)) / one.rate_hz,
-        "truth": _named(_truth(one, len(of.situation)), SITUATIONS, None),
-        "state": _named(of.situation, SITUATIONS, UNKNOWN),
-        **{f"p_{name}": of.p_situation[:, k] for k, name in enumerate(SITUATIONS)},
-        "risky_share": of.risky_permille / 1000.0,
-        "class": _named(of.eight, CLASSES, None),
-    }
-    return pd.DataFrame(lines)
-
-
-def _truth(recording: Recording, n_rows: int) -> npt.NDArray[np.int64]:
-    """[T] situation of each row by the phases, -1 for none."""
-    truth = np.full(n_rows, -1)
-    for phase in recording.phases:
-        truth[phase.first : phase.stop] = phase.situation
-    return truth
+    recording, n_rows = of.recording, len(of.situation)
+    truth = labels_everywhere(recording.phases, n_rows)
+    frame = pd.DataFrame(
+        {
+            "trial_id": recording.trial_id,
+            "person": recording.person,
+            "object": recording.object_name,
+            "action": recording.action,
+            "t_s": np.arange(n_rows) / recording.rate_hz,
+            "truth": _named(truth, SITUATIONS, None),
+            "state": _named(of.situation, SITUATIONS, UNKNOWN),
+        }
+    )
+    for k, name in enumerate(SITUATIONS):
+        frame[f"p_{name}"] = of.p_situation[:, k]
+    frame["risky_share"] = of.risky_permille / 1000.0
+    frame["class"] = _named(of.eight, CLASSES, None)
+    return frame
 
 
 def _named(
@@ -64,29 +59,25 @@ def _named(
     return np.array([*names, without], dtype=object)[codes]
 
 
-def _figures(of: Evaluation) -> Iterator[dict[str, Any]]:
+def _figures(of: Evaluation) -> list[dict[str, Any]]:
     rows = {name: one.rows for name, one in of.sets.items()}
-    for name, methods in (
-        rows | ({ALL_SETS: of.rows} if len(rows) > 1 else {})
-    ).items():
+    if len(rows) > 1:
+        rows[ALL_SETS] = of.rows
+    lines = []
+    for name, methods in rows.items():
         for method, figures in methods.items():
-            yield {
-                "set": name,
-                "method": display_name(method),
-                **_flat(asdict(figures)),
-            }
+            line = {"set": name, "method": display_name(method)}
+            lines.append(line | _flat(asdict(figures)))
+    return lines
 
 
 def _flat(figures: dict[str, Any]) -> dict[str, Any]:
     """The same with an interval's two ends under names of their own, at every depth."""
     flat: dict[str, Any] = {}
     for name, value in figures.items():
-        if str(name).endswith("_ci"):
-            ends = value or (None, None)
-            flat |= {
-                f"{str(name)[:-3]}_{end}": at
-                for end, at in zip(LOW_HIGH, ends, strict=True)
-            }
+        if name.endswith("_ci"):
+            short = name.removesuffix("_ci")
+            flat[f"{short}_low"], flat[f"{short}_high"] = value or (None, None)
         else:
-            flat[str(name)] = _flat(value) if isinstance(value, dict) else value
+            flat[name] = _flat(value) if isinstance(value, dict) else value
     return flat

@@ -19,7 +19,6 @@ from markupsafe import Markup
 from holdfast.core.contract import SITUATIONS
 from holdfast.core.writing import write_whole
 from holdfast.evaluation import formats
-from holdfast.evaluation.method_names import display_name, is_this_model
 from holdfast.evaluation.style import SITUATION_COLOURS, dark_rules
 from holdfast.training.figures import over
 
@@ -34,8 +33,8 @@ FILTERS = {
     "spaced": formats.spaced,
     "ms": formats.milliseconds,
     "over": over,
-    "display_name": display_name,
-    "is_this_model": is_this_model,
+    "display_name": formats.display_name,
+    "is_this_model": formats.is_this_model,
 }
 
 

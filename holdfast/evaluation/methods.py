@@ -7,40 +7,29 @@ intervals over trials (or people), and over styles where there are several.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from holdfast.core.contract import BoolArray
-from holdfast.evaluation.camera import CameraFigures, SeenSlip, camera_figures
-from holdfast.evaluation.closing_hand import Droppable, KeptObjects
-from holdfast.evaluation.event_scores import (
-    COLLAR_S,
-    COLLARS_S,
+from holdfast.evaluation.alarms import (
+    WIDE_COLLAR_S,
     EventMatch,
     EventScores,
     event_scores,
     match_alarms,
 )
+from holdfast.evaluation.camera import CameraFigures, camera_figures
+from holdfast.evaluation.closing_hand import Droppable, KeptObjects
 from holdfast.evaluation.statistics import share
-from holdfast.evaluation.truths import DISTURBANCES, Grasp, style_of, voluntary_actions
+from holdfast.evaluation.trials import (
+    DISTURBANCES,
+    LabelledTrial,
+    style_of,
+    voluntary_actions,
+)
 from holdfast.training.figures import Interval, Share
-from holdfast.training.recording import Recording
-
-
-@dataclass(frozen=True)
-class LabelledTrial:
-    """One recording without its samples, its grasps by the truth, and what a camera saw of it."""
-
-    recording: Recording
-    grasps: tuple[Grasp, ...]
-    seen: tuple[SeenSlip, ...] = ()
-
-
-def without_samples(recording: Recording) -> Recording:
-    """The same recording, as light as its labels."""
-    return replace(recording, samples=recording.samples[:0], valid=recording.valid[:0])
 
 
 class CalledAction(NamedTuple):
@@ -59,66 +48,60 @@ class DisturbedHold(NamedTuple):
     quiet: bool
 
 
-@dataclass(frozen=True)
+@dataclass
 class MethodResult:
-    """What one method requested in each recording. by_collar: collar in s -> streams."""
+    """What one method requested in each recording.
 
-    by_collar: dict[float, list[EventMatch]]
-    actions: list[CalledAction]
-    holds: list[DisturbedHold]
+    matches: its alarms at the usual collar. wide: at the wider collar.
+    """
 
-    @property
-    def matches(self) -> list[EventMatch]:
-        """At the narrower collar, which every figure without a collar of its own uses."""
-        return self.by_collar[COLLAR_S]
+    matches: list[EventMatch] = field(default_factory=list)
+    wide: list[EventMatch] = field(default_factory=list)
+    actions: list[CalledAction] = field(default_factory=list)
+    holds: list[DisturbedHold] = field(default_factory=list)
 
     def detected(self) -> BoolArray:
         """[E] whether each event was detected."""
-        return np.array(
-            [delay_s is not None for delay_s in self.delays_s()], dtype=np.bool_
-        )
+        found = [delay_s is not None for delay_s in self.delays_s()]
+        return np.array(found, dtype=np.bool_)
 
     def delays_s(self) -> list[float | None]:
         """[E] s from load onset to the alarm; None where there was none."""
-        return [o.delay_s for one in self.matches for o in one.outcomes]
+        delays_s: list[float | None] = []
+        for match in self.matches:
+            delays_s += [outcome.delay_s for outcome in match.outcomes]
+        return delays_s
 
 
 def method_result(
     trials: Sequence[LabelledTrial], requests: Sequence[BoolArray]
 ) -> MethodResult:
     """Match the requests [T] in each trial with its truth."""
-    pairs = list(zip(trials, requests, strict=True))
-    return MethodResult(
-        {
-            collar: [match_alarms(trial.recording, on, collar) for trial, on in pairs]
-            for collar in COLLARS_S
-        },
-        [action for trial, on in pairs for action in _actions(trial, on)],
-        [hold for trial, on in pairs for hold in _holds(trial, on)],
-    )
-
-
-def _actions(trial: LabelledTrial, requests: BoolArray) -> list[CalledAction]:
-    style, action = style_of(trial.grasps), trial.recording.action or ""
-    return [
-        CalledAction(style, action, bool(requests[one.first : one.stop].any()))
-        for one in voluntary_actions(trial.recording)
-    ]
-
-
-def _holds(trial: LabelledTrial, requests: BoolArray) -> list[DisturbedHold]:
-    held, quiet = not trial.recording.events, not bool(requests.any())
-    kinds = [one.disturbance for one in trial.grasps if one.disturbance]
-    return [DisturbedHold(kind, held, quiet) for kind in kinds]
+    result = MethodResult()
+    for trial, on in zip(trials, requests, strict=True):
+        recording = trial.recording
+        result.matches.append(match_alarms(recording, on))
+        result.wide.append(match_alarms(recording, on, WIDE_COLLAR_S))
+        style = style_of(trial.grasps)
+        for action in voluntary_actions(recording):
+            called = bool(on[action.first : action.stop].any())
+            result.actions.append(CalledAction(style, recording.action or "", called))
+        for grasp in trial.grasps:
+            if grasp.disturbance:
+                held, quiet = not recording.events, not bool(on.any())
+                result.holds.append(DisturbedHold(grasp.disturbance, held, quiet))
+    return result
 
 
 def together(results: Sequence[MethodResult]) -> MethodResult:
     """One method on several sets as on one."""
-    return MethodResult(
-        {c: [one for part in results for one in part.by_collar[c]] for c in COLLARS_S},
-        [action for part in results for action in part.actions],
-        [hold for part in results for hold in part.holds],
-    )
+    whole = MethodResult()
+    for result in results:
+        whole.matches += result.matches
+        whole.wide += result.wide
+        whole.actions += result.actions
+        whole.holds += result.holds
+    return whole
 
 
 @dataclass(frozen=True)
@@ -182,12 +165,13 @@ def figures_of_methods(
     seed: int,
 ) -> dict[str, MethodFigures]:
     """All figures of every method. drops: None where no event can be modelled."""
-    delays_s = [one.delays_s() for one in methods.values()]
-    closing = [None] * len(methods) if drops is None else drops.kept_by_each(delays_s)
-    return {
-        name: method_figures(one, trials, kept, seed)
-        for (name, one), kept in zip(methods.items(), closing, strict=True)
-    }
+    closing: Sequence[KeptObjects | None] = [None] * len(methods)
+    if drops is not None:
+        closing = drops.kept_by_each([one.delays_s() for one in methods.values()])
+    figures = {}
+    for (name, result), kept in zip(methods.items(), closing, strict=True):
+        figures[name] = method_figures(result, trials, kept, seed)
+    return figures
 
 
 def method_figures(
@@ -197,54 +181,65 @@ def method_figures(
     seed: int,
 ) -> MethodFigures:
     """All figures of a method. closing: None where no event can be modelled."""
-    wide = event_scores(of.by_collar[COLLARS_S[1]], seed=seed)
-    actions = sorted({one.action for one in of.actions})
+    wide = event_scores(of.wide, seed=seed)
     return MethodFigures(
         **vars(event_scores(of.matches, seed=seed)),
-        collar_40_ms=CollarFigures(**_fields(wide, CollarFigures)),
+        collar_40_ms=CollarFigures(
+            wide.recall,
+            wide.recall_ci,
+            wide.false_per_min,
+            wide.false_per_min_ci,
+            wide.already_on,
+            wide.false_alarms,
+        ),
         by_style=by_style(of, trials, seed),
-        safe_acts_called=share([one.called for one in of.actions]),
-        safe_acts_by_action={
-            name: share([one.called for one in of.actions if one.action == name])
-            for name in actions
-        },
+        safe_acts_called=_called(of.actions),
+        safe_acts_by_action=_called_by_action(of.actions),
         specificity=specificity(of.holds),
         closing=closing,
         camera=camera_figures(of.matches, [one.seen for one in trials]),
     )
 
 
-def _fields(scores: EventScores, wanted: type) -> dict[str, Any]:
-    """The fields of `wanted` that the scores have too."""
-    return {
-        name: getattr(scores, name)
-        for name in vars(scores)
-        if name in wanted.__annotations__
-    }
+def _called(actions: Sequence[CalledAction]) -> Share:
+    return share([one.called for one in actions])
+
+
+def _called_by_action(actions: Sequence[CalledAction]) -> dict[str, Share]:
+    called = {}
+    for name in sorted({one.action for one in actions}):
+        called[name] = _called([one for one in actions if one.action == name])
+    return called
 
 
 def by_style(
     of: MethodResult, trials: Sequence[LabelledTrial], seed: int
 ) -> ByStyle | None:
     """Recall and false alarms by style, and intervals over styles; None with less than two."""
-    styles = [style_of(one.grasps) for one in trials]
-    names = sorted(set(styles) - {""})
-    if len(names) < 2:
+    matches: dict[str, list[EventMatch]] = {}
+    grouped = []
+    for trial, match in zip(trials, of.matches, strict=True):
+        style = style_of(trial.grasps)
+        if style:
+            matches.setdefault(style, []).append(match)
+            # The bootstrap draws groups, so the style takes the place of the person.
+            as_group = replace(match.recording, group=style)
+            grouped.append(replace(match, recording=as_group))
+    if len(matches) < 2:
         return None
-    known = [
-        (style, one) for style, one in zip(styles, of.matches, strict=True) if style
-    ]
-    grouped = [
-        replace(one, recording=replace(one.recording, group=style))
-        for style, one in known
-    ]
-    whole = event_scores(grouped, seed=seed)
     figures = {}
-    for name in names:
-        scores = event_scores([one for style, one in known if style == name], seed=seed)
-        called = share([one.called for one in of.actions if one.style == name])
-        fields = _fields(scores, StyleFigures)
-        figures[name] = StyleFigures(**fields, safe_acts_called=called)
+    for name in sorted(matches):
+        scores = event_scores(matches[name], seed=seed)
+        figures[name] = StyleFigures(
+            scores.events,
+            scores.recall,
+            scores.recall_ci,
+            scores.false_per_min,
+            scores.false_per_min_ci,
+            scores.minutes,
+            _called([one for one in of.actions if one.style == name]),
+        )
+    whole = event_scores(grouped, seed=seed)
     return ByStyle(whole.recall_ci, whole.false_per_min_ci, figures)
 
 
@@ -256,7 +251,6 @@ def specificity(holds: Sequence[DisturbedHold]) -> dict[str, HoldFigures] | None
     for name in DISTURBANCES:
         here = [one for one in holds if one.disturbance == name]
         quiet = share([one.quiet for one in here if one.held])
-        figures[name] = HoldFigures(
-            **vars(quiet), failed=sum(not one.held for one in here)
-        )
+        failed = sum(not one.held for one in here)
+        figures[name] = HoldFigures(quiet.share, quiet.share_ci, quiet.n, failed)
     return figures

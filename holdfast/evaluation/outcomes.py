@@ -1,26 +1,40 @@
-"""The thesis' table of outcomes (chapter 6) beside the same cells of this model.
+"""Whether the action of a trial was recognised: the thesis' table, and one person's figures.
 
-ok: recognised in every trial; part: in some; no: in none. A pull or fall is recognised where an
-act was requested in it and not before. A hand-over or put-down is recognised where the state was
-safe_slip in it and no act was requested. The thesis judges a few trials of real
-hands by eye; the trials here are many, and simulated in styles of the same names.
+A pull or fall is recognised where an act was requested in it and not before. A hand-over or
+put-down is recognised where the state was safe_slip in it and no act was requested. In the thesis'
+table (chapter 6) ok means: recognised in every trial; part: in some; no: in none. The thesis judges
+a few trials of real hands by eye; the trials here are many, and simulated in styles of the same
+names.
 """
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-from holdfast.core.contract import SAFE_SLIP, BoolArray
-from holdfast.evaluation.event_scores import match_alarms
-from holdfast.evaluation.methods import (
+from holdfast.core.contract import SAFE_SLIP, SITUATIONS
+from holdfast.core.reading import Json
+from holdfast.core.trial_layout import RISKY_ACTIONS, TACTILE, read_json, truth_path
+from holdfast.edge_runtime.engine import OpenedModel
+from holdfast.evaluation.alarms import EventMatch, match_alarms
+from holdfast.evaluation.model_outputs import run_model
+from holdfast.evaluation.statistics import Spread, spread
+from holdfast.evaluation.thresholds import requests_of
+from holdfast.evaluation.trials import (
+    AnsweredTrial,
     LabelledTrial,
+    answered_trials,
+    style_of,
+    voluntary_actions,
+    without_samples,
 )
-from holdfast.evaluation.model_outputs import ModelOutputs
-from holdfast.evaluation.truths import style_of, voluntary_actions
+from holdfast.training.datasets import load
+from holdfast.training.recording import Recording
 
 ACTIONS = {
     "pass": "pass",
@@ -28,14 +42,9 @@ ACTIONS = {
     "fall": "pull or fall",
     "put-down": "put-down",
 }
-
-
+"""Action of a trial -> column of the thesis' table."""
 COLUMNS = ("pass", "pull or fall", "put-down")
-
-
 STYLES = {"author": "author", "p1": "participant 1", "p2": "participant 2"}
-
-
 THESIS: dict[str, dict[str, tuple[str, str, str]]] = {
     "soft-ball": {
         "author": ("part", "ok", "part"),
@@ -65,6 +74,7 @@ THESIS: dict[str, dict[str, tuple[str, str, str]]] = {
     "apple": {"author": ("ok", "ok", "ok")},
 }
 """Object -> style -> (pass, pull or fall, put-down)."""
+SLIPS = SITUATIONS[2:]
 
 
 class JudgedTrial(NamedTuple):
@@ -89,69 +99,204 @@ class OutcomeRow:
     trials: int
 
 
-def recognised(
-    trial: LabelledTrial, of: ModelOutputs, requests: BoolArray
-) -> bool | None:
+def recognised(answered: AnsweredTrial) -> bool | None:
     """Whether a trial's action was; None where it did not happen (a pull that did not slip)."""
-    if trial.recording.action in ("pull", "fall"):
-        one = match_alarms(trial.recording, requests)
-        if not one.outcomes:
+    recording, requests = answered.trial.recording, answered.requests
+    if recording.action in RISKY_ACTIONS:
+        match = match_alarms(recording, requests)
+        if not match.outcomes:
             return None
-        return all(o.alarm_s is not None for o in one.outcomes) and not one.false_s
-    actions = voluntary_actions(trial.recording)
-    if trial.recording.action not in ACTIONS or not actions:
+        found = all(outcome.alarm_s is not None for outcome in match.outcomes)
+        return found and not match.false_s
+    actions = voluntary_actions(recording)
+    if recording.action not in ACTIONS or not actions:
         return None
-    states = [of.situation[one.first : one.stop] for one in actions]
-    return all(bool(np.any(one == SAFE_SLIP)) for one in states) and not bool(
-        requests.any()
-    )
+    for action in actions:
+        during = answered.situation[action.first : action.stop]
+        if not np.any(during == SAFE_SLIP):
+            return False
+    return not requests.any()
 
 
-def judged_trials(
-    trials: Sequence[LabelledTrial],
-    outputs: Sequence[ModelOutputs],
-    requests: Sequence[BoolArray],
-) -> list[JudgedTrial]:
+def judged_trials(answered: Sequence[AnsweredTrial]) -> list[JudgedTrial]:
     """Every trial that has an object, a style and an action of the thesis' table."""
     judged = []
-    for one, of, on in zip(trials, outputs, requests, strict=True):
-        name, style = one.recording.object_name or "", style_of(one.grasps)
-        right = recognised(one, of, on) if style in THESIS.get(name, {}) else None
+    for one in answered:
+        recording, style = one.trial.recording, style_of(one.trial.grasps)
+        name = recording.object_name or ""
+        right = recognised(one) if style in THESIS.get(name, {}) else None
         if right is not None:
-            judged.append(
-                JudgedTrial(name, style, ACTIONS[str(one.recording.action)], right)
-            )
+            column = ACTIONS[str(recording.action)]
+            judged.append(JudgedTrial(name, style, column, right))
     return judged
 
 
-def word(hits: Sequence[bool]) -> str:
-    """ok, part or no.
+def word(recognised: int, trials: int) -> str:
+    """The thesis' word for so many recognised trials.
 
-    >>> word([True, True]), word([True, False]), word([False])
+    >>> word(2, 2), word(1, 2), word(0, 1)
     ('ok', 'part', 'no')
     """
-    return "ok" if all(hits) else "part" if any(hits) else "no"
+    if recognised == trials:
+        return "ok"
+    return "part" if recognised else "no"
 
 
 def outcome_table(judged: Sequence[JudgedTrial]) -> list[OutcomeRow]:
     """One row for each cell of the thesis' table that has a trial here."""
+    trials = Counter(one[:3] for one in judged)
+    hits = Counter(one[:3] for one in judged if one.recognised)
     rows = []
     for name, styles in THESIS.items():
         for style, words in styles.items():
             for column, theirs in zip(COLUMNS, words, strict=True):
-                hits = [
-                    one.recognised for one in judged if one[:3] == (name, style, column)
-                ]
-                if hits:
-                    rows.append(
-                        OutcomeRow(
-                            name,
-                            style,
-                            column,
-                            theirs,
-                            word(hits),
-                            sum(hits),
-                            len(hits),
-                        )
-                    )
+                n, n_hits = trials[name, style, column], hits[name, style, column]
+                if n:
+                    ours = word(n_hits, n)
+                    row = OutcomeRow(name, style, column, theirs, ours, n_hits, n)
+                    rows.append(row)
     return rows
+
+
+@dataclass(frozen=True)
+class ActionFigures:
+    """One action with one object, or with all (object ""). recognised: of `labelled` trials.
+
+    delay_ms: load onset to the request to act, of pulls and falls. minutes, false_alarms: of trials
+    in which an alarm can be judged.
+    """
+
+    object: str
+    action: str
+    trials: int
+    labelled: int
+    recognised: int
+    false_alarms: int
+    minutes: float
+    delay_ms: Spread | None
+
+    @property
+    def false_per_min(self) -> float | None:
+        """False alarms a minute; None without a minute that can be judged."""
+        return self.false_alarms / self.minutes if self.minutes else None
+
+    def to_json(self) -> Json:
+        """As it stands in report.json."""
+        return asdict(self) | {"false_per_min": self.false_per_min}
+
+
+@dataclass(frozen=True)
+class ParticipantFigures:
+    """All figures of one person's recordings. labels_by: provenance -> labels of slips.
+
+    cells: each action with each object; actions: with all objects. drawn: action -> its trials.
+    """
+
+    model_id: str
+    kind: str
+    trials: int
+    labels_by: dict[str, int]
+    caveat: str
+    whole: ActionFigures
+    actions: list[ActionFigures]
+    cells: list[ActionFigures]
+    drawn: dict[str, list[AnsweredTrial]]
+
+    def to_json(self) -> Json:
+        """As it stands in report.json, without the timelines."""
+        return {
+            "model_id": self.model_id,
+            "kind": self.kind,
+            "trials": self.trials,
+            "labels_by": self.labels_by,
+            "caveat": self.caveat,
+            "all": self.whole.to_json(),
+            "actions": [one.to_json() for one in self.actions],
+            "cells": [one.to_json() for one in self.cells],
+        }
+
+
+@dataclass(frozen=True)
+class _Judged:
+    """A trial: whether its action was recognised (None: not known), and its alarms."""
+
+    recording: Recording
+    right: bool | None
+    match: EventMatch
+
+    @property
+    def judges_alarms(self) -> bool:
+        """Whether an alarm in it can be false: in a pull without a label it may be right."""
+        return self.recording.action not in RISKY_ACTIONS or bool(self.recording.events)
+
+
+def participant_figures(model: OpenedModel, folder: Path) -> ParticipantFigures:
+    """Figures of the kept trials in one person's folder.
+
+    An action without a label counts nowhere: whether it was recognised is then not known. An alarm
+    counts as false in every other trial. Raises a DataError: no trial, no mass of an object, or a
+    unit or rate that does not fit the model.
+    """
+    data = load(folder, channels=model.card.n_channels, windows="none")
+    outputs, rules = run_model(model, data), model.card.decision
+    requests = requests_of(outputs, rules, rules.min_risky_permille)
+    trials = [LabelledTrial(without_samples(one), ()) for one in data.recordings]
+    answered = answered_trials(trials, outputs, requests)
+    judged, drawn = [], dict[str, list[AnsweredTrial]]()
+    cells: dict[tuple[str, str], list[_Judged]] = {}
+    for one in answered:
+        recording = one.trial.recording
+        match = match_alarms(recording, one.requests)
+        judged.append(_Judged(recording, recognised(one), match))
+        action = recording.action or ""
+        cells.setdefault((recording.object_name or "", action), []).append(judged[-1])
+        drawn.setdefault(action, []).append(one)
+    by_action = {
+        action: [one for one in judged if (one.recording.action or "") == action]
+        for action in sorted(drawn)
+    }
+    return ParticipantFigures(
+        model_id=model.card.model_id,
+        kind=data.kind,
+        trials=len(trials),
+        labels_by=_labels_by(folder, data.recordings),
+        caveat=data.caveat,
+        whole=_figures("", "", judged),
+        actions=[_figures("", action, of) for action, of in by_action.items()],
+        cells=[_figures(name, action, of) for (name, action), of in cells.items()],
+        drawn={action: drawn[action] for action in by_action},
+    )
+
+
+def _figures(name: str, action: str, judged: Sequence[_Judged]) -> ActionFigures:
+    """Of one cell; "": of all objects, or of all actions."""
+    right = [one.right for one in judged if one.right is not None]
+    false, minutes, delays_ms = 0, 0.0, []
+    for one in judged:
+        if one.judges_alarms:
+            false += len(one.match.false_s)
+            minutes += one.match.minutes
+            for outcome in one.match.outcomes:
+                if outcome.delay_s is not None:
+                    delays_ms.append(1e3 * outcome.delay_s)
+    return ActionFigures(
+        object=name,
+        action=action,
+        trials=len(judged),
+        labelled=len(right),
+        recognised=sum(right),
+        false_alarms=false,
+        minutes=minutes,
+        delay_ms=spread(delays_ms),
+    )
+
+
+def _labels_by(folder: Path, recordings: Sequence[Recording]) -> dict[str, int]:
+    """Provenance (scene, camera, key) -> number of slips, risky or safe, whose label it gave."""
+    count: Counter[str] = Counter()
+    for recording in recordings:
+        truth = read_json(truth_path(folder / recording.trial_id / TACTILE))
+        for phase in truth.get("phases", []):
+            if phase.get("label") in SLIPS:
+                count[str(phase.get("provenance"))] += 1
+    return dict(sorted(count.items()))

@@ -8,21 +8,14 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 
-from holdfast.edge_runtime.decision import UNKNOWN
 from holdfast.evaluation.figures import TimesMs
+from holdfast.evaluation.formats import spaced
 from holdfast.evaluation.states import CalibrationBin, ConfusionFigures
-from holdfast.evaluation.stream_pictures import ShownTrial, labelled, runs
+from holdfast.evaluation.stream_pictures import draw_unknown, labelled, spans
 from holdfast.evaluation.style import INK, QUIET, SITUATION_COLOURS, svg
+from holdfast.evaluation.trials import AnsweredTrial
 from holdfast.training.figures import ABSENT
 
-CURVES = (
-    ("to_state", "to the first risky_slip state", "#56b4e9", "-", 3.6),
-    ("to_act", "to act", "#d55e00", "-", 1.2),
-    ("available", "lead available", "#009e73", "--", 1.2),
-    ("left", "lead left at act", "#000000", "-", 1.2),
-)
-"""Field of TimesMs, its name, its colour, line and width. The first is wide: the second often lies
-on it."""
 SET_COLOURS = (
     "#d55e00",
     "#0072b2",
@@ -39,103 +32,86 @@ LEAST_EVENTS = 5
 COLUMNS = 3
 
 
-def timelines(rows: Sequence[ShownTrial], kind: str) -> str:
+def timelines(rows: Sequence[AnsweredTrial], kind: str) -> str:
     """One row a trial: the truth behind, the state in front, a triangle where the hand acts."""
     with labelled(kind, 10.2, 0.36 * len(rows) + 0.75) as figure:
         axes = figure.subplots()
+        names, last_s = [], 0.0
         for place, row in enumerate(rows):
             _timeline(axes, place, row)
-        axes.set_yticks(range(len(rows)), [_name(row) for row in rows], fontsize=7.5)
+            recording = row.trial.recording
+            number = recording.trial_id.rsplit("_", 1)[-1]
+            names.append(f"{recording.object_name} {number}")
+            last_s = max(last_s, len(row.situation) / recording.rate_hz)
+        axes.set_yticks(range(len(rows)), names, fontsize=7.5)
         axes.set_ylim(len(rows) - 0.45, -0.65)
-        axes.set_xlim(
-            0.0, max(len(row.situation) / row.trial.recording.rate_hz for row in rows)
-        )
+        axes.set_xlim(0.0, last_s)
         axes.set_xlabel("time in the trial, s")
         axes.spines[:].set_visible(False)
         return svg(figure)
 
 
-def _name(row: ShownTrial) -> str:
-    recording = row.trial.recording
-    return f"{recording.object_name} {recording.trial_id.rsplit('_', 1)[-1]}"
-
-
-def _timeline(axes: Axes, place: int, row: ShownTrial) -> None:
+def _timeline(axes: Axes, place: int, row: AnsweredTrial) -> None:
     step_s = 1.0 / row.trial.recording.rate_hz
     for phase in row.trial.recording.phases:
-        span = [(phase.first * step_s, (phase.stop - phase.first) * step_s)]
         axes.broken_barh(
-            span,
+            [(phase.first * step_s, (phase.stop - phase.first) * step_s)],
             (place - 0.42, 0.84),
             color=SITUATION_COLOURS[phase.situation],
             alpha=0.38,
             linewidth=0,
         )
+    height = (place - 0.2, 0.4)
     for situation, colour in enumerate(SITUATION_COLOURS):
-        axes.broken_barh(
-            _spans(row.situation == situation, step_s),
-            (place - 0.2, 0.4),
-            color=colour,
-            linewidth=0,
-        )
-    unknown = _spans(row.situation == UNKNOWN, step_s)
-    axes.broken_barh(
-        unknown,
-        (place - 0.2, 0.4),
-        facecolor="white",
-        edgecolor=QUIET,
-        linewidth=0.5,
-        hatch="////",
-    )
-    first = [span[0] for span in _spans(row.requests, step_s)]
-    axes.plot(
-        first,
-        [place - 0.46] * len(first),
-        "v",
-        color=INK,
-        markersize=4.5,
-        clip_on=False,
-    )
-
-
-def _spans(there: Any, step_s: float) -> list[tuple[float, float]]:
-    return [(first * step_s, (stop - first) * step_s) for first, stop in runs(there)]
+        here = spans(row.situation == situation, step_s)
+        axes.broken_barh(here, height, color=colour, linewidth=0)
+    draw_unknown(axes, row.situation, step_s, height)
+    for first_s, _ in spans(row.requests, step_s):
+        axes.plot(first_s, place - 0.46, "v", color=INK, markersize=4.5, clip_on=False)
 
 
 def distributions(times: dict[str, TimesMs], kind: str) -> str:
-    """Share of the detected events by delay and lead in ms, one panel a set."""
-    times = {
-        name: one for name, one in times.items() if len(one.to_act) >= LEAST_EVENTS
-    }
-    if not times:
+    """Share of the detected events by delay and lead in ms, one panel a set; "" without events."""
+    many = {name: one for name, one in times.items() if len(one.to_act) >= LEAST_EVENTS}
+    if not many:
         return ""
-    tall = -(-len(times) // COLUMNS)
-    with labelled(kind, 10.2, 2.35 * tall + 0.3) as figure:
-        panels = figure.subplots(tall, COLUMNS, squeeze=False, sharey=True)
-        for axes, (name, one) in zip(panels.flat, times.items(), strict=False):
-            for field, title, colour, style, width in CURVES:
-                _curve(
-                    axes,
-                    getattr(one, field),
-                    title,
-                    color=colour,
-                    linestyle=style,
-                    linewidth=width,
-                )
+    n_rows = -(-len(many) // COLUMNS)
+    with labelled(kind, 10.2, 2.35 * n_rows + 0.3) as figure:
+        panels = figure.subplots(n_rows, COLUMNS, squeeze=False, sharey=True)
+        for axes, (name, one) in zip(panels.flat, many.items(), strict=False):
+            # The first is wide: the second often lies on it.
+            _curve(axes, one.to_state, "to the first risky_slip state", "#56b4e9", 3.6)
+            _curve(axes, one.to_act, "to act", "#d55e00")
+            _curve(axes, one.available, "lead available", "#009e73", linestyle="--")
+            _curve(axes, one.left, "lead left at act", "#000000")
             axes.set_title(name, fontsize=9, loc="left")
             axes.set(xlim=(-20.0, MOST_MS), ylim=(0.0, 1.02), xlabel="ms")
             axes.axvline(0.0, color=QUIET, linewidth=0.7)
-        for axes in list(panels.flat)[len(times) :]:
+        for axes in panels.flat[len(many) :]:
             axes.set_visible(False)
         panels[0, 0].set_ylabel("share of detected events")
         panels[0, 0].legend(frameon=False, fontsize=7, loc="lower right")
         return svg(figure)
 
 
-def _curve(axes: Axes, values: Sequence[float], title: str, **look: Any) -> None:
+def _curve(
+    axes: Axes,
+    values: Sequence[float],
+    title: str,
+    colour: str,
+    width: float = 1.2,
+    linestyle: str = "-",
+) -> None:
     if values:
-        share = np.arange(1, len(values) + 1) / len(values)
-        axes.step(np.sort(values), share, where="post", label=title, **look)
+        axes.step(
+            np.sort(values),
+            np.arange(1, len(values) + 1) / len(values),
+            where="post",
+            label=title,
+            color=colour,
+            linestyle=linestyle,
+            linewidth=width,
+        )
 
 
 def confusion(level: ConfusionFigures, kind: str) -> str:
@@ -143,24 +119,17 @@ def confusion(level: ConfusionFigures, kind: str) -> str:
     counts = np.asarray(level.counts, dtype=float)
     windows = counts.sum(axis=1, keepdims=True)
     shares = counts / np.maximum(windows, 1.0)
-    names = [name.replace("_", " ") for name in level.classes]
+    names = list(map(spaced, level.classes))
     with labelled(kind, 0.41 * len(names) + 1.3, 0.36 * len(names) + 1.1) as figure:
         axes = figure.subplots()
         axes.imshow(shares, cmap="Blues", vmin=0, vmax=1, aspect="auto")
+        centred: dict[str, Any] = {"ha": "center", "va": "center", "fontsize": 7}
         for (row, column), value in np.ndenumerate(shares):
             if value >= 0.005:
                 colour = "white" if value > 0.5 else INK
-                axes.text(
-                    column,
-                    row,
-                    f"{value:.2f}",
-                    ha="center",
-                    va="center",
-                    color=colour,
-                    fontsize=7,
-                )
+                axes.text(column, row, f"{value:.2f}", color=colour, **centred)
         for row in np.flatnonzero(windows == 0.0).tolist():
-            axes.text(row, row, ABSENT, ha="center", va="center", fontsize=7)
+            axes.text(row, row, ABSENT, **centred)
         axes.set_xticks(range(len(names)), names, rotation=30, ha="right", fontsize=7.5)
         axes.set_yticks(range(len(names) - 1), names[:-1], fontsize=7.5)
         axes.set(xlabel="answered", ylabel="was")
@@ -174,12 +143,11 @@ def reliability(sets: dict[str, list[CalibrationBin]], kind: str) -> str:
         axes = figure.subplots()
         axes.plot([0, 1], [0, 1], color=QUIET, linewidth=0.8)
         for place, (name, bins) in enumerate(sets.items()):
-            colour = SET_COLOURS[place % len(SET_COLOURS)]
             axes.plot(
                 [b.said for b in bins],
                 [b.was for b in bins],
                 "o-",
-                color=colour,
+                color=SET_COLOURS[place % len(SET_COLOURS)],
                 markersize=3,
                 linewidth=1.0,
                 label=name,

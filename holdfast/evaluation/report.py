@@ -12,8 +12,8 @@ from holdfast.evaluation import pictures as draw
 from holdfast.evaluation.camera import CameraFigures, onsets_in_words
 from holdfast.evaluation.closing_hand import ClosingHand
 from holdfast.evaluation.figures import Evaluation
+from holdfast.evaluation.formats import DEPLOYED, LAWS, ORACLE
 from holdfast.evaluation.html import write_page
-from holdfast.evaluation.method_names import DEPLOYED, LAWS, ORACLE
 from holdfast.evaluation.methods import MethodFigures
 from holdfast.evaluation.outcomes import COLUMNS, STYLES, OutcomeRow
 from holdfast.evaluation.real_sets import RealFigures, RealSetsMissing
@@ -44,7 +44,7 @@ def write_event_report(
         better_baselines=_better_baselines(of),
         resampled=_resampled(of),
         timelines={
-            title: draw.timelines(rows, kind) for title, rows in of.shown.items()
+            title: draw.timelines(rows, kind) for title, rows in of.drawn.items()
         },
         distributions=draw.distributions(of.times, kind),
         camera_rows=_camera_rows(of),

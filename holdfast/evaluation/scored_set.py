@@ -10,7 +10,7 @@ from holdfast.core.contract import BoolArray
 from holdfast.core.reading import Json
 from holdfast.core.trial_layout import read_json
 from holdfast.evaluation.baselines import Baseline
-from holdfast.evaluation.camera import onsets_by, seen_beside
+from holdfast.evaluation.camera import onsets_by, seen_slips
 from holdfast.evaluation.closing_hand import (
     ClosingModel,
     Drop,
@@ -19,20 +19,25 @@ from holdfast.evaluation.closing_hand import (
     droppable,
 )
 from holdfast.evaluation.methods import (
-    LabelledTrial,
     MethodFigures,
     MethodResult,
     figures_of_methods,
     method_result,
-    without_samples,
 )
 from holdfast.evaluation.model_outputs import ModelOutputs
 from holdfast.evaluation.outcomes import JudgedTrial, judged_trials
 from holdfast.evaluation.states import StateFigures, risky_states, state_figures
 from holdfast.evaluation.statistics import McNemar, mcnemar
-from holdfast.evaluation.stream_pictures import ShownTrial, shown_trials
 from holdfast.evaluation.thresholds import Thresholds, requests_of
-from holdfast.evaluation.truths import grasp_of, grasps_beside
+from holdfast.evaluation.trials import (
+    AnsweredTrial,
+    LabelledTrial,
+    answered_trials,
+    drawn_trials,
+    grasp_of,
+    grasps_of,
+    without_samples,
+)
 from holdfast.evaluation.window_scores import WindowFigures
 from holdfast.training.progress import Part, ignored
 from holdfast.training.recording import DataSet
@@ -64,12 +69,8 @@ class SetCard:
         """As it stands in figures.json."""
         fields = asdict(self)
         made_from = fields.pop("made_from")
-        return {
-            "name": fields.pop("name"),
-            "kind": fields.pop("kind"),
-            **made_from,
-            **fields,
-        }
+        first = {"name": fields.pop("name"), "kind": fields.pop("kind")}
+        return first | made_from | fields
 
 
 @dataclass(frozen=True)
@@ -97,21 +98,24 @@ class SetFigures:
             "mcnemar": {name: asdict(one) for name, one in self.mcnemar.items()},
             "closing": None if self.closing is None else asdict(self.closing),
         }
-        return figures | (
-            {"thresholds": self.thresholds.to_json()} if self.thresholds else {}
-        )
+        if self.thresholds:
+            figures["thresholds"] = self.thresholds.to_json()
+        return figures
 
 
 @dataclass(frozen=True)
 class ScoredSet:
-    """A set with what the figures of all sets together need. to_state_ms: load onset to risky."""
+    """A set with what the figures of all sets together need.
+
+    drawn: trials of a report, by title. to_state_ms: load onset to the first risky state.
+    """
 
     figures: SetFigures
     trials: list[LabelledTrial]
     methods: dict[str, MethodResult]
     drops: list[Drop | None]
     judged: list[JudgedTrial]
-    shown: dict[str, list[ShownTrial]]
+    drawn: dict[str, list[AnsweredTrial]]
     to_state_ms: list[float]
 
 
@@ -126,53 +130,40 @@ def score_set(
     part: Part = ignored,
 ) -> ScoredSet:
     """Score every method on a set. outputs: of the model, for each of the set's recordings."""
-    trials = _labelled(root, data)
+    trials = _labelled_trials(root, data)
     requests = _requests(data, outputs, thresholds, baselines)
     methods = {name: method_result(trials, on) for name, on in requests.items()}
-    drops = [
-        drop_of(event, grasp_of(event, one.grasps))
-        for one in trials
-        for event in one.recording.events
-    ]
-    headline, permille = (
-        thresholds.headline,
-        thresholds.confidences[thresholds.headline],
-    )
+    drops = _drops(trials)
+    headline = thresholds.headline
+    permille = thresholds.confidences[headline]
     states = state_figures(outputs, permille, _heavy(data), seed)
     part(0.5)
     figures = SetFigures(
-        _card(root, data, windows),
-        windows,
-        _rows(methods, trials, drops, seed),
-        states,
-        compared(methods, thresholds),
-        closing_model(drops, methods[headline].delays_s()),
-        thresholds if thresholds.chosen is None else None,
+        card=_card(root, data, windows),
+        windows=windows,
+        rows=figures_of_methods(methods, trials, droppable(drops), seed),
+        states=states,
+        mcnemar=compared(methods, thresholds),
+        closing=closing_model(drops, methods[headline].delays_s()),
+        thresholds=thresholds if thresholds.chosen is None else None,
     )
+    answered = answered_trials(trials, outputs, requests[headline])
     return ScoredSet(
-        figures,
-        trials,
-        methods,
-        drops,
-        judged_trials(trials, outputs, requests[headline]),
-        shown_trials(trials, outputs, requests[headline]),
-        _to_state_ms(outputs, permille),
+        figures=figures,
+        trials=trials,
+        methods=methods,
+        drops=drops,
+        judged=judged_trials(answered),
+        drawn=drawn_trials(answered),
+        to_state_ms=_to_state_ms(outputs, permille),
     )
 
 
-def _to_state_ms(outputs: list[ModelOutputs], permille: int) -> list[float]:
-    outcomes = [o for one in risky_states(outputs, permille) for o in one.outcomes]
-    return [1e3 * o.delay_s for o in outcomes if o.delay_s is not None]
-
-
-def _labelled(root: Path, data: DataSet) -> list[LabelledTrial]:
-    grasps, seen = (
-        grasps_beside(root, data.recordings),
-        seen_beside(root, data.recordings),
-    )
+def _labelled_trials(root: Path, data: DataSet) -> list[LabelledTrial]:
+    grasps, seen = grasps_of(root, data.recordings), seen_slips(root, data.recordings)
+    rows = zip(data.recordings, grasps, seen, strict=True)
     return [
-        LabelledTrial(without_samples(one), held, slips)
-        for one, held, slips in zip(data.recordings, grasps, seen, strict=True)
+        LabelledTrial(without_samples(one), held, slips) for one, held, slips in rows
     ]
 
 
@@ -183,24 +174,31 @@ def _requests(
     baselines: Sequence[Baseline],
 ) -> dict[str, list[BoolArray]]:
     """Method -> [T] a recording, whether an act is requested."""
-    requests = {
-        name: requests_of(outputs, thresholds.rules, permille)
-        for name, permille in thresholds.confidences.items()
-    }
+    requests = {}
+    for name, permille in thresholds.confidences.items():
+        requests[name] = requests_of(outputs, thresholds.rules, permille)
     by_name = {one.name: one for one in baselines}
-    return requests | {
-        one.name: by_name[one.name].on(data.recordings)(one.setting)
-        for one in thresholds.baselines
-    }
+    for matched in thresholds.baselines:
+        on = by_name[matched.name].on(data.recordings)
+        requests[matched.name] = on(matched.setting)
+    return requests
 
 
-def _rows(
-    methods: dict[str, MethodResult],
-    trials: Sequence[LabelledTrial],
-    drops: Sequence[Drop | None],
-    seed: int,
-) -> dict[str, MethodFigures]:
-    return figures_of_methods(methods, trials, droppable(drops), seed)
+def _drops(trials: Sequence[LabelledTrial]) -> list[Drop | None]:
+    drops = []
+    for trial in trials:
+        for event in trial.recording.events:
+            drops.append(drop_of(event, grasp_of(event, trial.grasps)))
+    return drops
+
+
+def _to_state_ms(outputs: list[ModelOutputs], permille: int) -> list[float]:
+    times_ms = []
+    for match in risky_states(outputs, permille):
+        for outcome in match.outcomes:
+            if outcome.delay_s is not None:
+                times_ms.append(1e3 * outcome.delay_s)
+    return times_ms
 
 
 def compared(
@@ -219,6 +217,7 @@ def _heavy(data: DataSet) -> list[bool | None]:
         task = data.tasks["classes"]
         for trial, label in zip(task.trial.tolist(), task.label.tolist(), strict=True):
             if data.recordings[trial].object_name is not None:
+                # Heavy classes have the odd numbers.
                 heavy[trial] = bool(label % 2)
     return heavy
 

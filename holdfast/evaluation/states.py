@@ -8,24 +8,24 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from holdfast.core.contract import RISKY_SLIP, SITUATIONS, BoolArray
 from holdfast.edge_runtime.decision import UNKNOWN
-from holdfast.evaluation.event_scores import EventMatch, event_scores, match_alarms
-from holdfast.evaluation.methods import without_samples
+from holdfast.evaluation.alarms import EventMatch, event_scores, match_alarms
 from holdfast.evaluation.model_outputs import NO_CLASS, ModelOutputs
-from holdfast.evaluation.scores import LEVELS, labels_at
 from holdfast.evaluation.statistics import Spread, share
-from holdfast.evaluation.truths import voluntary_actions
+from holdfast.evaluation.trials import voluntary_actions, without_samples
+from holdfast.evaluation.window_scores import LEVELS, labels_at
 from holdfast.training.figures import Interval, Share
 from holdfast.training.metrics import Labels, situation_scores
 from holdfast.training.timeline import Phase
 
 BINS = 15
+States = npt.NDArray[np.int64]
+"""[T] a situation or a class at every sample; below 0 where there is none."""
 
 
 @dataclass(frozen=True)
@@ -77,13 +77,11 @@ class StateFigures:
 
 def risky_states(outputs: Sequence[ModelOutputs], permille: int) -> list[EventMatch]:
     """The state itself as an alarm: risky_slip with this confidence, without debounce or hold."""
-    return [
-        match_alarms(
-            without_samples(one.recording),
-            (one.situation == RISKY_SLIP) & (one.risky_permille >= permille),
-        )
-        for one in outputs
-    ]
+    matches = []
+    for one in outputs:
+        risky = (one.situation == RISKY_SLIP) & (one.risky_permille >= permille)
+        matches.append(match_alarms(without_samples(one.recording), risky))
+    return matches
 
 
 def state_figures(
@@ -94,25 +92,30 @@ def state_figures(
 ) -> StateFigures:
     """All figures of the states. heavy: of each recording's object; None where it is not known."""
     delay = event_scores(risky_states(outputs, permille), seed=seed)
-    labels = [
-        labels_everywhere(one.recording.phases, len(one.situation)) for one in outputs
-    ]
+    states = [one.situation for one in outputs]
+    labels, called = [], []
+    for one in outputs:
+        labels.append(labels_everywhere(one.recording.phases, len(one.situation)))
+        for action in voluntary_actions(one.recording):
+            during = one.situation[action.first : action.stop]
+            called.append(bool((during == RISKY_SLIP).any()))
+    unknown_share = None
+    if states:
+        unknown_share = float((np.concatenate(states) == UNKNOWN).mean())
     return StateFigures(
         per="sample of a labelled phase",
         to_risky_state_ms=delay.delay_ms,
         risky_state_recall=delay.recall,
-        safe_acts_state_called=share(
-            [hit for one in outputs for hit in _actions_called(one)]
-        ),
-        unknown_share=_mean([one.situation == UNKNOWN for one in outputs]),
-        changes_per_s=changes_per_s([one.situation for one in outputs], outputs),
+        safe_acts_state_called=share(called),
+        unknown_share=unknown_share,
+        changes_per_s=changes_per_s(states, outputs),
         true_changes_per_s=changes_per_s(labels, outputs),
         calibration=calibration(outputs, labels),
         confusion=confusions(outputs, labels, heavy, seed),
     )
 
 
-def labels_everywhere(phases: Sequence[Phase], n: int) -> npt.NDArray[np.int64]:
+def labels_everywhere(phases: Sequence[Phase], n: int) -> States:
     """[T] the situation of every sample, UNKNOWN in no phase."""
     label = np.full(n, UNKNOWN)
     for phase in phases:
@@ -120,20 +123,8 @@ def labels_everywhere(phases: Sequence[Phase], n: int) -> npt.NDArray[np.int64]:
     return label
 
 
-def _actions_called(of: ModelOutputs) -> list[bool]:
-    actions = voluntary_actions(of.recording)
-    return [
-        bool((of.situation[one.first : one.stop] == RISKY_SLIP).any())
-        for one in actions
-    ]
-
-
-def _mean(flags: Sequence[BoolArray]) -> float | None:
-    return float(np.concatenate(flags).mean()) if flags else None
-
-
 def changes_per_s(
-    states: Sequence[npt.NDArray[np.int64]], outputs: Sequence[ModelOutputs]
+    states: Sequence[States], outputs: Sequence[ModelOutputs]
 ) -> float | None:
     """Changes a second from one known state to another."""
     changes, seconds = 0, 0.0
@@ -145,21 +136,20 @@ def changes_per_s(
 
 
 def calibration(
-    outputs: Sequence[ModelOutputs], labels: Sequence[npt.NDArray[np.int64]]
+    outputs: Sequence[ModelOutputs], labels: Sequence[States]
 ) -> CalibrationFigures | None:
     """Calibration in BINS equal bins; None without a sample that has an answer and a label.
 
     Guo et al., ICML 2017: sum over bins of their share of the samples times |mean probability -
     share that came true|.
     """
-    pairs = list(zip(outputs, labels, strict=True))
-    here = [(one.situation != UNKNOWN) & (label != UNKNOWN) for one, label in pairs]
-    chosen = [
-        (one.p_situation[at], label[at])
-        for (one, label), at in zip(pairs, here, strict=True)
-    ]
-    p = np.concatenate([p for p, _ in chosen] or [np.zeros((0, 4))])
-    label = np.concatenate([label for _, label in chosen] or [np.zeros(0, np.int64)])
+    if not outputs:
+        return None
+    state = np.concatenate([one.situation for one in outputs])
+    p = np.concatenate([one.p_situation for one in outputs])
+    label = np.concatenate(labels)
+    answered = (state != UNKNOWN) & (label != UNKNOWN)
+    p, label = p[answered], label[answered]
     if not len(p):
         return None
     top = _bins(p.max(axis=1), p.argmax(axis=1) == label)
@@ -167,14 +157,18 @@ def calibration(
     return CalibrationFigures(len(p), BINS, _ece(top), _ece(risky), risky)
 
 
-def _bins(probability: npt.NDArray[Any], true: BoolArray) -> list[CalibrationBin]:
+def _bins(
+    probability: npt.NDArray[np.float32], true: BoolArray
+) -> list[CalibrationBin]:
     place = np.minimum((BINS * probability).astype(np.int64), BINS - 1)
     counts = np.bincount(place, minlength=BINS)
-    said, was = (
-        np.bincount(place, weights=w, minlength=BINS) for w in (probability, true)
-    )
-    full = zip(counts.tolist(), said.tolist(), was.tolist(), strict=True)
-    return [CalibrationBin(n, s / n, w / n) for n, s, w in full if n]
+    said = np.bincount(place, weights=probability, minlength=BINS)
+    was = np.bincount(place, weights=true, minlength=BINS)
+    bins = []
+    for k in np.flatnonzero(counts).tolist():
+        n = int(counts[k])
+        bins.append(CalibrationBin(n, float(said[k]) / n, float(was[k]) / n))
+    return bins
 
 
 def _ece(bins: list[CalibrationBin]) -> float:
@@ -184,7 +178,7 @@ def _ece(bins: list[CalibrationBin]) -> float:
 
 def confusions(
     outputs: Sequence[ModelOutputs],
-    labels: Sequence[npt.NDArray[np.int64]],
+    labels: Sequence[States],
     heavy: Sequence[bool | None],
     seed: int,
 ) -> dict[str, ConfusionFigures]:
@@ -193,28 +187,38 @@ def confusions(
     Eight and seven classes need a model that votes for eight, and a known weight.
     """
     groups = [one.recording.group for one in outputs]
-    figures = {
-        "four": _confusion(
-            SITUATIONS, labels, [one.situation for one in outputs], groups, seed
-        )
-    }
-    weighed = [
-        k
-        for k, one in enumerate(outputs)
-        if heavy[k] is not None and (one.eight != NO_CLASS).any()
-    ]
-    if not weighed:
-        return figures
-    eight = [_with_weight(labels[k], bool(heavy[k])) for k in weighed]
-    seven = [
-        np.where(label == UNKNOWN, UNKNOWN, labels_at(label, "seven"))
-        for label in eight
-    ]
-    groups = [groups[k] for k in weighed]
-    for level, truth in (("eight", eight), ("seven", seven)):
-        answers = [getattr(outputs[k], level) for k in weighed]
-        figures[level] = _confusion(LEVELS[level], truth, answers, groups, seed)
+    states = [one.situation for one in outputs]
+    figures = {"four": _confusion(SITUATIONS, labels, states, groups, seed)}
+    eight, seven = _Pairs(), _Pairs()
+    for one, label, is_heavy in zip(outputs, labels, heavy, strict=True):
+        if is_heavy is None or not (one.eight != NO_CLASS).any():
+            continue
+        truth = 2 * label + int(is_heavy)
+        unknown = label == UNKNOWN
+        merged = labels_at(truth, "seven")
+        group = one.recording.group
+        eight.add(np.where(unknown, UNKNOWN, truth), one.eight, group)
+        seven.add(np.where(unknown, UNKNOWN, merged), one.seven, group)
+    for level, pairs in (("eight", eight), ("seven", seven)):
+        if pairs.truth:
+            figures[level] = _confusion(
+                LEVELS[level], pairs.truth, pairs.answer, pairs.group, seed
+            )
     return figures
+
+
+class _Pairs:
+    """Truth and answer [T] of the recordings whose weight is known, and their groups."""
+
+    def __init__(self) -> None:
+        self.truth: list[States] = []
+        self.answer: list[States] = []
+        self.group: list[str] = []
+
+    def add(self, truth: States, answer: States, group: str) -> None:
+        self.truth.append(truth)
+        self.answer.append(answer)
+        self.group.append(group)
 
 
 def _confusion(
@@ -229,28 +233,18 @@ def _confusion(
     Samples without a label (below 0) are left out; withheld answers count.
     """
     n = len(classes)
-    labelled = [label >= 0 for label in truth]
-    was = np.concatenate([label[at] for label, at in zip(truth, labelled, strict=True)])
-    answered = np.concatenate(
-        [label[at] for label, at in zip(answer, labelled, strict=True)]
-    )
+    was, answered = np.concatenate(truth), np.concatenate(answer)
+    groups = np.repeat(group, [len(label) for label in truth])
+    labelled = was >= 0
+    was, answered, groups = was[labelled], answered[labelled], groups[labelled]
     answered = np.where(answered < 0, n, answered)
-    matrix = np.bincount((n + 1) * was + answered, minlength=n * (n + 1)).reshape(
-        n, n + 1
-    )
-    groups = np.repeat(group, [int(at.sum()) for at in labelled])
+    cells = np.bincount((n + 1) * was + answered, minlength=n * (n + 1))
     scores = situation_scores(was, answered, groups, classes=classes, seed=seed)
     return ConfusionFigures(
         (*classes, "unknown"),
-        matrix.tolist(),
+        cells.reshape(n, n + 1).tolist(),
         scores.macro_f1,
         scores.macro_f1_ci,
         scores.f1,
         scores.f1_ci,
     )
-
-
-def _with_weight(
-    situation: npt.NDArray[np.int64], heavy: bool
-) -> npt.NDArray[np.int64]:
-    return np.where(situation == UNKNOWN, UNKNOWN, 2 * situation + int(heavy))

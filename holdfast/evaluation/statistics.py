@@ -12,9 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import binomtest
 
-from holdfast.core.contract import BoolArray, FloatArray
-from holdfast.training.figures import Interval, Share
-from holdfast.training.metrics import INTERVAL_PERCENT
+from holdfast.core.contract import BoolArray
+from holdfast.training.figures import Share
 
 
 @dataclass(frozen=True)
@@ -30,7 +29,8 @@ def spread(values: Sequence[float]) -> Spread | None:
     """The percentiles of some values; None without a value."""
     if not values:
         return None
-    return Spread(*(float(np.percentile(values, percent)) for percent in (5, 50, 95)))
+    p5, p50, p95 = np.percentile(values, (5, 50, 95)).tolist()
+    return Spread(p5, p50, p95)
 
 
 def share(hits: Sequence[bool]) -> Share:
@@ -56,22 +56,7 @@ class McNemar:
 def mcnemar(ours: BoolArray, theirs: BoolArray) -> McNemar:
     """Compare two methods [E], [E] event by event."""
     only_ours, only_theirs = int((ours & ~theirs).sum()), int((theirs & ~ours).sum())
+    both, neither = int((ours & theirs).sum()), int((~ours & ~theirs).sum())
     n = only_ours + only_theirs
-    return McNemar(
-        only_ours,
-        only_theirs,
-        int((ours & theirs).sum()),
-        int((~ours & ~theirs).sum()),
-        float(binomtest(only_ours, n, 0.5).pvalue) if n else 1.0,
-    )
-
-
-def ratio_interval(drawn: FloatArray | None, above: int, below: int) -> Interval | None:
-    """Interval of a ratio of two columns of sums [draws, ..]; None where nothing can be drawn."""
-    if drawn is None:
-        return None
-    ratios = drawn[drawn[:, below] > 0, above] / drawn[drawn[:, below] > 0, below]
-    if not len(ratios):
-        return None
-    low, high = np.percentile(ratios, INTERVAL_PERCENT)
-    return float(low), float(high)
+    p = float(binomtest(only_ours, n, 0.5).pvalue) if n else 1.0
+    return McNemar(only_ours, only_theirs, both, neither, p)

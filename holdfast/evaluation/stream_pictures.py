@@ -1,14 +1,11 @@
-"""A stream over time: forces, critical points, truth and decision; and a figure with its kind.
-
-Which trials a report draws: the first of each kind, chosen before any answer is known.
-"""
+"""Trials over time: forces, critical points, truth, and the answers of a held-out forest."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import NamedTuple
+from pathlib import Path
 
 import matplotlib as mpl
 import numpy as np
@@ -19,32 +16,129 @@ from matplotlib.figure import Figure
 from holdfast.core.contract import (
     NORMAL_AXIS,
     RISKY_SLIP,
+    SAFE_SLIP,
     SITUATIONS,
     BoolArray,
     FloatArray,
 )
-from holdfast.edge_runtime.decision import UNKNOWN
-from holdfast.evaluation.methods import LabelledTrial
-from holdfast.evaluation.model_outputs import ModelOutputs, StreamPicture
+from holdfast.core.trial_layout import read_json, truth_path
+from holdfast.edge_runtime.decision import UNKNOWN, DecisionRules
+from holdfast.evaluation.alarms import Answers, requests_at
+from holdfast.evaluation.formats import spaced
 from holdfast.evaluation.style import (
     FINGER_COLOURS,
     FINGER_LINES,
     INK,
+    NOTE,
     QUIET,
     SITUATION_COLOURS,
     STYLE,
     WARNING,
     svg,
 )
+from holdfast.evaluation.window_scores import labels_at
+from holdfast.export.heads import riskier_argmax, situation_votes
+from holdfast.export.learner import reference_votes
+from holdfast.export.network import IntArray
+from holdfast.export.spec import StepSpec
+from holdfast.training.critical_points import CriticalPoint, offline_critical_points
+from holdfast.training.crossval import fit_learner
+from holdfast.training.featurise import FloatRows, features_everywhere, spec_for
+from holdfast.training.plan import TrainingPlan
+from holdfast.training.recording import DataSet, Recording
+from holdfast.training.timeline import Phase, read_truth
 
-FINGERS = ("thumb 1", "thumb 2", "index", "middle", "ring", "little")
-AROUND_S = (-0.35, 0.65)
-"""The second column shows so long before and after the action's first sign."""
-EVENT_NAMES = {
+SLIP_OF = {"pull": RISKY_SLIP, "fall": RISKY_SLIP, "pass": SAFE_SLIP}
+"""Action that is drawn -> the slip in it."""
+EVENTS = {
     "load_onset_s": "load",
+    "incipient_slip_s": "",
     "gross_slip_s": "gross slip",
     "contact_lost_s": "lost",
 }
+"""Event of a truth -> its name in a picture; "": not drawn."""
+FINGERS = ("thumb 1", "thumb 2", "index", "middle", "ring", "little")
+AROUND_S = (-0.35, 0.65)
+"""The second column shows so long before and after the action's first sign."""
+
+
+@dataclass(frozen=True)
+class StreamPicture:
+    """One held-out trial. answer [T]: a situation or UNKNOWN. acts [T]: where an act is requested.
+
+    events: times in s of the truth's events that happened, by name.
+    """
+
+    recording: Recording
+    phases: tuple[Phase, ...]
+    events: dict[str, float]
+    points: list[CriticalPoint]
+    answer: npt.NDArray[np.int64]
+    acts: BoolArray
+
+
+def first_slips(data: DataSet) -> list[int]:
+    """The first trial of each drawn action with a window of its slip, chosen before any answer."""
+    task = data.tasks["classes"]
+    situations = labels_at(task.label, "four")
+    places = []
+    for action, situation in SLIP_OF.items():
+        for k in np.unique(task.trial[situations == situation]).tolist():
+            if data.recordings[k].action == action:
+                places.append(k)
+                break
+    return places
+
+
+def held_out_streams(
+    folder: Path, data: DataSet, features: FloatRows, plan: TrainingPlan, seed: int
+) -> list[StreamPicture]:
+    """Pictures of the drawn trials of a folder, from one forest trained without them."""
+    drawn, task = first_slips(data), data.tasks["classes"]
+    others = np.flatnonzero(~np.isin(task.trial, drawn))
+    forest = fit_learner(data, features, plan, "classes", others, seed)
+    spec = spec_for(data, plan.groups)
+    part = data.of_groups({data.recordings[k].group for k in drawn})
+    pictures = []
+    for recording, rows in zip(
+        part.recordings, features_everywhere(part, spec), strict=True
+    ):
+        votes = reference_votes(forest, rows, len(task.classes))
+        pictures.append(_picture(folder, recording, votes, spec))
+    return pictures
+
+
+def _picture(
+    folder: Path, recording: Recording, votes: IntArray, spec: StepSpec
+) -> StreamPicture:
+    by_situation = situation_votes(votes)
+    answer = riskier_argmax(by_situation)
+    answer[: spec.settle_samples - 1] = UNKNOWN
+    share = by_situation[:, RISKY_SLIP] / by_situation.sum(axis=1)
+    answers = Answers(recording, answer, (1000 * share).astype(np.int64))
+    rules = DecisionRules()
+    (acts,) = requests_at([answers], rules, rules.min_risky_permille)
+    return picture_of(folder, recording, answer, acts)
+
+
+def picture_of(
+    folder: Path,
+    recording: Recording,
+    answer: npt.NDArray[np.int64],
+    acts: BoolArray,
+) -> StreamPicture:
+    """The answers on a trial of a folder, with its truth. answer, acts: [T]."""
+    truth = truth_path(folder / f"{recording.trial_id}.csv")
+    times = read_json(truth)
+    happened = [name for name in EVENTS if times.get(name) is not None]
+    return StreamPicture(
+        recording,
+        read_truth(truth, np.arange(len(recording.samples)) / recording.rate_hz),
+        {name: float(times[name]) for name in happened},
+        offline_critical_points(recording),
+        answer,
+        acts,
+    )
 
 
 @contextmanager
@@ -76,10 +170,10 @@ def stream(picture: StreamPicture, kind: str) -> str:
         for column in range(2):
             _forces(grid[0, column], t_s, forces[..., NORMAL_AXIS], picture)
             _forces(grid[1, column], t_s, shear_n, picture)
-            _decision(grid[2, column], t_s, picture)
+            _decision(grid[2, column], picture)
             grid[2, column].set_xlabel("time in the trial, s")
-        for axes, name in zip(grid[:, 0], ("normal, N", "shear, N", ""), strict=True):
-            axes.set_ylabel(name)
+        grid[0, 0].set_ylabel("normal, N")
+        grid[1, 0].set_ylabel("shear, N")
         grid[0, 1].set_xlim(*_around(picture, t_s))
         grid[0, 0].set_xlim(0.0, t_s[-1])
         _name_events(grid[0, 1], picture)
@@ -98,27 +192,23 @@ def _forces(
 ) -> None:
     """One line a finger; dotted, the labeller's critical points; dashed, the truth's events."""
     for finger in range(min(force_n.shape[1], len(FINGERS))):
-        colour, line = FINGER_COLOURS[finger], FINGER_LINES[finger]
         axes.plot(
             t_s,
             force_n[:, finger],
-            line,
-            color=colour,
+            FINGER_LINES[finger],
+            color=FINGER_COLOURS[finger],
             linewidth=0.9,
             label=FINGERS[finger],
         )
     for point in picture.points:
         axes.axvline(point.t_s, color=INK, linewidth=0.9, linestyle=":")
-    for name in EVENT_NAMES:
-        if name in picture.events:
-            axes.axvline(
-                picture.events[name], color=QUIET, linewidth=0.8, linestyle="--"
-            )
+    for _, at_s in _named_events(picture):
+        axes.axvline(at_s, color=QUIET, linewidth=0.8, linestyle="--")
 
 
-def _decision(axes: Axes, t_s: FloatArray, picture: StreamPicture) -> None:
+def _decision(axes: Axes, picture: StreamPicture) -> None:
     """Behind, the truth in pale colour; in front, the state in full colour at its own height."""
-    step_s = float(t_s[1] - t_s[0])
+    step_s = 1.0 / picture.recording.rate_hz
     for phase in picture.phases:
         axes.axvspan(
             phase.first * step_s,
@@ -128,65 +218,70 @@ def _decision(axes: Axes, t_s: FloatArray, picture: StreamPicture) -> None:
             linewidth=0,
         )
     for situation, colour in enumerate(SITUATION_COLOURS):
-        spans = [
-            (first * step_s, (stop - first) * step_s)
-            for first, stop in runs(picture.answer == situation)
-        ]
         axes.broken_barh(
-            spans, (situation - 0.32, 0.64), color=colour, edgecolor=INK, linewidth=0.4
+            spans(picture.answer == situation, step_s),
+            (situation - 0.32, 0.64),
+            color=colour,
+            edgecolor=INK,
+            linewidth=0.4,
         )
-    unknown = [
-        (first * step_s, (stop - first) * step_s)
-        for first, stop in runs(picture.answer == UNKNOWN)
-    ]
-    axes.broken_barh(
-        unknown,
-        (-0.32, 0.64),
-        facecolor="white",
-        edgecolor=QUIET,
-        linewidth=0.6,
-        hatch="////",
-    )
-    for first, _ in runs(picture.acts):
-        axes.plot(first * step_s, RISKY_SLIP + 0.62, "v", color=INK, markersize=6)
-    axes.set_yticks(
-        range(len(SITUATIONS)), [name.replace("_", " ") for name in SITUATIONS]
-    )
+    draw_unknown(axes, picture.answer, step_s, (-0.32, 0.64))
+    for first_s, _ in spans(picture.acts, step_s):
+        axes.plot(first_s, RISKY_SLIP + 0.62, "v", color=INK, markersize=6)
+    axes.set_yticks(range(len(SITUATIONS)), list(map(spaced, SITUATIONS)))
     axes.set_ylim(-0.5, len(SITUATIONS))
 
 
-def runs(there: np.ndarray) -> list[tuple[int, int]]:
-    """[T] flags -> runs [first, stop).
-
-    >>> runs(np.array([True, False, True, True]))
-    [(0, 1), (2, 4)]
-    """
-    change = np.diff(there.astype(np.int8), prepend=0, append=0)
-    starts, stops = (
-        np.flatnonzero(change == 1).tolist(),
-        np.flatnonzero(change == -1).tolist(),
+def draw_unknown(
+    axes: Axes,
+    situation: npt.NDArray[np.int64],
+    step_s: float,
+    height: tuple[float, float],
+) -> None:
+    """A hatched bar where the state is unknown. height: lower edge, and height."""
+    axes.broken_barh(
+        spans(situation == UNKNOWN, step_s),
+        height,
+        facecolor="white",
+        edgecolor=QUIET,
+        linewidth=0.5,
+        hatch="////",
     )
-    return list(zip(starts, stops, strict=True))
+
+
+def spans(flags: BoolArray, step_s: float) -> list[tuple[float, float]]:
+    """[T] flags -> start and length in s of every run of them.
+
+    >>> spans(np.array([True, False, True, True]), 0.5)
+    [(0.0, 0.5), (1.0, 1.0)]
+    """
+    change = np.diff(flags.astype(np.int8), prepend=0, append=0)
+    firsts = np.flatnonzero(change == 1)
+    lengths = np.flatnonzero(change == -1) - firsts
+    starts_s, lengths_s = (firsts * step_s).tolist(), (lengths * step_s).tolist()
+    return list(zip(starts_s, lengths_s, strict=True))
 
 
 def _around(picture: StreamPicture, t_s: FloatArray) -> tuple[float, float]:
     """The time around the action: its load onset, else the start of the first slip of the truth."""
-    slips = [phase.first for phase in picture.phases if phase.situation >= 2]
-    at_s = picture.events.get(
-        "load_onset_s", float(t_s[slips[0]]) if slips else float(t_s[-1]) / 2.0
-    )
+    at_s = picture.events.get("load_onset_s")
+    if at_s is None:
+        slips = [
+            phase.first for phase in picture.phases if phase.situation >= SAFE_SLIP
+        ]
+        at_s = float(t_s[slips[0]]) if slips else float(t_s[-1]) / 2.0
     return at_s + AROUND_S[0], at_s + AROUND_S[1]
+
+
+def _named_events(picture: StreamPicture) -> list[tuple[str, float]]:
+    """Name and time in s of the events that a picture shows."""
+    return [(EVENTS[key], at_s) for key, at_s in picture.events.items() if EVENTS[key]]
 
 
 def _name_events(axes: Axes, picture: StreamPicture) -> None:
     """Names above the dashed lines, each higher than the one before, since they are close."""
     low, high = axes.get_xlim()
-    shown = [
-        (picture.events[key], name)
-        for key, name in EVENT_NAMES.items()
-        if key in picture.events
-    ]
-    for place, (at_s, name) in enumerate(shown):
+    for place, (name, at_s) in enumerate(_named_events(picture)):
         if low < at_s < high:
             axes.annotate(
                 name,
@@ -195,74 +290,5 @@ def _name_events(axes: Axes, picture: StreamPicture) -> None:
                 xycoords=("data", "axes fraction"),
                 textcoords="offset points",
                 fontsize=7,
-                color="#52606d",
+                color=NOTE,
             )
-
-
-ROWS_SHOWN = 8
-
-
-class _Kind(NamedTuple):
-    """An action, and an object that must (or must not) be in the hand; "": any object."""
-
-    action: str
-    object_name: str
-    wanted: bool
-
-
-KINDS = (
-    _Kind("pass", "full-bottle", False),
-    _Kind("pull", "", False),
-    _Kind("fall", "", False),
-    _Kind("put-down", "", False),
-    _Kind("pass", "full-bottle", True),
-)
-"""One picture each."""
-
-
-@dataclass(frozen=True)
-class ShownTrial:
-    """A trial to be drawn: its truth, the state and the request to act at every sample [T]."""
-
-    trial: LabelledTrial
-    situation: npt.NDArray[np.int64]
-    requests: BoolArray
-
-
-def shown_trials(
-    trials: Sequence[LabelledTrial],
-    outputs: Sequence[ModelOutputs],
-    requests: Sequence[BoolArray],
-) -> dict[str, list[ShownTrial]]:
-    """Title -> the first trials of each kind, objects interleaved; no title without a trial."""
-    shown = {}
-    for kind in KINDS:
-        fits = [k for k, one in enumerate(trials) if _fits(one, kind)]
-        title = f"{kind.action}, {kind.object_name}" if kind.wanted else kind.action
-        rows = _interleaved(trials, fits)[:ROWS_SHOWN]
-        if rows:
-            shown[title] = [
-                ShownTrial(trials[k], outputs[k].situation, requests[k]) for k in rows
-            ]
-    return shown
-
-
-def _fits(trial: LabelledTrial, kind: _Kind) -> bool:
-    recording = trial.recording
-    if recording.action != kind.action:
-        return False
-    return (
-        not kind.object_name
-        or (recording.object_name == kind.object_name) == kind.wanted
-    )
-
-
-def _interleaved(trials: Sequence[LabelledTrial], places: Sequence[int]) -> list[int]:
-    """The places, the first trial of every object before the second of any."""
-    count: dict[str | None, int] = {}
-    dealt = []
-    for k in places:
-        name = trials[k].recording.object_name
-        count[name] = count.get(name, 0) + 1
-        dealt.append((count[name], k))
-    return [k for _, k in sorted(dealt)]

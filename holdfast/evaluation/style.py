@@ -14,62 +14,28 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-
+INK, NOTE, QUIET = "#1f2933", "#52606d", "#9aa5b1"
+OURS, WARNING, GRID = "#0b69a3", "#cb6e17", "#e4e7eb"
+SITUATION_COLOURS = ("#bbbbbb", "#56b4e9", "#009e73", "#d55e00")
+"""nothing, grasp, safe slip, risky slip: Okabe and Ito's sky blue, bluish green and vermilion,
+and a grey."""
+FINGER_COLOURS = ("#000000", "#999933", "#0072b2", "#e69f00", "#cc79a7", "#882255")
+FINGER_LINES = ("-", "--", "-", "--", "-", "--")
+"""Of thumb 1 and 2, index, middle, ring and little finger: none is a situation's colour, and a line
+behind a dashed one still shows."""
+ROW_COLOURS = {"ours": OURS, "warning": WARNING, "": QUIET}
+"""By the class of a row, as the tables of a report have it."""
 DARK_INSTEAD = {
     "#ffffff": "#1e2129",
     "#000000": "#f5f7fa",
-    "#1f2933": "#e4e7eb",
-    "#52606d": "#b8c2cc",
-    "#e4e7eb": "#3e4c59",
-    "#0b69a3": "#5fb0e5",
+    INK: "#e4e7eb",
+    NOTE: "#b8c2cc",
+    GRID: "#3e4c59",
+    OURS: "#5fb0e5",
     "#0072b2": "#4ba3db",
     "#882255": "#b39ddb",
 }
 """Ink, paper, grid and dark colours on a dark page; other colours stay."""
-
-
-def label_of(figure: Figure) -> str:
-    """What a figure shows, from its own words: kind, titles, axes and the names in its legends."""
-    shown = [axes for axes in figure.axes if axes.get_visible()]
-    panels = dict.fromkeys(filter(None, map(_panel, shown)))
-    return "; ".join(filter(None, [figure.get_suptitle(), *panels])).replace("\n", " ")
-
-
-def _panel(axes: Axes) -> str:
-    titles = " ".join(
-        filter(None, (axes.get_title(at) for at in ("left", "center", "right")))
-    )
-    against = " against ".join(filter(None, (axes.get_ylabel(), axes.get_xlabel())))
-    names = ", ".join(axes.get_legend_handles_labels()[1])
-    return ": ".join(filter(None, (titles, against, names)))
-
-
-def with_label(svg: str, label: str) -> str:
-    """An SVG element as one image with a name and a title."""
-    start = svg.index("<svg")
-    head = f'<svg role="img" aria-label="{escape(label)}"'
-    end = svg.index(">", start) + 1
-    rest = svg[start + len("<svg") : end]
-    return f"{svg[:start]}{head}{rest}<title>{escape(label)}</title>{svg[end:]}"
-
-
-def dark_rules() -> str:
-    """CSS that gives drawings their colours of a dark page, where the reader prefers dark."""
-    rules = "".join(
-        f'svg [style*="{kind}: {light}"]{{{kind}:{dark}!important}}'
-        for light, dark in DARK_INSTEAD.items()
-        for kind in ("fill", "stroke")
-    )
-    return f"@media(prefers-color-scheme:dark){{{rules}}}"
-
-
-def for_any_page(svg: str) -> str:
-    """A file of its own: with other ink and paper where the reader prefers dark."""
-    end = svg.index(">", svg.index("<svg")) + 1
-    return f"{svg[:end]}<style>{dark_rules()}</style>{svg[end:]}"
-
-
-INK, QUIET, OURS, WARNING = "#1f2933", "#9aa5b1", "#0b69a3", "#cb6e17"
 STYLE: dict[Any, Any] = {
     "font.size": 9,
     "axes.spines.top": False,
@@ -83,13 +49,6 @@ STYLE: dict[Any, Any] = {
     "svg.hashsalt": "holdfast",
     "figure.constrained_layout.use": True,
 }
-SITUATION_COLOURS = ("#bbbbbb", "#56b4e9", "#009e73", "#d55e00")
-"""nothing, grasp, safe slip, risky slip: Okabe and Ito's sky blue, bluish green and vermilion
-beside a grey."""
-FINGER_COLOURS = ("#000000", "#999933", "#0072b2", "#e69f00", "#cc79a7", "#882255")
-FINGER_LINES = ("-", "--", "-", "--", "-", "--")
-"""Of thumb 1 and 2, index, middle, ring and little finger: none is a situation's colour, and a line
-behind a dashed one still shows."""
 
 
 def svg(figure: Figure) -> str:
@@ -100,8 +59,43 @@ def svg(figure: Figure) -> str:
     return with_label(text[text.index("<svg") :], label_of(figure))
 
 
-ROW_COLOURS = {"ours": OURS, "warning": WARNING, "": QUIET}
-"""By the class of a row, as the tables of a report have it."""
+def label_of(figure: Figure) -> str:
+    """What a figure shows, from its own words: kind, titles, axes and the names in its legends."""
+    panels = [_panel(axes) for axes in figure.axes if axes.get_visible()]
+    # Panels that say the same are named once.
+    parts = dict.fromkeys([figure.get_suptitle(), *panels])
+    return "; ".join(filter(None, parts)).replace("\n", " ")
+
+
+def _panel(axes: Axes) -> str:
+    titles = [axes.get_title(at) for at in ("left", "center", "right")]
+    against = " against ".join(filter(None, (axes.get_ylabel(), axes.get_xlabel())))
+    names = ", ".join(axes.get_legend_handles_labels()[1])
+    return ": ".join(filter(None, (" ".join(filter(None, titles)), against, names)))
+
+
+def with_label(svg: str, label: str) -> str:
+    """An SVG element as one image with a name and a title."""
+    start = svg.index("<svg")
+    head = f'<svg role="img" aria-label="{escape(label)}"'
+    end = svg.index(">", start) + 1
+    rest = svg[start + len("<svg") : end]
+    return f"{svg[:start]}{head}{rest}<title>{escape(label)}</title>{svg[end:]}"
+
+
+def dark_rules() -> str:
+    """CSS that gives drawings their colours of a dark page, where the reader prefers dark."""
+    rules = []
+    for light, dark in DARK_INSTEAD.items():
+        for kind in ("fill", "stroke"):
+            rules.append(f'svg [style*="{kind}: {light}"]{{{kind}:{dark}!important}}')
+    return f"@media(prefers-color-scheme:dark){{{''.join(rules)}}}"
+
+
+def for_any_page(svg: str) -> str:
+    """A file of its own: with other ink and paper where the reader prefers dark."""
+    end = svg.index(">", svg.index("<svg")) + 1
+    return f"{svg[:end]}<style>{dark_rules()}</style>{svg[end:]}"
 
 
 class Bar(NamedTuple):
@@ -116,10 +110,9 @@ def bar(
     value: float | None, interval: Sequence[float] | None, row_class: str = ""
 ) -> Bar:
     """A bar; there is nothing to draw where the figure or its interval is not defined."""
-    nothing = float("nan")
-    return Bar(
-        nothing if value is None else value, interval or (nothing, nothing), row_class
-    )
+    absent = float("nan")
+    centre = absent if value is None else value
+    return Bar(centre, interval or (absent, absent), row_class)
 
 
 def bars(axes: Axes, rows: Sequence[Bar], title: str, start: float) -> None:
@@ -145,5 +138,5 @@ def bars(axes: Axes, rows: Sequence[Bar], title: str, start: float) -> None:
         )
     axes.set_xlim(left=start)
     axes.set_title(title, fontsize=10, loc="left")
-    axes.grid(axis="x", color="#e4e7eb")
+    axes.grid(axis="x", color=GRID)
     axes.set_axisbelow(True)

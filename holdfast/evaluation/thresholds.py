@@ -9,14 +9,14 @@ from holdfast.core.contract import BoolArray
 from holdfast.core.reading import Json
 from holdfast.edge_runtime.decision import DecisionRules
 from holdfast.edge_runtime.model_file import ModelCard
-from holdfast.evaluation.alarms import act_requests
+from holdfast.evaluation.alarms import requests_at
 from holdfast.evaluation.baselines import (
     Baseline,
     MatchedBaseline,
     false_per_min,
     matched,
 )
-from holdfast.evaluation.method_names import CHOSEN, DEPLOYED, LAWS
+from holdfast.evaluation.formats import CHOSEN, DEPLOYED, LAWS
 from holdfast.evaluation.model_outputs import ModelOutputs
 from holdfast.training.progress import Part, ignored
 from holdfast.training.recording import Recording
@@ -65,31 +65,29 @@ class Thresholds:
 
     def to_json(self) -> Json:
         """As it stands in figures.json."""
+        chosen = self.chosen
+        lines = {}
+        for name, permille in self.confidences.items():
+            lines[name] = {"min_risky_permille": permille}
+        rivals = {}
+        for one in self.baselines:
+            rivals[one.name] = {
+                "law": LAWS[one.name],
+                "setting": one.setting,
+                "false_per_min_there": one.false_per_min,
+                "fits": one.fits,
+            }
         return {
             "headline": self.headline,
-            "lines": {
-                name: {"min_risky_permille": value}
-                for name, value in self.confidences.items()
-            },
+            "lines": lines,
             "rules": self.rules.to_json(),
-            "chosen_on": self.matched_on if self.chosen else None,
-            "most_false_per_min": self.chosen.most_false_per_min
-            if self.chosen
-            else None,
+            "chosen_on": self.matched_on if chosen else None,
+            "most_false_per_min": chosen.most_false_per_min if chosen else None,
             "false_per_min_there": self.false_per_min_there,
             "matched_on": self.matched_on,
             "how": self.how(),
-            "rivals": {one.name: _baseline_json(one) for one in self.baselines},
+            "rivals": rivals,
         }
-
-
-def _baseline_json(one: MatchedBaseline) -> Json:
-    return {
-        "law": LAWS[one.name],
-        "setting": one.setting,
-        "false_per_min_there": one.false_per_min,
-        "fits": one.fits,
-    }
 
 
 @dataclass(frozen=True)
@@ -125,7 +123,4 @@ def requests_of(
     outputs: Sequence[ModelOutputs], rules: DecisionRules, permille: int
 ) -> list[BoolArray]:
     """[T] a stream: whether an act is requested, from a confidence on."""
-    return [
-        on[:, 0]
-        for on in act_requests([one.answers for one in outputs], rules, [permille])
-    ]
+    return requests_at([one.answers for one in outputs], rules, permille)

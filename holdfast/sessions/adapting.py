@@ -25,9 +25,8 @@ from holdfast.core.reading import Json
 from holdfast.edge_runtime.decision import DecisionRules
 from holdfast.edge_runtime.model import Model
 from holdfast.edge_runtime.model_file import ModelCard, read_sealed, votes_in_all
-from holdfast.evaluation.alarms import Answers, act_requests
-from holdfast.evaluation.event_scores import match_alarms
-from holdfast.evaluation.truths import voluntary_actions
+from holdfast.evaluation.alarms import Answers, act_requests, match_alarms
+from holdfast.evaluation.trials import voluntary_actions
 from holdfast.export.adapted_file import Adaptation, is_adapted, undone
 from holdfast.export.correction import Correction
 from holdfast.export.heads import FloatRows

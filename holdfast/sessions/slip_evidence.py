@@ -25,11 +25,9 @@ from holdfast.core.contract import GRASP, RISKY_SLIP, BoolArray, FloatArray
 from holdfast.edge_runtime.decision import UNKNOWN
 from holdfast.edge_runtime.graph import Outputs
 from holdfast.edge_runtime.model import Model
-from holdfast.evaluation.alarms import Answers
-from holdfast.evaluation.event_scores import COLLAR_S
-from holdfast.evaluation.methods import without_samples
+from holdfast.evaluation.alarms import COLLAR_S, Answers
 from holdfast.evaluation.model_outputs import everywhere, risky_permille, steps_with
-from holdfast.evaluation.truths import voluntary_actions
+from holdfast.evaluation.trials import voluntary_actions, without_samples
 from holdfast.evaluation.window_scores import require_model_fits
 from holdfast.export.correction import Correction, corrected_votes, rows_of
 from holdfast.export.heads import FloatRows, riskier_argmax, situation_votes, weighted

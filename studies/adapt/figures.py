@@ -9,10 +9,14 @@ import numpy as np
 
 from holdfast.core.contract import BoolArray
 from holdfast.edge_runtime.decision import DecisionRules
-from holdfast.evaluation.alarms import Answers, act_requests
-from holdfast.evaluation.event_scores import event_scores, match_alarms
-from holdfast.evaluation.statistics import ratio_interval
-from holdfast.evaluation.truths import voluntary_actions
+from holdfast.evaluation.alarms import (
+    Answers,
+    act_requests,
+    event_scores,
+    match_alarms,
+    ratio_interval,
+)
+from holdfast.evaluation.trials import voluntary_actions
 from holdfast.training.figures import Interval
 from holdfast.training.metrics import draw_groups
 

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from holdfast.core.reading import Json
-from holdfast.evaluation.method_names import DEPLOYED
+from holdfast.evaluation.formats import DEPLOYED
 from holdfast.evaluation.style import INK, OURS, STYLE, WARNING, for_any_page, svg
 
 LARGE: dict[Any, Any] = {**STYLE, "font.size": 12}

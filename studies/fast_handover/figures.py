@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 
 from holdfast.core.reading import Json
-from holdfast.evaluation.event_scores import EventScores
+from holdfast.evaluation.alarms import EventScores
 from holdfast.evaluation.methods import HoldFigures, MethodFigures
 from holdfast.evaluation.statistics import Spread
 from holdfast.training.figures import Interval, Share

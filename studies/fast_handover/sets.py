@@ -10,9 +10,8 @@ import numpy.typing as npt
 
 from holdfast.core.contract import NORMAL_AXIS, NOTHING
 from holdfast.edge_runtime.decision import UNKNOWN
-from holdfast.evaluation.methods import LabelledTrial, without_samples
 from holdfast.evaluation.states import labels_everywhere
-from holdfast.evaluation.truths import grasps_beside
+from holdfast.evaluation.trials import LabelledTrial, grasps_of, without_samples
 from holdfast.export.network import IntArray
 from holdfast.training.datasets import load
 from holdfast.training.featurise import (
@@ -78,9 +77,7 @@ def streams(folder: Path, windows: Choice, features: Features) -> Streams:
     recordings = [without_samples(one) for one in data.recordings]
     trials = [
         LabelledTrial(one, grasps)
-        for one, grasps in zip(
-            recordings, grasps_beside(folder, recordings), strict=True
-        )
+        for one, grasps in zip(recordings, grasps_of(folder, recordings), strict=True)
     ]
     lengths = [len(one.samples) for one in data.recordings]
     truth = np.concatenate(

@@ -8,21 +8,21 @@ import numpy as np
 
 from holdfast.core.contract import SITUATIONS, BoolArray
 from holdfast.edge_runtime.decision import UNKNOWN
-from holdfast.evaluation.alarms import Answers, act_requests
-from holdfast.evaluation.event_scores import (
+from holdfast.evaluation.alarms import (
+    Answers,
+    act_requests,
     choose_confidence,
     event_scores,
     match_alarms,
 )
 from holdfast.evaluation.methods import (
-    LabelledTrial,
     MethodResult,
     method_figures,
     method_result,
     together,
 )
 from holdfast.evaluation.statistics import Spread
-from holdfast.evaluation.truths import Grasp
+from holdfast.evaluation.trials import Grasp, LabelledTrial
 from holdfast.export.spec import HISTORY_S
 from holdfast.training.plan import HIGH_CONFIDENCE
 from studies.fast_handover.figures import AlarmFigures, SetAlarms, UnseenStyles

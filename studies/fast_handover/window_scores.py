@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 from sklearn.metrics import f1_score
 
-from holdfast.evaluation.methods import LabelledTrial
+from holdfast.evaluation.trials import LabelledTrial
 from studies.fast_handover.figures import LateObserver
 from studies.fast_handover.ideas import Idea
 from studies.fast_handover.sets import Labelled, Streams, without

@@ -17,8 +17,7 @@ import numpy as np
 
 from benchmarks.timed_calls import learner_call, step_call
 from holdfast.core.contract import CLASSES, RISKY_SLIP
-from holdfast.evaluation.alarms import Answers
-from holdfast.evaluation.event_scores import choose_confidence, event_scores
+from holdfast.evaluation.alarms import Answers, choose_confidence, event_scores
 from holdfast.evaluation.latency.timing import time_in_turns
 from holdfast.evaluation.methods import MethodResult, method_figures, together
 from holdfast.export.exporting import whole_graph

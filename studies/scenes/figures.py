@@ -5,7 +5,12 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass, field
 
 from holdfast.core.reading import Json
-from holdfast.evaluation.scores import ClassScores, LeakCheck, RecallSpread, RiskyCalls
+from holdfast.evaluation.window_scores import (
+    ClassScores,
+    LeakCheck,
+    RecallSpread,
+    RiskyCalls,
+)
 
 
 @dataclass(frozen=True)

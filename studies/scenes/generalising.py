@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from holdfast.evaluation.scores import ClassScores, scores
+from holdfast.evaluation.window_scores import ClassScores, scores
 from holdfast.export.network import IntArray
 from holdfast.training.crossval import cross_validate
 from holdfast.training.datasets import join

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from holdfast.evaluation.scores import ClassScores
 from holdfast.evaluation.style import bar
+from holdfast.evaluation.window_scores import ClassScores
 from studies.row_names import row_class, shown
 from studies.scenes.figures import RateFigures, Rows
 from studies.score_pictures import (

@@ -17,7 +17,7 @@ from holdfast.cli.command import path_argument
 from holdfast.core.errors import DataNotFound
 from holdfast.core.writing import require_writable
 from holdfast.evaluation.formats import number
-from holdfast.evaluation.scores import LeakCheck
+from holdfast.evaluation.window_scores import LeakCheck
 from holdfast.training.fitting import versions
 from holdfast.training.progress import Say, stages
 from studies.report import edges

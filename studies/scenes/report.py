@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from holdfast.evaluation import stream_pictures as draw
-from holdfast.evaluation.model_outputs import StreamPicture
-from holdfast.evaluation.scores import confusion, scores
+from holdfast.evaluation.stream_pictures import StreamPicture
+from holdfast.evaluation.window_scores import confusion, scores
 from holdfast.export.network import IntArray
 from holdfast.export.spec import window_samples
 from holdfast.training.crossval import HeldOut

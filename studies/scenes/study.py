@@ -16,20 +16,20 @@ import numpy.typing as npt
 
 from holdfast.core.errors import DataNotFound, UnitError
 from holdfast.core.trial_layout import read_json
-from holdfast.evaluation.model_outputs import StreamPicture, held_out_streams
-from holdfast.evaluation.scores import (
+from holdfast.evaluation.baseline_signals import (
+    SHEAR_RATE_LAW,
+    clock_features,
+    raw_windows,
+    shear_rate_at,
+)
+from holdfast.evaluation.stream_pictures import StreamPicture, held_out_streams
+from holdfast.evaluation.window_scores import (
     ClassScores,
     calls,
     confusion,
     leak_check,
     scores,
     spread_of,
-)
-from holdfast.evaluation.simple_baselines import (
-    SHEAR_RATE_LAW,
-    clock_features,
-    raw_windows,
-    shear_rate_at,
 )
 from holdfast.export.spec import window_samples
 from holdfast.training.crossval import HeldOut, cross_validate

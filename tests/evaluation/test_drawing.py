@@ -7,9 +7,10 @@ import xml.etree.ElementTree as ET
 from pathlib import Path
 
 import pytest
+from jinja2 import UndefinedError
 from matplotlib.figure import Figure
 
-from holdfast.evaluation.page import write_page
+from holdfast.evaluation.html import render, write_page
 from holdfast.evaluation.style import (
     DARK_INSTEAD,
     INK,
@@ -58,15 +59,28 @@ def test_ink_and_paper_of_a_file_change_on_a_dark_page(figure: Figure) -> None:
         assert f'"fill: {light}"]{{fill:{DARK_INSTEAD[light]}!important}}' in text
 
 
-def test_pictures_of_a_report_scroll_by_themselves(
+def test_a_picture_of_a_report_scrolls_by_itself_on_a_page_that_follows_the_reader(
     figure: Figure, tmp_path: Path
 ) -> None:
-    page = write_page(
-        tmp_path / "page.html", "two", [svg(figure), f"<h2>b</h2>{svg(figure)}"]
+    template = (
+        '{% extends "base.html" %}{% from "parts.html" import figure %}'
+        "{% block body %}{{ figure(drawn) }}{% endblock %}"
     )
+    (tmp_path / "page.html").write_text(template, encoding="utf-8")
+    page = write_page(tmp_path / "out.html", "page.html", tmp_path, drawn=svg(figure))
     text = page.read_text("utf-8")
-    assert text.count("<div class=wide><svg") == text.count("</svg></div>") == 2
+    assert '<div class="wide"><svg' in text
+    assert re.search(r"</svg>\s*</div>", text)
     assert "prefers-color-scheme:dark" in text
+
+
+def test_text_in_a_template_is_escaped_and_a_forgotten_value_is_an_error(
+    tmp_path: Path,
+) -> None:
+    (tmp_path / "page.html").write_text("<p>{{ text }}", encoding="utf-8")
+    assert render("page.html", tmp_path, text="a < b") == "<p>a &lt; b"
+    with pytest.raises(UndefinedError):
+        render("page.html", tmp_path)
 
 
 @pytest.mark.parametrize(

@@ -21,6 +21,12 @@ from holdfast.edge_runtime.decision import UNKNOWN, DecisionRules
 from holdfast.edge_runtime.engine import ModelChoice
 from holdfast.edge_runtime.graph import open_session, steps_of
 from holdfast.edge_runtime.monitor import GripMonitor, Model
+from holdfast.evaluation.alarms import event_scores, match_alarms
+from holdfast.evaluation.baseline_signals import (
+    band_pass_fires,
+    cone_fires,
+    detector_signals,
+)
 from holdfast.evaluation.baselines import (
     Baseline,
     baselines,
@@ -28,7 +34,7 @@ from holdfast.evaluation.baselines import (
     matched,
     oracle_requests,
 )
-from holdfast.evaluation.camera import SeenSlip, onsets_by, seen_beside
+from holdfast.evaluation.camera import SeenSlip, onsets_by, seen_slips
 from holdfast.evaluation.closing_hand import (
     ClosingHand,
     Drop,
@@ -37,17 +43,10 @@ from holdfast.evaluation.closing_hand import (
     model_error_ms,
     slide,
 )
-from holdfast.evaluation.detector_baselines import (
-    band_pass_fires,
-    cone_fires,
-    detector_signals,
-)
 from holdfast.evaluation.evaluate import EvaluationRequest, evaluate_events
-from holdfast.evaluation.event_scores import event_scores, match_alarms
-from holdfast.evaluation.method_names import CONE, ORACLE, SHEAR_RATE
+from holdfast.evaluation.formats import CONE, ORACLE, SHEAR_RATE
 from holdfast.evaluation.methods import (
     DisturbedHold,
-    LabelledTrial,
     MethodFigures,
     method_figures,
     method_result,
@@ -70,11 +69,13 @@ from holdfast.evaluation.states import (
     labels_everywhere,
 )
 from holdfast.evaluation.statistics import mcnemar, share
-from holdfast.evaluation.truths import (
+from holdfast.evaluation.trials import (
+    AnsweredTrial,
     Grasp,
+    LabelledTrial,
     VoluntaryAction,
     grasp_of,
-    grasps_beside,
+    grasps_of,
     voluntary_actions,
 )
 from holdfast.export.detectors import detector_names
@@ -233,7 +234,7 @@ def test_a_simulated_truth_names_style_disturbance_and_thing(scenes: Path) -> No
     grasps = {
         one.action: result[0]
         for one, result in zip(
-            data.recordings, grasps_beside(scenes, data.recordings), strict=True
+            data.recordings, grasps_of(scenes, data.recordings), strict=True
         )
     }
     assert grasps["hold"].disturbance == "dFt"
@@ -384,7 +385,7 @@ PULL = replace(
 
 
 def kept(drop: Drop, request_s: float | None, hand: ClosingHand | None = None) -> bool:
-    return bool(Droppable.of([drop], hand).kept([request_s]).kept)
+    return bool(Droppable([drop], hand).kept([request_s]).kept)
 
 
 def test_a_hand_closes_its_stroke_in_the_published_time_and_its_lag_later() -> None:
@@ -414,7 +415,7 @@ def test_an_object_that_still_slides_is_not_kept_though_it_has_not_gone_so_far()
 def test_a_hard_pull_is_not_preventable_and_a_gentle_one_on_a_firm_grip_never_slips() -> (
     None
 ):
-    figures = Droppable.of([PULL]).kept([0.0])
+    figures = Droppable([PULL]).kept([0.0])
     assert (figures.preventable, figures.not_preventable, figures.kept) == (0, 1, 0)
     gentle = slide([replace(PULL, cap_n=2.0)], np.array([np.inf]), ClosingHand())
     assert gentle.slides_from_s[0] == np.inf
@@ -443,13 +444,13 @@ def test_a_slip_begins_when_the_load_exceeds_static_friction() -> None:
 def test_a_hand_with_an_earlier_request_never_keeps_less(
     earlier_s: float, by_s: float, lag_s: float, grip_n: float
 ) -> None:
-    falls = Droppable.of([replace(FALL, grip_n=grip_n)], ClosingHand(lag_s=lag_s))
+    falls = Droppable([replace(FALL, grip_n=grip_n)], ClosingHand(lag_s=lag_s))
     assert falls.kept([earlier_s]).kept >= falls.kept([earlier_s + by_s]).kept
 
 
 def test_closing_needs_a_truth_that_says_how_it_was_pulled(scenes: Path) -> None:
     data = load(scenes, windows="natural")
-    pairs = zip(data.recordings, grasps_beside(scenes, data.recordings), strict=True)
+    pairs = zip(data.recordings, grasps_of(scenes, data.recordings), strict=True)
     drops = [
         drop_of(event, grasp_of(event, result))
         for of, result in pairs
@@ -461,7 +462,7 @@ def test_closing_needs_a_truth_that_says_how_it_was_pulled(scenes: Path) -> None
     assert (result["slips"], result["of"]) == (2, 2)
     assert abs(result["p50"]) < 30.0
     assert drop_of(EVENT, Grasp({})) is None
-    assert Droppable.of([None]).kept([0.1]).kept_share is None
+    assert Droppable([None]).kept([0.1]).kept_share is None
 
 
 # -- figures
@@ -594,13 +595,13 @@ def test_what_a_camera_saw_is_read_beside_a_bare_csv_and_only_its_risky_slips(
     interval = camera_says("risky_slip") | {"t0_s": truth["incipient_slip_s"] + 0.004}
     onset.write_text(json.dumps({"phases": [interval, camera_says("safe_slip")]}))
     recordings = load(copy, windows="natural").recordings
-    (slip,) = [slip for slips in seen_beside(copy, recordings) for slip in slips]
+    (slip,) = [slip for slips in seen_slips(copy, recordings) for slip in slips]
     assert slip.true_start_s == truth["incipient_slip_s"]
     assert slip.start_s == pytest.approx(truth["incipient_slip_s"] + 0.004)
     assert onsets_by(copy, recordings)["scene"] >= 2
     onset.write_text(json.dumps({"phases": [camera_says("risky_slip", gross_s=None)]}))
     with pytest.raises(LabelError, match=r"onset\.json.*without its times"):
-        seen_beside(copy, recordings)
+        seen_slips(copy, recordings)
 
 
 def test_the_wider_collar_forgives_what_the_narrow_one_does_not() -> None:
@@ -650,29 +651,23 @@ def test_unknown_samples_change_no_state_and_are_answers_withheld() -> None:
 def test_a_pull_is_recognised_by_one_alarm_in_it_and_a_pass_by_its_state_and_no_alarm() -> (
     None
 ):
-    grasps = (Grasp({"style": "p1"}),)
-    pull, quiet = (
-        LabelledTrial(recording(EVENT, action="pull"), grasps),
-        answered(np.full(300, GRASP)),
-    )
-    assert recognised(pull, quiet, at((102, 120)))
-    assert not recognised(pull, quiet, at((50, 60), (102, 120)))
-    assert not recognised(pull, quiet, at())
-    phases = (
-        Phase(0, 100, GRASP),
-        Phase(100, 120, SAFE_SLIP),
-        Phase(120, 300, NOTHING),
-    )
-    over, seen = (
-        LabelledTrial(recording(phases=phases, action="pass"), grasps),
-        answered(np.where(at((105, 109)), SAFE_SLIP, GRASP)),
-    )
-    assert recognised(over, seen, at())
-    assert not recognised(over, seen, at((10, 12)))
-    assert not recognised(over, quiet, at())
-    assert (
-        recognised(LabelledTrial(recording(action="pull"), grasps), quiet, at()) is None
-    )
+    holding, slipping = np.full(300, GRASP), np.full(300, GRASP)
+    slipping[105:109] = SAFE_SLIP
+
+    def judged(of: Recording, situation: Any, requests: Any) -> bool | None:
+        trial = LabelledTrial(of, (Grasp({"style": "p1"}),))
+        return recognised(AnsweredTrial(trial, situation, requests))
+
+    pull = recording(EVENT, action="pull")
+    assert judged(pull, holding, at((102, 120)))
+    assert not judged(pull, holding, at((50, 60), (102, 120)))
+    assert not judged(pull, holding, at())
+    assert judged(recording(action="pull"), holding, at()) is None
+    phases = Phase(0, 100, GRASP), Phase(100, 120, SAFE_SLIP), Phase(120, 300, NOTHING)
+    handed_over = recording(phases=phases, action="pass")
+    assert judged(handed_over, slipping, at())
+    assert not judged(handed_over, slipping, at((10, 12)))
+    assert not judged(handed_over, holding, at())
 
 
 def test_the_table_sets_our_word_beside_the_thesis_for_cells_that_have_a_trial() -> (

@@ -19,10 +19,11 @@ from holdfast.edge_runtime.decision import (
     decide,
     period_us,
 )
-from holdfast.evaluation.alarms import Answers, act_requests
-from holdfast.evaluation.event_scores import (
+from holdfast.evaluation.alarms import (
     CONFIDENCES,
+    Answers,
     EventMatch,
+    act_requests,
     choose_confidence,
     event_scores,
     false_alarms,

@@ -15,7 +15,7 @@ from study_bench import SUS_ANSWERS, TRIALS, Study, options, said
 from holdfast.cli import study as verb
 from holdfast.core.errors import DataNotFound
 from holdfast.edge_runtime.engine import ModelChoice
-from holdfast.evaluation.participant import participant_figures
+from holdfast.evaluation.outcomes import participant_figures
 from holdfast.sessions.study.outcome import outcome_of
 from holdfast.sessions.study.report import summary_lines, write_report
 from holdfast.training.datasets import load

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from holdfast.evaluation.html import render
-from holdfast.evaluation.scores import LevelScores
+from holdfast.evaluation.window_scores import LevelScores
 from studies.fast_handover.window_scores import macro_f1
 from studies.report import FUNCTIONS, TEMPLATES
 from studies.row_names import OURS

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from page_tables import filled
 
-from holdfast.evaluation.method_names import CHOSEN, DEPLOYED
+from holdfast.evaluation.formats import CHOSEN, DEPLOYED
 from studies.fast_handover.targets import TARGETS, target_rows
 from studies.row_names import CLOCK, OURS, RAW
 from studies.thesis_preliminary.published import LEARNERS

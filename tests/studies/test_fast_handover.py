@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from holdfast.core.contract import FloatArray
-from holdfast.evaluation.truths import Grasp
+from holdfast.evaluation.trials import Grasp
 from holdfast.simulation.card import Card, read_card
 from holdfast.simulation.folder import write_set
 from holdfast.simulation.scene import Scene

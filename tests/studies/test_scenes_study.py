@@ -25,14 +25,23 @@ from holdfast.core.contract import (
     FloatArray,
 )
 from holdfast.core.errors import DataNotFound, RateError, UnitError
-from holdfast.edge_runtime.decision import UNKNOWN, DecisionRules, DecisionState, decide
-from holdfast.evaluation.model_outputs import (
-    SHOWN,
-    decided,
-    held_out_streams,
-    shown_trials,
+from holdfast.edge_runtime.decision import UNKNOWN
+from holdfast.evaluation.baseline_signals import (
+    BACK_SAMPLES,
+    JUMP_N,
+    clock_features,
+    raw_windows,
+    shear_rate_at,
+    shear_rate_fires,
+    windows_alone,
 )
-from holdfast.evaluation.scores import (
+from holdfast.evaluation.stream_pictures import (
+    SLIP_OF,
+    first_slips,
+    held_out_streams,
+)
+from holdfast.evaluation.style import FINGER_COLOURS, FINGER_LINES, SITUATION_COLOURS
+from holdfast.evaluation.window_scores import (
     CEILING,
     ClassScores,
     answers_at,
@@ -43,16 +52,6 @@ from holdfast.evaluation.scores import (
     scores,
     spread_of,
 )
-from holdfast.evaluation.simple_baselines import (
-    BACK_SAMPLES,
-    JUMP_N,
-    clock_features,
-    raw_windows,
-    shear_rate_at,
-    shear_rate_fires,
-    windows_alone,
-)
-from holdfast.evaluation.style import FINGER_COLOURS, FINGER_LINES, SITUATION_COLOURS
 from holdfast.export.network import IntArray
 from holdfast.export.spec import window_samples
 from holdfast.simulation.card import read_card
@@ -519,9 +518,9 @@ def test_trials_of_the_streams_are_met_by_no_forest_that_answers_them(
     folder: Path, data: DataSet
 ) -> None:
     """Risky slip exists in the shown trials only: a forest that met none of them cannot say it."""
-    shown, task = shown_trials(data), data.tasks["classes"]
-    assert [data.recordings[k].action for k in shown] == list(SHOWN)
-    theirs = np.isin(task.trial, shown)
+    drawn, task = first_slips(data), data.tasks["classes"]
+    assert [data.recordings[k].action for k in drawn] == list(SLIP_OF)
+    theirs = np.isin(task.trial, drawn)
     risky = task.label // 2 == RISKY_SLIP
     made = of_rows(data, np.where(risky & ~theirs, 4, task.label))
     plan = TrainingPlan(situation=SHARP)
@@ -541,7 +540,7 @@ def test_streams_answer_every_sample_after_settling_and_bear_the_truth(
         assert len(picture.answer) == len(picture.acts) == length
         assert (picture.answer[:25] == UNKNOWN).all()
         assert (picture.answer[25:] != UNKNOWN).all()
-        assert {SHOWN[str(picture.recording.action)]} <= {
+        assert {SLIP_OF[str(picture.recording.action)]} <= {
             phase.situation for phase in picture.phases
         }
         assert (picture.phases[0].first, picture.phases[-1].stop) == (0, length)
@@ -627,38 +626,6 @@ def test_the_spread_is_the_largest_recall_minus_the_smallest_of_each_class_there
     assert not spreads.within_10_percent
     other[2, 2], other[2, 3] = 8, 0
     assert spread_of([one, other]).within_10_percent
-
-
-# The decision
-
-
-def test_an_act_is_requested_exactly_where_the_decision_would() -> None:
-    two_then_released = [
-        RISKY_SLIP,
-        GRASP,
-        RISKY_SLIP,
-        RISKY_SLIP,
-        GRASP,
-        *[NOTHING] * 4,
-        UNKNOWN,
-        NOTHING,
-        GRASP,
-    ]
-    acts = decided(np.array(two_then_released), np.ones(12), 50.0)
-    assert acts.tolist() == [False] * 3 + [True] * 7 + [False] * 2
-    rng = np.random.default_rng(3)
-    answer, share = (
-        rng.choice([UNKNOWN, 0, 0, 0, 0, 0, 1, 2, 3, 3], 500),
-        rng.random(500),
-    )
-    state, expected = DecisionState(), []
-    for situation, risky in zip(answer.tolist(), share.tolist(), strict=True):
-        state = decide(
-            DecisionRules(), state, situation, int(1000 * risky), period_us=20_000
-        )
-        expected.append(state.act)
-    assert 0 < sum(expected) < 500
-    assert decided(answer, share, 50.0).tolist() == expected
 
 
 # The command and its page

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from holdfast.evaluation.method_names import DEPLOYED
+from holdfast.evaluation.formats import DEPLOYED
 from studies.doc_pictures.timing import PARTS, PICTURES
 from tools.doc_pictures import EVALUATED, draw_measured
 

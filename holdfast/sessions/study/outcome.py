@@ -17,7 +17,7 @@ from holdfast.sessions.study.protocol import StudyProtocol
 from holdfast.sessions.study.questionnaires import scores
 
 if TYPE_CHECKING:
-    from holdfast.evaluation.participant import ParticipantFigures
+    from holdfast.evaluation.outcomes import ParticipantFigures
 
 STATES = {Event.BEGUN: "under way", Event.DONE: "done", Event.SKIPPED: "skipped"}
 NOT_REACHED = "not reached"
@@ -142,7 +142,7 @@ def outcome_of(
 def _figures(home: Path, model: Path) -> tuple[ParticipantFigures | None, str]:
     """The model's figures, or why there are none."""
     from holdfast.edge_runtime.engine import ModelChoice
-    from holdfast.evaluation.participant import participant_figures
+    from holdfast.evaluation.outcomes import participant_figures
 
     try:
         return participant_figures(ModelChoice(str(model)).open(), home), ""

@@ -23,7 +23,7 @@ def write_report(home: Path, outcome: StudyOutcome) -> Path:
     cells, pictures = {}, {}
     if figures is not None:
         cells = {(cell.object, cell.action): cell for cell in figures.cells}
-        for action, rows in figures.shown.items():
+        for action, rows in figures.drawn.items():
             pictures[action] = timelines(rows, figures.kind)
     return write_page(
         home / REPORT,

@@ -1,0 +1,257 @@
+"""What the baselines compare with their settings, sample by sample or window by window.
+
+Guard and filter bank of the classical detectors do not depend on a threshold, so the graph steps
+them once. The laws that have a threshold follow here, with the same operations in the same order:
+they fire at the very samples at which the `detectors` of a graph with that setting do (a test
+compares them). Shear rate, timing and raw windows need no graph of their own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from onnx import TensorProto
+
+from holdfast.core.contract import NORMAL_AXIS, BoolArray, FloatArray
+from holdfast.core.trial_layout import NORMAL_FLOOR
+from holdfast.edge_runtime.graph import BATCH, open_session, steps_of
+from holdfast.evaluation.model_outputs import everywhere
+from holdfast.export.builder import GraphBuilder
+from holdfast.export.detectors import add_bank, noise_gain
+from holdfast.export.guard import add_guard
+from holdfast.export.spec import NOISE_RMS, StepSpec, window_samples
+from holdfast.training.datasets.human_slip_labels import (
+    contact_force_n,
+    frames_since_contact,
+)
+from holdfast.training.featurise import FloatRows, features_of, spec_for
+from holdfast.training.plan import RAW_GROUPS
+from holdfast.training.recording import DataSet, LabelledRows, Recording
+
+OUTPUTS = ("loudest", "now", "usable")
+NARROW = 2048
+"""Signals times settings that numpy steps in about the time of one."""
+BACK_SAMPLES, JUMP_N = 2, 0.5
+SHEAR_RATE_LAW = (
+    "a slip where |S[t] - S[t-2]| > 0.5 N, S the sum over the fingers of |x| + |y|"
+)
+
+
+@dataclass(frozen=True)
+class DetectorSignals:
+    """What the detectors of one recording compare with their thresholds.
+
+    loudest [T, 2 S]: the largest rectified band of each shear channel, unit per second. shear,
+    normal [T, S]: of each sensor, guarded. shear_usable [T, 2 S], usable [T, S].
+    """
+
+    loudest: FloatArray
+    shear_usable: BoolArray
+    shear: FloatArray
+    normal: FloatArray
+    usable: BoolArray
+
+
+def detector_signals(
+    spec: StepSpec, recordings: Sequence[Recording]
+) -> list[DetectorSignals]:
+    """Step guard and bank over every recording, each from a fresh state."""
+    steps = steps_of(open_session(_signals_graph(spec)), OUTPUTS)
+    signals = []
+    for out in everywhere(steps, recordings):
+        loudest, now, usable = (out[name][:, 0] for name in OUTPUTS)
+        is_shear = np.arange(now.shape[1]) % 3 != NORMAL_AXIS
+        x, y = now[:, 0::3], now[:, 1::3]
+        signals.append(
+            DetectorSignals(
+                loudest=loudest[:, is_shear],
+                shear_usable=usable[:, is_shear],
+                shear=np.sqrt(x * x + y * y),
+                normal=now[:, NORMAL_AXIS::3],
+                usable=usable[:, NORMAL_AXIS::3],
+            )
+        )
+    return signals
+
+
+class _ShortPast(StepSpec):
+    """The same step without the 0.5 s of samples that only features read."""
+
+    @property
+    def history_samples(self) -> int:
+        """The fewest that the guard can keep."""
+        return 3
+
+    @property
+    def settle_samples(self) -> int:
+        """A sensor settles as long as with the whole history."""
+        return super().history_samples + 1
+
+
+def _signals_graph(spec: StepSpec) -> bytes:
+    graph, spec = GraphBuilder(spec.n_sensors), _ShortPast(**vars(spec))
+    guarded = add_guard(graph, spec)
+    rectified = add_bank(graph, spec, guarded)
+    graph.node("ReduceMax", rectified, graph.ints(1), out="loudest", keepdims=1)
+    graph.node("Identity", guarded.now, out="now")
+    graph.node("Identity", guarded.usable, out="usable")
+    graph.output("loudest", TensorProto.DOUBLE, 1, graph.n_channels)
+    graph.output("now", TensorProto.DOUBLE, 1, graph.n_channels)
+    graph.output("usable", TensorProto.BOOL, 1, graph.n_channels)
+    return bytes(graph.model().SerializeToString())
+
+
+def cone_fires(of: DetectorSignals, spec: StepSpec, friction: float) -> BoolArray:
+    """[T] whether some usable finger, pressed hard enough, leaves the cone of this friction."""
+    outside = of.shear > of.normal * friction
+    pressed = of.normal > spec.detectors.min_normal_n
+    return np.asarray((outside & pressed & of.usable).any(axis=1))
+
+
+def band_pass_fires(
+    signals: Sequence[DetectorSignals], spec: StepSpec, ratios: Sequence[float]
+) -> list[list[BoolArray]]:
+    """Setting -> recording -> [T] whether some usable shear signal exceeds ratio x its noise floor.
+
+    The floor follows the signal and depends on the ratio, so it is stepped for each of them.
+    """
+    # Recordings of about the same length are stepped together, so little is padded.
+    order = sorted(range(len(signals)), key=lambda k: len(signals[k].loudest))
+    by_recording: dict[int, BoolArray] = {}
+    for first in range(0, len(order), BATCH):
+        places = order[first : first + BATCH]
+        batch = [signals[k] for k in places]
+        stepped = _step_floors(batch, _Floor.of(spec), np.asarray(ratios))
+        for column, (k, one) in enumerate(zip(places, batch, strict=True)):
+            by_recording[k] = stepped[: len(one.loudest), :, column].copy()
+    fires = []
+    for place in range(len(ratios)):
+        fires.append([by_recording[k][:, place] for k in range(len(signals))])
+    return fires
+
+
+def is_narrow(signals: Sequence[DetectorSignals], n_settings: int) -> bool:
+    """Whether all settings are stepped together in about the time of one: few long recordings."""
+    return n_settings * sum(one.loudest.shape[1] for one in signals) <= NARROW
+
+
+@dataclass(frozen=True)
+class _Floor:
+    """Constants of the noise floor: its least value, its rates while quiet and firing, its clip."""
+
+    least: float
+    rates: FloatArray
+    clip: float
+
+    @staticmethod
+    def of(spec: StepSpec) -> _Floor:
+        rules = spec.detectors
+        fast = min(1.0, 1.0 / (rules.floor_tau_s * spec.rate_hz))
+        return _Floor(
+            NOISE_RMS[spec.unit] * noise_gain(spec.rate_hz, spec.carried_bands()),
+            np.array([fast, fast * rules.firing_rate]),
+            rules.floor_clip,
+        )
+
+
+def _step_floors(
+    batch: Sequence[DetectorSignals], constants: _Floor, ratios: FloatArray
+) -> BoolArray:
+    """[T, R, B] whether any signal of B recordings exceeds its floor times each of the ratios [R].
+
+    A recording is silent after its end.
+    """
+    n_rows = max(len(one.loudest) for one in batch)
+    shape = (n_rows, len(batch), batch[0].loudest.shape[1])
+    loudest, usable = np.zeros(shape), np.zeros(shape, dtype=np.bool_)
+    for k, one in enumerate(batch):
+        loudest[: len(one.loudest), k] = one.loudest
+        usable[: len(one.loudest), k] = one.shear_usable
+    fires = np.empty((n_rows, len(ratios), len(batch)), dtype=np.bool_)
+    ratio = ratios[:, None, None]
+    floor, peak, limit = np.zeros((3, len(ratios), *shape[1:]))
+    # In place: this is the loop that an evaluation spends most of its time in.
+    for t in range(n_rows):
+        np.maximum(floor, constants.least, out=floor)
+        np.copyto(peak, floor)
+        np.copyto(peak, loudest[t], where=usable[t])
+        above = peak > np.multiply(floor, ratio, out=limit)
+        above.any(axis=2, out=fires[t])
+        np.minimum(peak, np.multiply(floor, constants.clip, out=limit), out=peak)
+        peak -= floor
+        peak *= constants.rates[above.view(np.int8)]
+        floor += peak
+    return fires
+
+
+def shear_change(samples: FloatArray) -> FloatArray:
+    """[T, C] -> [T] change of the summed shear within two samples; 0 at the start."""
+    by_sensor = samples.reshape(len(samples), -1, 3)
+    shear = np.abs(by_sensor[..., :NORMAL_AXIS]).sum(axis=(1, 2))
+    jump = np.zeros(len(samples))
+    jump[BACK_SAMPLES:] = np.abs(shear[BACK_SAMPLES:] - shear[:-BACK_SAMPLES])
+    return jump
+
+
+def shear_rate_fires(samples: FloatArray) -> BoolArray:
+    """[T, C] in N -> [T]: the summed shear changed by more than 0.5 N within two samples. Causal.
+
+    Two samples are 40 ms at 50 Hz and 13 ms at 150 Hz, so the law depends on the rate.
+    """
+    fires: BoolArray = shear_change(samples) > JUMP_N
+    return fires
+
+
+def shear_rate_at(data: DataSet, reach_samples: int = 1) -> BoolArray:
+    """[M] whether it fires at any of the last `reach_samples` samples of each window."""
+    task = data.tasks["classes"]
+    fired = np.zeros(len(task), dtype=np.bool_)
+    for trial in np.unique(task.trial):
+        here = task.trial == trial
+        fires = shear_rate_fires(data.recordings[trial].samples)
+        count = np.cumsum(np.concatenate([[0], fires]))
+        row = task.row[here] + 1
+        fired[here] = count[row] > count[np.maximum(row - reach_samples, 0)]
+    return fired
+
+
+def clock_features(data: DataSet) -> FloatRows:
+    """[M, 2]: s since contact (below 0 before any) and summed normal force in N.
+
+    The timing-only baseline shows how far the script alone goes; it is never an input.
+    """
+    task = data.tasks["classes"]
+    features = np.empty((len(task), 2), dtype=np.float32)
+    for trial in np.unique(task.trial):
+        here = task.trial == trial
+        force_n = contact_force_n(data.recordings[trial].samples)
+        since_s = frames_since_contact(force_n, NORMAL_FLOOR["N"]) / data.rate_hz
+        features[here] = np.column_stack([since_s, force_n])[task.row[here]]
+    return features
+
+
+def raw_windows(data: DataSet) -> FloatRows:
+    """[M, N C] the window group's features of every window of "classes", each from a fresh state.
+
+    Every window is stepped through the graph as a recording of its own, so nothing before its first
+    row is seen: of the trial only the offset remains, which the preparation takes from its unloaded
+    start. The group has no bias or filter of its own: without a lost sample it equals the streamed
+    one.
+    """
+    alone = windows_alone(data)
+    return features_of(alone, spec_for(alone, RAW_GROUPS))["classes"]
+
+
+def windows_alone(data: DataSet) -> DataSet:
+    """The windows of "classes", each a recording of the N samples that end at its row."""
+    task, n = data.tasks["classes"], window_samples(data.rate_hz)
+    recordings = []
+    for trial, row in zip(task.trial, task.row, strict=True):
+        whole, rows = data.recordings[trial], slice(max(0, row + 1 - n), row + 1)
+        cut = replace(whole, samples=whole.samples[rows], valid=whole.valid[rows])
+        recordings.append(cut)
+    last = np.array([len(one.samples) - 1 for one in recordings], dtype=np.int64)
+    rows_of = LabelledRows(np.arange(len(task)), last, task.label, task.classes)
+    return replace(data, recordings=recordings, tasks={"classes": rows_of})

@@ -1,0 +1,194 @@
+"""What is known of a trial beside its answers: the grasps of its truth, its voluntary actions.
+
+A simulated trial has a truth with one entry a grasp: style, action, object, disturbance. A recorded
+one has an empty grasp. Voluntary actions come from the labelled phases, which every trial has.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from holdfast.core.contract import NOTHING, RISKY_SLIP, SAFE_SLIP, BoolArray
+from holdfast.core.reading import Json
+from holdfast.core.trial_layout import read_json, truth_path
+from holdfast.training.recording import Recording
+from holdfast.training.timeline import Phase, RiskyEvent
+
+if TYPE_CHECKING:
+    from holdfast.evaluation.camera import SeenSlip
+    from holdfast.evaluation.model_outputs import ModelOutputs
+
+DISTURBANCES = {"dFn": "grip_change", "dFt": "load_n", "dq": "motor_mm"}
+"""Disturbance of a hold (grip, load, motor) -> the drawn parameter that is not 0 in it."""
+SAME_MOMENT_S = 0.02
+ROWS_DRAWN = 8
+
+
+@dataclass(frozen=True)
+class Grasp:
+    """One simulated grasp. truth: its JSON as the scene writes it, empty without a truth."""
+
+    truth: Json
+
+    @property
+    def style(self) -> str:
+        """The range of parameters of the person who acts, or ""."""
+        return str(self.truth.get("style", ""))
+
+    @property
+    def action(self) -> str:
+        """pass, pull, fall, put-down, hold, nothing, or ""."""
+        return str(self.truth.get("action", ""))
+
+    @property
+    def disturbance(self) -> str | None:
+        """dFn (grip), dFt (load) or dq (motor), where one of them disturbed the hold."""
+        drawn = self.truth.get("drawn", {})
+        for name, parameter in DISTURBANCES.items():
+            if drawn.get(parameter):
+                return name
+        return None
+
+
+@dataclass(frozen=True)
+class VoluntaryAction:
+    """A voluntary hand-over or put-down, rows [first, stop).
+
+    Its safe slips have nothing but holding between them.
+    """
+
+    first: int
+    stop: int
+
+
+@dataclass(frozen=True)
+class LabelledTrial:
+    """One recording without its samples, its grasps by the truth, and what a camera saw of it."""
+
+    recording: Recording
+    grasps: tuple[Grasp, ...]
+    seen: tuple[SeenSlip, ...] = ()
+
+
+@dataclass(frozen=True)
+class AnsweredTrial:
+    """A trial to be drawn: its truth, the state and the request to act at every sample [T]."""
+
+    trial: LabelledTrial
+    situation: npt.NDArray[np.int64]
+    requests: BoolArray
+
+
+def without_samples(recording: Recording) -> Recording:
+    """The same recording, as light as its labels."""
+    return replace(recording, samples=recording.samples[:0], valid=recording.valid[:0])
+
+
+def grasps_of(root: Path, recordings: Sequence[Recording]) -> list[tuple[Grasp, ...]]:
+    """The grasps of every recording of a folder; one empty grasp where there is no truth."""
+    grasps = []
+    for recording in recordings:
+        truth = read_json(truth_path(root / f"{recording.trial_id}.csv"))
+        grasps.append(tuple(map(Grasp, truth.get("trials", [truth]))))
+    return grasps
+
+
+def style_of(grasps: tuple[Grasp, ...]) -> str:
+    """The one style of a recording, or "" where there are several or none."""
+    styles = {grasp.style for grasp in grasps}
+    return styles.pop() if len(styles) == 1 else ""
+
+
+def grasp_of(event: RiskyEvent, grasps: tuple[Grasp, ...]) -> Grasp | None:
+    """The grasp whose contact was lost as this event ended."""
+    for grasp in grasps:
+        lost_s = grasp.truth.get("contact_lost_s")
+        if lost_s is not None and abs(float(lost_s) - event.end_s) < SAME_MOMENT_S:
+            return grasp
+    return None
+
+
+def voluntary_actions(recording: Recording) -> list[VoluntaryAction]:
+    """The voluntary actions of a recording, in order.
+
+    Actions within a grip that fails, and the end of a hold, are none.
+    """
+    if recording.action == "hold":
+        return []
+    actions = actions_of(recording.phases)
+    return [one for one in actions if not _within_an_event(one, recording)]
+
+
+def _within_an_event(action: VoluntaryAction, recording: Recording) -> bool:
+    rate_hz = recording.rate_hz
+    for event in recording.events:
+        first, stop = event.onset_s * rate_hz, event.end_s * rate_hz
+        if first < action.stop - 1 and action.first < stop - 1:
+            return True
+    return False
+
+
+def actions_of(phases: Sequence[Phase]) -> list[VoluntaryAction]:
+    """Safe slips, those with nothing but holding between them as one.
+
+    >>> actions_of([Phase(0, 5, 1), Phase(5, 8, 2), Phase(8, 10, 1), Phase(10, 12, 2)])
+    [VoluntaryAction(first=5, stop=12)]
+    """
+    actions: list[VoluntaryAction] = []
+    continues = False
+    for phase in phases:
+        if phase.situation == SAFE_SLIP and continues:
+            actions[-1] = VoluntaryAction(actions[-1].first, phase.stop)
+        elif phase.situation == SAFE_SLIP:
+            actions.append(VoluntaryAction(phase.first, phase.stop))
+            continues = True
+        elif phase.situation in (NOTHING, RISKY_SLIP):
+            continues = False
+    return actions
+
+
+def answered_trials(
+    trials: Sequence[LabelledTrial],
+    outputs: Sequence[ModelOutputs],
+    requests: Sequence[BoolArray],
+) -> list[AnsweredTrial]:
+    """Every trial with its answers."""
+    rows = zip(trials, outputs, requests, strict=True)
+    return [AnsweredTrial(trial, of.situation, on) for trial, of, on in rows]
+
+
+def drawn_trials(answered: Sequence[AnsweredTrial]) -> dict[str, list[AnsweredTrial]]:
+    """Title -> the trials that a report draws; no title without a trial.
+
+    They are the first of each action, chosen before any answer is known. Hand-overs of a full
+    bottle, the heaviest object, have a picture of their own.
+    """
+    by_title: dict[str, list[AnsweredTrial]] = {}
+    for title in ("pass", "pull", "fall", "put-down", "pass, full-bottle"):
+        rows = [one for one in answered if _title(one.trial.recording) == title]
+        if rows:
+            by_title[title] = _interleaved(rows)[:ROWS_DRAWN]
+    return by_title
+
+
+def _title(recording: Recording) -> str:
+    if recording.action == "pass" and recording.object_name == "full-bottle":
+        return "pass, full-bottle"
+    return recording.action or ""
+
+
+def _interleaved(trials: Sequence[AnsweredTrial]) -> list[AnsweredTrial]:
+    """The first trial of every object before the second of any."""
+    count: dict[str | None, int] = {}
+    rounds = []
+    for one in trials:
+        name = one.trial.recording.object_name
+        count[name] = count.get(name, 0) + 1
+        rounds.append(count[name])
+    return [trials[k] for k in np.argsort(rounds, kind="stable")]
