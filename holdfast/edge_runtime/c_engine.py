@@ -57,19 +57,7 @@ class CompiledModel:
         where = Path(library) if library else default_folder(path) / LIBRARY
         self._library = _loaded(where)
         self._out_type = _out_type(onnx)
-        _require_same_model(
-            self._library, onnx.metadata[SEAL_KEY], self._out_type, where
-        )
-        self._require_golden(golden, where)
-
-    def stepper(self, outputs: Sequence[str], hands: int = 1) -> CStep:
-        """The step of B hands, from a fresh state. outputs: those to show; all are computed."""
-        return CStep(
-            self._library, self._out_type, (hands, self.card.n_channels), outputs
-        )
-
-    def _require_golden(self, golden: Outputs, where: Path) -> None:
-        """Raise LibraryRefused where the library does not give the file's golden answers."""
+        self._require_same_model(onnx.metadata[SEAL_KEY], where)
         try:
             check_golden(golden, self._golden_answers(list(golden)))
         except GoldenMismatch as error:
@@ -80,15 +68,30 @@ class CompiledModel:
                 next_step="build it again: holdfast export MODEL --to c --build --force",
             ) from None
 
+    def stepper(self, outputs: Sequence[str], hands: int = 1) -> CStep:
+        """The step of B hands, from a fresh state. outputs: those to show; all are computed."""
+        shape = (hands, self.card.n_channels)
+        return CStep(self._library, self._out_type, shape, outputs)
+
+    def _require_same_model(self, digest: str, where: Path) -> None:
+        """Raise LibraryRefused where the library is of another file, or of another version."""
+        compiled = self._library.holdfast_digest().decode("ascii", "replace")
+        out_bytes = self._library.holdfast_out_bytes()
+        if compiled != digest or out_bytes != self._out_type.itemsize:
+            raise LibraryRefused(
+                f"the library is of model {compiled:.12}, the file is {digest:.12}",
+                where=where,
+                cause="the model was exported again after the library was built",
+                next_step="build it again: holdfast export MODEL --to c --build --force",
+            )
+
     def _golden_answers(self, names: list[str]) -> Outputs:
-        card = self.card
-        steps = self.stepper(names)
+        card, graph = self.card, self.stepper(names)
         rows: dict[str, list[npt.NDArray[Any]]] = {name: [] for name in names}
-        for values, valid in zip(
-            *golden_input(card.n_channels, card.unit, card.settle_samples), strict=True
-        ):
-            steps.sample[0], steps.valid[0] = values, valid
-            for name, answer in steps.step().items():
+        golden = golden_input(card.n_channels, card.unit, card.settle_samples)
+        for values, valid in zip(*golden, strict=True):
+            graph.sample[0], graph.valid[0] = values, valid
+            for name, answer in graph.step().items():
                 rows[name].append(answer[0].copy())
         return {name: np.array(kept) for name, kept in rows.items()}
 
@@ -107,19 +110,20 @@ class CStep:
         shape: tuple[int, int],
         outputs: Sequence[str],
     ) -> None:
-        self._library, self._step = library, library.holdfast_step_valid
         hands, channels = shape
+        self._library, self._step = library, library.holdfast_step_valid
         self.sample: FloatArray = np.zeros(shape)
         self.valid: BoolArray = np.ones((hands, channels // 3), dtype=np.bool_)
         self._size = library.holdfast_state_bytes()
+        # of float64, so that every state begins at a multiple of eight bytes
         self._states = np.zeros((hands, -(-self._size // 8)))
         self._fields = np.zeros(hands, out_type)
         self.out: Outputs = {name: self._fields[name] for name in outputs}
-        buffers = (self._states, self.sample, self.valid, self._fields)
-        self._arguments = [
-            tuple(ctypes.c_void_p(one[hand:].ctypes.data) for one in buffers)
-            for hand in range(hands)
-        ]
+        self._arguments = []
+        for hand in range(hands):
+            buffers = (self._states, self.sample, self.valid, self._fields)
+            places = [ctypes.c_void_p(one[hand:].ctypes.data) for one in buffers]
+            self._arguments.append(places)
         self.reset()
 
     def step(self) -> Outputs:
@@ -145,8 +149,8 @@ def _loaded(path: Path) -> ctypes.CDLL:
         )
     try:
         library = ctypes.CDLL(str(path.absolute()))
-        for name in ("holdfast_state_bytes", "holdfast_out_bytes"):
-            getattr(library, name).restype = ctypes.c_size_t
+        library.holdfast_state_bytes.restype = ctypes.c_size_t
+        library.holdfast_out_bytes.restype = ctypes.c_size_t
         library.holdfast_digest.restype = ctypes.c_char_p
         library.holdfast_step_valid.argtypes = [ctypes.c_void_p] * 4
     except (OSError, AttributeError) as error:
@@ -159,29 +163,12 @@ def _loaded(path: Path) -> ctypes.CDLL:
     return library
 
 
-def _require_same_model(
-    library: ctypes.CDLL, digest: str, out_type: np.dtype[Any], where: Path
-) -> None:
-    """Raise LibraryRefused where the library is of another file, or of another version."""
-    own = library.holdfast_digest().decode("ascii", "replace")
-    if own != digest or library.holdfast_out_bytes() != out_type.itemsize:
-        raise LibraryRefused(
-            f"the library is of model {own:.12}, the file is {digest:.12}",
-            where=where,
-            cause="the model was exported again after the library was built",
-            next_step="build it again: holdfast export MODEL --to c --build --force",
-        )
-
-
 def _out_type(onnx: OnnxModel) -> np.dtype[Any]:
     """The layout of `holdfast_out`: the outputs of the file in their order, as C aligns them."""
-    fields: list[tuple[str, str, tuple[int, ...]]] = [
-        (
-            name,
-            C_FIELDS[spec.element],
-            tuple(n for n in spec.shape if isinstance(n, int)),
-        )
-        for name, spec in onnx.outputs.items()
-        if name not in OUTSIDE
-    ]
+    fields: list[tuple[str, str, tuple[int, ...]]] = []
+    for name, spec in onnx.outputs.items():
+        if name not in OUTSIDE:
+            # of one hand: without the batch, which is a word
+            shape = tuple(size for size in spec.shape if isinstance(size, int))
+            fields.append((name, C_FIELDS[spec.element], shape))
     return np.dtype(fields, align=True)

@@ -19,14 +19,9 @@ from holdfast.core.errors import UsageError
 from holdfast.core.reading import json_of
 
 LONGEST = 1024
-
-
+"""Bytes of a datagram; what is longer is cut and not understood."""
 MOST_A_SAMPLE = 32
-
-
 KEYS = {"opening", "override"}
-
-
 EXPIRES_NS = 300_000_000
 """The command of a sender that has been silent for longer expires."""
 
@@ -94,7 +89,9 @@ class _Listener:
 
     def ask(self) -> Command:
         """The command at this sample."""
-        override = any([self._take(datagram) for datagram in waiting(self._receiver)])
+        override = False
+        for datagram in waiting(self._receiver):
+            override |= self._take(datagram)
         if self._last_ns is not None and self._now_ns() - self._last_ns > EXPIRES_NS:
             self._expire()
         return Command(self._opening, override, self._link)
@@ -106,10 +103,8 @@ class _Listener:
             self._log(f"command: {printable(datagram)} (not understood)")
             return False
         self._last_ns, self._link = self._now_ns(), "live"
-        override, opening = (
-            command.get("override", False),
-            command.get("opening", self._opening),
-        )
+        override = command.get("override", False)
+        opening = command.get("opening", self._opening)
         if override or opening != self._opening:
             self._log(f"command: {printable(datagram)}")
         self._opening = opening
@@ -131,9 +126,8 @@ def waiting(receiver: socket.socket) -> Iterator[bytes]:
 
 def printable(datagram: bytes) -> str:
     """As text without control characters."""
-    return "".join(
-        c if c.isprintable() else "?" for c in datagram.decode(errors="replace")
-    )
+    text = datagram.decode(errors="replace")
+    return "".join(letter if letter.isprintable() else "?" for letter in text)
 
 
 def _read(datagram: bytes) -> dict[str, bool] | None:
@@ -142,10 +136,6 @@ def _read(datagram: bytes) -> dict[str, bool] | None:
         keys = json_of(datagram)
     except ValueError:
         return None
-    if (
-        not isinstance(keys, dict)
-        or not set(keys) <= KEYS
-        or not all(isinstance(v, bool) for v in keys.values())
-    ):
+    if not isinstance(keys, dict) or not set(keys) <= KEYS:
         return None
-    return keys
+    return keys if all(isinstance(value, bool) for value in keys.values()) else None

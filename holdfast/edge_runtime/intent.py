@@ -1,19 +1,19 @@
-"""The wearer's own command as a stream beside the sensors: EMG envelopes, or words.
+"""The wearer's command as a stream next to the sensors: EMG envelopes, or words.
 
     {"envelope": [0.62, 0.08]}          0 to 1 each; the first is that of the muscle that opens
     {"wants": "open"}                   or "close", "rest"
 
-Nothing that a stream says reaches the decision, unless the run was asked for it. A stream that has
-been silent for EXPIRES_NS means `unknown`, never that the hand should close. A word counts before
+Nothing in a stream reaches the decision, unless the run was asked for it. A stream that has been
+silent for EXPIRES_NS means `unknown`, never that the hand should close. A word counts before
 envelopes. Without words, and with a level, the wearer wants to open from the moment when the first
 envelope reaches the level until it is below half of it.
 
-The wearer's own command beside a trial: trial_n.intent.csv, tactile.intent.csv.
+The same as a file of a trial (trial_n.intent.csv, tactile.intent.csv):
 
     Time (s),host (ns),wants,envelope 1 (0 to 1),envelope 2 (0 to 1)
 
 Time counts from the trial's first sample; host is CLOCK_MONOTONIC, as in tactile.csv. Where the
-stream goes silent, a line says `unknown`. A torn last line, as a kill leaves it, is not read.
+stream goes silent, a line has `unknown`. A torn last line, as a kill leaves it, is not read.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from __future__ import annotations
 import socket
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Literal, Protocol
 
@@ -40,7 +41,7 @@ MOST_FORGOTTEN = 100_000
 
 @dataclass(frozen=True)
 class Intent:
-    """One item of a stream: its time on the run's clock, and what it says."""
+    """One item of a stream, with its time on the run's clock."""
 
     t_ns: int
     wants: Wants
@@ -64,7 +65,7 @@ class IntentStream(Protocol):
 class IntentMonitor:
     """Follows a stream. newest: the last item, `unknown` before the first and after a silence.
 
-    fresh: the items of the last sample, as they are recorded. say: receives a line when the stream
+    fresh: the items of the last sample, as they are recorded. log: receives a line when the stream
     goes silent and when it is back. opens_at: the level of the first envelope, None where envelopes
     are only shown.
     """
@@ -73,20 +74,17 @@ class IntentMonitor:
         self,
         stream: IntentStream,
         now_ns: Callable[[], int],
-        say: Callable[[str], object],
+        log: Callable[[str], object],
         opens_at: float | None = None,
     ) -> None:
-        self._stream, self._now_ns, self._say, self._opens_at = (
-            stream,
-            now_ns,
-            say,
-            opens_at,
-        )
+        self._stream, self._now_ns, self._log = stream, now_ns, log
+        self._opens_at = opens_at
         self._opening = False
         self._looked_ns: int | None = None
         self.n_envelopes = stream.n_envelopes
         self.link: CommandLink = "none"
-        self.newest, self.fresh = Intent(0, "unknown"), list[Intent]()
+        self.newest = Intent(0, "unknown")
+        self.fresh: list[Intent] = []
 
     @property
     def opening(self) -> bool:
@@ -97,34 +95,37 @@ class IntentMonitor:
         """Take what came. Call it once a sample."""
         now_ns = self._now_ns()
         if self._looked_ns is None or now_ns - self._looked_ns > EXPIRES_NS:
-            self._stream.forget()  # what waited since then has no known time
+            # what waited since then has no known time
+            self._stream.forget()
         self._looked_ns = now_ns
-        self.fresh = [self._taken(one) for one in self._stream.came()]
+        self.fresh = [self._taken(item) for item in self._stream.came()]
         if self.fresh:
             self.newest = self.fresh[-1]
         if self.link == "live" and now_ns - self.newest.t_ns > EXPIRES_NS:
-            self._say("intent: the stream is silent; what the wearer wants is unknown")
+            self._log("intent: the stream is silent; what the wearer wants is unknown")
             self._opening, self.link = False, "expired"
             self.newest = Intent(now_ns, "unknown")
             self.fresh.append(self.newest)
 
     def _taken(self, item: Intent) -> Intent:
+        """The item, with a word where its first envelope says one."""
         if self.link == "expired":
-            self._say("intent: the stream is back")
+            self._log("intent: the stream is back")
         self.link = "live"
         if item.wants or self._opens_at is None or not item.envelope:
             self._opening = item.wants == "open"
             return item
+        # an opening ends at a lower level than it begins, so that noise does not end it
         level = self._opens_at * (ENDS_AT if self._opening else 1.0)
         self._opening = item.envelope[0] >= level
         return replace(item, wants="open" if self._opening else "rest")
 
 
 class ItemReader:
-    """Reads items one by one. say: receives the first in a row that is not understood."""
+    """Reads items one by one. log: receives the first in a row that is not understood."""
 
-    def __init__(self, say: Callable[[str], object]) -> None:
-        self._say, self._understood = say, True
+    def __init__(self, log: Callable[[str], object]) -> None:
+        self._log, self._understood = log, True
 
     def item(self, read: Callable[[], Intent], shown: str) -> Intent | None:
         """What `read` returns, None where it raises ValueError. shown: the item, for the line."""
@@ -132,7 +133,7 @@ class ItemReader:
             item = read()
         except ValueError as error:
             if self._understood:
-                self._say(f"intent: {shown[:80]} is not understood ({error})")
+                self._log(f"intent: {shown[:80]} is not understood ({error})")
             self._understood = False
             return None
         self._understood = True
@@ -147,15 +148,20 @@ class UdpIntent:
         receiver: socket.socket,
         n_envelopes: int,
         now_ns: Callable[[], int],
-        say: Callable[[str], object],
+        log: Callable[[str], object],
     ) -> None:
         self._receiver, self.n_envelopes = receiver, n_envelopes
-        self._now_ns, self._reader = now_ns, ItemReader(say)
+        self._now_ns, self._reader = now_ns, ItemReader(log)
 
     def came(self) -> list[Intent]:
         """What is waiting."""
-        read = [self._item(datagram) for datagram in waiting(self._receiver)]
-        return [one for one in read if one is not None]
+        items = []
+        for datagram in waiting(self._receiver):
+            read = partial(self._item, datagram)
+            item = self._reader.item(read, printable(datagram))
+            if item is not None:
+                items.append(item)
+        return items
 
     def forget(self) -> None:
         """Drop what is waiting."""
@@ -163,21 +169,16 @@ class UdpIntent:
             if not list(waiting(self._receiver)):
                 return
 
-    def _item(self, datagram: bytes) -> Intent | None:
-        return self._reader.item(
-            lambda: item_of(json_of(datagram), self._now_ns(), self.n_envelopes),
-            printable(datagram),
-        )
-
-
-def item_of(said: object, t_ns: int, n_envelopes: int) -> Intent:
-    """An item of a JSON object. Raises ValueError, with the reason."""
-    if not isinstance(said, dict) or not said or not set(said) <= KEYS:
-        raise ValueError('no {"envelope": [..]} or {"wants": ".."}')
-    envelope = said.get("envelope", [])
-    if "envelope" in said and not isinstance(envelope, list):
-        raise ValueError("envelope is no list")
-    return intent_of(said.get("wants", ""), envelope, t_ns, n_envelopes)
+    def _item(self, datagram: bytes) -> Intent:
+        """An item of a JSON object. Raises ValueError, with the reason."""
+        keys = json_of(datagram)
+        if not isinstance(keys, dict) or not keys or not set(keys) <= KEYS:
+            raise ValueError('no {"envelope": [..]} or {"wants": ".."}')
+        envelope = keys.get("envelope", [])
+        if not isinstance(envelope, list):
+            raise ValueError("envelope is no list")
+        wants = keys.get("wants", "")
+        return intent_of(wants, envelope, self._now_ns(), self.n_envelopes)
 
 
 def intent_of(
@@ -190,10 +191,10 @@ def intent_of(
         raise ValueError(f"{len(envelope)} envelopes, not {n_envelopes}")
     if not wants and not envelope:
         raise ValueError("it is empty")
-    return Intent(t_ns, wants, tuple(map(share, envelope)))
+    return Intent(t_ns, wants, tuple(map(_share, envelope)))
 
 
-def share(value: object) -> float:
+def _share(value: object) -> float:
     """An envelope, 0 to 1. Raises ValueError."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise ValueError("an envelope is no number")
@@ -202,15 +203,16 @@ def share(value: object) -> float:
     return float(value)
 
 
+# -- the file of a trial
+
 HEAD = ("Time (s)", "host (ns)", "wants")
-ALLOWED: tuple[Wants, ...] = ("", "unknown", *WORDS)
+IN_FILE: tuple[Wants, ...] = ("", "unknown", *WORDS)
 
 
 def intent_header(n_envelopes: int) -> str:
     """The first line, without its line end."""
-    return ",".join(
-        [*HEAD, *(f"envelope {k} (0 to 1)" for k in range(1, n_envelopes + 1))]
-    )
+    names = [f"envelope {k} (0 to 1)" for k in range(1, n_envelopes + 1)]
+    return ",".join([*HEAD, *names])
 
 
 def intent_row(
@@ -237,21 +239,23 @@ class IntentRecord:
 def read_intent(path: Path) -> IntentRecord:
     """Read a file. Raises ColumnError, NotANumber, TooLarge, OSError."""
     try:
-        header, *lines = text_of(path).split("\n")[:-1] or [""]
+        lines = text_of(path).split("\n")
     except UnicodeDecodeError:
-        header, lines = "", []
+        lines = [""]
+    # what follows the last line end is torn, or empty
+    header = lines[0] if len(lines) > 1 else ""
     n_envelopes = len(header.split(",")) - len(HEAD)
     if n_envelopes < 0 or header != intent_header(n_envelopes):
         raise ColumnError(
-            "not the columns of a wearer's own command",
+            "not the columns of a wearer's command",
             where=path,
             cause="another file, or an edited one",
             next_step=f"its header begins with {','.join(HEAD)}",
         )
     times, items = [], []
-    for number, line in enumerate(lines, start=2):
+    for number, line in enumerate(lines[1:-1], start=2):
         try:
-            time_s, item = _item(line.split(","), n_envelopes)
+            time_s, item = _item_of_line(line.split(","), n_envelopes)
         except ValueError as error:
             raise NotANumber(
                 f"line {number}: {error}",
@@ -263,14 +267,12 @@ def read_intent(path: Path) -> IntentRecord:
     return IntentRecord(tuple(times), tuple(items))
 
 
-def _item(cells: list[str], n_envelopes: int) -> tuple[float, Intent]:
+def _item_of_line(cells: list[str], n_envelopes: int) -> tuple[float, Intent]:
     if len(cells) != len(HEAD) + n_envelopes:
         raise ValueError(f"{len(cells)} cells, not {len(HEAD) + n_envelopes}")
     time_s, host_ns, wants, *envelope = cells
-    for word in ALLOWED:
-        if wants == word:
-            values = (
-                tuple(share(float(cell)) for cell in envelope) if any(envelope) else ()
-            )
-            return float(time_s), Intent(int(host_ns), word, values)
-    raise ValueError(f"wants is {wants[:40]!r}")
+    if wants not in IN_FILE:
+        raise ValueError(f"wants is {wants[:40]!r}")
+    shares = [_share(float(cell)) for cell in envelope] if any(envelope) else []
+    word = IN_FILE[IN_FILE.index(wants)]
+    return float(time_s), Intent(int(host_ns), word, tuple(shares))

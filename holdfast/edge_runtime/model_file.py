@@ -7,6 +7,7 @@ the bytes alone, before any parser reads them.
 from __future__ import annotations
 
 import hashlib
+import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -152,6 +153,7 @@ def require_own_seal(data: bytes, metadata: dict[str, str]) -> None:
 
 
 def _foreign(data: bytes, path: Path) -> NotAModel | BrokenSeal:
+    """The error for a file without a seal: what it is instead, as far as its first bytes tell."""
     if b"holdfast" in data[:64]:
         return BrokenSeal(
             "the file ends before its seal",
@@ -190,6 +192,9 @@ def check_runtime(version: str | None = None) -> None:
         )
 
 
+LARGEST, READING = sys.float_info.max, "a positive number in the model's unit"
+
+
 def read_card(metadata: dict[str, str], path: str | Path = "") -> ModelCard:
     """The card in an opened file's metadata; NotAModel where something is missing or impossible."""
     try:
@@ -200,21 +205,22 @@ def read_card(metadata: dict[str, str], path: str | Path = "") -> ModelCard:
                 where=path,
                 next_step="export the model again with this version",
             )
+        spec = raw["spec"]
         return ModelCard(
             model_id=metadata[SEAL_KEY][:12],
-            rate_hz=_rate_hz(raw["spec"]["rate_hz"]),
-            unit=UNITS[UNITS.index(raw["spec"]["unit"])],
-            n_channels=3 * _count(raw["spec"]["n_sensors"], least=1),
+            rate_hz=_above_zero(spec["rate_hz"], 1e5, "a sampling rate"),
+            unit=UNITS[UNITS.index(spec["unit"])],
+            n_channels=3 * _count(spec["n_sensors"], least=1),
             settle_samples=_count(raw["settle_samples"]),
             gap_samples=_count(raw["gap_samples"]),
             classes=_classes(raw["heads"]["situation"]["classes"]),
             heads=tuple(name for name in raw["heads"] if name != "situation"),
-            detectors=_words(raw["detectors"]),
+            detectors=_names(raw["detectors"]),
             preparation=preparation_from_json(raw["preparation"]),
             decision=_decision(raw["decision"]),
-            min_valid_sensors=_count(raw["spec"]["min_valid_sensors"]),
-            range_limit=_above_zero(raw["range_limit"]),
-            normal_floor=_above_zero(raw["normal_floor"]),
+            min_valid_sensors=_count(spec["min_valid_sensors"]),
+            range_limit=_above_zero(raw["range_limit"], LARGEST, READING),
+            normal_floor=_above_zero(raw["normal_floor"], LARGEST, READING),
             raw=raw,
         )
     except (AttributeError, KeyError, TypeError, ValueError) as error:
@@ -229,44 +235,29 @@ MOST = 10_000
 """Of sensors, or of samples to settle: more than any model has, and few enough to load in time."""
 
 
-def _count(value: object, least: int = 0, most: int = MOST) -> int:
-    if (
-        not isinstance(value, int)
-        or isinstance(value, bool)
-        or not least <= value <= most
-    ):
-        raise ValueError(f"{value!r:.40}, not a whole number from {least} to {most}")
+def _count(value: object, least: int = 0) -> int:
+    """A whole number from least to MOST; True is a whole number in Python, and refused here."""
+    if type(value) is not int or not least <= value <= MOST:
+        raise ValueError(f"{value!r:.40}, not a whole number from {least} to {MOST}")
     return value
 
 
-def _rate_hz(value: object) -> float:
-    if (
-        isinstance(value, bool)
-        or not isinstance(value, int | float)
-        or not 0.0 < value <= 1e5
-    ):
-        raise ValueError(f"{value!r:.40}, not a sampling rate")
+def _above_zero(value: Any, most: float, what: str) -> float:
+    """A number above zero, up to most. NaN is in no range."""
+    is_number = isinstance(value, int | float) and not isinstance(value, bool)
+    if not is_number or not 0.0 < value <= most:
+        raise ValueError(f"{value!r:.40}, not {what}")
     return float(value)
 
 
-def _above_zero(value: object) -> float:
-    if (
-        isinstance(value, bool)
-        or not isinstance(value, int | float)
-        or not 0.0 < value < float("inf")
-    ):
-        raise ValueError(f"{value!r:.40}, not a positive number in the model's unit")
-    return float(value)
-
-
-def _words(value: object) -> tuple[str, ...]:
+def _names(value: object) -> tuple[str, ...]:
     if not isinstance(value, list) or not all(isinstance(word, str) for word in value):
         raise ValueError(f"{value!r:.40}, not a list of names")
     return tuple(value)
 
 
 def _classes(value: object) -> tuple[str, ...]:
-    classes = _words(value)
+    classes = _names(value)
     if classes not in (CLASSES, SITUATIONS):
         raise ValueError(f"{value!r:.40}, not the classes of this version")
     return classes

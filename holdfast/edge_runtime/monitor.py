@@ -1,7 +1,4 @@
-"""The live path: a sealed model and a stream of samples become one Prediction a sample.
-
-Whether a source fits a model: channels, unit and rate, each with an error of its own.
-"""
+"""The live path: a sealed model and a stream of samples become one Prediction a sample."""
 
 from __future__ import annotations
 
@@ -9,7 +6,7 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -40,6 +37,17 @@ if TYPE_CHECKING:
 NOW_NS = MonotonicClock().now_ns
 OLDEST_PERIODS = 2.0
 """An answer that is older than this is late: `late` is set, and its state is unknown."""
+_STATES: tuple[State, ...] = ("nothing", "grasp", "safe_slip", "risky_slip")
+
+
+class _Feed(NamedTuple):
+    """One call of `feed`. repeated: the sample has come before."""
+
+    sample: Sample
+    repeated: bool
+    opening: bool
+    override: bool
+    commands: CommandLink
 
 
 class GripMonitor:
@@ -58,12 +66,15 @@ class GripMonitor:
         bias_known: bool = False,
     ) -> None:
         self.card = model.card
-        self._graph = model.stepper(self._outputs())
+        outputs = [*ANSWERS, *self.card.heads]
+        if self.card.has_weight:
+            outputs.extend(WEIGHS)
+        self._graph = model.stepper(outputs)
         self._clock_ns = clock_ns
         self._bias_known = bias_known
         self._period_us = period_us(self.card.rate_hz)
         self._oldest_ns = round(OLDEST_PERIODS * 1e9 / self.card.rate_hz)
-        self._handed_in_ns = 0
+        self._fed_ns = 0
         self.stepped_ns = 0
         """When the graph finished the last sample."""
         self.reset()
@@ -83,25 +94,23 @@ class GripMonitor:
         that comes twice, with the same time and the same sequence, is answered again and counts
         once. Raises ChannelError, and TimeError where time runs backwards.
 
-        The state is unknown, and `why` says so, where the samples cannot be trusted
+        The state is unknown, and `why` gives the reason, where the samples cannot be trusted
         (edge_runtime/health.py): the whole hand repeats itself, the rate is not the model's, or the
         answer is late. (The driver detects one finger that repeats itself, by the chip's own
         counter.) opening, override, commands: what the user commands now.
         """
-        self._require_fit(sample)
-        self._handed_in_ns = time.perf_counter_ns()
-        came_before = (sample.t_ns, sample.sequence) == (
-            self._last_t_ns,
-            self._last_sequence,
-        )
-        if not came_before:
+        self._require_shape(sample)
+        self._fed_ns = time.perf_counter_ns()
+        stamp = (sample.t_ns, sample.sequence)
+        repeated = stamp == (self._last_t_ns, self._last_sequence)
+        if not repeated:
             self._bridge_gap(sample.t_ns)
             self._watch(sample)
             np.copyto(self._graph.sample[0], sample.values)
             np.copyto(self._graph.valid[0], sample.valid)
             self._graph.step()
         self.stepped_ns = self._now_ns(sample)
-        return self._predict(sample, came_before, opening, override, commands)
+        return self._predict(_Feed(sample, repeated, opening, override, commands))
 
     def reset(self) -> None:
         """Forget the stream; the next sample starts fresh and unsettled."""
@@ -110,15 +119,14 @@ class GripMonitor:
         self._decision = DecisionState()
         self._last_t_ns: int | None = None
         self._last_sequence: int | None = None
-        self._repeats = RepeatWatch(
-            card.n_channels // 3, max(1, card.settle_samples - 1)
-        )
+        most_repeats = max(1, card.settle_samples - 1)
+        self._repeats = RepeatWatch(card.n_channels // 3, most_repeats)
         self._rate = RateWatch(card.rate_hz, card.settle_samples)
-        self._start = (
-            LoadedStart(card.normal_floor, card.rate_hz, card.min_valid_sensors)
-            if self._bias_known
-            else None
-        )
+        self._start: LoadedStart | None = None
+        if self._bias_known:
+            self._start = LoadedStart(
+                card.normal_floor, card.rate_hz, card.min_valid_sensors
+            )
         self._stuck, self._rate_fits = False, True
 
     def lose_track(self) -> None:
@@ -127,7 +135,7 @@ class GripMonitor:
         self._rate.forget()
         self._last_t_ns = None
 
-    def _require_fit(self, sample: Sample) -> None:
+    def _require_shape(self, sample: Sample) -> None:
         channels = self.card.n_channels
         if sample.values.shape != (channels,) or sample.valid.shape != (channels // 3,):
             raise ChannelError(
@@ -162,80 +170,68 @@ class GripMonitor:
         if self._start is not None:
             self._start.take(sample.values, usable)
 
-    def _outputs(self) -> list[str]:
-        return [*ANSWERS, *(WEIGHS if self.card.has_weight else ()), *self.card.heads]
-
     def _now_ns(self, sample: Sample) -> int:
         """The clock's time; in a replay, the sample's time plus the computing time."""
         if self._clock_ns is not None:
             return self._clock_ns()
-        return sample.t_ns + time.perf_counter_ns() - self._handed_in_ns
+        return sample.t_ns + time.perf_counter_ns() - self._fed_ns
 
-    def _predict(
-        self,
-        sample: Sample,
-        came_before: bool,
-        opening: bool,
-        override: bool,
-        commands: CommandLink,
-    ) -> Prediction:
+    def _predict(self, feed: _Feed) -> Prediction:
+        """The answer; a second one, with an unknown state, where the first came too late."""
         before, why = self._decision, self._why_unknown()
-        prediction = self._answer(sample, why, came_before, opening, override, commands)
-        age_ns = prediction.t_decided_ns - sample.t_ns
+        prediction = self._answer(feed, why)
+        age_ns = prediction.t_decided_ns - feed.sample.t_ns
         if self._clock_ns is None or abs(age_ns) <= self._oldest_ns:
             return prediction
+        # what the late answer decided must not count
         self._decision = before
-        why = why or ("late" if age_ns > 0 else "clock")
-        prediction = self._answer(sample, why, came_before, opening, override, commands)
-        return replace(prediction, late=age_ns > 0)
+        is_late = age_ns > 0
+        prediction = self._answer(feed, why or ("late" if is_late else "clock"))
+        return replace(prediction, late=is_late)
 
     def _why_unknown(self) -> Reason:
         """Why the state is unknown, or "" where it is known."""
-        out = self._graph.out
+        out, start = self._graph.out, self._start
         if out["unknown"][0]:
             return "sensors" if out["settled"][0] else "settling"
         if self._stuck:
             return "repeats"
         if not self._rate_fits:
             return "rate"
-        if (
-            self._start is not None
-            and not self._start.seen_empty
-            and out["situation"][0] == NOTHING
-        ):
+        never_empty = start is not None and not start.seen_empty
+        if never_empty and out["situation"][0] == NOTHING:
             return "started_loaded"
         return ""
 
-    def _decide(
-        self, label: int, came_before: bool, opening: bool, override: bool
-    ) -> None:
-        if came_before and not (override or opening):
-            return
+    def _decide(self, feed: _Feed, label: int) -> None:
+        """Step the decision; a repeated sample counts for what the user commands only."""
+        if feed.repeated:
+            if not (feed.override or feed.opening):
+                return
+            label = UNKNOWN
         self._decision = decide(
             self.card.decision,
             self._decision,
-            UNKNOWN if came_before else label,
+            label,
             _risky_permille(self._graph.out["votes"][0]),
             period_us=self._period_us,
-            opening=opening,
-            override=override,
+            opening=feed.opening,
+            override=feed.override,
         )
 
-    def _answer(
-        self,
-        sample: Sample,
-        why: Reason,
-        came_before: bool,
-        opening: bool,
-        override: bool,
-        commands: CommandLink,
-    ) -> Prediction:
-        out = self._graph.out
+    def _answer(self, feed: _Feed, why: Reason) -> Prediction:
+        card, out, sample = self.card, self._graph.out, feed.sample
         label = UNKNOWN if why else int(out["situation"][0])
-        self._decide(label, came_before, opening, override)
+        self._decide(feed, label)
         state: State = "unknown" if why else _STATES[label]
-        weighs = self.card.has_weight and state not in ("unknown", "nothing")
-        p_situation = _named(SITUATIONS, out["p_situation"][0])
+        p_class: dict[str, float] | None = None
+        weight: Literal["light", "heavy"] | None = None
+        if card.has_weight and state not in ("unknown", "nothing"):
+            p_class = _by_name(CLASSES, out["p_class"][0])
+            weight = "heavy" if out["weight"][0] else "light"
+        p_situation = _by_name(SITUATIONS, out["p_situation"][0])
+        fired = out["detectors"][0].tolist()
+        usable = int(out["usable_sensors"][0])
         decided_ns = self._now_ns(sample)
         return Prediction(
             sequence=sample.sequence,
@@ -246,39 +242,33 @@ class GripMonitor:
             why=why,
             p_situation=p_situation,
             p_risky=p_situation["risky_slip"],
-            p_class=_named(CLASSES, out["p_class"][0]) if weighs else None,
-            weight=("heavy" if out["weight"][0] else "light") if weighs else None,
-            extra={name: float(out[name][0]) for name in self.card.heads},
-            detectors={
-                n: bool(f)
-                for n, f in zip(self.card.detectors, out["detectors"][0], strict=True)
-            },
+            p_class=p_class,
+            weight=weight,
+            extra={name: float(out[name][0]) for name in card.heads},
+            detectors=dict(zip(card.detectors, fired, strict=True)),
             arm=self._decision.arm,
             act=self._decision.act,
             act_ended=self._decision.ended,
-            opening=opening,
+            opening=feed.opening,
             overridden=self._decision.overridden,
-            commands=commands,
+            commands=feed.commands,
             late=False,
             started_loaded=None if self._start is None else self._start.loaded,
-            degraded=not why
-            and int(out["usable_sensors"][0]) < self.card.n_channels // 3,
+            degraded=not why and usable < card.n_channels // 3,
             settled=bool(out["settled"][0]),
-            model_id=self.card.model_id,
+            model_id=card.model_id,
         )
-
-
-_STATES: tuple[State, ...] = ("nothing", "grasp", "safe_slip", "risky_slip")
 
 
 def _risky_permille(votes: Any) -> int:
     """Risky share of the votes in thousandths (of eight classes, the last two are risky)."""
     risky = votes[len(votes) * 3 // 4 :].sum()
-    return int(1000 * int(risky) // int(votes.sum()))
+    # whole numbers, so that no rounding differs between machines
+    return 1000 * int(risky) // int(votes.sum())
 
 
-def _named(names: tuple[str, ...], values: Any) -> dict[str, float]:
-    return {name: float(value) for name, value in zip(names, values, strict=True)}
+def _by_name(names: tuple[str, ...], values: Any) -> dict[str, float]:
+    return dict(zip(names, values.tolist(), strict=True))
 
 
 def require_fit(

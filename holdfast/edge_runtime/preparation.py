@@ -3,10 +3,9 @@
 Training, replay and the live path use the same object, and its parameters are in the model's
 metadata. So a model sees on the hand what it saw in training.
 
-Removing the bias from a live stream, as the model's preparation does for a recording.
-
-A recording is prepared as a whole; a live stream has only its past. The first unloaded rows decide.
-Until they have come, every sensor is invalid, so the state is unknown and not a guess.
+A recording is prepared as a whole (Preparation.apply); a live stream has only its past (Tare). The
+first unloaded rows decide. Until they have come, every sensor of a stream is invalid, so the state
+is unknown and not a guess.
 """
 
 from __future__ import annotations
@@ -57,28 +56,25 @@ class Preparation:
     def _sign(self, raw: FloatArray) -> FloatArray:
         sign = np.ones(raw.shape[1])
         first = raw[: max(1, self.bias_rows)]
-        for channel in range(NORMAL_AXIS, raw.shape[1], 3):
-            finite = first[np.isfinite(first[:, channel]), channel]
+        for normal in range(NORMAL_AXIS, raw.shape[1], 3):
+            finite = _finite(first[:, normal])
             if finite.size and finite[0] < -self.flip_beyond:
-                sign[self._turned(channel)] = -1.0
+                whole = normal - NORMAL_AXIS
+                sign[whole if self.turns == "sensor" else normal : normal + 1] = -1.0
         return sign
-
-    def _turned(self, normal: int) -> slice:
-        """The channels that turn with a normal channel."""
-        return slice(
-            normal - NORMAL_AXIS if self.turns == "sensor" else normal, normal + 1
-        )
 
     def _bias(self, turned: FloatArray) -> FloatArray:
         first = turned[: self.bias_rows]
         if self.statistic == "median" and len(first) and np.isfinite(first).all():
+            # all channels in one call, which is most recordings
             together: FloatArray = np.median(first, axis=0)
             return together
         middle = np.mean if self.statistic == "mean" else np.median
         bias = np.zeros(turned.shape[1])
         for channel in range(turned.shape[1]):
-            finite = first[np.isfinite(first[:, channel]), channel]
-            bias[channel] = middle(finite) if finite.size else 0.0
+            finite = _finite(first[:, channel])
+            if finite.size:
+                bias[channel] = middle(finite)
         return bias
 
     def to_json(self) -> Json:
@@ -86,26 +82,22 @@ class Preparation:
         return asdict(self)
 
 
+def _finite(values: FloatArray) -> FloatArray:
+    return values[np.isfinite(values)]
+
+
 def preparation_from_json(value: Json) -> Preparation:
     """The inverse of `to_json`. Raises TypeError or ValueError for wrong values."""
     made = Preparation(**value)
-    whole = isinstance(made.bias_rows, int) and not isinstance(made.bias_rows, bool)
-    if (
-        not whole
-        or not 0 <= made.bias_rows <= MOST_ROWS
-        or made.statistic not in ("mean", "median")
-    ):
-        raise ValueError(
-            f"bias_rows {made.bias_rows!r:.40} or statistic {made.statistic!r:.40}"
-        )
-    if (
-        not isinstance(made.flip_negative_normal, bool)
-        or not 0.0 <= made.flip_beyond < 1e9
-    ):
-        raise ValueError(
-            f"flip_negative_normal {made.flip_negative_normal!r:.9}, "
-            f"flip_beyond {made.flip_beyond!r:.40}"
-        )
+    # True is a whole number in Python
+    if type(made.bias_rows) is not int or not 0 <= made.bias_rows <= MOST_ROWS:
+        raise ValueError(f"bias_rows {made.bias_rows!r:.40}")
+    if made.statistic not in ("mean", "median"):
+        raise ValueError(f"statistic {made.statistic!r:.40}")
+    if type(made.flip_negative_normal) is not bool:
+        raise ValueError(f"flip_negative_normal {made.flip_negative_normal!r:.9}")
+    if not 0.0 <= made.flip_beyond < 1e9:
+        raise ValueError(f"flip_beyond {made.flip_beyond!r:.40}")
     if made.turns not in ("normal", "sensor"):
         raise ValueError(f"turns {made.turns!r:.40}")
     return made
@@ -130,10 +122,8 @@ class Tare:
         self._preparation = preparation
         self._rows: list[list[FloatArray]] = [[] for _ in range(n_channels // 3)]
         self._sign, self._bias = np.ones(n_channels), np.zeros(n_channels)
-        self._known = np.full(
-            n_channels // 3,
-            preparation.bias_rows == 0 and not preparation.flip_negative_normal,
-        )
+        learns = preparation.bias_rows > 0 or preparation.flip_negative_normal
+        self._known = np.full(n_channels // 3, not learns)
         if resting is not None:
             self._sign, self._bias = preparation.learn(resting[None])
             self._known[:] = True
@@ -154,9 +144,10 @@ class Tare:
         return values * self._sign - self._bias, valid & self._known
 
     def _learn(self, sensor: int, values: FloatArray) -> None:
-        rows, wanted = self._rows[sensor], max(1, self._preparation.bias_rows)
+        """One more row of a sensor; with the last one that it needs, its bias is known."""
+        rows = self._rows[sensor]
         rows.append(values.copy())
-        if len(rows) < wanted:
+        if len(rows) < self._preparation.bias_rows:
             return
         here = slice(3 * sensor, 3 * sensor + 3)
         self._sign[here], self._bias[here] = self._preparation.learn(np.array(rows))
