@@ -16,10 +16,15 @@ from functools import lru_cache
 from pathlib import Path
 
 from holdfast.simulation.camera_frames import CAMERA, Camera
-from holdfast.simulation.card import read_card
-from holdfast.simulation.effect import Signal, stream
-from holdfast.simulation.effects import EFFECTS
+from holdfast.simulation.effect import (
+    EFFECT_MODULES,
+    Signal,
+    all_effects,
+    effect_named,
+    stream,
+)
 from holdfast.simulation.scene import Scene
+from holdfast.simulation.scene_file import read_scene_file
 
 RATE_HZ = 150.0
 CARD = """
@@ -47,9 +52,9 @@ USUAL = Effort()
 
 def scene_with(*names: str, effort: Effort = USUAL) -> Scene:
     """The pull on two balls, with these effects and what they need."""
-    needed = {need for name in names for need in EFFECTS[name].needs}
+    needed = {need for name in names for need in effect_named(name).needs}
     tables = "\n".join(
-        f"[effects.{name}]" for name in EFFECTS if name in needed | set(names)
+        f"[effects.{name}]" for name in EFFECT_MODULES if name in needed | set(names)
     )
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "price.toml"
@@ -57,7 +62,7 @@ def scene_with(*names: str, effort: Effort = USUAL) -> Scene:
             effort.card.format(rate=RATE_HZ, half=effort.lanes // 2, effects=tables),
             encoding="utf-8",
         )
-        return Scene(read_card(str(path)), 0)
+        return Scene(read_scene_file(str(path)), 0)
 
 
 @dataclass(frozen=True)
@@ -75,7 +80,7 @@ def prices(effort: Effort = USUAL) -> list[EffectPrice]:
     empty = scene_with(effort=effort)
     core = min(_run_ns(empty) for _ in range(effort.pairs))
     rows = [EffectPrice("(core alone)", "core", core, 1.0)]
-    for name, effect in EFFECTS.items():
+    for name, effect in all_effects().items():
         price = PRICED[effect.stage](name, effort)
         rows.append(EffectPrice(name, effect.stage, price, price / core))
     return rows
@@ -111,13 +116,13 @@ def _signals(needs: tuple[str, ...], effort: Effort) -> list[Signal]:
 
 
 def _sensor_price(name: str, effort: Effort) -> float:
-    drawn = EFFECTS[name].draw({}, stream(0, 0, name))
-    signals = _signals(tuple(EFFECTS[name].needs), effort)
+    drawn = effect_named(name).draw({}, stream(0, 0, name))
+    signals = _signals(tuple(effect_named(name).needs), effort)
     spent = []
     for _ in range(effort.pairs):
         started = time.process_time_ns()
         for signal in signals:
-            EFFECTS[name].make(signal, drawn, stream(0, 1, name))
+            effect_named(name).sense(signal, drawn, stream(0, 1, name))
         spent.append(time.process_time_ns() - started)
     return statistics.median(spent) / sum(len(signal.t_s) for signal in signals)
 

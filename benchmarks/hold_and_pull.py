@@ -18,8 +18,8 @@ from benchmarks.mujoco_scene import GRAVITY_M_S2, Scene
 from holdfast.core.contract import FloatArray
 from holdfast.core.reading import Json
 from holdfast.simulation.body import SIDE, Body, Inputs, Pull, State, at_rest
+from holdfast.simulation.contacts import pressure
 from holdfast.simulation.core import step
-from holdfast.simulation.loop.contacts import pressure
 
 GRIP_SHARE = np.array([0.5, 0.5, 0.25, 0.25, 0.25, 0.25])[:, None]
 LANES = (2, 200)

@@ -21,7 +21,7 @@ import numpy as np
 
 from holdfast.core.contract import BoolArray, FloatArray
 from holdfast.simulation.body import Body, Inputs, Pull
-from holdfast.simulation.closed_loop.physics import HandsAndObjects
+from holdfast.simulation.loop_physics import HandsAndObjects
 from holdfast.simulation.run import TrialMotion
 
 PAD_M, PAD_KG = 5e-3, 5e-3

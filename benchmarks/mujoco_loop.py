@@ -25,12 +25,11 @@ from holdfast.core.errors import UsageError
 from holdfast.core.writing import require_writable, write_whole
 from holdfast.edge_runtime.model import Model
 from holdfast.evaluation.loop_scores import ThreeRuns
-from holdfast.simulation.card import read_card
-from holdfast.simulation.closed_loop.controllers import managed
-from holdfast.simulation.closed_loop.loop import ClosedLoop
-from holdfast.simulation.closed_loop.people import LoopOutcome
+from holdfast.simulation.closed_loop import ClosedLoop, managed
+from holdfast.simulation.loop_people import LoopOutcome
 from holdfast.simulation.protocol import PlannedTrial
 from holdfast.simulation.scene import Scene
+from holdfast.simulation.scene_file import read_scene_file
 
 MODEL = Path("models/holdfast-150hz.onnx")
 SEED = 0
@@ -127,7 +126,7 @@ def compare(model: Model) -> list[dict[str, Any]]:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "peer.toml"
         path.write_text(CARD, encoding="utf-8")
-        scene = Scene(read_card(str(path)), SEED)
+        scene = Scene(read_scene_file(str(path)), SEED)
     return [_compared(scene, trial, model) for trial in scene.trials()]
 
 

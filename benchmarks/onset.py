@@ -30,8 +30,8 @@ from holdfast.drivers.camera.onset import (
 from holdfast.drivers.camera.recording import read_tracks
 from holdfast.drivers.camera.sources import Frame, Lens, Stored
 from holdfast.simulation.camera_frames import CAMERA, HAND_TAG, OBJECT_TAG, Camera
-from holdfast.simulation.card import read_card
 from holdfast.simulation.scene import Scene
+from holdfast.simulation.scene_file import read_scene_file
 
 ACCELERATIONS_MM_S2 = (10.0, 30.0, 100.0, 300.0, 1000.0, 3000.0, 10000.0)
 EACH = 10
@@ -224,7 +224,7 @@ def _simulated(card: str, total: int | None) -> list[Case]:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "camera.toml"
         path.write_text(card, encoding="utf-8")
-        scene = Scene(read_card(str(path)), 0)
+        scene = Scene(read_scene_file(str(path)), 0)
     cases = []
     for simulated in scene.run_together(scene.trials(total)):
         t_s, place_m, truth = (

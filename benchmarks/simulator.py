@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from holdfast.simulation.card import Card, read_card
 from holdfast.simulation.scene import Scene, SimulatedTrial
+from holdfast.simulation.scene_file import SceneFile, read_scene_file
 
 STEPS_S = (4e-3, 2e-3, 1.667e-3, 8.334e-4, 4.167e-4, 2.084e-4)
 REFERENCE_S = 2.5e-5
@@ -75,7 +75,7 @@ class Lead:
 
 def step_curve(*, trials: int = 60, seed: int = 0) -> list[StepError]:
     """Error of the slip's time by step, against a reference of 25 us."""
-    card = _losses(read_card("thesis"))
+    card = _losses(read_scene_file("thesis"))
     reference, _ = _slip_times_s(replace(card, step_s=REFERENCE_S), trials, seed)
     rows = []
     for step_s in STEPS_S:
@@ -93,7 +93,7 @@ def size_curve(
     elements: tuple[int, ...] = (1, 2, 5, 10, 20),
 ) -> SizeCurve:
     """CPU time of a trial of the thesis card."""
-    card = read_card("thesis")
+    card = read_scene_file("thesis")
     by_trials = [TrialsCost(n, _cpu_s(card, n)) for n in lanes]
     by_elements = []
     for count in elements:
@@ -107,7 +107,7 @@ def plausibility(*, trials: int = 200, seed: int = 1) -> list[Lead]:
     """The lead by card and action, beside what was expected."""
     rows = []
     for name in ("thesis", "p1", "p2"):
-        scene = Scene(read_card(name), seed)
+        scene = Scene(read_scene_file(name), seed)
         by_action: dict[str, list[float]] = {}
         losses = [
             trial for trial in scene.trials(trials) if trial.action in ("pull", "fall")
@@ -126,13 +126,13 @@ def plausibility(*, trials: int = 200, seed: int = 1) -> list[Lead]:
     return rows
 
 
-def _losses(card: Card) -> Card:
+def _losses(card: SceneFile) -> SceneFile:
     return replace(
         card, rows=tuple(row for row in card.rows if row.action in ("pull", "fall"))
     )
 
 
-def _slip_times_s(card: Card, trials: int, seed: int) -> tuple[np.ndarray, float]:
+def _slip_times_s(card: SceneFile, trials: int, seed: int) -> tuple[np.ndarray, float]:
     scene = Scene(card, seed)
     chosen = scene.trials(trials)
     started = time.process_time()
@@ -144,7 +144,7 @@ def _slip_times_s(card: Card, trials: int, seed: int) -> tuple[np.ndarray, float
     return np.array(times), time.process_time() - started
 
 
-def _timed(card: Card, trials: int) -> tuple[list[SimulatedTrial], float]:
+def _timed(card: SceneFile, trials: int) -> tuple[list[SimulatedTrial], float]:
     scene = Scene(card, 0)
     chosen = scene.trials(trials)
     started = time.process_time()
@@ -152,7 +152,7 @@ def _timed(card: Card, trials: int) -> tuple[list[SimulatedTrial], float]:
     return simulated, time.process_time() - started
 
 
-def _cpu_s(card: Card, trials: int) -> float:
+def _cpu_s(card: SceneFile, trials: int) -> float:
     return _timed(card, trials)[1] / trials
 
 

@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from holdfast.simulation.card import read_card
 from holdfast.simulation.folder import write_set
 from holdfast.simulation.scene import Scene
+from holdfast.simulation.scene_file import read_scene_file
 from holdfast.training.crossval import cross_validate, fit_learner
 from holdfast.training.datasets import load
 from holdfast.training.featurise import features_of, spec_for
@@ -45,7 +45,7 @@ def training_times() -> list[TrainingCost]:
 def _row(place: Path, trials: int) -> TrainingCost:
     plan = TrainingPlan(folds=6)
     simulated_s = _cpu_s(
-        lambda: write_set(Scene(read_card("thesis"), 0), place, trials)
+        lambda: write_set(Scene(read_scene_file("thesis"), 0), place, trials)
     )[1]
     data, read_s = _cpu_s(lambda: load(place, windows="thesis"))
     features, features_s = _cpu_s(

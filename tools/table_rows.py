@@ -14,10 +14,10 @@ from holdfast.core.trial_layout import NORMAL_FLOOR
 from holdfast.evaluation.formats import DEPLOYED, markdown
 from holdfast.export.features import GROUPS, LAGS_S, feature_count, feature_graph
 from holdfast.export.spec import StepSpec
-from holdfast.simulation.card import read_card
-from holdfast.simulation.effects import EFFECTS
-from holdfast.simulation.sensor.magnet import residual_n
-from holdfast.simulation.shipped import CARDS, shipped
+from holdfast.simulation import SCENES, shipped_scenes
+from holdfast.simulation.effect import all_effects
+from holdfast.simulation.magnet import residual_n
+from holdfast.simulation.scene_file import read_scene_file
 from holdfast.training.figures import ABSENT, over
 from studies.ablation import gains_table
 from studies.fast_handover.targets import target_rows as handover_targets
@@ -146,14 +146,17 @@ def _spec(*groups: str) -> StepSpec:
 
 def scene_titles() -> dict[str, str]:
     """The title of every shipped scene."""
-    return {name: read_card(str(CARDS / f"{name}.toml")).title for name in shipped()}
+    return {
+        name: read_scene_file(str(SCENES / f"{name}.toml")).title
+        for name in shipped_scenes()
+    }
 
 
 def effect_rows(figures: Json) -> list[Json]:
     """Every effect of the code with its parameters and its measured price."""
     prices = {row["effect"]: row["ns_per_sample"] for row in figures["prices"]}
     rows = []
-    for name, effect in EFFECTS.items():
+    for name, effect in all_effects().items():
         ranges = []
         for key, parameter in effect.parameters.items():
             ranges.append(f"`{key}` {parameter.allowed().split(' from ')[-1]}")

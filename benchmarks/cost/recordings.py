@@ -15,9 +15,9 @@ import numpy as np
 from benchmarks.cost.point import Set
 from holdfast.core.errors import DataError, UsageError
 from holdfast.core.writing import write_whole
-from holdfast.simulation.card import read_card
 from holdfast.simulation.folder import write_set
 from holdfast.simulation.scene import Scene
+from holdfast.simulation.scene_file import read_scene_file
 from holdfast.training.datasets import load
 from holdfast.training.recording import DataSet
 
@@ -53,7 +53,7 @@ def simulate(folder: Path, part: str, rates_hz: Sequence[float], parts: Parts) -
     fastest = _place(folder, FASTEST_HZ, part)
     if not fastest.is_dir():
         half = _emptied(fastest)
-        write_set(Scene(read_card(card, rate_hz=FASTEST_HZ), seed), half, grasps)
+        write_set(Scene(read_scene_file(card, rate_hz=FASTEST_HZ), seed), half, grasps)
         half.replace(fastest)
     for rate_hz in rates_hz:
         slower = _place(folder, rate_hz, part)

@@ -12,9 +12,9 @@ import numpy.typing as npt
 from holdfast.core.contract import BoolArray, FloatArray
 from holdfast.edge_runtime.graph import run_recording
 from holdfast.edge_runtime.model import Model
-from holdfast.simulation.card import read_card
 from holdfast.simulation.folder import write_set
 from holdfast.simulation.scene import Scene
+from holdfast.simulation.scene_file import read_scene_file
 from holdfast.training.datasets import load
 
 TRIALS, LOST_EVERY, LOST_ROWS = 9, 400, 3
@@ -43,7 +43,7 @@ class Stream:
 def stream_of(model: Model) -> Stream:
     """Trials of `thesis` (simulated) end to end, with lost fingers."""
     with tempfile.TemporaryDirectory() as work:
-        scene = Scene(read_card("thesis", rate_hz=model.card.rate_hz), 0)
+        scene = Scene(read_scene_file("thesis", rate_hz=model.card.rate_hz), 0)
         write_set(scene, Path(work) / "set", TRIALS)
         recordings = load(Path(work) / "set", windows="thesis").recordings
     values = np.concatenate([one.samples for one in recordings])

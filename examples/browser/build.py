@@ -17,9 +17,9 @@ from holdfast.cli.command import show
 from holdfast.core.writing import write_whole
 from holdfast.edge_runtime.model import Model
 from holdfast.export.c.exporting import export_c
-from holdfast.simulation.card import read_card
 from holdfast.simulation.folder import write_recording
 from holdfast.simulation.scene import Scene
+from holdfast.simulation.scene_file import read_scene_file
 
 HERE = Path(__file__).parent
 SEED, TRIALS = 1, 9
@@ -48,7 +48,7 @@ def page(model: Path) -> str:
 
 def _example(rate_hz: float, work: Path) -> dict[str, str]:
     """A pull that this model has not seen."""
-    scene = Scene(read_card("thesis", rate_hz=rate_hz), SEED)
+    scene = Scene(read_scene_file("thesis", rate_hz=rate_hz), SEED)
     pull = next(one for one in scene.trials(TRIALS) if one.action == "pull")
     write_recording(work / "pull", scene, scene.run_together([pull]))
     csv = work / "pull.csv"

@@ -18,17 +18,17 @@ from holdfast.edge_runtime.grip import GripSense
 from holdfast.edge_runtime.model import Model
 from holdfast.evaluation.stream_pictures import labelled
 from holdfast.evaluation.style import OURS, QUIET, WARNING, svg
-from holdfast.simulation.card import read_card
-from holdfast.simulation.closed_loop.controllers import managed
-from holdfast.simulation.closed_loop.loop import (
+from holdfast.simulation.closed_loop import (
     ClosedLoop,
     LoopController,
     LoopTruth,
     Make,
+    managed,
 )
-from holdfast.simulation.closed_loop.people import LoopOutcome
+from holdfast.simulation.loop_people import LoopOutcome
 from holdfast.simulation.protocol import PlannedTrial
 from holdfast.simulation.scene import Scene
+from holdfast.simulation.scene_file import read_scene_file
 
 CARD = Path(__file__).parent / "demo_grip.toml"
 SEED = 2
@@ -52,7 +52,7 @@ class TwoHands:
 
 def close_the_loop(model: Model) -> list[TwoHands]:
     """Both trials, in both hands."""
-    scene = Scene(read_card(str(CARD)), SEED)
+    scene = Scene(read_scene_file(str(CARD)), SEED)
     trials = scene.trials()
     loop = ClosedLoop(
         scene, [*trials, *trials], model, _half(managed(scene, "holdfast"))

@@ -10,9 +10,9 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from holdfast.simulation.card import read_card
 from holdfast.simulation.folder import write_recording, write_set
 from holdfast.simulation.scene import Scene
+from holdfast.simulation.scene_file import read_scene_file
 
 RATE_HZ = 150.0
 TRIALS = 240
@@ -23,7 +23,7 @@ TRAIN, UNSEEN = "train", "unseen"
 
 def run(work: Path) -> None:
     """Write both sets; prints a line for each."""
-    card = read_card("thesis", rate_hz=RATE_HZ)
+    card = read_scene_file("thesis", rate_hz=RATE_HZ)
     write_set(Scene(card, TRAINED_SEED), work / TRAIN, TRIALS)
     print(TRAIN, flush=True)
     write_shown(Scene(card, UNSEEN_SEED), work / UNSEEN)
@@ -34,11 +34,11 @@ def write_shown(scene: Scene, folder: Path) -> None:
     """Simulate the first trial of each object and action in SHOWN, as a set in the usual layout."""
     trials = scene.trials(TRIALS)
     chosen = [
-        next(t for t in trials if (t.thing.name, t.action) == shown) for shown in SHOWN
+        next(t for t in trials if (t.object.name, t.action) == shown) for shown in SHOWN
     ]
     for one in scene.run_together(chosen):
         write_recording(
-            folder / one.trial.thing.name / one.trial.action / "trial_1", scene, [one]
+            folder / one.trial.object.name / one.trial.action / "trial_1", scene, [one]
         )
 
 

@@ -83,7 +83,7 @@ def run(args: argparse.Namespace) -> int:
 def _require_runnable(args: argparse.Namespace) -> None:
     """Raise what would stop a run, before it is announced."""
     from holdfast.evaluation.loop_runs import CHOICES, require_runnable
-    from holdfast.simulation.closed_loop.recording import model_of
+    from holdfast.simulation.closed_loop import model_of
 
     require_json_writable(args)
     require_known(args.controller, CHOICES)
@@ -124,7 +124,7 @@ def require_known(names: list[str], known: tuple[str, ...]) -> None:
 def _json(
     args: argparse.Namespace, sets: dict[str, dict[str, LoopFigures]]
 ) -> dict[str, object]:
-    from holdfast.simulation.closed_loop.recording import model_of
+    from holdfast.simulation.closed_loop import model_of
 
     return {
         "kind": "simulated",

@@ -18,14 +18,16 @@ from holdfast.cli.command import (
     show_found,
 )
 from holdfast.core.errors import visible
-from holdfast.simulation.shipped import shipped
+from holdfast.simulation import shipped_scenes
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this verb."""
     option = parser.add_argument
     option(
-        "card", metavar="CARD", help=f"a TOML file, or one of {', '.join(shipped())}"
+        "card",
+        metavar="CARD",
+        help=f"a TOML file, or one of {', '.join(shipped_scenes())}",
     )
     option(
         "--out", type=path_argument, required=True, metavar="DIR", help="a new folder"
@@ -45,21 +47,21 @@ def run(args: argparse.Namespace) -> int:
 
     An interrupted run leaves no folder.
     """
-    from holdfast.simulation.card import read_card
-    from holdfast.simulation.closed_loop.recording import require_controller, scene_of
     from holdfast.simulation.folder import require_new, write_set
+    from holdfast.simulation.loop_recording import require_controller, scene_of
+    from holdfast.simulation.scene_file import read_scene_file
     from holdfast.training.progress import counted
 
     require_json_writable(args)
     require_new(args.out)
-    card = read_card(args.card, rate_hz=args.rate, rate_option="--rate ")
+    card = read_scene_file(args.card, rate_hz=args.rate, rate_option="--rate ")
     scene = scene_of(card, args.seed)
     trials = scene.trials(args.trials)
     total = len(trials)
     require_controller(scene, trials)
     with (
         _nothing_left_of(args.out),
-        counted(f"simulating {total} trials of {scene.card.name}", total) as done,
+        counted(f"simulating {total} trials of {scene.file.name}", total) as done,
     ):
         files = write_set(scene, args.out, args.trials, done)
     found = {

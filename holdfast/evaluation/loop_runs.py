@@ -14,15 +14,22 @@ from holdfast.edge_runtime.monitor import require_fit
 from holdfast.edge_runtime.supervisor import Limits
 from holdfast.evaluation.jobs import Workers
 from holdfast.evaluation.loop_scores import LoopFigures, ThreeRuns, loop_figures
-from holdfast.simulation.card import read_card
-from holdfast.simulation.closed_loop.controllers import managed, oracle, vibration
-from holdfast.simulation.closed_loop.drive import Drive
-from holdfast.simulation.closed_loop.loop import LoopSettings, Make, batches, run_batch
-from holdfast.simulation.closed_loop.people import Habits, LoopOutcome
-from holdfast.simulation.closed_loop.recording import model_of
-from holdfast.simulation.effects import EFFECTS
+from holdfast.simulation.closed_loop import (
+    LoopSettings,
+    Make,
+    batches,
+    managed,
+    model_of,
+    oracle,
+    run_batch,
+    vibration,
+)
+from holdfast.simulation.drive import Drive
+from holdfast.simulation.effect import effect_named
+from holdfast.simulation.loop_people import Habits, LoopOutcome
 from holdfast.simulation.protocol import PlannedTrial
 from holdfast.simulation.scene import Scene
+from holdfast.simulation.scene_file import read_scene_file
 
 ORACLE, VIBRATION = "oracle", "vibration"
 CHOICES = (*CONTROLLERS, VIBRATION, ORACLE)
@@ -58,7 +65,7 @@ class LoopRequest:
 @lru_cache(maxsize=16)
 def scene_of(one: LoopSet) -> tuple[Scene, tuple[PlannedTrial, ...]]:
     """The scene of a set and its trials with an object."""
-    card = read_card(one.card)
+    card = read_scene_file(one.card)
     rows = tuple(
         replace(row, values={**row.values, **_fitting(row, one)}) for row in card.rows
     )
@@ -75,7 +82,7 @@ def _noisier(effects: Mapping[str, Json], noise: float) -> dict[str, Json]:
         return dict(effects)
     chip, usual = (
         effects["hall_noise"],
-        EFFECTS["hall_noise"].parameters["averages"].default,
+        effect_named("hall_noise").parameters["averages"].default,
     )
     averages = chip.get("averages", usual) / noise**2
     return {**effects, "hall_noise": {**chip, "averages": averages}}
@@ -88,7 +95,7 @@ def _fitting(row: object, one: LoopSet) -> dict[str, object]:
 
 def require_runnable(model: OpenedModel, card_name: str) -> None:
     """Raise what does not fit between a card and a model, and CardError."""
-    card = read_card(card_name)
+    card = read_scene_file(card_name)
     contacts = 3 * card.hand.n_contacts
     require_fit(
         model.card,

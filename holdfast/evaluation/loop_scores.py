@@ -17,8 +17,8 @@ import numpy as np
 from holdfast.core.reading import Json
 from holdfast.core.trial_layout import RISKY_ACTIONS
 from holdfast.evaluation.statistics import share
-from holdfast.simulation.closed_loop.controllers import needed_grip_n
-from holdfast.simulation.closed_loop.people import LoopOutcome
+from holdfast.simulation.closed_loop import needed_grip_n
+from holdfast.simulation.loop_people import LoopOutcome
 from holdfast.training.figures import Interval
 
 BLOCKED_N = 5.0
@@ -130,7 +130,7 @@ def loop_figures(runs: Sequence[ThreeRuns]) -> LoopFigures:
     downs = [
         one for one in runs if one.bare.trial.action == "put-down" and _completes(one)
     ]
-    fragile = [one for one in runs if one.bare.trial.thing.crush_n > 0.0]
+    fragile = [one for one in runs if one.bare.trial.object.crush_n > 0.0]
     saved, blocked = (
         share([not one.held.dropped for one in preventable]),
         _blocked(passes),

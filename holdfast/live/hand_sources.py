@@ -340,15 +340,19 @@ def _scene_at_chips(
     name: str, seed: int, rate_hz: float, step_s: float | None
 ) -> Scene:
     """The scene in uT without the effects of the virtual chip and bus, and without a controller."""
-    from holdfast.simulation.card import read_card
-    from holdfast.simulation.effects import AVERAGING
+    from holdfast.simulation.effect import EFFECT_MODULES
     from holdfast.simulation.scene import Scene
-    from holdfast.simulation.sensor.chip import CHIP, TIMING
+    from holdfast.simulation.scene_file import read_scene_file
 
-    card = read_card(name, rate_hz=rate_hz) if Path(name).is_file() else read_card(name)
-    of_the_chip = {effect.name for effect in (AVERAGING, *CHIP, *TIMING)}
+    card = (
+        read_scene_file(name, rate_hz=rate_hz)
+        if Path(name).is_file()
+        else read_scene_file(name)
+    )
     effects = {
-        effect: own for effect, own in card.effects.items() if effect not in of_the_chip
+        name: values
+        for name, values in card.effects.items()
+        if EFFECT_MODULES[name] != "chip"
     }
     effects = {"dipole": {}} | effects
     field = replace(card, rate_hz=rate_hz, unit="uT", effects=effects, controller=None)

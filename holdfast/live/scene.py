@@ -25,10 +25,10 @@ from holdfast.drivers.virtual.virtual_hand import Track
 from holdfast.edge_runtime.supervisor import EXPIRES_MS, GripCommand
 from holdfast.live.hand_sources import planned_scene
 from holdfast.live.running import RunClock
-from holdfast.simulation.closed_loop.drive import Actuator, Drive
-from holdfast.simulation.closed_loop.people import Habits
-from holdfast.simulation.closed_loop.physics import HandsAndObjects, Spans
-from holdfast.simulation.closed_loop.sensing import LoopSensors
+from holdfast.simulation.drive import Actuator, Drive
+from holdfast.simulation.loop_people import Habits
+from holdfast.simulation.loop_physics import HandsAndObjects, Spans
+from holdfast.simulation.loop_sensing import LoopSensors
 from holdfast.simulation.protocol import PlannedTrial
 from holdfast.simulation.run import TrialMotion
 from holdfast.simulation.scene import Scene

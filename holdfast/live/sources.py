@@ -72,10 +72,10 @@ def _bridge(word: str) -> str:
 
 
 def _card(word: str) -> str:
-    from holdfast.simulation.card import shipped
+    from holdfast.simulation import shipped_scenes
 
     name, _, _ = word.partition("?")
-    return f"sim://{word}" if name in shipped() else ""
+    return f"sim://{word}" if name in shipped_scenes() else ""
 
 
 REPLAY, SIM = "replay://", "sim://"
@@ -127,7 +127,7 @@ def _simulated(url: str) -> Replay:
         t_ns,
         signal.values.reshape(len(t_ns), -1),
         signal.valid,
-        scene.card.rate_hz,
+        scene.file.rate_hz,
         signal.unit,
     )
 
@@ -140,11 +140,11 @@ def simulated_trial(url: str) -> tuple[Scene, SimulatedTrial] | None:
 
 @lru_cache(maxsize=1)
 def _trials_of(url: str) -> tuple[Scene, list[SimulatedTrial]]:
-    from holdfast.simulation.card import read_card
-    from holdfast.simulation.closed_loop.recording import scene_of
+    from holdfast.simulation.loop_recording import scene_of
+    from holdfast.simulation.scene_file import read_scene_file
 
     parts, numbers = split_url(url), _numbers(url)
-    card = read_card(parts.netloc + parts.path, rate_hz=numbers.get("rate_hz"))
+    card = read_scene_file(parts.netloc + parts.path, rate_hz=numbers.get("rate_hz"))
     scene = scene_of(card, int(numbers["seed"]))
     trials, first, count = scene.trials(), int(numbers["trial"]), int(numbers["trials"])
     if not 0 <= first < first + count <= len(trials):

@@ -41,9 +41,9 @@ from holdfast.sessions.slip_evidence import (
     moved,
     streams_of,
 )
-from holdfast.simulation.card import read_card
-from holdfast.simulation.closed_loop.recording import scene_of
 from holdfast.simulation.folder import write_set
+from holdfast.simulation.loop_recording import scene_of
+from holdfast.simulation.scene_file import read_scene_file
 from holdfast.training.datasets import load
 from holdfast.training.progress import Part, Say, ignored
 from holdfast.training.recording import DataSet
@@ -360,7 +360,7 @@ def simulated_slips(
             f"{card.n_channels // 3} in {card.unit}",
             next_step="--slips FOLDER, with recordings of pulls and falls by any person",
         )
-    scene = scene_of(read_card(SCENE, rate_hz=card.rate_hz), SEED)
+    scene = scene_of(read_scene_file(SCENE, rate_hz=card.rate_hz), SEED)
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder) / SCENE
         write_set(scene, out, trials, lambda n: part(min(1.0, n / trials)))

@@ -1,13 +1,14 @@
 """What the core steps: the held object and its contacts, what acts on it, and where everything is.
 
 Hand frame: x from the thumb to the fingers (contact normal), y across, z along the object's axis,
-upwards; the origin is where the hand takes the object. Arrays are [.., B] with trials (lanes) last.
-S is the number of contacts, 6 unless a card asks for more (hand.py); the thumb's come first.
+upwards; the origin is where the hand takes the object. Arrays are [.., B]: the trials of the batch
+come last. S is the number of contacts, 6 unless a scene asks for more (objects.py); the thumb's
+come first.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
@@ -63,7 +64,8 @@ class Pull:
     """A person: a damped spring to a moving target, who also bears a share of the weight.
 
     The spring never pulls harder than cap_n.
-    stiffness_n_per_m, damping_n_s_per_m, cap_n, weight_share [B]; target_m, target_m_s [3, B].
+    stiffness_n_per_m, damping_n_s_per_m, cap_n, weight_share [B]; target_m, target_m_s [3, B]; or
+    n steps of it, with [n, ..] everywhere.
     """
 
     stiffness_n_per_m: FloatArray
@@ -73,17 +75,34 @@ class Pull:
     target_m: FloatArray
     target_m_s: FloatArray
 
+    def at(self, k: int) -> Pull:
+        """Step k of several."""
+        return Pull(
+            stiffness_n_per_m=self.stiffness_n_per_m[k],
+            damping_n_s_per_m=self.damping_n_s_per_m[k],
+            cap_n=self.cap_n[k],
+            weight_share=self.weight_share[k],
+            target_m=self.target_m[k],
+            target_m_s=self.target_m_s[k],
+        )
+
 
 @dataclass(frozen=True)
 class Floor:
-    """A box from below: a spring at height_m [B] that pushes with at most cap_n [B] and resists
-    sliding."""
+    """A box from below: a spring at height_m [B] that pushes with at most cap_n [B].
+
+    It resists sliding. Or n steps of it, with [n, B].
+    """
 
     stiffness_n_per_m: float
     damping_n_s_per_m: float
     sideways_n_s_per_m: float
     height_m: FloatArray
     cap_n: FloatArray
+
+    def at(self, k: int) -> Floor:
+        """Step k of several."""
+        return replace(self, height_m=self.height_m[k], cap_n=self.cap_n[k])
 
 
 @dataclass(frozen=True)
@@ -120,32 +139,31 @@ class State:
 
 def at_rest(body: Body, closure_m: FloatArray) -> State:
     """Nothing moves, nothing is stretched; closure_m [S, B]."""
-    elements, contacts, lanes = body.brush_n_per_m.shape
-    offset = offset_m(body, np.zeros((2, lanes)))
-    state = State(
-        np.zeros((3, lanes)),
-        np.zeros((3, lanes)),
-        np.zeros((2, elements, contacts, lanes)),
-        np.ones((elements, contacts, lanes)),
-        np.zeros((elements, contacts, lanes)),
-        np.zeros((contacts, lanes)),
-        np.zeros((contacts, lanes)),
-        np.zeros((3, lanes)),
-        np.zeros(lanes),
-        offset,
-        recess_m(body, offset),
+    elements, contacts, batch = body.brush_n_per_m.shape
+    offset = offset_m(body, np.zeros((2, batch)))
+    recess = recess_m(body, offset)
+    return State(
+        position_m=np.zeros((3, batch)),
+        velocity_m_s=np.zeros((3, batch)),
+        stretch_m=np.zeros((2, elements, contacts, batch)),
+        rho=np.ones((elements, contacts, batch)),
+        slip_m_s=np.zeros((elements, contacts, batch)),
+        depth_m=closure_m - recess,
+        normal_n=np.zeros((contacts, batch)),
+        agents_n=np.zeros((3, batch)),
+        brush_j=np.zeros(batch),
+        offset_m=offset,
+        recess_m=recess,
     )
-    state.depth_m = closure_m - state.recess_m
-    return state
 
 
 def offset_m(body: Body, sideways_m: FloatArray) -> FloatArray:
     """[2, S, B] each contact from where the object is flat; object at sideways_m [2, B]."""
     from_apex = sideways_m[:, None] - body.at_m
     along = from_apex[1]
-    from_apex[1] = along - np.minimum(
-        np.maximum(along, -body.straight_m), body.straight_m
-    )
+    # a cylinder is straight along its axis up to its rounded ends
+    straight = np.minimum(np.maximum(along, -body.straight_m), body.straight_m)
+    from_apex[1] = along - straight
     return from_apex
 
 
@@ -153,5 +171,4 @@ def recess_m(body: Body, offset: FloatArray) -> FloatArray:
     """[S, B] how far the surface lies behind its apex at an offset [2, S, B]."""
     curve = 0.5 * body.curvature_per_m[:, None] * offset
     curve *= offset
-    recess: FloatArray = curve[0] + curve[1]
-    return recess
+    return curve[0] + curve[1]

@@ -6,9 +6,8 @@ in closed form: a cell's edge at u gives F(u) = u Phi(u) + phi(u), the integral 
 distribution. Sub-sampling instead would move a tag by up to 0.1 px. Left out: perspective, tilt,
 fingers before the tag, rolling shutter, uneven light. So a tracker's error here is a lower bound.
 
-AprilTags of the family 36h11: their black and white cells.
-
-Code words and bit order: Olson, ICRA 2011; AprilRobotics/apriltag, tag36h11.
+The tags are AprilTags of the family 36h11. Their code words and bit order are from Olson, ICRA
+2011, and AprilRobotics/apriltag, tag36h11.
 """
 
 from __future__ import annotations
@@ -21,36 +20,20 @@ import numpy as np
 import numpy.typing as npt
 
 from holdfast.core.contract import FloatArray
-from holdfast.simulation.values import Parameter
+from holdfast.simulation.effect import Effect, Parameter
+
+Frames = npt.NDArray[np.uint8]
+Window = tuple[slice, slice, FloatArray]
+"""Rows and columns of a frame, and what a tag adds to the grey there."""
 
 CODES = (0xD7E00984B, 0xDDA664CA7)
 """Words of tags 0 and 1, 36 bits each."""
 SIDE_CELLS = 8
 """Cells along the side of a tag: six of data and a black border of one; a white margin of one
 surrounds it."""
-_QUARTER_ROWS, _QUARTER_COLUMNS = (
-    [0, 0, 0, 0, 0, 1, 1, 1, 2],
-    [0, 1, 2, 3, 4, 1, 2, 3, 2],
-)
+_QUARTER_ROWS = [0, 0, 0, 0, 0, 1, 1, 1, 2]
+_QUARTER_COLUMNS = [0, 1, 2, 3, 4, 1, 2, 3, 2]
 """Places of the first nine bits in the six by six; each next nine lie a quarter turn clockwise."""
-
-
-@cache
-def cells(tag: int) -> FloatArray:
-    """[10, 10] cells of a tag with its margin, 1 white, 0 black, first row on top; read-only."""
-    bits = [CODES[tag] >> (35 - k) & 1 for k in range(36)]
-    data = np.zeros((6, 6))
-    for quarter in range(4):
-        np.rot90(data, quarter)[_QUARTER_ROWS, _QUARTER_COLUMNS] = bits[
-            9 * quarter : 9 * quarter + 9
-        ]
-    whole = np.pad(np.pad(data, 1), 1, constant_values=1.0)
-    whole.flags.writeable = False
-    return whole
-
-
-Frames = npt.NDArray[np.uint8]
-
 OBJECT_TAG, HAND_TAG = 0, 1
 AWAY_SIDES = 1.0
 """At rest the tag of the object lies one side right of the middle, the hand's one side left."""
@@ -76,6 +59,20 @@ CAMERA = {
         0.0, "", 0, 50, "standard deviation of every pixel's noise, of 255 levels"
     ),
 }
+
+
+@cache
+def cells(tag: int) -> FloatArray:
+    """[10, 10] cells of a tag with its margin, 1 white, 0 black, first row on top; read-only."""
+    bits = [CODES[tag] >> (35 - k) & 1 for k in range(36)]
+    data = np.zeros((6, 6))
+    for quarter in range(4):
+        turned = np.rot90(data, quarter)
+        turned[_QUARTER_ROWS, _QUARTER_COLUMNS] = bits[9 * quarter : 9 * quarter + 9]
+    bordered = np.pad(data, 1)
+    whole = np.pad(bordered, 1, constant_values=1.0)
+    whole.flags.writeable = False
+    return whole
 
 
 @dataclass(frozen=True)
@@ -108,9 +105,8 @@ class Camera:
         object_m: [T, 3] of the object in the hand, hand_m: [T, 3] of the hand, at t_s [T].
         """
         stamps_s = self.stamps_s(float(t_s[-1]))
-        frames = np.empty(
-            (len(stamps_s), int(self.height_px), int(self.width_px)), dtype=np.uint8
-        )
+        size = (int(self.height_px), int(self.width_px))
+        frames = np.empty((len(stamps_s), *size), dtype=np.uint8)
         shoot = self.shooting(t_s, object_m, hand_m, rng)
         for frame, end_s in zip(frames, stamps_s, strict=True):
             frame[:] = shoot(end_s)
@@ -124,15 +120,14 @@ class Camera:
         rng: np.random.Generator,
     ) -> Callable[[float], Frames]:
         """A function: end of an exposure, s -> frame [H, W]; after the trial nothing moves."""
-        # imported here: half of the start-up time of a card that has no camera
+        # imported here: half of the start-up time of a scene that has no camera
         from scipy.interpolate import CubicSpline
 
         places = CubicSpline(t_s, np.hstack([object_m + hand_m, hand_m]))
 
         def shoot(end_s: float) -> Frames:
-            at_s = np.clip(
-                end_s - 1e-3 * self.exposure_ms * (1.0 - EXPOSED_AT), t_s[0], t_s[-1]
-            )
+            before_s = 1e-3 * self.exposure_ms * (1.0 - EXPOSED_AT)
+            at_s = np.clip(end_s - before_s, t_s[0], t_s[-1])
             return self._read(self._blurred(1e3 * places(at_s)), rng)
 
         return shoot
@@ -145,86 +140,78 @@ class Camera:
         return image
 
     def _blurred(self, at_mm: FloatArray) -> FloatArray:
-        """[H, W] mean of the drawings at [E, 6].
+        """[H, W] mean of the drawings at [E, 6], computed only where a tag ever is.
 
-        Only where a tag ever is, which changes no bit.
+        That changes no bit, because everywhere else all drawings are grey.
         """
-        drawn = [self._tags(at[[0, 2]], at[[3, 5]]) for at in at_mm]
-        reach = [
-            [(one.start, one.stop) for one in (rows, columns)]
-            for tags in drawn
-            for rows, columns, _ in tags
-        ]
-        (top, left), (bottom, right) = (
-            np.min(reach, axis=0)[:, 0],
-            np.max(reach, axis=0)[:, 1],
-        )
-        parts = np.full((len(drawn), bottom - top, right - left), GREY)
-        for part, tags in zip(parts, drawn, strict=True):
-            for rows, columns, light in tags:
-                part[
-                    rows.start - top : rows.stop - top,
-                    columns.start - left : columns.stop - left,
-                ] += light
+        drawings = [self._tags(at[[0, 2]], at[[3, 5]]) for at in at_mm]
+        rows, columns = self._reach(drawings)
+        height, width = rows.stop - rows.start, columns.stop - columns.start
+        parts = np.full((len(drawings), height, width), GREY)
+        for part, tags in zip(parts, drawings, strict=True):
+            for tag_rows, tag_columns, light in tags:
+                down, right = (
+                    tag_rows.start - rows.start,
+                    tag_columns.start - columns.start,
+                )
+                tall, wide = light.shape
+                part[down : down + tall, right : right + wide] += light
         image = np.full((int(self.height_px), int(self.width_px)), GREY)
-        image[top:bottom, left:right] = np.mean(parts, axis=0)
+        image[rows, columns] = np.mean(parts, axis=0)
         return image
 
-    def _tags(
-        self, object_mm: FloatArray, hand_mm: FloatArray
-    ) -> list[tuple[slice, slice, FloatArray]]:
-        """For each tag: the rows and columns it reaches, and what it adds to the grey there."""
+    @staticmethod
+    def _reach(drawings: list[list[Window]]) -> tuple[slice, slice]:
+        """The rows and columns that any tag of any drawing reaches."""
+        windows = [window for tags in drawings for window in tags]
+        top = min(rows.start for rows, _, _ in windows)
+        bottom = max(rows.stop for rows, _, _ in windows)
+        left = min(columns.start for _, columns, _ in windows)
+        right = max(columns.stop for _, columns, _ in windows)
+        return slice(top, bottom), slice(left, right)
+
+    def _tags(self, object_mm: FloatArray, hand_mm: FloatArray) -> list[Window]:
+        """What each tag adds to the grey."""
         seen = []
         for tag, moved_mm in ((OBJECT_TAG, object_mm), (HAND_TAG, hand_mm)):
             column_px, row_px = self.centre_px(tag, moved_mm)
-            (rows, down), (columns, across) = (
-                self._seen(row_px, self.height_px),
-                self._seen(column_px, self.width_px),
-            )
+            rows, down = self._seen(row_px, self.height_px)
+            columns, across = self._seen(column_px, self.width_px)
+            levels = BLACK + (WHITE - BLACK) * cells(tag)
             covered = np.outer(down.sum(axis=1), across.sum(axis=1))
-            light = (
-                down @ (BLACK + (WHITE - BLACK) * cells(tag)) @ across.T
-                - GREY * covered
-            )
-            seen.append((rows, columns, light))
+            seen.append((rows, columns, down @ levels @ across.T - GREY * covered))
         return seen
 
     def centre_px(self, tag: int, moved_mm: FloatArray) -> tuple[float, float]:
         """(column, row) of a tag's centre; the first pixel reaches from 0 to 1."""
-        away_px = (
-            (1.0 if tag == OBJECT_TAG else -1.0)
-            * AWAY_SIDES
-            * self.tag_mm
-            * self.px_per_mm
-        )
+        side = 1.0 if tag == OBJECT_TAG else -1.0
+        away_px = side * AWAY_SIDES * self.tag_mm * self.px_per_mm
         column_px = 0.5 * self.width_px + away_px + self.px_per_mm * moved_mm[0]
-        return float(column_px), float(
-            0.5 * self.height_px - self.px_per_mm * moved_mm[1]
-        )
+        row_px = 0.5 * self.height_px - self.px_per_mm * moved_mm[1]
+        return float(column_px), float(row_px)
 
     def _seen(self, centre_px: float, size_px: float) -> tuple[slice, FloatArray]:
         """(the n pixels a tag reaches along one axis, [n, 10] the share of each in every cell)."""
         from scipy.special import ndtr
 
         cell_px = self.tag_mm * self.px_per_mm / SIDE_CELLS
-        edges_px = centre_px + cell_px * (
-            np.arange(SIDE_CELLS + 3) - 0.5 * (SIDE_CELLS + 2)
-        )
+        edges = np.arange(SIDE_CELLS + 3) - 0.5 * (SIDE_CELLS + 2)
+        edges_px = centre_px + cell_px * edges
         reach_px = edges_px[[0, -1]] + FAR_BLURS * self.blur_px * np.array([-1.0, 1.0])
-        first, stop = (
-            int(edge) for edge in np.clip([reach_px[0], reach_px[1] + 1.0], 0, size_px)
-        )
+        ends = np.clip([reach_px[0], reach_px[1] + 1.0], 0, size_px)
+        first, stop = int(ends[0]), int(ends[1])
         u = (np.arange(first, stop + 1)[:, None] - edges_px) / self.blur_px
-        beyond_edge = np.diff(
-            self.blur_px * (u * ndtr(u) + np.exp(-0.5 * u * u) / np.sqrt(2.0 * np.pi)),
-            axis=0,
-        )
+        density = np.exp(-0.5 * u * u) / np.sqrt(2.0 * np.pi)
+        beyond_edge = np.diff(self.blur_px * (u * ndtr(u) + density), axis=0)
         return slice(first, stop), beyond_edge[:, :-1] - beyond_edge[:, 1:]
 
     def _read(self, exact: FloatArray, rng: np.random.Generator) -> Frames:
         """[H, W] whole levels with noise; uses up `exact`."""
         if self.noise_levels:
-            exact += self.noise_levels * rng.standard_normal(
-                exact.shape, dtype=np.float32
-            )
-        return np.clip(np.rint(exact, out=exact), 0, 255, out=exact).astype(np.uint8)
+            noise = rng.standard_normal(exact.shape, dtype=np.float32)
+            exact += self.noise_levels * noise
+        np.rint(exact, out=exact)
+        return np.clip(exact, 0, 255, out=exact).astype(np.uint8)
+
+
+EFFECTS = {"camera_frames": Effect("camera_frames", "camera", make=Camera)}

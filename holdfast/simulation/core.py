@@ -1,6 +1,6 @@
 """The core: brush contacts on an object in 3D, one implicit step, many trials at once.
 
-body.py has the frame, the arrays and what they mean; every lane has a step length of its own.
+body.py has the frame, the arrays and what they mean; every trial has a step length of its own.
 Contact i presses by how deep its finger is closed into the object:
 
     depth_i = closure_i(t) - s_i x - r_i,   s = +1 thumb, -1 finger
@@ -19,6 +19,8 @@ until rho stands still (Huber & Ronchetti, "Robust statistics", 2009, 7.8). Back
 gain energy from convex springs at any dt; the squeeze of a curved object is concave and is taken at
 the old place for the same reason (Eyre, "Unconditionally gradient stable time marching", 1998).
 Friction by return mapping: Simo & Hughes, "Computational inelasticity", 1998, chapter 1.
+
+At the end of a step the energy is balanced: no trial ends with more than it had and was given.
 """
 
 from __future__ import annotations
@@ -29,9 +31,10 @@ import numpy.typing as npt
 from holdfast.core.contract import FloatArray
 from holdfast.simulation.body import Body, Floor, Inputs, State, offset_m, recess_m
 from holdfast.simulation.effect import NO_EFFECTS, PhysicsEffects
-from holdfast.simulation.energy import TINY, keep_the_balance, taken_by_lags_j
 
 IntArray = npt.NDArray[np.int64]
+TINY = 1e-300
+"""Keeps a division by zero away."""
 RHO_TOLERANCE = 2e-3
 """Reweighting ends where no rho changes by more than this."""
 MAX_SWEEPS = 60
@@ -47,7 +50,7 @@ def step(
     t_s: FloatArray,
     effects: PhysicsEffects = NO_EFFECTS,
 ) -> None:
-    """Move every lane by its own dt_s [B], to the time t_s [B]; changes the state in place."""
+    """Move every trial by its own dt_s [B], to the time t_s [B]; changes the state in place."""
     old = State(**vars(state))
     load_n, drag = _loads(body, old, inputs, dt_s)
     held_n = load_n + body.mass_kg * body.gravity_m_s2
@@ -55,36 +58,41 @@ def step(
         held_n = held_n - body.mass_kg * shake.acceleration_m_s2(t_s)
     speed_x = _normals(body, state, inputs.closure_m, held_n[0], drag[0], dt_s, effects)
     limit_m = _stretch_limit(body, old, state.normal_n, dt_s, effects)
-    squeeze_n = add(
-        body.curvature_per_m[:, None] * old.offset_m * state.normal_n, axis=1
-    )
-    sideways = _sideways(
-        body,
-        state,
-        held_n[1:] + squeeze_n,
-        drag[1:] + damping(body, old, limit_m),
-        limit_m,
-        dt_s,
-    )
+    leans = body.curvature_per_m[:, None] * old.offset_m * state.normal_n
+    along_n = held_n[1:] + add(leans, axis=1)
+    along_drag = drag[1:] + damping(body, old, limit_m)
+    sideways = _sideways(body, state, along_n, along_drag, limit_m, dt_s)
     state.velocity_m_s = np.concatenate([speed_x[None], sideways])
-    moved_m, resisted_n = state.velocity_m_s * dt_s, drag * state.velocity_m_s
+    moved_m = state.velocity_m_s * dt_s
+    resisted_n = drag * state.velocity_m_s
     state.position_m = old.position_m + moved_m
     state.agents_n = load_n - resisted_n
     given_j = add((held_n - resisted_n) * moved_m, axis=0)
     if effects.lags:
-        given_j = given_j - taken_by_lags_j(
+        given_j = given_j - _taken_by_lags_j(
             body, old, state, inputs.closure_m, dt_s, effects
         )
     keep_the_balance(body, old, state, inputs.closure_m, given_j)
     if effects.lags:
-        state.depth_m = (
-            inputs.closure_m - state.recess_m - body.side * state.position_m[0]
-        )
-        change_m = np.maximum(state.depth_m, 0.0) - np.maximum(old.depth_m, 0.0)
-        for lag in effects.lags:
-            lag.moved(change_m, state.normal_n > 0.0, dt_s)
+        _move_lags(body, old, state, inputs.closure_m, dt_s, effects)
     for turn in effects.turns:
         turn.turn(body, state, limit_m, dt_s)
+
+
+def _move_lags(
+    body: Body,
+    old: State,
+    state: State,
+    closure_m: FloatArray,
+    dt_s: FloatArray,
+    effects: PhysicsEffects,
+) -> None:
+    """Let the lags take in the change of depth of a step."""
+    place_m = body.side * state.position_m[0]
+    state.depth_m = closure_m - state.recess_m - place_m
+    change_m = np.maximum(state.depth_m, 0.0) - np.maximum(old.depth_m, 0.0)
+    for lag in effects.lags:
+        lag.moved(change_m, state.normal_n > 0.0, dt_s)
 
 
 def _loads(
@@ -95,13 +103,13 @@ def _loads(
     moved_m = state.velocity_m_s * dt_s
     for pull in inputs.people:
         to_go = pull.target_m - state.position_m
+        # the cap is judged where the object will be if it keeps its speed
         ahead = to_go - moved_m
         ahead *= ahead
-        reach_m = np.sqrt(ahead[0] + ahead[1] + ahead[2])
-        share = np.minimum(
-            1.0, pull.cap_n / np.maximum(pull.stiffness_n_per_m * reach_m, TINY)
-        )
-        spring, damper = share * pull.stiffness_n_per_m, share * pull.damping_n_s_per_m
+        reach_n = pull.stiffness_n_per_m * np.sqrt(ahead[0] + ahead[1] + ahead[2])
+        share = np.minimum(1.0, pull.cap_n / np.maximum(reach_n, TINY))
+        spring = share * pull.stiffness_n_per_m
+        damper = share * pull.damping_n_s_per_m
         load_n += spring * to_go + damper * pull.target_m_s
         load_n -= pull.weight_share * body.mass_kg * body.gravity_m_s2
         drag += spring * dt_s + damper
@@ -115,9 +123,9 @@ def _add_floor(
 ) -> None:
     above_m = floor.height_m - state.position_m[2]
     pressed_m = np.maximum(above_m - state.velocity_m_s[2] * dt_s, 0.0)
-    share = np.minimum(
-        1.0, floor.cap_n / np.maximum(floor.stiffness_n_per_m * pressed_m, TINY)
-    ) * (pressed_m > 0.0)
+    pressed_n = floor.stiffness_n_per_m * pressed_m
+    capped = np.minimum(1.0, floor.cap_n / np.maximum(pressed_n, TINY))
+    share = capped * (pressed_m > 0.0)
     load_n += share * floor.stiffness_n_per_m * above_m
     drag[2] += share * (floor.stiffness_n_per_m * dt_s + floor.damping_n_s_per_m)
     drag[:2] += share * floor.sideways_n_s_per_m
@@ -136,31 +144,26 @@ def _normals(
 
     Trial and error decides which contacts press: those that would pull drop out until none changes.
     """
-    side, sideways_m = body.side, state.position_m[1:] + state.velocity_m_s[1:] * dt_s
-    stays_m = (
-        closure_m
-        - recess_m(body, offset_m(body, sideways_m))
-        - side * state.position_m[0]
-    )
-    before_m = np.maximum(state.depth_m, 0.0)
-    remembers, memory_n = body.damping_n_s_per_m / dt_s, None
+    side = body.side
+    sideways_m = state.position_m[1:] + state.velocity_m_s[1:] * dt_s
+    recessed_m = recess_m(body, offset_m(body, sideways_m))
+    # depth at the end of the step if the object stayed where it is
+    stays_m = closure_m - recessed_m - side * state.position_m[0]
+    remembers = body.damping_n_s_per_m / dt_s
+    memory_n: FloatArray | None = None
     for lag in effects.lags:
         stiffness, held = lag.terms(dt_s)
-        remembers, memory_n = (
-            remembers + stiffness,
-            held if memory_n is None else memory_n + held,
-        )
+        remembers = remembers + stiffness
+        memory_n = held if memory_n is None else memory_n + held
     slope = body.stiffness_n_per_m + remembers
-    still_n = slope * stays_m - remembers * before_m
+    still_n = slope * stays_m - remembers * np.maximum(state.depth_m, 0.0)
     if memory_n is not None:
         still_n = still_n + memory_n
-    mass, drive = (
-        body.mass_kg + dt_s * drag,
-        body.mass_kg * state.velocity_m_s[0] + dt_s * held_n,
-    )
     speed = state.velocity_m_s[0]
-    pressing = None
+    mass = body.mass_kg + dt_s * drag
+    drive = body.mass_kg * speed + dt_s * held_n
     pushed_n, square_s2 = side * still_n, dt_s * dt_s
+    pressing = None
     for _ in range(MAX_SWEEPS):
         moved_m = side * (speed * dt_s)
         tried = (still_n > slope * moved_m) & (stays_m > moved_m)
@@ -168,14 +171,12 @@ def _normals(
             break
         pressing = tried
         push_n = add(np.where(pressing, pushed_n, 0.0), axis=0)
-        speed = (drive + dt_s * push_n) / (
-            mass + square_s2 * add(np.where(pressing, slope, 0.0), axis=0)
-        )
+        stiff = add(np.where(pressing, slope, 0.0), axis=0)
+        speed = (drive + dt_s * push_n) / (mass + square_s2 * stiff)
     moved_m = side * (speed * dt_s)
     state.depth_m = stays_m - moved_m
-    state.normal_n = np.where(
-        state.depth_m > 0.0, np.maximum(still_n - slope * moved_m, 0.0), 0.0
-    )
+    pressed_n = np.maximum(still_n - slope * moved_m, 0.0)
+    state.normal_n = np.where(state.depth_m > 0.0, pressed_n, 0.0)
     return speed
 
 
@@ -183,8 +184,7 @@ def damping(body: Body, state: State, limit_m: FloatArray) -> FloatArray:
     """[B] damping of the fingers along the surface, N s/m: of the elements that stick."""
     sticks = (state.slip_m_s == 0.0) & (limit_m > 0.0)
     stuck = add(np.where(sticks, body.brush_n_per_m, 0.0), axis=(0, 1))
-    coefficient: FloatArray = body.loss_s * stuck
-    return coefficient
+    return body.loss_s * stuck
 
 
 def _stretch_limit(
@@ -219,28 +219,33 @@ def _sideways(
     """[2, B] velocity at the end of the step; stretches the brushes as far as friction holds."""
     drive = body.mass_kg * state.velocity_m_s[1:] + dt_s * held_n
     mass = body.mass_kg + dt_s * drag
+    brush, stretch = body.brush_n_per_m, state.stretch_m
     velocity, rho, trial, length = _sweep(
-        drive, mass, body.brush_n_per_m, state.stretch_m, state.rho, limit_m, dt_s
+        drive, mass, brush, stretch, state.rho, limit_m, dt_s
     )
     change = rho - state.rho
     worst = np.maximum.reduce(np.abs(change, out=change), axis=(0, 1))
-    open_ = two_at_least((worst > RHO_TOLERANCE).nonzero()[0])
+    unsettled = two_at_least((worst > RHO_TOLERANCE).nonzero()[0])
     for _ in range(MAX_SWEEPS):
-        if not open_.size:
+        if not unsettled.size:
             break
-        before = rho[..., open_]
-        velocity[:, open_], after, trial[..., open_], length[..., open_] = _sweep(
-            drive[:, open_],
-            mass[:, open_],
-            body.brush_n_per_m[..., open_],
-            state.stretch_m[..., open_],
-            before,
-            limit_m[..., open_],
-            dt_s[open_],
+        before = rho[..., unsettled]
+        velocity[:, unsettled], after, trial[..., unsettled], length[..., unsettled] = (
+            _sweep(
+                drive[:, unsettled],
+                mass[:, unsettled],
+                brush[..., unsettled],
+                stretch[..., unsettled],
+                before,
+                limit_m[..., unsettled],
+                dt_s[unsettled],
+            )
         )
-        rho[..., open_] = after
-        open_ = open_[np.abs(after - before).max(axis=(0, 1)) > RHO_TOLERANCE]
+        rho[..., unsettled] = after
+        worst = np.abs(after - before).max(axis=(0, 1))
+        unsettled = unsettled[worst > RHO_TOLERANCE]
     state.rho = rho
+    # the return mapping: what friction does not hold of the trial stretch has slipped
     trial *= rho
     state.stretch_m = trial
     length *= 1.0 - rho
@@ -249,12 +254,12 @@ def _sideways(
     return velocity
 
 
-def two_at_least(lanes: IntArray) -> IntArray:
-    """The lanes; a single one twice.
+def two_at_least(trials: IntArray) -> IntArray:
+    """The trials; a single one twice.
 
-    numpy sums one lane in another order than many, and a trial must not depend on its batch.
+    numpy sums one trial in another order than many, and a trial must not depend on its batch.
     """
-    return np.repeat(lanes, 2) if len(lanes) == 1 else lanes
+    return np.repeat(trials, 2) if len(trials) == 1 else trials
 
 
 def _sweep(
@@ -278,3 +283,80 @@ def _sweep(
     held = np.maximum(length, TINY)
     np.divide(limit, held, out=held)
     return velocity, np.minimum(1.0, held, out=held), trial, length
+
+
+def kinetic_j(body: Body, state: State) -> FloatArray:
+    """[B] energy of motion."""
+    squares = state.velocity_m_s * state.velocity_m_s
+    return 0.5 * body.mass_kg * (squares[0] + squares[1] + squares[2])
+
+
+def brush_j(body: Body, state: State) -> FloatArray:
+    """[B] energy in the brushes."""
+    y, z = state.stretch_m
+    squares = y * y
+    squares += z * z
+    return 0.5 * np.einsum("eib,eib->b", body.brush_n_per_m, squares)
+
+
+def normal_j(
+    body: Body, closure_m: FloatArray, x_m: FloatArray, recess: FloatArray
+) -> FloatArray:
+    """[B] energy in the normal springs, the object at x_m [B] and its surface recessed [S, B]."""
+    depth = np.maximum(closure_m - recess - body.side * x_m, 0.0)
+    return 0.5 * add(body.stiffness_n_per_m * (depth * depth), axis=0)
+
+
+def _taken_by_lags_j(
+    body: Body,
+    old: State,
+    state: State,
+    closure_m: FloatArray,
+    dt_s: FloatArray,
+    effects: PhysicsEffects,
+) -> FloatArray:
+    """[B] energy that the object's own motion, not the fingers', puts into the lags."""
+    was_m = np.maximum(closure_m - old.recess_m - body.side * old.position_m[0], 0.0)
+    recess = recess_m(body, offset_m(body, state.position_m[1:]))
+    depth_m = np.maximum(closure_m - recess - body.side * state.position_m[0], 0.0)
+    change_m = depth_m - np.maximum(old.depth_m, 0.0)
+    taken_j = np.zeros_like(dt_s)
+    for lag in effects.lags:
+        stiffness, held_n = lag.terms(dt_s)
+        push_n = np.where(state.normal_n > 0.0, held_n + stiffness * change_m, 0.0)
+        taken_j = taken_j + (push_n * (depth_m - was_m)).sum(axis=0)
+    return taken_j
+
+
+def keep_the_balance(
+    body: Body, old: State, state: State, closure_m: FloatArray, given_j: FloatArray
+) -> None:
+    """Slow a trial that ended with more energy than it had and was given.
+
+    Normals and brushes are solved one after the other, and the squeeze at the old place, so a long
+    step can miss the balance; a fine step does not. Where stopping the object is not enough, it
+    stays where it was.
+    """
+    state.offset_m = offset_m(body, state.position_m[1:])
+    state.recess_m = recess_m(body, state.offset_m)
+    normal_before_j = normal_j(body, closure_m, old.position_m[0], old.recess_m)
+    had_j = kinetic_j(body, old) + old.brush_j + normal_before_j
+    moving_j = kinetic_j(body, state)
+    state.brush_j = brush_j(body, state)
+    normal_after_j = normal_j(body, closure_m, state.position_m[0], state.recess_m)
+    still_j = state.brush_j + normal_after_j
+    too_much = (moving_j + still_j > had_j + given_j).nonzero()[0]
+    if not too_much.size:
+        return
+    left_j = (had_j + given_j - still_j)[too_much]
+    share = np.sqrt(np.maximum(left_j, 0.0) / np.maximum(moving_j[too_much], TINY))
+    state.velocity_m_s[:, too_much] *= np.minimum(share, 1.0)
+    stuck = too_much[left_j < 0.0]
+    if not stuck.size:
+        return
+    held = np.minimum(state.rho, 1.0)[..., stuck]
+    state.position_m[:, stuck] = old.position_m[:, stuck]
+    state.stretch_m[..., stuck] = held * old.stretch_m[..., stuck]
+    state.brush_j[stuck] = brush_j(body, state)[stuck]
+    state.offset_m[..., stuck] = old.offset_m[..., stuck]
+    state.recess_m[..., stuck] = old.recess_m[..., stuck]

@@ -1,27 +1,147 @@
-"""An effect: an optional part of the physics, the sensor or the camera, with its own random stream.
+"""Effects: optional parts of the physics, the sensor or the camera, and their parameters.
 
-Stages, in this order: `physics` effects take part in every step of the core, or set how it steps;
-`sensor` effects turn the forces on the fingertips into what a sensor reports; `camera` effects draw
-frames. A card compiles to the list of effects it names: one that it does not name is never called
-and keeps no state.
+A scene file compiles to the list of effects that it names: the module of an effect is loaded when
+a scene names it, and one that no scene names is never called and keeps no state. Every effect has
+a random stream of its own, so that it shifts no other draw. Stages, in this order: `physics`
+effects take part in every step of the core, or set how it steps; `sensor` effects turn the forces
+on the fingertips into what a sensor reports; `camera` effects draw frames.
+
+A parameter in a scene file is a constant, a choice, or a distribution that is drawn once a trial:
+
+    grip_n = 8.0
+    grip_n = { uniform = [6, 10] }
+    grip_n = { normal = [8, 1] }         # mean and standard deviation, kept within the range
+    grip_n = { log_uniform = [0.1, 10] }
+    grip_n = { choice = [4, 8, 12] }
+    sensors = [2, 5]                     # for a parameter that is a list
 """
 
 from __future__ import annotations
 
+import importlib
 import math
+import sys
 import zlib
 from collections.abc import Callable, Mapping
 from copy import copy
-from dataclasses import dataclass, field, fields
-from typing import Any, Literal, Protocol, TypeVar
+from dataclasses import dataclass, field, replace
+from typing import Any, Literal
 
 import numpy as np
 
 from holdfast.core.contract import BoolArray, FloatArray, Unit
-from holdfast.simulation.values import Parameter
 
 Drawn = Mapping[str, Any]
 """Parameter name -> value of one trial: a float, or a list of floats."""
+Interval = tuple[float, float]
+"""Start and end, s."""
+
+DISTRIBUTIONS = ("uniform", "normal", "log_uniform", "choice")
+EFFECT_MODULES = {
+    "brush": "contacts",
+    "texture": "contacts",
+    "lag": "contacts",
+    "rotation": "rotation",
+    "arm": "shakes",
+    "tremor": "shakes",
+    "knock": "shakes",
+    "averaging": "chip",
+    "dipole": "magnet",
+    "cross_talk": "magnet",
+    "gain_tilt": "magnet",
+    "magnet_reversed": "magnet",
+    "magnet_lost": "magnet",
+    "thermal_drift": "magnet",
+    "hall_noise": "chip",
+    "saturation": "chip",
+    "quantisation": "chip",
+    "timing_jitter": "chip",
+    "dropped_samples": "chip",
+    "stale_sensor": "chip",
+    "camera_frames": "camera_frames",
+}
+"""Every effect in the order in which they run, and the module of this package that has it."""
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One parameter: its default, its unit, and the range that values and draws keep within.
+
+    about: what it is. many: the value is a list of numbers (such as sensors), not one number.
+    """
+
+    default: Any
+    unit: str
+    low: float
+    high: float
+    about: str
+    many: bool = False
+
+    def allowed(self) -> str:
+        """The range in words, for errors and tables."""
+        what = "a list of numbers" if self.many else "a number"
+        unit = f" {self.unit}" if self.unit else ""
+        return f"{what} from {self.low:g} to {self.high:g}{unit}"
+
+    def problem(self, value: Any) -> str | None:
+        """What is wrong with a scene file's value, or None."""
+        if self.many:
+            fits = isinstance(value, list) and all(map(self._inside, value))
+            return None if fits else self.allowed()
+        if isinstance(value, dict):
+            return self._problem_of_distribution(value)
+        return None if self._inside(value) else f"{self.allowed()}, or a distribution"
+
+    def draw(self, value: Any, rng: np.random.Generator) -> Any:
+        """One draw of a value that has no problem; a constant uses no random number."""
+        if self.many:
+            return list(map(float, value))
+        if not isinstance(value, dict):
+            return float(value)
+        ((kind, numbers),) = value.items()
+        return min(max(_drawn(kind, numbers, rng), self.low), self.high)
+
+    def _inside(self, value: Any) -> bool:
+        number = isinstance(value, (int, float)) and not isinstance(value, bool)
+        return number and self.low <= value <= self.high  # false of nan
+
+    def _problem_of_distribution(self, value: dict[str, Any]) -> str | None:
+        kind = next(iter(value), "")
+        if len(value) != 1 or kind not in DISTRIBUTIONS:
+            return f"{self.allowed()}, or one of {{ {', '.join(DISTRIBUTIONS)} }}"
+        numbers = value[kind]
+        listed = isinstance(numbers, list) and len(numbers) > 0
+        if not listed or (kind != "choice" and len(numbers) != 2):
+            pair = "mean, standard deviation" if kind == "normal" else "low, high"
+            return f"{kind} = [{pair}]"
+        if kind == "normal":
+            return self._problem_of_normal(*numbers)
+        if not all(map(self._inside, numbers)):
+            return f"limits within {self.allowed()}"
+        if kind != "choice" and not numbers[0] <= numbers[1]:
+            return "low before high"
+        if kind == "log_uniform" and numbers[0] <= 0:
+            return "limits above zero"
+        return None
+
+    def _problem_of_normal(self, mean: Any, deviation: Any) -> str | None:
+        number = isinstance(deviation, (int, float))
+        if self._inside(mean) and number and 0 <= deviation <= sys.float_info.max:
+            return None
+        allowed = f"a mean within {self.allowed()}"
+        return f"{allowed} and a standard deviation that is not negative"
+
+
+def _drawn(kind: str, numbers: list[float], rng: np.random.Generator) -> float:
+    """One draw of a distribution; its kind is one of DISTRIBUTIONS."""
+    if kind == "choice":
+        return float(numbers[int(rng.integers(len(numbers)))])
+    first, second = numbers
+    if kind == "uniform":
+        return float(rng.uniform(first, second))
+    if kind == "normal":
+        return float(rng.normal(first, second))
+    return float(math.exp(rng.uniform(math.log(first), math.log(second))))
 
 
 @dataclass(frozen=True)
@@ -40,11 +160,11 @@ class Effect:
 
     make: (signal, drawn, random stream) -> signal; or for `physics` what builds the effect for a
     batch; or for an effect that `sets` a field of run.StepSettings what turns its constant into
-    that field. needs: effects that must be on the card too. marks_invalid: it can make samples
+    that field. needs: effects that the scene must name too. marks_invalid: it can make samples
     invalid, so the trial's file has columns for that. constant: a parameter that is the same in all
-    trials of a card, which are stepped together. longest_step_s: the longest physics.step_s it
-    allows. gives_unit: the unit after it. in_card_unit: it acts on reported samples, so the unit is
-    converted before it.
+    trials of a scene, which are stepped together. longest_step_s: the longest physics.step_s it
+    allows. gives_unit: the unit after it. in_scene_unit: it acts on reported samples, so the unit
+    is converted before it.
     """
 
     name: str
@@ -57,110 +177,120 @@ class Effect:
     sets: str = ""
     longest_step_s: float = math.inf
     gives_unit: Unit | None = None
-    in_card_unit: bool = False
+    in_scene_unit: bool = False
 
     def draw(self, values: Mapping[str, Any], rng: np.random.Generator) -> Drawn:
-        """Draw one trial's parameters from the card's values.
+        """Draw one trial's parameters from the scene's values.
 
-        The order is the table's, so no draw depends on the order of the card.
+        The order is the table's, so no draw depends on the order in the scene file.
         """
-        table = self.parameters.items()
-        return {name: p.draw(values.get(name, p.default), rng) for name, p in table}
+        return draw_all(self.parameters, values, rng)
+
+    def sense(self, signal: Signal, drawn: Drawn, rng: np.random.Generator) -> Signal:
+        """A signal after this effect of the sensor, in the unit that it gives."""
+        made: Signal = self.make(signal, drawn, rng)
+        return replace(made, unit=self.gives_unit or made.unit)
 
     def setting(self, values: Mapping[str, Any]) -> Any:
-        """The field of run.StepSettings that this effect sets, from the card's values."""
+        """The field of run.StepSettings that this effect sets, from the scene's values."""
         default = self.parameters[self.constant].default
         return self.make(float(values.get(self.constant, default)))
 
 
+def draw_all(
+    table: Mapping[str, Parameter],
+    values: Mapping[str, Any],
+    rng: np.random.Generator,
+) -> dict[str, Any]:
+    """Draw every parameter of a table in its order; values: those that are not the default."""
+    drawn = {}
+    for name, parameter in table.items():
+        drawn[name] = parameter.draw(values.get(name, parameter.default), rng)
+    return drawn
+
+
+def module_effects(name: str) -> dict[str, Effect]:
+    """All effects of the module that has the named one; loads the module."""
+    module = importlib.import_module(f"holdfast.simulation.{EFFECT_MODULES[name]}")
+    effects: dict[str, Effect] = module.EFFECTS
+    return effects
+
+
+def effect_named(name: str) -> Effect:
+    """An effect of EFFECT_MODULES."""
+    return module_effects(name)[name]
+
+
+def all_effects() -> dict[str, Effect]:
+    """Every effect in the order in which they run, with all their modules loaded."""
+    return {name: effect_named(name) for name in EFFECT_MODULES}
+
+
+def step_settings(named: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
+    """Fields of run.StepSettings that effects set; named: effect -> the scene's values."""
+    fields = {}
+    for name, values in named.items():
+        effect = effect_named(name)
+        if effect.sets:
+            fields[effect.sets] = effect.setting(values)
+    return fields
+
+
 def stream(seed: int, trial: int, name: str) -> np.random.Generator:
     """The random stream of one part of one trial; draws of other parts cannot shift it."""
-    return np.random.default_rng(
-        np.random.SeedSequence(seed, spawn_key=(trial, zlib.crc32(name.encode())))
-    )
+    key = (trial, zlib.crc32(name.encode()))
+    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=key))
 
 
-class ShakeEffect(Protocol):
-    """The hand itself accelerates."""
+class PhysicsEffect:
+    """A part of every step of the core, built for a batch of B trials.
 
-    def acceleration_m_s2(self, t_s: FloatArray) -> FloatArray:
-        """[3, B] of the hand at times t_s [B]."""
-        ...
+    Its kind says what the core asks it for, and thereby its place in PhysicsEffects:
+    shakes    the hand accelerates: acceleration_m_s2(t_s [B]) -> [3, B]
+    textures  friction depends on how far an element has slipped: scale(slip in the last step
+              [E, S, B]) -> [E, S, B], a factor of the friction limit
+    lags      a part of the normal force with memory, which gains stiffness * (change of depth)
+              + held: terms(dt_s [B]) -> (stiffness, held force), [S, B] each; and moved(change
+              of depth [S, B], touching [S, B], dt_s [B]) takes in the step
+    turns     the object rotates: turn(body, state, limit_m, dt_s) moves the brushes in place
+              after the core has
+    """
 
+    kind: Literal["shakes", "textures", "lags", "turns"]
 
-class TextureEffect(Protocol):
-    """Friction depends on how far an element has slipped."""
-
-    def scale(self, slipped_m: FloatArray) -> FloatArray:
-        """[E, S, B] factor of the friction limit; slipped_m [E, S, B]: slip in the last step."""
-        ...
-
-
-class LagEffect(Protocol):
-    """A part of the normal force with memory: N gains stiffness * (change of depth) + held."""
-
-    def terms(self, dt_s: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """(stiffness [S, B], held force [S, B]) of a step of dt_s [B]."""
-        ...
-
-    def moved(
-        self, change_m: FloatArray, touching: BoolArray, dt_s: FloatArray
-    ) -> None:
-        """Take in the change of depth of a step, [S, B]."""
-        ...
-
-
-class TurnEffect(Protocol):
-    """Rotation of the object: moves the brushes by itself after the core has."""
-
-    def turn(
-        self, body: Any, state: Any, limit_m: FloatArray, dt_s: FloatArray
-    ) -> None:
-        """Turn the object by one step; changes the stretch of the brushes in place."""
-        ...
+    def busy_s(self, trial: int) -> list[Interval]:
+        """When a trial of the batch needs fine steps; by default never for the effect's sake."""
+        return []
 
 
 @dataclass(frozen=True)
 class PhysicsEffects:
-    """What takes part in every step beside the core: empty unless the card names it."""
+    """What takes part in every step of the core: empty unless the scene names an effect."""
 
-    shakes: tuple[ShakeEffect, ...] = ()
-    textures: tuple[TextureEffect, ...] = ()
-    lags: tuple[LagEffect, ...] = ()
-    turns: tuple[TurnEffect, ...] = ()
-
-    def without_lanes(self, count: int, lanes: int) -> PhysicsEffects:
-        """The effects of a batch of `lanes` without its first `count` lanes."""
-        kinds = (getattr(self, one.name) for one in fields(self))
-        return PhysicsEffects(
-            *(
-                tuple(without_lanes(effect, count, lanes) for effect in kind)
-                for kind in kinds
-            )
-        )
-
-
-Batched = TypeVar("Batched")
-
-
-def without_lanes(whole: Batched, count: int, lanes: int) -> Batched:
-    """A copy of an object that holds arrays of a batch, without the first `count` lanes.
-
-    Its arrays whose last axis has `lanes` entries have the lanes there; lists of arrays too.
-    """
-    part = copy(whole)
-    for name, value in vars(whole).items():
-        setattr(part, name, _cut(value, count, lanes))
-    return part
-
-
-def _cut(value: Any, count: int, lanes: int) -> Any:
-    if isinstance(value, list):
-        return [_cut(one, count, lanes) for one in value]
-    batched = (
-        isinstance(value, np.ndarray) and value.ndim > 0 and value.shape[-1] == lanes
-    )
-    return value[..., count:].copy(order="K") if batched else value
+    shakes: tuple[Any, ...] = ()
+    textures: tuple[Any, ...] = ()
+    lags: tuple[Any, ...] = ()
+    turns: tuple[Any, ...] = ()
 
 
 NO_EFFECTS = PhysicsEffects()
+
+
+def without_first(batched: Any, count: int, n: int) -> Any:
+    """A copy of what holds arrays of a batch of n trials, without its first `count` trials.
+
+    Arrays whose last axis has n entries have the trials there; lists and tuples are looked into.
+    """
+    if isinstance(batched, np.ndarray):
+        if batched.ndim == 0 or batched.shape[-1] != n:
+            return batched
+        # the layout in memory stays: it decides in which order numpy sums
+        return batched[..., count:].copy(order="K")
+    if isinstance(batched, list | tuple):
+        return type(batched)([without_first(part, count, n) for part in batched])
+    if not hasattr(batched, "__dict__"):
+        return batched
+    part = copy(batched)
+    for name, value in vars(batched).items():
+        object.__setattr__(part, name, without_first(value, count, n))
+    return part

@@ -1,10 +1,10 @@
 """Objects: mass, size, shape, friction and stiffness.
 
 Masses and sizes are the thesis'. Friction against silicone and stiffness are our assumptions for
-foam, PET, rubber and printed plastic; the card varies them from trial to trial. A card may add
-objects.
+foam, PET, rubber and printed plastic; the scene varies them from trial to trial. A scene file may
+add objects.
 
-The hand of a card: how many contacts its thumb and its four fingers have.
+The hand of a scene file: how many contacts its thumb and its four fingers have.
 
     [hand]
     thumb = 4                # contacts on the thumb, default 2
@@ -23,7 +23,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from holdfast.core.trial_layout import MASSES_G
-from holdfast.simulation.values import Parameter
+from holdfast.simulation.effect import Parameter
 
 OBJECT_KEYS = {
     "mass_g": Parameter(100.0, "g", 0.1, 5000.0, "mass"),
@@ -50,7 +50,7 @@ EDGE_RADIUS_MM = 5.0
 
 
 @dataclass(frozen=True)
-class Thing:
+class HeldObject:
     """One object; a ball where axial_radius_mm is above zero, else a cylinder with rounded ends."""
 
     name: str
@@ -69,43 +69,49 @@ class Thing:
         return 1e3 / self.radius_mm, 1e3 / (self.axial_radius_mm or EDGE_RADIUS_MM)
 
 
-def thing(name: str, values: Mapping[str, Any]) -> Thing:
-    """An object from a card's table; missing values have their defaults."""
-    return Thing(
-        name,
-        **{key: float(values.get(key, p.default)) for key, p in OBJECT_KEYS.items()},
-    )
+def held_object(name: str, values: Mapping[str, Any]) -> HeldObject:
+    """An object from a scene file's table; missing values have their defaults."""
+    numbers = {}
+    for key, parameter in OBJECT_KEYS.items():
+        numbers[key] = float(values.get(key, parameter.default))
+    return HeldObject(name, **numbers)
 
 
 def _ball(
     name: str, diameter_mm: float, friction: float, stiffness: float, tall_mm: float = 0
-) -> Thing:
-    return Thing(
+) -> HeldObject:
+    return HeldObject(
         name,
-        MASSES_G[name],
-        diameter_mm / 2,
-        (tall_mm or diameter_mm) / 2,
-        0.0,
-        friction,
-        0.8,
-        stiffness,
+        mass_g=MASSES_G[name],
+        radius_mm=diameter_mm / 2,
+        axial_radius_mm=(tall_mm or diameter_mm) / 2,
+        half_length_mm=0.0,
+        friction=friction,
+        kinetic_share=0.8,
+        stiffness_n_per_m=stiffness,
     )
 
 
-def _bottle(name: str, stiffness: float) -> Thing:
-    return Thing(name, MASSES_G[name], 31.5, 0.0, 100.0, 0.6, 0.8, stiffness)
+def _bottle(name: str, stiffness: float) -> HeldObject:
+    return HeldObject(
+        name,
+        mass_g=MASSES_G[name],
+        radius_mm=31.5,
+        axial_radius_mm=0.0,
+        half_length_mm=100.0,
+        friction=0.6,
+        kinetic_share=0.8,
+        stiffness_n_per_m=stiffness,
+    )
 
 
 OBJECTS = {
-    thing.name: thing
-    for thing in (
-        _ball("soft-ball", 69.0, 0.8, 1.5e3),
-        _bottle("empty-bottle", 3e3),
-        _ball("basket-ball", 60.0, 0.8, 5e3),
-        _ball("hard-ball", 60.0, 0.6, 1e5),
-        _bottle("full-bottle", 2e4),
-        _ball("apple", 66.5, 0.5, 2e4, tall_mm=86.5),
-    )
+    "soft-ball": _ball("soft-ball", 69.0, 0.8, 1.5e3),
+    "empty-bottle": _bottle("empty-bottle", 3e3),
+    "basket-ball": _ball("basket-ball", 60.0, 0.8, 5e3),
+    "hard-ball": _ball("hard-ball", 60.0, 0.6, 1e5),
+    "full-bottle": _bottle("full-bottle", 2e4),
+    "apple": _ball("apple", 66.5, 0.5, 2e4, tall_mm=86.5),
 }
 
 

@@ -23,9 +23,8 @@ from typing import Any
 import numpy as np
 
 from holdfast.core.hand_layout import HandLayout
-from holdfast.simulation.effect import stream
-from holdfast.simulation.objects import Thing
-from holdfast.simulation.values import Parameter
+from holdfast.simulation.effect import Parameter, draw_all, stream
+from holdfast.simulation.objects import HeldObject
 
 GRAVITY_M_S2 = 9.81
 NEVER_S = 1e9
@@ -220,20 +219,19 @@ ACTIONS: dict[str, dict[str, Parameter]] = {
         "lasts_s": Parameter(20.0, "s", 0.5, 3600, "how long the hand stays empty"),
     },
 }
-FOLDERS = tuple(ACTIONS)
 
 
 @dataclass(frozen=True)
 class PlannedTrial:
     """One trial to simulate, all its numbers drawn; only effects draw more.
 
-    number: counts the trials of a card and picks every random stream. drawn: value of every
+    number: counts the trials of a scene and picks every random stream. drawn: value of every
     parameter. supported: a person keeps supporting a weak grip. For each contact of the hand:
     share of the grip and finger_n_per_m [S], at_m [2, S]. push [3]: direction of taking.
     """
 
     number: int
-    thing: Thing
+    object: HeldObject
     action: str
     style: str
     drawn: dict[str, float]
@@ -248,76 +246,71 @@ class PlannedTrial:
     @property
     def kinetic_friction(self) -> float:
         """Of the object in this trial, while it slides."""
-        thing = self.thing
-        return thing.friction * self.drawn["friction_factor"] * thing.kinetic_share
+        held = self.object
+        return held.friction * self.drawn["friction_factor"] * held.kinetic_share
 
 
 def draw_trial(
     number: int,
-    thing: Thing,
+    held: HeldObject,
     action: str,
     style: str,
     values: Mapping[str, Any],
     seed: int,
     hand: HandLayout,
 ) -> PlannedTrial:
-    """Draw a trial from the stream of its number; values: the card's over those of its style."""
+    """Draw a trial from the stream of its number; values: the scene's over those of its style."""
+    # The order of the draws is part of the format: another one changes every simulated set.
     rng = stream(seed, number, "protocol")
-    table = COMMON | ACTIONS[action]
-    drawn = {
-        name: p.draw(values.get(name, p.default), rng) for name, p in table.items()
-    }
+    drawn = draw_all(COMMON | ACTIONS[action], values, rng)
     share = 1.0 + drawn["share_spread"] * rng.uniform(-1.0, 1.0, hand.n_contacts)
     share[: hand.thumb] /= share[: hand.thumb].sum()
     share[hand.thumb :] /= share[hand.thumb :].sum()
     weak = rng.uniform() < drawn["weak_share"] or action == "fall"
+    stiffness = rng.uniform(0.8, 1.25, hand.n_contacts)
     return PlannedTrial(
         number,
-        thing,
+        held,
         action,
         style,
         drawn,
         supported=weak,
-        grip_n=_grip_n(
-            thing, drawn, weak, 0.0 if action == "fall" else drawn["gentlest_n"]
-        ),
+        grip_n=_grip_n(held, action, drawn, weak),
         share=share,
-        finger_n_per_m=drawn["finger_n_per_m"]
-        * rng.uniform(0.8, 1.25, hand.n_contacts)
-        * hand.part,
-        at_m=_places_m(thing, drawn, rng, hand),
+        finger_n_per_m=drawn["finger_n_per_m"] * stiffness * hand.part,
+        at_m=_places_m(held, drawn, rng, hand),
         push=_direction(rng),
         hand=hand,
     )
 
 
-def least_grip_n(thing: Thing, friction_factor: float = 1.0) -> float:
+def least_grip_n(held: HeldObject, friction_factor: float = 1.0) -> float:
     """Normal force a side, N, that just holds the weight by kinetic friction; inf without."""
-    friction = thing.friction * thing.kinetic_share * friction_factor
-    return (
-        thing.mass_g * 1e-3 * GRAVITY_M_S2 / (2.0 * friction)
-        if friction > 0.0
-        else np.inf
-    )
+    friction = held.friction * held.kinetic_share * friction_factor
+    if friction <= 0.0:
+        return np.inf
+    return held.mass_g * 1e-3 * GRAVITY_M_S2 / (2.0 * friction)
 
 
 def _grip_n(
-    thing: Thing, drawn: dict[str, float], weak: bool, gentlest_n: float
+    held: HeldObject, action: str, drawn: dict[str, float], weak: bool
 ) -> float:
-    least = least_grip_n(thing, drawn["friction_factor"])
-    return (
-        max(drawn["weak_grip"] * least, gentlest_n)
-        if weak
-        else max(drawn["grip_n"], drawn["spare"] * least)
-    )
+    least = least_grip_n(held, drawn["friction_factor"])
+    if not weak:
+        return max(drawn["grip_n"], drawn["spare"] * least)
+    gentlest_n = 0.0 if action == "fall" else drawn["gentlest_n"]
+    return max(drawn["weak_grip"] * least, gentlest_n)
 
 
 def _places_m(
-    thing: Thing, drawn: dict[str, float], rng: np.random.Generator, hand: HandLayout
+    held: HeldObject,
+    drawn: dict[str, float],
+    rng: np.random.Generator,
+    hand: HandLayout,
 ) -> np.ndarray:
     """[2, S]: contacts lie along a cylinder, or about the apex of a ball, which fingers wrap."""
     places = 1e-3 * drawn["offset_mm"] * rng.normal(size=(2, hand.n_contacts))
-    if not thing.axial_radius_mm:
+    if not held.axial_radius_mm:
         places[1] += hand.along_m
     return places
 

@@ -11,13 +11,19 @@ import numpy.typing as npt
 from holdfast.core.contract import BoolArray, FloatArray
 from holdfast.simulation.body import Body, State, at_rest
 from holdfast.simulation.core import step
-from holdfast.simulation.effect import NO_EFFECTS, PhysicsEffects, without_lanes
+from holdfast.simulation.effect import (
+    NO_EFFECTS,
+    Interval,
+    PhysicsEffects,
+    without_first,
+)
 from holdfast.simulation.protocol import PlannedTrial
-from holdfast.simulation.script import Grid, Interval, Script, body_of, grid_of
+from holdfast.simulation.script import Grid, Script, body_of, grid_of
 
 CHUNK = 64
+"""Steps whose inputs are computed together."""
 WORTH_LEAVING = 16
-"""Ended lanes are dropped when they are one in 16 or more, because dropping copies the rest."""
+"""Ended trials are dropped when they are one in 16 or more, because dropping copies the rest."""
 SLIDES_M_S = 2e-4
 """An element slower than this creeps about its equilibrium and does not slip."""
 ONE_ELEMENT = np.ones(1)
@@ -32,7 +38,7 @@ class StepSettings:
 
     step_s: step where anything can happen. pressure: [E] shares of the brush. average_s: the sensor
     reports the mean over this time before each sample; 0: the value at the sample. busy: more
-    intervals with fine steps, for every lane.
+    intervals with fine steps, for every trial.
     """
 
     rate_hz: float
@@ -63,227 +69,217 @@ class TrialMotion:
     slip_m: FloatArray
 
 
-class _Tape:
-    """Arrays that a batch writes while it runs; samples of all lanes lie end to end."""
+class StepTape:
+    """What every step of every trial leaves: the truth of TrialMotion, [steps, .., B]."""
 
-    def __init__(self, grids: Sequence[Grid], contacts: int) -> None:
-        lanes, n_steps = len(grids), max(len(grid.at_s) for grid in grids)
-        self.starts = np.cumsum([0, *(grid.n_samples for grid in grids)])
-        self.forces = np.zeros((self.starts[-1], contacts, 3))
-        self.position = np.zeros((self.starts[-1], 3))
-        self.agents = np.zeros((n_steps, 3, lanes), dtype=np.float32)
-        self.gripped, self.slips, self.slides = (
-            np.zeros((n_steps, lanes), dtype=np.bool_) for _ in range(3)
-        )
-        self.slip = np.zeros((n_steps, lanes), dtype=np.float32)
+    def __init__(self, steps: int, batch: int) -> None:
+        self.agents_n = np.zeros((steps, 3, batch), dtype=np.float32)
+        self.gripped = np.zeros((steps, batch), dtype=np.bool_)
+        self.slips = np.zeros((steps, batch), dtype=np.bool_)
+        self.slides = np.zeros((steps, batch), dtype=np.bool_)
+        self.slip_m = np.zeros((steps, batch), dtype=np.float32)
 
-
-def motions(
-    trials: Sequence[PlannedTrial], loop: StepSettings, done: Done = lambda share: None
-) -> Iterator[TrialMotion]:
-    """Step a batch of trials to their ends; yields one motion at a time.
-
-    So the motions of a large batch need not all be in memory. A trial's result does not depend on
-    its batch, if that has two or more. done: called now and then with the share that is stepped.
-    """
-    spans = loop.busy or [()] * len(trials)
-    grids = [
-        grid_of(trial, loop.rate_hz, loop.step_s, more)
-        for trial, more in zip(trials, spans, strict=True)
-    ]
-    at_s, sample = _stack(grids)
-    before_s = np.vstack([[grid.start_s for grid in grids], at_s[:-1]])
-    lasts = np.array([len(grid.at_s) for grid in grids])
-    lanes = _Lanes(trials, loop, before_s[0])
-    tape = _Tape(grids, len(lanes.state.normal_n))
-    for start in range(0, len(at_s), CHUNK):
-        lanes.leave(_ended(lasts[lanes.first :] <= start))
-        steps = slice(start, start + CHUNK)
-        _step_on(
-            lanes,
-            tape,
-            start,
-            at_s[steps, lanes.first :],
-            before_s[steps, lanes.first :],
-            sample[steps],
-        )
-        done(min(1.0, (start + CHUNK) / len(at_s)))
-    for lane, grid in enumerate(grids):
-        yield _motion(tape, loop.rate_hz, lane, grid)
-
-
-class _Lanes:
-    """The trials of a batch that still run, all from `first` on, with everything they need."""
-
-    def __init__(
-        self, trials: Sequence[PlannedTrial], loop: StepSettings, start_s: FloatArray
+    def write(
+        self, k: int, trials: slice | IntArray, state: State, travel_m: FloatArray
     ) -> None:
-        self.trials, self.loop, self.effects, self.first = trials, loop, loop.effects, 0
-        self.body = body_of(trials, loop.pressure)
-        self.script = Script(trials, self.body)
-        self.state = at_rest(self.body, self.script.chunk(start_s[None])[0].closure_m)
-        shape = self.state.normal_n.shape
-        self.mean = _Mean(loop, *shape) if loop.average_s else None
-        self.travel_m = np.zeros(shape)
+        """Step k of some trials; travel_m [S, B]: how far each contact has slipped."""
+        touching = state.normal_n > 0.0
+        count = touching.sum(axis=0)
+        fast = state.slip_m_s > SLIDES_M_S
+        slides = (fast.all(axis=0) | ~touching).all(axis=0)
+        travelled_m = (travel_m * touching).sum(axis=0)
+        self.agents_n[k][:, trials] = state.agents_n
+        self.gripped[k, trials] = count > 0
+        self.slips[k, trials] = (fast.any(axis=0) & touching).any(axis=0)
+        self.slides[k, trials] = slides & (count > 0)
+        self.slip_m[k, trials] = travelled_m / np.maximum(count, 1)
 
-    def leave(self, count: int) -> None:
-        """Drop the first `count` lanes where that is worth the copying; at least two stay."""
-        count = min(count, len(self.trials) - 2)
-        if count < max(1, len(self.trials) // WORTH_LEAVING):
-            return
-        lanes = len(self.trials)
-        self.trials, self.first = self.trials[count:], self.first + count
-        self.body = body_of(self.trials, self.loop.pressure)
-        self.script = Script(self.trials, self.body, self.script.boxed)
-        self.state = without_lanes(self.state, count, lanes)
-        self.effects = self.effects.without_lanes(count, lanes)
-        self.mean = (
-            None if self.mean is None else without_lanes(self.mean, count, lanes)
+    def motion(
+        self,
+        trial: int,
+        steps: slice | BoolArray,
+        at_s: FloatArray,
+        t_s: FloatArray,
+        forces_n: FloatArray,
+        position_m: FloatArray,
+    ) -> TrialMotion:
+        """One trial of the tape, with its steps at at_s and its samples at t_s."""
+        return TrialMotion(
+            t_s=t_s,
+            forces_n=forces_n,
+            position_m=position_m,
+            at_s=at_s,
+            agents_n=self.agents_n[steps, :, trial].astype(np.float64),
+            gripped=self.gripped[steps, trial],
+            slips=self.slips[steps, trial],
+            slides=self.slides[steps, trial],
+            slip_m=self.slip_m[steps, trial].astype(np.float64),
         )
-        self.travel_m = self.travel_m[:, count:].copy()
-
-
-def _ended(flags: BoolArray) -> int:
-    """Number of lanes at the front that have all ended."""
-    return len(flags) if flags.all() else int(np.argmin(flags))
-
-
-def _step_on(
-    lanes: _Lanes,
-    tape: _Tape,
-    start: int,
-    at_s: FloatArray,
-    before_s: FloatArray,
-    sample: IntArray,
-) -> None:
-    """A chunk of steps; at_s, before_s [n, B] of the running lanes, sample [n, all lanes]."""
-    state, mean, travel = lanes.state, lanes.mean, lanes.travel_m
-    for k, now in enumerate(lanes.script.chunk(at_s)):
-        dt_s = at_s[k] - before_s[k]
-        step(lanes.body, state, now, dt_s, at_s[k], lanes.effects)
-        travel += np.add.reduce(state.slip_m_s, axis=0) / len(state.slip_m_s) * dt_s
-        _note(tape, start + k, lanes.first, state, travel)
-        if mean is not None:
-            mean.add(lanes.body, state, at_s[k], dt_s)
-        ends = (sample[k, lanes.first :] >= 0).nonzero()[0]
-        if ends.size:
-            rows = tape.starts[lanes.first + ends] + sample[k, lanes.first + ends]
-            _sample(tape, rows, ends, lanes.body, state, mean)
-
-
-def _stack(grids: Sequence[Grid]) -> tuple[FloatArray, IntArray]:
-    """[K, B] times and samples; a lane that has ended repeats its last step, without samples."""
-    longest = max(len(grid.at_s) for grid in grids)
-    at_s, sample = (
-        np.empty((longest, len(grids))),
-        np.full((longest, len(grids)), -1, dtype=np.int64),
-    )
-    for lane, grid in enumerate(grids):
-        n, last_s = len(grid.at_s), np.concatenate([[grid.start_s], grid.at_s])[-2:]
-        at_s[:n, lane], sample[:n, lane] = grid.at_s, grid.sample
-        at_s[n:, lane] = last_s[1] + (last_s[1] - last_s[0]) * np.arange(
-            1, longest - n + 1
-        )
-    return at_s, sample
-
-
-def contact_marks(
-    state: State, travel_m: FloatArray
-) -> tuple[BoolArray, BoolArray, BoolArray, FloatArray]:
-    """(gripped, slips, slides, slip in m), [B] each, after a step; travel_m [S, B]."""
-    touching = state.normal_n > 0.0
-    count = touching.sum(axis=0)
-    fast = state.slip_m_s > SLIDES_M_S
-    slips = np.asarray((fast.any(axis=0) & touching).any(axis=0))
-    slides = np.asarray((fast.all(axis=0) | ~touching).all(axis=0) & (count > 0))
-    return (
-        count > 0,
-        slips,
-        slides,
-        (travel_m * touching).sum(axis=0) / np.maximum(count, 1),
-    )
-
-
-def _note(tape: _Tape, k: int, first: int, state: State, travel: FloatArray) -> None:
-    tape.agents[k, :, first:] = state.agents_n
-    marks = contact_marks(state, travel)
-    tape.gripped[k, first:], tape.slips[k, first:] = marks[:2]
-    tape.slides[k, first:], tape.slip[k, first:] = marks[2:]
 
 
 def forces_of(body: Body, state: State) -> FloatArray:
     """[S, 3, B] on the fingertips: shear x, y, normal; shear points the way the object moves."""
     shear = np.add.reduce(body.brush_n_per_m * state.stretch_m, axis=1)
     forces = np.empty((len(state.normal_n), 3, shear.shape[2]))
-    forces[:, 0], forces[:, 1], forces[:, 2] = (
-        shear[0],
-        shear[1] * -body.side,
-        state.normal_n,
-    )
+    forces[:, 0] = shear[0]
+    forces[:, 1] = shear[1] * -body.side
+    forces[:, 2] = state.normal_n
     return forces
 
 
-def mean_weight_s(
-    at_s: FloatArray, dt_s: FloatArray, period_s: float, window_s: float
-) -> FloatArray:
-    """[B] how much of a step of dt_s that ends at at_s lies in the window before a sample."""
-    opens_s = np.ceil(at_s / period_s - 1e-6) * period_s - window_s
-    weight_s: FloatArray = np.minimum(dt_s, np.maximum(at_s - opens_s, 0.0))
-    return weight_s
+def travel_of(state: State, dt_s: FloatArray) -> FloatArray:
+    """[S, B] how far each contact slips in a step of dt_s: the mean of its elements."""
+    return np.add.reduce(state.slip_m_s, axis=0) / len(state.slip_m_s) * dt_s
 
 
-class _Mean:
+class ForceMean:
     """The chip's averaging: the mean of the forces over its conversion time before a sample."""
 
-    def __init__(self, loop: StepSettings, contacts: int, lanes: int) -> None:
-        self.window_s, self.period_s = loop.average_s, 1.0 / loop.rate_hz
-        self.total, self.weight_s = np.zeros((contacts, 3, lanes)), np.zeros(lanes)
+    def __init__(self, settings: StepSettings, contacts: int, batch: int) -> None:
+        self.window_s, self.period_s = settings.average_s, 1.0 / settings.rate_hz
+        self.total, self.weight_s = np.zeros((contacts, 3, batch)), np.zeros(batch)
 
     def add(self, body: Body, state: State, at_s: FloatArray, dt_s: FloatArray) -> None:
         """Add the part of the step that lies within the window before the next sample.
 
-        A lane outside its window adds its forces times zero, which changes no bit and costs less
+        A trial outside its window adds its forces times zero, which changes no bit and costs less
         than masking.
         """
-        weight_s = mean_weight_s(at_s, dt_s, self.period_s, self.window_s)
-        if not weight_s.any():
-            return
-        self.total += forces_of(body, state) * weight_s
-        self.weight_s += weight_s
+        sample_s = np.ceil(at_s / self.period_s - 1e-6) * self.period_s
+        within_s = np.maximum(at_s - (sample_s - self.window_s), 0.0)
+        weight_s = np.minimum(dt_s, within_s)
+        if weight_s.any():
+            self.total += forces_of(body, state) * weight_s
+            self.weight_s += weight_s
 
-    def take(self, lanes: IntArray) -> FloatArray:
+    def take(self, trials: IntArray) -> FloatArray:
         """[S, 3, n] the mean; starts the next one."""
-        mean: FloatArray = self.total[..., lanes] / self.weight_s[lanes]
-        self.total[..., lanes], self.weight_s[lanes] = 0.0, 0.0
+        mean = self.total[..., trials] / self.weight_s[trials]
+        self.total[..., trials] = 0.0
+        self.weight_s[trials] = 0.0
         return mean
 
 
-def _sample(
-    tape: _Tape,
-    rows: IntArray,
-    lanes: IntArray,
-    body: Body,
-    state: State,
-    mean: _Mean | None,
-) -> None:
-    forces = forces_of(body, state)[..., lanes] if mean is None else mean.take(lanes)
-    tape.position[rows] = state.position_m[:, lanes].T
-    tape.forces[rows] = forces.transpose(2, 0, 1)
+def motions(
+    trials: Sequence[PlannedTrial],
+    settings: StepSettings,
+    done: Done = lambda share: None,
+) -> Iterator[TrialMotion]:
+    """Step a batch of trials to their ends; yields one motion at a time.
+
+    So the motions of a large batch need not all be in memory. A trial's result does not depend on
+    its batch, if that has two or more. done: called now and then with the share that is stepped.
+    """
+    grids = []
+    for k, trial in enumerate(trials):
+        more = settings.busy[k] if settings.busy else ()
+        grids.append(grid_of(trial, settings.rate_hz, settings.step_s, more))
+    running = _Running(trials, settings, grids)
+    n_steps = len(running.at_s)
+    for start in range(0, n_steps, CHUNK):
+        running.leave(start)
+        running.step_on(start, start + CHUNK)
+        done(min(1.0, (start + CHUNK) / n_steps))
+    for k, grid in enumerate(grids):
+        yield running.motion(k, grid)
 
 
-def _motion(tape: _Tape, rate_hz: float, lane: int, grid: Grid) -> TrialMotion:
-    n, k = grid.n_samples, len(grid.at_s)
-    rows = slice(tape.starts[lane], tape.starts[lane + 1])
-    position = tape.position[rows]
-    position[grid.sample[-1] + 1 :] = position[grid.sample[-1]]
-    return TrialMotion(
-        t_s=np.arange(n) / rate_hz,
-        forces_n=tape.forces[rows],
-        position_m=position,
-        at_s=grid.at_s,
-        agents_n=tape.agents[:k, :, lane].astype(np.float64),
-        gripped=tape.gripped[:k, lane],
-        slips=tape.slips[:k, lane],
-        slides=tape.slides[:k, lane],
-        slip_m=tape.slip[:k, lane].astype(np.float64),
-    )
+class _Running:
+    """The trials of a batch that still run, all from `first` on, with everything they need.
+
+    at_s, before_s [K, B]: end and start of each step; sample [K, B]: the sample that it ends at, or
+    -1. The samples of all trials lie end to end in forces_n and position_m.
+    """
+
+    def __init__(
+        self,
+        trials: Sequence[PlannedTrial],
+        settings: StepSettings,
+        grids: Sequence[Grid],
+    ) -> None:
+        self.trials, self.settings, self.effects = trials, settings, settings.effects
+        self.first = 0
+        self.at_s, self.sample = _stack(grids)
+        start_s = np.array([grid.start_s for grid in grids])
+        self.before_s = np.vstack([start_s, self.at_s[:-1]])
+        self.steps = np.array([len(grid.at_s) for grid in grids])
+        self.body = body_of(trials, settings.pressure)
+        self.script = Script(trials, self.body)
+        self.state = at_rest(self.body, self.script.chunk(start_s[None])[0].closure_m)
+        contacts, batch = self.state.normal_n.shape
+        self.mean: ForceMean | None = None
+        if settings.average_s:
+            self.mean = ForceMean(settings, contacts, batch)
+        self.travel_m = np.zeros((contacts, batch))
+        self.starts = np.cumsum([0, *(grid.n_samples for grid in grids)])
+        self.forces_n = np.zeros((self.starts[-1], contacts, 3))
+        self.position_m = np.zeros((self.starts[-1], 3))
+        self.tape = StepTape(len(self.at_s), batch)
+
+    def leave(self, start: int) -> None:
+        """Drop ended trials from the front where that is worth the copying; at least two stay."""
+        batch = len(self.trials)
+        ended = self.steps[self.first :] <= start
+        count = batch if ended.all() else int(np.argmin(ended))
+        count = min(count, batch - 2)
+        if count < max(1, batch // WORTH_LEAVING):
+            return
+        self.trials, self.first = self.trials[count:], self.first + count
+        self.body = body_of(self.trials, self.settings.pressure)
+        self.script = Script(self.trials, self.body, self.script.boxed)
+        self.state = without_first(self.state, count, batch)
+        self.effects = without_first(self.effects, count, batch)
+        self.mean = without_first(self.mean, count, batch)
+        self.travel_m = self.travel_m[:, count:].copy()
+
+    def step_on(self, start: int, stop: int) -> None:
+        """Steps start .. stop of the running trials."""
+        first, state, mean = self.first, self.state, self.mean
+        chunk_s = self.at_s[start:stop, first:]
+        for k, inputs in enumerate(self.script.chunk(chunk_s), start):
+            at_s = self.at_s[k, first:]
+            dt_s = at_s - self.before_s[k, first:]
+            step(self.body, state, inputs, dt_s, at_s, self.effects)
+            self.travel_m += travel_of(state, dt_s)
+            self.tape.write(k, slice(first, None), state, self.travel_m)
+            if mean is not None:
+                mean.add(self.body, state, at_s, dt_s)
+            sampled = (self.sample[k, first:] >= 0).nonzero()[0]
+            if sampled.size:
+                self._sample(k, sampled)
+
+    def _sample(self, k: int, trials: IntArray) -> None:
+        """Keep what the sensors feel of the running trials whose step k ends at a sample."""
+        whole = self.first + trials
+        rows = self.starts[whole] + self.sample[k, whole]
+        if self.mean is None:
+            forces = forces_of(self.body, self.state)[..., trials]
+        else:
+            forces = self.mean.take(trials)
+        self.position_m[rows] = self.state.position_m[:, trials].T
+        self.forces_n[rows] = forces.transpose(2, 0, 1)
+
+    def motion(self, trial: int, grid: Grid) -> TrialMotion:
+        """What became of a trial."""
+        rows = slice(self.starts[trial], self.starts[trial + 1])
+        position_m, last = self.position_m[rows], grid.sample[-1]
+        # after the last step the object is where it was
+        position_m[last + 1 :] = position_m[last]
+        t_s = np.arange(grid.n_samples) / self.settings.rate_hz
+        steps = slice(len(grid.at_s))
+        forces_n = self.forces_n[rows]
+        return self.tape.motion(trial, steps, grid.at_s, t_s, forces_n, position_m)
+
+
+def _stack(grids: Sequence[Grid]) -> tuple[FloatArray, IntArray]:
+    """[K, B] times and samples; a trial that has ended repeats its last step, without samples."""
+    longest = max(len(grid.at_s) for grid in grids)
+    at_s = np.empty((longest, len(grids)))
+    sample = np.full((longest, len(grids)), -1, dtype=np.int64)
+    for trial, grid in enumerate(grids):
+        n = len(grid.at_s)
+        at_s[:n, trial], sample[:n, trial] = grid.at_s, grid.sample
+        before_s, last_s = np.concatenate([[grid.start_s], grid.at_s])[-2:]
+        more = np.arange(1, longest - n + 1)
+        at_s[n:, trial] = last_s + (last_s - before_s) * more
+    return at_s, sample

@@ -6,7 +6,7 @@ elsewhere; a trial's steps depend on the trial alone.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,27 +14,30 @@ import numpy.typing as npt
 
 from holdfast.core.contract import FloatArray
 from holdfast.simulation.body import Body, Floor, Inputs, Pull
+from holdfast.simulation.effect import Interval
 from holdfast.simulation.protocol import GRAVITY_M_S2, NEVER_S, PlannedTrial
 
 OPEN_GAP_M = 0.03
 SETTLE_S = 0.4
 """Time with fine steps after something ends."""
+BEFORE_S = 0.02
+"""Time with fine steps before something begins."""
 GIVER_N_PER_M, GIVER_CAP_N = 800.0, 40.0
 BOX_N_PER_M, BOX_DAMPING, BOX_SIDEWAYS = 4e3, 40.0, 300.0
 BOX_GAP_M, BOX_OVERSHOOT_M = 0.01, 0.003
+NO_BOX_M = -10.0
+"""Height of the box of a trial that sets nothing down."""
 CATCH_S = 0.5
 """Time before the hand opens at which the person of a disturbed hold comes back."""
 DAMPING_RATIO = 0.7
-Interval = tuple[float, float]
-Person = tuple[FloatArray, ...]
-"""Fields of Pull, each [n, .., B] at the ends of n steps."""
+LOSS_S = 2e-3
+"""Damping of a finger along its normal over its stiffness."""
 
 
 def smooth(u: FloatArray) -> FloatArray:
     """0 below 0, 1 above 1, minimum jerk between (Flash & Hogan, J. Neurosci. 5, 1985)."""
     u = np.minimum(np.maximum(u, 0.0), 1.0)
-    out: FloatArray = u * u * u * (10.0 + u * (6.0 * u - 15.0))
-    return out
+    return u * u * u * (10.0 + u * (6.0 * u - 15.0))
 
 
 @dataclass(frozen=True)
@@ -50,68 +53,88 @@ class Times:
     @staticmethod
     def of(trial: PlannedTrial) -> Times:
         """From the trial's draws."""
-        d = trial.drawn
+        drawn = trial.drawn
         if trial.action == "nothing":
-            return Times(NEVER_S, NEVER_S, NEVER_S, NEVER_S, d["lasts_s"])
-        close, closed = d["close_at_s"], d["close_at_s"] + d["closing_s"]
-        act = closed + d["hold_s"]
-        give = closed + d["give_after_s"]
-        if trial.supported:
-            give = act + {"fall": 0.0, "pull": 0.0, "pass": d.get("take_s", 0.0)}.get(
-                trial.action, NEVER_S
-            )
-        lasts, opens = _lasts(trial, act)
-        if trial.supported and trial.action == "put-down":
-            give = act + BOX_GAP_M / d["box_m_s"]
-        return Times(close, give, act, opens, act + lasts + d["tail_s"])
+            return Times(NEVER_S, NEVER_S, NEVER_S, NEVER_S, drawn["lasts_s"])
+        close = drawn["close_at_s"]
+        closed = close + drawn["closing_s"]
+        act = closed + drawn["hold_s"]
+        opens = _opens(trial, act)
+        ends = act + _lasts(trial, act, opens) + drawn["tail_s"]
+        return Times(close, _gives(trial, closed, act), act, opens, ends)
 
 
-def _lasts(trial: PlannedTrial, act: float) -> tuple[float, float]:
-    """(duration of the action, time at which the hand opens)."""
-    d = trial.drawn
+def _gives(trial: PlannedTrial, closed: float, act: float) -> float:
+    """When the person lets go; a weak grip is supported until the action takes the weight."""
+    if not trial.supported:
+        return closed + trial.drawn["give_after_s"]
+    if trial.action in ("fall", "pull"):
+        return act
     if trial.action == "pass":
-        opens = act + d["wait_s"] + d["open_after_s"]
-        return max(d["wait_s"] + d["move_s"], opens + d["opening_s"] - act), opens
+        return act + trial.drawn["take_s"]
     if trial.action == "put-down":
-        opens = act + BOX_GAP_M / d["box_m_s"] + d["open_after_s"]
-        return opens + d["opening_s"] - act, opens
+        return act + BOX_GAP_M / trial.drawn["box_m_s"]
+    return act + NEVER_S
+
+
+def _opens(trial: PlannedTrial, act: float) -> float:
+    """When the hand opens."""
+    drawn = trial.drawn
+    if trial.action == "pass":
+        return act + drawn["wait_s"] + drawn["open_after_s"]
+    if trial.action == "put-down":
+        return act + BOX_GAP_M / drawn["box_m_s"] + drawn["open_after_s"]
     if trial.action == "hold":
-        opens = act + d["times"] * d["every_s"] + 2.0 * CATCH_S
-        return opens + d["opening_s"] - act, opens
-    return (d["move_s"] if trial.action == "pull" else d["watch_s"]), NEVER_S
+        return act + drawn["times"] * drawn["every_s"] + 2.0 * CATCH_S
+    return NEVER_S
+
+
+def _lasts(trial: PlannedTrial, act: float, opens: float) -> float:
+    """How long the action lasts, with the opening of the hand."""
+    drawn = trial.drawn
+    if trial.action == "pull":
+        return drawn["move_s"]
+    if trial.action == "fall":
+        return drawn["watch_s"]
+    opened = opens + drawn["opening_s"] - act
+    if trial.action == "pass":
+        return max(drawn["wait_s"] + drawn["move_s"], opened)
+    return opened
 
 
 def busy(trial: PlannedTrial) -> list[Interval]:
     """Intervals in which fine steps are taken, s."""
-    t, d = Times.of(trial), trial.drawn
     if trial.action == "nothing":
         return []
+    times, drawn = Times.of(trial), trial.drawn
+    giving_s = drawn["vanish_s"] if trial.action == "fall" else drawn["give_s"]
     intervals = [
-        (t.close, t.close + d["closing_s"]),
-        (t.give, t.give + _giving_s(trial)),
+        (times.close, times.close + drawn["closing_s"]),
+        (times.give, times.give + giving_s),
+        *_acting(trial, times),
     ]
-    if t.open < NEVER_S:
-        intervals.append((t.open, t.open + d["opening_s"]))
+    if times.open < NEVER_S:
+        intervals.append((times.open, times.open + drawn["opening_s"]))
+    return [(start - BEFORE_S, stop + SETTLE_S) for start, stop in intervals]
+
+
+def _acting(trial: PlannedTrial, times: Times) -> list[Interval]:
+    """Intervals in which the action of a trial moves anything."""
+    act, drawn = times.act, trial.drawn
     if trial.action == "hold":
-        starts = [t.act + k * d["every_s"] for k in range(round(d["times"]))]
-        intervals += [(start, start + d["pulse_s"]) for start in starts] + [
-            (t.open - CATCH_S, t.open)
-        ]
-    elif trial.action == "put-down":
-        intervals.append((t.act, t.act + (BOX_GAP_M + BOX_OVERSHOOT_M) / d["box_m_s"]))
-    elif trial.action == "pass":
-        intervals += [
-            (t.act, t.act + d["take_s"]),
-            (t.act + d["wait_s"], t.open + d["opening_s"]),
-        ]
-    else:
-        lasts_s = d["move_s"] if trial.action == "pull" else d["watch_s"] - SETTLE_S
-        intervals.append((t.act, t.act + lasts_s))
-    return [(start - 0.02, stop + SETTLE_S) for start, stop in intervals]
-
-
-def _giving_s(trial: PlannedTrial) -> float:
-    return trial.drawn["vanish_s"] if trial.action == "fall" else trial.drawn["give_s"]
+        pulses = [(times.open - CATCH_S, times.open)]
+        for k in range(round(drawn["times"])):
+            start = act + k * drawn["every_s"]
+            pulses.append((start, start + drawn["pulse_s"]))
+        return pulses
+    if trial.action == "put-down":
+        return [(act, act + (BOX_GAP_M + BOX_OVERSHOOT_M) / drawn["box_m_s"])]
+    if trial.action == "pass":
+        moves = (act + drawn["wait_s"], times.open + drawn["opening_s"])
+        return [(act, act + drawn["take_s"]), moves]
+    if trial.action == "pull":
+        return [(act, act + drawn["move_s"])]
+    return [(act, act + (drawn["watch_s"] - SETTLE_S))]
 
 
 @dataclass(frozen=True)
@@ -127,6 +150,11 @@ class Grid:
     n_samples: int
 
 
+def pieces_of(rate_hz: float, step_s: float) -> int:
+    """Fine steps in a sample period."""
+    return max(1, int(np.ceil(1.0 / (rate_hz * step_s) - 1e-9)))
+
+
 def grid_of(
     trial: PlannedTrial, rate_hz: float, step_s: float, more: Sequence[Interval] = ()
 ) -> Grid:
@@ -136,227 +164,226 @@ def grid_of(
     it touches an interval in which anything can happen. Stepping begins as the hand begins to close
     and ends when it is open.
     """
-    times, fine = Times.of(trial), [*busy(trial), *more]
-    n, pieces = (
-        int(np.floor(times.end * rate_hz)),
-        max(1, int(np.ceil(1.0 / (rate_hz * step_s) - 1e-9))),
-    )
-    first = int(np.clip(np.floor((times.close - 0.02) * rate_hz), 0, n - 1))
+    times = Times.of(trial)
+    n = int(np.floor(times.end * rate_hz))
+    first = int(np.clip(np.floor((times.close - BEFORE_S) * rate_hz), 0, n - 1))
     opened_s = times.open + trial.drawn.get("opening_s", 0.0) + SETTLE_S
     stop = int(min(n, np.ceil(opened_s * rate_hz)))
     index = np.arange(first, max(stop, first + 1))
     from_s = index / rate_hz
     is_fine = np.zeros(len(index), dtype=np.bool_)
-    for start, end in fine:
+    for start, end in [*busy(trial), *more]:
         is_fine |= (from_s + 1.0 / rate_hz > start) & (from_s < end)
-    counts = np.where(is_fine, pieces, 1)
+    counts = np.where(is_fine, pieces_of(rate_hz, step_s), 1)
+    # `place` is the sample period of each step, `within` the number of the step in it
     last = np.cumsum(counts) - 1
     place = np.repeat(np.arange(len(index)), counts)
     within = np.arange(len(place)) - (last - counts + 1)[place] + 1
     sample = np.full(len(place), -1, dtype=np.int64)
     sample[last] = index + 1
-    return Grid(
-        (index[place] + within / counts[place]) / rate_hz,
-        sample,
-        first / rate_hz,
-        n + 1,
-    )
+    at_s = (index[place] + within / counts[place]) / rate_hz
+    return Grid(at_s, sample, first / rate_hz, n + 1)
+
+
+def _drawn(trials: Sequence[PlannedTrial], name: str) -> FloatArray:
+    """[B] a parameter that every trial has."""
+    return np.array([trial.drawn[name] for trial in trials])
 
 
 def body_of(trials: Sequence[PlannedTrial], pressure: FloatArray) -> Body:
     """Constants of a batch; pressure [E]: share of the normal on each brush element."""
-    d = {
-        name: np.array([t.drawn[name] for t in trials])
-        for name in ("tilt_deg", "roll_deg", "shear_ratio")
-    }
-    tilt, roll = np.radians(d["tilt_deg"]), np.radians(d["roll_deg"])
-    down = np.stack(
-        [np.sin(tilt), np.cos(tilt) * np.sin(roll), -np.cos(tilt) * np.cos(roll)]
-    )
-    finger = np.stack([t.finger_n_per_m for t in trials], axis=1)
-    stuff = np.array([t.thing.stiffness_n_per_m for t in trials])
-    friction = np.array([t.thing.friction * t.drawn["friction_factor"] for t in trials])
-    stuff = stuff * trials[0].hand.part[:, None]
+    hand, objects = trials[0].hand, [trial.object for trial in trials]
+    tilt = np.radians(_drawn(trials, "tilt_deg"))
+    roll = np.radians(_drawn(trials, "roll_deg"))
+    across, along = np.cos(tilt) * np.sin(roll), -np.cos(tilt) * np.cos(roll)
+    finger = np.stack([trial.finger_n_per_m for trial in trials], axis=1)
+    stuff = np.array([held.stiffness_n_per_m for held in objects]) * hand.part[:, None]
+    # finger and object are springs in series
     normal = finger * stuff / (finger + stuff)
+    friction = np.array([held.friction for held in objects])
+    friction = friction * _drawn(trials, "friction_factor")
     elements = len(pressure)
+    spring = _drawn(trials, "shear_ratio") * finger / elements
     return Body(
-        mass_kg=np.array([t.thing.mass_g * 1e-3 for t in trials]),
-        gravity_m_s2=GRAVITY_M_S2 * down,
-        curvature_per_m=np.array([t.thing.curvature_per_m for t in trials]).T,
-        straight_m=np.array([t.thing.half_length_mm * 1e-3 for t in trials]),
-        at_m=np.stack([t.at_m for t in trials], axis=2),
+        mass_kg=np.array([held.mass_g * 1e-3 for held in objects]),
+        gravity_m_s2=GRAVITY_M_S2 * np.stack([np.sin(tilt), across, along]),
+        curvature_per_m=np.array([held.curvature_per_m for held in objects]).T,
+        straight_m=np.array([held.half_length_mm * 1e-3 for held in objects]),
+        at_m=np.stack([trial.at_m for trial in trials], axis=2),
         stiffness_n_per_m=normal,
-        damping_n_s_per_m=2e-3 * normal,
-        brush_n_per_m=np.broadcast_to(
-            d["shear_ratio"] * finger / elements, (elements, *finger.shape)
-        ).copy(),
+        damping_n_s_per_m=LOSS_S * normal,
+        brush_n_per_m=np.broadcast_to(spring, (elements, *finger.shape)).copy(),
         pressure=pressure[:, None, None],
         static=friction,
-        kinetic=friction * np.array([t.thing.kinetic_share for t in trials]),
-        thumb=trials[0].hand.thumb,
+        kinetic=friction * np.array([held.kinetic_share for held in objects]),
+        thumb=hand.thumb,
     )
 
 
 class Script:
     """Actions of hand and people in a batch, at any times [n, B].
 
-    boxed: there are boxes, at -10 m for trials that set nothing down; always where one trial sets
-    something down. An object that falls for more than a second meets one, so a batch keeps its
-    boxes to its end.
+    boxed: there are boxes, at NO_BOX_M for trials that set nothing down; always where one trial
+    sets something down. An object that falls for more than a second meets one, so a batch keeps
+    its boxes to its end.
     """
 
     def __init__(
         self, trials: Sequence[PlannedTrial], body: Body, boxed: bool = False
     ) -> None:
         self.trials, self.body = trials, body
-        times = [Times.of(t) for t in trials]
-        self.t = {
-            name: np.array([getattr(one, name) for one in times])
-            for name in ("close", "give", "act", "open")
-        }
-        actions = np.array([t.action for t in trials])
+        times = [Times.of(trial) for trial in trials]
+        self.close_s = np.array([at.close for at in times])
+        self.give_s = np.array([at.give for at in times])
+        self.act_s = np.array([at.act for at in times])
+        self.open_s = np.array([at.open for at in times])
+        actions = np.array([trial.action for trial in trials])
         self.holds, self.falls = actions == "hold", actions == "fall"
-        self.takes = (actions == "pass") | (actions == "pull")
         self.sets_down, self.passes = actions == "put-down", actions == "pass"
+        self.takes = self.passes | (actions == "pull")
         self.boxed = boxed or bool(self.sets_down.any())
-        self.closed_m = (
-            np.stack([t.grip_n * t.share for t in trials], axis=1)
-            / body.stiffness_n_per_m
-        )
-        self.push = np.stack([t.push for t in trials], axis=1)
+        grips_n = np.stack([trial.grip_n * trial.share for trial in trials], axis=1)
+        self.closed_m = grips_n / body.stiffness_n_per_m
+        self.push = np.stack([trial.push for trial in trials], axis=1)
         self.weight_n = body.mass_kg * GRAVITY_M_S2
         self._drawn: dict[str, FloatArray] = {}
 
-    def d(self, name: str, default: float = 0.0) -> FloatArray:
+    def drawn(self, name: str, default: float = 0.0) -> FloatArray:
         """[B] a drawn parameter; the default for actions that do not have it."""
         if name not in self._drawn:
-            self._drawn[name] = np.array(
-                [t.drawn.get(name, default) for t in self.trials]
-            )
+            values = [trial.drawn.get(name, default) for trial in self.trials]
+            self._drawn[name] = np.array(values)
         return self._drawn[name]
 
     def chunk(self, t_s: FloatArray) -> list[Inputs]:
         """Inputs at the ends of n steps, t_s [n, B]."""
         shut, pulse = self._shut(t_s), self._pulse(t_s)
-        people = [(person, _acts(person)) for person in self._people(t_s, pulse)]
-        floor = self._box(t_s) if self.boxed else None
-        return [
-            Inputs(
-                self._closure(shut[k], pulse[k], self.grip_share(k)),
-                tuple(
-                    Pull(*(part[k] for part in one)) for one, acts in people if acts[k]
-                ),
-                None
-                if floor is None
-                else Floor(
-                    BOX_N_PER_M, BOX_DAMPING, BOX_SIDEWAYS, floor[0][k], floor[1][k]
-                ),
-            )
-            for k in range(len(t_s))
-        ]
-
-    def _people(self, t_s: FloatArray, pulse: FloatArray) -> Iterator[Person]:
-        yield self._giver(t_s)
+        people = [self._giver(t_s)]
         if self.takes.any():
-            yield self._taker(t_s)
+            people.append(self._taker(t_s))
         if self.holds.any():
-            yield self._disturber(t_s, pulse)
+            people.append(self._disturber(t_s, pulse))
+        acting = [_acts(person) for person in people]
+        box = self._box(t_s) if self.boxed else None
+        inputs = []
+        for k in range(len(t_s)):
+            pulls = []
+            for person, acts in zip(people, acting, strict=True):
+                if acts[k]:
+                    pulls.append(person.at(k))
+            closure = self._closure(shut[k], pulse[k], self.grip_share(k))
+            floor = None if box is None else box.at(k)
+            inputs.append(Inputs(closure, tuple(pulls), floor))
+        return inputs
 
     def _shut(self, t_s: FloatArray) -> FloatArray:
-        closing = smooth((t_s - self.t["close"]) / self.d("closing_s", 1.0))
-        return closing - smooth((t_s - self.t["open"]) / self.d("opening_s", 1.0))
+        """[n, B] how far the hand is closed, 0 .. 1."""
+        closing = smooth((t_s - self.close_s) / self.drawn("closing_s", 1.0))
+        return closing - smooth((t_s - self.open_s) / self.drawn("opening_s", 1.0))
 
     def _pulse(self, t_s: FloatArray) -> FloatArray:
         """[n, B] strength of the disturbance of a perturbed hold, 0 .. 1."""
         if not self.holds.any():
             return np.zeros_like(t_s)
-        since, every, lasts = (
-            t_s - self.t["act"],
-            self.d("every_s", 1.0),
-            self.d("pulse_s", 1.0),
-        )
+        since, every = t_s - self.act_s, self.drawn("every_s", 1.0)
         number = np.floor(since / every)
-        within = np.sin(np.pi * np.clip((since - number * every) / lasts, 0.0, 1.0))
-        disturbed = self.holds & (number >= 0) & (number < np.round(self.d("times")))
+        progress = (since - number * every) / self.drawn("pulse_s", 1.0)
+        within = np.sin(np.pi * np.clip(progress, 0.0, 1.0))
+        begun = self.holds & (number >= 0)
+        disturbed = begun & (number < np.round(self.drawn("times")))
         return np.where(disturbed, within * within, 0.0)
 
     def _closure(
         self, shut: FloatArray, pulse: FloatArray, share: FloatArray | float
     ) -> FloatArray:
-        grip = (1.0 + self.d("grip_change") * pulse) * share
+        grip = (1.0 + self.drawn("grip_change") * pulse) * share
         closure = shut * (OPEN_GAP_M + self.closed_m * grip) - OPEN_GAP_M
-        closure[self.body.thumb :] += 1e-3 * self.d("motor_mm") * pulse * shut
+        motor_m = 1e-3 * self.drawn("motor_mm") * pulse * shut
+        closure[self.body.thumb :] += motor_m
         return closure
 
     def grip_share(self, k: int) -> FloatArray | float:
-        """[B] the hand's grip in step k of a chunk, over the one that it was closed with."""
+        """[B] the hand's grip in step k of a chunk, over the grip with which it was closed."""
         return 1.0
 
     def still_there(self, t_s: FloatArray) -> FloatArray | float:
         """[n, B] 1 while the person who takes is there; in a closed loop people give up."""
         return 1.0
 
-    def _giver(self, t_s: FloatArray) -> Person:
+    def _giver(self, t_s: FloatArray) -> Pull:
         """The person who holds the object out until letting go; a fall's support just vanishes."""
-        lasts = np.where(self.falls, self.d("vanish_s", 1.0), self.d("give_s", 1.0))
-        there = 1.0 - smooth((t_s - self.t["give"]) / lasts)
+        lasts = np.where(
+            self.falls, self.drawn("vanish_s", 1.0), self.drawn("give_s", 1.0)
+        )
+        there = 1.0 - smooth((t_s - self.give_s) / lasts)
         if self.holds.any():
-            back = smooth((t_s - self.t["open"] + CATCH_S) / (0.5 * CATCH_S))
+            back = smooth((t_s - self.open_s + CATCH_S) / (0.5 * CATCH_S))
             there = np.where(self.holds, np.maximum(there, back), there)
         damping = 2.0 * DAMPING_RATIO * np.sqrt(GIVER_N_PER_M * self.body.mass_kg)
         still = np.zeros((len(t_s), *self.push.shape))
-        return (
-            there * GIVER_N_PER_M,
-            there * damping,
-            there * GIVER_CAP_N + 1e-9,
-            there,
-            still,
-            still,
+        return Pull(
+            stiffness_n_per_m=there * GIVER_N_PER_M,
+            damping_n_s_per_m=there * damping,
+            cap_n=there * GIVER_CAP_N + 1e-9,
+            weight_share=there,
+            target_m=still,
+            target_m_s=still,
         )
 
-    def _taker(self, t_s: FloatArray) -> Person:
+    def _taker(self, t_s: FloatArray) -> Pull:
         """The person who takes the object (gently, with its weight) or tears at it."""
-        grasped = self.takes & (t_s >= self.t["act"])
-        start, move_s = self.t["act"] + self.d("wait_s"), self.d("move_s", 1.0)
+        grasped = self.takes & (t_s >= self.act_s)
+        start, move_s = self.act_s + self.drawn("wait_s"), self.drawn("move_s", 1.0)
         u = np.clip((t_s - start) / move_s, 0.0, 1.0)
-        travel = self.d("distance_m") * smooth(u)
-        speed = self.d("distance_m") / move_s * 30.0 * u * u * (1.0 - u) * (1.0 - u)
-        stiffness = self.d("arm_n_per_m", 1.0)
+        distance_m = self.drawn("distance_m")
+        travel = distance_m * smooth(u)
+        # the derivative of the minimum-jerk path
+        speed = distance_m / move_s * 30.0 * u * u * (1.0 - u) * (1.0 - u)
+        stiffness = self.drawn("arm_n_per_m", 1.0)
         damping = 2.0 * DAMPING_RATIO * np.sqrt(stiffness * self.body.mass_kg)
-        weight = np.where(
-            self.passes, smooth((t_s - self.t["act"]) / self.d("take_s", 1.0)), 0.0
-        )
+        taken = smooth((t_s - self.act_s) / self.drawn("take_s", 1.0))
+        weight = np.where(self.passes, taken, 0.0)
         there = self.still_there(t_s)
-        return (
-            np.where(grasped, stiffness * there, 0.0),
-            np.where(grasped, damping * there, 0.0),
-            np.broadcast_to(self.d("cap_n", 1.0), t_s.shape),
-            np.where(grasped, weight * there, 0.0),
-            travel[:, None] * self.push,
-            speed[:, None] * self.push,
+        return Pull(
+            stiffness_n_per_m=np.where(grasped, stiffness * there, 0.0),
+            damping_n_s_per_m=np.where(grasped, damping * there, 0.0),
+            cap_n=np.broadcast_to(self.drawn("cap_n", 1.0), t_s.shape),
+            weight_share=np.where(grasped, weight * there, 0.0),
+            target_m=travel[:, None] * self.push,
+            target_m_s=speed[:, None] * self.push,
         )
 
-    def _disturber(self, t_s: FloatArray, pulse: FloatArray) -> Person:
+    def _disturber(self, t_s: FloatArray, pulse: FloatArray) -> Pull:
         """A force along the object, as a share of its weight, subtracted or added."""
         still = np.zeros((len(t_s), *self.push.shape))
         nothing = np.zeros_like(t_s)
-        share = np.where(self.holds, -self.d("load_n") / self.weight_n, 0.0) * pulse
-        return nothing, nothing, nothing + 1.0, share, still, still
-
-    def _box(self, t_s: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Height [n, B] and greatest force [n, B] of the box."""
-        risen = np.minimum(
-            (t_s - self.t["act"]) * self.d("box_m_s", 1.0), BOX_GAP_M + BOX_OVERSHOOT_M
+        load = np.where(self.holds, -self.drawn("load_n") / self.weight_n, 0.0)
+        return Pull(
+            stiffness_n_per_m=nothing,
+            damping_n_s_per_m=nothing,
+            cap_n=nothing + 1.0,
+            weight_share=load * pulse,
+            target_m=still,
+            target_m_s=still,
         )
-        height = np.where(
-            self.sets_down & (t_s >= self.t["act"]), risen - BOX_GAP_M, -10.0
+
+    def _box(self, t_s: FloatArray) -> Floor:
+        """The box that comes from below and takes the weight."""
+        risen = (t_s - self.act_s) * self.drawn("box_m_s", 1.0)
+        risen = np.minimum(risen, BOX_GAP_M + BOX_OVERSHOOT_M)
+        comes = self.sets_down & (t_s >= self.act_s)
+        cap = self.drawn("press") * self.weight_n + self.drawn("excess_n")
+        return Floor(
+            stiffness_n_per_m=BOX_N_PER_M,
+            damping_n_s_per_m=BOX_DAMPING,
+            sideways_n_s_per_m=BOX_SIDEWAYS,
+            height_m=np.where(comes, risen - BOX_GAP_M, NO_BOX_M),
+            cap_n=np.broadcast_to(np.maximum(cap, 1e-9), t_s.shape),
         )
-        cap = self.d("press") * self.weight_n + self.d("excess_n")
-        return height, np.broadcast_to(np.maximum(cap, 1e-9), t_s.shape)
 
 
-def _acts(person: Person) -> list[bool]:
+def _acts(person: Pull) -> list[bool]:
     """Whether a person does anything to any object in each of n steps: a spring, or a weight."""
-    stiffness, _, _, weight = person[:4]
-    acts: list[bool] = ((stiffness != 0.0) | (weight != 0.0)).any(axis=1).tolist()
-    return acts
+    acts = (person.stiffness_n_per_m != 0.0) | (person.weight_share != 0.0)
+    flags: list[bool] = acts.any(axis=1).tolist()
+    return flags

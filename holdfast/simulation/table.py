@@ -34,17 +34,13 @@ def csv_bytes(header: Sequence[str], columns: Sequence[Column]) -> bytes:
     for infinite values and for those with more digits than float64 has.
     """
     head = ",".join(header).encode() + b"\n"
-    if not len(columns[0][0]):
+    rows = len(columns[0][0])
+    if not rows:
         return head
     parts = []
     for decimals, alike in groupby(columns, key=lambda column: column[1]):
-        cells = _cells(
-            np.stack(
-                [np.asarray(values, dtype=np.float64) for values, _ in alike], axis=1
-            ),
-            decimals,
-        )
-        parts.append(cells.reshape(len(cells), -1))
+        values = np.stack([np.asarray(column[0], np.float64) for column in alike], 1)
+        parts.append(_cells(values, decimals).reshape(rows, -1))
     parts[-1][:, -1] = NEWLINE
     return head + np.hstack(parts).tobytes().translate(None, b" ")
 
@@ -57,19 +53,16 @@ def _cells(values: FloatArray, decimals: int) -> Letters:
         raise ValueError("a value is infinite or has more digits than float64 holds")
     scaled = np.rint(known * 10.0**decimals)
     left = np.abs(scaled)
-    before_point = max(len(str(int(left.max()))) - decimals, len(NAN) - 1)
-    letters = np.empty(
-        (*values.shape, 1 + before_point + (decimals > 0) + decimals + 1),
-        dtype=np.uint8,
-    )
+    most = left.max()
+    before_point = max(len(str(int(most))) - decimals, len(NAN) - 1)
+    # sign, digits, point, decimals, comma
+    width = 1 + before_point + (decimals > 0) + decimals + 1
+    letters = np.empty((*values.shape, width), dtype=np.uint8)
     letters[..., 0] = np.where(scaled < 0.0, MINUS, BLANK)
     letters[..., -1] = COMMA
-    rest = _write_decimals(
-        left.astype(np.uint32 if left.max() < 2**32 else np.uint64),
-        letters[..., 1:-1],
-        decimals,
-    )
-    _write_whole(rest, letters[..., 1 : 1 + before_point])
+    digits: Whole = left.astype(np.uint32 if most < 2**32 else np.uint64)
+    digits = _write_decimals(digits, letters[..., 1:-1], decimals)
+    _write_whole(digits, letters[..., 1 : 1 + before_point])
     if lost.any():
         letters[lost, :-1] = BLANK
         letters[lost, -1 - len(NAN) : -1] = NAN
@@ -78,13 +71,12 @@ def _cells(values: FloatArray, decimals: int) -> Letters:
 
 def _write_decimals(left: Whole, letters: Letters, decimals: int) -> Whole:
     """Write the last digits of whole numbers [T, K] with the point; returns the digits before."""
+    place = letters.shape[-1] - decimals
     for end in range(decimals, 0, -GROUP):
         start = max(end - GROUP, 0)
         left, group = _split(left, end - start)
-        place = letters.shape[-1] - decimals
-        letters[..., place + start : place + end] = _letters_of(
-            _zeros_in_front(), group, end - start
-        )
+        digits = _letters_of(_groups("0"), group, end - start)
+        letters[..., place + start : place + end] = digits
     if decimals:
         letters[..., -1 - decimals] = POINT
     return left
@@ -94,16 +86,15 @@ def _write_whole(left: Whole, letters: Letters) -> None:
     """Write whole numbers [T, K] right-aligned, with blanks in front and at least one digit."""
     for end in range(letters.shape[-1], 0, -GROUP):
         start = max(end - GROUP, 0)
-        is_last, whole = end == letters.shape[-1], left
+        places, whole = letters[..., start:end], left
         left, group = _split(left, end - start)
-        letters[..., start:end] = _letters_of(_blanks_in_front(), group, end - start)
-        if not is_last:
-            letters[..., start:end][whole == 0] = BLANK
+        places[...] = _letters_of(_groups(""), group, end - start)
+        if end < letters.shape[-1]:
+            # the number ended in the group behind this one
+            places[whole == 0] = BLANK
         if start:
             full = left > 0
-            letters[..., start:end][full] = _letters_of(
-                _zeros_in_front(), group[full], end - start
-            )
+            places[full] = _letters_of(_groups("0"), group[full], end - start)
 
 
 def _split(left: Whole, digits: int) -> tuple[Whole, Whole]:
@@ -115,20 +106,12 @@ def _split(left: Whole, digits: int) -> tuple[Whole, Whole]:
 
 def _letters_of(table: npt.NDArray[np.uint32], group: Whole, width: int) -> Letters:
     """[..] -> [.., width] the last letters of each group."""
-    return (
-        table[group].view(np.uint8).reshape(*group.shape, GROUP)[..., GROUP - width :]
-    )
+    letters = table[group].view(np.uint8).reshape(*group.shape, GROUP)
+    return letters[..., GROUP - width :]
 
 
 @cache
-def _zeros_in_front() -> npt.NDArray[np.uint32]:
-    return np.frombuffer(
-        "".join(f"{n:0{GROUP}d}" for n in range(10**GROUP)).encode(), dtype=np.uint32
-    )
-
-
-@cache
-def _blanks_in_front() -> npt.NDArray[np.uint32]:
-    return np.frombuffer(
-        "".join(f"{n:{GROUP}d}" for n in range(10**GROUP)).encode(), dtype=np.uint32
-    )
+def _groups(fill: str) -> npt.NDArray[np.uint32]:
+    """Every group of digits as four letters, filled up in front."""
+    words = [format(n, f"{fill}{GROUP}") for n in range(10**GROUP)]
+    return np.frombuffer("".join(words).encode(), dtype=np.uint32)

@@ -9,7 +9,6 @@ contact lost    the last contact ends
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -20,7 +19,6 @@ from holdfast.core.contract import (
     SAFE_SLIP,
     SITUATIONS,
     BoolArray,
-    FloatArray,
 )
 from holdfast.core.reading import Json
 from holdfast.core.trial_layout import RISKY_ACTIONS
@@ -33,6 +31,13 @@ GROSS_SLIP_M = 2e-3
 TRANSFERRED = 0.95
 """Share of the final force at which the weight counts as taken over."""
 PROVENANCE = "scene"
+EVENTS = (
+    "contact_s",
+    "load_onset_s",
+    "incipient_slip_s",
+    "gross_slip_s",
+    "contact_lost_s",
+)
 Mark = tuple[float, int]
 
 
@@ -52,48 +57,59 @@ class Truth:
     marks: tuple[Mark, ...]
     end_s: float
 
-    def to_json(self) -> Json:
-        """As in trial_<n>.truth.json: events, and phases as intervals with their provenance."""
-        stops = [since for since, _ in self.marks[1:]] + [self.end_s]
-        events = (
-            "contact_s",
-            "load_onset_s",
-            "incipient_slip_s",
-            "gross_slip_s",
-            "contact_lost_s",
-        )
-        phases = [
-            {
-                "t0_s": round(t0, 6),
-                "t1_s": round(t1, 6),
-                "onset_s": round(t0, 6),
-                "duration_s": round(t1 - t0, 6),
-                "label": SITUATIONS[situation],
-                "provenance": PROVENANCE,
-            }
-            for (t0, situation), t1 in zip(self.marks, stops, strict=True)
-            if t1 > t0
-        ]
-        times = {name: _rounded(getattr(self, name)) for name in events}
-        return {"phases": phases, **times, "slip_mm": round(self.slip_mm, 4)}
+    def to_json(self, shift_s: float = 0.0) -> Json:
+        """As in trial_<n>.truth.json: events, and phases as intervals with their provenance.
 
-    def shifted(self, by_s: float) -> Truth:
-        """The same truth, later by a time, s."""
-        names = (
-            "contact_s",
-            "load_onset_s",
-            "incipient_slip_s",
-            "gross_slip_s",
-            "contact_lost_s",
-        )
-        moved = {
-            n: None if getattr(self, n) is None else getattr(self, n) + by_s
-            for n in names
-        }
-        marks = tuple((since + by_s, situation) for since, situation in self.marks)
-        return Truth(
-            **moved, slip_mm=self.slip_mm, marks=marks, end_s=self.end_s + by_s
-        )
+        shift_s: where the trial begins in its recording.
+        """
+        phases = []
+        stops_s = [since for since, _ in self.marks[1:]] + [self.end_s]
+        for (start_s, situation), stop_s in zip(self.marks, stops_s, strict=True):
+            if stop_s > start_s:
+                phases.append(_phase(start_s + shift_s, stop_s + shift_s, situation))
+        found: Json = {"phases": phases}
+        for name in EVENTS:
+            at_s = vars(self)[name]
+            found[name] = None if at_s is None else round(at_s + shift_s, 6)
+        return found | {"slip_mm": round(self.slip_mm, 4)}
+
+
+def _phase(start_s: float, stop_s: float, situation: int) -> Json:
+    return {
+        "t0_s": round(start_s, 6),
+        "t1_s": round(stop_s, 6),
+        "onset_s": round(start_s, 6),
+        "duration_s": round(stop_s - start_s, 6),
+        "label": SITUATIONS[situation],
+        "provenance": PROVENANCE,
+    }
+
+
+@dataclass(frozen=True)
+class _Steps:
+    """Steps of a trial's events; None for one that it does not have.
+
+    contact: the first one with contact; lost: the first one after the last with contact, which may
+    be one more than there are.
+    """
+
+    contact: int
+    onset: int | None
+    incipient: int | None
+    gross: int | None
+    lost: int
+
+    @staticmethod
+    def of(motion: TrialMotion, act_s: float) -> _Steps:
+        """From a motion with contact."""
+        held = np.flatnonzero(motion.gripped)
+        onset, lost = load_onset(motion, act_s), int(held[-1]) + 1
+        if onset is None:
+            return _Steps(int(held[0]), None, None, None, lost)
+        far = motion.slip_m - motion.slip_m[onset] >= GROSS_SLIP_M
+        incipient = _first(motion.slips, onset, lost)
+        gross = _first(motion.slides | far, onset, lost)
+        return _Steps(int(held[0]), onset, incipient, gross, lost)
 
 
 def truth_of(trial: PlannedTrial, motion: TrialMotion, *, acted: bool = False) -> Truth:
@@ -102,42 +118,31 @@ def truth_of(trial: PlannedTrial, motion: TrialMotion, *, acted: bool = False) -
     acted: the hand had a controller; then a slip that it stopped ends as a grasp.
     """
     end_s = 2.0 * float(motion.t_s[-1]) - float(motion.t_s[-2])
-    held = np.flatnonzero(motion.gripped)
-    if not held.size:
+    if not motion.gripped.any():
         return Truth(None, None, None, None, None, 0.0, ((0.0, NOTHING),), end_s)
     times = Times.of(trial)
-    contact, lost = held[0], held[-1] + 1
-    onset = load_onset(motion, times.act)
-    since = np.arange(len(motion.at_s)) >= (
-        len(motion.at_s) if onset is None else onset
-    )
-    since[lost:] = False
-    incipient = _first(motion.slips & since)
-    gross = _first(
-        (motion.slides | (motion.slip_m - motion.slip_m[onset or 0] >= GROSS_SLIP_M))
-        & since
-    )
-    at = _clock(motion, len(motion.at_s) if lost >= len(motion.at_s) else None)
-    marks = _marks(trial, motion, times, contact, onset, gross, lost)
+    steps = _Steps.of(motion, times.act)
+    marks = _marks(trial, motion, times, steps)
     if acted:
-        marks = _stopped(marks, motion, lost)
+        marks = _stopped(marks, motion, steps.lost)
+    slip_m = motion.slip_m[steps.lost - 1] - motion.slip_m[steps.contact]
     return Truth(
-        at(contact),
-        at(onset),
-        at(incipient),
-        at(gross),
-        at(lost),
-        slip_mm=1e3 * float(motion.slip_m[lost - 1] - motion.slip_m[contact]),
+        contact_s=_time(motion, steps.contact),
+        load_onset_s=_time(motion, steps.onset),
+        incipient_slip_s=_time(motion, steps.incipient),
+        gross_slip_s=_time(motion, steps.gross),
+        contact_lost_s=_time(motion, steps.lost),
+        slip_mm=1e3 * float(slip_m),
         marks=tuple(marks),
         end_s=end_s,
     )
 
 
-def _clock(motion: TrialMotion, beyond: int | None) -> Any:
-    def at(step: int | None) -> float | None:
-        return None if step is None or step == beyond else float(motion.at_s[step])
-
-    return at
+def _time(motion: TrialMotion, step: int | None) -> float | None:
+    """The time of a step, s; None for none, and for one after the last."""
+    if step is None or step >= len(motion.at_s):
+        return None
+    return float(motion.at_s[step])
 
 
 def load_onset(motion: TrialMotion, act_s: float) -> int | None:
@@ -145,30 +150,26 @@ def load_onset(motion: TrialMotion, act_s: float) -> int | None:
     first = int(np.searchsorted(motion.at_s, act_s))
     if first >= len(motion.at_s):
         return None
-    change = motion.agents_n[first:] - motion.agents_n[max(first - 1, 0)]
-    found = _first(np.sqrt((change * change).sum(axis=1)) > LOAD_N)
-    return None if found is None else first + found
+    change = motion.agents_n - motion.agents_n[max(first - 1, 0)]
+    return _first(np.sqrt((change * change).sum(axis=1)) > LOAD_N, first)
 
 
 def _marks(
-    trial: PlannedTrial,
-    motion: TrialMotion,
-    times: Times,
-    contact: int,
-    onset: int | None,
-    gross: int | None,
-    lost: int,
+    trial: PlannedTrial, motion: TrialMotion, times: Times, steps: _Steps
 ) -> list[Mark]:
-    at_s = motion.at_s
+    """The situations of a trial, each from its start."""
+    at_s, onset, lost = motion.at_s, steps.onset, steps.lost
     gone = (float(at_s[lost]) if lost < len(at_s) else float(at_s[-1]), NOTHING)
-    marks: list[Mark] = [(0.0, NOTHING), (float(at_s[contact]), GRASP)]
+    marks: list[Mark] = [(0.0, NOTHING), (float(at_s[steps.contact]), GRASP)]
     if trial.action == "hold":
         return [*marks, *_perturbed(motion, times, lost), gone]
     if onset is None or onset >= lost:
         return [*marks, gone]
     if trial.action in RISKY_ACTIONS:
-        slipped = gross is not None
-        return [*marks, *([(float(at_s[onset]), RISKY_SLIP)] if slipped else []), gone]
+        # a pull or a fall that the grip withstands stays a grasp
+        if steps.gross is not None:
+            marks.append((float(at_s[onset]), RISKY_SLIP))
+        return [*marks, gone]
     marks.append((float(at_s[onset]), SAFE_SLIP))
     transferred = _transferred(trial, motion, times, onset)
     if transferred is not None and transferred < times.open:
@@ -178,11 +179,12 @@ def _marks(
 
 def _stopped(marks: list[Mark], motion: TrialMotion, lost: int) -> list[Mark]:
     """The marks, and a grasp from the last slip on where the object stays in the hand."""
-    slips = np.flatnonzero(motion.slips)
-    stays = lost >= len(motion.at_s) and marks[-2][1] == RISKY_SLIP
-    if not stays or slips[-1] + 1 >= len(motion.at_s):
+    if lost < len(motion.at_s) or marks[-2][1] != RISKY_SLIP:
         return marks
-    return [*marks[:-1], (float(motion.at_s[slips[-1] + 1]), GRASP), marks[-1]]
+    still = int(np.flatnonzero(motion.slips)[-1]) + 1
+    if still >= len(motion.at_s):
+        return marks
+    return [*marks[:-1], (float(motion.at_s[still]), GRASP), marks[-1]]
 
 
 def _transferred(
@@ -197,33 +199,29 @@ def _transferred(
     given = motion.agents_n - motion.agents_n[onset - 1]
     size = np.sqrt((given * given).sum(axis=1))
     plateau = float(size[before_opening][-1])
-    return float(
-        motion.at_s[onset + (_first(size[onset:] >= TRANSFERRED * plateau) or 0)]
-    )
+    taken = _first(size >= TRANSFERRED * plateau, onset)
+    return float(motion.at_s[onset if taken is None else taken])
 
 
 def _perturbed(motion: TrialMotion, times: Times, lost: int) -> list[Mark]:
     """A disturbed hold: a grasp, unless the object slips 2 mm or is lost before the hand opens."""
-    acts, opens = (
-        int(np.searchsorted(motion.at_s, t)) for t in (times.act, times.open)
-    )
+    acts = int(np.searchsorted(motion.at_s, times.act))
+    opens = int(np.searchsorted(motion.at_s, times.open))
     marks: list[Mark] = []
-    within = slice(acts, min(opens, lost))
-    slipped = motion.slip_m[within] - motion.slip_m[min(acts, len(motion.slip_m) - 1)]
-    gross = _first(slipped >= GROSS_SLIP_M)
-    if gross is not None:
-        start = acts + (_first(motion.slips[within]) or 0)
-        sliding = np.flatnonzero(motion.slips[within])
+    stop = min(opens, lost)
+    slipped = motion.slip_m - motion.slip_m[min(acts, len(motion.slip_m) - 1)]
+    if _first(slipped >= GROSS_SLIP_M, acts, stop) is not None:
+        sliding = acts + np.flatnonzero(motion.slips[acts:stop])
+        start = sliding[0] if sliding.size else acts
         marks.append((float(motion.at_s[start]), RISKY_SLIP))
         if lost > opens:
-            marks.append((float(motion.at_s[acts + sliding[-1]]), GRASP))
-    return [*marks, (float(times.open), SAFE_SLIP)] if lost > opens else marks
+            marks.append((float(motion.at_s[sliding[-1]]), GRASP))
+    if lost > opens:
+        marks.append((float(times.open), SAFE_SLIP))
+    return marks
 
 
-def _first(found: BoolArray | FloatArray) -> int | None:
-    where = np.flatnonzero(found)
-    return int(where[0]) if where.size else None
-
-
-def _rounded(value: float | None) -> float | None:
-    return None if value is None else round(value, 6)
+def _first(flags: BoolArray, start: int = 0, stop: int | None = None) -> int | None:
+    """The first step from start up to stop whose flag is set."""
+    where = np.flatnonzero(flags[start:stop])
+    return start + int(where[0]) if where.size else None

@@ -5,10 +5,10 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from holdfast.simulation.card import read_card
-from holdfast.simulation.closed_loop.recording import scene_of
+from holdfast.simulation import SCENES
 from holdfast.simulation.folder import write_set
-from holdfast.simulation.shipped import CARDS
+from holdfast.simulation.loop_recording import scene_of
+from holdfast.simulation.scene_file import read_scene_file
 from holdfast.training.datasets import load
 from holdfast.training.recording import DataSet
 from studies.shared_control.plan import CARDS as OTHER_CARDS
@@ -40,7 +40,7 @@ def test_set(style: str, folder: Path) -> DataSet:
 
 def _adapt_card(style: str) -> str:
     """The shipped card with the style's way of handing over."""
-    text, own = (CARDS / "adapt.toml").read_text("utf-8"), OTHER_CARDS / f"{style}.toml"
+    text, own = (SCENES / "adapt.toml").read_text("utf-8"), OTHER_CARDS / f"{style}.toml"
     if not own.exists():
         return re.sub(r'(action = "\w[\w-]*"\n)', rf'\1style = "{style}"\n', text)
     row = OWN_ROW.search(own.read_text("utf-8"))
@@ -56,5 +56,5 @@ def _adapt_card(style: str) -> str:
 
 
 def _simulated(card: str, out: Path, seed: int, trials: int | None) -> DataSet:
-    write_set(scene_of(read_card(card), seed), out, trials, lambda n: None)
+    write_set(scene_of(read_scene_file(card), seed), out, trials, lambda n: None)
     return load(out, windows="none")

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from holdfast.edge_runtime.grip import CONTROLLERS, AnswerRules
 from holdfast.evaluation.loop_runs import ORACLE, VIBRATION, LoopRequest, LoopSet
-from holdfast.simulation.closed_loop.people import Habits
+from holdfast.simulation.loop_people import Habits
 
 CARDS = Path(__file__).parent / "cards"
 SHORTER = (("close_at_s", 0.8), ("hold_s", 1.8), ("tail_s", 0.5))

@@ -18,7 +18,7 @@ from holdfast.core.reading import Json
 from holdfast.core.writing import require_writable, write_whole
 from holdfast.evaluation.loop_runs import LoopRuns
 from holdfast.evaluation.style import for_any_page
-from holdfast.simulation.closed_loop.recording import model_of
+from holdfast.simulation.closed_loop import model_of
 from holdfast.training.progress import counted
 from studies.shared_control.picture import picture
 from studies.shared_control.plan import Row, rows

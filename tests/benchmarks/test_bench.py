@@ -17,9 +17,9 @@ from benchmarks.hold_and_pull import measure, rows
 from benchmarks.mujoco_scene import Scene
 from benchmarks.pictures import PICTURES
 from benchmarks.simulator import plausibility
-from holdfast.simulation.card import read_card
-from holdfast.simulation.effects import EFFECTS
-from holdfast.simulation.shipped import shipped
+from holdfast.simulation import shipped_scenes
+from holdfast.simulation.effect import EFFECT_MODULES, module_effects
+from holdfast.simulation.scene_file import read_scene_file
 from studies.row_names import OURS
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -172,17 +172,20 @@ def test_rows_of_the_peer_stand_beside_ours(tmp_path):
 
 def test_every_effect_has_a_price_beside_the_core_s(monkeypatch):
     # a price is measured, not good physics
-    any_step = replace(EFFECTS["texture"], longest_step_s=math.inf)
-    monkeypatch.setitem(EFFECTS, "texture", any_step)
+    effects = module_effects("texture")
+    any_step = replace(effects["texture"], longest_step_s=math.inf)
+    monkeypatch.setitem(effects, "texture", any_step)
     rows = prices(Effort(lanes=2, pairs=1, card=COARSE + CARD.replace('"pull"', BRIEF)))
-    assert {row.effect for row in rows} == {"(core alone)", *EFFECTS}
+    assert {row.effect for row in rows} == {"(core alone)", *EFFECT_MODULES}
     assert rows[0].ns_per_sample > 0
 
 
 def test_the_lead_of_every_style_is_near_what_it_was_fitted_to(monkeypatch):
     """In steps of 3 ms, which are a few per cent of a lead."""
     monkeypatch.setattr(
-        simulator, "read_card", lambda name: replace(read_card(name), step_s=0.003)
+        simulator,
+        "read_scene_file",
+        lambda name: replace(read_scene_file(name), step_s=0.003),
     )
     for row in plausibility(trials=75):
         if row.expected_ms is not None:
@@ -193,7 +196,7 @@ def test_the_page_of_scenes_names_every_card_and_effect_and_its_measured_price(
     tmp_path,
 ):
     prices_of = [{"effect": "(core alone)", "ns_per_sample": 1234.0}]
-    prices_of += [{"effect": name, "ns_per_sample": 77.0} for name in EFFECTS]
+    prices_of += [{"effect": name, "ns_per_sample": 77.0} for name in EFFECT_MODULES]
     (tmp_path / "effects.json").write_text(
         json.dumps({"prices": prices_of, "empty_list_over_core": 1.0}), "utf-8"
     )
@@ -223,10 +226,12 @@ def test_the_page_of_scenes_names_every_card_and_effect_and_its_measured_price(
     assert "| 150 | 0.702 (0.690 to 0.710) |" in text
     assert "| apple: ours, clock-free | 0.701" in text
     assert "| grasp light | 0.900 0.950 | 0.05 |" in text
-    for name in [*shipped(), *EFFECTS]:
+    for name in [*shipped_scenes(), *EFFECT_MODULES]:
         assert f"`{name}`" in text
 
 
 def test_the_page_in_the_repository_knows_every_card_and_effect():
     text = (ROOT / "docs" / "scenes.md").read_text("utf-8")
-    assert [name for name in [*shipped(), *EFFECTS] if f"`{name}`" not in text] == []
+    assert [
+        name for name in [*shipped_scenes(), *EFFECT_MODULES] if f"`{name}`" not in text
+    ] == []

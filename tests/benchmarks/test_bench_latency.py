@@ -29,12 +29,12 @@ from holdfast.evaluation.latency.check import (
     latency,
     ratios,
 )
-from holdfast.simulation.card import Card, read_card
+from holdfast.simulation.scene_file import SceneFile, read_scene_file
 
 
-def in_long_steps(name: str, rate_hz: float) -> Card:
+def in_long_steps(name: str, rate_hz: float) -> SceneFile:
     """A card for trials that are timed, not looked at."""
-    return replace(read_card(name, rate_hz=rate_hz), step_s=0.02)
+    return replace(read_scene_file(name, rate_hz=rate_hz), step_s=0.02)
 
 
 @pytest.mark.filterwarnings("ignore::holdfast.export.spec.BandsLeftOut")
@@ -42,7 +42,7 @@ def test_every_peer_has_its_row_and_every_budget_its_figure(monkeypatch, eight_c
     monkeypatch.setattr(bench, "TRIALS", 30)
     monkeypatch.setattr(bench, "STREAMED", 2)
     monkeypatch.setattr(bench, "SLOW_CALLS", 4)
-    monkeypatch.setattr(bench, "read_card", in_long_steps)
+    monkeypatch.setattr(bench, "read_scene_file", in_long_steps)
     few = replace(bench.RAW_BASELINE.situation, n_estimators=10)
     monkeypatch.setattr(
         bench, "RAW_BASELINE", replace(bench.RAW_BASELINE, situation=few)

@@ -30,7 +30,7 @@ from holdfast.evaluation.jobs import Workers
 from holdfast.export.features import feature_count, feature_graph
 from holdfast.export.learner import reference_votes
 from holdfast.export.spec import StepSpec
-from holdfast.simulation.card import Card, read_card
+from holdfast.simulation.scene_file import SceneFile, read_scene_file
 from holdfast.training.datasets import load
 from holdfast.training.featurise import FloatRows
 from holdfast.training.plan import ForestPlan
@@ -46,11 +46,11 @@ def in_long_steps() -> Iterator[None]:
     """Trials are simulated at 100 Hz in steps of a sample: nothing here depends on the millisecond
     of a slip."""
 
-    def card(name: str, rate_hz: float) -> Card:
-        return replace(read_card(name, rate_hz=rate_hz), step_s=1 / rate_hz)
+    def card(name: str, rate_hz: float) -> SceneFile:
+        return replace(read_scene_file(name, rate_hz=rate_hz), step_s=1 / rate_hz)
 
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(recordings, "read_card", card)
+        patched.setattr(recordings, "read_scene_file", card)
         patched.setattr(recordings, "FASTEST_HZ", 100.0)
         yield
 

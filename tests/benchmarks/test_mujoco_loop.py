@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from benchmarks.mujoco_loop import CARD, Figures, Force
-from holdfast.simulation.card import read_card
 from holdfast.simulation.scene import Scene
+from holdfast.simulation.scene_file import read_scene_file
 from tools.doc_tables import tables_of
 
 
@@ -19,10 +19,10 @@ def test_the_trials_are_of_an_object_that_both_worlds_have_alike(
 ) -> None:
     path = tmp_path / "peer.toml"
     path.write_text(CARD, encoding="utf-8")
-    trials = Scene(read_card(str(path)), 0).trials()
+    trials = Scene(read_scene_file(str(path)), 0).trials()
     assert {trial.action for trial in trials} == {"pull", "pass"}
     for trial in trials:
-        assert trial.thing.kinetic_share == 1.0
+        assert trial.object.kinetic_share == 1.0
         assert not trial.supported
         assert np.abs(trial.at_m[0]).max() == 0.0
 

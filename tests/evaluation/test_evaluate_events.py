@@ -81,9 +81,9 @@ from holdfast.evaluation.trials import (
 from holdfast.export.detectors import detector_names
 from holdfast.export.features import feature_graph
 from holdfast.export.spec import BandsLeftOut, StepSpec
-from holdfast.simulation.card import read_card
 from holdfast.simulation.folder import write_set
 from holdfast.simulation.scene import Scene
+from holdfast.simulation.scene_file import read_scene_file
 from holdfast.training.datasets import load
 from holdfast.training.fixture import write_fixture
 from holdfast.training.recording import Recording
@@ -163,7 +163,7 @@ def scenes(tmp_path_factory: pytest.TempPathFactory) -> Path:
     hold. Read only."""
     folder = tmp_path_factory.mktemp("scenes")
     (folder / "small.toml").write_text(CARD)
-    write_set(Scene(read_card(str(folder / "small.toml")), 5), folder / "set")
+    write_set(Scene(read_scene_file(str(folder / "small.toml")), 5), folder / "set")
     return folder / "set"
 
 

@@ -12,21 +12,23 @@ import numpy as np
 import pytest
 
 from holdfast.evaluation.loop_scores import LoopFigures, ThreeRuns, loop_figures
-from holdfast.simulation.card import read_card
-from holdfast.simulation.closed_loop.controllers import needed_grip_n
-from holdfast.simulation.closed_loop.people import LoopOutcome
+from holdfast.simulation.closed_loop import needed_grip_n
+from holdfast.simulation.loop_people import LoopOutcome
 from holdfast.simulation.protocol import PlannedTrial
 from holdfast.simulation.scene import Scene
+from holdfast.simulation.scene_file import read_scene_file
 from holdfast.simulation.script import Times
 
 RATE_HZ = 100.0
-TRIALS = {t.action: t for t in Scene(read_card("thesis"), 0).trials(40)}
+TRIALS = {t.action: t for t in Scene(read_scene_file("thesis"), 0).trials(40)}
 NUMBERS: Iterator[int] = count()
 
 
 def trial_of(action: str, crush_n: float = 0.0) -> PlannedTrial:
     one = TRIALS[action]
-    return replace(one, number=next(NUMBERS), thing=replace(one.thing, crush_n=crush_n))
+    return replace(
+        one, number=next(NUMBERS), object=replace(one.object, crush_n=crush_n)
+    )
 
 
 def outcome(trial: PlannedTrial, **changes: Any) -> LoopOutcome:
@@ -209,9 +211,9 @@ def test_a_tightening_is_a_rise_by_a_newton_before_the_action() -> None:
 def test_the_error_of_the_friction_is_over_observed_values_only() -> None:
     trial = trial_of("pull")
     true = (
-        trial.thing.friction
+        trial.object.friction
         * trial.drawn["friction_factor"]
-        * trial.thing.kinetic_share
+        * trial.object.kinetic_share
     )
     runs = [
         three(trial, drop(trial), {}, {"mu_hat": value})

@@ -71,7 +71,7 @@ from holdfast.sessions.recorder.protocol import read_protocol
 from holdfast.sessions.study.journal import progress_of
 from holdfast.sessions.study.protocol import read_study
 from holdfast.sessions.study.questionnaires import read_questionnaire
-from holdfast.simulation import card as scene_card
+from holdfast.simulation import scene_file
 from holdfast.simulation.scene import Scene
 from holdfast.training.datasets.public_files import read_arrays, read_table
 from holdfast.training.timeline import read_truth
@@ -185,7 +185,7 @@ def truth(data: bytes) -> None:
 
 def scene(data: bytes) -> None:
     """A scene's card, and two trials drawn from it."""
-    Scene(scene_card.read_card(str(written("mine.toml", data))), 0).trials(2)
+    Scene(scene_file.read_scene_file(str(written("mine.toml", data))), 0).trials(2)
 
 
 def protocol(data: bytes) -> None:

@@ -16,7 +16,7 @@ from holdfast.core.errors import UsageError
 from holdfast.edge_runtime.model import Model
 from holdfast.sessions.adapting import base_model, of_person
 from holdfast.sessions.recorder.protocol import read_protocol
-from holdfast.simulation.shipped import CARDS
+from holdfast.simulation import SCENES
 from holdfast.training.datasets import load
 
 AREA = "The command line"
@@ -124,7 +124,7 @@ def write_people(tmp_path: Path) -> Path:
 
 
 def test_the_card_is_a_protocol_of_eight_hand_overs_and_holding() -> None:
-    tasks = read_protocol(CARDS / "adapt.toml").tasks
+    tasks = read_protocol(SCENES / "adapt.toml").tasks
     assert [sum(one.action == name for one in tasks) for name in ("pass", "hold")] == [
         8,
         8,

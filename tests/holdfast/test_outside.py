@@ -55,7 +55,7 @@ from holdfast.sessions.known_loads import read_load_sets
 from holdfast.sessions.onset import _starts_s
 from holdfast.sessions.recorder.labels import read_events, read_meta
 from holdfast.sessions.recorder.protocol import read_protocol
-from holdfast.simulation.card import read_card
+from holdfast.simulation.scene_file import read_scene_file
 from holdfast.training.datasets.public_files import read_arrays, read_table
 
 MB = 1 << 20
@@ -324,7 +324,7 @@ DOCUMENTS: dict[str, tuple[str, Callable[[Path], object]]] = {
     "a trial's meta": ("meta.json", lambda path: read_meta(path.parent)),
     "a trial's events": ("events.jsonl", read_events),
     "a camera's numbers": ("camera.json", lambda path: read_about(path.parent)),
-    "a scene's card": ("card.toml", lambda path: read_card(str(path))),
+    "a scene's card": ("card.toml", lambda path: read_scene_file(str(path))),
     "a protocol": ("protocol.toml", read_protocol),
     "an artifact's index": ("artifact.json", lambda path: read_artifact(path.parent)),
 }

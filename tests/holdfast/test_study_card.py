@@ -23,8 +23,8 @@ from holdfast.sessions.study.protocol import (
     read_study,
 )
 from holdfast.sessions.study.questionnaires import read_questionnaire
-from holdfast.simulation.card import read_card
 from holdfast.simulation.scene import Scene
+from holdfast.simulation.scene_file import read_scene_file
 
 THESIS = read_study("thesis")
 OBJECTS = ("basket-ball", "soft-ball", "empty-bottle", "hard-ball", "full-bottle")
@@ -73,8 +73,8 @@ def test_its_trials_are_five_objects_with_three_actions_three_times_and_heavy_on
 def test_a_virtual_participant_of_every_style_has_all_its_trials() -> None:
     wanted = Counter(THESIS.recording_protocol().tasks)
     for style in ("p1", "p2"):
-        trials = Scene(read_card(style), 0).trials()
-        assert Counter(Task(one.thing.name, one.action) for one in trials) == wanted
+        trials = Scene(read_scene_file(style), 0).trials()
+        assert Counter(Task(one.object.name, one.action) for one in trials) == wanted
 
 
 def test_before_each_recording_a_video_and_questions_of_the_same_object_and_action() -> (

@@ -13,9 +13,9 @@ import pytest
 
 from holdfast.edge_runtime.monitor import GripMonitor, Model
 from holdfast.live.sources import open_source
-from holdfast.simulation.card import read_card
 from holdfast.simulation.folder import write_recording
 from holdfast.simulation.scene import Scene
+from holdfast.simulation.scene_file import read_scene_file
 
 PLACE = Path(__file__).resolve().parents[2] / "models"
 MODELS = sorted(PLACE.glob("*.onnx"))
@@ -50,7 +50,7 @@ def test_a_released_file_acts_in_pulls_of_an_unseen_object_and_in_few_hand_overs
     path, tmp_path
 ):
     model = Model(path)
-    card = replace(read_card("apple", rate_hz=model.card.rate_hz), step_s=0.003)
+    card = replace(read_scene_file("apple", rate_hz=model.card.rate_hz), step_s=0.003)
     scene = Scene(card, 7)
     acted = {"pass": 0, "pull": 0}
     chosen = [

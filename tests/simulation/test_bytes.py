@@ -20,9 +20,9 @@ from numpy._core._multiarray_umath import __cpu_features__ as features  # type: 
 from small_model import artifact, graph_of, spec
 
 from holdfast.simulation import run
-from holdfast.simulation.card import read_card
 from holdfast.simulation.folder import write_set
 from holdfast.simulation.scene import Scene
+from holdfast.simulation.scene_file import read_scene_file
 from holdfast.simulation.script import grid_of
 
 on_the_machine_they_are_of = pytest.mark.skipif(
@@ -52,7 +52,7 @@ COARSE_S = 1 / 150
 
 
 def scene_of(card: str, seed: int) -> Scene:
-    return Scene(replace(read_card(card), step_s=COARSE_S), seed)
+    return Scene(replace(read_scene_file(card), step_s=COARSE_S), seed)
 
 
 def digest_of(folder: Path) -> str:
@@ -90,12 +90,12 @@ def test_a_batch_that_short_trials_leave_gives_what_one_that_all_stay_in_gives(
     scene = scene_of(card, 3)
     trials = sorted(
         scene.trials(8),
-        key=lambda trial: len(grid_of(trial, 150.0, scene.card.step_s).at_s),
+        key=lambda trial: len(grid_of(trial, 150.0, scene.file.step_s).at_s),
     )
     some_leave = scene.run_together(trials)
     steps = [len(one.motion.at_s) for one in some_leave]
     assert max(steps) - min(steps) > run.CHUNK
-    monkeypatch.setattr(run._Lanes, "leave", lambda lanes, count: None)
+    monkeypatch.setattr(run._Running, "leave", lambda running, start: None)
     for one, other in zip(some_leave, scene.run_together(trials), strict=True):
         for name in (
             "forces_n",

@@ -25,9 +25,9 @@ from holdfast.simulation.camera_frames import (
     Camera,
     cells,
 )
-from holdfast.simulation.card import read_card
 from holdfast.simulation.folder import write_set
 from holdfast.simulation.scene import Scene
+from holdfast.simulation.scene_file import read_scene_file
 
 CARD = """
 [record]
@@ -63,7 +63,7 @@ def camera(**changed: float) -> Camera:
 def scene(tmp_path: Path, text: str) -> Scene:
     path = tmp_path / "filmed.toml"
     path.write_text(text, encoding="utf-8")
-    return Scene(read_card(str(path)), 3)
+    return Scene(read_scene_file(str(path)), 3)
 
 
 def test_a_tag_is_six_by_six_cells_in_a_black_border_and_a_white_margin():

@@ -20,9 +20,14 @@ from loop_bench import (
     scene_of,
 )
 
-from holdfast.simulation.closed_loop.controllers import managed, oracle
-from holdfast.simulation.closed_loop.loop import ClosedLoop, LoopSettings, run_loops
-from holdfast.simulation.closed_loop.people import Habits, LoopOutcome, Wearer, held_n
+from holdfast.simulation.closed_loop import (
+    ClosedLoop,
+    LoopSettings,
+    managed,
+    oracle,
+    run_loops,
+)
+from holdfast.simulation.loop_people import Habits, LoopOutcome, Wearer, held_n
 from holdfast.simulation.protocol import PlannedTrial
 from holdfast.simulation.scene import Scene
 from holdfast.simulation.script import Times
@@ -244,7 +249,7 @@ def test_a_pull_is_capped_but_for_the_damping_of_the_arm(
     resisted: tuple[ClosedLoop, Firm, list[LoopOutcome]],
 ) -> None:
     strong, weak, pull = resisted[2]
-    weight_n = 9.81e-3 * weak.trial.thing.mass_g
+    weight_n = 9.81e-3 * weak.trial.object.mass_g
     assert weak.peak_n <= 1.6 * 0.5 + weight_n
     assert 10.0 < strong.peak_n <= 1.6 * 15.0 + weight_n
     assert 10.0 < pull.peak_n <= 1.6 * 12.0

@@ -11,15 +11,15 @@ from loop_bench import MODEL, WHOLE_BRUSH, card_text, row
 
 from holdfast.core.contract import FloatArray
 from holdfast.core.errors import CardError, HoldfastError, NotAModel, RateError
-from holdfast.simulation.card import read_card
-from holdfast.simulation.closed_loop.drive import COLUMNS
-from holdfast.simulation.closed_loop.recording import (
+from holdfast.simulation.drive import GRIP_COLUMNS
+from holdfast.simulation.folder import write_set
+from holdfast.simulation.loop_recording import (
     RecordedLoop,
     require_controller,
     scene_of,
 )
-from holdfast.simulation.folder import write_set
 from holdfast.simulation.scene import Scene, SimulatedTrial
+from holdfast.simulation.scene_file import read_scene_file
 
 SENSED = WHOLE_BRUSH + "[effects.dipole]\n[effects.hall_noise]\n"
 ROWS = (row("fall", "weak_grip = 0.5\n"), row("pass"))
@@ -35,7 +35,7 @@ def scene(folder: Path, text: str, seed: int = 4) -> Scene:
     """The scene of a card's text, whose hand acts."""
     path = folder / "short.toml"
     path.write_text(text, encoding="utf-8")
-    return scene_of(read_card(str(path)), seed)
+    return scene_of(read_scene_file(str(path)), seed)
 
 
 def simulated(folder: Path, controller: str) -> list[SimulatedTrial]:
@@ -73,8 +73,8 @@ def test_an_object_that_was_lost_stays_with_holdfast(
     assert held.truth.contact_lost_s is None
     assert held.motion.gripped[-1]
     assert held.grip is not None
-    commanded_n = held.grip.rows[:, COLUMNS.index("target_n")]
-    grip_n = held.grip.rows[:, COLUMNS.index("grip_n")]
+    commanded_n = held.grip.rows[:, 0]
+    grip_n = held.grip.rows[:, -1]
     assert np.nanmax(commanded_n) > bare.trial.grip_n + 1.0
     assert grip_n[-1] > bare.trial.grip_n + 1.0
     assert grip_n[0] == bare.trial.grip_n
@@ -136,7 +136,7 @@ def test_the_folder_says_who_acted_and_what_was_commanded(tmp_path: Path) -> Non
     samples = np.genfromtxt(
         tmp_path / "set/full-bottle/fall/trial_1.csv", delimiter=",", names=True
     )
-    assert grip.dtype.names == ("Time", *COLUMNS)
+    assert grip.dtype.names == ("Time", *GRIP_COLUMNS)
     assert (grip["Time"] == samples["Time"]).all()
     assert set(np.unique(grip["mode"])) <= {0, 1, 2, 3, 4}
     assert 2 in grip["mode"]
@@ -206,5 +206,5 @@ def test_a_rate_a_unit_or_a_stream_that_the_model_does_not_have_is_refused(
 
 
 def _require(path: Path, rate_hz: float | None = None) -> None:
-    one = scene_of(read_card(str(path), rate_hz=rate_hz), 0)
+    one = scene_of(read_scene_file(str(path), rate_hz=rate_hz), 0)
     require_controller(one, one.trials())

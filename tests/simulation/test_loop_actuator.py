@@ -8,13 +8,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from holdfast.core.contract import FloatArray
-from holdfast.simulation.card import read_card
-from holdfast.simulation.closed_loop.drive import Actuator, Drive
+from holdfast.simulation.drive import Actuator, Drive
 from holdfast.simulation.protocol import PlannedTrial
 from holdfast.simulation.scene import Scene
+from holdfast.simulation.scene_file import read_scene_file
 
 DT_S = 1e-3
-LIVELY = [t for t in Scene(read_card("thesis"), 0).trials(8) if t.action != "nothing"]
+LIVELY = [
+    t for t in Scene(read_scene_file("thesis"), 0).trials(8) if t.action != "nothing"
+]
 
 
 def grips(

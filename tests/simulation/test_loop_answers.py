@@ -11,7 +11,7 @@ from holdfast.edge_runtime.grip import GripSense
 from holdfast.edge_runtime.grip_control import sense_of
 from holdfast.edge_runtime.monitor import GripMonitor
 from holdfast.edge_runtime.preparation import Tare
-from holdfast.simulation.closed_loop.answers import TOGETHER, HandModels
+from holdfast.simulation.loop_sensing import TOGETHER, HandModels
 
 SAMPLES, HANDS, SETTLED = 150, 2, 85
 """SETTLED: the loop is settled a sample after the live path, which uses the last row of a bias."""

@@ -12,15 +12,15 @@ import numpy as np
 import pytest
 
 from holdfast.core.contract import FloatArray
+from holdfast.simulation import contacts, rotation, shakes
 from holdfast.simulation.body import Body, Inputs, Pull, State, at_rest
-from holdfast.simulation.core import step
+from holdfast.simulation.contacts import Lag, Texture, pressure
+from holdfast.simulation.core import kinetic_j, normal_j, step
 from holdfast.simulation.effect import PhysicsEffects, stream
-from holdfast.simulation.energy import kinetic_j, normal_j
-from holdfast.simulation.loop import LOOP_EFFECTS, pressure
-from holdfast.simulation.loop.contacts import Lag, Texture
-from holdfast.simulation.loop.rotation import Rotation, gyration_m2
 from holdfast.simulation.objects import OBJECTS
+from holdfast.simulation.rotation import Rotation, gyration_m2
 
+EFFECTS = contacts.EFFECTS | rotation.EFFECTS | shakes.EFFECTS
 FINGERS = np.array([1000.0, 1000.0, 500.0, 500.0, 500.0, 500.0])
 """N/m: two stiff of the thumb against four, so that equal depths balance."""
 DEPTH_M = 5e-3
@@ -37,9 +37,9 @@ def make(
     """An effect for so many lanes; options: one value, or one for every lane."""
     numbers = range(lanes) if numbers is None else numbers
     trials = [
-        SimpleNamespace(finger_n_per_m=FINGERS, thing=OBJECTS[thing]) for _ in numbers
+        SimpleNamespace(finger_n_per_m=FINGERS, object=OBJECTS[thing]) for _ in numbers
     ]
-    effect = LOOP_EFFECTS[name]
+    effect = EFFECTS[name]
     rngs = [stream(7, number, name) for number in numbers]
     drawn = [
         effect.draw(options, stream(7, number, f"{name} parameters"))
@@ -512,19 +512,20 @@ def all_of(numbers: list[int]) -> tuple[PhysicsEffects, Rotation]:
     options: Mapping[str, Any] = {"at_s": 0.1}
     made = {
         name: make(name, numbers=numbers, **options)
-        for name in LOOP_EFFECTS
+        for name in EFFECTS
         if name != "brush"
     }
     shakes = tuple(made[name] for name in ("arm", "tremor", "knock"))
-    return PhysicsEffects(
+    effects = PhysicsEffects(
         shakes, (made["texture"],), (made["lag"],), (made["rotation"],)
-    ), made["rotation"]
+    )
+    return effects, made["rotation"]
 
 
 def test_a_lane_has_the_same_numbers_in_any_batch() -> None:
     ends = []
     for numbers in ([0, 1, 2, 3, 4, 5, 6], [3, 5], [5, 2, 3]):
-        effects, rotation = all_of(numbers)
+        effects, turning = all_of(numbers)
         what = body(len(numbers), 5, per_m=1.0 / 0.03, damping_s=2e-3, mass_kg=0.2)
         state, _ = run(what, 1e-3, 300, effects)
         ends.append(
@@ -532,7 +533,7 @@ def test_a_lane_has_the_same_numbers_in_any_batch() -> None:
                 number: (
                     state.position_m[:, k].tobytes(),
                     state.stretch_m[..., k].tobytes(),
-                    rotation.angle[k],
+                    turning.angle[k],
                 )
                 for k, number in enumerate(numbers)
             }
@@ -544,7 +545,7 @@ def test_a_lane_has_the_same_numbers_in_any_batch() -> None:
 
 
 def test_every_effect_is_of_the_loop_and_says_when_it_is_busy() -> None:
-    assert {effect.stage for effect in LOOP_EFFECTS.values()} == {"physics"}
-    for name in LOOP_EFFECTS.keys() - {"brush"}:
+    assert {effect.stage for effect in EFFECTS.values()} == {"physics"}
+    for name in EFFECTS.keys() - {"brush"}:
         assert bool(make(name).busy_s(0)) == (name in ("arm", "tremor", "knock"))
     assert isinstance(make("texture"), Texture)

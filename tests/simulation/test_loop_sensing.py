@@ -13,10 +13,11 @@ from hypothesis import strategies as st
 from loop_bench import card_text, row, scene_of
 
 from holdfast.core.contract import FloatArray
-from holdfast.simulation.closed_loop.sensing import LoopSensors
+from holdfast.simulation.effect import all_effects
+from holdfast.simulation.loop_sensing import LoopSensors
 from holdfast.simulation.scene import Scene
-from holdfast.simulation.sensor import SENSOR_EFFECTS
 
+SENSOR_EFFECTS = {n: e for n, e in all_effects().items() if e.stage == "sensor"}
 COUNTS = np.array([75, 61, 40])
 """Samples of the trials, which end one after another."""
 TEXTS = {

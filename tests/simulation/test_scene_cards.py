@@ -9,11 +9,11 @@ from pathlib import Path
 import pytest
 
 from holdfast.core.errors import CardError, UsageError
-from holdfast.simulation.card import read_card
-from holdfast.simulation.effects import EFFECTS
+from holdfast.simulation import SCENES, STYLES, shipped_scenes
+from holdfast.simulation.effect import all_effects
 from holdfast.simulation.protocol import least_grip_n
 from holdfast.simulation.scene import Scene, apportion
-from holdfast.simulation.shipped import CARDS, STYLES, shipped
+from holdfast.simulation.scene_file import read_scene_file
 
 PROTOCOLS = {"thesis", "apple", "p1", "p2", "perturbed-hold", "daily", "broad"}
 PLAIN = """
@@ -30,18 +30,18 @@ def card(tmp_path: Path, text: str) -> str:
 
 
 def test_every_protocol_of_the_study_has_a_card():
-    assert set(shipped()) >= PROTOCOLS
+    assert set(shipped_scenes()) >= PROTOCOLS
 
 
-@pytest.mark.parametrize("name", shipped())
+@pytest.mark.parametrize("name", shipped_scenes())
 def test_every_shipped_card_is_valid_at_every_rate(name):
     for rate_hz in (50.0, 100.0, 150.0, 300.0):
-        assert read_card(name, rate_hz=rate_hz).rate_hz == rate_hz
+        assert read_scene_file(name, rate_hz=rate_hz).rate_hz == rate_hz
 
 
 def test_the_thesis_card_has_a_thousand_trials_and_one_of_nothing():
     counts: dict[str, int] = {}
-    for trial in Scene(read_card("thesis"), 0).trials():
+    for trial in Scene(read_scene_file("thesis"), 0).trials():
         counts[trial.action] = counts.get(trial.action, 0) + 1
     assert counts == {
         "pass": 300,
@@ -54,8 +54,8 @@ def test_the_thesis_card_has_a_thousand_trials_and_one_of_nothing():
 
 def test_a_participant_does_five_objects_three_actions_three_times():
     assert (
-        len(Scene(read_card("p1"), 0).trials())
-        == len(Scene(read_card("p2"), 0).trials())
+        len(Scene(read_scene_file("p1"), 0).trials())
+        == len(Scene(read_scene_file("p2"), 0).trials())
         == 45
     )
 
@@ -66,9 +66,9 @@ def test_a_new_card_needs_no_code(tmp_path):
         + PLAIN
     )
     trials = Scene(
-        read_card(card(tmp_path, text.replace("soft-ball", "pear"))), 0
+        read_scene_file(card(tmp_path, text.replace("soft-ball", "pear"))), 0
     ).trials()
-    assert [trial.thing.mass_g for trial in trials] == [180.0]
+    assert [trial.object.mass_g for trial in trials] == [180.0]
 
 
 @pytest.mark.parametrize(
@@ -128,7 +128,7 @@ def test_a_new_card_needs_no_code(tmp_path):
 )
 def test_a_card_that_cannot_be_is_refused_in_one_line(tmp_path, text, named):
     with pytest.raises(CardError) as error:
-        read_card(card(tmp_path, text))
+        read_scene_file(card(tmp_path, text))
     assert "\n" not in str(error.value)
     assert "mine.toml" in str(error.value)
     for word in named:
@@ -142,7 +142,7 @@ def test_a_rate_that_a_user_gives_is_blamed_on_the_user_s_option_and_not_on_the_
     rate_hz, allowed
 ):
     with pytest.raises(UsageError) as error:
-        read_card("thesis", rate_hz=rate_hz, rate_option="--rate ")
+        read_scene_file("thesis", rate_hz=rate_hz, rate_option="--rate ")
     message = str(error.value)
     assert message.startswith(
         f"--rate {rate_hz:g} is not a sampling rate of thesis; next: give "
@@ -153,7 +153,7 @@ def test_a_rate_that_a_user_gives_is_blamed_on_the_user_s_option_and_not_on_the_
 
 def test_a_card_that_is_not_there_names_those_that_are():
     with pytest.raises(CardError, match="thesis"):
-        read_card("theses")
+        read_scene_file("theses")
 
 
 def test_styles_say_only_what_actions_know():
@@ -168,11 +168,11 @@ def test_styles_say_only_what_actions_know():
 
 
 def test_every_effect_has_a_default_that_is_allowed():
-    for effect in EFFECTS.values():
+    for effect in all_effects().values():
         assert [
             name for name, p in effect.parameters.items() if p.problem(p.default)
         ] == []
-        assert set(effect.needs) <= set(EFFECTS)
+        assert set(effect.needs) <= set(all_effects())
 
 
 def test_shares_of_a_total_are_whole_and_add_up():
@@ -181,12 +181,12 @@ def test_shares_of_a_total_are_whole_and_add_up():
 
 
 def test_no_card_writes_over_the_styles():
-    assert STYLES.parent == CARDS
-    assert "styles" not in shipped()
+    assert STYLES.parent == SCENES
+    assert "styles" not in shipped_scenes()
 
 
 def test_no_grip_is_gentler_than_a_hand_can_keep_but_where_the_object_must_fall():
-    trials = Scene(read_card("thesis"), 0).trials()
+    trials = Scene(read_scene_file("thesis"), 0).trials()
     grips = [
         trial.grip_n for trial in trials if trial.action not in ("fall", "nothing")
     ]
@@ -194,5 +194,5 @@ def test_no_grip_is_gentler_than_a_hand_can_keep_but_where_the_object_must_fall(
     for trial in trials:
         if trial.action == "fall":
             assert trial.grip_n < least_grip_n(
-                trial.thing, trial.drawn["friction_factor"]
+                trial.object, trial.drawn["friction_factor"]
             )

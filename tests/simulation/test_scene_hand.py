@@ -14,12 +14,12 @@ from holdfast.core.errors import CardError
 from holdfast.core.hand_layout import HandLayout
 from holdfast.core.trial_file import read_trial
 from holdfast.simulation.body import SIDE, sides
-from holdfast.simulation.card import read_card
-from holdfast.simulation.effects import EFFECTS
+from holdfast.simulation.contacts import EFFECTS
 from holdfast.simulation.folder import write_set
 from holdfast.simulation.protocol import PlannedTrial
 from holdfast.simulation.run import TrialMotion, motions
 from holdfast.simulation.scene import Scene, SimulatedTrial
+from holdfast.simulation.scene_file import read_scene_file
 from holdfast.training.datasets.thesis import load
 
 TWENTY = HandLayout(thumb=4, finger=4)
@@ -60,7 +60,7 @@ SENSOR = "".join(
 def scene(tmp_path: Path, text: str) -> Scene:
     path = tmp_path / "mine.toml"
     path.write_text(text, encoding="utf-8")
-    return Scene(read_card(str(path)), 0)
+    return Scene(read_scene_file(str(path)), 0)
 
 
 @pytest.fixture
@@ -95,7 +95,7 @@ def summed(motion: TrialMotion, digits: np.ndarray) -> np.ndarray:
 
 def test_the_thesis_hand_is_the_default(tmp_path):
     assert (
-        scene(tmp_path, ROWS).card.hand == HandLayout() == HandLayout(thumb=2, finger=1)
+        scene(tmp_path, ROWS).file.hand == HandLayout() == HandLayout(thumb=2, finger=1)
     )
     assert HandLayout().part.tolist() == [1.0] * 6
     assert (1e3 * HandLayout().along_m).tolist() == [

@@ -14,9 +14,9 @@ from hypothesis import strategies as st
 from test_scene_physics import G, at_rest, body, closed, energy_j, go
 
 from holdfast.core.errors import CardError
-from holdfast.simulation import energy
+from holdfast.simulation import core
 from holdfast.simulation.body import Body, Floor, Inputs, State
-from holdfast.simulation.card import read_card
+from holdfast.simulation.scene_file import read_scene_file
 
 AREA = "Simulation"
 EVERY_STEP = pytest.mark.parametrize("dt_s", [1e-6, 1e-3, 1.0])
@@ -38,7 +38,7 @@ def at_the_edge(load_n: float) -> tuple[Body, State, np.ndarray]:
     state = at_rest(held, closure)
     state.normal_n = held.stiffness_n_per_m * closure
     state.stretch_m[1] = 0.5 * state.normal_n / held.brush_n_per_m
-    state.brush_j = energy.brush_j(held, state)
+    state.brush_j = core.brush_j(held, state)
     return held, state, closure
 
 
@@ -130,7 +130,7 @@ def test_silicone_that_sticks_by_more_than_it_is_pressed(share, holds):
         / held.brush_n_per_m
         * (1.0 if holds else 0.0)
     )
-    state.brush_j = energy.brush_j(held, state)
+    state.brush_j = core.brush_j(held, state)
     go(held, state, Inputs(closure), 1e-3, 1500)
     pressed_n = state.normal_n.sum(axis=0)
     assert (pressed_n < 0.2 * G).all()
@@ -151,7 +151,7 @@ def test_an_object_without_mass_is_refused_and_a_tenth_of_a_gram_is_held(
     with pytest.raises(
         CardError, match=r"mass_g = 0; next: allowed: a number from 0\.1"
     ):
-        read_card(str(tmp_path / "mine.toml"))
+        read_scene_file(str(tmp_path / "mine.toml"))
     held = body(mass_kg=1e-4)
     closure = closed(held, 1.0)
     state = at_rest(held, closure)

@@ -17,12 +17,12 @@ from holdfast.core.errors import OutputError, UsageError
 from holdfast.core.trial_file import read_trial
 from holdfast.drivers.replay import Replay
 from holdfast.live.sources import open_source
+from holdfast.simulation import SCENES
 from holdfast.simulation import scene as scenes
-from holdfast.simulation.card import Card, read_card
-from holdfast.simulation.effects import EFFECTS
+from holdfast.simulation.effect import EFFECT_MODULES, module_effects
 from holdfast.simulation.folder import write_set
 from holdfast.simulation.scene import Scene, SimulatedTrial
-from holdfast.simulation.shipped import CARDS
+from holdfast.simulation.scene_file import SceneFile, read_scene_file
 from holdfast.training.datasets.thesis import load
 from holdfast.training.timeline import read_truth
 
@@ -75,15 +75,15 @@ MAGNET = "\n[effects.dipole]\n"
 def make(tmp_path: Path, text: str = CORE, seed: int = 0) -> Scene:
     path = tmp_path / "mine.toml"
     path.write_text(text, encoding="utf-8")
-    return Scene(read_card(str(path)), seed)
+    return Scene(read_scene_file(str(path)), seed)
 
 
 @pytest.fixture
 def texture_in_any_step(monkeypatch: pytest.MonkeyPatch) -> None:
     """Texture takes part in steps that are too long for its physics."""
-    monkeypatch.setitem(
-        EFFECTS, "texture", replace(EFFECTS["texture"], longest_step_s=math.inf)
-    )
+    effects = module_effects("texture")
+    any_step = replace(effects["texture"], longest_step_s=math.inf)
+    monkeypatch.setitem(effects, "texture", any_step)
 
 
 def trials_of(scene: Scene) -> list[SimulatedTrial]:
@@ -149,8 +149,10 @@ def test_an_empty_list_of_effects_is_the_core_bit_for_bit_and_calls_nothing(
 
         return effect
 
-    for name, effect in EFFECTS.items():
-        monkeypatch.setitem(EFFECTS, name, replace(effect, make=counting(name)))
+    for name in EFFECT_MODULES:
+        effects = module_effects(name)
+        uncallable = replace(effects[name], make=counting(name))
+        monkeypatch.setitem(effects, name, uncallable)
     again = trials_of(make(tmp_path, CORE + "\n[effects]\n"))
     assert called == []
     for one, other in zip(core, again, strict=True):
@@ -160,13 +162,14 @@ def test_an_empty_list_of_effects_is_the_core_bit_for_bit_and_calls_nothing(
 
 def test_an_effect_on_the_card_is_called_and_no_other(tmp_path, monkeypatch):
     called: list[str] = []
-    for name, effect in EFFECTS.items():
+    for name in EFFECT_MODULES:
+        effects = module_effects(name)
 
-        def counted(*args: object, name: str = name, make=effect.make) -> object:
+        def counted(*args: object, name: str = name, make=effects[name].make) -> object:
             called.append(name)
             return make(*args)
 
-        monkeypatch.setitem(EFFECTS, name, replace(effect, make=counted))
+        monkeypatch.setitem(effects, name, replace(effects[name], make=counted))
     trials_of(make(tmp_path, COARSE + "\n[effects.tremor]\n[effects.gain_tilt]\n"))
     assert set(called) == {"tremor", "gain_tilt"}
 
@@ -285,7 +288,7 @@ def test_a_folder_of_trials_is_read_and_trained_on_as_it_is(tmp_path):
 
 
 def test_in_daily_life_risky_slips_are_four_samples_in_a_thousand():
-    scene = Scene(replace(read_card("daily"), step_s=0.007), 0)
+    scene = Scene(replace(read_scene_file("daily"), step_s=0.007), 0)
     risky_s = total_s = 0.0
     for trial in scene.run(scene.trials(150)):
         stops = [since for since, _ in trial.truth.marks[1:]] + [trial.truth.end_s]
@@ -355,7 +358,7 @@ def test_simulate_refuses_what_cannot_be_in_one_line(tmp_path, capsys, wrong):
 @pytest.fixture
 def apple(tmp_path) -> Path:
     """The shipped card in long steps."""
-    card, text = tmp_path / "apple.toml", (CARDS / "apple.toml").read_text("utf-8")
+    card, text = tmp_path / "apple.toml", (SCENES / "apple.toml").read_text("utf-8")
     card.write_text(f"{text}\n[physics]\nstep_s = 0.005\n", encoding="utf-8")
     return card
 
@@ -414,6 +417,6 @@ def test_truth_comes_from_the_core_and_not_from_a_noisy_channel(tmp_path, core):
 
 
 def test_a_card_knows_its_scene(tmp_path):
-    card: Card = make(tmp_path).card
-    assert scenes.Scene(card, 0).loop_effects == {}
+    card: SceneFile = make(tmp_path).file
+    assert scenes.Scene(card, 0).physics_effects == {}
     assert len(card.sha256) == 64

@@ -15,9 +15,8 @@ from hypothesis import strategies as st
 from holdfast.core.contract import FloatArray, Unit
 from holdfast.drivers.virtual.virtual_hand import FORCE_N_PER_UT
 from holdfast.edge_runtime.preparation import Preparation
-from holdfast.simulation.effect import Signal, stream
-from holdfast.simulation.sensor import SENSOR_EFFECTS
-from holdfast.simulation.sensor.magnet import (
+from holdfast.simulation.effect import Signal, all_effects, stream
+from holdfast.simulation.magnet import (
     calibrate,
     dipole_ut,
     linear_map,
@@ -29,6 +28,7 @@ from holdfast.training.datasets.thesis import preparation
 MU0 = 4e-7 * np.pi
 MOMENT_A_M2 = 1.35 / MU0 * np.pi * 0.75e-3**2 * 0.5e-3
 """Remanence / mu0 * volume, N45, 1.5 x 0.5 mm."""
+SENSOR_EFFECTS = {n: e for n, e in all_effects().items() if e.stage == "sensor"}
 RATE_HZ = 100.0
 CHANGES_NOTHING: dict[str, dict[str, Any]] = {
     "cross_talk": {"height_mm": 0, "axes": 0},
@@ -91,7 +91,7 @@ def apply(name: str, to: Signal, seed: int = 7, **options: Any) -> Signal:
     """An effect as a card applies it; options: over its defaults."""
     effect = SENSOR_EFFECTS[name]
     drawn = effect.draw(options, stream(seed, 0, f"{name} parameters"))
-    out = effect.make(to, drawn, stream(seed, 0, name))
+    out = effect.sense(to, drawn, stream(seed, 0, name))
     assert isinstance(out, Signal)
     return out
 

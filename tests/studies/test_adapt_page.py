@@ -12,7 +12,7 @@ from page_tables import filled
 from holdfast.core.contract import GRASP, RISKY_SLIP, SAFE_SLIP
 from holdfast.edge_runtime.decision import DecisionRules
 from holdfast.evaluation.alarms import Answers
-from holdfast.simulation.card import read_card
+from holdfast.simulation.scene_file import read_scene_file
 from holdfast.training.recording import Recording
 from holdfast.training.timeline import Phase
 from studies.adapt.figures import way_figures
@@ -48,7 +48,10 @@ def test_a_person_of_a_style_hands_over_eight_times_in_it(
     style: str, tmp_path: Path
 ) -> None:
     (tmp_path / "card.toml").write_text(_adapt_card(style), "utf-8")
-    card, shipped = read_card(str(tmp_path / "card.toml")), read_card("adapt")
+    card, shipped = (
+        read_scene_file(str(tmp_path / "card.toml")),
+        read_scene_file("adapt"),
+    )
     (passes,) = [row for row in card.rows if row.action == "pass"]
     (plain,) = [row for row in shipped.rows if row.action == "pass"]
     assert passes.count * len(passes.objects) == 8

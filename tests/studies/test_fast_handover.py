@@ -15,9 +15,9 @@ from hypothesis import strategies as st
 
 from holdfast.core.contract import FloatArray
 from holdfast.evaluation.trials import Grasp
-from holdfast.simulation.card import Card, read_card
 from holdfast.simulation.folder import write_set
 from holdfast.simulation.scene import Scene
+from holdfast.simulation.scene_file import SceneFile, read_scene_file
 from holdfast.simulation.script import Times
 from holdfast.training.network_fit import NetworkPlan
 from holdfast.training.plan import ForestPlan, TrainingPlan
@@ -62,9 +62,9 @@ TRIALS = {
 }
 
 
-def coarse(name: str) -> Card:
+def coarse(name: str) -> SceneFile:
     """A card in long steps: the study asks for streams, not for slip times to the millisecond."""
-    card = read_card(name, rate_hz=50)
+    card = read_scene_file(name, rate_hz=50)
     kept = {
         name: parameters
         for name, parameters in card.effects.items()

@@ -425,11 +425,11 @@ def test_without_a_scene_the_command_that_makes_one_is_named(tmp_path):
 
 def test_the_simulated_hand_of_twenty_is_studied_as_it_is_written(tmp_path: Path):
     """From card to case: 60 channels, every kind of point, a truth that is the physics'."""
-    from holdfast.simulation.card import read_card
     from holdfast.simulation.folder import write_set
     from holdfast.simulation.scene import Scene
+    from holdfast.simulation.scene_file import read_scene_file
 
-    card = replace(read_card("twenty-sensors"), step_s=0.017)
+    card = replace(read_scene_file("twenty-sensors"), step_s=0.017)
     write_set(Scene(card, 0), tmp_path / "scene", 40)
     data = program.read_scene(tmp_path / "scene")
     assert (data.n_sensors, data.rate_hz) == (20, 60.0)

@@ -54,9 +54,9 @@ from holdfast.evaluation.window_scores import (
 )
 from holdfast.export.network import IntArray
 from holdfast.export.spec import window_samples
-from holdfast.simulation.card import read_card
 from holdfast.simulation.folder import write_set
 from holdfast.simulation.scene import Scene
+from holdfast.simulation.scene_file import read_scene_file
 from holdfast.training.crossval import HeldOut
 from holdfast.training.featurise import features_of, spec_for
 from holdfast.training.plan import (
@@ -131,7 +131,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     only."""
     made = tmp_path_factory.mktemp("scenes")
     for name, trials in (("thesis", 60), ("apple", 12)):
-        card = replace(read_card(name, rate_hz=50.0), step_s=0.01)
+        card = replace(read_scene_file(name, rate_hz=50.0), step_s=0.01)
         write_set(Scene(card, 0), made / "50hz" / name, trials)
     return made
 

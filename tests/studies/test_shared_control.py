@@ -55,8 +55,8 @@ def test_every_lag_of_the_figure_has_a_curve_of_every_controller() -> None:
 
 def test_the_noise_of_the_chips_is_that_of_the_card_twice_and_four_times() -> None:
     noisy = [one for one in rows(100) if one.part == "noise" and one.set_name == "p1"]
-    as_it_is = scene_of(sets(100)["p1"])[0].card.effects["hall_noise"]
-    chips = [scene_of(one.one)[0].card.effects["hall_noise"] for one in noisy]
+    as_it_is = scene_of(sets(100)["p1"])[0].file.effects["hall_noise"]
+    chips = [scene_of(one.one)[0].file.effects["hall_noise"] for one in noisy]
     assert [chip.get("averages", 32.0) for chip in chips] == [32.0, 8.0, 2.0]
     assert chips[0] == as_it_is
 

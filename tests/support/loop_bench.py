@@ -12,10 +12,10 @@ import numpy as np
 from holdfast.core.contract import FloatArray
 from holdfast.edge_runtime.grip import GripSense
 from holdfast.edge_runtime.model import Model
-from holdfast.simulation.card import read_card
-from holdfast.simulation.closed_loop.loop import ClosedLoop, LoopTruth
+from holdfast.simulation.closed_loop import ClosedLoop, LoopTruth
 from holdfast.simulation.protocol import PlannedTrial
 from holdfast.simulation.scene import Scene
+from holdfast.simulation.scene_file import read_scene_file
 from holdfast.simulation.script import Times
 
 MODEL = Path(__file__).resolve().parents[2] / "models" / "holdfast-150hz.onnx"
@@ -62,7 +62,7 @@ def scene_of(folder: Path, text: str, seed: int = 0) -> Scene:
     """The scene of a card's text."""
     path = folder / "short.toml"
     path.write_text(text, encoding="utf-8")
-    return Scene(read_card(str(path)), seed)
+    return Scene(read_scene_file(str(path)), seed)
 
 
 class Firm:

@@ -62,9 +62,9 @@ from holdfast.export.exporting import export_artifact
 from holdfast.export.learner import Forest, reference_votes
 from holdfast.export.spec import bands_for
 from holdfast.export.verify import cut_learners
-from holdfast.simulation.card import read_card
 from holdfast.simulation.folder import write_set
 from holdfast.simulation.scene import Scene
+from holdfast.simulation.scene_file import read_scene_file
 from holdfast.training.crossval import fit_learner
 from holdfast.training.datasets import load
 from holdfast.training.featurise import FloatRows, features_of, spec_for
@@ -249,7 +249,7 @@ def budgets(ratios: dict[str, float], n_bytes: int, resident_mb: float) -> list[
 
 def _scenes(work: Path, rate_hz: float) -> DataSet:
     """A small simulated set at the model's rate."""
-    write_set(Scene(read_card("thesis", rate_hz=rate_hz), 0), work / "set", TRIALS)
+    write_set(Scene(read_scene_file("thesis", rate_hz=rate_hz), 0), work / "set", TRIALS)
     return load(work / "set", windows="thesis")
 
 

@@ -221,7 +221,7 @@ def scene_truth_of(url: str, source: Source) -> TruthEvents | None:
 
     def events(first_ns: int, last_ns: int) -> list[Json]:
         shift_s = 0.0 if began_ns is None else 1e-9 * (began_ns - first_ns)
-        return _events(truth.shifted(shift_s).to_json(), 1e-9 * (last_ns - first_ns))
+        return _events(truth.to_json(shift_s), 1e-9 * (last_ns - first_ns))
 
     return events
 

@@ -82,12 +82,12 @@ def url_for(url: str, task: Task, nth: int) -> str:
 @lru_cache(maxsize=1)
 def _scene_trials(name: str, seed: int) -> list[tuple[str, str]]:
     """(object, action) of each trial of a scene. Raises CardError."""
-    from holdfast.simulation.card import read_card
     from holdfast.simulation.scene import Scene
+    from holdfast.simulation.scene_file import read_scene_file
 
     trials = []
-    for trial in Scene(read_card(name), seed).trials():
-        held = NOTHING if trial.action == NOTHING else trial.thing.name
+    for trial in Scene(read_scene_file(name), seed).trials():
+        held = NOTHING if trial.action == NOTHING else trial.object.name
         trials.append((held, trial.action))
     return trials
 

@@ -1,6 +1,7 @@
-"""The Hall chip (TMAG5273A1): noise, range and resolution.
+"""The Hall chip (TMAG5273A1), its clock and its bus.
 
-Clock and bus: late, lost and repeated samples.
+The chip averages, adds noise, and has a range and a resolution; samples come late, get lost, or
+repeat while a sensor is stuck.
 """
 
 from __future__ import annotations
@@ -10,9 +11,8 @@ from dataclasses import replace
 import numpy as np
 
 from holdfast.core.contract import BoolArray, FloatArray
-from holdfast.simulation.effect import Drawn, Effect, Signal
-from holdfast.simulation.sensor.rows import Plan, Rows, row_effect
-from holdfast.simulation.values import Parameter
+from holdfast.simulation.effect import Drawn, Effect, Parameter, Signal
+from holdfast.simulation.rows import Plan, RowEffect, Rows
 
 NOISE_UT = np.array([22.0, 22.0, 11.0])
 """1 sigma at 32 averaged conversions (data sheet SLYS045).
@@ -20,6 +20,20 @@ NOISE_UT = np.array([22.0, 22.0, 11.0])
 Its 125 and 68 uT at one conversion agree with 1/sqrt(32) within 10 %.
 """
 RANGE_UT = np.array([40e3, 40e3, 80e3])
+STALE_AFTER_S = 0.02
+"""The driver calls a sensor stale when its reading has not changed for this long."""
+LONGEST_BURST = 3
+"""Rows that are lost in a row, at most."""
+LATEST = 0.45
+"""A sample is late or early by less than half a step, so the order is kept."""
+
+
+def conversion_s(averages: float) -> float:
+    """Time of one reading of three axes, s: 25 us * (3 axes * averages + 1).
+
+    Source: TMAG5273 data sheet, table 7-4.
+    """
+    return 25e-6 * (3.0 * averages + 1.0)
 
 
 def noise_plan(
@@ -62,50 +76,12 @@ def quantisation(rows: Rows, plan: Plan) -> Rows:
     return replace(rows, values=np.rint(rows.values / step) * step)
 
 
-CHIP = (
-    row_effect(
-        "hall_noise",
-        noise_plan,
-        hall_noise,
-        parameters={
-            "averages": Parameter(
-                32.0, "", 1, 32, "conversions of each axis a reading is the mean of"
-            )
-        },
-        needs=("dipole",),
-    ),
-    row_effect(
-        "saturation",
-        range_plan,
-        saturation,
-        parameters={"range": Parameter(1.0, "", 0.01, 2, "of the chip's range")},
-        needs=("dipole",),
-        marks_invalid=True,
-    ),
-    row_effect(
-        "quantisation",
-        bits_plan,
-        quantisation,
-        parameters={"bits": Parameter(12.0, "", 4, 24, "of the whole range")},
-        needs=("dipole",),
-    ),
-)
-
-
-STALE_AFTER_S = 0.02
-LONGEST_BURST = 3
-LATEST = 0.45
-"""A sample is late or early by less than half a step, so the order is kept."""
-
-
 def late_s(t_s: FloatArray, drawn: Drawn, rng: np.random.Generator) -> FloatArray:
     """[T] by how much each sample is late, s: normal with sd_ms; the first and the last are not."""
-    step_s = float(t_s[1] - t_s[0])
-    late = np.clip(
-        1e-3 * drawn["sd_ms"] * rng.normal(size=len(t_s)),
-        -LATEST * step_s,
-        LATEST * step_s,
-    )
+    latest_s = LATEST * float(t_s[1] - t_s[0])
+    late = 1e-3 * drawn["sd_ms"] * rng.normal(size=len(t_s))
+    late = np.clip(late, -latest_s, latest_s)
+    # a recording keeps its ends, so that no value is taken from beyond them
     late[[0, -1]] = 0.0
     return late
 
@@ -128,10 +104,10 @@ def kept_rows(t_s: FloatArray, drawn: Drawn, rng: np.random.Generator) -> BoolAr
     probability p at each row. So m / (m + 1 + 1 / p) of the rows are lost, m the mean length of a
     burst.
     """
-    n, mean = len(t_s), 0.5 * (1 + LONGEST_BURST)
+    n, mean, share = len(t_s), 0.5 * (1 + LONGEST_BURST), drawn["share"]
     bursts = rng.integers(1, LONGEST_BURST + 1, n)
-    share = drawn["share"]
-    begins = rng.uniform(size=n) < (1.0 / (mean / share - mean - 1.0) if share else 0.0)
+    probability = 1.0 / (mean / share - mean - 1.0) if share else 0.0
+    begins = rng.uniform(size=n) < probability
     kept = np.ones(n, dtype=np.bool_)
     last = -LONGEST_BURST
     for start in np.flatnonzero(begins):
@@ -144,25 +120,20 @@ def kept_rows(t_s: FloatArray, drawn: Drawn, rng: np.random.Generator) -> BoolAr
 def dropped_samples(signal: Signal, drawn: Drawn, rng: np.random.Generator) -> Signal:
     """A share of the samples is lost."""
     kept = kept_rows(signal.t_s, drawn, rng)
-    return replace(
-        signal,
-        t_s=signal.t_s[kept],
-        values=signal.values[kept],
-        valid=signal.valid[kept],
-    )
+    values, valid = signal.values[kept], signal.valid[kept]
+    return replace(signal, t_s=signal.t_s[kept], values=values, valid=valid)
 
 
 def stale_plan(
     drawn: Drawn, rng: np.random.Generator, t_s: FloatArray, sensors: int
 ) -> Plan:
     """From at_s on for lasts_s the sensors are stuck; the driver detects it after 20 ms."""
-    these = [int(number) - 1 for number in drawn["sensors"]]
+    begins_s, ends_s = drawn["at_s"], drawn["at_s"] + drawn["lasts_s"]
     stuck = np.zeros((len(t_s), sensors), dtype=np.bool_)
-    since_s = t_s - drawn["at_s"]
-    stuck[:, these] = (
-        (t_s >= drawn["at_s"]) & (t_s < drawn["at_s"] + drawn["lasts_s"])
-    )[:, None]
-    return {"stuck": stuck, "detected": stuck & (since_s > STALE_AFTER_S)[:, None]}
+    these = [int(number) - 1 for number in drawn["sensors"]]
+    stuck[:, these] = ((t_s >= begins_s) & (t_s < ends_s))[:, None]
+    late = t_s - begins_s > STALE_AFTER_S
+    return {"stuck": stuck, "detected": stuck & late[:, None]}
 
 
 def stale_sensor(rows: Rows, plan: Plan, before: Rows) -> Rows:
@@ -171,32 +142,67 @@ def stale_sensor(rows: Rows, plan: Plan, before: Rows) -> Rows:
     return Rows(values, rows.valid & ~plan["detected"])
 
 
-TIMING = (
+AVERAGES = Parameter(
+    32.0, "", 1, 32, "conversions of each axis a reading is the mean of"
+)
+TABLE = (
+    # Without averaging a reading is the force at its instant, and vibrations faster than half
+    # the rate are aliased.
+    Effect(
+        "averaging",
+        "physics",
+        conversion_s,
+        {"averages": AVERAGES},
+        constant="averages",
+        sets="average_s",
+    ),
+    Effect(
+        "hall_noise",
+        "sensor",
+        RowEffect(noise_plan, hall_noise),
+        {"averages": AVERAGES},
+        needs=("dipole",),
+    ),
+    Effect(
+        "saturation",
+        "sensor",
+        RowEffect(range_plan, saturation),
+        {"range": Parameter(1.0, "", 0.01, 2, "of the chip's range")},
+        needs=("dipole",),
+        marks_invalid=True,
+    ),
+    Effect(
+        "quantisation",
+        "sensor",
+        RowEffect(bits_plan, quantisation),
+        {"bits": Parameter(12.0, "", 4, 24, "of the whole range")},
+        needs=("dipole",),
+    ),
     Effect(
         "timing_jitter",
         "sensor",
         timing_jitter,
         {"sd_ms": Parameter(0.3, "ms", 0, 20, "standard deviation of a sample's time")},
-        in_card_unit=True,
+        in_scene_unit=True,
     ),
     Effect(
         "dropped_samples",
         "sensor",
         dropped_samples,
         {"share": Parameter(0.01, "", 0, 0.3, "share of the samples")},
-        in_card_unit=True,
+        in_scene_unit=True,
     ),
-    row_effect(
+    Effect(
         "stale_sensor",
-        stale_plan,
-        stale_sensor,
-        chained=True,
-        parameters={
+        "sensor",
+        RowEffect(stale_plan, stale_sensor, chained=True),
+        {
             "sensors": Parameter([], "", 1, 6, "which sensors", many=True),
             "at_s": Parameter({"uniform": [4, 8]}, "s", 0, 1e6, "start"),
             "lasts_s": Parameter({"uniform": [0.1, 1]}, "s", 0, 1e6, "duration"),
         },
         marks_invalid=True,
-        in_card_unit=True,
+        in_scene_unit=True,
     ),
 )
+EFFECTS = {effect.name: effect for effect in TABLE}

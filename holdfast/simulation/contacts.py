@@ -1,9 +1,4 @@
-"""Several brush elements a contact: slip begins at the rim while the middle still holds.
-
-Silicone yields with a delay: a Maxwell branch beside the normal spring.
-
-Roughness of the object: friction changes with the place, so that slipping vibrates.
-"""
+"""Contacts in more detail: a brush of several elements, silicone with memory, a rough object."""
 
 from __future__ import annotations
 
@@ -12,35 +7,26 @@ from collections.abc import Sequence
 import numpy as np
 
 from holdfast.core.contract import BoolArray, FloatArray
-from holdfast.simulation.effect import Drawn, Effect
+from holdfast.simulation.effect import Drawn, Effect, Parameter, PhysicsEffect
 from holdfast.simulation.protocol import PlannedTrial
-from holdfast.simulation.values import Parameter
+
+MOST_ELEMENTS = 50
 
 
-def pressure(count: int) -> FloatArray:
+def pressure(count: float) -> FloatArray:
     """[E] share of the normal force on each of E elements: p ~ 1 - x^2 over the patch; sum 1.
 
     A soft fingertip presses hardest in the middle (Johnson, "Contact mechanics", 1985, chapter 4),
     so the outer elements reach mu N first: incipient slip. A single element bears everything and
     slips all at once.
     """
-    x = (np.arange(count) + 0.5) / count
+    elements = int(count)
+    x = (np.arange(elements) + 0.5) / elements
     share = 1.0 - x * x
-    even: FloatArray = share / share.sum()
-    return even
+    return share / share.sum()
 
 
-BRUSH = Effect(
-    "brush",
-    "physics",
-    make=lambda count: pressure(int(count)),
-    parameters={"count": Parameter(5.0, "", 1, 50, "elements of each contact")},
-    constant="count",
-    sets="pressure",
-)
-
-
-class Lag:
+class Lag(PhysicsEffect):
     """Standard linear solid: N gains q, dq/dt = ratio k d(depth)/dt - q / time, stepped implicitly.
 
     Pressed in and held, the force falls from (1 + ratio) k depth to k depth as exp(-t / time); in
@@ -48,16 +34,15 @@ class Lag:
     nonlinear viscoelastic materials", 1976). Force N, stiffness N/m, time s.
     """
 
+    kind = "lags"
+
     def __init__(
         self,
         drawn: Sequence[Drawn],
-        trials: Sequence[object],
+        trials: Sequence[PlannedTrial],
         rngs: Sequence[np.random.Generator],
     ) -> None:
-        stiffness = np.stack(
-            [getattr(trial, "finger_n_per_m") for trial in trials],  # noqa: B009
-            axis=1,
-        )
+        stiffness = np.stack([trial.finger_n_per_m for trial in trials], axis=1)
         self.stiffness = stiffness * np.array([d["ratio"] for d in drawn])
         self.time_s = np.array([d["time_s"] for d in drawn])
         self.held_n = np.zeros(self.stiffness.shape)
@@ -74,40 +59,16 @@ class Lag:
         stiffness, held = self.terms(dt_s)
         self.held_n = np.where(touching, held + stiffness * change_m, 0.0)
 
-    def busy_s(self, lane: int) -> list[tuple[float, float]]:
-        """No interval of its own."""
-        return []
 
-
-LAG = Effect(
-    "lag",
-    "physics",
-    make=Lag,
-    parameters={
-        "ratio": Parameter(
-            {"uniform": [0.1, 0.5]},
-            "",
-            0,
-            10,
-            "stiffness that relaxes over stiffness that stays",
-        ),
-        "time_s": Parameter(
-            {"log_uniform": [0.05, 0.8]}, "s", 0.001, 100, "time constant of relaxation"
-        ),
-    },
-)
-
-
-MOST_ELEMENTS = 50
-
-
-class Texture:
+class Texture(PhysicsEffect):
     """Friction limit of an element times 1 + depth sin(2 pi s / wavelength + phase), s its slip.
 
     At a slip speed v the force swings with v / wavelength, Hz: the vibration by which skin and slip
     sensors detect slip (Johansson & Flanagan, Nat. Rev. Neurosci. 10, 2009). Each element has a
     random phase. The effect needs fine steps.
     """
+
+    kind = "textures"
 
     def __init__(
         self,
@@ -117,37 +78,68 @@ class Texture:
     ) -> None:
         self.depth = np.array([d["depth"] for d in drawn])
         self.per_m = 2e3 * np.pi / np.array([d["wavelength_mm"] for d in drawn])
+        # phases of the most elements, so that a trial's draws do not depend on their number
         shape = MOST_ELEMENTS, len(trials[0].finger_n_per_m)
-        self.phase = np.stack(
-            [rng.uniform(0.0, 2.0 * np.pi, shape) for rng in rngs], axis=2
-        )
+        phases = [rng.uniform(0.0, 2.0 * np.pi, shape) for rng in rngs]
+        self.phase = np.stack(phases, axis=2)
         self.slipped_m: FloatArray | None = None
 
     def scale(self, slipped_m: FloatArray) -> FloatArray:
         """[E, S, B] factor of the friction limit; slipped_m [E, S, B]: slip in the last step."""
-        self.slipped_m = (
-            slipped_m if self.slipped_m is None else self.slipped_m + slipped_m
-        )
-        place = self.per_m * self.slipped_m + self.phase[: len(slipped_m)]
-        factor: FloatArray = 1.0 + self.depth * np.sin(place)
-        return factor
-
-    def busy_s(self, lane: int) -> list[tuple[float, float]]:
-        """No interval of its own."""
-        return []
+        if self.slipped_m is not None:
+            slipped_m = self.slipped_m + slipped_m
+        self.slipped_m = slipped_m
+        place = self.per_m * slipped_m + self.phase[: len(slipped_m)]
+        return 1.0 + self.depth * np.sin(place)
 
 
-TEXTURE = Effect(
-    "texture",
-    "physics",
-    make=Texture,
-    parameters={
-        "wavelength_mm": Parameter(
-            {"uniform": [0.6, 2.0]}, "mm", 0.05, 50, "spatial period of the roughness"
-        ),
-        "depth": Parameter(
-            {"uniform": [0.1, 0.3]}, "", 0, 0.9, "how much friction swings"
-        ),
-    },
-    longest_step_s=1e-3,
+TABLE = (
+    Effect(
+        "brush",
+        "physics",
+        pressure,
+        {"count": Parameter(5.0, "", 1, MOST_ELEMENTS, "elements of each contact")},
+        constant="count",
+        sets="pressure",
+    ),
+    Effect(
+        "texture",
+        "physics",
+        Texture,
+        {
+            "wavelength_mm": Parameter(
+                {"uniform": [0.6, 2.0]},
+                "mm",
+                0.05,
+                50,
+                "spatial period of the roughness",
+            ),
+            "depth": Parameter(
+                {"uniform": [0.1, 0.3]}, "", 0, 0.9, "how much friction swings"
+            ),
+        },
+        longest_step_s=1e-3,
+    ),
+    Effect(
+        "lag",
+        "physics",
+        Lag,
+        {
+            "ratio": Parameter(
+                {"uniform": [0.1, 0.5]},
+                "",
+                0,
+                10,
+                "stiffness that relaxes over stiffness that stays",
+            ),
+            "time_s": Parameter(
+                {"log_uniform": [0.05, 0.8]},
+                "s",
+                0.001,
+                100,
+                "time constant of relaxation",
+            ),
+        },
+    ),
 )
+EFFECTS = {effect.name: effect for effect in TABLE}

@@ -1,6 +1,6 @@
 """From force to field: a magnet in silicone above a Hall chip, and its faults.
 
-From field back to newtons as in the thesis: one linear map for all sensors, fitted to loads.
+And from field back to newtons as in the thesis: one linear map for all sensors, fitted to loads.
 """
 
 from __future__ import annotations
@@ -12,9 +12,8 @@ from functools import cache
 import numpy as np
 
 from holdfast.core.contract import FloatArray
-from holdfast.simulation.effect import Drawn, Signal
-from holdfast.simulation.sensor.rows import Plan, Rows, row_effect
-from holdfast.simulation.values import Parameter
+from holdfast.simulation.effect import Drawn, Effect, Parameter, Signal
+from holdfast.simulation.rows import Plan, RowEffect, Rows
 
 UT_PER_T = 1e6
 MU0_OVER_4PI = 1e-7
@@ -38,21 +37,18 @@ def dipole_ut(place_m: FloatArray, moment_a_m2: float = MOMENT_A_M2) -> FloatArr
     r3 = r2 * np.sqrt(r2)
     field = 3.0 * (z / (r2 * r3))[..., None] * place_m
     field[..., 2] -= 1.0 / r3
-    scaled: FloatArray = UT_PER_T * MU0_OVER_4PI * moment_a_m2 * field
-    return scaled
+    return UT_PER_T * MU0_OVER_4PI * moment_a_m2 * field
 
 
 def place_m(forces_n: FloatArray, height_mm: float | FloatArray) -> FloatArray:
     """[.., 3] position of the magnet under forces [.., 3]: normal pushes down, shear sideways."""
     yielding = forces_n / (1.0 + np.abs(forces_n) / STIFFENING_N)
-    return np.stack(
-        [
-            yielding[..., 0] / SHEAR_N_PER_M,
-            yielding[..., 1] / SHEAR_N_PER_M,
-            np.maximum(1e-3 * height_mm - yielding[..., 2] / NORMAL_N_PER_M, 5e-4),
-        ],
-        axis=-1,
-    )
+    place = np.empty_like(yielding)
+    place[..., :2] = yielding[..., :2] / SHEAR_N_PER_M
+    above = 1e-3 * height_mm - yielding[..., 2] / NORMAL_N_PER_M
+    # the magnet never touches the chip: half a millimetre of silicone stays between
+    place[..., 2] = np.maximum(above, 5e-4)
+    return place
 
 
 def height_plan(
@@ -87,12 +83,13 @@ def cross_talk(rows: Rows, plan: Plan) -> Rows:
 
     A dipole's field falls as r^-3; neighbours are the sensors before and after. uT.
     """
-    own = rows.values
-    near = np.zeros_like(own)
-    near[:, 1:] += own[:, :-1]
-    near[:, :-1] += own[:, 1:]
-    leak = plan["axes"] * (own.sum(axis=2, keepdims=True) - own)
-    return replace(rows, values=own + plan["near"] * near + leak)
+    values = rows.values
+    near = np.zeros_like(values)
+    near[:, 1:] += values[:, :-1]
+    near[:, :-1] += values[:, 1:]
+    other_axes = values.sum(axis=2, keepdims=True) - values
+    leak = plan["axes"] * other_axes
+    return replace(rows, values=values + plan["near"] * near + leak)
 
 
 def turn_plan(
@@ -106,9 +103,9 @@ def turn_plan(
     gain = 1.0 + drawn["gain_sd"] * rng.normal(size=(sensors, 1))
     angle = np.radians(drawn["tilt_sd_deg"]) * rng.normal(size=(2, sensors))
     (cx, cy), (sx, sy) = np.cos(angle), np.sin(angle)
-    zero, one = np.zeros(sensors), np.ones(sensors)
-    about_x = np.array([[one, zero, zero], [zero, cx, -sx], [zero, sx, cx]])
-    about_y = np.array([[cy, zero, sy], [zero, one, zero], [-sy, zero, cy]])
+    zeros, ones = np.zeros(sensors), np.ones(sensors)
+    about_x = np.array([[ones, zeros, zeros], [zeros, cx, -sx], [zeros, sx, cx]])
+    about_y = np.array([[cy, zeros, sy], [zeros, ones, zeros], [-sy, zeros, cy]])
     return {
         "gain": gain[None],
         "turn": np.einsum("ijs,jks->sik", about_y, about_x)[None],
@@ -173,63 +170,66 @@ def _indices(sensors: Sequence[float]) -> list[int]:
 
 HEIGHT = Parameter(2.0, "mm", 1.5, 20, "from chip to magnet, unloaded")
 SENSORS = Parameter([], "", 1, 6, "which sensors", many=True)
-MAGNET = (
-    row_effect(
-        "dipole", height_plan, dipole, parameters={"height_mm": HEIGHT}, gives_unit="uT"
+SPACING = Parameter(20.0, "mm", 5, 200, "between neighbouring fingertips")
+WARMING = Parameter({"uniform": [0, 10]}, "degC", -50, 80, "final warming")
+TABLE = (
+    Effect(
+        "dipole",
+        "sensor",
+        RowEffect(height_plan, dipole),
+        {"height_mm": HEIGHT},
+        gives_unit="uT",
     ),
-    row_effect(
+    Effect(
         "cross_talk",
-        leak_plan,
-        cross_talk,
-        parameters={
+        "sensor",
+        RowEffect(leak_plan, cross_talk),
+        {
             "height_mm": HEIGHT,
-            "spacing_mm": Parameter(
-                20.0, "mm", 5, 200, "between neighbouring fingertips"
-            ),
+            "spacing_mm": SPACING,
             "axes": Parameter(0.01, "", 0, 0.3, "share of the other axes"),
         },
         needs=("dipole",),
     ),
-    row_effect(
+    Effect(
         "gain_tilt",
-        turn_plan,
-        gain_tilt,
-        parameters={
+        "sensor",
+        RowEffect(turn_plan, gain_tilt),
+        {
             "gain_sd": Parameter(0.05, "", 0, 0.5, "spread of the gains"),
             "tilt_sd_deg": Parameter(3.0, "deg", 0, 45, "spread of the angles"),
         },
     ),
-    row_effect(
+    Effect(
         "magnet_reversed",
-        reversed_plan,
-        magnet_reversed,
-        parameters={"sensors": SENSORS},
+        "sensor",
+        RowEffect(reversed_plan, magnet_reversed),
+        {"sensors": SENSORS},
         needs=("dipole",),
     ),
-    row_effect(
+    Effect(
         "magnet_lost",
-        lost_plan,
-        magnet_lost,
-        parameters={
+        "sensor",
+        RowEffect(lost_plan, magnet_lost),
+        {
             "sensors": SENSORS,
             "at_s": Parameter(5.0, "s", 0, 1e6, "time of the loss"),
         },
         needs=("dipole",),
     ),
-    row_effect(
+    Effect(
         "thermal_drift",
-        warming_plan,
-        thermal_drift,
-        parameters={
-            "warming_degc": Parameter(
-                {"uniform": [0, 10]}, "degC", -50, 80, "final warming"
-            ),
+        "sensor",
+        RowEffect(warming_plan, thermal_drift),
+        {
+            "warming_degc": WARMING,
             "time_s": Parameter(300.0, "s", 1, 1e5, "time constant"),
             "compensated": Parameter(1.0, "", 0, 1, "1: the chip compensates"),
         },
         needs=("dipole",),
     ),
 )
+EFFECTS = {effect.name: effect for effect in TABLE}
 
 
 SHEAR_SHARE = 0.5
@@ -238,19 +238,13 @@ SHEAR_SHARE = 0.5
 
 def loads_n() -> FloatArray:
     """[M, 3] the thesis' loads: 0 .. 14 N normal, and shear to every side at 5 and 14 N normal."""
-    normal = np.stack([np.zeros(15), np.zeros(15), np.arange(15.0)], axis=1)
-    angles = np.radians(np.arange(0, 360, 45))
-    shear = [
-        [
-            share * SHEAR_SHARE * force * np.cos(a),
-            share * SHEAR_SHARE * force * np.sin(a),
-            force,
-        ]
-        for force in (5.0, 14.0)
-        for share in (0.25, 0.5, 0.75, 1.0)
-        for a in angles
-    ]
-    return np.concatenate([normal, np.array(shear)])
+    loads = [(0.0, 0.0, float(force)) for force in range(15)]
+    for force in (5.0, 14.0):
+        for share in (0.25, 0.5, 0.75, 1.0):
+            for angle in np.radians(np.arange(0, 360, 45)):
+                shear = share * SHEAR_SHARE * force
+                loads.append((shear * np.cos(angle), shear * np.sin(angle), force))
+    return np.array(loads)
 
 
 @cache
@@ -273,14 +267,18 @@ def calibrate(signal: Signal) -> Signal:
     return replace(signal, values=newton, unit="N")
 
 
+def _read_n(forces_n: FloatArray) -> FloatArray:
+    """[M, 3] what the calibrated sensor reads of forces [M, 3]."""
+    matrix, rest = linear_map()
+    fields = dipole_ut(place_m(forces_n, HEIGHT.default))
+    return (fields - rest) @ matrix.T
+
+
 def residual_n() -> tuple[float, float]:
     """RMS error of the map over its loads: (normal, shear), N; hardware: 0.27, 0.12."""
-    matrix, rest = linear_map()
-    forces = loads_n()
-    error = (dipole_ut(place_m(forces, HEIGHT.default)) - rest) @ matrix.T - forces
-    return float(np.sqrt((error[:, 2] ** 2).mean())), float(
-        np.sqrt((error[:, :2] ** 2).mean())
-    )
+    squares = (_read_n(loads_n()) - loads_n()) ** 2
+    normal, shear = squares[:, 2].mean(), squares[:, :2].mean()
+    return float(np.sqrt(normal)), float(np.sqrt(shear))
 
 
 def shear_gain() -> float:
@@ -289,7 +287,5 @@ def shear_gain() -> float:
     The map is fitted to loads up to 14 N, and silicone stiffens: a light touch reads too little
     along the skin.
     """
-    matrix, rest = linear_map()
-    force = np.array([[0.5, 0.0, 1.0]])
-    read = (dipole_ut(place_m(force, HEIGHT.default)) - rest) @ matrix.T
+    read = _read_n(np.array([[0.5, 0.0, 1.0]]))
     return float(0.5 * read[0, 2] / read[0, 0])

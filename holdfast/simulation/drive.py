@@ -14,30 +14,44 @@ closing time, times the stiffness of all fingers and the object in series.
 Source: Michelangelo hand, 120 mm in 0.37 s and 70 N (thesis, 5.1.1; Front. Syst. Neurosci. 9:162,
 2015, table 1). Lag and backlash are assumptions: none is published.
 
-The `[controller]` of a card: who moves the grip while the scene goes on, and with which drive.
+The `[controller]` of a scene file names who moves the grip while the scene goes on, and the drive:
 
-[controller]
-name = "holdfast"                      # of holdfast/edge_runtime/grip.py: none, pd-shear, ..
-model = "models/holdfast-150hz.onnx"   # the file that answers, from the working directory
-setting = 22                           # of the controller; its own default without this line
-lag_ms = 50                            # of the drive, as are ceiling_n, closing_s, ..
-
-What a controller commanded in a trial, and what its drive did: one row a sample.
+    [controller]
+    name = "holdfast"                      # of holdfast/edge_runtime/grip.py: none, pd-shear, ..
+    model = "models/holdfast-150hz.onnx"   # the file that answers, from the working directory
+    setting = 22                           # of the controller; its own default without this line
+    lag_ms = 50                            # of the drive, as are ceiling_n, closing_s, ..
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 
 from holdfast.core.contract import FloatArray
 from holdfast.core.reading import Json
+from holdfast.simulation.effect import Parameter
 from holdfast.simulation.protocol import PlannedTrial
 from holdfast.simulation.script import body_of
-from holdfast.simulation.table import Column
-from holdfast.simulation.values import Parameter
+
+GRIP_COLUMNS = {"target_n": 3, "needed_n": 3, "mu_hat": 4, "mode": 0, "grip_n": 3}
+"""Columns of trial_<n>.grip.csv after the time, and their decimals."""
+FELT_N_S, FELT_N = 0.5, 0.05
+"""Speed and distance of a grip whose change cannot be felt."""
+MODEL = "models/holdfast-150hz.onnx"
+CONTROLLER_NUMBERS = {
+    "setting": Parameter(0.0, "", 1e-3, 1e4, "the controller's own setting"),
+    "lag_ms": Parameter(50.0, "ms", 0.0, 1000.0, "lag of the drive"),
+    "ceiling_n": Parameter(70.0, "N", 0.1, 1e3, "largest grip of either side"),
+    "closing_s": Parameter(0.37, "s", 0.01, 100.0, "time of the whole stroke"),
+    "stroke_mm": Parameter(120.0, "mm", 1.0, 1e3, "how far the fingers can open"),
+    "backlash_mm": Parameter(
+        0.3, "mm", 0.0, 10.0, "of the fingers, at a change of direction"
+    ),
+}
+"""Numbers of `[controller]`: its setting (default: the controller's), and those of Drive."""
 
 
 @dataclass(frozen=True)
@@ -51,92 +65,6 @@ class Drive:
     backlash_mm: float = 0.3
 
 
-class Actuator:
-    """B drives. grip_n [B]: the grip that the fingers' place gives, in N a side."""
-
-    def __init__(self, drive: Drive, trials: Sequence[PlannedTrial]) -> None:
-        self.drive = drive
-        self.own_n = np.array([trial.grip_n for trial in trials])
-        per_m = stiffness_n_per_m(trials)
-        self.fastest_n_s = 1e-3 * drive.stroke_mm / drive.closing_s * per_m
-        self.backlash_n = 1e-3 * drive.backlash_mm * per_m
-        self.motor_n, self.grip_n = self.own_n.copy(), self.own_n.copy()
-        self.speed_n_s = np.zeros(len(trials))
-
-    def step(self, target_n: FloatArray, dt_s: float) -> FloatArray:
-        """Follow target_n [B] for dt_s; returns the grip [B]."""
-        lag_s = 1e-3 * self.drive.lag_ms
-        rest_n = self.motor_n + lag_s * self.speed_n_s
-        wanted = (np.minimum(target_n, self.drive.ceiling_n) - rest_n) / max(
-            lag_s, dt_s
-        )
-        wanted = np.clip(wanted, -self.fastest_n_s, self.fastest_n_s)
-        share = 1.0 if lag_s <= dt_s else dt_s / lag_s
-        self.speed_n_s = self.speed_n_s + share * (wanted - self.speed_n_s)
-        self.motor_n = np.clip(
-            self.motor_n + self.speed_n_s * dt_s, 0.0, self.drive.ceiling_n
-        )
-        self.grip_n = np.clip(self.grip_n, self.motor_n - self.backlash_n, self.motor_n)
-        return self.grip_n
-
-    def moving(self, target_n: FloatArray) -> FloatArray:
-        """[B] whether the grip still changes by more than can be felt."""
-        return (np.abs(self.speed_n_s) > 0.5) | (np.abs(target_n - self.motor_n) > 0.05)
-
-
-def stiffness_n_per_m(trials: Sequence[PlannedTrial]) -> FloatArray:
-    """[B] N a side per m of opening: thumb, object and fingers in series."""
-    body = body_of(trials, np.ones(1))
-    thumb = body.stiffness_n_per_m[: body.thumb].sum(axis=0)
-    fingers = body.stiffness_n_per_m[body.thumb :].sum(axis=0)
-    series: FloatArray = thumb * fingers / (thumb + fingers)
-    return series
-
-
-COLUMNS = ("target_n", "needed_n", "mu_hat", "mode", "grip_n")
-"""Of trial_<n>.grip.csv, after the time."""
-DECIMALS = (3, 3, 4, 0, 3)
-
-
-@dataclass(frozen=True)
-class GripRecord:
-    """rows [T, 5], as COLUMNS; about: controller, model and drive, for the truth of the trial.
-
-    target_n: commanded, N a side, nan where the wearer's own grip is left alone. needed_n, mu_hat:
-    of the friction margin, nan while no slip has shown the friction. mode: number of
-    edge_runtime.grip_command.MODES. grip_n: N a side that the place of the drive gives.
-    overrode_s: the wearer overrides, inf where that never happens.
-    """
-
-    rows: FloatArray
-    about: Json
-    overrode_s: float
-
-    def columns(self) -> list[Column]:
-        """For a CSV file."""
-        return list(zip(self.rows.T, DECIMALS, strict=True))
-
-    def to_json(self) -> Json:
-        """The controller in the truth of the trial."""
-        at_s = round(self.overrode_s, 6) if np.isfinite(self.overrode_s) else None
-        return self.about | {"overrode_s": at_s}
-
-
-MODEL = "models/holdfast-150hz.onnx"
-NAMES = ("name", "model")
-NUMBERS = {
-    "setting": Parameter(0.0, "", 1e-3, 1e4, "the controller's own setting"),
-    "lag_ms": Parameter(50.0, "ms", 0.0, 1000.0, "lag of the drive"),
-    "ceiling_n": Parameter(70.0, "N", 0.1, 1e3, "largest grip of either side"),
-    "closing_s": Parameter(0.37, "s", 0.01, 100.0, "time of the whole stroke"),
-    "stroke_mm": Parameter(120.0, "mm", 1.0, 1e3, "how far the fingers can open"),
-    "backlash_mm": Parameter(
-        0.3, "mm", 0.0, 10.0, "of the fingers, at a change of direction"
-    ),
-}
-"""What a card may set besides the names. setting: the default is the controller's."""
-
-
 @dataclass(frozen=True)
 class HandControl:
     """A controller by name, the path of its model, its setting (None: its default), the drive."""
@@ -146,12 +74,65 @@ class HandControl:
     setting: float | None
     drive: Drive
 
-    @staticmethod
-    def of(
-        name: str, model: str, numbers: dict[str, float], *, has_setting: bool
-    ) -> HandControl:
-        """From a section's values, numbers as in NUMBERS."""
-        drive = Drive(**{one.name: numbers[one.name] for one in fields(Drive)})
-        return HandControl(
-            name, model, numbers["setting"] if has_setting else None, drive
-        )
+
+class Actuator:
+    """B drives. grip_n [B]: the grip that the fingers' place gives, in N a side."""
+
+    def __init__(self, drive: Drive, trials: Sequence[PlannedTrial]) -> None:
+        self.drive = drive
+        # the grip with which the wearer closes the hand
+        self.own_n = np.array([trial.grip_n for trial in trials])
+        per_m = stiffness_n_per_m(trials)
+        self.fastest_n_s = 1e-3 * drive.stroke_mm / drive.closing_s * per_m
+        self.backlash_n = 1e-3 * drive.backlash_mm * per_m
+        self.motor_n, self.grip_n = self.own_n.copy(), self.own_n.copy()
+        self.speed_n_s = np.zeros(len(trials))
+
+    def step(self, target_n: FloatArray, dt_s: float) -> FloatArray:
+        """Follow target_n [B] for dt_s; returns the grip [B]."""
+        lag_s, ceiling_n = 1e-3 * self.drive.lag_ms, self.drive.ceiling_n
+        rest_n = self.motor_n + lag_s * self.speed_n_s
+        to_go_n = np.minimum(target_n, ceiling_n) - rest_n
+        # a lag shorter than the step would overshoot
+        wanted = to_go_n / max(lag_s, dt_s)
+        wanted = np.clip(wanted, -self.fastest_n_s, self.fastest_n_s)
+        share = 1.0 if lag_s <= dt_s else dt_s / lag_s
+        self.speed_n_s = self.speed_n_s + share * (wanted - self.speed_n_s)
+        moved_n = self.motor_n + self.speed_n_s * dt_s
+        self.motor_n = np.clip(moved_n, 0.0, ceiling_n)
+        self.grip_n = np.clip(self.grip_n, self.motor_n - self.backlash_n, self.motor_n)
+        return self.grip_n
+
+    def moving(self, target_n: FloatArray) -> FloatArray:
+        """[B] whether the grip still changes by more than can be felt."""
+        far = np.abs(target_n - self.motor_n) > FELT_N
+        return (np.abs(self.speed_n_s) > FELT_N_S) | far
+
+
+def stiffness_n_per_m(trials: Sequence[PlannedTrial]) -> FloatArray:
+    """[B] N a side per m of opening: thumb, object and fingers in series."""
+    body = body_of(trials, np.ones(1))
+    thumb = body.stiffness_n_per_m[: body.thumb].sum(axis=0)
+    fingers = body.stiffness_n_per_m[body.thumb :].sum(axis=0)
+    return thumb * fingers / (thumb + fingers)
+
+
+@dataclass(frozen=True)
+class GripRecord:
+    """What a controller commanded in a trial, and what its drive did: rows [T, 5], a row a sample.
+
+    Columns as in GRIP_COLUMNS. target_n: commanded, N a side, nan where the wearer's grip is left
+    alone. needed_n, mu_hat: of the friction margin, nan while no slip has shown the friction. mode:
+    number of edge_runtime.grip_command.MODES. grip_n: N a side that the place of the drive gives.
+    about: controller, model and drive, for the truth of the trial. overrode_s: the wearer
+    overrides, inf where that never happens.
+    """
+
+    rows: FloatArray
+    about: Json
+    overrode_s: float
+
+    def to_json(self) -> Json:
+        """The controller in the truth of the trial."""
+        at_s = round(self.overrode_s, 6) if np.isfinite(self.overrode_s) else None
+        return self.about | {"overrode_s": at_s}

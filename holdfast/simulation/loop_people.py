@@ -1,16 +1,14 @@
-"""People in a closed loop: they react to what the hand does.
+"""People in a closed loop: they react to what the hand does, and that decides the outcome.
 
 A receiver pulls no harder than a cap and gives up after a while. A puller does, too. The wearer of
 the hand opens it by muscle signals that come before the hand moves, and are missed now and then;
 and overrides the hand where it resists a hand-over.
-
-What became of a trial in a closed loop, from its physics alone: kept or lost, at what cost.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -31,8 +29,8 @@ class Habits:
     pull_gives_up_s, pass_gives_up_s: from the first pull until the other person lets go.
     lets_go_s: how long letting go takes. signal_s: by how much the wearer's muscle signal precedes
     the opening of the hand. missed_share: of the signals, which the hand's own control sees and
-    we do not. resisted_n, resisted_s: grip above the wearer's own, for so long, in a hand-over:
-    then the wearer overrides.
+    we do not. resisted_n, resisted_s: grip above the wearer's, for so long, in a hand-over: then
+    the wearer overrides.
     """
 
     pull_gives_up_s: float = 1.0
@@ -53,25 +51,23 @@ class LoopScript(Script):
         super().__init__(trials, body)
         after_s = {"pull": habits.pull_gives_up_s, "pass": habits.pass_gives_up_s}
         patience_s = np.array([after_s.get(trial.action, NEVER_S) for trial in trials])
-        self.gives_up_s = self.t["act"] + self.d("wait_s") + patience_s
+        self.gives_up_s = self.act_s + self.drawn("wait_s") + patience_s
         self.lets_go_s = habits.lets_go_s
         self.own_n = np.array([trial.grip_n for trial in trials])
         self.grip_n: FloatArray = self.own_n[None]
         """[n, B] grip of the drive in each step of the next chunk."""
 
     def grip_share(self, k: int) -> FloatArray:
-        """[B] the hand's grip in step k of a chunk, over the wearer's own."""
-        share: FloatArray = self.grip_n[k] / self.own_n
-        return share
+        """[B] the hand's grip in step k of a chunk, over the wearer's."""
+        return self.grip_n[k] / self.own_n
 
     def still_there(self, t_s: FloatArray) -> FloatArray:
         """[n, B] 1 while the other person pulls, 0 after giving up."""
-        there: FloatArray = 1.0 - smooth((t_s - self.gives_up_s) / self.lets_go_s)
-        return there
+        return 1.0 - smooth((t_s - self.gives_up_s) / self.lets_go_s)
 
 
 def held_n(trial: PlannedTrial) -> float:
-    """Force along the skin, N, that the wearer's own grip holds by kinetic friction."""
+    """Force along the skin, N, that the wearer's grip holds by kinetic friction."""
     return 2.0 * trial.kinetic_friction * trial.grip_n
 
 
@@ -82,32 +78,31 @@ class Wearer:
         self, trials: Sequence[PlannedTrial], habits: Habits, seed: int
     ) -> None:
         self.habits = habits
-        opens_s = np.array([Times.of(trial).open for trial in trials])
+        times = [Times.of(trial) for trial in trials]
         rngs = [stream(seed, trial.number, "muscle signal") for trial in trials]
         before_s = np.array([rng.uniform(*habits.signal_s) for rng in rngs])
         missed = np.array([rng.uniform() < habits.missed_share for rng in rngs])
+        opens_s = np.array([at.open for at in times])
         self.signal_s = np.where(missed, NEVER_S, opens_s - before_s)
-        self.hands_over = np.array(
-            [trial.action in ("pass", "put-down") for trial in trials]
-        )
-        self.act_s = np.array([Times.of(trial).act for trial in trials])
+        gives = [trial.action in ("pass", "put-down") for trial in trials]
+        self.hands_over = np.array(gives)
+        self.act_s = np.array([at.act for at in times])
         self.own_holds_n = np.array([held_n(trial) for trial in trials])
         self.resisted_s = np.zeros(len(trials))
         self.overrode_s = np.full(len(trials), np.inf)
 
     def opening(self, t_s: FloatArray) -> BoolArray:
         """[B] whether the signal to open has come, at t_s [B]."""
-        signalled: BoolArray = t_s >= self.signal_s
-        return signalled
+        return t_s >= self.signal_s
 
     def resist(
         self, t_s: FloatArray, extra_n: FloatArray, pulled_n: FloatArray, dt_s: float
     ) -> None:
         """One sample: the wearer overrides a hand that resists a hand-over for too long.
 
-        extra_n [B]: grip above the own one. pulled_n [B]: force of the other person or the box on
-        the object, beyond the one before the action; it is resisted where the own grip would have
-        let go.
+        extra_n [B]: grip above the wearer's. pulled_n [B]: force of the other person or the box on
+        the object, beyond the one before the action; it is resisted where the wearer's grip would
+        have let go.
         """
         would_go = pulled_n > self.own_holds_n
         resisted = self.hands_over & (t_s >= self.act_s) & would_go
@@ -122,7 +117,7 @@ HELD_AT_END_S = float("inf")
 
 @dataclass(frozen=True)
 class LoopOutcome:
-    """One trial. Times in s of the trial; inf for what never happened.
+    """What became of a trial. Times in s of the trial; inf for what never happened.
 
     lost_s: the last contact ends. onset_s: load onset. slip_mm: travel of the contacts since load
     onset. peak_n: largest force of the other person or the box beyond the one before the action,
@@ -160,7 +155,7 @@ class LoopOutcome:
     @property
     def crushed(self) -> bool:
         """The grip of either side exceeded what the object bears."""
-        return 0.0 < self.trial.thing.crush_n < self.peak_grip_n
+        return 0.0 < self.trial.object.crush_n < self.peak_grip_n
 
     @property
     def peak_grip_n(self) -> float:
@@ -168,38 +163,38 @@ class LoopOutcome:
         return float(self.grip_n.max())
 
 
-@dataclass(frozen=True)
-class LaneRecord:
-    """What the loop itself kept of a trial; fields as in LoopOutcome."""
-
-    overrode_s: float
-    begin_s: float
-    rate_hz: float
-    mu_hat: float
-    grip_n: npt.NDArray[np.float32]
-
-
 def outcome_of(
-    trial: PlannedTrial, motion: TrialMotion, kept: LaneRecord
+    trial: PlannedTrial,
+    motion: TrialMotion,
+    *,
+    overrode_s: float,
+    begin_s: float,
+    rate_hz: float,
+    mu_hat: float,
+    grip_n: npt.NDArray[np.float32],
 ) -> LoopOutcome:
-    """Read the outcome of a trial off its motion."""
+    """Read the outcome of a trial off its motion; the rest is what the loop knows of it."""
     act_s, at_s = Times.of(trial).act, motion.at_s
     held = np.flatnonzero(motion.gripped)
     last = int(held[-1]) if held.size else -1
-    lost_s = float(at_s[last + 1]) if last + 1 < len(at_s) else HELD_AT_END_S
     onset = load_onset(motion, act_s)
-    start = min(onset if onset is not None else last, max(last, 0))
+    start = min(last if onset is None else onset, max(last, 0))
     return LoopOutcome(
         trial=trial,
-        lost_s=lost_s,
-        onset_s=float(at_s[onset]) if onset is not None else HELD_AT_END_S,
+        lost_s=float(at_s[last + 1]) if last + 1 < len(at_s) else HELD_AT_END_S,
+        onset_s=HELD_AT_END_S if onset is None else float(at_s[onset]),
         slip_mm=1e3 * float(motion.slip_m[max(last, 0)] - motion.slip_m[start]),
         peak_n=_peak_n(motion, act_s, last),
-        **{one.name: getattr(kept, one.name) for one in fields(kept)},
+        overrode_s=overrode_s,
+        begin_s=begin_s,
+        rate_hz=rate_hz,
+        mu_hat=mu_hat,
+        grip_n=grip_n,
     )
 
 
 def _peak_n(motion: TrialMotion, act_s: float, last: int) -> float:
+    """Largest change of the force of people and box while there is contact."""
     first = int(np.searchsorted(motion.at_s, act_s))
     if first > last:
         return 0.0

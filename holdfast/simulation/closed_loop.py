@@ -1,0 +1,341 @@
+"""B trials in a closed loop: physics, sensors, the model file, controller, drive, once a sample.
+
+    forces at a sample -> sensors -> bias, graph -> controller and supervisor -> target of the drive
+    -> physics until the next sample
+
+The target of a sample acts from that sample on; delay_samples more are the cost of a slower
+computer or bus. The loop of a trial begins a little before the hand closes, so that the model has
+settled, and ends a while after the action.
+
+A grip controller decides by its name, or the oracle, or a vibration alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
+from typing import Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from holdfast.core.contract import BoolArray, FloatArray
+from holdfast.core.trial_layout import RISKY_ACTIONS
+from holdfast.edge_runtime.batch import Batch, ManyHands
+from holdfast.edge_runtime.engine import ModelChoice, OpenedModel
+from holdfast.edge_runtime.grip import AnswerRules, GripSense, Holdfast
+from holdfast.edge_runtime.grip_control import CUE_P, GripLoop, controller_of
+from holdfast.edge_runtime.supervisor import Limits
+from holdfast.simulation.drive import Actuator, Drive
+from holdfast.simulation.effect import stream
+from holdfast.simulation.loop_people import Habits, LoopOutcome, Wearer, outcome_of
+from holdfast.simulation.loop_physics import HandsAndObjects, Spans
+from holdfast.simulation.loop_sensing import HandModels, LoopSensors
+from holdfast.simulation.magnet import shear_gain
+from holdfast.simulation.protocol import GRAVITY_M_S2, PlannedTrial
+from holdfast.simulation.scene import Scene
+from holdfast.simulation.script import SETTLE_S, Times, grid_of
+
+ROWS_TO_SPARE = 5
+MOST_TOGETHER = 500
+"""Trials in a loop together: fewer waste time on calls, more on memory."""
+FALL_S = 1.0
+"""A fall is watched at least this long: in it the object is gone, or at rest."""
+SPARE = 1.1
+"""The oracle's grip over what the largest load needs."""
+REACTION_S, REACTION_SPREAD = 0.28, 0.25
+"""A wearer's reaction to a vibration: log-normal, its median in s and the deviation of its log."""
+
+
+@lru_cache(maxsize=2)
+def model_of(choice: ModelChoice) -> OpenedModel:
+    """A model file, opened once a process. Raises a ModelError, or UsageError."""
+    return choice.open()
+
+
+@dataclass(frozen=True)
+class LoopTruth:
+    """What only a simulation knows at a sample: t_s [B], and the grip of the drive, grip_n [B]."""
+
+    t_s: FloatArray
+    grip_n: FloatArray
+
+
+class LoopController(Protocol):
+    """Decides for B hands. mu_hat [B]: the last friction estimates, nan where there is none."""
+
+    mu_hat: FloatArray
+
+    def step(self, sense: GripSense, now: LoopTruth) -> FloatArray:
+        """[B] target, N a side; 0 for none."""
+        ...
+
+
+Make = Callable[[Sequence[PlannedTrial], float], LoopController]
+"""Makes the controller of a batch: (trials, rate in Hz)."""
+
+
+@dataclass(frozen=True)
+class LoopSettings:
+    """The hand's drive, the people, and how many samples later than they could targets act.
+
+    whole_trials: go on to the end of every trial, for a recording; else until nothing more happens.
+    """
+
+    drive: Drive = field(default_factory=Drive)
+    habits: Habits = field(default_factory=Habits)
+    delay_samples: int = 0
+    whole_trials: bool = False
+
+
+def run_loops(
+    scene: Scene,
+    trials: Sequence[PlannedTrial],
+    model: OpenedModel,
+    make: Make,
+    settings: LoopSettings | None = None,
+) -> list[LoopOutcome]:
+    """Outcomes of trials in their order."""
+    outcomes: dict[int, LoopOutcome] = {}
+    for batch in batches(trials):
+        outcomes |= run_batch(scene, trials, batch, model, make, settings)
+    return [outcomes[k] for k in range(len(trials))]
+
+
+def batches(trials: Sequence[PlannedTrial]) -> list[list[int]]:
+    """Places of the trials that run together: those of similar length, MOST_TOGETHER at most."""
+    habits = Habits()
+    lasts_s = [loop_end_s(trial, habits) - Times.of(trial).close for trial in trials]
+    order = sorted(range(len(trials)), key=lasts_s.__getitem__)
+    count = max(1, -(-len(order) // MOST_TOGETHER))
+    size = max(1, -(-len(order) // count))
+    return [order[start : start + size] for start in range(0, len(order), size)]
+
+
+def run_batch(
+    scene: Scene,
+    trials: Sequence[PlannedTrial],
+    batch: Sequence[int],
+    model: OpenedModel,
+    make: Make,
+    settings: LoopSettings | None = None,
+) -> dict[int, LoopOutcome]:
+    """Outcomes of one batch, by their places among the trials."""
+    # a single trial runs twice, because numpy sums one in another order than many
+    places = batch if len(batch) > 1 else [*batch, *batch]
+    loop = ClosedLoop(scene, [trials[k] for k in places], model, make, settings)
+    return dict(zip(places, loop.run(), strict=True))
+
+
+def loop_end_s(trial: PlannedTrial, habits: Habits) -> float:
+    """When nothing more is decided: the person has given up, or the hand is open."""
+    times = Times.of(trial)
+    if trial.action == "pull":
+        return times.act + habits.pull_gives_up_s + habits.lets_go_s + SETTLE_S
+    if trial.action == "fall":
+        return times.act + max(trial.drawn["watch_s"], FALL_S)
+    return times.open + trial.drawn["opening_s"] + SETTLE_S
+
+
+class ClosedLoop:
+    """One batch of two trials or more with an object, ready to run."""
+
+    def __init__(
+        self,
+        scene: Scene,
+        trials: Sequence[PlannedTrial],
+        model: OpenedModel,
+        make: Make,
+        settings: LoopSettings | None = None,
+    ) -> None:
+        settings = settings or LoopSettings()
+        self.trials, self.rate_hz = trials, scene.file.rate_hz
+        preparation, habits = model.card.preparation, settings.habits
+        before = model.card.settle_samples + preparation.bias_rows + ROWS_TO_SPARE
+        self.spans = _spans(scene, trials, before, settings)
+        self.actuator = Actuator(settings.drive, trials)
+        steps = scene.step_settings_of(trials)
+        self.world = HandsAndObjects(trials, steps, self.spans, self.actuator, habits)
+        self.sensors = LoopSensors(scene, trials, self.spans.counts)
+        self.models = HandModels(model, self.spans.ends - self.spans.begins)
+        self.wearer = Wearer(trials, habits, scene.seed)
+        self.controller = make(trials, self.rate_hz)
+        self._late = [self.actuator.own_n.copy()] * settings.delay_samples
+        self._agents_n = self.world.state.agents_n.copy()
+
+    def run(self) -> list[LoopOutcome]:
+        """Run to the end."""
+        periods = self.spans.periods
+        grip_n = np.zeros((periods, len(self.trials)), dtype=np.float32)
+        for period in range(periods):
+            target_n = self.decide(period)
+            grip_n[period] = self.actuator.grip_n
+            self.world.advance(period, target_n)
+        return [self._outcome(k, grip_n[:, k]) for k in range(len(self.trials))]
+
+    def decide(self, period: int) -> FloatArray:
+        """[B] targets of the drives at a sample: never less than the wearer's grip."""
+        rows = np.minimum(self.spans.begins + period, self.spans.counts - 1)
+        readings, lost = self.sensors.read(rows, self.world.forces_n)
+        valid = readings.valid & ~lost[:, None]
+        values = readings.values.reshape(len(self.trials), -1)
+        sense = self.models.answer(values, valid)
+        now = LoopTruth(rows / self.rate_hz, self.actuator.grip_n)
+        opening, overridden = self.wearer.opening(now.t_s), self._overridden(now)
+        sense = replace(sense, opening=opening, overridden=overridden)
+        wanted_n = self.controller.step(sense, now)
+        self._late.append(np.maximum(wanted_n, self.actuator.own_n))
+        return self._late.pop(0)
+
+    def _overridden(self, now: LoopTruth) -> BoolArray:
+        """[B] whether the wearer's override lasts; it lasts until the end of the trial."""
+        agents_n = self.world.state.agents_n
+        self._agents_n = np.where(now.t_s < self.wearer.act_s, agents_n, self._agents_n)
+        change_n = agents_n - self._agents_n
+        pulled_n = np.sqrt((change_n * change_n).sum(axis=0))
+        extra_n = now.grip_n - self.actuator.own_n
+        self.wearer.resist(now.t_s, extra_n, pulled_n, 1.0 / self.rate_hz)
+        return now.t_s >= self.wearer.overrode_s
+
+    def _outcome(self, k: int, grip_n: npt.NDArray[np.float32]) -> LoopOutcome:
+        begin, end = int(self.spans.begins[k]), int(self.spans.ends[k])
+        # the outcome is read off the steps alone, so the motion needs no samples
+        motion = self.world.motion(k, np.zeros((2, 1, 3)), np.zeros((2, 3)))
+        return outcome_of(
+            self.trials[k],
+            motion,
+            overrode_s=float(self.wearer.overrode_s[k]),
+            begin_s=begin / self.rate_hz,
+            rate_hz=self.rate_hz,
+            mu_hat=float(self.controller.mu_hat[k]),
+            grip_n=grip_n[: end - begin],
+        )
+
+
+def _spans(
+    scene: Scene, trials: Sequence[PlannedTrial], before: int, settings: LoopSettings
+) -> Spans:
+    """A pull or a fall goes on until its outcome is known, be it after the end of the trial."""
+    rate_hz = scene.file.rate_hz
+    moves, ends, counts = [], [], []
+    for trial in trials:
+        grid = grid_of(trial, rate_hz, scene.file.step_s)
+        whole = int(grid.sample[-1])
+        end = int(np.ceil(loop_end_s(trial, settings.habits) * rate_hz))
+        if trial.action not in RISKY_ACTIONS:
+            end = min(end, whole)
+        if settings.whole_trials:
+            end = max(end, whole)
+        moves.append(round(grid.start_s * rate_hz))
+        ends.append(end)
+        counts.append(max(grid.n_samples, end + 1))
+    begins = np.maximum(np.array(moves) - before, 0)
+    return Spans(begins, np.array(moves), np.array(ends), np.array(counts))
+
+
+class Oracle:
+    """The best that the drive can do: it knows each trial's action, friction and load.
+
+    From the first sample after load onset it closes as fast as the drive can, until the grip holds
+    the largest load that will come by kinetic friction, with a tenth to spare; in a hand-over it
+    does nothing. What it cannot keep, no controller can: the drops that it keeps are the
+    preventable ones. onset_s [B]: load onset in a hand that does nothing, inf where there is none.
+    """
+
+    def __init__(
+        self, trials: Sequence[PlannedTrial], onset_s: FloatArray, ceiling_n: float
+    ) -> None:
+        self.ceiling_n = ceiling_n
+        risky = np.array([trial.action in RISKY_ACTIONS for trial in trials])
+        self.act_s = np.where(risky, onset_s, np.inf)
+        self.needed_n = np.array([needed_grip_n(trial) for trial in trials])
+        self.mu_hat = np.full(len(trials), np.nan)
+
+    def step(self, sense: GripSense, now: LoopTruth) -> FloatArray:
+        """[B] N a side; 0 for none."""
+        close_n = np.where(now.grip_n < self.needed_n, self.ceiling_n, self.needed_n)
+        return np.where(now.t_s >= self.act_s, close_n, 0.0)
+
+
+def needed_grip_n(trial: PlannedTrial) -> float:
+    """Grip of either side, N, that holds the weight and the largest pull by kinetic friction."""
+    weight_n = trial.object.mass_g * 1e-3 * GRAVITY_M_S2
+    pull_n = trial.drawn["cap_n"] if trial.action == "pull" else 0.0
+    return SPARE * (weight_n + pull_n) / (2.0 * max(trial.kinetic_friction, 1e-3))
+
+
+class Managed:
+    """A grip controller behind margin and supervisor, for B hands."""
+
+    def __init__(self, grip: GripLoop, batch: int) -> None:
+        self.grip, self.target_n = grip, np.zeros(batch)
+        self.mu_hat = np.full(batch, np.nan)
+
+    def step(self, sense: GripSense, now: LoopTruth) -> FloatArray:
+        """[B] target, N a side; 0 for none."""
+        self.target_n = self.grip.step(sense)
+        observed = self.grip.margin.mu_hat
+        self.mu_hat = np.where(observed > 0.0, observed, self.mu_hat)
+        return self.target_n
+
+
+class Vibration:
+    """The hand only vibrates; a wearer who did not mean it closes the hand after a while.
+
+    The wearer knows whether it was meant, and closes to what the load needs. Reaction times are
+    log-normal about 0.28 s (vibrotactile: a simple reaction of 0.2 to 0.35 s).
+    """
+
+    def __init__(self, trials: Sequence[PlannedTrial], seed: int) -> None:
+        rngs = [stream(seed, trial.number, "reaction") for trial in trials]
+        spreads = [np.exp(REACTION_SPREAD * rng.normal()) for rng in rngs]
+        self.reaction_s = REACTION_S * np.array(spreads)
+        self.meant = np.array([trial.action not in RISKY_ACTIONS for trial in trials])
+        self.needed_n = np.array([needed_grip_n(trial) for trial in trials])
+        self.felt_s = np.full(len(trials), np.inf)
+        self.mu_hat = np.full(len(trials), np.nan)
+
+    def step(self, sense: GripSense, now: LoopTruth) -> FloatArray:
+        """[B] N a side; 0 for none."""
+        cue = sense.known & (sense.p_risky >= CUE_P) & ~self.meant
+        self.felt_s = np.where(cue, np.minimum(self.felt_s, now.t_s), self.felt_s)
+        acts = now.t_s >= self.felt_s + self.reaction_s
+        return np.where(acts, self.needed_n, 0.0)
+
+
+def managed(
+    scene: Scene,
+    name: str,
+    setting: float | None = None,
+    rules: AnswerRules | None = None,
+    limits: Limits | None = None,
+) -> Callable[[Sequence[PlannedTrial], float], Managed]:
+    """A maker of the named controller; rules: of holdfast, for a study of its parts."""
+    gain = shear_gain() if "dipole" in scene.file.effects else 1.0
+
+    def make(trials: Sequence[PlannedTrial], rate_hz: float) -> Managed:
+        batch: Batch = ManyHands(len(trials))
+        if rules is None:
+            controller = controller_of(name, batch, rate_hz, setting)
+        else:
+            controller = Holdfast(batch, rate_hz, setting or Holdfast.SETTING, rules)
+        grip = GripLoop(batch, rate_hz, controller, limits, gain)
+        return Managed(grip, len(trials))
+
+    return make
+
+
+def oracle(onset_s: dict[int, float], ceiling_n: float) -> Make:
+    """A maker of the oracle; onset_s: trial number -> load onset in a hand that does nothing."""
+
+    def make(trials: Sequence[PlannedTrial], rate_hz: float) -> LoopController:
+        onsets = np.array([onset_s[trial.number] for trial in trials])
+        return Oracle(trials, onsets, ceiling_n)
+
+    return make
+
+
+def vibration(seed: int) -> Make:
+    """A maker of the vibration alone."""
+    return lambda trials, rate_hz: Vibration(trials, seed)

@@ -1,0 +1,236 @@
+"""B hands and objects, stepped together one sample period at a time.
+
+All trials go through the same sample period at once, because one graph answers them. A trial takes
+fine steps where anything can happen (the script is busy, its grip moves, its object slides) and one
+long step elsewhere, as an open loop does (script.py); with a grip that never changes the result is
+that of the open loop, bit for bit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, TypeVar
+
+import numpy as np
+import numpy.typing as npt
+
+from holdfast.core.contract import BoolArray, FloatArray
+from holdfast.simulation.body import Body, Floor, Inputs, Pull, State, at_rest
+from holdfast.simulation.core import step, two_at_least
+from holdfast.simulation.drive import Actuator
+from holdfast.simulation.effect import NO_EFFECTS
+from holdfast.simulation.loop_people import Habits, LoopScript
+from holdfast.simulation.protocol import PlannedTrial
+from holdfast.simulation.run import (
+    SLIDES_M_S,
+    ForceMean,
+    StepSettings,
+    StepTape,
+    TrialMotion,
+    forces_of,
+    travel_of,
+)
+from holdfast.simulation.script import body_of, busy, pieces_of
+
+IntArray = npt.NDArray[np.int64]
+BODIES_KEPT = 8
+
+
+@dataclass(frozen=True)
+class Spans:
+    """Samples of B trials: begins [B] of the loop, moves [B] of the physics, ends [B], counts [B].
+
+    A trial's loop begins a while before its hand closes, so that the model has settled.
+    """
+
+    begins: IntArray
+    moves: IntArray
+    ends: IntArray
+    counts: IntArray
+
+    @property
+    def periods(self) -> int:
+        """Sample periods until the last trial has ended."""
+        return int((self.ends - self.begins).max())
+
+
+class HandsAndObjects:
+    """The physics of B trials. forces_n [B, S, 3], position_m [B, 3]: at the last sample."""
+
+    def __init__(
+        self,
+        trials: Sequence[PlannedTrial],
+        settings: StepSettings,
+        spans: Spans,
+        actuator: Actuator,
+        habits: Habits,
+    ) -> None:
+        self.settings, self.spans, self.actuator = settings, spans, actuator
+        self.body = body_of(trials, settings.pressure)
+        self.script = LoopScript(trials, self.body, habits)
+        batch = len(trials)
+        start_s = spans.begins / settings.rate_hz
+        self.state = at_rest(self.body, self.script.chunk(start_s[None])[0].closure_m)
+        self.travel_m = np.zeros_like(self.state.normal_n)
+        self.forces_n = np.zeros((batch, len(self.state.normal_n), 3))
+        self.position_m = np.zeros((batch, 3))
+        self.pieces = pieces_of(settings.rate_hz, settings.step_s)
+        self.busy = _busy(trials, settings, spans)
+        self.slid = np.zeros(batch, dtype=np.bool_)
+        # a trial may skip rows of the tape: those of fine steps that it does not take
+        self.tape = StepTape(spans.periods * self.pieces, batch)
+        self.taken = np.zeros(self.tape.gripped.shape, dtype=np.bool_)
+        self.at_s = np.zeros(self.tape.gripped.shape)
+        self._bodies: dict[bytes, Body] = {}
+
+    def advance(self, period: int, target_n: FloatArray) -> None:
+        """One sample period of all trials; target_n [B]: of the drives."""
+        at = self.spans.begins + period
+        moves = (at >= self.spans.moves) & (at < self.spans.ends)
+        fine = moves & (self.busy[period] | self.slid | self.actuator.moving(target_n))
+        coarse = moves & ~fine
+        if self.settings.effects != NO_EFFECTS:
+            # effects hold arrays of the whole batch, so all of it takes the same steps
+            every = np.full_like(moves, fill_value=True)
+            fine, coarse = (every, ~every) if fine.any() else (~every, every)
+        self._step_all(
+            period, at, np.flatnonzero(fine), np.flatnonzero(coarse), target_n
+        )
+
+    def _step_all(
+        self,
+        period: int,
+        at: IntArray,
+        fine: IntArray,
+        coarse: IntArray,
+        target_n: FloatArray,
+    ) -> None:
+        rate_hz, pieces = self.settings.rate_hz, self.pieces
+        dt_s = 1.0 / (rate_hz * pieces)
+        grips_n = np.stack([self.actuator.step(target_n, dt_s) for _ in range(pieces)])
+        ends_s = (at + (np.arange(pieces)[:, None] + 1) / pieces) / rate_hz
+        # without fine steps only the inputs at the end of the period are needed
+        first = 0 if fine.size else pieces - 1
+        self.script.grip_n = grips_n[first:]
+        fine_part, coarse_part = _Part(self, fine), _Part(self, coarse)
+        start_s = np.asarray(at / rate_hz, dtype=np.float64)
+        before_s = start_s
+        for k, inputs in enumerate(self.script.chunk(ends_s[first:]), first):
+            fine_dt_s = ends_s[k] - before_s
+            fine_part.step(inputs, ends_s[k], fine_dt_s, period * pieces + k)
+            before_s = ends_s[k]
+        last_row = (period + 1) * pieces - 1
+        coarse_part.step(inputs, ends_s[-1], ends_s[-1] - start_s, last_row)
+        fine_part.finish()
+        coarse_part.finish()
+
+    def body_part(self, trials: IntArray) -> Body:
+        """The body of some trials; kept, because the same trials come again and again."""
+        key = trials.tobytes()
+        if key not in self._bodies:
+            if len(self._bodies) > BODIES_KEPT:
+                self._bodies.clear()
+            self._bodies[key] = _some(self.body, trials, len(self.position_m))
+        return self._bodies[key]
+
+    def motion(
+        self, trial: int, forces_n: FloatArray, position_m: FloatArray
+    ) -> TrialMotion:
+        """What became of a trial, as an open loop gives it; forces and positions [T, ..]."""
+        taken = self.taken[:, trial]
+        at_s = self.at_s[taken, trial]
+        t_s = np.arange(len(forces_n)) / self.settings.rate_hz
+        return self.tape.motion(trial, taken, at_s, t_s, forces_n, position_m)
+
+
+class _Part:
+    """Some trials during one sample period: taken out, stepped, put back."""
+
+    def __init__(self, whole: HandsAndObjects, trials: IntArray) -> None:
+        self.whole, self.count = whole, len(trials)
+        self.trials = two_at_least(trials)
+        if not self.count:
+            return
+        batch = len(whole.position_m)
+        self.all = self.count == batch
+        self.body, self.state = whole.body, whole.state
+        if not self.all:
+            self.body = whole.body_part(self.trials)
+            self.state = _some(whole.state, self.trials, batch)
+        self.travel_m = np.take(whole.travel_m, self.trials, axis=-1)
+        contacts, size = self.travel_m.shape
+        self.mean = ForceMean(whole.settings, contacts, size)
+
+    def step(
+        self, inputs: Inputs, at_s: FloatArray, dt_s: FloatArray, row: int
+    ) -> None:
+        """One step of these trials; inputs, at_s, dt_s: of all trials."""
+        if not self.count:
+            return
+        whole, trials = self.whole, self.trials
+        effects = whole.settings.effects
+        if not self.all:
+            inputs, effects = _some_inputs(inputs, trials, len(at_s)), NO_EFFECTS
+        at_s, dt_s = at_s[trials], dt_s[trials]
+        step(self.body, self.state, inputs, dt_s, at_s, effects)
+        self.travel_m += travel_of(self.state, dt_s)
+        whole.taken[row, trials] = True
+        whole.at_s[row, trials] = at_s
+        whole.tape.write(row, trials, self.state, self.travel_m)
+        if whole.settings.average_s:
+            self.mean.add(self.body, self.state, at_s, dt_s)
+
+    def finish(self) -> None:
+        """Put the trials back, and the forces at the sample."""
+        if not self.count:
+            return
+        whole, trials, state = self.whole, self.trials, self.state
+        if whole.settings.average_s:
+            forces = self.mean.take(np.arange(len(trials)))
+        else:
+            forces = forces_of(self.body, state)
+        whole.forces_n[trials] = np.moveaxis(forces, 2, 0)
+        whole.position_m[trials] = state.position_m.T
+        whole.travel_m[:, trials] = self.travel_m
+        fast = (state.slip_m_s > SLIDES_M_S).any(axis=0)
+        whole.slid[trials] = (fast & (state.normal_n > 0.0)).any(axis=0)
+        if not self.all:
+            values = vars(state)
+            for name, array in vars(whole.state).items():
+                array[..., trials] = values[name]
+
+
+Part = TypeVar("Part", Body, State, Floor, Pull)
+
+
+def _some(whole: Part, trials: IntArray, batch: int) -> Part:
+    """What is stepped of some trials; what is the same for the whole batch stays."""
+    taken: dict[str, Any] = {}
+    for name, value in vars(whole).items():
+        if isinstance(value, np.ndarray) and value.ndim and value.shape[-1] == batch:
+            # take, not [..., trials]: the layout in memory decides in which order numpy sums
+            taken[name] = np.take(value, trials, axis=-1)
+    return replace(whole, **taken)
+
+
+def _some_inputs(inputs: Inputs, trials: IntArray, batch: int) -> Inputs:
+    people = tuple(_some(pull, trials, batch) for pull in inputs.people)
+    floor = None if inputs.floor is None else _some(inputs.floor, trials, batch)
+    return Inputs(np.take(inputs.closure_m, trials, axis=-1), people, floor)
+
+
+def _busy(
+    trials: Sequence[PlannedTrial], settings: StepSettings, spans: Spans
+) -> BoolArray:
+    """[periods, B] where the script of a trial, or an effect, wants fine steps."""
+    index = spans.begins + np.arange(spans.periods)[:, None]
+    from_s = index / settings.rate_hz
+    until_s = from_s + 1.0 / settings.rate_hz
+    is_busy = np.zeros(index.shape, dtype=np.bool_)
+    for k, trial in enumerate(trials):
+        more = settings.busy[k] if settings.busy else ()
+        for start_s, end_s in [*busy(trial), *more]:
+            touches = (until_s[:, k] > start_s) & (from_s[:, k] < end_s)
+            is_busy[:, k] |= touches
+    return is_busy

@@ -1,0 +1,177 @@
+"""Trials of a scene with `[controller]`: the motion of a hand that acted, to the end of the trial.
+
+The loop goes on as long as the recording does. The recording's samples are those that the model
+file got in the loop: both come from the same forces, by the same laws (loop_sensing.py).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict
+
+import numpy as np
+
+from holdfast.core.contract import FloatArray
+from holdfast.core.errors import CardError
+from holdfast.core.reading import Json
+from holdfast.edge_runtime.engine import ModelChoice
+from holdfast.edge_runtime.monitor import require_fit
+from holdfast.edge_runtime.supervisor import IDLE, Limits
+from holdfast.simulation.closed_loop import (
+    MOST_TOGETHER,
+    ClosedLoop,
+    LoopSettings,
+    Managed,
+    managed,
+    model_of,
+)
+from holdfast.simulation.drive import GRIP_COLUMNS, GripRecord, HandControl
+from holdfast.simulation.protocol import PlannedTrial
+from holdfast.simulation.run import Done, TrialMotion, motions
+from holdfast.simulation.scene import Moved, Scene
+from holdfast.simulation.scene_file import SceneFile
+
+COMMANDS = len(GRIP_COLUMNS) - 1
+"""Columns of what is commanded; the last one is the grip of the drive."""
+REPORT_PERIODS = 50
+
+
+def scene_of(file: SceneFile, seed: int) -> Scene:
+    """The scene of a scene file; its hand acts where the file has a controller."""
+    return Scene(file, seed, None if file.controller is None else controlled_motions)
+
+
+def require_controller(scene: Scene, trials: Sequence[PlannedTrial]) -> None:
+    """Raise what a scene's controller lacks: the model, its fit, or a strong enough drive.
+
+    Raises NotAModel, ChannelError, UnitError, RateError, CardError.
+    """
+    file, control = scene.file, scene.file.controller
+    if control is None:
+        return
+    require_fit(
+        model_of(ModelChoice(control.model)).card,
+        n_channels=3 * file.hand.n_contacts,
+        unit=file.unit,
+        rate_hz=file.rate_hz,
+        where=file.name,
+    )
+    grips_n = [trial.grip_n for trial in trials if trial.action != "nothing"]
+    strongest_n = max(grips_n, default=0.0)
+    if strongest_n > control.drive.ceiling_n:
+        raise CardError(
+            f"controller.ceiling_n = {control.drive.ceiling_n:g} is below {strongest_n:.3g} N a "
+            "side, with which a hand of this card holds its object",
+            where=file.name,
+            next_step=f"ceiling_n = {np.ceil(strongest_n):g} or more, or weaker grips",
+        )
+
+
+def controlled_motions(
+    scene: Scene, trials: Sequence[PlannedTrial], done: Done
+) -> Moved:
+    """Motion and grip of trials, in their order; an empty hand gets no command: None.
+
+    done: called with the share that is stepped. Raises as require_controller.
+    """
+    require_controller(scene, trials)
+    for start in range(0, len(trials), MOST_TOGETHER):
+        part = trials[start : start + MOST_TOGETHER]
+
+        def report(share: float, start: int = start, count: int = len(part)) -> None:
+            done((start + share * count) / len(trials))
+
+        yield from _part(scene, part, report)
+
+
+def _part(scene: Scene, trials: Sequence[PlannedTrial], done: Done) -> Moved:
+    """Trials with an object in the loop, those of the empty hand without."""
+    held = [trial for trial in trials if trial.action != "nothing"]
+    empty = [trial for trial in trials if trial.action == "nothing"]
+    in_hand = iter(RecordedLoop(scene, held).run(done) if held else ())
+    twice = [*empty, *empty]  # numpy would sum a single trial in another order
+    alone = motions(twice, scene.step_settings_of(twice)) if twice else iter(())
+    for trial in trials:
+        yield (next(alone), None) if trial.action == "nothing" else next(in_hand)
+
+
+class RecordedLoop:
+    """A closed loop of trials with an object that keeps everything a recording needs."""
+
+    def __init__(self, scene: Scene, trials: Sequence[PlannedTrial]) -> None:
+        control = scene.file.controller
+        assert control is not None
+        self.count, self._control = len(trials), control
+        self._model = model_of(ModelChoice(control.model))
+        limits = Limits(ceiling_n=control.drive.ceiling_n)
+        make = managed(scene, control.name, control.setting, limits=limits)
+        batch = trials if len(trials) > 1 else [*trials, *trials]
+        settings = LoopSettings(control.drive, whole_trials=True)
+        self.loop = ClosedLoop(scene, batch, self._model, make, settings)
+        periods, n = self.loop.spans.periods, len(batch)
+        contacts = self.loop.world.forces_n.shape[1]
+        self._rows = np.zeros((periods, len(GRIP_COLUMNS), n))
+        self._forces_n = np.zeros((periods, n, contacts, 3))
+        self._position_m = np.zeros((periods, n, 3))
+
+    def run(
+        self, done: Done = lambda share: None
+    ) -> list[tuple[TrialMotion, GripRecord]]:
+        """Run to the end of every trial. done: called with the share that is stepped."""
+        loop, periods = self.loop, self.loop.spans.periods
+        assert isinstance(loop.controller, Managed)
+        for period in range(periods):
+            target_n = loop.decide(period)
+            self._rows[period, :COMMANDS] = _commands(loop.controller)
+            self._rows[period, COMMANDS] = loop.actuator.grip_n
+            loop.world.advance(period, target_n)
+            self._forces_n[period] = loop.world.forces_n
+            self._position_m[period] = loop.world.position_m
+            if period % REPORT_PERIODS == 0:
+                done(period / periods)
+        return [self._recording(trial) for trial in range(self.count)]
+
+    def _recording(self, trial: int) -> tuple[TrialMotion, GripRecord]:
+        spans = self.loop.spans
+        begins, ends = int(spans.begins[trial]), int(spans.ends[trial])
+        count, periods = int(spans.counts[trial]), ends - begins
+        # what a period ends with is the sample after it
+        forces_n = np.zeros((count, self._forces_n.shape[2], 3))
+        forces_n[begins + 1 : ends + 1] = self._forces_n[:periods, trial]
+        position_m = np.zeros((count, 3))
+        position_m[begins + 1 : ends + 1] = self._position_m[:periods, trial]
+        position_m[ends + 1 :] = position_m[ends]
+        rows = self._grip_rows(trial, count, begins, ends)
+        overrode_s = float(self.loop.wearer.overrode_s[trial])
+        grip = GripRecord(
+            rows, about(self._control, self._model.card.model_id), overrode_s
+        )
+        return self.loop.world.motion(trial, forces_n, position_m), grip
+
+    def _grip_rows(self, trial: int, count: int, begins: int, ends: int) -> FloatArray:
+        """[T, 5] as GRIP_COLUMNS; outside the loop the wearer's grip is left alone."""
+        rows = np.full((count, len(GRIP_COLUMNS)), np.nan)
+        rows[:, COMMANDS - 1] = IDLE
+        rows[:, COMMANDS] = self.loop.actuator.own_n[trial]
+        rows[begins:ends] = self._rows[: ends - begins, :, trial]
+        rows[ends:, COMMANDS] = self._rows[ends - begins - 1, COMMANDS, trial]
+        return rows
+
+
+def _commands(controller: Managed) -> FloatArray:
+    """[4, B] of GRIP_COLUMNS, nan where the controller has no number."""
+    margin, supervisor = controller.grip.margin, controller.grip.supervisor
+    numbers = np.stack([controller.target_n, margin.needed_n, margin.mu_hat])
+    known = np.where(numbers > 0.0, numbers, np.nan)
+    return np.vstack([known, supervisor.mode])
+
+
+def about(control: HandControl, model_id: str) -> Json:
+    """Controller, model and drive, for meta data."""
+    return {
+        "name": control.name,
+        "model": control.model,
+        "model_id": model_id,
+        "setting": control.setting,
+        "drive": asdict(control.drive),
+    }

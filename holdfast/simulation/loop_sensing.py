@@ -1,0 +1,202 @@
+"""What B hands feel and what the model file answers, a sample at a time.
+
+The sensors obey the same laws as in a whole trial: an effect's random numbers are drawn for the
+whole trial before its first sample, from the same streams, so a sample in the loop is that of the
+recording, bit for bit. One effect looks ahead: a sample that is late by jitter lies between two
+readings, so with `timing_jitter` in the scene every sample reaches the loop one period late.
+
+The very model file answers B hands at once, as on the hand: bias, graph, decision.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from holdfast.core.contract import (
+    NOTHING,
+    RISKY_SLIP,
+    SAFE_SLIP,
+    BoolArray,
+    FloatArray,
+    Unit,
+)
+from holdfast.edge_runtime.engine import OpenedModel
+from holdfast.edge_runtime.grip import GripSense
+from holdfast.simulation.chip import kept_rows, late_s
+from holdfast.simulation.effect import Signal
+from holdfast.simulation.protocol import PlannedTrial
+from holdfast.simulation.rows import Plan, PlanBatch, RowEffect, Rows
+from holdfast.simulation.scene import Scene
+
+IntArray = npt.NDArray[np.int64]
+TOGETHER = 50
+"""Hands in one call of the graph. Hands that are done cost nothing once all of a call are."""
+OUTPUTS = ("p_situation", "situation", "unknown")
+
+
+class LoopSensors:
+    """The sensors of B trials, n_samples [B] long; latency: samples by which a reading is late."""
+
+    def __init__(
+        self, scene: Scene, trials: Sequence[PlannedTrial], counts: IntArray
+    ) -> None:
+        self.scene, self.effects = scene, scene.sensor_effects
+        self.latency = int("timing_jitter" in self.effects)
+        self._plans: dict[str, PlanBatch] = {}
+        times_s = [np.arange(n) / scene.file.rate_hz for n in counts]
+        for name in self.effects:
+            self._prepare(name, trials, times_s)
+        self._before: dict[str, Rows] = {}
+        self._readings: list[Rows] = []
+
+    def _prepare(
+        self, name: str, trials: Sequence[PlannedTrial], times_s: list[FloatArray]
+    ) -> None:
+        """Draw an effect's plans; times_s are those of the samples before it, then after it."""
+        law = self.effects[name].make
+        plans: list[Plan] = []
+        for k, trial in enumerate(trials):
+            drawn, rng = self.scene.draw(name, trial), self.scene.rng(name, trial)
+            if isinstance(law, RowEffect):
+                plans.append(law.plan(drawn, rng, times_s[k], trial.hand.n_contacts))
+            elif name == "timing_jitter":
+                plans.append({"late_s": late_s(times_s[k], drawn, rng)})
+                times_s[k] = times_s[k] + plans[k]["late_s"]
+            else:
+                plans.append({"kept": kept_rows(times_s[k], drawn, rng)})
+        self._plans[name] = PlanBatch(plans)
+
+    def read(self, rows: IntArray, forces_n: FloatArray) -> tuple[Rows, BoolArray]:
+        """(readings, lost [B]) at samples rows [B], from forces [B, S, 3], in the scene's unit.
+
+        With a latency these are the readings of the sample before. A lost sample never comes.
+        """
+        now = Rows(forces_n, np.ones(forces_n.shape[:2], dtype=np.bool_))
+        unit: Unit = "N"
+        lost = np.zeros(len(rows), dtype=np.bool_)
+        for name, effect in self.effects.items():
+            law: Any = effect.make
+            if effect.in_scene_unit:
+                now, unit = self._in_scene_unit(now, unit)
+            if name == "timing_jitter":
+                now, rows = self._between(now, rows)
+            elif name == "dropped_samples":
+                lost = ~self._plans[name].at(rows)["kept"]
+            else:
+                now = self._apply(name, law, now, rows, lost)
+                unit = effect.gives_unit or unit
+        return self._in_scene_unit(now, unit)[0], lost
+
+    def _apply(
+        self, name: str, law: RowEffect, now: Rows, rows: IntArray, lost: BoolArray
+    ) -> Rows:
+        plan = self._plans[name].at(rows)
+        if not law.chained:
+            return law.apply(now, plan)
+        before = self._before.get(name, now)
+        made = law.apply(now, plan, before)
+        # the row before is the last that came
+        self._before[name] = Rows(
+            np.where(lost[:, None, None], before.values, made.values),
+            np.where(lost[:, None], before.valid, made.valid),
+        )
+        return made
+
+    def _between(self, now: Rows, rows: IntArray) -> tuple[Rows, IntArray]:
+        """The readings of the sample before, taken late or early, and that sample's number.
+
+        Between two readings the value changes evenly, as numpy.interp has it.
+        """
+        self._readings = [*self._readings[-2:], now]
+        first, middle = self._readings[0], self._readings[-min(2, len(self._readings))]
+        rows = np.maximum(rows - 1, 0)
+        late = self._plans["timing_jitter"].at(rows)["late_s"]
+        early, rate_hz = late < 0.0, self.scene.file.rate_hz
+        from_row = rows - early
+        at_s, since_s = rows / rate_hz, from_row / rate_hz
+        run_s = (from_row + 1) / rate_hz - since_s
+        start = np.where(early[:, None, None], first.values, middle.values)
+        end = np.where(early[:, None, None], middle.values, now.values)
+        ahead_s = (at_s + late - since_s)[:, None, None]
+        moved = (end - start) / run_s[:, None, None] * ahead_s + start
+        values = np.where((late == 0.0)[:, None, None], middle.values, moved)
+        return Rows(values, middle.valid), rows
+
+    def _in_scene_unit(self, rows: Rows, unit: Unit) -> tuple[Rows, Unit]:
+        signal = Signal(np.empty(0), rows.values, rows.valid, unit)
+        signal = self.scene.in_unit(signal)
+        return replace(rows, values=signal.values), signal.unit
+
+
+class HandModels:
+    """One model file, B hands; the bias of each is of its own first rows.
+
+    samples [B]: how many samples each hand needs answers for; after them its answers stand still.
+    """
+
+    def __init__(self, model: OpenedModel, samples: IntArray) -> None:
+        self.preparation = model.card.preparation
+        self._groups = []
+        for start in range(0, len(samples), TOGETHER):
+            hands = slice(start, min(start + TOGETHER, len(samples)))
+            steps = model.stepper(OUTPUTS, hands.stop - hands.start)
+            self._groups.append((steps, hands, int(samples[hands].max())))
+        self._out = {}
+        for name, array in self._groups[0][0].out.items():
+            shape = (len(samples), *array.shape[1:])
+            self._out[name] = np.zeros(shape, array.dtype)
+        self._answered = 0
+        self._first_rows: list[FloatArray] = []
+        self._tare: tuple[FloatArray, FloatArray] | None = None
+
+    def answer(self, values: FloatArray, valid: BoolArray) -> GripSense:
+        """One sample of every hand: values [B, C] in the model's unit, valid [B, S]."""
+        if self._tare is None:
+            self._learn(values)
+            values, valid = np.zeros_like(values), np.zeros_like(valid)
+        else:
+            scale, bias = self._tare
+            values = values * scale - bias
+        self._step(values, valid)
+        return self._sense(values, valid)
+
+    def _step(self, values: FloatArray, valid: BoolArray) -> None:
+        """Step the groups of hands that are not done."""
+        for steps, hands, samples in self._groups:
+            if self._answered < samples:
+                steps.sample[:], steps.valid[:] = values[hands], valid[hands]
+                for name, array in steps.step().items():
+                    self._out[name][hands] = array
+        self._answered += 1
+
+    def _sense(self, values: FloatArray, valid: BoolArray) -> GripSense:
+        forces = np.where(valid[..., None], values.reshape(len(values), -1, 3), 0.0)
+        nothing = np.zeros(len(values), dtype=np.bool_)
+        p_situation, known = self._out["p_situation"], ~self._out["unknown"]
+        return GripSense(
+            grip_n=0.5 * np.maximum(forces[..., 2], 0.0).sum(axis=1),
+            load_n=np.sqrt(forces[..., 0] ** 2 + forces[..., 1] ** 2).sum(axis=1),
+            p_risky=p_situation[:, RISKY_SLIP].astype(np.float64),
+            p_safe=p_situation[:, SAFE_SLIP].astype(np.float64),
+            known=known,
+            empty=known & (self._out["situation"] == NOTHING),
+            opening=nothing,
+            overridden=nothing,
+        )
+
+    def _learn(self, values: FloatArray) -> None:
+        """Learn the bias of every hand once its first rows are there."""
+        self._first_rows.append(values.copy())
+        if len(self._first_rows) < max(1, self.preparation.bias_rows):
+            return
+        scales, biases = [], []
+        for rows in np.stack(self._first_rows, axis=1):
+            scale, bias = self.preparation.learn(rows)
+            scales.append(scale)
+            biases.append(bias)
+        self._tare = np.stack(scales), np.stack(biases)

@@ -1,0 +1,179 @@
+"""The object turns about the thumb's axis: held off its centre of mass, it pivots in the grip."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from holdfast.core.contract import FloatArray
+from holdfast.simulation.body import Body, State
+from holdfast.simulation.core import (
+    MAX_SWEEPS,
+    RHO_TOLERANCE,
+    TINY,
+    IntArray,
+    brush_j,
+    two_at_least,
+)
+from holdfast.simulation.effect import Drawn, Effect, Parameter, PhysicsEffect
+from holdfast.simulation.objects import HeldObject
+from holdfast.simulation.protocol import PlannedTrial
+
+
+def gyration_m2(held: HeldObject) -> float:
+    """Moment of inertia about x over the mass, m^2.
+
+    (b^2 + c^2) / 5 of an ellipsoid, R^2 / 4 + L^2 / 3 of a cylinder of half length L (Meriam &
+    Kraige, "Engineering mechanics: dynamics", table D/4).
+    """
+    across, axial = 1e-3 * held.radius_mm, 1e-3 * held.axial_radius_mm
+    if axial:
+        return (across**2 + axial**2) / 5.0
+    half = 1e-3 * held.half_length_mm
+    return across**2 / 4.0 + half**2 / 3.0
+
+
+class Rotation(PhysicsEffect):
+    """Angle about x, rad: I d(omega)/dt = offset x F - sum of p x f over the brushes.
+
+    p is from the object's middle. F is the weight less what people and a box carry, who are assumed
+    to hold the object at its centre of mass. So the object turns only while the hand holds it, and
+    out of the hand it keeps its rate. I = m (gyration + offset^2), kg m^2.
+
+    The brushes move by omega x p on top of the core's translation. This step comes after the
+    core's, implicit in omega, with the same reweighting and the same balance of energy (operator
+    splitting: Strang, SIAM J. Numer. Anal. 5, 1968; first order here). The object does not turn at
+    all while friction can hold it. Left out: the hand's own acceleration does not turn the object,
+    and turning does not move its middle.
+    """
+
+    kind = "turns"
+
+    def __init__(
+        self,
+        drawn: Sequence[Drawn],
+        trials: Sequence[PlannedTrial],
+        rngs: Sequence[np.random.Generator],
+    ) -> None:
+        offsets_mm = np.array([[d["offset_y_mm"], d["offset_z_mm"]] for d in drawn])
+        self.offset_m = 1e-3 * offsets_mm.T
+        gyration = np.array([gyration_m2(trial.object) for trial in trials])
+        self.inertia_m2 = gyration + (self.offset_m * self.offset_m).sum(axis=0)
+        self.angle, self.rate = np.zeros(len(drawn)), np.zeros(len(drawn))
+        self.rho: FloatArray = np.ones(1)
+
+    def turn(
+        self, body: Body, state: State, limit_m: FloatArray, dt_s: FloatArray
+    ) -> None:
+        """Turn by one step; changes stretch, slip and energy of the brushes."""
+        inertia = body.mass_kg * self.inertia_m2
+        carried_n = body.mass_kg * body.gravity_m_s2[1:] + state.agents_n[1:]
+        in_hand = (state.normal_n > 0.0).any(axis=0)
+        force_n = np.where(in_hand, carried_n, 0.0)
+        place_m = self.place_m()
+        torque = place_m[0] * force_n[1] - place_m[1] * force_n[0]
+        drive = inertia * self.rate + dt_s * torque
+        lever = body.at_m - state.position_m[1:, None]
+        # [2, S, B] d(y, z) of a turn by one radian
+        across = np.stack([-lever[1], lever[0]])
+        damped = inertia + dt_s * self._damping(body, state, across, limit_m)
+        stretch_m, angle = state.stretch_m, self.angle
+        had_j = state.brush_j + 0.5 * inertia * self.rate * self.rate
+        brushes = (body.brush_n_per_m, stretch_m, across, limit_m, dt_s)
+        self.rate, trial, length = self._solve(drive, damped, brushes)
+        state.stretch_m = self.rho * trial
+        state.slip_m_s = state.slip_m_s + (1.0 - self.rho) * length / dt_s
+        state.brush_j = brush_j(body, state)
+        self.angle = angle + self.rate * dt_s
+        given_j = (force_n * (self.place_m() - place_m)).sum(axis=0)
+        left_j = had_j + given_j - state.brush_j
+        stuck = self._slow(inertia, left_j)
+        if stuck.size:
+            self.angle[stuck] = angle[stuck]
+            kept = self.rho[..., stuck] * stretch_m[..., stuck]
+            state.stretch_m[..., stuck] = kept
+            state.brush_j[stuck] = brush_j(body, state)[stuck]
+
+    def place_m(self) -> FloatArray:
+        """[2, B] (y, z) of the centre of mass from the object's middle, turned."""
+        cos, sin = np.cos(self.angle), np.sin(self.angle)
+        y, z = self.offset_m
+        return np.stack([cos * y - sin * z, sin * y + cos * z])
+
+    def _damping(
+        self, body: Body, state: State, across: FloatArray, limit_m: FloatArray
+    ) -> FloatArray:
+        """[B] damping of the fingers along the surface, N m s/rad: of the elements that stick."""
+        sticks = (self.rho == 1.0) & (state.slip_m_s == 0.0) & (limit_m > 0.0)
+        lever_m2 = (across * across).sum(axis=0)
+        stiff = np.where(sticks, body.brush_n_per_m, 0.0) * lever_m2
+        return body.loss_s * stiff.sum(axis=(0, 1))
+
+    def _solve(
+        self, drive: FloatArray, inertia: FloatArray, brushes: tuple[FloatArray, ...]
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """(rate [B], trial stretch of the brushes, its length); reweights rho until it settles."""
+        before = np.broadcast_to(self.rho, brushes[0].shape)
+        rate, rho, trial, length = _sweep(drive, inertia, before, brushes)
+        worst = np.abs(rho - before).max(axis=(0, 1))
+        unsettled = two_at_least(np.flatnonzero(worst > RHO_TOLERANCE))
+        for _ in range(MAX_SWEEPS):
+            if not unsettled.size:
+                break
+            before = rho[..., unsettled]
+            rate[unsettled], after, trial[..., unsettled], length[..., unsettled] = (
+                _sweep(
+                    drive[unsettled],
+                    inertia[unsettled],
+                    before,
+                    tuple(part[..., unsettled] for part in brushes),
+                )
+            )
+            rho[..., unsettled] = after
+            worst = np.abs(after - before).max(axis=(0, 1))
+            unsettled = unsettled[worst > RHO_TOLERANCE]
+        self.rho = rho
+        return rate, trial, length
+
+    def _slow(self, inertia: FloatArray, left_j: FloatArray) -> IntArray:
+        """Keep the energy of motion within left_j [B], as the core does.
+
+        Returns the trials where standing still is not enough.
+        """
+        moving_j = 0.5 * inertia * self.rate * self.rate
+        share = np.sqrt(np.maximum(left_j, 0.0) / np.maximum(moving_j, TINY))
+        self.rate = self.rate * np.minimum(share, 1.0)
+        return np.flatnonzero(left_j < 0.0)
+
+
+def _sweep(
+    drive: FloatArray,
+    inertia: FloatArray,
+    rho: FloatArray,
+    brushes: tuple[FloatArray, ...],
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """One reweighting of the springs by rho: (rate [B], rho, stretch, its length).
+
+    brushes: (spring, stretch, across, limit, dt_s), as Rotation.turn has them.
+    """
+    brush, stretch, across, limit, dt_s = brushes
+    spring = brush * rho
+    along = (stretch * across[:, None]).sum(axis=0)
+    pull = (spring * along).sum(axis=(0, 1))
+    stiffness = (spring * (across * across).sum(axis=0)).sum(axis=(0, 1))
+    rate = (drive - dt_s * pull) / (inertia + dt_s * dt_s * stiffness)
+    trial = stretch + (across * (rate * dt_s))[:, None]
+    length = np.sqrt(trial[0] * trial[0] + trial[1] * trial[1])
+    return rate, np.minimum(1.0, limit / np.maximum(length, TINY)), trial, length
+
+
+OFFSETS = {
+    "offset_y_mm": Parameter(
+        {"normal": [0, 5]}, "mm", -100, 100, "centre of mass off the grip, across"
+    ),
+    "offset_z_mm": Parameter(
+        {"normal": [0, 15]}, "mm", -200, 200, "and along the object's axis"
+    ),
+}
+EFFECTS = {"rotation": Effect("rotation", "physics", Rotation, OFFSETS)}

@@ -1,0 +1,99 @@
+"""An effect of the sensor, row by row: what a whole trial and a closed loop both apply.
+
+An effect is two functions. `plan` draws everything random before the first sample; `apply` turns
+rows of readings into rows of readings and draws nothing. Rows are the samples of one trial, or one
+sample of many trials; a row depends on another one only where `apply` takes the row before.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from holdfast.core.contract import BoolArray, FloatArray
+from holdfast.simulation.effect import Drawn, Signal
+
+Plan = dict[str, Any]
+"""Arrays by name; the first axis has a row for each sample, or one row for all samples."""
+
+
+@dataclass(frozen=True)
+class Rows:
+    """What S fingertips report in n rows: values [n, S, 3], valid [n, S]."""
+
+    values: FloatArray
+    valid: BoolArray
+
+
+@dataclass(frozen=True)
+class RowEffect:
+    """The two functions of an effect; as a function itself, it acts on a whole trial.
+
+    plan: (parameters of the trial, its random stream, times [T] in s, S) -> plan. apply: (rows,
+    plan) -> rows. chained: `apply` also takes what it returned for the row before (itself at the
+    first row).
+    """
+
+    plan: Callable[[Drawn, np.random.Generator, FloatArray, int], Plan]
+    apply: Callable[..., Rows]
+    chained: bool = False
+
+    def __call__(
+        self, signal: Signal, drawn: Drawn, rng: np.random.Generator
+    ) -> Signal:
+        """A whole trial at once."""
+        plan = self.plan(drawn, rng, signal.t_s, signal.values.shape[1])
+        rows = Rows(signal.values, signal.valid)
+        made = self._row_by_row(rows, plan) if self.chained else self.apply(rows, plan)
+        return replace(signal, values=made.values, valid=made.valid)
+
+    def _row_by_row(self, rows: Rows, plan: Plan) -> Rows:
+        values, valid = np.empty_like(rows.values), np.empty_like(rows.valid)
+        before = Rows(rows.values[:1], rows.valid[:1])
+        for k in range(len(values)):
+            row = Rows(rows.values[k : k + 1], rows.valid[k : k + 1])
+            before = self.apply(row, row_of(plan, k), before)
+            values[k], valid[k] = before.values[0], before.valid[0]
+        return Rows(values, valid)
+
+
+def row_of(plan: Plan, k: int) -> Plan:
+    """The plan of sample k alone."""
+    row = {}
+    for name, array in plan.items():
+        row[name] = array[k : k + 1] if len(array) > 1 else array
+    return row
+
+
+class PlanBatch:
+    """The plans of one effect for B trials, ready to be read a sample at a time."""
+
+    def __init__(self, plans: Sequence[Plan]) -> None:
+        self._fixed: Plan = {}
+        self._moving: Plan = {}
+        for name in plans[0]:
+            arrays = [plan[name] for plan in plans]
+            if max(map(len, arrays)) > 1:
+                self._moving[name] = _stacked(arrays)
+            else:
+                self._fixed[name] = np.concatenate(arrays)
+
+    def at(self, rows: Any) -> Plan:
+        """Plan of B rows: sample rows[b] of trial b."""
+        plan = dict(self._fixed)
+        for name, array in self._moving.items():
+            plan[name] = array[rows, np.arange(len(rows))]
+        return plan
+
+
+def _stacked(arrays: Sequence[Any]) -> Any:
+    """[T, B, ..] of plans that may differ in length; the last row repeats."""
+    shape = (max(map(len, arrays)), len(arrays), *arrays[0].shape[1:])
+    whole = np.empty(shape, dtype=arrays[0].dtype)
+    for trial, array in enumerate(arrays):
+        whole[: len(array), trial] = array
+        whole[len(array) :, trial] = array[-1]
+    return whole

@@ -1,0 +1,401 @@
+"""A scene file (TOML): objects, actions and who acts, effects, what is recorded; checked.
+
+    title = "One pull, with a noisy sensor"
+
+    [record]
+    rate_hz = 150            # samples a second
+    unit = "N"               # or "uT": the field itself, where the scene has a magnet
+
+    [physics]
+    step_s = 0.0008          # step where anything can happen; docs/scenes.md shows what it costs
+
+    [[trials]]
+    objects = ["soft-ball", "hard-ball"]
+    action = "pull"
+    style = "author"         # ranges of a style; values given here take precedence
+    count = 10               # trials of each object
+    hold_s = { uniform = [2, 3] }
+
+    [effects.brush]
+    count = 5
+    [effects.hall_noise]
+
+    [hand]                   # a hand with other contacts than the default six
+    finger = 4               # contacts on each finger
+
+    [controller]             # a hand that acts (holdfast/simulation/drive.py)
+    name = "holdfast"
+
+    [camera]                 # with [effects.camera_frames]: films every trial
+    fps = 60
+
+Only the effects that the file names run.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from holdfast.core.contract import UNITS, Unit
+from holdfast.core.errors import CardError, HoldfastError, UsageError
+from holdfast.core.hand_layout import HandLayout
+from holdfast.core.reading import CardReader, Json, read_toml
+from holdfast.edge_runtime.grip import CONTROLLERS
+from holdfast.simulation import SCENES, STYLES, shipped_scenes
+from holdfast.simulation.drive import CONTROLLER_NUMBERS, MODEL, Drive, HandControl
+from holdfast.simulation.effect import (
+    EFFECT_MODULES,
+    Effect,
+    Parameter,
+    all_effects,
+    effect_named,
+    step_settings,
+)
+from holdfast.simulation.objects import (
+    HAND,
+    OBJECT_KEYS,
+    OBJECTS,
+    HeldObject,
+    held_object,
+)
+from holdfast.simulation.protocol import ACTIONS, COMMON, least_grip_n
+
+MAX_GRIP_N = 70.0
+"""The Michelangelo hand's greatest opposition grip."""
+SECTIONS = (
+    "title",
+    "about",
+    "record",
+    "physics",
+    "trials",
+    "effects",
+    "objects",
+    "camera",
+    "hand",
+    "controller",
+)
+ROW_KEYS = ("objects", "action", "style", "count")
+RATE = Parameter(150.0, "Hz", 40, 10000, "samples a second")
+RECORD = {
+    "rate_hz": RATE,
+    "join": Parameter(
+        1.0, "", 1, 1000, "trials of an object that make one long recording"
+    ),
+}
+PHYSICS = {
+    "step_s": Parameter(0.000834, "s", 1e-6, 1.0, "step where anything can happen")
+}
+COUNT = {"count": Parameter(1.0, "", 1, 100000, "trials of each object")}
+
+
+@dataclass(frozen=True)
+class TrialsRow:
+    """One [[trials]] of the file; values: of the action, the file's over those of the style."""
+
+    objects: tuple[str, ...]
+    action: str
+    style: str
+    count: int
+    values: Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class SceneFile:
+    """A checked scene file; effects: name -> values, in the order in which they run.
+
+    text: the file.
+    """
+
+    name: str
+    title: str
+    rate_hz: float
+    unit: Unit
+    join: int
+    step_s: float
+    rows: tuple[TrialsRow, ...]
+    effects: dict[str, Json]
+    objects: dict[str, HeldObject]
+    camera: dict[str, float] | None
+    hand: HandLayout
+    controller: HandControl | None
+    text: str
+
+    @property
+    def sha256(self) -> str:
+        """Of the file's text."""
+        return hashlib.sha256(self.text.encode()).hexdigest()
+
+
+def find_scene_file(name: str) -> Path:
+    """A shipped scene by name, or a file. Raises CardError."""
+    if name in shipped_scenes():
+        return SCENES / f"{name}.toml"
+    try:
+        if Path(name).is_file():
+            return Path(name)
+    except OSError:
+        pass  # a name that no file can have
+    raise CardError(
+        f"no card {name!r}",
+        cause="neither a shipped card nor a file",
+        next_step=f"choose from {', '.join(shipped_scenes())}",
+    )
+
+
+def read_scene_file(
+    name: str, *, rate_hz: float | None = None, rate_option: str = "rate_hz="
+) -> SceneFile:
+    """Read and check a scene by name or path.
+
+    rate_hz replaces the file's rate; rate_option: the user's word before that number. Raises
+    CardError, and UsageError for a rate_hz that the file does not allow.
+    """
+    path = find_scene_file(name)
+    text, raw = read_toml(path)
+    reader = _SceneReader(path, "" if rate_hz is None else rate_option)
+    return reader.scene(raw, text, rate_hz)
+
+
+class _SceneReader(CardReader):
+    """Checks one file section by section, then what the sections state together.
+
+    rate_option: the user's word before a rate that replaces the file's; empty without one.
+    """
+
+    def __init__(self, path: Path, rate_option: str) -> None:
+        super().__init__(path)
+        self.rate_option = rate_option
+
+    def scene(self, raw: Json, text: str, rate_hz: float | None) -> SceneFile:
+        self.require_known(raw, SECTIONS, "section")
+        record = self.table(raw, "record")
+        unit = record.pop("unit", "N")
+        if unit not in UNITS[:2]:
+            raise self.refused("record.unit", unit, " or ".join(UNITS[:2]))
+        if rate_hz is not None:
+            if RATE.problem(rate_hz):
+                raise self.rate_refused(rate_hz, RATE.allowed())
+            record["rate_hz"] = rate_hz
+        numbers = self.numbers("record", record, RECORD)
+        physics = self.numbers("physics", self.table(raw, "physics"), PHYSICS)
+        objects = dict(OBJECTS)
+        for name, value in self.table(raw, "objects").items():
+            objects[name] = self.object(name, value)
+        scene = SceneFile(
+            name=self.path.stem,
+            title=str(raw.get("title", self.path.stem)),
+            rate_hz=numbers["rate_hz"],
+            unit=unit,
+            join=int(numbers["join"]),
+            step_s=physics["step_s"],
+            rows=self.rows(raw.get("trials"), objects),
+            effects=self.effects(self.table(raw, "effects")),
+            objects=objects,
+            camera=self.camera(raw),
+            hand=self.hand(raw),
+            controller=self.controller(raw),
+            text=text,
+        )
+        self.require_agreement(scene)
+        return scene
+
+    def rate_refused(self, rate_hz: float, allowed: str) -> HoldfastError:
+        """The error for a rate, which names who gave it: the user or the file."""
+        if not self.rate_option:
+            return self.refused("record.rate_hz", rate_hz, allowed)
+        return UsageError(
+            f"{self.rate_option}{rate_hz:g} is not a sampling rate of {self.path.stem}",
+            next_step=f"give {allowed}",
+        )
+
+    def object(self, name: str, value: Any) -> HeldObject:
+        key = f"objects.{name}"
+        table = self.require_table(key, value)
+        return held_object(name, self.numbers(key, table, OBJECT_KEYS))
+
+    def rows(
+        self, rows: Any, objects: Mapping[str, HeldObject]
+    ) -> tuple[TrialsRow, ...]:
+        if not isinstance(rows, list) or not rows:
+            raise self.refused("trials", rows, "at least one [[trials]] with an action")
+        for k, row in enumerate(rows):
+            if not isinstance(row, dict):
+                raise self.refused(f"trials[{k}]", row, "a table: [[trials]]")
+        styles = tomllib.loads(STYLES.read_text(encoding="utf-8"))
+        checked = []
+        for k, row in enumerate(rows):
+            checked.append(self.row(f"trials[{k}]", row, objects, styles))
+        return tuple(checked)
+
+    def row(
+        self, key: str, row: Json, objects: Mapping[str, HeldObject], styles: Json
+    ) -> TrialsRow:
+        action, style = str(row.get("action")), str(row.get("style", "author"))
+        if action not in ACTIONS:
+            raise self.refused(f"{key}.action", action, ", ".join(ACTIONS))
+        if style not in styles:
+            raise self.refused(f"{key}.style", style, ", ".join(styles))
+        names = row.get("objects", [])
+        if not isinstance(names, list) or (action != "nothing" and not names):
+            allowed = f"a list of {', '.join(objects)}"
+            raise self.refused(f"{key}.objects", names, allowed)
+        for name in names:
+            if not isinstance(name, str) or name not in objects:
+                raise self.refused(f"{key}.objects", name, ", ".join(objects))
+        table = COMMON | ACTIONS[action]
+        given = {name: value for name, value in row.items() if name not in ROW_KEYS}
+        self.require_known(given, table, f"{key}: {action}")
+        style_values = styles[style]
+        values = style_values.get("all", {}) | style_values.get(action, {}) | given
+        self.require_possible(key, values, table)
+        counts = self.numbers(key, {"count": row.get("count", 1)}, COUNT)
+        count = self.whole(f"{key}.count", counts["count"])
+        return TrialsRow(tuple(names), action, style, count, values)
+
+    def effects(self, effects: Json) -> dict[str, Json]:
+        self.require_known(effects, EFFECT_MODULES, "effect")
+        for name, values in effects.items():
+            key, effect = f"effects.{name}", effect_named(name)
+            self.require_table(key, values)
+            self.require_known(values, effect.parameters, key)
+            self.require_possible(key, values, effect.parameters)
+            constant = values.get(effect.constant)
+            if isinstance(constant, dict):
+                allowed = "a number, the same for every trial"
+                raise self.refused(f"{key}.{effect.constant}", constant, allowed)
+        return {name: effects[name] for name in EFFECT_MODULES if name in effects}
+
+    def camera(self, raw: Mapping[str, Any]) -> dict[str, float] | None:
+        if "camera" not in raw:
+            return None
+        # a scene without a camera does not load it
+        from holdfast.simulation.camera_frames import CAMERA
+
+        return self.numbers("camera", self.table(raw, "camera"), CAMERA)
+
+    def hand(self, raw: Mapping[str, Any]) -> HandLayout:
+        counts = self.numbers("hand", self.table(raw, "hand"), HAND)
+        thumb = self.whole("hand.thumb", counts["thumb"])
+        return HandLayout(thumb, self.whole("hand.finger", counts["finger"]))
+
+    def controller(self, raw: Mapping[str, Any]) -> HandControl | None:
+        if "controller" not in raw:
+            return None
+        section = self.table(raw, "controller")
+        name, model = section.pop("name", None), section.pop("model", MODEL)
+        if name not in CONTROLLERS:
+            raise self.refused("controller.name", name, ", ".join(CONTROLLERS))
+        if not isinstance(model, str) or not model:
+            raise self.refused("controller.model", model, "the path of a model file")
+        allowed = ["name", "model", *CONTROLLER_NUMBERS]
+        self.require_known(section, allowed, "controller")
+        numbers = self.numbers("controller", section, CONTROLLER_NUMBERS)
+        setting = numbers.pop("setting")
+        if "setting" not in section:
+            return HandControl(name, model, None, Drive(**numbers))
+        return HandControl(name, model, setting, Drive(**numbers))
+
+    def require_agreement(self, scene: SceneFile) -> None:
+        """Raise CardError where keys contradict each other."""
+        for name in scene.effects:
+            self.require_effect_fits(scene, effect_named(name))
+        self.require_controller_fits(scene)
+        self.require_camera_fits(scene)
+        self.require_unit_given(scene)
+        average_s = step_settings(scene.effects).get("average_s")
+        if average_s and scene.rate_hz > 1.0 / average_s:
+            fastest_hz = f"{1.0 / average_s:.0f} Hz"
+            allowed = f"at most {fastest_hz}, which is what the chip delivers"
+            raise self.rate_refused(scene.rate_hz, allowed)
+        for k, row in enumerate(scene.rows):
+            self.require_holdable(f"trials[{k}].objects", row, scene.objects)
+
+    def require_unit_given(self, scene: SceneFile) -> None:
+        """A field is recorded only where an effect makes one of the forces."""
+        given = {effect_named(name).gives_unit for name in scene.effects}
+        if scene.unit == "N" or scene.unit in given:
+            return
+        gives = [e.name for e in all_effects().values() if e.gives_unit == scene.unit]
+        allowed = f"only with [effects.{gives[0]}]: an ideal force sensor has no field"
+        raise self.refused("record.unit", scene.unit, allowed)
+
+    def require_effect_fits(self, scene: SceneFile, effect: Effect) -> None:
+        key = f"effects.{effect.name}"
+        for need in effect.needs:
+            if need not in scene.effects:
+                allowed = f"only together with [effects.{need}]"
+                raise self.refused(key, "on the card", allowed)
+        if scene.step_s > effect.longest_step_s:
+            allowed = f"at most {effect.longest_step_s:g} s with {key}"
+            raise self.refused("physics.step_s", scene.step_s, allowed)
+        if effect.stage == "camera" and scene.camera is None:
+            raise self.refused(key, "on the card", "only together with [camera]")
+
+    def require_controller_fits(self, scene: SceneFile) -> None:
+        if scene.controller is None:
+            return
+        if scene.join > 1:
+            allowed = "1 with a controller: each trial has its own sensors"
+            raise self.refused("record.join", scene.join, allowed)
+        if scene.unit != "N":
+            raise self.refused("record.unit", scene.unit, "N with a controller")
+
+    def require_camera_fits(self, scene: SceneFile) -> None:
+        camera = scene.camera
+        if camera is None:
+            return
+        if "camera_frames" not in scene.effects:
+            allowed = "only together with [effects.camera_frames]"
+            raise self.refused("camera", "on the card", allowed)
+        if scene.join > 1:
+            allowed = "1 with a camera: it films single trials"
+            raise self.refused("record.join", scene.join, allowed)
+        if 1e-3 * camera["exposure_ms"] * camera["fps"] > 1.0:
+            allowed = f"at most the time of a frame, {1e3 / camera['fps']:.3g} ms"
+            raise self.refused("camera.exposure_ms", camera["exposure_ms"], allowed)
+
+    def require_holdable(
+        self, key: str, row: TrialsRow, objects: Mapping[str, HeldObject]
+    ) -> None:
+        """An object must be one that the hand can hold, unless it is to fall."""
+        if row.action == "fall":
+            return
+        for name in row.objects:
+            least_n = least_grip_n(objects[name])
+            if least_n > MAX_GRIP_N:
+                needed = f"{name} needs {least_n:.3g} N a side, "
+                needed += f"the hand grips with {MAX_GRIP_N:g} N"
+                allowed = f"objects that the hand can hold: {needed}"
+                raise self.refused(key, name, allowed)
+
+    def whole(self, key: str, number: float) -> int:
+        if number != int(number):
+            raise self.refused(key, number, "a whole number")
+        return int(number)
+
+    def numbers(
+        self, key: str, values: Mapping[str, Any], table: Mapping[str, Parameter]
+    ) -> dict[str, float]:
+        """Constants by name, defaults where the file has none; distributions are refused."""
+        self.require_known(values, table, key)
+        for name, value in values.items():
+            if isinstance(value, dict) or table[name].problem(value):
+                raise self.refused(f"{key}.{name}", value, table[name].allowed())
+        numbers = {}
+        for name, parameter in table.items():
+            numbers[name] = float(values.get(name, parameter.default))
+        return numbers
+
+    def require_possible(
+        self, key: str, values: Mapping[str, Any], table: Mapping[str, Parameter]
+    ) -> None:
+        """Raise CardError for a constant or a distribution outside of its range."""
+        for name, value in values.items():
+            problem = table[name].problem(value)
+            if problem:
+                raise self.refused(f"{key}.{name}", value, problem)

@@ -1,0 +1,179 @@
+"""The hand itself moves: in its frame the object is accelerated the other way."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from holdfast.core.contract import FloatArray
+from holdfast.simulation.effect import (
+    Drawn,
+    Effect,
+    Interval,
+    Parameter,
+    PhysicsEffect,
+)
+
+FOREVER_S = 1e9
+WAVES = 2
+"""Sines of a tremor."""
+
+
+def _directions(rngs: Sequence[np.random.Generator]) -> FloatArray:
+    """[3, B] a random unit vector for each trial."""
+    raw = np.stack([rng.normal(size=3) for rng in rngs], axis=1)
+    return raw / np.sqrt((raw * raw).sum(axis=0))
+
+
+def _values(drawn: Sequence[Drawn], name: str) -> FloatArray:
+    """[B] one parameter of every trial."""
+    return np.array([d[name] for d in drawn])
+
+
+class Arm(PhysicsEffect):
+    """Reaches of the arm, forth and back, with minimum jerk (Flash & Hogan, J. Neurosci. 5, 1985).
+
+    x = amplitude (10 u^3 - 15 u^4 + 6 u^5), u = t / duration; acceleration
+    amplitude / duration^2 (60 u - 180 u^2 + 120 u^3), m/s^2.
+    """
+
+    kind = "shakes"
+
+    def __init__(
+        self,
+        drawn: Sequence[Drawn],
+        trials: Sequence[object],
+        rngs: Sequence[np.random.Generator],
+    ) -> None:
+        self.along = _directions(rngs) * _values(drawn, "amplitude_m")
+        self.start_s = _values(drawn, "at_s")
+        self.lasts_s = _values(drawn, "lasts_s")
+        self.cycle_s = self.lasts_s + _values(drawn, "rest_s")
+        self.count = np.round(_values(drawn, "count"))
+
+    def _reach(
+        self, t_s: FloatArray, of: int | slice
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """(number, progress 0 .. 1, direction +-1) of the reach at t_s, of some trials.
+
+        The direction is 0 before the first reach and after the last.
+        """
+        since_s = t_s - self.start_s[of]
+        number = np.floor(since_s / self.cycle_s[of])
+        within_s = since_s - number * self.cycle_s[of]
+        u = np.clip(within_s / self.lasts_s[of], 0.0, 1.0)
+        reaches = (number >= 0) & (number < self.count[of])
+        direction = np.where(number % 2 == 0, 1.0, -1.0)
+        return number, u, np.where(reaches, direction, 0.0)
+
+    def acceleration_m_s2(self, t_s: FloatArray) -> FloatArray:
+        """[3, B] of the hand."""
+        _, u, direction = self._reach(t_s, slice(None))
+        jerk_free = direction * u * (60.0 - u * (180.0 - 120.0 * u))
+        return self.along * (jerk_free / (self.lasts_s * self.lasts_s))
+
+    def motion_m(self, t_s: FloatArray, trial: int) -> FloatArray:
+        """[T, 3] position of one trial's hand, from where it began."""
+        number, u, direction = self._reach(t_s, trial)
+        gone = u * u * u * (10.0 - u * (15.0 - 6.0 * u))
+        # after an odd number of reaches the hand is at the far end
+        before = np.clip(number, 0.0, self.count[trial]) % 2
+        return (before + direction * gone)[:, None] * self.along[:, trial]
+
+    def busy_s(self, trial: int) -> list[Interval]:
+        """Every reach."""
+        intervals = []
+        for k in range(int(self.count[trial])):
+            start_s = self.start_s[trial] + k * self.cycle_s[trial]
+            intervals.append((start_s, start_s + self.lasts_s[trial]))
+        return intervals
+
+
+class Tremor(PhysicsEffect):
+    """Two sines of 4 to 12 Hz, random directions and phases, half the amplitude each, m/s^2.
+
+    Frequencies of physiological and essential tremor: Elble & Koller, "Tremor", 1990.
+    """
+
+    kind = "shakes"
+
+    def __init__(
+        self,
+        drawn: Sequence[Drawn],
+        trials: Sequence[object],
+        rngs: Sequence[np.random.Generator],
+    ) -> None:
+        amplitude = _values(drawn, "amplitude_m_s2") / WAVES
+        self.along = [_directions(rngs) * amplitude for _ in range(WAVES)]
+        self.phase = self._uniform(rngs, 0.0, 2.0 * np.pi)
+        self.rate = 2.0 * np.pi * _values(drawn, "frequency_hz")
+        self.detune = self._uniform(rngs, 0.85, 1.15)
+
+    @staticmethod
+    def _uniform(rngs: Sequence[np.random.Generator], low: float, high: float) -> Any:
+        """[WAVES, B] draws."""
+        return np.stack([rng.uniform(low, high, WAVES) for rng in rngs], axis=1)
+
+    def acceleration_m_s2(self, t_s: FloatArray) -> FloatArray:
+        """[3, B] of the hand."""
+        waves = np.sin(self.rate * self.detune * t_s + self.phase)
+        return self.along[0] * waves[0] + self.along[1] * waves[1]
+
+    def busy_s(self, trial: int) -> list[Interval]:
+        """The whole trial."""
+        return [(0.0, FOREVER_S)]
+
+
+class Knock(PhysicsEffect):
+    """A blow to the hand: half a sine, peak in m/s^2; change of speed 2/pi peak * duration."""
+
+    kind = "shakes"
+
+    def __init__(
+        self,
+        drawn: Sequence[Drawn],
+        trials: Sequence[object],
+        rngs: Sequence[np.random.Generator],
+    ) -> None:
+        self.along = _directions(rngs) * _values(drawn, "peak_m_s2")
+        self.at_s, self.lasts_s = _values(drawn, "at_s"), _values(drawn, "lasts_s")
+
+    def acceleration_m_s2(self, t_s: FloatArray) -> FloatArray:
+        """[3, B] of the hand."""
+        u = (t_s - self.at_s) / self.lasts_s
+        half_sine = np.sin(np.pi * np.clip(u, 0.0, 1.0))
+        return self.along * np.where((u > 0.0) & (u < 1.0), half_sine, 0.0)
+
+    def busy_s(self, trial: int) -> list[Interval]:
+        """The pulse and the time after it."""
+        at_s = self.at_s[trial]
+        return [(at_s - 0.01, at_s + self.lasts_s[trial] + 0.3)]
+
+
+ARM = {
+    "amplitude_m": Parameter({"uniform": [0.05, 0.3]}, "m", 0, 2, "length of a reach"),
+    "lasts_s": Parameter({"uniform": [0.6, 1.5]}, "s", 0.1, 10, "time of a reach"),
+    "rest_s": Parameter({"uniform": [0.3, 1.0]}, "s", 0, 60, "between reaches"),
+    "at_s": Parameter({"uniform": [4.2, 5.0]}, "s", 0, 600, "start of the first reach"),
+    "count": Parameter(2.0, "", 0, 1000, "reaches, alternately forth and back"),
+}
+TREMOR = {
+    "frequency_hz": Parameter({"uniform": [4, 12]}, "Hz", 1, 30, "of the tremor"),
+    "amplitude_m_s2": Parameter(
+        {"uniform": [0.1, 1.0]}, "m/s^2", 0, 50, "of the hand's acceleration"
+    ),
+}
+KNOCK = {
+    "peak_m_s2": Parameter(
+        {"uniform": [5, 40]}, "m/s^2", 0, 1000, "greatest acceleration"
+    ),
+    "lasts_s": Parameter({"uniform": [0.005, 0.03]}, "s", 0.001, 1, "of the pulse"),
+    "at_s": Parameter({"uniform": [4.5, 6.0]}, "s", 0, 600, "start of the pulse"),
+}
+EFFECTS = {
+    "arm": Effect("arm", "physics", Arm, ARM),
+    "tremor": Effect("tremor", "physics", Tremor, TREMOR),
+    "knock": Effect("knock", "physics", Knock, KNOCK),
+}
