@@ -3,8 +3,6 @@ seconds."""
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from hard_marks import BAD_SAMPLE, COLLAR, DEGENERATE, NORMAL, SIGN
@@ -85,23 +83,6 @@ def test_no_state_leaks_from_one_sensor_to_the_next() -> None:
     quiet[:, :3] = 0.0
     both, alone = band_pass_envelope(samples, 50.0), band_pass_envelope(quiet, 50.0)
     np.testing.assert_array_equal(both[:, 2:], alone[:, 2:])
-
-
-def test_no_state_leaks_from_one_trial_to_the_next() -> None:
-    first = rows(held_object(seed=1))
-    rows(1e6 * held_object(seed=2))
-    assert rows(held_object(seed=1)) == first
-
-
-def test_one_threshold_serves_every_object() -> None:
-    trial = recording(held_object())
-    light = replace(trial, object_name="soft-ball", action="pass")
-    heavy = replace(trial, object_name="full-bottle", action="fall")
-    assert (
-        offline_critical_points(light)
-        == offline_critical_points(heavy)
-        == offline_critical_points(trial)
-    )
 
 
 @pytest.mark.parametrize("rate_hz", RATES_HZ)
@@ -187,18 +168,12 @@ def test_points_keep_off_both_ends_and_apart_from_each_other(
 def test_excursions_that_follow_within_three_tenths_of_a_second_are_one() -> None:
     t_s = np.arange(1500) / 150.0
     samples = np.random.default_rng(0).normal(0.0, 0.002, (1500, 3))
-    for start_s in (
-        4.0,
-        4.9,
-        5.8,
-    ):  # the bank rings on: less than 0.3 s of quiet between them
-        samples[:, 0] += (
-            ((t_s >= start_s) & (t_s < start_s + 0.6))
-            * 0.4
-            * np.sin(2 * np.pi * 10.0 * t_s)
-        )
+    tone = 0.4 * np.sin(2 * np.pi * 10.0 * t_s)
+    # the bank rings on: less than 0.3 s of quiet between them
+    for start_s in (4.0, 4.9, 5.8):
+        samples[:, 0] += ((t_s >= start_s) & (t_s < start_s + 0.6)) * tone
     assert band_pass_rows(samples, 150.0) == pytest.approx([600], abs=15)
-    samples[:, 0] += ((t_s >= 7.6) & (t_s < 8.0)) * 0.4 * np.sin(2 * np.pi * 10.0 * t_s)
+    samples[:, 0] += ((t_s >= 7.6) & (t_s < 8.0)) * tone
     assert band_pass_rows(samples, 150.0) == pytest.approx([600, 1140], abs=15)
 
 

@@ -198,52 +198,58 @@ def test_pads_give_three_taxels_each_and_every_row_from_30_on(tmp_path: Path) ->
     assert load(folder.parent).groups() == [folder.name]
 
 
-def spoil_length(folder: Path) -> None:
-    (folder / "slip_label.csv").write_text("slip,fail\n0,0\n")
+def rewritten(name: str, change: Callable[[str], str]) -> Callable[[Path], object]:
+    """Changes the text of a file in the folder of a trial."""
 
+    def spoil(folder: Path) -> None:
+        path = folder / name
+        path.write_text(change(path.read_text()))
 
-def spoil_column(folder: Path) -> None:
-    path = folder / PADS[1]
-    path.write_text(path.read_text().replace("txl7_z", "other"))
-
-
-def spoil_cell(folder: Path) -> None:
-    path = folder / PADS[0]
-    path.write_text(path.read_text().replace("\n3.0,", "\nthree,"))
-
-
-def spoil_tail(folder: Path) -> None:
-    path = folder / PADS[0]
-    path.write_text(path.read_text()[:-20] + "\n")
-
-
-def spoil_meta(folder: Path) -> None:
-    (folder / "meta_data.csv").write_text("dropped,frequency_hz\n")
-
-
-def spoil_pad(folder: Path) -> None:
-    path = folder / PADS[1]
-    path.write_text("\n".join(path.read_text().splitlines()[:-1]) + "\n")
-
-
-def lose_pad(folder: Path) -> None:
-    (folder / PADS[1]).unlink()
+    return spoil
 
 
 @pytest.mark.parametrize(
     ("spoil", "error", "says"),
     [
-        (spoil_length, ColumnError, "1 labels for 40 rows"),
-        (spoil_column, ColumnError, "columns missing: txl7_z"),
-        (spoil_cell, NotANumber, "line 5, column txl1_x: 'three'"),
-        (spoil_tail, ColumnError, "line 41 has another number of cells"),
-        (spoil_meta, EmptyRecording, "no rows of data"),
-        (spoil_pad, ColumnError, "differ in length"),
-        (lose_pad, DataNotFound, "xela_sensor2.csv: no such file"),
+        (
+            rewritten("slip_label.csv", lambda _: "slip,fail\n0,0\n"),
+            ColumnError,
+            "1 labels for 40 rows",
+        ),
+        (
+            rewritten(PADS[1], lambda text: text.replace("txl7_z", "other")),
+            ColumnError,
+            "columns missing: txl7_z",
+        ),
+        (
+            rewritten(PADS[0], lambda text: text.replace("\n3.0,", "\nthree,")),
+            NotANumber,
+            "line 5, column txl1_x: 'three'",
+        ),
+        (
+            rewritten(PADS[0], lambda text: text[:-20] + "\n"),
+            ColumnError,
+            "line 41 has another number of cells",
+        ),
+        (
+            rewritten("meta_data.csv", lambda text: text.splitlines()[0] + "\n"),
+            EmptyRecording,
+            "no rows of data",
+        ),
+        (
+            rewritten(PADS[1], lambda text: text[: text[:-1].rindex("\n") + 1]),
+            ColumnError,
+            "differ in length",
+        ),
+        (
+            lambda folder: (folder / PADS[1]).unlink(),
+            DataNotFound,
+            "xela_sensor2.csv: no such file",
+        ),
     ],
 )
 def test_a_spoilt_trial_gets_one_clear_line(
-    tmp_path: Path, spoil: Callable[[Path], None], error: type[Exception], says: str
+    tmp_path: Path, spoil: Callable[[Path], object], error: type[Exception], says: str
 ) -> None:
     spoil(write_pads(tmp_path, slip="0" * 40, fail="0" * 40))
     with pytest.raises(error, match=says) as caught:
@@ -304,12 +310,11 @@ def test_joined_sets_keep_every_recording_and_window_apart_by_name(
     )
     both = join([one, other])
     n, windows = len(one.recordings), len(one.tasks["classes"])
-    names = [
-        f"{data.name}/{recording.trial_id}"
-        for data in (one, other)
-        for recording in data.recordings
+    names = [recording.trial_id for recording in one.recordings]
+    assert [recording.trial_id for recording in both.recordings] == [
+        *(f"{one.name}/{name}" for name in names),
+        *(f"other/{name}" for name in names),
     ]
-    assert [recording.trial_id for recording in both.recordings] == names
     assert len(both.groups()) == len(one.groups()) + len(other.groups())
     assert (
         both.tasks["classes"].trial[windows:].tolist()

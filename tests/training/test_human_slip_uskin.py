@@ -220,81 +220,50 @@ def test_rows_that_are_not_finite_are_invalid_and_unlabelled(tmp_path: Path) -> 
     assert {125, 131, 149} <= set(rows.tolist())
 
 
-def shorter_imu(arrays: Arrays, lines: Lines) -> None:
-    arrays["object_imu"] = arrays["object_imu"][:-1]
+Spoil = Callable[[Arrays, Lines], object]
 
 
-def other_offsets(arrays: Arrays, lines: Lines) -> None:
-    arrays["offset"] = arrays["offset"] + 1
+def array(name: str, change: Callable[[Any], Any]) -> Spoil:
+    return lambda arrays, lines: arrays.update({name: change(arrays[name])})
 
 
-def without_xela(arrays: Arrays, lines: Lines) -> None:
-    del arrays["xela"]
+def cell(name: str, value: Any) -> Spoil:
+    return lambda arrays, lines: lines[1].update({name: value})
 
 
-def narrow(arrays: Arrays, lines: Lines) -> None:
-    arrays["xela"] = arrays["xela"][:, :45]
+def column(name: str, value: Any = None) -> Spoil:
+    """Every cell of a column gets a value; None removes the column."""
 
+    def spoil(arrays: Arrays, lines: Lines) -> None:
+        for line in lines:
+            line[name] = value
+            if value is None:
+                del line[name]
 
-def objects(arrays: Arrays, lines: Lines) -> None:
-    arrays["xela"] = np.array([None, "pickled"], dtype=object)
-
-
-def without_column(arrays: Arrays, lines: Lines) -> None:
-    for line in lines:
-        del line["frequency_hz"]
-
-
-def other_n(arrays: Arrays, lines: Lines) -> None:
-    lines[2]["n"] += 1
-
-
-def fewer_trials(arrays: Arrays, lines: Lines) -> None:
-    lines.pop()
-
-
-def text(arrays: Arrays, lines: Lines) -> None:
-    lines[1]["start_index"] = "soon"
-
-
-def nan(arrays: Arrays, lines: Lines) -> None:
-    lines[1]["frequency_hz"] = "nan"
-
-
-def half_a_row(arrays: Arrays, lines: Lines) -> None:
-    lines[1]["end_index"] = 200.5
-
-
-def standing_still(arrays: Arrays, lines: Lines) -> None:
-    lines[1]["frequency_hz"] = 0
-
-
-def nothing_usable(arrays: Arrays, lines: Lines) -> None:
-    for line in lines:
-        line["start_index"] = 0
+    return spoil
 
 
 @pytest.mark.parametrize(
     ("spoil", "error", "says"),
     [
-        (shorter_imu, ColumnError, "do not cover"),
-        (other_offsets, ColumnError, "do not cover"),
-        (other_n, ColumnError, "do not cover"),
-        (fewer_trials, ColumnError, "do not cover"),
-        (without_xela, ColumnError, "arrays missing: xela"),
-        (narrow, ColumnError, "not any x 48"),
-        (objects, NotANumber, "pickled objects"),
-        (without_column, ColumnError, "columns missing: frequency_hz"),
-        (text, NotANumber, "line 3, column start_index: 'soon'"),
-        (nan, NotANumber, "line 3, column frequency_hz"),
-        (half_a_row, NotANumber, "line 3, column end_index"),
-        (standing_still, NotANumber, "frequency_hz must be positive"),
-        (nothing_usable, EmptyRecording, "no usable trial"),
+        (array("object_imu", lambda imu: imu[:-1]), ColumnError, "do not cover"),
+        (array("offset", lambda offset: offset + 1), ColumnError, "do not cover"),
+        (cell("n", 1), ColumnError, "do not cover"),
+        (lambda arrays, lines: lines.pop(), ColumnError, "do not cover"),
+        (lambda arrays, lines: arrays.pop("xela"), ColumnError, "missing: xela"),
+        (array("xela", lambda xela: xela[:, :45]), ColumnError, "not any x 48"),
+        (array("xela", lambda _: np.array([None])), NotANumber, "pickled objects"),
+        (column("frequency_hz"), ColumnError, "columns missing: frequency_hz"),
+        (cell("start_index", "soon"), NotANumber, "line 3, column start_index: 'soon'"),
+        (cell("frequency_hz", "nan"), NotANumber, "line 3, column frequency_hz"),
+        (cell("end_index", 200.5), NotANumber, "line 3, column end_index"),
+        (cell("frequency_hz", 0), NotANumber, "frequency_hz must be positive"),
+        (column("start_index", 0), EmptyRecording, "no usable trial"),
     ],
 )
 def test_a_spoilt_folder_gets_one_clear_line(
     tmp_path: Path,
-    spoil: Callable[[Arrays, Lines], None],
+    spoil: Spoil,
     error: type[Exception],
     says: str,
 ) -> None:
@@ -313,29 +282,23 @@ def test_a_missing_file_is_named(folder: Path, missing: str) -> None:
         load(folder)
 
 
-def cut_short(whole: bytes) -> bytes:
-    return whole[: len(whole) // 2]
-
-
-def damaged(whole: bytes) -> bytes:
-    return whole[:5000] + bytes(100) + whole[5100:]
-
-
-def emptied(whole: bytes) -> bytes:
-    return b""
-
-
-def pickled(whole: bytes) -> bytes:
-    return pickle.dumps({"xela": [1.0]})
-
-
-def one_array(whole: bytes) -> bytes:
+def one_array() -> bytes:
     file = io.BytesIO()
     np.save(file, np.zeros(3))
     return file.getvalue()
 
 
-@pytest.mark.parametrize("spoil", [cut_short, damaged, emptied, pickled, one_array])
+@pytest.mark.parametrize(
+    "spoil",
+    [
+        lambda whole: whole[: len(whole) // 2],
+        lambda whole: whole[:5000] + bytes(100) + whole[5100:],
+        lambda whole: b"",
+        lambda whole: pickle.dumps({"xela": [1.0]}),
+        lambda whole: one_array(),
+    ],
+    ids=["cut short", "damaged", "empty", "a pickle", "one array"],
+)
 def test_what_is_no_archive_of_numbers_is_refused(
     folder: Path, spoil: Callable[[bytes], bytes]
 ) -> None:

@@ -16,7 +16,11 @@ from hypothesis import strategies as st
 from sklearn.metrics import average_precision_score, f1_score, roc_auc_score
 
 from holdfast.edge_runtime.preparation import Preparation
-from holdfast.training.figures import PredictionFigures, SituationFigures
+from holdfast.training.figures import (
+    PredictionFigures,
+    SituationFigures,
+    situation_lines,
+)
 from holdfast.training.metrics import (
     draw_groups,
     prediction_scores,
@@ -217,3 +221,42 @@ def test_a_thousand_draws_of_twenty_thousand_rows_take_seconds() -> None:
     begin_s = time.process_time()
     prediction_scores(a["slips"], a["score"] + np.arange(23_000) * 1e-7, a["groups"])
     assert time.process_time() - begin_s < 30.0
+
+
+SEEN = np.array([0, 1, 1, 3, 3, 1])
+SEEN_BY = list("ababab")
+
+
+def test_a_situation_absent_from_the_truth_is_a_dash_and_the_macro_f1_says_what_it_is_over() -> (
+    None
+):
+    answered = np.array([0, 1, 2, 3, 3, 1])  # one window is called a safe slip
+    figures = situation_scores(SEEN, answered, SEEN_BY, n_draws=10)
+    macro, *each = situation_lines(figures, "trial")
+    assert macro.startswith("macro F1 over nothing, grasp, risky slip alone  0.93")
+    assert [line.split()[:3] for line in each] == [
+        ["F1", "nothing", "1.000"],
+        ["F1", "grasp", "0.800"],
+        ["F1", "safe_slip", "-"],
+        ["F1", "risky_slip", "1.000"],
+    ]
+
+
+def test_a_situation_that_is_never_recognised_has_an_f1_of_zero() -> None:
+    truth = np.array([0, 1, 2, 3, 3, 1])
+    macro, *each = situation_lines(
+        situation_scores(truth, SEEN, SEEN_BY, n_draws=10), "trial"
+    )
+    assert macro.startswith("macro F1 over four situations  ")
+    assert each[2].split()[:3] == ["F1", "safe_slip", "0.000"]
+
+
+def test_without_a_window_nothing_is_averaged() -> None:
+    nothing = np.zeros(0, dtype=np.int64)
+    assert situation_lines(situation_scores(nothing, nothing, []), "trial") == [
+        "macro F1 over no class alone  -",
+        "  F1 nothing      -",
+        "  F1 grasp        -",
+        "  F1 safe_slip    -",
+        "  F1 risky_slip   -",
+    ]

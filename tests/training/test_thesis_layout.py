@@ -29,6 +29,8 @@ from holdfast.training.fixture import KIND, UPSIDE_DOWN, write_fixture
 from holdfast.training.recording import DataSet
 from holdfast.training.timeline import contact, read_truth, scripted
 
+TWO_STEPS = [NOTHING, GRASP, SAFE_SLIP, GRASP, SAFE_SLIP, NOTHING]
+
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
@@ -151,29 +153,22 @@ def test_the_truth_beside_a_trial_is_believed_before_the_script(copied: Path) ->
     assert thesis.load(copied).notes["samples"] != result
 
 
-def test_without_truth_the_labels_follow_the_script(made: Path) -> None:
-    def situations(name: str) -> list[int]:
-        return [phase.situation for phase in follow(made / name)]
-
-    assert situations("soft-ball/pass/trial_1.csv") == [
-        NOTHING,
-        GRASP,
-        SAFE_SLIP,
-        NOTHING,
-    ]
-    assert situations("soft-ball/pull/trial_1.csv") == [
-        NOTHING,
-        GRASP,
-        RISKY_SLIP,
-        NOTHING,
-    ]
-    two_steps = [NOTHING, GRASP, SAFE_SLIP, GRASP, SAFE_SLIP, NOTHING]
-    assert situations("soft-ball/put-down/trial_1.csv") == two_steps
-    assert situations("full-bottle/pass/trial_1.csv") == two_steps
-    starts = [
-        phase.first / 50.0 for phase in follow(made / "hard-ball/put-down/trial_1.csv")
-    ]
-    assert starts[2:5] == [7.0, 9.0, 10.0]
+@pytest.mark.parametrize(
+    ("trial", "situations"),
+    [
+        ("soft-ball/pass", [NOTHING, GRASP, SAFE_SLIP, NOTHING]),
+        ("soft-ball/pull", [NOTHING, GRASP, RISKY_SLIP, NOTHING]),
+        ("soft-ball/put-down", TWO_STEPS),
+        ("full-bottle/pass", TWO_STEPS),
+    ],
+)
+def test_without_truth_the_labels_follow_the_script(
+    made: Path, trial: str, situations: list[int]
+) -> None:
+    phases = follow(made / trial / "trial_1.csv")
+    assert [phase.situation for phase in phases] == situations
+    if situations == TWO_STEPS:
+        assert [phase.first / 50.0 for phase in phases[2:5]] == [7.0, 9.0, 10.0]
 
 
 def follow(path: Path) -> tuple:
@@ -256,63 +251,26 @@ def write_trial(path: Path, t_s: np.ndarray, raw: np.ndarray) -> None:
 TRIAL = "hard-ball/pass/trial_1.csv"
 
 
-def with_an_object_without_a_mass(root: Path) -> None:
-    (root / "hard-ball").rename(root / "brick")
+TRUTH = "hard-ball/pass/trial_1.truth.json"
+Change = Callable[[Path], object]
 
 
-def with_a_mass_that_is_none(root: Path) -> None:
-    (root / "hard-ball" / "meta.json").write_text('{"mass_g": "heavy"}')
+def written(name: str, text: str) -> Change:
+    return lambda root: (root / name).write_text(text)
 
 
-def with_an_unknown_action(root: Path) -> None:
-    (root / "hard-ball" / "pass").rename(root / "hard-ball" / "juggle")
+def phases_of(*phases: tuple[float, float, str]) -> Change:
+    entries = [{"t0_s": t0, "t1_s": t1, "label": label} for t0, t1, label in phases]
+    return written(TRUTH, json.dumps({"phases": entries}))
 
 
-def with_meta_that_is_no_json(root: Path) -> None:
-    (root / "meta.json").write_text("{")
-
-
-def with_meta_that_is_a_list(root: Path) -> None:
-    (root / "meta.json").write_text("[]")
-
-
-def with_an_unknown_unit(root: Path) -> None:
-    (root / "meta.json").write_text('{"unit": "lbf"}')
-
-
-def with_a_trial_at_another_rate(root: Path) -> None:
-    retime(root / TRIAL, lambda t_s: t_s * 1.2)
+def renamed(name: str, new: str) -> Change:
+    return lambda root: (root / name).rename(root / new)
 
 
 def with_a_trial_of_fewer_sensors(root: Path) -> None:
     trial = read_trial(root / TRIAL)
     write_trial(root / TRIAL, trial.t_s, trial.raw[:, :15])
-
-
-def with_an_unknown_phase(root: Path) -> None:
-    phase = {"t0_s": 0, "t1_s": 9, "label": "hovering"}
-    truth_path(root / TRIAL).write_text(json.dumps({"phases": [phase]}))
-
-
-def with_a_phase_that_ends_before_it_begins(root: Path) -> None:
-    phase = {"t0_s": 9, "t1_s": 0, "label": "grasp"}
-    truth_path(root / TRIAL).write_text(json.dumps({"phases": [phase]}))
-
-
-def with_phases_that_overlap(root: Path) -> None:
-    both = [
-        {"t0_s": 0, "t1_s": 9, "label": "grasp"},
-        {"t0_s": 5, "t1_s": 9, "label": "nothing"},
-    ]
-    truth_path(root / TRIAL).write_text(json.dumps({"phases": both}))
-
-
-def with_a_truth_without_phases(root: Path) -> None:
-    truth_path(root / TRIAL).write_text("{}")
-
-
-def without_any_trial(root: Path) -> None:
-    shutil.rmtree(root)
 
 
 def without_heavy_objects(root: Path) -> None:
@@ -328,25 +286,29 @@ def slowed_down_until_no_band_is_left(root: Path) -> None:
 @pytest.mark.parametrize(
     ("spoil", "error", "names"),
     [
-        (with_an_object_without_a_mass, LabelError, "brick/meta.json"),
-        (with_a_mass_that_is_none, LabelError, "'heavy'"),
-        (with_an_unknown_action, LabelError, "juggle"),
-        (with_meta_that_is_no_json, LabelError, "meta.json"),
-        (with_meta_that_is_a_list, LabelError, "meta.json"),
-        (with_an_unknown_unit, UnitError, "lbf"),
-        (with_a_trial_at_another_rate, RateError, "hard-ball/pass/trial_1"),
+        (renamed("hard-ball", "brick"), LabelError, "brick/meta.json"),
+        (written("hard-ball/meta.json", '{"mass_g": "heavy"}'), LabelError, "'heavy'"),
+        (renamed("hard-ball/pass", "hard-ball/juggle"), LabelError, "juggle"),
+        (written("meta.json", "{"), LabelError, "meta.json"),
+        (written("meta.json", "[]"), LabelError, "meta.json"),
+        (written("meta.json", '{"unit": "lbf"}'), UnitError, "lbf"),
+        (
+            lambda root: retime(root / TRIAL, lambda t_s: t_s * 1.2),
+            RateError,
+            "hard-ball/pass/trial_1",
+        ),
         (with_a_trial_of_fewer_sensors, ChannelError, "hard-ball/pass/trial_1"),
-        (with_an_unknown_phase, LabelError, "hovering"),
-        (with_a_phase_that_ends_before_it_begins, LabelError, "trial_1.truth.json"),
-        (with_phases_that_overlap, LabelError, "trial_1.truth.json"),
-        (with_a_truth_without_phases, LabelError, "trial_1.truth.json"),
-        (without_any_trial, DataNotFound, "no trials"),
+        (phases_of((0, 9, "hovering")), LabelError, "hovering"),
+        (phases_of((9, 0, "grasp")), LabelError, "trial_1.truth.json"),
+        (phases_of((0, 9, "grasp"), (5, 9, "nothing")), LabelError, "trial_1.truth"),
+        (written(TRUTH, "{}"), LabelError, "trial_1.truth.json"),
+        (shutil.rmtree, DataNotFound, "no trials"),
         (without_heavy_objects, ClassMissing, "grasp_heavy"),
         (slowed_down_until_no_band_is_left, RateError, "more than 21.74 Hz"),
     ],
 )
 def test_a_set_is_refused_in_one_line_that_names_the_fault(
-    copied: Path, spoil: Callable[[Path], None], error: type[DataError], names: str
+    copied: Path, spoil: Change, error: type[DataError], names: str
 ) -> None:
     spoil(copied)
     with pytest.raises(error) as caught:
@@ -372,7 +334,7 @@ def test_an_unknown_object_keeps_its_own_name() -> None:
 
 
 def test_a_weighed_object_is_read_like_the_known_ones(copied: Path) -> None:
-    with_an_object_without_a_mass(copied)
+    renamed("hard-ball", "brick")(copied)
     (copied / "brick" / "meta.json").write_text('{"mass_g": 900}')
     data = thesis.load(copied)
     brick = [

@@ -147,14 +147,6 @@ def test_the_same_seed_draws_the_same_table_whatever_the_global_generator_does(
     pd.testing.assert_frame_equal(undersample(windows, seed), first)
 
 
-def test_another_seed_draws_other_windows() -> None:
-    windows = pd.DataFrame(
-        [(0, k, min(k // 9, 7), "a", "b", "c") for k in range(300)],
-        columns=COLUMNS,
-    )
-    assert not undersample(windows, 0).equals(undersample(windows, 1))
-
-
 def test_a_class_without_a_window_is_named() -> None:
     windows = pd.DataFrame(
         [(0, k, k % 7, "a", "b", "c") for k in range(70)], columns=COLUMNS
