@@ -15,7 +15,7 @@ from dataclasses import replace
 from holdfast.cli.command import add_json_option, path_argument, positive, show_found
 from holdfast.cli.options import add_apart_option, printed_mm
 from holdfast.core.errors import UsageError
-from holdfast.sessions.onset import ACTIONS, WatchedTrial, read, write
+from holdfast.sessions.onset import ACTIONS, WatchedTrial, read_motion, write_label
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -71,11 +71,11 @@ def run(args: argparse.Namespace) -> int:
     """Find the onset, write it beside the trial, print it."""
     from holdfast.drivers.camera.onset import GROSS_MM, gross_distance_mm
 
-    held = [read(path, args.tag_mm) for path in args.no_slip]
+    held = [read_motion(path, args.tag_mm) for path in args.no_slip]
     gross_mm = args.gross_mm or (
         gross_distance_mm([trial.moved for trial in held]) if held else GROSS_MM
     )
-    trial = read(args.trial, args.tag_mm, args.apart_mm)
+    trial = read_motion(args.trial, args.tag_mm, args.apart_mm)
     trial = replace(
         trial,
         moved=trial.moved.between(
@@ -83,7 +83,7 @@ def run(args: argparse.Namespace) -> int:
         ),
     )
     require_above_shear(held, gross_mm)
-    label = write(trial, args.action, gross_mm, shear_known=bool(held))
+    label = write_label(trial, args.action, gross_mm, shear_known=bool(held))
     show_found(args, label.words, label.to_json())
     return 0
 

@@ -1,6 +1,6 @@
-"""The label of a slip that a camera saw: found in the motion, written beside the trial.
+"""The label of a slip that a camera saw: found in the object's motion, written beside the trial.
 
-The object's motion in the hand as a camera saw it, from a watched folder or stored frames.
+The motion in the hand is read from a watched folder, or from frames that are stored beside a trial.
 """
 
 from __future__ import annotations
@@ -8,7 +8,7 @@ from __future__ import annotations
 import csv
 import json
 import tempfile
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -39,18 +39,24 @@ if TYPE_CHECKING:
 
 
 OBJECT_TAG, HAND_TAG = 0, 1
+RISKY = (*RISKY_ACTIONS, "hold")
+ACTIONS = (*RISKY, *VOLUNTARY_ACTIONS)
+PROVENANCE = "camera"
 
 
 @dataclass(frozen=True)
 class WatchedTrial:
-    """A trial's path, the motion that the camera saw, start of its clock in the frames', s."""
+    """A trial, and the motion that the camera saw.
+
+    starts_s: when the trial's clock begins, on that of the frames.
+    """
 
     path: Path
     moved: Motion
     starts_s: float
 
 
-def read(
+def read_motion(
     path: Path, tag_mm: float | None = None, apart_mm: float | None = None
 ) -> WatchedTrial:
     """The object's motion in the hand, from a watched folder or frames beside a trial.
@@ -63,9 +69,8 @@ def read(
     from holdfast.drivers.camera.sources import read_frames
     from holdfast.live.running import say
 
-    frames = (
-        path if path.name.endswith(FRAMES_SUFFIX) else path.with_suffix(FRAMES_SUFFIX)
-    )
+    is_frames = path.name.endswith(FRAMES_SUFFIX)
+    frames = path if is_frames else path.with_suffix(FRAMES_SUFFIX)
     if not frames.exists():
         raise _no_frames(path, frames)
     with tempfile.TemporaryDirectory() as folder:
@@ -76,15 +81,23 @@ def read(
 
 def _no_frames(path: Path, frames: Path) -> DataNotFound:
     """The error for a trial without frames; it names the path that was given."""
-    there = path.exists() and path != frames
+    if path.exists() and path != frames:
+        return DataNotFound(
+            f"no frames beside this trial, {frames.name} is missing",
+            where=path,
+            next_step="film a trial with holdfast watch or holdfast record --camera",
+        )
     return DataNotFound(
-        f"no frames beside this trial, {frames.name} is missing"
-        if there
-        else "no such trial",
+        "no such trial",
         where=path,
-        next_step="film a trial with holdfast watch or holdfast record --camera"
-        if there
-        else "give a folder of holdfast watch or record, or trial_n.csv with trial_n.frames.npz",
+        next_step="give a folder of watch or record, or trial_n.csv with trial_n.frames.npz",
+    )
+
+
+def _with_place(error: LabelError, trial: Path) -> LabelError:
+    """The same error with the trial that it is about."""
+    return type(error)(
+        error.what, where=trial, cause=error.cause, next_step=error.next_step
     )
 
 
@@ -119,12 +132,9 @@ def watched(
             apart_mm or about.get("apart_mm"),
         )
     except LabelError as error:
-        raise type(error)(
-            error.what, where=trial, cause=error.cause, next_step=error.next_step
-        ) from None
-    return WatchedTrial(
-        trial, moved, 0.0 if about.get("clock") == "trial" else _starts_s(trial, moved)
-    )
+        raise _with_place(error, trial) from None
+    starts_s = 0.0 if about.get("clock") == "trial" else _starts_s(trial, moved)
+    return WatchedTrial(trial, moved, starts_s)
 
 
 def doubt(folder: Path) -> LabelError | None:
@@ -163,132 +173,94 @@ def _starts_s(folder: Path, moved: Motion) -> float:
     return starts_s
 
 
-RISKY = (*RISKY_ACTIONS, "hold")
-ACTIONS = (*RISKY, *VOLUNTARY_ACTIONS)
-PROVENANCE, BY = "camera", "holdfast onset"
-
-
-@dataclass(frozen=True)
-class CameraInterval:
-    """A phase as in trial_<n>.truth.json with more of the camera's times, s from the first sample.
-
-    seen_s: first frame beyond the noise. gross_s: the gross distance. start_sd_s, uncertainty_s:
-    of the start. frame_s: time between two frames.
-    """
-
-    t0_s: float
-    t1_s: float
-    onset_s: float
-    duration_s: float
-    label: str
-    provenance: str
-    by: str
-    seen_s: float
-    gross_s: float
-    start_sd_s: float
-    frame_s: float
-    uncertainty_s: float
-
-    @staticmethod
-    def of(slip: Slip, label: str, starts_s: float) -> CameraInterval:
-        """From a slip whose times count from another start, to microseconds."""
-        start_s = round(slip.start_s - starts_s, 6)
-        return CameraInterval(
-            t0_s=start_s,
-            t1_s=round(slip.end_s - starts_s, 6),
-            onset_s=start_s,
-            duration_s=round(slip.end_s - slip.start_s, 6),
-            label=label,
-            provenance=PROVENANCE,
-            by=BY,
-            seen_s=round(slip.seen_s - starts_s, 6),
-            gross_s=round(slip.gross_s - starts_s, 6),
-            start_sd_s=round(slip.start_sd_s, 6),
-            frame_s=round(slip.frame_s, 6),
-            uncertainty_s=round(slip.uncertainty_s, 6),
-        )
-
-
-@dataclass(frozen=True)
-class LabelBasis:
-    """What a label rests on. pad_shear: measured or not. hidden: span of a hidden tag, s, or None.
-
-    threshold_mm, sigma_mm: of the motion, beyond which it is no noise. frames_seen: with all tags.
-    """
-
-    gross_mm: float
-    pad_shear: str
-    hidden: dict[str, float] | None
-    threshold_mm: float
-    sigma_mm: float
-    mm_per_px: float
-    frames: int
-    frames_seen: int
-
-
 @dataclass(frozen=True)
 class WrittenLabel:
-    """A label in its file, and a sentence about it."""
+    """A label in its file, and a sentence about it.
+
+    phases: as in trial_<n>.truth.json with more of the camera's times, none without a slip. basis:
+    what the label rests on.
+    """
 
     words: str
     where: Path
-    intervals: list[CameraInterval]
-    basis: LabelBasis
+    phases: list[Json]
+    basis: Json
 
     def to_json(self) -> Json:
-        """With the intervals as phases."""
-        phases = [asdict(one) for one in self.intervals]
-        return {"written": str(self.where), "phases": phases, **asdict(self.basis)}
+        """As `holdfast onset --json` prints it."""
+        return {"written": str(self.where), "phases": self.phases, **self.basis}
 
 
-def write(
+def write_label(
     trial: WatchedTrial, action: str | None, gross_mm: float, *, shear_known: bool
 ) -> WrittenLabel:
-    """Find the slip and write its label beside the trial."""
+    """Find the slip and write its label beside the trial.
+
+    action: None for the name of the trial's folder. shear_known: the shear of the pads was
+    measured. Raises LabelError, UsageError, OutputError.
+    """
     from holdfast.drivers.camera.onset import Slip, find_slip
 
     try:
         found = find_slip(trial.moved, gross_mm)
     except LabelError as error:
-        raise LabelError(
-            error.what, where=trial.path, cause=error.cause, next_step=error.next_step
-        ) from None
-    slip = found if isinstance(found, Slip) else None
-    label = _label(action, trial.path) if slip else ""
-    intervals = [CameraInterval.of(slip, label, trial.starts_s)] if slip else []
-    gap = None if found is None or slip else _shifted(asdict(found), trial.starts_s)
-    write_labels = _write_events if trial.path.is_dir() else _write_beside
-    how = _how(trial, gross_mm, gap, shear_known=shear_known)
-    where = write_labels(trial.path, intervals, how)
-    if intervals:
-        words = _sentence(intervals[0], where)
-    elif gap:
-        span = f"{gap['from_s']:.3f} to {gap['to_s']:.3f} s"
-        words = (
-            f"no onset: a tag was hidden from {span} while the object moved; {where}"
-        )
+        raise _with_place(error, trial.path) from None
+    phases: list[Json] = []
+    hidden: Json | None = None
+    if isinstance(found, Slip):
+        phases.append(_phase(found, _label(action, trial.path), trial.starts_s))
+    elif found is not None:
+        hidden = {
+            "from_s": round(found.from_s - trial.starts_s, 6),
+            "to_s": round(found.to_s - trial.starts_s, 6),
+        }
+    basis = {
+        "gross_mm": gross_mm,
+        "pad_shear": "measured" if shear_known else "not measured",
+        "hidden": hidden,
+        "threshold_mm": round(trial.moved.threshold_mm, 4),
+        "sigma_mm": round(trial.moved.sigma_mm, 5),
+        "mm_per_px": round(trial.moved.mm_per_px, 5),
+        "frames": len(trial.moved.t_s),
+        "frames_seen": trial.moved.seen,
+    }
+    if trial.path.is_dir():
+        where = _write_events(trial.path, [phase | basis for phase in phases])
     else:
-        words = f"no onset: the object moved by less than {gross_mm:.2f} mm; {where}"
-    return WrittenLabel(words, where, intervals, how)
+        # trial_<n>.truth.json does not change: it is the truth of a simulated trial.
+        text = json.dumps({"phases": phases, **basis}, indent=1) + "\n"
+        where = write_whole(trial.path.with_suffix(ONSET_SUFFIX), text)
+    if phases:
+        words = _sentence(phases[0])
+    elif hidden:
+        span = f"{hidden['from_s']:.3f} to {hidden['to_s']:.3f} s"
+        words = f"no onset: a tag was hidden from {span} while the object moved"
+    else:
+        words = f"no onset: the object moved by less than {gross_mm:.2f} mm"
+    return WrittenLabel(f"{words}; {where}", where, phases, basis)
 
 
-def _how(
-    trial: WatchedTrial,
-    gross_mm: float,
-    gap: dict[str, float] | None,
-    *,
-    shear_known: bool,
-) -> LabelBasis:
-    return LabelBasis(
-        gross_mm=gross_mm,
-        pad_shear="measured" if shear_known else "not measured",
-        hidden=gap,
-        threshold_mm=round(trial.moved.threshold_mm, 4),
-        sigma_mm=round(trial.moved.sigma_mm, 5),
-        mm_per_px=round(trial.moved.mm_per_px, 5),
-        frames=len(trial.moved.t_s),
-        frames_seen=trial.moved.seen,
-    )
+def _phase(slip: Slip, label: str, starts_s: float) -> Json:
+    """A phase, s from the first sample, to microseconds.
+
+    seen_s: first frame beyond the noise. gross_s: the gross distance. start_sd_s, uncertainty_s: of
+    the start. frame_s: time between two frames.
+    """
+    start_s = round(slip.start_s - starts_s, 6)
+    return {
+        "t0_s": start_s,
+        "t1_s": round(slip.end_s - starts_s, 6),
+        "onset_s": start_s,
+        "duration_s": round(slip.end_s - slip.start_s, 6),
+        "label": label,
+        "provenance": PROVENANCE,
+        "by": "holdfast onset",
+        "seen_s": round(slip.seen_s - starts_s, 6),
+        "gross_s": round(slip.gross_s - starts_s, 6),
+        "start_sd_s": round(slip.start_sd_s, 6),
+        "frame_s": round(slip.frame_s, 6),
+        "uncertainty_s": round(slip.uncertainty_s, 6),
+    }
 
 
 def _label(action: str | None, path: Path) -> str:
@@ -302,42 +274,23 @@ def _label(action: str | None, path: Path) -> str:
     return "risky_slip" if action in RISKY else "safe_slip"
 
 
-def _shifted(times: dict[str, float], starts_s: float) -> dict[str, float]:
-    return {name: round(value - starts_s, 6) for name, value in times.items()}
-
-
-def _write_beside(
-    trial: Path, intervals: list[CameraInterval], how: LabelBasis
-) -> Path:
-    """Write trial_n.onset.json with phases as in trial_n.truth.json, which does not change."""
-    content = {"phases": [asdict(one) for one in intervals], **asdict(how)}
-    return write_whole(
-        trial.with_suffix(ONSET_SUFFIX), json.dumps(content, indent=1) + "\n"
-    )
-
-
-def _write_events(
-    folder: Path, intervals: list[CameraInterval], how: LabelBasis
-) -> Path:
-    """Write a line for each interval to events.jsonl; earlier lines of a camera are replaced."""
+def _write_events(folder: Path, phases: list[Json]) -> Path:
+    """Write a line for each phase to events.jsonl; earlier lines of a camera are replaced."""
     path = folder / EVENTS
-    kept = [
-        json.dumps(event)
-        for event in read_events(path)
-        if event.get("provenance") != PROVENANCE
-    ]
-    lines = [*kept, *(json.dumps(asdict(one) | asdict(how)) for one in intervals)]
-    written = write_whole(path, "".join(f"{line}\n" for line in lines))
+    events = [one for one in read_events(path) if one.get("provenance") != PROVENANCE]
+    lines = [f"{json.dumps(event)}\n" for event in (*events, *phases)]
+    write_whole(path, "".join(lines))
     if (folder / TRUTH).exists():
         from holdfast.sessions.recorder.labels import relabel
 
         relabel(folder)
-    return written
+    return path
 
 
-def _sentence(of: CameraInterval, where: Path) -> str:
-    seen_ms, gross_ms = 1e3 * (of.seen_s - of.t0_s), 1e3 * (of.gross_s - of.t0_s)
+def _sentence(phase: Json) -> str:
+    seen_ms = 1e3 * (phase["seen_s"] - phase["t0_s"])
+    gross_ms = 1e3 * (phase["gross_s"] - phase["t0_s"])
     return (
-        f"{of.label} from {of.t0_s:.4f} s (sd {1e3 * of.uncertainty_s:.1f} ms); "
-        f"beyond noise {seen_ms:.0f} ms later, gross {gross_ms:.0f} ms later; {where}"
+        f"{phase['label']} from {phase['t0_s']:.4f} s (sd {1e3 * phase['uncertainty_s']:.1f} ms); "
+        f"beyond noise {seen_ms:.0f} ms later, gross {gross_ms:.0f} ms later"
     )
