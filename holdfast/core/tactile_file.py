@@ -4,13 +4,12 @@
 
 Every line is one write to the system, so a killed program loses at most the sample that it was
 writing. Once a second of sample time, a thread syncs the file to the disk: a slow card delays no
-sample, and a power cut costs about that second. `mend` moves a torn last line to another file, and
-nothing else. An edited header, rows with another number of cells, or text among the samples are
-damage of another kind: such a file is refused unchanged, for a person to correct.
+sample, and a power cut costs about that second.
 
-Repair of a line file that a kill or a power cut has torn: its end moves to `<file>.torn`.
-
-A killed program leaves a part of a line; a power cut may leave zeros behind it. Nothing is deleted.
+A killed program leaves a part of a line; a power cut may leave zeros behind it. `mend` moves that
+end to `<file>.torn`, and nothing is deleted. An edited header, rows with another number of cells,
+or text among the samples are damage of another kind: such a file is refused unchanged, for a person
+to correct.
 """
 
 from __future__ import annotations
@@ -32,11 +31,9 @@ TORN = ".torn"
 
 @dataclass(frozen=True)
 class MendResult:
-    """The result of a repair.
+    """The result of a repair: whole lines of data, and the bytes of the torn end.
 
-    Whole lines of data, bytes of the torn end, and the file that has them.
-
-    torn is None where nothing was torn.
+    torn: the file that has them, None where nothing was torn.
     """
 
     rows: int
@@ -53,11 +50,14 @@ def mend_lines(path: Path, is_whole: Callable[[bytes], bool]) -> MendResult:
     data = read_damaged(path)
     text = data.rstrip(b"\0")
     begin = text.rfind(b"\n") + 1
-    kept_bytes = len(text) if begin == len(text) or is_whole(text[begin:]) else begin
-    lines = [line for line in text[:kept_bytes].split(b"\n") if line.strip()]
-    return MendResult(
-        len(lines), len(data) - kept_bytes, move_aside(path, data, kept_bytes)
-    )
+    kept_bytes = len(text) if is_whole(text[begin:]) else begin
+    rows = _count_lines(text[:kept_bytes])
+    return MendResult(rows, len(data) - kept_bytes, move_aside(path, data, kept_bytes))
+
+
+def _count_lines(data: bytes) -> int:
+    """Lines with something in them."""
+    return sum(1 for line in data.split(b"\n") if line.strip())
 
 
 def move_aside(path: Path, data: bytes, kept_bytes: int) -> Path | None:
@@ -81,10 +81,7 @@ def move_aside(path: Path, data: bytes, kept_bytes: int) -> Path | None:
 
 
 def read_damaged(path: Path) -> bytes:
-    """A file's bytes.
-
-    Raises EmptyRecording without the file, OutputError where it cannot be read.
-    """
+    """A file's bytes. Raises EmptyRecording without it, OutputError where it cannot be read."""
     try:
         return path.read_bytes()
     except FileNotFoundError:
@@ -152,13 +149,11 @@ class TactileFile:
         if not self.rows:
             self._first_ns = self._synced_ns = t_ns
         time_ns = t_ns - self._first_ns
-        cells = [
-            f"{time_ns // 10**9}.{time_ns % 10**9:09d}",
-            *map(repr, values.tolist()),
-            str(host_ns),
-            str(sequence),
-        ]
-        self._append(",".join([*cells, *("1" if one else "0" for one in valid)]))
+        cells = [f"{time_ns // 10**9}.{time_ns % 10**9:09d}"]
+        cells += map(repr, values.tolist())
+        cells += [str(host_ns), str(sequence)]
+        cells += ["1" if one else "0" for one in valid]
+        self._append(",".join(cells))
         self.rows += 1
         if t_ns - self._synced_ns >= SYNC_EVERY_NS:
             self._synced_ns = t_ns
@@ -198,8 +193,9 @@ class TactileFile:
 
 def header_line(n_sensors: int) -> str:
     """The first line of a file with this many sensors, without its newline."""
-    head = [TIME_COLUMN, *channel_names(n_sensors), "host_ns", "sequence"]
-    return ",".join([*head, *(f"valid{k}" for k in range(1, n_sensors + 1))])
+    valid = [f"valid{k}" for k in range(1, n_sensors + 1)]
+    columns = [TIME_COLUMN, *channel_names(n_sensors), "host_ns", "sequence", *valid]
+    return ",".join(columns)
 
 
 class _Sync:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import csv
 import math
+import re
 import warnings
 from collections import Counter
 from dataclasses import dataclass
@@ -29,6 +30,7 @@ from holdfast.core.errors import (
 from holdfast.core.reading import require_file, require_lines
 
 TIME_COLUMN = "Time"
+_CHANNEL = re.compile("[XYZ][0-9]{1,3}")
 RECORDER_COLUMNS = ("host_ns", "device_us", "sequence")
 MIN_ROWS = 2
 GAP_STEPS = 5.0
@@ -85,10 +87,9 @@ def trial_of(header: list[str], table: FloatArray, path: Path) -> Trial:
     t_s = _check_time(table[:, 0], path, gaps_counted=counted is not None)
     raw = table[:, 1 : 1 + 3 * n_sensors]
     trial = Trial(path, t_s, raw, _valid(table, header, n_sensors))
-    return _with_lost_rows(
-        trial,
-        places_by_time(t_s) if counted is None else _places_by_sequence(counted, path),
-    )
+    if counted is None:
+        return _with_lost_rows(trial, places_by_time(t_s))
+    return _with_lost_rows(trial, _places_by_sequence(counted, path))
 
 
 def places_by_time(t_s: FloatArray) -> IntArray:
@@ -101,11 +102,8 @@ def places_by_time(t_s: FloatArray) -> IntArray:
 
 def _places_by_sequence(counted: FloatArray, path: Path) -> IntArray:
     """[T] the same from the column `sequence`, which counts every lost sample. Raises TimeError."""
-    if (
-        not (np.abs(counted) < LATEST_S).all()
-        or (np.diff(counted) < 1.0).any()
-        or (counted % 1.0 != 0.0).any()
-    ):
+    finite = (np.abs(counted) < LATEST_S).all()
+    if not finite or (np.diff(counted) < 1.0).any() or (counted % 1.0).any():
         raise TimeError(
             "the column sequence does not count up",
             where=path,
@@ -113,9 +111,10 @@ def _places_by_sequence(counted: FloatArray, path: Path) -> IntArray:
             next_step="record again",
         )
     place: IntArray = (counted - counted[0]).astype(np.int64)
-    if place[-1] + 1 > MOST_LOST * len(place):
+    total = place[-1] + 1
+    if total > MOST_LOST * len(place):
         raise TimeError(
-            f"{place[-1] + 1 - len(place)} of {place[-1] + 1} samples were lost",
+            f"{total - len(place)} of {total} samples were lost",
             where=path,
             cause="the machine is too slow for this rate, or it was suspended",
             next_step="record again, at a lower rate",
@@ -166,56 +165,33 @@ def _header(path: Path) -> list[str]:
 
 def check_columns(header: list[str], path: Path) -> int:
     """Number of sensors, or a ColumnError that names the columns."""
+    n_sensors = 0
+    for name in header:
+        if _CHANNEL.fullmatch(name):
+            n_sensors = max(n_sensors, int(name[1:]))
+    expected = channel_names(n_sensors)
+    valid = [f"valid{k}" for k in range(1, n_sensors + 1)]
+    known = {TIME_COLUMN, *expected, *RECORDER_COLUMNS, *valid}
+    there = set(header)
+    missing = [
+        name for name in expected or ("X1", "Y1", "Z1", "..") if name not in there
+    ]
+    doubled = sorted(name for name, count in Counter(header).items() if count > 1)
+    unknown = [name for name in header if name not in known]
     fix = "the layout is Time,X1,Y1,Z1,X2,.. with three columns a sensor"
     if header[0] != TIME_COLUMN:
-        raise ColumnError(
-            f"the first column is {header[0]!r:.40}, not {TIME_COLUMN!r}",
-            where=path,
-            next_step=fix,
-        )
-    doubled = sorted(name for name, count in Counter(header).items() if count > 1)
-    if doubled:
-        raise ColumnError(
-            f"columns occur twice: {listed(doubled)}", where=path, next_step=fix
-        )
-    n_sensors = max((int(name[1:]) for name in header if _is_channel(name)), default=0)
-    expected = channel_names(n_sensors)
-    there = set(header)
-    missing = (
-        [name for name in expected if name not in there]
-        if n_sensors
-        else ["X1", "Y1", "Z1", ".."]
-    )
-    if missing:
-        raise ColumnError(
-            f"columns missing: {listed(missing)}", where=path, next_step=fix
-        )
-    known = {
-        TIME_COLUMN,
-        *expected,
-        *RECORDER_COLUMNS,
-        *(f"valid{k}" for k in range(1, n_sensors + 1)),
-    }
-    unknown = [name for name in header if name not in known]
-    if unknown:
-        raise ColumnError(
-            f"unknown columns: {listed(unknown)}",
-            where=path,
-            next_step=f"remove them; {fix}",
-        )
-    if tuple(header[1 : 1 + len(expected)]) != expected:
-        raise ColumnError("channels are out of order", where=path, next_step=fix)
-    return n_sensors
-
-
-def _is_channel(name: str) -> bool:
-    return (
-        len(name) > 1
-        and name[0] in "XYZ"
-        and name[1:].isdecimal()
-        and name[1:].isascii()
-        and len(name) < 5
-    )
+        what = f"the first column is {header[0]!r:.40}, not {TIME_COLUMN!r}"
+    elif doubled:
+        what = f"columns occur twice: {listed(doubled)}"
+    elif missing:
+        what = f"columns missing: {listed(missing)}"
+    elif unknown:
+        what, fix = f"unknown columns: {listed(unknown)}", f"remove them; {fix}"
+    elif tuple(header[1 : 1 + len(expected)]) != expected:
+        what = "channels are out of order"
+    else:
+        return n_sensors
+    raise ColumnError(what, where=path, next_step=fix)
 
 
 def _table(path: Path, header: list[str]) -> FloatArray:
@@ -250,35 +226,40 @@ def require_rows(table: FloatArray, path: Path) -> None:
 
 
 def _first_bad_cell(path: Path, header: list[str]) -> NotANumber | ColumnError:
+    """The error for a table that numpy does not read: the first cell that is no number."""
     unreadable = NotANumber(
         "the table cannot be read", where=path, next_step="write plain decimal numbers"
     )
-    try:
-        return _bad_cell(path, header) or unreadable
-    except csv.Error:
-        return unreadable
-
-
-def _bad_cell(path: Path, header: list[str]) -> NotANumber | ColumnError | None:
     with path.open(newline="", encoding="utf-8-sig", errors="replace") as lines:
-        rows = csv.reader(lines)
-        next(rows, None)
-        for number, row in enumerate(rows, start=2):
-            if row and len(row) != len(header):
-                return ColumnError(
-                    f"line {number} has {len(row)} cells, the header has {len(header)}",
-                    where=path,
-                    cause="the line was cut off while it was written",
-                    next_step="remove that line",
-                )
-            for name, cell in zip(header, row, strict=False):
-                if not _is_number(cell):
-                    return NotANumber(
-                        f"line {number}, column {name}: {cell!r:.40} is not a number",
-                        where=path,
-                        cause="text or an empty cell in the data",
-                        next_step="write nan for a value that was lost",
-                    )
+        try:
+            # the first row is the header
+            for number, row in enumerate(csv.reader(lines), start=1):
+                error = _bad_cell(row, number, header, path) if number > 1 else None
+                if error is not None:
+                    return error
+        except csv.Error:
+            return unreadable
+    return unreadable
+
+
+def _bad_cell(
+    row: list[str], number: int, header: list[str], path: Path
+) -> NotANumber | ColumnError | None:
+    if row and len(row) != len(header):
+        return ColumnError(
+            f"line {number} has {len(row)} cells, the header has {len(header)}",
+            where=path,
+            cause="the line was cut off while it was written",
+            next_step="remove that line",
+        )
+    for name, cell in zip(header, row, strict=False):
+        if not _is_number(cell):
+            return NotANumber(
+                f"line {number}, column {name}: {cell!r:.40} is not a number",
+                where=path,
+                cause="text or an empty cell in the data",
+                next_step="write nan for a value that was lost",
+            )
     return None
 
 
@@ -293,23 +274,19 @@ def _is_number(cell: str) -> bool:
 def _check_time(
     time_s: FloatArray, path: Path, *, gaps_counted: bool = False
 ) -> FloatArray:
-    """Time from zero, or a TimeError that names the line."""
-    plausible = np.abs(time_s) < LATEST_S
-    if not plausible.all():
-        line = int(np.flatnonzero(~plausible)[0]) + 2
+    """Time from zero, or a TimeError that names the line. The first sample is on line 2."""
+    impossible = np.flatnonzero(~(np.abs(time_s) < LATEST_S))
+    if len(impossible):
         raise TimeError(
-            f"line {line}: time is not finite, or impossibly large",
+            f"line {impossible[0] + 2}: time is not finite, or impossibly large",
             where=path,
             next_step="remove that line",
         )
     steps = np.diff(time_s)
-    if np.any(steps <= 0.0):
-        at = int(np.flatnonzero(steps <= 0.0)[0])
-        word = (
-            "stands still"
-            if steps[at] == 0.0
-            else f"runs backwards by {-steps[at]:.6g} s"
-        )
+    backwards = np.flatnonzero(steps <= 0.0)
+    if len(backwards):
+        at = backwards[0]
+        word = f"runs backwards by {-steps[at]:.6g} s" if steps[at] else "stands still"
         raise TimeError(
             f"line {at + 3}: time {word}",
             where=path,
@@ -317,25 +294,26 @@ def _check_time(
             next_step="split the file there",
         )
     median = float(np.median(steps))
-    if steps.max() > GAP_STEPS * median and not gaps_counted:
-        at = int(np.argmax(steps))
+    at = np.argmax(steps)
+    if steps[at] > GAP_STEPS * median and not gaps_counted:
         raise TimeError(
             f"line {at + 3}: a gap of {steps[at]:.6g} s where {median:.6g} s is usual",
             where=path,
             cause="samples were lost",
             next_step="split the file there, or fill lost rows with nan at the usual step",
         )
-    if not math.isfinite(1.0 / median) or time_s[-1] - time_s[0] > LONGEST_S:
+    from_zero: FloatArray = time_s - time_s[0]
+    if not math.isfinite(1.0 / median) or from_zero[-1] > LONGEST_S:
         raise TimeError(
-            f"{time_s[-1] - time_s[0]:.4g} s in steps of {median:.4g} s",
+            f"{from_zero[-1]:.4g} s in steps of {median:.4g} s",
             where=path,
             next_step="give the column Time in seconds",
         )
-    from_zero: FloatArray = time_s - time_s[0]
     return from_zero
 
 
 def _valid(table: FloatArray, header: list[str], n_sensors: int) -> BoolArray:
+    """[T, S] from the columns valid1 .. validn; a sensor without one is valid."""
     valid = np.ones((len(table), n_sensors), dtype=np.bool_)
     column = {name: index for index, name in enumerate(header)}
     for k in range(n_sensors):

@@ -102,6 +102,7 @@ TENSOR: Schema = {
     8: Field("name"),
     9: Field("raw_data"),
 }
+ATTRIBUTE: Schema = {3: Field("i", wire=VARINT), 4: Field("s")}
 NODE: Schema = {
     1: Field("input", True),
     2: Field("output", True),
@@ -314,13 +315,13 @@ def _attribute(data: memoryview) -> tuple[str, Any]:
         raise ValueError(
             f"an attribute has a type ({kind}) that holdfast export never writes"
         )
+    reader = Reader()
     if kind == INT:
-        message = Reader().message(value, {3: Field("i", wire=VARINT)})
-        number = _only(message, "i")
+        number = _only(reader.message(value, ATTRIBUTE), "i")
         # protobuf writes a negative int64 as its two's complement
         return _text(name), number - (1 << 64) if number >> 63 else number
     if kind == STRING:
-        return _text(name), bytes(_only(Reader().message(value, {4: Field("s")}), "s"))
+        return _text(name), bytes(_only(reader.message(value, ATTRIBUTE), "s"))
     return _text(name), bytes(value)
 
 
