@@ -109,7 +109,11 @@ def test_one_altered_byte_anywhere_is_refused(
 ) -> None:
     altered = bytearray(content(eight_classes.model))
     altered[int(place * len(altered))] ^= flip
-    assert_refused_unread(tmp_path_factory, bytes(altered))
+    path = tmp_path_factory.getbasetemp() / "altered.onnx"
+    path.write_bytes(bytes(altered))
+    # on the bytes alone, before a parser sees them
+    with pytest.raises((BrokenSeal, NotAModel)):
+        read_sealed(path)
 
 
 @pytest.mark.parametrize("digit", [0, 1, 31, 62, 63])
@@ -130,23 +134,14 @@ def test_one_altered_digit_of_the_seal_is_refused(
     )
 
 
-@given(share=st.floats(0.0, 1.0, exclude_max=True))
-@settings(max_examples=100)
 def test_a_file_cut_short_anywhere_is_refused(
-    eight_classes: Built, tmp_path_factory: pytest.TempPathFactory, share: float
-) -> None:
-    data = content(eight_classes.model)
-    assert_refused_unread(tmp_path_factory, data[: int(share * len(data))])
-
-
-def test_so_is_one_cut_short_within_its_first_or_last_bytes(
     eight_classes: Built, tmp_path: Path
 ) -> None:
     data = content(eight_classes.model)
-    for length in [*range(70), *range(len(data) - 100, len(data))]:
-        assert isinstance(
-            refused(tmp_path / "m.onnx", data[:length]), BrokenSeal | NotAModel
-        )
+    ends = [*range(70), *range(len(data) - 100, len(data))]
+    for length in [*ends, *range(70, len(data), len(data) // 40)]:
+        error = refused(tmp_path / "m.onnx", data[:length])
+        assert isinstance(error, BrokenSeal | NotAModel)
     assert isinstance(refused(tmp_path / "m.onnx", data[: len(data) // 2]), BrokenSeal)
 
 
@@ -159,16 +154,6 @@ def test_so_is_one_with_something_after_its_end(
     assert isinstance(
         refused(tmp_path / "m.onnx", content(eight_classes.model) + more), BrokenSeal
     )
-
-
-def assert_refused_unread(
-    tmp_path_factory: pytest.TempPathFactory, data: bytes
-) -> None:
-    """Refused on the bytes alone, before a parser sees them."""
-    path = tmp_path_factory.getbasetemp() / "altered.onnx"
-    path.write_bytes(data)
-    with pytest.raises((BrokenSeal, NotAModel)):
-        read_sealed(path)
 
 
 class Trap:
@@ -384,18 +369,14 @@ def test_a_file_whose_seal_holds_is_still_no_model_if_it(
     assert isinstance(error, NotAModel | GoldenMismatch)
 
 
-def test_golden_input_is_the_same_numbers_every_time_and_holds_every_kind_of_fault() -> (
-    None
-):
+def test_golden_input_is_exact_and_holds_every_kind_of_fault() -> None:
     values, valid = golden_input(18, "N", 26)
-    again, _ = golden_input(18, "N", 26)
-    assert values.tobytes() == again.tobytes()
+    finite = values[np.isfinite(values)]
     assert np.isnan(values).any()
     assert np.isinf(values).any()
-    assert (np.abs(values[np.isfinite(values)]) > 1e6).any()
+    assert (np.abs(finite) > 1e6).any()
     assert not valid.all()
     # exact on any machine: whole multiples of 1/64
-    finite = values[np.isfinite(values)]
     np.testing.assert_array_equal(finite * 64.0, np.round(finite * 64.0))
 
 
@@ -443,13 +424,6 @@ def test_the_card_lists_everything_a_consumer_needs(eight_classes: Built) -> Non
     assert re.fullmatch(r"[0-9a-f]{64}", training["data_sha256"])
     assert len(training["recordings"]) == len(eight_classes.data.recordings)
     assert training["caveat"] == eight_classes.data.caveat
-
-
-def test_two_exports_of_one_artifact_are_the_same_bytes(
-    eight_classes: Built, tmp_path: Path
-) -> None:
-    once, _ = export_artifact(eight_classes.artifact, tmp_path / "once.onnx")
-    assert once.read_bytes() == content(eight_classes.model)
 
 
 def test_an_artifact_read_and_written_again_exports_to_the_same_bytes(
