@@ -40,7 +40,10 @@ def test_set(style: str, folder: Path) -> DataSet:
 
 def _adapt_card(style: str) -> str:
     """The shipped card with the style's way of handing over."""
-    text, own = (SCENES / "adapt.toml").read_text("utf-8"), OTHER_CARDS / f"{style}.toml"
+    text, own = (
+        (SCENES / "adapt.toml").read_text("utf-8"),
+        OTHER_CARDS / f"{style}.toml",
+    )
     if not own.exists():
         return re.sub(r'(action = "\w[\w-]*"\n)', rf'\1style = "{style}"\n', text)
     row = OWN_ROW.search(own.read_text("utf-8"))

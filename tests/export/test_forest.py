@@ -24,7 +24,7 @@ from holdfast.core.errors import NotANumber, VerificationFailed
 from holdfast.edge_runtime.graph import open_session
 from holdfast.export.exporting import export_artifact, whole_graph
 from holdfast.export.heads import Calibration, Head, riskier_argmax, situation_votes
-from holdfast.export.learner import Forest, leaf_votes, reference_votes, vote_bits
+from holdfast.export.learner import Forest, reference_votes, vote_bits
 from holdfast.export.spec import StepSpec
 from holdfast.export.structure import edge_rows, threshold_rows
 from holdfast.export.verify import verify
@@ -166,32 +166,6 @@ def test_all_votes_together_are_exact_in_float32_and_no_finer_quantisation_would
     assert k == 16 or trees << (k + 1) >= 2**24
 
 
-@EXACT.mark
-@given(
-    seed=st.integers(0, 2**16),
-    trees=st.integers(1, 9),
-    depth=st.sampled_from([1, 2, 4, None]),
-    spare=st.booleans(),
-)
-@settings(max_examples=15)
-def test_every_leaf_sums_to_its_full_vote_and_is_its_tree_within_one(
-    seed: int, trees: int, depth: int | None, spare: bool
-) -> None:
-    rng = np.random.default_rng(seed)
-    x, y = rng.normal(size=(80, 3)), rng.integers(3, size=80)
-    forest = RandomForestClassifier(trees, max_depth=depth, random_state=seed).fit(x, y)
-    scale = 1 << vote_bits(trees)
-    for tree, votes in zip(
-        forest.estimators_, leaf_votes(forest, 3 + spare), strict=True
-    ):
-        assert (votes >= 0).all()
-        np.testing.assert_array_equal(votes.sum(axis=1), scale)
-        share = tree.tree_.value[:, 0, :] / tree.tree_.value[:, 0, :].sum(
-            axis=1, keepdims=True
-        )
-        assert np.abs(votes[:, :3] - share * scale).max() < 1.0
-
-
 @given(
     votes=st.lists(
         st.lists(st.integers(0, 5), min_size=4, max_size=4), min_size=1, max_size=20
@@ -223,29 +197,6 @@ def test_on_an_exact_tie_the_riskier_situation_wins_where_plain_predict_says_the
     assert len(set(got["votes"][0][list(present)])) == 1
     assert got["situation"][0] == max(present)
     assert forest.predict(row)[0] == min(present)
-
-
-@TIES.mark
-def test_a_tie_of_trees_that_disagree_goes_to_the_riskier_one_too() -> None:
-    """Two trees, each sure of another class; which one came first does not matter."""
-    rng = np.random.default_rng(0)
-    for seed in range(40):
-        x = rng.normal(size=(30, N_FEATURES)).astype(np.float32)
-        forest = RandomForestClassifier(2, random_state=seed).fit(
-            x, rng.integers(4, size=30)
-        )
-        rows = rng.normal(size=(200, N_FEATURES)).astype(np.float32)
-        votes = reference_votes(forest, rows, 4)
-        ties = (
-            np.sort(votes, axis=1)[:, -1] == np.sort(votes, axis=1)[:, -2]
-        ).nonzero()[0]
-        if len(ties):
-            break
-    labels = cut(whole_graph(SPEC, [head_of(forest, SITUATIONS)]), rows)["situation"]
-    np.testing.assert_array_equal(
-        labels[ties], [max(np.flatnonzero(v == v.max())) for v in votes[ties]]
-    )
-    assert (forest.predict(rows[ties]) < labels[ties]).all()
 
 
 def test_light_and_heavy_are_added_up_before_situations_are_compared() -> None:

@@ -320,14 +320,6 @@ def test_a_gap_of_20_ms_blinds_the_hand_while_it_lasts_a_longer_one_until_the_hi
         np.testing.assert_array_equal(unknown, expected)
 
 
-def test_a_fresh_hand_settles_when_its_half_second_of_history_is_its_own() -> None:
-    for rate_hz, samples in ((50.0, 26), (58.9, 30), (150.0, 76)):
-        spec = spec_of("now", rate_hz=rate_hz)
-        out = run_recording(session_of(spec), *clean(100), ["settled", "unknown"])
-        assert int(out["settled"].argmax()) + 1 == samples
-        np.testing.assert_array_equal(out["unknown"], ~out["settled"])
-
-
 @GAPS.mark
 def test_a_sensor_that_comes_back_after_a_long_gap_starts_its_filter_afresh() -> None:
     spec = spec_of(rate_hz=100.0)

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable
 
 from holdfast.edge_runtime.onnx_bytes import Node
-from holdfast.export.c.graph import FEATURES, INPUTS, Graph
+from holdfast.export.c.graph import FEATURES, INPUTS, Graph, refusal
 from holdfast.export.c.literals import Tables
 from holdfast.export.c.loops import write_loop
 from holdfast.export.c.memory import SCRATCH, Memory
@@ -22,7 +22,6 @@ from holdfast.export.c.moves import (
 )
 from holdfast.export.c.plan import Plan, Step, View, plan_of, views_of
 from holdfast.export.c.products import write_product
-from holdfast.export.c.shapes import refusal
 from holdfast.export.c.trees import write_trees
 from holdfast.export.c.whole import Whole, whole_types
 from holdfast.export.c.writer import Function, Names, Writer, function
