@@ -34,7 +34,8 @@ class Reply:
     acked: bool
 
 
-ACKED, NOT_ACKED = Reply(b"", acked=True), Reply(b"", acked=False)
+ACKED = Reply(b"", acked=True)
+NOT_ACKED = Reply(b"", acked=False)
 
 
 class Bus(Protocol):

@@ -76,7 +76,8 @@ def bias_of(values: FloatArray, unit: Unit) -> tuple[Bias, tuple[str, ...]]:
         )
     _check_bias_rows(values)
     masked = np.where(np.isfinite(values), values, np.nan)
-    middle, spread = np.nanmedian(masked, axis=0), np.nanstd(masked, axis=0)
+    middle = np.nanmedian(masked, axis=0)
+    spread = np.nanstd(masked, axis=0)
     reversed_ = middle[NORMAL_AXIS::3] < -NORMAL_FLOOR[unit]
     bias = Bias(middle, spread, len(values), unit, reversed_)
     return bias, _bias_warnings(masked, bias)
@@ -214,7 +215,8 @@ def rmse_shear(error_n: FloatArray) -> float:
 
 
 FORMAT = 1
-CALIBRATION, BIAS = "calibration", "bias"
+CALIBRATION = "calibration"
+BIAS = "bias"
 NEXT = {
     CALIBRATION: "write it again with holdfast calibrate PATH --out FILE",
     BIAS: "take the bias again (holdfast bias), with nothing touching the hand",
@@ -223,7 +225,8 @@ NEXT = {
 
 def write_calibration(path: str | Path, calibration: Calibration) -> Path:
     """As JSON with all digits; OutputError where that cannot be done."""
-    meta, rest = calibration.meta, calibration.rest_ut
+    meta = calibration.meta
+    rest = calibration.rest_ut
     content = {
         "format": FORMAT,
         "kind": CALIBRATION,
@@ -307,7 +310,8 @@ class _File:
     """A JSON object of the right format and kind; its values are checked when they are read."""
 
     def __init__(self, path: Path, kind: str) -> None:
-        self._path, self._kind = path, kind
+        self._path = path
+        self._kind = kind
         content = self._content()
         if not isinstance(content, dict):
             raise self.wrong(DataError, "not a JSON object")

@@ -43,11 +43,10 @@ from holdfast.drivers.tmag5273 import (
 )
 
 WAKE_S = 100e-6
-CONFIG, IDENTITY = (
-    REGISTERS["DEVICE_CONFIG_1"].address,
-    REGISTERS["I2C_ADDRESS"].address,
-)
-STATUS, DEVICE = REGISTERS["CONV_STATUS"], REGISTERS["DEVICE_STATUS"]
+CONFIG = REGISTERS["DEVICE_CONFIG_1"].address
+IDENTITY = REGISTERS["I2C_ADDRESS"].address
+STATUS = REGISTERS["CONV_STATUS"]
+DEVICE = REGISTERS["DEVICE_STATUS"]
 READ_BACK = 9
 """The configuration is in this many registers, from 0 on."""
 PACKETS_LOOKED_AT = 12
@@ -132,7 +131,8 @@ def _identity(bus: Bus, address: int, pause: Pause) -> bytes:
 
 def _version(identity: bytes) -> int | None:
     """1 or 2 for a TMAG5273, None for another chip."""
-    maker, version = int.from_bytes(identity[2:4], "little"), identity[1] & 3
+    maker = int.from_bytes(identity[2:4], "little")
+    version = identity[1] & 3
     return version if maker == MANUFACTURER_ID and version in RANGES_MT else None
 
 
@@ -253,7 +253,8 @@ class PacketCheck:
             return
         self._agreed = self._agreed + 1 if self._agreed and offset == self.offset else 1
         self._same = self._same + 1 if data[-1:] == self._last[-1:] else 1
-        self.offset, self._last = offset, data
+        self.offset = offset
+        self._last = data
         self._tested += 1
         self.trusted = self._agreed >= TEST_PACKETS
         self.absent = not self.trusted and self._same >= TEST_PACKETS
@@ -282,8 +283,10 @@ class FingerState:
     """One finger of a hand. setup: of its chip; with crc, the CRC of each packet is checked."""
 
     def __init__(self, finger: Finger, setup: Setup) -> None:
-        self.finger, self.setup = finger, setup
-        self.ready, self.version = False, 1
+        self.finger = finger
+        self.setup = setup
+        self.ready = False
+        self.version = 1
         self.known = False
         """A TMAG5273 has identified itself at this finger's place."""
         self.check = PacketCheck()
@@ -310,12 +313,18 @@ class FingerState:
 
     def begin(self, now_ns: int) -> None:
         """A bring-up begins."""
-        self.tried_ns, self.ready, self.nacks = now_ns, False, 0
+        self.tried_ns = now_ns
+        self.ready = False
+        self.nacks = 0
 
     def brought_up(self, version: int, now_ns: int) -> None:
         """The chip is ready; its earlier conversions do not count."""
-        self.ready, self.known, self.version = True, True, version
-        self._last, self._changed_ns, self._converts = b"", now_ns, False
+        self.ready = True
+        self.known = True
+        self.version = version
+        self._last = b""
+        self._changed_ns = now_ns
+        self._converts = False
         self._failures = self.check.failures
 
     def needs_bring_up(self, why: str) -> bool:
@@ -368,8 +377,10 @@ class FingerState:
         """
         if data != self._last:
             slept = self._missed and came_ns - self._changed_ns > STALE_NS
-            self._converts, self._missed = bool(self._last) and not slept, False
-            self._last, self._changed_ns = data, came_ns
+            self._converts = bool(self._last) and not slept
+            self._missed = False
+            self._last = data
+            self._changed_ns = came_ns
         if came_ns - self._changed_ns > STALE_NS:
             self._converts = False
             return "stale"

@@ -83,8 +83,11 @@ class Fingers:
         pause: Callable[[float], None],
         say: Callable[[str], None],
     ) -> None:
-        self._setup, self._crc = setup, crc
-        self._now_ns, self._pause, self._say = now_ns, pause, say
+        self._setup = setup
+        self._crc = crc
+        self._now_ns = now_ns
+        self._pause = pause
+        self._say = say
         chip_setup = replace(setup, crc=crc != "off")
         self._states = [FingerState(finger, chip_setup) for finger in fingers]
         self._planner = ScanPlanner(fingers)
@@ -286,7 +289,8 @@ class Fingers:
         raw: list[tuple[float, float, float]] = []
         why: list[str] = []
         for k, state in enumerate(self._states):
-            found, word = None, "mux"
+            found = None
+            word = "mux"
             if k not in scanned.unswitched:
                 found, word = state.judge(scanned.replies[k], came_ns)
             raw.append(NO_READING if found is None else found.raw)

@@ -17,34 +17,50 @@ from holdfast.core.errors import BusStuck, TransferFailed, UsageError
 from holdfast.drivers.bus import NOT_ACKED, Reply, Transfer
 from holdfast.drivers.usb import UsbBridge, require_bus_hz
 
-OUT_ENDPOINT, IN_ENDPOINT = 0x02, 0x81
-PACKET, STATUS_BYTES = 512, 2
+OUT_ENDPOINT = 0x02
+IN_ENDPOINT = 0x81
+PACKET = 512
+STATUS_BYTES = 2
 """Every packet that comes in begins with two bytes of modem status."""
 MOST_IN = PACKET - STATUS_BYTES - 4
 """A batch answers with one packet at most: a mark, the idle lines twice, the transfers' bytes."""
 EMPTY_READS = 100
 
-VENDOR_OUT, INTERFACE_A = 0x40, 1
-SIO_RESET, SIO_LATENCY, SIO_BITMODE = 0x00, 0x09, 0x0B
-RESET, PURGE_SENT, PURGE_ANSWERS = 0, 1, 2
+VENDOR_OUT = 0x40
+INTERFACE_A = 1
+SIO_RESET = 0x00
+SIO_LATENCY = 0x09
+SIO_BITMODE = 0x0B
+RESET = 0
+PURGE_SENT = 1
+PURGE_ANSWERS = 2
 """Discard what the host sent, or what waits for the host; the chip names the two the other way."""
 MPSSE_MODE = 0x0200
 LATENCY_MS = 1
 
-WRITE_BYTES, WRITE_BITS, READ_BYTES, READ_BITS = 0x11, 0x13, 0x20, 0x22
-SET_LOW_PINS, GET_LOW_PINS = 0x80, 0x81
+WRITE_BYTES = 0x11
+WRITE_BITS = 0x13
+READ_BYTES = 0x20
+READ_BITS = 0x22
+SET_LOW_PINS = 0x80
+GET_LOW_PINS = 0x81
 SETUP = bytes([0x8A, 0x97, 0x8C, 0x9E, 0x07, 0x00, 0x85])
 """60 MHz, no adaptive clock, three phases, AD0 .. AD2 drive only zeros, no loopback."""
-DIVIDER, FLUSH = 0x86, 0x87
-BAD_COMMANDS, REFUSED = (0xAA, 0xAB), 0xFA
+DIVIDER = 0x86
+FLUSH = 0x87
+BAD_COMMANDS = (0xAA, 0xAB)
+REFUSED = 0xFA
 """Invalid commands: the engine answers 0xFA and the command, which marks where an answer begins."""
 
-SCL, SDA, SDA_IN = 0x01, 0x02, 0x04
+SCL = 0x01
+SDA = 0x02
+SDA_IN = 0x04
 DRIVEN = SCL | SDA
 HOLD = 4
 """A pin write is repeated this often, for the hold times of START and STOP."""
 MASTER_HZ = 60e6
-SLOWEST_HZ, FASTEST_HZ = 10_000, 1_000_000
+SLOWEST_HZ = 10_000
+FASTEST_HZ = 1_000_000
 """Slower, a scan would outlast its USB reads; below 306 Hz the divider has no bits left."""
 
 
@@ -56,7 +72,8 @@ START = _pins(SCL | SDA) + _pins(SCL) + _pins(0, 1)
 STOP = _pins(0) + _pins(SCL) + _pins(SCL | SDA)
 RELEASE = _pins(SDA, 1)
 """SCL low, SDA released for the next talker."""
-ACK, NACK = bytes([WRITE_BITS, 0, 0x00]), bytes([WRITE_BITS, 0, 0xFF])
+ACK = bytes([WRITE_BITS, 0, 0x00])
+NACK = bytes([WRITE_BITS, 0, 0xFF])
 LOOK = bytes([GET_LOW_PINS])
 CLOCKS = (_pins(SDA) + _pins(SCL | SDA)) * 9
 SDA_PULSE = _pins(SDA) + _pins(0) + LOOK + _pins(SDA) + _pins(SCL | SDA)
@@ -70,12 +87,14 @@ class Ft232h(UsbBridge):
     SDA is not wired.
     """
 
-    name, ids = "ft232h", ((0x0403, 0x6014),)
+    name = "ft232h"
+    ids = ((0x0403, 0x6014),)
 
     def __init__(self, backend: Any, *, number: int = 0, bus_hz: int = 400_000) -> None:
         require_bus_hz(self.name, bus_hz, SLOWEST_HZ, FASTEST_HZ)
         self._divider = max(0, round(MASTER_HZ / (3 * bus_hz)) - 1)
-        self._turn, self._doubtful = 0, True
+        self._turn = 0
+        self._doubtful = True
         super().__init__(backend, number)
 
     def scan(self, transfers: Sequence[Transfer]) -> list[Reply]:
@@ -142,7 +161,8 @@ class Ft232h(UsbBridge):
                 where=self.name,
                 cause="a chip was interrupted in the middle of a byte",
             )
-        replies, at = [], 1
+        replies = []
+        at = 1
         for transfer in transfers:
             data_at = at + _acks(transfer)
             end = data_at + transfer.read
@@ -178,7 +198,8 @@ class Ft232h(UsbBridge):
 
     def _collect(self, expected: int) -> bytes:
         """Exactly so many bytes of answers, without the packets' status bytes."""
-        found, empty = b"", 0
+        found = b""
+        empty = 0
         while len(found) < expected:
             packet = self._port.read(IN_ENDPOINT, PACKET)
             if len(packet) < STATUS_BYTES:

@@ -53,8 +53,12 @@ class Hand:
         pause: Callable[[float], None],
         say: Callable[[str], None] = lambda line: None,
     ) -> None:
-        self.fingers, self.setup, self.crc = tuple(fingers), setup or Setup(), crc
-        self._open_bus, self._now_ns, self._say = open_bus, now_ns, say
+        self.fingers = tuple(fingers)
+        self.setup = setup or Setup()
+        self.crc = crc
+        self._open_bus = open_bus
+        self._now_ns = now_ns
+        self._say = say
         self._driven = Fingers(
             self.fingers, self.setup, crc, now_ns=now_ns, pause=pause, say=say
         )
@@ -96,7 +100,8 @@ class Hand:
             return self._no_reading(t_ns, "bridge")
         except DeviceError as error:  # gone, or taken by another program
             return self._give_up(t_ns, error)
-        self._failures, self._complaint = 0, ""
+        self._failures = 0
+        self._complaint = ""
         reading = self._driven.judge(t_ns, replies)
         self._driven.repair(bus, reading)
         self._report_changes(reading.why)
@@ -188,7 +193,8 @@ class LiveHand:
     def __init__(
         self, hand: Hand, to_force: Callable[[FloatArray], FloatArray] | None = None
     ) -> None:
-        self._hand, self._to_force = hand, to_force
+        self._hand = hand
+        self._to_force = to_force
         self.unit: Unit = "uT" if to_force is None else "N"
         self.n_channels = 3 * len(hand.fingers)
         self.rate_hz: float | None = None

@@ -177,7 +177,8 @@ nothing, and none of them starts a reset.
 def answering(bus: Bus, addresses: Sequence[int]) -> list[int]:
     """Which addresses acknowledge a read; a sleeping sensor does so from the second read on."""
     transfers = [Transfer(address, b"", 1) for address in addresses]
-    first, second = bus.scan(transfers), bus.scan(transfers)
+    first = bus.scan(transfers)
+    second = bus.scan(transfers)
     return [a for k, a in enumerate(addresses) if first[k].acked or second[k].acked]
 
 

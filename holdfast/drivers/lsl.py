@@ -39,11 +39,9 @@ WAIT_PERIODS = 1.5
 MOST_WAITING = 2
 FORWARD_NS = 1_000_000
 """The correction may be wrong by so much: a stamp may lie that far in the future."""
-LOST, SKIPPED, NO_NUMBER = (
-    "no sample of the stream",
-    "samples were dropped",
-    "not a number",
-)
+LOST = "no sample of the stream"
+SKIPPED = "samples were dropped"
+NO_NUMBER = "not a number"
 DECISION = ("state", *(f"p_{name}" for name in SITUATIONS), "p_risky", "arm", "act")
 UNKNOWN_STATE = -1.0
 Pair = tuple[float, list[float]]
@@ -90,8 +88,12 @@ class LslSource:
         unit: Unit | None = None,
         rate_hz: float | None = None,
     ) -> None:
-        facts, where = inlet.facts, f"lsl://{inlet.facts.name}"
-        self._inlet, self._now_ns, self._say, self._where = inlet, now_ns, say, where
+        facts = inlet.facts
+        where = f"lsl://{inlet.facts.name}"
+        self._inlet = inlet
+        self._now_ns = now_ns
+        self._say = say
+        self._where = where
         self._order = order_of(() if facts.is_text else facts.labels, where)
         self.n_channels = len(self._order)
         self.unit: Unit = unit or unit_of(
@@ -103,7 +105,8 @@ class LslSource:
                 "its rate is irregular", where=where, next_step=f"{where}?rate_hz=150"
             )
         self.rate_hz: float | None = rate
-        self._wait_s, self._ended = WAIT_PERIODS / rate, False
+        self._wait_s = WAIT_PERIODS / rate
+        self._ended = False
         self._offset_ns = now_ns() - round(1e9 * inlet.clock_s())
         self._waiting: deque[Pair] = deque(inlet.pull(FIRST_S)[-1:])
         if not self._waiting:
@@ -143,7 +146,8 @@ class LslSource:
             return []
 
     def _reading(self, stamp_s: float, values: list[float]) -> SourceReading:
-        t_ns, now_ns = round(1e9 * stamp_s) + self._offset_ns, self._now_ns()
+        t_ns = round(1e9 * stamp_s) + self._offset_ns
+        now_ns = self._now_ns()
         t_ns = now_ns if now_ns < t_ns <= now_ns + FORWARD_NS else t_ns
         ordered: FloatArray = np.array(values, dtype=np.float64)[self._order]
         valid: BoolArray = np.logical_and.reduce(
@@ -168,7 +172,9 @@ class LslAnswers:
     """
 
     def __init__(self, samples: Outlet, decisions: Outlet, offset_ns: int) -> None:
-        self._samples, self._decisions, self._offset_ns = samples, decisions, offset_ns
+        self._samples = samples
+        self._decisions = decisions
+        self._offset_ns = offset_ns
 
     def write(
         self, prediction: Prediction, sample: Sample, reading: object = None
@@ -203,15 +209,14 @@ class LslIntent:
         self, inlet: Inlet, now_ns: Callable[[], int], say: Callable[[str], object]
     ) -> None:
         facts = inlet.facts
-        self._inlet, self._now_ns, self._say, self._is_text = (
-            inlet,
-            now_ns,
-            say,
-            facts.is_text,
-        )
+        self._inlet = inlet
+        self._now_ns = now_ns
+        self._say = say
+        self._is_text = facts.is_text
         self.n_envelopes = 0 if facts.is_text else len(facts.labels)
         self._offset_ns = now_ns() - round(1e9 * inlet.clock_s())
-        self._reader, self._ended = ItemReader(say), False
+        self._reader = ItemReader(say)
+        self._ended = False
 
     def came(self) -> list[Intent]:
         """What came; the newest stamp is not in the future."""

@@ -129,7 +129,8 @@ def open_answers(
 
 def _facts(info: Any) -> StreamFacts:
     none = [""] * info.channel_count()
-    labels, units = info.get_channel_labels() or none, info.get_channel_units() or none
+    labels = info.get_channel_labels() or none
+    units = info.get_channel_units() or none
     return StreamFacts(
         info.name(),
         info.channel_format() == pylsl.cf_string,

@@ -17,15 +17,27 @@ from holdfast.core.errors import BusStuck, TransferFailed
 from holdfast.drivers.bus import ACKED, NOT_ACKED, Reply, Transfer, require_short
 from holdfast.drivers.usb import UsbBridge, require_bus_hz
 
-HID_INTERFACE, OUT_ENDPOINT, IN_ENDPOINT, REPORT = 2, 0x03, 0x83, 64
-STATUS_SET, GET_DATA = 0x10, 0x40
-WRITE, READ, READ_AGAIN, WRITE_NO_STOP = 0x90, 0x91, 0x93, 0x94
+HID_INTERFACE = 2
+OUT_ENDPOINT = 0x03
+IN_ENDPOINT = 0x83
+REPORT = 64
+STATUS_SET = 0x10
+GET_DATA = 0x40
+WRITE = 0x90
+READ = 0x91
+READ_AGAIN = 0x93
+WRITE_NO_STOP = 0x94
 """READ_AGAIN begins with a repeated START."""
-CANCEL, SET_SPEED, SPEED_IS_SET = 0x10, 0x20, 0x20
+CANCEL = 0x10
+SET_SPEED = 0x20
+SPEED_IS_SET = 0x20
 STATE_AT, CONFUSED_AT, USED_AT, SCL_AT, SDA_AT = 8, 18, 21, 22, 23
 """Bytes of the reply to STATUS_SET; the data sheet does not name 18 and 21."""
 CONFUSED = 8
-IDLE, NACK, WRITTEN_NO_STOP, DATA_READY = 0x00, 0x25, 0x45, 0x55
+IDLE = 0x00
+NACK = 0x25
+WRITTEN_NO_STOP = 0x45
+DATA_READY = 0x55
 WORKING = frozenset(
     bytes.fromhex("10 11 15 16 20 21 22 24 40 41 42 43 50 51 53 54 60 61")
 )
@@ -33,7 +45,8 @@ WORKING = frozenset(
 MOST_BYTES = 60
 TIMEOUT_MS = 50
 """Of a report; its reply comes within a few ms, however long the I2C transfer takes."""
-SLOWEST_HZ, FASTEST_HZ = 47_000, 400_000
+SLOWEST_HZ = 47_000
+FASTEST_HZ = 400_000
 POLLS = 20
 """60 bytes at 47 kHz take 12 ms, a poll 2 to 3 ms."""
 CANCELS = 3
@@ -63,7 +76,9 @@ class Mcp2221(UsbBridge):
     Raises UsageError, DeviceNotFound, AccessDenied, DeviceLost, TransferFailed or BusStuck.
     """
 
-    name, ids, interface = "mcp2221", ((0x04D8, 0x00DD),), HID_INTERFACE
+    name = "mcp2221"
+    ids = ((0x04D8, 0x00DD),)
+    interface = HID_INTERFACE
 
     def __init__(self, backend: Any, *, number: int = 0, bus_hz: int = 400_000) -> None:
         require_bus_hz(self.name, bus_hz, SLOWEST_HZ, FASTEST_HZ)
@@ -122,7 +137,8 @@ class Mcp2221(UsbBridge):
         )
         for _ in range(POLLS):
             reply = self._ask(bytes([GET_DATA]))
-            state, count = reply[2], reply[3]
+            state = reply[2]
+            count = reply[3]
             if state == DATA_READY and reply[1] == 0:
                 return self._data(reply, count, transfer.read)
             if state == NACK:

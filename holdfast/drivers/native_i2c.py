@@ -62,7 +62,8 @@ class NativeI2C:
     def _carry(self, transfer: Transfer) -> Reply:
         """A write, a read, or both with a repeated START between; the read is the last message."""
         require_short(self.name, transfer, MOST_BYTES)
-        address, messages = transfer.address, []
+        address = transfer.address
+        messages = []
         if transfer.write or not transfer.read:
             messages.append(smbus2.i2c_msg.write(address, list(transfer.write)))
         if transfer.read:

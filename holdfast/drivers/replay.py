@@ -105,7 +105,8 @@ class PacedReplay:
     """A stream [T] as a live source. A late reader gets the newest row, as it would on a hand."""
 
     def __init__(self, replay: Replay, now_ns: Callable[[], int]) -> None:
-        self._replay, self._now_ns = replay, now_ns
+        self._replay = replay
+        self._now_ns = now_ns
         self._start_ns: int | None = None
         self.unit: Unit = replay.unit
         self.n_channels = replay.values.shape[1]

@@ -119,7 +119,8 @@ def _identified(bus: Bus, address: int, pause: Callable[[float], None]) -> BusDe
 
 def _health(bus: Bus, address: int) -> str:
     """What the status registers report as wrong."""
-    status, device = REGISTERS["CONV_STATUS"], REGISTERS["DEVICE_STATUS"]
+    status = REGISTERS["CONV_STATUS"]
+    device = REGISTERS["DEVICE_STATUS"]
     reads = [Transfer(address, bytes([one.address]), 1) for one in (device, status)]
     device_reply, status_reply = bus.scan(reads)
     if not (device_reply.acked and status_reply.acked):

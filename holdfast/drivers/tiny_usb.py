@@ -16,16 +16,22 @@ from holdfast.core.errors import BusStuck, TransferFailed
 from holdfast.drivers.bus import ACKED, NOT_ACKED, Reply, Transfer, require_short
 from holdfast.drivers.usb import Stalled, UsbBridge
 
-VENDOR_OUT, VENDOR_IN = 0x41, 0xC1
+VENDOR_OUT = 0x41
+VENDOR_IN = 0xC1
 """Vendor requests to the interface.
 
 In a class request, wIndex (the I2C address) would name an interface.
 """
-ECHO, SET_DELAY, GET_STATUS, I2C_IO = 0, 2, 3, 4
-BEGIN, END = 1, 2
+ECHO = 0
+SET_DELAY = 2
+GET_STATUS = 3
+I2C_IO = 4
+BEGIN = 1
+END = 2
 """Added to I2C_IO: START before the message, STOP after it."""
 FLAG_READ = 1
-STATUS_ACK, STATUS_NAK = 1, 2
+STATUS_ACK = 1
+STATUS_NAK = 2
 TIMEOUT_MS = 100
 """64 bytes take 12 ms at 50 kHz, and as long again on low-speed USB."""
 MOST_BYTES = 64
@@ -42,7 +48,8 @@ class TinyUsb(UsbBridge):
     TransferFailed.
     """
 
-    name, ids = "tiny-usb", ((0x0403, 0xC631), (0x1C40, 0x0534))
+    name = "tiny-usb"
+    ids = ((0x0403, 0xC631), (0x1C40, 0x0534))
 
     def __init__(self, backend: Any, *, number: int = 0, bus_hz: int = 0) -> None:
         self._seen: dict[int, None] = {}
@@ -129,7 +136,8 @@ class TinyUsb(UsbBridge):
 
     def _read(self, address: int, length: int, flags: int) -> Reply:
         """Read one message; its data count only if the status says so."""
-        data, failed = b"", None
+        data = b""
+        failed = None
         try:
             data = self._port.control_in(
                 VENDOR_IN, I2C_IO | flags, FLAG_READ, address, length, TIMEOUT_MS

@@ -153,9 +153,13 @@ REGISTERS: dict[str, Register] = {
         },
     ),
 }
-STANDBY, SLEEP, CONTINUOUS = 0, 1, 2
+STANDBY = 0
+SLEEP = 1
+CONTINUOUS = 2
 """DEVICE_CONFIG_2.OPERATING_MODE."""
-REGISTER_READS, BURST_16, BURST_8 = 0, 1, 2
+REGISTER_READS = 0
+BURST_16 = 1
+BURST_8 = 2
 """DEVICE_CONFIG_1.I2C_RD.
 
 Register reads, or packets without a register byte (16 or 8 bits an axis).

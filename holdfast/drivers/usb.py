@@ -70,7 +70,8 @@ class UsbPort:
         interface: int = 0,
         number: int = 0,
     ) -> None:
-        self.name, self.interface = name, interface
+        self.name = name
+        self.interface = interface
         found = find_usb(ids, backend)
         if number >= len(found):
             shown = [f"{vendor:04x}:{product:04x}" for vendor, product in ids]

@@ -81,7 +81,8 @@ class SlowMcp2221(VirtualMcp2221):
 
     def __init__(self, hand: VirtualHand, slow: int) -> None:
         self.queue: list[tuple[int, bytes]] = []
-        self.slow, self.late_ns = slow, 0
+        self.slow = slow
+        self.late_ns = 0
         super().__init__(hand)
 
     def write(self, endpoint: int, data: bytes) -> None:

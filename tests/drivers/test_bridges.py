@@ -44,10 +44,8 @@ def test_a_chip_is_identified_through_the_mux(make, kind):
 
 @every_bridge
 def test_a_register_that_was_written_reads_back(make, kind):
-    write, read = (
-        Transfer(B, bytes([THRESHOLD, 0x5A, 0xA5])),
-        Transfer(B, bytes([THRESHOLD]), 2),
-    )
+    write = Transfer(B, bytes([THRESHOLD, 0x5A, 0xA5]))
+    read = Transfer(B, bytes([THRESHOLD]), 2)
     assert make(kind).bus.scan([FIRST, write, read])[2] == Reply(
         b"\x5a\xa5", acked=True
     )
@@ -201,7 +199,8 @@ def test_a_scan_of_six_sensors_takes_this_much_traffic_and_time(
 ):
     bench = make(kind)
     bench.bus.scan(SIX)
-    traffic, begun_ns = bench.backend.traffic, bench.clock.now_ns()
+    traffic = bench.backend.traffic
+    begun_ns = bench.clock.now_ns()
     traffic.transfers = traffic.bytes_out = traffic.bytes_in = 0
     assert all(reply.acked for reply in bench.bus.scan(SIX))
     assert (traffic.transfers, traffic.bytes_out, traffic.bytes_in) == (
@@ -248,7 +247,8 @@ def scans(clock: VirtualClock) -> tuple[list[Reply], float]:
 
 def test_what_an_emulated_ft232h_takes_to_compute_is_part_of_what_its_wire_takes():
     clock = Computing()
-    (replies, lasts_s), (_, plain_s) = scans(clock), scans(VirtualClock())
+    (replies, lasts_s) = scans(clock)
+    (_, plain_s) = scans(VirtualClock())
     assert any(reply.acked for reply in replies)
     assert clock.looks > 300
     assert lasts_s - plain_s < 0.2 * 100e-9 * clock.looks
@@ -256,10 +256,8 @@ def test_what_an_emulated_ft232h_takes_to_compute_is_part_of_what_its_wire_takes
 
 def test_a_track_between_its_rows_is_a_line_to_the_last_bit_and_its_ends_hold():
     rng = np.random.default_rng(0)
-    t_s, field_ut_ = (
-        np.cumsum(rng.uniform(1e-4, 2e-3, 50)),
-        1e4 * rng.normal(size=(50, 6, 3)),
-    )
+    t_s = np.cumsum(rng.uniform(1e-4, 2e-3, 50))
+    field_ut_ = 1e4 * rng.normal(size=(50, 6, 3))
     track = Track(t_s, field_ut_)
     for now_s in (-1.0, *t_s, *rng.uniform(0.0, t_s[-1], 200), 9.0):
         result = [np.interp(now_s, t_s, field_ut_[:, 4, axis]) for axis in range(3)]

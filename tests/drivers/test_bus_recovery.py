@@ -221,7 +221,8 @@ class Halting(VirtualBackend):
         self._stop_if_halted(ep)
         return super().bulk_read(dev_handle, ep, intf, buff, timeout)
 
-    intr_write, intr_read = bulk_write, bulk_read
+    intr_write = bulk_write
+    intr_read = bulk_read
 
     def _stop_if_halted(self, ep: int) -> None:
         if ep in self.halted:

@@ -149,7 +149,8 @@ def test_a_recorded_folder_through_the_graph_gives_the_same_tracks_to_the_last_d
 
 
 def test_a_void_trial_watched_again_stays_void_and_gets_no_label(recorded, tmp_path):
-    void, again = shutil.copytree(recorded, tmp_path / "void"), tmp_path / "again"
+    void = shutil.copytree(recorded, tmp_path / "void")
+    again = tmp_path / "again"
     write_about(void, read_about(void) | {"void": "oak: frames stopped coming"})
     done = command("watch", "--camera", void, "--out", again)
     assert (done.returncode, "warning: " in done.stderr) == (0, True)

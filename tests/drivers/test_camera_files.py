@@ -35,7 +35,8 @@ from studies.doc_pictures.tags import sheet
 
 
 def spoil(path: Path, how: str) -> None:
-    stamps_s, frames = np.arange(1, 4) / FPS, np.zeros((3, 8, 8), dtype=np.uint8)
+    stamps_s = np.arange(1, 4) / FPS
+    frames = np.zeros((3, 8, 8), dtype=np.uint8)
     if how == "absent":
         return
     if how == "garbage":

@@ -108,10 +108,8 @@ def test_onset_writes_a_label_of_the_camera_s_beside_the_trial_and_leaves_its_tr
 
 
 def test_a_loaded_hold_has_no_onset_and_sets_the_gross_distance_above_its_shear(filmed):
-    held, pull = (
-        filmed / "basket-ball/hold/trial_1.csv",
-        filmed / "soft-ball/pull/trial_1.csv",
-    )
+    held = filmed / "basket-ball/hold/trial_1.csv"
+    pull = filmed / "soft-ball/pull/trial_1.csv"
     opens_s = json.loads(held.with_suffix(".truth.json").read_text("utf-8"))["phases"][
         -2
     ]["t0_s"]

@@ -79,7 +79,8 @@ def test_packets_are_believed_once_eight_different_ones_have_fitted():
 
 
 def test_the_same_packet_again_tests_nothing():
-    check, one = PacketCheck(), packets(0, 1)[0]
+    check = PacketCheck()
+    one = packets(0, 1)[0]
     assert not any(check.believes(ADDRESS, one) for _ in range(100))
     assert not check.trusted
 
@@ -101,7 +102,8 @@ def test_a_packet_of_the_chip_at_a_neighbouring_address_does_not_fit(bit):
 
 
 def test_after_one_packet_that_does_not_fit_two_in_a_row_must():
-    check, good = trusted(), packets(1, 4)
+    check = trusted()
+    good = packets(1, 4)
     assert not check.believes(ADDRESS, good[0][:-1] + b"\0")
     assert [check.believes(ADDRESS, one) for one in good] == [False, True, True, True]
 
@@ -120,10 +122,8 @@ def test_after_two_that_do_not_fit_the_test_begins_anew():
 @pytest.mark.parametrize("offset", [0x09, 0x2B, 0xFF])
 def test_a_chip_whose_crc_begins_with_another_seed_is_checked_all_the_same(offset):
     """TI E2E 1200004 and 1558871: off by the same bits in every packet."""
-    check, sent = (
-        PacketCheck(),
-        [one[:-1] + bytes([one[-1] ^ offset]) for one in packets(0, 20)],
-    )
+    check = PacketCheck()
+    sent = [one[:-1] + bytes([one[-1] ^ offset]) for one in packets(0, 20)]
     assert [check.believes(ADDRESS, one) for one in sent] == [False] * TEST_PACKETS + [
         True
     ] * 12
@@ -162,7 +162,8 @@ def test_two_chips_at_one_address_never_pass_the_test():
 
 def second_chip(bench: Bench, finger: int, version: int = 1) -> Chip:
     """Another chip of the same version at a finger's address, behind the same channel."""
-    virtual, first = bench.virtual, bench.virtual.chips[finger - 1]
+    virtual = bench.virtual
+    first = bench.virtual.chips[finger - 1]
     other = Chip(
         finger,
         first.factory_address,
@@ -208,7 +209,8 @@ def test_the_crc_option_decides_whether_a_chip_without_a_crc_is_read_unchecked_o
 
     burst = Chip._burst
     monkeypatch.setattr(Chip, "_burst", without_crc)
-    auto, off = started(), started(crc="off")
+    auto = started()
+    off = started(crc="off")
     assert auto.messages == [
         f"finger {k}: sends no CRC, its readings are unchecked (crc=auto)"
         for k in range(1, 7)
@@ -269,7 +271,9 @@ def _counted(bench: OnTheBoard, scans: int) -> tuple[int, int]:
     recent = remember(bench)
     bench.hand.start()
     scale = 1e3 / 32768.0 * bench.hand.setup.range_mt(1)
-    start_ns, wrong, valid = bench.clock.now_ns(), 0, 0
+    start_ns = bench.clock.now_ns()
+    wrong = 0
+    valid = 0
     for k in range(scans):
         bench.clock.wait_until(start_ns + k * PERIOD_NS)
         reading = bench.hand.read()

@@ -65,7 +65,8 @@ def test_a_pwm_driver_is_taken_for_no_mux_wherever_its_pointer_is(
     chip = Pca9685(address)
     bench, before = with_chips(chip)
     bench.virtual.wire.targets.remove(bench.virtual.mux)
-    chip.pointer, chip.increments = pointer, increments
+    chip.pointer = pointer
+    chip.increments = increments
     assert [one.kind for one in scan(bench)] == ["unknown"] * 2
     assert [chip.state] == before
 
@@ -167,10 +168,8 @@ def test_sensors_that_were_moved_are_found_at_their_new_addresses_scan_after_sca
 @WIRING.mark
 def test_every_mux_is_looked_behind_and_the_layout_names_it():
     bench = Bench()
-    first, second = (
-        Mux([[bench.virtual.chips[0]]], 0x70),
-        Mux([[], [bench.virtual.chips[1]]], 0x77),
-    )
+    first = Mux([[bench.virtual.chips[0]]], 0x70)
+    second = Mux([[], [bench.virtual.chips[1]]], 0x77)
     bench.virtual.wire.targets[:] = [first, second]
     found = scan(bench)
     layout = as_layout(found)

@@ -314,18 +314,14 @@ def soak(scans: int) -> None:
     faults = []
     for at in np.arange(1.0, seconds - 1.0, 1.0):
         kind = list(RECOVERIES)[rng.integers(len(RECOVERIES))]
-        what, begins_s, lasts_s = (
-            RECOVERIES[kind](int(rng.integers(1, 7))),
-            at + 0.2 * rng.random(),
-            0.1 * rng.random(),
-        )
+        what = RECOVERIES[kind](int(rng.integers(1, 7)))
+        begins_s = at + 0.2 * rng.random()
+        lasts_s = 0.1 * rng.random()
         faults.append(f"{what}@{begins_s:.4f}+{lasts_s:.4f}")
     bench = started(*faults)
-    descriptors, start_ns, words = (
-        len(os.listdir("/proc/self/fd")),
-        bench.clock.now_ns(),
-        set(),
-    )
+    descriptors = len(os.listdir("/proc/self/fd"))
+    start_ns = bench.clock.now_ns()
+    words = set()
     quiet_bad = blocks = 0
     for k in range(scans):
         bench.clock.wait_until(start_ns + k * PERIOD_NS)

@@ -30,7 +30,9 @@ def test_every_finger_is_found_and_well():
 def test_ten_seconds_at_150_hz_are_read_without_a_gap():
     clock = MonotonicClock()
     source = open_live(URL, clock=RunClock(), say=print)
-    start_ns, invalid, late = clock.now_ns(), 0, 0
+    start_ns = clock.now_ns()
+    invalid = 0
+    late = 0
     for k in range(1500):
         clock.wait_until(start_ns + round(k * 1e9 / 150))
         late += clock.now_ns() > start_ns + round((k + 1) * 1e9 / 150)

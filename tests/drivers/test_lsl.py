@@ -60,9 +60,13 @@ class ScriptedInlet:
         ends: int = 10**9,
         rows: Callable[[int], np.ndarray] | None = None,
     ) -> None:
-        self.facts, self.clock, self.gone, self.ends = facts, clock, gone, ends
+        self.facts = facts
+        self.clock = clock
+        self.gone = gone
+        self.ends = ends
         self.rows = rows or (lambda k: 0.02 * np.random.default_rng(k).normal(size=18))
-        self.next, self.closed = 0, False
+        self.next = 0
+        self.closed = False
 
     def pull(self, timeout_s: float) -> list[tuple[float, list[float]]]:
         until_ns = self.clock.now_ns() + round(1e9 * timeout_s)
@@ -178,7 +182,8 @@ def test_an_opened_stream_that_sends_nothing_is_an_error():
 
 @pytest.mark.parametrize("script", [{"gone": range(300, 450)}, {"ends": 300}])
 def test_a_silent_stream_is_unknown_and_never_safe(script):
-    clock, model = VirtualClock(), Model(DEFAULT)
+    clock = VirtualClock()
+    model = Model(DEFAULT)
     source, inlet, said = opened(clock, **script)
     summary, answers, _ = go(
         model, source, clock, stopped=lambda: clock.now_ns() > 1e9 * 620 * PERIOD_S
@@ -217,13 +222,15 @@ def received(inlet: LslInlet, count: int) -> list[tuple[float, list[float]]]:
 
 
 def test_values_and_decisions_go_out_and_come_back(name):
-    clock, model = VirtualClock(), Model(DEFAULT)
+    clock = VirtualClock()
+    model = Model(DEFAULT)
     offset_ns = round(1e9 * pylsl.local_clock())
     clock.spend(offset_ns)  # the stamps of the samples: the LSL clock itself
     answers = open_answers(
         name, 6, "N", RATE_HZ, lambda: round(1e9 * pylsl.local_clock())
     )
-    inlet, decisions = LslInlet(name), LslInlet(f"{name}-decision")
+    inlet = LslInlet(name)
+    decisions = LslInlet(f"{name}-decision")
     assert inlet.facts == StreamFacts(name, False, RATE_HZ, LABELS, ("N",) * 18)
     assert decisions.facts.labels == DECISION
     monitor = GripMonitor(model, None)
@@ -234,7 +241,8 @@ def test_values_and_decisions_go_out_and_come_back(name):
         sample = Sample(offset_ns + round(1e9 * k * PERIOD_S), values, valid, k)
         sent.append((sample, monitor.feed(sample)))
         answers.write(sent[-1][1], sample)
-    came, rows = received(inlet, len(sent)), received(decisions, len(sent))
+    came = received(inlet, len(sent))
+    rows = received(decisions, len(sent))
     for (sample, prediction), (stamp_s, values), (at_s, row) in zip(
         sent, came, rows, strict=True
     ):

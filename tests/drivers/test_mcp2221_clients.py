@@ -116,7 +116,8 @@ def test_easymcp2221_finds_the_bridge_by_its_serial_number(easy, plugged):
 
 
 def test_easymcp2221_reads_a_sensor_through_the_mux(easy, plugged):
-    mux, chip = easy.I2C_Slave(MUX), easy.I2C_Slave(A, force=True)
+    mux = easy.I2C_Slave(MUX)
+    chip = easy.I2C_Slave(A, force=True)
     mux.write(b"\x01")
     assert chip.read_register(0x0D, 3) == IDENTITY
     for register, value in Setup().registers():
@@ -160,7 +161,8 @@ def test_a_bridge_that_our_driver_has_open_cannot_be_opened_by_hidapi(plugged):
 
 
 def test_blinka_reads_a_sensor_through_the_mux(blinka, plugged):
-    board, busio = blinka("board"), blinka("busio")
+    board = blinka("board")
+    busio = blinka("busio")
     i2c = busio.I2C(board.SCL, board.SDA, frequency=400_000)
     assert plugged.device.bus_hz == pytest.approx(400_000)
     i2c.writeto(MUX, b"\x01")
@@ -176,7 +178,8 @@ def test_blinka_reads_a_sensor_through_the_mux(blinka, plugged):
 
 
 def test_blinka_scans_the_bus(blinka, plugged):
-    board, busio = blinka("board"), blinka("busio")
+    board = blinka("board")
+    busio = blinka("busio")
     i2c = busio.I2C(board.SCL, board.SDA)
     i2c.writeto(MUX, b"\x02")
     assert {A, MUX} <= set(i2c.scan())

@@ -20,7 +20,8 @@ from holdfast.drivers.camera.onset import (
     largest_move_mm,
 )
 
-TAG_MM, MM_PER_PX = 10.0, 0.25
+TAG_MM = 10.0
+MM_PER_PX = 0.25
 SQUARE = np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]])
 NOISE_MM = 0.004
 
@@ -31,10 +32,8 @@ def tag(
     turned: FloatArray | float = 0.0,
 ) -> FloatArray:
     """[K, 4, 2] corners of a square tag at centre_px [K, 2]."""
-    angle, side = (
-        np.broadcast_to(turned, len(centre_px)),
-        np.broadcast_to(side_px, len(centre_px)),
-    )
+    angle = np.broadcast_to(turned, len(centre_px))
+    side = np.broadcast_to(side_px, len(centre_px))
     turn = np.array(
         [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
     ).transpose(2, 0, 1)
@@ -89,7 +88,8 @@ def found(moved: Motion, gross_mm: float = GROSS_MM) -> Slip:
 def test_a_hand_that_moves_turns_and_comes_nearer_moves_nothing(seed, side_px):
     rng = np.random.default_rng(seed)
     away_mm = rng.uniform(-30, 30, 2)
-    angle, side = rng.uniform(-1, 1, 20), side_px * rng.uniform(0.8, 1.25, 20)
+    angle = rng.uniform(-1, 1, 20)
+    side = side_px * rng.uniform(0.8, 1.25, 20)
     hand = rng.uniform(100, 300, (20, 2))
     turn = np.array(
         [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
@@ -116,7 +116,8 @@ def test_a_hidden_tag_gives_a_gap_and_never_a_number():
     hand, thing = (
         tag(np.tile(place, (20, 1))) for place in ([100.0, 100.0], [180.0, 100.0])
     )
-    hand[3], thing[7, 2] = np.nan, np.nan
+    hand[3] = np.nan
+    thing[7, 2] = np.nan
     moved = motion(np.arange(20.0), thing, hand, TAG_MM)
     assert np.flatnonzero(np.isnan(moved.place_mm[:, 0])).tolist() == [3, 7]
     assert moved.seen == 18
@@ -126,7 +127,8 @@ def test_tags_never_seen_together_are_an_error():
     hand, thing = (
         tag(np.tile(place, (20, 1))) for place in ([100.0, 100.0], [180.0, 100.0])
     )
-    hand[::2], thing[1::2] = np.nan, np.nan
+    hand[::2] = np.nan
+    thing[1::2] = np.nan
     with pytest.raises(LabelError, match=r"0 of 20 frames.*36h11"):
         motion(np.arange(20.0), thing, hand, TAG_MM)
 
@@ -151,7 +153,8 @@ def test_a_tag_that_is_no_square_is_refused():
 
 def test_both_tags_printed_too_small_are_found_by_their_distance():
     places = np.tile([100.0, 100.0], (20, 1))
-    hand, thing = tag(places), tag(places + np.array([80.0, 0.0]))
+    hand = tag(places)
+    thing = tag(places + np.array([80.0, 0.0]))
     motion(np.arange(20.0), thing, hand, 9.7, apart_mm=19.4)
     with pytest.raises(
         TagError, match=r"19\.4 mm apart, but 21\.00 mm.*92 %.*--tag-mm"

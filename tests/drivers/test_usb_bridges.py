@@ -107,7 +107,8 @@ def test_descriptors_by_request_are_those_that_libusb_shows(make, kind):
         == struct.unpack_from("<H", configuration, 2)[0]
         == found[0].wTotalLength
     )
-    kinds, at = [], 0
+    kinds = []
+    at = 0
     while at < len(configuration):
         kinds.append(configuration[at + 1])
         at += configuration[at]

@@ -23,7 +23,9 @@ from holdfast.drivers.virtual.faults import Faults
 from holdfast.drivers.virtual.virtual_hand import Wire
 
 A = FACTORY_ADDRESSES[0]
-CRC_ON, ONE_BYTE_16, ONE_BYTE_8 = 0x80, 0x01, 0x02
+CRC_ON = 0x80
+ONE_BYTE_16 = 0x01
+ONE_BYTE_8 = 0x02
 """Bits of DEVICE_CONFIG_1."""
 X_THRESHOLD = REGISTERS["X_THR_CONFIG"].address
 WAKE_AND_SLEEP = 3

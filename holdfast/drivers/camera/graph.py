@@ -38,14 +38,17 @@ from holdfast.drivers.camera.recording import (
 )
 from holdfast.drivers.camera.sources import LONGEST_WAIT_S, FrameSource, load_depthai
 
-FAMILY, QUAD_DECIMATE, THREADS = "36h11", 2, 1
+FAMILY = "36h11"
+QUAD_DECIMATE = 2
+THREADS = 1
 """Decimation 4, the default, loses tags of 30 px.
 
 On a busy machine two threads take 10 times as long.
 """
 ANSWERS = 30
 LIVE_WAIT_S = 0.1
-EMPTY_POLLS, POLL_S = 6, 0.01
+EMPTY_POLLS = 6
+POLL_S = 0.01
 
 
 @dataclass(frozen=True)
@@ -86,7 +89,10 @@ class _Watch:
     """One run of the graph."""
 
     def __init__(self, dai: Any, pipeline: Any, source: FrameSource, out: Path) -> None:
-        self.dai, self.pipeline, self.source, self.out = dai, pipeline, source, out
+        self.dai = dai
+        self.pipeline = pipeline
+        self.source = source
+        self.out = out
         self.last = -1
         self.last_s = -math.inf
         self.frames = self.lost = self.backwards = 0
@@ -108,7 +114,8 @@ class _Watch:
         return CameraResult(self.frames, self.lost, self.backwards, in_video)
 
     def _film(self, stopped: Callable[[], bool]) -> None:
-        record, tagger = self._record(), self._tagger()
+        record = self._record()
+        tagger = self._tagger()
         answers = tagger.out.createOutputQueue(maxSize=ANSWERS, blocking=True)
         step = self.source.connect(
             self.dai, self.pipeline, [record.input, tagger.inputImage]
@@ -151,7 +158,8 @@ class _Watch:
 
         The source's error is raised once its frames are answered.
         """
-        sent, failed = 0, None
+        sent = 0
+        failed = None
         live = self.source.last_lost > 0
         try:
             while not stopped() and step():
@@ -187,13 +195,13 @@ class _Watch:
             raise _lost(self.source.name) from None
 
     def _note(self, message: Any, tags: TagFile) -> None:
-        sequence, end_s = (
-            int(message.getSequenceNum()),
-            message.getTimestamp().total_seconds(),
-        )
+        sequence = int(message.getSequenceNum())
+        end_s = message.getTimestamp().total_seconds()
         self.lost += max(0, sequence - self.last - 1) if self.frames else 0
         self.backwards += end_s <= self.last_s
-        self.last, self.last_s, self.frames = sequence, end_s, self.frames + 1
+        self.last = sequence
+        self.last_s = end_s
+        self.frames += 1
         tags.write(
             sequence,
             end_s - 5e-4 * self.source.lens.exposure_ms,
@@ -283,7 +291,8 @@ def _drain(record: Any) -> None:
 
     Stopping would discard what is in it.
     """
-    empty, until_s = 0, time.monotonic() + LONGEST_WAIT_S
+    empty = 0
+    until_s = time.monotonic() + LONGEST_WAIT_S
     while empty < EMPTY_POLLS and time.monotonic() < until_s:
         empty = empty + 1 if record.input.getSize() == 0 else 0
         time.sleep(POLL_S)

@@ -14,8 +14,10 @@ import numpy as np
 from holdfast.core.contract import FloatArray
 from holdfast.core.errors import LabelError, TagError
 
-SIGMAS, FLOOR_PX = 5.0, 0.15
-REST_S, REST_FRAMES = 0.3, 5
+SIGMAS = 5.0
+FLOOR_PX = 0.15
+REST_S = 0.3
+REST_FRAMES = 5
 """An object rests when all frames of this time, and at least this many, stay within the threshold.
 
 The threshold is around their median.
@@ -111,7 +113,8 @@ def sides_px(corners_px: FloatArray) -> FloatArray:
 def _require_one_size(
     object_px: FloatArray, hand_px: FloatArray, tag_mm: float
 ) -> None:
-    thing, hand = sides_px(object_px), sides_px(hand_px)
+    thing = sides_px(object_px)
+    hand = sides_px(hand_px)
     for name, side in (("object", thing), ("hand", hand)):
         if abs(side[0] / side[1] - 1.0) > DIFFER:
             raise TagError(

@@ -31,7 +31,8 @@ LONGEST_STEP = 2.5
 GROSS_MM = 2.0
 ABOVE_SHEAR = 1.5
 """Gross slip begins at this many times the largest motion of a grip that held."""
-FIT_FRAMES, FIT_THRESHOLDS = 4, 20.0
+FIT_FRAMES = 4
+FIT_THRESHOLDS = 20.0
 """The fit covers the rest, this many moving frames, and later ones up to this many thresholds away.
 
 Further on, the acceleration is no longer that of the start."""
@@ -122,8 +123,10 @@ class _Track:
 
     def __init__(self, moved: Motion) -> None:
         seen = np.isfinite(moved.place_mm).all(axis=1)
-        self.t_s, self.place_mm = moved.t_s[seen], moved.place_mm[seen]
-        self.threshold_mm, self.sigma_mm = moved.threshold_mm, moved.sigma_mm
+        self.t_s = moved.t_s[seen]
+        self.place_mm = moved.place_mm[seen]
+        self.threshold_mm = moved.threshold_mm
+        self.sigma_mm = moved.sigma_mm
         self.end_s = float(moved.t_s[-1]) if len(moved.t_s) else 0.0
         self.longest_s = 0.0
         if len(moved.t_s) > 1:
@@ -206,7 +209,9 @@ class _Track:
 
 def _slip(track: _Track, departure: Departure, gross: int, gross_mm: float) -> Slip:
     """The times of a slip. gross: the first frame beyond the gross distance."""
-    t_s, first, stop = track.t_s, departure.first, departure.stop
+    t_s = track.t_s
+    first = departure.first
+    stop = departure.stop
     offset_mm = track.place_mm - departure.level_mm
     along_mm = offset_mm @ (offset_mm[gross] / np.linalg.norm(offset_mm[gross]))
     start_s, start_sd_s = fitted_start(
@@ -246,12 +251,15 @@ def fitted_start(
     from the larger of residual and noise.
     """
     begin, stop = _frames_to_fit(t_s, along_mm, first, threshold_mm)
-    t, d = t_s[begin:stop], along_mm[begin:stop]
-    low, high = t_s[begin], t_s[first]
+    t = t_s[begin:stop]
+    d = along_mm[begin:stop]
+    low = t_s[begin]
+    high = t_s[first]
     for _ in range(2):
         grid = np.linspace(low, high, STEPS)
         best = int(np.argmin(_misfit(t, d, grid)))
-        low, high = grid[max(best - 1, 0)], grid[min(best + 1, STEPS - 1)]
+        low = grid[max(best - 1, 0)]
+        high = grid[min(best + 1, STEPS - 1)]
     start_s = float(grid[best])
     since = np.maximum(t - start_s, 0.0)
     known = np.stack([np.ones_like(since), since**2], axis=1)
@@ -283,7 +291,8 @@ def _misfit(t: FloatArray, d: FloatArray, starts: FloatArray) -> FloatArray:
     x = np.maximum(t - starts[:, None], 0.0) ** 2
     x -= x.mean(axis=1, keepdims=True)
     y = d - d.mean()
-    slope, square = x @ y, (x * x).sum(axis=1)
+    slope = x @ y
+    square = (x * x).sum(axis=1)
     # a motion back towards the rest explains nothing
     explained = np.where((slope > 0.0) & (square > 0.0), slope, 0.0) ** 2
     misfit: FloatArray = y @ y - explained / np.maximum(square, 1e-300)

@@ -40,12 +40,16 @@ from holdfast.core.reading import Json, json_of, require_lines, text_of
 from holdfast.core.writing import write_whole
 from holdfast.drivers.camera.sources import Frame, Lens, Stored, require_forward
 
-VIDEO, STAMPS, TAGS, ABOUT = "camera.mkv", "camera.mcap", "tags.csv", "camera.json"
+VIDEO = "camera.mkv"
+STAMPS = "camera.mcap"
+TAGS = "tags.csv"
+ABOUT = "camera.json"
 CORNERS = [f"{axis}{k}" for k in range(1, 5) for axis in "xy"]
 COLUMNS = ["sequence", "t_s", "tag", *CORNERS]
 STAMP_S = 2e-6
 """depthai keeps stamps to a microsecond."""
-POLL_S, AHEAD = 0.01, 8
+POLL_S = 0.01
+AHEAD = 8
 NO_IMAGE = np.empty((0, 0), dtype=np.uint8)
 Corners = list[float]
 
@@ -208,7 +212,8 @@ def read_recorded(folder: Path, dai: Any) -> Stored:
     """
     about = read_about(folder)
     lens = Lens.of(about, str(about.get("clock")))
-    frames, tracks = list(read_video(folder, dai, images=False)), read_tracks(folder)
+    frames = list(read_video(folder, dai, images=False))
+    tracks = read_tracks(folder)
     require_same_stamps(frames, tracks, lens, folder)
     require_whole(len(frames), about.get("in_video"), folder / VIDEO)
     require_whole(len(tracks.t_s), about.get("frames"), folder / TAGS)
@@ -271,7 +276,8 @@ def read_video(folder: Path, dai: Any, *, images: bool = True) -> Iterator[Frame
     """
     pipeline, output = _replayed(folder, dai)
     ahead: Queue[Frame | str] = Queue(AHEAD)
-    over, threads = Event(), set[int]()
+    over = Event()
+    threads = set[int]()
 
     def take(message: Any) -> None:
         threads.add(get_native_id())

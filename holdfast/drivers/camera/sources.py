@@ -195,7 +195,10 @@ class Stored:
     def __init__(
         self, name: str, lens: Lens, frames: Iterable[Frame], void: str | None = None
     ) -> None:
-        self.name, self.lens, self.frames, self.void = name, lens, frames, void
+        self.name = name
+        self.lens = lens
+        self.frames = frames
+        self.void = void
 
     def open(self, dai: Any) -> Any:
         """A pipeline that has no device and looks for none."""
@@ -231,11 +234,13 @@ class Oak:
     A camera that falls off the bus does not come back within a trial: the trial is void.
     """
 
-    name, last_lost = OAK, LOSSLESS_LAST
+    name = OAK
+    last_lost = LOSSLESS_LAST
     void: str | None = None
 
     def __init__(self, lens: Lens, seconds: float | None = None) -> None:
-        self.lens, self.seconds = lens, seconds
+        self.lens = lens
+        self.seconds = seconds
         self.device: Any = None
 
     def open(self, dai: Any) -> Any:

@@ -43,7 +43,8 @@ WAKE_AND_SLEEP = 3
 """DEVICE_CONFIG_2.OPERATING_MODE."""
 ASLEEP = (SLEEP, WAKE_AND_SLEEP)
 STATUS = REGISTERS["CONV_STATUS"].address
-RESULT_READY, DIAG_FAILED = 0x01, 0x02
+RESULT_READY = 0x01
+DIAG_FAILED = 0x02
 """Of CONV_STATUS."""
 RESTARTING = ("DEVICE_CONFIG_1", "DEVICE_CONFIG_2", "SENSOR_CONFIG_1", "T_CONFIG")
 """A write to one of these registers restarts the conversions."""
@@ -181,7 +182,9 @@ class Chip:
         self.number = number
         self.factory_address = factory_address
         self.version = version
-        self._field, self._clock, self._faults = field, clock, faults
+        self._field = field
+        self._clock = clock
+        self._faults = faults
         self._born_ns = clock.now_ns()
         self._noise_ut = noise_of(seed, number)
         self.power_on()
@@ -245,7 +248,8 @@ class Chip:
         if self._packet is not None:
             if not self._packet:
                 return NOTHING_SENT
-            byte, self._packet = self._packet[0], self._packet[1:]
+            byte = self._packet[0]
+            self._packet = self._packet[1:]
             return byte
         if self._checked and len(self._sent) > CHECKED_BYTES:
             return NOTHING_SENT
@@ -260,7 +264,8 @@ class Chip:
     def stop(self) -> None:
         """A new address counts from here on."""
         if self._next_address is not None:
-            self.address, self._next_address = self._next_address, None
+            self.address = self._next_address
+            self._next_address = None
 
     # -- registers
 
@@ -275,7 +280,8 @@ class Chip:
         return byte
 
     def _store(self, address: int, byte: int) -> None:
-        mode, register = self._mode, self._registers.store(address, byte)
+        mode = self._mode
+        register = self._registers.store(address, byte)
         if register is None:
             return
         if register is REGISTERS["I2C_ADDRESS"] and byte & 1:
@@ -315,7 +321,8 @@ class Chip:
         self._bytes[STATUS] &= ~RESULT_READY & 0xFF
 
     def _begin(self) -> None:
-        self._started_ns, self._done = self._clock.now_ns(), 0
+        self._started_ns = self._clock.now_ns()
+        self._done = 0
 
     def _update(self) -> None:
         """Complete the conversions that are due by now; only the last one leaves its result."""

@@ -11,15 +11,24 @@ from functools import lru_cache
 from holdfast.drivers.virtual.usb_device import BULK, Device, Endpoint, Interface, stall
 from holdfast.drivers.virtual.virtual_hand import RELEASED, VirtualHand, Wire
 
-OUT_ENDPOINT, IN_ENDPOINT, PACKET = 0x02, 0x81, 512
+OUT_ENDPOINT = 0x02
+IN_ENDPOINT = 0x81
+PACKET = 512
 STATUS = bytes([0x32, 0x60])
 """Modem status before every packet."""
 TRANSFER_NS = 125_000
 """A transfer takes at least a microframe."""
-SCL, SDA, SDA_IN = 0x01, 0x02, 0x04
-SIO_RESET, SIO_LATENCY, SIO_GET_LATENCY = 0x00, 0x09, 0x0A
-SIO_BITMODE, SIO_GET_PINS, SIO_GET_STATUS = 0x0B, 0x0C, 0x05
-PURGE_SENT, PURGE_ANSWERS = 1, 2
+SCL = 0x01
+SDA = 0x02
+SDA_IN = 0x04
+SIO_RESET = 0x00
+SIO_LATENCY = 0x09
+SIO_GET_LATENCY = 0x0A
+SIO_BITMODE = 0x0B
+SIO_GET_PINS = 0x0C
+SIO_GET_STATUS = 0x05
+PURGE_SENT = 1
+PURGE_ANSWERS = 2
 """Values of SIO_RESET: 1 clears what the host sent, 2 what waits for it, 0 both.
 
 libftdi calls 1 SIO_TCOFLUSH.
@@ -31,8 +40,10 @@ LENGTHS = dict.fromkeys(
 )
 LENGTHS |= {0x22: 2, 0x26: 2}
 """Bytes of the commands that have arguments, data of byte writes not counted."""
-BYTE_WRITES, BIT_WRITES = (0x10, 0x11), (0x12, 0x13)
-BYTE_READS, BIT_READS = (0x20, 0x24), (0x22, 0x26)
+BYTE_WRITES = (0x10, 0x11)
+BIT_WRITES = (0x12, 0x13)
+BYTE_READS = (0x20, 0x24)
+BIT_READS = (0x22, 0x26)
 WITHOUT_EFFECT = (0x82, 0x84, 0x85, 0x8D, 0x96, 0x97, 0x9E)
 
 Command = tuple[int, bytes]
@@ -65,7 +76,9 @@ def parsed(commands: bytes) -> tuple[tuple[Command, ...], int]:
 class VirtualFt232h(Device):
     """The bridge in front of a virtual hand."""
 
-    vendor, product, speed = 0x0403, 0x6014, "high"
+    vendor = 0x0403
+    product = 0x6014
+    speed = "high"
     release = 0x0900
     strings = ("FTDI", "Single RS232-HS", "FTHOLD01")
     interfaces = (
@@ -81,11 +94,15 @@ class VirtualFt232h(Device):
 
     def reset(self) -> None:
         """As plugged in: no MPSSE, latency 16 ms, 12 MHz clock."""
-        self._mode, self._latency_ms = 0, 16
-        self._commands, self._answers = b"", bytearray()
+        self._mode = 0
+        self._latency_ms = 16
+        self._commands = b""
+        self._answers = bytearray()
         self._flushed = False
         self._lines = BusLines(self.hand.wire)
-        self._divider, self._by_five, self._phases = 0, True, 2
+        self._divider = 0
+        self._by_five = True
+        self._phases = 2
 
     # -- control requests
 
@@ -125,13 +142,15 @@ class VirtualFt232h(Device):
 
         Our computing time counts as transfer time.
         """
-        clock, wire = self.hand.clock, self.hand.wire
+        clock = self.hand.clock
+        wire = self.hand.wire
         clock.spend(TRANSFER_NS)
         if self._mode != MPSSE:
             return
         self.hand.suffer()
         self._commands += data
-        bits, from_ns = wire.bits, clock.now_ns()
+        bits = wire.bits
+        from_ns = clock.now_ns()
         commands, used = parsed(self._commands)
         self._commands = self._commands[used:]
         for opcode, arguments in commands:
@@ -149,7 +168,8 @@ class VirtualFt232h(Device):
         packets = b""
         while len(packets) + len(STATUS) <= length:
             room = min(PACKET, length - len(packets)) - len(STATUS)
-            part, self._answers = self._answers[:room], self._answers[room:]
+            part = self._answers[:room]
+            self._answers = self._answers[room:]
             packets += STATUS + part
             if len(part) < PACKET - len(STATUS):
                 break
@@ -219,13 +239,15 @@ class BusLines:
         if self.scl and scl and sda != self.master and not self.wire.held_low:
             self._stop() if sda else self._start()
         rises = scl and not self.scl
-        self.scl, self.master = scl, sda
+        self.scl = scl
+        self.master = sda
         if rises and self.wire.held_low:
             self.wire.clock()
 
     def byte_out(self, byte: int) -> None:
         """A byte from the master."""
-        self.scl, self.master = False, bool(byte & 1)
+        self.scl = False
+        self.master = bool(byte & 1)
         if not self._held(8) and self._state == "listen":
             self._byte, self._acked = byte, self.wire.write(byte)
 
@@ -251,7 +273,8 @@ class BusLines:
 
     def acknowledge_out(self, level: bool) -> None:
         """The master's acknowledge of a byte; a high level silences the chips."""
-        self.scl, self.master = False, level
+        self.scl = False
+        self.master = level
         if not self._held(1) and self._state == "talk" and level:
             self._state = "silent"
 
@@ -264,7 +287,9 @@ class BusLines:
 
     def _start(self) -> None:
         self.wire.start()
-        self._state, self._addressing, self._acked = "listen", True, False
+        self._state = "listen"
+        self._addressing = True
+        self._acked = False
 
     def _stop(self) -> None:
         self.wire.stop()

@@ -17,7 +17,9 @@ from holdfast.drivers.virtual.usb_device import (
 )
 from holdfast.drivers.virtual.virtual_hand import VirtualHand
 
-OUT_ENDPOINT, IN_ENDPOINT, REPORT = 0x03, 0x83, 64
+OUT_ENDPOINT = 0x03
+IN_ENDPOINT = 0x83
+REPORT = 64
 REPORT_NS = 1_500_000
 """Of a report, each way."""
 CANCEL_NS = 4_000_000
@@ -26,15 +28,17 @@ REPORT_DESCRIPTOR = bytes.fromhex(
     "0600ff0901a10119012940150026ff00750895408100190129409100c0"
 )
 """Usage page 0xFF00, usage 1; 64 bytes in and 64 out, without a report number."""
-COMPOSITE, SERIAL_PORT, SERIAL_DATA, HID = (
-    (0xEF, 2, 1),
-    (2, 2, 1),
-    (0x0A, 0, 0),
-    (3, 0, 0),
-)
+COMPOSITE = (0xEF, 2, 1)
+SERIAL_PORT = (2, 2, 1)
+SERIAL_DATA = (0x0A, 0, 0)
+HID = (3, 0, 0)
 """Class, subclass and protocol of the device and of its interfaces."""
-STATUS_SET, GET_DATA, RESET = 0x10, 0x40, bytes([0x70, 0xAB, 0xCD, 0xEF])
-SET_SRAM, GET_SRAM, READ_FLASH = 0x60, 0x61, 0xB0
+STATUS_SET = 0x10
+GET_DATA = 0x40
+RESET = bytes([0x70, 0xAB, 0xCD, 0xEF])
+SET_SRAM = 0x60
+GET_SRAM = 0x61
+READ_FLASH = 0xB0
 STRINGS = ("Microchip Technology Inc.", "MCP2221 USB-I2C/UART Combo", "0000000001")
 CHIP_SETTINGS = bytes.fromhex("fc 12 00 60 d8 04 dd 00 80 32")
 """Clock 12 MHz at half duty, DAC and ADC on VDD, ids, bus-powered, 100 mA (DS20005565)."""
@@ -49,11 +53,18 @@ UNKNOWN = 1
 REVISIONS = b"A612"
 """Of hardware and firmware, two characters each."""
 WRITE, READ, WRITE_AGAIN, READ_AGAIN, WRITE_NO_STOP = 0x90, 0x91, 0x92, 0x93, 0x94
-CANCEL, SET_SPEED, SPEED_SET, SPEED_NOT_SET = 0x10, 0x20, 0x20, 0x21
+CANCEL = 0x10
+SET_SPEED = 0x20
+SPEED_SET = 0x20
+SPEED_NOT_SET = 0x21
 IDLE, START_TIMEOUT, NACK, WRITING, WRITTEN_NO_STOP = 0x00, 0x12, 0x25, 0x42, 0x45
 READING, DATA_READY, STOPPING, STOP_WAIT, STOP_TIMEOUT = 0x50, 0x55, 0x60, 0x61, 0x62
-NO_DATA, NO_COUNT = 0x41, 127
-UNUSED_18, CONFUSED_18, GOOD_18, USED_21 = 0x00, 0x08, 0x10, 0x60
+NO_DATA = 0x41
+NO_COUNT = 127
+UNUSED_18 = 0x00
+CONFUSED_18 = 0x08
+GOOD_18 = 0x10
+USED_21 = 0x60
 MOST_BYTES = 60
 BOGUS = 0xFF
 
@@ -61,7 +72,9 @@ BOGUS = 0xFF
 class VirtualMcp2221(Device):
     """The bridge in front of a virtual hand."""
 
-    vendor, product, usb_class = 0x04D8, 0x00DD, COMPOSITE
+    vendor = 0x04D8
+    product = 0x00DD
+    usb_class = COMPOSITE
     strings = STRINGS
     interfaces: tuple[Interface, ...] = (
         Interface(usb_class=SERIAL_PORT),
@@ -84,10 +97,16 @@ class VirtualMcp2221(Device):
     def reset(self) -> None:
         """As plugged in: 100 kHz, an engine that was never used."""
         self.bus_hz = 100e3
-        self.state, self.used, self.confused, self.hangs = IDLE, False, False, False
+        self.state = IDLE
+        self.used = False
+        self.confused = False
+        self.hangs = False
         self._nacked = False
-        self._meanwhile, self._busy_until_ns = IDLE, 0
-        self._length, self._data, self._divider = 0, b"", 117
+        self._meanwhile = IDLE
+        self._busy_until_ns = 0
+        self._length = 0
+        self._data = b""
+        self._divider = 117
         self._reply = b""
 
     def tick_sda(self) -> None:
@@ -125,7 +144,8 @@ class VirtualMcp2221(Device):
         if endpoint != IN_ENDPOINT:
             raise stall()
         self.hand.clock.spend(REPORT_NS)
-        reply, self._reply = self._reply, b""
+        reply = self._reply
+        self._reply = b""
         return reply[:length]
 
     # -- commands
@@ -140,7 +160,8 @@ class VirtualMcp2221(Device):
             reply[4 : 4 + len(data)] = data
         elif command[0] == READ_FLASH and 2 <= command[1] < 2 + len(STRINGS):
             data = STRINGS[command[1] - 2].encode("utf-16-le")
-            reply[2], reply[3] = len(data) + 2, STRING_TYPE
+            reply[2] = len(data) + 2
+            reply[3] = STRING_TYPE
             reply[4 : 4 + len(data)] = data
         elif command[0] == READ_FLASH and command[1] in FLASH:
             data = FLASH[command[1]]
@@ -173,7 +194,8 @@ class VirtualMcp2221(Device):
         reply[18] = self._byte_18()
         reply[20] = 0x40 if self._nacked else 0
         reply[21] = USED_21 if self.used else 0
-        reply[22], reply[23] = 1, 0 if self.hand.wire.held_low else 1
+        reply[22] = 1
+        reply[23] = 0 if self.hand.wire.held_low else 1
         reply[46:50] = REVISIONS
 
     def _byte_18(self) -> int:
@@ -197,32 +219,37 @@ class VirtualMcp2221(Device):
             return
         if self.state == WRITTEN_NO_STOP:
             self.hand.wire.stop()
-        self.state, self.confused, self._nacked, self._data = IDLE, False, False, b""
+        self.state = IDLE
+        self.confused = False
+        self._nacked = False
+        self._data = b""
 
     def _get_data(self, reply: bytearray) -> None:
         reply[2] = self._shown()
         if reply[2] != DATA_READY:
-            reply[1], reply[3] = NO_DATA, NO_COUNT
+            reply[1] = NO_DATA
+            reply[3] = NO_COUNT
             return
         reply[3] = len(self._data)
         reply[4 : 4 + len(self._data)] = self._data
-        self.state, self._data = IDLE, b""
+        self.state = IDLE
+        self._data = b""
 
     def _transfer(self, command: bytes, reply: bytearray) -> None:
-        kind, length, address = (
-            command[0],
-            int.from_bytes(command[1:3], "little"),
-            command[3],
-        )
+        kind = command[0]
+        length = int.from_bytes(command[1:3], "little")
+        address = command[3]
         allowed = (
             (WRITTEN_NO_STOP, IDLE, NACK)
             if kind in (WRITE_AGAIN, READ_AGAIN)
             else (IDLE, NACK)
         )
         if self._shown() not in allowed or not 0 < length <= MOST_BYTES:
-            reply[1], reply[2] = 1, self._shown()
+            reply[1] = 1
+            reply[2] = self._shown()
             return
-        self.used, self._length = True, length
+        self.used = True
+        self._length = length
         bits = self.hand.wire.bits
         if self.hand.wire.held_low:
             self.state = START_TIMEOUT
@@ -240,16 +267,15 @@ class VirtualMcp2221(Device):
 
     def _work(self, duration_ns: int, state: int) -> None:
         """Report this state for so long; USB goes on."""
-        self._meanwhile, self._busy_until_ns = (
-            state,
-            self.hand.clock.now_ns() + duration_ns,
-        )
+        self._meanwhile = state
+        self._busy_until_ns = self.hand.clock.now_ns() + duration_ns
 
     def _bogus(self, kind: int, length: int) -> None:
         """A transfer that looks good and never was on the wire."""
         self.confused = self._nacked = False
         if kind in (READ, READ_AGAIN):
-            self.state, self._data = DATA_READY, bytes([BOGUS]) * length
+            self.state = DATA_READY
+            self._data = bytes([BOGUS]) * length
         else:
             self.state = WRITTEN_NO_STOP if kind == WRITE_NO_STOP else IDLE
 
@@ -257,19 +283,19 @@ class VirtualMcp2221(Device):
         wire = self.hand.wire
         wire.start()
         if wire.write(address | 1):
-            self.state, self._data = (
-                DATA_READY,
-                bytes(wire.read() for _ in range(length)),
-            )
+            self.state = DATA_READY
+            self._data = bytes(wire.read() for _ in range(length))
         else:
-            self.state, self._nacked = NACK, True
+            self.state = NACK
+            self._nacked = True
         wire.stop()
 
     def _write(self, kind: int, address: int, data: bytes) -> None:
         wire = self.hand.wire
         wire.start()
         if not all(wire.write(byte) for byte in (address & 0xFE, *data)):
-            self.state, self._nacked = NACK, True
+            self.state = NACK
+            self._nacked = True
             wire.stop()
         elif kind == WRITE_NO_STOP:
             self.state = WRITTEN_NO_STOP

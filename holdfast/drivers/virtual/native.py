@@ -20,11 +20,13 @@ import holdfast.drivers.native_i2c  # noqa: F401  (it imports smbus2)
 from holdfast.drivers.virtual.usb_backend import Traffic
 from holdfast.drivers.virtual.virtual_hand import VirtualHand
 
-I2C_FUNCS, I2C_RDWR = 0x0705, 0x0707
+I2C_FUNCS = 0x0705
+I2C_RDWR = 0x0707
 FLAG_READ = 0x0001
 FUNCS = 0x00000001
 """I2C_FUNC_I2C."""
-MOST_MESSAGES, MOST_BYTES = 42, 8192
+MOST_MESSAGES = 42
+MOST_BYTES = 8192
 BUS_HZ = 400_000
 IOCTL_NS = 50_000
 """Interrupts, context switches and the controller's set-up."""
@@ -53,12 +55,15 @@ class VirtualI2cDev:
         nack_errno: int = errno.EREMOTEIO,
         readable: bool = True,
     ) -> None:
-        self.hand, self.traffic = hand, Traffic()
+        self.hand = hand
+        self.traffic = Traffic()
         self.readable = readable
-        self._path, self._nack_errno = f"/dev/i2c-{number}", nack_errno
+        self._path = f"/dev/i2c-{number}"
+        self._nack_errno = nack_errno
         self._born_ns = hand.clock.now_ns()
         self._opened: dict[int, int] = {}
-        self._generation, self._gone = 0, False
+        self._generation = 0
+        self._gone = False
         self._replaced: dict[str, Any] = {}
 
     def __enter__(self) -> VirtualI2cDev:
@@ -138,7 +143,8 @@ class VirtualI2cDev:
             raise _refused(errno.EOPNOTSUPP)
 
     def _carry(self, message: Any) -> None:
-        wire, reads = self.hand.wire, bool(message.flags & FLAG_READ)
+        wire = self.hand.wire
+        reads = bool(message.flags & FLAG_READ)
         wire.start()
         if not wire.write(message.addr << 1 | reads):
             raise _refused(self._nack_errno)
@@ -181,7 +187,8 @@ class _Os:
     """The os module that smbus2 sees: the real one, with one more file."""
 
     def __init__(self, device: VirtualI2cDev, real: Any) -> None:
-        self._device, self._real = device, real
+        self._device = device
+        self._real = real
 
     def open(self, path: str, flags: int) -> Any:
         fd = self._device.open(path, flags)

@@ -13,13 +13,17 @@ from dataclasses import dataclass
 from holdfast.drivers.virtual.usb_device import Device, Interface, stall
 from holdfast.drivers.virtual.virtual_hand import BITS_OF_A_BYTE, VirtualHand
 
-VENDOR_OUT, VENDOR_IN = 0x41, 0xC1
+VENDOR_OUT = 0x41
+VENDOR_IN = 0xC1
 ECHO, GET_FUNC, SET_DELAY, GET_STATUS, I2C_IO = 0, 1, 2, 3, 4
-BEGIN, END = 1, 2
+BEGIN = 1
+END = 2
 FLAG_READ = 1
 FUNC = 0x0EFF0009
 """I2C_FUNC_I2C and what the kernel emulates with it."""
-IDLE, ACKED, NOT_ACKED = 0, 1, 2
+IDLE = 0
+ACKED = 1
+NOT_ACKED = 2
 BUFFER = 254
 
 
@@ -56,12 +60,14 @@ FIRMWARES = {
 class VirtualTinyUsb(Device):
     """The bridge in front of a virtual hand. firmware: a name of FIRMWARES."""
 
-    vendor, product = 0x0403, 0xC631
+    vendor = 0x0403
+    product = 0xC631
     interfaces = (Interface(usb_class=(0, 0, 0)),)
     kernel_driver = frozenset({0})  # i2c-tiny-usb
 
     def __init__(self, hand: VirtualHand, firmware: str = "rp2040") -> None:
-        self.hand, self.firmware = hand, FIRMWARES[firmware]
+        self.hand = hand
+        self.firmware = FIRMWARES[firmware]
         self.speed = self.firmware.speed
         self.strings = ("Till Harbaum", "i2c-tiny-usb", f"HOLDFAST-{firmware.upper()}")
         self.delay_us = 0
@@ -69,7 +75,9 @@ class VirtualTinyUsb(Device):
 
     def reset(self) -> None:
         """As plugged in."""
-        self.delay_us, self._status, self._buffer = 10, IDLE, bytes(BUFFER)
+        self.delay_us = 10
+        self._status = IDLE
+        self._buffer = bytes(BUFFER)
         self._open = False
 
     def control_out(

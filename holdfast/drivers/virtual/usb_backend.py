@@ -20,12 +20,19 @@ from holdfast.drivers.virtual.clock import Clock
 from holdfast.drivers.virtual.faults import Faults
 from holdfast.drivers.virtual.usb_device import Device, stall
 
-BUSY, NO_DEVICE, TIMED_OUT = 16, 19, 110
+BUSY = 16
+NO_DEVICE = 19
+TIMED_OUT = 110
 LIBUSB_ERROR_BUSY = -6
-STANDARD, TYPE_MASK, VENDOR_TYPE = 0x00, 0x60, 0x40
-RECIPIENT_MASK, OF_AN_INTERFACE = 0x1F, 0x01
+STANDARD = 0x00
+TYPE_MASK = 0x60
+VENDOR_TYPE = 0x40
+RECIPIENT_MASK = 0x1F
+OF_AN_INTERFACE = 0x01
 """Of bmRequestType."""
-GET_STATUS, GET_DESCRIPTOR, GET_CONFIGURATION = 0, 6, 8
+GET_STATUS = 0
+GET_DESCRIPTOR = 6
+GET_CONFIGURATION = 8
 """Standard requests (USB 2.0, table 9-4)."""
 DEVICE_FIELDS = (
     "bLength bDescriptorType bcdUSB bDeviceClass bDeviceSubClass bDeviceProtocol "
@@ -95,9 +102,14 @@ class VirtualBackend(usb.backend.IBackend):  # type: ignore[misc]
         faults: Faults,
         power_off: Callable[[], None] = lambda: None,
     ) -> None:
-        self.device, self.traffic = device, Traffic()
-        self._clock, self._faults, self._power_off = clock, faults, power_off
-        self._born_ns, self._unplugs, self._gone = clock.now_ns(), 0, False
+        self.device = device
+        self.traffic = Traffic()
+        self._clock = clock
+        self._faults = faults
+        self._power_off = power_off
+        self._born_ns = clock.now_ns()
+        self._unplugs = 0
+        self._gone = False
         self._late: dict[int, list[bytes]] = {}
         self._claimed: dict[int, Handle] = {}
         self._detached: set[int] = set()
@@ -295,7 +307,8 @@ class VirtualBackend(usb.backend.IBackend):  # type: ignore[misc]
             raise timed_out()
         return self._deliver(self._spoilt(answer, timeout), buff)
 
-    intr_write, intr_read = bulk_write, bulk_read
+    intr_write = bulk_write
+    intr_read = bulk_read
 
     # -- faults
 

@@ -8,15 +8,18 @@ from typing import Any
 
 import usb.core
 
-BULK, INTERRUPT = 2, 3
+BULK = 2
+INTERRUPT = 3
 """bmAttributes of an endpoint."""
 STALL = 32
 DEVICE, CONFIGURATION, STRING, INTERFACE, ENDPOINT = 1, 2, 3, 4, 5
-HID, REPORT = 0x21, 0x22
+HID = 0x21
+REPORT = 0x22
 """bDescriptorType."""
 VENDOR_CLASS = (0xFF, 0xFF, 0xFF)
 US_ENGLISH = 0x0409
-BUS_POWERED, QUANTUM_MA = 0x80, 2
+BUS_POWERED = 0x80
+QUANTUM_MA = 2
 """bMaxPower counts in steps of 2 mA."""
 
 
@@ -121,7 +124,8 @@ class Device:
         for number, interface in enumerate(self.interfaces):
             below += interface.descriptor(number) + interface.extra
             below += b"".join(one.descriptor for one in interface.endpoints)
-        total, power = 9 + len(below), self.current_ma // QUANTUM_MA
+        total = 9 + len(below)
+        power = self.current_ma // QUANTUM_MA
         head = struct.pack("<BBHB", 9, CONFIGURATION, total, len(self.interfaces))
         return head + bytes([1, 0, BUS_POWERED, power]) + below
 

@@ -64,7 +64,8 @@ class Noise:
     """Bits that flip on their way, each with the same probability. seed: decides which bits."""
 
     def __init__(self, bit_error_rate: float, seed: int = 0) -> None:
-        self._rate, self._random = bit_error_rate, np.random.default_rng(seed)
+        self._rate = bit_error_rate
+        self._random = np.random.default_rng(seed)
         self._until = int(self._random.geometric(self._rate))
 
     def flips(self) -> int:
@@ -110,7 +111,8 @@ class Wire:
     def start(self) -> None:
         """START, or a repeated START."""
         self.bits += 1
-        self._address_next, self._listening = True, []
+        self._address_next = True
+        self._listening = []
         self._reading = self._silent = False
 
     def write(self, byte: int) -> bool:
@@ -130,14 +132,16 @@ class Wire:
             return 0
         if self.noise is None:
             return self._sent_byte()
-        flips, byte = self.noise.flips(), self._sent_byte()
+        flips = self.noise.flips()
+        byte = self._sent_byte()
         # a target that sees no acknowledge ends
         self._silent = self._silent or bool(flips & 1)
         return byte ^ flips >> 1
 
     def _written(self, byte: int) -> bool:
         if self._address_next:
-            self._address_next, self._reading = False, bool(byte & 1)
+            self._address_next = False
+            self._reading = bool(byte & 1)
             self._listening = _called(self.targets, byte >> 1, self._reading)
             return bool(self._listening)
         if self._reading:  # the targets send the data themselves
@@ -154,7 +158,9 @@ class Wire:
     def stop(self) -> None:
         """STOP."""
         self.bits += 1
-        self._listening, self._address_next, self._reading = [], False, False
+        self._listening = []
+        self._address_next = False
+        self._reading = False
         for target in self.targets:
             target.stop()
 
@@ -214,7 +220,8 @@ class Mux:
             target.stop()
         if self._next != self.control:
             self._enable(self._next)
-        self._own, self._listening = False, []
+        self._own = False
+        self._listening = []
 
     def power_on(self) -> None:
         """No channel is enabled."""
@@ -243,7 +250,8 @@ class Track:
 
         Equal to np.interp to the last bit, at a tenth of its time.
         """
-        row, last = int(self.t_s.searchsorted(now_s, "right")) - 1, len(self.t_s) - 1
+        row = int(self.t_s.searchsorted(now_s, "right")) - 1
+        last = len(self.t_s) - 1
         if row < 0 or row >= last:
             held: list[float] = self.field_ut[min(max(row, 0), last), sensor].tolist()
             return held
@@ -277,7 +285,9 @@ class VirtualHand:
         seed: int | None = None,
         faults: Sequence[Fault] = (),
     ) -> None:
-        self.clock, self.faults, self.track = clock, Faults(faults), track or still()
+        self.clock = clock
+        self.faults = Faults(faults)
+        self.track = track or still()
         self.born_ns = clock.now_ns()
         self.chips: list[Chip] = []
         channels: list[list[Target]] = [[] for _ in range(8)]
@@ -287,7 +297,8 @@ class VirtualHand:
             self.chips.append(chip)
             channels[channel].append(chip)
         self.mux = Mux(channels)
-        self.wire, self._noise = Wire([self.mux]), Noise(BIT_ERROR_RATE)
+        self.wire = Wire([self.mux])
+        self._noise = Noise(BIT_ERROR_RATE)
 
     def power_off(self) -> None:
         """The power goes and comes back: everything on the wire starts again."""
