@@ -33,7 +33,7 @@ unexport VIRTUAL_ENV PYTHONPATH PYTHONHOME PYTHONDONTWRITEBYTECODE
 # onnxruntime sends usage data otherwise; edge_runtime says so too.
 export ORT_DISABLE_TELEMETRY := 1
 
-.PHONY: help setup hooks demo test lint lock clean dist docs docs-site hard-cases safety soak fuzz real loop evaluate study models bench runtimes browser arm peers lerobot
+.PHONY: help setup hooks demo test lint lock clean dist docs docs-site hard-cases safety soak fuzz real loop evaluate study models bench browser peers lerobot
 
 help:  ## list the targets
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/make \1\t\2/p' Makefile | expand -t 16
@@ -91,24 +91,11 @@ safety: setup  ## run the tests of the hazards and write their results into docs
 	$(BIN)/python -m pytest $(ACROSS) -m "hazard and not soak" --hazards=build/hazards.json $(ARGS)
 	$(BIN)/python tests/support/safety_page.py build/hazards.json docs/safety.md
 
-bench: setup  ## what accuracy costs in time on this machine: one step, a hand, the simulator, or only NAME=cost; into build/bench
+bench: setup  ## what accuracy costs in time on this machine; all, or only NAME=cost; into build/bench
 	$(BIN)/python -m benchmarks $(or $(NAME),all) --out build/bench $(ARGS)
-ifeq ($(NAME),)
-	$(BIN)/python -m benchmarks.network_time build/bench/network.json
-	$(BIN)/python -m benchmarks.live_page build/bench/live-page.json
-endif
-
-runtimes: setup  ## the default model in every runtime of this machine: labels, bits, time; into build/bench
-	$(BIN)/python -m benchmarks.runtimes.here $(MODEL) build/bench/runtimes.json
 
 browser: setup  ## the default model as one static page that needs no server, into build/browser
 	$(BIN)/python examples/browser/build.py $(MODEL) build/browser/holdfast.html
-
-arm: setup models/holdfast-150hz-tiny.onnx  ## the default and the tiny model on emulated Arm processors, into build/bench
-	$(BIN)/python -m benchmarks.runtimes.arm build/bench/arm.json $(MODEL) models/holdfast-150hz-tiny.onnx
-
-models/holdfast-150hz-tiny.onnx:
-	$(MAKE) models SIZE=tiny
 
 peers: $(PEERS)/.stamp  ## beside others: hold and pull, and the closed loop, in MuJoCo, the forest in treelite; an environment of its own, into build/bench
 	$(PEERS)/bin/python -m benchmarks.mujoco_peer --out build/bench/mujoco.json $(ARGS)
@@ -118,8 +105,8 @@ peers: $(PEERS)/.stamp  ## beside others: hold and pull, and the closed loop, in
 lerobot: setup $(LEROBOT)/.stamp  ## lerobot's own loader reads what holdfast convert writes; an environment of its own, 8 GB, needs a C compiler
 	rm -rf build/lerobot
 	PYTHONPATH=tests/support $(BIN)/python -c "import lossy_set, pathlib; lossy_set.write_lossy_set(pathlib.Path('build/lerobot/trials'))"
-	for format in lerobot parquet; do \
-	    $(BIN)/holdfast convert build/lerobot/trials --to $$format --out build/lerobot/$$format || exit; done
+	$(BIN)/holdfast convert build/lerobot/trials --to lerobot --out build/lerobot/lerobot
+	$(BIN)/holdfast convert build/lerobot/trials --to parquet --out build/lerobot/parquet
 	HF_HUB_OFFLINE=1 $(LEROBOT)/bin/python benchmarks/lerobot_peer.py build/lerobot/lerobot build/lerobot/parquet
 
 lint: setup  ## ruff and mypy

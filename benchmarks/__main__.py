@@ -42,11 +42,15 @@ class BenchRequest:
 
 @dataclass(frozen=True)
 class Measure:
-    """One WHAT: what it measures, the kind of its data, and the function that measures it."""
+    """One WHAT: what it measures, the kind of its data, and the function that measures it.
+
+    alone: no part of `all`, because it needs more than the checkout.
+    """
 
     about: str
     kind: str
     measure: Callable[[BenchRequest], Json]
+    alone: bool = False
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -76,14 +80,16 @@ def run(args: argparse.Namespace) -> int:
     require_writable(args.out)
     require_json_writable(args)
     request = BenchRequest(args.out, chosen_workers(args))
-    chosen = list(MEASURES) if args.what == "all" else [args.what]
+    chosen = [args.what]
+    if args.what == "all":
+        chosen = [name for name, one in MEASURES.items() if not one.alone]
     found: dict[str, Json] = {}
     with stages(len(chosen)) as begin:
         for what in chosen:
             measure = MEASURES[what]
             begin(f"{what}: {measure.about}")
             figures = found[what] = measure.measure(request)
-            picture = PICTURES[what](figures)
+            picture = PICTURES[what](figures) if what in PICTURES else None
             written = write_measured(args.out, what, measure.kind, figures, picture)
             if args.json != STDOUT:
                 tables = table_lines(short(figures) if what == "cost" else figures)
@@ -173,6 +179,36 @@ def _onset(request: BenchRequest) -> Json:
     return written | {"held": _rows(held())}
 
 
+def _network(request: BenchRequest) -> Json:
+    from benchmarks.network_time import measure
+
+    return measure()
+
+
+def _live_page(request: BenchRequest) -> Json:
+    from benchmarks.live_page import measure
+
+    return measure()
+
+
+def _runtimes(request: BenchRequest) -> Json:
+    from benchmarks.runtimes.here import measure
+
+    return measure(MODEL)
+
+
+def _arm(request: BenchRequest) -> Json:
+    from benchmarks.runtimes.arm import measure
+    from holdfast.core.errors import DataNotFound
+
+    tiny = MODEL.with_name(f"{MODEL.stem}-tiny.onnx")
+    if not tiny.is_file():
+        raise DataNotFound(
+            "no such model", where=tiny, next_step="make models SIZE=tiny"
+        )
+    return measure([MODEL, tiny])
+
+
 MEASURES: dict[str, Measure] = {
     "latency": Measure(
         "time of one decision next to other implementations, interleaved",
@@ -211,6 +247,28 @@ MEASURES: dict[str, Measure] = {
         "error by step, CPU time by size, other friction laws, MuJoCo after make peers",
         "simulated, time on this machine",
         _simulator,
+    ),
+    "network": Measure(
+        "a network in whole numbers, in real numbers, and the trees",
+        "time on this machine",
+        _network,
+    ),
+    "live-page": Measure(
+        "whether browsers that stall and read delay the loop (minutes)",
+        "time on this machine, samples simulated",
+        _live_page,
+    ),
+    "runtimes": Measure(
+        "the default model in every runtime of this machine: labels, bits, time",
+        "simulated",
+        _runtimes,
+        alone=True,
+    ),
+    "arm": Measure(
+        "the default and the tiny model on emulated Arm processors",
+        "emulated",
+        _arm,
+        alone=True,
     ),
 }
 

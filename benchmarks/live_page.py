@@ -1,6 +1,6 @@
 """Whether the live page delays the loop: `holdfast run --web` beside browsers that stall and read.
 
-`python -m benchmarks.live_page OUT.json`. Runs on the virtual hand in real time, one after
+Runs on the virtual hand in real time, one after
 another. A stalled browser asks for the events and never reads; its buffers are small, so the
 server's are soon full. Where the server disconnects it, it comes back at once. Counts and latencies
 are those of the run's own summary: times on this machine, of simulated samples.
@@ -8,7 +8,6 @@ are those of the run's own summary: times on this machine, of simulated samples.
 
 from __future__ import annotations
 
-import json
 import re
 import select
 import socket
@@ -21,7 +20,6 @@ from typing import IO
 
 from holdfast.core.errors import OutputError
 from holdfast.core.reading import Json
-from holdfast.core.writing import write_whole
 from holdfast.evaluation.provenance import host
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -178,7 +176,3 @@ def measure(seconds: float = SECONDS, turns: int = TURNS) -> Json:
         "host": asdict(host()),
         "rows": [asdict(row) for row in rows],
     }
-
-
-if __name__ == "__main__":
-    write_whole(Path(sys.argv[1]), json.dumps(measure(), indent=2) + "\n")

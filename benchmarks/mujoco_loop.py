@@ -9,17 +9,17 @@ the skin, all fingers' sum. Medians are in the JSON too.
 
 from __future__ import annotations
 
+import argparse
 import json
 import sys
 import tempfile
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from holdfast.cli.command import Parser, finish, path_argument
+from holdfast.cli.command import path_argument, run_script
 from holdfast.core.contract import FloatArray
 from holdfast.core.errors import UsageError
 from holdfast.core.writing import require_writable, write_whole
@@ -224,15 +224,15 @@ def require_mujoco() -> str:
     return version
 
 
-def main(argv: Sequence[str]) -> int:
-    """Run both, write the JSON, print a line a trial."""
-    parser = Parser(
-        prog="mujoco_loop", description="holdfast in the loop, in MuJoCo and in ours"
-    )
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of this program."""
     default = Path("build/bench/mujoco-loop.json")
     parser.add_argument("--out", type=path_argument, default=default, metavar="FILE")
     parser.add_argument("--model", type=path_argument, default=MODEL, metavar="FILE")
-    args = parser.parse_args(argv)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run both, write the JSON, print a line a trial."""
     version = require_mujoco()
     require_writable(args.out.parent)
     model = Model(args.model)
@@ -252,4 +252,5 @@ def main(argv: Sequence[str]) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(finish(main, sys.argv[1:]))
+    about = "holdfast in the loop, in MuJoCo and in ours"
+    sys.exit(run_script("python -m benchmarks.mujoco_loop", about, add_arguments, run))

@@ -17,6 +17,7 @@ CPU time is of `mj_step` alone: no compiling of the model, no Python between the
 
 from __future__ import annotations
 
+import argparse
 import json
 import os
 import platform
@@ -39,7 +40,7 @@ from benchmarks.mujoco_scene import (
     Variant,
     mjcf,
 )
-from holdfast.cli.command import Parser, finish, path_argument
+from holdfast.cli.command import path_argument, run_script
 from holdfast.core.errors import UsageError
 from holdfast.core.reading import Json
 from holdfast.core.writing import require_writable, write_whole
@@ -306,27 +307,28 @@ def _row(run: PeerRun) -> str:
     )
 
 
-def main(argv: Sequence[str]) -> int:
-    """Parse, measure, write the JSON, print the table."""
-    parser = Parser(
-        prog="mujoco_peer", description="hold and pull in MuJoCo: CPU time, creep, slip"
-    )
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of this program."""
     parser.add_argument(
         "--out",
         type=path_argument,
         default=Path("build/bench/mujoco.json"),
         metavar="FILE",
     )
-    args = parser.parse_args(argv)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Measure, write the JSON, print the table."""
     _mujoco()
     require_writable(args.out.parent)
     scene = Scene()
     runs = measure(scene)
     write_whole(args.out, json.dumps(document(scene, runs), indent=2) + "\n")
-    for run in runs:
-        print(_row(run))
+    for one in runs:
+        print(_row(one))
     return 0
 
 
 if __name__ == "__main__":
-    sys.exit(finish(main, sys.argv[1:]))
+    about = "hold and pull in MuJoCo: CPU time, creep, slip"
+    sys.exit(run_script("python -m benchmarks.mujoco_peer", about, add_arguments, run))

@@ -1,17 +1,14 @@
 """What a network of whole numbers costs in time, beside the same in real numbers and the trees.
 
-`python -m benchmarks.network_time OUT.json`. All answer the same rows one at a time from
+All answer the same rows one at a time from
 their features on, interleaved; the numbers inside are of noise, on which the time does not depend.
 """
 
 from __future__ import annotations
 
-import json
-import sys
 import warnings
 from collections.abc import Callable
 from dataclasses import asdict
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,7 +17,6 @@ from onnx import TensorProto, helper, numpy_helper
 
 from holdfast.core.contract import CLASSES
 from holdfast.core.reading import Json
-from holdfast.core.writing import write_whole
 from holdfast.edge_runtime.graph import open_session
 from holdfast.evaluation.latency.timing import busy_wait, time_in_turns
 from holdfast.evaluation.provenance import host
@@ -145,7 +141,3 @@ def _real_session(members: Members, rows: FloatRows) -> Callable[[], object]:
     opsets = [helper.make_opsetid("", OPSET)]
     made = helper.make_model(graph, opset_imports=opsets, ir_version=IR_VERSION)
     return _caller(made.SerializeToString(), rows)
-
-
-if __name__ == "__main__":
-    write_whole(Path(sys.argv[1]), json.dumps(measure(), indent=1) + "\n")

@@ -21,7 +21,7 @@ from dataclasses import asdict, dataclass
 from importlib import import_module
 from pathlib import Path
 
-from holdfast.cli.command import Parser, finish, path_argument, seed
+from holdfast.cli.command import finish, path_argument, run_script, seed
 from holdfast.core.errors import UsageError
 from holdfast.core.reading import Json
 from holdfast.core.writing import write_whole
@@ -122,10 +122,5 @@ def _start_program(
         )
         module.add_arguments(parser)
 
-    def main(words: Sequence[str]) -> int:
-        parser = Parser(prog=f"python -m {folder} {name}", description=program.about)
-        add_arguments(parser)
-        code: int = module.run(parser.parse_args(words))
-        return code
-
-    return finish(main, words)
+    name_of_program = f"python -m {folder} {name}"
+    return run_script(name_of_program, program.about, add_arguments, module.run, words)

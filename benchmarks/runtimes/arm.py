@@ -1,13 +1,10 @@
-"""`make arm`: model files on emulated Arm processors: aarch64 in C and Python, and a Cortex-M7.
+"""Model files on emulated Arm processors: aarch64 in C and Python, and a Cortex-M7.
 
-python -m benchmarks.runtimes.arm OUT.json MODEL [MODEL ..]
 The first model is also checked in Python.
 """
 
 from __future__ import annotations
 
-import json
-import sys
 import tempfile
 from dataclasses import asdict
 from pathlib import Path
@@ -25,7 +22,6 @@ from benchmarks.runtimes.here import same_bits
 from benchmarks.runtimes.stream import stream_of
 from holdfast.cli.command import show
 from holdfast.core.reading import Json
-from holdfast.core.writing import write_whole
 from holdfast.edge_runtime.model import Model
 from holdfast.export.c.exporting import export_c
 
@@ -34,7 +30,7 @@ KEPT = Path("build/arm")
 
 
 def measure(models: list[Path]) -> Json:
-    """Everything that `make arm` shows."""
+    """Everything that `make bench NAME=arm` shows."""
     figures = [of_model(path) for path in models]
     show(f"holdfast selftest {models[0]} on an emulated aarch64: some minutes")
     lines = selftest(models[0], KEPT)
@@ -78,9 +74,3 @@ def of_model(path: Path) -> Json:
             for one in boards
         ],
     }
-
-
-if __name__ == "__main__":
-    out, *models = sys.argv[1:]
-    figures = measure([Path(one) for one in models])
-    show(str(write_whole(Path(out), json.dumps(figures, indent=1) + "\n")))

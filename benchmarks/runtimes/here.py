@@ -1,12 +1,7 @@
-"""`make runtimes`: one model file in every runtime of this machine, in one run.
-
-python -m benchmarks.runtimes.here MODEL OUT.json
-"""
+"""One model file in every runtime of this machine, in one run."""
 
 from __future__ import annotations
 
-import json
-import sys
 import tempfile
 from collections.abc import Callable
 from dataclasses import asdict
@@ -26,9 +21,7 @@ from benchmarks.runtimes.c_programs import (
     answers_of,
 )
 from benchmarks.runtimes.stream import Stream, stream_of
-from holdfast.cli.command import show
 from holdfast.core.reading import Json
-from holdfast.core.writing import write_whole
 from holdfast.edge_runtime.c_engine import LIBRARY, CompiledModel
 from holdfast.edge_runtime.engine import OpenedModel
 from holdfast.edge_runtime.model import Model
@@ -115,8 +108,3 @@ def from_python(model: OpenedModel, stream: Stream) -> StreamAnswers:
     spent_s = perf_counter() - begin
     nothing = np.zeros((len(labels), 0), np.uint8)
     return StreamAnswers(labels, nothing, 1e6 * spent_s / len(labels))
-
-
-if __name__ == "__main__":
-    figures = measure(Path(sys.argv[1]))
-    show(str(write_whole(Path(sys.argv[2]), json.dumps(figures, indent=1) + "\n")))

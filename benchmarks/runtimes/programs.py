@@ -1,4 +1,4 @@
-"""Programs of other projects that `make runtimes` and `make arm` call: compilers, emulators."""
+"""Programs of other projects that the runtimes and Arm benchmarks call: compilers, emulators."""
 
 from __future__ import annotations
 

@@ -6,12 +6,12 @@ import argparse
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 from examples.demo.demo_trials import RATE_HZ, TRAIN, TRIALS, UNSEEN
-from holdfast.cli.command import Parser, finish, path_argument
+from holdfast.cli.command import path_argument, run_script
 from holdfast.core.errors import HoldfastError
 from holdfast.core.writing import require_writable
 
@@ -21,7 +21,7 @@ Await = Callable[[str], Path]
 """Name of a set -> its folder, once it is complete."""
 
 
-def run(out: Path, work: Path) -> int:
+def show_demo(out: Path, work: Path) -> int:
     """Train, export, show three unseen trials, and leave model and report in `out`."""
     protocol = f"{TRIALS} trials of the thesis' protocol at {RATE_HZ:g} Hz"
     print(f"simulating {protocol} (simulated: no recording)", flush=True)
@@ -92,25 +92,23 @@ def _simulated_beside(work: Path) -> Iterator[Await]:
             child.kill()
 
 
-def main(argv: Sequence[str]) -> int:
-    """Parse and run; the simulated trials go into a temporary folder."""
-    parser = Parser(
-        prog="make demo",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    out, default = (
-        "folder for model and report (default build/demo)",
-        Path("build/demo"),
-    )
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of this program."""
     parser.add_argument(
-        "--out", type=path_argument, default=default, metavar="DIR", help=out
+        "--out",
+        type=path_argument,
+        default=Path("build/demo"),
+        metavar="DIR",
+        help="folder for model and report (default build/demo)",
     )
-    args = parser.parse_args(argv)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Show everything; the simulated trials go into a temporary folder."""
     require_writable(args.out)
     with tempfile.TemporaryDirectory() as work:
-        return run(args.out, Path(work))
+        return show_demo(args.out, Path(work))
 
 
 if __name__ == "__main__":
-    sys.exit(finish(main, sys.argv[1:]))
+    sys.exit(run_script("make demo", str(__doc__), add_arguments, run))

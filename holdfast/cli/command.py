@@ -71,8 +71,12 @@ def run_script(
     about: str,
     add_arguments: Callable[[argparse.ArgumentParser], None],
     run: Callable[[argparse.Namespace], int],
+    argv: Sequence[str] | None = None,
 ) -> int:
-    """A command run as a script: parse sys.argv, run it, and end like every program of Holdfast."""
+    """Start a program that is no verb: parse, run, and end like every program of Holdfast.
+
+    argv: None for the words that it was started with.
+    """
 
     def main(argv: Sequence[str]) -> int:
         parser = Parser(
@@ -83,7 +87,7 @@ def run_script(
         add_arguments(parser)
         return run(parser.parse_args(argv))
 
-    return finish(main, sys.argv[1:])
+    return finish(main, sys.argv[1:] if argv is None else argv)
 
 
 def finish(main: Callable[[Sequence[str]], int], argv: Sequence[str]) -> int:

@@ -19,14 +19,18 @@ SEED = 0
 
 
 def write_measured(
-    out: Path, what: str, kind: str, figures: Json, picture: str
+    out: Path, what: str, kind: str, figures: Json, picture: str | None
 ) -> list[str]:
-    """Write both files; returns their names, and what is over a budget, as lines."""
+    """Write both files; returns their names, and what is over a budget, as lines.
+
+    picture: SVG, None where the measurement has none.
+    """
     text = json.dumps(figures | machine_facts(kind), indent=2) + "\n"
     path = write_whole(out / f"{what}.json", text)
-    drawn = write_whole(path.with_suffix(".svg"), picture)
-    broken = [f"over budget: {line}" for line in figures.get("broken", [])]
-    return [f"{path}", f"{drawn}", *broken]
+    lines = [f"{path}"]
+    if picture is not None:
+        lines.append(f"{write_whole(path.with_suffix('.svg'), picture)}")
+    return lines + [f"over budget: {line}" for line in figures.get("broken", [])]
 
 
 def table_lines(figures: Json) -> list[str]:

@@ -135,8 +135,10 @@ def test_the_scene_in_mujoco_has_the_given_grip_and_object() -> None:
 def test_without_mujoco_the_peer_says_in_one_line_how_to_get_it(tmp_path: Path) -> None:
     code = (
         "import sys; sys.modules['mujoco'] = None\n"
-        "from benchmarks.mujoco_peer import main; from holdfast.cli.command import finish\n"
-        f"sys.exit(finish(main, ['--out', {str(tmp_path / 'm.json')!r}]))"
+        "from benchmarks.mujoco_peer import add_arguments, run\n"
+        "from holdfast.cli.command import run_script\n"
+        f"words = ['--out', {str(tmp_path / 'm.json')!r}]\n"
+        "sys.exit(run_script('peer', '', add_arguments, run, words))"
     )
     done = subprocess.run(
         [sys.executable, "-c", code],

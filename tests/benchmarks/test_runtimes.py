@@ -1,4 +1,4 @@
-"""`make runtimes` and `make arm`: every runtime answers one stream; an image's report is read."""
+"""Every runtime of this machine answers one stream; the report of an emulated image is read."""
 
 from __future__ import annotations
 

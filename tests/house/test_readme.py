@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from argparse import Namespace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,7 +24,7 @@ def test_the_readme_shows_the_real_output_of_the_demo(
     capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    assert demo.main([]) == 0
+    assert demo.run(Namespace(out=Path("build/demo"))) == 0
     shown = re.search(
         r"<!-- demo:.*?-->\n```text\n(.*?)```",
         (ROOT / "README.md").read_text(),

@@ -249,7 +249,9 @@ def budgets(ratios: dict[str, float], n_bytes: int, resident_mb: float) -> list[
 
 def _scenes(work: Path, rate_hz: float) -> DataSet:
     """A small simulated set at the model's rate."""
-    write_set(Scene(read_scene_file("thesis", rate_hz=rate_hz), 0), work / "set", TRIALS)
+    write_set(
+        Scene(read_scene_file("thesis", rate_hz=rate_hz), 0), work / "set", TRIALS
+    )
     return load(work / "set", windows="thesis")
 
 
