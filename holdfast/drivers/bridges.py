@@ -27,6 +27,7 @@ def open_bus(scheme: str, name: str, *, number: int = 0, bus_hz: int = BUS_HZ) -
     Raises a DeviceError or UsageError.
     """
     if scheme == "usb":
+        # late: pyusb takes time to load, and the board's own bus does without it
         from holdfast.drivers.usb import real_backend
 
         return _driver(name, real_backend(), number, bus_hz)
@@ -34,6 +35,7 @@ def open_bus(scheme: str, name: str, *, number: int = 0, bus_hz: int = BUS_HZ) -
         raise UsageError(
             f"i2c://{name}: not a bus number", next_step="i2c://1 means /dev/i2c-1"
         )
+    # late: only this bus needs smbus2
     from holdfast.drivers.native_i2c import NativeI2C
 
     return NativeI2C(int(name))

@@ -75,6 +75,7 @@ def bias_of(values: FloatArray, unit: Unit) -> tuple[Bias, tuple[str, ...]]:
             next_step="take the bias in N or in uT",
         )
     _check_bias_rows(values)
+    # an infinite value is as lost as nan, and nanmedian knows nan only
     masked = np.where(np.isfinite(values), values, np.nan)
     middle = np.nanmedian(masked, axis=0)
     spread = np.nanstd(masked, axis=0)
@@ -105,6 +106,7 @@ def _check_bias_rows(values: FloatArray) -> None:
 
 
 def _bias_warnings(masked: FloatArray, bias: Bias) -> tuple[str, ...]:
+    # a drift shows between the ends, not between neighbouring rows
     third = len(masked) // 3
     lost = np.isnan(masked).sum(axis=0)
     drift = np.abs(_middle(masked[-third:]) - _middle(masked[:third]))
@@ -273,6 +275,7 @@ def read_calibration(path: str | Path) -> Calibration:
 
 def _is_singular(matrix: FloatArray) -> bool:
     """Whether the rows of the loaded axes (not all zero) do not span as many directions."""
+    # scaled row by row: a calibration in small numbers is not singular
     largest = np.abs(matrix).max(axis=1)
     rows = matrix[largest > 0.0] / largest[largest > 0.0, None]
     return not len(rows) or int(np.linalg.matrix_rank(rows)) < len(rows)
@@ -373,6 +376,7 @@ class _File:
     ) -> FloatArray:
         """Finite numbers of a shape, None for any length from 1; with gaps, null stands for nan."""
         found = np.array(self.value(name), dtype=object)
+        # numpy keeps lists of unequal length as leaves
         ragged = any(isinstance(leaf, list) for leaf in found.flat) or not found.size
         fits = not ragged and found.ndim == len(shape)
         for size, wanted in zip(found.shape, shape, strict=False):
@@ -388,10 +392,12 @@ class _File:
     def _number(self, name: str, leaf: object, gaps: bool) -> float:
         if leaf is None and gaps:
             return float("nan")
+        # True is an int in Python, and no number in a file
         if isinstance(leaf, bool) or not isinstance(leaf, int | float):
             raise self.wrong(
                 NotANumber, f"{name} holds {leaf!r}, which is not a number"
             )
+        # also refuses nan, for which every comparison is false
         if not abs(leaf) <= sys.float_info.max:
             raise self.wrong(NotANumber, f"{name} holds {leaf!r}, which is not finite")
         return float(leaf)

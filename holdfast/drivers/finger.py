@@ -70,6 +70,7 @@ def bring_up(
     keep its configuration, and what the bridge raises.
     """
     address = finger.read_at
+    # registers cannot be read back once 1-byte reads are on, so those come last
     plain = dict(setup.plain.registers())
     if finger.moved is not None:
         _move(bus, finger.address, finger.moved, pause, known=known)
@@ -91,6 +92,7 @@ def identify(
     DEVICE_CONFIG_1, so that its registers can be read again. Raises DeviceNotFound, WrongDevice.
     """
     use_registers = Transfer(address, bytes([CONFIG, config]))
+    # a known chip may be asleep: the first write wakes it and is not acknowledged
     if known and not bus.scan([use_registers])[0].acked:
         pause(WAKE_S)
         bus.scan([use_registers])
@@ -118,6 +120,7 @@ def _identity(bus: Bus, address: int, pause: Pause) -> bytes:
     ask = Transfer(address, bytes([IDENTITY]), 4)
     reply = bus.scan([ask])[0]
     if not reply.acked:
+        # the first read may have woken it
         pause(WAKE_S)
         reply = bus.scan([ask])[0]
     if not reply.acked:
@@ -178,6 +181,7 @@ def _move(bus: Bus, factory: int, moved: int, pause: Pause, *, known: bool) -> N
     try:
         identify(bus, moved, pause, known=known)
     except DeviceNotFound:
+        # it lost its power and answers at its factory address again
         identify(bus, factory, pause, known=known)
         bus.scan([Transfer(factory, bytes([IDENTITY, moved << 1 | 1]))])
 
@@ -191,6 +195,7 @@ def _configure(bus: Bus, address: int, plain: dict[int, int]) -> None:
     read_back = Transfer(address, b"\0", READ_BACK)
     clear = Transfer(address, bytes([DEVICE.address, DEVICE.write_one_clears]))
     held = bus.scan([clear, read_back])[-1]
+    # a chip that kept its configuration goes on converting
     if held.data != wanted:
         writes = [Transfer(address, bytes(pair)) for pair in plain.items()]
         held = bus.scan([*writes, read_back])[-1]
@@ -200,6 +205,7 @@ def _configure(bus: Bus, address: int, plain: dict[int, int]) -> None:
             where=f"{address:#04x}",
             cause="two chips at one address, or noise on the bus",
         )
+    # only now: a loss of power before this line must show
     bus.scan([Transfer(address, bytes([STATUS.address, STATUS.write_one_clears]))])
 
 
@@ -232,6 +238,7 @@ class PacketCheck:
             self._test(offset, data)
             return False
         if offset == self.offset:
+            # the first packet after a misfit is not believed either
             believed = self._misfits == 0
             self._misfits = 0
             return believed
@@ -251,7 +258,9 @@ class PacketCheck:
         """Count a packet of the test, unless it is the same as the last one."""
         if data == self._last:
             return
+        # packets must agree with each other, not with the data sheet's seed
         self._agreed = self._agreed + 1 if self._agreed and offset == self.offset else 1
+        # a chip without a CRC pads each packet with the same byte
         self._same = self._same + 1 if data[-1:] == self._last[-1:] else 1
         self.offset = offset
         self._last = data
@@ -259,6 +268,7 @@ class PacketCheck:
         self.trusted = self._agreed >= TEST_PACKETS
         self.absent = not self.trusted and self._same >= TEST_PACKETS
         if self.trusted:
+            # trust begins anew, without the memory of earlier tests
             self.failures = 0
             self._begin()
         elif self._tested >= MOST_TEST_PACKETS:
@@ -352,9 +362,11 @@ class FingerState:
             return "garbage"
         under_test = not self.check.trusted
         if self.setup.crc and not self.check.believes(self.finger.read_at, data):
+            # a test that has not failed yet is no reason to distrust the bus
             if under_test and not self.check.failures:
                 return self._stale(data, came_ns) or "settling"
             return "crc"
+        # the chip never sets these bits, so the byte is not its status
         if found.status & RESERVED_STATUS:
             return "garbage"
         if found.reset:
@@ -376,6 +388,7 @@ class FingerState:
         is unknown again, because the chip may have been asleep since its last conversion.
         """
         if data != self._last:
+            # a chip that slept may show a result from before it fell asleep
             slept = self._missed and came_ns - self._changed_ns > STALE_NS
             self._converts = bool(self._last) and not slept
             self._missed = False

@@ -88,6 +88,7 @@ class Fingers:
         self._now_ns = now_ns
         self._pause = pause
         self._say = say
+        # even without a CRC test the user's own format is kept in _setup
         chip_setup = replace(setup, crc=crc != "off")
         self._states = [FingerState(finger, chip_setup) for finger in fingers]
         self._planner = ScanPlanner(fingers)
@@ -126,6 +127,7 @@ class Fingers:
     def start(self, bus: Bus) -> None:
         """Bring up every finger that answers. Raises DeviceNotFound without any, WrongDevice."""
         failures = self.bring_up_all(bus)
+        # a wrong chip is an error even where other fingers answer
         for failure in failures:
             if isinstance(failure, WrongDevice):
                 raise failure
@@ -185,14 +187,17 @@ class Fingers:
         """
         self.forget_masks()
         for mux in sorted(self._planner.muxes):
+            # one flipped bit must not hide a mux
             if not any(is_mux(bus, mux) for _ in range(TRIES_AT_START)):
                 raise _no_mux(mux, another_chip=bool(plain_read(bus, mux)))
+            # the test for a mux ends with all its channels disabled
             self._planner.masks[mux] = 0
 
     def _bring_up_patiently(self, bus: Bus, k: int) -> DeviceError | None:
         """Bring up a finger, again if another chip seems to answer; its failure or None."""
         for _ in range(TRIES_AT_START):
             failure = self._bring_up(bus, k)
+            # silence does not change by asking again; a wrong answer may be noise
             if not isinstance(failure, WrongDevice):
                 break
         return failure
@@ -218,6 +223,7 @@ class Fingers:
         selects = self._planner.select(finger.behind)
         read_backs = [Transfer(one.address, b"", 1) for one in selects]
         held = bus.scan([*selects, *read_backs])[len(selects) :]
+        # another finger behind the wrong channel would answer in its place
         if [reply.data for reply in held] != [one.write for one in selects]:
             self.forget_masks()
             raise DeviceNotFound(
@@ -245,6 +251,7 @@ class Fingers:
         self._say(
             f"finger {k + 1}: sends no CRC, its readings are unchecked (crc=auto)"
         )
+        # from here on without a CRC; its transfer becomes one byte shorter
         state.setup = self._setup
         self._bring_up(bus, k)
 
@@ -269,6 +276,7 @@ class Fingers:
         replies: list[Reply | None] = [None] * len(self._states)
         unswitched: set[int] = set()
         for group in plan.groups:
+            # after one failed switch the masks of all later groups are in doubt
             if unswitched or not group.switched(answers):
                 self.forget_masks()
                 unswitched |= group.fingers.keys()
@@ -278,6 +286,7 @@ class Fingers:
 
     def _convert(self, bus: Bus) -> None:
         """Start one conversion of every chip at one moment, and wait for it."""
+        # the general call reaches every enabled chip at the same bit
         trigger = Transfer(GENERAL_CALL, bytes([TRIGGER]))
         bus.scan([*self._planner.select_all(), trigger])
         self._pause(conversion_s(self._setup.averages))

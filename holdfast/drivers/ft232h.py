@@ -92,6 +92,7 @@ class Ft232h(UsbBridge):
 
     def __init__(self, backend: Any, *, number: int = 0, bus_hz: int = 400_000) -> None:
         require_bus_hz(self.name, bus_hz, SLOWEST_HZ, FASTEST_HZ)
+        # three phases: each bit takes one and a half clocks of the two-phase formula
         self._divider = max(0, round(MASTER_HZ / (3 * bus_hz)) - 1)
         self._turn = 0
         self._doubtful = True
@@ -119,6 +120,7 @@ class Ft232h(UsbBridge):
 
     def _begin(self) -> None:
         """Reset the engine, and see that it answers."""
+        # the order matters: the mode is set in an engine whose buffers are empty
         for request, value in (
             (SIO_RESET, RESET),
             (SIO_RESET, PURGE_SENT),
@@ -129,6 +131,7 @@ class Ft232h(UsbBridge):
         ):
             self._port.control_out(VENDOR_OUT, request, value, INTERFACE_A)
         self._doubtful = True
+        # the mark alone: an engine in another mode does not return it
         self._ask(b"", 0)
         divider = bytes([DIVIDER, self._divider & 0xFF, self._divider >> 8])
         self._port.write(OUT_ENDPOINT, SETUP + divider + _pins(SCL | SDA))
@@ -154,6 +157,7 @@ class Ft232h(UsbBridge):
         commands = b"".join(_commands(transfer) for transfer in transfers)
         expected = sum(_answers(transfer) for transfer in transfers) + 2
         answer = self._ask(LOOK + commands + LOOK, expected)
+        # with SDA held low every acknowledge bit would read as acknowledged
         idle = SCL | SDA_IN
         if answer[0] & answer[-1] & idle != idle:
             raise BusStuck(
@@ -166,6 +170,7 @@ class Ft232h(UsbBridge):
         for transfer in transfers:
             data_at = at + _acks(transfer)
             end = data_at + transfer.read
+            # one missing acknowledge spoils the transfer, and the other transfers stand
             refused = any(ack & 1 for ack in answer[at:data_at])
             replies.append(
                 NOT_ACKED if refused else Reply(answer[data_at:end], acked=True)
@@ -183,6 +188,7 @@ class Ft232h(UsbBridge):
                 self._port.control_out(VENDOR_OUT, SIO_RESET, value, INTERFACE_A)
             self._port.drain(IN_ENDPOINT, PACKET, empty=STATUS_BYTES)
         self._doubtful = True
+        # two marks suffice: only the answer to the request before can be late
         self._turn = 1 - self._turn
         mark = BAD_COMMANDS[self._turn]
         self._port.write(OUT_ENDPOINT, bytes([mark]) + commands + bytes([FLUSH]))
@@ -204,6 +210,7 @@ class Ft232h(UsbBridge):
             packet = self._port.read(IN_ENDPOINT, PACKET)
             if len(packet) < STATUS_BYTES:
                 raise self._wrong_length(f"a packet of {len(packet)} bytes")
+            # an empty packet only says that the latency timer has run out
             empty = empty + 1 if len(packet) == STATUS_BYTES else 0
             if empty > EMPTY_READS:
                 raise self._wrong_length(f"{len(found)} of {expected} bytes arrived")
@@ -258,6 +265,7 @@ def _batches(transfers: Sequence[Transfer]) -> list[list[Transfer]]:
                 f"{transfer.read} bytes do not fit into one transfer",
                 next_step=f"read fewer than {MOST_IN - 2} bytes at once",
             )
+        # a transfer is never split, because its acknowledges belong to its data
         if needed > room:
             batches.append([])
             room = MOST_IN

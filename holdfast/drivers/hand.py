@@ -94,6 +94,7 @@ class Hand:
         except BusStuck as error:
             return self._free(bus, t_ns, error)
         except TransferFailed as error:
+            # single failures happen on any USB; a row of them does not heal by itself
             self._failures += 1
             if self._failures >= FAILURES_TO_REOPEN:
                 return self._give_up(t_ns, error)
@@ -103,6 +104,7 @@ class Hand:
         self._failures = 0
         self._complaint = ""
         reading = self._driven.judge(t_ns, replies)
+        # after the judgement, so that a repair never delays this reading's time
         self._driven.repair(bus, reading)
         self._report_changes(reading.why)
         return reading
@@ -145,6 +147,7 @@ class Hand:
         return self._no_reading(t_ns, "lost")
 
     def _look_for_bridge(self, t_ns: int) -> Bus | None:
+        # looking for a bridge takes milliseconds, which the loop has not got each time
         if t_ns - self._looked_ns < TRY_AGAIN_NS:
             return None
         self._looked_ns = t_ns
@@ -159,6 +162,7 @@ class Hand:
 
     def _no_reading(self, t_ns: int, why: str) -> Reading:
         """A reading without values, for one reason that holds for all fingers."""
+        # what arrived at the muxes is unknown
         self._driven.forget_masks()
         count = len(self.fingers)
         reading = Reading(
@@ -172,6 +176,7 @@ class Hand:
 
     def _complain(self, error: DeviceError) -> None:
         """Report what is wrong with bus or bridge, once until a scan has gone well."""
+        # one line for a failure that lasts, not one for each scan
         if str(error) != self._complaint:
             self._say(str(error))
         self._complaint = str(error)

@@ -113,12 +113,14 @@ def _require_distinct(text: str, fingers: Sequence[Finger]) -> None:
     places = {(one.behind, one.address) for one in fingers}
     moved = [one.moved for one in fingers if one.moved]
     factory = {one.address for one in fingers}
+    # a moved chip would meet a chip that still has that address from the factory
     doubled = len(places) < len(fingers) or len(set(moved)) < len(moved)
     if doubled or not factory.isdisjoint(moved):
         raise UsageError(
             f"{text!r}: two fingers at one place",
             next_step="give each its own address or channel",
         )
+    # a mux answers at its address whatever its mask is
     taken = factory.union(moved) & muxes_of(fingers)
     if taken:
         raise UsageError(
@@ -193,10 +195,12 @@ def is_mux(bus: Bus, address: int) -> bool:
     A chip that answers a plain read with different bytes is sent nothing at all. Raises what a
     bridge raises.
     """
+    # a mux returns its one register for every byte that is read
     if len(set(plain_read(bus, address))) != 1:
         return False
     for number in ECHOES:
         register_read = Transfer(address, bytes([number]), 1)
+        # the plain read afterwards shows whether the number was kept as a mask
         after = bus.scan([register_read, Transfer(address, b"", 2)])[1]
         if after.data != bytes([number, number]):
             return False
@@ -266,6 +270,7 @@ class ScanPlanner:
 
         doubtful: the bus flipped bits lately, so each group ends with a read of its muxes.
         """
+        # a plan depends on what the muxes hold when it begins
         key = (doubtful, tuple(self.masks.items()), tuple(reads))
         if key not in self._plans:
             self._plans[key] = self._new_plan(reads, doubtful)
@@ -295,6 +300,7 @@ class ScanPlanner:
             if read is None:
                 continue
             selects = self.select(self._channels[k])
+            # a new group begins wherever a mux has to be written
             if selects or not groups:
                 if doubtful and groups:
                     _read_back(transfers, groups[-1])

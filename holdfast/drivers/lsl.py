@@ -107,6 +107,7 @@ class LslSource:
         self.rate_hz: float | None = rate
         self._wait_s = WAIT_PERIODS / rate
         self._ended = False
+        # both clocks are monotonic, so one difference holds for the whole run
         self._offset_ns = now_ns() - round(1e9 * inlet.clock_s())
         self._waiting: deque[Pair] = deque(inlet.pull(FIRST_S)[-1:])
         if not self._waiting:
@@ -123,6 +124,7 @@ class LslSource:
         if not self._waiting:
             return self._invalid(LOST)
         if len(self._waiting) > MOST_WAITING:
+            # the newest is kept: an old sample would delay every later one
             newest = self._waiting.pop()
             self._last = self._reading(*self._waiting[-1])
             self._waiting = deque([newest])
@@ -148,6 +150,7 @@ class LslSource:
     def _reading(self, stamp_s: float, values: list[float]) -> SourceReading:
         t_ns = round(1e9 * stamp_s) + self._offset_ns
         now_ns = self._now_ns()
+        # a small error of the correction is no sample from the future
         t_ns = now_ns if now_ns < t_ns <= now_ns + FORWARD_NS else t_ns
         ordered: FloatArray = np.array(values, dtype=np.float64)[self._order]
         valid: BoolArray = np.logical_and.reduce(
@@ -181,6 +184,7 @@ class LslAnswers:
     ) -> None:
         """Send both without waiting."""
         stamp_s = 1e-9 * (sample.t_ns - self._offset_ns)
+        # receivers must not take a held value for a measured one
         values = np.where(np.repeat(sample.valid, 3), sample.values, np.nan)
         self._samples.push(values.tolist(), stamp_s)
         self._decisions.push(decision_row(prediction), stamp_s)

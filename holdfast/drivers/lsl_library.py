@@ -73,6 +73,7 @@ class LslInlet:
             first, stamp = self._inlet.pull_sample(timeout_s)
             if first is None:
                 return []
+            # the first call waited; this one takes what else has come
             rows, stamps = self._inlet.pull_chunk(0.0, MOST_AT_ONCE)
             correction_s = self._inlet.time_correction(FIND_S)
         except (TimeoutError, LostError):

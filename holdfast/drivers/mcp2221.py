@@ -119,6 +119,7 @@ class Mcp2221(UsbBridge):
         status = self._settled()
         if status.state not in (done, NACK):
             raise self._gave_up(status.state)
+        # the engine keeps a failure until it is cancelled
         if status.state == NACK or status.confused:
             self._cancel()
         return status.state == done
@@ -144,11 +145,13 @@ class Mcp2221(UsbBridge):
             if state == NACK:
                 self._cancel()
                 return NOT_ACKED
+            # a time-out or a lost arbitration ends here; neither goes away by itself
             if state not in (*WORKING, WRITTEN_NO_STOP, DATA_READY):
                 break
         raise self._gave_up(state)
 
     def _data(self, reply: bytes, count: int, wanted: int) -> Reply:
+        # a short answer would be taken for a whole packet with a wrong CRC
         if count != wanted:
             self._cancel()
             raise TransferFailed(f"{count} of {wanted} bytes arrived", where=self.name)
@@ -192,6 +195,7 @@ class Mcp2221(UsbBridge):
         status = self._settled()
         if status.ready:
             return
+        # a cancel before the first transfer would hang this engine for good
         if not status.used:
             raise self._not_ready(status)
         self._cancel()
@@ -209,6 +213,7 @@ class Mcp2221(UsbBridge):
 
         Raises BusStuck (a line is low) or TransferFailed (it hangs).
         """
+        # the reply to a cancel proves nothing; the state afterwards does
         for _ in range(CANCELS):
             self._ask(bytes([STATUS_SET, 0, CANCEL]))
             status = self._settled()
@@ -236,6 +241,7 @@ class Mcp2221(UsbBridge):
         state = reply[STATE_AT]
         return Status(
             state=state,
+            # after a write without STOP the same byte has another meaning
             confused=reply[CONFUSED_AT] == CONFUSED and state != WRITTEN_NO_STOP,
             used=reply[USED_AT] != 0,
             scl=reply[SCL_AT] != 0,
@@ -259,6 +265,7 @@ class Mcp2221(UsbBridge):
                     f"reply {reply[0]:#04x} to {command[0]:#04x}", where=self.name
                 )
         except TransferFailed:
+            # the reply may still come, and must not answer the next command
             self._doubtful = True
             raise
         return reply

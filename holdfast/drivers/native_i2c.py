@@ -71,6 +71,7 @@ class NativeI2C:
         try:
             self._bus.i2c_rdwr(*messages)
         except OSError as error:
+            # an absent chip is a reply, and the other transfers go on
             if error.errno in NACK_ERRORS:
                 return NOT_ACKED
             raise self._failed(error) from None

@@ -68,6 +68,7 @@ def open_replay(path: str | Path) -> Replay:
             next_step="name a trial's CSV file",
         )
     trial = read_trial(file)
+    # whole nanoseconds, as a live source has them
     t_ns = np.round(trial.t_s * 1e9).astype(np.int64)
     removed = _is_prepared(file.with_name(META))
     return Replay(t_ns, trial.raw, trial.valid, trial.rate_hz, _unit(file), removed)
@@ -117,6 +118,7 @@ class PacedReplay:
         now_ns = self._now_ns()
         if self._start_ns is None:
             self._start_ns = now_ns
+        # by its own rate: recorded stamps jitter, and the reader expects steady rows
         row = round((now_ns - self._start_ns) * 1e-9 * self._replay.rate_hz)
         if row >= len(self._replay.values):
             return None

@@ -78,12 +78,14 @@ def _look_at(
     muxes = [one for one in answering(bus, MUX_ADDRESSES) if is_mux(bus, one)]
     found = [BusDevice(address, None, "mux", "mux (TCA9548A)") for address in muxes]
     found += _chips(bus, set(muxes), expected, pause)
+    # a chip in front of the muxes answers behind every channel as well
     taken = {one.address for one in found}
     for mux in muxes:
         for channel in CHANNELS:
             bus.scan([enable_channels(mux, 1 << channel)])
             behind = _chips(bus, taken, expected, pause)
             found += [replace(one, channel=channel, mux=mux) for one in behind]
+        # leave no channel enabled: the next mux may have the same addresses behind it
         bus.scan([enable_channels(mux, 0)])
     return found
 
@@ -143,6 +145,7 @@ def as_layout(found: list[BusDevice]) -> str:
     order = {address: k for k, address in enumerate(FACTORY_ADDRESSES)}
     sensors = [one for one in found if one.kind == "sensor"]
 
+    # the order of the factory addresses is that of the fingers in `mux`
     def rank(one: BusDevice) -> tuple[int, ...]:
         channel = (-1, -1) if one.channel is None else (one.mux, one.channel)
         return (*channel, order.get(one.address, 4), one.address)

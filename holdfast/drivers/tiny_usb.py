@@ -52,6 +52,7 @@ class TinyUsb(UsbBridge):
     ids = ((0x0403, 0xC631), (0x1C40, 0x0534))
 
     def __init__(self, backend: Any, *, number: int = 0, bus_hz: int = 0) -> None:
+        # chips that answered before: a bus that is held low cannot be asked directly
         self._seen: dict[int, None] = {}
         self._unended: int | None = None
         super().__init__(backend, number)
@@ -82,6 +83,7 @@ class TinyUsb(UsbBridge):
     def _begin(self) -> None:
         """See that the bridge answers, and set the speed."""
         echo = self._port.control_in(VENDOR_IN, ECHO, ECHOED, 0, 2, TIMEOUT_MS)
+        # another device may have the same ids
         if echo != ECHOED.to_bytes(2, "little"):
             raise TransferFailed(
                 f"the echo of {ECHOED:04x} is {echo.hex() or 'empty'}", where=self.name
@@ -96,6 +98,7 @@ class TinyUsb(UsbBridge):
             return self._write(transfer, BEGIN | END)
         if not transfer.write:
             return self._read(transfer.address, transfer.read, BEGIN | END)
+        # noted before the write, because a failure leaves the bus without a STOP
         self._unended = transfer.address
         reply = self._write(transfer, BEGIN)
         if reply.acked:
@@ -130,6 +133,7 @@ class TinyUsb(UsbBridge):
         except TransferFailed as error:
             stalled = error
         acked = self._acked(transfer.address, stalled)
+        # a time-out proves nothing about the byte, so it stays an error
         if stalled is not None and acked and not isinstance(stalled, Stalled):
             raise stalled
         return ACKED if acked and stalled is None else NOT_ACKED
@@ -165,6 +169,7 @@ class TinyUsb(UsbBridge):
                 f"the status is {status.hex() or 'empty'}, not 01 or 02",
                 where=self.name,
             )
+        # a dict keeps the order in which the chips answered first
         if status[0] == STATUS_ACK:
             self._seen[address] = None
         return status[0] == STATUS_ACK

@@ -267,6 +267,7 @@ class Setup:
             CONV_AVG=self.averages.bit_length() - 1,
             I2C_RD=BURST_16 if self.packets else REGISTER_READS,
         )
+        # a triggered chip waits; otherwise it converts without being asked
         mode = STANDBY if self.together else CONTINUOUS
         ranges = one["SENSOR_CONFIG_2"].value(
             X_Y_RANGE=int(self.wide_xy), Z_RANGE=int(self.wide_z)

@@ -46,6 +46,7 @@ def real_backend() -> Any:
 def find_usb(ids: Sequence[UsbId], backend: Any) -> list[Any]:
     """Unopened pyusb devices with one of these ids. Raises AccessDenied or TransferFailed."""
     with named_errors("USB"):
+        # pyusb's own filter takes one pair of ids only
         everything = usb.core.find(find_all=True, backend=backend)
         return [one for one in everything if (one.idVendor, one.idProduct) in ids]
 
@@ -84,6 +85,7 @@ class UsbPort:
         self.device = found[number]
         self._attached = False
         self._closed = False
+        # the kernel's driver may have the interface
         self._claim()
 
     def write(self, endpoint: int, data: bytes, timeout_ms: int = TIMEOUT_MS) -> None:
@@ -213,6 +215,7 @@ class UsbBridge:
         self._port = UsbPort(
             self.name, self.ids, backend, interface=self.interface, number=number
         )
+        # a bridge that does not get ready must not keep its interface
         try:
             self._begin()
         except BaseException:
@@ -251,6 +254,7 @@ def named_errors(name: str) -> Iterator[None]:
 
 
 def _named(error: Any, name: str) -> DeviceError:
+    # a time-out has a class of its own, or only its errno
     timed_out = isinstance(error, usb.core.USBTimeoutError)
     if timed_out or error.errno == TIMED_OUT:
         return TransferFailed(
@@ -263,6 +267,7 @@ def _named(error: Any, name: str) -> DeviceError:
             cause="it was unplugged, or its power dipped",
         )
     if error.errno in (NO_ACCESS, BUSY):
+        # both are answered by doctor, and their causes differ
         busy = error.errno == BUSY
         return AccessDenied(
             "busy" if busy else "not allowed to open it",

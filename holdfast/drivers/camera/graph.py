@@ -100,12 +100,14 @@ class _Watch:
 
     def run(self, stopped: Callable[[], bool]) -> CameraResult:
         """Record, then check the video, then write the result to camera.json."""
+        # written first, so that a killed recording says so
         self._about("interrupted")
         failed: HoldfastError | None = None
         try:
             self._film(stopped)
         except HoldfastError as error:
             failed = error
+        # read even after a failure: the frames so far are worth keeping
         in_video, unread = self._in_video()
         failed = failed or unread
         self._about(str(failed) if failed else self.source.void, in_video)
@@ -160,6 +162,7 @@ class _Watch:
         """
         sent = 0
         failed = None
+        # a camera goes on by itself; frames from disk wait for their answers
         live = self.source.last_lost > 0
         try:
             while not stopped() and step():
@@ -198,6 +201,7 @@ class _Watch:
         sequence = int(message.getSequenceNum())
         end_s = message.getTimestamp().total_seconds()
         self.lost += max(0, sequence - self.last - 1) if self.frames else 0
+        # counted here and judged at the end, when the whole recording is known
         self.backwards += end_s <= self.last_s
         self.last = sequence
         self.last_s = end_s
@@ -275,6 +279,7 @@ class _Watch:
 
 def _corners(found: Any) -> dict[int, Corners]:
     """Corners [8] by tag, top left first, clockwise; a tag seen twice in one frame is left out."""
+    # two tags of one number: nothing tells which is the printed one
     ids = [one.id for one in found]
     square = ("topLeft", "topRight", "bottomRight", "bottomLeft")
     return {

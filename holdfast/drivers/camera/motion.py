@@ -48,6 +48,7 @@ class Motion:
 
         A slip of a few frames does not change it.
         """
+        # 1.4826 makes the median deviation of a normal distribution its sigma
         steps = np.diff(self.place_mm[np.isfinite(self.place_mm[:, 0])], axis=0)
         return (
             float(1.4826 * np.median(np.abs(steps)) / np.sqrt(2.0))
@@ -90,12 +91,14 @@ def motion(
             next_step="look at the video; use tags 0 (object) and 1 (hand) of the family 36h11",
         )
     _require_one_size(object_px[both], hand_px[both], tag_mm)
+    # corners of a square around its centre, as complex numbers: a turn is a product
     square = tag_mm * np.array([-0.5 - 0.5j, 0.5 - 0.5j, 0.5 + 0.5j, -0.5 + 0.5j])
     hand, thing = (
         corners[both, :, 0] + 1j * corners[both, :, 1]
         for corners in (hand_px, object_px)
     )
     about = hand - hand.mean(axis=1, keepdims=True)
+    # least squares: the one turn and scale that maps the hand's corners onto its square
     turn = (about.conj() * square).sum(axis=1) / (np.abs(about) ** 2).sum(axis=1)
     place = turn * (thing.mean(axis=1) - hand.mean(axis=1))
     _require_apart(np.abs(place[:REST_FRAMES]), apart_mm, tag_mm)

@@ -60,6 +60,7 @@ class TagFile:
     def __init__(self, folder: Path) -> None:
         self.path = folder / TAGS
         try:
+            # "x": a recording never overwrites another one
             self._file: TextIO = self.path.open("x", encoding="utf-8", buffering=1)
             self._file.write(",".join(COLUMNS) + "\n")
         except OSError as error:
@@ -166,6 +167,7 @@ def read_tracks(folder: Path) -> Tracks:
 
 def _tracks(body: list[list[str]], path: Path) -> Tracks:
     stamps = {int(row[0]): float(row[1]) for row in body}
+    # a frame has one line for each tag, so its stamp comes several times
     row_of = {sequence: k for k, sequence in enumerate(stamps)}
     t_s = np.array(list(stamps.values()))
     require_forward(t_s, path)
@@ -232,6 +234,7 @@ def require_same_stamps(
         if abs(middle_s.get(f.sequence, math.inf) + 5e-4 * lens.exposure_ms - f.end_s)
         > STAMP_S
     ]
+    # frames after the last tag line have no stamp to compare with
     if len(off) > max(0, len(frames) - len(middle_s)):
         raise ColumnError(
             f"{len(off)} frames of the video have stamps that {TAGS} does not have",
@@ -311,6 +314,7 @@ def read_video(folder: Path, dai: Any, *, images: bool = True) -> Iterator[Frame
 
 def _replayed(folder: Path, dai: Any) -> tuple[Any, Any]:
     """A pipeline that plays a folder's video as fast as it is read, and its output queue."""
+    # a clear error here, before depthai meets a missing file
     for name in (VIDEO, STAMPS):
         if not (folder / name).is_file():
             raise DataNotFound(
@@ -324,6 +328,7 @@ def _replayed(folder: Path, dai: Any) -> tuple[Any, Any]:
     replay.setReplayMetadataFile(folder / STAMPS)
     replay.setOutFrameType(dai.ImgFrame.Type.GRAY8)
     replay.setLoop(False)
+    # as fast as the reader takes them
     replay.setFps(1000)
     return pipeline, replay.out.createOutputQueue(maxSize=1, blocking=False)
 

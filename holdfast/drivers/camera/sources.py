@@ -78,6 +78,7 @@ def load_depthai(say: Callable[[str], None]) -> Any:
     """
     if there := sys.modules.get("depthai"):
         return there
+    # what the user has set stays, and is reported
     for name, value in QUIET.items():
         os.environ.setdefault(name, value)
     differs = [
@@ -208,6 +209,7 @@ class Stored:
         self, dai: Any, pipeline: Any, inputs: Sequence[Any]
     ) -> Callable[[], bool]:
         """One queue for each input; each step puts one frame into all of them, from our thread."""
+        # blocking: a dropped frame would be a gap in the track
         queues = [one.createInputQueue(maxSize=QUEUE, blocking=True) for one in inputs]
         frames = iter(self.frames)
 
@@ -224,6 +226,7 @@ class Stored:
 
     def close(self) -> None:
         """Close the generator that the frames come from, if it is one."""
+        # a generator may hold a video open
         if isinstance(self.frames, Generator):
             self.frames.close()
 
@@ -298,6 +301,7 @@ def _message(dai: Any, frame: Frame) -> Any:
     message.setSize(frame.image.shape[1], frame.image.shape[0])
     message.setData(np.ascontiguousarray(frame.image).ravel())
     message.setSequenceNum(frame.sequence)
+    # video and tags must carry the same stamp
     for stamp in (message.setTimestamp, message.setTimestampDevice):
         stamp(timedelta(seconds=frame.end_s))
     return message

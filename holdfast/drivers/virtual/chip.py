@@ -215,6 +215,7 @@ class Chip:
         if not called or self._has("nack"):
             return False
         if self._mode in ASLEEP:
+            # an address wakes the chip, which is too late to acknowledge it
             self._set_mode(STANDBY)
             self._started_ns = None
             self._awake_ns = self._clock.now_ns() + round(1e9 * SHORTEST_WAKE_S)
@@ -223,6 +224,7 @@ class Chip:
             return False
         self._update()
         self._first_byte = not read
+        # a packet is what the registers held when the read began
         self._packet = self._burst(address) if read else None
         self._sent.clear()
         return True
@@ -285,6 +287,7 @@ class Chip:
         if register is None:
             return
         if register is REGISTERS["I2C_ADDRESS"] and byte & 1:
+            # the transfer still goes on at the old address
             self._next_address = byte >> 1
             self._bytes[address] = byte & 0xFE
         self._configured()
@@ -331,11 +334,13 @@ class Chip:
             return
         passed_ns = self._clock.now_ns() - self._started_ns
         done = passed_ns // round(1e9 * wanted.duration_s)
+        # one conversion for each trigger
         if self._mode == STANDBY:
             done = min(done, 1)
         if done <= self._done:
             return
         self._conversions += done - self._done
+        # conversions in between leave no result, but count
         self._done = done
         began_s = 1e-9 * (self._started_ns - self._born_ns)
         # a conversion measures the mean field, which is about that of its middle

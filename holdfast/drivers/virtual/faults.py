@@ -68,6 +68,7 @@ def read_fault(text: str) -> Fault:
     Fault(kind='nack', at_s=1.5, lasts_s=0.2, sensor=3)
     """
     found = FORM.fullmatch(text)
+    # parse_qs has turned an unescaped + into a space
     if found is None and FORM.fullmatch(text.replace(" ", "+")):
         raise UsageError(
             f"fault={text!r} has a space where a + belongs",

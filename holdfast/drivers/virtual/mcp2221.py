@@ -125,6 +125,7 @@ class VirtualMcp2221(Device):
         command = data.ljust(REPORT, b"\0")
         if command.startswith(RESET):
             self.reset()
+            # the bridge leaves USB and comes back as a new device
             self.restarts += 1
             return
         reply = bytearray(REPORT)
@@ -189,6 +190,7 @@ class VirtualMcp2221(Device):
         if command[2] == CANCEL:
             self._cancel()
             reply[2], reply[8] = CANCEL, STOPPING  # in any case
+        # requested and transferred length
         reply[9:11] = reply[11:13] = self._length.to_bytes(2, "little")
         reply[14] = self._divider
         reply[18] = self._byte_18()
@@ -254,6 +256,7 @@ class VirtualMcp2221(Device):
         if self.hand.wire.held_low:
             self.state = START_TIMEOUT
         elif self.confused or self.state == NACK:
+            # the trap that the driver must avoid: it answers as if all were well
             self._bogus(kind, length)
         elif kind in (READ, READ_AGAIN):
             self._read(address, length)

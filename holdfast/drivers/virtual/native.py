@@ -70,6 +70,7 @@ class VirtualI2cDev:
         """Replace what smbus2 calls; several can be nested."""
         module = vars(sys.modules["smbus2.smbus2"])
         self._replaced = {name: module[name] for name in ("os", "ioctl")}
+        # smbus2 alone sees these; the process keeps its own os
         module["os"] = _Os(self, self._replaced["os"])
         module["ioctl"] = self._ioctl
         return self
@@ -163,6 +164,7 @@ class VirtualI2cDev:
     def _suffer(self) -> None:
         self.hand.suffer()
         if self.hand.wire.held_low or self._lasts("late"):
+            # the kernel waits for its controller before it gives up
             self.hand.clock.spend(TIMEOUT_NS)
             raise _refused(errno.ETIMEDOUT)
         if self._lasts("stall"):

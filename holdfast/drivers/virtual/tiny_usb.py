@@ -141,6 +141,7 @@ class VirtualTinyUsb(Device):
         self._spend_bits(bits)
         if not present:
             return self._absent(length)
+        # the buffer keeps old bytes, which some firmwares send for an absent chip
         self._buffer = (data + self._buffer[len(data) :])[:BUFFER]
         return data
 

@@ -256,6 +256,7 @@ class VirtualBackend(usb.backend.IBackend):  # type: ignore[misc]
             request_type & RECIPIENT_MASK == OF_AN_INTERFACE
             and request_type & TYPE_MASK != VENDOR_TYPE
         ):
+            # the kernel claims the interface that a request is for
             self._hold(dev_handle, index & 0xFF)
         if request_type & 0x80:
             answer = self._answer(request_type, request, value, index, len(data))
@@ -295,6 +296,7 @@ class VirtualBackend(usb.backend.IBackend):  # type: ignore[misc]
         """From an IN endpoint; a late reply comes before everything else."""
         self._begin(dev_handle)
         self._hold(dev_handle, intf)
+        # a late answer stays in the device's buffer until it is read
         late = self._late.get(ep)
         if late and not self._lasts("late"):
             return self._deliver(late.pop(0), buff)
@@ -356,6 +358,7 @@ class VirtualBackend(usb.backend.IBackend):  # type: ignore[misc]
         if gone and not self._gone:
             self._unplugs += 1
             self.device.reset()
+            # the sensors get their power from the bridge
             self._power_off()
         self._gone = gone
         return gone

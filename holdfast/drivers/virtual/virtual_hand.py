@@ -174,6 +174,7 @@ def _write_all(targets: Sequence[Target], byte: int) -> bool:
     """Whether one of them acknowledged; every target gets the byte."""
     acked = False
     for target in targets:
+        # every target gets the byte, also after the first acknowledge
         acked = target.write(byte) or acked
     return acked
 
@@ -181,6 +182,7 @@ def _write_all(targets: Sequence[Target], byte: int) -> bool:
 def _read_all(targets: Sequence[Target]) -> int:
     byte = RELEASED
     for target in targets:
+        # open drain: a zero of any chip wins
         byte &= target.read()
     return byte
 
@@ -218,6 +220,7 @@ class Mux:
         """The new channels are enabled; the channels used so far receive the STOP."""
         for target in self._enabled:
             target.stop()
+        # a TCA9548A switches at the STOP, not at the byte
         if self._next != self.control:
             self._enable(self._next)
         self._own = False
@@ -259,6 +262,7 @@ class Track:
         from_s, to_s = self.t_s[row : row + 2].tolist()
         field_ut = []
         for before_ut, after_ut in zip(before, after, strict=True):
+            # the order of these operations is np.interp's, for equal bits
             slope = (after_ut - before_ut) / (to_s - from_s)
             field_ut.append(slope * (now_s - from_s) + before_ut)
         return field_ut
