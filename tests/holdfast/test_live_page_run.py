@@ -17,7 +17,17 @@ import pytest
 from hazard_marks import PAGE_DELAYS, STALE_PAGE
 from live_bench import DEFAULT, ROOT, RUN, Steady
 from page_bench import ABOUT, next_event
-from recorder_bench import PULL, REST, Hand, cup_pull, meta_of, session, start, wait_for
+from recorder_bench import (
+    PULL,
+    REST,
+    Hand,
+    cup_pull,
+    meta_of,
+    said,
+    session,
+    start,
+    wait_for,
+)
 
 from holdfast.core.contract import Sample
 from holdfast.core.errors import OutputError
@@ -268,13 +278,11 @@ def test_keys_of_the_page_count_beside_those_of_the_terminal_and_after_its_end(
     assert keys.closed
     keys.listen_to(ours.fileno())
     press = theirs.send
-    hand = Hand(
-        VirtualClock(), 120, says={60: lambda: press(b"l"), 110: lambda: press(b"k")}
-    )
+    hand = Hand(120, says={60: lambda: press(b"l"), 110: lambda: press(b"k")})
     press(b" ")
-    kept, messages = session(tmp_path, hand, keys, [PULL], at_once=False)
+    kept, messages = session(tmp_path, hand, [PULL], keys, at_once=False)
     assert kept == 1
-    assert any("load onset at 0.600 s" in line for line in messages)
+    assert said(messages, "load onset at 0.600 s")
     assert not keys.ended()
     theirs.close()
     assert keys.ended()

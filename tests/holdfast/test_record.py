@@ -10,13 +10,14 @@ import numpy as np
 import pytest
 from recorder_bench import (
     PROTOCOL,
-    PULL,
     REST,
+    TRIAL,
     Hand,
     columns_of,
     meta_of,
     one_pull,
     recorded,
+    said,
     session,
 )
 
@@ -28,7 +29,6 @@ from holdfast.core.trial_file import read_trial
 from holdfast.drivers.replay import open_replay
 from holdfast.drivers.virtual.clock import VirtualClock
 from holdfast.live.sources import open_source
-from holdfast.sessions.recorder.keys import Keys
 
 # -- what is written
 
@@ -36,7 +36,7 @@ from holdfast.sessions.recorder.keys import Keys
 def test_what_the_source_gave_is_on_the_disk_to_the_last_digit_and_in_order(
     people, card
 ):
-    folder = people / "p01/soft-ball/pull/trial_1"
+    folder = people / TRIAL
     source, again = open_source(f"sim://{card}?trial=0"), open_replay(folder)
     assert again.values.tobytes() == source.values.tobytes()
     assert again.rate_hz == pytest.approx(50.0, rel=1e-6)
@@ -122,23 +122,21 @@ def test_samples_that_never_came_are_gaps_in_the_count_and_invalid_rows_to_who_r
     tmp_path,
 ):
     clock = VirtualClock()
-    kept, messages = session(
-        tmp_path, Hand(clock, 100, stalls={20: 0.2}), Keys(None), [PULL]
-    )
-    folder = tmp_path / "p01/soft-ball/pull/trial_1"
+    kept, messages = session(tmp_path, Hand(100, clock=clock, stalls={20: 0.2}))
+    folder = tmp_path / TRIAL
     sequence = np.array(columns_of(folder)["sequence"], dtype=np.int64)
     assert (kept, meta_of(folder)["quality"]["lost"]) == (1, 19)
     assert np.diff(sequence)[20] == 20
     trial = read_trial(folder / "tactile.csv")
     assert np.flatnonzero(~trial.valid.all(axis=1)).tolist() == list(range(21, 40))
     assert np.isnan(trial.raw[21:40]).all()
-    assert any("19 lost" in line for line in messages)
+    assert said(messages, "19 lost")
 
 
 def test_a_reading_that_comes_twice_is_lost_and_no_row_is_made_up(tmp_path):
     clock = VirtualClock()
-    session(tmp_path, Hand(clock, 99, shifts={30: -0.01, 31: 0.01}), Keys(None), [PULL])
-    folder = tmp_path / "p01/soft-ball/pull/trial_1"
+    session(tmp_path, Hand(99, clock=clock, shifts={30: -0.01, 31: 0.01}))
+    folder = tmp_path / TRIAL
     assert "30" not in columns_of(folder)["sequence"]
     assert meta_of(folder)["quality"]["lost"] == 1
 
@@ -152,12 +150,12 @@ def test_a_finger_that_is_lost_is_written_as_lost_and_the_rest_goes_on(tmp_path)
     assert np.array(columns["X3"])[lost].tolist().count("nan") > 20
     assert "0" not in columns["valid2"]
     assert sum(meta_of(folder)["quality"]["why"].values()) == lost.sum()
-    assert any("invalid" in line for line in messages)
+    assert said(messages, "invalid")
 
 
 def test_a_saturated_finger_and_a_drifted_bias_are_reported(tmp_path):
     clock = VirtualClock()
-    hand = Hand(clock, 60)
+    hand = Hand(60, clock=clock)
     plain = hand.read
 
     def read() -> SourceReading | None:
@@ -170,8 +168,8 @@ def test_a_saturated_finger_and_a_drifted_bias_are_reported(tmp_path):
         )
 
     hand.read = read
-    session(tmp_path, hand, Keys(None), [PULL], seconds=0.6)
-    quality = meta_of(tmp_path / "p01/soft-ball/pull/trial_1")["quality"]
+    session(tmp_path, hand, seconds=0.6)
+    quality = meta_of(tmp_path / TRIAL)["quality"]
     assert quality["saturated_readings"] == 60
     assert (quality["bias_drift"], quality["bias_drift_channel"]) == (
         pytest.approx(0.517),
@@ -193,8 +191,8 @@ def test_a_saturated_finger_and_a_drifted_bias_are_reported(tmp_path):
 def test_a_clock_that_jumps_ends_the_trial_and_keeps_what_came_before(tmp_path, by_s):
     clock = VirtualClock(10_000_000_000)
     with pytest.raises(TimeError, match=r"jumped by [+-]"):
-        session(tmp_path, Hand(clock, 100, shifts={50: by_s}), Keys(None), [PULL])
-    folder = tmp_path / "p01/soft-ball/pull/trial_1"
+        session(tmp_path, Hand(100, clock=clock, shifts={50: by_s}))
+    folder = tmp_path / TRIAL
     assert meta_of(folder)["state"] == "interrupted"
     assert len(read_trial(folder / "tactile.csv").t_s) == 50
     assert not (folder / "tactile.truth.json").exists()
@@ -202,7 +200,7 @@ def test_a_clock_that_jumps_ends_the_trial_and_keeps_what_came_before(tmp_path, 
 
 def test_a_trial_that_lost_most_of_its_samples_is_not_kept(tmp_path):
     clock = VirtualClock()
-    source = Hand(clock, 30, stalls=dict.fromkeys(range(30), 0.095))
+    source = Hand(30, clock=clock, stalls=dict.fromkeys(range(30), 0.095))
     with pytest.raises(EmptyRecording, match="cannot be kept"):
-        session(tmp_path, source, Keys(None), [PULL])
-    assert meta_of(tmp_path / "p01/soft-ball/pull/trial_1")["state"] == "interrupted"
+        session(tmp_path, source)
+    assert meta_of(tmp_path / TRIAL)["state"] == "interrupted"

@@ -17,7 +17,16 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 from drawn_frames import two_sizes
-from recorder_bench import columns_of, context_of, meta_of, options_of, start, wait_for
+from recorder_bench import (
+    columns_of,
+    context_of,
+    events_of,
+    meta_of,
+    options_of,
+    start,
+    truth_of,
+    wait_for,
+)
 
 from holdfast.cli.main import main
 from holdfast.core.clock import MonotonicClock
@@ -160,7 +169,7 @@ def test_a_scene_that_is_felt_and_filmed_at_once_gives_the_onset_that_it_had(
         *words_of(tmp_path, size=SHARP, close_at_s=2.0, step_s=0.003), "--seconds", "4"
     )
     folder = trial_in(tmp_path)
-    scene = json.loads((folder / "tactile.truth.json").read_text())
+    scene = truth_of(folder)
     assert (
         meta_of(folder)["quality"]["samples"],
         meta_of(folder)["quality"]["lost"],
@@ -173,16 +182,12 @@ def test_a_scene_that_is_felt_and_filmed_at_once_gives_the_onset_that_it_had(
     assert frames_s[-1] > tactile_s[-1] - 0.02
 
     assert main(["onset", str(folder)]) == 0
-    lines = [
-        json.loads(line) for line in (folder / "events.jsonl").read_text().splitlines()
-    ]
+    lines = events_of(folder)
     (seen,) = [line for line in lines if line["provenance"] == "camera"]
     assert (seen["label"], scene["phases"][2]["label"]) == ("risky_slip", "risky_slip")
     assert abs(seen["t0_s"] - scene["incipient_slip_s"]) < 0.010
     assert abs(seen["gross_s"] - scene["gross_slip_s"]) < 0.015
-    assert json.loads((folder / "tactile.truth.json").read_text()) == scene, (
-        "a scene is believed before a camera"
-    )
+    assert truth_of(folder) == scene, "a scene is believed before a camera"
 
     model = str(ROOT / "models/holdfast-150hz.onnx")
     argv = [
@@ -232,7 +237,7 @@ def test_a_scene_that_is_felt_and_filmed_at_once_gives_the_onset_that_it_had(
         "".join(f"{json.dumps(line)}\n" for line in only_seen)
     )
     assert main(["onset", str(folder)]) == 0
-    alone = json.loads((folder / "tactile.truth.json").read_text())
+    alone = truth_of(folder)
     assert [(one["label"], one["provenance"]) for one in alone["phases"]] == [
         ("nothing", "rule"),
         ("grasp", "rule"),
@@ -286,9 +291,7 @@ def test_a_camera_that_goes_away_voids_its_part_and_the_hand_is_recorded_to_the_
     assert meta_of(folder)["state"] == "kept"
     assert meta_of(folder)["camera"]["void"] == "interrupted"
     assert len(read_trial(folder / "tactile.csv").t_s) > 250
-    events = [
-        json.loads(line) for line in (folder / "events.jsonl").read_text().splitlines()
-    ]
+    events = events_of(folder)
     assert [one["event"] for one in events if "event" in one] == ["camera_lost"]
     assert "the camera failed" in err
     assert "this trial has no camera recording" in err

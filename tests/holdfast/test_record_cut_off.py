@@ -9,11 +9,8 @@ import signal
 import subprocess
 import sys
 
-import numpy as np
 import pytest
 from full_disk import full_disk
-from hypothesis import given
-from hypothesis import strategies as st
 from recorder_bench import (
     AREA,
     ROOT,
@@ -28,7 +25,7 @@ from recorder_bench import (
 
 from holdfast.cli.main import main
 from holdfast.core.errors import OutputError
-from holdfast.core.tactile_file import TactileFile, mend
+from holdfast.core.tactile_file import mend
 from holdfast.core.trial_file import read_trial
 from holdfast.drivers.replay import open_replay
 
@@ -120,37 +117,6 @@ def test_a_kill_from_outside_leaves_whole_rows_in_their_order(tmp_path):
     sequence = [int(row) for row in columns_of(file.parent)["sequence"]]
     assert sequence == sorted(set(sequence))
     assert len(sequence) == whole.rows >= 49
-
-
-@pytest.fixture(scope="module")
-def whole_file(tmp_path_factory: pytest.TempPathFactory) -> bytes:
-    path = tmp_path_factory.mktemp("whole") / "tactile.csv"
-    file = TactileFile(path, 6)
-    for k in range(6):
-        file.write(
-            10_000_000 * k,
-            7,
-            k,
-            np.random.default_rng(k).normal(size=6),
-            np.array([True, k % 2 == 0]),
-        )
-    file.close()
-    return path.read_bytes()
-
-
-@given(data=st.data(), zeros=st.integers(0, 3))
-def test_wherever_a_file_is_cut_mending_loses_at_most_one_sample(
-    whole_file, tmp_path_factory, data, zeros
-):
-    head = whole_file.index(b"\n") + 1
-    cut = data.draw(st.integers(head, len(whole_file)))
-    path = tmp_path_factory.mktemp("cut") / "tactile.csv"
-    path.write_bytes(whole_file[:cut] + bytes(zeros))
-    mended = mend(path)
-    assert path.read_bytes() == whole_file[: len(path.read_bytes())]
-    without_newline = whole_file[cut : cut + 1] == b"\n"
-    assert whole_file[:cut].count(b"\n") - 1 + without_newline == mended.rows
-    assert mended.cut_bytes == cut + zeros - len(path.read_bytes())
 
 
 def test_where_there_is_no_trial_nothing_can_be_mended(tmp_path, capsys):

@@ -3,7 +3,6 @@ out."""
 
 from __future__ import annotations
 
-import json
 import os
 import pty
 import signal
@@ -18,14 +17,18 @@ from recorder_bench import (
     PULL,
     REST,
     ROOT,
+    TRIAL,
     Hand,
     context_of,
     cup_pull,
+    events_of,
     meta_of,
     options_of,
+    said,
     session,
     start,
     terminal_of_its_own,
+    truth_of,
     wait_for,
     wait_on_terminal_for,
 )
@@ -42,13 +45,12 @@ from holdfast.training.datasets import load
 def test_marks_become_phases_with_their_provenance(tmp_path, pressing):
     keys, press = pressing
     hand = Hand(
-        VirtualClock(),
         120,
         says={60: lambda: press("l"), 90: lambda: press("e"), 110: lambda: press("k")},
     )
-    kept, messages = session(tmp_path, hand, keys, [PULL])
-    folder = tmp_path / "p01/soft-ball/pull/trial_1"
-    truth = json.loads((folder / "tactile.truth.json").read_text())
+    kept, messages = session(tmp_path, hand, [PULL], keys)
+    folder = tmp_path / TRIAL
+    truth = truth_of(folder)
     phases = [(one["label"], one["provenance"]) for one in truth["phases"]]
     assert kept == 1
     assert phases == [
@@ -62,10 +64,8 @@ def test_marks_become_phases_with_their_provenance(tmp_path, pressing):
         pytest.approx(0.60),
         pytest.approx(0.90),
     )
-    assert any("load onset at 0.600 s" in line for line in messages)
-    marks = [
-        json.loads(line) for line in (folder / "events.jsonl").read_text().splitlines()
-    ]
+    assert said(messages, "load onset at 0.600 s")
+    marks = events_of(folder)
     assert [(one["mark"], one["provenance"]) for one in marks] == [
         ("load_onset", "key"),
         ("contact_lost", "key"),
@@ -73,10 +73,8 @@ def test_marks_become_phases_with_their_provenance(tmp_path, pressing):
 
 
 def test_without_a_mark_the_load_onset_is_not_guessed(tmp_path):
-    session(tmp_path, Hand(VirtualClock(), 120), Keys(None), [PULL])
-    truth = json.loads(
-        (tmp_path / "p01/soft-ball/pull/trial_1/tactile.truth.json").read_text()
-    )
+    session(tmp_path, Hand(120))
+    truth = truth_of(tmp_path / TRIAL)
     assert [one["label"] for one in truth["phases"]] == ["nothing", "nothing"]
     assert truth["load_onset_s"] is None
     (recording,) = load(tmp_path, windows="natural").recordings
@@ -85,7 +83,7 @@ def test_without_a_mark_the_load_onset_is_not_guessed(tmp_path):
 
 
 def test_a_trial_without_marks_and_contact_is_read_and_has_no_label(tmp_path):
-    session(tmp_path, Hand(VirtualClock(), 60), Keys(None), [PULL], seconds=0.35)
+    session(tmp_path, Hand(60), seconds=0.35)
     data = load(tmp_path, windows="natural")
     assert data.recordings[0].phases == ()
     assert len(data.tasks["classes"]) == 0
@@ -101,23 +99,17 @@ def test_what_an_action_makes_of_the_grip_is_its_label(
     keys, press = pressing
     session(
         tmp_path,
-        Hand(VirtualClock(), 120, says={60: lambda: press("l")}),
-        keys,
+        Hand(120, says={60: lambda: press("l")}),
         [Task("soft-ball", action)],
+        keys,
     )
-    truth = json.loads(
-        (tmp_path / f"p01/soft-ball/{action}/trial_1/tactile.truth.json").read_text()
-    )
+    truth = truth_of(tmp_path / f"p01/soft-ball/{action}/trial_1")
     assert truth["phases"][-2]["label"] == label
 
 
 def test_the_empty_hand_is_nothing_from_end_to_end(tmp_path):
-    session(
-        tmp_path, Hand(VirtualClock(), 40), Keys(None), [Task("nothing", "nothing")]
-    )
-    truth = json.loads(
-        (tmp_path / "p01/nothing/trial_1/tactile.truth.json").read_text()
-    )
+    session(tmp_path, Hand(40), [Task("nothing", "nothing")])
+    truth = truth_of(tmp_path / "p01/nothing/trial_1")
     assert [(one["label"], one["t0_s"], one["t1_s"]) for one in truth["phases"]] == [
         ("nothing", 0.0, 0.4)
     ]
@@ -126,7 +118,6 @@ def test_the_empty_hand_is_nothing_from_end_to_end(tmp_path):
 def test_redo_moves_the_trial_away_and_the_same_comes_up_again(tmp_path, pressing):
     keys, press = pressing
     hand = Hand(
-        VirtualClock(),
         400,
         says={
             100: lambda: press("r"),
@@ -134,7 +125,7 @@ def test_redo_moves_the_trial_away_and_the_same_comes_up_again(tmp_path, pressin
             300: lambda: press("q"),
         },
     )
-    kept, _ = session(tmp_path, hand, keys, [PULL, Task("my-cup", "pass")])
+    kept, _ = session(tmp_path, hand, [PULL, Task("my-cup", "pass")], keys)
     states = {
         str(p.parent.relative_to(tmp_path)): meta_of(p.parent)["state"]
         for p in tmp_path.rglob("tactile.csv")
@@ -142,24 +133,22 @@ def test_redo_moves_the_trial_away_and_the_same_comes_up_again(tmp_path, pressin
     assert kept == 2
     assert states == {
         "p01/discarded/soft-ball/pull/trial_1-1": "redone",
-        "p01/soft-ball/pull/trial_1": "kept",
+        TRIAL: "kept",
         "p01/my-cup/pass/trial_1": "kept",
     }
 
 
 def test_after_its_figures_a_kept_trial_can_still_be_done_again(tmp_path, pressing):
     keys, press = pressing
-    hand = Hand(
-        VirtualClock(), 400, says={50: lambda: press("krr q"), 100: lambda: press("k")}
-    )
+    hand = Hand(400, says={50: lambda: press("krr q"), 100: lambda: press("k")})
     press(" ")
     kept, messages = session(
-        tmp_path, hand, keys, [PULL, Task("my-cup", "pass")], at_once=False
+        tmp_path, hand, [PULL, Task("my-cup", "pass")], keys, at_once=False
     )
     assert kept == 0, (
         "space, k; r does it again; the second r finds none; space, q keeps and stops"
     )
-    assert any("no trial to repeat yet" in line for line in messages)
+    assert said(messages, "no trial to repeat yet")
     (moved,) = (tmp_path / "p01/discarded").rglob("meta.json")
     assert meta_of(moved.parent)["state"] == "redone", "training reads what is kept"
 
@@ -169,14 +158,10 @@ def test_stop_between_trials_stops_and_so_does_an_operator_who_is_gone(
 ):
     keys, press = pressing
     press("q")
-    assert (
-        session(tmp_path, Hand(VirtualClock(), 10), keys, [PULL], at_once=False)[0] == 0
-    )
-    kept, messages = session(
-        tmp_path, Hand(VirtualClock(), 10), Keys(None), [PULL], at_once=False
-    )
+    assert session(tmp_path, Hand(10), [PULL], keys, at_once=False)[0] == 0
+    kept, messages = session(tmp_path, Hand(10), at_once=False)
     assert kept == 0
-    assert any("--at-once" in line for line in messages)
+    assert said(messages, "--at-once")
     assert not (tmp_path / "p01").exists()
 
 

@@ -14,7 +14,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 from hazard_marks import OVERWRITTEN, SOURCE_ENDED
-from recorder_bench import PULL, ROOT, Hand, meta_of, recorded, session
+from recorder_bench import (
+    PULL,
+    ROOT,
+    TRIAL,
+    Hand,
+    meta_of,
+    recorded,
+    said,
+    session,
+    truth_of,
+)
 from recorder_bench import columns_of as read_columns
 
 from holdfast.core.errors import EmptyRecording
@@ -25,7 +35,6 @@ from holdfast.sessions.recorder.display import (
     columns_of,
     status_text,
 )
-from holdfast.sessions.recorder.keys import Keys
 from holdfast.sessions.recorder.protocol import Task
 from holdfast.sessions.recorder.session import Display
 from holdfast.sessions.recorder.trial import Quality, TrialRecorder
@@ -72,45 +81,35 @@ def test_a_trial_whose_source_ended_before_it_was_complete_is_not_kept_and_says_
 ):
     messages: list[str] = []
     display = Display(messages.append)
-    hand = Hand(VirtualClock(), samples)
+    hand = Hand(samples)
     with pytest.raises(EmptyRecording, match="cannot be kept"):
-        session(tmp_path, hand, Keys(None), [PULL], display=display)
-    folder = tmp_path / "p01/soft-ball/pull/trial_1"
+        session(tmp_path, hand, display=display)
+    folder = tmp_path / TRIAL
     assert (meta_of(folder)["state"], meta_of(folder)["quality"]["samples"]) == (
         "interrupted",
         samples,
     )
     assert meta_of(folder)["why"] == "the source ended before the trial was complete"
-    assert any(
-        "not kept, it will be recorded again: the source ended" in line
-        for line in messages
-    )
+    assert said(messages, "not kept, it will be recorded again: the source ended")
     assert not (folder / "tactile.truth.json").exists()
 
 
 @SOURCE_ENDED.mark
 def test_a_trial_that_finds_no_sample_any_more_is_not_kept(tmp_path):
     with pytest.raises(EmptyRecording, match="cannot be kept"):
-        session(tmp_path, Hand(VirtualClock(), 120), Keys(None), [PULL, PULL])
+        session(tmp_path, Hand(120), [PULL, PULL])
     assert states_in(tmp_path) == ["kept", "interrupted"]
     assert "the source ended" in meta_of(tmp_path / "p01/soft-ball/pull/trial_2")["why"]
 
 
 def test_a_source_that_ends_with_the_hand_empty_again_leaves_a_kept_trial(tmp_path):
-    assert session(tmp_path, Hand(VirtualClock(), 120), Keys(None), [PULL])[0] == 1
-    assert (
-        session(
-            tmp_path, Hand(VirtualClock(), 35), Keys(None), [Task("nothing", "nothing")]
-        )[0]
-        == 1
-    )
+    assert session(tmp_path, Hand(120))[0] == 1
+    assert session(tmp_path, Hand(35), [Task("nothing", "nothing")])[0] == 1
 
 
 @pytest.mark.parametrize("samples", [35, 60])
 def test_a_trial_that_ends_by_its_seconds_is_kept_whatever_is_in_it(tmp_path, samples):
-    kept, _ = session(
-        tmp_path, Hand(VirtualClock(), 99), Keys(None), [PULL], seconds=0.01 * samples
-    )
+    kept, _ = session(tmp_path, Hand(99), seconds=0.01 * samples)
     assert (kept, states_in(tmp_path)) == (1, ["kept"])
 
 
@@ -118,7 +117,7 @@ def test_a_trial_that_ends_by_its_seconds_is_kept_whatever_is_in_it(tmp_path, sa
 def test_the_second_trial_of_a_virtual_hand_whose_scene_is_over_is_not_kept(
     tmp_path, scene
 ):
-    words = (
+    words = [
         "--object",
         "soft-ball",
         "--action",
@@ -129,13 +128,11 @@ def test_the_second_trial_of_a_virtual_hand_whose_scene_is_over_is_not_kept(
         "4",
         "--rate",
         "50",
-    )
+    ]
     with pytest.raises(EmptyRecording, match="cannot be kept"):
         recorded(tmp_path / "out", *words, source=f"virtual://ft232h?scene={scene}")
     assert states_in(tmp_path) == ["kept", "interrupted"]
-    truth = json.loads(
-        (tmp_path / "out/p01/soft-ball/pull/trial_1/tactile.truth.json").read_text()
-    )
+    truth = truth_of(tmp_path / "out/p01/soft-ball/pull/trial_1")
     assert [one["label"] for one in truth["phases"]] == [
         "nothing",
         "grasp",
@@ -187,9 +184,9 @@ def shown(
 ) -> None:
     """One trial of 1.2 s at 100 Hz before a terminal."""
     clock, status = VirtualClock(), StatusLine(terminal, lambda: columns, seconds=1.2)
-    source = Hand(clock, 130, **hand)  # type: ignore[arg-type]
+    source = Hand(130, clock=clock, **hand)  # type: ignore[arg-type]
     bias = 0.001 * np.arange(18.0)
-    session(out, source, Keys(None), [PULL], seconds=1.2, display=status, bias=bias)
+    session(out, source, seconds=1.2, display=status, bias=bias)
 
 
 def test_time_rate_lost_samples_and_six_forces_are_shown_while_a_trial_runs(tmp_path):
@@ -232,9 +229,7 @@ def test_a_line_never_wraps_and_none_is_drawn_without_a_terminal(tmp_path):
 def test_a_terminal_that_takes_nothing_costs_no_sample(tmp_path, takes):
     shown(tmp_path / "a", Terminal())
     shown(tmp_path / "b", Terminal(takes))
-    free, stuck = (
-        read_columns(tmp_path / one / "p01/soft-ball/pull/trial_1") for one in "ab"
-    )
+    free, stuck = (read_columns(tmp_path / one / TRIAL) for one in "ab")
     assert stuck["sequence"] == free["sequence"]
     assert states_in(tmp_path / "b") == ["kept"]
 
@@ -243,7 +238,7 @@ def test_a_finger_that_is_lost_shows_no_force_and_a_field_is_shown_in_its_unit(
     tmp_path,
 ):
     clock = VirtualClock()
-    source = Hand(clock, 9)
+    source = Hand(9, clock=clock)
     trial = TrialRecorder(tmp_path, 18, {}, Quality(np.full(18, np.nan), 1e7, "uT"), 0)
     measured = source.read()
     assert measured is not None
@@ -310,7 +305,7 @@ def test_what_a_person_wrote_beside_an_object_s_mass_stays(tmp_path):
     about = tmp_path / "p01/soft-ball/meta.json"
     about.parent.mkdir(parents=True)
     about.write_text('{"mass_g": 80, "colour": "red"}')
-    hand, mass_g = Hand(VirtualClock(), 99), {"soft-ball": 91.5}
-    kept, _ = session(tmp_path, hand, Keys(None), [PULL], seconds=0.5, mass_g=mass_g)
+    hand, mass_g = Hand(99), {"soft-ball": 91.5}
+    kept, _ = session(tmp_path, hand, seconds=0.5, mass_g=mass_g)
     assert kept == 1
     assert json.loads(about.read_text()) == {"mass_g": 91.5, "colour": "red"}

@@ -3,7 +3,6 @@ together."""
 
 from __future__ import annotations
 
-import json
 import os
 import re
 import shutil
@@ -18,6 +17,7 @@ from recorder_bench import (
     one_pull,
     options_of,
     recorded,
+    said,
 )
 
 from holdfast.cli.main import main
@@ -112,7 +112,7 @@ def test_where_no_key_can_be_pressed_what_needs_one_is_refused_before_anything_o
 
 
 def test_a_recording_that_ends_by_itself_needs_no_key_and_no_time(card, tmp_path):
-    words = ("--object", "soft-ball", "--action", "pull", "--trials", "1")
+    words = ["--object", "soft-ball", "--action", "pull", "--trials", "1"]
     messages = recorded(tmp_path / "out", *words, source=f"sim://{card}?trial=0")
     assert any(line.startswith("kept: ") for line in messages)
 
@@ -129,7 +129,7 @@ def test_a_person_is_never_recorded_into_a_second_folder_within_the_recordings(
 
 
 def test_an_object_without_a_mass_is_reported_while_it_is_at_hand(tmp_path):
-    words = ("--object", "cup", "--action", "pull", "--trials", "1", "--seconds", "1")
+    words = ["--object", "cup", "--action", "pull", "--trials", "1", "--seconds", "1"]
     messages = recorded(tmp_path / "out", *words)
     assert [
         line
@@ -138,7 +138,7 @@ def test_an_object_without_a_mass_is_reported_while_it_is_at_hand(tmp_path):
     ]
     (tmp_path / "out/p01/cup/meta.json").write_text('{"mass_g": 80}')
     for lines in (recorded(tmp_path / "out", *words), one_pull(tmp_path / "out")):
-        assert not any("heavy" in line for line in lines)
+        assert not said(lines, "heavy")
     (tmp_path / "two.toml").write_text(PROTOCOL)
     messages = recorded(
         tmp_path / "out",
@@ -149,7 +149,7 @@ def test_an_object_without_a_mass_is_reported_while_it_is_at_hand(tmp_path):
         "--trials",
         "1",
     )
-    assert not any("heavy" in line for line in messages)
+    assert not said(messages, "heavy")
 
 
 def test_two_recorders_do_not_share_a_folder(tmp_path):
@@ -182,7 +182,7 @@ def test_a_bad_bias_is_refused_without_anyway(tmp_path):
     with pytest.raises(DataError, match="the bias is not good"):
         one_pull(tmp_path / "out", source=late)
     messages = one_pull(tmp_path / "out", "--anyway", source=late)
-    assert any("lost in X2" in line for line in messages)
+    assert said(messages, "lost in X2")
     assert meta_of(tmp_path / "out/p01/soft-ball/pull/trial_1")["bias"]["good"] is False
 
 
@@ -211,7 +211,7 @@ def test_a_run_goes_on_where_the_last_one_stopped(tmp_path):
     words = ("--protocol", tmp_path / "two.toml", "--seconds", "0.5")
     recorded(tmp_path / "out", *words, "--trials", "3")
     messages = recorded(tmp_path / "out", *words)
-    assert any("3 of these trials are recorded already" in line for line in messages)
+    assert said(messages, "3 of these trials are recorded already")
     assert len(list((tmp_path / "out").rglob("tactile.csv"))) == 8
     assert (
         recorded(tmp_path / "out", *words)[-1]
@@ -227,9 +227,7 @@ def test_a_run_goes_on_where_the_last_one_stopped(tmp_path):
         for path in by_start
     ]
     assert done == plan
-    assert json.loads((tmp_path / "out/p01/my-cup/meta.json").read_text()) == {
-        "mass_g": 212
-    }
+    assert meta_of(tmp_path / "out/p01/my-cup") == {"mass_g": 212}
 
 
 def test_actions_are_those_of_scenes_and_of_training():
@@ -281,13 +279,13 @@ def test_a_card_that_cannot_be_is_refused_by_its_key(tmp_path, text, says):
         (("--object", "cup", "--action", "nothing"), "go together"),
         (("--object", "a b", "--action", "pull", "--trials", "1"), "object 'a b'"),
         (("--object", "cup", "--action", "pull"), "without an end"),
-        (("--object", "cup", "--action", "pull", "--trials", "0"), "--trials 0"),
+        (["--object", "cup", "--action", "pull", "--trials", "0"], "--trials 0"),
         (
-            ("--object", "cup", "--action", "pull", "--trials", "1", "--camera", "oak"),
+            ["--object", "cup", "--action", "pull", "--trials", "1", "--camera", "oak"],
             "--tag-mm",
         ),
         (
-            (
+            [
                 "--object",
                 "cup",
                 "--action",
@@ -296,15 +294,15 @@ def test_a_card_that_cannot_be_is_refused_by_its_key(tmp_path, text, says):
                 "1",
                 "--camera",
                 "scene",
-            ),
+            ],
             "cannot film",
         ),
         (
-            ("--object", "cup", "--action", "pull", "--trials", "1", "--fps", "30"),
+            ["--object", "cup", "--action", "pull", "--trials", "1", "--fps", "30"],
             "--fps would be ignored",
         ),
         (
-            (
+            [
                 "--object",
                 "cup",
                 "--action",
@@ -313,7 +311,7 @@ def test_a_card_that_cannot_be_is_refused_by_its_key(tmp_path, text, says):
                 "1",
                 "--camera",
                 "gone.npz",
-            ),
+            ],
             "no such file",
         ),
     ],

@@ -8,11 +8,7 @@ import shutil
 from pathlib import Path
 
 import pytest
-from recorder_bench import (
-    ROOT,
-    meta_of,
-    options_of,
-)
+from recorder_bench import ROOT, TRIAL, meta_of, options_of, truth_of
 
 from holdfast.cli.main import main
 from holdfast.core.errors import HoldfastError, LabelError, TimeError
@@ -88,7 +84,7 @@ def test_what_was_recorded_trains_evaluates_and_replays_as_it_is(
     figures = json.loads((tmp_path / "figures.json").read_text())
     assert (figures["n_groups"], figures["group_kind"]) == (2, "person")
     capsys.readouterr()
-    folder = people / "p01/soft-ball/pull/trial_1"
+    folder = people / TRIAL
     for source in (str(folder), str(folder / "tactile.csv"), f"{people}#0"):
         assert main(["replay", model, source]) == 0
         lines = capsys.readouterr().out.splitlines()
@@ -137,13 +133,9 @@ def test_a_recording_that_was_edited_wrongly_is_refused_by_name(
 def test_events_that_cannot_be_understood_are_refused_by_name(people, tmp_path, line):
     from holdfast.sessions.recorder.labels import relabel
 
-    folder = shutil.copytree(
-        people / "p01/soft-ball/pull/trial_1", tmp_path / "trial_1"
-    )
+    folder = shutil.copytree(people / TRIAL, tmp_path / "trial_1")
     before = relabel(folder)
-    assert before.to_json() == json.loads(
-        (people / "p01/soft-ball/pull/trial_1/tactile.truth.json").read_text()
-    )
+    assert before.to_json() == truth_of(people / TRIAL)
     (folder / "events.jsonl").write_text(line + "\n")
     with pytest.raises(LabelError, match=r"events\.jsonl"):
         relabel(folder)

@@ -17,7 +17,7 @@ import pytest
 from grip_bench import ROOT
 from live_bench import RUN
 from made_prediction import prediction
-from recorder_bench import PULL, Hand, columns_of, meta_of, one_pull, session
+from recorder_bench import Hand, columns_of, meta_of, one_pull, said, session
 
 from holdfast.core.contract import Sample
 from holdfast.core.source import SourceReading
@@ -27,7 +27,6 @@ from holdfast.edge_runtime.intent import Intent, IntentMonitor, read_intent
 from holdfast.edge_runtime.model import Model
 from holdfast.live.intent import intended, intent_monitor
 from holdfast.live.page.run_page import RunPage
-from holdfast.sessions.recorder.keys import Keys
 
 Send = Callable[[Any], None]
 
@@ -65,7 +64,7 @@ def test_a_trial_has_the_wearers_own_command_beside_it_on_the_clock_of_its_sampl
         10: lambda: send({"wants": "open", "envelope": [0.75, 0]}),
         20: lambda: send({"envelope": [0.25, 0.5]}),
     }
-    source = Hand(clock, 140, says=says)
+    source = Hand(140, clock=clock, says=says)
     with monitored(url, clock, messages) as intent:
         send({"wants": "close"})  # before the trial: its time is not known
         options = {
@@ -73,7 +72,7 @@ def test_a_trial_has_the_wearers_own_command_beside_it_on_the_clock_of_its_sampl
             "intent": intent,
             "host_ns": lambda: clock.now_ns() + 5000,
         }
-        kept, _ = session(tmp_path, source, Keys(None), [PULL], **options)
+        kept, _ = session(tmp_path, source, **options)
     assert kept == 1
     folder = tmp_path / "p01" / "soft-ball" / "pull" / "trial_1"
     record = read_intent(folder / "tactile.intent.csv")
@@ -85,7 +84,7 @@ def test_a_trial_has_the_wearers_own_command_beside_it_on_the_clock_of_its_sampl
     assert record.time_s == pytest.approx((0.1, 0.2, 0.51), abs=0.002)
     host_ns = [int(one) for one in columns_of(folder)["host_ns"]]
     assert record.items[0].t_ns == host_ns[10]
-    assert any("silent" in line for line in messages)
+    assert said(messages, "silent")
 
 
 def test_a_trial_without_a_stream_has_no_such_file_and_a_silent_one_has_an_empty_one(

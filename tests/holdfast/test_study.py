@@ -17,11 +17,13 @@ from hazard_marks import ADVERSE_EVENT, CUT_OFF_STUDY, WITHDRAWAL
 from recorder_bench import (
     ROOT,
     Killed,
+    meta_of,
+    said,
     terminal_of_its_own,
     wait_for,
     wait_on_terminal_for,
 )
-from study_bench import SUS_ANSWERS, TALK, TRIALS, Study, protocol_of, said
+from study_bench import SUS_ANSWERS, TALK, TRIALS, Study, protocol_of
 
 from holdfast.core.errors import (
     CardError,
@@ -351,7 +353,7 @@ def test_a_recording_step_records_its_repetitions_with_the_recorder(
         for place in ("hard-ball/fall", "soft-ball/pass", "soft-ball/pull")
         for n in (1, 2)
     ]
-    meta = json.loads((scene.home / "hard-ball/fall/trial_2/meta.json").read_text())
+    meta = meta_of(scene.home / "hard-ball/fall/trial_2")
     assert meta["protocol"]["card"] == "protocol"
     assert meta["protocol"]["sha256"] == scene.protocol.sha256
     assert meta["person"] == "p01"
@@ -406,7 +408,7 @@ def test_an_adverse_event_stops_the_trial_at_once_and_is_written_before_it_is_de
         "soft-ball/pass/trial_1": "interrupted",
         "soft-ball/pass/trial_2": "kept",
     }
-    meta = json.loads((scene.home / "soft-ball/pass/trial_1/meta.json").read_text())
+    meta = meta_of(scene.home / "soft-ball/pass/trial_1")
     assert meta["quality"]["samples"] == 30
 
 
@@ -431,7 +433,7 @@ def test_a_trial_that_is_killed_is_marked_and_recorded_again(scene: Study) -> No
     with pytest.raises(Kill):
         scene.run("   ", show=cut)
     trial = scene.home / "soft-ball/pass/trial_1"
-    meta = json.loads((trial / "meta.json").read_text())
+    meta = meta_of(trial)
     (trial / "meta.json").write_text(json.dumps(meta | {"state": "recording"}))
     with (trial / "tactile.csv").open("ab") as torn:
         torn.write(b"0.8,0.1,")
@@ -680,11 +682,11 @@ def test_a_terminal_that_goes_away_leaves_a_study_that_goes_on(talk: Study) -> N
         (("--out", "o", "--source", "sim://p1"), "--person is missing"),
         (("--person", "p01", "--source", "sim://p1"), "--out is missing"),
         (
-            ("--out", "o", "--person", "p01", "--source", "usb://ft232h", "--rehearse"),
+            ["--out", "o", "--person", "p01", "--source", "usb://ft232h", "--rehearse"],
             "--rehearse",
         ),
         (
-            (
+            [
                 "--out",
                 "o",
                 "--person",
@@ -692,11 +694,11 @@ def test_a_terminal_that_goes_away_leaves_a_study_that_goes_on(talk: Study) -> N
                 "--source",
                 "virtual://ft232h",
                 "--rehearse",
-            ),
+            ],
             "--seconds",
         ),
         (
-            (
+            [
                 "--out",
                 "o",
                 "--person",
@@ -705,7 +707,7 @@ def test_a_terminal_that_goes_away_leaves_a_study_that_goes_on(talk: Study) -> N
                 "sim://p1",
                 "--camera",
                 "oak",
-            ),
+            ],
             "--tag-mm",
         ),
     ],

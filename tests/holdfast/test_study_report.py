@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from command_line import Run
 from hazard_marks import ADVERSE_EVENT
-from study_bench import SUS_ANSWERS, TRIALS, Study, options, said
+from recorder_bench import said
+from study_bench import SUS_ANSWERS, TRIALS, Study, options
 
 from holdfast.cli import study as verb
 from holdfast.core.errors import DataNotFound

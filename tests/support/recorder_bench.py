@@ -11,7 +11,7 @@ import subprocess
 import sys
 import termios
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +28,9 @@ from holdfast.sessions.recorder.protocol import Task
 from holdfast.sessions.recorder.recording import record as record_trials
 from holdfast.sessions.recorder.session import Display, RunContext, Session
 
+PULL = Task("soft-ball", "pull")
+TRIAL = "p01/soft-ball/pull/trial_1"
+"""Where its first trial is."""
 ROOT = Path(__file__).resolve().parents[2]
 REST = "virtual://ft232h"
 AREA = "What comes from outside"
@@ -127,21 +130,26 @@ def recorded(
 
 
 def one_pull(out: Path, *words: object, **where: Any) -> list[str]:
-    pull = (
-        "--object",
-        "soft-ball",
-        "--action",
-        "pull",
-        "--trials",
-        "1",
-        "--seconds",
-        "1",
-    )
-    return recorded(out, *pull, *words, **where)
+    pull = "--object soft-ball --action pull --trials 1 --seconds 1"
+    return recorded(out, *pull.split(), *words, **where)
 
 
 def meta_of(folder: Path) -> dict[str, Any]:
     return dict(json.loads((folder / "meta.json").read_text("utf-8")))
+
+
+def truth_of(folder: Path) -> dict[str, Any]:
+    return dict(json.loads((folder / "tactile.truth.json").read_text("utf-8")))
+
+
+def events_of(folder: Path) -> list[dict[str, Any]]:
+    lines = (folder / "events.jsonl").read_text("utf-8").splitlines()
+    return [json.loads(line) for line in lines]
+
+
+def said(messages: Iterable[str], text: str) -> bool:
+    """Whether a message holds a text."""
+    return any(text in line for line in messages)
 
 
 def columns_of(folder: Path) -> dict[str, list[str]]:
@@ -158,14 +166,14 @@ class Hand:
 
     def __init__(
         self,
-        clock: VirtualClock,
         n: int,
         *,
+        clock: VirtualClock | None = None,
         stalls: Mapping[int, float] | None = None,
         shifts: Mapping[int, float] | None = None,
         says: Mapping[int, Callable[[], object]] | None = None,
     ) -> None:
-        self.clock, self.n, self.k = clock, n, 0
+        self.clock, self.n, self.k = clock or VirtualClock(), n, 0
         self.stalls, self.shifts, self.says = stalls or {}, shifts or {}, says or {}
         self.offset_ns = 0
 
@@ -187,8 +195,8 @@ class Hand:
 def session(
     out: Path,
     source: Any,
-    keys: Keys,
-    tasks: list[Task],
+    tasks: Sequence[Task] = (PULL,),
+    keys: Keys | None = None,
     *,
     at_once: bool = True,
     seconds: float | None = None,
@@ -200,12 +208,9 @@ def session(
     messages: list[str] = []
     options = RecordOptions("sim://", out, "p01", seconds=seconds, at_once=at_once)
     display = display or Display(messages.append)
-    context = RunContext(source.clock, keys, display, never, host_ns)
+    context = RunContext(source.clock, keys or Keys(None), display, never, host_ns)
     given: dict[str, Any] = {"bias": np.zeros(18), "about": {"unit": "N"}} | more
     return Session(options, context, source, 100.0, **given).run(tasks), messages
-
-
-PULL = Task("soft-ball", "pull")
 
 
 @pytest.fixture

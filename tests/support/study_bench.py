@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from recorder_bench import never
+from recorder_bench import meta_of, never
 
 from holdfast.cli import study
 from holdfast.cli.command import Parser
@@ -166,13 +166,6 @@ class Study:
     def states(self) -> dict[str, str]:
         """Trial -> its state."""
         return {
-            path.parent.relative_to(self.home).as_posix(): json.loads(path.read_text())[
-                "state"
-            ]
+            path.parent.relative_to(self.home).as_posix(): meta_of(path.parent)["state"]
             for path in sorted(self.home.rglob("trial_*/meta.json"))
         }
-
-
-def said(messages: Iterable[str], text: str) -> bool:
-    """Whether a message holds a text."""
-    return any(text in line for line in messages)
