@@ -27,8 +27,7 @@ from holdfast.training.recording import Recording
 PointMethod = Literal["band-pass", "friction", "both"]
 
 NOISE_TIMES = 6.0  # a point stands this far above the median of its signal
-# and above this share of the recording's largest swing (a recording without noise)
-LEAST_SHARE = 0.02
+LEAST_SHARE = 0.02  # of the recording's largest swing, where there is no noise
 REST_S = 0.1  # unloaded start, the zero of all forces
 EDGE_S = 1.0  # ignored at both ends: filters settle, hands come and go
 RECOVERY_S = 0.3  # quiet between two excursions of one signal
@@ -57,6 +56,7 @@ def offline_critical_points(recording: Recording) -> list[CriticalPoint]:
     Raises RateError where the rate carries no band.
     """
     rate_hz = recording.rate_hz
+    # Filters and quotients would carry a lost value on, so it is held before anything else.
     samples = _at_rest_zero(_held(recording.samples, recording.valid), rate_hz)
     by_band = band_pass_rows(samples, rate_hz)
     by_friction = friction_rows(samples, rate_hz)
@@ -77,6 +77,7 @@ def band_pass_envelope(samples: FloatArray, rate_hz: float) -> FloatArray:
     from scipy.signal import sosfilt  # here, because its import takes a second
 
     shear = np.delete(samples, np.s_[NORMAL_AXIS::3], axis=1)
+    # Only changes enter the bank: it starts at rest and does not ring with an offset.
     outputs = []
     for band in bands_for(rate_hz):
         outputs.append(sosfilt(sections(rate_hz, band), shear - shear[0], axis=0))
@@ -97,7 +98,9 @@ def band_pass_rows(samples: FloatArray, rate_hz: float) -> IntArray:
 def _fresh_edges(above: BoolArray, quiet: int) -> IntArray:
     """First rows of the excursions that begin at least `quiet` rows after the one before ended."""
     change = np.diff(above.astype(np.int8), prepend=0, append=0)
-    starts, stops = np.flatnonzero(change == 1), np.flatnonzero(change == -1)
+    starts = np.flatnonzero(change == 1)
+    stops = np.flatnonzero(change == -1)
+    # The bank rings on: an excursion right after another is the same event.
     fresh = np.ones(len(starts), dtype=np.bool_)
     fresh[1:] = starts[1:] - stops[:-1] >= quiet
     return starts[fresh]
@@ -112,20 +115,27 @@ def friction_rows(samples: FloatArray, rate_hz: float) -> IntArray:
     has no pole. Of marks within 0.5 s the largest jump is kept.
     """
     forces = samples.reshape(len(samples), -1, 3)
-    shear, normal = forces[..., :NORMAL_AXIS], forces[..., NORMAL_AXIS:]
-    noise = np.median(np.abs(np.diff(forces, axis=0)), axis=0).max()
+    shear = forces[..., :NORMAL_AXIS]
+    normal = forces[..., NORMAL_AXIS:]
+    # Most steps of a recording are noise, so the median step is the size of the noise.
+    steps = np.abs(np.diff(forces, axis=0))
+    noise = np.median(steps, axis=0).max()
     load = np.quantile(np.abs(normal), 0.95, axis=0).max()
     least = max(0.1 * load, NOISE_TIMES * noise)
     if least == 0.0:
         return np.empty(0, dtype=np.int64)
     ratio = shear / np.maximum(normal, least)
     jump = _moved(ratio, _rows(STEP_S, rate_hz), 0)
+    # A jump stands above the noise of its own sensor's ratio.
     size = np.maximum(LEAST_JUMP, NOISE_TIMES * np.median(jump, axis=0))
     ahead, around = _rows(SHEAR_AHEAD_S, rate_hz), _rows(NORMAL_AHEAD_S, rate_hz)
     shear_change = np.maximum(_moved(shear, ahead, ahead), _moved(shear, 0, ahead))
     shear_moved = shear_change > least
     normal_moved = _moved(normal, around, around) > least
-    marked = (jump > size) & shear_moved | (jump > NORMAL_JUMP * size) & normal_moved
+    # The force must have moved too; where only the normal force did, the jump must be larger.
+    by_shear = (jump > size) & shear_moved
+    by_normal = (jump > NORMAL_JUMP * size) & normal_moved
+    marked = by_shear | by_normal
     strength = np.where(marked, jump, 0.0).max(axis=1)
     rows = _inside(np.flatnonzero(strength), len(samples), rate_hz)
     return _largest_of_any(rows, strength[rows], _rows(FRICTION_APART_S, rate_hz))
@@ -134,7 +144,9 @@ def friction_rows(samples: FloatArray, rate_hz: float) -> IntArray:
 def _moved(x: FloatArray, back: int, ahead: int) -> FloatArray:
     """[T, S, A] -> [T, S]: how far x[t + ahead] is from x[t - back]; clamped at the ends."""
     rows = np.arange(len(x))
-    change = x[np.minimum(rows + ahead, len(x) - 1)] - x[np.maximum(rows - back, 0)]
+    later = x[np.minimum(rows + ahead, len(x) - 1)]
+    earlier = x[np.maximum(rows - back, 0)]
+    change = later - earlier
     return np.sqrt(np.square(change).sum(axis=2))
 
 
@@ -143,8 +155,11 @@ def _held(samples: FloatArray, valid: BoolArray) -> FloatArray:
     good = np.isfinite(samples) & np.repeat(valid, 3, axis=1)
     rows = np.where(good, np.arange(len(samples))[:, None], -1)
     last = np.maximum.accumulate(rows, axis=0)
-    last = np.where(last < 0, good.argmax(axis=0), last)
-    return np.where(good.any(axis=0), np.take_along_axis(samples, last, axis=0), 0.0)
+    # Before the first good value of a channel, that value stands in.
+    first = good.argmax(axis=0)
+    source = np.where(last < 0, first, last)
+    held = np.take_along_axis(samples, source, axis=0)
+    return np.where(good.any(axis=0), held, 0.0)
 
 
 def _at_rest_zero(samples: FloatArray, rate_hz: float) -> FloatArray:

@@ -128,6 +128,7 @@ def cross_validate(
 
 def splits_of(data: DataSet, plan: TrainingPlan, seed: int) -> list[dict[str, Fold]]:
     """Task -> training and test rows, of every fold; all tasks hold out the same people."""
+    # Groups are dealt once for all tasks: a person held out of one is held out of every other.
     folds = assign_groups(_groups_of_all(data), plan.folds, seed=seed)
     splits: list[dict[str, Fold]] = [{} for _ in range(plan.folds)]
     for task in data.tasks:

@@ -53,9 +53,12 @@ def stepped(
     batches = [order[start : start + size] for start in range(0, len(order), size)]
 
     def run(batch: list[int]) -> list[Outputs]:
-        values = [recordings[k].samples for k in batch]
-        valid = [recordings[k].valid for k in batch]
-        return step_recordings(steps, values, valid, [rows[k] for k in batch])
+        values, valid, wanted = [], [], []
+        for k in batch:
+            values.append(recordings[k].samples)
+            valid.append(recordings[k].valid)
+            wanted.append(rows[k])
+        return step_recordings(steps, values, valid, wanted)
 
     outputs: list[Outputs] = [{} for _ in recordings]
     done = 0
@@ -82,6 +85,7 @@ def kept_rows(path: Path, compute: Callable[[], FloatRows]) -> FloatRows:
     """
     if not path.is_file():
         path.parent.mkdir(parents=True, exist_ok=True)
+        # Renamed only when it is complete.
         half = path.with_suffix(".half.npy")
         np.save(half, compute())
         half.replace(path)
@@ -122,11 +126,12 @@ class FeatureCost:
 
 def cpu_cost(data: DataSet, spec: StepSpec) -> FeatureCost:
     """CPU time of stepping all features over every sample of a set."""
+    # All samples are stepped; only the last row of each recording is kept.
     last = [np.array([len(recording.samples) - 1]) for recording in data.recordings]
     started = time.process_time()
     _compute(data, spec, last)
     cpu_s = time.process_time() - started
-    samples = sum(len(recording.samples) for recording in data.recordings)
+    samples = int(np.sum(last)) + len(last)
     return FeatureCost(cpu_s, samples, 1e6 * cpu_s / samples)
 
 
@@ -135,6 +140,7 @@ def _compute(
 ) -> list[FloatRows]:
     session = open_session(features_alone(spec).SerializeToString())
     steps = steps_of(session, ["features"])
+    # The other outputs of a step are its state, which training does not need.
     outputs = stepped(steps, data.recordings, rows, part)
     return [output["features"] for output in outputs]
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from typing import Protocol
 
 from holdfast.core.reading import Json
 
@@ -27,17 +26,6 @@ class Share:
     share: float | None
     share_ci: Interval | None
     n: int
-
-
-class LevelF1(Protocol):
-    """F1 at some level of classes, None for a class that is absent from the truth."""
-
-    @property
-    def macro_f1(self) -> float | None: ...
-    @property
-    def macro_f1_ci(self) -> Interval | None: ...
-    @property
-    def f1(self) -> Mapping[str, float | None]: ...
 
 
 @dataclass(frozen=True)

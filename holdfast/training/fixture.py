@@ -98,7 +98,9 @@ class _Hand:
     """Six mounted sensors: offset, magnet up or down, share of the grip, axis of shear."""
 
     def __init__(self, rng: np.random.Generator) -> None:
-        angle = np.pi * (np.arange(N_SENSORS) > 1) + rng.uniform(-0.5, 0.5, N_SENSORS)
+        # The fingers face the two sensors of the thumb, so their shear axes point the other way.
+        opposed = np.pi * (np.arange(N_SENSORS) > 1)
+        angle = opposed + rng.uniform(-0.5, 0.5, N_SENSORS)
         self.along = np.stack([np.sin(angle), np.cos(angle)], axis=1)
         self.share = rng.uniform(0.6, 1.4, N_SENSORS)
         self.offset_n = rng.uniform(-0.5, 0.5, (N_SENSORS, 3))
@@ -113,7 +115,9 @@ class _Hand:
         forces = noise + self.offset_n
         shear = scene.load_n[:, None] * share + scene.slip_n
         forces[..., :NORMAL_AXIS] += shear[..., None] * self.along
+        # A grip is never quite normal to the pads.
         forces[..., 0] += 0.08 * scene.grip_n[:, None] * share
+        # Stick and slip shakes the normal force too.
         normal = scene.grip_n[:, None] * share + 0.3 * np.abs(scene.slip_n)
         forces[..., NORMAL_AXIS] += normal
         return (forces * self.sign).reshape(len(forces), -1)
@@ -134,6 +138,7 @@ def write_fixture(
     """
     rng = np.random.default_rng(seed)
     hand = _Hand(rng)
+    # Every trial draws from a child of the generator: a change inside one changes no other.
     for name in objects:
         risky = "fall" if is_heavy(MASSES_G[name]) else "pull"
         for action in ("pass", risky, "put-down"):
@@ -147,6 +152,7 @@ def write_fixture(
 
 def _trial(name: str, action: str, rng: np.random.Generator, rate_hz: float) -> _Scene:
     """Nothing, grasp, hold, act at about 7 s, after a put-down release at about 10 s, nothing."""
+    # The script hands the full bottle over in two steps too.
     in_steps = action == "put-down" or (name, action) == ("full-bottle", "pass")
     scene = _Scene(rng, (10.5 if in_steps else 7.5) + TAIL_S, rate_hz)
     weight_n = MASSES_G[name] * NEWTON_PER_GRAM / N_SENSORS

@@ -208,25 +208,31 @@ def _cells(cells: CellTrials) -> list[Cell]:
 
 
 def _cell(name: CellName, trials: list[TimedTrial | None]) -> Cell:
-    read = [trial for trial in trials if trial]
-    recordings = [trial.recording for trial in read]
-    mass = next((trial.mass for trial in read if trial.mass), None)
-    rate_hz = None
-    if recordings:
-        rate_hz = float(np.median([recording.rate_hz for recording in recordings]))
     person, thing, action = name
+    seconds, rates_hz = 0.0, []
+    unit, mass = None, None
+    labels_by: Counter[str] = Counter()
+    for trial in trials:
+        if trial is None:
+            continue
+        recording = trial.recording
+        seconds += len(recording.samples) / recording.rate_hz
+        rates_hz.append(recording.rate_hz)
+        labels_by[trial.labels_by] += 1
+        unit = unit or recording.unit
+        mass = mass or trial.mass
     return Cell(
         person=person,
         object_name=thing,
         action=action,
         trials=len(trials),
-        read=len(read),
-        seconds=sum(len(one.samples) / one.rate_hz for one in recordings),
-        rate_hz=rate_hz,
-        unit=recordings[0].unit if recordings else None,
+        read=len(rates_hz),
+        seconds=seconds,
+        rate_hz=float(np.median(rates_hz)) if rates_hz else None,
+        unit=unit,
         mass_g=mass.mass_g if mass else None,
         mass_from=mass.source if mass else None,
-        labels_by=dict(Counter(trial.labels_by for trial in read)),
+        labels_by=dict(labels_by),
     )
 
 

@@ -111,6 +111,7 @@ def f1_and_draws(
     code = _codes(groups)
     _require_labels(truth, n, "truth")
     _require_labels(predicted, n + 1, "prediction")
+    # One count of all (group, truth, prediction) gives every draw by weighted sums.
     cells = (code * n + np.asarray(truth)) * (n + 1) + np.asarray(predicted)
     n_groups = int(code.max(initial=-1)) + 1
     counts = np.bincount(cells, minlength=n_groups * n * (n + 1))
@@ -205,7 +206,9 @@ class Ranking:
         hits, misses = np.cumsum(hit), np.cumsum(miss)
         if hits[-1] == 0.0 or misses[-1] == 0.0:
             return np.nan, np.nan
-        auc = np.sum(hit * (misses[-1] - misses + 0.5 * miss)) / (hits[-1] * misses[-1])
+        # Each hit ranks above the misses after it, and half above those of its own score.
+        below = misses[-1] - misses + 0.5 * miss
+        auc = np.sum(hit * below) / (hits[-1] * misses[-1])
         zero = np.zeros_like(hits)
         precision = np.divide(hits, hits + misses, out=zero, where=hit > 0.0)
         return float(auc), float(np.sum(hit * precision) / hits[-1])

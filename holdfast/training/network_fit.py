@@ -141,6 +141,7 @@ def _fit_member(
         random_state=seed,
     )
     counts = np.bincount(label)
+    # balance 1: each class weighs the same in all; 0: each window does.
     share = (len(label) / np.maximum(counts, 1) / len(counts)) ** plan.balance
     with warnings.catch_warnings():
         # It stops after the plan's epochs on purpose.
@@ -157,7 +158,8 @@ def in_whole_numbers(
     gain = (steps / squash.deviation).astype(np.float32)
     offset = (-steps * squash.mean / squash.deviation).astype(np.float32)
     inputs = Inputs(squash.knee, gain, offset)
-    values, most, unit = inputs.quantised(rows), INPUT_MOST, 1.0 / steps
+    values = inputs.quantised(rows)
+    most, unit = INPUT_MOST, 1.0 / steps
     layers = []
     for number in range(len(networks[0].coefs_) - 1):
         layer, unit = _hidden(networks, number, values, most, unit)
@@ -180,10 +182,12 @@ def _hidden(
     values [N, I]: what enters it. unit [I]: the real value of one step of that.
     """
     coefficients = [member.coefs_[number] for member in members]
+    # All members see the same inputs; after that each sees its own units only.
     joined = np.hstack(coefficients) if number == 0 else block_diag(*coefficients)
     bias = np.concatenate([member.intercepts_[number] for member in members])
     weights, whole_bias, fineness = _whole(joined * unit[:, None], bias, most)
     real = np.maximum((values @ weights + whole_bias) / fineness, 0.0)
+    # A unit's few largest values are cut off, so that its steps are finer for all the others.
     top = np.percentile(real, 100.0 - UNUSED_PERCENT, axis=0)
     step = np.where(top > 0.0, top, 1.0) / HIDDEN_MOST
     scale = (1.0 / (fineness * step)).astype(np.float32)
@@ -217,6 +221,7 @@ def _whole(
     """Whole weights and bias, as fine as exact sums allow, and their steps per real 1, [O]."""
     # Rounding may add half a step to each weight.
     room = EXACT_FLOAT32 - 1 - most * len(weights)
+    # The largest sum that a unit can reach stays below what float32 counts exactly.
     size = most * np.abs(weights).sum(axis=0) + np.abs(bias) + 1e-9
     largest = np.abs(weights).max(axis=0) + 1e-9
     fineness = np.minimum(room / size, (WEIGHT_MOST - 1) / largest)

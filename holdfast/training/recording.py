@@ -82,10 +82,17 @@ class LabelledRows:
     @staticmethod
     def concatenated(parts: Sequence[LabelledRows]) -> LabelledRows:
         """The windows of all parts, one after the other, with the classes of the first."""
-        trial = np.concatenate([part.trial for part in parts])
-        row = np.concatenate([part.row for part in parts]).astype(np.int64)
-        label = np.concatenate([part.label for part in parts]).astype(np.int64)
-        return LabelledRows(trial, row, label, parts[0].classes)
+        trials, rows, labels = [], [], []
+        for part in parts:
+            trials.append(part.trial)
+            rows.append(part.row)
+            labels.append(part.label)
+        return LabelledRows(
+            trial=np.concatenate(trials),
+            row=np.concatenate(rows).astype(np.int64),
+            label=np.concatenate(labels).astype(np.int64),
+            classes=parts[0].classes,
+        )
 
     def of_trials(self, index: list[int]) -> LabelledRows:
         """The windows of the recordings at these ascending places, numbered anew."""

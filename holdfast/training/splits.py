@@ -43,6 +43,7 @@ def assign_groups(
             next_step=fewer if len(names) > 1 else "add recordings of other people",
         )
     rng = np.random.default_rng(seed)
+    # Largest first, so that every round deals groups of like size.
     by_size = names[np.argsort(-sizes, kind="stable")]
     assignment: dict[str, int] = {}
     for k in range(0, len(names), n_folds):

@@ -106,6 +106,7 @@ def scripted(
         times_s = [action_at_s + HOLD_AGAIN_S, action_at_s + RELEASE_S]
         again, release = np.searchsorted(t_s, times_s).tolist()
         starts |= {again: GRASP, release: slip}
+    # A hand that is empty sooner than the script has it skips the rest.
     starts = {row: situation for row, situation in starts.items() if row < empty}
     starts[empty] = NOTHING
     rows = [*starts, len(t_s)]
@@ -185,11 +186,14 @@ def labels_by(path: Path, action_at_s: float) -> str:
         of_trial = action_start_s(truth, path)
         source = " (truth file)" if of_trial else ""
         return f"script, action at {of_trial or action_at_s:g} s{source}"
-    entries = [entry for entry in truth.get("phases", []) if isinstance(entry, dict)]
-    names = {str(entry.get("provenance") or "") for entry in entries} - {""}
-    if names:
-        return ", ".join(sorted(names))
-    return "truth file" if entries else "no label"
+    names = set()
+    for entry in truth.get("phases", []):
+        if isinstance(entry, dict):
+            names.add(str(entry.get("provenance") or "truth file"))
+    # A phase that names its provenance tells more than that there is a file.
+    if len(names) > 1:
+        names.discard("truth file")
+    return ", ".join(sorted(names)) or "no label"
 
 
 def read_truth(path: Path, t_s: FloatArray) -> Phases:
@@ -233,10 +237,12 @@ def read_events(path: Path) -> RiskyEvents:
 
 def events_of(phases: Phases, rate_hz: float) -> RiskyEvents:
     """The risky phases of a script, which knows no gross slip."""
-    risky = [phase for phase in phases if phase.situation == RISKY_SLIP]
-    return tuple(
-        RiskyEvent(phase.first / rate_hz, None, phase.stop / rate_hz) for phase in risky
-    )
+    events = []
+    for phase in phases:
+        if phase.situation == RISKY_SLIP:
+            onset_s, end_s = phase.first / rate_hz, phase.stop / rate_hz
+            events.append(RiskyEvent(onset_s, None, end_s))
+    return tuple(events)
 
 
 def _phase(entry: Any, t_s: FloatArray, path: Path) -> Phase:

@@ -42,6 +42,7 @@ def fit_label_weights(votes: IntArray, situation: IntArray) -> LabelWeights:
                 candidates.append(candidate)
                 scores.append(_macro_f1(shares * candidate, situation, present))
             weights = candidates[int(np.argmax(scores))]
+    # Only their ratios count.
     return tuple(np.round(weights / weights.max(), DIGITS).tolist())
 
 

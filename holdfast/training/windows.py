@@ -216,6 +216,7 @@ def _dense_spots(trial: TimedTrial) -> list[_Spot]:
     if not trial.timed or trial.heavy is None:
         return _natural_spots(trial)
     rate_hz = trial.recording.rate_hz
+    # Before that a hand answers nothing, because its history is not whole.
     settled = math.ceil(HISTORY_S * rate_hz)
     spots = []
     for phase in trial.recording.phases:
@@ -267,6 +268,7 @@ def _slipping(recording: Recording) -> list[_Spot]:
         if phase.situation in (NOTHING, GRASP):
             continue
         count = int(np.clip((phase.stop - phase.first) / every, 1, MOST_OF_A_SLIP))
+        # Neither the first nor the last row of the slip: they belong to its edges.
         rows = np.linspace(phase.first, phase.stop - 1, count + 2).round()[1:-1]
         for row in np.unique(rows.astype(np.int64)).tolist():
             spots.append(_Spot(row, phase.situation, "slip"))

@@ -224,7 +224,7 @@ def test_the_wearers_own_command_beside_a_trial_is_counted_and_is_no_trial(
     intent_path(beside[0]).write_text("Time,X1\n", encoding="utf-8")
     damaged = reported(run, own)
     assert damaged["intents"] == 1
-    assert "not the columns of a wearer's own command" in missing(damaged, "advice")
+    assert "not the columns of a wearer's command" in missing(damaged, "advice")
 
 
 def test_files_at_no_trial_s_place_are_counted_and_named(run: Run, own: Path) -> None:

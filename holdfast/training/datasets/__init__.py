@@ -176,8 +176,14 @@ def join(sets: Sequence[DataSet]) -> DataSet:
         return first
     recordings: list[Recording] = []
     lacks = list(first.lacks)
+    kinds, caveats, group_kinds, notes = [], [], [], {}
     parts: dict[str, list[LabelledRows]] = {task: [] for task in first.tasks}
     for data in sets:
+        kinds.append(data.kind)
+        caveats.append(data.caveat)
+        group_kinds.append(data.group_kind)
+        notes[data.name] = data.notes
+        # Trials are numbered on where those of the sets before end.
         for task, rows in data.tasks.items():
             parts[task].append(replace(rows, trial=rows.trial + len(recordings)))
         for recording in data.recordings:
@@ -190,11 +196,11 @@ def join(sets: Sequence[DataSet]) -> DataSet:
         name=" + ".join(names),
         recordings=recordings,
         tasks={task: LabelledRows.concatenated(rows) for task, rows in parts.items()},
-        kind=_each_once(" + ", [data.kind for data in sets]),
+        kind=_each_once(" + ", kinds),
         redistributable=all(data.redistributable for data in sets),
-        caveat=_each_once(" ", [data.caveat for data in sets]),
-        notes={"sets": {data.name: data.notes for data in sets}},
-        group_kind=_each_once(" and by ", [data.group_kind for data in sets]),
+        caveat=_each_once(" ", caveats),
+        notes={"sets": notes},
+        group_kind=_each_once(" and by ", group_kinds),
         lacks=tuple(lacks),
     )
 

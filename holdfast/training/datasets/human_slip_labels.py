@@ -78,6 +78,7 @@ def in_hand(
 
     0 where one of the two is no rotation. The wrist, which turns both, cancels.
     """
+    # The inverse of a rotation is its conjugate; both are multiplied out, and no norm is needed.
     w, x, y, z = object_q.astype(np.float64).T
     a, b, c, d = hand_q.astype(np.float64).T
     product = np.column_stack(
@@ -109,6 +110,7 @@ def phases(force_n: FloatArray, rotation_deg: FloatArray, end: int) -> Phases:
 
     Rows without a label are in none.
     """
+    # Up to where situation_windows go.
     label = situations(force_n, rotation_deg)[: end + AROUND_MOVE_ROWS]
     label[:BIAS_ROWS] = UNLABELLED
     edges = np.flatnonzero(np.diff(label)) + 1
@@ -166,9 +168,12 @@ def prediction_windows(
         max(BIAS_ROWS, start - AROUND_MOVE_ROWS), min(end, n), PREDICTION_STEP_ROWS
     )
     has_future = row + 1 < n
-    row = row[has_future & (force_n[row] >= CONTACT_N) & (rotation_deg[row] < SAFE_DEG)]
+    holds = (force_n[row] >= CONTACT_N) & (rotation_deg[row] < SAFE_DEG)
+    row = row[has_future & holds]
+    # Rows over 15 deg so far: more at the end of the horizon than at its start means a slip.
     over = np.concatenate([[0], np.cumsum(rotation_deg > RISKY_DEG)])
-    return row, over[np.minimum(row + 1 + HORIZON_ROWS, n)] > over[row + 1]
+    horizon = np.minimum(row + 1 + HORIZON_ROWS, n)
+    return row, over[horizon] > over[row + 1]
 
 
 def frames_since_contact(force_n: FloatArray, contact_n: float = CONTACT_N) -> IntArray:
