@@ -49,15 +49,18 @@ def require_modest_archive(path: Path) -> None:
     """
     _require_short_directory(path)
     with zipfile.ZipFile(path) as archive:
+        # the sizes that the directory claims; _require_claim compares them with the arrays
         members = archive.infolist()
         unpacked = sum(one.file_size for one in members)
         packed = sum(one.compress_size for one in members)
         if unpacked > MOST_BYTES:
             raise _too_large(f"it would unpack to {unpacked / 1e9:.1f} GB", path)
+        # a bomb is far above what measured numbers or drawn pictures can be packed to
         if unpacked > SMALL_BYTES and unpacked > MOST_RATIO * packed:
             raise _too_large(
                 f"it would unpack to {unpacked // max(packed, 1)} times its size", path
             )
+        # other methods, such as lzma, have no bound on the memory of their decoder
         if not {one.compress_type for one in members} <= {
             zipfile.ZIP_STORED,
             zipfile.ZIP_DEFLATED,
@@ -71,6 +74,7 @@ def require_modest_archive(path: Path) -> None:
 
 def _require_claim(opened: IO[bytes], member: zipfile.ZipInfo, path: Path) -> None:
     """The shape in an array's header must match the member's size."""
+    # newer headers may be 4 GiB long; numpy writes 1.0 for every array of ours
     if np.lib.format.read_magic(opened) != (1, 0):
         raise ValueError("an array header of another version")
     shape, _, dtype = np.lib.format.read_array_header_1_0(opened)
@@ -82,13 +86,16 @@ def _require_claim(opened: IO[bytes], member: zipfile.ZipInfo, path: Path) -> No
 
 
 def _require_short_directory(path: Path) -> None:
+    """Raise TooLarge by the end record, before zipfile reads the list of members into memory."""
     with path.open("rb") as file:
         file.seek(0, 2)
         file.seek(
             max(0, file.tell() - _LONGEST_COMMENT - _END_BYTES - _LOCATOR_64_BYTES)
         )
         tail = file.read()
+    # the end record may be followed by a comment, so it is searched from the back
     at = tail.rfind(_END)
+    # a zip64 locator stands right before the end record
     long_form = at >= _LOCATOR_64_BYTES and tail[at - _LOCATOR_64_BYTES :].startswith(
         _LOCATOR_64
     )
@@ -100,6 +107,7 @@ def _require_short_directory(path: Path) -> None:
 
 
 def _too_large(what: str, path: Path) -> TooLarge:
+    """The error of every check here."""
     return TooLarge(
         what,
         where=path,

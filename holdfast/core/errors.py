@@ -113,6 +113,7 @@ class HoldfastError(Exception):
         super().__init__(self._line())
 
     def _line(self) -> str:
+        """The message: place, fact, likely cause, next step."""
         parts = [f"{self.where}: {self.what}" if self.where else self.what]
         if self.cause:
             parts.append(f"likely cause: {self.cause}")

@@ -33,14 +33,17 @@ class _Link(MetaPathFinder, Loader):
         path: Sequence[str] | None,
         target: ModuleType | None = None,
     ) -> ModuleSpec | None:
+        """This object itself loads every module of its link."""
         return ModuleSpec(fullname, self) if fullname.startswith(self._prefix) else None
 
     def create_module(self, spec: ModuleSpec) -> ModuleType:
+        """The package's own module, loaded where it is not yet."""
         module = import_module(f"holdfast.{spec.name}")
         self._specs[spec.name] = module.__spec__
         return module
 
     def exec_module(self, module: ModuleType) -> None:
+        """Nothing to run: the module is there already."""
         # importlib has just written the link's spec over the module's own
         assert module.__spec__ is not None
         module.__spec__ = self._specs.pop(module.__spec__.name)

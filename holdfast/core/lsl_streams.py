@@ -49,6 +49,7 @@ def order_of(labels: Sequence[str], where: str) -> list[int]:
             next_step="send x, y, z of each sensor, or name another stream",
         )
     names = channel_names(count // 3)
+    # labels in another order are sorted; labels of another kind say nothing about order
     by_name = set(labels) == {*names}
     return [labels.index(name) for name in names] if by_name else [*range(count)]
 
@@ -57,6 +58,7 @@ def unit_of(units: Sequence[str], where: str, next_step: str) -> Unit:
     """The one unit of all channels. next_step: how to give it. Raises UnitError."""
     said = {one.strip().lower() for one in units}
     known = {UNIT_WORDS.get(word) for word in said}
+    # all channels must have one unit, and it must be one of ours
     (unit,) = known if len(known) == 1 else (None,)
     if unit is None:
         raise UnitError(

@@ -39,6 +39,7 @@ def model_path(word: str | Path) -> Path:
     'holdfast-150hz.onnx'
     """
     path = Path(word)
+    # a name of a shipped model; a file of that name in the working folder comes first
     inside = MODELS / f"{path.name}.onnx"
     is_bare_name = path == Path(path.name) and not path.exists()
     return inside if is_bare_name and inside.is_file() else path
@@ -51,6 +52,7 @@ def require_file(path: Path) -> None:
     """
     try:
         mode = path.stat().st_mode
+    # the code that opens the file has a better message for these
     except (FileNotFoundError, NotADirectoryError, PermissionError):
         return
     except (OSError, ValueError) as error:
@@ -82,6 +84,7 @@ CHUNK_BYTES = 64 << 10
 
 def text_of(path: Path) -> str:
     """The text of a small file, UTF-8. Raises TooLarge, and what opening and decoding it raise."""
+    # the size first: a file of a gigabyte is not read
     size = path.stat().st_size
     if size > MOST_DOCUMENT_BYTES:
         raise TooLarge(
@@ -103,8 +106,10 @@ def require_lines(path: Path) -> None:
                 where=path,
                 next_step="split the recording",
             )
+        # begun: bytes of a line that began in an earlier chunk
         number, begun = 1, 0
         while chunk := file.read(CHUNK_BYTES):
+            # either line end: Python reads both
             ends = [at for at in (chunk.find(b"\n"), chunk.find(b"\r")) if at >= 0]
             if begun + min(ends, default=len(chunk)) > MOST_LINE_BYTES:
                 raise TooLarge(
@@ -129,6 +134,7 @@ def json_of(text: str | bytes) -> Any:
         value = json.loads(text)
     except RecursionError:
         raise ValueError("nested too deep") from None
+    # level by level, so that this check does not recurse itself
     level = [value]
     for _ in range(MOST_LEVELS):
         level = [one for inner in level for one in _within(inner)]

@@ -68,10 +68,12 @@ def move_aside(path: Path, data: bytes, kept_bytes: int) -> Path | None:
     torn = data[kept_bytes:]
     if not torn:
         return None
+    # the same torn end again, as after a repair that was itself cut off, needs no second file
     target, number = path.with_name(path.name + TORN), 1
     while target.exists() and read_damaged(target) != torn:
         number += 1
         target = path.with_name(f"{path.name}{TORN}{number}")
+    # first the copy, then the cut: a kill in between loses nothing
     write_whole(target, torn)
     try:
         os.truncate(path, kept_bytes)
@@ -96,6 +98,7 @@ def read_damaged(path: Path) -> bytes:
 
 
 def _unmended(path: Path, error: OSError) -> OutputError:
+    """The file is as it was; repairing a copy may work elsewhere."""
     return OutputError(
         f"cannot be repaired ({error.strerror})",
         where=path,
@@ -122,6 +125,7 @@ class TactileFile:
     def __init__(self, path: Path, n_channels: int) -> None:
         self.path, self.rows, self._size = path, 0, 0
         try:
+            # unbuffered, so that every line is one write; "x", so that no file is overwritten
             self._file = path.open("xb", buffering=0)
         except OSError as error:
             raise self._failed(error) from None
@@ -148,6 +152,7 @@ class TactileFile:
         """
         if not self.rows:
             self._first_ns = self._synced_ns = t_ns
+        # whole numbers, so that no digit of the time is lost
         time_ns = t_ns - self._first_ns
         cells = [f"{time_ns // 10**9}.{time_ns % 10**9:09d}"]
         cells += map(repr, values.tolist())
@@ -155,6 +160,7 @@ class TactileFile:
         cells += ["1" if one else "0" for one in valid]
         self._append(",".join(cells))
         self.rows += 1
+        # by the time of the samples: a replay or a test needs no clock
         if t_ns - self._synced_ns >= SYNC_EVERY_NS:
             self._synced_ns = t_ns
             self._sync.request()
@@ -168,21 +174,25 @@ class TactileFile:
         self._raise_unsynced()
 
     def _append(self, line: str) -> None:
+        """One write a line: all of it is in the file, or nothing."""
         self._raise_unsynced()
         data = f"{line}\n".encode()
         try:
             if self._file.write(data) != len(data):
                 raise OSError(28, os.strerror(28))
         except OSError as error:
+            # a line that was written in part would join the next one
             os.ftruncate(self._file.fileno(), self._size)
             raise self._failed(error) from None
         self._size += len(data)
 
     def _raise_unsynced(self) -> None:
+        """An error of the thread, raised where the recorder can handle it."""
         if self._sync.failed is not None:
             raise self._failed(self._sync.failed)
 
     def _failed(self, error: OSError) -> OutputError:
+        """The error of a write or a sync."""
         return OutputError(
             f"cannot write ({error.strerror})",
             where=self.path,
@@ -208,13 +218,16 @@ class _Sync:
         self._thread.start()
 
     def request(self) -> None:
+        """Ask for one sync; returns at once."""
         self._requests.put(True)
 
     def close(self) -> None:
+        """End the thread after the syncs that were asked for."""
         self._requests.put(False)
         self._thread.join()
 
     def _run(self) -> None:
+        """The thread: one fsync a request, until a request to end."""
         while self._requests.get():
             try:
                 os.fsync(self._handle)
@@ -230,6 +243,7 @@ def mend(path: Path) -> MendResult:
     then unchanged.
     """
     data = read_damaged(path)
+    # zeros at the end are blocks that a power cut left unwritten
     header, newline, body = data.rstrip(b"\0").partition(b"\n")
     if not newline:
         raise _without_rows(header, path)
@@ -265,6 +279,7 @@ def _is_torn(line: bytes, n_cells: int) -> bool:
     """Whether a last line is the beginning of a row, or holds zeros from a power cut."""
     if b"\0" in line:
         return True
+    # a number may be cut off within itself, so its characters are judged
     *whole, last = line.rstrip(b"\r\n").split(b",")
     begun = all(map(_is_number, whole)) and not last.strip(IN_NUMBERS)
     short = len(whole) + 1 < n_cells or (
@@ -297,6 +312,7 @@ def _require_row(line: bytes, n_cells: int, path: Path, number: int) -> None:
 
 def _by_hand(n_cells: int) -> str:
     """The next step, with the recorder's header if rows of n_cells fit one (3 + 4 a sensor)."""
+    # Time, host_ns and sequence; three channels and a flag a sensor
     sensors, rest = divmod(n_cells - 3, 4)
     fits = not rest and 0 < sensors <= MOST_SENSORS
     return "correct it by hand" + (
@@ -305,6 +321,7 @@ def _by_hand(n_cells: int) -> str:
 
 
 def _is_number(cell: bytes) -> bool:
+    """Python also takes underscores, which no program writes into a table."""
     try:
         float(cell)
     except ValueError:

@@ -60,6 +60,7 @@ class Trial:
 
         Single steps are rounded or late.
         """
+        # over a tenth of the trial, rounding and jitter of single steps average out
         lag = 1 + len(self.t_s) // 10
         return lag / float(np.median(self.t_s[lag:] - self.t_s[:-lag]))
 
@@ -83,6 +84,7 @@ def trial_of(header: list[str], table: FloatArray, path: Path) -> Trial:
     """
     n_sensors = check_columns(header, path)
     require_rows(table, path)
+    # the counter of the recorder knows exactly what was lost; time alone only guesses
     counted = table[:, header.index("sequence")] if "sequence" in header else None
     t_s = _check_time(table[:, 0], path, gaps_counted=counted is not None)
     raw = table[:, 1 : 1 + 3 * n_sensors]
@@ -96,6 +98,7 @@ def places_by_time(t_s: FloatArray) -> IntArray:
     """[T] the index of every row in a stream with the usual step."""
     steps = np.diff(t_s)
     places: IntArray = np.zeros(len(t_s), dtype=np.int64)
+    # a step of two periods is one lost row
     places[1:] = np.cumsum(np.maximum(1, np.round(steps / np.median(steps))))
     return places
 
@@ -129,11 +132,13 @@ def _with_lost_rows(trial: Trial, place: IntArray) -> Trial:
     rows = np.arange(place[-1] + 1)
     raw = np.full((len(rows), trial.raw.shape[1]), np.nan)
     valid = np.zeros((len(rows), trial.valid.shape[1]), dtype=np.bool_)
+    # rows that never came stay nan and invalid
     raw[place], valid[place] = trial.raw, trial.valid
     return Trial(trial.path, np.interp(rows, place, trial.t_s), raw, valid)
 
 
 def _header(path: Path) -> list[str]:
+    """The names of the columns. Raises DataNotFound, EmptyRecording or NotANumber."""
     try:
         require_lines(path)
         with path.open(newline="", encoding="utf-8-sig") as lines:
@@ -172,6 +177,7 @@ def check_columns(header: list[str], path: Path) -> int:
     expected = channel_names(n_sensors)
     valid = [f"valid{k}" for k in range(1, n_sensors + 1)]
     known = {TIME_COLUMN, *expected, *RECORDER_COLUMNS, *valid}
+    # a set: a header may have a hundred thousand names
     there = set(header)
     missing = [
         name for name in expected or ("X1", "Y1", "Z1", "..") if name not in there
@@ -195,8 +201,10 @@ def check_columns(header: list[str], path: Path) -> int:
 
 
 def _table(path: Path, header: list[str]) -> FloatArray:
+    """[T, columns] of numbers. Raises NotANumber or ColumnError."""
     try:
         with warnings.catch_warnings():
+            # numpy warns about a table without rows; require_rows says it better
             warnings.simplefilter("ignore", UserWarning)
             table = np.loadtxt(
                 path,
@@ -245,6 +253,7 @@ def _first_bad_cell(path: Path, header: list[str]) -> NotANumber | ColumnError:
 def _bad_cell(
     row: list[str], number: int, header: list[str], path: Path
 ) -> NotANumber | ColumnError | None:
+    """The error of one row; None where it is a row of numbers."""
     if row and len(row) != len(header):
         return ColumnError(
             f"line {number} has {len(row)} cells, the header has {len(header)}",
@@ -264,6 +273,7 @@ def _bad_cell(
 
 
 def _is_number(cell: str) -> bool:
+    """Python also takes underscores, which no program writes into a table."""
     try:
         float(cell)
     except ValueError:
@@ -282,6 +292,7 @@ def _check_time(
             where=path,
             next_step="remove that line",
         )
+    # the first step is between lines 2 and 3
     steps = np.diff(time_s)
     backwards = np.flatnonzero(steps <= 0.0)
     if len(backwards):

@@ -74,6 +74,7 @@ def read_events(path: Path) -> list[Json]:
     try:
         if not path.exists():
             return []
+        # a kill leaves a part of the last line; every other line must be whole
         *lines, last = text_of(path).split("\n")
         if _is_json(last):
             lines.append(last)
@@ -139,6 +140,7 @@ ALIASES = {"colabottle": "full-bottle"}
 def object_name(folder_name: str) -> str:
     """The table's name of a folder: `softball`, `Soft_Ball` and `soft-ball` are one object."""
     plain = plain_word(folder_name)
+    # folders spell one object in many ways
     known = {plain_word(name): name for name in MASSES_G} | ALIASES
     return known.get(plain, folder_name)
 
@@ -199,6 +201,7 @@ def named_mass(name: str, masses_g: Mapping[str, Any] | None = None) -> Mass | N
 
     Raises LabelError for a mass that is no positive number.
     """
+    # the set names objects as its folders do, so both sides are brought to one spelling
     of_set = {object_name(other): mass for other, mass in (masses_g or {}).items()}
     table = object_name(name)
     if table in of_set:
@@ -207,6 +210,7 @@ def named_mass(name: str, masses_g: Mapping[str, Any] | None = None) -> Mass | N
 
 
 def _checked(mass: Any, source: str, name: str) -> Mass:
+    """A mass that is a positive number; source: the file that gives it."""
     if (
         isinstance(mass, bool)
         or not isinstance(mass, int | float)
@@ -246,8 +250,10 @@ def contact_rows(
     import numpy as np
 
     rows = max(1, round(CONTACT_SMOOTH_S * rate_hz))
+    # mirrored ends: the average has no edge where the recording begins
     padded = np.pad(load, (rows // 2, (rows - 1) // 2), mode="symmetric")
     smooth = np.convolve(padded, np.full(rows, 1.0 / rows), mode="valid")
+    # a quantile, so that one knock is not the measure of the whole trial
     high = float(np.quantile(smooth, 0.95))
     if high < least:
         return None

@@ -30,10 +30,12 @@ def write_whole(path: str | Path, data: bytes | str) -> Path:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         try:
+            # in the same folder, so that the rename cannot cross a file system
             with temporary.open("xb") as file:
                 _keep_permissions(path, file)
                 file.write(content)
             os.replace(temporary, path)
+        # KeyboardInterrupt too: no half-written file stays
         except BaseException:
             temporary.unlink(missing_ok=True)
             raise
@@ -48,6 +50,7 @@ def _keep_permissions(path: Path, file: BinaryIO) -> None:
         before, now = (
             stat.S_IMODE(one.st_mode) for one in (path.stat(), os.fstat(file.fileno()))
         )
+        # only where it must: not every file system can change permissions
         if before != now:
             os.fchmod(file.fileno(), before)
 
@@ -93,6 +96,7 @@ def _give_name(unfinished: Path, folder: Path) -> None:
         if unfinished.parent != folder:
             unfinished.rename(folder)
             return
+        # the folder was there before, so its content moves up file by file
         for path in sorted(unfinished.iterdir()):
             path.rename(folder / path.name)
         unfinished.rmdir()
@@ -125,6 +129,7 @@ def remove(path: Path) -> None:
 
 
 def _unwritable(path: Path, error: OSError) -> OutputError:
+    """The error for what the system refused."""
     return OutputError(
         f"cannot write ({error.strerror})",
         where=path,

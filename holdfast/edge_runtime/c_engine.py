@@ -86,6 +86,7 @@ class CompiledModel:
             )
 
     def _golden_answers(self, names: list[str]) -> Outputs:
+        """What the library answers on the golden input, for the outputs by name."""
         card, graph = self.card, self.stepper(names)
         rows: dict[str, list[npt.NDArray[Any]]] = {name: [] for name in names}
         golden = golden_input(card.n_channels, card.unit, card.settle_samples)
@@ -117,6 +118,7 @@ class CStep:
         self._size = library.holdfast_state_bytes()
         # of float64, so that every state begins at a multiple of eight bytes
         self._states = np.zeros((hands, -(-self._size // 8)))
+        # one struct holdfast_out for each hand
         self._fields = np.zeros(hands, out_type)
         self.out: Outputs = {name: self._fields[name] for name in outputs}
         self._arguments = []
@@ -148,6 +150,7 @@ def _loaded(path: Path) -> ctypes.CDLL:
             next_step="holdfast export MODEL --to c --build, or name it with --library",
         )
     try:
+        # absolute: a bare name would be searched in the system's folders
         library = ctypes.CDLL(str(path.absolute()))
         library.holdfast_state_bytes.restype = ctypes.c_size_t
         library.holdfast_out_bytes.restype = ctypes.c_size_t

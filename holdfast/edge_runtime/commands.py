@@ -69,6 +69,7 @@ def receiving(address: str) -> Iterator[socket.socket]:
             raise UsageError(
                 f"{address!r}: {error}", next_step="choose another port"
             ) from None
+        # a sample never waits for a command
         receiver.setblocking(False)
         yield receiver
 
@@ -89,6 +90,7 @@ class _Listener:
 
     def ask(self) -> Command:
         """The command at this sample."""
+        # an override among many datagrams of one sample must not be lost
         override = False
         for datagram in waiting(self._receiver):
             override |= self._take(datagram)
@@ -111,6 +113,7 @@ class _Listener:
         return override
 
     def _expire(self) -> None:
+        """Forget what was commanded: a silent sender may be gone."""
         self._log("command: the sender is silent; its last command has expired")
         self._opening, self._last_ns, self._link = False, None, "expired"
 

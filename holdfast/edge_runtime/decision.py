@@ -20,7 +20,7 @@ state.
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Literal
 
 from holdfast.core.contract import NOTHING, RISKY_SLIP
@@ -48,7 +48,7 @@ def period_us(rate_hz: float) -> int:
 class DecisionRules:
     """Parameters in samples, thousandths and ms, stored in the model's metadata.
 
-    Raises ValueError.
+    The docstring of the module explains each. Raises ValueError for one outside LIMITS.
     """
 
     arm_samples: int = 1
@@ -59,15 +59,12 @@ class DecisionRules:
     evidence_ms: int = 2000
 
     def __post_init__(self) -> None:
-        for one in fields(self):
-            value, (least, most) = getattr(self, one.name), LIMITS[one.name]
-            if (
-                not isinstance(value, int)
-                or isinstance(value, bool)
-                or not least <= value <= most
-            ):
+        for name, value in asdict(self).items():
+            least, most = LIMITS[name]
+            # not isinstance: True is an int
+            if type(value) is not int or not least <= value <= most:
                 raise ValueError(
-                    f"{one.name} = {value!r:.40}, not a whole number from {least} to {most}"
+                    f"{name} = {value!r:.40}, not a whole number from {least} to {most}"
                 )
 
     def to_json(self) -> dict[str, int]:
@@ -131,15 +128,16 @@ def _counted(
     period_us: int,
 ) -> DecisionState:
     """The runs and the time left after one known sample; the request is unchanged."""
+    risky_run, evidence_us = 0, max(0, state.evidence_us - period_us)
+    if risky:
+        # bounded, so that all states can be searched; no rule needs a longer run
+        risky_run = min(state.risky_run + 1, rules.act_samples + rules.arm_samples)
+        evidence_us = 1000 * rules.evidence_ms
     return replace(
         state,
-        risky_run=min(state.risky_run + 1, rules.act_samples + rules.arm_samples)
-        if risky
-        else 0,
+        risky_run=risky_run,
         nothing_run=_nothing_run(rules, state, situation),
-        evidence_us=1000 * rules.evidence_ms
-        if risky
-        else max(0, state.evidence_us - period_us),
+        evidence_us=evidence_us,
     )
 
 
@@ -157,10 +155,12 @@ def _known(rules: DecisionRules, state: DecisionState, opening: bool) -> Decisio
 
 
 def _armed(rules: DecisionRules, state: DecisionState) -> DecisionState:
+    """`arm` follows the run of risky samples."""
     return replace(state, arm=state.risky_run >= rules.arm_samples)
 
 
 def _ended(rules: DecisionRules, state: DecisionState, how: ActEnd) -> DecisionState:
+    """The act is over; the next one needs a full run again."""
     return _armed(rules, replace(state, act=False, ended=how))
 
 
@@ -168,20 +168,18 @@ def _overridden(
     rules: DecisionRules, state: DecisionState, situation: int, period_us: int
 ) -> DecisionState:
     """One sample of an override that lasts: only its own end is counted."""
-    nothing_run = (
-        state.nothing_run
-        if situation == UNKNOWN
-        else _nothing_run(rules, state, situation)
-    )
-    empty = nothing_run >= rules.release_samples
-    return replace(
-        state,
-        nothing_run=nothing_run,
-        override_us=0 if empty else max(0, state.override_us - period_us),
-    )
+    left_us = max(0, state.override_us - period_us)
+    nothing_run = state.nothing_run
+    if situation != UNKNOWN:
+        nothing_run = _nothing_run(rules, state, situation)
+    # an empty hand ends an override early: there is nothing to be let go any more
+    if nothing_run >= rules.release_samples:
+        left_us = 0
+    return replace(state, nothing_run=nothing_run, override_us=left_us)
 
 
 def _nothing_run(rules: DecisionRules, state: DecisionState, situation: int) -> int:
-    return (
-        min(state.nothing_run + 1, rules.release_samples) if situation == NOTHING else 0
-    )
+    """Empty samples in a row, counted up to what the rule needs."""
+    if situation != NOTHING:
+        return 0
+    return min(state.nothing_run + 1, rules.release_samples)

@@ -59,6 +59,7 @@ def open_session(model: bytes) -> ort.InferenceSession:
     import onnxruntime as ort  # here, because a compiled library answers without it
 
     options = ort.SessionOptions()
+    # a step is too short to share between threads
     options.intra_op_num_threads = 1
     options.inter_op_num_threads = 1
     options.execution_mode = ort.ExecutionMode.ORT_SEQUENTIAL
@@ -110,6 +111,7 @@ class StepGraph:
         """
         self._session.run_with_iobinding(self._bindings[self._turn])
         self._turn = 1 - self._turn
+        # checked first: clearing 64 flags at every step would cost more
         if self._reset[0]:
             self._reset[:] = False
         return self.out
@@ -124,6 +126,7 @@ class StepGraph:
         return self._states[self._turn]
 
     def _bind(self, turn: int) -> ort.IOBinding:
+        """Inputs and outputs of one of the two turns, bound once to fixed memory."""
         binding = self._session.io_binding()
         inputs = {**self._inputs, "state": self._states[turn]}
         outputs = {**self.out, "state_out": self._states[1 - turn]}
@@ -139,6 +142,7 @@ class StepGraph:
 
 
 def _buffer(described: Any, batch: int) -> npt.NDArray[Any]:
+    """Zeros for an input or output of B hands: a state of zeros is a fresh one."""
     return np.zeros((batch, *described.shape[1:]), dtype=_DTYPES[described.type])
 
 

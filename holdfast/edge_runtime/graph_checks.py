@@ -56,6 +56,7 @@ def check_one_against_many(model: Model) -> Iterator[CheckResult]:
     """A recording alone and the same one in a batch must give the same bits."""
     values, valid = clean_input(model)
     names = [one.name for one in model.session.get_outputs() if one.name != "state_out"]
+    # different recordings, so that one that leaks into another shows
     scaled = [values * factor for factor in BATCH]
     rows = [np.arange(len(values))] * len(BATCH)
     together = run_recordings(model.session, scaled, [valid] * len(BATCH), names, rows)
@@ -70,6 +71,7 @@ def check_one_against_many(model: Model) -> Iterator[CheckResult]:
 
 def check_corrupted_samples(model: Model) -> Iterator[CheckResult]:
     """NaN, inf and 1e30 must act like a lost sensor, bit for bit, in outputs and state."""
+    # the same places twice: once corrupted, once flagged as lost by the driver
     values, valid = clean_input(model)
     corrupted, lost = values.copy(), valid.copy()
     count = 2 * len(EVIL)
@@ -78,6 +80,7 @@ def check_corrupted_samples(model: Model) -> Iterator[CheckResult]:
         channel = k % model.card.n_channels
         corrupted[row, channel] = EVIL[k % len(EVIL)]
         lost[row, channel // 3] = False
+    # every number of the state is compared too, or a fault could show much later
     answers = _outputs_and_states(StepGraph(model.session), corrupted, valid)
     wanted = _outputs_and_states(StepGraph(model.session), values, lost)
     same = not _different(answers, wanted)
@@ -96,6 +99,7 @@ def check_silence_and_memory(model: Model) -> Iterator[CheckResult]:
     for row in values[: model.card.settle_samples + 5]:
         np.copyto(graph.sample[0], row)
         graph.step()
+    # the first steps fill caches of Python and onnxruntime, which is no leak
     for _ in range(WARM_STEPS):
         graph.step()
     before_kb = _resident_kb()
@@ -103,6 +107,7 @@ def check_silence_and_memory(model: Model) -> Iterator[CheckResult]:
     for k in range(SILENT_STEPS):
         graph.step()
         if k % 10 == 0:
+            # subnormal numbers make a processor a hundred times slower
             sizes = np.abs(graph.state[graph.state != 0.0])
             subnormal += int((sizes < tiny).sum())
             smallest = min(smallest, float(sizes.min(initial=np.inf)))
@@ -118,6 +123,7 @@ def check_reset(model: Model) -> Iterator[CheckResult]:
     values, valid = clean_input(model)
     graph = StepGraph(model.session)
     first = _outputs_and_states(graph, values, valid)
+    # something else in between, which a reset must forget
     _outputs_and_states(graph, -3.0 * values, ~valid)
     graph.reset()
     different = _different(first, _outputs_and_states(graph, values, valid))
@@ -164,6 +170,7 @@ def check_large_offset(model: Model) -> Iterator[CheckResult]:
     """
     values, valid = clean_input(model)
     offset = 2.0 ** np.floor(np.log2(0.5 * model.card.range_limit))
+    # only these promise it: a level or a cone follows the offset
     is_band_pass = [name.startswith("band_pass") for name in model.card.detectors]
     fired = []
     for moved in (values, values + offset):
@@ -195,6 +202,7 @@ def _different(one: Outputs, other: Outputs) -> list[str]:
 
 
 def _verdict(different: set[str] | list[str], same: str) -> str:
+    """The end of a figure."""
     return f"{', '.join(sorted(different))} differ" if different else same
 
 

@@ -161,6 +161,7 @@ class GripLoop:
     def step(self, sense: GripSense) -> Number:
         """One sample: the target, N a side; 0 for none."""
         self.margin.step(sense)
+        # what was given, not what was wanted: a controller must not wind up
         margin, given_n = self.margin, self.supervisor.given_n
         wanted_n = self.controller.want(sense, given_n, margin.needed_n)
         return self.supervisor.step(
@@ -214,8 +215,10 @@ class GripControl:
         return self._command(prediction, target_n)
 
     def _command(self, prediction: Prediction, target_n: float) -> GripCommand:
+        """The message for one target. What is not known is None, never a guess."""
         supervisor, margin = self._loop.supervisor, self._loop.margin
         mode = int(supervisor.mode)
+        # before the first slip nothing is known of the friction
         observed = margin.mu_hat > 0.0
         return GripCommand(
             sequence=prediction.sequence,
@@ -260,6 +263,7 @@ def _cue(prediction: Prediction) -> float:
 
 
 def _reason(prediction: Prediction, mode: int, reduced: bool) -> str:
+    """Why the hand does what it does, for people."""
     if prediction.overridden:
         reason = "override"
     elif prediction.opening:

@@ -90,6 +90,7 @@ class RateWatch:
         self._past.clear()
 
     def _within(self, periods: float) -> bool:
+        """Whether so many periods are one period, within the tolerance."""
         return abs(periods - 1.0) <= RATE_TOLERANCE
 
     def _median_ns(self) -> float:

@@ -268,6 +268,7 @@ def read_intent(path: Path) -> IntentRecord:
 
 
 def _item_of_line(cells: list[str], n_envelopes: int) -> tuple[float, Intent]:
+    """Time from the first sample, s, and the item of a line. Raises ValueError."""
     if len(cells) != len(HEAD) + n_envelopes:
         raise ValueError(f"{len(cells)} cells, not {len(HEAD) + n_envelopes}")
     time_s, host_ns, wants, *envelope = cells

@@ -61,6 +61,7 @@ class Model:
     """
 
     def __init__(self, path: str | Path) -> None:
+        # before anything is read: a wrong runtime must not even open the file
         check_runtime()
         self.path = Path(path)
         data = read_sealed(path)
@@ -102,6 +103,7 @@ def read_model(data: bytes, path: str | Path) -> tuple[ModelCard, Outputs, OnnxM
 
 
 def _refusal(what: str, path: str | Path) -> NotAModel:
+    """The error for what our exporter never writes."""
     return NotAModel(
         what,
         where=path,
@@ -115,6 +117,7 @@ def _give_back_memory() -> None:
 
     onnxruntime takes a forest apart node by node, and glibc keeps the freed pieces.
     """
+    # the parser of the bytes has left its objects
     gc.collect()
     trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
     if trim is not None:
@@ -172,7 +175,8 @@ def _require_fit(model: OnnxModel, card: ModelCard) -> None:
 def _inputs_of(model: OnnxModel, card: ModelCard) -> dict[str, TensorSpec]:
     """The inputs of a graph with this card. The number of rows of the state is free."""
     state = model.inputs.get("state", TensorSpec(DOUBLE, ())).shape
-    rows = state[1] if len(state) == 3 and isinstance(state[1], int) else 0
+    # -1 fits no file, so a wrong shape is refused below
+    rows = state[1] if len(state) == 3 and isinstance(state[1], int) else -1
     return {
         "sample": TensorSpec(DOUBLE, ("B", 1, card.n_channels)),
         "valid": TensorSpec(BOOL, ("B", 1, card.n_channels // 3)),
@@ -228,11 +232,14 @@ def golden_input(
     """values [T, C] and valid [T, C/3] by formula."""
     length = golden_length(settle_samples)
     numbers = _integers(length * n_channels).reshape(length, n_channels)
+    # the fingers close until the history is full, then hold
     ramp = np.minimum(np.arange(length), settle_samples)[:, None] * 4
     press = np.where(np.arange(n_channels) % 3 == 2, ramp, ramp // 4)
+    # quiet for 28 samples, shaken hard for 12
     shake = numbers % np.where(np.arange(length) % 40 < 28, 16, 256)[:, None]
     values = ((press + shake) * AMPLITUDE[unit]).astype(np.float64)
     valid: BoolArray = np.ones((length, n_channels // 3), dtype=np.bool_)
+    # every kind of fault, after the model has settled
     valid[settle_samples + 6, 0] = False
     values[settle_samples + 9, 1] = np.nan
     values[settle_samples + 11, 2] = np.inf
@@ -310,6 +317,7 @@ def check_golden(
 
 
 def _agree(expected: npt.NDArray[Any], got: npt.NDArray[Any]) -> bool:
+    """Whether two arrays are equal, floats within their tolerance. NaN equals nothing."""
     if expected.shape != got.shape:
         return False
     tolerance = TOLERANCE.get(expected.dtype, 0.0)

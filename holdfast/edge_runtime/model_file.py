@@ -88,6 +88,7 @@ def read_sealed(path: str | Path) -> bytes:
     start = _seal_at(data)
     if start < 0:
         raise _foreign(data, path)
+    # a plain comparison: the digest is no secret
     if _digest(data, start) != data[start : start + DIGITS]:
         raise BrokenSeal(
             "the file is not as it was sealed",
@@ -110,6 +111,7 @@ def _file_bytes(path: Path) -> bytes:
     try:
         size = path.stat().st_size
         with path.open("rb") as file:
+            # a device may claim size 0 and never end
             data = file.read(min(size, MOST_BYTES))
     except FileNotFoundError:
         raise DataNotFound(
@@ -133,12 +135,14 @@ def _file_bytes(path: Path) -> bytes:
 
 def _seal_at(data: bytes) -> int:
     """Where the digits of the seal begin; negative where there are none."""
+    # the last one: a card may quote the marker, and protobuf writes metadata last
     at = data.rfind(_MARKER)
     return at + len(_MARKER) if at >= 0 else at
 
 
 def _digest(data: bytes, start: int) -> bytes:
     """SHA-256 of the file with the digits at `start` zeroed, without a copy of the file."""
+    # parts, not a zeroed copy: a file may have half a gigabyte
     whole, made = memoryview(data), hashlib.sha256()
     for part in (whole[:start], b"0" * DIGITS, whole[start + DIGITS :]):
         made.update(part)
@@ -154,6 +158,7 @@ def require_own_seal(data: bytes, metadata: dict[str, str]) -> None:
 
 def _foreign(data: bytes, path: Path) -> NotAModel | BrokenSeal:
     """The error for a file without a seal: what it is instead, as far as its first bytes tell."""
+    # the producer, which stands at the beginning of every file of ours
     if b"holdfast" in data[:64]:
         return BrokenSeal(
             "the file ends before its seal",
@@ -251,12 +256,14 @@ def _above_zero(value: Any, most: float, what: str) -> float:
 
 
 def _names(value: object) -> tuple[str, ...]:
+    """A list of texts."""
     if not isinstance(value, list) or not all(isinstance(word, str) for word in value):
         raise ValueError(f"{value!r:.40}, not a list of names")
     return tuple(value)
 
 
 def _classes(value: object) -> tuple[str, ...]:
+    """The eight classes, or the four situations."""
     classes = _names(value)
     if classes not in (CLASSES, SITUATIONS):
         raise ValueError(f"{value!r:.40}, not the classes of this version")

@@ -136,6 +136,7 @@ class GripMonitor:
         self._last_t_ns = None
 
     def _require_shape(self, sample: Sample) -> None:
+        """Raise ChannelError for a sample of another hand."""
         channels = self.card.n_channels
         if sample.values.shape != (channels,) or sample.valid.shape != (channels // 3,):
             raise ChannelError(
@@ -220,6 +221,7 @@ class GripMonitor:
         )
 
     def _answer(self, feed: _Feed, why: Reason) -> Prediction:
+        """The decision and the prediction of one sample. why: "" where its state is known."""
         card, out, sample = self.card, self._graph.out, feed.sample
         label = UNKNOWN if why else int(out["situation"][0])
         self._decide(feed, label)
@@ -268,6 +270,7 @@ def _risky_permille(votes: Any) -> int:
 
 
 def _by_name(names: tuple[str, ...], values: Any) -> dict[str, float]:
+    """Python floats by name, as messages have them."""
     return dict(zip(names, values.tolist(), strict=True))
 
 

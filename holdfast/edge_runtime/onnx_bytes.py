@@ -237,6 +237,7 @@ class Reader:
         return found
 
     def _field(self, tag: int, schema: Schema) -> Field:
+        """What the schema says of a tag. Raises ValueError."""
         self.fields += 1
         if self.fields > MOST_FIELDS:
             raise ValueError(f"it has more than {MOST_FIELDS} fields")
@@ -255,6 +256,7 @@ def _varint(data: memoryview, at: int) -> tuple[int, int]:
     for k, byte in enumerate(data[at : at + LONGEST_VARINT]):
         value |= (byte & 0x7F) << (7 * k)
         if byte < 0x80:
+            # a last byte of 0 pads the number; more than 64 bits is no number
             if (k and not byte) or value >= 1 << 64:
                 break
             return value, at + k + 1
@@ -276,6 +278,7 @@ def _only(message: Message, name: str, default: Any = None) -> Any:
 
 
 def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """A dictionary of pairs. Raises ValueError for a name that occurs twice."""
     found = dict(pairs)
     if len(found) < len(pairs):
         raise ValueError("a name occurs twice in it")
@@ -307,6 +310,7 @@ def _attribute(data: memoryview) -> tuple[str, Any]:
     """
     if bytes(data[:1]) != _NAME_TAG or bytes(data[-3:-1]) != _TYPE_TAG:
         raise ValueError("an attribute is not written as holdfast export writes it")
+    # the last three bytes are the tag and the number of the type
     length, at = _varint(data, 1)
     if at + length > len(data) - 3:
         raise ValueError("an attribute is cut short")
@@ -345,6 +349,7 @@ def _declared(message: Message) -> tuple[str, TensorSpec]:
     tensor = _only(_only(message, "type"), "tensor_type")
     shape: list[int | str] = []
     for dimension in _only(tensor, "shape").get("dim", []):
+        # a size, or a word for the batch, but not both and not neither
         if len(dimension) != 1:
             raise ValueError("a dimension of an input or output is missing")
         if "dim_param" in dimension:

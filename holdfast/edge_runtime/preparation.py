@@ -54,6 +54,7 @@ class Preparation:
         return sign, self._bias(raw * sign)
 
     def _sign(self, raw: FloatArray) -> FloatArray:
+        """[C] -1 for the channels of a reversed magnet, by its first finite reading."""
         sign = np.ones(raw.shape[1])
         first = raw[: max(1, self.bias_rows)]
         for normal in range(NORMAL_AXIS, raw.shape[1], 3):
@@ -64,6 +65,7 @@ class Preparation:
         return sign
 
     def _bias(self, turned: FloatArray) -> FloatArray:
+        """[C] of the first rows, each channel on its own; 0 for one that has never been read."""
         first = turned[: self.bias_rows]
         if self.statistic == "median" and len(first) and np.isfinite(first).all():
             # all channels in one call, which is most recordings
@@ -83,6 +85,7 @@ class Preparation:
 
 
 def _finite(values: FloatArray) -> FloatArray:
+    """The numbers among them."""
     return values[np.isfinite(values)]
 
 
@@ -137,8 +140,10 @@ class Tare:
         self, values: FloatArray, valid: BoolArray
     ) -> tuple[FloatArray, BoolArray]:
         """Prepare one sample; a sensor without a known bias is invalid."""
+        # nothing to learn is the usual case, and costs nothing
         if not self._known.all():
             finite = np.isfinite(values).reshape(-1, 3).all(axis=1)
+            # a lost or non-finite reading says nothing about the bias
             for sensor in np.flatnonzero(valid & finite & ~self._known):
                 self._learn(int(sensor), values[3 * sensor : 3 * sensor + 3])
         return values * self._sign - self._bias, valid & self._known

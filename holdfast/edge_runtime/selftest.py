@@ -111,6 +111,7 @@ def check_unbelievable(model: Model) -> Iterator[CheckResult]:
     """
     card, settle = model.card, model.card.settle_samples
     period_ns, count = round(1e9 / card.rate_hz), 3 * settle + RING
+    # moving long enough to settle, then repeated in a longer cycle than RING
     alive = clean_input(model)[0][:settle]
     live = np.resize(alive, (count, card.n_channels))
     stuck = np.resize(alive[-3:], (count, card.n_channels))
@@ -169,16 +170,19 @@ def check_decision(model: Model) -> Iterator[CheckResult]:
             override=override,
         )
 
+    # as many risky samples as an act needs
     acting = DecisionState()
     for _ in range(rules.act_samples):
         acting = risky(acting)
     overridden = risky(acting, override=True)
+    # all risky: only the override keeps it from acting
     longest_us, state = 0, overridden
     while state.overridden and longest_us <= 1000 * rules.override_ms:
         state = risky(state)
         longest_us += period
         if state.act:
             break
+    # no more evidence from here on, for longer than any rule allows
     alone = acting
     longest_ms = max(rules.evidence_ms, rules.override_ms)
     for _ in range(-(-1000 * longest_ms // period) + rules.act_samples):
@@ -196,6 +200,7 @@ def check_decision(model: Model) -> Iterator[CheckResult]:
 def check_clock(model: Model) -> Iterator[CheckResult]:
     """The schedule's clock never steps back, and a wait never ends too early."""
     clock = MonotonicClock()
+    # a clock that somebody sets could step back
     steps = np.diff([clock.now_ns() for _ in range(CLOCK_READS)])
     early, latest_ns = 0, 0
     for _ in range(WAITS):

@@ -129,6 +129,7 @@ class Supervisor:
         self._pass_time(sense.known, fresh)
         target_n = self._given_back(self._followed(wanted_n), holds_n)
         target_n = batch.choose(unknown, self.given_n, target_n)
+        # last, so that the wearer wins over everything above
         target_n = batch.choose(ends, 0.0, target_n)
 
         longer_s = self.risen_s + self._period_s
