@@ -189,7 +189,7 @@ def _outputs_of(model: OnnxModel, card: ModelCard) -> dict[str, TensorSpec]:
     """The outputs of a graph with this card. The number of features is free."""
     features = model.outputs.get("features", TensorSpec(FLOAT, ())).shape
     n_features = (
-        features[1] if len(features) == 2 and isinstance(features[1], int) else 0
+        features[1] if len(features) == 2 and isinstance(features[1], int) else -1
     )
     n_classes = len(card.classes)
     wanted = {
