@@ -74,7 +74,7 @@ def run(args: argparse.Namespace) -> int:
     from benchmarks.cost.page import short
     from benchmarks.pictures import PICTURES
     from holdfast.core.writing import require_writable
-    from holdfast.evaluation.measured import table_lines, write_measured
+    from holdfast.evaluation.provenance import table_lines, write_measured
     from holdfast.training.progress import stages
 
     require_writable(args.out)

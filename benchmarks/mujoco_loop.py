@@ -24,7 +24,7 @@ from holdfast.core.contract import FloatArray
 from holdfast.core.errors import UsageError
 from holdfast.core.writing import require_writable, write_whole
 from holdfast.edge_runtime.model import Model
-from holdfast.evaluation.loop_scores import ThreeRuns
+from holdfast.evaluation.closed_loop import ThreeRuns
 from holdfast.simulation.closed_loop import ClosedLoop, managed
 from holdfast.simulation.loop_people import LoopOutcome
 from holdfast.simulation.protocol import PlannedTrial

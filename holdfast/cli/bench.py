@@ -39,7 +39,7 @@ def run(args: argparse.Namespace) -> int:
     from holdfast.core.writing import require_writable
     from holdfast.evaluation.latency.check import KIND, figures_of
     from holdfast.evaluation.latency.picture import latency
-    from holdfast.evaluation.measured import table_lines, write_measured
+    from holdfast.evaluation.provenance import table_lines, write_measured
     from holdfast.training.progress import stages
 
     require_writable(args.out)

@@ -24,7 +24,7 @@ from holdfast.cli.options import (
 from holdfast.cli.simulate import trial_count
 
 if TYPE_CHECKING:
-    from holdfast.evaluation.loop_scores import LoopFigures
+    from holdfast.evaluation.closed_loop import LoopFigures
 
 MODEL = Path("holdfast-150hz")
 
@@ -82,7 +82,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _require_runnable(args: argparse.Namespace) -> None:
     """Raise what would stop a run, before it is announced."""
-    from holdfast.evaluation.loop_runs import CHOICES, require_runnable
+    from holdfast.evaluation.closed_loop import CHOICES, require_runnable
     from holdfast.simulation.closed_loop import model_of
 
     require_json_writable(args)
@@ -95,7 +95,7 @@ def _require_runnable(args: argparse.Namespace) -> None:
 def _figures(
     args: argparse.Namespace, done: Callable[[float], None]
 ) -> dict[str, dict[str, LoopFigures]]:
-    from holdfast.evaluation.loop_runs import LoopRequest, LoopRuns, LoopSet
+    from holdfast.evaluation.closed_loop import LoopRequest, LoopRuns, LoopSet
 
     sets = {card: LoopSet(card, args.trials, args.seed) for card in args.cards}
     requests = {n: LoopRequest(n, args.setting, args.lag_ms) for n in args.controller}

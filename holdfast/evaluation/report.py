@@ -14,7 +14,6 @@ from holdfast.evaluation.closing_hand import ClosingHand
 from holdfast.evaluation.figures import Evaluation
 from holdfast.evaluation.formats import DEPLOYED, LAWS, ORACLE
 from holdfast.evaluation.html import write_page
-from holdfast.evaluation.methods import MethodFigures
 from holdfast.evaluation.outcomes import COLUMNS, STYLES, OutcomeRow
 from holdfast.evaluation.real_sets import RealFigures, RealSetsMissing
 from holdfast.training.figures import PLURAL
@@ -27,7 +26,6 @@ def write_event_report(
 ) -> Path:
     """Write the report; OutputError where that cannot be done. real: of real recordings, if any."""
     of, headline = evaluation, evaluation.thresholds.headline
-    cards = {name: one.card for name, one in of.sets.items()}
     kind = kind_of(of)
     return write_page(
         path,
@@ -40,8 +38,7 @@ def write_event_report(
         laws=LAWS,
         ours=of.rows[headline],
         parts=_parts(of),
-        cards=cards,
-        better_baselines=_better_baselines(of),
+        cards={name: one.card for name, one in of.sets.items()},
         resampled=_resampled(of),
         timelines={
             title: draw.timelines(rows, kind) for title, rows in of.drawn.items()
@@ -56,8 +53,7 @@ def write_event_report(
         outcome_tables=_outcome_tables(of),
         real=real if isinstance(real, RealFigures) else None,
         real_missing=real if isinstance(real, RealSetsMissing) else None,
-        onsets=_onsets(of),
-        caveats=" ".join(dict.fromkeys(card.caveat for card in cards.values())),
+        onsets_in_words=onsets_in_words,
     )
 
 
@@ -77,17 +73,6 @@ def _resampled(of: Evaluation) -> str:
     """What the intervals resample, such as people, or people and trials of several sets."""
     kinds = sorted({one.card.group_kind for one in of.sets.values()})
     return " and ".join(PLURAL[kind] for kind in kinds)
-
-
-def _better_baselines(of: Evaluation) -> dict[str, MethodFigures]:
-    """Every baseline with a higher recall, the oracle apart."""
-    ours = of.rows[of.thresholds.headline].recall or 0.0
-    better = {}
-    for name in of.mcnemar:
-        row = of.rows[name]
-        if name != ORACLE and (row.recall or 0.0) > ours:
-            better[name] = row
-    return better
 
 
 def _camera_rows(of: Evaluation) -> list[tuple[str, str, CameraFigures]]:
@@ -124,9 +109,3 @@ def _outcome_tables(of: Evaluation) -> dict[str, dict[str, dict[str, OutcomeRow]
     for row in of.outcomes:
         tables[row.style].setdefault(row.object, {})[row.action] = row
     return {style: table for style, table in tables.items() if table}
-
-
-def _onsets(of: Evaluation) -> dict[str, str]:
-    """Set -> what gave its load onsets, where a camera or a person did."""
-    words = {name: onsets_in_words(one.card.onsets_by) for name, one in of.sets.items()}
-    return {name: said for name, said in words.items() if said}

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from holdfast.edge_runtime.grip import CONTROLLERS, AnswerRules
-from holdfast.evaluation.loop_runs import ORACLE, VIBRATION, LoopRequest, LoopSet
+from holdfast.evaluation.closed_loop import ORACLE, VIBRATION, LoopRequest, LoopSet
 from holdfast.simulation.loop_people import Habits
 
 CARDS = Path(__file__).parent / "cards"

@@ -16,7 +16,7 @@ from holdfast.cli.options import (
 from holdfast.core.errors import UsageError
 from holdfast.core.reading import Json
 from holdfast.core.writing import require_writable, write_whole
-from holdfast.evaluation.loop_runs import LoopRuns
+from holdfast.evaluation.closed_loop import LoopRuns
 from holdfast.evaluation.style import for_any_page
 from holdfast.simulation.closed_loop import model_of
 from holdfast.training.progress import counted

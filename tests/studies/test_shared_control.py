@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from holdfast.evaluation.loop_runs import CHOICES, scene_of
+from holdfast.evaluation.closed_loop import CHOICES, scene_of
 from studies.shared_control.picture import curve, picture
 from studies.shared_control.plan import CURVE_SETS, LAGS_MS, OURS, SETTINGS, rows, sets
 from studies.shared_control.program import PAGE, _chosen

@@ -1,0 +1,373 @@
+"""What a grip controller is worth on a set: drops saved, hand-overs blocked, and what it costs.
+
+Each trial is run three times: in a hand that does nothing (bare), by the oracle, and by the
+controller. A drop is preventable where the bare hand loses the object in a pull or a fall and the
+oracle keeps it. A hand-over is blocked where the receiver needs over 5 N more than from the bare
+hand, gets the object over 0.3 s later, or needs an override. All figures are simulated.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from functools import lru_cache, partial
+
+import numpy as np
+
+from holdfast.core.contract import FloatArray
+from holdfast.core.errors import UsageError
+from holdfast.core.reading import Json
+from holdfast.core.trial_layout import RISKY_ACTIONS
+from holdfast.edge_runtime.engine import ModelChoice, OpenedModel
+from holdfast.edge_runtime.grip import CONTROLLERS, AnswerRules
+from holdfast.edge_runtime.monitor import require_fit
+from holdfast.edge_runtime.supervisor import Limits
+from holdfast.evaluation.jobs import Workers
+from holdfast.evaluation.statistics import share
+from holdfast.simulation.closed_loop import (
+    LoopSettings,
+    Make,
+    batches,
+    managed,
+    model_of,
+    needed_grip_n,
+    oracle,
+    run_batch,
+    vibration,
+)
+from holdfast.simulation.drive import Drive
+from holdfast.simulation.effect import effect_named
+from holdfast.simulation.loop_people import Habits, LoopOutcome
+from holdfast.simulation.protocol import PlannedTrial
+from holdfast.simulation.scene import Scene
+from holdfast.simulation.scene_file import read_scene_file
+from holdfast.training.figures import Interval
+
+ORACLE, VIBRATION = "oracle", "vibration"
+CHOICES = (*CONTROLLERS, VIBRATION, ORACLE)
+BARE = "none"
+BLOCKED_N = 5.0
+BLOCKED_S = 0.3
+TIGHTER_N = 1.0
+"""A hand that grips by so much more than its wearer commands is tightened."""
+
+
+@dataclass(frozen=True)
+class LoopSet:
+    """Trials of a card: all of it, or so many in its proportions.
+
+    changes: values of every row. noise: times that of the card's chips; 1: the card as it is.
+    """
+
+    card: str
+    trials: int | None
+    seed: int
+    changes: tuple[tuple[str, object], ...] = ()
+    noise: float = 1.0
+
+
+@dataclass(frozen=True)
+class LoopRequest:
+    """One controller with a setting (None: its default) on a set, with a drive."""
+
+    name: str
+    setting: float | None = None
+    lag_ms: float = 50.0
+    delay_samples: int = 0
+    rules: AnswerRules | None = None
+    habits: Habits = field(default_factory=Habits)
+
+
+@dataclass(frozen=True)
+class ThreeRuns:
+    """One trial in three hands."""
+
+    bare: LoopOutcome
+    oracle: LoopOutcome
+    held: LoopOutcome
+
+    @property
+    def preventable(self) -> bool:
+        """The bare hand drops it in the action, the oracle does not."""
+        bare = self.bare
+        in_action = bare.trial.action in RISKY_ACTIONS and bare.lost_s >= bare.act_s
+        return in_action and bare.dropped and not self.oracle.dropped
+
+    @property
+    def completes(self) -> bool:
+        """The bare hand hands the object over, after the action began."""
+        return self.bare.act_s <= self.bare.lost_s < np.inf
+
+    @property
+    def blocked(self) -> bool:
+        """The hand-over needs more force, more time or an override."""
+        overrides = bool(np.isfinite(self.held.overrode_s))
+        return self.extra_n > BLOCKED_N or self.extra_s > BLOCKED_S or overrides
+
+    @property
+    def extra_n(self) -> float:
+        """Force of the other person beyond what the bare hand asks for, N."""
+        return self.held.peak_n - self.bare.peak_n
+
+    @property
+    def extra_s(self) -> float:
+        """Time until the object has left, beyond that of the bare hand, s."""
+        return self.held.lost_s - self.bare.lost_s
+
+    @property
+    def excess_n_s(self) -> float:
+        """Integral over time of the grip beyond what is needed, N s."""
+        held, trial = self.held, self.held.trial
+        t_s = _times_s(held)
+        risky = trial.action in RISKY_ACTIONS
+        needed_n = max(needed_grip_n(trial) if risky else 0.0, trial.grip_n)
+        # Before load onset nothing beyond the wearer's command is needed.
+        least_n = np.where(t_s >= held.onset_s, needed_n, trial.grip_n)
+        beyond_n = np.maximum(held.grip_n - least_n, 0.0)[t_s < held.lost_s]
+        return float(beyond_n.sum() / held.rate_hz)
+
+    @property
+    def friction_error(self) -> float:
+        """Relative error of the friction estimate against the kinetic friction; nan without one."""
+        true = max(self.held.trial.kinetic_friction, 1e-9)
+        return abs(self.held.mu_hat / true - 1.0)
+
+
+def _times_s(of: LoopOutcome) -> FloatArray:
+    """[T] times of the grip."""
+    times_s: FloatArray = of.begin_s + np.arange(len(of.grip_n)) / of.rate_hz
+    return times_s
+
+
+@dataclass(frozen=True)
+class LoopFigures:
+    """One controller on one set; shares from 0 to 1, `_ci` their exact 95 % intervals.
+
+    saved: of the preventable drops. slip_mm_p50: travel of what was saved. put_downs: disturbed as
+    a hand-over is blocked. grip_excess: N s a trial beyond what is needed. tightenings_per_min:
+    before any action, and in disturbed holds. mu_error_p50: where a slip has shown friction.
+    """
+
+    trials: int
+    drops: int
+    preventable: int
+    saved: int
+    saved_share: float | None
+    saved_share_ci: Interval | None
+    slip_mm_p50: float | None
+    handovers: int
+    blocked: int
+    blocked_share: float | None
+    blocked_share_ci: Interval | None
+    extra_force_n_p50: float | None
+    extra_delay_ms_p50: float | None
+    extra_delay_ms_p95: float | None
+    put_downs: int
+    disturbed_share: float | None
+    disturbed_share_ci: Interval | None
+    fragile: int
+    crushed_share: float | None
+    crushed_share_ci: Interval | None
+    grip_excess: float
+    tightenings_per_min: float | None
+    new_drops: int
+    mu_observed: int
+    mu_error_p50: float | None
+
+    def to_json(self) -> Json:
+        """As a JSON object."""
+        return asdict(self)
+
+
+def loop_figures(runs: Sequence[ThreeRuns]) -> LoopFigures:
+    """The figures of one controller on one set."""
+    preventable = [run for run in runs if run.preventable]
+    kept = [run for run in preventable if not run.held.dropped]
+    completed = [run for run in runs if run.completes]
+    passes = [run for run in completed if run.bare.trial.action == "pass"]
+    put_downs = [run for run in completed if run.bare.trial.action == "put-down"]
+    fragile = [run for run in runs if run.bare.trial.object.crush_n > 0.0]
+    errors = [run.friction_error for run in preventable]
+    known_errors = [error for error in errors if np.isfinite(error)]
+    saved = share([not run.held.dropped for run in preventable])
+    blocked = share([run.blocked for run in passes])
+    disturbed = share([run.blocked for run in put_downs])
+    crushed = share([run.held.crushed for run in fragile])
+    delays_ms = [1e3 * run.extra_s for run in passes]
+    return LoopFigures(
+        trials=len(runs),
+        drops=sum(run.bare.dropped for run in runs),
+        preventable=len(preventable),
+        saved=len(kept),
+        saved_share=saved.share,
+        saved_share_ci=saved.share_ci,
+        slip_mm_p50=_percentile([run.held.slip_mm for run in kept], 50),
+        handovers=len(passes),
+        blocked=sum(run.blocked for run in passes),
+        blocked_share=blocked.share,
+        blocked_share_ci=blocked.share_ci,
+        extra_force_n_p50=_percentile([run.extra_n for run in passes], 50),
+        extra_delay_ms_p50=_percentile(delays_ms, 50),
+        extra_delay_ms_p95=_percentile(delays_ms, 95),
+        put_downs=len(put_downs),
+        disturbed_share=disturbed.share,
+        disturbed_share_ci=disturbed.share_ci,
+        fragile=len(fragile),
+        crushed_share=crushed.share,
+        crushed_share_ci=crushed.share_ci,
+        grip_excess=float(np.mean([run.excess_n_s for run in runs])) if runs else 0.0,
+        tightenings_per_min=_tightenings_per_min(runs),
+        new_drops=sum(run.held.dropped and not run.bare.dropped for run in runs),
+        mu_observed=len(known_errors),
+        mu_error_p50=_percentile(known_errors, 50),
+    )
+
+
+def _percentile(values: Sequence[float], percent: float) -> float | None:
+    if not values:
+        return None
+    # What never happened is later than all else, and keeps the percentile finite.
+    finite = np.where(np.isfinite(values), values, 1e6)
+    return float(np.percentile(finite, percent))
+
+
+def _tightenings_per_min(runs: Sequence[ThreeRuns]) -> float | None:
+    """How often the grip rises by TIGHTER_N before any action, or in a disturbed hold."""
+    count, seconds = 0, 0.0
+    for run in runs:
+        held = run.held
+        until_s = held.opens_s if held.trial.action == "hold" else held.act_s
+        watched = _times_s(held) < min(until_s, held.lost_s)
+        tight = (held.grip_n > held.trial.grip_n + TIGHTER_N)[watched]
+        count += int((tight[1:] & ~tight[:-1]).sum())
+        seconds += len(tight) / held.rate_hz
+    return 60.0 * count / seconds if seconds else None
+
+
+@lru_cache(maxsize=16)
+def scene_of(of: LoopSet) -> tuple[Scene, tuple[PlannedTrial, ...]]:
+    """The scene of a set and its trials with an object."""
+    card = read_scene_file(of.card)
+    rows = []
+    for row in card.rows:
+        changes = {} if row.action == "nothing" else dict(of.changes)
+        rows.append(replace(row, values={**row.values, **changes}))
+    effects = dict(card.effects)
+    if of.noise != 1.0:
+        # A chip that averages a quarter of the conversions is twice as noisy.
+        chip = effects["hall_noise"]
+        usual = effect_named("hall_noise").parameters["averages"].default
+        averages = chip.get("averages", usual) / of.noise**2
+        effects["hall_noise"] = {**chip, "averages": averages}
+    changed = replace(card, rows=tuple(rows), controller=None, effects=effects)
+    scene = Scene(changed, of.seed)
+    trials = scene.trials(of.trials)
+    return scene, tuple(trial for trial in trials if trial.action != "nothing")
+
+
+def require_runnable(model: OpenedModel, card_name: str) -> None:
+    """Raise what does not fit between a card and a model, and CardError."""
+    card = read_scene_file(card_name)
+    require_fit(
+        model.card,
+        n_channels=3 * card.hand.n_contacts,
+        unit=card.unit,
+        rate_hz=card.rate_hz,
+        where=card_name,
+    )
+
+
+def run_part(
+    model: ModelChoice,
+    of: LoopSet,
+    request: LoopRequest,
+    batch: list[int],
+    onset_s: Mapping[int, float],
+) -> dict[int, LoopOutcome]:
+    """Outcomes of some trials of a set, by their places in it."""
+    scene, trials = scene_of(of)
+    drive = Drive(lag_ms=request.lag_ms)
+    settings = LoopSettings(drive, request.habits, delay_samples=request.delay_samples)
+    make = _maker(scene, request, onset_s)
+    return run_batch(scene, trials, batch, model_of(model), make, settings)
+
+
+def _maker(scene: Scene, request: LoopRequest, onset_s: Mapping[int, float]) -> Make:
+    if request.name == ORACLE:
+        return oracle(dict(onset_s), Drive().ceiling_n)
+    if request.name == VIBRATION:
+        return vibration(scene.seed)
+    if request.name not in CONTROLLERS:
+        raise UsageError(
+            f"no controller {request.name!r}",
+            next_step=f"choose from {', '.join(CHOICES)}",
+        )
+    return managed(scene, request.name, request.setting, request.rules, Limits())
+
+
+Run = tuple[LoopSet, LoopRequest]
+
+
+class LoopRuns:
+    """Runs requests on sets, each once; done: called with the share of the work that is done."""
+
+    def __init__(
+        self,
+        model: ModelChoice,
+        workers: Workers,
+        done: Callable[[float], None],
+    ) -> None:
+        self.model, self.workers, self.done = model, workers, done
+        self._outcomes: dict[Run, dict[int, LoopOutcome]] = {}
+
+    def run(self, wanted: Sequence[Run]) -> None:
+        """Run all of them, with the bare hands and oracles that their figures need."""
+        bare, best = [], []
+        for of, request in wanted:
+            bare.append(_bare(of))
+            best.append(_best(of, request))
+        total = len({*bare, *best, *wanted})
+        share_bare = len(set(bare)) / total
+        # The oracle acts at the load onset of the bare hand, so that is run first.
+        self._run(bare, 0.0, share_bare)
+        self._run([*best, *wanted], share_bare, 1.0)
+
+    def _run(self, wanted: Sequence[Run], from_share: float, to_share: float) -> None:
+        jobs, runs = [], []
+        for run in dict.fromkeys(wanted):
+            if run in self._outcomes:
+                continue
+            self._outcomes[run] = {}
+            of, request = run
+            onset_s = self._onset_s(of) if request.name == ORACLE else {}
+            for batch in batches(scene_of(of)[1]):
+                runs.append(run)
+                jobs.append(partial(run_part, self.model, of, request, batch, onset_s))
+        results = self.workers.run(jobs)
+        for number, (run, outcomes) in enumerate(zip(runs, results, strict=True), 1):
+            self._outcomes[run] |= outcomes
+            self.done(from_share + (to_share - from_share) * number / len(runs))
+
+    def _onset_s(self, of: LoopSet) -> dict[int, float]:
+        """Trial's number -> load onset in the bare hand."""
+        bare = self._outcomes[_bare(of)].values()
+        return {outcome.trial.number: outcome.onset_s for outcome in bare}
+
+    def figures(self, of: LoopSet, request: LoopRequest) -> LoopFigures:
+        """Figures of a request on a set."""
+        bare = self._outcomes[_bare(of)]
+        best = self._outcomes[_best(of, request)]
+        held = self._outcomes[of, request]
+        return loop_figures(
+            [ThreeRuns(bare[k], best[k], held[k]) for k in sorted(held)]
+        )
+
+
+def _bare(of: LoopSet) -> Run:
+    """The run of a set in a hand that does nothing."""
+    return of, LoopRequest(BARE)
+
+
+def _best(of: LoopSet, request: LoopRequest) -> Run:
+    """The run of a set by the oracle, with the drive of a request."""
+    return of, LoopRequest(ORACLE, lag_ms=request.lag_ms)
