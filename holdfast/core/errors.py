@@ -30,7 +30,7 @@
     |-- ArtifactError             4   a training artifact is missing, foreign or unsafe
     |-- OutputError               5   a result cannot be written
     |   `-- CompilerFailed            no C compiler, or one that is too old or fails
-    `-- DeviceError               6   the hand, or the camera beside it, cannot be read
+    `-- DeviceError               6   the hand, or the camera next to it, cannot be read
         |-- DeviceNotFound            no such bridge, or no finger answers
         |-- AccessDenied              the bridge is there, but this user may not open it
         |-- LibraryMissing            no libusb, or the library of an extra is not installed
@@ -249,7 +249,7 @@ class CompilerFailed(OutputError):
 
 
 class DeviceError(HoldfastError):
-    """The hand, or the camera beside it, cannot be read."""
+    """The hand, or the camera next to it, cannot be read."""
 
     exit_code = 6
 

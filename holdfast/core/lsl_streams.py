@@ -1,4 +1,4 @@
-"""What streams of the lab streaming layer, and XDF files of them, say of themselves."""
+"""Facts that streams of the lab streaming layer, and XDF files of them, give about themselves."""
 
 from __future__ import annotations
 

@@ -6,7 +6,7 @@ Every line is one write to the system, so a killed program loses at most the sam
 writing. Once a second of sample time, a thread syncs the file to the disk: a slow card delays no
 sample, and a power cut costs about that second.
 
-A killed program leaves a part of a line; a power cut may leave zeros behind it. `mend` moves that
+A killed program leaves a part of a line; a power cut may leave zeros behind it. `repair_table` moves that
 end to `<file>.torn`, and nothing is deleted. An edited header, rows with another number of cells,
 or text among the samples are damage of another kind: such a file is refused unchanged, for a person
 to correct.
@@ -30,7 +30,7 @@ TORN = ".torn"
 
 
 @dataclass(frozen=True)
-class MendResult:
+class RepairResult:
     """The result of a repair: whole lines of data, and the bytes of the torn end.
 
     torn: the file that has them, None where nothing was torn.
@@ -41,7 +41,7 @@ class MendResult:
     torn: Path | None
 
 
-def mend_lines(path: Path, is_whole: Callable[[bytes], bool]) -> MendResult:
+def repair_lines(path: Path, is_whole: Callable[[bytes], bool]) -> RepairResult:
     """Move the torn end of a file without a header to its own file.
 
     is_whole: judges a last line without its newline. Raises EmptyRecording without a file,
@@ -52,7 +52,9 @@ def mend_lines(path: Path, is_whole: Callable[[bytes], bool]) -> MendResult:
     begin = text.rfind(b"\n") + 1
     kept_bytes = len(text) if is_whole(text[begin:]) else begin
     rows = _count_lines(text[:kept_bytes])
-    return MendResult(rows, len(data) - kept_bytes, move_aside(path, data, kept_bytes))
+    return RepairResult(
+        rows, len(data) - kept_bytes, move_aside(path, data, kept_bytes)
+    )
 
 
 def _count_lines(data: bytes) -> int:
@@ -78,7 +80,7 @@ def move_aside(path: Path, data: bytes, kept_bytes: int) -> Path | None:
     try:
         os.truncate(path, kept_bytes)
     except OSError as error:
-        raise _unmended(path, error) from None
+        raise _unrepaired(path, error) from None
     return target
 
 
@@ -94,10 +96,10 @@ def read_damaged(path: Path) -> bytes:
             next_step="record again",
         ) from None
     except OSError as error:
-        raise _unmended(path, error) from None
+        raise _unrepaired(path, error) from None
 
 
-def _unmended(path: Path, error: OSError) -> OutputError:
+def _unrepaired(path: Path, error: OSError) -> OutputError:
     """The file is as it was; repairing a copy may work elsewhere."""
     return OutputError(
         f"cannot be repaired ({error.strerror})",
@@ -235,7 +237,7 @@ class _Sync:
                 self.failed = error
 
 
-def mend(path: Path) -> MendResult:
+def repair_table(path: Path) -> RepairResult:
     """Move what follows the last whole row of a tactile.csv to another file.
 
     A whole row without its newline is whole. Raises EmptyRecording where the file ends within its
@@ -254,7 +256,9 @@ def mend(path: Path) -> MendResult:
         _require_row(line, n_cells, path, number)
     kept_bytes = len(header) + 1 + sum(map(len, whole))
     rows = sum(1 for line in whole if line.strip())
-    return MendResult(rows, len(data) - kept_bytes, move_aside(path, data, kept_bytes))
+    return RepairResult(
+        rows, len(data) - kept_bytes, move_aside(path, data, kept_bytes)
+    )
 
 
 def _require_header(header: bytes, lines: list[bytes], path: Path) -> int:

@@ -109,7 +109,7 @@ def read_json(path: Path) -> Json:
         raise LabelError(
             f"cannot be read as JSON ({type(error).__name__})",
             where=path,
-            next_step="mend or remove it",
+            next_step="correct or remove it",
         ) from None
     if not isinstance(value, dict):
         raise LabelError(

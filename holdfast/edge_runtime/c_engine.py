@@ -36,7 +36,7 @@ C_FIELDS = {DOUBLE: "f8", FLOAT: "f4", INT32: "i4", INT64: "i4", BOOL: "?"}
 
 
 def default_folder(model: str | Path) -> Path:
-    """Where the C form of a model is, if no other place is named: MODEL-c beside it.
+    """Where the C form of a model is, if no other place is named: MODEL-c next to it.
 
     >>> str(default_folder("models/holdfast-150hz.onnx"))
     'models/holdfast-150hz-c'

@@ -33,7 +33,7 @@ class OpenedModel(Protocol):
 
 @dataclass(frozen=True)
 class ModelChoice:
-    """A model file and what steps it. library: of the C engine; None: in MODEL-c beside it."""
+    """A model file and what steps it. library: of the C engine; None: in MODEL-c next to it."""
 
     path: str
     engine: str = ONNXRUNTIME

@@ -90,7 +90,7 @@ class GripMonitor:
         """One sample in, one prediction out. values [C]: without bias, in the model's unit.
 
         Samples that never came (a gap in t_ns) count as lost: the graph is stepped over them, and a
-        gap of more than 20 ms makes the state unknown until the history is whole again. A sample
+        gap of more than 20 ms makes the state unknown until the history is complete again. A sample
         that comes twice, with the same time and the same sequence, is answered again and counts
         once. Raises ChannelError, and TimeError where time runs backwards.
 

@@ -200,7 +200,7 @@ def check_decision(model: Model) -> Iterator[CheckResult]:
 def check_clock(model: Model) -> Iterator[CheckResult]:
     """The schedule's clock never steps back, and a wait never ends too early."""
     clock = MonotonicClock()
-    # a clock that somebody sets could step back
+    # a clock that can be set could step back
     steps = np.diff([clock.now_ns() for _ in range(CLOCK_READS)])
     early, latest_ns = 0, 0
     for _ in range(WAITS):

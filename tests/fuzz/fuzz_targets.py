@@ -26,7 +26,7 @@ import usb.core
 
 from holdfast.core.contract import RISKY_SLIP
 from holdfast.core.errors import HoldfastError, NotAModel
-from holdfast.core.tactile_file import MendResult, mend
+from holdfast.core.tactile_file import RepairResult, repair_table
 from holdfast.core.trial_file import read_trial
 from holdfast.core.trial_layout import mass_g as read_mass_g
 from holdfast.core.trial_layout import read_events
@@ -234,14 +234,14 @@ def mended(data: bytes) -> None:
     for torn in path.parent.glob("tactile.csv.*"):
         torn.unlink()
     try:
-        found = mend(path)
+        found = repair_table(path)
     except HoldfastError:
         assert path.read_bytes() == data
         raise
     aside = found.torn.read_bytes() if found.torn else b""
     assert path.read_bytes() + aside == data
     assert aside.rstrip(b"\0").rstrip(b"\r\n").count(b"\n") == 0, "at most one line"
-    assert mend(path) == MendResult(found.rows, 0, None)
+    assert repair_table(path) == RepairResult(found.rows, 0, None)
 
 
 def calibration(data: bytes) -> None:

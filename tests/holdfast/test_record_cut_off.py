@@ -25,7 +25,7 @@ from recorder_bench import (
 
 from holdfast.cli.main import main
 from holdfast.core.errors import OutputError
-from holdfast.core.tactile_file import mend
+from holdfast.core.tactile_file import repair_table
 from holdfast.core.trial_file import read_trial
 from holdfast.drivers.replay import open_replay
 
@@ -113,7 +113,7 @@ def test_a_kill_from_outside_leaves_whole_rows_in_their_order(tmp_path):
             os.sched_yield()
         run.kill()
         run.communicate(timeout=300)
-    whole = mend(file)
+    whole = repair_table(file)
     sequence = [int(row) for row in columns_of(file.parent)["sequence"]]
     assert sequence == sorted(set(sequence))
     assert len(sequence) == whole.rows >= 49

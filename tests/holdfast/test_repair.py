@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 
 from holdfast.cli.main import main
 from holdfast.core.errors import ColumnError, DataError, EmptyRecording, OutputError
-from holdfast.core.tactile_file import TactileFile, mend, mend_lines
+from holdfast.core.tactile_file import TactileFile, repair_lines, repair_table
 from holdfast.core.trial_file import read_trial
 from holdfast.core.trial_layout import read_events
 from holdfast.sessions.recorder.folder import repair
@@ -138,7 +138,7 @@ def test_the_error_of_a_damaged_header_shows_the_header_that_belongs_there(
         path = tmp_path / "tactile.csv"
         path.write_bytes(DISAGREEMENTS[name](recorded))
         with pytest.raises(ColumnError, match=f"nothing was changed.* {header}$"):
-            mend(path)
+            repair_table(path)
 
 
 @DAMAGED_FILE.mark
@@ -173,7 +173,7 @@ def test_an_earlier_torn_line_is_never_replaced(tmp_path, recorded):
     path = tmp_path / "tactile.csv"
     for torn in (b"2.0,1", b"2.01,3.5", b"2.0,1"):
         path.write_bytes(recorded + torn)
-        mend(path)
+        repair_table(path)
     assert {one.name: one.read_bytes() for one in tmp_path.iterdir()} == {
         "tactile.csv": recorded,
         "tactile.csv.torn": b"2.0,1",
@@ -201,7 +201,7 @@ def test_a_file_whose_rows_are_whole_loses_nothing(tmp_path, recorded, change, s
     assert main(["repair", str(tmp_path)]) == 0
     after = bytes_of(folder)
     assert (
-        mend(folder / "tactile.csv").rows
+        repair_table(folder / "tactile.csv").rows
         == len(read_trial(folder / "tactile.csv").t_s)
         == ROWS
     )
@@ -223,13 +223,13 @@ def test_wherever_the_power_was_cut_every_byte_is_in_the_file_or_beside_it(
     place = tmp_path_factory.mktemp("cut")
     path = place / "tactile.csv"
     path.write_bytes(recorded[:cut] + bytes(zeros))
-    mended = mend(path)
+    mended = repair_table(path)
     kept = path.read_bytes()
     aside = mended.torn.read_bytes() if mended.torn else b""
     assert kept + aside == recorded[:cut] + bytes(zeros)
     whole = recorded[:cut].count(b"\n") - 1 + (recorded[cut : cut + 1] == b"\n")
     assert (mended.rows, mended.cut_bytes) == (whole, len(aside))
-    assert mend(path) == type(mended)(whole, 0, None)
+    assert repair_table(path) == type(mended)(whole, 0, None)
     shutil.rmtree(place)
 
 
@@ -245,7 +245,7 @@ def test_whatever_a_header_is_changed_to_no_sample_is_lost(
     path = place / "tactile.csv"
     path.write_bytes(damaged)
     with suppress(DataError):
-        assert mend(path).rows == ROWS
+        assert repair_table(path).rows == ROWS
     assert {one.name: one.read_bytes() for one in place.iterdir()} == {
         "tactile.csv": damaged
     }
@@ -355,8 +355,8 @@ def test_events_are_judged_by_their_own_lines(tmp_path):
         (b'{}\n{"a', 1),
     ):
         path.write_bytes(data)
-        mended = mend_lines(path, lambda line: line == b"{}")
+        mended = repair_lines(path, lambda line: line == b"{}")
         assert mended.rows == whole
         assert path.read_bytes() == data[: len(data) - mended.cut_bytes]
     with pytest.raises(EmptyRecording):
-        mend_lines(tmp_path / "absent.jsonl", lambda _: True)
+        repair_lines(tmp_path / "absent.jsonl", lambda _: True)

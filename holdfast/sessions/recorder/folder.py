@@ -19,7 +19,7 @@ from holdfast.core.errors import (
     UsageError,
 )
 from holdfast.core.reading import Json, json_of
-from holdfast.core.tactile_file import MendResult, mend, mend_lines
+from holdfast.core.tactile_file import RepairResult, repair_lines, repair_table
 from holdfast.core.trial_layout import DISCARDED, EVENTS, META, TACTILE
 from holdfast.core.writing import require_writable, write_whole
 from holdfast.sessions.recorder.labels import read_meta
@@ -231,14 +231,14 @@ def _repaired(folder: Path) -> list[str]:
     meta = read_meta(folder)
     state = meta.get("state")
     try:
-        samples = mend(folder / TACTILE)
+        samples = repair_table(folder / TACTILE)
     except EmptyRecording:
         if state == KEPT:
             raise
         return [_voided(folder, meta)]
     done = _removed(samples, f"line removed, {samples.rows} samples complete")
     if (folder / EVENTS).exists():
-        events = mend_lines(folder / EVENTS, is_json_object)
+        events = repair_lines(folder / EVENTS, is_json_object)
         done += _removed(events, "event removed")
     if state == RECORDING:
         why = f"cut off; mended, {samples.rows} samples"
@@ -257,7 +257,7 @@ def _voided(folder: Path, meta: Json) -> str:
     return f"{state or 'not a trial'}: no sample was recorded"
 
 
-def _removed(result: MendResult, what: str) -> list[str]:
+def _removed(result: RepairResult, what: str) -> list[str]:
     """What was moved out of a file, and where it is now."""
     if result.torn is None:
         return []

@@ -21,7 +21,7 @@ from typing import Any
 
 from holdfast.core.errors import LabelError, OutputError
 from holdfast.core.reading import Json
-from holdfast.core.tactile_file import mend_lines
+from holdfast.core.tactile_file import repair_lines
 from holdfast.core.trial_layout import read_events
 from holdfast.sessions.recorder.folder import is_json_object
 
@@ -181,7 +181,7 @@ def opened_journal(
     home.mkdir(parents=True, exist_ok=True)
     path = home / JOURNAL
     with held(path):
-        mend_lines(path, is_json_object)
+        repair_lines(path, is_json_object)
         yield Journal(path, n_parts, now_ns, utc)
 
 
