@@ -64,6 +64,7 @@ CAMERA = {
 @cache
 def cells(tag: int) -> FloatArray:
     """[10, 10] cells of a tag with its margin, 1 white, 0 black, first row on top; read-only."""
+    # the first bit is the highest of the word
     bits = [CODES[tag] >> (35 - k) & 1 for k in range(36)]
     data = np.zeros((6, 6))
     for quarter in range(4):
@@ -123,6 +124,7 @@ class Camera:
         # imported here: half of the start-up time of a scene that has no camera
         from scipy.interpolate import CubicSpline
 
+        # the physics has few samples a frame; motion between them is smooth
         places = CubicSpline(t_s, np.hstack([object_m + hand_m, hand_m]))
 
         def shoot(end_s: float) -> Frames:
@@ -178,6 +180,7 @@ class Camera:
             rows, down = self._seen(row_px, self.height_px)
             columns, across = self._seen(column_px, self.width_px)
             levels = BLACK + (WHITE - BLACK) * cells(tag)
+            # where a tag covers a pixel in part, the rest of it is grey
             covered = np.outer(down.sum(axis=1), across.sum(axis=1))
             seen.append((rows, columns, down @ levels @ across.T - GREY * covered))
         return seen
@@ -198,6 +201,7 @@ class Camera:
         edges = np.arange(SIDE_CELLS + 3) - 0.5 * (SIDE_CELLS + 2)
         edges_px = centre_px + cell_px * edges
         reach_px = edges_px[[0, -1]] + FAR_BLURS * self.blur_px * np.array([-1.0, 1.0])
+        # pixels beyond the frame are not seen
         ends = np.clip([reach_px[0], reach_px[1] + 1.0], 0, size_px)
         first, stop = int(ends[0]), int(ends[1])
         u = (np.arange(first, stop + 1)[:, None] - edges_px) / self.blur_px

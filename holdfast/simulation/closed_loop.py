@@ -161,6 +161,7 @@ class ClosedLoop:
         self.models = HandModels(model, self.spans.ends - self.spans.begins)
         self.wearer = Wearer(trials, habits, scene.seed)
         self.controller = make(trials, self.rate_hz)
+        # commands on their way: at first the wearer's grip
         self._late = [self.actuator.own_n.copy()] * settings.delay_samples
         self._agents_n = self.world.state.agents_n.copy()
 
@@ -176,6 +177,7 @@ class ClosedLoop:
 
     def decide(self, period: int) -> FloatArray:
         """[B] targets of the drives at a sample: never less than the wearer's grip."""
+        # a trial that has ended repeats its last sample
         rows = np.minimum(self.spans.begins + period, self.spans.counts - 1)
         readings, lost = self.sensors.read(rows, self.world.forces_n)
         valid = readings.valid & ~lost[:, None]
@@ -191,6 +193,7 @@ class ClosedLoop:
     def _overridden(self, now: LoopTruth) -> BoolArray:
         """[B] whether the wearer's override lasts; it lasts until the end of the trial."""
         agents_n = self.world.state.agents_n
+        # force on the object before the action, which resistance is measured against
         self._agents_n = np.where(now.t_s < self.wearer.act_s, agents_n, self._agents_n)
         change_n = agents_n - self._agents_n
         pulled_n = np.sqrt((change_n * change_n).sum(axis=0))
@@ -223,6 +226,7 @@ def _spans(
         grid = grid_of(trial, rate_hz, scene.file.step_s)
         whole = int(grid.sample[-1])
         end = int(np.ceil(loop_end_s(trial, settings.habits) * rate_hz))
+        # nothing is decided after the hand has opened
         if trial.action not in RISKY_ACTIONS:
             end = min(end, whole)
         if settings.whole_trials:
@@ -276,6 +280,7 @@ class Managed:
         """[B] target, N a side; 0 for none."""
         self.target_n = self.grip.step(sense)
         observed = self.grip.margin.mu_hat
+        # the last estimate stays
         self.mu_hat = np.where(observed > 0.0, observed, self.mu_hat)
         return self.target_n
 
@@ -312,6 +317,7 @@ def managed(
     limits: Limits | None = None,
 ) -> Callable[[Sequence[PlannedTrial], float], Managed]:
     """A maker of the named controller; rules: of holdfast, for a study of its parts."""
+    # a calibrated magnet reads too little shear; an ideal sensor does not
     gain = shear_gain() if "dipole" in scene.file.effects else 1.0
 
     def make(trials: Sequence[PlannedTrial], rate_hz: float) -> Managed:

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from holdfast.core.contract import BoolArray, FloatArray
-from holdfast.simulation.effect import Drawn, Effect, Parameter, PhysicsEffect
-from holdfast.simulation.protocol import PlannedTrial
+from holdfast.simulation.effect import Effect, EffectBatch, Parameter, PhysicsEffect
 
 MOST_ELEMENTS = 50
 
@@ -36,15 +33,10 @@ class Lag(PhysicsEffect):
 
     kind = "lags"
 
-    def __init__(
-        self,
-        drawn: Sequence[Drawn],
-        trials: Sequence[PlannedTrial],
-        rngs: Sequence[np.random.Generator],
-    ) -> None:
-        stiffness = np.stack([trial.finger_n_per_m for trial in trials], axis=1)
-        self.stiffness = stiffness * np.array([d["ratio"] for d in drawn])
-        self.time_s = np.array([d["time_s"] for d in drawn])
+    def __init__(self, batch: EffectBatch) -> None:
+        stiffness = np.stack([trial.finger_n_per_m for trial in batch.trials], axis=1)
+        self.stiffness = stiffness * batch.values("ratio")
+        self.time_s = batch.values("time_s")
         self.held_n = np.zeros(self.stiffness.shape)
 
     def terms(self, dt_s: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -70,17 +62,12 @@ class Texture(PhysicsEffect):
 
     kind = "textures"
 
-    def __init__(
-        self,
-        drawn: Sequence[Drawn],
-        trials: Sequence[PlannedTrial],
-        rngs: Sequence[np.random.Generator],
-    ) -> None:
-        self.depth = np.array([d["depth"] for d in drawn])
-        self.per_m = 2e3 * np.pi / np.array([d["wavelength_mm"] for d in drawn])
+    def __init__(self, batch: EffectBatch) -> None:
+        self.depth = batch.values("depth")
+        self.per_m = 2e3 * np.pi / batch.values("wavelength_mm")
         # phases of the most elements, so that a trial's draws do not depend on their number
-        shape = MOST_ELEMENTS, len(trials[0].finger_n_per_m)
-        phases = [rng.uniform(0.0, 2.0 * np.pi, shape) for rng in rngs]
+        shape = MOST_ELEMENTS, len(batch.trials[0].finger_n_per_m)
+        phases = [rng.uniform(0.0, 2.0 * np.pi, shape) for rng in batch.rngs]
         self.phase = np.stack(phases, axis=2)
         self.slipped_m: FloatArray | None = None
 

@@ -25,14 +25,17 @@ At the end of a step the energy is balanced: no trial ends with more than it had
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import numpy.typing as npt
 
-from holdfast.core.contract import FloatArray
+from holdfast.core.contract import BoolArray, FloatArray
 from holdfast.simulation.body import Body, Floor, Inputs, State, offset_m, recess_m
 from holdfast.simulation.effect import NO_EFFECTS, PhysicsEffects
 
 IntArray = npt.NDArray[np.int64]
+Swept = tuple[FloatArray, FloatArray, FloatArray, FloatArray]
 TINY = 1e-300
 """Keeps a division by zero away."""
 RHO_TOLERANCE = 2e-3
@@ -51,6 +54,7 @@ def step(
     effects: PhysicsEffects = NO_EFFECTS,
 ) -> None:
     """Move every trial by its own dt_s [B], to the time t_s [B]; changes the state in place."""
+    # the step reads the old arrays while it writes new ones into `state`
     old = State(**vars(state))
     load_n, drag = _loads(body, old, inputs, dt_s)
     held_n = load_n + body.mass_kg * body.gravity_m_s2
@@ -58,15 +62,19 @@ def step(
         held_n = held_n - body.mass_kg * shake.acceleration_m_s2(t_s)
     speed_x = _normals(body, state, inputs.closure_m, held_n[0], drag[0], dt_s, effects)
     limit_m = _stretch_limit(body, old, state.normal_n, dt_s, effects)
+    # a curved surface leans: the normal force has a part along the skin
     leans = body.curvature_per_m[:, None] * old.offset_m * state.normal_n
     along_n = held_n[1:] + add(leans, axis=1)
+    # fingers damp only what sticks to them
     along_drag = drag[1:] + damping(body, old, limit_m)
     sideways = _sideways(body, state, along_n, along_drag, limit_m, dt_s)
     state.velocity_m_s = np.concatenate([speed_x[None], sideways])
     moved_m = state.velocity_m_s * dt_s
     resisted_n = drag * state.velocity_m_s
     state.position_m = old.position_m + moved_m
+    # what people and box really exert at the new velocity
     state.agents_n = load_n - resisted_n
+    # work of weight, people, box and shakes on the way of this step
     given_j = add((held_n - resisted_n) * moved_m, axis=0)
     if effects.lags:
         given_j = given_j - _taken_by_lags_j(
@@ -112,6 +120,7 @@ def _loads(
         damper = share * pull.damping_n_s_per_m
         load_n += spring * to_go + damper * pull.target_m_s
         load_n -= pull.weight_share * body.mass_kg * body.gravity_m_s2
+        # implicit: the spring at the end of the step has followed the object by v dt
         drag += spring * dt_s + damper
     if inputs.floor is not None:
         _add_floor(inputs.floor, state, load_n[2], drag, dt_s)
@@ -155,6 +164,7 @@ def _normals(
         stiffness, held = lag.terms(dt_s)
         remembers = remembers + stiffness
         memory_n = held if memory_n is None else memory_n + held
+    # N = still_n - slope * (how far the object moves away in this step)
     slope = body.stiffness_n_per_m + remembers
     still_n = slope * stays_m - remembers * np.maximum(state.depth_m, 0.0)
     if memory_n is not None:
@@ -162,10 +172,12 @@ def _normals(
     speed = state.velocity_m_s[0]
     mass = body.mass_kg + dt_s * drag
     drive = body.mass_kg * speed + dt_s * held_n
+    # both are the same in every sweep
     pushed_n, square_s2 = side * still_n, dt_s * dt_s
     pressing = None
     for _ in range(MAX_SWEEPS):
         moved_m = side * (speed * dt_s)
+        # a contact presses where its force is positive and it touches
         tried = (still_n > slope * moved_m) & (stays_m > moved_m)
         if pressing is not None and (tried == pressing).all():
             break
@@ -182,6 +194,7 @@ def _normals(
 
 def damping(body: Body, state: State, limit_m: FloatArray) -> FloatArray:
     """[B] damping of the fingers along the surface, N s/m: of the elements that stick."""
+    # exactly zero: the return mapping writes zero where friction holds
     sticks = (state.slip_m_s == 0.0) & (limit_m > 0.0)
     stuck = add(np.where(sticks, body.brush_n_per_m, 0.0), axis=(0, 1))
     return body.loss_s * stuck
@@ -219,39 +232,43 @@ def _sideways(
     """[2, B] velocity at the end of the step; stretches the brushes as far as friction holds."""
     drive = body.mass_kg * state.velocity_m_s[1:] + dt_s * held_n
     mass = body.mass_kg + dt_s * drag
-    brush, stretch = body.brush_n_per_m, state.stretch_m
-    velocity, rho, trial, length = _sweep(
-        drive, mass, brush, stretch, state.rho, limit_m, dt_s
-    )
-    change = rho - state.rho
-    worst = np.maximum.reduce(np.abs(change, out=change), axis=(0, 1))
-    unsettled = two_at_least((worst > RHO_TOLERANCE).nonzero()[0])
-    for _ in range(MAX_SWEEPS):
-        if not unsettled.size:
-            break
-        before = rho[..., unsettled]
-        velocity[:, unsettled], after, trial[..., unsettled], length[..., unsettled] = (
-            _sweep(
-                drive[:, unsettled],
-                mass[:, unsettled],
-                brush[..., unsettled],
-                stretch[..., unsettled],
-                before,
-                limit_m[..., unsettled],
-                dt_s[unsettled],
-            )
-        )
-        rho[..., unsettled] = after
-        worst = np.abs(after - before).max(axis=(0, 1))
-        unsettled = unsettled[worst > RHO_TOLERANCE]
-    state.rho = rho
+    brushes = (drive, mass, body.brush_n_per_m, state.stretch_m, limit_m, dt_s)
+    velocity, state.rho, trial, length = settle(_sweep, state.rho, brushes)
     # the return mapping: what friction does not hold of the trial stretch has slipped
-    trial *= rho
+    trial *= state.rho
     state.stretch_m = trial
-    length *= 1.0 - rho
+    length *= 1.0 - state.rho
     length /= dt_s
     state.slip_m_s = length
     return velocity
+
+
+def settle(
+    sweep: Callable[..., Swept], rho: FloatArray, parts: tuple[FloatArray, ...]
+) -> Swept:
+    """Reweight the springs of the brushes until no rho changes any more.
+
+    sweep: (rho, *parts) -> (speed, rho, trial stretch, its length), each [.., B].
+    """
+    # The last rho is a good guess: most trials settle in the first sweep, which all take.
+    swept = sweep(rho, *parts)
+    unsettled = two_at_least(_unsettled(rho, swept[1]).nonzero()[0])
+    for _ in range(MAX_SWEEPS):
+        if not unsettled.size:
+            break
+        # only the trials whose rho still moves are swept again
+        before = swept[1][..., unsettled]
+        again = sweep(before, *(part[..., unsettled] for part in parts))
+        for whole, some in zip(swept, again, strict=True):
+            whole[..., unsettled] = some
+        unsettled = unsettled[_unsettled(before, again[1])]
+    return swept
+
+
+def _unsettled(before: FloatArray, rho: FloatArray) -> BoolArray:
+    """[B] whether any rho [E, S, B] still changes."""
+    change = rho - before
+    return np.maximum.reduce(np.abs(change, out=change), axis=(0, 1)) > RHO_TOLERANCE
 
 
 def two_at_least(trials: IntArray) -> IntArray:
@@ -263,14 +280,14 @@ def two_at_least(trials: IntArray) -> IntArray:
 
 
 def _sweep(
+    rho: FloatArray,
     drive: FloatArray,
     mass: FloatArray,
     brush: FloatArray,
     stretch: FloatArray,
-    rho: FloatArray,
     limit: FloatArray,
     dt_s: FloatArray,
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+) -> Swept:
     """One reweighting of the springs by rho: (velocity [2, B], rho, stretch, its length)."""
     spring = brush * rho
     stiffness = add(spring, axis=(0, 1))
@@ -294,6 +311,7 @@ def kinetic_j(body: Body, state: State) -> FloatArray:
 def brush_j(body: Body, state: State) -> FloatArray:
     """[B] energy in the brushes."""
     y, z = state.stretch_m
+    # in place: this array is as large as all brushes of the batch
     squares = y * y
     squares += z * z
     return 0.5 * np.einsum("eib,eib->b", body.brush_n_per_m, squares)
@@ -316,6 +334,7 @@ def _taken_by_lags_j(
     effects: PhysicsEffects,
 ) -> FloatArray:
     """[B] energy that the object's own motion, not the fingers', puts into the lags."""
+    # the fingers have closed already: what is left is the object's own way
     was_m = np.maximum(closure_m - old.recess_m - body.side * old.position_m[0], 0.0)
     recess = recess_m(body, offset_m(body, state.position_m[1:]))
     depth_m = np.maximum(closure_m - recess - body.side * state.position_m[0], 0.0)
@@ -344,6 +363,7 @@ def keep_the_balance(
     moving_j = kinetic_j(body, state)
     state.brush_j = brush_j(body, state)
     normal_after_j = normal_j(body, closure_m, state.position_m[0], state.recess_m)
+    # energy that stays even if the object stops
     still_j = state.brush_j + normal_after_j
     too_much = (moving_j + still_j > had_j + given_j).nonzero()[0]
     if not too_much.size:

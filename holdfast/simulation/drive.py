@@ -96,10 +96,12 @@ class Actuator:
         # a lag shorter than the step would overshoot
         wanted = to_go_n / max(lag_s, dt_s)
         wanted = np.clip(wanted, -self.fastest_n_s, self.fastest_n_s)
+        # explicit Euler in the lag, or at once where the step is longer
         share = 1.0 if lag_s <= dt_s else dt_s / lag_s
         self.speed_n_s = self.speed_n_s + share * (wanted - self.speed_n_s)
         moved_n = self.motor_n + self.speed_n_s * dt_s
         self.motor_n = np.clip(moved_n, 0.0, ceiling_n)
+        # the fingers rest until the motor has taken up the backlash
         self.grip_n = np.clip(self.grip_n, self.motor_n - self.backlash_n, self.motor_n)
         return self.grip_n
 

@@ -22,7 +22,7 @@ import importlib
 import math
 import sys
 import zlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal
@@ -99,6 +99,7 @@ class Parameter:
         if not isinstance(value, dict):
             return float(value)
         ((kind, numbers),) = value.items()
+        # a normal draw may lie outside of the range
         return min(max(_drawn(kind, numbers, rng), self.low), self.high)
 
     def _inside(self, value: Any) -> bool:
@@ -158,9 +159,9 @@ class Signal:
 class Effect:
     """One entry of the table of effects.
 
-    make: (signal, drawn, random stream) -> signal; or for `physics` what builds the effect for a
-    batch; or for an effect that `sets` a field of run.StepSettings what turns its constant into
-    that field. needs: effects that the scene must name too. marks_invalid: it can make samples
+    make: (signal, drawn, random stream) -> signal; or for `physics` what builds the effect of an
+    EffectBatch; or for an effect that `sets` a field of run.StepSettings what turns its constant
+    into that field. needs: effects that the scene must name too. marks_invalid: it can make samples
     invalid, so the trial's file has columns for that. constant: a parameter that is the same in all
     trials of a scene, which are stepped together. longest_step_s: the longest physics.step_s it
     allows. gives_unit: the unit after it. in_scene_unit: it acts on reported samples, so the unit
@@ -238,8 +239,22 @@ def step_settings(named: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
 
 def stream(seed: int, trial: int, name: str) -> np.random.Generator:
     """The random stream of one part of one trial; draws of other parts cannot shift it."""
+    # crc32, not hash(): the same in every process
     key = (trial, zlib.crc32(name.encode()))
     return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=key))
+
+
+@dataclass(frozen=True)
+class EffectBatch:
+    """What an effect of the physics is built of: B trials, their draws and random streams."""
+
+    drawn: Sequence[Drawn]
+    trials: Sequence[Any]
+    rngs: Sequence[np.random.Generator]
+
+    def values(self, name: str) -> FloatArray:
+        """[B] a parameter of every trial."""
+        return np.array([drawn[name] for drawn in self.drawn])
 
 
 class PhysicsEffect:

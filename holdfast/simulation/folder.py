@@ -71,6 +71,7 @@ def _fill(scene: Scene, out: Path, trials: Sequence[PlannedTrial], done: Done) -
     """Write a whole set; returns the number of recordings. Raises OutputError."""
     write_whole(out / "card.toml", scene.file.text)
     write_whole(out / "meta.json", _json(_meta(scene)))
+    # the thesis' layout: light and heavy follow from the mass of the folder
     masses_g = {t.object.name: t.object.mass_g for t in trials if t.action != "nothing"}
     for name, mass_g in masses_g.items():
         write_whole(out / name / "meta.json", _json({"mass_g": mass_g}))
@@ -154,6 +155,7 @@ def _streams(
     join = scene.file.join
     for name in dict.fromkeys(trial.object.name for trial in trials):
         same = [trial for trial in trials if trial.object.name == name]
+        # daily life has no blocks of the same action
         order = np.random.default_rng([scene.seed, len(same)]).permutation(len(same))
         for start in range(0, len(same), join):
             path = out / name / STREAM / f"trial_{start // join + 1}"

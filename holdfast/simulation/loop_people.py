@@ -106,6 +106,7 @@ class Wearer:
         """
         would_go = pulled_n > self.own_holds_n
         resisted = self.hands_over & (t_s >= self.act_s) & would_go
+        # a hand at the wearer's grip resists nobody
         resisted &= extra_n > self.habits.resisted_n
         self.resisted_s = np.where(resisted, self.resisted_s + dt_s, 0.0)
         now = (self.resisted_s >= self.habits.resisted_s) & np.isinf(self.overrode_s)
@@ -198,5 +199,6 @@ def _peak_n(motion: TrialMotion, act_s: float, last: int) -> float:
     first = int(np.searchsorted(motion.at_s, act_s))
     if first > last:
         return 0.0
+    # beyond what they exerted before the action
     change = motion.agents_n[first : last + 1] - motion.agents_n[max(first - 1, 0)]
     return float(np.sqrt((change * change).sum(axis=1)).max())

@@ -108,6 +108,7 @@ class HandsAndObjects:
     ) -> None:
         rate_hz, pieces = self.settings.rate_hz, self.pieces
         dt_s = 1.0 / (rate_hz * pieces)
+        # the drive moves in every piece, whether or not the physics takes it
         grips_n = np.stack([self.actuator.step(target_n, dt_s) for _ in range(pieces)])
         ends_s = (at + (np.arange(pieces)[:, None] + 1) / pieces) / rate_hz
         # without fine steps only the inputs at the end of the period are needed
@@ -158,6 +159,7 @@ class _Part:
         if not self.all:
             self.body = whole.body_part(self.trials)
             self.state = _some(whole.state, self.trials, batch)
+        # copies: the parts are put back when the period is over
         self.travel_m = np.take(whole.travel_m, self.trials, axis=-1)
         contacts, size = self.travel_m.shape
         self.mean = ForceMean(whole.settings, contacts, size)
@@ -169,6 +171,7 @@ class _Part:
         if not self.count:
             return
         whole, trials = self.whole, self.trials
+        # effects are for the whole batch; advance() makes sure that it goes together
         effects = whole.settings.effects
         if not self.all:
             inputs, effects = _some_inputs(inputs, trials, len(at_s)), NO_EFFECTS
@@ -193,6 +196,7 @@ class _Part:
         whole.forces_n[trials] = np.moveaxis(forces, 2, 0)
         whole.position_m[trials] = state.position_m.T
         whole.travel_m[:, trials] = self.travel_m
+        # an object that slides takes fine steps in the next period too
         fast = (state.slip_m_s > SLIDES_M_S).any(axis=0)
         whole.slid[trials] = (fast & (state.normal_n > 0.0)).any(axis=0)
         if not self.all:

@@ -140,6 +140,7 @@ class RecordedLoop:
         forces_n[begins + 1 : ends + 1] = self._forces_n[:periods, trial]
         position_m = np.zeros((count, 3))
         position_m[begins + 1 : ends + 1] = self._position_m[:periods, trial]
+        # after the loop nothing moves
         position_m[ends + 1 :] = position_m[ends]
         rows = self._grip_rows(trial, count, begins, ends)
         overrode_s = float(self.loop.wearer.overrode_s[trial])

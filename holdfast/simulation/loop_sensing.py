@@ -66,6 +66,7 @@ class LoopSensors:
                 plans.append(law.plan(drawn, rng, times_s[k], trial.hand.n_contacts))
             elif name == "timing_jitter":
                 plans.append({"late_s": late_s(times_s[k], drawn, rng)})
+                # later effects see the times at which samples are really taken
                 times_s[k] = times_s[k] + plans[k]["late_s"]
             else:
                 plans.append({"kept": kept_rows(times_s[k], drawn, rng)})
@@ -112,11 +113,13 @@ class LoopSensors:
 
         Between two readings the value changes evenly, as numpy.interp has it.
         """
+        # the readings of the two samples before, and of this one
         self._readings = [*self._readings[-2:], now]
         first, middle = self._readings[0], self._readings[-min(2, len(self._readings))]
         rows = np.maximum(rows - 1, 0)
         late = self._plans["timing_jitter"].at(rows)["late_s"]
         early, rate_hz = late < 0.0, self.scene.file.rate_hz
+        # an early sample lies between the sample before it and itself
         from_row = rows - early
         at_s, since_s = rows / rate_hz, from_row / rate_hz
         run_s = (from_row + 1) / rate_hz - since_s
@@ -158,6 +161,7 @@ class HandModels:
         """One sample of every hand: values [B, C] in the model's unit, valid [B, S]."""
         if self._tare is None:
             self._learn(values)
+            # until the bias is known, the model gets invalid samples, as on the hand
             values, valid = np.zeros_like(values), np.zeros_like(valid)
         else:
             scale, bias = self._tare
@@ -168,6 +172,7 @@ class HandModels:
     def _step(self, values: FloatArray, valid: BoolArray) -> None:
         """Step the groups of hands that are not done."""
         for steps, hands, samples in self._groups:
+            # a call whose hands are all done costs nothing
             if self._answered < samples:
                 steps.sample[:], steps.valid[:] = values[hands], valid[hands]
                 for name, array in steps.step().items():

@@ -71,6 +71,7 @@ def leak_plan(
     drawn: Drawn, rng: np.random.Generator, t_s: FloatArray, sensors: int
 ) -> Plan:
     """Shares of the neighbours' field and of the other axes."""
+    # r^-3, the spacing being much larger than the height
     ratio = (drawn["height_mm"] / drawn["spacing_mm"]) ** 3
     return {
         "near": np.full((1, 1, 1), ratio),
@@ -154,6 +155,7 @@ def warming_plan(
     That is for neodymium. With compensated = 1 the chip's own temperature coefficient corrects for
     it, and a tenth remains.
     """
+    # a body of first order, as a hand in use
     warm = drawn["warming_degc"] * (1.0 - np.exp(-t_s / drawn["time_s"]))
     share = 0.0012 * (0.1 if drawn["compensated"] else 1.0)
     return {"left": (1.0 - share * warm)[:, None, None]}
@@ -251,6 +253,7 @@ def loads_n() -> FloatArray:
 def linear_map() -> tuple[FloatArray, FloatArray]:
     """(matrix [3, 3] N/uT, rest field [3] uT): force = matrix (field - rest), least squares."""
     forces = loads_n()
+    # the unloaded field is no load: it is taken off before the fit
     rest = dipole_ut(place_m(np.zeros((1, 3)), HEIGHT.default))[0]
     fields = dipole_ut(place_m(forces, HEIGHT.default)) - rest
     solution = np.linalg.lstsq(fields, forces, rcond=None)[0]

@@ -2,23 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from holdfast.core.contract import FloatArray
 from holdfast.simulation.body import Body, State
-from holdfast.simulation.core import (
-    MAX_SWEEPS,
-    RHO_TOLERANCE,
-    TINY,
-    IntArray,
-    brush_j,
-    two_at_least,
-)
-from holdfast.simulation.effect import Drawn, Effect, Parameter, PhysicsEffect
+from holdfast.simulation.core import TINY, IntArray, Swept, brush_j, settle
+from holdfast.simulation.effect import Effect, EffectBatch, Parameter, PhysicsEffect
 from holdfast.simulation.objects import HeldObject
-from holdfast.simulation.protocol import PlannedTrial
 
 
 def gyration_m2(held: HeldObject) -> float:
@@ -50,17 +40,13 @@ class Rotation(PhysicsEffect):
 
     kind = "turns"
 
-    def __init__(
-        self,
-        drawn: Sequence[Drawn],
-        trials: Sequence[PlannedTrial],
-        rngs: Sequence[np.random.Generator],
-    ) -> None:
-        offsets_mm = np.array([[d["offset_y_mm"], d["offset_z_mm"]] for d in drawn])
-        self.offset_m = 1e-3 * offsets_mm.T
-        gyration = np.array([gyration_m2(trial.object) for trial in trials])
+    def __init__(self, batch: EffectBatch) -> None:
+        offsets = [batch.values("offset_y_mm"), batch.values("offset_z_mm")]
+        self.offset_m = 1e-3 * np.array(offsets)
+        gyration = np.array([gyration_m2(trial.object) for trial in batch.trials])
         self.inertia_m2 = gyration + (self.offset_m * self.offset_m).sum(axis=0)
-        self.angle, self.rate = np.zeros(len(drawn)), np.zeros(len(drawn))
+        self.angle = np.zeros(len(batch.trials))
+        self.rate = np.zeros(len(batch.trials))
         self.rho: FloatArray = np.ones(1)
 
     def turn(
@@ -69,6 +55,7 @@ class Rotation(PhysicsEffect):
         """Turn by one step; changes stretch, slip and energy of the brushes."""
         inertia = body.mass_kg * self.inertia_m2
         carried_n = body.mass_kg * body.gravity_m_s2[1:] + state.agents_n[1:]
+        # out of the hand the object keeps its rate
         in_hand = (state.normal_n > 0.0).any(axis=0)
         force_n = np.where(in_hand, carried_n, 0.0)
         place_m = self.place_m()
@@ -80,8 +67,10 @@ class Rotation(PhysicsEffect):
         damped = inertia + dt_s * self._damping(body, state, across, limit_m)
         stretch_m, angle = state.stretch_m, self.angle
         had_j = state.brush_j + 0.5 * inertia * self.rate * self.rate
-        brushes = (body.brush_n_per_m, stretch_m, across, limit_m, dt_s)
-        self.rate, trial, length = self._solve(drive, damped, brushes)
+        # rho starts as a single one, before the number of elements is known
+        rho = np.broadcast_to(self.rho, limit_m.shape)
+        brushes = (drive, damped, body.brush_n_per_m, stretch_m, across, limit_m, dt_s)
+        self.rate, self.rho, trial, length = settle(_sweep, rho, brushes)
         state.stretch_m = self.rho * trial
         state.slip_m_s = state.slip_m_s + (1.0 - self.rho) * length / dt_s
         state.brush_j = brush_j(body, state)
@@ -110,32 +99,6 @@ class Rotation(PhysicsEffect):
         stiff = np.where(sticks, body.brush_n_per_m, 0.0) * lever_m2
         return body.loss_s * stiff.sum(axis=(0, 1))
 
-    def _solve(
-        self, drive: FloatArray, inertia: FloatArray, brushes: tuple[FloatArray, ...]
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """(rate [B], trial stretch of the brushes, its length); reweights rho until it settles."""
-        before = np.broadcast_to(self.rho, brushes[0].shape)
-        rate, rho, trial, length = _sweep(drive, inertia, before, brushes)
-        worst = np.abs(rho - before).max(axis=(0, 1))
-        unsettled = two_at_least(np.flatnonzero(worst > RHO_TOLERANCE))
-        for _ in range(MAX_SWEEPS):
-            if not unsettled.size:
-                break
-            before = rho[..., unsettled]
-            rate[unsettled], after, trial[..., unsettled], length[..., unsettled] = (
-                _sweep(
-                    drive[unsettled],
-                    inertia[unsettled],
-                    before,
-                    tuple(part[..., unsettled] for part in brushes),
-                )
-            )
-            rho[..., unsettled] = after
-            worst = np.abs(after - before).max(axis=(0, 1))
-            unsettled = unsettled[worst > RHO_TOLERANCE]
-        self.rho = rho
-        return rate, trial, length
-
     def _slow(self, inertia: FloatArray, left_j: FloatArray) -> IntArray:
         """Keep the energy of motion within left_j [B], as the core does.
 
@@ -148,16 +111,16 @@ class Rotation(PhysicsEffect):
 
 
 def _sweep(
+    rho: FloatArray,
     drive: FloatArray,
     inertia: FloatArray,
-    rho: FloatArray,
-    brushes: tuple[FloatArray, ...],
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """One reweighting of the springs by rho: (rate [B], rho, stretch, its length).
-
-    brushes: (spring, stretch, across, limit, dt_s), as Rotation.turn has them.
-    """
-    brush, stretch, across, limit, dt_s = brushes
+    brush: FloatArray,
+    stretch: FloatArray,
+    across: FloatArray,
+    limit: FloatArray,
+    dt_s: FloatArray,
+) -> Swept:
+    """One reweighting of the springs by rho: (rate [B], rho, stretch, its length)."""
     spring = brush * rho
     along = (stretch * across[:, None]).sum(axis=0)
     pull = (spring * along).sum(axis=(0, 1))

@@ -91,6 +91,7 @@ class StepTape:
         self.agents_n[k][:, trials] = state.agents_n
         self.gripped[k, trials] = count > 0
         self.slips[k, trials] = (fast.any(axis=0) & touching).any(axis=0)
+        # a hand without contact does not slide
         self.slides[k, trials] = slides & (count > 0)
         self.slip_m[k, trials] = travelled_m / np.maximum(count, 1)
 
@@ -122,6 +123,7 @@ def forces_of(body: Body, state: State) -> FloatArray:
     shear = np.add.reduce(body.brush_n_per_m * state.stretch_m, axis=1)
     forces = np.empty((len(state.normal_n), 3, shear.shape[2]))
     forces[:, 0] = shear[0]
+    # the sensors of thumb and fingers face each other
     forces[:, 1] = shear[1] * -body.side
     forces[:, 2] = state.normal_n
     return forces
@@ -145,6 +147,7 @@ class ForceMean:
         A trial outside its window adds its forces times zero, which changes no bit and costs less
         than masking.
         """
+        # the next sample; a step that ends on it counts for it, whatever the rounding
         sample_s = np.ceil(at_s / self.period_s - 1e-6) * self.period_s
         within_s = np.maximum(at_s - (sample_s - self.window_s), 0.0)
         weight_s = np.minimum(dt_s, within_s)
@@ -176,6 +179,7 @@ def motions(
         grids.append(grid_of(trial, settings.rate_hz, settings.step_s, more))
     running = _Running(trials, settings, grids)
     n_steps = len(running.at_s)
+    # inputs of many steps at once: a call of numpy costs as much as a small batch
     for start in range(0, n_steps, CHUNK):
         running.leave(start)
         running.step_on(start, start + CHUNK)
@@ -201,6 +205,7 @@ class _Running:
         self.first = 0
         self.at_s, self.sample = _stack(grids)
         start_s = np.array([grid.start_s for grid in grids])
+        # every trial has steps of its own, so ends and starts are arrays
         self.before_s = np.vstack([start_s, self.at_s[:-1]])
         self.steps = np.array([len(grid.at_s) for grid in grids])
         self.body = body_of(trials, settings.pressure)
@@ -221,6 +226,7 @@ class _Running:
         batch = len(self.trials)
         ended = self.steps[self.first :] <= start
         count = batch if ended.all() else int(np.argmin(ended))
+        # numpy sums a single trial in another order than many
         count = min(count, batch - 2)
         if count < max(1, batch // WORTH_LEAVING):
             return
@@ -244,6 +250,7 @@ class _Running:
             self.tape.write(k, slice(first, None), state, self.travel_m)
             if mean is not None:
                 mean.add(self.body, state, at_s, dt_s)
+            # a step that ends at a sample leaves what the sensors feel
             sampled = (self.sample[k, first:] >= 0).nonzero()[0]
             if sampled.size:
                 self._sample(k, sampled)
@@ -280,6 +287,7 @@ def _stack(grids: Sequence[Grid]) -> tuple[FloatArray, IntArray]:
         n = len(grid.at_s)
         at_s[:n, trial], sample[:n, trial] = grid.at_s, grid.sample
         before_s, last_s = np.concatenate([[grid.start_s], grid.at_s])[-2:]
+        # the times go on, so that no step has length zero
         more = np.arange(1, longest - n + 1)
         at_s[n:, trial] = last_s + (last_s - before_s) * more
     return at_s, sample

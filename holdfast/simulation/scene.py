@@ -15,6 +15,7 @@ import numpy as np
 from holdfast.core.contract import FloatArray
 from holdfast.simulation.effect import (
     Drawn,
+    EffectBatch,
     PhysicsEffects,
     Signal,
     effect_named,
@@ -92,6 +93,7 @@ class Scene:
         trials = []
         for cell, (row, name) in enumerate(cells):
             for repetition in range(counts[cell]):
+                # numbered across cells first, so that a smaller set is a part of a larger one
                 number = repetition * len(cells) + cell
                 trials.append(self.trial(row, name, number))
         return trials
@@ -110,6 +112,7 @@ class Scene:
 
         done: called now and then with the number of trials stepped so far.
         """
+        # trials of similar length together: a batch lasts as long as its longest trial
         order = sorted(trials, key=lambda trial: (self._steps(trial), trial.number))
         size = -(-len(order) // max(1, round(len(order) / BATCH)))
         for start in range(0, len(order), size):
@@ -166,7 +169,7 @@ class Scene:
         for name, effect in self.physics_effects.items():
             drawn[name] = [self.draw(name, trial) for trial in trials]
             rngs = [self.rng(name, trial) for trial in trials]
-            made.append(effect.make(drawn[name], trials, rngs))
+            made.append(effect.make(EffectBatch(drawn[name], trials, rngs)))
         return drawn, made
 
     def _step_settings(self, made: list[Any], batch: int) -> StepSettings:
@@ -207,6 +210,7 @@ class Scene:
     ) -> tuple[Signal, dict[str, Drawn]]:
         """(signal in the scene's unit, draws) of forces [T, S, 3] at t_s [T] on the sensors."""
         signal = Signal(t_s, forces_n, np.ones(forces_n.shape[:2], dtype=np.bool_))
+        # the order in which effects act is that of EFFECT_MODULES
         drawn = {name: self.draw(name, trial) for name in self.sensor_effects}
         for name, effect in self.sensor_effects.items():
             if effect.in_scene_unit:

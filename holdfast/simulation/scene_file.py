@@ -244,6 +244,7 @@ class _SceneReader(CardReader):
         if not isinstance(names, list) or (action != "nothing" and not names):
             allowed = f"a list of {', '.join(objects)}"
             raise self.refused(f"{key}.objects", names, allowed)
+        # every name is checked, so that the error names the wrong one
         for name in names:
             if not isinstance(name, str) or name not in objects:
                 raise self.refused(f"{key}.objects", name, ", ".join(objects))
@@ -251,6 +252,7 @@ class _SceneReader(CardReader):
         given = {name: value for name, value in row.items() if name not in ROW_KEYS}
         self.require_known(given, table, f"{key}: {action}")
         style_values = styles[style]
+        # the file's values take precedence over those of the style
         values = style_values.get("all", {}) | style_values.get(action, {}) | given
         self.require_possible(key, values, table)
         counts = self.numbers(key, {"count": row.get("count", 1)}, COUNT)

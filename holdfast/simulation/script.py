@@ -59,6 +59,7 @@ class Times:
         close = drawn["close_at_s"]
         closed = close + drawn["closing_s"]
         act = closed + drawn["hold_s"]
+        # an action lasts until the hand is open, or until the other person has moved
         opens = _opens(trial, act)
         ends = act + _lasts(trial, act, opens) + drawn["tail_s"]
         return Times(close, _gives(trial, closed, act), act, opens, ends)
@@ -166,8 +167,10 @@ def grid_of(
     """
     times = Times.of(trial)
     n = int(np.floor(times.end * rate_hz))
+    # nothing moves before the hand begins to close
     first = int(np.clip(np.floor((times.close - BEFORE_S) * rate_hz), 0, n - 1))
     opened_s = times.open + trial.drawn.get("opening_s", 0.0) + SETTLE_S
+    # and nothing after it has opened
     stop = int(min(n, np.ceil(opened_s * rate_hz)))
     index = np.arange(first, max(stop, first + 1))
     from_s = index / rate_hz
@@ -192,6 +195,7 @@ def _drawn(trials: Sequence[PlannedTrial], name: str) -> FloatArray:
 
 def body_of(trials: Sequence[PlannedTrial], pressure: FloatArray) -> Body:
     """Constants of a batch; pressure [E]: share of the normal on each brush element."""
+    # tilt and roll turn the direction of gravity in the hand's frame
     hand, objects = trials[0].hand, [trial.object for trial in trials]
     tilt = np.radians(_drawn(trials, "tilt_deg"))
     roll = np.radians(_drawn(trials, "roll_deg"))
@@ -203,6 +207,7 @@ def body_of(trials: Sequence[PlannedTrial], pressure: FloatArray) -> Body:
     friction = np.array([held.friction for held in objects])
     friction = friction * _drawn(trials, "friction_factor")
     elements = len(pressure)
+    # each element of the brush has an equal part of a finger's stiffness along the skin
     spring = _drawn(trials, "shear_ratio") * finger / elements
     return Body(
         mass_kg=np.array([held.mass_g * 1e-3 for held in objects]),
@@ -243,6 +248,7 @@ class Script:
         self.takes = self.passes | (actions == "pull")
         self.boxed = boxed or bool(self.sets_down.any())
         grips_n = np.stack([trial.grip_n * trial.share for trial in trials], axis=1)
+        # how far past contact a finger must close for its share of the grip
         self.closed_m = grips_n / body.stiffness_n_per_m
         self.push = np.stack([trial.push for trial in trials], axis=1)
         self.weight_n = body.mass_kg * GRAVITY_M_S2
@@ -263,6 +269,7 @@ class Script:
             people.append(self._taker(t_s))
         if self.holds.any():
             people.append(self._disturber(t_s, pulse))
+        # a person who does nothing costs nothing
         acting = [_acts(person) for person in people]
         box = self._box(t_s) if self.boxed else None
         inputs = []
@@ -286,6 +293,7 @@ class Script:
         if not self.holds.any():
             return np.zeros_like(t_s)
         since, every = t_s - self.act_s, self.drawn("every_s", 1.0)
+        # which disturbance, and how far it has gone
         number = np.floor(since / every)
         progress = (since - number * every) / self.drawn("pulse_s", 1.0)
         within = np.sin(np.pi * np.clip(progress, 0.0, 1.0))
@@ -298,6 +306,7 @@ class Script:
     ) -> FloatArray:
         grip = (1.0 + self.drawn("grip_change") * pulse) * share
         closure = shut * (OPEN_GAP_M + self.closed_m * grip) - OPEN_GAP_M
+        # dq: only the fingers are driven, the thumb stands still
         motor_m = 1e-3 * self.drawn("motor_mm") * pulse * shut
         closure[self.body.thumb :] += motor_m
         return closure
@@ -317,8 +326,10 @@ class Script:
         )
         there = 1.0 - smooth((t_s - self.give_s) / lasts)
         if self.holds.any():
+            # the person of a disturbed hold comes back before the hand opens
             back = smooth((t_s - self.open_s + CATCH_S) / (0.5 * CATCH_S))
             there = np.where(self.holds, np.maximum(there, back), there)
+        # below critical damping, as a human arm
         damping = 2.0 * DAMPING_RATIO * np.sqrt(GIVER_N_PER_M * self.body.mass_kg)
         still = np.zeros((len(t_s), *self.push.shape))
         return Pull(
@@ -332,6 +343,7 @@ class Script:
 
     def _taker(self, t_s: FloatArray) -> Pull:
         """The person who takes the object (gently, with its weight) or tears at it."""
+        # a taker who has not come yet does nothing
         grasped = self.takes & (t_s >= self.act_s)
         start, move_s = self.act_s + self.drawn("wait_s"), self.drawn("move_s", 1.0)
         u = np.clip((t_s - start) / move_s, 0.0, 1.0)

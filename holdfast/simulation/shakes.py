@@ -9,8 +9,8 @@ import numpy as np
 
 from holdfast.core.contract import FloatArray
 from holdfast.simulation.effect import (
-    Drawn,
     Effect,
+    EffectBatch,
     Interval,
     Parameter,
     PhysicsEffect,
@@ -27,11 +27,6 @@ def _directions(rngs: Sequence[np.random.Generator]) -> FloatArray:
     return raw / np.sqrt((raw * raw).sum(axis=0))
 
 
-def _values(drawn: Sequence[Drawn], name: str) -> FloatArray:
-    """[B] one parameter of every trial."""
-    return np.array([d[name] for d in drawn])
-
-
 class Arm(PhysicsEffect):
     """Reaches of the arm, forth and back, with minimum jerk (Flash & Hogan, J. Neurosci. 5, 1985).
 
@@ -41,17 +36,12 @@ class Arm(PhysicsEffect):
 
     kind = "shakes"
 
-    def __init__(
-        self,
-        drawn: Sequence[Drawn],
-        trials: Sequence[object],
-        rngs: Sequence[np.random.Generator],
-    ) -> None:
-        self.along = _directions(rngs) * _values(drawn, "amplitude_m")
-        self.start_s = _values(drawn, "at_s")
-        self.lasts_s = _values(drawn, "lasts_s")
-        self.cycle_s = self.lasts_s + _values(drawn, "rest_s")
-        self.count = np.round(_values(drawn, "count"))
+    def __init__(self, batch: EffectBatch) -> None:
+        self.along = _directions(batch.rngs) * batch.values("amplitude_m")
+        self.start_s = batch.values("at_s")
+        self.lasts_s = batch.values("lasts_s")
+        self.cycle_s = self.lasts_s + batch.values("rest_s")
+        self.count = np.round(batch.values("count"))
 
     def _reach(
         self, t_s: FloatArray, of: int | slice
@@ -99,17 +89,12 @@ class Tremor(PhysicsEffect):
 
     kind = "shakes"
 
-    def __init__(
-        self,
-        drawn: Sequence[Drawn],
-        trials: Sequence[object],
-        rngs: Sequence[np.random.Generator],
-    ) -> None:
-        amplitude = _values(drawn, "amplitude_m_s2") / WAVES
-        self.along = [_directions(rngs) * amplitude for _ in range(WAVES)]
-        self.phase = self._uniform(rngs, 0.0, 2.0 * np.pi)
-        self.rate = 2.0 * np.pi * _values(drawn, "frequency_hz")
-        self.detune = self._uniform(rngs, 0.85, 1.15)
+    def __init__(self, batch: EffectBatch) -> None:
+        amplitude = batch.values("amplitude_m_s2") / WAVES
+        self.along = [_directions(batch.rngs) * amplitude for _ in range(WAVES)]
+        self.phase = self._uniform(batch.rngs, 0.0, 2.0 * np.pi)
+        self.rate = 2.0 * np.pi * batch.values("frequency_hz")
+        self.detune = self._uniform(batch.rngs, 0.85, 1.15)
 
     @staticmethod
     def _uniform(rngs: Sequence[np.random.Generator], low: float, high: float) -> Any:
@@ -131,14 +116,9 @@ class Knock(PhysicsEffect):
 
     kind = "shakes"
 
-    def __init__(
-        self,
-        drawn: Sequence[Drawn],
-        trials: Sequence[object],
-        rngs: Sequence[np.random.Generator],
-    ) -> None:
-        self.along = _directions(rngs) * _values(drawn, "peak_m_s2")
-        self.at_s, self.lasts_s = _values(drawn, "at_s"), _values(drawn, "lasts_s")
+    def __init__(self, batch: EffectBatch) -> None:
+        self.along = _directions(batch.rngs) * batch.values("peak_m_s2")
+        self.at_s, self.lasts_s = batch.values("at_s"), batch.values("lasts_s")
 
     def acceleration_m_s2(self, t_s: FloatArray) -> FloatArray:
         """[3, B] of the hand."""

@@ -41,6 +41,7 @@ def csv_bytes(header: Sequence[str], columns: Sequence[Column]) -> bytes:
     for decimals, alike in groupby(columns, key=lambda column: column[1]):
         values = np.stack([np.asarray(column[0], np.float64) for column in alike], 1)
         parts.append(_cells(values, decimals).reshape(rows, -1))
+    # the comma after the last column ends the row instead
     parts[-1][:, -1] = NEWLINE
     return head + np.hstack(parts).tobytes().translate(None, b" ")
 
@@ -53,6 +54,7 @@ def _cells(values: FloatArray, decimals: int) -> Letters:
         raise ValueError("a value is infinite or has more digits than float64 holds")
     scaled = np.rint(known * 10.0**decimals)
     left = np.abs(scaled)
+    # every cell of the block is as wide as its longest
     most = left.max()
     before_point = max(len(str(int(most))) - decimals, len(NAN) - 1)
     # sign, digits, point, decimals, comma
@@ -60,6 +62,7 @@ def _cells(values: FloatArray, decimals: int) -> Letters:
     letters = np.empty((*values.shape, width), dtype=np.uint8)
     letters[..., 0] = np.where(scaled < 0.0, MINUS, BLANK)
     letters[..., -1] = COMMA
+    # 32 bits divide faster
     digits: Whole = left.astype(np.uint32 if most < 2**32 else np.uint64)
     digits = _write_decimals(digits, letters[..., 1:-1], decimals)
     _write_whole(digits, letters[..., 1 : 1 + before_point])

@@ -117,6 +117,7 @@ def truth_of(trial: PlannedTrial, motion: TrialMotion, *, acted: bool = False) -
 
     acted: the hand had a controller; then a slip that it stopped ends as a grasp.
     """
+    # a sample lasts until the next one would come
     end_s = 2.0 * float(motion.t_s[-1]) - float(motion.t_s[-2])
     if not motion.gripped.any():
         return Truth(None, None, None, None, None, 0.0, ((0.0, NOTHING),), end_s)
@@ -150,6 +151,7 @@ def load_onset(motion: TrialMotion, act_s: float) -> int | None:
     first = int(np.searchsorted(motion.at_s, act_s))
     if first >= len(motion.at_s):
         return None
+    # compared with the last step before the action
     change = motion.agents_n - motion.agents_n[max(first - 1, 0)]
     return _first(np.sqrt((change * change).sum(axis=1)) > LOAD_N, first)
 
@@ -181,6 +183,7 @@ def _stopped(marks: list[Mark], motion: TrialMotion, lost: int) -> list[Mark]:
     """The marks, and a grasp from the last slip on where the object stays in the hand."""
     if lost < len(motion.at_s) or marks[-2][1] != RISKY_SLIP:
         return marks
+    # what stays in the hand has been stopped
     still = int(np.flatnonzero(motion.slips)[-1]) + 1
     if still >= len(motion.at_s):
         return marks
@@ -198,6 +201,7 @@ def _transferred(
         return None
     given = motion.agents_n - motion.agents_n[onset - 1]
     size = np.sqrt((given * given).sum(axis=1))
+    # the force that people and box carry in the pause before the hand opens
     plateau = float(size[before_opening][-1])
     taken = _first(size >= TRANSFERRED * plateau, onset)
     return float(motion.at_s[onset if taken is None else taken])

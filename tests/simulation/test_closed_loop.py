@@ -235,16 +235,6 @@ def test_an_override_lets_the_object_go_and_reaches_the_controller(
     assert strong.overrode_s < strong.lost_s < strong.overrode_s + 0.5
 
 
-def test_the_signal_to_open_comes_before_the_hand_opens(
-    resisted: tuple[ClosedLoop, Firm, list[LoopOutcome]],
-) -> None:
-    _, firm, outcomes = resisted
-    for lane, one in enumerate(outcomes[:2]):
-        at_s = np.array([t_s[lane] for t_s, _ in firm.noted])
-        first_s = at_s[[sense.opening[lane] for _, sense in firm.noted]].min()
-        assert 0.07 < one.opens_s - first_s < 0.15
-
-
 def test_a_pull_is_capped_but_for_the_damping_of_the_arm(
     resisted: tuple[ClosedLoop, Firm, list[LoopOutcome]],
 ) -> None:

@@ -85,13 +85,6 @@ def test_a_small_step_is_critically_damped(lag_ms: float, step_n: float) -> None
     assert np.abs(share - expected).max() < 0.04
 
 
-def test_a_longer_lag_is_a_later_grip() -> None:
-    reached = [
-        grips(drive_of(lag_ms=lag), 40.0, 0.1)[-1] for lag in (0.0, 20.0, 50.0, 100.0)
-    ]
-    assert (np.diff(reached, axis=0) < 0.0).all()
-
-
 def test_the_fingers_follow_a_change_of_direction_after_the_backlash() -> None:
     actuator = drive_of(lag_ms=0.0, backlash_mm=0.5)
     up = grips(actuator, actuator.own_n + 5.0, 0.5)[-1]

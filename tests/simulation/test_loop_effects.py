@@ -4,7 +4,6 @@ batch."""
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -14,9 +13,9 @@ import pytest
 from holdfast.core.contract import FloatArray
 from holdfast.simulation import contacts, rotation, shakes
 from holdfast.simulation.body import Body, Inputs, Pull, State, at_rest
-from holdfast.simulation.contacts import Lag, Texture, pressure
+from holdfast.simulation.contacts import Lag, pressure
 from holdfast.simulation.core import kinetic_j, normal_j, step
-from holdfast.simulation.effect import PhysicsEffects, stream
+from holdfast.simulation.effect import EffectBatch, PhysicsEffects, stream
 from holdfast.simulation.objects import OBJECTS
 from holdfast.simulation.rotation import Rotation, gyration_m2
 
@@ -45,7 +44,7 @@ def make(
         effect.draw(options, stream(7, number, f"{name} parameters"))
         for number in numbers
     ]
-    return effect.make(drawn, trials, rngs)
+    return effect.make(EffectBatch(drawn, trials, rngs))
 
 
 def body(
@@ -245,35 +244,6 @@ def test_a_finger_that_left_remembers_nothing() -> None:
         inputs=lambda t: Inputs(shut(depth_m=-1e-3)),
     )
     assert not lag.held_n.any()
-
-
-@pytest.mark.parametrize("dt_s", [4e-4, 2e-3, 5e-3])
-def test_a_branch_that_never_relaxes_is_a_stiffer_finger_while_the_hand_closes(
-    dt_s: float,
-) -> None:
-    # the thumb pushes the object aside
-    reach = np.array([1.0, 1.0, 0.2, 0.2, 0.2, 0.2])[:, None] * np.ones(2)
-
-    def closing(t_s: float) -> Inputs:
-        return Inputs(min(t_s / 0.4, 1.0) * reach * (DEPTH_M + 1e-3) - 1e-3)
-
-    def place_m(what: Body, effects: PhysicsEffects) -> FloatArray:
-        start = at_rest(what, closing(0.0).closure_m)
-        return run(
-            what,
-            dt_s,
-            int(0.5 / dt_s),
-            effects,
-            closing,
-            lambda s: s.position_m[0].copy(),
-            start,
-        )[1]
-
-    soft = body(gravity_m_s2=0.0, damping_s=2e-3)
-    stiff = replace(soft, stiffness_n_per_m=1.4 * soft.stiffness_n_per_m)
-    lagging = place_m(soft, PhysicsEffects(lags=(make("lag", ratio=0.4, time_s=1e6),)))
-    assert lagging[-1].min() > 2e-3
-    assert np.abs(lagging - place_m(stiff, PhysicsEffects())).max() < 2e-6
 
 
 # rotation
@@ -542,10 +512,3 @@ def test_a_lane_has_the_same_numbers_in_any_batch() -> None:
     assert ends[0][5] == ends[1][5] == ends[2][5]
     assert ends[0][2] == ends[2][2]
     assert ends[0][2] != ends[0][3]
-
-
-def test_every_effect_is_of_the_loop_and_says_when_it_is_busy() -> None:
-    assert {effect.stage for effect in EFFECTS.values()} == {"physics"}
-    for name in EFFECTS.keys() - {"brush"}:
-        assert bool(make(name).busy_s(0)) == (name in ("arm", "tremor", "knock"))
-    assert isinstance(make("texture"), Texture)

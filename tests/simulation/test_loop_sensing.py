@@ -4,7 +4,6 @@ bit."""
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -122,24 +121,3 @@ def test_any_effects_together_row_by_row_are_those_of_the_whole_trial(
 ) -> None:
     names = [*({"dipole", *fields} if fields or unit == "uT" else ()), *others]
     require_same(scene_with(sorted(names), tmp_path, seed, unit), seed)
-
-
-def test_a_stuck_sensor_repeats_its_value_and_is_found_out_after_20_ms(
-    tmp_path: Path,
-) -> None:
-    stuck = card_text(
-        row("pull", "count = 3"),
-        effects="[effects.stale_sensor]\nsensors = [2]\nat_s = 0.1\nlasts_s = 0.1\n",
-    )
-    scene, forces_n = scene_of(tmp_path, stuck), touched(4)
-    sensors = LoopSensors(scene, scene.trials(), COUNTS)
-    seen: list[Any] = [
-        sensors.read(np.array([k] * 3), forces_n[k])[0] for k in range(40)
-    ]
-    values = np.array([one.values[:, 1] for one in seen])
-    valid = np.array([one.valid for one in seen])
-    assert (values[15:30] == values[14]).all()
-    assert (values[30] == forces_n[30, :, 1]).all()
-    assert not valid[19:30, :, 1].any()
-    assert valid[:18].all()
-    assert np.delete(valid, 1, axis=2).all()

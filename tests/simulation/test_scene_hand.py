@@ -113,18 +113,6 @@ def test_the_thesis_hand_is_the_default(tmp_path):
     )
 
 
-@pytest.mark.usefixtures("texture_in_any_step")
-def test_a_card_that_says_the_default_hand_gives_the_same_bytes(tmp_path):
-    text = ROWS + EVERY_LOOP_EFFECT + SENSOR
-    for one, other in zip(
-        trials_of(tmp_path, text),
-        trials_of(tmp_path, text + "[hand]\nthumb = 2\nfinger = 1\n"),
-        strict=True,
-    ):
-        assert one.signal.values.tobytes() == other.signal.values.tobytes()
-        assert one.truth == other.truth
-
-
 def test_a_finger_on_four_places_holds_as_the_same_finger_on_one(tmp_path):
     """Its places bear together what the finger on one bore, and the object moves alike, through
     slip and all."""

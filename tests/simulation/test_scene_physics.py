@@ -366,26 +366,3 @@ def test_slip_time_is_first_order_in_the_step():
     order = np.polyfit(np.log(steps), np.log(errors), 1)[0]
     assert 0.6 < order < 1.4
     assert errors[1] < 1e-3
-
-
-def test_lanes_do_not_know_each_other_and_step_by_themselves():
-    rng = np.random.default_rng(0)
-    lanes = 9
-    held = body(lanes, ball=True)
-    closure = closed(held, 6.0) * rng.uniform(0.5, 1.5, (6, lanes))
-    dt_s = rng.choice([1e-4, 8e-4, 6e-3], lanes)
-    start = thrown(held, closure, rng, 0.2)
-    together = replace(start)
-    go(held, together, Inputs(closure), dt_s, 60)
-    for pair in ([0, 4], [7, 8]):
-        arrays = {
-            name: value[..., pair]
-            for name, value in vars(held).items()
-            if isinstance(value, np.ndarray) and name != "pressure"
-        }
-        alone = State(
-            **{name: value[..., pair].copy() for name, value in vars(start).items()}
-        )
-        go(replace(held, **arrays), alone, Inputs(closure[:, pair]), dt_s[pair], 60)
-        for name, value in vars(alone).items():
-            assert value.tobytes() == getattr(together, name)[..., pair].tobytes(), name

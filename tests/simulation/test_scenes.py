@@ -18,11 +18,10 @@ from holdfast.core.trial_file import read_trial
 from holdfast.drivers.replay import Replay
 from holdfast.live.sources import open_source
 from holdfast.simulation import SCENES
-from holdfast.simulation import scene as scenes
 from holdfast.simulation.effect import EFFECT_MODULES, module_effects
 from holdfast.simulation.folder import write_set
 from holdfast.simulation.scene import Scene, SimulatedTrial
-from holdfast.simulation.scene_file import SceneFile, read_scene_file
+from holdfast.simulation.scene_file import read_scene_file
 from holdfast.training.datasets.thesis import load
 from holdfast.training.timeline import read_truth
 
@@ -191,11 +190,6 @@ def test_adding_an_effect_leaves_the_draws_of_the_others_alone(tmp_path, plain, 
         assert one.signal.t_s.tobytes() == other.signal.t_s.tobytes()
         assert {name: other.effects[name] for name in one.effects} == one.effects
         assert one.motion.forces_n.tobytes() == other.motion.forces_n.tobytes()
-
-
-def test_a_loop_effect_changes_no_trial_s_script(tmp_path, core):
-    shaken = trials_of(make(tmp_path, COARSE + "[effects.tremor]\n"))
-    assert [one.trial.drawn for one in core] == [one.trial.drawn for one in shaken]
 
 
 @pytest.mark.usefixtures("texture_in_any_step")
@@ -414,9 +408,3 @@ def test_truth_comes_from_the_core_and_not_from_a_noisy_channel(tmp_path, core):
         )
     )
     assert [one.truth for one in noisy] == [one.truth for one in core]
-
-
-def test_a_card_knows_its_scene(tmp_path):
-    card: SceneFile = make(tmp_path).file
-    assert scenes.Scene(card, 0).physics_effects == {}
-    assert len(card.sha256) == 64
