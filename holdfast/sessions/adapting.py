@@ -21,7 +21,6 @@ import numpy as np
 
 from holdfast.core.contract import RISKY_SLIP, BoolArray
 from holdfast.core.errors import TooLittleToAdapt, UsageError
-from holdfast.core.reading import Json
 from holdfast.edge_runtime.decision import DecisionRules
 from holdfast.edge_runtime.model import Model
 from holdfast.edge_runtime.model_file import ModelCard, read_sealed, votes_in_all
@@ -48,17 +47,22 @@ from holdfast.training.datasets import load
 from holdfast.training.progress import Part, Say, ignored
 from holdfast.training.recording import DataSet
 
-LEAST_HAND_OVERS, LEAST_HOLDING_S, LEAST_SLIPS = 8, 40.0, 40
+LEAST_HAND_OVERS = 8
+LEAST_HOLDING_S = 40.0
+LEAST_SLIPS = 40
 LEAST_RECALL = 0.99
 """Of the others' slips, with the trial held out; or the base's own recall where that is less."""
 FOLDS = 4
 NATS = (-1.0, -0.5, 0.0, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0)
 """How far the logit of a correction is moved."""
-PERMILLE, FINER = (400, 500, 600, 700), tuple(range(400, 1000, 50))
+PERMILLE = (400, 500, 600, 700)
+FINER = tuple(range(400, 1000, 50))
 """Thresholds with a correction, whose place moves more finely, and without one."""
 LONGER = (0, 1)
 """Samples that an act needs beyond the base's."""
-SCENE, TRIALS, SEED = "thesis", 300, 1
+SCENE = "thesis"
+TRIALS = 300
+SEED = 1
 """Of simulated slips. Models are trained on seed 0."""
 
 
@@ -115,43 +119,29 @@ def adapt(
     others = others_of()
     require_slips(others)
     say(f"running the model on {counts.trials} trials of the person")
-    own = streams_of(model, person, part)
-    say(
-        f"running the model on {len(others.recordings)} recordings with slips ({others.name})"
-    )
-    return adapt_streams(model, own, streams_of(model, others, part), counts, say)
-
-
-def adapt_streams(
-    model: Model,
-    person: Sequence[Stream],
-    others: Sequence[Stream],
-    counts: PersonCounts,
-    say: Say = ignored,
-) -> Fitted:
-    """Adapt from computed answers. counts: what the person's recordings hold."""
+    of_person = streams_of(model, person, part)
+    slips = f"{len(others.recordings)} recordings with slips ({others.name})"
+    say(f"running the model on {slips}")
+    of_others = streams_of(model, others, part)
+    say("fitting the correction, each trial held out in turn")
     in_all = votes_in_all(model.card.raw["heads"]["situation"])
     weights = label_weights(model)
-    say("fitting the correction, each trial held out in turn")
-    wanted = in_all if any(len(one.row) for one in person) else None
-    point = choose(person, others, model.card.decision, weights, wanted)
-    correction = correction_at(point, person, others, in_all)
-    about = _about(counts, others, point)
-    return Fitted(Adaptation(correction, point.rules, about), point, [*person, *others])
-
-
-def _about(
-    counts: PersonCounts, others: Sequence[Stream], point: OperatingPoint
-) -> Json:
-    """What the card says of an adaptation: counts and figures, no name of a person or a folder."""
-    return {
+    # Without a sample that may be called risky, only the decision's parameters can be adapted.
+    has_rows = any(len(stream.row) for stream in of_person)
+    rules = model.card.decision
+    point = choose(of_person, of_others, rules, weights, in_all if has_rows else None)
+    correction = correction_at(point, of_person, of_others, in_all)
+    # Counts and figures only: no name of a person or a folder goes into a model file.
+    about = {
         "person": asdict(counts),
         "others": {
-            "recordings": len(others),
-            "slips": sum(len(one.recording.events) for one in others),
+            "recordings": len(of_others),
+            "slips": sum(len(stream.recording.events) for stream in of_others),
         },
         "held_out": asdict(point.reached),
     }
+    adaptation = Adaptation(correction, point.rules, about)
+    return Fitted(adaptation, point, [*of_person, *of_others])
 
 
 # -- the operating point
@@ -173,13 +163,15 @@ def choose(
     else:
         fits = []
         for fold in range(FOLDS):
-            seen = _without(person, fold), _without(others, fold)
-            fits.append(fit_correction(*seen, votes_in_all))
+            seen = _without(person, fold)
+            seen_others = _without(others, fold)
+            fits.append(fit_correction(seen, seen_others, votes_in_all))
         for nats in NATS:
             points += trials.points([moved(fit, nats) for fit in fits], nats, PERMILLE)
     (before,) = trials.points(as_it_is, None, (base.min_risky_permille,), (0,))
     least = min(LEAST_RECALL, before.reached.recall)
     enough = [point for point in points if point.reached.recall >= least]
+    # No point may keep the recall where the person's hand-overs look like slips.
     if not enough:
         return max(points, key=lambda point: point.reached.recall)
     return min(enough, key=_cost)
@@ -256,7 +248,8 @@ def _called_samples(
     answers: Sequence[Answers], rules: DecisionRules, permille: int
 ) -> int:
     """Samples that are risky, together with others, for as long as an act needs."""
-    needed, total = np.ones(rules.act_samples), 0
+    needed = np.ones(rules.act_samples)
+    total = 0
     for one in answers:
         risky = (one.situation == RISKY_SLIP) & (one.risky_permille >= permille)
         lasting = np.convolve(risky, needed, "valid") >= len(needed)
@@ -269,7 +262,11 @@ def _reached(
     answers: Sequence[Answers], requests: Sequence[BoolArray], called_samples: int
 ) -> HeldOutFigures:
     """Figures of trials with slips, and of hand-overs, which are in trials without."""
-    slips, acted, before, hand_overs, called = 0, 0, 0, 0, 0
+    slips = 0
+    acted = 0
+    before = 0
+    hand_overs = 0
+    called = 0
     for one, on in zip(answers, requests, strict=True):
         for outcome in match_alarms(one.recording, on).outcomes:
             slips += 1

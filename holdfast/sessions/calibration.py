@@ -72,6 +72,7 @@ def fit(
     n_sensors = field.shape[1]
     if reversed_ is None:
         reversed_ = np.zeros(n_sensors, dtype=np.bool_)
+    # Through the resting field: no load means no force, whatever the rows say.
     rest = 0.0 if rest_ut is None else rest_ut
     moved = turn(reversed_) * (field - rest)
     matrix = _solve(moved, force)
@@ -130,7 +131,8 @@ def _loaded_axes(force: FloatArray) -> BoolArray:
 
 def _solve(moved: FloatArray, force: FloatArray) -> FloatArray:
     """[S, 3, 3] by least squares; zeros for axes that were not measured."""
-    n_sensors, loaded = moved.shape[1], _loaded_axes(force)
+    n_sensors = moved.shape[1]
+    loaded = _loaded_axes(force)
     flat = moved.reshape(len(moved), -1)
     solution, _, rank, _ = np.linalg.lstsq(flat, force[:, loaded], rcond=None)
     if rank < loaded.sum():
@@ -252,7 +254,9 @@ def _trees_rmse_n(loads: LoadSet, seed: int) -> FloatArray:
     """[G, 3] RMSE of extra trees on each probing, fitted to the others, N."""
     from sklearn.ensemble import ExtraTreesRegressor
 
-    field, force, blocks = loads.field_ut, loads.force_n, loads.blocks
+    field = loads.field_ut
+    force = loads.force_n
+    blocks = loads.blocks
     field = field.reshape(len(blocks), -1)
     axes = np.flatnonzero(np.isfinite(force).all(axis=0))
     force = force[:, axes]
@@ -260,6 +264,7 @@ def _trees_rmse_n(loads: LoadSet, seed: int) -> FloatArray:
     for block in range(len(loads.probings)):
         out = blocks == block
         model = ExtraTreesRegressor(N_TREES, min_samples_leaf=3, random_state=seed)
+        # One axis is a vector to scikit-learn, several are a matrix.
         model.fit(field[~out], force[~out].squeeze())
         error = model.predict(field[out]).reshape(-1, len(axes)) - force[out]
         rmse[block, axes] = np.sqrt(np.mean(error**2, axis=0))

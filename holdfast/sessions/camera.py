@@ -38,11 +38,13 @@ from holdfast.live.hand_sources import scene_of
 from holdfast.live.running import say
 from holdfast.sessions.onset import doubt
 
-FPS, EXPOSURE_MS = 60.0, 2.0
+FPS = 60.0
+EXPOSURE_MS = 2.0
 """Of an OAK camera, where nothing else is given."""
 SCENE = "scene"
 LONGEST_S = 36_000.0
-LONGEST_START_S, LONGEST_END_S = 40.0, 120.0
+LONGEST_START_S = 40.0
+LONGEST_END_S = 120.0
 FIRST_FRAME_POLL_S = 0.02
 POLL_NS = 10_000_000
 NICE = 5
@@ -131,7 +133,8 @@ class CameraProcess:
 
     def start(self, folder: Path) -> None:
         """Film into a trial's folder; returns when frames arrive. Raises CameraUnavailable."""
-        self._folder, self._reported = folder, False
+        self._folder = folder
+        self._reported = False
         options = json.dumps({**self.options, "out": str(folder)})
         command = [sys.executable, "-m", "holdfast.sessions.camera", options]
         with (folder / LOG).open("wb") as log:

@@ -47,13 +47,15 @@ from holdfast.sessions.calibration import PUBLISHED_N, LoadSet, Probing, fit
 UNITS_N = {"newton": 1.0, "gram-force": 9.80665e-3, "millinewton": 1e-3}
 LARGEST_PLAUSIBLE_N = 200.0
 """More than an arm can push into a palm-sized printed pad."""
-LEAST_RATIO, MOST_RATIO = 0.05, 1.0
+LEAST_RATIO = 0.05
+MOST_RATIO = 1.0
 """Of a network's published error to that of a linear map of the same readings."""
 MOST = 1e12
 """No field, force or time is larger."""
 FORCES = ("Fx", "Fy", "Fz")
 CHANNEL = re.compile(r"[XYZ]([1-9][0-9]{0,2})")
-UNLOADED_N, LOADED_N = 0.3, 1.0
+UNLOADED_N = 0.3
+LOADED_N = 1.0
 MIN_UNLOADED = 5
 """Rows below UNLOADED_N that end a probing once LOADED_N was passed."""
 NO_LOAD = -1.0
@@ -107,7 +109,8 @@ def _csv_set(path: Path) -> LoadSet:
     field, force = _read_csv(path)
     whole = np.isfinite(field).all(axis=(1, 2)) & np.isfinite(force).all(axis=1)
     n_lost = int((~whole).sum())
-    field, force = field[whole], force[whole]
+    field = field[whole]
+    force = force[whole]
     starts = probing_starts(np.linalg.norm(force, axis=1))
     if len(starts) < 2:
         raise TooFewGroups(
@@ -117,7 +120,8 @@ def _csv_set(path: Path) -> LoadSet:
             f"then stay below {UNLOADED_N:g} N for {MIN_UNLOADED} rows",
             next_step="press every fingertip at least twice, with a pause",
         )
-    probings, rests = [], []
+    probings = []
+    rests = []
     for first, stop in zip(starts, [*starts[1:], len(force)], strict=True):
         load = force[first:stop]
         loaded = np.flatnonzero(np.linalg.norm(load, axis=1) >= UNLOADED_N)
@@ -139,6 +143,7 @@ def probing_starts(load_n: FloatArray) -> list[int]:
     >>> probing_starts(np.array([0.0] * 6 + [2.0] * 3 + [0.0] * 6 + [2.0] + [0.0] * 7))
     [0, 9]
     """
+    # A short dip below the limit within a press is no pause.
     unloaded: BoolArray = load_n < UNLOADED_N
     padded = np.concatenate([[False], unloaded, [False]])
     # Each run of unloaded rows begins at one edge and ends before the next.
@@ -207,7 +212,9 @@ def _probed_set(folder: Path, axis: int) -> LoadSet:
             where=folder,
             next_step="one is left out: give at least two",
         )
-    probings, depths_mm, n_missing = [], [], 0
+    probings = []
+    depths_mm = []
+    n_missing = 0
     for path in paths:
         probing, depth_mm, missing = _read_probing(path, axis)
         probings.append(probing)
@@ -249,7 +256,8 @@ def _read_probing(folder: Path, axis: int) -> tuple[Probing, FloatArray, int]:
             where=folder,
             next_step="time and three columns a sensor; time, x, y, z, load; row for row",
         )
-    height_mm, load = states[:, 3], states[:, 4]
+    height_mm = states[:, 3]
+    load = states[:, 4]
     read = load != NO_LOAD
     if (load[read] < 0.0).any():
         raise UnitError(
@@ -260,6 +268,7 @@ def _read_probing(folder: Path, axis: int) -> tuple[Probing, FloatArray, int]:
     loads = np.full((int(read.sum()), 3), np.nan)
     loads[:, axis] = load[read]
     moved = field[read, 1:].reshape(len(loads), -1, 3)
+    # The arm's height falls as the probe goes down.
     depth_mm = height_mm.max() - height_mm[read]
     return Probing(folder.name, moved, loads), depth_mm, int((~read).sum())
 
@@ -277,13 +286,15 @@ def load_unit(
     linear = fit(field_ut, load, np.repeat(np.arange(len(rows)), rows))
     linear_rmse = float(np.sqrt(np.mean(linear.held_out_n[:, axis] ** 2)))
     published = PUBLISHED_N["normal" if axis == NORMAL_AXIS else "shear"]
-    readings, largest = load[:, axis], load[:, axis].max()
+    readings = load[:, axis]
+    largest = load[:, axis].max()
     # The first half of a press is soft: the probe finds the pad.
     deep = depth_mm > 0.5 * depth_mm.max()
     per_mm = float(np.polyfit(depth_mm[deep], readings[deep], 1)[0])
     step = float(np.round(np.diff(np.unique(readings)).min(), 6))
     reach = f"up to {largest:.0f} at {depth_mm.max():.0f} mm"
-    lines, possible = [f"load column: steps of {step:g}, {reach}"], []
+    lines = [f"load column: steps of {step:g}, {reach}"]
+    possible = []
     for unit, newton in UNITS_N.items():
         ratio = published / (linear_rmse * newton)
         is_plausible = largest * newton < LARGEST_PLAUSIBLE_N

@@ -38,7 +38,8 @@ if TYPE_CHECKING:
     from holdfast.drivers.camera.onset import Slip
 
 
-OBJECT_TAG, HAND_TAG = 0, 1
+OBJECT_TAG = 0
+HAND_TAG = 1
 RISKY = (*RISKY_ACTIONS, "hold")
 ACTIONS = (*RISKY, *VOLUNTARY_ACTIONS)
 PROVENANCE = "camera"
@@ -277,6 +278,7 @@ def _label(action: str | None, path: Path) -> str:
 def _write_events(folder: Path, phases: list[Json]) -> Path:
     """Write a line for each phase to events.jsonl; earlier lines of a camera are replaced."""
     path = folder / EVENTS
+    # Found again, a label replaces the one of an earlier run.
     events = [one for one in read_events(path) if one.get("provenance") != PROVENANCE]
     lines = [f"{json.dumps(event)}\n" for event in (*events, *phases)]
     write_whole(path, "".join(lines))

@@ -50,7 +50,8 @@ AT_ONCE = 32
 """Recordings whose features are in memory together."""
 NO_EVENT = -1
 OUTPUTS = ("situation", "votes", "unknown", "features")
-TOP, ROUNDS = 3, 4
+TOP = 3
+ROUNDS = 4
 OF_PERSON = 0.9
 """Share of the weight of all samples that are no slip, for those of the person."""
 SCALE = 2000.0
@@ -118,7 +119,8 @@ def label_weights(model: Model) -> LabelWeights:
 def stream_of(recording: Recording, outputs: Outputs) -> Stream:
     """The candidate rows of a recording. outputs: OUTPUTS at every sample."""
     votes = outputs["votes"].astype(np.int64)
-    permille, known = risky_permille(votes), ~outputs["unknown"]
+    permille = risky_permille(votes)
+    known = ~outputs["unknown"]
     situation = np.where(known, outputs["situation"], UNKNOWN)
     may_be_risky = (permille >= LEAST_PERMILLE) | (situation == RISKY_SLIP)
     row = np.flatnonzero(known & may_be_risky)
@@ -146,7 +148,9 @@ def corrected(
 
 def counts_of(recordings: Sequence[Recording]) -> PersonCounts:
     """Hand-overs (passes with a voluntary action), seconds of holding, slips."""
-    hand_overs, holding_s, slips = 0, 0.0, 0
+    hand_overs = 0
+    holding_s = 0.0
+    slips = 0
     for recording in recordings:
         if recording.action == "pass":
             hand_overs += len(voluntary_actions(recording))
@@ -175,8 +179,10 @@ def _rows_of(streams: Sequence[Stream]) -> Float32Array:
 
 def _inputs(others: Sequence[Stream], votes_in_all: int) -> Inputs:
     """A knee at each input's median magnitude; of votes, at all votes."""
-    x, n_classes = _rows_of(others), others[0].votes.shape[1]
+    x = _rows_of(others)
+    n_classes = others[0].votes.shape[1]
     knee = np.median(np.abs(x), axis=0) + LEAST_KNEE
+    # The last inputs are the votes of each class.
     knee[-n_classes:] = votes_in_all
     most = np.full(x.shape[1], INPUT_MOST, dtype=np.float32)
     return Inputs(knee.astype(np.float32), most, np.zeros_like(most))
@@ -184,7 +190,8 @@ def _inputs(others: Sequence[Stream], votes_in_all: int) -> Inputs:
 
 def _slip_numbers(streams: Sequence[Stream]) -> IntArray:
     """[N] the number of each row's slip among those of all recordings, or NO_EVENT."""
-    numbers, count = [], 0
+    numbers = []
+    count = 0
     for stream in streams:
         of_slip = stream.event != NO_EVENT
         numbers.append(np.where(of_slip, stream.event + count, NO_EVENT))
@@ -211,13 +218,16 @@ def _fitted(
 ) -> tuple[FloatArray, float]:
     """Weights [I] and bias of the logit of "it is a slip". x [N, I]: quantised inputs."""
     mean = np.average(x, axis=0, weights=weight)
+    # Inputs are whole numbers, so a deviation of 1 is small: one that never varies is not blown up.
     scale = np.sqrt(np.average((x - mean) ** 2, axis=0, weights=weight)) + 1.0
-    scaled, kept = (x - mean) / scale, np.ones(len(slip), dtype=np.bool_)
+    scaled = (x - mean) / scale
+    kept = np.ones(len(slip), dtype=np.bool_)
     for _ in range(ROUNDS):
         model = LogisticRegression(C=INVERSE_PENALTY, max_iter=MOST_STEPS)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", ConvergenceWarning)
             model.fit(scaled[kept], slip[kept] >= 0, sample_weight=weight[kept])
+        # A slip must be called once: its best samples under this fit stand for it in the next.
         kept = _best_of_slips(slip, scaled @ model.coef_[0])
     weights = model.coef_[0] / scale
     return weights, float(model.intercept_[0] - mean @ weights)
@@ -239,6 +249,7 @@ def _in_whole_numbers(inputs: Inputs, weights: FloatArray, bias: float) -> Corre
     room = EXACT_FLOAT32 - (INPUT_MOST + 1) * len(weights)
     most_sum = INPUT_MOST * np.abs(weights).sum() + abs(bias) + MOST_NATS
     most_weight = np.abs(weights).max() + 1e-9
+    # Rounded to whole numbers, sums are exact in any order, as those of the forest are.
     size = min(room / most_sum, (WEIGHT_MOST - 1) / most_weight)
     whole = np.zeros((len(weights), 2), dtype=np.float32)
     whole[:, 1] = np.round(weights * size)

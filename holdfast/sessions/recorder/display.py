@@ -87,7 +87,8 @@ def status_text(trial: TrialRecorder, measured: SourceReading, of: str = "") -> 
     quality = trial.quality
     values = measured.values - np.nan_to_num(quality.bias)
     forces = np.linalg.norm(values.reshape(-1, 3), axis=1)
-    decimals, fingers = DECIMALS.get(quality.unit, 0), []
+    decimals = DECIMALS.get(quality.unit, 0)
+    fingers = []
     for force, good in zip(forces.tolist(), measured.valid.tolist(), strict=True):
         fingers.append(f"{force:5.{decimals}f}" if good else "    -")
     return (
@@ -118,8 +119,10 @@ class RecordPage(Display):
 
     def __init__(self, link: PageLink, terminal: Display) -> None:
         super().__init__(terminal.report)
-        self._link, self._terminal = link, terminal
-        self._task, self._unit = "", ""
+        self._link = link
+        self._terminal = terminal
+        self._task = ""
+        self._unit = ""
 
     def report(self, line: str) -> None:
         """A message."""
@@ -170,7 +173,8 @@ def record_page(
         "saves": False,
         "actions": ACTIONS,
     }
-    link, end = open_page(address, about, terminal.report), "the recording failed"
+    link = open_page(address, about, terminal.report)
+    end = "the recording failed"
     try:
         keys.listen_to(link.handle)
         yield RecordPage(link, terminal)

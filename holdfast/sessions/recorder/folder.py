@@ -26,8 +26,11 @@ from holdfast.sessions.recorder.labels import read_meta
 from holdfast.sessions.recorder.protocol import NOTHING, Task
 
 FORMAT = 1
-KEPT, RECORDING, INTERRUPTED = "kept", "recording", "interrupted"
-REDONE, VOID = "redone", "void"
+KEPT = "kept"
+RECORDING = "recording"
+INTERRUPTED = "interrupted"
+REDONE = "redone"
+VOID = "void"
 LOCK = ".holdfast.lock"
 
 
@@ -47,6 +50,7 @@ def opened(root: Path, unit: str, kind: str) -> Iterator[None]:
     require_writable(root)
     root.mkdir(parents=True, exist_ok=True)
     (root / LOCK).touch()
+    # A lock of the kernel's: it ends with the process, however that ends.
     with alone(root):
         if there:
             _require_same(root, there, unit, kind)
@@ -132,6 +136,7 @@ def task_folder(root: Path, person: str, task: Task) -> Path:
 def new_trial(root: Path, person: str, task: Task) -> Path:
     """The next trial's folder, made. Raises OutputError."""
     place = task_folder(root, person, task)
+    # After the highest number that is there: a gap below it is not filled.
     taken = [number(path) for path in place.glob("*")]
     folder = place / f"trial_{max(taken, default=0) + 1}"
     try:
@@ -187,7 +192,8 @@ def done(root: Path, person: str) -> list[Task]:
     tasks = []
     for _, meta in trials_of(root, person):
         if meta.get("state") == KEPT:
-            name, action = str(meta.get("object")), str(meta.get("action"))
+            name = str(meta.get("object"))
+            action = str(meta.get("action"))
             tasks.append(Task(name, action, str(meta.get("style"))))
     return tasks
 

@@ -55,7 +55,8 @@ class Keys:
 
     def byte(self, wait_s: float = 0.0) -> bytes:
         """The next byte that was typed, or b""; waits no longer than wait_s."""
-        byte, self._next = self._next or self._read(wait_s), b""
+        byte = self._next or self._read(wait_s)
+        self._next = b""
         return byte
 
     def _read(self, wait_s: float) -> bytes:

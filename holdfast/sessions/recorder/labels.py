@@ -101,8 +101,10 @@ def write_truth(folder: Path, truth: TrialTruth) -> None:
 
 def truth_in(folder: Path) -> TrialTruth:
     """The phases and marks of a trial's folder, from its samples and events. Raises a DataError."""
-    trial, meta = read_trial(folder / TACTILE), read_meta(folder)
-    action, unit = str(meta.get("action")), str(meta.get("unit", "N"))
+    trial = read_trial(folder / TACTILE)
+    meta = read_meta(folder)
+    action = str(meta.get("action"))
+    unit = str(meta.get("unit", "N"))
     events = read_events(folder / EVENTS)
     try:
         return truth_of(action, trial, unit, events)
@@ -131,6 +133,7 @@ def read_meta(folder: Path) -> Json:
 
 def truth_of(action: str, trial: Trial, unit: str, events: list[Json]) -> TrialTruth:
     """Phases as training reads them, and the marks behind them. events: lines of events.jsonl."""
+    # The last sample lasts for a period, so that phases cover the trial.
     end_s = float(trial.t_s[-1]) + 1.0 / trial.rate_hz
     known = _known_marks(events)
     closed_s, empty_s = _contact(trial, unit)
@@ -140,7 +143,8 @@ def truth_of(action: str, trial: Trial, unit: str, events: list[Json]) -> TrialT
     phases = []
     for event in events:
         if event.get("provenance") == "scene" and event.get("label"):
-            t0_s, t1_s = float(event["t0_s"]), float(event["t1_s"])
+            t0_s = float(event["t0_s"])
+            t1_s = float(event["t1_s"])
             phases.append(LabelledInterval.of(t0_s, t1_s, event["label"], "scene"))
     marks = {}
     for name in MARKS:
@@ -174,6 +178,7 @@ def _phases(
     closed_s, by_closed = known["contact"]
     empty_s, by_empty = known["contact_lost"]
     phases = [LabelledInterval.of(0.0, closed_s, NOTHING, by_closed)]
+    # A camera sees the first sliding, which comes after the load; a key may mark the load itself.
     slip = known.get("load_onset") or known.get("incipient_slip")
     if action == "hold":
         phases.append(LabelledInterval.of(closed_s, empty_s, "grasp", by_closed))
@@ -232,7 +237,8 @@ def _events(truth: Json, end_s: float) -> list[Json]:
     events = []
     for phase in truth["phases"]:
         if phase["t1_s"] > 0.0 and phase["t0_s"] < end_s:
-            t0_s, t1_s = max(0.0, phase["t0_s"]), min(end_s, phase["t1_s"])
+            t0_s = max(0.0, phase["t0_s"])
+            t1_s = min(end_s, phase["t1_s"])
             label = phase["label"]
             events.append({"t0_s": t0_s, "t1_s": t1_s, "label": label, **by})
     for name in MARKS:

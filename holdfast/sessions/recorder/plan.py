@@ -79,7 +79,8 @@ def planned(options: RecordOptions) -> Plan:
             "no trials given",
             next_step="--protocol PROTOCOL, or --object NAME --action ACTION",
         )
-    trials, before = options.trials, done(options.out, options.person)
+    trials = options.trials
+    before = done(options.out, options.person)
     if trials is not None and trials < 1:
         raise UsageError(f"--trials {trials}", next_step="a whole number from 1")
     if options.protocol is not None:

@@ -193,7 +193,8 @@ class _TrialsReader(ProtocolReader):
         self.require_known(row, ROW_KEYS, key)
         action = self.action(f"{key}.action", row.get("action"))
         count = self.whole_number(f"{key}.count", row.get("count", 1), 1, MOST_TRIALS)
-        style, names = row.get("style", ""), row.get("objects", [])
+        style = row.get("style", "")
+        names = row.get("objects", [])
         if not isinstance(style, str) or (style and not NAME.fullmatch(style)):
             allowed = "a word of letters, digits and dashes"
             raise self.refused(f"{key}.style", style, allowed)

@@ -57,7 +57,8 @@ def record_plan(options: RecordOptions, plan: Plan, context: RunContext) -> int:
 
     options: checked. Raises a HoldfastError.
     """
-    clock, report = context.clock, context.display.report
+    clock = context.clock
+    report = context.display.report
     report(f"opening {options.source}")
     source = open_live(
         options.source,

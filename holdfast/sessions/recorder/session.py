@@ -42,7 +42,9 @@ from holdfast.sessions.recorder.trial import ClosedTrial, Quality, TrialRecorder
 READY_WAIT_S = 0.1
 CAMERA_EVERY = 30
 """Samples between checks of the camera's process."""
-TIME_OVER, SOURCE_OVER, SIGNAL = "time over", "source over", "signal"
+TIME_OVER = "time over"
+SOURCE_OVER = "source over"
+SIGNAL = "signal"
 NO_KEY = "no key can be pressed any more"
 
 
@@ -102,8 +104,10 @@ class Session:
     _last: tuple[Path, Task] | None = None
 
     def __post_init__(self) -> None:
-        self.clock, self.keys = self.context.clock, self.context.keys
-        self.report, self.stopped = self.context.display.report, self.context.stopped
+        self.clock = self.context.clock
+        self.keys = self.context.keys
+        self.report = self.context.display.report
+        self.stopped = self.context.stopped
         self.period_ns = 1e9 / self.rate_hz
 
     def run(self, tasks: Iterable[Task]) -> int:
@@ -111,7 +115,8 @@ class Session:
 
         Raises the errors of the source and the disk.
         """
-        left, at_once = list(tasks), self.options.at_once
+        left = list(tasks)
+        at_once = self.options.at_once
         while left and not self.stopped():
             task = task_in_words(left[0])
             help_ready = "" if at_once else f"; {HELP_READY}"
@@ -155,7 +160,8 @@ class Session:
         folder, task = self._last
         self._discard(folder)
         left.insert(0, task)
-        self.kept, self._last = self.kept - 1, None
+        self.kept = self.kept - 1
+        self._last = None
 
     def _discard(self, folder: Path) -> None:
         moved = discard(self.options.out, self.options.person, folder)
@@ -169,7 +175,8 @@ class Session:
         That is keep, redo, stop, SIGNAL, TIME_OVER or SOURCE_OVER.
         """
         self._last = None
-        out, person = self.options.out, self.options.person
+        out = self.options.out
+        person = self.options.person
         folder = new_trial(out, person, task)
         self._write_mass(folder, task)
         try:
@@ -177,6 +184,7 @@ class Session:
                 self.camera.start(folder)
             trial = self._open(folder, task)
         except BaseException:
+            # Nothing was recorded: the folder is no trial, and its number is free again.
             self._stop_camera()
             discard(out, person, folder)
             raise
@@ -185,12 +193,14 @@ class Session:
             outcome = self._samples(trial)
             self._end(trial, task, outcome)
         except BaseException as error:
+            # Also for an interrupt: what was written stays, and the trial says how it ended.
             self._stop_camera()
             trial.give_up(str(error) or type(error).__name__)
             raise
         return outcome
 
     def _open(self, folder: Path, task: Task) -> TrialRecorder:
+        # A recording comes again from its start with every trial; a hand goes on.
         if isinstance(self.source, PacedReplay):
             self.source.begin_anew()
         about = {
@@ -209,8 +219,11 @@ class Session:
 
     def _samples(self, trial: TrialRecorder) -> str:
         """Record until a key, a signal, the time or the source ends the trial."""
-        stamps, start_ns, turn = Stamps(self.period_ns), self.clock.now_ns(), 0
+        stamps = Stamps(self.period_ns)
+        start_ns = self.clock.now_ns()
+        turn = 0
         while not self.stopped():
+            # From the start, not from the last sample: a late one delays no other.
             self.clock.wait_until(start_ns + round(turn * self.period_ns))
             now_ns = self.clock.now_ns()
             if self._time_is_over(now_ns - start_ns):
@@ -280,16 +293,19 @@ class Session:
         if closed.state == REDONE:
             self._discard(trial.folder)
         if closed.state == KEPT:
-            self.kept, self._last = self.kept + 1, (trial.folder, task)
+            self.kept = self.kept + 1
+            self._last = (trial.folder, task)
 
     def _note_truth(self, trial: TrialRecorder) -> str:
         """Write what a scene knows of the trial; returns why it is over, if the scene is."""
         if self.truth is None or not trial.started:
             return ""
-        events = self.truth(*trial.span_ns)
+        first_ns, last_ns = trial.span_ns
+        events = self.truth(first_ns, last_ns)
         for event in events:
             trial.note(event)
         ends_s = [event["t1_s"] for event in events if "label" in event]
+        # The scene's last phase ended before the trial's last sample.
         is_over = max(ends_s, default=-1.0) < trial.t_s
         return "the scene ended" if is_over else ""
 

@@ -95,7 +95,9 @@ class Quality:
     def figures(self) -> QualityFigures:
         """Figures of the whole trial."""
         times = np.array(self.times_ns, dtype=np.int64)
-        seconds, rate_hz, jitter_ms = 0.0, None, None
+        seconds = 0.0
+        rate_hz = None
+        jitter_ms = None
         if len(times):
             seconds = round(1e-9 * float(times[-1] - times[0]), 3)
         steps = np.diff(times)
@@ -154,9 +156,13 @@ class TrialRecorder:
         host_after_ns: int,
         intent: IntentMonitor | None = None,
     ) -> None:
-        self.folder, self.about, self.quality = folder, about, quality
-        self.intent, self._host_after_ns = intent, host_after_ns
+        self.folder = folder
+        self.about = about
+        self.quality = quality
+        self.intent = intent
+        self._host_after_ns = host_after_ns
         self.t_s = 0.0
+        # First of all, so that a trial that is killed before its first sample can be told.
         self._write_meta(RECORDING)
         self._file = TactileFile(folder / TACTILE, n_channels)
         # Line by line: what the operator marked is on the disk when the next sample comes.
@@ -192,7 +198,8 @@ class TrialRecorder:
         self.intent.look()
         if not self.started:
             return
-        first_ns, count = self.span_ns[0], self.intent.n_envelopes
+        first_ns = self.span_ns[0]
+        count = self.intent.n_envelopes
         for item in self.intent.fresh:
             row = intent_row(item, first_ns, self._host_after_ns, count)
             _write_line(self._intent_file, row)
@@ -218,6 +225,7 @@ class TrialRecorder:
         why: of the state. camera: what the camera's process left. Raises OutputError.
         """
         figures = self.quality.figures()
+        # Before meta.json says how it ended, the samples are on the disk.
         self._close_files()
         if state == KEPT:
             why = self._label(over)

@@ -44,8 +44,11 @@ HELP = (
     "keys: space goes on, s skip, r repeat, n note, a adverse event, p pause, w withdraw, q quit "
     "(goes on later)"
 )
-WAIT_S, REDRAW_S = 0.1, 1.0
-ENTER, ERASE, ESCAPE = b"\n\r", b"\x7f\x08", b"\x1b"
+WAIT_S = 0.1
+REDRAW_S = 1.0
+ENTER = b"\n\r"
+ERASE = b"\x7f\x08"
+ESCAPE = b"\x1b"
 LONGEST_TEXT = 1000
 LEFT_OUT = "-"
 """Typed where a question is not to be answered."""
@@ -100,7 +103,8 @@ class Console:
 
         left_s: planned time that is left in this part.
         """
-        began_ns, drawn_s = self.clock.now_ns(), -REDRAW_S
+        began_ns = self.clock.now_ns()
+        drawn_s = -REDRAW_S
         while not self.stopped():
             spent_s = 1e-9 * (self.clock.now_ns() - began_ns)
             if spent_s >= drawn_s + REDRAW_S:
@@ -123,7 +127,8 @@ class Console:
         None where no key can be pressed any more.
         """
         self.report(prompt)
-        typed, drawn = b"", None
+        typed = b""
+        drawn = None
         while not self.stopped():
             if typed != drawn:
                 self.draw(f"> {visible(typed.decode('utf-8', 'replace'))[-60:]}")

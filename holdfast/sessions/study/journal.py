@@ -73,14 +73,18 @@ class Progress:
 
     def take(self, entry: Json) -> None:
         """One more line. Raises KeyError, TypeError or ValueError where it is no entry."""
-        event, t_s, _ = entry["event"], float(entry["t_s"]), entry["at"]
+        event = entry["event"]
+        t_s = float(entry["t_s"])
+        _ = entry["at"]
         if event == Event.OPENED:
             # A run that was killed wrote no end: its time counts up to its last line.
             self._stop(self._last_s)
             self.runs += 1
             self.finished = False
         elif event == Event.BEGUN:
-            self.part, self.begun = int(entry["part"]), True
+            self.part = int(entry["part"])
+            self.begun = True
+            # Of its first beginning: a step that is begun again has its trials already.
             self.kept_before.setdefault(self.part, int(entry.get("kept", 0)))
         elif event == Event.ANSWER:
             rating = entry["rating"]
@@ -95,7 +99,8 @@ class Progress:
         elif event in STARTS_TIME and self.begun and self._since_s is None:
             self._since_s = t_s
         if event in MOVES:
-            self.part, self.begun = int(entry["next"]), False
+            self.part = int(entry["next"])
+            self.begun = False
         self._last_s = t_s
 
     def spent_until(self, t_s: float) -> float:
@@ -120,7 +125,9 @@ class Journal:
         now_ns: Callable[[], int],
         utc: Callable[[], str],
     ) -> None:
-        self.path, self._now_ns, self._utc = path, now_ns, utc
+        self.path = path
+        self._now_ns = now_ns
+        self._utc = utc
         self.entries = read_events(path)
         self.progress = progress_of(self.entries, path, n_parts)
         self._began_ns = now_ns()
@@ -155,6 +162,7 @@ class Journal:
             try:
                 if os.write(handle, line) < len(line):
                     raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+                # The next step begins only when this line is on the disk.
                 os.fsync(handle)
             finally:
                 os.close(handle)

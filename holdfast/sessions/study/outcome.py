@@ -184,7 +184,8 @@ def _adverse(protocol: StudyProtocol, entries: list[Json]) -> list[AdverseEvent]
             part = protocol.parts[entry["part"]]
             events.append(AdverseEvent(entry["at"], part.step, part.title, None, ""))
         elif entry["event"] == Event.DETAIL and events:
-            severity, text = entry["severity"], entry["text"]
+            severity = entry["severity"]
+            text = entry["text"]
             events[-1] = replace(events[-1], severity=severity, text=text)
     return events
 

@@ -48,8 +48,12 @@ from holdfast.sessions.recorder.protocol import (
 
 PROTOCOLS = Path(__file__).with_name("protocols")
 FORMS = Path(__file__).with_name("forms")
-SAY, MOUNT, VIDEO, QUESTIONS = "say", "mount", "video", "questions"
-RECORD, QUESTIONNAIRE = "record", "questionnaire"
+SAY = "say"
+MOUNT = "mount"
+VIDEO = "video"
+QUESTIONS = "questions"
+RECORD = "record"
+QUESTIONNAIRE = "questionnaire"
 KINDS = (SAY, MOUNT, VIDEO, QUESTIONS, RECORD, QUESTIONNAIRE)
 TITLES = {
     SAY: SAY,
@@ -64,7 +68,9 @@ TEXTS = ("title", "say", "show", "hand_over")
 CHOICES = ("kind", "minutes", "repetitions", "questionnaire", "object", "action")
 ROW_KEYS = (*CHOICES, *TEXTS)
 BLOCK_KEYS = ("objects", "each", "begin_object", "end_object")
-MOST_MINUTES, MOST_REPETITIONS, MOST_PARTS = 600.0, 100, 1000
+MOST_MINUTES = 600.0
+MOST_REPETITIONS = 100
+MOST_PARTS = 1000
 
 
 def names_in(folder: Path) -> list[str]:
@@ -184,7 +190,8 @@ class _StudyReader(ProtocolReader):
         self.objects = self.table(raw, "objects")
 
     def protocol(self, text: str) -> StudyProtocol:
-        raw, name = self.raw, self.path.stem
+        raw = self.raw
+        name = self.path.stem
         first_step = raw.get("first_step", 1)
         first_step = self.whole_number("first_step", first_step, 0, MOST_PARTS)
         self.check_actions()
@@ -243,7 +250,8 @@ class _StudyReader(ProtocolReader):
         if not parts[0].has_number:
             allowed = "a step that it can follow"
             raise self.refused("steps[1].kind", parts[0].kind, allowed)
-        numbered, number = [], first_step - 1
+        numbered = []
+        number = first_step - 1
         for part in parts:
             number += part.has_number
             step = None if part.kind == QUESTIONNAIRE else number
@@ -289,7 +297,9 @@ class _StudyReader(ProtocolReader):
             raise self.refused(f"{key}.kind", kind, ", ".join(KINDS))
         if kind == QUESTIONNAIRE:
             return self.questionnaire(f"{key}.questionnaire", row.get("questionnaire"))
-        task, repetitions, needs = None, 0, ""
+        task = None
+        repetitions = 0
+        needs = ""
         if kind == RECORD:
             task = self.task(key, name, action)
             times = row.get("repetitions", 1)

@@ -136,7 +136,8 @@ def answer_items(name: str, journal: Journal, console: Console) -> Key:
 
     REPEAT asks the item before again, and is returned only at the first item.
     """
-    form, part = read_questionnaire(name), journal.part
+    form = read_questionnaire(name)
+    part = journal.part
     console.report(f"{form.title}. {form.ask}")
     console.report(HELP)
     at = sum((part, item.name) in journal.progress.answers for item in form.items)

@@ -12,7 +12,8 @@ from holdfast.evaluation.pictures import timelines
 from holdfast.sessions.study.console import clock_text
 from holdfast.sessions.study.outcome import StudyOutcome
 
-REPORT, FIGURES = "report.html", "report.json"
+REPORT = "report.html"
+FIGURES = "report.json"
 
 
 def write_report(home: Path, outcome: StudyOutcome) -> Path:
@@ -20,7 +21,8 @@ def write_report(home: Path, outcome: StudyOutcome) -> Path:
     text = json.dumps(outcome.to_json(), indent=1, allow_nan=False)
     write_whole(home / FIGURES, text + "\n")
     figures = outcome.figures
-    cells, pictures = {}, {}
+    cells = {}
+    pictures = {}
     if figures is not None:
         cells = {(cell.object, cell.action): cell for cell in figures.cells}
         for action, rows in figures.drawn.items():

@@ -204,6 +204,7 @@ class Runner:
         """Write it down at once, then ask; the operator says whether the study goes on."""
         number = self.journal.part
         step = self.protocol.parts[number].step
+        # Before any question: the operator may have no hand free for a keyboard.
         self.journal.append(Event.ADVERSE, part=number, step=step)
         self.console.report(
             "adverse event: look after the person first; nothing is being recorded"

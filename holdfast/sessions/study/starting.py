@@ -147,11 +147,14 @@ def run_parts(
 
     display: of the trials.
     """
-    root, person, home = options.recording.out, options.recording.person, options.home
+    root = options.recording.out
+    person = options.recording.person
+    home = options.home
     clock = console.clock
     context = RunContext(clock, console.keys, display, console.stopped)
     trials = Trials(options.recording, protocol, context)
     require_writable(root)
+    # Before the person's folder is made: a hand that does not answer leaves nothing behind.
     trials.require_hand()
     with opened_journal(home, len(protocol.parts), clock.now_ns, utc) as journal:
         trials.repair()

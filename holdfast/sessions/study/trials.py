@@ -121,7 +121,8 @@ class Trials:
 
     def __post_init__(self) -> None:
         self.display = _ReportedOnce(self.context.display)
-        self.root, self.person = self.options.out, self.options.person
+        self.root = self.options.out
+        self.person = self.options.person
 
     def require_hand(self) -> None:
         """Open the source once, so that a hand that does not answer is seen before the person is.
@@ -167,6 +168,7 @@ class Trials:
 
     def record(self, task: Task, keys: TrialKeys) -> None:
         """Record one trial. Raises a HoldfastError; the study may go on after it."""
+        # Discarded trials count, so that a repeated trial of a scene is another one.
         options = replace(
             self.options,
             source=url_for(self.options.source, task, self._begun(task)),
@@ -186,7 +188,8 @@ class Trials:
 
     def discard_last(self, task: Task) -> Path:
         """Move the last kept trial of a task to the discarded ones; returns its new path."""
-        place, kept = task_folder(self.root, self.person, task), []
+        place = task_folder(self.root, self.person, task)
+        kept = []
         with alone(self.root):
             for folder, meta in trials_of(self.root, self.person):
                 if folder.parent == place and meta.get("state") == KEPT:

@@ -18,7 +18,9 @@ from holdfast.core.trial_layout import read_events
 from holdfast.sessions.recorder.folder import alone
 
 WITHDRAWN = "withdrawn.jsonl"
-BEGUN, DONE, INCOMPLETE = "begun", "done", "incomplete"
+BEGUN = "begun"
+DONE = "done"
+INCOMPLETE = "incomplete"
 NOT_HERE = (
     "not deleted, because they are not here: copies and backups of these files, models trained "
     "with them (train again), and the list of names on paper"
@@ -52,12 +54,14 @@ def _delete_all(
 ) -> tuple[dict[str, str], int]:
     """(name of each file that is left -> why, how many files there were)."""
     home = root / person
-    files, folders = [], [home]
+    files = []
+    folders = [home]
     for path in sorted(home.rglob("*")):
         if path.is_dir() and not path.is_symlink():
             folders.append(path)
         else:
             files.append(path)
+    # The names are on the disk before the first file goes.
     names = [str(path.relative_to(root)) for path in files]
     entry = {"event": "withdrawn", "person": person}
     _note(root, {**entry, "state": BEGUN, "at": utc(), "files": names})
