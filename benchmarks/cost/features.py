@@ -150,7 +150,7 @@ def columns(spec: StepSpec) -> npt.NDArray[np.int64]:
                 :, -spec.window_samples :
             ].ravel()
         if name == "bands":
-            kept = [hz in spec.carried_bands() for hz in whole.carried_bands()]
+            kept = [hz in spec.usable_bands() for hz in whole.usable_bands()]
             own = own.reshape(-1, len(kept))[:, kept].ravel()
         parts.append(own)
     return np.concatenate(parts)
@@ -198,7 +198,7 @@ def look_backs_s(spec: StepSpec) -> FloatArray:
 def _bank_in_float32(data: DataSet, spec: StepSpec) -> FloatRows:
     """|outputs| [sum of T, n x 2 x bands] of a bank whose state and coefficients are float32;
     samples are taken to be good, as they are in these scenes."""
-    bands = spec.carried_bands()
+    bands = spec.usable_bands()
     matrix, size = (
         step_matrix(spec.rate_hz, bands).astype(np.float32),
         1 + STATES_PER_BAND * len(bands),

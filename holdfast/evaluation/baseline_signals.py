@@ -150,7 +150,7 @@ class _Floor:
         rules = spec.detectors
         fast = min(1.0, 1.0 / (rules.floor_tau_s * spec.rate_hz))
         return _Floor(
-            NOISE_RMS[spec.unit] * noise_gain(spec.rate_hz, spec.carried_bands()),
+            NOISE_RMS[spec.unit] * noise_gain(spec.rate_hz, spec.usable_bands()),
             np.array([fast, fast * rules.firing_rate]),
             rules.floor_clip,
         )

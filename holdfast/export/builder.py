@@ -35,16 +35,39 @@ class GraphBuilder:
         self._state_next: dict[str, str] = {}
         self._count = 0
 
-    def node(self, op: str, *inputs: str, out: str = "", **attributes: Any) -> str:
-        """Add a node with one output and return the output's name."""
-        return self.nodes(op, *inputs, outs=[out or self._fresh(op)], **attributes)[0]
+    def node(
+        self, op: str, *inputs: str | npt.ArrayLike, out: str = "", **attributes: Any
+    ) -> str:
+        """Add a node with one output and return the output's name.
+
+        An input is the name of a tensor, or numbers, which become a constant of their type:
+        float64 for a float, int64 for a list of whole numbers (shapes, axes, indices).
+        """
+        names = self._named(inputs)
+        made = out or self._fresh(op)
+        self._nodes.append(helper.make_node(op, names, [made], **attributes))
+        return made
 
     def nodes(
-        self, op: str, *inputs: str, outs: list[str], **attributes: Any
+        self,
+        op: str,
+        *inputs: str | npt.ArrayLike,
+        outs: list[str],
+        **attributes: Any,
     ) -> list[str]:
         """Add a node with several outputs and return their names."""
-        self._nodes.append(helper.make_node(op, list(inputs), outs, **attributes))
+        names = self._named(inputs)
+        self._nodes.append(helper.make_node(op, names, outs, **attributes))
         return outs
+
+    def _named(self, inputs: tuple[str | npt.ArrayLike, ...]) -> list[str]:
+        names = []
+        for given in inputs:
+            if isinstance(given, str):
+                names.append(given)
+            else:
+                names.append(self.constant(given, np.asarray(given).dtype))
+        return names
 
     def constant(self, value: npt.ArrayLike, dtype: npt.DTypeLike = np.float64) -> str:
         """A constant tensor; equal ones are stored once."""
@@ -62,12 +85,11 @@ class GraphBuilder:
 
     def reshape(self, tensor: str, *shape: int) -> str:
         """Reshape; 0 copies a dimension, -1 is inferred."""
-        return self.node("Reshape", tensor, self.ints(*shape))
+        return self.node("Reshape", tensor, list(shape))
 
     def columns(self, tensor: str, start: int, stop: int, axis: int = 1) -> str:
         """tensor[..., start:stop, ...] along one axis."""
-        bounds = self.ints(start), self.ints(stop), self.ints(axis)
-        return self.node("Slice", tensor, *bounds)
+        return self.node("Slice", tensor, [start], [stop], [axis])
 
     def state(self, name: str, rows: int) -> str:
         """Declare a state field [B, rows, C]; returns its value after the previous sample."""

@@ -99,11 +99,9 @@ def _correction(
     size = graph.node("Abs", FEATURES)
     rows = graph.node("Concat", FEATURES, size, BEFORE, axis=1)
     shares = add_shares(graph, correction.network, rows)
-    of_risky = graph.constant(risky_of_shares(n_classes), np.float32)
-    part = graph.node("MatMul", shares, of_risky)
+    part = graph.node("MatMul", shares, risky_of_shares(n_classes))
     taken = graph.node("Floor", graph.node("Mul", BEFORE, part))
-    to_safe = graph.constant(risky_to_safe(n_classes), np.float32)
-    moved = graph.node("MatMul", taken, to_safe)
+    moved = graph.node("MatMul", taken, risky_to_safe(n_classes))
     graph.node("Add", BEFORE, moved, out=VOTES)
     return graph.part()
 

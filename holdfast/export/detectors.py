@@ -31,7 +31,7 @@ from onnx import TensorProto
 
 from holdfast.core.contract import FloatArray
 from holdfast.export.builder import GraphBuilder
-from holdfast.export.guard import Guarded
+from holdfast.export.guard import GuardOutputs
 from holdfast.export.spec import NOISE_RMS, StepSpec
 
 DAMPING = 0.1
@@ -115,12 +115,12 @@ def noise_gain(
     return float(np.sqrt(energy).max())
 
 
-def add_bank(graph: GraphBuilder, spec: StepSpec, guarded: Guarded) -> str:
+def add_bank(graph: GraphBuilder, spec: StepSpec, guarded: GuardOutputs) -> str:
     """Step the band-pass bank of every channel; returns |outputs| [B, bands, C].
 
     The normal has a bank too: separating its channels costs more than stepping it.
     """
-    bands = spec.carried_bands()
+    bands = spec.usable_bands()
     size = 1 + STATES_PER_BAND * len(bands)
     before = graph.state("bank", size)
     difference = graph.node("Sub", guarded.now, guarded.last)
@@ -129,11 +129,11 @@ def add_bank(graph: GraphBuilder, spec: StepSpec, guarded: Guarded) -> str:
     begun = graph.node("Mul", joined, guarded.begun)
     # x - clip(x) is 0 up to GRAIN, x itself from 1e-13 on, a multiple of 1e-46 in between:
     # never subnormal
-    grains = graph.node("Clip", begun, graph.constant(-GRAIN), graph.constant(GRAIN))
+    grains = graph.node("Clip", begun, -GRAIN, GRAIN)
     rested = graph.node("Sub", begun, grains)
-    matrix = graph.constant(step_matrix(spec.rate_hz, bands).T)
-    stepped = graph.node("MatMul", matrix, rested)
-    sizes = graph.ints(size, len(bands))
+    matrix = step_matrix(spec.rate_hz, bands)
+    stepped = graph.node("MatMul", matrix.T, rested)
+    sizes = [size, len(bands)]
     outs = ["bank_next", "bank_out"]
     advanced, outputs = graph.nodes("Split", stepped, sizes, outs=outs, axis=1)
     graph.keep("bank", graph.node("Where", guarded.good, advanced, before))
@@ -147,7 +147,7 @@ def detector_names(spec: StepSpec) -> tuple[str, ...]:
 
 
 def add_detectors(
-    graph: GraphBuilder, spec: StepSpec, guarded: Guarded, rectified: str
+    graph: GraphBuilder, spec: StepSpec, guarded: GuardOutputs, rectified: str
 ) -> None:
     """Publish `detectors` [B, D] bool, in any channel, in the order of `detector_names`."""
     firing = _band_pass(graph, spec, guarded, rectified)
@@ -155,30 +155,30 @@ def add_detectors(
     if spec.unit == "N":
         rows.append(_friction_cone(graph, spec, guarded))
     joined = graph.node("Concat", *rows, axis=1)
-    graph.node("ReduceMax", joined, graph.ints(2), out="detectors", keepdims=0)
+    graph.node("ReduceMax", joined, [2], out="detectors", keepdims=0)
     graph.output("detectors", TensorProto.BOOL, len(rows))
 
 
 def _band_pass(
-    graph: GraphBuilder, spec: StepSpec, guarded: Guarded, rectified: str
+    graph: GraphBuilder, spec: StepSpec, guarded: GuardOutputs, rectified: str
 ) -> str:
     """[B, 1, C]: a usable shear signal is above its noise floor.
 
     For a channel that is not usable, the peak is its floor.
     """
     rules = spec.detectors
-    quiet_peak = NOISE_RMS[spec.unit] * noise_gain(spec.rate_hz, spec.carried_bands())
-    floor = graph.node("Max", graph.state("floor", 1), graph.constant(quiet_peak))
-    loudest = graph.node("ReduceMax", rectified, graph.ints(1), keepdims=1)
+    quiet_peak = NOISE_RMS[spec.unit] * noise_gain(spec.rate_hz, spec.usable_bands())
+    floor = graph.node("Max", graph.state("floor", 1), quiet_peak)
+    loudest = graph.node("ReduceMax", rectified, [1], keepdims=1)
     peak = graph.node("Where", guarded.usable, loudest, floor)
     # the normal is not shear
     ratio = np.tile([rules.band_ratio, rules.band_ratio, np.inf], spec.n_sensors)
-    threshold = graph.node("Mul", floor, graph.constant(ratio))
+    threshold = graph.node("Mul", floor, ratio)
     above = graph.node("Greater", peak, threshold)
     fast = min(1.0, 1.0 / (rules.floor_tau_s * spec.rate_hz))
-    slow = graph.constant(fast * rules.firing_rate)
-    rate = graph.node("Where", above, slow, graph.constant(fast))
-    most = graph.node("Mul", floor, graph.constant(rules.floor_clip))
+    slow = fast * rules.firing_rate
+    rate = graph.node("Where", above, slow, fast)
+    most = graph.node("Mul", floor, rules.floor_clip)
     clipped = graph.node("Min", peak, most)
     change = graph.node("Mul", graph.node("Sub", clipped, floor), rate)
     graph.keep("floor", graph.node("Add", floor, change))
@@ -191,25 +191,25 @@ def _band_pass_point(graph: GraphBuilder, spec: StepSpec, firing: str) -> str:
     The count of quiet samples is not limited: a float64 is exact for longer than a hand lasts.
     """
     quiet = graph.state("quiet", 1)
-    fired = graph.node("ReduceMax", firing, graph.ints(2), keepdims=1)
-    longer = graph.node("Add", quiet, graph.constant(1.0))
-    graph.keep("quiet", graph.node("Where", fired, graph.constant(0.0), longer))
-    needed = graph.constant(spec.detectors.quiet_s * spec.rate_hz)
+    fired = graph.node("ReduceMax", firing, [2], keepdims=1)
+    longer = graph.node("Add", quiet, 1.0)
+    graph.keep("quiet", graph.node("Where", fired, 0.0, longer))
+    needed = spec.detectors.quiet_s * spec.rate_hz
     enough = graph.node("GreaterOrEqual", quiet, needed)
     return graph.node("And", firing, enough)
 
 
-def _friction_cone(graph: GraphBuilder, spec: StepSpec, guarded: Guarded) -> str:
+def _friction_cone(graph: GraphBuilder, spec: StepSpec, guarded: GuardOutputs) -> str:
     """[B, 1, C] in the normal's column: |shear| > mu x normal at a usable, pressed finger."""
     rules = spec.detectors
     squares = graph.node("Mul", guarded.now, guarded.now)
     shear_to_normal = [[0.0, 0.0, 1.0], [0.0, 0.0, 1.0], [0.0, 0.0, 0.0]]
-    matrix = graph.constant(np.kron(np.eye(spec.n_sensors), shear_to_normal))
+    matrix = np.kron(np.eye(spec.n_sensors), shear_to_normal)
     shear = graph.node("Sqrt", graph.node("MatMul", squares, matrix))
-    most = graph.node("Mul", guarded.now, graph.constant(rules.friction))
+    most = graph.node("Mul", guarded.now, rules.friction)
     outside = graph.node("Greater", shear, most)
     # in the columns of shear, no force is enough
     least = np.tile([np.inf, np.inf, rules.min_normal_n], spec.n_sensors)
-    pressed = graph.node("Greater", guarded.now, graph.constant(least))
+    pressed = graph.node("Greater", guarded.now, least)
     slips = graph.node("And", outside, pressed)
     return graph.node("And", slips, guarded.usable)

@@ -121,7 +121,7 @@ def model_card(artifact: Artifact) -> Json:
         "history_samples": spec.history_samples,
         "settle_samples": spec.settle_samples,
         "gap_samples": spec.gap_samples,
-        "bands_hz": list(spec.carried_bands()),
+        "bands_hz": list(spec.usable_bands()),
         "bands_left_out_hz": list(spec.lost_bands()),
         "detectors": list(detector_names(spec)),
         "heads": {head.name: _head_card(head) for head in artifact.heads},

@@ -21,7 +21,7 @@ from holdfast.core.errors import UsageError
 from holdfast.core.trial_layout import NORMAL_FLOOR
 from holdfast.export.builder import GraphBuilder
 from holdfast.export.detectors import add_bank, add_detectors
-from holdfast.export.guard import LAGS_S, Guarded, History, Triples, add_guard
+from holdfast.export.guard import LAGS_S, GuardOutputs, History, Triples, add_guard
 from holdfast.export.spec import HISTORY_S, WINDOW_S, StepSpec
 
 SPANS_S = (0.10, 0.25, 0.50)
@@ -87,7 +87,7 @@ def _activity(history: History) -> Triples:
     later = graph.columns(summed, 1, history.length)
     earlier = graph.columns(summed, 0, history.length - 1)
     steps = graph.node("Abs", graph.node("Sub", later, earlier))
-    means = graph.node("MatMul", graph.constant(_span_means(history.spec)), steps)
+    means = graph.node("MatMul", _span_means(history.spec), steps)
     return Triples(history.pooled(means, len(SPANS_S)), scaled=True)
 
 
@@ -102,9 +102,9 @@ def _span_means(spec: StepSpec) -> FloatArray:
 def _shear(history: History) -> str:
     graph = history.graph
     changes = history.summed_changes((1, 1 + len(LAGS_S)), (0, 2))
-    shear = graph.node("ReduceL2", changes, graph.ints(2), keepdims=1)
+    shear = graph.node("ReduceL2", changes, [2], keepdims=1)
     normal, floor = history.normal, NORMAL_FLOOR[history.spec.unit]
-    scale = graph.node("Max", normal, graph.constant(floor))
+    scale = graph.node("Max", normal, floor)
     scaled = graph.node("Div", shear, scale)
     both = graph.node("Concat", shear, scaled, axis=1)
     return graph.node("Flatten", both, axis=1)
@@ -121,18 +121,18 @@ def _range(history: History, signal: str, span_s: float) -> str:
     """[B, 1, ..]: the largest minus the smallest of a signal [B, L, ..] over a span."""
     graph, length = history.graph, history.length
     recent = graph.columns(signal, length - history.spec.lag(span_s) - 1, length)
-    high = graph.node("ReduceMax", recent, graph.ints(1), keepdims=1)
-    low = graph.node("ReduceMin", recent, graph.ints(1), keepdims=1)
+    high = graph.node("ReduceMax", recent, [1], keepdims=1)
+    low = graph.node("ReduceMin", recent, [1], keepdims=1)
     return graph.node("Sub", high, low)
 
 
 def _more_differences(history: History) -> Triples:
     graph, now = history.graph, history.length - 1
     lags = [history.spec.lag(seconds) for seconds in MORE_LAGS_S]
-    places = graph.ints(now, *(now - lag for lag in lags))
+    places = [now, *(now - lag for lag in lags)]
     rows = graph.node("Gather", history.samples, places, axis=1)
     since = np.hstack([np.ones((len(lags), 1)), -np.eye(len(lags))])
-    changes = graph.node("MatMul", graph.constant(since), rows)
+    changes = graph.node("MatMul", since, rows)
     count = len(lags) * history.spec.n_sensors
     return Triples(history.pooled(graph.reshape(changes, 0, count, 3), count))
 
@@ -174,7 +174,7 @@ def _bands(history: History) -> str:
     graph = history.graph
     by_channel = graph.node("Transpose", history.rectified, perm=[0, 2, 1])
     shear = [channel for channel in range(history.spec.n_channels) if channel % 3 < 2]
-    of_shear = graph.node("Gather", by_channel, graph.ints(*shear), axis=1)
+    of_shear = graph.node("Gather", by_channel, shear, axis=1)
     return graph.node("Flatten", of_shear, axis=1)
 
 
@@ -275,7 +275,7 @@ GROUPS: dict[str, FeatureGroup] = {
     ),
     "bands": FeatureGroup(
         _bands,
-        lambda s: 2 * s.n_sensors * len(s.carried_bands()),
+        lambda s: 2 * s.n_sensors * len(s.usable_bands()),
         math.inf,
         "|band-pass output| per shear signal and band",
         "vibration of slip",
@@ -289,7 +289,7 @@ def feature_count(spec: StepSpec) -> int:
 
 
 def add_features(
-    graph: GraphBuilder, spec: StepSpec, guarded: Guarded, rectified: str
+    graph: GraphBuilder, spec: StepSpec, guarded: GuardOutputs, rectified: str
 ) -> str:
     """Add the spec's groups in its order; publishes and returns `features` [B, F] float32."""
     unknown = [name for name in spec.groups if name not in GROUPS]

@@ -1,8 +1,8 @@
 """The input guard: the rest of the graph gets finite values in range, and flags for missing ones.
 
-A sample of a sensor is good if the driver says it is valid and all three channels are finite and in
-range. A bad one is replaced by the last good one, and the sensor's filter state is held. NaN cannot
-pass: every comparison with NaN is false.
+A sample of a sensor is good if the driver marks it as valid and all three channels are finite and
+in range. A bad one is replaced by the last good one, and the sensor's filter state is held. NaN
+cannot pass: every comparison with NaN is false.
 
 The history of a sensor is one number, its place, stepped by a table (`_next_places`):
 
@@ -36,7 +36,7 @@ LAGS_S = (0.05, 0.10, 0.17, 0.25, 0.37, 0.50)
 
 
 @dataclass(frozen=True)
-class Guarded:
+class GuardOutputs:
     """Names of the guarded tensors, each [B, 1, C] but the past.
 
     now, last: this and the previous good sample. past: all samples before this one, in parts
@@ -52,37 +52,37 @@ class Guarded:
     usable: str
 
 
-def add_guard(graph: GraphBuilder, spec: StepSpec) -> Guarded:
+def add_guard(graph: GraphBuilder, spec: StepSpec) -> GuardOutputs:
     """Add the guard; publishes settled [B], unknown [B] and usable_sensors [B]."""
     oldest = graph.state("oldest", 1)
     older = graph.state("older", spec.history_samples - 2)
     last = graph.state("last", 1)
     place = graph.state("place", 1)
     share = _share_of_good(graph, spec)
-    good = graph.node("GreaterOrEqual", share, graph.constant(1.0))
+    good = graph.node("GreaterOrEqual", share, 1.0)
     now = graph.node("Where", good, "sample", last)
     # each row takes the value of the next newer one
     graph.keep("oldest", older)
     graph.keep("older", last)
     graph.keep("last", now)
-    begun = graph.node("Min", place, graph.constant(1.0))
+    begun = graph.node("Min", place, 1.0)
     # the cast rounds a share below 1 down
     entry = graph.node("Cast", graph.node("Add", place, share), to=TensorProto.INT64)
-    following = graph.node("Gather", graph.constant(_next_places(spec)), entry)
+    following = graph.node("Gather", _next_places(spec), entry)
     graph.keep("place", following)
     usable = _publish(graph, spec, following)
-    return Guarded(now, last, (oldest, older, last), good, begun, usable)
+    return GuardOutputs(now, last, (oldest, older, last), good, begun, usable)
 
 
 def _share_of_good(graph: GraphBuilder, spec: StepSpec) -> str:
     """[B, 1, C]: good quarters of a sensor: three channels in range, and the valid flag."""
     magnitude = graph.node("Abs", "sample")
-    in_range = graph.node("Less", magnitude, graph.constant(RANGE_LIMIT[spec.unit]))
+    in_range = graph.node("Less", magnitude, RANGE_LIMIT[spec.unit])
     flags = graph.node("Concat", in_range, "valid", axis=2)
     checks = graph.node("Cast", flags, to=TensorProto.DOUBLE)
     channels = np.kron(np.eye(spec.n_sensors), np.ones((3, 3)))
     valid = np.kron(np.eye(spec.n_sensors), np.ones((1, 3)))
-    quarters = graph.constant(np.concatenate([channels, valid]) / 4.0)
+    quarters = np.concatenate([channels, valid]) / 4.0
     return graph.node("MatMul", checks, quarters)
 
 
@@ -105,14 +105,14 @@ def _publish(graph: GraphBuilder, spec: StepSpec, place: str) -> str:
     a_delivery = 2 * (spec.gap_samples + 1)
     last_place = a_delivery * spec.settle_samples
     first_settled = last_place - a_delivery + 2
-    settled = graph.node("Greater", place, graph.constant(first_settled - 1.0))
-    usable = graph.node("Greater", place, graph.constant(last_place - 1.0))
+    settled = graph.node("Greater", place, first_settled - 1.0)
+    usable = graph.node("Greater", place, last_place - 1.0)
     needed = graph.constant(3 * spec.min_valid_sensors, np.int32)
     n_settled = _count(graph, settled)
     graph.node("GreaterOrEqual", n_settled, needed, out="settled")
     n_usable = _count(graph, usable)
     graph.node("Less", n_usable, needed, out="unknown")
-    graph.node("Div", n_usable, graph.constant(3, np.int32), out="usable_sensors")
+    graph.node("Div", n_usable, np.int32(3), out="usable_sensors")
     graph.output("settled", TensorProto.BOOL)
     graph.output("unknown", TensorProto.BOOL)
     graph.output("usable_sensors", TensorProto.INT32)
@@ -122,7 +122,7 @@ def _publish(graph: GraphBuilder, spec: StepSpec, place: str) -> str:
 def _count(graph: GraphBuilder, flags: str) -> str:
     """[B, 1, C] bool -> [B] number of channels."""
     numbers = graph.node("Cast", flags, to=TensorProto.INT32)
-    return graph.node("ReduceSum", numbers, graph.ints(1, 2), keepdims=0)
+    return graph.node("ReduceSum", numbers, [1, 2], keepdims=0)
 
 
 def reference_flags(
@@ -167,7 +167,7 @@ class History:
     """
 
     def __init__(
-        self, graph: GraphBuilder, spec: StepSpec, guarded: Guarded, rectified: str
+        self, graph: GraphBuilder, spec: StepSpec, guarded: GuardOutputs, rectified: str
     ) -> None:
         self.graph = graph
         self.spec = spec
@@ -185,23 +185,20 @@ class History:
     @cached_property
     def summed(self) -> str:
         """[B, L, 3]: the sum over the sensors at every sample."""
-        samples = self.samples
-        over_sensors = self.graph.constant(_over_sensors(self.spec))
-        return self.graph.node("MatMul", samples, over_sensors)
+        return self.graph.node("MatMul", self.samples, _over_sensors(self.spec))
 
     @cached_property
     def changes(self) -> str:
         """[B, 1 + lags, C + 3]: x[t] and every x[t] - x[t-l], of each sensor and of the sum."""
         now = self.length - 1
         places = [now] + [now - self.spec.lag(seconds) for seconds in LAGS_S]
-        samples = self.samples
-        rows = self.graph.node("Gather", samples, self.graph.ints(*places), axis=1)
+        rows = self.graph.node("Gather", self.samples, places, axis=1)
         channels = np.eye(self.spec.n_channels)
         and_sum = np.concatenate([channels, _over_sensors(self.spec)], axis=1)
-        values = self.graph.node("MatMul", rows, self.graph.constant(and_sum))
+        values = self.graph.node("MatMul", rows, and_sum)
         since = -np.eye(len(places))
         since[:, 0] = 1.0
-        return self.graph.node("MatMul", self.graph.constant(since), values)
+        return self.graph.node("MatMul", since, values)
 
     @cached_property
     def normal(self) -> str:
@@ -215,9 +212,9 @@ class History:
         """
         changes, graph = self.changes, self.graph
         sum_x = self.spec.n_channels
-        starts = graph.ints(rows[0], sum_x + axes[0])
-        stops = graph.ints(rows[1], sum_x + axes[1])
-        return graph.node("Slice", changes, starts, stops, graph.ints(1, 2))
+        starts = [rows[0], sum_x + axes[0]]
+        stops = [rows[1], sum_x + axes[1]]
+        return graph.node("Slice", changes, starts, stops, [1, 2])
 
     def pooled(self, tensor: str, rows: int) -> list[int]:
         """Put [B, rows, 3] into the pool; returns the rows' places in it."""
@@ -248,15 +245,13 @@ class History:
         for group in groups:
             places += group.places
             flags += [group.scaled] * len(group.places)
-        pool = self.pool
-        triples = graph.node("Gather", pool, graph.ints(*places), axis=1)
+        triples = graph.node("Gather", self.pool, places, axis=1)
         if any(flags):
             scaled = np.array(flags)[:, None]
-            normal = self.normal
-            scale = graph.node("Mul", normal, graph.constant(scaled))
+            scale = graph.node("Mul", self.normal, scaled.astype(np.float64))
             # rows that are not scaled are divided by max(0, 1) = 1
             floor = np.where(scaled, NORMAL_FLOOR[self.spec.unit], 1.0)
-            divisor = graph.node("Max", scale, graph.constant(floor))
+            divisor = graph.node("Max", scale, floor)
             triples = graph.node("Div", triples, divisor)
         return graph.node("Flatten", triples, axis=1)
 

@@ -77,9 +77,9 @@ def add_heads(graph: GraphBuilder, features: str, heads: list[Head]) -> None:
 def _calibrated(graph: GraphBuilder, head: Head, votes: str, out: str = "") -> str:
     """[B, K] float32 probabilities; the division of votes into shares is part of the weights."""
     weights = head.calibration.weights / votes_in_all(head.learner)
-    product = graph.node("MatMul", votes, graph.constant(weights, np.float32))
-    bias = graph.constant(head.calibration.bias, np.float32)
-    return graph.node("Softmax", graph.node("Add", product, bias), out=out, axis=1)
+    product = graph.node("MatMul", votes, np.float32(weights))
+    logits = graph.node("Add", product, np.float32(head.calibration.bias))
+    return graph.node("Softmax", logits, out=out, axis=1)
 
 
 def _publish_extra(graph: GraphBuilder, head: Head, votes: str) -> None:
@@ -91,7 +91,7 @@ def _publish_extra(graph: GraphBuilder, head: Head, votes: str) -> None:
 
 def _publish_label(graph: GraphBuilder, head: Head, votes: str) -> None:
     if head.label_weights is not None:
-        votes = graph.node("Mul", votes, graph.constant(head.label_weights, np.float32))
+        votes = graph.node("Mul", votes, np.asarray(head.label_weights, np.float32))
     # Of equal votes the last counts, which is the riskier situation.
     graph.node(
         "ArgMax", votes, out="situation", axis=1, keepdims=0, select_last_index=1
@@ -108,10 +108,9 @@ def _publish_classes(graph: GraphBuilder, head: Head, votes: str) -> None:
     graph.output("p_situation", TensorProto.FLOAT, len(SITUATIONS))
     _publish_label(graph, head, graph.node("MatMul", votes, pairs))
     # "nothing" has no weight, so its two classes do not count; a tie is heavy, which is riskier
-    heavier = graph.constant([0, 0] + [-1, 1] * 3, np.float32)
+    heavier = np.array([0, 0] + [-1, 1] * 3, np.float32)
     difference = graph.node("MatMul", votes, heavier)
-    zero = graph.constant(0.0, np.float32)
-    graph.node("GreaterOrEqual", difference, zero, out="weight")
+    graph.node("GreaterOrEqual", difference, np.float32(0.0), out="weight")
     graph.output("weight", TensorProto.BOOL)
 
 

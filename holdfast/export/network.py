@@ -160,53 +160,50 @@ def add_network(
     """Add the network; returns votes [B, K] float32 that hold exact integers."""
     k = network.n_classes
     shares = add_shares(graph, network, features)
-    of_votes = graph.node("Mul", shares, _number(graph, network.shared_votes))
+    of_votes = graph.node("Mul", shares, np.float32(network.shared_votes))
     votes = graph.node("Floor", of_votes)
-    others = graph.node("MatMul", votes, _number(graph, _rest_to_the_last(k)))
+    others = graph.node("MatMul", votes, _rest_to_the_last(k))
     last = np.eye(k)[-1] * network.votes_in_all
-    return graph.node("Add", others, _number(graph, last), out=out)
+    return graph.node("Add", others, np.float32(last), out=out)
 
 
 def add_shares(graph: GraphBuilder, network: Network, features: str) -> str:
     """Add the network up to its shares [B, K] float32."""
     values = _add_inputs(graph, network.inputs, features)
     for layer in network.layers[:-1]:
-        least, most = _number(graph, 0.0), _number(graph, HIDDEN_MOST)
+        least = graph.constant(0.0, np.float32)
+        most = graph.constant(HIDDEN_MOST, np.float32)
         values = graph.node("Clip", _add_layer(graph, layer, values), least, most)
     return _add_raised(graph, _add_layer(graph, network.layers[-1], values))
 
 
-def _number(graph: GraphBuilder, value: npt.ArrayLike) -> str:
-    return graph.constant(value, np.float32)
-
-
 def _add_inputs(graph: GraphBuilder, inputs: Inputs, features: str) -> str:
     size = graph.node("Abs", features)
-    known = graph.node("Less", size, _number(graph, LARGEST_FEATURE))
-    finite = graph.node("Where", known, features, _number(graph, 0.0))
+    known = graph.node("Less", size, np.float32(LARGEST_FEATURE))
+    finite = graph.node("Where", known, features, np.float32(0.0))
     finite_size = graph.node("Abs", finite)
-    below = graph.node("Add", finite_size, _number(graph, inputs.knee))
+    below = graph.node("Add", finite_size, inputs.knee)
     squashed = graph.node("Div", finite, below)
-    scaled = graph.node("Mul", squashed, _number(graph, inputs.gain))
-    shifted = graph.node("Add", scaled, _number(graph, inputs.offset))
+    scaled = graph.node("Mul", squashed, inputs.gain)
+    shifted = graph.node("Add", scaled, inputs.offset)
     return graph.node("Round", shifted)
 
 
 def _add_layer(graph: GraphBuilder, layer: Layer, values: str) -> str:
-    product = graph.node("MatMul", values, _number(graph, layer.weights))
-    total = graph.node("Add", product, _number(graph, layer.bias))
-    scaled = graph.node("Mul", total, _number(graph, layer.scale))
+    product = graph.node("MatMul", values, layer.weights)
+    total = graph.node("Add", product, layer.bias)
+    scaled = graph.node("Mul", total, layer.scale)
     return graph.node("Round", scaled)
 
 
 def _add_raised(graph: GraphBuilder, logits: str) -> str:
     """exp of the logits behind the first, by a table, as shares of their sum."""
-    first = graph.node("ReduceMax", logits, graph.ints(1), keepdims=1)
+    first = graph.node("ReduceMax", logits, [1], keepdims=1)
     behind = graph.node("Sub", first, logits)
-    nearest = graph.node("Min", behind, _number(graph, TABLE_LENGTH - 1))
+    nearest = graph.node("Min", behind, np.float32(TABLE_LENGTH - 1))
     place = graph.node("Cast", nearest, to=TensorProto.INT64)
-    raised = graph.node("Gather", _number(graph, EXPONENTIALS), place, axis=0)
-    total = graph.node("ReduceSum", raised, graph.ints(1), keepdims=1)
+    raised = graph.node("Gather", np.float32(EXPONENTIALS), place, axis=0)
+    total = graph.node("ReduceSum", raised, [1], keepdims=1)
     return graph.node("Div", raised, total)
 
 

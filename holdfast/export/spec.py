@@ -33,8 +33,8 @@ def bands_for(
     rate_hz: float, bands_hz: tuple[float, ...] = BANDS_HZ
 ) -> tuple[float, ...]:
     """The bands below 0.46 of a sampling rate. Raises RateError if there is none."""
-    carried = tuple(band for band in bands_hz if band < HIGHEST_SHARE * rate_hz)
-    if not carried:
+    usable = tuple(band for band in bands_hz if band < HIGHEST_SHARE * rate_hz)
+    if not usable:
         lowest = min(bands_hz)
         raise RateError(
             f"{rate_hz:.4g} Hz carries none of the bands",
@@ -42,7 +42,7 @@ def bands_for(
             f"and needs more than {lowest / HIGHEST_SHARE:.4g} Hz",
             next_step="record faster",
         )
-    return carried
+    return usable
 
 
 def window_samples(rate_hz: float, window_s: float = WINDOW_S) -> int:
@@ -145,14 +145,14 @@ class StepSpec:
         """A lag in samples: at least 1, at most the history."""
         return min(max(1, round(seconds * self.rate_hz)), self.history_samples)
 
-    def carried_bands(self) -> tuple[float, ...]:
+    def usable_bands(self) -> tuple[float, ...]:
         """The bands of the bank at this rate. Raises RateError if there is none."""
         return bands_for(self.rate_hz, self.bands_hz)
 
     def lost_bands(self) -> tuple[float, ...]:
         """The bands left out at this rate, as in the model's metadata."""
-        carried = self.carried_bands()
-        return tuple(band for band in self.bands_hz if band not in carried)
+        usable = self.usable_bands()
+        return tuple(band for band in self.bands_hz if band not in usable)
 
     def warn_of_lost_bands(self) -> None:
         """Warn (BandsLeftOut) of bands left out at this rate; RateError if there is no band."""

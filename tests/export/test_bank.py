@@ -40,7 +40,7 @@ def bank_model(spec: StepSpec) -> bytes:
     rectified = add_bank(graph, spec, add_guard(graph, spec))
     graph.node("Identity", rectified, out="rectified")
     graph.output(
-        "rectified", TensorProto.DOUBLE, len(spec.carried_bands()), spec.n_channels
+        "rectified", TensorProto.DOUBLE, len(spec.usable_bands()), spec.n_channels
     )
     return graph.model().SerializeToString()
 
@@ -71,7 +71,7 @@ def by_scipy(spec: StepSpec, values: FloatArray) -> FloatArray:
     shear = values.reshape(len(values), -1, 3)[:, :, :2]
     filtered = [
         sosfilt(sections(spec.rate_hz, band), shear - shear[0], axis=0)
-        for band in spec.carried_bands()
+        for band in spec.usable_bands()
     ]
     return np.stack(filtered, axis=-1)
 
@@ -115,7 +115,7 @@ def test_the_step_matrix_by_hand_is_scipys_filter(rate_hz: float) -> None:
 def test_a_tone_is_loudest_in_the_band_that_bears_its_name(rate_hz: float) -> None:
     spec = spec_at(rate_hz, n_sensors=1)
     t_s = np.arange(round(2.5 * rate_hz)) / rate_hz
-    for place, band in enumerate(spec.carried_bands()):
+    for place, band in enumerate(spec.usable_bands()):
         tone = np.repeat(np.sin(2 * np.pi * band * t_s + 0.3)[:, None], 3, axis=1)
         loudness = np.square(bank_outputs(spec, tone)[round(1.5 * rate_hz) :]).mean(
             axis=0
@@ -137,7 +137,7 @@ def test_bands_at_or_above_half_the_rate_are_left_out(
     rate_hz: float, carried: tuple[float, ...]
 ) -> None:
     spec = spec_at(rate_hz)
-    assert spec.carried_bands() == carried
+    assert spec.usable_bands() == carried
     assert spec.lost_bands() == tuple(band for band in BANDS_HZ if band not in carried)
     assert bank_outputs(spec, forces(4, spec.n_channels)).shape[-1] == len(carried)
 
@@ -163,7 +163,7 @@ def test_the_sealed_card_lists_the_bands_and_the_bands_left_out(
 @pytest.mark.parametrize("rate_hz", [20.0, 12.5, 1.0])
 def test_a_rate_that_carries_no_band_is_refused(rate_hz: float) -> None:
     for refused in (
-        spec_at(rate_hz).carried_bands,
+        spec_at(rate_hz).usable_bands,
         spec_at(rate_hz).warn_of_lost_bands,
     ):
         with pytest.raises(RateError, match="none of the bands"):
@@ -214,7 +214,7 @@ def test_silence_ends_in_exact_zeros_and_passes_no_subnormal_number(
             out = graph.step()["rectified"]
             for numbers in (graph.state, out):
                 assert not np.any((numbers != 0.0) & (np.abs(numbers) < tiny))
-    bank = graph.state[0, -(1 + 4 * len(spec.carried_bands())) :]
+    bank = graph.state[0, -(1 + 4 * len(spec.usable_bands())) :]
     assert not bank.any()
     assert not graph.out["rectified"].any()
 

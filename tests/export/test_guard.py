@@ -59,7 +59,7 @@ def bank_session(spec: StepSpec) -> ort.InferenceSession:
         "Identity", add_bank(graph, spec, add_guard(graph, spec)), out="rectified"
     )
     graph.output(
-        "rectified", TensorProto.DOUBLE, len(spec.carried_bands()), spec.n_channels
+        "rectified", TensorProto.DOUBLE, len(spec.usable_bands()), spec.n_channels
     )
     return open_session(graph.model().SerializeToString())
 
@@ -149,7 +149,7 @@ def test_a_sensors_bank_is_held_bit_for_bit_while_it_is_bad(how: float | str) ->
     for row in gap:
         spoil(values, valid, row, 1, how)
     held = stepped(bank_session(spec), values, valid)
-    size = 1 + 4 * len(spec.carried_bands())
+    size = 1 + 4 * len(spec.usable_bands())
     bank = held["state"][:, -size:]
     for row in gap:
         assert bits(bank[row][:, of(1)]) == bits(bank[39][:, of(1)])

@@ -46,7 +46,7 @@ EMITTERS: dict[str, Callable[[Node, Writer], list[str]]] = {
 """The body of each operator that stands alone; loops.py has those that go number by number."""
 
 
-class Compiled:
+class StepCode:
     """All functions of the step, the tables that they read, and how much memory they take."""
 
     def __init__(self, graph: Graph) -> None:

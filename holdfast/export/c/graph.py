@@ -125,7 +125,7 @@ BRANCH = b"BRANCH_LEQ"
 
 
 def decoded(node: Node) -> Node:
-    """The node with its lists as arrays; `nodes_modes` says which nodes are branches."""
+    """The node with its lists as arrays; `nodes_modes` marks the nodes that are branches."""
     attributes = dict(node.attributes)
     lists = [name for name in attributes if name.startswith(("nodes_", "target_"))]
     if node.op_type == "Transpose":

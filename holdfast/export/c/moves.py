@@ -134,7 +134,7 @@ def write_reduction(node: Node, writer: Writer) -> list[str]:
 
 
 def write_arg_max(node: Node, writer: Writer) -> list[str]:
-    """The place of the largest; of equal ones the last, where the graph says so."""
+    """The place of the largest; of equal ones the last, where the graph asks for it."""
     out, n = writer.name(node.outputs[0]), writer.graph.shape(node.inputs[0])[-1]
     beats = ">=" if node.attributes.get("select_last_index", 0) else ">"
     other, best = writer.read(node.inputs[0], "k"), writer.read(node.inputs[0], "best")

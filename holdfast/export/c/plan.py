@@ -45,7 +45,7 @@ class View:
 
 
 def views_of(graph: Graph) -> dict[str, View]:
-    """Every tensor that needs no memory of its own, by name; bases are never views."""
+    """Every tensor that needs no memory, by name; bases are never views."""
     views: dict[str, View] = {}
     for node in graph.nodes:
         for name, offset in _contiguous(node, graph):

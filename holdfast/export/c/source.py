@@ -17,7 +17,7 @@ from holdfast.edge_runtime.decision import period_us
 from holdfast.edge_runtime.grip_control import SAMPLES
 from holdfast.edge_runtime.model import AMPLITUDE, golden_length
 from holdfast.edge_runtime.preparation import Preparation
-from holdfast.export.c.compiled import Compiled
+from holdfast.export.c.compiled import StepCode
 from holdfast.export.c.constants import constants, options_of, rules_of
 from holdfast.export.c.graph import Graph
 from holdfast.export.c.literals import C_TYPES, number, smallest_type, table
@@ -50,7 +50,7 @@ class CSource:
 
 def c_source(graph: Graph) -> CSource:
     """Compile a graph. Raises NotCompilable."""
-    compiled = Compiled(graph)
+    compiled = StepCode(graph)
     words = _words(graph, compiled)
     return CSource(
         files={
@@ -64,7 +64,7 @@ def c_source(graph: Graph) -> CSource:
     )
 
 
-def _source(compiled: Compiled, words: Words) -> str:
+def _source(compiled: StepCode, words: Words) -> str:
     """holdfast.c: what is used of maths.c, the model, then the hand-written files."""
     sense, sense_body = compiled.sense
     answer, answer_body = compiled.answer
@@ -112,7 +112,7 @@ def _snippets(used_in: str) -> str:
     return "\n".join(bodies)
 
 
-def _words(graph: Graph, compiled: Compiled) -> dict[str, object]:
+def _words(graph: Graph, compiled: StepCode) -> dict[str, object]:
     """The words and numbers of one model."""
     card, n = graph.card, graph.card.n_channels
     reduced = "; forces are not in N, so there is no ceiling and no target"

@@ -74,7 +74,7 @@ class Writer:
         return "int" if c_type == "uint8_t" else c_type
 
     def read(self, tensor: str, index: str) -> str:
-        """A number of a tensor, as the type that the graph says."""
+        """A number of a tensor, as the type in the graph."""
         kept = self.memory.place(tensor).c_type
         wanted = C_TYPES[self.graph.element(tensor)]
         number = f"{self.name(tensor)}[{index}]"
