@@ -1,4 +1,4 @@
-"""XDF recordings (of LabRecorder, say) as trials: `<person>/<object>/<action>/trial_<n>.csv`.
+"""XDF recordings (such as LabRecorder's) as trials: `<person>/<object>/<action>/trial_<n>.csv`.
 
 This module alone imports pyxdf. Clocks are those of the recorder: pyxdf corrects the stamps of each
 stream by the clock offsets in the file. Its removal of jitter is off, because a straight line
@@ -205,8 +205,8 @@ def cuts(markers: list[Marker], whole: str | None, where: Path) -> list[Cut]:
 
 def _folder(text: str, where: Path) -> str:
     """`<object>/<action>` or `nothing`, checked. Raises LabelError."""
-    thing, _, action = text.rpartition("/")
-    plain = thing.replace("-", "").replace("_", "")
+    name, _, action = text.rpartition("/")
+    plain = name.replace("-", "").replace("_", "")
     is_name = plain.isascii() and plain.isalnum()
     if text != EMPTY_HAND and (action not in FOLDERS or not is_name):
         raise LabelError(

@@ -71,7 +71,7 @@ def offline_critical_points(recording: Recording) -> list[CriticalPoint]:
 def band_pass_envelope(samples: FloatArray, rate_hz: float) -> FloatArray:
     """[T, C] -> [T, 2 C / 3] largest |output| over the bands of each shear channel, unit/s.
 
-    Each channel has a state of its own, settled at its first value, and starts afresh with every
+    Each channel has a separate state, settled at its first value, which starts afresh with every
     call.
     """
     from scipy.signal import sosfilt  # here, because its import takes a second
@@ -109,7 +109,7 @@ def _fresh_edges(above: BoolArray, quiet: int) -> IntArray:
 def friction_rows(samples: FloatArray, rate_hz: float) -> IntArray:
     """Jumps of a sensor's shear-to-normal ratio, confirmed by what the force does next: rows.
 
-    Each sensor has a cone of its own in its own fixed axes: no component whose sign or scale
+    Each sensor has its cone in its fixed axes: no component whose sign or scale
     depends on the trial. The normal force under the fraction bar never falls below a tenth of what
     the recording's most loaded sensor carries, so the ratio is bounded where contact is light and
     has no pole. Of marks within 0.5 s the largest jump is kept.

@@ -181,7 +181,7 @@ def _on_counts(notes: Json) -> str:
 
 
 def warn_of_scarcity(data: DataSet, *, undersampled: bool = False) -> None:
-    """Warn (FewWindows, FewGroups) of a set that holds too little, and say what to do.
+    """Warn (FewWindows, FewGroups) of a set that holds too little; each names the next step.
 
     undersampled: its windows are the thesis' set, which is as small as its rarest class.
     """
@@ -321,7 +321,7 @@ def fingerprint(recording: Recording) -> str:
 
 
 def _origin(data: DataSet, plan: TrainingPlan, seed: int, figures: HeadFigures) -> Json:
-    """What the model card says of where it comes from."""
+    """The origin of the model, for its card."""
     prints = [fingerprint(recording) for recording in data.recordings]
     windows = {task: rows.class_counts() for task, rows in data.tasks.items()}
     return {

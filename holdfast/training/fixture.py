@@ -76,7 +76,7 @@ class _Scene:
         return u * u * (3.0 - 2.0 * u)
 
     def shake(self, start_s: float, lasts_s: float, force_n: float) -> None:
-        """Stick and slip: a tone of its own on every sensor, then fading in a tenth of a second."""
+        """Stick and slip: another tone on every sensor, then fading in a tenth of a second."""
         t_s = self.t_s - start_s
         fading = np.exp(-np.clip(t_s - lasts_s, 0.0, None) / 0.05)
         envelope_n = force_n * self.ramp(start_s, 0.02) * fading

@@ -208,7 +208,7 @@ def _cells(cells: CellTrials) -> list[Cell]:
 
 
 def _cell(name: CellName, trials: list[TimedTrial | None]) -> Cell:
-    person, thing, action = name
+    person, known_name, action = name
     seconds, rates_hz = 0.0, []
     unit, mass = None, None
     labels_by: Counter[str] = Counter()
@@ -223,7 +223,7 @@ def _cell(name: CellName, trials: list[TimedTrial | None]) -> Cell:
         mass = mass or trial.mass
     return Cell(
         person=person,
-        object_name=thing,
+        object_name=known_name,
         action=action,
         trials=len(trials),
         read=len(rates_hz),

@@ -1,4 +1,4 @@
-"""What is trained by default: feature groups, learner, how many folds. One place to look.
+"""What is trained by default: feature groups, learner, how many folds.
 
 The choice was made on human_slip_uskin, people held out (docs/decisions.md says how many were
 tried).
@@ -47,10 +47,9 @@ class ForestPlan:
 
     def build(self, seed: int, n_jobs: int = 2) -> Forest:
         """An unfitted forest; the seed makes it the same every time."""
-        maker = ExtraTreesClassifier if self.kind == "extra" else RandomForestClassifier
-        parameters = {
-            key: value for key, value in asdict(self).items() if key != "kind"
-        }
+        parameters = asdict(self)
+        kind = parameters.pop("kind")
+        maker = ExtraTreesClassifier if kind == "extra" else RandomForestClassifier
         return maker(random_state=seed, n_jobs=n_jobs, **parameters)
 
 
@@ -77,7 +76,7 @@ HAND_NETWORK = NetworkPlan(hidden=(64,), balance=1.0)
 
 @dataclass(frozen=True)
 class TrainingPlan:
-    """All choices of a training run beside the data and the seed.
+    """All choices of a training run except the data and the seed.
 
     inner_folds: label weights and a network's hyperparameters are chosen on so many folds of the
     training windows alone; 0 for none.
@@ -99,11 +98,9 @@ class TrainingPlan:
 
     def network_for(self, task: str) -> NetworkPlan:
         """The network of a task."""
-        return (
-            self.prediction_network
-            if TASK_HEADS[task] == "p_risky_250ms"
-            else self.network
-        )
+        if TASK_HEADS[task] == "p_risky_250ms":
+            return self.prediction_network
+        return self.network
 
     def with_network(self, task: str, network: NetworkPlan) -> TrainingPlan:
         """The plan with another network for a task."""
@@ -113,13 +110,14 @@ class TrainingPlan:
 
     def forest_for(self, task: str) -> ForestPlan:
         """The forest of a task."""
-        return (
-            self.prediction if TASK_HEADS[task] == "p_risky_250ms" else self.situation
-        )
+        if TASK_HEADS[task] == "p_risky_250ms":
+            return self.prediction
+        return self.situation
 
     def to_json(self) -> Json:
         """As a JSON object, for the model card."""
         fields = asdict(self)
+        # The card of a forest, or of a run without inner folds, is as it was before there were any.
         if self.learner == "forest":
             del fields["learner"], fields["network"], fields["prediction_network"]
         if not self.inner_folds:
@@ -128,7 +126,7 @@ class TrainingPlan:
 
 
 RAW_BASELINE = TrainingPlan(groups=RAW_GROUPS, situation=UNTUNED, prediction=UNTUNED)
-"""The raw-window forest every other figure stands beside."""
+"""The raw-window forest, the reference of every other figure."""
 
 _FOREST_SIZES = {"tiny": (8, 10), "default": (20, 16), "best": (100, None)}
 """Trees and depth."""
@@ -152,5 +150,4 @@ SIZES = {size: hand_plan(size) for size in _FOREST_SIZES}
 
 _SMOOTH = ForestPlan(kind="random", min_samples_leaf=20)
 CLOCK_PLAN = TrainingPlan(groups=(), situation=_SMOOTH, prediction=_SMOOTH)
-"""For the clock's two numbers: smooth and balanced, the best such forest found, so that the warning
-is fair."""
+"""For the two numbers of the timing-only baseline: the best such forest found, to be fair."""

@@ -1,6 +1,7 @@
 """Progress of long work on stderr: a bar with the time left, or one line a stage.
 
-How long work reports its stages, and the share of each that is done.
+A function that takes long has two parameters: `say`, which receives the name of each stage as it
+begins, and `part`, which receives the share of the stage that is done.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ from holdfast.core.errors import visible
 
 
 class Stages:
-    """Call it with what begins now; `part` says how much of that is done, 0 to 1."""
+    """Call it with the stage that begins; `part` takes the share of it that is done, 0 to 1."""
 
     def __init__(self, progress: Progress, bar: TaskID) -> None:
         self._progress, self._bar, self._begun = progress, bar, -1
@@ -52,7 +53,7 @@ class Stages:
 
 @contextmanager
 def stages(total: int) -> Iterator[Stages]:
-    """Yields what is called once for each of `total` stages, as it begins."""
+    """Yields a Stages, to be called once for each of `total` stages as it begins."""
     progress = _progress()
     with progress:
         yield Stages(progress, progress.add_task("starting", total=total))
@@ -60,7 +61,7 @@ def stages(total: int) -> Iterator[Stages]:
 
 @contextmanager
 def counted(text: str, total: int) -> Iterator[Callable[[float], None]]:
-    """Yields what takes how many of `total` are done. text: what is being done."""
+    """Yields a function that takes how many of `total` are done. text: the name of the work."""
     line = visible(text)
     progress = _progress()
     with progress:
@@ -80,7 +81,7 @@ def _progress() -> Progress:
         TimeRemainingColumn(),
     )
     console = Console(stderr=True)
-    # What is printed on a terminal goes above the bar; what is piped stays in the pipe.
+    # Lines printed on a terminal go above the bar; a pipe gets them unchanged.
     return Progress(
         *columns,
         console=console,

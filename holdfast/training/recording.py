@@ -107,7 +107,7 @@ class DataSet:
     tasks: "situations" (labels 0..3) or "classes" (labels 0..7), and further heads such as
     "predict_250ms" (labels 0/1). rate_hz: the median over the recordings.
     redistributable: False for sets without a licence; what is made from them stays in build/.
-    caveat: the sentence that must stand beside every number from this set.
+    caveat: the sentence that must stand with every number from this set.
     lacks: situations the set does not have by its nature; any other absent class is an error.
     group_kind: what a group is: person, object, trial or block.
     """

@@ -37,7 +37,7 @@ from holdfast.core.trial_layout import (
 )
 
 UNSCRIPTED = ("hold", "daily")
-"""Actions whose labels come only from the truth beside a trial."""
+"""Actions whose labels come only from the truth file of a trial."""
 ACTION_S = 7.0
 HOLD_AGAIN_S = 2.0
 """After the action's start: a put-down holds again in its last second before the release.
@@ -131,7 +131,7 @@ def _off_the_script(
 
 
 def action_start_s(about: Json, where: Path) -> float | None:
-    """When the action starts, s, as a meta.json or a truth says; None where it does not.
+    """When the action starts, s, by a meta.json or a truth; None where it gives no time.
 
     Raises LabelError.
     """

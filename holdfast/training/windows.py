@@ -47,6 +47,7 @@ from holdfast.export.spec import HISTORY_S, WINDOW_S, window_samples
 from holdfast.training.critical_points import CriticalPoint, offline_critical_points
 from holdfast.training.progress import Part, ignored
 from holdfast.training.recording import LabelledRows, Recording
+from holdfast.training.splits import NO_OBJECT
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -61,7 +62,6 @@ SLIP_EVERY_S = 0.02
 MOST_OF_A_SLIP = 12
 DENSE_EVERY_S = {NOTHING: 0.5, GRASP: 0.1, SAFE_SLIP: 0.02, RISKY_SLIP: 0.0}
 """Between two dense windows of a situation; 0 takes every sample."""
-NO_OBJECT = "-"
 STRATA = ["object", "action", "source"]
 COLUMNS = ["trial", "row", "label", *STRATA]
 

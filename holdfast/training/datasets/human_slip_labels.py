@@ -28,7 +28,7 @@ from holdfast.core.contract import (
     FloatArray,
     IntArray,
 )
-from holdfast.training.datasets.public_files import TrialRows
+from holdfast.training.datasets.public_files import UNLABELLED, TrialRows
 from holdfast.training.timeline import Phase, Phases, RiskyEvent, RiskyEvents
 
 BIAS_ROWS = 60
@@ -38,7 +38,6 @@ AROUND_MOVE_ROWS = 60
 """Situations go on for this long after the move; predictions start this long before it."""
 HORIZON_ROWS = 15
 """0.25 s at the set's 58.9 Hz."""
-UNLABELLED = -1
 
 
 def contact_force_n(prepared: FloatArray) -> FloatArray:

@@ -29,6 +29,7 @@ from holdfast.core.errors import ColumnError, DataNotFound
 from holdfast.edge_runtime.preparation import Preparation
 from holdfast.training.datasets.public_files import (
     COPY_AGAIN,
+    UNLABELLED,
     TrialRows,
     channels_of,
     join_trials,
@@ -45,7 +46,6 @@ THREE_TAXELS = (4, 14, 16)
 both pads and both failing trials (769, 763 and 754 counts; the next are 726 and 653)."""
 FIRST_ROW = 30
 """Half a second for filters to settle before the first window."""
-UNLABELLED = -1
 CAVEAT = (
     "Seven trials, only three of which slip: a demonstration, which cannot support any accuracy "
     "claim."

@@ -31,6 +31,8 @@ Shape = tuple[int | None, ...]
 Arrays = dict[str, npt.NDArray[Any]]
 TrialRows = tuple[npt.NDArray[Any], npt.NDArray[Any]]
 """Last rows [m] of a trial's windows, and their labels [m]."""
+UNLABELLED = -1
+"""A row without a label, of no window."""
 COPY_AGAIN = "copy the data set again from its source"
 
 
