@@ -6,10 +6,10 @@ Every line is one write to the system, so a killed program loses at most the sam
 writing. Once a second of sample time, a thread syncs the file to the disk: a slow card delays no
 sample, and a power cut costs about that second.
 
-A killed program leaves a part of a line; a power cut may leave zeros behind it. `repair_table` moves that
-end to `<file>.torn`, and nothing is deleted. An edited header, rows with another number of cells,
-or text among the samples are damage of another kind: such a file is refused unchanged, for a person
-to correct.
+A killed program leaves a part of a line; a power cut may leave zeros behind it. `repair_table`
+moves that end to `<file>.torn`, and nothing is deleted. An edited header, rows with another number
+of cells, or text among the samples are damage of another kind: such a file is refused unchanged,
+for a person to correct.
 """
 
 from __future__ import annotations
