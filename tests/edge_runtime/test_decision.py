@@ -88,15 +88,6 @@ any_rules = st.builds(
 )
 
 
-def test_it_arms_at_the_first_risky_sample_and_acts_at_the_second() -> None:
-    states = fed(times(3, RISKY_SLIP))
-    assert [(s.arm, s.act) for s in states] == [
-        (True, False),
-        (True, True),
-        (True, True),
-    ]
-
-
 @given(rules=any_rules)
 @settings(max_examples=50)
 def test_it_arms_and_acts_after_as_many_risky_samples_in_a_row_as_the_rules_say(
@@ -107,12 +98,6 @@ def test_it_arms_and_acts_after_as_many_risky_samples_in_a_row_as_the_rules_say(
     assert [s.arm for s in states].index(True) == min(
         rules.arm_samples, rules.act_samples
     ) - 1
-
-
-@pytest.mark.parametrize("between", [NOTHING, GRASP, SAFE_SLIP])
-def test_one_other_label_starts_the_count_again(between: int) -> None:
-    assert not any(s.act for s in fed([Given(RISKY_SLIP), Given(between)] * 5))
-    assert not fed([Given(RISKY_SLIP), Given(between)])[-1].arm
 
 
 @pytest.mark.parametrize("later", [GRASP, SAFE_SLIP])
@@ -161,21 +146,6 @@ def test_it_releases_when_there_has_been_nothing_for_long_enough_and_not_a_sampl
     assert after(acting + short + times(1, GRASP) + short).act
     assert not after(acting + enough).act
     assert not after(acting + enough).arm
-
-
-def test_after_a_release_the_next_risky_slip_counts_from_one() -> None:
-    released = times(2, RISKY_SLIP) + times(RULES.release_samples, NOTHING)
-    assert not after(released + times(1, RISKY_SLIP)).act
-    assert after(released + times(2, RISKY_SLIP)).act
-
-
-@given(inputs=any_inputs, rules=any_rules, gap=st.integers(1, 20))
-@settings(max_examples=50)
-def test_while_unknown_nothing_is_counted_and_nothing_is_released(
-    inputs: list[Given], rules: DecisionRules, gap: int
-) -> None:
-    before, then = after(inputs, rules), after(inputs + [Given(UNKNOWN)] * gap, rules)
-    assert replace(then, override_us=0) == replace(before, override_us=0)
 
 
 @given(inputs=any_inputs, rules=any_rules)
@@ -276,18 +246,6 @@ def test_a_doubtful_risky_label_ends_a_run_of_risky_ones_and_a_run_of_nothing() 
     assert not after(times(2, RISKY_SLIP) + doubtful + times(2, RISKY_SLIP), strict).act
     acting = times(3, RISKY_SLIP)
     assert after(acting + times(4, NOTHING) + doubtful + times(4, NOTHING), strict).act
-
-
-@given(inputs=any_inputs, rules=any_rules, cut=st.integers(0, 40))
-@settings(max_examples=50)
-def test_it_is_pure_the_same_words_from_the_same_state_give_the_same_state(
-    inputs: list[Given], rules: DecisionRules, cut: int
-) -> None:
-    whole = fed(inputs, rules)
-    assert fed(inputs, rules) == whole
-    cut = min(cut, len(inputs))
-    resumed = fed(inputs[cut:], rules, start=whole[cut - 1] if cut else None)
-    assert resumed == whole[cut:]
 
 
 @given(inputs=any_inputs, rules=any_rules, factor=st.integers(2, 50))

@@ -105,6 +105,21 @@ def test_a_model_of_four_situations_holds_too_and_json_says_the_same(
     assert all(one["ok"] is True and one["figure"] for one in content)
 
 
+def test_deep_adds_the_checks_of_the_onnx_package_and_names_the_extra_without_it(
+    four_situations: Built, monkeypatch, capsys
+):
+    command = ["selftest", str(four_situations.model), "--deep"]
+    monkeypatch.setattr("holdfast.edge_runtime.selftest.CHECKS", ())
+    assert main(command) == 0
+    lines = capsys.readouterr().out.splitlines()
+    deep = [f"deep: {what}" for what in ("operators", "shapes", "constants", "trees")]
+    assert [line[8:36].strip() for line in lines] == [EVERY[0], *deep]
+    monkeypatch.delitem(sys.modules, "holdfast.export.deep_check")
+    monkeypatch.setitem(sys.modules, "onnx", None)
+    assert main(command) == 6
+    assert "holdfast[train]" in capsys.readouterr().err
+
+
 def test_a_step_that_keeps_something_every_time_is_found(
     four_situations: Built, monkeypatch, capsys
 ):
@@ -266,7 +281,7 @@ def test_the_selftest_fails_on_a_model_with_any_of_these_faults(
 
 def test_a_file_that_cannot_be_opened_fails_in_its_first_line(tmp_path: Path, capsys):
     (tmp_path / "m.onnx").write_bytes(DEFAULT.read_bytes()[:-1])
-    assert main(["selftest", str(tmp_path / "m.onnx")]) == 1
+    assert main(["selftest", str(tmp_path / "m.onnx"), "--deep"]) == 1
     (line,) = capsys.readouterr().out.splitlines()
     assert line.startswith("failed  seal, card and golden rows  BrokenSeal")
 
