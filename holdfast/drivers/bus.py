@@ -74,6 +74,7 @@ def freeing(bus: Bus, action: Callable[[], Result]) -> Result:
         except BusStuck:
             # clocks free one chip; the next one shows only when its channel is enabled
             bus.clear()
+
     return action()
 
 

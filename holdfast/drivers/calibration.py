@@ -260,6 +260,7 @@ def read_calibration(path: str | Path) -> Calibration:
         if _is_singular(one):
             what = f"matrix_n_per_ut of sensor {number} is singular"
             raise file.wrong(DataError, what)
+
     rest = None
     if file.value("rest_ut") is not None:
         rest = file.numbers("rest_ut", (n_sensors, 3))
@@ -377,16 +378,19 @@ class _File:
         """Finite numbers of a shape, None for any length from 1; with gaps, null stands for nan."""
         found = np.array(self.value(name), dtype=object)
         # numpy keeps lists of unequal length as leaves
-        ragged = any(isinstance(leaf, list) for leaf in found.flat) or not found.size
+        leaves = list(found.flat)
+        ragged = not leaves or any(isinstance(leaf, list) for leaf in leaves)
         fits = not ragged and found.ndim == len(shape)
         for size, wanted in zip(found.shape, shape, strict=False):
             fits = fits and wanted in (None, size)
+
         if not fits:
-            letters = ", ".join("S" if one is None else str(one) for one in shape)
+            letters = ["S" if one is None else str(one) for one in shape]
             shown = "not rectangular" if ragged else list(found.shape)
-            what = f"{name} has shape {shown}, not [{letters}]"
+            what = f"{name} has shape {shown}, not [{', '.join(letters)}]"
             raise self.wrong(ChannelError, what)
-        numbers = [self._number(name, leaf, gaps) for leaf in found.flat]
+
+        numbers = [self._number(name, leaf, gaps) for leaf in leaves]
         return np.array(numbers).reshape(found.shape)
 
     def _number(self, name: str, leaf: object, gaps: bool) -> float:

@@ -109,6 +109,7 @@ def identify(
             cause="another chip, two chips at one address, or a chip left in 1-byte mode",
             next_step="holdfast scan lists the chips; or switch the sensor's power off and on",
         )
+
     return version
 
 
@@ -156,6 +157,7 @@ def _sends_packets(bus: Bus, address: int, pause: Pause) -> bool:
         packets.append(data)
         # the pauses differ, so that no count seems to stand still
         pause(LONGEST_CONVERSION_S * (1.0 + k / 16))
+
     return _crcs_agree(address, packets) or _counts_go_on(packets)
 
 
@@ -394,6 +396,7 @@ class FingerState:
             self._missed = False
             self._last = data
             self._changed_ns = came_ns
+
         if came_ns - self._changed_ns > STALE_NS:
             self._converts = False
             return "stale"

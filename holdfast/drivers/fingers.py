@@ -116,6 +116,7 @@ class Fingers:
                     "crc": state.setup.crc,
                 }
             )
+
         return facts
 
     def forget_masks(self) -> None:
@@ -131,6 +132,7 @@ class Fingers:
         for failure in failures:
             if isinstance(failure, WrongDevice):
                 raise failure
+
         if not any(state.ready for state in self._states):
             raise DeviceNotFound(
                 "no finger answers",
@@ -138,6 +140,7 @@ class Fingers:
                 cause="no power, SDA and SCL swapped, or another layout",
                 next_step="holdfast scan lists the sensors on the bus",
             )
+
         for k, failure in enumerate(failures, 1):
             if failure is not None:
                 self._say(f"finger {k}: {failure}")
@@ -159,6 +162,7 @@ class Fingers:
             self._accept_absent_crcs(bus)
             if all(state.settled for state in self._states):
                 break
+
         self._pause(conversion)
         for k, state in enumerate(self._states, 1):
             if state.ready and state.check.failures:
@@ -172,6 +176,7 @@ class Fingers:
             rested = reading.t_ns - state.tried_ns >= TRY_AGAIN_NS
             if rested and state.needs_bring_up(reading.why[k]):
                 due.append((state.tried_ns, k))
+
         try:
             if self._crc == "auto":
                 self._accept_absent_crcs(bus)
@@ -213,6 +218,7 @@ class Fingers:
             )
         except (DeviceNotFound, WrongDevice) as failure:
             return failure
+
         self._range_mt[k] = self._setup.range_mt(version)
         state.brought_up(version, self._now_ns())
         return None
@@ -248,6 +254,7 @@ class Fingers:
                 cause="a chip whose CRC does not work",
                 next_step="crc=auto reads this finger unchecked",
             )
+
         self._say(
             f"finger {k + 1}: sends no CRC, its readings are unchecked (crc=auto)"
         )
@@ -269,6 +276,7 @@ class Fingers:
         except DeviceError:
             self.forget_masks()
             raise
+
         return self._sort(plan, answers)
 
     def _sort(self, plan: ScanPlan, answers: Sequence[Reply]) -> ScanReplies:
@@ -282,6 +290,7 @@ class Fingers:
                 unswitched |= group.fingers.keys()
             for k, place in group.fingers.items():
                 replies[k] = answers[place]
+
         return ScanReplies(replies, unswitched)
 
     def _convert(self, bus: Bus) -> None:
@@ -304,6 +313,7 @@ class Fingers:
                 found, word = state.judge(scanned.replies[k], came_ns)
             raw.append(NO_READING if found is None else found.raw)
             why.append(word)
+
         if not DOUBTS.isdisjoint(why):
             self._doubtful_until_ns = came_ns + DOUBT_NS
         valid = np.array([not word for word in why])
@@ -319,6 +329,7 @@ def _no_mux(mux: int, *, another_chip: bool) -> DeviceError:
             cause="the mux has another address",
             next_step=next_step,
         )
+
     return DeviceNotFound(
         "no mux answers",
         where=f"{mux:#04x}",

@@ -130,6 +130,7 @@ class Ft232h(UsbBridge):
             (SIO_BITMODE, MPSSE_MODE),
         ):
             self._port.control_out(VENDOR_OUT, request, value, INTERFACE_A)
+
         self._doubtful = True
         # the mark alone: an engine in another mode does not return it
         self._ask(b"", 0)
@@ -176,6 +177,7 @@ class Ft232h(UsbBridge):
                 NOT_ACKED if refused else Reply(answer[data_at:end], acked=True)
             )
             at = end
+
         return replies
 
     def _ask(self, commands: bytes, expected: int) -> bytes:
@@ -215,6 +217,7 @@ class Ft232h(UsbBridge):
             if empty > EMPTY_READS:
                 raise self._wrong_length(f"{len(found)} of {expected} bytes arrived")
             found += packet[STATUS_BYTES:]
+
         if len(found) > expected:
             raise self._wrong_length(f"{len(found)} bytes arrived, not {expected}")
         return found
@@ -271,4 +274,5 @@ def _batches(transfers: Sequence[Transfer]) -> list[list[Transfer]]:
             room = MOST_IN
         batches[-1].append(transfer)
         room -= needed
+
     return batches

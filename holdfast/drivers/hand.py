@@ -101,6 +101,7 @@ class Hand:
             return self._no_reading(t_ns, "bridge")
         except DeviceError as error:  # gone, or taken by another program
             return self._give_up(t_ns, error)
+
         self._failures = 0
         self._complaint = ""
         reading = self._driven.judge(t_ns, replies)
@@ -157,6 +158,7 @@ class Hand:
         except DeviceError:
             self.close()
             return None
+
         self._say(f"{bus.name}: back")
         return bus
 

@@ -105,6 +105,7 @@ def read_layout(text: str) -> tuple[Finger, ...]:
             next_step=f"choose {', '.join(LAYOUTS)}, a name@71 for a mux at 0x71, "
             "or one place for each finger, such as 0:35,1:35 or 71/0:35,71/1:35",
         ) from None
+
     _require_distinct(text, fingers)
     return fingers
 
@@ -204,6 +205,7 @@ def is_mux(bus: Bus, address: int) -> bool:
         after = bus.scan([register_read, Transfer(address, b"", 2)])[1]
         if after.data != bytes([number, number]):
             return False
+
     return True
 
 
@@ -309,6 +311,7 @@ class ScanPlanner:
                 transfers += selects
             groups[-1].fingers[k] = len(transfers)
             transfers.append(read)
+
         if doubtful and groups:
             _read_back(transfers, groups[-1])
         return ScanPlan(transfers, groups, self.masks.copy())

@@ -242,7 +242,10 @@ class LslIntent:
 
     def _item(self, stamp_s: float, values: Sequence[Any]) -> Intent | None:
         t_ns = min(round(1e9 * stamp_s) + self._offset_ns, self._now_ns())
-        wants, envelope = (values[0], ()) if self._is_text else ("", values)
-        return self._reader.item(
-            lambda: intent_of(wants, envelope, t_ns, self.n_envelopes), str(values)
-        )
+        wants = values[0] if self._is_text else ""
+        envelope = () if self._is_text else values
+
+        def read() -> Intent:
+            return intent_of(wants, envelope, t_ns, self.n_envelopes)
+
+        return self._reader.item(read, str(values))

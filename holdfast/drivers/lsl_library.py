@@ -49,6 +49,7 @@ class LslInlet:
                 cause="it is not sent yet, has another name, or a firewall blocks it",
                 next_step="start the sender first; LabRecorder lists streams by name",
             )
+
         self._inlet: Any = pylsl.StreamInlet(
             found[0], KEPT_S, 1
         )  # 1: no sample waits for others
@@ -80,6 +81,7 @@ class LslInlet:
             raise DeviceLost(
                 "the stream ended", where=self.facts.name, cause="its sender ended"
             ) from None
+
         pairs = zip([stamp, *stamps], [first, *rows], strict=True)
         return [(correction_s + at_s, values) for at_s, values in pairs]
 
@@ -122,13 +124,16 @@ def open_answers(
 ) -> LslAnswers:
     """The streams NAME (values) and NAME-decision. now_ns: the clock of the samples' stamps."""
     labels = channel_names(n_sensors)
-    samples = LslOutlet(name, "Tactile", rate_hz, labels, [unit] * len(labels))
-    none = [""] * len(DECISION)
-    decisions = LslOutlet(f"{name}-decision", "Decision", rate_hz, DECISION, none)
-    return LslAnswers(samples, decisions, now_ns() - round(1e9 * pylsl.local_clock()))
+    units = [unit] * len(labels)
+    samples = LslOutlet(name, "Tactile", rate_hz, labels, units)
+    no_units = [""] * len(DECISION)
+    decisions = LslOutlet(f"{name}-decision", "Decision", rate_hz, DECISION, no_units)
+    offset_ns = now_ns() - round(1e9 * pylsl.local_clock())
+    return LslAnswers(samples, decisions, offset_ns)
 
 
 def _facts(info: Any) -> StreamFacts:
+    # a sender may leave labels and units out, all of them or single ones
     none = [""] * info.channel_count()
     labels = info.get_channel_labels() or none
     units = info.get_channel_units() or none
@@ -136,6 +141,6 @@ def _facts(info: Any) -> StreamFacts:
         info.name(),
         info.channel_format() == pylsl.cf_string,
         info.nominal_srate(),
-        tuple(one or "" for one in labels),
-        tuple(one or "" for one in units),
+        tuple(label or "" for label in labels),
+        tuple(unit or "" for unit in units),
     )

@@ -148,6 +148,7 @@ class Mcp2221(UsbBridge):
             # a time-out or a lost arbitration ends here; neither goes away by itself
             if state not in (*WORKING, WRITTEN_NO_STOP, DATA_READY):
                 break
+
         raise self._gave_up(state)
 
     def _data(self, reply: bytes, count: int, wanted: int) -> Reply:
@@ -219,6 +220,7 @@ class Mcp2221(UsbBridge):
             status = self._settled()
             if status.ready:
                 return
+
         raise self._not_ready(status)
 
     def _not_ready(self, status: Status) -> BusStuck | TransferFailed:
@@ -229,6 +231,7 @@ class Mcp2221(UsbBridge):
                 cause="no pull-ups, or a chip is stuck in a byte and this bridge cannot free it",
                 next_step="switch the sensors' power off and on",
             )
+
         return TransferFailed(
             f"its engine hangs in state {status.state:#04x}",
             where=self.name,
@@ -268,6 +271,7 @@ class Mcp2221(UsbBridge):
             # the reply may still come, and must not answer the next command
             self._doubtful = True
             raise
+
         return reply
 
     def _synchronise(self) -> None:
@@ -280,5 +284,6 @@ class Mcp2221(UsbBridge):
             return
         for endpoint in (OUT_ENDPOINT, IN_ENDPOINT):
             self._port.clear_halt(endpoint)
+
         self._port.drain(IN_ENDPOINT, REPORT)
         self._doubtful = False

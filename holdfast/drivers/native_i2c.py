@@ -75,6 +75,7 @@ class NativeI2C:
             if error.errno in NACK_ERRORS:
                 return NOT_ACKED
             raise self._failed(error) from None
+
         return Reply(bytes(messages[-1]) if transfer.read else b"", acked=True)
 
     def _unopened(self, error: OSError) -> DeviceError:
@@ -85,6 +86,7 @@ class NativeI2C:
                 cause="this user is not in the group i2c",
                 next_step="holdfast doctor shows how to add it",
             )
+
         if error.errno in (*GONE_ERRORS, errno.ENXIO):
             return DeviceNotFound(
                 f"no /dev/{self.name}",
@@ -92,6 +94,7 @@ class NativeI2C:
                 cause="the bus has another number, or I2C is not enabled",
                 next_step="ls /dev/i2c-* lists the buses",
             )
+
         return TransferFailed(f"cannot be opened: {error.strerror}", where=self.name)
 
     def _failed(self, error: OSError) -> DeviceError:

@@ -99,6 +99,7 @@ def _unit(file: Path) -> Unit:
                 )
             if unit is not None:
                 return UNITS[UNITS.index(unit)]
+
     return DEFAULT_UNIT
 
 

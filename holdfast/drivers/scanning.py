@@ -30,9 +30,9 @@ from holdfast.drivers.layout import (
 from holdfast.drivers.tmag5273 import FACTORY_ADDRESSES, RANGES_MT, REGISTERS
 
 LETTERS = dict(zip(FACTORY_ADDRESSES, "ABCD", strict=True))
-SENSOR_ADDRESSES = frozenset(FACTORY_ADDRESSES) | {
-    one.read_at for layout in LAYOUTS.values() for one in layout
-}
+SENSOR_ADDRESSES = frozenset(FACTORY_ADDRESSES).union(
+    *({one.read_at for one in layout} for layout in LAYOUTS.values())
+)
 NOT_IDENTIFIED = (
     "answers every read with one byte, so it may have no registers; "
     "not identified for its safety"
@@ -87,6 +87,7 @@ def _look_at(
             found += [replace(one, channel=channel, mux=mux) for one in behind]
         # leave no channel enabled: the next mux may have the same addresses behind it
         bus.scan([enable_channels(mux, 0)])
+
     return found
 
 
@@ -102,6 +103,7 @@ def _chips(
             found.append(_identified(bus, address, pause))
         else:
             found.append(_unknown(address, NOT_IDENTIFIED))
+
     return found
 
 
@@ -133,6 +135,7 @@ def _health(bus: Bus, address: int) -> str:
     for name in ("OSC_ER", "OTP_CRC_ER", "VCC_UV_ER"):
         if device.read(device_reply.data[0], name):
             troubles.append(name)
+
     if address not in FACTORY_ADDRESSES:
         troubles.append(
             "not a factory address: it was given at run time and is lost with its power"
@@ -142,12 +145,15 @@ def _health(bus: Bus, address: int) -> str:
 
 def as_layout(found: list[BusDevice]) -> str:
     """The sensors as a layout for a URL, such as 0:35,0:22,71/1:35, ordered by mux and channel."""
-    order = {address: k for k, address in enumerate(FACTORY_ADDRESSES)}
     sensors = [one for one in found if one.kind == "sensor"]
 
     # the order of the factory addresses is that of the fingers in `mux`
     def rank(one: BusDevice) -> tuple[int, ...]:
-        channel = (-1, -1) if one.channel is None else (one.mux, one.channel)
-        return (*channel, order.get(one.address, 4), one.address)
+        mux = -1 if one.channel is None else one.mux
+        channel = -1 if one.channel is None else one.channel
+        order = len(FACTORY_ADDRESSES)
+        if one.address in FACTORY_ADDRESSES:
+            order = FACTORY_ADDRESSES.index(one.address)
+        return mux, channel, order, one.address
 
     return ",".join(one.place for one in sorted(sensors, key=rank))

@@ -132,6 +132,7 @@ class TinyUsb(UsbBridge):
             )
         except TransferFailed as error:
             stalled = error
+
         acked = self._acked(transfer.address, stalled)
         # a time-out proves nothing about the byte, so it stays an error
         if stalled is not None and acked and not isinstance(stalled, Stalled):
@@ -148,6 +149,7 @@ class TinyUsb(UsbBridge):
             )
         except TransferFailed as error:
             failed = error
+
         if not self._acked(address, failed):
             return NOT_ACKED
         if failed is not None:
@@ -164,6 +166,7 @@ class TinyUsb(UsbBridge):
             status = self._port.control_in(VENDOR_IN, GET_STATUS, 0, 0, 1, TIMEOUT_MS)
         except TransferFailed as error:
             raise failed or error from None
+
         if status not in (bytes([STATUS_ACK]), bytes([STATUS_NAK])):
             raise failed or TransferFailed(
                 f"the status is {status.hex() or 'empty'}, not 01 or 02",

@@ -52,6 +52,7 @@ class Register:
             if not 0 <= number < 1 << bits:
                 raise ValueError(f"{name} = {number} does not fit {bits} bits")
             byte |= number << low
+
         return byte
 
     def read(self, byte: int, name: str) -> int:

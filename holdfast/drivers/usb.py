@@ -82,6 +82,7 @@ class UsbPort:
                 cause=f"not plugged in, or another bridge than {' or '.join(shown)}",
                 next_step="holdfast scan lists the bridges on USB",
             )
+
         self.device = found[number]
         self._attached = False
         self._closed = False
@@ -113,6 +114,7 @@ class UsbPort:
             sent = self.device.ctrl_transfer(
                 request_type, request, value, index, data, timeout_ms
             )
+
         self._require_all(sent, data)
 
     def control_in(
@@ -129,6 +131,7 @@ class UsbPort:
             data = self.device.ctrl_transfer(
                 request_type, request, value, index, length, timeout_ms
             )
+
         return bytes(data)
 
     def drain(self, endpoint: int, length: int, *, empty: int = 0) -> None:
@@ -168,6 +171,7 @@ class UsbPort:
                 self.device.attach_kernel_driver(self.interface)
         except (usb.core.USBError, NotImplementedError):
             pass  # it is gone, and there is nothing to give back
+
         usb.util.dispose_resources(self.device)
 
     @contextmanager
@@ -275,6 +279,7 @@ def _named(error: Any, name: str) -> DeviceError:
             cause="another program has it open" if busy else "no udev rule",
             next_step="holdfast doctor",
         )
+
     if error.errno == STALL:
         return Stalled("the bridge refused the transfer (stall)", where=name)
     return TransferFailed(f"USB error {error.errno}: {error.strerror}", where=name)

@@ -136,14 +136,6 @@ def test_easymcp2221_says_that_no_chip_answers_and_goes_on(easy):
     assert easy.I2C_read(MUX, 1) == b"\x01"
 
 
-def test_easymcp2221_s_smbus_reads_and_writes_a_register(easy):
-    bus = importlib.import_module("EasyMCP2221").SMBus(mcp=easy)
-    bus.write_byte(MUX, 0x01)
-    bus.write_byte_data(A, 0x04, 0x5A)
-    assert bus.read_byte_data(A, 0x04) == 0x5A
-    assert bytes(bus.read_i2c_block_data(A, 0x0D, 3)) == IDENTITY
-
-
 def test_a_bridge_that_easymcp2221_has_open_is_busy_for_our_driver(easy, plugged):
     with pytest.raises(AccessDenied, match="busy"):
         Mcp2221(plugged.backend)

@@ -107,6 +107,7 @@ class _Watch:
             self._film(stopped)
         except HoldfastError as error:
             failed = error
+
         # read even after a failure: the frames so far are worth keeping
         in_video, unread = self._in_video()
         failed = failed or unread
@@ -172,12 +173,14 @@ class _Watch:
                     raise _lost(self.source.name)
         except HoldfastError as error:
             failed = error
+
         quiet_s = time.monotonic()
         while not live and self.frames < sent and self.pipeline.isRunning():
             if self._take(answers, tags, LIVE_WAIT_S):
                 quiet_s = time.monotonic()
             elif time.monotonic() - quiet_s > LONGEST_WAIT_S:
                 break
+
         if failed is None and not live and self.frames < sent:
             failed = _lost("depthai")
         if failed is not None:
@@ -230,6 +233,7 @@ class _Watch:
                 cause="the camera's clock was being aligned with this machine's",
                 next_step="record again",
             )
+
         try:
             video = list(read_video(self.out, self.dai, images=False))
             tracks = read_tracks(self.out)
@@ -241,6 +245,7 @@ class _Watch:
                 cause="a full disk",
                 next_step=f"make room and record again; {TAGS} holds the tracks",
             )
+
         wanted = tracks.sequence.tolist()[
             : len(tracks.sequence) - self.source.last_lost
         ]
@@ -281,14 +286,16 @@ def _corners(found: Any) -> dict[int, Corners]:
     """Corners [8] by tag, top left first, clockwise; a tag seen twice in one frame is left out."""
     # two tags of one number: nothing tells which is the printed one
     ids = [one.id for one in found]
-    square = ("topLeft", "topRight", "bottomRight", "bottomLeft")
-    return {
-        one.id: [
-            xy for name in square for xy in (getattr(one, name).x, getattr(one, name).y)
-        ]
-        for one in found
-        if ids.count(one.id) == 1
-    }
+    corners: dict[int, Corners] = {}
+    for one in found:
+        if ids.count(one.id) > 1:
+            continue
+        square = (one.topLeft, one.topRight, one.bottomRight, one.bottomLeft)
+        corners[one.id] = []
+        for corner in square:
+            corners[one.id] += [corner.x, corner.y]
+
+    return corners
 
 
 def _drain(record: Any) -> None:

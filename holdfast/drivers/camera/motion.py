@@ -125,6 +125,7 @@ def _require_one_size(
                 cause="the tag does not face the camera, or the printer scaled it one way",
                 next_step="turn the tag to the camera, and measure both sides",
             )
+
     share = float(thing.mean() / hand.mean())
     if abs(share - 1.0) > DIFFER:
         raise TagError(

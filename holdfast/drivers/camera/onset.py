@@ -99,6 +99,7 @@ def find_slip(moved: Motion, gross_mm: float = GROSS_MM) -> Slip | HiddenMotion 
         if gap is not None:
             return HiddenMotion(float(track.t_s[gap]), track.next_seen_s(gap))
         return _slip(track, departure, gross, gross_mm)
+
     return track.hidden_while_away()
 
 
@@ -146,13 +147,16 @@ class _Track:
     def rest(self, first: int) -> tuple[FloatArray, int] | None:
         """Level [2] of the first rest from this frame on, and the first frame after it."""
         for start in range(first, len(self.t_s)):
-            rested = int(np.searchsorted(self.t_s, self.t_s[start] + REST_S)) + 1
+            end_s = self.t_s[start] + REST_S
+            rested = int(np.searchsorted(self.t_s, end_s)) + 1
             stop = max(rested, start + REST_FRAMES)
             if stop > len(self.t_s):
                 return None
             level_mm = np.median(self.place_mm[start:stop], axis=0)
-            if not self._away(start, level_mm)[: stop - start].any():
+            away = self._away(start, level_mm)
+            if not away[: stop - start].any():
                 return level_mm, stop
+
         return None
 
     def first_rest(self) -> tuple[FloatArray, int]:
@@ -260,11 +264,16 @@ def fitted_start(
         best = int(np.argmin(_misfit(t, d, grid)))
         low = grid[max(best - 1, 0)]
         high = grid[min(best + 1, STEPS - 1)]
+
     start_s = float(grid[best])
+
+    # level and acceleration for this start, and what they leave unexplained
     since = np.maximum(t - start_s, 0.0)
     known = np.stack([np.ones_like(since), since**2], axis=1)
     solved = np.linalg.lstsq(known, d, rcond=None)[0]
     left = d - known @ solved
+
+    # the slopes of the model by level, acceleration and start
     slopes = np.column_stack([known, -2.0 * solved[1] * since])
     # three parameters were fitted: level, acceleration and start
     noise_mm = max(sigma_mm, float(np.sqrt(left @ left / max(len(t) - 3, 1))))
@@ -283,6 +292,7 @@ def _frames_to_fit(
         if t_s[stop] - t_s[first] >= REST_S:
             break
         stop += 1
+
     return begin, stop
 
 

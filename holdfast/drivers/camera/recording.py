@@ -44,7 +44,7 @@ VIDEO = "camera.mkv"
 STAMPS = "camera.mcap"
 TAGS = "tags.csv"
 ABOUT = "camera.json"
-CORNERS = [f"{axis}{k}" for k in range(1, 5) for axis in "xy"]
+CORNERS = ["x1", "y1", "x2", "y2", "x3", "y3", "x4", "y4"]
 COLUMNS = ["sequence", "t_s", "tag", *CORNERS]
 STAMP_S = 2e-6
 """depthai keeps stamps to a microsecond."""
@@ -142,6 +142,7 @@ def read_tracks(folder: Path) -> Tracks:
             where=path,
             next_step="record again",
         ) from None
+
     if not rows or rows[0] != COLUMNS:
         raise ColumnError(
             "unexpected columns", where=path, next_step=f"expected: {','.join(COLUMNS)}"
@@ -155,6 +156,7 @@ def read_tracks(folder: Path) -> Tracks:
             cause="it was stopped at once",
             next_step="record again",
         )
+
     try:
         return _tracks(body, path)
     except (ValueError, IndexError):
@@ -173,11 +175,15 @@ def _tracks(body: list[list[str]], path: Path) -> Tracks:
     require_forward(t_s, path)
     corners: dict[int, FloatArray] = {}
     for row in body:
-        if row[2]:
-            place = corners.setdefault(int(row[2]), np.full((len(t_s), 4, 2), np.nan))
-            place[row_of[int(row[0])]] = np.array(row[3:], dtype=np.float64).reshape(
-                4, 2
-            )
+        # a frame without a tag has a line of its own
+        if not row[2]:
+            continue
+        tag = int(row[2])
+        if tag not in corners:
+            corners[tag] = np.full((len(t_s), 4, 2), np.nan)
+        places = np.array(row[3:], dtype=np.float64)
+        corners[tag][row_of[int(row[0])]] = places.reshape(4, 2)
+
     return Tracks(np.array(list(stamps), dtype=np.int64), t_s, corners)
 
 
@@ -303,6 +309,7 @@ def read_video(folder: Path, dai: Any, *, images: bool = True) -> Iterator[Frame
         over.set()
         pipeline.stop()
         _wait_for_end(threads)
+
     if not isinstance(last, Frame):
         raise EmptyRecording(
             f"the video cannot be read ({last or 'no frame'})",
@@ -322,6 +329,7 @@ def _replayed(folder: Path, dai: Any) -> tuple[Any, Any]:
                 where=folder,
                 next_step="give a folder that holdfast watch made",
             )
+
     pipeline = dai.Pipeline(createImplicitDevice=False)
     replay = pipeline.create(dai.node.ReplayVideo)
     replay.setReplayVideoFile(folder / VIDEO)

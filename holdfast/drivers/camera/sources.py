@@ -81,6 +81,7 @@ def load_depthai(say: Callable[[str], None]) -> Any:
     # what the user has set stays, and is reported
     for name, value in QUIET.items():
         os.environ.setdefault(name, value)
+
     differs = [
         f"{name}={os.environ[name]}"
         for name, value in QUIET.items()
@@ -277,6 +278,7 @@ class Oak:
             )
             for one in inputs:
                 output.link(one)
+
         until_s = (
             float("inf") if self.seconds is None else time.monotonic() + self.seconds
         )
@@ -296,6 +298,7 @@ def _message(dai: Any, frame: Frame) -> Any:
             cause="a video with an odd width or height is not lossless",
             next_step="remove one row or column from every frame",
         )
+
     message = dai.ImgFrame()
     message.setType(dai.ImgFrame.Type.GRAY8)
     message.setSize(frame.image.shape[1], frame.image.shape[0])
@@ -304,6 +307,7 @@ def _message(dai: Any, frame: Frame) -> Any:
     # video and tags must carry the same stamp
     for stamp in (message.setTimestamp, message.setTimestampDevice):
         stamp(timedelta(seconds=frame.end_s))
+
     return message
 
 
@@ -351,6 +355,7 @@ def read_frames(path: Path) -> Stored:
             cause="the pictures are not grey, or the stamps are from another recording",
             next_step="store frames as uint8 [K, H, W] and time_s as [K]",
         )
+
     require_forward(ends_s, path)
     frames = (
         Frame(k, float(end_s), image)

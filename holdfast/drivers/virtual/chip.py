@@ -104,6 +104,7 @@ class Settings:
         for axis in self.axes:
             share = (field_ut[axis] + noise_ut[axis] / root) / self.full_ut[axis]
             results[axis] = round(max(-32768.0, min(32767.0, FULL_SCALE * share)))
+
         return results
 
 
@@ -116,9 +117,11 @@ def settings(registers: bytes, version: int) -> Settings:
 
     mask = read("SENSOR_CONFIG_1", "MAG_CH_EN")
     axes = tuple(axis for axis in AXES if mask >> axis & 1)
-    averages = 1 << min(read("DEVICE_CONFIG_1", "CONV_AVG"), MOST_AVERAGING)
-    xy_ut = 1e3 * RANGES_MT[version][read("SENSOR_CONFIG_2", "X_Y_RANGE")]
-    z_ut = 1e3 * RANGES_MT[version][read("SENSOR_CONFIG_2", "Z_RANGE")]
+    averaging = min(read("DEVICE_CONFIG_1", "CONV_AVG"), MOST_AVERAGING)
+    averages = 1 << averaging
+    ranges_mt = RANGES_MT[version]
+    xy_ut = 1e3 * ranges_mt[read("SENSOR_CONFIG_2", "X_Y_RANGE")]
+    z_ut = 1e3 * ranges_mt[read("SENSOR_CONFIG_2", "Z_RANGE")]
     duration_s = conversion_s(averages, len(axes))
     return Settings(axes, averages, (xy_ut, xy_ut, z_ut), duration_s)
 
@@ -157,7 +160,8 @@ class RegisterFile:
         register = BY_ADDRESS.get(address)
         if register is not None:
             cleared = register.write_one_clears & byte
-            kept = self.bytes[address] & ~register.writable & 0xFF & ~cleared
+            read_only = ~register.writable & 0xFF
+            kept = self.bytes[address] & read_only & ~cleared
             self.bytes[address] = kept | byte & register.writable
         return register
 
@@ -349,9 +353,11 @@ class Chip:
     def _convert(self, middle_s: float) -> None:
         """One conversion into the result registers."""
         noise_ut = self._noise_ut[self._conversions % len(self._noise_ut)]
-        results = self._settings.raw(self._field(middle_s), noise_ut)
-        for axis, result in results.items():
-            struct.pack_into(">h", self._bytes, RESULTS + 2 * axis, result)
+        field_ut = self._field(middle_s)
+        for axis, result in self._settings.raw(field_ut, noise_ut).items():
+            place = RESULTS + 2 * axis
+            struct.pack_into(">h", self._bytes, place, result)
+        # SET_COUNT rolls over after eight conversions
         count = (self._conversions % 8) << 5
         self._bytes[STATUS] = self._bytes[STATUS] & 0x1E | count | RESULT_READY
 

@@ -90,6 +90,7 @@ def read_fault(text: str) -> Fault:
             f"{text!r}: {found['kind']} {what}",
             next_step=f"such as {_example(found['kind'])}",
         )
+
     lasts_s = float(found["lasts"]) if found["lasts"] else DEFAULT_LASTS_S
     return Fault(
         found["kind"],
@@ -107,12 +108,14 @@ class Faults:
     """The script, which the parts of the virtual hand query as time goes by."""
 
     def __init__(self, faults: Iterable[Fault] = ()) -> None:
-        ordered = sorted(faults, key=lambda fault: fault.at_s)
-        self._pending = [fault for fault in ordered if fault.kind in AT_ONCE]
+        self._pending: list[Fault] = []
         self._lasting: dict[tuple[str, int | None], list[Fault]] = {}
-        for fault in ordered:
-            if fault.kind not in AT_ONCE:
-                self._lasting.setdefault((fault.kind, fault.sensor), []).append(fault)
+        for fault in faults:
+            if fault.kind in AT_ONCE:
+                self._pending.append(fault)
+            else:
+                same = self._lasting.setdefault((fault.kind, fault.sensor), [])
+                same.append(fault)
 
     def __bool__(self) -> bool:
         """Whether the script has any fault left."""
@@ -120,20 +123,17 @@ class Faults:
 
     def lasts(self, kind: str, now_s: float, sensor: int | None = None) -> bool:
         """Whether a lasting fault is active."""
-        return any(
-            fault.at_s <= now_s < fault.at_s + fault.lasts_s
-            for fault in self._lasting.get((kind, sensor), ())
-        )
+        for fault in self._lasting.get((kind, sensor), ()):
+            if fault.at_s <= now_s < fault.at_s + fault.lasts_s:
+                return True
+        return False
 
     def happened(self, kind: str, now_s: float, sensor: int | None = None) -> bool:
         """Whether a fault that happens once has happened since the last call."""
-        if not self._pending:
-            return False
-        due = [
-            f
-            for f in self._pending
-            if f.kind == kind and f.sensor == sensor and f.at_s <= now_s
-        ]
-        for fault in due:
-            self._pending.remove(fault)
-        return bool(due)
+        happened = False
+        for fault in list(self._pending):
+            same = fault.kind == kind and fault.sensor == sensor
+            if same and fault.at_s <= now_s:
+                self._pending.remove(fault)
+                happened = True
+        return happened

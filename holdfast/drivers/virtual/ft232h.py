@@ -70,6 +70,7 @@ def parsed(commands: bytes) -> tuple[tuple[Command, ...], int]:
         if opcode != SET_PINS or not found or found[-1] != command:
             found.append(command)
         at += used
+
     return tuple(found), at
 
 
@@ -155,6 +156,7 @@ class VirtualFt232h(Device):
         self._commands = self._commands[used:]
         for opcode, arguments in commands:
             self._carry_out(opcode, arguments)
+
         master_hz = 12e6 if self._by_five else 60e6
         bus_hz = master_hz / ((1 + self._divider) * self._phases)
         duration_ns = round(1e9 * (wire.bits - bits) / bus_hz)
@@ -173,6 +175,7 @@ class VirtualFt232h(Device):
             packets += STATUS + part
             if len(part) < PACKET - len(STATUS):
                 break
+
         self._flushed = self._flushed and bool(self._answers)
         return packets
 

@@ -138,6 +138,7 @@ class VirtualMcp2221(Device):
             self._transfer(command, reply)
         else:
             self._settings(command, reply)
+
         self._reply = bytes(reply)
 
     def read(self, endpoint: int, length: int) -> bytes:
@@ -262,6 +263,7 @@ class VirtualMcp2221(Device):
             self._read(address, length)
         else:
             self._write(kind, address, command[4 : 4 + length])
+
         working = READING if kind in (READ, READ_AGAIN) else WRITING
         self._work(round(1e9 * (self.hand.wire.bits - bits) / self.bus_hz), working)
         reply[2] = self._shown()

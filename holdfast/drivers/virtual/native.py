@@ -134,6 +134,7 @@ class VirtualI2cDev:
         finally:
             self.hand.wire.stop()
             self.hand.clock.spend(round(1e9 * (self.hand.wire.bits - bits) / BUS_HZ))
+
         return len(messages)
 
     def _check(self, messages: list[Any]) -> None:
@@ -157,6 +158,7 @@ class VirtualI2cDev:
         for byte in ctypes.string_at(message.buf, message.len):
             if not wire.write(byte):
                 raise _refused(self._nack_errno)
+
         self.traffic.bytes_out += message.len
 
     # -- faults

@@ -112,10 +112,12 @@ class Device:
     @property
     def device_descriptor(self) -> bytes:
         """USB 2.0, table 9-8: 64 bytes in a control packet, one configuration."""
-        head = struct.pack("<BBH3BB", 18, DEVICE, 0x0200, *self.usb_class, 64)
+        head = struct.pack("<BBH", 18, DEVICE, 0x0200)
+        kind = bytes(self.usb_class) + bytes([64])
         ids = struct.pack("<HHH", self.vendor, self.product, self.release)
+        # a string that is empty has no descriptor, and index 0 says so
         strings = [k if text else 0 for k, text in enumerate(self.strings, 1)]
-        return head + ids + bytes([*strings, 1])
+        return head + kind + ids + bytes(strings) + bytes([1])
 
     @property
     def configuration_descriptor(self) -> bytes:
@@ -123,7 +125,8 @@ class Device:
         below = b""
         for number, interface in enumerate(self.interfaces):
             below += interface.descriptor(number) + interface.extra
-            below += b"".join(one.descriptor for one in interface.endpoints)
+            for endpoint in interface.endpoints:
+                below += endpoint.descriptor
         total = 9 + len(below)
         power = self.current_ma // QUANTUM_MA
         head = struct.pack("<BBHB", 9, CONFIGURATION, total, len(self.interfaces))

@@ -265,6 +265,7 @@ class Track:
             # the order of these operations is np.interp's, for equal bits
             slope = (after_ut - before_ut) / (to_s - from_s)
             field_ut.append(slope * (now_s - from_s) + before_ut)
+
         return field_ut
 
 
@@ -300,6 +301,7 @@ class VirtualHand:
             chip = Chip(k + 1, address, version, field, clock, self.faults, seed=seed)
             self.chips.append(chip)
             channels[channel].append(chip)
+
         self.mux = Mux(channels)
         self.wire = Wire([self.mux])
         self._noise = Noise(BIT_ERROR_RATE)
