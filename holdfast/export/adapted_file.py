@@ -76,6 +76,7 @@ def adapted(base: bytes, adaptation: Adaptation) -> bytes:
     if adaptation.correction is not None:
         add_correction(model, adaptation.correction)
     onnx.checker.check_model(model, full_check=True)
+    # the seal is computed again when the base is restored
     del metadata[SEAL_KEY]
     kept = {BASE_KEY: _packed(metadata)}
     data = seal(model, card, StepSpec.from_json(card["spec"]), kept)

@@ -79,6 +79,7 @@ def write_artifact(folder: str | Path, artifact: Artifact) -> Path:
     So a folder without an index is unfinished.
     """
     folder = Path(folder)
+    # without its index the old artifact is unfinished, so no mixture of both can be read
     remove(folder / INDEX)
     heads: dict[str, Any] = {}
     for head in artifact.heads:

@@ -139,6 +139,7 @@ class GraphBuilder:
     def _unpack_state(self) -> list[onnx.NodeProto]:
         rows = self.ints(*self._state_rows.values())
         fields = [f"state_{name}" for name in self._state_rows]
+        # chosen, not multiplied: NaN x 0 is NaN, and would outlive a reset
         zero = self.constant(0.0)
         return [
             helper.make_node("Where", ["reset", zero, "state"], ["state_before"]),

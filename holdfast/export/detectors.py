@@ -168,6 +168,7 @@ def _band_pass(
     """
     rules = spec.detectors
     quiet_peak = NOISE_RMS[spec.unit] * noise_gain(spec.rate_hz, spec.usable_bands())
+    # a fresh state is 0, and a channel can be quieter than the sensor's noise for a while
     floor = graph.node("Max", graph.state("floor", 1), quiet_peak)
     loudest = graph.node("ReduceMax", rectified, [1], keepdims=1)
     peak = graph.node("Where", guarded.usable, loudest, floor)
@@ -175,6 +176,7 @@ def _band_pass(
     ratio = np.tile([rules.band_ratio, rules.band_ratio, np.inf], spec.n_sensors)
     threshold = graph.node("Mul", floor, ratio)
     above = graph.node("Greater", peak, threshold)
+    # while it fires, the floor almost stops: a slip must not raise its threshold
     fast = min(1.0, 1.0 / (rules.floor_tau_s * spec.rate_hz))
     slow = fast * rules.firing_rate
     rate = graph.node("Where", above, slow, fast)
@@ -202,6 +204,7 @@ def _band_pass_point(graph: GraphBuilder, spec: StepSpec, firing: str) -> str:
 def _friction_cone(graph: GraphBuilder, spec: StepSpec, guarded: GuardOutputs) -> str:
     """[B, 1, C] in the normal's column: |shear| > mu x normal at a usable, pressed finger."""
     rules = spec.detectors
+    # shear > mu x normal instead of shear / normal > mu: no division by a small force
     squares = graph.node("Mul", guarded.now, guarded.now)
     shear_to_normal = [[0.0, 0.0, 1.0], [0.0, 0.0, 1.0], [0.0, 0.0, 0.0]]
     matrix = np.kron(np.eye(spec.n_sensors), shear_to_normal)

@@ -73,6 +73,7 @@ def export_artifact(
     report("sealing: card, golden sequences, SHA-256")
     card = model_card(artifact)
     data = seal(model, card, artifact.spec)
+    # the card is a readable copy: nothing that runs reads it
     write_whole(path, data)
     write_whole(path.with_suffix(CARD_SUFFIX), readable_card(card, path.name, data))
     return path, ExportReport(**vars(verification), bytes=len(data))
@@ -158,6 +159,7 @@ def readable_card(card: Json, name: str, data: bytes) -> str:
         "bytes": len(data),
         "sha256": hashlib.sha256(data).hexdigest(),
     }
+    # one fingerprint a recording would make the card unreadable
     training = dict(card["training"])
     training.pop("recordings", None)
     return json.dumps({"file": file, **card, "training": training}, indent=1) + "\n"

@@ -298,6 +298,7 @@ def add_features(
             f"unknown feature groups: {', '.join(unknown) or 'none given'}",
             next_step=f"choose from {', '.join(GROUPS)}",
         )
+    # first all groups fill the pool, then each chooses its rows of it
     history = History(graph, spec, guarded, rectified)
     added = [GROUPS[name].add(history) for name in spec.groups]
     parts = _joined(history, added)

@@ -138,6 +138,7 @@ def reference_probability(head: Head, votes: IntArray) -> npt.NDArray[np.float64
     """Calibrated probabilities [N, K] of exact votes [N, K], in float64."""
     shares = votes / votes.sum(axis=1, keepdims=True)
     logits = shares @ head.calibration.weights + head.calibration.bias
+    # less the largest, so that no exponential overflows
     raised = np.exp(logits - logits.max(axis=1, keepdims=True))
     return np.asarray(raised / raised.sum(axis=1, keepdims=True), dtype=np.float64)
 

@@ -144,6 +144,7 @@ def forest_votes(
     """Exact integer votes [N, n_classes] of float32 rows [N, F]: the reference for the graph."""
     total = np.zeros((len(rows), n_classes), dtype=np.int64)
     votes_by_tree = leaf_votes(forest, n_classes)
+    # rows outside, trees inside: all trees see the same rows while they are in the cache
     for start in range(0, len(rows), ROWS_AT_ONCE):
         some = slice(start, start + ROWS_AT_ONCE)
         for tree, votes in zip(forest.estimators_, votes_by_tree, strict=True):
@@ -200,6 +201,7 @@ def add_forest(
     nodes = np.array(attributes["nodes_nodeids"])
     is_leaf = np.array(attributes["nodes_modes"]) == "LEAF"
     votes = np.concatenate(leaf_votes(forest, n_classes))
+    # scikit-learn keeps values at branches too; only those of leaves are votes
     rows, targets = np.nonzero(votes * is_leaf[:, None])
     return graph.node(
         "TreeEnsembleRegressor",

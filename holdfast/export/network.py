@@ -128,6 +128,7 @@ def network_votes(network: Network, rows: Float32Array) -> IntArray:
     """Votes [N, K] of float32 rows [N, F]: the reference for the exported graph."""
     shares = network_shares(network, rows)
     votes = np.floor(shares * np.float32(network.shared_votes)).astype(np.int64)
+    # the last class is the riskiest: it gets what rounding left
     votes[:, -1] = network.votes_in_all - votes[:, :-1].sum(axis=1)
     return np.asarray(votes)
 
@@ -163,6 +164,7 @@ def add_network(
     of_votes = graph.node("Mul", shares, np.float32(network.shared_votes))
     votes = graph.node("Floor", of_votes)
     others = graph.node("MatMul", votes, _rest_to_the_last(k))
+    # all votes to the last class, minus what the others got
     last = np.eye(k)[-1] * network.votes_in_all
     return graph.node("Add", others, np.float32(last), out=out)
 

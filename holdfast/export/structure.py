@@ -76,6 +76,7 @@ def threshold_rows(forest: Forest, rows: FloatRows, seed: int) -> FloatRows:
     nodes = _Nodes([tree.tree_ for tree in forest.estimators_])
     if not len(nodes.branches):
         return rows[:0]
+    # a number is a branch and one of its three values, all equally often
     chosen = np.resize(rng.permutation(3 * len(nodes.branches)), THRESHOLD_ROWS)
     hard = rows[rng.integers(len(rows), size=THRESHOLD_ROWS)].copy()
     place, side = np.divmod(chosen, 3)

@@ -241,6 +241,7 @@ def _require_same(name: str, one: npt.NDArray[Any], many: npt.NDArray[Any]) -> N
 def _check_ties(model: onnx.ModelProto, heads: list[Head]) -> int:
     """Feed exact ties between situations in at `votes`: the riskier one must win."""
     (main,) = [head for head in heads if head.name == MAIN_HEAD]
+    # rows with such ties are too rare to be found, so the votes themselves are the input
     session = open_session(_cut(model, "votes", ["situation"]))
     votes = _tied_votes(len(main.classes))
     (got,) = session.run(None, {"votes": votes.astype(np.float32)})

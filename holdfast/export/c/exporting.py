@@ -52,6 +52,7 @@ def export_c(
     if build:
         contents[LIBRARY], printed = compiled_library(source.files)
         selftest.append(printed)
+    # all files or none: a header of one model must never stand next to the code of another
     with whole_folder(folder) as unfinished:
         for name, content in contents.items():
             write_whole(unfinished / name, content)
@@ -87,6 +88,7 @@ def compiled_library(files: Mapping[str, str]) -> tuple[bytes, str]:
             (folder / file).write_text(text, encoding="utf-8")
         _compile(compiler, folder, "-c", "-fPIC", "-o", "holdfast.o", "holdfast.c")
         _compile(compiler, folder, "-shared", "-o", LIBRARY, "holdfast.o", "-lm")
+        # the self-test runs the same object file that the library is made of
         parts = ("holdfast_selftest.c", "holdfast.o", "-lm")
         _compile(compiler, folder, "-o", "selftest", *parts)
         printed = _tested(folder / "selftest")

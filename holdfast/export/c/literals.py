@@ -87,6 +87,7 @@ class Tables:
 
     def add(self, name: str, values: npt.NDArray[Any], c_type: str) -> str:
         """The name of a table with these numbers."""
+        # float64 holds the numbers of every C type exactly, so equal bytes are equal tables
         key = (c_type, np.ascontiguousarray(values, dtype=np.float64).tobytes())
         if key not in self._names:
             self._names[key] = name

@@ -180,6 +180,7 @@ def _cast(node: Node, element: int, operand: str) -> str:
     assert to in DTYPES
     if to == BOOL:
         return f"{operand} != 0"
+    # C leaves a cast of NaN or of a number that does not fit undefined; the helper bounds it
     if element in (FLOAT, DOUBLE) and to not in (FLOAT, DOUBLE):
         return f"hf_whole({operand})"
     if element == to == INT64:

@@ -50,6 +50,7 @@ def write_gather(node: Node, writer: Writer) -> list[str]:
     n = places.size
     chosen = str(int(places.ravel()[0]))
     if n > 1:
+        # places are read at every sample: short ones leave more of the cache to the trees
         c_type = "uint16_t" if shape[axis] < 2**16 else "int32_t"
         chosen = writer.tables.add(f"hf_{out}_places", places, c_type) + "[j]"
     along = (1, "k", size)
@@ -119,6 +120,7 @@ def write_reduction(node: Node, writer: Writer) -> list[str]:
     x = writer.read(node.inputs[0], index(block, (inner, "k", n), along))
     target = f"{writer.name(out)}[{index((inner, 'i', outer), along)}]"
     sums = node.op_type in SUMS
+    # an extreme begins with the first row, so the loop below starts with the second
     begin = "0" if sums else writer.read(node.inputs[0], index(block, along))
     lines = counted("j", inner, [f"{target} = {begin};"])
     if n > 1 or sums:

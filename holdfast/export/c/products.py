@@ -87,6 +87,7 @@ def _long_row(product: _Product, row: int, columns: int) -> list[str]:
     places = np.flatnonzero(weights)
     first, end = int(places[0]), int(places[-1]) + 1
     used = weights[first:end]
+    # a mean has one weight for all its terms: no table is needed
     if len(np.unique(used)) == 1:
         weight = number(used[0], c_type)
     else:
