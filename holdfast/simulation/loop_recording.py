@@ -61,7 +61,7 @@ def require_controller(scene: Scene, trials: Sequence[PlannedTrial]) -> None:
     if strongest_n > control.drive.ceiling_n:
         raise CardError(
             f"controller.ceiling_n = {control.drive.ceiling_n:g} is below {strongest_n:.3g} N a "
-            "side, with which a hand of this card holds its object",
+            "side, with which a hand of this scene holds its object",
             where=file.name,
             next_step=f"ceiling_n = {np.ceil(strongest_n):g} or more, or weaker grips",
         )

@@ -141,8 +141,8 @@ def find_scene_file(name: str) -> Path:
     except OSError:
         pass  # a name that no file can have
     raise CardError(
-        f"no card {name!r}",
-        cause="neither a shipped card nor a file",
+        f"no scene {name!r}",
+        cause="neither a shipped scene nor a file",
         next_step=f"choose from {', '.join(shipped_scenes())}",
     )
 
@@ -331,12 +331,12 @@ class _SceneReader(CardReader):
         for need in effect.needs:
             if need not in scene.effects:
                 allowed = f"only together with [effects.{need}]"
-                raise self.refused(key, "on the card", allowed)
+                raise self.refused(key, "in the scene", allowed)
         if scene.step_s > effect.longest_step_s:
             allowed = f"at most {effect.longest_step_s:g} s with {key}"
             raise self.refused("physics.step_s", scene.step_s, allowed)
         if effect.stage == "camera" and scene.camera is None:
-            raise self.refused(key, "on the card", "only together with [camera]")
+            raise self.refused(key, "in the scene", "only together with [camera]")
 
     def require_controller_fits(self, scene: SceneFile) -> None:
         if scene.controller is None:
@@ -353,7 +353,7 @@ class _SceneReader(CardReader):
             return
         if "camera_frames" not in scene.effects:
             allowed = "only together with [effects.camera_frames]"
-            raise self.refused("camera", "on the card", allowed)
+            raise self.refused("camera", "in the scene", allowed)
         if scene.join > 1:
             allowed = "1 with a camera: it films single trials"
             raise self.refused("record.join", scene.join, allowed)

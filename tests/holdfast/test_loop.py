@@ -101,7 +101,7 @@ def test_one_trial_and_an_empty_hand_have_figures_too(run: Run, tmp_path: Path) 
     ("code", "kind", "words", "says"),
     [
         (2, "UsageError", ["thesis", "--controller", "pid"], "'pid' does not exist"),
-        (3, "CardError", ["no-such-card"], "no card 'no-such-card'"),
+        (3, "CardError", ["no-such-card"], "no scene 'no-such-card'"),
         (3, "ChannelError", ["twenty-sensors"], "the model needs 18"),
     ],
 )

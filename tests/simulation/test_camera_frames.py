@@ -168,12 +168,6 @@ def test_a_card_with_a_camera_leaves_frames_of_the_object_s_motion(tmp_path):
     assert centres[0] - centres[1] == pytest.approx(fell_px[1] - fell_px[0], abs=0.3)
 
 
-def test_without_a_camera_no_frame_is_drawn(tmp_path, monkeypatch):
-    monkeypatch.setattr(film.Camera, "draw", lambda *_: pytest.fail("drawn"))
-    write_set(scene(tmp_path, CARD), tmp_path / "set")
-    assert not list(tmp_path.rglob("*.npz"))
-
-
 def test_the_same_card_and_seed_film_the_same_bytes(tmp_path):
     filmed = scene(tmp_path, FILMED + "noise_levels = 2\n")
     for name in ("one", "two"):

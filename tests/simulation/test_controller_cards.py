@@ -107,12 +107,12 @@ def test_a_recording_holds_the_samples_and_the_commands_of_the_loop(
     recorded.loop.models.answer = noting  # type: ignore[method-assign, assignment]
     motions = recorded.run()
     spans = recorded.loop.spans
-    for lane, (trial, (motion, _)) in enumerate(
+    for place, (trial, (motion, _)) in enumerate(
         zip(acting.trials(), motions, strict=True)
     ):
         signal = acting.sense(trial, motion.t_s, motion.forces_n)[0]
-        begins, ends = int(spans.begins[lane]), int(spans.ends[lane])
-        in_loop = np.array([values[lane] for values in sensed[: ends - begins]])
+        begins, ends = int(spans.begins[place]), int(spans.ends[place])
+        in_loop = np.array([values[place] for values in sensed[: ends - begins]])
         assert (
             signal.values[begins:ends].reshape(ends - begins, -1).tobytes()
             == in_loop.tobytes()

@@ -1,4 +1,4 @@
-"""Effects of the loop: each obeys its law, none makes energy, and a lane is the same in any
+"""Effects of the loop: each obeys its law, none makes energy, and a trial is the same in any
 batch."""
 
 from __future__ import annotations
@@ -28,13 +28,13 @@ ALONG = np.array([[0.0] * 6, [12e-3, -12e-3, 33e-3, 11e-3, -11e-3, -33e-3]])
 
 def make(
     name: str,
-    lanes: int = 2,
+    batch: int = 2,
     thing: str = "basket-ball",
     numbers: Any = None,
     **options: Any,
 ) -> Any:
-    """An effect for so many lanes; options: one value, or one for every lane."""
-    numbers = range(lanes) if numbers is None else numbers
+    """An effect for a batch; options: one value, or one for every trial."""
+    numbers = range(batch) if numbers is None else numbers
     trials = [
         SimpleNamespace(finger_n_per_m=FINGERS, object=OBJECTS[thing]) for _ in numbers
     ]
@@ -48,7 +48,7 @@ def make(
 
 
 def body(
-    lanes: int = 2,
+    batch: int = 2,
     elements: int = 1,
     mass_kg: float = 0.1,
     friction: float = 0.6,
@@ -61,27 +61,27 @@ def body(
 ) -> Body:
     """Six fingers on something; per_m: its curvature, brush_n_per_m: over a finger's normal
     stiffness."""
-    stiffness = np.repeat(FINGERS[:, None], lanes, axis=1)
+    stiffness = np.repeat(FINGERS[:, None], batch, axis=1)
     return Body(
-        mass_kg=np.full(lanes, mass_kg),
-        gravity_m_s2=np.outer([0.0, 0.0, -gravity_m_s2], np.ones(lanes)),
-        curvature_per_m=np.full((2, lanes), per_m),
-        straight_m=np.zeros(lanes),
-        at_m=np.repeat(at_m[..., None], lanes, axis=2),
+        mass_kg=np.full(batch, mass_kg),
+        gravity_m_s2=np.outer([0.0, 0.0, -gravity_m_s2], np.ones(batch)),
+        curvature_per_m=np.full((2, batch), per_m),
+        straight_m=np.zeros(batch),
+        at_m=np.repeat(at_m[..., None], batch, axis=2),
         stiffness_n_per_m=stiffness,
         damping_n_s_per_m=damping_s * stiffness,
         brush_n_per_m=np.repeat(
             brush_n_per_m * stiffness[None] / elements, elements, axis=0
         ),
         pressure=pressure(elements)[:, None, None],
-        static=np.full(lanes, friction),
-        kinetic=np.full(lanes, friction),
+        static=np.full(batch, friction),
+        kinetic=np.full(batch, friction),
         loss_s=loss_s,
     )
 
 
-def shut(lanes: int = 2, depth_m: float = DEPTH_M) -> FloatArray:
-    return np.full((6, lanes), depth_m)
+def shut(batch: int = 2, depth_m: float = DEPTH_M) -> FloatArray:
+    return np.full((6, batch), depth_m)
 
 
 def run(
@@ -95,27 +95,27 @@ def run(
 ) -> tuple[State, FloatArray]:
     """Step from rest (or a state) with shut fingers (or inputs of the time); what watch saw after
     every step."""
-    lanes = len(what.mass_kg)
-    state = at_rest(what, shut(lanes)) if state is None else state
-    held = Inputs(shut(lanes))
+    batch = len(what.mass_kg)
+    state = at_rest(what, shut(batch)) if state is None else state
+    held = Inputs(shut(batch))
     seen = []
     for k in range(1, steps + 1):
         now = held if inputs is None else inputs(k * dt_s)
-        step(what, state, now, np.full(lanes, dt_s), np.full(lanes, k * dt_s), effects)
+        step(what, state, now, np.full(batch, dt_s), np.full(batch, k * dt_s), effects)
         seen.append(watch(state))
     return state, np.array(seen)
 
 
 def carry(
-    lanes: int = 2,
+    batch: int = 2,
     speed_m_s: float = 0.0,
     t_s: float = 0.0,
     stiff: float = 1e5,
     share: float = 0.0,
 ) -> Pull:
     """A person strong enough to lead the object along y."""
-    to = np.outer([0.0, speed_m_s, 0.0], np.ones(lanes))
-    one = np.ones(lanes)
+    to = np.outer([0.0, speed_m_s, 0.0], np.ones(batch))
+    one = np.ones(batch)
     return Pull(stiff * one, 1e-2 * stiff * one, 1e6 * one, share * one, to * t_s, to)
 
 
@@ -277,7 +277,7 @@ def test_friction_that_can_hold_an_offset_weight_holds_it_and_nothing_creeps() -
 
 def test_friction_that_cannot_hold_it_lets_it_swing_down() -> None:
     near = ALONG / 3.0
-    rotation = make("rotation", lanes=2, offset_y_mm=40.0, offset_z_mm=0.0)
+    rotation = make("rotation", batch=2, offset_y_mm=40.0, offset_z_mm=0.0)
     what = body(elements=5, mass_kg=0.3, at_m=near)
     state, _ = run(what, 1e-3, 2000, PhysicsEffects(turns=(rotation,)))
     assert (state.normal_n > 0.0).all()
@@ -339,9 +339,9 @@ def integral(values: FloatArray, dt_s: float) -> FloatArray:
     return np.concatenate([np.zeros_like(values[:1]), np.cumsum(steps, axis=0)])
 
 
-def over(effect: Any, t_s: np.ndarray, lanes: int = 2) -> FloatArray:
+def over(effect: Any, t_s: np.ndarray, batch: int = 2) -> FloatArray:
     """[T, 3, B] accelerations."""
-    return np.array([effect.acceleration_m_s2(np.full(lanes, t)) for t in t_s])
+    return np.array([effect.acceleration_m_s2(np.full(batch, t)) for t in t_s])
 
 
 @pytest.mark.parametrize("count", [1.0, 2.0, 3.0])
@@ -353,8 +353,8 @@ def test_an_arm_comes_to_rest_where_its_motion_says(count: int) -> None:
     speed = integral(acceleration, dt_s)
     place = integral(speed, dt_s)
     assert np.abs(speed[-1]).max() < 1e-5
-    for lane in range(2):
-        assert np.allclose(place[:, :, lane], arm.motion_m(t_s, lane), atol=1e-5)
+    for k in range(2):
+        assert np.allclose(place[:, :, k], arm.motion_m(t_s, k), atol=1e-5)
     assert np.linalg.norm(place[-1], axis=0) == pytest.approx(
         0.2 * (count % 2), abs=1e-5
     )
@@ -376,8 +376,8 @@ def test_an_arm_asks_for_fine_steps_in_every_movement_and_only_there() -> None:
 
 @pytest.mark.parametrize("frequency_hz", [4.0, 8.0, 12.0])
 def test_a_tremor_trembles_at_its_frequency(frequency_hz: float) -> None:
-    tremor = make("tremor", lanes=20, frequency_hz=frequency_hz, amplitude_m_s2=0.5)
-    values = over(tremor, 2e-3 * np.arange(10000), lanes=20)
+    tremor = make("tremor", batch=20, frequency_hz=frequency_hz, amplitude_m_s2=0.5)
+    values = over(tremor, 2e-3 * np.arange(10000), batch=20)
     power = (
         np.abs(np.fft.rfft(values * np.hanning(10000)[:, None, None], axis=0)) ** 2
     ).sum(axis=1)
@@ -432,27 +432,27 @@ def gains_j(
 ) -> tuple[FloatArray, FloatArray]:
     """[K, B] what every step added to the energy of a kicked object that only the hand touches;
     and what was left."""
-    lanes, rng = 16, np.random.default_rng(3)
+    batch, rng = 16, np.random.default_rng(3)
     what = body(
-        lanes,
+        batch,
         elements,
         per_m=1.0 / 0.03,
         damping_s=2e-3,
         gravity_m_s2=2.0,
         at_m=0.2 * ALONG,
     )
-    lag, texture = make("lag", lanes), make("texture", lanes)
-    rotation = make("rotation", lanes, offset_y_mm={"uniform": [-30, 30]})
+    lag, texture = make("lag", batch), make("texture", batch)
+    rotation = make("rotation", batch, offset_y_mm={"uniform": [-30, 30]})
     effects = PhysicsEffects(
         textures=(texture,), lags=(lag,) if lagging else (), turns=(rotation,)
     )
-    state = at_rest(what, shut(lanes))
-    state.velocity_m_s += rng.normal(size=(3, lanes)) * 0.1
-    rotation.rate += rng.normal(size=lanes) * 5.0
+    state = at_rest(what, shut(batch))
+    state.velocity_m_s += rng.normal(size=(3, batch)) * 0.1
+    rotation.rate += rng.normal(size=batch) * 5.0
     energy, gripped = [held_j(what, state, rotation, lag)], []
     for _ in range(200):
-        dt_s = step_s * 10.0 ** rng.uniform(-0.5, 0.0, lanes)
-        step(what, state, Inputs(shut(lanes)), dt_s, dt_s, effects)
+        dt_s = step_s * 10.0 ** rng.uniform(-0.5, 0.0, batch)
+        step(what, state, Inputs(shut(batch)), dt_s, dt_s, effects)
         energy.append(held_j(what, state, rotation, lag))
         # it does not turn a weight that no hand holds
         gripped.append((state.normal_n > 0.0).any(axis=0))
@@ -478,7 +478,7 @@ def test_no_step_makes_energy_with_lag_too(step_s: float, elements: int) -> None
 
 
 def all_of(numbers: list[int]) -> tuple[PhysicsEffects, Rotation]:
-    """Every effect, of the lanes with these numbers."""
+    """Every effect, of the trials with these numbers."""
     options: Mapping[str, Any] = {"at_s": 0.1}
     made = {
         name: make(name, numbers=numbers, **options)
@@ -492,7 +492,7 @@ def all_of(numbers: list[int]) -> tuple[PhysicsEffects, Rotation]:
     return effects, made["rotation"]
 
 
-def test_a_lane_has_the_same_numbers_in_any_batch() -> None:
+def test_a_trial_has_the_same_numbers_in_any_batch() -> None:
     ends = []
     for numbers in ([0, 1, 2, 3, 4, 5, 6], [3, 5], [5, 2, 3]):
         effects, turning = all_of(numbers)

@@ -63,19 +63,19 @@ def in_the_loop(
     for k in range(len(forces_n)):
         rows = np.minimum(k, COUNTS - 1)
         now, lost = sensors.read(rows, forces_n[rows, np.arange(3)])
-        for lane in range(3):
-            one = now.values[lane].tobytes(), now.valid[lane].tobytes()
-            reported[lane].append(None if lost[lane] else one)
+        for place in range(3):
+            one = now.values[place].tobytes(), now.valid[place].tobytes()
+            reported[place].append(None if lost[place] else one)
     return reported
 
 
 def as_recorded(
-    scene: Scene, forces_n: FloatArray, lane: int
+    scene: Scene, forces_n: FloatArray, place: int
 ) -> list[tuple[bytes, bytes]]:
     """What the whole trial's signal has, a row a sample that came."""
-    n = COUNTS[lane]
+    n = COUNTS[place]
     signal, _ = scene.sense(
-        scene.trials()[lane], np.arange(n) / 150.0, forces_n[:n, lane]
+        scene.trials()[place], np.arange(n) / 150.0, forces_n[:n, place]
     )
     return [
         (v.tobytes(), good.tobytes())
@@ -87,9 +87,9 @@ def require_same(scene: Scene, seed: int) -> None:
     """The loop reports what the recording has; one sample late where the clock jitters."""
     forces_n = touched(seed)
     late = int("timing_jitter" in scene.sensor_effects)
-    for lane, calls in enumerate(in_the_loop(scene, forces_n)):
-        recorded = as_recorded(scene, forces_n, lane)
-        came = [one for one in calls[late : COUNTS[lane]] if one is not None]
+    for place, calls in enumerate(in_the_loop(scene, forces_n)):
+        recorded = as_recorded(scene, forces_n, place)
+        came = [one for one in calls[late : COUNTS[place]] if one is not None]
         assert came == (recorded[:-1] if late else recorded)
 
 

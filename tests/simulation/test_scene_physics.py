@@ -31,7 +31,7 @@ SHARE = np.array([0.5, 0.5, 0.25, 0.25, 0.25, 0.25])[:, None]
 
 
 def body(
-    lanes: int = 2,
+    batch: int = 2,
     *,
     mass_kg: float = 0.2,
     radius_m: float = 0.03,
@@ -42,7 +42,7 @@ def body(
     elements: int = 5,
     gravity: tuple[float, float, float] = (0.0, 0.0, -G),
 ) -> Body:
-    one = np.ones(lanes)
+    one = np.ones(batch)
     return Body(
         mass_kg=mass_kg * one,
         gravity_m_s2=np.array(gravity)[:, None] * one,
@@ -51,10 +51,10 @@ def body(
         ]
         * one,
         straight_m=(0.0 if ball else 0.1) * one,
-        at_m=np.zeros((2, 6, lanes)),
-        stiffness_n_per_m=stiffness * np.ones((6, lanes)),
-        damping_n_s_per_m=1e-3 * stiffness * np.ones((6, lanes)),
-        brush_n_per_m=stiffness / elements * np.ones((elements, 6, lanes)),
+        at_m=np.zeros((2, 6, batch)),
+        stiffness_n_per_m=stiffness * np.ones((6, batch)),
+        damping_n_s_per_m=1e-3 * stiffness * np.ones((6, batch)),
+        brush_n_per_m=stiffness / elements * np.ones((elements, 6, batch)),
         pressure=pressure(elements)[:, None, None],
         static=friction * one,
         kinetic=kinetic * one,
@@ -86,9 +86,9 @@ def thrown(
     held: Body, closure_m: np.ndarray, rng: np.random.Generator, speed: float
 ) -> State:
     state = at_rest(held, closure_m)
-    lanes = held.mass_kg.shape[0]
-    state.velocity_m_s = rng.normal(0.0, speed, (3, lanes))
-    state.position_m[1:] = rng.normal(0.0, 0.003, (2, lanes))
+    batch = held.mass_kg.shape[0]
+    state.velocity_m_s = rng.normal(0.0, speed, (3, batch))
+    state.position_m[1:] = rng.normal(0.0, 0.003, (2, batch))
     state.offset_m = offset_m(held, state.position_m[1:])
     state.recess_m = recess_m(held, state.offset_m)
     state.depth_m = closure_m - state.recess_m
@@ -171,7 +171,7 @@ SHARES = [0.3, 0.5, 0.65]
 
 
 def held_still(shares: Sequence[float], steps: int) -> tuple[Body, State, np.ndarray]:
-    """Each lane held at its share of the friction limit, settled."""
+    """Each trial held at its share of the friction limit, settled."""
     held = body(len(shares))
     closure = closed(held, 0.2 * G / (2 * 0.6 * np.array(shares)))
     state = at_rest(held, closure)
@@ -187,7 +187,7 @@ holding = {
 
 @pytest.fixture(scope="module")
 def held_long() -> tuple[np.ndarray, State]:
-    """Where objects were that are held at SHARES, a lane each, and their state 2000 steps later."""
+    """Where objects held at SHARES, a trial each, were, and their state 2000 steps later."""
     held, state, closure = held_still(SHARES, 4000)
     before = state.position_m.copy()
     go(held, state, Inputs(closure), 1e-3, 2000)
@@ -198,9 +198,9 @@ def held_long() -> tuple[np.ndarray, State]:
 @pytest.mark.parametrize("share", SHARES)
 def test_a_held_object_does_not_creep(held_long, share):
     before, state = held_long
-    lane = SHARES.index(share)
-    assert np.abs(state.position_m - before)[:, lane].max() < 3e-13
-    assert not state.slip_m_s[..., lane].any()
+    place = SHARES.index(share)
+    assert np.abs(state.position_m - before)[:, place].max() < 3e-13
+    assert not state.slip_m_s[..., place].any()
 
 
 @pytest.mark.hard_case(AREA, "a million steps of holding", **holding)

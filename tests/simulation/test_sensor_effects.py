@@ -447,10 +447,6 @@ def test_noise_is_as_the_data_sheet_says_and_falls_with_the_root_of_averages(
     assert noise(averages=averages).std(axis=0) / sigma == pytest.approx(1.0, abs=0.025)
 
 
-def test_noise_has_32_averages_unless_the_card_says_otherwise() -> None:
-    assert np.array_equal(noise(), noise(averages=32))
-
-
 def test_noise_has_no_mean_no_memory_and_no_company() -> None:
     white = noise() / noise().std(axis=0)
     rows = len(white)
