@@ -305,9 +305,13 @@ def read_bias(path: str | Path) -> Bias:
     unit = file.word("unit")
     if unit not in UNITS:
         raise file.wrong(UnitError, f"unit {unit!r} is not one of {', '.join(UNITS)}")
-    spread = file.numbers("spread", (len(values),))
-    flags = file.flags("reversed", len(values) // 3)
-    return Bias(values, spread, file.count("n"), UNITS[UNITS.index(unit)], flags)
+    return Bias(
+        values=values,
+        spread=file.numbers("spread", (len(values),)),
+        n=file.count("n"),
+        unit=UNITS[UNITS.index(unit)],
+        reversed=file.flags("reversed", len(values) // 3),
+    )
 
 
 class _File:

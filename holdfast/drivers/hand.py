@@ -167,14 +167,11 @@ class Hand:
         # what arrived at the muxes is unknown
         self._driven.forget_masks()
         count = len(self.fingers)
-        reading = Reading(
-            t_ns,
-            np.full((count, 3), np.nan),
-            np.zeros(count, dtype=np.bool_),
-            (why,) * count,
-        )
-        self._report_changes(reading.why)
-        return reading
+        nothing = np.full((count, 3), np.nan)
+        none_valid = np.zeros(count, dtype=np.bool_)
+        reasons = (why,) * count
+        self._report_changes(reasons)
+        return Reading(t_ns, nothing, none_valid, reasons)
 
     def _complain(self, error: DeviceError) -> None:
         """Report what is wrong with bus or bridge, once until a scan has gone well."""
@@ -192,9 +189,9 @@ class Hand:
 
 
 class LiveHand:
-    """A started hand. to_force.
+    """A started hand as a live source.
 
-    field [S, 3] in uT -> force [S, 3] in N, or None to read the field.
+    to_force: from a field [S, 3] in uT to a force [S, 3] in N, or None to read the field.
     """
 
     def __init__(
@@ -211,13 +208,11 @@ class LiveHand:
     def read(self) -> SourceReading:
         """One scan."""
         reading = self._hand.read()
-        values = (
-            reading.field_ut
-            if self._to_force is None
-            else self._to_force(reading.field_ut)
-        )
-        whole = values.reshape(-1)
-        return SourceReading(reading.t_ns, whole, reading.valid, reading.why)
+        values = reading.field_ut
+        if self._to_force is not None:
+            values = self._to_force(values)
+        channels = values.reshape(-1)
+        return SourceReading(reading.t_ns, channels, reading.valid, reading.why)
 
     def about(self) -> dict[str, object]:
         """What is known of the hand itself."""

@@ -75,7 +75,7 @@ def open_replay(path: str | Path) -> Replay:
 
 
 def _is_prepared(meta: Path) -> bool:
-    """Whether the meta.json beside a trial says so; `_unit` refuses one that cannot be read."""
+    """Whether a trial's own meta.json says so; `_unit` refuses one that cannot be read."""
     try:
         return meta.is_file() and json_of(text_of(meta)).get(BIAS_REMOVED) is True
     except (ValueError, AttributeError):

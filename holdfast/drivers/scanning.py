@@ -117,8 +117,11 @@ def _identified(bus: Bus, address: int, pause: Callable[[float], None]) -> BusDe
     except (DeviceNotFound, WrongDevice) as error:
         return _unknown(address, error.what)
     narrow, wide = RANGES_MT[version]
-    what = f"TMAG5273 {LETTERS.get(address, '?')}{version} ({narrow:g}/{wide:g} mT)"
-    return BusDevice(address, None, "sensor", what, _health(bus, address))
+    # the letter stands for the factory address, which a moved chip does not show
+    letter = LETTERS.get(address, "?")
+    what = f"TMAG5273 {letter}{version} ({narrow:g}/{wide:g} mT)"
+    trouble = _health(bus, address)
+    return BusDevice(address, None, "sensor", what, trouble)
 
 
 def _health(bus: Bus, address: int) -> str:

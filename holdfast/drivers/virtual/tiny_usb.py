@@ -120,7 +120,9 @@ class VirtualTinyUsb(Device):
         absent = not self._address(request, address << 1 | reads)
         if reads and not absent:
             self.hand.wire.read()
-        refused = not absent and not all([self.hand.wire.write(byte) for byte in data])
+        # every byte goes out, also after one that was not acknowledged
+        acked = [self.hand.wire.write(byte) for byte in data] if not absent else []
+        refused = not all(acked)
         if absent or request & END or (refused and self.firmware.data_nak):
             self._stop()
         self._spend_bits(bits)
