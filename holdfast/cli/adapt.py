@@ -12,8 +12,6 @@ from __future__ import annotations
 
 import argparse
 from dataclasses import asdict
-from pathlib import Path
-from typing import TYPE_CHECKING
 
 from holdfast.cli.command import (
     add_json_option,
@@ -22,14 +20,7 @@ from holdfast.cli.command import (
     show_found,
 )
 from holdfast.core.errors import OutputError, UsageError
-from holdfast.core.writing import require_writable, write_whole
-
-if TYPE_CHECKING:
-    from holdfast.edge_runtime.model import Model
-    from holdfast.export.adapted_file import AdaptedVerification
-    from holdfast.sessions.adapting import Fitted
-    from holdfast.training.progress import Stages
-    from holdfast.training.recording import DataSet
+from holdfast.core.writing import require_writable
 
 STAGES = 7
 
@@ -43,7 +34,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     option("--person", metavar="PSEUDONYM", help="whose recordings in FOLDER")
     slips = "recordings with slips, of any person (default: simulated trials)"
     option("--slips", metavar="SET|FOLDER", help=slips)
-    out = "model file to write; its card is written beside it"
+    out = "model file to write; its card is written next to it"
     option("--out", type=path_argument, required=True, metavar="FILE", help=out)
     option(
         "--undo",
@@ -93,11 +84,9 @@ def _require_options(args: argparse.Namespace) -> None:
 
 
 def _undo(args: argparse.Namespace) -> int:
-    from holdfast.edge_runtime.model_file import read_sealed
-    from holdfast.export.adapted_file import undone
+    from holdfast.sessions.adapted_files import write_base
 
-    base = undone(read_sealed(args.model), args.model)
-    _write(args.out, base)
+    write_base(args.model, args.out)
     words = f"base: {args.out}, as it was before it was adapted"
     show_found(args, words, {"base": args.out})
     return 0
@@ -106,10 +95,15 @@ def _undo(args: argparse.Namespace) -> int:
 def _adapt(args: argparse.Namespace) -> int:
     from holdfast.training.progress import stages
 
-    with stages(STAGES) as say:
-        say("loading the libraries and the model")
-        fitted, verified = _adapted(args, say)
-    reached, person = fitted.point.reached, fitted.adaptation.about["person"]
+    with stages(STAGES) as begin:
+        begin("loading the libraries and the model")
+        from holdfast.sessions.adapted_files import adapt_file
+
+        fitted, verified = adapt_file(
+            args.model, args.data, args.person, args.slips, args.out, begin
+        )
+    reached = fitted.point.reached
+    person = fitted.adaptation.about["person"]
     rules = fitted.point.rules
     words = (
         f"based on {person['hand_overs']} hand-overs and {person['holding_s']:.0f} s of holding\n"
@@ -129,50 +123,3 @@ def _adapt(args: argparse.Namespace) -> int:
     }
     show_found(args, words, found)
     return 0
-
-
-def _adapted(
-    args: argparse.Namespace, say: Stages
-) -> tuple[Fitted, AdaptedVerification]:
-    """Fit, build, verify and write."""
-    from holdfast.export.adapted_file import adapted, verify_adapted
-    from holdfast.sessions.adapting import adapt, base_model, of_person
-    from holdfast.training.datasets import load
-
-    with base_model(args.model) as (model, base):
-        say("reading the person's recordings")
-        channels = model.card.n_channels
-        data = of_person(
-            load(args.data, channels=channels, windows="none"), args.person
-        )
-        fitted = adapt(model, data, lambda: _slips(args, model, say), say, say.part)
-    say("building, verifying and sealing the file")
-    correction, rows = fitted.adaptation.correction, fitted.rows()
-    made = adapted(base, fitted.adaptation)
-    verified = verify_adapted(base, made, model.card, correction, rows)
-    _write(args.out, made)
-    return fitted, verified
-
-
-def _slips(args: argparse.Namespace, model: Model, say: Stages) -> DataSet:
-    from holdfast.sessions.adapting import simulated_slips
-    from holdfast.training.datasets import load
-
-    if args.slips:
-        say(f"reading {args.slips}")
-        return load(
-            args.slips, channels=model.card.n_channels, windows="none", part=say.part
-        )
-    say("simulating trials with slips")
-    return simulated_slips(model.card, part=say.part)
-
-
-def _write(path: Path, data: bytes) -> None:
-    """The file, and its card beside it."""
-    from holdfast.edge_runtime.model import read_model
-    from holdfast.edge_runtime.model_file import CARD_SUFFIX
-    from holdfast.export.exporting import readable_card
-
-    card, _, _ = read_model(data, path)
-    write_whole(path, data)
-    write_whole(path.with_suffix(CARD_SUFFIX), readable_card(card.raw, path.name, data))

@@ -54,7 +54,8 @@ def run(args: argparse.Namespace) -> int:
 
     require_writable(args.out.parent)
     require_json_writable(args)
-    figures, lines = [], []
+    figures = []
+    lines = []
     with stages(STAGES) as begin:
         begin(f"reading {args.path}")
         for k, loads in enumerate(read_load_sets(args.path)):

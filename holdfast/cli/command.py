@@ -2,7 +2,7 @@
 
 Exit codes: 0 done, 1 failed, 2 usage, 3 data, 4 model, 5 output, 6 device, 130 interrupted.
 
-`--json [FILE]`: what a command found as one JSON object, beside its words or instead of them.
+`--json [FILE]`: what a command found as one JSON object, with its words or instead of them.
 """
 
 from __future__ import annotations

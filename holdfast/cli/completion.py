@@ -53,10 +53,8 @@ def whole_parser(
         if verb in COMMANDS:
             add_config_option(parser)
         for action in parser._actions:
-            if isinstance(
-                action.choices, dict
-            ):  # which shtab takes for commands of its own
+            if isinstance(action.choices, dict):  # which shtab takes for commands
                 action.choices = list(action.choices)
             if action.type is path_argument or action.dest == "model":
-                action.complete = files  # type: ignore[attr-defined]  # shtab's own way
+                action.complete = files  # type: ignore[attr-defined]  # the way of shtab
     return whole

@@ -43,7 +43,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_engine_options(parser)
     names = "grip controllers, vibration or oracle (default holdfast)"
     option("--controller", nargs="+", default=["holdfast"], metavar="NAME", help=names)
-    setting = "the controllers' own setting (default: each its own)"
+    setting = "setting of the controllers (default: that of each)"
     option("--setting", type=positive, metavar="X", help=setting)
     lag = "lag of the hand's drive (default 50)"
     option("--lag-ms", type=_lag_ms, default=50.0, metavar="MS", help=lag)
@@ -97,16 +97,18 @@ def _figures(
 ) -> dict[str, dict[str, LoopFigures]]:
     from holdfast.evaluation.closed_loop import LoopRequest, LoopRuns, LoopSet
 
-    sets = {card: LoopSet(card, args.trials, args.seed) for card in args.cards}
-    requests = {n: LoopRequest(n, args.setting, args.lag_ms) for n in args.controller}
     runs = LoopRuns(chosen_model(args), chosen_workers(args), done)
-    runs.run([(one, request) for one in sets.values() for request in requests.values()])
-    return {
-        Path(card).stem: {
-            name: runs.figures(one, request) for name, request in requests.items()
-        }
-        for card, one in sets.items()
-    }
+    wanted = []
+    for card in args.cards:
+        one = LoopSet(card, args.trials, args.seed)
+        for name in args.controller:
+            wanted.append((one, LoopRequest(name, args.setting, args.lag_ms)))
+    runs.run(wanted)
+    sets: dict[str, dict[str, LoopFigures]] = {}
+    for one, request in wanted:
+        rows = sets.setdefault(Path(one.card).stem, {})
+        rows[request.name] = runs.figures(one, request)
+    return sets
 
 
 def require_known(names: list[str], known: tuple[str, ...]) -> None:
@@ -126,6 +128,9 @@ def _json(
 ) -> dict[str, object]:
     from holdfast.simulation.closed_loop import model_of
 
+    figures = {}
+    for card, rows in sets.items():
+        figures[card] = {name: one.to_json() for name, one in rows.items()}
     return {
         "kind": "simulated",
         "model": model_of(chosen_model(args)).card.model_id,
@@ -134,10 +139,7 @@ def _json(
         "seed": args.seed,
         "trials": args.trials,
         "setting": args.setting,
-        "sets": {
-            card: {name: figures.to_json() for name, figures in rows.items()}
-            for card, rows in sets.items()
-        },
+        "sets": figures,
     }
 
 

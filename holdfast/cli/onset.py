@@ -2,7 +2,7 @@
 
     holdfast onset trials/7 --action pull                a folder of holdfast watch: events.jsonl
     holdfast onset trials/p01/my-cup/pull/trial_1        of holdfast record: its phases too
-    holdfast onset scenes/soft-ball/pull/trial_1.csv     frames beside it: trial_1.onset.json
+    holdfast onset scenes/soft-ball/pull/trial_1.csv     with its frames: trial_1.onset.json
 
 The action decides what a slip means: pull, fall and hold make it risky, pass and put-down safe.
 """
@@ -20,7 +20,8 @@ from holdfast.sessions.onset import ACTIONS, WatchedTrial, read_motion, write_la
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this verb."""
-    option, ever = parser.add_argument, float("inf")
+    option = parser.add_argument
+    ever = float("inf")
     trial = "a watched folder, or trial_n.csv with its frames"
     option("trial", type=path_argument, metavar="TRIAL", help=trial)
     option(
@@ -68,7 +69,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Find the onset, write it beside the trial, print it."""
+    """Find the onset, write it next to the trial, print it."""
     from holdfast.drivers.camera.onset import GROSS_MM, gross_distance_mm
 
     held = [read_motion(path, args.tag_mm) for path in args.no_slip]

@@ -107,7 +107,8 @@ def add_grip_options(parser: argparse.ArgumentParser) -> None:
     option("--controller", metavar="NAME", help=f"grip controller: {names}")
     ceiling = "largest grip of the hand, N of either side (default: 70)"
     option("--ceiling", type=positive, metavar="N", help=ceiling)
-    feedback = "send vibration cues for the wearer: udp://HOST:PORT or serial:///dev/ttyX?baud=115200"
+    either = "udp://HOST:PORT or serial:///dev/ttyX?baud=115200"
+    feedback = f"send vibration cues for the wearer: {either}"
     option("--feedback", metavar="URL", help=feedback)
     cues = "patterns of the cues (TOML; default: the shipped table, docs/feedback.md)"
     option("--cues", type=path_argument, metavar="FILE", help=cues)
@@ -131,7 +132,7 @@ def require_grip(args: argparse.Namespace) -> None:
 
 def add_intent_option(parser: argparse.ArgumentParser) -> None:
     """--intent."""
-    intent = "show and record the wearer's own command: udp://HOST:PORT?envelopes=2 or lsl://NAME"
+    intent = "show and record the wearer's command: udp://HOST:PORT?envelopes=2 or lsl://NAME"
     parser.add_argument("--intent", metavar="URL", help=intent)
 
 

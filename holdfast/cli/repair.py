@@ -27,13 +27,15 @@ def run(args: argparse.Namespace) -> int:
     """
     from holdfast.sessions.recorder.folder import all_trials, alone, repair
 
-    code, trials = 0, []
+    code = 0
+    trials = []
     with alone(args.folder):
         for folder in all_trials(args.folder):
             try:
                 done = ", ".join(repair(folder)) or "complete"
             except (DataError, OutputError) as error:
-                done, code = f"not repaired: {error}", error.exit_code
+                done = f"not repaired: {error}"
+                code = error.exit_code
             trials.append({"folder": folder, "done": done})
     words = "\n".join(f"{one['folder']}: {one['done']}" for one in trials)
     show_found(args, words, {"trials": trials})

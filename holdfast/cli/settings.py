@@ -8,7 +8,7 @@
     [sinks]                           # of holdfast run
     udp = "127.0.0.1:9000"
 
-Files are looked for beside the settings. A value on the command line wins.
+Files are looked for next to the settings. A value on the command line wins.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ def read_settings(argv: Sequence[str]) -> Settings:
     try:
         named = finder.parse_known_args(list(argv))[0].config
     except argparse.ArgumentError:
-        named = None  # the command's own parser says what is wrong
+        named = None  # the command's parser reports what is wrong
     if named is None and not DEFAULT.is_file():
         return Settings()
     return _read(named or DEFAULT)
@@ -89,8 +89,8 @@ def _value(path: Path, name: str, value: object) -> str:
             where=path,
             next_step=f'write it as on the command line, in quotes: {name} = ".."',
         )
-    beside = name in FILES and not (name == "model" and value in shipped())
-    return str(path.parent / value) if beside else value
+    is_file = name in FILES and not (name == "model" and value in shipped())
+    return str(path.parent / value) if is_file else value
 
 
 def add_config_option(parser: argparse.ArgumentParser) -> None:

@@ -14,7 +14,7 @@ from holdfast.core.source import Source
 from holdfast.drivers.calibration import Bias, bias_of
 
 RATE_HZ = 100.0
-"""Of a hand, which has no rate of its own."""
+"""Of a hand, which has no fixed rate."""
 
 
 @dataclass(frozen=True)
@@ -55,8 +55,10 @@ def require_good(measured: MeasuredBias, consequence: str) -> None:
 
 
 def read_rows(source: Source, clock: Any, seconds: float) -> FloatArray:
-    """[T, C] of a source at its own rate or at RATE_HZ, nan where a sensor is not valid."""
-    start_ns, rows, rate_hz = clock.now_ns(), [], source.rate_hz or RATE_HZ
+    """[T, C] of a source at its rate or at RATE_HZ, nan where a sensor is not valid."""
+    start_ns = clock.now_ns()
+    rows = []
+    rate_hz = source.rate_hz or RATE_HZ
     for k in range(round(seconds * rate_hz)):
         clock.wait_until(start_ns + round(k * 1e9 / rate_hz))
         measured = source.read()

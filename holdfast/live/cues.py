@@ -29,7 +29,8 @@ from holdfast.live.wire import Wire, open_wire
 
 KINDS = ("unknown", "act", "arm", "risky_slip", "safe_slip", "grasp", "nothing")
 """The situations, and before them the decision's requests; the first that applies counts."""
-UNKNOWN, QUIET = "unknown", "quiet"
+UNKNOWN = "unknown"
+QUIET = "quiet"
 SECOND_NS = 1_000_000_000
 QUIET_NS = SECOND_NS
 """Where no cue was sent for so long, a line shows that the run goes on."""
@@ -81,14 +82,18 @@ class Cues:
         self._kind: str | None = None
         self._since_ns = 0
         self._last_ns: int | None = None
-        self._ends_ns, self._urgent_ends_ns = 0, 0
+        self._ends_ns = 0
+        self._urgent_ends_ns = 0
         self._recent_ns: deque[int] = deque(maxlen=table.most_per_s)
 
     def due(self, prediction: Prediction) -> str | None:
         """The kind of cue to send now, or None."""
-        now_ns, kind = prediction.t_decided_ns, self._applies(prediction)
+        now_ns = prediction.t_decided_ns
+        kind = self._applies(prediction)
         if kind != self._kind:
-            self._kind, self._since_ns, self._last_ns = kind, now_ns, None
+            self._kind = kind
+            self._since_ns = now_ns
+            self._last_ns = None
         if kind is None:
             return None
         rule = self._table.rules[kind]
@@ -146,7 +151,10 @@ def cue_line(sequence: int, t_ns: int, kind: str, pattern: Pattern) -> str:
 SHIPPED = Path(__file__).with_name("cues.toml")
 SECTIONS = ("title", "most_per_s", "cues")
 KEYS = ("pulses", "on_ms", "off_ms", "strength", "after_ms", "repeat_ms", "urgent")
-MOST_PER_S, MOST_PULSES, SHORTEST_MS, LONGEST_MS = 10, 10, 10, 60_000
+MOST_PER_S = 10
+MOST_PULSES = 10
+SHORTEST_MS = 10
+LONGEST_MS = 60_000
 
 
 def read_cues(path: Path = SHIPPED) -> CueTable:
@@ -222,7 +230,7 @@ class _CueReader(CardReader):
                 "no [cues.unknown]",
                 where=self.path,
                 cause="without it, a hand that feels nothing is silent like a safe one",
-                next_step="give it a pattern of its own",
+                next_step="give it a pattern",
             )
         felt = _felt(rules[UNKNOWN].pattern)
         for name, rule in rules.items():
@@ -231,7 +239,7 @@ class _CueReader(CardReader):
                     f"[cues.{name}] and [cues.unknown] have the same pulses",
                     where=self.path,
                     cause="a wearer does not tell them apart by strength alone",
-                    next_step="give unknown a pattern of its own",
+                    next_step="give unknown another pattern",
                 )
 
 
@@ -244,7 +252,9 @@ class CueOutput:
     """The wearer's cues as an output of a run."""
 
     def __init__(self, wire: Wire, table: CueTable) -> None:
-        self._wire, self._table, self._cues = wire, table, Cues(table)
+        self._wire = wire
+        self._table = table
+        self._cues = Cues(table)
         self._newest_ns: int | None = None
 
     def write(

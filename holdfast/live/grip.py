@@ -68,8 +68,11 @@ class GripOutput:
         wire: Wire | None = None,
         scene: LiveScene | None = None,
     ) -> None:
-        self._controller, self._clock, self._report = controller, clock, report
-        self._wire, self.scene = wire, scene
+        self._controller = controller
+        self._clock = clock
+        self._report = report
+        self._wire = wire
+        self.scene = scene
         self._begun = False
         self.newest: GripCommand | None = None
 
@@ -94,6 +97,7 @@ class GripOutput:
         """Send `hold` as the last command; report what became of a scene."""
         if self._wire is not None:
             self._wire.close(reason)
+        # only once, and not for a run whose source did not open
         if self.scene is not None and self._begun:
             self._report(self.scene.outcome().line())
         self._begun = False

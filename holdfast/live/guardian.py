@@ -1,4 +1,4 @@
-"""A small process beside the run that says the last line when the run dies without saying it."""
+"""A small process that writes the last line where the run dies without writing it."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ class Guardian:
         return self._process.poll() is None
 
     def end(self, *, written: bool) -> None:
-        """End it. written: the last line was written; else the guardian writes its own."""
+        """End it. written: the last line was written; else the guardian writes it."""
         if written:
             with suppress(OSError):
                 self._control.send(GOODBYE)

@@ -24,7 +24,10 @@ import struct
 import sys
 import time
 
-READY, FRESH, RELEASE, GOODBYE = b"ready", b"fresh", b"release", b"goodbye"
+READY = b"ready"
+FRESH = b"fresh"
+RELEASE = b"release"
+GOODBYE = b"goodbye"
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT, signal.SIGABRT)
 """Ignored: they are sent to a whole terminal or service (systemd's watchdog: SIGABRT)."""
 TRIES, WAIT_MS = 10, 500
@@ -53,7 +56,8 @@ def _wait_for_the_end(control: socket.socket) -> int | None:
         try:
             message, fresh, _, _ = socket.recv_fds(control, 16, 1)
         except ConnectionResetError:  # the parent died before it read our "ready"
-            message, fresh = b"", []
+            message = b""
+            fresh = []
         if message in (FRESH, RELEASE):
             if held is not None:
                 os.close(held)

@@ -52,7 +52,8 @@ if TYPE_CHECKING:
     from holdfast.simulation.scene import Scene, SimulatedTrial
 
 HANDS = ("usb", "i2c", "virtual")
-LSL, LSL_KEYS = "lsl", ("unit", "rate_hz")
+LSL = "lsl"
+LSL_KEYS = ("unit", "rate_hz")
 HAND_KEYS = (
     "layout",
     "averages",
@@ -65,7 +66,7 @@ HAND_KEYS = (
 CRC_WORDS = ("auto", "on", "off")
 VIRTUAL_KEYS = (*HAND_KEYS, "scene", "trial", "seed", "fault")
 FIELD_HZ = 1000.0
-"""Rate of a scene's field for the virtual chips, which convert it at their own times."""
+"""Rate of a scene's field for the virtual chips, each of which converts it at its time."""
 
 
 @dataclass(frozen=True)
@@ -130,7 +131,8 @@ def _stream(
     source: SourceUrl, clock: Any, say: Callable[[str], None], to_force: ToForce | None
 ) -> Source:
     _require_known(source, LSL_KEYS)
-    unit, name = source.text("unit", ""), unquote(source.name)
+    unit = source.text("unit", "")
+    name = unquote(source.name)
     if unit not in ("", *UNITS):
         raise UsageError(
             f"unit={unit[:40]!r} is not known", next_step=f"unit={'|'.join(UNITS)}"
@@ -176,10 +178,12 @@ def _opener(
 ) -> Callable[[], Bus]:
     """A function that opens the bridge, now and again after it was lost."""
     _require_known(source, VIRTUAL_KEYS if source.scheme == "virtual" else HAND_KEYS)
-    number, bus_hz = source.number("number", 0), source.number("bus_hz", 400_000)
+    number = source.number("number", 0)
+    bus_hz = source.number("bus_hz", 400_000)
     if source.scheme == "virtual":
         return open_virtual(source.name, _virtual(source, clock, say), bus_hz)
-    scheme, name = source.scheme, source.name
+    scheme = source.scheme
+    name = source.name
     return lambda: open_bridge(scheme, name, number=number, bus_hz=bus_hz)
 
 

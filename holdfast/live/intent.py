@@ -46,7 +46,9 @@ class IntentLog:
     ) -> None:
         header = intent_header(intent.n_envelopes)
         self.sink = file_sink(intent_path(path), "--intent", header)
-        self._intent, self._now_ns, self._samples = intent, now_ns, samples
+        self._intent = intent
+        self._now_ns = now_ns
+        self._samples = samples
 
     def write(
         self, prediction: object = None, sample: object = None, reading: object = None

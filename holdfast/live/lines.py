@@ -111,6 +111,7 @@ class LineWriter:
         self.offered += 1
         if self.failure is not None or self._ended:
             return False
+        # only this thread adds lines, so the queue cannot grow in between
         room = self._waiting.qsize() < self._most
         if not room:
             self._forget_one()

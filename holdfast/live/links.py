@@ -1,4 +1,4 @@
-"""The wires to a hand's own controller: a UDP port or a serial port, written without waiting.
+"""The wires to a hand's controller: a UDP port or a serial port, written without waiting.
 
     udp://HOST:PORT               one datagram a line
     serial:///dev/ttyX?baud=N     lines that end with a line feed; 115200 where no baud is given
@@ -57,7 +57,8 @@ def open_port(path: str, baud: int) -> int:
 
 def opening_error(path: str, error: OSError) -> DeviceError:
     """What to tell a person whose port cannot be opened."""
-    where, what = f"serial://{path}", error.strerror or str(error)
+    where = f"serial://{path}"
+    what = error.strerror or str(error)
     if isinstance(error, PermissionError):
         return AccessDenied(
             what, where=where, next_step="join the group of the port (dialout)"
@@ -109,7 +110,8 @@ class UdpLink:
     most_hz = math.inf
 
     def __init__(self, sender: socket.socket, name: str) -> None:
-        self.name, self._sender = name, sender
+        self.name = name
+        self._sender = sender
 
     @property
     def handle(self) -> int:
@@ -146,7 +148,9 @@ class SerialLink:
     is_serial = True
 
     def __init__(self, path: str, baud: int, name: str) -> None:
-        self.name, self._path, self._baud = name, path, baud
+        self.name = name
+        self._path = path
+        self._baud = baud
         self.most_hz = baud / BITS_A_COMMAND
         self.handle = -1
         self._rest = b""
@@ -160,6 +164,7 @@ class SerialLink:
         """Write one line; False while the one before is still on its way."""
         if (self._rest and not self._push()) or unsent_bytes(self.handle) > MOST_UNSENT:
             return False
+        # the part that the port does not take now is written before the next line
         self._rest = line + b"\n"
         return self._push() or self._begun(line)
 
@@ -178,6 +183,7 @@ class SerialLink:
     def lose(self) -> None:
         """Close a port that failed; `reopen` opens it again."""
         self.close()
+        # ends a line that was cut off, so that the reader skips it
         self._rest = b"\n"
 
     def finish(self, line: bytes) -> None:
@@ -194,7 +200,8 @@ class SerialLink:
     def close(self) -> None:
         """Close the port."""
         if self.handle >= 0:
-            handle, self.handle = self.handle, -1
+            handle = self.handle
+            self.handle = -1
             with suppress(OSError):
                 os.close(handle)
 

@@ -4,7 +4,7 @@
 
 Sample k is due at start + k periods, so a late sample delays no other one. A sample that would be
 due in the past is not read: it counts as an overrun, and the monitor takes it as lost. So a stalled
-machine loses samples, but it is never late without saying so. A recording is due at its own rate,
+machine loses samples, but it is never late without reporting it. A recording is due at its rate,
 so every row of it is read once.
 
 A reading is used once. A reading with the stamp of the last one is the same again (`repeated`); a
@@ -159,10 +159,12 @@ class Stamps:
         if newest_ns is None or t_ns < newest_ns - ANOTHER_CLOCK_NS:
             self._newest_ns = self._given_ns = t_ns
             return ("" if newest_ns is None else "restarts"), t_ns
+        # used twice, one reading would count as two samples; its place stays empty instead
         if t_ns <= newest_ns:
             self._given_ns += self._period_ns
             return ("repeated" if t_ns == newest_ns else "late"), self._given_ns
-        self._newest_ns, self._given_ns = t_ns, max(t_ns, self._given_ns + 1)
+        self._newest_ns = t_ns
+        self._given_ns = max(t_ns, self._given_ns + 1)
         return "", self._given_ns
 
 
@@ -178,13 +180,18 @@ class _LiveRun:
         emit: Emit,
         command: Callable[[], Command],
     ) -> None:
-        self._source, self._clock = source, clock
-        self._monitor, self._tare = monitor, tare
-        self._emit, self._command = emit, command
+        self._source = source
+        self._clock = clock
+        self._monitor = monitor
+        self._tare = tare
+        self._emit = emit
+        self._command = command
         self.summary = Summary()
         self._period_ns = 1e9 / (source.rate_hz or monitor.card.rate_hz)
         self._stamps = Stamps(self._period_ns)
-        self._start_ns, self._turn, self._acted = clock.now_ns(), 0, False
+        self._start_ns = clock.now_ns()
+        self._turn = 0
+        self._acted = False
 
     def answer_next(self) -> bool:
         """Wait until the next sample is due, read and answer it; False where the source ended."""
@@ -218,6 +225,7 @@ class _LiveRun:
             self._monitor.lose_track()
         if trouble:
             self.summary.count(trouble)
+        # its values are history already, so no sensor counts as read
         lost = trouble in ("repeated", "late")
         valid = np.zeros_like(measured.valid) if lost else measured.valid
         values, valid = self._tare.prepare(measured.values, valid)
@@ -235,6 +243,7 @@ class _LiveRun:
     def _schedule_next(self) -> None:
         """Count this turn, and skip the turns whose time has passed."""
         self._turn += 1
+        # turns that are past are never made up for: late answers would act on old touch
         passed_ns = self._clock.now_ns() - self._start_ns
         missed = int(passed_ns / self._period_ns) - self._turn
         if missed > 0:

@@ -30,7 +30,8 @@ class OpenHand:
         then no sensor is valid. Raises UnitError, ChannelError or RateError where the source does
         not fit the model.
         """
-        card, source = monitor.card, self._source
+        card = monitor.card
+        source = self._source
         rate_hz = source.rate_hz or card.rate_hz
         require_fit(
             card,
@@ -40,7 +41,8 @@ class OpenHand:
             where=self.url,
         )
         tare = Tare(card.preparation, card.n_channels)
-        start_ns, sequence = self._clock.now_ns(), 0
+        start_ns = self._clock.now_ns()
+        sequence = 0
         while True:
             # an absolute schedule: a late sample delays no other one
             self._clock.wait_until(start_ns + round(1e9 * sequence / rate_hz))

@@ -74,7 +74,8 @@ class UdpSink:
     ) -> None:
         self.name = name
         self.dropped = 0
-        self._sender, self._target = sender, target
+        self._sender = sender
+        self._target = target
 
     def __call__(self, line: str) -> bool:
         """Send it; False where the system does not take it.
@@ -141,7 +142,8 @@ class LineOutput:
         watched: Sequence[Sink] = (),
     ) -> None:
         self.failures: dict[str, OSError] = {}
-        self._sinks, self._report = list(sinks), report
+        self._sinks = list(sinks)
+        self._report = report
         self._closed_here = list(sinks)
         self._working = [*sinks, *watched]
 
@@ -193,6 +195,7 @@ class LineOutput:
 
         Report those that failed.
         """
+        # all end before one is waited for, so that they share the time
         for sink in self._closed_here:
             sink.end()
         end_s = time.monotonic() + wait_s

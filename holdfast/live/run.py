@@ -53,7 +53,8 @@ PACE_READS = 30
 UNLOADED = (
     "no --bias: the first samples must be of the unloaded hand; this is not checked"
 )
-STDOUT, STDERR = "stdout", "stderr"
+STDOUT = "stdout"
+STDERR = "stderr"
 READER_GONE = (errno.EPIPE, errno.EIO, errno.EBADF)
 """Errors of a standard stream that its reader closed on purpose: `| head`, a closed terminal."""
 
@@ -120,7 +121,9 @@ class _Run:
     def __init__(
         self, options: RunOptions, model: OpenedModel, clock: RunClock, stderr: Sink
     ) -> None:
-        self._options, self._model, self._clock = options, model, clock
+        self._options = options
+        self._model = model
+        self._clock = clock
         self._stderr = stderr
         self._samples: SampleFile | None = None
         self._view: View | None = None
@@ -140,7 +143,8 @@ class _Run:
 
     def until_stopped(self, read_set: SetReader | None) -> Summary:
         """Open everything, run the loop, close everything."""
-        options, clock = self._options, self._clock
+        options = self._options
+        clock = self._clock
         with ExitStack() as stack:
             stopped = stack.enter_context(stop_signals())
             outputs = self._open_outputs(stack)
@@ -157,7 +161,9 @@ class _Run:
                 field=None if self._grip is None else self._grip.scene,
                 read_set=read_set,
             )
+            # after all threads and processes have started: they must not have this priority
             stack.enter_context(first_in_line(self.report))
+            # the last commands leave before the source is closed, which may take long
             with closing(source), ExitStack() as before_source:
                 for output in moving:
                     close_at_end(before_source, output)
@@ -175,13 +181,15 @@ class _Run:
                     resting=resting,
                     command=command,
                 )
+        # exact only now: while sinks are open, waiting lines count as dropped
         summary.dropped = self.lines.dropped
         summary.lost_sinks = self.lines.lost()
         return summary
 
     def _open_outputs(self, stack: ExitStack) -> list[Output]:
         """Those that only show or keep answers, in the order in which they get one."""
-        options, card = self._options, self._model.card
+        options = self._options
+        card = self._model.card
         if options.view:
             from holdfast.live.view import open_view
 
@@ -228,7 +236,8 @@ class _Run:
         self, stack: ExitStack, outputs: list[Output]
     ) -> Callable[[], Command]:
         """What the user commands at a sample, also by the wearer's stream."""
-        options, now_ns = self._options, self._clock.now_ns
+        options = self._options
+        now_ns = self._clock.now_ns
         command: Callable[[], Command] = Command
         if options.commands:
             port = command_port(options.commands, self.report, now_ns)
@@ -256,7 +265,8 @@ class _Run:
             self._page.intent = intent
 
     def _open_grip(self, stack: ExitStack) -> None:
-        options, card = self._options, self._model.card
+        options = self._options
+        card = self._model.card
         if not options.grip:
             return
         from holdfast.live import grip
@@ -341,7 +351,8 @@ def require_pace(source: Source, model: OpenedModel, clock: Any) -> None:
     """
     if source.rate_hz is not None:
         return
-    rate_hz, fastest_s = model.card.rate_hz, float("inf")
+    rate_hz = model.card.rate_hz
+    fastest_s = float("inf")
     for _ in range(PACE_READS):
         before_ns = clock.now_ns()
         source.read()

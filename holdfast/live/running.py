@@ -17,11 +17,13 @@ import termios
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from holdfast.core.clock import MonotonicClock
-from holdfast.core.contract import Prediction
 from holdfast.core.errors import visible_lines
+
+if TYPE_CHECKING:
+    from holdfast.core.contract import Prediction
 
 PRIORITY = 10
 """Above every ordinary program, below the kernel's threads that serve USB and the clock (50)."""
@@ -61,7 +63,8 @@ def real_time() -> Iterator[bool]:
     if not hasattr(os, "sched_setscheduler"):
         yield False
         return
-    before, param = os.sched_getscheduler(0), os.sched_getparam(0)
+    before = os.sched_getscheduler(0)
+    param = os.sched_getparam(0)
     first = os.SCHED_FIFO | os.SCHED_RESET_ON_FORK
     try:
         os.sched_setscheduler(0, first, os.sched_param(PRIORITY))

@@ -114,7 +114,9 @@ class LiveScene:
         drive: Drive,
         still: Still = nullcontext,
     ) -> None:
-        trials, self.trial, self._still = [trial] * COPIES, trial, still
+        trials = [trial] * COPIES
+        self.trial = trial
+        self._still = still
         grid = grid_of(trial, ROWS_HZ, STEP_S)
         rows = grid.n_samples
         spans = Spans(
@@ -124,19 +126,23 @@ class LiveScene:
             _for_all(rows),
         )
         self._drive = Actuator(drive, trials)
+        # commands may slow the drive down, and never make it faster than it is
         self._fastest_n_s = self._drive.fastest_n_s
         _require_strength(drive, trial)
         settings = scene.step_settings_of(trials)
         self._world = HandsAndObjects(trials, settings, spans, self._drive, Habits())
         self._sensors = LoopSensors(scene, trials, spans.counts)
-        self._periods, self._row, self.began_ns = spans.periods, 0, 0
+        self._periods = spans.periods
+        self._row = 0
+        self.began_ns = 0
         contacts = self._world.forces_n.shape[1]
         self._field = Track(np.arange(rows) / ROWS_HZ, np.zeros((rows, contacts, 3)))
         self._forces_n = np.zeros((rows, contacts, 3))
         self._position_m = np.zeros((rows, 3))
         self._wearers_n = trial.grip_n
         self._command: GripCommand | None = None
-        self._strongest_n, self._commanded_s = 0.0, -math.inf
+        self._strongest_n = 0.0
+        self._commanded_s = -math.inf
         self._keep_row()
 
     def at(self, now_s: float, sensor: int) -> list[float]:
@@ -148,7 +154,8 @@ class LiveScene:
         """Take a command, which acts from now on."""
         now_s = 1e-9 * (now_ns - self.began_ns)
         self.advance(now_s)
-        self._command, self._commanded_s = command, now_s
+        self._command = command
+        self._commanded_s = now_s
         if command.slew_n_s > 0.0:
             self._drive.fastest_n_s = np.minimum(self._fastest_n_s, command.slew_n_s)
 
@@ -164,6 +171,7 @@ class LiveScene:
             self._world.advance(self._row, np.full(COPIES, self._next_target_n()))
             self._row += 1
             self._keep_row()
+            # a reading after the end of the scene finds its last field
             if self._row == self._periods:
                 self._field.field_ut[self._row :] = self._field.field_ut[self._row]
 
@@ -174,27 +182,34 @@ class LiveScene:
             0, self._forces_n[:n], self._position_m[:n]
         )
         kept = bool(motion.gripped[-1]) if len(motion.gripped) else False
-        until_s, strongest_n = self._row / ROWS_HZ, self._strongest_n
+        until_s = self._row / ROWS_HZ
+        strongest_n = self._strongest_n
         truth = truth_of(self.trial, motion)
         return SceneOutcome(kept, until_s, self._wearers_n, strongest_n, truth)
 
     def _keep_row(self) -> None:
-        k, forces = self._row, self._world.forces_n
+        k = self._row
+        forces = self._world.forces_n
         readings, _ = self._sensors.read(_for_all(k), forces)
         self._field.field_ut[k] = readings.values[0]
-        self._forces_n[k], self._position_m[k] = forces[0], self._world.position_m[0]
+        self._forces_n[k] = forces[0]
+        self._position_m[k] = self._world.position_m[0]
         self._strongest_n = max(self._strongest_n, float(self._drive.grip_n[0]))
 
     def _next_target_n(self) -> float:
         """The target of the drive at this row, N a side."""
-        command, row_s = self._command, self._row / ROWS_HZ
+        command = self._command
+        row_s = self._row / ROWS_HZ
         if command is None:
             return self._wearers_n
         expired = row_s - self._commanded_s > 1e-3 * EXPIRES_MS
+        # a live command to idle or yield gives the grip back to the wearer
         if not expired and command.mode in ("idle", "yield"):
             return self._wearers_n
+        # without a target the motor stays where it is: the grip is held
         if expired or command.target_n is None:
             return float(self._drive.motor_n[0])
+        # the controller only adds to what the wearer asks for
         return max(command.target_n, self._wearers_n)
 
 

@@ -78,7 +78,8 @@ def _card(word: str) -> str:
     return f"sim://{word}" if name in shipped_scenes() else ""
 
 
-REPLAY, SIM = "replay://", "sim://"
+REPLAY = "replay://"
+SIM = "sim://"
 SIM_KEYS = ("seed", "trial", "trials", "rate_hz")
 MOST_DIGITS = 18
 ToForce = Callable[[FloatArray], FloatArray]
@@ -143,10 +144,13 @@ def _trials_of(url: str) -> tuple[Scene, list[SimulatedTrial]]:
     from holdfast.simulation.loop_recording import scene_of
     from holdfast.simulation.scene_file import read_scene_file
 
-    parts, numbers = split_url(url), _numbers(url)
+    parts = split_url(url)
+    numbers = _numbers(url)
     card = read_scene_file(parts.netloc + parts.path, rate_hz=numbers.get("rate_hz"))
     scene = scene_of(card, int(numbers["seed"]))
-    trials, first, count = scene.trials(), int(numbers["trial"]), int(numbers["trials"])
+    trials = scene.trials()
+    first = int(numbers["trial"])
+    count = int(numbers["trials"])
     if not 0 <= first < first + count <= len(trials):
         raise UsageError(
             f"{url!r}: no trials {first} to {first + count - 1}",

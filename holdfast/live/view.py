@@ -29,14 +29,16 @@ COLOURS = {
     "safe_slip": "green",
     "risky_slip": "red",
 }
-CLEAR_LINE, CLEAR_BELOW = "\x1b[K", "\x1b[J"
+CLEAR_LINE = "\x1b[K"
+CLEAR_BELOW = "\x1b[J"
 
 
 class View:
     """The newest sample as a picture that is redrawn in place, with messages above it."""
 
     def __init__(self, unit: str, console: Console) -> None:
-        self._unit, self._console = unit, console
+        self._unit = unit
+        self._console = console
         self._newest: tuple[Prediction, Sample, SourceReading] | None = None
         self._messages: deque[str] = deque(maxlen=STREAM_LINES)
         self.intent: IntentMonitor | None = None

@@ -1,4 +1,4 @@
-"""A wire to a hand's own controller or to a cue device, which must never be left with an old line.
+"""A wire to a hand's controller or to a cue device, which must never be left with an old line.
 
 The loop writes each line itself and never waits. A wire that fails, or that takes no line for
 EXPIRES_MS, is reported once and tried again, at first soon, then every two seconds. When it takes
@@ -16,10 +16,12 @@ from holdfast.edge_runtime.supervisor import EXPIRES_MS
 from holdfast.live.guardian import Guardian
 from holdfast.live.links import SerialLink, UdpLink, open_link
 
-FIRST_RETRY_NS, LAST_RETRY_NS = 50_000_000, 2_000_000_000
+FIRST_RETRY_NS = 50_000_000
+LAST_RETRY_NS = 2_000_000_000
 TRIALS = 3
 """A wire works again after this many lines; a socket reports an error only at the next line."""
-LOST, DIED = "link was lost", "process died"
+LOST = "link was lost"
+DIED = "process died"
 HOLDS = "the hand holds its grip"
 LastLine = Callable[[int, int, str], str]
 """(sequence, t_ns, reason) -> the line that ends a run, or begins after a failure."""
@@ -40,11 +42,15 @@ class Wire:
         guardian: Guardian,
         effect: str = HOLDS,
     ) -> None:
-        self._link, self._last, self._now_ns = link, last, now_ns
-        self._report, self._effect = report, effect
+        self._link = link
+        self._last = last
+        self._now_ns = now_ns
+        self._report = report
+        self._effect = effect
         self._guardian = guardian
         guardian.hold(link.handle)
-        self.name, self.most_hz = link.name, link.most_hz
+        self.name = link.name
+        self.most_hz = link.most_hz
         self.dropped = 0
         self._sequence = -1
         self._guarded = self._works = True
@@ -97,6 +103,7 @@ class Wire:
         except OSError as error:
             self._fail(error, now_ns)
             return False
+        # a full buffer is no error at first: the reader may be slow for a moment
         if taken:
             self._full_since_ns = None
         elif self._full_since_ns is None:
@@ -107,21 +114,25 @@ class Wire:
 
     def _fail(self, error: OSError, now_ns: int) -> None:
         if self._works:
-            self._failed_ns, self._wait_ns = now_ns, FIRST_RETRY_NS
+            self._failed_ns = now_ns
+            self._wait_ns = FIRST_RETRY_NS
             reason = error.strerror or error
             self._report(f"{self.name}: no line arrives ({reason}); {self._effect}")
         else:
             self._wait_ns = min(2 * self._wait_ns, LAST_RETRY_NS)
+        # an unplugged adapter gets another name as long as a process holds the old one
         if isinstance(self._link, SerialLink) and error.errno != errno.EAGAIN:
             self._link.lose()
             self._guardian.release()
-        self._works, self._trials = False, 0
+        self._works = False
+        self._trials = 0
         self._retry_ns = now_ns + self._wait_ns
 
     def _retry(self, now_ns: int) -> None:
         """Try a hold line in place of the command, when its time has come."""
         if now_ns < self._retry_ns or not self._link.reopen():
             return
+        # the link may be another descriptor than before
         if not self._trials:
             self._guardian.hold(self._link.handle)
         line = self._last(self._sequence, now_ns, LOST)
@@ -133,7 +144,8 @@ class Wire:
             return
         self._trials += 1
         if self._trials >= TRIALS:
-            self._works, self._full_since_ns = True, None
+            self._works = True
+            self._full_since_ns = None
             after_s = 1e-9 * (now_ns - self._failed_ns)
             self._report(f"{self.name}: lines arrive again, after {after_s:.1f} s")
 
@@ -161,6 +173,7 @@ def open_wire(
 
 def _template(line: str, *, is_serial: bool) -> str:
     """The guardian's line: numbers are filled in; a serial line stands between line feeds."""
+    # -7 and -8 stand for the numbers that only the guardian knows
     text = line.replace("%", "%%")
     text = text.replace("-7", "%(sequence)d").replace("-8", "%(t_ns)d")
     return f"\n{text}\n" if is_serial else text

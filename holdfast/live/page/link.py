@@ -1,6 +1,6 @@
 """The loop's end of the live page: messages that leave without waiting, and the page's actions.
 
-The page is served by a process of its own, because threads of the loop's process would take turns
+The page is served by a separate process, because threads of the loop's process would take turns
 with it. Between both is a pair of sockets that never block. A message that finds no room is dropped
 and counted. Where that process dies, the loop reports it once and goes on.
 
@@ -167,8 +167,11 @@ class PageLink:
         process: subprocess.Popen[bytes] | None = None,
     ) -> None:
         channel.setblocking(False)
-        self._channel, self._report, self._process = channel, report, process
-        self.unsent, self._gone = 0, False
+        self._channel = channel
+        self._report = report
+        self._process = process
+        self.unsent = 0
+        self._gone = False
         self.handle = channel.fileno()
 
     def send(self, message: Json) -> bool:

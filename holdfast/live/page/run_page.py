@@ -36,7 +36,8 @@ class RunPage:
     def __init__(
         self, link: PageLink, card: ModelCard, report: Callable[[str], None]
     ) -> None:
-        self._link, self._report = link, report
+        self._link = link
+        self._report = report
         self._margin = FrictionMargin(ONE_HAND, card.rate_hz)
         self.grip: GripOutput | None = None
         self.intent: IntentMonitor | None = None
@@ -102,7 +103,7 @@ def sample_message(
 
 
 def intent_message(intent: IntentMonitor | None) -> Json:
-    """The wearer's own command for the page; empty where none is received."""
+    """The wearer's command for the page; empty where none is received."""
     if intent is None:
         return {}
     newest = intent.newest

@@ -1,6 +1,6 @@
 """The live page over HTTP: its files, its stream of events, the last 30 s, and its actions.
 
-    GET /[TOKEN/]              the page, and its scripts and style beside it
+    GET /[TOKEN/]              the page, and its scripts and style
     GET /[TOKEN/]events        server-sent events (stream.py)
     GET /[TOKEN/]save          the last 30 s (saved.py)
     POST /[TOKEN/]do/NAME      an action that the page offers, such as mark
@@ -48,20 +48,16 @@ def zipped(
     """A zip archive with one folder. samples: at least one."""
     first_ns = samples[0]["t_ns"]
     meta = {"unit": about["unit"], "bias_removed": True, "model": about.get("model")}
-    events = [
-        {
-            "t_s": round(1e-9 * (mark["t_ns"] - first_ns), 6),
-            "mark": f"mark {mark['number']}",
-        }
-        for mark in marks
-    ]
+    meta["seconds"] = 1e-9 * (samples[-1]["t_ns"] - first_ns)
+    events = ""
+    for mark in marks:
+        t_s = round(1e-9 * (mark["t_ns"] - first_ns), 6)
+        name = f"mark {mark['number']}"
+        events += json.dumps({"t_s": t_s, "mark": name, "provenance": "page"}) + "\n"
     content = {
         TACTILE: _table(samples),
-        META: json.dumps({**meta, "seconds": 1e-9 * (samples[-1]["t_ns"] - first_ns)})
-        + "\n",
-        EVENTS: "".join(
-            json.dumps({**one, "provenance": "page"}) + "\n" for one in events
-        ),
+        META: json.dumps(meta) + "\n",
+        EVENTS: events,
     }
     archive = io.BytesIO()
     with zipfile.ZipFile(archive, "w", zipfile.ZIP_DEFLATED) as file:
@@ -96,7 +92,7 @@ FILES = {
     "hand.js": ("hand.js", "text/javascript; charset=utf-8"),
     "plot.js": ("plot.js", "text/javascript; charset=utf-8"),
 }
-"""Paths of the page's own files; nothing else is read from the disk."""
+"""Paths of the files of the page; nothing else is read from the disk."""
 MOST_CONNECTIONS = 64
 STALLED_S = 5.0
 HEADERS = {
@@ -111,11 +107,9 @@ HEADERS = {
 }
 RESET = struct.pack("ii", 1, 0)
 """Closing sends no more data."""
-TEXT, EVENT_STREAM, ZIP = (
-    "text/plain; charset=utf-8",
-    "text/event-stream",
-    "application/zip",
-)
+TEXT = "text/plain; charset=utf-8"
+EVENT_STREAM = "text/event-stream"
+ZIP = "application/zip"
 REFUSED = "not allowed: open the address that the command printed\n"
 
 
@@ -127,7 +121,7 @@ class Access:
     hosts: tuple[str, ...]
 
     def path_of(self, path: str, host: str) -> str | None:
-        """The path below the page's own address; None where the request is not allowed.
+        """The path below the address of the page; None where the request is not allowed.
 
         path: of the request line. host: its Host header.
         """
@@ -168,7 +162,9 @@ class PageServer(ThreadingMixIn, HTTPServer):
         )
         self.socket.close()
         self.socket = listener
-        self.stream, self.access, self.act = stream, access, act
+        self.stream = stream
+        self.access = access
+        self.act = act
         self._room = BoundedSemaphore(MOST_CONNECTIONS)
 
     def process_request(self, request: Any, client_address: Any) -> None:
@@ -193,7 +189,8 @@ class PageHandler(BaseHTTPRequestHandler):
     """One request."""
 
     server: PageServer
-    server_version, sys_version = "holdfast", ""
+    server_version = "holdfast"
+    sys_version = ""
     timeout = STALLED_S
 
     def do_GET(self) -> None:

@@ -11,7 +11,6 @@ import json
 import math
 from collections import deque
 from collections.abc import Iterator
-from itertools import takewhile
 from threading import Condition
 from typing import Any
 
@@ -23,7 +22,8 @@ FRAME_S = 0.06
 """The time between two frames: shorter than a display is read."""
 KEPT_FRAMES = 32
 """About two seconds of frames for a slow browser."""
-MOST_SAID, MOST_MARKS = 40, 100
+MOST_SAID = 40
+MOST_MARKS = 100
 ROW_FIELDS = ("t_s", "state", "p_risky", "load", "grip", "target", "act")
 """What a row of a frame has, in this order; null where it is not known."""
 SIGNIFICANT = 6
@@ -37,17 +37,19 @@ class LiveStream:
     """
 
     def __init__(self, about: Message) -> None:
-        self.about, self.ended = about, ""
+        self.about = about
+        self.ended = ""
         self._changed = Condition()
         self._samples: deque[Message] = deque()
         self._rows: deque[list[Any]] = deque()
         self._fresh: list[list[Any]] = []
-        self._said: deque[str] = deque(maxlen=MOST_SAID)
+        self._lines: deque[str] = deque(maxlen=MOST_SAID)
         self._marks: deque[Message] = deque(maxlen=MOST_MARKS)
         self._ready: Message | None = None
         self._news: Message = {}
         self._frames: deque[bytes] = deque(maxlen=KEPT_FRAMES)
-        self._count, self._over = 0, False
+        self._count = 0
+        self._over = False
         self._first_ns: int | None = None
         self._came_s: float | None = None
 
@@ -59,13 +61,12 @@ class LiveStream:
             if "sample" in message:
                 self._take_sample(message["sample"], now_s)
             if "said" in message:
-                self._said.append(message["said"])
-                self._news.setdefault("said", []).append(message["said"])
+                line = message["said"]
+                self._lines.append(line)
+                self._news.setdefault("said", []).append(line)
             if "mark" in message:
-                mark = {
-                    **message["mark"],
-                    "t_s": self._since_start(message["mark"]["t_ns"]),
-                }
+                mark = dict(message["mark"])
+                mark["t_s"] = self._since_start(mark["t_ns"])
                 self._marks.append(mark)
                 self._news.setdefault("marks", []).append(mark)
             if "ready" in message:
@@ -76,7 +77,9 @@ class LiveStream:
             self.ended = self.ended or message.get("end", "")
 
     def _take_sample(self, sample: Message, now_s: float) -> None:
-        self._came_s, self._ready = now_s, None
+        self._came_s = now_s
+        self._ready = None
+        # time never goes back within a run, so this is the first sample of another one
         if self._samples and sample["t_ns"] < self._samples[-1]["t_ns"]:
             self._forget()
         self._first_ns = sample["t_ns"] if self._first_ns is None else self._first_ns
@@ -94,15 +97,19 @@ class LiveStream:
         """Begin anew, where the stream's clock went back (holdfast/live/loop.py: restarts)."""
         for kept in (self._samples, self._rows, self._fresh, self._marks):
             kept.clear()
-        self._first_ns, self._news["restarts"] = None, True
+        self._first_ns = None
+        self._news["restarts"] = True
 
     def publish(self, now_s: float) -> None:
         """Make a frame of everything new, and wake the browsers' threads."""
         with self._changed:
-            frame = {**self._now(now_s), "rows": self._fresh, **self._news}
+            frame = self._now(now_s)
+            frame["rows"] = self._fresh
+            frame |= self._news
             self._frames.append(event("frame", frame))
             self._count += 1
-            self._fresh, self._news = [], {}
+            self._fresh = []
+            self._news = {}
             self._over = bool(self.ended)
             self._changed.notify_all()
 
@@ -111,15 +118,22 @@ class LiveStream:
     def frames(self) -> Iterator[bytes]:
         """Events for one browser: a whole picture, then frames as they come; ends with the run."""
         with self._changed:
-            seen, first = self._count, self._whole()
+            seen = self._count
+            first = self._whole()
         yield first
         while True:
             with self._changed:
                 while self._count == seen and not self._over:
                     self._changed.wait()
-                missed, seen, over = self._count - seen, self._count, self._over
-                behind = missed > len(self._frames)
-                newest = [self._whole()] if behind else list(self._frames)[-missed:]
+                missed = self._count - seen
+                seen = self._count
+                over = self._over
+                # frames that this browser needs are gone: it begins with a whole picture
+                if missed > len(self._frames):
+                    newest = [self._whole()]
+                else:
+                    newest = list(self._frames)[-missed:]
+            # sent without the lock, so that a stalled browser holds up no other
             yield b"".join(newest)
             if over:
                 return
@@ -132,47 +146,45 @@ class LiveStream:
             return samples, [mark for mark in self._marks if mark["t_ns"] >= begins_ns]
 
     def _whole(self) -> bytes:
-        picture = {
-            **self._now(self._came_s or 0.0),
-            "about": {**self.about, "rows": ROW_FIELDS, "shown_s": SHOWN_S},
-            "rows": list(self._rows),
-            "said": list(self._said),
-            "marks": list(self._marks),
-            "ready": self._ready,
-        }
+        picture = self._now(self._came_s or 0.0)
+        picture["about"] = {**self.about, "rows": ROW_FIELDS, "shown_s": SHOWN_S}
+        picture["rows"] = list(self._rows)
+        picture["said"] = list(self._lines)
+        picture["marks"] = list(self._marks)
+        picture["ready"] = self._ready
         return event("whole", picture)
 
     def _now(self, now_s: float) -> Message:
         """The newest sample as it is shown, how long none has come, and losses."""
         newest = self._samples[-1] if self._samples else None
-        return {
-            "silent_s": None if self._came_s is None else _shown(now_s - self._came_s),
-            "sample": None if newest is None else self._as_shown(newest),
-            "ended": self.ended,
-        }
+        silent_s = None if self._came_s is None else _shown(now_s - self._came_s)
+        sample = None if newest is None else self._as_shown(newest)
+        return {"silent_s": silent_s, "sample": sample, "ended": self.ended}
 
     def _as_shown(self, sample: Message) -> Message:
         values = [_shown(value) for value in sample["x"]]
-        oldest = self._samples[0]
-        return {
-            **{
-                name: value
-                for name, value in sample.items()
-                if name not in ("x", "t_ns", "n")
-            },
-            "t_s": self._since_start(sample["t_ns"]),
-            "forces": [values[k : k + 3] for k in range(0, len(values), 3)],
-            "lost_30s": sample["lost"] - oldest["lost"],
-            **_last_second(self._samples),
-        }
+        shown = dict(sample)
+        for name in ("x", "t_ns", "n"):
+            shown.pop(name, None)  # a recording's samples have no number
+        shown["t_s"] = self._since_start(sample["t_ns"])
+        shown["forces"] = [values[k : k + 3] for k in range(0, len(values), 3)]
+        shown["lost_30s"] = sample["lost"] - self._samples[0]["lost"]
+        return shown | _last_second(self._samples)
 
     def _row(self, sample: Message) -> list[Any]:
-        answer, grip = sample.get("answer", {}), sample.get("grip", {})
+        answer = sample.get("answer", {})
+        grip = sample.get("grip", {})
         load, squeeze = sums(sample["x"], sample["v"])
         p_risky = None if answer.get("state") == "unknown" else answer.get("p_risky")
-        figures = (p_risky, load, squeeze, grip.get("target_n"))
-        at_s, state = self._since_start(sample["t_ns"]), answer.get("state")
-        return [at_s, state, *map(_shown, figures), int(answer.get("act", False))]
+        return [
+            self._since_start(sample["t_ns"]),
+            answer.get("state"),
+            _shown(p_risky),
+            _shown(load),
+            _shown(squeeze),
+            _shown(grip.get("target_n")),
+            int(answer.get("act", False)),
+        ]
 
     def _since_start(self, t_ns: int) -> float:
         first_ns = t_ns if self._first_ns is None else self._first_ns
@@ -209,15 +221,25 @@ def _shown(value: float | None) -> float | None:
 def _last_second(samples: deque[Message]) -> Message:
     """Rate of the last second, Hz, and the median and largest latency of its answers, ms."""
     newest_ns = samples[-1]["t_ns"]
-    recent = list(
-        takewhile(
-            lambda one: newest_ns - one["t_ns"] < 1_000_000_000, reversed(samples)
-        )
-    )
-    spent_ns = newest_ns - recent[-1]["t_ns"]
-    late_us = sorted(one["answer"]["latency_us"] for one in recent if "answer" in one)
+    begin_ns = newest_ns
+    count = 0
+    late_us = []
+    for sample in reversed(samples):
+        if newest_ns - sample["t_ns"] >= 1_000_000_000:
+            break
+        begin_ns = sample["t_ns"]
+        count += 1
+        if "answer" in sample:
+            late_us.append(sample["answer"]["latency_us"])
+    rate_hz = latency_ms = worst_ms = None
+    if newest_ns > begin_ns:
+        rate_hz = round(1e9 * (count - 1) / (newest_ns - begin_ns), 1)
+    if late_us:
+        late_us.sort()
+        latency_ms = _shown(1e-3 * late_us[len(late_us) // 2])
+        worst_ms = _shown(1e-3 * late_us[-1])
     return {
-        "rate_hz": round(1e9 * (len(recent) - 1) / spent_ns, 1) if spent_ns else None,
-        "latency_ms": _shown(1e-3 * late_us[len(late_us) // 2]) if late_us else None,
-        "latency_worst_ms": _shown(1e-3 * late_us[-1]) if late_us else None,
+        "rate_hz": rate_hz,
+        "latency_ms": latency_ms,
+        "latency_worst_ms": worst_ms,
     }

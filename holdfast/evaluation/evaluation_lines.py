@@ -1,0 +1,116 @@
+"""An evaluation as lines for people, with the caveats that belong to its figures."""
+
+from __future__ import annotations
+
+from holdfast.evaluation.camera import CameraFigures, onsets_in_words
+from holdfast.evaluation.figures import Evaluation
+from holdfast.evaluation.formats import display_name
+from holdfast.evaluation.methods import MethodFigures
+from holdfast.evaluation.statistics import Spread
+from holdfast.evaluation.window_scores import WindowFigures
+from holdfast.training.figures import (
+    HeadFigures,
+    in_words,
+    situation_lines,
+    with_interval,
+)
+
+
+def evaluation_lines(of: Evaluation) -> list[str]:
+    """The figures as lines for people, with the caveats that belong to them."""
+    lines: list[str] = []
+    for one in of.sets.values():
+        lines += _windows_in_words(one.windows)
+    headline = of.thresholds.headline
+    rows = {name: one.rows[headline] for name, one in of.sets.items()}
+    if len(rows) > 1:
+        rows["all sets"] = of.rows[headline]
+    for name, row in rows.items():
+        lines += [
+            _events_in_words(f"{name}, {display_name(headline)}", row),
+            *_camera_in_words(name, row.camera),
+        ]
+    for name, one in of.sets.items():
+        onsets = onsets_in_words(one.card.onsets_by)
+        if onsets:
+            lines.append(f"{name}: {onsets}")
+    return [*lines, f"threshold: {of.thresholds.how()}"]
+
+
+def _events_in_words(name: str, row: MethodFigures) -> str:
+    if not row.events:
+        return f"{name}: no risky event; {row.false_alarms} false alarms in {row.minutes:.1f} min"
+    delay = row.delay_ms
+    when = f", act {delay.p50:.0f} ms after load onset (median)" if delay else ""
+    return (
+        f"{name}: recall {row.found} of {row.events} risky events{when}; "
+        f"{row.false_per_min:.2f} false alarms a minute in {row.minutes:.1f} min"
+    )
+
+
+def _camera_in_words(name: str, of: CameraFigures | None) -> list[str]:
+    """Alarms against a camera's slips and against the scene's truth; nothing without a camera."""
+    if of is None:
+        return []
+    if of.delay_ms is None or of.lead_ms is None or of.start_sd_ms is None:
+        return [f"{name}, by the camera: {of.onsets} onsets, recall 0"]
+    lines = [
+        f"{name}, by the camera: recall {of.found} of {of.events} events; act "
+        f"{of.delay_ms.p50:+.0f} ms from its onset (sd {of.start_sd_ms.p50:.1f} ms), "
+        f"{of.lead_ms.p50:+.0f} ms left to its gross slip (medians)"
+    ]
+    truth = of.truth
+    if truth is None:
+        return [*lines, f"{name}: the truth of these events is not known"]
+    return [
+        *lines,
+        f"{name}, by the scene's truth: act {_median(truth.delay_ms)} from the first sliding, "
+        f"{_median(truth.lead_ms)} left to gross slip; the camera's times are "
+        f"{_median(truth.start_off_ms)} and {_median(truth.gross_off_ms)} from these",
+    ]
+
+
+def _median(times: Spread | None) -> str:
+    return "not known" if times is None else f"{times.p50:+.0f} ms"
+
+
+def _windows_in_words(figures: WindowFigures) -> list[str]:
+    heads, head = figures.heads, figures.heads.predict_250ms
+    lines = [
+        f"{figures.data} ({figures.kind}): {_trials_in_words(heads)}",
+        *situation_lines(heads.situations, heads.group_kind),
+    ]
+    if head is not None:
+        kind = heads.group_kind
+        precision = with_interval(
+            head.average_precision, head.average_precision_ci, kind
+        )
+        lines += [
+            f"0.25 s prediction: AUC          {with_interval(head.auc, head.auc_ci, kind)}",
+            f"  average precision {precision}",
+        ]
+    return [*lines, *_warnings(figures), figures.caveat]
+
+
+def _warnings(figures: WindowFigures) -> list[str]:
+    """What makes the figures of a set better or worse than they look."""
+    warnings = []
+    if figures.unknown_windows:
+        warnings.append(
+            f"WARNING: the state is unknown at {figures.unknown_windows} windows (lost or "
+            "unsettled sensors); they count as misses."
+        )
+    if figures.trained_on_recordings:
+        warnings.append(
+            f"WARNING: the model was trained on {figures.trained_on_recordings} of these "
+            f"{figures.heads.n_trials} recordings; these figures flatter it. Held-out figures are "
+            "in its card and in make real."
+        )
+    return warnings
+
+
+def _trials_in_words(of: HeadFigures) -> str:
+    trials = in_words(of.n_trials, "trial")
+    if of.group_kind == "trial":
+        return trials
+    return f"{trials}, {in_words(of.n_groups, of.group_kind)}"

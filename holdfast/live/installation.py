@@ -1,0 +1,231 @@
+"""What `holdfast doctor` examines: packages, models, buses, rights and clocks of this machine.
+
+Every check imports what it examines late: a package that is missing is a finding, not an error.
+"""
+
+from __future__ import annotations
+
+import importlib.metadata
+import os
+import platform
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+EXTRAS = {
+    "live path": ("numpy", "onnxruntime", "pyusb", "libusb-package", "smbus2"),
+    "train": ("scikit-learn", "skl2onnx", "onnx", "scipy", "pandas", "skops", "rich"),
+    "viz": ("matplotlib",),
+    "camera": ("depthai",),
+    "completion": ("shtab",),
+    "dask": ("distributed",),
+    "lerobot": ("pyarrow",),
+    "lsl": ("pylsl",),
+    "mcap": ("mcap", "mcap-protobuf-support", "foxglove-schemas-protobuf"),
+    "parquet": ("pyarrow",),
+    "ros2": ("rosbags",),
+    "xdf": ("pyxdf",),
+}
+RULES = "holdfast board udev | sudo tee /etc/udev/rules.d/70-holdfast.rules"
+Status = Literal["ok", "missing", "broken"]
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing checked: its status, what was found, and the next step if it is not ok."""
+
+    what: str
+    status: Status
+    found: str
+    next_step: str = ""
+
+
+Check = Callable[[], list[Finding]]
+
+
+def examine(data_sets: Check, settings: Check) -> list[Finding]:
+    """All findings; a check that raises becomes a finding too.
+
+    data_sets, settings: the checks of packages above this one.
+    """
+    checks: list[tuple[str, Check]] = [
+        ("machine", _machine),
+        ("packages", _packages),
+        ("onnxruntime", _runtime),
+        ("data sets", data_sets),
+        ("model", _models),
+        ("settings", settings),
+        ("libusb", _libusb),
+        ("bridges", _bridges),
+        ("i2c", _native_buses),
+        ("udev", _udev),
+        ("clock", _clock),
+        ("governor", _governor),
+        ("priority", _priority),
+    ]
+    findings: list[Finding] = []
+    for name, check in checks:
+        findings += _safely(name, check)
+    return findings
+
+
+def _safely(name: str, check: Check) -> list[Finding]:
+    try:
+        return check()
+    except ModuleNotFoundError as error:
+        step = "only the live path is installed: pip install 'holdfast[train]'"
+        return [Finding(name, "missing", f"needs {error.name}", step)]
+    except Exception as error:  # doctor must report, whatever fails
+        found = f"{type(error).__name__}: {error}"
+        return [Finding(name, "broken", found, "report this line")]
+
+
+def _machine() -> list[Finding]:
+    system = f"{platform.system()} {platform.machine()}, {os.cpu_count()} CPUs"
+    found = f"Python {platform.python_version()}, {system}"
+    enough = sys.version_info >= (3, 11)
+    if enough:
+        return [Finding("machine", "ok", found)]
+    return [Finding("machine", "broken", found, "install Python 3.11 or newer")]
+
+
+def _packages() -> list[Finding]:
+    findings = []
+    for extra, names in EXTRAS.items():
+        findings += [_package(extra, name) for name in names]
+    return findings
+
+
+def _package(extra: str, name: str) -> Finding:
+    what = f"{name} ({extra})"
+    try:
+        return Finding(what, "ok", importlib.metadata.version(name))
+    except importlib.metadata.PackageNotFoundError:
+        wanted = "holdfast" if extra == "live path" else f"'holdfast[{extra}]'"
+        return Finding(what, "missing", "not installed", f"pip install {wanted}")
+
+
+def _runtime() -> list[Finding]:
+    from holdfast.core.errors import RuntimeRefused
+    from holdfast.edge_runtime.model_file import check_runtime
+
+    try:
+        check_runtime()
+    except RuntimeRefused as error:
+        return [Finding("onnxruntime", "broken", error.what, error.next_step)]
+    return [Finding("onnxruntime", "ok", "not one of the versions known to be wrong")]
+
+
+def _models() -> list[Finding]:
+    """The shipped models, and the one that `holdfast export` without options wrote here."""
+    from holdfast.core.errors import HoldfastError
+    from holdfast.core.reading import shipped
+    from holdfast.edge_runtime.monitor import Model
+
+    built = Path("build/default/holdfast.onnx")
+    findings = []
+    words = shipped()
+    if built.exists():
+        words.append(str(built))
+    for word in words:
+        try:
+            found = f"id {Model(word).card.model_id}, golden sequences reproduced"
+            findings.append(Finding(f"model {word}", "ok", found))
+        except HoldfastError as error:
+            what = f"model {word}"
+            findings.append(Finding(what, "broken", str(error), error.next_step))
+    return findings
+
+
+def _libusb() -> list[Finding]:
+    from holdfast.core.errors import LibraryMissing
+    from holdfast.drivers.usb import real_backend
+
+    try:
+        return [Finding("libusb", "ok", str(real_backend().lib._name))]
+    except LibraryMissing as error:
+        return [Finding("libusb", "missing", str(error), "apt install libusb-1.0-0")]
+
+
+def _bridges() -> list[Finding]:
+    """Every bridge on USB: whether this user may open it, and which kernel driver is bound."""
+    from holdfast.core.errors import DeviceError
+    from holdfast.drivers.bridges import BRIDGES, ids_of
+    from holdfast.drivers.usb import UsbPort, find_usb, real_backend
+
+    findings = []
+    for name in BRIDGES:
+        for number in range(len(find_usb(ids_of(name), real_backend()))):
+            try:
+                UsbPort(name, ids_of(name), real_backend(), number=number).close()
+                findings.append(Finding(f"bridge {name}", "ok", "can be opened"))
+            except DeviceError as error:
+                step = f"{RULES}, then plug it in again"
+                findings.append(Finding(f"bridge {name}", "broken", str(error), step))
+    return findings or [
+        Finding("bridges", "missing", "none on USB", "virtual://ft232h needs none")
+    ]
+
+
+def _native_buses() -> list[Finding]:
+    buses = sorted(Path("/dev").glob("i2c-*"))
+    if not buses:
+        step = "on a Raspberry Pi: dtparam=i2c_arm=on in config.txt"
+        return [Finding("i2c", "missing", "no /dev/i2c-*", step)]
+    closed = [str(bus) for bus in buses if not os.access(bus, os.R_OK | os.W_OK)]
+    if closed:
+        step = "sudo usermod -aG i2c $USER"
+        return [Finding("i2c", "broken", f"not allowed: {', '.join(closed)}", step)]
+    return [Finding("i2c", "ok", ", ".join(str(bus) for bus in buses))]
+
+
+def _udev() -> list[Finding]:
+    folder = Path("/etc/udev/rules.d")
+    if not folder.is_dir():
+        step = "not needed as root or without udev"
+        return [Finding("udev", "missing", "no /etc/udev/rules.d", step)]
+    rules = [
+        str(rule)
+        for rule in folder.glob("*.rules")
+        if "6014" in rule.read_text(encoding="utf-8", errors="replace")
+    ]
+    if rules:
+        return [Finding("udev", "ok", ", ".join(rules))]
+    return [Finding("udev", "missing", "no rule for the bridges", RULES)]
+
+
+def _clock() -> list[Finding]:
+    info = time.get_clock_info("monotonic")
+    found = f"{info.implementation}, resolution {1e9 * info.resolution:g} ns"
+    if info.monotonic and info.resolution <= 1e-6:
+        return [Finding("clock", "ok", found)]
+    return [
+        Finding("clock", "broken", found, "use a kernel with high-resolution timers")
+    ]
+
+
+def _governor() -> list[Finding]:
+    files = sorted(
+        Path("/sys/devices/system/cpu").glob("cpu[0-9]*/cpufreq/scaling_governor")
+    )
+    names = sorted({file.read_text(encoding="utf-8").strip() for file in files})
+    if not names:
+        return [Finding("governor", "ok", "the kernel does not change the clock rate")]
+    if names == ["performance"]:
+        return [Finding("governor", "ok", "performance")]
+    step = "cpupower frequency-set -g performance, for a steady latency"
+    return [Finding("governor", "missing", ", ".join(names), step)]
+
+
+def _priority() -> list[Finding]:
+    from holdfast.live.running import PRIORITY, real_time
+
+    with real_time() as allowed:
+        if allowed:
+            return [Finding("priority", "ok", "a hand is read with real-time priority")]
+    limit = f'echo "$USER - rtprio {PRIORITY}" | sudo tee /etc/security/limits.d/holdfast.conf'
+    step = f"{limit}, then log in again"
+    return [Finding("priority", "missing", "a busy machine may delay a sample", step)]

@@ -1,0 +1,73 @@
+"""A model file for one person, from a base file and recordings; and the base again."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from holdfast.core.writing import write_whole
+from holdfast.edge_runtime.model import Model, read_model
+from holdfast.edge_runtime.model_file import CARD_SUFFIX, read_sealed
+from holdfast.export.adapted_file import (
+    AdaptedVerification,
+    adapted,
+    undone,
+    verify_adapted,
+)
+from holdfast.export.exporting import readable_card
+from holdfast.sessions.adapting import (
+    Fitted,
+    adapt,
+    base_model,
+    of_person,
+    simulated_slips,
+)
+from holdfast.training.datasets import load
+from holdfast.training.progress import Stages
+from holdfast.training.recording import DataSet
+
+
+def adapt_file(
+    model_path: Path,
+    data: str,
+    person: str,
+    slips: str | None,
+    out: Path,
+    begin: Stages,
+) -> tuple[Fitted, AdaptedVerification]:
+    """Fit, build, verify and write. slips: recordings with slips, None for simulated ones."""
+    with base_model(model_path) as (model, base):
+        begin("reading the person's recordings")
+        recordings = load(data, channels=model.card.n_channels, windows="none")
+        chosen = of_person(recordings, person)
+
+        def others() -> DataSet:
+            return _slips(slips, model, begin)
+
+        fitted = adapt(model, chosen, others, begin, begin.part)
+    begin("building, verifying and sealing the file")
+    correction, rows = fitted.adaptation.correction, fitted.rows()
+    made = adapted(base, fitted.adaptation)
+    verified = verify_adapted(base, made, model.card, correction, rows)
+    _write(out, made)
+    return fitted, verified
+
+
+def write_base(adapted_path: Path, out: Path) -> None:
+    """The base of an adapted file, byte for byte."""
+    _write(out, undone(read_sealed(adapted_path), adapted_path))
+
+
+def _slips(slips: str | None, model: Model, begin: Stages) -> DataSet:
+    if slips:
+        begin(f"reading {slips}")
+        channels = model.card.n_channels
+        return load(slips, channels=channels, windows="none", part=begin.part)
+    begin("simulating trials with slips")
+    return simulated_slips(model.card, part=begin.part)
+
+
+def _write(path: Path, data: bytes) -> None:
+    """The file, and its card next to it."""
+    card, _, _ = read_model(data, path)
+    write_whole(path, data)
+    write_whole(path.with_suffix(CARD_SUFFIX), readable_card(card.raw, path.name, data))

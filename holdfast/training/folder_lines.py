@@ -1,0 +1,103 @@
+"""The report of `holdfast check` as lines for people."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+from holdfast.training.figures import in_words as counted
+from holdfast.training.folder_check import Cell, FolderReport, Missing
+
+HEADS = ("person", "object", "action", "trials", "Hz", "unit", "mass, g", "labels by")
+CLASS_HEADS = ("situation", "light, s", "heavy, s")
+FORMATS = {"thesis": "folders of CSV trials", "recorded": "folders of holdfast record"}
+NUMBER = re.compile(r"[0-9.]+")
+HAND_ALONE = "hand alone"
+LEVELS = {"error": "ERROR", "training": "FOR TRAINING", "advice": "ADVICE"}
+
+
+def report_lines(report: FolderReport) -> list[str]:
+    """The report as lines for people."""
+    lines = _summary(report)
+    if report.cells:
+        lines += ["", *_aligned([HEADS, *map(_row, report.cells)])]
+    if report.classes:
+        rows = [CLASS_HEADS]
+        for row in report.classes:
+            rows.append((row.situation, f"{row.light_s:.1f}", f"{row.heavy_s:.1f}"))
+        lines += ["", *_aligned(rows)]
+    for first, more in _alike(report.missing):
+        lines += ["", f"{LEVELS[first.level]} {first.where}: {first.what}"]
+        lines.append(f"  -> {first.next_step}")
+        if more:
+            lines.append(f"  {more} more like it")
+    return [*lines, "", _verdict(report)]
+
+
+def _alike(missing: Sequence[Missing]) -> list[tuple[Missing, int]]:
+    """The first of those that differ only in place and numbers, and how many more there are."""
+    alike: dict[tuple[str, str], list[Missing]] = {}
+    for one in missing:
+        alike.setdefault((one.level, NUMBER.sub("#", one.what)), []).append(one)
+    return [(ones[0], len(ones) - 1) for ones in alike.values()]
+
+
+def _summary(report: FolderReport) -> list[str]:
+    if report.layout is None or report.held_out_by is None:
+        return [f"{report.folder}: no recording can be read"]
+    trials = sum(cell.trials for cell in report.cells)
+    minutes = sum(cell.seconds for cell in report.cells) / 60.0
+    n_people = len({cell.person for cell in report.cells} - {None})
+    of = f" of {counted(n_people, 'person')}" if n_people else ""
+    lines = [
+        f"{report.folder}: {counted(trials, 'trial')}{of}, {minutes:.1f} min, "
+        f"{report.channels} channels; {FORMATS.get(report.layout, 'a public set')}",
+        f"held out by {report.held_out_by}: {counted(report.groups, report.held_out_by)}",
+    ]
+    if report.intents:
+        lines.append(
+            f"the wearer's own command beside {counted(report.intents, 'trial')}"
+        )
+    return lines
+
+
+def _row(cell: Cell) -> tuple[str, ...]:
+    unread = cell.trials - cell.read
+    mass = "-"
+    if cell.mass_g is not None:
+        mass = f"{cell.mass_g:g} ({Path(cell.mass_from or '').name})"
+    labels = ", ".join(cell.labels_by)
+    if len(cell.labels_by) > 1:
+        labels = ", ".join(f"{name}: {n}" for name, n in cell.labels_by.items())
+    return (
+        cell.person or "-",
+        cell.object_name or HAND_ALONE,
+        cell.action or "-",
+        f"{cell.trials}" + (f" ({unread} unread)" if unread else ""),
+        "-" if cell.rate_hz is None else f"{cell.rate_hz:.4g}",
+        cell.unit or "-",
+        mass,
+        labels or "-",
+    )
+
+
+def _aligned(rows: Sequence[Sequence[str]]) -> list[str]:
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    lines = []
+    for row in rows:
+        cells = [f"{cell:<{n}}" for cell, n in zip(row, widths, strict=True)]
+        lines.append("  ".join(cells).rstrip())
+    return lines
+
+
+def _verdict(report: FolderReport) -> str:
+    if report.layout not in (None, *FORMATS):
+        return "a public set, read as it is"
+    if not report.readable:
+        return "not ready: correct each ERROR, then run holdfast check again"
+    if not report.trainable:
+        return (
+            "ready for holdfast evaluate; holdfast train needs what FOR TRAINING says"
+        )
+    return "ready for holdfast train and holdfast evaluate"
