@@ -1,4 +1,4 @@
-"""A model file on whole streams: events, baselines, states, and what a closing hand would keep."""
+"""A model file on whole streams: events, baselines, states, drops that a hand would prevent."""
 
 from importlib import import_module
 from typing import TYPE_CHECKING, Any

@@ -175,7 +175,7 @@ class LoopFigures:
     mu_error_p50: float | None
 
     def to_json(self) -> Json:
-        """As a JSON object."""
+        """As a JSON object, in the order of the fields."""
         return asdict(self)
 
 

@@ -1,9 +1,9 @@
-"""Real recordings beside the simulated ones: the output of `make real`, scored by the same rules.
+"""Real recordings: the output of `make real`, scored by the same rules as simulated ones.
 
 The default model runs at another rate than these sets. So the file is one of `make real`, trained
 without one fold of people, and it is evaluated on these people only.
 
-Figures of eflesh_slip as `make real` writes them: windows, trials, and how late alarms come.
+Figures of eflesh_slip are read as `make real` writes them: windows, trials, how late alarms come.
 """
 
 from __future__ import annotations

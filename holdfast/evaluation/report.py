@@ -58,7 +58,7 @@ def write_event_report(
 
 
 def kind_of(of: Evaluation) -> str:
-    """The kind of the data (simulated, recorded), which stands beside every number."""
+    """The kind of the data (simulated, recorded), which stands next to every number."""
     return ", ".join(dict.fromkeys(one.card.kind for one in of.sets.values()))
 
 

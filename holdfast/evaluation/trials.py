@@ -1,4 +1,4 @@
-"""What is known of a trial beside its answers: the grasps of its truth, its voluntary actions.
+"""What is known of a trial apart from its answers: grasps of its truth, voluntary actions.
 
 A simulated trial has a truth with one entry a grasp: style, action, object, disturbance. A recorded
 one has an empty grasp. Voluntary actions come from the labelled phases, which every trial has.

@@ -46,11 +46,10 @@ def recording(*events: RiskyEvent, group: str = "a", length: int = 300) -> Recor
 def requests(*spans: tuple[float, float], length: int = 300) -> np.ndarray:
     """[T] an act is requested from .. to, in s."""
     t_s = np.arange(length) / RATE_HZ
-    return np.any(
-        [(t_s >= a - 1e-9) & (t_s < b - 1e-9) for a, b in spans]
-        or [np.zeros(length, bool)],
-        axis=0,
-    )
+    on = np.zeros(length, dtype=bool)
+    for from_s, to_s in spans:
+        on |= (t_s >= from_s - 1e-9) & (t_s < to_s - 1e-9)
+    return on
 
 
 def p50(of: Spread | None) -> float:
