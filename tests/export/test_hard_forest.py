@@ -1,10 +1,15 @@
-"""Hard cases of forest and file: a million rows on every edge, ties, and exact votes."""
+"""Hard cases of forest and file: a million rows on every edge, ties, exact votes, and what stock
+conversion answers.
+
+Tests marked unguarded use scikit-learn's forest and skl2onnx as they come, and watch what happens.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cache
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,14 +18,17 @@ import numpy.typing as npt
 import onnx
 import onnxruntime as ort
 import pytest
-from hard_marks import EXACT, GOLDEN, MILLION, TIES
+from hard_marks import EXACT, GOLDEN, MILLION, MISSING, SMALL, TIES
 from onnx import helper
+from skl2onnx import convert_sklearn
+from skl2onnx.common.data_types import FloatTensorType
 from sklearn.ensemble import ExtraTreesClassifier, RandomForestClassifier
 from small_model import with_metadata
 
 from holdfast.core.contract import CLASSES, SITUATIONS
 from holdfast.core.errors import GoldenMismatch
 from holdfast.edge_runtime.graph import open_session
+from holdfast.edge_runtime.model import golden_answers
 from holdfast.edge_runtime.monitor import Model
 from holdfast.export.exporting import whole_graph
 from holdfast.export.heads import Calibration, Head, riskier_argmax, situation_votes
@@ -222,7 +230,45 @@ def test_a_row_alone_is_answered_bit_for_bit_as_in_any_batch(
     }
 
 
+@MILLION.unguarded
+def test_thresholds_rounded_to_the_nearest_float32_send_every_second_row_on_them_the_wrong_way(
+    record_property: Record,
+) -> None:
+    rng = np.random.default_rng(0)
+    x = rng.normal(size=(400, N_FEATURES)).astype(np.float32)
+    forest = ExtraTreesClassifier(20, random_state=0).fit(x, rng.integers(4, size=400))
+    trees = [tree.tree_ for tree in forest.estimators_]
+    at = np.concatenate([tree.threshold[tree.feature >= 0] for tree in trees])
+    # goes left where it is the threshold too; in scikit-learn right, where above
+    row_on_it = at.astype(np.float32)
+    moved = float(np.mean(row_on_it.astype(np.float64) > at))
+    record_property("thresholds", len(at))
+    record_property("share_that_is_moved", moved)
+    assert moved > 0.2
+    ours = largest_float32_not_above(at)
+    assert (ours.astype(np.float64) <= at).all()
+    assert (np.nextafter(ours, np.float32(np.inf)).astype(np.float64) > at).all()
+
+
 # Stock conversion
+
+
+def stock(forest: Forest) -> Any:
+    """skl2onnx' own classifier, on two threads as it would run anywhere: rows [N, F] -> labels
+    [N]."""
+    initial = [("X", FloatTensorType([None, forest.n_features_in_]))]
+    model = convert_sklearn(
+        forest,
+        initial_types=initial,
+        options={id(forest): {"zipmap": False}},
+        target_opset={"": 20, "ai.onnx.ml": 3},
+    )
+    options = ort.SessionOptions()
+    options.intra_op_num_threads = 2
+    session = ort.InferenceSession(
+        model.SerializeToString(), options, providers=["CPUExecutionProvider"]
+    )
+    return lambda rows: session.run(None, {"X": rows})[0]
 
 
 @cache
@@ -265,6 +311,21 @@ def test_of_a_hundred_trees_every_tie_is_exact_and_goes_to_the_riskier_class(
         riskier_argmax(votes),
     )
     assert tied.sum() > 1000
+
+
+@TIES.unguarded
+def test_the_stock_conversion_answers_exact_ties_by_rounding(
+    record_property: Record,
+) -> None:
+    forest, rows = hundred_trees()
+    votes, got = whole_votes(), stock(forest)(rows)
+    tied = (votes == votes.max(axis=1, keepdims=True)).sum(axis=1) > 1
+    wrong = got != forest.predict(rows)
+    record_property("rows", len(rows))
+    record_property("labels_unlike_predict", int(wrong.sum()))
+    record_property("of_them_exact_ties", int((wrong & tied).sum()))
+    assert wrong.any()
+    assert not (wrong & ~tied).any()
 
 
 @pytest.mark.parametrize("present", [(0, 1, 2), (1, 2, 3), (0, 1, 3)])
@@ -389,10 +450,70 @@ def test_the_order_of_the_trees_changes_no_vote() -> None:
         assert total.tobytes() == expected.tobytes()
 
 
+@EXACT.unguarded
+def test_a_hundred_float32_hundredths_are_not_one_and_depend_on_their_order(
+    record_property: Record,
+) -> None:
+    hundredth = np.float32(1.0 / 100.0)
+    total = np.float32(0.0)
+    for _ in range(100):
+        total += hundredth
+    record_property("sum_of_a_hundred_hundredths", f"{total:.8f}")
+    assert total != 1.0
+    forest, rows = hundred_trees()
+    shares = [
+        (tree.predict_proba(rows[:2000]) / 100.0).astype(np.float32)
+        for tree in forest.estimators_
+    ]
+    impure = [
+        np.float32(0.3) * one + np.float32(0.7) * other
+        for one, other in pairwise(shares)
+    ]
+    forwards, backwards = np.zeros_like(impure[0]), np.zeros_like(impure[0])
+    for one, other in zip(impure, reversed(impure), strict=True):
+        forwards, backwards = forwards + one, backwards + other
+    assert (forwards != backwards).any()
+
+
 # Dead sensors
 
 
+@MISSING.unguarded
+def test_the_stock_conversion_answers_a_dead_sensor_wrongly(
+    record_property: Record,
+) -> None:
+    rng = np.random.default_rng(0)
+    x = rng.normal(size=(2000, 18)).astype(np.float32)
+    y = (x[:, 2] + x[:, 5] + 0.3 * rng.normal(size=2000) > 0).astype(int) + 2 * (
+        x[:, 8] > 0
+    )
+    x[rng.random(2000) < 0.1, :3] = np.nan
+    forest = RandomForestClassifier(100, random_state=0, n_jobs=2).fit(x, y)
+    rows = rng.normal(size=(3000, 18)).astype(np.float32)
+    rows[:, :3] = np.nan
+    wrong = float(np.mean(stock(forest)(rows) != forest.predict(rows)))
+    record_property("share_of_labels_unlike_predict_with_one_sensor_dead", wrong)
+    assert wrong > 0.1
+
+
+@MISSING.unguarded
+def test_scikit_learn_refuses_inf_where_a_converted_forest_answers_it() -> None:
+    forest, _ = hundred_trees()
+    rows = np.full((1, N_FEATURES), np.inf, dtype=np.float32)
+    with pytest.raises(ValueError, match="infinity"):
+        forest.predict(rows)
+    assert stock(forest)(rows)[0] in range(4)
+
+
 # Small forests
+
+
+@SMALL.unguarded
+def test_the_stock_conversion_of_a_forest_of_one_class_answers_another_class() -> None:
+    x = np.random.default_rng(0).normal(size=(10, N_FEATURES)).astype(np.float32)
+    forest = ExtraTreesClassifier(3, random_state=0).fit(x, np.full(10, 2))
+    assert set(forest.predict(x)) == {2}
+    assert set(stock(forest)(x).tolist()) == {1}
 
 
 # Golden sequences
@@ -421,3 +542,18 @@ def test_a_file_whose_trees_answer_otherwise_than_when_it_was_made_is_refused_at
     path.write_bytes(other_trees(eight_classes.model))
     with pytest.raises(GoldenMismatch, match="differs from the golden sequence"):
         Model(path)
+
+
+@GOLDEN.unguarded
+def test_without_the_golden_sequences_such_a_file_opens_and_its_answers_are_believed(
+    eight_classes: Built, record_property: Record
+) -> None:
+    card = Model(eight_classes.model).card
+    both = [
+        golden_answers(
+            open_session(data), card.n_channels, card.unit, card.settle_samples
+        )["situation"]
+        for data in (eight_classes.model.read_bytes(), other_trees(eight_classes.model))
+    ]
+    record_property("share_of_answers_that_differ", float(np.mean(both[0] != both[1])))
+    assert (both[0] != both[1]).mean() > 0.5
