@@ -24,8 +24,11 @@ from holdfast.core.errors import (
     one_line,
     visible_lines,
 )
+from holdfast.core.lines import stream_sink
 from holdfast.core.writing import require_writable, write_whole
-from holdfast.live.lines import stream_sink
+
+WITH_SETTINGS = ("run", "record", "bias", "study", "replay", "selftest")
+"""Commands whose options may stand in holdfast.toml."""
 
 
 class Parser(argparse.ArgumentParser):

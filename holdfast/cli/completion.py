@@ -11,8 +11,8 @@ import argparse
 from collections.abc import Mapping
 from importlib import import_module
 
-from holdfast.cli.command import path_argument
-from holdfast.cli.settings import COMMANDS, add_config_option
+from holdfast.cli.command import WITH_SETTINGS, path_argument
+from holdfast.cli.settings import add_config_option
 from holdfast.core.errors import UsageError
 
 SHELLS = ("bash", "zsh", "fish")
@@ -50,7 +50,7 @@ def whole_parser(
     for verb, (module, about) in verbs.items():
         parser = commands.add_parser(verb, help=about)
         import_module(module).add_arguments(parser)
-        if verb in COMMANDS:
+        if verb in WITH_SETTINGS:
             add_config_option(parser)
         for action in parser._actions:
             if isinstance(action.choices, dict):  # which shtab takes for commands

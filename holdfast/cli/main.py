@@ -10,8 +10,7 @@ from collections.abc import Sequence
 from importlib import import_module
 from importlib.metadata import version
 
-from holdfast.cli.command import Parser, finish
-from holdfast.cli.settings import COMMANDS, SettingsParser, read_settings
+from holdfast.cli.command import WITH_SETTINGS, Parser, finish
 from holdfast.core.errors import UsageError
 
 VERBS = {
@@ -137,7 +136,11 @@ def _run(verb: str, argv: Sequence[str]) -> int:
 
 def _parser(verb: str, argv: Sequence[str], about: str) -> Parser:
     prog = f"holdfast {verb}"
-    if verb not in COMMANDS:
+    if verb not in WITH_SETTINGS:
         return Parser(prog=prog, description=about)
+
+    # only these commands read files of settings
+    from holdfast.cli.settings import SettingsParser, read_settings
+
     settings = read_settings(argv).of(verb)
     return SettingsParser(settings=settings, prog=prog, description=about)

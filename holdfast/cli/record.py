@@ -56,7 +56,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Record until the plan is done, the operator stops it, or an error ends it."""
-    from holdfast.live.lines import stream_sink
+    from holdfast.core.lines import stream_sink
     from holdfast.live.running import RunClock, stop_signals
     from holdfast.sessions.recorder.display import StatusLine, columns_of, record_page
     from holdfast.sessions.recorder.keys import listening

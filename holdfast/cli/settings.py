@@ -19,7 +19,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from holdfast.cli.command import Parser, path_argument
+from holdfast.cli.command import WITH_SETTINGS, Parser, path_argument
 from holdfast.core.errors import CardError, DataNotFound
 from holdfast.core.reading import CardReader, read_toml, shipped
 
@@ -28,8 +28,6 @@ HAND = ("source", "calibration", "bias", "model", "intent")
 SINKS = ("out", "udp", "lsl", "grip", "feedback", "cues", "web")
 FILES = ("calibration", "bias", "model", "out", "cues")
 """Whose values are names of files."""
-COMMANDS = ("run", "record", "bias", "study", "replay", "selftest")
-"""Those that settings hold for."""
 
 
 @dataclass(frozen=True)
@@ -41,7 +39,9 @@ class Settings:
 
     def of(self, verb: str) -> dict[str, str]:
         """Those that hold for a command: sinks are of `run` alone."""
-        allowed = (*HAND, *SINKS) if verb == "run" else HAND if verb in COMMANDS else ()
+        allowed = (
+            (*HAND, *SINKS) if verb == "run" else HAND if verb in WITH_SETTINGS else ()
+        )
         return {name: value for name, value in self.values.items() if name in allowed}
 
 

@@ -22,9 +22,9 @@ from typing import Protocol
 
 from holdfast.core.contract import Prediction, Sample, channel_names
 from holdfast.core.errors import OutputError, UsageError
+from holdfast.core.lines import CLOSING_S, LineWriter, Sink
 from holdfast.core.source import SourceReading
 from holdfast.core.trial_file import TIME_COLUMN
-from holdfast.live.lines import CLOSING_S, LineWriter, Sink
 
 STOPPED, FAILED = "stopped", "failed"
 """Why an output is closed: the run came to its end, or an error ended it."""

@@ -15,13 +15,13 @@ from typing import TYPE_CHECKING, Any
 
 from holdfast.core.contract import FloatArray, Prediction, Sample
 from holdfast.core.errors import OutputError, RateError, visible
+from holdfast.core.lines import Sink, stream_sink
 from holdfast.core.source import Source, SourceReading
 from holdfast.edge_runtime.commands import Command, command_port
 from holdfast.edge_runtime.engine import ModelChoice, OpenedModel
 from holdfast.edge_runtime.monitor import GripMonitor, require_fit
 from holdfast.edge_runtime.preparation import Tare
 from holdfast.live.hand_sources import open_live
-from holdfast.live.lines import Sink, stream_sink
 from holdfast.live.loop import Emit, Summary, run_live
 from holdfast.live.outputs import (
     LineOutput,

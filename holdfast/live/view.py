@@ -15,9 +15,9 @@ from rich.table import Table
 from rich.text import Text
 
 from holdfast.core.contract import NORMAL_AXIS, SITUATIONS, Prediction, Sample
+from holdfast.core.lines import STREAM_LINES, STUCK_S, write_whole_line
 from holdfast.core.source import SourceReading
 from holdfast.edge_runtime.intent import Intent, IntentMonitor
-from holdfast.live.lines import STREAM_LINES, STUCK_S, write_whole_line
 from holdfast.live.outputs import STOPPED
 
 REFRESH_HZ = 8

@@ -26,10 +26,10 @@ from hypothesis import strategies as st
 from live_bench import DEFAULT, ROOT, RUN, Steady, closing_output, go
 
 from holdfast.core.contract import Prediction
+from holdfast.core.lines import CLOSING_S, STREAM_LINES, LineWriter, Sink, stream_sink
 from holdfast.drivers.virtual.clock import VirtualClock
 from holdfast.edge_runtime.monitor import GripMonitor, Model
 from holdfast.edge_runtime.preparation import Tare
-from holdfast.live.lines import CLOSING_S, STREAM_LINES, LineWriter, Sink, stream_sink
 from holdfast.live.loop import run_live
 from holdfast.live.outputs import LineOutput, SampleFile, file_sink
 

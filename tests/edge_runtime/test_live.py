@@ -33,6 +33,7 @@ from holdfast.core.errors import (
     UnitError,
     UsageError,
 )
+from holdfast.core.lines import stream_sink
 from holdfast.core.source import SourceReading
 from holdfast.drivers.calibration import read_bias
 from holdfast.drivers.replay import PacedReplay, Replay, open_replay
@@ -42,7 +43,6 @@ from holdfast.edge_runtime.intent import Intent
 from holdfast.edge_runtime.monitor import GripMonitor, Model
 from holdfast.edge_runtime.preparation import Preparation, Tare
 from holdfast.live.hand_sources import open_live, scene_of
-from holdfast.live.lines import stream_sink
 from holdfast.live.loop import STAGES, Summary
 from holdfast.live.outputs import LineOutput, SampleFile, file_sink, udp_sink
 from holdfast.live.run import answer

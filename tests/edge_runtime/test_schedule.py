@@ -19,6 +19,7 @@ from holdfast.core import clock as clock_module
 from holdfast.core.clock import MonotonicClock
 from holdfast.core.contract import Prediction, Sample
 from holdfast.core.errors import TimeError
+from holdfast.core.lines import stream_sink
 from holdfast.core.source import SourceReading
 from holdfast.core.trial_file import read_trial
 from holdfast.drivers.replay import PacedReplay, Replay
@@ -27,7 +28,6 @@ from holdfast.edge_runtime.commands import MOST_A_SAMPLE, command_port
 from holdfast.edge_runtime.decision import DecisionState
 from holdfast.edge_runtime.monitor import GripMonitor, Model
 from holdfast.edge_runtime.preparation import Tare
-from holdfast.live.lines import stream_sink
 from holdfast.live.loop import run_live
 from holdfast.live.outputs import LineOutput, udp_sink
 

@@ -11,11 +11,11 @@ from pathlib import Path
 from typing import TextIO
 
 from holdfast.core.errors import CardError, DataNotFound, UsageError
+from holdfast.core.lines import stream_sink
 from holdfast.core.trial_layout import read_events
 from holdfast.core.writing import require_writable, write_whole
 from holdfast.drivers.virtual.clock import VirtualClock
 from holdfast.live.hand_sources import is_hand
-from holdfast.live.lines import stream_sink
 from holdfast.live.running import RunClock, say, stop_signals
 from holdfast.sessions.recorder.display import StatusLine, columns_of
 from holdfast.sessions.recorder.folder import require_ours
