@@ -215,7 +215,14 @@ class _Run:
             from holdfast.live.page.run_page import open_run_page
 
             name = f"{Path(options.model.path).name} ({card.model_id})"
-            self._page = open_run_page(options, card, name, self.report)
+            self._page = open_run_page(
+                options.web,
+                source=options.source,
+                card=card,
+                model_name=name,
+                with_grip=options.grip is not None,
+                report=self.report,
+            )
             close_at_end(stack, self._page)
             outputs.append(self._page)
         if options.lsl:

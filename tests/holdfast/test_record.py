@@ -20,6 +20,7 @@ from recorder_bench import (
     said,
     session,
 )
+from study_bench import SUS_ANSWERS, TALK, Study
 
 from holdfast.core import tactile_file
 from holdfast.core.errors import EmptyRecording, TimeError
@@ -74,6 +75,19 @@ def test_meta_tells_who_what_how_and_how_good(tmp_path):
     assert (meta["quality"]["lost"], meta["quality"]["invalid_readings"]) == (0, 0)
     assert meta["quality"]["rate_hz"] == pytest.approx(150.0, rel=1e-3)
     assert meta["quality"]["bias_drift"] < 0.2
+
+
+def test_a_trial_of_a_labelled_set_can_be_recorded_again(people, tmp_path):
+    one_pull(tmp_path / "again", source=f"{people}#0")
+    first, again = open_replay(people / TRIAL), open_replay(tmp_path / "again" / TRIAL)
+    assert again.rate_hz == pytest.approx(first.rate_hz, rel=1e-3)
+    assert again.values.shape == (50, 18)
+
+
+def test_a_study_opens_a_trial_of_a_labelled_set_as_its_hand(people, tmp_path):
+    study = Study(tmp_path, TALK, f"{people}#0")
+    study.run("   " + SUS_ANSWERS)
+    assert said(study.messages, "the hand answers: 6 fingers")
 
 
 def test_nothing_that_is_written_names_a_place_of_the_machine(people, card, tmp_path):

@@ -20,7 +20,6 @@ from holdfast.live.page.link import PageLink, open_page
 
 if TYPE_CHECKING:
     from holdfast.live.grip import GripOutput
-    from holdfast.live.run import RunOptions
 
 MARK = b"m"
 ACTIONS = [{"do": "mark", "label": "Mark", "key": MARK.decode(), "when": "always"}]
@@ -130,20 +129,27 @@ def _answer(prediction: Prediction) -> Json:
 
 
 def open_run_page(
-    options: RunOptions,
+    address: str,
+    *,
+    source: str,
     card: ModelCard,
     model_name: str,
+    with_grip: bool,
     report: Callable[[str], None],
 ) -> RunPage:
-    """The page of a run, served until it is closed. Raises UsageError, OutputError."""
+    """The page of a run, served at [HOST:]PORT until it is closed.
+
+    source: URL of the hand; with_grip: whether a controller sends grip commands.
+    Raises UsageError and OutputError.
+    """
     about: Json = {
         "verb": "run",
         "unit": card.unit,
         "model": model_name,
-        "source": options.source,
+        "source": source,
         "answers": True,
-        "grip": options.grip is not None,
+        "grip": with_grip,
         "saves": True,
         "actions": ACTIONS,
     }
-    return RunPage(open_page(options.web or "", about, report), card, report)
+    return RunPage(open_page(address, about, report), card, report)

@@ -27,6 +27,7 @@ from holdfast.sessions.recorder.labels import scene_truth_of
 from holdfast.sessions.recorder.plan import Plan, RecordOptions, planned, require_keys
 from holdfast.sessions.recorder.protocol import NOTHING, checked_name
 from holdfast.sessions.recorder.session import Display, RunContext, Session
+from holdfast.sessions.set_source import read_set_trial
 
 CHECK_S = 1.0
 """Time over which the bias is measured."""
@@ -65,6 +66,7 @@ def record_plan(options: RecordOptions, plan: Plan, context: RunContext) -> int:
         clock=clock,
         say=report,
         to_force=force_of(options.calibration),
+        read_set=read_set_trial,
     )
     folder = opened(options.out, source.unit, kind_of(options.source))
     monitor = intent_monitor(options.intent, clock, report)

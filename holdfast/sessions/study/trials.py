@@ -35,6 +35,7 @@ from holdfast.sessions.recorder.protocol import NOTHING, Task
 from holdfast.sessions.recorder.recording import kind_of, record_plan
 from holdfast.sessions.recorder.session import Display, RunContext
 from holdfast.sessions.recorder.trial import TrialRecorder
+from holdfast.sessions.set_source import read_set_trial
 from holdfast.sessions.study.console import TrialKeys
 from holdfast.sessions.study.protocol import StudyProtocol
 
@@ -147,6 +148,7 @@ class Trials:
             clock=self.context.clock,
             say=self.display.report,
             to_force=force_of(self.options.calibration),
+            read_set=read_set_trial,
         )
         with closing(source), opened(self.root, source.unit, kind):
             fingers = source.n_channels // 3
