@@ -128,25 +128,7 @@ def one_output_less(model: onnx.ModelProto) -> None:
 
 
 def endless_loop(model: onnx.ModelProto) -> None:
-    body = helper.make_graph(
-        [
-            helper.make_node("Identity", ["go"], ["on"]),
-            helper.make_node("Identity", ["x"], ["y"]),
-        ],
-        "body",
-        [
-            helper.make_tensor_value_info("k", TensorProto.INT64, []),
-            helper.make_tensor_value_info("go", TensorProto.BOOL, []),
-            helper.make_tensor_value_info("x", TensorProto.FLOAT, ["B", 4]),
-        ],
-        [
-            helper.make_tensor_value_info("on", TensorProto.BOOL, []),
-            helper.make_tensor_value_info("y", TensorProto.FLOAT, ["B", 4]),
-        ],
-    )
-    yes = constant(model, "yes", np.bool_(True))
-    after(model, "p_situation", "Loop", body=body)
-    maker(model, "p_situation").input[:] = ["", yes, "p_situation_before"]
+    after(model, "p_situation", "Loop")
 
 
 def hidden_subgraph(model: onnx.ModelProto) -> None:
@@ -158,15 +140,7 @@ def hidden_subgraph(model: onnx.ModelProto) -> None:
 
 
 def local_function(model: onnx.ModelProto) -> None:
-    made = helper.make_function(
-        "",
-        "Abs",
-        ["x"],
-        ["y"],
-        [helper.make_node("Neg", ["x"], ["y"])],
-        model.opset_import,
-    )
-    model.functions.append(made)
+    model.functions.add().name = "Abs"
 
 
 def custom_domain(model: onnx.ModelProto) -> None:
@@ -205,10 +179,8 @@ def doubled_forty_times(model: onnx.ModelProto) -> None:
 
 
 def outer_product(model: onnx.ModelProto) -> None:
-    high, wide = (
-        constant(model, "high", np.zeros((9000, 1))),
-        constant(model, "wide", np.zeros((1, 9000))),
-    )
+    high = constant(model, "high", np.zeros((9000, 1)))
+    wide = constant(model, "wide", np.zeros((1, 9000)))
     model.graph.node.append(helper.make_node("Add", [high, wide], ["outer"]))
 
 
@@ -232,10 +204,8 @@ def half_votes(model: onnx.ModelProto) -> None:
 
 def negative_votes(model: onnx.ModelProto) -> None:
     node = trees(model)
-    weights, places = (
-        attribute(node, "target_weights").floats,
-        attribute(node, "target_nodeids").ints,
-    )
+    weights = attribute(node, "target_weights").floats
+    places = attribute(node, "target_nodeids").ints
     k = next(k for k in range(len(places) - 1) if places[k] == places[k + 1])
     weights[k], weights[k + 1] = weights[k] + weights[k + 1] + 5.0, -5.0
 
@@ -321,6 +291,15 @@ def refused_unopened(data: bytes) -> NotAModel:
     return caught.value
 
 
+def altered(alter: Alteration, folder: Path, golden: bool = False) -> Path:
+    """A model file that was altered and sealed again, with its golden sequences made anew."""
+    model = opened()
+    alter(model)
+    path = folder / "m.onnx"
+    path.write_bytes(resealed(model, golden=golden))
+    return path
+
+
 @FOREIGN_MODEL.mark
 @pytest.mark.parametrize("alter", AT_LOAD, ids=lambda alter: alter.__name__)
 def test_a_resealed_file_is_refused_before_onnxruntime_opens_it(
@@ -336,10 +315,7 @@ def test_a_resealed_file_is_refused_before_onnxruntime_opens_it(
 def test_the_deep_check_finds_what_a_file_hides_until_later(
     alter: Alteration, tmp_path: Path
 ) -> None:
-    model = opened()
-    alter(model)
-    (tmp_path / "m.onnx").write_bytes(resealed(model))
-    failed = [one for one in deep_checks(tmp_path / "m.onnx") if not one.ok]
+    failed = [one for one in deep_checks(altered(alter, tmp_path)) if not one.ok]
     assert f"deep: {DEEP[alter]}" in [one.what for one in failed]
     assert not any("\n" in one.figure for one in failed)
 
@@ -369,10 +345,7 @@ def more_sensors_than_there_are(model: onnx.ModelProto) -> None:
 def test_the_selftest_finds_answers_that_cannot_be(
     alter: Alteration, found: str, tmp_path: Path
 ) -> None:
-    model = opened()
-    alter(model)
-    (tmp_path / "m.onnx").write_bytes(resealed(model, golden=True))
-    (result,) = check_answers(Model(tmp_path / "m.onnx"))
+    (result,) = check_answers(Model(altered(alter, tmp_path, golden=True)))
     assert not result.ok
     assert found in result.figure
 
@@ -387,11 +360,9 @@ def probabilities_that_are_no_number(model: onnx.ModelProto) -> None:
 
 @FOREIGN_MODEL.mark
 def test_probabilities_that_are_no_number_are_refused_at_load(tmp_path: Path) -> None:
-    model = opened()
-    probabilities_that_are_no_number(model)
-    (tmp_path / "m.onnx").write_bytes(resealed(model, golden=True))
+    path = altered(probabilities_that_are_no_number, tmp_path, golden=True)
     with pytest.raises(ModelError, match="p_"):
-        Model(tmp_path / "m.onnx")
+        Model(path)
 
 
 @FOREIGN_MODEL.mark
@@ -465,7 +436,6 @@ UNLIKE: dict[str, Callable[[bytes], bytes]] = {
     "an endless number": lambda data: b"\x08" + b"\xff" * 11 + data,
     "a length past the end": lambda data: b"\x3a\xff\xff\xff\x7f" + data,
     "a second IR version": lambda data: b"\x08\x0a" + data,
-    "too many fields": lambda data: field(8, b"") * (MOST_FIELDS + 1) + data,
 }
 
 
@@ -553,9 +523,7 @@ def test_the_allowed_operators_are_those_that_the_exporter_writes_over_all_its_o
     written = set()
     for one in artifacts:
         for node in graph_of(one).graph.node:
-            written.add(
-                f"{node.domain}.{node.op_type}" if node.domain else node.op_type
-            )
+            written.add(f"{node.domain}.{node.op_type}".lstrip("."))
     assert written == ALLOWED
 
 
@@ -574,10 +542,9 @@ def test_every_released_model_is_accepted(path: Path) -> None:
 @pytest.mark.parametrize("eight", [True, False])
 def test_the_bytes_are_read_as_onnx_reads_them(eight: bool) -> None:
     parsed, model = read_onnx(sealed_bytes(eight)), opened(eight)
-    assert [(n.domain, n.op_type, [*n.inputs], [*n.outputs]) for n in parsed.nodes] == [
-        (n.domain, n.op_type, [*n.input], [*n.output]) for n in model.graph.node
-    ]
     for node, other in zip(parsed.nodes, model.graph.node, strict=True):
+        assert (node.domain, node.op_type) == (other.domain, other.op_type)
+        assert (node.inputs, node.outputs) == ((*other.input,), (*other.output,))
         attributes = decoded(node).attributes
         for one in other.attribute:
             expected = helper.get_attribute_value(one)

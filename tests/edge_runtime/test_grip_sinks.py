@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import signal
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -40,6 +41,20 @@ def tty() -> Iterator[TtyReceiver]:
     one.close()
 
 
+def send_slowly(sink, clock: Hands, numbers: range) -> None:
+    """So long after one another that a lost link is tried again each time."""
+    for k in numbers:
+        clock.ns += A_WHILE_NS
+        send(sink, k)
+
+
+@pytest.fixture
+def udp() -> Iterator[UdpReceiver]:
+    one = UdpReceiver()
+    yield one
+    one.close()
+
+
 @NO_GRIP_COMMAND.mark
 def test_every_command_arrives_and_the_last_one_holds(receiver):
     with opened(receiver.url, Hands(), []) as sink:
@@ -51,15 +66,13 @@ def test_every_command_arrives_and_the_last_one_holds(receiver):
     assert last["expires_ms"] == 300
 
 
-def test_the_guardian_is_silent_after_a_goodbye():
-    receiver = UdpReceiver()
-    with sender(receiver.url) as (process, guardian):
+def test_the_guardian_is_silent_after_a_goodbye(udp):
+    with sender(udp.url) as (process, guardian):
         process.communicate(timeout=300)
         assert process.returncode == 0
         wait_for_the_end_of(guardian)
-    lines = receiver.waiting()
+    lines = udp.waiting()
     assert [line["reason"] for line in lines] == ["risky slip"] * 3 + ["stopped"]
-    receiver.close()
 
 
 @RUN_DIES.mark
@@ -100,21 +113,18 @@ def test_a_run_that_ends_by_an_error_says_so_in_its_last_hold(receiver):
 
 
 @WIRE_FAILS.mark
-def test_a_port_without_a_receiver_is_reported_once_and_its_return_begins_with_hold():
+def test_a_port_without_a_receiver_is_reported_once_and_its_return_begins_with_hold(
+    udp,
+):
     clock, messages = Hands(), []
-    receiver = UdpReceiver()
-    with opened(receiver.url, clock, messages) as sink:
+    with opened(udp.url, clock, messages) as sink:
         send(sink, 1)
-        receiver.close()
-        for k in range(2, 40):
-            clock.ns += A_WHILE_NS
-            send(sink, k)
+        udp.close()
+        send_slowly(sink, clock, range(2, 40))
         assert len(messages) == 1
         assert "no line arrives" in messages[0]
-        again = UdpReceiver(receiver.port)
-        for k in range(40, 50):
-            clock.ns += A_WHILE_NS
-            send(sink, k)
+        again = UdpReceiver(udp.port)
+        send_slowly(sink, clock, range(40, 50))
         lines = again.waiting()
     assert [line["reason"] for line in lines[:3]] == ["link was lost"] * 3
     assert {line["mode"] for line in lines[:3]} == {"hold"}
@@ -125,11 +135,10 @@ def test_a_port_without_a_receiver_is_reported_once_and_its_return_begins_with_h
     again.close()
 
 
-def test_retries_become_rarer_up_to_two_seconds():
+def test_retries_become_rarer_up_to_two_seconds(udp):
     clock = Hands()
-    receiver = UdpReceiver()
-    with opened(receiver.url, clock, []) as sink:
-        receiver.close()
+    with opened(udp.url, clock, []) as sink:
+        udp.close()
         tries = []
         write = sink._link.write
         sink._link.write = lambda line: tries.append(clock.ns) or write(line)
@@ -151,14 +160,10 @@ def test_a_stalled_reader_never_delays_a_command_and_is_reported(tty):
         assert len(messages) < 10  # the system may find room for a few more lines
         assert sink.dropped > 1000
         os.set_blocking(tty.handle, False)
-        while True:
-            try:
-                os.read(tty.handle, 65536)
-            except BlockingIOError:
-                break
-        for k in range(2000, 2020):
-            clock.ns += A_WHILE_NS
-            send(sink, k)
+        with suppress(BlockingIOError):
+            while os.read(tty.handle, 65536):
+                pass
+        send_slowly(sink, clock, range(2000, 2020))
         tty.until("link was lost")
         while tty.next()["sequence"] != 2019:
             pass
@@ -167,66 +172,58 @@ def test_a_stalled_reader_never_delays_a_command_and_is_reported(tty):
 
 @WIRE_FAILS.mark
 def test_an_unplugged_port_comes_back_under_its_name_and_begins_with_hold(
-    tmp_path: Path,
+    tmp_path: Path, tty
 ):
     clock = Hands()
     messages: list[str] = []
     name = tmp_path / "ttyHAND"
-    first, second = TtyReceiver(), TtyReceiver()
+    first = TtyReceiver()
     name.symlink_to(first.path)
     with opened(f"serial://{name}", clock, messages) as sink:
         assert send(sink, 1) == [True]
         assert first.next()["sequence"] == 1
         first.close()
         name.unlink()
-        for k in range(2, 6):
-            clock.ns += A_WHILE_NS
-            send(sink, k)
+        send_slowly(sink, clock, range(2, 6))
         assert len(messages) == 1
-        name.symlink_to(second.path)
+        name.symlink_to(tty.path)
         k = 6
         while len(messages) < 2:
-            clock.ns += A_WHILE_NS
-            send(sink, k)
+            send_slowly(sink, clock, range(k, k + 1))
             opening = getattr(sink._link, "_opening", None)
             if opening is not None:
                 opening.join()
             k += 1
         assert send(sink, k) == [True]
-        assert [second.next()["reason"] for _ in range(4)] == ["link was lost"] * 3 + [
-            "risky slip"
-        ]
-    assert second.next()["reason"] == "stopped"
-    second.close()
+        reasons = [tty.next()["reason"] for _ in range(4)]
+        assert reasons == ["link was lost"] * 3 + ["risky slip"]
+    assert tty.next()["reason"] == "stopped"
 
 
 @RUN_DIES.mark
-def test_the_guardian_holds_the_descriptor_that_it_was_given_last():
-    first, second = UdpReceiver(), UdpReceiver()
+def test_the_guardian_holds_the_descriptor_that_it_was_given_last(udp):
+    first = UdpReceiver()
     guardian = Guardian('{"sequence":%(sequence)d,"t_ns":%(t_ns)d}')
-    for receiver in (first, second):
+    for receiver in (first, udp):
         link = open_link(receiver.url, "--grip")
         guardian.hold(link.handle)
         link.close()
     guardian.note(8)
     guardian.end(written=False)
-    assert second.next()["sequence"] == 9
+    assert udp.next()["sequence"] == 9
     assert first.waiting() == []
     first.close()
-    second.close()
 
 
-def test_a_guardian_that_was_let_go_of_its_port_writes_nothing():
-    receiver = UdpReceiver()
+def test_a_guardian_that_was_let_go_of_its_port_writes_nothing(udp):
     guardian = Guardian("{}")
-    link = open_link(receiver.url, "--grip")
+    link = open_link(udp.url, "--grip")
     guardian.hold(link.handle)
     guardian.release()
     guardian.end(written=False)
     wait_for_the_end_of(guardian.pid)
-    assert receiver.waiting() == []
+    assert udp.waiting() == []
     link.close()
-    receiver.close()
 
 
 @WIRE_FAILS.mark

@@ -55,6 +55,21 @@ if TYPE_CHECKING:
 PYPROJECT = Path(__file__).resolve().parents[2] / "pyproject.toml"
 
 
+def stored(entry: dict[str, Any]) -> np.ndarray:
+    """The golden answers of one output, as one row."""
+    return np.frombuffer(base64.b64decode(entry["data"]), entry["dtype"]).copy()
+
+
+def with_golden(
+    data: bytes, name: str, change: Callable[[np.ndarray], np.ndarray]
+) -> bytes:
+    """The file, sealed again, with other stored answers of one output."""
+    golden = json.loads(metadata_of(data)[GOLDEN_KEY])
+    numbers = change(stored(golden[name]))
+    golden[name]["data"] = base64.b64encode(numbers.tobytes()).decode()
+    return with_metadata(data, **{GOLDEN_KEY: json.dumps(golden)})
+
+
 @cache
 def content(path: Path) -> bytes:
     return path.read_bytes()
@@ -74,17 +89,12 @@ def refused(path: Path, data: bytes) -> ModelError:
 def test_a_sealed_file_opens_and_says_who_it_is(
     eight_classes: Built, four_situations: Built
 ) -> None:
-    for built, classes, heads in (
-        (eight_classes, CLASSES, ()),
-        (four_situations, SITUATIONS, ("p_risky_250ms",)),
-    ):
-        card = Model(built.model).card
-        assert (card.classes, card.heads, card.has_weight) == (
-            classes,
-            heads,
-            classes == CLASSES,
-        )
-        assert metadata_of(content(built.model))[SEAL_KEY].startswith(card.model_id)
+    eight, four = Model(eight_classes.model).card, Model(four_situations.model).card
+    assert (eight.classes, eight.heads, eight.has_weight) == (CLASSES, (), True)
+    assert (four.classes, four.has_weight) == (SITUATIONS, False)
+    assert four.heads == ("p_risky_250ms",)
+    seal = metadata_of(content(eight_classes.model))[SEAL_KEY]
+    assert seal.startswith(eight.model_id)
 
 
 def test_the_seal_is_the_sha256_of_the_file_with_its_own_digits_zeroed(
@@ -99,16 +109,26 @@ def test_the_seal_is_the_sha256_of_the_file_with_its_own_digits_zeroed(
     )
 
 
-@given(place=st.floats(0.0, 1.0, exclude_max=True), flip=st.integers(1, 255))
+@given(
+    place=st.floats(0.0, 1.0, exclude_max=True),
+    digit=st.none() | st.integers(0, 63),
+    flip=st.integers(1, 255),
+)
 @settings(max_examples=150)
 def test_one_altered_byte_anywhere_is_refused(
     eight_classes: Built,
     tmp_path_factory: pytest.TempPathFactory,
     place: float,
+    digit: int | None,
     flip: int,
 ) -> None:
-    altered = bytearray(content(eight_classes.model))
-    altered[int(place * len(altered))] ^= flip
+    """Anywhere in the file, or one digit of its seal."""
+    data = content(eight_classes.model)
+    altered = bytearray(data)
+    at = int(place * len(data))
+    if digit is not None:
+        at = data.index(metadata_of(data)[SEAL_KEY].encode()) + digit
+    altered[at] ^= flip
     path = tmp_path_factory.getbasetemp() / "altered.onnx"
     path.write_bytes(bytes(altered))
     # on the bytes alone, before a parser sees them
@@ -116,33 +136,16 @@ def test_one_altered_byte_anywhere_is_refused(
         read_sealed(path)
 
 
-@pytest.mark.parametrize("digit", [0, 1, 31, 62, 63])
-@pytest.mark.parametrize("character", [b"g", b"G", b" ", b"\0", b"upper"])
-def test_one_altered_digit_of_the_seal_is_refused(
-    eight_classes: Built, tmp_path: Path, digit: int, character: bytes
-) -> None:
-    data = content(eight_classes.model)
-    digits = metadata_of(data)[SEAL_KEY].encode()
-    other = (
-        character
-        if character != b"upper"
-        else digits[digit : digit + 1].translate(bytes(range(1, 256)) + b"\0")
-    )
-    altered = digits[:digit] + other + digits[digit + 1 :]
-    assert isinstance(
-        refused(tmp_path / "m.onnx", data.replace(digits, altered)), BrokenSeal
-    )
-
-
 def test_a_file_cut_short_anywhere_is_refused(
     eight_classes: Built, tmp_path: Path
 ) -> None:
     data = content(eight_classes.model)
-    ends = [*range(70), *range(len(data) - 100, len(data))]
-    for length in [*ends, *range(70, len(data), len(data) // 40)]:
+    whole = len(data)
+    ends = {*range(70), *range(70, whole, whole // 40), *range(whole - 100, whole)}
+    for length in ends:
         error = refused(tmp_path / "m.onnx", data[:length])
         assert isinstance(error, BrokenSeal | NotAModel)
-    assert isinstance(refused(tmp_path / "m.onnx", data[: len(data) // 2]), BrokenSeal)
+    assert isinstance(refused(tmp_path / "m.onnx", data[: whole // 2]), BrokenSeal)
 
 
 @pytest.mark.parametrize(
@@ -248,95 +251,79 @@ def test_every_golden_answer_is_compared(
     """One stored number of one output is altered: by one, by a flag, or by ten times its
     tolerance."""
     data = content(request.getfixturevalue(built).model)
-    golden = json.loads(metadata_of(data)[GOLDEN_KEY])
     published = {output.name for output in onnx.load_from_string(data).graph.output}
+    golden = json.loads(metadata_of(data)[GOLDEN_KEY])
     assert set(golden) == published - {"features", "state_out"}
-    for name, entry in golden.items():
-        numbers = np.frombuffer(
-            base64.b64decode(entry["data"]), dtype=entry["dtype"]
-        ).copy()
-        middle = len(numbers) // 2
-        numbers[middle] = moved(numbers[middle])
-        other = {
-            **golden,
-            name: {**entry, "data": base64.b64encode(numbers.tobytes()).decode()},
-        }
-        error = refused(
-            tmp_path / "m.onnx", with_metadata(data, **{GOLDEN_KEY: json.dumps(other)})
-        )
+    for name in golden:
+        error = refused(tmp_path / "m.onnx", with_golden(data, name, moved))
         assert type(error) is GoldenMismatch
         assert repr(name) in str(error)
 
 
-def moved(number: Any) -> Any:
+def moved(numbers: np.ndarray) -> np.ndarray:
+    """With another number in the middle."""
+    middle = len(numbers) // 2
+    number = numbers[middle]
     if number.dtype.kind == "b":
-        return not number
-    return (
-        number + 1
-        if number.dtype.kind == "i"
-        else number + 3e-5 * max(1.0, abs(number))
-    )
+        numbers[middle] = not number
+    elif number.dtype.kind == "i":
+        numbers[middle] += 1
+    else:
+        numbers[middle] += 3e-5 * max(1.0, abs(number))
+    return numbers
 
 
 def test_a_golden_answer_within_its_tolerance_is_accepted(
     eight_classes: Built, tmp_path: Path
 ) -> None:
-    data = content(eight_classes.model)
-    golden = json.loads(metadata_of(data)[GOLDEN_KEY])
-    numbers = np.frombuffer(
-        base64.b64decode(golden["p_class"]["data"]), dtype=np.float32
-    )
-    close = base64.b64encode(np.nextafter(numbers, np.float32(1.0)).tobytes()).decode()
-    golden["p_class"]["data"] = close
     path = tmp_path / "m.onnx"
-    path.write_bytes(with_metadata(data, **{GOLDEN_KEY: json.dumps(golden)}))
+    path.write_bytes(
+        with_golden(
+            content(eight_classes.model),
+            "p_class",
+            lambda numbers: np.nextafter(numbers, np.float32(1.0)),
+        )
+    )
     Model(path)
 
 
 GARBLED: dict[str, dict[str, str | None]] = {
-    "has no card": {CARD_KEY: None},
-    "has a card that is no JSON": {CARD_KEY: "{"},
-    "has a card that is a list": {CARD_KEY: "[]"},
-    "has a card of another format": {CARD_KEY: '{"format": 2}'},
-    "has a card without a rate": {CARD_KEY: '{"format": 1, "spec": {}}'},
-    "has no golden sequences": {GOLDEN_KEY: None},
-    "has golden sequences that are no JSON": {GOLDEN_KEY: "{"},
-    "has golden sequences that are a list": {GOLDEN_KEY: "[]"},
-    "has golden sequences without shapes": {GOLDEN_KEY: '{"votes": {}}'},
-    "has golden sequences of no output": {GOLDEN_KEY: "{}"},
+    "no card": {CARD_KEY: None},
+    "a card that is no JSON": {CARD_KEY: "{"},
+    "a card that is a list": {CARD_KEY: "[]"},
+    "a card of another format": {CARD_KEY: '{"format": 1}'},
+    "a card without a rate": {CARD_KEY: '{"format": 2, "spec": {}}'},
+    "no golden sequences": {GOLDEN_KEY: None},
+    "golden sequences that are no JSON": {GOLDEN_KEY: "{"},
+    "golden sequences that are a list": {GOLDEN_KEY: "[]"},
+    "golden sequences without shapes": {GOLDEN_KEY: '{"votes": {}}'},
+    "golden sequences of no output": {GOLDEN_KEY: "{}"},
 }
 
 
-def spoken_of(**changed: object) -> Callable[[bytes], dict[str, str | None]]:
-    """A card with other values, by their path (spec__rate_hz)."""
-
-    def change(data: bytes) -> dict[str, str | None]:
-        card = json.loads(metadata_of(data)[CARD_KEY])
-        for path, value in changed.items():
-            *places, last = path.split("__")
-            inner = card
-            for place in places:
-                inner = inner[place]
-            inner[last] = value
-        return {CARD_KEY: json.dumps(card)}
-
-    return change
+@pytest.mark.parametrize("fault", GARBLED)
+def test_a_file_whose_seal_holds_is_still_no_model_with(
+    eight_classes: Built, tmp_path: Path, fault: str
+) -> None:
+    data = with_metadata(content(eight_classes.model), **GARBLED[fault])
+    assert isinstance(refused(tmp_path / "m.onnx", data), NotAModel | GoldenMismatch)
 
 
-CONTRADICTED = {
-    "other channels": spoken_of(spec__n_sensors=16),
-    "a head that is not there": spoken_of(heads__p_doom={"classes": ["no", "yes"]}),
-    "more detectors than there are": spoken_of(detectors=[f"d{k}" for k in range(9)]),
-    "an unknown unit": spoken_of(spec__unit="lb"),
-    "an endless time to settle": spoken_of(settle_samples=10**12),
-    "a rate that is none": spoken_of(spec__rate_hz=float("nan")),
-    "unknown rules": spoken_of(decision={"dither": 1}),
-    "acting on no sample": spoken_of(decision={"act_samples": 0}),
-    "releasing on no sample": spoken_of(decision={"release_samples": 0}),
-    "more votes than all": spoken_of(decision={"min_risky_permille": 1001}),
-    "an act that never times out": spoken_of(decision={"evidence_ms": 10**9}),
-    "a bias of text": spoken_of(preparation__bias_rows="many"),
+CONTRADICTED: dict[str, tuple[str, object]] = {
+    "other channels": ("spec.n_sensors", 16),
+    "a head that is not there": ("heads.p_doom", {"classes": ["no", "yes"]}),
+    "more detectors than there are": ("detectors", [f"d{k}" for k in range(9)]),
+    "an unknown unit": ("spec.unit", "lb"),
+    "an endless time to settle": ("settle_samples", 10**12),
+    "a rate that is none": ("spec.rate_hz", float("nan")),
+    "unknown rules": ("decision", {"dither": 1}),
+    "acting on no sample": ("decision", {"act_samples": 0}),
+    "releasing on no sample": ("decision", {"release_samples": 0}),
+    "more votes than all": ("decision", {"min_risky_permille": 1001}),
+    "an act that never times out": ("decision", {"evidence_ms": 10**9}),
+    "a bias of text": ("preparation.bias_rows", "many"),
 }
+"""A place in the card, and what it says there."""
 
 
 @pytest.mark.hard_case(
@@ -351,22 +338,16 @@ CONTRADICTED = {
 def test_a_card_that_contradicts_its_graph_is_refused(
     four_situations: Built, tmp_path: Path, fault: str
 ) -> None:
+    place, value = CONTRADICTED[fault]
     data = content(four_situations.model)
-    error = refused(
-        tmp_path / "m.onnx", with_metadata(data, **CONTRADICTED[fault](data))
-    )
-    assert isinstance(error, NotAModel)
-
-
-@pytest.mark.parametrize("fault", GARBLED)
-def test_a_file_whose_seal_holds_is_still_no_model_if_it(
-    eight_classes: Built, tmp_path: Path, fault: str
-) -> None:
-    error = refused(
-        tmp_path / "m.onnx",
-        with_metadata(content(eight_classes.model), **GARBLED[fault]),
-    )
-    assert isinstance(error, NotAModel | GoldenMismatch)
+    card = json.loads(metadata_of(data)[CARD_KEY])
+    *outer, last = place.split(".")
+    inner = card
+    for name in outer:
+        inner = inner[name]
+    inner[last] = value
+    data = with_metadata(data, **{CARD_KEY: json.dumps(card)})
+    assert isinstance(refused(tmp_path / "m.onnx", data), NotAModel)
 
 
 def test_golden_input_is_exact_and_holds_every_kind_of_fault() -> None:
@@ -384,46 +365,35 @@ def test_golden_sequences_meet_settling_loss_and_more_than_one_answer(
     eight_classes: Built,
 ) -> None:
     golden = json.loads(metadata_of(content(eight_classes.model))[GOLDEN_KEY])
-
-    def stored(name: str) -> np.ndarray:
-        return np.frombuffer(
-            base64.b64decode(golden[name]["data"]), dtype=golden[name]["dtype"]
-        )
-
     for name in ("unknown", "settled", "usable_sensors", "situation", "detectors"):
-        assert len(np.unique(stored(name))) > 1
-    assert len(np.unique(stored("votes").reshape(-1, 8), axis=0)) > 5
+        assert len(np.unique(stored(golden[name]))) > 1
+    assert len(np.unique(stored(golden["votes"]).reshape(-1, 8), axis=0)) > 5
 
 
 def test_the_card_lists_everything_a_consumer_needs(eight_classes: Built) -> None:
     card = Model(eight_classes.model).card.raw
-    spec, training = card["spec"], card["training"]
-    assert (spec["rate_hz"], spec["n_sensors"], spec["unit"]) == (50.0, 6, "N")
-    assert (
-        card["window_samples"],
-        card["history_samples"],
-        card["settle_samples"],
-    ) == (6, 25, 26)
-    assert spec["min_valid_sensors"] == 6
-    assert card["bands_hz"] == [10.0, 15.0, 20.0]
-    assert card["bands_left_out_hz"] == [25.0, 30.0, 35.0, 40.0, 45.0, 50.0, 55.0]
-    assert card["decision"] == DecisionRules().to_json()
-    assert card["detectors"] == ["band_pass", "band_pass_point", "friction_cone"]
-    assert set(spec["detectors"]) >= {
-        "band_ratio",
-        "floor_tau_s",
-        "quiet_s",
-        "friction",
-        "min_normal_n",
+    data, training = eight_classes.data, card["training"]
+    spec = {"rate_hz": 50.0, "n_sensors": 6, "unit": "N", "min_valid_sensors": 6}
+    assert spec.items() <= card["spec"].items()
+    rules = {"band_ratio", "floor_tau_s", "quiet_s", "friction", "min_normal_n"}
+    assert rules <= set(card["spec"]["detectors"])
+    expected = {
+        "window_samples": 6,
+        "history_samples": 25,
+        "settle_samples": 26,
+        "bands_hz": [10.0, 15.0, 20.0],
+        "bands_left_out_hz": [25.0, 30.0, 35.0, 40.0, 45.0, 50.0, 55.0],
+        "decision": DecisionRules().to_json(),
+        "detectors": ["band_pass", "band_pass_point", "friction_cone"],
+        "preparation": data.preparation.to_json(),
     }
+    assert {name: card[name] for name in expected} == expected
     assert card["heads"]["situation"]["classes"] == list(CLASSES)
-    assert card["preparation"] == eight_classes.data.preparation.to_json()
     assert card["tie_rule"]
-    assert training["seed"] == 0
     assert set(training["versions"]) == {"python", *VERSIONS_OF}
     assert re.fullmatch(r"[0-9a-f]{64}", training["data_sha256"])
-    assert len(training["recordings"]) == len(eight_classes.data.recordings)
-    assert training["caveat"] == eight_classes.data.caveat
+    assert len(training["recordings"]) == len(data.recordings)
+    assert (training["seed"], training["caveat"]) == (0, data.caveat)
 
 
 def test_an_artifact_read_and_written_again_exports_to_the_same_bytes(
@@ -437,26 +407,20 @@ def test_the_decision_rules_of_the_card_are_the_ones_that_decide(
     eight_classes: Built, tmp_path: Path
 ) -> None:
     artifact = read_artifact(eight_classes.artifact)
-    never = replace(
-        artifact,
-        decision={**artifact.decision, "arm_samples": 10**4, "act_samples": 10**4},
-    )
+    rules = {**artifact.decision, "arm_samples": 10**4, "act_samples": 10**4}
+    never = model_card(replace(artifact, decision=rules))
     path = tmp_path / "m.onnx"
-    path.write_bytes(
-        seal(
-            onnx.load_from_string(content(eight_classes.model)),
-            model_card(never),
-            artifact.spec,
-        )
-    )
+    graph = onnx.load_from_string(content(eight_classes.model))
+    path.write_bytes(seal(graph, never, artifact.spec))
     pulled = next(r for r in eight_classes.data.recordings if r.action == "pull")
-    armed = {}
-    for model in (eight_classes.model, path):
+
+    def armed(model: Path) -> bool:
         monitor = GripMonitor(Model(model), None)
         samples = zip(pulled.samples, pulled.valid, strict=True)
-        armed[model] = sum(
+        return any(
             monitor.feed(Sample(k * 20_000_000, row, ok, k)).arm
             for k, (row, ok) in enumerate(samples)
         )
-    assert armed[eight_classes.model] > 0
-    assert armed[path] == 0
+
+    assert armed(eight_classes.model)
+    assert not armed(path)
