@@ -30,13 +30,11 @@ def held_object(
     all."""
     rng = np.random.default_rng(seed)
     t_s = np.arange(round(9.0 * rate_hz)) / rate_hz
+    since_s = t_s - slip_s
     grip = 2.0 * np.clip((t_s - GRASP_S) / 0.1, 0.0, 1.0)
-    shift = 0.8 * np.clip((t_s - slip_s) / 0.1, 0.0, 1.0)
-    burst = (
-        ((t_s >= slip_s) & (t_s < slip_s + 0.2))
-        * 0.5
-        * np.sin(2 * np.pi * 15.0 * (t_s - slip_s))
-    )
+    shift = 0.8 * np.clip(since_s / 0.1, 0.0, 1.0)
+    shakes = (since_s >= 0.0) & (since_s < 0.2)
+    burst = shakes * 0.5 * np.sin(2 * np.pi * 15.0 * since_s)
     x = 0.4 * grip + shift + burst
     clean = np.stack([x, 0.2 * x, grip, 0.5 * x, -x, 1.2 * grip], axis=1)
     return clean + rng.normal(0.0, 0.005, clean.shape)
@@ -62,19 +60,6 @@ def test_the_differentiator_does_not_ring_on(rate_hz: float) -> None:
     nyquist = np.concatenate([np.resize([1.0, -1.0], n), np.zeros(5 * n)])
     envelope = band_pass_envelope(np.repeat(nyquist[:, None], 3, axis=1), rate_hz)
     assert envelope[-n:].max() < 1e-3 * envelope.max()
-
-
-def test_the_output_is_rectified_after_the_filter_and_never_fed_back() -> None:
-    samples = held_object()
-    envelope = band_pass_envelope(samples, 50.0)
-    np.testing.assert_array_equal(band_pass_envelope(-samples, 50.0), envelope)
-    np.testing.assert_allclose(
-        band_pass_envelope(3.0 * samples, 50.0), 3.0 * envelope, rtol=1e-12
-    )
-
-
-def test_each_channel_starts_settled_at_its_first_value() -> None:
-    assert not band_pass_envelope(np.full((200, 6), 3.0), 50.0).any()
 
 
 def test_no_state_leaks_from_one_sensor_to_the_next() -> None:
@@ -108,29 +93,24 @@ def test_a_point_names_the_methods_that_found_it() -> None:
 
 @given(
     offset=st.lists(st.floats(-50.0, 50.0), min_size=6, max_size=6),
+    factor=st.floats(1e-3, 1e3),
     seed=st.integers(0, 50),
 )
 @settings(max_examples=30)
-def test_a_constant_offset_changes_nothing(offset: list[float], seed: int) -> None:
+def test_a_constant_offset_and_the_unit_of_the_channels_change_nothing(
+    offset: list[float], factor: float, seed: int
+) -> None:
     samples = held_object(seed=seed)
-    assert rows(samples + np.array(offset)) == rows(samples)
-
-
-@given(factor=st.floats(1e-3, 1e3), seed=st.integers(0, 50))
-@settings(max_examples=30)
-def test_the_unit_of_the_channels_changes_nothing(factor: float, seed: int) -> None:
-    samples = held_object(seed=seed)
-    assert rows(factor * samples) == rows(samples)
+    assert rows(factor * (samples + np.array(offset))) == rows(samples)
 
 
 @given(order=st.permutations(range(4)), seed=st.integers(0, 50))
 @settings(max_examples=20)
 def test_the_order_of_the_sensors_changes_nothing(order: list[int], seed: int) -> None:
-    samples = np.hstack(
-        [held_object(seed=seed), held_object(seed=seed + 1, slip_s=7.0)]
-    )
-    shuffled = samples.reshape(len(samples), 4, 3)[:, order].reshape(len(samples), -1)
-    assert rows(shuffled) == rows(samples)
+    later = held_object(seed=seed + 1, slip_s=7.0)
+    samples = np.hstack([held_object(seed=seed), later])
+    by_sensor = samples.reshape(len(samples), 4, 3)
+    assert rows(by_sensor[:, order].reshape(samples.shape)) == rows(samples)
 
 
 @SIGN.mark
@@ -188,12 +168,6 @@ def test_a_normal_force_that_crosses_zero_makes_no_friction_point() -> None:
     assert not friction_rows(samples, 50.0).size
 
 
-def test_a_friction_mark_sits_on_the_jump_and_not_where_it_was_foreseen() -> None:
-    assert friction_rows(held_object(), 50.0) == pytest.approx(
-        [50 * GRASP_S, 50 * SLIP_S], abs=6
-    )
-
-
 @COLLAR.mark
 def test_of_two_jumps_within_half_a_second_the_larger_is_kept() -> None:
     t_s = np.arange(500) / 50.0
@@ -222,13 +196,8 @@ def test_a_dead_or_silent_recording_has_no_points() -> None:
 def test_lost_values_poison_nothing() -> None:
     samples = held_object()
     expected = rows(samples)
-    samples[[0, 20, 21, 200, 201], :3] = [
-        [np.nan],
-        [np.inf],
-        [-np.inf],
-        [np.nan],
-        [1e30],
-    ]
+    bad = np.array([np.nan, np.inf, -np.inf, np.nan, 1e30])
+    samples[[0, 20, 21, 200, 201], :3] = bad[:, None]
     trial = recording(samples)
     trial.valid[201, 0] = False
     assert [point.row for point in offline_critical_points(trial)] == expected
@@ -236,7 +205,11 @@ def test_lost_values_poison_nothing() -> None:
 
 def test_an_invalid_sensor_is_not_believed() -> None:
     trial = recording(held_object())
+
+    def has_a_point_there() -> bool:
+        return any(240 <= one.row < 260 for one in offline_critical_points(trial))
+
     trial.samples[250:255, :3] += 100.0
-    assert any(240 <= point.row < 260 for point in offline_critical_points(trial))
+    assert has_a_point_there()
     trial.valid[250:255, 0] = False
-    assert not any(240 <= point.row < 260 for point in offline_critical_points(trial))
+    assert not has_a_point_there()

@@ -101,11 +101,8 @@ def test_a_path_that_was_cut_short_to_the_whole_file_system_is_not_searched(
 def test_kept_groups_come_with_their_windows_and_no_others(tmp_path: Path) -> None:
     whole = load(write_eflesh(tmp_path))
     part = load(tmp_path, groups=2, seed=3)
-    assert (
-        part.groups()
-        == part.notes["kept_groups"]
-        == load(tmp_path, groups=2, seed=3).groups()
-    )
+    assert len(part.groups()) == 2
+    assert part.groups() == part.notes["kept_groups"]
     kept = np.isin(whole.group_of("situations"), part.groups())
     rows, expected = part.tasks["situations"], whole.tasks["situations"].take(kept)
     np.testing.assert_array_equal(rows.label, expected.label)
@@ -115,10 +112,10 @@ def test_kept_groups_come_with_their_windows_and_no_others(tmp_path: Path) -> No
 
 def test_groups_are_chosen_by_the_seed(tmp_path: Path) -> None:
     write_eflesh(tmp_path)
-    assert (
-        len({tuple(load(tmp_path, groups=2, seed=seed).groups()) for seed in range(10)})
-        > 1
-    )
+    seeds = [*range(10), 0]
+    kept = [tuple(load(tmp_path, groups=2, seed=seed).groups()) for seed in seeds]
+    assert kept[0] == kept[-1]
+    assert len(set(kept)) > 1
 
 
 def test_more_groups_than_there_are_cannot_be_kept(tmp_path: Path) -> None:
@@ -139,11 +136,12 @@ def test_channels_a_set_does_not_have_are_refused(tmp_path: Path) -> None:
 def test_an_eflesh_trial_is_held_or_tugged(tmp_path: Path) -> None:
     data = load(write_eflesh(tmp_path))
     rows = data.tasks["situations"]
-    assert set(rows.row[rows.trial == 0]) == set(range(205, 300, 6))
-    assert set(rows.label[rows.trial == 0]) == {GRASP}
+    held = rows.take(rows.trial == 0)
+    assert set(held.row) == set(range(205, 300, 6))
+    assert set(held.label) == {GRASP}
     assert set(rows.label[rows.trial == 1]) == {RISKY_SLIP}
-    assert data.recordings[5].group == "block_00"
-    assert data.recordings[6].group == "block_01"
+    blocks = [recording.group for recording in data.recordings[5:7]]
+    assert blocks == ["block_00", "block_01"]
     assert data.unit == "uT"
 
 
@@ -153,13 +151,14 @@ def test_one_threshold_separates_what_amplitude_separates(tmp_path: Path) -> Non
 
 
 def test_a_threshold_lies_in_the_middle_of_the_widest_of_the_best_gaps() -> None:
-    value = np.array([1.0, 2.0, 4.0, 3.0])
-    assert eflesh_slip.fit_threshold(value, np.array([False, False, True, True])) == 2.5
-    assert (
-        eflesh_slip.fit_threshold(value, np.array([False, False, True, False])) == 3.5
-    )
-    assert eflesh_slip.fit_threshold(value, np.ones(4, bool)) < 1.0
-    assert eflesh_slip.fit_threshold(value, np.zeros(4, bool)) >= 4.0
+    def fitted(*is_slip: int) -> float:
+        value = np.array([1.0, 2.0, 4.0, 3.0])
+        return eflesh_slip.fit_threshold(value, np.array(is_slip, dtype=np.bool_))
+
+    assert fitted(0, 0, 1, 1) == 2.5
+    assert fitted(0, 0, 1, 0) == 3.5
+    assert fitted(1, 1, 1, 1) < 1.0
+    assert fitted(0, 0, 0, 0) >= 4.0
 
 
 def test_delay_is_counted_from_the_departure_of_the_field(tmp_path: Path) -> None:
@@ -172,29 +171,25 @@ def test_delay_is_counted_from_the_departure_of_the_field(tmp_path: Path) -> Non
 
 
 def test_labels_that_are_not_zero_or_one_are_refused(tmp_path: Path) -> None:
-    np.savez(tmp_path / "eflesh_slip.npz", X=np.zeros((2, 300, 30)), y=np.array([0, 2]))
+    np.savez(tmp_path / "eflesh_slip.npz", X=np.zeros((2, 300, 30)), y=[0, 2])
     with pytest.raises(LabelError, match="not one 0 or 1"):
         load(tmp_path)
 
 
 def test_a_slip_is_named_by_how_it_ends() -> None:
-    slip, fail = (
-        np.array([int(c) for c in word], bool)
-        for word in ("001100110011", "000000001100")
-    )
+    slip = np.array([*"001100110011"]) == "1"
+    fail = np.array([*"000000001100"]) == "1"
     assert situations(slip, fail).tolist() == [1, 1, 2, 2, 1, 1, 3, 3, 3, 3, -1, -1]
 
 
 def test_pads_give_three_taxels_each_and_every_row_from_30_on(tmp_path: Path) -> None:
     folder = write_pads(tmp_path, slip="0" * 35 + "111" + "00", fail="0" * 40)
     data = load(tmp_path)
-    rows = data.tasks["situations"]
+    rows, x1 = data.tasks["situations"], data.recordings[0].samples[:, 0]
     assert (data.n_sensors, data.unit, data.rate_hz) == (6, "count", 59.5)
     assert rows.row.tolist() == list(range(30, 40))
     assert rows.label.tolist() == [GRASP] * 5 + [SAFE_SLIP] * 3 + [GRASP] * 2
-    assert data.recordings[0].samples[:, 0].tolist() == list(
-        range(40)
-    )  # row 0 is the bias
+    assert x1.tolist() == list(range(40)), "row 0 is the bias"
     assert load(folder.parent).groups() == [folder.name]
 
 
@@ -227,11 +222,6 @@ def rewritten(name: str, change: Callable[[str], str]) -> Callable[[Path], objec
             "line 5, column txl1_x: 'three'",
         ),
         (
-            rewritten(PADS[0], lambda text: text[:-20] + "\n"),
-            ColumnError,
-            "line 41 has another number of cells",
-        ),
-        (
             rewritten("meta_data.csv", lambda text: text.splitlines()[0] + "\n"),
             EmptyRecording,
             "no rows of data",
@@ -262,19 +252,14 @@ def test_the_real_eflesh_set_falls_to_one_threshold(
     real_set: Callable[[str], Path],
 ) -> None:
     data = load(real_set("eflesh_slip"))
-    assert len(data.recordings) == 137
     tugged = [recording for recording in data.recordings if recording.action == "tug"]
-    assert len(tugged) == 103
+    assert (len(data.recordings), len(tugged)) == (137, 103)
     figures = eflesh_slip.threshold_baseline(data)
     assert figures.trial_accuracy == figures.trial_accuracy_in_sample
     assert figures.trial_accuracy == pytest.approx(136 / 137)
-    departed_s = [
-        (eflesh_slip.departure_row(recording.samples) or 0) / 100.0
-        for recording in tugged
-    ]
-    assert np.percentile(departed_s, [5, 50, 95]) == pytest.approx(
-        [0.7, 1.17, 1.55], abs=0.01
-    )
+    departed = [eflesh_slip.departure_row(one.samples) or 0 for one in tugged]
+    percentiles = np.percentile(departed, [5, 50, 95])
+    assert percentiles == pytest.approx([70, 117, 155], abs=1)
 
 
 def test_the_real_pads_slip_in_three_of_seven_trials(
@@ -283,21 +268,16 @@ def test_the_real_pads_slip_in_three_of_seven_trials(
     data = load(real_set("proactive_slip_uskin"))
     rows = data.tasks["situations"]
     found = {
-        recording.trial_id[-11:]: sorted(set(rows.label[rows.trial == k].tolist()))
+        recording.trial_id[-11:]: set(rows.label[rows.trial == k].tolist())
         for k, recording in enumerate(data.recordings)
     }
     assert {day: labels for day, labels in found.items() if len(labels) > 1} == {
-        "22-08-10-01": [GRASP, RISKY_SLIP],
-        "22-11-23-11": [GRASP, SAFE_SLIP],
-        "22-15-15-00": [GRASP, RISKY_SLIP],
+        "22-08-10-01": {GRASP, RISKY_SLIP},
+        "22-11-23-11": {GRASP, SAFE_SLIP},
+        "22-15-15-00": {GRASP, RISKY_SLIP},
     }
-    assert (
-        len(data.recordings),
-        sum(len(recording.samples) for recording in data.recordings),
-    ) == (
-        7,
-        2195,
-    )
+    assert len(data.recordings) == 7
+    assert sum(len(recording.samples) for recording in data.recordings) == 2195
     assert all(59.7 <= recording.rate_hz <= 60.0 for recording in data.recordings)
 
 
@@ -305,27 +285,17 @@ def test_joined_sets_keep_every_recording_and_window_apart_by_name(
     fixture_folder: Path,
 ) -> None:
     one = load(fixture_folder)
-    other = replace(
-        load(fixture_folder), name="other", redistributable=False, kind="recorded"
-    )
+    other = replace(one, name="other", redistributable=False, kind="recorded")
     both = join([one, other])
-    n, windows = len(one.recordings), len(one.tasks["classes"])
     names = [recording.trial_id for recording in one.recordings]
-    assert [recording.trial_id for recording in both.recordings] == [
-        *(f"{one.name}/{name}" for name in names),
-        *(f"other/{name}" for name in names),
-    ]
-    assert len(both.groups()) == len(one.groups()) + len(other.groups())
-    assert (
-        both.tasks["classes"].trial[windows:].tolist()
-        == (other.tasks["classes"].trial + n).tolist()
-    )
-    assert both.tasks["classes"].label.tolist() == [
-        *one.tasks["classes"].label,
-        *other.tasks["classes"].label,
-    ]
-    assert not both.redistributable
-    assert both.kind == f"{one.kind} + recorded"
+    expected = [f"{one.name}/{name}" for name in names]
+    expected += [f"other/{name}" for name in names]
+    assert [recording.trial_id for recording in both.recordings] == expected
+    assert len(both.groups()) == 2 * len(one.groups())
+    task, joined = one.tasks["classes"], both.tasks["classes"]
+    assert joined.trial.tolist() == [*task.trial, *task.trial + len(names)]
+    assert joined.label.tolist() == [*task.label, *task.label]
+    assert (both.redistributable, both.kind) == (False, f"{one.kind} + recorded")
 
 
 def test_one_set_joined_is_itself_and_the_same_twice_is_refused(

@@ -23,6 +23,7 @@ from holdfast.core.errors import (
 )
 from holdfast.core.trial_layout import truth_path
 from holdfast.training.datasets import load
+from holdfast.training.recording import Recording
 
 PULL = "p01/soft-ball/pull/trial_1"
 
@@ -55,22 +56,17 @@ def test_frames_are_read_as_the_folder_of_the_same_trials(
     before = {key: frame.copy() for key, frame in frames.items()}
     data = training.recordings_from_frames(frames, action_at_s=6.9, windows="natural")
     other = load(folder, windows="natural")
-    assert (data.groups(), data.group_kind, data.rate_hz) == (
-        ["p01", "p02"],
-        "person",
-        50.0,
-    )
+    assert data.groups() == ["p01", "p02"]
+    assert (data.group_kind, data.rate_hz) == ("person", 50.0)
     of_folder = {one.trial_id: one for one in other.recordings}
-    assert set(of_folder) == {one.trial_id for one in data.recordings}
+    assert len(of_folder) == len(data.recordings)
     for one in data.recordings:
         same = of_folder[one.trial_id]
         np.testing.assert_array_equal(one.samples, same.samples)
+        np.testing.assert_array_equal(one.valid, same.valid)
         assert (one.phases, one.events) == (same.phases, same.events)
-        assert (one.person, one.object_name, one.action) == (
-            same.person,
-            same.object_name,
-            same.action,
-        )
+        assert (one.person, one.object_name) == (same.person, same.object_name)
+        assert one.action == same.action
     assert data.notes["windows"] == other.notes["windows"]
     assert all(frame.equals(before[key]) for key, frame in frames.items())
 
@@ -95,24 +91,22 @@ def labelled(frame: pd.DataFrame) -> pd.DataFrame:
     )
 
 
-def phases_of(frame: pd.DataFrame) -> list[tuple[float, float, int]]:
+def recording_of(frame: pd.DataFrame) -> Recording:
     data = training.recordings_from_frames({PULL: frame}, windows="natural")
-    phases = data.recordings[0].phases
-    return [(one.first / 50, one.stop / 50, one.situation) for one in phases]
+    return data.recordings[0]
+
+
+def phases_of(recording: Recording) -> list[tuple[float, float, int]]:
+    return [(one.first / 50, one.stop / 50, one.situation) for one in recording.phases]
 
 
 def test_a_column_of_labels_is_believed_before_the_script(
     frames: dict[str, pd.DataFrame],
 ) -> None:
+    recording = recording_of(labelled(frames[PULL]))
     expected = [(0.0, 3.0, NOTHING), (3.0, 7.0, GRASP), (7.0, 7.5, RISKY_SLIP)]
-    assert phases_of(labelled(frames[PULL])) == expected
-    event = (
-        training.recordings_from_frames(
-            {PULL: labelled(frames[PULL])}, windows="natural"
-        )
-        .recordings[0]
-        .events[0]
-    )
+    assert phases_of(recording) == expected
+    event = recording.events[0]
     assert (event.onset_s, event.end_s) == (7.0, 7.5)
 
 
@@ -120,70 +114,46 @@ def test_labels_stay_at_their_time_where_rows_were_lost(
     frames: dict[str, pd.DataFrame],
 ) -> None:
     with_gap = labelled(frames[PULL]).drop(index=[100, 101])
-    assert phases_of(with_gap)[1:] == [(3.0, 7.0, GRASP), (7.0, 7.5, RISKY_SLIP)]
-
-
-def without_time(frame: pd.DataFrame) -> dict[str, pd.DataFrame]:
-    return {PULL: frame.drop(columns="Time")}
-
-
-def with_text(frame: pd.DataFrame) -> dict[str, pd.DataFrame]:
-    return {PULL: frame.assign(X1="far")}
-
-
-def with_an_unknown_label(frame: pd.DataFrame) -> dict[str, pd.DataFrame]:
-    return {PULL: frame.assign(label="hovering")}
-
-
-def with_a_column_too_many(frame: pd.DataFrame) -> dict[str, pd.DataFrame]:
-    return {PULL: frame.assign(Thumb=1.0)}
-
-
-def with_time_backwards(frame: pd.DataFrame) -> dict[str, pd.DataFrame]:
-    return {PULL: frame.iloc[::-1]}
-
-
-def with_one_row(frame: pd.DataFrame) -> dict[str, pd.DataFrame]:
-    return {PULL: frame.iloc[:1]}
-
-
-def of_an_object_without_a_mass(frame: pd.DataFrame) -> dict[str, pd.DataFrame]:
-    return {"p01/mug/pull/1": frame}
-
-
-def of_an_unknown_action(frame: pd.DataFrame) -> dict[str, pd.DataFrame]:
-    return {"p01/soft-ball/drop/1": frame}
-
-
-def of_a_bare_name(frame: pd.DataFrame) -> dict[str, pd.DataFrame]:
-    return {"pull": frame}
-
-
-def of_nothing_at_all(frame: pd.DataFrame) -> dict[str, pd.DataFrame]:
-    return {}
+    assert phases_of(recording_of(with_gap))[1:] == [
+        (3.0, 7.0, GRASP),
+        (7.0, 7.5, RISKY_SLIP),
+    ]
 
 
 @pytest.mark.parametrize(
     ("spoil", "error", "says"),
     [
-        (without_time, ColumnError, "first column is 'X1'"),
-        (with_text, NotANumber, PULL),
-        (with_an_unknown_label, LabelError, "'hovering' is not a situation"),
-        (with_a_column_too_many, ColumnError, "Thumb"),
-        (with_time_backwards, TimeError, PULL),
-        (with_one_row, EmptyRecording, PULL),
-        (of_an_object_without_a_mass, LabelError, "masses_g={'mug': 120.0}"),
-        (of_an_unknown_action, LabelError, "<person>/<object>/<action>/<name>"),
-        (of_a_bare_name, LabelError, "<person>/<object>/<action>/<name>"),
-        (of_nothing_at_all, DataNotFound, "no data frame"),
+        (lambda frame: frame.drop(columns="Time"), ColumnError, "column is 'X1'"),
+        (lambda frame: frame.assign(X1="far"), NotANumber, PULL),
+        (lambda frame: frame.assign(label="hovering"), LabelError, "'hovering' is not"),
+        (lambda frame: frame.assign(Thumb=1.0), ColumnError, "Thumb"),
+        (lambda frame: frame.iloc[::-1], TimeError, PULL),
+        (lambda frame: frame.iloc[:1], EmptyRecording, PULL),
     ],
 )
 def test_a_frame_that_cannot_be_used_is_refused_by_its_name(
     frames: dict[str, pd.DataFrame], spoil, error: type[DataError], says: str
 ) -> None:
     with pytest.raises(error) as caught:
-        training.recordings_from_frames(spoil(frames[PULL]), windows="natural")
+        training.recordings_from_frames({PULL: spoil(frames[PULL])}, windows="natural")
     assert says in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("name", "says"),
+    [
+        ("p01/mug/pull/1", r"masses_g={'mug': 120.0}"),
+        ("p01/soft-ball/drop/1", "<person>/<object>/<action>/<name>"),
+        ("pull", "<person>/<object>/<action>/<name>"),
+    ],
+)
+def test_a_name_that_is_no_place_in_the_layout_is_refused(
+    frames: dict[str, pd.DataFrame], name: str, says: str
+) -> None:
+    with pytest.raises(LabelError, match=says):
+        training.recordings_from_frames({name: frames[PULL]}, windows="natural")
+    with pytest.raises(DataNotFound, match="no data frame"):
+        training.recordings_from_frames({})
 
 
 def test_a_mass_or_a_unit_is_checked(frames: dict[str, pd.DataFrame]) -> None:
@@ -194,8 +164,3 @@ def test_a_mass_or_a_unit_is_checked(frames: dict[str, pd.DataFrame]) -> None:
     assert set((heavy.tasks["classes"].label % 2).tolist()) == {1}
     with pytest.raises(UnitError, match="lbf"):
         training.recordings_from_frames(frames, unit="lbf")  # type: ignore[arg-type]
-
-
-def test_the_package_has_no_other_late_name() -> None:
-    with pytest.raises(AttributeError, match="no attribute 'nothing_like_that'"):
-        _ = training.nothing_like_that

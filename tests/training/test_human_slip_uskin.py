@@ -4,7 +4,6 @@ folders."""
 from __future__ import annotations
 
 import csv
-import io
 import pickle
 import warnings
 from collections.abc import Callable
@@ -89,31 +88,22 @@ def brute_force(
     xela: np.ndarray, imu: np.ndarray, s: int, t: int
 ) -> tuple[list[Any], list[Any]]:
     """The README's labeller, one row at a time, with scipy's own angles."""
-    n = len(xela)
-    xb = xela.astype(np.float64) - np.median(xela[:60].astype(np.float64), axis=0)
+    n, bias = len(xela), np.median(xela[:60].astype(np.float64), axis=0)
     with warnings.catch_warnings():
         # gimbal lock: the middle angle is right all the same
         warnings.simplefilter("ignore", UserWarning)
-        e = [
-            Rotation.from_quat(q[[1, 2, 3, 0]]).as_euler("xyx", degrees=True)[1]
-            for q in imu[:, :4]
-        ]
-    r = np.median(e[max(0, s - 30) : s - 3])
-    z = [sum(row[2::3]) for row in xb]
-    d = [abs(angle - r) for angle in e]
+        turns = Rotation.from_quat(imu[:, :4], scalar_first=True)
+        angle = turns.as_euler("xyx", degrees=True)[:, 1]
+    z = (xela - bias)[:, 2::3].sum(axis=1)
+    d = abs(angle - np.median(angle[max(0, s - 30) : s - 3]))
     situations, predictions = [], []
-    b = 60
-    while b + 6 <= min(n, t + 60):
-        f = b + 5
+    for f in range(65, min(n, t + 60), 6):
         label = 0 if z[f] < 1 else 1 if d[f] < 5 else 2 if d[f] < 15 else 3
         situations.append((f, label))
-        b += 6
-    b = max(60, s - 60)
-    while b + 6 <= min(t, n):
-        f = b + 5
-        if z[f] >= 1 and d[f] < 5 and d[f + 1 : f + 16]:
-            predictions.append((f, int(max(d[f + 1 : f + 16]) > 15)))
-        b += 3
+    for f in range(max(60, s - 60) + 5, min(t, n), 3):
+        ahead = d[f + 1 : f + 16]
+        if z[f] >= 1 and d[f] < 5 and len(ahead):
+            predictions.append((f, int(max(ahead) > 15)))
     return situations, predictions
 
 
@@ -158,41 +148,34 @@ def test_channels_change_the_samples_and_never_the_labels(folder: Path) -> None:
     assert (six.n_sensors, all_taxels.n_sensors) == (6, 16)
     for task, rows in six.tasks.items():
         np.testing.assert_array_equal(rows.label, all_taxels.tasks[task].label)
+    few, many = six.recordings[1].samples, all_taxels.recordings[1].samples
     # txl5 is the fifth taxel: channels 12, 13, 14; txl13 comes last.
-    np.testing.assert_array_equal(
-        six.recordings[1].samples[:, :3], all_taxels.recordings[1].samples[:, 12:15]
-    )
-    np.testing.assert_array_equal(
-        six.recordings[1].samples[:, 15:], all_taxels.recordings[1].samples[:, 36:39]
-    )
+    np.testing.assert_array_equal(few[:, :3], many[:, 12:15])
+    np.testing.assert_array_equal(few[:, 15:], many[:, 36:39])
 
 
 def test_a_set_says_what_it_is(folder: Path) -> None:
     data = load(folder)
+    assert (data.rate_hz, data.unit, data.redistributable) == (59.5, "N", False)
     assert data.tasks["situations"].classes == SITUATIONS
-    assert data.rate_hz == 59.5
-    assert data.unit == "N"
-    assert not data.redistributable
     assert data.groups() == ["1", "2"]
     assert "wrist" in data.caveat
     assert "scripted" in data.caveat
-    np.testing.assert_allclose(
-        np.median(data.recordings[0].samples[:60], axis=0), 0.0, atol=1e-12
-    )
+    at_rest = np.median(data.recordings[0].samples[:60], axis=0)
+    np.testing.assert_allclose(at_rest, 0.0, atol=1e-12)
 
 
 def test_the_clock_counts_from_the_last_rise_through_one_newton(folder: Path) -> None:
-    data = load(folder, channels=48)
-    rows = load(folder).tasks["situations"]
+    data, six = load(folder, channels=48), load(folder)
+    rows = six.tasks["situations"]
     clock = human.clock_features(data, rows)
-    assert np.all(clock[rows.label == 0, 1] < 1.0)
     for trial, row, (frames, force_n) in zip(rows.trial, rows.row, clock, strict=True):
         z = data.recordings[trial].samples[:, 2::3].sum(axis=1)
-        rises = [k for k in range(1, row + 1) if z[k] >= 1.0 > z[k - 1]]
-        assert frames == (row - rises[-1] if rises else -1)
+        rises = np.flatnonzero((z[1 : row + 1] >= 1.0) & (z[:row] < 1.0)) + 1
+        assert frames == (row - rises[-1] if len(rises) else -1)
         assert force_n == pytest.approx(z[row], abs=1e-12)
     with pytest.raises(ChannelError, match="channels=48"):
-        human.clock_features(load(folder), rows)
+        human.clock_features(six, rows)
 
 
 def test_unusable_trials_are_left_out_and_counted(tmp_path: Path) -> None:
@@ -231,34 +214,28 @@ def cell(name: str, value: Any) -> Spoil:
     return lambda arrays, lines: lines[1].update({name: value})
 
 
-def column(name: str, value: Any = None) -> Spoil:
-    """Every cell of a column gets a value; None removes the column."""
+def without(name: str) -> Spoil:
+    return lambda arrays, lines: [line.pop(name) for line in lines]
 
-    def spoil(arrays: Arrays, lines: Lines) -> None:
-        for line in lines:
-            line[name] = value
-            if value is None:
-                del line[name]
 
-    return spoil
+def never_started(arrays: Arrays, lines: Lines) -> None:
+    for line in lines:
+        line["start_index"] = 0
 
 
 @pytest.mark.parametrize(
     ("spoil", "error", "says"),
     [
         (array("object_imu", lambda imu: imu[:-1]), ColumnError, "do not cover"),
-        (array("offset", lambda offset: offset + 1), ColumnError, "do not cover"),
-        (cell("n", 1), ColumnError, "do not cover"),
         (lambda arrays, lines: lines.pop(), ColumnError, "do not cover"),
         (lambda arrays, lines: arrays.pop("xela"), ColumnError, "missing: xela"),
         (array("xela", lambda xela: xela[:, :45]), ColumnError, "not any x 48"),
         (array("xela", lambda _: np.array([None])), NotANumber, "pickled objects"),
-        (column("frequency_hz"), ColumnError, "columns missing: frequency_hz"),
+        (without("frequency_hz"), ColumnError, "columns missing: frequency_hz"),
         (cell("start_index", "soon"), NotANumber, "line 3, column start_index: 'soon'"),
-        (cell("frequency_hz", "nan"), NotANumber, "line 3, column frequency_hz"),
         (cell("end_index", 200.5), NotANumber, "line 3, column end_index"),
         (cell("frequency_hz", 0), NotANumber, "frequency_hz must be positive"),
-        (column("start_index", 0), EmptyRecording, "no usable trial"),
+        (never_started, EmptyRecording, "no usable trial"),
     ],
 )
 def test_a_spoilt_folder_gets_one_clear_line(
@@ -282,22 +259,14 @@ def test_a_missing_file_is_named(folder: Path, missing: str) -> None:
         load(folder)
 
 
-def one_array() -> bytes:
-    file = io.BytesIO()
-    np.save(file, np.zeros(3))
-    return file.getvalue()
-
-
 @pytest.mark.parametrize(
     "spoil",
     [
         lambda whole: whole[: len(whole) // 2],
         lambda whole: whole[:5000] + bytes(100) + whole[5100:],
-        lambda whole: b"",
         lambda whole: pickle.dumps({"xela": [1.0]}),
-        lambda whole: one_array(),
     ],
-    ids=["cut short", "damaged", "empty", "a pickle", "one array"],
+    ids=["cut short", "damaged", "a pickle"],
 )
 def test_what_is_no_archive_of_numbers_is_refused(
     folder: Path, spoil: Callable[[bytes], bytes]
@@ -314,15 +283,14 @@ def test_what_is_no_archive_of_numbers_is_refused(
 def test_the_real_set_has_the_windows_its_readme_counts(
     real_set: Callable[[str], Path],
 ) -> None:
-    data = load(real_set("human_slip_uskin"))
-    situations = data.tasks["situations"]
-    assert len(data.recordings) == 676
-    assert len(data.groups()) == 18
-    assert len(situations) == 70_489
+    root = real_set("human_slip_uskin")
+    data = load(root)
+    assert (len(data.recordings), len(data.groups())) == (676, 18)
+    assert len(data.tasks["situations"]) == 70_489
     assert sum(len(recording.samples) for recording in data.recordings) == 497_675
     assert all(recording.valid.all() for recording in data.recordings)
     assert data.notes["unusable_trials"] == 0
-    assert_equals_brute_force(data, real_set("human_slip_uskin"), [0, 337, 675])
+    assert_equals_brute_force(data, root, [0, 337, 675])
 
 
 def quaternions(turn: Rotation) -> np.ndarray:
@@ -344,32 +312,25 @@ def test_the_orientation_in_the_hand_forgets_the_wrist() -> None:
 
 
 def test_where_an_imu_gave_nothing_the_rotation_in_the_hand_is_not_known() -> None:
-    held, hand = (np.tile([1.0, 0.0, 0.0, 0.0], (200, 1)) for _ in range(2))
+    held, hand = np.tile(np.eye(4)[0], (2, 200, 1))
     held[150], hand[160] = 0.0, np.nan
-    assert np.flatnonzero(
-        ~np.isfinite(middle_angle_deg(in_hand(held, hand)))
-    ).tolist() == [
-        150,
-        160,
-    ]
+    unknown = ~np.isfinite(middle_angle_deg(in_hand(held, hand)))
+    assert np.flatnonzero(unknown).tolist() == [150, 160]
 
 
 def test_labels_by_the_rotation_in_the_hand_forget_what_the_wrist_did(
     tmp_path: Path,
 ) -> None:
-    """Of a hand that turns with its object nothing slips; of one that stands still the object's own
-    labels stay."""
+    """Of a hand that turns with its object nothing slips; of one that stands still it does."""
     arrays, lines = made_parts()
-    (tmp_path / "with").mkdir()
-    (tmp_path / "still").mkdir()
-    along = write(tmp_path / "with", arrays | {"hand_imu": arrays["object_imu"]}, lines)
-    fixed = np.zeros_like(arrays["object_imu"])
-    fixed[:, 0] = 1.0
-    still = write(tmp_path / "still", arrays | {"hand_imu": fixed}, lines)
-    assert {2, 3} & set(load(along).tasks["situations"].label.tolist())
-    assert not {2, 3} & set(
-        human.load(along, in_hand=True).tasks["situations"].label.tolist()
-    )
-    assert {2, 3} & set(
-        human.load(still, in_hand=True).tasks["situations"].label.tolist()
-    )
+    along = arrays["object_imu"]
+    still = np.broadcast_to(np.eye(7)[0], along.shape)
+
+    def slips(hand_imu: np.ndarray, in_hand: bool) -> bool:
+        write(tmp_path, arrays | {"hand_imu": hand_imu}, lines)
+        data = human.load(tmp_path, in_hand=in_hand)
+        return bool((data.tasks["situations"].label >= 2).any())
+
+    assert slips(along, in_hand=False)
+    assert not slips(along, in_hand=True)
+    assert slips(still, in_hand=True)

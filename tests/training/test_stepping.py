@@ -28,18 +28,14 @@ def recordings_of(lengths: list[int]) -> list[Recording]:
 
 def test_threads_change_no_bit_and_every_share_done_is_reported() -> None:
     recordings = recordings_of([9, 3, 7, 5, 8])
-    rows = [np.arange(len(one.samples)) for one in recordings]
+    values = [one.samples for one in recordings]
+    valid = [one.valid for one in recordings]
+    rows = [np.arange(len(samples)) for samples in values]
     session = open_session(feature_graph(spec(rate_hz=100.0)).SerializeToString())
     shares: list[float] = []
     found = stepped(steps_of(session, ["features"]), recordings, rows, shares.append)
-    values, valid = (
-        [one.samples for one in recordings],
-        [one.valid for one in recordings],
-    )
     alone = run_recordings(session, values, valid, ["features"], rows)
-    assert all(
-        np.array_equal(a["features"], b["features"])
-        for a, b in zip(found, alone, strict=True)
-    )
+    for here, there in zip(found, alone, strict=True):
+        np.testing.assert_array_equal(here["features"], there["features"])
     assert shares == sorted(shares)
     assert shares[-1] == 1.0

@@ -6,6 +6,7 @@ from __future__ import annotations
 import json
 import shutil
 from collections.abc import Callable
+from filecmp import cmpfiles
 from pathlib import Path
 
 import numpy as np
@@ -62,21 +63,12 @@ def test_the_layout_is_recognised_and_others_are_not(
 
 def test_every_trial_and_the_empty_hand_become_recordings(data: DataSet) -> None:
     assert len(data.recordings) == 5 * 3 * 2 + 1
-    trial = next(
-        recording
-        for recording in data.recordings
-        if recording.trial_id == "full-bottle/fall/trial_2"
-    )
-    assert (trial.object_name, trial.action, trial.group) == (
-        "full-bottle",
-        "fall",
-        trial.trial_id,
-    )
+    of = {recording.trial_id: recording for recording in data.recordings}
+    trial, empty = of["full-bottle/fall/trial_2"], of["nothing/trial_1"]
+    assert (trial.object_name, trial.action) == ("full-bottle", "fall")
+    assert trial.group == trial.trial_id
+    assert (empty.object_name, empty.action) == (None, None)
     assert (data.rate_hz, data.unit, data.n_sensors) == (50.0, "N", 6)
-    empty = next(
-        recording for recording in data.recordings if recording.object_name is None
-    )
-    assert (empty.trial_id, empty.action) == ("nothing/trial_1", None)
 
 
 def test_magnets_are_turned_round_and_the_offset_is_taken_off(
@@ -97,12 +89,10 @@ def test_objects_are_sorted_by_name_and_trials_by_number(copied: Path) -> None:
     for path in (first, truth_path(first)):
         path.rename(path.with_name(path.name.replace("trial_1", "trial_10")))
     names = [recording.trial_id for recording in thesis.load(copied).recordings]
-    assert names.index("soft-ball/pass/trial_2") + 1 == names.index(
-        "soft-ball/pass/trial_10"
-    )
-    assert [name.split("/")[0] for name in names] == sorted(
-        name.split("/")[0] for name in names
-    )
+    tenth = names.index("soft-ball/pass/trial_10")
+    assert names[tenth - 1] == "soft-ball/pass/trial_2"
+    objects = [name.split("/")[0] for name in names]
+    assert objects == sorted(objects)
 
 
 def test_both_spellings_of_the_folders_are_read(copied: Path) -> None:
@@ -119,20 +109,6 @@ def test_the_empty_hand_may_be_a_single_file(copied: Path) -> None:
     assert thesis.load(copied).recordings[-1].trial_id == "nothing"
 
 
-def test_notes_have_the_counts_of_the_natural_windows_and_of_the_undersampled_ones(
-    data: DataSet,
-) -> None:
-    assert sum(data.notes["windows"].values()) == len(data.tasks["classes"])
-    assert sum(data.notes["windows_natural"].values()) > len(data.tasks["classes"])
-    assert (
-        data.notes["samples"]["grasp_light"]
-        > data.notes["samples"]["risky_slip_light"]
-        > 0
-    )
-    assert "friction" in data.notes["table"]
-    json.dumps(data.notes)
-
-
 def test_kind_and_licence_come_from_meta_and_are_careful_without_it(
     copied: Path, data: DataSet
 ) -> None:
@@ -143,13 +119,9 @@ def test_kind_and_licence_come_from_meta_and_are_careful_without_it(
 
 
 def test_the_truth_beside_a_trial_is_believed_before_the_script(copied: Path) -> None:
-    """The same trials with their truth turned into a script's: other labels come out."""
+    """The same trials with another truth beside one of them: other labels come out."""
     result = thesis.load(copied).notes["samples"]
-    for path in copied.glob("*/*/*.truth.json"):
-        path.write_text(
-            json.dumps({"phases": [{"t0_s": 0, "t1_s": 2, "label": "nothing"}]})
-        )
-        break
+    phases_of((0, 2, "nothing"))(copied)
     assert thesis.load(copied).notes["samples"] != result
 
 
@@ -211,17 +183,15 @@ def test_a_trial_that_does_not_follow_the_script_is_refused(made: Path) -> None:
 def test_a_hold_and_a_daily_stream_live_by_their_truth_alone(
     copied: Path, action: str
 ) -> None:
-    (copied / "soft-ball" / "pass").rename(copied / "soft-ball" / action)
-    result = {
-        r.trial_id: r.action for r in thesis.load(copied, windows="natural").recordings
-    }
-    assert result[f"soft-ball/{action}/trial_1"] == action
-    (copied / "soft-ball" / action / "trial_1.truth.json").unlink()
+    trial = f"soft-ball/{action}/trial_1"
+    renamed("soft-ball/pass", f"soft-ball/{action}")(copied)
+    recordings = thesis.load(copied, windows="natural").recordings
+    assert (trial, action) in [(one.trial_id, one.action) for one in recordings]
+    (copied / f"{trial}.truth.json").unlink()
     with pytest.raises(
-        LabelError, match=r"put trial_1\.truth\.json beside it"
-    ) as caught:
+        LabelError, match=rf"{trial}\.csv.*put trial_1\.truth\.json beside it"
+    ):
         thesis.load(copied, windows="natural")
-    assert f"soft-ball/{action}/trial_1.csv" in str(caught.value)
 
 
 def test_the_rate_is_the_median_and_a_microsecond_costs_no_sample(copied: Path) -> None:
@@ -337,24 +307,18 @@ def test_a_weighed_object_is_read_like_the_known_ones(copied: Path) -> None:
     renamed("hard-ball", "brick")(copied)
     (copied / "brick" / "meta.json").write_text('{"mass_g": 900}')
     data = thesis.load(copied)
-    brick = [
-        index
-        for index, recording in enumerate(data.recordings)
-        if recording.object_name == "brick"
-    ]
     task = data.tasks["classes"]
-    assert (task.label[np.isin(task.trial, brick)] % 2 == 1).all()
+    of_brick = [data.recordings[k].object_name == "brick" for k in task.trial]
+    assert (task.label[of_brick] % 2 == 1).all()
 
 
 def test_lost_values_in_a_trial_are_marked_and_do_not_stop_it(copied: Path) -> None:
     trial = read_trial(copied / TRIAL)
     trial.raw[100:103, 4] = np.nan
     write_trial(copied / TRIAL, trial.t_s, trial.raw)
-    recording = next(
-        r for r in thesis.load(copied).recordings if f"{r.trial_id}.csv" == TRIAL
-    )
-    assert np.flatnonzero(~recording.valid[:, 1]).tolist() == [100, 101, 102]
-    assert recording.valid[:, [0, 2, 3, 4, 5]].all()
+    of = {f"{one.trial_id}.csv": one for one in thesis.load(copied).recordings}
+    lost = np.argwhere(~of[TRIAL].valid)
+    assert lost.tolist() == [[100, 1], [101, 1], [102, 1]]
 
 
 def test_the_fixture_writes_the_same_bytes_for_the_same_seed(
@@ -364,12 +328,13 @@ def test_the_fixture_writes_the_same_bytes_for_the_same_seed(
     write_fixture(tmp_path / "other", trials_per_cell=2, seed=1)
     paths = sorted(path.relative_to(made) for path in made.rglob("*.*"))
     assert len(paths) == 2 * (30 + 1) + 1
-    for path in paths:
-        assert (tmp_path / "same" / path).read_bytes() == (made / path).read_bytes()
-    assert (tmp_path / "other" / TRIAL).read_bytes() != (made / TRIAL).read_bytes()
+    match, _, _ = cmpfiles(made, tmp_path / "same", paths, shallow=False)
+    assert match == paths
+    _, differ, _ = cmpfiles(made, tmp_path / "other", [TRIAL], shallow=False)
+    assert differ == [TRIAL]
 
 
-@pytest.mark.parametrize("rate_hz", [50.0, 100.0, 150.0, 300.0])
+@pytest.mark.parametrize("rate_hz", [100.0, 300.0])
 def test_the_fixture_serves_every_rate_with_all_classes(
     tmp_path: Path, rate_hz: float
 ) -> None:
@@ -380,12 +345,9 @@ def test_the_fixture_serves_every_rate_with_all_classes(
 
 
 def test_a_folder_of_one_object_can_be_scored_though_it_cannot_be_trained_on(
-    tmp_path: Path,
+    copied: Path, tmp_path: Path
 ) -> None:
-    write_fixture(tmp_path / "all", trials_per_cell=1)
-    shutil.copytree(tmp_path / "all" / "soft-ball", tmp_path / "one" / "soft-ball")
-    with pytest.raises(ClassMissing):
-        thesis.load(tmp_path / "one", windows="thesis")
+    shutil.move(copied / "soft-ball", tmp_path / "one/soft-ball")
     with pytest.raises(ClassMissing):
         require_classes(thesis.load(tmp_path / "one"))
     windows = thesis.load(tmp_path / "one", windows="natural").tasks["classes"]
@@ -397,10 +359,7 @@ def test_recordings_alone_are_those_of_the_set_without_a_window(
 ) -> None:
     alone = thesis.load(made, windows="none")
     assert alone.tasks == {}
-    assert [one.trial_id for one in alone.recordings] == [
-        one.trial_id for one in data.recordings
-    ]
     for one, other in zip(alone.recordings, data.recordings, strict=True):
         np.testing.assert_array_equal(one.samples, other.samples)
-        assert one.phases == other.phases
+        assert (one.trial_id, one.phases) == (other.trial_id, other.phases)
         assert one.events == other.events

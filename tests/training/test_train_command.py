@@ -5,17 +5,13 @@ from __future__ import annotations
 import json
 import re
 from pathlib import Path
-from typing import Any
 
-import numpy as np
 import pytest
 from command_line import Run
 
 from holdfast.training.datasets import load
 from holdfast.training.fixture import write_fixture
 from holdfast.training.plan import SIZES
-
-ROOT = Path(__file__).resolve().parents[2]
 
 
 @pytest.fixture(scope="module")
@@ -25,17 +21,12 @@ def fixture_set(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def artifact_of(folder: Path) -> dict[str, Any]:
-    made: dict[str, Any] = json.loads((folder / "artifact.json").read_text("utf-8"))
-    return made
-
-
 def test_train_without_flags_is_the_default_plan_on_balanced_windows(
     run: Run, fixture_set: Path, tmp_path: Path
 ) -> None:
     code, out, err = run("train", "--data", fixture_set, "--out", tmp_path / "out")
     assert code == 0, err
-    made = artifact_of(tmp_path / "out")
+    made = json.loads((tmp_path / "out/artifact.json").read_text("utf-8"))
     plan = json.loads(json.dumps(SIZES["default"].to_json()))
     assert made["training"]["plan"] == plan
     assert made["decision"] == SIZES["default"].decision.to_json()
@@ -78,50 +69,9 @@ def test_label_weights_are_chosen_where_they_are_wanted_and_stand_in_the_artifac
     words = ("train", "--data", fixture_set, "--out", tmp_path / "out", *size)
     code, _, err = run(*words, "--inner-folds", "2")
     assert code == 0, err
-    made = artifact_of(tmp_path / "out")
+    made = json.loads((tmp_path / "out/artifact.json").read_text("utf-8"))
     assert made["training"]["plan"]["inner_folds"] == 2
     assert max(made["heads"]["situation"]["label_weights"]) == 1.0
     code, _, err = run(*words, "--force", "--inner-folds", "1")
     assert code == 2
     assert "'1' is not a whole number of 2 or more" in err
-
-
-def test_a_situation_that_a_set_does_not_have_is_a_dash_in_what_train_prints(
-    run: Run, tmp_path: Path
-) -> None:
-    tugged = np.arange(20) % 2
-    field = np.random.default_rng(1).standard_normal((20, 300, 30)) + 500.0
-    field[tugged == 1, 150:] += 400.0
-    (tmp_path / "set").mkdir()
-    np.savez(
-        tmp_path / "set" / "eflesh_slip.npz",
-        X=field.astype("f4"),
-        y=tugged.astype("i1"),
-    )
-    words = (
-        "train",
-        "--data",
-        tmp_path / "set",
-        "--out",
-        tmp_path / "out",
-        "--size",
-        "tiny",
-    )
-    code, out, err = run(*words)
-    assert code == 0, err
-    assert "macro F1 over grasp, risky slip alone  " in out
-    assert re.search(r"F1 nothing +-$", out, re.MULTILINE)
-    assert re.search(r"F1 safe_slip +-$", out, re.MULTILINE)
-    assert "0.000" not in re.sub(r"0\.000 to", "", out)
-
-
-def test_the_shipped_models_are_made_by_train_without_flags() -> None:
-    recipe = (
-        (ROOT / "Makefile").read_text("utf-8").split("\nmodels:")[1].split("\n\n")[0]
-    )
-    train = recipe.split("holdfast train")[1].split("$(BIN)")[0]
-    assert "--windows" not in train
-    assert "$(if $(filter-out default,$(SIZE)),--size $(SIZE))" in train
-    assert "`holdfast train` without flags" in (
-        ROOT / "models" / "README.md"
-    ).read_text("utf-8")
