@@ -15,8 +15,8 @@ from drawn_frames import (
     write_frames,
 )
 from hand_made_tracks import hand_made
+from packages import MAY_IMPORT, ROOT, folder_of, imports_of
 from page_tables import filled
-from rooms import MAY_IMPORT, ROOT, folder_of, imports_of
 
 from holdfast.cli.main import main
 from holdfast.core.errors import (

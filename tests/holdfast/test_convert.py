@@ -30,7 +30,7 @@ from lossy_set import (
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory as ProtobufFactory
 from mcap_ros2.decoder import DecoderFactory as Ros2Factory
-from rooms import ROOT
+from packages import ROOT
 
 from holdfast.cli.convert import WRITERS
 from holdfast.core.contract import channel_names

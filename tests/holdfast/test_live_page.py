@@ -14,8 +14,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from hazard_marks import FOREIGN_BROWSER, PAGE_DELAYS, STALE_PAGE
+from packages import package_of
 from page_bench import ABOUT, PERIOD_NS, next_event, sample, served
-from rooms import room_of
 
 from holdfast.core.errors import UsageError
 from holdfast.drivers.replay import open_replay
@@ -310,5 +310,7 @@ def test_the_process_that_serves_the_page_loads_the_standard_library_only():
     )
     command = [sys.executable, "-c", program]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
-    loaded = {room_of(name) for name in done.stdout.split()} - sys.stdlib_module_names
+    loaded = {
+        package_of(name) for name in done.stdout.split()
+    } - sys.stdlib_module_names
     assert loaded <= {"holdfast", "core", "live"}

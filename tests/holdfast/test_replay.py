@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 from hard_marks import GAPS
-from rooms import MAY_IMPORT
+from packages import MAY_IMPORT
 
 from holdfast.cli.main import main
 from holdfast.core.contract import CLASSES, SITUATIONS, Prediction, Sample

@@ -16,7 +16,7 @@ import pytest
 from grip_bench import TtyReceiver, UdpReceiver, wait_for_the_end_of
 from hazard_marks import DEAD_LOG, LOST_SENSOR, NO_GRIP_COMMAND, RUN_DIES
 from live_bench import DEFAULT, ROOT, RUN, closing_output
-from rooms import room_of
+from packages import package_of
 
 from holdfast.core.errors import ChannelError, UsageError
 from holdfast.drivers.virtual.clock import VirtualClock
@@ -305,7 +305,7 @@ def test_a_run_that_moves_a_real_hand_loads_no_simulation():
     done = subprocess.run(
         [RUN[0], "-c", code], cwd=ROOT, capture_output=True, text=True
     )
-    loaded = {room_of(name) for name in done.stdout.split()}
+    loaded = {package_of(name) for name in done.stdout.split()}
     assert "edge_runtime" in loaded
     assert (
         loaded & {"simulation", "training", "export", "evaluation", "scipy", "sklearn"}

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
-from rooms import (
+from packages import (
     HOUSE,
     MAY_IMPORT,
     ROOT,
@@ -20,7 +20,7 @@ from rooms import (
     folder_of,
     imports_by_file,
     imports_of,
-    room_of,
+    package_of,
 )
 
 from holdfast.core import errors
@@ -64,25 +64,25 @@ SCRIPTS = ("holdfast/training/train.py", "holdfast/export/export.py")
 """The verbs of the same names as scripts: these two files alone may call the command line."""
 
 
-def wrong_directions(room: str) -> dict[str, set[str]]:
-    allowed = MAY_IMPORT[room] | {room}
+def wrong_directions(package: str) -> dict[str, set[str]]:
+    allowed = MAY_IMPORT[package] | {package}
     found = {
         file: (names & HOUSE) - allowed - ({"cli"} if file in SCRIPTS else set())
-        for file, names in imports_by_file(room).items()
+        for file, names in imports_by_file(package).items()
     }
     return {file: names for file, names in found.items() if names}
 
 
-@pytest.mark.parametrize("room", MAY_IMPORT)
-def test_a_room_imports_only_the_rooms_it_may(room):
-    assert wrong_directions(room) == {}
+@pytest.mark.parametrize("package", MAY_IMPORT)
+def test_a_room_imports_only_the_rooms_it_may(package):
+    assert wrong_directions(package) == {}
 
 
 def test_a_library_that_only_an_extra_installs_is_imported_in_one_file():
     files = {
         file: names
-        for room in MAY_IMPORT
-        for file, names in imports_by_file(room).items()
+        for package in MAY_IMPORT
+        for file, names in imports_by_file(package).items()
     }
     for library in OF_ONE_FILE:
         importers = [file for file, names in files.items() if library in names]
@@ -129,7 +129,9 @@ print(json.dumps(sorted(sys.modules)))
         command, cwd=ROOT, capture_output=True, text=True, check=False
     )
     assert done.returncode == 0, done.stderr
-    loaded = {room_of(name) for name in json.loads(done.stdout) if name != "holdfast"}
+    loaded = {
+        package_of(name) for name in json.loads(done.stdout) if name != "holdfast"
+    }
     assert "edge_runtime" in loaded
     assert (
         loaded & (NOT_ON_THE_HAND | (set(MAY_IMPORT) - {"core", "edge_runtime"}))
@@ -142,20 +144,20 @@ def test_the_c_export_needs_no_package_but_those_of_the_live_path():
     program += "print(json.dumps(sorted(sys.modules)))"
     command = [sys.executable, "-c", program]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
-    loaded = {room_of(name) for name in json.loads(done.stdout)}
+    loaded = {package_of(name) for name in json.loads(done.stdout)}
     assert "export" in loaded
     assert loaded & (NOT_ON_THE_HAND | {"skl2onnx", "skops"}) == set()
 
 
-@pytest.mark.parametrize("room", ["edge_runtime", "drivers"])
-def test_nothing_on_the_hand_reads_a_pickle(room):
+@pytest.mark.parametrize("package", ["edge_runtime", "drivers"])
+def test_nothing_on_the_hand_reads_a_pickle(package):
     readers = {
-        file: names & READS_PICKLE for file, names in imports_by_file(room).items()
+        file: names & READS_PICKLE for file, names in imports_by_file(package).items()
     }
     assert {file: names for file, names in readers.items() if names} == {}
     permissive = [
         str(f.relative_to(ROOT))
-        for f in folder_of(room).rglob("*.py")
+        for f in folder_of(package).rglob("*.py")
         if re.search(r"allow_pickle\s*=\s*True", f.read_text("utf-8"))
     ]
     assert permissive == []

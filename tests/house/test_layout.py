@@ -11,7 +11,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from rooms import ROOT
+from packages import ROOT
 
 LINKS = ("drivers", "edge_runtime", "export", "training")
 IN_GIT = (ROOT / ".git").exists()

@@ -8,9 +8,11 @@ from pathlib import Path
 from statistics import median, quantiles
 
 import pytest
-from rooms import MAY_IMPORT, ROOT, folder_of, nodes_of
+from packages import MAY_IMPORT, ROOT, folder_of, nodes_of
 
-FILES = sorted(path for room in MAY_IMPORT for path in folder_of(room).rglob("*.py"))
+FILES = sorted(
+    path for package in MAY_IMPORT for path in folder_of(package).rglob("*.py")
+)
 MODULES = {
     ".".join(path.relative_to(ROOT).with_suffix("").parts).removeprefix(
         "holdfast."

@@ -10,7 +10,7 @@ from pathlib import Path
 from statistics import median
 
 import pytest
-from rooms import ROOT, nodes_of
+from packages import ROOT, nodes_of
 
 FILES = sorted((ROOT / "holdfast").rglob("*.py"))
 COUNT = """

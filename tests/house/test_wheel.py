@@ -12,7 +12,7 @@ import zipfile
 from pathlib import Path
 
 import pytest
-from rooms import MAY_IMPORT, ROOT, SHIPPED, folder_of
+from packages import MAY_IMPORT, ROOT, SHIPPED, folder_of
 
 LIVE = (
     "numpy",
@@ -60,8 +60,8 @@ def test_the_wheel_puts_one_name_into_site_packages(wheel: Path) -> None:
     with zipfile.ZipFile(wheel) as packed:
         names = packed.namelist()
     assert {re.sub(r"-.*", "", name.split("/")[0]) for name in names} == {"holdfast"}
-    rooms = {name.split("/")[1] for name in names if name.startswith("holdfast/")}
-    assert set(SHIPPED) <= rooms
+    packages = {name.split("/")[1] for name in names if name.startswith("holdfast/")}
+    assert set(SHIPPED) <= packages
     assert "holdfast/models/holdfast-150hz.onnx" in names
 
 
@@ -148,8 +148,8 @@ def test_every_extra_that_a_message_names_is_one_of_the_wheels() -> None:
     extras = set(about["project"]["optional-dependencies"])
     named = {
         extra
-        for room in MAY_IMPORT
-        for path in folder_of(room).rglob("*.py")
+        for package in MAY_IMPORT
+        for path in folder_of(package).rglob("*.py")
         for words in re.findall(r"holdfast\[([a-z0-9,]+)\]", path.read_text("utf-8"))
         for extra in words.split(",")
     }

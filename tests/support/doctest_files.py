@@ -1,6 +1,6 @@
-"""Leaves out modules of the rooms without an example: looking for one loads and walks all of them.
+"""Leaves out modules of the packages without an example: looking for one loads and walks all of them.
 
-The rooms are among the test paths for their doctests alone, and few modules have one.
+The packages are among the test paths for their doctests alone, and few modules have one.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The table of rooms and who may call whom, and what a file imports."""
+"""The table of packages and who may call whom, and what a file imports."""
 
 from __future__ import annotations
 
@@ -61,12 +61,12 @@ def nodes_of(path: Path) -> tuple[ast.AST, ...]:
     return tuple(ast.walk(ast.parse(path.read_text("utf-8"))))
 
 
-def imports_of(source: str, room: str) -> set[str]:
-    """Rooms and other packages imported anywhere in the source, in functions too."""
-    return imports_in(ast.walk(ast.parse(source)), room)
+def imports_of(source: str, package: str) -> set[str]:
+    """Packages and other packages imported anywhere in the source, in functions too."""
+    return imports_in(ast.walk(ast.parse(source)), package)
 
 
-def imports_in(nodes: Iterable[ast.AST], room: str) -> set[str]:
+def imports_in(nodes: Iterable[ast.AST], package: str) -> set[str]:
     """The same of a syntax tree."""
     names: set[str] = set()
     for node in nodes:
@@ -75,19 +75,19 @@ def imports_in(nodes: Iterable[ast.AST], room: str) -> set[str]:
         elif isinstance(node, ast.ImportFrom) and node.module == "holdfast":
             names.update(f"holdfast.{alias.name}" for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
-            names.add(room if node.level else node.module or "")
+            names.add(package if node.level else node.module or "")
         else:
             names.update(calls_by_name(node))
-    return {room_of(name) for name in names}
+    return {package_of(name) for name in names}
 
 
-def room_of(module: str) -> str:
-    """The room, or the package, that a module is in: holdfast.export.verify is in export."""
+def package_of(module: str) -> str:
+    """The package, or the package, that a module is in: holdfast.export.verify is in export."""
     first, _, rest = module.partition(".")
     inner = rest.split(".")[0]
     return inner if first == "holdfast" and inner in MAY_IMPORT else first
 
 
-def imports_by_file(room: str) -> dict[str, set[str]]:
-    files = sorted(folder_of(room).rglob("*.py"))
-    return {str(f.relative_to(ROOT)): imports_in(nodes_of(f), room) for f in files}
+def imports_by_file(package: str) -> dict[str, set[str]]:
+    files = sorted(folder_of(package).rglob("*.py"))
+    return {str(f.relative_to(ROOT)): imports_in(nodes_of(f), package) for f in files}
