@@ -44,8 +44,10 @@ def adapt_file(
             return _slips(slips, model, begin)
 
         fitted = adapt(model, chosen, others, begin, begin.part)
+
     begin("building, verifying and sealing the file")
-    correction, rows = fitted.adaptation.correction, fitted.rows()
+    correction = fitted.adaptation.correction
+    rows = fitted.rows()
     made = adapted(base, fitted.adaptation)
     verified = verify_adapted(base, made, model.card, correction, rows)
     _write(out, made)

@@ -168,6 +168,7 @@ def choose(
             fits.append(fit_correction(seen, seen_others, votes_in_all))
         for nats in NATS:
             points += trials.points([moved(fit, nats) for fit in fits], nats, PERMILLE)
+
     (before,) = trials.points(as_it_is, None, (base.min_risky_permille,), (0,))
     least = min(LEAST_RECALL, before.reached.recall)
     enough = [point for point in points if point.reached.recall >= least]
@@ -241,6 +242,7 @@ class _Trials:
             if only(stream):
                 correction = corrections[k % FOLDS]
                 answers.append(corrected(stream, correction, self.weights))
+
         return answers
 
 
@@ -255,6 +257,7 @@ def _called_samples(
         lasting = np.convolve(risky, needed, "valid") >= len(needed)
         # The second convolution gives back all samples of every run that lasts.
         total += int((np.convolve(lasting, needed) > 0).sum())
+
     return total
 
 
@@ -277,6 +280,7 @@ def _reached(
             for action in voluntary_actions(one.recording):
                 hand_overs += 1
                 called += bool(on[action.first : action.stop].any())
+
     return HeldOutFigures(
         recall=acted / max(1, slips),
         before_gross_slip=before / max(1, slips),

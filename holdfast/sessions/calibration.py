@@ -81,6 +81,7 @@ def fit(
         out = blocks == block
         others = _solve(moved[~out], force[~out])
         held_out.append(_rmse(moved[out], force[out], others))
+
     residual = np.tile(_rmse(moved, force, matrix), (n_sensors, 1))
     meta = CalibrationOrigin(source, date, load_unit, len(field), residual)
     return Fit(Calibration(matrix, rest_ut, reversed_, meta), np.array(held_out))
@@ -268,6 +269,7 @@ def _trees_rmse_n(loads: LoadSet, seed: int) -> FloatArray:
         model.fit(field[~out], force[~out].squeeze())
         error = model.predict(field[out]).reshape(-1, len(axes)) - force[out]
         rmse[block, axes] = np.sqrt(np.mean(error**2, axis=0))
+
     return rmse
 
 
@@ -285,6 +287,7 @@ def in_words(loads: LoadSet, models: Sequence[ModelErrors]) -> list[str]:
             lines.append(
                 f"  {model.name}, {axis}: {rmse}; {published}, on later rows of the same probing"
             )
+
     return lines
 
 
@@ -294,6 +297,7 @@ def as_json(loads: LoadSet, models: Sequence[ModelErrors], seed: int) -> Json:
     for model in models:
         by_axis = model.by_axis().items()
         errors[model.name] = {axis: asdict(error) for axis, error in by_axis}
+
     return {
         "study": loads.name,
         "probings": [probing.name for probing in loads.probings],

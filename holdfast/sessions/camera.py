@@ -77,6 +77,7 @@ class CameraOptions:
                     next_step="measure a tag's black square with a calliper and give --tag-mm 9.96",
                 )
             return
+
         ignored = {
             "--tag-mm": self.tag_mm,
             "--fps": self.fps,
@@ -142,6 +143,7 @@ class CameraProcess:
             self._process = subprocess.Popen(
                 command, stdin=subprocess.PIPE, stdout=log, stderr=log, process_group=0
             )
+
         until_s = time.monotonic() + LONGEST_START_S
         while not self._films():
             if self._process.poll() not in (None, 0) or time.monotonic() > until_s:
@@ -174,12 +176,14 @@ class CameraProcess:
         except subprocess.TimeoutExpired:
             self._process.kill()
             self._process.wait()
+
         failed = self._process.returncode != 0
         self._process = None
         try:
             about = read_about(self._folder)
         except DataError as error:
             return {"void": self._last_error() or str(error)}
+
         void = about.get("void") or None
         if failed and not void:
             void = self._last_error() or "its process failed"

@@ -71,6 +71,7 @@ def read_load_sets(path: Path) -> list[LoadSet]:
     for kind, axis in KINDS.items():
         if (path / kind).is_dir():
             sets.append(_probed_set(path / kind, axis))
+
     if not sets:
         raise DataNotFound(
             f"no {' or '.join(KINDS)} in this folder",
@@ -120,6 +121,7 @@ def _csv_set(path: Path) -> LoadSet:
             f"then stay below {UNLOADED_N:g} N for {MIN_UNLOADED} rows",
             next_step="press every fingertip at least twice, with a pause",
         )
+
     probings = []
     rests = []
     for first, stop in zip(starts, [*starts[1:], len(force)], strict=True):
@@ -129,6 +131,7 @@ def _csv_set(path: Path) -> LoadSet:
         rests.append(np.median(field[first : first + loaded[0]], axis=0))
         moved = field[first:stop] - rests[-1]
         probings.append(Probing(f"probing {len(rests)}", moved, load))
+
     rest_ut = np.median(rests, axis=0)
     reversed_ = rest_ut[:, NORMAL_AXIS] < -NORMAL_FLOOR["uT"]
     names = ", ".join(str(k + 1) for k in np.flatnonzero(reversed_)) or "none"
@@ -154,6 +157,7 @@ def probing_starts(load_n: FloatArray) -> list[int]:
     for (first, stop), end in zip(pauses, ends[: len(pauses)], strict=True):
         if (load_n[stop:end] > LOADED_N).any():
             starts.append(first)
+
     return starts
 
 
@@ -220,6 +224,7 @@ def _probed_set(folder: Path, axis: int) -> LoadSet:
         probings.append(probing)
         depths_mm.append(depth_mm)
         n_missing += missing
+
     if len({probing.field_ut.shape[1] for probing in probings}) > 1:
         raise ChannelError(
             "probings of different numbers of sensors",
@@ -248,6 +253,7 @@ def _read_probing(folder: Path, axis: int) -> tuple[Probing, FloatArray, int]:
                 "empty, or not finite", where=folder / name, next_step="copy it again"
             )
         tables.append(table)
+
     field, states = tables
     if (field.shape[1] - 1) % 3 or states.shape[1] != 5 or len(field) != len(states):
         raise ColumnError(
@@ -256,6 +262,7 @@ def _read_probing(folder: Path, axis: int) -> tuple[Probing, FloatArray, int]:
             where=folder,
             next_step="time and three columns a sensor; time, x, y, z, load; row for row",
         )
+
     height_mm = states[:, 3]
     load = states[:, 4]
     read = load != NO_LOAD
@@ -306,6 +313,7 @@ def load_unit(
             f"N/mm; the published {published} N would be {ratio:.2g} of a linear map's error: "
             + ("possible" if fits else "out")
         )
+
     if len(possible) != 1:
         raise UnitError(
             f"the load column fits {' and '.join(possible) or 'no known unit'}",

@@ -122,6 +122,7 @@ def watched(
             cause=str(about["void"]),
             next_step="record it again",
         )
+
     tracks = read_tracks(folder)
     require_whole(len(tracks.t_s), about.get("frames"), folder / TAGS)
     try:
@@ -134,6 +135,7 @@ def watched(
         )
     except LabelError as error:
         raise _with_place(error, trial) from None
+
     starts_s = 0.0 if about.get("clock") == "trial" else _starts_s(trial, moved)
     return WatchedTrial(trial, moved, starts_s)
 
@@ -164,6 +166,7 @@ def _starts_s(folder: Path, moved: Motion) -> float:
             cause="recorded on another machine, or without host time stamps",
             next_step="record both on one machine",
         ) from None
+
     if moved.t_s[-1] < starts_s:
         raise TimeError(
             f"the camera's last frame is {starts_s - moved.t_s[-1]:.0f} s before the trial",
@@ -171,6 +174,7 @@ def _starts_s(folder: Path, moved: Motion) -> float:
             cause="the video is of another time",
             next_step="film the trial itself",
         )
+
     return starts_s
 
 
@@ -206,6 +210,7 @@ def write_label(
         found = find_slip(trial.moved, gross_mm)
     except LabelError as error:
         raise _with_place(error, trial.path) from None
+
     phases: list[Json] = []
     hidden: Json | None = None
     if isinstance(found, Slip):
@@ -215,6 +220,7 @@ def write_label(
             "from_s": round(found.from_s - trial.starts_s, 6),
             "to_s": round(found.to_s - trial.starts_s, 6),
         }
+
     basis = {
         "gross_mm": gross_mm,
         "pad_shear": "measured" if shear_known else "not measured",
@@ -238,6 +244,7 @@ def write_label(
         words = f"no onset: a tag was hidden from {span} while the object moved"
     else:
         words = f"no onset: the object moved by less than {gross_mm:.2f} mm"
+
     return WrittenLabel(f"{words}; {where}", where, phases, basis)
 
 

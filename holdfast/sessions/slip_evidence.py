@@ -107,6 +107,7 @@ def streams_of(model: Model, data: DataSet, part: Part = ignored) -> list[Stream
         for recording, outputs in zip(batch, computed, strict=True):
             streams.append(stream_of(recording, outputs))
         part(len(streams) / len(recordings))
+
     return streams
 
 
@@ -128,6 +129,7 @@ def stream_of(recording: Recording, outputs: Outputs) -> Stream:
     event = np.full(len(row), NO_EVENT)
     for k, slip in enumerate(recording.events):
         event[(t_s >= slip.onset_s - COLLAR_S) & (t_s <= slip.end_s + COLLAR_S)] = k
+
     answers = Answers(without_samples(recording), situation, permille)
     return Stream(answers, row, outputs["features"][row], votes[row], event)
 
@@ -158,6 +160,7 @@ def counts_of(recordings: Sequence[Recording]) -> PersonCounts:
             if phase.situation == GRASP:
                 holding_s += (phase.stop - phase.first) / recording.rate_hz
         slips += len(recording.events)
+
     return PersonCounts(len(recordings), hand_overs, round(holding_s, 1), slips)
 
 
@@ -210,6 +213,7 @@ def _row_weights(slip: IntArray, n_person: int) -> FloatArray:
         (~of_slip & ~of_person, 1.0 - OF_PERSON),
     ):
         weight[rows] = SCALE * share / max(1, rows.sum())
+
     return weight
 
 
@@ -229,6 +233,7 @@ def _fitted(
             model.fit(scaled[kept], slip[kept] >= 0, sample_weight=weight[kept])
         # A slip must be called once: its best samples under this fit stand for it in the next.
         kept = _best_of_slips(slip, scaled @ model.coef_[0])
+
     weights = model.coef_[0] / scale
     return weights, float(model.intercept_[0] - mean @ weights)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import os
 import re
+import time
 
 import numpy as np
 import pytest
@@ -59,12 +60,8 @@ def test_what_the_source_gave_is_on_the_disk_to_the_last_digit_and_in_order(
 def test_meta_tells_who_what_how_and_how_good(tmp_path):
     one_pull(tmp_path / "out")
     meta = meta_of(tmp_path / "out/p01/soft-ball/pull/trial_1")
-    assert (meta["state"], meta["person"], meta["object"], meta["action"]) == (
-        "kept",
-        "p01",
-        "soft-ball",
-        "pull",
-    )
+    task = (meta["state"], meta["person"], meta["object"], meta["action"])
+    assert task == ("kept", "p01", "soft-ball", "pull")
     assert [one["finger"] for one in meta["hand"]["sensors"]] == [1, 2, 3, 4, 5, 6]
     assert meta["hand"]["averages"] == 32
     assert len(meta["bias"]["values"]) == len(meta["bias"]["spread"]) == 18
@@ -92,15 +89,8 @@ def test_a_study_opens_a_trial_of_a_labelled_set_as_its_hand(people, tmp_path):
 
 def test_nothing_that_is_written_names_a_place_of_the_machine(people, card, tmp_path):
     (tmp_path / "of-anna.toml").write_text(PROTOCOL)
-    recorded(
-        tmp_path / "out",
-        "--protocol",
-        tmp_path / "of-anna.toml",
-        "--trials",
-        "1",
-        "--seconds",
-        "1",
-    )
+    words = ("--protocol", tmp_path / "of-anna.toml", "--trials", "1", "--seconds", "1")
+    recorded(tmp_path / "out", *words)
     texts = [
         path.read_text("utf-8")
         for root in (people, tmp_path)
@@ -114,8 +104,6 @@ def test_nothing_that_is_written_names_a_place_of_the_machine(people, card, tmp_
 
 
 def test_host_stamps_are_of_the_clock_a_camera_has(tmp_path):
-    import time
-
     before_ns = time.monotonic_ns()
     one_pull(tmp_path / "out")
     host_ns = int(columns_of(tmp_path / "out/p01/soft-ball/pull/trial_1")["host_ns"][0])
@@ -135,8 +123,7 @@ def test_samples_are_flushed_to_disk_once_a_second(tmp_path, monkeypatch):
 def test_samples_that_never_came_are_gaps_in_the_count_and_invalid_rows_to_who_reads(
     tmp_path,
 ):
-    clock = VirtualClock()
-    kept, messages = session(tmp_path, Hand(100, clock=clock, stalls={20: 0.2}))
+    kept, messages = session(tmp_path, Hand(100, stalls={20: 0.2}))
     folder = tmp_path / TRIAL
     sequence = np.array(columns_of(folder)["sequence"], dtype=np.int64)
     assert (kept, meta_of(folder)["quality"]["lost"]) == (1, 19)
@@ -148,8 +135,7 @@ def test_samples_that_never_came_are_gaps_in_the_count_and_invalid_rows_to_who_r
 
 
 def test_a_reading_that_comes_twice_is_lost_and_no_row_is_made_up(tmp_path):
-    clock = VirtualClock()
-    session(tmp_path, Hand(99, clock=clock, shifts={30: -0.01, 31: 0.01}))
+    session(tmp_path, Hand(99, shifts={30: -0.01, 31: 0.01}))
     folder = tmp_path / TRIAL
     assert "30" not in columns_of(folder)["sequence"]
     assert meta_of(folder)["quality"]["lost"] == 1
@@ -168,8 +154,7 @@ def test_a_finger_that_is_lost_is_written_as_lost_and_the_rest_goes_on(tmp_path)
 
 
 def test_a_saturated_finger_and_a_drifted_bias_are_reported(tmp_path):
-    clock = VirtualClock()
-    hand = Hand(60, clock=clock)
+    hand = Hand(60)
     plain = hand.read
 
     def read() -> SourceReading | None:
@@ -213,8 +198,7 @@ def test_a_clock_that_jumps_ends_the_trial_and_keeps_what_came_before(tmp_path, 
 
 
 def test_a_trial_that_lost_most_of_its_samples_is_not_kept(tmp_path):
-    clock = VirtualClock()
-    source = Hand(30, clock=clock, stalls=dict.fromkeys(range(30), 0.095))
+    source = Hand(30, stalls=dict.fromkeys(range(30), 0.095))
     with pytest.raises(EmptyRecording, match="cannot be kept"):
         session(tmp_path, source)
     assert meta_of(tmp_path / TRIAL)["state"] == "interrupted"

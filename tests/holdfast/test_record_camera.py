@@ -14,12 +14,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 from drawn_frames import two_sizes
 from recorder_bench import (
     columns_of,
     context_of,
+    errors_in,
     events_of,
     meta_of,
     options_of,
@@ -29,11 +29,9 @@ from recorder_bench import (
 )
 
 from holdfast.cli.main import main
-from holdfast.core.clock import MonotonicClock
 from holdfast.core.trial_file import read_trial
 from holdfast.drivers.camera.recording import read_about, read_tracks
 from holdfast.drivers.virtual.clock import VirtualClock
-from holdfast.live.running import PRIORITY
 from holdfast.sessions.camera import LOG, CameraProcess
 from holdfast.sessions.recorder.keys import Keys
 from holdfast.sessions.recorder.recording import record
@@ -61,8 +59,6 @@ count = 5
 SHARP = "width_px = 240\nheight_px = 160\n"
 SMALL = SHARP + "fps = 30\n"
 LATEST_S = 300.0
-PERIOD_NS, STILL_NS = round(1e9 / 300.0), 1_000_000
-IntArray = npt.NDArray[np.int64]
 
 
 def words_of(
@@ -73,23 +69,33 @@ def words_of(
     close_at_s: of the scene, whose time begins with the hand's, before the camera is looked for; on
     a slow machine it takes long until that films.
     """
+    scene = folder / "filmed.toml"
     text = CARD.format(close_at_s=close_at_s, step_s=step_s) + size
-    (folder / "filmed.toml").write_text(text, encoding="utf-8")
-    source = (
-        f"virtual://ft232h?burst=1&bus_hz=1000000&scene={folder / 'filmed.toml'}&seed=1"
-    )
-    words = [
-        "--source",
-        source,
-        "--camera",
-        "scene",
-        "--out",
-        folder / "out",
-        "--person",
-        "p01",
-        "--at-once",
-    ]
-    return [*words, "--object", "soft-ball", "--action", "pull", "--trials", "1"]
+    scene.write_text(text, encoding="utf-8")
+    source = f"virtual://ft232h?burst=1&bus_hz=1000000&scene={scene}&seed=1"
+    return ["--source", source, "--camera", "scene", *one_pull_in(folder)]
+
+
+def one_pull_in(folder: Path) -> list[str]:
+    words = "--person p01 --at-once --object soft-ball --action pull --trials 1"
+    return ["--out", str(folder / "out"), *words.split()]
+
+
+def finished(*words: object, timeout_s: float = LATEST_S) -> str:
+    """What a recorder that ends well printed."""
+    with start(*words) as run:
+        _, err = run.communicate(timeout=timeout_s)
+    assert run.returncode == 0, err
+    return err
+
+
+def require_filmed_throughout(folder: Path, late_s: float) -> None:
+    """Frames go on from before the first sample to the last, but for late_s."""
+    assert meta_of(folder)["camera"]["void"] is None
+    tactile_s = 1e-9 * np.array(columns_of(folder)["host_ns"], dtype=np.int64)
+    frames_s = read_tracks(folder).t_s
+    assert frames_s[0] < tactile_s[0], "a trial begins when the camera films"
+    assert frames_s[-1] > tactile_s[-1] - late_s
 
 
 def trial_in(folder: Path) -> Path:
@@ -97,18 +103,16 @@ def trial_in(folder: Path) -> Path:
 
 
 def children(pid: int) -> list[int]:
-    return [
-        int(one) for one in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
-    ]
+    path = Path(f"/proc/{pid}/task/{pid}/children")
+    return [int(child) for child in path.read_text().split()]
 
 
 def runs(pid: int) -> bool:
     try:
-        return (
-            Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
-        )
+        state = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
     except FileNotFoundError:
         return False
+    return state != "Z"
 
 
 FILM = """
@@ -165,21 +169,14 @@ def recorded_with_film(*words: object) -> None:
 def test_a_scene_that_is_felt_and_filmed_at_once_gives_the_onset_that_it_had(
     tmp_path, capsys
 ):
-    recorded_with_film(
-        *words_of(tmp_path, size=SHARP, close_at_s=2.0, step_s=0.003), "--seconds", "4"
-    )
+    words = words_of(tmp_path, size=SHARP, close_at_s=2.0)
+    recorded_with_film(*words, "--seconds", "4")
     folder = trial_in(tmp_path)
     scene = truth_of(folder)
-    assert (
-        meta_of(folder)["quality"]["samples"],
-        meta_of(folder)["quality"]["lost"],
-    ) == (600, 0)
-    assert meta_of(folder)["camera"]["void"] is None
-    assert meta_of(folder)["camera"]["doubt"] is None
-    tactile_s = 1e-9 * np.array(columns_of(folder)["host_ns"], dtype=np.int64)
-    frames_s = read_tracks(folder).t_s
-    assert frames_s[0] < tactile_s[0], "a trial begins when the camera films"
-    assert frames_s[-1] > tactile_s[-1] - 0.02
+    meta = meta_of(folder)
+    assert (meta["quality"]["samples"], meta["quality"]["lost"]) == (600, 0)
+    assert meta["camera"]["doubt"] is None
+    require_filmed_throughout(folder, late_s=0.02)
 
     assert main(["onset", str(folder)]) == 0
     lines = events_of(folder)
@@ -188,54 +185,20 @@ def test_a_scene_that_is_felt_and_filmed_at_once_gives_the_onset_that_it_had(
     assert abs(seen["t0_s"] - scene["incipient_slip_s"]) < 0.010
     assert abs(seen["gross_s"] - scene["gross_slip_s"]) < 0.015
     assert truth_of(folder) == scene, "a scene is believed before a camera"
-
-    model = str(ROOT / "models/holdfast-150hz.onnx")
-    argv = [
-        "evaluate",
-        model,
-        "--data",
-        str(tmp_path / "out"),
-        "--json",
-        str(tmp_path / "figures.json"),
-    ]
-    capsys.readouterr()
-    assert main([*argv, "--report", str(tmp_path / "report.html")]) == 0
-    row = json.loads((tmp_path / "figures.json").read_text())["sets"]["out"]["rows"][
-        "ours, as deployed"
-    ]
-    by_camera, truth = row["camera"], row["camera"]["truth"]
-    assert (
-        (by_camera["onsets"], by_camera["events"], by_camera["found"])
-        == (1, 1, row["found"])
-        == (1, 1, 1)
-    )
-    load_to_slip_ms = 1e3 * (scene["incipient_slip_s"] - scene["load_onset_s"])
-    assert truth["delay_ms"]["p50"] == pytest.approx(
-        row["delay_ms"]["p50"] - load_to_slip_ms, abs=0.01
-    )
-    assert truth["lead_ms"]["p50"] == pytest.approx(row["lead_ms"]["p50"], abs=0.01)
-    off = {
-        "delay_ms": -(seen["t0_s"] - scene["incipient_slip_s"]),
-        "lead_ms": seen["gross_s"] - scene["gross_slip_s"],
-    }
-    for name, by_s in off.items():
-        assert by_camera[name]["p50"] == pytest.approx(
-            truth[name]["p50"] + 1e3 * by_s, abs=0.01
-        )
-    printed = capsys.readouterr().out
+    row, printed = evaluated(tmp_path, capsys)
+    by_camera = row["camera"]
+    counts = (by_camera["onsets"], by_camera["events"], by_camera["found"])
+    assert counts == (1, 1, row["found"]) == (1, 1, 1)
+    off_ms = 1e3 * (seen["t0_s"] - scene["incipient_slip_s"])
+    truth_ms = by_camera["truth"]["delay_ms"]["p50"]
+    assert by_camera["delay_ms"]["p50"] == pytest.approx(truth_ms - off_ms, abs=0.01)
     assert f"act {by_camera['delay_ms']['p50']:+.0f} ms from its onset" in printed
-    assert (
-        f"by the scene's truth: act {truth['delay_ms']['p50']:+.0f} ms from the first sliding"
-        in printed
-    )
+    assert f"by the scene's truth: act {truth_ms:+.0f} ms from" in printed
     report = (tmp_path / "report.html").read_text()
     assert "Alarms against a camera" in report
     assert "<td>1 of 1<br>" in report
 
-    only_seen = [line for line in lines if line["provenance"] == "camera"]
-    (folder / "events.jsonl").write_text(
-        "".join(f"{json.dumps(line)}\n" for line in only_seen)
-    )
+    (folder / "events.jsonl").write_text(f"{json.dumps(seen)}\n")
     assert main(["onset", str(folder)]) == 0
     alone = truth_of(folder)
     assert [(one["label"], one["provenance"]) for one in alone["phases"]] == [
@@ -247,28 +210,29 @@ def test_a_scene_that_is_felt_and_filmed_at_once_gives_the_onset_that_it_had(
     assert alone["contact_s"] == pytest.approx(scene["contact_s"], abs=0.15)
     (event,) = load(tmp_path / "out", windows="natural").recordings[0].events
     assert event.gross_s == pytest.approx(seen["gross_s"])
-    assert main(argv) == 0
-    data = json.loads((tmp_path / "figures.json").read_text())["sets"]["out"]
-    assert data["data"]["onsets_by"] == {"camera": 1}
-    assert data["rows"]["ours, as deployed"]["camera"]["truth"] is None
-    assert "the truth of these events is not known" in (
-        printed := capsys.readouterr().out
-    )
+    row, printed = evaluated(tmp_path, capsys)
+    assert row["camera"]["truth"] is None
+    assert "the truth of these events is not known" in printed
     assert "source of load onsets: camera 1" in printed
+
+
+def evaluated(folder: Path, capsys: Any) -> tuple[dict[str, Any], str]:
+    """The deployed model's row of figures on what was recorded, and what evaluate prints."""
+    figures = folder / "figures.json"
+    model = ROOT / "models/holdfast-150hz.onnx"
+    words = ("evaluate", model, "--data", folder / "out", "--json", figures)
+    capsys.readouterr()
+    argv = [str(word) for word in (*words, "--report", folder / "report.html")]
+    assert main(argv) == 0
+    rows = json.loads(figures.read_text())["sets"]["out"]["rows"]
+    return rows["ours, as deployed"], capsys.readouterr().out
 
 
 def test_in_real_time_frames_go_on_from_before_the_first_sample_to_the_last(tmp_path):
     """A slow machine must do only this: a frame is drawn when there is time, but its stamp is
     when it was due."""
-    with start(*words_of(tmp_path), "--seconds", "1") as run:
-        _, err = run.communicate(timeout=300)
-    assert run.returncode == 0, err
-    folder = trial_in(tmp_path)
-    assert meta_of(folder)["camera"]["void"] is None
-    tactile_s = 1e-9 * np.array(columns_of(folder)["host_ns"], dtype=np.int64)
-    frames_s = read_tracks(folder).t_s
-    assert frames_s[0] < tactile_s[0], "a trial begins when the camera films"
-    assert frames_s[-1] > tactile_s[-1] - 0.04
+    finished(*words_of(tmp_path), "--seconds", "1")
+    require_filmed_throughout(trial_in(tmp_path), late_s=0.04)
 
 
 @pytest.mark.hard_case(
@@ -288,8 +252,8 @@ def test_a_camera_that_goes_away_voids_its_part_and_the_hand_is_recorded_to_the_
         _, err = run.communicate(timeout=300)
     assert run.returncode == 0, err
     folder = trial_in(tmp_path)
-    assert meta_of(folder)["state"] == "kept"
-    assert meta_of(folder)["camera"]["void"] == "interrupted"
+    meta = meta_of(folder)
+    assert (meta["state"], meta["camera"]["void"]) == ("kept", "interrupted")
     assert len(read_trial(folder / "tactile.csv").t_s) > 250
     events = events_of(folder)
     assert [one["event"] for one in events if "event" in one] == ["camera_lost"]
@@ -302,36 +266,18 @@ def test_a_camera_that_goes_away_voids_its_part_and_the_hand_is_recorded_to_the_
 def test_tags_of_two_sizes_are_reported_after_the_trial_and_everything_is_kept(
     tmp_path,
 ):
-    two_sizes(tmp_path / "some.frames.npz", n=45)
-    words = [
-        "--source",
-        "virtual://ft232h",
-        "--camera",
-        tmp_path / "some.frames.npz",
-        "--out",
-        tmp_path / "out",
-    ]
-    words += [
-        "--person",
-        "p01",
-        "--at-once",
-        "--object",
-        "soft-ball",
-        "--action",
-        "pull",
-        "--trials",
-        "1",
-    ]
-    with start(*words, "--seconds", "1") as run:
-        _, err = run.communicate(timeout=300)
-    assert run.returncode == 0, err
+    film = tmp_path / "some.frames.npz"
+    two_sizes(film, n=45)
+    source = ["--source", "virtual://ft232h", "--camera", film]
+    err = finished(*source, *one_pull_in(tmp_path), "--seconds", "1")
     (warning,) = [line for line in err.splitlines() if "TagError" in line]
     assert "if the hand's tag is 10 mm, the object's is 12.5" in warning
-    meta = meta_of(trial_in(tmp_path))
+    folder = trial_in(tmp_path)
+    meta = meta_of(folder)
     assert (meta["state"], meta["camera"]["void"]) == ("kept", None)
     assert "TagError" in meta["camera"]["doubt"]
-    assert len(read_tracks(trial_in(tmp_path)).t_s) == 45
-    assert len(read_trial(trial_in(tmp_path) / "tactile.csv").t_s) > 100
+    assert len(read_tracks(folder).t_s) == 45
+    assert len(read_trial(folder / "tactile.csv").t_s) > 100
 
 
 def test_a_camera_outlives_no_recorder_that_was_killed(tmp_path):
@@ -348,74 +294,13 @@ def test_a_camera_outlives_no_recorder_that_was_killed(tmp_path):
 
 
 def test_without_a_camera_nothing_is_recorded_and_one_error_says_why(tmp_path):
-    words = words_of(tmp_path)
-    words[:4] = ["--source", "virtual://ft232h", "--camera", "oak"]
-    with start(*words, "--tag-mm", "10", "--seconds", "1") as run:
+    words = "--source virtual://ft232h --camera oak --tag-mm 10 --seconds 1"
+    with start(*words.split(), *one_pull_in(tmp_path)) as run:
         _, err = run.communicate(timeout=300)
-    errors = [line for line in err.splitlines() if line.startswith("error: ")]
-    assert (run.returncode, len(errors)) == (6, 1), err
-    assert "CameraUnavailable" in errors[0]
+    (error,) = errors_in(err)
+    assert (run.returncode, "CameraUnavailable" in error) == (6, True)
     assert not list((tmp_path / "out").rglob("tactile.csv"))
     assert not trial_in(tmp_path).exists()
-
-
-Spans = list[tuple[int, int]]
-"""From .. to, ns of the recorder's clock."""
-
-
-def stand_stills(run: subprocess.Popen[str]) -> Spans:
-    """When the recorder's processor stood still: an idle process of higher priority on that
-    processor was not woken for a millisecond or more."""
-    clock, spans, core = MonotonicClock(), [], max(os.sched_getaffinity(0))
-    before = os.sched_getaffinity(0), os.sched_getscheduler(0), os.sched_getparam(0)
-    os.sched_setaffinity(run.pid, {core})
-    os.sched_setaffinity(0, {core})
-    os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY + 1))
-    try:
-        last_ns = clock.now_ns()
-        while run.poll() is None:
-            clock.wait_until(last_ns + STILL_NS // 2)
-            now_ns = clock.now_ns()
-            spans += [(last_ns, now_ns)] if now_ns - last_ns > STILL_NS else []
-            last_ns = now_ns
-    finally:
-        os.sched_setaffinity(0, before[0])
-        os.sched_setscheduler(0, *before[1:])
-    return spans
-
-
-def lost_to(spans: Spans, host_ns: IntArray, sequence: IntArray) -> int:
-    """Samples that are missing where the processor stood still for at least as long as they would
-    have taken."""
-    missing = np.diff(sequence) - 1
-    return sum(
-        int(missing[k])
-        for k in np.flatnonzero(missing)
-        if _within(spans, host_ns[k + 1] - (missing[k] + 1) * PERIOD_NS, host_ns[k + 1])
-        >= missing[k] * PERIOD_NS
-    )
-
-
-def _within(spans: Spans, from_ns: int, to_ns: int) -> int:
-    return sum(
-        max(0, min(end_ns, to_ns) - max(begin_ns, from_ns))
-        for begin_ns, end_ns in spans
-    )
-
-
-@pytest.mark.parametrize(("stood_periods", "lost"), [(0.0, 0), (0.9, 0), (1.1, 1)])
-def test_a_lost_sample_is_laid_to_a_stand_still_only_where_that_was_long_enough(
-    stood_periods, lost
-):
-    host_ns, sequence = np.array([0, 1, 3, 4]) * PERIOD_NS, np.array([0, 1, 3, 4])
-    begin_ns = round(1.5 * PERIOD_NS)
-    assert (
-        lost_to(
-            [(begin_ns, begin_ns + round(stood_periods * PERIOD_NS))], host_ns, sequence
-        )
-        == lost
-    )
-    assert lost_to([], host_ns - np.array([0, 0, PERIOD_NS // 2, 0]), sequence) == 0
 
 
 @pytest.mark.soak
@@ -423,41 +308,20 @@ def test_ten_minutes_at_300_hz_with_a_camera_lose_no_sample(tmp_path, record_pro
     """HOLDFAST_SOAK_MINUTES: other than ten. Needs real-time priority, as the recorder does for
     this."""
     minutes = float(os.environ.get("HOLDFAST_SOAK_MINUTES", "10"))
+    seconds = 60.0 * minutes
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     began_s = time.monotonic()
-    with start(
-        *words_of(tmp_path, size=""), "--rate", "300", "--seconds", str(60.0 * minutes)
-    ) as run:
-        wait_for(run, "recording p01")
-        spans = stand_stills(run)
-        _, err = run.communicate()
-    assert run.returncode == 0, err
+    words = [*words_of(tmp_path, size=""), "--rate", "300", "--seconds", seconds]
+    finished(*words, timeout_s=seconds + LATEST_S)
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     spent_s = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-    meta = meta_of(trial_in(tmp_path))
+    quality = meta_of(trial_in(tmp_path))["quality"]
     about = read_about(trial_in(tmp_path))
-    columns = columns_of(trial_in(tmp_path))
-    host_ns, sequence = (
-        np.array(columns[name], dtype=np.int64) for name in ("host_ns", "sequence")
-    )
-    found = {
-        "samples": meta["quality"]["samples"],
-        "lost": meta["quality"]["lost"],
-        "lost_to_stand_stills": lost_to(spans, host_ns, sequence),
-        "stand_stills": len(spans),
-        "longest_ms": round(
-            1e-6 * max((to_ns - from_ns for from_ns, to_ns in spans), default=0), 1
-        ),
-        "jitter_p99_ms": meta["quality"]["jitter_p99_ms"],
-        "frames": about["frames"],
-        "frames_lost": about["lost"],
-        "cpu_share_of_a_core": round(spent_s / (time.monotonic() - began_s), 2),
-    }
+    found = {name: quality[name] for name in ("samples", "lost", "jitter_p99_ms")}
+    found["frames"] = about["frames"]
+    found["cpu_share_of_a_core"] = round(spent_s / (time.monotonic() - began_s), 2)
     for name, value in found.items():
         record_property(name, value)
     sys.stdout.write(json.dumps(found) + "\n")
     assert (trial_in(tmp_path) / "camera.mkv").stat().st_size > 0
-    assert about["lost"] == 0
-    assert found["lost"] == 0, (
-        f"{found['lost_to_stand_stills']} of them while the processor stood still"
-    )
+    assert (found["lost"], about["lost"]) == (0, 0)

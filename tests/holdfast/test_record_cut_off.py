@@ -16,10 +16,12 @@ from recorder_bench import (
     ROOT,
     columns_of,
     cup_pull,
+    errors_in,
     meta_of,
     one_pull,
     recorded,
     start,
+    states_in,
     wait_for,
 )
 
@@ -68,13 +70,9 @@ def test_kill_9_loses_at_most_the_sample_under_way_and_the_next_run_goes_on(
 ):
     out = tmp_path / "out"
     words = [*map(str, cup_pull(out)), "--trials", "1", "--at-once", "--seconds", "600"]
+    command = [sys.executable, "-c", KILLED, *words]
     done = subprocess.run(
-        [sys.executable, "-c", KILLED, *words],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        check=False,
-        stdin=subprocess.DEVNULL,
+        command, cwd=ROOT, capture_output=True, text=True, stdin=subprocess.DEVNULL
     )
     folder = out / "p01/cup/pull/trial_1"
     assert done.returncode == -signal.SIGKILL, done.stderr
@@ -84,9 +82,8 @@ def test_kill_9_loses_at_most_the_sample_under_way_and_the_next_run_goes_on(
     )
     assert meta_of(folder)["state"] == "recording"
     with (folder / "tactile.csv").open("a") as file:
-        file.write(
-            "0.513,1.0,2."
-        )  # and as if the kill had come in the middle of a write
+        # and as if the kill had come in the middle of a write
+        file.write("0.513,1.0,2.")
     assert main(["repair", str(out)]) == 0
     printed = capsys.readouterr().out
     assert "12 bytes of an incomplete line removed, 77 samples complete" in printed
@@ -95,13 +92,9 @@ def test_kill_9_loses_at_most_the_sample_under_way_and_the_next_run_goes_on(
     assert len(open_replay(folder).values) == 77
     assert main(["repair", str(out)]) == 0
     assert "complete" in capsys.readouterr().out
-    recorded(
-        out, "--object", "cup", "--action", "pull", "--trials", "1", "--seconds", "1"
-    )
-    assert [meta_of(folder.with_name(f"trial_{k}"))["state"] for k in (1, 2)] == [
-        "interrupted",
-        "kept",
-    ]
+    again = "--object cup --action pull --trials 1 --seconds 1"
+    recorded(out, *again.split())
+    assert states_in(out) == ["interrupted", "kept"]
 
 
 def test_a_kill_from_outside_leaves_whole_rows_in_their_order(tmp_path):
@@ -136,19 +129,15 @@ def test_where_there_is_no_trial_nothing_can_be_mended(tmp_path, capsys):
 @pytest.mark.parametrize("limit", [40_000, 5_000])
 def test_a_full_disk_is_one_error_and_what_was_recorded_is_whole(tmp_path, limit):
     words = cup_pull(tmp_path)
+    one_of_20_s = "--at-once --trials 1 --seconds 20"
     run = start(
         *words,
-        "--at-once",
-        "--trials",
-        "1",
-        "--seconds",
-        "20",
+        *one_of_20_s.split(),
         preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit)),
     )
     _, err = run.communicate(timeout=300)
-    errors = [line for line in err.splitlines() if line.startswith("error: ")]
-    assert (run.returncode, len(errors)) == (5, 1), err
-    assert "OutputError" in errors[0]
+    (error,) = errors_in(err)
+    assert (run.returncode, "OutputError" in error) == (5, True)
     files = list(tmp_path.rglob("tactile.csv"))
     for file in files:
         assert file.read_bytes().endswith(b"\n")
@@ -156,7 +145,7 @@ def test_a_full_disk_is_one_error_and_what_was_recorded_is_whole(tmp_path, limit
     assert main(["repair", str(tmp_path)]) == 0, (
         "with room again, repair ends what the full disk left"
     )
-    assert "recording" not in [meta_of(file.parent)["state"] for file in files]
+    assert "recording" not in states_in(tmp_path)
 
 
 ROOMS = (0, 90, 3_000, 3_400, 3_900, 30_000, -3_300, -400, -1)
@@ -177,16 +166,14 @@ def test_wherever_the_disk_is_full_repair_ends_what_is_left_and_the_next_run_goe
 ):
     with full_disk(room % needed), pytest.raises(OutputError, match="No space left"):
         one_pull(tmp_path)
-    left = [
-        file.parent for file in tmp_path.rglob("meta.json") if "trial_" in str(file)
-    ]
-    assert main(["repair", str(tmp_path)]) == (0 if left else 3)
-    assert {meta_of(folder)["state"] for folder in left} <= {"interrupted", "void"}
-    for folder in left:
-        assert (folder / "tactile.csv").read_bytes().count(b"\n") == len(
-            (folder / "tactile.csv").read_bytes().splitlines()
-        )
-    assert main(["repair", str(tmp_path)]) == (0 if left else 3)
+    left = list(tmp_path.rglob("trial_*/meta.json"))
+    code = 0 if left else 3
+    assert main(["repair", str(tmp_path)]) == code
+    assert set(states_in(tmp_path)) <= {"interrupted", "void"}
+    for meta in left:
+        table = meta.with_name("tactile.csv").read_bytes()
+        assert table.count(b"\n") == len(table.splitlines())
+    assert main(["repair", str(tmp_path)]) == code
     assert "marked" not in capsys.readouterr().out.splitlines()[-1:]
     assert any(line.startswith("kept: ") for line in one_pull(tmp_path))
 

@@ -10,6 +10,7 @@ import subprocess
 import sys
 import termios
 from collections.abc import Iterator
+from functools import partial
 
 import pytest
 from recorder_bench import (
@@ -23,10 +24,12 @@ from recorder_bench import (
     cup_pull,
     events_of,
     meta_of,
+    on_terminal,
     options_of,
     said,
     session,
     start,
+    states_in,
     terminal_of_its_own,
     truth_of,
     wait_for,
@@ -73,69 +76,51 @@ def test_marks_become_phases_with_their_provenance(tmp_path, pressing):
 
 
 def test_without_a_mark_the_load_onset_is_not_guessed(tmp_path):
-    session(tmp_path, Hand(120))
-    truth = truth_of(tmp_path / TRIAL)
+    session(tmp_path / "held", Hand(120))
+    truth = truth_of(tmp_path / "held" / TRIAL)
     assert [one["label"] for one in truth["phases"]] == ["nothing", "nothing"]
     assert truth["load_onset_s"] is None
-    (recording,) = load(tmp_path, windows="natural").recordings
+    (recording,) = load(tmp_path / "held", windows="natural").recordings
     assert [phase.situation for phase in recording.phases] == [0, 0]
     assert recording.events == ()
 
-
-def test_a_trial_without_marks_and_contact_is_read_and_has_no_label(tmp_path):
-    session(tmp_path, Hand(60), seconds=0.35)
-    data = load(tmp_path, windows="natural")
+    session(tmp_path / "free", Hand(60), seconds=0.35)
+    data = load(tmp_path / "free", windows="natural")
     assert data.recordings[0].phases == ()
     assert len(data.tasks["classes"]) == 0
 
 
 @pytest.mark.parametrize(
-    ("action", "label"),
-    [("hold", "grasp"), ("pass", "safe_slip"), ("fall", "risky_slip")],
+    ("action", "labels"),
+    [
+        ("hold", ["nothing", "grasp", "nothing"]),
+        ("pass", ["nothing", "grasp", "safe_slip", "nothing"]),
+        ("fall", ["nothing", "grasp", "risky_slip", "nothing"]),
+        ("nothing", ["nothing"]),
+    ],
 )
 def test_what_an_action_makes_of_the_grip_is_its_label(
-    tmp_path, pressing, action, label
+    tmp_path, pressing, action, labels
 ):
     keys, press = pressing
-    session(
-        tmp_path,
-        Hand(120, says={60: lambda: press("l")}),
-        [Task("soft-ball", action)],
-        keys,
-    )
-    truth = truth_of(tmp_path / f"p01/soft-ball/{action}/trial_1")
-    assert truth["phases"][-2]["label"] == label
-
-
-def test_the_empty_hand_is_nothing_from_end_to_end(tmp_path):
-    session(tmp_path, Hand(40), [Task("nothing", "nothing")])
-    truth = truth_of(tmp_path / "p01/nothing/trial_1")
-    assert [(one["label"], one["t0_s"], one["t1_s"]) for one in truth["phases"]] == [
-        ("nothing", 0.0, 0.4)
-    ]
+    hand = Hand(120, says={60: lambda: press("l")})
+    session(tmp_path, hand, [Task("soft-ball", action)], keys)
+    (path,) = tmp_path.rglob("tactile.truth.json")
+    phases = truth_of(path.parent)["phases"]
+    assert [phase["label"] for phase in phases] == labels
+    assert (phases[0]["t0_s"], phases[-1]["t1_s"]) == (0.0, pytest.approx(1.2))
 
 
 def test_redo_moves_the_trial_away_and_the_same_comes_up_again(tmp_path, pressing):
     keys, press = pressing
-    hand = Hand(
-        400,
-        says={
-            100: lambda: press("r"),
-            200: lambda: press("k"),
-            300: lambda: press("q"),
-        },
-    )
+    pressed = {100: "r", 200: "k", 300: "q"}
+    hand = Hand(400, says={at: partial(press, key) for at, key in pressed.items()})
     kept, _ = session(tmp_path, hand, [PULL, Task("my-cup", "pass")], keys)
-    states = {
-        str(p.parent.relative_to(tmp_path)): meta_of(p.parent)["state"]
-        for p in tmp_path.rglob("tactile.csv")
-    }
     assert kept == 2
-    assert states == {
-        "p01/discarded/soft-ball/pull/trial_1-1": "redone",
-        TRIAL: "kept",
-        "p01/my-cup/pass/trial_1": "kept",
-    }
+    moved = tmp_path / "p01/discarded/soft-ball/pull/trial_1-1"
+    assert meta_of(moved)["state"] == "redone"
+    assert states_in(tmp_path) == ["redone", "kept", "kept"]
+    assert meta_of(tmp_path / TRIAL)["state"] == "kept"
 
 
 def test_after_its_figures_a_kept_trial_can_still_be_done_again(tmp_path, pressing):
@@ -229,12 +214,8 @@ def test_a_terminal_is_as_before_on_every_way_out(tmp_path, way):
         run.communicate(timeout=300)
     assert run.returncode == (3 if way == "error" else 0)
     assert termios.tcgetattr(slave) == before
-    states = [
-        meta_of(path.parent)["state"]
-        for path in (tmp_path / "out").rglob("tactile.csv")
-    ]
     assert (
-        states
+        states_in(tmp_path / "out")
         == {
             "keys": ["kept"],
             "SIGTERM": ["interrupted"],
@@ -257,16 +238,7 @@ def test_a_terminal_is_as_before_on_every_way_out(tmp_path, way):
 def test_a_terminal_that_goes_away_ends_the_trial_as_sigterm_does(tmp_path):
     master, slave = pty.openpty()
     words = cup_pull(tmp_path / "out")
-    command = [sys.executable, "-m", "holdfast", "record", *map(str, words)]
-    with subprocess.Popen(
-        command,
-        cwd=ROOT,
-        stdin=slave,
-        stdout=slave,
-        stderr=slave,
-        preexec_fn=terminal_of_its_own,
-    ) as run:
-        os.close(slave)
+    with on_terminal(slave, *words) as run:
         wait_on_terminal_for(master, "next: cup, pull")
         os.write(master, b" ")
         wait_on_terminal_for(master, "recording p01")
@@ -280,9 +252,8 @@ def test_a_terminal_that_goes_away_ends_the_trial_as_sigterm_does(tmp_path):
     assert "why" not in meta, "no error ended it"
     rows = (folder / "tactile.csv").read_bytes().count(b"\n") - 1  # below the header
     assert meta["quality"]["samples"] == rows >= 19
-    assert (
-        len(read_trial(folder / "tactile.csv").t_s) >= rows
-    )  # lost samples are rows there, too
+    # lost samples are rows there, too
+    assert len(read_trial(folder / "tactile.csv").t_s) >= rows
     assert [path.name for path in folder.parent.iterdir()] == ["trial_1"]
 
 

@@ -6,8 +6,6 @@ from __future__ import annotations
 import json
 import os
 import pty
-import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -16,14 +14,16 @@ import pytest
 from hazard_marks import OVERWRITTEN, SOURCE_ENDED
 from recorder_bench import (
     PULL,
-    ROOT,
     TRIAL,
     Hand,
     meta_of,
+    on_terminal,
     recorded,
     said,
     session,
+    states_in,
     truth_of,
+    wait_on_terminal_for,
 )
 from recorder_bench import columns_of as read_columns
 
@@ -62,12 +62,6 @@ def scene(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("scene") / "short.toml"
     path.write_text(SHORT_SCENE, encoding="utf-8")
     return path
-
-
-def states_in(folder: Path) -> list[str]:
-    return [
-        meta_of(path.parent)["state"] for path in sorted(folder.rglob("tactile.csv"))
-    ]
 
 
 @SOURCE_ENDED.mark
@@ -117,20 +111,11 @@ def test_a_trial_that_ends_by_its_seconds_is_kept_whatever_is_in_it(tmp_path, sa
 def test_the_second_trial_of_a_virtual_hand_whose_scene_is_over_is_not_kept(
     tmp_path, scene
 ):
-    words = [
-        "--object",
-        "soft-ball",
-        "--action",
-        "pull",
-        "--trials",
-        "2",
-        "--seconds",
-        "4",
-        "--rate",
-        "50",
-    ]
+    words = "--object soft-ball --action pull --trials 2 --seconds 4 --rate 50"
     with pytest.raises(EmptyRecording, match="cannot be kept"):
-        recorded(tmp_path / "out", *words, source=f"virtual://ft232h?scene={scene}")
+        recorded(
+            tmp_path / "out", *words.split(), source=f"virtual://ft232h?scene={scene}"
+        )
     assert states_in(tmp_path) == ["kept", "interrupted"]
     truth = truth_of(tmp_path / "out/p01/soft-ball/pull/trial_1")
     assert [one["label"] for one in truth["phases"]] == [
@@ -146,16 +131,8 @@ def test_the_second_trial_of_a_virtual_hand_whose_scene_is_over_is_not_kept(
 def test_a_scene_that_is_recorded_from_end_to_end_is_kept_and_comes_again_with_every_trial(
     tmp_path, scene
 ):
-    recorded(
-        tmp_path / "out",
-        "--object",
-        "soft-ball",
-        "--action",
-        "pull",
-        "--trials",
-        "2",
-        source=f"sim://{scene}",
-    )
+    words = "--object soft-ball --action pull --trials 2"
+    recorded(tmp_path / "out", *words.split(), source=f"sim://{scene}")
     assert states_in(tmp_path) == ["kept", "kept"]
 
 
@@ -202,27 +179,15 @@ def test_time_rate_lost_samples_and_six_forces_are_shown_while_a_trial_runs(tmp_
     ]
 
 
-def test_the_line_is_redrawn_in_place_and_gives_way_to_messages(tmp_path):
-    terminal = Terminal()
-    shown(tmp_path, terminal)
-    assert [line.partition(" ")[0] for line in terminal.lines] == [
-        "next:",
-        "recording",
-        "kept:",
-    ]
-
-
-def test_a_line_never_wraps_and_none_is_drawn_without_a_terminal(tmp_path):
+def test_a_line_is_redrawn_in_place_never_wraps_and_needs_a_terminal(tmp_path):
     narrow, without = Terminal(), Terminal()
     shown(tmp_path / "a", narrow, columns=40)
     assert {len(line) for line in narrow.drawn} == {39}
     shown(tmp_path / "b", without, columns=0)
     assert without.drawn == []
-    assert [line.partition(" ")[0] for line in without.lines] == [
-        "next:",
-        "recording",
-        "kept:",
-    ]
+    for terminal in (narrow, without):
+        left = [line.partition(" ")[0] for line in terminal.lines]
+        assert left == ["next:", "recording", "kept:"], "redrawn in place"
 
 
 @pytest.mark.parametrize("takes", [0, 1, 3, 5])
@@ -251,40 +216,13 @@ def test_a_finger_that_is_lost_shows_no_force_and_a_field_is_shown_in_its_unit(
     trial.close("interrupted")
 
 
-def test_a_terminal_shows_the_line_while_a_trial_runs(tmp_path):
+def test_a_terminal_shows_the_line_while_a_trial_runs(tmp_path, monkeypatch):
+    monkeypatch.setenv("TERM", "xterm")
     master, slave = pty.openpty()
-    words = [
-        "--source",
-        "virtual://ft232h",
-        "--out",
-        tmp_path / "out",
-        "--person",
-        "p01",
-        "--action",
-        "nothing",
-    ]
-    command = [
-        sys.executable,
-        "-m",
-        "holdfast",
-        "record",
-        *map(str, words),
-        "--trials",
-        "1",
-        "--at-once",
-    ]
-    with subprocess.Popen(
-        [*command, "--seconds", "0.6"],
-        cwd=ROOT,
-        env={**os.environ, "TERM": "xterm"},
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.DEVNULL,
-        stderr=slave,
-    ) as run:
-        os.close(slave)
-        screen = b""
-        while b"kept:" not in screen:
-            screen += os.read(master, 4096)
+    words = f"--source virtual://ft232h --out {tmp_path / 'out'} --person p01"
+    trial = "--action nothing --trials 1 --at-once --seconds 0.6"
+    with on_terminal(slave, *words.split(), *trial.split()) as run:
+        screen = wait_on_terminal_for(master, "kept:")
         assert run.wait(timeout=300) == 0
     os.close(master)
     assert b"lost; forces" in screen

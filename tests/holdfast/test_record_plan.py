@@ -6,6 +6,8 @@ from __future__ import annotations
 import os
 import re
 import shutil
+from collections import Counter
+from pathlib import Path
 
 import pytest
 from recorder_bench import (
@@ -42,6 +44,14 @@ from holdfast.sessions.recorder.recording import record
 from holdfast.simulation import protocol as simulated
 from holdfast.training.datasets import load, trials
 
+
+@pytest.fixture
+def two_objects(tmp_path: Path) -> Path:
+    path = tmp_path / "two.toml"
+    path.write_text(PROTOCOL)
+    return path
+
+
 NAMES = [
     "Anna Müller",
     "a@b.org",
@@ -66,15 +76,10 @@ def test_withdrawing_a_person_is_deleting_one_folder(people, tmp_path):
     copy = shutil.copytree(people, tmp_path / "trials")
     assert load(copy, windows="natural").groups() == ["p01", "p02"]
     shutil.rmtree(copy / "p01")
-    left_over = load(copy, windows="natural")
-    assert {recording.trial_id.split("/")[0] for recording in left_over.recordings} == {
-        "p02"
-    }
-    assert not [
-        path
-        for path in copy.rglob("*")
-        if path.is_file() and "p01" in path.read_text("utf-8")
-    ]
+    left_over = load(copy, windows="natural").recordings
+    assert {recording.trial_id.split("/")[0] for recording in left_over} == {"p02"}
+    files = [path for path in copy.rglob("*") if path.is_file()]
+    assert not [path for path in files if "p01" in path.read_text("utf-8")]
 
 
 def test_a_folder_that_is_no_recording_is_left_alone(tmp_path):
@@ -91,15 +96,15 @@ def test_a_folder_that_is_no_recording_is_left_alone(tmp_path):
 @pytest.mark.parametrize(
     ("words", "says", "add"),
     [
-        ((), "only a key begins and ends a trial", "--at-once --seconds 8"),
-        (("--seconds", "1"), "only a key begins a trial", "--at-once"),
-        (("--at-once", "--trials", "1"), "only a key ends a trial", "--seconds 8"),
+        ("", "only a key begins and ends a trial", "--at-once --seconds 8"),
+        ("--seconds 1", "only a key begins a trial", "--at-once"),
+        ("--at-once --trials 1", "only a key ends a trial", "--seconds 8"),
     ],
 )
 def test_where_no_key_can_be_pressed_what_needs_one_is_refused_before_anything_opens(
     tmp_path, words, says, add
 ):
-    options = options_of(*cup_pull(tmp_path / "out"), *words)
+    options = options_of(*cup_pull(tmp_path / "out"), *words.split())
     messages: list[str] = []
     with open(os.devnull) as at_its_end:
         context = context_of(VirtualClock(), Keys(at_its_end.fileno()), messages)
@@ -112,8 +117,10 @@ def test_where_no_key_can_be_pressed_what_needs_one_is_refused_before_anything_o
 
 
 def test_a_recording_that_ends_by_itself_needs_no_key_and_no_time(card, tmp_path):
-    words = ["--object", "soft-ball", "--action", "pull", "--trials", "1"]
-    messages = recorded(tmp_path / "out", *words, source=f"sim://{card}?trial=0")
+    words = "--object soft-ball --action pull --trials 1"
+    messages = recorded(
+        tmp_path / "out", *words.split(), source=f"sim://{card}?trial=0"
+    )
     assert any(line.startswith("kept: ") for line in messages)
 
 
@@ -128,28 +135,22 @@ def test_a_person_is_never_recorded_into_a_second_folder_within_the_recordings(
     one_pull(tmp_path / "out2")
 
 
-def test_an_object_without_a_mass_is_reported_while_it_is_at_hand(tmp_path):
-    words = ["--object", "cup", "--action", "pull", "--trials", "1", "--seconds", "1"]
-    messages = recorded(tmp_path / "out", *words)
-    assert [
-        line
-        for line in messages
-        if "no mass given for object 'cup'" in line and "cup/meta.json" in line
-    ]
-    (tmp_path / "out/p01/cup/meta.json").write_text('{"mass_g": 80}')
-    for lines in (recorded(tmp_path / "out", *words), one_pull(tmp_path / "out")):
+def test_an_object_without_a_mass_is_reported_while_it_is_at_hand(
+    tmp_path, two_objects
+):
+    out = tmp_path / "out"
+    cup = "--object cup --action pull --trials 1 --seconds 1"
+    messages = recorded(out, *cup.split())
+    (line,) = [line for line in messages if "no mass given for object 'cup'" in line]
+    assert "cup/meta.json" in line
+    (out / "p01/cup/meta.json").write_text('{"mass_g": 80}')
+    from_protocol = ["--protocol", two_objects, "--seconds", "0.5", "--trials", "1"]
+    for lines in (
+        recorded(out, *cup.split()),
+        one_pull(out),
+        recorded(out, *from_protocol),
+    ):
         assert not said(lines, "heavy")
-    (tmp_path / "two.toml").write_text(PROTOCOL)
-    messages = recorded(
-        tmp_path / "out",
-        "--protocol",
-        tmp_path / "two.toml",
-        "--seconds",
-        "0.5",
-        "--trials",
-        "1",
-    )
-    assert not said(messages, "heavy")
 
 
 def test_two_recorders_do_not_share_a_folder(tmp_path):
@@ -165,12 +166,10 @@ def test_two_recorders_do_not_share_a_folder(tmp_path):
 
 def test_units_and_what_is_simulated_are_not_mixed_in_a_folder(tmp_path):
     one_pull(tmp_path / "out")
-    for unit, kind, error in (
-        ("uT", "simulated", UnitError),
-        ("N", "recorded", UsageError),
-    ):
-        with pytest.raises(error), opened(tmp_path / "out", unit, kind):
-            pass
+    with pytest.raises(UnitError), opened(tmp_path / "out", "uT", "simulated"):
+        pass
+    with pytest.raises(UsageError), opened(tmp_path / "out", "N", "recorded"):
+        pass
 
 
 def test_a_bad_bias_is_refused_without_anyway(tmp_path):
@@ -186,29 +185,21 @@ def test_a_bad_bias_is_refused_without_anyway(tmp_path):
     assert meta_of(tmp_path / "out/p01/soft-ball/pull/trial_1")["bias"]["good"] is False
 
 
-def test_a_card_says_what_comes_next_and_each_person_has_an_order_of_their_own(
-    tmp_path,
+def test_a_protocol_says_what_comes_next_and_each_person_has_an_order_of_their_own(
+    two_objects,
 ):
-    (tmp_path / "two.toml").write_text(PROTOCOL)
-    protocol = read_protocol(tmp_path / "two.toml")
-    first, again, other = (
-        protocol.ordered(1, person) for person in ("p01", "p01", "p02")
-    )
-    assert first == again != other
-    key = lambda task: (task.object, task.action)  # noqa: E731
-    assert (
-        sorted(first, key=key)
-        == sorted(other, key=key)
-        == sorted(protocol.tasks, key=key)
-    )
+    protocol = read_protocol(two_objects)
+    first = protocol.ordered(1, "p01")
+    other = protocol.ordered(1, "p02")
+    assert first == protocol.ordered(1, "p01") != other
+    assert Counter(first) == Counter(other) == Counter(protocol.tasks)
     assert len(first) == 8
     assert protocol.ordered(2, "p01") != first
     assert tasks_left(first, first[:3]) == first[3:]
 
 
-def test_a_run_goes_on_where_the_last_one_stopped(tmp_path):
-    (tmp_path / "two.toml").write_text(PROTOCOL)
-    words = ("--protocol", tmp_path / "two.toml", "--seconds", "0.5")
+def test_a_run_goes_on_where_the_last_one_stopped(tmp_path, two_objects):
+    words = ("--protocol", two_objects, "--seconds", "0.5")
     recorded(tmp_path / "out", *words, "--trials", "3")
     messages = recorded(tmp_path / "out", *words)
     assert said(messages, "3 of these trials are recorded already")
@@ -217,15 +208,11 @@ def test_a_run_goes_on_where_the_last_one_stopped(tmp_path):
         recorded(tmp_path / "out", *words)[-1]
         == "measuring the bias: leave the hand open, touch nothing for 1 s"
     )
-    plan = read_protocol(tmp_path / "two.toml").ordered(0, "p01")
-    by_start = sorted(
-        (tmp_path / "out").rglob("trial_*/meta.json"),
-        key=lambda path: path.stat().st_mtime_ns,
-    )
-    done = [
-        Task(*(meta_of(path.parent)[name] for name in ("object", "action", "style")))
-        for path in by_start
-    ]
+    plan = read_protocol(two_objects).ordered(0, "p01")
+    trials = (tmp_path / "out").rglob("trial_*/meta.json")
+    by_start = sorted(trials, key=lambda path: path.stat().st_mtime_ns)
+    metas = [meta_of(path.parent) for path in by_start]
+    done = [Task(meta["object"], meta["action"], meta["style"]) for meta in metas]
     assert done == plan
     assert meta_of(tmp_path / "out/p01/my-cup") == {"mass_g": 212}
 
@@ -273,50 +260,20 @@ def test_a_card_that_cannot_be_is_refused_by_its_key(tmp_path, text, says):
 @pytest.mark.parametrize(
     ("words", "says"),
     [
-        ((), "no trials given"),
-        (("--object", "cup"), "go together"),
-        (("--action", "pull"), "go together"),
-        (("--object", "cup", "--action", "nothing"), "go together"),
-        (("--object", "a b", "--action", "pull", "--trials", "1"), "object 'a b'"),
-        (("--object", "cup", "--action", "pull"), "without an end"),
-        (["--object", "cup", "--action", "pull", "--trials", "0"], "--trials 0"),
-        (
-            ["--object", "cup", "--action", "pull", "--trials", "1", "--camera", "oak"],
-            "--tag-mm",
-        ),
-        (
-            [
-                "--object",
-                "cup",
-                "--action",
-                "pull",
-                "--trials",
-                "1",
-                "--camera",
-                "scene",
-            ],
-            "cannot film",
-        ),
-        (
-            ["--object", "cup", "--action", "pull", "--trials", "1", "--fps", "30"],
-            "--fps would be ignored",
-        ),
-        (
-            [
-                "--object",
-                "cup",
-                "--action",
-                "pull",
-                "--trials",
-                "1",
-                "--camera",
-                "gone.npz",
-            ],
-            "no such file",
-        ),
+        ("", "no trials given"),
+        ("--object cup", "go together"),
+        ("--action pull", "go together"),
+        ("--object cup --action nothing", "go together"),
+        ("--object a_b --action pull --trials 1", "object 'a_b'"),
+        ("--object cup --action pull", "without an end"),
+        ("--object cup --action pull --trials 0", "--trials 0"),
+        ("--object cup --action pull --trials 1 --camera oak", "--tag-mm"),
+        ("--object cup --action pull --trials 1 --camera scene", "cannot film"),
+        ("--object cup --action pull --trials 1 --fps 30", "--fps would be ignored"),
+        ("--object cup --action pull --trials 1 --camera gone.npz", "no such file"),
     ],
 )
 def test_words_that_do_not_go_together_are_usage_errors(tmp_path, words, says):
     with pytest.raises(UsageError, match=says):
-        recorded(tmp_path / "out", *words)
+        recorded(tmp_path / "out", *words.split())
     assert not (tmp_path / "out").exists()

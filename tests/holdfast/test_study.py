@@ -6,24 +6,23 @@ import json
 import os
 import pty
 import shutil
-import signal
-import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
-from command_line import fails
+from command_line import Run, fails
 from hazard_marks import ADVERSE_EVENT, CUT_OFF_STUDY, WITHDRAWAL
 from recorder_bench import (
-    ROOT,
-    Killed,
     meta_of,
+    on_terminal,
     said,
-    terminal_of_its_own,
+    start,
     wait_for,
     wait_on_terminal_for,
 )
-from study_bench import SUS_ANSWERS, TALK, TRIALS, Study, protocol_of
+from study_bench import SUS_ANSWERS, TALK, TRIALS, Study
 
 from holdfast.core.errors import (
     CardError,
@@ -59,67 +58,77 @@ class Kill(BaseException):
     """Ends the program where it is raised, as a power cut would."""
 
 
+def run_killed(
+    study: Study, ends: Callable[[Journal, Event], bool], typed: str
+) -> None:
+    """A run that is killed right after a line of the journal."""
+    append = Journal.append
+
+    def cut(journal: Journal, event: Event, **more: object) -> object:
+        entry = append(journal, event, **more)
+        if ends(journal, event):
+            raise Kill
+        return entry
+
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(Journal, "append", cut)
+        with pytest.raises(Kill):
+            study.run(typed, pause_s=1.0)
+
+
+def sus_of(study: Study) -> dict[str, Any]:
+    """The one questionnaire of that protocol, as it was kept."""
+    text = (study.home / "questionnaires.json").read_text()
+    (sus,) = json.loads(text)["questionnaires"]
+    return dict(sus)
+
+
 # -- the steps
 
 
 def test_a_study_goes_from_step_to_step_and_ends(talk: Study) -> None:
-    assert talk.run(WHOLE_TALK) == Ending.FINISHED
+    assert talk.run(WHOLE_TALK, pause_s=1.0) == Ending.FINISHED
     assert talk.done() == [0, 1, 2, 3]
-    assert talk.entries()[0]["event"] == "opened"
-    assert talk.entries()[-1]["event"] == "finished"
+    entries = talk.entries()
+    assert (entries[0]["event"], entries[-1]["event"]) == ("opened", "finished")
     assert (talk.home / "protocol.toml").read_text() == TALK
     for text in (
         "before: Paper and pen",
         'say: "Hello."',
+        "step 1 of 2, Welcome: 2:00 planned; 4:00 left in all",
         "next: Questions",
         "next: the end",
     ):
         assert said(talk.messages, text)
-    assert said(talk.messages, "step 1 of 2, Welcome: 2:00 planned; 4:00 left in all")
+    times = [entry["t_s"] for entry in entries]
+    assert times == sorted(times)
+    assert times[1:5] == [0.0, 1.0, 1.0, 2.0]
+    assert {entry["at"] for entry in entries} == {"2026-01-01T00:00:00Z"}
+    assert (sus_of(talk)["questionnaire"], sus_of(talk)["score"]) == ("sus", 75.0)
+    assert list(sus_of(talk)["ratings"].values()) == [4, 2] * 5
+
+    assert talk.run("q") == Ending.FINISHED
+    assert said(talk.messages, "every step of this person's study is done")
+    assert talk.done() == [0, 1, 2, 3]
 
 
 def test_the_time_that_is_left_counts_down_and_what_was_lost_is_said(
     talk: Study,
 ) -> None:
     talk.run(WHOLE_TALK, pause_s=200.0)
-    assert said(
-        talk.messages,
-        "step 1 of 2, Questions: 1:00 planned; 2:00 left in all, 1:20 behind",
-    )
+    assert said(talk.messages, "Questions: 1:00 planned; 2:00 left in all, 1:20 behind")
     assert said(talk.messages, "Mounting: 1:00 planned; 1:00 left in all, 3:40 behind")
-
-
-def test_every_line_of_the_journal_has_the_monotonic_time_and_the_date(
-    talk: Study,
-) -> None:
-    talk.run(WHOLE_TALK, pause_s=1.0)
-    times = [entry["t_s"] for entry in talk.entries()]
-    assert times == sorted(times)
-    assert times[1:5] == [0.0, 1.0, 1.0, 2.0]
-    assert {entry["at"] for entry in talk.entries()} == {"2026-01-01T00:00:00Z"}
 
 
 def test_skip_repeat_note_and_pause_are_entries_and_a_pause_takes_no_time(
     talk: Study,
 ) -> None:
     talk.run("s" + "nlate bus\n" + "r" + " " + "pxp" + " q", pause_s=1.0)
-    events = [(entry["event"], entry.get("part")) for entry in talk.entries()]
-    assert events == [
-        ("opened", None),
-        ("begun", 0),
-        ("skipped", 0),
-        ("begun", 1),
-        ("note", 1),
-        ("back", 1),
-        ("begun", 0),
-        ("done", 0),
-        ("begun", 1),
-        ("paused", 1),
-        ("resumed", 1),
-        ("done", 1),
-        ("begun", 2),
-        ("quit", 2),
-    ]
+    lines = [f"{entry['event']} {entry.get('part')}" for entry in talk.entries()]
+    assert ", ".join(lines) == (
+        "opened None, begun 0, skipped 0, begun 1, note 1, back 1, begun 0, done 0, "
+        "begun 1, paused 1, resumed 1, done 1, begun 2, quit 2"
+    )
     assert talk.entries("note")[0]["text"] == "late bus"
     assert said(talk.messages, "no names")
     spent_s = progress_of(talk.entries(), talk.home, 4).spent_s
@@ -157,32 +166,21 @@ def test_a_study_that_was_quit_goes_on_in_its_step(talk: Study) -> None:
 
 @CUT_OFF_STUDY.mark
 def test_a_study_that_is_killed_after_any_line_goes_on_and_ends_the_same(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path,
 ) -> None:
     whole = Study(tmp_path / "whole")
     whole.run(WHOLE_TALK)
     wanted = progress_of(whole.entries(), whole.home, 4)
-    append = Journal.append
     for last in range(1, len(whole.entries()) + 1):
+
+        def ends(journal: Journal, event: Event, last: int = last) -> bool:
+            return len(journal.entries) == last
+
         study = Study(tmp_path / str(last))
-
-        def cut(
-            journal: Journal, event: Event, last: int = last, **more: object
-        ) -> object:
-            entry = append(journal, event, **more)
-            if len(journal.entries) == last:
-                raise Kill
-            return entry
-
-        monkeypatch.setattr(Journal, "append", cut)
-        with pytest.raises(Kill):
-            study.run(WHOLE_TALK)
-        monkeypatch.setattr(Journal, "append", append)
-        left = 3 - min(progress_of(study.entries(), study.home, 4).part, 3)
-        answered = len(progress_of(study.entries(), study.home, 4).answers)
-        assert study.run(" " * left + SUS_ANSWERS[2 * answered :]) == Ending.FINISHED, (
-            last
-        )
+        run_killed(study, ends, WHOLE_TALK)
+        left = progress_of(study.entries(), study.home, 4)
+        typed = " " * (3 - min(left.part, 3)) + SUS_ANSWERS[2 * len(left.answers) :]
+        assert study.run(typed) == Ending.FINISHED, last
         found = progress_of(study.entries(), study.home, 4)
         assert (found.part, found.answers) == (wanted.part, wanted.answers), last
         assert found.runs == 2
@@ -259,26 +257,17 @@ def test_where_no_key_can_be_pressed_any_more_the_study_can_go_on_later(
     assert talk.run(SUS_ANSWERS[8:]) == Ending.FINISHED
 
 
-def test_a_study_that_is_finished_stays_finished(talk: Study) -> None:
-    talk.run(WHOLE_TALK)
-    assert talk.run("q") == Ending.FINISHED
-    assert said(talk.messages, "every step of this person's study is done")
-    assert talk.done() == [0, 1, 2, 3]
-
-
 @CUT_OFF_STUDY.mark
 def test_a_full_disk_ends_the_study_with_an_error_and_loses_no_earlier_line(
     talk: Study, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    def half_a_line(handle: int, line: bytes) -> int:
+        return os.pwrite(handle, line[:9], 0) * 0
+
+    refused = r"study\.jsonl: cannot write \(No space left"
     with monkeypatch.context() as patched:
-        patched.setattr(
-            journals.os,
-            "write",
-            lambda handle, line: os.pwrite(handle, line[:9], 0) * 0,
-        )
-        with pytest.raises(
-            OutputError, match=r"study\.jsonl: cannot write \(No space left"
-        ):
+        patched.setattr(journals.os, "write", half_a_line)
+        with pytest.raises(OutputError, match=refused):
             talk.run(" ")
     assert talk.run(WHOLE_TALK) == Ending.FINISHED
 
@@ -288,19 +277,8 @@ def test_a_signal_ends_it_as_q_does(talk: Study) -> None:
     assert talk.entries()[-1]["event"] == "quit"
 
 
-def test_the_time_of_a_killed_run_counts_up_to_its_last_line(
-    talk: Study, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def cut(journal: Journal, event: Event, **more: object) -> None:
-        append(journal, event, **more)
-        if event == Event.NOTE:
-            raise Kill
-
-    append = Journal.append
-    with monkeypatch.context() as patched:
-        patched.setattr(Journal, "append", cut)
-        with pytest.raises(Kill):
-            talk.run("nabc\n", pause_s=1.0)
+def test_the_time_of_a_killed_run_counts_up_to_its_last_line(talk: Study) -> None:
+    run_killed(talk, lambda _, event: event == Event.NOTE, "nabc\n")
     talk.run(" q", pause_s=7.0)
     spent_s = progress_of(talk.entries(), talk.home, 4).spent_s
     assert spent_s == {0: 5.0 + 7.0, 1: 7.0}
@@ -317,25 +295,13 @@ def test_a_person_is_a_pseudonym(talk: Study, name: str) -> None:
 # -- questionnaires
 
 
-def test_answers_are_kept_one_by_one_with_the_score(talk: Study) -> None:
-    assert talk.run(WHOLE_TALK) == Ending.FINISHED
-    (sus,) = json.loads((talk.home / "questionnaires.json").read_text())[
-        "questionnaires"
-    ]
-    assert (sus["questionnaire"], sus["score"]) == ("sus", 75.0)
-    assert list(sus["ratings"].values()) == [4, 2] * 5
-
-
 def test_a_rating_off_the_scale_is_asked_again_and_keys_work_between_items(
     talk: Study,
 ) -> None:
     typed = "   " + "9\nx\n4\n" + "3\nr\n2\n" + "n\ntired\n" + "-\n" + SUS_ANSWERS[6:]
     assert talk.run(typed) == Ending.FINISHED
-    (sus,) = json.loads((talk.home / "questionnaires.json").read_text())[
-        "questionnaires"
-    ]
-    assert list(sus["ratings"].values()) == [4, 2, None, 2, 4, 2, 4, 2, 4, 2]
-    assert sus["score"] is None
+    assert list(sus_of(talk)["ratings"].values()) == [4, 2, None, 2, 4, 2, 4, 2, 4, 2]
+    assert sus_of(talk)["score"] is None
     assert said(talk.messages, "'9' is not on the scale")
     assert talk.entries("note")[0]["text"] == "tired"
 
@@ -491,29 +457,12 @@ def test_the_recorder_gets_the_options_of_the_study(
     monkeypatch.setattr(
         "holdfast.sessions.study.trials.record_plan", lambda *a: given.append(a[0])
     )
-    words = [
-        "--seconds",
-        "9",
-        "--rate",
-        "100",
-        "--anyway",
-        "--camera",
-        "oak",
-        "--tag-mm",
-        "9.96",
-        "--fps",
-        "30",
-    ]
-    study = Study(tmp_path, TRIALS, "virtual://ft232h", *words)
+    words = "--seconds 9 --rate 100 --anyway --camera oak --tag-mm 9.96 --fps 30"
+    study = Study(tmp_path, TRIALS, "virtual://ft232h", *words.split())
     study.run("  " + " " + "q")
     (args,) = given
     assert args.camera == CameraOptions("oak", 9.96, 30.0)
-    assert (args.seconds, args.rate, args.anyway, args.at_once) == (
-        9.0,
-        100.0,
-        True,
-        True,
-    )
+    assert (args.seconds, args.rate, args.anyway, args.at_once) == (9, 100, True, True)
     assert (args.person, args.out, args.calibration) == ("p01", study.out, None)
 
 
@@ -581,16 +530,19 @@ def test_a_file_that_cannot_be_deleted_is_named_and_the_rest_is_deleted(
 
 @WITHDRAWAL.mark
 def test_a_person_is_not_deleted_while_another_terminal_runs_their_study(
-    talk: Study, tmp_path: Path
+    talk: Study,
 ) -> None:
     talk.run(" q")
     reading, writing = os.pipe()
     os.write(writing, b"p01\np01\n")
     words = (talk.path, "--out", talk.out, "--person", "p01", "--withdraw")
-    with journals.held(talk.home / "study.jsonl"), start(*words, stdin=reading) as run:
+    with (
+        journals.held(talk.home / "study.jsonl"),
+        start(*words, verb="study", stdin=reading) as run,
+    ):
         _, err = run.communicate(timeout=300)
     assert (run.returncode, "another program runs" in err) == (5, True)
-    with start(*words, stdin=reading) as run:
+    with start(*words, verb="study", stdin=reading) as run:
         _, err = run.communicate(timeout=300)
     assert (run.returncode, talk.home.exists()) == (0, False)
     assert "p01 has withdrawn" in err
@@ -609,33 +561,15 @@ def test_people_and_rehearsals_are_not_mixed_in_a_folder(talk: Study) -> None:
 # -- the program
 
 
-def start(*words: object, stdin: int) -> Killed:
-    return Killed(
-        [sys.executable, "-m", "holdfast", "study", *map(str, words)],
-        cwd=ROOT,
-        stdin=stdin,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-
-
 @CUT_OFF_STUDY.mark
-def test_a_program_that_is_killed_goes_on_in_the_step_it_was_in(tmp_path: Path) -> None:
-    words = (
-        protocol_of(tmp_path, TALK),
-        "--source",
-        "virtual://ft232h",
-        "--out",
-        tmp_path / "study",
-    )
+def test_a_program_that_is_killed_goes_on_in_the_step_it_was_in(talk: Study) -> None:
     reading, writing = os.pipe()
-    with start(*words, "--person", "p01", stdin=reading) as run:
+    with start(*program(talk), verb="study", stdin=reading) as run:
         os.write(writing, b" ")
         wait_for(run, "step 1 of 2, Questions")
-        run.send_signal(signal.SIGKILL)
+        run.kill()
         run.communicate(timeout=300)
-    with start(*words, "--person", "p01", stdin=reading) as run:
+    with start(*program(talk), verb="study", stdin=reading) as run:
         wait_for(run, "step 1 of 2, Questions")
         os.write(writing, b"q")
         run.communicate(timeout=300)
@@ -644,28 +578,16 @@ def test_a_program_that_is_killed_goes_on_in_the_step_it_was_in(tmp_path: Path) 
     os.close(writing)
 
 
+def program(study: Study) -> list[object]:
+    """What the program is given for that study."""
+    words = "--source virtual://ft232h --person p01"
+    return [study.path, "--out", study.out, *words.split()]
+
+
 @CUT_OFF_STUDY.mark
 def test_a_terminal_that_goes_away_leaves_a_study_that_goes_on(talk: Study) -> None:
     master, slave = pty.openpty()
-    words = [
-        talk.path,
-        "--source",
-        "virtual://ft232h",
-        "--out",
-        talk.out,
-        "--person",
-        "p01",
-    ]
-    command = [sys.executable, "-m", "holdfast", "study", *map(str, words)]
-    with subprocess.Popen(
-        command,
-        cwd=ROOT,
-        stdin=slave,
-        stdout=slave,
-        stderr=slave,
-        preexec_fn=terminal_of_its_own,
-    ) as run:
-        os.close(slave)
+    with on_terminal(slave, *program(talk), verb="study") as run:
         wait_on_terminal_for(master, "step 1 of 2, Welcome")
         os.write(master, b" ")
         wait_on_terminal_for(master, "step 1 of 2, Questions")
@@ -678,66 +600,21 @@ def test_a_terminal_that_goes_away_leaves_a_study_that_goes_on(talk: Study) -> N
 @pytest.mark.parametrize(
     ("words", "says"),
     [
-        (("--out", "o", "--person", "p01"), "--source is missing"),
-        (("--out", "o", "--source", "sim://p1"), "--person is missing"),
-        (("--person", "p01", "--source", "sim://p1"), "--out is missing"),
-        (
-            ["--out", "o", "--person", "p01", "--source", "usb://ft232h", "--rehearse"],
-            "--rehearse",
-        ),
-        (
-            [
-                "--out",
-                "o",
-                "--person",
-                "p1",
-                "--source",
-                "virtual://ft232h",
-                "--rehearse",
-            ],
-            "--seconds",
-        ),
-        (
-            [
-                "--out",
-                "o",
-                "--person",
-                "p01",
-                "--source",
-                "sim://p1",
-                "--camera",
-                "oak",
-            ],
-            "--tag-mm",
-        ),
+        ("--out o --person p01", "--source is missing"),
+        ("--out o --source sim://p1", "--person is missing"),
+        ("--person p01 --source sim://p1", "--out is missing"),
+        ("--out o --person p01 --source usb://ft232h --rehearse", "--rehearse"),
+        ("--out o --person p1 --source virtual://ft232h --rehearse", "--seconds"),
+        ("--out o --person p01 --source sim://p1 --camera oak", "--tag-mm"),
+        ("--out o --person p01 --source sim://p1", "no key can be pressed"),
     ],
 )
-def test_words_that_do_not_go_together_are_usage_errors(
-    run,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    words: tuple[str, ...],
-    says: str,
+def test_words_that_do_not_go_together_are_refused_before_anything_opens(
+    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: str, says: str
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    fails(run, 2, "UsageError", "study", "thesis", *words, says=says)
+    given = ("study", "thesis", *words.split())
+    with open(os.devnull) as at_its_end:
+        monkeypatch.setattr(sys, "stdin", at_its_end)
+        fails(run, 2, "UsageError", *given, says=says)
     assert list(tmp_path.iterdir()) == []
-
-
-def test_a_study_without_an_operator_is_refused_before_anything_opens(
-    tmp_path: Path,
-) -> None:
-    words = (
-        "thesis",
-        "--source",
-        "sim://p1",
-        "--out",
-        tmp_path / "o",
-        "--person",
-        "p01",
-    )
-    with start(*words, stdin=subprocess.DEVNULL) as run:
-        _, err = run.communicate(timeout=300)
-    assert run.returncode == 2
-    assert "no key can be pressed" in err
-    assert not (tmp_path / "o").exists()

@@ -91,6 +91,17 @@ def never() -> bool:
     return False
 
 
+def states_in(folder: Path) -> list[str]:
+    """The states of the trials with a table, in the order of their paths."""
+    tables = sorted(folder.rglob("tactile.csv"))
+    return [meta_of(path.parent)["state"] for path in tables]
+
+
+def errors_in(text: str) -> list[str]:
+    """The error lines of what a program printed."""
+    return [line for line in text.splitlines() if line.startswith("error: ")]
+
+
 def options_of(*words: object) -> RecordOptions:
     """What the recorder gets of the words of the verb."""
     parser = Parser(prog="holdfast record")
@@ -238,13 +249,9 @@ def people(card: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Two people, four trials each, of a scene. Read only."""
     out = tmp_path_factory.mktemp("recorded") / "trials"
     for number, (thing, action) in enumerate(OF_TRIAL):
-        words = ("--object", thing, "--action", action, "--trials", "1")
-        recorded(
-            out,
-            *words,
-            source=f"sim://{card}?trial={number}",
-            person=f"p0{1 + number // 4}",
-        )
+        words = f"--object {thing} --action {action} --trials 1".split()
+        source = f"sim://{card}?trial={number}"
+        recorded(out, *words, source=source, person=f"p0{1 + number // 4}")
     return out
 
 
@@ -257,17 +264,29 @@ class Killed(subprocess.Popen[str]):
         super().__exit__(kind, *rest)
 
 
-def start(*words: object, stdin: Any = subprocess.DEVNULL, **options: Any) -> Killed:
-    command = [sys.executable, "-m", "holdfast", "record", *map(str, words)]
-    return Killed(
-        command,
-        cwd=ROOT,
-        stdin=stdin,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        **options,
+def start(*words: object, verb: str = "record", **options: Any) -> Killed:
+    """A verb as a process; without other options its keys are at their end."""
+    command = [sys.executable, "-m", "holdfast", verb, *map(str, words)]
+    pipes = {
+        "stdin": subprocess.DEVNULL,
+        "stdout": subprocess.PIPE,
+        "stderr": subprocess.PIPE,
+    }
+    return Killed(command, cwd=ROOT, text=True, **pipes | options)
+
+
+def on_terminal(slave: int, *words: object, verb: str = "record") -> Killed:
+    """A verb as a process on a terminal of its own; its other side is the test's."""
+    run = start(
+        *words,
+        verb=verb,
+        stdin=slave,
+        stdout=slave,
+        stderr=slave,
+        preexec_fn=terminal_of_its_own,
     )
+    os.close(slave)
+    return run
 
 
 def wait_for(run: subprocess.Popen[str], word_: str) -> str:
@@ -287,8 +306,9 @@ def terminal_of_its_own() -> None:
     fcntl.ioctl(0, termios.TIOCSCTTY, 0)
 
 
-def wait_on_terminal_for(master: int, word_: str) -> None:
+def wait_on_terminal_for(master: int, word_: str) -> bytes:
     """Read a terminal's screen until a word is on it."""
     screen = b""
     while word_.encode() not in screen:
         screen += os.read(master, 4096)
+    return screen

@@ -91,6 +91,7 @@ def status_text(trial: TrialRecorder, measured: SourceReading, of: str = "") -> 
     fingers = []
     for force, good in zip(forces.tolist(), measured.valid.tolist(), strict=True):
         fingers.append(f"{force:5.{decimals}f}" if good else "    -")
+
     return (
         f"{trial.t_s:.1f}{of} s, {_rate(quality.times_ns)} Hz, {quality.lost} lost; "
         f"forces {' '.join(fingers)} {quality.unit}"

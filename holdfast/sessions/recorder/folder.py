@@ -92,6 +92,7 @@ def require_ours(root: Path) -> Json:
                 cause="the recorder makes the person's folder itself",
                 next_step=f"--out {above}",
             )
+
     if not root.exists():
         return {}
     if root.is_dir():
@@ -115,6 +116,7 @@ def _require_same(root: Path, there: Json, unit: str, kind: str) -> None:
             cause="with a calibration before and without now, or the other way",
             next_step="name another folder",
         )
+
     if there.get("kind") != kind:
         raise UsageError(
             f"{root}: holds trials that are {there.get('kind')}, these would be {kind}",
@@ -145,6 +147,7 @@ def new_trial(root: Path, person: str, task: Task) -> Path:
         raise OutputError(
             f"cannot be made ({error.strerror})", where=folder, next_step="make room"
         ) from None
+
     return folder
 
 
@@ -173,6 +176,7 @@ def discard(root: Path, person: str, folder: Path) -> Path:
             where=folder,
             next_step="move it yourself",
         ) from None
+
     return target
 
 
@@ -207,6 +211,7 @@ def all_trials(root: Path) -> list[Path]:
     for path in root.rglob(META):
         if path.parent.name.startswith("trial_"):
             folders.add(path.parent)
+
     if not folders:
         raise DataNotFound(
             "no trial in this folder",
@@ -242,6 +247,7 @@ def _repaired(folder: Path) -> list[str]:
         if state == KEPT:
             raise
         return [_voided(folder, meta)]
+
     done = _removed(samples, f"line removed, {samples.rows} samples complete")
     if (folder / EVENTS).exists():
         events = repair_lines(folder / EVENTS, is_json_object)

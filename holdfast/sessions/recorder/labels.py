@@ -128,6 +128,7 @@ def read_meta(folder: Path) -> Json:
             where=folder / META,
             next_step="correct or remove it",
         ) from None
+
     return meta if isinstance(meta, dict) else {}
 
 
@@ -140,15 +141,18 @@ def truth_of(action: str, trial: Trial, unit: str, events: list[Json]) -> TrialT
     for name, at_s in (("contact", closed_s), ("contact_lost", empty_s)):
         if at_s is not None:
             known.setdefault(name, (at_s, "rule"))
+
     phases = []
     for event in events:
         if event.get("provenance") == "scene" and event.get("label"):
             t0_s = float(event["t0_s"])
             t1_s = float(event["t1_s"])
             phases.append(LabelledInterval.of(t0_s, t1_s, event["label"], "scene"))
+
     marks = {}
     for name in MARKS:
         marks[name] = round(known[name][0], 6) if name in known else None
+
     return TrialTruth(tuple(phases or _phases(action, end_s, known)), marks)
 
 
@@ -165,6 +169,7 @@ def _known_marks(events: list[Json]) -> dict[str, tuple[float, str]]:
             elif provenance == "camera" and "gross_s" in event:
                 known["incipient_slip"] = (float(event["t0_s"]), provenance)
                 known["gross_slip"] = (float(event["gross_s"]), provenance)
+
     return known
 
 
@@ -187,6 +192,7 @@ def _phases(
         situation = SITUATION_OF_ACTION[action]
         phases.append(LabelledInterval.of(closed_s, slip_s, "grasp", by_closed))
         phases.append(LabelledInterval.of(slip_s, empty_s, situation, by_slip))
+
     return [*phases, LabelledInterval.of(empty_s, end_s, NOTHING, by_empty)]
 
 
@@ -241,8 +247,10 @@ def _events(truth: Json, end_s: float) -> list[Json]:
             t1_s = min(end_s, phase["t1_s"])
             label = phase["label"]
             events.append({"t0_s": t0_s, "t1_s": t1_s, "label": label, **by})
+
     for name in MARKS:
         t_s = truth[f"{name}_s"]
         if t_s is not None and 0.0 <= t_s <= end_s:
             events.append({"t_s": t_s, "mark": name, **by})
+
     return events

@@ -178,6 +178,7 @@ class _TrialsReader(ProtocolReader):
         allowed = "at least one [[trials]] with an action"
         for k, row in enumerate(self.rows("trials", raw.get("trials"), allowed)):
             tasks += self.tasks(f"trials[{k}]", row)
+
         if len(tasks) > MOST_TRIALS:
             raise self.refused("trials", len(tasks), f"at most {MOST_TRIALS} in all")
         mass_g = {}
@@ -186,6 +187,7 @@ class _TrialsReader(ProtocolReader):
             table = self.require_table(key, value)
             self.require_known(table, ("mass_g",), key)
             mass_g[name] = self.mass_g(f"{key}.mass_g", table.get("mass_g"))
+
         return Protocol(self.path.stem, text, tuple(tasks), mass_g)
 
     def tasks(self, key: str, row: Json) -> list[Task]:

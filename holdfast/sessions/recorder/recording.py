@@ -142,9 +142,11 @@ def _report_before(options: RecordOptions, plan: Plan, display: Display) -> None
             display.report(
                 f"{folder} was interrupted and does not count; next: holdfast repair {folder}"
             )
+
     for name in dict.fromkeys(task.object for task in plan.tasks):
         if name != NOTHING and name not in plan.mass_g:
             _report_mass(options.out / options.person / name, display)
+
     if not plan.tasks:
         display.report("every trial of the protocol is recorded")
 

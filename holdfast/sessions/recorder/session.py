@@ -140,6 +140,7 @@ class Session:
                 )
             if outcome in ("stop", SIGNAL):
                 break
+
         return self.kept
 
     def _wait_for_key(self) -> str:
@@ -188,6 +189,7 @@ class Session:
             self._stop_camera()
             discard(out, person, folder)
             raise
+
         try:
             self.report(f"recording {folder.relative_to(out)}; {HELP_TRIAL}")
             outcome = self._samples(trial)
@@ -197,6 +199,7 @@ class Session:
             self._stop_camera()
             trial.give_up(str(error) or type(error).__name__)
             raise
+
         return outcome
 
     def _open(self, folder: Path, task: Task) -> TrialRecorder:
@@ -250,6 +253,7 @@ class Session:
             if due > turn:
                 trial.quality.lost += due - turn
                 turn = due
+
         return SIGNAL
 
     def _time_is_over(self, spent_ns: int) -> bool:
@@ -304,6 +308,7 @@ class Session:
         events = self.truth(first_ns, last_ns)
         for event in events:
             trial.note(event)
+
         ends_s = [event["t1_s"] for event in events if "label" in event]
         # The scene's last phase ended before the trial's last sample.
         is_over = max(ends_s, default=-1.0) < trial.t_s

@@ -119,6 +119,7 @@ class Console:
             if self.keys.closed:
                 self.report(NO_KEY)
                 return Key.QUIT
+
         return Key.QUIT
 
     def text(self, prompt: str) -> str | None:
@@ -149,6 +150,7 @@ class Console:
             elif self.keys.closed:
                 self.report(NO_KEY)
                 return None
+
         return None
 
     def trial_keys(self) -> TrialKeys:

@@ -94,6 +94,7 @@ class Progress:
             str(entry["text"])
         elif event == Event.FINISHED:
             self.finished = True
+
         if event in STOPS_TIME:
             self._stop(t_s)
         elif event in STARTS_TIME and self.begun and self._since_s is None:
@@ -173,6 +174,7 @@ class Journal:
                 cause="a full disk, or no permission",
                 next_step="make room and run the same command again; it goes on here",
             ) from None
+
         self.entries.append(entry)
         self.progress.take(entry)
 
@@ -225,4 +227,5 @@ def progress_of(entries: list[Json], path: Path, n_parts: int) -> Progress:
                 cause="it was edited, or it is another file",
                 next_step="correct that line, or take another --out",
             ) from None
+
     return progress

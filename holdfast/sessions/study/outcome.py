@@ -119,6 +119,7 @@ def outcome_of(
             cause="recorded with holdfast record alone",
             next_step="holdfast evaluate MODEL --data FOLDER --report OUT scores such recordings",
         )
+
     progress = progress_of(entries, journal, len(protocol.parts))
     figures, why = _figures(home, model)
     return StudyOutcome(
@@ -159,6 +160,7 @@ def _parts(
         if entry["event"] in STATES:
             states[entry["part"]] = STATES[entry["event"]]
             begun[entry["part"]] += entry["event"] == Event.BEGUN
+
     outcomes = []
     for number, part in enumerate(protocol.parts):
         reached = number in states
@@ -173,6 +175,7 @@ def _parts(
                 state=states.get(number, NOT_REACHED),
             )
         )
+
     return outcomes
 
 
@@ -187,6 +190,7 @@ def _adverse(protocol: StudyProtocol, entries: list[Json]) -> list[AdverseEvent]
             severity = entry["severity"]
             text = entry["text"]
             events[-1] = replace(events[-1], severity=severity, text=text)
+
     return events
 
 
@@ -210,6 +214,7 @@ def _trials(protocol: StudyProtocol, home: Path) -> list[TrialCounts]:
     for part in protocol.parts:
         if part.task:
             of(part.task.object, part.task.action).planned += part.repetitions
+
     for path in home.rglob(f"trial_*/{META}"):
         meta = read_meta(path.parent)
         trials = of(str(meta.get("object")), str(meta.get("action")))
@@ -222,4 +227,5 @@ def _trials(protocol: StudyProtocol, home: Path) -> list[TrialCounts]:
             trials.redone += 1
         else:
             trials.interrupted += 1
+
     return list(counts.values())

@@ -202,8 +202,10 @@ class _StudyReader(ProtocolReader):
         rows = self.rows("steps", raw.get("steps"), allowed)
         for number, row in enumerate(rows, 1):
             parts += self.parts(f"steps[{number}]", row)
+
         for form in self.texts("questionnaires", raw):
             parts.append(self.questionnaire("questionnaires", form))
+
         if len(parts) > MOST_PARTS:
             allowed = f"at most {MOST_PARTS} rows in all"
             raise self.refused("steps", len(parts), allowed)
@@ -243,6 +245,7 @@ class _StudyReader(ProtocolReader):
                 self.action(f"{key}.actions", action)
             if "mass_g" in table:
                 mass_g[name] = self.mass_g(f"{key}.mass_g", table["mass_g"])
+
         return mass_g
 
     def numbered(self, parts: list[StudyPart], first_step: int) -> list[StudyPart]:
@@ -256,6 +259,7 @@ class _StudyReader(ProtocolReader):
             number += part.has_number
             step = None if part.kind == QUESTIONNAIRE else number
             numbered.append(replace(part, step=step))
+
         return numbered
 
     # -- rows
@@ -275,6 +279,7 @@ class _StudyReader(ProtocolReader):
             of_object[0] = replace(of_object[0], room_before=begins)
             of_object[-1] = replace(of_object[-1], room_after=ends)
             parts += of_object
+
         return parts
 
     def parts_of_object(self, key: str, each: list[Json], name: str) -> list[StudyPart]:
@@ -310,10 +315,12 @@ class _StudyReader(ProtocolReader):
         elif "repetitions" in row:
             allowed = "only with kind = 'record'"
             raise self.refused(f"{key}.repetitions", row["repetitions"], allowed)
+
         words = self.words(name, action)
         texts = {}
         for text in TEXTS:
             texts[text] = self.filled(f"{key}.{text}", row.get(text, ""), words)
+
         title = texts["title"] or TITLES[kind]
         about = joined(", ", (words.get("object"), words.get("action")))
         return StudyPart(
@@ -374,6 +381,7 @@ class _StudyReader(ProtocolReader):
         except ValueError:
             allowed = "braces in pairs, around object, action or how"
             raise self.refused(key, text, allowed) from None
+
         for _, place, _, _ in fields:
             if place is not None and place not in words:
                 known = [f"{{{word}}}" for word in words]
@@ -381,6 +389,7 @@ class _StudyReader(ProtocolReader):
                 if place == "how":
                     allowed += "; {how} where [actions.NAME] has a how"
                 raise self.refused(key, f"{{{place}}}", allowed)
+
         return text.format(**words)
 
 

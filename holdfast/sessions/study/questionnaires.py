@@ -151,6 +151,7 @@ def answer_items(name: str, journal: Journal, console: Console) -> Key:
         else:
             journal.append(Event.ANSWER, part=part, item=item.name, rating=answer)
             at += 1
+
     return Key.NEXT
 
 
@@ -197,6 +198,7 @@ def scores(protocol: StudyProtocol, progress: Progress) -> list[dict[str, Any]]:
                     "score": form.score(ratings),
                 }
             )
+
     return answered
 
 

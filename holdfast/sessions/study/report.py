@@ -53,6 +53,8 @@ def summary_lines(outcome: StudyOutcome, page: Path) -> list[str]:
                 f"recognised, {one.false_alarms} false alarms in {one.minutes:.1f} min "
                 f"({figures.kind})"
             )
+
     for form in outcome.questionnaires:
         lines.append(f"  {form['title']}: {number(form['score'], 1)} of 100")
+
     return [*lines, f"report: {page}"]

@@ -57,6 +57,7 @@ class Runner:
                 self.console.report(LATER)
             if ending != Ending.MOVED:
                 return ending
+
         self.journal.append(Event.FINISHED)
         return Ending.FINISHED
 
@@ -96,6 +97,7 @@ class Runner:
         for k in range(number):
             spent_s = self.journal.progress.spent_s.get(k, 0.0)
             behind_s += spent_s - 60.0 * self.protocol.parts[k].minutes
+
         if abs(behind_s) >= LEAST_DELAY_S:
             what = "behind" if behind_s > 0 else "ahead"
             heading += f", {clock_text(abs(behind_s))} {what}"
@@ -118,6 +120,7 @@ class Runner:
                 ending = self._trial(part.task)
             else:
                 ending = self._move(Event.DONE, 1)
+
         return ending
 
     def _missing(self, part: StudyPart) -> int:

@@ -162,6 +162,7 @@ def run_parts(
         ending = Runner(root, person, protocol, journal, console, trials, utc).run()
         if ending != Ending.WITHDRAWN:
             write_answers(home, protocol, journal.progress)
+
     return ending
 
 
@@ -182,6 +183,7 @@ def _open(
             console.report(f"  before: {line}")
     else:
         console.report("this person's study goes on where it ended")
+
     if not console.rehearsal:
         console.report(HELP)
 
@@ -234,4 +236,5 @@ def withdraw_person(root: Path, person: str, keyboard: TextIO) -> bool:
         # Another terminal that runs this person's study would write the files again.
         with held(home / JOURNAL):
             withdraw(root, person, console.report, utc_now)
+
     return True

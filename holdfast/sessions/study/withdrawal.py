@@ -36,6 +36,7 @@ def withdraw(
     """
     with alone(root):
         left, n_files = _delete_all(root, person, report, utc)
+
     if left:
         name, why = next(iter(left.items()))
         raise OutputError(
@@ -44,6 +45,7 @@ def withdraw(
             cause="no permission, or another program has it",
             next_step=f"correct that, then run it again with --person {person} --withdraw",
         )
+
     names = root / WITHDRAWN
     report(f"{person} has withdrawn: {n_files} files deleted; {names} has their names")
     report(NOT_HERE)
@@ -61,6 +63,7 @@ def _delete_all(
             folders.append(path)
         else:
             files.append(path)
+
     # The names are on the disk before the first file goes.
     names = [str(path.relative_to(root)) for path in files]
     entry = {"event": "withdrawn", "person": person}
@@ -73,10 +76,12 @@ def _delete_all(
         except OSError as error:
             left[name] = str(error.strerror)
             report(f"not deleted: {name} ({error.strerror})")
+
     for folder in reversed(folders):
         # One that still holds something stays.
         with suppress(OSError):
             folder.rmdir()
+
     if home.exists() and not left:
         left = {person: "something in it cannot be seen or deleted"}
     state = INCOMPLETE if left else DONE
@@ -91,6 +96,7 @@ def require_not_withdrawn(root: Path, person: str) -> None:
     for entry in read_events(root / WITHDRAWN):
         if entry.get("person") == person:
             state = entry["state"]
+
     if state == DONE:
         raise UsageError(
             f"{person} has withdrawn", next_step="give a pseudonym that is new"
