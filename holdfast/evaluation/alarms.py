@@ -26,10 +26,13 @@ from holdfast.training.timeline import RiskyEvent
 
 IntArray = npt.NDArray[np.int64]
 COLLAR_S = 0.020
+"""How far outside an event an alarm still belongs to it: 3 samples at 150 Hz."""
 WIDE_COLLAR_S = 0.040
+"""A second collar, to show how much the figures depend on the first."""
 CONFIDENCES = tuple(range(0, 1000, 10))
 """Thousandths of the votes from which one is chosen."""
 DRAWS = 1000
+"""Of the bootstrap over groups."""
 
 
 @dataclass(frozen=True)
@@ -68,21 +71,28 @@ def _requests(answers: Answers, rules: DecisionRules, least: IntArray) -> BoolAr
 
     An unknown sample neither calls nor releases, and breaks no run of samples that do.
     """
+    # Unknown samples are taken out first, so they break no run, and filled in at the end.
     known = np.flatnonzero(answers.situation != UNKNOWN)
     situation = answers.situation[known][:, None]
     confident = answers.risky_permille[known, None] >= least
     risky = (situation == RISKY_SLIP) & confident
     calls = _lasting(risky, rules.act_samples)
+
     # Rounded up: evidence may be missing for whole sample periods only.
-    patience = -(-1000 * rules.evidence_ms // period_us(answers.recording.rate_hz))
+    period = period_us(answers.recording.rate_hz)
+    patience = -(-1000 * rules.evidence_ms // period)
     released = _lasting(situation == NOTHING, rules.release_samples)
     lets_go = released | _lasting(~risky, patience)
+
     # Row 0 is the state before the first known sample: nothing is requested.
     requested = np.zeros((1 + len(known), len(least)), dtype=np.bool_)
     called = _last(calls)
+    # Where both fall on one sample, the call wins, as it does on the hand.
     requested[1:] = (called > 0) & (called >= _last(lets_go))
     every_row = np.arange(len(answers.situation))
-    return requested[np.searchsorted(known, every_row, side="right")]
+    # A sample after k known ones has the state of row k.
+    known_before = np.searchsorted(known, every_row, side="right")
+    return requested[known_before]
 
 
 def _lasting(flags: BoolArray, samples: int) -> BoolArray:
@@ -94,10 +104,12 @@ def _lasting(flags: BoolArray, samples: int) -> BoolArray:
 
 def _last(flags: BoolArray) -> npt.NDArray[np.int32]:
     """[T, K] the turn, from 1, at which a flag was last up, 0 before its first."""
-    return np.maximum.accumulate(np.where(flags, _turns(flags), np.int32(0)), axis=0)
+    turn_or_0 = np.where(flags, _turns(flags), np.int32(0))
+    return np.maximum.accumulate(turn_or_0, axis=0)
 
 
 def _turns(flags: BoolArray) -> npt.NDArray[np.int32]:
+    """[T, 1] numbers of the samples, from 1."""
     return np.arange(1, 1 + len(flags), dtype=np.int32)[:, None]
 
 
@@ -149,25 +161,30 @@ def match_alarms(
     outcomes = []
     for event in recording.events:
         within = _within(event, alarms_s, collar_s)
-        last_before = int(np.ceil((event.onset_s - collar_s) * rate_hz)) - 1
+
+        # The last sample before the collar: a request there is not an answer to this event.
+        first_s = event.onset_s - collar_s
+        last_before = int(np.ceil(first_s * rate_hz)) - 1
         last_before = min(last_before, len(requests) - 1)
         already_on = last_before >= 0 and bool(requests[last_before])
         alarm_s = None
         if within.any() and not already_on:
             alarm_s = float(alarms_s[within][0])
+
         outcomes.append(AlarmOutcome(event, alarm_s, already_on))
         false &= ~within
+
     false_s = tuple(alarms_s[false].tolist())
-    return EventMatch(
-        recording, tuple(outcomes), false_s, len(requests) / rate_hz / 60.0
-    )
+    minutes = len(requests) / rate_hz / 60.0
+    return EventMatch(recording, tuple(outcomes), false_s, minutes)
 
 
 def false_alarms(
     recording: Recording, requests: BoolArray, collar_s: float = COLLAR_S
 ) -> IntArray:
     """[K] how many alarms of requests [T, K] belong to no event, as `match_alarms` counts them."""
-    false, t_s = _begins(requests), np.arange(len(requests)) / recording.rate_hz
+    false = _begins(requests)
+    t_s = np.arange(len(requests)) / recording.rate_hz
     for event in recording.events:
         false[_within(event, t_s, collar_s)] = False
     return np.asarray(false.sum(axis=0), dtype=np.int64)
@@ -190,8 +207,10 @@ def match_all_alarms(
 ) -> list[EventMatch]:
     """Match many answered streams. permille: the confidence from which an act is requested."""
     requests = requests_at(answers, rules, permille)
-    pairs = zip(answers, requests, strict=True)
-    return [match_alarms(one.recording, on) for one, on in pairs]
+    matches = []
+    for one, on in zip(answers, requests, strict=True):
+        matches.append(match_alarms(one.recording, on))
+    return matches
 
 
 def choose_confidence(
@@ -207,7 +226,10 @@ def choose_confidence(
     for one, of_one in zip(answers, requests, strict=True):
         false += false_alarms(one.recording, of_one)
         seconds += len(one.situation) / one.recording.rate_hz
-    few = np.flatnonzero(false <= most_false_per_min * (seconds / 60.0))
+
+    allowed = most_false_per_min * (seconds / 60.0)
+    few = np.flatnonzero(false <= allowed)
+    # The lowest is the one that detects most; where none is quiet enough, the quietest.
     return CONFIDENCES[few[0]] if len(few) else CONFIDENCES[-1]
 
 
@@ -271,8 +293,11 @@ def event_scores(
         for outcome in stream.outcomes:
             times.add(outcome)
             already_on += outcome.already_on
+
+    # Recordings of a person are alike, so the bootstrap draws groups and no single events.
     sums = _sums_by_group(streams)
     drawn = draw_groups(len(sums), n_draws, seed) @ sums if len(sums) > 1 else None
+
     found, events, false, minutes = sums.sum(axis=0).tolist()
     false_per_min = false / minutes if minutes else None
     return EventScores(
@@ -302,7 +327,8 @@ def _sums_by_group(streams: Sequence[EventMatch]) -> FloatArray:
     sums = np.zeros((groups.max(initial=-1) + 1, 4))
     for group, stream in zip(groups, streams, strict=True):
         detected = sum(one.alarm_s is not None for one in stream.outcomes)
-        events, false = len(stream.outcomes), len(stream.false_s)
+        events = len(stream.outcomes)
+        false = len(stream.false_s)
         sums[group] += [detected, events, false, stream.minutes]
     return sums
 
@@ -311,6 +337,7 @@ def ratio_interval(drawn: FloatArray | None, above: int, below: int) -> Interval
     """Interval of a ratio of two columns of sums [draws, ..]; None where nothing can be drawn."""
     if drawn is None:
         return None
+    # A draw of groups that have no event, or no minute, has no ratio.
     defined = drawn[drawn[:, below] > 0]
     ratios = defined[:, above] / defined[:, below]
     if not len(ratios):

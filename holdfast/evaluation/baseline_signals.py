@@ -33,7 +33,8 @@ from holdfast.training.recording import DataSet, LabelledRows, Recording
 OUTPUTS = ("loudest", "now", "usable")
 NARROW = 2048
 """Signals times settings that numpy steps in about the time of one."""
-BACK_SAMPLES, JUMP_N = 2, 0.5
+BACK_SAMPLES = 2
+JUMP_N = 0.5
 SHEAR_RATE_LAW = (
     "a slip where |S[t] - S[t-2]| > 0.5 N, S the sum over the fingers of |x| + |y|"
 )
@@ -61,9 +62,12 @@ def detector_signals(
     steps = steps_of(open_session(_signals_graph(spec)), OUTPUTS)
     signals = []
     for out in everywhere(steps, recordings):
-        loudest, now, usable = (out[name][:, 0] for name in OUTPUTS)
+        loudest = out["loudest"][:, 0]
+        now = out["now"][:, 0]
+        usable = out["usable"][:, 0]
         is_shear = np.arange(now.shape[1]) % 3 != NORMAL_AXIS
-        x, y = now[:, 0::3], now[:, 1::3]
+        x = now[:, 0::3]
+        y = now[:, 1::3]
         signals.append(
             DetectorSignals(
                 loudest=loudest[:, is_shear],
@@ -73,6 +77,7 @@ def detector_signals(
                 usable=usable[:, NORMAL_AXIS::3],
             )
         )
+
     return signals
 
 
@@ -91,7 +96,9 @@ class _ShortPast(StepSpec):
 
 
 def _signals_graph(spec: StepSpec) -> bytes:
-    graph, spec = GraphBuilder(spec.n_sensors), _ShortPast(**vars(spec))
+    graph = GraphBuilder(spec.n_sensors)
+    spec = _ShortPast(**vars(spec))
+    # The bank reads the newest sample only; a short past makes the state, and the step, small.
     guarded = add_guard(graph, spec)
     rectified = add_bank(graph, spec, guarded)
     graph.node("ReduceMax", rectified, graph.ints(1), out="loudest", keepdims=1)
@@ -106,6 +113,7 @@ def _signals_graph(spec: StepSpec) -> bytes:
 def cone_fires(of: DetectorSignals, spec: StepSpec, friction: float) -> BoolArray:
     """[T] whether some usable finger, pressed hard enough, leaves the cone of this friction."""
     outside = of.shear > of.normal * friction
+    # A finger that barely touches has a large ratio of two small numbers.
     pressed = of.normal > spec.detectors.min_normal_n
     return np.asarray((outside & pressed & of.usable).any(axis=1))
 
@@ -123,18 +131,23 @@ def band_pass_fires(
     for first in range(0, len(order), BATCH):
         places = order[first : first + BATCH]
         batch = [signals[k] for k in places]
+
         stepped = _step_floors(batch, _Floor.of(spec), np.asarray(ratios))
         for column, (k, one) in enumerate(zip(places, batch, strict=True)):
+            # A copy, so that the padded array of the whole batch can be freed.
             by_recording[k] = stepped[: len(one.loudest), :, column].copy()
+
     fires = []
     for place in range(len(ratios)):
         fires.append([by_recording[k][:, place] for k in range(len(signals))])
+
     return fires
 
 
 def is_narrow(signals: Sequence[DetectorSignals], n_settings: int) -> bool:
     """Whether all settings are stepped together in about the time of one: few long recordings."""
-    return n_settings * sum(one.loudest.shape[1] for one in signals) <= NARROW
+    n_signals = sum(one.loudest.shape[1] for one in signals)
+    return n_settings * n_signals <= NARROW
 
 
 @dataclass(frozen=True)
@@ -148,12 +161,13 @@ class _Floor:
     @staticmethod
     def of(spec: StepSpec) -> _Floor:
         rules = spec.detectors
-        fast = min(1.0, 1.0 / (rules.floor_tau_s * spec.rate_hz))
-        return _Floor(
-            NOISE_RMS[spec.unit] * noise_gain(spec.rate_hz, spec.usable_bands()),
-            np.array([fast, fast * rules.firing_rate]),
-            rules.floor_clip,
-        )
+        # The floor never falls below what the chip's own noise leaves in a band.
+        least = NOISE_RMS[spec.unit] * noise_gain(spec.rate_hz, spec.usable_bands())
+        tau_samples = rules.floor_tau_s * spec.rate_hz
+        fast = min(1.0, 1.0 / tau_samples)
+        # While it fires the floor follows slowly, so that a slip does not become its own noise.
+        rates = np.array([fast, fast * rules.firing_rate])
+        return _Floor(least, rates, rules.floor_clip)
 
 
 def _step_floors(
@@ -164,25 +178,35 @@ def _step_floors(
     A recording is silent after its end.
     """
     n_rows = max(len(one.loudest) for one in batch)
-    shape = (n_rows, len(batch), batch[0].loudest.shape[1])
-    loudest, usable = np.zeros(shape), np.zeros(shape, dtype=np.bool_)
+    n_signals = batch[0].loudest.shape[1]
+    shape = (n_rows, len(batch), n_signals)
+    loudest = np.zeros(shape)
+    usable = np.zeros(shape, dtype=np.bool_)
     for k, one in enumerate(batch):
         loudest[: len(one.loudest), k] = one.loudest
         usable[: len(one.loudest), k] = one.shear_usable
+
     fires = np.empty((n_rows, len(ratios), len(batch)), dtype=np.bool_)
     ratio = ratios[:, None, None]
-    floor, peak, limit = np.zeros((3, len(ratios), *shape[1:]))
+    per_ratio = (len(ratios), len(batch), n_signals)
+    floor = np.zeros(per_ratio)
+    peak = np.zeros(per_ratio)
+    limit = np.zeros(per_ratio)
     # In place: this is the loop that an evaluation spends most of its time in.
     for t in range(n_rows):
         np.maximum(floor, constants.least, out=floor)
+        # A signal that is not usable equals its floor: it neither fires nor moves it.
         np.copyto(peak, floor)
         np.copyto(peak, loudest[t], where=usable[t])
         above = peak > np.multiply(floor, ratio, out=limit)
         above.any(axis=2, out=fires[t])
+
+        # Clipped, so that one loud sample cannot lift the floor far.
         np.minimum(peak, np.multiply(floor, constants.clip, out=limit), out=peak)
         peak -= floor
         peak *= constants.rates[above.view(np.int8)]
         floor += peak
+
     return fires
 
 
@@ -211,9 +235,12 @@ def shear_rate_at(data: DataSet, reach_samples: int = 1) -> BoolArray:
     for trial in np.unique(task.trial):
         here = task.trial == trial
         fires = shear_rate_fires(data.recordings[trial].samples)
+        # A sum up to every sample: the difference of two counts what fired between them.
         count = np.cumsum(np.concatenate([[0], fires]))
         row = task.row[here] + 1
-        fired[here] = count[row] > count[np.maximum(row - reach_samples, 0)]
+        before = np.maximum(row - reach_samples, 0)
+        fired[here] = count[row] > count[before]
+
     return fired
 
 
@@ -228,7 +255,9 @@ def clock_features(data: DataSet) -> FloatRows:
         here = task.trial == trial
         force_n = contact_force_n(data.recordings[trial].samples)
         since_s = frames_since_contact(force_n, NORMAL_FLOOR["N"]) / data.rate_hz
-        features[here] = np.column_stack([since_s, force_n])[task.row[here]]
+        clock = np.column_stack([since_s, force_n])
+        features[here] = clock[task.row[here]]
+
     return features
 
 
@@ -246,12 +275,17 @@ def raw_windows(data: DataSet) -> FloatRows:
 
 def windows_alone(data: DataSet) -> DataSet:
     """The windows of "classes", each a recording of the N samples that end at its row."""
-    task, n = data.tasks["classes"], window_samples(data.rate_hz)
+    task = data.tasks["classes"]
+    n = window_samples(data.rate_hz)
     recordings = []
     for trial, row in zip(task.trial, task.row, strict=True):
-        whole, rows = data.recordings[trial], slice(max(0, row + 1 - n), row + 1)
+        whole = data.recordings[trial]
+        rows = slice(max(0, row + 1 - n), row + 1)
         cut = replace(whole, samples=whole.samples[rows], valid=whole.valid[rows])
         recordings.append(cut)
+
+    # The window's label stands at its newest sample.
     last = np.array([len(one.samples) - 1 for one in recordings], dtype=np.int64)
-    rows_of = LabelledRows(np.arange(len(task)), last, task.label, task.classes)
+    trial_of = np.arange(len(task))
+    rows_of = LabelledRows(trial_of, last, task.label, task.classes)
     return replace(data, recordings=recordings, tasks={"classes": rows_of})

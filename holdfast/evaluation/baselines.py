@@ -52,6 +52,7 @@ BAND_RATIOS = tuple(np.geomspace(1.05, 100.0, 32).tolist())
 FRICTIONS = tuple(np.geomspace(0.1, 5.0, 32).tolist())
 RAW_OUTPUTS = ("situation", "votes", "unknown")
 JUMPS_N = tuple(np.geomspace(0.05, 20.0, 64).tolist())
+"""With BAND_RATIOS and FRICTIONS the settings of the detectors, the most sensitive first."""
 
 
 @dataclass(frozen=True)
@@ -69,14 +70,19 @@ def baselines(
     """The baselines of a model of this step. forest: None without a set to train it on."""
     # Bank and cone read the same pass of guard and bank over a set.
     signals = _kept(partial(detector_signals, spec))
-    found = [Baseline(BAND, BAND_RATIOS, _kept(_bank(spec, rules, signals)))]
+    bank = _kept(_bank(spec, rules, signals))
+    found = [Baseline(BAND, BAND_RATIOS, bank)]
     if "friction_cone" in detector_names(spec):
-        found.append(Baseline(CONE, FRICTIONS, _cone(spec, rules, signals)))
+        cone = _cone(spec, rules, signals)
+        found.append(Baseline(CONE, FRICTIONS, cone))
+    # Its threshold is in N, and means nothing in uT or counts.
     if spec.unit == "N":
-        found.append(Baseline(SHEAR_RATE, JUMPS_N, partial(_shear_rate, rules=rules)))
+        shear_rate = partial(_shear_rate, rules=rules)
+        found.append(Baseline(SHEAR_RATE, JUMPS_N, shear_rate))
     if forest:
         confidences = tuple(map(float, CONFIDENCES))
-        found.append(Baseline(RAW, confidences, _kept(_raw_forest(forest, rules))))
+        thesis = _kept(_raw_forest(forest, rules))
+        found.append(Baseline(RAW, confidences, thesis))
     return [*found, Baseline(ORACLE, (0.0,), _oracle)]
 
 
@@ -89,6 +95,7 @@ def _kept(compute: OnRecordings[Computed]) -> OnRecordings[Computed]:
     last: list[tuple[Sequence[Recording], Computed]] = []
 
     def on(recordings: Sequence[Recording]) -> Computed:
+        # By identity: recordings hold arrays, and == of these has no single answer.
         if not last or last[0][0] is not recordings:
             last[:] = [(recordings, compute(recordings))]
         return last[0][1]
@@ -146,11 +153,13 @@ def _raw_forest(forest: bytes, rules: DecisionRules) -> OnRecordings[Requests]:
     steps = steps_of(open_session(forest), RAW_OUTPUTS)
 
     def on(recordings: Sequence[Recording]) -> Requests:
+        computed = everywhere(steps, recordings)
         answers = []
-        for one, out in zip(recordings, everywhere(steps, recordings), strict=True):
+        for one, out in zip(recordings, computed, strict=True):
             situation = np.where(out["unknown"], UNKNOWN, out["situation"])
             permille = risky_permille(out["votes"].astype(np.int64))
             answers.append(Answers(one, situation, permille))
+
         return lambda permille: requests_at(answers, rules, int(permille))
 
     return on
@@ -163,11 +172,13 @@ def _oracle(recordings: Sequence[Recording]) -> Requests:
 def raw_forest(data: DataSet, spec: StepSpec, seed: int) -> bytes:
     """The thesis' forest, trained on a set, as a step graph of its own."""
     task = main_task(data)
+    # The rate of the model, of which that of the set may be off by some per cent.
     narrow = replace(spec_for(data, RAW_BASELINE.groups), rate_hz=spec.rate_hz)
     alone = replace(data, tasks={task: data.tasks[task]})
     features = features_of(alone, narrow)[task]
     every_row = np.arange(len(features))
     fitted = fit_learner(data, features, RAW_BASELINE, task, every_row, seed)
+
     classes = data.tasks[task].classes
     head = Head("situation", classes, fitted, uncalibrated(len(classes)))
     graph = GraphBuilder(narrow.n_sensors)
@@ -181,9 +192,14 @@ def held_until_let_go(
     """[T] requests of a detector that fires [T]: while something is held, until it is let go."""
     answers = []
     for one, fires in zip(recordings, firing, strict=True):
-        held = one.samples[:, NORMAL_AXIS::3].sum(axis=1) > NORMAL_FLOOR[one.unit]
-        situation = np.where(held, np.where(fires, RISKY_SLIP, GRASP), NOTHING)
-        answers.append(Answers(one, situation, np.full(len(situation), 1000)))
+        normal = one.samples[:, NORMAL_AXIS::3].sum(axis=1)
+        held = normal > NORMAL_FLOOR[one.unit]
+        slips_or_not = np.where(fires, RISKY_SLIP, GRASP)
+        situation = np.where(held, slips_or_not, NOTHING)
+        certain = np.full(len(situation), 1000)
+        answers.append(Answers(one, situation, certain))
+
+    # A detector has thresholds of its own against noise, and acts on its first sample.
     return requests_at(answers, replace(rules, act_samples=1), 0)
 
 
@@ -201,11 +217,14 @@ def false_per_min(
     recordings: Sequence[Recording], requests: Sequence[BoolArray]
 ) -> float:
     """False alarms a minute on streams."""
-    false, minutes = 0, 0.0
+    false = 0
+    minutes = 0.0
     for recording, on in zip(recordings, requests, strict=True):
         match = match_alarms(recording, on)
         false += len(match.false_s)
         minutes += match.minutes
+
+    # Without a stream there is no alarm either: a rate of 0.
     return false / max(minutes, 1e-9)
 
 
@@ -234,13 +253,16 @@ def matched(
     def rate_at(place: int) -> float:
         return false_per_min(recordings, requests(baseline.settings[place]))
 
-    low, high = 0, len(baseline.settings) - 1
+    low = 0
+    high = len(baseline.settings) - 1
     while low < high:
         middle = (low + high) // 2
         if rate_at(middle) <= most_false_per_min:
             high = middle
         else:
             low = middle + 1
+
+    # Also of the least sensitive setting, which may still be above what is allowed.
     rate = rate_at(low)
     fits = rate <= most_false_per_min
     return MatchedBaseline(baseline.name, baseline.settings[low], rate, fits)

@@ -33,8 +33,12 @@ from holdfast.evaluation.alarms import AlarmOutcome, EventMatch
 from holdfast.evaluation.statistics import Spread, spread
 from holdfast.training.recording import Recording
 
-CAMERA, KEY, SCENE, RISKY = "camera", "key", "scene", SITUATIONS[RISKY_SLIP]
-TRUE_START, TRUE_GROSS = "incipient_slip", "gross_slip"
+CAMERA = "camera"
+KEY = "key"
+SCENE = "scene"
+RISKY = SITUATIONS[RISKY_SLIP]
+TRUE_START = "incipient_slip"
+TRUE_GROSS = "gross_slip"
 """Marks of a scene."""
 LATE_S = 0.05
 """A camera's start belongs to the event it falls into, or so much before or after it."""
@@ -70,17 +74,21 @@ def _seen(csv: Path) -> tuple[SeenSlip, ...]:
         where = csv.with_suffix(ONSET_SUFFIX)
         intervals = _phases(read_json(where))
         marks = _truth_marks(read_json(truth_path(csv))) if intervals else []
+
     slips = []
     for interval in intervals:
-        if interval.get("provenance") == CAMERA and interval.get("label") == RISKY:
-            try:
-                slips.append(_slip(interval, marks))
-            except (KeyError, TypeError, ValueError) as error:
-                raise LabelError(
-                    f"a camera's interval without its times ({error!r:.60})",
-                    where=where,
-                    next_step="holdfast onset, again",
-                ) from None
+        if interval.get("provenance") != CAMERA or interval.get("label") != RISKY:
+            continue
+        # These files come from outside: a person may have edited them.
+        try:
+            slips.append(_slip(interval, marks))
+        except (KeyError, TypeError, ValueError) as error:
+            raise LabelError(
+                f"a camera's interval without its times ({error!r:.60})",
+                where=where,
+                next_step="holdfast onset, again",
+            ) from None
+
     return tuple(slips)
 
 
@@ -111,14 +119,26 @@ def _truth_marks(truth: Json) -> list[tuple[str, Any]]:
 
 def _slip(interval: Json, marks: Sequence[tuple[str, Any]]) -> SeenSlip:
     """An interval with the scene's marks that fall into it."""
-    start_s, gross_s = float(interval["t0_s"]), float(interval["gross_s"])
+    start_s = float(interval["t0_s"])
+    gross_s = float(interval["gross_s"])
     last_s = max(gross_s, float(interval["t1_s"]))
+    sd_s = float(interval["uncertainty_s"])
+
     near = {}
     for name, at_s in marks:
-        if at_s is not None and start_s - LATE_S <= float(at_s) <= last_s + LATE_S:
+        # A scene writes null for what did not happen.
+        if at_s is None:
+            continue
+        if start_s - LATE_S <= float(at_s) <= last_s + LATE_S:
             near[name] = float(at_s)
-    sd_s = float(interval["uncertainty_s"])
-    return SeenSlip(start_s, sd_s, gross_s, near.get(TRUE_START), near.get(TRUE_GROSS))
+
+    return SeenSlip(
+        start_s=start_s,
+        sd_s=sd_s,
+        gross_s=gross_s,
+        true_start_s=near.get(TRUE_START),
+        true_gross_s=near.get(TRUE_GROSS),
+    )
 
 
 def onsets_by(root: Path, recordings: Sequence[Recording]) -> dict[str, int]:
@@ -188,16 +208,21 @@ def camera_figures(
     matched: list[tuple[AlarmOutcome, SeenSlip]] = []
     for stream, slips in zip(streams, seen, strict=True):
         matched += _matched(stream, slips)
-    delay_ms, lead_ms = [], []
+
+    delay_ms = []
+    lead_ms = []
     for outcome, slip in matched:
         if outcome.alarm_s is not None:
             delay_ms.append(1e3 * (outcome.alarm_s - slip.start_s))
             lead_ms.append(1e3 * (slip.gross_s - outcome.alarm_s))
+
+    n_onsets = sum(len(slips) for slips in seen)
+    sd_ms = [1e3 * slip.sd_s for _, slip in matched]
     return CameraFigures(
-        onsets=sum(len(slips) for slips in seen),
+        onsets=n_onsets,
         events=len(matched),
         found=len(delay_ms),
-        start_sd_ms=spread([1e3 * slip.sd_s for _, slip in matched]),
+        start_sd_ms=spread(sd_ms),
         delay_ms=spread(delay_ms),
         lead_ms=spread(lead_ms),
         truth=_by_truth(matched),
@@ -210,16 +235,21 @@ def _matched(
     """Every event with the first slip that a camera saw begin in it."""
     pairs = []
     for outcome in stream.outcomes:
-        first_s, last_s = outcome.event.onset_s - LATE_S, outcome.event.end_s + LATE_S
+        first_s = outcome.event.onset_s - LATE_S
+        last_s = outcome.event.end_s + LATE_S
         within = [slip for slip in slips if first_s <= slip.start_s <= last_s]
         if within:
             pairs.append((outcome, within[0]))
+
     return pairs
 
 
 def _by_truth(matched: Sequence[tuple[AlarmOutcome, SeenSlip]]) -> SceneFigures | None:
     """The times of the scene, of the events of which it knows them; None where it knows none."""
-    delay_ms, lead_ms, start_off_ms, gross_off_ms = [], [], [], []
+    delay_ms = []
+    lead_ms = []
+    start_off_ms = []
+    gross_off_ms = []
     for outcome, slip in matched:
         alarm_s = outcome.alarm_s
         if slip.true_start_s is not None:
@@ -230,8 +260,12 @@ def _by_truth(matched: Sequence[tuple[AlarmOutcome, SeenSlip]]) -> SceneFigures 
             gross_off_ms.append(1e3 * (slip.gross_s - slip.true_gross_s))
             if alarm_s is not None:
                 lead_ms.append(1e3 * (slip.true_gross_s - alarm_s))
+
     if not start_off_ms and not gross_off_ms:
         return None
     return SceneFigures(
-        spread(delay_ms), spread(lead_ms), spread(start_off_ms), spread(gross_off_ms)
+        delay_ms=spread(delay_ms),
+        lead_ms=spread(lead_ms),
+        start_off_ms=spread(start_off_ms),
+        gross_off_ms=spread(gross_off_ms),
     )

@@ -43,11 +43,13 @@ from holdfast.simulation.scene import Scene
 from holdfast.simulation.scene_file import read_scene_file
 from holdfast.training.figures import Interval
 
-ORACLE, VIBRATION = "oracle", "vibration"
+ORACLE = "oracle"
+VIBRATION = "vibration"
 CHOICES = (*CONTROLLERS, VIBRATION, ORACLE)
 BARE = "none"
 BLOCKED_N = 5.0
 BLOCKED_S = 0.3
+"""A hand-over that needs more force, or more time, than this is blocked."""
 TIGHTER_N = 1.0
 """A hand that grips by so much more than its wearer commands is tightened."""
 
@@ -90,6 +92,7 @@ class ThreeRuns:
     def preventable(self) -> bool:
         """The bare hand drops it in the action, the oracle does not."""
         bare = self.bare
+        # What falls before the action began was a weak grip, and no slip to be prevented.
         in_action = bare.trial.action in RISKY_ACTIONS and bare.lost_s >= bare.act_s
         return in_action and bare.dropped and not self.oracle.dropped
 
@@ -117,14 +120,19 @@ class ThreeRuns:
     @property
     def excess_n_s(self) -> float:
         """Integral over time of the grip beyond what is needed, N s."""
-        held, trial = self.held, self.held.trial
+        held = self.held
+        trial = self.held.trial
         t_s = _times_s(held)
-        risky = trial.action in RISKY_ACTIONS
-        needed_n = max(needed_grip_n(trial) if risky else 0.0, trial.grip_n)
+
+        needed_n = trial.grip_n
+        if trial.action in RISKY_ACTIONS:
+            needed_n = max(needed_grip_n(trial), trial.grip_n)
         # Before load onset nothing beyond the wearer's command is needed.
         least_n = np.where(t_s >= held.onset_s, needed_n, trial.grip_n)
-        beyond_n = np.maximum(held.grip_n - least_n, 0.0)[t_s < held.lost_s]
-        return float(beyond_n.sum() / held.rate_hz)
+        beyond_n = np.maximum(held.grip_n - least_n, 0.0)
+        # After the object is gone the grip costs nothing.
+        while_held_n = beyond_n[t_s < held.lost_s]
+        return float(while_held_n.sum() / held.rate_hz)
 
     @property
     def friction_error(self) -> float:
@@ -181,22 +189,39 @@ class LoopFigures:
 
 def loop_figures(runs: Sequence[ThreeRuns]) -> LoopFigures:
     """The figures of one controller on one set."""
-    preventable = [run for run in runs if run.preventable]
-    kept = [run for run in preventable if not run.held.dropped]
-    completed = [run for run in runs if run.completes]
-    passes = [run for run in completed if run.bare.trial.action == "pass"]
-    put_downs = [run for run in completed if run.bare.trial.action == "put-down"]
-    fragile = [run for run in runs if run.bare.trial.object.crush_n > 0.0]
-    errors = [run.friction_error for run in preventable]
-    known_errors = [error for error in errors if np.isfinite(error)]
+    preventable = []
+    kept = []
+    passes = []
+    put_downs = []
+    fragile = []
+    drops = 0
+    new_drops = 0
+    for run in runs:
+        drops += run.bare.dropped
+        new_drops += run.held.dropped and not run.bare.dropped
+        if run.preventable:
+            preventable.append(run)
+            if not run.held.dropped:
+                kept.append(run)
+        if run.completes and run.bare.trial.action == "pass":
+            passes.append(run)
+        if run.completes and run.bare.trial.action == "put-down":
+            put_downs.append(run)
+        if run.bare.trial.object.crush_n > 0.0:
+            fragile.append(run)
+
     saved = share([not run.held.dropped for run in preventable])
     blocked = share([run.blocked for run in passes])
     disturbed = share([run.blocked for run in put_downs])
     crushed = share([run.held.crushed for run in fragile])
     delays_ms = [1e3 * run.extra_s for run in passes]
+    excess_n_s = [run.excess_n_s for run in runs]
+    # Without a slip the controller has no estimate of friction, and no error.
+    errors = [run.friction_error for run in preventable]
+    known_errors = [error for error in errors if np.isfinite(error)]
     return LoopFigures(
         trials=len(runs),
-        drops=sum(run.bare.dropped for run in runs),
+        drops=drops,
         preventable=len(preventable),
         saved=len(kept),
         saved_share=saved.share,
@@ -215,9 +240,9 @@ def loop_figures(runs: Sequence[ThreeRuns]) -> LoopFigures:
         fragile=len(fragile),
         crushed_share=crushed.share,
         crushed_share_ci=crushed.share_ci,
-        grip_excess=float(np.mean([run.excess_n_s for run in runs])) if runs else 0.0,
+        grip_excess=float(np.mean(excess_n_s)) if runs else 0.0,
         tightenings_per_min=_tightenings_per_min(runs),
-        new_drops=sum(run.held.dropped and not run.bare.dropped for run in runs),
+        new_drops=new_drops,
         mu_observed=len(known_errors),
         mu_error_p50=_percentile(known_errors, 50),
     )
@@ -233,14 +258,19 @@ def _percentile(values: Sequence[float], percent: float) -> float | None:
 
 def _tightenings_per_min(runs: Sequence[ThreeRuns]) -> float | None:
     """How often the grip rises by TIGHTER_N before any action, or in a disturbed hold."""
-    count, seconds = 0, 0.0
+    count = 0
+    seconds = 0.0
     for run in runs:
         held = run.held
+        # In an action more grip may be right, so only the time before it is watched.
         until_s = held.opens_s if held.trial.action == "hold" else held.act_s
         watched = _times_s(held) < min(until_s, held.lost_s)
-        tight = (held.grip_n > held.trial.grip_n + TIGHTER_N)[watched]
-        count += int((tight[1:] & ~tight[:-1]).sum())
+        is_tight = held.grip_n > held.trial.grip_n + TIGHTER_N
+        tight = is_tight[watched]
+        begins = tight[1:] & ~tight[:-1]
+        count += int(begins.sum())
         seconds += len(tight) / held.rate_hz
+
     return 60.0 * count / seconds if seconds else None
 
 
@@ -250,8 +280,11 @@ def scene_of(of: LoopSet) -> tuple[Scene, tuple[PlannedTrial, ...]]:
     card = read_scene_file(of.card)
     rows = []
     for row in card.rows:
+        # A row without an object has none of the values to change.
         changes = {} if row.action == "nothing" else dict(of.changes)
-        rows.append(replace(row, values={**row.values, **changes}))
+        values = {**row.values, **changes}
+        rows.append(replace(row, values=values))
+
     effects = dict(card.effects)
     if of.noise != 1.0:
         # A chip that averages a quarter of the conversions is twice as noisy.
@@ -259,6 +292,7 @@ def scene_of(of: LoopSet) -> tuple[Scene, tuple[PlannedTrial, ...]]:
         usual = effect_named("hall_noise").parameters["averages"].default
         averages = chip.get("averages", usual) / of.noise**2
         effects["hall_noise"] = {**chip, "averages": averages}
+
     changed = replace(card, rows=tuple(rows), controller=None, effects=effects)
     scene = Scene(changed, of.seed)
     trials = scene.trials(of.trials)
@@ -317,15 +351,19 @@ class LoopRuns:
         workers: Workers,
         done: Callable[[float], None],
     ) -> None:
-        self.model, self.workers, self.done = model, workers, done
+        self.model = model
+        self.workers = workers
+        self.done = done
         self._outcomes: dict[Run, dict[int, LoopOutcome]] = {}
 
     def run(self, wanted: Sequence[Run]) -> None:
         """Run all of them, with the bare hands and oracles that their figures need."""
-        bare, best = [], []
+        bare = []
+        best = []
         for of, request in wanted:
             bare.append(_bare(of))
             best.append(_best(of, request))
+
         total = len({*bare, *best, *wanted})
         share_bare = len(set(bare)) / total
         # The oracle acts at the load onset of the bare hand, so that is run first.
@@ -333,16 +371,19 @@ class LoopRuns:
         self._run([*best, *wanted], share_bare, 1.0)
 
     def _run(self, wanted: Sequence[Run], from_share: float, to_share: float) -> None:
-        jobs, runs = [], []
+        jobs = []
+        runs = []
         for run in dict.fromkeys(wanted):
             if run in self._outcomes:
                 continue
             self._outcomes[run] = {}
             of, request = run
             onset_s = self._onset_s(of) if request.name == ORACLE else {}
-            for batch in batches(scene_of(of)[1]):
+            _, trials = scene_of(of)
+            for batch in batches(trials):
                 runs.append(run)
                 jobs.append(partial(run_part, self.model, of, request, batch, onset_s))
+
         results = self.workers.run(jobs)
         for number, (run, outcomes) in enumerate(zip(runs, results, strict=True), 1):
             self._outcomes[run] |= outcomes
@@ -358,9 +399,9 @@ class LoopRuns:
         bare = self._outcomes[_bare(of)]
         best = self._outcomes[_best(of, request)]
         held = self._outcomes[of, request]
-        return loop_figures(
-            [ThreeRuns(bare[k], best[k], held[k]) for k in sorted(held)]
-        )
+        # Batches hold trials of similar length, so outcomes are not in the order of the set.
+        runs = [ThreeRuns(bare[k], best[k], held[k]) for k in sorted(held)]
+        return loop_figures(runs)
 
 
 def _bare(of: LoopSet) -> Run:

@@ -43,15 +43,20 @@ MOST_N = 70.0
 LAG_S = 0.05
 """Time constant of motor and gear: an assumption, since none is published; LAGS_S are others."""
 LAGS_S = (0.0, 0.02, 0.1)
+"""Other time constants, to show how much of the result hangs on the assumed one."""
 GRAVITY_M_S2 = 9.81
 DAMPING_RATIO = 0.7
 """Of the puller's arm and of the skin while it sticks, as the scenes have it."""
 STEP_S = 0.0005
+"""Step of the integration."""
 LOOK_S = 0.6
+"""Each event is stepped for this long from its load onset."""
 DROPS_AT_ONCE = 512
 """Their arrays stay within tens of MB."""
 GROSS_SLIP_M = 2e-3
+"""Travel from which the truth of a scene calls a slip gross."""
 MODELLED = ("pull", "fall")
+"""Actions in which an object is lost against the wearer's will."""
 
 
 @dataclass(frozen=True)
@@ -66,8 +71,10 @@ class ClosingHand:
     def travel_m(self, since_s: FloatArray) -> FloatArray:
         """By how much the opening has shrunk, s after the request to act (0 before)."""
         t = np.maximum(since_s, 0.0)
+        # The lag integrated: for t much longer than it, the travel is late by the whole lag.
         behind = self.lag_s * -np.expm1(-t / self.lag_s) if self.lag_s else 0.0
-        travel: FloatArray = 1e-3 * self.stroke_mm / self.closing_s * (t - behind)
+        speed_m_s = 1e-3 * self.stroke_mm / self.closing_s
+        travel: FloatArray = speed_m_s * (t - behind)
         return travel
 
 
@@ -96,16 +103,21 @@ def drop_of(event: RiskyEvent, grasp: Grasp | None) -> Drop | None:
         return None
     if "thing" not in grasp.truth:
         return None
-    drawn, held = grasp.truth["drawn"], grasp.truth["thing"]
-    finger, stuff = drawn["finger_n_per_m"], held["stiffness_n_per_m"]
+    drawn = grasp.truth["drawn"]
+    held = grasp.truth["thing"]
+    finger = drawn["finger_n_per_m"]
+    stuff = held["stiffness_n_per_m"]
     series = finger * stuff / (finger + stuff)
+    # Two fingers on the thumb's side against four on the other.
+    compliance = 1.0 / (2.0 * series) + 1.0 / (4.0 * series)
     friction = held["friction"] * drawn["friction_factor"]
+
     return Drop(
         gross_s=event.gross_s - event.onset_s,
         lost_s=event.end_s - event.onset_s,
         mass_kg=1e-3 * held["mass_g"],
         grip_n=float(grasp.truth["grip_n"]),
-        squeeze_n_per_m=1.0 / (1.0 / (2.0 * series) + 1.0 / (4.0 * series)),
+        squeeze_n_per_m=1.0 / compliance,
         skin_n_per_m=6.0 * finger * drawn["shear_ratio"],
         static=friction,
         kinetic=friction * held["kinetic_share"],
@@ -148,22 +160,27 @@ def _course(
     drop: dict[str, FloatArray], request_s: FloatArray, hand: ClosingHand
 ) -> _Course:
     t_s = np.arange(round(LOOK_S / STEP_S))[:, None] * STEP_S
+    # A request that never comes is at infinity: its hand does not travel.
     since_s = np.where(np.isfinite(request_s), t_s - request_s, 0.0)
     squeezed_n = drop["squeeze_n_per_m"] * hand.travel_m(since_s)
     # A grip that is already above what the hand can close with stays as it is.
     most_n = np.maximum(hand.most_n, drop["grip_n"])
+    normal_n = np.minimum(drop["grip_n"] + squeezed_n, most_n)
+
     share = np.minimum(t_s / drop["move_s"], 1.0)
+    mean_m_s = drop["distance_m"] / drop["move_s"]
+    # The derivative of the minimum-jerk path.
+    path_m_s = mean_m_s * 30.0 * (share * (1.0 - share)) ** 2
+
     # A pulled object has no support; a falling one loses its own over vanish_s.
     falls = drop["cap_n"] == 0.0
     support_gone = _minimum_jerk(t_s / np.maximum(drop["vanish_s"], STEP_S))
+    let_go = np.where(falls, support_gone, 1.0)
     return _Course(
         path_m=drop["distance_m"] * _minimum_jerk(share),
-        path_m_s=drop["distance_m"]
-        / drop["move_s"]
-        * 30.0
-        * (share * (1.0 - share)) ** 2,
-        weight_n=drop["mass_kg"] * GRAVITY_M_S2 * np.where(falls, support_gone, 1.0),
-        normal_n=np.minimum(drop["grip_n"] + squeezed_n, most_n),
+        path_m_s=path_m_s,
+        weight_n=drop["mass_kg"] * GRAVITY_M_S2 * let_go,
+        normal_n=normal_n,
     )
 
 
@@ -172,41 +189,56 @@ def slide(drops: Sequence[Drop], request_s: npt.ArrayLike, hand: ClosingHand) ->
     names = [field.name for field in fields(Drop)]
     table = np.array([astuple(one) for one in drops]).reshape(len(drops), len(names))
     drop = dict(zip(names, table.T, strict=True))
+    # The course does not depend on how an object moves, so it is computed once for all steps.
     course = _course(drop, np.asarray(request_s, dtype=np.float64), hand)
-    mass, skin, arm = drop["mass_kg"], drop["skin_n_per_m"], drop["arm_n_per_m"]
+    mass = drop["mass_kg"]
+    skin = drop["skin_n_per_m"]
+    arm = drop["arm_n_per_m"]
+    # The object slides between two sides, each with the friction of its normal force.
     static_n = 2.0 * drop["static"] * course.normal_n
     kinetic_n = 2.0 * drop["kinetic"] * course.normal_n
     skin_damping = 2.0 * DAMPING_RATIO * np.sqrt(skin * mass)
     arm_damping = 2.0 * DAMPING_RATIO * np.sqrt(arm * mass)
-    at, speed, slid = np.zeros((3, len(drops)))
+
+    at = np.zeros(len(drops))
+    speed = np.zeros(len(drops))
+    slid = np.zeros(len(drops))
     # A pulled object hangs in the skin already.
     stretch = np.where(drop["cap_n"] == 0.0, 0.0, mass * GRAVITY_M_S2 / skin)
     slides_from_s = np.full(len(drops), np.inf)
     sliding = np.zeros(len(drops), dtype=np.bool_)
     moved = np.empty(course.normal_n.shape)
+
     for k in range(len(moved)):
-        behind_m, behind_m_s = course.path_m[k] - at, course.path_m_s[k] - speed
+        behind_m = course.path_m[k] - at
+        behind_m_s = course.path_m_s[k] - speed
         arm_n = arm * behind_m + arm_damping * behind_m_s
         # An arm pulls and never pushes.
         load_n = np.minimum(np.maximum(arm_n, 0.0), drop["cap_n"]) + course.weight_n[k]
+
         stuck_n = skin * stretch + skin_damping * speed
         limit_n = np.where(sliding, kinetic_n[k], static_n[k])
         sliding = (sliding | (stuck_n > limit_n)) & (speed > 0.0)
         slides_from_s[sliding & np.isinf(slides_from_s)] = k * STEP_S
         held_n = np.where(sliding, kinetic_n[k], np.minimum(stuck_n, limit_n))
+
+        # Semi-implicit Euler: the new speed moves the object, which keeps stiff springs stable.
         speed = speed + STEP_S * (load_n - held_n) / mass
         # What slides comes to rest; it does not slide back.
         speed = np.where(sliding, np.maximum(speed, 0.0), speed)
+        # While it slides, the skin stays stretched by the friction that drags on it.
         stretch = np.where(sliding, kinetic_n[k] / skin, stretch + STEP_S * speed)
         slid = slid + np.where(sliding, STEP_S * speed, 0.0)
         at = at + STEP_S * speed
         moved[k] = at
+
     return Slide(moved, slid, slides_from_s, ~sliding)
 
 
 def _minimum_jerk(u: FloatArray) -> FloatArray:
     """0 to 1 with minimum jerk."""
     u = np.clip(u, 0.0, 1.0)
+    # 10 u^3 - 15 u^4 + 6 u^5 (Flash and Hogan, J. Neurosci. 5, 1985).
     risen: FloatArray = u * u * u * (10.0 + u * (6.0 * u - 15.0))
     return risen
 
@@ -221,9 +253,9 @@ def _distance_when_lost_m(drops: tuple[Drop, ...]) -> FloatArray:
     """[E] how far each object had moved in a hand that did nothing when contact was lost."""
     moved = _never_closed(drops).moved_m
     steps = np.array([round(one.lost_s / STEP_S) for one in drops], dtype=np.int64)
-    distance: FloatArray = moved[
-        np.minimum(steps, len(moved) - 1), np.arange(len(drops))
-    ]
+    # Contact that is lost after LOOK_S is taken at the last step.
+    last = np.minimum(steps, len(moved) - 1)
+    distance: FloatArray = moved[last, np.arange(len(drops))]
     return distance
 
 
@@ -251,11 +283,15 @@ class Droppable:
         self, drops: Sequence[Drop | None], hand: ClosingHand | None = None
     ) -> None:
         self.hand = hand or ClosingHand()
-        self._is_modelled = np.array([drop is not None for drop in drops], np.bool_)
+        is_modelled = [drop is not None for drop in drops]
+        self._is_modelled = np.array(is_modelled, np.bool_)
         self._drops = tuple(drop for drop in drops if drop is not None)
         self._lost_at_m = _distance_when_lost_m(self._drops)
+
         # A hand that closes from load onset on keeps it.
-        self._preventable = self._held(np.zeros((1, len(self._drops))))[0][0]
+        from_onset_s = np.zeros((1, len(self._drops)))
+        held, _ = self._held(from_onset_s)
+        self._preventable = held[0]
 
     def kept(self, delays_s: Sequence[float | None]) -> KeptObjects:
         """What the hand keeps. The request in each event: s after load onset (None: no request)."""
@@ -269,7 +305,12 @@ class Droppable:
         delays = np.array(delays_s, dtype=np.float64)
         from_s = np.where(np.isnan(delays), np.inf, delays)
         held, still = self._held(from_s[:, self._is_modelled])
-        return [self._kept(*one) for one in zip(held, still, strict=True)]
+
+        kept = []
+        for held_here, still_here in zip(held, still, strict=True):
+            kept.append(self._kept(held_here, still_here))
+
+        return kept
 
     def _held(self, request_s: FloatArray) -> tuple[BoolArray, BoolArray]:
         """[L, E] whether each object is still in the hand, and whether it did not even slip.
@@ -277,19 +318,24 @@ class Droppable:
         request_s [L, E]: of L lists of requests.
         """
         drops = self._drops * len(request_s)
-        lost_at_m, from_s = np.tile(self._lost_at_m, len(request_s)), request_s.ravel()
-        held, still = np.zeros((2, len(drops)), dtype=np.bool_)
+        lost_at_m = np.tile(self._lost_at_m, len(request_s))
+        from_s = request_s.ravel()
+        held = np.zeros(len(drops), dtype=np.bool_)
+        still = np.zeros(len(drops), dtype=np.bool_)
+
         for start in range(0, len(drops), DROPS_AT_ONCE):
             some = slice(start, start + DROPS_AT_ONCE)
             end = slide(drops[some], from_s[some], self.hand)
             farthest_m = end.moved_m.max(axis=0, initial=0.0)
             held[some] = end.rests & (farthest_m < lost_at_m[some])
             still[some] = held[some] & (end.slid_m < GROSS_SLIP_M)
+
         return held.reshape(request_s.shape), still.reshape(request_s.shape)
 
     def _kept(self, held: BoolArray, still: BoolArray) -> KeptObjects:
         n = int(self._preventable.sum())
         n_kept = int((held & self._preventable).sum())
+        n_still = int((still & self._preventable).sum())
         return KeptObjects(
             hand=self.hand,
             events=len(self._is_modelled),
@@ -298,7 +344,7 @@ class Droppable:
             not_preventable=len(self._drops) - n,
             kept=n_kept,
             kept_share=n_kept / n if n else None,
-            kept_without_a_slip=int((still & self._preventable).sum()),
+            kept_without_a_slip=n_still,
         )
 
 
@@ -334,7 +380,9 @@ def model_error_ms(drops: Sequence[Drop | None]) -> dict[str, float] | None:
     if not known:
         return None
     from_s = _never_closed(known).slides_from_s
-    off_ms = 1e3 * (from_s - np.array([one.gross_s for one in known]))
+    true_s = np.array([one.gross_s for one in known])
+    off_ms = 1e3 * (from_s - true_s)
+    # An object that never slides in the model has no error of time; it is counted in "of".
     off_ms = off_ms[np.isfinite(off_ms)]
     found = spread(off_ms.tolist())
     error: dict[str, float] = asdict(found) if found else {}

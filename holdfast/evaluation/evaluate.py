@@ -90,12 +90,16 @@ def evaluate_events(
     forest = run.forest()
     found = run.baselines(forest)
     chosen = run.chosen(found) if request.choose else None
+
     if workers.here:
         sets = [run.scored(name, found, chosen) for name in request.data]
     else:
         say(f"scoring {len(request.data)} sets")
+        # Sessions cannot be sent to another process, so a job opens the model again.
         job = partial(_scored, model, request, forest, chosen)
-        sets = list(workers.run([partial(job, name) for name in request.data]))
+        jobs = [partial(job, name) for name in request.data]
+        sets = list(workers.run(jobs))
+
     say("figures of all sets together")
     thresholds = chosen or sets[0].figures.thresholds
     assert thresholds is not None
@@ -173,16 +177,20 @@ class _Run:
 
     def chosen(self, baselines: Sequence[Baseline]) -> Thresholds:
         """Thresholds from streams that are not scored."""
-        names, card = self.request.choose, self.model.card
+        names = self.request.choose
+        card = self.model.card
         self.say(f"reading {', '.join(names)}, to choose the confidence on")
-        recordings, labels = [], []
+        recordings = []
+        labels = []
         for name in names:
             data = self._load(name)
             recordings += data.recordings
             labels.append(_label(name, data))
+
         self.say(f"running the model on {len(recordings)} recordings to choose on")
         computed = everywhere(steps_with(self.model, OUTPUTS), recordings, self.part)
         outputs = read_outputs(self.model, recordings, computed)
+
         most = self.request.most_false_per_min
         answers = [one.answers for one in outputs]
         permille = choose_confidence(answers, card.decision, most)
@@ -200,6 +208,7 @@ class _Run:
         self.say(f"reading {name}")
         data = self._load(name)
         recordings = data.recordings
+
         self.say(f"{data.name}: running the model on {len(recordings)} recordings")
         wanted = [*OUTPUTS, *heads_with_task(self.model, with_situations(data))]
         computed = everywhere(steps_with(self.model, wanted), recordings, self.part)
@@ -207,12 +216,14 @@ class _Run:
         windows = self._window_figures(data, computed)
         # The outputs of a long set take much memory, and are read by now.
         del computed
+
         thresholds = chosen
         if thresholds is None:
             self.say(f"{data.name}: matching {len(baselines)} baselines")
             streams = MatchingStreams(recordings, outputs, [_label(name, data)])
             card = self.model.card
             thresholds = find_thresholds(card, streams, baselines, part=self.part)
+
         self.say(f"{data.name}: scoring the model and {len(baselines)} baselines")
         return score_set(
             find(name),
@@ -243,6 +254,7 @@ class _Run:
         whole = with_situations(data)
         names = ["situation", "unknown", *heads_with_task(self.model, whole)]
         every_row = [np.arange(len(one.samples)) for one in whole.recordings]
+        # Without the outputs of which only the events are made.
         wanted = [{name: out[name] for name in names} for out in computed]
         answers = at_windows(whole, wanted, every_row)
         return window_figures(self.model, whole, answers, seed=self.request.seed)

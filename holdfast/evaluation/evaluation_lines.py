@@ -21,19 +21,20 @@ def evaluation_lines(of: Evaluation) -> list[str]:
     lines: list[str] = []
     for one in of.sets.values():
         lines += _windows_in_words(one.windows)
+
     headline = of.thresholds.headline
     rows = {name: one.rows[headline] for name, one in of.sets.items()}
     if len(rows) > 1:
         rows["all sets"] = of.rows[headline]
     for name, row in rows.items():
-        lines += [
-            _events_in_words(f"{name}, {display_name(headline)}", row),
-            *_camera_in_words(name, row.camera),
-        ]
+        lines.append(_events_in_words(f"{name}, {display_name(headline)}", row))
+        lines += _camera_in_words(name, row.camera)
+
     for name, one in of.sets.items():
         onsets = onsets_in_words(one.card.onsets_by)
         if onsets:
             lines.append(f"{name}: {onsets}")
+
     return [*lines, f"threshold: {of.thresholds.how()}"]
 
 
@@ -75,20 +76,20 @@ def _median(times: Spread | None) -> str:
 
 
 def _windows_in_words(figures: WindowFigures) -> list[str]:
-    heads, head = figures.heads, figures.heads.predict_250ms
-    lines = [
-        f"{figures.data} ({figures.kind}): {_trials_in_words(heads)}",
-        *situation_lines(heads.situations, heads.group_kind),
-    ]
-    if head is not None:
-        kind = heads.group_kind
+    heads = figures.heads
+    kind = heads.group_kind
+    lines = [f"{figures.data} ({figures.kind}): {_trials_in_words(heads)}"]
+    lines += situation_lines(heads.situations, kind)
+
+    ahead = heads.predict_250ms
+    if ahead is not None:
+        auc = with_interval(ahead.auc, ahead.auc_ci, kind)
         precision = with_interval(
-            head.average_precision, head.average_precision_ci, kind
+            ahead.average_precision, ahead.average_precision_ci, kind
         )
-        lines += [
-            f"0.25 s prediction: AUC          {with_interval(head.auc, head.auc_ci, kind)}",
-            f"  average precision {precision}",
-        ]
+        lines.append(f"0.25 s prediction: AUC          {auc}")
+        lines.append(f"  average precision {precision}")
+
     return [*lines, *_warnings(figures), figures.caveat]
 
 

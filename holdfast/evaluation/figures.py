@@ -81,7 +81,9 @@ def all_sets(
     card: ModelCard, scored: Mapping[str, ScoredSet], thresholds: Thresholds, seed: int
 ) -> Evaluation:
     """The figures of all sets together."""
-    trials, drops, judged = [], [], []
+    trials = []
+    drops = []
+    judged = []
     by_method: dict[str, list[MethodResult]] = {}
     drawn: dict[str, list[AnsweredTrial]] = {}
     times = {}
@@ -91,18 +93,21 @@ def all_sets(
         judged += one.judged
         for method, result in one.methods.items():
             by_method.setdefault(method, []).append(result)
+
         # The first set with a trial to draw stands for all.
         drawn = drawn or one.drawn
         if one.figures.card.events:
             headline = one.methods[thresholds.headline]
             times[name] = _times(headline, one.to_state_ms)
+
+    # Not a mean over sets: their events and minutes are counted as those of one set.
     methods = {name: together(of_sets) for name, of_sets in by_method.items()}
     model = EvaluatedModel(
-        card.model_id,
-        card.rate_hz,
-        card.unit,
-        list(card.classes),
-        card.raw["training"].get("data"),
+        model_id=card.model_id,
+        rate_hz=card.rate_hz,
+        unit=card.unit,
+        votes_for=list(card.classes),
+        trained_on=card.raw["training"].get("data"),
     )
     return Evaluation(
         model=model,
@@ -121,9 +126,12 @@ def _times(method: MethodResult, to_state_ms: list[float]) -> TimesMs:
     times = TimesMs(to_state_ms)
     for match in method.matches:
         for outcome in match.outcomes:
-            if outcome.delay_s is not None:
-                times.to_act.append(1e3 * outcome.delay_s)
-                if outcome.available_s is not None and outcome.lead_s is not None:
-                    times.available.append(1e3 * outcome.available_s)
-                    times.left.append(1e3 * outcome.lead_s)
+            if outcome.delay_s is None:
+                continue
+            times.to_act.append(1e3 * outcome.delay_s)
+            # A recorded event may have an onset and no known gross slip.
+            if outcome.available_s is not None and outcome.lead_s is not None:
+                times.available.append(1e3 * outcome.available_s)
+                times.left.append(1e3 * outcome.lead_s)
+
     return times

@@ -11,9 +11,13 @@ from typing import Any
 
 from holdfast.training.figures import ABSENT, Interval
 
-DEPLOYED, CHOSEN = "ours, as deployed", "ours, confidence chosen"
-BAND, CONE, SHEAR_RATE = "band-pass bank", "friction cone", "one line of code"
-RAW, ORACLE = "raw-window forest", "perfect intent"
+DEPLOYED = "ours, as deployed"
+CHOSEN = "ours, confidence chosen"
+BAND = "band-pass bank"
+CONE = "friction cone"
+SHEAR_RATE = "one line of code"
+RAW = "raw-window forest"
+ORACLE = "perfect intent"
 DISPLAY_NAMES = {
     DEPLOYED: "this model, as deployed",
     CHOSEN: "this model, chosen confidence",

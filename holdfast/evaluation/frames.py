@@ -16,7 +16,8 @@ from holdfast.evaluation.formats import display_name
 from holdfast.evaluation.model_outputs import ModelOutputs
 from holdfast.evaluation.states import labels_everywhere
 
-UNKNOWN, ALL_SETS = "unknown", "all sets"
+UNKNOWN = "unknown"
+ALL_SETS = "all sets"
 
 
 def to_frame(of: Evaluation | Sequence[ModelOutputs]) -> pd.DataFrame:
@@ -32,7 +33,8 @@ def to_frame(of: Evaluation | Sequence[ModelOutputs]) -> pd.DataFrame:
 
 
 def _answers(of: ModelOutputs) -> pd.DataFrame:
-    recording, n_rows = of.recording, len(of.situation)
+    recording = of.recording
+    n_rows = len(of.situation)
     truth = labels_everywhere(recording.phases, n_rows)
     frame = pd.DataFrame(
         {
@@ -47,6 +49,7 @@ def _answers(of: ModelOutputs) -> pd.DataFrame:
     )
     for k, name in enumerate(SITUATIONS):
         frame[f"p_{name}"] = of.p_situation[:, k]
+
     frame["risky_share"] = of.risky_permille / 1000.0
     frame["class"] = _named(of.eight, CLASSES, None)
     return frame
@@ -56,13 +59,16 @@ def _named(
     codes: npt.NDArray[np.int64], names: Sequence[str], without: str | None
 ) -> npt.NDArray[np.object_]:
     """[T] names of codes; a code of -1 has none."""
-    return np.array([*names, without], dtype=object)[codes]
+    # numpy reads the index -1 from the end, where the missing name stands.
+    with_none = np.array([*names, without], dtype=object)
+    return with_none[codes]
 
 
 def _figures(of: Evaluation) -> list[dict[str, Any]]:
     rows = {name: one.rows for name, one in of.sets.items()}
     if len(rows) > 1:
         rows[ALL_SETS] = of.rows
+
     lines = []
     for name, methods in rows.items():
         for method, figures in methods.items():
@@ -77,7 +83,10 @@ def _flat(figures: dict[str, Any]) -> dict[str, Any]:
     for name, value in figures.items():
         if name.endswith("_ci"):
             short = name.removesuffix("_ci")
-            flat[f"{short}_low"], flat[f"{short}_high"] = value or (None, None)
+            low, high = value or (None, None)
+            flat[f"{short}_low"] = low
+            flat[f"{short}_high"] = high
         else:
             flat[name] = _flat(value) if isinstance(value, dict) else value
+
     return flat

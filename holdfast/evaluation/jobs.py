@@ -75,6 +75,8 @@ def _client(address: str) -> Iterator[Client]:
             cause="only the extra `dask` installs it",
             next_step="pip install 'holdfast[dask]'",
         ) from None
+
+    # Dask's own client waits much longer, and logs instead of raising.
     try:
         socket.create_connection(get_address_host_port(address), ANSWERS_S).close()
         client = Client(address, set_as_default=False)
@@ -84,5 +86,6 @@ def _client(address: str) -> Iterator[Client]:
             cause="it is not running, or its address is another one",
             next_step="start one with `dask scheduler`, and give the address that it prints",
         ) from None
+
     with client:
         yield client

@@ -82,14 +82,19 @@ def method_result(
         recording = trial.recording
         result.matches.append(match_alarms(recording, on))
         result.wide.append(match_alarms(recording, on, WIDE_COLLAR_S))
+
         style = style_of(trial.grasps)
         for action in voluntary_actions(recording):
             called = bool(on[action.first : action.stop].any())
             result.actions.append(CalledAction(style, recording.action or "", called))
+
         for grasp in trial.grasps:
             if grasp.disturbance:
-                held, quiet = not recording.events, not bool(on.any())
+                # A hold that was disturbed too much ends as an event: the object slipped.
+                held = not recording.events
+                quiet = not bool(on.any())
                 result.holds.append(DisturbedHold(grasp.disturbance, held, quiet))
+
     return result
 
 
@@ -167,10 +172,13 @@ def figures_of_methods(
     """All figures of every method. drops: None where no event can be modelled."""
     closing: Sequence[KeptObjects | None] = [None] * len(methods)
     if drops is not None:
-        closing = drops.kept_by_each([one.delays_s() for one in methods.values()])
+        # All methods at once: the model steps their drops together.
+        delays_s = [one.delays_s() for one in methods.values()]
+        closing = drops.kept_by_each(delays_s)
     figures = {}
     for (name, result), kept in zip(methods.items(), closing, strict=True):
         figures[name] = method_figures(result, trials, kept, seed)
+
     return figures
 
 
@@ -181,17 +189,19 @@ def method_figures(
     seed: int,
 ) -> MethodFigures:
     """All figures of a method. closing: None where no event can be modelled."""
+    scores = event_scores(of.matches, seed=seed)
     wide = event_scores(of.wide, seed=seed)
+    collar = CollarFigures(
+        recall=wide.recall,
+        recall_ci=wide.recall_ci,
+        false_per_min=wide.false_per_min,
+        false_per_min_ci=wide.false_per_min_ci,
+        already_on=wide.already_on,
+        false_alarms=wide.false_alarms,
+    )
     return MethodFigures(
-        **vars(event_scores(of.matches, seed=seed)),
-        collar_40_ms=CollarFigures(
-            wide.recall,
-            wide.recall_ci,
-            wide.false_per_min,
-            wide.false_per_min_ci,
-            wide.already_on,
-            wide.false_alarms,
-        ),
+        **vars(scores),
+        collar_40_ms=collar,
         by_style=by_style(of, trials, seed),
         safe_acts_called=_called(of.actions),
         safe_acts_by_action=_called_by_action(of.actions),
@@ -206,10 +216,10 @@ def _called(actions: Sequence[CalledAction]) -> Share:
 
 
 def _called_by_action(actions: Sequence[CalledAction]) -> dict[str, Share]:
-    called = {}
-    for name in sorted({one.action for one in actions}):
-        called[name] = _called([one for one in actions if one.action == name])
-    return called
+    by_action: dict[str, list[CalledAction]] = {}
+    for one in actions:
+        by_action.setdefault(one.action, []).append(one)
+    return {name: _called(by_action[name]) for name in sorted(by_action)}
 
 
 def by_style(
@@ -225,20 +235,23 @@ def by_style(
             # The bootstrap draws groups, so the style takes the place of the person.
             as_group = replace(match.recording, group=style)
             grouped.append(replace(match, recording=as_group))
+
     if len(matches) < 2:
         return None
     figures = {}
     for name in sorted(matches):
         scores = event_scores(matches[name], seed=seed)
+        actions = [one for one in of.actions if one.style == name]
         figures[name] = StyleFigures(
-            scores.events,
-            scores.recall,
-            scores.recall_ci,
-            scores.false_per_min,
-            scores.false_per_min_ci,
-            scores.minutes,
-            _called([one for one in of.actions if one.style == name]),
+            events=scores.events,
+            recall=scores.recall,
+            recall_ci=scores.recall_ci,
+            false_per_min=scores.false_per_min,
+            false_per_min_ci=scores.false_per_min_ci,
+            minutes=scores.minutes,
+            safe_acts_called=_called(actions),
         )
+
     whole = event_scores(grouped, seed=seed)
     return ByStyle(whole.recall_ci, whole.false_per_min_ci, figures)
 

@@ -75,8 +75,10 @@ def read_outputs(
     """The outputs of `everywhere`, read as the monitor on the hand reads them."""
     read = []
     for recording, out in zip(recordings, computed, strict=True):
-        votes, withheld = out["votes"].astype(np.int64), out["unknown"]
-        eight = seven = np.full(len(votes), NO_CLASS)
+        votes = out["votes"].astype(np.int64)
+        withheld = out["unknown"]
+        eight = np.full(len(votes), NO_CLASS)
+        seven = eight
         if model.card.has_weight:
             eight = np.where(withheld, NO_CLASS, answers_at(votes, "eight"))
             seven = np.where(withheld, NO_CLASS, answers_at(votes, "seven"))
@@ -91,6 +93,7 @@ def read_outputs(
                 detectors=out["detectors"],
             )
         )
+
     return read
 
 
@@ -98,7 +101,6 @@ def risky_permille(votes: IntArray) -> npt.NDArray[np.int64]:
     """[T, K] votes for four or eight classes -> [T] thousandths of them for a risky slip."""
     # The classes of a risky slip are the last quarter of them.
     first_risky = votes.shape[1] * RISKY_SLIP // 4
-    risky: npt.NDArray[np.int64] = (
-        1000 * votes[:, first_risky:].sum(axis=1) // votes.sum(axis=1)
-    )
-    return risky
+    risky = votes[:, first_risky:].sum(axis=1)
+    permille: npt.NDArray[np.int64] = 1000 * risky // votes.sum(axis=1)
+    return permille

@@ -75,6 +75,7 @@ THESIS: dict[str, dict[str, tuple[str, str, str]]] = {
 }
 """Object -> style -> (pass, pull or fall, put-down)."""
 SLIPS = SITUATIONS[2:]
+"""Labels of a slip, safe or risky."""
 
 
 class JudgedTrial(NamedTuple):
@@ -101,13 +102,15 @@ class OutcomeRow:
 
 def recognised(answered: AnsweredTrial) -> bool | None:
     """Whether a trial's action was; None where it did not happen (a pull that did not slip)."""
-    recording, requests = answered.trial.recording, answered.requests
+    recording = answered.trial.recording
+    requests = answered.requests
     if recording.action in RISKY_ACTIONS:
         match = match_alarms(recording, requests)
         if not match.outcomes:
             return None
         found = all(outcome.alarm_s is not None for outcome in match.outcomes)
         return found and not match.false_s
+
     actions = voluntary_actions(recording)
     if recording.action not in ACTIONS or not actions:
         return None
@@ -115,6 +118,8 @@ def recognised(answered: AnsweredTrial) -> bool | None:
         during = answered.situation[action.first : action.stop]
         if not np.any(during == SAFE_SLIP):
             return False
+
+    # A hand that tightens in a hand-over has not understood it, whatever the state was.
     return not requests.any()
 
 
@@ -122,12 +127,14 @@ def judged_trials(answered: Sequence[AnsweredTrial]) -> list[JudgedTrial]:
     """Every trial that has an object, a style and an action of the thesis' table."""
     judged = []
     for one in answered:
-        recording, style = one.trial.recording, style_of(one.trial.grasps)
+        recording = one.trial.recording
+        style = style_of(one.trial.grasps)
         name = recording.object_name or ""
         right = recognised(one) if style in THESIS.get(name, {}) else None
         if right is not None:
             column = ACTIONS[str(recording.action)]
             judged.append(JudgedTrial(name, style, column, right))
+
     return judged
 
 
@@ -144,17 +151,24 @@ def word(recognised: int, trials: int) -> str:
 
 def outcome_table(judged: Sequence[JudgedTrial]) -> list[OutcomeRow]:
     """One row for each cell of the thesis' table that has a trial here."""
-    trials = Counter(one[:3] for one in judged)
-    hits = Counter(one[:3] for one in judged if one.recognised)
+    trials: Counter[tuple[str, str, str]] = Counter()
+    hits: Counter[tuple[str, str, str]] = Counter()
+    for one in judged:
+        cell = (one.object_name, one.style, one.column)
+        trials[cell] += 1
+        hits[cell] += one.recognised
+
     rows = []
     for name, styles in THESIS.items():
         for style, words in styles.items():
             for column, theirs in zip(COLUMNS, words, strict=True):
-                n, n_hits = trials[name, style, column], hits[name, style, column]
+                n = trials[name, style, column]
+                n_hits = hits[name, style, column]
                 if n:
                     ours = word(n_hits, n)
                     row = OutcomeRow(name, style, column, theirs, ours, n_hits, n)
                     rows.append(row)
+
     return rows
 
 
@@ -238,47 +252,56 @@ def participant_figures(model: OpenedModel, folder: Path) -> ParticipantFigures:
     unit or rate that does not fit the model.
     """
     data = load(folder, channels=model.card.n_channels, windows="none")
-    outputs, rules = run_model(model, data), model.card.decision
+    outputs = run_model(model, data)
+    rules = model.card.decision
     requests = requests_of(outputs, rules, rules.min_risky_permille)
     trials = [LabelledTrial(without_samples(one), ()) for one in data.recordings]
-    answered = answered_trials(trials, outputs, requests)
-    judged, drawn = [], dict[str, list[AnsweredTrial]]()
-    cells: dict[tuple[str, str], list[_Judged]] = {}
-    for one in answered:
+
+    every = []
+    drawn: dict[str, list[AnsweredTrial]] = {}
+    by_action: dict[str, list[_Judged]] = {}
+    by_cell: dict[tuple[str, str], list[_Judged]] = {}
+    for one in answered_trials(trials, outputs, requests):
         recording = one.trial.recording
         match = match_alarms(recording, one.requests)
-        judged.append(_Judged(recording, recognised(one), match))
+        judged = _Judged(recording, recognised(one), match)
+        every.append(judged)
+
+        name = recording.object_name or ""
         action = recording.action or ""
-        cells.setdefault((recording.object_name or "", action), []).append(judged[-1])
         drawn.setdefault(action, []).append(one)
-    by_action = {
-        action: [one for one in judged if (one.recording.action or "") == action]
-        for action in sorted(drawn)
-    }
+        by_action.setdefault(action, []).append(judged)
+        by_cell.setdefault((name, action), []).append(judged)
+
+    in_order = sorted(drawn)
     return ParticipantFigures(
         model_id=model.card.model_id,
         kind=data.kind,
         trials=len(trials),
         labels_by=_labels_by(folder, data.recordings),
         caveat=data.caveat,
-        whole=_figures("", "", judged),
-        actions=[_figures("", action, of) for action, of in by_action.items()],
-        cells=[_figures(name, action, of) for (name, action), of in cells.items()],
-        drawn={action: drawn[action] for action in by_action},
+        whole=_figures("", "", every),
+        actions=[_figures("", action, by_action[action]) for action in in_order],
+        cells=[_figures(name, action, of) for (name, action), of in by_cell.items()],
+        drawn={action: drawn[action] for action in in_order},
     )
 
 
 def _figures(name: str, action: str, judged: Sequence[_Judged]) -> ActionFigures:
     """Of one cell; "": of all objects, or of all actions."""
     right = [one.right for one in judged if one.right is not None]
-    false, minutes, delays_ms = 0, 0.0, []
+    false = 0
+    minutes = 0.0
+    delays_ms = []
     for one in judged:
-        if one.judges_alarms:
-            false += len(one.match.false_s)
-            minutes += one.match.minutes
-            for outcome in one.match.outcomes:
-                if outcome.delay_s is not None:
-                    delays_ms.append(1e3 * outcome.delay_s)
+        if not one.judges_alarms:
+            continue
+        false += len(one.match.false_s)
+        minutes += one.match.minutes
+        for outcome in one.match.outcomes:
+            if outcome.delay_s is not None:
+                delays_ms.append(1e3 * outcome.delay_s)
+
     return ActionFigures(
         object=name,
         action=action,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -27,23 +28,29 @@ SET_COLOURS = (
     "#999999",
 )
 MOST_MS = 150.0
+"""Right end of the distributions, ms."""
 LEAST_EVENTS = 5
 """Fewer make no distribution."""
 COLUMNS = 3
+"""Panels side by side."""
 
 
 def timelines(rows: Sequence[AnsweredTrial], kind: str) -> str:
     """One row a trial: the truth behind, the state in front, a triangle where the hand acts."""
     with labelled(kind, 10.2, 0.36 * len(rows) + 0.75) as figure:
         axes = figure.subplots()
-        names, last_s = [], 0.0
+        names = []
+        last_s = 0.0
         for place, row in enumerate(rows):
             _timeline(axes, place, row)
             recording = row.trial.recording
             number = recording.trial_id.rsplit("_", 1)[-1]
             names.append(f"{recording.object_name} {number}")
-            last_s = max(last_s, len(row.situation) / recording.rate_hz)
+            end_s = len(row.situation) / recording.rate_hz
+            last_s = max(last_s, end_s)
+
         axes.set_yticks(range(len(rows)), names, fontsize=7.5)
+        # The first trial stands on top, as in a table, so the axis points down.
         axes.set_ylim(len(rows) - 0.45, -0.65)
         axes.set_xlim(0.0, last_s)
         axes.set_xlabel("time in the trial, s")
@@ -52,20 +59,28 @@ def timelines(rows: Sequence[AnsweredTrial], kind: str) -> str:
 
 
 def _timeline(axes: Axes, place: int, row: AnsweredTrial) -> None:
-    step_s = 1.0 / row.trial.recording.rate_hz
-    for phase in row.trial.recording.phases:
+    recording = row.trial.recording
+    step_s = 1.0 / recording.rate_hz
+    for phase in recording.phases:
+        start_s = phase.first * step_s
+        length_s = (phase.stop - phase.first) * step_s
         axes.broken_barh(
-            [(phase.first * step_s, (phase.stop - phase.first) * step_s)],
+            [(start_s, length_s)],
             (place - 0.42, 0.84),
             color=SITUATION_COLOURS[phase.situation],
             alpha=0.38,
             linewidth=0,
         )
+
+    # Less high than the truth, so that the truth shows above and below the answer.
     height = (place - 0.2, 0.4)
     for situation, colour in enumerate(SITUATION_COLOURS):
         here = spans(row.situation == situation, step_s)
         axes.broken_barh(here, height, color=colour, linewidth=0)
+
     draw_unknown(axes, row.situation, step_s, height)
+
+    # Only the begin of each request: that is the moment at which the hand acts.
     for first_s, _ in spans(row.requests, step_s):
         axes.plot(first_s, place - 0.46, "v", color=INK, markersize=4.5, clip_on=False)
 
@@ -75,8 +90,9 @@ def distributions(times: dict[str, TimesMs], kind: str) -> str:
     many = {name: one for name, one in times.items() if len(one.to_act) >= LEAST_EVENTS}
     if not many:
         return ""
-    n_rows = -(-len(many) // COLUMNS)
-    with labelled(kind, 10.2, 2.35 * n_rows + 0.3) as figure:
+    n_rows = math.ceil(len(many) / COLUMNS)
+    height = 2.35 * n_rows + 0.3
+    with labelled(kind, 10.2, height) as figure:
         panels = figure.subplots(n_rows, COLUMNS, squeeze=False, sharey=True)
         for axes, (name, one) in zip(panels.flat, many.items(), strict=False):
             # The first is wide: the second often lies on it.
@@ -87,10 +103,14 @@ def distributions(times: dict[str, TimesMs], kind: str) -> str:
             axes.set_title(name, fontsize=9, loc="left")
             axes.set(xlim=(-20.0, MOST_MS), ylim=(0.0, 1.02), xlabel="ms")
             axes.axvline(0.0, color=QUIET, linewidth=0.7)
+
+        # The last row may have fewer sets than columns.
         for axes in panels.flat[len(many) :]:
             axes.set_visible(False)
-        panels[0, 0].set_ylabel("share of detected events")
-        panels[0, 0].legend(frameon=False, fontsize=7, loc="lower right")
+
+        first = panels[0, 0]
+        first.set_ylabel("share of detected events")
+        first.legend(frameon=False, fontsize=7, loc="lower right")
         return svg(figure)
 
 
@@ -102,36 +122,46 @@ def _curve(
     width: float = 1.2,
     linestyle: str = "-",
 ) -> None:
-    if values:
-        axes.step(
-            np.sort(values),
-            np.arange(1, len(values) + 1) / len(values),
-            where="post",
-            label=title,
-            color=colour,
-            linestyle=linestyle,
-            linewidth=width,
-        )
+    """The cumulative share of some values; nothing without a value."""
+    if not values:
+        return
+    n = len(values)
+    shares = np.arange(1, n + 1) / n
+    axes.step(
+        np.sort(values),
+        shares,
+        where="post",
+        label=title,
+        color=colour,
+        linestyle=linestyle,
+        linewidth=width,
+    )
 
 
 def confusion(level: ConfusionFigures, kind: str) -> str:
     """Share of each class' samples by answer; empty where it is about 0, "-" in an absent class."""
     counts = np.asarray(level.counts, dtype=float)
     windows = counts.sum(axis=1, keepdims=True)
+    # A row of zeros stays one: a class that is absent has no windows to divide by.
     shares = counts / np.maximum(windows, 1.0)
     names = list(map(spaced, level.classes))
-    with labelled(kind, 0.41 * len(names) + 1.3, 0.36 * len(names) + 1.1) as figure:
+    n = len(names)
+    centred: dict[str, Any] = {"ha": "center", "va": "center", "fontsize": 7}
+
+    with labelled(kind, 0.41 * n + 1.3, 0.36 * n + 1.1) as figure:
         axes = figure.subplots()
         axes.imshow(shares, cmap="Blues", vmin=0, vmax=1, aspect="auto")
-        centred: dict[str, Any] = {"ha": "center", "va": "center", "fontsize": 7}
         for (row, column), value in np.ndenumerate(shares):
+            # What would be written as 0.00 stays empty.
             if value >= 0.005:
                 colour = "white" if value > 0.5 else INK
                 axes.text(column, row, f"{value:.2f}", color=colour, **centred)
         for row in np.flatnonzero(windows == 0.0).tolist():
             axes.text(row, row, ABSENT, **centred)
-        axes.set_xticks(range(len(names)), names, rotation=30, ha="right", fontsize=7.5)
-        axes.set_yticks(range(len(names) - 1), names[:-1], fontsize=7.5)
+
+        axes.set_xticks(range(n), names, rotation=30, ha="right", fontsize=7.5)
+        # "unknown", the last, can be answered and is never true.
+        axes.set_yticks(range(n - 1), names[:-1], fontsize=7.5)
         axes.set(xlabel="answered", ylabel="was")
         axes.spines[:].set_visible(False)
         return svg(figure)
@@ -141,13 +171,17 @@ def reliability(sets: dict[str, list[CalibrationBin]], kind: str) -> str:
     """Share of risky slips by the probability that was given, one line a set."""
     with labelled(kind, 4.4, 3.0) as figure:
         axes = figure.subplots()
+        # On the diagonal a probability is the share that comes true.
         axes.plot([0, 1], [0, 1], color=QUIET, linewidth=0.8)
         for place, (name, bins) in enumerate(sets.items()):
+            given = [one.said for one in bins]
+            came_true = [one.was for one in bins]
+            colour = SET_COLOURS[place % len(SET_COLOURS)]
             axes.plot(
-                [b.said for b in bins],
-                [b.was for b in bins],
+                given,
+                came_true,
                 "o-",
-                color=SET_COLOURS[place % len(SET_COLOURS)],
+                color=colour,
                 markersize=3,
                 linewidth=1.0,
                 label=name,

@@ -62,7 +62,8 @@ class EfleshFigures:
         )
 
 
-HUMAN, EFLESH = "human_slip_uskin", "eflesh_slip"
+HUMAN = "human_slip_uskin"
+EFLESH = "eflesh_slip"
 NEXT = (
     "not here: `make real` trains, exports and leaves them (about 6 min), then `make evaluate` "
     "again"
@@ -83,9 +84,10 @@ class RealSetsMissing:
 
     def to_json(self) -> Json:
         """As it stands in figures.json."""
-        return {"next": self.next_step} | (
-            {"why": self.why} if self.why is not None else {}
-        )
+        written = {"next": self.next_step}
+        if self.why is not None:
+            written["why"] = self.why
+        return written
 
 
 @dataclass(frozen=True)
@@ -106,20 +108,23 @@ class RealFigures:
 
 def real_figures(folder: Path, seed: int = 0) -> RealFigures | RealSetsMissing:
     """Figures of the real sets from a folder of `make real`."""
-    metrics, file = folder / "metrics.json", folder / "fold" / "holdfast.onnx"
+    metrics = folder / "metrics.json"
+    file = folder / "fold" / "holdfast.onnx"
     if not metrics.is_file() or not file.is_file():
         return RealSetsMissing()
+    # Files of an older `make real` may lack a figure, and the data set may be gone since.
     try:
         written = json_of(text_of(metrics))
         eflesh = EfleshFigures.from_json(written[EFLESH]) if EFLESH in written else None
-        data, model = load(HUMAN), ModelChoice(str(file))
+        data = load(HUMAN)
+        model = ModelChoice(str(file))
         model.open()
     except (OSError, ValueError, KeyError, TypeError, DataNotFound, NotAModel) as error:
         return RealSetsMissing(why=str(error))
+
     people = held_out_people(data, int(written["seed"]))
-    human = evaluate_events(
-        model, EvaluationRequest((HUMAN,), people=people, seed=seed)
-    )
+    request = EvaluationRequest((HUMAN,), people=people, seed=seed)
+    human = evaluate_events(model, request)
     return RealFigures(human, sorted(people), eflesh)
 
 

@@ -25,8 +25,10 @@ def write_event_report(
     real: RealFigures | RealSetsMissing | None = None,
 ) -> Path:
     """Write the report; OutputError where that cannot be done. real: of real recordings, if any."""
-    of, headline = evaluation, evaluation.thresholds.headline
+    of = evaluation
+    headline = evaluation.thresholds.headline
     kind = kind_of(of)
+    drawn = {title: draw.timelines(rows, kind) for title, rows in of.drawn.items()}
     return write_page(
         path,
         "evaluation.html",
@@ -40,9 +42,7 @@ def write_event_report(
         parts=_parts(of),
         cards={name: one.card for name, one in of.sets.items()},
         resampled=_resampled(of),
-        timelines={
-            title: draw.timelines(rows, kind) for title, rows in of.drawn.items()
-        },
+        timelines=drawn,
         distributions=draw.distributions(of.times, kind),
         camera_rows=_camera_rows(of),
         closing={name: one.closing for name, one in of.sets.items() if one.closing},
@@ -94,12 +94,14 @@ def _state_pictures(of: Evaluation, kind: str) -> dict[str, str]:
     for name, one in of.sets.items():
         if one.states.calibration:
             calibrated[name] = one.states.calibration.reliability_risky
+
     pictures = {}
     for level in by_size:
         pictures[f"{level} classes, {first}"] = draw.confusion(levels[level], kind)
         # The calibration is of the four situations, so it stands after their confusion.
         if level == by_size[0] and calibrated:
             pictures["calibration"] = draw.reliability(calibrated, kind)
+
     return pictures
 
 

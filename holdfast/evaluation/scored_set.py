@@ -68,6 +68,7 @@ class SetCard:
     def to_json(self) -> Json:
         """As it stands in figures.json."""
         fields = asdict(self)
+        # The keys of made_from stand among the others, after name and kind.
         made_from = fields.pop("made_from")
         first = {"name": fields.pop("name"), "kind": fields.pop("kind")}
         return first | made_from | fields
@@ -134,10 +135,12 @@ def score_set(
     requests = _requests(data, outputs, thresholds, baselines)
     methods = {name: method_result(trials, on) for name, on in requests.items()}
     drops = _drops(trials)
+
     headline = thresholds.headline
     permille = thresholds.confidences[headline]
     states = state_figures(outputs, permille, _heavy(data), seed)
     part(0.5)
+
     figures = SetFigures(
         card=_card(root, data, windows),
         windows=windows,
@@ -145,8 +148,10 @@ def score_set(
         states=states,
         mcnemar=compared(methods, thresholds),
         closing=closing_model(drops, methods[headline].delays_s()),
+        # Thresholds that were chosen elsewhere are the same for all sets and stand on top.
         thresholds=thresholds if thresholds.chosen is None else None,
     )
+
     answered = answered_trials(trials, outputs, requests[headline])
     return ScoredSet(
         figures=figures,
@@ -160,11 +165,13 @@ def score_set(
 
 
 def _labelled_trials(root: Path, data: DataSet) -> list[LabelledTrial]:
-    grasps, seen = grasps_of(root, data.recordings), seen_slips(root, data.recordings)
-    rows = zip(data.recordings, grasps, seen, strict=True)
-    return [
-        LabelledTrial(without_samples(one), held, slips) for one, held, slips in rows
-    ]
+    grasps = grasps_of(root, data.recordings)
+    seen = seen_slips(root, data.recordings)
+    trials = []
+    for one, held, slips in zip(data.recordings, grasps, seen, strict=True):
+        # The samples of a long set take much memory, and its figures need labels only.
+        trials.append(LabelledTrial(without_samples(one), held, slips))
+    return trials
 
 
 def _requests(
@@ -177,10 +184,12 @@ def _requests(
     requests = {}
     for name, permille in thresholds.confidences.items():
         requests[name] = requests_of(outputs, thresholds.rules, permille)
+
     by_name = {one.name: one for one in baselines}
     for matched in thresholds.baselines:
         on = by_name[matched.name].on(data.recordings)
         requests[matched.name] = on(matched.setting)
+
     return requests
 
 
@@ -188,7 +197,8 @@ def _drops(trials: Sequence[LabelledTrial]) -> list[Drop | None]:
     drops = []
     for trial in trials:
         for event in trial.recording.events:
-            drops.append(drop_of(event, grasp_of(event, trial.grasps)))
+            grasp = grasp_of(event, trial.grasps)
+            drops.append(drop_of(event, grasp))
     return drops
 
 
@@ -206,35 +216,46 @@ def compared(
 ) -> dict[str, McNemar]:
     """McNemar's test of the headline against every baseline, event by event."""
     ours = methods[thresholds.headline].detected()
-    names = [one.name for one in thresholds.baselines]
-    return {name: mcnemar(ours, methods[name].detected()) for name in names}
+    tests = {}
+    for baseline in thresholds.baselines:
+        theirs = methods[baseline.name].detected()
+        tests[baseline.name] = mcnemar(ours, theirs)
+    return tests
 
 
 def _heavy(data: DataSet) -> list[bool | None]:
     """Whether each recording's object is heavy; None without an object or a window."""
     heavy: list[bool | None] = [None] * len(data.recordings)
-    if "classes" in data.tasks:
-        task = data.tasks["classes"]
-        for trial, label in zip(task.trial.tolist(), task.label.tolist(), strict=True):
-            if data.recordings[trial].object_name is not None:
-                # Heavy classes have the odd numbers.
-                heavy[trial] = bool(label % 2)
+    if "classes" not in data.tasks:
+        return heavy
+    task = data.tasks["classes"]
+    for trial, label in zip(task.trial.tolist(), task.label.tolist(), strict=True):
+        if data.recordings[trial].object_name is not None:
+            # Heavy classes have the odd numbers.
+            heavy[trial] = bool(label % 2)
     return heavy
 
 
 def _card(root: Path, data: DataSet, windows: WindowFigures) -> SetCard:
     meta = read_json(root / "meta.json")
+    made_from = {key: value for key, value in meta.items() if key in MADE_FROM}
+    seconds = 0.0
+    events = 0
+    for one in data.recordings:
+        seconds += len(one.samples) / one.rate_hz
+        events += len(one.events)
+
     return SetCard(
         name=data.name,
         kind=data.kind,
-        made_from={key: value for key, value in meta.items() if key in MADE_FROM},
+        made_from=made_from,
         rate_hz=data.rate_hz,
         unit=data.unit,
         recordings=len(data.recordings),
         groups=len(data.groups()),
         group_kind=data.group_kind,
-        minutes=sum(len(one.samples) / one.rate_hz for one in data.recordings) / 60.0,
-        events=sum(len(one.events) for one in data.recordings),
+        minutes=seconds / 60.0,
+        events=events,
         samples=data.notes.get("samples"),
         onsets_by=onsets_by(root, data.recordings),
         trained_on_recordings=windows.trained_on_recordings,

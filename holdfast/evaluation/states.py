@@ -24,6 +24,7 @@ from holdfast.training.metrics import Labels, situation_scores
 from holdfast.training.timeline import Phase
 
 BINS = 15
+"""Equal bins of the probability, as in Guo et al. (ICML 2017)."""
 States = npt.NDArray[np.int64]
 """[T] a situation or a class at every sample; below 0 where there is none."""
 
@@ -93,15 +94,18 @@ def state_figures(
     """All figures of the states. heavy: of each recording's object; None where it is not known."""
     delay = event_scores(risky_states(outputs, permille), seed=seed)
     states = [one.situation for one in outputs]
-    labels, called = [], []
+    labels = []
+    called = []
     for one in outputs:
         labels.append(labels_everywhere(one.recording.phases, len(one.situation)))
         for action in voluntary_actions(one.recording):
             during = one.situation[action.first : action.stop]
             called.append(bool((during == RISKY_SLIP).any()))
+
     unknown_share = None
     if states:
-        unknown_share = float((np.concatenate(states) == UNKNOWN).mean())
+        is_unknown = np.concatenate(states) == UNKNOWN
+        unknown_share = float(is_unknown.mean())
     return StateFigures(
         per="sample of a labelled phase",
         to_risky_state_ms=delay.delay_ms,
@@ -127,11 +131,14 @@ def changes_per_s(
     states: Sequence[States], outputs: Sequence[ModelOutputs]
 ) -> float | None:
     """Changes a second from one known state to another."""
-    changes, seconds = 0, 0.0
+    changes = 0
+    seconds = 0.0
     for state, one in zip(states, outputs, strict=True):
+        # A state that comes back after an unknown stretch has not changed.
         known = state[state != UNKNOWN]
         changes += int((np.diff(known) != 0).sum())
         seconds += len(known) / one.recording.rate_hz
+
     return changes / seconds if seconds else None
 
 
@@ -148,18 +155,30 @@ def calibration(
     state = np.concatenate([one.situation for one in outputs])
     p = np.concatenate([one.p_situation for one in outputs])
     label = np.concatenate(labels)
+
     answered = (state != UNKNOWN) & (label != UNKNOWN)
-    p, label = p[answered], label[answered]
+    p = p[answered]
+    label = label[answered]
     if not len(p):
         return None
-    top = _bins(p.max(axis=1), p.argmax(axis=1) == label)
+
+    right = p.argmax(axis=1) == label
+    top = _bins(p.max(axis=1), right)
+    # Apart: risky slips are rare, and would hardly show among the most probable situations.
     risky = _bins(p[:, RISKY_SLIP], label == RISKY_SLIP)
-    return CalibrationFigures(len(p), BINS, _ece(top), _ece(risky), risky)
+    return CalibrationFigures(
+        n=len(p),
+        bins=BINS,
+        ece=_ece(top),
+        ece_risky=_ece(risky),
+        reliability_risky=risky,
+    )
 
 
 def _bins(
     probability: npt.NDArray[np.float32], true: BoolArray
 ) -> list[CalibrationBin]:
+    # A probability of exactly 1 belongs to the last bin.
     place = np.minimum((BINS * probability).astype(np.int64), BINS - 1)
     counts = np.bincount(place, minlength=BINS)
     said = np.bincount(place, weights=probability, minlength=BINS)
@@ -167,7 +186,10 @@ def _bins(
     bins = []
     for k in np.flatnonzero(counts).tolist():
         n = int(counts[k])
-        bins.append(CalibrationBin(n, float(said[k]) / n, float(was[k]) / n))
+        mean_said = float(said[k]) / n
+        share_true = float(was[k]) / n
+        bins.append(CalibrationBin(n, mean_said, share_true))
+
     return bins
 
 
@@ -189,21 +211,26 @@ def confusions(
     groups = [one.recording.group for one in outputs]
     states = [one.situation for one in outputs]
     figures = {"four": _confusion(SITUATIONS, labels, states, groups, seed)}
-    eight, seven = _Pairs(), _Pairs()
+
+    eight = _Pairs()
+    seven = _Pairs()
     for one, label, is_heavy in zip(outputs, labels, heavy, strict=True):
         if is_heavy is None or not (one.eight != NO_CLASS).any():
             continue
+        # The eight classes: situation by situation, first light, then heavy.
         truth = 2 * label + int(is_heavy)
         unknown = label == UNKNOWN
         merged = labels_at(truth, "seven")
         group = one.recording.group
         eight.add(np.where(unknown, UNKNOWN, truth), one.eight, group)
         seven.add(np.where(unknown, UNKNOWN, merged), one.seven, group)
+
     for level, pairs in (("eight", eight), ("seven", seven)):
         if pairs.truth:
             figures[level] = _confusion(
                 LEVELS[level], pairs.truth, pairs.answer, pairs.group, seed
             )
+
     return figures
 
 
@@ -233,18 +260,26 @@ def _confusion(
     Samples without a label (below 0) are left out; withheld answers count.
     """
     n = len(classes)
-    was, answered = np.concatenate(truth), np.concatenate(answer)
-    groups = np.repeat(group, [len(label) for label in truth])
+    was = np.concatenate(truth)
+    answered = np.concatenate(answer)
+    lengths = [len(label) for label in truth]
+    groups = np.repeat(group, lengths)
+
     labelled = was >= 0
-    was, answered, groups = was[labelled], answered[labelled], groups[labelled]
+    was = was[labelled]
+    answered = answered[labelled]
+    groups = groups[labelled]
+    # A withheld answer has a column of its own, and misses whatever was there.
     answered = np.where(answered < 0, n, answered)
-    cells = np.bincount((n + 1) * was + answered, minlength=n * (n + 1))
+    pair = (n + 1) * was + answered
+    cells = np.bincount(pair, minlength=n * (n + 1))
+
     scores = situation_scores(was, answered, groups, classes=classes, seed=seed)
     return ConfusionFigures(
-        (*classes, "unknown"),
-        cells.reshape(n, n + 1).tolist(),
-        scores.macro_f1,
-        scores.macro_f1_ci,
-        scores.f1,
-        scores.f1_ci,
+        classes=(*classes, "unknown"),
+        counts=cells.reshape(n, n + 1).tolist(),
+        macro_f1=scores.macro_f1,
+        macro_f1_ci=scores.macro_f1_ci,
+        f1=scores.f1,
+        f1_ci=scores.f1_ci,
     )

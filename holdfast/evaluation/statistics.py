@@ -38,8 +38,10 @@ def share(hits: Sequence[bool]) -> Share:
     n = len(hits)
     if not n:
         return Share(None, None, 0)
-    interval = binomtest(sum(hits), n).proportion_ci(0.95, method="exact")
-    return Share(sum(hits) / n, (float(interval.low), float(interval.high)), n)
+    n_true = sum(hits)
+    exact = binomtest(n_true, n).proportion_ci(0.95, method="exact")
+    interval = (float(exact.low), float(exact.high))
+    return Share(n_true / n, interval, n)
 
 
 @dataclass(frozen=True)
@@ -55,8 +57,11 @@ class McNemar:
 
 def mcnemar(ours: BoolArray, theirs: BoolArray) -> McNemar:
     """Compare two methods [E], [E] event by event."""
-    only_ours, only_theirs = int((ours & ~theirs).sum()), int((theirs & ~ours).sum())
-    both, neither = int((ours & theirs).sum()), int((~ours & ~theirs).sum())
+    only_ours = int((ours & ~theirs).sum())
+    only_theirs = int((theirs & ~ours).sum())
+    both = int((ours & theirs).sum())
+    neither = int((~ours & ~theirs).sum())
+    # Events on which both agree say nothing about which is better.
     n = only_ours + only_theirs
     p = float(binomtest(only_ours, n, 0.5).pvalue) if n else 1.0
     return McNemar(only_ours, only_theirs, both, neither, p)

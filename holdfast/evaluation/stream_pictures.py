@@ -83,10 +83,12 @@ def first_slips(data: DataSet) -> list[int]:
     situations = labels_at(task.label, "four")
     places = []
     for action, situation in SLIP_OF.items():
-        for k in np.unique(task.trial[situations == situation]).tolist():
+        with_slip = np.unique(task.trial[situations == situation])
+        for k in with_slip.tolist():
             if data.recordings[k].action == action:
                 places.append(k)
                 break
+
     return places
 
 
@@ -94,17 +96,21 @@ def held_out_streams(
     folder: Path, data: DataSet, features: FloatRows, plan: TrainingPlan, seed: int
 ) -> list[StreamPicture]:
     """Pictures of the drawn trials of a folder, from one forest trained without them."""
-    drawn, task = first_slips(data), data.tasks["classes"]
+    drawn = first_slips(data)
+    task = data.tasks["classes"]
     others = np.flatnonzero(~np.isin(task.trial, drawn))
     forest = fit_learner(data, features, plan, "classes", others, seed)
+
     spec = spec_for(data, plan.groups)
-    part = data.of_groups({data.recordings[k].group for k in drawn})
+    # Features are needed of the drawn trials only, at every sample instead of at windows.
+    drawn_groups = {data.recordings[k].group for k in drawn}
+    part = data.of_groups(drawn_groups)
+    everywhere = features_everywhere(part, spec)
     pictures = []
-    for recording, rows in zip(
-        part.recordings, features_everywhere(part, spec), strict=True
-    ):
+    for recording, rows in zip(part.recordings, everywhere, strict=True):
         votes = reference_votes(forest, rows, len(task.classes))
         pictures.append(_picture(folder, recording, votes, spec))
+
     return pictures
 
 
@@ -113,9 +119,12 @@ def _picture(
 ) -> StreamPicture:
     by_situation = situation_votes(votes)
     answer = riskier_argmax(by_situation)
+    # As on the hand: no answer before the window is full.
     answer[: spec.settle_samples - 1] = UNKNOWN
+
     share = by_situation[:, RISKY_SLIP] / by_situation.sum(axis=1)
-    answers = Answers(recording, answer, (1000 * share).astype(np.int64))
+    permille = (1000 * share).astype(np.int64)
+    answers = Answers(recording, answer, permille)
     rules = DecisionRules()
     (acts,) = requests_at([answers], rules, rules.min_risky_permille)
     return picture_of(folder, recording, answer, acts)
@@ -130,14 +139,19 @@ def picture_of(
     """The answers on a trial of a folder, with its truth. answer, acts: [T]."""
     truth = truth_path(folder / f"{recording.trial_id}.csv")
     times = read_json(truth)
-    happened = [name for name in EVENTS if times.get(name) is not None]
+    events = {}
+    for name in EVENTS:
+        if times.get(name) is not None:
+            events[name] = float(times[name])
+
+    t_s = np.arange(len(recording.samples)) / recording.rate_hz
     return StreamPicture(
-        recording,
-        read_truth(truth, np.arange(len(recording.samples)) / recording.rate_hz),
-        {name: float(times[name]) for name in happened},
-        offline_critical_points(recording),
-        answer,
-        acts,
+        recording=recording,
+        phases=read_truth(truth, t_s),
+        events=events,
+        points=offline_critical_points(recording),
+        answer=answer,
+        acts=acts,
     )
 
 
@@ -157,7 +171,9 @@ def stream(picture: StreamPicture, kind: str) -> str:
     recording = picture.recording
     t_s = np.arange(len(recording.samples)) / recording.rate_hz
     forces = recording.samples.reshape(len(t_s), -1, 3)
+    normal_n = forces[..., NORMAL_AXIS]
     shear_n = np.hypot(forces[..., 0], forces[..., 1])
+
     with labelled(kind, 10.4, 5.6) as figure:
         grid = figure.subplots(
             3,
@@ -168,16 +184,21 @@ def stream(picture: StreamPicture, kind: str) -> str:
             height_ratios=(1.2, 1.2, 1),
         )
         for column in range(2):
-            _forces(grid[0, column], t_s, forces[..., NORMAL_AXIS], picture)
+            _forces(grid[0, column], t_s, normal_n, picture)
             _forces(grid[1, column], t_s, shear_n, picture)
             _decision(grid[2, column], picture)
             grid[2, column].set_xlabel("time in the trial, s")
-        grid[0, 0].set_ylabel("normal, N")
+
+        whole = grid[0, 0]
+        action = grid[0, 1]
+        whole.set_ylabel("normal, N")
         grid[1, 0].set_ylabel("shear, N")
-        grid[0, 1].set_xlim(*_around(picture, t_s))
-        grid[0, 0].set_xlim(0.0, t_s[-1])
-        _name_events(grid[0, 1], picture)
-        grid[0, 0].legend(
+        action.set_xlim(*_around(picture, t_s))
+        whole.set_xlim(0.0, t_s[-1])
+        # After the limits are set: only events within them get a name.
+        _name_events(action, picture)
+
+        whole.legend(
             frameon=False,
             fontsize=7,
             ncols=6,
@@ -200,8 +221,10 @@ def _forces(
             linewidth=0.9,
             label=FINGERS[finger],
         )
+
     for point in picture.points:
         axes.axvline(point.t_s, color=INK, linewidth=0.9, linestyle=":")
+
     for _, at_s in _named_events(picture):
         axes.axvline(at_s, color=QUIET, linewidth=0.8, linestyle="--")
 
@@ -217,17 +240,23 @@ def _decision(axes: Axes, picture: StreamPicture) -> None:
             alpha=0.35,
             linewidth=0,
         )
+
     for situation, colour in enumerate(SITUATION_COLOURS):
+        here = spans(picture.answer == situation, step_s)
         axes.broken_barh(
-            spans(picture.answer == situation, step_s),
+            here,
             (situation - 0.32, 0.64),
             color=colour,
             edgecolor=INK,
             linewidth=0.4,
         )
+
+    # Unknown has no height of its own and stands where "nothing" is drawn.
     draw_unknown(axes, picture.answer, step_s, (-0.32, 0.64))
+
     for first_s, _ in spans(picture.acts, step_s):
         axes.plot(first_s, RISKY_SLIP + 0.62, "v", color=INK, markersize=6)
+
     axes.set_yticks(range(len(SITUATIONS)), list(map(spaced, SITUATIONS)))
     axes.set_ylim(-0.5, len(SITUATIONS))
 
@@ -255,10 +284,12 @@ def spans(flags: BoolArray, step_s: float) -> list[tuple[float, float]]:
     >>> spans(np.array([True, False, True, True]), 0.5)
     [(0.0, 0.5), (1.0, 1.0)]
     """
+    # A zero on both sides makes a run at either end begin and stop like any other.
     change = np.diff(flags.astype(np.int8), prepend=0, append=0)
     firsts = np.flatnonzero(change == 1)
     lengths = np.flatnonzero(change == -1) - firsts
-    starts_s, lengths_s = (firsts * step_s).tolist(), (lengths * step_s).tolist()
+    starts_s = (firsts * step_s).tolist()
+    lengths_s = (lengths * step_s).tolist()
     return list(zip(starts_s, lengths_s, strict=True))
 
 
@@ -266,16 +297,26 @@ def _around(picture: StreamPicture, t_s: FloatArray) -> tuple[float, float]:
     """The time around the action: its load onset, else the start of the first slip of the truth."""
     at_s = picture.events.get("load_onset_s")
     if at_s is None:
-        slips = [
-            phase.first for phase in picture.phases if phase.situation >= SAFE_SLIP
-        ]
-        at_s = float(t_s[slips[0]]) if slips else float(t_s[-1]) / 2.0
-    return at_s + AROUND_S[0], at_s + AROUND_S[1]
+        at_s = _first_slip_s(picture, t_s)
+    before_s, after_s = AROUND_S
+    return at_s + before_s, at_s + after_s
+
+
+def _first_slip_s(picture: StreamPicture, t_s: FloatArray) -> float:
+    """Start of the truth's first slip, or the middle of a trial without one."""
+    for phase in picture.phases:
+        if phase.situation >= SAFE_SLIP:
+            return float(t_s[phase.first])
+    return float(t_s[-1]) / 2.0
 
 
 def _named_events(picture: StreamPicture) -> list[tuple[str, float]]:
     """Name and time in s of the events that a picture shows."""
-    return [(EVENTS[key], at_s) for key, at_s in picture.events.items() if EVENTS[key]]
+    named = []
+    for key, at_s in picture.events.items():
+        if EVENTS[key]:
+            named.append((EVENTS[key], at_s))
+    return named
 
 
 def _name_events(axes: Axes, picture: StreamPicture) -> None:

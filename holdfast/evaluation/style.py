@@ -14,8 +14,12 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-INK, NOTE, QUIET = "#1f2933", "#52606d", "#9aa5b1"
-OURS, WARNING, GRID = "#0b69a3", "#cb6e17", "#e4e7eb"
+INK = "#1f2933"
+NOTE = "#52606d"
+QUIET = "#9aa5b1"
+OURS = "#0b69a3"
+WARNING = "#cb6e17"
+GRID = "#e4e7eb"
 SITUATION_COLOURS = ("#bbbbbb", "#56b4e9", "#009e73", "#d55e00")
 """nothing, grasp, safe slip, risky slip: Okabe and Ito's sky blue, bluish green and vermilion,
 and a grey."""
@@ -54,9 +58,12 @@ STYLE: dict[Any, Any] = {
 def svg(figure: Figure) -> str:
     """The figure as an inline SVG element that names what it shows, the same bytes every time."""
     buffer = io.StringIO()
+    # Without a date the bytes depend on the figure alone.
     figure.savefig(buffer, format="svg", metadata={"Date": None})
     text = buffer.getvalue()
-    return with_label(text[text.index("<svg") :], label_of(figure))
+    # The XML declaration before it has no place inside a page.
+    element = text[text.index("<svg") :]
+    return with_label(element, label_of(figure))
 
 
 def label_of(figure: Figure) -> str:
@@ -69,9 +76,12 @@ def label_of(figure: Figure) -> str:
 
 def _panel(axes: Axes) -> str:
     titles = [axes.get_title(at) for at in ("left", "center", "right")]
-    against = " against ".join(filter(None, (axes.get_ylabel(), axes.get_xlabel())))
-    names = ", ".join(axes.get_legend_handles_labels()[1])
-    return ": ".join(filter(None, (" ".join(filter(None, titles)), against, names)))
+    title = " ".join(filter(None, titles))
+    labels = (axes.get_ylabel(), axes.get_xlabel())
+    against = " against ".join(filter(None, labels))
+    _, in_legend = axes.get_legend_handles_labels()
+    names = ", ".join(in_legend)
+    return ": ".join(filter(None, (title, against, names)))
 
 
 def with_label(svg: str, label: str) -> str:
@@ -88,6 +98,7 @@ def dark_rules() -> str:
     rules = []
     for light, dark in DARK_INSTEAD.items():
         for kind in ("fill", "stroke"):
+            # Matplotlib writes colours into style attributes, which only "important" overrides.
             rules.append(f'svg [style*="{kind}: {light}"]{{{kind}:{dark}!important}}')
     return f"@media(prefers-color-scheme:dark){{{''.join(rules)}}}"
 
@@ -136,6 +147,7 @@ def bars(axes: Axes, rows: Sequence[Bar], title: str, start: float) -> None:
             ha="center",
             fontsize=8,
         )
+
     axes.set_xlim(left=start)
     axes.set_title(title, fontsize=10, loc="left")
     axes.grid(axis="x", color=GRID)

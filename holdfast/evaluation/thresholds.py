@@ -69,6 +69,8 @@ class Thresholds:
         lines = {}
         for name, permille in self.confidences.items():
             lines[name] = {"min_risky_permille": permille}
+
+        # "lines" and "rivals" are keys of the file format, older than today's words.
         rivals = {}
         for one in self.baselines:
             rivals[one.name] = {
@@ -77,6 +79,7 @@ class Thresholds:
                 "false_per_min_there": one.false_per_min,
                 "fits": one.fits,
             }
+
         return {
             "headline": self.headline,
             "lines": lines,
@@ -110,12 +113,16 @@ def find_thresholds(
     rules = card.decision
     confidences = {CHOSEN: chosen.permille} if chosen else {}
     confidences[DEPLOYED] = rules.min_risky_permille
-    headline = requests_of(streams.outputs, rules, next(iter(confidences.values())))
+
+    # A baseline may have as many false alarms as this model: their recalls then compare.
+    permille = next(iter(confidences.values()))
+    headline = requests_of(streams.outputs, rules, permille)
     rate = false_per_min(streams.recordings, headline)
     found = []
     for number, one in enumerate(baselines, 1):
         found.append(matched(one, streams.recordings, rate))
         part(number / len(baselines))
+
     return Thresholds(confidences, found, rules, streams.names, chosen, rate)
 
 

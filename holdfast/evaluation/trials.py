@@ -27,7 +27,9 @@ if TYPE_CHECKING:
 DISTURBANCES = {"dFn": "grip_change", "dFt": "load_n", "dq": "motor_mm"}
 """Disturbance of a hold (grip, load, motor) -> the drawn parameter that is not 0 in it."""
 SAME_MOMENT_S = 0.02
+"""Times of a truth and of its phases, which are whole samples, differ by less."""
 ROWS_DRAWN = 8
+"""Trials in a picture of timelines."""
 
 
 @dataclass(frozen=True)
@@ -122,13 +124,16 @@ def voluntary_actions(recording: Recording) -> list[VoluntaryAction]:
     if recording.action == "hold":
         return []
     actions = actions_of(recording.phases)
+    # A grip that fails slips safely for a moment on its way.
     return [one for one in actions if not _within_an_event(one, recording)]
 
 
 def _within_an_event(action: VoluntaryAction, recording: Recording) -> bool:
     rate_hz = recording.rate_hz
     for event in recording.events:
-        first, stop = event.onset_s * rate_hz, event.end_s * rate_hz
+        first = event.onset_s * rate_hz
+        stop = event.end_s * rate_hz
+        # They touch in one sample where one follows on the other.
         if first < action.stop - 1 and action.first < stop - 1:
             return True
     return False
@@ -150,6 +155,7 @@ def actions_of(phases: Sequence[Phase]) -> list[VoluntaryAction]:
             continues = True
         elif phase.situation in (NOTHING, RISKY_SLIP):
             continues = False
+
     return actions
 
 
@@ -159,8 +165,10 @@ def answered_trials(
     requests: Sequence[BoolArray],
 ) -> list[AnsweredTrial]:
     """Every trial with its answers."""
-    rows = zip(trials, outputs, requests, strict=True)
-    return [AnsweredTrial(trial, of.situation, on) for trial, of, on in rows]
+    answered = []
+    for trial, of, on in zip(trials, outputs, requests, strict=True):
+        answered.append(AnsweredTrial(trial, of.situation, on))
+    return answered
 
 
 def drawn_trials(answered: Sequence[AnsweredTrial]) -> dict[str, list[AnsweredTrial]]:
@@ -174,6 +182,7 @@ def drawn_trials(answered: Sequence[AnsweredTrial]) -> dict[str, list[AnsweredTr
         rows = [one for one in answered if _title(one.trial.recording) == title]
         if rows:
             by_title[title] = _interleaved(rows)[:ROWS_DRAWN]
+
     return by_title
 
 
@@ -191,4 +200,6 @@ def _interleaved(trials: Sequence[AnsweredTrial]) -> list[AnsweredTrial]:
         name = one.trial.recording.object_name
         count[name] = count.get(name, 0) + 1
         rounds.append(count[name])
-    return [trials[k] for k in np.argsort(rounds, kind="stable")]
+    # Stable: within a round the trials keep their order.
+    order = np.argsort(rounds, kind="stable")
+    return [trials[k] for k in order]

@@ -39,6 +39,7 @@ LEVELS = {"eight": CLASSES, "seven": ("nothing", *CLASSES[2:]), "four": SITUATIO
 CEILING = 0.875
 LEAK_PERCENT = (0.5, 99.5)
 LEAK_DRAWS = 4000
+"""More than for other intervals, because the ends of a 99 % interval are rare draws."""
 LEAK_EXPLAINED = (
     "Nothing held, light or heavy, is the same signal, so over eight balanced classes no honest "
     "answer exceeds 0.875, and within nothing the weight is right half of the time. Judged: the "
@@ -116,6 +117,8 @@ def window_figures(
         score = at_task["p_risky_250ms"].astype(np.float64)
         # Where the hand would say unknown, the further head predicts nothing.
         risky_score = np.where(at_task["unknown"], 0.0, score)
+
+    # By content: a recording that was copied or renamed is still one that it was trained on.
     seen = set(model.card.raw["training"].get("recordings", ()))
     overlap = sum(fingerprint(recording) in seen for recording in data.recordings)
     return WindowFigures(
@@ -150,6 +153,7 @@ def at_windows(
             of_each = [outputs[name] for outputs in computed]
             picked[name] = pick_rows(data, task, rows, of_each)
         answers[task] = picked
+
     return answers
 
 
@@ -236,10 +240,12 @@ def answers_at(votes: IntArray, level: str) -> IntArray:
 
 def scores(data: DataSet, votes: IntArray, *, seed: int = 0) -> ClassScores:
     """Accuracy and macro F1 at every level, and `calls`, of votes [M, 8] on "classes"."""
-    label, groups = data.tasks["classes"].label, data.group_of("classes")
+    label = data.tasks["classes"].label
+    groups = data.group_of("classes")
 
     def at(level: str) -> LevelScores:
-        truth, answer = labels_at(label, level), answers_at(votes, level)
+        truth = labels_at(label, level)
+        answer = answers_at(votes, level)
         right = share_scores(truth == answer, groups, seed=seed)
         f1 = situation_scores(truth, answer, groups, classes=LEVELS[level], seed=seed)
         return LevelScores(
@@ -284,7 +290,8 @@ def leak_check(data: DataSet, votes: IntArray, *, seed: int = 0) -> LeakCheck:
 
     Classes must be balanced.
     """
-    label, groups = data.tasks["classes"].label, data.group_of("classes")
+    label = data.tasks["classes"].label
+    groups = data.group_of("classes")
 
     def share_right(right: BoolArray, of: npt.ArrayLike) -> Share:
         return share_scores(
@@ -293,8 +300,10 @@ def leak_check(data: DataSet, votes: IntArray, *, seed: int = 0) -> LeakCheck:
 
     whole = share_right(riskier_argmax(votes) == label, groups)
     empty = labels_at(label, "four") == NOTHING
+    # Light or heavy alone, so that a model that confuses nothing with grasp cannot hide a leak.
     weight_right = riskier_argmax(votes[empty, :2]) == label[empty]
     within = share_right(weight_right, groups[empty])
+
     counts = np.bincount(label, minlength=len(CLASSES))
     return LeakCheck(
         leak=_above(whole, CEILING) or _above(within, 0.5),
@@ -315,8 +324,9 @@ def _above(figure: Share, limit: float) -> bool:
 def confusion(label: Labels, votes: IntArray) -> npt.NDArray[np.int64]:
     """[8, 8] counts: was (rows), answered (columns)."""
     n = len(CLASSES)
-    cells = n * np.asarray(label) + answers_at(votes, "eight")
-    return np.bincount(cells, minlength=n * n).reshape(n, n)
+    pair = n * np.asarray(label) + answers_at(votes, "eight")
+    cells = np.bincount(pair, minlength=n * n)
+    return cells.reshape(n, n)
 
 
 def spread_of(matrices: list[npt.NDArray[np.int64]]) -> RecallSpread:
@@ -330,5 +340,6 @@ def spread_of(matrices: list[npt.NDArray[np.int64]]) -> RecallSpread:
         if windows[0, k] > 0:
             recall[name] = recalls[:, k].tolist()
             spread[name] = float(np.ptp(recalls[:, k]))
+
     largest = max(span for span in spread.values() if span is not None)
     return RecallSpread(recall, spread, largest, largest <= 0.10 + 1e-9)

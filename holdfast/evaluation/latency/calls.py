@@ -36,7 +36,8 @@ def step_of(
 ) -> Callable[[], object]:
     """Step over a stream again and again, by default over the golden sequence with its faults."""
     values, valid = stream or golden(model)
-    graph, turn = StepGraph(model.session), cycle(range(len(values)))
+    graph = StepGraph(model.session)
+    turn = cycle(range(len(values)))
 
     def step() -> None:
         index = next(turn)
@@ -61,29 +62,38 @@ def c_step_of(
         export_c(model.path, work / "c", build=True)
     except CompilerFailed:
         return {}
+
     steps = CompiledModel(model.path, work / "c" / LIBRARY).stepper(ANSWERS)
-    rows, turn = list(zip(*stream, strict=True)), cycle(range(len(stream[0])))
+    values, valid = stream
+    turn = cycle(range(len(values)))
 
     def step() -> None:
-        steps.sample[0], steps.valid[0] = rows[next(turn)]
+        index = next(turn)
+        steps.sample[0] = values[index]
+        steps.valid[0] = valid[index]
         steps.step()
 
-    expected = run_recording(model.session, *stream, ["situation"])["situation"]
+    # One whole turn is checked before anything is timed; the turn ends where it began.
+    expected = run_recording(model.session, values, valid, ["situation"])["situation"]
     for label in expected:
         step()
         if not np.array_equal(steps.out["situation"][0], label):
             raise AssertionError("the C form does not label as onnxruntime does")
+
     return {C_STEP: step}
 
 
 def grip_of(model: Model, stream: tuple[FloatArray, BoolArray]) -> Callable[[], object]:
     """The grip controller's command for each sample of a stream, its predictions made before."""
-    card, (values, valid) = model.card, stream
-    monitor, period_ns = GripMonitor(model, None), 1e9 / card.rate_hz
-    predictions = [
-        monitor.feed(Sample(round(k * period_ns), values[k], valid[k], k))
-        for k in range(len(values))
-    ]
+    card = model.card
+    values, valid = stream
+    monitor = GripMonitor(model, None)
+    period_ns = 1e9 / card.rate_hz
+    predictions = []
+    for k in range(len(values)):
+        sample = Sample(round(k * period_ns), values[k], valid[k], k)
+        predictions.append(monitor.feed(sample))
+
     fingers = card.n_channels // 3
     control = GripControl("holdfast", card.rate_hz, unit=card.unit, n_fingers=fingers)
     turn = cycle(range(len(values)))
@@ -99,7 +109,9 @@ def learner_of(
     session: ort.InferenceSession, rows: npt.NDArray[np.float32]
 ) -> Callable[[], object]:
     """The learners alone on rows [N, F] in turn, bound to buffers as the whole step is."""
-    row, turn = rows[:1].copy(), cycle(range(len(rows)))
+    # Bound once: a call then copies one row, and allocates nothing in Python.
+    row = rows[:1].copy()
+    turn = cycle(range(len(rows)))
     binding = session.io_binding()
     binding.bind_input("features", "cpu", 0, np.float32, row.shape, row.ctypes.data)
     for output in session.get_outputs():
@@ -114,6 +126,5 @@ def learner_of(
 
 def golden(model: Model) -> tuple[FloatArray, BoolArray]:
     """The sequence every file is checked with at load, of this model."""
-    return golden_input(
-        model.card.n_channels, model.card.unit, model.card.settle_samples
-    )
+    card = model.card
+    return golden_input(card.n_channels, card.unit, card.settle_samples)

@@ -38,13 +38,17 @@ def c_walk(
     library = ctypes.CDLL(str(_compiled(work)))
     trees = [tree.tree_ for tree in forest.estimators_]
     roots = np.cumsum([0, *(tree.node_count for tree in trees)])[:-1].astype(np.int32)
-    features, thresholds, lefts, rights = [], [], [], []
+    features = []
+    thresholds = []
+    lefts = []
+    rights = []
     for tree, root in zip(trees, roots, strict=True):
-        # a leaf has no feature; children are numbered from the first node of all trees
+        # A leaf has no feature; children are numbered from the first node of all trees.
         features.append(np.where(tree.children_left < 0, -1, tree.feature))
         thresholds.append(_lowered(tree.threshold))
         lefts.append(tree.children_left + root)
         rights.append(tree.children_right + root)
+
     arrays = [
         roots,
         np.concatenate(features).astype(np.int32),
@@ -53,12 +57,15 @@ def c_walk(
         np.concatenate(rights).astype(np.int32),
         np.concatenate(leaf_votes(forest, n_classes)).astype(np.int32),
     ]
-    out, kept = np.zeros(n_classes, dtype=np.int32), np.ascontiguousarray(rows)
+    out = np.zeros(n_classes, dtype=np.int32)
+    kept = np.ascontiguousarray(rows)
     tables = [ctypes.c_void_p(array.ctypes.data) for array in arrays]
-    pointers = [
-        ctypes.c_void_p(kept.ctypes.data + k * kept.strides[0])
-        for k in range(len(kept))
-    ]
+    # All arguments are made beforehand, so that a call times the walk and not ctypes.
+    pointers = []
+    for k in range(len(kept)):
+        address = kept.ctypes.data + k * kept.strides[0]
+        pointers.append(ctypes.c_void_p(address))
+
     rest = (
         tables[0],
         ctypes.c_int32(len(roots)),
@@ -67,6 +74,7 @@ def c_walk(
         ctypes.c_void_p(out.ctypes.data),
     )
 
+    # The default argument keeps alive the arrays that C knows by their addresses only.
     def call(row: int, _keep: object = (arrays, kept)) -> npt.NDArray[np.int32]:
         library.votes(pointers[row], *rest)
         return out
@@ -77,7 +85,8 @@ def c_walk(
 def _lowered(threshold: npt.NDArray[np.float64]) -> npt.NDArray[np.float32]:
     """Largest float32 that is not above: x <= threshold says the same of every float32 x."""
     near = threshold.astype(np.float32)
-    return np.where(near > threshold, np.nextafter(near, np.float32(-np.inf)), near)
+    below = np.nextafter(near, np.float32(-np.inf))
+    return np.where(near > threshold, below, near)
 
 
 def _compiled(work: Path) -> Path:
@@ -86,10 +95,9 @@ def _compiled(work: Path) -> Path:
         raise LibraryMissing(
             "no C compiler", where="cc", next_step="install gcc to have this row"
         )
-    source, library = work / "walk.c", work / "walk.so"
+    source = work / "walk.c"
+    library = work / "walk.so"
     source.write_text(SOURCE, encoding="utf-8")
-    subprocess.run(
-        [compiler, "-O3", "-march=native", "-shared", "-fPIC", "-o", library, source],
-        check=True,
-    )
+    options = ["-O3", "-march=native", "-shared", "-fPIC"]
+    subprocess.run([compiler, *options, "-o", library, source], check=True)
     return library

@@ -42,5 +42,8 @@ def memory(model_path: Path) -> list[ProcessMemory]:
         command = [sys.executable, "-c", program + RESIDENT_KB, str(model_path)]
         done = subprocess.run(command, capture_output=True, text=True, check=True)
         took_s = time.perf_counter() - started
-        rows.append(ProcessMemory(name, int(done.stdout) / 1024, took_s))
+
+        resident_mb = int(done.stdout) / 1024
+        rows.append(ProcessMemory(name, resident_mb, took_s))
+
     return rows

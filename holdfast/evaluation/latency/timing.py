@@ -34,6 +34,7 @@ def time_in_turns(
                 ended = time.perf_counter_ns()
                 if turn:
                     times[name].append((ended - started) / 1000.0)
+
     return {name: np.array(values) for name, values in times.items()}
 
 
