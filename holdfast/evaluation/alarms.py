@@ -99,6 +99,7 @@ def _lasting(flags: BoolArray, samples: int) -> BoolArray:
     """[T, K] where a flag has been up for this many samples."""
     if samples <= 1:
         return flags
+    # Samples since the flag was last down.
     return np.asarray(_turns(flags) - _last(~flags) >= samples)
 
 
@@ -192,14 +193,17 @@ def false_alarms(
 
 def _begins(requests: BoolArray) -> BoolArray:
     """[T, ..] where an alarm begins."""
+    # A request at the first sample begins there.
     begins = requests.copy()
     begins[1:] &= ~requests[:-1]
     return begins
 
 
 def _within(event: RiskyEvent, t_s: FloatArray, collar_s: float) -> BoolArray:
+    """Where times [T] lie in an event or its collar."""
     after_onset = t_s >= event.onset_s - collar_s
-    return np.asarray(after_onset & (t_s <= event.end_s + collar_s))
+    before_end = t_s <= event.end_s + collar_s
+    return np.asarray(after_onset & before_end)
 
 
 def match_all_alarms(
@@ -323,13 +327,14 @@ def event_scores(
 def _sums_by_group(streams: Sequence[EventMatch]) -> FloatArray:
     """[G, 4] events detected, events, false alarms and minutes of each group."""
     names = [stream.recording.group for stream in streams]
-    groups = np.unique(names, return_inverse=True)[1]
+    _, groups = np.unique(names, return_inverse=True)
     sums = np.zeros((groups.max(initial=-1) + 1, 4))
     for group, stream in zip(groups, streams, strict=True):
         detected = sum(one.alarm_s is not None for one in stream.outcomes)
         events = len(stream.outcomes)
         false = len(stream.false_s)
         sums[group] += [detected, events, false, stream.minutes]
+
     return sums
 
 

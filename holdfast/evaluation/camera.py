@@ -94,6 +94,7 @@ def _seen(csv: Path) -> tuple[SeenSlip, ...]:
 
 def _phases(content: Json) -> list[Json]:
     phases = content.get("phases", [])
+    # An older or hand-written file may hold anything here.
     if not isinstance(phases, list):
         return []
     return [phase for phase in phases if isinstance(phase, dict)]
@@ -154,6 +155,7 @@ def onsets_by(root: Path, recordings: Sequence[Recording]) -> dict[str, int]:
 
 def onsets_in_words(by: dict[str, int]) -> str:
     """What gave the load onsets, where a camera or a person did; "" for a scene or a script."""
+    # A scene and a script know their onsets exactly, and need no such note.
     if not by.keys() & {CAMERA, KEY}:
         return ""
     counts = ", ".join(f"{name} {count}" for name, count in by.items())
@@ -165,6 +167,7 @@ def onsets_in_words(by: dict[str, int]) -> str:
 
 def _csv(root: Path, trial_id: str) -> Path:
     """The CSV of a trial: tactile.csv in its folder (or in the root itself), or trial_n.csv."""
+    # One recorded trial may be given by itself, and is then the root.
     for folder in (root, root / trial_id):
         if (folder / TACTILE).is_file():
             return folder / TACTILE
@@ -238,6 +241,7 @@ def _matched(
         first_s = outcome.event.onset_s - LATE_S
         last_s = outcome.event.end_s + LATE_S
         within = [slip for slip in slips if first_s <= slip.start_s <= last_s]
+        # A camera may see a second slip in the same event, as the object goes on sliding.
         if within:
             pairs.append((outcome, within[0]))
 

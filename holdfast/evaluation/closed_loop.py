@@ -47,6 +47,7 @@ ORACLE = "oracle"
 VIBRATION = "vibration"
 CHOICES = (*CONTROLLERS, VIBRATION, ORACLE)
 BARE = "none"
+"""The controller of the bare hand, which never adds to the wearer's command."""
 BLOCKED_N = 5.0
 BLOCKED_S = 0.3
 """A hand-over that needs more force, or more time, than this is blocked."""
@@ -104,6 +105,7 @@ class ThreeRuns:
     @property
     def blocked(self) -> bool:
         """The hand-over needs more force, more time or an override."""
+        # An override frees the object, yet the wearer had to see that the hand was wrong.
         overrides = bool(np.isfinite(self.held.overrode_s))
         return self.extra_n > BLOCKED_N or self.extra_s > BLOCKED_S or overrides
 
@@ -373,11 +375,13 @@ class LoopRuns:
     def _run(self, wanted: Sequence[Run], from_share: float, to_share: float) -> None:
         jobs = []
         runs = []
+        # Each once, in the order in which they were asked for.
         for run in dict.fromkeys(wanted):
             if run in self._outcomes:
                 continue
             self._outcomes[run] = {}
             of, request = run
+            # Only the oracle is told the onsets, which the other controllers have to detect.
             onset_s = self._onset_s(of) if request.name == ORACLE else {}
             _, trials = scene_of(of)
             for batch in batches(trials):

@@ -62,9 +62,12 @@ class EvaluationRequest:
 
     def n_stages(self) -> int:
         """How many stages `evaluate_events` announces."""
+        # Reading, running, scoring; matching too, unless that was done on other sets before.
         of_a_set = 3 if self.choose else 4
         of_choosing = 3 if self.choose else 0
-        return bool(self.train) + of_choosing + of_a_set * len(self.data) + 1
+        of_training = 1 if self.train else 0
+        of_all_sets = 1
+        return of_training + of_choosing + of_a_set * len(self.data) + of_all_sets
 
 
 ALONE = Workers()
@@ -85,6 +88,7 @@ def evaluate_events(
     Raises what reading the sets raises, and ChannelError, UnitError or RateError where one does not
     fit the model.
     """
+    # Before anything long is computed.
     _require_apart(request)
     run = _Run(model.open(), request, say, part)
     forest = run.forest()
@@ -101,6 +105,7 @@ def evaluate_events(
         sets = list(workers.run(jobs))
 
     say("figures of all sets together")
+    # As deployed the confidence is the same for all sets; only the baselines' settings differ.
     thresholds = chosen or sets[0].figures.thresholds
     assert thresholds is not None
     return all_sets(run.model.card, _by_label(sets), thresholds, request.seed)
@@ -135,6 +140,7 @@ def _require_apart(request: EvaluationRequest) -> None:
     if request.train:
         find(request.train)
     for name in request.choose:
+        # Resolved, so that the same folder is found out under another name.
         if find(name).resolve() in scored:
             raise UsageError(
                 f"{name} is given both to --choose and to --data",
@@ -188,7 +194,8 @@ class _Run:
             labels.append(_label(name, data))
 
         self.say(f"running the model on {len(recordings)} recordings to choose on")
-        computed = everywhere(steps_with(self.model, OUTPUTS), recordings, self.part)
+        steps = steps_with(self.model, OUTPUTS)
+        computed = everywhere(steps, recordings, self.part)
         outputs = read_outputs(self.model, recordings, computed)
 
         most = self.request.most_false_per_min
@@ -210,8 +217,10 @@ class _Run:
         recordings = data.recordings
 
         self.say(f"{data.name}: running the model on {len(recordings)} recordings")
-        wanted = [*OUTPUTS, *heads_with_task(self.model, with_situations(data))]
-        computed = everywhere(steps_with(self.model, wanted), recordings, self.part)
+        heads = heads_with_task(self.model, with_situations(data))
+        # One pass gives both the states and what the windows are scored by.
+        steps = steps_with(self.model, [*OUTPUTS, *heads])
+        computed = everywhere(steps, recordings, self.part)
         outputs = read_outputs(self.model, recordings, computed)
         windows = self._window_figures(data, computed)
         # The outputs of a long set take much memory, and are read by now.

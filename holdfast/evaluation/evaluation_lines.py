@@ -39,6 +39,7 @@ def evaluation_lines(of: Evaluation) -> list[str]:
 
 
 def _events_in_words(name: str, row: MethodFigures) -> str:
+    # Without an event there is no recall, and the false alarms are all there is to report.
     if not row.events:
         return f"{name}: no risky event; {row.false_alarms} false alarms in {row.minutes:.1f} min"
     delay = row.delay_ms
@@ -53,6 +54,7 @@ def _camera_in_words(name: str, of: CameraFigures | None) -> list[str]:
     """Alarms against a camera's slips and against the scene's truth; nothing without a camera."""
     if of is None:
         return []
+    # Not one alarm in an event that the camera saw: there are no times.
     if of.delay_ms is None or of.lead_ms is None or of.start_sd_ms is None:
         return [f"{name}, by the camera: {of.onsets} onsets, recall 0"]
     lines = [

@@ -61,6 +61,7 @@ class Evaluation:
 
     def to_json(self) -> Json:
         """figures.json; of one set alone, its window figures stand on top."""
+        # As the file was before several sets could be evaluated: its readers find them there.
         top = {"model_id": self.model.model_id}
         if len(self.sets) == 1:
             top = next(iter(self.sets.values())).windows.to_json()

@@ -47,6 +47,7 @@ def milliseconds(seconds: float | None) -> str:
 
 def whole(value: float) -> str:
     """Rounded to a whole number, never "-0"."""
+    # round() gives an int, which has no sign at 0.
     return str(round(value))
 
 
@@ -97,6 +98,7 @@ def markdown(rows: Sequence[Mapping[str, Any]]) -> str:
     heads = list(rows[0])
     lines = [heads, ["---"] * len(heads)]
     for row in rows:
+        # By name: a row may hold further figures that are no column.
         lines.append([markdown_cell(row[head]) for head in heads])
     return "\n".join("| " + " | ".join(line) + " |" for line in lines)
 

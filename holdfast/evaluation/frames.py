@@ -66,6 +66,7 @@ def _named(
 
 def _figures(of: Evaluation) -> list[dict[str, Any]]:
     rows = {name: one.rows for name, one in of.sets.items()}
+    # Of one set both would be the same lines.
     if len(rows) > 1:
         rows[ALL_SETS] = of.rows
 

@@ -85,6 +85,7 @@ def method_result(
 
         style = style_of(trial.grasps)
         for action in voluntary_actions(recording):
+            # A single sample counts: one request tightens the hand against its wearer.
             called = bool(on[action.first : action.stop].any())
             result.actions.append(CalledAction(style, recording.action or "", called))
 
@@ -201,6 +202,7 @@ def method_figures(
     )
     return MethodFigures(
         **vars(scores),
+        # The name is a key of the file format; its width is WIDE_COLLAR_S.
         collar_40_ms=collar,
         by_style=by_style(of, trials, seed),
         safe_acts_called=_called(of.actions),
@@ -236,8 +238,10 @@ def by_style(
             as_group = replace(match.recording, group=style)
             grouped.append(replace(match, recording=as_group))
 
+    # Of one style there is no spread between people to show.
     if len(matches) < 2:
         return None
+
     figures = {}
     for name in sorted(matches):
         scores = event_scores(matches[name], seed=seed)
@@ -263,6 +267,7 @@ def specificity(holds: Sequence[DisturbedHold]) -> dict[str, HoldFigures] | None
     figures = {}
     for name in DISTURBANCES:
         here = [one for one in holds if one.disturbance == name]
+        # A hold that failed deserved its alarm, so only those that held can be quiet.
         quiet = share([one.quiet for one in here if one.held])
         failed = sum(not one.held for one in here)
         figures[name] = HoldFigures(quiet.share, quiet.share_ci, quiet.n, failed)

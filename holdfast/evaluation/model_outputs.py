@@ -77,6 +77,8 @@ def read_outputs(
     for recording, out in zip(recordings, computed, strict=True):
         votes = out["votes"].astype(np.int64)
         withheld = out["unknown"]
+
+        # A model of four situations has no votes by weight.
         eight = np.full(len(votes), NO_CLASS)
         seven = eight
         if model.card.has_weight:

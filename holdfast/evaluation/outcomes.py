@@ -73,7 +73,7 @@ THESIS: dict[str, dict[str, tuple[str, str, str]]] = {
     },
     "apple": {"author": ("ok", "ok", "ok")},
 }
-"""Object -> style -> (pass, pull or fall, put-down)."""
+"""Object -> style -> (pass, pull or fall, put-down); the participants did not get the apple."""
 SLIPS = SITUATIONS[2:]
 """Labels of a slip, safe or risky."""
 
@@ -108,6 +108,7 @@ def recognised(answered: AnsweredTrial) -> bool | None:
         match = match_alarms(recording, requests)
         if not match.outcomes:
             return None
+        # One alarm too many is no recognition: the hand would have tightened without a cause.
         found = all(outcome.alarm_s is not None for outcome in match.outcomes)
         return found and not match.false_s
 
@@ -130,7 +131,10 @@ def judged_trials(answered: Sequence[AnsweredTrial]) -> list[JudgedTrial]:
         recording = one.trial.recording
         style = style_of(one.trial.grasps)
         name = recording.object_name or ""
-        right = recognised(one) if style in THESIS.get(name, {}) else None
+        if style not in THESIS.get(name, {}):
+            continue
+
+        right = recognised(one)
         if right is not None:
             column = ACTIONS[str(recording.action)]
             judged.append(JudgedTrial(name, style, column, right))
@@ -255,6 +259,7 @@ def participant_figures(model: OpenedModel, folder: Path) -> ParticipantFigures:
     outputs = run_model(model, data)
     rules = model.card.decision
     requests = requests_of(outputs, rules, rules.min_risky_permille)
+    # Recorded trials have no truth of a scene, so no grasps either.
     trials = [LabelledTrial(without_samples(one), ()) for one in data.recordings]
 
     every = []

@@ -130,5 +130,6 @@ def real_figures(folder: Path, seed: int = 0) -> RealFigures | RealSetsMissing:
 
 def held_out_people(data: DataSet, seed: int) -> frozenset[str]:
     """The people that the exported fold's forests were not trained on."""
+    # The same assignment as in training, which depends on the seed alone.
     folds = assign_groups(data.group_of("situations"), TrainingPlan().folds, seed=seed)
     return frozenset(name for name, fold in folds.items() if fold == FOLD)

@@ -64,6 +64,7 @@ def kind_of(of: Evaluation) -> str:
 
 def _parts(of: Evaluation) -> dict[str, Any]:
     """Title -> what has rows and comparisons: all sets together, then each set."""
+    # All sets together are the same as the only one.
     if len(of.sets) == 1:
         return dict(of.sets)
     return {"all sets": of, **of.sets}

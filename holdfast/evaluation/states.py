@@ -80,7 +80,8 @@ def risky_states(outputs: Sequence[ModelOutputs], permille: int) -> list[EventMa
     """The state itself as an alarm: risky_slip with this confidence, without debounce or hold."""
     matches = []
     for one in outputs:
-        risky = (one.situation == RISKY_SLIP) & (one.risky_permille >= permille)
+        confident = one.risky_permille >= permille
+        risky = (one.situation == RISKY_SLIP) & confident
         matches.append(match_alarms(without_samples(one.recording), risky))
     return matches
 
@@ -195,7 +196,10 @@ def _bins(
 
 def _ece(bins: list[CalibrationBin]) -> float:
     total = sum(one.n for one in bins)
-    return sum(one.n / total * abs(one.said - one.was) for one in bins)
+    error = 0.0
+    for one in bins:
+        error += one.n / total * abs(one.said - one.was)
+    return error
 
 
 def confusions(
@@ -212,8 +216,9 @@ def confusions(
     states = [one.situation for one in outputs]
     figures = {"four": _confusion(SITUATIONS, labels, states, groups, seed)}
 
-    eight = _Pairs()
-    seven = _Pairs()
+    truth_of: dict[str, list[States]] = {"eight": [], "seven": []}
+    answer_of: dict[str, list[States]] = {"eight": [], "seven": []}
+    known_groups = []
     for one, label, is_heavy in zip(outputs, labels, heavy, strict=True):
         if is_heavy is None or not (one.eight != NO_CLASS).any():
             continue
@@ -221,31 +226,19 @@ def confusions(
         truth = 2 * label + int(is_heavy)
         unknown = label == UNKNOWN
         merged = labels_at(truth, "seven")
-        group = one.recording.group
-        eight.add(np.where(unknown, UNKNOWN, truth), one.eight, group)
-        seven.add(np.where(unknown, UNKNOWN, merged), one.seven, group)
+        truth_of["eight"].append(np.where(unknown, UNKNOWN, truth))
+        truth_of["seven"].append(np.where(unknown, UNKNOWN, merged))
+        answer_of["eight"].append(one.eight)
+        answer_of["seven"].append(one.seven)
+        known_groups.append(one.recording.group)
 
-    for level, pairs in (("eight", eight), ("seven", seven)):
-        if pairs.truth:
+    if known_groups:
+        for level, truths in truth_of.items():
+            answers = answer_of[level]
             figures[level] = _confusion(
-                LEVELS[level], pairs.truth, pairs.answer, pairs.group, seed
+                LEVELS[level], truths, answers, known_groups, seed
             )
-
     return figures
-
-
-class _Pairs:
-    """Truth and answer [T] of the recordings whose weight is known, and their groups."""
-
-    def __init__(self) -> None:
-        self.truth: list[States] = []
-        self.answer: list[States] = []
-        self.group: list[str] = []
-
-    def add(self, truth: States, answer: States, group: str) -> None:
-        self.truth.append(truth)
-        self.answer.append(answer)
-        self.group.append(group)
 
 
 def _confusion(
@@ -255,7 +248,7 @@ def _confusion(
     group: Sequence[str],
     seed: int,
 ) -> ConfusionFigures:
-    """truth, answer: [T] of each recording.
+    """Count truth against answer over all recordings, and score it. truth, answer: [T] of each.
 
     Samples without a label (below 0) are left out; withheld answers count.
     """

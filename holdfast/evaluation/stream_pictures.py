@@ -158,6 +158,7 @@ def picture_of(
 @contextmanager
 def labelled(kind: str, width: float, height: float) -> Iterator[Figure]:
     """A figure in the common style that shows the kind of its data (simulated, recorded)."""
+    # Within the context: matplotlib reads some of the style only when it saves.
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(width, height))
         figure.suptitle(
@@ -212,7 +213,9 @@ def _forces(
     axes: Axes, t_s: FloatArray, force_n: FloatArray, picture: StreamPicture
 ) -> None:
     """One line a finger; dotted, the labeller's critical points; dashed, the truth's events."""
-    for finger in range(min(force_n.shape[1], len(FINGERS))):
+    # A set with more sensors than fingers shows its first six.
+    n_lines = min(force_n.shape[1], len(FINGERS))
+    for finger in range(n_lines):
         axes.plot(
             t_s,
             force_n[:, finger],
@@ -233,9 +236,11 @@ def _decision(axes: Axes, picture: StreamPicture) -> None:
     """Behind, the truth in pale colour; in front, the state in full colour at its own height."""
     step_s = 1.0 / picture.recording.rate_hz
     for phase in picture.phases:
+        start_s = phase.first * step_s
+        stop_s = phase.stop * step_s
         axes.axvspan(
-            phase.first * step_s,
-            phase.stop * step_s,
+            start_s,
+            stop_s,
             color=SITUATION_COLOURS[phase.situation],
             alpha=0.35,
             linewidth=0,
@@ -257,8 +262,10 @@ def _decision(axes: Axes, picture: StreamPicture) -> None:
     for first_s, _ in spans(picture.acts, step_s):
         axes.plot(first_s, RISKY_SLIP + 0.62, "v", color=INK, markersize=6)
 
-    axes.set_yticks(range(len(SITUATIONS)), list(map(spaced, SITUATIONS)))
-    axes.set_ylim(-0.5, len(SITUATIONS))
+    names = list(map(spaced, SITUATIONS))
+    axes.set_yticks(range(len(names)), names)
+    # Room above risky slip for the triangle of a request.
+    axes.set_ylim(-0.5, len(names))
 
 
 def draw_unknown(
@@ -323,13 +330,15 @@ def _name_events(axes: Axes, picture: StreamPicture) -> None:
     """Names above the dashed lines, each higher than the one before, since they are close."""
     low, high = axes.get_xlim()
     for place, (name, at_s) in enumerate(_named_events(picture)):
-        if low < at_s < high:
-            axes.annotate(
-                name,
-                (at_s, 1.0),
-                (2, 1 + 8 * place),
-                xycoords=("data", "axes fraction"),
-                textcoords="offset points",
-                fontsize=7,
-                color=NOTE,
-            )
+        if not low < at_s < high:
+            continue
+        above_points = 1 + 8 * place
+        axes.annotate(
+            name,
+            (at_s, 1.0),
+            (2, above_points),
+            xycoords=("data", "axes fraction"),
+            textcoords="offset points",
+            fontsize=7,
+            color=NOTE,
+        )

@@ -111,6 +111,7 @@ def find_thresholds(
 ) -> Thresholds:
     """This model as deployed and, first, as chosen; baselines at the headline's own rate."""
     rules = card.decision
+    # The first is the headline, which every baseline is compared with.
     confidences = {CHOSEN: chosen.permille} if chosen else {}
     confidences[DEPLOYED] = rules.min_risky_permille
 

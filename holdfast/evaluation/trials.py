@@ -97,7 +97,9 @@ def grasps_of(root: Path, recordings: Sequence[Recording]) -> list[tuple[Grasp, 
     grasps = []
     for recording in recordings:
         truth = read_json(truth_path(root / f"{recording.trial_id}.csv"))
-        grasps.append(tuple(map(Grasp, truth.get("trials", [truth]))))
+        # A long stream has several grasps; the truth of a short one is that of its only grasp.
+        of_each = truth.get("trials", [truth])
+        grasps.append(tuple(map(Grasp, of_each)))
     return grasps
 
 
@@ -149,6 +151,7 @@ def actions_of(phases: Sequence[Phase]) -> list[VoluntaryAction]:
     continues = False
     for phase in phases:
         if phase.situation == SAFE_SLIP and continues:
+            # A put-down slips more than once while the fingers open.
             actions[-1] = VoluntaryAction(actions[-1].first, phase.stop)
         elif phase.situation == SAFE_SLIP:
             actions.append(VoluntaryAction(phase.first, phase.stop))

@@ -109,8 +109,10 @@ def window_figures(
     """The same from computed answers at the windows of a set with the task "situations"."""
     at_windows = answers["situations"]
     withheld = at_windows["unknown"]
+
     # One past the last situation is "unknown", which misses whatever was there.
     situation = np.where(withheld, len(SITUATIONS), at_windows["situation"])
+
     risky_score = None
     if "p_risky_250ms" in heads_with_task(model, data):
         at_task = answers["predict_250ms"]
@@ -234,7 +236,9 @@ def answers_at(votes: IntArray, level: str) -> IntArray:
     if level == "four":
         return riskier_argmax(situation_votes(votes))
     if level == "seven":
-        votes = np.column_stack([votes[:, :2].sum(axis=1), votes[:, 2:]])
+        # Light and heavy nothing first: together they may win over a class that beats each.
+        nothing = votes[:, :2].sum(axis=1)
+        votes = np.column_stack([nothing, votes[:, 2:]])
     return riskier_argmax(votes)
 
 
@@ -246,6 +250,7 @@ def scores(data: DataSet, votes: IntArray, *, seed: int = 0) -> ClassScores:
     def at(level: str) -> LevelScores:
         truth = labels_at(label, level)
         answer = answers_at(votes, level)
+
         right = share_scores(truth == answer, groups, seed=seed)
         f1 = situation_scores(truth, answer, groups, classes=LEVELS[level], seed=seed)
         return LevelScores(
@@ -258,13 +263,14 @@ def scores(data: DataSet, votes: IntArray, *, seed: int = 0) -> ClassScores:
             present=len(np.unique(truth)),
         )
 
+    called = answers_at(votes, "four") == RISKY_SLIP
     return ClassScores(
         n_windows=len(label),
         n_trials=len(np.unique(groups)),
         eight=at("eight"),
         seven=at("seven"),
         four=at("four"),
-        calls=calls(data, answers_at(votes, "four") == RISKY_SLIP, seed=seed),
+        calls=calls(data, called, seed=seed),
     )
 
 
@@ -304,6 +310,7 @@ def leak_check(data: DataSet, votes: IntArray, *, seed: int = 0) -> LeakCheck:
     weight_right = riskier_argmax(votes[empty, :2]) == label[empty]
     within = share_right(weight_right, groups[empty])
 
+    # The ceiling of 0.875 holds for classes of equal size only, so this is reported with it.
     counts = np.bincount(label, minlength=len(CLASSES))
     return LeakCheck(
         leak=_above(whole, CEILING) or _above(within, 0.5),
@@ -333,7 +340,9 @@ def spread_of(matrices: list[npt.NDArray[np.int64]]) -> RecallSpread:
     """Spread of the recall over retrainings. matrices: [8, 8] counts of each."""
     counts = np.array(matrices)
     windows = counts.sum(axis=2)
-    recalls = np.diagonal(counts, axis1=1, axis2=2) / np.maximum(windows, 1)
+    right = np.diagonal(counts, axis1=1, axis2=2)
+    recalls = right / np.maximum(windows, 1)
+
     recall: dict[str, list[float] | None] = dict.fromkeys(CLASSES)
     spread: dict[str, float | None] = dict.fromkeys(CLASSES)
     for k, name in enumerate(CLASSES):
@@ -342,4 +351,6 @@ def spread_of(matrices: list[npt.NDArray[np.int64]]) -> RecallSpread:
             spread[name] = float(np.ptp(recalls[:, k]))
 
     largest = max(span for span in spread.values() if span is not None)
-    return RecallSpread(recall, spread, largest, largest <= 0.10 + 1e-9)
+    # A spread of exactly 10 % may come out a rounding error above it.
+    within = largest <= 0.10 + 1e-9
+    return RecallSpread(recall, spread, largest, within)

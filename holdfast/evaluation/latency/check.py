@@ -81,6 +81,7 @@ STREAMED = 10
 C_RATIOS = ("c_step_over_step", "c_p999_over_floor_p999", "c_cold_over_step_cold")
 """Budgets that only a machine with a compiler can measure."""
 KIND = "time on this machine, samples simulated"
+"""Stands next to every figure."""
 SLOW_TURNS = 5
 SLOW_CALLS = 20
 """Calls of milliseconds are timed less often."""
@@ -127,6 +128,7 @@ def figures_of(path: Path) -> Json:
     """What latency.json holds of a model file: calls, memory, budgets, and what breaks one."""
     figures = latency(path)
     processes = memory(path)
+    # The last process is the live path; the one before it, the libraries, has no limit.
     limited = budgets(figures.ratios, figures.bytes, processes[-1].resident_mb)
     return figures.to_json() | {
         "memory": [asdict(row) for row in processes],
@@ -157,6 +159,7 @@ def latency(path: Path, turns: int = TURNS) -> LatencyFigures:
             BARE: learner_of(learner_alone(bare.path), rows),
             **_floor(STEP, step, FLOOR),
         }
+        # Without a compiler there is no such call, and no floor for it either.
         for call in step_in_c.values():
             quick |= step_in_c | _floor(C_STEP, call, C_FLOOR)
         quick |= _walk(forest, rows, Path(work))
@@ -166,7 +169,8 @@ def latency(path: Path, turns: int = TURNS) -> LatencyFigures:
             SKLEARN: _predict(forest, rows),
             THESIS: _thesis_way(forest, data),
         }
-        times |= _by_turn(time_in_turns(slow, SLOW_TURNS, SLOW_CALLS), SLOW_TURNS)
+        slow_times = time_in_turns(slow, SLOW_TURNS, SLOW_CALLS)
+        times |= _by_turn(slow_times, SLOW_TURNS)
 
     calls = [_call_times(name, each) for name, each in times.items()]
     return LatencyFigures(
@@ -200,6 +204,7 @@ def ratios(calls: Sequence[CallTimes]) -> dict[str, float]:
     """What the budgets limit: each a ratio of two figures of one run."""
     of = {one.what: one for one in calls}
     step = of[STEP]
+
     in_c: dict[str, float] = {}
     if C_STEP in of:
         c_step = of[C_STEP]
@@ -251,6 +256,7 @@ class Budget:
 def budgets(ratios: dict[str, float], n_bytes: int, resident_mb: float) -> list[Budget]:
     """All that budget.toml limits and this run measured. n_bytes: size of the model file."""
     limits = tomllib.loads(BUDGET.read_text(encoding="utf-8"))
+
     found = ratios | {"model_mib": n_bytes / 2**20, "resident_mb": resident_mb}
     measured = []
     for at in ("most", "least"):

@@ -32,6 +32,7 @@ def time_in_turns(
                 started = time.perf_counter_ns()
                 call()
                 ended = time.perf_counter_ns()
+                # Turn 0 pays for what is allocated and compiled at the first call.
                 if turn:
                     times[name].append((ended - started) / 1000.0)
 
@@ -45,6 +46,7 @@ def busy_wait(microseconds: float) -> Callable[[], None]:
     """
     wait_ns = round(1000 * microseconds)
 
+    # Not a sleep: a process that sleeps is measured by how late the system wakes it.
     def wait() -> None:
         until = time.perf_counter_ns() + wait_ns
         while time.perf_counter_ns() < until:
