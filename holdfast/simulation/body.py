@@ -30,12 +30,19 @@ SIDE = sides(6, 2)
 class Body:
     """The object and the contacts that hold it: constants of a batch.
 
-    mass_kg [B]; gravity_m_s2 [3, B]; curvature_per_m [2, B]; straight_m [B]: half length of a
-    cylinder, 0 of a ball; at_m [2, S, B]: (y, z) of each contact from the object's apex or middle;
-    stiffness_n_per_m, damping_n_s_per_m [S, B]: normal; brush_n_per_m [E, S, B]: spring of each
-    element; pressure [E, 1, 1]: share of the normal that an element bears; static, kinetic [B]:
-    friction; stribeck_m_s: slip speed at which friction is half way; loss_s: a finger's damping
-    along the surface over its stiffness (none while sliding); thumb: contacts of the thumb.
+    mass_kg            [B]
+    gravity_m_s2       [3, B]: in the hand's frame, so tilt and roll of the hand turn it
+    curvature_per_m    [2, B]: across the grip and along the object's axis
+    straight_m         [B]: half length of a cylinder, 0 of a ball
+    at_m               [2, S, B]: (y, z) of each contact from the object's apex or middle
+    stiffness_n_per_m  [S, B]: normal, of finger and object in series
+    damping_n_s_per_m  [S, B]: normal
+    brush_n_per_m      [E, S, B]: spring of each element of a brush
+    pressure           [E, 1, 1]: share of the normal that an element bears
+    static, kinetic    [B]: friction coefficients
+    stribeck_m_s       slip speed at which friction is half way from static to kinetic
+    loss_s             a finger's damping along the surface over its stiffness; none while sliding
+    thumb              contacts of the thumb
     """
 
     mass_kg: FloatArray
@@ -63,9 +70,14 @@ class Body:
 class Pull:
     """A person: a damped spring to a moving target, who also bears a share of the weight.
 
-    The spring never pulls harder than cap_n.
-    stiffness_n_per_m, damping_n_s_per_m, cap_n, weight_share [B]; target_m, target_m_s [3, B]; or
-    n steps of it, with [n, ..] everywhere.
+    Either one step, or n steps of it, with [n, ..] everywhere:
+
+    stiffness_n_per_m  [B]: of the arm
+    damping_n_s_per_m  [B]
+    cap_n              [B]: the spring never pulls harder
+    weight_share       [B]: below 0 for a person who adds to the weight
+    target_m           [3, B]: where the hand of the person wants the object
+    target_m_s         [3, B]: velocity of that target
     """
 
     stiffness_n_per_m: FloatArray
@@ -89,9 +101,12 @@ class Pull:
 
 @dataclass(frozen=True)
 class Floor:
-    """A box from below: a spring at height_m [B] that pushes with at most cap_n [B].
+    """A box from below: a spring that pushes upwards only, and resists sliding.
 
-    It resists sliding. Or n steps of it, with [n, B].
+    Either one step, or n steps of it, with [n, B]:
+
+    height_m  [B]: of its top in the hand's frame
+    cap_n     [B]: it pushes no harder
     """
 
     stiffness_n_per_m: float
@@ -116,12 +131,18 @@ class Inputs:
 
 @dataclass
 class State:
-    """Where everything is: position_m, velocity_m_s [3, B] of the object, and its contacts.
+    """Where everything is: the object's motion, and the state of its contacts.
 
-    stretch_m [2, E, S, B] of the brush elements; rho [E, S, B]: share of the trial stretch that
-    friction held in the last step; slip_m_s [E, S, B]; depth_m, normal_n [S, B]; agents_n [3, B]:
-    force of people and box on the object in the last step; brush_j [B]: energy in the brushes;
-    offset_m [2, S, B], recess_m [S, B]: of the contacts, kept from the last step.
+    position_m    [3, B] of the object
+    velocity_m_s  [3, B] of the object
+    stretch_m     [2, E, S, B] of the brush elements
+    rho           [E, S, B]: share of the trial stretch that friction held in the last step
+    slip_m_s      [E, S, B]: slip speed of the elements; exactly 0 where friction holds
+    depth_m       [S, B]: how deep each contact is pressed in; below 0 without contact
+    normal_n      [S, B]
+    agents_n      [3, B]: force of people and box on the object in the last step
+    brush_j       [B]: energy in the brushes
+    offset_m      [2, S, B], recess_m [S, B]: of the contacts, kept from the last step
     """
 
     position_m: FloatArray
@@ -142,6 +163,7 @@ def at_rest(body: Body, closure_m: FloatArray) -> State:
     elements, contacts, batch = body.brush_n_per_m.shape
     offset = offset_m(body, np.zeros((2, batch)))
     recess = recess_m(body, offset)
+
     return State(
         position_m=np.zeros((3, batch)),
         velocity_m_s=np.zeros((3, batch)),
@@ -160,9 +182,11 @@ def at_rest(body: Body, closure_m: FloatArray) -> State:
 def offset_m(body: Body, sideways_m: FloatArray) -> FloatArray:
     """[2, S, B] each contact from where the object is flat; object at sideways_m [2, B]."""
     from_apex = sideways_m[:, None] - body.at_m
+
+    # A cylinder is straight along its axis up to its rounded ends.
     along = from_apex[1]
-    # a cylinder is straight along its axis up to its rounded ends
-    straight = np.minimum(np.maximum(along, -body.straight_m), body.straight_m)
+    half_m = body.straight_m
+    straight = np.minimum(np.maximum(along, -half_m), half_m)
     from_apex[1] = along - straight
     return from_apex
 

@@ -34,10 +34,14 @@ surrounds it."""
 _QUARTER_ROWS = [0, 0, 0, 0, 0, 1, 1, 1, 2]
 _QUARTER_COLUMNS = [0, 1, 2, 3, 4, 1, 2, 3, 2]
 """Places of the first nine bits in the six by six; each next nine lie a quarter turn clockwise."""
-OBJECT_TAG, HAND_TAG = 0, 1
+OBJECT_TAG = 0
+HAND_TAG = 1
 AWAY_SIDES = 1.0
 """At rest the tag of the object lies one side right of the middle, the hand's one side left."""
-BLACK, WHITE, GREY = 30.0, 220.0, 120.0
+BLACK = 30.0
+WHITE = 220.0
+GREY = 120.0
+"""Levels of a tag's cells and of everything behind the tags, of 255."""
 FAR_BLURS = 6.0
 """Beyond this many blurs from a tag, less than 1e-9 of it is visible."""
 EXPOSED_AT = np.array([0.1, 0.3, 0.5, 0.7, 0.9])
@@ -65,20 +69,26 @@ CAMERA = {
 def cells(tag: int) -> FloatArray:
     """[10, 10] cells of a tag with its margin, 1 white, 0 black, first row on top; read-only."""
     # the first bit is the highest of the word
-    bits = [CODES[tag] >> (35 - k) & 1 for k in range(36)]
+    code = CODES[tag]
+    bits = [code >> (35 - k) & 1 for k in range(36)]
+
+    # rot90 gives a view, so writing to it fills the data
     data = np.zeros((6, 6))
     for quarter in range(4):
+        first = 9 * quarter
         turned = np.rot90(data, quarter)
-        turned[_QUARTER_ROWS, _QUARTER_COLUMNS] = bits[9 * quarter : 9 * quarter + 9]
+        turned[_QUARTER_ROWS, _QUARTER_COLUMNS] = bits[first : first + 9]
+
     bordered = np.pad(data, 1)
     whole = np.pad(bordered, 1, constant_values=1.0)
     whole.flags.writeable = False
+
     return whole
 
 
 @dataclass(frozen=True)
 class Camera:
-    """One camera, global shutter; units as in CAMERA."""
+    """One camera with a global shutter; its fields are those of CAMERA, in the same units."""
 
     fps: float
     width_px: float
@@ -91,8 +101,10 @@ class Camera:
 
     def stamps_s(self, last_s: float) -> FloatArray:
         """[K] ends of the exposures, s, from the first whole one to the end of a recording."""
-        first = int(np.ceil(1e-3 * self.exposure_ms * self.fps))
-        return np.arange(first, int(last_s * self.fps) + 1) / self.fps
+        exposure_frames = 1e-3 * self.exposure_ms * self.fps
+        first = int(np.ceil(exposure_frames))
+        last = int(last_s * self.fps)
+        return np.arange(first, last + 1) / self.fps
 
     def film(
         self,
@@ -130,7 +142,8 @@ class Camera:
         def shoot(end_s: float) -> Frames:
             before_s = 1e-3 * self.exposure_ms * (1.0 - EXPOSED_AT)
             at_s = np.clip(end_s - before_s, t_s[0], t_s[-1])
-            return self._read(self._blurred(1e3 * places(at_s)), rng)
+            exact = self._blurred(1e3 * places(at_s))
+            return self._read(exact, rng)
 
         return shoot
 
@@ -148,16 +161,17 @@ class Camera:
         """
         drawings = [self._tags(at[[0, 2]], at[[3, 5]]) for at in at_mm]
         rows, columns = self._reach(drawings)
-        height, width = rows.stop - rows.start, columns.stop - columns.start
+        height = rows.stop - rows.start
+        width = columns.stop - columns.start
         parts = np.full((len(drawings), height, width), GREY)
+
         for part, tags in zip(parts, drawings, strict=True):
             for tag_rows, tag_columns, light in tags:
-                down, right = (
-                    tag_rows.start - rows.start,
-                    tag_columns.start - columns.start,
-                )
+                down = tag_rows.start - rows.start
+                right = tag_columns.start - columns.start
                 tall, wide = light.shape
                 part[down : down + tall, right : right + wide] += light
+
         image = np.full((int(self.height_px), int(self.width_px)), GREY)
         image[rows, columns] = np.mean(parts, axis=0)
         return image
@@ -179,35 +193,54 @@ class Camera:
             column_px, row_px = self.centre_px(tag, moved_mm)
             rows, down = self._seen(row_px, self.height_px)
             columns, across = self._seen(column_px, self.width_px)
+            # the integral over a pixel is a product of one along each axis
             levels = BLACK + (WHITE - BLACK) * cells(tag)
+            light = down @ levels @ across.T
+
             # where a tag covers a pixel in part, the rest of it is grey
             covered = np.outer(down.sum(axis=1), across.sum(axis=1))
-            seen.append((rows, columns, down @ levels @ across.T - GREY * covered))
+            seen.append((rows, columns, light - GREY * covered))
+
         return seen
 
     def centre_px(self, tag: int, moved_mm: FloatArray) -> tuple[float, float]:
         """(column, row) of a tag's centre; the first pixel reaches from 0 to 1."""
         side = 1.0 if tag == OBJECT_TAG else -1.0
         away_px = side * AWAY_SIDES * self.tag_mm * self.px_per_mm
-        column_px = 0.5 * self.width_px + away_px + self.px_per_mm * moved_mm[0]
-        row_px = 0.5 * self.height_px - self.px_per_mm * moved_mm[1]
+        right_px = self.px_per_mm * moved_mm[0]
+        up_px = self.px_per_mm * moved_mm[1]
+
+        # rows of a frame count downwards
+        column_px = 0.5 * self.width_px + away_px + right_px
+        row_px = 0.5 * self.height_px - up_px
         return float(column_px), float(row_px)
 
     def _seen(self, centre_px: float, size_px: float) -> tuple[slice, FloatArray]:
         """(the n pixels a tag reaches along one axis, [n, 10] the share of each in every cell)."""
         from scipy.special import ndtr
 
+        # edges of the ten cells, the margin included
         cell_px = self.tag_mm * self.px_per_mm / SIDE_CELLS
         edges = np.arange(SIDE_CELLS + 3) - 0.5 * (SIDE_CELLS + 2)
         edges_px = centre_px + cell_px * edges
-        reach_px = edges_px[[0, -1]] + FAR_BLURS * self.blur_px * np.array([-1.0, 1.0])
+
         # pixels beyond the frame are not seen
+        far_px = FAR_BLURS * self.blur_px
+        reach_px = edges_px[[0, -1]] + far_px * np.array([-1.0, 1.0])
         ends = np.clip([reach_px[0], reach_px[1] + 1.0], 0, size_px)
-        first, stop = int(ends[0]), int(ends[1])
-        u = (np.arange(first, stop + 1)[:, None] - edges_px) / self.blur_px
+        first = int(ends[0])
+        stop = int(ends[1])
+
+        # F(u) = u Phi(u) + phi(u), the integral of the normal distribution Phi
+        borders_px = np.arange(first, stop + 1)[:, None]
+        u = (borders_px - edges_px) / self.blur_px
         density = np.exp(-0.5 * u * u) / np.sqrt(2.0 * np.pi)
-        beyond_edge = np.diff(self.blur_px * (u * ndtr(u) + density), axis=0)
-        return slice(first, stop), beyond_edge[:, :-1] - beyond_edge[:, 1:]
+        integral_px = self.blur_px * (u * ndtr(u) + density)
+
+        # a pixel's share beyond each edge; between two edges lies a cell
+        beyond_edge = np.diff(integral_px, axis=0)
+        in_cell = beyond_edge[:, :-1] - beyond_edge[:, 1:]
+        return slice(first, stop), in_cell
 
     def _read(self, exact: FloatArray, rng: np.random.Generator) -> Frames:
         """[H, W] whole levels with noise; uses up `exact`."""

@@ -104,23 +104,28 @@ def kept_rows(t_s: FloatArray, drawn: Drawn, rng: np.random.Generator) -> BoolAr
     probability p at each row. So m / (m + 1 + 1 / p) of the rows are lost, m the mean length of a
     burst.
     """
-    n, mean, share = len(t_s), 0.5 * (1 + LONGEST_BURST), drawn["share"]
+    n = len(t_s)
+    mean = 0.5 * (1 + LONGEST_BURST)
+    share = drawn["share"]
     bursts = rng.integers(1, LONGEST_BURST + 1, n)
     probability = 1.0 / (mean / share - mean - 1.0) if share else 0.0
     begins = rng.uniform(size=n) < probability
     kept = np.ones(n, dtype=np.bool_)
     last = -LONGEST_BURST
+
     for start in np.flatnonzero(begins):
         if start >= last + 2:
             last = min(start + bursts[start], n - 1)
             kept[max(start, 2) : last] = False
+
     return kept
 
 
 def dropped_samples(signal: Signal, drawn: Drawn, rng: np.random.Generator) -> Signal:
     """A share of the samples is lost."""
     kept = kept_rows(signal.t_s, drawn, rng)
-    values, valid = signal.values[kept], signal.valid[kept]
+    values = signal.values[kept]
+    valid = signal.valid[kept]
     return replace(signal, t_s=signal.t_s[kept], values=values, valid=valid)
 
 
@@ -128,7 +133,8 @@ def stale_plan(
     drawn: Drawn, rng: np.random.Generator, t_s: FloatArray, sensors: int
 ) -> Plan:
     """From at_s on for lasts_s the sensors are stuck; the driver detects it after 20 ms."""
-    begins_s, ends_s = drawn["at_s"], drawn["at_s"] + drawn["lasts_s"]
+    begins_s = drawn["at_s"]
+    ends_s = drawn["at_s"] + drawn["lasts_s"]
     stuck = np.zeros((len(t_s), sensors), dtype=np.bool_)
     these = [int(number) - 1 for number in drawn["sensors"]]
     stuck[:, these] = ((t_s >= begins_s) & (t_s < ends_s))[:, None]

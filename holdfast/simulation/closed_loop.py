@@ -44,7 +44,8 @@ FALL_S = 1.0
 """A fall is watched at least this long: in it the object is gone, or at rest."""
 SPARE = 1.1
 """The oracle's grip over what the largest load needs."""
-REACTION_S, REACTION_SPREAD = 0.28, 0.25
+REACTION_S = 0.28
+REACTION_SPREAD = 0.25
 """A wearer's reaction to a vibration: log-normal, its median in s and the deviation of its log."""
 
 
@@ -150,8 +151,10 @@ class ClosedLoop:
         settings: LoopSettings | None = None,
     ) -> None:
         settings = settings or LoopSettings()
-        self.trials, self.rate_hz = trials, scene.file.rate_hz
-        preparation, habits = model.card.preparation, settings.habits
+        self.trials = trials
+        self.rate_hz = scene.file.rate_hz
+        preparation = model.card.preparation
+        habits = settings.habits
         before = model.card.settle_samples + preparation.bias_rows + ROWS_TO_SPARE
         self.spans = _spans(scene, trials, before, settings)
         self.actuator = Actuator(settings.drive, trials)
@@ -161,6 +164,7 @@ class ClosedLoop:
         self.models = HandModels(model, self.spans.ends - self.spans.begins)
         self.wearer = Wearer(trials, habits, scene.seed)
         self.controller = make(trials, self.rate_hz)
+
         # commands on their way: at first the wearer's grip
         self._late = [self.actuator.own_n.copy()] * settings.delay_samples
         self._agents_n = self.world.state.agents_n.copy()
@@ -184,10 +188,12 @@ class ClosedLoop:
         values = readings.values.reshape(len(self.trials), -1)
         sense = self.models.answer(values, valid)
         now = LoopTruth(rows / self.rate_hz, self.actuator.grip_n)
-        opening, overridden = self.wearer.opening(now.t_s), self._overridden(now)
+        opening = self.wearer.opening(now.t_s)
+        overridden = self._overridden(now)
         sense = replace(sense, opening=opening, overridden=overridden)
         wanted_n = self.controller.step(sense, now)
         self._late.append(np.maximum(wanted_n, self.actuator.own_n))
+
         return self._late.pop(0)
 
     def _overridden(self, now: LoopTruth) -> BoolArray:
@@ -202,7 +208,9 @@ class ClosedLoop:
         return now.t_s >= self.wearer.overrode_s
 
     def _outcome(self, k: int, grip_n: npt.NDArray[np.float32]) -> LoopOutcome:
-        begin, end = int(self.spans.begins[k]), int(self.spans.ends[k])
+        begin = int(self.spans.begins[k])
+        end = int(self.spans.ends[k])
+
         # the outcome is read off the steps alone, so the motion needs no samples
         motion = self.world.motion(k, np.zeros((2, 1, 3)), np.zeros((2, 3)))
         return outcome_of(
@@ -221,11 +229,15 @@ def _spans(
 ) -> Spans:
     """A pull or a fall goes on until its outcome is known, be it after the end of the trial."""
     rate_hz = scene.file.rate_hz
-    moves, ends, counts = [], [], []
+    moves = []
+    ends = []
+    counts = []
+
     for trial in trials:
         grid = grid_of(trial, rate_hz, scene.file.step_s)
         whole = int(grid.sample[-1])
         end = int(np.ceil(loop_end_s(trial, settings.habits) * rate_hz))
+
         # nothing is decided after the hand has opened
         if trial.action not in RISKY_ACTIONS:
             end = min(end, whole)
@@ -234,6 +246,7 @@ def _spans(
         moves.append(round(grid.start_s * rate_hz))
         ends.append(end)
         counts.append(max(grid.n_samples, end + 1))
+
     begins = np.maximum(np.array(moves) - before, 0)
     return Spans(begins, np.array(moves), np.array(ends), np.array(counts))
 
@@ -273,7 +286,8 @@ class Managed:
     """A grip controller behind margin and supervisor, for B hands."""
 
     def __init__(self, grip: GripLoop, batch: int) -> None:
-        self.grip, self.target_n = grip, np.zeros(batch)
+        self.grip = grip
+        self.target_n = np.zeros(batch)
         self.mu_hat = np.full(batch, np.nan)
 
     def step(self, sense: GripSense, now: LoopTruth) -> FloatArray:

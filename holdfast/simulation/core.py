@@ -36,11 +36,13 @@ from holdfast.simulation.effect import NO_EFFECTS, PhysicsEffects
 
 IntArray = npt.NDArray[np.int64]
 Swept = tuple[FloatArray, FloatArray, FloatArray, FloatArray]
+"""What a sweep of the brushes gives: speed, rho, trial stretch, length of the trial stretch."""
 TINY = 1e-300
 """Keeps a division by zero away."""
 RHO_TOLERANCE = 2e-3
 """Reweighting ends where no rho changes by more than this."""
 MAX_SWEEPS = 60
+"""A bound only: almost every step settles in one or two sweeps."""
 add = np.add.reduce
 """As numpy's sum, whose wrapper costs as much as the sum of a small batch."""
 
@@ -54,33 +56,48 @@ def step(
     effects: PhysicsEffects = NO_EFFECTS,
 ) -> None:
     """Move every trial by its own dt_s [B], to the time t_s [B]; changes the state in place."""
-    # the step reads the old arrays while it writes new ones into `state`
+    # The step reads the old arrays while it writes new ones into `state`.
     old = State(**vars(state))
+
+    # Forces that do not depend on the contacts: people, box, weight, and the hand's acceleration,
+    # which acts on the object as an inertial force because the frame moves with the hand.
     load_n, drag = _loads(body, old, inputs, dt_s)
-    held_n = load_n + body.mass_kg * body.gravity_m_s2
+    weight_n = body.mass_kg * body.gravity_m_s2
+    held_n = load_n + weight_n
     for shake in effects.shakes:
-        held_n = held_n - body.mass_kg * shake.acceleration_m_s2(t_s)
+        inertial_n = body.mass_kg * shake.acceleration_m_s2(t_s)
+        held_n = held_n - inertial_n
+
+    # Normals first, because they decide how much friction the brushes may use.
     speed_x = _normals(body, state, inputs.closure_m, held_n[0], drag[0], dt_s, effects)
     limit_m = _stretch_limit(body, old, state.normal_n, dt_s, effects)
-    # a curved surface leans: the normal force has a part along the skin
-    leans = body.curvature_per_m[:, None] * old.offset_m * state.normal_n
-    along_n = held_n[1:] + add(leans, axis=1)
-    # fingers damp only what sticks to them
+
+    # A curved surface leans, so the normal force has a part along the skin.
+    slope = body.curvature_per_m[:, None] * old.offset_m
+    leaning_n = slope * state.normal_n
+    along_n = held_n[1:] + add(leaning_n, axis=1)
+
+    # Fingers damp only what sticks to them.
     along_drag = drag[1:] + damping(body, old, limit_m)
-    sideways = _sideways(body, state, along_n, along_drag, limit_m, dt_s)
-    state.velocity_m_s = np.concatenate([speed_x[None], sideways])
+    speed_yz = _sideways(body, state, along_n, along_drag, limit_m, dt_s)
+    state.velocity_m_s = np.concatenate([speed_x[None], speed_yz])
+
     moved_m = state.velocity_m_s * dt_s
-    resisted_n = drag * state.velocity_m_s
     state.position_m = old.position_m + moved_m
-    # what people and box really exert at the new velocity
+
+    # What people and box really exert is known only now, at the new velocity.
+    resisted_n = drag * state.velocity_m_s
     state.agents_n = load_n - resisted_n
-    # work of weight, people, box and shakes on the way of this step
-    given_j = add((held_n - resisted_n) * moved_m, axis=0)
+
+    # Work of weight, people, box and shakes on the way of this step.
+    net_n = held_n - resisted_n
+    given_j = add(net_n * moved_m, axis=0)
     if effects.lags:
-        given_j = given_j - _taken_by_lags_j(
-            body, old, state, inputs.closure_m, dt_s, effects
-        )
+        taken_j = _taken_by_lags_j(body, old, state, inputs.closure_m, dt_s, effects)
+        given_j = given_j - taken_j
     keep_the_balance(body, old, state, inputs.closure_m, given_j)
+
+    # Memory and rotation follow the balanced motion, not the one that was tried.
     if effects.lags:
         _move_lags(body, old, state, inputs.closure_m, dt_s, effects)
     for turn in effects.turns:
@@ -98,45 +115,66 @@ def _move_lags(
     """Let the lags take in the change of depth of a step."""
     place_m = body.side * state.position_m[0]
     state.depth_m = closure_m - state.recess_m - place_m
-    change_m = np.maximum(state.depth_m, 0.0) - np.maximum(old.depth_m, 0.0)
+
+    # Silicone remembers only what was pressed in: a gap changes nothing.
+    pressed_m = np.maximum(state.depth_m, 0.0)
+    pressed_before_m = np.maximum(old.depth_m, 0.0)
+    change_m = pressed_m - pressed_before_m
+
+    touching = state.normal_n > 0.0
     for lag in effects.lags:
-        lag.moved(change_m, state.normal_n > 0.0, dt_s)
+        lag.moved(change_m, touching, dt_s)
 
 
 def _loads(
     body: Body, state: State, inputs: Inputs, dt_s: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """(forces of people and box at zero velocity, what a velocity takes off them), [3, B] each."""
-    load_n, drag = np.zeros_like(state.position_m), np.zeros_like(state.position_m)
+    load_n = np.zeros_like(state.position_m)
+    drag = np.zeros_like(state.position_m)
     moved_m = state.velocity_m_s * dt_s
+
     for pull in inputs.people:
-        to_go = pull.target_m - state.position_m
-        # the cap is judged where the object will be if it keeps its speed
-        ahead = to_go - moved_m
-        ahead *= ahead
-        reach_n = pull.stiffness_n_per_m * np.sqrt(ahead[0] + ahead[1] + ahead[2])
+        to_go_m = pull.target_m - state.position_m
+
+        # The cap is judged where the object will be if it keeps its speed.
+        squares = to_go_m - moved_m
+        squares *= squares
+        distance_m = np.sqrt(squares[0] + squares[1] + squares[2])
+        reach_n = pull.stiffness_n_per_m * distance_m
         share = np.minimum(1.0, pull.cap_n / np.maximum(reach_n, TINY))
+
+        # A capped arm is a softer arm: spring and damper shrink together.
         spring = share * pull.stiffness_n_per_m
         damper = share * pull.damping_n_s_per_m
-        load_n += spring * to_go + damper * pull.target_m_s
+        load_n += spring * to_go_m + damper * pull.target_m_s
         load_n -= pull.weight_share * body.mass_kg * body.gravity_m_s2
-        # implicit: the spring at the end of the step has followed the object by v dt
+
+        # Implicit: the spring at the end of the step has followed the object by v dt.
         drag += spring * dt_s + damper
+
     if inputs.floor is not None:
         _add_floor(inputs.floor, state, load_n[2], drag, dt_s)
+
     return load_n, drag
 
 
 def _add_floor(
     floor: Floor, state: State, load_n: FloatArray, drag: FloatArray, dt_s: FloatArray
 ) -> None:
+    """Add the box to the force along z, load_n [B], and to the drag [3, B], in place."""
     above_m = floor.height_m - state.position_m[2]
-    pressed_m = np.maximum(above_m - state.velocity_m_s[2] * dt_s, 0.0)
+
+    # As for people, the cap is judged at the end of a step with the old speed.
+    sunk_m = above_m - state.velocity_m_s[2] * dt_s
+    pressed_m = np.maximum(sunk_m, 0.0)
     pressed_n = floor.stiffness_n_per_m * pressed_m
     capped = np.minimum(1.0, floor.cap_n / np.maximum(pressed_n, TINY))
     share = capped * (pressed_m > 0.0)
+
     load_n += share * floor.stiffness_n_per_m * above_m
-    drag[2] += share * (floor.stiffness_n_per_m * dt_s + floor.damping_n_s_per_m)
+    follows = floor.stiffness_n_per_m * dt_s
+    drag[2] += share * (follows + floor.damping_n_s_per_m)
     drag[:2] += share * floor.sideways_n_s_per_m
 
 
@@ -154,50 +192,69 @@ def _normals(
     Trial and error decides which contacts press: those that would pull drop out until none changes.
     """
     side = body.side
+
+    # The surface under a contact, where the object will be if it keeps its speed sideways.
     sideways_m = state.position_m[1:] + state.velocity_m_s[1:] * dt_s
     recessed_m = recess_m(body, offset_m(body, sideways_m))
-    # depth at the end of the step if the object stayed where it is
+
+    # Depth at the end of the step if the object stayed where it is.
     stays_m = closure_m - recessed_m - side * state.position_m[0]
+
+    # Forces that remember the depth before the step: the damper, and the effects' lags.
     remembers = body.damping_n_s_per_m / dt_s
     memory_n: FloatArray | None = None
     for lag in effects.lags:
         stiffness, held = lag.terms(dt_s)
         remembers = remembers + stiffness
         memory_n = held if memory_n is None else memory_n + held
+
     # N = still_n - slope * (how far the object moves away in this step)
     slope = body.stiffness_n_per_m + remembers
-    still_n = slope * stays_m - remembers * np.maximum(state.depth_m, 0.0)
+    pressed_before_m = np.maximum(state.depth_m, 0.0)
+    still_n = slope * stays_m - remembers * pressed_before_m
     if memory_n is not None:
         still_n = still_n + memory_n
+
+    # Backward Euler for m dv/dt = held - drag v + sum of side N, multiplied by dt.
     speed = state.velocity_m_s[0]
     mass = body.mass_kg + dt_s * drag
     drive = body.mass_kg * speed + dt_s * held_n
-    # both are the same in every sweep
-    pushed_n, square_s2 = side * still_n, dt_s * dt_s
+
+    # Both are the same in every sweep.
+    pushed_n = side * still_n
+    square_s2 = dt_s * dt_s
+
     pressing = None
     for _ in range(MAX_SWEEPS):
+        # A contact presses where its force is positive and it touches.
         moved_m = side * (speed * dt_s)
-        # a contact presses where its force is positive and it touches
-        tried = (still_n > slope * moved_m) & (stays_m > moved_m)
+        pushes = still_n > slope * moved_m
+        touches = stays_m > moved_m
+        tried = pushes & touches
         if pressing is not None and (tried == pressing).all():
             break
+
         pressing = tried
         push_n = add(np.where(pressing, pushed_n, 0.0), axis=0)
         stiff = add(np.where(pressing, slope, 0.0), axis=0)
         speed = (drive + dt_s * push_n) / (mass + square_s2 * stiff)
+
     moved_m = side * (speed * dt_s)
     state.depth_m = stays_m - moved_m
     pressed_n = np.maximum(still_n - slope * moved_m, 0.0)
+
+    # A damper alone could still push a little after contact has ended.
     state.normal_n = np.where(state.depth_m > 0.0, pressed_n, 0.0)
     return speed
 
 
 def damping(body: Body, state: State, limit_m: FloatArray) -> FloatArray:
     """[B] damping of the fingers along the surface, N s/m: of the elements that stick."""
-    # exactly zero: the return mapping writes zero where friction holds
-    sticks = (state.slip_m_s == 0.0) & (limit_m > 0.0)
-    stuck = add(np.where(sticks, body.brush_n_per_m, 0.0), axis=(0, 1))
-    return body.loss_s * stuck
+    # Exactly zero: the return mapping writes zero where friction holds.
+    holds = state.slip_m_s == 0.0
+    touches = limit_m > 0.0
+    stuck = np.where(holds & touches, body.brush_n_per_m, 0.0)
+    return body.loss_s * add(stuck, axis=(0, 1))
 
 
 def _stretch_limit(
@@ -207,18 +264,26 @@ def _stretch_limit(
     dt_s: FloatArray,
     effects: PhysicsEffects,
 ) -> FloatArray:
-    """[E, S, B] how far friction lets each element stretch."""
-    # `friction` holds the slip speed first. In place: this array is large and computed every step.
-    friction = state.slip_m_s / body.stribeck_m_s
-    friction *= friction
-    friction += 1.0
-    np.divide(body.static - body.kinetic, friction, out=friction)
-    friction += body.kinetic
+    """[E, S, B] how far friction lets each element stretch, m.
+
+    mu(v) = kinetic + (static - kinetic) / (1 + (v / v_s)^2), v the slip speed (Stribeck); the limit
+    is mu(v) * pressure * N / k_e.
+    """
+    # In place, because this array is large and computed every step: it holds the slip speed first,
+    # then the friction coefficient, then the force, at last the stretch.
+    limit = state.slip_m_s / body.stribeck_m_s
+    limit *= limit
+    limit += 1.0
+    np.divide(body.static - body.kinetic, limit, out=limit)
+    limit += body.kinetic
+
+    # A rough surface swings the coefficient as the element travels over it.
     for texture in effects.textures:
-        friction *= texture.scale(state.slip_m_s * dt_s)
-    friction *= body.pressure * normal_n
-    friction /= body.brush_n_per_m
-    return friction
+        limit *= texture.scale(state.slip_m_s * dt_s)
+
+    limit *= body.pressure * normal_n
+    limit /= body.brush_n_per_m
+    return limit
 
 
 def _sideways(
@@ -230,16 +295,22 @@ def _sideways(
     dt_s: FloatArray,
 ) -> FloatArray:
     """[2, B] velocity at the end of the step; stretches the brushes as far as friction holds."""
+    # Backward Euler as along x; the springs of the brushes come in with every sweep.
     drive = body.mass_kg * state.velocity_m_s[1:] + dt_s * held_n
     mass = body.mass_kg + dt_s * drag
     brushes = (drive, mass, body.brush_n_per_m, state.stretch_m, limit_m, dt_s)
     velocity, state.rho, trial, length = settle(_sweep, state.rho, brushes)
-    # the return mapping: what friction does not hold of the trial stretch has slipped
+
+    # The return mapping: of the trial stretch, rho is held ..
     trial *= state.rho
     state.stretch_m = trial
-    length *= 1.0 - state.rho
-    length /= dt_s
-    state.slip_m_s = length
+
+    # .. and the rest has slipped. In place, because these arrays are large.
+    slipped = length
+    slipped *= 1.0 - state.rho
+    slipped /= dt_s
+    state.slip_m_s = slipped
+
     return velocity
 
 
@@ -252,23 +323,32 @@ def settle(
     """
     # The last rho is a good guess: most trials settle in the first sweep, which all take.
     swept = sweep(rho, *parts)
-    unsettled = two_at_least(_unsettled(rho, swept[1]).nonzero()[0])
+    moving = _unsettled(rho, swept[1])
+    unsettled = two_at_least(moving.nonzero()[0])
+
     for _ in range(MAX_SWEEPS):
         if not unsettled.size:
             break
-        # only the trials whose rho still moves are swept again
+
+        # Only the trials whose rho still moves are swept again.
         before = swept[1][..., unsettled]
-        again = sweep(before, *(part[..., unsettled] for part in parts))
+        some_parts = [part[..., unsettled] for part in parts]
+        again = sweep(before, *some_parts)
         for whole, some in zip(swept, again, strict=True):
             whole[..., unsettled] = some
-        unsettled = unsettled[_unsettled(before, again[1])]
+
+        still_moving = _unsettled(before, again[1])
+        unsettled = unsettled[still_moving]
+
     return swept
 
 
 def _unsettled(before: FloatArray, rho: FloatArray) -> BoolArray:
     """[B] whether any rho [E, S, B] still changes."""
     change = rho - before
-    return np.maximum.reduce(np.abs(change, out=change), axis=(0, 1)) > RHO_TOLERANCE
+    np.abs(change, out=change)
+    largest = np.maximum.reduce(change, axis=(0, 1))
+    return largest > RHO_TOLERANCE
 
 
 def two_at_least(trials: IntArray) -> IntArray:
@@ -288,24 +368,34 @@ def _sweep(
     limit: FloatArray,
     dt_s: FloatArray,
 ) -> Swept:
-    """One reweighting of the springs by rho: (velocity [2, B], rho, stretch, its length)."""
+    """One reweighting of the springs by rho: (velocity [2, B], rho, stretch, its length).
+
+    A brush that slips pulls with rho times its spring, so the velocity has a closed form.
+    """
     spring = brush * rho
     stiffness = add(spring, axis=(0, 1))
     pull = add(spring * stretch, axis=(1, 2))
     velocity = (drive - dt_s * pull) / (mass + dt_s * dt_s * stiffness)
-    trial = stretch + (velocity * dt_s)[:, None, None]
+
+    # Every element moves with the object.
+    moved = velocity * dt_s
+    trial = stretch + moved[:, None, None]
     length = trial[0] * trial[0]
     length += trial[1] * trial[1]
     np.sqrt(length, out=length)
+
+    # rho: the share of the trial stretch that friction can hold.
     held = np.maximum(length, TINY)
     np.divide(limit, held, out=held)
-    return velocity, np.minimum(1.0, held, out=held), trial, length
+    np.minimum(1.0, held, out=held)
+    return velocity, held, trial, length
 
 
 def kinetic_j(body: Body, state: State) -> FloatArray:
     """[B] energy of motion."""
     squares = state.velocity_m_s * state.velocity_m_s
-    return 0.5 * body.mass_kg * (squares[0] + squares[1] + squares[2])
+    square = squares[0] + squares[1] + squares[2]
+    return 0.5 * body.mass_kg * square
 
 
 def brush_j(body: Body, state: State) -> FloatArray:
@@ -322,7 +412,8 @@ def normal_j(
 ) -> FloatArray:
     """[B] energy in the normal springs, the object at x_m [B] and its surface recessed [S, B]."""
     depth = np.maximum(closure_m - recess - body.side * x_m, 0.0)
-    return 0.5 * add(body.stiffness_n_per_m * (depth * depth), axis=0)
+    doubled_j = body.stiffness_n_per_m * (depth * depth)
+    return 0.5 * add(doubled_j, axis=0)
 
 
 def _taken_by_lags_j(
@@ -334,16 +425,24 @@ def _taken_by_lags_j(
     effects: PhysicsEffects,
 ) -> FloatArray:
     """[B] energy that the object's own motion, not the fingers', puts into the lags."""
-    # the fingers have closed already: what is left is the object's own way
-    was_m = np.maximum(closure_m - old.recess_m - body.side * old.position_m[0], 0.0)
+    # The fingers have closed already: what is left is the object's own way.
+    place_before_m = body.side * old.position_m[0]
+    was_m = np.maximum(closure_m - old.recess_m - place_before_m, 0.0)
+
     recess = recess_m(body, offset_m(body, state.position_m[1:]))
-    depth_m = np.maximum(closure_m - recess - body.side * state.position_m[0], 0.0)
+    place_m = body.side * state.position_m[0]
+    depth_m = np.maximum(closure_m - recess - place_m, 0.0)
+
+    # The force of a lag depends on the whole change, its work on the object's part of it.
     change_m = depth_m - np.maximum(old.depth_m, 0.0)
+    own_m = depth_m - was_m
+    touching = state.normal_n > 0.0
+
     taken_j = np.zeros_like(dt_s)
     for lag in effects.lags:
         stiffness, held_n = lag.terms(dt_s)
-        push_n = np.where(state.normal_n > 0.0, held_n + stiffness * change_m, 0.0)
-        taken_j = taken_j + (push_n * (depth_m - was_m)).sum(axis=0)
+        push_n = np.where(touching, held_n + stiffness * change_m, 0.0)
+        taken_j = taken_j + (push_n * own_m).sum(axis=0)
     return taken_j
 
 
@@ -358,22 +457,34 @@ def keep_the_balance(
     """
     state.offset_m = offset_m(body, state.position_m[1:])
     state.recess_m = recess_m(body, state.offset_m)
+
+    # Both normal energies are at the new closure: the work of the fingers is not in the balance.
     normal_before_j = normal_j(body, closure_m, old.position_m[0], old.recess_m)
     had_j = kinetic_j(body, old) + old.brush_j + normal_before_j
+
     moving_j = kinetic_j(body, state)
     state.brush_j = brush_j(body, state)
     normal_after_j = normal_j(body, closure_m, state.position_m[0], state.recess_m)
-    # energy that stays even if the object stops
+
+    # Energy that stays even if the object stops.
     still_j = state.brush_j + normal_after_j
-    too_much = (moving_j + still_j > had_j + given_j).nonzero()[0]
+    has_j = moving_j + still_j
+    allowed_j = had_j + given_j
+    too_much = (has_j > allowed_j).nonzero()[0]
     if not too_much.size:
         return
-    left_j = (had_j + given_j - still_j)[too_much]
-    share = np.sqrt(np.maximum(left_j, 0.0) / np.maximum(moving_j[too_much], TINY))
+
+    # The energy of motion grows with the square of the speed.
+    left_j = (allowed_j - still_j)[too_much]
+    ratio = np.maximum(left_j, 0.0) / np.maximum(moving_j[too_much], TINY)
+    share = np.sqrt(ratio)
     state.velocity_m_s[:, too_much] *= np.minimum(share, 1.0)
+
     stuck = too_much[left_j < 0.0]
     if not stuck.size:
         return
+
+    # At the old place the brushes keep what friction holds of their old stretch.
     held = np.minimum(state.rho, 1.0)[..., stuck]
     state.position_m[:, stuck] = old.position_m[:, stuck]
     state.stretch_m[..., stuck] = held * old.stretch_m[..., stuck]

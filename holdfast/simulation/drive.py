@@ -38,7 +38,8 @@ from holdfast.simulation.script import body_of
 
 GRIP_COLUMNS = {"target_n": 3, "needed_n": 3, "mu_hat": 4, "mode": 0, "grip_n": 3}
 """Columns of trial_<n>.grip.csv after the time, and their decimals."""
-FELT_N_S, FELT_N = 0.5, 0.05
+FELT_N_S = 0.5
+FELT_N = 0.05
 """Speed and distance of a grip whose change cannot be felt."""
 MODEL = "models/holdfast-150hz.onnx"
 CONTROLLER_NUMBERS = {
@@ -90,17 +91,21 @@ class Actuator:
 
     def step(self, target_n: FloatArray, dt_s: float) -> FloatArray:
         """Follow target_n [B] for dt_s; returns the grip [B]."""
-        lag_s, ceiling_n = 1e-3 * self.drive.lag_ms, self.drive.ceiling_n
+        lag_s = 1e-3 * self.drive.lag_ms
+        ceiling_n = self.drive.ceiling_n
         rest_n = self.motor_n + lag_s * self.speed_n_s
         to_go_n = np.minimum(target_n, ceiling_n) - rest_n
+
         # a lag shorter than the step would overshoot
         wanted = to_go_n / max(lag_s, dt_s)
         wanted = np.clip(wanted, -self.fastest_n_s, self.fastest_n_s)
+
         # explicit Euler in the lag, or at once where the step is longer
         share = 1.0 if lag_s <= dt_s else dt_s / lag_s
         self.speed_n_s = self.speed_n_s + share * (wanted - self.speed_n_s)
         moved_n = self.motor_n + self.speed_n_s * dt_s
         self.motor_n = np.clip(moved_n, 0.0, ceiling_n)
+
         # the fingers rest until the motor has taken up the backlash
         self.grip_n = np.clip(self.grip_n, self.motor_n - self.backlash_n, self.motor_n)
         return self.grip_n

@@ -110,6 +110,7 @@ class Parameter:
         kind = next(iter(value), "")
         if len(value) != 1 or kind not in DISTRIBUTIONS:
             return f"{self.allowed()}, or one of {{ {', '.join(DISTRIBUTIONS)} }}"
+
         numbers = value[kind]
         listed = isinstance(numbers, list) and len(numbers) > 0
         if not listed or (kind != "choice" and len(numbers) != 2):
@@ -123,6 +124,7 @@ class Parameter:
             return "low before high"
         if kind == "log_uniform" and numbers[0] <= 0:
             return "limits above zero"
+
         return None
 
     def _problem_of_normal(self, mean: Any, deviation: Any) -> str | None:
@@ -305,7 +307,9 @@ def without_first(batched: Any, count: int, n: int) -> Any:
         return type(batched)([without_first(part, count, n) for part in batched])
     if not hasattr(batched, "__dict__"):
         return batched
+
     part = copy(batched)
     for name, value in vars(batched).items():
         object.__setattr__(part, name, without_first(value, count, n))
+
     return part

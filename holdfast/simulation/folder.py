@@ -36,7 +36,8 @@ KIND = "simulated"
 STREAM = "daily"
 """Folder of recordings that are several trials joined."""
 DECIMALS = {"N": 4, "uT": 1, "count": 0}
-TIME_DECIMALS, MOTION_DECIMALS = 6, 3
+TIME_DECIMALS = 6
+MOTION_DECIMALS = 3
 SIMULATED_SHARE = 0.8
 """Share of a trial's time that simulating takes; the rest is for writing it."""
 Recording = tuple[Path, list[PlannedTrial]]
@@ -71,10 +72,12 @@ def _fill(scene: Scene, out: Path, trials: Sequence[PlannedTrial], done: Done) -
     """Write a whole set; returns the number of recordings. Raises OutputError."""
     write_whole(out / "card.toml", scene.file.text)
     write_whole(out / "meta.json", _json(_meta(scene)))
+
     # the thesis' layout: light and heavy follow from the mass of the folder
     masses_g = {t.object.name: t.object.mass_g for t in trials if t.action != "nothing"}
     for name, mass_g in masses_g.items():
         write_whole(out / name / "meta.json", _json({"mass_g": mass_g}))
+
     if scene.file.join > 1:
         recordings = list(_streams(scene, out, trials))
         together = max(1, BATCH // scene.file.join)
@@ -82,9 +85,11 @@ def _fill(scene: Scene, out: Path, trials: Sequence[PlannedTrial], done: Done) -
         # recordings are written in the order in which trials are simulated
         recordings = [(out / name, [trial]) for name, trial in _named(trials)]
         together = max(1, len(recordings))
+
     work = _Work(done)
     for start in range(0, len(recordings), together):
         _write_recordings(scene, recordings[start : start + together], work)
+
     return len(recordings)
 
 
@@ -92,7 +97,10 @@ class _Work:
     """Counts the work: a trial counts in part when simulated, in full when written."""
 
     def __init__(self, done: Done) -> None:
-        self.done, self.before, self.n_simulated, self.n_written = done, 0.0, 0.0, 0
+        self.done = done
+        self.before = 0.0
+        self.n_simulated = 0.0
+        self.n_written = 0
 
     def simulated(self, trials: float) -> None:
         self.n_simulated = self.before + trials
@@ -111,12 +119,16 @@ def _write_recordings(
     scene: Scene, recordings: Sequence[Recording], work: _Work
 ) -> None:
     """Simulate recordings together, and write each as soon as all its trials are there."""
-    trials, path_of, missing = [], {}, {}
+    trials = []
+    path_of = {}
+    missing = {}
+
     for path, joined in recordings:
         trials += joined
         missing[path] = len(joined)
         for trial in joined:
             path_of[trial.number] = path, joined
+
     ready: dict[int, SimulatedTrial] = {}
     for simulated in scene.run(trials, work.simulated):
         path, joined = path_of[simulated.trial.number]
@@ -125,6 +137,7 @@ def _write_recordings(
         if not missing[path]:
             write_recording(path, scene, [ready.pop(t.number) for t in joined])
             work.written(len(joined))
+
     work.before += len(trials)
 
 
@@ -144,6 +157,7 @@ def write_recording(path: Path, scene: Scene, trials: Sequence[SimulatedTrial]) 
         parts["grip.csv"] = _grip(signal.t_s, trials[0].grip)
     if scene.camera:
         parts["frames.npz"] = _film(scene, trials[0])
+
     for ending, content in parts.items():
         write_whole(path.with_name(f"{path.name}.{ending}"), content)
 
@@ -190,19 +204,23 @@ def _meta(scene: Scene) -> Json:
     }
     if file.controller is not None:
         meta["controller"] = file.controller.name
+
     return meta
 
 
 def _samples(signal: Signal, scene: Scene) -> bytes:
-    n_sensors, decimals = signal.values.shape[1], DECIMALS[signal.unit]
+    n_sensors = signal.values.shape[1]
+    decimals = DECIMALS[signal.unit]
     header = [TIME_COLUMN, *channel_names(n_sensors)]
     columns: list[Column] = [(signal.t_s, TIME_DECIMALS)]
     for values in signal.values.reshape(len(signal.t_s), -1).T:
         columns.append((values, decimals))
+
     if any(effect_named(name).marks_invalid for name in scene.file.effects):
         for k, valid in enumerate(signal.valid.T, 1):
             header.append(f"valid{k}")
             columns.append((valid.astype(np.float64), 0))
+
     return csv_bytes(header, columns)
 
 
@@ -210,16 +228,19 @@ def _motion(trials: Sequence[SimulatedTrial], starts_s: Sequence[float]) -> byte
     times_s = []
     for simulated, start_s in zip(trials, starts_s, strict=True):
         times_s.append(simulated.motion.t_s + start_s)
+
     places_m = {
         "object": np.concatenate([simulated.motion.position_m for simulated in trials]),
         "hand": np.concatenate([simulated.hand_m for simulated in trials]),
     }
     header = [TIME_COLUMN]
     columns: list[Column] = [(np.concatenate(times_s), TIME_DECIMALS)]
+
     for what, place_m in places_m.items():
         for axis, column in zip("xyz", 1e3 * place_m.T, strict=True):
             header.append(f"{what}_{axis}_mm")
             columns.append((column, MOTION_DECIMALS))
+
     return csv_bytes(header, columns)
 
 
@@ -247,11 +268,13 @@ def _truth(
     drawn: Mapping[str, Drawn],
 ) -> Json:
     """The sidecar of a recording: all its phases, and each trial's events, draws and origin."""
-    phases, trials = [], []
+    phases = []
+    trials = []
     for trial, start_s in zip(simulated, starts_s, strict=True):
         events = trial.truth.to_json(start_s)
         phases += events.pop("phases")
         trials.append(_origin(trial, drawn) | events)
+
     truth: Json = {
         "phases": phases,
         "card": scene.file.name,
@@ -263,7 +286,8 @@ def _truth(
 
 def _origin(simulated: SimulatedTrial, sensors: Mapping[str, Drawn]) -> Json:
     """What was drawn for a trial; the object's numbers decide whether a grip holds it."""
-    trial, held = simulated.trial, simulated.trial.object
+    trial = simulated.trial
+    held = simulated.trial.object
     drawn = {name: round(value, 6) for name, value in trial.drawn.items()}
     origin: Json = {
         "number": trial.number,
@@ -283,6 +307,7 @@ def _origin(simulated: SimulatedTrial, sensors: Mapping[str, Drawn]) -> Json:
     }
     if simulated.grip:
         origin["controller"] = simulated.grip.to_json()
+
     return origin
 
 

@@ -175,11 +175,13 @@ def outcome_of(
     grip_n: npt.NDArray[np.float32],
 ) -> LoopOutcome:
     """Read the outcome of a trial off its motion; the rest is what the loop knows of it."""
-    act_s, at_s = Times.of(trial).act, motion.at_s
+    act_s = Times.of(trial).act
+    at_s = motion.at_s
     held = np.flatnonzero(motion.gripped)
     last = int(held[-1]) if held.size else -1
     onset = load_onset(motion, act_s)
     start = min(last if onset is None else onset, max(last, 0))
+
     return LoopOutcome(
         trial=trial,
         lost_s=float(at_s[last + 1]) if last + 1 < len(at_s) else HELD_AT_END_S,

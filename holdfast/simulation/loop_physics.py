@@ -35,13 +35,17 @@ from holdfast.simulation.script import body_of, busy, pieces_of
 
 IntArray = npt.NDArray[np.int64]
 BODIES_KEPT = 8
+"""Parts of the body that are kept: the trials with fine steps change little between periods."""
 
 
 @dataclass(frozen=True)
 class Spans:
-    """Samples of B trials: begins [B] of the loop, moves [B] of the physics, ends [B], counts [B].
+    """Sample numbers of B trials, [B] each.
 
-    A trial's loop begins a while before its hand closes, so that the model has settled.
+    begins  of the loop, a while before the hand closes, so that the model has settled
+    moves   of the physics
+    ends    of both
+    counts  of the whole trial
     """
 
     begins: IntArray
@@ -66,18 +70,22 @@ class HandsAndObjects:
         actuator: Actuator,
         habits: Habits,
     ) -> None:
-        self.settings, self.spans, self.actuator = settings, spans, actuator
+        self.settings = settings
+        self.spans = spans
+        self.actuator = actuator
         self.body = body_of(trials, settings.pressure)
         self.script = LoopScript(trials, self.body, habits)
         batch = len(trials)
         start_s = spans.begins / settings.rate_hz
-        self.state = at_rest(self.body, self.script.chunk(start_s[None])[0].closure_m)
+        opening = self.script.chunk(start_s[None])[0]
+        self.state = at_rest(self.body, opening.closure_m)
         self.travel_m = np.zeros_like(self.state.normal_n)
         self.forces_n = np.zeros((batch, len(self.state.normal_n), 3))
         self.position_m = np.zeros((batch, 3))
         self.pieces = pieces_of(settings.rate_hz, settings.step_s)
         self.busy = _busy(trials, settings, spans)
         self.slid = np.zeros(batch, dtype=np.bool_)
+
         # a trial may skip rows of the tape: those of fine steps that it does not take
         self.tape = StepTape(spans.periods * self.pieces, batch)
         self.taken = np.zeros(self.tape.gripped.shape, dtype=np.bool_)
@@ -87,16 +95,21 @@ class HandsAndObjects:
     def advance(self, period: int, target_n: FloatArray) -> None:
         """One sample period of all trials; target_n [B]: of the drives."""
         at = self.spans.begins + period
-        moves = (at >= self.spans.moves) & (at < self.spans.ends)
-        fine = moves & (self.busy[period] | self.slid | self.actuator.moving(target_n))
+        begun = at >= self.spans.moves
+        moves = begun & (at < self.spans.ends)
+
+        eventful = self.busy[period] | self.slid | self.actuator.moving(target_n)
+        fine = moves & eventful
         coarse = moves & ~fine
         if self.settings.effects != NO_EFFECTS:
             # effects hold arrays of the whole batch, so all of it takes the same steps
-            every = np.full_like(moves, fill_value=True)
-            fine, coarse = (every, ~every) if fine.any() else (~every, every)
-        self._step_all(
-            period, at, np.flatnonzero(fine), np.flatnonzero(coarse), target_n
-        )
+            any_fine = bool(fine.any())
+            fine = np.full_like(moves, fill_value=any_fine)
+            coarse = ~fine
+
+        fine_trials = np.flatnonzero(fine)
+        coarse_trials = np.flatnonzero(coarse)
+        self._step_all(period, at, fine_trials, coarse_trials, target_n)
 
     def _step_all(
         self,
@@ -106,23 +119,33 @@ class HandsAndObjects:
         coarse: IntArray,
         target_n: FloatArray,
     ) -> None:
-        rate_hz, pieces = self.settings.rate_hz, self.pieces
+        rate_hz = self.settings.rate_hz
+        pieces = self.pieces
         dt_s = 1.0 / (rate_hz * pieces)
+
         # the drive moves in every piece, whether or not the physics takes it
         grips_n = np.stack([self.actuator.step(target_n, dt_s) for _ in range(pieces)])
-        ends_s = (at + (np.arange(pieces)[:, None] + 1) / pieces) / rate_hz
+        within = (np.arange(pieces)[:, None] + 1) / pieces
+        ends_s = (at + within) / rate_hz
+
         # without fine steps only the inputs at the end of the period are needed
         first = 0 if fine.size else pieces - 1
         self.script.grip_n = grips_n[first:]
-        fine_part, coarse_part = _Part(self, fine), _Part(self, coarse)
+        fine_part = _Part(self, fine)
+        coarse_part = _Part(self, coarse)
+
         start_s = np.asarray(at / rate_hz, dtype=np.float64)
         before_s = start_s
         for k, inputs in enumerate(self.script.chunk(ends_s[first:]), first):
-            fine_dt_s = ends_s[k] - before_s
-            fine_part.step(inputs, ends_s[k], fine_dt_s, period * pieces + k)
-            before_s = ends_s[k]
+            end_s = ends_s[k]
+            row = period * pieces + k
+            fine_part.step(inputs, end_s, end_s - before_s, row)
+            before_s = end_s
+
+        # the one long step takes the inputs of the period's end, as an open loop's does
+        last_s = ends_s[-1]
         last_row = (period + 1) * pieces - 1
-        coarse_part.step(inputs, ends_s[-1], ends_s[-1] - start_s, last_row)
+        coarse_part.step(inputs, last_s, last_s - start_s, last_row)
         fine_part.finish()
         coarse_part.finish()
 
@@ -149,16 +172,20 @@ class _Part:
     """Some trials during one sample period: taken out, stepped, put back."""
 
     def __init__(self, whole: HandsAndObjects, trials: IntArray) -> None:
-        self.whole, self.count = whole, len(trials)
+        self.whole = whole
+        self.count = len(trials)
         self.trials = two_at_least(trials)
         if not self.count:
             return
+
         batch = len(whole.position_m)
         self.all = self.count == batch
-        self.body, self.state = whole.body, whole.state
+        self.body = whole.body
+        self.state = whole.state
         if not self.all:
             self.body = whole.body_part(self.trials)
             self.state = _some(whole.state, self.trials, batch)
+
         # copies: the parts are put back when the period is over
         self.travel_m = np.take(whole.travel_m, self.trials, axis=-1)
         contacts, size = self.travel_m.shape
@@ -170,12 +197,18 @@ class _Part:
         """One step of these trials; inputs, at_s, dt_s: of all trials."""
         if not self.count:
             return
-        whole, trials = self.whole, self.trials
+
+        whole = self.whole
+        trials = self.trials
+
         # effects are for the whole batch; advance() makes sure that it goes together
         effects = whole.settings.effects
         if not self.all:
-            inputs, effects = _some_inputs(inputs, trials, len(at_s)), NO_EFFECTS
-        at_s, dt_s = at_s[trials], dt_s[trials]
+            inputs = _some_inputs(inputs, trials, len(at_s))
+            effects = NO_EFFECTS
+
+        at_s = at_s[trials]
+        dt_s = dt_s[trials]
         step(self.body, self.state, inputs, dt_s, at_s, effects)
         self.travel_m += travel_of(self.state, dt_s)
         whole.taken[row, trials] = True
@@ -188,17 +221,23 @@ class _Part:
         """Put the trials back, and the forces at the sample."""
         if not self.count:
             return
-        whole, trials, state = self.whole, self.trials, self.state
+
+        whole = self.whole
+        trials = self.trials
+        state = self.state
         if whole.settings.average_s:
             forces = self.mean.take(np.arange(len(trials)))
         else:
             forces = forces_of(self.body, state)
+
         whole.forces_n[trials] = np.moveaxis(forces, 2, 0)
         whole.position_m[trials] = state.position_m.T
         whole.travel_m[:, trials] = self.travel_m
+
         # an object that slides takes fine steps in the next period too
         fast = (state.slip_m_s > SLIDES_M_S).any(axis=0)
-        whole.slid[trials] = (fast & (state.normal_n > 0.0)).any(axis=0)
+        touching = state.normal_n > 0.0
+        whole.slid[trials] = (fast & touching).any(axis=0)
         if not self.all:
             values = vars(state)
             for name, array in vars(whole.state).items():
@@ -221,7 +260,8 @@ def _some(whole: Part, trials: IntArray, batch: int) -> Part:
 def _some_inputs(inputs: Inputs, trials: IntArray, batch: int) -> Inputs:
     people = tuple(_some(pull, trials, batch) for pull in inputs.people)
     floor = None if inputs.floor is None else _some(inputs.floor, trials, batch)
-    return Inputs(np.take(inputs.closure_m, trials, axis=-1), people, floor)
+    closure_m = np.take(inputs.closure_m, trials, axis=-1)
+    return Inputs(closure_m, people, floor)
 
 
 def _busy(
@@ -232,9 +272,11 @@ def _busy(
     from_s = index / settings.rate_hz
     until_s = from_s + 1.0 / settings.rate_hz
     is_busy = np.zeros(index.shape, dtype=np.bool_)
+
     for k, trial in enumerate(trials):
         more = settings.busy[k] if settings.busy else ()
         for start_s, end_s in [*busy(trial), *more]:
             touches = (until_s[:, k] > start_s) & (from_s[:, k] < end_s)
             is_busy[:, k] |= touches
+
     return is_busy

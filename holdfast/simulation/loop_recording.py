@@ -6,7 +6,7 @@ file got in the loop: both come from the same forces, by the same laws (loop_sen
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 
 import numpy as np
@@ -34,6 +34,7 @@ from holdfast.simulation.scene_file import SceneFile
 COMMANDS = len(GRIP_COLUMNS) - 1
 """Columns of what is commanded; the last one is the grip of the drive."""
 REPORT_PERIODS = 50
+"""Progress is reported once in this many sample periods."""
 
 
 def scene_of(file: SceneFile, seed: int) -> Scene:
@@ -46,9 +47,11 @@ def require_controller(scene: Scene, trials: Sequence[PlannedTrial]) -> None:
 
     Raises NotAModel, ChannelError, UnitError, RateError, CardError.
     """
-    file, control = scene.file, scene.file.controller
+    file = scene.file
+    control = scene.file.controller
     if control is None:
         return
+
     require_fit(
         model_of(ModelChoice(control.model)).card,
         n_channels=3 * file.hand.n_contacts,
@@ -88,11 +91,23 @@ def _part(scene: Scene, trials: Sequence[PlannedTrial], done: Done) -> Moved:
     """Trials with an object in the loop, those of the empty hand without."""
     held = [trial for trial in trials if trial.action != "nothing"]
     empty = [trial for trial in trials if trial.action == "nothing"]
-    in_hand = iter(RecordedLoop(scene, held).run(done) if held else ())
-    twice = [*empty, *empty]  # numpy would sum a single trial in another order
-    alone = motions(twice, scene.step_settings_of(twice)) if twice else iter(())
+
+    recordings: list[tuple[TrialMotion, GripRecord]] = []
+    if held:
+        recordings = RecordedLoop(scene, held).run(done)
+    in_hand = iter(recordings)
+
+    # each twice, because numpy sums a single trial in another order than many
+    twice = [*empty, *empty]
+    alone: Iterator[TrialMotion] = iter(())
+    if twice:
+        alone = motions(twice, scene.step_settings_of(twice))
+
     for trial in trials:
-        yield (next(alone), None) if trial.action == "nothing" else next(in_hand)
+        if trial.action == "nothing":
+            yield next(alone), None
+        else:
+            yield next(in_hand)
 
 
 class RecordedLoop:
@@ -101,14 +116,16 @@ class RecordedLoop:
     def __init__(self, scene: Scene, trials: Sequence[PlannedTrial]) -> None:
         control = scene.file.controller
         assert control is not None
-        self.count, self._control = len(trials), control
+        self.count = len(trials)
+        self._control = control
         self._model = model_of(ModelChoice(control.model))
         limits = Limits(ceiling_n=control.drive.ceiling_n)
         make = managed(scene, control.name, control.setting, limits=limits)
         batch = trials if len(trials) > 1 else [*trials, *trials]
         settings = LoopSettings(control.drive, whole_trials=True)
         self.loop = ClosedLoop(scene, batch, self._model, make, settings)
-        periods, n = self.loop.spans.periods, len(batch)
+        periods = self.loop.spans.periods
+        n = len(batch)
         contacts = self.loop.world.forces_n.shape[1]
         self._rows = np.zeros((periods, len(GRIP_COLUMNS), n))
         self._forces_n = np.zeros((periods, n, contacts, 3))
@@ -118,8 +135,10 @@ class RecordedLoop:
         self, done: Done = lambda share: None
     ) -> list[tuple[TrialMotion, GripRecord]]:
         """Run to the end of every trial. done: called with the share that is stepped."""
-        loop, periods = self.loop, self.loop.spans.periods
+        loop = self.loop
+        periods = self.loop.spans.periods
         assert isinstance(loop.controller, Managed)
+
         for period in range(periods):
             target_n = loop.decide(period)
             self._rows[period, :COMMANDS] = _commands(loop.controller)
@@ -129,39 +148,51 @@ class RecordedLoop:
             self._position_m[period] = loop.world.position_m
             if period % REPORT_PERIODS == 0:
                 done(period / periods)
+
         return [self._recording(trial) for trial in range(self.count)]
 
     def _recording(self, trial: int) -> tuple[TrialMotion, GripRecord]:
         spans = self.loop.spans
-        begins, ends = int(spans.begins[trial]), int(spans.ends[trial])
-        count, periods = int(spans.counts[trial]), ends - begins
+        begins = int(spans.begins[trial])
+        ends = int(spans.ends[trial])
+        count = int(spans.counts[trial])
+        periods = ends - begins
+
         # what a period ends with is the sample after it
-        forces_n = np.zeros((count, self._forces_n.shape[2], 3))
+        contacts = self._forces_n.shape[2]
+        forces_n = np.zeros((count, contacts, 3))
         forces_n[begins + 1 : ends + 1] = self._forces_n[:periods, trial]
         position_m = np.zeros((count, 3))
         position_m[begins + 1 : ends + 1] = self._position_m[:periods, trial]
+
         # after the loop nothing moves
         position_m[ends + 1 :] = position_m[ends]
         rows = self._grip_rows(trial, count, begins, ends)
         overrode_s = float(self.loop.wearer.overrode_s[trial])
-        grip = GripRecord(
-            rows, about(self._control, self._model.card.model_id), overrode_s
-        )
-        return self.loop.world.motion(trial, forces_n, position_m), grip
+        origin = about(self._control, self._model.card.model_id)
+        grip = GripRecord(rows, origin, overrode_s)
+        motion = self.loop.world.motion(trial, forces_n, position_m)
+        return motion, grip
 
     def _grip_rows(self, trial: int, count: int, begins: int, ends: int) -> FloatArray:
         """[T, 5] as GRIP_COLUMNS; outside the loop the wearer's grip is left alone."""
+        # before the loop: no command, and the wearer's grip
         rows = np.full((count, len(GRIP_COLUMNS)), np.nan)
         rows[:, COMMANDS - 1] = IDLE
         rows[:, COMMANDS] = self.loop.actuator.own_n[trial]
-        rows[begins:ends] = self._rows[: ends - begins, :, trial]
-        rows[ends:, COMMANDS] = self._rows[ends - begins - 1, COMMANDS, trial]
+
+        periods = ends - begins
+        rows[begins:ends] = self._rows[:periods, :, trial]
+
+        # after it the drive, which cannot be driven back, stays where it was
+        rows[ends:, COMMANDS] = self._rows[periods - 1, COMMANDS, trial]
         return rows
 
 
 def _commands(controller: Managed) -> FloatArray:
     """[4, B] of GRIP_COLUMNS, nan where the controller has no number."""
-    margin, supervisor = controller.grip.margin, controller.grip.supervisor
+    margin = controller.grip.margin
+    supervisor = controller.grip.supervisor
     numbers = np.stack([controller.target_n, margin.needed_n, margin.mu_hat])
     known = np.where(numbers > 0.0, numbers, np.nan)
     return np.vstack([known, supervisor.mode])

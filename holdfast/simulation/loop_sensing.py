@@ -45,12 +45,14 @@ class LoopSensors:
     def __init__(
         self, scene: Scene, trials: Sequence[PlannedTrial], counts: IntArray
     ) -> None:
-        self.scene, self.effects = scene, scene.sensor_effects
+        self.scene = scene
+        self.effects = scene.sensor_effects
         self.latency = int("timing_jitter" in self.effects)
         self._plans: dict[str, PlanBatch] = {}
         times_s = [np.arange(n) / scene.file.rate_hz for n in counts]
         for name in self.effects:
             self._prepare(name, trials, times_s)
+
         self._before: dict[str, Rows] = {}
         self._readings: list[Rows] = []
 
@@ -61,7 +63,8 @@ class LoopSensors:
         law = self.effects[name].make
         plans: list[Plan] = []
         for k, trial in enumerate(trials):
-            drawn, rng = self.scene.draw(name, trial), self.scene.rng(name, trial)
+            drawn = self.scene.draw(name, trial)
+            rng = self.scene.rng(name, trial)
             if isinstance(law, RowEffect):
                 plans.append(law.plan(drawn, rng, times_s[k], trial.hand.n_contacts))
             elif name == "timing_jitter":
@@ -70,6 +73,7 @@ class LoopSensors:
                 times_s[k] = times_s[k] + plans[k]["late_s"]
             else:
                 plans.append({"kept": kept_rows(times_s[k], drawn, rng)})
+
         self._plans[name] = PlanBatch(plans)
 
     def read(self, rows: IntArray, forces_n: FloatArray) -> tuple[Rows, BoolArray]:
@@ -80,6 +84,7 @@ class LoopSensors:
         now = Rows(forces_n, np.ones(forces_n.shape[:2], dtype=np.bool_))
         unit: Unit = "N"
         lost = np.zeros(len(rows), dtype=np.bool_)
+
         for name, effect in self.effects.items():
             law: Any = effect.make
             if effect.in_scene_unit:
@@ -91,7 +96,9 @@ class LoopSensors:
             else:
                 now = self._apply(name, law, now, rows, lost)
                 unit = effect.gives_unit or unit
-        return self._in_scene_unit(now, unit)[0], lost
+
+        readings, _ = self._in_scene_unit(now, unit)
+        return readings, lost
 
     def _apply(
         self, name: str, law: RowEffect, now: Rows, rows: IntArray, lost: BoolArray
@@ -99,13 +106,14 @@ class LoopSensors:
         plan = self._plans[name].at(rows)
         if not law.chained:
             return law.apply(now, plan)
+
         before = self._before.get(name, now)
         made = law.apply(now, plan, before)
+
         # the row before is the last that came
-        self._before[name] = Rows(
-            np.where(lost[:, None, None], before.values, made.values),
-            np.where(lost[:, None], before.valid, made.valid),
-        )
+        values = np.where(lost[:, None, None], before.values, made.values)
+        valid = np.where(lost[:, None], before.valid, made.valid)
+        self._before[name] = Rows(values, valid)
         return made
 
     def _between(self, now: Rows, rows: IntArray) -> tuple[Rows, IntArray]:
@@ -113,21 +121,33 @@ class LoopSensors:
 
         Between two readings the value changes evenly, as numpy.interp has it.
         """
-        # the readings of the two samples before, and of this one
+        # the readings of the two samples before, and of this one; fewer at the start
         self._readings = [*self._readings[-2:], now]
-        first, middle = self._readings[0], self._readings[-min(2, len(self._readings))]
+        known = len(self._readings)
+        first = self._readings[0]
+        middle = self._readings[-min(2, known)]
+
         rows = np.maximum(rows - 1, 0)
         late = self._plans["timing_jitter"].at(rows)["late_s"]
-        early, rate_hz = late < 0.0, self.scene.file.rate_hz
+        early = late < 0.0
+        rate_hz = self.scene.file.rate_hz
+
         # an early sample lies between the sample before it and itself
         from_row = rows - early
-        at_s, since_s = rows / rate_hz, from_row / rate_hz
-        run_s = (from_row + 1) / rate_hz - since_s
+        at_s = rows / rate_hz
+        since_s = from_row / rate_hz
+        until_s = (from_row + 1) / rate_hz
+        run_s = until_s - since_s
         start = np.where(early[:, None, None], first.values, middle.values)
         end = np.where(early[:, None, None], middle.values, now.values)
+
+        # slope times distance, in numpy.interp's order of operations: equal to the last bit
+        slope = (end - start) / run_s[:, None, None]
         ahead_s = (at_s + late - since_s)[:, None, None]
-        moved = (end - start) / run_s[:, None, None] * ahead_s + start
-        values = np.where((late == 0.0)[:, None, None], middle.values, moved)
+        moved = slope * ahead_s + start
+        punctual = (late == 0.0)[:, None, None]
+        values = np.where(punctual, middle.values, moved)
+
         return Rows(values, middle.valid), rows
 
     def _in_scene_unit(self, rows: Rows, unit: Unit) -> tuple[Rows, Unit]:
@@ -149,10 +169,12 @@ class HandModels:
             hands = slice(start, min(start + TOGETHER, len(samples)))
             steps = model.stepper(OUTPUTS, hands.stop - hands.start)
             self._groups.append((steps, hands, int(samples[hands].max())))
+
         self._out = {}
         for name, array in self._groups[0][0].out.items():
             shape = (len(samples), *array.shape[1:])
             self._out[name] = np.zeros(shape, array.dtype)
+
         self._answered = 0
         self._first_rows: list[FloatArray] = []
         self._tare: tuple[FloatArray, FloatArray] | None = None
@@ -162,10 +184,12 @@ class HandModels:
         if self._tare is None:
             self._learn(values)
             # until the bias is known, the model gets invalid samples, as on the hand
-            values, valid = np.zeros_like(values), np.zeros_like(valid)
+            values = np.zeros_like(values)
+            valid = np.zeros_like(valid)
         else:
             scale, bias = self._tare
             values = values * scale - bias
+
         self._step(values, valid)
         return self._sense(values, valid)
 
@@ -174,18 +198,28 @@ class HandModels:
         for steps, hands, samples in self._groups:
             # a call whose hands are all done costs nothing
             if self._answered < samples:
-                steps.sample[:], steps.valid[:] = values[hands], valid[hands]
+                steps.sample[:] = values[hands]
+                steps.valid[:] = valid[hands]
                 for name, array in steps.step().items():
                     self._out[name][hands] = array
         self._answered += 1
 
     def _sense(self, values: FloatArray, valid: BoolArray) -> GripSense:
-        forces = np.where(valid[..., None], values.reshape(len(values), -1, 3), 0.0)
+        """What a controller gets: forces summed over the sensors, and the model's answers."""
+        by_sensor = values.reshape(len(values), -1, 3)
+        forces = np.where(valid[..., None], by_sensor, 0.0)
+
+        # a sensor can read below zero by its noise, but a finger cannot pull
+        normal_n = np.maximum(forces[..., 2], 0.0)
+        shear_n = np.sqrt(forces[..., 0] ** 2 + forces[..., 1] ** 2)
+
         nothing = np.zeros(len(values), dtype=np.bool_)
-        p_situation, known = self._out["p_situation"], ~self._out["unknown"]
+        p_situation = self._out["p_situation"]
+        known = ~self._out["unknown"]
+
         return GripSense(
-            grip_n=0.5 * np.maximum(forces[..., 2], 0.0).sum(axis=1),
-            load_n=np.sqrt(forces[..., 0] ** 2 + forces[..., 1] ** 2).sum(axis=1),
+            grip_n=0.5 * normal_n.sum(axis=1),
+            load_n=shear_n.sum(axis=1),
             p_risky=p_situation[:, RISKY_SLIP].astype(np.float64),
             p_safe=p_situation[:, SAFE_SLIP].astype(np.float64),
             known=known,
@@ -199,9 +233,12 @@ class HandModels:
         self._first_rows.append(values.copy())
         if len(self._first_rows) < max(1, self.preparation.bias_rows):
             return
-        scales, biases = [], []
+
+        scales = []
+        biases = []
         for rows in np.stack(self._first_rows, axis=1):
             scale, bias = self.preparation.learn(rows)
             scales.append(scale)
             biases.append(bias)
+
         self._tare = np.stack(scales), np.stack(biases)

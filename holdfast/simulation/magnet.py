@@ -21,7 +21,8 @@ REMANENCE_T = 1.35
 MAGNET_M3 = np.pi * 0.75e-3**2 * 0.5e-3
 MOMENT_A_M2 = REMANENCE_T * MAGNET_M3 / (4e-7 * np.pi)
 """Of an N45 disc, 1.5 x 0.5 mm: 0.95 mA m^2."""
-NORMAL_N_PER_M, SHEAR_N_PER_M = 30e3, 15e3
+NORMAL_N_PER_M = 30e3
+SHEAR_N_PER_M = 15e3
 STIFFENING_N = 30.0
 """Silicone stiffens: displacement = F / (k (1 + |F| / STIFFENING_N))."""
 EARTH_UT = np.array([20.0, 0.0, 43.0])
@@ -103,10 +104,13 @@ def turn_plan(
     """
     gain = 1.0 + drawn["gain_sd"] * rng.normal(size=(sensors, 1))
     angle = np.radians(drawn["tilt_sd_deg"]) * rng.normal(size=(2, sensors))
-    (cx, cy), (sx, sy) = np.cos(angle), np.sin(angle)
-    zeros, ones = np.zeros(sensors), np.ones(sensors)
+    (cx, cy) = np.cos(angle)
+    (sx, sy) = np.sin(angle)
+    zeros = np.zeros(sensors)
+    ones = np.ones(sensors)
     about_x = np.array([[ones, zeros, zeros], [zeros, cx, -sx], [zeros, sx, cx]])
     about_y = np.array([[cy, zeros, sy], [zeros, ones, zeros], [-sy, zeros, cy]])
+
     return {
         "gain": gain[None],
         "turn": np.einsum("ijs,jks->sik", about_y, about_x)[None],
@@ -280,7 +284,8 @@ def _read_n(forces_n: FloatArray) -> FloatArray:
 def residual_n() -> tuple[float, float]:
     """RMS error of the map over its loads: (normal, shear), N; hardware: 0.27, 0.12."""
     squares = (_read_n(loads_n()) - loads_n()) ** 2
-    normal, shear = squares[:, 2].mean(), squares[:, :2].mean()
+    normal = squares[:, 2].mean()
+    shear = squares[:, :2].mean()
     return float(np.sqrt(normal)), float(np.sqrt(shear))
 
 

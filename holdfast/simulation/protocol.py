@@ -268,6 +268,7 @@ def draw_trial(
     share[hand.thumb :] /= share[hand.thumb :].sum()
     weak = rng.uniform() < drawn["weak_share"] or action == "fall"
     stiffness = rng.uniform(0.8, 1.25, hand.n_contacts)
+
     return PlannedTrial(
         number,
         held,

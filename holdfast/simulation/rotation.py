@@ -17,7 +17,8 @@ def gyration_m2(held: HeldObject) -> float:
     (b^2 + c^2) / 5 of an ellipsoid, R^2 / 4 + L^2 / 3 of a cylinder of half length L (Meriam &
     Kraige, "Engineering mechanics: dynamics", table D/4).
     """
-    across, axial = 1e-3 * held.radius_mm, 1e-3 * held.axial_radius_mm
+    across = 1e-3 * held.radius_mm
+    axial = 1e-3 * held.axial_radius_mm
     if axial:
         return (across**2 + axial**2) / 5.0
     half = 1e-3 * held.half_length_mm
@@ -54,30 +55,49 @@ class Rotation(PhysicsEffect):
     ) -> None:
         """Turn by one step; changes stretch, slip and energy of the brushes."""
         inertia = body.mass_kg * self.inertia_m2
-        carried_n = body.mass_kg * body.gravity_m_s2[1:] + state.agents_n[1:]
-        # out of the hand the object keeps its rate
+
+        # Out of the hand nothing turns the object: it keeps its rate.
+        weight_n = body.mass_kg * body.gravity_m_s2[1:]
+        carried_n = weight_n + state.agents_n[1:]
         in_hand = (state.normal_n > 0.0).any(axis=0)
         force_n = np.where(in_hand, carried_n, 0.0)
+
+        # The torque about x is the x component of place x force.
         place_m = self.place_m()
         torque = place_m[0] * force_n[1] - place_m[1] * force_n[0]
         drive = inertia * self.rate + dt_s * torque
+
+        # [2, S, B] how far a contact moves in (y, z) when the object turns by one radian.
         lever = body.at_m - state.position_m[1:, None]
-        # [2, S, B] d(y, z) of a turn by one radian
         across = np.stack([-lever[1], lever[0]])
-        damped = inertia + dt_s * self._damping(body, state, across, limit_m)
-        stretch_m, angle = state.stretch_m, self.angle
-        had_j = state.brush_j + 0.5 * inertia * self.rate * self.rate
-        # rho starts as a single one, before the number of elements is known
+        drag = self._damping(body, state, across, limit_m)
+        damped = inertia + dt_s * drag
+
+        # Kept for the balance: all of it is overwritten below.
+        stretch_m = state.stretch_m
+        angle = self.angle
+        turning_j = 0.5 * inertia * self.rate * self.rate
+        had_j = state.brush_j + turning_j
+
+        # rho starts as a single one, before the number of elements is known.
         rho = np.broadcast_to(self.rho, limit_m.shape)
         brushes = (drive, damped, body.brush_n_per_m, stretch_m, across, limit_m, dt_s)
         self.rate, self.rho, trial, length = settle(_sweep, rho, brushes)
+
+        # The return mapping, as in the core: rho is held, the rest has slipped.
         state.stretch_m = self.rho * trial
-        state.slip_m_s = state.slip_m_s + (1.0 - self.rho) * length / dt_s
+        slipped_m = (1.0 - self.rho) * length
+        state.slip_m_s = state.slip_m_s + slipped_m / dt_s
         state.brush_j = brush_j(body, state)
         self.angle = angle + self.rate * dt_s
-        given_j = (force_n * (self.place_m() - place_m)).sum(axis=0)
+
+        # No trial may end with more energy than it had and was given.
+        moved_m = self.place_m() - place_m
+        given_j = (force_n * moved_m).sum(axis=0)
         left_j = had_j + given_j - state.brush_j
         stuck = self._slow(inertia, left_j)
+
+        # Where standing still is not enough, the object stays at its old angle.
         if stuck.size:
             self.angle[stuck] = angle[stuck]
             kept = self.rho[..., stuck] * stretch_m[..., stuck]
@@ -86,17 +106,25 @@ class Rotation(PhysicsEffect):
 
     def place_m(self) -> FloatArray:
         """[2, B] (y, z) of the centre of mass from the object's middle, turned."""
-        cos, sin = np.cos(self.angle), np.sin(self.angle)
+        cos = np.cos(self.angle)
+        sin = np.sin(self.angle)
         y, z = self.offset_m
-        return np.stack([cos * y - sin * z, sin * y + cos * z])
+
+        turned_y = cos * y - sin * z
+        turned_z = sin * y + cos * z
+        return np.stack([turned_y, turned_z])
 
     def _damping(
         self, body: Body, state: State, across: FloatArray, limit_m: FloatArray
     ) -> FloatArray:
         """[B] damping of the fingers along the surface, N m s/rad: of the elements that stick."""
-        sticks = (self.rho == 1.0) & (state.slip_m_s == 0.0) & (limit_m > 0.0)
+        # Both the core's step and the last turn must have held the element.
+        holds = (self.rho == 1.0) & (state.slip_m_s == 0.0)
+        touches = limit_m > 0.0
+        stuck = np.where(holds & touches, body.brush_n_per_m, 0.0)
+
         lever_m2 = (across * across).sum(axis=0)
-        stiff = np.where(sticks, body.brush_n_per_m, 0.0) * lever_m2
+        stiff = stuck * lever_m2
         return body.loss_s * stiff.sum(axis=(0, 1))
 
     def _slow(self, inertia: FloatArray, left_j: FloatArray) -> IntArray:
@@ -105,7 +133,8 @@ class Rotation(PhysicsEffect):
         Returns the trials where standing still is not enough.
         """
         moving_j = 0.5 * inertia * self.rate * self.rate
-        share = np.sqrt(np.maximum(left_j, 0.0) / np.maximum(moving_j, TINY))
+        ratio = np.maximum(left_j, 0.0) / np.maximum(moving_j, TINY)
+        share = np.sqrt(ratio)
         self.rate = self.rate * np.minimum(share, 1.0)
         return np.flatnonzero(left_j < 0.0)
 
@@ -120,15 +149,24 @@ def _sweep(
     limit: FloatArray,
     dt_s: FloatArray,
 ) -> Swept:
-    """One reweighting of the springs by rho: (rate [B], rho, stretch, its length)."""
+    """One reweighting of the springs by rho: (rate [B], rho, stretch, its length).
+
+    The core's sweep (core.py) with lever arms: a torque for each force, an inertia for the mass.
+    """
     spring = brush * rho
+
+    # Of a stretch only the part along the turning direction has a torque.
     along = (stretch * across[:, None]).sum(axis=0)
     pull = (spring * along).sum(axis=(0, 1))
-    stiffness = (spring * (across * across).sum(axis=0)).sum(axis=(0, 1))
+    lever_m2 = (across * across).sum(axis=0)
+    stiffness = (spring * lever_m2).sum(axis=(0, 1))
     rate = (drive - dt_s * pull) / (inertia + dt_s * dt_s * stiffness)
-    trial = stretch + (across * (rate * dt_s))[:, None]
+
+    moved = across * (rate * dt_s)
+    trial = stretch + moved[:, None]
     length = np.sqrt(trial[0] * trial[0] + trial[1] * trial[1])
-    return rate, np.minimum(1.0, limit / np.maximum(length, TINY)), trial, length
+    held = limit / np.maximum(length, TINY)
+    return rate, np.minimum(1.0, held), trial, length
 
 
 OFFSETS = {

@@ -51,12 +51,16 @@ class RowEffect:
         return replace(signal, values=made.values, valid=made.valid)
 
     def _row_by_row(self, rows: Rows, plan: Plan) -> Rows:
-        values, valid = np.empty_like(rows.values), np.empty_like(rows.valid)
+        values = np.empty_like(rows.values)
+        valid = np.empty_like(rows.valid)
         before = Rows(rows.values[:1], rows.valid[:1])
+
         for k in range(len(values)):
             row = Rows(rows.values[k : k + 1], rows.valid[k : k + 1])
             before = self.apply(row, row_of(plan, k), before)
-            values[k], valid[k] = before.values[0], before.valid[0]
+            values[k] = before.values[0]
+            valid[k] = before.valid[0]
+
         return Rows(values, valid)
 
 

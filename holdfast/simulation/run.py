@@ -36,9 +36,12 @@ Done = Callable[[float], None]
 class StepSettings:
     """How a batch is stepped.
 
-    step_s: step where anything can happen. pressure: [E] shares of the brush. average_s: the sensor
-    reports the mean over this time before each sample; 0: the value at the sample. busy: more
-    intervals with fine steps, for every trial.
+    rate_hz    samples a second
+    step_s     step where anything can happen
+    pressure   [E] shares of the brush's elements
+    effects    what takes part in every step
+    average_s  the sensor reports the mean over this time before each sample; 0: its value there
+    busy       more intervals with fine steps, for every trial
     """
 
     rate_hz: float
@@ -51,11 +54,17 @@ class StepSettings:
 
 @dataclass(frozen=True)
 class TrialMotion:
-    """One trial stepped: forces_n [T, S, 3] and position_m [T, 3] at t_s [T], the truth at steps.
+    """One trial stepped: what the sensors feel at T samples, and the truth at K steps.
 
-    At each of K steps: at_s; agents_n [K, 3] force of people and box; gripped (any contact);
-    slips, slides (any, every touching element slides); slip_m (mean travel of the touching
-    contacts so far).
+    t_s         [T]
+    forces_n    [T, S, 3]
+    position_m  [T, 3] of the object
+    at_s        [K] ends of the steps
+    agents_n    [K, 3] force of people and box
+    gripped     [K] any contact
+    slips       [K] any touching element slides
+    slides      [K] every touching element slides
+    slip_m      [K] mean travel of the touching contacts so far
     """
 
     t_s: FloatArray
@@ -85,14 +94,19 @@ class StepTape:
         """Step k of some trials; travel_m [S, B]: how far each contact has slipped."""
         touching = state.normal_n > 0.0
         count = touching.sum(axis=0)
+        gripped = count > 0
+
+        # An element counts as slipping only where its contact touches.
         fast = state.slip_m_s > SLIDES_M_S
-        slides = (fast.all(axis=0) | ~touching).all(axis=0)
+        slipping = fast.any(axis=0) & touching
+        sliding = fast.all(axis=0) | ~touching
         travelled_m = (travel_m * touching).sum(axis=0)
+
         self.agents_n[k][:, trials] = state.agents_n
-        self.gripped[k, trials] = count > 0
-        self.slips[k, trials] = (fast.any(axis=0) & touching).any(axis=0)
-        # a hand without contact does not slide
-        self.slides[k, trials] = slides & (count > 0)
+        self.gripped[k, trials] = gripped
+        self.slips[k, trials] = slipping.any(axis=0)
+        # A hand without contact does not slide.
+        self.slides[k, trials] = sliding.all(axis=0) & gripped
         self.slip_m[k, trials] = travelled_m / np.maximum(count, 1)
 
     def motion(
@@ -120,26 +134,32 @@ class StepTape:
 
 def forces_of(body: Body, state: State) -> FloatArray:
     """[S, 3, B] on the fingertips: shear x, y, normal; shear points the way the object moves."""
-    shear = np.add.reduce(body.brush_n_per_m * state.stretch_m, axis=1)
-    forces = np.empty((len(state.normal_n), 3, shear.shape[2]))
-    forces[:, 0] = shear[0]
-    # the sensors of thumb and fingers face each other
-    forces[:, 1] = shear[1] * -body.side
+    brush_n = body.brush_n_per_m * state.stretch_m
+    shear_n = np.add.reduce(brush_n, axis=1)
+
+    forces = np.empty((len(state.normal_n), 3, shear_n.shape[2]))
+    forces[:, 0] = shear_n[0]
+    # The sensors of thumb and fingers face each other, so their y axes differ in sign.
+    forces[:, 1] = shear_n[1] * -body.side
     forces[:, 2] = state.normal_n
     return forces
 
 
 def travel_of(state: State, dt_s: FloatArray) -> FloatArray:
     """[S, B] how far each contact slips in a step of dt_s: the mean of its elements."""
-    return np.add.reduce(state.slip_m_s, axis=0) / len(state.slip_m_s) * dt_s
+    elements = len(state.slip_m_s)
+    total_m_s = np.add.reduce(state.slip_m_s, axis=0)
+    return total_m_s / elements * dt_s
 
 
 class ForceMean:
     """The chip's averaging: the mean of the forces over its conversion time before a sample."""
 
     def __init__(self, settings: StepSettings, contacts: int, batch: int) -> None:
-        self.window_s, self.period_s = settings.average_s, 1.0 / settings.rate_hz
-        self.total, self.weight_s = np.zeros((contacts, 3, batch)), np.zeros(batch)
+        self.window_s = settings.average_s
+        self.period_s = 1.0 / settings.rate_hz
+        self.total = np.zeros((contacts, 3, batch))
+        self.weight_s = np.zeros(batch)
 
     def add(self, body: Body, state: State, at_s: FloatArray, dt_s: FloatArray) -> None:
         """Add the part of the step that lies within the window before the next sample.
@@ -147,9 +167,13 @@ class ForceMean:
         A trial outside its window adds its forces times zero, which changes no bit and costs less
         than masking.
         """
-        # the next sample; a step that ends on it counts for it, whatever the rounding
-        sample_s = np.ceil(at_s / self.period_s - 1e-6) * self.period_s
-        within_s = np.maximum(at_s - (sample_s - self.window_s), 0.0)
+        # The next sample; a step that ends on it counts for it, whatever the rounding.
+        periods = np.ceil(at_s / self.period_s - 1e-6)
+        sample_s = periods * self.period_s
+
+        # The chip converts during the last window_s before its sample.
+        window_from_s = sample_s - self.window_s
+        within_s = np.maximum(at_s - window_from_s, 0.0)
         weight_s = np.minimum(dt_s, within_s)
         if weight_s.any():
             self.total += forces_of(body, state) * weight_s
@@ -177,13 +201,17 @@ def motions(
     for k, trial in enumerate(trials):
         more = settings.busy[k] if settings.busy else ()
         grids.append(grid_of(trial, settings.rate_hz, settings.step_s, more))
+
     running = _Running(trials, settings, grids)
     n_steps = len(running.at_s)
+
     # inputs of many steps at once: a call of numpy costs as much as a small batch
     for start in range(0, n_steps, CHUNK):
         running.leave(start)
         running.step_on(start, start + CHUNK)
-        done(min(1.0, (start + CHUNK) / n_steps))
+        share = (start + CHUNK) / n_steps
+        done(min(1.0, share))
+
     for k, grid in enumerate(grids):
         yield running.motion(k, grid)
 
@@ -201,24 +229,33 @@ class _Running:
         settings: StepSettings,
         grids: Sequence[Grid],
     ) -> None:
-        self.trials, self.settings, self.effects = trials, settings, settings.effects
+        self.trials = trials
+        self.settings = settings
+        self.effects = settings.effects
         self.first = 0
         self.at_s, self.sample = _stack(grids)
         start_s = np.array([grid.start_s for grid in grids])
+
         # every trial has steps of its own, so ends and starts are arrays
         self.before_s = np.vstack([start_s, self.at_s[:-1]])
         self.steps = np.array([len(grid.at_s) for grid in grids])
         self.body = body_of(trials, settings.pressure)
         self.script = Script(trials, self.body)
-        self.state = at_rest(self.body, self.script.chunk(start_s[None])[0].closure_m)
+        # before its first step a trial rests as its script has it then
+        opening = self.script.chunk(start_s[None])[0]
+        self.state = at_rest(self.body, opening.closure_m)
         contacts, batch = self.state.normal_n.shape
         self.mean: ForceMean | None = None
         if settings.average_s:
             self.mean = ForceMean(settings, contacts, batch)
+
         self.travel_m = np.zeros((contacts, batch))
-        self.starts = np.cumsum([0, *(grid.n_samples for grid in grids)])
-        self.forces_n = np.zeros((self.starts[-1], contacts, 3))
-        self.position_m = np.zeros((self.starts[-1], 3))
+        # the samples of all trials lie end to end: trial k has rows starts[k] to starts[k + 1]
+        counts = [grid.n_samples for grid in grids]
+        self.starts = np.cumsum([0, *counts])
+        total = self.starts[-1]
+        self.forces_n = np.zeros((total, contacts, 3))
+        self.position_m = np.zeros((total, 3))
         self.tape = StepTape(len(self.at_s), batch)
 
     def leave(self, start: int) -> None:
@@ -226,11 +263,15 @@ class _Running:
         batch = len(self.trials)
         ended = self.steps[self.first :] <= start
         count = batch if ended.all() else int(np.argmin(ended))
+
         # numpy sums a single trial in another order than many
         count = min(count, batch - 2)
-        if count < max(1, batch // WORTH_LEAVING):
+        worth = max(1, batch // WORTH_LEAVING)
+        if count < worth:
             return
-        self.trials, self.first = self.trials[count:], self.first + count
+
+        self.trials = self.trials[count:]
+        self.first = self.first + count
         self.body = body_of(self.trials, self.settings.pressure)
         self.script = Script(self.trials, self.body, self.script.boxed)
         self.state = without_first(self.state, count, batch)
@@ -240,8 +281,11 @@ class _Running:
 
     def step_on(self, start: int, stop: int) -> None:
         """Steps start .. stop of the running trials."""
-        first, state, mean = self.first, self.state, self.mean
+        first = self.first
+        state = self.state
+        mean = self.mean
         chunk_s = self.at_s[start:stop, first:]
+
         for k, inputs in enumerate(self.script.chunk(chunk_s), start):
             at_s = self.at_s[k, first:]
             dt_s = at_s - self.before_s[k, first:]
@@ -250,8 +294,10 @@ class _Running:
             self.tape.write(k, slice(first, None), state, self.travel_m)
             if mean is not None:
                 mean.add(self.body, state, at_s, dt_s)
+
             # a step that ends at a sample leaves what the sensors feel
-            sampled = (self.sample[k, first:] >= 0).nonzero()[0]
+            samples = self.sample[k, first:]
+            sampled = (samples >= 0).nonzero()[0]
             if sampled.size:
                 self._sample(k, sampled)
 
@@ -269,12 +315,15 @@ class _Running:
     def motion(self, trial: int, grid: Grid) -> TrialMotion:
         """What became of a trial."""
         rows = slice(self.starts[trial], self.starts[trial + 1])
-        position_m, last = self.position_m[rows], grid.sample[-1]
+        position_m = self.position_m[rows]
+        last = grid.sample[-1]
+
         # after the last step the object is where it was
         position_m[last + 1 :] = position_m[last]
         t_s = np.arange(grid.n_samples) / self.settings.rate_hz
         steps = slice(len(grid.at_s))
         forces_n = self.forces_n[rows]
+
         return self.tape.motion(trial, steps, grid.at_s, t_s, forces_n, position_m)
 
 
@@ -283,11 +332,15 @@ def _stack(grids: Sequence[Grid]) -> tuple[FloatArray, IntArray]:
     longest = max(len(grid.at_s) for grid in grids)
     at_s = np.empty((longest, len(grids)))
     sample = np.full((longest, len(grids)), -1, dtype=np.int64)
+
     for trial, grid in enumerate(grids):
         n = len(grid.at_s)
-        at_s[:n, trial], sample[:n, trial] = grid.at_s, grid.sample
-        before_s, last_s = np.concatenate([[grid.start_s], grid.at_s])[-2:]
+        at_s[:n, trial] = grid.at_s
+        sample[:n, trial] = grid.sample
         # the times go on, so that no step has length zero
+        times_s = np.concatenate([[grid.start_s], grid.at_s])
+        before_s, last_s = times_s[-2:]
         more = np.arange(1, longest - n + 1)
         at_s[n:, trial] = last_s + (last_s - before_s) * more
+
     return at_s, sample

@@ -67,7 +67,9 @@ class Scene:
     def __init__(
         self, file: SceneFile, seed: int, controlled: Controlled | None = None
     ) -> None:
-        self.file, self.seed, self._controlled = file, seed, controlled
+        self.file = file
+        self.seed = seed
+        self._controlled = controlled
         effects = {name: effect_named(name) for name in file.effects}
         self.sensor_effects = {n: e for n, e in effects.items() if e.stage == "sensor"}
         self.physics_effects = {
@@ -87,22 +89,27 @@ class Scene:
         cells: list[tuple[TrialsRow, str | None]] = []
         for row in self.file.rows:
             cells += [(row, name) for name in row.objects or (None,)]
+
         counts = [row.count for row, _ in cells]
         if total is not None:
             counts = apportion(total, counts)
+
         trials = []
         for cell, (row, name) in enumerate(cells):
             for repetition in range(counts[cell]):
                 # numbered across cells first, so that a smaller set is a part of a larger one
                 number = repetition * len(cells) + cell
                 trials.append(self.trial(row, name, number))
+
         return trials
 
     def trial(self, row: TrialsRow, name: str | None, number: int) -> PlannedTrial:
         """One trial; its number picks its random streams."""
         objects = self.file.objects
         held = objects[name] if name else next(iter(objects.values()))
-        action, style, hand = row.action, row.style, self.file.hand
+        action = row.action
+        style = row.style
+        hand = self.file.hand
         return draw_trial(number, held, action, style, row.values, self.seed, hand)
 
     def run(
@@ -135,9 +142,11 @@ class Scene:
         if len(trials) == 1:  # numpy would sum a single trial in another order
             yield next(self._simulated([trials[0], trials[0]], done))
             return
+
         drawn, made = self._made(trials)
         movers = [effect for effect in made if hasattr(effect, HAND_MOTION)]
         moved = self._moved(trials, made, done)
+
         for k, (trial, (motion, grip)) in enumerate(zip(trials, moved, strict=True)):
             hand_m = np.zeros_like(motion.position_m)
             if movers:
@@ -165,7 +174,8 @@ class Scene:
         self, trials: Sequence[PlannedTrial]
     ) -> tuple[dict[str, list[Drawn]], list[Any]]:
         """(draws by effect, effects of the physics) of a batch."""
-        drawn, made = {}, []
+        drawn = {}
+        made = []
         for name, effect in self.physics_effects.items():
             drawn[name] = [self.draw(name, trial) for trial in trials]
             rngs = [self.rng(name, trial) for trial in trials]
@@ -177,12 +187,14 @@ class Scene:
         for effect in made:
             of_kind = (*vars(effects)[effect.kind], effect)
             effects = replace(effects, **{effect.kind: of_kind})
+
         busy = []
         for k in range(batch):
             intervals = []
             for effect in made:
                 intervals += effect.busy_s(k)
             busy.append(tuple(intervals))
+
         return replace(self.settings, effects=effects, busy=tuple(busy))
 
     def join(
@@ -195,12 +207,17 @@ class Scene:
         """
         if len(trials) == 1:
             return trials[0].signal, [0.0], {}
-        start_s, starts_s, times_s = 0.0, [], []
+
+        start_s = 0.0
+        starts_s = []
+        times_s = []
+
         for simulated in trials:
             starts_s.append(start_s)
             times_s.append(simulated.motion.t_s + start_s)
             last_s = float(simulated.motion.t_s[-1])
             start_s = start_s + last_s + 1.0 / self.file.rate_hz
+
         forces_n = np.concatenate([simulated.motion.forces_n for simulated in trials])
         signal, drawn = self.sense(trials[0].trial, np.concatenate(times_s), forces_n)
         return signal, starts_s, drawn
@@ -231,14 +248,16 @@ class Scene:
         self, simulated: SimulatedTrial, camera: Camera
     ) -> tuple[FloatArray, Frames]:
         """(time stamps in s, frames) of one trial."""
-        motion, rng = simulated.motion, self.rng("camera_frames", simulated.trial)
+        motion = simulated.motion
+        rng = self.rng("camera_frames", simulated.trial)
         return camera.film(motion.t_s, motion.position_m, simulated.hand_m, rng)
 
     def shooting(
         self, simulated: SimulatedTrial, camera: Camera
     ) -> Callable[[float], Frames]:
         """A function that takes one frame of a trial at a given time, s."""
-        motion, rng = simulated.motion, self.rng("camera_frames", simulated.trial)
+        motion = simulated.motion
+        rng = self.rng("camera_frames", simulated.trial)
         return camera.shooting(motion.t_s, motion.position_m, simulated.hand_m, rng)
 
     def draw(self, name: str, trial: PlannedTrial) -> Drawn:

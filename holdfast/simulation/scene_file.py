@@ -135,11 +135,13 @@ def find_scene_file(name: str) -> Path:
     """A shipped scene by name, or a file. Raises CardError."""
     if name in shipped_scenes():
         return SCENES / f"{name}.toml"
+
     try:
         if Path(name).is_file():
             return Path(name)
     except OSError:
         pass  # a name that no file can have
+
     raise CardError(
         f"no scene {name!r}",
         cause="neither a shipped scene nor a file",
@@ -181,11 +183,13 @@ class _SceneReader(CardReader):
             if RATE.problem(rate_hz):
                 raise self.rate_refused(rate_hz, RATE.allowed())
             record["rate_hz"] = rate_hz
+
         numbers = self.numbers("record", record, RECORD)
         physics = self.numbers("physics", self.table(raw, "physics"), PHYSICS)
         objects = dict(OBJECTS)
         for name, value in self.table(raw, "objects").items():
             objects[name] = self.object(name, value)
+
         scene = SceneFile(
             name=self.path.stem,
             title=str(raw.get("title", self.path.stem)),
@@ -223,46 +227,56 @@ class _SceneReader(CardReader):
     ) -> tuple[TrialsRow, ...]:
         if not isinstance(rows, list) or not rows:
             raise self.refused("trials", rows, "at least one [[trials]] with an action")
+
         for k, row in enumerate(rows):
             if not isinstance(row, dict):
                 raise self.refused(f"trials[{k}]", row, "a table: [[trials]]")
+
         styles = tomllib.loads(STYLES.read_text(encoding="utf-8"))
         checked = []
         for k, row in enumerate(rows):
             checked.append(self.row(f"trials[{k}]", row, objects, styles))
+
         return tuple(checked)
 
     def row(
         self, key: str, row: Json, objects: Mapping[str, HeldObject], styles: Json
     ) -> TrialsRow:
-        action, style = str(row.get("action")), str(row.get("style", "author"))
+        action = str(row.get("action"))
+        style = str(row.get("style", "author"))
         if action not in ACTIONS:
             raise self.refused(f"{key}.action", action, ", ".join(ACTIONS))
         if style not in styles:
             raise self.refused(f"{key}.style", style, ", ".join(styles))
+
         names = row.get("objects", [])
         if not isinstance(names, list) or (action != "nothing" and not names):
             allowed = f"a list of {', '.join(objects)}"
             raise self.refused(f"{key}.objects", names, allowed)
+
         # every name is checked, so that the error names the wrong one
         for name in names:
             if not isinstance(name, str) or name not in objects:
                 raise self.refused(f"{key}.objects", name, ", ".join(objects))
+
         table = COMMON | ACTIONS[action]
         given = {name: value for name, value in row.items() if name not in ROW_KEYS}
         self.require_known(given, table, f"{key}: {action}")
         style_values = styles[style]
+
         # the file's values take precedence over those of the style
         values = style_values.get("all", {}) | style_values.get(action, {}) | given
         self.require_possible(key, values, table)
         counts = self.numbers(key, {"count": row.get("count", 1)}, COUNT)
         count = self.whole(f"{key}.count", counts["count"])
+
         return TrialsRow(tuple(names), action, style, count, values)
 
     def effects(self, effects: Json) -> dict[str, Json]:
         self.require_known(effects, EFFECT_MODULES, "effect")
         for name, values in effects.items():
-            key, effect = f"effects.{name}", effect_named(name)
+            key = f"effects.{name}"
+            effect = effect_named(name)
             self.require_table(key, values)
             self.require_known(values, effect.parameters, key)
             self.require_possible(key, values, effect.parameters)
@@ -270,6 +284,7 @@ class _SceneReader(CardReader):
             if isinstance(constant, dict):
                 allowed = "a number, the same for every trial"
                 raise self.refused(f"{key}.{effect.constant}", constant, allowed)
+
         return {name: effects[name] for name in EFFECT_MODULES if name in effects}
 
     def camera(self, raw: Mapping[str, Any]) -> dict[str, float] | None:
@@ -288,24 +303,29 @@ class _SceneReader(CardReader):
     def controller(self, raw: Mapping[str, Any]) -> HandControl | None:
         if "controller" not in raw:
             return None
+
         section = self.table(raw, "controller")
-        name, model = section.pop("name", None), section.pop("model", MODEL)
+        name = section.pop("name", None)
+        model = section.pop("model", MODEL)
         if name not in CONTROLLERS:
             raise self.refused("controller.name", name, ", ".join(CONTROLLERS))
         if not isinstance(model, str) or not model:
             raise self.refused("controller.model", model, "the path of a model file")
+
         allowed = ["name", "model", *CONTROLLER_NUMBERS]
         self.require_known(section, allowed, "controller")
         numbers = self.numbers("controller", section, CONTROLLER_NUMBERS)
         setting = numbers.pop("setting")
         if "setting" not in section:
             return HandControl(name, model, None, Drive(**numbers))
+
         return HandControl(name, model, setting, Drive(**numbers))
 
     def require_agreement(self, scene: SceneFile) -> None:
         """Raise CardError where keys contradict each other."""
         for name in scene.effects:
             self.require_effect_fits(scene, effect_named(name))
+
         self.require_controller_fits(scene)
         self.require_camera_fits(scene)
         self.require_unit_given(scene)
@@ -314,6 +334,7 @@ class _SceneReader(CardReader):
             fastest_hz = f"{1.0 / average_s:.0f} Hz"
             allowed = f"at most {fastest_hz}, which is what the chip delivers"
             raise self.rate_refused(scene.rate_hz, allowed)
+
         for k, row in enumerate(scene.rows):
             self.require_holdable(f"trials[{k}].objects", row, scene.objects)
 
@@ -332,6 +353,7 @@ class _SceneReader(CardReader):
             if need not in scene.effects:
                 allowed = f"only together with [effects.{need}]"
                 raise self.refused(key, "in the scene", allowed)
+
         if scene.step_s > effect.longest_step_s:
             allowed = f"at most {effect.longest_step_s:g} s with {key}"
             raise self.refused("physics.step_s", scene.step_s, allowed)
@@ -367,6 +389,7 @@ class _SceneReader(CardReader):
         """An object must be one that the hand can hold, unless it is to fall."""
         if row.action == "fall":
             return
+
         for name in row.objects:
             least_n = least_grip_n(objects[name])
             if least_n > MAX_GRIP_N:

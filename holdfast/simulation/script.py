@@ -18,18 +18,31 @@ from holdfast.simulation.effect import Interval
 from holdfast.simulation.protocol import GRAVITY_M_S2, NEVER_S, PlannedTrial
 
 OPEN_GAP_M = 0.03
+"""Distance of an open hand's fingers from the object."""
 SETTLE_S = 0.4
 """Time with fine steps after something ends."""
 BEFORE_S = 0.02
 """Time with fine steps before something begins."""
-GIVER_N_PER_M, GIVER_CAP_N = 800.0, 40.0
-BOX_N_PER_M, BOX_DAMPING, BOX_SIDEWAYS = 4e3, 40.0, 300.0
-BOX_GAP_M, BOX_OVERSHOOT_M = 0.01, 0.003
+GIVER_N_PER_M = 800.0
+"""Stiffness of the arm that holds the object out."""
+GIVER_CAP_N = 40.0
+"""Largest force of that arm."""
+BOX_N_PER_M = 4e3
+"""Stiffness of the box on which an object is set down."""
+BOX_DAMPING = 40.0
+"""Its damping upwards, N s/m."""
+BOX_SIDEWAYS = 300.0
+"""Its damping sideways, N s/m: it stands in for friction on the box."""
+BOX_GAP_M = 0.01
+"""Distance of the box from the object when the action begins."""
+BOX_OVERSHOOT_M = 0.003
+"""How far the box comes up beyond the first touch."""
 NO_BOX_M = -10.0
 """Height of the box of a trial that sets nothing down."""
 CATCH_S = 0.5
 """Time before the hand opens at which the person of a disturbed hold comes back."""
 DAMPING_RATIO = 0.7
+"""Of an arm that holds an object, over critical damping."""
 LOSS_S = 2e-3
 """Damping of a finger along its normal over its stiffness."""
 
@@ -37,12 +50,21 @@ LOSS_S = 2e-3
 def smooth(u: FloatArray) -> FloatArray:
     """0 below 0, 1 above 1, minimum jerk between (Flash & Hogan, J. Neurosci. 5, 1985)."""
     u = np.minimum(np.maximum(u, 0.0), 1.0)
-    return u * u * u * (10.0 + u * (6.0 * u - 15.0))
+    # 10 u^3 - 15 u^4 + 6 u^5
+    polynomial = 10.0 + u * (6.0 * u - 15.0)
+    return u * u * u * polynomial
 
 
 @dataclass(frozen=True)
 class Times:
-    """Times of the events of a trial, s; NEVER_S for an event it does not have."""
+    """Times of the events of a trial, s; NEVER_S for an event it does not have.
+
+    close  the hand begins to close
+    give   the person who holds the object out begins to let go
+    act    the action begins
+    open   the hand begins to open
+    end    the trial ends
+    """
 
     close: float
     give: float
@@ -56,13 +78,17 @@ class Times:
         drawn = trial.drawn
         if trial.action == "nothing":
             return Times(NEVER_S, NEVER_S, NEVER_S, NEVER_S, drawn["lasts_s"])
+
         close = drawn["close_at_s"]
         closed = close + drawn["closing_s"]
         act = closed + drawn["hold_s"]
+
         # an action lasts until the hand is open, or until the other person has moved
+        gives = _gives(trial, closed, act)
         opens = _opens(trial, act)
-        ends = act + _lasts(trial, act, opens) + drawn["tail_s"]
-        return Times(close, _gives(trial, closed, act), act, opens, ends)
+        lasts = _lasts(trial, act, opens)
+        ends = act + lasts + drawn["tail_s"]
+        return Times(close, gives, act, opens, ends)
 
 
 def _gives(trial: PlannedTrial, closed: float, act: float) -> float:
@@ -75,6 +101,7 @@ def _gives(trial: PlannedTrial, closed: float, act: float) -> float:
         return act + trial.drawn["take_s"]
     if trial.action == "put-down":
         return act + BOX_GAP_M / trial.drawn["box_m_s"]
+
     return act + NEVER_S
 
 
@@ -86,7 +113,9 @@ def _opens(trial: PlannedTrial, act: float) -> float:
     if trial.action == "put-down":
         return act + BOX_GAP_M / drawn["box_m_s"] + drawn["open_after_s"]
     if trial.action == "hold":
-        return act + drawn["times"] * drawn["every_s"] + 2.0 * CATCH_S
+        # the person has come back, and has held the object for as long, before the hand opens
+        disturbed_s = drawn["times"] * drawn["every_s"]
+        return act + disturbed_s + 2.0 * CATCH_S
     return NEVER_S
 
 
@@ -97,9 +126,11 @@ def _lasts(trial: PlannedTrial, act: float, opens: float) -> float:
         return drawn["move_s"]
     if trial.action == "fall":
         return drawn["watch_s"]
+
     opened = opens + drawn["opening_s"] - act
     if trial.action == "pass":
-        return max(drawn["wait_s"] + drawn["move_s"], opened)
+        carried = drawn["wait_s"] + drawn["move_s"]
+        return max(carried, opened)
     return opened
 
 
@@ -107,7 +138,9 @@ def busy(trial: PlannedTrial) -> list[Interval]:
     """Intervals in which fine steps are taken, s."""
     if trial.action == "nothing":
         return []
-    times, drawn = Times.of(trial), trial.drawn
+
+    times = Times.of(trial)
+    drawn = trial.drawn
     giving_s = drawn["vanish_s"] if trial.action == "fall" else drawn["give_s"]
     intervals = [
         (times.close, times.close + drawn["closing_s"]),
@@ -116,12 +149,14 @@ def busy(trial: PlannedTrial) -> list[Interval]:
     ]
     if times.open < NEVER_S:
         intervals.append((times.open, times.open + drawn["opening_s"]))
+
     return [(start - BEFORE_S, stop + SETTLE_S) for start, stop in intervals]
 
 
 def _acting(trial: PlannedTrial, times: Times) -> list[Interval]:
     """Intervals in which the action of a trial moves anything."""
-    act, drawn = times.act, trial.drawn
+    act = times.act
+    drawn = trial.drawn
     if trial.action == "hold":
         pulses = [(times.open - CATCH_S, times.open)]
         for k in range(round(drawn["times"])):
@@ -129,20 +164,28 @@ def _acting(trial: PlannedTrial, times: Times) -> list[Interval]:
             pulses.append((start, start + drawn["pulse_s"]))
         return pulses
     if trial.action == "put-down":
-        return [(act, act + (BOX_GAP_M + BOX_OVERSHOOT_M) / drawn["box_m_s"])]
+        rises_s = (BOX_GAP_M + BOX_OVERSHOOT_M) / drawn["box_m_s"]
+        return [(act, act + rises_s)]
     if trial.action == "pass":
+        takes = (act, act + drawn["take_s"])
         moves = (act + drawn["wait_s"], times.open + drawn["opening_s"])
-        return [(act, act + drawn["take_s"]), moves]
+        return [takes, moves]
     if trial.action == "pull":
         return [(act, act + drawn["move_s"])]
-    return [(act, act + (drawn["watch_s"] - SETTLE_S))]
+
+    # the time to settle is added to every interval (busy)
+    watched_s = drawn["watch_s"] - SETTLE_S
+    return [(act, act + watched_s)]
 
 
 @dataclass(frozen=True)
 class Grid:
-    """Steps of one trial: at_s [K] their ends; sample [K] the sample each ends at, or -1.
+    """Steps of one trial; before the first and after the last one there is no contact.
 
-    n_samples: of the whole trial; before the first step and after the last there is no contact.
+    at_s       [K] their ends
+    sample     [K] the sample that each ends at, or -1
+    start_s    start of the first step
+    n_samples  of the whole trial
     """
 
     at_s: FloatArray
@@ -153,7 +196,9 @@ class Grid:
 
 def pieces_of(rate_hz: float, step_s: float) -> int:
     """Fine steps in a sample period."""
-    return max(1, int(np.ceil(1.0 / (rate_hz * step_s) - 1e-9)))
+    steps = 1.0 / (rate_hz * step_s)
+    # a period of exactly n steps must not become n + 1 by rounding
+    return max(1, int(np.ceil(steps - 1e-9)))
 
 
 def grid_of(
@@ -167,24 +212,35 @@ def grid_of(
     """
     times = Times.of(trial)
     n = int(np.floor(times.end * rate_hz))
+
     # nothing moves before the hand begins to close
-    first = int(np.clip(np.floor((times.close - BEFORE_S) * rate_hz), 0, n - 1))
-    opened_s = times.open + trial.drawn.get("opening_s", 0.0) + SETTLE_S
+    closing_s = times.close - BEFORE_S
+    first = int(np.clip(np.floor(closing_s * rate_hz), 0, n - 1))
+
     # and nothing after it has opened
+    opened_s = times.open + trial.drawn.get("opening_s", 0.0) + SETTLE_S
     stop = int(min(n, np.ceil(opened_s * rate_hz)))
+
+    # sample periods in which anything can happen get fine steps
     index = np.arange(first, max(stop, first + 1))
     from_s = index / rate_hz
+    until_s = from_s + 1.0 / rate_hz
     is_fine = np.zeros(len(index), dtype=np.bool_)
     for start, end in [*busy(trial), *more]:
-        is_fine |= (from_s + 1.0 / rate_hz > start) & (from_s < end)
+        is_fine |= (until_s > start) & (from_s < end)
     counts = np.where(is_fine, pieces_of(rate_hz, step_s), 1)
+
     # `place` is the sample period of each step, `within` the number of the step in it
     last = np.cumsum(counts) - 1
+    begin = last - counts + 1
     place = np.repeat(np.arange(len(index)), counts)
-    within = np.arange(len(place)) - (last - counts + 1)[place] + 1
+    within = np.arange(len(place)) - begin[place] + 1
+
+    # only the last step of a period ends at a sample
     sample = np.full(len(place), -1, dtype=np.int64)
     sample[last] = index + 1
     at_s = (index[place] + within / counts[place]) / rate_hz
+
     return Grid(at_s, sample, first / rate_hz, n + 1)
 
 
@@ -195,32 +251,43 @@ def _drawn(trials: Sequence[PlannedTrial], name: str) -> FloatArray:
 
 def body_of(trials: Sequence[PlannedTrial], pressure: FloatArray) -> Body:
     """Constants of a batch; pressure [E]: share of the normal on each brush element."""
-    # tilt and roll turn the direction of gravity in the hand's frame
-    hand, objects = trials[0].hand, [trial.object for trial in trials]
+    hand = trials[0].hand
+    objects = [trial.object for trial in trials]
+    finger = np.stack([trial.finger_n_per_m for trial in trials], axis=1)
+
+    # Tilt and roll turn the direction of gravity in the hand's frame.
     tilt = np.radians(_drawn(trials, "tilt_deg"))
     roll = np.radians(_drawn(trials, "roll_deg"))
-    across, along = np.cos(tilt) * np.sin(roll), -np.cos(tilt) * np.cos(roll)
-    finger = np.stack([trial.finger_n_per_m for trial in trials], axis=1)
-    stuff = np.array([held.stiffness_n_per_m for held in objects]) * hand.part[:, None]
-    # finger and object are springs in series
+    across = np.cos(tilt) * np.sin(roll)
+    along = -np.cos(tilt) * np.cos(roll)
+    down = np.stack([np.sin(tilt), across, along])
+
+    # Finger and object are springs in series; a contact has its part of the object's.
+    held_n_per_m = np.array([held.stiffness_n_per_m for held in objects])
+    stuff = held_n_per_m * hand.part[:, None]
     normal = finger * stuff / (finger + stuff)
+
     friction = np.array([held.friction for held in objects])
     friction = friction * _drawn(trials, "friction_factor")
+    kinetic_share = np.array([held.kinetic_share for held in objects])
+
+    # Each element of the brush has an equal part of a finger's stiffness along the skin.
     elements = len(pressure)
-    # each element of the brush has an equal part of a finger's stiffness along the skin
     spring = _drawn(trials, "shear_ratio") * finger / elements
+    springs = np.broadcast_to(spring, (elements, *finger.shape))
+
     return Body(
         mass_kg=np.array([held.mass_g * 1e-3 for held in objects]),
-        gravity_m_s2=GRAVITY_M_S2 * np.stack([np.sin(tilt), across, along]),
+        gravity_m_s2=GRAVITY_M_S2 * down,
         curvature_per_m=np.array([held.curvature_per_m for held in objects]).T,
         straight_m=np.array([held.half_length_mm * 1e-3 for held in objects]),
         at_m=np.stack([trial.at_m for trial in trials], axis=2),
         stiffness_n_per_m=normal,
         damping_n_s_per_m=LOSS_S * normal,
-        brush_n_per_m=np.broadcast_to(spring, (elements, *finger.shape)).copy(),
+        brush_n_per_m=springs.copy(),
         pressure=pressure[:, None, None],
         static=friction,
-        kinetic=friction * np.array([held.kinetic_share for held in objects]),
+        kinetic=friction * kinetic_share,
         thumb=hand.thumb,
     )
 
@@ -236,18 +303,22 @@ class Script:
     def __init__(
         self, trials: Sequence[PlannedTrial], body: Body, boxed: bool = False
     ) -> None:
-        self.trials, self.body = trials, body
+        self.trials = trials
+        self.body = body
         times = [Times.of(trial) for trial in trials]
         self.close_s = np.array([at.close for at in times])
         self.give_s = np.array([at.give for at in times])
         self.act_s = np.array([at.act for at in times])
         self.open_s = np.array([at.open for at in times])
         actions = np.array([trial.action for trial in trials])
-        self.holds, self.falls = actions == "hold", actions == "fall"
-        self.sets_down, self.passes = actions == "put-down", actions == "pass"
+        self.holds = actions == "hold"
+        self.falls = actions == "fall"
+        self.sets_down = actions == "put-down"
+        self.passes = actions == "pass"
         self.takes = self.passes | (actions == "pull")
         self.boxed = boxed or bool(self.sets_down.any())
         grips_n = np.stack([trial.grip_n * trial.share for trial in trials], axis=1)
+
         # how far past contact a finger must close for its share of the grip
         self.closed_m = grips_n / body.stiffness_n_per_m
         self.push = np.stack([trial.push for trial in trials], axis=1)
@@ -263,16 +334,19 @@ class Script:
 
     def chunk(self, t_s: FloatArray) -> list[Inputs]:
         """Inputs at the ends of n steps, t_s [n, B]."""
-        shut, pulse = self._shut(t_s), self._pulse(t_s)
+        shut = self._shut(t_s)
+        pulse = self._pulse(t_s)
         people = [self._giver(t_s)]
         if self.takes.any():
             people.append(self._taker(t_s))
         if self.holds.any():
             people.append(self._disturber(t_s, pulse))
+
         # a person who does nothing costs nothing
         acting = [_acts(person) for person in people]
         box = self._box(t_s) if self.boxed else None
         inputs = []
+
         for k in range(len(t_s)):
             pulls = []
             for person, acts in zip(people, acting, strict=True):
@@ -281,31 +355,46 @@ class Script:
             closure = self._closure(shut[k], pulse[k], self.grip_share(k))
             floor = None if box is None else box.at(k)
             inputs.append(Inputs(closure, tuple(pulls), floor))
+
         return inputs
 
     def _shut(self, t_s: FloatArray) -> FloatArray:
         """[n, B] how far the hand is closed, 0 .. 1."""
-        closing = smooth((t_s - self.close_s) / self.drawn("closing_s", 1.0))
-        return closing - smooth((t_s - self.open_s) / self.drawn("opening_s", 1.0))
+        closing = (t_s - self.close_s) / self.drawn("closing_s", 1.0)
+        opening = (t_s - self.open_s) / self.drawn("opening_s", 1.0)
+        return smooth(closing) - smooth(opening)
 
     def _pulse(self, t_s: FloatArray) -> FloatArray:
         """[n, B] strength of the disturbance of a perturbed hold, 0 .. 1."""
         if not self.holds.any():
             return np.zeros_like(t_s)
-        since, every = t_s - self.act_s, self.drawn("every_s", 1.0)
+
+        since = t_s - self.act_s
+        every = self.drawn("every_s", 1.0)
+
         # which disturbance, and how far it has gone
         number = np.floor(since / every)
-        progress = (since - number * every) / self.drawn("pulse_s", 1.0)
+        since_this = since - number * every
+        progress = since_this / self.drawn("pulse_s", 1.0)
         within = np.sin(np.pi * np.clip(progress, 0.0, 1.0))
+
+        # before the first and after the last disturbance there is none
+        count = np.round(self.drawn("times"))
         begun = self.holds & (number >= 0)
-        disturbed = begun & (number < np.round(self.drawn("times")))
+        disturbed = begun & (number < count)
+
+        # sin^2 begins and ends without a jump in speed
         return np.where(disturbed, within * within, 0.0)
 
     def _closure(
         self, shut: FloatArray, pulse: FloatArray, share: FloatArray | float
     ) -> FloatArray:
+        """[S, B] how far the fingers are closed beyond the object's surface; open: -OPEN_GAP_M."""
+        # dFn: the whole grip changes
         grip = (1.0 + self.drawn("grip_change") * pulse) * share
-        closure = shut * (OPEN_GAP_M + self.closed_m * grip) - OPEN_GAP_M
+        travel_m = OPEN_GAP_M + self.closed_m * grip
+        closure = shut * travel_m - OPEN_GAP_M
+
         # dq: only the fingers are driven, the thumb stands still
         motor_m = 1e-3 * self.drawn("motor_mm") * pulse * shut
         closure[self.body.thumb :] += motor_m
@@ -321,16 +410,21 @@ class Script:
 
     def _giver(self, t_s: FloatArray) -> Pull:
         """The person who holds the object out until letting go; a fall's support just vanishes."""
-        lasts = np.where(
-            self.falls, self.drawn("vanish_s", 1.0), self.drawn("give_s", 1.0)
-        )
-        there = 1.0 - smooth((t_s - self.give_s) / lasts)
+        vanish_s = self.drawn("vanish_s", 1.0)
+        give_s = self.drawn("give_s", 1.0)
+        lasts = np.where(self.falls, vanish_s, give_s)
+        gone = (t_s - self.give_s) / lasts
+        there = 1.0 - smooth(gone)
+
         if self.holds.any():
             # the person of a disturbed hold comes back before the hand opens
-            back = smooth((t_s - self.open_s + CATCH_S) / (0.5 * CATCH_S))
+            returned = (t_s - self.open_s + CATCH_S) / (0.5 * CATCH_S)
+            back = smooth(returned)
             there = np.where(self.holds, np.maximum(there, back), there)
-        # below critical damping, as a human arm
-        damping = 2.0 * DAMPING_RATIO * np.sqrt(GIVER_N_PER_M * self.body.mass_kg)
+
+        # below critical damping, 2 sqrt(k m), as a human arm
+        critical = np.sqrt(GIVER_N_PER_M * self.body.mass_kg)
+        damping = 2.0 * DAMPING_RATIO * critical
         still = np.zeros((len(t_s), *self.push.shape))
         return Pull(
             stiffness_n_per_m=there * GIVER_N_PER_M,
@@ -345,17 +439,26 @@ class Script:
         """The person who takes the object (gently, with its weight) or tears at it."""
         # a taker who has not come yet does nothing
         grasped = self.takes & (t_s >= self.act_s)
-        start, move_s = self.act_s + self.drawn("wait_s"), self.drawn("move_s", 1.0)
+        start = self.act_s + self.drawn("wait_s")
+        move_s = self.drawn("move_s", 1.0)
         u = np.clip((t_s - start) / move_s, 0.0, 1.0)
+
+        # the minimum-jerk path and its derivative, 30 u^2 (1 - u)^2
         distance_m = self.drawn("distance_m")
         travel = distance_m * smooth(u)
-        # the derivative of the minimum-jerk path
-        speed = distance_m / move_s * 30.0 * u * u * (1.0 - u) * (1.0 - u)
+        mean_m_s = distance_m / move_s
+        speed = mean_m_s * 30.0 * u * u * (1.0 - u) * (1.0 - u)
+
         stiffness = self.drawn("arm_n_per_m", 1.0)
-        damping = 2.0 * DAMPING_RATIO * np.sqrt(stiffness * self.body.mass_kg)
-        taken = smooth((t_s - self.act_s) / self.drawn("take_s", 1.0))
+        critical = np.sqrt(stiffness * self.body.mass_kg)
+        damping = 2.0 * DAMPING_RATIO * critical
+
+        # someone who tears at the object bears nothing of its weight
+        taking = (t_s - self.act_s) / self.drawn("take_s", 1.0)
+        taken = smooth(taking)
         weight = np.where(self.passes, taken, 0.0)
         there = self.still_there(t_s)
+
         return Pull(
             stiffness_n_per_m=np.where(grasped, stiffness * there, 0.0),
             damping_n_s_per_m=np.where(grasped, damping * there, 0.0),
@@ -369,7 +472,10 @@ class Script:
         """A force along the object, as a share of its weight, subtracted or added."""
         still = np.zeros((len(t_s), *self.push.shape))
         nothing = np.zeros_like(t_s)
-        load = np.where(self.holds, -self.drawn("load_n") / self.weight_n, 0.0)
+        # a pull downwards is a negative share of the weight borne
+        load_share = -self.drawn("load_n") / self.weight_n
+        load = np.where(self.holds, load_share, 0.0)
+
         return Pull(
             stiffness_n_per_m=nothing,
             damping_n_s_per_m=nothing,
@@ -383,13 +489,17 @@ class Script:
         """The box that comes from below and takes the weight."""
         risen = (t_s - self.act_s) * self.drawn("box_m_s", 1.0)
         risen = np.minimum(risen, BOX_GAP_M + BOX_OVERSHOOT_M)
+        height_m = risen - BOX_GAP_M
         comes = self.sets_down & (t_s >= self.act_s)
+
+        # it takes the whole weight and a little more, but does not push the object up
         cap = self.drawn("press") * self.weight_n + self.drawn("excess_n")
+
         return Floor(
             stiffness_n_per_m=BOX_N_PER_M,
             damping_n_s_per_m=BOX_DAMPING,
             sideways_n_s_per_m=BOX_SIDEWAYS,
-            height_m=np.where(comes, risen - BOX_GAP_M, NO_BOX_M),
+            height_m=np.where(comes, height_m, NO_BOX_M),
             cap_n=np.broadcast_to(np.maximum(cap, 1e-9), t_s.shape),
         )
 

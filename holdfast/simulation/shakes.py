@@ -118,7 +118,8 @@ class Knock(PhysicsEffect):
 
     def __init__(self, batch: EffectBatch) -> None:
         self.along = _directions(batch.rngs) * batch.values("peak_m_s2")
-        self.at_s, self.lasts_s = batch.values("at_s"), batch.values("lasts_s")
+        self.at_s = batch.values("at_s")
+        self.lasts_s = batch.values("lasts_s")
 
     def acceleration_m_s2(self, t_s: FloatArray) -> FloatArray:
         """[3, B] of the hand."""

@@ -21,6 +21,7 @@ Column = tuple[FloatArray, int]
 Letters = npt.NDArray[np.uint8]
 Whole = npt.NDArray[np.unsignedinteger[Any]]
 LARGEST = 2**53
+"""Up to here float64 holds every whole number."""
 GROUP = 4
 """Digits of one table entry: four letters are one uint32."""
 BLANK, MINUS, POINT, COMMA, NEWLINE = (ord(letter) for letter in " -.,\n")
@@ -37,38 +38,50 @@ def csv_bytes(header: Sequence[str], columns: Sequence[Column]) -> bytes:
     rows = len(columns[0][0])
     if not rows:
         return head
+
     parts = []
     for decimals, alike in groupby(columns, key=lambda column: column[1]):
-        values = np.stack([np.asarray(column[0], np.float64) for column in alike], 1)
-        parts.append(_cells(values, decimals).reshape(rows, -1))
+        arrays = [np.asarray(column[0], np.float64) for column in alike]
+        values = np.stack(arrays, 1)
+        cells = _cells(values, decimals)
+        parts.append(cells.reshape(rows, -1))
+
     # the comma after the last column ends the row instead
     parts[-1][:, -1] = NEWLINE
-    return head + np.hstack(parts).tobytes().translate(None, b" ")
+    padded = np.hstack(parts).tobytes()
+    return head + padded.translate(None, b" ")
 
 
 def _cells(values: FloatArray, decimals: int) -> Letters:
     """[T, K] numbers -> [T, K, width] letters, a comma at the end."""
     lost = np.isnan(values)
     known = np.where(lost, 0.0, values) if lost.any() else values
-    if not (np.abs(known) < LARGEST / 10.0**decimals).all():
+    bound = LARGEST / 10.0**decimals
+    if not (np.abs(known) < bound).all():
         raise ValueError("a value is infinite or has more digits than float64 holds")
+
     scaled = np.rint(known * 10.0**decimals)
     left = np.abs(scaled)
-    # every cell of the block is as wide as its longest
+
+    # every cell of the block is as wide as its longest, or as "nan"
     most = left.max()
-    before_point = max(len(str(int(most))) - decimals, len(NAN) - 1)
+    longest = len(str(int(most)))
+    before_point = max(longest - decimals, len(NAN) - 1)
     # sign, digits, point, decimals, comma
     width = 1 + before_point + (decimals > 0) + decimals + 1
     letters = np.empty((*values.shape, width), dtype=np.uint8)
     letters[..., 0] = np.where(scaled < 0.0, MINUS, BLANK)
     letters[..., -1] = COMMA
+
     # 32 bits divide faster
-    digits: Whole = left.astype(np.uint32 if most < 2**32 else np.uint64)
-    digits = _write_decimals(digits, letters[..., 1:-1], decimals)
-    _write_whole(digits, letters[..., 1 : 1 + before_point])
+    kind = np.uint32 if most < 2**32 else np.uint64
+    digits: Whole = left.astype(kind)
+    whole = _write_decimals(digits, letters[..., 1:-1], decimals)
+    _write_whole(whole, letters[..., 1 : 1 + before_point])
     if lost.any():
         letters[lost, :-1] = BLANK
         letters[lost, -1 - len(NAN) : -1] = NAN
+
     return letters
 
 
@@ -80,6 +93,7 @@ def _write_decimals(left: Whole, letters: Letters, decimals: int) -> Whole:
         left, group = _split(left, end - start)
         digits = _letters_of(_groups("0"), group, end - start)
         letters[..., place + start : place + end] = digits
+
     if decimals:
         letters[..., -1 - decimals] = POINT
     return left
@@ -89,7 +103,8 @@ def _write_whole(left: Whole, letters: Letters) -> None:
     """Write whole numbers [T, K] right-aligned, with blanks in front and at least one digit."""
     for end in range(letters.shape[-1], 0, -GROUP):
         start = max(end - GROUP, 0)
-        places, whole = letters[..., start:end], left
+        places = letters[..., start:end]
+        whole = left
         left, group = _split(left, end - start)
         places[...] = _letters_of(_groups(""), group, end - start)
         if end < letters.shape[-1]:

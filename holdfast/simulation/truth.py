@@ -67,10 +67,12 @@ class Truth:
         for (start_s, situation), stop_s in zip(self.marks, stops_s, strict=True):
             if stop_s > start_s:
                 phases.append(_phase(start_s + shift_s, stop_s + shift_s, situation))
+
         found: Json = {"phases": phases}
         for name in EVENTS:
             at_s = vars(self)[name]
             found[name] = None if at_s is None else round(at_s + shift_s, 6)
+
         return found | {"slip_mm": round(self.slip_mm, 4)}
 
 
@@ -103,12 +105,15 @@ class _Steps:
     def of(motion: TrialMotion, act_s: float) -> _Steps:
         """From a motion with contact."""
         held = np.flatnonzero(motion.gripped)
-        onset, lost = load_onset(motion, act_s), int(held[-1]) + 1
+        onset = load_onset(motion, act_s)
+        lost = int(held[-1]) + 1
         if onset is None:
             return _Steps(int(held[0]), None, None, None, lost)
+
         far = motion.slip_m - motion.slip_m[onset] >= GROSS_SLIP_M
         incipient = _first(motion.slips, onset, lost)
         gross = _first(motion.slides | far, onset, lost)
+
         return _Steps(int(held[0]), onset, incipient, gross, lost)
 
 
@@ -121,11 +126,13 @@ def truth_of(trial: PlannedTrial, motion: TrialMotion, *, acted: bool = False) -
     end_s = 2.0 * float(motion.t_s[-1]) - float(motion.t_s[-2])
     if not motion.gripped.any():
         return Truth(None, None, None, None, None, 0.0, ((0.0, NOTHING),), end_s)
+
     times = Times.of(trial)
     steps = _Steps.of(motion, times.act)
     marks = _marks(trial, motion, times, steps)
     if acted:
         marks = _stopped(marks, motion, steps.lost)
+
     slip_m = motion.slip_m[steps.lost - 1] - motion.slip_m[steps.contact]
     return Truth(
         contact_s=_time(motion, steps.contact),
@@ -160,7 +167,9 @@ def _marks(
     trial: PlannedTrial, motion: TrialMotion, times: Times, steps: _Steps
 ) -> list[Mark]:
     """The situations of a trial, each from its start."""
-    at_s, onset, lost = motion.at_s, steps.onset, steps.lost
+    at_s = motion.at_s
+    onset = steps.onset
+    lost = steps.lost
     gone = (float(at_s[lost]) if lost < len(at_s) else float(at_s[-1]), NOTHING)
     marks: list[Mark] = [(0.0, NOTHING), (float(at_s[steps.contact]), GRASP)]
     if trial.action == "hold":
@@ -172,10 +181,12 @@ def _marks(
         if steps.gross is not None:
             marks.append((float(at_s[onset]), RISKY_SLIP))
         return [*marks, gone]
+
     marks.append((float(at_s[onset]), SAFE_SLIP))
     transferred = _transferred(trial, motion, times, onset)
     if transferred is not None and transferred < times.open:
         marks += [(transferred, GRASP), (max(times.open, transferred), SAFE_SLIP)]
+
     return [*[mark for mark in marks if mark[0] < gone[0]], gone]
 
 
@@ -196,11 +207,14 @@ def _transferred(
     """Time at which box or waiting taker has taken over the weight; None without such a pause."""
     if trial.action == "pass" and trial.drawn["wait_s"] == 0.0:
         return None
+
     before_opening = motion.at_s < times.open
     if not before_opening[onset:].any():
         return None
+
     given = motion.agents_n - motion.agents_n[onset - 1]
     size = np.sqrt((given * given).sum(axis=1))
+
     # the force that people and box carry in the pause before the hand opens
     plateau = float(size[before_opening][-1])
     taken = _first(size >= TRANSFERRED * plateau, onset)
@@ -222,6 +236,7 @@ def _perturbed(motion: TrialMotion, times: Times, lost: int) -> list[Mark]:
             marks.append((float(motion.at_s[sliding[-1]]), GRASP))
     if lost > opens:
         marks.append((float(times.open), SAFE_SLIP))
+
     return marks
 
 

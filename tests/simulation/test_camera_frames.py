@@ -120,8 +120,10 @@ def test_a_tag_moves_exactly_as_far_as_it_is_moved(x_mm, z_mm, blur_px):
 def test_an_exposure_is_the_mean_of_whole_pictures_to_the_last_bit():
     one = camera(exposure_ms=12.0)
     t_s = np.linspace(0.0, 1.0, 200)
-    thing, hand = np.zeros((200, 3)), np.zeros((200, 3))
-    thing[:, 2], hand[:, 0] = -0.012 * t_s**2, 0.006 * t_s**3
+    thing = np.zeros((200, 3))
+    hand = np.zeros((200, 3))
+    thing[:, 2] = -0.012 * t_s**2
+    hand[:, 0] = 0.006 * t_s**3
     shoot = one.shooting(t_s, thing, hand, np.random.default_rng(0))
     places = CubicSpline(t_s, np.hstack([thing + hand, hand]))
     for end_s in (0.1, 0.5, 0.8, 1.0):
@@ -147,17 +149,16 @@ def test_a_card_with_a_camera_leaves_frames_of_the_object_s_motion(tmp_path):
     write_set(filmed, tmp_path / "set")
     trial = tmp_path / "set" / "soft-ball" / "pull" / "trial_1"
     with np.load(trial.with_suffix(".frames.npz"), allow_pickle=False) as shots:
-        frames, time_s, px_per_mm = (
-            shots["frames"],
-            shots["time_s"],
-            float(shots["px_per_mm"]),
-        )
+        frames = shots["frames"]
+        time_s = shots["time_s"]
+        px_per_mm = float(shots["px_per_mm"])
     assert frames.shape == (len(time_s), 120, 240)
     truth = json.loads(trial.with_suffix(".truth.json").read_text())
     motion = np.genfromtxt(trial.with_suffix(".motion.csv"), delimiter=",", names=True)
     held = np.flatnonzero((time_s > 0.9) & (time_s < truth["load_onset_s"]))
     assert (frames[held, :, :100] == frames[held[0], :, :100]).all()
-    first, middle = held[0], np.searchsorted(time_s, truth["contact_lost_s"])
+    first = held[0]
+    middle = np.searchsorted(time_s, truth["contact_lost_s"])
     fell_px = px_per_mm * np.interp(
         time_s[[first, middle]] - 1e-3, motion["Time"], motion["object_z_mm"]
     )

@@ -83,7 +83,8 @@ def test_a_loop_that_does_nothing_is_the_open_loop_bit_for_bit(
         for name in ("at_s", "agents_n", "gripped", "slips", "slides", "slip_m"):
             open_loop = getattr(whole.motion, name)[:steps]
             assert getattr(looped, name)[:steps].tobytes() == open_loop.tobytes(), name
-        begins, ends = int(loop.spans.begins[place]), int(loop.spans.ends[place])
+        begins = int(loop.spans.begins[place])
+        ends = int(loop.spans.ends[place])
         sampled = whole.motion.forces_n[begins + 1 : ends + 1]
         assert forces_n[: len(sampled), place].tobytes() == sampled.tobytes()
         assert sampled.any()
@@ -162,7 +163,8 @@ def falls(tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[LoopOutcom
 def test_the_oracle_keeps_a_fall_that_the_bare_hand_drops(
     falls: dict[str, list[LoopOutcome]],
 ) -> None:
-    bare, best = falls["bare"][0], falls["oracle"][0]
+    bare = falls["bare"][0]
+    best = falls["oracle"][0]
     assert bare.dropped
     assert bare.act_s < bare.onset_s < bare.lost_s < bare.act_s + 1.0
     assert not best.dropped

@@ -67,7 +67,8 @@ def test_a_controller_that_wants_nothing_gives_the_recording_without_the_section
 def test_an_object_that_was_lost_stays_with_holdfast(
     three: dict[str, list[SimulatedTrial]],
 ) -> None:
-    bare, held = three["none"][0], three["holdfast"][0]
+    bare = three["none"][0]
+    held = three["holdfast"][0]
     assert bare.trial.action == "fall"
     assert bare.truth.contact_lost_s is not None
     assert held.truth.contact_lost_s is None
@@ -111,7 +112,8 @@ def test_a_recording_holds_the_samples_and_the_commands_of_the_loop(
         zip(acting.trials(), motions, strict=True)
     ):
         signal = acting.sense(trial, motion.t_s, motion.forces_n)[0]
-        begins, ends = int(spans.begins[place]), int(spans.ends[place])
+        begins = int(spans.begins[place])
+        ends = int(spans.ends[place])
         in_loop = np.array([values[place] for values in sensed[: ends - begins]])
         assert (
             signal.values[begins:ends].reshape(ends - begins, -1).tobytes()

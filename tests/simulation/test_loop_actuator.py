@@ -63,7 +63,8 @@ def test_a_drive_whose_target_is_its_own_grip_stands_still(lag_ms: float) -> Non
 
 def test_without_lag_the_grip_rises_at_full_speed_and_stops_at_the_target() -> None:
     actuator = drive_of(lag_ms=0.0, backlash_mm=0.0)
-    own, fastest = actuator.own_n.copy(), actuator.fastest_n_s
+    own = actuator.own_n.copy()
+    fastest = actuator.fastest_n_s
     made = grips(actuator, 40.0, 0.3)
     t_s = DT_S * np.arange(1, len(made) + 1)[:, None]
     assert made == pytest.approx(np.minimum(own + fastest * t_s, 40.0))
@@ -100,6 +101,7 @@ def test_the_fingers_follow_a_change_of_direction_after_the_backlash() -> None:
 def test_the_fastest_drive_closes_its_stroke_in_its_time_against_stiff_fingers() -> (
     None
 ):
-    slow, fast = drive_of(closing_s=0.74), drive_of(closing_s=0.37)
+    slow = drive_of(closing_s=0.74)
+    fast = drive_of(closing_s=0.37)
     assert fast.fastest_n_s == pytest.approx(2.0 * slow.fastest_n_s)
     assert (fast.fastest_n_s > 100.0).all()

@@ -13,7 +13,9 @@ from holdfast.edge_runtime.monitor import GripMonitor
 from holdfast.edge_runtime.preparation import Tare
 from holdfast.simulation.loop_sensing import TOGETHER, HandModels
 
-SAMPLES, HANDS, SETTLED = 150, 2, 85
+SAMPLES = 150
+HANDS = 2
+SETTLED = 85
 """SETTLED: the loop is settled a sample after the live path, which uses the last row of a bias."""
 
 
@@ -31,8 +33,10 @@ def readings() -> np.ndarray:
 
 def live_senses(values: np.ndarray) -> list[GripSense]:
     """What the live path hands to the grip controller of one hand, values [T, 18]."""
-    made, tare = GripMonitor(model(), None), Tare(model().card.preparation, 18)
-    senses, period_ns = [], 1e9 / model().card.rate_hz
+    made = GripMonitor(model(), None)
+    tare = Tare(model().card.preparation, 18)
+    senses = []
+    period_ns = 1e9 / model().card.rate_hz
     for k, row in enumerate(values):
         prepared, valid = tare.prepare(row, np.ones(6, dtype=np.bool_))
         sample = Sample(round(k * period_ns), prepared, valid, k)
@@ -42,10 +46,8 @@ def live_senses(values: np.ndarray) -> list[GripSense]:
 
 def test_a_loop_of_hands_senses_what_the_live_path_senses() -> None:
     values = readings()
-    loop, every = (
-        HandModels(model(), np.full(HANDS, SAMPLES)),
-        np.ones((HANDS, 6), dtype=np.bool_),
-    )
+    loop = HandModels(model(), np.full(HANDS, SAMPLES))
+    every = np.ones((HANDS, 6), dtype=np.bool_)
     looped = [loop.answer(now, every) for now in values]
     for hand in range(HANDS):
         live = live_senses(values[:, hand])
@@ -64,10 +66,8 @@ def test_hands_that_are_done_cost_nothing_and_change_no_other_hand() -> None:
     values = np.repeat(readings()[:, :1], TOGETHER + 1, axis=1)
     samples = np.full(TOGETHER + 1, SAMPLES)
     samples[-1] = 100  # alone in the second call
-    loop, every = (
-        HandModels(model(), samples),
-        np.ones((TOGETHER + 1, 6), dtype=np.bool_),
-    )
+    loop = HandModels(model(), samples)
+    every = np.ones((TOGETHER + 1, 6), dtype=np.bool_)
     looped = [loop.answer(now, every) for now in values]
     assert any(sense.p_risky[-1] != sense.p_risky[0] for sense in looped[100:])
     assert len({sense.p_risky[-1] for sense in looped[99:]}) == 1

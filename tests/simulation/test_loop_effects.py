@@ -183,7 +183,9 @@ def test_the_elements_of_a_texture_are_out_of_step() -> None:
 
 
 def test_a_held_finger_relaxes_with_the_time_constant_of_its_silicone() -> None:
-    what, time_s, dt_s = body(gravity_m_s2=0.0), 0.2, 5e-4
+    what = body(gravity_m_s2=0.0)
+    time_s = 0.2
+    dt_s = 5e-4
     lag = make("lag", ratio=0.4, time_s=time_s)
     state = at_rest(what, shut(depth_m=0.0))
     _, normal_n = run(
@@ -200,8 +202,12 @@ def test_a_held_finger_relaxes_with_the_time_constant_of_its_silicone() -> None:
 
 
 def test_pressing_in_and_out_loses_what_a_standard_solid_loses() -> None:
-    what, time_s, dt_s = body(gravity_m_s2=0.0), 0.1, 5e-4
-    omega, swing_m, ratio = 2.0 * np.pi * 2.0, 1e-3, 0.4
+    what = body(gravity_m_s2=0.0)
+    time_s = 0.1
+    dt_s = 5e-4
+    omega = 2.0 * np.pi * 2.0
+    swing_m = 1e-3
+    ratio = 0.4
     lag = make("lag", ratio=ratio, time_s=time_s)
     _, seen = run(
         what,
@@ -264,7 +270,8 @@ def test_friction_that_can_hold_an_offset_weight_holds_it_and_nothing_creeps() -
     state, _ = run(what, 1e-3, 500, turns)
     for dt_s in (1e-2, 1e-3):
         run(what, dt_s, 600, turns, state=state)
-    angle, stretch = rotation.angle.copy(), state.stretch_m.copy()
+    angle = rotation.angle.copy()
+    stretch = state.stretch_m.copy()
     assert (np.abs(angle) > 1e-4).all()  # it gives way elastically
     y_m = rotation.place_m()[0]
     assert torque_nm(what, state) == pytest.approx(0.1 * 9.81 * y_m, rel=1e-6)
@@ -432,7 +439,8 @@ def gains_j(
 ) -> tuple[FloatArray, FloatArray]:
     """[K, B] what every step added to the energy of a kicked object that only the hand touches;
     and what was left."""
-    batch, rng = 16, np.random.default_rng(3)
+    batch = 16
+    rng = np.random.default_rng(3)
     what = body(
         batch,
         elements,
@@ -441,7 +449,8 @@ def gains_j(
         gravity_m_s2=2.0,
         at_m=0.2 * ALONG,
     )
-    lag, texture = make("lag", batch), make("texture", batch)
+    lag = make("lag", batch)
+    texture = make("texture", batch)
     rotation = make("rotation", batch, offset_y_mm={"uniform": [-30, 30]})
     effects = PhysicsEffects(
         textures=(texture,), lags=(lag,) if lagging else (), turns=(rotation,)
@@ -449,7 +458,8 @@ def gains_j(
     state = at_rest(what, shut(batch))
     state.velocity_m_s += rng.normal(size=(3, batch)) * 0.1
     rotation.rate += rng.normal(size=batch) * 5.0
-    energy, gripped = [held_j(what, state, rotation, lag)], []
+    energy = [held_j(what, state, rotation, lag)]
+    gripped = []
     for _ in range(200):
         dt_s = step_s * 10.0 ** rng.uniform(-0.5, 0.0, batch)
         step(what, state, Inputs(shut(batch)), dt_s, dt_s, effects)

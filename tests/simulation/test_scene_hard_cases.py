@@ -231,11 +231,13 @@ def test_a_stiff_contact_holds_and_neither_rings_nor_gains_energy(
     closure = closed(held, 8.0)
     state = at_rest(held, closure)
     state.velocity_m_s = np.random.default_rng(3).normal(0.0, 0.02, (3, 8))
-    most, before = 0.0, energy_j(held, state, closure)
+    most = 0.0
+    before = energy_j(held, state, closure)
     for _ in range(300):
         go(held, state, Inputs(closure), dt_s, 1)
         after = energy_j(held, state, closure)
-        most, before = max(most, float((after - before).max())), after
+        most = max(most, float((after - before).max()))
+        before = after
     record_property("most_gained_j", most)
     assert most < 1e-12
     assert np.isfinite(state.position_m).all()
@@ -251,7 +253,9 @@ def test_a_stiff_contact_holds_and_neither_rings_nor_gains_energy(
     unguarded=True,
 )
 def test_an_explicit_step_on_the_same_contact_is_no_longer_finite(record_property):
-    position_m, velocity_m_s, steps = 1e-6, 0.0, 0
+    position_m = 1e-6
+    velocity_m_s = 0.0
+    steps = 0
     while abs(position_m) < 1e6 and steps < 300:
         velocity_m_s -= 1e-3 * 6e6 / 0.2 * position_m
         position_m += 1e-3 * velocity_m_s

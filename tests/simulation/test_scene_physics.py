@@ -149,11 +149,13 @@ def test_without_the_balance_a_long_step_on_a_ball_gains_energy(monkeypatch):
         held = body(400, mass_kg=0.015, ball=True)
         closure = closed(held, 5.0) * rng.uniform(0.1, 2.0, (6, 400))
         state = thrown(held, closure, rng, 0.3)
-        most, before = 0.0, energy_j(held, state, closure)
+        most = 0.0
+        before = energy_j(held, state, closure)
         for _ in range(50):
             go(held, state, Inputs(closure), 0.1, 1)
             after = energy_j(held, state, closure)
-            most, before = max(most, float((after - before).max())), after
+            most = max(most, float((after - before).max()))
+            before = after
         return most
 
     assert gained() < 1e-9
@@ -318,7 +320,8 @@ def test_a_pull_is_never_harder_than_its_cap():
     held = body()
     closure = closed(held, 10.0)
     state = at_rest(held, closure)
-    zero, far = np.zeros(2), np.array([[0.0, 0.0], [0.0, 0.0], [-5.0, -5.0]])
+    zero = np.zeros(2)
+    far = np.array([[0.0, 0.0], [0.0, 0.0], [-5.0, -5.0]])
     pull = Pull(zero + 1e3, zero, zero + 4.0, zero, far, far * 0.0)
     go(held, state, Inputs(closure, (pull,)), 5e-3, 600)
     assert state.agents_n[2] == pytest.approx(np.full(2, -4.0), rel=1e-3)
@@ -329,11 +332,9 @@ def slip_time_s(dt_s: float, grips_n: np.ndarray) -> np.ndarray:
     """When the fingers have slipped 1 mm under a load that grows by 150 N/s."""
     held = body(len(grips_n), gravity=(0.0, 0.0, 0.0), kinetic=0.6)
     closure = closed(held, grips_n)
-    state, found, travel = (
-        at_rest(held, closure),
-        np.full(len(grips_n), np.nan),
-        np.zeros(len(grips_n)),
-    )
+    state = at_rest(held, closure)
+    found = np.full(len(grips_n), np.nan)
+    travel = np.zeros(len(grips_n))
     for k in range(round(0.25 / dt_s)):
         now = (k + 1) * dt_s
         held.gravity_m_s2[2] = 150.0 * now / held.mass_kg

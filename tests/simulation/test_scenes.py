@@ -212,7 +212,8 @@ def test_skipping_quiet_phases_changes_no_slip_time(tmp_path, core, monkeypatch)
     everywhere = trials_of(make(tmp_path))
     for one, other in zip(core, everywhere, strict=True):
         for event in ("load_onset_s", "gross_slip_s", "contact_lost_s"):
-            here, there = getattr(one.truth, event), getattr(other.truth, event)
+            here = getattr(one.truth, event)
+            there = getattr(other.truth, event)
             assert (here is None) == (there is None)
             if here is not None:
                 assert here == pytest.approx(there, abs=1e-3)
@@ -352,7 +353,8 @@ def test_simulate_refuses_what_cannot_be_in_one_line(tmp_path, capsys, wrong):
 @pytest.fixture
 def apple(tmp_path) -> Path:
     """The shipped card in long steps."""
-    card, text = tmp_path / "apple.toml", (SCENES / "apple.toml").read_text("utf-8")
+    card = tmp_path / "apple.toml"
+    text = (SCENES / "apple.toml").read_text("utf-8")
     card.write_text(f"{text}\n[physics]\nstep_s = 0.005\n", encoding="utf-8")
     return card
 

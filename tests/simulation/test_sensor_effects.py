@@ -198,7 +198,8 @@ def test_the_field_beside_a_magnet_is_half_of_that_and_the_other_way() -> None:
 def test_the_field_of_a_magnet_has_neither_sources_nor_curls(
     aside_m: tuple[float, float], z_m: float
 ) -> None:
-    at, h = np.array([*aside_m, z_m]), 1e-6
+    at = np.array([*aside_m, z_m])
+    h = 1e-6
     slope = np.stack(
         [(dipole_ut(at + h * e) - dipole_ut(at - h * e)) / (2.0 * h) for e in np.eye(3)]
     )
@@ -304,10 +305,8 @@ def test_gains_and_angles_spread_as_they_say() -> None:
     )
     gain = np.linalg.norm(drawn[:, :, 2], axis=1)
     along = drawn[:, :, 2] / gain[:, None]
-    about_x, about_y = (
-        np.degrees(np.arcsin(-along[:, 1])),
-        np.degrees(np.arctan2(along[:, 0], along[:, 2])),
-    )
+    about_x = np.degrees(np.arcsin(-along[:, 1]))
+    about_y = np.degrees(np.arctan2(along[:, 0], along[:, 2]))
     spread = np.array([gain.std() / 0.05, about_x.std() / 3.0, about_y.std() / 3.0])
     assert spread == pytest.approx(1.0, abs=0.06)  # four sigma of 2400 draws
     assert (
