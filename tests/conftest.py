@@ -35,6 +35,7 @@ pytest_plugins = [
     "doctest_files",
     "drawn_frames",
     "frozen_heap",
+    "live_bench",
     "longest_first",
     "recorder_bench",
 ]

@@ -51,7 +51,7 @@ def run(args: argparse.Namespace) -> int:
     source = open_live(
         args.source,
         clock=clock,
-        say=say,
+        report=say,
         to_force=force_of(args.calibration),
         read_set=set_reader(args.source),
     )

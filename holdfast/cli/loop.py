@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -63,91 +62,39 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run, print a line a controller, write the figures."""
+    from holdfast.evaluation.loop_runs import LoopComparison
     from holdfast.training.progress import counted
 
-    _require_runnable(args)
-    with counted(
-        f"running {', '.join(args.cards)} in a closed loop (simulated)", 1
-    ) as done:
-        sets = _figures(args, done)
-    words = []
-    for card, rows in sets.items():
-        words.append(
-            f"{card}, drive lag {args.lag_ms:g} ms, seed {args.seed} (simulated)"
-        )
-        words += [in_words(name, figures) for name, figures in rows.items()]
-    show_found(args, "\n".join(words), _json(args, sets))
+    require_json_writable(args)
+    comparison = LoopComparison(
+        model=chosen_model(args),
+        cards=tuple(args.cards),
+        controllers=tuple(args.controller),
+        setting=args.setting,
+        lag_ms=args.lag_ms,
+        trials=args.trials,
+        seed=args.seed,
+    )
+    comparison.require_runnable()
+    announced = f"running {', '.join(args.cards)} in a closed loop (simulated)"
+    with counted(announced, 1) as done:
+        figures = comparison.run(chosen_workers(args), done)
+
+    lines = []
+    for card, rows in figures.items():
+        lag = f"drive lag {args.lag_ms:g} ms"
+        lines.append(f"{card}, {lag}, seed {args.seed} (simulated)")
+        lines += [_in_words(name, one) for name, one in rows.items()]
+    show_found(args, "\n".join(lines), comparison.to_json(figures))
     return 0
 
 
-def _require_runnable(args: argparse.Namespace) -> None:
-    """Raise what would stop a run, before it is announced."""
-    from holdfast.evaluation.closed_loop import CHOICES, require_runnable
-    from holdfast.simulation.closed_loop import model_of
-
-    require_json_writable(args)
-    require_known(args.controller, CHOICES)
-    model = model_of(chosen_model(args))
-    for card in args.cards:
-        require_runnable(model, card)
-
-
-def _figures(
-    args: argparse.Namespace, done: Callable[[float], None]
-) -> dict[str, dict[str, LoopFigures]]:
-    from holdfast.evaluation.closed_loop import LoopRequest, LoopRuns, LoopSet
-
-    runs = LoopRuns(chosen_model(args), chosen_workers(args), done)
-    wanted = []
-    for card in args.cards:
-        one = LoopSet(card, args.trials, args.seed)
-        for name in args.controller:
-            wanted.append((one, LoopRequest(name, args.setting, args.lag_ms)))
-    runs.run(wanted)
-    sets: dict[str, dict[str, LoopFigures]] = {}
-    for one, request in wanted:
-        rows = sets.setdefault(Path(one.card).stem, {})
-        rows[request.name] = runs.figures(one, request)
-    return sets
-
-
-def require_known(names: list[str], known: tuple[str, ...]) -> None:
-    """Raise UsageError for a controller that does not exist."""
-    from holdfast.core.errors import UsageError
-
-    for name in names:
-        if name not in known:
-            raise UsageError(
-                f"--controller {name!r:.40} does not exist",
-                next_step=f"choose from {', '.join(known)}",
-            )
-
-
-def _json(
-    args: argparse.Namespace, sets: dict[str, dict[str, LoopFigures]]
-) -> dict[str, object]:
-    from holdfast.simulation.closed_loop import model_of
-
-    figures = {}
-    for card, rows in sets.items():
-        figures[card] = {name: one.to_json() for name, one in rows.items()}
-    return {
-        "kind": "simulated",
-        "model": model_of(chosen_model(args)).card.model_id,
-        "engine": args.engine,
-        "lag_ms": args.lag_ms,
-        "seed": args.seed,
-        "trials": args.trials,
-        "setting": args.setting,
-        "sets": figures,
-    }
-
-
-def in_words(name: str, figures: LoopFigures) -> str:
+def _in_words(name: str, figures: LoopFigures) -> str:
     """One line of figures."""
     saved = f"{figures.saved} of {figures.preventable} preventable drops saved"
     blocked = f"{figures.blocked} of {figures.handovers} hand-overs blocked"
-    return f"  {name:<13}{saved}, {blocked}, grip {figures.grip_excess:.2f} N s above need a trial"
+    grip = f"grip {figures.grip_excess:.2f} N s above need a trial"
+    return f"  {name:<13}{saved}, {blocked}, {grip}"
 
 
 def _lag_ms(word: str) -> float:

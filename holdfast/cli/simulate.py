@@ -48,22 +48,18 @@ def run(args: argparse.Namespace) -> int:
     An interrupted run leaves no folder.
     """
     from holdfast.simulation.folder import require_new, write_set
-    from holdfast.simulation.loop_recording import require_controller, scene_of
-    from holdfast.simulation.scene_file import read_scene_file
+    from holdfast.simulation.loop_recording import planned_set
     from holdfast.training.progress import counted
 
     require_json_writable(args)
     require_new(args.out)
-    card = read_scene_file(args.card, rate_hz=args.rate, rate_option="--rate ")
-    scene = scene_of(card, args.seed)
-    trials = scene.trials(args.trials)
+    scene, trials = planned_set(args.card, args.seed, args.trials, args.rate, "--rate ")
     total = len(trials)
-    require_controller(scene, trials)
-    with (
-        _nothing_left_of(args.out),
-        counted(f"simulating {total} trials of {scene.file.name}", total) as done,
-    ):
+    card = scene.file
+    announced = f"simulating {total} trials of {card.name}"
+    with _nothing_left_of(args.out), counted(announced, total) as done:
         files = write_set(scene, args.out, args.trials, done)
+
     found = {
         "kind": "simulated",
         "card": card.name,
@@ -90,14 +86,11 @@ def _nothing_left_of(out: Path) -> Iterator[None]:
     def interrupt(number: int, frame: object) -> None:
         raise KeyboardInterrupt
 
-    handled = [
-        number
-        for number in (signal.SIGTERM, signal.SIGHUP)
-        if signal.getsignal(number) != signal.SIG_IGN
-    ]
-    before: dict[int, Any] = {
-        number: signal.signal(number, interrupt) for number in handled
-    }
+    before: dict[signal.Signals, Any] = {}
+    for number in (signal.SIGTERM, signal.SIGHUP):
+        # a signal that nohup or a service manager ignores stays ignored
+        if signal.getsignal(number) != signal.SIG_IGN:
+            before[number] = signal.signal(number, interrupt)
     try:
         yield
     except KeyboardInterrupt:

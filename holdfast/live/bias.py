@@ -34,13 +34,13 @@ class MeasuredBias:
 
 
 def measure_bias(
-    source: Source, clock: Any, say: Callable[[str], None], seconds: float
+    source: Source, clock: Any, report: Callable[[str], None], seconds: float
 ) -> MeasuredBias:
-    """Read the hand for some seconds and judge what it reads; warnings go to `say`."""
-    say(f"measuring the bias: leave the hand open, touch nothing for {seconds:g} s")
+    """Read the hand for some seconds and judge what it reads; warnings go to `report`."""
+    report(f"measuring the bias: leave the hand open, touch nothing for {seconds:g} s")
     bias, warnings = bias_of(read_rows(source, clock, seconds), source.unit)
     for warning in warnings:
-        say(f"warning: {warning}")
+        report(f"warning: {warning}")
     return MeasuredBias(bias, tuple(warnings))
 
 

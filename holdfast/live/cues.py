@@ -97,12 +97,13 @@ class Cues:
         if kind is None:
             return None
         rule = self._table.rules[kind]
+        # a state that lasts only a moment is not worth the wearer's attention
         if now_ns - self._since_ns < 1_000_000 * rule.after_ms:
             return None
-        if self._last_ns is not None and (
-            not rule.repeat_ms or now_ns - self._last_ns < 1_000_000 * rule.repeat_ms
-        ):
-            return None
+        if self._last_ns is not None:
+            silent_ns = now_ns - self._last_ns
+            if not rule.repeat_ms or silent_ns < 1_000_000 * rule.repeat_ms:
+                return None
         return kind if self._has_room(rule, now_ns) else None
 
     def sent(self, kind: str, now_ns: int) -> None:
@@ -128,6 +129,7 @@ class Cues:
     def _has_room(self, rule: CueRule, now_ns: int) -> bool:
         if rule.urgent:
             return now_ns >= self._urgent_ends_ns
+        # the oldest of the last most_per_s cues tells whether all of them fell into one second
         recent = self._recent_ns
         full = len(recent) == recent.maxlen and now_ns - recent[0] < SECOND_NS
         return now_ns >= self._ends_ns and not full
@@ -188,34 +190,30 @@ class _CueReader(CardReader):
     def rule(self, key: str, table: Json) -> CueRule:
         self.require_known(table, KEYS, key)
         pulses = self.whole(f"{key}.pulses", table.get("pulses"), 1, MOST_PULSES)
+        # several pulses without a pause between them would be felt as one
         shortest_off_ms = SHORTEST_MS if pulses > 1 else 0
         urgent = table.get("urgent", False)
         if not isinstance(urgent, bool):
             raise self.refused(f"{key}.urgent", urgent, "true or false")
-        pattern = Pattern(
-            pulses,
-            self.whole(f"{key}.on_ms", table.get("on_ms"), SHORTEST_MS, LONGEST_MS),
-            self.whole(
-                f"{key}.off_ms", table.get("off_ms"), shortest_off_ms, LONGEST_MS
-            ),
-            self.strength(f"{key}.strength", table.get("strength")),
-        )
-        after_ms = self.whole(
-            f"{key}.after_ms", table.get("after_ms", 0), 0, LONGEST_MS
-        )
-        repeat_ms = self.whole(
-            f"{key}.repeat_ms", table.get("repeat_ms", 0), 0, LONGEST_MS
-        )
+
+        def duration(name: str, default: int | None, shortest: int) -> int:
+            value = table.get(name, default)
+            return self.whole(f"{key}.{name}", value, shortest, LONGEST_MS)
+
+        on_ms = duration("on_ms", None, SHORTEST_MS)
+        off_ms = duration("off_ms", None, shortest_off_ms)
+        strength = self.strength(f"{key}.strength", table.get("strength"))
+        after_ms = duration("after_ms", 0, 0)
+        repeat_ms = duration("repeat_ms", 0, 0)
+        pattern = Pattern(pulses, on_ms, off_ms, strength)
         return CueRule(pattern, after_ms, repeat_ms, urgent)
 
     def whole(self, key: str, value: Any, least: int, most: int) -> int:
-        if (
-            isinstance(value, bool)
-            or not isinstance(value, int)
-            or not least <= value <= most
-        ):
+        # in Python, true is an int
+        is_whole = isinstance(value, int) and not isinstance(value, bool)
+        if not is_whole or not least <= value <= most:
             raise self.refused(key, value, f"a whole number from {least} to {most}")
-        return value
+        return int(value)
 
     def strength(self, key: str, value: Any) -> float:
         is_number = isinstance(value, int | float) and not isinstance(value, bool)

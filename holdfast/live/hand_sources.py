@@ -96,7 +96,7 @@ def open_live(
     url: str,
     *,
     clock: Any,
-    say: Callable[[str], None],
+    report: Callable[[str], None],
     to_force: ToForce | None = None,
     field: Any = None,
     read_set: SetReader | None = None,
@@ -109,17 +109,21 @@ def open_live(
     """
     source = _source_url(url)
     if source.scheme == LSL:
-        return _stream(source, clock, say, to_force)
+        return _stream(source, clock, report, to_force)
     if source.scheme not in HANDS:
-        return PacedReplay(open_source(url, read_set=read_set), clock.now_ns)
-    if source.scheme == "virtual":
-        _require_known(source, VIRTUAL_KEYS)
-        hand = _virtual(source, clock, say, field)
-        bridge = open_virtual(source.name, hand, source.number("bus_hz", 400_000))
-        live = _started(bridge, source, clock, say, to_force or _scene_force())
-        live.began_ns = hand.born_ns
-        return live
-    return _started(_opener(source, clock, say), source, clock, say, to_force)
+        recording = open_source(url, read_set=read_set)
+        return PacedReplay(recording, clock.now_ns)
+    if source.scheme != "virtual":
+        bridge = _opener(source, clock, report)
+        return _started(bridge, source, clock, report, to_force)
+
+    _require_known(source, VIRTUAL_KEYS)
+    hand = _virtual(source, clock, report, field)
+    bridge = open_virtual(source.name, hand, source.number("bus_hz", 400_000))
+    live = _started(bridge, source, clock, report, to_force or _scene_force())
+    # truth and camera of a scene count from its start, which is not that of the first sample
+    live.began_ns = hand.born_ns
+    return live
 
 
 def is_hand(url: str) -> bool:
@@ -128,15 +132,19 @@ def is_hand(url: str) -> bool:
 
 
 def _stream(
-    source: SourceUrl, clock: Any, say: Callable[[str], None], to_force: ToForce | None
+    source: SourceUrl,
+    clock: Any,
+    report: Callable[[str], None],
+    to_force: ToForce | None,
 ) -> Source:
     _require_known(source, LSL_KEYS)
-    unit = source.text("unit", "")
+    word = source.text("unit", "")
+    unit = next((known for known in UNITS if known == word), None)
     name = unquote(source.name)
-    if unit not in ("", *UNITS):
-        raise UsageError(
-            f"unit={unit[:40]!r} is not known", next_step=f"unit={'|'.join(UNITS)}"
-        )
+    if word and unit is None:
+        units = "|".join(UNITS)
+        raise UsageError(f"unit={word[:40]!r} is not known", next_step=f"unit={units}")
+    # liblsl finds a stream by a query in which the name stands between quotes
     if not name or "'" in name:
         raise UsageError(
             f"{name[:40]!r} is no name of a stream", next_step="lsl://NAME"
@@ -150,11 +158,10 @@ def _stream(
     from holdfast.drivers.lsl_library import LslInlet
 
     rate_hz = source.number("rate_hz", 0) or None
-    known = next((one for one in UNITS if one == unit), None)
-    return LslSource(LslInlet(name), clock.now_ns, say, known, rate_hz)
+    return LslSource(LslInlet(name), clock.now_ns, report, unit, rate_hz)
 
 
-def open_bus(url: str, clock: Any, say: Callable[[str], None] = say) -> Bus:
+def open_bus(url: str, clock: Any, report: Callable[[str], None] = say) -> Bus:
     """The bus of a hand's URL, its sensors not started. Raises UsageError and a DeviceError."""
     source = _source_url(url)
     if source.scheme not in HANDS:
@@ -162,26 +169,26 @@ def open_bus(url: str, clock: Any, say: Callable[[str], None] = say) -> Bus:
         raise UsageError(
             f"{url!r} is not a hand", next_step=f"{'://.., '.join(HANDS)}://.."
         )
-    return _opener(source, clock, say)()
+    return _opener(source, clock, report)()
 
 
 def named_addresses(url: str) -> frozenset[int]:
     """The addresses of the fingers in a URL's layout. Raises UsageError."""
-    layout = read_layout(_source_url(url).text("layout", "mux"))
-    return frozenset(
-        address for one in layout for address in (one.address, one.read_at)
-    )
+    addresses: set[int] = set()
+    for finger in read_layout(_source_url(url).text("layout", "mux")):
+        addresses.update((finger.address, finger.read_at))
+    return frozenset(addresses)
 
 
 def _opener(
-    source: SourceUrl, clock: Any, say: Callable[[str], None]
+    source: SourceUrl, clock: Any, report: Callable[[str], None]
 ) -> Callable[[], Bus]:
     """A function that opens the bridge, now and again after it was lost."""
     _require_known(source, VIRTUAL_KEYS if source.scheme == "virtual" else HAND_KEYS)
     number = source.number("number", 0)
     bus_hz = source.number("bus_hz", 400_000)
     if source.scheme == "virtual":
-        return open_virtual(source.name, _virtual(source, clock, say), bus_hz)
+        return open_virtual(source.name, _virtual(source, clock, report), bus_hz)
     scheme = source.scheme
     name = source.name
     return lambda: open_bridge(scheme, name, number=number, bus_hz=bus_hz)
@@ -210,7 +217,7 @@ def _started(
     open_bus: Callable[[], Bus],
     source: SourceUrl,
     clock: Any,
-    say: Callable[[str], None],
+    report: Callable[[str], None],
     to_force: ToForce | None,
 ) -> LiveHand:
     averages = source.number("averages", 32)
@@ -225,25 +232,27 @@ def _started(
             f"crc={crc[:40]!r} is not known",
             next_step=f"crc={' or crc='.join(CRC_WORDS)}",
         )
+
+    def pause(seconds: float) -> None:
+        clock.wait_until(clock.now_ns() + round(1e9 * seconds))
+
+    burst = bool(source.number("burst", 0))
+    together = bool(source.number("together", 0))
     hand = Hand(
         open_bus,
         read_layout(source.text("layout", "mux")),
         now_ns=clock.now_ns,
-        say=say,
+        say=report,
         crc=cast("Crc", crc),
-        setup=Setup(
-            averages,
-            burst=bool(source.number("burst", 0)),
-            together=bool(source.number("together", 0)),
-        ),
-        pause=lambda seconds: clock.wait_until(clock.now_ns() + round(1e9 * seconds)),
+        setup=Setup(averages, burst=burst, together=together),
+        pause=pause,
     )
     hand.start()
     return LiveHand(hand, to_force)
 
 
 def _virtual(
-    source: SourceUrl, clock: Any, say: Callable[[str], None], field: Any = None
+    source: SourceUrl, clock: Any, report: Callable[[str], None], field: Any = None
 ) -> VirtualHand:
     from holdfast.drivers.virtual.faults import read_fault
     from holdfast.drivers.virtual.virtual_hand import WIRINGS, VirtualHand
@@ -256,25 +265,23 @@ def _virtual(
             next_step=f"layout={' or layout='.join(WIRINGS)}",
         )
     seed = source.number("seed", 0)
-    hand = VirtualHand(
-        clock,
-        track=field
-        or _track(source.text("scene", ""), seed, source.number("trial", 0), say),
-        layout=name,
-        seed=seed,
-        faults=[read_fault(text) for text in source.options.get("fault", [])],
-    )
+    trial = source.number("trial", 0)
+    track = field or _track(source.text("scene", ""), seed, trial, report)
+    faults = [read_fault(text) for text in source.options.get("fault", [])]
+    hand = VirtualHand(clock, track=track, layout=name, seed=seed, faults=faults)
+    # the emulated multiplexer answers where the URL's layout looks for it
     hand.mux.address = read_layout(layout)[0].mux
     return hand
 
 
-def _track(scene: str, seed: int, trial: int, say: Callable[[str], None]) -> Any:
+def _track(scene: str, seed: int, trial: int, report: Callable[[str], None]) -> Any:
     """The field of a scene's trial at the chips, or a hand at rest."""
     from holdfast.drivers.virtual.virtual_hand import Track, still
 
     if not scene:
         return still()
-    signal = simulated(scene, seed, trial, say)[1].signal
+    _, one = simulated(scene, seed, trial, report)
+    signal = one.signal
     return Track(signal.t_s, signal.values)
 
 
@@ -288,9 +295,10 @@ def scene_of(url: str) -> tuple[Scene, SimulatedTrial] | None:
 
 def _named_trial(source: SourceUrl) -> tuple[str, int, int] | None:
     """(scene, seed, trial) of a virtual:// URL; None where it has no scene."""
-    if source.scheme != "virtual" or not source.text("scene", ""):
+    scene = source.text("scene", "")
+    if source.scheme != "virtual" or not scene:
         return None
-    return source.text("scene", ""), source.number("seed", 0), source.number("trial", 0)
+    return scene, source.number("seed", 0), source.number("trial", 0)
 
 
 _kept: dict[tuple[str, int, int], tuple[Scene, SimulatedTrial]] = {}
@@ -298,17 +306,18 @@ _kept: dict[tuple[str, int, int], tuple[Scene, SimulatedTrial]] = {}
 
 
 def simulated(
-    scene: str, seed: int, trial: int, say: Callable[[str], None] = say
+    scene: str, seed: int, trial: int, report: Callable[[str], None] = say
 ) -> tuple[Scene, SimulatedTrial]:
     """A trial of a card as field at the chips of a virtual hand. Raises CardError, UsageError.
 
-    It takes seconds, so `say` gets the progress.
+    It takes seconds, so `report` gets the progress.
     """
     key = scene, seed, trial
     if key not in _kept:
         made, planned = _planned(scene, seed, trial)
-        report = progress_of(f"simulating scene {scene}", say)
-        one = made.run_together([planned], report)[0]
+        progress = progress_of(f"simulating scene {scene}", report)
+        one = made.run_together([planned], progress)[0]
+        # one trial at a time: its field at FIELD_HZ takes megabytes
         _kept.clear()
         _kept[key] = made, one
     return _kept[key]
@@ -348,19 +357,17 @@ def _scene_at_chips(
     from holdfast.simulation.scene import Scene
     from holdfast.simulation.scene_file import read_scene_file
 
-    card = (
-        read_scene_file(name, rate_hz=rate_hz)
-        if Path(name).is_file()
-        else read_scene_file(name)
-    )
-    effects = {
-        name: values
-        for name, values in card.effects.items()
-        if EFFECT_MODULES[name] != "chip"
-    }
-    effects = {"dipole": {}} | effects
+    file_rate_hz = rate_hz if Path(name).is_file() else None
+    card = read_scene_file(name, rate_hz=file_rate_hz)
+    # the virtual chip adds its own noise and quantisation, which must not count twice
+    effects: dict[str, dict[str, float]] = {"dipole": {}}
+    for effect, values in card.effects.items():
+        if EFFECT_MODULES[effect] != "chip":
+            effects[effect] = values
     field = replace(card, rate_hz=rate_hz, unit="uT", effects=effects, controller=None)
-    return Scene(field if step_s is None else replace(field, step_s=step_s), seed)
+    if step_s is not None:
+        field = replace(field, step_s=step_s)
+    return Scene(field, seed)
 
 
 def _scene_force() -> ToForce:

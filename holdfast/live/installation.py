@@ -158,16 +158,20 @@ def _bridges() -> list[Finding]:
 
     findings = []
     for name in BRIDGES:
-        for number in range(len(find_usb(ids_of(name), real_backend()))):
+        what = f"bridge {name}"
+        ids = ids_of(name)
+        plugged_in = len(find_usb(ids, real_backend()))
+        for number in range(plugged_in):
+            # only opening it shows whether this user may
             try:
-                UsbPort(name, ids_of(name), real_backend(), number=number).close()
-                findings.append(Finding(f"bridge {name}", "ok", "can be opened"))
+                UsbPort(name, ids, real_backend(), number=number).close()
+                findings.append(Finding(what, "ok", "can be opened"))
             except DeviceError as error:
                 step = f"{RULES}, then plug it in again"
-                findings.append(Finding(f"bridge {name}", "broken", str(error), step))
-    return findings or [
-        Finding("bridges", "missing", "none on USB", "virtual://ft232h needs none")
-    ]
+                findings.append(Finding(what, "broken", str(error), step))
+    if findings:
+        return findings
+    return [Finding("bridges", "missing", "none on USB", "virtual://ft232h needs none")]
 
 
 def _native_buses() -> list[Finding]:
@@ -187,11 +191,11 @@ def _udev() -> list[Finding]:
     if not folder.is_dir():
         step = "not needed as root or without udev"
         return [Finding("udev", "missing", "no /etc/udev/rules.d", step)]
-    rules = [
-        str(rule)
-        for rule in folder.glob("*.rules")
-        if "6014" in rule.read_text(encoding="utf-8", errors="replace")
-    ]
+    rules = []
+    for rule in folder.glob("*.rules"):
+        # 6014 is the product number of an FT232H, which every version of our rules names
+        if "6014" in rule.read_text(encoding="utf-8", errors="replace"):
+            rules.append(str(rule))
     if rules:
         return [Finding("udev", "ok", ", ".join(rules))]
     return [Finding("udev", "missing", "no rule for the bridges", RULES)]
@@ -208,9 +212,8 @@ def _clock() -> list[Finding]:
 
 
 def _governor() -> list[Finding]:
-    files = sorted(
-        Path("/sys/devices/system/cpu").glob("cpu[0-9]*/cpufreq/scaling_governor")
-    )
+    cores = Path("/sys/devices/system/cpu")
+    files = cores.glob("cpu[0-9]*/cpufreq/scaling_governor")
     names = sorted({file.read_text(encoding="utf-8").strip() for file in files})
     if not names:
         return [Finding("governor", "ok", "the kernel does not change the clock rate")]

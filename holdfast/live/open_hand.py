@@ -21,7 +21,7 @@ class OpenHand:
     def __init__(self, url: str) -> None:
         self.url = url
         self._clock = RunClock()
-        self._source = open_live(url, clock=self._clock, say=say)
+        self._source = open_live(url, clock=self._clock, report=say)
 
     def samples(self, monitor: GripMonitor) -> Iterator[Sample]:
         """Samples for a monitor, on time and at its rate, until the source ends.

@@ -78,10 +78,7 @@ class UdpSink:
         self._target = target
 
     def __call__(self, line: str) -> bool:
-        """Send it; False where the system does not take it.
-
-        A full buffer, a network that is down.
-        """
+        """Send it; False where the buffer is full or the network is down."""
         try:
             self._sender.sendto(line.encode(), self._target)
         except OSError:

@@ -105,9 +105,10 @@ def run(options: RunOptions, read_set: SetReader | None = None) -> int:
         live = _Run(options, model, clock, stderr)
         summary = live.until_stopped(read_set)
         report_summary(summary, stderr)
-    failures = live.lines.failures
-    complete = all(_closed_by_reader(name, error) for name, error in failures.items())
-    return 0 if complete else OutputError.exit_code
+    for name, error in live.lines.failures.items():
+        if not _closed_by_reader(name, error):
+            return OutputError.exit_code
+    return 0
 
 
 def _closed_by_reader(name: str, error: OSError) -> bool:
@@ -156,7 +157,7 @@ class _Run:
             source = open_live(
                 options.source,
                 clock=clock,
-                say=self.report,
+                report=self.report,
                 to_force=force_of(options.calibration),
                 field=None if self._grip is None else self._grip.scene,
                 read_set=read_set,
@@ -190,11 +191,13 @@ class _Run:
         """Those that only show or keep answers, in the order in which they get one."""
         options = self._options
         card = self._model.card
+        # the view is opened first: from then on messages appear above its picture
         if options.view:
             from holdfast.live.view import open_view
 
             self._view = open_view(card.unit)
             close_at_end(stack, self._view)
+
         sinks: list[Sink] = []
         if not options.quiet:
             sinks.append(stream_sink(sys.stdout, STDOUT))
@@ -204,6 +207,7 @@ class _Run:
             sinks.append(udp_sink(options.udp))
         self.lines = LineOutput(sinks, self.report, watched=[self._stderr])
         close_at_end(stack, self.lines)
+
         outputs: list[Output] = [self.lines]
         if options.samples:
             self._samples = SampleFile(options.samples, card.n_channels)
@@ -234,6 +238,7 @@ class _Run:
             )
             close_at_end(stack, answers)
             outputs.append(answers)
+        # last: a sign of life says that every other output has got the answer
         watchdog = ServiceWatchdog()
         close_at_end(stack, watchdog)
         outputs.append(watchdog)
@@ -262,6 +267,7 @@ class _Run:
         if options.samples and self._samples is not None:
             log = IntentLog(options.samples, intent, now_ns, self._samples)
             self.lines.add(log.sink)
+            # after the file of samples, whose first sample sets the time axis of both
             outputs.insert(outputs.index(self._samples) + 1, log)
         return intended(command, intent, obeyed=opens_at is not None)
 
@@ -360,6 +366,7 @@ def require_pace(source: Source, model: OpenedModel, clock: Any) -> None:
         return
     rate_hz = model.card.rate_hz
     fastest_s = float("inf")
+    # one fast scan is enough: what a bridge can do once it can do again
     for _ in range(PACE_READS):
         before_ns = clock.now_ns()
         source.read()

@@ -29,7 +29,7 @@ from holdfast.simulation.drive import GRIP_COLUMNS, GripRecord, HandControl
 from holdfast.simulation.protocol import PlannedTrial
 from holdfast.simulation.run import Done, TrialMotion, motions
 from holdfast.simulation.scene import Moved, Scene
-from holdfast.simulation.scene_file import SceneFile
+from holdfast.simulation.scene_file import SceneFile, read_scene_file
 
 COMMANDS = len(GRIP_COLUMNS) - 1
 """Columns of what is commanded; the last one is the grip of the drive."""
@@ -40,6 +40,21 @@ REPORT_PERIODS = 50
 def scene_of(file: SceneFile, seed: int) -> Scene:
     """The scene of a scene file; its hand acts where the file has a controller."""
     return Scene(file, seed, None if file.controller is None else controlled_motions)
+
+
+def planned_set(
+    card: str, seed: int, total: int | None, rate_hz: float | None, rate_option: str
+) -> tuple[Scene, list[PlannedTrial]]:
+    """The scene of a card with so many of its trials, planned and runnable.
+
+    total: None for all; rate_hz: None for the card's; rate_option: names it in an error.
+    Raises CardError, and what its controller lacks.
+    """
+    file = read_scene_file(card, rate_hz=rate_hz, rate_option=rate_option)
+    scene = scene_of(file, seed)
+    trials = scene.trials(total)
+    require_controller(scene, trials)
+    return scene, trials
 
 
 def require_controller(scene: Scene, trials: Sequence[PlannedTrial]) -> None:

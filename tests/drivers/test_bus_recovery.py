@@ -175,13 +175,15 @@ def test_a_speed_that_the_ft232h_does_not_have_is_a_usage_error(bus_hz):
     with pytest.raises(
         UsageError, match=rf"bus_hz={bus_hz} .*{SLOWEST_HZ} .. {FASTEST_HZ} Hz"
     ):
-        open_live(f"virtual://ft232h?bus_hz={bus_hz}", clock=VirtualClock(), say=print)
+        open_live(
+            f"virtual://ft232h?bus_hz={bus_hz}", clock=VirtualClock(), report=print
+        )
 
 
 @pytest.mark.parametrize("bus_hz", [SLOWEST_HZ, 100_000, FASTEST_HZ])
 def test_the_ft232h_serves_a_hand_at_every_speed_it_takes(bus_hz):
     source = open_live(
-        f"virtual://ft232h?bus_hz={bus_hz}", clock=VirtualClock(), say=print
+        f"virtual://ft232h?bus_hz={bus_hz}", clock=VirtualClock(), report=print
     )
     reading = source.read()
     assert reading is not None
@@ -192,7 +194,7 @@ def test_the_ft232h_serves_a_hand_at_every_speed_it_takes(bus_hz):
 @pytest.mark.parametrize("crc", ["yes", "1", ""])
 def test_a_crc_option_that_is_none_is_a_usage_error(crc):
     with pytest.raises(UsageError, match="crc=auto or crc=on or crc=off"):
-        open_live(f"virtual://ft232h?crc={crc}", clock=VirtualClock(), say=print)
+        open_live(f"virtual://ft232h?crc={crc}", clock=VirtualClock(), report=print)
 
 
 # -- the bridge

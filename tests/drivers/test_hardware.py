@@ -29,7 +29,7 @@ def test_every_finger_is_found_and_well():
 
 def test_ten_seconds_at_150_hz_are_read_without_a_gap():
     clock = MonotonicClock()
-    source = open_live(URL, clock=RunClock(), say=print)
+    source = open_live(URL, clock=RunClock(), report=print)
     start_ns = clock.now_ns()
     invalid = 0
     late = 0
@@ -44,7 +44,7 @@ def test_ten_seconds_at_150_hz_are_read_without_a_gap():
 
 
 def test_a_resting_hand_has_the_noise_of_the_data_sheet():
-    source = open_live(URL, clock=RunClock(), say=print)
+    source = open_live(URL, clock=RunClock(), report=print)
     rows = []
     for _ in range(300):
         measured = source.read()

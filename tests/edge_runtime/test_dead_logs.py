@@ -23,7 +23,7 @@ import pytest
 from hazard_marks import DEAD_LOG
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from live_bench import DEFAULT, ROOT, RUN, Steady, closing_output, go
+from live_bench import ROOT, RUN, Steady, closing_output, go
 
 from holdfast.core.contract import Prediction
 from holdfast.core.lines import CLOSING_S, STREAM_LINES, LineWriter, Sink, stream_sink
@@ -38,11 +38,6 @@ LONG_S = 300.0
 """A test that waits so long has found a hang."""
 Pair = tuple[int, int]
 Running = tuple["subprocess.Popen[str]", Callable[[int], None]]
-
-
-@pytest.fixture(scope="module")
-def model() -> Model:
-    return Model(DEFAULT)
 
 
 @pytest.fixture(scope="module")

@@ -28,11 +28,6 @@ ALL = np.ones(6, dtype=np.bool_)
 PERIOD_NS = 1e9 / 150
 
 
-@pytest.fixture(scope="module")
-def model() -> Model:
-    return Model(DEFAULT)
-
-
 Trial = tuple[np.ndarray, float | None, float | None]
 
 

@@ -17,11 +17,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from command_line import fails
 from hazard_marks import LOST_SENSOR, RESTART, SILENT_SENDER
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
-from live_bench import DEFAULT, ROOT, RUN, Steady, closing_output, go
+from live_bench import ROOT, RUN, Steady, closing_output, free_port, go
 from made_prediction import prediction
 
 from holdfast.core.contract import Prediction, Sample
@@ -52,11 +53,6 @@ if TYPE_CHECKING:
     from conftest import Built
 
 AREA = "Time and schedule"
-
-
-@pytest.fixture(scope="module")
-def model() -> Model:
-    return Model(DEFAULT)
 
 
 # -- the schedule
@@ -213,7 +209,7 @@ def live(
     messages: list[str] = []
     answers: list[Prediction] = []
     samples: list[Sample] = []
-    source = open_live(url, clock=clock, say=messages.append)
+    source = open_live(url, clock=clock, report=messages.append)
     end_ns = clock.now_ns() + round(1e9 * seconds)
     summary = answer(
         source, model, clock, kept(answers, samples), lambda: clock.now_ns() >= end_ns
@@ -373,12 +369,12 @@ def test_a_model_for_another_unit_or_hand_is_refused_before_the_first_sample(mod
 )
 def test_a_url_that_cannot_be_is_a_usage_error(url):
     with pytest.raises(UsageError):
-        open_live(url, clock=VirtualClock(), say=lambda line: None)
+        open_live(url, clock=VirtualClock(), report=lambda line: None)
 
 
 def test_a_real_bridge_that_is_not_there_is_a_device_error():
     with pytest.raises(DeviceError):
-        open_live("usb://ft232h", clock=VirtualClock(), say=lambda line: None)
+        open_live("usb://ft232h", clock=VirtualClock(), report=lambda line: None)
 
 
 # -- where answers go
@@ -419,18 +415,10 @@ def test_an_address_that_cannot_be_is_a_usage_error(address):
 
 @pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_ends_a_run_cleanly_with_its_summary(how):
-    command = [
-        *RUN,
-        "--seconds",
-        "60",
-    ]
+    pipe = subprocess.PIPE
+    command = [*RUN, "--seconds", "60"]
     with subprocess.Popen(
-        command,
-        cwd=ROOT,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        env=dict(os.environ),
+        command, cwd=ROOT, stdout=pipe, stderr=pipe, text=True
     ) as run:
         assert run.stdout is not None
         lines = [run.stdout.readline() for _ in range(20)]
@@ -503,32 +491,27 @@ def test_a_view_on_what_is_no_terminal_draws_nothing(tmp_path):
     assert (tmp_path / "err").read_text() == ""
 
 
-def test_scan_names_every_sensor_and_the_layout_to_use(capsys):
-    from holdfast.cli.main import main
-
-    assert main(["scan", "virtual://ft232h?layout=mux6&fault=diag:3@0%2B100"]) == 0
-    out = capsys.readouterr().out
+def test_scan_names_every_sensor_and_the_layout_to_use(run):
+    url = "virtual://ft232h?layout=mux6&fault=diag:3@0%2B100"
+    code, out, _ = run("scan", url)
+    assert code == 0
     assert out.count("TMAG5273 A1 (40/80 mT)") == 6
     assert "its own diagnosis failed" in out
     assert "layout=0:35,1:35,2:35,3:35,4:35,5:35" in out
     assert "serves" in out
 
 
-def test_scan_without_a_bridge_says_what_to_do_next(capsys):
-    from holdfast.cli.main import main
-
-    assert main(["scan"]) == 6
-    assert "holdfast doctor" in capsys.readouterr().err
+def test_scan_without_a_bridge_says_what_to_do_next(run):
+    fails(run, 6, "DeviceNotFound", "scan", says="holdfast doctor")
 
 
 @pytest.mark.parametrize(
     ("part", "holds"), [("udev", "6014"), ("service", "NoNewPrivileges=yes")]
 )
-def test_the_board_s_files_come_out_whole(capsys, part, holds):
-    from holdfast.cli.main import main
-
-    assert main(["board", part]) == 0
-    assert holds in capsys.readouterr().out
+def test_the_board_s_files_come_out_whole(run, part, holds):
+    code, out, _ = run("board", part)
+    assert code == 0
+    assert holds in out
 
 
 def test_the_udev_rules_name_every_bridge():
@@ -568,11 +551,9 @@ def commanded(
     log: list[str], clock: VirtualClock
 ) -> Iterator[Callable[[str], Command]]:
     """A command port, and what is commanded after a datagram ("" for none)."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        address = probe.getsockname()
+    address = "127.0.0.1", free_port()
     with (
-        command_port(f"{address[0]}:{address[1]}", log.append, clock.now_ns) as ask,
+        command_port(f"127.0.0.1:{address[1]}", log.append, clock.now_ns) as ask,
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as user,
     ):
         user.connect(address)
@@ -740,42 +721,23 @@ def test_the_shipped_service_s_command_is_one_that_the_program_understands():
 
 
 def test_a_bias_that_was_measured_before_lets_a_run_begin_with_a_loaded_hand(
-    model, tmp_path, capsys
+    model, tmp_path, run
 ):
-    from holdfast.cli.main import main
-
-    assert (
-        main(
-            [
-                "bias",
-                "--source",
-                "virtual://ft232h",
-                "--out",
-                str(tmp_path / "bias.json"),
-                "--seconds",
-                "0.5",
-            ]
-        )
-        == 0
+    code, out, _ = run(
+        *["bias", "--source", "virtual://ft232h", "--out"],
+        tmp_path / "bias.json",
+        "--seconds",
+        "0.5",
     )
-    written = f"bias written to {tmp_path / 'bias.json'}; next: holdfast run"
-    assert written in capsys.readouterr().out
+    assert code == 0
+    assert f"bias written to {tmp_path / 'bias.json'}; next: holdfast run" in out
     resting = read_bias(tmp_path / "bias.json").values
     tare = Tare(model.card.preparation, 18, resting)
     values, good = tare.prepare(resting + 3.0, np.ones(6, dtype=np.bool_))
     assert good.all()
     assert values == pytest.approx(np.full(18, 3.0), abs=0.2)
-    assert (
-        main(
-            [
-                "bias",
-                "--source",
-                "virtual://ft232h?fault=nack:2@0%2B99",
-                "--out",
-                str(tmp_path / "b.json"),
-            ]
-        )
-        == 3
-    )
+    lost = "virtual://ft232h?fault=nack:2@0%2B99"
+    code, _, err = run("bias", "--source", lost, "--out", tmp_path / "b.json")
+    assert code == 3
     assert not (tmp_path / "b.json").exists()
-    assert "error:" in capsys.readouterr().err
+    assert "error:" in err

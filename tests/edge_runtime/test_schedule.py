@@ -35,11 +35,6 @@ AREA = "Time and schedule"
 PERIOD_NS = round(1e9 / 150)
 
 
-@pytest.fixture(scope="module")
-def model() -> Model:
-    return Model(DEFAULT)
-
-
 @pytest.fixture
 def stalled() -> Iterator[tuple[int, int]]:
     """The ends of a pipe that is not read: (read, write)."""

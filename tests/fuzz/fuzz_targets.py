@@ -382,7 +382,7 @@ def source(data: bytes) -> None:
     if scheme in BOARD:
         url = url.lstrip().replace(scheme, "virtual", 1)
     os.chdir(folder())
-    opened = open_live(url, clock=VirtualClock(), say=lambda line: None)
+    opened = open_live(url, clock=VirtualClock(), report=lambda line: None)
     opened.read()
     opened.close()
 

@@ -83,16 +83,10 @@ def recording(path: Path) -> Path:
         "sequence",
         *(f"valid{k}" for k in range(1, 7)),
     ]
-    lines = [",".join(names)]
-    for row in [*range(300), *range(302, ROWS)]:
-        cells = [
-            f"{row / 150.0:.6f}",
-            *(f"{one:.5f}" for one in values[row]),
-            str(row * 10),
-            str(row),
-        ]
-        lines.append(",".join([*cells, *map(str, valid[row])]))
-    path.write_text("\n".join(lines) + "\n")
+    table = np.column_stack([at / 150.0, values, 10 * at, at, valid])
+    came = np.delete(table, [300, 301], axis=0)
+    form = ",".join(["%.6f"] + 18 * ["%.5f"] + 8 * ["%d"])
+    np.savetxt(path, came, form, header=",".join(names), comments="")
     return path
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shutil
-import socket
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -12,6 +11,7 @@ from pathlib import Path
 
 import pytest
 from grip_bench import ROOT, Hands, command, opened, send
+from live_bench import free_port
 
 from holdfast.edge_runtime.supervisor import to_line
 from holdfast.live.cues import QUIET, SILENCE, Pattern, cue_line
@@ -34,12 +34,6 @@ def program(request, tmp_path_factory) -> list[str]:
         [compiler, *strict, "-o", str(made), str(source)], check=True, cwd=ROOT
     )
     return [str(made)]
-
-
-def free_port() -> int:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as one:
-        one.bind(("127.0.0.1", 0))
-        return int(one.getsockname()[1])
 
 
 @contextmanager

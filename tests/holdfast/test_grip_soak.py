@@ -21,7 +21,8 @@ from itertools import count
 from typing import Any
 
 import pytest
-from test_run_grip import DEFAULT, FALL
+from live_bench import DEFAULT
+from test_run_grip import FALL
 
 from holdfast.drivers.virtual.clock import VirtualClock
 from holdfast.edge_runtime.model import Model
@@ -57,7 +58,7 @@ def kept(
     scene.obey = obey_late  # type: ignore[method-assign]
     control = controller_for("holdfast", model.card, print)
     grip = GripOutput(control, clock, lambda line: None, scene=scene)
-    source = open_live(url, clock=clock, say=lambda line: None, field=scene)
+    source = open_live(url, clock=clock, report=lambda line: None, field=scene)
     clock.spend(later_ns)
     end_ns = clock.now_ns() + round(1e9 * PLAYED_S)
     grip.begin(source)

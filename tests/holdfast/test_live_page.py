@@ -225,6 +225,7 @@ def test_what_is_saved_is_a_trial_that_replays_without_another_bias(tmp_path):
     assert headers["Content-Disposition"].startswith('attachment; filename="holdfast-')
     zipfile.ZipFile(io.BytesIO(content)).extractall(tmp_path)
     (folder,) = tmp_path.iterdir()
+    assert folder.name.startswith("holdfast-")
     source = open_replay(folder)
     assert source.unit == "N"
     assert source.rate_hz == pytest.approx(150.0, rel=1e-4)

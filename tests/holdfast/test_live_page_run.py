@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 from hazard_marks import PAGE_DELAYS, STALE_PAGE
-from live_bench import DEFAULT, ROOT, RUN, Steady
+from live_bench import ROOT, RUN, Steady
 from page_bench import ABOUT, next_event
 from recorder_bench import (
     PULL,
@@ -33,7 +33,7 @@ from holdfast.core.contract import Sample
 from holdfast.core.errors import OutputError
 from holdfast.core.source import SourceReading
 from holdfast.drivers.virtual.clock import VirtualClock
-from holdfast.edge_runtime.monitor import GripMonitor, Model
+from holdfast.edge_runtime.monitor import GripMonitor
 from holdfast.edge_runtime.preparation import Tare
 from holdfast.live.loop import run_live
 from holdfast.live.page.link import PageLink, open_page
@@ -44,11 +44,6 @@ from holdfast.sessions.recorder.keys import Keys
 
 VALID = np.ones(6, dtype=np.bool_)
 READING = SourceReading(0, np.zeros(18), VALID, ("",) * 6)
-
-
-@pytest.fixture(scope="module")
-def model() -> Model:
-    return Model(DEFAULT)
 
 
 @pytest.fixture

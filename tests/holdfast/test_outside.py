@@ -493,7 +493,7 @@ def test_a_live_source_and_a_scan_without_a_scheme_are_refused_too(
     monkeypatch.chdir(tmp_path)
     clock = VirtualClock()
     with pytest.raises(UsageError, match="write usb://ft232h for the bridge itself"):
-        open_live("ft232h", clock=clock, say=print)
+        open_live("ft232h", clock=clock, report=print)
     with pytest.raises(UsageError, match="write usb://ft232h for the bridge itself"):
         open_bus("ft232h", clock)
 
@@ -512,9 +512,9 @@ def test_a_file_with_the_name_of_a_bridge_is_a_file(
 def test_an_unescaped_plus_in_a_fault_is_refused_with_its_escape() -> None:
     url = "virtual://ft232h?fault=nack:3@1.5+0.2"
     with pytest.raises(UsageError) as caught:
-        open_live(url, clock=VirtualClock(), say=print)
+        open_live(url, clock=VirtualClock(), report=print)
     assert "write fault=nack:3@1.5%2B0.2" in str(caught.value)
-    open_live(url.replace("+", "%2B"), clock=VirtualClock(), say=print).close()
+    open_live(url.replace("+", "%2B"), clock=VirtualClock(), report=print).close()
     with pytest.raises(UsageError, match="is not a fault"):
         read_fault("nack 3")
 

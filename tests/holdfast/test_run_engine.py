@@ -55,7 +55,7 @@ def lines(model: OpenedModel, scene: Path, seconds: float) -> list[dict[str, Any
     """What a run on virtual time answers, without its times."""
     clock, given = VirtualClock(), list[Prediction]()
     url = f"virtual://ft232h?scene={scene}&seed=1&fault={FAULT}"
-    source = open_live(url, clock=clock, say=lambda line: None)
+    source = open_live(url, clock=clock, report=lambda line: None)
     end_ns = clock.now_ns() + round(1e9 * seconds)
 
     def emit(prediction: Prediction, *more: object) -> int:

@@ -15,7 +15,7 @@ from unittest.mock import Mock
 import pytest
 from grip_bench import TtyReceiver, UdpReceiver, wait_for_the_end_of
 from hazard_marks import DEAD_LOG, LOST_SENSOR, NO_GRIP_COMMAND, RUN_DIES
-from live_bench import DEFAULT, ROOT, RUN, closing_output
+from live_bench import ROOT, RUN, closing_output
 from packages import package_of
 
 from holdfast.core.errors import ChannelError, UsageError
@@ -30,11 +30,6 @@ from holdfast.live.scene import drive_of
 
 PERIOD_NS = 1e9 / 150
 REST = "virtual://ft232h"
-
-
-@pytest.fixture(scope="module")
-def model() -> Model:
-    return Model(DEFAULT)
 
 
 @pytest.fixture
@@ -128,7 +123,7 @@ def run_on(
 ) -> int:
     """Run on virtual time; returns the number of samples."""
     clock = clock or VirtualClock()
-    source = open_live(url, clock=clock, say=lambda line: None, field=grip.scene)
+    source = open_live(url, clock=clock, report=lambda line: None, field=grip.scene)
     end_ns = clock.now_ns() + round(1e9 * seconds)
     grip.begin(source)
     summary = answer(
@@ -150,7 +145,7 @@ def test_an_unplugged_hand_is_answered_with_hold_until_the_end(model, receiver):
 @RUN_DIES.mark
 def test_an_error_in_the_loop_ends_with_a_hold_that_says_failed(model, receiver):
     clock, broken = VirtualClock(), Mock(write=Mock(side_effect=ZeroDivisionError))
-    source = open_live(REST, clock=clock, say=print)
+    source = open_live(REST, clock=clock, report=print)
     with pytest.raises(ZeroDivisionError), to_wire(receiver.url, model) as grip:
         answer(source, model, clock, emit_to([grip, broken]), lambda: False)
     assert [line["reason"] for line in receiver.waiting()][1:] == ["failed"]
@@ -247,25 +242,36 @@ def test_a_hand_in_a_scene_holds_where_commands_stay_away(tmp_path):
 # -- what cannot be
 
 
-@pytest.mark.parametrize(
-    ("more", "what"),
-    [
-        (["--grip", "tcp://x:1"], "is not an address"),
-        (["--grip", "udp://127.0.0.1:9000", "--controller", "best"], "ismsp"),
-        (["--feedback", "9000"], "--feedback"),
-        (["--cues", "cues.toml"], "--cues needs --feedback"),
-        (["--controller", "smsp"], "--controller needs --grip"),
-        (["--ceiling", "20"], "--ceiling needs --grip"),
-        (["--grip", "virtual"], "has no scene"),
-        (["--grip", "virtual?colour=red"], "allowed: lag_ms"),
-        (["--grip", "virtual?lag_ms=-1"], "from 0"),
-        (["--grip", "virtual?ceiling_n=0"], "above 0"),
-    ],
-)
-def test_an_option_that_cannot_be_is_one_line_and_exit_code_2(run, more, what):
-    code, _, err = run(*RUN[3:], *more)
+WEARER = "--intent udp://127.0.0.1"
+WRONG_OPTIONS = {
+    "--grip tcp://x:1": "is not an address",
+    "--grip udp://127.0.0.1:9000 --controller best": "ismsp",
+    "--feedback 9000": "--feedback",
+    "--cues cues.toml": "--cues needs --feedback",
+    "--controller smsp": "--controller needs --grip",
+    "--ceiling 20": "--ceiling needs --grip",
+    "--grip virtual": "has no scene",
+    "--grip virtual?colour=red": "allowed: lag_ms",
+    "--grip virtual?lag_ms=-1": "from 0",
+    "--grip virtual?ceiling_n=0": "above 0",
+    "--obey-intent": "--obey-intent needs --intent",
+    f"{WEARER}:9003 --obey-intent 1.5": "--obey-intent",
+    "--intent 9003": "is not an address",
+    "--intent tcp://127.0.0.1:9003": "is not an address",
+    f"{WEARER}:9003?channels=2": "is not an address",
+    f"{WEARER}:9003?envelopes=0": "from 1 to 16",
+    WEARER: "is not an address",
+    "--intent udp://[::1:9003": "is not an address",
+    "--intent lsl://": "no name of a stream",
+}
+"""What is typed, and what the error names."""
+
+
+@pytest.mark.parametrize("typed", WRONG_OPTIONS)
+def test_an_option_that_cannot_be_is_one_line_and_exit_code_2(run, typed):
+    code, _, err = run(*RUN[3:], *typed.split())
     assert code == 2
-    assert what in err
+    assert WRONG_OPTIONS[typed] in err
     assert err.count("\n") == 1
 
 

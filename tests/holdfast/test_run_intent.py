@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 from grip_bench import ROOT
-from live_bench import RUN
+from live_bench import RUN, free_port
 from made_prediction import prediction
 from recorder_bench import Hand, columns_of, meta_of, one_pull, said, session
 
@@ -29,12 +29,6 @@ from holdfast.live.intent import intended, intent_monitor
 from holdfast.live.page.run_page import RunPage
 
 Send = Callable[[Any], None]
-
-
-def free_port() -> int:
-    with socket.socket(type=socket.SOCK_DGRAM) as one:
-        one.bind(("127.0.0.1", 0))
-        return int(one.getsockname()[1])
 
 
 @pytest.fixture
@@ -179,29 +173,6 @@ def test_the_page_of_a_run_gets_the_wearers_own_command():
     assert "intent" not in sent[0]["sample"]
     shown = {"wants": "close", "envelope": (0.25,), "link": "live"}
     assert sent[1]["sample"]["intent"] == shown
-
-
-@pytest.mark.parametrize(
-    ("more", "what"),
-    [
-        (["--obey-intent"], "--obey-intent needs --intent"),
-        (["--intent", "udp://127.0.0.1:9003", "--obey-intent", "1.5"], "--obey-intent"),
-        (["--intent", "9003"], "is not an address"),
-        (["--intent", "tcp://127.0.0.1:9003"], "is not an address"),
-        (["--intent", "udp://127.0.0.1:9003?channels=2"], "is not an address"),
-        (["--intent", "udp://127.0.0.1:9003?envelopes=0"], "from 1 to 16"),
-        (["--intent", "udp://127.0.0.1"], "is not an address"),
-        (["--intent", "udp://[::1:9003"], "is not an address"),
-        (["--intent", "lsl://"], "no name of a stream"),
-    ],
-)
-def test_an_option_that_cannot_be_is_one_line_and_exit_code_2(more, what):
-    done = subprocess.run(
-        [*RUN, *more], cwd=ROOT, capture_output=True, text=True, timeout=300
-    )
-    assert done.returncode == 2
-    assert what in done.stderr
-    assert done.stderr.count("\n") == 1
 
 
 def test_an_existing_file_beside_the_samples_is_never_overwritten(

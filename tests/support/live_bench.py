@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import socket
 import sys
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
@@ -9,6 +10,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
+import pytest
 
 from holdfast.core.contract import Prediction, Sample
 from holdfast.core.source import SourceReading
@@ -33,6 +35,19 @@ RUN = [
     "virtual://ft232h",
 ]
 """The command line on the default model and a virtual hand at rest."""
+
+
+@pytest.fixture(scope="session")
+def model() -> Model:
+    """The default model, opened once."""
+    return Model(DEFAULT)
+
+
+def free_port() -> int:
+    """A UDP port that nothing on this machine uses."""
+    with socket.socket(type=socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
 
 
 @contextmanager

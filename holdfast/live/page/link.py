@@ -68,11 +68,14 @@ def read_address(text: str) -> tuple[str, int]:
     """
     host, colon, port = text.rpartition(":")
     bracketed = host.startswith("[") and host.endswith("]")
-    host = host[1:-1] if bracketed else host
+    if bracketed:
+        host = host[1:-1]
     empty = colon and not host
+    # an IPv6 address without brackets: where it ends and the port begins cannot be told
     unclear = ":" in host and not bracketed
     is_number = port.isascii() and port.isdecimal() and len(port) <= 5
-    if empty or unclear or not host.isprintable() or not is_number or int(port) > 65535:
+    wrong_host = empty or unclear or not host.isprintable()
+    if wrong_host or not is_number or int(port) > 65535:
         raise UsageError(f"--web {text[:80]!r} is not [HOST:]PORT", next_step=EXAMPLES)
     return host or LOOPBACK, int(port)
 
@@ -84,17 +87,19 @@ def listen(text: str) -> PageAddress:
     """
     host, port = read_address(text)
     try:
-        found = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
+        found = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)
     except (OSError, UnicodeError) as error:
         cause = getattr(error, "strerror", None) or str(error)
         raise UsageError(
             f"--web: no host {host!r}", cause=cause, next_step=EXAMPLES
         ) from None
-    listener = socket.socket(*found[:3])
+    family, kind, protocol, _, address = found[0]
+    listener = socket.socket(family, kind, protocol)
     try:
+        # else the port of a run that just ended is refused for a minute
         listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         listener.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER)
-        listener.bind(found[4])
+        listener.bind(address)
         listener.listen(WAITING_CONNECTIONS)
     except OSError as error:
         listener.close()
@@ -121,12 +126,14 @@ def _reached(listener: socket.socket, host: str) -> PageAddress:
     bound = ip_address(address.partition("%")[0])
     if bound.is_loopback:
         names = dict.fromkeys([*LOOPBACK_NAMES, host.lower(), str(bound)])
-        return PageAddress(
-            listener, f"http://{_in_url(host)}:{port}/", "", tuple(names)
-        )
-    token = secrets.token_urlsafe(TOKEN_BYTES)
+        url = f"http://{_in_url(host)}:{port}/"
+        return PageAddress(listener, url, "", tuple(names))
+
+    # 0.0.0.0 is where it listens, and no address that a browser elsewhere could open
     shown = _address_for_others() if bound.is_unspecified else host
-    return PageAddress(listener, f"http://{_in_url(shown)}:{port}/{token}/", token, ())
+    token = secrets.token_urlsafe(TOKEN_BYTES)
+    url = f"http://{_in_url(shown)}:{port}/{token}/"
+    return PageAddress(listener, url, token, ())
 
 
 def _in_url(host: str) -> str:
@@ -226,10 +233,12 @@ def open_page(address: str, about: Json, report: Callable[[str], object]) -> Pag
 def _started(
     place: PageAddress, about: Json, report: Callable[[str], object]
 ) -> PageLink:
+    # packets: a message arrives whole or not at all, also where the room for it runs out
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     ours.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, WAITING_BYTES)
     numbers = [place.listener.fileno(), theirs.fileno()]
     with theirs:
+        # a session of its own: Ctrl-C in the terminal ends the run, which then ends the page
         process = subprocess.Popen(
             [sys.executable, "-m", PROCESS, *map(str, numbers)],
             pass_fds=numbers,

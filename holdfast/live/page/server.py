@@ -52,8 +52,8 @@ def zipped(
     events = ""
     for mark in marks:
         t_s = round(1e-9 * (mark["t_ns"] - first_ns), 6)
-        name = f"mark {mark['number']}"
-        events += json.dumps({"t_s": t_s, "mark": name, "provenance": "page"}) + "\n"
+        label = f"mark {mark['number']}"
+        events += json.dumps({"t_s": t_s, "mark": label, "provenance": "page"}) + "\n"
     content = {
         TACTILE: _table(samples),
         META: json.dumps(meta) + "\n",
@@ -70,16 +70,16 @@ def _table(samples: list[Message]) -> str:
     first = samples[0]
     sensors = range(1, len(first["v"]) + 1)
     axes = [f"{axis}{k}" for k in sensors for axis in "XYZ"]
-    lines = [",".join(["Time", *axes, "sequence", *(f"valid{k}" for k in sensors)])]
+    valid = [f"valid{k}" for k in sensors]
+    lines = [",".join(["Time", *axes, "sequence", *valid])]
     for sample in samples:
-        t_ns = sample["t_ns"] - first["t_ns"]
-        time = f"{t_ns // 10**9}.{t_ns % 10**9:09d}"
-        cells = [
-            time,
-            *map(repr, sample["x"]),
-            str(sample["n"]),
-            *map(str, sample["v"]),
-        ]
+        # whole numbers: as a float, a time of many hours would lose its nanoseconds
+        seconds, rest_ns = divmod(sample["t_ns"] - first["t_ns"], 10**9)
+        cells = [f"{seconds}.{rest_ns:09d}"]
+        # repr keeps every digit, so that the file replays to the same answers
+        cells += map(repr, sample["x"])
+        cells.append(str(sample["n"]))
+        cells += map(str, sample["v"])
         lines.append(",".join(cells))
     return "\n".join(lines) + "\n"
 
@@ -129,6 +129,7 @@ class Access:
         if not self.token:
             return bare if _name_of(host) in self.hosts else None
         given, slash, rest = bare.partition("/")
+        # compared in constant time, so that its duration tells nothing of the token
         is_ours = hmac.compare_digest(
             given.encode("utf-8", "replace"), self.token.encode()
         )
@@ -216,9 +217,8 @@ class PageHandler(BaseHTTPRequestHandler):
         if self._is_foreign():
             self._say(HTTPStatus.FORBIDDEN, REFUSED)
             return
-        offered = {
-            f"do/{one['do']}": one["key"] for one in self.server.stream.about["actions"]
-        }
+        actions = self.server.stream.about["actions"]
+        offered = {f"do/{action['do']}": action["key"] for action in actions}
         if path not in offered:
             self._say(HTTPStatus.NOT_FOUND, "there is no such action\n")
         elif self.server.act(offered[path].encode()):
@@ -246,9 +246,8 @@ class PageHandler(BaseHTTPRequestHandler):
         try:
             for block in self.server.stream.frames():
                 self.wfile.write(block)
-        except (
-            TimeoutError
-        ):  # what waits for it is thrown away, and its kernel's memory is free
+        except TimeoutError:
+            # what still waits is thrown away, so that a stalled browser holds no kernel memory
             self.connection.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, RESET)
 
     def _save(self) -> None:
@@ -271,13 +270,15 @@ class PageHandler(BaseHTTPRequestHandler):
         content: bytes,
         more: dict[str, str] | None = None,
     ) -> None:
-        self._head(status, kind, {"Content-Length": str(len(content)), **(more or {})})
+        length = {"Content-Length": str(len(content))}
+        self._head(status, kind, length | (more or {}))
         self.wfile.write(content)
 
     def _head(
         self, status: HTTPStatus, kind: str, more: dict[str, str] | None = None
     ) -> None:
         self.send_response(status)
-        for name, value in {"Content-Type": kind, **HEADERS, **(more or {})}.items():
+        headers = {"Content-Type": kind, **HEADERS, **(more or {})}
+        for name, value in headers.items():
             self.send_header(name, value)
         self.end_headers()

@@ -79,14 +79,18 @@ class LiveStream:
     def _take_sample(self, sample: Message, now_s: float) -> None:
         self._came_s = now_s
         self._ready = None
+        t_ns = sample["t_ns"]
+
         # time never goes back within a run, so this is the first sample of another one
-        if self._samples and sample["t_ns"] < self._samples[-1]["t_ns"]:
+        if self._samples and t_ns < self._samples[-1]["t_ns"]:
             self._forget()
-        self._first_ns = sample["t_ns"] if self._first_ns is None else self._first_ns
+        if self._first_ns is None:
+            self._first_ns = t_ns
         self._samples.append(sample)
-        oldest_ns = sample["t_ns"] - 1e9 * KEPT_S
+        oldest_ns = t_ns - 1e9 * KEPT_S
         while self._samples[0]["t_ns"] < oldest_ns:
             self._samples.popleft()
+
         row = self._row(sample)
         self._rows.append(row)
         self._fresh.append(row)
@@ -110,6 +114,7 @@ class LiveStream:
             self._count += 1
             self._fresh = []
             self._news = {}
+            # only now: the frame that shows the end must be sent before a browser's loop stops
             self._over = bool(self.ended)
             self._changed.notify_all()
 
@@ -143,7 +148,8 @@ class LiveStream:
         with self._changed:
             samples = list(self._samples)
             begins_ns = samples[0]["t_ns"] if samples else 0
-            return samples, [mark for mark in self._marks if mark["t_ns"] >= begins_ns]
+            marks = [mark for mark in self._marks if mark["t_ns"] >= begins_ns]
+            return samples, marks
 
     def _whole(self) -> bytes:
         picture = self._now(self._came_s or 0.0)
@@ -162,20 +168,27 @@ class LiveStream:
         return {"silent_s": silent_s, "sample": sample, "ended": self.ended}
 
     def _as_shown(self, sample: Message) -> Message:
-        values = [_shown(value) for value in sample["x"]]
+        """A sample as the browser gets it: forces by finger, losses, and the last second."""
         shown = dict(sample)
+        # the samples of a recording session have no number
         for name in ("x", "t_ns", "n"):
-            shown.pop(name, None)  # a recording's samples have no number
+            shown.pop(name, None)
+        values = [_shown(value) for value in sample["x"]]
+        forces = [values[k : k + 3] for k in range(0, len(values), 3)]
         shown["t_s"] = self._since_start(sample["t_ns"])
-        shown["forces"] = [values[k : k + 3] for k in range(0, len(values), 3)]
+        shown["forces"] = forces
         shown["lost_30s"] = sample["lost"] - self._samples[0]["lost"]
         return shown | _last_second(self._samples)
 
     def _row(self, sample: Message) -> list[Any]:
+        """The fields of ROW_FIELDS."""
         answer = sample.get("answer", {})
         grip = sample.get("grip", {})
         load, squeeze = sums(sample["x"], sample["v"])
-        p_risky = None if answer.get("state") == "unknown" else answer.get("p_risky")
+        # a probability of an unknown state would look like an answer
+        p_risky = None
+        if answer.get("state") != "unknown":
+            p_risky = answer.get("p_risky")
         return [
             self._since_start(sample["t_ns"]),
             answer.get("state"),
@@ -196,12 +209,15 @@ def sums(values: list[float], valid: list[int]) -> tuple[float, float]:
 
     Fingers that are not valid do not count, as in holdfast/edge_runtime/grip_control.py.
     """
-    load = squeeze = 0.0
+    load = 0.0
+    squeeze = 0.0
     for k, good in enumerate(valid):
         x, y, z = values[3 * k : 3 * k + 3]
         if good and math.isfinite(x + y + z):
             load += math.hypot(x, y)
+            # a finger cannot pull at an object: what is below zero is noise
             squeeze += max(z, 0.0)
+    # thumb and fingers press against each other, so the grip of either side is half of both
     return load, 0.5 * squeeze
 
 
@@ -224,6 +240,7 @@ def _last_second(samples: deque[Message]) -> Message:
     begin_ns = newest_ns
     count = 0
     late_us = []
+    # from the newest back, so that the cost does not grow with what is kept
     for sample in reversed(samples):
         if newest_ns - sample["t_ns"] >= 1_000_000_000:
             break
@@ -231,6 +248,7 @@ def _last_second(samples: deque[Message]) -> Message:
         count += 1
         if "answer" in sample:
             late_us.append(sample["answer"]["latency_us"])
+
     rate_hz = latency_ms = worst_ms = None
     if newest_ns > begin_ns:
         rate_hz = round(1e9 * (count - 1) / (newest_ns - begin_ns), 1)

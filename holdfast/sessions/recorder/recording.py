@@ -64,7 +64,7 @@ def record_plan(options: RecordOptions, plan: Plan, context: RunContext) -> int:
     source = open_live(
         options.source,
         clock=clock,
-        say=report,
+        report=report,
         to_force=force_of(options.calibration),
         read_set=read_set_trial,
     )

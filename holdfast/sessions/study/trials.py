@@ -146,7 +146,7 @@ class Trials:
         source = open_live(
             url,
             clock=self.context.clock,
-            say=self.display.report,
+            report=self.display.report,
             to_force=force_of(self.options.calibration),
             read_set=read_set_trial,
         )
