@@ -1,4 +1,4 @@
-"""Leaves out modules of the packages without an example: looking for one loads and walks all of them.
+"""Leaves out modules of packages without an example: looking for one loads and walks all of them.
 
 The packages are among the test paths for their doctests alone, and few modules have one.
 """
