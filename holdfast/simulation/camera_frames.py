@@ -68,7 +68,7 @@ CAMERA = {
 @cache
 def cells(tag: int) -> FloatArray:
     """[10, 10] cells of a tag with its margin, 1 white, 0 black, first row on top; read-only."""
-    # the first bit is the highest of the word
+    # The first bit is the highest of the word.
     code = CODES[tag]
     bits = [code >> (35 - k) & 1 for k in range(36)]
 
@@ -136,7 +136,7 @@ class Camera:
         # imported here: half of the start-up time of a scene that has no camera
         from scipy.interpolate import CubicSpline
 
-        # the physics has few samples a frame; motion between them is smooth
+        # The physics has few samples a frame; motion between them is smooth.
         places = CubicSpline(t_s, np.hstack([object_m + hand_m, hand_m]))
 
         def shoot(end_s: float) -> Frames:
@@ -193,11 +193,11 @@ class Camera:
             column_px, row_px = self.centre_px(tag, moved_mm)
             rows, down = self._seen(row_px, self.height_px)
             columns, across = self._seen(column_px, self.width_px)
-            # the integral over a pixel is a product of one along each axis
+            # The integral over a pixel is a product of one along each axis.
             levels = BLACK + (WHITE - BLACK) * cells(tag)
             light = down @ levels @ across.T
 
-            # where a tag covers a pixel in part, the rest of it is grey
+            # Where a tag covers a pixel in part, the rest of it is grey.
             covered = np.outer(down.sum(axis=1), across.sum(axis=1))
             seen.append((rows, columns, light - GREY * covered))
 
@@ -210,7 +210,7 @@ class Camera:
         right_px = self.px_per_mm * moved_mm[0]
         up_px = self.px_per_mm * moved_mm[1]
 
-        # rows of a frame count downwards
+        # Rows of a frame count downwards.
         column_px = 0.5 * self.width_px + away_px + right_px
         row_px = 0.5 * self.height_px - up_px
         return float(column_px), float(row_px)
@@ -219,12 +219,12 @@ class Camera:
         """(the n pixels a tag reaches along one axis, [n, 10] the share of each in every cell)."""
         from scipy.special import ndtr
 
-        # edges of the ten cells, the margin included
+        # Edges of the ten cells, the margin included.
         cell_px = self.tag_mm * self.px_per_mm / SIDE_CELLS
         edges = np.arange(SIDE_CELLS + 3) - 0.5 * (SIDE_CELLS + 2)
         edges_px = centre_px + cell_px * edges
 
-        # pixels beyond the frame are not seen
+        # Pixels beyond the frame are not seen.
         far_px = FAR_BLURS * self.blur_px
         reach_px = edges_px[[0, -1]] + far_px * np.array([-1.0, 1.0])
         ends = np.clip([reach_px[0], reach_px[1] + 1.0], 0, size_px)
@@ -237,7 +237,7 @@ class Camera:
         density = np.exp(-0.5 * u * u) / np.sqrt(2.0 * np.pi)
         integral_px = self.blur_px * (u * ndtr(u) + density)
 
-        # a pixel's share beyond each edge; between two edges lies a cell
+        # A pixel's share beyond each edge; between two edges lies a cell.
         beyond_edge = np.diff(integral_px, axis=0)
         in_cell = beyond_edge[:, :-1] - beyond_edge[:, 1:]
         return slice(first, stop), in_cell

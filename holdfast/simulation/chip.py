@@ -20,6 +20,7 @@ NOISE_UT = np.array([22.0, 22.0, 11.0])
 Its 125 and 68 uT at one conversion agree with 1/sqrt(32) within 10 %.
 """
 RANGE_UT = np.array([40e3, 40e3, 80e3])
+"""Range in x, y and z (data sheet SLYS045)."""
 STALE_AFTER_S = 0.02
 """The driver calls a sensor stale when its reading has not changed for this long."""
 LONGEST_BURST = 3
@@ -81,7 +82,7 @@ def late_s(t_s: FloatArray, drawn: Drawn, rng: np.random.Generator) -> FloatArra
     latest_s = LATEST * float(t_s[1] - t_s[0])
     late = 1e-3 * drawn["sd_ms"] * rng.normal(size=len(t_s))
     late = np.clip(late, -latest_s, latest_s)
-    # a recording keeps its ends, so that no value is taken from beyond them
+    # A recording keeps its ends, so that no value is taken from beyond them.
     late[[0, -1]] = 0.0
     return late
 
@@ -93,7 +94,8 @@ def timing_jitter(signal: Signal, drawn: Drawn, rng: np.random.Generator) -> Sig
         return signal
     t_s = signal.t_s + late
     flat = signal.values.reshape(len(t_s), -1)
-    values = np.stack([np.interp(t_s, signal.t_s, column) for column in flat.T], axis=1)
+    columns = [np.interp(t_s, signal.t_s, column) for column in flat.T]
+    values = np.stack(columns, axis=1)
     return replace(signal, t_s=t_s, values=values.reshape(signal.values.shape))
 
 
@@ -108,7 +110,10 @@ def kept_rows(t_s: FloatArray, drawn: Drawn, rng: np.random.Generator) -> BoolAr
     mean = 0.5 * (1 + LONGEST_BURST)
     share = drawn["share"]
     bursts = rng.integers(1, LONGEST_BURST + 1, n)
-    probability = 1.0 / (mean / share - mean - 1.0) if share else 0.0
+    # Solved for p: share = m / (m + 1 + 1 / p).
+    probability = 0.0
+    if share:
+        probability = 1.0 / (mean / share - mean - 1.0)
     begins = rng.uniform(size=n) < probability
     kept = np.ones(n, dtype=np.bool_)
     last = -LONGEST_BURST
@@ -137,7 +142,10 @@ def stale_plan(
     ends_s = drawn["at_s"] + drawn["lasts_s"]
     stuck = np.zeros((len(t_s), sensors), dtype=np.bool_)
     these = [int(number) - 1 for number in drawn["sensors"]]
-    stuck[:, these] = ((t_s >= begins_s) & (t_s < ends_s))[:, None]
+    during = (t_s >= begins_s) & (t_s < ends_s)
+    stuck[:, these] = during[:, None]
+
+    # The driver needs a while to see that a reading does not change.
     late = t_s - begins_s > STALE_AFTER_S
     return {"stuck": stuck, "detected": stuck & late[:, None]}
 

@@ -38,6 +38,7 @@ from holdfast.simulation.scene import Scene
 from holdfast.simulation.script import SETTLE_S, Times, grid_of
 
 ROWS_TO_SPARE = 5
+"""Rows by which the loop begins earlier than bias and model need."""
 MOST_TOGETHER = 500
 """Trials in a loop together: fewer waste time on calls, more on memory."""
 FALL_S = 1.0
@@ -79,9 +80,12 @@ Make = Callable[[Sequence[PlannedTrial], float], LoopController]
 
 @dataclass(frozen=True)
 class LoopSettings:
-    """The hand's drive, the people, and how many samples later than they could targets act.
+    """What a loop adds to its scene.
 
-    whole_trials: go on to the end of every trial, for a recording; else until nothing more happens.
+    drive          of the hand
+    habits         of the people
+    delay_samples  by so many samples later than they could do targets act
+    whole_trials   go on to the end of every trial, for a recording; else until nothing more happens
     """
 
     drive: Drive = field(default_factory=Drive)
@@ -107,8 +111,13 @@ def run_loops(
 def batches(trials: Sequence[PlannedTrial]) -> list[list[int]]:
     """Places of the trials that run together: those of similar length, MOST_TOGETHER at most."""
     habits = Habits()
-    lasts_s = [loop_end_s(trial, habits) - Times.of(trial).close for trial in trials]
+    lasts_s = []
+    for trial in trials:
+        begin_s = Times.of(trial).close
+        lasts_s.append(loop_end_s(trial, habits) - begin_s)
     order = sorted(range(len(trials)), key=lasts_s.__getitem__)
+
+    # As few batches as can be, of equal size; -(-a // b) rounds up.
     count = max(1, -(-len(order) // MOST_TOGETHER))
     size = max(1, -(-len(order) // count))
     return [order[start : start + size] for start in range(0, len(order), size)]
@@ -123,7 +132,7 @@ def run_batch(
     settings: LoopSettings | None = None,
 ) -> dict[int, LoopOutcome]:
     """Outcomes of one batch, by their places among the trials."""
-    # a single trial runs twice, because numpy sums one in another order than many
+    # A single trial runs twice, because numpy sums one in another order than many.
     places = batch if len(batch) > 1 else [*batch, *batch]
     loop = ClosedLoop(scene, [trials[k] for k in places], model, make, settings)
     return dict(zip(places, loop.run(), strict=True))
@@ -133,7 +142,8 @@ def loop_end_s(trial: PlannedTrial, habits: Habits) -> float:
     """When nothing more is decided: the person has given up, or the hand is open."""
     times = Times.of(trial)
     if trial.action == "pull":
-        return times.act + habits.pull_gives_up_s + habits.lets_go_s + SETTLE_S
+        gone_s = times.act + habits.pull_gives_up_s + habits.lets_go_s
+        return gone_s + SETTLE_S
     if trial.action == "fall":
         return times.act + max(trial.drawn["watch_s"], FALL_S)
     return times.open + trial.drawn["opening_s"] + SETTLE_S
@@ -165,7 +175,7 @@ class ClosedLoop:
         self.wearer = Wearer(trials, habits, scene.seed)
         self.controller = make(trials, self.rate_hz)
 
-        # commands on their way: at first the wearer's grip
+        # Commands on their way: at first the wearer's grip.
         self._late = [self.actuator.own_n.copy()] * settings.delay_samples
         self._agents_n = self.world.state.agents_n.copy()
 
@@ -181,7 +191,7 @@ class ClosedLoop:
 
     def decide(self, period: int) -> FloatArray:
         """[B] targets of the drives at a sample: never less than the wearer's grip."""
-        # a trial that has ended repeats its last sample
+        # A trial that has ended repeats its last sample.
         rows = np.minimum(self.spans.begins + period, self.spans.counts - 1)
         readings, lost = self.sensors.read(rows, self.world.forces_n)
         valid = readings.valid & ~lost[:, None]
@@ -191,16 +201,17 @@ class ClosedLoop:
         opening = self.wearer.opening(now.t_s)
         overridden = self._overridden(now)
         sense = replace(sense, opening=opening, overridden=overridden)
+        # A queue: what is decided now acts delay_samples later.
         wanted_n = self.controller.step(sense, now)
         self._late.append(np.maximum(wanted_n, self.actuator.own_n))
-
         return self._late.pop(0)
 
     def _overridden(self, now: LoopTruth) -> BoolArray:
         """[B] whether the wearer's override lasts; it lasts until the end of the trial."""
         agents_n = self.world.state.agents_n
-        # force on the object before the action, which resistance is measured against
-        self._agents_n = np.where(now.t_s < self.wearer.act_s, agents_n, self._agents_n)
+        # Force on the object before the action, which resistance is measured against.
+        before = now.t_s < self.wearer.act_s
+        self._agents_n = np.where(before, agents_n, self._agents_n)
         change_n = agents_n - self._agents_n
         pulled_n = np.sqrt((change_n * change_n).sum(axis=0))
         extra_n = now.grip_n - self.actuator.own_n
@@ -211,7 +222,7 @@ class ClosedLoop:
         begin = int(self.spans.begins[k])
         end = int(self.spans.ends[k])
 
-        # the outcome is read off the steps alone, so the motion needs no samples
+        # The outcome is read off the steps alone, so the motion needs no samples.
         motion = self.world.motion(k, np.zeros((2, 1, 3)), np.zeros((2, 3)))
         return outcome_of(
             self.trials[k],
@@ -238,7 +249,7 @@ def _spans(
         whole = int(grid.sample[-1])
         end = int(np.ceil(loop_end_s(trial, settings.habits) * rate_hz))
 
-        # nothing is decided after the hand has opened
+        # Nothing is decided after the hand has opened.
         if trial.action not in RISKY_ACTIONS:
             end = min(end, whole)
         if settings.whole_trials:
@@ -247,8 +258,9 @@ def _spans(
         ends.append(end)
         counts.append(max(grid.n_samples, end + 1))
 
-    begins = np.maximum(np.array(moves) - before, 0)
-    return Spans(begins, np.array(moves), np.array(ends), np.array(counts))
+    first_moves = np.array(moves)
+    begins = np.maximum(first_moves - before, 0)
+    return Spans(begins, first_moves, np.array(ends), np.array(counts))
 
 
 class Oracle:
@@ -271,7 +283,9 @@ class Oracle:
 
     def step(self, sense: GripSense, now: LoopTruth) -> FloatArray:
         """[B] N a side; 0 for none."""
-        close_n = np.where(now.grip_n < self.needed_n, self.ceiling_n, self.needed_n)
+        # A target at the ceiling moves the drive at its full speed.
+        too_weak = now.grip_n < self.needed_n
+        close_n = np.where(too_weak, self.ceiling_n, self.needed_n)
         return np.where(now.t_s >= self.act_s, close_n, 0.0)
 
 
@@ -279,7 +293,11 @@ def needed_grip_n(trial: PlannedTrial) -> float:
     """Grip of either side, N, that holds the weight and the largest pull by kinetic friction."""
     weight_n = trial.object.mass_g * 1e-3 * GRAVITY_M_S2
     pull_n = trial.drawn["cap_n"] if trial.action == "pull" else 0.0
-    return SPARE * (weight_n + pull_n) / (2.0 * max(trial.kinetic_friction, 1e-3))
+    load_n = weight_n + pull_n
+
+    # Coulomb: both sides hold, each with friction times its normal force
+    friction = max(trial.kinetic_friction, 1e-3)
+    return SPARE * load_n / (2.0 * friction)
 
 
 class Managed:
@@ -294,7 +312,7 @@ class Managed:
         """[B] target, N a side; 0 for none."""
         self.target_n = self.grip.step(sense)
         observed = self.grip.margin.mu_hat
-        # the last estimate stays
+        # The last estimate stays.
         self.mu_hat = np.where(observed > 0.0, observed, self.mu_hat)
         return self.target_n
 
@@ -318,7 +336,10 @@ class Vibration:
     def step(self, sense: GripSense, now: LoopTruth) -> FloatArray:
         """[B] N a side; 0 for none."""
         cue = sense.known & (sense.p_risky >= CUE_P) & ~self.meant
-        self.felt_s = np.where(cue, np.minimum(self.felt_s, now.t_s), self.felt_s)
+
+        # Only the first vibration starts a reaction.
+        first_s = np.minimum(self.felt_s, now.t_s)
+        self.felt_s = np.where(cue, first_s, self.felt_s)
         acts = now.t_s >= self.felt_s + self.reaction_s
         return np.where(acts, self.needed_n, 0.0)
 
@@ -331,7 +352,7 @@ def managed(
     limits: Limits | None = None,
 ) -> Callable[[Sequence[PlannedTrial], float], Managed]:
     """A maker of the named controller; rules: of holdfast, for a study of its parts."""
-    # a calibrated magnet reads too little shear; an ideal sensor does not
+    # A calibrated magnet reads too little shear; an ideal sensor does not.
     gain = shear_gain() if "dipole" in scene.file.effects else 1.0
 
     def make(trials: Sequence[PlannedTrial], rate_hz: float) -> Managed:

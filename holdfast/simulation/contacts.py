@@ -65,7 +65,7 @@ class Texture(PhysicsEffect):
     def __init__(self, batch: EffectBatch) -> None:
         self.depth = batch.values("depth")
         self.per_m = 2e3 * np.pi / batch.values("wavelength_mm")
-        # phases of the most elements, so that a trial's draws do not depend on their number
+        # Phases of the most elements, so that a trial's draws do not depend on their number.
         shape = MOST_ELEMENTS, len(batch.trials[0].finger_n_per_m)
         phases = [rng.uniform(0.0, 2.0 * np.pi, shape) for rng in batch.rngs]
         self.phase = np.stack(phases, axis=2)

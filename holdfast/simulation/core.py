@@ -401,7 +401,7 @@ def kinetic_j(body: Body, state: State) -> FloatArray:
 def brush_j(body: Body, state: State) -> FloatArray:
     """[B] energy in the brushes."""
     y, z = state.stretch_m
-    # in place: this array is as large as all brushes of the batch
+    # In place: this array is as large as all brushes of the batch.
     squares = y * y
     squares += z * z
     return 0.5 * np.einsum("eib,eib->b", body.brush_n_per_m, squares)

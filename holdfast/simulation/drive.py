@@ -57,7 +57,14 @@ CONTROLLER_NUMBERS = {
 
 @dataclass(frozen=True)
 class Drive:
-    """Figures of a hand's drive. backlash_mm: of the fingers' opening, at a change of direction."""
+    """Figures of a hand's drive; their sources are in the docstring of this module.
+
+    lag_ms       time constant with which the speed follows the target
+    ceiling_n    largest grip of either side
+    closing_s    time of the whole stroke
+    stroke_mm    how far the fingers can open
+    backlash_mm  of the fingers' opening, at a change of direction
+    """
 
     lag_ms: float = 50.0
     ceiling_n: float = 70.0
@@ -68,7 +75,13 @@ class Drive:
 
 @dataclass(frozen=True)
 class HandControl:
-    """A controller by name, the path of its model, its setting (None: its default), the drive."""
+    """Who moves the grip.
+
+    name     of the controller
+    model    path of the model file
+    setting  of the controller; None: its default
+    drive    of the hand
+    """
 
     name: str
     model: str
@@ -81,39 +94,43 @@ class Actuator:
 
     def __init__(self, drive: Drive, trials: Sequence[PlannedTrial]) -> None:
         self.drive = drive
-        # the grip with which the wearer closes the hand
+        # The grip with which the wearer closes the hand.
         self.own_n = np.array([trial.grip_n for trial in trials])
         per_m = stiffness_n_per_m(trials)
         self.fastest_n_s = 1e-3 * drive.stroke_mm / drive.closing_s * per_m
         self.backlash_n = 1e-3 * drive.backlash_mm * per_m
-        self.motor_n, self.grip_n = self.own_n.copy(), self.own_n.copy()
+        # Where the motor would hold the object, and where the fingers behind the backlash do.
+        self.motor_n = self.own_n.copy()
+        self.grip_n = self.own_n.copy()
         self.speed_n_s = np.zeros(len(trials))
 
     def step(self, target_n: FloatArray, dt_s: float) -> FloatArray:
         """Follow target_n [B] for dt_s; returns the grip [B]."""
         lag_s = 1e-3 * self.drive.lag_ms
         ceiling_n = self.drive.ceiling_n
+        # x + lag v: where the motor would come to rest
         rest_n = self.motor_n + lag_s * self.speed_n_s
         to_go_n = np.minimum(target_n, ceiling_n) - rest_n
 
-        # a lag shorter than the step would overshoot
+        # A lag shorter than the step would overshoot.
         wanted = to_go_n / max(lag_s, dt_s)
         wanted = np.clip(wanted, -self.fastest_n_s, self.fastest_n_s)
 
-        # explicit Euler in the lag, or at once where the step is longer
+        # Explicit Euler in the lag, or at once where the step is longer.
         share = 1.0 if lag_s <= dt_s else dt_s / lag_s
         self.speed_n_s = self.speed_n_s + share * (wanted - self.speed_n_s)
         moved_n = self.motor_n + self.speed_n_s * dt_s
         self.motor_n = np.clip(moved_n, 0.0, ceiling_n)
 
-        # the fingers rest until the motor has taken up the backlash
+        # The fingers rest until the motor has taken up the backlash.
         self.grip_n = np.clip(self.grip_n, self.motor_n - self.backlash_n, self.motor_n)
         return self.grip_n
 
     def moving(self, target_n: FloatArray) -> FloatArray:
         """[B] whether the grip still changes by more than can be felt."""
         far = np.abs(target_n - self.motor_n) > FELT_N
-        return (np.abs(self.speed_n_s) > FELT_N_S) | far
+        fast = np.abs(self.speed_n_s) > FELT_N_S
+        return fast | far
 
 
 def stiffness_n_per_m(trials: Sequence[PlannedTrial]) -> FloatArray:
@@ -126,13 +143,16 @@ def stiffness_n_per_m(trials: Sequence[PlannedTrial]) -> FloatArray:
 
 @dataclass(frozen=True)
 class GripRecord:
-    """What a controller commanded in a trial, and what its drive did: rows [T, 5], a row a sample.
+    """What a controller commanded in a trial, and what its drive did.
 
-    Columns as in GRIP_COLUMNS. target_n: commanded, N a side, nan where the wearer's grip is left
-    alone. needed_n, mu_hat: of the friction margin, nan while no slip has shown the friction. mode:
-    number of edge_runtime.grip_command.MODES. grip_n: N a side that the place of the drive gives.
-    about: controller, model and drive, for the truth of the trial. overrode_s: the wearer
-    overrides, inf where that never happens.
+    rows        [T, 5], a row a sample, columns as in GRIP_COLUMNS:
+      target_n  commanded, N a side, nan where the wearer's grip is left alone
+      needed_n  by the friction margin, nan while no slip has shown the friction
+      mu_hat    the margin's estimate of friction, nan until then
+      mode      number of edge_runtime.grip_command.MODES
+      grip_n    N a side that the place of the drive gives
+    about       controller, model and drive, for the truth of the trial
+    overrode_s  the wearer overrides, inf where that never happens
     """
 
     rows: FloatArray

@@ -65,9 +65,13 @@ EFFECT_MODULES = {
 
 @dataclass(frozen=True)
 class Parameter:
-    """One parameter: its default, its unit, and the range that values and draws keep within.
+    """One parameter of a scene file, and the range that values and draws keep within.
 
-    about: what it is. many: the value is a list of numbers (such as sensors), not one number.
+    default    what holds where the file has no value: a constant or a distribution
+    unit       "" for a ratio or a count
+    low, high  the range, ends included
+    about      what it is, for tables in the documentation
+    many       the value is a list of numbers (such as sensors), not one number
     """
 
     default: Any
@@ -99,12 +103,13 @@ class Parameter:
         if not isinstance(value, dict):
             return float(value)
         ((kind, numbers),) = value.items()
-        # a normal draw may lie outside of the range
+        # A normal draw may lie outside of the range.
         return min(max(_drawn(kind, numbers, rng), self.low), self.high)
 
     def _inside(self, value: Any) -> bool:
+        # Python counts True as an int, and nan fails both comparisons
         number = isinstance(value, (int, float)) and not isinstance(value, bool)
-        return number and self.low <= value <= self.high  # false of nan
+        return number and self.low <= value <= self.high
 
     def _problem_of_distribution(self, value: dict[str, Any]) -> str | None:
         kind = next(iter(value), "")
@@ -149,7 +154,13 @@ def _drawn(kind: str, numbers: list[float], rng: np.random.Generator) -> float:
 
 @dataclass(frozen=True)
 class Signal:
-    """What S fingertips report: t_s [T], values [T, S, 3] (shear x, y, normal), valid [T, S]."""
+    """What S fingertips report at T samples.
+
+    t_s     [T]
+    values  [T, S, 3] shear x, shear y, normal
+    valid   [T, S]
+    unit    of the values
+    """
 
     t_s: FloatArray
     values: FloatArray
@@ -161,13 +172,17 @@ class Signal:
 class Effect:
     """One entry of the table of effects.
 
-    make: (signal, drawn, random stream) -> signal; or for `physics` what builds the effect of an
-    EffectBatch; or for an effect that `sets` a field of run.StepSettings what turns its constant
-    into that field. needs: effects that the scene must name too. marks_invalid: it can make samples
-    invalid, so the trial's file has columns for that. constant: a parameter that is the same in all
-    trials of a scene, which are stepped together. longest_step_s: the longest physics.step_s it
-    allows. gives_unit: the unit after it. in_scene_unit: it acts on reported samples, so the unit
-    is converted before it.
+    make            of a sensor effect: (signal, drawn, random stream) -> signal;
+                    of a physics effect: EffectBatch -> PhysicsEffect;
+                    of one that `sets` a field of run.StepSettings: its constant -> that field
+    parameters      in the order in which they are drawn
+    needs           effects that the scene must name too
+    marks_invalid   it can make samples invalid, so the trial's file has columns for that
+    constant        a parameter that is the same in all trials of a scene: they are stepped together
+    sets            the field of run.StepSettings
+    longest_step_s  the longest physics.step_s it allows
+    gives_unit      the unit after it; None: it changes no unit
+    in_scene_unit   it acts on reported samples, so the unit is converted before it
     """
 
     name: str
@@ -241,14 +256,19 @@ def step_settings(named: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
 
 def stream(seed: int, trial: int, name: str) -> np.random.Generator:
     """The random stream of one part of one trial; draws of other parts cannot shift it."""
-    # crc32, not hash(): the same in every process
+    # The checksum and not hash(), which differs from process to process.
     key = (trial, zlib.crc32(name.encode()))
     return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=key))
 
 
 @dataclass(frozen=True)
 class EffectBatch:
-    """What an effect of the physics is built of: B trials, their draws and random streams."""
+    """What an effect of the physics is built of.
+
+    drawn   of each of B trials
+    trials  as they were planned
+    rngs    the effect's random stream in each trial
+    """
 
     drawn: Sequence[Drawn]
     trials: Sequence[Any]
@@ -301,7 +321,7 @@ def without_first(batched: Any, count: int, n: int) -> Any:
     if isinstance(batched, np.ndarray):
         if batched.ndim == 0 or batched.shape[-1] != n:
             return batched
-        # the layout in memory stays: it decides in which order numpy sums
+        # The layout in memory stays: it decides in which order numpy sums.
         return batched[..., count:].copy(order="K")
     if isinstance(batched, list | tuple):
         return type(batched)([without_first(part, count, n) for part in batched])

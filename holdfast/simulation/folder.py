@@ -36,6 +36,7 @@ KIND = "simulated"
 STREAM = "daily"
 """Folder of recordings that are several trials joined."""
 DECIMALS = {"N": 4, "uT": 1, "count": 0}
+"""Of a sample, finer than any sensor's noise."""
 TIME_DECIMALS = 6
 MOTION_DECIMALS = 3
 SIMULATED_SHARE = 0.8
@@ -73,8 +74,11 @@ def _fill(scene: Scene, out: Path, trials: Sequence[PlannedTrial], done: Done) -
     write_whole(out / "card.toml", scene.file.text)
     write_whole(out / "meta.json", _json(_meta(scene)))
 
-    # the thesis' layout: light and heavy follow from the mass of the folder
-    masses_g = {t.object.name: t.object.mass_g for t in trials if t.action != "nothing"}
+    # The thesis' layout: light and heavy follow from the mass of the folder.
+    masses_g = {}
+    for trial in trials:
+        if trial.action != "nothing":
+            masses_g[trial.object.name] = trial.object.mass_g
     for name, mass_g in masses_g.items():
         write_whole(out / name / "meta.json", _json({"mass_g": mass_g}))
 
@@ -82,7 +86,7 @@ def _fill(scene: Scene, out: Path, trials: Sequence[PlannedTrial], done: Done) -
         recordings = list(_streams(scene, out, trials))
         together = max(1, BATCH // scene.file.join)
     else:
-        # recordings are written in the order in which trials are simulated
+        # Recordings are written in the order in which trials are simulated.
         recordings = [(out / name, [trial]) for name, trial in _named(trials)]
         together = max(1, len(recordings))
 
@@ -135,7 +139,8 @@ def _write_recordings(
         ready[simulated.trial.number] = simulated
         missing[path] -= 1
         if not missing[path]:
-            write_recording(path, scene, [ready.pop(t.number) for t in joined])
+            complete = [ready.pop(trial.number) for trial in joined]
+            write_recording(path, scene, complete)
             work.written(len(joined))
 
     work.before += len(trials)
@@ -169,11 +174,13 @@ def _streams(
     join = scene.file.join
     for name in dict.fromkeys(trial.object.name for trial in trials):
         same = [trial for trial in trials if trial.object.name == name]
-        # daily life has no blocks of the same action
-        order = np.random.default_rng([scene.seed, len(same)]).permutation(len(same))
+        # Daily life has no blocks of the same action.
+        rng = np.random.default_rng([scene.seed, len(same)])
+        order = rng.permutation(len(same))
         for start in range(0, len(same), join):
-            path = out / name / STREAM / f"trial_{start // join + 1}"
-            yield path, [same[k] for k in order[start : start + join]]
+            number = start // join + 1
+            joined = [same[k] for k in order[start : start + join]]
+            yield out / name / STREAM / f"trial_{number}", joined
 
 
 def _named(trials: Sequence[PlannedTrial]) -> Iterator[tuple[str, PlannedTrial]]:
@@ -213,9 +220,11 @@ def _samples(signal: Signal, scene: Scene) -> bytes:
     decimals = DECIMALS[signal.unit]
     header = [TIME_COLUMN, *channel_names(n_sensors)]
     columns: list[Column] = [(signal.t_s, TIME_DECIMALS)]
-    for values in signal.values.reshape(len(signal.t_s), -1).T:
+    flat = signal.values.reshape(len(signal.t_s), -1)
+    for values in flat.T:
         columns.append((values, decimals))
 
+    # A recording in which no sample can be invalid has no columns for that.
     if any(effect_named(name).marks_invalid for name in scene.file.effects):
         for k, valid in enumerate(signal.valid.T, 1):
             header.append(f"valid{k}")
@@ -245,8 +254,10 @@ def _motion(trials: Sequence[SimulatedTrial], starts_s: Sequence[float]) -> byte
 
 
 def _grip(t_s: FloatArray, grip: GripRecord) -> bytes:
-    columns = list(zip(grip.rows.T, GRIP_COLUMNS.values(), strict=True))
-    return csv_bytes([TIME_COLUMN, *GRIP_COLUMNS], [(t_s, TIME_DECIMALS), *columns])
+    header = [TIME_COLUMN, *GRIP_COLUMNS]
+    columns: list[Column] = [(t_s, TIME_DECIMALS)]
+    columns += zip(grip.rows.T, GRIP_COLUMNS.values(), strict=True)
+    return csv_bytes(header, columns)
 
 
 def _film(scene: Scene, simulated: SimulatedTrial) -> bytes:
@@ -281,7 +292,10 @@ def _truth(
         "card_sha256": scene.file.sha256,
         "seed": scene.seed,
     }
-    return truth | (trials[0] if len(trials) == 1 else {"trials": trials})
+    # The file of one trial has its keys at the top.
+    if len(trials) == 1:
+        return truth | trials[0]
+    return truth | {"trials": trials}
 
 
 def _origin(simulated: SimulatedTrial, sensors: Mapping[str, Drawn]) -> Json:

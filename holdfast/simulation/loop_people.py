@@ -26,11 +26,12 @@ from holdfast.simulation.truth import load_onset
 class Habits:
     """How people behave; distributions are uniform where two figures are given.
 
-    pull_gives_up_s, pass_gives_up_s: from the first pull until the other person lets go.
-    lets_go_s: how long letting go takes. signal_s: by how much the wearer's muscle signal precedes
-    the opening of the hand. missed_share: of the signals, which the hand's own control sees and
-    we do not. resisted_n, resisted_s: grip above the wearer's, for so long, in a hand-over: then
-    the wearer overrides.
+    pull_gives_up_s, pass_gives_up_s  from the first pull until the other person lets go
+    lets_go_s               how long letting go takes
+    signal_s                by how much the wearer's muscle signal precedes the opening of the hand
+    missed_share            of the signals: those that the hand's own control sees and we do not
+    resisted_n, resisted_s  grip above the wearer's, for so long, in a hand-over: then the wearer
+                            overrides
     """
 
     pull_gives_up_s: float = 1.0
@@ -49,9 +50,11 @@ class LoopScript(Script):
         self, trials: Sequence[PlannedTrial], body: Body, habits: Habits
     ) -> None:
         super().__init__(trials, body)
+        # In other actions no person pulls, so no person gives up.
         after_s = {"pull": habits.pull_gives_up_s, "pass": habits.pass_gives_up_s}
         patience_s = np.array([after_s.get(trial.action, NEVER_S) for trial in trials])
-        self.gives_up_s = self.act_s + self.drawn("wait_s") + patience_s
+        first_pull_s = self.act_s + self.drawn("wait_s")
+        self.gives_up_s = first_pull_s + patience_s
         self.lets_go_s = habits.lets_go_s
         self.own_n = np.array([trial.grip_n for trial in trials])
         self.grip_n: FloatArray = self.own_n[None]
@@ -63,7 +66,8 @@ class LoopScript(Script):
 
     def still_there(self, t_s: FloatArray) -> FloatArray:
         """[n, B] 1 while the other person pulls, 0 after giving up."""
-        return 1.0 - smooth((t_s - self.gives_up_s) / self.lets_go_s)
+        gone = (t_s - self.gives_up_s) / self.lets_go_s
+        return 1.0 - smooth(gone)
 
 
 def held_n(trial: PlannedTrial) -> float:
@@ -105,11 +109,15 @@ class Wearer:
         have let go.
         """
         would_go = pulled_n > self.own_holds_n
-        resisted = self.hands_over & (t_s >= self.act_s) & would_go
-        # a hand at the wearer's grip resists nobody
-        resisted &= extra_n > self.habits.resisted_n
+        handing_over = self.hands_over & (t_s >= self.act_s)
+        # A hand at the wearer's grip resists nobody.
+        tighter = extra_n > self.habits.resisted_n
+        resisted = handing_over & would_go & tighter
+
+        # One sample without resistance starts the wearer's patience anew.
         self.resisted_s = np.where(resisted, self.resisted_s + dt_s, 0.0)
-        now = (self.resisted_s >= self.habits.resisted_s) & np.isinf(self.overrode_s)
+        out_of_patience = self.resisted_s >= self.habits.resisted_s
+        now = out_of_patience & np.isinf(self.overrode_s)
         self.overrode_s = np.where(now, t_s, self.overrode_s)
 
 
@@ -120,11 +128,17 @@ HELD_AT_END_S = float("inf")
 class LoopOutcome:
     """What became of a trial. Times in s of the trial; inf for what never happened.
 
-    lost_s: the last contact ends. onset_s: load onset. slip_mm: travel of the contacts since load
-    onset. peak_n: largest force of the other person or the box beyond the one before the action,
-    while there is contact. grip_n: the grip of either side that the drive gave, over time [T] from
-    begin_s on. overrode_s: the wearer overrides. mu_hat: the last friction estimate, nan where no
-    slip has shown it.
+    trial       as it was planned
+    lost_s      the last contact ends
+    onset_s     load onset
+    slip_mm     travel of the contacts since load onset
+    peak_n      largest force of the other person or the box beyond the one before the action, while
+                there is contact
+    overrode_s  the wearer overrides
+    begin_s     first time of grip_n
+    rate_hz     of grip_n
+    mu_hat      the last friction estimate, nan where no slip has shown it
+    grip_n      [T] the grip of either side that the drive gave
     """
 
     trial: PlannedTrial
@@ -180,13 +194,26 @@ def outcome_of(
     held = np.flatnonzero(motion.gripped)
     last = int(held[-1]) if held.size else -1
     onset = load_onset(motion, act_s)
-    start = min(last if onset is None else onset, max(last, 0))
+
+    lost_s = HELD_AT_END_S
+    if last + 1 < len(at_s):
+        lost_s = float(at_s[last + 1])
+
+    # Without a load onset there is no slip since then.
+    start = last
+    onset_s = HELD_AT_END_S
+    if onset is not None:
+        start = onset
+        onset_s = float(at_s[onset])
+    held_last = max(last, 0)
+    start = min(start, held_last)
+    slip_m = motion.slip_m[held_last] - motion.slip_m[start]
 
     return LoopOutcome(
         trial=trial,
-        lost_s=float(at_s[last + 1]) if last + 1 < len(at_s) else HELD_AT_END_S,
-        onset_s=HELD_AT_END_S if onset is None else float(at_s[onset]),
-        slip_mm=1e3 * float(motion.slip_m[max(last, 0)] - motion.slip_m[start]),
+        lost_s=lost_s,
+        onset_s=onset_s,
+        slip_mm=1e3 * float(slip_m),
         peak_n=_peak_n(motion, act_s, last),
         overrode_s=overrode_s,
         begin_s=begin_s,
@@ -201,6 +228,8 @@ def _peak_n(motion: TrialMotion, act_s: float, last: int) -> float:
     first = int(np.searchsorted(motion.at_s, act_s))
     if first > last:
         return 0.0
-    # beyond what they exerted before the action
-    change = motion.agents_n[first : last + 1] - motion.agents_n[max(first - 1, 0)]
-    return float(np.sqrt((change * change).sum(axis=1)).max())
+    # Beyond what they exerted before the action.
+    before_n = motion.agents_n[max(first - 1, 0)]
+    change = motion.agents_n[first : last + 1] - before_n
+    size_n = np.sqrt((change * change).sum(axis=1))
+    return float(size_n.max())

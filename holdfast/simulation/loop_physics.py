@@ -86,7 +86,7 @@ class HandsAndObjects:
         self.busy = _busy(trials, settings, spans)
         self.slid = np.zeros(batch, dtype=np.bool_)
 
-        # a trial may skip rows of the tape: those of fine steps that it does not take
+        # A trial may skip rows of the tape: those of fine steps that it does not take.
         self.tape = StepTape(spans.periods * self.pieces, batch)
         self.taken = np.zeros(self.tape.gripped.shape, dtype=np.bool_)
         self.at_s = np.zeros(self.tape.gripped.shape)
@@ -102,7 +102,7 @@ class HandsAndObjects:
         fine = moves & eventful
         coarse = moves & ~fine
         if self.settings.effects != NO_EFFECTS:
-            # effects hold arrays of the whole batch, so all of it takes the same steps
+            # Effects hold arrays of the whole batch, so all of it takes the same steps.
             any_fine = bool(fine.any())
             fine = np.full_like(moves, fill_value=any_fine)
             coarse = ~fine
@@ -123,12 +123,12 @@ class HandsAndObjects:
         pieces = self.pieces
         dt_s = 1.0 / (rate_hz * pieces)
 
-        # the drive moves in every piece, whether or not the physics takes it
+        # The drive moves in every piece, whether or not the physics takes it.
         grips_n = np.stack([self.actuator.step(target_n, dt_s) for _ in range(pieces)])
         within = (np.arange(pieces)[:, None] + 1) / pieces
         ends_s = (at + within) / rate_hz
 
-        # without fine steps only the inputs at the end of the period are needed
+        # Without fine steps only the inputs at the end of the period are needed.
         first = 0 if fine.size else pieces - 1
         self.script.grip_n = grips_n[first:]
         fine_part = _Part(self, fine)
@@ -142,7 +142,7 @@ class HandsAndObjects:
             fine_part.step(inputs, end_s, end_s - before_s, row)
             before_s = end_s
 
-        # the one long step takes the inputs of the period's end, as an open loop's does
+        # The one long step takes the inputs of the period's end, as an open loop's does.
         last_s = ends_s[-1]
         last_row = (period + 1) * pieces - 1
         coarse_part.step(inputs, last_s, last_s - start_s, last_row)
@@ -201,7 +201,7 @@ class _Part:
         whole = self.whole
         trials = self.trials
 
-        # effects are for the whole batch; advance() makes sure that it goes together
+        # Effects are for the whole batch; advance() makes sure that it goes together.
         effects = whole.settings.effects
         if not self.all:
             inputs = _some_inputs(inputs, trials, len(at_s))
@@ -234,7 +234,7 @@ class _Part:
         whole.position_m[trials] = state.position_m.T
         whole.travel_m[:, trials] = self.travel_m
 
-        # an object that slides takes fine steps in the next period too
+        # An object that slides takes fine steps in the next period too.
         fast = (state.slip_m_s > SLIDES_M_S).any(axis=0)
         touching = state.normal_n > 0.0
         whole.slid[trials] = (fast & touching).any(axis=0)
@@ -252,7 +252,7 @@ def _some(whole: Part, trials: IntArray, batch: int) -> Part:
     taken: dict[str, Any] = {}
     for name, value in vars(whole).items():
         if isinstance(value, np.ndarray) and value.ndim and value.shape[-1] == batch:
-            # take, not [..., trials]: the layout in memory decides in which order numpy sums
+            # `take`, not [..., trials]: the layout in memory decides in which order numpy sums.
             taken[name] = np.take(value, trials, axis=-1)
     return replace(whole, **taken)
 

@@ -112,7 +112,7 @@ def _part(scene: Scene, trials: Sequence[PlannedTrial], done: Done) -> Moved:
         recordings = RecordedLoop(scene, held).run(done)
     in_hand = iter(recordings)
 
-    # each twice, because numpy sums a single trial in another order than many
+    # Each twice, because numpy sums a single trial in another order than many.
     twice = [*empty, *empty]
     alone: Iterator[TrialMotion] = iter(())
     if twice:
@@ -173,14 +173,14 @@ class RecordedLoop:
         count = int(spans.counts[trial])
         periods = ends - begins
 
-        # what a period ends with is the sample after it
+        # What a period ends with is the sample after it.
         contacts = self._forces_n.shape[2]
         forces_n = np.zeros((count, contacts, 3))
         forces_n[begins + 1 : ends + 1] = self._forces_n[:periods, trial]
         position_m = np.zeros((count, 3))
         position_m[begins + 1 : ends + 1] = self._position_m[:periods, trial]
 
-        # after the loop nothing moves
+        # After the loop nothing moves.
         position_m[ends + 1 :] = position_m[ends]
         rows = self._grip_rows(trial, count, begins, ends)
         overrode_s = float(self.loop.wearer.overrode_s[trial])
@@ -191,7 +191,7 @@ class RecordedLoop:
 
     def _grip_rows(self, trial: int, count: int, begins: int, ends: int) -> FloatArray:
         """[T, 5] as GRIP_COLUMNS; outside the loop the wearer's grip is left alone."""
-        # before the loop: no command, and the wearer's grip
+        # Before the loop: no command, and the wearer's grip.
         rows = np.full((count, len(GRIP_COLUMNS)), np.nan)
         rows[:, COMMANDS - 1] = IDLE
         rows[:, COMMANDS] = self.loop.actuator.own_n[trial]
@@ -199,7 +199,7 @@ class RecordedLoop:
         periods = ends - begins
         rows[begins:ends] = self._rows[:periods, :, trial]
 
-        # after it the drive, which cannot be driven back, stays where it was
+        # After it the drive, which cannot be driven back, stays where it was.
         rows[ends:, COMMANDS] = self._rows[periods - 1, COMMANDS, trial]
         return rows
 

@@ -69,7 +69,7 @@ class LoopSensors:
                 plans.append(law.plan(drawn, rng, times_s[k], trial.hand.n_contacts))
             elif name == "timing_jitter":
                 plans.append({"late_s": late_s(times_s[k], drawn, rng)})
-                # later effects see the times at which samples are really taken
+                # Later effects see the times at which samples are really taken.
                 times_s[k] = times_s[k] + plans[k]["late_s"]
             else:
                 plans.append({"kept": kept_rows(times_s[k], drawn, rng)})
@@ -110,7 +110,7 @@ class LoopSensors:
         before = self._before.get(name, now)
         made = law.apply(now, plan, before)
 
-        # the row before is the last that came
+        # The row before is the last that came.
         values = np.where(lost[:, None, None], before.values, made.values)
         valid = np.where(lost[:, None], before.valid, made.valid)
         self._before[name] = Rows(values, valid)
@@ -121,7 +121,7 @@ class LoopSensors:
 
         Between two readings the value changes evenly, as numpy.interp has it.
         """
-        # the readings of the two samples before, and of this one; fewer at the start
+        # The readings of the two samples before, and of this one; fewer at the start.
         self._readings = [*self._readings[-2:], now]
         known = len(self._readings)
         first = self._readings[0]
@@ -132,7 +132,7 @@ class LoopSensors:
         early = late < 0.0
         rate_hz = self.scene.file.rate_hz
 
-        # an early sample lies between the sample before it and itself
+        # An early sample lies between the sample before it and itself.
         from_row = rows - early
         at_s = rows / rate_hz
         since_s = from_row / rate_hz
@@ -141,7 +141,7 @@ class LoopSensors:
         start = np.where(early[:, None, None], first.values, middle.values)
         end = np.where(early[:, None, None], middle.values, now.values)
 
-        # slope times distance, in numpy.interp's order of operations: equal to the last bit
+        # Slope times distance, in numpy.interp's order of operations: equal to the last bit.
         slope = (end - start) / run_s[:, None, None]
         ahead_s = (at_s + late - since_s)[:, None, None]
         moved = slope * ahead_s + start
@@ -183,7 +183,7 @@ class HandModels:
         """One sample of every hand: values [B, C] in the model's unit, valid [B, S]."""
         if self._tare is None:
             self._learn(values)
-            # until the bias is known, the model gets invalid samples, as on the hand
+            # Until the bias is known, the model gets invalid samples, as on the hand.
             values = np.zeros_like(values)
             valid = np.zeros_like(valid)
         else:
@@ -196,7 +196,7 @@ class HandModels:
     def _step(self, values: FloatArray, valid: BoolArray) -> None:
         """Step the groups of hands that are not done."""
         for steps, hands, samples in self._groups:
-            # a call whose hands are all done costs nothing
+            # A call whose hands are all done costs nothing.
             if self._answered < samples:
                 steps.sample[:] = values[hands]
                 steps.valid[:] = valid[hands]
@@ -209,7 +209,7 @@ class HandModels:
         by_sensor = values.reshape(len(values), -1, 3)
         forces = np.where(valid[..., None], by_sensor, 0.0)
 
-        # a sensor can read below zero by its noise, but a finger cannot pull
+        # A sensor can read below zero by its noise, but a finger cannot pull.
         normal_n = np.maximum(forces[..., 2], 0.0)
         shear_n = np.sqrt(forces[..., 0] ** 2 + forces[..., 1] ** 2)
 

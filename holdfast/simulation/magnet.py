@@ -18,14 +18,17 @@ from holdfast.simulation.rows import Plan, RowEffect, Rows
 UT_PER_T = 1e6
 MU0_OVER_4PI = 1e-7
 REMANENCE_T = 1.35
+"""Of N45 neodymium."""
 MAGNET_M3 = np.pi * 0.75e-3**2 * 0.5e-3
 MOMENT_A_M2 = REMANENCE_T * MAGNET_M3 / (4e-7 * np.pi)
 """Of an N45 disc, 1.5 x 0.5 mm: 0.95 mA m^2."""
 NORMAL_N_PER_M = 30e3
 SHEAR_N_PER_M = 15e3
+"""Stiffness of the silicone dome, Shore 35A, inwards and sideways."""
 STIFFENING_N = 30.0
 """Silicone stiffens: displacement = F / (k (1 + |F| / STIFFENING_N))."""
 EARTH_UT = np.array([20.0, 0.0, 43.0])
+"""The earth's field in central Europe, the chip lying flat."""
 
 
 def dipole_ut(place_m: FloatArray, moment_a_m2: float = MOMENT_A_M2) -> FloatArray:
@@ -36,18 +39,22 @@ def dipole_ut(place_m: FloatArray, moment_a_m2: float = MOMENT_A_M2) -> FloatArr
     z = place_m[..., 2]
     r2 = (place_m * place_m).sum(axis=-1)
     r3 = r2 * np.sqrt(r2)
-    field = 3.0 * (z / (r2 * r3))[..., None] * place_m
+    # Per mu0 m / 4 pi; the moment points along z, so m.r is m z.
+    z_over_r5 = z / (r2 * r3)
+    field = 3.0 * z_over_r5[..., None] * place_m
     field[..., 2] -= 1.0 / r3
     return UT_PER_T * MU0_OVER_4PI * moment_a_m2 * field
 
 
 def place_m(forces_n: FloatArray, height_mm: float | FloatArray) -> FloatArray:
     """[.., 3] position of the magnet under forces [.., 3]: normal pushes down, shear sideways."""
-    yielding = forces_n / (1.0 + np.abs(forces_n) / STIFFENING_N)
+    # Displacement times stiffness, each axis by itself.
+    stiffening = 1.0 + np.abs(forces_n) / STIFFENING_N
+    yielding = forces_n / stiffening
     place = np.empty_like(yielding)
     place[..., :2] = yielding[..., :2] / SHEAR_N_PER_M
     above = 1e-3 * height_mm - yielding[..., 2] / NORMAL_N_PER_M
-    # the magnet never touches the chip: half a millimetre of silicone stays between
+    # The magnet never touches the chip: half a millimetre of silicone stays between.
     place[..., 2] = np.maximum(above, 5e-4)
     return place
 
@@ -72,7 +79,7 @@ def leak_plan(
     drawn: Drawn, rng: np.random.Generator, t_s: FloatArray, sensors: int
 ) -> Plan:
     """Shares of the neighbours' field and of the other axes."""
-    # r^-3, the spacing being much larger than the height
+    # A field falls as r^-3, the spacing being much larger than the height.
     ratio = (drawn["height_mm"] / drawn["spacing_mm"]) ** 3
     return {
         "near": np.full((1, 1, 1), ratio),
@@ -104,8 +111,8 @@ def turn_plan(
     """
     gain = 1.0 + drawn["gain_sd"] * rng.normal(size=(sensors, 1))
     angle = np.radians(drawn["tilt_sd_deg"]) * rng.normal(size=(2, sensors))
-    (cx, cy) = np.cos(angle)
-    (sx, sy) = np.sin(angle)
+    cx, cy = np.cos(angle)
+    sx, sy = np.sin(angle)
     zeros = np.zeros(sensors)
     ones = np.ones(sensors)
     about_x = np.array([[ones, zeros, zeros], [zeros, cx, -sx], [zeros, sx, cx]])
@@ -142,7 +149,8 @@ def lost_plan(
 ) -> Plan:
     """From at_s on the magnets of these sensors are lost."""
     gone = np.zeros((len(t_s), sensors, 1), dtype=np.bool_)
-    gone[:, _indices(drawn["sensors"])] = (t_s >= drawn["at_s"])[:, None, None]
+    after = t_s >= drawn["at_s"]
+    gone[:, _indices(drawn["sensors"])] = after[:, None, None]
     return {"gone": gone}
 
 
@@ -159,9 +167,12 @@ def warming_plan(
     That is for neodymium. With compensated = 1 the chip's own temperature coefficient corrects for
     it, and a tenth remains.
     """
-    # a body of first order, as a hand in use
-    warm = drawn["warming_degc"] * (1.0 - np.exp(-t_s / drawn["time_s"]))
-    share = 0.0012 * (0.1 if drawn["compensated"] else 1.0)
+    # A body of first order, as a hand in use.
+    approach = 1.0 - np.exp(-t_s / drawn["time_s"])
+    warm = drawn["warming_degc"] * approach
+
+    remaining = 0.1 if drawn["compensated"] else 1.0
+    share = 0.0012 * remaining
     return {"left": (1.0 - share * warm)[:, None, None]}
 
 
@@ -257,7 +268,7 @@ def loads_n() -> FloatArray:
 def linear_map() -> tuple[FloatArray, FloatArray]:
     """(matrix [3, 3] N/uT, rest field [3] uT): force = matrix (field - rest), least squares."""
     forces = loads_n()
-    # the unloaded field is no load: it is taken off before the fit
+    # The unloaded field is no load: it is taken off before the fit.
     rest = dipole_ut(place_m(np.zeros((1, 3)), HEIGHT.default))[0]
     fields = dipole_ut(place_m(forces, HEIGHT.default)) - rest
     solution = np.linalg.lstsq(fields, forces, rcond=None)[0]
@@ -283,7 +294,8 @@ def _read_n(forces_n: FloatArray) -> FloatArray:
 
 def residual_n() -> tuple[float, float]:
     """RMS error of the map over its loads: (normal, shear), N; hardware: 0.27, 0.12."""
-    squares = (_read_n(loads_n()) - loads_n()) ** 2
+    error_n = _read_n(loads_n()) - loads_n()
+    squares = error_n**2
     normal = squares[:, 2].mean()
     shear = squares[:, :2].mean()
     return float(np.sqrt(normal)), float(np.sqrt(shear))
@@ -295,5 +307,6 @@ def shear_gain() -> float:
     The map is fitted to loads up to 14 N, and silicone stiffens: a light touch reads too little
     along the skin.
     """
-    read = _read_n(np.array([[0.5, 0.0, 1.0]]))
-    return float(0.5 * read[0, 2] / read[0, 0])
+    touch_n = np.array([[0.5, 0.0, 1.0]])
+    shear_n, _, normal_n = _read_n(touch_n)[0]
+    return float(0.5 * normal_n / shear_n)

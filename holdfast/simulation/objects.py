@@ -51,7 +51,17 @@ EDGE_RADIUS_MM = 5.0
 
 @dataclass(frozen=True)
 class HeldObject:
-    """One object; a ball where axial_radius_mm is above zero, else a cylinder with rounded ends."""
+    """One object; a ball where axial_radius_mm is above zero, else a cylinder with rounded ends.
+
+    mass_g             from the thesis, for its objects
+    radius_mm          of curvature across the grip
+    axial_radius_mm    of curvature along the axis
+    half_length_mm     of the straight part of a cylinder
+    friction           static, on silicone
+    kinetic_share      kinetic over static friction
+    stiffness_n_per_m  in series with a finger's
+    crush_n            grip of either side that crushes it; 0: none does
+    """
 
     name: str
     mass_g: float
@@ -66,7 +76,9 @@ class HeldObject:
     @property
     def curvature_per_m(self) -> tuple[float, float]:
         """(across the grip, along the axis or at its edge), 1/m."""
-        return 1e3 / self.radius_mm, 1e3 / (self.axial_radius_mm or EDGE_RADIUS_MM)
+        # A cylinder is flat along its axis and curved only at its edge.
+        axial_mm = self.axial_radius_mm or EDGE_RADIUS_MM
+        return 1e3 / self.radius_mm, 1e3 / axial_mm
 
 
 def held_object(name: str, values: Mapping[str, Any]) -> HeldObject:

@@ -225,9 +225,17 @@ ACTIONS: dict[str, dict[str, Parameter]] = {
 class PlannedTrial:
     """One trial to simulate, all its numbers drawn; only effects draw more.
 
-    number: counts the trials of a scene and picks every random stream. drawn: value of every
-    parameter. supported: a person keeps supporting a weak grip. For each contact of the hand:
-    share of the grip and finger_n_per_m [S], at_m [2, S]. push [3]: direction of taking.
+    number          counts the trials of a scene and picks every random stream
+    object          what the hand holds
+    action, style   what happens, and whose ranges it was drawn from
+    drawn           value of every parameter
+    supported       a person keeps supporting a weak grip
+    grip_n          normal force of either side
+    share           [S] part of its side's grip that each contact bears
+    finger_n_per_m  [S] normal stiffness of the finger at each contact
+    at_m            [2, S] (y, z) of each contact
+    push            [3] direction of taking
+    hand            its contacts
     """
 
     number: int
@@ -263,9 +271,11 @@ def draw_trial(
     # The order of the draws is part of the format: another one changes every simulated set.
     rng = stream(seed, number, "protocol")
     drawn = draw_all(COMMON | ACTIONS[action], values, rng)
+    # Thumb and fingers press equally hard against each other: each side's shares have the sum 1.
     share = 1.0 + drawn["share_spread"] * rng.uniform(-1.0, 1.0, hand.n_contacts)
     share[: hand.thumb] /= share[: hand.thumb].sum()
     share[hand.thumb :] /= share[hand.thumb :].sum()
+    # Only a grip too weak for the weight lets an object fall.
     weak = rng.uniform() < drawn["weak_share"] or action == "fall"
     stiffness = rng.uniform(0.8, 1.25, hand.n_contacts)
 
@@ -290,7 +300,9 @@ def least_grip_n(held: HeldObject, friction_factor: float = 1.0) -> float:
     friction = held.friction * held.kinetic_share * friction_factor
     if friction <= 0.0:
         return np.inf
-    return held.mass_g * 1e-3 * GRAVITY_M_S2 / (2.0 * friction)
+    # Both sides hold the weight, each with friction times its normal force.
+    weight_n = held.mass_g * 1e-3 * GRAVITY_M_S2
+    return weight_n / (2.0 * friction)
 
 
 def _grip_n(

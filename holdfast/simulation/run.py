@@ -205,7 +205,7 @@ def motions(
     running = _Running(trials, settings, grids)
     n_steps = len(running.at_s)
 
-    # inputs of many steps at once: a call of numpy costs as much as a small batch
+    # Inputs of many steps at once: a call of numpy costs as much as a small batch.
     for start in range(0, n_steps, CHUNK):
         running.leave(start)
         running.step_on(start, start + CHUNK)
@@ -236,12 +236,12 @@ class _Running:
         self.at_s, self.sample = _stack(grids)
         start_s = np.array([grid.start_s for grid in grids])
 
-        # every trial has steps of its own, so ends and starts are arrays
+        # Every trial has steps of its own, so ends and starts are arrays.
         self.before_s = np.vstack([start_s, self.at_s[:-1]])
         self.steps = np.array([len(grid.at_s) for grid in grids])
         self.body = body_of(trials, settings.pressure)
         self.script = Script(trials, self.body)
-        # before its first step a trial rests as its script has it then
+        # Before its first step a trial rests as its script has it then.
         opening = self.script.chunk(start_s[None])[0]
         self.state = at_rest(self.body, opening.closure_m)
         contacts, batch = self.state.normal_n.shape
@@ -250,7 +250,7 @@ class _Running:
             self.mean = ForceMean(settings, contacts, batch)
 
         self.travel_m = np.zeros((contacts, batch))
-        # the samples of all trials lie end to end: trial k has rows starts[k] to starts[k + 1]
+        # The samples of all trials lie end to end: trial k has rows starts[k] to starts[k + 1].
         counts = [grid.n_samples for grid in grids]
         self.starts = np.cumsum([0, *counts])
         total = self.starts[-1]
@@ -264,7 +264,7 @@ class _Running:
         ended = self.steps[self.first :] <= start
         count = batch if ended.all() else int(np.argmin(ended))
 
-        # numpy sums a single trial in another order than many
+        # numpy sums a single trial in another order than many.
         count = min(count, batch - 2)
         worth = max(1, batch // WORTH_LEAVING)
         if count < worth:
@@ -295,7 +295,7 @@ class _Running:
             if mean is not None:
                 mean.add(self.body, state, at_s, dt_s)
 
-            # a step that ends at a sample leaves what the sensors feel
+            # A step that ends at a sample leaves what the sensors feel.
             samples = self.sample[k, first:]
             sampled = (samples >= 0).nonzero()[0]
             if sampled.size:
@@ -318,7 +318,7 @@ class _Running:
         position_m = self.position_m[rows]
         last = grid.sample[-1]
 
-        # after the last step the object is where it was
+        # After the last step the object is where it was.
         position_m[last + 1 :] = position_m[last]
         t_s = np.arange(grid.n_samples) / self.settings.rate_hz
         steps = slice(len(grid.at_s))
@@ -337,7 +337,7 @@ def _stack(grids: Sequence[Grid]) -> tuple[FloatArray, IntArray]:
         n = len(grid.at_s)
         at_s[:n, trial] = grid.at_s
         sample[:n, trial] = grid.sample
-        # the times go on, so that no step has length zero
+        # The times go on, so that no step has length zero.
         times_s = np.concatenate([[grid.start_s], grid.at_s])
         before_s, last_s = times_s[-2:]
         more = np.arange(1, longest - n + 1)

@@ -15,6 +15,7 @@ import numpy as np
 from holdfast.core.contract import FloatArray
 from holdfast.simulation.effect import (
     Drawn,
+    Effect,
     EffectBatch,
     PhysicsEffects,
     Signal,
@@ -42,10 +43,15 @@ Moved = Iterator[tuple[TrialMotion, "GripRecord | None"]]
 
 @dataclass(frozen=True)
 class SimulatedTrial:
-    """One trial simulated: the sensors' report, the truth, the effects' draws.
+    """One trial simulated: what the sensors report, the truth, and the effects' draws.
 
-    hand_m: [T, 3] position of the hand, zero where no effect moves it. grip: what the scene's
-    controller did, None without one.
+    trial    as it was planned
+    signal   what the sensors report
+    motion   forces and positions, before any sensor
+    truth    events and phases
+    effects  effect name -> what was drawn for it
+    hand_m   [T, 3] position of the hand, zero where no effect moves it
+    grip     what the scene's controller did, None without one
     """
 
     trial: PlannedTrial
@@ -70,16 +76,21 @@ class Scene:
         self.file = file
         self.seed = seed
         self._controlled = controlled
-        effects = {name: effect_named(name) for name in file.effects}
-        self.sensor_effects = {n: e for n, e in effects.items() if e.stage == "sensor"}
-        self.physics_effects = {
-            n: e for n, e in effects.items() if e.stage == "physics" and not e.sets
-        }
+        # An effect that only sets how the core steps is called once, by step_settings.
+        self.sensor_effects: dict[str, Effect] = {}
+        self.physics_effects: dict[str, Effect] = {}
+        for name in file.effects:
+            effect = effect_named(name)
+            if effect.stage == "sensor":
+                self.sensor_effects[name] = effect
+            elif effect.stage == "physics" and not effect.sets:
+                self.physics_effects[name] = effect
+
         more = step_settings(file.effects)
         self.settings = StepSettings(file.rate_hz, file.step_s, **more)
         self.camera: Camera | None = None
         if file.camera is not None:
-            # a scene without a camera does not load it
+            # A scene without a camera does not load it.
             from holdfast.simulation.camera_frames import Camera
 
             self.camera = Camera(**file.camera)
@@ -97,7 +108,7 @@ class Scene:
         trials = []
         for cell, (row, name) in enumerate(cells):
             for repetition in range(counts[cell]):
-                # numbered across cells first, so that a smaller set is a part of a larger one
+                # Numbered across cells first, so that a smaller set is a part of a larger one.
                 number = repetition * len(cells) + cell
                 trials.append(self.trial(row, name, number))
 
@@ -119,9 +130,12 @@ class Scene:
 
         done: called now and then with the number of trials stepped so far.
         """
-        # trials of similar length together: a batch lasts as long as its longest trial
+        # Trials of similar length together: a batch lasts as long as its longest trial.
         order = sorted(trials, key=lambda trial: (self._steps(trial), trial.number))
-        size = -(-len(order) // max(1, round(len(order) / BATCH)))
+
+        # Batches of equal size, rounded up.
+        batches = max(1, round(len(order) / BATCH))
+        size = -(-len(order) // batches)
         for start in range(0, len(order), size):
             batch = order[start : start + size]
 
@@ -163,12 +177,14 @@ class Scene:
         if self._controlled is not None:
             yield from self._controlled(self, trials, done)
             return
-        for motion in motions(trials, self._step_settings(made, len(trials)), done):
+        settings = self._step_settings(made, len(trials))
+        for motion in motions(trials, settings, done):
             yield motion, None
 
     def step_settings_of(self, trials: Sequence[PlannedTrial]) -> StepSettings:
         """How a batch of these trials is stepped, with its effects."""
-        return self._step_settings(self._made(trials)[1], len(trials))
+        _, made = self._made(trials)
+        return self._step_settings(made, len(trials))
 
     def _made(
         self, trials: Sequence[PlannedTrial]
@@ -179,7 +195,8 @@ class Scene:
         for name, effect in self.physics_effects.items():
             drawn[name] = [self.draw(name, trial) for trial in trials]
             rngs = [self.rng(name, trial) for trial in trials]
-            made.append(effect.make(EffectBatch(drawn[name], trials, rngs)))
+            batch = EffectBatch(drawn[name], trials, rngs)
+            made.append(effect.make(batch))
         return drawn, made
 
     def _step_settings(self, made: list[Any], batch: int) -> StepSettings:
@@ -218,28 +235,34 @@ class Scene:
             last_s = float(simulated.motion.t_s[-1])
             start_s = start_s + last_s + 1.0 / self.file.rate_hz
 
+        t_s = np.concatenate(times_s)
         forces_n = np.concatenate([simulated.motion.forces_n for simulated in trials])
-        signal, drawn = self.sense(trials[0].trial, np.concatenate(times_s), forces_n)
+        signal, drawn = self.sense(trials[0].trial, t_s, forces_n)
         return signal, starts_s, drawn
 
     def sense(
         self, trial: PlannedTrial, t_s: FloatArray, forces_n: FloatArray
     ) -> tuple[Signal, dict[str, Drawn]]:
         """(signal in the scene's unit, draws) of forces [T, S, 3] at t_s [T] on the sensors."""
-        signal = Signal(t_s, forces_n, np.ones(forces_n.shape[:2], dtype=np.bool_))
-        # the order in which effects act is that of EFFECT_MODULES
-        drawn = {name: self.draw(name, trial) for name in self.sensor_effects}
+        all_valid = np.ones(forces_n.shape[:2], dtype=np.bool_)
+        signal = Signal(t_s, forces_n, all_valid)
+
+        # The order in which effects act is that of EFFECT_MODULES.
+        drawn = {}
         for name, effect in self.sensor_effects.items():
             if effect.in_scene_unit:
                 signal = self.in_unit(signal)
-            signal = effect.sense(signal, drawn[name], self.rng(name, trial))
+            drawn[name] = self.draw(name, trial)
+            rng = self.rng(name, trial)
+            signal = effect.sense(signal, drawn[name], rng)
+
         return self.in_unit(signal), drawn
 
     def in_unit(self, signal: Signal) -> Signal:
         """A signal in the scene's unit."""
         if signal.unit != "uT" or self.file.unit != "N":
             return signal
-        # only scenes with a magnet need its calibration
+        # Only scenes with a magnet need its calibration.
         from holdfast.simulation.magnet import calibrate
 
         return calibrate(signal)
@@ -284,7 +307,11 @@ def apportion(total: int, counts: Sequence[int]) -> list[int]:
     """
     exact = [total * count / sum(counts) for count in counts]
     shares = [int(share) for share in exact]
+
+    # A large remainder is a small difference: it comes first.
     by_remainder = sorted(range(len(counts)), key=lambda k: (shares[k] - exact[k], k))
-    for k in by_remainder[: total - sum(shares)]:
+    missing = total - sum(shares)
+    for k in by_remainder[:missing]:
         shares[k] += 1
+
     return shares

@@ -95,7 +95,14 @@ COUNT = {"count": Parameter(1.0, "", 1, 100000, "trials of each object")}
 
 @dataclass(frozen=True)
 class TrialsRow:
-    """One [[trials]] of the file; values: of the action, the file's over those of the style."""
+    """One [[trials]] of the file.
+
+    objects  names of the objects; empty for the empty hand
+    action   what happens
+    style    whose ranges the values are drawn from
+    count    trials of each object
+    values   of the action's parameters: the file's over those of the style
+    """
 
     objects: tuple[str, ...]
     action: str
@@ -106,9 +113,20 @@ class TrialsRow:
 
 @dataclass(frozen=True)
 class SceneFile:
-    """A checked scene file; effects: name -> values, in the order in which they run.
+    """A checked scene file.
 
-    text: the file.
+    name, title  of the file, for the record of a set
+    rate_hz      samples a second
+    unit         of the recorded samples
+    join         trials of an object that make one long recording
+    step_s       step where anything can happen
+    rows         the file's [[trials]]
+    effects      name -> values, in the order in which they run
+    objects      all objects that a trial may name, the shipped ones included
+    camera       numbers of CAMERA; None without one
+    hand         its contacts
+    controller   None for a hand that keeps its grip
+    text         of the file, as it was read
     """
 
     name: str
@@ -250,11 +268,12 @@ class _SceneReader(CardReader):
             raise self.refused(f"{key}.style", style, ", ".join(styles))
 
         names = row.get("objects", [])
-        if not isinstance(names, list) or (action != "nothing" and not names):
+        missing = action != "nothing" and not names
+        if not isinstance(names, list) or missing:
             allowed = f"a list of {', '.join(objects)}"
             raise self.refused(f"{key}.objects", names, allowed)
 
-        # every name is checked, so that the error names the wrong one
+        # Every name is checked, so that the error names the wrong one.
         for name in names:
             if not isinstance(name, str) or name not in objects:
                 raise self.refused(f"{key}.objects", name, ", ".join(objects))
@@ -262,10 +281,11 @@ class _SceneReader(CardReader):
         table = COMMON | ACTIONS[action]
         given = {name: value for name, value in row.items() if name not in ROW_KEYS}
         self.require_known(given, table, f"{key}: {action}")
+        # The file's values take precedence over those of the style.
         style_values = styles[style]
-
-        # the file's values take precedence over those of the style
-        values = style_values.get("all", {}) | style_values.get(action, {}) | given
+        for_all = style_values.get("all", {})
+        for_action = style_values.get(action, {})
+        values = for_all | for_action | given
         self.require_possible(key, values, table)
         counts = self.numbers(key, {"count": row.get("count", 1)}, COUNT)
         count = self.whole(f"{key}.count", counts["count"])
@@ -290,7 +310,7 @@ class _SceneReader(CardReader):
     def camera(self, raw: Mapping[str, Any]) -> dict[str, float] | None:
         if "camera" not in raw:
             return None
-        # a scene without a camera does not load it
+        # A scene without a camera does not load it.
         from holdfast.simulation.camera_frames import CAMERA
 
         return self.numbers("camera", self.table(raw, "camera"), CAMERA)
@@ -379,8 +399,10 @@ class _SceneReader(CardReader):
         if scene.join > 1:
             allowed = "1 with a camera: it films single trials"
             raise self.refused("record.join", scene.join, allowed)
-        if 1e-3 * camera["exposure_ms"] * camera["fps"] > 1.0:
-            allowed = f"at most the time of a frame, {1e3 / camera['fps']:.3g} ms"
+        exposed_share = 1e-3 * camera["exposure_ms"] * camera["fps"]
+        if exposed_share > 1.0:
+            frame_ms = 1e3 / camera["fps"]
+            allowed = f"at most the time of a frame, {frame_ms:.3g} ms"
             raise self.refused("camera.exposure_ms", camera["exposure_ms"], allowed)
 
     def require_holdable(

@@ -83,7 +83,7 @@ class Times:
         closed = close + drawn["closing_s"]
         act = closed + drawn["hold_s"]
 
-        # an action lasts until the hand is open, or until the other person has moved
+        # An action lasts until the hand is open, or until the other person has moved.
         gives = _gives(trial, closed, act)
         opens = _opens(trial, act)
         lasts = _lasts(trial, act, opens)
@@ -113,7 +113,7 @@ def _opens(trial: PlannedTrial, act: float) -> float:
     if trial.action == "put-down":
         return act + BOX_GAP_M / drawn["box_m_s"] + drawn["open_after_s"]
     if trial.action == "hold":
-        # the person has come back, and has held the object for as long, before the hand opens
+        # The person has come back, and has held the object for as long, before the hand opens.
         disturbed_s = drawn["times"] * drawn["every_s"]
         return act + disturbed_s + 2.0 * CATCH_S
     return NEVER_S
@@ -173,7 +173,7 @@ def _acting(trial: PlannedTrial, times: Times) -> list[Interval]:
     if trial.action == "pull":
         return [(act, act + drawn["move_s"])]
 
-    # the time to settle is added to every interval (busy)
+    # The time to settle is added to every interval (busy).
     watched_s = drawn["watch_s"] - SETTLE_S
     return [(act, act + watched_s)]
 
@@ -197,7 +197,7 @@ class Grid:
 def pieces_of(rate_hz: float, step_s: float) -> int:
     """Fine steps in a sample period."""
     steps = 1.0 / (rate_hz * step_s)
-    # a period of exactly n steps must not become n + 1 by rounding
+    # A period of exactly n steps must not become n + 1 by rounding.
     return max(1, int(np.ceil(steps - 1e-9)))
 
 
@@ -213,15 +213,15 @@ def grid_of(
     times = Times.of(trial)
     n = int(np.floor(times.end * rate_hz))
 
-    # nothing moves before the hand begins to close
+    # Nothing moves before the hand begins to close.
     closing_s = times.close - BEFORE_S
     first = int(np.clip(np.floor(closing_s * rate_hz), 0, n - 1))
 
-    # and nothing after it has opened
+    # And nothing after it has opened.
     opened_s = times.open + trial.drawn.get("opening_s", 0.0) + SETTLE_S
     stop = int(min(n, np.ceil(opened_s * rate_hz)))
 
-    # sample periods in which anything can happen get fine steps
+    # Sample periods in which anything can happen get fine steps.
     index = np.arange(first, max(stop, first + 1))
     from_s = index / rate_hz
     until_s = from_s + 1.0 / rate_hz
@@ -236,7 +236,7 @@ def grid_of(
     place = np.repeat(np.arange(len(index)), counts)
     within = np.arange(len(place)) - begin[place] + 1
 
-    # only the last step of a period ends at a sample
+    # Only the last step of a period ends at a sample.
     sample = np.full(len(place), -1, dtype=np.int64)
     sample[last] = index + 1
     at_s = (index[place] + within / counts[place]) / rate_hz
@@ -306,10 +306,12 @@ class Script:
         self.trials = trials
         self.body = body
         times = [Times.of(trial) for trial in trials]
+        # [B] when each person or hand acts
         self.close_s = np.array([at.close for at in times])
         self.give_s = np.array([at.give for at in times])
         self.act_s = np.array([at.act for at in times])
         self.open_s = np.array([at.open for at in times])
+        # [B] which trials have which action
         actions = np.array([trial.action for trial in trials])
         self.holds = actions == "hold"
         self.falls = actions == "fall"
@@ -319,7 +321,7 @@ class Script:
         self.boxed = boxed or bool(self.sets_down.any())
         grips_n = np.stack([trial.grip_n * trial.share for trial in trials], axis=1)
 
-        # how far past contact a finger must close for its share of the grip
+        # How far past contact a finger must close for its share of the grip.
         self.closed_m = grips_n / body.stiffness_n_per_m
         self.push = np.stack([trial.push for trial in trials], axis=1)
         self.weight_n = body.mass_kg * GRAVITY_M_S2
@@ -342,7 +344,7 @@ class Script:
         if self.holds.any():
             people.append(self._disturber(t_s, pulse))
 
-        # a person who does nothing costs nothing
+        # A person who does nothing costs nothing.
         acting = [_acts(person) for person in people]
         box = self._box(t_s) if self.boxed else None
         inputs = []
@@ -372,13 +374,13 @@ class Script:
         since = t_s - self.act_s
         every = self.drawn("every_s", 1.0)
 
-        # which disturbance, and how far it has gone
+        # Which disturbance, and how far it has gone.
         number = np.floor(since / every)
         since_this = since - number * every
         progress = since_this / self.drawn("pulse_s", 1.0)
         within = np.sin(np.pi * np.clip(progress, 0.0, 1.0))
 
-        # before the first and after the last disturbance there is none
+        # Before the first and after the last disturbance there is none.
         count = np.round(self.drawn("times"))
         begun = self.holds & (number >= 0)
         disturbed = begun & (number < count)
@@ -417,12 +419,12 @@ class Script:
         there = 1.0 - smooth(gone)
 
         if self.holds.any():
-            # the person of a disturbed hold comes back before the hand opens
+            # The person of a disturbed hold comes back before the hand opens.
             returned = (t_s - self.open_s + CATCH_S) / (0.5 * CATCH_S)
             back = smooth(returned)
             there = np.where(self.holds, np.maximum(there, back), there)
 
-        # below critical damping, 2 sqrt(k m), as a human arm
+        # Below critical damping, 2 sqrt(k m), as a human arm.
         critical = np.sqrt(GIVER_N_PER_M * self.body.mass_kg)
         damping = 2.0 * DAMPING_RATIO * critical
         still = np.zeros((len(t_s), *self.push.shape))
@@ -437,13 +439,13 @@ class Script:
 
     def _taker(self, t_s: FloatArray) -> Pull:
         """The person who takes the object (gently, with its weight) or tears at it."""
-        # a taker who has not come yet does nothing
+        # A taker who has not come yet does nothing.
         grasped = self.takes & (t_s >= self.act_s)
         start = self.act_s + self.drawn("wait_s")
         move_s = self.drawn("move_s", 1.0)
         u = np.clip((t_s - start) / move_s, 0.0, 1.0)
 
-        # the minimum-jerk path and its derivative, 30 u^2 (1 - u)^2
+        # The minimum-jerk path and its derivative, 30 u^2 (1 - u)^2.
         distance_m = self.drawn("distance_m")
         travel = distance_m * smooth(u)
         mean_m_s = distance_m / move_s
@@ -453,7 +455,7 @@ class Script:
         critical = np.sqrt(stiffness * self.body.mass_kg)
         damping = 2.0 * DAMPING_RATIO * critical
 
-        # someone who tears at the object bears nothing of its weight
+        # A puller bears nothing of the object's weight.
         taking = (t_s - self.act_s) / self.drawn("take_s", 1.0)
         taken = smooth(taking)
         weight = np.where(self.passes, taken, 0.0)
@@ -472,7 +474,7 @@ class Script:
         """A force along the object, as a share of its weight, subtracted or added."""
         still = np.zeros((len(t_s), *self.push.shape))
         nothing = np.zeros_like(t_s)
-        # a pull downwards is a negative share of the weight borne
+        # A pull downwards is a negative share of the weight borne.
         load_share = -self.drawn("load_n") / self.weight_n
         load = np.where(self.holds, load_share, 0.0)
 
@@ -492,7 +494,7 @@ class Script:
         height_m = risen - BOX_GAP_M
         comes = self.sets_down & (t_s >= self.act_s)
 
-        # it takes the whole weight and a little more, but does not push the object up
+        # It takes the whole weight and a little more, but does not push the object up.
         cap = self.drawn("press") * self.weight_n + self.drawn("excess_n")
 
         return Floor(

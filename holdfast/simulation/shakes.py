@@ -17,14 +17,17 @@ from holdfast.simulation.effect import (
 )
 
 FOREVER_S = 1e9
+"""Longer than any trial."""
 WAVES = 2
 """Sines of a tremor."""
 
 
 def _directions(rngs: Sequence[np.random.Generator]) -> FloatArray:
     """[3, B] a random unit vector for each trial."""
+    # Normal in every axis, so that no direction is preferred.
     raw = np.stack([rng.normal(size=3) for rng in rngs], axis=1)
-    return raw / np.sqrt((raw * raw).sum(axis=0))
+    length = np.sqrt((raw * raw).sum(axis=0))
+    return raw / length
 
 
 class Arm(PhysicsEffect):
@@ -50,9 +53,10 @@ class Arm(PhysicsEffect):
 
         The direction is 0 before the first reach and after the last.
         """
+        cycle_s = self.cycle_s[of]
         since_s = t_s - self.start_s[of]
-        number = np.floor(since_s / self.cycle_s[of])
-        within_s = since_s - number * self.cycle_s[of]
+        number = np.floor(since_s / cycle_s)
+        within_s = since_s - number * cycle_s
         u = np.clip(within_s / self.lasts_s[of], 0.0, 1.0)
         reaches = (number >= 0) & (number < self.count[of])
         direction = np.where(number % 2 == 0, 1.0, -1.0)
@@ -61,16 +65,19 @@ class Arm(PhysicsEffect):
     def acceleration_m_s2(self, t_s: FloatArray) -> FloatArray:
         """[3, B] of the hand."""
         _, u, direction = self._reach(t_s, slice(None))
-        jerk_free = direction * u * (60.0 - u * (180.0 - 120.0 * u))
-        return self.along * (jerk_free / (self.lasts_s * self.lasts_s))
+        # The second derivative of the path by u, then by time.
+        by_u = direction * u * (60.0 - u * (180.0 - 120.0 * u))
+        by_time = by_u / (self.lasts_s * self.lasts_s)
+        return self.along * by_time
 
     def motion_m(self, t_s: FloatArray, trial: int) -> FloatArray:
         """[T, 3] position of one trial's hand, from where it began."""
         number, u, direction = self._reach(t_s, trial)
         gone = u * u * u * (10.0 - u * (15.0 - 6.0 * u))
-        # after an odd number of reaches the hand is at the far end
+        # After an odd number of reaches the hand is at the far end.
         before = np.clip(number, 0.0, self.count[trial]) % 2
-        return (before + direction * gone)[:, None] * self.along[:, trial]
+        share = before + direction * gone
+        return share[:, None] * self.along[:, trial]
 
     def busy_s(self, trial: int) -> list[Interval]:
         """Every reach."""
@@ -103,7 +110,9 @@ class Tremor(PhysicsEffect):
 
     def acceleration_m_s2(self, t_s: FloatArray) -> FloatArray:
         """[3, B] of the hand."""
-        waves = np.sin(self.rate * self.detune * t_s + self.phase)
+        # Two close frequencies beat, so the amplitude waxes and wanes as that of a real tremor.
+        angle = self.rate * self.detune * t_s + self.phase
+        waves = np.sin(angle)
         return self.along[0] * waves[0] + self.along[1] * waves[1]
 
     def busy_s(self, trial: int) -> list[Interval]:
@@ -125,7 +134,10 @@ class Knock(PhysicsEffect):
         """[3, B] of the hand."""
         u = (t_s - self.at_s) / self.lasts_s
         half_sine = np.sin(np.pi * np.clip(u, 0.0, 1.0))
-        return self.along * np.where((u > 0.0) & (u < 1.0), half_sine, 0.0)
+
+        # sin(pi) is not exactly zero, so the end is cut off
+        lasts = (u > 0.0) & (u < 1.0)
+        return self.along * np.where(lasts, half_sine, 0.0)
 
     def busy_s(self, trial: int) -> list[Interval]:
         """The pulse and the time after it."""

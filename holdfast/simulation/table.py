@@ -46,7 +46,7 @@ def csv_bytes(header: Sequence[str], columns: Sequence[Column]) -> bytes:
         cells = _cells(values, decimals)
         parts.append(cells.reshape(rows, -1))
 
-    # the comma after the last column ends the row instead
+    # The comma after the last column ends the row instead.
     parts[-1][:, -1] = NEWLINE
     padded = np.hstack(parts).tobytes()
     return head + padded.translate(None, b" ")
@@ -63,11 +63,11 @@ def _cells(values: FloatArray, decimals: int) -> Letters:
     scaled = np.rint(known * 10.0**decimals)
     left = np.abs(scaled)
 
-    # every cell of the block is as wide as its longest, or as "nan"
+    # Every cell of the block is as wide as its longest, or as "nan".
     most = left.max()
     longest = len(str(int(most)))
     before_point = max(longest - decimals, len(NAN) - 1)
-    # sign, digits, point, decimals, comma
+    # Sign, digits, point, decimals, comma.
     width = 1 + before_point + (decimals > 0) + decimals + 1
     letters = np.empty((*values.shape, width), dtype=np.uint8)
     letters[..., 0] = np.where(scaled < 0.0, MINUS, BLANK)
@@ -108,7 +108,7 @@ def _write_whole(left: Whole, letters: Letters) -> None:
         left, group = _split(left, end - start)
         places[...] = _letters_of(_groups(""), group, end - start)
         if end < letters.shape[-1]:
-            # the number ended in the group behind this one
+            # The number ended in the group behind this one.
             places[whole == 0] = BLANK
         if start:
             full = left > 0

@@ -27,7 +27,9 @@ from holdfast.simulation.run import TrialMotion
 from holdfast.simulation.script import Times
 
 LOAD_N = 0.1
+"""Change of the force of people and box that counts as load onset."""
 GROSS_SLIP_M = 2e-3
+"""Slip since load onset that counts as gross slip."""
 TRANSFERRED = 0.95
 """Share of the final force at which the weight counts as taken over."""
 PROVENANCE = "scene"
@@ -45,7 +47,14 @@ Mark = tuple[float, int]
 class Truth:
     """Times in s, None for an event that never happened.
 
-    marks: (start in s, situation), in order, until end_s.
+    contact_s         the first contact
+    load_onset_s      the action begins to pull at the object
+    incipient_slip_s  the first element of a brush slides
+    gross_slip_s      everything slides, or the object has slipped 2 mm
+    contact_lost_s    the last contact ends
+    slip_mm           travel of the contacts from the first contact to the last
+    marks             (start in s, situation), in order, until end_s
+    end_s             of the trial
     """
 
     contact_s: float | None
@@ -91,8 +100,11 @@ def _phase(start_s: float, stop_s: float, situation: int) -> Json:
 class _Steps:
     """Steps of a trial's events; None for one that it does not have.
 
-    contact: the first one with contact; lost: the first one after the last with contact, which may
-    be one more than there are.
+    contact    the first one with contact
+    onset      load onset
+    incipient  incipient slip
+    gross      gross slip
+    lost       the first one after the last with contact, which may be one more than there are
     """
 
     contact: int
@@ -105,16 +117,18 @@ class _Steps:
     def of(motion: TrialMotion, act_s: float) -> _Steps:
         """From a motion with contact."""
         held = np.flatnonzero(motion.gripped)
-        onset = load_onset(motion, act_s)
+        contact = int(held[0])
         lost = int(held[-1]) + 1
+        onset = load_onset(motion, act_s)
         if onset is None:
-            return _Steps(int(held[0]), None, None, None, lost)
+            return _Steps(contact, None, None, None, lost)
 
-        far = motion.slip_m - motion.slip_m[onset] >= GROSS_SLIP_M
+        # What slipped while the grip was closing does not count.
+        slipped_m = motion.slip_m - motion.slip_m[onset]
+        far = slipped_m >= GROSS_SLIP_M
         incipient = _first(motion.slips, onset, lost)
         gross = _first(motion.slides | far, onset, lost)
-
-        return _Steps(int(held[0]), onset, incipient, gross, lost)
+        return _Steps(contact, onset, incipient, gross, lost)
 
 
 def truth_of(trial: PlannedTrial, motion: TrialMotion, *, acted: bool = False) -> Truth:
@@ -122,7 +136,7 @@ def truth_of(trial: PlannedTrial, motion: TrialMotion, *, acted: bool = False) -
 
     acted: the hand had a controller; then a slip that it stopped ends as a grasp.
     """
-    # a sample lasts until the next one would come
+    # A sample lasts until the next one would come.
     end_s = 2.0 * float(motion.t_s[-1]) - float(motion.t_s[-2])
     if not motion.gripped.any():
         return Truth(None, None, None, None, None, 0.0, ((0.0, NOTHING),), end_s)
@@ -158,9 +172,11 @@ def load_onset(motion: TrialMotion, act_s: float) -> int | None:
     first = int(np.searchsorted(motion.at_s, act_s))
     if first >= len(motion.at_s):
         return None
-    # compared with the last step before the action
-    change = motion.agents_n - motion.agents_n[max(first - 1, 0)]
-    return _first(np.sqrt((change * change).sum(axis=1)) > LOAD_N, first)
+    # Compared with the last step before the action.
+    before_n = motion.agents_n[max(first - 1, 0)]
+    change = motion.agents_n - before_n
+    size_n = np.sqrt((change * change).sum(axis=1))
+    return _first(size_n > LOAD_N, first)
 
 
 def _marks(
@@ -170,35 +186,42 @@ def _marks(
     at_s = motion.at_s
     onset = steps.onset
     lost = steps.lost
-    gone = (float(at_s[lost]) if lost < len(at_s) else float(at_s[-1]), NOTHING)
+    # An object that is never lost leaves the hand with the last step.
+    last = min(lost, len(at_s) - 1)
+    gone = (float(at_s[last]), NOTHING)
     marks: list[Mark] = [(0.0, NOTHING), (float(at_s[steps.contact]), GRASP)]
     if trial.action == "hold":
         return [*marks, *_perturbed(motion, times, lost), gone]
     if onset is None or onset >= lost:
         return [*marks, gone]
     if trial.action in RISKY_ACTIONS:
-        # a pull or a fall that the grip withstands stays a grasp
+        # A pull or a fall that the grip withstands stays a grasp.
         if steps.gross is not None:
             marks.append((float(at_s[onset]), RISKY_SLIP))
         return [*marks, gone]
 
+    # A hand-over: safe while the weight goes over, and again when the hand opens.
     marks.append((float(at_s[onset]), SAFE_SLIP))
     transferred = _transferred(trial, motion, times, onset)
     if transferred is not None and transferred < times.open:
-        marks += [(transferred, GRASP), (max(times.open, transferred), SAFE_SLIP)]
+        marks.append((transferred, GRASP))
+        marks.append((float(times.open), SAFE_SLIP))
 
-    return [*[mark for mark in marks if mark[0] < gone[0]], gone]
+    # The taker may have the object before the hand opens.
+    before_gone = [mark for mark in marks if mark[0] < gone[0]]
+    return [*before_gone, gone]
 
 
 def _stopped(marks: list[Mark], motion: TrialMotion, lost: int) -> list[Mark]:
     """The marks, and a grasp from the last slip on where the object stays in the hand."""
     if lost < len(motion.at_s) or marks[-2][1] != RISKY_SLIP:
         return marks
-    # what stays in the hand has been stopped
+    # What stays in the hand has been stopped.
     still = int(np.flatnonzero(motion.slips)[-1]) + 1
     if still >= len(motion.at_s):
         return marks
-    return [*marks[:-1], (float(motion.at_s[still]), GRASP), marks[-1]]
+    stopped = (float(motion.at_s[still]), GRASP)
+    return [*marks[:-1], stopped, marks[-1]]
 
 
 def _transferred(
@@ -215,10 +238,12 @@ def _transferred(
     given = motion.agents_n - motion.agents_n[onset - 1]
     size = np.sqrt((given * given).sum(axis=1))
 
-    # the force that people and box carry in the pause before the hand opens
+    # The force that people and box carry in the pause before the hand opens.
     plateau = float(size[before_opening][-1])
     taken = _first(size >= TRANSFERRED * plateau, onset)
-    return float(motion.at_s[onset if taken is None else taken])
+    if taken is None:
+        return float(motion.at_s[onset])
+    return float(motion.at_s[taken])
 
 
 def _perturbed(motion: TrialMotion, times: Times, lost: int) -> list[Mark]:
@@ -227,7 +252,9 @@ def _perturbed(motion: TrialMotion, times: Times, lost: int) -> list[Mark]:
     opens = int(np.searchsorted(motion.at_s, times.open))
     marks: list[Mark] = []
     stop = min(opens, lost)
-    slipped = motion.slip_m - motion.slip_m[min(acts, len(motion.slip_m) - 1)]
+    begin = min(acts, len(motion.slip_m) - 1)
+    slipped = motion.slip_m - motion.slip_m[begin]
+
     if _first(slipped >= GROSS_SLIP_M, acts, stop) is not None:
         sliding = acts + np.flatnonzero(motion.slips[acts:stop])
         start = sliding[0] if sliding.size else acts
