@@ -2,103 +2,74 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-
-import matplotlib as mpl
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
+from collections.abc import Callable, Mapping, Sequence
+from typing import NamedTuple
 
 from benchmarks.cost.picture import figure as cost_figure
 from holdfast.core.reading import Json
 from holdfast.evaluation.latency.picture import latency
-from holdfast.evaluation.style import INK, OURS, QUIET, STYLE, WARNING, svg
+from holdfast.evaluation.style import GRID, INK, OURS, QUIET, WARNING, drawing, svg
 
 Figures = Json
 """What WHAT.json holds."""
+WIDTH_IN = 7.6
+COLOURS = (OURS, WARNING, INK, QUIET, "#5b8c5a")
+
+
+class Bar(NamedTuple):
+    """One figure. marked: in our colour, the others are grey."""
+
+    name: str
+    value: float
+    marked: bool
 
 
 def effects(figures: Figures) -> str:
     """What every effect of a scene costs a sample, the dearest first."""
     rows = sorted(figures["prices"], key=lambda row: -float(row["ns_per_sample"]))
-    with mpl.rc_context(STYLE):
-        drawn, axes = _figure(height=0.22 * len(rows) + 0.8)
-        colours = [OURS if row["stage"] == "core" else QUIET for row in rows]
-        _bars(
-            axes,
-            [row["effect"] for row in rows],
-            [row["ns_per_sample"] for row in rows],
-            colours,
-        )
-        axes.set(xlabel="ns a sample", xscale="log")
-        return svg(drawn)
+    bars = [
+        Bar(row["effect"], row["ns_per_sample"], row["stage"] == "core") for row in rows
+    ]
+    return _bars(bars, 0.22, "ns a sample", xscale="log")
 
 
 def training(figures: Figures) -> str:
     """CPU seconds of every stage against the number of trials."""
     rows = figures["rows"]
-    return _curves(
-        [
-            (
-                name.removesuffix("_cpu_s").replace("_", " "),
-                [(row["trials"], row[name]) for row in rows],
-            )
-            for name in rows[0]
-            if name.endswith("_cpu_s")
-        ],
-        "trials",
-        "CPU seconds",
-    )
+    curves = {}
+    for name in rows[0]:
+        if name.endswith("_cpu_s"):
+            stage = name.removesuffix("_cpu_s").replace("_", " ")
+            curves[stage] = [(row["trials"], row[name]) for row in rows]
+    return _curves(curves, "trials", "CPU seconds")
 
 
 def instructions(figures: Figures) -> str:
     """Instructions a call."""
-    with mpl.rc_context(STYLE):
-        rows = figures["rows"]
-        drawn, axes = _figure(height=0.4 * len(rows) + 0.8)
-        _bars(
-            axes,
-            [row["what"] for row in rows],
-            [row["instructions"] for row in rows],
-            [OURS] * len(rows),
-        )
-        axes.set(xlabel="instructions a call (callgrind)")
-        return svg(drawn)
+    bars = [Bar(row["what"], row["instructions"], True) for row in figures["rows"]]
+    return _bars(bars, 0.4, "instructions a call (callgrind)")
 
 
 def hand(figures: Figures) -> str:
     """A scan of six fingers by bridge, layout and clock."""
-    rows = figures["scans"]
-    names = [
-        f"{row['bridge']}, {row['reads']}, {row['layout']}, {row['bus_khz']} kHz"
-        for row in rows
-    ]
-    with mpl.rc_context(STYLE):
-        drawn, axes = _figure(height=0.24 * len(rows) + 0.8)
-        _bars(
-            axes,
-            names,
-            [row["scan_ms"] for row in rows],
-            [OURS if row["serves_model_hz"] else QUIET for row in rows],
-        )
-        axes.set(
-            xlabel="ms a scan of six fingers, of the virtual hand; grey: too slow for any model",
-            xscale="log",
-        )
-        return svg(drawn)
+    bars = []
+    for row in figures["scans"]:
+        name = f"{row['bridge']}, {row['reads']}, {row['layout']}, {row['bus_khz']} kHz"
+        bars.append(Bar(name, row["scan_ms"], bool(row["serves_model_hz"])))
+    of = "ms a scan of six fingers, of the virtual hand; grey: too slow for any model"
+    return _bars(bars, 0.24, of, xscale="log")
 
 
 def simulator(figures: Figures) -> str:
     """What the slip time's error costs in CPU time, step by step."""
-    rows = figures["step"]
-    points = [
-        (
-            f"{name} % of slips",
-            [(1e3 * row["cpu_s_per_trial"], row[key]) for row in rows],
-        )
-        for name, key in ((50, "p50_ms"), (90, "p90_ms"))
-    ]
+    curves = {}
+    for percent in (50, 90):
+        curves[f"{percent} % of slips"] = [
+            (1e3 * row["cpu_s_per_trial"], row[f"p{percent}_ms"])
+            for row in figures["step"]
+        ]
     return _curves(
-        points,
+        curves,
         "CPU ms a trial; every point half the step of the one before",
         "error of the slip's time, ms",
     )
@@ -106,23 +77,11 @@ def simulator(figures: Figures) -> str:
 
 def onset(figures: Figures) -> str:
     """Error of the slip's start against the object's acceleration."""
-    rows = figures["ramps"]
-    rates = dict.fromkeys(row["fps"] for row in rows)
-    return _curves(
-        [
-            (
-                f"{fps:g} fps",
-                [
-                    (row["mm_per_s2"], row["start_worst_ms"])
-                    for row in rows
-                    if row["fps"] == fps
-                ],
-            )
-            for fps in rates
-        ],
-        "acceleration, mm/s2",
-        "worst error of the slip's start, ms",
-    )
+    curves: dict[str, list[tuple[float, float]]] = {}
+    for row in figures["ramps"]:
+        point = (row["mm_per_s2"], row["start_worst_ms"])
+        curves.setdefault(f"{row['fps']:g} fps", []).append(point)
+    return _curves(curves, "acceleration, mm/s2", "worst error of the slip's start, ms")
 
 
 def cost(figures: Figures) -> str:
@@ -142,50 +101,42 @@ PICTURES: dict[str, Callable[[Figures], str]] = {
 }
 
 
-def _figure(height: float) -> tuple[Figure, Axes]:
-    drawn = Figure(figsize=(7.6, height))
-    return drawn, drawn.subplots()
-
-
-def _bars(
-    axes: Axes, names: Sequence[str], values: Sequence[float], colours: Sequence[str]
-) -> None:
-    axes.barh(range(len(names)), list(values), color=list(colours))
-    for place, value in enumerate(values):
-        axes.annotate(
-            f"{value:,.3g}" if value < 1000 else f"{value:,.0f}",
-            (value, place),
-            (3, 0),
-            textcoords="offset points",
-            va="center",
-            fontsize=7,
-        )
-    axes.set_yticks(range(len(names)), list(names))
-    axes.invert_yaxis()
+def _bars(bars: Sequence[Bar], height_in: float, xlabel: str, **scale: str) -> str:
+    """A bar for each figure; height_in: of one."""
+    with drawing(WIDTH_IN, height_in * len(bars) + 0.8) as figure:
+        axes = figure.subplots()
+        colours = [OURS if one.marked else QUIET for one in bars]
+        axes.barh(range(len(bars)), [one.value for one in bars], color=colours)
+        for place, one in enumerate(bars):
+            places = ".3g" if one.value < 1000 else ".0f"
+            axes.annotate(
+                f"{one.value:,{places}}",
+                (one.value, place),
+                (3, 0),
+                textcoords="offset points",
+                va="center",
+                fontsize=7,
+            )
+        axes.set_yticks(range(len(bars)), [one.name for one in bars])
+        axes.invert_yaxis()
+        axes.set(xlabel=xlabel, **scale)
+        return svg(figure)
 
 
 def _curves(
-    curves: Sequence[tuple[str, Sequence[tuple[float, float]]]], x: str, y: str
+    curves: Mapping[str, Sequence[tuple[float, float]]], xlabel: str, ylabel: str
 ) -> str:
     """Lines on two logarithmic axes, each named at its last point."""
-    with mpl.rc_context(STYLE):
-        drawn, axes = _figure(height=3.6)
-        for place, (name, points) in enumerate(curves):
-            axes.plot(
-                [at for at, _ in points],
-                [value for _, value in points],
-                "o-",
-                markersize=4,
-                color=(OURS, WARNING, INK, QUIET, "#5b8c5a")[place % 5],
-                label=name,
-            )
-        axes.set(xlabel=x, ylabel=y, xscale="log", yscale="log")
-        axes.set_xticks(
-            [at for at, _ in curves[0][1]],
-            [f"{at:.3g}" for at, _ in curves[0][1]],
-            minor=False,
-        )
+    with drawing(WIDTH_IN, 3.6) as figure:
+        axes = figure.subplots()
+        for place, (name, points) in enumerate(curves.items()):
+            colour = COLOURS[place % len(COLOURS)]
+            xs, ys = zip(*points, strict=True)
+            axes.plot(xs, ys, "o-", markersize=4, color=colour, label=name)
+        axes.set(xlabel=xlabel, ylabel=ylabel, xscale="log", yscale="log")
+        ticks = [at for at, _ in next(iter(curves.values()))]
+        axes.set_xticks(ticks, [f"{at:.3g}" for at in ticks], minor=False)
         axes.set_xticks([], minor=True)
         axes.legend(frameon=False, fontsize=8)
-        axes.grid(color="#e4e7eb")
-        return svg(drawn)
+        axes.grid(color=GRID)
+        return svg(figure)

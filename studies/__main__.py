@@ -38,12 +38,12 @@ PROGRAMS = {
         "build/scenes",
     ),
     "fast-handover": Program(
-        "studies.fast_handover.program",
+        "studies.fast_handover.study",
         "what tells a fast hand-over from a pull, one change at a time",
         "build/fast-handover",
     ),
     "learner-streams": Program(
-        "studies.learner_streams.program",
+        "studies.learner_streams",
         "learners on streams and on styles left out",
         "build/learner-streams",
     ),

@@ -1,4 +1,4 @@
-"""The sets of whole streams that two studies share, and the option that names others."""
+"""The option of studies that names sets which are there already, and the sets that two share."""
 
 from __future__ import annotations
 
@@ -31,9 +31,9 @@ def add_sets_option(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def sets_folder(args: argparse.Namespace, sets: Sequence[SimulatedSet]) -> Path:
-    """The folder of the sets, which are simulated into --out unless --sets names them."""
-    if args.sets is None:
-        simulate_sets(sets, args.out)
-    folder: Path = args.sets or args.out
-    return folder
+def sets_folder(given: Path | None, sets: Sequence[SimulatedSet], out: Path) -> Path:
+    """The folder of the sets, which are simulated into `out` where none is given."""
+    if given is not None:
+        return given
+    simulate_sets(sets, out)
+    return out

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-import matplotlib as mpl
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator
 
 from benchmarks.cost.point import (
@@ -19,7 +17,7 @@ from benchmarks.cost.point import (
     Point,
 )
 from holdfast.core.reading import Json
-from holdfast.evaluation.style import INK, OURS, QUIET, STYLE, WARNING, svg
+from holdfast.evaluation.style import GRID, INK, OURS, QUIET, WARNING, drawing, svg
 
 COMPUTED = {
     "trees": [(f"{n}", Point(trees=n)) for n in TREES],
@@ -56,8 +54,7 @@ Measure = Callable[[Json], float | None]
 def figure(rows: list[Json]) -> str:
     """Scenes: slips acted on before gross slip, against microseconds and against the delay."""
     by_name = {row["what"]: row for row in rows if row["of"] == "scenes"}
-    with mpl.rc_context(STYLE):
-        drawn = Figure(figsize=(9.4, 4.0))
+    with drawing(9.4, 4.0) as drawn:
         drawn.suptitle(
             "simulated", x=0.995, ha="right", fontsize=8, color=WARNING, style="italic"
         )
@@ -88,7 +85,7 @@ def _panel(
             if (x := measure(row)) is not None
         ]
         _family(axes, family, drawn, colour)
-    axes.grid(color="#e4e7eb")
+    axes.grid(color=GRID)
     axes.margins(x=0.1)
 
 

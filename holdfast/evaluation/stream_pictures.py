@@ -7,7 +7,6 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-import matplotlib as mpl
 import numpy as np
 import numpy.typing as npt
 from matplotlib.axes import Axes
@@ -32,8 +31,8 @@ from holdfast.evaluation.style import (
     NOTE,
     QUIET,
     SITUATION_COLOURS,
-    STYLE,
     WARNING,
+    drawing,
     svg,
 )
 from holdfast.evaluation.window_scores import labels_at
@@ -158,9 +157,7 @@ def picture_of(
 @contextmanager
 def labelled(kind: str, width: float, height: float) -> Iterator[Figure]:
     """A figure in the common style that shows the kind of its data (simulated, recorded)."""
-    # Within the context: matplotlib reads some of the style only when it saves.
-    with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(width, height))
+    with drawing(width, height) as figure:
         figure.suptitle(
             kind, x=0.995, ha="right", fontsize=8, color=WARNING, style="italic"
         )

@@ -6,7 +6,8 @@ An SVG that a screen reader can name, and that is readable on a light and on a d
 from __future__ import annotations
 
 import io
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from html import escape
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -53,6 +54,19 @@ STYLE: dict[Any, Any] = {
     "svg.hashsalt": "holdfast",
     "figure.constrained_layout.use": True,
 }
+
+
+@contextmanager
+def drawing(
+    width_in: float, height_in: float, font_size: float = 9
+) -> Iterator[Figure]:
+    """A figure in the common style, which holds while it is drawn and written."""
+    # loaded only where something is drawn
+    import matplotlib as mpl
+    from matplotlib.figure import Figure
+
+    with mpl.rc_context({**STYLE, "font.size": font_size}):
+        yield Figure(figsize=(width_in, height_in))
 
 
 def svg(figure: Figure) -> str:

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 import numpy as np
-import numpy.typing as npt
 from sklearn.ensemble import HistGradientBoostingClassifier
 from sklearn.utils.class_weight import compute_sample_weight
 from threadpoolctl import threadpool_limits
@@ -19,22 +18,29 @@ from holdfast.export.network import IntArray
 from holdfast.training.featurise import FloatRows
 from holdfast.training.plan import ForestPlan
 
-Answer = tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]
+Answer = tuple[IntArray, IntArray]
 """[T] situation 0..3, and [T] thousandths for a risky slip."""
 
 
+def answer_of(votes: IntArray) -> Answer:
+    """The answer of votes [T, 8] or [T, 4]."""
+    votes = situation_votes(votes)
+    return riskier_argmax(votes), (1000 * votes[:, RISKY_SLIP]) // votes.sum(axis=1)
+
+
 class Learner(Protocol):
-    """Something that is fitted and answers. Its models are for timing, each runs once a sample."""
+    """Something that is fitted and answers.
+
+    models: the fitted scikit-learn models, for timing; each runs once a sample.
+    """
+
+    models: Sequence[Any]
 
     def fit(self, features: FloatRows, label: IntArray, seed: int) -> None:
         """Fit on rows [M, F] with labels 0..7 [M]."""
 
     def answer(self, features: FloatRows) -> Answer:
         """The answers to rows [T, F]."""
-
-    @property
-    def models(self) -> Sequence[Any]:
-        """The fitted scikit-learn models."""
 
 
 @dataclass
@@ -51,21 +57,13 @@ class Forest:
         weight = compute_sample_weight("balanced", target) * np.where(
             label // 2 == RISKY_SLIP, self.risky_weight, 1.0
         )
-        self.forest = (
-            replace(self.plan, class_weight=None)
-            .build(seed)
-            .fit(features, target, sample_weight=weight)
-        )
+        unweighted = replace(self.plan, class_weight=None).build(seed)
+        forest = unweighted.fit(features, target, sample_weight=weight)
+        self.models: Sequence[Any] = [forest]
 
     def answer(self, features: FloatRows) -> Answer:
         """See Learner."""
-        votes = situation_votes(reference_votes(self.forest, features, self.classes))
-        return riskier_argmax(votes), (1000 * votes[:, RISKY_SLIP]) // votes.sum(axis=1)
-
-    @property
-    def models(self) -> Sequence[Any]:
-        """See Learner."""
-        return [self.forest]
+        return answer_of(reference_votes(self.models[0], features, self.classes))
 
 
 @dataclass
@@ -77,22 +75,18 @@ class TwoStages:
     def fit(self, features: FloatRows, label: IntArray, seed: int) -> None:
         """See Learner."""
         held = label // 2 != NOTHING
-        self.contact = self.plan.build(seed).fit(features, held.astype(np.int64))
-        self.situation = self.plan.build(seed).fit(
-            features[held], label[held] // 2 - GRASP
-        )
+        contact = self.plan.build(seed).fit(features, held.astype(np.int64))
+        situation = self.plan.build(seed)
+        situation.fit(features[held], label[held] // 2 - GRASP)
+        self.models: Sequence[Any] = [contact, situation]
 
     def answer(self, features: FloatRows) -> Answer:
         """See Learner."""
-        held = riskier_argmax(reference_votes(self.contact, features, 2)) == 1
-        votes = reference_votes(self.situation, features, len(SITUATIONS) - GRASP)
+        contact, of_held = self.models
+        held = riskier_argmax(reference_votes(contact, features, 2)) == 1
+        votes = reference_votes(of_held, features, len(SITUATIONS) - GRASP)
         situation = np.where(held, GRASP + riskier_argmax(votes), NOTHING)
         return situation, (1000 * votes[:, RISKY_SLIP - GRASP]) // votes.sum(axis=1)
-
-    @property
-    def models(self) -> Sequence[Any]:
-        """See Learner."""
-        return [self.contact, self.situation]
 
 
 @dataclass
@@ -101,7 +95,6 @@ class Boosting:
 
     iterations: int = 100
     leaves: int = 31
-    threads: int = 1
     bins: int = 255
 
     def fit(self, features: FloatRows, label: IntArray, seed: int) -> None:
@@ -115,18 +108,12 @@ class Boosting:
             random_state=seed,
         )
         # several threads wait for each other in busy loops when other work runs
-        with threadpool_limits(self.threads):
-            self.model = model.fit(features, label // 2)
+        with threadpool_limits(1):
+            self.models: Sequence[Any] = [model.fit(features, label // 2)]
 
     def answer(self, features: FloatRows) -> Answer:
         """See Learner."""
-        with threadpool_limits(self.threads):
-            probability = self.model.predict_proba(features)
-        return probability.argmax(axis=1).astype(np.int64), (
-            1000 * probability[:, RISKY_SLIP]
-        ).astype(np.int64)
-
-    @property
-    def models(self) -> Sequence[Any]:
-        """See Learner."""
-        return [self.model]
+        with threadpool_limits(1):
+            probability = self.models[0].predict_proba(features)
+        permille = (1000 * probability[:, RISKY_SLIP]).astype(np.int64)
+        return probability.argmax(axis=1).astype(np.int64), permille

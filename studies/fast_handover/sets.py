@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -63,6 +65,7 @@ class Streams:
         return self.truth[self.row]
 
 
+@cache
 def labelled(folder: Path, windows: Choice, features: Features) -> Labelled:
     """A set to train on."""
     data = load(folder, windows=windows)
@@ -71,6 +74,7 @@ def labelled(folder: Path, windows: Choice, features: Features) -> Labelled:
     return Labelled(np.asarray(rows[_rows(data)]), task.label, names[task.trial])
 
 
+@cache
 def streams(folder: Path, windows: Choice, features: Features) -> Streams:
     """A set to evaluate on."""
     data = load(folder, windows=windows)
@@ -93,11 +97,10 @@ def everywhere(folder: Path, data: DataSet, features: Features) -> FloatRows:
     spec = spec_for(data, RAW_GROUPS if features == "raw window" else CLOCK_FREE_GROUPS)
     path = folder / f"features-{digest_of([spec.to_json(), len(data.recordings)])}.npy"
     rows = kept_rows(path, lambda: np.concatenate(features_everywhere(data, spec)))
-    return (
-        np.hstack([rows, np.concatenate([context(one) for one in data.recordings])])
-        if (features == "with context")
-        else rows
-    )
+    if features != "with context":
+        return rows
+    contexts = np.concatenate([context(one) for one in data.recordings])
+    return np.hstack([rows, contexts])
 
 
 def context(recording: Recording) -> FloatRows:
@@ -113,25 +116,25 @@ def context(recording: Recording) -> FloatRows:
     ).astype(np.float32)
 
 
-def joined(parts: list[Labelled]) -> Labelled:
-    """Several sets to train on as one."""
+def training_part(
+    folder: Path,
+    names: Sequence[str],
+    windows: Choice = "balanced",
+    features: Features = "default",
+) -> Labelled:
+    """Several sets of a folder to train on as one."""
+    parts = [labelled(folder / name, windows, features) for name in names]
     return Labelled(
-        *(
-            np.concatenate([getattr(one, name) for one in parts])
-            for name in vars(parts[0])
-        )
+        np.concatenate([one.features for one in parts]),
+        np.concatenate([one.label for one in parts]),
+        np.concatenate([one.held_object for one in parts]),
     )
 
 
 def without(part: Labelled, name: str) -> Labelled:
     """All but the windows of an object."""
     kept = part.held_object != name
-    return replace(
-        part,
-        features=part.features[kept],
-        label=part.label[kept],
-        held_object=part.held_object[kept],
-    )
+    return Labelled(part.features[kept], part.label[kept], part.held_object[kept])
 
 
 def _situations(recording: Recording, n: int) -> IntArray:

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 
 import numpy as np
 
 from holdfast.core.contract import SITUATIONS, BoolArray
+from holdfast.core.reading import Json
 from holdfast.edge_runtime.decision import UNKNOWN
 from holdfast.evaluation.alarms import (
     Answers,
+    EventScores,
     act_requests,
     choose_confidence,
     event_scores,
@@ -21,11 +24,9 @@ from holdfast.evaluation.methods import (
     method_result,
     together,
 )
-from holdfast.evaluation.statistics import Spread
 from holdfast.evaluation.trials import Grasp, LabelledTrial
 from holdfast.export.spec import HISTORY_S
 from holdfast.training.plan import HIGH_CONFIDENCE
-from studies.fast_handover.figures import AlarmFigures, SetAlarms, UnseenStyles
 from studies.fast_handover.ideas import Idea
 from studies.fast_handover.learners import Answer
 from studies.fast_handover.sets import CHOOSE, EVALUATED, Streams
@@ -36,26 +37,52 @@ ONE_SAMPLE = HIGH_CONFIDENCE["forest"]
 CALIBRATION_PASSES = 8
 BOX_GAP_M = 0.01
 """From the object to the box before it is put down, as the scenes have it."""
+KEPT = (
+    "events",
+    "recall",
+    "recall_ci",
+    "in_time",
+    "false_per_min",
+    "false_per_min_ci",
+    "safe_acts_called",
+    "delay_ms",
+)
+"""What a row keeps of the figures of a method."""
 Sets = Mapping[str, Streams]
 
 
 def alarm_figures(
     idea: Idea, sets: Sets, learned: Mapping[str, Answer], seed: int
-) -> AlarmFigures:
-    """Thresholds and figures of every evaluated set, at the threshold that CHOOSE gives."""
+) -> Json:
+    """Thresholds and figures of every evaluated set, at the threshold that CHOOSE gives.
+
+    state_delay_ms: from load onset to the first risky state, without the decision's own rules.
+    """
     veto = idea.decision == "veto"
     answers = {name: answers_of(one, learned[name], veto) for name, one in sets.items()}
     permille = _thresholds(idea, sets, answers)
-    lines = {
+    results = {
         name: called(sets[name], answers[name], permille[name]) for name in EVALUATED
     }
-    figures = {
-        name: SetAlarms.of(method_figures(lines[name], sets[name].trials, None, seed))
-        for name in EVALUATED
-    }
-    unseen = event_scores(together([lines["p1"], lines["p2"]]).matches, seed=seed)
-    delay_ms = _state_delay_ms(answers["author"], permille["author"], seed)
-    return AlarmFigures(permille, figures, UnseenStyles.of(unseen), delay_ms)
+    figures: Json = {"permille": permille}
+    for name, result in results.items():
+        found = method_figures(result, sets[name].trials, None, seed)
+        figures[name] = picked(found, (*KEPT, "specificity"))
+    unseen = event_scores(together([results["p1"], results["p2"]]).matches, seed=seed)
+    shown = ("events", "recall", "recall_ci", "false_per_min")
+    figures["unseen_style"] = picked(unseen, shown)
+    states = [
+        match_alarms(one.recording, _state(one, permille["author"]))
+        for one in answers["author"]
+    ]
+    delay = picked(event_scores(states, seed=seed), ["delay_ms"])
+    return figures | {"state_delay_ms": delay["delay_ms"]}
+
+
+def picked(figures: EventScores, names: Sequence[str]) -> Json:
+    """Some of the figures, as JSON has them."""
+    whole = asdict(figures)
+    return {name: whole[name] for name in names}
 
 
 def called(streams: Streams, answers: Sequence[Answers], permille: int) -> MethodResult:
@@ -74,14 +101,6 @@ def _thresholds(
         name: _personal(sets[name], answers[name], permille) if personal else permille
         for name in EVALUATED
     } | {CHOOSE: permille}
-
-
-def _state_delay_ms(
-    answers: Sequence[Answers], permille: int, seed: int
-) -> Spread | None:
-    """Delay until the state is first risky, without the decision's own rules."""
-    matches = [match_alarms(one.recording, _state(one, permille)) for one in answers]
-    return event_scores(matches, seed=seed).delay_ms
 
 
 def _state(one: Answers, permille: int) -> BoolArray:

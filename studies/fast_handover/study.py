@@ -1,4 +1,4 @@
-"""The study: every idea is trained on some sets, its threshold chosen on others, and evaluated.
+"""`python -m studies fast-handover`: each idea is trained, its threshold chosen, and evaluated.
 
 Trained on: `thesis`, `broad` and, for some ideas, `daily` and `perturbed-hold`. The threshold is
 the lowest that leaves half a false alarm a minute on `daily`. Evaluated on: unseen trials of the
@@ -8,20 +8,20 @@ trial is on one side only, because the sets are simulated from different seeds.
 
 from __future__ import annotations
 
+import argparse
+import sys
 from collections.abc import Callable, Sequence
-from dataclasses import replace
-from functools import cache
 from itertools import cycle
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
+from holdfast.core.reading import Json
+from holdfast.core.writing import require_writable
 from holdfast.evaluation.latency.timing import time_in_turns
 from holdfast.training.featurise import FloatRows
-from holdfast.training.progress import Say
+from holdfast.training.progress import Say, stages
 from holdfast.training.windows import Choice
-from studies.fast_handover.figures import HandoverStudy, IdeaFigures, WindowF1
 from studies.fast_handover.ideas import IDEAS, Features, Idea
 from studies.fast_handover.learners import Learner
 from studies.fast_handover.sets import (
@@ -30,85 +30,87 @@ from studies.fast_handover.sets import (
     STYLES,
     Labelled,
     Streams,
-    joined,
-    labelled,
     streams,
+    training_part,
 )
 from studies.fast_handover.stream_scores import alarm_figures
 from studies.fast_handover.timing import session_of
 from studies.fast_handover.window_scores import bounds, macro_f1, objects_left_out
+from studies.stream_sets import STREAMS, add_sets_option, sets_folder
+from tools.harness import SimulatedSet, write_figures
 
+SETS = [
+    *STREAMS,
+    SimulatedSet("daily", "daily", 200, 3),
+    SimulatedSet("holds", "perturbed-hold", 150, 4),
+]
 PAST_S = 0.020
 """A second F1 leaves out windows nearer to a change of phase, where no sensor is sharp enough."""
 TURNS, CALLS = 20, 50
 
 
-class Sets:
-    """The sets of a folder, each read once with the features that an idea needs."""
-
-    def __init__(self, folder: Path) -> None:
-        self.folder = folder
-        self.training = cache(self._training)
-        self.evaluated = cache(self._evaluated)
-
-    def _training(self, name: str, windows: Choice, features: Features) -> Labelled:
-        return labelled(self.folder / name, windows, features)
-
-    def _evaluated(self, name: str, features: Features) -> Streams:
-        windows: Choice = "thesis" if name in STYLES else "natural"
-        return streams(self.folder / name, windows, features)
-
-    def part(self, idea: Idea) -> Labelled:
-        """All that the idea is trained on."""
-        return joined(
-            [
-                self.training(name, idea.windows, idea.features)
-                for name in idea.trained_on
-            ]
-        )
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of this study alone."""
+    add_sets_option(parser)
 
 
-def study(
-    folder: Path, seed: int, say: Say, ideas: Sequence[Idea] = IDEAS
-) -> HandoverStudy:
-    """Rows of all ideas, and bounds.
+def run(args: argparse.Namespace) -> int:
+    """Study, write figures.json, print the main columns."""
+    require_writable(args.out)
+    folder = sets_folder(args.sets, SETS, args.out)
+    with stages(len(IDEAS)) as say:
+        figures = study(folder, args.seed, say)
+    path = write_figures(args.out / "figures.json", figures)
+    for row in figures["rows"]:
+        scores = [f"{row[f'f1_{style}']:.3f}" for style in STYLES]
+        sys.stdout.write(f"{' '.join(scores)}  {row['idea']}\n")
+    sys.stdout.write(f"{path}\n")
+    return 0
+
+
+def study(folder: Path, seed: int, say: Say, ideas: Sequence[Idea] = IDEAS) -> Json:
+    """figures.json: rows of all ideas, and what an observer that is late would reach.
 
     folder: holds the sets by their names, and keeps features. Raises what reading them raises.
     """
-    sets, rows, timed = Sets(folder), [], {}
+    rows: list[Json] = []
+    timed = {}
     for idea in ideas:
         say(idea.name)
-        part, learner = sets.part(idea), idea.learner()
+        learner = idea.learner()
+        part = training_part(folder, idea.trained_on, idea.windows, idea.features)
         learner.fit(part.features, part.label, seed)
-        rows.append(_figures(idea, sets, part, learner, seed))
+        rows.append(_row(idea, folder, part, learner, seed))
         timed[idea.name] = _calls(learner, part.features[:200])
     times_us = time_in_turns(timed, TURNS, CALLS)
-    rows = [
-        replace(row, learner_us=float(np.median(times_us[row.idea]))) for row in rows
-    ]
-    return HandoverStudy(rows, bounds(sets.evaluated("author", "default")))
+    for row in rows:
+        row["learner_us"] = float(np.median(times_us[row["idea"]]))
+    late = bounds(_evaluated(folder, "author", "default"))
+    return {"kind": "simulated", "rows": rows, "bounds": late}
 
 
-def _figures(
-    idea: Idea, sets: Sets, part: Labelled, learner: Learner, seed: int
-) -> IdeaFigures:
-    """One row: alarms on streams, then windows, then objects left out where the idea says so."""
-    here = {name: sets.evaluated(name, idea.features) for name in (CHOOSE, *EVALUATED)}
+def _evaluated(folder: Path, name: str, features: Features) -> Streams:
+    windows: Choice = "thesis" if name in STYLES else "natural"
+    return streams(folder / name, windows, features)
+
+
+def _row(idea: Idea, folder: Path, part: Labelled, learner: Learner, seed: int) -> Json:
+    """Alarms on streams, then windows, then objects left out where the idea says so."""
+    here = {
+        name: _evaluated(folder, name, idea.features) for name in (CHOOSE, *EVALUATED)
+    }
     learned = {
         name: learner.answer(np.asarray(one.features)) for name, one in here.items()
     }
-    alarms = alarm_figures(idea, here, learned, seed)
-    windows = {name: _windows(here[name], learned[name][0]) for name in STYLES}
-    worst = None
+    row: Json = {"idea": idea.name} | alarm_figures(idea, here, learned, seed)
+    for name in STYLES:
+        situation = learned[name][0]
+        row[f"f1_{name}"] = macro_f1(here[name], situation)
+        row[f"f1_{name}_past"] = macro_f1(here[name], situation, past_s=PAST_S)
     if idea.objects_left_out:
-        worst = min(objects_left_out(idea, part, here["author"], seed).values())
-    return IdeaFigures(idea.name, alarms, windows, worst)
-
-
-def _windows(streams: Streams, situation: npt.NDArray[np.int64]) -> WindowF1:
-    return WindowF1(
-        macro_f1(streams, situation), macro_f1(streams, situation, past_s=PAST_S)
-    )
+        by_object = objects_left_out(idea, part, here["author"], seed)
+        row["worst_object"] = min(by_object.values())
+    return row
 
 
 def _calls(learner: Learner, rows: FloatRows) -> Callable[[], object]:

@@ -6,15 +6,14 @@ import numpy as np
 import numpy.typing as npt
 from sklearn.metrics import f1_score
 
+from holdfast.core.reading import Json
 from holdfast.evaluation.trials import LabelledTrial
-from studies.fast_handover.figures import LateObserver
+from holdfast.export.network import IntArray
 from studies.fast_handover.ideas import Idea
 from studies.fast_handover.sets import Labelled, Streams, without
 
 
-def macro_f1(
-    streams: Streams, situation: npt.NDArray[np.int64], past_s: float = 0.0
-) -> float:
+def macro_f1(streams: Streams, situation: IntArray, past_s: float = 0.0) -> float:
     """Over the situations in the truth, at the windows at least past_s after a change of phase."""
     kept = np.concatenate(
         [
@@ -26,7 +25,7 @@ def macro_f1(
     return _macro_f1(streams.label[there], situation[streams.row[there]])
 
 
-def _macro_f1(truth: npt.NDArray[np.int64], answered: npt.NDArray[np.int64]) -> float:
+def _macro_f1(truth: IntArray, answered: IntArray) -> float:
     return float(f1_score(truth, answered, labels=np.unique(truth), average="macro"))
 
 
@@ -40,14 +39,15 @@ def _since_change_s(trial: LabelledTrial, n: int) -> npt.NDArray[np.float64]:
     return since
 
 
-def bounds(streams: Streams) -> list[LateObserver]:
+def bounds(streams: Streams) -> list[Json]:
     """Macro F1 of an observer that knows the truth, but some samples late, on the same windows."""
     starts = np.repeat(np.cumsum([0, *streams.lengths[:-1]]), streams.lengths)
     rows = []
     for late in range(5):
         seen = streams.truth[np.maximum(np.arange(len(starts)) - late, starts)]
-        late_ms = 1e3 * late / streams.trials[0].recording.rate_hz
-        rows.append(LateObserver(late, late_ms, macro_f1(streams, seen)))
+        ms_late = 1e3 * late / streams.trials[0].recording.rate_hz
+        f1 = macro_f1(streams, seen)
+        rows.append({"samples_late": late, "ms_late": ms_late, "f1_author": f1})
     return rows
 
 

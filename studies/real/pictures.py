@@ -2,25 +2,24 @@
 
 from __future__ import annotations
 
-import matplotlib as mpl
 import numpy as np
 import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap
-from matplotlib.figure import Figure
 from sklearn.metrics import confusion_matrix, precision_recall_curve, roc_curve
 
 from holdfast.core.contract import SITUATIONS
 from holdfast.evaluation.style import (
+    GRID,
     INK,
     OURS,
     QUIET,
     SITUATION_COLOURS,
-    STYLE,
     WARNING,
     Bar,
     bar,
     bars,
+    drawing,
     svg,
 )
 from holdfast.training.crossval import HeldOut
@@ -36,8 +35,7 @@ TRIALS_SHOWN = 8
 
 def table_bars(rows: dict[str, HeadFigures]) -> str:
     """Macro F1 and AUC of every row of the table, with intervals over people."""
-    with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(8.6, 0.42 * len(rows) + 0.9))
+    with drawing(8.6, 0.42 * len(rows) + 0.9) as figure:
         left, right = figure.subplots(1, 2, sharey=True)
         situations = {name: one.situations for name, one in rows.items()}
         f1 = {name: (one.macro_f1, one.macro_f1_ci) for name, one in situations.items()}
@@ -64,8 +62,7 @@ def confusion(data: DataSet, held_out: HeldOut) -> str:
         truth, held_out.situations(), labels=range(4), normalize="true"
     )
     absent = np.bincount(truth, minlength=4) == 0
-    with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(4.1, 3.4))
+    with drawing(4.1, 3.4) as figure:
         axes = figure.subplots()
         axes.imshow(share, cmap="Blues", vmin=0, vmax=1)
         for (row, column), value in np.ndenumerate(share):
@@ -93,8 +90,7 @@ def curves(data: DataSet, held_out: HeldOut) -> str:
     )
     false, hit, _ = roc_curve(truth, score)
     precision, recall, _ = precision_recall_curve(truth, score)
-    with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(6.4, 3.0))
+    with drawing(6.4, 3.0) as figure:
         left, right = figure.subplots(1, 2)
         left.plot(false, hit, color=OURS)
         left.plot([0, 1], [0, 1], color=QUIET, linewidth=0.8)
@@ -120,8 +116,7 @@ def by_person(data: DataSet, held_out: HeldOut) -> str:
         for here in (groups == name for name in data.groups())
     ]
     ordered = sorted(one.macro_f1 for one in figures if one.macro_f1 is not None)
-    with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(4.1, 3.0))
+    with drawing(4.1, 3.0) as figure:
         axes = figure.subplots()
         axes.plot(range(1, len(ordered) + 1), ordered, "o", color=OURS)
         axes.set_xticks(range(1, len(ordered) + 1, 3))
@@ -130,7 +125,7 @@ def by_person(data: DataSet, held_out: HeldOut) -> str:
             ylabel="macro F1 of one person",
             ylim=(0, 1),
         )
-        axes.grid(axis="y", color="#e4e7eb")
+        axes.grid(axis="y", color=GRID)
         return svg(figure)
 
 
@@ -142,8 +137,7 @@ def timelines(data: DataSet, held_out: HeldOut) -> str:
         for index, recording in reversed(list(enumerate(data.recordings)))
     }
     chosen = sorted(firsts.values())[:TRIALS_SHOWN]
-    with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(8.6, 0.62 * len(chosen) + 0.7))
+    with drawing(8.6, 0.62 * len(chosen) + 0.7) as figure:
         for axes, index in zip(
             np.atleast_1d(figure.subplots(len(chosen), 1, sharex=True)),
             chosen,
@@ -185,8 +179,7 @@ def _strips(
 
 def delays(delays_s: dict[str, list[float]]) -> str:
     """Distribution of the delay of the first alarm after the field departs."""
-    with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(5.2, 2.6))
+    with drawing(5.2, 2.6) as figure:
         axes = figure.subplots()
         for colour, (name, values) in zip(
             (OURS, WARNING), delays_s.items(), strict=True
@@ -212,8 +205,7 @@ def replay(picture: ReplayPicture) -> str:
     """Forces, truth, answer and the risky share of the votes of one replayed trial."""
     recording, rate_hz = picture.recording, picture.recording.rate_hz
     time_s = np.arange(len(recording.samples)) / rate_hz
-    with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(8.6, 3.6))
+    with drawing(8.6, 3.6) as figure:
         signals, strips, votes = figure.subplots(
             3, 1, sharex=True, height_ratios=(3, 1.4, 2)
         )

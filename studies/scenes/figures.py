@@ -14,22 +14,6 @@ from holdfast.evaluation.window_scores import (
 
 
 @dataclass(frozen=True)
-class DescribedSet:
-    """What a set is. made_from: of its meta.json. counts: of windows and samples."""
-
-    name: str
-    kind: str
-    n_trials: int
-    made_from: Json = field(default_factory=dict)
-    counts: Json = field(default_factory=dict)
-
-    def to_json(self) -> Json:
-        """As it stands in scenes.json."""
-        known = {"name": self.name, "kind": self.kind, "n_trials": self.n_trials}
-        return known | self.made_from | self.counts
-
-
-@dataclass(frozen=True)
 class ShearRateFigures:
     """What the shear-rate threshold calls, at a window's last sample and anywhere in its 0.10 s."""
 
@@ -45,18 +29,10 @@ Rows = dict[str, ClassScores | ShearRateFigures]
 
 @dataclass(frozen=True)
 class OtherSetFigures:
-    """Figures on all windows of a set that no method was trained on."""
+    """Figures on all windows of a set that no method was trained on. data: what the set is."""
 
-    data: DescribedSet
+    data: Json
     rows: Rows
-
-    def scores(self, method: str) -> ClassScores:
-        """The row of a method that answers with classes."""
-        return _scores(self.rows, method)
-
-    def to_json(self) -> Json:
-        """As it stands in scenes.json."""
-        return {"data": self.data.to_json(), "rows": rows_json(self.rows)}
 
 
 @dataclass(frozen=True)
@@ -88,28 +64,25 @@ class LearningPoint:
 
 
 @dataclass(frozen=True)
-class Retraining:
+class Retraining(RecallSpread):
     """Cross-validations with other seeds. confusion: [8, 8] counts of each."""
 
     seeds: list[int]
     confusion: list[list[list[int]]]
-    spread: RecallSpread
-
-    def to_json(self) -> Json:
-        """As it stands in scenes.json."""
-        return {"seeds": self.seeds, "confusion": self.confusion} | asdict(self.spread)
 
 
 @dataclass(frozen=True)
 class RateFigures:
-    """All figures of one rate. objects: method -> object held out. others: by card.
+    """All figures of one rate. data: what the set is. objects: method -> object held out.
+
+    others: by card.
 
     leak: None where it was not checked. styles: None where only one style is there.
     """
 
     rate_hz: float
     window_samples: int
-    data: DescribedSet
+    data: Json
     rows: Rows
     retrainings: dict[str, Retraining]
     leak: LeakCheck | None = None
@@ -118,31 +91,13 @@ class RateFigures:
     styles: dict[str, StyleLeftOut] | None = None
     learning_curve: list[LearningPoint] = field(default_factory=list)
 
-    def scores(self, method: str) -> ClassScores:
-        """The row of a method that answers with classes."""
-        return _scores(self.rows, method)
-
     def to_json(self) -> Json:
-        """As it stands in scenes.json."""
-        figures = {
-            "rate_hz": self.rate_hz,
-            "window_samples": self.window_samples,
-            "data": self.data.to_json(),
-            "rows": rows_json(self.rows),
-            "leak": None if self.leak is None else asdict(self.leak),
-            "objects": {name: rows_json(one) for name, one in self.objects.items()},
-            "others": {card: one.to_json() for card, one in self.others.items()},
-        }
-        if self.styles is not None:
-            figures["styles"] = {
-                style: asdict(one) for style, one in self.styles.items()
-            }
-        return figures | {
-            "learning_curve": [point.to_json() for point in self.learning_curve],
-            "retrainings": {
-                name: one.to_json() for name, one in self.retrainings.items()
-            },
-        }
+        """As it stands in scenes.json; styles have no key where only one is there."""
+        figures = asdict(self)
+        figures["learning_curve"] = [one.to_json() for one in self.learning_curve]
+        if self.styles is None:
+            del figures["styles"]
+        return figures
 
 
 @dataclass(frozen=True)
@@ -186,12 +141,8 @@ class MadeBy:
     seconds: float | None = None
 
 
-def rows_json(rows: Rows | dict[str, ClassScores]) -> Json:
-    """Rows as they stand in scenes.json."""
-    return {name: asdict(row) for name, row in rows.items()}
-
-
-def _scores(rows: Rows, method: str) -> ClassScores:
+def scores_of(rows: Rows, method: str) -> ClassScores:
+    """The row of a method that answers with classes."""
     row = rows[method]
     if not isinstance(row, ClassScores):
         raise TypeError(f"{method} does not answer with classes")

@@ -13,7 +13,6 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
-from holdfast.cli.command import path_argument
 from holdfast.core.errors import DataNotFound
 from holdfast.core.writing import require_writable
 from holdfast.evaluation.formats import number
@@ -22,10 +21,11 @@ from holdfast.training.fitting import versions
 from holdfast.training.progress import Say, stages
 from studies.report import edges
 from studies.row_names import OURS
-from studies.scenes.figures import MadeBy, ScenesFigures
+from studies.scenes.figures import MadeBy, ScenesFigures, scores_of
 from studies.scenes.report import SceneEvidence, write_scene_report
 from studies.scenes.study import CAVEAT, STAGES, RateStudy, study_rate, ways
-from tools.harness import SimulatedSet, simulate_sets, write_figures
+from studies.stream_sets import add_sets_option, sets_folder
+from tools.harness import SimulatedSet, write_figures
 
 SETS = [
     SimulatedSet(f"{rate_hz}hz/{scene}", scene, rate_hz=rate_hz)
@@ -94,20 +94,13 @@ def _leak_line(rate: str, one: LeakCheck) -> str:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this study alone."""
-    parser.add_argument(
-        "--sets",
-        type=path_argument,
-        metavar="DIR",
-        help="holds <rate>hz/thesis and others already (default: simulated into --out)",
-    )
+    add_sets_option(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     """Study every rate, write scenes.json, print the headline."""
     require_writable(args.out)
-    folder = args.sets or args.out / "sets"
-    if args.sets is None:
-        simulate_sets(SETS, folder)
+    folder = sets_folder(args.sets, SETS, args.out / "sets")
     with stages(1 + STAGES * len(rate_folders(folder))) as say:
         figures, made = study_rates(folder, args.out, args.seed, say)
     provenance = {
@@ -116,7 +109,7 @@ def run(args: argparse.Namespace) -> int:
         "seconds": made.seconds,
     }
     path = write_figures(args.out / "scenes.json", figures.to_json() | provenance)
-    best = figures.rates[figures.headline_hz].scores(OURS).four
+    best = scores_of(figures.rates[figures.headline_hz].rows, OURS).four
     lines = [
         f"{figures.kind}, {figures.headline_hz} Hz, trials held out: macro F1 over four "
         f"situations {number(best.macro_f1, 3)} ({edges(best.macro_f1_ci)})",

@@ -12,7 +12,6 @@ from pathlib import Path
 from holdfast.evaluation import stream_pictures as draw
 from holdfast.evaluation.stream_pictures import StreamPicture
 from holdfast.evaluation.window_scores import confusion, scores
-from holdfast.export.network import IntArray
 from holdfast.export.spec import window_samples
 from holdfast.training.crossval import HeldOut
 from holdfast.training.fitting import with_situations
@@ -22,14 +21,13 @@ from studies.report import write_report
 from studies.row_names import LINE, OURS, RAW, shown
 from studies.scenes import pictures
 from studies.scenes.figures import (
-    DescribedSet,
     MadeBy,
     RateFigures,
     ScenesFigures,
     ShearRateFigures,
+    scores_of,
 )
 from studies.scenes.study import CAVEAT, retraining
-from studies.score_pictures import confusion_spread
 
 
 @dataclass(frozen=True)
@@ -63,7 +61,7 @@ def write_scene_report(path: Path, evidence: SceneEvidence) -> Path:
         figures=figures,
         kind=kind,
         rate=rate,
-        best=rate.scores(OURS),
+        best=scores_of(rate.rows, OURS),
         ours=OURS,
         raw=RAW,
         leak_checks={
@@ -71,7 +69,7 @@ def write_scene_report(path: Path, evidence: SceneEvidence) -> Path:
         },
         threshold=threshold if isinstance(threshold, ShearRateFigures) else None,
         bars=pictures.level_bars(rate.rows, kind),
-        confusion=confusion_spread(rate.retrainings[OURS].confusion, kind),
+        confusion=pictures.confusion_spread(rate.retrainings[OURS].confusion, kind),
         four_by_four=four_by_four(with_situations(evidence.data), evidence.held_out),
         objects_picture=objects_picture,
         curve_heads=_curve_heads(rate),
@@ -107,12 +105,12 @@ def demo_report(
     data, held_out: with the task "classes". streams: of `held_out_streams`. closed_loop: HTML.
     Raises OutputError.
     """
-    votes: IntArray = held_out.votes["classes"]
+    votes = held_out.votes["classes"]
     matrix = confusion(data.tasks["classes"].label, votes)
     rate = RateFigures(
         rate_hz=data.rate_hz,
         window_samples=window_samples(data.rate_hz),
-        data=DescribedSet(data.name, data.kind, len(data.recordings)),
+        data={"name": data.name, "kind": data.kind, "n_trials": len(data.recordings)},
         rows={OURS: scores(data, votes, seed=made.seed)},
         retrainings={OURS: retraining([made.seed], [matrix])},
     )

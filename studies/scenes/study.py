@@ -7,14 +7,16 @@ people.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from holdfast.core.contract import CLASSES
 from holdfast.core.errors import DataNotFound, UnitError
+from holdfast.core.reading import Json
 from holdfast.core.trial_layout import read_json
 from holdfast.evaluation.baseline_signals import (
     SHEAR_RATE_LAW,
@@ -31,17 +33,17 @@ from holdfast.evaluation.window_scores import (
     scores,
     spread_of,
 )
+from holdfast.export.learner import reference_votes
+from holdfast.export.network import IntArray
 from holdfast.export.spec import window_samples
-from holdfast.training.crossval import HeldOut, cross_validate
-from holdfast.training.datasets import load, require_alike
+from holdfast.training.crossval import HeldOut, cross_validate, fit_learner
+from holdfast.training.datasets import join, load, require_alike
 from holdfast.training.featurise import FloatRows, features_of, spec_for
 from holdfast.training.plan import CLOCK_PLAN, RAW_BASELINE, TrainingPlan
 from holdfast.training.progress import Say
 from holdfast.training.recording import DataSet
 from studies.row_names import CLOCK, LINE, OURS, RAW
-from studies.scenes.candidate import Candidate
 from studies.scenes.figures import (
-    DescribedSet,
     LearningPoint,
     OtherSetFigures,
     RateFigures,
@@ -49,11 +51,12 @@ from studies.scenes.figures import (
     ShearRateFigures,
     StyleLeftOut,
 )
-from studies.scenes.generalising import learning_curve, styles_left_out
 
 TRAINED, OTHERS = "thesis", ("apple", "p1", "p2")
 STYLES = ("p1", "p2")
 RETRAININGS = 5
+TRIALS = (100, 200, 400, 600, 800, 1000)
+"""Of the learning curve; the thesis had 600, then 1000."""
 CAVEAT = (
     "Simulated: a model of a hand and of people, no recording. Styles (author, p1, p2) are ranges "
     "of parameters, not people. The figures show what the method can tell apart in the scenes' "
@@ -62,6 +65,26 @@ CAVEAT = (
 """Stands beside every number of the study."""
 STAGES = 14 + RETRAININGS
 """Lines one rate says, for the progress bar, when every card is there."""
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A way to answer: its plan, and what it sees of the windows of "classes" [M, F]."""
+
+    plan: TrainingPlan
+    features: Callable[[DataSet], FloatRows]
+
+    def votes(
+        self,
+        data: DataSet,
+        features: FloatRows,
+        train: IntArray,
+        rows: FloatRows,
+        seed: int,
+    ) -> IntArray:
+        """Votes [K, 8] on rows [K, F] of a forest fitted on some windows of a set."""
+        forest = fit_learner(data, features, self.plan, "classes", train, seed)
+        return reference_votes(forest, rows, len(CLASSES))
 
 
 def step_graph(plan: TrainingPlan) -> Callable[[DataSet], FloatRows]:
@@ -184,19 +207,17 @@ def read_trained(folder: Path, seed: int) -> DataSet:
     return data
 
 
-def described(data: DataSet, folder: Path) -> DescribedSet:
+def described(data: DataSet, folder: Path) -> Json:
     """What a set is, for the JSON: kind, card, counts of trials, windows and samples."""
-    card = {
-        k: v
-        for k, v in read_json(folder / "meta.json").items()
-        if k in ("title", "card_sha256", "seed", "step_s")
-    }
-    counts = {
-        name: count
-        for name, count in data.notes.items()
-        if name in ("windows", "windows_natural", "samples")
-    }
-    return DescribedSet(data.name, data.kind, len(data.recordings), card, counts)
+    meta = read_json(folder / "meta.json")
+    known = {"name": data.name, "kind": data.kind, "n_trials": len(data.recordings)}
+    for key in ("title", "card_sha256", "seed", "step_s"):
+        if key in meta:
+            known[key] = meta[key]
+    for key in ("windows", "windows_natural", "samples"):
+        if key in data.notes:
+            known[key] = data.notes[key]
+    return known
 
 
 def shear_rate_figures(data: DataSet, seed: int) -> ShearRateFigures:
@@ -269,7 +290,7 @@ def retrained(
 ) -> dict[str, Retraining]:
     """Five cross-validations with other seeds, for our forest and the raw-window forest."""
     seeds = [seed + k for k in range(RETRAININGS)]
-    matrices: dict[str, list[npt.NDArray[np.int64]]] = {OURS: [], RAW: []}
+    matrices: dict[str, list[IntArray]] = {OURS: [], RAW: []}
     for number, one in enumerate(seeds, start=1):
         say(f"{rate}: retraining {number} of {len(seeds)}")
         for name, found in matrices.items():
@@ -280,8 +301,53 @@ def retrained(
     return {name: retraining(seeds, found) for name, found in matrices.items()}
 
 
-def retraining(
-    seeds: Sequence[int], matrices: list[npt.NDArray[np.int64]]
-) -> Retraining:
+def retraining(seeds: Sequence[int], matrices: list[IntArray]) -> Retraining:
     """Figures of retrainings. matrices: [8, 8] counts of each."""
-    return Retraining(list(seeds), [m.tolist() for m in matrices], spread_of(matrices))
+    counts = [matrix.tolist() for matrix in matrices]
+    spread = vars(spread_of(matrices))
+    return Retraining(**spread, seeds=list(seeds), confusion=counts)
+
+
+def styles_left_out(
+    sets: Mapping[str, DataSet], ways: Mapping[str, Candidate], seed: int, say: Say
+) -> dict[str, StyleLeftOut]:
+    """Style -> figures on its windows of forests trained on the other styles alone."""
+    figures = {}
+    for style, unseen in sets.items():
+        say(f"{style} left out")
+        seen = join([one for name, one in sets.items() if name != style])
+        rows = {
+            name: scores(unseen, _votes(way, seen, unseen, seed), seed=seed)
+            for name, way in ways.items()
+        }
+        figures[style] = StyleLeftOut(len(seen.recordings), rows)
+    return figures
+
+
+def _votes(way: Candidate, seen: DataSet, unseen: DataSet, seed: int) -> IntArray:
+    """[M, 8] votes on the unseen windows of a forest trained on all that are seen."""
+    every = np.arange(len(seen.tasks["classes"]))
+    return way.votes(seen, way.features(seen), every, way.features(unseen), seed)
+
+
+def learning_curve(
+    data: DataSet,
+    features: Mapping[str, Any],
+    ways: Mapping[str, Candidate],
+    seed: int,
+    counts: Sequence[int] = TRIALS,
+) -> list[LearningPoint]:
+    """Figures of every method from so many of the trials, trials held out."""
+    order = np.random.default_rng(seed).permutation(len(data.recordings))
+    task, points = data.tasks["classes"], []
+    for count in (one for one in counts if one <= len(order)):
+        mask = np.isin(task.trial, order[:count])
+        part = replace(data, tasks={"classes": task.take(mask)})
+        rows: dict[str, ClassScores] = {}
+        for name, way in ways.items():
+            held = cross_validate(
+                part, {"classes": features[name][mask]}, way.plan, seed=seed
+            )
+            rows[name] = scores(part, held.votes["classes"], seed=seed)
+        points.append(LearningPoint(count, int(mask.sum()), rows))
+    return points

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import matplotlib as mpl
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from holdfast.core.reading import Json
-from holdfast.evaluation.style import INK, OURS, QUIET, STYLE, svg
+from holdfast.evaluation.style import INK, OURS, QUIET, drawing, svg
 from studies.shared_control.plan import CURVE_SETS, LAG_MS, LAGS_MS, SETTINGS
 
 MARKS = {"holdfast": "o", "pd-shear": "s", "smsp": "^", "ismsp": "v"}
@@ -24,8 +22,7 @@ def picture(figures: Json) -> str:
         for r in figures["rows"]
         if r["part"] in ("curve", "lag") and r["set"] in CURVE_SETS
     ]
-    with mpl.rc_context({**STYLE, "font.size": 11}):
-        drawn = Figure(figsize=(10.0, 3.8))
+    with drawing(10.0, 3.8, font_size=11) as drawn:
         lags = sorted({LAG_MS, *LAGS_MS})
         for place, lag_ms in enumerate(lags, 1):
             axes = drawn.add_subplot(1, len(lags), place)

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import matplotlib as mpl
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
-from holdfast.evaluation.style import INK, OURS, QUIET, STYLE, WARNING, svg
+from holdfast.evaluation.style import INK, OURS, QUIET, WARNING, drawing, svg
 from studies.thesis_preliminary.figures import StudiedSet
 from studies.thesis_preliminary.published import ACCURACY_PERCENT, LEARNERS
 
@@ -17,8 +15,7 @@ COLOURS = (WARNING, OURS)
 def accuracies(sets: list[StudiedSet]) -> str:
     """Accuracy in %: a panel for each published case, a line for each learner, bars of one standard
     deviation."""
-    with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(9.4, 2.9))
+    with drawing(9.4, 2.9) as figure:
         panels = figure.subplots(1, len(ACCURACY_PERCENT), sharey=True)
         for panel, (case, published) in zip(
             panels, ACCURACY_PERCENT.items(), strict=True

@@ -15,7 +15,7 @@ from holdfast.evaluation.formats import number, percent
 from holdfast.evaluation.pictures import confusion
 from holdfast.evaluation.states import ConfusionFigures
 from holdfast.training.figures import over
-from studies.score_pictures import confusion_spread
+from studies.scenes.pictures import confusion_spread
 
 if TYPE_CHECKING:
     from conftest import Built

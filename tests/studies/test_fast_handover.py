@@ -4,7 +4,7 @@ on a few trials."""
 from __future__ import annotations
 
 import json
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -22,22 +22,21 @@ from holdfast.simulation.script import Times
 from holdfast.training.network_fit import NetworkPlan
 from holdfast.training.plan import ForestPlan, TrainingPlan
 from holdfast.training.recording import Recording
+from studies import learner_streams
 from studies.fast_handover.ideas import HARD, IDEAS, VARIED, Idea
 from studies.fast_handover.learners import Boosting, Forest, Learner, TwoStages
 from studies.fast_handover.sets import (
     CHOOSE,
     EVALUATED,
     context,
-    joined,
-    labelled,
     streams,
+    training_part,
     without,
 )
 from studies.fast_handover.stream_scores import opens_at_s
 from studies.fast_handover.study import study
 from studies.fast_handover.timing import session_of
 from studies.fast_handover.window_scores import bounds, macro_f1
-from studies.learner_streams import study as learner_streams
 
 SMALL = ForestPlan(n_estimators=8, max_depth=8)
 CARDS = {
@@ -112,13 +111,13 @@ def test_what_is_timed_of_boosting_gives_its_scores():
     ).astype(np.float32)
     learner = Boosting(10, 8)
     learner.fit(features, label, 0)
-    session = session_of(learner.model, features)
+    session = session_of(learner.models[0], features)
     scores = (
         session.run(None, {"features": features})[0]
-        + learner.model._baseline_prediction
+        + learner.models[0]._baseline_prediction
     )
     np.testing.assert_allclose(
-        scores, learner.model.decision_function(features), atol=1e-5
+        scores, learner.models[0].decision_function(features), atol=1e-5
     )
 
 
@@ -163,9 +162,7 @@ def test_the_context_of_a_steady_grip_is_the_grip():
 
 
 def test_an_object_left_out_is_in_no_window(folder):
-    part = joined(
-        [labelled(folder / name, "thesis", "default") for name in ("thesis", "broad")]
-    )
+    part = training_part(folder, VARIED, "thesis")
     name = str(part.held_object[part.held_object != ""][0])
     rest = without(part, name)
     assert name not in rest.held_object
@@ -181,7 +178,7 @@ def test_an_object_left_out_is_in_no_window(folder):
 
 def test_who_knows_the_truth_at_once_is_always_right_and_who_is_late_is_worse(folder):
     evaluated = streams(folder / "author", "thesis", "default")
-    late = [row.f1_author for row in bounds(evaluated)]
+    late = [row["f1_author"] for row in bounds(evaluated)]
     assert late[0] == 1.0
     assert late == sorted(late, reverse=True)
     assert late[-1] < 0.98
@@ -231,7 +228,7 @@ def test_the_study_says_of_every_idea_what_it_finds_and_costs(folder):
         Idea("context", learner=lambda: Forest(SMALL), features="with context"),
     ]
     messages: list[str] = []
-    figures: dict[str, Any] = study(folder, 0, messages.append, chosen).to_json()
+    figures: dict[str, Any] = study(folder, 0, messages.append, chosen)
     assert messages == [idea.name for idea in chosen]
     for row in figures["rows"]:
         assert 0.3 < row["f1_author"] <= 1.0
@@ -252,7 +249,7 @@ def test_every_learner_is_evaluated_on_styles_that_it_never_met(folder):
     forest = TrainingPlan(situation=SMALL, network=tiny)
     plans = {"forest": forest, "committee": replace(forest, learner="committee")}
     rows = [
-        row.to_json()
+        asdict(row)
         for row in learner_streams.study(folder, 0, lambda line: None, plans)
     ]
     assert [row["learner"] for row in rows] == ["forest", "committee"]

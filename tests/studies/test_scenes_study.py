@@ -71,18 +71,19 @@ from studies.__main__ import PROGRAMS
 from studies.row_names import CLOCK, LINE, OURS, RAW
 from studies.scenes import pictures
 from studies.scenes import program as command
-from studies.scenes.candidate import Candidate
-from studies.scenes.figures import MadeBy
-from studies.scenes.generalising import learning_curve, styles_left_out
+from studies.scenes.figures import MadeBy, scores_of
 from studies.scenes.report import SceneEvidence, demo_report, write_scene_report
 from studies.scenes.study import (
     RETRAININGS,
     STAGES,
+    Candidate,
     RateStudy,
     evaluated_on_others,
+    learning_curve,
     objects_held_out,
     read_trained,
     study_rate,
+    styles_left_out,
     ways,
 )
 from tools.doc_tables import write_between
@@ -570,7 +571,7 @@ def test_every_method_stands_in_every_table_and_only_present_cards_are_evaluated
     assert list(figures.others) == ["apple"]
     apple = figures.others["apple"]
     assert list(apple.rows) == [OURS, RAW, CLOCK, LINE]
-    assert apple.data.n_trials == 12
+    assert apple.data["n_trials"] == 12
     assert len({row.n_windows for row in apple.rows.values()}) == 1
 
 
@@ -857,7 +858,7 @@ def test_an_object_of_one_trial_alone_has_no_interval_and_is_drawn_all_the_same(
     studied: Studied,
 ) -> None:
     rate = studied.rate.figures
-    scores = rate.scores(OURS)
+    scores = scores_of(rate.rows, OURS)
     alone = replace(scores, four=replace(scores.four, macro_f1=0.5, macro_f1_ci=None))
     assert "<svg" in pictures.objects_left_out({"ours": {"a": alone}}, "simulated")
     apple = replace(rate.others["apple"], rows={"ours": alone})

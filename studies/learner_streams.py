@@ -1,4 +1,4 @@
-"""The study: every learner on streams of trials, daily grasps, disturbed holds and unseen styles.
+"""`python -m studies learner-streams`: learners on whole streams, also of styles left out.
 
 Two questions are asked of each. Trained on `thesis` and `broad`, as the shipped model is: what does
 it call on other trials, on `daily`, on disturbed holds, and on two styles that were no part of it?
@@ -9,44 +9,50 @@ All simulated.
 
 from __future__ import annotations
 
+import argparse
+import sys
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from benchmarks.timed_calls import learner_call, step_call
-from holdfast.core.contract import CLASSES, RISKY_SLIP
+from holdfast.core.contract import CLASSES
+from holdfast.core.reading import Json
+from holdfast.core.writing import require_writable
 from holdfast.evaluation.alarms import Answers, choose_confidence, event_scores
 from holdfast.evaluation.latency.timing import time_in_turns
 from holdfast.evaluation.methods import MethodResult, method_figures, together
 from holdfast.export.exporting import whole_graph
-from holdfast.export.heads import Head, riskier_argmax, situation_votes
+from holdfast.export.heads import Head
 from holdfast.export.learner import Learner, reference_votes
 from holdfast.export.spec import StepSpec
 from holdfast.export.verify import cut_learners
 from holdfast.training.crossval import learner_of, uncalibrated
-from holdfast.training.featurise import FloatRows
 from holdfast.training.plan import CLOCK_FREE_GROUPS, SIZES, TrainingPlan
-from holdfast.training.progress import Say, ignored
+from holdfast.training.progress import Say, ignored, stages
 from studies.fast_handover.ideas import VARIED
-from studies.fast_handover.learners import Answer
+from studies.fast_handover.learners import answer_of
 from studies.fast_handover.sets import (
     CHOOSE,
     Labelled,
     Streams,
-    joined,
-    labelled,
     streams,
+    training_part,
 )
 from studies.fast_handover.stream_scores import (
+    KEPT,
     MOST_FALSE_PER_MIN,
     ONE_SAMPLE,
     answers_of,
     called,
+    picked,
 )
-from studies.learner_streams.figures import CurvePoint, LearnerRow, StreamFigures
+from studies.stream_sets import STREAMS, add_sets_option, sets_folder
+from tools.harness import SimulatedSet, write_figures
 
+SETS = [*STREAMS, SimulatedSet("asked-daily", "daily", 370, 1006)]
 EVALUATED = ("author", "asked-daily", "p1", "p2", "asked-holds")
 UNSEEN = ("p1", "p2")
 STYLES_KEPT = {"author": ("p1", "p2"), "p1": ("thesis", "p2"), "p2": ("thesis", "p1")}
@@ -73,28 +79,51 @@ THRESHOLDS = tuple(range(400, 1000, 20))
 """Of the curves, thousandths."""
 
 
-class Sets:
-    """The sets of a folder; features at every sample stay on disk."""
+@dataclass(frozen=True)
+class LearnerRow:
+    """A learner trained on `thesis` and `broad`, and on the other styles alone.
 
-    def __init__(self, folder: Path) -> None:
-        self.folder = folder
-        self._windows: dict[str, Labelled] = {}
-        self._trials: dict[str, Streams] = {}
+    permille: its threshold. sets: figures by name. unseen: both unseen styles, together.
+    left_out: the same for three learners, each trained without the style it is evaluated on.
+    curve: the unseen styles at other thresholds.
+    learner_us, step_us: median of the learner and of a whole step.
+    """
 
-    def part(self, names: Sequence[str]) -> Labelled:
-        """Dense windows of some sets, to train on."""
-        for name in names:
-            if name not in self._windows:
-                self._windows[name] = labelled(
-                    self.folder / name, "balanced", "default"
-                )
-        return joined([self._windows[name] for name in names])
+    name: str
+    learner: str
+    permille: int
+    sets: dict[str, Json]
+    unseen: Json
+    left_out: Json
+    curve: list[Json]
+    learner_us: float = 0.0
+    step_us: float = 0.0
 
-    def streams(self, name: str) -> Streams:
-        """A set to evaluate on."""
-        if name not in self._trials:
-            self._trials[name] = streams(self.folder / name, "natural", "default")
-        return self._trials[name]
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of this study alone."""
+    add_sets_option(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Study, write learner-streams.json, print the main columns."""
+    require_writable(args.out)
+    folder = sets_folder(args.sets, SETS, args.out)
+    path = args.out / "learner-streams.json"
+
+    def keep(rows: Sequence[LearnerRow]) -> None:
+        content = [asdict(row) for row in rows]
+        write_figures(path, {"kind": "simulated", "seed": args.seed, "rows": content})
+
+    # kept after every learner: the study takes hours
+    with stages(len(PLANS)) as say:
+        rows = study(folder, args.seed, say, keep=keep)
+    keep(rows)
+    for row in rows:
+        recall = row.unseen["recall"]
+        sys.stdout.write(f"{recall:.3f} {row.step_us:6.1f} us  {row.name}\n")
+    sys.stdout.write(f"{path}\n")
+    return 0
 
 
 def study(
@@ -108,13 +137,14 @@ def study(
 
     folder: holds the sets by their names. Raises what reading them raises.
     """
-    sets, rows, learners = Sets(folder), [], {}
+    rows: list[LearnerRow] = []
+    learners = {}
     for name, plan in plans.items():
         say(name)
-        learners[name] = _fitted(plan, sets.part(VARIED), seed)
-        rows.append(_row(name, plan, learners[name], sets, seed))
+        learners[name] = _fitted(plan, training_part(folder, VARIED), seed)
+        rows.append(_row(name, plan, learners[name], folder, seed))
         keep(rows)
-    us = _times_us(learners, sets.streams("author"))
+    us = _times_us(learners, _streams(folder, "author"))
     return [
         replace(row, learner_us=us[row.name][0], step_us=us[row.name][1])
         for row in rows
@@ -122,37 +152,46 @@ def study(
 
 
 def _row(
-    name: str, plan: TrainingPlan, learner: Learner, sets: Sets, seed: int
+    name: str, plan: TrainingPlan, learner: Learner, folder: Path, seed: int
 ) -> LearnerRow:
-    answers = _answers(learner, sets, (CHOOSE, *EVALUATED))
+    answers = _answers(learner, folder, (CHOOSE, *EVALUATED))
     permille = _threshold(answers)
     found = {
-        one: called(sets.streams(one), answers[one], permille) for one in EVALUATED
+        one: called(_streams(folder, one), answers[one], permille) for one in EVALUATED
     }
-    here = {one: _figures(sets, [(one, result)], seed) for one, result in found.items()}
+    here = {
+        one: _figures(folder, [(one, result)], seed) for one, result in found.items()
+    }
     return LearnerRow(
         name=name,
         learner=plan.learner,
         permille=permille,
         sets=here,
-        unseen=_figures(sets, [(one, found[one]) for one in UNSEEN], seed),
-        left_out=_figures(sets, _left_out(plan, sets, seed), seed),
-        curve=_curve(answers, sets),
+        unseen=_figures(folder, [(one, found[one]) for one in UNSEEN], seed),
+        left_out=_figures(folder, _left_out(plan, folder, seed), seed),
+        curve=_curve(answers, folder),
     )
 
 
 def _left_out(
-    plan: TrainingPlan, sets: Sets, seed: int
+    plan: TrainingPlan, folder: Path, seed: int
 ) -> list[tuple[str, MethodResult]]:
     """Each style, and what a learner that was trained on the others calls on it."""
     results = []
     for style, others in STYLES_KEPT.items():
-        learner = _fitted(plan, sets.part(others), seed)
-        answers = _answers(learner, sets, (CHOOSE, style))
+        learner = _fitted(plan, training_part(folder, others), seed)
+        answers = _answers(learner, folder, (CHOOSE, style))
         results.append(
-            (style, called(sets.streams(style), answers[style], _threshold(answers)))
+            (
+                style,
+                called(_streams(folder, style), answers[style], _threshold(answers)),
+            )
         )
     return results
+
+
+def _streams(folder: Path, name: str) -> Streams:
+    return streams(folder / name, "natural", "default")
 
 
 def _fitted(plan: TrainingPlan, part: Labelled, seed: int) -> Learner:
@@ -164,49 +203,41 @@ def _threshold(answers: Mapping[str, Sequence[Answers]]) -> int:
     return choose_confidence(answers[CHOOSE], ONE_SAMPLE, MOST_FALSE_PER_MIN)
 
 
-def _curve(answers: Mapping[str, Sequence[Answers]], sets: Sets) -> list[CurvePoint]:
+def _curve(answers: Mapping[str, Sequence[Answers]], folder: Path) -> list[Json]:
     """What each threshold would give on the unseen styles."""
     points = []
     for permille in THRESHOLDS:
-        found = [called(sets.streams(name), answers[name], permille) for name in UNSEEN]
+        found = [
+            called(_streams(folder, name), answers[name], permille) for name in UNSEEN
+        ]
         result = together(found)
         scores = event_scores(result.matches, n_draws=0)
         share = float(np.mean([action.called for action in result.actions]))
-        points.append(
-            CurvePoint(
-                permille, scores.recall, scores.in_time, scores.false_per_min, share
-            )
-        )
+        point = picked(scores, ("recall", "in_time", "false_per_min"))
+        points.append({"permille": permille, **point, "called": share})
     return points
 
 
 def _answers(
-    learner: Learner, sets: Sets, names: Sequence[str]
+    learner: Learner, folder: Path, names: Sequence[str]
 ) -> dict[str, list[Answers]]:
     """The answers to every sample of some sets."""
     found = {}
     for name in names:
-        here = sets.streams(name)
-        found[name] = answers_of(here, _answer(learner, here.features))
+        here = _streams(folder, name)
+        votes = reference_votes(learner, np.asarray(here.features), len(CLASSES))
+        found[name] = answers_of(here, answer_of(votes))
     return found
 
 
-def _answer(learner: Learner, features: FloatRows) -> Answer:
-    """Situation [T] and thousandths for a risky slip [T]."""
-    votes = situation_votes(
-        reference_votes(learner, np.asarray(features), len(CLASSES))
-    )
-    return riskier_argmax(votes), (1000 * votes[:, RISKY_SLIP]) // votes.sum(axis=1)
-
-
 def _figures(
-    sets: Sets, parts: Sequence[tuple[str, MethodResult]], seed: int
-) -> StreamFigures:
+    folder: Path, parts: Sequence[tuple[str, MethodResult]], seed: int
+) -> Json:
     """Figures of one set, or of several together."""
-    trials = [trial for name, _ in parts for trial in sets.streams(name).trials]
+    trials = [trial for name, _ in parts for trial in _streams(folder, name).trials]
     results = [result for _, result in parts]
     result = results[0] if len(results) == 1 else together(results)
-    return StreamFigures.of(method_figures(result, trials, None, seed))
+    return picked(method_figures(result, trials, None, seed), KEPT)
 
 
 def _times_us(
