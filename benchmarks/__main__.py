@@ -151,7 +151,6 @@ def _cost(request: BenchRequest) -> Json:
 def _hand(request: BenchRequest) -> Json:
     from benchmarks.hand import fault_table, latency, scan_costs
     from benchmarks.hand_delays import delays
-    from benchmarks.hand_rows import HandFigures
     from holdfast.edge_runtime.monitor import Model
     from holdfast.evaluation.latency.memory import memory
 
@@ -162,11 +161,14 @@ def _hand(request: BenchRequest) -> Json:
         live[0].latency_us[stage]["p50"]
         for stage in ("convert", "step", "decide", "emit")
     )
-    faults, acted = (
-        fault_table(MODEL, compute_ms),
-        delays(scans, compute_ms, act_samples),
-    )
-    return HandFigures(scans, faults, live, act_samples, acted, memory(MODEL)).to_json()
+    return {
+        "scans": _rows(scans),
+        "faults": [row.to_json() for row in fault_table(MODEL, compute_ms)],
+        "live": _rows(live),
+        "act_samples": act_samples,
+        "delays": _rows(delays(scans, compute_ms, act_samples)),
+        "memory": _rows(memory(MODEL)),
+    }
 
 
 def _onset(request: BenchRequest) -> Json:

@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.hand_rows import FaultRow, LiveLatency, ScanCost
 from holdfast.core.clock import MonotonicClock
 from holdfast.core.contract import FloatArray, Prediction, Sample
+from holdfast.core.reading import Json
 from holdfast.core.source import SourceReading
 from holdfast.drivers.bridges import BRIDGES, open_virtual
 from holdfast.drivers.bus import Bus, Reply, Transfer
@@ -56,6 +56,69 @@ READS = ("registers", "1-byte", CHECKED)
 ask for."""
 NATIVE = "i2c"
 """The board's own bus, by smbus2; its transfers are ioctls."""
+
+
+@dataclass(frozen=True)
+class ScanCost:
+    """One scan of six fingers, by bridge and way to read.
+
+    serves_model_hz: the fastest model that it leaves time for, None: none. crc_costs_us: what the
+    CRC adds, None where there is nothing to compare with.
+    """
+
+    bridge: str
+    reads: str
+    layout: str
+    bus_khz: int
+    transfers: float
+    bytes_out: float
+    bytes_in: float
+    scan_ms: float
+    scans_hz: float
+    serves_model_hz: float | None
+    crc_costs_us: float | None = None
+
+
+@dataclass(frozen=True)
+class FaultRow:
+    """What a fault does: its message, its detection, the states meanwhile, the recovery.
+
+    detected_ms, detected_max_ms: median and longest over the phases of a period. whole_again_ms,
+    settled_again_ms: after the fault's end. ends: the last state of the run.
+    """
+
+    fault: str
+    what: str
+    message: str
+    detected_ms: float
+    detected_max_ms: float
+    meanwhile: str
+    whole_again_ms: float
+    settled_again_ms: float
+    samples_lost: int
+    ends: str
+
+    def to_json(self) -> Json:
+        """As it stands in hand.json, where the message's key is "said"."""
+        return {
+            "said" if key == "message" else key: value
+            for key, value in vars(self).items()
+        }
+
+
+@dataclass(frozen=True)
+class LiveLatency:
+    """A run of the live loop in real time. latency_us, floor_us: p50, p99 and p99.9.
+
+    latency_us: by stage. floor_us: of the busy wait.
+    """
+
+    rate_hz: float
+    samples: int
+    overruns: int
+    latency_us: dict[str, dict[str, float]]
+    share_of_period: float
+    floor_us: dict[str, float]
 
 
 @dataclass

@@ -9,11 +9,11 @@ is assumed; how long it takes, docs/evaluation.md says.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 
-from benchmarks.hand import CHECKED, RATES_HZ, Bench
-from benchmarks.hand_rows import ActDelay, ScanCost
+from benchmarks.hand import CHECKED, RATES_HZ, Bench, ScanCost
 from holdfast.core.contract import FloatArray
 from holdfast.drivers.virtual.virtual_hand import REST_UT, Track
 
@@ -26,6 +26,27 @@ GOLDEN = 0.5 * (5.0**0.5 - 1.0)
 """Multiples of it, without their whole part, are spread evenly over a period, however many there
 are."""
 STEP_UT = np.array([0.0, 0.0, 10e3])
+
+
+@dataclass(frozen=True)
+class ActDelay:
+    """From a step of the field to the request to act, with a bridge at a rate.
+
+    seen_ms: until all fingers show it. falls_until_acted_mm, falls_until_closed_mm: how far an
+    object falls in the longest of these times, and until a hand has closed.
+    """
+
+    bridge: str
+    reads: str
+    bus_khz: int
+    rate_hz: float
+    seen_ms: float
+    debounce_ms: float
+    acted_ms: float
+    acted_p95_ms: float
+    acted_max_ms: float
+    falls_until_acted_mm: float
+    falls_until_closed_mm: float
 
 
 def delays(

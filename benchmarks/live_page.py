@@ -20,7 +20,6 @@ from typing import IO
 
 from holdfast.core.errors import OutputError
 from holdfast.core.reading import Json
-from holdfast.evaluation.provenance import host
 
 ROOT = Path(__file__).resolve().parent.parent
 MODEL = ROOT / "models" / "holdfast-150hz.onnx"
@@ -171,8 +170,6 @@ def measure(seconds: float = SECONDS, turns: int = TURNS) -> Json:
     """All cases, interleaved; rows in the order of the runs."""
     rows = [watched_run(case, seconds) for _ in range(turns) for case in CASES]
     return {
-        "kind": "time on this machine, samples simulated",
         "seconds": seconds,
-        "host": asdict(host()),
         "rows": [asdict(row) for row in rows],
     }

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable
-from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -19,7 +18,6 @@ from holdfast.core.contract import CLASSES
 from holdfast.core.reading import Json
 from holdfast.edge_runtime.graph import open_session
 from holdfast.evaluation.latency.timing import busy_wait, time_in_turns
-from holdfast.evaluation.provenance import host
 from holdfast.export.builder import IR_VERSION, OPSET
 from holdfast.export.exporting import whole_graph
 from holdfast.export.features import feature_count
@@ -65,7 +63,6 @@ def measure() -> Json:
         "whole_over_real": found[WHOLE]["p50_us"] / found[REAL]["p50_us"],
         "network_weights": network.n_weights,
         "trees": len(forest.estimators_),
-        "host": asdict(host()),
     }
 
 

@@ -15,6 +15,9 @@ from holdfast.simulation.scene_file import SceneFile, read_scene_file
 
 STEPS_S = (4e-3, 2e-3, 1.667e-3, 8.334e-4, 4.167e-4, 2.084e-4)
 REFERENCE_S = 2.5e-5
+TRIALS_AT_ONCE = (15, 60, 200, 500)
+LOSSES = ("pull", "fall")
+ELEMENTS = (1, 2, 5, 10, 20)
 EXPECTED_MS = {
     ("thesis", "pull"): 26,
     ("thesis", "fall"): 19,
@@ -73,7 +76,7 @@ class Lead:
     expected_ms: float | None
 
 
-def step_curve(*, trials: int = 60, seed: int = 0) -> list[StepError]:
+def step_curve(trials: int = 60, seed: int = 0) -> list[StepError]:
     """Error of the slip's time by step, against a reference of 25 us."""
     card = _losses(read_scene_file("thesis"))
     reference, _ = _slip_times_s(replace(card, step_s=REFERENCE_S), trials, seed)
@@ -87,38 +90,32 @@ def step_curve(*, trials: int = 60, seed: int = 0) -> list[StepError]:
     return rows
 
 
-def size_curve(
-    *,
-    lanes: tuple[int, ...] = (15, 60, 200, 500),
-    elements: tuple[int, ...] = (1, 2, 5, 10, 20),
-) -> SizeCurve:
+def size_curve() -> SizeCurve:
     """CPU time of a trial of the thesis card."""
     card = read_scene_file("thesis")
-    by_trials = [TrialsCost(n, _cpu_s(card, n)) for n in lanes]
+    by_trials = [TrialsCost(n, _timed(card, n)[1]) for n in TRIALS_AT_ONCE]
     by_elements = []
-    for count in elements:
+    for count in ELEMENTS:
         changed = replace(card, effects=card.effects | {"brush": {"count": count}})
         simulated, cpu_s = _timed(changed, 200)
-        by_elements.append(ElementsCost(count, cpu_s / 200, _incipient_ms(simulated)))
+        by_elements.append(ElementsCost(count, cpu_s, _incipient_ms(simulated)))
     return SizeCurve(by_trials, by_elements)
 
 
-def plausibility(*, trials: int = 200, seed: int = 1) -> list[Lead]:
+def plausibility(trials: int = 200, seed: int = 1) -> list[Lead]:
     """The lead by card and action, beside what was expected."""
     rows = []
     for name in ("thesis", "p1", "p2"):
         scene = Scene(read_scene_file(name), seed)
         by_action: dict[str, list[float]] = {}
-        losses = [
-            trial for trial in scene.trials(trials) if trial.action in ("pull", "fall")
-        ]
+        losses = [trial for trial in scene.trials(trials) if trial.action in LOSSES]
         for simulated in scene.run(losses):
             truth = simulated.truth
             if truth.gross_slip_s is not None and truth.load_onset_s is not None:
                 by_action.setdefault(simulated.trial.action, []).append(
                     1e3 * (truth.gross_slip_s - truth.load_onset_s)
                 )
-        for action in ("pull", "fall"):
+        for action in LOSSES:
             leads = np.array(by_action.get(action, [np.nan]))
             p5, p50, p95 = (float(value) for value in np.percentile(leads, [5, 50, 95]))
             expected_ms = EXPECTED_MS.get((name, action))
@@ -127,33 +124,27 @@ def plausibility(*, trials: int = 200, seed: int = 1) -> list[Lead]:
 
 
 def _losses(card: SceneFile) -> SceneFile:
-    return replace(
-        card, rows=tuple(row for row in card.rows if row.action in ("pull", "fall"))
-    )
+    rows = tuple(row for row in card.rows if row.action in LOSSES)
+    return replace(card, rows=rows)
 
 
 def _slip_times_s(card: SceneFile, trials: int, seed: int) -> tuple[np.ndarray, float]:
+    """The times of gross slip [N], nan where there is none, and the CPU time."""
     scene = Scene(card, seed)
     chosen = scene.trials(trials)
     started = time.process_time()
     simulated = scene.run_together(chosen)
-    times = [
-        np.nan if one.truth.gross_slip_s is None else one.truth.gross_slip_s
-        for one in simulated
-    ]
-    return np.array(times), time.process_time() - started
+    times = [one.truth.gross_slip_s for one in simulated]
+    return np.array(times, float), time.process_time() - started
 
 
 def _timed(card: SceneFile, trials: int) -> tuple[list[SimulatedTrial], float]:
+    """Simulated trials, and the CPU time of one."""
     scene = Scene(card, 0)
     chosen = scene.trials(trials)
     started = time.process_time()
     simulated = list(scene.run(chosen))
-    return simulated, time.process_time() - started
-
-
-def _cpu_s(card: SceneFile, trials: int) -> float:
-    return _timed(card, trials)[1] / trials
+    return simulated, (time.process_time() - started) / trials
 
 
 def _incipient_ms(simulated: list[SimulatedTrial]) -> float:
@@ -161,7 +152,7 @@ def _incipient_ms(simulated: list[SimulatedTrial]) -> float:
     spans = [
         1e3 * (one.truth.gross_slip_s - one.truth.incipient_slip_s)
         for one in simulated
-        if one.trial.action in ("pull", "fall")
+        if one.trial.action in LOSSES
         and one.truth.gross_slip_s is not None
         and one.truth.incipient_slip_s is not None
     ]

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from copy import copy
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,6 @@ import numpy.typing as npt
 import onnx
 
 from benchmarks.cost.features import everywhere, windows
-from benchmarks.cost.grown import Grown
 from benchmarks.cost.point import Point
 from benchmarks.cost.recordings import per_recording, read
 from holdfast.core.contract import RISKY_SLIP, FloatArray
@@ -27,18 +27,70 @@ from holdfast.evaluation.alarms import (
 )
 from holdfast.export.exporting import whole_graph
 from holdfast.export.heads import Calibration, Head, riskier_argmax, situation_votes
-from holdfast.export.learner import Learner, reference_votes
+from holdfast.export.learner import Forest, Learner, forest_of, reference_votes
 from holdfast.export.network import IntArray
 from holdfast.export.spec import StepSpec
-from holdfast.training.crossval import HeldOut, fit_calibration, main_task
+from holdfast.training.crossval import (
+    HeldOut,
+    fit_calibration,
+    fit_learner,
+    joined_by_network,
+    main_task,
+)
 from holdfast.training.featurise import FloatRows
 from holdfast.training.figures import Interval, SituationFigures
 from holdfast.training.fitting import held_out_figures
+from holdfast.training.plan import TrainingPlan
 from holdfast.training.recording import DataSet, Recording
 from holdfast.training.splits import assign_groups
 
 FOLDS = 3
 MOST_FALSE_PER_MIN = 1.0
+
+
+class Grown:
+    """Learners of many sizes for the price of the largest: its first trees are the smaller forests.
+
+    fit is as fit_learner, seed 0.
+    """
+
+    def __init__(self, n_trees: int) -> None:
+        self._n_trees = n_trees
+        self._largest: dict[bytes, Forest] = {}
+
+    def fit(
+        self,
+        data: DataSet,
+        features: FloatRows,
+        plan: TrainingPlan,
+        task: str,
+        rows: IntArray,
+    ) -> Learner:
+        """The plan's learner on these rows."""
+        if plan.learner == "network":
+            return fit_learner(data, features, plan, task, rows, 0)
+        key = rows.tobytes()
+        if key not in self._largest:
+            situation = replace(plan.situation, n_estimators=self._n_trees)
+            largest = replace(plan, learner="forest", situation=situation)
+            forest = forest_of(fit_learner(data, features, largest, task, rows, 0))
+            assert forest is not None
+            self._largest[key] = forest
+        forest = first_trees(self._largest[key], plan.situation.n_estimators)
+        if plan.learner == "forest":
+            return forest
+        given = data.tasks[task]
+        label, n_classes = given.label[rows], len(given.classes)
+        return joined_by_network(
+            forest, plan, task, features[rows], label, n_classes, 0
+        )
+
+
+def first_trees(forest: Forest, n_trees: int) -> Forest:
+    """The forest that a fit of so many trees would have been."""
+    smaller = copy(forest).set_params(n_estimators=n_trees)
+    smaller.estimators_ = forest.estimators_[:n_trees]
+    return smaller
 
 
 @dataclass(frozen=True)

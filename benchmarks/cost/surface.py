@@ -21,8 +21,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.cost.features import some, whole_rows, windows
-from benchmarks.cost.grown import Grown
-from benchmarks.cost.measure import measure
+from benchmarks.cost.measure import Grown, measure
 from benchmarks.cost.point import GOOD, GROUPS, Point, points
 from benchmarks.cost.recordings import PARTS, Parts, read, require_parts, simulate
 from benchmarks.timed_calls import learner_call, step_call

@@ -35,7 +35,6 @@ def measure(models: list[Path]) -> Json:
     show(f"holdfast selftest {models[0]} on an emulated aarch64: some minutes")
     lines = selftest(models[0], KEPT)
     return {
-        "kind": "emulated",
         "clock_mhz": CLOCK_MHZ,
         "models": figures,
         "selftest": lines,

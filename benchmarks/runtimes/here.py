@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Callable
-from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 from time import perf_counter
@@ -25,7 +24,6 @@ from holdfast.core.reading import Json
 from holdfast.edge_runtime.c_engine import LIBRARY, CompiledModel
 from holdfast.edge_runtime.engine import OpenedModel
 from holdfast.edge_runtime.model import Model
-from holdfast.evaluation.provenance import host
 from holdfast.export.c.exporting import export_c
 
 BUILT = Path("build/runtimes")
@@ -66,9 +64,7 @@ def measure(path: Path) -> Json:
     for one in rows:
         one["beside_python"] = one["step_us"] / python_us
     return {
-        "kind": "simulated",
         "model": model.card.model_id,
-        "host": asdict(host()),
         "rows": len(stream.labels),
         "runtimes": rows,
     }

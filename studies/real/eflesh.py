@@ -8,13 +8,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from holdfast.core.contract import GRASP, RISKY_SLIP, BoolArray
 from holdfast.edge_runtime.decision import DecisionRules
 from holdfast.evaluation.real_sets import DelaySpread, EfleshFigures
 from holdfast.export.heads import riskier_argmax
 from holdfast.export.learner import reference_votes
+from holdfast.export.network import IntArray
 from holdfast.training.crossval import fit_learner
 from holdfast.training.datasets.eflesh_slip import (
     amplitude,
@@ -127,9 +127,9 @@ def _held(data: DataSet, alarms: list[BoolArray]) -> str:
 
 
 def _trial_vote(
-    trial: npt.NDArray[np.int64],
-    predicted: npt.NDArray[np.int64],
-    label: npt.NDArray[np.int64],
+    trial: IntArray,
+    predicted: IntArray,
+    label: IntArray,
 ) -> float:
     """Share of trials whose windows' majority is right (half of them risky counts as risky)."""
     right = []

@@ -8,7 +8,7 @@ the wrist's; with the hand's IMU the wrist cancels. The same people, folds, feat
 from __future__ import annotations
 
 import argparse
-from dataclasses import asdict, dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -16,8 +16,6 @@ from holdfast.cli.options import add_job_options, chosen_workers
 from holdfast.core.reading import Json
 from holdfast.core.writing import require_writable
 from holdfast.evaluation.jobs import Workers
-from holdfast.evaluation.provenance import Host, host
-from holdfast.training.figures import HeadFigures
 from holdfast.training.plan import RAW_BASELINE, TrainingPlan
 from holdfast.training.progress import Say, stages
 from studies.real.methods import METHODS, Method, cross_validated
@@ -38,38 +36,17 @@ FURTHER: dict[str, Methods] = {
 """File -> its rows."""
 
 
-@dataclass(frozen=True)
-class FurtherRows:
-    """Figures by stored name of the method. windows: how many of each situation."""
-
-    kind: str
-    windows: dict[str, int]
-    rows: dict[str, HeadFigures]
-    host: Host
-
-    def to_json(self) -> Json:
-        """As it stands in the file."""
-        rows = {name: row.to_json() for name, row in self.rows.items()}
-        return {
-            "kind": self.kind,
-            "windows": self.windows,
-            "rows": rows,
-            "host": asdict(self.host),
-        }
-
-
-def further_rows(
-    methods: Methods, seed: int, workers: Workers, say: Say
-) -> FurtherRows:
-    """Cross-validate the methods, people held out."""
+def further_rows(methods: Methods, seed: int, workers: Workers, say: Say) -> Json:
+    """Figures by stored name of the method, people held out; how many windows of each situation."""
     found = cross_validated(methods, seed, workers, say)
-    rows = {name: row.figures for name, row in found.items()}
     data = next(iter(methods.values())).data()
     task = data.tasks["situations"]
     counts = np.bincount(task.label, minlength=len(task.classes)).tolist()
-    return FurtherRows(
-        data.kind, dict(zip(task.classes, counts, strict=True)), rows, host()
-    )
+    return {
+        "kind": data.kind,
+        "windows": dict(zip(task.classes, counts, strict=True)),
+        "rows": {name: row.figures.to_json() for name, row in found.items()},
+    }
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -84,5 +61,5 @@ def run(args: argparse.Namespace) -> int:
     with stages(sum(folds) + len(FURTHER)) as say:
         for name, methods in FURTHER.items():
             rows = further_rows(methods, args.seed, chosen_workers(args), say)
-            write_figures(args.out / f"{name}.json", rows.to_json())
+            write_figures(args.out / f"{name}.json", rows)
     return 0

@@ -15,13 +15,13 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
+from holdfast.core.contract import FloatArray
 from holdfast.core.reading import Json
 from holdfast.evaluation.jobs import Workers
 from holdfast.export.heads import riskier_argmax
 from holdfast.export.learner import LEARNERS, forest_votes, votes_of_trees
-from holdfast.export.network import network_votes
+from holdfast.export.network import IntArray, network_votes
 from holdfast.training.crossval import plan_for, splits_of
 from holdfast.training.datasets import find
 from holdfast.training.datasets.human_slip_uskin import load
@@ -35,7 +35,6 @@ from holdfast.training.splits import grouped_folds
 from holdfast.training.tuning import fit_label_weights, situation_labels
 from tools.harness import write_figures
 
-IntArray = npt.NDArray[np.int64]
 UNQUANTISED = "network before it is made of whole numbers"
 WEIGHTED = "label weights"
 INNER_FOLDS = 2
@@ -75,16 +74,7 @@ class LearnerFigures:
     def to_json(self) -> Json:
         """As it stands in learners.json."""
         rows = {name: row.to_json() for name, row in self.rows.items()}
-        return {
-            "channels": self.channels,
-            "in_hand": self.in_hand,
-            "rows": rows,
-            "people": self.people,
-            "networks": [
-                {task: asdict(network) for task, network in fold.items()}
-                for fold in self.networks
-            ],
-        }
+        return asdict(self) | {"rows": rows}
 
 
 def study_learners(
@@ -155,7 +145,7 @@ def _votes(
     train: IntArray,
     test: IntArray,
     seed: int,
-) -> tuple[Votes, npt.NDArray[np.float64]]:
+) -> tuple[Votes, FloatArray]:
     """Votes of every learner on test windows, and the network's shares before quantising."""
     rows = data.tasks[task]
     k, label = len(rows.classes), rows.label[train]
@@ -208,7 +198,7 @@ def _figures(
 
 def _scores(
     data: DataSet, folds: list[tuple[dict[str, IntArray], Answers]], name: str
-) -> npt.NDArray[np.float64]:
+) -> FloatArray:
     """[M] share of votes for yes, risky within 0.25 s."""
     score = np.zeros(len(data.tasks["predict_250ms"]))
     for held, found in folds:

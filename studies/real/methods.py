@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import lru_cache, partial
 from itertools import islice
+from typing import TypeVar
 
 import numpy as np
 
-from holdfast.evaluation.jobs import Workers
+from holdfast.evaluation.jobs import Job, Workers
 from holdfast.training.crossval import FoldAnswers, HeldOut, answer_fold, splits_of
 from holdfast.training.datasets import find, human_slip_uskin
 from holdfast.training.featurise import FloatRows, features_of, spec_for
@@ -18,10 +19,10 @@ from holdfast.training.fitting import held_out_figures
 from holdfast.training.plan import CLOCK_PLAN, RAW_BASELINE, TrainingPlan
 from holdfast.training.progress import Say
 from holdfast.training.recording import DataSet
-from studies.real.parts import done
 from studies.row_names import CLOCK, OURS_18, RAW_18
 
 HUMAN = "human_slip_uskin"
+Result = TypeVar("Result")
 
 
 @dataclass(frozen=True)
@@ -76,6 +77,21 @@ def cross_validated(
     }
     answers = done(folds, workers, say)
     return {name: _row(method, answers, seed) for name, method in methods.items()}
+
+
+def done(
+    parts: Mapping[str, Job[Result]], workers: Workers, say: Say
+) -> Iterator[Result]:
+    """The results in the order of the parts. say: what begins, or side by side what is done."""
+    if workers.here:
+        for name, part in parts.items():
+            say(name)
+            yield part()
+        return
+    say(f"{len(parts)} parts side by side")
+    for name, result in zip(parts, workers.run(list(parts.values())), strict=True):
+        say(f"{name}: done")
+        yield result
 
 
 def _row(method: Method, answers: Iterator[FoldAnswers], seed: int) -> Row:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap
 from sklearn.metrics import confusion_matrix, precision_recall_curve, roc_curve
@@ -22,6 +21,7 @@ from holdfast.evaluation.style import (
     drawing,
     svg,
 )
+from holdfast.export.network import IntArray
 from holdfast.training.crossval import HeldOut
 from holdfast.training.figures import ABSENT, HeadFigures, Interval
 from holdfast.training.metrics import situation_scores
@@ -159,9 +159,7 @@ def timelines(data: DataSet, held_out: HeldOut) -> str:
         return svg(figure)
 
 
-def _strips(
-    axes: Axes, rows: npt.NDArray[np.int64], start_s: float, end_s: float
-) -> None:
+def _strips(axes: Axes, rows: IntArray, start_s: float, end_s: float) -> None:
     colours = ListedColormap(("#ffffff", *SITUATION_COLOURS))
     axes.imshow(
         rows,

@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
 from holdfast.edge_runtime.decision import DecisionRules
 from holdfast.edge_runtime.monitor import Model
@@ -13,6 +12,7 @@ from holdfast.evaluation.window_scores import evaluate, stream
 from holdfast.export.artifact import Artifact, write_artifact
 from holdfast.export.exporting import export_artifact
 from holdfast.export.heads import Head
+from holdfast.export.network import IntArray
 from holdfast.training.crossval import HeldOut, fit_calibration, fit_learner, splits_of
 from holdfast.training.featurise import FloatRows, spec_for
 from holdfast.training.plan import TASK_HEADS, TrainingPlan
@@ -66,7 +66,7 @@ def _head(
     features: FloatRows,
     plan: TrainingPlan,
     task: str,
-    train: npt.NDArray[np.int64],
+    train: IntArray,
     held_out: HeldOut,
     seed: int,
 ) -> Head:

@@ -100,7 +100,11 @@ def _cell(axes: Axes, row: int, column: int, value: float, half: float | None) -
     """A share above half its range over the retrainings; nothing where it rounds to 0."""
     if value < 0.005:
         return
-    middle = {"ha": "center", "va": "center", "color": "white" if value > 0.5 else INK}
+    middle: dict[str, Any] = {
+        "ha": "center",
+        "va": "center",
+        "color": "white" if value > 0.5 else INK,
+    }
     up = 0.0 if half is None else 0.13
     axes.text(column, row - up, f"{value:.2f}", fontsize=9, **middle)
     if half is not None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 
 from holdfast.core.reading import Json
-from holdfast.evaluation.provenance import Host
 from studies.thesis_preliminary.published import ACCURACY_PERCENT, LEARNERS, SOURCE
 
 
@@ -72,7 +71,6 @@ class PreliminaryStudy:
     sets: list[StudiedSet]
     repetitions: int
     seed: int
-    host: Host
     versions: dict[str, str]
     seconds: float
 

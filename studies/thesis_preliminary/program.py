@@ -14,7 +14,6 @@ from pathlib import Path
 from holdfast.cli.command import path_argument
 from holdfast.core.errors import DataNotFound
 from holdfast.core.writing import require_writable
-from holdfast.evaluation.provenance import host
 from holdfast.training.datasets import load
 from holdfast.training.fitting import versions
 from holdfast.training.progress import Say, stages
@@ -41,7 +40,7 @@ def study_sets(scene: Path, seed: int, say: Say) -> PreliminaryStudy:
         say(f"reading {what}")
         sets.append(study(read(), seed=seed, say=say))
     seconds = round(time.perf_counter() - started, 1)
-    return PreliminaryStudy(sets, REPETITIONS, seed, host(), versions(), seconds)
+    return PreliminaryStudy(sets, REPETITIONS, seed, versions(), seconds)
 
 
 def read_scene(folder: Path) -> DataSet:

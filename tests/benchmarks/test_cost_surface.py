@@ -18,7 +18,7 @@ from page_tables import filled
 
 from benchmarks.cost import recordings
 from benchmarks.cost.features import columns, look_backs_s, some, whole_of
-from benchmarks.cost.grown import first_trees
+from benchmarks.cost.measure import first_trees
 from benchmarks.cost.picture import figure
 from benchmarks.cost.point import BANDS, GROUPS, README_POINTS, REFERENCE, Point, points
 from benchmarks.cost.surface import cost, pareto

@@ -16,7 +16,7 @@ from holdfast.simulation.scene_file import read_scene_file
 from holdfast.training.recording import Recording
 from holdfast.training.timeline import Phase
 from studies.adapt.figures import way_figures
-from studies.adapt.sets import STYLES, _adapt_card
+from studies.adapt.program import STYLES, _adapt_card
 
 AREA = "Pages and figures"
 

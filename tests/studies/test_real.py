@@ -36,13 +36,11 @@ from studies.ablation import AblationRow, Gains, StepCost, gains_table, rows_of
 from studies.real.eflesh import EfleshStudy, study_eflesh
 from studies.real.figures import FinalModel, RealStudy, StreamedFold
 from studies.real.further_rows import further_rows
-from studies.real.leaky import leaky
-from studies.real.methods import Method, cross_validated
-from studies.real.parts import done
+from studies.real.methods import Method, cross_validated, done
 from studies.real.proactive import ReplayPicture, study_proactive
 from studies.real.report import Evidence, write_real_report
 from studies.real.streamed_fold import stream_one_fold
-from studies.real.study import verification_of
+from studies.real.study import leaky, verification_of
 from studies.row_names import CLOCK, OURS_18, OURS_48
 
 pytestmark = pytest.mark.filterwarnings("ignore::holdfast.export.spec.BandsLeftOut")
@@ -122,7 +120,7 @@ def test_further_rows_say_how_many_windows_there_are_and_fill_the_readme_s_table
         replace(CLOCK_PLAN, situation=tiny, prediction=tiny, folds=2), channels=48
     )
     found = further_rows({OURS_48: timed}, 0, Workers(), ignored)
-    written = json.loads(json.dumps(found.to_json(), allow_nan=False))
+    written = json.loads(json.dumps(found, allow_nan=False))
     assert sum(written["windows"].values()) == len(timed.data().tasks["situations"])
     text = filled("README.md", {"all_channels": written}, tmp_path)
     assert (
