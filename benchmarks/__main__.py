@@ -174,11 +174,7 @@ def _hand(request: BenchRequest) -> Json:
 def _onset(request: BenchRequest) -> Json:
     from benchmarks.onset import held, pulls, ramps
 
-    moved = {"ramps": ramps(), "pulls": pulls()}
-    written: Json = {
-        name: [row.to_json() for row in rows] for name, rows in moved.items()
-    }
-    return written | {"held": _rows(held())}
+    return {"ramps": ramps(), "pulls": pulls(), "held": held()}
 
 
 def _network(request: BenchRequest) -> Json:

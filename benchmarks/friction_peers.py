@@ -22,8 +22,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass, field
-from typing import Any, Protocol
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -58,6 +57,9 @@ class Block:
         return self.static * self.normal_n
 
 
+BLOCK = Block()
+
+
 @dataclass
 class Moving:
     """State of the lanes [B]: position, velocity, stretch, whether the last step slid."""
@@ -70,25 +72,9 @@ class Moving:
     @staticmethod
     def still(lanes: int) -> Moving:
         """Nothing moves, nothing is stretched."""
-        return Moving(
-            np.zeros(lanes),
-            np.zeros(lanes),
-            np.zeros(lanes),
-            np.zeros(lanes, dtype=np.bool_),
-        )
-
-
-class Law(Protocol):
-    """A law of friction with an integrator and the step it is run at."""
-
-    @property
-    def step_s(self) -> float:
-        """The step of a run that names none."""
-
-    def step(
-        self, block: Block, state: Moving, load_n: FloatArray, dt_s: float
-    ) -> None:
-        """Move on by dt_s under load_n [B]; changes the state in place."""
+        position_m, velocity_m_s, stretch_m = np.zeros((3, lanes))
+        slides = np.zeros(lanes, dtype=np.bool_)
+        return Moving(position_m, velocity_m_s, stretch_m, slides)
 
 
 @dataclass(frozen=True)
@@ -186,46 +172,46 @@ class SetValued:
         state.position_m += dt_s * state.velocity_m_s
 
 
+Law = Regularised | LuGre | SetValued
+"""Each has the step that it is run at."""
+
+
 @dataclass(frozen=True)
 class Task:
     """The load of every lane [B]: share of the static limit, amplitude of vibration over it."""
 
     share: FloatArray
     vibration: FloatArray
-    vibration_hz: float = VIBRATION_HZ
-    block: Block = field(default_factory=Block)
+    block: Block = BLOCK
 
     @staticmethod
-    def of(share: ArrayLike, vibration: ArrayLike = 0.0, **others: Any) -> Task:
+    def of(share: ArrayLike, vibration: ArrayLike = 0.0) -> Task:
         """From numbers or arrays that fit each other."""
         shares, vibrations = np.broadcast_arrays(
             np.atleast_1d(share), np.atleast_1d(vibration)
         )
-        return Task(shares.astype(np.float64), vibrations.astype(np.float64), **others)
+        return Task(shares.astype(np.float64), vibrations.astype(np.float64))
 
     def load_n(self, t_s: FloatArray) -> FloatArray:
         """[n, B] load at times t_s [n]: a minimum-jerk rise of load and vibration, then both go
         on."""
         u = np.minimum(t_s / RAMP_S, 1.0)
         risen = u * u * u * (10.0 + u * (6.0 * u - 15.0))
-        shaken = np.sin(2.0 * np.pi * self.vibration_hz * t_s)[:, None] * self.vibration
+        shaken = np.sin(2.0 * np.pi * VIBRATION_HZ * t_s)[:, None] * self.vibration
         load: FloatArray = self.block.limit_n * risen[:, None] * (self.share + shaken)
         return load
 
 
-def path(
-    law: Law, task: Task, times_s: FloatArray, step_s: float | None = None
-) -> FloatArray:
+def path(law: Law, task: Task, times_s: FloatArray) -> FloatArray:
     """Position of the block at times_s [n] (rising, rounded to steps): m, [n, B]."""
-    dt_s = step_s or law.step_s
-    wanted = np.round(np.asarray(times_s) / dt_s).astype(np.int64)
-    return np.stack(list(_positions(law, task, wanted, dt_s)))
+    wanted = np.round(np.asarray(times_s) / law.step_s).astype(np.int64)
+    return np.stack(list(_positions(law, task, wanted)))
 
 
-def _positions(
-    law: Law, task: Task, wanted: np.ndarray, dt_s: float
-) -> Iterator[FloatArray]:
-    state, done = Moving.still(len(task.share)), 0
+def _positions(law: Law, task: Task, wanted: np.ndarray) -> Iterator[FloatArray]:
+    dt_s = law.step_s
+    state = Moving.still(len(task.share))
+    done = 0
     for number in wanted:
         while done < number:
             more = np.arange(done, min(done + CHUNK, number))
@@ -235,11 +221,9 @@ def _positions(
         yield state.position_m.copy()
 
 
-def creep(
-    law: Law, task: Task, held_s: float = HELD_S, step_s: float | None = None
-) -> FloatArray:
+def creep(law: Law, task: Task, held_s: float = HELD_S) -> FloatArray:
     """Motion of the block from SETTLED_S to held_s, m, [B], both at one phase of the vibration."""
-    start, stop = path(law, task, np.array([SETTLED_S, held_s]), step_s)
+    start, stop = path(law, task, np.array([SETTLED_S, held_s]))
     moved: FloatArray = stop - start
     return moved
 

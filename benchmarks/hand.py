@@ -246,9 +246,7 @@ def _fault_row(model: Model, fault: str, compute_ms: float, phases: int) -> Faul
         rows.append((answered_s, bool(sample.valid.all()), prediction.state))
 
     end_ns = round(1e9 * FAULT_RUN_S)
-    summary = _answered(
-        bench, model, bench.clock, emit, lambda: bench.clock.now_ns() >= end_ns
-    )
+    summary = _answered(bench, model, emit, lambda: bench.clock.now_ns() >= end_ns)
     after = [row for row in rows if row[0] >= FAULT_AT_S]
     bad = [t for t, good, _ in after if not good]
     unknown = [t for t, _, state in after if state == "unknown"]
@@ -288,7 +286,6 @@ def _detected_ms(model: Model, fault: str, phase: float) -> float:
     _answered(
         bench,
         model,
-        bench.clock,
         emit,
         lambda: bool(found_s) or bench.clock.now_ns() >= end_ns,
     )
@@ -308,7 +305,7 @@ def latency(model_path: Path, rate_hz: float, seconds: float) -> LiveLatency:
     end_ns = clock.now_ns() + round(1e9 * seconds)
     with real_time():
         summary = _answered(
-            bench, model, clock, lambda *_: None, lambda: clock.now_ns() >= end_ns
+            bench, model, lambda *_: None, lambda: clock.now_ns() >= end_ns, clock
         )
     stages_us = summary.latency_us()
     floor = time_in_turns({"floor": busy_wait(stages_us["read to emit"]["p50"])})[
@@ -344,10 +341,11 @@ class _Instant(VirtualClock):
 def _answered(
     bench: Bench,
     model: Model,
-    clock: Any,
     emit: Callable[..., None],
     stopped: Callable[[], bool],
+    clock: Any = None,
 ) -> Summary:
+    clock = clock or bench.clock
     source = LiveHand(bench.hand, _to_force)
     monitor = GripMonitor(model, clock.now_ns)
     return run_live(

@@ -10,7 +10,6 @@ import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -77,83 +76,10 @@ class Case:
     gross_s: float
 
 
-class Percentiles(NamedTuple):
-    """5, 50 and 95 % of an error, ms."""
-
-    p5: float
-    p50: float
-    p95: float
-
-
-@dataclass(frozen=True)
-class SlipErrors:
-    """Errors of the slips that were found. start: fitted. seen: first frame beyond the threshold.
-
-    gross: the gross distance. sd_p50_ms: median of the stated uncertainty. within_10_ms,
-    within_two_sd: shares of the starts, 0 to 1.
-    """
-
-    start: Percentiles
-    seen: Percentiles
-    gross: Percentiles
-    start_worst_ms: float
-    sd_p50_ms: float
-    within_10_ms: float
-    within_two_sd: float
-
-    def to_json(self) -> Json:
-        """As it stands in onset.json."""
-        three = {"start": self.start, "seen": self.seen, "gross": self.gross}
-        spread = {
-            f"{name}_{percent}_ms": value
-            for name, of in three.items()
-            for percent, value in of._asdict().items()
-        }
-        rest = {name: value for name, value in vars(self).items() if name not in three}
-        return spread | rest
-
-
-@dataclass(frozen=True)
-class OnsetRow:
-    """n cases at a frame rate. mm_per_s2: acceleration of a ramp. errors: None without a slip.
-
-    hidden: the object was out of the picture, or blurred, before three frames had seen it leave.
-    """
-
-    fps: float
-    mm_per_s2: float | None
-    n: int
-    found: int
-    hidden: int
-    errors: SlipErrors | None
-
-    def to_json(self) -> Json:
-        """As it stands in onset.json; what does not apply has no key."""
-        row = {name: value for name, value in vars(self).items() if name != "errors"}
-        if self.mm_per_s2 is None:
-            del row["mm_per_s2"]
-        return row | (self.errors.to_json() if self.errors else {})
-
-
-@dataclass(frozen=True)
-class HeldRow:
-    """Holds under load: how far the pads yield, and how many false onsets are found."""
-
-    n: int
-    elastic_shear_mm: float
-    gross_mm: float
-    onsets: int
-
-
 def small_camera(fps: float) -> Camera:
     """The default camera with fewer pixels and a little noise."""
-    return Camera(
-        **(
-            {name: parameter.default for name, parameter in CAMERA.items()}
-            | SMALL
-            | {"fps": fps}
-        )
-    )
+    usual = {name: parameter.default for name, parameter in CAMERA.items()}
+    return Camera(**(usual | SMALL | {"fps": fps}))
 
 
 def seen(case: Case, camera: Camera, seed: int) -> Motion:
@@ -189,7 +115,7 @@ def ramp(acceleration_mm_s2: float, camera: Camera, rng: np.random.Generator) ->
 
 def ramps(
     accelerations: Sequence[float] = ACCELERATIONS_MM_S2, each: int = EACH
-) -> list[OnsetRow]:
+) -> list[Json]:
     """A row for every acceleration and frame rate."""
     rows = []
     for camera in map(small_camera, FPS):
@@ -198,17 +124,17 @@ def ramps(
                 ramp(acceleration, camera, np.random.default_rng(k))
                 for k in range(each)
             ]
-            rows.append(_row(cases, camera, acceleration))
+            rows.append(_row(cases, camera) | {"mm_per_s2": acceleration})
     return rows
 
 
-def pulls(total: int | None = None, rates: Sequence[float] = FPS) -> list[OnsetRow]:
+def pulls(total: int | None = None, rates: Sequence[float] = FPS) -> list[Json]:
     """Pulls of the style author, a row per frame rate; their start is the first sliding element."""
     cases = _simulated(CARD, total)
     return [_row(cases, small_camera(fps)) for fps in rates]
 
 
-def held(total: int | None = None) -> list[HeldRow]:
+def held(total: int | None = None) -> list[Json]:
     """Holds under load: how far the pads yield, and how many false onsets are found."""
     camera = small_camera(FPS[0])
     moved = [seen(case, camera, k) for k, case in enumerate(_simulated(LOADED, total))]
@@ -216,7 +142,13 @@ def held(total: int | None = None) -> list[HeldRow]:
     found = [find_slip(one, gross_mm) for one in moved]
     shear_mm = max(largest_move_mm(one) for one in moved)
     onsets = sum(isinstance(one, Slip) for one in found)
-    return [HeldRow(len(moved), round(shear_mm, 3), round(gross_mm, 3), onsets)]
+    row = {
+        "n": len(moved),
+        "elastic_shear_mm": round(shear_mm, 3),
+        "gross_mm": round(gross_mm, 3),
+        "onsets": onsets,
+    }
+    return [row]
 
 
 def _simulated(card: str, total: int | None) -> list[Case]:
@@ -250,35 +182,40 @@ def _simulated(card: str, total: int | None) -> list[Case]:
     return cases
 
 
-def _row(
-    cases: Sequence[Case], camera: Camera, mm_per_s2: float | None = None
-) -> OnsetRow:
+def _row(cases: Sequence[Case], camera: Camera) -> Json:
+    """Cases at a frame rate, and the errors of the slips that were found, if any.
+
+    hidden: the object was out of the picture, or blurred, before three frames had seen it leave.
+    """
     found = [(case, find_slip(seen(case, camera, k))) for k, case in enumerate(cases)]
     slips = [(case, slip) for case, slip in found if isinstance(slip, Slip)]
     hidden = sum(isinstance(slip, HiddenMotion) for _, slip in found)
-    errors = _errors(slips) if slips else None
-    return OnsetRow(camera.fps, mm_per_s2, len(cases), len(slips), hidden, errors)
+    row = {"fps": camera.fps, "n": len(cases), "found": len(slips), "hidden": hidden}
+    return row | _errors(slips) if slips else row
 
 
-def _errors(slips: Sequence[tuple[Case, Slip]]) -> SlipErrors:
-    off = 1e3 * np.array(
-        [
-            [s.start_s - c.start_s, s.seen_s - c.start_s, s.gross_s - c.gross_s]
-            for c, s in slips
-        ]
-    )
-    start, seen_, gross = (
-        Percentiles(*(round(float(np.percentile(column, q)), 2) for q in (5, 50, 95)))
-        for column in off.T
-    )
+def _errors(slips: Sequence[tuple[Case, Slip]]) -> Json:
+    """5, 50 and 95 % of the errors in ms, of the fitted start, of the first frame beyond the
+    threshold (seen) and of the gross distance.
+
+    sd_p50_ms: median of the stated uncertainty. within_10_ms, within_two_sd: shares of the starts,
+    0 to 1.
+    """
+    off_ms = {
+        "start": np.array([1e3 * (s.start_s - c.start_s) for c, s in slips]),
+        "seen": np.array([1e3 * (s.seen_s - c.start_s) for c, s in slips]),
+        "gross": np.array([1e3 * (s.gross_s - c.gross_s) for c, s in slips]),
+    }
+    errors = {}
+    for name, off in off_ms.items():
+        for q in (5, 50, 95):
+            errors[f"{name}_p{q}_ms"] = round(float(np.percentile(off, q)), 2)
     within = [abs(s.start_s - c.start_s) <= 2.0 * s.uncertainty_s for c, s in slips]
     sd_s = float(np.median([slip.uncertainty_s for _, slip in slips]))
-    return SlipErrors(
-        start=start,
-        seen=seen_,
-        gross=gross,
-        start_worst_ms=round(float(np.abs(off[:, 0]).max()), 2),
-        sd_p50_ms=round(1e3 * sd_s, 2),
-        within_10_ms=round(float(np.mean(np.abs(off[:, 0]) < 10.0)), 3),
-        within_two_sd=round(float(np.mean(within)), 3),
-    )
+    worst = np.abs(off_ms["start"])
+    return errors | {
+        "start_worst_ms": round(float(worst.max()), 2),
+        "sd_p50_ms": round(1e3 * sd_s, 2),
+        "within_10_ms": round(float(np.mean(worst < 10.0)), 3),
+        "within_two_sd": round(float(np.mean(within)), 3),
+    }

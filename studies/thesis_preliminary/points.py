@@ -30,6 +30,7 @@ from holdfast.core.contract import (
     NOTHING,
     RISKY_SLIP,
     SAFE_SLIP,
+    BoolArray,
     FloatArray,
 )
 from holdfast.training.critical_points import EDGE_S, friction_rows
@@ -37,6 +38,8 @@ from holdfast.training.recording import DataSet, Recording
 
 KINDS = ("grasp", "not slipping under disturbances", "safe slip", "slipping")
 HELD, SLIPPING = 1, 3
+KIND_OF = {GRASP: 0, SAFE_SLIP: 2, RISKY_SLIP: SLIPPING}
+"""By the riskiest situation around a point; a grasp that lasts is HELD instead."""
 REACH = 3
 """Samples to either side of a point that its label looks at, as the window of the first case
 does."""
@@ -69,26 +72,20 @@ class Points:
 
 def points_of(data: DataSet) -> Points:
     """Every labelled point of a set, trial by trial."""
-    found = [
-        (
-            trial,
-            row,
-            kind,
-            recording.group,
-            _since_onset(recording, row) if kind == SLIPPING else np.nan,
-        )
-        for trial, recording in enumerate(data.recordings)
-        for row, kind in labelled(recording)
-    ]
-    trial, row, kind, group, since = zip(*found, strict=True) if found else [()] * 5
-    trials, rows, kinds = (
-        np.array(column, dtype=np.int64) for column in (trial, row, kind)
-    )
+    trials, rows, kinds, groups, since = [], [], [], [], []
+    for trial, recording in enumerate(data.recordings):
+        for row, kind in labelled(recording):
+            trials.append(trial)
+            rows.append(row)
+            kinds.append(kind)
+            groups.append(recording.group)
+            slipping = kind == SLIPPING
+            since.append(_since_onset(recording, row) if slipping else np.nan)
     return Points(
-        trials,
-        rows,
-        kinds,
-        np.array(group, dtype=np.str_),
+        np.array(trials, dtype=np.int64),
+        np.array(rows, dtype=np.int64),
+        np.array(kinds, dtype=np.int64),
+        np.array(groups, dtype=np.str_),
         np.array(since, dtype=np.float64),
     )
 
@@ -115,18 +112,11 @@ def labelled(recording: Recording) -> list[tuple[int, int]]:
     for row in cone_rows(recording.samples, recording.rate_hz).tolist():
         riskiest = situation[row - REACH : row + REACH + 1].max()
         if riskiest > NOTHING:
-            held = (
-                riskiest == GRASP
-                and (situation[max(row - grasped, 0) : row + 1] > NOTHING).all()
-            )
-            found.append(
-                (
-                    row,
-                    HELD
-                    if held
-                    else {GRASP: 0, SAFE_SLIP: 2, RISKY_SLIP: SLIPPING}[int(riskiest)],
-                )
-            )
+            kind = KIND_OF[int(riskiest)]
+            before = situation[max(row - grasped, 0) : row + 1]
+            if riskiest == GRASP and (before > NOTHING).all():
+                kind = HELD
+            found.append((row, kind))
     return found
 
 
@@ -172,7 +162,7 @@ def first_component(channels: FloatArray) -> FloatArray:
     return score
 
 
-def _moves(component: FloatArray, ahead: int) -> npt.NDArray[np.bool_]:
+def _moves(component: FloatArray, ahead: int) -> BoolArray:
     """[T, A] whether a component is elsewhere so many rows later; the last rows look at the end."""
     later = np.minimum(np.arange(len(component)) + ahead, len(component) - 1)
     return np.abs(component[later] - component) > MOVED

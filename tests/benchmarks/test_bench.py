@@ -197,26 +197,13 @@ def test_the_page_of_scenes_names_every_card_and_effect_and_its_measured_price(
 ):
     prices_of = [{"effect": "(core alone)", "ns_per_sample": 1234.0}]
     prices_of += [{"effect": name, "ns_per_sample": 77.0} for name in EFFECT_MODULES]
-    (tmp_path / "effects.json").write_text(
-        json.dumps({"prices": prices_of, "empty_list_over_core": 1.0}), "utf-8"
-    )
-    curves = {
-        name: [{"trials": 1.0}]
-        for name in (
-            "step",
-            "by_trials",
-            "by_elements",
-            "plausibility",
-            "hold_and_pull",
-        )
+    names = ("step", "by_trials", "by_elements", "plausibility", "hold_and_pull")
+    curves = {name: [{"trials": 1.0}] for name in names}
+    figures = {
+        "effects": {"prices": prices_of, "empty_list_over_core": 1.0},
+        "simulator": {**curves, "friction": [FRICTION]},
+        "scenes": study(),
     }
-    (tmp_path / "simulator.json").write_text(
-        json.dumps(curves | {"friction": [FRICTION]}), "utf-8"
-    )
-    (tmp_path / "scenes.json").write_text(json.dumps(study()), "utf-8")
-    figures = {}
-    for name in ("effects", "simulator", "scenes"):
-        figures[name] = json.loads((tmp_path / f"{name}.json").read_text("utf-8"))
     text = filled("docs/scenes.md", figures, tmp_path)
     assert "| core alone, CPU ns per sample | 1,234 |" in text
     assert (

@@ -102,6 +102,16 @@ def test_ratios_are_of_medians_and_the_tail_of_the_floor_s_tail():
     }
 
 
+WITHIN = {
+    "step_over_bare_full_depth_forest": 1.0,
+    "step_over_own_learner": 1.0,
+    "grip_over_step": 0.2,
+    "step_p999_over_floor_p999": 1.0,
+    "thesis_over_step": 1000.0,
+}
+"""Ratios that keep every budget."""
+
+
 def broken(ratios: dict[str, float], n_bytes: int, resident_mb: float) -> list[str]:
     return [one.line for one in budgets(ratios, n_bytes, resident_mb) if one.is_broken]
 
@@ -118,23 +128,9 @@ def broken(ratios: dict[str, float], n_bytes: int, resident_mb: float) -> list[s
     ],
 )
 def test_a_broken_budget_is_named_with_its_limit(change, line):
-    kept = {
-        "step_over_bare_full_depth_forest": 1.0,
-        "step_over_own_learner": 1.0,
-        "grip_over_step": 0.2,
-        "step_p999_over_floor_p999": 1.0,
-        "thesis_over_step": 1000.0,
-    }
-    found = broken(kept | change, 2**20, resident_mb=50.0)
+    found = broken(WITHIN | change, 2**20, resident_mb=50.0)
     assert [one.startswith(line) for one in found] == ([True] if line else [])
 
 
 def test_a_model_or_a_process_too_big_is_over_budget():
-    kept = {
-        "step_over_bare_full_depth_forest": 1.0,
-        "step_over_own_learner": 1.0,
-        "grip_over_step": 0.2,
-        "step_p999_over_floor_p999": 1.0,
-        "thesis_over_step": 1000.0,
-    }
-    assert len(broken(kept, 9 * 2**20, resident_mb=500.0)) == 2
+    assert len(broken(WITHIN, 9 * 2**20, resident_mb=500.0)) == 2

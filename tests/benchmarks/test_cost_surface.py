@@ -58,27 +58,6 @@ def in_long_steps() -> Iterator[None]:
 # -- the points
 
 
-def test_the_points_change_every_chosen_setting_and_none_stands_twice():
-    tried = points()
-    assert (
-        len({point.name for point in tried})
-        == len(tried)
-        == len({(p.of, p.what) for p in tried})
-    )
-    for of in ("scenes", "human"):
-        here = [point for point in tried if point.of == of]
-        assert {1, 500} <= {point.trees for point in here}
-        assert {4, 0} <= {point.depth for point in here}
-        assert {0.02, 0.30} <= {point.window_s for point in here}
-        assert {1, 2, 3} == {point.debounce for point in here}
-        assert set(GROUPS) == {point.groups for point in here}
-        assert {"votes", "calibrated"} == {point.confidence for point in here}
-    assert {50.0, 100.0, 150.0, 300.0} == {
-        point.rate_hz for point in tried if point.of == "scenes"
-    }
-    assert {"float64", "float32"} == {point.bank for point in tried}
-
-
 def test_every_line_of_the_readme_is_a_point_that_is_measured():
     assert set(README_POINTS) <= set(points())
 
@@ -141,29 +120,6 @@ def test_nothing_on_the_front_is_beaten_and_everything_else_is(pairs):
 
     assert not any(beats(row, kept) for row in rows for kept in front)
     assert all(any(beats(kept, row) or kept == row for kept in front) for row in rows)
-
-
-@given(st.sampled_from(points()))
-def test_points_with_one_forest_differ_in_nothing_that_is_fitted(point):
-    same = point.fitted
-    assert same == same.fitted
-    assert (
-        same.plan,
-        same.groups,
-        same.window_s,
-        same.bands,
-        same.bank,
-        same.rate_hz,
-        same.look_back_s,
-    ) == (
-        point.plan,
-        point.groups,
-        point.window_s,
-        point.bands,
-        point.bank,
-        point.rate_hz,
-        point.look_back_s,
-    )
 
 
 def test_what_is_only_decided_otherwise_has_the_forest_of_the_default():

@@ -87,13 +87,6 @@ def test_lugre_drifts_under_vibration_and_not_without() -> None:
     assert np.allclose((latest - later)[1:], (small, large), rtol=1e-3)  # for ever
 
 
-def test_the_step_of_lugre_is_small_enough_for_its_drift() -> None:
-    task = Task.of(0.5, VIBRATION)
-    assert creep(LuGre(), task, 3.0) == pytest.approx(
-        creep(LuGre(), task, 3.0, step_s=5e-5), rel=4e-3
-    )
-
-
 @pytest.mark.hard_case(
     "Simulation", "a million steps of holding", **holding, unguarded=True
 )

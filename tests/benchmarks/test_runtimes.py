@@ -14,16 +14,15 @@ from page_tables import filled
 from small_model import for_the_hand, graph_of
 
 from benchmarks.runtimes import here as bench
+from benchmarks.runtimes.arm import read_report
 from benchmarks.runtimes.c_programs import (
     CLANG,
     GCC,
     SINGLE_GCC,
     WASM,
-    StreamAnswers,
     answers_of,
     golden_of,
 )
-from benchmarks.runtimes.cortex_m7 import read_report
 from benchmarks.runtimes.onnx_programs import C_API, IN_WEB, WEB, OnnxProgram, text_of
 from benchmarks.runtimes.onnx_programs import answers_of as onnx_answers_of
 from benchmarks.runtimes.programs import called, require
@@ -152,19 +151,6 @@ def test_single_precision_has_numbers_of_its_own_and_no_broken_ones(
     )
     assert single.rows.shape[1] < 0.6 * double.rows.shape[1]
     assert (single.labels == double.labels).mean() > 0.95
-
-
-def test_answers_of_another_size_are_other_bits() -> None:
-    labels = np.zeros(2, np.int32)
-    one, other = (
-        StreamAnswers(labels, np.zeros((2, n), np.uint8), 1.0) for n in (4, 8)
-    )
-    assert bench.same_bits(one, one) is True
-    assert bench.same_bits(one, other) is False
-    assert (
-        bench.same_bits(StreamAnswers(labels, np.zeros((2, 0), np.uint8), 1.0), one)
-        is None
-    )
 
 
 def test_the_report_of_an_image_is_read_and_one_without_it_is_an_error() -> None:

@@ -74,7 +74,7 @@ def test_the_fitted_onset_of_author_pulls_is_within_ten_ms_of_the_first_sliding(
     output = program("""
 from benchmarks import onset
 onset.FROM_S = 0.5  # before the load the picture stands still
-print(json.dumps(onset.pulls(6, [60.0])[0].to_json()))
+print(json.dumps(onset.pulls(6, [60.0])[0]))
 """)
     assert output["n"] == output["found"] + output["hidden"] == 6
     assert output["found"] >= 5, (

@@ -18,8 +18,6 @@ from holdfast.training.timeline import Phase
 from studies.adapt.figures import way_figures
 from studies.adapt.program import STYLES, _adapt_card
 
-AREA = "Pages and figures"
-
 
 def way(called: float) -> dict[str, Any]:
     return {

@@ -23,7 +23,7 @@ from holdfast.training.network_fit import NetworkPlan
 from holdfast.training.plan import ForestPlan, TrainingPlan
 from holdfast.training.recording import Recording
 from studies import learner_streams
-from studies.fast_handover.ideas import HARD, IDEAS, VARIED, Idea
+from studies.fast_handover.ideas import VARIED, Idea
 from studies.fast_handover.learners import Boosting, Forest, Learner, TwoStages
 from studies.fast_handover.sets import (
     CHOOSE,
@@ -81,12 +81,6 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 # -- ideas and learners
-
-
-def test_every_idea_has_a_name_of_its_own_and_the_default_comes_first():
-    assert len({idea.name for idea in IDEAS}) == len(IDEAS)
-    assert IDEAS[0] == Idea("default", objects_left_out=True)
-    assert {name for idea in IDEAS for name in idea.trained_on} == set(HARD)
 
 
 LEARNERS = (Forest(SMALL), Forest(SMALL, classes=4), TwoStages(SMALL), Boosting(10, 8))

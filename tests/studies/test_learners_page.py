@@ -8,8 +8,6 @@ from page_tables import filled
 
 CASES = [(18, False), (48, False), (18, True)]
 
-AREA = "Pages and figures"
-
 
 def row(macro_f1: float) -> dict[str, Any]:
     return {"situations": {"macro_f1": macro_f1, "macro_f1_ci": [0.5, 0.7]}}

@@ -7,7 +7,6 @@ import json
 import re
 from collections.abc import Callable
 from dataclasses import asdict, replace
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -36,7 +35,7 @@ from studies.ablation import AblationRow, Gains, StepCost, gains_table, rows_of
 from studies.real.eflesh import EfleshStudy, study_eflesh
 from studies.real.figures import FinalModel, RealStudy, StreamedFold
 from studies.real.further_rows import further_rows
-from studies.real.methods import Method, cross_validated, done
+from studies.real.methods import Method, cross_validated
 from studies.real.proactive import ReplayPicture, study_proactive
 from studies.real.report import Evidence, write_real_report
 from studies.real.streamed_fold import stream_one_fold
@@ -127,25 +126,6 @@ def test_further_rows_say_how_many_windows_there_are_and_fill_the_readme_s_table
         f"| {OURS_48} | {written['rows'][OURS_48]['situations']['macro_f1']:.3f} ("
         in text
     )
-
-
-def test_parts_are_said_as_they_begin_or_side_by_side_as_they_are_done() -> None:
-    parts = {f"{number} squared": partial(pow, number, 2) for number in (3, 1, 2)}
-    for workers, lines in (
-        (Workers(), ["3 squared", "1 squared", "2 squared"]),
-        (
-            Workers(2),
-            [
-                "3 parts side by side",
-                "3 squared: done",
-                "1 squared: done",
-                "2 squared: done",
-            ],
-        ),
-    ):
-        said: list[str] = []
-        assert list(done(parts, workers, said.append)) == [9, 1, 4]
-        assert said == lines
 
 
 def test_every_fold_was_exported_and_agrees_with_the_reference_on_every_held_out_row(

@@ -8,9 +8,9 @@ from typing import Any
 
 import pytest
 
-from holdfast.evaluation.closed_loop import CHOICES, scene_of
+from holdfast.evaluation.closed_loop import scene_of
 from studies.shared_control.picture import curve, picture
-from studies.shared_control.plan import CURVE_SETS, LAGS_MS, OURS, SETTINGS, rows, sets
+from studies.shared_control.plan import LAGS_MS, OURS, SETTINGS, rows, sets
 from studies.shared_control.program import PAGE, _chosen
 from studies.shared_control.targets import TARGETS, target_rows
 from tools.doc_tables import fill, tables_of
@@ -33,24 +33,6 @@ def row(part: str, name: str, controller: str, **figures: Any) -> dict[str, Any]
 
 def reached(*rows_of: dict[str, Any]) -> dict[str, str]:
     return {one["target"]: one["reached"] for one in target_rows(rows_of)}
-
-
-def test_every_style_meets_every_controller_and_every_set_ours() -> None:
-    table = [one for one in rows(100) if one.part == "table"]
-    assert {one.set_name for one in table if one.label == OURS} == set(sets(100))
-    for style in ("author", "p1", "p2", "quick", "slow"):
-        assert {one.label for one in table if one.set_name == style} == set(CHOICES)
-
-
-def test_every_lag_of_the_figure_has_a_curve_of_every_controller() -> None:
-    for lag_ms in LAGS_MS:
-        lagged = [
-            one
-            for one in rows(100)
-            if one.part == "lag" and one.request.lag_ms == lag_ms
-        ]
-        assert {one.label for one in lagged} == set(SETTINGS)
-        assert {one.set_name for one in lagged} == set(CURVE_SETS)
 
 
 def test_the_noise_of_the_chips_is_that_of_the_card_twice_and_four_times() -> None:

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from holdfast.evaluation.formats import DEPLOYED
-from studies.doc_pictures.timing import PARTS, PICTURES
+from studies.doc_pictures.timing import PICTURES
 from tools.doc_pictures import EVALUATED, draw_measured
 
 
@@ -33,11 +33,6 @@ def drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, str]:
     monkeypatch.chdir(tmp_path)
     draw_measured(tmp_path)
     return {name: (tmp_path / name).read_text("utf-8") for name in PICTURES}
-
-
-def test_the_parts_of_a_bar_are_all_events() -> None:
-    row = evaluated(0.5, 0.25, None)["rows"][DEPLOYED]
-    assert [share(row) for _, _, share in PARTS] == [0.25, 0.25, 0.5]
 
 
 def test_both_pictures_say_what_they_are_made_from(drawn: dict[str, str]) -> None:
