@@ -11,7 +11,7 @@ from __future__ import annotations
 import argparse
 import math
 from collections.abc import Collection
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 
 import numpy as np
 
@@ -26,7 +26,7 @@ from holdfast.export.spec import StepSpec
 from holdfast.training.crossval import HeldOut, cross_validate
 from holdfast.training.datasets import load
 from holdfast.training.featurise import features_of, spec_for
-from holdfast.training.figures import ABSENT, Interval
+from holdfast.training.figures import ABSENT
 from holdfast.training.fitting import held_out_figures, versions
 from holdfast.training.metrics import Gain, macro_f1_gain, prediction_gains
 from holdfast.training.plan import LearnerKind, TrainingPlan
@@ -61,119 +61,78 @@ def _plan(learner: LearnerKind) -> TrainingPlan:
     )
 
 
-@dataclass(frozen=True)
-class StepCost:
-    """Nodes of a feature graph, and the median of one of its steps, us."""
-
-    nodes: int
-    us: float
-
-
-@dataclass(frozen=True)
-class Gains:
-    """Over the default's figures, paired: the same people in every draw."""
-
-    macro_f1: Gain
-    auc: Gain
-    average_precision: Gain
-
-
-@dataclass(frozen=True)
-class AblationRow:
-    """What a choice of feature groups reaches on unseen people, and what it costs."""
-
-    cost: StepCost
-    macro_f1: float | None
-    macro_f1_ci: Interval | None
-    auc: float | None
-    auc_ci: Interval | None
-    features: int
-    clock_free: bool
-    average_precision: float | None
-    average_precision_ci: Interval | None
-    gains: Gains
-
-    def to_json(self) -> Json:
-        """As it stands in ablation.json."""
-        fields = asdict(self)
-        return fields.pop("cost") | fields
-
-
 def study_rows(
     data: DataSet, plan: TrainingPlan, rows: Rows, seed: int, say: Say
-) -> dict[str, AblationRow]:
-    """Every row's figures and cost; the first is the default."""
+) -> dict[str, Json]:
+    """Every row's figures, gains and cost; the first is the default."""
     specs = {name: spec_for(data, groups) for name, groups in rows.items()}
     costs = step_costs(specs)
-    result, default = {}, None
+    result = {}
+    default = None
     for name, spec in specs.items():
         say(name)
         used = replace(plan, groups=spec.groups)
         held_out = cross_validate(data, features_of(data, spec), used, seed=seed)
         default = default or held_out
+        figures = _figures(data, held_out, seed)
         gains = _gains(data, held_out, default, seed)
-        result[name] = _row(data, held_out, spec, costs[name], gains, seed)
+        finite = [math.isfinite(GROUPS[group].memory_s) for group in spec.groups]
+        result[name] = {
+            **costs[name],
+            **figures,
+            "features": feature_count(spec),
+            "clock_free": all(finite),
+            "gains": {figure: asdict(gain) for figure, gain in gains.items()},
+        }
     return result
 
 
-def _row(
-    data: DataSet,
-    held_out: HeldOut,
-    spec: StepSpec,
-    cost: StepCost,
-    gains: Gains,
-    seed: int,
-) -> AblationRow:
+def _figures(data: DataSet, held_out: HeldOut, seed: int) -> Json:
+    """What a choice of feature groups reaches on unseen people."""
     figures = held_out_figures(data, held_out, seed)
     head = figures.predict_250ms
     assert head is not None  # the set has that task
-    return AblationRow(
-        cost=cost,
-        macro_f1=figures.situations.macro_f1,
-        macro_f1_ci=figures.situations.macro_f1_ci,
-        auc=head.auc,
-        auc_ci=head.auc_ci,
-        features=feature_count(spec),
-        clock_free=all(math.isfinite(GROUPS[group].memory_s) for group in spec.groups),
-        average_precision=head.average_precision,
-        average_precision_ci=head.average_precision_ci,
-        gains=gains,
-    )
+    return {
+        "macro_f1": figures.situations.macro_f1,
+        "macro_f1_ci": figures.situations.macro_f1_ci,
+        **asdict(head),
+    }
 
 
-def _gains(data: DataSet, ours: HeldOut, default: HeldOut, seed: int) -> Gains:
-    situations, head = data.tasks["situations"], data.tasks["predict_250ms"]
+def _gains(
+    data: DataSet, ours: HeldOut, default: HeldOut, seed: int
+) -> dict[str, Gain]:
+    """Over the default's figures, paired: the same people in every draw."""
+    situations = data.tasks["situations"]
+    head = data.tasks["predict_250ms"]
     people = data.group_of("predict_250ms")
-    our_score, their_score = (
-        one.shares("predict_250ms")[:, 1] for one in (ours, default)
-    )
+    our_score = ours.shares("predict_250ms")[:, 1]
+    their_score = default.shares("predict_250ms")[:, 1]
     auc, precision = prediction_gains(
         head.label, our_score, their_score, people, seed=seed
     )
-    our_labels, their_labels = ours.situations(), default.situations()
-    groups = data.group_of("situations")
     macro_f1 = macro_f1_gain(
-        situations.label, our_labels, their_labels, groups, seed=seed
+        situations.label,
+        ours.situations(),
+        default.situations(),
+        data.group_of("situations"),
+        seed=seed,
     )
-    return Gains(macro_f1, auc, precision)
+    return {"macro_f1": macro_f1, "auc": auc, "average_precision": precision}
 
 
-def step_costs(specs: dict[str, StepSpec]) -> dict[str, StepCost]:
-    """One step of each feature graph, B = 1, all graphs interleaved."""
+def step_costs(specs: dict[str, StepSpec]) -> dict[str, Json]:
+    """Nodes of each feature graph, and us of one of its steps: B = 1, all graphs interleaved."""
     models = {name: feature_graph(spec) for name, spec in specs.items()}
-    calls = {
-        name: step_call(
-            models[name].SerializeToString(),
-            np.linspace(0.0, 1.0, spec.n_channels)[None],
-        )
-        for name, spec in specs.items()
-    }
-    medians = {
-        name: float(np.median(times)) for name, times in time_in_turns(calls).items()
-    }
-    return {
-        name: StepCost(len(models[name].graph.node), medians[name]) for name in specs
-    }
+    calls = {}
+    for name, spec in specs.items():
+        sample = np.linspace(0.0, 1.0, spec.n_channels)[None]
+        calls[name] = step_call(models[name].SerializeToString(), sample)
+    costs = {}
+    for name, times in time_in_turns(calls).items():
+        nodes = len(models[name].graph.node)
+        costs[name] = {"nodes": nodes, "us": float(np.median(times))}
+    return costs
 
 
 HEADS = {
@@ -245,7 +204,7 @@ def run(args: argparse.Namespace) -> int:
         "caveat": data.caveat,
         "seed": args.seed,
         "versions": versions(),
-        "rows": {name: row.to_json() for name, row in rows.items()},
+        "rows": rows,
     }
     write_figures(args.out / "ablation.json", result)
     text = gains_table(result["rows"])

@@ -65,6 +65,7 @@ def drawing(
     import matplotlib as mpl
     from matplotlib.figure import Figure
 
+    # drawn and written within it: matplotlib reads some of the style only when it saves
     with mpl.rc_context({**STYLE, "font.size": font_size}):
         yield Figure(figsize=(width_in, height_in))
 

@@ -84,50 +84,29 @@ def rows(trials: int) -> list[Row]:
         for which in (every if name in STYLES else SETTINGS)
     ]
     for name in CURVE_SETS:
-        one = by_name[name]
-        made += [
-            Row("curve", name, which, one, LoopRequest(which, setting))
-            for which, settings in SETTINGS.items()
-            for setting in settings
-        ]
-        made += [
-            Row("lag", name, which, one, LoopRequest(which, setting, lag_ms))
-            for lag_ms in LAGS_MS
-            for which, settings in SETTINGS.items()
-            for setting in settings[-4::2]
-        ]
-        made += [
-            Row(
-                "delay",
-                name,
-                OURS,
-                one,
-                LoopRequest(OURS, OUR_LEAD_N, delay_samples=delay),
-            )
-            for delay in DELAYS
-        ]
-        made += [
-            Row(
-                "noise",
-                name,
-                OURS,
-                replace(one, noise=noise),
-                LoopRequest(OURS, OUR_LEAD_N),
-            )
-            for noise in NOISES
-        ]
-        made += [
-            Row("without", name, part, one, LoopRequest(OURS, OUR_LEAD_N, rules=rules))
-            for part, rules in WITHOUT.items()
-        ]
-        deaf = replace(Habits(), missed_share=1.0)
-        made.append(
-            Row(
-                "without",
-                name,
-                "own command",
-                one,
-                LoopRequest(OURS, OUR_LEAD_N, habits=deaf),
-            )
-        )
+        made += _of_curve_set(name, by_name[name])
     return made
+
+
+def _of_curve_set(name: str, one: LoopSet) -> list[Row]:
+    """Everything but the table: settings, lags, delays, noise, and parts left out."""
+    ours = LoopRequest(OURS, OUR_LEAD_N)
+    deaf = replace(Habits(), missed_share=1.0)
+    made = []
+    for which, settings in SETTINGS.items():
+        for setting in settings:
+            made.append(Row("curve", name, which, one, LoopRequest(which, setting)))
+    for lag_ms in LAGS_MS:
+        for which, settings in SETTINGS.items():
+            for setting in settings[-4::2]:
+                lagged = LoopRequest(which, setting, lag_ms)
+                made.append(Row("lag", name, which, one, lagged))
+    for delay in DELAYS:
+        delayed = replace(ours, delay_samples=delay)
+        made.append(Row("delay", name, OURS, one, delayed))
+    for noise in NOISES:
+        made.append(Row("noise", name, OURS, replace(one, noise=noise), ours))
+    for part, rules in WITHOUT.items():
+        made.append(Row("without", name, part, one, replace(ours, rules=rules)))
+    without_command = replace(ours, habits=deaf)
+    return [*made, Row("without", name, "own command", one, without_command)]

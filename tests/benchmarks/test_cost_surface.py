@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import onnx
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -252,32 +251,6 @@ def test_a_run_goes_on_where_it_was(measured):
     )
     assert rows[0]["recall"] == 0.125
     assert json.loads(other.read_text("utf-8")) == json.loads(before)
-
-
-def test_a_committee_costs_more_than_its_forest_alone_and_its_trees_are_the_same(
-    measured,
-):
-    folder, content = measured
-    forest, committee = content["rows"][0], content["rows"][-1]
-    assert committee["what"] == f"50 Hz, committee, {TINY.what.removeprefix('50 Hz, ')}"
-    assert committee["bytes"] > forest["bytes"]
-    trees = [
-        onnx_trees(
-            folder / "points" / f"{replace(TINY, learner=kind).fitted.name}.onnx"
-        )
-        for kind in ("forest", "committee")
-    ]
-    assert trees[0] == trees[1] != []
-
-
-def onnx_trees(path: Path) -> list[int]:
-    """Feature numbers of all nodes of the trees in a file."""
-    model = onnx.load(path)
-    (trees,) = [
-        node for node in model.graph.node if node.op_type.startswith("TreeEnsemble")
-    ]
-    (numbers,) = [one.ints for one in trees.attribute if one.name == "nodes_featureids"]
-    return list(numbers)
 
 
 def test_features_that_look_further_back_are_constant_for_a_forest_that_may_not(

@@ -18,7 +18,6 @@ from benchmarks.runtimes.arm import read_report
 from benchmarks.runtimes.c_programs import (
     CLANG,
     GCC,
-    SINGLE_GCC,
     WASM,
     answers_of,
     golden_of,
@@ -138,19 +137,6 @@ def test_a_label_that_differs_is_counted(model: Path, tmp_path: Path) -> None:
     assert bench.row("altered", [given], stream, given)["labels_differ"] > 40
     with pytest.raises(HoldfastError, match="labels differ"):
         golden_of(GCC, tmp_path / "c", tmp_path)
-
-
-def test_single_precision_has_numbers_of_its_own_and_no_broken_ones(
-    model: Path, tmp_path: Path
-) -> None:
-    stream = short_stream(Model(model))
-    export_c(model, tmp_path / "c")
-    double, single = (
-        answers_of(one, tmp_path / "c", stream, tmp_path, passes=1)
-        for one in (GCC, SINGLE_GCC)
-    )
-    assert single.rows.shape[1] < 0.6 * double.rows.shape[1]
-    assert (single.labels == double.labels).mean() > 0.95
 
 
 def test_the_report_of_an_image_is_read_and_one_without_it_is_an_error() -> None:

@@ -115,21 +115,6 @@ def test_what_is_timed_of_boosting_gives_its_scores():
     )
 
 
-def test_the_dearer_a_missed_slip_the_more_is_called():
-    label = np.random.default_rng(1).integers(0, 8, 800)
-    features = (
-        np.random.default_rng(2).normal(0.0, 1.0, (800, 2)).astype(np.float32)
-        + label[:, None] / 4
-    )
-    called = []
-    for weight in (1 / 3, 1.0, 3.0):
-        learner = Forest(ForestPlan(n_estimators=20, max_depth=4), risky_weight=weight)
-        learner.fit(features, label, 0)
-        called.append(int((learner.answer(features)[0] == 3).sum()))
-    assert called == sorted(called)
-    assert called[0] < called[-1]
-
-
 # -- what stands beside a sample
 
 
@@ -146,12 +131,6 @@ def test_the_context_of_a_sample_knows_nothing_of_later_ones(row: int, change: f
     later[row:] += change
     np.testing.assert_array_equal(
         context(standing(samples))[:row], context(standing(later))[:row]
-    )
-
-
-def test_the_context_of_a_steady_grip_is_the_grip():
-    assert context(standing(np.full((200, 18), 2.0))) == pytest.approx(
-        np.full((200, 3), 12.0)
     )
 
 

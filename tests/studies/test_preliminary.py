@@ -15,7 +15,6 @@ from sklearn.naive_bayes import GaussianNB
 
 from holdfast.core.errors import ClassMissing, DataNotFound
 from holdfast.edge_runtime.preparation import Preparation
-from holdfast.training.datasets import load
 from holdfast.training.recording import DataSet, Recording
 from holdfast.training.timeline import Phase, RiskyEvent
 from studies.thesis_preliminary import program
@@ -256,13 +255,6 @@ def test_classes_are_equal_and_so_are_the_kinds_within_one():
         20,
         20,
     ]
-    scarce = np.repeat(np.arange(4), [50, 4, 30, 45])
-    assert np.bincount(scarce[balanced(scarce, BY_NAME["1"], 0)]).tolist() == [
-        4,
-        4,
-        4,
-        12,
-    ]
     with pytest.raises(ClassMissing, match="safe slip"):
         balanced(kind[kind != 2], BY_NAME["1"], 0)
 
@@ -384,21 +376,3 @@ def test_the_simulated_hand_of_twenty_is_studied_as_it_is_written(tmp_path: Path
     assert set(found.kind) == set(range(len(KINDS)))
     assert windows(data, found, -3, 3).shape[1:] == (7, 60)
     assert len(set(found.group)) > 20
-
-
-def test_the_real_set_has_every_kind_of_point_and_people_as_groups(
-    real_set: Callable[[str], Path], monkeypatch
-):
-    forest = {
-        "random forest": lambda seed: MAKE["random forest"](seed).set_params(
-            n_estimators=20
-        )
-    }
-    monkeypatch.setattr(learners, "MAKE", forest)
-    data = load(real_set("human_slip_uskin"), channels=48, groups=5)
-    found = points_of(data)
-    assert set(found.kind) == set(range(len(KINDS)))
-    assert len(set(found.group)) == 5
-    assert windows(data, found, -3, 3).shape[1:] == (7, 48)
-    figures = case_figures(data, found, BY_NAME["1"], seed=0)
-    assert 0.4 < figures.learners["random forest"].balanced_accuracy.mean < 0.95

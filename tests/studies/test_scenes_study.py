@@ -45,7 +45,6 @@ from holdfast.evaluation.window_scores import (
     ClassScores,
     answers_at,
     calls,
-    labels_at,
     leak_check,
     scores,
     spread_of,
@@ -66,13 +65,12 @@ from holdfast.training.plan import (
 )
 from holdfast.training.recording import DataSet, LabelledRows, Recording
 from studies.__main__ import PROGRAMS
-from studies.row_names import CLOCK, LINE, OURS, RAW
+from studies.row_names import OURS, RAW
 from studies.scenes import pictures
 from studies.scenes import program as command
 from studies.scenes.figures import MadeBy, scores_of
 from studies.scenes.report import SceneEvidence, demo_report, write_scene_report
 from studies.scenes.study import (
-    RETRAININGS,
     Candidate,
     RateStudy,
     evaluated_on_others,
@@ -199,15 +197,6 @@ def shear(*summed_n: float) -> FloatArray:
 
 
 # Levels
-
-
-def test_seven_classes_count_nothing_once_and_four_situations_forget_the_weight() -> (
-    None
-):
-    label = np.array([7, 0, 1, 2, 3, 4, 5, 6])
-    assert labels_at(label, "eight").tolist() == label.tolist()
-    assert labels_at(label, "seven").tolist() == [6, 0, 0, 1, 2, 3, 4, 5]
-    assert labels_at(label, "four").tolist() == [3, 0, 0, 1, 1, 2, 2, 3]
 
 
 @pytest.mark.parametrize(
@@ -491,9 +480,6 @@ def test_streams_answer_every_sample_after_settling_and_bear_the_truth(
         assert len(picture.answer) == len(picture.acts) == length
         assert (picture.answer[:25] == UNKNOWN).all()
         assert (picture.answer[25:] != UNKNOWN).all()
-        assert {SLIP_OF[str(picture.recording.action)]} <= {
-            phase.situation for phase in picture.phases
-        }
         assert (picture.phases[0].first, picture.phases[-1].stop) == (0, length)
         assert all(0.0 < at_s < length / 50.0 for at_s in picture.events.values())
 
@@ -512,35 +498,7 @@ def test_a_thesis_in_another_unit_is_refused(folder: Path, tmp_path: Path) -> No
         read_trained(tmp_path / "50hz", 0)
 
 
-def test_every_method_stands_in_every_table_and_only_present_cards_are_evaluated(
-    studied: Studied,
-) -> None:
-    figures = studied.rate.figures
-    assert list(figures.rows) == [OURS, RAW, CLOCK, LINE]
-    assert list(figures.objects) == [OURS, RAW, CLOCK]
-    assert list(figures.others) == ["apple"]
-    apple = figures.others["apple"]
-    assert list(apple.rows) == [OURS, RAW, CLOCK, LINE]
-    assert apple.data["n_trials"] == 12
-    assert len({row.n_windows for row in apple.rows.values()}) == 1
-
-
 # Retrainings
-
-
-def test_every_retraining_gives_one_confusion_matrix_of_all_windows(
-    studied: Studied,
-) -> None:
-    per_class = np.bincount(
-        studied.rate.data.tasks["classes"].label, minlength=8
-    ).tolist()
-    for name in (OURS, RAW):
-        again = studied.rate.figures.retrainings[name]
-        assert len(again.confusion) == len(again.seeds) == RETRAININGS == 5
-        assert again.seeds == [0, 1, 2, 3, 4]
-        for matrix in again.confusion:
-            assert np.sum(matrix, axis=1).tolist() == per_class
-        assert len({json.dumps(matrix) for matrix in again.confusion}) == RETRAININGS
 
 
 def test_the_first_retraining_is_the_one_of_the_table(studied: Studied) -> None:
@@ -579,11 +537,8 @@ def test_the_command_leaves_json_that_says_it_is_simulated_and_with_what_it_was_
     commanded: Commanded,
 ) -> None:
     figures = commanded.figures
-    assert (figures["kind"], figures["seed"], figures["headline_hz"]) == (
-        "simulated",
-        0,
-        "50",
-    )
+    assert figures["kind"] == "simulated"
+    assert figures["headline_hz"] == "50"
     assert figures["caveat"].startswith("Simulated")
     assert figures["leak"] is False
     assert figures["rates"]["50"]["window_samples"] == 6

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import re
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -13,7 +11,7 @@ from studies.shared_control.picture import curve, picture
 from studies.shared_control.plan import LAGS_MS, OURS, SETTINGS, rows, sets
 from studies.shared_control.program import PAGE, _chosen
 from studies.shared_control.targets import TARGETS, target_rows
-from tools.doc_tables import fill, tables_of
+from tools.doc_tables import tables_of
 
 
 def row(part: str, name: str, controller: str, **figures: Any) -> dict[str, Any]:
@@ -41,23 +39,6 @@ def test_the_noise_of_the_chips_is_that_of_the_card_twice_and_four_times() -> No
     chips = [scene_of(one.one)[0].file.effects["hall_noise"] for one in noisy]
     assert [chip.get("averages", 32.0) for chip in chips] == [32.0, 8.0, 2.0]
     assert chips[0] == as_it_is
-
-
-def test_a_study_of_one_part_leaves_the_other_tables_alone(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    copy = tmp_path / "page.md"
-    copy.write_text(Path(PAGE).read_text("utf-8"), encoding="utf-8")
-    counts = dict.fromkeys(("drops", "preventable", "handovers"), 7)
-    figures = counts | dict.fromkeys(
-        ("disturbed_share", "disturbed_share_ci", "tightenings_per_min")
-    )
-    figures_of_noise = {"rows": [row("noise", "p1", OURS, noise=4.0, **figures)]}
-    fill(copy, tables_of(PAGE, {"loop": figures_of_noise}))
-    written = copy.read_text("utf-8")
-    assert "| p1 | 4 | 7 |" in written
-    between = re.compile("<!-- noise:.*<!-- /noise -->", re.DOTALL)
-    assert between.sub("", written) == between.sub("", Path(PAGE).read_text("utf-8"))
 
 
 def test_a_point_of_a_curve_counts_the_sets_together() -> None:

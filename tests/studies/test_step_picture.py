@@ -8,7 +8,7 @@ from pathlib import Path
 import onnx
 import pytest
 
-from studies.doc_pictures.step import EDGE_X, PLACES, edges, picture, stages
+from studies.doc_pictures.step import EDGE_X, edges, picture, stages
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -20,19 +20,6 @@ def graph() -> onnx.GraphProto:
 
 def test_the_page_shows_the_shipped_model_as_it_is(graph: onnx.GraphProto) -> None:
     assert picture(graph) == (ROOT / "docs/step.svg").read_text("utf-8")
-
-
-def test_every_node_is_in_one_stage_and_every_drawn_stage_has_nodes(
-    graph: onnx.GraphProto,
-) -> None:
-    found = stages(graph)
-    placed = [id(node) for nodes in found.values() for node in nodes]
-    assert sorted(placed) == sorted(id(node) for node in graph.node)
-    assert all(found[name] for name in PLACES)
-    assert [node.op_type for node in found["trees"]] == ["TreeEnsembleRegressor"]
-    assert {"settled", "unknown"} <= {
-        out for node in found["guard"] for out in node.output
-    }
 
 
 def test_an_arrow_is_drawn_for_each_edge_and_for_no_other_pair(
