@@ -49,8 +49,10 @@ def adapt_file(
     correction = fitted.adaptation.correction
     rows = fitted.rows()
     made = adapted(base, fitted.adaptation)
+    # Before it is written: a file that fails is never on the disk.
     verified = verify_adapted(base, made, model.card, correction, rows)
     _write(out, made)
+
     return fitted, verified
 
 
@@ -70,6 +72,7 @@ def _slips(slips: str | None, model: Model, begin: Stages) -> DataSet:
 
 def _write(path: Path, data: bytes) -> None:
     """The file, and its card next to it."""
+    # Read as the runtime does, so that the card shows what the file says.
     card, _, _ = read_model(data, path)
     write_whole(path, data)
     write_whole(path.with_suffix(CARD_SUFFIX), readable_card(card.raw, path.name, data))

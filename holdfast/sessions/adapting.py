@@ -48,11 +48,15 @@ from holdfast.training.progress import Part, Say, ignored
 from holdfast.training.recording import DataSet
 
 LEAST_HAND_OVERS = 8
+"""As many as the adaptation protocol asks for."""
 LEAST_HOLDING_S = 40.0
+"""Of a grip without a slip, in which nothing may be called."""
 LEAST_SLIPS = 40
+"""Of so many, a single missed slip already falls below LEAST_RECALL."""
 LEAST_RECALL = 0.99
 """Of the others' slips, with the trial held out; or the base's own recall where that is less."""
 FOLDS = 4
+"""Parts of all trials; each is answered by a correction fitted without it."""
 NATS = (-1.0, -0.5, 0.0, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0)
 """How far the logit of a correction is moved."""
 PERMILLE = (400, 500, 600, 700)
@@ -141,6 +145,7 @@ def adapt(
         "held_out": asdict(point.reached),
     }
     adaptation = Adaptation(correction, point.rules, about)
+
     return Fitted(adaptation, point, [*of_person, *of_others])
 
 
@@ -157,6 +162,7 @@ def choose(
     """The operating point. votes_in_all: of the model; None for decision parameters alone."""
     trials = _Trials(person, others, base, weights)
     as_it_is: list[Correction | None] = [None] * FOLDS
+
     points: list[OperatingPoint] = []
     if votes_in_all is None:
         points += trials.points(as_it_is, None, FINER)
@@ -164,17 +170,21 @@ def choose(
         fits = []
         for fold in range(FOLDS):
             seen = _without(person, fold)
+            # A trial of the others must not judge a correction that has seen it either.
             seen_others = _without(others, fold)
             fits.append(fit_correction(seen, seen_others, votes_in_all))
         for nats in NATS:
-            points += trials.points([moved(fit, nats) for fit in fits], nats, PERMILLE)
+            corrections = [moved(fit, nats) for fit in fits]
+            points += trials.points(corrections, nats, PERMILLE)
 
+    # The base itself, with its own threshold and duration, sets the recall to keep.
     (before,) = trials.points(as_it_is, None, (base.min_risky_permille,), (0,))
     least = min(LEAST_RECALL, before.reached.recall)
     enough = [point for point in points if point.reached.recall >= least]
     # No point may keep the recall where the person's hand-overs look like slips.
     if not enough:
         return max(points, key=lambda point: point.reached.recall)
+
     return min(enough, key=_cost)
 
 
@@ -217,12 +227,17 @@ class _Trials:
     ) -> Iterator[OperatingPoint]:
         """All thresholds and durations; corrections: for the trials of each fold."""
         answers = self._answers(self.person, corrections)
+        # The person's trials come first, so that their samples can be counted alone.
         of_person = len(answers)
         answers += self._answers(
             self.others, corrections, only=lambda stream: bool(stream.recording.events)
         )
+
         for more in longer:
+            # A threshold that is lower may need a run that is longer.
             rules = replace(self.base, act_samples=self.base.act_samples + more)
+            # All thresholds of one duration in one pass: the decision is stepped once for all of
+            # them.
             requests = act_requests(answers, rules, permille)
             for k, least in enumerate(permille):
                 samples = _called_samples(answers[:of_person], rules, least)
@@ -254,6 +269,7 @@ def _called_samples(
     total = 0
     for one in answers:
         risky = (one.situation == RISKY_SLIP) & (one.risky_permille >= permille)
+        # A run shorter than an act needs calls nothing, and does not count.
         lasting = np.convolve(risky, needed, "valid") >= len(needed)
         # The second convolution gives back all samples of every run that lasts.
         total += int((np.convolve(lasting, needed) > 0).sum())
@@ -276,6 +292,7 @@ def _reached(
             acted += outcome.alarm_s is not None
             if outcome.alarm_s is not None and outcome.lead_s is not None:
                 before += outcome.lead_s > 0.0
+        # In a trial with a slip an act request may be right, so its hand-overs do not count.
         if not one.recording.events:
             for action in voluntary_actions(one.recording):
                 hand_overs += 1
@@ -325,6 +342,7 @@ def require_slips(others: DataSet) -> None:
 def of_person(data: DataSet, person: str) -> DataSet:
     """The recordings of a person; all of them where the set names no person. Raises UsageError."""
     people = sorted({one.person for one in data.recordings if one.person is not None})
+    # A folder without people is taken as one person's recordings.
     if not people:
         return data
     if person not in people:
@@ -332,9 +350,11 @@ def of_person(data: DataSet, person: str) -> DataSet:
             f"--person {person}: no recording in {data.name} is of this person",
             next_step=f"choose from {', '.join(people)}",
         )
+
     kept = [k for k, one in enumerate(data.recordings) if one.person == person]
+    recordings = [data.recordings[k] for k in kept]
     tasks = {name: rows.of_trials(kept) for name, rows in data.tasks.items()}
-    return replace(data, recordings=[data.recordings[k] for k in kept], tasks=tasks)
+    return replace(data, recordings=recordings, tasks=tasks)
 
 
 @contextmanager
@@ -344,8 +364,11 @@ def base_model(path: Path) -> Iterator[tuple[Model, bytes]]:
     if not is_adapted(data):
         yield Model(path), data
         return
+
+    # Corrections do not stack: a second adaptation starts from the base again.
     base = undone(data, path)
     with tempfile.TemporaryDirectory() as folder:
+        # The runtime opens files by their path, so the base needs one for a moment.
         file = Path(folder) / path.name
         file.write_bytes(base)
         yield Model(file), base
@@ -361,8 +384,14 @@ def simulated_slips(
             f"{card.n_channels // 3} in {card.unit}",
             next_step="--slips FOLDER, with recordings of pulls and falls by any person",
         )
+
     scene = scene_of(read_scene_file(SCENE, rate_hz=card.rate_hz), SEED)
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder) / SCENE
-        write_set(scene, out, trials, lambda n: part(min(1.0, n / trials)))
+
+        def report(n: int) -> None:
+            part(min(1.0, n / trials))
+
+        write_set(scene, out, trials, report)
+        # Read within the block: the folder is gone after it.
         return load(out, windows="none")

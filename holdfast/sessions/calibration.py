@@ -31,7 +31,9 @@ from holdfast.drivers.calibration import (
 )
 
 MIN_FIT_ROWS = 10
+"""The matrix of one sensor has nine unknowns: fewer rows would fit anything."""
 N_TREES = 200
+"""Of the trees that the matrix is compared with."""
 PUBLISHED_N = {"normal": 0.27, "shear": 0.12}
 """RMSE of eFlesh's network; its test rows are the last fifth of the probing it was trained on."""
 
@@ -63,10 +65,12 @@ def fit(
     ChannelError, NotANumber, EmptyRecording, TooFewGroups, or DataError where the loads do not move
     the field in as many directions as they have.
     """
+    # One sensor is a hand with a single one.
     field = field_ut[:, None, :] if field_ut.ndim == 2 else field_ut
     force = force_n
     if force_n.ndim == 1:
         force = np.full((len(force_n), 3), np.nan)
+        # A probe that presses straight down says nothing about shear.
         force[:, NORMAL_AXIS] = force_n
     _require_rows(field, force, blocks)
     n_sensors = field.shape[1]
@@ -76,12 +80,14 @@ def fit(
     rest = 0.0 if rest_ut is None else rest_ut
     moved = turn(reversed_) * (field - rest)
     matrix = _solve(moved, force)
+
     held_out = []
     for block in _at_least_two(blocks):
         out = blocks == block
         others = _solve(moved[~out], force[~out])
         held_out.append(_rmse(moved[out], force[out], others))
 
+    # Several sensors under one load share one residual: no load is known for each of them.
     residual = np.tile(_rmse(moved, force, matrix), (n_sensors, 1))
     meta = CalibrationOrigin(source, date, load_unit, len(field), residual)
     return Fit(Calibration(matrix, rest_ut, reversed_, meta), np.array(held_out))
@@ -102,8 +108,10 @@ def _require_rows(
         raise EmptyRecording(
             f"{rows} rows to fit", next_step=f"press for at least {MIN_FIT_ROWS} rows"
         )
+
     loaded = _loaded_axes(force)
-    is_finite = np.isfinite(field).all() and np.isfinite(force[:, loaded]).all()
+    measured = force[:, loaded]
+    is_finite = np.isfinite(field).all() and np.isfinite(measured).all()
     if not loaded.any() or not is_finite:
         raise NotANumber(
             "fields or forces are not finite",
@@ -114,6 +122,7 @@ def _require_rows(
 
 def _at_least_two(blocks: npt.NDArray[Any]) -> npt.NDArray[Any]:
     """The names of the blocks. Raises TooFewGroups."""
+    # Without a second press there is nothing that the fit has not seen.
     names = np.unique(blocks)
     if len(names) < 2:
         raise TooFewGroups(
@@ -135,17 +144,21 @@ def _solve(moved: FloatArray, force: FloatArray) -> FloatArray:
     n_sensors = moved.shape[1]
     loaded = _loaded_axes(force)
     flat = moved.reshape(len(moved), -1)
-    solution, _, rank, _ = np.linalg.lstsq(flat, force[:, loaded], rcond=None)
+    # One matrix for all sensors at once: only their sum was measured.
+    measured = force[:, loaded]
+    solution, _, rank, _ = np.linalg.lstsq(flat, measured, rcond=None)
     if rank < loaded.sum():
         raise DataError(
             f"loads along {loaded.sum()} axes move the field in {rank} directions only",
             cause="a lost magnet, or a probe that was pressed in one direction only",
             next_step="check the fields, then press and shear to every side",
         )
+
     matrix = np.zeros((n_sensors, 3, 3))
     # lstsq gives [S * 3 fields, forces]; a sensor's matrix is [forces, 3 fields].
     by_sensor = solution.T.reshape(-1, n_sensors, 3)
     matrix[:, loaded, :] = by_sensor.transpose(1, 0, 2)
+
     return matrix
 
 
@@ -217,9 +230,13 @@ class ModelErrors:
         """For normal and shear, where every probing was loaded on that axis."""
         errors = {}
         for axis, rmse_of in (("normal", rmse_normal), ("shear", rmse_shear)):
+            # Shear has two axes, so its error is that of a vector.
             each = [rmse_of(row) for row in self.held_out_n]
+            # An axis that one probing did not load has no error over all of them.
             if np.isfinite(each).all():
-                errors[axis] = AxisError(float(np.sqrt(np.mean(np.square(each)))), each)
+                rmse_n = float(np.sqrt(np.mean(np.square(each))))
+                errors[axis] = AxisError(rmse_n, each)
+
         return errors
 
 
@@ -248,6 +265,7 @@ def calibrate(
     calibration = replace(fitted.calibration, rest_ut=loads.rest_ut)
     begin(f"{loads.name}: extra trees on {len(loads.probings)} splits, to compare with")
     trees = ModelErrors("extra trees", _trees_rmse_n(loads, seed))
+
     return calibration, [ModelErrors("one matrix", fitted.held_out_n), trees]
 
 
@@ -262,12 +280,16 @@ def _trees_rmse_n(loads: LoadSet, seed: int) -> FloatArray:
     axes = np.flatnonzero(np.isfinite(force).all(axis=0))
     force = force[:, axes]
     rmse = np.full((len(loads.probings), 3), np.nan)
+
     for block in range(len(loads.probings)):
         out = blocks == block
+        # Trees can bend as a network does; what they gain over a matrix is the pad's non-
+        # linearity.
         model = ExtraTreesRegressor(N_TREES, min_samples_leaf=3, random_state=seed)
         # One axis is a vector to scikit-learn, several are a matrix.
         model.fit(field[~out], force[~out].squeeze())
-        error = model.predict(field[out]).reshape(-1, len(axes)) - force[out]
+        predicted = model.predict(field[out]).reshape(-1, len(axes))
+        error = predicted - force[out]
         rmse[block, axes] = np.sqrt(np.mean(error**2, axis=0))
 
     return rmse
@@ -279,10 +301,13 @@ def in_words(loads: LoadSet, models: Sequence[ModelErrors]) -> list[str]:
     probings = f"{len(loads.probings)} probings"
     lines = [f"{loads.name}: {probings}, {rows} rows, {n_sensors} sensors"]
     lines += [f"  {line}" for line in loads.evidence]
+
     for model in models:
         for axis, error in model.by_axis().items():
             each = ", ".join(f"{value:.2f}" for value in error.each_probing_n)
             rmse = f"RMSE {error.rmse_n:.2f} N on probings left out ({each})"
+            # The comparison is not fair to the matrix, so the sentence says how theirs was
+            # measured.
             published = f"eFlesh publishes {PUBLISHED_N[axis]} N"
             lines.append(
                 f"  {model.name}, {axis}: {rmse}; {published}, on later rows of the same probing"

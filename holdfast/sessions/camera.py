@@ -43,13 +43,18 @@ EXPOSURE_MS = 2.0
 """Of an OAK camera, where nothing else is given."""
 SCENE = "scene"
 LONGEST_S = 36_000.0
+"""Ten hours; a scene is not filmed beyond it."""
 LONGEST_START_S = 40.0
+"""An OAK loads its program over USB before its first frame."""
 LONGEST_END_S = 120.0
+"""A scene draws what is left of its frames; then the process is killed."""
 FIRST_FRAME_POLL_S = 0.02
 POLL_NS = 10_000_000
+"""Between looks at the end while a frame is not due."""
 NICE = 5
 """The hand has precedence: it loses samples that are read late; the camera's queues can wait."""
 LOG = "camera.log"
+"""In the trial's folder: what the process printed."""
 
 
 @dataclass(frozen=True)
@@ -138,6 +143,7 @@ class CameraProcess:
         self._reported = False
         options = json.dumps({**self.options, "out": str(folder)})
         command = [sys.executable, "-m", "holdfast.sessions.camera", options]
+
         with (folder / LOG).open("wb") as log:
             # A group of its own: Ctrl-C is for the recorder, which then ends the camera.
             self._process = subprocess.Popen(
@@ -169,11 +175,14 @@ class CameraProcess:
         """End it; returns {"void": reason or None, "frames", "lost", "doubt": reason or None}."""
         if self._process is None:
             return {"void": "was not started"}
+
         if self._process.stdin is not None:
+            # Its end is the sign to stop, and it also comes if the recorder is killed.
             self._process.stdin.close()
         try:
             self._process.wait(LONGEST_END_S)
         except subprocess.TimeoutExpired:
+            # The recorder must go on; what was filmed is then void.
             self._process.kill()
             self._process.wait()
 
@@ -184,10 +193,13 @@ class CameraProcess:
         except DataError as error:
             return {"void": self._last_error() or str(error)}
 
+        # The process knows best why its film is void; its log knows if it died.
         void = about.get("void") or None
         if failed and not void:
             void = self._last_error() or "its process failed"
+        # Checked while the operator can still film again.
         wrong = None if void else doubt(self._folder)
+
         return {
             "void": void,
             "frames": about.get("frames"),
@@ -198,6 +210,7 @@ class CameraProcess:
     def _films(self) -> bool:
         """Whether a frame has been read."""
         try:
+            # The first line is the header.
             return (self._folder / TAGS).read_bytes().count(b"\n") > 1
         except OSError:
             return False
@@ -221,6 +234,7 @@ def film(options: Json) -> None:
 
     os.nice(NICE)
     out = Path(options["out"])
+
     if options["camera"] == OAK:
         lens = Lens(
             options["fps"],
@@ -266,6 +280,7 @@ def _filmed_scene(url: str) -> Any:
             next_step="virtual://ft232h?scene=SCENE, "
             "with [camera] and [effects.camera_frames] in the scene",
         )
+
     return scene_and_trial
 
 
@@ -277,13 +292,17 @@ def _live(
     must_end: Callable[[], bool],
 ) -> Iterator[Frame]:
     """Frames from now on, none before its time, until it must end; the last is of that moment."""
-    first = max(1, int((clock.now_ns() - began_ns) * 1e-9 * fps))
+    # Drawing starts with the next frame: those before it were never asked for.
+    spent_ns = clock.now_ns() - began_ns
+    first = max(1, int(spent_ns * 1e-9 * fps))
     until_ns = began_ns + round(1e9 * LONGEST_S)
+
     for k in range(first, first + round(LONGEST_S * fps)):
         end_s = k / fps
         end_ns = began_ns + round(1e9 * end_s)
         while (now_ns := clock.now_ns()) < end_ns and not must_end():
             clock.spend(min(POLL_NS, end_ns - now_ns))
+        # The last frame is of the moment of the end, however late it is drawn.
         if must_end():
             until_ns = min(until_ns, now_ns)
         if end_ns > until_ns:

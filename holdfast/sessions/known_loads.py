@@ -45,6 +45,7 @@ from holdfast.core.trial_layout import NORMAL_FLOOR
 from holdfast.sessions.calibration import PUBLISHED_N, LoadSet, Probing, fit
 
 UNITS_N = {"newton": 1.0, "gram-force": 9.80665e-3, "millinewton": 1e-3}
+"""Newtons in one unit, of the units that a load column without a name may be in."""
 LARGEST_PLAUSIBLE_N = 200.0
 """More than an arm can push into a palm-sized printed pad."""
 LEAST_RATIO = 0.05
@@ -53,12 +54,16 @@ MOST_RATIO = 1.0
 MOST = 1e12
 """No field, force or time is larger."""
 FORCES = ("Fx", "Fy", "Fz")
+"""Columns of a CSV file with the load, N."""
 CHANNEL = re.compile(r"[XYZ]([1-9][0-9]{0,2})")
+"""A column of field: an axis and the number of the sensor from 1."""
 UNLOADED_N = 0.3
 LOADED_N = 1.0
+"""A press begins beyond LOADED_N and is over below UNLOADED_N: noise between them ends none."""
 MIN_UNLOADED = 5
 """Rows below UNLOADED_N that end a probing once LOADED_N was passed."""
 NO_LOAD = -1.0
+"""What eflesh_calibration writes where its load cell gave no reading."""
 KINDS = {"normal_force": NORMAL_AXIS, "shear_force": 0}
 """Folder -> axis of its load. The direction of shear is unknown; it is called x here."""
 
@@ -67,6 +72,7 @@ def read_load_sets(path: Path) -> list[LoadSet]:
     """One set of a CSV file, or a normal and a shear one of a folder. Raises a DataError."""
     if not path.is_dir():
         return [_csv_set(path)]
+
     sets = []
     for kind, axis in KINDS.items():
         if (path / kind).is_dir():
@@ -78,6 +84,7 @@ def read_load_sets(path: Path) -> list[LoadSet]:
             where=path,
             next_step="give a folder like eflesh_calibration, or a CSV file",
         )
+
     return sets
 
 
@@ -107,12 +114,17 @@ def _numbers(path: Path, *, header: bool) -> tuple[list[str], FloatArray]:
 
 
 def _csv_set(path: Path) -> LoadSet:
+    # Fields are absolute here: the rest is taken off below, for each probing.
     field, force = _read_csv(path)
-    whole = np.isfinite(field).all(axis=(1, 2)) & np.isfinite(force).all(axis=1)
+    # A lost value would spoil the fit of all axes, so its whole row is left out.
+    has_field = np.isfinite(field).all(axis=(1, 2))
+    has_force = np.isfinite(force).all(axis=1)
+    whole = has_field & has_force
     n_lost = int((~whole).sum())
     field = field[whole]
     force = force[whole]
     starts = probing_starts(np.linalg.norm(force, axis=1))
+    # One probing is left out in turn, so there must be two.
     if len(starts) < 2:
         raise TooFewGroups(
             f"{len(starts)} probings",
@@ -128,15 +140,21 @@ def _csv_set(path: Path) -> LoadSet:
         load = force[first:stop]
         loaded = np.flatnonzero(np.linalg.norm(load, axis=1) >= UNLOADED_N)
         # Each probing has its own rest, so that a drift between them is no load.
-        rests.append(np.median(field[first : first + loaded[0]], axis=0))
-        moved = field[first:stop] - rests[-1]
+        at_rest = field[first : first + loaded[0]]
+        rest = np.median(at_rest, axis=0)
+        rests.append(rest)
+        moved = field[first:stop] - rest
         probings.append(Probing(f"probing {len(rests)}", moved, load))
 
+    # The rest of the hardware is that of most probings, whatever one drifted to.
     rest_ut = np.median(rests, axis=0)
+    # A magnet that lies the right way up shows a resting field along the normal axis above zero.
     reversed_ = rest_ut[:, NORMAL_AXIS] < -NORMAL_FLOOR["uT"]
-    names = ", ".join(str(k + 1) for k in np.flatnonzero(reversed_)) or "none"
+    turned = [str(k + 1) for k in np.flatnonzero(reversed_)]
+    names = ", ".join(turned) or "none"
     rows = f"{n_lost} rows with a lost value left out"
     evidence = [f"{rows}; sensors with a reversed magnet: {names}"]
+
     return LoadSet(path.stem, probings, "N", 1.0, rest_ut, reversed_, evidence)
 
 
@@ -148,11 +166,16 @@ def probing_starts(load_n: FloatArray) -> list[int]:
     """
     # A short dip below the limit within a press is no pause.
     unloaded: BoolArray = load_n < UNLOADED_N
+    # With a loaded row before and after all others, every run has two edges.
     padded = np.concatenate([[False], unloaded, [False]])
     # Each run of unloaded rows begins at one edge and ends before the next.
-    edges = np.flatnonzero(np.diff(padded.astype(np.int8))).reshape(-1, 2)
-    pauses = edges[edges[:, 1] - edges[:, 0] >= MIN_UNLOADED].tolist()
+    changes = np.diff(padded.astype(np.int8))
+    edges = np.flatnonzero(changes).reshape(-1, 2)
+    lengths = edges[:, 1] - edges[:, 0]
+    pauses = edges[lengths >= MIN_UNLOADED].tolist()
+    # A press lasts until the next pause, the last one until the end.
     ends = [first for first, _ in pauses[1:]] + [len(load_n)]
+
     starts = []
     for (first, stop), end in zip(pauses, ends[: len(pauses)], strict=True):
         if (load_n[stop:end] > LOADED_N).any():
@@ -173,20 +196,25 @@ def _read_csv(path: Path) -> tuple[FloatArray, FloatArray]:
             where=path,
             next_step="write a name for each",
         )
-    if (np.abs(table[np.isfinite(table)]) > MOST).any():
+    numbers = table[np.isfinite(table)]
+    if (np.abs(numbers) > MOST).any():
         raise NotANumber(
             f"a number beyond {MOST:g}",
             where=path,
             next_step="write fields in uT and forces in N",
         )
+
+    # Columns may stand in any order: they are taken by their names.
     fields = [header.index(name) for name in channel_names(n_sensors)]
     forces = [header.index(name) for name in FORCES]
-    return table[:, fields].reshape(len(table), -1, 3), table[:, forces]
+    by_sensor = table[:, fields].reshape(len(table), -1, 3)
+    return by_sensor, table[:, forces]
 
 
 def _require_columns(header: list[str], path: Path) -> int:
     """Number of sensors, by the highest number in a column's name. Raises ColumnError."""
     matches = [CHANNEL.fullmatch(name) for name in header]
+    # The highest number counts, so that a sensor in between that is missing is named below.
     n_sensors = max((int(match[1]) for match in matches if match), default=1)
     wanted = ("Time", *channel_names(n_sensors), *FORCES)
     wrong = {
@@ -194,13 +222,18 @@ def _require_columns(header: list[str], path: Path) -> int:
         "unknown": [name for name in header if name not in wanted],
         "repeated": [name for name in wanted if header.count(name) > 1],
     }
-    parts = [f"{how} columns: {listed(names)}" for how, names in wrong.items() if names]
+    parts = []
+    for how, names in wrong.items():
+        if names:
+            parts.append(f"{how} columns: {listed(names)}")
+
     if parts:
         raise ColumnError(
             ", ".join(parts),
             where=path,
             next_step="name the columns Time,X1,Y1,Z1,..,Fx,Fy,Fz and remove the others",
         )
+
     return n_sensors
 
 
@@ -216,6 +249,7 @@ def _probed_set(folder: Path, axis: int) -> LoadSet:
             where=folder,
             next_step="one is left out: give at least two",
         )
+
     probings = []
     depths_mm = []
     n_missing = 0
@@ -225,18 +259,21 @@ def _probed_set(folder: Path, axis: int) -> LoadSet:
         depths_mm.append(depth_mm)
         n_missing += missing
 
+    # One matrix is fitted to all probings, so they must come from the same hardware.
     if len({probing.field_ut.shape[1] for probing in probings}) > 1:
         raise ChannelError(
             "probings of different numbers of sensors",
             where=folder,
             next_step="split the folder",
         )
+
     unit, evidence = load_unit(probings, axis, np.concatenate(depths_mm))
     evidence.insert(
         0,
         f"-1 means no reading in {n_missing} rows, left out; no other reading is below zero",
     )
     newtons = UNITS_N[unit]
+
     return LoadSet(folder.name, probings, unit, newtons, None, None, evidence)
 
 
@@ -246,6 +283,7 @@ def _read_probing(folder: Path, axis: int) -> tuple[Probing, FloatArray, int]:
     The files hold the field less its rest, measured before every press.
     """
     tables = []
+    # The first file holds fields less the rest, the second the arm's position and the load.
     for name in ("sensor_post_baselines.csv", "states.csv"):
         _, table = _numbers(folder / name, header=False)
         if not table.size or not np.isfinite(table).all():
@@ -272,12 +310,16 @@ def _read_probing(folder: Path, axis: int) -> tuple[Probing, FloatArray, int]:
             where=folder,
             next_step="correct states.csv",
         )
+
+    # The load cell measures one axis; the others are unknown, not zero.
     loads = np.full((int(read.sum()), 3), np.nan)
     loads[:, axis] = load[read]
     moved = field[read, 1:].reshape(len(loads), -1, 3)
     # The arm's height falls as the probe goes down.
     depth_mm = height_mm.max() - height_mm[read]
-    return Probing(folder.name, moved, loads), depth_mm, int((~read).sum())
+
+    n_missing = int((~read).sum())
+    return Probing(folder.name, moved, loads), depth_mm, n_missing
 
 
 def load_unit(
@@ -290,17 +332,24 @@ def load_unit(
     load = np.concatenate([probing.load for probing in probings])
     field_ut = np.concatenate([probing.field_ut for probing in probings])
     rows = [len(probing.load) for probing in probings]
-    linear = fit(field_ut, load, np.repeat(np.arange(len(rows)), rows))
-    linear_rmse = float(np.sqrt(np.mean(linear.held_out_n[:, axis] ** 2)))
+    # The error of a linear map stands in the unknown unit; the published one is in newtons.
+    blocks = np.repeat(np.arange(len(rows)), rows)
+    linear = fit(field_ut, load, blocks)
+    squares = linear.held_out_n[:, axis] ** 2
+    linear_rmse = float(np.sqrt(np.mean(squares)))
     published = PUBLISHED_N["normal" if axis == NORMAL_AXIS else "shear"]
     readings = load[:, axis]
-    largest = load[:, axis].max()
+    largest = readings.max()
     # The first half of a press is soft: the probe finds the pad.
     deep = depth_mm > 0.5 * depth_mm.max()
-    per_mm = float(np.polyfit(depth_mm[deep], readings[deep], 1)[0])
-    step = float(np.round(np.diff(np.unique(readings)).min(), 6))
+    slope, _ = np.polyfit(depth_mm[deep], readings[deep], 1)
+    per_mm = float(slope)
+    # The smallest step of the readings shows the resolution of the load cell, as evidence only.
+    steps = np.diff(np.unique(readings))
+    step = float(np.round(steps.min(), 6))
     reach = f"up to {largest:.0f} at {depth_mm.max():.0f} mm"
     lines = [f"load column: steps of {step:g}, {reach}"]
+
     possible = []
     for unit, newton in UNITS_N.items():
         ratio = published / (linear_rmse * newton)
@@ -308,10 +357,11 @@ def load_unit(
         fits = is_plausible and LEAST_RATIO <= ratio <= MOST_RATIO
         if fits:
             possible.append(unit)
+        verdict = "possible" if fits else "out"
         lines.append(
             f"as {unit}: largest {largest * newton:.4g} N, stiffness {per_mm * newton:.3g} "
             f"N/mm; the published {published} N would be {ratio:.2g} of a linear map's error: "
-            + ("possible" if fits else "out")
+            f"{verdict}"
         )
 
     if len(possible) != 1:
@@ -320,7 +370,9 @@ def load_unit(
             cause="; ".join(lines),
             next_step="ask the authors of the recording",
         )
+
     taken = f"taken as {possible[0]}"
+    # Centinewtons are so close that no reading can tell them from gram-force.
     if possible == ["gram-force"]:
         taken += "; the data cannot exclude centinewton (2 % more)"
     return possible[0], [*lines, taken]

@@ -39,8 +39,11 @@ if TYPE_CHECKING:
 
 
 OBJECT_TAG = 0
+"""Number of the tag on the object."""
 HAND_TAG = 1
+"""Number of the tag on the hand, against which the object's motion is measured."""
 RISKY = (*RISKY_ACTIONS, "hold")
+"""In a hold the object must not move at all, so any slip is risky."""
 ACTIONS = (*RISKY, *VOLUNTARY_ACTIONS)
 PROVENANCE = "camera"
 
@@ -66,14 +69,17 @@ def read_motion(
     """
     if path.is_dir():
         return watched(path, path, tag_mm, apart_mm)
+
     from holdfast.drivers.camera.graph import watch
     from holdfast.drivers.camera.sources import read_frames
     from holdfast.live.running import say
 
+    # Either of the two files names the trial.
     is_frames = path.name.endswith(FRAMES_SUFFIX)
     frames = path if is_frames else path.with_suffix(FRAMES_SUFFIX)
     if not frames.exists():
         raise _no_frames(path, frames)
+
     with tempfile.TemporaryDirectory() as folder:
         watch(read_frames(frames), Path(folder), say=say)
         trial = frames.with_name(frames.name.removesuffix(FRAMES_SUFFIX) + ".csv")
@@ -88,6 +94,7 @@ def _no_frames(path: Path, frames: Path) -> DataNotFound:
             where=path,
             next_step="film a trial with holdfast watch or holdfast record --camera",
         )
+
     return DataNotFound(
         "no such trial",
         where=path,
@@ -124,7 +131,9 @@ def watched(
         )
 
     tracks = read_tracks(folder)
+    # A file that was cut would give a slip that ends too early.
     require_whole(len(tracks.t_s), about.get("frames"), folder / TAGS)
+
     try:
         moved = motion(
             tracks.t_s,
@@ -156,6 +165,7 @@ def _starts_s(folder: Path, moved: Motion) -> float:
     try:
         require_lines(folder / TACTILE)
         with (folder / TACTILE).open(newline="", encoding="utf-8-sig") as lines:
+            # The samples have the time of the same clock in host_ns.
             starts_s = 1e-9 * int(next(csv.DictReader(lines))["host_ns"])
     except FileNotFoundError:
         return float(moved.t_s[0])
@@ -216,6 +226,7 @@ def write_label(
     if isinstance(found, Slip):
         phases.append(_phase(found, _label(action, trial.path), trial.starts_s))
     elif found is not None:
+        # The object moved while a tag was hidden: no time of its start can be given.
         hidden = {
             "from_s": round(found.from_s - trial.starts_s, 6),
             "to_s": round(found.to_s - trial.starts_s, 6),
@@ -237,6 +248,7 @@ def write_label(
         # trial_<n>.truth.json does not change: it is the truth of a simulated trial.
         text = json.dumps({"phases": phases, **basis}, indent=1) + "\n"
         where = write_whole(trial.path.with_suffix(ONSET_SUFFIX), text)
+
     if phases:
         words = _sentence(phases[0])
     elif hidden:
@@ -289,10 +301,12 @@ def _write_events(folder: Path, phases: list[Json]) -> Path:
     events = [one for one in read_events(path) if one.get("provenance") != PROVENANCE]
     lines = [f"{json.dumps(event)}\n" for event in (*events, *phases)]
     write_whole(path, "".join(lines))
+    # The phases are derived from events.jsonl; now they rest on the camera too.
     if (folder / TRUTH).exists():
         from holdfast.sessions.recorder.labels import relabel
 
         relabel(folder)
+
     return path
 
 

@@ -30,9 +30,11 @@ def read_set_trial(name: str, channels: int | None) -> Replay:
             where=folder,
             next_step=f"give 0..{len(names) - 1} or {names[0]!r}",
         )
+
     recording = data.recordings[index]
     t_s = np.arange(len(recording.samples)) / recording.rate_hz
     t_ns = np.round(t_s * 1e9).astype(np.int64)
+
     return Replay(
         t_ns, recording.samples, recording.valid, recording.rate_hz, recording.unit
     )

@@ -46,12 +46,17 @@ from holdfast.training.progress import Part, ignored
 from holdfast.training.recording import DataSet, Recording
 
 LEAST_PERMILLE = 250
+"""Of the votes for risky slip. With four situations, the label needs at least a quarter."""
 AT_ONCE = 32
 """Recordings whose features are in memory together."""
 NO_EVENT = -1
+"""In place of a slip's number, at samples that belong to none."""
 OUTPUTS = ("situation", "votes", "unknown", "features")
+"""Of the graph, at every sample."""
 TOP = 3
+"""Samples of each slip that stand for it. With one, a single outlier would be the slip."""
 ROUNDS = 4
+"""Fits, each on the samples that the one before ranked best."""
 OF_PERSON = 0.9
 """Share of the weight of all samples that are no slip, for those of the person."""
 SCALE = 2000.0
@@ -61,9 +66,11 @@ INVERSE_PENALTY = 0.03
 MOST_STEPS = 100
 """Of a fit: held-out trials judge the rule, so its last digits do not matter."""
 LEAST_KNEE = 1e-6
+"""Keeps the division finite for an input that is always zero."""
 MOST_NATS = 10.0
 """How far `moved` may move a logit, and still add exactly."""
 LabelWeights = tuple[float, ...] | None
+"""Of each situation's votes for the label; None where all count the same."""
 
 
 @dataclass(frozen=True)
@@ -101,7 +108,9 @@ def streams_of(model: Model, data: DataSet, part: Part = ignored) -> list[Stream
     require_model_fits(model, data)
     streams: list[Stream] = []
     recordings = data.recordings
+
     for first in range(0, len(recordings), AT_ONCE):
+        # Features of a whole set do not fit into the memory of a small computer.
         batch = recordings[first : first + AT_ONCE]
         computed = everywhere(steps_with(model, OUTPUTS), batch)
         for recording, outputs in zip(batch, computed, strict=True):
@@ -123,15 +132,22 @@ def stream_of(recording: Recording, outputs: Outputs) -> Stream:
     permille = risky_permille(votes)
     known = ~outputs["unknown"]
     situation = np.where(known, outputs["situation"], UNKNOWN)
+    # Label weights may let fewer votes win, so the label itself counts too.
     may_be_risky = (permille >= LEAST_PERMILLE) | (situation == RISKY_SLIP)
     row = np.flatnonzero(known & may_be_risky)
     t_s = row / recording.rate_hz
     event = np.full(len(row), NO_EVENT)
-    for k, slip in enumerate(recording.events):
-        event[(t_s >= slip.onset_s - COLLAR_S) & (t_s <= slip.end_s + COLLAR_S)] = k
 
+    for k, slip in enumerate(recording.events):
+        # The collar is that of the alarms: what counts as a found slip there is a slip here.
+        begun = t_s >= slip.onset_s - COLLAR_S
+        not_over = t_s <= slip.end_s + COLLAR_S
+        event[begun & not_over] = k
+
+    # The samples themselves are large and no longer needed.
     answers = Answers(without_samples(recording), situation, permille)
-    return Stream(answers, row, outputs["features"][row], votes[row], event)
+    features = outputs["features"][row]
+    return Stream(answers, row, features, votes[row], event)
 
 
 def corrected(
@@ -143,7 +159,9 @@ def corrected(
     votes = corrected_votes(correction, stream.features, stream.votes)
     situation = stream.answers.situation.copy()
     permille = stream.answers.risky_permille.copy()
-    situation[stream.row] = riskier_argmax(weighted(situation_votes(votes), weights))
+    # Ties go to the riskier situation, as in the graph.
+    weighed = weighted(situation_votes(votes), weights)
+    situation[stream.row] = riskier_argmax(weighed)
     permille[stream.row] = risky_permille(votes)
     return Answers(stream.recording, situation, permille)
 
@@ -154,6 +172,7 @@ def counts_of(recordings: Sequence[Recording]) -> PersonCounts:
     holding_s = 0.0
     slips = 0
     for recording in recordings:
+        # Only a pass is a hand-over; a put-down has no second hand.
         if recording.action == "pass":
             hand_overs += len(voluntary_actions(recording))
         for phase in recording.phases:
@@ -168,11 +187,15 @@ def fit_correction(
     person: Sequence[Stream], others: Sequence[Stream], votes_in_all: int
 ) -> Correction:
     """The correction for a person. others: recordings with slips, of any person."""
+    # The inputs are scaled by the others, who are many; a person's eight trials are too few.
     inputs = _inputs(others, votes_in_all)
-    slip = _slip_numbers([*person, *others])
+    streams = [*person, *others]
+    slip = _slip_numbers(streams)
     n_person = sum(len(stream.row) for stream in person)
-    x = inputs.quantised(_rows_of([*person, *others]))
-    weights, bias = _fitted(x, slip, _row_weights(slip, n_person))
+    row_weights = _row_weights(slip, n_person)
+    # Fitted on what the graph will compute with: quantised inputs.
+    x = inputs.quantised(_rows_of(streams))
+    weights, bias = _fitted(x, slip, row_weights)
     return _in_whole_numbers(inputs, weights, bias)
 
 
@@ -184,7 +207,8 @@ def _inputs(others: Sequence[Stream], votes_in_all: int) -> Inputs:
     """A knee at each input's median magnitude; of votes, at all votes."""
     x = _rows_of(others)
     n_classes = others[0].votes.shape[1]
-    knee = np.median(np.abs(x), axis=0) + LEAST_KNEE
+    magnitude = np.abs(x)
+    knee = np.median(magnitude, axis=0) + LEAST_KNEE
     # The last inputs are the votes of each class.
     knee[-n_classes:] = votes_in_all
     most = np.full(x.shape[1], INPUT_MOST, dtype=np.float32)
@@ -206,12 +230,15 @@ def _row_weights(slip: IntArray, n_person: int) -> FloatArray:
     """[N] slips weigh as much as the rest, and the person's (the first rows) most of the rest."""
     of_slip = slip != NO_EVENT
     of_person = np.arange(len(slip)) < n_person
-    weight = np.zeros(len(slip))
-    for rows, share in (
+    shares = (
         (of_slip, 1.0),
         (~of_slip & of_person, OF_PERSON),
         (~of_slip & ~of_person, 1.0 - OF_PERSON),
-    ):
+    )
+
+    weight = np.zeros(len(slip))
+    for rows, share in shares:
+        # A group shares its weight: how many rows it has does not matter.
         weight[rows] = SCALE * share / max(1, rows.sum())
 
     return weight
@@ -223,18 +250,24 @@ def _fitted(
     """Weights [I] and bias of the logit of "it is a slip". x [N, I]: quantised inputs."""
     mean = np.average(x, axis=0, weights=weight)
     # Inputs are whole numbers, so a deviation of 1 is small: one that never varies is not blown up.
-    scale = np.sqrt(np.average((x - mean) ** 2, axis=0, weights=weight)) + 1.0
+    variance = np.average((x - mean) ** 2, axis=0, weights=weight)
+    scale = np.sqrt(variance) + 1.0
+    # Standardised, so that one penalty fits all inputs.
     scaled = (x - mean) / scale
     kept = np.ones(len(slip), dtype=np.bool_)
+
     for _ in range(ROUNDS):
         model = LogisticRegression(C=INVERSE_PENALTY, max_iter=MOST_STEPS)
         with warnings.catch_warnings():
+            # MOST_STEPS ends the fit early on purpose.
             warnings.simplefilter("ignore", ConvergenceWarning)
-            model.fit(scaled[kept], slip[kept] >= 0, sample_weight=weight[kept])
+            is_slip = slip[kept] >= 0
+            model.fit(scaled[kept], is_slip, sample_weight=weight[kept])
         # A slip must be called once: its best samples under this fit stand for it in the next.
         kept = _best_of_slips(slip, scaled @ model.coef_[0])
 
     weights = model.coef_[0] / scale
+    # The weights are for unscaled inputs, which is what the graph computes with.
     return weights, float(model.intercept_[0] - mean @ weights)
 
 
@@ -243,7 +276,8 @@ def _best_of_slips(slip: IntArray, logit: FloatArray) -> BoolArray:
     order = np.lexsort((-logit, slip))
     ordered = slip[order]
     # In this order a slip's rows stand together, the best first.
-    place_in_slip = np.arange(len(slip)) - np.searchsorted(ordered, ordered)
+    first_of_slip = np.searchsorted(ordered, ordered)
+    place_in_slip = np.arange(len(slip)) - first_of_slip
     kept = np.zeros(len(slip), dtype=np.bool_)
     kept[order] = (ordered == NO_EVENT) | (place_in_slip < TOP)
     return kept
@@ -251,17 +285,26 @@ def _best_of_slips(slip: IntArray, logit: FloatArray) -> BoolArray:
 
 def _in_whole_numbers(inputs: Inputs, weights: FloatArray, bias: float) -> Correction:
     """The largest whole numbers that float32 still adds exactly."""
+    # What is left of the whole numbers that float32 holds once every weight may be rounded up.
     room = EXACT_FLOAT32 - (INPUT_MOST + 1) * len(weights)
     most_sum = INPUT_MOST * np.abs(weights).sum() + abs(bias) + MOST_NATS
     most_weight = np.abs(weights).max() + 1e-9
     # Rounded to whole numbers, sums are exact in any order, as those of the forest are.
-    size = min(room / most_sum, (WEIGHT_MOST - 1) / most_weight)
+    size_for_sum = room / most_sum
+    size_for_weight = (WEIGHT_MOST - 1) / most_weight
+    size = min(size_for_sum, size_for_weight)
+
     whole = np.zeros((len(weights), 2), dtype=np.float32)
+    # Two logits: that of "no slip" stays zero, as in logistic regression.
     whole[:, 1] = np.round(weights * size)
-    biases = np.array([0.0, np.round(bias * size)], dtype=np.float32)
+    whole_bias = np.round(bias * size)
+    biases = np.array([0.0, whole_bias], dtype=np.float32)
+    # Back from the size of the weights to the steps in which the graph counts logits.
     scales = np.array([1.0, LOGIT_STEPS / size], dtype=np.float32)
     layer = Layer(whole, biases, scales)
-    return Correction(Network(inputs, (layer,), votes_in_all=1))
+
+    network = Network(inputs, (layer,), votes_in_all=1)
+    return Correction(network)
 
 
 def moved(correction: Correction, nats: float) -> Correction:
@@ -269,5 +312,9 @@ def moved(correction: Correction, nats: float) -> Correction:
     network = correction.network
     (layer,) = network.layers
     bias = layer.bias.copy()
-    bias[1] = np.round(bias[1] + nats * LOGIT_STEPS / layer.scale[1])
-    return Correction(replace(network, layers=(replace(layer, bias=bias),)))
+    # The bias counts in whole steps too, so that the sum stays exact.
+    steps = nats * LOGIT_STEPS / layer.scale[1]
+    bias[1] = np.round(bias[1] + steps)
+
+    changed = replace(layer, bias=bias)
+    return Correction(replace(network, layers=(changed,)))

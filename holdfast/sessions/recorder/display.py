@@ -25,11 +25,14 @@ from holdfast.sessions.recorder.session import Display
 from holdfast.sessions.recorder.trial import TrialRecorder
 
 REDRAW_NS = 250_000_000
+"""Four times a second: more cannot be read, and costs time between samples."""
 RATE_OVER_NS = 1_000_000_000
 COLUMNS = 80
+"""Where a terminal does not know its width."""
 OVER_THE_LINE_ABOVE = "\x1b[A\r\x1b[2K"
 """Cursor up, first column, erase the line: the next output replaces the line above."""
 DECIMALS = {"N": 2}
+"""Of a force by its unit; fields have none."""
 ACTIONS = [
     {"do": "start", "label": "Start", "key": " ", "when": "ready"},
     {"do": "load", "label": "Load onset", "key": "l", "when": "trial"},
@@ -75,6 +78,7 @@ class StatusLine(Display):
     def draw(self, line: str) -> None:
         """Draw a line in place of the last one that was drawn; nothing without a terminal."""
         columns = self._columns()
+        # One column less: a full line would wrap, and the next redraw would miss half of it.
         if columns and self._write(line[: columns - 1]):
             self._drawn = True
 
@@ -88,6 +92,8 @@ def status_text(trial: TrialRecorder, measured: SourceReading, of: str = "") -> 
     values = measured.values - np.nan_to_num(quality.bias)
     forces = np.linalg.norm(values.reshape(-1, 3), axis=1)
     decimals = DECIMALS.get(quality.unit, 0)
+
+    # A finger that is not valid shows a dash: its last force would look like a reading.
     fingers = []
     for force, good in zip(forces.tolist(), measured.valid.tolist(), strict=True):
         fingers.append(f"{force:5.{decimals}f}" if good else "    -")
@@ -100,9 +106,13 @@ def status_text(trial: TrialRecorder, measured: SourceReading, of: str = "") -> 
 
 def _rate(times_ns: list[int]) -> str:
     """Samples a second over the last second, Hz."""
+    # Time stamps rise, so the last second is found without a look at all of them.
     first = bisect_left(times_ns, times_ns[-1] - RATE_OVER_NS)
     spent_ns = times_ns[-1] - times_ns[first]
-    return f"{1e9 * (len(times_ns) - 1 - first) / spent_ns:.1f}" if spent_ns else "-"
+    if not spent_ns:
+        return "-"
+    steps = len(times_ns) - 1 - first
+    return f"{1e9 * steps / spent_ns:.1f}"
 
 
 def columns_of(stream: TextIO) -> int:
@@ -138,6 +148,7 @@ class RecordPage(Display):
     def show(self, trial: TrialRecorder, measured: SourceReading, now_ns: int) -> None:
         """One sample, less the bias; nothing waits."""
         quality = trial.quality
+        # The unit is known only once the source is open.
         if quality.unit != self._unit:
             self._unit = quality.unit
             self._link.send({"about": {"unit": self._unit}})
@@ -175,6 +186,7 @@ def record_page(
         "actions": ACTIONS,
     }
     link = open_page(address, about, terminal.report)
+
     end = "the recording failed"
     try:
         keys.listen_to(link.handle)

@@ -26,12 +26,15 @@ from holdfast.sessions.recorder.labels import read_meta
 from holdfast.sessions.recorder.protocol import NOTHING, Task
 
 FORMAT = 1
+"""Version of the layout, in every meta.json."""
 KEPT = "kept"
 RECORDING = "recording"
 INTERRUPTED = "interrupted"
 REDONE = "redone"
 VOID = "void"
+"""It ended before its first sample."""
 LOCK = ".holdfast.lock"
+"""Its lock holds while a recorder runs; the file itself stays."""
 
 
 def write_meta(folder: Path, meta: Json) -> None:
@@ -50,6 +53,7 @@ def opened(root: Path, unit: str, kind: str) -> Iterator[None]:
     require_writable(root)
     root.mkdir(parents=True, exist_ok=True)
     (root / LOCK).touch()
+
     # A lock of the kernel's: it ends with the process, however that ends.
     with alone(root):
         if there:
@@ -65,6 +69,7 @@ def opened(root: Path, unit: str, kind: str) -> Iterator[None]:
 def alone(place: Path) -> Iterator[None]:
     """No other recorder uses the folder, or one above it, meanwhile. Raises OutputError."""
     with ExitStack() as held:
+        # A folder above may be the recorder's, with this one as a person or a trial in it.
         for root in (place, *place.absolute().parents):
             if not (root / LOCK).is_file():
                 continue
@@ -95,11 +100,14 @@ def require_ours(root: Path) -> Json:
 
     if not root.exists():
         return {}
+
     if root.is_dir():
         meta = read_meta(root)
+        # A run that was refused early may have left its lock and nothing else.
         is_empty = all(path.name == LOCK for path in root.iterdir())
         if is_empty or meta.get("recorder") == FORMAT:
             return meta
+
     raise OutputError(
         "exists but is not a recording folder",
         where=root,
@@ -141,6 +149,7 @@ def new_trial(root: Path, person: str, task: Task) -> Path:
     # After the highest number that is there: a gap below it is not filled.
     taken = [number(path) for path in place.glob("*")]
     folder = place / f"trial_{max(taken, default=0) + 1}"
+
     try:
         folder.mkdir(parents=True)
     except OSError as error:
@@ -154,6 +163,7 @@ def new_trial(root: Path, person: str, task: Task) -> Path:
 def number(folder: Path) -> int:
     """3 of trial_3; 0 of anything else."""
     digits = folder.name.removeprefix("trial_")
+    # Nine digits and more are no number of ours, and int() could take long.
     return int(digits) if digits.isdecimal() and len(digits) < 9 else 0
 
 
@@ -165,8 +175,10 @@ def discard(root: Path, person: str, folder: Path) -> Path:
         write_meta(folder, meta | {"state": REDONE})
     home = root / person
     place = home / DISCARDED / folder.parent.relative_to(home)
+
     try:
         place.mkdir(parents=True, exist_ok=True)
+        # The same trial may be repeated several times.
         earlier = len(list(place.glob(f"{folder.name}-*")))
         target = place / f"{folder.name}-{earlier + 1}"
         folder.rename(target)
@@ -184,7 +196,10 @@ def trials_of(root: Path, person: str) -> list[tuple[Path, Json]]:
     """The trials of a person with their meta.json, without the discarded ones."""
     home = root / person
     trials = []
-    metas = [*home.glob(f"*/trial_*/{META}"), *home.glob(f"*/*/trial_*/{META}")]
+    # The empty hand has no folder of an object above that of its action.
+    metas = list(home.glob(f"*/trial_*/{META}"))
+    metas += home.glob(f"*/*/trial_*/{META}")
+
     for folder in sorted(meta.parent for meta in metas):
         if DISCARDED not in folder.relative_to(home).parts:
             trials.append((folder, read_meta(folder)))
@@ -198,7 +213,9 @@ def done(root: Path, person: str) -> list[Task]:
         if meta.get("state") == KEPT:
             name = str(meta.get("object"))
             action = str(meta.get("action"))
-            tasks.append(Task(name, action, str(meta.get("style"))))
+            style = str(meta.get("style"))
+            tasks.append(Task(name, action, style))
+
     return tasks
 
 
@@ -218,6 +235,7 @@ def all_trials(root: Path) -> list[Path]:
             where=root,
             next_step="give a trial's folder, or one with trials in it",
         )
+
     return sorted(folders)
 
 
@@ -241,6 +259,7 @@ def repair(folder: Path) -> list[str]:
 def _repaired(folder: Path) -> list[str]:
     meta = read_meta(folder)
     state = meta.get("state")
+
     try:
         samples = repair_table(folder / TACTILE)
     except EmptyRecording:
@@ -253,9 +272,11 @@ def _repaired(folder: Path) -> list[str]:
         events = repair_lines(folder / EVENTS, is_json_object)
         done += _removed(events, "event removed")
     if state == RECORDING:
+        # The samples before the cut are whole, but the trial is not: training leaves it out.
         why = f"cut off; mended, {samples.rows} samples"
         write_meta(folder, meta | {"state": INTERRUPTED, "why": why})
         done.append(f"marked as interrupted with {samples.rows} samples")
+
     return done
 
 

@@ -61,6 +61,7 @@ class Keys:
 
     def _read(self, wait_s: float) -> bytes:
         """The next byte; empty if none came in that time, or at the end of the input."""
+        # The terminal and the page are asked alike; whichever has a key first is taken.
         for handle in select.select(self._handles, [], [], wait_s)[0]:
             try:
                 byte = os.read(handle, 1)
@@ -68,7 +69,9 @@ class Keys:
                 byte = b""
             if byte:
                 return byte
+            # An empty read is the end of that input, for good.
             self._handles.remove(handle)
+
         return b""
 
 
@@ -84,9 +87,11 @@ def listening(handle: int) -> Iterator[Keys]:
     if not os.isatty(handle):
         yield Keys(handle)
         return
+    # A read in the background would stop the whole program (SIGTTIN).
     if os.tcgetpgrp(handle) != os.getpgrp():
         yield Keys(None)
         return
+
     before = termios.tcgetattr(handle)
     try:
         tty.setcbreak(handle, termios.TCSANOW)

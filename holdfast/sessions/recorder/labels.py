@@ -37,9 +37,13 @@ from holdfast.core.writing import write_whole
 from holdfast.live.hand_sources import scene_of
 
 NOTHING = SITUATIONS[0]
+"""The situation of an empty hand."""
 PROVENANCES = ("scene", "camera", "key", "rule")
+"""Sources of a time, the most trusted first."""
 MARKS = ("contact", "load_onset", "incipient_slip", "gross_slip", "contact_lost")
+"""Names of events in the order in which a slip goes through them."""
 BIAS_ROWS = 5
+"""Valid readings at the start of a trial that give a finger's bias."""
 
 
 @dataclass(frozen=True)
@@ -54,6 +58,7 @@ class LabelledInterval:
     @staticmethod
     def of(t0_s: float, t1_s: float, label: str, provenance: str) -> LabelledInterval:
         """Rounded to microseconds, and never ending before it begins."""
+        # A key may be pressed out of order; a phase then is empty, not negative.
         end_s = round(max(t0_s, t1_s), 6)
         return LabelledInterval(round(t0_s, 6), end_s, label, provenance)
 
@@ -81,6 +86,7 @@ class TrialTruth:
         """
         if action == NOTHING:
             return True
+        # A trial whose source broke off in the grip looks complete but for its end.
         if self.marks["contact"] is None or not self.phases:
             return False
         last = self.phases[-1]
@@ -106,6 +112,7 @@ def truth_in(folder: Path) -> TrialTruth:
     action = str(meta.get("action"))
     unit = str(meta.get("unit", "N"))
     events = read_events(folder / EVENTS)
+
     try:
         return truth_of(action, trial, unit, events)
     except (KeyError, TypeError, ValueError, OverflowError) as error:
@@ -138,12 +145,15 @@ def truth_of(action: str, trial: Trial, unit: str, events: list[Json]) -> TrialT
     end_s = float(trial.t_s[-1]) + 1.0 / trial.rate_hz
     known = _known_marks(events)
     closed_s, empty_s = _contact(trial, unit)
+
     for name, at_s in (("contact", closed_s), ("contact_lost", empty_s)):
         if at_s is not None:
+            # The rule is the least trusted source: it only fills in what no other source gave.
             known.setdefault(name, (at_s, "rule"))
 
     phases = []
     for event in events:
+        # Only a scene knows every phase; all other sources give single times.
         if event.get("provenance") == "scene" and event.get("label"):
             t0_s = float(event["t0_s"])
             t1_s = float(event["t1_s"])
@@ -151,9 +161,12 @@ def truth_of(action: str, trial: Trial, unit: str, events: list[Json]) -> TrialT
 
     marks = {}
     for name in MARKS:
-        marks[name] = round(known[name][0], 6) if name in known else None
+        at_s, _ = known.get(name, (None, ""))
+        marks[name] = None if at_s is None else round(at_s, 6)
 
-    return TrialTruth(tuple(phases or _phases(action, end_s, known)), marks)
+    if not phases:
+        phases = _phases(action, end_s, known)
+    return TrialTruth(tuple(phases), marks)
 
 
 def _known_marks(events: list[Json]) -> dict[str, tuple[float, str]]:
@@ -167,8 +180,11 @@ def _known_marks(events: list[Json]) -> dict[str, tuple[float, str]]:
             if event.get("mark") in MARKS:
                 known[event["mark"]] = (float(event["t_s"]), provenance)
             elif provenance == "camera" and "gross_s" in event:
-                known["incipient_slip"] = (float(event["t0_s"]), provenance)
-                known["gross_slip"] = (float(event["gross_s"]), provenance)
+                # A camera writes an interval, from the first sliding to gross slip.
+                begins_s = float(event["t0_s"])
+                gross_s = float(event["gross_s"])
+                known["incipient_slip"] = (begins_s, provenance)
+                known["gross_slip"] = (gross_s, provenance)
 
     return known
 
@@ -178,16 +194,20 @@ def _phases(
 ) -> list[LabelledInterval]:
     if action == NOTHING:
         return [LabelledInterval.of(0.0, end_s, NOTHING, "rule")]
+    # Without both ends of the grip no phase has a length, so the trial has no label.
     if "contact" not in known or "contact_lost" not in known:
         return []
+
     closed_s, by_closed = known["contact"]
     empty_s, by_empty = known["contact_lost"]
     phases = [LabelledInterval.of(0.0, closed_s, NOTHING, by_closed)]
     # A camera sees the first sliding, which comes after the load; a key may mark the load itself.
     slip = known.get("load_onset") or known.get("incipient_slip")
+
     if action == "hold":
         phases.append(LabelledInterval.of(closed_s, empty_s, "grasp", by_closed))
     elif slip is not None and closed_s < slip[0] < empty_s:
+        # A mark outside the grip is a slip of the finger, not of the object.
         slip_s, by_slip = slip
         situation = SITUATION_OF_ACTION[action]
         phases.append(LabelledInterval.of(closed_s, slip_s, "grasp", by_closed))
@@ -199,22 +219,33 @@ def _phases(
 def _contact(trial: Trial, unit: str) -> tuple[float | None, float | None]:
     """Times at which the hand closed and was empty again; None where it did not."""
     floor = NORMAL_FLOOR.get(unit, 0.0)  # type: ignore[call-overload]
+    # The rule is that of training, so a label means the same in recorded and read trials.
     rows = contact_rows(_load(trial), trial.rate_hz, floor)
     if rows is None:
         return None, None
+
     first, stop = rows
-    return float(trial.t_s[first]), float(trial.t_s[min(stop, len(trial.t_s) - 1)])
+    # `stop` is the row after the grip; where the trial ends in it, there is none.
+    stop = min(stop, len(trial.t_s) - 1)
+    closed_s = float(trial.t_s[first])
+    empty_s = float(trial.t_s[stop])
+    return closed_s, empty_s
 
 
 def _load(trial: Trial) -> FloatArray:
     """[T] sum of the normal forces over the valid fingers, less their bias."""
-    normal = np.where(trial.valid, trial.raw[:, NORMAL_AXIS::3], np.nan)
+    normal = trial.raw[:, NORMAL_AXIS::3]
+    normal = np.where(trial.valid, normal, np.nan)
     bias = np.zeros(normal.shape[1])
     for finger, column in enumerate(normal.T):
+        # A trial begins with an open hand, so its first readings are the bias of that moment.
         first = column[np.isfinite(column)][:BIAS_ROWS]
         if first.size:
             bias[finger] = first.mean()
-    load: FloatArray = np.abs(np.nan_to_num(normal - bias)).sum(axis=1)
+
+    # A finger that is lost adds nothing to the load of the others.
+    moved = np.nan_to_num(normal - bias)
+    load: FloatArray = np.abs(moved).sum(axis=1)
     return load
 
 
@@ -227,12 +258,16 @@ def scene_truth_of(url: str, source: Source) -> TruthEvents | None:
     scene_and_trial = scene_of(url) if "://" in url else None
     if scene_and_trial is None:
         return None
+
     truth = scene_and_trial[1].truth
+    # A virtual hand's scene began before the trial; a replayed one begins with it.
     began_ns = getattr(source, "began_ns", None)
 
     def events(first_ns: int, last_ns: int) -> list[Json]:
         shift_s = 0.0 if began_ns is None else 1e-9 * (began_ns - first_ns)
-        return _events(truth.to_json(shift_s), 1e-9 * (last_ns - first_ns))
+        shifted = truth.to_json(shift_s)
+        end_s = 1e-9 * (last_ns - first_ns)
+        return _events(shifted, end_s)
 
     return events
 
@@ -242,6 +277,7 @@ def _events(truth: Json, end_s: float) -> list[Json]:
     by = {"provenance": "scene", "by": "holdfast record"}
     events = []
     for phase in truth["phases"]:
+        # The operator may begin late or end early: what lies outside was not recorded.
         if phase["t1_s"] > 0.0 and phase["t0_s"] < end_s:
             t0_s = max(0.0, phase["t0_s"])
             t1_s = min(end_s, phase["t1_s"])

@@ -20,8 +20,10 @@ from holdfast.sessions.recorder.protocol import (
 )
 
 ENDLESS = 100_000
+"""Trials where --trials sets no number: more than anyone records."""
 NO_CAMERA = CameraOptions()
 RATE_HZ = 150.0
+"""Of a hand, where --rate gives none; the shipped model's rate."""
 
 
 @dataclass(frozen=True)
@@ -79,6 +81,7 @@ def planned(options: RecordOptions) -> Plan:
             "no trials given",
             next_step="--protocol PROTOCOL, or --object NAME --action ACTION",
         )
+
     trials = options.trials
     before = done(options.out, options.person)
     if trials is not None and trials < 1:
@@ -86,18 +89,22 @@ def planned(options: RecordOptions) -> Plan:
     if options.protocol is not None:
         protocol = read_protocol(Path(options.protocol))
         ordered = protocol.ordered(options.seed, options.person)
+        # The order is drawn for the whole protocol, so a second run continues the first one's.
         tasks = tasks_left(ordered, before)
         return Plan(protocol, tasks[:trials], len(ordered) - len(tasks))
+
     is_empty_hand = options.action == NOTHING
     if options.action is None or (options.object is None) != is_empty_hand:
         raise UsageError(
             "--object and --action go together",
             next_step="--object soft-ball --action pull",
         )
+    # Without keys and without a number it would record until the disk is full.
     if options.at_once and trials is None:
         raise UsageError(
             "--at-once without an end", next_step="--trials N, or a --protocol"
         )
+
     name = checked_name(options.object, "object") if options.object else NOTHING
     task = Task(name, options.action)
     return Plan(None, [task] * (trials or ENDLESS), before.count(task))

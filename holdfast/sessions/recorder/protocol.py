@@ -33,11 +33,15 @@ from holdfast.core.reading import CardReader, Json, read_toml, require_file
 from holdfast.core.trial_layout import DISCARDED, SITUATION_OF_ACTION
 
 ACTIONS = tuple(SITUATION_OF_ACTION)
+"""Of scenes and of training too: a folder of trials is named after its action."""
 NOTHING = "nothing"
 NAME = re.compile(r"[A-Za-z0-9]+(-[A-Za-z0-9]+)*")
+"""Words joined by dashes: safe as a folder on every system, and no address."""
 LONGEST_NAME = 24
 MOST_TRIALS = 10_000
+"""Beyond it a count is a slip of the key."""
 MOST_MASS_G = 100_000.0
+"""A hundred kilograms: beyond it the mass was not meant in grams."""
 SECTIONS = ("title", "about", "trials", "objects", "effects")
 """Effects are of a simulated hand; they are allowed so that one file may serve both."""
 ROW_KEYS = ("objects", "action", "style", "count")
@@ -71,8 +75,10 @@ class Protocol:
         import numpy as np
 
         # Python's own hash of a text differs from run to run, so the order would not continue.
-        of_person = int.from_bytes(hashlib.sha256(person.encode()).digest()[:4])
-        order = np.random.default_rng([seed, of_person]).permutation(len(self.tasks))
+        digest = hashlib.sha256(person.encode()).digest()
+        of_person = int.from_bytes(digest[:4])
+        rng = np.random.default_rng([seed, of_person])
+        order = rng.permutation(len(self.tasks))
         return [self.tasks[k] for k in order]
 
 
@@ -81,6 +87,7 @@ def tasks_left(planned: Iterable[Task], done: Iterable[Task]) -> list[Task]:
     counts = Counter(done)
     left = []
     for task in planned:
+        # Every trial that is done stands for one of its kind, whichever it was.
         if counts[task]:
             counts[task] -= 1
         else:
@@ -90,6 +97,7 @@ def tasks_left(planned: Iterable[Task], done: Iterable[Task]) -> list[Task]:
 
 def checked_name(text: str, what: str) -> str:
     """A pseudonym or a name that may become a folder. Raises UsageError."""
+    # Folders of these names have a meaning of their own among a person's.
     reserved = text.lower() in (NOTHING, DISCARDED)
     if reserved or not NAME.fullmatch(text) or len(text) > LONGEST_NAME:
         raise UsageError(
@@ -127,10 +135,12 @@ class ProtocolReader(CardReader):
         """A text, its white space made single spaces."""
         if not isinstance(value, str):
             raise self.refused(key, value, "a text in quotes")
+        # A text over several lines of the file is one line on the console.
         return " ".join(value.split())
 
     def whole_number(self, key: str, value: Any, least: int, most: int) -> int:
         """A whole number within bounds."""
+        # In Python True is a whole number; in a protocol it is a mistake.
         is_whole = isinstance(value, int) and not isinstance(value, bool)
         if not is_whole or not least <= value <= most:
             raise self.refused(key, value, f"a whole number from {least} to {most}")
@@ -139,6 +149,7 @@ class ProtocolReader(CardReader):
     def positive(self, key: str, value: Any, most: float, unit: str) -> float:
         """A number above 0."""
         is_number = isinstance(value, int | float) and not isinstance(value, bool)
+        # nan fails the comparison, so it is refused as well.
         if not is_number or not 0 < value <= most:
             allowed = f"{unit}, a number above 0 and at most {most:g}"
             raise self.refused(key, value, allowed)
@@ -181,6 +192,7 @@ class _TrialsReader(ProtocolReader):
 
         if len(tasks) > MOST_TRIALS:
             raise self.refused("trials", len(tasks), f"at most {MOST_TRIALS} in all")
+
         mass_g = {}
         for name, value in self.table(raw, "objects").items():
             key = f"objects.{self.object_name('objects', name)}"
@@ -197,11 +209,16 @@ class _TrialsReader(ProtocolReader):
         count = self.whole_number(f"{key}.count", row.get("count", 1), 1, MOST_TRIALS)
         style = row.get("style", "")
         names = row.get("objects", [])
-        if not isinstance(style, str) or (style and not NAME.fullmatch(style)):
+        is_word = isinstance(style, str) and NAME.fullmatch(style)
+        if style != "" and not is_word:
             allowed = "a word of letters, digits and dashes"
             raise self.refused(f"{key}.style", style, allowed)
-        if not isinstance(names, list) or bool(names) == (action == NOTHING):
+        is_empty_hand = action == NOTHING
+        if not isinstance(names, list) or bool(names) == is_empty_hand:
             allowed = "a list of objects, and none for the action nothing"
             raise self.refused(f"{key}.objects", names, allowed)
+
         objects = [self.object_name(f"{key}.objects", name) for name in names]
-        return [Task(name, action, style) for name in objects or [NOTHING]] * count
+        tasks = [Task(name, action, style) for name in objects or [NOTHING]]
+        # Whole rounds of all objects; `ordered` shuffles them anyway.
+        return tasks * count

@@ -46,6 +46,7 @@ def record(options: RecordOptions, context: RunContext) -> int:
     """
     checked_name(options.person, "pseudonym")
     require_ours(options.out)
+    # In this order, so that every mistake of the options is reported before anything opens.
     plan = planned(options)
     options.camera.require_usable(options.source)
     require_keys(options, plan, context.keys)
@@ -68,8 +69,10 @@ def record_plan(options: RecordOptions, plan: Plan, context: RunContext) -> int:
         to_force=force_of(options.calibration),
         read_set=read_set_trial,
     )
+    # The folder is locked for the whole run: a second recorder would mix trial numbers.
     folder = opened(options.out, source.unit, kind_of(options.source))
     monitor = intent_monitor(options.intent, clock, report)
+
     with (
         closing(source),
         folder,
@@ -77,8 +80,10 @@ def record_plan(options: RecordOptions, plan: Plan, context: RunContext) -> int:
         first_in_line(report) as has_priority,
     ):
         measured = measure_bias(source, clock, report, CHECK_S)
+        # A bias that was measured while something touched the hand shifts every sample.
         if not options.anyway:
             require_good(measured, "nothing is recorded")
+        # A recording has a rate of its own; a hand is asked for one.
         rate_hz = source.rate_hz or options.rate
         about = {
             "unit": source.unit,
@@ -118,11 +123,13 @@ def _camera(
     """The camera of a run, if any."""
     if options.camera.camera is None:
         return None
+
     began_ns = getattr(source, "began_ns", None)
     if began_ns is not None:
         # The scene began on the source's clock; the camera's process has the host's.
         began_ns += context.host_ns() - context.clock.now_ns()
     process = {"camera": options.camera.camera, "source": options.source}
+
     return context.camera(
         {**process, **options.camera.shooting(), "began_ns": began_ns}
     )
@@ -138,11 +145,13 @@ def _report_before(options: RecordOptions, plan: Plan, display: Display) -> None
             f"{plan.done} of these trials are recorded already; this run continues"
         )
     for folder, meta in trials_of(options.out, options.person):
+        # Only a recorder that was killed leaves a trial in this state.
         if meta.get("state") == RECORDING:
             display.report(
                 f"{folder} was interrupted and does not count; next: holdfast repair {folder}"
             )
 
+    # Each object once, in the order of the plan.
     for name in dict.fromkeys(task.object for task in plan.tasks):
         if name != NOTHING and name not in plan.mass_g:
             _report_mass(options.out / options.person / name, display)
@@ -167,6 +176,7 @@ def _report_mass(folder: Path, display: Display) -> None:
 def _configuration(options: RecordOptions) -> Json:
     """The options, without those that meta.json has a key for."""
     values = asdict(options)
+    # Flat, as the user typed them.
     values |= values.pop("camera")
     for name in ("person", "object", "action"):
         del values[name]
@@ -190,6 +200,7 @@ def _protocol(plan: Plan, seed: int) -> Json | None:
     protocol = plan.protocol
     if protocol is None:
         return None
+
     return {
         "card": protocol.name,
         "sha256": protocol.sha256,
@@ -201,6 +212,7 @@ def _protocol(plan: Plan, seed: int) -> Json | None:
 def _calibration(path: Path | None) -> Json | None:
     if path is None:
         return None
+
     meta = read_calibration(path).meta
     return {
         "file": path.name,
@@ -208,6 +220,7 @@ def _calibration(path: Path | None) -> Json | None:
         "source": meta.source,
         "date": meta.date,
         "n": meta.n,
+        # The whole calibration: the file may be changed later, the recording may not.
         "content": json.loads(path.read_text("utf-8")),
     }
 
@@ -236,4 +249,6 @@ def _last(part: str) -> str:
     """One option of a URL, its path without the folders."""
     key, mark, path = part.rpartition("=")
     head, question, key = key.rpartition("?")
-    return f"{head.rpartition('/')[2]}{question}{key}{mark}{path.rpartition('/')[2]}"
+    place = head.rpartition("/")[2]
+    file = path.rpartition("/")[2]
+    return f"{place}{question}{key}{mark}{file}"

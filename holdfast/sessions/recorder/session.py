@@ -40,11 +40,15 @@ from holdfast.sessions.recorder.protocol import NOTHING, Task
 from holdfast.sessions.recorder.trial import ClosedTrial, Quality, TrialRecorder
 
 READY_WAIT_S = 0.1
+"""Between trials: how long a look at the keys waits, so a signal is seen at once."""
 CAMERA_EVERY = 30
 """Samples between checks of the camera's process."""
 TIME_OVER = "time over"
+"""The trial has lasted for --seconds."""
 SOURCE_OVER = "source over"
+"""The source has no further sample."""
 SIGNAL = "signal"
+"""SIGINT, SIGTERM or SIGHUP, or no key can be pressed any more."""
 NO_KEY = "no key can be pressed any more"
 
 
@@ -117,6 +121,7 @@ class Session:
         """
         left = list(tasks)
         at_once = self.options.at_once
+
         while left and not self.stopped():
             task = task_in_words(left[0])
             help_ready = "" if at_once else f"; {HELP_READY}"
@@ -125,11 +130,13 @@ class Session:
             key = "begin" if at_once else self._wait_for_key()
             if key == "stop":
                 break
+            # Between trials, redo takes back the one that was just kept.
             if key == "redo":
                 self._discard_last(left)
                 continue
             outcome = self._record(left[0])
             if self._last is not None:
+                # Kept: only then is the task off the list.
                 left.pop(0)
             elif at_once and outcome in (TIME_OVER, SOURCE_OVER):
                 # No operator looks on: the same would happen again without end.
@@ -179,7 +186,9 @@ class Session:
         out = self.options.out
         person = self.options.person
         folder = new_trial(out, person, task)
+        # While the object is at hand; training needs its mass.
         self._write_mass(folder, task)
+
         try:
             if self.camera is not None:
                 self.camera.start(folder)
@@ -216,6 +225,7 @@ class Session:
         }
         quality = Quality(self.bias, self.period_ns, self.source.unit)
         after_ns = self.context.host_ns() - self.clock.now_ns()
+
         return TrialRecorder(
             folder, self.source.n_channels, about, quality, after_ns, self.intent
         )
@@ -224,6 +234,7 @@ class Session:
         """Record until a key, a signal, the time or the source ends the trial."""
         stamps = Stamps(self.period_ns)
         start_ns = self.clock.now_ns()
+
         turn = 0
         while not self.stopped():
             # From the start, not from the last sample: a late one delays no other.
@@ -240,16 +251,19 @@ class Session:
                 trial.quality.lost += 1
             else:
                 trial.write(t_ns, turn, measured)
+            # After the sample: a command is never what a sample waits for.
             trial.write_intent()
             self.context.display.show(trial, measured, now_ns)
             ends = self._take_key(trial)
             if ends:
                 return ends
+            # A look costs a system call, so not every sample pays for it.
             if self.camera is not None and turn % CAMERA_EVERY == 0:
                 self._look_at_camera(trial, self.camera)
             turn += 1
             # Turns whose time has passed are lost samples, and none is read late for them.
-            due = int((self.clock.now_ns() - start_ns) / self.period_ns)
+            spent_ns = self.clock.now_ns() - start_ns
+            due = int(spent_ns / self.period_ns)
             if due > turn:
                 trial.quality.lost += due - turn
                 turn = due
@@ -265,12 +279,15 @@ class Session:
         key = self.keys.pressed()
         if key in ("keep", "redo", "stop"):
             return key
+
+        # Without a sample there is no time to count from.
         if key in MARKS and trial.started:
             at_s = trial.mark(key, self.clock.now_ns())
             self.report(f"{key.replace('_', ' ')} at {at_s:.3f} s")
         if self.keys.closed and self.options.only_a_key_ends:
             self.report(f"{NO_KEY}; --seconds ends trials without a key")
             return SIGNAL
+
         return ""
 
     def _look_at_camera(self, trial: TrialRecorder, camera: CameraProcess) -> None:
@@ -287,13 +304,16 @@ class Session:
         filmed: Json | None = None
         if self.camera is not None:
             self._look_at_camera(trial, self.camera)
+            # The camera films on until the last sample is written.
             filmed = self.camera.stop()
+        # A scene's truth is cut to the span of the samples, so it is written at the end.
         over = self._note_truth(trial)
         if outcome == SOURCE_OVER:
             over = "the source ended"
         state = {"redo": REDONE, SIGNAL: INTERRUPTED}.get(outcome, KEPT)
         closed = trial.close(state, over, camera=filmed)
         self._report_end(closed, filmed or {})
+        # Moved only after it is closed: its files keep their content.
         if closed.state == REDONE:
             self._discard(trial.folder)
         if closed.state == KEPT:
@@ -304,8 +324,10 @@ class Session:
         """Write what a scene knows of the trial; returns why it is over, if the scene is."""
         if self.truth is None or not trial.started:
             return ""
+
         first_ns, last_ns = trial.span_ns
         events = self.truth(first_ns, last_ns)
+
         for event in events:
             trial.note(event)
 
@@ -319,16 +341,18 @@ class Session:
         self.report(f"{closed.state}: {closed.quality.in_words()}")
         if closed.why and closed.state == INTERRUPTED:
             self.report(f"not kept, it will be recorded again: {closed.why}")
-        if camera.get("void"):
-            self.report(f"this trial has no camera recording: {camera['void']}")
-        if camera.get("doubt"):
-            tags = camera["doubt"]
+        void = camera.get("void")
+        tags = camera.get("doubt")
+        if void:
+            self.report(f"this trial has no camera recording: {void}")
+        if tags:
             self.report(f"warning: the camera's tags: {tags}; the recording is kept")
 
     def _write_mass(self, folder: Path, task: Task) -> None:
         """Write the protocol's mass to the object's meta.json; its other entries stay."""
         if task.object in self.mass_g:
             home = folder.parent.parent
+            # What a person wrote there, such as a colour, is not the recorder's to remove.
             meta = read_meta(home) | {"mass_g": self.mass_g[task.object]}
             write_whole(home / META, json.dumps(meta) + "\n")
 

@@ -57,8 +57,10 @@ class QualityFigures:
 
     def in_words(self) -> str:
         """One line for the operator."""
+        # A rate needs two samples.
         if self.rate_hz is None or self.jitter_p99_ms is None:
             return f"too few samples for a rate ({self.samples})"
+
         drift = "not known"
         if self.bias_drift is not None:
             drift = f"{self.bias_drift:g} {self.unit} ({self.bias_drift_channel})"
@@ -88,7 +90,9 @@ class Quality:
         self.times_ns.append(t_ns)
         self.why.update(reason for reason in measured.why if reason)
         self.invalid += int(np.count_nonzero(~measured.valid))
-        if t_ns - self.times_ns[0] < 1e9 * REST_S:
+        # Before the hand closes, a channel that moved since the bias shows its drift.
+        spent_ns = t_ns - self.times_ns[0]
+        if spent_ns < 1e9 * REST_S:
             valid = np.repeat(measured.valid, 3)
             self.rest.append(np.where(valid, measured.values, np.nan))
 
@@ -99,14 +103,17 @@ class Quality:
         rate_hz = None
         jitter_ms = None
         if len(times):
-            seconds = round(1e-9 * float(times[-1] - times[0]), 3)
+            spent_ns = float(times[-1] - times[0])
+            seconds = round(1e-9 * spent_ns, 3)
         steps = np.diff(times)
+
         if len(steps):
             rate_hz = round(1e9 / float(np.median(steps)), 3)
             # A lost sample is no jitter: the distance is from the nearest whole period.
             periods = np.maximum(1, np.round(steps / self.period_ns))
             late_ms = 1e-6 * np.abs(steps - self.period_ns * periods)
             jitter_ms = round(float(np.percentile(late_ms, 99)), 3)
+
         drift, channel = self._drift()
         return QualityFigures(
             samples=len(times),
@@ -125,13 +132,18 @@ class Quality:
     def _drift(self) -> tuple[float | None, str | None]:
         """(largest change of a resting channel since the bias was measured, its name)."""
         rows = np.array(self.rest).reshape(-1, len(self.bias))
+        # A channel that was lost at rest, or had no bias, has no drift.
         known = np.isfinite(rows).any(axis=0) & np.isfinite(self.bias)
         if not known.any():
             return None, None
-        change = np.abs(np.nanmedian(rows[:, known], axis=0) - self.bias[known])
+
+        # The median, so that a single touch at the start is no drift.
+        at_rest = np.nanmedian(rows[:, known], axis=0)
+        change = np.abs(at_rest - self.bias[known])
         worst = int(np.argmax(change))
         channel = int(np.flatnonzero(known)[worst])
         name = channel_names(len(self.bias) // 3)[channel]
+
         return round(float(change[worst]), 4), name
 
 
@@ -185,6 +197,7 @@ class TrialRecorder:
 
     def write(self, t_ns: int, sequence: int, measured: SourceReading) -> None:
         """Write one sample. Raises OutputError."""
+        # A camera stamps its frames with the host's clock; so both can be joined later.
         host_ns = t_ns + self._host_after_ns
         self.t_s = self._file.write(
             t_ns, host_ns, sequence, measured.values, measured.valid
@@ -195,11 +208,15 @@ class TrialRecorder:
         """Look at the wearer's own command, and write what came. Raises OutputError."""
         if self.intent is None or self._intent_file is None:
             return
+
         self.intent.look()
+        # Times are from the first sample: before it there is none to count from.
         if not self.started:
             return
+
         first_ns = self.span_ns[0]
         count = self.intent.n_envelopes
+
         for item in self.intent.fresh:
             row = intent_row(item, first_ns, self._host_after_ns, count)
             _write_line(self._intent_file, row)
@@ -230,20 +247,24 @@ class TrialRecorder:
         if state == KEPT:
             why = self._label(over)
             state = INTERRUPTED if why else KEPT
+        # What meta.json says beyond the run's own description.
         more: Json = {"quality": asdict(figures)}
         if camera is not None:
             more["camera"] = camera
         if why:
             more["why"] = why
         self._write_meta(state, **more)
+
         return ClosedTrial(figures, state, why)
 
     def _close_files(self) -> None:
         """Flush and close them; nothing where that was tried before. Raises OutputError."""
         if self._events.closed:
             return
+
         try:
             self._file.close()
+            # The marks are labels: they must survive a power cut as the samples do.
             os.fsync(self._events.fileno())
         finally:
             for file in (self._events, self._intent_file):
@@ -255,11 +276,14 @@ class TrialRecorder:
         """Write the phases of a trial to keep; returns why it cannot be kept, or nothing."""
         unfinished = f"{over} before the trial was complete"
         try:
+            # Read from the disk, as training will: what cannot be read there cannot be kept.
             truth = truth_in(self.folder)
         except DataError as error:
             return unfinished if over else str(error)
+
         if over and not truth.is_complete(self.about["action"]):
             return unfinished
+
         write_truth(self.folder, truth)
         return ""
 

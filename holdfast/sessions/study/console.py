@@ -45,11 +45,15 @@ HELP = (
     "(goes on later)"
 )
 WAIT_S = 0.1
+"""How long a look at the keys waits, so that a signal is seen at once."""
 REDRAW_S = 1.0
+"""Between two draws of the countdown."""
 ENTER = b"\n\r"
+"""A terminal sends CR or LF, a pipe LF."""
 ERASE = b"\x7f\x08"
 ESCAPE = b"\x1b"
 LONGEST_TEXT = 1000
+"""Bytes of a note; what is typed beyond is dropped."""
 LEFT_OUT = "-"
 """Typed where a question is not to be answered."""
 NO_KEY = "no key can be pressed any more; run the same command again to go on here"
@@ -78,6 +82,7 @@ class TrialKeys(Keys):
     def pressed(self, wait_s: float = 0.0) -> str:
         """The next key of the recorder by its name, or ""."""
         letter = letter_of(self._keys, wait_s)
+        # The trial ends at once; what happened is asked afterwards.
         self.adverse |= letter == "a"
         key = TRIAL_KEYS.get(letter, "")
         self.ends |= self.adverse or key == "redo"
@@ -105,6 +110,7 @@ class Console:
         """
         began_ns = self.clock.now_ns()
         drawn_s = -REDRAW_S
+
         while not self.stopped():
             spent_s = 1e-9 * (self.clock.now_ns() - began_ns)
             if spent_s >= drawn_s + REDRAW_S:
@@ -132,6 +138,7 @@ class Console:
         drawn = None
         while not self.stopped():
             if typed != drawn:
+                # The end of a long text: that is where the next letter appears.
                 self.draw(f"> {visible(typed.decode('utf-8', 'replace'))[-60:]}")
                 drawn = typed
             byte = self.keys.byte(WAIT_S)
@@ -146,6 +153,7 @@ class Console:
                 # A letter of several bytes goes as a whole.
                 typed = typed.decode("utf-8", "ignore")[:-1].encode()
             elif byte and len(typed) < LONGEST_TEXT and (byte >= b" " or byte == b"\t"):
+                # Control characters would move the cursor of whoever reads the note.
                 typed += byte
             elif self.keys.closed:
                 self.report(NO_KEY)
@@ -177,6 +185,7 @@ class Rehearsal(Console):
         """Go on, after the time that is left."""
         if self.stopped():
             return Key.QUIT
+        # A trial takes its time by itself; only a part without one is waited for.
         if ends_part and left_s > 0.0:
             self.clock.wait_until(self.clock.now_ns() + round(1e9 * left_s))
         return Key.NEXT

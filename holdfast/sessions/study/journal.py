@@ -26,6 +26,7 @@ from holdfast.core.trial_layout import read_events
 from holdfast.sessions.recorder.folder import is_json_object
 
 JOURNAL = "study.jsonl"
+"""In the person's folder."""
 
 
 class Event(StrEnum):
@@ -50,7 +51,9 @@ class Event(StrEnum):
 MOVES = (Event.DONE, Event.SKIPPED, Event.BACK)
 """They name the next part."""
 STARTS_TIME = (Event.BEGUN, Event.RESUMED)
+"""After one of these the part under way takes time."""
 STOPS_TIME = (*MOVES, Event.PAUSED, Event.QUIT)
+"""After one of these it takes none."""
 
 
 @dataclass
@@ -75,7 +78,9 @@ class Progress:
         """One more line. Raises KeyError, TypeError or ValueError where it is no entry."""
         event = entry["event"]
         t_s = float(entry["t_s"])
+        # A line without a date is refused, although nothing here is computed from it.
         _ = entry["at"]
+
         if event == Event.OPENED:
             # A run that was killed wrote no end: its time counts up to its last line.
             self._stop(self._last_s)
@@ -91,6 +96,7 @@ class Progress:
             item = int(entry["part"]), str(entry["item"])
             self.answers[item] = None if rating is None else index(rating)
         elif event in (Event.NOTE, Event.DETAIL):
+            # Checked here, so that a report never meets an entry without its text.
             str(entry["text"])
         elif event == Event.FINISHED:
             self.finished = True
@@ -158,9 +164,13 @@ class Journal:
             **more,
         }
         line = (json.dumps(entry, allow_nan=False) + "\n").encode()
+
         try:
+            # Opened anew for each line: after a full disk the next line is tried afresh.
             handle = os.open(self.path, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o666)
             try:
+                # One write a line, so that a kill leaves whole lines; a short one means a full
+                # disk.
                 if os.write(handle, line) < len(line):
                     raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
                 # The next step begins only when this line is on the disk.
@@ -175,6 +185,7 @@ class Journal:
                 next_step="make room and run the same command again; it goes on here",
             ) from None
 
+        # Only what is on the disk counts as having happened.
         self.entries.append(entry)
         self.progress.take(entry)
 
@@ -191,6 +202,7 @@ def opened_journal(
     home.mkdir(parents=True, exist_ok=True)
     path = home / JOURNAL
     with held(path):
+        # A line that a kill tore is moved aside before the file is read.
         repair_lines(path, is_json_object)
         yield Journal(path, n_parts, now_ns, utc)
 
@@ -198,6 +210,7 @@ def opened_journal(
 @contextmanager
 def held(path: Path) -> Iterator[None]:
     """No other program has the journal meanwhile. Raises OutputError."""
+    # Opening to append makes the file where there is none, and changes nothing else.
     with path.open("ab") as file:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -217,6 +230,7 @@ def progress_of(entries: list[Json], path: Path, n_parts: int) -> Progress:
     for number, entry in enumerate(entries, 1):
         try:
             progress.take(entry)
+            # The last part done leaves the study at n_parts, which no entry may name.
             known = 0 <= entry.get("part", 0) < n_parts
             if not known or not 0 <= progress.part <= n_parts:
                 raise ValueError("the protocol has no such part")

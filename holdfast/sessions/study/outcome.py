@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from holdfast.evaluation.outcomes import ParticipantFigures
 
 STATES = {Event.BEGUN: "under way", Event.DONE: "done", Event.SKIPPED: "skipped"}
+"""What the last of these lines says of a part."""
 NOT_REACHED = "not reached"
 
 
@@ -96,6 +97,7 @@ class StudyOutcome:
 
     def to_json(self) -> Json:
         """As it stands in report.json."""
+        # The figures have a form of their own in JSON.
         content = asdict(replace(self, figures=None))
         del content["figures"]
         answers = None if self.figures is None else self.figures.to_json()
@@ -148,6 +150,7 @@ def _figures(home: Path, model: Path) -> tuple[ParticipantFigures | None, str]:
     try:
         return participant_figures(ModelChoice(str(model)).open(), home), ""
     except (DataError, ModelError) as error:
+        # A report without figures is better than none: the adverse events are in it.
         return None, f"{type(error).__name__}: {error}"
 
 
@@ -158,6 +161,7 @@ def _parts(
     states: dict[int, str] = {}
     for entry in entries:
         if entry["event"] in STATES:
+            # A part may be begun again: its last line counts.
             states[entry["part"]] = STATES[entry["event"]]
             begun[entry["part"]] += entry["event"] == Event.BEGUN
 
@@ -187,6 +191,7 @@ def _adverse(protocol: StudyProtocol, entries: list[Json]) -> list[AdverseEvent]
             part = protocol.parts[entry["part"]]
             events.append(AdverseEvent(entry["at"], part.step, part.title, None, ""))
         elif entry["event"] == Event.DETAIL and events:
+            # The description follows its event, unless the terminal was gone.
             severity = entry["severity"]
             text = entry["text"]
             events[-1] = replace(events[-1], severity=severity, text=text)

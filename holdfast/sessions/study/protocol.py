@@ -47,7 +47,9 @@ from holdfast.sessions.recorder.protocol import (
 )
 
 PROTOCOLS = Path(__file__).with_name("protocols")
+"""Folder of the study protocols that ship."""
 FORMS = Path(__file__).with_name("forms")
+"""Folder of the questionnaires that ship."""
 SAY = "say"
 MOUNT = "mount"
 VIDEO = "video"
@@ -62,15 +64,19 @@ TITLES = {
     QUESTIONS: "Questions",
     RECORD: "Recording",
 }
+"""Of a row without a title, by its kind."""
 OPTIONAL_SECTIONS = ("title", "about", "before", "first_step", "questionnaires")
 SECTIONS = (*OPTIONAL_SECTIONS, "actions", "objects", "steps")
 TEXTS = ("title", "say", "show", "hand_over")
+"""Texts of a row, in which braces are filled in."""
 CHOICES = ("kind", "minutes", "repetitions", "questionnaire", "object", "action")
 ROW_KEYS = (*CHOICES, *TEXTS)
 BLOCK_KEYS = ("objects", "each", "begin_object", "end_object")
 MOST_MINUTES = 600.0
+"""Of one row: a working day and more."""
 MOST_REPETITIONS = 100
 MOST_PARTS = 1000
+"""Rows of all blocks together."""
 
 
 def names_in(folder: Path) -> list[str]:
@@ -83,9 +89,11 @@ def shipped_or_own(name: str, folder: Path, what: str) -> Path:
     path = Path(name)
     if path.is_file():
         return path
+
     names = names_in(folder)
     if name in names:
         return folder / f"{name}.toml"
+
     raise DataNotFound(
         f"no such {what}",
         where=name,
@@ -154,12 +162,18 @@ class StudyProtocol:
 
     def listing(self) -> list[str]:
         """The protocol as lines: step, minutes, title; and the sum."""
-        lines = [self.title, *(f"before: {line}" for line in self.before)]
+        lines = [self.title]
+        for line in self.before:
+            lines.append(f"before: {line}")
+
         for part in self.parts:
             number = "" if part.step is None else str(part.step)
             minutes = f"{part.minutes:g}" if part.minutes else "-"
-            times = f" x {part.repetitions}" if part.repetitions else ""
-            lines.append(f"{number:>4} {minutes:>5} min  {part.title}{times}")
+            title = part.title
+            if part.repetitions:
+                title += f" x {part.repetitions}"
+            lines.append(f"{number:>4} {minutes:>5} min  {title}")
+
         steps = f"steps {self.first_step} to {self.last_step}"
         return [*lines, f"{steps}, {self.minutes:g} minutes"]
 
@@ -200,6 +214,7 @@ class _StudyReader(ProtocolReader):
         parts: list[StudyPart] = []
         allowed = "at least one [[steps]] with a kind"
         rows = self.rows("steps", raw.get("steps"), allowed)
+
         for number, row in enumerate(rows, 1):
             parts += self.parts(f"steps[{number}]", row)
 
@@ -209,6 +224,7 @@ class _StudyReader(ProtocolReader):
         if len(parts) > MOST_PARTS:
             allowed = f"at most {MOST_PARTS} rows in all"
             raise self.refused("steps", len(parts), allowed)
+
         return StudyProtocol(
             name=name,
             text=text,
@@ -225,9 +241,8 @@ class _StudyReader(ProtocolReader):
         for name, table in self.actions.items():
             key = f"actions.{name}"
             self.action(key, name)
-            self.require_known(
-                self.require_table(key, table), ("name", "how", "needs"), key
-            )
+            self.require_table(key, table)
+            self.require_known(table, ("name", "how", "needs"), key)
             for word, value in table.items():
                 self.text(f"{key}.{word}", value)
 
@@ -237,9 +252,8 @@ class _StudyReader(ProtocolReader):
         for name, table in self.objects.items():
             key = f"objects.{name}"
             self.object_name(key, name)
-            self.require_known(
-                self.require_table(key, table), ("name", "actions", "mass_g"), key
-            )
+            self.require_table(key, table)
+            self.require_known(table, ("name", "actions", "mass_g"), key)
             self.text(f"{key}.name", table.get("name", ""))
             for action in self.texts("actions", table, f"{key}."):
                 self.action(f"{key}.actions", action)
@@ -253,10 +267,14 @@ class _StudyReader(ProtocolReader):
         if not parts[0].has_number:
             allowed = "a step that it can follow"
             raise self.refused("steps[1].kind", parts[0].kind, allowed)
+
         numbered = []
         number = first_step - 1
+
         for part in parts:
+            # True counts as one.
             number += part.has_number
+            # Questionnaires stand between the steps, in none of them.
             step = None if part.kind == QUESTIONNAIRE else number
             numbered.append(replace(part, step=step))
 
@@ -267,14 +285,20 @@ class _StudyReader(ProtocolReader):
     def parts(self, key: str, row: Json) -> list[StudyPart]:
         """The parts of one row, or of all objects that it names."""
         if "objects" not in row:
-            return [self.part(key, row, row.get("object"), row.get("action"))]
+            name = row.get("object")
+            action = row.get("action")
+            return [self.part(key, row, name, action)]
+
         self.require_known(row, BLOCK_KEYS, f"{key}, with objects")
         allowed = "at least one [[steps.each]] with a kind"
         each = self.rows(f"{key}.each", row.get("each"), allowed)
+        # Said before the first row of an object, and after its last.
         begins = self.text(f"{key}.begin_object", row.get("begin_object", ""))
         ends = self.text(f"{key}.end_object", row.get("end_object", ""))
+
         parts: list[StudyPart] = []
         for name in self.texts("objects", row, f"{key}."):
+            # The room is told once an object: a video runs over all of its rows.
             of_object = self.parts_of_object(key, each, name)
             of_object[0] = replace(of_object[0], room_before=begins)
             of_object[-1] = replace(of_object[-1], room_after=ends)
@@ -288,10 +312,13 @@ class _StudyReader(ProtocolReader):
         if not actions:
             allowed = f'[objects.{name}] with actions = ["pass"]'
             raise self.refused(f"{key}.objects", name, allowed)
+
         parts = []
         for action in actions:
             for k, row in enumerate(each, 1):
-                parts.append(self.part(f"{key}.each[{k}]", row, name, action))
+                place = f"{key}.each[{k}]"
+                parts.append(self.part(place, row, name, action))
+
         return parts
 
     def part(self, key: str, row: Json, name: Any, action: Any) -> StudyPart:
@@ -302,15 +329,16 @@ class _StudyReader(ProtocolReader):
             raise self.refused(f"{key}.kind", kind, ", ".join(KINDS))
         if kind == QUESTIONNAIRE:
             return self.questionnaire(f"{key}.questionnaire", row.get("questionnaire"))
+
         task = None
         repetitions = 0
         needs = ""
         if kind == RECORD:
             task = self.task(key, name, action)
             times = row.get("repetitions", 1)
-            repetitions = self.whole_number(
-                f"{key}.repetitions", times, 1, MOST_REPETITIONS
-            )
+            counted = f"{key}.repetitions"
+            repetitions = self.whole_number(counted, times, 1, MOST_REPETITIONS)
+            # What an action needs, such as a box, is handed over together with the object.
             needs = self.actions.get(task.action, {}).get("needs", "")
         elif "repetitions" in row:
             allowed = "only with kind = 'record'"
@@ -319,17 +347,19 @@ class _StudyReader(ProtocolReader):
         words = self.words(name, action)
         texts = {}
         for text in TEXTS:
-            texts[text] = self.filled(f"{key}.{text}", row.get(text, ""), words)
+            given = row.get(text, "")
+            texts[text] = self.filled(f"{key}.{text}", given, words)
 
+        minutes = row.get("minutes")
+        minutes = self.positive(f"{key}.minutes", minutes, MOST_MINUTES, "minutes")
         title = texts["title"] or TITLES[kind]
+        # "Testing: soft ball, pass" tells two rows of one block apart.
         about = joined(", ", (words.get("object"), words.get("action")))
         return StudyPart(
             step=None,
             title=joined(": ", (title, about)),
             kind=kind,
-            minutes=self.positive(
-                f"{key}.minutes", row.get("minutes"), MOST_MINUTES, "minutes"
-            ),
+            minutes=minutes,
             say=texts["say"],
             show=texts["show"],
             hand_over=joined(" and ", (texts["hand_over"], needs)),
@@ -340,6 +370,7 @@ class _StudyReader(ProtocolReader):
     def questionnaire(self, key: str, name: Any) -> StudyPart:
         """A questionnaire takes no planned time: it is not part of the protocol's minutes."""
         shipped = names_in(FORMS)
+        # A questionnaire of one's own is given by its path.
         is_file = isinstance(name, str) and Path(name).is_file()
         if name not in shipped and not is_file:
             allowed = f"{', '.join(shipped)}, or a TOML file"
@@ -348,6 +379,7 @@ class _StudyReader(ProtocolReader):
         return StudyPart(None, title, QUESTIONNAIRE, 0.0, questionnaire=name)
 
     def task(self, key: str, name: Any, action: Any) -> Task:
+        # The empty hand is a task without an object.
         if action == NOTHING and name is None:
             return Task(NOTHING, NOTHING)
         action = self.action(f"{key}.action", action)
@@ -364,6 +396,7 @@ class _StudyReader(ProtocolReader):
             "action": of_action.get("name", action),
             "how": of_action.get("how"),
         }
+        # A place without a word is an error of the text that has it.
         return {place: str(word) for place, word in words.items() if word}
 
     def texts(self, name: str, table: Json, within: str = "") -> list[str]:
@@ -382,6 +415,7 @@ class _StudyReader(ProtocolReader):
             allowed = "braces in pairs, around object, action or how"
             raise self.refused(key, text, allowed) from None
 
+        # A misspelt place would be read out as it stands, so it is refused.
         for _, place, _, _ in fields:
             if place is not None and place not in words:
                 known = [f"{{{word}}}" for word in words]

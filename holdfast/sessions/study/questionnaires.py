@@ -31,6 +31,7 @@ from holdfast.sessions.study.protocol import (
 SECTIONS = ("title", "source", "ask", "lowest", "highest", "step", "items")
 ITEM_KEYS = ("name", "ask", "low", "high", "reversed")
 MOST_DIGITS = 8
+"""Of a rating that is typed: more would only make a longer error."""
 MOST_RATING = 10**MOST_DIGITS - 1
 ANSWERS = "questionnaires.json"
 HELP = (
@@ -65,6 +66,7 @@ class Questionnaire:
 
     def allows(self, rating: int) -> bool:
         """Whether an item may have this rating."""
+        # Scales such as the TLX allow every fifth number only.
         is_step = (rating - self.lowest) % self.step == 0
         return self.lowest <= rating <= self.highest and is_step
 
@@ -73,10 +75,14 @@ class Questionnaire:
         total = 0
         for item in self.items:
             rating = ratings.get(item.name)
+            # A score of some items is not comparable with one of all items.
             if rating is None:
                 return None
+            # A reversed item counts from its other end.
             total += self.highest - rating if item.reversed else rating - self.lowest
-        return 100.0 * total / (len(self.items) * (self.highest - self.lowest))
+
+        most = len(self.items) * (self.highest - self.lowest)
+        return 100.0 * total / most
 
 
 def read_questionnaire(name: str) -> Questionnaire:
@@ -94,14 +100,21 @@ class _Reader(ProtocolReader):
         lowest = self.rating("lowest", raw)
         highest = self.rating("highest", raw)
         step = self.rating("step", raw)
+        # Steps that miss the highest rating would make the best score unreachable.
         if highest <= lowest or step < 1 or (highest - lowest) % step:
             raise self.refused("step", step, "whole steps from lowest to highest")
+
         allowed = "at least one [[items]] with a name and ask"
         rows = self.rows("items", raw.get("items"), allowed)
-        items = [self.item(f"items[{k}]", row) for k, row in enumerate(rows, 1)]
+        items = []
+        for k, row in enumerate(rows, 1):
+            items.append(self.item(f"items[{k}]", row))
+
         names = [item.name for item in items]
+        # Answers are kept by name: two items of one name would share a rating.
         if len(set(names)) < len(names):
             raise self.refused("items", names, "names that differ")
+
         return Questionnaire(
             name=self.path.stem,
             title=self.text("title", raw.get("title", "")),
@@ -119,6 +132,7 @@ class _Reader(ProtocolReader):
         is_reversed = row.get("reversed", False)
         if not isinstance(is_reversed, bool):
             raise self.refused(f"{key}.reversed", is_reversed, "true or false")
+
         return Item(
             name=self.text(f"{key}.name", row.get("name")),
             ask=self.text(f"{key}.ask", row.get("ask")),
@@ -140,10 +154,13 @@ def answer_items(name: str, journal: Journal, console: Console) -> Key:
     part = journal.part
     console.report(f"{form.title}. {form.ask}")
     console.report(HELP)
+    # Answers of an earlier run count: a killed study goes on with the next item.
     at = sum((part, item.name) in journal.progress.answers for item in form.items)
+
     while at < len(form.items):
         item = form.items[at]
-        answer = _answer(form, item, f"{at + 1} of {len(form.items)}", console)
+        place = f"{at + 1} of {len(form.items)}"
+        answer = _answer(form, item, place, console)
         if answer == Key.REPEAT and at > 0:
             at -= 1
         elif isinstance(answer, Key):
@@ -162,14 +179,17 @@ def _answer(
     scale = f"{form.lowest} {item.low} .. {form.highest} {item.high}"
     if form.step > 1:
         scale += f", in steps of {form.step}"
+
     while True:
         typed = console.text(f"{place}: {item.ask} ({scale})")
         if typed is None:
             return Key.QUIT
         if typed == LEFT_OUT:
             return None
-        if typed.lower() in KEYS:
-            return KEYS[typed.lower()]
+        letter = typed.lower()
+        if letter in KEYS:
+            return KEYS[letter]
+        # isdecimal refuses signs, points and spaces; the length bounds what int() must read.
         if typed.isdecimal() and len(typed) <= MOST_DIGITS and form.allows(int(typed)):
             return int(typed)
         console.report(f"{typed[:20]!r} is not on the scale; {HELP}")
@@ -182,6 +202,7 @@ def scores(protocol: StudyProtocol, progress: Progress) -> list[dict[str, Any]]:
         if part.kind != QUESTIONNAIRE:
             continue
         form = read_questionnaire(part.questionnaire)
+        # Items without an answer are left out; a dash was answered with None.
         ratings = {}
         for item in form.items:
             if (number, item.name) in progress.answers:

@@ -24,14 +24,17 @@ def write_report(home: Path, outcome: StudyOutcome) -> Path:
     cells = {}
     pictures = {}
     if figures is not None:
+        # The page is a table of objects by actions.
         cells = {(cell.object, cell.action): cell for cell in figures.cells}
         for action, rows in figures.drawn.items():
             pictures[action] = timelines(rows, figures.kind)
+
     return write_page(
         home / REPORT,
         "participant_report.html",
         outcome=outcome,
         figures=figures,
+        # Each object once, in the order of its first trial; the empty hand has no name.
         objects=list(dict.fromkeys(name for name, _ in cells if name)),
         cells=cells,
         pictures=pictures,
@@ -44,6 +47,7 @@ def summary_lines(outcome: StudyOutcome, page: Path) -> list[str]:
     trials = f"{outcome.kept} of {outcome.planned} trials kept"
     lines = [f"{outcome.person}: {trials}, {len(outcome.adverse)} adverse events"]
     figures = outcome.figures
+
     if figures is None:
         lines.append(f"no figures of a model: {outcome.no_figures}")
     else:
@@ -55,6 +59,7 @@ def summary_lines(outcome: StudyOutcome, page: Path) -> list[str]:
             )
 
     for form in outcome.questionnaires:
-        lines.append(f"  {form['title']}: {number(form['score'], 1)} of 100")
+        score = number(form["score"], 1)
+        lines.append(f"  {form['title']}: {score} of 100")
 
     return [*lines, f"report: {page}"]

@@ -53,6 +53,8 @@ class Runner:
             self._begin(number, part)
             ending = self._part(part)
             if ending == Ending.QUIT:
+                # A step that was left keeps its time, so that the next run goes on with what is
+                # left.
                 self.journal.append(Event.QUIT, part=number)
                 self.console.report(LATER)
             if ending != Ending.MOVED:
@@ -64,12 +66,14 @@ class Runner:
     # -- one part
 
     def _begin(self, number: int, part: StudyPart) -> None:
+        # How many trials were kept before, so that a part that is resumed still asks for its own.
         kept = {"kept": self.trials.kept(part.task)} if part.task else {}
         self.journal.append(
             Event.BEGUN, part=number, step=part.step, title=part.title, **kept
         )
-        parts = self.protocol.parts
-        after = parts[number + 1].title if number + 1 < len(parts) else "the end"
+
+        titles = [one.title for one in self.protocol.parts] + ["the end"]
+        after = titles[number + 1]
         rows = {
             "room": part.room_before,
             "show": part.show,
@@ -80,6 +84,7 @@ class Runner:
         }
         self.console.report("")
         self.console.report(self._heading(number, part))
+
         for name, text in rows.items():
             if text:
                 self.console.report(f"  {name}: {text}")
@@ -91,8 +96,12 @@ class Runner:
             heading = f"step {part.step} of {self.protocol.last_step}, {heading}"
         if part.minutes:
             heading += f": {clock_text(60.0 * part.minutes)} planned"
-        left_s = max(0.0, self._left_s()) + 60.0 * self.protocol.minutes_after(number)
+        # A part that takes too long uses up no time of the parts after it.
+        left_s = max(0.0, self._left_s())
+        left_s += 60.0 * self.protocol.minutes_after(number)
         heading += f"; {clock_text(left_s)} left in all"
+
+        # Only parts before this one count: the one under way shows its own countdown.
         behind_s = 0.0
         for k in range(number):
             spent_s = self.journal.progress.spent_s.get(k, 0.0)
@@ -127,8 +136,10 @@ class Runner:
         """Repetitions of a recording step that are not kept yet."""
         if part.task is None:
             return 0
+        # Trials of the same task may be kept from an earlier part; those do not count here.
         before = self.journal.progress.kept_before[self.journal.part]
-        return max(0, before + part.repetitions - self.trials.kept(part.task))
+        wanted = before + part.repetitions
+        return max(0, wanted - self.trials.kept(part.task))
 
     def _prompt(self, part: StudyPart, missing: int) -> None:
         times = part.repetitions
@@ -147,7 +158,9 @@ class Runner:
 
     def _move(self, event: Event, by: int) -> Ending:
         number = self.journal.part
-        self.journal.append(event, part=number, next=max(0, number + by))
+        # Before the first part there is none: back stays there.
+        following = max(0, number + by)
+        self.journal.append(event, part=number, next=following)
         return Ending.MOVED
 
     # -- keys
@@ -166,6 +179,7 @@ class Runner:
             return self._pause()
         if key == Key.WITHDRAW:
             return self._withdraw()
+
         return self._adverse()
 
     def _repeat(self, part: StudyPart) -> Ending:
@@ -186,17 +200,22 @@ class Runner:
     def _pause(self) -> Ending:
         self.journal.append(Event.PAUSED, part=self.journal.part)
         self.console.report("paused: space goes on")
+
         key = None
+        # Any other key is ignored: a note or a skip during a pause would blur its time.
         while key not in (Key.NEXT, Key.PAUSE, Key.QUIT):
             key = self.console.key(0.0, ends_part=False, paused=True)
+
         if key == Key.QUIT:
             return Ending.QUIT
+
         self.journal.append(Event.RESUMED, part=self.journal.part)
         return Ending.GOES_ON
 
     def _withdraw(self) -> Ending:
         everything = f"withdraw deletes everything of {self.person}"
         typed = self.console.text(f"{everything}; type {self.person} to confirm")
+        # Nothing brings the files back, so a slip of a key must not delete them.
         if typed != self.person:
             self.console.report("nothing is deleted")
             return Ending.GOES_ON
@@ -212,11 +231,14 @@ class Runner:
         self.console.report(
             "adverse event: look after the person first; nothing is being recorded"
         )
+        # Where the terminal is gone the event stays, without a description.
         text = self.console.text(f"what happened? ({NO_NAMES})") or ""
         choice = self._choice("how severe? 1 mild, 2 moderate, 3 severe", "123")
         severity = SEVERITIES.get(choice)
         self.journal.append(Event.DETAIL, part=number, text=text, severity=severity)
         goes_on = self._choice("does the study go on? y or n", "yn")
+
+        # No answer ends the study: safety does not wait for a key.
         return Ending.GOES_ON if goes_on == "y" else Ending.QUIT
 
     def _choice(self, prompt: str, letters: str) -> str:
@@ -231,6 +253,7 @@ class Runner:
         try:
             self.trials.record(task, trial_keys)
         except HoldfastError as error:
+            # One failed trial does not end the study: the operator tries again or skips.
             name = type(error).__name__
             self.journal.append(Event.FAILED, part=self.journal.part, error=name)
             self.console.failed(error)

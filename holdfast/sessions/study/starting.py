@@ -39,6 +39,7 @@ from holdfast.sessions.study.trials import Trials
 from holdfast.sessions.study.withdrawal import require_not_withdrawn, withdraw
 
 PROTOCOL = "protocol.toml"
+"""The copy in the person's folder; the study goes on with this text only."""
 
 
 @dataclass(frozen=True)
@@ -62,6 +63,7 @@ class StudyOptions:
         recording = self.recording
         checked_name(recording.person, "pseudonym")
         require_ours(recording.out)
+        # A person who withdrew must not come back under the same name by mistake.
         require_not_withdrawn(recording.out, recording.person)
         recording.camera.require_usable(recording.source)
         if self.rehearse:
@@ -87,6 +89,7 @@ class StudyOptions:
 def _require_same_protocol(home: Path, protocol: StudyProtocol) -> None:
     """Raise CardError where the person began with another protocol."""
     for entry in read_events(home / JOURNAL):
+        # Any run will do: all of them were checked against the first.
         if entry.get("event") != Event.OPENED:
             continue
         if entry.get("sha256") != protocol.sha256:
@@ -105,6 +108,7 @@ def run_study(
     """Run the study with an operator, or as a rehearsal. Raises a HoldfastError."""
     options.require_consistent(protocol)
     status = _status_line(options.recording.seconds)
+
     with ExitStack() as stack:
         stopped = stack.enter_context(stop_signals())
         console: Console
@@ -156,11 +160,13 @@ def run_parts(
     require_writable(root)
     # Before the person's folder is made: a hand that does not answer leaves nothing behind.
     trials.require_hand()
+
     with opened_journal(home, len(protocol.parts), clock.now_ns, utc) as journal:
         trials.repair()
         _open(home, protocol, console, journal)
         ending = Runner(root, person, protocol, journal, console, trials, utc).run()
         if ending != Ending.WITHDRAWN:
+            # Also after a quit: the file then holds the answers so far.
             write_answers(home, protocol, journal.progress)
 
     return ending
@@ -173,9 +179,11 @@ def _open(
     is_first = not journal.entries
     if is_first:
         write_whole(home / PROTOCOL, protocol.text)
+    # A rehearsal is marked in its journal, so that no report can take it for a person.
     more = {"rehearsal": True} if console.rehearsal else {}
     journal.append(Event.OPENED, card=protocol.name, sha256=protocol.sha256, **more)
     console.report(f"{protocol.title} ({home.name})")
+
     if journal.part == len(protocol.parts):
         console.report("every step of this person's study is done")
     elif is_first:
@@ -202,6 +210,7 @@ def require_person(root: Path, person: str) -> Path:
             where=home,
             next_step="check --out and --person",
         )
+
     return home
 
 
@@ -225,6 +234,7 @@ def write_participant_report(
 def withdraw_person(root: Path, person: str, keyboard: TextIO) -> bool:
     """Delete a person once the operator has typed the pseudonym; returns whether that was done."""
     home = require_person(root, person)
+    # The operator types the pseudonym: one wrong --person must not delete a person.
     with stop_signals() as stopped, listening(keyboard.fileno()) as keys:
         console = _console(keys, _status_line(), stopped)
         typed = console.text(

@@ -48,16 +48,21 @@ def scene_in(url: str) -> tuple[str, int] | None:
     """(name, seed) of a source whose scene's trials can be chosen; None where it names a trial."""
     if "://" not in url:
         return None
+
     parts = split_url(url)
     options = parse_qs(parts.query, keep_blank_values=True)
+    # The user chose the trial: it is taken as it is.
     if "trial" in options or "trials" in options:
         return None
+
     name = options.get("scene", [""])[-1]
     if url.startswith(SIM):
         name = parts.netloc + parts.path
+    # The last of repeated options counts, as it does where the source is opened.
     seed = options.get("seed", ["0"])[-1]
     if parts.scheme in ("sim", "virtual") and name and seed.isdecimal():
         return name, int(seed)
+
     return None
 
 
@@ -69,6 +74,7 @@ def url_for(url: str, task: Task, nth: int) -> str:
     scene = scene_in(url)
     if scene is None:
         return url
+
     wanted = task.object, task.action
     fitting = [k for k, trial in enumerate(_scene_trials(*scene)) if trial == wanted]
     if not fitting:
@@ -77,7 +83,10 @@ def url_for(url: str, task: Task, nth: int) -> str:
             cause="a scene with other objects or actions than the protocol's",
             next_step="take a scene with them, such as sim://p1 for the protocol thesis",
         )
-    return f"{url}{'&' if '?' in url else '?'}trial={fitting[nth % len(fitting)]}"
+
+    trial = fitting[nth % len(fitting)]
+    separator = "&" if "?" in url else "?"
+    return f"{url}{separator}trial={trial}"
 
 
 @lru_cache(maxsize=1)
@@ -88,6 +97,7 @@ def _scene_trials(name: str, seed: int) -> list[tuple[str, str]]:
 
     trials = []
     for trial in Scene(read_scene_file(name), seed).trials():
+        # A scene names an object even for the empty hand.
         held = NOTHING if trial.action == NOTHING else trial.object.name
         trials.append((held, trial.action))
     return trials
@@ -102,6 +112,7 @@ class _ReportedOnce(Display):
         self._reported: set[str] = set()
 
     def report(self, line: str) -> None:
+        # Only these: a repeated error must be seen every time.
         if line in self._reported and line.startswith(REPEATED):
             return
         self._reported.add(line)
@@ -141,8 +152,10 @@ class Trials:
                 f"{self.root}: holds trials that are {before}, these would be {kind}",
                 next_step="name another folder, so that rehearsals stay apart from people",
             )
+        # A later run of the study: the hand is opened with its first trial.
         if (self.root / META).exists():
             return
+
         source = open_live(
             url,
             clock=self.context.clock,
@@ -183,6 +196,8 @@ class Trials:
             self.context,
             keys=keys,
             display=self.display,
+            # A key that ends a trial at once, such as an adverse event, stops it as a signal
+            # does.
             stopped=lambda: stopped() or keys.ends,
         )
         protocol = self.protocol.recording_protocol()
@@ -196,6 +211,7 @@ class Trials:
             for folder, meta in trials_of(self.root, self.person):
                 if folder.parent == place and meta.get("state") == KEPT:
                     kept.append(folder)
+            # The highest number is the newest.
             return discard(self.root, self.person, max(kept, key=number))
 
     def _begun(self, task: Task) -> int:

@@ -18,6 +18,7 @@ from holdfast.core.trial_layout import read_events
 from holdfast.sessions.recorder.folder import alone
 
 WITHDRAWN = "withdrawn.jsonl"
+"""In the folder of the study, outside every person's."""
 BEGUN = "begun"
 DONE = "done"
 INCOMPLETE = "incomplete"
@@ -38,6 +39,7 @@ def withdraw(
         left, n_files = _delete_all(root, person, report, utc)
 
     if left:
+        # One file stands for all in the error; every one was reported above.
         name, why = next(iter(left.items()))
         raise OutputError(
             f"cannot be deleted ({why}); {len(left)} left of {n_files} files",
@@ -58,7 +60,9 @@ def _delete_all(
     home = root / person
     files = []
     folders = [home]
+
     for path in sorted(home.rglob("*")):
+        # A link is deleted itself: what it points to may belong to another person.
         if path.is_dir() and not path.is_symlink():
             folders.append(path)
         else:
@@ -68,6 +72,7 @@ def _delete_all(
     names = [str(path.relative_to(root)) for path in files]
     entry = {"event": "withdrawn", "person": person}
     _note(root, {**entry, "state": BEGUN, "at": utc(), "files": names})
+
     left: dict[str, str] = {}
     for path, name in zip(files, names, strict=True):
         try:
@@ -77,16 +82,19 @@ def _delete_all(
             left[name] = str(error.strerror)
             report(f"not deleted: {name} ({error.strerror})")
 
+    # Inner folders come after outer ones, so in reverse each is empty when its turn comes.
     for folder in reversed(folders):
         # One that still holds something stays.
         with suppress(OSError):
             folder.rmdir()
 
+    # A folder that cannot be listed looks empty, but cannot be removed.
     if home.exists() and not left:
         left = {person: "something in it cannot be seen or deleted"}
     state = INCOMPLETE if left else DONE
     deleted = [name for name in names if name not in left]
     _note(root, {**entry, "state": state, "at": utc(), "deleted": deleted})
+
     return left, len(names)
 
 
@@ -95,6 +103,7 @@ def require_not_withdrawn(root: Path, person: str) -> None:
     state = None
     for entry in read_events(root / WITHDRAWN):
         if entry.get("person") == person:
+            # The last line counts: a deletion that was cut off may have ended later.
             state = entry["state"]
 
     if state == DONE:
@@ -115,6 +124,7 @@ def _note(root: Path, entry: dict[str, object]) -> None:
         with (root / WITHDRAWN).open("a", encoding="utf-8") as lines:
             lines.write(json.dumps(entry) + "\n")
             lines.flush()
+            # After a power cut the list must be there, or what is left could not be told.
             os.fsync(lines.fileno())
     except OSError as error:
         deleted = "nothing" if entry["state"] == BEGUN else "all"
