@@ -389,7 +389,7 @@ def simulated_slips(
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder) / SCENE
 
-        def report(n: int) -> None:
+        def report(n: float) -> None:
             part(min(1.0, n / trials))
 
         write_set(scene, out, trials, report)
