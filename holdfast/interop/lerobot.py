@@ -46,17 +46,25 @@ def write_trials(trials: Sequence[TrialPayload], folder: Path) -> None:
     rate_hz = common_rate([trial.recording for trial in trials])
     fps = round(rate_hz)
     tasks: list[str] = []
-    episodes, parts, first = [], [], 0
+    episodes = []
+    parts = []
+    first = 0
     for number, trial in enumerate(trials):
-        if _task(trial) not in tasks:
-            tasks.append(_task(trial))
-        columns = _frames(trial, number, first, fps, tasks.index(_task(trial)))
+        task = _task(trial)
+        if task not in tasks:
+            tasks.append(task)
+        columns = _frames(trial, number, first, fps, tasks.index(task))
         parts.append(columns)
         episodes.append(_episode(trial, number, first, columns))
         first += len(trial.t_s)
-    joined = {key: np.concatenate([part[key] for part in parts]) for key in parts[0]}
+
+    joined = {}
+    for key in parts[0]:
+        joined[key] = np.concatenate([columns[key] for columns in parts])
     path = DATA_PATH.format(chunk_index=0, file_index=0)
     write_columns(folder / path, joined)
+
+    # The table of episodes has the same chunks and files as the data.
     write_rows(folder / path.replace("data/", "meta/episodes/", 1), episodes)
     _write_tasks(folder, tasks)
     stats = {key: _stats(values) for key, values in joined.items()}
@@ -65,19 +73,23 @@ def write_trials(trials: Sequence[TrialPayload], folder: Path) -> None:
 
 
 def _task(trial: TrialPayload) -> str:
-    action, name = trial.about["action"], trial.about["object"]
-    return f"{action} {name}" if name else str(action)
+    """The task of an episode, such as `pull soft-ball`; the empty hand has no object."""
+    action = str(trial.about["action"])
+    name = trial.about["object"]
+    return f"{action} {name}" if name else action
 
 
 def _frames(
     trial: TrialPayload, number: int, first: int, fps: int, task: int
 ) -> Columns:
+    """The frames of an episode by column. first: the number of its first frame in the set."""
     rows = np.arange(len(trial.t_s))
     return {
         TACTILE: trial.values.astype(np.float32),
         VALID: trial.valid,
         TIME: trial.t_s,
         SITUATION: trial.label.astype(np.int64),
+        # lerobot checks that stamps are exactly frame / fps; TIME has the true ones.
         "timestamp": (rows / fps).astype(np.float32),
         "frame_index": rows,
         "episode_index": np.full(len(rows), number),
@@ -87,45 +99,51 @@ def _frames(
 
 
 def _features(n_sensors: int) -> Json:
+    """The columns as meta/info.json describes them."""
     channels = list(channel_names(n_sensors))
-    sensors = [f"valid{k + 1}" for k in range(n_sensors)]
+    sensors = [f"valid{sensor + 1}" for sensor in range(n_sensors)]
+    # The format has no scalars: a single number has shape [1].
     scalar = {"shape": [1], "names": None}
-    counters = ("frame_index", "episode_index", "index", "task_index")
-    return {
+    features: Json = {
         TACTILE: {"dtype": "float32", "shape": [len(channels)], "names": channels},
         VALID: {"dtype": "bool", "shape": [n_sensors], "names": sensors},
         TIME: {"dtype": "float64", **scalar},
         SITUATION: {"dtype": "int64", **scalar},
         "timestamp": {"dtype": "float32", **scalar},
-        **{key: {"dtype": "int64", **scalar} for key in counters},
     }
+    for key in ("frame_index", "episode_index", "index", "task_index"):
+        features[key] = {"dtype": "int64", **scalar}
+    return features
 
 
 def _episode(trial: TrialPayload, number: int, first: int, columns: Columns) -> Json:
     """A row of meta/episodes: where its frames are, their statistics, and what the trial was."""
-    stats = {}
-    for key, values in columns.items():
-        for name, figures in _stats(values).items():
-            stats[f"stats/{key}/{name}"] = figures
-    return {
+    length = len(trial.t_s)
+    episode: Json = {
         "episode_index": number,
         "tasks": [_task(trial)],
-        "length": len(trial.t_s),
+        "length": length,
         "data/chunk_index": 0,
         "data/file_index": 0,
         "dataset_from_index": first,
-        "dataset_to_index": first + len(trial.t_s),
+        "dataset_to_index": first + length,
         "meta/episodes/chunk_index": 0,
         "meta/episodes/file_index": 0,
         "holdfast": json.dumps(trial.about),
-        **stats,
     }
+    for key, values in columns.items():
+        for name, figures in _stats(values).items():
+            episode[f"stats/{key}/{name}"] = figures
+    return episode
 
 
 def _stats(values: npt.NDArray[Any]) -> dict[str, list[float]]:
     """Statistics over axis 0 without nan, by lerobot's names; 0 where nothing is left."""
     table = values.reshape(len(values), -1).astype(np.float64)
-    table[:, np.isnan(table).all(axis=0)] = 0.0
+    # JSON has no nan: a channel that was lost from end to end is 0 in all figures.
+    is_lost = np.isnan(table).all(axis=0)
+    table[:, is_lost] = 0.0
+
     figures = {
         "min": np.nanmin(table, axis=0),
         "max": np.nanmax(table, axis=0),
@@ -134,17 +152,28 @@ def _stats(values: npt.NDArray[Any]) -> dict[str, list[float]]:
     }
     for name, share in QUANTILES.items():
         figures[name] = np.nanquantile(table, share, axis=0)
+
     stats = {name: row.tolist() for name, row in figures.items()}
-    return {**stats, "count": [len(table)]}
+    stats["count"] = [len(table)]
+    return stats
 
 
-def _info(trials: Sequence[TrialPayload], rate_hz: float, tasks: int) -> Json:
+def _info(trials: Sequence[TrialPayload], rate_hz: float, n_tasks: int) -> Json:
+    """The content of meta/info.json; what stands under `holdfast` is ours."""
+    n_frames = sum(len(trial.t_s) for trial in trials)
+    first = trials[0]
+    ours = {
+        "unit": first.unit,
+        "rate_hz": rate_hz,
+        "situations": list(SITUATIONS),
+        "no_label": NO_LABEL,
+    }
     return {
         "codebase_version": VERSION,
         "robot_type": "holdfast",
         "total_episodes": len(trials),
-        "total_frames": sum(len(trial.t_s) for trial in trials),
-        "total_tasks": tasks,
+        "total_frames": n_frames,
+        "total_tasks": n_tasks,
         "chunks_size": CHUNK_FILES,
         "data_files_size_in_mb": DATA_MB,
         "video_files_size_in_mb": VIDEO_MB,
@@ -152,22 +181,18 @@ def _info(trials: Sequence[TrialPayload], rate_hz: float, tasks: int) -> Json:
         "splits": {"train": f"0:{len(trials)}"},
         "data_path": DATA_PATH,
         "video_path": None,
-        "features": _features(trials[0].n_sensors),
-        "holdfast": {
-            "unit": trials[0].unit,
-            "rate_hz": rate_hz,
-            "situations": [*SITUATIONS],
-            "no_label": NO_LABEL,
-        },
+        "features": _features(first.n_sensors),
+        "holdfast": ours,
     }
 
 
 def _write_tasks(folder: Path, tasks: list[str]) -> None:
+    """The tasks with their numbers; the texts are the index, as lerobot looks them up."""
     import pandas as pd
 
     names = pd.Index(tasks, name="task")
-    frame = pd.DataFrame({"task_index": np.arange(len(tasks))}, index=names)
-    write_frame(folder / "meta/tasks.parquet", frame)
+    numbers = {"task_index": np.arange(len(tasks))}
+    write_frame(folder / "meta/tasks.parquet", pd.DataFrame(numbers, index=names))
 
 
 def _write_json(path: Path, value: Json) -> None:

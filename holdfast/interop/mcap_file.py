@@ -51,11 +51,14 @@ def pads(n_sensors: int) -> Pads:
     hand = HandLayout()
     if n_sensors == hand.n_contacts:
         along = hand.along_m
-        side = np.where(np.arange(n_sensors) < hand.thumb, -1.0, 1.0)
+        is_thumb = np.arange(n_sensors) < hand.thumb
+        side = np.where(is_thumb, -1.0, 1.0)
     else:
+        # Of other hands only the number of sensors is known: one row, its middle at zero.
         numbers = np.arange(n_sensors, dtype=np.float64)
         along = ONE_ROW_M * (0.5 * (n_sensors - 1) - numbers)
         side = np.ones(n_sensors)
+
     at_m = np.column_stack([along, HALF_GAP_M * side, np.zeros(n_sensors)])
     turned = np.zeros((n_sensors, 3, 3))
     turned[:, 0, 0] = 1.0  # a sensor's X along the row
@@ -74,7 +77,10 @@ def orientations(along: FloatArray) -> FloatArray:
     """
     zero = np.zeros(len(along))
     halfway = np.column_stack([zero, -along[:, 2], along[:, 1], 1.0 + along[:, 0]])
-    halfway[np.linalg.norm(halfway, axis=1) < 1e-9] = (0.0, 0.0, 1.0, 0.0)
+
+    # Opposite to x the half-way quaternion is zero: any half turn about a normal to x will do.
+    is_opposite = np.linalg.norm(halfway, axis=1) < 1e-9
+    halfway[is_opposite] = (0.0, 0.0, 1.0, 0.0)
     unit: FloatArray = halfway / np.linalg.norm(halfway, axis=1, keepdims=True)
     return unit
 
@@ -83,12 +89,14 @@ def arrows(
     values: FloatArray, unit: Unit, where: Pads
 ) -> tuple[FloatArray, FloatArray]:
     """(length [S] in m, quaternion [S, 4]) of the arrows of a sample, values [C] all finite."""
-    vectors = np.einsum("sij,sj->si", where.turned, values.reshape(-1, 3))
-    size = np.linalg.norm(vectors, axis=1)
+    by_sensor = values.reshape(-1, 3)
+    vectors = np.einsum("sij,sj->si", where.turned, by_sensor)
+    size = np.linalg.norm(vectors, axis=1, keepdims=True)
+
     # An arrow of no length has no direction; it points along x.
     towards = np.tile([1.0, 0.0, 0.0], (len(size), 1))
-    np.divide(vectors, size[:, None], where=size[:, None] > 0.0, out=towards)
-    return METRES_PER_UNIT[unit] * size, orientations(towards)
+    np.divide(vectors, size, where=size > 0.0, out=towards)
+    return METRES_PER_UNIT[unit] * size[:, 0], orientations(towards)
 
 
 with needs_extra("mcap"):
@@ -109,7 +117,12 @@ with needs_extra("mcap"):
 
 ROOT_FRAME, FRAME = "world", "hand"
 UPRIGHT = Quaternion(w=1.0)
-PAD_M, SHAFT_M, HEAD_M, TEXT_M = 0.012, 0.004, 0.008, 0.012
+ABOVE = Pose(position=Vector3(z=0.08), orientation=UPRIGHT)
+"""Where the text stands: 8 cm above the middle of the object."""
+PAD_SIZE = Vector3(x=0.012, y=0.012, z=0.012)
+SHAFT_M = 0.004
+HEAD_M = 0.008
+TEXT_M = 0.012
 PAD = Color(r=0.55, g=0.58, b=0.62, a=0.9)
 LOST = Color(r=0.1, g=0.1, b=0.1, a=0.3)
 ARROW = Color(r=0.13, g=0.35, b=0.6, a=1.0)
@@ -145,11 +158,13 @@ def write_trials(trials: Iterable[TrialPayload], folder: Path) -> None:
     for trial in trials:
         path = folder / f"{trial.name}.mcap"
         path.parent.mkdir(parents=True, exist_ok=True)
+        # The metadata of MCAP are texts, so each value is JSON of its own.
+        about = {key: json.dumps(value) for key, value in trial.about.items()}
+
         with path.open("wb") as file:
             writer = Writer(file)
             writer.start(library="holdfast")
             _write(_Topics(writer), trial)
-            about = {key: json.dumps(value) for key, value in trial.about.items()}
             writer.add_metadata("holdfast", about)
             writer.finish()
 
@@ -162,28 +177,36 @@ class _Topics:
     _channels: dict[str, int] = field(default_factory=dict)
 
     def proto(self, topic: str, t_ns: int, message: Any) -> None:
+        """Write a protobuf message."""
         if topic not in self._channels:
             schema = register_schema(self.writer, type(message))
-            self._channels[topic] = self.writer.register_channel(
-                topic, "protobuf", schema
-            )
+            self._register(topic, "protobuf", schema)
         self._add(topic, t_ns, message.SerializeToString())
 
     def json(self, topic: str, t_ns: int, schema: str, message: Json) -> None:
+        """Write a JSON message of a schema in SCHEMAS."""
         if topic not in self._channels:
-            text = json.dumps({"title": schema, **SCHEMAS[schema]}).encode()
-            number = self.writer.register_schema(schema, "jsonschema", text)
-            self._channels[topic] = self.writer.register_channel(topic, "json", number)
-        self._add(topic, t_ns, json.dumps(message, allow_nan=False).encode())
+            # Foxglove names a JSON schema by its title.
+            text = json.dumps({"title": schema, **SCHEMAS[schema]})
+            number = self.writer.register_schema(schema, "jsonschema", text.encode())
+            self._register(topic, "json", number)
+        # allow_nan=False: the browser's JSON parser refuses a bare NaN.
+        text = json.dumps(message, allow_nan=False)
+        self._add(topic, t_ns, text.encode())
+
+    def _register(self, topic: str, encoding: str, schema: int) -> None:
+        number = self.writer.register_channel(topic, encoding, schema)
+        self._channels[topic] = number
 
     def _add(self, topic: str, t_ns: int, data: bytes) -> None:
-        self.writer.add_message(
-            self._channels[topic], log_time=t_ns, data=data, publish_time=t_ns
-        )
+        channel = self._channels[topic]
+        self.writer.add_message(channel, log_time=t_ns, data=data, publish_time=t_ns)
 
 
 def _write(topics: _Topics, trial: TrialPayload) -> None:
+    """All messages of a trial: the frame, the log, situations, then sample by sample."""
     stamps = trial.t_ns.tolist()
+    # The 3D view draws an entity only if its frame is known from a transform.
     frame = FrameTransform(
         timestamp=_stamp(stamps[0]),
         parent_frame_id=ROOT_FRAME,
@@ -191,6 +214,7 @@ def _write(topics: _Topics, trial: TrialPayload) -> None:
         rotation=UPRIGHT,
     )
     topics.proto("/tf", stamps[0], frame)
+
     for line in log_lines(trial):
         message = Log(
             timestamp=_stamp(line.t_ns),
@@ -199,6 +223,7 @@ def _write(topics: _Topics, trial: TrialPayload) -> None:
             name="holdfast",
         )
         topics.proto("/log", line.t_ns, message)
+
     for first, stop, name in trial.phases():
         situation = {
             "situation": name,
@@ -207,10 +232,12 @@ def _write(topics: _Topics, trial: TrialPayload) -> None:
             "t1_s": float(trial.t_s[stop - 1]),
         }
         topics.json("/situation", stamps[first], "holdfast.Situation", situation)
-    where, names = pads(trial.n_sensors), trial.situations()
-    for row, t_ns in enumerate(stamps):
+
+    where = pads(trial.n_sensors)
+    for row, name in enumerate(trial.situations()):
+        t_ns = stamps[row]
         entity = _hand(trial, row, t_ns, where)
-        entity.texts.append(_text(names[row]))
+        entity.texts.append(_text(name))
         topics.proto("/tactile/arrows", t_ns, SceneUpdate(entities=[entity]))
         fingers = {"unit": trial.unit, "fingers": _fingers(trial, row)}
         topics.json("/tactile/fingers", t_ns, "holdfast.Fingers", fingers)
@@ -220,7 +247,9 @@ def _fingers(trial: TrialPayload, row: int) -> list[Json]:
     """The readings of a sample; JSON has no nan, so a lost value is None."""
     fingers: list[Json] = []
     readings = trial.values[row].reshape(-1, len(AXES)).tolist()
-    for reading, valid in zip(readings, trial.valid[row].tolist(), strict=True):
+    are_valid = trial.valid[row].tolist()
+
+    for reading, valid in zip(readings, are_valid, strict=True):
         finger: Json = {"valid": valid}
         for axis, value in zip(AXES, reading, strict=True):
             finger[axis] = value if np.isfinite(value) else None
@@ -230,28 +259,35 @@ def _fingers(trial: TrialPayload, row: int) -> list[Json]:
 
 def _hand(trial: TrialPayload, row: int, t_ns: int, where: Pads) -> Any:
     """All pads, and the arrows of those that were measured."""
+    # Lost values become zero only to keep the arithmetic finite: their arrows are not drawn.
     values = np.nan_to_num(trial.values[row], nan=0.0, posinf=0.0, neginf=0.0)
     lengths_m, turns = arrows(values, trial.unit, where)
+
+    # One id for all samples: each message replaces the hand that was drawn before.
     entity = SceneEntity(timestamp=_stamp(t_ns), frame_id=FRAME, id="hand")
-    for k, (x, y, z) in enumerate(where.at_m.tolist()):
+    for sensor, (x, y, z) in enumerate(where.at_m.tolist()):
         at = Vector3(x=x, y=y, z=z)
-        valid = bool(trial.valid[row, k])
+        valid = bool(trial.valid[row, sensor])
         pad = SpherePrimitive(
             pose=Pose(position=at, orientation=UPRIGHT),
-            size=Vector3(x=PAD_M, y=PAD_M, z=PAD_M),
+            size=PAD_SIZE,
             color=PAD if valid else LOST,
         )
         entity.spheres.append(pad)
         if valid:
-            entity.arrows.append(_arrow(at, float(lengths_m[k]), turns[k].tolist()))
+            length_m = float(lengths_m[sensor])
+            entity.arrows.append(_arrow(at, length_m, turns[sensor].tolist()))
     return entity
 
 
 def _arrow(at: Any, length_m: float, turn: list[float]) -> Any:
+    """An arrow from a place; turn: the quaternion x, y, z, w."""
     x, y, z, w = turn
+    # A short arrow is all head, so that its length still shows the force.
     head_m = min(HEAD_M, length_m)
+    pose = Pose(position=at, orientation=Quaternion(x=x, y=y, z=z, w=w))
     return ArrowPrimitive(
-        pose=Pose(position=at, orientation=Quaternion(x=x, y=y, z=z, w=w)),
+        pose=pose,
         shaft_length=length_m - head_m,
         shaft_diameter=SHAFT_M,
         head_length=head_m,
@@ -261,11 +297,17 @@ def _arrow(at: Any, length_m: float, turn: list[float]) -> Any:
 
 
 def _text(name: str) -> Any:
-    pose = Pose(position=Vector3(z=0.08), orientation=UPRIGHT)
+    """The situation above the hand, turned to the viewer."""
     return TextPrimitive(
-        pose=pose, billboard=True, font_size=TEXT_M, color=INK, text=name
+        pose=ABOVE,
+        billboard=True,
+        font_size=TEXT_M,
+        color=INK,
+        text=name,
     )
 
 
 def _stamp(t_ns: int) -> Any:
-    return Timestamp(seconds=t_ns // 1_000_000_000, nanos=t_ns % 1_000_000_000)
+    """A protobuf time of ns since 1970."""
+    seconds, nanos = divmod(t_ns, 1_000_000_000)
+    return Timestamp(seconds=seconds, nanos=nanos)

@@ -97,10 +97,15 @@ class TrialPayload:
 
     def phases(self) -> list[tuple[int, int, str]]:
         """(first row, row after the last, situation) of runs of equal labels, in their order."""
+        names = self.situations()
         changes = np.flatnonzero(np.diff(self.label)) + 1
-        rows = [0, *changes.tolist(), len(self.label)]
-        names = [label_name(int(self.label[row])) for row in rows[:-1]]
-        return list(zip(rows[:-1], rows[1:], names, strict=True))
+        starts = [0, *changes.tolist()]
+        stops = [*changes.tolist(), len(names)]
+
+        phases = []
+        for first, stop in zip(starts, stops, strict=True):
+            phases.append((first, stop, names[first]))
+        return phases
 
 
 def label_name(code: int) -> str:
@@ -140,19 +145,30 @@ def read_payloads(
 
 
 def _name(path: Path, root: Path) -> str:
-    """As trial_id will be, before the trial is read."""
+    """The trial_id that a trial will have, known before it is read."""
+    # The recorder makes a folder of each trial; elsewhere a trial is a file.
     place = path.parent if path.name == TACTILE else path.with_suffix("")
-    return place.relative_to(root).as_posix() if place != root else root.name
+    if place == root:
+        return root.name
+    return place.relative_to(root).as_posix()
 
 
 def _payload(path: Path, timed: TimedTrial, raw: bool) -> TrialPayload:
-    trial, recording = read_trial(path), timed.recording
+    """The payload of a trial that was read. raw: values as recorded."""
+    trial = read_trial(path)
+    recording = timed.recording
     label = np.full(len(trial.t_s), NO_LABEL, dtype=np.int8)
     for phase in recording.phases:
         label[phase.first : phase.stop] = phase.situation
+
     # Only the recorder's folders have a start and marks.
-    recorded = path.name == TACTILE
-    meta = read_json(path.with_name(META)) if recorded else {}
+    meta: Json = {}
+    marks: tuple[Mark, ...] = ()
+    if path.name == TACTILE:
+        meta = read_json(path.with_name(META))
+        marks = _marks(path.with_name(EVENTS))
+
+    # Sign and bias travel with the values, so that either form can be had from the other.
     sign, bias = preparation(recording.unit).learn(trial.raw)
     about = {
         "trial": recording.trial_id,
@@ -173,18 +189,19 @@ def _payload(path: Path, timed: TimedTrial, raw: bool) -> TrialPayload:
         t_s=trial.t_s,
         values=trial.raw if raw else recording.samples,
         label=label,
-        marks=_marks(path.with_name(EVENTS)) if recorded else (),
+        marks=marks,
         start_ns=_start_ns(meta),
         about=about,
     )
 
 
 def _start_ns(meta: Json) -> int:
-    """Of the recorder's meta.json; 0 without."""
+    """The start in a recorder's meta.json in ns since 1970; 0 where it gives none."""
     try:
         start = strptime(str(meta[START_KEY]), "%Y-%m-%dT%H:%M:%SZ")
     except (KeyError, ValueError):
         return 0
+    # timegm, not mktime: the time is UTC.
     return timegm(start) * 1_000_000_000
 
 
@@ -215,14 +232,19 @@ def log_lines(trial: TrialPayload) -> list[LogLine]:
     for first, _, name in trial.phases():
         text = f"label: {name} ({trial.about['labels_by']})"
         lines.append(LogLine(stamps[first], text))
+
     for mark in trial.marks:
         t_ns = trial.start_ns + round(1e9 * mark.t_s)
         lines.append(LogLine(t_ns, f"mark: {mark.text} ({mark.provenance})"))
+
     # Before the first row every finger counts as valid, so one lost from the start is logged too.
     unchanged = np.ones((1, trial.n_sensors), dtype=np.bool_)
     changed = np.diff(trial.valid, axis=0, prepend=unchanged)
     for row, sensor in np.argwhere(changed).tolist():
-        valid = bool(trial.valid[row, sensor])
-        text = f"finger {sensor + 1} {'is back' if valid else 'is lost'}"
-        lines.append(LogLine(stamps[row], text, is_loss=not valid))
+        is_loss = not trial.valid[row, sensor]
+        change = "lost" if is_loss else "back"
+        text = f"finger {sensor + 1} is {change}"
+        lines.append(LogLine(stamps[row], text, is_loss))
+
+    # The sort is stable: at one time the label comes before marks and fingers.
     return sorted(lines, key=lambda line: line.t_ns)

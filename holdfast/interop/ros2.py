@@ -20,6 +20,7 @@ from typing import Any
 
 import numpy as np
 
+from holdfast.core.contract import Unit
 from holdfast.core.errors import needs_extra
 from holdfast.interop.payload import TrialPayload, log_lines
 
@@ -28,13 +29,17 @@ with needs_extra("ros2"):
     from rosbags.typesys import Stores, get_typestore
 
 TESLA_PER_UT = 1e-6
+"""REP 103: ROS messages are in SI units."""
 MESSAGE = {
     "N": "geometry_msgs/msg/WrenchStamped",
     "uT": "sensor_msgs/msg/MagneticField",
     "count": "geometry_msgs/msg/Vector3Stamped",
 }
-STRING, DIAGNOSTICS = "std_msgs/msg/String", "diagnostic_msgs/msg/DiagnosticArray"
+"""The message of a finger, by the unit of its reading."""
+STRING = "std_msgs/msg/String"
+DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
 NS = 1_000_000_000
+"""Nanoseconds in a second."""
 
 
 def write_trials(trials: Iterable[TrialPayload], folder: Path) -> None:
@@ -50,7 +55,8 @@ class _Bag:
     """A writer whose topics appear with their first message, in messages of ROS 2 Humble."""
 
     def __init__(self, writer: Any) -> None:
-        self._writer, self._store = writer, get_typestore(Stores.ROS2_HUMBLE)
+        self._writer = writer
+        self._store = get_typestore(Stores.ROS2_HUMBLE)
         self._connections: dict[str, Any] = {}
 
     def make(self, kind: str, **fields: Any) -> Any:
@@ -72,9 +78,8 @@ class _Bag:
 
     def header(self, t_ns: int, frame: str) -> Any:
         """A std_msgs/Header."""
-        stamp = self.make(
-            "builtin_interfaces/msg/Time", sec=t_ns // NS, nanosec=t_ns % NS
-        )
+        sec, nanosec = divmod(t_ns, NS)
+        stamp = self.make("builtin_interfaces/msg/Time", sec=sec, nanosec=nanosec)
         return self.make("std_msgs/msg/Header", stamp=stamp, frame_id=frame)
 
     def vector(self, x: float, y: float, z: float) -> Any:
@@ -83,59 +88,72 @@ class _Bag:
 
 
 def _write(bag: _Bag, trial: TrialPayload) -> None:
-    stamps, there = trial.t_ns.tolist(), trial.valid
+    """All messages of a trial, topic by topic; a bag is read by the stamps of its messages."""
+    stamps = trial.t_ns.tolist()
     bag.text("/holdfast/about", stamps[0], json.dumps(trial.about))
     for first, _, name in trial.phases():
         bag.text("/holdfast/situation", stamps[first], name)
     for line in log_lines(trial):
         bag.text("/holdfast/log", line.t_ns, line.text)
+
     # The first row differs from its own opposite, so the diagnostics start with it.
-    changed = np.diff(there, axis=0, prepend=~there[:1]).any(axis=1)
+    opposite = ~trial.valid[:1]
+    changed = np.diff(trial.valid, axis=0, prepend=opposite).any(axis=1)
     for row in np.flatnonzero(changed).tolist():
-        t_ns = stamps[row]
-        bag.send("/diagnostics", t_ns, _diagnostics(bag, t_ns, there[row].tolist()))
-    for row, sensor in np.argwhere(there).tolist():
-        x, y, z = trial.values[row, 3 * sensor : 3 * sensor + 3].tolist()
-        frame, t_ns = f"finger_{sensor + 1}", stamps[row]
-        message = _measured(bag, trial, t_ns, frame, bag.vector(x, y, z))
-        bag.send(f"/holdfast/{frame}", t_ns, message)
+        valid = trial.valid[row].tolist()
+        message = _diagnostics(bag, stamps[row], valid)
+        bag.send("/diagnostics", stamps[row], message)
+
+    values = trial.values.reshape(-1, trial.n_sensors, 3)
+    # A lost finger sends nothing: a message of zeros would look like a reading.
+    for row, sensor in np.argwhere(trial.valid).tolist():
+        frame = f"finger_{sensor + 1}"
+        reading = values[row, sensor].tolist()
+        message = _measured(bag, trial.unit, stamps[row], frame, reading)
+        bag.send(f"/holdfast/{frame}", stamps[row], message)
 
 
 def _measured(
-    bag: _Bag, trial: TrialPayload, t_ns: int, frame: str, vector: Any
+    bag: _Bag, unit: Unit, t_ns: int, frame: str, reading: list[float]
 ) -> Any:
-    """A finger's reading as the message of its unit; a torque is not measured, so it is zero."""
-    header, kind = bag.header(t_ns, frame), MESSAGE[trial.unit]
-    if trial.unit == "N":
+    """A finger's reading (x, y, z) as the message of its unit."""
+    header = bag.header(t_ns, frame)
+    kind = MESSAGE[unit]
+
+    if unit == "N":
+        # A fingertip measures no torque, and a Wrench needs one.
         torque = bag.vector(0.0, 0.0, 0.0)
-        wrench = bag.make("geometry_msgs/msg/Wrench", force=vector, torque=torque)
+        force = bag.vector(*reading)
+        wrench = bag.make("geometry_msgs/msg/Wrench", force=force, torque=torque)
         return bag.make(kind, header=header, wrench=wrench)
-    if trial.unit == "uT":
+
+    if unit == "uT":
+        tesla = [TESLA_PER_UT * value for value in reading]
         return bag.make(
             kind,
             header=header,
-            magnetic_field=bag.vector(
-                TESLA_PER_UT * vector.x,
-                TESLA_PER_UT * vector.y,
-                TESLA_PER_UT * vector.z,
-            ),
+            magnetic_field=bag.vector(*tesla),
             # 0 means "covariance unknown" in this message.
             magnetic_field_covariance=np.zeros(9),
         )
-    return bag.make(kind, header=header, vector=vector)
+
+    # Counts have no message of their own: a plain vector claims no physical quantity.
+    return bag.make(kind, header=header, vector=bag.vector(*reading))
 
 
-def _diagnostics(bag: _Bag, t_ns: int, there: list[bool]) -> Any:
+def _diagnostics(bag: _Bag, t_ns: int, valid: list[bool]) -> Any:
     """One status a finger: level 0 is OK, 2 is an error."""
-    status = []
-    for number, valid in enumerate(there, 1):
-        finger = bag.make(
+    statuses = []
+    for number, is_valid in enumerate(valid, 1):
+        status = bag.make(
             "diagnostic_msgs/msg/DiagnosticStatus",
-            level=0 if valid else 2,
+            level=0 if is_valid else 2,
             name=f"holdfast: finger {number}",
-            message="valid" if valid else "lost",
+            message="valid" if is_valid else "lost",
             hardware_id=f"finger_{number}",
             values=[],
         )
-        status.append(finger)
-    return bag.make(DIAGNOSTICS, header=bag.header(t_ns, ""), status=status)
+        statuses.append(status)
+    # The fingers have frames of their own; a status of all of them has none.
+    header = bag.header(t_ns, "")
+    return bag.make(DIAGNOSTICS, header=header, status=statuses)

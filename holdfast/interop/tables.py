@@ -26,6 +26,7 @@ with needs_extra("parquet"):
     import pyarrow.parquet as pq
 
 KEY = "holdfast"
+"""Of the table's metadata, where what is known of the trial stands as JSON."""
 
 
 def write_trials(trials: Iterable[TrialPayload], folder: Path) -> None:
@@ -36,24 +37,32 @@ def write_trials(trials: Iterable[TrialPayload], folder: Path) -> None:
 
 def table_of(trial: TrialPayload) -> Any:
     """A trial as a pyarrow.Table."""
-    columns = {TIME_COLUMN: (pa.array(trial.t_s), {"unit": "s"})}
+    fields: list[Any] = []
+    arrays: list[Any] = []
+
+    def add(name: str, array: Any, note: dict[str, str] | None = None) -> None:
+        fields.append(pa.field(name, array.type, metadata=note))
+        arrays.append(array)
+
+    add(TIME_COLUMN, pa.array(trial.t_s), {"unit": "s"})
     for channel, name in enumerate(channel_names(trial.n_sensors)):
         values = trial.values[:, channel]
+        # Null says "no value" in every reader; nan is a float like any other.
         array = pa.array(values, mask=~np.isfinite(values))
-        columns[name] = (array, {"unit": trial.unit})
+        add(name, array, {"unit": trial.unit})
     for sensor in range(trial.n_sensors):
-        columns[f"valid{sensor + 1}"] = (pa.array(trial.valid[:, sensor]), {})
+        add(f"valid{sensor + 1}", pa.array(trial.valid[:, sensor]))
+
     names = np.array(trial.situations(), dtype=object)
     labels = pa.array(names, pa.string(), mask=trial.label == NO_LABEL)
     labels_by = {"by": str(trial.about["labels_by"])}
-    columns["label"] = (labels.dictionary_encode(), labels_by)
+    # Texts that repeat in every row are stored once, by a dictionary.
+    add("label", labels.dictionary_encode(), labels_by)
     for key in ("trial", "person", "object", "action"):
-        text = pa.repeat(pa.scalar(trial.about[key], pa.string()), len(trial.t_s))
-        columns[key] = (text.dictionary_encode(), {})
-    fields, arrays = [], []
-    for name, (array, note) in columns.items():
-        fields.append(pa.field(name, array.type, metadata=note))
-        arrays.append(array)
+        text = pa.scalar(trial.about[key], pa.string())
+        column = pa.repeat(text, len(trial.t_s))
+        add(key, column.dictionary_encode())
+
     schema = pa.schema(fields, metadata={KEY: json.dumps(trial.about)})
     return pa.table(arrays, schema=schema)
 
@@ -75,8 +84,9 @@ def write_frame(path: Path, frame: Any) -> None:
 
 
 def _column(values: Any) -> Any:
+    """A pyarrow array of an array [T], or of lists of k from an array [T, k]."""
     array = np.asarray(values)
-    if array.ndim < 2:
+    if array.ndim == 1:
         return pa.array(array)
     cells = pa.array(array.reshape(-1))
     return pa.FixedSizeListArray.from_arrays(cells, array.shape[1])

@@ -88,28 +88,46 @@ def read_xdf(
     name: of the stream; None where only one has a multiple of three numeric channels. unit: None
     where the stream names it. Raises DataNotFound, NotANumber, ChannelError or UnitError.
     """
-    numeric, markers = [], []
+    numeric = []
+    markers = []
     for stream in _loaded(path):
-        if not stream.facts.is_text:
+        if stream.facts.is_text:
+            markers.extend(_markers(stream))
+        else:
             numeric.append(stream)
-            continue
-        for t_s, row in zip(stream.t_s.tolist(), stream.rows, strict=True):
-            if len(row):
-                markers.append(Marker(t_s, str(row[0])))
+    markers.sort(key=lambda marker: marker.t_s)
+
     chosen = _chosen(numeric, name, path)
-    facts, where = chosen.facts, str(path)
-    values = np.asarray(chosen.rows, dtype=np.float64)[:, order_of(facts.labels, where)]
-    unit = unit or unit_of(facts.units, where, f"--unit {' or --unit '.join(UNITS)}")
-    tactile = TactileStream(facts.name, chosen.t_s, values, unit)
-    return tactile, sorted(markers, key=lambda marker: marker.t_s)
+    facts = chosen.facts
+    where = str(path)
+    values = np.asarray(chosen.rows, dtype=np.float64)
+    # The sender may list its channels in any order; the labels say which is which.
+    values = values[:, order_of(facts.labels, where)]
+    if unit is None:
+        options = " or --unit ".join(UNITS)
+        unit = unit_of(facts.units, where, f"--unit {options}")
+    return TactileStream(facts.name, chosen.t_s, values, unit), markers
+
+
+def _markers(stream: _Stream) -> list[Marker]:
+    """The texts of a marker stream."""
+    markers = []
+    for t_s, row in zip(stream.t_s.tolist(), stream.rows, strict=True):
+        # A row without any channel carries no text.
+        if len(row):
+            markers.append(Marker(t_s, str(row[0])))
+    return markers
 
 
 def _loaded(path: Path) -> list[_Stream]:
+    """All streams of a file, `.xdf` or compressed `.xdfz`. Raises DataNotFound or NotANumber."""
     require_file(path)
     if not path.is_file():
         raise DataNotFound("no such file", where=path, next_step="give an XDF file")
+
     opened = gzip.open if path.suffix == ".xdfz" else open
     try:
+        # Damaged stamps may overflow in pyxdf; _require_time refuses them, in words.
         with opened(path, "rb") as file, np.errstate(all="ignore"):
             streams = pyxdf.load_xdf(file, dejitter_timestamps=False)[0]
         return [_stream(stream["info"], stream) for stream in streams]
@@ -123,17 +141,21 @@ def _loaded(path: Path) -> list[_Stream]:
 
 
 def _stream(info: Any, stream: Any) -> _Stream:
-    # Every level of an XDF header is a list, which may be absent, empty or hold None.
+    """A stream of pyxdf with the facts of its header.
+
+    Every level of an XDF header is a list, which may be absent, empty or hold None.
+    """
     described = info.get("desc") or [None]
     groups = (described[0] or {}).get("channels") or [None]
-    n_channels = int(info["channel_count"][0])
     channels = (groups[0] or {}).get("channel") or []
+
+    n_channels = int(info["channel_count"][0])
     if len(channels) != n_channels:
+        # A list of another length cannot say which name belongs to which channel.
         channels = [{}] * n_channels
-    labels, units = [], []
-    for channel in channels:
-        labels.append(str((channel.get("label") or [""])[0] or ""))
-        units.append(str((channel.get("unit") or [""])[0] or ""))
+    labels = [_text(channel, "label") for channel in channels]
+    units = [_text(channel, "unit") for channel in channels]
+
     facts = StreamFacts(
         str(info["name"][0]),
         info["channel_format"][0] == "string",
@@ -145,20 +167,29 @@ def _stream(info: Any, stream: Any) -> _Stream:
     return _Stream(facts, t_s, stream["time_series"])
 
 
+def _text(channel: Any, key: str) -> str:
+    """A text in the header of a channel, empty where it is missing."""
+    texts = channel.get(key) or [""]
+    return str(texts[0] or "")
+
+
 def _chosen(streams: list[_Stream], name: str | None, path: Path) -> _Stream:
-    """The stream of this name, else the only one that can be tactile."""
+    """The stream of this name, else the only one that can be tactile. Raises DataNotFound."""
     if name:
         fit = [stream for stream in streams if stream.facts.name == name]
     else:
+        # A fingertip has three axes, so tactile streams have a multiple of three channels.
         fit = [stream for stream in streams if len(stream.facts.labels) % 3 == 0]
+
     if not fit:
         what = "no stream"
     elif len(fit) > 1:
         what = "streams"
-    elif len(fit[0].t_s):
-        return fit[0]
-    else:
+    elif len(fit[0].t_s) == 0:
         what = "no sample in the stream"
+    else:
+        return fit[0]
+
     names = listed([stream.facts.name for stream in streams]) or "none"
     raise DataNotFound(
         f"{what} to read: {names} in the file",
@@ -186,14 +217,18 @@ def cuts(markers: list[Marker], whole: str | None, where: Path) -> list[Cut]:
     for marker in markers:
         if marker.text == END or marker.text.startswith(BEGIN):
             bounds.append(marker)
+
     found = []
     for marker in bounds:
-        if marker.text != END:
-            later = [bound.t_s for bound in bounds if bound.t_s > marker.t_s]
-            folder = _folder(marker.text.removeprefix(BEGIN).strip(), where)
-            found.append(Cut(marker.t_s, min(later, default=np.inf), folder))
+        if marker.text == END:
+            continue
+        folder = _folder(marker.text.removeprefix(BEGIN).strip(), where)
+        # A trial without its own `end` lasts to the next beginning, or to the last sample.
+        later = [bound.t_s for bound in bounds if bound.t_s > marker.t_s]
+        found.append(Cut(marker.t_s, min(later, default=np.inf), folder))
     if found:
         return found
+
     if whole is None:
         raise LabelError(
             "no marker begins a trial",
@@ -206,9 +241,12 @@ def cuts(markers: list[Marker], whole: str | None, where: Path) -> list[Cut]:
 def _folder(text: str, where: Path) -> str:
     """`<object>/<action>` or `nothing`, checked. Raises LabelError."""
     name, _, action = text.rpartition("/")
+    # The text comes from outside and becomes a path: no dots, no separators.
     plain = name.replace("-", "").replace("_", "")
     is_name = plain.isascii() and plain.isalnum()
-    if text != EMPTY_HAND and (action not in FOLDERS or not is_name):
+    is_place = is_name and action in FOLDERS
+
+    if text != EMPTY_HAND and not is_place:
         raise LabelError(
             f"{text!r:.60} is not OBJECT/ACTION",
             where=where,
@@ -227,11 +265,13 @@ def write_trials(
     # All tables are made first, so that a fault in the last leaves no trial behind.
     tables = [_table(stream, cut) for cut in found]
     _require_unit(person.parent / META, stream)
+
     paths = []
     for cut, (text, t0_s, t1_s) in zip(found, tables, strict=True):
         path = _next_trial(person / cut.folder)
         write_whole(path, text)
         phases = _phases(markers, t0_s, t1_s)
+        # Without a marker the script of the action labels the trial, as for every other trial.
         if phases:
             truth = json.dumps({"phases": phases}, indent=1)
             write_whole(truth_path(path), truth + "\n")
@@ -240,9 +280,9 @@ def write_trials(
 
 
 def _table(stream: TactileStream, cut: Cut) -> tuple[str, float, float]:
-    """(CSV text, first stamp, last stamp) of a cut."""
-    rows = (stream.t_s >= cut.t0_s) & (stream.t_s < cut.t1_s)
-    stamps, values = stream.t_s[rows], stream.values[rows]
+    """(CSV text, first stamp, last stamp) of a cut. Raises EmptyRecording or TimeError."""
+    inside = (stream.t_s >= cut.t0_s) & (stream.t_s < cut.t1_s)
+    stamps = stream.t_s[inside]
     if len(stamps) < MIN_ROWS:
         raise EmptyRecording(
             f"{len(stamps)} samples of trial {cut.folder}",
@@ -251,11 +291,16 @@ def _table(stream: TactileStream, cut: Cut) -> tuple[str, float, float]:
             next_step="check the markers and the stream",
         )
     _require_time(stamps, stream.name)
+
+    # A trial counts from its first sample; the stamps of a recorder count from its start.
     t_s = stamps - stamps[0]
+    values = stream.values[inside]
     names = [TIME_COLUMN, *channel_names(values.shape[1] // 3), "sequence"]
     table = np.column_stack([t_s, values, places_by_time(t_s)])
+
     text = io.StringIO()
     header = ",".join(names)
+    # Nine digits keep every digit of a float32, and 10 us in a recording of an hour.
     np.savetxt(text, table, "%.9g", ",", header=header, comments="")
     return text.getvalue(), float(stamps[0]), float(stamps[-1])
 
@@ -263,13 +308,16 @@ def _table(stream: TactileStream, cut: Cut) -> tuple[str, float, float]:
 def _require_time(stamps: FloatArray, where: str) -> None:
     """Raise TimeError unless the stamps run forward and less than every other sample is missing."""
     steps = np.diff(stamps)
-    if not (np.abs(stamps) < LATEST_S).all() or (steps <= 0.0).any():
+    are_times = (np.abs(stamps) < LATEST_S).all()  # nan and infinity are none
+    if not are_times or (steps <= 0.0).any():
         raise TimeError(
             "stamps stand still, run backwards or are no times",
             where=where,
             cause="the sender stamps blocks of samples alike, or its clock was set",
             next_step="stamp every sample",
         )
+
+    # The median step is that of the sender, whatever was lost in between.
     expected = (stamps[-1] - stamps[0]) / float(np.median(steps))
     if expected > MOST_LOST * len(stamps):
         raise TimeError(
@@ -283,36 +331,40 @@ def _require_time(stamps: FloatArray, where: str) -> None:
 def _require_unit(meta: Path, stream: TactileStream) -> None:
     """Write the unit into the set's meta.json, or require that it is the one there."""
     there = read_json(meta)
-    if there.get("unit", stream.unit) != stream.unit:
+    if "unit" not in there:
+        described = {"unit": stream.unit} | there
+        write_whole(meta, json.dumps(described, indent=1) + "\n")
+    elif there["unit"] != stream.unit:
         raise UnitError(
             f"the set is in {there['unit']}, the stream in {stream.unit}",
             where=meta,
             next_step="choose another folder",
         )
-    if "unit" not in there:
-        write_whole(meta, json.dumps({"unit": stream.unit} | there, indent=1) + "\n")
 
 
 def _next_trial(folder: Path) -> Path:
-    paths = (folder / f"trial_{number}.csv" for number in count(1))
-    return next(path for path in paths if not path.exists())
+    """The first free `trial_<n>.csv`: a second import adds trials and overwrites none."""
+    for number in count(1):
+        path = folder / f"trial_{number}.csv"
+        if not path.exists():
+            break
+    return path
 
 
 def _phases(markers: list[Marker], t0_s: float, t1_s: float) -> list[Json]:
     """Phases in s from the first sample, from the markers that are situations."""
-    inside = []
-    for marker in markers:
-        if marker.text in SITUATIONS and t0_s <= marker.t_s <= t1_s:
-            inside.append(marker)
-    # The last phase ends just after the last sample.
-    stops_s = [marker.t_s for marker in inside[1:]] + [t1_s + 1e-6]
     phases: list[Json] = []
-    for marker, stop_s in zip(inside, stops_s, strict=False):
+    # The last phase ends just after the last sample, so that this sample is part of it.
+    stop_s = t1_s + 1e-6
+    for marker in reversed(markers):
+        if marker.text not in SITUATIONS or not t0_s <= marker.t_s <= t1_s:
+            continue
         phase = {
             "t0_s": round(marker.t_s - t0_s, 6),
             "t1_s": round(stop_s - t0_s, 6),
             "label": marker.text,
             "provenance": PROVENANCE,
         }
-        phases.append(phase)
+        phases.insert(0, phase)
+        stop_s = marker.t_s
     return phases
