@@ -57,12 +57,15 @@ def offline_critical_points(recording: Recording) -> list[CriticalPoint]:
     """
     rate_hz = recording.rate_hz
     # Filters and quotients would carry a lost value on, so it is held before anything else.
-    samples = _at_rest_zero(_held(recording.samples, recording.valid), rate_hz)
+    held = _held(recording.samples, recording.valid)
+    samples = _at_rest_zero(held, rate_hz)
     by_band = band_pass_rows(samples, rate_hz)
     by_friction = friction_rows(samples, rate_hz)
+
     apart = _rows(FUSED_APART_S, rate_hz)
+    rows = _first_of_any(np.union1d(by_band, by_friction), apart)
     points = []
-    for row in _first_of_any(np.union1d(by_band, by_friction), apart).tolist():
+    for row in rows.tolist():
         source = _source(row, by_band, by_friction, apart)
         points.append(CriticalPoint(row, row / rate_hz, source))
     return points
@@ -78,17 +81,23 @@ def band_pass_envelope(samples: FloatArray, rate_hz: float) -> FloatArray:
 
     shear = np.delete(samples, np.s_[NORMAL_AXIS::3], axis=1)
     # Only changes enter the bank: it starts at rest and does not ring with an offset.
+    changes = shear - shear[0]
     outputs = []
     for band in bands_for(rate_hz):
-        outputs.append(sosfilt(sections(rate_hz, band), shear - shear[0], axis=0))
+        output = sosfilt(sections(rate_hz, band), changes, axis=0)
+        outputs.append(output)
     return np.abs(outputs).max(axis=0)
 
 
 def band_pass_rows(samples: FloatArray, rate_hz: float) -> IntArray:
-    """IntArray at which a shear channel rises above its noise: the first of any 0.6 s."""
+    """Rows at which a shear channel rises above its noise: the first of any 0.6 s."""
     envelope = band_pass_envelope(samples, rate_hz)
+    # A slip is rare, so the median of the envelope is the noise of its channel.
     noise = NOISE_TIMES * np.median(envelope, axis=0)
-    above = envelope > np.maximum(noise, LEAST_SHARE * envelope.max())
+    # A made recording may have no noise at all; then a share of its largest swing counts.
+    least = LEAST_SHARE * envelope.max()
+    above = envelope > np.maximum(noise, least)
+
     quiet = _rows(RECOVERY_S, rate_hz)
     edges = np.concatenate([_fresh_edges(channel, quiet) for channel in above.T])
     rows = _inside(np.unique(edges), len(samples), rate_hz)
@@ -100,38 +109,47 @@ def _fresh_edges(above: BoolArray, quiet: int) -> IntArray:
     change = np.diff(above.astype(np.int8), prepend=0, append=0)
     starts = np.flatnonzero(change == 1)
     stops = np.flatnonzero(change == -1)
+
     # The bank rings on: an excursion right after another is the same event.
     fresh = np.ones(len(starts), dtype=np.bool_)
-    fresh[1:] = starts[1:] - stops[:-1] >= quiet
+    pauses = starts[1:] - stops[:-1]
+    fresh[1:] = pauses >= quiet
     return starts[fresh]
 
 
 def friction_rows(samples: FloatArray, rate_hz: float) -> IntArray:
-    """Jumps of a sensor's shear-to-normal ratio, confirmed by what the force does next: rows.
+    """Rows where a sensor's shear-to-normal ratio jumps and the force moves a moment later.
 
-    Each sensor has its cone in its fixed axes: no component whose sign or scale
-    depends on the trial. The normal force under the fraction bar never falls below a tenth of what
-    the recording's most loaded sensor carries, so the ratio is bounded where contact is light and
-    has no pole. Of marks within 0.5 s the largest jump is kept.
+    Each sensor has its cone in its fixed axes: no component whose sign or scale depends on the
+    trial. The normal force under the fraction bar never falls below a tenth of what the recording's
+    most loaded sensor carries, so the ratio is bounded where contact is light and has no pole. Of
+    marks within 0.5 s the largest jump is kept.
     """
     forces = samples.reshape(len(samples), -1, 3)
     shear = forces[..., :NORMAL_AXIS]
     normal = forces[..., NORMAL_AXIS:]
+
     # Most steps of a recording are noise, so the median step is the size of the noise.
     steps = np.abs(np.diff(forces, axis=0))
     noise = np.median(steps, axis=0).max()
+    # A quantile: one spike of a sensor is not a load.
     load = np.quantile(np.abs(normal), 0.95, axis=0).max()
     least = max(0.1 * load, NOISE_TIMES * noise)
     if least == 0.0:
         return np.empty(0, dtype=np.int64)
+
     ratio = shear / np.maximum(normal, least)
     jump = _moved(ratio, _rows(STEP_S, rate_hz), 0)
     # A jump stands above the noise of its own sensor's ratio.
-    size = np.maximum(LEAST_JUMP, NOISE_TIMES * np.median(jump, axis=0))
-    ahead, around = _rows(SHEAR_AHEAD_S, rate_hz), _rows(NORMAL_AHEAD_S, rate_hz)
+    noise_of_jump = np.median(jump, axis=0)
+    size = np.maximum(LEAST_JUMP, NOISE_TIMES * noise_of_jump)
+
+    ahead = _rows(SHEAR_AHEAD_S, rate_hz)
+    around = _rows(NORMAL_AHEAD_S, rate_hz)
     shear_change = np.maximum(_moved(shear, ahead, ahead), _moved(shear, 0, ahead))
     shear_moved = shear_change > least
     normal_moved = _moved(normal, around, around) > least
+
     # The force must have moved too; where only the normal force did, the jump must be larger.
     by_shear = (jump > size) & shear_moved
     by_normal = (jump > NORMAL_JUMP * size) & normal_moved
@@ -153,8 +171,11 @@ def _moved(x: FloatArray, back: int, ahead: int) -> FloatArray:
 def _held(samples: FloatArray, valid: BoolArray) -> FloatArray:
     """Lost values replaced by the last good one, else the first good one, else zero."""
     good = np.isfinite(samples) & np.repeat(valid, 3, axis=1)
-    rows = np.where(good, np.arange(len(samples))[:, None], -1)
-    last = np.maximum.accumulate(rows, axis=0)
+
+    # The row of the last good value so far, -1 before the first.
+    numbers = np.arange(len(samples))[:, None]
+    last = np.maximum.accumulate(np.where(good, numbers, -1), axis=0)
+
     # Before the first good value of a channel, that value stands in.
     first = good.argmax(axis=0)
     source = np.where(last < 0, first, last)
@@ -163,31 +184,41 @@ def _held(samples: FloatArray, valid: BoolArray) -> FloatArray:
 
 
 def _at_rest_zero(samples: FloatArray, rate_hz: float) -> FloatArray:
-    return samples - np.median(samples[: _rows(REST_S, rate_hz)], axis=0)
+    """The samples without what the hand reads before it touches anything."""
+    rest = samples[: _rows(REST_S, rate_hz)]
+    return samples - np.median(rest, axis=0)
 
 
 def _rows(seconds: float, rate_hz: float) -> int:
+    """A time as a number of rows, at least one."""
     return max(1, round(seconds * rate_hz))
 
 
 def _inside(rows: IntArray, n_rows: int, rate_hz: float) -> IntArray:
+    """The rows that keep off both ends of a recording."""
     edge = _rows(EDGE_S, rate_hz)
-    return rows[(rows >= edge) & (rows < n_rows - edge)]
+    after_start = rows >= edge
+    before_end = rows < n_rows - edge
+    return rows[after_start & before_end]
 
 
 def _first_of_any(rows: IntArray, apart: int) -> IntArray:
+    """Rows in order, without those that follow a kept one within `apart` rows."""
     kept: list[int] = []
-    for row in rows:
+    for row in rows.tolist():
         if not kept or row - kept[-1] > apart:
-            kept.append(int(row))
+            kept.append(row)
     return np.array(kept, dtype=np.int64)
 
 
 def _largest_of_any(rows: IntArray, size: FloatArray, apart: int) -> IntArray:
+    """Rows in order, without those within `apart` rows of a kept one of larger size."""
     kept: list[int] = []
-    for row in rows[np.argsort(-size, kind="stable")]:
+    # Stable: of equal sizes the earlier row wins.
+    by_size = np.argsort(-size, kind="stable")
+    for row in rows[by_size].tolist():
         if all(abs(row - other) > apart for other in kept):
-            kept.append(int(row))
+            kept.append(row)
     return np.array(sorted(kept), dtype=np.int64)
 
 
@@ -195,8 +226,14 @@ def _source(
     row: int, by_band: IntArray, by_friction: IntArray, apart: int
 ) -> PointMethod:
     """Which methods have a point in the time that one fused point stands for."""
-    in_band = np.any((by_band >= row) & (by_band - row <= apart))
-    in_friction = np.any((by_friction >= row) & (by_friction - row <= apart))
+    in_band = _any_within(by_band, row, apart)
+    in_friction = _any_within(by_friction, row, apart)
     if in_band and in_friction:
         return "both"
     return "band-pass" if in_band else "friction"
+
+
+def _any_within(rows: IntArray, first: int, apart: int) -> bool:
+    """Whether one of the rows lies in first .. first + apart."""
+    later = rows - first
+    return bool(np.any((later >= 0) & (later <= apart)))

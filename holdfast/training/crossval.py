@@ -79,6 +79,7 @@ class HeldOut:
         votes = {}
         for task, windows in data.tasks.items():
             votes[task] = np.zeros((len(windows), len(windows.classes)), np.int64)
+
         labels = np.zeros(len(data.tasks[main]), np.int64)
         for fold in folds:
             labels[fold.rows[main]] = fold.labels
@@ -120,9 +121,11 @@ def cross_validate(
     ClassMissing. Raises TooFewGroups.
     """
     folds = []
-    for number, split in enumerate(splits_of(data, plan, seed), 1):
+    splits = splits_of(data, plan, seed)
+    for number, split in enumerate(splits, 1):
         say(f"fold {number} of {plan.folds}")
-        folds.append(answer_fold(data, features, plan, split, seed, verify_spec))
+        answers = answer_fold(data, features, plan, split, seed, verify_spec)
+        folds.append(answers)
     return HeldOut.of(data, folds)
 
 
@@ -132,9 +135,8 @@ def splits_of(data: DataSet, plan: TrainingPlan, seed: int) -> list[dict[str, Fo
     folds = assign_groups(_groups_of_all(data), plan.folds, seed=seed)
     splits: list[dict[str, Fold]] = [{} for _ in range(plan.folds)]
     for task in data.tasks:
-        for split, fold in zip(
-            splits, folds_of(data.group_of(task), folds), strict=True
-        ):
+        of_task = folds_of(data.group_of(task), folds)
+        for split, fold in zip(splits, of_task, strict=True):
             split[task] = fold
     return splits
 
@@ -163,20 +165,27 @@ def answer_fold(
 
     The arguments are those of `cross_validate`; split: one of `splits_of`.
     """
-    heads, held, votes = {}, {}, {}
+    heads = {}
+    held = {}
+    votes = {}
     for task, (train, test) in split.items():
         head = _fold_head(data, features, plan, task, train, seed)
-        heads[task], held[task] = head, test
+        heads[task] = head
+        held[task] = test
         rows = features[task][test]
         votes[task] = reference_votes(head.learner, rows, len(head.classes))
+
     report = None
     if verify_spec is not None:
+        # All heads read the same features, so rows of every task test each of them.
         seen = np.concatenate([features[task][held[task]] for task in held])
         learners = list(heads.values())
         graph = whole_graph(verify_spec, learners)
         report = verify(graph, verify_spec, learners, seen, seed)
+
     main = main_task(data)
-    return FoldAnswers(held, votes, reference_label(heads[main], votes[main]), report)
+    labels = reference_label(heads[main], votes[main])
+    return FoldAnswers(held, votes, labels, report)
 
 
 def _fold_head(
@@ -190,10 +199,13 @@ def _fold_head(
     """The head of a task as a fold's training rows give it; its probabilities are not used."""
     plan = plan_for(data, features, plan, task, rows, seed)
     learner = fit_learner(data, features[task], plan, task, rows, seed)
-    classes, weights = data.tasks[task].classes, None
+    classes = data.tasks[task].classes
+    calibration = uncalibrated(len(classes))
+    # Only the main head answers with a label; the others are read as probabilities.
+    weights = None
     if task == main_task(data):
         weights = chosen_label_weights(data, features, plan, rows, seed)
-    return Head(TASK_HEADS[task], classes, learner, uncalibrated(len(classes)), weights)
+    return Head(TASK_HEADS[task], classes, learner, calibration, weights)
 
 
 def plan_for(
@@ -210,8 +222,11 @@ def plan_for(
     """
     if not plan.inner_folds or plan.learner == "forest":
         return plan
-    label, groups = data.tasks[task].label[rows], data.group_of(task)[rows]
-    given, seen = plan.network_for(task), features[task][rows]
+
+    label = data.tasks[task].label[rows]
+    groups = data.group_of(task)[rows]
+    given = plan.network_for(task)
+    seen = features[task][rows]
     chosen = choose_network(given, seen, label, groups, plan.inner_folds, seed)
     return plan.with_network(task, chosen)
 
@@ -229,14 +244,18 @@ def chosen_label_weights(
     """
     if not plan.inner_folds:
         return None
+
     task = main_task(data)
-    windows, groups = data.tasks[task].take(rows), data.group_of(task)[rows]
+    windows = data.tasks[task].take(rows)
+    groups = data.group_of(task)[rows]
     n_classes = len(windows.classes)
     votes = np.zeros((len(rows), n_classes), np.int64)
     for train, test in grouped_folds(groups, plan.inner_folds, seed=seed):
         learner = fit_learner(data, features[task], plan, task, rows[train], seed)
         held_out = features[task][rows[test]]
         votes[test] = reference_votes(learner, held_out, n_classes)
+
+    # Of eight classes two belong to each situation, light and heavy.
     situation = windows.label // (n_classes // len(SITUATIONS))
     return fit_label_weights(situation_votes(votes), situation)
 
@@ -308,10 +327,13 @@ def fit_calibration(shares: FloatArray, label: IntArray) -> Calibration:
     """
     k = shares.shape[1]
     present = np.unique(label)
-    weights, bias = np.zeros((k, k)), np.full(k, ABSENT_NATS)
+    weights = np.zeros((k, k))
+    bias = np.full(k, ABSENT_NATS)
     if len(present) == 1:
+        # Nothing to fit: scikit-learn refuses a single class.
         bias[present] = 0.0
         return Calibration(weights, bias)
+
     model = LogisticRegression(C=CALIBRATION_C, max_iter=1000).fit(shares, label)
     if len(present) == 2:
         # Of two classes scikit-learn fits the second's logit alone.

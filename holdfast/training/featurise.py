@@ -49,18 +49,19 @@ def stepped(
     lengths = np.array([len(recording.samples) for recording in recordings])
     # Recordings of like length together: a batch is padded to its longest.
     order = np.argsort(lengths, kind="stable").tolist()
-    size = min(MOST, max(FEWEST, -(-len(order) // THREADS)))
+    # Half of them for each thread, as far as the limits of a batch allow.
+    share = -(-len(order) // THREADS)
+    size = min(MOST, max(FEWEST, share))
     batches = [order[start : start + size] for start in range(0, len(order), size)]
 
     def run(batch: list[int]) -> list[Outputs]:
-        values, valid, wanted = [], [], []
-        for k in batch:
-            values.append(recordings[k].samples)
-            valid.append(recordings[k].valid)
-            wanted.append(rows[k])
+        values = [recordings[k].samples for k in batch]
+        valid = [recordings[k].valid for k in batch]
+        wanted = [rows[k] for k in batch]
         return step_recordings(steps, values, valid, wanted)
 
     outputs: list[Outputs] = [{} for _ in recordings]
+    all_samples = int(lengths.sum())
     done = 0
     # Threads and no processes: the step leaves the interpreter alone while it runs.
     with ThreadPoolExecutor(THREADS) as pool:
@@ -68,7 +69,7 @@ def stepped(
             for k, output in zip(batch, of_batch, strict=True):
                 outputs[k] = output
             done += int(lengths[batch].sum())
-            part(done / int(lengths.sum()))
+            part(done / all_samples)
     return outputs
 
 
@@ -96,7 +97,10 @@ def kept_rows(path: Path, compute: Callable[[], FloatRows]) -> FloatRows:
 def spec_for(data: DataSet, groups: tuple[str, ...]) -> StepSpec:
     """The step a set is trained and served with: its sensors, its median rate, its unit."""
     return StepSpec(
-        n_sensors=data.n_sensors, rate_hz=data.rate_hz, unit=data.unit, groups=groups
+        n_sensors=data.n_sensors,
+        rate_hz=data.rate_hz,
+        unit=data.unit,
+        groups=groups,
     )
 
 
@@ -138,6 +142,7 @@ def cpu_cost(data: DataSet, spec: StepSpec) -> FeatureCost:
 def _compute(
     data: DataSet, spec: StepSpec, rows: list[IntArray], part: Part = ignored
 ) -> list[FloatRows]:
+    """Features at these rows of each recording, by the graph without its learners."""
     session = open_session(features_alone(spec).SerializeToString())
     steps = steps_of(session, ["features"])
     # The other outputs of a step are its state, which training does not need.
@@ -164,7 +169,7 @@ def pick_rows(
     picked = np.empty((len(windows), *first.shape[1:]), dtype=first.dtype)
     for trial in np.unique(windows.trial).tolist():
         here = windows.trial == trial
-        picked[here] = computed[trial][
-            np.searchsorted(wanted[trial], windows.row[here])
-        ]
+        # The wanted rows ascend and hold every row of a window, so the search is exact.
+        places = np.searchsorted(wanted[trial], windows.row[here])
+        picked[here] = computed[trial][places]
     return picked

@@ -78,12 +78,15 @@ class _Scene:
     def shake(self, start_s: float, lasts_s: float, force_n: float) -> None:
         """Stick and slip: another tone on every sensor, then fading in a tenth of a second."""
         t_s = self.t_s - start_s
-        fading = np.exp(-np.clip(t_s - lasts_s, 0.0, None) / 0.05)
+        after_s = np.clip(t_s - lasts_s, 0.0, None)
+        fading = np.exp(-after_s / 0.05)
         envelope_n = force_n * self.ramp(start_s, 0.02) * fading
+
+        # Each pad sticks and slips by itself, hence a tone and a phase of its own.
         tone_hz = self.rng.uniform(9.0, 22.0, N_SENSORS)
         phase = self.rng.uniform(0.0, 2 * np.pi, N_SENSORS)
-        tones = np.sin(2 * np.pi * tone_hz * t_s[:, None] + phase)
-        self.slip_n += envelope_n[:, None] * tones
+        angle = 2 * np.pi * tone_hz * t_s[:, None] + phase
+        self.slip_n += envelope_n[:, None] * np.sin(angle)
 
     def empty(self, start_s: float, lasts_s: float) -> None:
         """All forces fade: the object leaves the hand."""
@@ -103,6 +106,8 @@ class _Hand:
         angle = opposed + rng.uniform(-0.5, 0.5, N_SENSORS)
         self.along = np.stack([np.sin(angle), np.cos(angle)], axis=1)
         self.share = rng.uniform(0.6, 1.4, N_SENSORS)
+
+        # At rest a magnet is nearest along its normal, so that offset is the largest.
         self.offset_n = rng.uniform(-0.5, 0.5, (N_SENSORS, 3))
         self.offset_n[:, NORMAL_AXIS] = rng.uniform(0.2, 0.8, N_SENSORS)
         self.sign = np.ones((N_SENSORS, 3))
@@ -110,15 +115,20 @@ class _Hand:
 
     def feel(self, scene: _Scene) -> FloatArray:
         """[T, 18] what the sensors read."""
+        # No two grasps load the fingers alike.
         share = self.share * scene.rng.uniform(0.7, 1.3, N_SENSORS)
-        noise = scene.rng.normal(0.0, NOISE_N, (len(scene.t_s), N_SENSORS, 3))
-        forces = noise + self.offset_n
-        shear = scene.load_n[:, None] * share + scene.slip_n
+        shape = (len(scene.t_s), N_SENSORS, 3)
+        forces = scene.rng.normal(0.0, NOISE_N, shape) + self.offset_n
+        grip_n = scene.grip_n[:, None]
+        load_n = scene.load_n[:, None]
+
+        shear = load_n * share + scene.slip_n
         forces[..., :NORMAL_AXIS] += shear[..., None] * self.along
         # A grip is never quite normal to the pads.
-        forces[..., 0] += 0.08 * scene.grip_n[:, None] * share
+        forces[..., 0] += 0.08 * grip_n * share
+
         # Stick and slip shakes the normal force too.
-        normal = scene.grip_n[:, None] * share + 0.3 * np.abs(scene.slip_n)
+        normal = grip_n * share + 0.3 * np.abs(scene.slip_n)
         forces[..., NORMAL_AXIS] += normal
         return (forces * self.sign).reshape(len(forces), -1)
 
@@ -143,38 +153,59 @@ def write_fixture(
         risky = "fall" if is_heavy(MASSES_G[name]) else "pull"
         for action in ("pass", risky, "put-down"):
             for number in range(1, trials_per_cell + 1):
-                scene = _trial(name, action, rng.spawn(1)[0], rate_hz)
+                (child,) = rng.spawn(1)
+                scene = _trial(name, action, child, rate_hz)
                 _write(folder / name / action / f"trial_{number}.csv", scene, hand)
-    _write(folder / "nothing" / "trial_1.csv", _Scene(rng, EMPTY_HAND_S, rate_hz), hand)
-    meta = {"kind": KIND, "unit": "N", "recordings by": "nobody"}
-    _write_json(folder / META, {**meta, "redistributable": True, "seed": seed})
+
+    empty = _Scene(rng, EMPTY_HAND_S, rate_hz)
+    _write(folder / "nothing" / "trial_1.csv", empty, hand)
+    meta = {
+        "kind": KIND,
+        "unit": "N",
+        "recordings by": "nobody",
+        "redistributable": True,
+        "seed": seed,
+    }
+    _write_json(folder / META, meta)
 
 
 def _trial(name: str, action: str, rng: np.random.Generator, rate_hz: float) -> _Scene:
     """Nothing, grasp, hold, act at about 7 s, after a put-down release at about 10 s, nothing."""
     # The script hands the full bottle over in two steps too.
-    in_steps = action == "put-down" or (name, action) == ("full-bottle", "pass")
-    scene = _Scene(rng, (10.5 if in_steps else 7.5) + TAIL_S, rate_hz)
+    is_put_down = action == "put-down"
+    in_steps = is_put_down or (name, action) == ("full-bottle", "pass")
+    acts_until_s = 10.5 if in_steps else 7.5
+    scene = _Scene(rng, acts_until_s + TAIL_S, rate_hz)
     weight_n = MASSES_G[name] * NEWTON_PER_GRAM / N_SENSORS
     act_s = scene.some(6.8, 7.5)
-    _grasp(scene, weight_n, held_by_other=action == "fall")
+    # What is to fall rests on something until it is let go.
+    falls = action == "fall"
+    _grasp(scene, weight_n, held_by_other=falls)
+
     if in_steps:
-        _set_down(scene, act_s, quickly=action == "put-down")
-        _hand_over(scene, scene.some(10.0, 10.4), pull_n=0.1)
+        _set_down(scene, act_s, quickly=is_put_down)
+        release_s = scene.some(10.0, 10.4)
+        _hand_over(scene, release_s, pull_n=0.1)
     elif situation_of(action) == RISKY_SLIP:
-        _lose(scene, act_s, weight_n if action == "fall" else scene.some(0.5, 1.5))
+        force_n = weight_n if falls else scene.some(0.5, 1.5)
+        _lose(scene, act_s, force_n)
     else:
         _hand_over(scene, act_s, pull_n=scene.some(0.2, 0.8))
     return scene
 
 
 def _grasp(scene: _Scene, weight_n: float, *, held_by_other: bool) -> None:
-    start_s, closing_s = scene.some(2.6, 3.4), scene.some(0.2, 0.6)
+    """The hand closes, then bears the weight. held_by_other: something else bears most of it."""
+    start_s = scene.some(2.6, 3.4)
+    closing_s = scene.some(0.2, 0.6)
     scene.marks.append((start_s, GRASP))
+
+    # Heavier objects are held more firmly.
     grip_n = scene.some(1.0, 2.5) + 1.5 * weight_n
     scene.grip_n += grip_n * scene.ramp(start_s, closing_s)
     load_n = weight_n * (0.1 if held_by_other else 1.0)
     scene.load_n += load_n * scene.ramp(start_s + closing_s, 0.5)
+    # The object settles between the fingers as they close.
     scene.shake(start_s + 0.05, 0.1, scene.some(0.1, 0.3))
 
 
@@ -207,7 +238,11 @@ def _lose(scene: _Scene, start_s: float, force_n: float) -> None:
 
 
 def _write(path: Path, scene: _Scene, hand: _Hand) -> None:
-    _write_table(path, np.column_stack([scene.t_s, hand.feel(scene)]))
+    """A trial and its truth."""
+    table = np.column_stack([scene.t_s, hand.feel(scene)])
+    _write_table(path, table)
+
+    # Each phase lasts to the next; the last one to well after the last sample.
     stops_s = [start_s for start_s, _ in scene.marks[1:]]
     stops_s.append(float(scene.t_s[-1]) + 1.0)
     phases = []
@@ -237,13 +272,15 @@ def _write_json(path: Path, value: object) -> None:
     path.write_text(json.dumps(value, indent=1) + "\n", encoding="utf-8", newline="\n")
 
 
-TRIALS, LOGGER = "trials", "logger"
+TRIALS = "trials"
+LOGGER = "logger"
 PEOPLE = ("p01", "p02", "p03")
 EXAMPLE_OBJECTS = {"soft-ball": "soft-ball", "hard-ball": "mug"}
 """Objects of the fixture, and their names in the example: the mass of a mug is in no table."""
 EARLY_S = 2.0
 """All actions of the example start so much before the script's time."""
-SHORT_HOLD, HELD_S = "p03/mug/fall/trial_1.csv", (2.5, 4.0)
+SHORT_HOLD = "p03/mug/fall/trial_1.csv"
+HELD_S = (2.5, 4.0)
 """One trial does not follow the script: these seconds of its hold are left out."""
 LOGGED = "p03/soft-ball/put-down/trial_1.csv"
 FINGERS = ("thumb", "index", "middle", "ring", "little", "palm")
@@ -276,6 +313,7 @@ def _write_example_trial(folder: Path, name: str, source: Path) -> None:
     for known, renamed in EXAMPLE_OBJECTS.items():
         name = name.replace(known, renamed)
     table = np.loadtxt(source, delimiter=",", skiprows=1)
+    # The empty hand follows no script.
     if "nothing" not in name:
         table = _without(table, 0.0, EARLY_S)
     if name == SHORT_HOLD:
@@ -283,6 +321,7 @@ def _write_example_trial(folder: Path, name: str, source: Path) -> None:
     if name != LOGGED:
         _write_table(folder / TRIALS / name, table)
         return
+
     # As a logger that knows nothing of the layout writes it: ms, names of fingers, mN.
     names = ["millis"]
     for finger in FINGERS:
@@ -296,6 +335,8 @@ def _write_example_trial(folder: Path, name: str, source: Path) -> None:
 def _without(table: FloatArray, start_s: float, stop_s: float) -> FloatArray:
     """The rows outside [start_s, stop_s), the later ones moved up."""
     t_s = table[:, 0]
-    kept = table[(t_s < start_s) | (t_s >= stop_s)]
-    kept[:, 0] -= (stop_s - start_s) * (kept[:, 0] >= stop_s)
-    return kept
+    is_later = t_s >= stop_s
+    kept = (t_s < start_s) | is_later
+    cut = table[kept]
+    cut[is_later[kept], 0] -= stop_s - start_s
+    return cut

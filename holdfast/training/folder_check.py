@@ -141,35 +141,42 @@ def examine(root: Path, part: Part = ignored) -> FolderReport:
         return FolderReport(str(root), None, None, 0, None, [], [], _not_read(root, []))
     if layout not in LAYOUTS:
         return _public(root, layout, part)
+
+    # Faults are collected, so that one run names all of them.
     faults: list[DataError] = []
     readers: list[TrialReader] = []
     try:
         readers = reader_of(layout).readers(root, faults.append)
     except DataError as error:
         faults.append(error)
+
     cells: CellTrials = {}
     trials = []
-    for reader, trial in zip(
-        readers, read_all(readers, faults.append, part), strict=True
-    ):
+    read = read_all(readers, faults.append, part)
+    for reader, trial in zip(readers, read, strict=True):
         place = reader.place
         folder = place.object_folder
         name = object_name(folder.name) if folder else None
-        cells.setdefault((place.person, name, place.action), []).append(trial)
+        of_cell = cells.setdefault((place.person, name, place.action), [])
+        of_cell.append(trial)
         if trial:
             trials.append(trial)
+
     recordings, kind = grouped([trial.recording for trial in trials])
     if recordings:
         common_rate(recordings, faults.append)
     classes = _class_seconds(trials)
+    # The same fault of a file may be met twice; the keys of a dict keep the first, in order.
     missing = list(dict.fromkeys(Missing.of(fault) for fault in faults))
     if trials:
         missing += _advice(root, layout, trials, classes, all_read=not missing)
+
     paths = [reader.place.path for reader in readers]
     intents, damaged = _intents(paths)
     missing += damaged
     if paths:
         missing += _not_read(root, paths)
+
     return FolderReport(
         folder=str(root),
         layout=layout,
@@ -208,9 +215,12 @@ def _cells(cells: CellTrials) -> list[Cell]:
 
 
 def _cell(name: CellName, trials: list[TimedTrial | None]) -> Cell:
+    """The figures of a cell; its unit and its mass are those of its first trial."""
     person, known_name, action = name
-    seconds, rates_hz = 0.0, []
-    unit, mass = None, None
+    seconds = 0.0
+    rates_hz = []
+    unit = None
+    mass = None
     labels_by: Counter[str] = Counter()
     for trial in trials:
         if trial is None:
@@ -221,6 +231,7 @@ def _cell(name: CellName, trials: list[TimedTrial | None]) -> Cell:
         labels_by[trial.labels_by] += 1
         unit = unit or recording.unit
         mass = mass or trial.mass
+
     return Cell(
         person=person,
         object_name=known_name,
@@ -238,15 +249,19 @@ def _cell(name: CellName, trials: list[TimedTrial | None]) -> Cell:
 
 def _class_seconds(trials: Sequence[TimedTrial]) -> list[ClassSeconds]:
     """How long each class lasts. The hand alone counts half as light, half as heavy."""
-    light_s, heavy_s = np.zeros(len(SITUATIONS)), np.zeros(len(SITUATIONS))
+    light_s = [0.0] * len(SITUATIONS)
+    heavy_s = [0.0] * len(SITUATIONS)
     for trial in trials:
         heavy = 0.5 if trial.heavy is None else float(trial.heavy)
         for phase in trial.recording.phases:
             seconds = (phase.stop - phase.first) / trial.recording.rate_hz
             light_s[phase.situation] += (1.0 - heavy) * seconds
             heavy_s[phase.situation] += heavy * seconds
-    rows = zip(SITUATIONS, light_s.tolist(), heavy_s.tolist(), strict=True)
-    return [ClassSeconds(name, light, heavy) for name, light, heavy in rows]
+
+    classes = []
+    for number, situation in enumerate(SITUATIONS):
+        classes.append(ClassSeconds(situation, light_s[number], heavy_s[number]))
+    return classes
 
 
 def _advice(
@@ -266,17 +281,17 @@ def _advice(
     if bare and "unit" not in read_json(root / META):
         where = str(root / META)
         units = " or ".join(f'{{"unit": "{unit}"}}' for unit in UNITS)
-        found.append(
-            Missing("advice", where, "no unit; N is assumed", f"write {units}")
-        )
+        next_step = f"write {units}"
+        found.append(Missing("advice", where, "no unit; N is assumed", next_step))
+
     people = sorted({trial.recording.person or "" for trial in trials} - {""})
     if len(people) < 2:
         named = f"one person, {people[0]}" if people else "no people"
-        what = (
-            f"{named}: figures are held out by trial and do not apply to other people"
-        )
+        limit = "figures are held out by trial and do not apply to other people"
+        what = f"{named}: {limit}"
         next_step = f"sort trials of several people into {LAYOUT}"
         found.append(Missing("advice", str(root), what, next_step))
+
     if all_read:
         found += _missing_classes(root, classes)
         if len(people) > 1:
@@ -287,11 +302,14 @@ def _advice(
 
 
 def _missing_classes(root: Path, classes: Sequence[ClassSeconds]) -> list[Missing]:
+    """The classes without a sample: a forest cannot learn what it never saw."""
     found = []
     for of_class in classes:
         situation = of_class.situation
+        # A slip needs the action that makes it; any action has the other situations.
         action = SLIPS[situation][0] if situation in SLIPS else "<action>"
-        for seconds, weight in ((of_class.light_s, LIGHT), (of_class.heavy_s, HEAVY)):
+        lasts = ((of_class.light_s, LIGHT), (of_class.heavy_s, HEAVY))
+        for seconds, weight in lasts:
             if not seconds:
                 path = root / "<person>" / f"<object {weight}>" / action / "trial_1.csv"
                 what = f"no {situation} with an object {weight}"
@@ -306,7 +324,9 @@ def _missing_actions(root: Path, trials: Sequence[TimedTrial]) -> list[Missing]:
         person = trial.recording.person
         if person is not None:
             seen = situations.setdefault(person, set())
-            seen.update(SITUATIONS[phase.situation] for phase in trial.recording.phases)
+            for phase in trial.recording.phases:
+                seen.add(SITUATIONS[phase.situation])
+
     found = []
     for person, seen in situations.items():
         for slip, actions in SLIPS.items():
@@ -318,6 +338,7 @@ def _missing_actions(root: Path, trials: Sequence[TimedTrial]) -> list[Missing]:
 
 
 def _missing_labels(root: Path, trials: Sequence[TimedTrial]) -> list[Missing]:
+    """One line on all trials that are labelled by the script, with an example of a file."""
     scripted = [trial for trial in trials if trial.labels_by.startswith(SCRIPT)]
     if not scripted:
         return []
@@ -336,13 +357,15 @@ def _not_read(root: Path, read: Sequence[Path]) -> list[Missing]:
             others.append(path)
     if read and not others:
         return []
+
     what = "no CSV file"
     if others:
         first = others[0].relative_to(root).as_posix()
         what = f"CSV files at no trial's place: {len(others)}, such as {first}"
     actions = ", ".join(FOLDERS)
     next_step = f"a trial belongs at {root / LAYOUT}; an action is one of {actions}"
-    return [Missing("advice" if read else "error", str(root), what, next_step)]
+    level: Level = "advice" if read else "error"
+    return [Missing(level, str(root), what, next_step)]
 
 
 def _intents(trials: Sequence[Path]) -> tuple[int, list[Missing]]:

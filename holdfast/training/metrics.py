@@ -51,6 +51,14 @@ def report(
     predicted [M]: situation at each window of the task "situations". risky_score [M2]: score at
     each window of the task "predict_250ms"; None where the model has no such head.
     """
+    situations = situation_scores(
+        data.tasks["situations"].label,
+        predicted,
+        data.group_of("situations"),
+        n_draws=n_draws,
+        seed=seed,
+    )
+
     prediction = None
     if risky_score is not None:
         prediction = prediction_scores(
@@ -60,16 +68,11 @@ def report(
             n_draws=n_draws,
             seed=seed,
         )
+
     return HeadFigures(
         n_trials=len(data.recordings),
         n_groups=len(data.groups()),
-        situations=situation_scores(
-            data.tasks["situations"].label,
-            predicted,
-            data.group_of("situations"),
-            n_draws=n_draws,
-            seed=seed,
-        ),
+        situations=situations,
         predict_250ms=prediction,
         group_kind=data.group_kind,
     )
@@ -91,11 +94,17 @@ def situation_scores(
     as another class' answer.
     """
     f1, f1_draws = f1_and_draws(truth, predicted, groups, len(classes), n_draws, seed)
+    figures: dict[str, float | None] = {}
+    intervals: dict[str, Interval | None] = {}
+    for k, name in enumerate(classes):
+        figures[name] = _value(f1[k])
+        intervals[name] = interval_of(f1_draws[:, k])
+
     return SituationFigures(
         macro_f1=_value(float(macro(f1))),
         macro_f1_ci=interval_of(macro(f1_draws)),
-        f1={name: _value(f1[k]) for k, name in enumerate(classes)},
-        f1_ci={name: interval_of(f1_draws[:, k]) for k, name in enumerate(classes)},
+        f1=figures,
+        f1_ci=intervals,
     )
 
 
@@ -108,14 +117,18 @@ def f1_and_draws(
     seed: int,
 ) -> tuple[FloatArray, FloatArray]:
     """F1 of n classes [n], and of each draw of groups [B, n]; as situation_scores."""
-    code = _codes(groups)
     _require_labels(truth, n, "truth")
     _require_labels(predicted, n + 1, "prediction")
-    # One count of all (group, truth, prediction) gives every draw by weighted sums.
-    cells = (code * n + np.asarray(truth)) * (n + 1) + np.asarray(predicted)
+    code = _codes(groups)
     n_groups = int(code.max(initial=-1)) + 1
+
+    # One count of all (group, truth, prediction) gives every draw by weighted sums.
+    row = code * n + np.asarray(truth)
+    cells = row * (n + 1) + np.asarray(predicted)
     counts = np.bincount(cells, minlength=n_groups * n * (n + 1))
     by_group = counts.reshape(-1, n, n + 1)
+
+    # A draw counts the windows of a group as often as it drew the group.
     times_drawn = draw_groups(len(by_group), n_draws, seed)
     draws = np.einsum("bg,gij->bij", times_drawn, by_group)
     return _f1(by_group.sum(axis=0)), _f1(draws)
@@ -133,16 +146,21 @@ def prediction_scores(
 
     Raises LabelError for another label, and NotANumber for a score that is not finite.
     """
-    truth, code = np.asarray(truth), _codes(groups)
+    truth = np.asarray(truth)
     _require_labels(truth, 2, "truth")
-    if not np.isfinite(score).all():
+    n_missing = int((~np.isfinite(score)).sum())
+    if n_missing:
         raise NotANumber(
-            f"{int((~np.isfinite(score)).sum())} of {len(score)} scores are not finite",
+            f"{n_missing} of {len(score)} scores are not finite",
             cause="windows without an answer",
             next_step="score an answer withheld as 0",
         )
+    # Without both classes there is nothing to rank.
     if len(np.unique(truth)) < 2:
         return PredictionFigures()
+
+    # By number and not by name: the order of the groups decides which of them a draw takes.
+    code = _codes(groups)
     draws = ranking_draws(truth, score, code, n_draws, seed)
     return PredictionFigures(
         auc=float(roc_auc_score(truth, score)),
@@ -156,11 +174,13 @@ def ranking_draws(
     truth: Labels, score: FloatArray, groups: npt.ArrayLike, n_draws: int, seed: int
 ) -> FloatArray:
     """[B, 2] AUC and average precision of each draw of groups [M]; nan where not defined."""
-    code, ranking = _codes(groups), rank(truth, score)
+    code = _codes(groups)
+    ranking = rank(truth, score)
     draws = draw_groups(int(code.max()) + 1, n_draws, seed)
+
     figures = np.empty((len(draws), 2))
-    for row, draw in zip(figures, draws, strict=True):
-        row[:] = ranking.auc_and_precision(draw[code])
+    for number, times_drawn in enumerate(draws):
+        figures[number] = ranking.auc_and_precision(times_drawn[code])
     return figures
 
 
@@ -176,9 +196,13 @@ def share_scores(
     if not len(hit):
         return Share(None, None, 0)
     code = _codes(groups)
-    windows, hits = np.bincount(code), np.bincount(code, weights=hit)
+    windows = np.bincount(code)
+    hits = np.bincount(code, weights=hit)
+
+    # A draw's share is over all its windows: people with many count for more, as in the figure.
     draws = draw_groups(len(windows), n_draws, seed)
-    interval = interval_of((draws @ hits) / (draws @ windows), percent)
+    shares = (draws @ hits) / (draws @ windows)
+    interval = interval_of(shares, percent)
     return Share(float(np.mean(hit)), interval, len(hit))
 
 
@@ -201,25 +225,40 @@ class Ranking:
         steps at distinct scores.
         """
         sorted_weight = weight[self.order]
-        hit = np.add.reduceat(np.where(self.positive, sorted_weight, 0.0), self.first)
-        miss = np.add.reduceat(np.where(self.positive, 0.0, sorted_weight), self.first)
-        hits, misses = np.cumsum(hit), np.cumsum(miss)
-        if hits[-1] == 0.0 or misses[-1] == 0.0:
+        of_hits = np.where(self.positive, sorted_weight, 0.0)
+        of_misses = np.where(self.positive, 0.0, sorted_weight)
+        # At each distinct score: the weight of its rows, then that of all rows down to it.
+        hit = np.add.reduceat(of_hits, self.first)
+        miss = np.add.reduceat(of_misses, self.first)
+        hits = np.cumsum(hit)
+        misses = np.cumsum(miss)
+        all_hits = hits[-1]
+        all_misses = misses[-1]
+        if all_hits == 0.0 or all_misses == 0.0:
             return np.nan, np.nan
+
         # Each hit ranks above the misses after it, and half above those of its own score.
-        below = misses[-1] - misses + 0.5 * miss
-        auc = np.sum(hit * below) / (hits[-1] * misses[-1])
+        below = all_misses - misses + 0.5 * miss
+        auc = np.sum(hit * below) / (all_hits * all_misses)
+
+        # A score without a hit adds nothing, and the first may have a weight of zero in all.
         zero = np.zeros_like(hits)
         precision = np.divide(hits, hits + misses, out=zero, where=hit > 0.0)
-        return float(auc), float(np.sum(hit * precision) / hits[-1])
+        average = np.sum(hit * precision) / all_hits
+        return float(auc), float(average)
 
 
 def rank(truth: Labels, score: FloatArray) -> Ranking:
     """Sort rows by falling score [M], once for all weightings."""
-    order = np.argsort(-np.asarray(score), kind="stable")
-    falling = np.asarray(score)[order]
-    first = np.flatnonzero(np.concatenate([[True], falling[1:] != falling[:-1]]))
-    return Ranking(order, first, np.asarray(truth)[order] == 1)
+    score = np.asarray(score)
+    order = np.argsort(-score, kind="stable")
+    falling = score[order]
+
+    # Equal scores are one step of the curve, whatever the order of their rows.
+    starts = np.ones(len(falling), dtype=np.bool_)
+    starts[1:] = falling[1:] != falling[:-1]
+    positive = np.asarray(truth)[order] == 1
+    return Ranking(order, np.flatnonzero(starts), positive)
 
 
 @lru_cache(maxsize=4)
@@ -257,10 +296,14 @@ def _codes(groups: npt.ArrayLike) -> IntArray:
 
 def _f1(confusion: npt.NDArray[Any]) -> FloatArray:
     """[.., n, n + 1] counts (truth, predicted or withheld) -> [.., n] F1, nan without a truth."""
-    both = confusion.sum(axis=-1) + confusion[..., :-1].sum(axis=-2)
-    right = 2.0 * np.diagonal(confusion, axis1=-2, axis2=-1)
-    undefined = np.full(both.shape, np.nan)
-    return np.divide(right, both, out=undefined, where=confusion.sum(axis=-1) > 0)
+    true = confusion.sum(axis=-1)
+    # The last column, answers withheld, is no class that could have been predicted.
+    predicted = confusion[..., :-1].sum(axis=-2)
+    right = np.diagonal(confusion, axis1=-2, axis2=-1)
+
+    undefined = np.full(true.shape, np.nan)
+    both = true + predicted
+    return np.divide(2.0 * right, both, out=undefined, where=true > 0)
 
 
 def macro(f1: FloatArray) -> FloatArray:
@@ -273,6 +316,7 @@ def macro(f1: FloatArray) -> FloatArray:
 
 
 def _value(figure: float) -> float | None:
+    """A figure as JSON has it: None where it is not defined."""
     return float(figure) if np.isfinite(figure) else None
 
 
@@ -328,14 +372,21 @@ def prediction_gains(
     """What our scores [M] gain over theirs in AUC and in average precision."""
     our = prediction_scores(truth, ours, groups, n_draws=0)
     their = prediction_scores(truth, theirs, groups, n_draws=0)
+    auc = _difference(our.auc, their.auc)
+    precision = _difference(our.average_precision, their.average_precision)
+
+    # The same seed draws the same groups, so the draws are paired.
     our_draws = ranking_draws(truth, ours, groups, n_draws, seed)
     their_draws = ranking_draws(truth, theirs, groups, n_draws, seed)
-    auc_ci, precision_ci = map(interval_of, (our_draws - their_draws).T)
+    gains = our_draws - their_draws
     return (
-        Gain(_difference(our.auc, their.auc), auc_ci),
-        Gain(_difference(our.average_precision, their.average_precision), precision_ci),
+        Gain(auc, interval_of(gains[:, 0])),
+        Gain(precision, interval_of(gains[:, 1])),
     )
 
 
 def _difference(our: float | None, their: float | None) -> float | None:
-    return None if our is None or their is None else our - their
+    """None where one of the two is not defined."""
+    if our is None or their is None:
+        return None
+    return our - their

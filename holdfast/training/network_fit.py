@@ -69,12 +69,17 @@ class _Squash:
         spread = rows.std(axis=0, dtype=np.float64)
         knees = (knee * spread + KNEE_FLOOR).astype(np.float32)
         squashed = rows / (np.abs(rows) + knees)
+        mean = squashed.mean(axis=0, dtype=np.float64)
         deviation = squashed.std(axis=0, dtype=np.float64)
-        return _Squash(knees, squashed.mean(axis=0, dtype=np.float64), deviation + 1e-6)
+        # A feature that never moves would divide by zero.
+        return _Squash(knees, mean, deviation + 1e-6)
 
     def steps(self) -> FloatArray:
         """[F] steps of a quantised input a standard deviation."""
-        return INPUT_MOST * self.deviation / (1.0 + np.abs(self.mean)) * (1.0 - 1e-6)
+        # |x / (knee + |x|)| < 1, so 1 + |mean| is the farthest that a value gets from the mean.
+        farthest = 1.0 + np.abs(self.mean)
+        # A hair less, so that rounding in float32 does not reach one step too many.
+        return INPUT_MOST * self.deviation / farthest * (1.0 - 1e-6)
 
     def standardised(self, rows: FloatRows) -> FloatRows:
         """[N, F] as the network sees it."""
@@ -96,7 +101,10 @@ class Members:
         logits = []
         for network in self.networks:
             shares = network.predict_proba(standardised)
+            # The floor keeps the logarithm of a share of 0 finite.
             logits.append(np.log(np.maximum(shares, 1e-30)))
+
+        # The mean of logits, as the joined network has it, and not the mean of the shares.
         mean = np.exp(np.mean(logits, axis=0))
         wide = np.zeros((len(rows), n_classes))
         wide[:, self.present] = mean / mean.sum(axis=1, keepdims=True)
@@ -124,9 +132,8 @@ def fit_network(
     votes_in_all: int = VOTES,
 ) -> Network:
     """Train on rows [N, F] with labels [N], and make whole numbers of it."""
-    return in_whole_numbers(
-        fit_members(plan, rows, label, seed), rows, n_classes, votes_in_all
-    )
+    members = fit_members(plan, rows, label, seed)
+    return in_whole_numbers(members, rows, n_classes, votes_in_all)
 
 
 def _fit_member(
@@ -142,26 +149,34 @@ def _fit_member(
     )
     counts = np.bincount(label)
     # balance 1: each class weighs the same in all; 0: each window does.
-    share = (len(label) / np.maximum(counts, 1) / len(counts)) ** plan.balance
+    even = len(label) / np.maximum(counts, 1) / len(counts)
+    weight = even**plan.balance
+
     with warnings.catch_warnings():
         # It stops after the plan's epochs on purpose.
         warnings.simplefilter("ignore", ConvergenceWarning)
-        return member.fit(rows, label, sample_weight=share[label])
+        return member.fit(rows, label, sample_weight=weight[label])
 
 
 def in_whole_numbers(
     members: Members, rows: FloatRows, n_classes: int, votes_in_all: int = VOTES
 ) -> Network:
     """One network of whole numbers. rows [N, F]: of training, for the range of hidden values."""
-    squash, networks = members.squash, members.networks
+    squash = members.squash
+    networks = members.networks
+    # Standardising and quantising are one line: gain * squashed + offset.
     steps = squash.steps()
-    gain = (steps / squash.deviation).astype(np.float32)
-    offset = (-steps * squash.mean / squash.deviation).astype(np.float32)
-    inputs = Inputs(squash.knee, gain, offset)
+    gain = steps / squash.deviation
+    offset = -steps * squash.mean / squash.deviation
+    inputs = Inputs(squash.knee, gain.astype(np.float32), offset.astype(np.float32))
+
+    # The values of the training rows go along, since each layer is scaled by what enters it.
     values = inputs.quantised(rows)
-    most, unit = INPUT_MOST, 1.0 / steps
+    most = INPUT_MOST
+    unit = 1.0 / steps
     layers = []
-    for number in range(len(networks[0].coefs_) - 1):
+    n_hidden = len(networks[0].coefs_) - 1
+    for number in range(n_hidden):
         layer, unit = _hidden(networks, number, values, most, unit)
         values = hidden_values(layer, values)
         layers.append(layer)
@@ -185,11 +200,16 @@ def _hidden(
     # All members see the same inputs; after that each sees its own units only.
     joined = np.hstack(coefficients) if number == 0 else block_diag(*coefficients)
     bias = np.concatenate([member.intercepts_[number] for member in members])
-    weights, whole_bias, fineness = _whole(joined * unit[:, None], bias, most)
+    # In real numbers a step of input i counts unit[i] times its weight.
+    by_step = joined * unit[:, None]
+    weights, whole_bias, fineness = _whole(by_step, bias, most)
+
     real = np.maximum((values @ weights + whole_bias) / fineness, 0.0)
     # A unit's few largest values are cut off, so that its steps are finer for all the others.
     top = np.percentile(real, 100.0 - UNUSED_PERCENT, axis=0)
-    step = np.where(top > 0.0, top, 1.0) / HIDDEN_MOST
+    # A unit that is never active has no range; any will do.
+    span = np.where(top > 0.0, top, 1.0)
+    step = span / HIDDEN_MOST
     scale = (1.0 / (fineness * step)).astype(np.float32)
     return Layer(weights, whole_bias, scale), step
 
@@ -202,8 +222,11 @@ def _logits(
     n_classes: int,
 ) -> Layer:
     """The last layer: the mean of the members' logits, for all classes."""
-    coefficients = np.vstack([member.coefs_[-1] for member in members]) / len(members)
+    stacked = np.vstack([member.coefs_[-1] for member in members])
+    # Stacked weights add up the members' logits; divided by their number they are the mean.
+    coefficients = stacked / len(members)
     intercepts = np.mean([member.intercepts_[-1] for member in members], axis=0)
+
     wide = np.zeros((len(coefficients), n_classes))
     bias = np.full(n_classes, NO_VOTES_NATS)
     # Of two classes only the second has a logit.
@@ -211,8 +234,10 @@ def _logits(
     wide[:, columns] = coefficients
     bias[present] = 0.0
     bias[columns] = intercepts
+
     weights, whole_bias, fineness = _whole(wide * unit[:, None], bias, most)
-    return Layer(weights, whole_bias, (LOGIT_STEPS / fineness).astype(np.float32))
+    scale = (LOGIT_STEPS / fineness).astype(np.float32)
+    return Layer(weights, whole_bias, scale)
 
 
 def _whole(
@@ -222,9 +247,13 @@ def _whole(
     # Rounding may add half a step to each weight.
     room = EXACT_FLOAT32 - 1 - most * len(weights)
     # The largest sum that a unit can reach stays below what float32 counts exactly.
-    size = most * np.abs(weights).sum(axis=0) + np.abs(bias) + 1e-9
-    largest = np.abs(weights).max(axis=0) + 1e-9
-    fineness = np.minimum(room / size, (WEIGHT_MOST - 1) / largest)
+    sizes = np.abs(weights)
+    size = most * sizes.sum(axis=0) + np.abs(bias) + 1e-9
+    largest = sizes.max(axis=0) + 1e-9
+    by_sum = room / size
+    by_weight = (WEIGHT_MOST - 1) / largest
+    fineness = np.minimum(by_sum, by_weight)
+
     whole_weights = np.round(weights * fineness).astype(np.float32)
     whole_bias = np.round(bias * fineness).astype(np.float32)
     return whole_weights, whole_bias, fineness

@@ -33,25 +33,38 @@ def fit_label_weights(votes: IntArray, situation: IntArray) -> LabelWeights:
     shares = votes / votes.sum(axis=1, keepdims=True)
     weights = np.ones(len(SITUATIONS))
     present = np.unique(situation).tolist()
+
     for _ in range(ROUNDS):
         for k in present:
-            candidates, scores = [], []
+            candidates = []
+            scores = []
             for factor in WEIGHT_FACTORS:
                 candidate = weights.copy()
                 candidate[k] *= factor
                 candidates.append(candidate)
-                scores.append(_macro_f1(shares * candidate, situation, present))
-            weights = candidates[int(np.argmax(scores))]
+                score = _macro_f1(shares * candidate, situation, present)
+                scores.append(score)
+            best = int(np.argmax(scores))
+            weights = candidates[best]
+
     # Only their ratios count.
-    return tuple(np.round(weights / weights.max(), DIGITS).tolist())
+    scaled = weights / weights.max()
+    return tuple(np.round(scaled, DIGITS).tolist())
 
 
 def _macro_f1(scores: FloatArray, situation: IntArray, present: list[int]) -> float:
-    """Mean F1 of the situations in the truth."""
+    """Mean F1 of the situations in the truth.
+
+    Counted here and not by scikit-learn: the search asks for it about a hundred times a fold.
+    """
     n = len(SITUATIONS)
-    cell = situation * n + riskier_argmax(scores)
-    cells = np.bincount(cell, minlength=n * n).reshape(n, n)
-    f1 = 2 * np.diag(cells) / np.maximum(cells.sum(axis=0) + cells.sum(axis=1), 1)
+    answer = riskier_argmax(scores)
+    confusion = np.bincount(situation * n + answer, minlength=n * n).reshape(n, n)
+    right = np.diag(confusion)
+
+    # F1 = 2 right / (predicted + true); the bound keeps an absent situation from 0 / 0.
+    predicted_and_true = confusion.sum(axis=0) + confusion.sum(axis=1)
+    f1 = 2 * right / np.maximum(predicted_and_true, 1)
     return float(f1[present].mean())
 
 
@@ -62,10 +75,12 @@ def situation_labels(votes: IntArray, weights: LabelWeights | None) -> IntArray:
 
 def candidates_of(plan: NetworkPlan) -> list[NetworkPlan]:
     """The plan and its neighbours."""
-    return [
-        replace(plan, alpha=plan.alpha * alpha, epochs=plan.epochs * epochs)
-        for alpha, epochs in NETWORK_FACTORS
-    ]
+    plans = []
+    for alpha_factor, epochs_factor in NETWORK_FACTORS:
+        alpha = plan.alpha * alpha_factor
+        epochs = plan.epochs * epochs_factor
+        plans.append(replace(plan, alpha=alpha, epochs=epochs))
+    return plans
 
 
 def choose_network(
@@ -84,15 +99,19 @@ def choose_network(
     candidates = candidates_of(plan)
     folds = grouped_folds(groups, n_folds, seed=seed)
     n_classes = int(label.max()) + 1
+
     precisions = []
     for candidate in candidates:
+        # The members differ in their seed alone, and four would take four times as long.
+        single = replace(candidate, members=1)
         shares = np.zeros((len(label), n_classes))
         for train, test in folds:
-            single = replace(candidate, members=1)
             members = fit_members(single, rows[train], label[train], seed)
             shares[test] = members.shares(rows[test], n_classes)
         precisions.append(_mean_precision(shares, label))
-    return candidates[int(np.argmax(precisions))]
+
+    best = int(np.argmax(precisions))
+    return candidates[best]
 
 
 def _mean_precision(shares: FloatArray, label: IntArray) -> float:
@@ -100,5 +119,9 @@ def _mean_precision(shares: FloatArray, label: IntArray) -> float:
     classes = np.unique(label)
     if shares.shape[1] == 2:
         classes = classes[-1:]
-    precisions = [average_precision_score(label == k, shares[:, k]) for k in classes]
+
+    precisions = []
+    for k in classes:
+        precision = average_precision_score(label == k, shares[:, k])
+        precisions.append(precision)
     return float(np.mean(precisions))

@@ -115,6 +115,7 @@ def _table(
     for index, trial in enumerate(trials):
         name = trial.recording.object_name or NO_OBJECT
         action = trial.recording.action or NO_OBJECT
+
         for number, spot in enumerate(spots_of(trial)):
             # Without an object windows are light and heavy alternately.
             heavy = bool(number % 2) if trial.heavy is None else trial.heavy
@@ -139,12 +140,16 @@ def undersample(windows: pd.DataFrame, seed: int) -> pd.DataFrame:
             cause="no trial with such an object and action, or none with a critical point",
             next_step="record light and heavy objects, each with a safe and a risky action",
         )
+
     order = np.random.default_rng(seed).permutation(len(windows))
     shuffled = windows.assign(_draw=order)
+    # The turn of a window is its place in its cell: all firsts come before all seconds.
     turn = shuffled.groupby(["label", *STRATA])["_draw"].rank()
     dealt = shuffled.assign(_turn=turn).sort_values(["_turn", "_draw"])
-    kept = dealt.groupby("label").head(min(counts.values()))
-    return kept.sort_values(["trial", "row"])[COLUMNS].reset_index(drop=True)
+    fewest = min(counts.values())
+    kept = dealt.groupby("label").head(fewest)
+    in_order = kept.sort_values(["trial", "row"])
+    return in_order[COLUMNS].reset_index(drop=True)
 
 
 def labelled_rows(windows: pd.DataFrame) -> LabelledRows:
@@ -174,12 +179,16 @@ def counts_table(windows: pd.DataFrame) -> str:
     """Two tables to print: class x object against action, and class against source."""
     import pandas as pd
 
-    names = pd.Categorical.from_codes(windows["label"].to_numpy(), categories=CLASSES)
-    named = windows.assign(**{"class": names})
+    # A categorical keeps the order of the classes, where texts would be sorted by name.
+    label = windows["label"].to_numpy()
+    name = pd.Categorical.from_codes(label, categories=CLASSES)
+    named = windows.assign(**{"class": name})
+
     by_action = pd.crosstab([named["class"], named["object"]], named["action"])
     by_source = pd.crosstab(named["class"], named["source"])
-    cells, sources = _with_totals(by_action), _with_totals(by_source)
-    return f"{cells.to_string()}\n\n{sources.to_string()}"
+    cells = _with_totals(by_action).to_string()
+    sources = _with_totals(by_source).to_string()
+    return f"{cells}\n\n{sources}"
 
 
 def _with_totals(counts: pd.DataFrame) -> pd.DataFrame:
@@ -189,10 +198,10 @@ def _with_totals(counts: pd.DataFrame) -> pd.DataFrame:
     counts["all"] = counts.sum(axis=1)
     total = counts.sum().to_frame().T
     # A row cannot be added in place: "all" is none of the categories of the index.
-    flat = counts.index.nlevels == 1
-    total.index = (
-        pd.Index(["all"]) if flat else pd.MultiIndex.from_tuples([("all", "")])
-    )
+    if counts.index.nlevels == 1:
+        total.index = pd.Index(["all"])
+    else:
+        total.index = pd.MultiIndex.from_tuples([("all", "")])
     names = {"index": counts.index.names, "columns": counts.columns.name}
     return pd.concat([counts, total]).rename_axis(**names)
 
@@ -201,8 +210,11 @@ def _natural_spots(trial: TimedTrial) -> list[_Spot]:
     """All windows of a trial, each row once, in order of time."""
     if trial.heavy is None:
         return _empty_hand(trial.recording)
+
     points = offline_critical_points(trial.recording)
-    spots = _critical(trial.recording, points) + _steady(trial.recording, points)
+    spots = _critical(trial.recording, points)
+    spots += _steady(trial.recording, points)
+    # A script does not know when a slip really lasts, so only an exact truth fills it.
     if trial.timed:
         taken = {spot.row for spot in spots}
         for spot in _slipping(trial.recording):
@@ -215,24 +227,28 @@ def _dense_spots(trial: TimedTrial) -> list[_Spot]:
     """Dense windows of a trial with an exact truth and an object, else the natural ones."""
     if not trial.timed or trial.heavy is None:
         return _natural_spots(trial)
+
     rate_hz = trial.recording.rate_hz
     # Before that a hand answers nothing, because its history is not whole.
     settled = math.ceil(HISTORY_S * rate_hz)
     spots = []
     for phase in trial.recording.phases:
         every = max(1, round(DENSE_EVERY_S[phase.situation] * rate_hz))
-        for row in range(max(phase.first, settled), phase.stop, every):
+        first = max(phase.first, settled)
+        for row in range(first, phase.stop, every):
             spots.append(_Spot(row, phase.situation, "dense"))
     return spots
 
 
 def _empty_hand(recording: Recording) -> list[_Spot]:
+    """Windows of a recording without an object, evenly spaced."""
     every = round(EMPTY_HAND_EVERY_S * recording.rate_hz)
     rows = range(every, len(recording.samples), every)
     return [_Spot(row, NOTHING, "nothing") for row in rows]
 
 
 def _critical(recording: Recording, points: list[CriticalPoint]) -> list[_Spot]:
+    """A window at each critical point that falls into a phase with contact."""
     near = round(EDGE_S * recording.rate_hz)
     spots = []
     for point in points:
@@ -247,13 +263,19 @@ def _critical(recording: Recording, points: list[CriticalPoint]) -> list[_Spot]:
 
 
 def _steady(recording: Recording, points: list[CriticalPoint]) -> list[_Spot]:
+    """Windows in the middle and near the end of each phase in which nothing happens."""
     margin = round(STEADY_MARGIN_S * recording.rate_hz)
     shortest = window_samples(recording.rate_hz)
     spots = []
     for phase in recording.phases:
-        middle, late = (phase.first + phase.stop) // 2, phase.stop - 1 - margin
-        if phase.situation not in (NOTHING, GRASP) or late - middle < shortest:
+        if phase.situation not in (NOTHING, GRASP):
             continue
+        middle = (phase.first + phase.stop) // 2
+        late = phase.stop - 1 - margin
+        # In a phase this short the two windows would overlap, or lie beyond its end.
+        if late - middle < shortest:
+            continue
+
         source = "nothing" if phase.situation == NOTHING else "keep"
         for row in (middle, late):
             if all(abs(point.row - row) > margin for point in points):
@@ -262,14 +284,18 @@ def _steady(recording: Recording, points: list[CriticalPoint]) -> list[_Spot]:
 
 
 def _slipping(recording: Recording) -> list[_Spot]:
+    """Evenly spaced windows of each slip, at most MOST_OF_A_SLIP."""
     every = SLIP_EVERY_S * recording.rate_hz
     spots = []
     for phase in recording.phases:
         if phase.situation in (NOTHING, GRASP):
             continue
-        count = int(np.clip((phase.stop - phase.first) / every, 1, MOST_OF_A_SLIP))
+        length = phase.stop - phase.first
+        count = int(np.clip(length / every, 1, MOST_OF_A_SLIP))
         # Neither the first nor the last row of the slip: they belong to its edges.
-        rows = np.linspace(phase.first, phase.stop - 1, count + 2).round()[1:-1]
-        for row in np.unique(rows.astype(np.int64)).tolist():
+        places = np.linspace(phase.first, phase.stop - 1, count + 2)[1:-1]
+        # A slip of few rows has fewer of them than windows.
+        rows = np.unique(places.round().astype(np.int64))
+        for row in rows.tolist():
             spots.append(_Spot(row, phase.situation, "slip"))
     return spots

@@ -32,8 +32,12 @@ from holdfast.training.datasets.public_files import UNLABELLED, TrialRows
 from holdfast.training.timeline import Phase, Phases, RiskyEvent, RiskyEvents
 
 BIAS_ROWS = 60
-CONTACT_N, SAFE_DEG, RISKY_DEG = 1.0, 5.0, 15.0
-WINDOW_ROWS, SITUATION_STEP_ROWS, PREDICTION_STEP_ROWS = 6, 6, 3
+CONTACT_N = 1.0
+SAFE_DEG = 5.0
+RISKY_DEG = 15.0
+WINDOW_ROWS = 6
+SITUATION_STEP_ROWS = 6
+PREDICTION_STEP_ROWS = 3
 AROUND_MOVE_ROWS = 60
 """Situations go on for this long after the move; predictions start this long before it."""
 HORIZON_ROWS = 15
@@ -58,16 +62,22 @@ def middle_angle_deg(quaternion: npt.NDArray[np.floating]) -> FloatArray:
     array([  0., 180.,  nan])
     """
     w, x, y, z = quaternion.astype(np.float64).T
-    angle_deg = np.degrees(2.0 * np.arctan2(np.hypot(y, z), np.hypot(w, x)))
-    norm = np.hypot(np.hypot(w, x), np.hypot(y, z))
-    return np.where(np.isfinite(norm) & (norm > 0.0), angle_deg, np.nan)
+    across = np.hypot(y, z)
+    along = np.hypot(w, x)
+    angle_deg = np.degrees(2.0 * np.arctan2(across, along))
+
+    # atan2(0, 0) is 0, which would pass for "not turned".
+    norm = np.hypot(along, across)
+    is_rotation = np.isfinite(norm) & (norm > 0.0)
+    return np.where(is_rotation, angle_deg, np.nan)
 
 
 def rotation_from_start_deg(angle_deg: FloatArray, start: int) -> FloatArray:
     """d [T]: rotation away from the angle just before the move; nan where the IMU gave none."""
-    reference = angle_deg[max(0, start - 30) : start - 3]
-    known = reference[np.isfinite(reference)]
-    return np.abs(angle_deg - (np.median(known) if known.size else np.nan))
+    before = angle_deg[max(0, start - 30) : start - 3]
+    known = before[np.isfinite(before)]
+    reference = np.median(known) if known.size else np.nan
+    return np.abs(angle_deg - reference)
 
 
 def in_hand(
@@ -88,7 +98,8 @@ def in_hand(
             a * z - b * y + c * x - d * w,
         ]
     )
-    return np.where(np.isfinite(product).all(axis=1, keepdims=True), product, 0.0)
+    is_finite = np.isfinite(product).all(axis=1, keepdims=True)
+    return np.where(is_finite, product, 0.0)
 
 
 def situations(force_n: FloatArray, rotation_deg: FloatArray) -> IntArray:
@@ -112,6 +123,7 @@ def phases(force_n: FloatArray, rotation_deg: FloatArray, end: int) -> Phases:
     # Up to where situation_windows go.
     label = situations(force_n, rotation_deg)[: end + AROUND_MOVE_ROWS]
     label[:BIAS_ROWS] = UNLABELLED
+
     edges = np.flatnonzero(np.diff(label)) + 1
     rows = [0, *edges.tolist(), len(label)]
     runs = []
@@ -135,6 +147,8 @@ def events(found: Phases, rate_hz: float) -> RiskyEvents:
             onset = phase.first
         if gross is None and phase.situation == RISKY_SLIP:
             gross = phase.first
+
+        # Rows without a label between two phases end the slip too.
         slips_on = (
             following is not None
             and following.first == phase.stop
@@ -155,7 +169,8 @@ def situation_windows(
     stop = min(len(force_n), end + AROUND_MOVE_ROWS)
     row = _last_rows(BIAS_ROWS, stop, SITUATION_STEP_ROWS)
     label = situations(force_n, rotation_deg)[row]
-    return row[label != UNLABELLED], label[label != UNLABELLED]
+    is_labelled = label != UNLABELLED
+    return row[is_labelled], label[is_labelled]
 
 
 def prediction_windows(
@@ -163,14 +178,18 @@ def prediction_windows(
 ) -> TrialRows:
     """Grasp rows around the move: 1 where the rotation exceeds 15 deg within the next 15 rows."""
     n = len(force_n)
-    row = _last_rows(
-        max(BIAS_ROWS, start - AROUND_MOVE_ROWS), min(end, n), PREDICTION_STEP_ROWS
-    )
+    first = max(BIAS_ROWS, start - AROUND_MOVE_ROWS)
+    row = _last_rows(first, min(end, n), PREDICTION_STEP_ROWS)
+
+    # Only a hand that holds and does not slip yet can be warned; the future must be recorded.
+    touches = force_n[row] >= CONTACT_N
+    holds = touches & (rotation_deg[row] < SAFE_DEG)
     has_future = row + 1 < n
-    holds = (force_n[row] >= CONTACT_N) & (rotation_deg[row] < SAFE_DEG)
     row = row[has_future & holds]
+
     # Rows over 15 deg so far: more at the end of the horizon than at its start means a slip.
-    over = np.concatenate([[0], np.cumsum(rotation_deg > RISKY_DEG)])
+    is_over = rotation_deg > RISKY_DEG
+    over = np.concatenate([[0], np.cumsum(is_over)])
     horizon = np.minimum(row + 1 + HORIZON_ROWS, n)
     return row, over[horizon] > over[row + 1]
 
@@ -178,7 +197,9 @@ def prediction_windows(
 def frames_since_contact(force_n: FloatArray, contact_n: float = CONTACT_N) -> IntArray:
     """[T] rows since z last rose through contact_n, -1 before: the timing of a scripted set."""
     touching = force_n >= contact_n
-    rises = touching & ~np.concatenate([[False], touching[:-1]])
+    touched_before = np.concatenate([[False], touching[:-1]])
+    rises = touching & ~touched_before
+
     row = np.arange(len(force_n))
     last_rise = np.maximum.accumulate(np.where(rises, row, -1))
     return np.where(last_rise >= 0, row - last_rise, -1)

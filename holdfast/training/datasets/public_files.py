@@ -62,12 +62,14 @@ def read_arrays(path: Path, shapes: Mapping[str, Shape]) -> Arrays:
             cause="a copy cut short, or pickled objects, which are never read",
             next_step=COPY_AGAIN,
         ) from None
+
     for name, shape in shapes.items():
         _check_array(arrays[name], name, shape, path)
     return arrays
 
 
 def _check_array(array: npt.NDArray[Any], name: str, shape: Shape, path: Path) -> None:
+    """Raise NotANumber for an array of anything else, ColumnError for another shape."""
     if array.dtype.kind not in "iuf":
         raise NotANumber(
             f"array {name} holds {array.dtype}, not numbers",
@@ -161,6 +163,7 @@ def read_table(path: Path) -> Table:
             cause="a copy cut short",
             next_step=COPY_AGAIN,
         )
+
     names = [name.strip() for name in rows[0]]
     fault = "a column occurs twice" if len(set(names)) < len(names) else ""
     for number, row in enumerate(rows, 1):
@@ -171,13 +174,15 @@ def read_table(path: Path) -> Table:
         raise ColumnError(
             fault, where=path, cause="a copy cut short", next_step=COPY_AGAIN
         )
-    columns = {
-        name: [row[k].strip() for row in rows[1:]] for k, name in enumerate(names)
-    }
+
+    columns = {}
+    for k, name in enumerate(names):
+        columns[name] = [row[k].strip() for row in rows[1:]]
     return Table(path, columns)
 
 
 def _number(cell: str) -> float | None:
+    """The number in a cell, or None."""
     try:
         # Python reads 1_000 as a number; a data set means something else by it.
         return None if "_" in cell else float(cell)
