@@ -86,9 +86,11 @@ def _timed(
     masses_g: Mapping[str, float] | None,
     action_at_s: float,
 ) -> TimedTrial:
+    """A frame as a trial, its phases by its column of labels or by the script."""
     person, name, action = _named(key)
     trial = _trial(key, frame.drop(columns=LABEL, errors="ignore"))
     recording = prepared(trial, unit, key)
+
     if LABEL in frame:
         phases = _phases(trial, frame)
         labels_by = "label column"
@@ -98,16 +100,18 @@ def _timed(
     else:
         phases = scripted(trial, recording.samples, action, name, action_at_s)
         labels_by = f"script, action at {action_at_s:g} s"
+
     mass = _mass(key, name, masses_g) if name else None
+    named = replace(
+        recording,
+        object_name=name,
+        action=action,
+        phases=phases,
+        events=events_of(phases, trial.rate_hz),
+        person=person,
+    )
     return TimedTrial(
-        replace(
-            recording,
-            object_name=name,
-            action=action,
-            phases=phases,
-            events=events_of(phases, trial.rate_hz),
-            person=person,
-        ),
+        named,
         heavy=mass.heavy if mass else None,
         timed=LABEL in frame,
         mass=mass,
@@ -117,9 +121,12 @@ def _timed(
 
 def _named(key: str) -> tuple[str | None, str | None, str | None]:
     """Person, object and action of a frame's name. Raises LabelError."""
+    # The last part names the trial alone; what stands above it says what the trial is.
     *above, last = key.split("/")[:-1] or [""]
     if plain_word(last) == EMPTY_HAND and len(above) < 2:
-        return (above[0] if above else None), None, None
+        person = above[0] if above else None
+        return person, None, None
+
     action = action_of(last)
     if action is None or not 1 <= len(above) <= 2 or not all(above):
         raise LabelError(
@@ -127,10 +134,12 @@ def _named(key: str) -> tuple[str | None, str | None, str | None]:
             where=key,
             next_step=f"name the frame {NAME}, the action one of {', '.join(FOLDERS)}",
         )
-    return (above[0] if len(above) == 2 else None), object_name(above[-1]), action
+    person = above[0] if len(above) == 2 else None
+    return person, object_name(above[-1]), action
 
 
 def _trial(key: str, frame: pd.DataFrame) -> Trial:
+    """A frame without labels, checked as a file of the same columns is."""
     try:
         table: FloatArray = frame.to_numpy(dtype=np.float64)
     except (TypeError, ValueError) as error:
@@ -155,16 +164,22 @@ def _phases(trial: Trial, frame: pd.DataFrame) -> Phases:
                 next_step=f"write one of {', '.join(SITUATIONS)} in the column {LABEL}, or nan",
             )
         codes[row] = SITUATIONS.index(label)
+
     # A lost sample is a row of the trial and none of the frame: rows are looked up by time.
     time_s = frame["Time"].to_numpy(np.float64)
     first = np.flatnonzero(np.diff(codes, prepend=NO_LABEL - 1))
     starts = np.searchsorted(trial.t_s, time_s[first] - time_s[0]).tolist()
     stops = [*starts[1:], len(trial.t_s)]
-    runs = zip(starts, stops, codes[first].tolist(), strict=True)
-    return tuple(Phase(a, b, code) for a, b, code in runs if code != NO_LABEL)
+
+    phases = []
+    for start, stop, code in zip(starts, stops, codes[first].tolist(), strict=True):
+        if code != NO_LABEL:
+            phases.append(Phase(start, stop, code))
+    return tuple(phases)
 
 
 def _mass(key: str, name: str, masses_g: Mapping[str, float] | None) -> Mass:
+    """The mass of a frame's object. Raises LabelError where none is known."""
     mass = named_mass(name, masses_g)
     if mass is None:
         raise LabelError(

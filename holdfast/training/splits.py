@@ -48,7 +48,9 @@ def assign_groups(
     assignment: dict[str, int] = {}
     for k in range(0, len(names), n_folds):
         dealt = by_size[k : k + n_folds].tolist()
-        assignment.update(zip(dealt, rng.permutation(n_folds).tolist(), strict=False))
+        folds = rng.permutation(n_folds).tolist()
+        # The last round may have fewer groups than folds.
+        assignment.update(zip(dealt, folds, strict=False))
     return assignment
 
 
@@ -70,7 +72,12 @@ def folds_of(groups: npt.ArrayLike, assignment: dict[str, int]) -> list[Fold]:
 
 def _folds(fold: IntArray, numbers: Iterable[int]) -> list[Fold]:
     """Training and test rows of each fold, from the fold of every row."""
-    return [(np.flatnonzero(fold != k), np.flatnonzero(fold == k)) for k in numbers]
+    folds = []
+    for k in numbers:
+        train = np.flatnonzero(fold != k)
+        test = np.flatnonzero(fold == k)
+        folds.append((train, test))
+    return folds
 
 
 def leaky_folds(n_rows: int, n_folds: int, *, seed: int = 0) -> list[Fold]:
@@ -78,7 +85,8 @@ def leaky_folds(n_rows: int, n_folds: int, *, seed: int = 0) -> list[Fold]:
 
     WRONG, and named so: it exists to show, next to the right number, how far a bad split flatters.
     """
-    fold = np.random.default_rng(seed).permutation(n_rows) % n_folds
+    rng = np.random.default_rng(seed)
+    fold = rng.permutation(n_rows) % n_folds
     return _folds(fold, range(n_folds))
 
 
@@ -100,7 +108,9 @@ def regrouped(data: DataSet, by: HoldOut) -> DataSet:
     """The same set held out by something else. Raises TooFewGroups with less than two groups."""
     recordings = _grouped_by(data.recordings, by)
     regrouped_set = replace(data, recordings=recordings, group_kind=by)
-    unnamed = by == "person" and None in {one.person for one in recordings}
+    # A recording without a person could be of one on the other side of a split.
+    people = {recording.person for recording in recordings}
+    unnamed = by == "person" and None in people
     if unnamed or len(regrouped_set.groups()) < 2:
         raise TooFewGroups(
             f"the recordings cannot be held out by {by}",
@@ -119,6 +129,7 @@ _NEXT = {
 
 
 def _grouped_by(recordings: Sequence[Recording], by: HoldOut) -> list[Recording]:
+    """The recordings in groups; one without a person is a group of its own, by its trial."""
     result = []
     for recording in recordings:
         group = recording.trial_id

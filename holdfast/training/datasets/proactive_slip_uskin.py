@@ -63,16 +63,21 @@ def load(root: Path, *, channels: int = 18) -> DataSet:
     folders = _trial_folders(root)
     if not folders:
         raise DataNotFound("no trials", where=root, next_step=COPY_AGAIN)
-    recordings, windows = [], []
+
+    recordings = []
+    windows = []
     for folder in folders:
         recording = _recording(folder, columns)
         recordings.append(recording)
         windows.append(_windows(folder, len(recording.samples)))
+
+    # A model has one rate, so the set is served at the median of its trials.
+    rates_hz = [recording.rate_hz for recording in recordings]
     return DataSet(
         name="proactive_slip_uskin",
         recordings=recordings,
         tasks={"situations": join_trials(windows, SITUATIONS)},
-        rate_hz=float(np.median([recording.rate_hz for recording in recordings])),
+        rate_hz=float(np.median(rates_hz)),
         unit="count",
         preparation=PREPARATION,
         kind="real, recorded by others: a robot arm carrying a box",
@@ -89,6 +94,7 @@ def situations(slip: BoolArray, fail: BoolArray) -> IntArray:
     [1, 2, 1, 3, 3]
     """
     label = np.where(fail, RISKY_SLIP, GRASP)
+    # Framed by rows that do not slip, so that runs at the ends have two edges as well.
     slipping = np.concatenate([[False], slip & ~fail, [False]])
     edges = np.flatnonzero(slipping[1:] != slipping[:-1])
     for start, stop in edges.reshape(-1, 2):
@@ -104,6 +110,7 @@ def _outcome(fail: BoolArray, stop: int) -> int:
 
 
 def _trial_folders(root: Path) -> list[Path]:
+    """Folders with a first pad, below the set or below its data_set as it is published."""
     pads = [*root.glob(f"*/{PADS[0]}"), *root.glob(f"data_set/*/{PADS[0]}")]
     return sorted(path.parent for path in pads)
 
@@ -144,12 +151,15 @@ def _pad(path: Path) -> FloatArray:
 
 
 def _windows(folder: Path, n_rows: int) -> TrialRows:
+    """The labelled rows of a trial from row 30 on. Raises ColumnError."""
     table = read_table(folder / LABELS)
-    slip, fail = table.numbers("slip") > 0.5, table.numbers("fail") > 0.5
+    slip = table.numbers("slip") > 0.5
+    fail = table.numbers("fail") > 0.5
     if len(slip) != n_rows:
         raise ColumnError(
             f"{len(slip)} labels for {n_rows} rows", where=folder, next_step=COPY_AGAIN
         )
+
     label = situations(slip, fail)
     row = np.arange(FIRST_ROW, n_rows)
     row = row[label[row] != UNLABELLED]

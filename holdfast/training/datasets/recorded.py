@@ -104,14 +104,18 @@ def readers(root: Path, fault: Fault = refuse) -> list[TrialReader]:
 
 def _found(root: Path) -> dict[Path, Json]:
     """Each tactile.csv with its meta.json, in order; trial_10 comes after trial_9."""
-    paths = sorted(
-        root.rglob(TACTILE),
-        key=lambda path: (path.parent.parent, len(path.parent.name), path.parent.name),
-    )
+
+    def order(path: Path) -> tuple[Path, int, str]:
+        # A longer name has a larger number.
+        trial = path.parent
+        return trial.parent, len(trial.name), trial.name
+
+    paths = sorted(root.rglob(TACTILE), key=order)
     return {path: read_json(path.with_name(META)) for path in paths}
 
 
 def _is_kept(meta: Json) -> bool:
+    """Whether the recorder finished the trial and the person did not do it again."""
     return meta.get("state") == KEPT
 
 
@@ -126,7 +130,9 @@ def _kind(meta: Json) -> str:
 
 
 def _reader(path: Path, meta: Json, root: Path) -> TrialReader:
-    person, action = str(meta.get("person")), str(meta.get("action"))
+    """The reader of a trial: its person and action are those of meta.json, not of the folder."""
+    person = str(meta.get("person"))
+    action = str(meta.get("action"))
     if action == EMPTY_HAND:
         place = TrialPlace(path, person=person)
     else:
@@ -135,6 +141,7 @@ def _reader(path: Path, meta: Json, root: Path) -> TrialReader:
 
 
 def _timed(place: TrialPlace, meta: Json, root: Path) -> TimedTrial:
+    """A kept trial, read and labelled by its truth."""
     folder = place.path.parent
     timed = thesis.timed(place, root, {"unit": meta.get("unit")}, phased)
     trial_id = folder.name if folder == root else folder.relative_to(root).as_posix()
@@ -143,6 +150,8 @@ def _timed(place: TrialPlace, meta: Json, root: Path) -> TimedTrial:
     recording = replace(
         timed.recording, trial_id=trial_id, group=trial_id, object_name=name
     )
+
+    # A pressed key is late by a reaction; a scene and a camera know the moment.
     phases: Sequence[Json] = read_json(truth_path(place.path)).get("phases", [])
     exact = any(str(phase.get("provenance")) in EXACT for phase in phases)
     return replace(timed, recording=recording, timed=exact)
