@@ -47,7 +47,7 @@ repeats itself. rate: the rate is not the model's. started_loaded: the hand has 
 a loaded start. late: the answer is late. clock: the sample's stamp lies in the future.
 """
 CommandLink = Literal["none", "live", "expired"]
-"""The user's commands: none has come yet, they come, or their sender went silent."""
+"""The wearer's commands: none has come yet, they come, or their sender went silent."""
 
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
@@ -92,7 +92,7 @@ class Prediction:
     trusted, and the reason; "" where the state is known. extra: further heads by name, such as
     p_risky_250ms. detectors: which classical detectors fire. arm, act: the decision's debounced
     request. act_ended: how the last act ended (edge_runtime/decision.py), None before the first act
-    and during one. opening, overridden, commands: what the user commands, whether an override
+    and during one. opening, overridden, commands: what the wearer commands, whether an override
     lasts, and whether the commands still come. late: older than two periods when it was given.
     started_loaded: the hand held something at the start and has not been empty since; None where no
     stored bias says what unloaded is. degraded: some sensors are missing, yet enough are left.

@@ -87,13 +87,16 @@ class CompiledModel:
 
     def _golden_answers(self, names: list[str]) -> Outputs:
         """What the library answers on the golden input, for the outputs by name."""
-        card, graph = self.card, self.stepper(names)
+        card = self.card
+        graph = self.stepper(names)
         rows: dict[str, list[npt.NDArray[Any]]] = {name: [] for name in names}
         golden = golden_input(card.n_channels, card.unit, card.settle_samples)
         for values, valid in zip(*golden, strict=True):
-            graph.sample[0], graph.valid[0] = values, valid
+            graph.sample[0] = values
+            graph.valid[0] = valid
             for name, answer in graph.step().items():
                 rows[name].append(answer[0].copy())
+
         return {name: np.array(kept) for name, kept in rows.items()}
 
 
@@ -112,20 +115,27 @@ class CStep:
         outputs: Sequence[str],
     ) -> None:
         hands, channels = shape
-        self._library, self._step = library, library.holdfast_step_valid
+        self._library = library
+        self._step = library.holdfast_step_valid
         self.sample: FloatArray = np.zeros(shape)
         self.valid: BoolArray = np.ones((hands, channels // 3), dtype=np.bool_)
         self._size = library.holdfast_state_bytes()
+
         # of float64, so that every state begins at a multiple of eight bytes
-        self._states = np.zeros((hands, -(-self._size // 8)))
+        words = -(-self._size // 8)
+        self._states = np.zeros((hands, words))
+
         # one struct holdfast_out for each hand
         self._fields = np.zeros(hands, out_type)
         self.out: Outputs = {name: self._fields[name] for name in outputs}
+
+        # made once, so that a step makes no objects of ctypes
         self._arguments = []
         for hand in range(hands):
             buffers = (self._states, self.sample, self.valid, self._fields)
             places = [ctypes.c_void_p(one[hand:].ctypes.data) for one in buffers]
             self._arguments.append(places)
+
         self.reset()
 
     def step(self) -> Outputs:
@@ -149,6 +159,7 @@ def _loaded(path: Path) -> ctypes.CDLL:
             cause="it was not built yet, or elsewhere",
             next_step="holdfast export MODEL --to c --build, or name it with --library",
         )
+
     try:
         # absolute: a bare name would be searched in the system's folders
         library = ctypes.CDLL(str(path.absolute()))
@@ -163,6 +174,7 @@ def _loaded(path: Path) -> ctypes.CDLL:
             cause="built for another machine, or another file",
             next_step="build it here: holdfast export MODEL --to c --build --force",
         ) from None
+
     return library
 
 

@@ -1,4 +1,4 @@
-"""Commands of the user's own control, as datagrams: {"opening": true}, {"override": true}.
+"""Commands of the wearer's control, as datagrams: {"opening": true}, {"override": true}.
 
 opening lasts until a datagram takes it back, or until no datagram has come for EXPIRES_NS. So a
 sender repeats its command, or sends {} to show that it is still there. override counts for the
@@ -28,7 +28,7 @@ EXPIRES_NS = 300_000_000
 
 @dataclass(frozen=True)
 class Command:
-    """What the user commands at a sample.
+    """What the wearer commands at a sample.
 
     opening ends an act and prevents a new one; override ends every request and blocks new ones for
     a while. link: whether commands have come at all, and whether they still come.
@@ -62,6 +62,7 @@ def receiving(address: str) -> Iterator[socket.socket]:
             f"{address!r} is not an address",
             next_step="give HOST:PORT, such as 127.0.0.1:9001",
         )
+
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as receiver:
         try:
             receiver.bind((host, int(port)))
@@ -69,6 +70,7 @@ def receiving(address: str) -> Iterator[socket.socket]:
             raise UsageError(
                 f"{address!r}: {error}", next_step="choose another port"
             ) from None
+
         # a sample never waits for a command
         receiver.setblocking(False)
         yield receiver
@@ -83,7 +85,9 @@ class _Listener:
         log: Callable[[str], None],
         now_ns: Callable[[], int],
     ) -> None:
-        self._receiver, self._log, self._now_ns = receiver, log, now_ns
+        self._receiver = receiver
+        self._log = log
+        self._now_ns = now_ns
         self._opening = False
         self._last_ns: int | None = None
         self._link: CommandLink = "none"
@@ -104,18 +108,23 @@ class _Listener:
         if command is None:
             self._log(f"command: {printable(datagram)} (not understood)")
             return False
-        self._last_ns, self._link = self._now_ns(), "live"
+
+        self._last_ns = self._now_ns()
+        self._link = "live"
         override = command.get("override", False)
         opening = command.get("opening", self._opening)
         if override or opening != self._opening:
             self._log(f"command: {printable(datagram)}")
+
         self._opening = opening
         return override
 
     def _expire(self) -> None:
         """Forget what was commanded: a silent sender may be gone."""
         self._log("command: the sender is silent; its last command has expired")
-        self._opening, self._last_ns, self._link = False, None, "expired"
+        self._opening = False
+        self._last_ns = None
+        self._link = "expired"
 
 
 def waiting(receiver: socket.socket) -> Iterator[bytes]:
@@ -141,4 +150,6 @@ def _read(datagram: bytes) -> dict[str, bool] | None:
         return None
     if not isinstance(keys, dict) or not set(keys) <= KEYS:
         return None
-    return keys if all(isinstance(value, bool) for value in keys.values()) else None
+    if not all(isinstance(value, bool) for value in keys.values()):
+        return None
+    return keys

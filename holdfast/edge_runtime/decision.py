@@ -9,8 +9,8 @@ ends
 
 - "released": the situation is "nothing" for `release_samples` in a row;
 - "timed_out": no risky label for `evidence_ms` of known samples;
-- "opened": the user opens the hand, which also prevents a new act;
-- "overridden": the user overrides. The override lasts until the hand has been empty (as above) or
+- "opened": the wearer opens the hand, which also prevents a new act;
+- "overridden": the wearer overrides. The override lasts until the hand has been empty (as above) or
   for `override_ms` after its last sample; meanwhile nothing arms and nothing is counted.
 
 While the state is unknown, nothing is counted and nothing is released. docs/safety.md has the
@@ -90,7 +90,7 @@ class DecisionState:
 
     @property
     def overridden(self) -> bool:
-        """Whether the user's override lasts."""
+        """Whether the wearer's override lasts."""
         return self.override_us > 0
 
 
@@ -106,18 +106,22 @@ def decide(
 ) -> DecisionState:
     """The state after one sample's label (UNKNOWN, or 0..3) and the risky share of its votes.
 
-    period_us: time from one sample to the next. opening, override: what the user commands at this
+    period_us: time from one sample to the next. opening, override: what the wearer commands at this
     sample.
     """
+    # first of all, in every state: the wearer's command wins
     if override:
         ended = "overridden" if state.act else state.ended
         return DecisionState(override_us=1000 * rules.override_ms, ended=ended)
     if state.overridden:
         return _overridden(rules, state, situation, period_us)
     if situation == UNKNOWN:
+        # never a release on a guess; only the wearer ends an act then
         return _ended(rules, state, "opened") if opening and state.act else state
+
     risky = situation == RISKY_SLIP and risky_permille >= rules.min_risky_permille
-    return _known(rules, _counted(rules, state, situation, risky, period_us), opening)
+    counted = _counted(rules, state, situation, risky, period_us)
+    return _known(rules, counted, opening)
 
 
 def _counted(
@@ -128,11 +132,13 @@ def _counted(
     period_us: int,
 ) -> DecisionState:
     """The runs and the time left after one known sample; the request is unchanged."""
-    risky_run, evidence_us = 0, max(0, state.evidence_us - period_us)
+    risky_run = 0
+    evidence_us = max(0, state.evidence_us - period_us)
     if risky:
         # bounded, so that all states can be searched; no rule needs a longer run
         risky_run = min(state.risky_run + 1, rules.act_samples + rules.arm_samples)
         evidence_us = 1000 * rules.evidence_ms
+
     return replace(
         state,
         risky_run=risky_run,
@@ -151,6 +157,7 @@ def _known(rules: DecisionRules, state: DecisionState, opening: bool) -> Decisio
         return _armed(rules, state)
     if state.nothing_run >= rules.release_samples:
         return _ended(rules, state, "released")
+
     return state if state.evidence_us else _ended(rules, state, "timed_out")
 
 

@@ -12,9 +12,8 @@ if TYPE_CHECKING:
     from holdfast.edge_runtime.graph import Stepper
     from holdfast.edge_runtime.model_file import ModelCard
 
-ONNXRUNTIME, C = "onnxruntime", "c"
-
-
+ONNXRUNTIME = "onnxruntime"
+C = "c"
 ENGINES = (ONNXRUNTIME, C)
 
 
@@ -45,10 +44,12 @@ class ModelChoice:
             from holdfast.edge_runtime.c_engine import CompiledModel
 
             return CompiledModel(self.path, self.library)
+
         if self.library:
             raise UsageError(
                 "--library is for the C engine", next_step="add --engine c"
             )
+
         from holdfast.edge_runtime.model import Model
 
         return Model(self.path)

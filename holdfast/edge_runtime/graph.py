@@ -59,12 +59,14 @@ def open_session(model: bytes) -> ort.InferenceSession:
     import onnxruntime as ort  # here, because a compiled library answers without it
 
     options = ort.SessionOptions()
+
     # a step is too short to share between threads
     options.intra_op_num_threads = 1
     options.inter_op_num_threads = 1
     options.execution_mode = ort.ExecutionMode.ORT_SEQUENTIAL
     options.add_session_config_entry("session.intra_op.allow_spinning", "0")
     options.log_severity_level = 3
+
     return ort.InferenceSession(model, options, providers=["CPUExecutionProvider"])
 
 
@@ -85,19 +87,24 @@ class StepGraph:
         described = {one.name: one for one in session.get_outputs()}
         if outputs is None:
             outputs = [name for name in described if name != "state_out"]
+
         self._session = session
         self.batch = batch
         self._inputs: Outputs = {}
         for name in ("sample", "valid", "reset"):
             self._inputs[name] = _buffer(inputs[name], batch)
+
+        # views of the inputs without the axis of length 1 that the file has
         self.sample: FloatArray = self._inputs["sample"].reshape(batch, -1)
         self.valid: BoolArray = self._inputs["valid"].reshape(batch, -1)
         self.valid[:] = True
         self._reset: BoolArray = self._inputs["reset"].reshape(batch)
         self._reset[:] = True
+
         self.out: Outputs = {}
         for name in outputs:
             self.out[name] = _buffer(described[name], batch)
+
         # Two buffers hold the state, and each step swaps them as input and output: so a step
         # copies nothing and allocates nothing.
         self._states = [_buffer(inputs["state"], batch) for _ in range(2)]
@@ -134,16 +141,19 @@ class StepGraph:
             binding.bind_input(
                 name, "cpu", 0, array.dtype.type, array.shape, array.ctypes.data
             )
+
         for name, array in outputs.items():
             binding.bind_output(
                 name, "cpu", 0, array.dtype.type, array.shape, array.ctypes.data
             )
+
         return binding
 
 
 def _buffer(described: Any, batch: int) -> npt.NDArray[Any]:
     """Zeros for an input or output of B hands: a state of zeros is a fresh one."""
-    return np.zeros((batch, *described.shape[1:]), dtype=_DTYPES[described.type])
+    shape = (batch, *described.shape[1:])
+    return np.zeros(shape, dtype=_DTYPES[described.type])
 
 
 def run_recording(
@@ -189,14 +199,17 @@ def step_recordings(
     results: list[Outputs] = [{} for _ in values]
     for batch in _batches(values):
         graph = steps(len(batch))
-        kept = _KeptRows([rows[index] for index in batch], graph.out)
+        wanted = [rows[index] for index in batch]
+        kept = _KeptRows(wanted, graph.out)
         stacked, stacked_valid = _pad(values, valid, batch)
         for t in range(kept.n_steps):
             np.copyto(graph.sample, stacked[t])
             np.copyto(graph.valid, stacked_valid[t])
             kept.collect(t, graph.step())
+
         for position, index in enumerate(batch):
             results[index] = kept.of(position)
+
     return results
 
 
@@ -207,14 +220,20 @@ class _KeptRows:
         counts = [len(one) for one in rows]
         t = np.concatenate(rows)
         position = np.repeat(np.arange(len(rows)), counts)
+
         # stable, so that the rows of one step stay in the order of the recordings
         order = np.argsort(t, kind="stable")
         self.n_steps = int(t.max(initial=-1)) + 1
         self._position = position[order]
-        self._starts = np.searchsorted(t[order], np.arange(self.n_steps + 1)).tolist()
+
+        # rows of step t: from starts[t] to starts[t + 1]
+        steps = np.arange(self.n_steps + 1)
+        self._starts = np.searchsorted(t[order], steps).tolist()
+
         self._out: Outputs = {}
         for name, buffer in buffers.items():
-            self._out[name] = np.empty((len(t), *buffer.shape[1:]), buffer.dtype)
+            shape = (len(t), *buffer.shape[1:])
+            self._out[name] = np.empty(shape, buffer.dtype)
 
     def collect(self, t: int, out: Outputs) -> None:
         """Keep what is wanted of step t."""
@@ -234,6 +253,7 @@ class _KeptRows:
 
 def _batches(values: Sequence[FloatArray]) -> Iterator[list[int]]:
     """Indices of recordings of similar length, the shortest first."""
+    # of similar length, so that little of a batch is padding
     order = sorted(range(len(values)), key=lambda index: len(values[index]))
     for start in range(0, len(order), BATCH):
         yield order[start : start + BATCH]
@@ -244,11 +264,13 @@ def _pad(
 ) -> tuple[FloatArray, BoolArray]:
     """[T, B, C] and [T, B, n], time first so that a step reads one block of memory."""
     longest = max(len(values[index]) for index in batch)
-    n_channels, n_sensors = values[batch[0]].shape[1], valid[batch[0]].shape[1]
+    n_channels = values[batch[0]].shape[1]
+    n_sensors = valid[batch[0]].shape[1]
     stacked = np.zeros((longest, len(batch), n_channels))
     stacked_valid = np.zeros((longest, len(batch), n_sensors), dtype=np.bool_)
     for position, index in enumerate(batch):
         length = len(values[index])
         stacked[:length, position] = values[index]
         stacked_valid[:length, position] = valid[index]
+
     return stacked, stacked_valid

@@ -53,6 +53,7 @@ class WearersGrip:
     """The grip that the wearer set, measured while no target is given; 0 while nothing is held."""
 
     TIME_S = 0.1
+    """Time constant of the low-pass over the measured grip."""
 
     def __init__(self, batch: Batch, rate_hz: float) -> None:
         self._batch = batch
@@ -81,7 +82,9 @@ class Controller:
     """Its default."""
 
     def __init__(self, batch: Batch, rate_hz: float, setting: float) -> None:
-        self._batch, self._rate_hz, self._setting = batch, rate_hz, setting
+        self._batch = batch
+        self._rate_hz = rate_hz
+        self._setting = setting
         self._period_s = 1.0 / rate_hz
         self._wearer = WearersGrip(batch, rate_hz)
         self.fresh = batch.false()
@@ -103,6 +106,7 @@ class PdShear(Controller):
     SETTING = 1.0
     THRESHOLD_N = 1.0
     RATE_S = 0.005
+    """kd / kp."""
 
     def __init__(self, batch: Batch, rate_hz: float, setting: float) -> None:
         super().__init__(batch, rate_hz, setting)
@@ -112,12 +116,16 @@ class PdShear(Controller):
         """The wanted grip, N a side; 0 for none."""
         batch = self._batch
         wearers_n = self._wearer.step(sense, given_n)
+
+        # an unknown sample keeps the last load, so that its end makes no jump in the rate
         load_n = batch.choose(sense.known, sense.load_n, self._load_n)
         rate_n_s = (load_n - self._load_n) * self._rate_hz
         self._load_n = load_n
+
         above_n = load_n - self.THRESHOLD_N + self.RATE_S * rate_n_s
         self.fresh = (load_n > self.THRESHOLD_N) & batch.no(sense.empty)
         wanted_n = wearers_n + self._setting * batch.most(above_n, 0.0)
+
         return batch.choose(self.fresh, wanted_n, 0.0)
 
 
@@ -139,13 +147,17 @@ class SlidingMode(Controller):
     def want(self, sense: GripSense, given_n: Number, needed_n: Number) -> Number:
         """The wanted grip, N a side; 0 for none."""
         batch = self._batch
+        # its reference counts as given: from then on it regulates the grip itself
         wearers_n = self._wearer.step(sense, self._reference_n)
         self._held_s = batch.choose(sense.empty, 0.0, self._held_s + self._period_s)
         self.fresh = self._held_s >= self.SETTLED_S
         kept_n = batch.choose(self._reference_n > 0.0, self._reference_n, wearers_n)
         self._reference_n = batch.choose(self.fresh, kept_n, 0.0)
+
         error = (self._reference_n - sense.grip_n) / self.BOUNDARY_N
-        pushed_n = self._reference_n + self._setting * batch.within(-1.0, error, 1.0)
+        saturated = batch.within(-1.0, error, 1.0)
+        pushed_n = self._reference_n + self._setting * saturated
+
         return batch.choose(self.fresh, batch.most(pushed_n, 0.0), 0.0)
 
 
@@ -212,7 +224,9 @@ class AnswerRules:
 
 
 class Holdfast(Controller):
-    """N + lead * evidence while a slip is likely; what friction needs after it; given back then.
+    """Leads the grip by the evidence of a slip, and gives back in a hand-over.
+
+    The wanted grip is N + lead * evidence while a slip is likely, with
 
     evidence = (p_risky - from_p) / (full_p - from_p), within 0 and 1. The drive's speed grows with
     the lead of the wanted grip over the measured one N, so the answer is as fast as the evidence is
@@ -222,6 +236,7 @@ class Holdfast(Controller):
 
     SETTING = 22.0
     RATE_S = 0.03
+    """Time constant of the low-pass over the change of the load."""
     BRAKE_S = 0.02
     """So long after the evidence, in a known state, the target goes back: the drive coasts."""
 
@@ -249,17 +264,21 @@ class Holdfast(Controller):
         ahead_n = batch.most(sense.grip_n, wearers_n) + self._setting * evidence
         kept_n = self._kept_n(sense, wearers_n, given_n, needed_n)
         wanted_n = batch.choose(rises, ahead_n, kept_n)
+        # a slip that is likely outweighs a hand-over
         ends = self._handed_over(sense) & batch.no(rises)
+
         # bounded, so that it does not grow for days; only times below BRAKE_S matter
         later_s = batch.least(self._quiet_s + self._period_s, 1.0)
         quiet_s = batch.choose(rises, 0.0, later_s)
         self._quiet_s = batch.choose(sense.known, quiet_s, self._quiet_s)
         self.fresh = rises
+
         return batch.choose(ends, 0.0, wanted_n)
 
     def _evidence(self, sense: GripSense) -> Number:
         """0 to 1."""
-        rules, batch = self.rules, self._batch
+        rules = self.rules
+        batch = self._batch
         share = (sense.p_risky - rules.from_p) / (rules.full_p - rules.from_p)
         if not rules.graded:
             return batch.choose(share >= 0.5, 1.0, 0.0)
@@ -271,24 +290,34 @@ class Holdfast(Controller):
         """The grip to keep without evidence: brake first, then stay where the grip is."""
         batch = self._batch
         braking = self._quiet_s < self.BRAKE_S
+        # the one sample at which braking ends
         stops = batch.no(braking) & (self._quiet_s < self.BRAKE_S + self._period_s)
         kept_n = batch.choose(stops, batch.most(sense.grip_n, wearers_n), given_n)
         if self.rules.margin:
             kept_n = batch.most(kept_n, needed_n)
+
         # no more than the wearer's grip is no target of ours
         kept_n = batch.choose(kept_n > wearers_n, kept_n, 0.0)
+
+        # a target below the measured grip brakes the drive, which still closes
         back_n = batch.choose(wearers_n > 0.0, wearers_n, sense.grip_n)
         kept_n = batch.choose(braking, batch.most(back_n, needed_n), kept_n)
+
         return batch.choose(given_n > 0.0, kept_n, 0.0)
 
     def _handed_over(self, sense: GripSense) -> Flag:
         """Whether the evidence says hand-over: safe slip, while the load changes."""
-        batch, rules = self._batch, self.rules
+        batch = self._batch
+        rules = self.rules
         load_n = batch.choose(sense.known, sense.load_n, self._load_n)
         change_n_s = (load_n - self._load_n) * self._rate_hz
         self._load_n = load_n
+
+        # smoothed, because a difference of two samples is mostly noise
         smooth_n_s = self._change_n_s + self._share * (change_n_s - self._change_n_s)
         self._change_n_s = batch.choose(sense.known, smooth_n_s, self._change_n_s)
+
+        # in a hand-over another person takes or gives weight; in a static hold nothing changes
         grows = self._change_n_s > rules.moving_n_s
         falls = self._change_n_s < -rules.moving_n_s
         safe = (grows | falls) & (sense.p_safe > rules.yield_p)
@@ -296,6 +325,7 @@ class Holdfast(Controller):
         self._safe_run = batch.choose(sense.known, run, self._safe_run)
         if not rules.revocable:
             return batch.false()
+
         return self._safe_run >= rules.yield_samples
 
 

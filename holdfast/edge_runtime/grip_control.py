@@ -51,7 +51,9 @@ QUIET_P = 0.2
 SPARE = 1.25
 """Grip over the least grip that friction needs."""
 LEAST_MU = 0.05
+"""A floor, so that the grip that is asked for stays bounded."""
 QUIET_S = 0.1
+"""Time constant of the low-pass over the ratio in a quiet hold."""
 
 
 class FrictionMargin:
@@ -61,7 +63,8 @@ class FrictionMargin:
     """
 
     def __init__(self, batch: Batch, rate_hz: float, shear_gain: float = 1.0) -> None:
-        self._batch, self._gain = batch, shear_gain
+        self._batch = batch
+        self._gain = shear_gain
         self._share = 1.0 / (1.0 + QUIET_S * rate_hz)
         self._last = [batch.zero()] * (SAMPLES - 1)
         self._slid = batch.zero()
@@ -76,6 +79,8 @@ class FrictionMargin:
         """Take in one sample."""
         batch = self._batch
         load_n = self._gain * sense.load_n
+
+        # below FIRM_N the ratio of two noisy numbers means nothing
         firm = (sense.grip_n > FIRM_N) & sense.known
         both_sides_n = 2.0 * batch.most(sense.grip_n, FIRM_N)
         ratio = batch.choose(firm, load_n / both_sides_n, 0.0)
@@ -84,6 +89,7 @@ class FrictionMargin:
         self._forget(sense)
 
         sure = self._slid > 0.0
+        # what the hand has held without a slip bounds friction from below
         lower = batch.most(batch.most(self._slid, self.held), LEAST_MU)
         slides_n = load_n / (2.0 * lower)
         self.mu_hat = batch.choose(sure, lower, 0.0)
@@ -96,23 +102,30 @@ class FrictionMargin:
         """A sample of friction, where the ratio stands still while a slip is all but certain."""
         batch = self._batch
         likely = sense.known & (sense.p_risky > SURE_P)
+
         # a 0 in the row keeps it from standing still
         ratio = batch.choose(likely, ratio, 0.0)
         low = high = ratio
         for earlier in self._last:
             low = batch.least(low, earlier)
             high = batch.most(high, earlier)
+
         still = high - low < STEADY * high
-        self._slid = batch.choose(still, batch.most(self._slid, low), self._slid)
+        # the least of the row, so that noise does not raise the estimate
+        slid = batch.most(self._slid, low)
+        self._slid = batch.choose(still, slid, self._slid)
         self._last = [ratio, *self._last[:-1]]
 
     def _take_quiet(self, sense: GripSense, ratio: Number, firm: Flag) -> None:
         """The largest ratio that was held in quiet."""
         batch = self._batch
-        quiet = firm & (sense.p_risky < QUIET_P) & (sense.p_safe < QUIET_P)
+        no_slip = (sense.p_risky < QUIET_P) & (sense.p_safe < QUIET_P)
+        quiet = firm & no_slip
+        # smoothed, or one noisy sample would claim a friction that is not there
         smooth = self._quiet + self._share * (ratio - self._quiet)
         self._quiet = batch.choose(quiet, smooth, self._quiet)
-        self.held = batch.choose(quiet, batch.most(self.held, self._quiet), self.held)
+        held = batch.most(self.held, self._quiet)
+        self.held = batch.choose(quiet, held, self.held)
 
     def _forget(self, sense: GripSense) -> None:
         """The next object has another friction."""
@@ -140,7 +153,9 @@ def controller_of(
             f"no controller {name!r}", next_step=f"choose from {', '.join(CONTROLLERS)}"
         )
     kind = CONTROLLERS[name]
-    return kind(batch, rate_hz, kind.SETTING if setting is None else setting)
+    if setting is None:
+        setting = kind.SETTING
+    return kind(batch, rate_hz, setting)
 
 
 class GripLoop:
@@ -162,7 +177,8 @@ class GripLoop:
         """One sample: the target, N a side; 0 for none."""
         self.margin.step(sense)
         # what was given, not what was wanted: a controller must not wind up
-        margin, given_n = self.margin, self.supervisor.given_n
+        margin = self.margin
+        given_n = self.supervisor.given_n
         wanted_n = self.controller.want(sense, given_n, margin.needed_n)
         return self.supervisor.step(
             sense, wanted_n, self.controller.fresh, margin.holds_n
@@ -194,21 +210,24 @@ class GripControl:
                 f"{name} needs forces in N, this model answers in {unit}",
                 next_step="calibrate the sensors (holdfast calibrate), or choose holdfast",
             )
+
         self.limits = limits or Limits()
         controller = controller_of(name, ONE_HAND, rate_hz, setting)
         within = self.limits
         if self.reduced:
             # a ceiling in N says nothing about numbers in another unit
             within = replace(within, ceiling_n=math.inf)
+
         self._loop = GripLoop(ONE_HAND, rate_hz, controller, within)
 
     def step(
         self, prediction: Prediction, forces: FloatArray, valid: BoolArray
     ) -> GripCommand:
         """One sample. forces [C]: prepared, in the model's unit; valid [S]. Raises UsageError."""
-        if forces.shape != (3 * self._n_fingers,) or valid.shape != (self._n_fingers,):
+        fingers = self._n_fingers
+        if forces.shape != (3 * fingers,) or valid.shape != (fingers,):
             raise UsageError(
-                f"{forces.size // 3} fingers, the grip controller was made for {self._n_fingers}",
+                f"{forces.size // 3} fingers, the grip controller was made for {fingers}",
                 next_step="use a model made for this hand",
             )
         target_n = self._loop.step(sense_of(prediction, forces, valid))
@@ -216,15 +235,18 @@ class GripControl:
 
     def _command(self, prediction: Prediction, target_n: float) -> GripCommand:
         """The message for one target. What is not known is None, never a guess."""
-        supervisor, margin = self._loop.supervisor, self._loop.margin
+        supervisor = self._loop.supervisor
+        margin = self._loop.margin
         mode = int(supervisor.mode)
+        given = target_n > 0.0 and not self.reduced
+
         # before the first slip nothing is known of the friction
         observed = margin.mu_hat > 0.0
         return GripCommand(
             sequence=prediction.sequence,
             t_ns=prediction.t_acquired_ns,
             mode=MODES[mode],
-            target_n=target_n if target_n > 0.0 and not self.reduced else None,
+            target_n=target_n if given else None,
             slew_n_s=self.limits.slew_n_s,
             feedback=_cue(prediction),
             reason=_reason(prediction, mode, self.reduced),
@@ -236,14 +258,19 @@ class GripControl:
 
 def sense_of(prediction: Prediction, forces: FloatArray, valid: BoolArray) -> GripSense:
     """What a controller knows of one sample; no force where a sensor is not valid or not finite."""
+    # Python's own floats: numpy on six numbers is several times slower
     f = forces.tolist()
+    flags = valid.tolist()
     grip_n = load_n = 0.0
-    for x, y, z, good in zip(f[::3], f[1::3], f[2::3], valid.tolist(), strict=True):
+    for x, y, z, good in zip(f[::3], f[1::3], f[2::3], flags, strict=True):
         # NaN is not below LARGEST
         if good and abs(x) + abs(y) + abs(z) < LARGEST:
+            # a finger can press, not pull: less than 0 is noise
             grip_n += z if z > 0.0 else 0.0
             load_n += math.sqrt(x * x + y * y)
+
     return GripSense(
+        # the fingers press from two sides, each with half of the sum
         grip_n=0.5 * grip_n,
         load_n=load_n,
         p_risky=prediction.p_risky,

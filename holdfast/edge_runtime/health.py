@@ -43,7 +43,9 @@ class RepeatWatch:
         whole = bool(usable.all())
         if not whole:
             values = np.where(np.repeat(usable, 3), values, 0.0)
+
         reading = values.reshape(-1, 3) @ ONE_NUMBER
+
         # -0.0 equals 0.0, and NaN equals nothing
         runs = (self._runs + 1.0) * (self._past == reading)
         if whole:
@@ -54,9 +56,11 @@ class RepeatWatch:
             self._runs[:, usable] = runs[:, usable]
             self._past[1:, usable] = self._past[:-1, usable]
             self._past[0, usable] = reading[usable]
+
         # nearly every sample ends here, and cheaply
         if runs.max() < self._most:
             return False
+
         longest = self._runs.max(axis=0)[usable]
         return bool(usable.any() and (longest >= self._most).all())
 
@@ -71,7 +75,9 @@ class RateWatch:
 
     def __init__(self, rate_hz: float, span: int) -> None:
         self._period_ns = 1e9 / rate_hz
-        self._past: deque[tuple[int, int]] = deque(maxlen=max(span, LEAST_SPAN) + 1)
+        # n intervals lie between n + 1 stamps
+        stamps = max(span, LEAST_SPAN) + 1
+        self._past: deque[tuple[int, int]] = deque(maxlen=stamps)
 
     def fits(self, t_ns: int, sequence: int) -> bool:
         """Take a sample's stamp; whether the rate is within tolerance, or cannot be judged yet."""
@@ -79,10 +85,14 @@ class RateWatch:
         past.append((t_ns, sequence))
         if len(past) <= LEAST_SPAN:
             return True
+
         first_ns, first_sequence = past[0]
+        # a source that counts nothing repeats its number: then the samples count
         steps = max(sequence - first_sequence, len(past) - 1)
-        if self._within((t_ns - first_ns) / (steps * self._period_ns)):
+        mean_periods = (t_ns - first_ns) / (steps * self._period_ns)
+        if self._within(mean_periods):
             return True
+
         return self._within(self._median_ns() / self._period_ns)
 
     def forget(self) -> None:
@@ -128,8 +138,12 @@ class LoadedStart:
         """One sample, values [C] without bias and usable [S]."""
         if self.seen_empty or usable.sum() < self._least_sensors:
             return
-        squares = (values.reshape(-1, 3)[usable] ** 2).sum(axis=1)
+
+        # squares, so that no root is taken at every sample
+        vectors = values.reshape(-1, 3)[usable]
+        squares = (vectors**2).sum(axis=1)
         empty = bool((squares <= self._empty_below**2).all())
         self._taken += 1
+        # in a row: a hand that only passes through zero is not empty
         self._empty_run = self._empty_run + 1 if empty else 0
         self.seen_empty = self._empty_run >= self._samples

@@ -77,7 +77,9 @@ class IntentMonitor:
         log: Callable[[str], object],
         opens_at: float | None = None,
     ) -> None:
-        self._stream, self._now_ns, self._log = stream, now_ns, log
+        self._stream = stream
+        self._now_ns = now_ns
+        self._log = log
         self._opens_at = opens_at
         self._opening = False
         self._looked_ns: int | None = None
@@ -97,13 +99,15 @@ class IntentMonitor:
         if self._looked_ns is None or now_ns - self._looked_ns > EXPIRES_NS:
             # what waited since then has no known time
             self._stream.forget()
+
         self._looked_ns = now_ns
         self.fresh = [self._taken(item) for item in self._stream.came()]
         if self.fresh:
             self.newest = self.fresh[-1]
         if self.link == "live" and now_ns - self.newest.t_ns > EXPIRES_NS:
             self._log("intent: the stream is silent; what the wearer wants is unknown")
-            self._opening, self.link = False, "expired"
+            self._opening = False
+            self.link = "expired"
             self.newest = Intent(now_ns, "unknown")
             self.fresh.append(self.newest)
 
@@ -111,13 +115,18 @@ class IntentMonitor:
         """The item, with a word where its first envelope says one."""
         if self.link == "expired":
             self._log("intent: the stream is back")
+
         self.link = "live"
         if item.wants or self._opens_at is None or not item.envelope:
             self._opening = item.wants == "open"
             return item
+
         # an opening ends at a lower level than it begins, so that noise does not end it
-        level = self._opens_at * (ENDS_AT if self._opening else 1.0)
+        level = self._opens_at
+        if self._opening:
+            level *= ENDS_AT
         self._opening = item.envelope[0] >= level
+
         return replace(item, wants="open" if self._opening else "rest")
 
 
@@ -125,7 +134,8 @@ class ItemReader:
     """Reads items one by one. log: receives the first in a row that is not understood."""
 
     def __init__(self, log: Callable[[str], object]) -> None:
-        self._log, self._understood = log, True
+        self._log = log
+        self._understood = True
 
     def item(self, read: Callable[[], Intent], shown: str) -> Intent | None:
         """What `read` returns, None where it raises ValueError. shown: the item, for the line."""
@@ -136,6 +146,7 @@ class ItemReader:
                 self._log(f"intent: {shown[:80]} is not understood ({error})")
             self._understood = False
             return None
+
         self._understood = True
         return item
 
@@ -150,8 +161,10 @@ class UdpIntent:
         now_ns: Callable[[], int],
         log: Callable[[str], object],
     ) -> None:
-        self._receiver, self.n_envelopes = receiver, n_envelopes
-        self._now_ns, self._reader = now_ns, ItemReader(log)
+        self._receiver = receiver
+        self.n_envelopes = n_envelopes
+        self._now_ns = now_ns
+        self._reader = ItemReader(log)
 
     def came(self) -> list[Intent]:
         """What is waiting."""
@@ -224,7 +237,8 @@ def intent_row(
     """
     envelope = [repr(value) for value in item.envelope] or [""] * n_envelopes
     time_s = f"{1e-9 * (item.t_ns - first_ns):.6f}"
-    return ",".join([time_s, str(item.t_ns + host_after_ns), item.wants, *envelope])
+    host_ns = str(item.t_ns + host_after_ns)
+    return ",".join([time_s, host_ns, item.wants, *envelope])
 
 
 @dataclass(frozen=True)
@@ -242,6 +256,7 @@ def read_intent(path: Path) -> IntentRecord:
         lines = text_of(path).split("\n")
     except UnicodeDecodeError:
         lines = [""]
+
     # what follows the last line end is torn, or empty
     header = lines[0] if len(lines) > 1 else ""
     n_envelopes = len(header.split(",")) - len(HEAD)
@@ -252,7 +267,9 @@ def read_intent(path: Path) -> IntentRecord:
             cause="another file, or an edited one",
             next_step=f"its header begins with {','.join(HEAD)}",
         )
-    times, items = [], []
+
+    times = []
+    items = []
     for number, line in enumerate(lines[1:-1], start=2):
         try:
             time_s, item = _item_of_line(line.split(","), n_envelopes)
@@ -262,8 +279,10 @@ def read_intent(path: Path) -> IntentRecord:
                 where=path,
                 next_step="correct or remove the line",
             ) from None
+
         times.append(time_s)
         items.append(item)
+
     return IntentRecord(tuple(times), tuple(items))
 
 
@@ -274,6 +293,10 @@ def _item_of_line(cells: list[str], n_envelopes: int) -> tuple[float, Intent]:
     time_s, host_ns, wants, *envelope = cells
     if wants not in IN_FILE:
         raise ValueError(f"wants is {wants[:40]!r}")
-    shares = [_share(float(cell)) for cell in envelope] if any(envelope) else []
+
+    shares = []
+    # a line with a word alone leaves all its envelopes empty
+    if any(envelope):
+        shares = [_share(float(cell)) for cell in envelope]
     word = IN_FILE[IN_FILE.index(wants)]
     return float(time_s), Intent(int(host_ns), word, tuple(shares))

@@ -78,6 +78,7 @@ class Model:
         except Exception as error:
             reason = f"{error!s:.{LONGEST_REASON}}"
             raise _refusal(f"onnxruntime cannot run it ({reason})", path) from None
+
         check_golden(golden, answers, str(path))
         _give_back_memory()
 
@@ -93,11 +94,13 @@ def read_model(data: bytes, path: str | Path) -> tuple[ModelCard, Outputs, OnnxM
         require_own_seal(data, onnx.metadata)
     except ValueError as error:
         raise _refusal(str(error), path) from None
+
     card = read_card(onnx.metadata, path)
     try:
         _require_fit(onnx, card)
     except ValueError as error:
         raise _refusal(str(error), path) from None
+
     golden = golden_from_json(onnx.metadata.get(GOLDEN_KEY, ""), str(path))
     return card, golden, onnx
 
@@ -152,19 +155,22 @@ def _require_fit(model: OnnxModel, card: ModelCard) -> None:
             raise ValueError(
                 f"its card names a head {name!r}, which cannot be the name of a further probability"
             )
+
     if model.inputs != _inputs_of(model, card):
         raise ValueError("its inputs are not those that its card names")
+
     wanted = _outputs_of(model, card)
     if set(model.outputs) != set(wanted):
-        found, named = (
-            ", ".join(sorted(names))[:400] for names in (model.outputs, wanted)
-        )
+        found = ", ".join(sorted(model.outputs))[:400]
+        named = ", ".join(sorted(wanted))[:400]
         raise ValueError(f"its outputs are {found}, its card names {named}")
+
     for name, expected in wanted.items():
         if model.outputs[name] != expected:
             raise ValueError(
                 f"its output {name} has not the type and shape that its card says"
             )
+
     steps = golden_length(card.settle_samples)
     if steps * card.n_channels > MOST_GOLDEN:
         raise ValueError(
@@ -176,7 +182,9 @@ def _inputs_of(model: OnnxModel, card: ModelCard) -> dict[str, TensorSpec]:
     """The inputs of a graph with this card. The number of rows of the state is free."""
     state = model.inputs.get("state", TensorSpec(DOUBLE, ())).shape
     # -1 fits no file, so a wrong shape is refused below
-    rows = state[1] if len(state) == 3 and isinstance(state[1], int) else -1
+    rows = -1
+    if len(state) == 3 and isinstance(state[1], int):
+        rows = state[1]
     return {
         "sample": TensorSpec(DOUBLE, ("B", 1, card.n_channels)),
         "valid": TensorSpec(BOOL, ("B", 1, card.n_channels // 3)),
@@ -188,9 +196,10 @@ def _inputs_of(model: OnnxModel, card: ModelCard) -> dict[str, TensorSpec]:
 def _outputs_of(model: OnnxModel, card: ModelCard) -> dict[str, TensorSpec]:
     """The outputs of a graph with this card. The number of features is free."""
     features = model.outputs.get("features", TensorSpec(FLOAT, ())).shape
-    n_features = (
-        features[1] if len(features) == 2 and isinstance(features[1], int) else -1
-    )
+    # -1 fits no file here too
+    n_features = -1
+    if len(features) == 2 and isinstance(features[1], int):
+        n_features = features[1]
     n_classes = len(card.classes)
     wanted = {
         "settled": TensorSpec(BOOL, ("B",)),
@@ -206,9 +215,11 @@ def _outputs_of(model: OnnxModel, card: ModelCard) -> dict[str, TensorSpec]:
     if card.has_weight:
         wanted["p_class"] = TensorSpec(FLOAT, ("B", n_classes))
         wanted["weight"] = TensorSpec(BOOL, ("B",))
+
     for name in card.heads:
         wanted[name] = TensorSpec(FLOAT, ("B",))
         wanted[f"votes_{name}"] = TensorSpec(FLOAT, ("B", 2))
+
     return wanted
 
 
@@ -232,25 +243,33 @@ def golden_input(
     """values [T, C] and valid [T, C/3] by formula."""
     length = golden_length(settle_samples)
     numbers = _integers(length * n_channels).reshape(length, n_channels)
+
     # the fingers close until the history is full, then hold
-    ramp = np.minimum(np.arange(length), settle_samples)[:, None] * 4
-    press = np.where(np.arange(n_channels) % 3 == 2, ramp, ramp // 4)
+    samples = np.arange(length)
+    ramp = np.minimum(samples, settle_samples)[:, None] * 4
+    is_normal = np.arange(n_channels) % 3 == 2
+    press = np.where(is_normal, ramp, ramp // 4)
+
     # quiet for 28 samples, shaken hard for 12
-    shake = numbers % np.where(np.arange(length) % 40 < 28, 16, 256)[:, None]
+    size = np.where(samples % 40 < 28, 16, 256)
+    shake = numbers % size[:, None]
     values = ((press + shake) * AMPLITUDE[unit]).astype(np.float64)
     valid: BoolArray = np.ones((length, n_channels // 3), dtype=np.bool_)
+
     # every kind of fault, after the model has settled
     valid[settle_samples + 6, 0] = False
     values[settle_samples + 9, 1] = np.nan
     values[settle_samples + 11, 2] = np.inf
     values[settle_samples + 13, 0] = 1e30
     valid[settle_samples + 15 : settle_samples + 40, -1] = False
+
     return values, valid
 
 
 def _integers(count: int) -> npt.NDArray[np.int64]:
     """A linear congruential generator (Numerical Recipes' constants): exact on every machine."""
-    numbers, state = np.empty(count, dtype=np.int64), 12345
+    numbers = np.empty(count, dtype=np.int64)
+    state = 12345
     for index in range(count):
         state = (1664525 * state + 1013904223) % 2**32
         numbers[index] = state >> 16
@@ -276,6 +295,7 @@ def golden_to_json(answers: Outputs) -> Json:
             "shape": list(array.shape),
             "data": data.decode("ascii"),
         }
+
     return stored
 
 
@@ -288,13 +308,15 @@ def golden_from_json(text: str, where: str = "") -> Outputs:
             if entry["dtype"] not in DTYPES:
                 raise ValueError(entry["dtype"])
             data = base64.b64decode(entry["data"])
-            answers[name] = np.frombuffer(data, entry["dtype"]).reshape(entry["shape"])
+            numbers = np.frombuffer(data, entry["dtype"])
+            answers[name] = numbers.reshape(entry["shape"])
     except (AttributeError, KeyError, OverflowError, TypeError, ValueError):
         raise NotAModel(
             "its golden sequences are missing or garbled",
             where=where,
             next_step="export the model again",
         ) from None
+
     return answers
 
 
@@ -303,11 +325,8 @@ def check_golden(
 ) -> None:
     """Raise GoldenMismatch that names the first output that is missing or differs."""
     for name in {**answers, **stored}:
-        if (
-            name not in stored
-            or name not in answers
-            or not _agree(stored[name], answers[name])
-        ):
+        missing = name not in stored or name not in answers
+        if missing or not _agree(stored[name], answers[name]):
             raise GoldenMismatch(
                 f"output {name!r} differs from the golden sequence stored in the file",
                 where=where,

@@ -88,6 +88,7 @@ def read_sealed(path: str | Path) -> bytes:
     start = _seal_at(data)
     if start < 0:
         raise _foreign(data, path)
+
     # a plain comparison: the digest is no secret
     if _digest(data, start) != data[start : start + DIGITS]:
         raise BrokenSeal(
@@ -96,6 +97,7 @@ def read_sealed(path: str | Path) -> bytes:
             cause="it was altered, or a copy was cut short",
             next_step="export it or copy it again",
         )
+
     return data
 
 
@@ -107,6 +109,7 @@ def _file_bytes(path: Path) -> bytes:
             where=path,
             next_step=f"name the model: {path.with_suffix('.onnx')}",
         )
+
     require_file(path)
     try:
         size = path.stat().st_size
@@ -123,6 +126,7 @@ def _file_bytes(path: Path) -> bytes:
         raise NotAModel(
             f"cannot be read ({error.strerror})", where=path, next_step="check the path"
         ) from None
+
     if size > MOST_BYTES:
         raise NotAModel(
             f"larger than {MOST_BYTES >> 20} MiB, the largest size of a model",
@@ -130,6 +134,7 @@ def _file_bytes(path: Path) -> bytes:
             cause="it is another file",
             next_step="check the path",
         )
+
     return data
 
 
@@ -143,9 +148,11 @@ def _seal_at(data: bytes) -> int:
 def _digest(data: bytes, start: int) -> bytes:
     """SHA-256 of the file with the digits at `start` zeroed, without a copy of the file."""
     # parts, not a zeroed copy: a file may have half a gigabyte
-    whole, made = memoryview(data), hashlib.sha256()
-    for part in (whole[:start], b"0" * DIGITS, whole[start + DIGITS :]):
-        made.update(part)
+    whole = memoryview(data)
+    made = hashlib.sha256()
+    made.update(whole[:start])
+    made.update(b"0" * DIGITS)
+    made.update(whole[start + DIGITS :])
     return made.hexdigest().encode()
 
 
@@ -166,6 +173,7 @@ def _foreign(data: bytes, path: Path) -> NotAModel | BrokenSeal:
             cause="a copy was cut short",
             next_step="export it or copy it again",
         )
+
     kind = "not a sealed Holdfast model"
     if data[:1] == b"\x80":
         kind = "a Python pickle, which Holdfast never reads"
@@ -173,6 +181,7 @@ def _foreign(data: bytes, path: Path) -> NotAModel | BrokenSeal:
         kind = "a zip archive (skops or numpy), not an ONNX file"
     elif not data:
         kind = "an empty file"
+
     return NotAModel(
         kind,
         where=path,
@@ -197,7 +206,9 @@ def check_runtime(version: str | None = None) -> None:
         )
 
 
-LARGEST, READING = sys.float_info.max, "a positive number in the model's unit"
+LARGEST = sys.float_info.max
+"""Finite, but otherwise any reading may be a model's limit."""
+READING = "a positive number in the model's unit"
 
 
 def read_card(metadata: dict[str, str], path: str | Path = "") -> ModelCard:

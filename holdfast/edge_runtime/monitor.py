@@ -69,6 +69,7 @@ class GripMonitor:
         outputs = [*ANSWERS, *self.card.heads]
         if self.card.has_weight:
             outputs.extend(WEIGHS)
+
         self._graph = model.stepper(outputs)
         self._clock_ns = clock_ns
         self._bias_known = bias_known
@@ -97,7 +98,7 @@ class GripMonitor:
         The state is unknown, and `why` gives the reason, where the samples cannot be trusted
         (edge_runtime/health.py): the whole hand repeats itself, the rate is not the model's, or the
         answer is late. (The driver detects one finger that repeats itself, by the chip's own
-        counter.) opening, override, commands: what the user commands now.
+        counter.) opening, override, commands: what the wearer commands now.
         """
         self._require_shape(sample)
         self._fed_ns = time.perf_counter_ns()
@@ -109,6 +110,7 @@ class GripMonitor:
             np.copyto(self._graph.sample[0], sample.values)
             np.copyto(self._graph.valid[0], sample.valid)
             self._graph.step()
+
         self.stepped_ns = self._now_ns(sample)
         return self._predict(_Feed(sample, repeated, opening, override, commands))
 
@@ -119,6 +121,8 @@ class GripMonitor:
         self._decision = DecisionState()
         self._last_t_ns: int | None = None
         self._last_sequence: int | None = None
+
+        # as long as the history: a hand that is stuck is unknown before it can look settled
         most_repeats = max(1, card.settle_samples - 1)
         self._repeats = RepeatWatch(card.n_channels // 3, most_repeats)
         self._rate = RateWatch(card.rate_hz, card.settle_samples)
@@ -127,7 +131,9 @@ class GripMonitor:
             self._start = LoadedStart(
                 card.normal_floor, card.rate_hz, card.min_valid_sensors
             )
-        self._stuck, self._rate_fits = False, True
+
+        self._stuck = False
+        self._rate_fits = True
 
     def lose_track(self) -> None:
         """Forget the stream: unknown until settled again; an active request continues."""
@@ -138,9 +144,11 @@ class GripMonitor:
     def _require_shape(self, sample: Sample) -> None:
         """Raise ChannelError for a sample of another hand."""
         channels = self.card.n_channels
-        if sample.values.shape != (channels,) or sample.valid.shape != (channels // 3,):
+        values = sample.values.shape
+        flags = sample.valid.shape
+        if values != (channels,) or flags != (channels // 3,):
             raise ChannelError(
-                f"a sample of {sample.values.shape} values and {sample.valid.shape} flags, "
+                f"a sample of {values} values and {flags} flags, "
                 f"the model wants {channels} channels of {channels // 3} sensors",
                 next_step="use a model made for this source",
             )
@@ -154,9 +162,11 @@ class GripMonitor:
                 cause="a clock that was set, or samples out of order",
                 next_step="reset the monitor and start again",
             )
+
         self._last_t_ns = t_ns
         missing = round(passed_ns * 1e-9 * self.card.rate_hz) - 1
         self._graph.valid[:] = False
+
         # the state is the same for every longer gap
         for _ in range(min(missing, self.card.gap_samples + 1)):
             self._graph.step()
@@ -179,42 +189,49 @@ class GripMonitor:
 
     def _predict(self, feed: _Feed) -> Prediction:
         """The answer; a second one, with an unknown state, where the first came too late."""
-        before, why = self._decision, self._why_unknown()
+        before = self._decision
+        why = self._why_unknown()
         prediction = self._answer(feed, why)
         age_ns = prediction.t_decided_ns - feed.sample.t_ns
         if self._clock_ns is None or abs(age_ns) <= self._oldest_ns:
             return prediction
+
         # what the late answer decided must not count
         self._decision = before
         is_late = age_ns > 0
         prediction = self._answer(feed, why or ("late" if is_late else "clock"))
+
         return replace(prediction, late=is_late)
 
     def _why_unknown(self) -> Reason:
         """Why the state is unknown, or "" where it is known."""
-        out, start = self._graph.out, self._start
+        out = self._graph.out
+        start = self._start
         if out["unknown"][0]:
             return "sensors" if out["settled"][0] else "settling"
         if self._stuck:
             return "repeats"
         if not self._rate_fits:
             return "rate"
+
         never_empty = start is not None and not start.seen_empty
         if never_empty and out["situation"][0] == NOTHING:
             return "started_loaded"
+
         return ""
 
     def _decide(self, feed: _Feed, label: int) -> None:
-        """Step the decision; a repeated sample counts for what the user commands only."""
+        """Step the decision; a repeated sample counts for what the wearer commands only."""
         if feed.repeated:
             if not (feed.override or feed.opening):
                 return
             label = UNKNOWN
+        risky_permille = _risky_permille(self._graph.out["votes"][0])
         self._decision = decide(
             self.card.decision,
             self._decision,
             label,
-            _risky_permille(self._graph.out["votes"][0]),
+            risky_permille,
             period_us=self._period_us,
             opening=feed.opening,
             override=feed.override,
@@ -222,19 +239,27 @@ class GripMonitor:
 
     def _answer(self, feed: _Feed, why: Reason) -> Prediction:
         """The decision and the prediction of one sample. why: "" where its state is known."""
-        card, out, sample = self.card, self._graph.out, feed.sample
+        card = self.card
+        out = self._graph.out
+        sample = feed.sample
         label = UNKNOWN if why else int(out["situation"][0])
         self._decide(feed, label)
         state: State = "unknown" if why else _STATES[label]
+
+        # an empty hand holds nothing that could be light or heavy
         p_class: dict[str, float] | None = None
         weight: Literal["light", "heavy"] | None = None
         if card.has_weight and state not in ("unknown", "nothing"):
             p_class = _by_name(CLASSES, out["p_class"][0])
             weight = "heavy" if out["weight"][0] else "light"
+
         p_situation = _by_name(SITUATIONS, out["p_situation"][0])
         fired = out["detectors"][0].tolist()
         usable = int(out["usable_sensors"][0])
+        degraded = not why and usable < card.n_channels // 3
+        # after everything else, so that the latency counts all of it
         decided_ns = self._now_ns(sample)
+
         return Prediction(
             sequence=sample.sequence,
             t_acquired_ns=sample.t_ns,
@@ -256,7 +281,7 @@ class GripMonitor:
             commands=feed.commands,
             late=False,
             started_loaded=None if self._start is None else self._start.loaded,
-            degraded=not why and usable < card.n_channels // 3,
+            degraded=degraded,
             settled=bool(out["settled"][0]),
             model_id=card.model_id,
         )
@@ -285,6 +310,7 @@ def require_fit(
             cause="a model made for other sensors",
             next_step="use a model made for this source, or train one",
         )
+
     if unit != card.unit:
         raise UnitError(
             f"the source is in {unit}, the model needs {card.unit}",
@@ -292,6 +318,7 @@ def require_fit(
             cause="a hand without its calibration, or no unit in meta.json",
             next_step="use --calibration FILE (holdfast calibrate), or a model for this unit",
         )
+
     if not abs(rate_hz / card.rate_hz - 1.0) <= RATE_TOLERANCE:
         raise RateError(
             f"{rate_hz:.4g} Hz, the model needs {card.rate_hz:.4g} Hz within {RATE_TOLERANCE:.0%}",

@@ -21,8 +21,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-VARINT, LENGTH = 0, 2
-"""Wire types in our model files: a number, and data preceded by its length in bytes."""
+VARINT = 0
+"""Wire type of a number."""
+LENGTH = 2
+"""Wire type of data preceded by their length in bytes. Our model files have no other."""
 MOST_FIELDS = 100_000
 """In a whole file. The default model has 1,300; numbers in lists are not counted."""
 LONGEST_VARINT = 10
@@ -138,8 +140,10 @@ DTYPES: dict[int, str] = {
 """TensorProto.DataType -> the type of its raw data in the file."""
 INT, STRING, FLOATS, INTS, STRINGS = 2, 3, 6, 7, 8
 """AttributeProto.AttributeType: the types that our attributes have; none of them is a graph."""
-_NAME_TAG, _TYPE_TAG = b"\x0a", b"\xa0\x01"
-"""The tags of an attribute's name (field 1) and type (field 20)."""
+_NAME_TAG = b"\x0a"
+"""The tag of an attribute's name: field 1, data with a length."""
+_TYPE_TAG = b"\xa0\x01"
+"""The tag of an attribute's type: field 20, a number, in two bytes."""
 
 
 @dataclass(frozen=True)
@@ -187,13 +191,19 @@ def read_onnx(data: bytes) -> OnnxModel:
     model = Reader().message(memoryview(data), MODEL)
     opsets = {}
     for opset in model.get("opset_import", []):
-        opsets[_text(_only(opset, "domain", b""))] = _only(opset, "version")
+        # the standard operators have an empty domain, which protobuf leaves out
+        domain = _text(_only(opset, "domain", b""))
+        opsets[domain] = _only(opset, "version")
+
     if _only(model, "ir_version") != IR_VERSION or opsets != OPSETS:
         raise ValueError(f"it has other operator sets ({opsets!s:.80})")
+
     metadata = []
     for entry in model.get("metadata_props", []):
+        key = _text(_only(entry, "key"))
         value = bytes(_only(entry, "value")).decode("utf-8")
-        metadata.append((_text(_only(entry, "key")), value))
+        metadata.append((key, value))
+
     graph = _only(model, "graph")
     return OnnxModel(
         metadata=_unique(metadata),
@@ -227,13 +237,16 @@ class Reader:
                 end = at + value
                 if end > len(data):
                     raise ValueError("a field is longer than its message")
-                value, at = data[at:end], end
+                value = data[at:end]
+                at = end
+
             if field.inside is not None:
                 value = self.message(value, field.inside)
             values = found.setdefault(field.name, [])
             if values and not field.repeated:
                 raise ValueError(f"its field {field.name} occurs twice")
             values.append(value)
+
         return found
 
     def _field(self, tag: int, schema: Schema) -> Field:
@@ -241,12 +254,15 @@ class Reader:
         self.fields += 1
         if self.fields > MOST_FIELDS:
             raise ValueError(f"it has more than {MOST_FIELDS} fields")
-        number, wire = tag >> 3, tag & 7
+
+        number = tag >> 3
+        wire = tag & 7
         field = schema.get(number)
         if field is None or field.wire != wire:
             raise ValueError(
                 f"it has a field (number {number}, type {wire}) that holdfast export never writes"
             )
+
         return field
 
 
@@ -254,12 +270,14 @@ def _varint(data: memoryview, at: int) -> tuple[int, int]:
     """The number that begins at `at`, and where the next field begins. Raises ValueError."""
     value = 0
     for k, byte in enumerate(data[at : at + LONGEST_VARINT]):
+        # seven bits a byte, the lowest first; the eighth says that another byte follows
         value |= (byte & 0x7F) << (7 * k)
         if byte < 0x80:
             # a last byte of 0 pads the number; more than 64 bits is no number
             if (k and not byte) or value >= 1 << 64:
                 break
             return value, at + k + 1
+
     raise ValueError("a number in it is cut short, padded or too long")
 
 
@@ -294,6 +312,7 @@ def _node(message: Message) -> Node:
         raise ValueError(
             f"it has the operator {name}, which holdfast export never writes"
         )
+
     return Node(
         domain=domain,
         op_type=op_type,
@@ -308,24 +327,35 @@ def _attribute(data: memoryview) -> tuple[str, Any]:
 
     It is not read field by field: a forest's lists have a million entries.
     """
-    if bytes(data[:1]) != _NAME_TAG or bytes(data[-3:-1]) != _TYPE_TAG:
+    first = bytes(data[:1])
+    last = bytes(data[-3:-1])
+    if first != _NAME_TAG or last != _TYPE_TAG:
         raise ValueError("an attribute is not written as holdfast export writes it")
+
     # the last three bytes are the tag and the number of the type
     length, at = _varint(data, 1)
     if at + length > len(data) - 3:
         raise ValueError("an attribute is cut short")
-    name, value, kind = data[at : at + length], data[at + length : -3], data[-1]
+
+    name = data[at : at + length]
+    value = data[at + length : -3]
+    kind = data[-1]
     if kind not in (INT, STRING, INTS, FLOATS, STRINGS):
         raise ValueError(
             f"an attribute has a type ({kind}) that holdfast export never writes"
         )
+
     reader = Reader()
     if kind == INT:
         number = _only(reader.message(value, ATTRIBUTE), "i")
         # protobuf writes a negative int64 as its two's complement
-        return _text(name), number - (1 << 64) if number >> 63 else number
+        if number >> 63:
+            number -= 1 << 64
+        return _text(name), number
     if kind == STRING:
-        return _text(name), bytes(_only(reader.message(value, ATTRIBUTE), "s"))
+        word = _only(reader.message(value, ATTRIBUTE), "s")
+        return _text(name), bytes(word)
+
     return _text(name), bytes(value)
 
 
@@ -334,12 +364,16 @@ def _constant(message: Message) -> tuple[str, npt.NDArray[Any]]:
     dtype = DTYPES.get(_only(message, "data_type"))
     if dtype is None:
         raise ValueError("a constant has a type that holdfast export never writes")
+
     shape = tuple(message.get("dims", []))
     raw = _only(message, "raw_data", b"")
     size = math.prod(shape)
+
     # compared before numpy multiplies: a claimed shape may overflow its integers
-    if not 0 < size <= MOST_ELEMENTS or size * np.dtype(dtype).itemsize != len(raw):
+    n_bytes = size * np.dtype(dtype).itemsize
+    if not 0 < size <= MOST_ELEMENTS or n_bytes != len(raw):
         raise ValueError("a constant has another size than it claims")
+
     values = np.frombuffer(raw, dtype).reshape(shape)
     return _text(_only(message, "name")), values
 
@@ -356,5 +390,6 @@ def _declared(message: Message) -> tuple[str, TensorSpec]:
             shape.append(_text(_only(dimension, "dim_param")))
         else:
             shape.append(_only(dimension, "dim_value"))
+
     spec = TensorSpec(_only(tensor, "elem_type"), tuple(shape))
     return _text(_only(message, "name")), spec

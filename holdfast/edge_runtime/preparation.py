@@ -50,7 +50,10 @@ class Preparation:
 
     def learn(self, raw: FloatArray) -> tuple[FloatArray, FloatArray]:
         """(sign [C], bias [C]) from the first rows [T, C]: prepared = raw * sign - bias."""
-        sign = self._sign(raw) if self.flip_negative_normal else np.ones(raw.shape[1])
+        sign = np.ones(raw.shape[1])
+        if self.flip_negative_normal:
+            sign = self._sign(raw)
+        # turned first, because the bias is that of the turned channels
         return sign, self._bias(raw * sign)
 
     def _sign(self, raw: FloatArray) -> FloatArray:
@@ -60,8 +63,10 @@ class Preparation:
         for normal in range(NORMAL_AXIS, raw.shape[1], 3):
             finite = _finite(first[:, normal])
             if finite.size and finite[0] < -self.flip_beyond:
-                whole = normal - NORMAL_AXIS
-                sign[whole if self.turns == "sensor" else normal : normal + 1] = -1.0
+                begin = normal
+                if self.turns == "sensor":
+                    begin -= NORMAL_AXIS
+                sign[begin : normal + 1] = -1.0
         return sign
 
     def _bias(self, turned: FloatArray) -> FloatArray:
@@ -71,12 +76,14 @@ class Preparation:
             # all channels in one call, which is most recordings
             together: FloatArray = np.median(first, axis=0)
             return together
+
         middle = np.mean if self.statistic == "mean" else np.median
         bias = np.zeros(turned.shape[1])
         for channel in range(turned.shape[1]):
             finite = _finite(first[:, channel])
             if finite.size:
                 bias[channel] = middle(finite)
+
         return bias
 
     def to_json(self) -> Json:
@@ -92,6 +99,7 @@ def _finite(values: FloatArray) -> FloatArray:
 def preparation_from_json(value: Json) -> Preparation:
     """The inverse of `to_json`. Raises TypeError or ValueError for wrong values."""
     made = Preparation(**value)
+
     # True is a whole number in Python
     if type(made.bias_rows) is not int or not 0 <= made.bias_rows <= MOST_ROWS:
         raise ValueError(f"bias_rows {made.bias_rows!r:.40}")
@@ -103,6 +111,7 @@ def preparation_from_json(value: Json) -> Preparation:
         raise ValueError(f"flip_beyond {made.flip_beyond!r:.40}")
     if made.turns not in ("normal", "sensor"):
         raise ValueError(f"turns {made.turns!r:.40}")
+
     return made
 
 
@@ -124,9 +133,11 @@ class Tare:
     ) -> None:
         self._preparation = preparation
         self._rows: list[list[FloatArray]] = [[] for _ in range(n_channels // 3)]
-        self._sign, self._bias = np.ones(n_channels), np.zeros(n_channels)
+        self._sign = np.ones(n_channels)
+        self._bias = np.zeros(n_channels)
         learns = preparation.bias_rows > 0 or preparation.flip_negative_normal
         self._known = np.full(n_channels // 3, not learns)
+
         if resting is not None:
             self._sign, self._bias = preparation.learn(resting[None])
             self._known[:] = True
@@ -142,10 +153,12 @@ class Tare:
         """Prepare one sample; a sensor without a known bias is invalid."""
         # nothing to learn is the usual case, and costs nothing
         if not self._known.all():
-            finite = np.isfinite(values).reshape(-1, 3).all(axis=1)
             # a lost or non-finite reading says nothing about the bias
-            for sensor in np.flatnonzero(valid & finite & ~self._known):
-                self._learn(int(sensor), values[3 * sensor : 3 * sensor + 3])
+            finite = np.isfinite(values).reshape(-1, 3).all(axis=1)
+            learning = valid & finite & ~self._known
+            for sensor in np.flatnonzero(learning):
+                reading = values[3 * sensor : 3 * sensor + 3]
+                self._learn(int(sensor), reading)
         return values * self._sign - self._bias, valid & self._known
 
     def _learn(self, sensor: int, values: FloatArray) -> None:
@@ -154,7 +167,10 @@ class Tare:
         rows.append(values.copy())
         if len(rows) < self._preparation.bias_rows:
             return
+
         here = slice(3 * sensor, 3 * sensor + 3)
-        self._sign[here], self._bias[here] = self._preparation.learn(np.array(rows))
+        sign, bias = self._preparation.learn(np.array(rows))
+        self._sign[here] = sign
+        self._bias[here] = bias
         self._known[sensor] = True
         rows.clear()

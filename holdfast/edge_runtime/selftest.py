@@ -38,7 +38,9 @@ from holdfast.edge_runtime.monitor import GripMonitor
 
 CERTAIN_PERMILLE = 1000
 CLOCK_READS = 20_000
-WAITS, WAIT_NS = 20, 1_000_000
+WAITS = 20
+"""Of WAIT_NS each."""
+WAIT_NS = 1_000_000
 
 
 def self_checks(path: str | Path) -> Iterator[CheckResult]:
@@ -52,6 +54,7 @@ def self_checks(path: str | Path) -> Iterator[CheckResult]:
         reason = f"{type(error).__name__}: {error}"
         yield CheckResult("seal, card and golden rows", False, reason)
         return
+
     yield _golden(model)
     for check in CHECKS:
         try:
@@ -74,32 +77,45 @@ def _golden(model: Model) -> CheckResult:
     for name, rows in stored.items():
         off = np.abs(answers[name].astype(float) - rows.astype(float))
         worst = max(worst, float(off.max()))
+
     n_rows = len(stored["votes"])
     figure = f"{n_rows} rows of {len(stored)} outputs, off by {worst:.1e}"
+
     return CheckResult("seal, card and golden rows", True, figure)
 
 
 def check_unknown(model: Model) -> Iterator[CheckResult]:
     """The state must be unknown until settled, and again after too many sensors are lost."""
-    card, monitor = model.card, GripMonitor(model, None)
-    period_ns, sensors = round(1e9 / card.rate_hz), card.n_channels // 3
+    card = model.card
+    monitor = GripMonitor(model, None)
+    period_ns = round(1e9 / card.rate_hz)
+    sensors = card.n_channels // 3
     too_few = np.arange(sensors) < max(card.min_valid_sensors, 1) - 1
-    settle, gap = card.settle_samples, card.gap_samples
-    before, between, after = settle + 5, gap + 5, settle + 5
+    settle = card.settle_samples
+    gap = card.gap_samples
+
+    # long enough to settle, to lose sight of the hand, and to settle again
+    before = settle + 5
+    between = gap + 5
+    after = settle + 5
+
     missed = needless = must = 0
     for k in range(before + between + after):
         lost = before <= k < before + between
         valid = too_few if lost else np.ones(sensors, dtype=np.bool_)
         # the values are good, so only the flags can make the state unknown
         moving = np.full(card.n_channels, AMPLITUDE[card.unit] * k / 1024)
-        unknown = monitor.feed(Sample(k * period_ns, moving, valid, k)).state
+        answer = monitor.feed(Sample(k * period_ns, moving, valid, k))
+        unknown = answer.state == "unknown"
+        # the sample that completes the history is the first that is answered
         settling = k < settle - 1
         lost_or_settling = before <= k < before + between + settle - 1
         if settling or lost_or_settling:
             must += 1
-            missed += unknown != "unknown"
+            missed += not unknown
         else:
-            needless += unknown == "unknown"
+            needless += unknown
+
     figure = f"{must} samples; missed {missed}, needless {needless}"
     yield CheckResult("unknown when it must be", missed + needless == 0, figure)
 
@@ -109,36 +125,42 @@ def check_unbelievable(model: Model) -> Iterator[CheckResult]:
 
     After a start under load, the answer must not be "nothing".
     """
-    card, settle = model.card, model.card.settle_samples
-    period_ns, count = round(1e9 / card.rate_hz), 3 * settle + RING
+    card = model.card
+    settle = card.settle_samples
+    period_ns = round(1e9 / card.rate_hz)
+    count = 3 * settle + RING
+
     # moving long enough to settle, then repeated in a longer cycle than RING
-    alive = clean_input(model)[0][:settle]
+    values, _ = clean_input(model)
+    alive = values[:settle]
     live = np.resize(alive, (count, card.n_channels))
     stuck = np.resize(alive[-3:], (count, card.n_channels))
 
     def late_clock() -> int:
         return count * 10 * period_ns
 
+    slow_ns = round(period_ns / 0.7)
     cases = {
         "a stuck hand": _states(GripMonitor(model, None), stuck, period_ns),
-        "0.7 of the rate": _states(
-            GripMonitor(model, None), live, round(period_ns / 0.7)
-        ),
+        "0.7 of the rate": _states(GripMonitor(model, None), live, slow_ns),
         "a standing clock": _states(GripMonitor(model, None), live, 0),
         "late answers": _states(GripMonitor(model, late_clock), live, period_ns),
     }
+
     believed = []
     for name, states in cases.items():
         if set(states[settle + RING :]) != {"unknown"}:
             believed.append(name)
+
     verdict = f"believed: {', '.join(believed)}" if believed else "unknown"
     figure = f"{', '.join(cases)}: {verdict}"
     yield CheckResult("unbelievable samples", not believed, figure)
 
     # a little noise, so that the hand does not repeat itself
     noise = 1.0 + live[: settle + 1] * 1e-9
-    loaded = np.full((settle + 1, card.n_channels), 2.0 * card.normal_floor) * noise
-    states = _states(GripMonitor(model, None, bias_known=True), loaded, period_ns)
+    loaded = 2.0 * card.normal_floor * noise
+    monitor = GripMonitor(model, None, bias_known=True)
+    states = _states(monitor, loaded, period_ns)
     wrong = states.count("nothing")
     figure = f"{len(states)} samples, {wrong} nothing"
     yield CheckResult("a start under load", not wrong, figure)
@@ -149,7 +171,8 @@ def _states(monitor: GripMonitor, values: FloatArray, period_ns: int) -> list[St
     valid = np.ones(values.shape[1] // 3, dtype=np.bool_)
     states = []
     for k, row in enumerate(values):
-        states.append(monitor.feed(Sample(k * period_ns, row, valid, k)).state)
+        answer = monitor.feed(Sample(k * period_ns, row, valid, k))
+        states.append(answer.state)
     return states
 
 
@@ -158,7 +181,8 @@ def check_decision(model: Model) -> Iterator[CheckResult]:
 
     A run acts, an override ends it, and missing evidence times out.
     """
-    rules, period = model.card.decision, period_us(model.card.rate_hz)
+    rules = model.card.decision
+    period = period_us(model.card.rate_hz)
 
     def risky(state: DecisionState, override: bool = False) -> DecisionState:
         return decide(
@@ -174,20 +198,27 @@ def check_decision(model: Model) -> Iterator[CheckResult]:
     acting = DecisionState()
     for _ in range(rules.act_samples):
         acting = risky(acting)
-    overridden = risky(acting, override=True)
+
     # all risky: only the override keeps it from acting
-    longest_us, state = 0, overridden
+    overridden = risky(acting, override=True)
+    longest_us = 0
+    state = overridden
     while state.overridden and longest_us <= 1000 * rules.override_ms:
         state = risky(state)
         longest_us += period
         if state.act:
             break
+
     # no more evidence from here on, for longer than any rule allows
     alone = acting
     longest_ms = max(rules.evidence_ms, rules.override_ms)
-    for _ in range(-(-1000 * longest_ms // period) + rules.act_samples):
+    samples = -(-1000 * longest_ms // period) + rules.act_samples
+    for _ in range(samples):
         alone = decide(rules, alone, GRASP, 0, period_us=period)
+
+    # in an unknown state, in which nothing else may end an act
     opened = decide(rules, acting, UNKNOWN, 0, period_us=period, opening=True)
+
     holds = acting.act and not overridden.act and longest_us >= 1000 * rules.override_ms
     figure = (
         f"override lasts {longest_us / 1e6:.2f} s; an act without evidence is {alone.ended}; "
@@ -202,15 +233,18 @@ def check_clock(model: Model) -> Iterator[CheckResult]:
     clock = MonotonicClock()
     # a clock that can be set could step back
     steps = np.diff([clock.now_ns() for _ in range(CLOCK_READS)])
-    early, latest_ns = 0, 0
+    back = int((steps < 0).sum())
+    finest = int(steps[steps > 0].min(initial=10**9))
+
+    early = 0
+    latest_ns = 0
     for _ in range(WAITS):
         due_ns = clock.now_ns() + WAIT_NS
         clock.wait_until(due_ns)
         late_ns = clock.now_ns() - due_ns
         early += late_ns < 0
         latest_ns = max(latest_ns, late_ns)
-    finest = int(steps[steps > 0].min(initial=10**9))
-    back = int((steps < 0).sum())
+
     figure = (
         f"{CLOCK_READS} readings, {back} back, finest step {finest} ns; "
         f"{WAITS} waits, {early} too short, late by {latest_ns / 1e3:.0f} us at most"

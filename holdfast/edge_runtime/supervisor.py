@@ -125,21 +125,25 @@ class Supervisor:
         """
         batch = self._batch
         unknown = batch.no(sense.known)
+        # an empty hand counts only where it is known to be empty
         ends = sense.opening | sense.overridden | (sense.known & sense.empty)
         self._pass_time(sense.known, fresh)
         target_n = self._given_back(self._followed(wanted_n), holds_n)
         target_n = batch.choose(unknown, self.given_n, target_n)
+
         # last, so that the wearer wins over everything above
         target_n = batch.choose(ends, 0.0, target_n)
 
         longer_s = self.risen_s + self._period_s
         self.risen_s = batch.choose(target_n > self.given_n, longer_s, self.risen_s)
+
         # an answer is over when its target has ended, or long after its evidence
         over = (target_n <= 0.0) | (self.since_s >= self.limits.give_back_s)
         self.risen_s = batch.choose(over, 0.0, self.risen_s)
 
         self.mode = self._mode(target_n, unknown, ends)
         self.given_n = target_n
+
         return target_n
 
     def _pass_time(self, known: Flag, fresh: Flag) -> None:
@@ -151,7 +155,8 @@ class Supervisor:
 
     def _followed(self, wanted_n: Number) -> Number:
         """The wanted grip, where the target may go there."""
-        batch, limits = self._batch, self.limits
+        batch = self._batch
+        limits = self.limits
         is_fresh = self.since_s < limits.rise_s
         may_rise = is_fresh & (self.risen_s < limits.most_rise_s)
         capped_n = batch.least(wanted_n, limits.ceiling_n)
@@ -160,7 +165,8 @@ class Supervisor:
 
     def _given_back(self, target_n: Number, holds_n: Number) -> Number:
         """The target after slow relaxing to the grip that holds."""
-        batch, limits = self._batch, self.limits
+        batch = self._batch
+        limits = self.limits
         less_n = target_n - limits.give_back_n_s * self._period_s
         floor_n = batch.least(holds_n, target_n)
         relaxed_n = batch.most(batch.most(less_n, floor_n), 0.0)
@@ -169,7 +175,8 @@ class Supervisor:
 
     def _mode(self, target_n: Number, unknown: Flag, ends: Flag) -> Number:
         """The last rule that applies names the mode."""
-        batch, before_n = self._batch, self.given_n
+        batch = self._batch
+        before_n = self.given_n
         none = batch.choose(before_n > 0.0, YIELD, IDLE)
         mode = batch.choose(target_n < before_n, RELAX, HOLD)
         mode = batch.choose(target_n > before_n, TIGHTEN, mode)

@@ -173,14 +173,14 @@ SILENT_CUES = Hazard(
 )
 OVERRIDE = Hazard(
     DECISIONS,
-    "The user overrides, and the alarm comes back at once",
+    "The wearer overrides, and the alarm comes back at once",
     "Override ends every request and lasts until the hand has been empty, or for two "
     "seconds after its last command",
-    "Following the user's command before any request",
+    "Following the wearer's command before any request",
 )
 OPENING = Hazard(
     DECISIONS,
-    "The user opens the hand while it tightens",
+    "The wearer opens the hand while it tightens",
     "Opening ends a running act and prevents a new one",
     "Opening the hand",
 )
@@ -193,7 +193,7 @@ NO_EVIDENCE = Hazard(
 )
 SILENT_SENDER = Hazard(
     DECISIONS,
-    "The sender of the user's commands goes silent",
+    "The sender of the wearer's commands goes silent",
     "Its last command expires after 0.3 s, and every answer says so",
     "Nothing",
 )
