@@ -302,20 +302,17 @@ def test_without_a_stored_bias_whether_the_start_was_loaded_is_not_known(
 
 
 @RESTART.mark
-def test_a_hand_whose_bias_has_drifted_is_never_called_empty() -> None:
-    watch = LoadedStart(0.3, 150.0, 6)
-    drifted = np.tile([0.0, 0.0, 0.31], 6)
-    for _ in range(1000):
-        watch.take(drifted, ALL)
-    assert watch.loaded
-    assert not watch.seen_empty
-
-
-@RESTART.mark
-def test_samples_with_too_few_sensors_do_not_make_a_hand_empty() -> None:
+@pytest.mark.parametrize(
+    ("rest_n", "sensors", "loaded"), [(0.31, 6, True), (0.0, 5, False)]
+)
+def test_a_hand_is_not_called_empty_with_a_drifted_bias_or_too_few_sensors(
+    rest_n: float, sensors: int, loaded: bool
+) -> None:
+    """The model's fingers are empty below 0.3 N, and it needs all six of them."""
     watch = LoadedStart(0.3, 150.0, 6)
     for _ in range(1000):
-        watch.take(np.zeros(18), np.arange(6) > 0)
+        watch.take(np.tile([0.0, 0.0, rest_n], 6), np.arange(6) < sensors)
+    assert watch.loaded == loaded
     assert not watch.seen_empty
 
 
@@ -350,19 +347,13 @@ def acted_in_time(model: Model, trial: Trial, *, restart: bool) -> bool:
     return False
 
 
-@pytest.mark.parametrize("valid", [ALL, ~ALL])
-def test_every_answer_is_a_line_of_json_with_the_reason(
-    model: Model, valid: np.ndarray
-) -> None:
+def test_every_answer_is_a_line_of_json_with_the_reason(model: Model) -> None:
     import json
 
     from holdfast.live.outputs import to_json_line
 
-    answer = GripMonitor(model, None).feed(Sample(0, noise(1)[0], valid, 0))
+    answer = GripMonitor(model, None).feed(Sample(0, noise(1)[0], ALL, 0))
     content = json.loads(to_json_line(replace(answer, commands="expired")))
-    assert (content["state"], content["why"], content["commands"], content["late"]) == (
-        "unknown",
-        "settling",
-        "expired",
-        False,
-    )
+    expected = {"why": "settling", "commands": "expired", "late": False}
+    assert expected.items() <= content.items()
+    assert content["state"] == "unknown"
