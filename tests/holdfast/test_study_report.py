@@ -37,25 +37,10 @@ def two(
         tmp_path_factory.mktemp("two"), CARD, f"sim://{card}", "--seconds", "60"
     )
     study.args.model = eight_classes.model
-    typed = (
-        " "
-        + " "
-        + " "
-        + "shock & <awe>\n1\ny\n"
-        + "  "
-        + "nfirst <note>\n"
-        + " "
-        + " s"
-    )
+    typed = "   shock & <awe>\n1\ny\n  nfirst <note>\n  s"
     assert study.run(typed + "    " + SUS_ANSWERS, in_trials={40: "a"}) == "finished"
-    words = (
-        "--source",
-        f"sim://{card}?seed=1",
-        "--rehearse",
-        "--model",
-        eight_classes.model,
-    )
-    other = options(study.path, study.out, *words, "--person", "p02")
+    words = f"--source sim://{card}?seed=1 --rehearse --model {eight_classes.model}"
+    other = options(study.path, study.out, *words.split(), "--person", "p02")
     assert verb.run(other) == 0
     write_report(
         study.home, outcome_of(study.out, "p01", study.protocol, eight_classes.model)
@@ -202,16 +187,8 @@ def test_the_report_of_a_person_can_be_written_again(
     two: Study, eight_classes: Built, run: Run
 ) -> None:
     before = (two.out / "p02/report.html").read_bytes()
-    words = (
-        "--out",
-        two.out,
-        "--person",
-        "p02",
-        "--report",
-        "--model",
-        eight_classes.model,
-    )
-    code, out, err = run("study", two.path, *words)
+    words = f"--out {two.out} --person p02 --report --model {eight_classes.model}"
+    code, out, err = run("study", two.path, *words.split())
     assert code == 0, err
     assert "p02: 6 of 6 trials kept, 0 adverse events" in out
     assert (two.out / "p02/report.html").read_bytes() == before
