@@ -300,7 +300,9 @@ def event_scores(
 
     # Recordings of a person are alike, so the bootstrap draws groups and no single events.
     sums = _sums_by_group(streams)
-    drawn = draw_groups(len(sums), n_draws, seed) @ sums if len(sums) > 1 else None
+    drawn = None
+    if len(sums) > 1:
+        drawn = draw_groups(len(sums), n_draws, seed) @ sums
 
     found, events, false, minutes = sums.sum(axis=0).tolist()
     false_per_min = false / minutes if minutes else None

@@ -126,7 +126,8 @@ def band_pass_fires(
     The floor follows the signal and depends on the ratio, so it is stepped for each of them.
     """
     # Recordings of about the same length are stepped together, so little is padded.
-    order = sorted(range(len(signals)), key=lambda k: len(signals[k].loudest))
+    lengths = [len(one.loudest) for one in signals]
+    order = sorted(range(len(signals)), key=lengths.__getitem__)
     by_recording: dict[int, BoolArray] = {}
     for first in range(0, len(order), BATCH):
         places = order[first : first + BATCH]
@@ -139,7 +140,9 @@ def band_pass_fires(
 
     fires = []
     for place in range(len(ratios)):
-        fires.append([by_recording[k][:, place] for k in range(len(signals))])
+        # Back in the order of the recordings.
+        at_ratio = [by_recording[k][:, place] for k in range(len(signals))]
+        fires.append(at_ratio)
 
     return fires
 
@@ -213,9 +216,12 @@ def _step_floors(
 def shear_change(samples: FloatArray) -> FloatArray:
     """[T, C] -> [T] change of the summed shear within two samples; 0 at the start."""
     by_sensor = samples.reshape(len(samples), -1, 3)
-    shear = np.abs(by_sensor[..., :NORMAL_AXIS]).sum(axis=(1, 2))
+    shear_axes = by_sensor[..., :NORMAL_AXIS]
+    shear = np.abs(shear_axes).sum(axis=(1, 2))
     jump = np.zeros(len(samples))
-    jump[BACK_SAMPLES:] = np.abs(shear[BACK_SAMPLES:] - shear[:-BACK_SAMPLES])
+    now = shear[BACK_SAMPLES:]
+    before = shear[:-BACK_SAMPLES]
+    jump[BACK_SAMPLES:] = np.abs(now - before)
     return jump
 
 
@@ -280,12 +286,15 @@ def windows_alone(data: DataSet) -> DataSet:
     recordings = []
     for trial, row in zip(task.trial, task.row, strict=True):
         whole = data.recordings[trial]
-        rows = slice(max(0, row + 1 - n), row + 1)
+        # A window at the begin of a trial is shorter.
+        first = max(0, row + 1 - n)
+        rows = slice(first, row + 1)
         cut = replace(whole, samples=whole.samples[rows], valid=whole.valid[rows])
         recordings.append(cut)
 
     # The window's label stands at its newest sample.
-    last = np.array([len(one.samples) - 1 for one in recordings], dtype=np.int64)
+    last_rows = [len(one.samples) - 1 for one in recordings]
+    last = np.array(last_rows, dtype=np.int64)
     trial_of = np.arange(len(task))
     rows_of = LabelledRows(trial_of, last, task.label, task.classes)
     return replace(data, recordings=recordings, tasks={"classes": rows_of})

@@ -207,7 +207,8 @@ def oracle_requests(recording: Recording) -> BoolArray:
     """[T] an act is requested at the first whole sample after a load onset, and at no other."""
     requests = np.zeros(len(recording.samples), dtype=np.bool_)
     for event in recording.events:
-        row = int(np.floor(event.onset_s * recording.rate_hz)) + 1
+        onset_row = event.onset_s * recording.rate_hz
+        row = int(np.floor(onset_row)) + 1
         if row < len(requests):
             requests[row] = True
     return requests

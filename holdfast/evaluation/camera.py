@@ -158,7 +158,8 @@ def onsets_in_words(by: dict[str, int]) -> str:
     # A scene and a script know their onsets exactly, and need no such note.
     if not by.keys() & {CAMERA, KEY}:
         return ""
-    counts = ", ".join(f"{name} {count}" for name, count in by.items())
+    parts = [f"{name} {count}" for name, count in by.items()]
+    counts = ", ".join(parts)
     return (
         f"source of load onsets: {counts}; a camera gives the object's first motion, a pressed key "
         "is late"

@@ -94,8 +94,10 @@ class ThreeRuns:
         """The bare hand drops it in the action, the oracle does not."""
         bare = self.bare
         # What falls before the action began was a weak grip, and no slip to be prevented.
-        in_action = bare.trial.action in RISKY_ACTIONS and bare.lost_s >= bare.act_s
-        return in_action and bare.dropped and not self.oracle.dropped
+        in_action = bare.lost_s >= bare.act_s
+        if bare.trial.action not in RISKY_ACTIONS or not in_action:
+            return False
+        return bare.dropped and not self.oracle.dropped
 
     @property
     def completes(self) -> bool:
@@ -145,7 +147,8 @@ class ThreeRuns:
 
 def _times_s(of: LoopOutcome) -> FloatArray:
     """[T] times of the grip."""
-    times_s: FloatArray = of.begin_s + np.arange(len(of.grip_n)) / of.rate_hz
+    rows = np.arange(len(of.grip_n))
+    times_s: FloatArray = of.begin_s + rows / of.rate_hz
     return times_s
 
 
@@ -404,7 +407,9 @@ class LoopRuns:
         best = self._outcomes[_best(of, request)]
         held = self._outcomes[of, request]
         # Batches hold trials of similar length, so outcomes are not in the order of the set.
-        runs = [ThreeRuns(bare[k], best[k], held[k]) for k in sorted(held)]
+        runs = []
+        for k in sorted(held):
+            runs.append(ThreeRuns(bare[k], best[k], held[k]))
         return loop_figures(runs)
 
 

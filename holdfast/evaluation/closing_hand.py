@@ -72,7 +72,9 @@ class ClosingHand:
         """By how much the opening has shrunk, s after the request to act (0 before)."""
         t = np.maximum(since_s, 0.0)
         # The lag integrated: for t much longer than it, the travel is late by the whole lag.
-        behind = self.lag_s * -np.expm1(-t / self.lag_s) if self.lag_s else 0.0
+        behind: FloatArray | float = 0.0
+        if self.lag_s:
+            behind = self.lag_s * -np.expm1(-t / self.lag_s)
         speed_m_s = 1e-3 * self.stroke_mm / self.closing_s
         travel: FloatArray = speed_m_s * (t - behind)
         return travel
@@ -159,7 +161,8 @@ class _Course:
 def _course(
     drop: dict[str, FloatArray], request_s: FloatArray, hand: ClosingHand
 ) -> _Course:
-    t_s = np.arange(round(LOOK_S / STEP_S))[:, None] * STEP_S
+    n_steps = round(LOOK_S / STEP_S)
+    t_s = np.arange(n_steps)[:, None] * STEP_S
     # A request that never comes is at infinity: its hand does not travel.
     since_s = np.where(np.isfinite(request_s), t_s - request_s, 0.0)
     squeezed_n = drop["squeeze_n_per_m"] * hand.travel_m(since_s)
@@ -187,7 +190,9 @@ def _course(
 def slide(drops: Sequence[Drop], request_s: npt.ArrayLike, hand: ClosingHand) -> Slide:
     """Step the drops from their load onset on, the hand closing from request_s [E] (inf: never)."""
     names = [field.name for field in fields(Drop)]
-    table = np.array([astuple(one) for one in drops]).reshape(len(drops), len(names))
+    rows = [astuple(one) for one in drops]
+    # The shape keeps the columns where there is no drop at all.
+    table = np.array(rows).reshape(len(drops), len(names))
     drop = dict(zip(names, table.T, strict=True))
     # The course does not depend on how an object moves, so it is computed once for all steps.
     course = _course(drop, np.asarray(request_s, dtype=np.float64), hand)
@@ -204,7 +209,8 @@ def slide(drops: Sequence[Drop], request_s: npt.ArrayLike, hand: ClosingHand) ->
     speed = np.zeros(len(drops))
     slid = np.zeros(len(drops))
     # A pulled object hangs in the skin already.
-    stretch = np.where(drop["cap_n"] == 0.0, 0.0, mass * GRAVITY_M_S2 / skin)
+    hanging = mass * GRAVITY_M_S2 / skin
+    stretch = np.where(drop["cap_n"] == 0.0, 0.0, hanging)
     slides_from_s = np.full(len(drops), np.inf)
     sliding = np.zeros(len(drops), dtype=np.bool_)
     moved = np.empty(course.normal_n.shape)
@@ -214,7 +220,8 @@ def slide(drops: Sequence[Drop], request_s: npt.ArrayLike, hand: ClosingHand) ->
         behind_m_s = course.path_m_s[k] - speed
         arm_n = arm * behind_m + arm_damping * behind_m_s
         # An arm pulls and never pushes.
-        load_n = np.minimum(np.maximum(arm_n, 0.0), drop["cap_n"]) + course.weight_n[k]
+        pull_n = np.minimum(np.maximum(arm_n, 0.0), drop["cap_n"])
+        load_n = pull_n + course.weight_n[k]
 
         stuck_n = skin * stretch + skin_damping * speed
         limit_n = np.where(sliding, kinetic_n[k], static_n[k])
@@ -252,7 +259,8 @@ def _never_closed(drops: tuple[Drop, ...]) -> Slide:
 def _distance_when_lost_m(drops: tuple[Drop, ...]) -> FloatArray:
     """[E] how far each object had moved in a hand that did nothing when contact was lost."""
     moved = _never_closed(drops).moved_m
-    steps = np.array([round(one.lost_s / STEP_S) for one in drops], dtype=np.int64)
+    lost_at = [round(one.lost_s / STEP_S) for one in drops]
+    steps = np.array(lost_at, dtype=np.int64)
     # Contact that is lost after LOOK_S is taken at the last step.
     last = np.minimum(steps, len(moved) - 1)
     distance: FloatArray = moved[last, np.arange(len(drops))]
@@ -370,7 +378,8 @@ def closing_model(
     by_lag = {}
     for lag_s in LAGS_S:
         hand = ClosingHand(lag_s=lag_s)
-        by_lag[f"{1e3 * lag_s:g}"] = Droppable(drops, hand).kept(delays_s)
+        lag_ms = f"{1e3 * lag_s:g}"
+        by_lag[lag_ms] = Droppable(drops, hand).kept(delays_s)
     return ClosingModel(model_error_ms(drops), by_lag)
 
 

@@ -66,8 +66,9 @@ class EvaluationRequest:
         of_a_set = 3 if self.choose else 4
         of_choosing = 3 if self.choose else 0
         of_training = 1 if self.train else 0
+        of_sets = of_a_set * len(self.data)
         of_all_sets = 1
-        return of_training + of_choosing + of_a_set * len(self.data) + of_all_sets
+        return of_training + of_choosing + of_sets + of_all_sets
 
 
 ALONE = Workers()

@@ -80,7 +80,8 @@ def _median(times: Spread | None) -> str:
 def _windows_in_words(figures: WindowFigures) -> list[str]:
     heads = figures.heads
     kind = heads.group_kind
-    lines = [f"{figures.data} ({figures.kind}): {_trials_in_words(heads)}"]
+    trials = _trials_in_words(heads)
+    lines = [f"{figures.data} ({figures.kind}): {trials}"]
     lines += situation_lines(heads.situations, kind)
 
     ahead = heads.predict_250ms

@@ -66,7 +66,10 @@ def interval(ends: Interval | None, places: int = 2) -> str:
 
 def percent_interval(ends: Interval | None) -> str:
     """An interval of a share, as percentages."""
-    return "" if ends is None else interval((100 * ends[0], 100 * ends[1]), 1)
+    if ends is None:
+        return ""
+    low, high = ends
+    return interval((100 * low, 100 * high), 1)
 
 
 def p_value(p: float) -> str:

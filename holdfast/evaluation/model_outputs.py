@@ -104,5 +104,6 @@ def risky_permille(votes: IntArray) -> npt.NDArray[np.int64]:
     # The classes of a risky slip are the last quarter of them.
     first_risky = votes.shape[1] * RISKY_SLIP // 4
     risky = votes[:, first_risky:].sum(axis=1)
-    permille: npt.NDArray[np.int64] = 1000 * risky // votes.sum(axis=1)
+    total = votes.sum(axis=1)
+    permille: npt.NDArray[np.int64] = 1000 * risky // total
     return permille

@@ -87,7 +87,10 @@ def _timeline(axes: Axes, place: int, row: AnsweredTrial) -> None:
 
 def distributions(times: dict[str, TimesMs], kind: str) -> str:
     """Share of the detected events by delay and lead in ms, one panel a set; "" without events."""
-    many = {name: one for name, one in times.items() if len(one.to_act) >= LEAST_EVENTS}
+    many = {}
+    for name, one in times.items():
+        if len(one.to_act) >= LEAST_EVENTS:
+            many[name] = one
     if not many:
         return ""
     n_rows = math.ceil(len(many) / COLUMNS)

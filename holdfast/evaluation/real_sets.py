@@ -55,7 +55,9 @@ class EfleshFigures:
     @staticmethod
     def from_json(written: Json) -> EfleshFigures:
         """Read what `asdict` gave. Raises KeyError or TypeError where a figure is missing."""
-        delays = {name: DelaySpread(**one) for name, one in written["delay_s"].items()}
+        delays = {}
+        for name, one in written["delay_s"].items():
+            delays[name] = DelaySpread(**one)
         threshold = ThresholdAccuracy(**written["one_threshold"])
         return EfleshFigures(
             **written | {"delay_s": delays, "one_threshold": threshold}

@@ -28,7 +28,9 @@ def write_event_report(
     of = evaluation
     headline = evaluation.thresholds.headline
     kind = kind_of(of)
-    drawn = {title: draw.timelines(rows, kind) for title, rows in of.drawn.items()}
+    drawn = {}
+    for title, rows in of.drawn.items():
+        drawn[title] = draw.timelines(rows, kind)
     return write_page(
         path,
         "evaluation.html",
@@ -59,7 +61,9 @@ def write_event_report(
 
 def kind_of(of: Evaluation) -> str:
     """The kind of the data (simulated, recorded), which stands next to every number."""
-    return ", ".join(dict.fromkeys(one.card.kind for one in of.sets.values()))
+    kinds = [one.card.kind for one in of.sets.values()]
+    # Each kind once, in the order of the sets.
+    return ", ".join(dict.fromkeys(kinds))
 
 
 def _parts(of: Evaluation) -> dict[str, Any]:
@@ -90,6 +94,7 @@ def _state_pictures(of: Evaluation, kind: str) -> dict[str, str]:
     """Caption -> picture: confusions of the first set by their size, calibration of every set."""
     first, figures = next(iter(of.sets.items()))
     levels = figures.states.confusion
+    # From four to eight classes: the coarse question stands before the fine one.
     by_size = sorted(levels, key=lambda level: len(levels[level].classes))
     calibrated = {}
     for name, one in of.sets.items():
@@ -98,7 +103,8 @@ def _state_pictures(of: Evaluation, kind: str) -> dict[str, str]:
 
     pictures = {}
     for level in by_size:
-        pictures[f"{level} classes, {first}"] = draw.confusion(levels[level], kind)
+        caption = f"{level} classes, {first}"
+        pictures[caption] = draw.confusion(levels[level], kind)
         # The calibration is of the four situations, so it stands after their confusion.
         if level == by_size[0] and calibrated:
             pictures["calibration"] = draw.reliability(calibrated, kind)
@@ -108,7 +114,11 @@ def _state_pictures(of: Evaluation, kind: str) -> dict[str, str]:
 
 def _outcome_tables(of: Evaluation) -> dict[str, dict[str, dict[str, OutcomeRow]]]:
     """Style -> object -> column -> cell, in the order of the thesis."""
-    tables: dict[str, dict[str, dict[str, OutcomeRow]]] = {name: {} for name in STYLES}
+    tables: dict[str, dict[str, dict[str, OutcomeRow]]] = {}
+    for style in STYLES:
+        tables[style] = {}
+
     for row in of.outcomes:
-        tables[row.style].setdefault(row.object, {})[row.action] = row
+        of_object = tables[row.style].setdefault(row.object, {})
+        of_object[row.action] = row
     return {style: table for style, table in tables.items() if table}

@@ -133,7 +133,9 @@ def score_set(
     """Score every method on a set. outputs: of the model, for each of the set's recordings."""
     trials = _labelled_trials(root, data)
     requests = _requests(data, outputs, thresholds, baselines)
-    methods = {name: method_result(trials, on) for name, on in requests.items()}
+    methods = {}
+    for name, on in requests.items():
+        methods[name] = method_result(trials, on)
     drops = _drops(trials)
 
     headline = thresholds.headline
@@ -238,7 +240,10 @@ def _heavy(data: DataSet) -> list[bool | None]:
 
 def _card(root: Path, data: DataSet, windows: WindowFigures) -> SetCard:
     meta = read_json(root / "meta.json")
-    made_from = {key: value for key, value in meta.items() if key in MADE_FROM}
+    made_from = {}
+    for key, value in meta.items():
+        if key in MADE_FROM:
+            made_from[key] = value
     seconds = 0.0
     events = 0
     for one in data.recordings:

@@ -180,7 +180,8 @@ def _bins(
     probability: npt.NDArray[np.float32], true: BoolArray
 ) -> list[CalibrationBin]:
     # A probability of exactly 1 belongs to the last bin.
-    place = np.minimum((BINS * probability).astype(np.int64), BINS - 1)
+    bin_of = (BINS * probability).astype(np.int64)
+    place = np.minimum(bin_of, BINS - 1)
     counts = np.bincount(place, minlength=BINS)
     said = np.bincount(place, weights=probability, minlength=BINS)
     was = np.bincount(place, weights=true, minlength=BINS)

@@ -101,11 +101,12 @@ def _panel(axes: Axes) -> str:
 
 def with_label(svg: str, label: str) -> str:
     """An SVG element as one image with a name and a title."""
+    name = escape(label)
     start = svg.index("<svg")
-    head = f'<svg role="img" aria-label="{escape(label)}"'
     end = svg.index(">", start) + 1
-    rest = svg[start + len("<svg") : end]
-    return f"{svg[:start]}{head}{rest}<title>{escape(label)}</title>{svg[end:]}"
+    attributes = svg[start + len("<svg") : end]
+    opening = f'<svg role="img" aria-label="{name}"{attributes}'
+    return f"{svg[:start]}{opening}<title>{name}</title>{svg[end:]}"
 
 
 def dark_rules() -> str:

@@ -89,7 +89,9 @@ class AnsweredTrial:
 
 def without_samples(recording: Recording) -> Recording:
     """The same recording, as light as its labels."""
-    return replace(recording, samples=recording.samples[:0], valid=recording.valid[:0])
+    no_samples = recording.samples[:0]
+    no_valid = recording.valid[:0]
+    return replace(recording, samples=no_samples, valid=no_valid)
 
 
 def grasps_of(root: Path, recordings: Sequence[Recording]) -> list[tuple[Grasp, ...]]:
@@ -152,7 +154,8 @@ def actions_of(phases: Sequence[Phase]) -> list[VoluntaryAction]:
     for phase in phases:
         if phase.situation == SAFE_SLIP and continues:
             # A put-down slips more than once while the fingers open.
-            actions[-1] = VoluntaryAction(actions[-1].first, phase.stop)
+            first = actions[-1].first
+            actions[-1] = VoluntaryAction(first, phase.stop)
         elif phase.situation == SAFE_SLIP:
             actions.append(VoluntaryAction(phase.first, phase.stop))
             continues = True

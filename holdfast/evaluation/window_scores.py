@@ -307,7 +307,8 @@ def leak_check(data: DataSet, votes: IntArray, *, seed: int = 0) -> LeakCheck:
     whole = share_right(riskier_argmax(votes) == label, groups)
     empty = labels_at(label, "four") == NOTHING
     # Light or heavy alone, so that a model that confuses nothing with grasp cannot hide a leak.
-    weight_right = riskier_argmax(votes[empty, :2]) == label[empty]
+    weight = riskier_argmax(votes[empty, :2])
+    weight_right = weight == label[empty]
     within = share_right(weight_right, groups[empty])
 
     # The ceiling of 0.875 holds for classes of equal size only, so this is reported with it.

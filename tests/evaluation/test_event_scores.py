@@ -36,6 +36,7 @@ from holdfast.training.timeline import RiskyEvent
 
 RATE_HZ = 100.0
 EVENT = RiskyEvent(1.0, 1.05, 1.10)
+RULES = DecisionRules()
 
 
 def recording(*events: RiskyEvent, group: str = "a", length: int = 300) -> Recording:
@@ -52,12 +53,22 @@ def requests(*spans: tuple[float, float], length: int = 300) -> np.ndarray:
     return on
 
 
+def match_at(*spans: tuple[float, float]) -> EventMatch:
+    return match_alarms(recording(EVENT), requests(*spans))
+
+
 def p50(of: Spread | None) -> float:
     assert of is not None
     return of.p50
 
 
 # -- the decision, many streams at once
+
+PERIOD = period_us(RATE_HZ)
+
+
+def one_by_one(stream: Answers) -> list[list[int]]:
+    return np.column_stack([stream.situation, stream.risky_permille]).tolist()
 
 
 @given(
@@ -77,24 +88,18 @@ def test_many_streams_at_once_are_decided_as_each_is_sample_by_sample(
     rules = DecisionRules(
         act_samples=debounce, release_samples=release, evidence_ms=evidence_ms
     )
-    streams = [
-        Answers(
-            recording(),
-            *(np.array([pair[k] for pair in one], dtype=np.int64) for k in (0, 1)),
-        )
-        for one in labels
-    ]
+    streams = []
+    for one in labels:
+        situation, permille = np.array(one, dtype=np.int64).reshape(-1, 2).T
+        streams.append(Answers(recording(), situation, permille))
     together = act_requests(streams, rules, confidences)
     for stream, acted in zip(streams, together, strict=True):
         for k, least in enumerate(confidences):
-            result = replace(rules, min_risky_permille=least)
-            state, alone = DecisionState(), []
-            for situation, permille in zip(
-                stream.situation.tolist(), stream.risky_permille.tolist(), strict=True
-            ):
-                state = decide(
-                    result, state, situation, permille, period_us=period_us(RATE_HZ)
-                )
+            at_least = replace(rules, min_risky_permille=least)
+            state = DecisionState()
+            alone = []
+            for situation, permille in one_by_one(stream):
+                state = decide(at_least, state, situation, permille, period_us=PERIOD)
                 alone.append(state.act)
             assert acted[:, k].tolist() == alone
 
@@ -112,9 +117,8 @@ def test_false_alarms_of_many_confidences_are_those_that_each_alone_has(result):
 
 
 def test_an_alarm_between_load_onset_and_the_end_finds_the_event_and_is_not_false():
-    (found,) = (
-        matched := match_alarms(recording(EVENT), requests((1.02, 2.0)))
-    ).outcomes
+    matched = match_at((1.02, 2.0))
+    (found,) = matched.outcomes
     assert found.delay_s == pytest.approx(0.02)
     assert found.lead_s == pytest.approx(0.03)
     assert found.available_s == pytest.approx(0.05)
@@ -126,27 +130,19 @@ def test_an_alarm_between_load_onset_and_the_end_finds_the_event_and_is_not_fals
     [(0.98, 1, 0), (0.97, 0, 1), (1.12, 1, 0), (1.13, 0, 1)],
 )
 def test_the_collar_is_twenty_milliseconds_on_both_sides(from_s, found, false):
-    matched = match_alarms(recording(EVENT), requests((from_s, from_s + 0.01)))
-    assert (
-        sum(one.alarm_s is not None for one in matched.outcomes),
-        len(matched.false_s),
-    ) == (
+    on = requests((from_s, from_s + 0.01))
+    matched = match_alarms(recording(EVENT), on)
+    assert (matched.outcomes[0].alarm_s is not None, len(matched.false_s)) == (
         found,
         false,
     )
-    assert (
-        match_alarms(
-            recording(EVENT), requests((from_s, from_s + 0.01)), collar_s=0.040
-        )
-        .outcomes[0]
-        .alarm_s
-        is not None
-    )
+    wide = match_alarms(recording(EVENT), on, collar_s=0.040)
+    assert wide.outcomes[0].alarm_s is not None
 
 
 @EVENTS.mark
 def test_an_alarm_that_was_on_before_detects_nothing_and_is_false():
-    matched = match_alarms(recording(EVENT), requests((0.5, 2.0)))
+    matched = match_at((0.5, 2.0))
     assert matched.outcomes[0].alarm_s is None
     assert matched.outcomes[0].already_on
     assert matched.false_s == (0.5,)
@@ -156,19 +152,19 @@ def test_an_alarm_that_was_on_before_detects_nothing_and_is_false():
 def test_counted_sample_by_sample_an_alarm_that_never_ends_finds_every_event():
     always = requests((0.0, 3.0))
     assert always[round(EVENT.onset_s * RATE_HZ) : round(EVENT.end_s * RATE_HZ)].all()
-    assert match_alarms(recording(EVENT), always).outcomes[0].alarm_s is None
+    assert match_at((0.0, 3.0)).outcomes[0].alarm_s is None
 
 
 @EVENTS.mark
 def test_an_alarm_that_ended_just_before_the_event_is_false_and_the_next_one_finds_it():
-    matched = match_alarms(recording(EVENT), requests((0.5, 0.97), (1.03, 1.2)))
+    matched = match_at((0.5, 0.97), (1.03, 1.2))
     assert matched.outcomes[0].delay_s == pytest.approx(0.03)
     assert matched.false_s == (0.5,)
 
 
 @COLLAR.mark
 def test_an_event_is_detected_once_and_a_second_alarm_in_it_is_not_false():
-    matched = match_alarms(recording(EVENT), requests((1.01, 1.03), (1.05, 1.2)))
+    matched = match_at((1.01, 1.03), (1.05, 1.2))
     assert matched.outcomes[0].delay_s == pytest.approx(0.01)
     assert matched.false_s == ()
 
@@ -182,13 +178,9 @@ def test_two_events_inside_one_collar_share_an_alarm_that_begins_in_both():
 
 
 def test_an_alarm_that_is_on_from_the_first_sample_begins_there():
-    assert match_alarms(recording(EVENT), requests((0.0, 3.0))).false_s == (0.0,)
-    assert (
-        match_alarms(recording(RiskyEvent(0.0, 0.05, 0.1)), requests((0.0, 3.0)))
-        .outcomes[0]
-        .delay_s
-        == 0.0
-    )
+    assert match_at((0.0, 3.0)).false_s == (0.0,)
+    at_once = stream("a", (0.0, 3.0), events=(RiskyEvent(0.0, 0.05, 0.1),))
+    assert at_once.outcomes[0].delay_s == 0.0
 
 
 # -- figures of many streams
@@ -201,21 +193,10 @@ def stream(
 
 
 def test_figures_count_what_was_found_missed_false_and_already_on():
-    scores = event_scores(
-        [
-            stream("a", (1.02, 1.2)),
-            stream("b", (0.5, 2.0)),
-            stream("c"),
-            stream("d", (2.0, 2.1)),
-        ]
-    )
-    assert (scores.events, scores.found, scores.missed, scores.already_on) == (
-        4,
-        1,
-        3,
-        1,
-    )
-    assert scores.recall == 0.25
+    alarms = {"a": (1.02, 1.2), "b": (0.5, 2.0), "c": (0.0, 0.0), "d": (2.0, 2.1)}
+    scores = event_scores([stream(group, span) for group, span in alarms.items()])
+    assert (scores.found, scores.missed, scores.already_on) == (1, 3, 1)
+    assert (scores.events, scores.recall) == (4, 0.25)
     assert scores.false_alarms == 2
     assert scores.false_per_min == pytest.approx(2 / (4 * 3 / 60))
     assert scores.false_per_hour == pytest.approx(60 * scores.false_per_min)
@@ -274,18 +255,11 @@ def answers(permille_of_an_alarm: int) -> Answers:
 def test_the_confidence_is_the_lowest_that_leaves_no_more_false_alarms_than_allowed():
     streams = [answers(400), answers(601)]
     per_min = 1 / (2 * 3 / 60)
-    assert choose_confidence(streams, DecisionRules(), per_min) == 410
-    assert choose_confidence(streams, DecisionRules(), 0.5 * per_min) == 610
-    assert choose_confidence(streams, DecisionRules(), 2 * per_min) == 0
-
-
-def test_the_chosen_threshold_gives_the_alarms_that_are_matched():
-    streams = [answers(400), answers(601)]
-    for permille, false in ((0, 2), (410, 1), (610, 0)):
-        scores = event_scores(match_all_alarms(streams, DecisionRules(), permille))
-        assert (scores.false_alarms, scores.found) == (false, 2)
-
-
-def test_where_no_confidence_is_enough_the_highest_is_taken():
-    sure = answers(999)
-    assert choose_confidence([sure], DecisionRules(), 0.0) == CONFIDENCES[-1]
+    for allowed, expected in ((2, 0), (1, 410), (0.5, 610)):
+        permille = choose_confidence(streams, RULES, allowed * per_min)
+        scores = event_scores(match_all_alarms(streams, RULES, permille))
+        assert permille == expected
+        assert (scores.false_alarms, scores.found) == (int(allowed), 2)
+    assert choose_confidence([answers(999)], RULES, 0.0) == CONFIDENCES[-1], (
+        "none is enough, so the highest is taken"
+    )

@@ -95,13 +95,10 @@ def test_a_drop_is_preventable_where_the_oracle_keeps_what_the_bare_hand_loses()
     assert not three(trial_of("pull")).preventable
     clumsy = trial_of("pass")
     assert not three(clumsy, bare=drop(clumsy)).preventable
-
-
-def test_a_drop_before_the_action_is_not_preventable() -> None:
-    trial = trial_of("fall")
-    early = {"lost_s": Times.of(trial).act - 0.1}
-    assert three(trial, bare=drop(trial)).preventable
-    assert not three(trial, bare=early).preventable
+    fall = trial_of("fall")
+    assert three(fall, bare=drop(fall)).preventable
+    before_the_action = {"lost_s": Times.of(fall).act - 0.1}
+    assert not three(fall, bare=before_the_action).preventable
 
 
 def test_saved_is_what_the_controller_keeps_of_the_preventable_drops() -> None:
@@ -145,22 +142,17 @@ def test_figures_count_hand_overs_and_put_downs_apart() -> None:
 
 
 def test_extra_delays_are_in_ms_and_one_that_never_ends_is_huge_and_finite() -> None:
-    trials = [trial_of("pass") for _ in range(3)]
-    late = [
-        three(t, held=later(t, s)) for t, s in zip(trials, (0.0, 0.1, 0.2), strict=True)
-    ]
+    trial = trial_of("pass")
+    late = [three(trial, held=later(trial, extra_s)) for extra_s in (0.0, 0.1, 0.2)]
     assert figures(*late).extra_delay_ms_p50 == pytest.approx(100.0)
-    stuck = figures(three(trials[0], held={"lost_s": np.inf}))
+    stuck = figures(three(trial, held={"lost_s": np.inf}))
     assert stuck.extra_delay_ms_p95 == 1e6
 
 
 def test_a_hand_over_that_fails_in_the_bare_hand_is_none() -> None:
-    early, never = trial_of("pass"), trial_of("pass")
-    fails = [
-        three(early, bare={"lost_s": Times.of(early).act - 0.2}),
-        three(never, bare={"lost_s": np.inf}),
-    ]
-    assert figures(*fails).handovers == 0
+    trial = trial_of("pass")
+    for lost_s in (Times.of(trial).act - 0.2, np.inf):
+        assert figures(three(trial, bare={"lost_s": lost_s})).handovers == 0
 
 
 # cost
@@ -185,9 +177,8 @@ def test_the_grip_that_a_pull_needs_is_no_excess_after_its_onset() -> None:
 
 
 def test_a_fragile_object_is_crushed_by_more_than_it_bears() -> None:
-    fragile = [trial_of("pass", crush_n=20.0) for _ in range(2)]
-    grips = [np.full(50, n, dtype=np.float32) for n in (19.0, 21.0)]
-    runs = [three(t, held={"grip_n": g}) for t, g in zip(fragile, grips, strict=True)]
+    fragile = trial_of("pass", crush_n=20.0)
+    runs = [three(fragile, held={"grip_n": np.full(50, n)}) for n in (19.0, 21.0)]
     made = figures(*runs, handed(grip_n=np.full(50, 90.0)))
     assert (made.fragile, made.crushed_share) == (2, 0.5)
     low, high = made.crushed_share_ci or (1.0, 0.0)
@@ -210,32 +201,19 @@ def test_a_tightening_is_a_rise_by_a_newton_before_the_action() -> None:
 
 def test_the_error_of_the_friction_is_over_observed_values_only() -> None:
     trial = trial_of("pull")
-    true = (
-        trial.object.friction
-        * trial.drawn["friction_factor"]
-        * trial.object.kinetic_share
-    )
-    runs = [
-        three(trial, drop(trial), {}, {"mu_hat": value})
-        for value in (1.1 * true, 0.7 * true, 1.2 * true, np.nan)
-    ]
+    static = trial.object.friction * trial.drawn["friction_factor"]
+    true = static * trial.object.kinetic_share
+    estimates = (1.1 * true, 0.7 * true, 1.2 * true, np.nan)
+    runs = [three(trial, drop(trial), {}, {"mu_hat": mu}) for mu in estimates]
     made = figures(*runs)
     assert made.mu_observed == 3
     assert made.mu_error_p50 == pytest.approx(0.2)
 
 
 def test_figures_of_nothing_are_null_and_every_figure_is_json() -> None:
-    empty, whole = (
-        figures().to_json(),
-        figures(risky(held_drops=False), handed()).to_json(),
-    )
-    for name in (
-        "saved_share",
-        "saved_share_ci",
-        "blocked_share",
-        "slip_mm_p50",
-        "mu_error_p50",
-    ):
+    empty = figures().to_json()
+    shares = ("saved_share", "saved_share_ci", "blocked_share")
+    for name in (*shares, "slip_mm_p50", "mu_error_p50"):
         assert empty[name] is None
-    for one in (empty, whole):
-        assert "NaN" not in json.dumps(one, allow_nan=False)
+    whole = figures(risky(held_drops=False), handed()).to_json()
+    json.dumps([empty, whole], allow_nan=False)

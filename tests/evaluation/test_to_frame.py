@@ -46,12 +46,9 @@ def test_answers_have_a_line_a_sample_with_truth_and_state(
     pull = frame[frame["trial_id"] == TRIALS[0]]
     assert (set(pull["object"]), set(pull["action"])) == ({"soft-ball"}, {"pull"})
     assert pull["t_s"].iloc[50] == pytest.approx(1.0)
-    onset_s = (
-        next(one for one in data.recordings if one.action == "pull").events[0].onset_s
-    )
-    assert pull.loc[pull["truth"] == "risky_slip", "t_s"].min() == pytest.approx(
-        onset_s, abs=0.02
-    )
+    (event,) = next(one for one in data.recordings if one.action == "pull").events
+    risky_s = pull.loc[pull["truth"] == "risky_slip", "t_s"]
+    assert risky_s.min() == pytest.approx(event.onset_s, abs=0.02)
     assert pull["state"].iloc[0] == "unknown"
     assert set(frame["state"]) <= {"unknown", *SITUATIONS}
     assert set(frame["class"].dropna()) <= set(CLASSES)
@@ -91,8 +88,3 @@ def test_figures_have_a_line_a_set_and_method(eight_classes: Built, few: Path) -
     assert {"shear-rate threshold", "friction cone"} <= set(frame["method"])
     assert {"recall_low", "recall_high", "safe_acts_called.share"} <= set(frame.columns)
     assert not [name for name in frame.columns if name.endswith("_ci")]
-
-
-def test_the_package_has_no_other_late_name() -> None:
-    with pytest.raises(AttributeError, match="no attribute 'nothing_like_that'"):
-        _ = evaluation.nothing_like_that

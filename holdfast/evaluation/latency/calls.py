@@ -91,7 +91,8 @@ def grip_of(model: Model, stream: tuple[FloatArray, BoolArray]) -> Callable[[], 
     period_ns = 1e9 / card.rate_hz
     predictions = []
     for k in range(len(values)):
-        sample = Sample(round(k * period_ns), values[k], valid[k], k)
+        t_ns = round(k * period_ns)
+        sample = Sample(t_ns, values[k], valid[k], k)
         predictions.append(monitor.feed(sample))
 
     fingers = card.n_channels // 3

@@ -197,7 +197,8 @@ def _call_times(what: str, times_us: FloatArray) -> CallTimes:
     cold = times_us[:, 0]
     warm = times_us[:, 1:]
     p50, p99, p999 = np.percentile(warm, PERCENTILES).tolist()
-    return CallTimes(what, times_us.size, p50, p99, p999, float(np.median(cold)))
+    cold_p50 = float(np.median(cold))
+    return CallTimes(what, times_us.size, p50, p99, p999, cold_p50)
 
 
 def ratios(calls: Sequence[CallTimes]) -> dict[str, float]:
@@ -350,7 +351,8 @@ def _thesis_way(forest: Forest, data: DataSet) -> Callable[[], object]:
     # Plain lists: on single numbers Python is faster with them than with numpy.
     filters = []
     for hz in bands_for(data.rate_hz):
-        b, a = butter(1, (0.9 * hz, 1.1 * hz), "bandpass", fs=data.rate_hz)
+        edges_hz = (0.9 * hz, 1.1 * hz)
+        b, a = butter(1, edges_hz, "bandpass", fs=data.rate_hz)
         filters.append((b.tolist(), a.tolist()))
 
     memory = []
@@ -369,8 +371,10 @@ def _thesis_way(forest: Forest, data: DataSet) -> Callable[[], object]:
                 state[0] = b[1] * value - a[1] * out + state[1]
                 state[1] = b[2] * value - a[2] * out
 
-        window[0, : -len(sample)] = window[0, len(sample) :]
-        window[0, -len(sample) :] = sample
+        # The window moves on by one sample of all channels.
+        n = len(sample)
+        window[0, :-n] = window[0, n:]
+        window[0, -n:] = sample
         forest.predict_proba(window)
 
     return call

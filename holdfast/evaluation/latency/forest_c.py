@@ -37,14 +37,16 @@ def c_walk(
     """Votes in C on a row by its number; the next call overwrites them. Raises LibraryMissing."""
     library = ctypes.CDLL(str(_compiled(work)))
     trees = [tree.tree_ for tree in forest.estimators_]
-    roots = np.cumsum([0, *(tree.node_count for tree in trees)])[:-1].astype(np.int32)
+    sizes = np.array([tree.node_count for tree in trees])
+    roots = (np.cumsum(sizes) - sizes).astype(np.int32)
     features = []
     thresholds = []
     lefts = []
     rights = []
     for tree, root in zip(trees, roots, strict=True):
         # A leaf has no feature; children are numbered from the first node of all trees.
-        features.append(np.where(tree.children_left < 0, -1, tree.feature))
+        is_leaf = tree.children_left < 0
+        features.append(np.where(is_leaf, -1, tree.feature))
         thresholds.append(_lowered(tree.threshold))
         lefts.append(tree.children_left + root)
         rights.append(tree.children_right + root)

@@ -36,7 +36,8 @@ def latency(figures: Json) -> str:
                 fontsize=7,
             )
 
-        axes.set_yticks(range(len(rows)), [row["what"] for row in rows])
+        names = [row["what"] for row in rows]
+        axes.set_yticks(range(len(rows)), names)
         axes.set_xlabel("us a decision: median, and 99 and 99.9 % of the calls")
         # Peers differ by a factor of a thousand.
         axes.set_xscale("log")
