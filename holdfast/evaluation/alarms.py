@@ -173,6 +173,7 @@ def match_alarms(
             alarm_s = float(alarms_s[within][0])
 
         outcomes.append(AlarmOutcome(event, alarm_s, already_on))
+        # An alarm inside any event is not false, also where another one detected it.
         false &= ~within
 
     false_s = tuple(alarms_s[false].tolist())
@@ -228,6 +229,7 @@ def choose_confidence(
     false = np.zeros(len(CONFIDENCES), dtype=np.int64)
     seconds = 0.0
     for one, of_one in zip(answers, requests, strict=True):
+        # All confidences at once: column k is confidence k.
         false += false_alarms(one.recording, of_one)
         seconds += len(one.situation) / one.recording.rate_hz
 

@@ -35,6 +35,7 @@ NARROW = 2048
 """Signals times settings that numpy steps in about the time of one."""
 BACK_SAMPLES = 2
 JUMP_N = 0.5
+"""The shear-rate threshold: samples back, and the change of the summed shear from there, in N."""
 SHEAR_RATE_LAW = (
     "a slip where |S[t] - S[t-2]| > 0.5 N, S the sum over the fingers of |x| + |y|"
 )
@@ -59,6 +60,7 @@ def detector_signals(
     spec: StepSpec, recordings: Sequence[Recording]
 ) -> list[DetectorSignals]:
     """Step guard and bank over every recording, each from a fresh state."""
+    # The same graph nodes as in the model: the guard must hide the same lost samples.
     steps = steps_of(open_session(_signals_graph(spec)), OUTPUTS)
     signals = []
     for out in everywhere(steps, recordings):
@@ -275,6 +277,7 @@ def raw_windows(data: DataSet) -> FloatRows:
     start. The group has no bias or filter of its own: without a lost sample it equals the streamed
     one.
     """
+    # A window that saw its past could know which trial it is from.
     alone = windows_alone(data)
     return features_of(alone, spec_for(alone, RAW_GROUPS))["classes"]
 

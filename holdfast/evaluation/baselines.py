@@ -140,6 +140,7 @@ def _cone(
 
 
 def _shear_rate(recordings: Sequence[Recording], rules: DecisionRules) -> Requests:
+    # Once for all settings: only the comparison depends on the threshold.
     changes = [shear_change(one.samples) for one in recordings]
 
     def at(least_n: float) -> list[BoolArray]:
@@ -150,6 +151,7 @@ def _shear_rate(recordings: Sequence[Recording], rules: DecisionRules) -> Reques
 
 
 def _raw_forest(forest: bytes, rules: DecisionRules) -> OnRecordings[Requests]:
+    # As a graph with state, like the model: its windows are streamed in the same way.
     steps = steps_of(open_session(forest), RAW_OUTPUTS)
 
     def on(recordings: Sequence[Recording]) -> Requests:

@@ -36,6 +36,7 @@ from holdfast.training.recording import Recording
 CAMERA = "camera"
 KEY = "key"
 SCENE = "scene"
+"""Provenances of a label: seen by a camera, a key pressed by a person, known from a scene."""
 RISKY = SITUATIONS[RISKY_SLIP]
 TRUE_START = "incipient_slip"
 TRUE_GROSS = "gross_slip"
@@ -66,6 +67,7 @@ def seen_slips(
 
 
 def _seen(csv: Path) -> tuple[SeenSlip, ...]:
+    # A recorded trial is a folder with its events; a bare CSV has files of its own name.
     if csv.name == TACTILE:
         where = csv.with_name(EVENTS)
         intervals = read_events(where) if where.is_file() else []
@@ -112,6 +114,7 @@ def _recorded_marks(events: Sequence[Json]) -> list[tuple[str, Any]]:
 def _truth_marks(truth: Json) -> list[tuple[str, Any]]:
     """(name, s) of the first sliding and the gross slip of every grasp in a scene's truth."""
     marks = []
+    # A long stream has a truth with one entry a grasp.
     for grasp in truth.get("trials", [truth]):
         for name in (TRUE_START, TRUE_GROSS):
             marks.append((name, grasp.get(f"{name}_s")))
@@ -259,6 +262,7 @@ def _by_truth(matched: Sequence[tuple[AlarmOutcome, SeenSlip]]) -> SceneFigures 
         alarm_s = outcome.alarm_s
         if slip.true_start_s is not None:
             start_off_ms.append(1e3 * (slip.start_s - slip.true_start_s))
+            # A missed event still shows how far the camera is off the scene.
             if alarm_s is not None:
                 delay_ms.append(1e3 * (alarm_s - slip.true_start_s))
         if slip.true_gross_s is not None:

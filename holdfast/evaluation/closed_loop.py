@@ -269,6 +269,7 @@ def _tightenings_per_min(runs: Sequence[ThreeRuns]) -> float | None:
         held = run.held
         # In an action more grip may be right, so only the time before it is watched.
         until_s = held.opens_s if held.trial.action == "hold" else held.act_s
+        # A disturbed hold has no action: it is watched until the hand opens.
         watched = _times_s(held) < min(until_s, held.lost_s)
         is_tight = held.grip_n > held.trial.grip_n + TIGHTER_N
         tight = is_tight[watched]
@@ -299,6 +300,7 @@ def scene_of(of: LoopSet) -> tuple[Scene, tuple[PlannedTrial, ...]]:
         effects["hall_noise"] = {**chip, "averages": averages}
 
     changed = replace(card, rows=tuple(rows), controller=None, effects=effects)
+    # Without the controller that the scene names: the request brings its own.
     scene = Scene(changed, of.seed)
     trials = scene.trials(of.trials)
     return scene, tuple(trial for trial in trials if trial.action != "nothing")
@@ -324,6 +326,7 @@ def run_part(
     onset_s: Mapping[int, float],
 ) -> dict[int, LoopOutcome]:
     """Outcomes of some trials of a set, by their places in it."""
+    # Made again in every process and kept there: a scene is small to name and large to send.
     scene, trials = scene_of(of)
     drive = Drive(lag_ms=request.lag_ms)
     settings = LoopSettings(drive, request.habits, delay_samples=request.delay_samples)
@@ -333,6 +336,7 @@ def run_part(
 
 def _maker(scene: Scene, request: LoopRequest, onset_s: Mapping[int, float]) -> Make:
     if request.name == ORACLE:
+        # The oracle tightens at each true onset, up to the force that the drive can give.
         return oracle(dict(onset_s), Drive().ceiling_n)
     if request.name == VIBRATION:
         return vibration(scene.seed)
@@ -366,6 +370,7 @@ class LoopRuns:
         bare = []
         best = []
         for of, request in wanted:
+            # All figures are differences from the bare hand, or shares of what the oracle keeps.
             bare.append(_bare(of))
             best.append(_best(of, request))
 
@@ -393,6 +398,7 @@ class LoopRuns:
 
         results = self.workers.run(jobs)
         for number, (run, outcomes) in enumerate(zip(runs, results, strict=True), 1):
+            # Batches of one run come one after another and are put together here.
             self._outcomes[run] |= outcomes
             self.done(from_share + (to_share - from_share) * number / len(runs))
 

@@ -103,6 +103,7 @@ def drop_of(event: RiskyEvent, grasp: Grasp | None) -> Drop | None:
     """The event as the model sees it; None where its truth is not complete (a hold)."""
     if grasp is None or grasp.action not in MODELLED or event.gross_s is None:
         return None
+    # Recorded and older simulated truths do not give the object.
     if "thing" not in grasp.truth:
         return None
     drawn = grasp.truth["drawn"]
@@ -331,6 +332,7 @@ class Droppable:
         held = np.zeros(len(drops), dtype=np.bool_)
         still = np.zeros(len(drops), dtype=np.bool_)
 
+        # Drops do not touch each other, so the order and the size of the parts change nothing.
         for start in range(0, len(drops), DROPS_AT_ONCE):
             some = slice(start, start + DROPS_AT_ONCE)
             end = slide(drops[some], from_s[some], self.hand)
@@ -341,6 +343,7 @@ class Droppable:
         return held.reshape(request_s.shape), still.reshape(request_s.shape)
 
     def _kept(self, held: BoolArray, still: BoolArray) -> KeptObjects:
+        # What no hand could keep is no measure of when the request came.
         n = int(self._preventable.sum())
         n_kept = int((held & self._preventable).sum())
         n_still = int((still & self._preventable).sum())
@@ -377,6 +380,7 @@ def closing_model(
         return None
     by_lag = {}
     for lag_s in LAGS_S:
+        # Only the lag: it is the one number of the hand that is assumed.
         hand = ClosingHand(lag_s=lag_s)
         lag_ms = f"{1e3 * lag_s:g}"
         by_lag[lag_ms] = Droppable(drops, hand).kept(delays_s)

@@ -96,6 +96,7 @@ def evaluate_events(
     found = run.baselines(forest)
     chosen = run.chosen(found) if request.choose else None
 
+    # In this process baselines and their kept signals are shared, and progress is shown.
     if workers.here:
         sets = [run.scored(name, found, chosen) for name in request.data]
     else:
@@ -129,6 +130,7 @@ def _by_label(sets: Sequence[ScoredSet]) -> dict[str, ScoredSet]:
     scored: dict[str, ScoredSet] = {}
     for one in sets:
         label = one.figures.card.name
+        # The same scene with two seeds gives two sets of one name.
         if label in scored:
             label = f"{label} ({len(scored) + 1})"
         scored[label] = one
@@ -175,6 +177,7 @@ class _Run:
             windows="thesis",
             part=self.part,
         )
+        # Before a forest is trained in vain on other channels or another rate.
         require_model_fits(self.model, data)
         return raw_forest(data, self.spec, self.request.seed)
 
@@ -201,6 +204,7 @@ class _Run:
 
         most = self.request.most_false_per_min
         answers = [one.answers for one in outputs]
+        # The budget of false alarms is fixed first; recall is what comes out.
         permille = choose_confidence(answers, card.decision, most)
         self.say(
             f"confidence {permille} of 1000 chosen; matching {len(baselines)} baselines"
@@ -256,6 +260,7 @@ class _Run:
             part=self.part,
         )
         require_model_fits(self.model, data)
+        # Unseen people alone, where the model was trained on others of the set.
         return data.of_groups(self.request.people) if self.request.people else data
 
     def _window_figures(

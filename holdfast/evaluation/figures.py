@@ -97,6 +97,7 @@ def all_sets(
 
         # The first set with a trial to draw stands for all.
         drawn = drawn or one.drawn
+        # A set without events has no delays to draw.
         if one.figures.card.events:
             headline = one.methods[thresholds.headline]
             times[name] = _times(headline, one.to_state_ms)

@@ -35,6 +35,7 @@ def to_frame(of: Evaluation | Sequence[ModelOutputs]) -> pd.DataFrame:
 def _answers(of: ModelOutputs) -> pd.DataFrame:
     recording = of.recording
     n_rows = len(of.situation)
+    # Between labelled phases there is no truth, which is None in the column.
     truth = labels_everywhere(recording.phases, n_rows)
     frame = pd.DataFrame(
         {

@@ -41,6 +41,7 @@ FILTERS = {
 @cache
 def _environment(folder: Path) -> Environment:
     """The templates of a folder, which may extend and import those of this package."""
+    # StrictUndefined: a forgotten value is an error and no empty place.
     environment = Environment(
         loader=FileSystemLoader([folder, TEMPLATES]),
         autoescape=True,
@@ -50,6 +51,7 @@ def _environment(folder: Path) -> Environment:
         keep_trailing_newline=True,
     )
     environment.filters.update(FILTERS)
+    # Markup, or the quotes of the CSS would be escaped.
     environment.globals["dark_rules"] = Markup(dark_rules())
     situations = zip(SITUATIONS, SITUATION_COLOURS, strict=True)
     environment.globals["situation_colours"] = dict(situations)

@@ -52,6 +52,7 @@ class Workers:
         elif self.here:
             yield from (job() for job in jobs)
         else:
+            # One job a batch: they last minutes, and differ in length.
             parallel = Parallel(self.processes, batch_size=1, return_as="generator")
             yield from parallel(delayed(job)() for job in jobs)
 

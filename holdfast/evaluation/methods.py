@@ -190,6 +190,7 @@ def method_figures(
     seed: int,
 ) -> MethodFigures:
     """All figures of a method. closing: None where no event can be modelled."""
+    # The same seed for both collars, so that they draw the same groups.
     scores = event_scores(of.matches, seed=seed)
     wide = event_scores(of.wide, seed=seed)
     collar = CollarFigures(
@@ -264,6 +265,7 @@ def specificity(holds: Sequence[DisturbedHold]) -> dict[str, HoldFigures] | None
     """Disturbance -> the holds that were disturbed by it; None without any."""
     if not holds:
         return None
+    # Every disturbance has a row, also one that no hold of the set had.
     figures = {}
     for name in DISTURBANCES:
         here = [one for one in holds if one.disturbance == name]

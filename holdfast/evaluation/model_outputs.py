@@ -21,6 +21,7 @@ from holdfast.training.recording import DataSet, Recording
 
 OUTPUTS = ("situation", "votes", "unknown", "detectors", "p_situation")
 NO_CLASS = -1
+"""Where no class is known; below every class, as UNKNOWN is below every situation."""
 
 
 @dataclass(frozen=True)
@@ -65,6 +66,7 @@ def everywhere(
     steps: Steps, recordings: Sequence[Recording], part: Part = ignored
 ) -> list[Outputs]:
     """Outputs [T, ..] of a step at every sample of every recording, in their order."""
+    # Not only at windows: alarms begin at any sample.
     every_row = [np.arange(len(one.samples)) for one in recordings]
     return stepped(steps, recordings, every_row, part)
 

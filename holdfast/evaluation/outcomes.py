@@ -166,6 +166,7 @@ def outcome_table(judged: Sequence[JudgedTrial]) -> list[OutcomeRow]:
     for name, styles in THESIS.items():
         for style, words in styles.items():
             for column, theirs in zip(COLUMNS, words, strict=True):
+                # A cell without a trial here is left out and is no failure.
                 n = trials[name, style, column]
                 n_hits = hits[name, style, column]
                 if n:
@@ -256,6 +257,7 @@ def participant_figures(model: OpenedModel, folder: Path) -> ParticipantFigures:
     unit or rate that does not fit the model.
     """
     data = load(folder, channels=model.card.n_channels, windows="none")
+    # As the hand runs it, with the confidence of the model card: nothing is chosen here.
     outputs = run_model(model, data)
     rules = model.card.decision
     requests = requests_of(outputs, rules, rules.min_risky_permille)
@@ -311,6 +313,7 @@ def _figures(name: str, action: str, judged: Sequence[_Judged]) -> ActionFigures
         object=name,
         action=action,
         trials=len(judged),
+        # Recognised of these only: without a label nothing was judged.
         labelled=len(right),
         recognised=sum(right),
         false_alarms=false,

@@ -39,6 +39,7 @@ def write_measured(
 
     picture: SVG, None where the measurement has none.
     """
+    # A figure of time means nothing without its machine.
     text = json.dumps(figures | machine_facts(kind), indent=2) + "\n"
     path = write_whole(out / f"{what}.json", text)
     lines = [f"{path}"]

@@ -120,6 +120,7 @@ def real_figures(folder: Path, seed: int = 0) -> RealFigures | RealSetsMissing:
         eflesh = EfleshFigures.from_json(written[EFLESH]) if EFLESH in written else None
         data = load(HUMAN)
         model = ModelChoice(str(file))
+        # Opened here once, so that a damaged file is reported as missing figures.
         model.open()
     except (OSError, ValueError, KeyError, TypeError, DataNotFound, NotAModel) as error:
         return RealSetsMissing(why=str(error))

@@ -140,6 +140,7 @@ def score_set(
 
     headline = thresholds.headline
     permille = thresholds.confidences[headline]
+    # States are shown at the confidence of the headline, and so fit its alarms.
     states = state_figures(outputs, permille, _heavy(data), seed)
     part(0.5)
 
@@ -189,6 +190,7 @@ def _requests(
 
     by_name = {one.name: one for one in baselines}
     for matched in thresholds.baselines:
+        # Detectors are computed again unless these recordings were matched on just now.
         on = by_name[matched.name].on(data.recordings)
         requests[matched.name] = on(matched.setting)
 
@@ -220,6 +222,7 @@ def compared(
     ours = methods[thresholds.headline].detected()
     tests = {}
     for baseline in thresholds.baselines:
+        # Pairs of the same event: two recalls of one set are not independent.
         theirs = methods[baseline.name].detected()
         tests[baseline.name] = mcnemar(ours, theirs)
     return tests

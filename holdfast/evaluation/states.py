@@ -98,6 +98,7 @@ def state_figures(
     labels = []
     called = []
     for one in outputs:
+        # Between labelled phases there is no truth: these samples count nowhere.
         labels.append(labels_everywhere(one.recording.phases, len(one.situation)))
         for action in voluntary_actions(one.recording):
             during = one.situation[action.first : action.stop]
@@ -221,6 +222,7 @@ def confusions(
     answer_of: dict[str, list[States]] = {"eight": [], "seven": []}
     known_groups = []
     for one, label, is_heavy in zip(outputs, labels, heavy, strict=True):
+        # Unknown weight has no true class, and a model of four situations no answer.
         if is_heavy is None or not (one.eight != NO_CLASS).any():
             continue
         # The eight classes: situation by situation, first light, then heavy.

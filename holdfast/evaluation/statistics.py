@@ -29,6 +29,7 @@ def spread(values: Sequence[float]) -> Spread | None:
     """The percentiles of some values; None without a value."""
     if not values:
         return None
+    # No mean: a single alarm that came seconds late would move it.
     p5, p50, p95 = np.percentile(values, (5, 50, 95)).tolist()
     return Spread(p5, p50, p95)
 

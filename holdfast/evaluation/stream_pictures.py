@@ -97,6 +97,7 @@ def held_out_streams(
     """Pictures of the drawn trials of a folder, from one forest trained without them."""
     drawn = first_slips(data)
     task = data.tasks["classes"]
+    # A forest that had seen these trials would draw them too well.
     others = np.flatnonzero(~np.isin(task.trial, drawn))
     forest = fit_learner(data, features, plan, "classes", others, seed)
 
@@ -166,6 +167,7 @@ def labelled(kind: str, width: float, height: float) -> Iterator[Figure]:
 
 def stream(picture: StreamPicture, kind: str) -> str:
     """Forces with critical points, and the decision over the truth; right, the action alone."""
+    # Two columns: the whole trial, and the second around the action, at the same heights.
     recording = picture.recording
     t_s = np.arange(len(recording.samples)) / recording.rate_hz
     forces = recording.samples.reshape(len(t_s), -1, 3)

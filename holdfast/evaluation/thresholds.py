@@ -53,6 +53,7 @@ class Thresholds:
     def how(self) -> str:
         """How the confidence and the settings came about, in a sentence."""
         if self.chosen is None:
+            # This sentence stands in the report, next to the figures that it limits.
             return (
                 "the model card's own rules; baselines matched on the very streams that are "
                 "scored, which flatters them"
@@ -122,6 +123,7 @@ def find_thresholds(
     found = []
     for number, one in enumerate(baselines, 1):
         found.append(matched(one, streams.recordings, rate))
+        # Each baseline takes seconds to minutes, since every setting is a pass over the streams.
         part(number / len(baselines))
 
     return Thresholds(confidences, found, rules, streams.names, chosen, rate)

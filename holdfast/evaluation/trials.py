@@ -107,6 +107,7 @@ def grasps_of(root: Path, recordings: Sequence[Recording]) -> list[tuple[Grasp, 
 
 def style_of(grasps: tuple[Grasp, ...]) -> str:
     """The one style of a recording, or "" where there are several or none."""
+    # A long stream may hold grasps of several people.
     styles = {grasp.style for grasp in grasps}
     return styles.pop() if len(styles) == 1 else ""
 
@@ -159,6 +160,7 @@ def actions_of(phases: Sequence[Phase]) -> list[VoluntaryAction]:
         elif phase.situation == SAFE_SLIP:
             actions.append(VoluntaryAction(phase.first, phase.stop))
             continues = True
+        # Once the object is gone, or lost, the next safe slip is another action.
         elif phase.situation in (NOTHING, RISKY_SLIP):
             continues = False
 
@@ -184,6 +186,7 @@ def drawn_trials(answered: Sequence[AnsweredTrial]) -> dict[str, list[AnsweredTr
     bottle, the heaviest object, have a picture of their own.
     """
     by_title: dict[str, list[AnsweredTrial]] = {}
+    # A fixed order, so that reports of two models can be read side by side.
     for title in ("pass", "pull", "fall", "put-down", "pass, full-bottle"):
         rows = [one for one in answered if _title(one.trial.recording) == title]
         if rows:

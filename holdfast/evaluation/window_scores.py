@@ -37,6 +37,7 @@ from holdfast.training.recording import DataSet
 
 LEVELS = {"eight": CLASSES, "seven": ("nothing", *CLASSES[2:]), "four": SITUATIONS}
 CEILING = 0.875
+"""The best honest accuracy over eight balanced classes (see above)."""
 LEAK_PERCENT = (0.5, 99.5)
 LEAK_DRAWS = 4000
 """More than for other intervals, because the ends of a 99 % interval are rare draws."""
@@ -114,6 +115,7 @@ def window_figures(
     situation = np.where(withheld, len(SITUATIONS), at_windows["situation"])
 
     risky_score = None
+    # A head that the set has no labels for cannot be scored.
     if "p_risky_250ms" in heads_with_task(model, data):
         at_task = answers["predict_250ms"]
         score = at_task["p_risky_250ms"].astype(np.float64)
@@ -251,6 +253,7 @@ def scores(data: DataSet, votes: IntArray, *, seed: int = 0) -> ClassScores:
         truth = labels_at(label, level)
         answer = answers_at(votes, level)
 
+        # Over trials: windows of one trial overlap and are not independent.
         right = share_scores(truth == answer, groups, seed=seed)
         f1 = situation_scores(truth, answer, groups, classes=LEVELS[level], seed=seed)
         return LevelScores(

@@ -146,6 +146,7 @@ def latency(path: Path, turns: int = TURNS) -> LatencyFigures:
     with tempfile.TemporaryDirectory() as work:
         data = _scenes(Path(work), model.card.rate_hz)
         stream = _stream(data)
+        # All calls get the samples of one stream, so none has easier rows than another.
         step = step_of(model, stream)
         step_in_c = c_step_of(model, stream, Path(work))
         bare, forest = _bare(data, Path(work))
@@ -319,6 +320,7 @@ def _walk(
     except LibraryMissing:
         return {}
 
+    # Only a walk with the same votes can be compared with the others.
     expected = reference_votes(forest, rows, len(CLASSES))
     for k in range(len(rows)):
         if not np.array_equal(votes(k), expected[k]):
@@ -359,6 +361,7 @@ def _thesis_way(forest: Forest, data: DataSet) -> Callable[[], object]:
     for _ in range(samples.shape[1]):
         memory.append([[0.0, 0.0] for _ in filters])
 
+    # The window is kept as float32, which is what the forest compares.
     window = np.zeros((1, forest.n_features_in_), dtype=np.float32)
     turn = cycle(range(len(samples)))
 

@@ -39,6 +39,7 @@ def memory(model_path: Path) -> list[ProcessMemory]:
     rows = []
     for name, program in (("floor", FLOOR), ("live path, default model", LIVE_PATH)):
         started = time.perf_counter()
+        # A fresh process each: memory that was once used is rarely given back.
         command = [sys.executable, "-c", program + RESIDENT_KB, str(model_path)]
         done = subprocess.run(command, capture_output=True, text=True, check=True)
         took_s = time.perf_counter() - started
