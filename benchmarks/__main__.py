@@ -29,7 +29,8 @@ if TYPE_CHECKING:
     from holdfast.evaluation.jobs import Workers
 
 MODEL = model_path("holdfast-150hz")
-LIVE_HZ, LIVE_S = (150.0, 400.0), 60.0
+LIVE_HZ = (150.0, 400.0)
+LIVE_S = 60.0
 
 
 @dataclass(frozen=True)
@@ -114,11 +115,9 @@ def _simulator(request: BenchRequest) -> Json:
     from benchmarks.hold_and_pull import rows
     from benchmarks.simulator import plausibility, size_curve, step_curve
 
-    step, sizes, leads = (
-        _rows(step_curve()),
-        asdict(size_curve()),
-        _rows(plausibility()),
-    )
+    step = _rows(step_curve())
+    sizes = asdict(size_curve())
+    leads = _rows(plausibility())
     peers = {"hold_and_pull": _rows(rows(request.out)), "friction": _rows(table())}
     return {"step": step, **sizes, "plausibility": leads, **peers}
 

@@ -88,7 +88,8 @@ def prices(effort: Effort = USUAL) -> list[EffectPrice]:
 
 def empty_list_over_core(*, pairs: int = 5) -> float:
     """CPU time with an empty `[effects]` over that without the section, interleaved."""
-    without, with_empty = scene_with(), scene_with()
+    without = scene_with()
+    with_empty = scene_with()
     ratios = [_run_ns(with_empty) / _run_ns(without) for _ in range(pairs)]
     return statistics.median(ratios)
 
@@ -102,7 +103,8 @@ def _run_ns(scene: Scene) -> float:
 
 
 def _loop_price(name: str, effort: Effort) -> float:
-    plain, more = scene_with(effort=effort), scene_with(name, effort=effort)
+    plain = scene_with(effort=effort)
+    more = scene_with(name, effort=effort)
     return statistics.median(
         _run_ns(more) - _run_ns(plain) for _ in range(effort.pairs)
     )

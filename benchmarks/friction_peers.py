@@ -156,7 +156,8 @@ class SetValued:
         self, block: Block, state: Moving, load_n: FloatArray, dt_s: float
     ) -> None:
         """One step: try to stick; where the spring would have to hold more than it can, slide."""
-        spring, mass = self.stiffness_n_per_m, block.mass_kg
+        spring = self.stiffness_n_per_m
+        mass = block.mass_kg
         limit_n = np.where(state.slides, block.kinetic, block.static) * block.normal_n
         drive = mass * state.velocity_m_s + dt_s * load_n
         stick = (drive - dt_s * spring * state.stretch_m) / (
@@ -278,7 +279,8 @@ def table(held_s: float = HELD_S) -> list[CreepRow]:
     )
     rows = []
     for name, law in LAWS.items():
-        price, moved = cost_ns(law), creep(law, Task.of(shares, vibrations), held_s)
+        price = cost_ns(law)
+        moved = creep(law, Task.of(shares, vibrations), held_s)
         for share, vibration, moved_m in zip(shares, vibrations, moved, strict=True):
             rows.append(
                 CreepRow(

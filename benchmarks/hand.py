@@ -44,8 +44,10 @@ FAULTS = {
     "short@3+0.1": "the bridge answers partially for 0.1 s",
     "unplug@3+0.5": "the bridge is unplugged for 0.5 s",
 }
-FAULT_AT_S, FAULT_RUN_S = 3.0, 6.0
-PHASES, PHASES_FROM_S = 16, 1.0
+FAULT_AT_S = 3.0
+FAULT_RUN_S = 6.0
+PHASES = 16
+PHASES_FROM_S = 1.0
 """When a fault begins within a period, and where that period is: the model has settled by then."""
 SCANS = 50
 RATES_HZ = (300.0, 150.0, 100.0, 50.0)
@@ -146,7 +148,8 @@ class Bench:
             self.traffic, opened = _native(self.virtual)
         else:
             bridge = open_virtual(self.bridge, self.virtual, self.bus_hz)
-            self.traffic, opened = bridge.backend.traffic, bridge
+            self.traffic = bridge.backend.traffic
+            opened = bridge
         self.hand = Hand(
             opened,
             read_layout(self.layout),
@@ -203,7 +206,8 @@ def scan_costs() -> list[ScanCost]:
 
 def _scan_cost(bridge: str, reads: str, layout: str, bus_hz: int) -> ScanCost:
     bench = Bench(bridge, reads, layout, bus_hz)
-    traffic, before_ns = bench.traffic, bench.clock.now_ns()
+    traffic = bench.traffic
+    before_ns = bench.clock.now_ns()
     traffic.transfers = traffic.bytes_out = traffic.bytes_in = 0
     for _ in range(SCANS):
         bench.hand.read()

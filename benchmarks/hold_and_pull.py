@@ -77,7 +77,9 @@ def pull(scene: Scene, step_s: float, cap_n: float) -> float | None:
     held = Held(scene, step_s, LANES[0])
     held.run(scene.settled_s)
     lead_m = scene.pull_m_s * scene.arm_n_s_per_m / scene.arm_n_per_m
-    z_m, travel_m, one = held.state.position_m[2, 0], 0.0, np.ones(LANES[0])
+    z_m = held.state.position_m[2, 0]
+    travel_m = 0.0
+    one = np.ones(LANES[0])
     for k in range(round(scene.pull_s / step_s)):
         target = np.zeros((3, LANES[0]))
         target[2] = z_m - scene.pull_m_s * (k + 1) * step_s - lead_m
@@ -114,7 +116,8 @@ class Held:
 
     def run(self, lasts_s: float, people: tuple[Pull, ...] = ()) -> float:
         """Step on; returns the CPU time, s."""
-        inputs, started = Inputs(self.closure_m, people), time.process_time()
+        inputs = Inputs(self.closure_m, people)
+        started = time.process_time()
         for _ in range(round(lasts_s / self.step_s)):
             step(self.body, self.state, inputs, self.dt_s, self.dt_s)
         return time.process_time() - started

@@ -27,7 +27,9 @@ from holdfast.evaluation.latency.calls import golden
 from holdfast.export.c.exporting import export_c
 from holdfast.export.verify import cut_learners
 
-FEW, MANY, C_PASSES = 10, 410, 4
+FEW = 10
+MANY = 410
+C_PASSES = 4
 CORTEX_A72_HZ = 1.5e9
 INSTRUCTIONS_A_CYCLE = 1.0
 """Assumed for a Cortex-A72 (Raspberry Pi 4): it decodes three at most; code of many small calls
@@ -65,7 +67,8 @@ def instructions(model: Path) -> list[CallInstructions]:
         )
     whole = Model(model)
     with tempfile.TemporaryDirectory() as work:
-        alone, rows = Path(work) / "learner.onnx", Path(work) / "rows.npy"
+        alone = Path(work) / "learner.onnx"
+        rows = Path(work) / "rows.npy"
         alone.write_bytes(cut_learners(onnx.load(model)))
         np.save(
             rows, run_recording(whole.session, *golden(whole), ["features"])["features"]

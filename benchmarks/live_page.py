@@ -23,7 +23,8 @@ from holdfast.core.reading import Json
 
 ROOT = Path(__file__).resolve().parent.parent
 MODEL = ROOT / "models" / "holdfast-150hz.onnx"
-SECONDS, TURNS = 20.0, 3
+SECONDS = 20.0
+TURNS = 3
 SMALL_BUFFER = 2048
 REQUEST = b"GET /events HTTP/1.0\r\nHost: 127.0.0.1\r\n\r\n"
 POLL_MS = 50
@@ -76,7 +77,8 @@ class Browsers:
 
     def __init__(self, port: int, case: Case) -> None:
         self.disconnects = self.frames = 0
-        self._port, self._done = port, Event()
+        self._port = port
+        self._done = Event()
         self._threads = [Thread(target=self._stall, args=(case.stalled,))]
         self._threads += [Thread(target=self._read) for _ in range(case.reading)]
         for one in self._threads:
@@ -148,7 +150,9 @@ def _port(messages: IO[str]) -> int:
 def _figures(
     case: Case, seconds: float, said: str, browsers: Browsers | None
 ) -> PageLoad:
-    counts, whole, emit = COUNTS.search(said), WHOLE.search(said), EMIT.search(said)
+    counts = COUNTS.search(said)
+    whole = WHOLE.search(said)
+    emit = EMIT.search(said)
     if counts is None or whole is None or emit is None:
         raise OutputError("the run has no summary", where=case.name, cause=said[-500:])
     return PageLoad(

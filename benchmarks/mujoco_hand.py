@@ -24,7 +24,8 @@ from holdfast.simulation.body import Body, Inputs, Pull
 from holdfast.simulation.loop_physics import HandsAndObjects
 from holdfast.simulation.run import TrialMotion
 
-PAD_M, PAD_KG = 5e-3, 5e-3
+PAD_M = 5e-3
+PAD_KG = 5e-3
 SOLREF = "0.002 1"
 """As stiff as our steps allow: two of them."""
 NOSLIP = 'noslip_iterations="20"'
@@ -44,18 +45,23 @@ class MujocoWorld:
     """
 
     def __init__(self, ours: HandsAndObjects) -> None:
-        self._ours, self._spans, self._pieces = ours, ours.spans, ours.pieces
+        self._ours = ours
+        self._spans = ours.spans
+        self._pieces = ours.pieces
         self._rate_hz = ours.settings.rate_hz
         self._dt_s = 1.0 / (self._rate_hz * self._pieces)
-        self._body, lanes = ours.body, len(ours.position_m)
+        self._body = ours.body
+        lanes = len(ours.position_m)
         self._model = mujoco.MjModel.from_xml_string(mjcf(ours.body, self._dt_s))
         self._data = mujoco.MjData(self._model)
         self._pads = _joints(self._model, len(ours.forces_n[0]))
         start_s = np.full((1, lanes), self._spans.begins / self._rate_hz)
         closure_m = ours.script.chunk(start_s)[0].closure_m[:, 0]
         self._data.qpos[self._pads[:, 0]] = closure_m
-        self.state, self._travel_m = State(lanes), np.zeros(len(self._pads))
-        self.forces_n, self.position_m = ours.forces_n.copy(), ours.position_m.copy()
+        self.state = State(lanes)
+        self._travel_m = np.zeros(len(self._pads))
+        self.forces_n = ours.forces_n.copy()
+        self.position_m = ours.position_m.copy()
         self._steps: list[tuple[float, FloatArray, bool, float]] = []
 
     def advance(self, period: int, target_n: FloatArray) -> None:
@@ -63,7 +69,8 @@ class MujocoWorld:
         at = int(self._spans.begins[0]) + period
         if not self._spans.moves[0] <= at < self._spans.ends[0]:
             return
-        drive, script = self._ours.actuator, self._ours.script
+        drive = self._ours.actuator
+        script = self._ours.script
         grips_n = [drive.step(target_n, self._dt_s).copy() for _ in range(self._pieces)]
         script.grip_n = np.stack(grips_n)
         ends_s = (at + np.arange(1, self._pieces + 1) / self._pieces) / self._rate_hz
@@ -75,7 +82,9 @@ class MujocoWorld:
         self.position_m[:] = self._data.qpos[:3]
 
     def _step(self, now: Inputs, t_s: float) -> None:
-        model, data, pads = self._model, self._data, self._pads
+        model = self._model
+        data = self._data
+        pads = self._pads
         model.qpos_spring[pads[:, 0]] = now.closure_m[:, 0]
         load_n = sum((self._person_n(one) for one in now.people), start=np.zeros(3))
         data.qfrc_applied[:3] = load_n
@@ -89,7 +98,8 @@ class MujocoWorld:
 
     def _person_n(self, person: Pull) -> FloatArray:
         """[3] force of a person: a capped, damped spring to a target, and a share of the weight."""
-        place_m, speed_m_s = self._data.qpos[:3], self._data.qvel[:3]
+        place_m = self._data.qpos[:3]
+        speed_m_s = self._data.qvel[:3]
         to_go_m = person.target_m[:, 0] - place_m
         reach_n = person.stiffness_n_per_m[0] * np.linalg.norm(
             to_go_m - speed_m_s * self._dt_s
@@ -115,7 +125,9 @@ class MujocoWorld:
         zero for a step now and then while the pad slides. The spring across the object also bears
         what the normal force of a cylinder leans aside.
         """
-        body, pads, data = self._body, self._pads, self._data
+        body = self._body
+        pads = self._pads
+        data = self._data
         shear_n = data.qpos[pads[:, 1:]] * body.brush_n_per_m.sum(axis=0)[:, :1]
         yields_m = self._model.qpos_spring[pads[:, 0]] - data.qpos[pads[:, 0]]
         normals_n = np.maximum(body.stiffness_n_per_m[:, 0] * yields_m, 0.0)
@@ -171,8 +183,10 @@ def mjcf(body: Body, step_s: float) -> str:
 
 
 def _pad(body: Body, k: int, reach_m: float) -> str:
-    side, normal = float(body.side[k, 0]), float(body.stiffness_n_per_m[k, 0])
-    along, loss_s = float(body.brush_n_per_m[:, k, 0].sum()), body.loss_s
+    side = float(body.side[k, 0])
+    normal = float(body.stiffness_n_per_m[k, 0])
+    along = float(body.brush_n_per_m[:, k, 0].sum())
+    loss_s = body.loss_s
     damping = float(body.damping_n_s_per_m[k, 0])
     y_m, z_m = body.at_m[:, k, 0]
     return f"""    <body name="pad{k}" pos="{-side * reach_m:.9g} {y_m:.9g} {z_m:.9g}" gravcomp="1">

@@ -162,7 +162,8 @@ def _run(
         from benchmarks.mujoco_hand import MujocoWorld
 
         loop.world = MujocoWorld(loop.world)  # type: ignore[assignment]
-    forces_n, grip_n = [], []
+    forces_n = []
+    grip_n = []
     for period in range(loop.spans.periods):
         target_n = loop.decide(period)
         grip_n.append(loop.actuator.grip_n[0])
@@ -196,7 +197,8 @@ def _figures(force_n: FloatArray) -> Figures:
 
 
 def _fates(bare: LoopRun, held: LoopRun) -> Fates:
-    one, act_s = held.outcome, held.outcome.act_s
+    one = held.outcome
+    act_s = held.outcome.act_s
     lost_s, onset_s = (
         t - act_s if np.isfinite(t) else None for t in (one.lost_s, one.onset_s)
     )

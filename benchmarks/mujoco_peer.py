@@ -68,7 +68,8 @@ class Hold:
     def __init__(
         self, scene: Scene, step_s: float, variant: Variant, drawn: float = 1.0
     ) -> None:
-        self.scene, self.step_s = scene, step_s
+        self.scene = scene
+        self.step_s = step_s
         self.model = _mujoco().MjModel.from_xml_string(
             mjcf(scene, step_s, variant, drawn)
         )
@@ -110,7 +111,8 @@ class Hold:
     @property
     def grip_n(self) -> float:
         """Normal force of either side: half the sum of all contacts'."""
-        force, sum_n = np.zeros(6), 0.0
+        force = np.zeros(6)
+        sum_n = 0.0
         for k in range(self.data.ncon):
             mujoco.mj_contactForce(self.model, self.data, k, force)
             sum_n += float(force[0])
@@ -189,17 +191,19 @@ def hold(scene: Scene, step_s: float, variant: Variant, drawn: float) -> HeldObj
     """Hold for scene.hold_s, or until a pad has lost the object."""
     one = Hold(scene, step_s, variant, drawn)
     cpu_s = one.run(scene.settled_s)
-    grip_n, from_m, slipped_m = one.grip_n, one.z_m, one.travel_m
-    held_s, creep_m, slip_m = scene.settled_s, 0.0, 0.0
+    grip_n = one.grip_n
+    from_m = one.z_m
+    slipped_m = one.travel_m
+    held_s = scene.settled_s
+    creep_m = 0.0
+    slip_m = 0.0
     while one.held and held_s < scene.hold_s - step_s / 2:
         more_s = min(CHUNK_S, scene.hold_s - held_s)
         cpu_s += one.run(more_s)
         if one.held:
-            held_s, creep_m, slip_m = (
-                held_s + more_s,
-                from_m - one.z_m,
-                one.travel_m - slipped_m,
-            )
+            held_s = held_s + more_s
+            creep_m = from_m - one.z_m
+            slip_m = one.travel_m - slipped_m
     crept_s = held_s - scene.settled_s
     return HeldObject(
         cpu_s_per_s=cpu_s / float(one.data.time),
@@ -218,8 +222,11 @@ def pull(
     one = Hold(scene, step_s, variant, drawn)
     one.run(scene.settled_s)
     one.person(True, cap_n)
-    z_m, before_m = one.z_m, one.travel_m
-    slip_s, peak_n, weight_n = None, 0.0, scene.mass_kg * GRAVITY_M_S2
+    z_m = one.z_m
+    before_m = one.travel_m
+    slip_s = None
+    peak_n = 0.0
+    weight_n = scene.mass_kg * GRAVITY_M_S2
     lead_m = scene.pull_m_s * scene.arm_n_s_per_m / scene.arm_n_per_m
     for k in range(round(scene.pull_s / step_s)):
         one.data.ctrl[0] = z_m - scene.pull_m_s * (k + 1) * step_s - lead_m
@@ -252,7 +259,8 @@ def measure(
 def _run(
     scene: Scene, case: tuple[str, float], drawn: float, holds: Sequence[HeldObject]
 ) -> PeerRun:
-    (name, step_s), cpu = case, [one.cpu_s_per_s for one in holds]
+    (name, step_s) = case
+    cpu = [one.cpu_s_per_s for one in holds]
     pulls = [
         pull(scene, step_s, VARIANTS[name], drawn, cap_n) for cap_n in scene.caps_n
     ]

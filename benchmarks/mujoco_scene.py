@@ -97,7 +97,8 @@ def mjcf(scene: Scene, step_s: float, variant: Variant, drawn: float = 1.0) -> s
         _pad(scene, f"finger{k}", 1.0, z, drawn * scene.grip_n / 4)
         for k, z in enumerate(FINGER_Z_M)
     ]
-    arm, damping = scene.arm_n_per_m, scene.arm_n_s_per_m
+    arm = scene.arm_n_per_m
+    damping = scene.arm_n_s_per_m
     return f"""<mujoco model="hold and pull">
   <option timestep="{step_s:g}" gravity="0 0 -{GRAVITY_M_S2:g}" integrator="implicitfast"
     cone="elliptic" solver="Newton" jacobian="dense"{extra}/>
@@ -124,11 +125,10 @@ def mjcf(scene: Scene, step_s: float, variant: Variant, drawn: float = 1.0) -> s
 
 def _pad(scene: Scene, name: str, side: float, z_m: float, press_n: float) -> str:
     """A fingertip that just touches; its drawn spring presses with press_n."""
-    at_m, drawn_m = (
-        side * (scene.radius_m + scene.pad_radius_m),
-        press_n / scene.normal_n_per_m,
-    )
-    along, loss = scene.along_n_per_m, scene.finger_loss_s
+    at_m = side * (scene.radius_m + scene.pad_radius_m)
+    drawn_m = press_n / scene.normal_n_per_m
+    along = scene.along_n_per_m
+    loss = scene.finger_loss_s
     return f"""    <body name="{name}" pos="{at_m:g} 0 {z_m:g}" gravcomp="1">
       <joint name="{name}x" type="slide" axis="{-side:g} 0 0" stiffness="{scene.normal_n_per_m:g}"
         springref="{drawn_m:.9g}" damping="{loss * scene.normal_n_per_m:g}"/>

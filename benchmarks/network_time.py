@@ -31,9 +31,13 @@ from holdfast.training.plan import CLOCK_FREE_GROUPS, SIZES
 
 SPEC = StepSpec(n_sensors=6, rate_hz=150.0, unit="N", groups=CLOCK_FREE_GROUPS)
 PLAN = SIZES["default"]
-ROWS, SEED, TURNS, CALLS = 4000, 0, 40, 100
+ROWS = 4000
+SEED = 0
+TURNS = 40
+CALLS = 100
 FLOOR_US = 20.0
-REAL, WHOLE = "network, real numbers", "network, whole numbers"
+REAL = "network, real numbers"
+WHOLE = "network, whole numbers"
 
 
 def measure() -> Json:
@@ -76,10 +80,8 @@ def _session(learner: Learner, rows: FloatRows) -> Callable[[], object]:
 
 def _caller(model: bytes, rows: FloatRows) -> Callable[[], object]:
     """One row a call, in turn."""
-    session, k = (
-        open_session(model),
-        iter(np.resize(np.arange(len(rows)), 10**6).tolist()),
-    )
+    session = open_session(model)
+    k = iter(np.resize(np.arange(len(rows)), 10**6).tolist())
 
     def call() -> object:
         at = next(k)

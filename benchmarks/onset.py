@@ -34,11 +34,13 @@ from holdfast.simulation.scene_file import read_scene_file
 
 ACCELERATIONS_MM_S2 = (10.0, 30.0, 100.0, 300.0, 1000.0, 3000.0, 10000.0)
 EACH = 10
-REST_S, SLIDES_MM = 0.7, 25.0
+REST_S = 0.7
+SLIDES_MM = 25.0
 """A ramp begins after so long, within one frame, and runs over so far."""
 FPS = (60.0, 120.0)
 SMALL = {"width_px": 360.0, "height_px": 360.0, "noise_levels": 2.0}
-FROM_S, TO_S = 1.0, 0.3
+FROM_S = 1.0
+TO_S = 0.3
 """Of a simulated trial so much before the load and after the gross distance is filmed."""
 CARD = """
 [record]
@@ -159,11 +161,9 @@ def _simulated(card: str, total: int | None) -> list[Case]:
         scene = Scene(read_scene_file(str(path)), 0)
     cases = []
     for simulated in scene.run_together(scene.trials(total)):
-        t_s, place_m, truth = (
-            simulated.motion.t_s,
-            simulated.motion.position_m,
-            simulated.truth,
-        )
+        t_s = simulated.motion.t_s
+        place_m = simulated.motion.position_m
+        truth = simulated.truth
         load_s = float(truth.load_onset_s or 0.0)
         fine_s = np.arange(load_s, t_s[-1], 1e-4)
         path_mm = 1e3 * CubicSpline(t_s, place_m[:, [0, 2]])(fine_s)

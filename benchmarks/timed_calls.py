@@ -13,13 +13,15 @@ from holdfast.training.featurise import FloatRows
 def learner_call(model: bytes, rows: FloatRows) -> Callable[[], object]:
     """Answers one of the rows [N, F] a call, in turn. model: a file cut at its features."""
     session = open_session(model)
-    one, turn = [rows[k : k + 1] for k in range(len(rows))], cycle(range(len(rows)))
+    one = [rows[k : k + 1] for k in range(len(rows))]
+    turn = cycle(range(len(rows)))
     return lambda: session.run(["votes"], {"features": one[next(turn)]})
 
 
 def step_call(model: bytes, samples: FloatArray) -> Callable[[], object]:
     """Steps over one of the samples [T, C] a call, in turn."""
-    graph, turn = StepGraph(open_session(model)), cycle(range(len(samples)))
+    graph = StepGraph(open_session(model))
+    turn = cycle(range(len(samples)))
     graph.valid[:] = True
 
     def step() -> None:

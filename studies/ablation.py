@@ -194,7 +194,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Write ablation.json and ablation.md, print the table."""
     require_writable(args.out)
-    plan, data = _plan(args.learner), load(HUMAN)
+    plan = _plan(args.learner)
+    data = load(HUMAN)
     chosen = rows_of(plan.groups, args.groups)
     with stages(len(chosen)) as say:
         rows = study_rows(data, plan, chosen, args.seed, say)

@@ -74,7 +74,9 @@ PLANS: dict[str, TrainingPlan] = {
     "forest, 100 trees": replace(SIZES["best"], learner="forest"),
 }
 SPEC = StepSpec(n_sensors=6, rate_hz=150.0, unit="N", groups=CLOCK_FREE_GROUPS)
-TURNS, CALLS, TIMED_ROWS = 20, 50, 200
+TURNS = 20
+CALLS = 50
+TIMED_ROWS = 200
 THRESHOLDS = tuple(range(400, 1000, 20))
 """Of the curves, thousandths."""
 

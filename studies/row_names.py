@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from holdfast.evaluation.formats import display_name
 
-OURS, RAW, LINE = "ours, clock-free", "raw-window forest", "one line of code"
+OURS = "ours, clock-free"
+RAW = "raw-window forest"
+LINE = "one line of code"
 CLOCK = "WARNING: a clock, time since contact and summed force"
-OURS_18, OURS_48 = "ours, 18 channels", "ours, 48 channels"
+OURS_18 = "ours, 18 channels"
+OURS_48 = "ours, 48 channels"
 RAW_18 = "raw forest, 18 channels"
 RAW_48_FOLDS = 3
 RAW_48 = f"raw forest, 48 channels, {RAW_48_FOLDS} folds"

@@ -31,7 +31,8 @@ from holdfast.training.recording import DataSet
 def windows(folder: Path, point: Point) -> FloatRows:
     """Features [M, F] of the labelled windows to train on."""
     data = read(folder, point.of, point.rate_hz, "train")
-    labelled, spec = data.tasks[main_task(data)], point.spec(data)
+    labelled = data.tasks[main_task(data)]
+    spec = point.spec(data)
     kept = _whole(
         folder,
         point.of,
@@ -71,10 +72,8 @@ def _with_bank(rows: FloatRows, bank: FloatRows) -> FloatRows:
 
 def some(folder: Path, point: Point, part: str, count: int) -> FloatRows:
     """So many rows of a part, evenly spaced; of a bank in float64 whatever the point has."""
-    spec, rows = (
-        point.spec(read(folder, point.of, point.rate_hz, part)),
-        whole_rows(folder, point, part),
-    )
+    spec = point.spec(read(folder, point.of, point.rate_hz, part))
+    rows = whole_rows(folder, point, part)
     return _seen(
         np.array(rows[:: max(1, len(rows) // count)][:count][:, columns(spec)]),
         spec,
@@ -168,11 +167,9 @@ def _seen(rows: FloatRows, spec: StepSpec, look_back_s: float) -> FloatRows:
 
 def look_backs_s(spec: StepSpec) -> FloatArray:
     """[F]: how far back each of the default groups' features looks; 0 for the others."""
-    lags, spans, chosen = (
-        np.array(LAGS_S),
-        np.array(SPANS_S),
-        np.array(LAGS_S)[list(SCALED_LAGS)],
-    )
+    lags = np.array(LAGS_S)
+    spans = np.array(SPANS_S)
+    chosen = np.array(LAGS_S)[list(SCALED_LAGS)]
     known = {
         "differences": np.tile(np.repeat(lags, 3), spec.n_sensors),
         "scaled_differences": np.tile(np.repeat(chosen, 3), spec.n_sensors),
@@ -199,10 +196,8 @@ def _bank_in_float32(data: DataSet, spec: StepSpec) -> FloatRows:
     """|outputs| [sum of T, n x 2 x bands] of a bank whose state and coefficients are float32;
     samples are taken to be good, as they are in these scenes."""
     bands = spec.usable_bands()
-    matrix, size = (
-        step_matrix(spec.rate_hz, bands).astype(np.float32),
-        1 + STATES_PER_BAND * len(bands),
-    )
+    matrix = step_matrix(spec.rate_hz, bands).astype(np.float32)
+    size = 1 + STATES_PER_BAND * len(bands)
     lengths = [len(recording.samples) for recording in data.recordings]
     changes = np.zeros(
         (max(lengths), len(lengths), 2 * spec.n_sensors), dtype=np.float32

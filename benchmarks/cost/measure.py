@@ -80,7 +80,8 @@ class Grown:
         if plan.learner == "forest":
             return forest
         given = data.tasks[task]
-        label, n_classes = given.label[rows], len(given.classes)
+        label = given.label[rows]
+        n_classes = len(given.classes)
         return joined_by_network(
             forest, plan, task, features[rows], label, n_classes, 0
         )
@@ -174,7 +175,8 @@ def _people(point: Point, folder: Path, data: DataSet, grown: Grown) -> Fitted:
     The threshold is chosen on the people of other folds. The learner that is timed is the first
     fold's.
     """
-    features, task = windows(folder, point), data.tasks["situations"]
+    features = windows(folder, point)
+    task = data.tasks["situations"]
     folds = assign_groups(data.group_of("situations"), FOLDS)
     of_window = np.array([folds[str(group)] for group in data.group_of("situations")])
     rows = per_recording(data, everywhere(folder, point, "train"))
@@ -253,7 +255,8 @@ def _votes(
 
 def _decided(point: Point, fitted: Fitted, spec: StepSpec) -> PointFigures:
     """Figures of the votes with a point's decision."""
-    matches, chosen = [], []
+    matches = []
+    chosen = []
     for choose, ask in fitted.of:
         there, here = (
             _answers(point, voted, fitted.calibration, spec) for voted in (choose, ask)

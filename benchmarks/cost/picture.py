@@ -141,7 +141,8 @@ def _family(
 ) -> None:
     """A line through the points of a family (dots where they have no order), some named."""
     line = "" if family in UNORDERED else "-"
-    xs, ys = [x for x, _, _ in points], [y for _, y, _ in points]
+    xs = [x for x, _, _ in points]
+    ys = [y for _, y, _ in points]
     axes.plot(xs, ys, f"o{line}", color=colour, markersize=4.5, label=family)
     right = colour == OURS
     beside, side = ((5, 4), "left") if right else ((-6, -8 if line else -3), "right")

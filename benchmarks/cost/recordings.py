@@ -35,7 +35,8 @@ HUMAN = "human_slip_uskin"
 
 def require_parts(folder: Path, parts: Parts) -> None:
     """Raise DataError where the folder keeps what was measured on other parts."""
-    path, text = folder / "parts.json", json.dumps(parts)
+    path = folder / "parts.json"
+    text = json.dumps(parts)
     if not path.is_file():
         folder.mkdir(parents=True, exist_ok=True)
         write_whole(path, text)

@@ -35,8 +35,10 @@ from holdfast.export.verify import cut_learners
 
 HERE = Workers(CORES)
 TIMED_ROWS = 200
-TIMED_EVENTS, TIMED_S = 10, 0.2
-TURNS, CALLS = 10, 60
+TIMED_EVENTS = 10
+TIMED_S = 0.2
+TURNS = 10
+CALLS = 60
 
 
 @dataclass(frozen=True)

@@ -35,7 +35,8 @@ def selftest(model: Path, folder: Path) -> list[str]:
     """
     require(EMULATOR, "apt-get", "dpkg-deb")
     folder.mkdir(parents=True, exist_ok=True)
-    root, site = folder / "root", folder / "site"
+    root = folder / "root"
+    site = folder / "site"
     if not (root / "proc/cpuinfo").exists():
         _unpack(folder, root)
     if not (site / "onnxruntime").exists():

@@ -30,7 +30,8 @@ BUILT = Path("build/runtimes")
 """Examples that were built, for the next time."""
 ROUNDS = 3
 """Each runtime answers the stream in turn: what slows this machine down meets all of them."""
-ONNX, FROM_PYTHON = "onnxruntime, from Python", "C, gcc, from Python"
+ONNX = "onnxruntime, from Python"
+FROM_PYTHON = "C, gcc, from Python"
 
 
 def measure(path: Path) -> Json:
@@ -98,7 +99,8 @@ def from_python(model: OpenedModel, stream: Stream) -> StreamAnswers:
     labels = np.zeros(len(stream.labels), np.int32)
     begin = perf_counter()
     for k, (values, valid) in enumerate(zip(stream.values, stream.valid, strict=True)):
-        steps.sample[0], steps.valid[0] = values, valid
+        steps.sample[0] = values
+        steps.valid[0] = valid
         out = steps.step()
         labels[k] = -1 if out["unknown"][0] else out["situation"][0]
     spent_s = perf_counter() - begin

@@ -17,7 +17,9 @@ from holdfast.simulation.scene import Scene
 from holdfast.simulation.scene_file import read_scene_file
 from holdfast.training.datasets import load
 
-TRIALS, LOST_EVERY, LOST_ROWS = 9, 400, 3
+TRIALS = 9
+LOST_EVERY = 400
+LOST_ROWS = 3
 """Trials, and how often a finger is lost for how many rows."""
 
 
@@ -31,11 +33,13 @@ class Stream:
 
     def written(self, path: Path, real: npt.DTypeLike = np.float64) -> Path:
         """The rows as the C programs read them; real: their type of a number."""
-        lanes, sensors = self.values.shape[1], self.valid.shape[1]
+        lanes = self.values.shape[1]
+        sensors = self.valid.shape[1]
         rows = np.zeros(
             len(self.values), [("sample", real, lanes), ("valid", "u1", sensors)]
         )
-        rows["sample"], rows["valid"] = self.values, self.valid
+        rows["sample"] = self.values
+        rows["valid"] = self.valid
         path.write_bytes(rows.tobytes())
         return path
 

@@ -21,7 +21,9 @@ from holdfast.training.figures import Interval
 from holdfast.training.metrics import draw_groups
 
 DRAWS = 1000
-BEFORE, THRESHOLD, WHOLE = "as it is", "threshold alone", "adapted"
+BEFORE = "as it is"
+THRESHOLD = "threshold alone"
+WHOLE = "adapted"
 """Ways of answering."""
 
 

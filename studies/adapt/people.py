@@ -38,7 +38,9 @@ from holdfast.training.splits import assign_groups, folds_of
 from studies.adapt.figures import BEFORE, THRESHOLD, WHOLE, Way, way_figures
 
 RULES = HIGH_CONFIDENCE["forest"]
-ON, FOLDS, SEED = "familiarization", 3, 0
+ON = "familiarization"
+FOLDS = 3
+SEED = 0
 EVERY = 4
 """Of the others' recordings, every fourth: the rule has few parameters, and fits sooner."""
 TASK = "situations"
@@ -133,7 +135,10 @@ def _ways(person: Person, in_all: int) -> dict[str, Way]:
 def _macro_f1(data: DataSet, ways: Sequence[Way]) -> Json:
     """Macro F1 over four situations at the labelled windows, people held out."""
     answers = {one.recording.trial_id: one for way, _ in ways for one in way}
-    task, label, found, groups = data.tasks[TASK], [], [], []
+    task = data.tasks[TASK]
+    label = []
+    found = []
+    groups = []
     for trial, row, true in zip(task.trial, task.row, task.label, strict=True):
         one: Answers | None = answers.get(data.recordings[trial].trial_id)
         if one is not None and one.situation[row] != UNKNOWN:

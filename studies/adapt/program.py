@@ -47,7 +47,8 @@ MODEL = Path("models/holdfast-150hz.onnx")
 STYLES = ("p1", "p2", "quick", "slow")
 """The operating rule of `holdfast adapt` was chosen on p1 and p2; quick and slow came after it."""
 PERSONS = 3
-TEST_SEED, PERSON_SEED = 1003, 5000
+TEST_SEED = 1003
+PERSON_SEED = 5000
 TEST_TRIALS = 200
 OWN_ROW = re.compile(r'action = "pass"\ncount = \d+\n(.*?)\n\n', re.DOTALL)
 
@@ -82,7 +83,8 @@ def _adapted(
     *,
     whole: bool,
 ) -> tuple[Way, Json]:
-    weights, base = label_weights(model), model.card.decision
+    weights = label_weights(model)
+    base = model.card.decision
     in_all = votes_in_all(model.card.raw["heads"]["situation"])
     point = choose(own, others, base, weights, in_all if whole else None)
     correction = correction_at(point, own, others, in_all)
@@ -162,9 +164,11 @@ def run(args: argparse.Namespace) -> int:
         # reads the public set and loads scikit-learn
         from studies.adapt.people import study_people
 
-        name, figures = "people.json", study_people()
+        name = "people.json"
+        figures = study_people()
     else:
-        name, figures = "adapt.json", study_styles(Model(MODEL))
+        name = "adapt.json"
+        figures = study_styles(Model(MODEL))
     cpu_s = round(time.process_time() - started, 1)
     path = write_figures(args.out / name, figures | {"cpu_s": cpu_s})
     sys.stdout.write(f"{path} ({cpu_s} CPU s)\n")

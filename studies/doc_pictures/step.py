@@ -46,7 +46,8 @@ def stages(graph: onnx.GraphProto) -> dict[str, list[onnx.NodeProto]]:
     sample needs.
     """
     by_output = {name: node for node in graph.node for name in node.output}
-    bank, features = _before(["bank_out"], by_output), _before(["features"], by_output)
+    bank = _before(["bank_out"], by_output)
+    features = _before(["features"], by_output)
     flags = _before(["settled", "unknown", "usable_sensors"], by_output)
     votes = _before(["votes"], by_output) - {id(by_output["votes"])}
     trees = {id(node) for node in graph.node if node.op_type == TREES}
@@ -70,7 +71,8 @@ def stages(graph: onnx.GraphProto) -> dict[str, list[onnx.NodeProto]]:
 
 def _before(names: Iterable[str], by_output: dict[str, onnx.NodeProto]) -> set[int]:
     """The nodes that a tensor needs, by identity."""
-    waiting, found = list(names), set()
+    waiting = list(names)
+    found = set()
     while waiting:
         node = by_output.get(waiting.pop())
         if node is not None and id(node) not in found:
@@ -97,7 +99,8 @@ def picture(graph: onnx.GraphProto) -> str:
     """The graph's stages as SVG. Raises KeyError for an edge that the picture has no place for."""
     found = stages(graph)
     sizes = {value.name: _size(value) for value in (*graph.input, *graph.output)}
-    nodes, stateful = len(graph.node), sizes["state"]
+    nodes = len(graph.node)
+    stateful = sizes["state"]
     words = {
         "guard": ("guard", "what is lost, not a number or out of range stops here"),
         "bank": ("filter bank", "vibration"),

@@ -7,7 +7,9 @@ import numpy as np
 from holdfast.evaluation.style import with_label
 from holdfast.simulation.camera_frames import CODES, SIDE_CELLS, cells
 
-TAG_MM, MARGIN_MM, RULER_MM = 10.0, 10.0, 100
+TAG_MM = 10.0
+MARGIN_MM = 10.0
+RULER_MM = 100
 FONT = 'font-size="3" font-family="sans-serif"'
 
 

@@ -11,7 +11,8 @@ from holdfast.training.windows import Choice
 from studies.fast_handover.learners import Boosting, Forest, Learner, TwoStages
 
 PLAN = SIZES["default"].situation
-ALONE, VARIED = ("thesis",), ("thesis", "broad")
+ALONE = ("thesis",)
+VARIED = ("thesis", "broad")
 HARD = (*VARIED, "daily", "holds")
 """Sets to train on, by their names in sets.py."""
 Features = Literal["default", "raw window", "with context"]

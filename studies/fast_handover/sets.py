@@ -28,7 +28,8 @@ from holdfast.training.recording import DataSet, Recording
 from holdfast.training.windows import Choice
 from studies.fast_handover.ideas import Features
 
-CHOOSE, STYLES = "choose", ("author", "p1", "p2")
+CHOOSE = "choose"
+STYLES = ("author", "p1", "p2")
 EVALUATED = (*STYLES, "asked-holds")
 """Sets by their folders: for the threshold, of a style each, and all that are evaluated."""
 CONTEXT_S = (0.5, 1.0, 2.0)
@@ -69,7 +70,8 @@ class Streams:
 def labelled(folder: Path, windows: Choice, features: Features) -> Labelled:
     """A set to train on."""
     data = load(folder, windows=windows)
-    task, rows = data.tasks["classes"], everywhere(folder, data, features)
+    task = data.tasks["classes"]
+    rows = everywhere(folder, data, features)
     names = np.array([one.object_name or "" for one in data.recordings])
     return Labelled(np.asarray(rows[_rows(data)]), task.label, names[task.trial])
 

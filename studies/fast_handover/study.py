@@ -46,7 +46,8 @@ SETS = [
 ]
 PAST_S = 0.020
 """A second F1 leaves out windows nearer to a change of phase, where no sensor is sharp enough."""
-TURNS, CALLS = 20, 50
+TURNS = 20
+CALLS = 50
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -116,7 +117,8 @@ def _row(idea: Idea, folder: Path, part: Labelled, learner: Learner, seed: int) 
 def _calls(learner: Learner, rows: FloatRows) -> Callable[[], object]:
     """Runs all models of a learner on one row."""
     sessions = [session_of(model, rows) for model in learner.models]
-    one, turn = [rows[k : k + 1] for k in range(len(rows))], cycle(range(len(rows)))
+    one = [rows[k : k + 1] for k in range(len(rows))]
+    turn = cycle(range(len(rows)))
 
     def call() -> None:
         row = one[next(turn)]

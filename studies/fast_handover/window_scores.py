@@ -60,7 +60,8 @@ def objects_left_out(
     )[streams.row]
     scores = {}
     for name in sorted(set(objects.tolist()) - {""}):
-        learner, kept = idea.learner(), without(part, name)
+        learner = idea.learner()
+        kept = without(part, name)
         learner.fit(kept.features, kept.label, seed)
         here = objects == name
         answered = learner.answer(np.asarray(streams.features[streams.row[here]]))[0]

@@ -45,11 +45,10 @@ class EfleshStudy:
 def study_eflesh(data: DataSet, plan: TrainingPlan, seed: int = 0) -> EfleshStudy:
     """Forests with blocks of neighbouring trials held out, streamed over whole held-out trials."""
     spec = spec_for(data, plan.groups)
-    windows, everywhere = (
-        features_of(data, spec)["situations"],
-        features_everywhere(data, spec),
-    )
-    task, blocks = data.tasks["situations"], data.group_of("situations")
+    windows = features_of(data, spec)["situations"]
+    everywhere = features_everywhere(data, spec)
+    task = data.tasks["situations"]
+    blocks = data.group_of("situations")
     folds = assign_groups(blocks, plan.folds, seed=seed)
     predicted = np.zeros(len(task), dtype=np.int64)
     alarms: list[BoolArray] = [np.zeros(0, dtype=np.bool_)] * len(data.recordings)

@@ -100,7 +100,8 @@ def _fold(
     seed: int,
 ) -> Answers:
     """Train on the people of one fold, answer the windows of the others."""
-    votes, real = {}, np.zeros(0, np.int64)
+    votes = {}
+    real = np.zeros(0, np.int64)
     for task, (train, test) in split.items():
         plan = plan_for(data, features, plan, task, train, seed)
         votes[task], shares = _votes(
@@ -130,7 +131,8 @@ def _inner_votes(
     for train, test in grouped_folds(
         data.group_of("situations")[rows], INNER_FOLDS, seed=seed
     ):
-        seen, asked = rows[train], rows[test]
+        seen = rows[train]
+        asked = rows[test]
         found, _ = _votes(data, features, plan, "situations", seen, asked, seed)
         for name, votes in found.items():
             inner[name][test] = votes
@@ -148,16 +150,15 @@ def _votes(
 ) -> tuple[Votes, FloatArray]:
     """Votes of every learner on test windows, and the network's shares before quantising."""
     rows = data.tasks[task]
-    k, label = len(rows.classes), rows.label[train]
+    k = len(rows.classes)
+    label = rows.label[train]
     forest = plan.forest_for(task).build(seed, n_jobs=1)
     forest.fit(np.asfortranarray(features[train]), label)
     members = fit_members(plan.network_for(task), features[train], label, seed)
     in_all = votes_of_trees(len(forest.estimators_))
     network = in_whole_numbers(members, features[train], k, in_all)
-    trees, nets = (
-        forest_votes(forest, features[test], k),
-        network_votes(network, features[test]),
-    )
+    trees = forest_votes(forest, features[test], k)
+    nets = network_votes(network, features[test])
     shares = members.shares(features[test], k)
     return {"forest": trees, "network": nets, "committee": trees + nets}, shares
 
@@ -170,7 +171,8 @@ def _figures(
     seed: int,
 ) -> LearnerFigures:
     n = len(data.tasks["situations"])
-    plain, weighted = {}, {}
+    plain = {}
+    weighted = {}
     for name in LEARNERS:
         plain[name] = np.zeros(n, np.int64)
         weighted[name] = np.zeros(n, np.int64)
@@ -211,7 +213,8 @@ def _by_person(
     data: DataSet, labels: dict[str, IntArray]
 ) -> dict[str, dict[str, float | None]]:
     """Macro F1 with label weights, by person and learner."""
-    truth, people = data.tasks["situations"].label, data.group_of("situations")
+    truth = data.tasks["situations"].label
+    people = data.group_of("situations")
     return {
         str(person): {
             name: _macro_f1(truth[people == person], found[people == person])

@@ -102,7 +102,8 @@ def _row(method: Method, answers: Iterator[FoldAnswers], seed: int) -> Row:
 
 
 def _answer(method: Method, fold: int, seed: int) -> FoldAnswers:
-    data, plan = method.data(), method.plan
+    data = method.data()
+    plan = method.plan
     spec = spec_for(data, plan.groups) if method.verified else None
     split = splits_of(data, plan, seed)[fold]
     return answer_fold(data, method.features(), plan, split, seed, spec)

@@ -84,10 +84,8 @@ def confusion(data: DataSet, held_out: HeldOut) -> str:
 
 def curves(data: DataSet, held_out: HeldOut) -> str:
     """ROC and precision-recall of the 0.25 s prediction, held-out people pooled."""
-    truth, score = (
-        data.tasks["predict_250ms"].label,
-        held_out.shares("predict_250ms")[:, 1],
-    )
+    truth = data.tasks["predict_250ms"].label
+    score = held_out.shares("predict_250ms")[:, 1]
     false, hit, _ = roc_curve(truth, score)
     precision, recall, _ = precision_recall_curve(truth, score)
     with drawing(6.4, 3.0) as figure:
@@ -110,7 +108,8 @@ def curves(data: DataSet, held_out: HeldOut) -> str:
 
 def by_person(data: DataSet, held_out: HeldOut) -> str:
     """Macro F1 of every person, sorted: how far people differ."""
-    truth, groups = data.tasks["situations"].label, data.group_of("situations")
+    truth = data.tasks["situations"].label
+    groups = data.group_of("situations")
     figures = [
         situation_scores(truth[here], held_out.situations()[here], groups[here])
         for here in (groups == name for name in data.groups())
@@ -131,7 +130,8 @@ def by_person(data: DataSet, held_out: HeldOut) -> str:
 
 def timelines(data: DataSet, held_out: HeldOut) -> str:
     """Truth above, answer below, for one trial each of several people."""
-    task, answered = data.tasks["situations"], held_out.situations()
+    task = data.tasks["situations"]
+    answered = held_out.situations()
     firsts = {
         recording.group: index
         for index, recording in reversed(list(enumerate(data.recordings)))
@@ -201,7 +201,8 @@ def delays(delays_s: dict[str, list[float]]) -> str:
 
 def replay(picture: ReplayPicture) -> str:
     """Forces, truth, answer and the risky share of the votes of one replayed trial."""
-    recording, rate_hz = picture.recording, picture.recording.rate_hz
+    recording = picture.recording
+    rate_hz = picture.recording.rate_hz
     time_s = np.arange(len(recording.samples)) / rate_hz
     with drawing(8.6, 3.6) as figure:
         signals, strips, votes = figure.subplots(

@@ -31,7 +31,8 @@ class Evidence:
 
 def write_real_report(path: Path, evidence: Evidence) -> Path:
     """Write the report; OutputError where that cannot be done."""
-    data, held_out = evidence.data, evidence.held_out
+    data = evidence.data
+    held_out = evidence.held_out
     figures = evidence.figures
     eflesh = figures.eflesh_slip
     threshold = eflesh.one_threshold

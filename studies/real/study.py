@@ -67,7 +67,9 @@ def study_sets(out: Path, seed: int, say: Say, workers: Workers = ALONE) -> Real
     """
     started = time.perf_counter()
     rows = cross_validated(METHODS, seed, workers, say)
-    ours, heads, data = rows[OURS_18].held_out, rows[OURS_18].figures, OURS.data()
+    ours = rows[OURS_18].held_out
+    heads = rows[OURS_18].figures
+    data = OURS.data()
     parts = _parts(ours, heads, out.absolute(), seed)
     streamed, model, leaky_row, eflesh, replays = list(done(parts, workers, say))
     figures = RealStudy(
@@ -117,7 +119,8 @@ def _streamed(ours: HeldOut, out: Path, seed: int) -> StreamedFold:
 
 
 def _final_model(ours: HeldOut, heads: HeadFigures, out: Path, seed: int) -> FinalModel:
-    data, features = OURS.data(), OURS.features()
+    data = OURS.data()
+    features = OURS.features()
     return final_model(
         final_artifact(data, features, ours, heads, OURS.plan, seed), out
     )
@@ -195,7 +198,8 @@ def run(args: argparse.Namespace) -> int:
     with stages(STAGES) as say:
         figures = study_sets(args.out, args.seed, say, chosen_workers(args))
     path = write_figures(args.out / "metrics.json", figures.to_json())
-    situations, head = figures.heads.situations, prediction_of(figures.heads)
+    situations = figures.heads.situations
+    head = prediction_of(figures.heads)
     print(
         f"macro F1 {number(situations.macro_f1, 3)} ({interval(situations.macro_f1_ci, 3)}), "
         f"AUC {number(head.auc, 3)} ({interval(head.auc_ci, 3)})"

@@ -33,7 +33,9 @@ def level_bars(rows: Rows, kind: str) -> str:
     """Accuracy of eight and seven classes, and macro F1 of four situations, of every row that
     answers with classes."""
     drawn = {name: row for name, row in rows.items() if isinstance(row, ClassScores)}
-    eight, seven, four = [], [], []
+    eight = []
+    seven = []
+    four = []
     for name, row in drawn.items():
         of_class = row_class(name)
         eight.append(bar(row.eight.accuracy, row.eight.accuracy_ci, of_class))
@@ -62,7 +64,8 @@ def confusion_spread(matrices: list[Any], kind: str) -> str:
             for m in matrices
         ]
     )
-    mean, half = shares.mean(axis=0), np.ptp(shares, axis=0) / 2.0
+    mean = shares.mean(axis=0)
+    half = np.ptp(shares, axis=0) / 2.0
     names = [name.replace("_", " ") for name in CLASSES]
     with labelled(kind, 9.2, 4.9) as figure:
         left, right = figure.subplots(1, 2, sharey=True, width_ratios=(3.4, 1))

@@ -41,7 +41,8 @@ def study_rates(
     """Study every rate of a folder and write the report."""
     started = time.perf_counter()
     studies = [study_rate(rate, ways(), seed, say) for rate in rate_folders(folder)]
-    figures, last = gathered(studies), studies[-1]
+    figures = gathered(studies)
+    last = studies[-1]
     made = MadeBy(seed, versions(), seconds=round(time.perf_counter() - started, 1))
     say("report")
     evidence = SceneEvidence(figures, made, last.data, last.held_out, last.streams)

@@ -47,7 +47,8 @@ class SceneEvidence:
 
 def write_scene_report(path: Path, evidence: SceneEvidence) -> Path:
     """Write the report; OutputError where that cannot be done."""
-    figures, kind = evidence.figures, evidence.figures.kind
+    figures = evidence.figures
+    kind = evidence.figures.kind
     rate = figures.rates[figures.headline_hz]
     threshold = rate.rows.get(LINE)
     objects_picture = rates_picture = ""

@@ -52,7 +52,8 @@ from studies.scenes.figures import (
     StyleLeftOut,
 )
 
-TRAINED, OTHERS = "thesis", ("apple", "p1", "p2")
+TRAINED = "thesis"
+OTHERS = ("apple", "p1", "p2")
 STYLES = ("p1", "p2")
 RETRAININGS = 5
 TRIALS = (100, 200, 400, 600, 800, 1000)
@@ -339,7 +340,8 @@ def learning_curve(
 ) -> list[LearningPoint]:
     """Figures of every method from so many of the trials, trials held out."""
     order = np.random.default_rng(seed).permutation(len(data.recordings))
-    task, points = data.tasks["classes"], []
+    task = data.tasks["classes"]
+    points = []
     for count in (one for one in counts if one <= len(order)):
         mask = np.isin(task.trial, order[:count])
         part = replace(data, tasks={"classes": task.take(mask)})

@@ -11,7 +11,8 @@ from holdfast.evaluation.style import INK, OURS, QUIET, drawing, svg
 from studies.shared_control.plan import CURVE_SETS, LAG_MS, LAGS_MS, SETTINGS
 
 MARKS = {"holdfast": "o", "pd-shear": "s", "smsp": "^", "ismsp": "v"}
-BLOCKED_AIM, SAVED_AIM = 0.05, 0.9
+BLOCKED_AIM = 0.05
+SAVED_AIM = 0.9
 Row = Json
 
 

@@ -29,7 +29,8 @@ import numpy.typing as npt
 from holdfast.core.contract import FloatArray
 from studies.thesis_preliminary.points import KINDS, SLIPPING
 
-LEAST_SHARE, LOADED_QUANTILE = 0.1, 0.95
+LEAST_SHARE = 0.1
+LOADED_QUANTILE = 0.95
 Features = Callable[[FloatArray, FloatArray], FloatArray]
 """(training windows [N, 7, 3 S], windows [M, 7, 3 S]) -> features [M, 7, K]."""
 

@@ -37,7 +37,8 @@ from holdfast.training.critical_points import EDGE_S, friction_rows
 from holdfast.training.recording import DataSet, Recording
 
 KINDS = ("grasp", "not slipping under disturbances", "safe slip", "slipping")
-HELD, SLIPPING = 1, 3
+HELD = 1
+SLIPPING = 3
 KIND_OF = {GRASP: 0, SAFE_SLIP: 2, RISKY_SLIP: SLIPPING}
 """By the riskiest situation around a point; a grasp that lasts is HELD instead."""
 REACH = 3
@@ -45,8 +46,11 @@ REACH = 3
 does."""
 GRASPING_S = 1.5
 APART_S = 0.5
-JUMP, JUMP_BY_NORMAL, MOVED = 1.0, 5.0, 2.0
-SHEAR_AHEAD_S, NORMAL_AHEAD_S = 0.3, 0.2
+JUMP = 1.0
+JUMP_BY_NORMAL = 5.0
+MOVED = 2.0
+SHEAR_AHEAD_S = 0.3
+NORMAL_AHEAD_S = 0.2
 UNKNOWN = -1
 Rows = npt.NDArray[np.int64]
 

@@ -49,7 +49,8 @@ from studies.thesis_preliminary.points import (
 )
 from studies.thesis_preliminary.published import LEARNERS
 
-REPETITIONS, FOLDS = 5, 4
+REPETITIONS = 5
+FOLDS = 4
 Rows = npt.NDArray[np.int64]
 Split = Callable[..., list[Fold]]
 _MAKERS: tuple[Callable[[int], Any], ...] = (
@@ -110,10 +111,8 @@ def case_figures(
     data: DataSet, points: Points, case: Case, seed: int, *, leaky: bool = False
 ) -> CaseFigures:
     """Figures of one case: windows, chance, and accuracies of every learner."""
-    samples, label = (
-        windows(data, points, case.first, case.last),
-        case.labels(points.kind),
-    )
+    samples = windows(data, points, case.first, case.last)
+    label = case.labels(points.kind)
     draws = repetitions(points, case, seed, leaky=leaky)
     scores: dict[str, list[tuple[float, float]]] = {name: [] for name in MAKE}
     with threadpool_limits(1):  # so few rows: threads would wait for each other
