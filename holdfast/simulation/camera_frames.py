@@ -149,7 +149,8 @@ class Camera:
 
     def draw(self, object_mm: FloatArray, hand_mm: FloatArray) -> FloatArray:
         """[H, W] exact levels at one instant, without noise; tags moved by (x, z) mm from rest."""
-        image = np.full((int(self.height_px), int(self.width_px)), GREY)
+        size = (int(self.height_px), int(self.width_px))
+        image = np.full(size, GREY)
         for rows, columns, light in self._tags(object_mm, hand_mm):
             image[rows, columns] += light
         return image
@@ -159,6 +160,7 @@ class Camera:
 
         That changes no bit, because everywhere else all drawings are grey.
         """
+        # The camera looks along y and sees (x, z) of the object and of the hand.
         drawings = [self._tags(at[[0, 2]], at[[3, 5]]) for at in at_mm]
         rows, columns = self._reach(drawings)
         height = rows.stop - rows.start
@@ -167,12 +169,13 @@ class Camera:
 
         for part, tags in zip(parts, drawings, strict=True):
             for tag_rows, tag_columns, light in tags:
-                down = tag_rows.start - rows.start
-                right = tag_columns.start - columns.start
                 tall, wide = light.shape
-                part[down : down + tall, right : right + wide] += light
+                top = tag_rows.start - rows.start
+                left = tag_columns.start - columns.start
+                part[top : top + tall, left : left + wide] += light
 
-        image = np.full((int(self.height_px), int(self.width_px)), GREY)
+        size = (int(self.height_px), int(self.width_px))
+        image = np.full(size, GREY)
         image[rows, columns] = np.mean(parts, axis=0)
         return image
 

@@ -171,7 +171,8 @@ class ClosedLoop:
         steps = scene.step_settings_of(trials)
         self.world = HandsAndObjects(trials, steps, self.spans, self.actuator, habits)
         self.sensors = LoopSensors(scene, trials, self.spans.counts)
-        self.models = HandModels(model, self.spans.ends - self.spans.begins)
+        periods = self.spans.ends - self.spans.begins
+        self.models = HandModels(model, periods)
         self.wearer = Wearer(trials, habits, scene.seed)
         self.controller = make(trials, self.rate_hz)
 
@@ -223,7 +224,9 @@ class ClosedLoop:
         end = int(self.spans.ends[k])
 
         # The outcome is read off the steps alone, so the motion needs no samples.
-        motion = self.world.motion(k, np.zeros((2, 1, 3)), np.zeros((2, 3)))
+        no_forces_n = np.zeros((2, 1, 3))
+        no_position_m = np.zeros((2, 3))
+        motion = self.world.motion(k, no_forces_n, no_position_m)
         return outcome_of(
             self.trials[k],
             motion,
@@ -325,8 +328,10 @@ class Vibration:
     """
 
     def __init__(self, trials: Sequence[PlannedTrial], seed: int) -> None:
-        rngs = [stream(seed, trial.number, "reaction") for trial in trials]
-        spreads = [np.exp(REACTION_SPREAD * rng.normal()) for rng in rngs]
+        spreads = []
+        for trial in trials:
+            rng = stream(seed, trial.number, "reaction")
+            spreads.append(np.exp(REACTION_SPREAD * rng.normal()))
         self.reaction_s = REACTION_S * np.array(spreads)
         self.meant = np.array([trial.action not in RISKY_ACTIONS for trial in trials])
         self.needed_n = np.array([needed_grip_n(trial) for trial in trials])

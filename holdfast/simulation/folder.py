@@ -92,8 +92,8 @@ def _fill(scene: Scene, out: Path, trials: Sequence[PlannedTrial], done: Done) -
 
     work = _Work(done)
     for start in range(0, len(recordings), together):
-        _write_recordings(scene, recordings[start : start + together], work)
-
+        part = recordings[start : start + together]
+        _write_recordings(scene, part, work)
     return len(recordings)
 
 

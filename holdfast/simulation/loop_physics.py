@@ -60,7 +60,16 @@ class Spans:
 
 
 class HandsAndObjects:
-    """The physics of B trials. forces_n [B, S, 3], position_m [B, 3]: at the last sample."""
+    """The physics of B trials.
+
+    forces_n    [B, S, 3] at the last sample
+    position_m  [B, 3] at the last sample
+    travel_m    [S, B] how far each contact has slipped so far
+    slid        [B] whether the object slid in the last period
+    tape        the truth at every step; a trial takes only some of its rows
+    taken       [steps, B] which rows those are
+    at_s        [steps, B] ends of the steps that were taken
+    """
 
     def __init__(
         self,
@@ -76,11 +85,14 @@ class HandsAndObjects:
         self.body = body_of(trials, settings.pressure)
         self.script = LoopScript(trials, self.body, habits)
         batch = len(trials)
+
+        # The hand is open and everything rests when the loop begins.
         start_s = spans.begins / settings.rate_hz
         opening = self.script.chunk(start_s[None])[0]
         self.state = at_rest(self.body, opening.closure_m)
         self.travel_m = np.zeros_like(self.state.normal_n)
-        self.forces_n = np.zeros((batch, len(self.state.normal_n), 3))
+        contacts = len(self.state.normal_n)
+        self.forces_n = np.zeros((batch, contacts, 3))
         self.position_m = np.zeros((batch, 3))
         self.pieces = pieces_of(settings.rate_hz, settings.step_s)
         self.busy = _busy(trials, settings, spans)
@@ -88,8 +100,9 @@ class HandsAndObjects:
 
         # A trial may skip rows of the tape: those of fine steps that it does not take.
         self.tape = StepTape(spans.periods * self.pieces, batch)
-        self.taken = np.zeros(self.tape.gripped.shape, dtype=np.bool_)
-        self.at_s = np.zeros(self.tape.gripped.shape)
+        shape = self.tape.gripped.shape
+        self.taken = np.zeros(shape, dtype=np.bool_)
+        self.at_s = np.zeros(shape)
         self._bodies: dict[bytes, Body] = {}
 
     def advance(self, period: int, target_n: FloatArray) -> None:
@@ -268,7 +281,8 @@ def _busy(
     trials: Sequence[PlannedTrial], settings: StepSettings, spans: Spans
 ) -> BoolArray:
     """[periods, B] where the script of a trial, or an effect, wants fine steps."""
-    index = spans.begins + np.arange(spans.periods)[:, None]
+    periods = np.arange(spans.periods)[:, None]
+    index = spans.begins + periods
     from_s = index / settings.rate_hz
     until_s = from_s + 1.0 / settings.rate_hz
     is_busy = np.zeros(index.shape, dtype=np.bool_)

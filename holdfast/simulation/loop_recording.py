@@ -67,13 +67,15 @@ def require_controller(scene: Scene, trials: Sequence[PlannedTrial]) -> None:
     if control is None:
         return
 
+    model = model_of(ModelChoice(control.model))
     require_fit(
-        model_of(ModelChoice(control.model)).card,
+        model.card,
         n_channels=3 * file.hand.n_contacts,
         unit=file.unit,
         rate_hz=file.rate_hz,
         where=file.name,
     )
+    # A drive that is weaker than the wearer's grip would let objects go by itself.
     grips_n = [trial.grip_n for trial in trials if trial.action != "nothing"]
     strongest_n = max(grips_n, default=0.0)
     if strongest_n > control.drive.ceiling_n:
@@ -136,6 +138,7 @@ class RecordedLoop:
         self._model = model_of(ModelChoice(control.model))
         limits = Limits(ceiling_n=control.drive.ceiling_n)
         make = managed(scene, control.name, control.setting, limits=limits)
+        # numpy sums a single trial in another order than many, so one runs twice.
         batch = trials if len(trials) > 1 else [*trials, *trials]
         settings = LoopSettings(control.drive, whole_trials=True)
         self.loop = ClosedLoop(scene, batch, self._model, make, settings)
@@ -209,6 +212,7 @@ def _commands(controller: Managed) -> FloatArray:
     margin = controller.grip.margin
     supervisor = controller.grip.supervisor
     numbers = np.stack([controller.target_n, margin.needed_n, margin.mu_hat])
+    # A controller that has no number yet gives zero.
     known = np.where(numbers > 0.0, numbers, np.nan)
     return np.vstack([known, supervisor.mode])
 

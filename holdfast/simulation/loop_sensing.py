@@ -66,7 +66,8 @@ class LoopSensors:
             drawn = self.scene.draw(name, trial)
             rng = self.scene.rng(name, trial)
             if isinstance(law, RowEffect):
-                plans.append(law.plan(drawn, rng, times_s[k], trial.hand.n_contacts))
+                contacts = trial.hand.n_contacts
+                plans.append(law.plan(drawn, rng, times_s[k], contacts))
             elif name == "timing_jitter":
                 plans.append({"late_s": late_s(times_s[k], drawn, rng)})
                 # Later effects see the times at which samples are really taken.
@@ -81,7 +82,8 @@ class LoopSensors:
 
         With a latency these are the readings of the sample before. A lost sample never comes.
         """
-        now = Rows(forces_n, np.ones(forces_n.shape[:2], dtype=np.bool_))
+        all_valid = np.ones(forces_n.shape[:2], dtype=np.bool_)
+        now = Rows(forces_n, all_valid)
         unit: Unit = "N"
         lost = np.zeros(len(rows), dtype=np.bool_)
 
@@ -151,9 +153,11 @@ class LoopSensors:
         return Rows(values, middle.valid), rows
 
     def _in_scene_unit(self, rows: Rows, unit: Unit) -> tuple[Rows, Unit]:
-        signal = Signal(np.empty(0), rows.values, rows.valid, unit)
-        signal = self.scene.in_unit(signal)
-        return replace(rows, values=signal.values), signal.unit
+        # The conversion knows whole trials only, and needs no times.
+        no_times_s = np.empty(0)
+        signal = Signal(no_times_s, rows.values, rows.valid, unit)
+        converted = self.scene.in_unit(signal)
+        return replace(rows, values=converted.values), converted.unit
 
 
 class HandModels:
@@ -166,12 +170,16 @@ class HandModels:
         self.preparation = model.card.preparation
         self._groups = []
         for start in range(0, len(samples), TOGETHER):
-            hands = slice(start, min(start + TOGETHER, len(samples)))
-            steps = model.stepper(OUTPUTS, hands.stop - hands.start)
-            self._groups.append((steps, hands, int(samples[hands].max())))
+            stop = min(start + TOGETHER, len(samples))
+            hands = slice(start, stop)
+            steps = model.stepper(OUTPUTS, stop - start)
+            longest = int(samples[hands].max())
+            self._groups.append((steps, hands, longest))
 
+        # The answers of all hands, as the groups have them for theirs.
         self._out = {}
-        for name, array in self._groups[0][0].out.items():
+        first_steps, _, _ = self._groups[0]
+        for name, array in first_steps.out.items():
             shape = (len(samples), *array.shape[1:])
             self._out[name] = np.zeros(shape, array.dtype)
 
@@ -231,12 +239,14 @@ class HandModels:
     def _learn(self, values: FloatArray) -> None:
         """Learn the bias of every hand once its first rows are there."""
         self._first_rows.append(values.copy())
-        if len(self._first_rows) < max(1, self.preparation.bias_rows):
+        needed = max(1, self.preparation.bias_rows)
+        if len(self._first_rows) < needed:
             return
 
         scales = []
         biases = []
-        for rows in np.stack(self._first_rows, axis=1):
+        by_hand = np.stack(self._first_rows, axis=1)
+        for rows in by_hand:
             scale, bias = self.preparation.learn(rows)
             scales.append(scale)
             biases.append(bias)

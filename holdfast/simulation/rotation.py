@@ -44,8 +44,11 @@ class Rotation(PhysicsEffect):
     def __init__(self, batch: EffectBatch) -> None:
         offsets = [batch.values("offset_y_mm"), batch.values("offset_z_mm")]
         self.offset_m = 1e-3 * np.array(offsets)
+
+        # Steiner's theorem: the object turns about its middle, not about its centre of mass.
         gyration = np.array([gyration_m2(trial.object) for trial in batch.trials])
-        self.inertia_m2 = gyration + (self.offset_m * self.offset_m).sum(axis=0)
+        distance_m2 = (self.offset_m * self.offset_m).sum(axis=0)
+        self.inertia_m2 = gyration + distance_m2
         self.angle = np.zeros(len(batch.trials))
         self.rate = np.zeros(len(batch.trials))
         self.rho: FloatArray = np.ones(1)

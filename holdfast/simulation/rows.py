@@ -32,9 +32,9 @@ class Rows:
 class RowEffect:
     """The two functions of an effect; as a function itself, it acts on a whole trial.
 
-    plan: (parameters of the trial, its random stream, times [T] in s, S) -> plan. apply: (rows,
-    plan) -> rows. chained: `apply` also takes what it returned for the row before (itself at the
-    first row).
+    plan     (parameters of the trial, its random stream, times [T] in s, S) -> plan
+    apply    (rows, plan) -> rows
+    chained  `apply` also takes what it returned for the row before (itself at the first row)
     """
 
     plan: Callable[[Drawn, np.random.Generator, FloatArray, int], Plan]
@@ -45,9 +45,11 @@ class RowEffect:
         self, signal: Signal, drawn: Drawn, rng: np.random.Generator
     ) -> Signal:
         """A whole trial at once."""
-        plan = self.plan(drawn, rng, signal.t_s, signal.values.shape[1])
+        sensors = signal.values.shape[1]
+        plan = self.plan(drawn, rng, signal.t_s, sensors)
         rows = Rows(signal.values, signal.valid)
-        made = self._row_by_row(rows, plan) if self.chained else self.apply(rows, plan)
+        law = self._row_by_row if self.chained else self.apply
+        made = law(rows, plan)
         return replace(signal, values=made.values, valid=made.valid)
 
     def _row_by_row(self, rows: Rows, plan: Plan) -> Rows:
@@ -88,14 +90,16 @@ class PlanBatch:
     def at(self, rows: Any) -> Plan:
         """Plan of B rows: sample rows[b] of trial b."""
         plan = dict(self._fixed)
+        trials = np.arange(len(rows))
         for name, array in self._moving.items():
-            plan[name] = array[rows, np.arange(len(rows))]
+            plan[name] = array[rows, trials]
         return plan
 
 
 def _stacked(arrays: Sequence[Any]) -> Any:
     """[T, B, ..] of plans that may differ in length; the last row repeats."""
-    shape = (max(map(len, arrays)), len(arrays), *arrays[0].shape[1:])
+    longest = max(map(len, arrays))
+    shape = (longest, len(arrays), *arrays[0].shape[1:])
     whole = np.empty(shape, dtype=arrays[0].dtype)
     for trial, array in enumerate(arrays):
         whole[: len(array), trial] = array

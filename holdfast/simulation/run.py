@@ -219,8 +219,11 @@ def motions(
 class _Running:
     """The trials of a batch that still run, all from `first` on, with everything they need.
 
-    at_s, before_s [K, B]: end and start of each step; sample [K, B]: the sample that it ends at, or
-    -1. The samples of all trials lie end to end in forces_n and position_m.
+    at_s, before_s        [K, B] end and start of each step
+    sample                [K, B] the sample that it ends at, or -1
+    steps                 [B] how many steps each trial has
+    forces_n, position_m  at the samples of all trials, end to end
+    tape                  the truth at every step
     """
 
     def __init__(
@@ -314,7 +317,9 @@ class _Running:
 
     def motion(self, trial: int, grid: Grid) -> TrialMotion:
         """What became of a trial."""
-        rows = slice(self.starts[trial], self.starts[trial + 1])
+        start = self.starts[trial]
+        stop = self.starts[trial + 1]
+        rows = slice(start, stop)
         position_m = self.position_m[rows]
         last = grid.sample[-1]
 

@@ -142,11 +142,9 @@ def busy(trial: PlannedTrial) -> list[Interval]:
     times = Times.of(trial)
     drawn = trial.drawn
     giving_s = drawn["vanish_s"] if trial.action == "fall" else drawn["give_s"]
-    intervals = [
-        (times.close, times.close + drawn["closing_s"]),
-        (times.give, times.give + giving_s),
-        *_acting(trial, times),
-    ]
+    closing = (times.close, times.close + drawn["closing_s"])
+    giving = (times.give, times.give + giving_s)
+    intervals = [closing, giving, *_acting(trial, times)]
     if times.open < NEVER_S:
         intervals.append((times.open, times.open + drawn["opening_s"]))
 
@@ -354,7 +352,9 @@ class Script:
             for person, acts in zip(people, acting, strict=True):
                 if acts[k]:
                     pulls.append(person.at(k))
-            closure = self._closure(shut[k], pulse[k], self.grip_share(k))
+
+            share = self.grip_share(k)
+            closure = self._closure(shut[k], pulse[k], share)
             floor = None if box is None else box.at(k)
             inputs.append(Inputs(closure, tuple(pulls), floor))
 
@@ -431,6 +431,7 @@ class Script:
         return Pull(
             stiffness_n_per_m=there * GIVER_N_PER_M,
             damping_n_s_per_m=there * damping,
+            # Above zero, because forces are compared with it by division.
             cap_n=there * GIVER_CAP_N + 1e-9,
             weight_share=there,
             target_m=still,
@@ -489,8 +490,9 @@ class Script:
 
     def _box(self, t_s: FloatArray) -> Floor:
         """The box that comes from below and takes the weight."""
-        risen = (t_s - self.act_s) * self.drawn("box_m_s", 1.0)
-        risen = np.minimum(risen, BOX_GAP_M + BOX_OVERSHOOT_M)
+        since_s = t_s - self.act_s
+        way_m = since_s * self.drawn("box_m_s", 1.0)
+        risen = np.minimum(way_m, BOX_GAP_M + BOX_OVERSHOOT_M)
         height_m = risen - BOX_GAP_M
         comes = self.sets_down & (t_s >= self.act_s)
 

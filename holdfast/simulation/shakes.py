@@ -81,10 +81,14 @@ class Arm(PhysicsEffect):
 
     def busy_s(self, trial: int) -> list[Interval]:
         """Every reach."""
+        first_s = self.start_s[trial]
+        cycle_s = self.cycle_s[trial]
+        lasts_s = self.lasts_s[trial]
+
         intervals = []
         for k in range(int(self.count[trial])):
-            start_s = self.start_s[trial] + k * self.cycle_s[trial]
-            intervals.append((start_s, start_s + self.lasts_s[trial]))
+            start_s = first_s + k * cycle_s
+            intervals.append((start_s, start_s + lasts_s))
         return intervals
 
 
@@ -98,6 +102,7 @@ class Tremor(PhysicsEffect):
 
     def __init__(self, batch: EffectBatch) -> None:
         amplitude = batch.values("amplitude_m_s2") / WAVES
+        # The order of these draws is part of the format of simulated sets.
         self.along = [_directions(batch.rngs) * amplitude for _ in range(WAVES)]
         self.phase = self._uniform(batch.rngs, 0.0, 2.0 * np.pi)
         self.rate = 2.0 * np.pi * batch.values("frequency_hz")
@@ -142,7 +147,9 @@ class Knock(PhysicsEffect):
     def busy_s(self, trial: int) -> list[Interval]:
         """The pulse and the time after it."""
         at_s = self.at_s[trial]
-        return [(at_s - 0.01, at_s + self.lasts_s[trial] + 0.3)]
+        over_s = at_s + self.lasts_s[trial]
+        # What the blow set in motion has settled 0.3 s later.
+        return [(at_s - 0.01, over_s + 0.3)]
 
 
 ARM = {

@@ -78,6 +78,7 @@ def _cells(values: FloatArray, decimals: int) -> Letters:
     digits: Whole = left.astype(kind)
     whole = _write_decimals(digits, letters[..., 1:-1], decimals)
     _write_whole(whole, letters[..., 1 : 1 + before_point])
+    # A missing value was written as 0 so far.
     if lost.any():
         letters[lost, :-1] = BLANK
         letters[lost, -1 - len(NAN) : -1] = NAN
@@ -88,10 +89,13 @@ def _cells(values: FloatArray, decimals: int) -> Letters:
 def _write_decimals(left: Whole, letters: Letters, decimals: int) -> Whole:
     """Write the last digits of whole numbers [T, K] with the point; returns the digits before."""
     place = letters.shape[-1] - decimals
+
+    # From the last group to the first: a division takes the digits off at the end.
     for end in range(decimals, 0, -GROUP):
         start = max(end - GROUP, 0)
-        left, group = _split(left, end - start)
-        digits = _letters_of(_groups("0"), group, end - start)
+        width = end - start
+        left, group = _split(left, width)
+        digits = _letters_of(_groups("0"), group, width)
         letters[..., place + start : place + end] = digits
 
     if decimals:
@@ -101,35 +105,49 @@ def _write_decimals(left: Whole, letters: Letters, decimals: int) -> Whole:
 
 def _write_whole(left: Whole, letters: Letters) -> None:
     """Write whole numbers [T, K] right-aligned, with blanks in front and at least one digit."""
-    for end in range(letters.shape[-1], 0, -GROUP):
+    before_point = letters.shape[-1]
+
+    for end in range(before_point, 0, -GROUP):
         start = max(end - GROUP, 0)
+        width = end - start
         places = letters[..., start:end]
         whole = left
-        left, group = _split(left, end - start)
-        places[...] = _letters_of(_groups(""), group, end - start)
-        if end < letters.shape[-1]:
-            # The number ended in the group behind this one.
+        left, group = _split(left, width)
+
+        # As if this group were the first of its number: blanks in front.
+        places[...] = _letters_of(_groups(""), group, width)
+
+        # The number ended in the group behind this one.
+        if end < before_point:
             places[whole == 0] = BLANK
+
+        # A number with more digits in front has zeros instead of the blanks.
         if start:
             full = left > 0
-            places[full] = _letters_of(_groups("0"), group[full], end - start)
+            places[full] = _letters_of(_groups("0"), group[full], width)
 
 
 def _split(left: Whole, digits: int) -> tuple[Whole, Whole]:
     """(the digits in front, the last ones)."""
+    # Of the array's own type, because a larger one would make the division slow.
     ten = left.dtype.type(10**digits)
     above = left // ten
-    return above, left - above * ten
+    last = left - above * ten
+    return above, last
 
 
 def _letters_of(table: npt.NDArray[np.uint32], group: Whole, width: int) -> Letters:
     """[..] -> [.., width] the last letters of each group."""
-    letters = table[group].view(np.uint8).reshape(*group.shape, GROUP)
+    # An entry of the table is four letters in one number.
+    entries = table[group]
+    letters = entries.view(np.uint8).reshape(*group.shape, GROUP)
     return letters[..., GROUP - width :]
 
 
 @cache
 def _groups(fill: str) -> npt.NDArray[np.uint32]:
     """Every group of digits as four letters, filled up in front."""
-    words = [format(n, f"{fill}{GROUP}") for n in range(10**GROUP)]
-    return np.frombuffer("".join(words).encode(), dtype=np.uint32)
+    layout = f"{fill}{GROUP}"
+    words = [format(n, layout) for n in range(10**GROUP)]
+    letters = "".join(words).encode()
+    return np.frombuffer(letters, dtype=np.uint32)
