@@ -182,11 +182,17 @@ class Camera:
     @staticmethod
     def _reach(drawings: list[list[Window]]) -> tuple[slice, slice]:
         """The rows and columns that any tag of any drawing reaches."""
-        windows = [window for tags in drawings for window in tags]
-        top = min(rows.start for rows, _, _ in windows)
-        bottom = max(rows.stop for rows, _, _ in windows)
-        left = min(columns.start for _, columns, _ in windows)
-        right = max(columns.stop for _, columns, _ in windows)
+        rows: list[slice] = []
+        columns: list[slice] = []
+        for tags in drawings:
+            for tag_rows, tag_columns, _ in tags:
+                rows.append(tag_rows)
+                columns.append(tag_columns)
+
+        top = min(each.start for each in rows)
+        bottom = max(each.stop for each in rows)
+        left = min(each.start for each in columns)
+        right = max(each.stop for each in columns)
         return slice(top, bottom), slice(left, right)
 
     def _tags(self, object_mm: FloatArray, hand_mm: FloatArray) -> list[Window]:
@@ -247,6 +253,7 @@ class Camera:
 
     def _read(self, exact: FloatArray, rng: np.random.Generator) -> Frames:
         """[H, W] whole levels with noise; uses up `exact`."""
+        # Single precision is far finer than a level.
         if self.noise_levels:
             noise = rng.standard_normal(exact.shape, dtype=np.float32)
             exact += self.noise_levels * noise

@@ -150,7 +150,16 @@ def loop_end_s(trial: PlannedTrial, habits: Habits) -> float:
 
 
 class ClosedLoop:
-    """One batch of two trials or more with an object, ready to run."""
+    """One batch of two trials or more with an object, ready to run.
+
+    spans       samples at which each trial begins and ends
+    actuator    the drives of the hands
+    world       the physics
+    sensors     from forces to readings
+    models      from readings to answers
+    wearer      signals to open, and overrides
+    controller  from answers to targets
+    """
 
     def __init__(
         self,
@@ -250,16 +259,19 @@ def _spans(
     for trial in trials:
         grid = grid_of(trial, rate_hz, scene.file.step_s)
         whole = int(grid.sample[-1])
-        end = int(np.ceil(loop_end_s(trial, settings.habits) * rate_hz))
+        end_s = loop_end_s(trial, settings.habits)
+        end = int(np.ceil(end_s * rate_hz))
 
         # Nothing is decided after the hand has opened.
         if trial.action not in RISKY_ACTIONS:
             end = min(end, whole)
         if settings.whole_trials:
             end = max(end, whole)
+        count = max(grid.n_samples, end + 1)
+
         moves.append(round(grid.start_s * rate_hz))
         ends.append(end)
-        counts.append(max(grid.n_samples, end + 1))
+        counts.append(count)
 
     first_moves = np.array(moves)
     begins = np.maximum(first_moves - before, 0)

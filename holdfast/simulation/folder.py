@@ -246,7 +246,8 @@ def _motion(trials: Sequence[SimulatedTrial], starts_s: Sequence[float]) -> byte
     columns: list[Column] = [(np.concatenate(times_s), TIME_DECIMALS)]
 
     for what, place_m in places_m.items():
-        for axis, column in zip("xyz", 1e3 * place_m.T, strict=True):
+        place_mm = 1e3 * place_m
+        for axis, column in zip("xyz", place_mm.T, strict=True):
             header.append(f"{what}_{axis}_mm")
             columns.append((column, MOTION_DECIMALS))
 

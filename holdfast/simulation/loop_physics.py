@@ -182,7 +182,15 @@ class HandsAndObjects:
 
 
 class _Part:
-    """Some trials during one sample period: taken out, stepped, put back."""
+    """Some trials during one sample period: taken out, stepped, put back.
+
+    trials    their places in the batch; a single one twice, as numpy sums one in another order
+    all       whether they are the whole batch, which needs no copies
+    body      of these trials
+    state     of these trials
+    travel_m  [S, n] how far each contact has slipped so far
+    mean      of the forces, where the chip averages
+    """
 
     def __init__(self, whole: HandsAndObjects, trials: IntArray) -> None:
         self.whole = whole

@@ -128,7 +128,12 @@ def _part(scene: Scene, trials: Sequence[PlannedTrial], done: Done) -> Moved:
 
 
 class RecordedLoop:
-    """A closed loop of trials with an object that keeps everything a recording needs."""
+    """A closed loop of trials with an object that keeps everything a recording needs.
+
+    _rows        [periods, 5, B] as GRIP_COLUMNS, at the beginning of each period
+    _forces_n    [periods, B, S, 3] at the end of each period
+    _position_m  [periods, B, 3] of the object, likewise
+    """
 
     def __init__(self, scene: Scene, trials: Sequence[PlannedTrial]) -> None:
         control = scene.file.controller
@@ -158,9 +163,11 @@ class RecordedLoop:
         assert isinstance(loop.controller, Managed)
 
         for period in range(periods):
+            # The row of a sample has what was decided at it, and the grip it was decided with.
             target_n = loop.decide(period)
             self._rows[period, :COMMANDS] = _commands(loop.controller)
             self._rows[period, COMMANDS] = loop.actuator.grip_n
+
             loop.world.advance(period, target_n)
             self._forces_n[period] = loop.world.forces_n
             self._position_m[period] = loop.world.position_m

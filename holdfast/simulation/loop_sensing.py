@@ -40,7 +40,11 @@ OUTPUTS = ("p_situation", "situation", "unknown")
 
 
 class LoopSensors:
-    """The sensors of B trials, n_samples [B] long; latency: samples by which a reading is late."""
+    """The sensors of B trials, read a sample at a time.
+
+    counts   [B] samples of each trial
+    latency  samples by which a reading is late: 1 with timing jitter, else 0
+    """
 
     def __init__(
         self, scene: Scene, trials: Sequence[PlannedTrial], counts: IntArray
@@ -163,7 +167,8 @@ class LoopSensors:
 class HandModels:
     """One model file, B hands; the bias of each is of its own first rows.
 
-    samples [B]: how many samples each hand needs answers for; after them its answers stand still.
+    model    the opened file; its graph answers up to TOGETHER hands in one call
+    samples  [B] how many samples each hand needs answers for; after them its answers stand still
     """
 
     def __init__(self, model: OpenedModel, samples: IntArray) -> None:
@@ -205,11 +210,16 @@ class HandModels:
         """Step the groups of hands that are not done."""
         for steps, hands, samples in self._groups:
             # A call whose hands are all done costs nothing.
-            if self._answered < samples:
-                steps.sample[:] = values[hands]
-                steps.valid[:] = valid[hands]
-                for name, array in steps.step().items():
-                    self._out[name][hands] = array
+            if self._answered >= samples:
+                continue
+
+            # The graph reads its inputs from the arrays that it was opened with.
+            steps.sample[:] = values[hands]
+            steps.valid[:] = valid[hands]
+            answers = steps.step()
+            for name, array in answers.items():
+                self._out[name][hands] = array
+
         self._answered += 1
 
     def _sense(self, values: FloatArray, valid: BoolArray) -> GripSense:

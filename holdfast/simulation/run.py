@@ -79,7 +79,14 @@ class TrialMotion:
 
 
 class StepTape:
-    """What every step of every trial leaves: the truth of TrialMotion, [steps, .., B]."""
+    """What every step of every trial leaves: the truth of TrialMotion.
+
+    agents_n  [steps, 3, B], single precision to save memory
+    gripped   [steps, B]
+    slips     [steps, B]
+    slides    [steps, B]
+    slip_m    [steps, B], single precision
+    """
 
     def __init__(self, steps: int, batch: int) -> None:
         self.agents_n = np.zeros((steps, 3, batch), dtype=np.float32)
@@ -153,7 +160,11 @@ def travel_of(state: State, dt_s: FloatArray) -> FloatArray:
 
 
 class ForceMean:
-    """The chip's averaging: the mean of the forces over its conversion time before a sample."""
+    """The chip's averaging: the mean of the forces over its conversion time before a sample.
+
+    total     [S, 3, B] sum of force times time since the window began, N s
+    weight_s  [B] the time that is in the sum
+    """
 
     def __init__(self, settings: StepSettings, contacts: int, batch: int) -> None:
         self.window_s = settings.average_s

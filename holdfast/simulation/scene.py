@@ -66,6 +66,13 @@ class SimulatedTrial:
 class Scene:
     """A scene file, ready to simulate any of its trials from one seed.
 
+    file             as it was read
+    seed             of all random streams
+    settings         how the core steps
+    sensor_effects   name -> effect, in the order in which they act
+    physics_effects  name -> effect, those that take part in every step
+    camera           None for a scene without one
+
     controlled: steps trials whose hand has a controller (loop_recording.py); without it the hand
     keeps its grip, whatever the file says.
     """

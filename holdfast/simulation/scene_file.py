@@ -349,6 +349,7 @@ class _SceneReader(CardReader):
         self.require_controller_fits(scene)
         self.require_camera_fits(scene)
         self.require_unit_given(scene)
+        # A chip that averages cannot read faster than it converts.
         average_s = step_settings(scene.effects).get("average_s")
         if average_s and scene.rate_hz > 1.0 / average_s:
             fastest_hz = f"{1.0 / average_s:.0f} Hz"
@@ -363,6 +364,8 @@ class _SceneReader(CardReader):
         given = {effect_named(name).gives_unit for name in scene.effects}
         if scene.unit == "N" or scene.unit in given:
             return
+
+        # The error names the effect that is missing.
         gives = [e.name for e in all_effects().values() if e.gives_unit == scene.unit]
         allowed = f"only with [effects.{gives[0]}]: an ideal force sensor has no field"
         raise self.refused("record.unit", scene.unit, allowed)

@@ -93,15 +93,18 @@ class Times:
 
 def _gives(trial: PlannedTrial, closed: float, act: float) -> float:
     """When the person lets go; a weak grip is supported until the action takes the weight."""
+    drawn = trial.drawn
     if not trial.supported:
-        return closed + trial.drawn["give_after_s"]
+        return closed + drawn["give_after_s"]
     if trial.action in ("fall", "pull"):
         return act
     if trial.action == "pass":
-        return act + trial.drawn["take_s"]
+        return act + drawn["take_s"]
     if trial.action == "put-down":
-        return act + BOX_GAP_M / trial.drawn["box_m_s"]
+        comes_s = BOX_GAP_M / drawn["box_m_s"]
+        return act + comes_s
 
+    # A disturbed hold under a weak grip is supported to its end.
     return act + NEVER_S
 
 
@@ -109,13 +112,18 @@ def _opens(trial: PlannedTrial, act: float) -> float:
     """When the hand opens."""
     drawn = trial.drawn
     if trial.action == "pass":
-        return act + drawn["wait_s"] + drawn["open_after_s"]
+        moves = act + drawn["wait_s"]
+        return moves + drawn["open_after_s"]
+
     if trial.action == "put-down":
-        return act + BOX_GAP_M / drawn["box_m_s"] + drawn["open_after_s"]
+        touches = act + BOX_GAP_M / drawn["box_m_s"]
+        return touches + drawn["open_after_s"]
+
     if trial.action == "hold":
         # The person has come back, and has held the object for as long, before the hand opens.
         disturbed_s = drawn["times"] * drawn["every_s"]
         return act + disturbed_s + 2.0 * CATCH_S
+
     return NEVER_S
 
 
@@ -293,9 +301,16 @@ def body_of(trials: Sequence[PlannedTrial], pressure: FloatArray) -> Body:
 class Script:
     """Actions of hand and people in a batch, at any times [n, B].
 
-    boxed: there are boxes, at NO_BOX_M for trials that set nothing down; always where one trial
-    sets something down. An object that falls for more than a second meets one, so a batch keeps
-    its boxes to its end.
+    close_s, give_s, act_s, open_s     [B] times of the events
+    holds, falls, sets_down, passes    [B] which trials have which action
+    takes       [B] which have a person who moves the object, gently or not
+    closed_m    [S, B] how far past contact a finger closes for its share of the grip
+    push        [3, B] direction of taking
+    weight_n    [B]
+    boxed       there are boxes, at NO_BOX_M for trials that set nothing down
+
+    There are boxes wherever one trial sets something down. An object that falls for more than a
+    second meets one, so a batch keeps its boxes to its end.
     """
 
     def __init__(

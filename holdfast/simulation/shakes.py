@@ -35,6 +35,12 @@ class Arm(PhysicsEffect):
 
     x = amplitude (10 u^3 - 15 u^4 + 6 u^5), u = t / duration; acceleration
     amplitude / duration^2 (60 u - 180 u^2 + 120 u^3), m/s^2.
+
+    along    [3, B] direction of the reaches times their length, m
+    start_s  [B] of the first reach
+    lasts_s  [B] duration of a reach
+    cycle_s  [B] from one reach to the next
+    count    [B] reaches
     """
 
     kind = "shakes"
@@ -96,6 +102,11 @@ class Tremor(PhysicsEffect):
     """Two sines of 4 to 12 Hz, random directions and phases, half the amplitude each, m/s^2.
 
     Frequencies of physiological and essential tremor: Elble & Koller, "Tremor", 1990.
+
+    along   for each sine [3, B] its direction times its amplitude, m/s^2
+    phase   [WAVES, B] rad
+    rate    [B] the angular frequency that both are near, rad/s
+    detune  [WAVES, B] factor of it
     """
 
     kind = "shakes"

@@ -73,7 +73,7 @@ def _cells(values: FloatArray, decimals: int) -> Letters:
     letters[..., 0] = np.where(scaled < 0.0, MINUS, BLANK)
     letters[..., -1] = COMMA
 
-    # 32 bits divide faster
+    # Numbers of 32 bits divide faster.
     kind = np.uint32 if most < 2**32 else np.uint64
     digits: Whole = left.astype(kind)
     whole = _write_decimals(digits, letters[..., 1:-1], decimals)

@@ -147,7 +147,9 @@ def truth_of(trial: PlannedTrial, motion: TrialMotion, *, acted: bool = False) -
     if acted:
         marks = _stopped(marks, motion, steps.lost)
 
-    slip_m = motion.slip_m[steps.lost - 1] - motion.slip_m[steps.contact]
+    at_last_m = motion.slip_m[steps.lost - 1]
+    at_first_m = motion.slip_m[steps.contact]
+    slip_m = at_last_m - at_first_m
     return Truth(
         contact_s=_time(motion, steps.contact),
         load_onset_s=_time(motion, steps.onset),
