@@ -132,6 +132,7 @@ def undone(data: bytes, where: str | Path = "") -> bytes:
         whole = hashlib.sha256(base).hexdigest() == card["adaptation"]["base_sha256"]
     except (KeyError, TypeError, ValueError, zlib.error, binascii.Error):
         whole = False
+
     if not whole:
         raise NotAdapted(
             "the base file in it cannot be restored",
@@ -139,6 +140,7 @@ def undone(data: bytes, where: str | Path = "") -> bytes:
             cause="the file was altered, or another version of the onnx library wrote it",
             next_step="use your copy of the base file",
         )
+
     return base
 
 
@@ -236,6 +238,7 @@ def _require_same_streams(
         names = [output.name for output in session.get_outputs()]
         names.remove("state_out")
         streams.append(run_recording(session, values, valid, names))
+
     old, new = streams
     _require_reference(old, new, old["features"], correction, " of a stream")
     return len(values)

@@ -89,6 +89,7 @@ def write_artifact(folder: str | Path, artifact: Artifact) -> Path:
         if head.label_weights is not None:
             entry["label_weights"] = list(head.label_weights)
         heads[head.name] = entry
+
     _write_arrays(folder / ROWS, {"rows": artifact.rows})
     index = {
         "format": FORMAT,
@@ -107,7 +108,8 @@ def _write_learner(folder: Path, head: Head) -> dict[str, str]:
     import skops.io  # half a second, which reading figures need not wait for
 
     names = {}
-    forest, network = forest_of(head.learner), network_of(head.learner)
+    forest = forest_of(head.learner)
+    network = network_of(head.learner)
     if forest is not None:
         names["forest"] = f"{head.name}.skops"
         write_whole(folder / names["forest"], skops.io.dumps(forest))
@@ -129,6 +131,7 @@ def _write_network(path: Path, network: Network) -> None:
         arrays[f"weights{number}"] = layer.weights
         arrays[f"bias{number}"] = layer.bias
         arrays[f"scale{number}"] = layer.scale
+
     _write_arrays(path, arrays)
 
 
@@ -163,6 +166,7 @@ def read_artifact(folder: str | Path) -> Artifact:
         raise ArtifactError(
             f"the artifact is damaged ({error})", where=folder, next_step=EMPTY_FOLDER
         ) from None
+
     return artifact
 
 
@@ -183,6 +187,7 @@ def _read_index(folder: Path) -> Mapping[str, Any]:
             cause="no training wrote to this folder, or it did not finish",
             next_step=f"holdfast train --data FOLDER --out {folder}",
         ) from None
+
     if not isinstance(index, dict) or index.get("format") != FORMAT:
         raise ArtifactError(
             "another format of artifact",
@@ -193,7 +198,8 @@ def _read_index(folder: Path) -> Mapping[str, Any]:
 
 
 def _read_head(folder: Path, name: str, entry: Mapping[str, Any]) -> Head:
-    numbers, weights = entry["calibration"], entry.get("label_weights")
+    numbers = entry["calibration"]
+    weights = entry.get("label_weights")
     return Head(
         name=name,
         classes=tuple(entry["classes"]),
@@ -238,6 +244,7 @@ def _read_forest(path: Path) -> Forest:
             where=path,
             next_step="train again",
         ) from None
+
     if not isinstance(forest, FOREST_KINDS):
         raise ArtifactError(
             f"a {type(forest).__name__} where a forest belongs",
@@ -253,6 +260,7 @@ def _read_network(path: Path) -> Network:
     votes_in_all = int(arrays.pop("votes_in_all"))
     for array in arrays.values():
         _require_finite_float32(array)
+
     layers: list[Layer] = []
     while f"weights{len(layers)}" in arrays:
         number = len(layers)
@@ -262,6 +270,7 @@ def _read_network(path: Path) -> Network:
             scale=arrays[f"scale{number}"],
         )
         layers.append(layer)
+
     inputs = Inputs(arrays["knee"], arrays["gain"], arrays["offset"])
     network = Network(inputs, tuple(layers), votes_in_all)
     _require_chain(network)
@@ -275,7 +284,8 @@ def _require_finite_float32(array: Float32Array) -> None:
 
 def _require_chain(network: Network) -> None:
     """Raise ValueError where one layer does not follow the other."""
-    inputs, width = network.inputs, network.n_features
+    inputs = network.inputs
+    width = network.n_features
     complete = len(inputs.gain) == len(inputs.offset) == width
     if not network.layers or not complete:
         raise ValueError("a network's inputs and layers are not complete")
@@ -307,7 +317,8 @@ def _require_that_parts_fit(artifact: Artifact) -> None:
 
 def _votes_for(learner: Learner, n_classes: int) -> bool:
     """Whether a learner votes for these classes and no others."""
-    forest, network = forest_of(learner), network_of(learner)
+    forest = forest_of(learner)
+    network = network_of(learner)
     if forest is not None and not np.isin(forest.classes_, range(n_classes)).all():
         return False
     return network is None or network.n_classes == n_classes

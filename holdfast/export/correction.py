@@ -27,7 +27,9 @@ from holdfast.export.network import (
 
 PREFIX = "adapted_"
 """Begins the name of every tensor that a correction adds."""
-BEFORE, VOTES, FEATURES = f"{PREFIX}votes_before", "votes", "features"
+BEFORE = f"{PREFIX}votes_before"
+VOTES = "votes"
+FEATURES = "features"
 
 
 @dataclass(frozen=True)
@@ -53,8 +55,10 @@ def risky_to_safe(n_classes: int) -> Float32Array:
     per = n_classes // len(SITUATIONS)
     moved = np.zeros((n_classes, n_classes), dtype=np.float32)
     for k in range(per):
-        risky, safe = RISKY_SLIP * per + k, SAFE_SLIP * per + k
-        moved[risky, risky], moved[risky, safe] = -1.0, 1.0
+        risky = RISKY_SLIP * per + k
+        safe = SAFE_SLIP * per + k
+        moved[risky, risky] = -1.0
+        moved[risky, safe] = 1.0
     return moved
 
 
@@ -117,6 +121,7 @@ def remove_correction(model: onnx.ModelProto) -> None:
     for node in nodes:
         if node.output[0] == BEFORE:
             node.output[:] = [VOTES]
+
     # a copy, because clearing the graph ends the messages that it holds
     kept = onnx.GraphProto(node=nodes, initializer=constants)
     graph.ClearField("node")

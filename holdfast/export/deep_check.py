@@ -39,6 +39,7 @@ def deep_checks(path: str | Path) -> Iterator[CheckResult]:
         model = onnx.load_from_string(read_sealed(path))
     except ModelError:
         return  # the self-test has reported it in its first line
+
     for what, check in CHECKS.items():
         try:
             yield CheckResult(what, True, check(model))
@@ -66,6 +67,7 @@ def _check_shapes(model: onnx.ModelProto) -> str:
     for value in (*alone.graph.input, *alone.graph.output):
         # without the batch as a word, every size is a number
         value.type.tensor_type.shape.dim[0].dim_value = 1
+
     inferred = onnx.shape_inference.infer_shapes(
         alone, check_type=True, strict_mode=True, data_prop=True
     )
@@ -73,6 +75,7 @@ def _check_shapes(model: onnx.ModelProto) -> str:
     for value in inferred.graph.value_info:
         sizes = [one.dim_value for one in value.type.tensor_type.shape.dim]
         largest = max(largest, math.prod(sizes))
+
     if largest > MOST_ELEMENTS:
         raise ValueError(f"a tensor would have {largest} numbers")
     return f"the largest tensor of one sample has {largest} numbers"
@@ -124,6 +127,7 @@ def _require_walks(columns: dict[str, Any], n_features: int) -> int:
     row_of = {}
     for place, key in enumerate(zip(tree.tolist(), number.tolist(), strict=True)):
         row_of[key] = place
+
     if len(row_of) != len(tree):
         raise ValueError("two nodes of a tree have one number")
     if (feature < 0).any() or (feature >= n_features).any():
@@ -133,6 +137,7 @@ def _require_walks(columns: dict[str, Any], n_features: int) -> int:
             # a child that comes after its node cannot lead back to it
             if row_of.get((int(tree[row]), int(child)), -1) <= row:
                 raise ValueError("a branch leads to no later node of its tree")
+
     _require_votes(columns, row_of, branch)
     return len(set(tree.tolist()))
 
@@ -151,6 +156,7 @@ def _require_votes(
         if key not in row_of:
             raise ValueError("a vote is for a node that does not exist")
         given[row_of[key]] += weight
+
     votes_of_leaves = set(given[~branch].tolist())
     if given[branch].any() or len(votes_of_leaves) != 1 or not min(votes_of_leaves):
         raise ValueError("the leaves do not give equally many votes")

@@ -53,7 +53,8 @@ def sections(rate_hz: float, band_hz: float) -> FloatArray:
 
 def _first_section(rate_hz: float) -> tuple[float, float]:
     """(gain, feedback) of the low-passed difference."""
-    k, low = 2.0 * rate_hz, 2.0 * math.pi * LOW_PASS_HZ
+    k = 2.0 * rate_hz
+    low = 2.0 * math.pi * LOW_PASS_HZ
     return k * low / (k + low), (low - k) / (k + low)
 
 
@@ -80,7 +81,8 @@ def _step(
     """One step in the form that the matrix is derived from (transposed direct form II)."""
     gain, feedback = _first_section(rate_hz)
     u = gain * difference - feedback * state[0]
-    following, outputs = [u], []
+    following = [u]
+    outputs = []
     for index, band_hz in enumerate(bands_hz):
         b, a = _resonator(rate_hz, band_hz)
         signal = u
@@ -91,6 +93,7 @@ def _step(
             following.append(b[2] * signal - a[2] * out)
             signal = out
         outputs.append(signal)
+
     return np.array(following + outputs)
 
 
@@ -104,13 +107,15 @@ def noise_gain(
     """
     matrix = step_matrix(rate_hz, bands_hz)
     size = matrix.shape[0] - 1
-    state, response = np.zeros(size), []
+    state = np.zeros(size)
+    response = []
     impulse = [1.0, -1.0] + [0.0] * math.ceil(seconds * rate_hz)
     for difference in impulse:
         row = np.concatenate([[difference], state])
         out = (row[:, None] * matrix).sum(axis=0)
         state = out[:size]
         response.append(out[size:])
+
     energy = (np.array(response) ** 2).sum(axis=0)
     return float(np.sqrt(energy).max())
 

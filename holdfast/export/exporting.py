@@ -135,7 +135,8 @@ def model_card(artifact: Artifact) -> Json:
 
 def _head_card(head: Head) -> Json:
     card: Json = {"classes": list(head.classes)}
-    forest, network = forest_of(head.learner), network_of(head.learner)
+    forest = forest_of(head.learner)
+    network = network_of(head.learner)
     if forest is not None:
         trees = forest.estimators_
         card["trees"] = len(trees)

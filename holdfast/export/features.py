@@ -46,7 +46,8 @@ class FeatureGroup:
 
 
 def _window(history: History) -> Triples:
-    graph, n_sensors = history.graph, history.spec.n_sensors
+    graph = history.graph
+    n_sensors = history.spec.n_sensors
     n_samples = history.spec.window_samples
     first = history.length - n_samples
     recent = graph.columns(history.samples, first, history.length)
@@ -83,7 +84,8 @@ def _scaled_differences(history: History) -> Triples:
 
 
 def _activity(history: History) -> Triples:
-    graph, summed = history.graph, history.summed
+    graph = history.graph
+    summed = history.summed
     later = graph.columns(summed, 1, history.length)
     earlier = graph.columns(summed, 0, history.length - 1)
     steps = graph.node("Abs", graph.node("Sub", later, earlier))
@@ -103,7 +105,8 @@ def _shear(history: History) -> str:
     graph = history.graph
     changes = history.summed_changes((1, 1 + len(LAGS_S)), (0, 2))
     shear = graph.node("ReduceL2", changes, [2], keepdims=1)
-    normal, floor = history.normal, NORMAL_FLOOR[history.spec.unit]
+    normal = history.normal
+    floor = NORMAL_FLOOR[history.spec.unit]
     scale = graph.node("Max", normal, floor)
     scaled = graph.node("Div", shear, scale)
     both = graph.node("Concat", shear, scaled, axis=1)
@@ -119,7 +122,8 @@ def _ranges(history: History) -> Triples:
 
 def _range(history: History, signal: str, span_s: float) -> str:
     """[B, 1, ..]: the largest minus the smallest of a signal [B, L, ..] over a span."""
-    graph, length = history.graph, history.length
+    graph = history.graph
+    length = history.length
     recent = graph.columns(signal, length - history.spec.lag(span_s) - 1, length)
     high = graph.node("ReduceMax", recent, [1], keepdims=1)
     low = graph.node("ReduceMin", recent, [1], keepdims=1)
@@ -127,7 +131,8 @@ def _range(history: History, signal: str, span_s: float) -> str:
 
 
 def _more_differences(history: History) -> Triples:
-    graph, now = history.graph, history.length - 1
+    graph = history.graph
+    now = history.length - 1
     lags = [history.spec.lag(seconds) for seconds in MORE_LAGS_S]
     places = [now, *(now - lag for lag in lags)]
     rows = graph.node("Gather", history.samples, places, axis=1)
@@ -163,7 +168,8 @@ def _imbalance(history: History) -> Triples:
 
 def _leaned(history: History, arms: FloatArray) -> Triples:
     """Sum a x[t] and its changes, scaled, for arms [S] of the sensors."""
-    graph, rows = history.graph, 1 + len(LAGS_S)
+    graph = history.graph
+    rows = 1 + len(LAGS_S)
     by_arm = graph.constant(np.kron(arms[:, None], np.eye(3)))
     channels = graph.columns(history.changes, 0, history.spec.n_channels, axis=2)
     moments = graph.node("MatMul", channels, by_arm)
@@ -320,6 +326,7 @@ def _joined(history: History, added: list[Triples | str]) -> list[str]:
             parts.append(history.chosen(run))
             run = []
         parts.append(group)
+
     if run:
         parts.append(history.chosen(run))
     return parts

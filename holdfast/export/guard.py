@@ -93,7 +93,8 @@ def _next_places(spec: StepSpec) -> FloatArray:
     """
     bridged = spec.gap_samples + 1
     number = np.arange(1 + bridged * spec.settle_samples)
-    delivered, lost = -(-number // bridged), -number % bridged
+    delivered = -(-number // bridged)
+    lost = -number % bridged
     is_lost = (number == 0) | (lost + 1 == bridged)
     after_bad = np.where(is_lost, 0, number - 1)
     after_good = bridged * np.minimum(delivered + 1, spec.settle_samples)
@@ -132,8 +133,10 @@ def reference_flags(
     triples = values.reshape(len(values), -1, 3)
     in_range = (np.abs(triples) < RANGE_LIMIT[spec.unit]).all(axis=2)
     good = valid & in_range
-    delivered, lost = np.zeros(spec.n_sensors, int), np.zeros(spec.n_sensors, int)
-    n_settled, n_usable = [], []
+    delivered = np.zeros(spec.n_sensors, int)
+    lost = np.zeros(spec.n_sensors, int)
+    n_settled = []
+    n_usable = []
     for now in good:
         lost = np.where(now, 0, lost + 1)
         bridged = np.where(lost > spec.gap_samples, 0, delivered)
@@ -141,6 +144,7 @@ def reference_flags(
         settled = delivered >= spec.settle_samples
         n_settled.append(settled.sum())
         n_usable.append((now & settled).sum())
+
     usable = np.array(n_usable)
     return {
         "settled": np.array(n_settled) >= spec.min_valid_sensors,
@@ -210,7 +214,8 @@ class History:
 
         rows, axes: (first, one past the last).
         """
-        changes, graph = self.changes, self.graph
+        changes = self.changes
+        graph = self.graph
         sum_x = self.spec.n_channels
         starts = [rows[0], sum_x + axes[0]]
         stops = [rows[1], sum_x + axes[1]]
@@ -226,7 +231,8 @@ class History:
     @cached_property
     def change_places(self) -> npt.NDArray[np.int64]:
         """[1 + lags, n + 1] rows of `changes` in the pool."""
-        rows, columns = 1 + len(LAGS_S), self.spec.n_sensors + 1
+        rows = 1 + len(LAGS_S)
+        columns = self.spec.n_sensors + 1
         triples = self.graph.reshape(self.changes, 0, rows * columns, 3)
         return np.reshape(self.pooled(triples, rows * columns), (rows, columns))
 
@@ -245,6 +251,7 @@ class History:
         for group in groups:
             places += group.places
             flags += [group.scaled] * len(group.places)
+
         triples = graph.node("Gather", self.pool, places, axis=1)
         if any(flags):
             scaled = np.array(flags)[:, None]
@@ -253,6 +260,7 @@ class History:
             floor = np.where(scaled, NORMAL_FLOOR[self.spec.unit], 1.0)
             divisor = graph.node("Max", scale, floor)
             triples = graph.node("Div", triples, divisor)
+
         return graph.node("Flatten", triples, axis=1)
 
 

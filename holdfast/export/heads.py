@@ -61,7 +61,8 @@ class Head:
 def add_heads(graph: GraphBuilder, features: str, heads: list[Head]) -> None:
     """Join every head to the features; publishes the outputs of the model's interface."""
     for head in heads:
-        n_classes, out = len(head.classes), head.votes_name
+        n_classes = len(head.classes)
+        out = head.votes_name
         votes = add_learner(graph, head.learner, features, n_classes, out)
         graph.output(out, TensorProto.FLOAT, n_classes)
         if head.name != MAIN_HEAD:
@@ -146,7 +147,8 @@ def reference_probability(head: Head, votes: IntArray) -> npt.NDArray[np.float64
 def reference_heavy(votes: IntArray) -> npt.NDArray[np.bool_]:
     """[N, 8] votes -> [N]: at least as many for heavy as for light; "nothing" does not count."""
     contact = votes[:, 2:]
-    light, heavy = contact[:, 0::2].sum(axis=1), contact[:, 1::2].sum(axis=1)
+    light = contact[:, 0::2].sum(axis=1)
+    heavy = contact[:, 1::2].sum(axis=1)
     return np.asarray(heavy >= light, dtype=np.bool_)
 
 

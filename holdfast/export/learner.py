@@ -100,7 +100,8 @@ def kind_of(learner: Learner) -> str:
 
 def votes_in_all(learner: Learner) -> int:
     """The sum of a row's votes."""
-    forest, network = forest_of(learner), network_of(learner)
+    forest = forest_of(learner)
+    network = network_of(learner)
     votes = 0
     if forest is not None:
         votes += votes_of_trees(len(forest.estimators_))
@@ -129,7 +130,8 @@ def reference_votes(
         bad = np.flatnonzero(~finite)
         what = f"{len(bad)} rows have features that are not finite, the first is row {bad[0]}"
         raise NotANumber(what, where="feature rows")
-    forest, network = forest_of(learner), network_of(learner)
+    forest = forest_of(learner)
+    network = network_of(learner)
     total = np.zeros((len(rows), n_classes), dtype=np.int64)
     if forest is not None:
         total += forest_votes(forest, rows, n_classes)
@@ -149,6 +151,7 @@ def forest_votes(
         some = slice(start, start + ROWS_AT_ONCE)
         for tree, votes in zip(forest.estimators_, votes_by_tree, strict=True):
             total[some] += votes[tree.tree_.apply(rows[some])]
+
     return total
 
 
@@ -164,6 +167,7 @@ def leaf_votes(forest: Forest, n_classes: int) -> list[IntArray]:
         wide = np.zeros((tree.tree_.node_count, n_classes), dtype=np.int64)
         wide[:, columns] = _quantise(tree.tree_.value[:, 0, :], scale)
         votes.append(wide)
+
     return votes
 
 
@@ -241,6 +245,7 @@ def _tree_attributes(forest: Forest) -> dict[str, Any]:
             dtype=np.float32,
         )
         expected.extend(range(tree.tree_.node_count))
+
     if not np.array_equal(expected, attributes["nodes_nodeids"]):
         raise AssertionError("skl2onnx no longer numbers nodes as scikit-learn does")
     return {name: attributes[name] for name in NODE_ATTRIBUTES}

@@ -31,7 +31,8 @@ LARGEST_FEATURE = 2.0**100
 HIDDEN_MOST = 255
 """Largest value of a hidden unit."""
 WEIGHT_MOST = 2**15 - 1
-LOGIT_STEPS, TABLE_LENGTH = 64, 1024
+LOGIT_STEPS = 64
+TABLE_LENGTH = 1024
 """Steps of a logit, 1/nat; a class 16 nats behind the first has no votes."""
 EXPONENTIALS = np.round(2.0**16 * np.exp(-np.arange(TABLE_LENGTH) / LOGIT_STEPS))
 VOTES = 1 << 20
@@ -112,7 +113,8 @@ class Network:
 
 
 def _require_exact(layer: Layer, largest_input: int) -> None:
-    weights, bias = layer.weights.astype(np.float64), layer.bias.astype(np.float64)
+    weights = layer.weights.astype(np.float64)
+    bias = layer.bias.astype(np.float64)
     whole = (weights == np.round(weights)).all() and (bias == np.round(bias)).all()
     magnitudes = np.abs(weights)
     if not whole or magnitudes.max(initial=0.0) > WEIGHT_MOST:

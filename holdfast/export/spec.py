@@ -42,6 +42,7 @@ def bands_for(
             f"and needs more than {lowest / HIGHEST_SHARE:.4g} Hz",
             next_step="record faster",
         )
+
     return usable
 
 

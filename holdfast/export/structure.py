@@ -27,14 +27,16 @@ from holdfast.export.learner import (
 from holdfast.export.network import Inputs, Network
 
 THRESHOLD_ROWS = 20_000
-STEP_ROWS, STEP_SHARE = 5_000, 0.2
+STEP_ROWS = 5_000
+STEP_SHARE = 0.2
 """Rows on the steps of a network's inputs, and the share of inputs that are moved there."""
 Places = npt.NDArray[np.intp]
 
 
 def hard_rows(learner: Learner, rows: FloatRows, seed: int) -> FloatRows:
     """Hard rows [H, F] for all that is in a learner."""
-    forest, network = forest_of(learner), network_of(learner)
+    forest = forest_of(learner)
+    network = network_of(learner)
     parts = []
     if forest is not None:
         parts.append(threshold_rows(forest, rows, seed))
@@ -104,7 +106,8 @@ class _Nodes:
         self.feature = np.concatenate([tree.feature for tree in trees])
         threshold = np.concatenate([tree.threshold for tree in trees])
         at = largest_float32_not_above(threshold)
-        below, above = np.nextafter(at, -infinite), np.nextafter(at, infinite)
+        below = np.nextafter(at, -infinite)
+        above = np.nextafter(at, infinite)
         self.values = np.array([at, below, above])
         self.branches = np.flatnonzero(self.feature >= 0)
         self._parent = np.full(len(at), -1)
@@ -132,9 +135,11 @@ class _Nodes:
     def _turn(self, rows: FloatRows, parent: Places, node: Places) -> None:
         """Send rows from a node's parent, where there is one (-1: none), to the node."""
         these = np.flatnonzero(parent >= 0)
-        parent, is_left = parent[these], self._is_left[node[these]]
+        parent = parent[these]
+        is_left = self._is_left[node[these]]
         feature = self.feature[parent]
-        at, over = self.values[0, parent], self.values[2, parent]
+        at = self.values[0, parent]
+        over = self.values[2, parent]
         goes_left = rows[these, feature] <= at
         wrong = goes_left != is_left
         turned = np.where(is_left, at, over)
@@ -146,7 +151,8 @@ def require_same_numbers(model: onnx.ModelProto, head: Head) -> int:
 
     Raises VerificationFailed with the number of those that differ.
     """
-    forest, network = forest_of(head.learner), network_of(head.learner)
+    forest = forest_of(head.learner)
+    network = network_of(head.learner)
     count = 0
     if forest is not None:
         made_by = {node.output[0]: node for node in model.graph.node}
@@ -155,6 +161,7 @@ def require_same_numbers(model: onnx.ModelProto, head: Head) -> int:
             # the votes of a committee are the sum of those of the trees and of the network
             trees = made_by[trees.input[0]]
         count += _same_trees(trees, forest, head)
+
     if network is not None:
         count += _same_weights(model, network, head)
     return count
@@ -186,6 +193,7 @@ def _same_trees(node: onnx.NodeProto, forest: Forest, head: Head) -> int:
     for name, numbers in expected.items():
         given = np.array(exported[name], dtype=numbers.dtype)
         wrong |= branch & (given != numbers)
+
     expected_votes = np.concatenate(leaf_votes(forest, len(head.classes)))
     expected_votes[branch] = 0
     wrong |= np.any(_votes_of(exported, trees, head) != expected_votes, axis=1)

@@ -126,6 +126,7 @@ def verify(
         nodes = require_same_numbers(model, head)
         compared[head.name] = _compare(head, hard, answers, len(rows), nodes)
         single += require_single_rows_equal(learners, hard, answers, SINGLE_ROWS, seed)
+
     report("verifying ties, and streams of one hand against a batch")
     ties = _check_ties(model, heads)
     samples = _compare_streams(model, spec, seed)
@@ -175,6 +176,7 @@ def _compare(
             cause="a converter or runtime that treats the learner differently",
             next_step=REPORT_VERSIONS,
         )
+
     plain = None
     if isinstance(head.learner, FOREST_KINDS):
         plain = _disagreement(head.learner, rows[:given], expected[:given])
@@ -226,6 +228,7 @@ def require_single_rows_equal(
     chosen = rng.choice(len(rows), size=min(most, len(rows)), replace=False)
     for name, value in run_rows(session, rows[chosen], 1).items():
         _require_same(name, value, batch[name][chosen])
+
     return len(chosen)
 
 
@@ -275,6 +278,7 @@ def _compare_streams(model: onnx.ModelProto, spec: StepSpec, seed: int) -> int:
                 f"output {name!r} does not follow the guard's rule",
                 next_step="report this",
             )
+
     # The other recordings of the batch differ in size, so that a mix-up of rows would show.
     scale = np.random.default_rng(seed).uniform(0.1, 2.0, size=BATCH)
     scale[BATCH // 2] = 1.0
@@ -284,4 +288,5 @@ def _compare_streams(model: onnx.ModelProto, spec: StepSpec, seed: int) -> int:
         batch.valid[:] = valid[t]
         for name, value in batch.step().items():
             _require_same(name, alone[name][t], value[BATCH // 2])
+
     return len(values) * BATCH

@@ -66,6 +66,7 @@ class StepCode:
         for name, field in _fields(graph).items():
             places = early if name in made_early else late
             places[name] = field
+
         sense = Memory(graph, views, plan.sense, types, early, plan.keep)
         answer = Memory(graph, views, plan.answer, types, late)
         _require_apart(graph, plan, views)
@@ -82,7 +83,8 @@ class StepCode:
     ) -> tuple[str, str]:
         """(definitions, body of the function that calls them in order)."""
         writer = Writer(self._graph, memory, self.tables, self._names, self._largest)
-        definitions, calls = [], []
+        definitions = []
+        calls = []
         for step in steps:
             # a step that nothing reads is not written
             if any(memory.is_kept(name) for name in step.outputs):
@@ -90,12 +92,15 @@ class StepCode:
                 definitions.append(made.definition)
                 calls.append(made.call)
                 self._n_functions += 1
+
         lines = []
         for c_type, size in memory.sizes.items():
             if size:
                 lines.append(f"    {c_type} {SCRATCH[c_type]}[{size}];")
+
         for line in [*calls, *end]:
             lines.append(f"    {line}")
+
         return "\n".join(definitions), "\n".join(lines)
 
 
@@ -145,9 +150,11 @@ def _kept_state(graph: Graph, node: Node, memory: Memory) -> list[str]:
     """The next state, in place: each part moves towards the front, or comes from elsewhere."""
     if node.op_type != "Concat":
         raise refusal(node, "the next state is not joined from parts")
-    lines, at = [], 0
+    lines = []
+    at = 0
     for name in node.inputs:
-        place, size = memory.place(name), math.prod(graph.shape(name))
+        place = memory.place(name)
+        size = math.prod(graph.shape(name))
         inside = place.array == "state"
         # a part that moves backwards would be overwritten before it is copied
         if (inside and place.offset < at) or graph.values(name) is not None:
@@ -156,4 +163,5 @@ def _kept_state(graph: Graph, node: Node, memory: Memory) -> list[str]:
         source = place.address()
         lines.append(f"{copy}(state + {at}, {source}, {size} * sizeof *state);")
         at += size
+
     return lines

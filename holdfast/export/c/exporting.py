@@ -56,6 +56,7 @@ def export_c(
     with whole_folder(folder) as unfinished:
         for name, content in contents.items():
             write_whole(unfinished / name, content)
+
     return CExport(names, source, selftest)
 
 
@@ -104,6 +105,7 @@ def find_compiler() -> str:
         if path is not None:
             _require_c99(path)
             return path
+
     missing = "CC names a program that is not there" if wanted else "none is installed"
     raise CompilerFailed(
         f"no C compiler ({', '.join(names)})",

@@ -25,7 +25,8 @@ Array = npt.NDArray[Any]
 ELEMENTS = {np.dtype(dtype): element for element, dtype in DTYPES.items()}
 INPUTS = ("sample", "valid", "state")
 """Tensors that the caller of a step owns."""
-FEATURES, NEXT_STATE = "features", "state_out"
+FEATURES = "features"
+NEXT_STATE = "state_out"
 Shape = tuple[int, ...]
 
 
@@ -116,6 +117,7 @@ def _without_resets(
             chosen[node.outputs[0]] = node.inputs[1 if condition.all() else 2]
         else:
             kept.append(node)
+
     return tuple(kept)
 
 
@@ -138,6 +140,7 @@ def decoded(node: Node) -> Node:
             attributes[name] = _are_branches(data)
         else:
             attributes[name] = _whole_numbers(data)
+
     return replace(node, attributes=attributes)
 
 
@@ -152,11 +155,13 @@ def _whole_numbers(data: bytes) -> npt.NDArray[np.int64]:
     raw = np.frombuffer(data, np.uint8)
     # the last byte of a tag and of a number is below 128: every second one ends a number
     last = np.flatnonzero(raw < 0x80)
-    tags, ends = last[::2], last[1::2]
+    tags = last[::2]
+    ends = last[1::2]
     values = np.zeros(len(ends), dtype=np.int64)
     for k in range(int((ends - tags).max(initial=0))):
         here = tags + 1 + k <= ends
         values[here] |= (raw[tags[here] + 1 + k] & 0x7F).astype(np.int64) << (7 * k)
+
     return values
 
 
@@ -173,6 +178,7 @@ def shapes_of(model: OnnxModel) -> dict[str, Tensor]:
     for name, declared in model.inputs.items():
         shape = [1 if isinstance(size, str) else size for size in declared.shape]
         arrays[name] = np.ones(shape, DTYPES[declared.element])
+
     for node in model.nodes:
         try:
             inputs = [arrays[name] for name in node.inputs]
@@ -181,10 +187,12 @@ def shapes_of(model: OnnxModel) -> dict[str, Tensor]:
             raise refusal(node, f"its inputs do not fit ({error!s:.80})") from None
         outputs = made if isinstance(made, list) else [made]
         arrays.update(zip(node.outputs, outputs, strict=True))
+
     tensors = {}
     for name, array in arrays.items():
         values = model.constants.get(name)
         tensors[name] = Tensor(ELEMENTS[array.dtype], array.shape, values)
+
     return tensors
 
 

@@ -59,11 +59,13 @@ def smallest_type(values: npt.NDArray[Any]) -> str:
     >>> smallest_type(np.array([0, 255])), smallest_type(np.array([-1, 200]))
     ('uint8_t', 'int16_t')
     """
-    least, most = int(values.min(initial=0)), int(values.max(initial=0))
+    least = int(values.min(initial=0))
+    most = int(values.max(initial=0))
     for name, dtype in INTEGERS:
         limits = np.iinfo(dtype)
         if limits.min <= least and most <= limits.max:
             return name
+
     raise OverflowError(f"{least} to {most}")
 
 

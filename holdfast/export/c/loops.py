@@ -36,10 +36,13 @@ def write_loop(step: Step, writer: Writer) -> list[str]:
     lines: list[str] = []
     for node in step.nodes:
         lines += loop.lines(node)
+
     for variable, size in reversed(loop.counters):
         lines = counted(variable, size, lines)
+
     for name in step.outputs:
         lines += _padding(name, writer)
+
     return lines
 
 
@@ -68,9 +71,11 @@ class _Loop:
 
     def lines(self, node: Node) -> list[str]:
         """A number of a node's output, and where it is kept."""
-        writer, (out,) = self._writer, node.outputs
+        writer = self._writer
+        (out,) = node.outputs
         operands = [self._operand(name, node) for name in node.inputs]
-        name, wanted = writer.name(out), writer.value_type(out)
+        name = writer.name(out)
+        wanted = writer.value_type(out)
         value = self._expression(node, operands)
         if not writer.memory.is_kept(out):
             return [f"const {wanted} {name} = {value};"]
@@ -93,7 +98,8 @@ class _Loop:
 
     def _constant(self, tensor: str, values: np.ndarray, node: Node) -> str:
         """A constant as one number or as a place in a table; of a Gather, the table itself."""
-        writer, c_type = self._writer, C_TYPES[self._graph.element(tensor)]
+        writer = self._writer
+        c_type = C_TYPES[self._graph.element(tensor)]
         is_table = node.op_type == "Gather" and tensor == node.inputs[0]
         if is_table:
             c_type = _table_type(values)
@@ -114,6 +120,7 @@ class _Loop:
         terms = []
         for variable, axis in zip(VARIABLES, axes, strict=False):
             terms.append((step[axis], variable, padded[axis]))
+
         return index(*terms)
 
     def _is_flat(self, node: Node) -> bool:
@@ -127,7 +134,8 @@ class _Loop:
         return True
 
     def _expression(self, node: Node, operands: list[str]) -> str:
-        op, element = node.op_type, self._graph.element(node.inputs[0])
+        op = node.op_type
+        element = self._graph.element(node.inputs[0])
         is_real = element in (FLOAT, DOUBLE)
         if op in INFIX:
             return f"{operands[0]} {INFIX[op]} {operands[1]}"

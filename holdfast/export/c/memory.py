@@ -64,6 +64,7 @@ class Memory:
         self._places: dict[str, Place] = {}
         for name, array in outside.items():
             self._places[name] = Place(self.c_type(name), array)
+
         last_reader = _last_readers(steps, views, kept)
         for at, step in enumerate(steps):
             for name in step.outputs:
@@ -99,12 +100,14 @@ class Memory:
 
     def _allot(self, name: str) -> Place:
         """The first free block that is large enough, or new memory at the end."""
-        c_type, n = self.c_type(name), self._size(name)
+        c_type = self.c_type(name)
+        n = self._size(name)
         blocks = self._free.setdefault(c_type, [])
         for k, (start, size) in enumerate(blocks):
             if size >= n:
                 blocks[k] = (start + n, size - n)
                 return Place(c_type, SCRATCH[c_type], start)
+
         end = self.sizes.get(c_type, 0)
         self.sizes[c_type] = end + n
         return Place(c_type, SCRATCH[c_type], end)
@@ -124,6 +127,7 @@ class Memory:
                 joined.append((first, before + size))
             else:
                 joined.append((start, size))
+
         self._free[place.c_type] = joined
 
 
@@ -136,6 +140,7 @@ def _last_readers(
     for at, step in enumerate(steps):
         made |= dict.fromkeys(step.outputs, at)
         readers += [(at, node) for node in step.nodes]
+
     if kept is not None:
         readers.append((len(steps), kept))
     last: dict[str, int] = {}
@@ -145,4 +150,5 @@ def _last_readers(
             # inside the loop that makes it, a tensor is a variable and needs no memory
             if base in made and (made[base] != at or name in views):
                 last[base] = at
+
     return last

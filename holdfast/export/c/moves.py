@@ -24,10 +24,13 @@ SUMS = ("ReduceSum", "ReduceL2")
 
 def write_concat(node: Node, writer: Writer) -> list[str]:
     """All inputs one after another along one axis, block by block."""
-    axis, out = split_axis(node), writer.name(node.outputs[0])
+    axis = split_axis(node)
+    out = writer.name(node.outputs[0])
     shape = writer.graph.shape(node.outputs[0])
-    blocks, row = math.prod(shape[:axis]), math.prod(shape[axis:])
-    lines, at = [], 0
+    blocks = math.prod(shape[:axis])
+    row = math.prod(shape[axis:])
+    lines = []
+    at = 0
     for name in node.inputs:
         if writer.is_constant(name):
             raise refusal(node, "an input is constant")
@@ -36,6 +39,7 @@ def write_concat(node: Node, writer: Writer) -> list[str]:
         source = f"{writer.name(name)} + {index((size, 'i', blocks))}"
         lines.append(f"memcpy({target}, {source}, {size} * sizeof *{out});")
         at += size
+
     return counted("i", blocks, lines)
 
 
@@ -43,9 +47,12 @@ def write_gather(node: Node, writer: Writer) -> list[str]:
     """Constant rows along one axis, by a table of places."""
     if writer.is_constant(node.inputs[0]):
         raise refusal(node, "a constant is chosen from")
-    x, out = writer.name(node.inputs[0]), writer.name(node.outputs[0])
-    shape, axis = writer.graph.shape(node.inputs[0]), split_axis(node)
-    blocks, size = math.prod(shape[:axis]), math.prod(shape[axis + 1 :])
+    x = writer.name(node.inputs[0])
+    out = writer.name(node.outputs[0])
+    shape = writer.graph.shape(node.inputs[0])
+    axis = split_axis(node)
+    blocks = math.prod(shape[:axis])
+    size = math.prod(shape[axis + 1 :])
     places = writer.graph.constant(node.inputs[1], node)
     n = places.size
     chosen = str(int(places.ravel()[0]))
@@ -69,8 +76,10 @@ def write_slice(node: Node, writer: Writer) -> list[str]:
 
 def write_split(node: Node, writer: Writer) -> list[str]:
     """Parts that are not one block of memory each."""
-    step, axis = strides(writer.graph.shape(node.inputs[0])), split_axis(node)
-    lines, at = [], 0
+    step = strides(writer.graph.shape(node.inputs[0]))
+    axis = split_axis(node)
+    lines = []
+    at = 0
     for name in node.outputs:
         if writer.memory.is_kept(name):
             lines += _strided(node, name, step, at * step[axis], writer)
@@ -95,28 +104,36 @@ def _strided(
     if len(axes) > len(VARIABLES):
         raise refusal(node, "it has too many dimensions")
     out_step = strides(shape)
-    to, source = [], []
+    to = []
+    source = []
     for variable, axis in zip(VARIABLES, axes, strict=False):
         to.append((out_step[axis], variable, 2))
         source.append((step[axis], variable, 2))
-    x, out = writer.name(node.inputs[0]), writer.name(output)
+
+    x = writer.name(node.inputs[0])
+    out = writer.name(output)
     lines = [f"{out}[{index(*to)}] = {x}[{index(*source, first=first)}];"]
     for k in reversed(range(len(axes))):
         lines = counted(VARIABLES[k], shape[axes[k]], lines)
+
     return lines
 
 
 def write_reduction(node: Node, writer: Writer) -> list[str]:
     """Over neighbouring axes: `outer` blocks of `n` rows of `inner` numbers become one row each."""
-    graph, (out,) = writer.graph, node.outputs
+    graph = writer.graph
+    (out,) = node.outputs
     shape = graph.shape(node.inputs[0])
     axes = sorted(graph.constant(node.inputs[1], node).tolist())
-    first, end = axes[0], axes[-1] + 1
+    first = axes[0]
+    end = axes[-1] + 1
     if axes != list(range(first, end)):
         raise refusal(node, "its axes are not neighbours")
-    outer, n = math.prod(shape[:first]), math.prod(shape[first:end])
+    outer = math.prod(shape[:first])
+    n = math.prod(shape[first:end])
     inner = math.prod(shape[end:])
-    block, along = (n * inner, "i", outer), (1, "j", inner)
+    block = (n * inner, "i", outer)
+    along = (1, "j", inner)
     x = writer.read(node.inputs[0], index(block, (inner, "k", n), along))
     target = f"{writer.name(out)}[{index((inner, 'i', outer), along)}]"
     sums = node.op_type in SUMS
@@ -137,9 +154,11 @@ def write_reduction(node: Node, writer: Writer) -> list[str]:
 
 def write_arg_max(node: Node, writer: Writer) -> list[str]:
     """The place of the largest; of equal ones the last, where the graph asks for it."""
-    out, n = writer.name(node.outputs[0]), writer.graph.shape(node.inputs[0])[-1]
+    out = writer.name(node.outputs[0])
+    n = writer.graph.shape(node.inputs[0])[-1]
     beats = ">=" if node.attributes.get("select_last_index", 0) else ">"
-    other, best = writer.read(node.inputs[0], "k"), writer.read(node.inputs[0], "best")
+    other = writer.read(node.inputs[0], "k")
+    best = writer.read(node.inputs[0], "best")
     body = counted("k", n, [f"best = {other} {beats} {best} ? k : best;"], first=1)
     return ["int best = 0;", *body, f"{out}[0] = best;"]
 
@@ -148,5 +167,6 @@ def write_softmax(node: Node, writer: Writer) -> list[str]:
     """Probabilities of one row."""
     if writer.graph.element(node.inputs[0]) != FLOAT:
         raise refusal(node, "it has no C form for its type")
-    x, out = writer.name(node.inputs[0]), writer.name(node.outputs[0])
+    x = writer.name(node.inputs[0])
+    out = writer.name(node.outputs[0])
     return [f"hf_softmax({x}, {out}, {writer.graph.shape(node.inputs[0])[-1]});"]

@@ -86,7 +86,8 @@ def split_axis(node: Node) -> int:
 
 def _block(node: Node, graph: Graph) -> list[tuple[str, int]]:
     """The output of a Slice, if it is one block: only its first axis longer than 1 is cut."""
-    whole, part = graph.shape(node.inputs[0]), graph.shape(node.outputs[0])
+    whole = graph.shape(node.inputs[0])
+    part = graph.shape(node.outputs[0])
     for axis, size in enumerate(whole):
         if part[axis] != size and math.prod(part[:axis]) != 1:
             return []
@@ -134,7 +135,8 @@ class Plan:
 def plan_of(graph: Graph, views: dict[str, View]) -> Plan:
     """Cut the graph at its features; what follows them is a function of them alone."""
     behind = {FEATURES}
-    sense, answer = _Order(graph, views), _Order(graph, views)
+    sense = _Order(graph, views)
+    answer = _Order(graph, views)
     (keep,) = [node for node in graph.nodes if NEXT_STATE in node.outputs]
     for node in graph.nodes:
         is_view = any(name in views for name in node.outputs)
@@ -147,6 +149,7 @@ def plan_of(graph: Graph, views: dict[str, View]) -> Plan:
             order.add(node)
         if is_behind:
             behind.update(node.outputs)
+
     return Plan(sense.steps, keep, answer.steps)
 
 

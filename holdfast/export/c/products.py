@@ -42,20 +42,25 @@ class _Product:
 
 def write_product(node: Node, writer: Writer) -> list[str]:
     """MatMul of one constant matrix with a computed tensor."""
-    graph, (out,) = writer.graph, node.outputs
-    left, right = graph.values(node.inputs[0]), graph.values(node.inputs[1])
+    graph = writer.graph
+    (out,) = node.outputs
+    left = graph.values(node.inputs[0])
+    right = graph.values(node.inputs[1])
     if writer.memory.c_type(out) == "int32_t":
         assert right is not None
         return write_whole_product(node, right, writer)
     c_type = C_TYPES[graph.element(out)]
     if left is not None and right is None and left.ndim == 2:
-        x, shape = writer.name(node.inputs[1]), graph.shape(node.inputs[1])
+        x = writer.name(node.inputs[1])
+        shape = graph.shape(node.inputs[1])
         if math.prod(shape[:-2]) != 1:
             raise refusal(node, "its second input has more than two dimensions")
         product = _Product(left, x, writer.name(out), c_type, writer)
         return _constant_left(product, shape[-1])
+
     if right is not None and left is None and right.ndim <= 2:
-        x, shape = writer.name(node.inputs[0]), graph.shape(node.inputs[0])
+        x = writer.name(node.inputs[0])
+        shape = graph.shape(node.inputs[0])
         matrix = right.reshape(len(right), -1)
         product = _Product(matrix, x, writer.name(out), c_type, writer)
         return _constant_right(product, math.prod(shape[:-1]))
@@ -78,14 +83,17 @@ def _constant_left(product: _Product, columns: int) -> list[str]:
         target = f"{product.out}[{index(along, first=row * columns)}]"
         body = [*_sum(terms, product.c_type), f"{target} = y;"]
         lines += counted("j", columns, body) if columns > 1 else block("", body)
+
     return lines
 
 
 def _long_row(product: _Product, row: int, columns: int) -> list[str]:
     """A sum over a range of rows of the input, in a loop for some columns at once."""
-    c_type, weights = product.c_type, product.matrix[row]
+    c_type = product.c_type
+    weights = product.matrix[row]
     places = np.flatnonzero(weights)
-    first, end = int(places[0]), int(places[-1]) + 1
+    first = int(places[0])
+    end = int(places[-1]) + 1
     used = weights[first:end]
     # a mean has one weight for all its terms: no table is needed
     if len(np.unique(used)) == 1:
@@ -96,7 +104,9 @@ def _long_row(product: _Product, row: int, columns: int) -> list[str]:
         weight = f"{table}[k - {first}]" if first else f"{table}[k]"
     lines = []
     for start in range(0, columns, MOST_SUMS):
-        zeros, adds, kept = [], [], []
+        zeros = []
+        adds = []
+        kept = []
         for n in range(start, min(columns, start + MOST_SUMS)):
             operand = f"{product.x}[{index((columns, 'k', 2), first=n)}]"
             zeros.append(f"y{n} = 0")
@@ -104,6 +114,7 @@ def _long_row(product: _Product, row: int, columns: int) -> list[str]:
             kept.append(f"{product.out}[{row * columns + n}] = y{n};")
         loop = counted("k", end, adds, first=first)
         lines += block("", [f"{c_type} {', '.join(zeros)};", *loop, *kept])
+
     return lines
 
 
@@ -120,12 +131,14 @@ def _constant_right(product: _Product, rows: int) -> list[str]:
             terms.append((weights[k], operand))
         target = f"{product.out}[{index((columns, 'i', rows), first=column)}]"
         lines += block("", [*_sum(terms, product.c_type), f"{target} = y;"])
+
     return counted("i", rows, lines)
 
 
 def _dense_right(product: _Product, rows: int) -> list[str]:
     """All of a large matrix as a table."""
-    c_type, (inner, columns) = product.c_type, product.matrix.shape
+    c_type = product.c_type
+    (inner, columns) = product.matrix.shape
     name = f"hf_{product.out}_weights"
     table = product.writer.tables.add(name, product.matrix, c_type)
     operand = f"{product.x}[{index((inner, 'i', rows), (1, 'k', inner))}]"
@@ -152,6 +165,7 @@ def _sum(terms: list[tuple[Any, str]], c_type: str) -> list[str]:
             lines.append(f"y {'+' if weight > 0 else '-'}= {operand};")
         else:
             lines.append(_add(c_type, "y", number(weight, c_type), operand))
+
     return lines
 
 

@@ -87,6 +87,7 @@ def _source(compiled: StepCode, words: Words) -> str:
     ]
     for name in HAND_FILES:
         parts.append(_template(name, words))
+
     return "\n".join(parts)
 
 
@@ -108,13 +109,15 @@ def _snippets(used_in: str) -> str:
         for name in called & set(helpers) - wanted:
             wanted.add(name)
             texts.append(helpers[name])
+
     bodies = [body.strip() + "\n" for name, body in helpers.items() if name in wanted]
     return "\n".join(bodies)
 
 
 def _words(graph: Graph, compiled: StepCode) -> dict[str, object]:
     """The words and numbers of one model."""
-    card, n = graph.card, graph.card.n_channels
+    card = graph.card
+    n = graph.card.n_channels
     reduced = "; forces are not in N, so there is no ceiling and no target"
     words: dict[str, object] = {
         "MODEL_ID": card.model_id,
@@ -187,12 +190,14 @@ def _struct(graph: Graph) -> str:
         field = f"{C_TYPES[graph.element(name)]} {name}{length};"
         comment = f"/* {about} */" if about else ""
         lines.append(f"    {field:<28}{comment}".rstrip())
+
     return "\n".join(lines)
 
 
 def _selftest(graph: Graph, words: Words) -> str:
     """holdfast_selftest.c: the golden answers of the file as tables, the input by its formula."""
-    tables, checks = [], []
+    tables = []
+    checks = []
     for name in graph.outputs:
         answers = graph.golden[name]
         size = math.prod(answers.shape[1:])
@@ -201,6 +206,7 @@ def _selftest(graph: Graph, words: Words) -> str:
         c_type = smallest_type(answers) if is_exact else C_TYPES[graph.element(name)]
         tables.append(table(f"golden_{name}", answers, c_type))
         checks.append(f"        {_check(name, size, is_exact)}")
+
     more = {
         "ROWS": golden_length(graph.card.settle_samples),
         "AMPLITUDE": number(AMPLITUDE[graph.card.unit], "double"),

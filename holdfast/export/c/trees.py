@@ -41,14 +41,16 @@ class Forest:
     @property
     def is_short(self) -> bool:
         """Whether 16 bits name every child."""
-        least, most = self.children.min(initial=0), self.children.max(initial=0)
+        least = self.children.min(initial=0)
+        most = self.children.max(initial=0)
         return least >= -MOST_SHORT and most < MOST_SHORT
 
 
 def read_forest(node: Node, n_classes: int) -> Forest:
     """The trees of a TreeEnsembleRegressor, which are checked already (edge_runtime)."""
     about: dict[str, Any] = dict(node.attributes)
-    branch, tree = about["nodes_modes"], about["nodes_treeids"]
+    branch = about["nodes_modes"]
+    tree = about["nodes_treeids"]
     first = np.flatnonzero(about["nodes_nodeids"] == 0)
     leaf_votes, leaf_of = _leaves(about, first, branch, n_classes)
     # a node's number in C: a branch counts from its tree's first branch, a leaf is ~leaf
@@ -87,11 +89,13 @@ def _leaves(
 def write_trees(node: Node, writer: Writer) -> list[str]:
     """Walk all trees, some at a time, and add up the votes of their leaves."""
     (out,) = node.outputs
-    name, x = writer.name(out), writer.name(node.inputs[0])
+    name = writer.name(out)
+    x = writer.name(node.inputs[0])
     n_classes = writer.graph.shape(out)[1]
     forest = _padded(read_forest(node, n_classes))
     kind, width = ("short", 12) if forest.is_short else ("long", 16)
-    tables, prefix = writer.tables, f"hf_{name}"
+    tables = writer.tables
+    prefix = f"hf_{name}"
     votes_type = smallest_type(forest.votes)
     votes = tables.add(f"{prefix}_leaves", forest.votes, votes_type)
     starts = tables.add(f"{prefix}_starts", forest.starts, "int32_t")
@@ -152,5 +156,6 @@ def _branches(name: str, forest: Forest, kind: str) -> str:
         low, high = children
         limit = number(threshold, "float")
         lines.append(f"    {{{limit}, {feature}, {{{low}, {high}}}}}")
+
     rows = ",\n".join(lines)
     return f"{head}[{len(lines)}] = {{\n{rows}\n}};\n"

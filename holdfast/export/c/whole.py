@@ -32,7 +32,8 @@ EXACT_FLOAT32 = 2**24
 PACKED = 8
 TOGETHER = 4
 """Units whose sums are made at once: they share each input that is read."""
-INPUT_TYPE, SUM_TYPE = "int16_t", "int32_t"
+INPUT_TYPE = "int16_t"
+SUM_TYPE = "int32_t"
 MOST_INPUT = 2**15 - 1
 
 
@@ -61,7 +62,8 @@ class Whole:
         return bool((largest_sums < EXACT_FLOAT32).all())
 
     def _is_whole(self, name: str) -> bool:
-        values, node = self._graph.values(name), self._made_by.get(name)
+        values = self._graph.values(name)
+        node = self._made_by.get(name)
         if values is not None:
             return bool((values == np.round(values)).all())
         if node is None:
@@ -71,7 +73,8 @@ class Whole:
         return node.op_type == "Round"
 
     def _find_bounds(self, name: str) -> Bounds:
-        values, node = self._graph.values(name), self._made_by.get(name)
+        values = self._graph.values(name)
+        node = self._made_by.get(name)
         if values is not None:
             return float(values.min()), float(values.max())
         if node is None or node.op_type not in _RULES:
@@ -96,14 +99,16 @@ class Whole:
     def _each(self, node: Node) -> tuple[np.ndarray, np.ndarray]:
         """(least, most) of every number: each feature has its gain and its offset."""
         first, second = node.inputs
-        values, inner = self._graph.values(second), self._made_by.get(first)
+        values = self._graph.values(second)
+        inner = self._made_by.get(first)
         if values is None:
             return np.array(-math.inf), np.array(math.inf)
         if node.op_type == "Add" and inner is not None and inner.op_type == "Mul":
             low, high = self._each(inner)
         else:
             bounds = self._bounds(first)
-            low, high = np.array(bounds[0]), np.array(bounds[1])
+            low = np.array(bounds[0])
+            high = np.array(bounds[1])
         if node.op_type == "Add":
             return low + values, high + values
         if not np.isfinite(high - low).all():
@@ -126,7 +131,8 @@ class Whole:
         total = self._made_by.get(below)
         if total is None or total.op_type != "Add":
             return ANYTHING
-        size, knee = self._made_by.get(total.inputs[0]), total.inputs[1]
+        size = self._made_by.get(total.inputs[0])
+        knee = total.inputs[1]
         if size is None or size.op_type != "Abs" or size.inputs[0] != above:
             return ANYTHING
         values = self._graph.values(knee)
@@ -152,11 +158,13 @@ def whole_types(graph: Graph, plan: Plan, whole: Whole) -> dict[str, str]:
     for step in plan.answer:
         if step.shape is not None:
             in_loops.update(step.outputs)
+
     readers = _readers(graph)
     for node in graph.nodes:
         if node.op_type != "MatMul" or graph.element(node.outputs[0]) != FLOAT:
             continue
-        values, (total,) = node.inputs[0], node.outputs
+        values = node.inputs[0]
+        (total,) = node.outputs
         largest = whole.largest(values)
         fits = largest is not None and largest <= MOST_INPUT
         alone = all(reader.op_type == "MatMul" for reader in readers[values])
@@ -167,6 +175,7 @@ def whole_types(graph: Graph, plan: Plan, whole: Whole) -> dict[str, str]:
         if fits and alone and into_loops and whole.sums_are_exact(node):
             types[values] = INPUT_TYPE
             types[total] = SUM_TYPE
+
     return types
 
 
@@ -197,7 +206,8 @@ def write_whole_product(
     node: Node, matrix: npt.NDArray[Any], writer: Writer
 ) -> list[str]:
     """The sums of all units, loop by loop."""
-    x, out = writer.name(node.inputs[0]), writer.name(node.outputs[0])
+    x = writer.name(node.inputs[0])
+    out = writer.name(node.outputs[0])
     ranges = [_range(column) for column in matrix.T]
     lines: list[str] = []
     unit = 0
@@ -222,6 +232,7 @@ def write_whole_product(
         lines += _sums(units, 0, TOGETHER)
         lines += _sums(units, count - count % TOGETHER, 1)
         unit += count
+
     return lines
 
 
@@ -232,7 +243,9 @@ def _sums(units: _Units, begin: int, together: int) -> list[str]:
         return []
     width = units.width
     value = f"{units.x}[{index((1, 'k', width), first=units.first_input)}]"
-    zeros, adds, kept = [], [], []
+    zeros = []
+    adds = []
+    kept = []
     for n in range(together):
         zeros.append(f"y{n} = 0")
         row = index((1, "k", width), first=n * width)
@@ -240,6 +253,7 @@ def _sums(units: _Units, begin: int, together: int) -> list[str]:
         first_unit = units.first_unit + begin + n
         target = index((together, "i", passes), first=first_unit)
         kept.append(f"{units.out}[{target}] = y{n};")
+
     start = index((together * width, "i", passes), first=begin * width)
     body = [
         f"const {units.c_type} *row = {units.table} + {start};",
@@ -255,5 +269,6 @@ def _range(column: npt.NDArray[Any]) -> tuple[int, int]:
     places = np.flatnonzero(column)
     if not len(places):
         return 0, PACKED
-    first, last = int(places[0]), int(places[-1])
+    first = int(places[0])
+    last = int(places[-1])
     return first // PACKED * PACKED, (last // PACKED + 1) * PACKED

@@ -91,17 +91,20 @@ class Function:
 
 def function(step: Step, number: int, body: list[str], writer: Writer) -> Function:
     """Wrap the body of a step; its parameters are what it reads and what it makes."""
-    arguments, parameters = [], []
+    arguments = []
+    parameters = []
     text = "\n".join(body)
     for tensor in _read_from_outside(step, writer):
         # the body of a step may leave out what it multiplies with 0
         if re.search(rf"\b{writer.name(tensor)}\b", text):
             parameters.append(_parameter(tensor, writer, "const "))
             arguments.append(writer.memory.place(tensor).address())
+
     for tensor in step.outputs:
         if writer.memory.is_kept(tensor):
             parameters.append(_parameter(tensor, writer, ""))
             arguments.append(writer.memory.place(tensor).address())
+
     name = f"hf_step_{number}"
     operators = ", ".join(node.op_type for node in step.nodes)
     about = f"/* {textwrap.fill(operators, 94)} */"
@@ -112,7 +115,8 @@ def function(step: Step, number: int, body: list[str], writer: Writer) -> Functi
 
 def _read_from_outside(step: Step, writer: Writer) -> list[str]:
     """The tensors that a step reads and does not make, once each, in order."""
-    inside, read = set(step.outputs), []
+    inside = set(step.outputs)
+    read = []
     for node in step.nodes:
         for tensor in node.inputs:
             if tensor not in inside and not writer.is_constant(tensor):
