@@ -14,6 +14,7 @@ from holdfast.export.c.whole import INPUT_TYPE, PACKED
 from holdfast.export.c.writer import Writer, counted, index
 
 VARIABLES = ("i", "j", "k")
+"""Counters of nested loops, from the outermost on."""
 INFIX = {
     "Add": "+",
     "Sub": "-",
@@ -27,6 +28,7 @@ INFIX = {
 SMALL = 2.0**22
 """Numbers below it may be rounded by adding and taking away a large one."""
 CALLS = {"Abs": "fabs", "Sqrt": "sqrt", "Floor": "floor"}
+"""Functions of C for double; those for float end in f."""
 
 
 def write_loop(step: Step, writer: Writer) -> list[str]:
@@ -40,6 +42,7 @@ def write_loop(step: Step, writer: Writer) -> list[str]:
     for variable, size in reversed(loop.counters):
         lines = counted(variable, size, lines)
 
+    # the zeros follow the loop, because they do not depend on its counters
     for name in step.outputs:
         lines += _padding(name, writer)
 
@@ -62,9 +65,12 @@ class _Loop:
         self._writer = writer
         self._graph = writer.graph
         self._inside = set(step.outputs)
+
         # where all inputs have the loop's shape, one counter is enough
-        self._flat = len(shape) > 1 and all(self._is_flat(node) for node in step.nodes)
+        has_axes = len(shape) > 1
+        self._flat = has_axes and all(self._is_flat(node) for node in step.nodes)
         sizes = (math.prod(shape),) if self._flat else shape
+
         if len(sizes) > len(VARIABLES):
             raise refusal(step.nodes[0], "it has too many dimensions")
         self.counters = list(zip(VARIABLES, sizes, strict=False))
@@ -77,19 +83,27 @@ class _Loop:
         name = writer.name(out)
         wanted = writer.value_type(out)
         value = self._expression(node, operands)
+
+        # only later nodes of this loop read it: a variable is enough
         if not writer.memory.is_kept(out):
             return [f"const {wanted} {name} = {value};"]
+
+        # Later nodes of the loop read the variable, which has the graph's type; memory may have a
+        # smaller one.
         kept = writer.memory.place(out).c_type
         cast = "" if kept == wanted else f"({kept})"
+        place = self._index(out, node)
         return [
             f"const {wanted} {name}_ = {value};",
-            f"{name}[{self._index(out, node)}] = {cast}{name}_;",
+            f"{name}[{place}] = {cast}{name}_;",
         ]
 
     def _operand(self, tensor: str, node: Node) -> str:
+        """How C reads an input: a literal, a table, an array, or a variable of this loop."""
         values = self._graph.values(tensor)
         if values is not None:
             return self._constant(tensor, values, node)
+
         writer = self._writer
         if tensor not in self._inside:
             return writer.read(tensor, self._index(tensor, node))
@@ -101,21 +115,28 @@ class _Loop:
         writer = self._writer
         c_type = C_TYPES[self._graph.element(tensor)]
         is_table = node.op_type == "Gather" and tensor == node.inputs[0]
+
         if is_table:
             c_type = _table_type(values)
         elif _is_uniform(values):
             return number(values.ravel()[0], c_type)
+
         name = writer.tables.add(f"hf_{writer.name(tensor)}", values, c_type)
-        return name if is_table else f"{name}[{self._index(tensor, node)}]"
+        if is_table:
+            return name
+        return f"{name}[{self._index(tensor, node)}]"
 
     def _index(self, tensor: str, node: Node) -> str:
         """Where the number of this pass is; an axis of length one is read again and again."""
         shape = self._graph.shape(tensor)
         if self._flat:
             return "i" if math.prod(shape) > 1 else "0"
+
+        # ONNX broadcasts as numpy does: missing axes are added in front, with length one
         out = self._graph.shape(node.outputs[0])
         padded: Shape = (1,) * (len(out) - len(shape)) + shape
         step = strides(padded)
+
         axes = [axis for axis, size in enumerate(out) if size != 1]
         terms = []
         for variable, axis in zip(VARIABLES, axes, strict=False):
@@ -127,28 +148,37 @@ class _Loop:
         """Whether every input is of the loop's shape, or one number."""
         whole = without_ones(self._graph.shape(node.outputs[0]))
         inputs = node.inputs[1:] if node.op_type == "Gather" else node.inputs
+
         for name in inputs:
             shape = without_ones(self._graph.shape(name))
-            if shape not in (whole, ()) and not _is_uniform(self._graph.values(name)):
+            has_shape = shape in (whole, ())
+            if not has_shape and not _is_uniform(self._graph.values(name)):
                 return False
+
         return True
 
     def _expression(self, node: Node, operands: list[str]) -> str:
+        """A node's operator as a C expression. Raises NotCompilable for one without a C form."""
         op = node.op_type
         element = self._graph.element(node.inputs[0])
         is_real = element in (FLOAT, DOUBLE)
+
         if op in INFIX:
             return f"{operands[0]} {INFIX[op]} {operands[1]}"
         if op in CALLS and is_real:
-            return f"{CALLS[op]}{'f' if element == FLOAT else ''}({operands[0]})"
+            # a processor with a float unit alone would compute a double in software
+            suffix = "f" if element == FLOAT else ""
+            return f"{CALLS[op]}{suffix}({operands[0]})"
         if op in ("Max", "Min"):
             sign = ">" if op == "Max" else "<"
-            return "{0} {2} {1} ? {0} : {1}".format(*operands, sign)
+            first, second = operands
+            return f"{first} {sign} {second} ? {first} : {second}"
         if op == "Clip" and is_real:
             helper = "hf_clip_f" if element == FLOAT else "hf_clip"
             return f"{helper}({', '.join(operands)})"
         if op == "Where":
-            return "{} ? {} : {}".format(*operands)
+            condition, if_true, if_false = operands
+            return f"{condition} ? {if_true} : {if_false}"
         if op == "Round" and element == FLOAT:
             return f"{self._rounding(node)}({operands[0]})"
         if op == "Cast":
@@ -160,14 +190,17 @@ class _Loop:
     def _rounding(self, node: Node) -> str:
         """The helper that rounds: a faster one where the number is proved to be small."""
         largest = self._writer.largest(node.outputs[0])
-        return "hf_round" if largest is None or largest >= SMALL else "hf_round_small"
+        if largest is None or largest >= SMALL:
+            return "hf_round"
+        return "hf_round_small"
 
     def _looked_up(self, node: Node, operands: list[str]) -> str:
         """A number of a table of one row; a corrupted state must not reach beyond it."""
         shape = self._graph.shape(node.inputs[0])
         if len(shape) != 1:
             raise refusal(node, "its table has more than one row")
-        return f"{operands[0]}[hf_within({operands[1]}, {shape[0] - 1})]"
+        table, place = operands
+        return f"{table}[hf_within({place}, {shape[0] - 1})]"
 
 
 def _is_uniform(values: np.ndarray | None) -> bool:
@@ -177,15 +210,19 @@ def _is_uniform(values: np.ndarray | None) -> bool:
 
 def _table_type(values: np.ndarray) -> str:
     """Whole numbers as the smallest unsigned or signed type: they are exact in every type."""
-    if (values == np.round(values)).all() and np.abs(values).max() < 2**31:
+    is_whole = (values == np.round(values)).all()
+    if is_whole and np.abs(values).max() < 2**31:
         return smallest_type(values)
     return "double" if values.dtype == np.float64 else "float"
 
 
 def _cast(node: Node, element: int, operand: str) -> str:
+    """A Cast from an element type; places and counts of the graph have 32 bits in C."""
     to = node.attributes["to"]
     assert isinstance(to, int)
     assert to in DTYPES
+
+    # any number but 0 is true, as in ONNX; a C cast to uint8_t would keep the lowest bits
     if to == BOOL:
         return f"{operand} != 0"
     # C leaves a cast of NaN or of a number that does not fit undefined; the helper bounds it

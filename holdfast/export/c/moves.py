@@ -13,13 +13,16 @@ from holdfast.export.c.plan import slice_offset, split_axis, strides
 from holdfast.export.c.writer import Writer, counted, index
 
 VARIABLES = ("i", "j", "k")
+"""Counters of nested loops, from the outermost on."""
 TAKES = {
     "ReduceMax": "{x} > {y} ? {x} : {y}",
     "ReduceMin": "{x} < {y} ? {x} : {y}",
     "ReduceSum": "{y} + {x}",
     "ReduceL2": "{y} + {x} * {x}",
 }
+"""Reduction -> how a number x changes the result y so far."""
 SUMS = ("ReduceSum", "ReduceL2")
+"""Reductions that begin with 0; the others begin with the first number."""
 
 
 def write_concat(node: Node, writer: Writer) -> list[str]:
@@ -27,13 +30,18 @@ def write_concat(node: Node, writer: Writer) -> list[str]:
     axis = split_axis(node)
     out = writer.name(node.outputs[0])
     shape = writer.graph.shape(node.outputs[0])
+
+    # Before the axis, the inputs lie in as many blocks as the output; behind it, each is one copy.
     blocks = math.prod(shape[:axis])
     row = math.prod(shape[axis:])
+
     lines = []
     at = 0
     for name in node.inputs:
+        # No graph of an export joins a constant, so none needs a table that memcpy could read.
         if writer.is_constant(name):
             raise refusal(node, "an input is constant")
+
         size = math.prod(writer.graph.shape(name)[axis:])
         target = f"{out} + {index((row, 'i', blocks), first=at)}"
         source = f"{writer.name(name)} + {index((size, 'i', blocks))}"
@@ -47,12 +55,15 @@ def write_gather(node: Node, writer: Writer) -> list[str]:
     """Constant rows along one axis, by a table of places."""
     if writer.is_constant(node.inputs[0]):
         raise refusal(node, "a constant is chosen from")
+
     x = writer.name(node.inputs[0])
     out = writer.name(node.outputs[0])
     shape = writer.graph.shape(node.inputs[0])
+
     axis = split_axis(node)
     blocks = math.prod(shape[:axis])
     size = math.prod(shape[axis + 1 :])
+
     places = writer.graph.constant(node.inputs[1], node)
     n = places.size
     chosen = str(int(places.ravel()[0]))
@@ -60,11 +71,15 @@ def write_gather(node: Node, writer: Writer) -> list[str]:
         # places are read at every sample: short ones leave more of the cache to the trees
         c_type = "uint16_t" if shape[axis] < 2**16 else "int32_t"
         chosen = writer.tables.add(f"hf_{out}_places", places, c_type) + "[j]"
+
     along = (1, "k", size)
+    # the 2 stands for a loop of more than one pass: a chosen row is read even where n is 1
     source = index((shape[axis] * size, "i", blocks), (size, chosen, 2), along)
     target = index((n * size, "i", blocks), (size, "j", n), along)
-    copied = counted("k", size, [f"{out}[{target}] = {x}[{source}];"])
-    return counted("i", blocks, counted("j", n, copied))
+
+    row = counted("k", size, [f"{out}[{target}] = {x}[{source}];"])
+    rows = counted("j", n, row)
+    return counted("i", blocks, rows)
 
 
 def write_slice(node: Node, writer: Writer) -> list[str]:
@@ -80,10 +95,14 @@ def write_split(node: Node, writer: Writer) -> list[str]:
     axis = split_axis(node)
     lines = []
     at = 0
+
     for name in node.outputs:
+        # a part that no step reads is not copied
         if writer.memory.is_kept(name):
-            lines += _strided(node, name, step, at * step[axis], writer)
+            first = at * step[axis]
+            lines += _strided(node, name, step, first, writer)
         at += writer.graph.shape(name)[axis]
+
     return lines
 
 
@@ -100,9 +119,13 @@ def _strided(
 ) -> list[str]:
     """A copy whose source moves on by `step` along each axis of the output."""
     shape = writer.graph.shape(output)
+
+    # an axis of one number needs no loop
     axes = [axis for axis, size in enumerate(shape) if size > 1]
     if len(axes) > len(VARIABLES):
         raise refusal(node, "it has too many dimensions")
+
+    # Every axis in `axes` is longer than 1, so the 2 only says that its variable is written.
     out_step = strides(shape)
     to = []
     source = []
@@ -113,6 +136,8 @@ def _strided(
     x = writer.name(node.inputs[0])
     out = writer.name(output)
     lines = [f"{out}[{index(*to)}] = {x}[{index(*source, first=first)}];"]
+
+    # the last axis is the innermost loop: its numbers of the output are neighbours in memory
     for k in reversed(range(len(axes))):
         lines = counted(VARIABLES[k], shape[axes[k]], lines)
 
@@ -124,31 +149,43 @@ def write_reduction(node: Node, writer: Writer) -> list[str]:
     graph = writer.graph
     (out,) = node.outputs
     shape = graph.shape(node.inputs[0])
+
     axes = sorted(graph.constant(node.inputs[1], node).tolist())
+
     first = axes[0]
     end = axes[-1] + 1
     if axes != list(range(first, end)):
         raise refusal(node, "its axes are not neighbours")
+
     outer = math.prod(shape[:first])
     n = math.prod(shape[first:end])
     inner = math.prod(shape[end:])
+
     block = (n * inner, "i", outer)
     along = (1, "j", inner)
-    x = writer.read(node.inputs[0], index(block, (inner, "k", n), along))
-    target = f"{writer.name(out)}[{index((inner, 'i', outer), along)}]"
+    place = index(block, (inner, "k", n), along)
+    x = writer.read(node.inputs[0], place)
+    target_place = index((inner, "i", outer), along)
+    target = f"{writer.name(out)}[{target_place}]"
+
     sums = node.op_type in SUMS
-    # an extreme begins with the first row, so the loop below starts with the second
-    begin = "0" if sums else writer.read(node.inputs[0], index(block, along))
+    begin = "0"
+    if not sums:
+        # an extreme begins with the first row, so the loop below starts with the second
+        begin = writer.read(node.inputs[0], index(block, along))
     lines = counted("j", inner, [f"{target} = {begin};"])
     if n > 1 or sums:
         taken = TAKES[node.op_type].format(x=x, y=target)
+        # C computes with small integers as int: the cast states the type that is kept
         take = f"{target} = ({C_TYPES[graph.element(out)]})({taken});"
         row = counted("j", inner, [take])
         lines += counted("k", n, row, first=0 if sums else 1)
+
     if node.op_type == "ReduceL2":
         if graph.element(out) != DOUBLE:
             raise refusal(node, "it has no C form for its type")
         lines += counted("j", inner, [f"{target} = sqrt({target});"])
+
     return counted("i", outer, lines)
 
 
@@ -156,10 +193,14 @@ def write_arg_max(node: Node, writer: Writer) -> list[str]:
     """The place of the largest; of equal ones the last, where the graph asks for it."""
     out = writer.name(node.outputs[0])
     n = writer.graph.shape(node.inputs[0])[-1]
-    beats = ">=" if node.attributes.get("select_last_index", 0) else ">"
+    # classes are ordered by risk: the last of equal ones is the riskier
+    takes_last = node.attributes.get("select_last_index", 0)
+    beats = ">=" if takes_last else ">"
+
     other = writer.read(node.inputs[0], "k")
     best = writer.read(node.inputs[0], "best")
     body = counted("k", n, [f"best = {other} {beats} {best} ? k : best;"], first=1)
+
     return ["int best = 0;", *body, f"{out}[0] = best;"]
 
 
@@ -167,6 +208,8 @@ def write_softmax(node: Node, writer: Writer) -> list[str]:
     """Probabilities of one row."""
     if writer.graph.element(node.inputs[0]) != FLOAT:
         raise refusal(node, "it has no C form for its type")
+
     x = writer.name(node.inputs[0])
     out = writer.name(node.outputs[0])
-    return [f"hf_softmax({x}, {out}, {writer.graph.shape(node.inputs[0])[-1]});"]
+    n = writer.graph.shape(node.inputs[0])[-1]
+    return [f"hf_softmax({x}, {out}, {n});"]

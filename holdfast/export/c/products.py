@@ -46,24 +46,32 @@ def write_product(node: Node, writer: Writer) -> list[str]:
     (out,) = node.outputs
     left = graph.values(node.inputs[0])
     right = graph.values(node.inputs[1])
+
     if writer.memory.c_type(out) == "int32_t":
         assert right is not None
         return write_whole_product(node, right, writer)
+
+    # The order of a sum is that of the inner axis, whichever side is the constant one.
     c_type = C_TYPES[graph.element(out)]
+
     if left is not None and right is None and left.ndim == 2:
         x = writer.name(node.inputs[1])
         shape = graph.shape(node.inputs[1])
         if math.prod(shape[:-2]) != 1:
             raise refusal(node, "its second input has more than two dimensions")
+
         product = _Product(left, x, writer.name(out), c_type, writer)
         return _constant_left(product, shape[-1])
 
     if right is not None and left is None and right.ndim <= 2:
         x = writer.name(node.inputs[0])
         shape = graph.shape(node.inputs[0])
+        # a vector on the right is a matrix of one column
         matrix = right.reshape(len(right), -1)
         product = _Product(matrix, x, writer.name(out), c_type, writer)
-        return _constant_right(product, math.prod(shape[:-1]))
+        rows = math.prod(shape[:-1])
+        return _constant_right(product, rows)
+
     raise refusal(node, "neither of its inputs is a constant matrix")
 
 
@@ -71,18 +79,28 @@ def _constant_left(product: _Product, columns: int) -> list[str]:
     """[M, K] x [K, N]: one sum over rows of the input for each row of the output."""
     lines: list[str] = []
     along = (1, "j", columns)
+
     for row, weights in enumerate(product.matrix):
+        # a product with 0 adds nothing: the guard keeps every number finite
         places = np.flatnonzero(weights).tolist()
         if len(places) > MOST_TERMS:
             lines += _long_row(product, row, columns)
             continue
+
         terms = []
         for k in places:
-            operand = f"{product.x}[{index(along, first=k * columns)}]"
-            terms.append((weights[k], operand))
-        target = f"{product.out}[{index(along, first=row * columns)}]"
-        body = [*_sum(terms, product.c_type), f"{target} = y;"]
-        lines += counted("j", columns, body) if columns > 1 else block("", body)
+            place = index(along, first=k * columns)
+            terms.append((weights[k], f"{product.x}[{place}]"))
+
+        target = index(along, first=row * columns)
+        body = _sum(terms, product.c_type)
+        body.append(f"{product.out}[{target}] = y;")
+
+        # every sum is called y: one outside a loop needs a block of its own
+        if columns > 1:
+            lines += counted("j", columns, body)
+        else:
+            lines += block("", body)
 
     return lines
 
@@ -95,6 +113,7 @@ def _long_row(product: _Product, row: int, columns: int) -> list[str]:
     first = int(places[0])
     end = int(places[-1]) + 1
     used = weights[first:end]
+
     # a mean has one weight for all its terms: no table is needed
     if len(np.unique(used)) == 1:
         weight = number(used[0], c_type)
@@ -102,18 +121,24 @@ def _long_row(product: _Product, row: int, columns: int) -> list[str]:
         name = f"hf_{product.out}_row_{row}"
         table = product.writer.tables.add(name, used, c_type)
         weight = f"{table}[k - {first}]" if first else f"{table}[k]"
+
+    # Sums of neighbouring columns do not wait for each other, and read one row of the input.
     lines = []
     for start in range(0, columns, MOST_SUMS):
         zeros = []
         adds = []
         kept = []
-        for n in range(start, min(columns, start + MOST_SUMS)):
-            operand = f"{product.x}[{index((columns, 'k', 2), first=n)}]"
+        stop = min(columns, start + MOST_SUMS)
+        for n in range(start, stop):
+            place = index((columns, "k", 2), first=n)
+            operand = f"{product.x}[{place}]"
             zeros.append(f"y{n} = 0")
             adds.append(_add(c_type, f"y{n}", weight, operand))
             kept.append(f"{product.out}[{row * columns + n}] = y{n};")
+
         loop = counted("k", end, adds, first=first)
-        lines += block("", [f"{c_type} {', '.join(zeros)};", *loop, *kept])
+        declared = f"{c_type} {', '.join(zeros)};"
+        lines += block("", [declared, *loop, *kept])
 
     return lines
 
@@ -123,14 +148,18 @@ def _constant_right(product: _Product, rows: int) -> list[str]:
     inner, columns = product.matrix.shape
     if np.count_nonzero(product.matrix) > MOST_WRITTEN:
         return _dense_right(product, rows)
+
     lines: list[str] = []
     for column, weights in enumerate(product.matrix.T):
         terms = []
         for k in np.flatnonzero(weights).tolist():
-            operand = f"{product.x}[{index((inner, 'i', rows), first=k)}]"
-            terms.append((weights[k], operand))
-        target = f"{product.out}[{index((columns, 'i', rows), first=column)}]"
-        lines += block("", [*_sum(terms, product.c_type), f"{target} = y;"])
+            place = index((inner, "i", rows), first=k)
+            terms.append((weights[k], f"{product.x}[{place}]"))
+
+        target = index((columns, "i", rows), first=column)
+        body = _sum(terms, product.c_type)
+        body.append(f"{product.out}[{target}] = y;")
+        lines += block("", body)
 
     return counted("i", rows, lines)
 
@@ -138,17 +167,21 @@ def _constant_right(product: _Product, rows: int) -> list[str]:
 def _dense_right(product: _Product, rows: int) -> list[str]:
     """All of a large matrix as a table."""
     c_type = product.c_type
-    (inner, columns) = product.matrix.shape
+    inner, columns = product.matrix.shape
     name = f"hf_{product.out}_weights"
     table = product.writer.tables.add(name, product.matrix, c_type)
-    operand = f"{product.x}[{index((inner, 'i', rows), (1, 'k', inner))}]"
-    add = _add(c_type, "y[j]", f"{table}[{columns} * k + j]", operand)
-    target = f"{product.out}[{index((columns, 'i', rows), (1, 'j', columns))}]"
-    body = [
-        f"{c_type} y[{columns}] = {{0}};",
-        *counted("k", inner, counted("j", columns, [add])),
-        *counted("j", columns, [f"{target} = y[j];"]),
-    ]
+
+    place = index((inner, "i", rows), (1, "k", inner))
+    operand = f"{product.x}[{place}]"
+    weight = f"{table}[{columns} * k + j]"
+    add = _add(c_type, "y[j]", weight, operand)
+    target = index((columns, "i", rows), (1, "j", columns))
+
+    # The inner axis is the outer loop: the table is read row by row, as it lies in memory, and
+    # each sum still adds its terms in the order of the inner axis.
+    adds = counted("k", inner, counted("j", columns, [add]))
+    copies = counted("j", columns, [f"{product.out}[{target}] = y[j];"])
+    body = [f"{c_type} y[{columns}] = {{0}};", *adds, *copies]
     return counted("i", rows, body)
 
 
@@ -156,13 +189,19 @@ def _sum(terms: list[tuple[Any, str]], c_type: str) -> list[str]:
     """`y` as the sum of weight x operand, one term after another."""
     if not terms:
         return [f"const {c_type} y = 0;"]
+
+    # The first product is rounded once, as a fused multiply-add to zero would round it.
     weight, operand = terms[0]
     signs = {1.0: "", -1.0: "-"}
-    sign = signs.get(float(weight), f"{number(weight, c_type)} * ")
+    factor = f"{number(weight, c_type)} * "
+    sign = signs.get(float(weight), factor)
     lines = [f"{c_type} y = {sign}{operand};"]
+
+    # a product with 1 or -1 is exact, so a plain sum rounds like the fused one
     for weight, operand in terms[1:]:
         if abs(weight) == 1.0:
-            lines.append(f"y {'+' if weight > 0 else '-'}= {operand};")
+            sign = "+" if weight > 0 else "-"
+            lines.append(f"y {sign}= {operand};")
         else:
             lines.append(_add(c_type, "y", number(weight, c_type), operand))
 
@@ -170,5 +209,6 @@ def _sum(terms: list[tuple[Any, str]], c_type: str) -> list[str]:
 
 
 def _add(c_type: str, total: str, weight: str, operand: str) -> str:
+    """A C statement that adds weight x operand to a total: fused with HOLDFAST_FUSED, else not."""
     macro = "HF_ADD_PRODUCT" if c_type == "double" else "HF_ADD_PRODUCT_F"
     return f"{total} = {macro}({weight}, {operand}, {total});"

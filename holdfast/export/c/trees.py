@@ -51,14 +51,21 @@ def read_forest(node: Node, n_classes: int) -> Forest:
     about: dict[str, Any] = dict(node.attributes)
     branch = about["nodes_modes"]
     tree = about["nodes_treeids"]
+
     first = np.flatnonzero(about["nodes_nodeids"] == 0)
     leaf_votes, leaf_of = _leaves(about, first, branch, n_classes)
+
     # a node's number in C: a branch counts from its tree's first branch, a leaf is ~leaf
-    place = np.cumsum(branch) - 1
-    starts = np.concatenate([[0], np.cumsum(branch)])[first]
+    branches_so_far = np.cumsum(branch)
+    place = branches_so_far - 1
+    starts = np.concatenate([[0], branches_so_far])[first]
     meaning = np.where(branch, place - starts[tree], ~leaf_of)
-    left = meaning[(first[tree] + about["nodes_truenodeids"])[branch]]
-    right = meaning[(first[tree] + about["nodes_falsenodeids"])[branch]]
+
+    # the ids of the file count from each tree's first node, here rows count through all trees
+    left_rows = first[tree] + about["nodes_truenodeids"]
+    right_rows = first[tree] + about["nodes_falsenodeids"]
+    left = meaning[left_rows[branch]]
+    right = meaning[right_rows[branch]]
     return Forest(
         threshold=about["nodes_values"][branch],
         feature=about["nodes_featureids"][branch],
@@ -79,7 +86,10 @@ def _leaves(
     votes = np.zeros((len(branch), n_classes), dtype=np.int64)
     rows = first[about["target_treeids"]] + about["target_nodeids"]
     weights = about["target_weights"].astype(np.int64)
+    # add.at, because += would count a place that occurs twice only once
     np.add.at(votes, (rows, about["target_ids"]), weights)
+
+    # many leaves have the same votes: the table holds each different one once
     different, number_of = np.unique(votes[~branch], axis=0, return_inverse=True)
     leaf_of = np.zeros(len(branch), dtype=np.int64)
     leaf_of[~branch] = number_of.ravel()
@@ -93,22 +103,28 @@ def write_trees(node: Node, writer: Writer) -> list[str]:
     x = writer.name(node.inputs[0])
     n_classes = writer.graph.shape(out)[1]
     forest = _padded(read_forest(node, n_classes))
+    # bytes of a branch in C: a float, the feature, and two children of 16 or 32 bits
     kind, width = ("short", 12) if forest.is_short else ("long", 16)
+
     tables = writer.tables
     prefix = f"hf_{name}"
     votes_type = smallest_type(forest.votes)
     votes = tables.add(f"{prefix}_leaves", forest.votes, votes_type)
     starts = tables.add(f"{prefix}_starts", forest.starts, "int32_t")
     roots = tables.add(f"{prefix}_roots", forest.roots, "int32_t")
+
     branches = f"{prefix}_branches"
     text = _branches(branches, forest, kind)
     tables.add_text(branches, text, width * len(forest.threshold))
+
     following = f"hf_next_{kind}({branches} + {starts}[t + k], at[k], {x})"
     all_at = " & ".join(f"at[{k}]" for k in range(TOGETHER))
     add = [
         f"const {votes_type} *leaf = {votes} + {n_classes} * ~at[k];",
         *counted("j", n_classes, ["total[j] += leaf[j];"]),
     ]
+
+    # Every tree of a group steps in each pass; one that has reached its leaf stays there (hf_next).
     walk = [
         f"int32_t at[{TOGETHER}];",
         *counted("k", TOGETHER, [f"at[k] = {roots}[t + k];"]),
@@ -132,9 +148,11 @@ def _padded(forest: Forest) -> Forest:
     A tree of one leaf begins at the first branch of all, which a walk may read and never follows.
     """
     more = -len(forest.roots) % TOGETHER
+    new_leaf = ~len(forest.votes)
     empty = np.zeros((1, forest.votes.shape[1]), dtype=np.int64)
-    roots = np.concatenate([forest.roots, np.full(more, ~len(forest.votes))])
+    roots = np.concatenate([forest.roots, np.full(more, new_leaf)])
     starts = np.concatenate([forest.starts, np.zeros(more, dtype=np.int64)])
+
     return replace(
         forest,
         roots=roots,
@@ -148,12 +166,14 @@ def _branches(name: str, forest: Forest, kind: str) -> str:
     head = f"static const hf_branch_{kind} {name}"
     if not len(forest.threshold):
         return f"{head}[1] = {{{{0.0f, 0, {{-1, -1}}}}}};\n"
+
+    # number by number, plain lists are much faster than numpy arrays
+    thresholds = forest.threshold.tolist()
+    features = forest.feature.tolist()
+    children = forest.children.tolist()
     lines = []
-    columns = forest.threshold.tolist(), forest.feature.tolist()
-    for threshold, feature, children in zip(
-        *columns, forest.children.tolist(), strict=True
-    ):
-        low, high = children
+    for threshold, feature, both in zip(thresholds, features, children, strict=True):
+        low, high = both
         limit = number(threshold, "float")
         lines.append(f"    {{{limit}, {feature}, {{{low}, {high}}}}}")
 

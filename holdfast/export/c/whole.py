@@ -30,11 +30,13 @@ ANYTHING: Bounds = (-math.inf, math.inf)
 EXACT_FLOAT32 = 2**24
 """Whole numbers below it are exact in float32."""
 PACKED = 8
+"""Numbers of 16 bits in a vector of 128 bits."""
 TOGETHER = 4
 """Units whose sums are made at once: they share each input that is read."""
 INPUT_TYPE = "int16_t"
 SUM_TYPE = "int32_t"
 MOST_INPUT = 2**15 - 1
+"""The largest magnitude that INPUT_TYPE holds with either sign."""
 
 
 class Whole:
@@ -43,31 +45,43 @@ class Whole:
     def __init__(self, graph: Graph) -> None:
         self._graph = graph
         self._made_by = {name: node for node in graph.nodes for name in node.outputs}
+
+        # many tensors are asked about, and each answer follows the graph back to its inputs
         self._bounds = cache(self._find_bounds)
 
     def largest(self, name: str) -> float | None:
         """The largest magnitude of a float tensor that holds whole numbers, else None."""
         if self._graph.element(name) != FLOAT or not self._is_whole(name):
             return None
+
         least, most = self._bounds(name)
-        return max(-least, most) if math.isfinite(most - least) else None
+        if not math.isfinite(most - least):
+            return None
+        return max(-least, most)
 
     def sums_are_exact(self, node: Node) -> bool:
         """Whether a product of whole numbers with a constant matrix stays below 2^24."""
         weights = self._graph.values(node.inputs[1])
         largest = self.largest(node.inputs[0])
-        if weights is None or largest is None or (weights != np.round(weights)).any():
+        if weights is None or largest is None:
             return False
+        if (weights != np.round(weights)).any():
+            return False
+
+        # The magnitudes bound every partial sum too, so the order of the terms does not matter.
         largest_sums = largest * np.abs(weights).sum(axis=0)
         return bool((largest_sums < EXACT_FLOAT32).all())
 
     def _is_whole(self, name: str) -> bool:
         values = self._graph.values(name)
         node = self._made_by.get(name)
+
         if values is not None:
             return bool((values == np.round(values)).all())
         if node is None:
             return False
+
+        # a limit that is not whole would make numbers that are not
         if node.op_type == "Clip":
             return all(self._is_whole(one) for one in node.inputs)
         return node.op_type == "Round"
@@ -75,6 +89,7 @@ class Whole:
     def _find_bounds(self, name: str) -> Bounds:
         values = self._graph.values(name)
         node = self._made_by.get(name)
+
         if values is not None:
             return float(values.min()), float(values.max())
         if node is None or node.op_type not in _RULES:
@@ -103,16 +118,24 @@ class Whole:
         inner = self._made_by.get(first)
         if values is None:
             return np.array(-math.inf), np.array(math.inf)
-        if node.op_type == "Add" and inner is not None and inner.op_type == "Mul":
+
+        # Gain and offset of one feature belong together: the bounds of all features at once
+        # would add the largest gain to the largest offset.
+        is_sum = node.op_type == "Add"
+        if is_sum and inner is not None and inner.op_type == "Mul":
             low, high = self._each(inner)
         else:
             bounds = self._bounds(first)
             low = np.array(bounds[0])
             high = np.array(bounds[1])
-        if node.op_type == "Add":
+
+        if is_sum:
             return low + values, high + values
+        # infinity times a weight of 0 is NaN, which would pass every comparison below
         if not np.isfinite(high - low).all():
             return np.array(-math.inf), np.array(math.inf)
+
+        # a negative factor swaps the ends
         ends = np.stack([low * values, high * values])
         return ends.min(axis=0), ends.max(axis=0)
 
@@ -122,7 +145,9 @@ class Whole:
         least, most = self._bounds(node.inputs[0])
         if weights is None or not math.isfinite(most - least):
             return ANYTHING
-        largest = float(max(-least, most) * np.abs(weights).sum(axis=0).max())
+
+        magnitudes = np.abs(weights).sum(axis=0)
+        largest = float(max(-least, most) * magnitudes.max())
         return -largest, largest
 
     def of_quotient(self, node: Node) -> Bounds:
@@ -131,10 +156,12 @@ class Whole:
         total = self._made_by.get(below)
         if total is None or total.op_type != "Add":
             return ANYTHING
+
         size = self._made_by.get(total.inputs[0])
         knee = total.inputs[1]
         if size is None or size.op_type != "Abs" or size.inputs[0] != above:
             return ANYTHING
+
         values = self._graph.values(knee)
         if values is None or not (values > 0).all():
             return ANYTHING
@@ -167,11 +194,15 @@ def whole_types(graph: Graph, plan: Plan, whole: Whole) -> dict[str, str]:
         (total,) = node.outputs
         largest = whole.largest(values)
         fits = largest is not None and largest <= MOST_INPUT
+
+        # Only products read 16-bit inputs, and only loops convert 32-bit sums: any other reader
+        # needs the tensor in its own type.
         alone = all(reader.op_type == "MatMul" for reader in readers[values])
         into_loops = True
         for reader in readers[total]:
             is_in_loop = reader.outputs[0] in in_loops and reader.op_type in BY_NUMBER
             into_loops = into_loops and is_in_loop
+
         if fits and alone and into_loops and whole.sums_are_exact(node):
             types[values] = INPUT_TYPE
             types[total] = SUM_TYPE
@@ -182,9 +213,11 @@ def whole_types(graph: Graph, plan: Plan, whole: Whole) -> dict[str, str]:
 def _readers(graph: Graph) -> dict[str, list[Node]]:
     """The nodes that read a tensor; a node in the loop that makes it reads it there."""
     readers: dict[str, list[Node]] = {name: [] for name in graph.tensors}
+
     for node in graph.nodes:
         for name in node.inputs:
             readers[name].append(node)
+
     return readers
 
 
@@ -209,16 +242,21 @@ def write_whole_product(
     x = writer.name(node.inputs[0])
     out = writer.name(node.outputs[0])
     ranges = [_range(column) for column in matrix.T]
+
+    # units that follow each other and read the same range share one loop over their inputs
     lines: list[str] = []
     unit = 0
     for number, ((first, last), same) in enumerate(groupby(ranges)):
         count = len(list(same))
+
         weights = np.zeros((count, last - first))
         within = matrix[first:last, unit : unit + count].T
         # the last range may end behind the last input: its weights there are 0
         weights[:, : within.shape[1]] = within
+
         c_type = smallest_type(weights)
         table = writer.tables.add(f"hf_{out}_weights_{number}", weights, c_type)
+
         units = _Units(
             x=x,
             out=out,
@@ -229,6 +267,8 @@ def write_whole_product(
             first_unit=unit,
             count=count,
         )
+
+        # as many as possible by fours, the rest one by one
         lines += _sums(units, 0, TOGETHER)
         lines += _sums(units, count - count % TOGETHER, 1)
         unit += count
@@ -241,27 +281,32 @@ def _sums(units: _Units, begin: int, together: int) -> list[str]:
     passes = (units.count - begin) // together
     if not passes:
         return []
+
     width = units.width
-    value = f"{units.x}[{index((1, 'k', width), first=units.first_input)}]"
+    along = (1, "k", width)
+    value = f"{units.x}[{index(along, first=units.first_input)}]"
     zeros = []
     adds = []
     kept = []
     for n in range(together):
         zeros.append(f"y{n} = 0")
-        row = index((1, "k", width), first=n * width)
+        row = index(along, first=n * width)
         adds.append(f"y{n} += {value} * row[{row}];")
         first_unit = units.first_unit + begin + n
         target = index((together, "i", passes), first=first_unit)
         kept.append(f"{units.out}[{target}] = y{n};")
 
     start = index((together * width, "i", passes), first=begin * width)
+    loop = counted("k", width, adds)
     body = [
         f"const {units.c_type} *row = {units.table} + {start};",
         f"int32_t {', '.join(zeros)};",
-        *counted("k", width, adds),
+        *loop,
         *kept,
     ]
-    return counted("i", passes, body) if passes > 1 else block("", body)
+    if passes > 1:
+        return counted("i", passes, body)
+    return block("", body)
 
 
 def _range(column: npt.NDArray[Any]) -> tuple[int, int]:
@@ -269,6 +314,7 @@ def _range(column: npt.NDArray[Any]) -> tuple[int, int]:
     places = np.flatnonzero(column)
     if not len(places):
         return 0, PACKED
-    first = int(places[0])
-    last = int(places[-1])
-    return first // PACKED * PACKED, (last // PACKED + 1) * PACKED
+
+    first_group = int(places[0]) // PACKED
+    last_group = int(places[-1]) // PACKED
+    return first_group * PACKED, (last_group + 1) * PACKED
