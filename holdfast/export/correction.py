@@ -28,6 +28,7 @@ from holdfast.export.network import (
 PREFIX = "adapted_"
 """Begins the name of every tensor that a correction adds."""
 BEFORE = f"{PREFIX}votes_before"
+"""The base's votes, which keep their numbers under another name."""
 VOTES = "votes"
 FEATURES = "features"
 
@@ -45,8 +46,10 @@ class Correction:
 
 def risky_of_shares(n_classes: int) -> Float32Array:
     """[2, K]: the first of two shares for the risky classes, 0 for all others."""
+    # classes are ordered by risk: the risky ones are the last
+    first_risky = RISKY_SLIP * n_classes // len(SITUATIONS)
     shares = np.zeros((2, n_classes), dtype=np.float32)
-    shares[0, RISKY_SLIP * n_classes // len(SITUATIONS) :] = 1.0
+    shares[0, first_risky:] = 1.0
     return shares
 
 
@@ -54,11 +57,14 @@ def risky_to_safe(n_classes: int) -> Float32Array:
     """[K, K] that takes votes from risky classes and gives them to safe slip of the same weight."""
     per = n_classes // len(SITUATIONS)
     moved = np.zeros((n_classes, n_classes), dtype=np.float32)
+
+    # every row adds up to 0, so the sum of the votes stays
     for k in range(per):
         risky = RISKY_SLIP * per + k
         safe = SAFE_SLIP * per + k
         moved[risky, risky] = -1.0
         moved[risky, safe] = 1.0
+
     return moved
 
 
@@ -73,23 +79,28 @@ def corrected_votes(
 ) -> IntArray:
     """Votes [N, K] after the correction: the reference for the file. votes: before it."""
     n = votes.shape[1]
-    shares = network_shares(correction.network, rows_of(features, votes))
+    rows = rows_of(features, votes)
+    shares = network_shares(correction.network, rows)
     part = shares @ risky_of_shares(n)
+
+    # float32 as in the file; votes are below 2^24, so their own conversion is exact
     taken = np.floor(votes.astype(np.float32) * part).astype(np.int64)
-    return np.asarray(votes + taken @ risky_to_safe(n).astype(np.int64))
+    change = taken @ risky_to_safe(n).astype(np.int64)
+    return np.asarray(votes + change)
 
 
 def add_correction(model: onnx.ModelProto, correction: Correction) -> None:
     """Put it behind the votes of a model, in place: no other operator is changed."""
-    (n_classes,) = [
-        output.type.tensor_type.shape.dim[1].dim_value
-        for output in model.graph.output
-        if output.name == VOTES
-    ]
+    (output,) = [output for output in model.graph.output if output.name == VOTES]
+    n_classes = output.type.tensor_type.shape.dim[1].dim_value
     added, constants = _correction(correction, n_classes)
+
+    # the correction takes over the name of the votes, so their readers need no change
     nodes = list(model.graph.node)
     (at,) = [k for k, node in enumerate(nodes) if VOTES in node.output]
     nodes[at].output[:] = [BEFORE]
+
+    # ONNX wants nodes in the order in which they can run
     later = nodes[at + 1 :]
     del model.graph.node[at + 1 :]
     model.graph.node.extend([*added, *later])
@@ -99,12 +110,17 @@ def add_correction(model: onnx.ModelProto, correction: Correction) -> None:
 def _correction(
     correction: Correction, n_classes: int
 ) -> tuple[list[onnx.NodeProto], list[onnx.TensorProto]]:
+    """Nodes and constants from `features` and the votes before to the votes."""
+    # the number of sensors only matters to a graph with a state, which this part has not
     graph = GraphBuilder(1, PREFIX)
     size = graph.node("Abs", FEATURES)
     rows = graph.node("Concat", FEATURES, size, BEFORE, axis=1)
     shares = add_shares(graph, correction.network, rows)
+
+    # floor makes whole numbers again, so the sums that follow are exact
     part = graph.node("MatMul", shares, risky_of_shares(n_classes))
-    taken = graph.node("Floor", graph.node("Mul", BEFORE, part))
+    share_of_votes = graph.node("Mul", BEFORE, part)
+    taken = graph.node("Floor", share_of_votes)
     moved = graph.node("MatMul", taken, risky_to_safe(n_classes))
     graph.node("Add", BEFORE, moved, out=VOTES)
     return graph.part()
@@ -116,6 +132,7 @@ def remove_correction(model: onnx.ModelProto) -> None:
     last = next(node for node in graph.node if VOTES in node.output)
     if last.op_type != "Add" or last.input[0] != BEFORE:
         raise ValueError("its votes have no correction")
+
     nodes = [node for node in graph.node if _is_of_base(node)]
     constants = [one for one in graph.initializer if not one.name.startswith(PREFIX)]
     for node in nodes:
@@ -131,5 +148,6 @@ def remove_correction(model: onnx.ModelProto) -> None:
 
 
 def _is_of_base(node: onnx.NodeProto) -> bool:
+    """Whether a node stands in the base, under this name or as the maker of its votes."""
     name = node.output[0]
     return name == BEFORE or (name != VOTES and not name.startswith(PREFIX))

@@ -35,8 +35,10 @@ from holdfast.export.guard import GuardOutputs
 from holdfast.export.spec import NOISE_RMS, StepSpec
 
 DAMPING = 0.1
+"""z of every resonator."""
 LOW_PASS_HZ = 75.0
 STATES_PER_BAND = 4
+"""Two resonators of second order, in transposed direct form II."""
 GRAIN = 1e-30
 """Every number in the filter moves this far towards zero: silence must not become subnormal
 numbers, which are slow."""
@@ -55,7 +57,8 @@ def _first_section(rate_hz: float) -> tuple[float, float]:
     """(gain, feedback) of the low-passed difference."""
     k = 2.0 * rate_hz
     low = 2.0 * math.pi * LOW_PASS_HZ
-    return k * low / (k + low), (low - k) / (k + low)
+    total = k + low
+    return k * low / total, (low - k) / total
 
 
 def _resonator(rate_hz: float, band_hz: float) -> tuple[FloatArray, FloatArray]:
@@ -70,9 +73,15 @@ def _resonator(rate_hz: float, band_hz: float) -> tuple[FloatArray, FloatArray]:
 
 def step_matrix(rate_hz: float, bands_hz: tuple[float, ...]) -> FloatArray:
     """[1 + S, S + bands] of one step: (d, state) -> (next state, outputs), S = 1 + 4 bands."""
-    # A step is linear, so the answers to unit vectors are the rows of its matrix.
-    unit_vectors = np.eye(2 + STATES_PER_BAND * len(bands_hz))
-    return np.array([_step(row[0], row[1:], rate_hz, bands_hz) for row in unit_vectors])
+    # A step is linear, so the answers to unit vectors are the rows of its matrix. A unit vector
+    # is the difference, the state of the first section, and the states of the bands.
+    rows = []
+    for vector in np.eye(2 + STATES_PER_BAND * len(bands_hz)):
+        difference = vector[0]
+        state = vector[1:]
+        rows.append(_step(difference, state, rate_hz, bands_hz))
+
+    return np.array(rows)
 
 
 def _step(
@@ -83,10 +92,12 @@ def _step(
     u = gain * difference - feedback * state[0]
     following = [u]
     outputs = []
+
     for index, band_hz in enumerate(bands_hz):
         b, a = _resonator(rate_hz, band_hz)
         signal = u
         start = 1 + STATES_PER_BAND * index
+        # both resonators of a band are the same section, one after the other
         for at in (start, start + 2):
             out = b[0] * signal + state[at]
             following.append(b[1] * signal - a[1] * out + state[at + 1])
@@ -109,6 +120,7 @@ def noise_gain(
     size = matrix.shape[0] - 1
     state = np.zeros(size)
     response = []
+    # the bank is driven by differences: an impulse of 1 goes up and comes down again
     impulse = [1.0, -1.0] + [0.0] * math.ceil(seconds * rate_hz)
     for difference in impulse:
         row = np.concatenate([[difference], state])
@@ -116,6 +128,7 @@ def noise_gain(
         state = out[:size]
         response.append(out[size:])
 
+    # white noise of RMS 1 leaves a filter with the root of the energy of its impulse response
     energy = (np.array(response) ** 2).sum(axis=0)
     return float(np.sqrt(energy).max())
 
@@ -129,26 +142,37 @@ def add_bank(graph: GraphBuilder, spec: StepSpec, guarded: GuardOutputs) -> str:
     size = 1 + STATES_PER_BAND * len(bands)
     before = graph.state("bank", size)
     difference = graph.node("Sub", guarded.now, guarded.last)
+
+    # difference and state side by side, so that a whole step is one matrix product
     joined = graph.node("Concat", difference, before, axis=1)
     # a sensor without a past has no difference yet
     begun = graph.node("Mul", joined, guarded.begun)
+
     # x - clip(x) is 0 up to GRAIN, x itself from 1e-13 on, a multiple of 1e-46 in between:
     # never subnormal
     grains = graph.node("Clip", begun, -GRAIN, GRAIN)
     rested = graph.node("Sub", begun, grains)
+
+    # The matrix stands on the left: its product runs along the channels, so a batch multiplies
+    # each recording by the same matrix in the same order as a recording alone.
     matrix = step_matrix(spec.rate_hz, bands)
     stepped = graph.node("MatMul", matrix.T, rested)
     sizes = [size, len(bands)]
     outs = ["bank_next", "bank_out"]
     advanced, outputs = graph.nodes("Split", stepped, sizes, outs=outs, axis=1)
-    graph.keep("bank", graph.node("Where", guarded.good, advanced, before))
+
+    # a lost sample holds the state: the last good value would read as a step of 0
+    following = graph.node("Where", guarded.good, advanced, before)
+    graph.keep("bank", following)
     return graph.node("Abs", outputs)
 
 
 def detector_names(spec: StepSpec) -> tuple[str, ...]:
     """Columns of the `detectors` output; the cone exists only where the unit is N."""
     names = ("band_pass", "band_pass_point")
-    return (*names, "friction_cone") if spec.unit == "N" else names
+    if spec.unit == "N":
+        return (*names, "friction_cone")
+    return names
 
 
 def add_detectors(
@@ -156,9 +180,12 @@ def add_detectors(
 ) -> None:
     """Publish `detectors` [B, D] bool, in any channel, in the order of `detector_names`."""
     firing = _band_pass(graph, spec, guarded, rectified)
-    rows = [firing, _band_pass_point(graph, spec, firing)]
+    point = _band_pass_point(graph, spec, firing)
+    rows = [firing, point]
     if spec.unit == "N":
         rows.append(_friction_cone(graph, spec, guarded))
+
+    # each row [B, 1, C] has its flags in the columns of its channels; one "any" serves all rows
     joined = graph.node("Concat", *rows, axis=1)
     graph.node("ReduceMax", joined, [2], out="detectors", keepdims=0)
     graph.output("detectors", TensorProto.BOOL, len(rows))
@@ -172,23 +199,32 @@ def _band_pass(
     For a channel that is not usable, the peak is its floor.
     """
     rules = spec.detectors
-    quiet_peak = NOISE_RMS[spec.unit] * noise_gain(spec.rate_hz, spec.usable_bands())
+    gain = noise_gain(spec.rate_hz, spec.usable_bands())
+    quiet_peak = NOISE_RMS[spec.unit] * gain
+
     # a fresh state is 0, and a channel can be quieter than the sensor's noise for a while
-    floor = graph.node("Max", graph.state("floor", 1), quiet_peak)
+    before = graph.state("floor", 1)
+    floor = graph.node("Max", before, quiet_peak)
     loudest = graph.node("ReduceMax", rectified, [1], keepdims=1)
     peak = graph.node("Where", guarded.usable, loudest, floor)
+
     # the normal is not shear
     ratio = np.tile([rules.band_ratio, rules.band_ratio, np.inf], spec.n_sensors)
     threshold = graph.node("Mul", floor, ratio)
     above = graph.node("Greater", peak, threshold)
+
     # while it fires, the floor almost stops: a slip must not raise its threshold
     fast = min(1.0, 1.0 / (rules.floor_tau_s * spec.rate_hz))
     slow = fast * rules.firing_rate
     rate = graph.node("Where", above, slow, fast)
+
+    # clipped, so that one loud sample cannot raise the floor for seconds
     most = graph.node("Mul", floor, rules.floor_clip)
     clipped = graph.node("Min", peak, most)
-    change = graph.node("Mul", graph.node("Sub", clipped, floor), rate)
-    graph.keep("floor", graph.node("Add", floor, change))
+    distance = graph.node("Sub", clipped, floor)
+    change = graph.node("Mul", distance, rate)
+    following = graph.node("Add", floor, change)
+    graph.keep("floor", following)
     return above
 
 
@@ -200,7 +236,10 @@ def _band_pass_point(graph: GraphBuilder, spec: StepSpec, firing: str) -> str:
     quiet = graph.state("quiet", 1)
     fired = graph.node("ReduceMax", firing, [2], keepdims=1)
     longer = graph.node("Add", quiet, 1.0)
-    graph.keep("quiet", graph.node("Where", fired, 0.0, longer))
+    following = graph.node("Where", fired, 0.0, longer)
+    graph.keep("quiet", following)
+
+    # the count before this sample: an excursion that begins now has not ended the quiet yet
     needed = spec.detectors.quiet_s * spec.rate_hz
     enough = graph.node("GreaterOrEqual", quiet, needed)
     return graph.node("And", firing, enough)
@@ -209,15 +248,19 @@ def _band_pass_point(graph: GraphBuilder, spec: StepSpec, firing: str) -> str:
 def _friction_cone(graph: GraphBuilder, spec: StepSpec, guarded: GuardOutputs) -> str:
     """[B, 1, C] in the normal's column: |shear| > mu x normal at a usable, pressed finger."""
     rules = spec.detectors
+
     # shear > mu x normal instead of shear / normal > mu: no division by a small force
     squares = graph.node("Mul", guarded.now, guarded.now)
     shear_to_normal = [[0.0, 0.0, 1.0], [0.0, 0.0, 1.0], [0.0, 0.0, 0.0]]
     matrix = np.kron(np.eye(spec.n_sensors), shear_to_normal)
-    shear = graph.node("Sqrt", graph.node("MatMul", squares, matrix))
+    squared_shear = graph.node("MatMul", squares, matrix)
+    shear = graph.node("Sqrt", squared_shear)
     most = graph.node("Mul", guarded.now, rules.friction)
     outside = graph.node("Greater", shear, most)
+
     # in the columns of shear, no force is enough
     least = np.tile([np.inf, np.inf, rules.min_normal_n], spec.n_sensors)
     pressed = graph.node("Greater", guarded.now, least)
+
     slips = graph.node("And", outside, pressed)
     return graph.node("And", slips, guarded.usable)

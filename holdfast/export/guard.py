@@ -33,6 +33,7 @@ from holdfast.export.builder import GraphBuilder
 from holdfast.export.spec import RANGE_LIMIT, StepSpec
 
 LAGS_S = (0.05, 0.10, 0.17, 0.25, 0.37, 0.50)
+"""Lags of the differences: closer together for recent samples, up to the whole history."""
 
 
 @dataclass(frozen=True)
@@ -58,20 +59,29 @@ def add_guard(graph: GraphBuilder, spec: StepSpec) -> GuardOutputs:
     older = graph.state("older", spec.history_samples - 2)
     last = graph.state("last", 1)
     place = graph.state("place", 1)
+
+    # the share is a sum of quarters, so a whole one is exactly 1
     share = _share_of_good(graph, spec)
     good = graph.node("GreaterOrEqual", share, 1.0)
+    # chosen, not multiplied: NaN x 0 is NaN
     now = graph.node("Where", good, "sample", last)
+
     # each row takes the value of the next newer one
     graph.keep("oldest", older)
     graph.keep("older", last)
     graph.keep("last", now)
     begun = graph.node("Min", place, 1.0)
-    # the cast rounds a share below 1 down
-    entry = graph.node("Cast", graph.node("Add", place, share), to=TensorProto.INT64)
+
+    # The cast rounds a share below 1 down. One look-up costs less than the comparisons and
+    # choices of two counters, and no number of samples overflows it.
+    even_or_odd = graph.node("Add", place, share)
+    entry = graph.node("Cast", even_or_odd, to=TensorProto.INT64)
     following = graph.node("Gather", _next_places(spec), entry)
     graph.keep("place", following)
+
     usable = _publish(graph, spec, following)
-    return GuardOutputs(now, last, (oldest, older, last), good, begun, usable)
+    past = (oldest, older, last)
+    return GuardOutputs(now, last, past, good, begun, usable)
 
 
 def _share_of_good(graph: GraphBuilder, spec: StepSpec) -> str:
@@ -80,6 +90,8 @@ def _share_of_good(graph: GraphBuilder, spec: StepSpec) -> str:
     in_range = graph.node("Less", magnitude, RANGE_LIMIT[spec.unit])
     flags = graph.node("Concat", in_range, "valid", axis=2)
     checks = graph.node("Cast", flags, to=TensorProto.DOUBLE)
+
+    # one product joins the four checks of a sensor and repeats the result in its three columns
     channels = np.kron(np.eye(spec.n_sensors), np.ones((3, 3)))
     valid = np.kron(np.eye(spec.n_sensors), np.ones((1, 3)))
     quarters = np.concatenate([channels, valid]) / 4.0
@@ -93,8 +105,10 @@ def _next_places(spec: StepSpec) -> FloatArray:
     """
     bridged = spec.gap_samples + 1
     number = np.arange(1 + bridged * spec.settle_samples)
+    # the inverse of number = bridged x delivered - lost
     delivered = -(-number // bridged)
     lost = -number % bridged
+
     is_lost = (number == 0) | (lost + 1 == bridged)
     after_bad = np.where(is_lost, 0, number - 1)
     after_good = bridged * np.minimum(delivered + 1, spec.settle_samples)
@@ -106,14 +120,18 @@ def _publish(graph: GraphBuilder, spec: StepSpec, place: str) -> str:
     a_delivery = 2 * (spec.gap_samples + 1)
     last_place = a_delivery * spec.settle_samples
     first_settled = last_place - a_delivery + 2
+
+    # places are whole: above the place before is at the place itself
     settled = graph.node("Greater", place, first_settled - 1.0)
     usable = graph.node("Greater", place, last_place - 1.0)
+
     needed = graph.constant(3 * spec.min_valid_sensors, np.int32)
     n_settled = _count(graph, settled)
     graph.node("GreaterOrEqual", n_settled, needed, out="settled")
     n_usable = _count(graph, usable)
     graph.node("Less", n_usable, needed, out="unknown")
     graph.node("Div", n_usable, np.int32(3), out="usable_sensors")
+
     graph.output("settled", TensorProto.BOOL)
     graph.output("unknown", TensorProto.BOOL)
     graph.output("usable_sensors", TensorProto.INT32)
@@ -133,14 +151,17 @@ def reference_flags(
     triples = values.reshape(len(values), -1, 3)
     in_range = (np.abs(triples) < RANGE_LIMIT[spec.unit]).all(axis=2)
     good = valid & in_range
+
     delivered = np.zeros(spec.n_sensors, int)
     lost = np.zeros(spec.n_sensors, int)
     n_settled = []
     n_usable = []
     for now in good:
+        # a lost sample that is bridged does not count, and does not set the count back
         lost = np.where(now, 0, lost + 1)
         bridged = np.where(lost > spec.gap_samples, 0, delivered)
         delivered = np.where(now, delivered + 1, bridged)
+
         settled = delivered >= spec.settle_samples
         n_settled.append(settled.sum())
         n_usable.append((now & settled).sum())
@@ -178,6 +199,7 @@ class History:
         self.rectified = rectified
         self.length = spec.history_samples + 1
         self._parts = (*guarded.past, guarded.now)
+        # tensors [B, rows, 3] in the order in which groups put them in, and their rows in all
         self._pool: list[str] = []
         self._pooled = 0
 
@@ -197,9 +219,14 @@ class History:
         now = self.length - 1
         places = [now] + [now - self.spec.lag(seconds) for seconds in LAGS_S]
         rows = self.graph.node("Gather", self.samples, places, axis=1)
+
+        # the sum over the sensors as three more columns
         channels = np.eye(self.spec.n_channels)
         and_sum = np.concatenate([channels, _over_sensors(self.spec)], axis=1)
         values = self.graph.node("MatMul", rows, and_sum)
+
+        # Row 0 stays x[t]; every other row becomes x[t] minus itself. Products with 1 and -1 are
+        # exact, and one product costs less than a slice, a subtraction and a join.
         since = -np.eye(len(places))
         since[:, 0] = 1.0
         return self.graph.node("MatMul", since, values)
@@ -252,10 +279,12 @@ class History:
             places += group.places
             flags += [group.scaled] * len(group.places)
 
+        # one look-up for all groups: a node costs more than the numbers that it moves
         triples = graph.node("Gather", self.pool, places, axis=1)
         if any(flags):
             scaled = np.array(flags)[:, None]
             scale = graph.node("Mul", self.normal, scaled.astype(np.float64))
+
             # rows that are not scaled are divided by max(0, 1) = 1
             floor = np.where(scaled, NORMAL_FLOOR[self.spec.unit], 1.0)
             divisor = graph.node("Max", scale, floor)

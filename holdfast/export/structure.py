@@ -27,6 +27,7 @@ from holdfast.export.learner import (
 from holdfast.export.network import Inputs, Network
 
 THRESHOLD_ROWS = 20_000
+"""Rows on thresholds of the trees: they go through every tree, so not all thresholds get one."""
 STEP_ROWS = 5_000
 STEP_SHARE = 0.2
 """Rows on the steps of a network's inputs, and the share of inputs that are moved there."""
@@ -38,11 +39,13 @@ def hard_rows(learner: Learner, rows: FloatRows, seed: int) -> FloatRows:
     forest = forest_of(learner)
     network = network_of(learner)
     parts = []
+
     if forest is not None:
         parts.append(threshold_rows(forest, rows, seed))
     parts.append(edge_rows(features_in(learner)))
     if network is not None:
         parts.append(step_rows(network.inputs, rows, seed))
+
     return np.concatenate(parts)
 
 
@@ -51,19 +54,28 @@ def edge_rows(n_features: int) -> FloatRows:
     limits = np.finfo(np.float32)
     subnormal = limits.smallest_subnormal
     values = [0.0, -0.0, subnormal, -subnormal, limits.tiny, limits.max, limits.min]
-    return np.repeat(np.array(values, dtype=np.float32)[:, None], n_features, axis=1)
+    column = np.array(values, dtype=np.float32)[:, None]
+    return np.repeat(column, n_features, axis=1)
 
 
 def step_rows(inputs: Inputs, rows: FloatRows, seed: int) -> FloatRows:
     """Rows in which some inputs are where rounding steps, or at a neighbouring float32."""
     rng = np.random.default_rng(seed)
-    hard = rows[rng.integers(len(rows), size=STEP_ROWS)].copy()
+    drawn = rng.integers(len(rows), size=STEP_ROWS)
+    hard = rows[drawn].copy()
     is_moved = rng.random(hard.shape) < STEP_SHARE
+
     # q rounds gain * s + offset with s = x / (knee + |x|): solve for x where that is a half
-    half = np.floor(np.abs(inputs.gain) * rng.uniform(-1, 1, hard.shape)) + 0.5
+    steps = np.abs(inputs.gain) * rng.uniform(-1, 1, hard.shape)
+    half = np.floor(steps) + 0.5
+    # s = +-1 is reached only at infinity
     squashed = np.clip((half - inputs.offset) / inputs.gain, -0.999, 0.999)
-    at = (squashed * inputs.knee / (1.0 - np.abs(squashed))).astype(np.float32)
-    towards = rng.choice(np.array([-np.inf, 0.0, np.inf], np.float32), size=hard.shape)
+    exact = squashed * inputs.knee / (1.0 - np.abs(squashed))
+    at = exact.astype(np.float32)
+
+    # the half itself, or its neighbour on either side: one of them must round the other way
+    directions = np.array([-np.inf, 0.0, np.inf], np.float32)
+    towards = rng.choice(directions, size=hard.shape)
     moved = np.where(towards == 0.0, at, np.nextafter(at, towards))
     return np.where(is_moved, moved, hard)
 
@@ -78,12 +90,17 @@ def threshold_rows(forest: Forest, rows: FloatRows, seed: int) -> FloatRows:
     nodes = _Nodes([tree.tree_ for tree in forest.estimators_])
     if not len(nodes.branches):
         return rows[:0]
+
     # a number is a branch and one of its three values, all equally often
-    chosen = np.resize(rng.permutation(3 * len(nodes.branches)), THRESHOLD_ROWS)
-    hard = rows[rng.integers(len(rows), size=THRESHOLD_ROWS)].copy()
+    in_any_order = rng.permutation(3 * len(nodes.branches))
+    chosen = np.resize(in_any_order, THRESHOLD_ROWS)
     place, side = np.divmod(chosen, 3)
     node = nodes.branches[place]
+
+    drawn = rng.integers(len(rows), size=THRESHOLD_ROWS)
+    hard = rows[drawn].copy()
     nodes.lead(hard, node)
+    # last, because a node above may use the same feature
     hard[np.arange(len(hard)), nodes.feature[node]] = nodes.values[side, node]
     return hard
 
@@ -91,7 +108,8 @@ def threshold_rows(forest: Forest, rows: FloatRows, seed: int) -> FloatRows:
 def largest_float32_not_above(threshold: npt.NDArray[np.float64]) -> FloatRows:
     """A float64 threshold for float32 rows: the largest float32 that still goes left."""
     near = threshold.astype(np.float32)
-    return np.where(near > threshold, np.nextafter(near, np.float32(-np.inf)), near)
+    below = np.nextafter(near, np.float32(-np.inf))
+    return np.where(near > threshold, below, near)
 
 
 class _Nodes:
@@ -109,6 +127,8 @@ class _Nodes:
         below = np.nextafter(at, -infinite)
         above = np.nextafter(at, infinite)
         self.values = np.array([at, below, above])
+
+        # scikit-learn marks a leaf by the feature -2
         self.branches = np.flatnonzero(self.feature >= 0)
         self._parent = np.full(len(at), -1)
         self._is_left = np.zeros(len(at), dtype=bool)
@@ -116,18 +136,24 @@ class _Nodes:
         for tree in trees:
             branches = np.flatnonzero(tree.feature >= 0)
             left = first + tree.children_left[branches]
+            right = first + tree.children_right[branches]
             self._parent[left] = first + branches
-            self._parent[first + tree.children_right[branches]] = first + branches
+            self._parent[right] = first + branches
             self._is_left[left] = True
             first += tree.node_count
 
     def lead(self, rows: FloatRows, nodes: Places) -> None:
-        """Change each row of [N, F] in place where it leaves the path to its node of [N], from the
-        root on down."""
+        """Change each row of [N, F] in place so that it reaches its node of [N].
+
+        A row changes only where it leaves the path from the root to its node.
+        """
+        # paths differ in length: above a root, a row waits at -1
         path = []
         while (nodes >= 0).any():
             path.append(nodes)
             nodes = np.where(nodes >= 0, self._parent[nodes], -1)
+
+        # from the root on down: a change above may not undo one below
         path.reverse()
         for parent, node in pairwise(path):
             self._turn(rows, parent, node)
@@ -140,6 +166,7 @@ class _Nodes:
         feature = self.feature[parent]
         at = self.values[0, parent]
         over = self.values[2, parent]
+
         goes_left = rows[these, feature] <= at
         wrong = goes_left != is_left
         turned = np.where(is_left, at, over)
@@ -154,6 +181,7 @@ def require_same_numbers(model: onnx.ModelProto, head: Head) -> int:
     forest = forest_of(head.learner)
     network = network_of(head.learner)
     count = 0
+
     if forest is not None:
         made_by = {node.output[0]: node for node in model.graph.node}
         trees = made_by[head.votes_name]
@@ -164,16 +192,20 @@ def require_same_numbers(model: onnx.ModelProto, head: Head) -> int:
 
     if network is not None:
         count += _same_weights(model, network, head)
+
     return count
 
 
 def _same_weights(model: onnx.ModelProto, network: Network, head: Head) -> int:
     """Every matrix and every bias of the network is in the file, number by number."""
     constants = [onnx.numpy_helper.to_array(one) for one in model.graph.initializer]
+
+    # the builder names constants by number, so they are looked up by what they hold
     for layer in network.layers:
         for numbers in (layer.weights, layer.bias):
             if not any(np.array_equal(numbers, one) for one in constants):
                 _refuse(head, numbers.size, network.n_weights)
+
     return network.n_weights
 
 
@@ -189,14 +221,18 @@ def _same_trees(node: onnx.NodeProto, forest: Forest, head: Head) -> int:
         "nodes_falsenodeids": np.concatenate([tree.children_right for tree in trees]),
     }
     branch = expected["nodes_featureids"] >= 0
-    wrong = (np.array(exported["nodes_modes"]) == b"BRANCH_LEQ") != branch
+    is_branch = np.array(exported["nodes_modes"]) == b"BRANCH_LEQ"
+    wrong = is_branch != branch
+
+    # at a leaf, both sides hold fillers that no walk reads
     for name, numbers in expected.items():
         given = np.array(exported[name], dtype=numbers.dtype)
         wrong |= branch & (given != numbers)
 
     expected_votes = np.concatenate(leaf_votes(forest, len(head.classes)))
     expected_votes[branch] = 0
-    wrong |= np.any(_votes_of(exported, trees, head) != expected_votes, axis=1)
+    differs = _votes_of(exported, trees, head) != expected_votes
+    wrong |= np.any(differs, axis=1)
     if wrong.any():
         _refuse(head, int(wrong.sum()), len(wrong))
     return len(wrong)
@@ -206,15 +242,18 @@ def _votes_of(exported: dict[str, Any], trees: list[Any], head: Head) -> FloatRo
     """[nodes, K] votes of every node in the file; a branch should have none."""
     counts = [tree.node_count for tree in trees]
     starts = np.concatenate([[0], np.cumsum(counts)])
+
     votes = np.zeros((starts[-1], len(head.classes)))
     tree = np.array(exported["target_treeids"], int)
     rows = starts[tree] + np.array(exported["target_nodeids"], int)
     targets = np.array(exported["target_ids"], int)
+    # votes that are listed twice add up, as the runtime adds them
     np.add.at(votes, (rows, targets), exported["target_weights"])
     return votes
 
 
 def _refuse(head: Head, wrong: int, of: int) -> None:
+    """Raise VerificationFailed."""
     raise VerificationFailed(
         f"head {head.name}: {wrong} of {of} nodes or weights differ from training",
         cause="a converter that treats them differently",
