@@ -28,6 +28,7 @@ class GraphBuilder:
         """prefix: begins the name of every tensor that it names."""
         self.n_sensors = n_sensors
         self._prefix = prefix
+        # nodes in the order in which they are added: the file's bytes depend on it
         self._nodes: list[onnx.NodeProto] = []
         self._constants: dict[tuple[Any, ...], onnx.TensorProto] = {}
         self._outputs: list[onnx.ValueInfoProto] = []
@@ -61,12 +62,14 @@ class GraphBuilder:
         return outs
 
     def _named(self, inputs: tuple[str | npt.ArrayLike, ...]) -> list[str]:
+        """Inputs as names of tensors; numbers become constants."""
         names = []
         for given in inputs:
             if isinstance(given, str):
                 names.append(given)
             else:
-                names.append(self.constant(given, np.asarray(given).dtype))
+                dtype = np.asarray(given).dtype
+                names.append(self.constant(given, dtype))
         return names
 
     def constant(self, value: npt.ArrayLike, dtype: npt.DTypeLike = np.float64) -> str:
@@ -116,6 +119,7 @@ class GraphBuilder:
 
     def model(self) -> onnx.ModelProto:
         """Assemble and check the model: unpack state, all nodes, pack state."""
+        # first, because joining the next state adds the last node
         state_out = self._pack_state()
         channels: list[str | int] = ["B", 1, self.n_channels]
         sensors: list[str | int] = ["B", 1, self.n_sensors]
@@ -125,20 +129,26 @@ class GraphBuilder:
             helper.make_tensor_value_info("reset", TensorProto.BOOL, ["B", 1, 1]),
             self._table("state"),
         ]
+
         nodes = self._unpack_state() + self._nodes
         outputs = [*self._outputs, state_out]
         constants = list(self._constants.values())
+
         graph = helper.make_graph(nodes, "holdfast", inputs, outputs, constants)
         opsets = [helper.make_opsetid("", OPSET), helper.make_opsetid("ai.onnx.ml", 3)]
         model = helper.make_model(
             graph, opset_imports=opsets, ir_version=IR_VERSION, producer_name="holdfast"
         )
+
+        # a graph that is wrong stops here, not in the runtime of a hand
         onnx.checker.check_model(model, full_check=True)
         return model
 
     def _unpack_state(self) -> list[onnx.NodeProto]:
+        """Nodes in front of all others: clear the state of recordings that reset, then split it."""
         rows = self.ints(*self._state_rows.values())
         fields = [f"state_{name}" for name in self._state_rows]
+
         # chosen, not multiplied: NaN x 0 is NaN, and would outlive a reset
         zero = self.constant(0.0)
         return [
@@ -147,15 +157,19 @@ class GraphBuilder:
         ]
 
     def _pack_state(self) -> onnx.ValueInfoProto:
+        """Join the next state. Raises ValueError for a field that no part of the graph sets."""
         missing = set(self._state_rows) - set(self._state_next)
         if missing:
             raise ValueError(f"state without a next value: {sorted(missing)}")
+
+        # in the order of the Split, so that a field finds its rows again at the next sample
         following = [self._state_next[name] for name in self._state_rows]
         self.node("Concat", *following, out="state_out", axis=1)
         return self._table("state_out")
 
     def _table(self, name: str) -> onnx.ValueInfoProto:
-        shape: list[str | int] = ["B", sum(self._state_rows.values()), self.n_channels]
+        rows = sum(self._state_rows.values())
+        shape: list[str | int] = ["B", rows, self.n_channels]
         return helper.make_tensor_value_info(name, TensorProto.DOUBLE, shape)
 
     def _fresh(self, op: str) -> str:

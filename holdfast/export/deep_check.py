@@ -29,8 +29,10 @@ NODES = (
     "nodes_truenodeids",
     "nodes_falsenodeids",
 )
+"""Columns of a tree ensemble with one entry a node."""
 TREE_MODES = {b"BRANCH_LEQ", b"LEAF"}
 TARGETS = ("target_treeids", "target_nodeids", "target_ids", "target_weights")
+"""Columns of a tree ensemble with one entry a vote."""
 
 
 def deep_checks(path: str | Path) -> Iterator[CheckResult]:
@@ -50,18 +52,21 @@ def deep_checks(path: str | Path) -> Iterator[CheckResult]:
 
 
 def _check_operators(model: onnx.ModelProto) -> str:
+    """Only operators that an export writes."""
     for node in model.graph.node:
         name = f"{node.domain}.{node.op_type}" if node.domain else node.op_type
         if name not in ALLOWED:
             raise ValueError(f"{name} is not an operator that holdfast export writes")
-    return (
-        f"{len(model.graph.node)} operators, all of those that holdfast export writes"
-    )
+
+    n_operators = len(model.graph.node)
+    return f"{n_operators} operators, all of those that holdfast export writes"
 
 
 def _check_shapes(model: onnx.ModelProto) -> str:
     """The checker's rules, and shapes that follow from the operators for one sample."""
     onnx.checker.check_model(model, full_check=True)
+
+    # a copy: the file that was opened stays as it is
     alone = onnx.ModelProto()
     alone.CopyFrom(model)
     for value in (*alone.graph.input, *alone.graph.output):
@@ -82,25 +87,29 @@ def _check_shapes(model: onnx.ModelProto) -> str:
 
 
 def _check_constants(model: onnx.ModelProto) -> str:
+    """No NaN, and no infinity where numbers enter sums."""
     for tensor in model.graph.initializer:
         values = numpy_helper.to_array(tensor)
         # a float64 limit may be infinite; a float32 number enters sums
-        finite = (
-            np.isfinite(values) if values.dtype == np.float32 else ~np.isnan(values)
-        )
-        if not finite.all():
+        is_wrong = np.isnan(values)
+        if values.dtype == np.float32:
+            is_wrong |= np.isinf(values)
+        if is_wrong.any():
             raise ValueError(f"constant {tensor.name[:40]} is not finite")
+
     return f"{len(model.graph.initializer)} constants, all finite"
 
 
 def _check_trees(model: onnx.ModelProto) -> str:
+    """Every walk through a tree ends, in a leaf that votes."""
     n_trees = 0
     for node in model.graph.node:
-        if node.op_type == "TreeEnsembleRegressor":
-            columns = {
-                one.name: helper.get_attribute_value(one) for one in node.attribute
-            }
-            n_trees += _require_walks(columns, _width(model, node.input[0]))
+        if node.op_type != "TreeEnsembleRegressor":
+            continue
+        columns = {one.name: helper.get_attribute_value(one) for one in node.attribute}
+        n_features = _width(model, node.input[0])
+        n_trees += _require_walks(columns, n_features)
+
     return f"{n_trees} trees: every walk ends in a leaf, every leaf gives equal votes"
 
 
@@ -123,6 +132,7 @@ def _require_walks(columns: dict[str, Any], n_features: int) -> int:
         raise ValueError("its nodes are not all leaves and thresholds")
     if columns["aggregate_function"] != b"SUM":
         raise ValueError("its trees do not add up their votes")
+
     branch = np.array([mode == b"BRANCH_LEQ" for mode in modes])
     row_of = {}
     for place, key in enumerate(zip(tree.tolist(), number.tolist(), strict=True)):
@@ -132,10 +142,12 @@ def _require_walks(columns: dict[str, Any], n_features: int) -> int:
         raise ValueError("two nodes of a tree have one number")
     if (feature < 0).any() or (feature >= n_features).any():
         raise ValueError("a tree uses a feature that does not exist")
+
     for row in np.flatnonzero(branch):
         for child in (if_true[row], if_false[row]):
             # a child that comes after its node cannot lead back to it
-            if row_of.get((int(tree[row]), int(child)), -1) <= row:
+            key = (int(tree[row]), int(child))
+            if row_of.get(key, -1) <= row:
                 raise ValueError("a branch leads to no later node of its tree")
 
     _require_votes(columns, row_of, branch)
@@ -145,11 +157,13 @@ def _require_walks(columns: dict[str, Any], n_features: int) -> int:
 def _require_votes(
     columns: dict[str, Any], row_of: dict[tuple[int, int], int], branch: Any
 ) -> None:
+    """Raise ValueError unless leaves alone vote, in whole numbers of one sum."""
     trees, numbers, classes, weights = (np.array(columns[name]) for name in TARGETS)
     if (classes < 0).any() or (classes >= columns["n_targets"]).any():
         raise ValueError("a vote is for a class that does not exist")
     if (weights < 0).any() or (weights != np.floor(weights)).any():
         raise ValueError("a vote is not a whole number")
+
     given = np.zeros(len(branch))
     keys = zip(trees.tolist(), numbers.tolist(), strict=True)
     for key, weight in zip(keys, weights, strict=True):
@@ -157,6 +171,7 @@ def _require_votes(
             raise ValueError("a vote is for a node that does not exist")
         given[row_of[key]] += weight
 
+    # calibration divides votes by one sum for all rows
     votes_of_leaves = set(given[~branch].tolist())
     if given[branch].any() or len(votes_of_leaves) != 1 or not min(votes_of_leaves):
         raise ValueError("the leaves do not give equally many votes")

@@ -25,6 +25,7 @@ from holdfast.export.guard import LAGS_S, GuardOutputs, History, Triples, add_gu
 from holdfast.export.spec import HISTORY_S, WINDOW_S, StepSpec
 
 SPANS_S = (0.10, 0.25, 0.50)
+"""Spans of means and ranges."""
 SCALED_LAGS = (1, 3, 5)
 """Which of LAGS_S the scaled differences use: 0.10, 0.25 and 0.50 s."""
 MORE_LAGS_S = (0.02, 0.075, 0.13, 0.21, 0.31, 0.43)
@@ -46,6 +47,7 @@ class FeatureGroup:
 
 
 def _window(history: History) -> Triples:
+    """The most recent samples of the sensors, as in the thesis."""
     graph = history.graph
     n_sensors = history.spec.n_sensors
     n_samples = history.spec.window_samples
@@ -53,8 +55,10 @@ def _window(history: History) -> Triples:
     recent = graph.columns(history.samples, first, history.length)
     triples = graph.reshape(recent, 0, n_samples * n_sensors, 3)
     places = history.pooled(triples, n_samples * n_sensors)
+
     # the thesis lists all samples of a sensor, then those of the next one
-    return Triples(np.reshape(places, (n_samples, -1)).T.ravel().tolist())
+    by_sensor = np.reshape(places, (n_samples, -1)).T
+    return Triples(by_sensor.ravel().tolist())
 
 
 def _now(history: History) -> Triples:
@@ -88,7 +92,11 @@ def _activity(history: History) -> Triples:
     summed = history.summed
     later = graph.columns(summed, 1, history.length)
     earlier = graph.columns(summed, 0, history.length - 1)
-    steps = graph.node("Abs", graph.node("Sub", later, earlier))
+    change = graph.node("Sub", later, earlier)
+    steps = graph.node("Abs", change)
+
+    # The means of all spans in one product. The matrix stands on the left, so each recording of
+    # a batch is multiplied in the same order as alone.
     means = graph.node("MatMul", _span_means(history.spec), steps)
     return Triples(history.pooled(means, len(SPANS_S)), scaled=True)
 
@@ -97,7 +105,8 @@ def _span_means(spec: StepSpec) -> FloatArray:
     """[spans, L - 1]: each row averages the steps of the most recent span."""
     means = np.zeros((len(SPANS_S), spec.history_samples))
     for row, seconds in enumerate(SPANS_S):
-        means[row, -spec.lag(seconds) :] = 1.0 / spec.lag(seconds)
+        n_steps = spec.lag(seconds)
+        means[row, -n_steps:] = 1.0 / n_steps
     return means
 
 
@@ -105,10 +114,13 @@ def _shear(history: History) -> str:
     graph = history.graph
     changes = history.summed_changes((1, 1 + len(LAGS_S)), (0, 2))
     shear = graph.node("ReduceL2", changes, [2], keepdims=1)
+
+    # a floor, because a light touch has next to no normal force to divide by
     normal = history.normal
     floor = NORMAL_FLOOR[history.spec.unit]
     scale = graph.node("Max", normal, floor)
     scaled = graph.node("Div", shear, scale)
+
     both = graph.node("Concat", shear, scaled, axis=1)
     return graph.node("Flatten", both, axis=1)
 
@@ -116,7 +128,8 @@ def _shear(history: History) -> str:
 def _ranges(history: History) -> Triples:
     places: list[int] = []
     for span_s in SPANS_S:
-        places += history.pooled(_range(history, history.summed, span_s), 1)
+        of_span = _range(history, history.summed, span_s)
+        places += history.pooled(of_span, 1)
     return Triples(places)
 
 
@@ -124,7 +137,8 @@ def _range(history: History, signal: str, span_s: float) -> str:
     """[B, 1, ..]: the largest minus the smallest of a signal [B, L, ..] over a span."""
     graph = history.graph
     length = history.length
-    recent = graph.columns(signal, length - history.spec.lag(span_s) - 1, length)
+    first = length - history.spec.lag(span_s) - 1
+    recent = graph.columns(signal, first, length)
     high = graph.node("ReduceMax", recent, [1], keepdims=1)
     low = graph.node("ReduceMin", recent, [1], keepdims=1)
     return graph.node("Sub", high, low)
@@ -136,10 +150,14 @@ def _more_differences(history: History) -> Triples:
     lags = [history.spec.lag(seconds) for seconds in MORE_LAGS_S]
     places = [now, *(now - lag for lag in lags)]
     rows = graph.node("Gather", history.samples, places, axis=1)
+
+    # x[t] minus each older row; products with 1 and -1 are exact
     since = np.hstack([np.ones((len(lags), 1)), -np.eye(len(lags))])
     changes = graph.node("MatMul", since, rows)
+
     count = len(lags) * history.spec.n_sensors
-    return Triples(history.pooled(graph.reshape(changes, 0, count, 3), count))
+    triples = graph.reshape(changes, 0, count, 3)
+    return Triples(history.pooled(triples, count))
 
 
 def _finger_ranges(history: History) -> Triples:
@@ -156,20 +174,25 @@ def _moments(history: History) -> Triples:
     """The arm of a sensor is its place in the row, from the middle."""
     n_sensors = history.spec.n_sensors
     places = np.arange(n_sensors, dtype=np.float64)
-    return _leaned(history, places - (n_sensors - 1) / 2.0)
+    middle = (n_sensors - 1) / 2.0
+    return _leaned(history, places - middle)
 
 
 def _imbalance(history: History) -> Triples:
     """The first half of the sensors against the second."""
     n_sensors = history.spec.n_sensors
-    first_half = np.arange(n_sensors) < (n_sensors - 1) / 2.0
-    return _leaned(history, np.where(first_half, -1.0, 1.0))
+    middle = (n_sensors - 1) / 2.0
+    first_half = np.arange(n_sensors) < middle
+    sides = np.where(first_half, -1.0, 1.0)
+    return _leaned(history, sides)
 
 
 def _leaned(history: History, arms: FloatArray) -> Triples:
     """Sum a x[t] and its changes, scaled, for arms [S] of the sensors."""
     graph = history.graph
     rows = 1 + len(LAGS_S)
+
+    # the moment of a difference is the difference of the moments: one product for all rows
     by_arm = graph.constant(np.kron(arms[:, None], np.eye(3)))
     channels = graph.columns(history.changes, 0, history.spec.n_channels, axis=2)
     moments = graph.node("MatMul", channels, by_arm)
@@ -179,6 +202,7 @@ def _leaned(history: History, arms: FloatArray) -> Triples:
 def _bands(history: History) -> str:
     graph = history.graph
     by_channel = graph.node("Transpose", history.rectified, perm=[0, 2, 1])
+    # every third channel is a normal force
     shear = [channel for channel in range(history.spec.n_channels) if channel % 3 < 2]
     of_shear = graph.node("Gather", by_channel, shear, axis=1)
     return graph.node("Flatten", of_shear, axis=1)
@@ -304,11 +328,15 @@ def add_features(
             f"unknown feature groups: {', '.join(unknown) or 'none given'}",
             next_step=f"choose from {', '.join(GROUPS)}",
         )
+
     # first all groups fill the pool, then each chooses its rows of it
     history = History(graph, spec, guarded, rectified)
     added = [GROUPS[name].add(history) for name in spec.groups]
     parts = _joined(history, added)
+
+    # one part needs no node that joins it
     joined = parts[0] if len(parts) == 1 else graph.node("Concat", *parts, axis=1)
+    # float64 up to here: float32 is what the learners were trained on
     graph.node("Cast", joined, out="features", to=TensorProto.FLOAT)
     graph.output("features", TensorProto.FLOAT, feature_count(spec))
     return "features"
@@ -322,6 +350,8 @@ def _joined(history: History, added: list[Triples | str]) -> list[str]:
         if isinstance(group, Triples):
             run.append(group)
             continue
+
+        # the order of the spec is kept: a tensor between triples ends their run
         if run:
             parts.append(history.chosen(run))
             run = []

@@ -77,6 +77,7 @@ def add_heads(graph: GraphBuilder, features: str, heads: list[Head]) -> None:
 
 def _calibrated(graph: GraphBuilder, head: Head, votes: str, out: str = "") -> str:
     """[B, K] float32 probabilities; the division of votes into shares is part of the weights."""
+    # Votes have the same sum in every row, so a share is a product with a constant.
     weights = head.calibration.weights / votes_in_all(head.learner)
     product = graph.node("MatMul", votes, np.float32(weights))
     logits = graph.node("Add", product, np.float32(head.calibration.bias))
@@ -86,13 +87,16 @@ def _calibrated(graph: GraphBuilder, head: Head, votes: str, out: str = "") -> s
 def _publish_extra(graph: GraphBuilder, head: Head, votes: str) -> None:
     yes = graph.constant(1, np.int64)
     probabilities = _calibrated(graph, head, votes)
+    # the second of two classes is yes
     graph.node("Gather", probabilities, yes, out=head.name, axis=1)
     graph.output(head.name, TensorProto.FLOAT)
 
 
 def _publish_label(graph: GraphBuilder, head: Head, votes: str) -> None:
     if head.label_weights is not None:
-        votes = graph.node("Mul", votes, np.asarray(head.label_weights, np.float32))
+        weights = np.asarray(head.label_weights, np.float32)
+        votes = graph.node("Mul", votes, weights)
+
     # Of equal votes the last counts, which is the riskier situation.
     graph.node(
         "ArgMax", votes, out="situation", axis=1, keepdims=0, select_last_index=1
@@ -103,11 +107,15 @@ def _publish_label(graph: GraphBuilder, head: Head, votes: str) -> None:
 def _publish_classes(graph: GraphBuilder, head: Head, votes: str) -> None:
     _calibrated(graph, head, votes, "p_class")
     graph.output("p_class", TensorProto.FLOAT, len(CLASSES))
+
+    # a situation is the sum of its light and its heavy class; whole votes add up exactly
     light_and_heavy = np.kron(np.eye(len(SITUATIONS)), np.ones((2, 1)))
     pairs = graph.constant(light_and_heavy, np.float32)
     graph.node("MatMul", "p_class", pairs, out="p_situation")
     graph.output("p_situation", TensorProto.FLOAT, len(SITUATIONS))
-    _publish_label(graph, head, graph.node("MatMul", votes, pairs))
+    by_situation = graph.node("MatMul", votes, pairs)
+    _publish_label(graph, head, by_situation)
+
     # "nothing" has no weight, so its two classes do not count; a tie is heavy, which is riskier
     heavier = np.array([0, 0] + [-1, 1] * 3, np.float32)
     difference = graph.node("MatMul", votes, heavier)
@@ -125,27 +133,34 @@ def reference_label(head: Head, votes: IntArray) -> IntArray:
     """[N, K] votes -> [N] label of a head; of the main one, a situation by its label weights."""
     if head.name != MAIN_HEAD:
         return riskier_argmax(votes)
-    return riskier_argmax(weighted(situation_votes(votes), head.label_weights))
+
+    by_situation = situation_votes(votes)
+    return riskier_argmax(weighted(by_situation, head.label_weights))
 
 
 def weighted(votes: IntArray, weights: tuple[float, ...] | None) -> npt.NDArray[Any]:
     """Votes [N, 4] times the weights of their situations, in float32 as in the file."""
     if weights is None:
         return votes
-    return np.asarray(votes.astype(np.float32) * np.asarray(weights, dtype=np.float32))
+    factors = np.asarray(weights, dtype=np.float32)
+    return np.asarray(votes.astype(np.float32) * factors)
 
 
 def reference_probability(head: Head, votes: IntArray) -> npt.NDArray[np.float64]:
     """Calibrated probabilities [N, K] of exact votes [N, K], in float64."""
     shares = votes / votes.sum(axis=1, keepdims=True)
     logits = shares @ head.calibration.weights + head.calibration.bias
+
     # less the largest, so that no exponential overflows
-    raised = np.exp(logits - logits.max(axis=1, keepdims=True))
-    return np.asarray(raised / raised.sum(axis=1, keepdims=True), dtype=np.float64)
+    largest = logits.max(axis=1, keepdims=True)
+    raised = np.exp(logits - largest)
+    total = raised.sum(axis=1, keepdims=True)
+    return np.asarray(raised / total, dtype=np.float64)
 
 
 def reference_heavy(votes: IntArray) -> npt.NDArray[np.bool_]:
     """[N, 8] votes -> [N]: at least as many for heavy as for light; "nothing" does not count."""
+    # the first two classes are "nothing", light and heavy
     contact = votes[:, 2:]
     light = contact[:, 0::2].sum(axis=1)
     heavy = contact[:, 1::2].sum(axis=1)

@@ -44,6 +44,7 @@ NODE_ATTRIBUTES = (
 ROWS_AT_ONCE = 8192
 """So many stay in the processor's caches; a long stream at once takes twice as long."""
 LEARNERS = ("forest", "network", "committee")
+"""Kinds of learner, as the model card names them."""
 
 FOREST_KINDS = (RandomForestClassifier, ExtraTreesClassifier)
 Forest: TypeAlias = RandomForestClassifier | ExtraTreesClassifier
@@ -51,6 +52,7 @@ Forest: TypeAlias = RandomForestClassifier | ExtraTreesClassifier
 
 def vote_bits(n_trees: int) -> int:
     """Largest k with trees x 2^k < 2^24, at most 16."""
+    # one less than the exact logarithm rounded up, because the sum must stay below 2^24
     return min(16, math.ceil(math.log2(EXACT_FLOAT32 / n_trees)) - 1)
 
 
@@ -68,10 +70,9 @@ class Committee:
 
     def __post_init__(self) -> None:
         votes = votes_of_trees(len(self.forest.estimators_))
-        if votes != self.network.votes_in_all or 2 * votes >= EXACT_FLOAT32:
-            raise ValueError(
-                f"{votes} votes of trees, {self.network.votes_in_all} of the network"
-            )
+        of_network = self.network.votes_in_all
+        if votes != of_network or 2 * votes >= EXACT_FLOAT32:
+            raise ValueError(f"{votes} votes of trees, {of_network} of the network")
 
 
 Learner: TypeAlias = Forest | Network | Committee
@@ -103,6 +104,7 @@ def votes_in_all(learner: Learner) -> int:
     forest = forest_of(learner)
     network = network_of(learner)
     votes = 0
+
     if forest is not None:
         votes += votes_of_trees(len(forest.estimators_))
     if network is not None:
@@ -130,9 +132,11 @@ def reference_votes(
         bad = np.flatnonzero(~finite)
         what = f"{len(bad)} rows have features that are not finite, the first is row {bad[0]}"
         raise NotANumber(what, where="feature rows")
+
     forest = forest_of(learner)
     network = network_of(learner)
     total = np.zeros((len(rows), n_classes), dtype=np.int64)
+
     if forest is not None:
         total += forest_votes(forest, rows, n_classes)
     if network is not None:
@@ -146,11 +150,13 @@ def forest_votes(
     """Exact integer votes [N, n_classes] of float32 rows [N, F]: the reference for the graph."""
     total = np.zeros((len(rows), n_classes), dtype=np.int64)
     votes_by_tree = leaf_votes(forest, n_classes)
+
     # rows outside, trees inside: all trees see the same rows while they are in the cache
     for start in range(0, len(rows), ROWS_AT_ONCE):
         some = slice(start, start + ROWS_AT_ONCE)
         for tree, votes in zip(forest.estimators_, votes_by_tree, strict=True):
-            total[some] += votes[tree.tree_.apply(rows[some])]
+            leaves = tree.tree_.apply(rows[some])
+            total[some] += votes[leaves]
 
     return total
 
@@ -164,8 +170,10 @@ def leaf_votes(forest: Forest, n_classes: int) -> list[IntArray]:
     columns = np.asarray(forest.classes_, dtype=np.int64)
     votes = []
     for tree in forest.estimators_:
+        # [nodes, outputs, classes]; a forest of situations has one output
+        weights = tree.tree_.value[:, 0, :]
         wide = np.zeros((tree.tree_.node_count, n_classes), dtype=np.int64)
-        wide[:, columns] = _quantise(tree.tree_.value[:, 0, :], scale)
+        wide[:, columns] = _quantise(weights, scale)
         votes.append(wide)
 
     return votes
@@ -176,8 +184,10 @@ def _quantise(values: npt.NDArray[np.float64], scale: int) -> IntArray:
     share = values / values.sum(axis=1, keepdims=True) * scale
     whole = np.floor(share).astype(np.int64)
     missing = scale - whole.sum(axis=1)
+
     # Reversed columns and stable sorts: of equal remainders, the riskier class comes first.
     by_risk = np.round(whole - share, REMAINDER_DIGITS)[:, ::-1]
+    # sorting the order again gives each class its rank
     order = np.argsort(by_risk, axis=1, kind="stable")
     rank = np.argsort(order, axis=1, kind="stable")[:, ::-1]
     return whole + (rank < missing[:, None])
@@ -192,6 +202,7 @@ def add_learner(
     if isinstance(learner, Committee):
         trees = add_forest(graph, learner.forest, features, n_classes, "")
         network = add_network(graph, learner.network, features)
+        # both hold whole numbers below 2^23, so float32 adds them exactly
         return graph.node("Add", trees, network, out=out)
     return add_forest(graph, learner, features, n_classes, out)
 
@@ -204,9 +215,14 @@ def add_forest(
     trees = np.array(attributes["nodes_treeids"])
     nodes = np.array(attributes["nodes_nodeids"])
     is_leaf = np.array(attributes["nodes_modes"]) == "LEAF"
+
+    # Votes of 0 are left out: they change no sum, and most leaves vote for few classes.
     votes = np.concatenate(leaf_votes(forest, n_classes))
     # scikit-learn keeps values at branches too; only those of leaves are votes
     rows, targets = np.nonzero(votes * is_leaf[:, None])
+    weights = votes[rows, targets].astype(float)
+
+    # a regressor, because a classifier of ONNX would normalise votes and choose a label itself
     return graph.node(
         "TreeEnsembleRegressor",
         features,
@@ -218,7 +234,7 @@ def add_forest(
         target_ids=targets.tolist(),
         target_treeids=trees[rows].tolist(),
         target_nodeids=nodes[rows].tolist(),
-        target_weights=votes[rows, targets].astype(float).tolist(),
+        target_weights=weights.tolist(),
         **attributes,
     )
 
@@ -231,6 +247,7 @@ def _tree_attributes(forest: Forest) -> dict[str, Any]:
     )
 
     attributes = get_default_tree_classifier_attribute_pairs()
+    # votes are written by node id, so another numbering would give them to other nodes
     expected: list[int] = []
     for number, tree in enumerate(forest.estimators_):
         add_tree_to_attribute_pairs(

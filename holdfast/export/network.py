@@ -28,12 +28,15 @@ EXACT_FLOAT32 = 2**24
 INPUT_MOST = 511
 """Largest magnitude of a quantised input."""
 LARGEST_FEATURE = 2.0**100
+"""Far beyond any feature of a force, and far enough from infinity for |x| + knee."""
 HIDDEN_MOST = 255
 """Largest value of a hidden unit."""
 WEIGHT_MOST = 2**15 - 1
+"""Largest magnitude of a weight: the C form keeps weights in 16 bits."""
 LOGIT_STEPS = 64
+"""Steps of a logit in one nat."""
 TABLE_LENGTH = 1024
-"""Steps of a logit, 1/nat; a class 16 nats behind the first has no votes."""
+"""Steps in the table of exponentials; a class 16 nats behind the first has no votes."""
 EXPONENTIALS = np.round(2.0**16 * np.exp(-np.arange(TABLE_LENGTH) / LOGIT_STEPS))
 VOTES = 1 << 20
 """Votes of a network that stands alone."""
@@ -59,12 +62,15 @@ class Inputs:
     def __post_init__(self) -> None:
         if not (self.knee > 0.0).all():
             raise ValueError("a knee is not above 0")
+
+        # |s| is below 1, so |gain s + offset| is at most their sum
         largest = np.abs(self.gain.astype(float)) + np.abs(self.offset)
         if not (largest <= INPUT_MOST).all():
             raise ValueError(f"an input exceeds {INPUT_MOST}")
 
     def quantised(self, rows: Float32Array) -> Float32Array:
         """q [N, F] of rows [N, F]: whole numbers as float32."""
+        # a comparison with NaN is false, so NaN counts as 0 too
         known = np.abs(rows) < np.float32(LARGEST_FEATURE)
         finite = np.where(known, rows, np.float32(0.0))
         squashed = finite / (np.abs(finite) + self.knee)
@@ -88,6 +94,7 @@ class Network:
         for layer in self.layers:
             _require_exact(layer, largest_input)
             largest_input = HIDDEN_MOST
+
         if not 0 < self.votes_in_all < EXACT_FLOAT32:
             raise ValueError("too many votes for float32 to add exactly")
 
@@ -113,12 +120,17 @@ class Network:
 
 
 def _require_exact(layer: Layer, largest_input: int) -> None:
+    """Raise ValueError where a sum of the layer could be inexact in float32."""
     weights = layer.weights.astype(np.float64)
     bias = layer.bias.astype(np.float64)
-    whole = (weights == np.round(weights)).all() and (bias == np.round(bias)).all()
+    whole_weights = (weights == np.round(weights)).all()
+    whole_bias = (bias == np.round(bias)).all()
     magnitudes = np.abs(weights)
-    if not whole or magnitudes.max(initial=0.0) > WEIGHT_MOST:
+    too_large = magnitudes.max(initial=0.0) > WEIGHT_MOST
+    if not whole_weights or not whole_bias or too_large:
         raise ValueError(f"a weight is not a whole number within +-{WEIGHT_MOST}")
+
+    # magnitudes bound every partial sum, in any order of the terms
     largest_sum = largest_input * magnitudes.sum(axis=0) + np.abs(bias)
     if not (largest_sum < EXACT_FLOAT32).all():
         raise ValueError("a unit's weights are too large for float32 to add exactly")
@@ -129,7 +141,8 @@ def _require_exact(layer: Layer, largest_input: int) -> None:
 def network_votes(network: Network, rows: Float32Array) -> IntArray:
     """Votes [N, K] of float32 rows [N, F]: the reference for the exported graph."""
     shares = network_shares(network, rows)
-    votes = np.floor(shares * np.float32(network.shared_votes)).astype(np.int64)
+    of_votes = shares * np.float32(network.shared_votes)
+    votes = np.floor(of_votes).astype(np.int64)
     # the last class is the riskiest: it gets what rounding left
     votes[:, -1] = network.votes_in_all - votes[:, :-1].sum(axis=1)
     return np.asarray(votes)
@@ -140,19 +153,24 @@ def network_shares(network: Network, rows: Float32Array) -> Float32Array:
     values = network.inputs.quantised(rows)
     for layer in network.layers[:-1]:
         values = hidden_values(layer, values)
+
+    # The exponential of a library differs between processors; a table and a quotient do not.
     logits = _layer(network.layers[-1], values)
     behind = logits.max(axis=1, keepdims=True) - logits
     place = np.minimum(behind, TABLE_LENGTH - 1).astype(np.int64)
     raised = EXPONENTIALS.astype(np.float32)[place]
-    return np.asarray(raised / raised.sum(axis=1, keepdims=True), dtype=np.float32)
+    total = raised.sum(axis=1, keepdims=True)
+    return np.asarray(raised / total, dtype=np.float32)
 
 
 def hidden_values(layer: Layer, values: Float32Array) -> Float32Array:
     """h [N, O] of a hidden layer: whole numbers within 0 and HIDDEN_MOST."""
-    return np.clip(_layer(layer, values), np.float32(0.0), np.float32(HIDDEN_MOST))
+    rounded = _layer(layer, values)
+    return np.clip(rounded, np.float32(0.0), np.float32(HIDDEN_MOST))
 
 
 def _layer(layer: Layer, values: Float32Array) -> Float32Array:
+    """round((values W + b) * scale) [N, O], not limited."""
     sums = values @ layer.weights + layer.bias
     return np.asarray(np.round(sums * layer.scale), np.float32)
 
@@ -165,6 +183,8 @@ def add_network(
     shares = add_shares(graph, network, features)
     of_votes = graph.node("Mul", shares, np.float32(network.shared_votes))
     votes = graph.node("Floor", of_votes)
+
+    # one product and one sum, both exact, give the last class the rest of the votes
     others = graph.node("MatMul", votes, _rest_to_the_last(k))
     # all votes to the last class, minus what the others got
     last = np.eye(k)[-1] * network.votes_in_all
@@ -177,23 +197,32 @@ def add_shares(graph: GraphBuilder, network: Network, features: str) -> str:
     for layer in network.layers[:-1]:
         least = graph.constant(0.0, np.float32)
         most = graph.constant(HIDDEN_MOST, np.float32)
-        values = graph.node("Clip", _add_layer(graph, layer, values), least, most)
-    return _add_raised(graph, _add_layer(graph, network.layers[-1], values))
+        rounded = _add_layer(graph, layer, values)
+        values = graph.node("Clip", rounded, least, most)
+
+    logits = _add_layer(graph, network.layers[-1], values)
+    return _add_raised(graph, logits)
 
 
 def _add_inputs(graph: GraphBuilder, inputs: Inputs, features: str) -> str:
+    """Add q [B, F]; number by number, so a batch equals a single row."""
+    # a comparison with NaN is false, so NaN counts as 0 too
     size = graph.node("Abs", features)
     known = graph.node("Less", size, np.float32(LARGEST_FEATURE))
     finite = graph.node("Where", known, features, np.float32(0.0))
+
+    # x / (knee + |x|) instead of tanh: IEEE 754 fixes every bit of a quotient
     finite_size = graph.node("Abs", finite)
     below = graph.node("Add", finite_size, inputs.knee)
     squashed = graph.node("Div", finite, below)
+
     scaled = graph.node("Mul", squashed, inputs.gain)
     shifted = graph.node("Add", scaled, inputs.offset)
     return graph.node("Round", shifted)
 
 
 def _add_layer(graph: GraphBuilder, layer: Layer, values: str) -> str:
+    """Add round((values W + b) * scale) [B, O]; the product and the sum are exact."""
     product = graph.node("MatMul", values, layer.weights)
     total = graph.node("Add", product, layer.bias)
     scaled = graph.node("Mul", total, layer.scale)
@@ -205,8 +234,12 @@ def _add_raised(graph: GraphBuilder, logits: str) -> str:
     first = graph.node("ReduceMax", logits, [1], keepdims=1)
     behind = graph.node("Sub", first, logits)
     nearest = graph.node("Min", behind, np.float32(TABLE_LENGTH - 1))
+
+    # a table, because the exponential of a runtime differs between processors
     place = graph.node("Cast", nearest, to=TensorProto.INT64)
     raised = graph.node("Gather", np.float32(EXPONENTIALS), place, axis=0)
+
+    # whole numbers up to 2^16 each, so a sum over the classes is exact in any order
     total = graph.node("ReduceSum", raised, [1], keepdims=1)
     return graph.node("Div", raised, total)
 

@@ -11,10 +11,13 @@ from holdfast.core.errors import ChannelError, RateError, UnitError
 from holdfast.core.reading import Json
 
 BANDS_HZ = tuple(float(band) for band in range(10, 60, 5))
+"""Nominal frequencies of the filter bank of Engeberg and Meek."""
 HIGHEST_SHARE = 0.46
 """Closer to half the rate, prewarping makes a band ring: 25 Hz at 50.1 Hz for 32 s."""
 WINDOW_S = 0.10
+"""Length of the thesis' raw window."""
 HISTORY_S = 0.50
+"""Nothing older reaches a feature (the band-pass bank apart)."""
 GAP_S = 0.020
 """A sensor lost for longer than this must settle again; a shorter gap is bridged."""
 
@@ -52,6 +55,7 @@ def window_samples(rate_hz: float, window_s: float = WINDOW_S) -> int:
     >>> [window_samples(rate_hz) for rate_hz in (10, 50, 58.9, 100, 150, 300)]
     [2, 6, 6, 11, 16, 31]
     """
+    # a product that is whole on paper can come out just below: 1e-9 keeps its last sample
     return max(2, math.floor(window_s * rate_hz + 1e-9) + 1)
 
 
@@ -109,6 +113,8 @@ class StepSpec:
                 f"a window of {self.window_s} s",
                 next_step=f"give more than 0, at most {HISTORY_S} s",
             )
+
+        # 0 stands for all sensors; the class is frozen, so its default is filled in this way
         if not self.min_valid_sensors:
             object.__setattr__(self, "min_valid_sensors", self.n_sensors)
         if not 1 <= self.min_valid_sensors <= self.n_sensors:
