@@ -59,8 +59,11 @@ class StepCode:
         self._largest = whole.largest
         views = views_of(graph)
         plan = plan_of(graph, views)
+
         types = whole_types(graph, plan, whole)
         made_early = {name for step in plan.sense for name in step.outputs}
+
+        # an output lies in the caller's struct: only the half that makes it knows it
         early = {name: name for name in (*INPUTS, FEATURES)}
         late = {FEATURES: FEATURES}
         for name, field in _fields(graph).items():
@@ -71,10 +74,14 @@ class StepCode:
         answer = Memory(graph, views, plan.answer, types, late)
         _require_apart(graph, plan, views)
         _require_outputs(graph, plan)
+
         next_state = _kept_state(graph, plan.keep, sense)
         self.sense = self._part(plan.sense, sense, next_state)
         self.answer = self._part(plan.answer, answer, [])
+
+        # a tag of the model in front of the numbers, so that no other model's state is read
         self.state_bytes = 8 + 8 * math.prod(graph.shape("state"))
+        # both halves run one after the other, so the larger one counts
         scratch = max(sense.scratch_bytes(), answer.scratch_bytes())
         self.stack_bytes = scratch + 4 * graph.n_features + CALL_BYTES
 
@@ -108,6 +115,7 @@ def _write_step(step: Step, number: int, writer: Writer) -> Function:
     """The C function of a step. Raises NotCompilable for an operator without a C form."""
     if step.shape is not None:
         return function(step, number, write_loop(step, writer), writer)
+
     (node,) = step.nodes
     emitter = EMITTERS.get(node.op_type)
     if emitter is None:
@@ -129,6 +137,7 @@ def _require_apart(graph: Graph, plan: Plan, views: dict[str, View]) -> None:
     known = {FEATURES}
     for step in plan.answer:
         known.update(step.outputs)
+
     for step in plan.answer:
         for node in step.nodes:
             for name in node.inputs:
@@ -139,7 +148,10 @@ def _require_apart(graph: Graph, plan: Plan, views: dict[str, View]) -> None:
 
 def _require_outputs(graph: Graph, plan: Plan) -> None:
     """Raise NotCompilable where an output only names a part of another tensor."""
-    made = {name for step in (*plan.sense, *plan.answer) for name in step.outputs}
+    made: set[str] = set()
+    for step in (*plan.sense, *plan.answer):
+        made.update(step.outputs)
+
     for node in graph.nodes:
         for name in node.outputs:
             if name in (*graph.outputs, FEATURES) and name not in made:
@@ -150,6 +162,7 @@ def _kept_state(graph: Graph, node: Node, memory: Memory) -> list[str]:
     """The next state, in place: each part moves towards the front, or comes from elsewhere."""
     if node.op_type != "Concat":
         raise refusal(node, "the next state is not joined from parts")
+
     lines = []
     at = 0
     for name in node.inputs:
@@ -159,6 +172,8 @@ def _kept_state(graph: Graph, node: Node, memory: Memory) -> list[str]:
         # a part that moves backwards would be overwritten before it is copied
         if (inside and place.offset < at) or graph.values(name) is not None:
             raise refusal(node, "a part of the state moves backwards, or is constant")
+
+        # source and target overlap where rows of the history move up by one
         copy = "memmove" if inside else "memcpy"
         source = place.address()
         lines.append(f"{copy}(state + {at}, {source}, {size} * sizeof *state);")

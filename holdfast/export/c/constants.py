@@ -33,6 +33,7 @@ REALS = {
     "HF_LARGEST": LARGEST,
     "HF_CUE_P": CUE_P,
 }
+"""Name in C -> a number that C keeps as double."""
 WHOLE = {"HF_YIELD_SAMPLES": RULES.yield_samples, "HF_RATIOS": friction.SAMPLES}
 RULE_ORDER = (
     "arm_samples",

@@ -25,6 +25,7 @@ COMPILERS = ("cc", "gcc", "clang")
 LONGEST_S = 600.0
 """A compiler that takes longer hangs."""
 LONGEST_MESSAGE = 200
+"""Characters of a compiler's output that an error quotes."""
 
 
 @dataclass(frozen=True)
@@ -44,14 +45,18 @@ def export_c(
     names = ["holdfast.c", "holdfast.h", "holdfast_selftest.c"]
     if build:
         names.append(LIBRARY)
+
+    # before the compiler runs, which takes a while
     _require_free(folder, names, force=force)
     require_writable(folder)
+
     source = c_source(graph)
     contents: dict[str, str | bytes] = dict(source.files)
     selftest: list[str] = []
     if build:
         contents[LIBRARY], printed = compiled_library(source.files)
         selftest.append(printed)
+
     # all files or none: a header of one model must never stand next to the code of another
     with whole_folder(folder) as unfinished:
         for name, content in contents.items():
@@ -67,6 +72,7 @@ def _require_free(folder: Path, names: list[str], *, force: bool) -> None:
             where=folder,
             next_step="name another folder with --out",
         )
+
     there = [name for name in names if (folder / name).exists()]
     if there and not force:
         raise OutputError(
@@ -87,11 +93,14 @@ def compiled_library(files: Mapping[str, str]) -> tuple[bytes, str]:
         folder = Path(name)
         for file, text in files.items():
             (folder / file).write_text(text, encoding="utf-8")
+
+        # position-independent, as a shared library needs
         _compile(compiler, folder, "-c", "-fPIC", "-o", "holdfast.o", "holdfast.c")
         _compile(compiler, folder, "-shared", "-o", LIBRARY, "holdfast.o", "-lm")
         # the self-test runs the same object file that the library is made of
         parts = ("holdfast_selftest.c", "holdfast.o", "-lm")
         _compile(compiler, folder, "-o", "selftest", *parts)
+
         printed = _tested(folder / "selftest")
         return (folder / LIBRARY).read_bytes(), printed
 
@@ -100,6 +109,7 @@ def find_compiler() -> str:
     """The compiler in $CC, else the first of COMPILERS that knows C99. Raises CompilerFailed."""
     wanted = os.environ.get("CC", "")
     names = (wanted,) if wanted else COMPILERS
+
     for name in names:
         path = shutil.which(name)
         if path is not None:
@@ -115,12 +125,13 @@ def find_compiler() -> str:
 
 
 def _require_c99(compiler: str) -> None:
+    """Raise CompilerFailed for a compiler that does not take FLAGS and a loop of C99."""
     with tempfile.TemporaryDirectory(prefix="holdfast-c-") as name:
         folder = Path(name)
-        (folder / "try.c").write_text(
-            "int main(void) { for (int i = 0; i < 1; ++i) {} return 0; }"
-        )
-        if _run(compiler, folder, *FLAGS, "-c", "-o", "try.o", "try.c").returncode:
+        program = "int main(void) { for (int i = 0; i < 1; ++i) {} return 0; }"
+        (folder / "try.c").write_text(program)
+        done = _run(compiler, folder, *FLAGS, "-c", "-o", "try.o", "try.c")
+        if done.returncode:
             raise CompilerFailed(
                 f"{compiler} does not take {' '.join(FLAGS)}",
                 cause="it is too old, or no C compiler",
@@ -129,8 +140,10 @@ def _require_c99(compiler: str) -> None:
 
 
 def _compile(compiler: str, folder: Path, *words: str) -> None:
+    """Run the compiler in a folder. Raises CompilerFailed with its first error."""
     done = _run(compiler, folder, *FLAGS, *words)
     if done.returncode:
+        # warnings and notes of a header can come first
         errors = [line for line in done.stderr.splitlines() if "error" in line]
         first = errors[0] if errors else done.stderr
         raise CompilerFailed(

@@ -98,6 +98,8 @@ def read_graph(path: str | Path) -> Graph:
     # a fresh state is all zero, and holdfast_init makes it: no step has to reset
     tensors["reset"] = Tensor(BOOL, (1, 1, 1), np.zeros((1, 1, 1), dtype=np.bool_))
     nodes = _without_resets(model.nodes, tensors)
+
+    # the caller owns the features and the state: they are no fields of the output struct
     names = tuple(name for name in model.outputs if name not in (FEATURES, NEXT_STATE))
     return Graph(card, model.metadata[SEAL_KEY], golden, nodes, tensors, names)
 
@@ -108,20 +110,25 @@ def _without_resets(
     """Nodes without each Where of a constant condition: its readers read what it chooses."""
     chosen: dict[str, str] = {}
     kept = []
+
     for node in nodes:
-        node = replace(
-            node, inputs=tuple(chosen.get(name, name) for name in node.inputs)
-        )
-        condition = tensors[node.inputs[0]].values if node.op_type == "Where" else None
-        if condition is not None and condition.size == 1:
-            chosen[node.outputs[0]] = node.inputs[1 if condition.all() else 2]
-        else:
+        inputs = tuple(chosen.get(name, name) for name in node.inputs)
+        node = replace(node, inputs=inputs)
+        if node.op_type != "Where":
             kept.append(node)
+            continue
+
+        condition = tensors[inputs[0]].values
+        if condition is None or condition.size != 1:
+            kept.append(node)
+        else:
+            chosen[node.outputs[0]] = inputs[1] if condition.all() else inputs[2]
 
     return tuple(kept)
 
 
 FLOAT_LISTS = ("nodes_values", "target_weights")
+"""Attributes of a tree ensemble that hold floats; all other lists hold whole numbers."""
 BRANCH = b"BRANCH_LEQ"
 """What a node of a tree is: this, or LEAF."""
 
@@ -132,6 +139,8 @@ def decoded(node: Node) -> Node:
     lists = [name for name in attributes if name.startswith(("nodes_", "target_"))]
     if node.op_type == "Transpose":
         lists.append("perm")
+
+    # the reader of the runtime needs no lists and leaves them as protobuf wrote them
     for name in lists:
         data = attributes[name]
         if name in FLOAT_LISTS:
@@ -157,10 +166,15 @@ def _whole_numbers(data: bytes) -> npt.NDArray[np.int64]:
     last = np.flatnonzero(raw < 0x80)
     tags = last[::2]
     ends = last[1::2]
+
+    # the k-th byte of all numbers at once: forests have hundreds of thousands of them
     values = np.zeros(len(ends), dtype=np.int64)
-    for k in range(int((ends - tags).max(initial=0))):
-        here = tags + 1 + k <= ends
-        values[here] |= (raw[tags[here] + 1 + k] & 0x7F).astype(np.int64) << (7 * k)
+    longest = int((ends - tags).max(initial=0))
+    for k in range(longest):
+        at = tags + 1 + k
+        here = at <= ends
+        bits = (raw[at[here]] & 0x7F).astype(np.int64)
+        values[here] |= bits << (7 * k)
 
     return values
 
@@ -175,6 +189,8 @@ def _are_branches(data: bytes) -> npt.NDArray[np.bool_]:
 def shapes_of(model: OnnxModel) -> dict[str, Tensor]:
     """Every tensor by its name, for a batch of one. Raises NotCompilable."""
     arrays: dict[str, Array] = dict(model.constants)
+
+    # ones, because a division by zeros would warn
     for name, declared in model.inputs.items():
         shape = [1 if isinstance(size, str) else size for size in declared.shape]
         arrays[name] = np.ones(shape, DTYPES[declared.element])
@@ -185,6 +201,7 @@ def shapes_of(model: OnnxModel) -> dict[str, Tensor]:
             made = _RULES.get(node.op_type, _arithmetic)(node, *inputs)
         except (ArithmeticError, LookupError, TypeError, ValueError) as error:
             raise refusal(node, f"its inputs do not fit ({error!s:.80})") from None
+
         outputs = made if isinstance(made, list) else [made]
         arrays.update(zip(node.outputs, outputs, strict=True))
 
@@ -224,12 +241,15 @@ def _concat(node: Node, *inputs: Array) -> Array:
 
 def _split(node: Node, values: Array, sizes: Array) -> list[Array]:
     axis = node.attributes.get("axis", 0)
-    return np.split(values, np.cumsum(sizes)[:-1].tolist(), axis=axis)
+    # numpy takes where parts begin, ONNX how long they are
+    starts = np.cumsum(sizes)[:-1].tolist()
+    return np.split(values, starts, axis=axis)
 
 
 def _slice(
     node: Node, values: Array, starts: Array, stops: Array, axes: Array
 ) -> Array:
+    """A part along some axes; an export writes no negative starts and no steps."""
     parts = [slice(None)] * values.ndim
     for start, stop, axis in zip(starts, stops, axes, strict=True):
         parts[axis] = slice(start, stop)
@@ -237,7 +257,9 @@ def _slice(
 
 
 def _gather(node: Node, table: Array, indices: Array) -> Array:
-    return np.take(table, indices, axis=node.attributes.get("axis", 0), mode="clip")
+    axis = node.attributes.get("axis", 0)
+    # the ones of the dry run are places in a table too, and may lie beyond its end
+    return np.take(table, indices, axis=axis, mode="clip")
 
 
 def _reshape(node: Node, values: Array, target: Array) -> Array:
@@ -248,7 +270,8 @@ def _reshape(node: Node, values: Array, target: Array) -> Array:
 
 def _flatten(node: Node, values: Array) -> Array:
     axis = node.attributes.get("axis", 1)
-    return values.reshape(int(np.prod(values.shape[:axis])), -1)
+    rows = int(np.prod(values.shape[:axis]))
+    return values.reshape(rows, -1)
 
 
 def _transpose(node: Node, values: Array) -> Array:

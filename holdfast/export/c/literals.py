@@ -28,6 +28,7 @@ INTEGERS = (
 BYTES = {"double": 8, "int8_t": 1, "uint8_t": 1, "int16_t": 2, "uint16_t": 2}
 """Sizes of C types; all others have 4."""
 LINE = 96
+"""Longest line of a table."""
 
 
 def number(value: Any, c_type: str) -> str:
@@ -41,16 +42,21 @@ def number(value: Any, c_type: str) -> str:
     real = float(value)
     end = "f" if c_type == "float" else ""
     if np.isinf(real):
-        return f"({'-' if real < 0 else ''}({c_type})INFINITY)"
+        sign = "-" if real < 0 else ""
+        return f"({sign}({c_type})INFINITY)"
+
+    # short decimals where they are exact: the C stays readable, and its tables small
     if real == int(real) and abs(real) < 1e6:
         return f"{real:.1f}{end}"
     short = repr(real)
     is_exact = real * 1024.0 == round(real * 1024.0)
     if len(short) <= 6 and is_exact:
         return f"{short}{end}"
+
     # hexadecimal digits are exact; zeros at the end are left out
     digits, exponent = real.hex().split("p")
-    return f"{digits.rstrip('0').rstrip('.')}p{exponent}{end}"
+    short_digits = digits.rstrip("0").rstrip(".")
+    return f"{short_digits}p{exponent}{end}"
 
 
 def smallest_type(values: npt.NDArray[Any]) -> str:
@@ -59,8 +65,10 @@ def smallest_type(values: npt.NDArray[Any]) -> str:
     >>> smallest_type(np.array([0, 255])), smallest_type(np.array([-1, 200]))
     ('uint8_t', 'int16_t')
     """
+    # 0 as the first value makes an empty table the smallest type
     least = int(values.min(initial=0))
     most = int(values.max(initial=0))
+
     for name, dtype in INTEGERS:
         limits = np.iinfo(dtype)
         if limits.min <= least and most <= limits.max:

@@ -65,6 +65,8 @@ class Memory:
         for name, array in outside.items():
             self._places[name] = Place(self.c_type(name), array)
 
+        # A step's outputs get their places before its inputs are freed: C's `restrict` promises
+        # that they do not overlap.
         last_reader = _last_readers(steps, views, kept)
         for at, step in enumerate(steps):
             for name in step.outputs:
@@ -96,13 +98,16 @@ class Memory:
 
     def _size(self, name: str) -> int:
         """Numbers of a tensor, rounded up."""
-        return -(-math.prod(self._graph.shape(name)) // ALIGNED) * ALIGNED
+        n = math.prod(self._graph.shape(name))
+        groups = -(-n // ALIGNED)
+        return groups * ALIGNED
 
     def _allot(self, name: str) -> Place:
         """The first free block that is large enough, or new memory at the end."""
         c_type = self.c_type(name)
         n = self._size(name)
         blocks = self._free.setdefault(c_type, [])
+
         for k, (start, size) in enumerate(blocks):
             if size >= n:
                 blocks[k] = (start + n, size - n)
@@ -115,13 +120,17 @@ class Memory:
     def _release(self, name: str) -> None:
         """Free a tensor's scratch memory, and join neighbouring blocks."""
         place = self._places.get(name)
+        # the caller's arrays and the state are not scratch memory
         if place is None or place.array != SCRATCH.get(place.c_type):
             return
+
         freed = (place.offset, self._size(name))
         joined: list[Block] = []
         for start, size in sorted([*self._free[place.c_type], freed]):
+            # what is left of a block that was allotted whole
             if not size:
                 continue
+            # first number and size of a block add up to where the next one begins
             if joined and sum(joined[-1]) == start:
                 first, before = joined.pop()
                 joined.append((first, before + size))
@@ -141,8 +150,10 @@ def _last_readers(
         made |= dict.fromkeys(step.outputs, at)
         readers += [(at, node) for node in step.nodes]
 
+    # the next state is joined after all steps
     if kept is not None:
         readers.append((len(steps), kept))
+
     last: dict[str, int] = {}
     for at, node in readers:
         for name in node.inputs:

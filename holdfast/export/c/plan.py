@@ -47,10 +47,14 @@ class View:
 def views_of(graph: Graph) -> dict[str, View]:
     """Every tensor that needs no memory, by name; bases are never views."""
     views: dict[str, View] = {}
+
     for node in graph.nodes:
+        source = node.inputs[0]
+        # a view of a view begins in the memory of the last one's base
+        first = views.get(source, View(source))
         for name, offset in _contiguous(node, graph):
-            first = views.get(node.inputs[0], View(node.inputs[0]))
             views[name] = View(first.base, first.offset + offset)
+
     return views
 
 
@@ -69,11 +73,15 @@ def _parts(node: Node, graph: Graph) -> list[tuple[str, int]]:
     """The outputs of a Split along the first axis that is longer than 1."""
     shape = graph.shape(node.inputs[0])
     parts: list[tuple[str, int]] = []
-    if math.prod(shape[: split_axis(node)]) == 1:
-        at = 0
-        for name in node.outputs:
-            parts.append((name, at))
-            at += math.prod(graph.shape(name))
+    before_axis = shape[: split_axis(node)]
+    # with several rows before the axis, a part is a piece of every row
+    if math.prod(before_axis) != 1:
+        return parts
+
+    at = 0
+    for name in node.outputs:
+        parts.append((name, at))
+        at += math.prod(graph.shape(name))
     return parts
 
 
@@ -98,7 +106,11 @@ def slice_offset(node: Node, graph: Graph) -> int:
     """Where a Slice begins in its input, in numbers."""
     starts, _, axes = (graph.constant(name, node).tolist() for name in node.inputs[1:])
     step = strides(graph.shape(node.inputs[0]))
-    return sum(start * step[axis] for start, axis in zip(starts, axes, strict=True))
+
+    offset = 0
+    for start, axis in zip(starts, axes, strict=True):
+        offset += start * step[axis]
+    return offset
 
 
 def strides(shape: Shape) -> tuple[int, ...]:
@@ -138,6 +150,7 @@ def plan_of(graph: Graph, views: dict[str, View]) -> Plan:
     sense = _Order(graph, views)
     answer = _Order(graph, views)
     (keep,) = [node for node in graph.nodes if NEXT_STATE in node.outputs]
+
     for node in graph.nodes:
         is_view = any(name in views for name in node.outputs)
         if is_view or node is keep:
@@ -166,6 +179,7 @@ class _Order:
         """The next node of the graph."""
         shape = _loop_shape(node, self._graph)
         at = len(self.steps) if shape is None else self._loop_for(node, shape)
+
         if at == len(self.steps):
             self.steps.append(Step([], shape))
         self.steps[at].nodes.append(node)
@@ -175,6 +189,7 @@ class _Order:
     def _loop_for(self, node: Node, shape: Shape) -> int:
         """The first step that can take the node; one past the last where there is none."""
         at = max((self._ready(name, shape) for name in node.inputs), default=0)
+        # an earlier loop keeps more numbers in registers than a new one
         while at < len(self.steps) and self.steps[at].shape != shape:
             at += 1
         return at
@@ -182,9 +197,12 @@ class _Order:
     def _ready(self, name: str, shape: Shape) -> int:
         """The first step that may read a tensor number by number."""
         view = self._views.get(name)
-        at = self._made_in.get(view.base if view else name, -1)
+        base = view.base if view else name
+        at = self._made_in.get(base, -1)
+        # inputs and constants are there from the beginning
         if at < 0:
             return 0
+
         # the loop that makes a tensor may read it, but only the number that it has just made
         same_loop = view is None and self.steps[at].shape == shape
         same_number = without_ones(self._graph.shape(name)) == shape

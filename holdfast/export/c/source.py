@@ -33,6 +33,7 @@ ABOUT = {
     "p_class": "of the eight classes: each situation with a light, then a heavy object",
     "weight": "1: the object is heavy (150 g or more); no meaning where nothing is held",
 }
+"""Output -> what the header says of it."""
 _SNIPPET = re.compile(r"^/\*\*\* (\w+) \*\*\*/\n", re.MULTILINE)
 Words = Mapping[str, object]
 """What stands in a template between @ -> what replaces it."""
@@ -68,11 +69,14 @@ def _source(compiled: StepCode, words: Words) -> str:
     """holdfast.c: what is used of maths.c, the model, then the hand-written files."""
     sense, sense_body = compiled.sense
     answer, answer_body = compiled.answer
+
     sense_head = (
         "static void hf_sense(double *state, const double *sample, "
         "const uint8_t *valid, float *features, holdfast_out *out)"
     )
     answer_head = "void holdfast_answer(const float *features, holdfast_out *out)"
+
+    # a C function stands before its first use
     parts = [
         _template("begin.c", words),
         _snippets(f"{sense}\n{answer}"),
@@ -104,9 +108,12 @@ def _snippets(used_in: str) -> str:
     helpers = dict(zip(parts[1::2], parts[2::2], strict=True))
     wanted: set[str] = set()
     texts = [used_in]
+
+    # a helper may use others: go on until no new one turns up
     while texts:
         called = set(re.findall(r"\w+", texts.pop()))
-        for name in called & set(helpers) - wanted:
+        new = called & set(helpers) - wanted
+        for name in new:
             wanted.add(name)
             texts.append(helpers[name])
 
@@ -117,7 +124,10 @@ def _snippets(used_in: str) -> str:
 def _words(graph: Graph, compiled: StepCode) -> dict[str, object]:
     """The words and numbers of one model."""
     card = graph.card
-    n = graph.card.n_channels
+    n = card.n_channels
+    gap_ms = 1000.0 * card.gap_samples / card.rate_hz
+    all_valid = ", ".join(["1"] * (n // 3))
+    # ceiling and target are forces in N: a raw signal has neither
     reduced = "; forces are not in N, so there is no ceiling and no target"
     words: dict[str, object] = {
         "MODEL_ID": card.model_id,
@@ -134,14 +144,14 @@ def _words(graph: Graph, compiled: StepCode) -> dict[str, object]:
         "UNIT_IS_N": int(card.unit == "N"),
         "LIMIT": f"{card.range_limit:g} {card.unit}",
         "GAP": card.gap_samples,
-        "GAP_MS": f"{1000.0 * card.gap_samples / card.rate_hz:.0f}",
+        "GAP_MS": f"{gap_ms:.0f}",
         "LEAST": card.min_valid_sensors,
         "SETTLE": card.settle_samples,
         "STATE_NUMBERS": math.prod(graph.shape("state")),
         "STATE_BYTES": compiled.state_bytes,
         "TABLE_BYTES": compiled.tables.n_bytes,
         "STACK_BYTES": compiled.stack_bytes,
-        "ONES": ", ".join(["1"] * (n // 3)),
+        "ONES": all_valid,
         "OUTPUTS": _struct(graph),
         "RULES": rules_of(card),
         "OPTIONS": options_of(card),
@@ -155,6 +165,7 @@ def _preparation(preparation: Preparation) -> dict[str, object]:
     """How a stream is prepared: words and numbers for the header."""
     turned_axes = 3 if preparation.turns == "sensor" else 1
     is_median = preparation.statistic == "median" and preparation.bias_rows > 0
+
     return {
         "BIAS": _bias(preparation),
         "BIAS_ROWS": preparation.bias_rows,
@@ -179,12 +190,14 @@ def _bias(preparation: Preparation) -> str:
 def _struct(graph: Graph) -> str:
     """The fields of holdfast_out, each with what it means."""
     lines = []
+
     for name in graph.outputs:
         about = ABOUT.get(name, "")
         if name == "detectors":
             about = f"1 where it fires: {', '.join(graph.card.detectors)}"
         elif name in graph.card.heads:
             about = "probability of yes"
+
         size = math.prod(graph.shape(name))
         length = f"[{size}]" if size > 1 else ""
         field = f"{C_TYPES[graph.element(name)]} {name}{length};"
@@ -198,9 +211,11 @@ def _selftest(graph: Graph, words: Words) -> str:
     """holdfast_selftest.c: the golden answers of the file as tables, the input by its formula."""
     tables = []
     checks = []
+
     for name in graph.outputs:
         answers = graph.golden[name]
         size = math.prod(answers.shape[1:])
+
         # votes are whole numbers kept as float32: they must be equal, like labels
         is_exact = answers.dtype != np.float32 or "votes" in name
         c_type = smallest_type(answers) if is_exact else C_TYPES[graph.element(name)]
@@ -221,6 +236,7 @@ def _check(name: str, size: int, is_exact: bool) -> str:
     field = f"out.{name}" if size > 1 else f"&out.{name}"
     if not is_exact:
         return f"floats += far({field}, golden_{name} + {size} * row, {size});"
+
     given = f"{field}[k]" if size > 1 else f"({field})[k]"
     differs = f"{given} != golden_{name}[{size} * row + k]"
     return f"for (int k = 0; k < {size}; ++k) labels += {differs};"

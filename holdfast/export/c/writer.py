@@ -42,6 +42,7 @@ class Names:
     def of(self, tensor: str) -> str:
         """The same name at every call."""
         free = _NAME.fullmatch(tensor) and not tensor.startswith(OURS)
+        # numbered by first use, so the same graph always gives the same C
         number = len(self._names)
         name = tensor if free or tensor in KNOWN else f"tensor_{number}"
         return self._names.setdefault(tensor, name)
@@ -71,6 +72,7 @@ class Writer:
     def value_type(self, tensor: str) -> str:
         """The C type of a number of a tensor while it is computed with."""
         c_type = C_TYPES[self.graph.element(tensor)]
+        # C computes flags as int: a smaller variable would only cost conversions
         return "int" if c_type == "uint8_t" else c_type
 
     def read(self, tensor: str, index: str) -> str:
@@ -94,12 +96,14 @@ def function(step: Step, number: int, body: list[str], writer: Writer) -> Functi
     arguments = []
     parameters = []
     text = "\n".join(body)
+
     for tensor in _read_from_outside(step, writer):
         # the body of a step may leave out what it multiplies with 0
         if re.search(rf"\b{writer.name(tensor)}\b", text):
             parameters.append(_parameter(tensor, writer, "const "))
             arguments.append(writer.memory.place(tensor).address())
 
+    # outputs that only the step itself reads are variables inside
     for tensor in step.outputs:
         if writer.memory.is_kept(tensor):
             parameters.append(_parameter(tensor, writer, ""))
@@ -110,22 +114,26 @@ def function(step: Step, number: int, body: list[str], writer: Writer) -> Functi
     about = f"/* {textwrap.fill(operators, 94)} */"
     head = f"static void {name}({', '.join(parameters)})"
     definition = "\n".join([about, *block(head, body)])
-    return Function(f"{definition}\n", f"{name}({', '.join(arguments)});")
+    call = f"{name}({', '.join(arguments)});"
+    return Function(f"{definition}\n", call)
 
 
 def _read_from_outside(step: Step, writer: Writer) -> list[str]:
     """The tensors that a step reads and does not make, once each, in order."""
     inside = set(step.outputs)
     read = []
+
     for node in step.nodes:
         for tensor in node.inputs:
             if tensor not in inside and not writer.is_constant(tensor):
                 inside.add(tensor)
                 read.append(tensor)
+
     return read
 
 
 def _parameter(tensor: str, writer: Writer, const: str) -> str:
+    """A pointer that no other parameter shares memory with, so the compiler may use vectors."""
     c_type = writer.memory.place(tensor).c_type
     return f"{const}{c_type} *restrict {writer.name(tensor)}"
 
@@ -139,9 +147,8 @@ def counted(variable: str, n: int, body: list[str], first: int = 0) -> list[str]
     """A loop over first .. n - 1; the body alone where n is 1, for `index` leaves i out then."""
     if n == 1:
         return body
-    return block(
-        f"for (int {variable} = {first}; {variable} < {n}; ++{variable})", body
-    )
+    head = f"for (int {variable} = {first}; {variable} < {n}; ++{variable})"
+    return block(head, body)
 
 
 def index(*terms: tuple[int, str, int], first: int = 0) -> str:
