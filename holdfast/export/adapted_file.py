@@ -75,11 +75,14 @@ def adapted(base: bytes, adaptation: Adaptation) -> bytes:
     card = _card(json.loads(metadata[CARD_KEY]), base, adaptation)
     if adaptation.correction is not None:
         add_correction(model, adaptation.correction)
+
     onnx.checker.check_model(model, full_check=True)
     # the seal is computed again when the base is restored
     del metadata[SEAL_KEY]
     kept = {BASE_KEY: _packed(metadata)}
     data = seal(model, card, StepSpec.from_json(card["spec"]), kept)
+
+    # a person must be able to go back, so a file that cannot is not returned
     if undone(data) != base:
         raise VerificationFailed(
             "the base file cannot be restored byte for byte",
@@ -90,16 +93,19 @@ def adapted(base: bytes, adaptation: Adaptation) -> bytes:
 
 
 def _metadata(model: onnx.ModelProto) -> dict[str, str]:
+    """In the order of the file, on which its bytes depend."""
     return {entry.key: entry.value for entry in model.metadata_props}
 
 
 def _card(card: Json, base: bytes, adaptation: Adaptation) -> Json:
+    """The base's card, changed to that of the adapted file."""
     card["decision"] = adaptation.decision.to_json()
     if adaptation.correction is not None:
         card["heads"]["situation"]["correction"] = {
             "inputs": adaptation.correction.network.n_features,
             "steps_per_nat": LOGIT_STEPS,
         }
+
     digest = hashlib.sha256(base).hexdigest()
     card["adaptation"] = {"base_sha256": digest, **adaptation.about}
     return card
@@ -107,8 +113,11 @@ def _card(card: Json, base: bytes, adaptation: Adaptation) -> Json:
 
 def _packed(metadata: dict[str, str]) -> str:
     """As text; the same metadata always give the same text."""
-    content = json.dumps(list(metadata.items()), separators=(",", ":")).encode()
-    return base64.b64encode(zlib.compress(content, 9)).decode("ascii")
+    pairs = list(metadata.items())
+    content = json.dumps(pairs, separators=(",", ":")).encode()
+    # metadata of ONNX are strings, so the compressed bytes are written as letters
+    compressed = zlib.compress(content, 9)
+    return base64.b64encode(compressed).decode("ascii")
 
 
 def is_adapted(data: bytes) -> bool:
@@ -124,12 +133,15 @@ def undone(data: bytes, where: str | Path = "") -> bytes:
         raise NotAdapted(
             "this file is not adapted", where=where, next_step="use it as it is"
         )
+
+    # what was packed into the file comes from outside: it may be anything
     try:
         card = json_of(metadata[CARD_KEY])
         if "correction" in card["heads"]["situation"]:
             remove_correction(model)
         base = sealed_with(model, _unpacked(metadata[BASE_KEY]))
-        whole = hashlib.sha256(base).hexdigest() == card["adaptation"]["base_sha256"]
+        digest = hashlib.sha256(base).hexdigest()
+        whole = digest == card["adaptation"]["base_sha256"]
     except (KeyError, TypeError, ValueError, zlib.error, binascii.Error):
         whole = False
 
@@ -157,8 +169,11 @@ def _unpacked(text: str) -> dict[str, str]:
 
 @dataclass(frozen=True)
 class AdaptedVerification:
-    """What was compared, as counts. rows: given and hard ones. changed: labels that differ from
-    the base's. samples: of streams."""
+    """What was compared, as counts.
+
+    rows: given and hard ones. single_rows: computed alone and in a batch. samples: of streams.
+    changed: labels of given rows that differ from the base's.
+    """
 
     rows: int
     single_rows: int
@@ -173,30 +188,39 @@ def verify_adapted(
     correction: Correction | None,
     rows: FloatRows,
 ) -> AdaptedVerification:
-    """Compare an adapted file with the reference. rows: [N, F] features. Raises
-    VerificationFailed."""
+    """Compare an adapted file with the reference. Raises VerificationFailed.
+
+    rows: [N, F] features.
+    """
     hard = np.concatenate([rows, _hard_rows(correction, rows)])
     old = run_rows(_learners(base), hard, CHUNK)
     session = _learners(data)
     new = run_rows(session, hard, CHUNK)
     _require_reference(old, new, hard, correction, "")
+
     label = _label(card, new["votes"].astype(np.int64))
     _require(np.array_equal(new["situation"], label), "labels")
     n_single = require_single_rows_equal(session, hard, new, SINGLE_ROWS, seed=0)
     samples = _require_same_streams(base, data, card, correction)
+
+    # only given rows: hard ones are no samples that a person could make
     changed = new["situation"][: len(rows)] != old["situation"][: len(rows)]
     return AdaptedVerification(len(hard), n_single, samples, int(changed.sum()))
 
 
 def _learners(data: bytes) -> Any:
-    return open_session(cut_learners(onnx.load_from_string(data)))
+    """A session of a file's graph from the features on."""
+    model = onnx.load_from_string(data)
+    return open_session(cut_learners(model))
 
 
 def _hard_rows(correction: Correction | None, rows: FloatRows) -> FloatRows:
+    """Rows at the edges of float32, and on the steps of a correction's inputs."""
     n = rows.shape[1]
     edges = edge_rows(n)
     if correction is None:
         return edges
+
     # of the correction's inputs, the first n are the features
     inputs = correction.network.inputs
     features = Inputs(inputs.knee[:n], inputs.gain[:n], inputs.offset[:n])
@@ -216,12 +240,15 @@ def _require_reference(
     if correction is not None:
         expected = corrected_votes(correction, rows, expected)
         changed = OF_THE_VOTES
+
     _require(np.array_equal(new["votes"], expected), f"votes{where}")
     for name in set(old) - changed:
-        _require(old[name].tobytes() == new[name].tobytes(), f"{name}{where}")
+        same = old[name].tobytes() == new[name].tobytes()
+        _require(same, f"{name}{where}")
 
 
 def _label(card: ModelCard, votes: IntArray) -> IntArray:
+    """The situation that these votes stand for, by the label weights of the card."""
     weights = card.raw["heads"]["situation"].get("label_weights")
     given = None if weights is None else tuple(weights)
     return riskier_argmax(weighted(situation_votes(votes), given))
@@ -233,6 +260,7 @@ def _require_same_streams(
     """The golden input through both whole steps; returns its length in samples."""
     values, valid = golden_input(card.n_channels, card.unit, card.settle_samples)
     streams = []
+
     for file in (base, data):
         session = open_session(file)
         names = [output.name for output in session.get_outputs()]
@@ -245,6 +273,7 @@ def _require_same_streams(
 
 
 def _require(same: bool, what: str) -> None:
+    """Raise VerificationFailed unless something is the same."""
     if not same:
         raise VerificationFailed(
             f"the adapted file: {what} differ from the reference",

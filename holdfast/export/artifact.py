@@ -38,9 +38,11 @@ from holdfast.export.network import Float32Array, Inputs, Layer, Network
 from holdfast.export.spec import StepSpec
 
 FORMAT = 1
+"""Of the folder; a folder of another format is refused."""
 INDEX = "artifact.json"
 ROWS = "rows.npz"
 MOST_LABEL_WEIGHT = 1e6
+"""Far above any useful weight."""
 ALLOWED_TYPES = ("sklearn.tree._tree.Tree",)
 """The only type besides skops' defaults that a forest needs."""
 EMPTY_FOLDER = "train again into an empty folder"
@@ -79,9 +81,11 @@ def write_artifact(folder: str | Path, artifact: Artifact) -> Path:
     So a folder without an index is unfinished.
     """
     folder = Path(folder)
+
     # without its index the old artifact is unfinished, so no mixture of both can be read
     remove(folder / INDEX)
     heads: dict[str, Any] = {}
+
     for head in artifact.heads:
         entry: dict[str, Any] = {"classes": list(head.classes)}
         entry |= _write_learner(folder, head)
@@ -110,16 +114,20 @@ def _write_learner(folder: Path, head: Head) -> dict[str, str]:
     names = {}
     forest = forest_of(head.learner)
     network = network_of(head.learner)
+
     if forest is not None:
         names["forest"] = f"{head.name}.skops"
-        write_whole(folder / names["forest"], skops.io.dumps(forest))
+        content = skops.io.dumps(forest)
+        write_whole(folder / names["forest"], content)
     if network is not None:
         names["network"] = f"{head.name}.npz"
         _write_network(folder / names["network"], network)
+
     return names
 
 
 def _write_network(path: Path, network: Network) -> None:
+    """Write a network as one archive of arrays, its layers numbered from 0."""
     inputs = network.inputs
     arrays: dict[str, Any] = {
         "votes_in_all": np.int64(network.votes_in_all),
@@ -136,6 +144,7 @@ def _write_network(path: Path, network: Network) -> None:
 
 
 def _write_arrays(path: Path, arrays: Mapping[str, Any]) -> None:
+    """Write an archive of arrays, whole or not at all."""
     buffer = io.BytesIO()
     np.savez(buffer, **arrays)
     write_whole(path, buffer.getvalue())
@@ -149,12 +158,16 @@ def read_artifact(folder: str | Path) -> Artifact:
         heads = []
         for name, entry in index["heads"].items():
             heads.append(_read_head(folder, name, entry))
+
+        # building the rules checks them
+        rules = DecisionRules(**index["decision"])
+        rows = _read_arrays(folder / ROWS)["rows"]
         artifact = Artifact(
             spec=StepSpec.from_json(index["spec"]),
             preparation=preparation_from_json(index["preparation"]),
-            decision=DecisionRules(**index["decision"]).to_json(),
+            decision=rules.to_json(),
             heads=heads,
-            rows=_read_arrays(folder / ROWS)["rows"],
+            rows=rows,
             training=index["training"],
         )
         _require_that_parts_fit(artifact)
@@ -171,13 +184,15 @@ def read_artifact(folder: str | Path) -> Artifact:
 
 
 def _read_arrays(path: Path) -> dict[str, Any]:
-    """Raises TooLarge, or what NOT_AN_ARCHIVE names."""
+    """All arrays of an archive. Raises TooLarge, or what NOT_AN_ARCHIVE names."""
+    # before it is opened: a small archive can hold gigabytes of zeros
     require_modest_archive(path)
     with np.load(path, allow_pickle=False) as arrays:
         return dict(arrays)
 
 
 def _read_index(folder: Path) -> Mapping[str, Any]:
+    """artifact.json. Raises ArtifactError where it is missing or of another format."""
     try:
         index = json_of(text_of(folder / INDEX))
     except (OSError, ValueError, TooLarge):
@@ -198,16 +213,20 @@ def _read_index(folder: Path) -> Mapping[str, Any]:
 
 
 def _read_head(folder: Path, name: str, entry: Mapping[str, Any]) -> Head:
+    """A head by its entry in the index. Raises KeyError for an entry that is not complete."""
     numbers = entry["calibration"]
-    weights = entry.get("label_weights")
+    calibration = Calibration(np.array(numbers["weights"]), np.array(numbers["bias"]))
+
+    label_weights = None
+    if entry.get("label_weights") is not None:
+        label_weights = tuple(map(float, entry["label_weights"]))
+
     return Head(
         name=name,
         classes=tuple(entry["classes"]),
         learner=_read_learner(folder, entry),
-        calibration=Calibration(
-            np.array(numbers["weights"]), np.array(numbers["bias"])
-        ),
-        label_weights=None if weights is None else tuple(map(float, weights)),
+        calibration=calibration,
+        label_weights=label_weights,
     )
 
 
@@ -222,10 +241,12 @@ def _read_learner(folder: Path, entry: Mapping[str, Any]) -> Learner:
 
 
 def _read_forest(path: Path) -> Forest:
+    """A forest whose file holds nothing else. Raises ArtifactError or TooLarge."""
     import skops.io
 
     try:
         require_modest_archive(path)
+        # a foreign type could run code when it is loaded, so the types are read first
         types = skops.io.get_untrusted_types(file=path)
         foreign = sorted(set(types) - set(ALLOWED_TYPES))
         if foreign:
@@ -255,9 +276,13 @@ def _read_forest(path: Path) -> Forest:
 
 
 def _read_network(path: Path) -> Network:
-    """Raises TooLarge, KeyError or ValueError, or what NOT_AN_ARCHIVE names."""
+    """The network of an archive.
+
+    Raises TooLarge, KeyError or ValueError, or what NOT_AN_ARCHIVE names.
+    """
     arrays = _read_arrays(path)
     votes_in_all = int(arrays.pop("votes_in_all"))
+
     for array in arrays.values():
         _require_finite_float32(array)
 
@@ -278,6 +303,7 @@ def _read_network(path: Path) -> Network:
 
 
 def _require_finite_float32(array: Float32Array) -> None:
+    """Raise ValueError; NaN would pass the checks of a network's sums."""
     if array.dtype != np.float32 or not np.isfinite(array).all():
         raise ValueError("a network's numbers are not finite float32")
 
@@ -289,6 +315,7 @@ def _require_chain(network: Network) -> None:
     complete = len(inputs.gain) == len(inputs.offset) == width
     if not network.layers or not complete:
         raise ValueError("a network's inputs and layers are not complete")
+
     for layer in network.layers:
         n_out = len(layer.bias)
         if layer.weights.shape != (width, n_out) or layer.scale.shape != (n_out,):
@@ -303,6 +330,7 @@ def _require_that_parts_fit(artifact: Artifact) -> None:
         raise ValueError(f"rows of shape {artifact.rows.shape} for {width} features")
     if MAIN_HEAD not in [head.name for head in artifact.heads]:
         raise ValueError(f"no head {MAIN_HEAD}")
+
     for head in artifact.heads:
         k = len(head.classes)
         calibration = head.calibration
@@ -325,6 +353,7 @@ def _votes_for(learner: Learner, n_classes: int) -> bool:
 
 
 def _require_label_weights(head: Head) -> None:
+    """Raise ValueError unless the main head has one positive weight for each situation."""
     weights = np.asarray(head.label_weights, dtype=np.float64)
     of_situations = head.name == MAIN_HEAD and weights.shape == (len(SITUATIONS),)
     in_range = (weights > 0.0) & (weights <= MOST_LABEL_WEIGHT)

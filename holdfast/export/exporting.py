@@ -63,16 +63,20 @@ def export_artifact(
             f"--out {path}: the model's card is written there and would overwrite the model",
             next_step=f"write --out {path.with_suffix('.onnx')}",
         )
+
     artifact = read_artifact(folder)
+    # before the verification, which takes minutes for a large forest
     require_writable(path.parent)
     report("building the graph")
     model = whole_graph(artifact.spec, artifact.heads)
     verification = verify(
         model, artifact.spec, artifact.heads, artifact.rows, report=report
     )
+
     report("sealing: card, golden sequences, SHA-256")
     card = model_card(artifact)
     data = seal(model, card, artifact.spec)
+
     # the card is a readable copy: nothing that runs reads it
     write_whole(path, data)
     write_whole(path.with_suffix(CARD_SUFFIX), readable_card(card, path.name, data))
@@ -134,13 +138,15 @@ def model_card(artifact: Artifact) -> Json:
 
 
 def _head_card(head: Head) -> Json:
+    """What a consumer needs to know about a head: classes, size, votes and calibration."""
     card: Json = {"classes": list(head.classes)}
     forest = forest_of(head.learner)
     network = network_of(head.learner)
+
     if forest is not None:
         trees = forest.estimators_
         card["trees"] = len(trees)
-        card["nodes"] = int(sum(tree.tree_.node_count for tree in trees))
+        card["nodes"] = sum(int(tree.tree_.node_count) for tree in trees)
         card["vote_bits"] = vote_bits(len(trees))
         card["kind"] = type(forest).__name__
     if network is not None:
@@ -149,6 +155,7 @@ def _head_card(head: Head) -> Json:
         card["votes"] = votes_in_all(head.learner)
     if head.label_weights is not None:
         card["label_weights"] = list(head.label_weights)
+
     card["calibration"] = head.calibration.to_json()
     return card
 
@@ -163,7 +170,9 @@ def readable_card(card: Json, name: str, data: bytes) -> str:
     # one fingerprint a recording would make the card unreadable
     training = dict(card["training"])
     training.pop("recordings", None)
-    return json.dumps({"file": file, **card, "training": training}, indent=1) + "\n"
+
+    readable = {"file": file, **card, "training": training}
+    return json.dumps(readable, indent=1) + "\n"
 
 
 def seal(
@@ -174,7 +183,9 @@ def seal(
 ) -> bytes:
     """The serialised model with card, golden sequences and hash. more: of its metadata."""
     session = open_session(model.SerializeToString())
+    # a file that answers otherwise on another machine is refused there when it is opened
     answers = golden_answers(session, spec.n_channels, spec.unit, spec.settle_samples)
+
     metadata = {
         CARD_KEY: json.dumps(card, separators=(",", ":")),
         GOLDEN_KEY: json.dumps(golden_to_json(answers), separators=(",", ":")),
@@ -185,9 +196,11 @@ def seal(
 
 def sealed_with(model: onnx.ModelProto, metadata: Mapping[str, str]) -> bytes:
     """The serialised model with these metadata, and the hash of the file as the last of them."""
+    # the hash covers the whole file, with zeros where the hash itself stands
     onnx.helper.set_model_props(model, {**metadata, SEAL_KEY: "0" * DIGITS})
     zeroed = model.SerializeToString()
     digest = hashlib.sha256(zeroed).hexdigest()
+
     # In protobuf, two bytes (field number and length) stand between the key and its digits.
     start = zeroed.rfind(SEAL_KEY.encode()) + len(SEAL_KEY) + 2
     return zeroed[:start] + digest.encode() + zeroed[start + DIGITS :]

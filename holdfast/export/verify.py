@@ -42,9 +42,11 @@ from holdfast.export.spec import StepSpec
 from holdfast.export.structure import hard_rows, require_same_numbers
 
 SINGLE_ROWS = 2_000
+"""Rows of each head that are computed alone: one call a row is slow."""
 PROBABILITY_TOLERANCE = 1e-5
 """Probabilities are float32 in the file and float64 in the reference."""
 CHUNK = 4096
+"""Rows that a session gets at once, which bounds its memory."""
 OF_THE_STEP = (
     "settled",
     "unknown",
@@ -119,6 +121,7 @@ def verify(
     learners = open_session(cut_learners(model))
     compared: dict[str, HeadVerification] = {}
     single = 0
+
     for head in heads:
         report(f"verifying head {head.name} on {len(rows)} rows and on its thresholds")
         hard = np.concatenate([rows, hard_rows(head.learner, rows, seed)])
@@ -136,11 +139,15 @@ def verify(
 def cut_learners(model: onnx.ModelProto) -> bytes:
     """The learners, labels and probabilities alone, from the tensor `features` [B, F] on."""
     names = [output.name for output in model.graph.output]
-    return _cut(model, "features", [one for one in names if one not in OF_THE_STEP])
+    of_learners = [name for name in names if name not in OF_THE_STEP]
+    return _cut(model, "features", of_learners)
 
 
 def _cut(model: onnx.ModelProto, start: str, outputs: list[str]) -> bytes:
-    extractor = Extractor(onnx.shape_inference.infer_shapes(model))
+    """The part of a model between a tensor, which becomes its input, and these outputs."""
+    # the new input needs a type and a shape, which only inference knows
+    with_shapes = onnx.shape_inference.infer_shapes(model)
+    extractor = Extractor(with_shapes)
     cut: onnx.ModelProto = extractor.extract_model([start], outputs)
     return cut.SerializeToString()
 
@@ -150,24 +157,31 @@ def run_rows(session: Any, rows: npt.NDArray[Any], chunk: int) -> Outputs:
     (given,) = session.get_inputs()
     names = [output.name for output in session.get_outputs()]
     parts: dict[str, list[npt.NDArray[Any]]] = {name: [] for name in names}
+
     for start in range(0, len(rows), chunk):
-        answers = session.run(names, {given.name: rows[start : start + chunk]})
+        some = rows[start : start + chunk]
+        answers = session.run(names, {given.name: some})
         for name, answer in zip(names, answers, strict=True):
             parts[name].append(answer)
+
     return {name: np.concatenate(part) for name, part in parts.items()}
 
 
 def _compare(
     head: Head, rows: FloatRows, answers: Outputs, given: int, nodes: int
 ) -> HeadVerification:
+    """Compare the answers to all rows; the first `given` of them are rows of windows."""
     expected = reference_votes(head.learner, rows, len(head.classes))
     votes = answers[head.votes_name]
     if head.name == MAIN_HEAD:
         answered = answers["situation"]
     else:
+        # another head publishes no label: a consumer derives it from its votes
         answered = riskier_argmax(votes.astype(np.int64))
+
+    labels = reference_label(head, expected)
     wrong_votes = int(np.any(votes != expected, axis=1).sum())
-    wrong_labels = int((reference_label(head, expected) != answered).sum())
+    wrong_labels = int((labels != answered).sum())
     wrong_others = _wrong_others(head, expected, answers)
     if wrong_labels or wrong_votes or wrong_others:
         raise VerificationFailed(
@@ -177,6 +191,7 @@ def _compare(
             next_step=REPORT_VERSIONS,
         )
 
+    # scikit-learn averages probabilities, whole votes are rounded: reported, not required
     plain = None
     if isinstance(head.learner, FOREST_KINDS):
         plain = _disagreement(head.learner, rows[:given], expected[:given])
@@ -190,13 +205,16 @@ def _wrong_others(head: Head, votes: IntArray, answers: Outputs) -> int:
         return _far(answers[head.name], probability[:, 1])
     if head.classes != CLASSES:
         return _far(answers["p_situation"], probability)
+
     by_situation = probability.reshape(len(votes), -1, 2).sum(axis=2)
     wrong = _far(answers["p_class"], probability)
     wrong += _far(answers["p_situation"], by_situation)
-    return wrong + int((answers["weight"] != reference_heavy(votes)).sum())
+    wrong_weights = answers["weight"] != reference_heavy(votes)
+    return wrong + int(wrong_weights.sum())
 
 
 def _far(got: npt.NDArray[Any], expected: npt.NDArray[np.float64]) -> int:
+    """Rows in which a probability is not within PROBABILITY_TOLERANCE."""
     apart = np.abs(got - expected).reshape(len(got), -1).max(axis=1)
     # "not near" instead of "far": a NaN is neither, and must count
     return int(np.sum(~(apart <= PROBABILITY_TOLERANCE)))
@@ -208,7 +226,10 @@ def _disagreement(
     """How often scikit-learn's predict gives another class."""
     in_order = np.sort(votes, axis=1)
     tied = in_order[:, -1] == in_order[:, -2]
-    differs = np.asarray(forest.predict(rows)) != riskier_argmax(votes)
+    predicted = np.asarray(forest.predict(rows))
+    differs = predicted != riskier_argmax(votes)
+
+    # on a tie scikit-learn takes the first class, we take the riskier one
     n_off_ties = (~tied).sum()
     return PredictDisagreement(
         share_off_ties=float((differs & ~tied).sum() / max(1, n_off_ties)),
@@ -226,13 +247,16 @@ def require_single_rows_equal(
     """
     rng = np.random.default_rng(seed)
     chosen = rng.choice(len(rows), size=min(most, len(rows)), replace=False)
-    for name, value in run_rows(session, rows[chosen], 1).items():
+    alone = run_rows(session, rows[chosen], 1)
+    for name, value in alone.items():
         _require_same(name, value, batch[name][chosen])
 
     return len(chosen)
 
 
 def _require_same(name: str, one: npt.NDArray[Any], many: npt.NDArray[Any]) -> None:
+    """Raise VerificationFailed where two arrays differ in any bit."""
+    # as bytes: == would take 0.0 for -0.0, and NaN for different from itself
     if one.tobytes() != np.ascontiguousarray(many).tobytes():
         raise VerificationFailed(
             f"output {name!r}: a single row and a batch differ",
@@ -244,6 +268,7 @@ def _require_same(name: str, one: npt.NDArray[Any], many: npt.NDArray[Any]) -> N
 def _check_ties(model: onnx.ModelProto, heads: list[Head]) -> int:
     """Feed exact ties between situations in at `votes`: the riskier one must win."""
     (main,) = [head for head in heads if head.name == MAIN_HEAD]
+
     # rows with such ties are too rare to be found, so the votes themselves are the input
     session = open_session(_cut(model, "votes", ["situation"]))
     votes = _tied_votes(len(main.classes))
@@ -259,6 +284,7 @@ def _tied_votes(n_classes: int) -> IntArray:
     """Votes for every set of situations that can tie, the other situations behind them."""
     n = len(SITUATIONS)
     per = n_classes // n
+    # the bits of a number are the members of a set
     sets = np.arange(1, 2**n)
     is_member = sets[:, None] >> np.arange(n) & 1 == 1
     votes = np.where(is_member, 4096, 1000)
@@ -272,7 +298,9 @@ def _compare_streams(model: onnx.ModelProto, spec: StepSpec, seed: int) -> int:
     names = [output.name for output in session.get_outputs()]
     names.remove("state_out")
     alone = run_recording(session, values, valid, names)
-    for name, expected in reference_flags(values, valid, spec).items():
+
+    flags = reference_flags(values, valid, spec)
+    for name, expected in flags.items():
         if not np.array_equal(alone[name], expected):
             raise VerificationFailed(
                 f"output {name!r} does not follow the guard's rule",
@@ -286,7 +314,9 @@ def _compare_streams(model: onnx.ModelProto, spec: StepSpec, seed: int) -> int:
     for t, row in enumerate(values):
         batch.sample[:] = row * scale[:, None]
         batch.valid[:] = valid[t]
-        for name, value in batch.step().items():
+        # sample by sample: a state that differs would show here first
+        outputs = batch.step()
+        for name, value in outputs.items():
             _require_same(name, alone[name][t], value[BATCH // 2])
 
     return len(values) * BATCH
