@@ -63,6 +63,7 @@ def _first_section(rate_hz: float) -> tuple[float, float]:
 
 def _resonator(rate_hz: float, band_hz: float) -> tuple[FloatArray, FloatArray]:
     """b and a of w^2 / (s^2 + 2 z w s + w^2), bilinear, prewarped to the band's frequency."""
+    # without the tangent, the bilinear transform would move the band towards lower frequencies
     warped = math.tan(math.pi * band_hz / rate_hz)
     denominator = 1.0 + 2.0 * DAMPING * warped + warped**2
     b = warped**2 * np.array([1.0, 2.0, 1.0]) / denominator
@@ -158,6 +159,7 @@ def add_bank(graph: GraphBuilder, spec: StepSpec, guarded: GuardOutputs) -> str:
     matrix = step_matrix(spec.rate_hz, bands)
     stepped = graph.node("MatMul", matrix.T, rested)
     sizes = [size, len(bands)]
+    # a Split names several outputs, which the builder does not number
     outs = ["bank_next", "bank_out"]
     advanced, outputs = graph.nodes("Split", stepped, sizes, outs=outs, axis=1)
 
@@ -242,6 +244,7 @@ def _band_pass_point(graph: GraphBuilder, spec: StepSpec, firing: str) -> str:
     # the count before this sample: an excursion that begins now has not ended the quiet yet
     needed = spec.detectors.quiet_s * spec.rate_hz
     enough = graph.node("GreaterOrEqual", quiet, needed)
+
     return graph.node("And", firing, enough)
 
 

@@ -374,6 +374,7 @@ def add_features_alone(graph: GraphBuilder, spec: StepSpec) -> str:
     """Add the same features without detectors; with the bank only where a group reads it."""
     guarded = add_guard(graph, spec)
     known = [GROUPS[name] for name in spec.groups if name in GROUPS]
+    # only the bank's memory never ends
     reads_bank = any(group.memory_s == math.inf for group in known)
     rectified = add_bank(graph, spec, guarded) if reads_bank else ""
     return add_features(graph, spec, guarded, rectified)

@@ -140,6 +140,7 @@ def _publish(graph: GraphBuilder, spec: StepSpec, place: str) -> str:
 
 def _count(graph: GraphBuilder, flags: str) -> str:
     """[B, 1, C] bool -> [B] number of channels."""
+    # as int32, whose sum is exact and whose division by three is that of whole numbers
     numbers = graph.node("Cast", flags, to=TensorProto.INT32)
     return graph.node("ReduceSum", numbers, [1, 2], keepdims=0)
 
@@ -156,6 +157,7 @@ def reference_flags(
     lost = np.zeros(spec.n_sensors, int)
     n_settled = []
     n_usable = []
+    # in plain counters, another form than the graph's table, so that one checks the other
     for now in good:
         # a lost sample that is bridged does not count, and does not set the count back
         lost = np.where(now, 0, lost + 1)

@@ -120,6 +120,7 @@ class _Nodes:
     """
 
     def __init__(self, trees: list[Any]) -> None:
+        # children are named within their tree: all trees in one row need an offset for each
         infinite = np.float32(np.inf)
         self.feature = np.concatenate([tree.feature for tree in trees])
         threshold = np.concatenate([tree.threshold for tree in trees])
@@ -169,6 +170,7 @@ class _Nodes:
 
         goes_left = rows[these, feature] <= at
         wrong = goes_left != is_left
+        # the nearest float32 that goes the right way, so a row stays like a real one
         turned = np.where(is_left, at, over)
         rows[these[wrong], feature[wrong]] = turned[wrong]
 

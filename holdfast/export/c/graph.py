@@ -214,6 +214,7 @@ def shapes_of(model: OnnxModel) -> dict[str, Tensor]:
 
 
 def _like_first(node: Node, first: Array, *others: Array) -> Array:
+    """Of the first input's shape and type."""
     return first
 
 
@@ -224,10 +225,12 @@ def _arithmetic(node: Node, *inputs: Array) -> Array:
 
 
 def _flags(node: Node, *inputs: Array) -> Array:
+    """Comparisons: flags, whatever is compared."""
     return _arithmetic(node, *inputs).astype(np.bool_)
 
 
 def _where(node: Node, condition: Array, *chosen: Array) -> Array:
+    """Of the type of what is chosen; the condition only widens the shape."""
     return _arithmetic(node, *chosen, condition)
 
 
@@ -269,6 +272,7 @@ def _reshape(node: Node, values: Array, target: Array) -> Array:
 
 
 def _flatten(node: Node, values: Array) -> Array:
+    """A matrix: what stands before the axis are its rows."""
     axis = node.attributes.get("axis", 1)
     rows = int(np.prod(values.shape[:axis]))
     return values.reshape(rows, -1)
@@ -295,6 +299,7 @@ def _matrix_product(node: Node, left: Array, right: Array) -> Array:
 
 
 def _trees(node: Node, features: Array) -> Array:
+    """Votes of every row for every class."""
     return np.ones((len(features), node.attributes["n_targets"]), np.float32)
 
 

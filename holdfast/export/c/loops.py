@@ -80,6 +80,7 @@ class _Loop:
         writer = self._writer
         (out,) = node.outputs
         operands = [self._operand(name, node) for name in node.inputs]
+
         name = writer.name(out)
         wanted = writer.value_type(out)
         value = self._expression(node, operands)
@@ -107,6 +108,8 @@ class _Loop:
         writer = self._writer
         if tensor not in self._inside:
             return writer.read(tensor, self._index(tensor, node))
+
+        # a kept tensor's array has its name, so the variable has an underscore more
         is_kept = writer.memory.is_kept(tensor)
         return writer.name(tensor) + ("_" if is_kept else "")
 

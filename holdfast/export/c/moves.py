@@ -110,6 +110,7 @@ def write_transpose(node: Node, writer: Writer) -> list[str]:
     """The axes in another order."""
     order = np.asarray(node.attributes["perm"]).tolist()
     step = strides(writer.graph.shape(node.inputs[0]))
+    # axis k of the output is axis order[k] of the input
     turned = tuple(step[axis] for axis in order)
     return _strided(node, node.outputs[0], turned, 0, writer)
 
@@ -149,7 +150,6 @@ def write_reduction(node: Node, writer: Writer) -> list[str]:
     graph = writer.graph
     (out,) = node.outputs
     shape = graph.shape(node.inputs[0])
-
     axes = sorted(graph.constant(node.inputs[1], node).tolist())
 
     first = axes[0]
@@ -161,6 +161,7 @@ def write_reduction(node: Node, writer: Writer) -> list[str]:
     n = math.prod(shape[first:end])
     inner = math.prod(shape[end:])
 
+    # the terms of a place in memory: the block, the row in it, the number in the row
     block = (n * inner, "i", outer)
     along = (1, "j", inner)
     place = index(block, (inner, "k", n), along)
@@ -174,6 +175,8 @@ def write_reduction(node: Node, writer: Writer) -> list[str]:
         # an extreme begins with the first row, so the loop below starts with the second
         begin = writer.read(node.inputs[0], index(block, along))
     lines = counted("j", inner, [f"{target} = {begin};"])
+
+    # row after row, so that a sum adds its terms in the order of memory
     if n > 1 or sums:
         taken = TAKES[node.op_type].format(x=x, y=target)
         # C computes with small integers as int: the cast states the type that is kept

@@ -124,7 +124,10 @@ def strides(shape: Shape) -> tuple[int, ...]:
 
 @dataclass(frozen=True)
 class Step:
-    """Nodes that one C function computes. shape: of its loop, without ones; None: one node."""
+    """Nodes that one C function computes.
+
+    shape: of the loop that computes them number by number, without ones. None: a node alone.
+    """
 
     nodes: list[Node]
     shape: Shape | None = None
@@ -183,6 +186,7 @@ class _Order:
         if at == len(self.steps):
             self.steps.append(Step([], shape))
         self.steps[at].nodes.append(node)
+
         for name in node.outputs:
             self._made_in[name] = at
 

@@ -118,7 +118,8 @@ def write_trees(node: Node, writer: Writer) -> list[str]:
     tables.add_text(branches, text, width * len(forest.threshold))
 
     following = f"hf_next_{kind}({branches} + {starts}[t + k], at[k], {x})"
-    all_at = " & ".join(f"at[{k}]" for k in range(TOGETHER))
+    places = [f"at[{k}]" for k in range(TOGETHER)]
+    all_at = " & ".join(places)
     add = [
         f"const {votes_type} *leaf = {votes} + {n_classes} * ~at[k];",
         *counted("j", n_classes, ["total[j] += leaf[j];"]),
@@ -135,9 +136,12 @@ def write_trees(node: Node, writer: Writer) -> list[str]:
         ),
         *counted("k", TOGETHER, add),
     ]
+
+    # whole votes are added as integers: their sum is exact in any order
+    loop = f"for (int t = 0; t < {len(forest.roots)}; t += {TOGETHER})"
     return [
         f"int32_t total[{n_classes}] = {{0}};",
-        *block(f"for (int t = 0; t < {len(forest.roots)}; t += {TOGETHER})", walk),
+        *block(loop, walk),
         *counted("j", n_classes, [f"{name}[j] = (float)total[j];"]),
     ]
 

@@ -73,6 +73,7 @@ class Whole:
         return bool((largest_sums < EXACT_FLOAT32).all())
 
     def _is_whole(self, name: str) -> bool:
+        """Whether a tensor holds whole numbers alone: by its constants, or by its operator."""
         values = self._graph.values(name)
         node = self._made_by.get(name)
 
@@ -87,6 +88,7 @@ class Whole:
         return node.op_type == "Round"
 
     def _find_bounds(self, name: str) -> Bounds:
+        """(least, most) of a tensor's numbers, from those of what it is made of."""
         values = self._graph.values(name)
         node = self._made_by.get(name)
 
@@ -131,13 +133,15 @@ class Whole:
 
         if is_sum:
             return low + values, high + values
-        # infinity times a weight of 0 is NaN, which would pass every comparison below
+        # infinity times a gain of 0 is NaN, which bounds nothing
         if not np.isfinite(high - low).all():
             return np.array(-math.inf), np.array(math.inf)
 
         # a negative factor swaps the ends
         ends = np.stack([low * values, high * values])
-        return ends.min(axis=0), ends.max(axis=0)
+        least = ends.min(axis=0)
+        most = ends.max(axis=0)
+        return least, most
 
     def of_product(self, node: Node) -> Bounds:
         """A sum of inputs times constant weights."""
@@ -165,6 +169,8 @@ class Whole:
         values = self._graph.values(knee)
         if values is None or not (values > 0).all():
             return ANYTHING
+
+        # |x| / (|x| + k) is below 1 for every finite x, and rounding can only bring it to 1
         return -1.0, 1.0
 
 
@@ -190,6 +196,7 @@ def whole_types(graph: Graph, plan: Plan, whole: Whole) -> dict[str, str]:
     for node in graph.nodes:
         if node.op_type != "MatMul" or graph.element(node.outputs[0]) != FLOAT:
             continue
+
         values = node.inputs[0]
         (total,) = node.outputs
         largest = whole.largest(values)
