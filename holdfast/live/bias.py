@@ -57,12 +57,14 @@ def require_good(measured: MeasuredBias, consequence: str) -> None:
 def read_rows(source: Source, clock: Any, seconds: float) -> FloatArray:
     """[T, C] of a source at its rate or at RATE_HZ, nan where a sensor is not valid."""
     start_ns = clock.now_ns()
-    rows = []
     rate_hz = source.rate_hz or RATE_HZ
+    rows = []
     for k in range(round(seconds * rate_hz)):
         clock.wait_until(start_ns + round(k * 1e9 / rate_hz))
         measured = source.read()
+        # a recording that is shorter than asked for is measured as far as it goes
         if measured is None:
             break
-        rows.append(np.where(np.repeat(measured.valid, 3), measured.values, np.nan))
+        valid = np.repeat(measured.valid, 3)
+        rows.append(np.where(valid, measured.values, np.nan))
     return np.array(rows).reshape(-1, source.n_channels)

@@ -89,6 +89,7 @@ class Cues:
     def due(self, prediction: Prediction) -> str | None:
         """The kind of cue to send now, or None."""
         now_ns = prediction.t_decided_ns
+
         kind = self._applies(prediction)
         if kind != self._kind:
             self._kind = kind
@@ -96,6 +97,7 @@ class Cues:
             self._last_ns = None
         if kind is None:
             return None
+
         rule = self._table.rules[kind]
         # a state that lasts only a moment is not worth the wearer's attention
         if now_ns - self._since_ns < 1_000_000 * rule.after_ms:
@@ -121,6 +123,7 @@ class Cues:
             now.add("act")
         if prediction.arm:
             now.add("arm")
+
         for kind in KINDS:
             if kind in now and kind in self._table.rules:
                 return kind
@@ -179,6 +182,7 @@ class _CueReader(CardReader):
         self.require_known(raw, SECTIONS, "section")
         tables = self.table(raw, "cues")
         self.require_known(tables, KINDS, "[cues]")
+
         rules = {}
         for name, table in tables.items():
             key = f"cues.{name}"
@@ -262,6 +266,7 @@ class CueOutput:
         now_ns = prediction.t_decided_ns
         kind = self._cues.due(prediction)
         if kind is not None:
+            # a cue that did not leave stays due
             if self._send(prediction, kind, self._table.rules[kind].pattern):
                 self._cues.sent(kind, now_ns)
         elif self._newest_ns is None or now_ns - self._newest_ns >= QUIET_NS:

@@ -42,10 +42,12 @@ def controller_for(
             where="--grip",
             next_step="use a model for six fingers, or run without --grip",
         )
+
     limits = Limits() if ceiling_n is None else Limits(ceiling_n=ceiling_n)
     control = GripControl(
         name, card.rate_hz, unit=card.unit, n_fingers=FINGERS, limits=limits
     )
+    # a raw field gives no force in N, so there is no target to command
     if control.reduced:
         report(
             f"reduced mode: the model reads {card.unit}, not N; commands have no target in N"
@@ -108,6 +110,7 @@ def grip_to_wire(
 ) -> GripOutput:
     """Commands to udp:// or serial://. Raises UsageError, DeviceError, OutputError."""
     wire = open_wire(url, "--grip", last_line, report, clock.now_ns)
+
     if wire.most_hz < rate_hz:
         carried = f"carries about {wire.most_hz:.0f} of {rate_hz:.0f} commands a second"
         report(
@@ -133,6 +136,7 @@ def grip_to_scene(
     drive = drive_of(url)
     if ceiling_n is not None:
         drive = replace(drive, ceiling_n=min(drive.ceiling_n, ceiling_n))
+    # a virtual clock stands still by itself: computing takes no time on it
     still = clock.still if isinstance(clock, SceneClock) else nullcontext
     scene = live_scene(source, drive, still)
     return GripOutput(controller, clock, report, scene=scene)

@@ -43,10 +43,12 @@ def main(control_fd: int, memory_fd: int, text: str) -> None:
     control.send(READY)
     held = _wait_for_the_end(control)
     if held is not None:
+        # the newest sequence number stands in shared memory, which outlives the parent
         sequence = struct.unpack("q", memory[:8])[0] + 1
         clock = getattr(time, "CLOCK_BOOTTIME", time.CLOCK_MONOTONIC)
         t_ns = time.clock_gettime_ns(clock)
-        _write(held, (text % {"sequence": sequence, "t_ns": t_ns}).encode())
+        line = text % {"sequence": sequence, "t_ns": t_ns}
+        _write(held, line.encode())
 
 
 def _wait_for_the_end(control: socket.socket) -> int | None:
@@ -55,7 +57,8 @@ def _wait_for_the_end(control: socket.socket) -> int | None:
     while True:
         try:
             message, fresh, _, _ = socket.recv_fds(control, 16, 1)
-        except ConnectionResetError:  # the parent died before it read our "ready"
+        except ConnectionResetError:
+            # the parent died before it read our "ready"
             message = b""
             fresh = []
         if message in (FRESH, RELEASE):
@@ -71,14 +74,14 @@ def _wait_for_the_end(control: socket.socket) -> int | None:
 def _write(held: int, data: bytes) -> None:
     for _ in range(TRIES):
         try:
-            data = data[os.write(held, data) :]
+            taken = os.write(held, data)
+            data = data[taken:]
         except BlockingIOError:
             ready = select.poll()
             ready.register(held, select.POLLOUT)
             ready.poll(WAIT_MS)
-        except (
-            ConnectionRefusedError
-        ):  # an old error of the socket; the next write is sent
+        except ConnectionRefusedError:
+            # an old error of the socket; the next write is sent
             continue
         except OSError:
             return

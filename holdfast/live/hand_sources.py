@@ -154,6 +154,7 @@ def _stream(
             "--calibration is for a hand, not for a stream",
             next_step="send forces, or leave it out",
         )
+
     from holdfast.drivers.lsl import LslSource
     from holdfast.drivers.lsl_library import LslInlet
 
@@ -184,11 +185,14 @@ def _opener(
     source: SourceUrl, clock: Any, report: Callable[[str], None]
 ) -> Callable[[], Bus]:
     """A function that opens the bridge, now and again after it was lost."""
-    _require_known(source, VIRTUAL_KEYS if source.scheme == "virtual" else HAND_KEYS)
+    is_virtual = source.scheme == "virtual"
+    _require_known(source, VIRTUAL_KEYS if is_virtual else HAND_KEYS)
     number = source.number("number", 0)
     bus_hz = source.number("bus_hz", 400_000)
-    if source.scheme == "virtual":
-        return open_virtual(source.name, _virtual(source, clock, report), bus_hz)
+    if is_virtual:
+        hand = _virtual(source, clock, report)
+        return open_virtual(source.name, hand, bus_hz)
+
     scheme = source.scheme
     name = source.name
     return lambda: open_bridge(scheme, name, number=number, bus_hz=bus_hz)
@@ -226,6 +230,7 @@ def _started(
             f"averages={averages}: the chip does not have it",
             next_step="1, 2, 4, 8, 16 or 32",
         )
+
     crc = source.text("crc", "auto")
     if crc not in CRC_WORDS:
         raise UsageError(
@@ -264,6 +269,7 @@ def _virtual(
             "a virtual hand has no such layout",
             next_step=f"layout={' or layout='.join(WIRINGS)}",
         )
+
     seed = source.number("seed", 0)
     trial = source.number("trial", 0)
     track = field or _track(source.text("scene", ""), seed, trial, report)
@@ -317,7 +323,7 @@ def simulated(
         made, planned = _planned(scene, seed, trial)
         progress = progress_of(f"simulating scene {scene}", report)
         one = made.run_together([planned], progress)[0]
-        # one trial at a time: its field at FIELD_HZ takes megabytes
+        # one trial is enough for a run, and a long one is large
         _kept.clear()
         _kept[key] = made, one
     return _kept[key]
@@ -359,11 +365,13 @@ def _scene_at_chips(
 
     file_rate_hz = rate_hz if Path(name).is_file() else None
     card = read_scene_file(name, rate_hz=file_rate_hz)
+
     # the virtual chip adds its own noise and quantisation, which must not count twice
     effects: dict[str, dict[str, float]] = {"dipole": {}}
     for effect, values in card.effects.items():
         if EFFECT_MODULES[effect] != "chip":
             effects[effect] = values
+
     field = replace(card, rate_hz=rate_hz, unit="uT", effects=effects, controller=None)
     if step_s is not None:
         field = replace(field, step_s=step_s)

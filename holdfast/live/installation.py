@@ -66,6 +66,7 @@ def examine(data_sets: Check, settings: Check) -> list[Finding]:
         ("governor", _governor),
         ("priority", _priority),
     ]
+
     findings: list[Finding] = []
     for name, check in checks:
         findings += _safely(name, check)
@@ -86,6 +87,7 @@ def _safely(name: str, check: Check) -> list[Finding]:
 def _machine() -> list[Finding]:
     system = f"{platform.system()} {platform.machine()}, {os.cpu_count()} CPUs"
     found = f"Python {platform.python_version()}, {system}"
+    # the doctor also runs where the program was unpacked and not installed
     enough = sys.version_info >= (3, 11)
     if enough:
         return [Finding("machine", "ok", found)]
@@ -130,12 +132,15 @@ def _models() -> list[Finding]:
     words = shipped()
     if built.exists():
         words.append(str(built))
+
     for word in words:
+        what = f"model {word}"
         try:
-            found = f"id {Model(word).card.model_id}, golden sequences reproduced"
-            findings.append(Finding(f"model {word}", "ok", found))
+            # a model that opens has answered its golden sequences as it did at its export
+            model_id = Model(word).card.model_id
+            found = f"id {model_id}, golden sequences reproduced"
+            findings.append(Finding(what, "ok", found))
         except HoldfastError as error:
-            what = f"model {word}"
             findings.append(Finding(what, "broken", str(error), error.next_step))
     return findings
 
@@ -179,10 +184,12 @@ def _native_buses() -> list[Finding]:
     if not buses:
         step = "on a Raspberry Pi: dtparam=i2c_arm=on in config.txt"
         return [Finding("i2c", "missing", "no /dev/i2c-*", step)]
+
     closed = [str(bus) for bus in buses if not os.access(bus, os.R_OK | os.W_OK)]
     if closed:
         step = "sudo usermod -aG i2c $USER"
-        return [Finding("i2c", "broken", f"not allowed: {', '.join(closed)}", step)]
+        found = f"not allowed: {', '.join(closed)}"
+        return [Finding("i2c", "broken", found, step)]
     return [Finding("i2c", "ok", ", ".join(str(bus) for bus in buses))]
 
 
@@ -204,6 +211,7 @@ def _udev() -> list[Finding]:
 def _clock() -> list[Finding]:
     info = time.get_clock_info("monotonic")
     found = f"{info.implementation}, resolution {1e9 * info.resolution:g} ns"
+    # a coarser clock than 1 us would blur the latency of a stage
     if info.monotonic and info.resolution <= 1e-6:
         return [Finding("clock", "ok", found)]
     return [
@@ -215,6 +223,7 @@ def _governor() -> list[Finding]:
     cores = Path("/sys/devices/system/cpu")
     files = cores.glob("cpu[0-9]*/cpufreq/scaling_governor")
     names = sorted({file.read_text(encoding="utf-8").strip() for file in files})
+
     if not names:
         return [Finding("governor", "ok", "the kernel does not change the clock rate")]
     if names == ["performance"]:
@@ -229,6 +238,7 @@ def _priority() -> list[Finding]:
     with real_time() as allowed:
         if allowed:
             return [Finding("priority", "ok", "a hand is read with real-time priority")]
+
     limit = f'echo "$USER - rtprio {PRIORITY}" | sudo tee /etc/security/limits.d/holdfast.conf'
     step = f"{limit}, then log in again"
     return [Finding("priority", "missing", "a busy machine may delay a sample", step)]

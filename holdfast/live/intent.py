@@ -57,6 +57,7 @@ class IntentLog:
         first_ns = self._samples.first_ns
         if first_ns is None or self.sink.failure is not None:
             return
+        # the file has both times of an item: a run with a scene has a clock of its own
         after_ns = time.monotonic_ns() - self._now_ns()
         for item in self._intent.fresh:
             self.sink(intent_row(item, first_ns, after_ns, self._intent.n_envelopes))
@@ -111,6 +112,7 @@ def _udp_address(url: str) -> tuple[str, int]:
         parts = urlsplit(url)
     except ValueError:
         raise not_an_address from None
+
     options = parse_qs(parts.query, keep_blank_values=True)
     count = options.pop("envelopes", ["2"])[-1]
     if parts.scheme != "udp" or parts.path or options:
@@ -129,6 +131,7 @@ def intended(
     """A command that also looks at the stream, once a sample, and adds its word if obeyed."""
 
     def ask() -> Command:
+        # also where it is not obeyed: the display and the log need the newest item
         intent.look()
         given = command()
         if not obeyed:

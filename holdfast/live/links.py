@@ -7,11 +7,9 @@ A serial port carries few lines: 115200 baud about 60 a second. A line is left o
 before is still on its way, so that what arrives is never older than two lines. A line that was cut
 off (a full buffer, a program that died) is ended by the next line feed: a reader skips it.
 
-A serial port for one line at a time, by the standard library (termios), never waited for.
-
-The port is raw, eight bits, no parity, no flow control; its modem lines stay as they are when it is
-closed, because some boards reset on them. What has been written and has not left the machine yet
-can be counted and thrown away.
+A serial port is set by the standard library (termios): raw, eight bits, no parity, no flow control.
+Its modem lines stay as they are when it is closed, because some boards reset on them. What has been
+written and has not left the machine yet can be counted and thrown away.
 """
 
 from __future__ import annotations
@@ -46,6 +44,8 @@ def open_port(path: str, baud: int) -> int:
             f"baud={baud} cannot be set here",
             next_step=f"one of {', '.join(map(str, sorted(RATES)))}",
         )
+
+    # without waiting for a modem's carrier, and not as the terminal of this process
     port = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK | os.O_CLOEXEC)
     try:
         _make_raw(port, RATES[baud])
@@ -70,15 +70,21 @@ def opening_error(path: str, error: OSError) -> DeviceError:
 def _make_raw(port: int, speed: int) -> None:
     flags = termios.tcgetattr(port)
     raw_control = termios.CS8 | termios.CREAD | termios.CLOCAL
-    flags[0] = flags[1] = flags[LOCAL_FLAGS] = 0
+    # without input and output flags no byte is changed on its way, and without local ones
+    # none is echoed or taken for Ctrl-C
+    flags[0] = 0
+    flags[1] = 0
+    flags[LOCAL_FLAGS] = 0
     flags[CONTROL_FLAGS] = raw_control
-    flags[4] = flags[5] = speed
+    flags[4] = speed
+    flags[5] = speed
     termios.tcsetattr(port, termios.TCSANOW, flags)
 
 
 def unsent_bytes(port: int) -> int:
     """Bytes that were written and have not left the machine. Raises OSError."""
-    count: int = struct.unpack("i", fcntl.ioctl(port, termios.TIOCOUTQ, b"\0" * 4))[0]
+    answer = fcntl.ioctl(port, termios.TIOCOUTQ, b"\0" * 4)
+    count: int = struct.unpack("i", answer)[0]
     return count
 
 
@@ -162,7 +168,10 @@ class SerialLink:
 
     def write(self, line: bytes) -> bool:
         """Write one line; False while the one before is still on its way."""
-        if (self._rest and not self._push()) or unsent_bytes(self.handle) > MOST_UNSENT:
+        if self._rest and not self._push():
+            return False
+        # a line behind many unsent bytes would arrive old: a newer one is sent later instead
+        if unsent_bytes(self.handle) > MOST_UNSENT:
             return False
         # the part that the port does not take now is written before the next line
         self._rest = line + b"\n"
@@ -172,6 +181,7 @@ class SerialLink:
         """Open the port again in a thread: a dying adapter can take seconds for it."""
         if self._opening is not None and self._opening.is_alive():
             return False
+
         if self.handle < 0:
             self._opening = Thread(
                 target=self._try_to_open, name="serial port", daemon=True
@@ -189,13 +199,15 @@ class SerialLink:
     def finish(self, line: bytes) -> None:
         """Write it, after a line feed; throw away what waits where there is no room."""
         data = b"\n" + line + b"\n"
+        # the last line is `hold`, which is worth more than a command before it
         if not self._has_room(0):
             with suppress(OSError):
                 forget_unsent(self.handle)
         while data:
             if not self._has_room(LAST_LINE_MS):
                 raise TimeoutError(110, "no room for the last line")
-            data = data[os.write(self.handle, data) :]
+            taken = os.write(self.handle, data)
+            data = data[taken:]
 
     def close(self) -> None:
         """Close the port."""
@@ -212,9 +224,10 @@ class SerialLink:
     def _push(self) -> bool:
         """Write what is left of a line; whether all of it was taken."""
         try:
-            self._rest = self._rest[os.write(self.handle, self._rest) :]
+            taken = os.write(self.handle, self._rest)
         except BlockingIOError:
             return False
+        self._rest = self._rest[taken:]
         return not self._rest
 
     def _begun(self, line: bytes) -> bool:
@@ -254,10 +267,12 @@ def _udp(host: str | None, port: int | None, url: str, option: str) -> UdpLink:
     if not host or not port:
         raise _not_an_address(url, option, "host or port is missing")
     try:
-        found = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
-        sender = socket.socket(*found[:3])
+        found = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)
+        family, kind, protocol, _, address = found[0]
+        sender = socket.socket(family, kind, protocol)
         sender.setblocking(False)
-        sender.connect(found[4])
+        # only a connected socket reports that nothing listens at the port
+        sender.connect(address)
     except OSError as error:
         raise _not_an_address(url, option, error.strerror or str(error)) from None
     return UdpLink(sender, f"{option} {url}")
@@ -270,6 +285,7 @@ def _serial(parts: SplitResult, url: str, option: str) -> SerialLink:
         raise _not_an_address(url, option, "a path, and nothing but baud= after it")
     if not baud.isdecimal() or len(baud) > 9:
         raise _not_an_address(url, option, f"baud={baud[:40]!r} is not a whole number")
+
     link = SerialLink(parts.path, int(baud), f"{option} {url}")
     try:
         link.open()

@@ -103,7 +103,9 @@ class Summary:
         if not len(kept):
             return {}
         columns = dict(zip(STAGES, kept.T, strict=True))
+        # the sum of percentiles is not the percentile of the sum, so this one has its own
         columns["read to emit"] = kept.sum(axis=1)
+
         latency_us = {}
         for name, values in columns.items():
             percentiles = [_percentile(values, percent) for percent in PERCENTS]
@@ -157,12 +159,18 @@ class Stamps:
         """
         newest_ns = self._newest_ns
         if newest_ns is None or t_ns < newest_ns - ANOTHER_CLOCK_NS:
-            self._newest_ns = self._given_ns = t_ns
-            return ("" if newest_ns is None else "restarts"), t_ns
+            self._newest_ns = t_ns
+            self._given_ns = t_ns
+            trouble = "" if newest_ns is None else "restarts"
+            return trouble, t_ns
+
         # used twice, one reading would count as two samples; its place stays empty instead
         if t_ns <= newest_ns:
             self._given_ns += self._period_ns
-            return ("repeated" if t_ns == newest_ns else "late"), self._given_ns
+            trouble = "repeated" if t_ns == newest_ns else "late"
+            return trouble, self._given_ns
+
+        # places that were given to lost readings may lie ahead of the stamps
         self._newest_ns = t_ns
         self._given_ns = max(t_ns, self._given_ns + 1)
         return "", self._given_ns
@@ -195,16 +203,19 @@ class _LiveRun:
 
     def answer_next(self) -> bool:
         """Wait until the next sample is due, read and answer it; False where the source ended."""
-        self._clock.wait_until(self._start_ns + round(self._turn * self._period_ns))
+        due_ns = self._start_ns + round(self._turn * self._period_ns)
+        self._clock.wait_until(due_ns)
         began_ns = self._clock.now_ns()
         measured = self._source.read()
         if measured is None:
             return False
         read_ns = self._clock.now_ns()
+
         sample = self._sample(measured)
         converted_ns = self._clock.now_ns()
         prediction = self._predict(sample)
         self._emit(prediction, sample, measured)
+
         times_ns = [
             began_ns,
             read_ns,

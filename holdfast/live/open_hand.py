@@ -40,6 +40,7 @@ class OpenHand:
             rate_hz=rate_hz,
             where=self.url,
         )
+
         tare = Tare(card.preparation, card.n_channels)
         start_ns = self._clock.now_ns()
         sequence = 0

@@ -100,12 +100,14 @@ def udp_sink(address: str) -> UdpSink:
     host, _, port = address.rpartition(":")
     if not host or not port.isdecimal() or not 0 < int(port) < 65536:
         raise UsageError(f"{address!r} is not an address", next_step=example)
+
     try:
-        found = socket.getaddrinfo(host, int(port), type=socket.SOCK_DGRAM)[0]
+        found = socket.getaddrinfo(host, int(port), type=socket.SOCK_DGRAM)
     except OSError as error:
         what = f"{address!r}: {error.strerror}"
         raise UsageError(what, next_step=example) from None
-    family, kind, protocol, _, target = found
+
+    family, kind, protocol, _, target = found[0]
     sender = socket.socket(family, kind, protocol)
     sender.setblocking(False)
     return UdpSink(sender, target, f"--udp {address}")
@@ -226,8 +228,10 @@ class SampleFile:
             return
         if self.first_ns is None:
             self.first_ns = sample.t_ns
-        time_ns = sample.t_ns - self.first_ns
-        cells = [f"{time_ns // 10**9}.{time_ns % 10**9:09d}"]
+
+        # whole numbers: as a float, a time of many hours would lose its nanoseconds
+        seconds, rest_ns = divmod(sample.t_ns - self.first_ns, 10**9)
+        cells = [f"{seconds}.{rest_ns:09d}"]
         cells += map(repr, sample.values.tolist())
         cells += ["1" if valid else "0" for valid in sample.valid]
         self.sink(",".join(cells))

@@ -152,6 +152,7 @@ class _Run:
             command = self._open_commands(stack, outputs)
             self._open_grip(stack)
             self._open_cues(stack)
+
             # the hand and the wearer come first: their lines must not wait for the others
             moving = [one for one in (self._grip, self._cues) if one is not None]
             source = open_live(
@@ -162,6 +163,7 @@ class _Run:
                 field=None if self._grip is None else self._grip.scene,
                 read_set=read_set,
             )
+
             # after all threads and processes have started: they must not have this priority
             stack.enter_context(first_in_line(self.report))
             # the last commands leave before the source is closed, which may take long
@@ -170,6 +172,7 @@ class _Run:
                     close_at_end(before_source, output)
                 if self._grip is not None:
                     self._grip.begin(source)
+
                 resting = resting_of(options.bias, source)
                 if resting is None:
                     self.report(UNLOADED)
@@ -182,6 +185,7 @@ class _Run:
                     resting=resting,
                     command=command,
                 )
+
         # exact only now: while sinks are open, waiting lines count as dropped
         summary.dropped = self.lines.dropped
         summary.lost_sinks = self.lines.lost()
@@ -215,6 +219,7 @@ class _Run:
             outputs.append(self._samples)
         if self._view:
             outputs.append(self._view)
+
         if options.web:
             from holdfast.live.page.run_page import open_run_page
 
@@ -263,6 +268,7 @@ class _Run:
         intent = stack.enter_context(opened)
         if intent is None:
             return command
+
         self._show_intent(intent)
         if options.samples and self._samples is not None:
             log = IntentLog(options.samples, intent, now_ns, self._samples)
@@ -349,6 +355,7 @@ def answer(
         rate_hz=rate_hz,
         where="source",
     )
+
     monitor = GripMonitor(model, clock.now_ns, bias_known=resting is not None)
     tare = Tare(card.preparation, card.n_channels, resting)
     require_pace(source, model, clock)
@@ -388,6 +395,7 @@ def report_summary(summary: Summary, report: Callable[[str], object]) -> None:
     counts += [f"{count} {name}" for name, count in summary.lost().items() if count]
     counts.append(f"{summary.acts} acts")
     report(f"\n{', '.join(counts)}; {states}")
+
     for sink, reason in summary.lost_sinks.items():
         report(f"lost: {sink} ({reason})")
     for stage, figures in summary.latency_us().items():

@@ -63,6 +63,7 @@ def real_time() -> Iterator[bool]:
     if not hasattr(os, "sched_setscheduler"):
         yield False
         return
+
     before = os.sched_getscheduler(0)
     param = os.sched_getparam(0)
     first = os.SCHED_FIFO | os.SCHED_RESET_ON_FORK
@@ -71,6 +72,7 @@ def real_time() -> Iterator[bool]:
     except PermissionError:
         yield False
         return
+
     try:
         yield True
     finally:
@@ -110,8 +112,10 @@ def stop_signals() -> Iterator[Callable[[], bool]]:
             signal.signal(number, before[number])
 
     wanted = [signal.SIGINT, signal.SIGTERM]
+    # under nohup it is ignored, and stays so
     if signal.getsignal(signal.SIGHUP) != signal.SIG_IGN:
         wanted.append(signal.SIGHUP)
+
     before: dict[int, Any] = {number: signal.signal(number, stop) for number in wanted}
     try:
         yield lambda: requested
@@ -150,6 +154,7 @@ class ServiceWatchdog:
 
     def __init__(self, environment: Mapping[str, str] = os.environ) -> None:
         path = environment.get("NOTIFY_SOCKET", "")
+        # sd_notify(3): an @ stands for the zero byte of a socket without a file
         self._address = "\0" + path[1:] if path.startswith("@") else path
         self._sender: socket.socket | None = None
         if path:
@@ -208,7 +213,9 @@ def progress_of(
         at_s = now_s()
         if at_s - last_s < PROGRESS_EVERY_S or not 0.0 < share < 1.0:
             return
+
         last_s = at_s
+        # as if the rest went on at the mean pace so far
         left_s = (at_s - started_s) * (1.0 - share) / share
         report(f"{what}: {100 * share:.0f} % done, about {left_s:.0f} s left")
 

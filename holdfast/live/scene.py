@@ -117,32 +117,35 @@ class LiveScene:
         trials = [trial] * COPIES
         self.trial = trial
         self._still = still
+
         grid = grid_of(trial, ROWS_HZ, STEP_S)
         rows = grid.n_samples
-        spans = Spans(
-            _for_all(0),
-            _for_all(round(grid.start_s * ROWS_HZ)),
-            _for_all(int(grid.sample[-1])),
-            _for_all(rows),
-        )
+        begin = round(grid.start_s * ROWS_HZ)
+        last = int(grid.sample[-1])
+        spans = Spans(_for_all(0), _for_all(begin), _for_all(last), _for_all(rows))
+
         self._drive = Actuator(drive, trials)
         # commands may slow the drive down, and never make it faster than it is
         self._fastest_n_s = self._drive.fastest_n_s
         _require_strength(drive, trial)
+
         settings = scene.step_settings_of(trials)
         self._world = HandsAndObjects(trials, settings, spans, self._drive, Habits())
         self._sensors = LoopSensors(scene, trials, spans.counts)
         self._periods = spans.periods
         self._row = 0
         self.began_ns = 0
+
         contacts = self._world.forces_n.shape[1]
         self._field = Track(np.arange(rows) / ROWS_HZ, np.zeros((rows, contacts, 3)))
         self._forces_n = np.zeros((rows, contacts, 3))
         self._position_m = np.zeros((rows, 3))
+
         self._wearers_n = trial.grip_n
         self._command: GripCommand | None = None
         self._strongest_n = 0.0
         self._commanded_s = -math.inf
+        # the first reading needs a field before the first step
         self._keep_row()
 
     def at(self, now_s: float, sensor: int) -> list[float]:
@@ -178,19 +181,24 @@ class LiveScene:
     def outcome(self) -> SceneOutcome:
         """What has become of the object so far."""
         n = self._row + 1
-        motion: TrialMotion = self._world.motion(
-            0, self._forces_n[:n], self._position_m[:n]
-        )
+        forces_n = self._forces_n[:n]
+        position_m = self._position_m[:n]
+        motion: TrialMotion = self._world.motion(0, forces_n, position_m)
+        # a run that is stopped at once has no motion yet
         kept = bool(motion.gripped[-1]) if len(motion.gripped) else False
-        until_s = self._row / ROWS_HZ
-        strongest_n = self._strongest_n
-        truth = truth_of(self.trial, motion)
-        return SceneOutcome(kept, until_s, self._wearers_n, strongest_n, truth)
+        return SceneOutcome(
+            kept=kept,
+            until_s=self._row / ROWS_HZ,
+            wearers_n=self._wearers_n,
+            strongest_n=self._strongest_n,
+            truth=truth_of(self.trial, motion),
+        )
 
     def _keep_row(self) -> None:
         k = self._row
         forces = self._world.forces_n
         readings, _ = self._sensors.read(_for_all(k), forces)
+        # the copies are alike: the first one is the hand that is read
         self._field.field_ut[k] = readings.values[0]
         self._forces_n[k] = forces[0]
         self._position_m[k] = self._world.position_m[0]
@@ -242,12 +250,14 @@ def drive_of(url: str) -> Drive:
     """The drive of virtual?lag_ms=..&ceiling_n=... Raises UsageError."""
     known = [one.name for one in fields(Drive)]
     figures = {}
-    for key, values in parse_qs(url.partition("?")[2], keep_blank_values=True).items():
+    query = url.partition("?")[2]
+    for key, values in parse_qs(query, keep_blank_values=True).items():
         if key not in known:
             raise UsageError(
                 f"--grip virtual: {key[:40]!r} is not known",
                 next_step=f"allowed: {', '.join(known)}",
             )
+        # a drive without lag or play is an ideal one; one without force or speed is none
         may_be_zero = key in ("lag_ms", "backlash_mm")
         figures[key] = _figure(key, values[-1], may_be_zero=may_be_zero)
     return Drive(**figures)

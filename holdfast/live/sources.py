@@ -113,6 +113,7 @@ def open_source(
         require_meant(url)
         name = url.removeprefix(REPLAY)
         require_file(Path(name))
+        # a folder may have a number sign in its name
         if "#" in name and not Path(name).exists() and read_set is not None:
             return read_set(name, channels)
         source = open_replay(name)
@@ -145,9 +146,11 @@ def _trials_of(url: str) -> tuple[Scene, list[SimulatedTrial]]:
     from holdfast.simulation.scene_file import read_scene_file
 
     parts = split_url(url)
+    name = parts.netloc + parts.path
     numbers = _numbers(url)
-    card = read_scene_file(parts.netloc + parts.path, rate_hz=numbers.get("rate_hz"))
+    card = read_scene_file(name, rate_hz=numbers.get("rate_hz"))
     scene = scene_of(card, int(numbers["seed"]))
+
     trials = scene.trials()
     first = int(numbers["trial"])
     count = int(numbers["trials"])
@@ -168,11 +171,13 @@ def _numbers(url: str) -> dict[str, float]:
                 f"{url!r}: {key!r} is not known",
                 next_step=f"allowed: {', '.join(SIM_KEYS)}",
             )
+        # a key that is given twice counts by its last value, as in other URLs
+        text = values[-1]
         try:
-            numbers[key] = float(values[-1]) if key == "rate_hz" else _whole(values[-1])
+            numbers[key] = float(text) if key == "rate_hz" else _whole(text)
         except ValueError:
             raise UsageError(
-                f"{url[:80]!r}: {key}={values[-1][:40]!r} is not a number",
+                f"{url[:80]!r}: {key}={text[:40]!r} is not a number",
                 next_step=f"write {key}=1",
             ) from None
     return numbers

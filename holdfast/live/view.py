@@ -96,7 +96,9 @@ class View:
     def _frame(self, drawn: str) -> str:
         """The codes and lines that overwrite the last picture."""
         messages = [self._messages.popleft() for _ in range(len(self._messages))]
+        # a picture that is higher than the terminal would scroll, and leave its top behind
         lines = drawn.splitlines()[: self._console.size.height - 1]
+        # back to the first column, and up by the lines of the last picture
         frame = f"\r\x1b[{self._height}A" if self._height else ""
         self._height = len(lines)
         for line in [*messages, *lines]:
@@ -126,21 +128,20 @@ def picture(
         request = "  ACT"
     elif prediction.arm:
         request = "  arm"
+    state = prediction.state.replace("_", " ").upper()
     style = f"bold {COLOURS[prediction.state]}"
-    head = Text(f"{prediction.state.replace('_', ' ').upper()}{request}", style=style)
+    head = Text(f"{state}{request}", style=style)
     age = f"{1e-3 * prediction.latency_us:.1f} ms after it was taken"
     sample_line = Text(f"sample {prediction.sequence}, {age}")
+
     bars = Table.grid(padding=(0, 1))
     for name in SITUATIONS:
         share = prediction.p_situation[name]
         bar = Text("█" * round(BAR * share), style=COLOURS[name])
         bars.add_row(name.replace("_", " "), bar, f"{share:.2f}")
-    shown: list[ConsoleRenderable] = [
-        head,
-        sample_line,
-        bars,
-        _fingers(sample, measured, unit),
-    ]
+
+    fingers = _fingers(sample, measured, unit)
+    shown: list[ConsoleRenderable] = [head, sample_line, bars, fingers]
     if intent is not None:
         shown.append(_wearer(intent))
     return Group(*shown)
@@ -151,11 +152,15 @@ def _fingers(sample: Sample, measured: SourceReading, unit: str) -> Table:
     fingers = Table(box=None, padding=(0, 1))
     for column in ("finger", f"normal, {unit}", f"shear, {unit}", ""):
         fingers.add_column(column, justify="right")
+
     for k, force in enumerate(sample.values.reshape(-1, 3)):
-        shear = float(np.hypot(*force[:NORMAL_AXIS]))
+        x, y = force[:NORMAL_AXIS]
+        shear = float(np.hypot(x, y))
         trouble = ""
         if not sample.valid[k]:
-            trouble = (measured.why[k] if measured.why else "") or "taring"
+            # a finger that was read well and is not valid still waits for its bias
+            why = measured.why[k] if measured.why else ""
+            trouble = why or "taring"
         fingers.add_row(
             str(k + 1),
             f"{force[NORMAL_AXIS]:.2f}",

@@ -69,6 +69,7 @@ class Wire:
             self._report(
                 f"{self.name}: its guardian ended; a run that dies now sends no last command"
             )
+
         now_ns = self._now_ns()
         taken = self._works and self._write(line, now_ns)
         if not self._works:
@@ -92,6 +93,7 @@ class Wire:
             written = True
         except (OSError, ValueError):
             written = False
+        # where the line did not leave, the guardian tries once more
         self._guardian.end(written=written)
         self._link.close()
         if self.dropped:
@@ -120,6 +122,7 @@ class Wire:
             self._report(f"{self.name}: no line arrives ({reason}); {self._effect}")
         else:
             self._wait_ns = min(2 * self._wait_ns, LAST_RETRY_NS)
+
         # an unplugged adapter gets another name as long as a process holds the old one
         if isinstance(self._link, SerialLink) and error.errno != errno.EAGAIN:
             self._link.lose()
@@ -142,6 +145,7 @@ class Wire:
         except OSError as error:
             self._fail(error, now_ns)
             return
+
         self._trials += 1
         if self._trials >= TRIALS:
             self._works = True

@@ -93,6 +93,7 @@ def listen(text: str) -> PageAddress:
         raise UsageError(
             f"--web: no host {host!r}", cause=cause, next_step=EXAMPLES
         ) from None
+
     family, kind, protocol, _, address = found[0]
     listener = socket.socket(family, kind, protocol)
     try:
@@ -205,6 +206,7 @@ class PageLink:
             self._channel.settimeout(END_S)
             self._channel.send(_to_json({"end": end}).encode())
         self._channel.close()
+
         if self._process is not None:
             with suppress(subprocess.TimeoutExpired):
                 self._process.wait(END_S)
@@ -247,6 +249,7 @@ def _started(
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
         )
+
     try:
         ours.send(_to_json({"access": place.access(), "about": about}).encode())
         ours.settimeout(START_S)

@@ -33,15 +33,16 @@ def main(listener_fd: int, link_fd: int) -> None:
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT):
         signal.signal(number, signal.SIG_IGN)
     os.nice(NICENESS)
+
     link = socket.socket(fileno=link_fd)
+    listener = socket.socket(fileno=listener_fd)
     first = json.loads(link.recv(LARGEST_MESSAGE))
     stream = LiveStream(first["about"])
-    server = PageServer(
-        socket.socket(fileno=listener_fd),
-        stream,
-        Access(first["access"]["token"], tuple(first["access"]["hosts"])),
-        lambda action: _pass_on(link, action),
-    )
+    # the token comes by the link: on the command line every user of the machine could read it
+    allowed = first["access"]
+    access = Access(allowed["token"], tuple(allowed["hosts"]))
+    server = PageServer(listener, stream, access, lambda action: _pass_on(link, action))
+
     Thread(target=server.serve_forever, name="live page", daemon=True).start()
     link.send(READY)
     follow(link, stream)
@@ -69,7 +70,8 @@ def _waiting(link: socket.socket) -> Iterator[Message]:
             data = link.recv(LARGEST_MESSAGE)
         except BlockingIOError:
             return
-        except ConnectionResetError:  # reported before the messages that still wait
+        except ConnectionResetError:
+            # reported before the messages that still wait
             continue
         if not data:
             yield {"end": DIED}

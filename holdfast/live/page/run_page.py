@@ -49,11 +49,14 @@ class RunPage:
         """Send one sample; nothing waits, and what finds no room is dropped."""
         self._lost += sample.sequence - self._next
         self._next = sample.sequence + 1
-        self._first_ns = sample.t_ns if self._first_ns is None else self._first_ns
+        if self._first_ns is None:
+            self._first_ns = sample.t_ns
+
         message = sample_message(sample, reading, self._lost, self._link.unsent)
         message["answer"] = _answer(prediction)
         message["grip"] = self._grip(prediction, sample)
         message |= intent_message(self.intent)
+
         self._link.send({"sample": message})
         if self._link.action() == MARK:
             self._mark(sample)
@@ -76,8 +79,10 @@ class RunPage:
         command = None if self.grip is None else self.grip.newest
         if command is not None:
             return command._asdict()
+
         margin = self._margin
         margin.step(sense_of(prediction, sample.values, sample.valid))
+        # before a first slip nothing is known of the friction
         observed = margin.mu_hat > 0.0
         return {
             "mu_hat": margin.mu_hat if observed else None,

@@ -2,12 +2,12 @@
 
     GET /[TOKEN/]              the page, and its scripts and style
     GET /[TOKEN/]events        server-sent events (stream.py)
-    GET /[TOKEN/]save          the last 30 s (saved.py)
+    GET /[TOKEN/]save          the last 30 s
     POST /[TOKEN/]do/NAME      an action that the page offers, such as mark
 
 A browser that takes nothing for STALLED_S is disconnected; it comes back by itself.
 
-The last 30 s as a file: a zipped folder in the form of a recorded trial.
+The last 30 s are saved as a zipped folder in the form of a recorded trial.
 
     holdfast-20261123-031512/tactile.csv     Time, X1 .. Zn, sequence, valid1 .. validn
                              meta.json       unit; the bias is taken off already
@@ -49,6 +49,7 @@ def zipped(
     first_ns = samples[0]["t_ns"]
     meta = {"unit": about["unit"], "bias_removed": True, "model": about.get("model")}
     meta["seconds"] = 1e-9 * (samples[-1]["t_ns"] - first_ns)
+
     events = ""
     for mark in marks:
         t_s = round(1e-9 * (mark["t_ns"] - first_ns), 6)
@@ -59,6 +60,7 @@ def zipped(
         META: json.dumps(meta) + "\n",
         EVENTS: events,
     }
+
     archive = io.BytesIO()
     with zipfile.ZipFile(archive, "w", zipfile.ZIP_DEFLATED) as file:
         for part, text in content.items():

@@ -66,6 +66,7 @@ class LiveStream:
                 self._news.setdefault("said", []).append(line)
             if "mark" in message:
                 mark = dict(message["mark"])
+                # the page counts from the first sample, the run in ns of its clock
                 mark["t_s"] = self._since_start(mark["t_ns"])
                 self._marks.append(mark)
                 self._news.setdefault("marks", []).append(mark)
@@ -126,6 +127,7 @@ class LiveStream:
             seen = self._count
             first = self._whole()
         yield first
+
         while True:
             with self._changed:
                 while self._count == seen and not self._over:
@@ -133,6 +135,7 @@ class LiveStream:
                 missed = self._count - seen
                 seen = self._count
                 over = self._over
+
                 # frames that this browser needs are gone: it begins with a whole picture
                 if missed > len(self._frames):
                     newest = [self._whole()]
@@ -162,9 +165,10 @@ class LiveStream:
 
     def _now(self, now_s: float) -> Message:
         """The newest sample as it is shown, how long none has come, and losses."""
-        newest = self._samples[-1] if self._samples else None
-        silent_s = None if self._came_s is None else _shown(now_s - self._came_s)
-        sample = None if newest is None else self._as_shown(newest)
+        silent_s = None
+        if self._came_s is not None:
+            silent_s = _shown(now_s - self._came_s)
+        sample = self._as_shown(self._samples[-1]) if self._samples else None
         return {"silent_s": silent_s, "sample": sample, "ended": self.ended}
 
     def _as_shown(self, sample: Message) -> Message:
