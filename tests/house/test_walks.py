@@ -8,6 +8,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+
 from tools.house import WALKS, Size, modules_loaded, size_of
 
 MOST_LOADED = {
