@@ -41,8 +41,7 @@ from holdfast.training.featurise import FloatRows
 from holdfast.training.figures import Interval, SituationFigures
 from holdfast.training.fitting import held_out_figures
 from holdfast.training.plan import TrainingPlan
-from holdfast.training.recording import DataSet, Recording
-from holdfast.training.splits import assign_groups
+from holdfast.training.recording import DataSet, Recording, assign_groups
 
 FOLDS = 3
 MOST_FALSE_PER_MIN = 1.0

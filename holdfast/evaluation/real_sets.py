@@ -20,8 +20,7 @@ from holdfast.training.datasets import load
 from holdfast.training.datasets.eflesh_slip import ThresholdAccuracy
 from holdfast.training.figures import Interval
 from holdfast.training.plan import TrainingPlan
-from holdfast.training.recording import DataSet
-from holdfast.training.splits import assign_groups
+from holdfast.training.recording import DataSet, assign_groups
 
 
 @dataclass(frozen=True)

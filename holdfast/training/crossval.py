@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 from sklearn.linear_model import LogisticRegression
@@ -16,7 +17,13 @@ from sklearn.linear_model import LogisticRegression
 from holdfast.core.contract import SITUATIONS, FloatArray, IntArray
 from holdfast.core.errors import ClassMissing
 from holdfast.export.exporting import whole_graph
-from holdfast.export.heads import Calibration, Head, reference_label, situation_votes
+from holdfast.export.heads import (
+    Calibration,
+    Head,
+    reference_label,
+    riskier_argmax,
+    situation_votes,
+)
 from holdfast.export.learner import (
     Committee,
     Forest,
@@ -27,17 +34,19 @@ from holdfast.export.learner import (
 from holdfast.export.spec import StepSpec
 from holdfast.export.verify import Verification, verify
 from holdfast.training.featurise import FloatRows
-from holdfast.training.network_fit import fit_network
 from holdfast.training.plan import TASK_HEADS, TrainingPlan
 from holdfast.training.progress import Say
-from holdfast.training.recording import DataSet, StringArray
-from holdfast.training.splits import Fold, assign_groups, folds_of, grouped_folds
-from holdfast.training.tuning import (
-    LabelWeights,
-    choose_network,
-    fit_label_weights,
-    situation_labels,
+from holdfast.training.recording import (
+    DataSet,
+    Fold,
+    StringArray,
+    assign_groups,
+    folds_of,
+    grouped_folds,
 )
+
+if TYPE_CHECKING:
+    from holdfast.training.tuning import LabelWeights
 
 CALIBRATION_C = 1.0
 """Inverse regularisation of the calibration (scikit-learn's C) on vote shares between 0 and 1."""
@@ -96,7 +105,7 @@ class HeldOut:
     def situations(self) -> IntArray:
         """[M] labels of the main task by the declared tie rule."""
         if self.labels is None:
-            return situation_labels(self.situation_votes(), None)
+            return riskier_argmax(self.situation_votes())
         return self.labels
 
     def situation_votes(self) -> IntArray:
@@ -223,6 +232,9 @@ def plan_for(
     if not plan.inner_folds or plan.learner == "forest":
         return plan
 
+    # only a plan with inner folds needs this module
+    from holdfast.training.tuning import choose_network
+
     label = data.tasks[task].label[rows]
     groups = data.group_of(task)[rows]
     given = plan.network_for(task)
@@ -254,6 +266,8 @@ def chosen_label_weights(
         learner = fit_learner(data, features[task], plan, task, rows[train], seed)
         held_out = features[task][rows[test]]
         votes[test] = reference_votes(learner, held_out, n_classes)
+
+    from holdfast.training.tuning import fit_label_weights
 
     # Of eight classes two belong to each situation, light and heavy.
     situation = windows.label // (n_classes // len(SITUATIONS))
@@ -296,6 +310,9 @@ def learner_of(
 ) -> Learner:
     """The plan's learner for a task, fitted on rows [N, F] with labels [N]."""
     if plan.learner == "network":
+        # a forest alone needs no network
+        from holdfast.training.network_fit import fit_network
+
         return fit_network(plan.network_for(task), rows, label, n_classes, seed)
     # A tree reads by column: the same forest, sooner.
     by_column = np.asfortranarray(rows)
@@ -315,6 +332,8 @@ def joined_by_network(
     seed: int,
 ) -> Committee:
     """A fitted forest and the plan's network, fitted on the same rows [N, F] and labels [N]."""
+    from holdfast.training.network_fit import fit_network
+
     votes = votes_of_trees(len(forest.estimators_))
     network = fit_network(plan.network_for(task), rows, label, n_classes, seed, votes)
     return Committee(forest, network)

@@ -39,9 +39,7 @@ from holdfast.training.fixture import KIND, write_fixture
 from holdfast.training.metrics import report
 from holdfast.training.plan import TASK_HEADS, LearnerKind, TrainingPlan, hand_plan
 from holdfast.training.progress import Part, Say, Stages, ignored
-from holdfast.training.recording import DataSet, LabelledRows, Recording
-from holdfast.training.splits import HoldOut
-from holdfast.training.tuning import fit_label_weights
+from holdfast.training.recording import DataSet, HoldOut, LabelledRows, Recording
 from holdfast.training.windows import Choice
 
 VERSIONS_OF = ("numpy", "scipy", "scikit-learn", "skl2onnx", "onnx", "onnxruntime")
@@ -264,6 +262,8 @@ def final_artifact(
         calibration = fit_calibration(held_out.shares(task), windows.label)
         weights = None
         if plan.inner_folds and task == main_task(data):
+            from holdfast.training.tuning import fit_label_weights
+
             situation = situations_of(windows).label
             weights = fit_label_weights(held_out.situation_votes(), situation)
         head = Head(TASK_HEADS[task], windows.classes, learner, calibration, weights)

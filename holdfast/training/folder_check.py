@@ -33,7 +33,7 @@ from holdfast.training.datasets import LAYOUTS, layout_of, load, reader_of
 from holdfast.training.datasets.thesis import common_rate
 from holdfast.training.datasets.trials import FOLDERS, TrialReader, read_all
 from holdfast.training.progress import Part, ignored
-from holdfast.training.splits import grouped
+from holdfast.training.recording import grouped
 from holdfast.training.windows import TimedTrial
 
 Level = Literal["error", "training", "advice"]

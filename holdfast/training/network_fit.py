@@ -28,6 +28,7 @@ from holdfast.export.network import (
     Network,
     hidden_values,
 )
+from holdfast.training.plan import NetworkPlan
 
 KNEE_FLOOR = 1e-3
 """Smallest knee, in the features' unit: a feature that hardly moves is not blown up."""
@@ -35,24 +36,6 @@ UNUSED_PERCENT = 0.1
 """A hidden unit's largest values that are cut off, % of the training rows."""
 NO_VOTES_NATS = -20.0
 """Logit of a class that training never saw."""
-
-
-@dataclass(frozen=True)
-class NetworkPlan:
-    """Parameters of a network by scikit-learn's names; members: networks side by side.
-
-    knee: of x / (knee + |x|), in standard deviations of the feature. balance: 1 weighs all classes
-    the same, 0 all windows.
-    """
-
-    hidden: tuple[int, ...] = (64, 32)
-    members: int = 4
-    alpha: float = 1.0
-    epochs: int = 6
-    batch: int = 512
-    rate: float = 2e-3
-    balance: float = 0.0
-    knee: float = 1.0
 
 
 @dataclass(frozen=True)

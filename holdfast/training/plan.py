@@ -14,7 +14,6 @@ from sklearn.ensemble import ExtraTreesClassifier, RandomForestClassifier
 from holdfast.core.reading import Json
 from holdfast.edge_runtime.decision import DecisionRules
 from holdfast.export.learner import Forest
-from holdfast.training.network_fit import NetworkPlan
 
 CLOCK_FREE_GROUPS = (
     "now",
@@ -32,6 +31,24 @@ TASK_HEADS = {
     "predict_250ms": "p_risky_250ms",
 }
 """Which head of the exported file learns which task."""
+
+
+@dataclass(frozen=True)
+class NetworkPlan:
+    """Parameters of a network by scikit-learn's names; members: networks side by side.
+
+    knee: of x / (knee + |x|), in standard deviations of the feature. balance: 1 weighs all classes
+    the same, 0 all windows.
+    """
+
+    hidden: tuple[int, ...] = (64, 32)
+    members: int = 4
+    alpha: float = 1.0
+    epochs: int = 6
+    batch: int = 512
+    rate: float = 2e-3
+    balance: float = 0.0
+    knee: float = 1.0
 
 
 @dataclass(frozen=True)

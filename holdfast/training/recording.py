@@ -1,15 +1,23 @@
-"""Recordings, their labelled windows, and a data set of both: what every reader returns."""
+"""Recordings, their labelled windows, and a data set of both: what every reader returns.
+
+Training and test sets: a group is never on both sides of a split.
+
+A group is what is held out together: all trials of a person, of an object (or a block), or one
+trial at a time. Intervals resample groups. Folds are dealt here and not by scikit-learn's splitters
+(GroupKFold, StratifiedGroupKFold): theirs differ, and the published figures rest on these.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
 
 from holdfast.core.contract import BoolArray, FloatArray, IntArray, Unit
+from holdfast.core.errors import TooFewGroups
 from holdfast.core.reading import Json
 from holdfast.edge_runtime.preparation import Preparation
 from holdfast.training.timeline import Phase, RiskyEvent
@@ -148,3 +156,126 @@ class DataSet:
                 kept.append(recording)
         tasks = {task: rows.of_trials(index) for task, rows in self.tasks.items()}
         return replace(self, recordings=kept, tasks=tasks)
+
+
+Fold = tuple[IntArray, IntArray]
+"""Training rows and test rows, both ascending."""
+
+
+def assign_groups(
+    groups: npt.ArrayLike, n_folds: int, *, seed: int = 0
+) -> dict[str, int]:
+    """Fold of every group, from the group names [M] of all windows.
+
+    Groups are dealt largest first, one to each fold a round, in seeded random order within a round:
+    folds get equally many groups (+-1), and their windows differ by at most the largest group's.
+    Raises TooFewGroups where there are fewer groups than folds, or fewer than two folds.
+
+    >>> sorted(assign_groups(["a", "a", "b", "c", "d"], 2).values())
+    [0, 0, 1, 1]
+    """
+    names, sizes = np.unique(np.asarray(groups, dtype=str), return_counts=True)
+    if n_folds < 2 or len(names) < n_folds:
+        fewer = f"use {len(names)} folds"
+        raise TooFewGroups(
+            f"{len(names)} groups (people, blocks) do not make {n_folds} folds",
+            cause="the set holds too few people, or was cut down with --groups",
+            next_step=fewer if len(names) > 1 else "add recordings of other people",
+        )
+    rng = np.random.default_rng(seed)
+    # Largest first, so that every round deals groups of like size.
+    by_size = names[np.argsort(-sizes, kind="stable")]
+    assignment: dict[str, int] = {}
+    for k in range(0, len(names), n_folds):
+        dealt = by_size[k : k + n_folds].tolist()
+        folds = rng.permutation(n_folds).tolist()
+        # The last round may have fewer groups than folds.
+        assignment.update(zip(dealt, folds, strict=False))
+    return assignment
+
+
+def grouped_folds(groups: npt.ArrayLike, n_folds: int, *, seed: int = 0) -> list[Fold]:
+    """Cross-validation by groups [M]. Raises TooFewGroups.
+
+    For two tasks with the same held-out people, call `assign_groups` once and `folds_of` for each
+    task.
+    """
+    return folds_of(groups, assign_groups(groups, n_folds, seed=seed))
+
+
+def folds_of(groups: npt.ArrayLike, assignment: dict[str, int]) -> list[Fold]:
+    """Training and test rows of every fold, for windows of these groups [M]."""
+    names, place = np.unique(np.asarray(groups, dtype=str), return_inverse=True)
+    folds = np.array([assignment[name] for name in names.tolist()], dtype=np.int64)
+    return _folds(folds[place], sorted(set(assignment.values())))
+
+
+def _folds(fold: IntArray, numbers: Iterable[int]) -> list[Fold]:
+    """Training and test rows of each fold, from the fold of every row."""
+    folds = []
+    for k in numbers:
+        train = np.flatnonzero(fold != k)
+        test = np.flatnonzero(fold == k)
+        folds.append((train, test))
+    return folds
+
+
+def leaky_folds(n_rows: int, n_folds: int, *, seed: int = 0) -> list[Fold]:
+    """Folds of random windows, so that neighbours in time are on both sides.
+
+    WRONG, and named so: it exists to show, next to the right number, how far a bad split flatters.
+    """
+    rng = np.random.default_rng(seed)
+    fold = rng.permutation(n_rows) % n_folds
+    return _folds(fold, range(n_folds))
+
+
+HoldOut = Literal["person", "object", "trial"]
+NO_OBJECT = "-"
+
+
+def grouped(recordings: Sequence[Recording]) -> tuple[list[Recording], HoldOut]:
+    """The recordings with their groups, and the kind of these.
+
+    People are the groups where there are two or more; else every trial is its own.
+    """
+    people = {recording.person for recording in recordings} - {None}
+    kind: HoldOut = "person" if len(people) > 1 else "trial"
+    return _grouped_by(recordings, kind), kind
+
+
+def regrouped(data: DataSet, by: HoldOut) -> DataSet:
+    """The same set held out by something else. Raises TooFewGroups with less than two groups."""
+    recordings = _grouped_by(data.recordings, by)
+    regrouped_set = replace(data, recordings=recordings, group_kind=by)
+    # A recording without a person could be of one on the other side of a split.
+    people = {recording.person for recording in recordings}
+    unnamed = by == "person" and None in people
+    if unnamed or len(regrouped_set.groups()) < 2:
+        raise TooFewGroups(
+            f"the recordings cannot be held out by {by}",
+            where=data.name,
+            cause="the set names no people" if by == "person" else f"one {by} alone",
+            next_step=_NEXT[by],
+        )
+    return regrouped_set
+
+
+_NEXT = {
+    "person": "sort trials into <person>/<object>/<action>/, or hold out by trial",
+    "object": "record another object, or hold out by trial",
+    "trial": "record more trials",
+}
+
+
+def _grouped_by(recordings: Sequence[Recording], by: HoldOut) -> list[Recording]:
+    """The recordings in groups; one without a person is a group of its own, by its trial."""
+    result = []
+    for recording in recordings:
+        group = recording.trial_id
+        if by == "person" and recording.person:
+            group = recording.person
+        elif by == "object":
+            group = recording.object_name or NO_OBJECT
+        result.append(replace(recording, group=group))
+    return result

@@ -13,8 +13,9 @@ from sklearn.metrics import average_precision_score
 
 from holdfast.core.contract import SITUATIONS, FloatArray, IntArray
 from holdfast.export.heads import FloatRows, riskier_argmax, weighted
-from holdfast.training.network_fit import NetworkPlan, fit_members
-from holdfast.training.splits import grouped_folds
+from holdfast.training.network_fit import fit_members
+from holdfast.training.plan import NetworkPlan
+from holdfast.training.recording import grouped_folds
 
 WEIGHT_FACTORS = np.exp(np.linspace(-1.2, 1.2, 13)).tolist()
 """What a weight is multiplied by in a round of the search."""

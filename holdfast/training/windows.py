@@ -44,13 +44,13 @@ from holdfast.core.contract import (
 from holdfast.core.errors import ClassMissing
 from holdfast.core.trial_layout import Mass
 from holdfast.export.spec import HISTORY_S, WINDOW_S, window_samples
-from holdfast.training.critical_points import CriticalPoint, offline_critical_points
 from holdfast.training.progress import Part, ignored
-from holdfast.training.recording import LabelledRows, Recording
-from holdfast.training.splits import NO_OBJECT
+from holdfast.training.recording import NO_OBJECT, LabelledRows, Recording
 
 if TYPE_CHECKING:
     import pandas as pd
+
+    from holdfast.training.critical_points import CriticalPoint
 
 Choice = Literal["balanced", "thesis", "natural", "none"]
 """Which windows of a set in the thesis' layout are taken; none for its recordings alone."""
@@ -210,6 +210,9 @@ def _natural_spots(trial: TimedTrial) -> list[_Spot]:
     """All windows of a trial, each row once, in order of time."""
     if trial.heavy is None:
         return _empty_hand(trial.recording)
+
+    # dense windows, the default, need no critical points
+    from holdfast.training.critical_points import offline_critical_points
 
     points = offline_critical_points(trial.recording)
     spots = _critical(trial.recording, points)

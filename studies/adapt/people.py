@@ -33,8 +33,7 @@ from holdfast.training.featurise import (
 )
 from holdfast.training.metrics import situation_scores
 from holdfast.training.plan import HIGH_CONFIDENCE, TrainingPlan
-from holdfast.training.recording import DataSet, Recording
-from holdfast.training.splits import assign_groups, folds_of
+from holdfast.training.recording import DataSet, Recording, assign_groups, folds_of
 from studies.adapt.figures import BEFORE, THRESHOLD, WHOLE, Way, way_figures
 
 RULES = HIGH_CONFIDENCE["forest"]

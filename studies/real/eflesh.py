@@ -24,8 +24,7 @@ from holdfast.training.datasets.eflesh_slip import (
 from holdfast.training.featurise import features_everywhere, features_of, spec_for
 from holdfast.training.metrics import situation_scores
 from holdfast.training.plan import TrainingPlan
-from holdfast.training.recording import DataSet
-from holdfast.training.splits import assign_groups, folds_of
+from holdfast.training.recording import DataSet, assign_groups, folds_of
 
 ACT_SAMPLES = DecisionRules().act_samples
 """An alarm is so many risky samples in a row, as the hand would act on it."""

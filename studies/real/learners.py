@@ -28,10 +28,9 @@ from holdfast.training.datasets.human_slip_uskin import load
 from holdfast.training.featurise import FloatRows, features_of, spec_for
 from holdfast.training.figures import HeadFigures
 from holdfast.training.metrics import report, situation_scores
-from holdfast.training.network_fit import NetworkPlan, fit_members, in_whole_numbers
-from holdfast.training.plan import TrainingPlan
-from holdfast.training.recording import DataSet
-from holdfast.training.splits import grouped_folds
+from holdfast.training.network_fit import fit_members, in_whole_numbers
+from holdfast.training.plan import NetworkPlan, TrainingPlan
+from holdfast.training.recording import DataSet, grouped_folds
 from holdfast.training.tuning import fit_label_weights, situation_labels
 from tools.harness import write_figures
 

@@ -29,8 +29,8 @@ from holdfast.export.heads import (
 from holdfast.export.learner import Committee, Learner, reference_votes, votes_in_all
 from holdfast.export.network import INPUT_MOST, Inputs, Layer, Network, network_votes
 from holdfast.export.verify import cut_learners, verify
-from holdfast.training.network_fit import NetworkPlan, fit_network
-from holdfast.training.plan import ForestPlan
+from holdfast.training.network_fit import fit_network
+from holdfast.training.plan import ForestPlan, NetworkPlan
 
 AREA = "Learners in whole numbers"
 SPEC = spec(("now", "differences"))

@@ -19,8 +19,7 @@ from holdfast.simulation.folder import write_set
 from holdfast.simulation.scene import Scene
 from holdfast.simulation.scene_file import SceneFile, read_scene_file
 from holdfast.simulation.script import Times
-from holdfast.training.network_fit import NetworkPlan
-from holdfast.training.plan import ForestPlan, TrainingPlan
+from holdfast.training.plan import ForestPlan, NetworkPlan, TrainingPlan
 from holdfast.training.recording import Recording
 from studies import learner_streams
 from studies.fast_handover.ideas import VARIED, Idea

@@ -10,8 +10,7 @@ from joblib import parallel_config
 
 from holdfast.core.contract import SITUATIONS
 from holdfast.edge_runtime.preparation import Preparation
-from holdfast.training.network_fit import NetworkPlan
-from holdfast.training.plan import ForestPlan
+from holdfast.training.plan import ForestPlan, NetworkPlan
 from holdfast.training.recording import DataSet, LabelledRows, Recording
 from holdfast.training.tuning import candidates_of
 from studies.real import learners

@@ -27,8 +27,8 @@ from holdfast.export.features import feature_count
 from holdfast.export.heads import Calibration, Head
 from holdfast.export.learner import Committee, votes_of_trees
 from holdfast.export.spec import BandsLeftOut, StepSpec
-from holdfast.training.network_fit import NetworkPlan, fit_network
-from holdfast.training.plan import ForestPlan
+from holdfast.training.network_fit import fit_network
+from holdfast.training.plan import ForestPlan, NetworkPlan
 
 EXTRA_HEAD = "p_risky_250ms"
 

@@ -13,8 +13,7 @@ from own_data import write_meta, write_people_folders
 from holdfast.core.errors import DataError, DataNotFound, LabelError, TooFewGroups
 from holdfast.core.trial_layout import truth_path
 from holdfast.training.datasets import join, load
-from holdfast.training.recording import DataSet
-from holdfast.training.splits import grouped_folds, regrouped
+from holdfast.training.recording import DataSet, grouped_folds, regrouped
 
 PULL = "soft-ball/pull/trial_1"
 

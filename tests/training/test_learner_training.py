@@ -21,13 +21,8 @@ from holdfast.training.crossval import (
     plan_for,
 )
 from holdfast.training.metrics import situation_scores
-from holdfast.training.network_fit import (
-    NetworkPlan,
-    fit_members,
-    fit_network,
-    in_whole_numbers,
-)
-from holdfast.training.plan import ForestPlan, TrainingPlan
+from holdfast.training.network_fit import fit_members, fit_network, in_whole_numbers
+from holdfast.training.plan import ForestPlan, NetworkPlan, TrainingPlan
 from holdfast.training.recording import DataSet
 from holdfast.training.tuning import (
     candidates_of,

@@ -9,7 +9,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from holdfast.core.errors import TooFewGroups
-from holdfast.training.splits import assign_groups, folds_of, grouped_folds, leaky_folds
+from holdfast.training.recording import (
+    assign_groups,
+    folds_of,
+    grouped_folds,
+    leaky_folds,
+)
 
 GROUPS = st.lists(st.sampled_from("abcdefghij"), min_size=1, max_size=200)
 

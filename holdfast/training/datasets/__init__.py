@@ -29,8 +29,13 @@ from holdfast.core.errors import (
 from holdfast.core.trial_layout import META, TACTILE, read_json
 from holdfast.training.datasets.trials import has_thesis_layout
 from holdfast.training.progress import Part, ignored
-from holdfast.training.recording import DataSet, LabelledRows, Recording
-from holdfast.training.splits import HoldOut, regrouped
+from holdfast.training.recording import (
+    DataSet,
+    HoldOut,
+    LabelledRows,
+    Recording,
+    regrouped,
+)
 from holdfast.training.windows import Choice
 
 PUBLIC_SETS = ("human_slip_uskin", "eflesh_slip", "proactive_slip_uskin")

@@ -24,8 +24,12 @@ from holdfast.training.datasets.public_files import (
     read_arrays,
 )
 from holdfast.training.datasets.trials import ChannelsNotOffered
-from holdfast.training.recording import DataSet, Recording, finite_sensors
-from holdfast.training.splits import grouped_folds
+from holdfast.training.recording import (
+    DataSet,
+    Recording,
+    finite_sensors,
+    grouped_folds,
+)
 
 ARRAYS = "eflesh_slip.npz"
 RATE_HZ = 100.0

@@ -53,8 +53,8 @@ from holdfast.training.recording import (
     LabelledRows,
     Recording,
     finite_sensors,
+    grouped,
 )
-from holdfast.training.splits import grouped
 from holdfast.training.timeline import (
     ACTION_KEY,
     ACTION_S,
