@@ -200,13 +200,7 @@ def _normals(
     # Depth at the end of the step if the object stayed where it is.
     stays_m = closure_m - recessed_m - side * state.position_m[0]
 
-    # Forces that remember the depth before the step: the damper, and the effects' lags.
-    remembers = body.damping_n_s_per_m / dt_s
-    memory_n: FloatArray | None = None
-    for lag in effects.lags:
-        stiffness, held = lag.terms(dt_s)
-        remembers = remembers + stiffness
-        memory_n = held if memory_n is None else memory_n + held
+    remembers, memory_n = _memory(body, effects, dt_s)
 
     # N = still_n - slope * (how far the object moves away in this step)
     slope = body.stiffness_n_per_m + remembers
@@ -246,6 +240,23 @@ def _normals(
     # A damper alone could still push a little after contact has ended.
     state.normal_n = np.where(state.depth_m > 0.0, pressed_n, 0.0)
     return speed
+
+
+def _memory(
+    body: Body, effects: PhysicsEffects, dt_s: FloatArray
+) -> tuple[FloatArray, FloatArray | None]:
+    """Of the forces that remember the depth before the step: stiffness N/m, and force N.
+
+    They are the damper's and those of the effects' lags. The force is None without a lag, so that a
+    scene without lags adds nothing.
+    """
+    remembers = body.damping_n_s_per_m / dt_s
+    memory_n: FloatArray | None = None
+    for lag in effects.lags:
+        stiffness, held = lag.terms(dt_s)
+        remembers = remembers + stiffness
+        memory_n = held if memory_n is None else memory_n + held
+    return remembers, memory_n
 
 
 def damping(body: Body, state: State, limit_m: FloatArray) -> FloatArray:

@@ -96,14 +96,7 @@ def load(root: Path, *, channels: int = 18, in_hand: bool = False) -> DataSet:
         wanted["hand_imu"] = (None, 7)
     arrays = read_arrays(root / SIGNALS, wanted)
     moves = list(_moves(read_table(root / TRIALS), arrays))
-    usable = [move for move in moves if move.usable]
-    if not usable:
-        raise EmptyRecording(
-            "no usable trial",
-            where=root,
-            cause="no trial with 60 < start_index < end_index <= n",
-            next_step="check start_index and end_index in trials.csv",
-        )
+    usable = _usable(moves, root)
     orientation = arrays["object_imu"][:, :4]
     if in_hand:
         orientation = labels.in_hand(orientation, arrays["hand_imu"][:, :4])
@@ -137,6 +130,19 @@ def load(root: Path, *, channels: int = 18, in_hand: bool = False) -> DataSet:
         group_kind="person",
         notes={"unusable_trials": len(moves) - len(usable)},
     )
+
+
+def _usable(moves: list[_Move], root: Path) -> list[_Move]:
+    """The moves with a hold before and after them. Raises EmptyRecording where there is none."""
+    usable = [move for move in moves if move.usable]
+    if not usable:
+        raise EmptyRecording(
+            "no usable trial",
+            where=root,
+            cause="no trial with 60 < start_index < end_index <= n",
+            next_step="check start_index and end_index in trials.csv",
+        )
+    return usable
 
 
 def clock_features(data: DataSet, rows: LabelledRows) -> FloatArray:
