@@ -75,12 +75,14 @@ def _requests(answers: Answers, rules: DecisionRules, least: IntArray) -> BoolAr
     known = np.flatnonzero(answers.situation != UNKNOWN)
     situation = answers.situation[known][:, None]
     confident = answers.risky_permille[known, None] >= least
+    # One column for each confidence: the debounce runs once for all of them.
     risky = (situation == RISKY_SLIP) & confident
     calls = _lasting(risky, rules.act_samples)
 
     # Rounded up: evidence may be missing for whole sample periods only.
     period = period_us(answers.recording.rate_hz)
     patience = -(-1000 * rules.evidence_ms // period)
+    # An empty hand has nothing left to act on.
     released = _lasting(situation == NOTHING, rules.release_samples)
     lets_go = released | _lasting(~risky, patience)
 
@@ -161,14 +163,17 @@ def match_alarms(
     false = np.ones(len(alarms_s), dtype=np.bool_)
     outcomes = []
     for event in recording.events:
+        # The truth is no sharper than the collar, so an alarm within it belongs to the event.
         within = _within(event, alarms_s, collar_s)
 
         # The last sample before the collar: a request there is not an answer to this event.
         first_s = event.onset_s - collar_s
         last_before = int(np.ceil(first_s * rate_hz)) - 1
+        # An event may begin beyond the end of a stream that was cut.
         last_before = min(last_before, len(requests) - 1)
         already_on = last_before >= 0 and bool(requests[last_before])
         alarm_s = None
+        # The first alarm is the one that the hand acts on.
         if within.any() and not already_on:
             alarm_s = float(alarms_s[within][0])
 
@@ -196,6 +201,7 @@ def _begins(requests: BoolArray) -> BoolArray:
     """[T, ..] where an alarm begins."""
     # A request at the first sample begins there.
     begins = requests.copy()
+    # Only the change from no request to a request is an alarm.
     begins[1:] &= ~requests[:-1]
     return begins
 
@@ -233,6 +239,7 @@ def choose_confidence(
         false += false_alarms(one.recording, of_one)
         seconds += len(one.situation) / one.recording.rate_hz
 
+    # As a count: a rate would have to be divided by the minutes for each confidence.
     allowed = most_false_per_min * (seconds / 60.0)
     few = np.flatnonzero(false <= allowed)
     # The lowest is the one that detects most; where none is quiet enough, the quietest.
@@ -277,11 +284,13 @@ class _Times:
     in_time: int = 0
 
     def add(self, outcome: AlarmOutcome) -> None:
+        # A missed event has no delay; it lowers the recall instead.
         if outcome.delay_s is None:
             return
         self.delay_ms.append(1e3 * outcome.delay_s)
         if outcome.lead_s is None or outcome.available_s is None:
             return
+
         self.lead_ms.append(1e3 * outcome.lead_s)
         self.available_ms.append(1e3 * outcome.available_s)
         # A lead of nothing would divide by 0: at least 1 ms.
@@ -351,5 +360,6 @@ def ratio_interval(drawn: FloatArray | None, above: int, below: int) -> Interval
     ratios = defined[:, above] / defined[:, below]
     if not len(ratios):
         return None
+
     low, high = np.percentile(ratios, INTERVAL_PERCENT)
     return float(low), float(high)

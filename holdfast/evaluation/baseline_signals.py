@@ -67,6 +67,7 @@ def detector_signals(
         loudest = out["loudest"][:, 0]
         now = out["now"][:, 0]
         usable = out["usable"][:, 0]
+        # Friction and vibration act along the skin: the bank listens to the shear axes only.
         is_shear = np.arange(now.shape[1]) % 3 != NORMAL_AXIS
         x = now[:, 0::3]
         y = now[:, 1::3]
@@ -106,6 +107,8 @@ def _signals_graph(spec: StepSpec) -> bytes:
     graph.node("ReduceMax", rectified, graph.ints(1), out="loudest", keepdims=1)
     graph.node("Identity", guarded.now, out="now")
     graph.node("Identity", guarded.usable, out="usable")
+
+    # Double precision: the thresholds are compared as the detectors of the model compare them.
     graph.output("loudest", TensorProto.DOUBLE, 1, graph.n_channels)
     graph.output("now", TensorProto.DOUBLE, 1, graph.n_channels)
     graph.output("usable", TensorProto.BOOL, 1, graph.n_channels)
@@ -114,6 +117,7 @@ def _signals_graph(spec: StepSpec) -> bytes:
 
 def cone_fires(of: DetectorSignals, spec: StepSpec, friction: float) -> BoolArray:
     """[T] whether some usable finger, pressed hard enough, leaves the cone of this friction."""
+    # A product instead of a ratio: no division by a normal force near 0.
     outside = of.shear > of.normal * friction
     # A finger that barely touches has a large ratio of two small numbers.
     pressed = of.normal > spec.detectors.min_normal_n
@@ -129,6 +133,7 @@ def band_pass_fires(
     """
     # Recordings of about the same length are stepped together, so little is padded.
     lengths = [len(one.loudest) for one in signals]
+    # The longest recording of a batch decides how many rows all of it takes.
     order = sorted(range(len(signals)), key=lengths.__getitem__)
     by_recording: dict[int, BoolArray] = {}
     for first in range(0, len(order), BATCH):
@@ -168,6 +173,7 @@ class _Floor:
         rules = spec.detectors
         # The floor never falls below what the chip's own noise leaves in a band.
         least = NOISE_RMS[spec.unit] * noise_gain(spec.rate_hz, spec.usable_bands())
+        # First-order smoothing: a share of 1 / tau of each new sample enters the floor.
         tau_samples = rules.floor_tau_s * spec.rate_hz
         fast = min(1.0, 1.0 / tau_samples)
         # While it fires the floor follows slowly, so that a slip does not become its own noise.
@@ -193,6 +199,7 @@ def _step_floors(
 
     fires = np.empty((n_rows, len(ratios), len(batch)), dtype=np.bool_)
     ratio = ratios[:, None, None]
+
     per_ratio = (len(ratios), len(batch), n_signals)
     floor = np.zeros(per_ratio)
     peak = np.zeros(per_ratio)
@@ -208,6 +215,8 @@ def _step_floors(
 
         # Clipped, so that one loud sample cannot lift the floor far.
         np.minimum(peak, np.multiply(floor, constants.clip, out=limit), out=peak)
+        # From here on `peak` is what is still missing to the signal, and moves the floor by its
+        # share.
         peak -= floor
         peak *= constants.rates[above.view(np.int8)]
         floor += peak
@@ -220,6 +229,7 @@ def shear_change(samples: FloatArray) -> FloatArray:
     by_sensor = samples.reshape(len(samples), -1, 3)
     shear_axes = by_sensor[..., :NORMAL_AXIS]
     shear = np.abs(shear_axes).sum(axis=(1, 2))
+
     jump = np.zeros(len(samples))
     now = shear[BACK_SAMPLES:]
     before = shear[:-BACK_SAMPLES]
@@ -242,6 +252,7 @@ def shear_rate_at(data: DataSet, reach_samples: int = 1) -> BoolArray:
     fired = np.zeros(len(task), dtype=np.bool_)
     for trial in np.unique(task.trial):
         here = task.trial == trial
+        # On the whole recording: the law needs the samples before a window as well.
         fires = shear_rate_fires(data.recordings[trial].samples)
         # A sum up to every sample: the difference of two counts what fired between them.
         count = np.cumsum(np.concatenate([[0], fires]))
@@ -261,6 +272,7 @@ def clock_features(data: DataSet) -> FloatRows:
     features = np.empty((len(task), 2), dtype=np.float32)
     for trial in np.unique(task.trial):
         here = task.trial == trial
+        # Force and time are all that this baseline gets: no single axis, and no finger.
         force_n = contact_force_n(data.recordings[trial].samples)
         since_s = frames_since_contact(force_n, NORMAL_FLOOR["N"]) / data.rate_hz
         clock = np.column_stack([since_s, force_n])

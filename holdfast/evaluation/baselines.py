@@ -50,6 +50,7 @@ Requests = Callable[[float], list[BoolArray]]
 
 BAND_RATIOS = tuple(np.geomspace(1.05, 100.0, 32).tolist())
 FRICTIONS = tuple(np.geomspace(0.1, 5.0, 32).tolist())
+"""Coefficients of friction of the cone. A low one fires at little shear."""
 RAW_OUTPUTS = ("situation", "votes", "unknown")
 JUMPS_N = tuple(np.geomspace(0.05, 20.0, 64).tolist())
 """With BAND_RATIOS and FRICTIONS the settings of the detectors, the most sensitive first."""
@@ -71,6 +72,7 @@ def baselines(
     # Bank and cone read the same pass of guard and bank over a set.
     signals = _kept(partial(detector_signals, spec))
     bank = _kept(_bank(spec, rules, signals))
+    # The order is that of the report: detectors, forest, oracle.
     found = [Baseline(BAND, BAND_RATIOS, bank)]
     if "friction_cone" in detector_names(spec):
         cone = _cone(spec, rules, signals)
@@ -181,6 +183,7 @@ def raw_forest(data: DataSet, spec: StepSpec, seed: int) -> bytes:
     every_row = np.arange(len(features))
     fitted = fit_learner(data, features, RAW_BASELINE, task, every_row, seed)
 
+    # Uncalibrated: the votes of the trees are compared with a confidence as they are.
     classes = data.tasks[task].classes
     head = Head("situation", classes, fitted, uncalibrated(len(classes)))
     graph = GraphBuilder(narrow.n_sensors)
@@ -194,10 +197,12 @@ def held_until_let_go(
     """[T] requests of a detector that fires [T]: while something is held, until it is let go."""
     answers = []
     for one, fires in zip(recordings, firing, strict=True):
+        # A ratio of noises fires in the air: only a hand that holds something may act.
         normal = one.samples[:, NORMAL_AXIS::3].sum(axis=1)
         held = normal > NORMAL_FLOOR[one.unit]
         slips_or_not = np.where(fires, RISKY_SLIP, GRASP)
         situation = np.where(held, slips_or_not, NOTHING)
+        # A detector has no probability: it is fully confident whenever it fires.
         certain = np.full(len(situation), 1000)
         answers.append(Answers(one, situation, certain))
 
@@ -210,6 +215,7 @@ def oracle_requests(recording: Recording) -> BoolArray:
     requests = np.zeros(len(recording.samples), dtype=np.bool_)
     for event in recording.events:
         onset_row = event.onset_s * recording.rate_hz
+        # Strictly after the onset: before it there is nothing to see.
         row = int(np.floor(onset_row)) + 1
         if row < len(requests):
             requests[row] = True
@@ -259,6 +265,7 @@ def matched(
     low = 0
     high = len(baseline.settings) - 1
     while low < high:
+        # A setting that is quiet enough may still be the one, so `high` stays on it.
         middle = (low + high) // 2
         if rate_at(middle) <= most_false_per_min:
             high = middle

@@ -92,6 +92,7 @@ class ThreeRuns:
     @property
     def preventable(self) -> bool:
         """The bare hand drops it in the action, the oracle does not."""
+        # The bare hand and the oracle bound what any controller can change.
         bare = self.bare
         # What falls before the action began was a weak grip, and no slip to be prevented.
         in_action = bare.lost_s >= bare.act_s
@@ -141,6 +142,7 @@ class ThreeRuns:
     @property
     def friction_error(self) -> float:
         """Relative error of the friction estimate against the kinetic friction; nan without one."""
+        # The estimate is made while the object slides, so it is kinetic friction that it measures.
         true = max(self.held.trial.kinetic_friction, 1e-9)
         return abs(self.held.mu_hat / true - 1.0)
 
@@ -208,10 +210,12 @@ def loop_figures(runs: Sequence[ThreeRuns]) -> LoopFigures:
             preventable.append(run)
             if not run.held.dropped:
                 kept.append(run)
+        # A hand-over that the bare hand does not finish has nothing to compare with.
         if run.completes and run.bare.trial.action == "pass":
             passes.append(run)
         if run.completes and run.bare.trial.action == "put-down":
             put_downs.append(run)
+        # Only fragile objects can be crushed, so only they are in the denominator.
         if run.bare.trial.object.crush_n > 0.0:
             fragile.append(run)
 
@@ -219,11 +223,14 @@ def loop_figures(runs: Sequence[ThreeRuns]) -> LoopFigures:
     blocked = share([run.blocked for run in passes])
     disturbed = share([run.blocked for run in put_downs])
     crushed = share([run.held.crushed for run in fragile])
+
     delays_ms = [1e3 * run.extra_s for run in passes]
     excess_n_s = [run.excess_n_s for run in runs]
     # Without a slip the controller has no estimate of friction, and no error.
     errors = [run.friction_error for run in preventable]
     known_errors = [error for error in errors if np.isfinite(error)]
+
+    # Medians are of the cases that a share counts, so both describe the same trials.
     return LoopFigures(
         trials=len(runs),
         drops=drops,
@@ -273,6 +280,7 @@ def _tightenings_per_min(runs: Sequence[ThreeRuns]) -> float | None:
         watched = _times_s(held) < min(until_s, held.lost_s)
         is_tight = held.grip_n > held.trial.grip_n + TIGHTER_N
         tight = is_tight[watched]
+        # One rise above the limit counts once, however long the grip stays there.
         begins = tight[1:] & ~tight[:-1]
         count += int(begins.sum())
         seconds += len(tight) / held.rate_hz
@@ -296,6 +304,7 @@ def scene_of(of: LoopSet) -> tuple[Scene, tuple[PlannedTrial, ...]]:
         # A chip that averages a quarter of the conversions is twice as noisy.
         chip = effects["hall_noise"]
         usual = effect_named("hall_noise").parameters["averages"].default
+        # The noise of a mean falls with the root of the conversions that it averages.
         averages = chip.get("averages", usual) / of.noise**2
         effects["hall_noise"] = {**chip, "averages": averages}
 
@@ -328,6 +337,7 @@ def run_part(
     """Outcomes of some trials of a set, by their places in it."""
     # Made again in every process and kept there: a scene is small to name and large to send.
     scene, trials = scene_of(of)
+
     drive = Drive(lag_ms=request.lag_ms)
     settings = LoopSettings(drive, request.habits, delay_samples=request.delay_samples)
     make = _maker(scene, request, onset_s)
@@ -391,6 +401,7 @@ class LoopRuns:
             of, request = run
             # Only the oracle is told the onsets, which the other controllers have to detect.
             onset_s = self._onset_s(of) if request.name == ORACLE else {}
+            # Batches are the unit of work: a process simulates many trials at a time.
             _, trials = scene_of(of)
             for batch in batches(trials):
                 runs.append(run)
@@ -426,4 +437,5 @@ def _bare(of: LoopSet) -> Run:
 
 def _best(of: LoopSet, request: LoopRequest) -> Run:
     """The run of a set by the oracle, with the drive of a request."""
+    # The same lag: the oracle shall show what this drive could do, not what a faster one could.
     return of, LoopRequest(ORACLE, lag_ms=request.lag_ms)

@@ -70,6 +70,7 @@ class ClosingHand:
 
     def travel_m(self, since_s: FloatArray) -> FloatArray:
         """By how much the opening has shrunk, s after the request to act (0 before)."""
+        # Before the request the hand has not moved at all.
         t = np.maximum(since_s, 0.0)
         # The lag integrated: for t much longer than it, the travel is late by the whole lag.
         behind: FloatArray | float = 0.0
@@ -110,23 +111,27 @@ def drop_of(event: RiskyEvent, grasp: Grasp | None) -> Drop | None:
     held = grasp.truth["thing"]
     finger = drawn["finger_n_per_m"]
     stuff = held["stiffness_n_per_m"]
+    # Springs in series: their compliances add, so the softer of the two decides.
     series = finger * stuff / (finger + stuff)
     # Two fingers on the thumb's side against four on the other.
     compliance = 1.0 / (2.0 * series) + 1.0 / (4.0 * series)
     friction = held["friction"] * drawn["friction_factor"]
 
     return Drop(
+        # The model starts at load onset, so its times count from there.
         gross_s=event.gross_s - event.onset_s,
         lost_s=event.end_s - event.onset_s,
         mass_kg=1e-3 * held["mass_g"],
         grip_n=float(grasp.truth["grip_n"]),
         squeeze_n_per_m=1.0 / compliance,
+        # Six fingers share the load along the skin, so their shear springs are parallel.
         skin_n_per_m=6.0 * finger * drawn["shear_ratio"],
         static=friction,
         kinetic=friction * held["kinetic_share"],
         vanish_s=drawn.get("vanish_s", 0.0),
         arm_n_per_m=drawn.get("arm_n_per_m", 0.0),
         distance_m=drawn.get("distance_m", 0.0),
+        # A fall has no puller: any time above 0 avoids a division by 0, since the distance is 0.
         move_s=drawn.get("move_s", 1.0),
         cap_n=drawn.get("cap_n", 0.0),
     )
@@ -197,15 +202,19 @@ def slide(drops: Sequence[Drop], request_s: npt.ArrayLike, hand: ClosingHand) ->
     drop = dict(zip(names, table.T, strict=True))
     # The course does not depend on how an object moves, so it is computed once for all steps.
     course = _course(drop, np.asarray(request_s, dtype=np.float64), hand)
+
     mass = drop["mass_kg"]
     skin = drop["skin_n_per_m"]
     arm = drop["arm_n_per_m"]
     # The object slides between two sides, each with the friction of its normal force.
     static_n = 2.0 * drop["static"] * course.normal_n
     kinetic_n = 2.0 * drop["kinetic"] * course.normal_n
+
+    # Critical damping of a spring k and a mass m is 2 sqrt(k m).
     skin_damping = 2.0 * DAMPING_RATIO * np.sqrt(skin * mass)
     arm_damping = 2.0 * DAMPING_RATIO * np.sqrt(arm * mass)
 
+    # All drops start at rest, where their support or the puller left them.
     at = np.zeros(len(drops))
     speed = np.zeros(len(drops))
     slid = np.zeros(len(drops))
@@ -224,8 +233,10 @@ def slide(drops: Sequence[Drop], request_s: npt.ArrayLike, hand: ClosingHand) ->
         pull_n = np.minimum(np.maximum(arm_n, 0.0), drop["cap_n"])
         load_n = pull_n + course.weight_n[k]
 
+        # Sticking skin is a spring and a damper between finger and object.
         stuck_n = skin * stretch + skin_damping * speed
         limit_n = np.where(sliding, kinetic_n[k], static_n[k])
+        # Once it slides it goes on sliding at the lower kinetic friction, until its speed is 0.
         sliding = (sliding | (stuck_n > limit_n)) & (speed > 0.0)
         slides_from_s[sliding & np.isinf(slides_from_s)] = k * STEP_S
         held_n = np.where(sliding, kinetic_n[k], np.minimum(stuck_n, limit_n))
@@ -336,6 +347,7 @@ class Droppable:
         for start in range(0, len(drops), DROPS_AT_ONCE):
             some = slice(start, start + DROPS_AT_ONCE)
             end = slide(drops[some], from_s[some], self.hand)
+            # An object that was past the point of no return is lost, even if it came back.
             farthest_m = end.moved_m.max(axis=0, initial=0.0)
             held[some] = end.rests & (farthest_m < lost_at_m[some])
             still[some] = held[some] & (end.slid_m < GROSS_SLIP_M)
@@ -378,12 +390,14 @@ def closing_model(
     """Check the model, and vary its lag; None where no event is modelled."""
     if not any(drops):
         return None
+
     by_lag = {}
     for lag_s in LAGS_S:
         # Only the lag: it is the one number of the hand that is assumed.
         hand = ClosingHand(lag_s=lag_s)
         lag_ms = f"{1e3 * lag_s:g}"
         by_lag[lag_ms] = Droppable(drops, hand).kept(delays_s)
+
     return ClosingModel(model_error_ms(drops), by_lag)
 
 
@@ -392,6 +406,8 @@ def model_error_ms(drops: Sequence[Drop | None]) -> dict[str, float] | None:
     known = tuple(drop for drop in drops if drop is not None)
     if not known:
         return None
+
+    # At rest, the hand has no part in the error: only the contact model is compared.
     from_s = _never_closed(known).slides_from_s
     true_s = np.array([one.gross_s for one in known])
     off_ms = 1e3 * (from_s - true_s)

@@ -106,6 +106,7 @@ def recognised(answered: AnsweredTrial) -> bool | None:
     requests = answered.requests
     if recording.action in RISKY_ACTIONS:
         match = match_alarms(recording, requests)
+        # Without a slip there was nothing to recognise.
         if not match.outcomes:
             return None
         # One alarm too many is no recognition: the hand would have tightened without a cause.
@@ -117,6 +118,7 @@ def recognised(answered: AnsweredTrial) -> bool | None:
         return None
     for action in actions:
         during = answered.situation[action.first : action.stop]
+        # One sample is enough here: a state that comes late in the action was still recognised.
         if not np.any(during == SAFE_SLIP):
             return False
 
@@ -129,6 +131,7 @@ def judged_trials(answered: Sequence[AnsweredTrial]) -> list[JudgedTrial]:
     judged = []
     for one in answered:
         recording = one.trial.recording
+        # Trials of other styles have no cell in the thesis' table.
         style = style_of(one.trial.grasps)
         name = recording.object_name or ""
         if style not in THESIS.get(name, {}):
@@ -276,6 +279,7 @@ def participant_figures(model: OpenedModel, folder: Path) -> ParticipantFigures:
 
         name = recording.object_name or ""
         action = recording.action or ""
+        # The timelines are kept by action, because the report draws one picture for each.
         drawn.setdefault(action, []).append(one)
         by_action.setdefault(action, []).append(judged)
         by_cell.setdefault((name, action), []).append(judged)
@@ -301,6 +305,7 @@ def _figures(name: str, action: str, judged: Sequence[_Judged]) -> ActionFigures
     minutes = 0.0
     delays_ms = []
     for one in judged:
+        # A pull without a label may have slipped: its alarm may be right, so it is not judged.
         if not one.judges_alarms:
             continue
         false += len(one.match.false_s)
@@ -328,6 +333,7 @@ def _labels_by(folder: Path, recordings: Sequence[Recording]) -> dict[str, int]:
     for recording in recordings:
         truth = read_json(truth_path(folder / recording.trial_id / TACTILE))
         for phase in truth.get("phases", []):
+            # Slips are the labels that decide the figures, so their provenance is reported.
             if phase.get("label") in SLIPS:
                 count[str(phase.get("provenance"))] += 1
     return dict(sorted(count.items()))

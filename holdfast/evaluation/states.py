@@ -80,6 +80,7 @@ def risky_states(outputs: Sequence[ModelOutputs], permille: int) -> list[EventMa
     """The state itself as an alarm: risky_slip with this confidence, without debounce or hold."""
     matches = []
     for one in outputs:
+        # The same confidence as the decision's, so that both differ by debounce and hold alone.
         confident = one.risky_permille >= permille
         risky = (one.situation == RISKY_SLIP) & confident
         matches.append(match_alarms(without_samples(one.recording), risky))
@@ -93,6 +94,7 @@ def state_figures(
     seed: int,
 ) -> StateFigures:
     """All figures of the states. heavy: of each recording's object; None where it is not known."""
+    # Matched like alarms, so the state's delay compares with that of the request.
     delay = event_scores(risky_states(outputs, permille), seed=seed)
     states = [one.situation for one in outputs]
     labels = []
@@ -101,6 +103,7 @@ def state_figures(
         # Between labelled phases there is no truth: these samples count nowhere.
         labels.append(labels_everywhere(one.recording.phases, len(one.situation)))
         for action in voluntary_actions(one.recording):
+            # One risky sample is enough: it would be shown to the wearer.
             during = one.situation[action.first : action.stop]
             called.append(bool((during == RISKY_SLIP).any()))
 
@@ -152,6 +155,7 @@ def calibration(
     Guo et al., ICML 2017: sum over bins of their share of the samples times |mean probability -
     share that came true|.
     """
+    # Without a recording there is nothing to join.
     if not outputs:
         return None
     state = np.concatenate([one.situation for one in outputs])
@@ -183,6 +187,7 @@ def _bins(
     # A probability of exactly 1 belongs to the last bin.
     bin_of = (BINS * probability).astype(np.int64)
     place = np.minimum(bin_of, BINS - 1)
+
     counts = np.bincount(place, minlength=BINS)
     said = np.bincount(place, weights=probability, minlength=BINS)
     was = np.bincount(place, weights=true, minlength=BINS)
@@ -200,6 +205,7 @@ def _ece(bins: list[CalibrationBin]) -> float:
     total = sum(one.n for one in bins)
     error = 0.0
     for one in bins:
+        # Weighted by samples: a nearly empty bin hardly counts.
         error += one.n / total * abs(one.said - one.was)
     return error
 
@@ -259,6 +265,7 @@ def _confusion(
     was = np.concatenate(truth)
     answered = np.concatenate(answer)
     lengths = [len(label) for label in truth]
+    # The interval draws whole groups, since samples of one recording are alike.
     groups = np.repeat(group, lengths)
 
     labelled = was >= 0

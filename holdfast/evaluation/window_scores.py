@@ -83,6 +83,7 @@ def evaluate(model: Model, data: DataSet, *, seed: int = 0) -> WindowFigures:
     """
     require_model_fits(model, data)
     data = with_situations(data)
+    # `unknown` is read with every head: a withheld answer must count as a miss.
     outputs = ["situation", "unknown", *heads_with_task(model, data)]
     return window_figures(model, data, stream(model, data, outputs), seed=seed)
 
@@ -142,6 +143,7 @@ def stream(model: Model, data: DataSet, outputs: list[str]) -> dict[str, Outputs
     wanted = rows_wanted(data)
     values = [recording.samples for recording in data.recordings]
     valid = [recording.valid for recording in data.recordings]
+    # Only the wanted rows are kept; the graph still steps every sample, for its state.
     computed = run_recordings(model.session, values, valid, outputs, wanted)
     return at_windows(data, computed, wanted)
 
@@ -227,6 +229,7 @@ def labels_at(label: Labels, level: str) -> IntArray:
     ([0, 0, 1, 2, 3, 4, 5, 6], [0, 0, 1, 1, 2, 2, 3, 3])
     """
     if level == "seven":
+        # Both kinds of nothing become 0, and all other classes move down by one.
         label = np.maximum(label - 1, 0)
     if level == "four":
         label = label // 2
@@ -266,6 +269,7 @@ def scores(data: DataSet, votes: IntArray, *, seed: int = 0) -> ClassScores:
             present=len(np.unique(truth)),
         )
 
+    # The hand acts on situations, so calls are counted at that level whatever the classes are.
     called = answers_at(votes, "four") == RISKY_SLIP
     return ClassScores(
         n_windows=len(label),
@@ -307,6 +311,7 @@ def leak_check(data: DataSet, votes: IntArray, *, seed: int = 0) -> LeakCheck:
             right, of, percent=LEAK_PERCENT, n_draws=LEAK_DRAWS, seed=seed
         )
 
+    # A wide interval and many draws: a leak is a strong claim, and must not be a chance finding.
     whole = share_right(riskier_argmax(votes) == label, groups)
     empty = labels_at(label, "four") == NOTHING
     # Light or heavy alone, so that a model that confuses nothing with grasp cannot hide a leak.
@@ -335,6 +340,7 @@ def _above(figure: Share, limit: float) -> bool:
 def confusion(label: Labels, votes: IntArray) -> npt.NDArray[np.int64]:
     """[8, 8] counts: was (rows), answered (columns)."""
     n = len(CLASSES)
+    # One number for each pair of truth and answer, so that one count fills the matrix.
     pair = n * np.asarray(label) + answers_at(votes, "eight")
     cells = np.bincount(pair, minlength=n * n)
     return cells.reshape(n, n)
@@ -344,12 +350,14 @@ def spread_of(matrices: list[npt.NDArray[np.int64]]) -> RecallSpread:
     """Spread of the recall over retrainings. matrices: [8, 8] counts of each."""
     counts = np.array(matrices)
     windows = counts.sum(axis=2)
+    # On the diagonal the answer is the truth.
     right = np.diagonal(counts, axis1=1, axis2=2)
     recalls = right / np.maximum(windows, 1)
 
     recall: dict[str, list[float] | None] = dict.fromkeys(CLASSES)
     spread: dict[str, float | None] = dict.fromkeys(CLASSES)
     for k, name in enumerate(CLASSES):
+        # The windows are the same in every retraining, so the first one tells which classes occur.
         if windows[0, k] > 0:
             recall[name] = recalls[:, k].tolist()
             spread[name] = float(np.ptp(recalls[:, k]))

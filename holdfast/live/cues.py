@@ -104,6 +104,7 @@ class Cues:
             return None
         if self._last_ns is not None:
             silent_ns = now_ns - self._last_ns
+            # 0: once, for as long as the same kind applies
             if not rule.repeat_ms or silent_ns < 1_000_000 * rule.repeat_ms:
                 return None
         return kind if self._has_room(rule, now_ns) else None
@@ -113,12 +114,14 @@ class Cues:
         rule = self._table.rules[kind]
         self._last_ns = now_ns
         self._ends_ns = now_ns + rule.pattern.length_ns
+        # later urgent cues must not cut this one off
         if rule.urgent:
             self._urgent_ends_ns = self._ends_ns
         self._recent_ns.append(now_ns)
 
     def _applies(self, prediction: Prediction) -> str | None:
         now: set[str] = {prediction.state}
+        # a request and a state can apply at once; the order of KINDS decides between them
         if prediction.act:
             now.add("act")
         if prediction.arm:
@@ -234,6 +237,7 @@ class _CueReader(CardReader):
                 cause="without it, a hand that feels nothing is silent like a safe one",
                 next_step="give it a pattern",
             )
+
         felt = _felt(rules[UNKNOWN].pattern)
         for name, rule in rules.items():
             if name != UNKNOWN and _felt(rule.pattern) == felt:
@@ -269,9 +273,11 @@ class CueOutput:
             # a cue that did not leave stays due
             if self._send(prediction, kind, self._table.rules[kind].pattern):
                 self._cues.sent(kind, now_ns)
+        # without a line for EXPIRES_MS the device would go to `unknown` by itself
         elif self._newest_ns is None or now_ns - self._newest_ns >= QUIET_NS:
             self._send(prediction, QUIET, SILENCE)
         else:
+            # no line to send: a broken wire is noticed and opened again all the same
             self._wire.look()
 
     def close(self, reason: str = STOPPED) -> None:

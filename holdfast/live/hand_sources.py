@@ -108,6 +108,7 @@ def open_live(
     SET#N. Raises UsageError for an impossible URL, and the errors of the hand or the recording.
     """
     source = _source_url(url)
+    # a stream sends by itself: it has no bridge and needs no schedule on a bus
     if source.scheme == LSL:
         return _stream(source, clock, report, to_force)
     if source.scheme not in HANDS:
@@ -117,6 +118,7 @@ def open_live(
         bridge = _opener(source, clock, report)
         return _started(bridge, source, clock, report, to_force)
 
+    # refused before the scene is simulated, which takes seconds
     _require_known(source, VIRTUAL_KEYS)
     hand = _virtual(source, clock, report, field)
     bridge = open_virtual(source.name, hand, source.number("bus_hz", 400_000))
@@ -175,6 +177,7 @@ def open_bus(url: str, clock: Any, report: Callable[[str], None] = say) -> Bus:
 
 def named_addresses(url: str) -> frozenset[int]:
     """The addresses of the fingers in a URL's layout. Raises UsageError."""
+
     addresses: set[int] = set()
     for finger in read_layout(_source_url(url).text("layout", "mux")):
         addresses.update((finger.address, finger.read_at))
@@ -187,6 +190,7 @@ def _opener(
     """A function that opens the bridge, now and again after it was lost."""
     is_virtual = source.scheme == "virtual"
     _require_known(source, VIRTUAL_KEYS if is_virtual else HAND_KEYS)
+
     number = source.number("number", 0)
     bus_hz = source.number("bus_hz", 400_000)
     if is_virtual:
@@ -205,6 +209,7 @@ def _source_url(url: str) -> SourceUrl:
         raise UsageError(
             f"{url!r}: no bridge {name!r}", next_step=f"one of {', '.join(BRIDGES)}"
         )
+
     return SourceUrl(parts.scheme, name, parse_qs(parts.query, keep_blank_values=True))
 
 
@@ -225,6 +230,7 @@ def _started(
     to_force: ToForce | None,
 ) -> LiveHand:
     averages = source.number("averages", 32)
+    # the chip averages 2^0 to 2^5 conversions, and its register has no other values
     if averages not in (1, 2, 4, 8, 16, 32):
         raise UsageError(
             f"averages={averages}: the chip does not have it",
@@ -349,6 +355,7 @@ def _planned(
 ) -> tuple[Scene, PlannedTrial]:
     made = _scene_at_chips(name, seed, rate_hz, step_s)
     trials = made.trials()
+    # numbers in URLs count from 0
     if number >= len(trials):
         what = f"scene {name}: no trial {number}"
         raise UsageError(what, next_step=f"0..{len(trials) - 1}")

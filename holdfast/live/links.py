@@ -51,6 +51,7 @@ def open_port(path: str, baud: int) -> int:
         _make_raw(port, RATES[baud])
     except (OSError, termios.error) as error:
         os.close(port)
+        # termios has an error class of its own, which callers would have to know
         raise OSError(*error.args) from None
     return port
 
@@ -168,6 +169,7 @@ class SerialLink:
 
     def write(self, line: bytes) -> bool:
         """Write one line; False while the one before is still on its way."""
+        # two lines must never mix: the rest of the one before goes first
         if self._rest and not self._push():
             return False
         # a line behind many unsent bytes would arrive old: a newer one is sent later instead
@@ -183,6 +185,7 @@ class SerialLink:
             return False
 
         if self.handle < 0:
+            # a daemon: a port that never opens must not keep the program from ending
             self._opening = Thread(
                 target=self._try_to_open, name="serial port", daemon=True
             )
@@ -204,6 +207,7 @@ class SerialLink:
             with suppress(OSError):
                 forget_unsent(self.handle)
         while data:
+            # the run is over, so this wait delays no answer, and it must end
             if not self._has_room(LAST_LINE_MS):
                 raise TimeoutError(110, "no room for the last line")
             taken = os.write(self.handle, data)
@@ -232,6 +236,7 @@ class SerialLink:
 
     def _begun(self, line: bytes) -> bool:
         """Whether a line was taken in part; its rest follows. A line not begun is left out."""
+        # with its line feed the whole line is one byte longer, so at least one byte has left
         if len(self._rest) <= len(line):
             return True
         self._rest = b""
@@ -267,9 +272,11 @@ def _udp(host: str | None, port: int | None, url: str, option: str) -> UdpLink:
     if not host or not port:
         raise _not_an_address(url, option, "host or port is missing")
     try:
+        # the name is looked up once, before the run: a look-up may take seconds
         found = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)
         family, kind, protocol, _, address = found[0]
         sender = socket.socket(family, kind, protocol)
+        # a full buffer loses a line; it must never hold up the loop
         sender.setblocking(False)
         # only a connected socket reports that nothing listens at the port
         sender.connect(address)
@@ -281,6 +288,7 @@ def _udp(host: str | None, port: int | None, url: str, option: str) -> UdpLink:
 def _serial(parts: SplitResult, url: str, option: str) -> SerialLink:
     options = parse_qs(parts.query, keep_blank_values=True)
     baud = options.pop("baud", [str(DEFAULT_BAUD)])[-1]
+    # serial://dev/ttyX, with two slashes, would lose the first part of the path
     if options or parts.netloc or not parts.path.strip("/"):
         raise _not_an_address(url, option, "a path, and nothing but baud= after it")
     if not baud.isdecimal() or len(baud) > 9:

@@ -85,6 +85,7 @@ class Summary:
         self, prediction: Prediction, acted_before: bool, times_ns: list[int]
     ) -> None:
         """Count one sample. times_ns: when its read began, then the end of every stage."""
+        # a ring of fixed size: a run of days must not grow in memory
         self.stage_us[self.samples % REMEMBERED] = np.diff(times_ns) / 1e3
         self.samples += 1
         self.states[prediction.state] = self.states.get(prediction.state, 0) + 1
@@ -99,6 +100,7 @@ class Summary:
 
     def latency_us(self) -> dict[str, dict[str, float]]:
         """Stage, and "read to emit" -> p50, p99, p99.9 in us."""
+        # before the ring is full, its rest is zeros and no measurement
         kept = self.stage_us[: min(self.samples, REMEMBERED)].astype(np.float64)
         if not len(kept):
             return {}
@@ -158,6 +160,7 @@ class Stamps:
         The first is "", "repeated", "late" or "restarts". The time goes back at a restart only.
         """
         newest_ns = self._newest_ns
+        # a small step back is a late reading; a large one is another clock
         if newest_ns is None or t_ns < newest_ns - ANOTHER_CLOCK_NS:
             self._newest_ns = t_ns
             self._given_ns = t_ns
@@ -203,10 +206,12 @@ class _LiveRun:
 
     def answer_next(self) -> bool:
         """Wait until the next sample is due, read and answer it; False where the source ended."""
+        # from the start and not from the last turn: rounding and delays do not add up
         due_ns = self._start_ns + round(self._turn * self._period_ns)
         self._clock.wait_until(due_ns)
         began_ns = self._clock.now_ns()
         measured = self._source.read()
+        # a recording that ends; a hand never does
         if measured is None:
             return False
         read_ns = self._clock.now_ns()
@@ -224,6 +229,7 @@ class _LiveRun:
             prediction.t_decided_ns,
             self._clock.now_ns(),
         ]
+        # after emit, so that counting and its cost are part of no stage
         self.summary.note(prediction, self._acted, times_ns)
         self._acted = prediction.act
         self._schedule_next()
@@ -233,6 +239,7 @@ class _LiveRun:
         """The reading without its bias; no sensor is valid where the reading is not a new one."""
         trouble, t_ns = self._stamps.judge(measured.t_ns)
         if trouble == "restarts":
+            # samples before and after another clock are no one history
             self._monitor.lose_track()
         if trouble:
             self.summary.count(trouble)
@@ -243,6 +250,7 @@ class _LiveRun:
         return Sample(t_ns, values, valid, self._turn)
 
     def _predict(self, sample: Sample) -> Prediction:
+        # asked for as late as possible, so that an opening command counts for this very sample
         command = self._command()
         return self._monitor.feed(
             sample,

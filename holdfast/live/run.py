@@ -92,12 +92,14 @@ class RunOptions:
 
 def run(options: RunOptions, read_set: SetReader | None = None) -> int:
     """Run until stopped; returns the exit code. read_set: reads SET#N as a source."""
+
     clock = RunClock()
     if options.moves_scene:
         from holdfast.live.scene import SceneClock
 
         clock = SceneClock()
     model = options.model.open()
+    # stderr is a sink as well: a terminal that stops reading must not stop the loop
     with (
         output_from_the_background(),
         closing(stream_sink(sys.stderr, STDERR)) as stderr,
@@ -106,6 +108,7 @@ def run(options: RunOptions, read_set: SetReader | None = None) -> int:
         summary = live.until_stopped(read_set)
         report_summary(summary, stderr)
     for name, error in live.lines.failures.items():
+        # a reader that went away on purpose leaves no incomplete file
         if not _closed_by_reader(name, error):
             return OutputError.exit_code
     return 0
@@ -147,6 +150,7 @@ class _Run:
         options = self._options
         clock = self._clock
         with ExitStack() as stack:
+            # first, so that Ctrl-C while outputs are opened ends the run in order
             stopped = stack.enter_context(stop_signals())
             outputs = self._open_outputs(stack)
             command = self._open_commands(stack, outputs)
@@ -170,6 +174,7 @@ class _Run:
             with closing(source), ExitStack() as before_source:
                 for output in moving:
                     close_at_end(before_source, output)
+                # only an open source knows when it began, which the commands count from
                 if self._grip is not None:
                     self._grip.begin(source)
 
@@ -209,6 +214,7 @@ class _Run:
             sinks.append(file_sink(options.out, "--out"))
         if options.udp:
             sinks.append(udp_sink(options.udp))
+        # one output for all lines, so that each answer is written as text only once
         self.lines = LineOutput(sinks, self.report, watched=[self._stderr])
         close_at_end(stack, self.lines)
 
@@ -234,6 +240,7 @@ class _Run:
             )
             close_at_end(stack, self._page)
             outputs.append(self._page)
+
         if options.lsl:
             from holdfast.drivers.lsl_library import open_answers
 
@@ -296,6 +303,7 @@ class _Run:
             self.report,
             ceiling_n=options.ceiling,
         )
+        # the scene's hand is part of the source, so its commands go through no wire
         if options.moves_scene:
             self._grip = grip.grip_to_scene(
                 options.grip,
@@ -347,6 +355,7 @@ def answer(
 ) -> Summary:
     """Run the live loop. Raises ChannelError, UnitError, RateError if source and model differ."""
     card = model.card
+    # a polled hand has no rate of its own: the loop reads it at that of the model
     rate_hz = card.rate_hz if source.rate_hz is None else source.rate_hz
     require_fit(
         card,
@@ -358,6 +367,8 @@ def answer(
 
     monitor = GripMonitor(model, clock.now_ns, bias_known=resting is not None)
     tare = Tare(card.preparation, card.n_channels, resting)
+    # after the tare is ready and before the schedule: reads that are too slow would all be
+    # overruns
     require_pace(source, model, clock)
     return run_live(
         source, monitor, tare, clock, emit, stopped=stopped, command=command
@@ -369,6 +380,7 @@ def require_pace(source: Source, model: OpenedModel, clock: Any) -> None:
 
     Raises RateError where none of PACE_READS scans is.
     """
+    # a source with a rate of its own is paced by it: only a polled bridge can be too slow
     if source.rate_hz is not None:
         return
     rate_hz = model.card.rate_hz
@@ -396,6 +408,7 @@ def report_summary(summary: Summary, report: Callable[[str], object]) -> None:
     counts.append(f"{summary.acts} acts")
     report(f"\n{', '.join(counts)}; {states}")
 
+    # a sink that broke during the run is named once more: its message may have scrolled away
     for sink, reason in summary.lost_sinks.items():
         report(f"lost: {sink} ({reason})")
     for stage, figures in summary.latency_us().items():

@@ -61,6 +61,7 @@ class SceneClock(RunClock):
 
     def wait_until(self, t_ns: int) -> None:
         """Go on to t_ns: first by what the clock is behind, then by waiting."""
+        # waiting time is free, so what the scene has cost is paid back out of it
         remaining_ns = max(t_ns - self.now_ns(), 0)
         self._behind_ns -= min(remaining_ns, self._behind_ns)
         super().wait_until(t_ns)
@@ -68,6 +69,7 @@ class SceneClock(RunClock):
     @contextmanager
     def still(self) -> Iterator[None]:
         """A block that takes no time."""
+        # the machine's clock: the own one is what stands still here
         began_ns = super().now_ns()
         try:
             yield
@@ -137,6 +139,7 @@ class LiveScene:
         self.began_ns = 0
 
         contacts = self._world.forces_n.shape[1]
+        # the whole field is reserved at once, and each row filled when it is reached
         self._field = Track(np.arange(rows) / ROWS_HZ, np.zeros((rows, contacts, 3)))
         self._forces_n = np.zeros((rows, contacts, 3))
         self._position_m = np.zeros((rows, 3))
@@ -156,6 +159,7 @@ class LiveScene:
     def obey(self, command: GripCommand, now_ns: int) -> None:
         """Take a command, which acts from now on."""
         now_s = 1e-9 * (now_ns - self.began_ns)
+        # up to this moment the hand still follows the command before
         self.advance(now_s)
         self._command = command
         self._commanded_s = now_s
@@ -180,6 +184,7 @@ class LiveScene:
 
     def outcome(self) -> SceneOutcome:
         """What has become of the object so far."""
+        # only rows that were stepped: the rest of the scene has not happened
         n = self._row + 1
         forces_n = self._forces_n[:n]
         position_m = self._position_m[:n]
@@ -210,6 +215,7 @@ class LiveScene:
         row_s = self._row / ROWS_HZ
         if command is None:
             return self._wearers_n
+        # on the scene's clock, as the deadline of a real hand runs on its own
         expired = row_s - self._commanded_s > 1e-3 * EXPIRES_MS
         # a live command to idle or yield gives the grip back to the wearer
         if not expired and command.mode in ("idle", "yield"):
@@ -248,6 +254,7 @@ def _require_strength(drive: Drive, trial: PlannedTrial) -> None:
 
 def drive_of(url: str) -> Drive:
     """The drive of virtual?lag_ms=..&ceiling_n=... Raises UsageError."""
+
     known = [one.name for one in fields(Drive)]
     figures = {}
     query = url.partition("?")[2]
@@ -267,6 +274,7 @@ def _figure(key: str, text: str, *, may_be_zero: bool) -> float:
     try:
         figure = float(text)
     except ValueError:
+        # refused below, like every number outside its range
         figure = -1.0
     if not 0.0 <= figure <= LARGEST or (not figure and not may_be_zero):
         bound = "from 0" if may_be_zero else "above 0"

@@ -129,6 +129,7 @@ def figures_of(path: Path) -> Json:
     figures = latency(path)
     processes = memory(path)
     # The last process is the live path; the one before it, the libraries, has no limit.
+    # Limits are on ratios and sizes, which do not depend on how fast this machine is.
     limited = budgets(figures.ratios, figures.bytes, processes[-1].resident_mb)
     return figures.to_json() | {
         "memory": [asdict(row) for row in processes],
@@ -149,10 +150,12 @@ def latency(path: Path, turns: int = TURNS) -> LatencyFigures:
         # All calls get the samples of one stream, so none has easier rows than another.
         step = step_of(model, stream)
         step_in_c = c_step_of(model, stream, Path(work))
+
         bare, forest = _bare(data, Path(work))
         rows = learner_rows(bare, stream)
         own = learner_of(learner_alone(path), learner_rows(model, stream))
 
+        # Calls of microseconds take turns with each other, so that a busy moment hits all alike.
         quick = {
             STEP: step,
             GRIP: grip_of(model, stream),
@@ -183,6 +186,7 @@ def _floor(
     name: str, call: Callable[[], object], floor: str
 ) -> dict[str, Callable[[], object]]:
     """A busy wait as long as a call, by the floor's name."""
+    # The median: a floor as long as a usual call, not as a disturbed one.
     times_us = time_in_turns({name: call}, turns=5)[name]
     return {floor: busy_wait(float(np.median(times_us)))}
 
@@ -208,6 +212,7 @@ def ratios(calls: Sequence[CallTimes]) -> dict[str, float]:
     step = of[STEP]
 
     in_c: dict[str, float] = {}
+    # Compared with the step in Python on the same stream, never across machines.
     if C_STEP in of:
         c_step = of[C_STEP]
         in_c = {
@@ -217,9 +222,11 @@ def ratios(calls: Sequence[CallTimes]) -> dict[str, float]:
         }
 
     return in_c | {
+        # Medians for speed: their ratio changes little from run to run.
         "step_over_bare_full_depth_forest": step.p50_us / of[BARE].p50_us,
         "step_over_own_learner": step.p50_us / of[OWN].p50_us,
         "grip_over_step": of[GRIP].p50_us / step.p50_us,
+        # Tails are compared with a floor of the same length, which has the machine's jitter alone.
         "step_p999_over_floor_p999": step.p999_us / of[FLOOR].p999_us,
         "thesis_over_step": of[THESIS].p50_us / step.p50_us,
     }
@@ -293,6 +300,7 @@ def _bare(data: DataSet, work: Path) -> tuple[Model, Forest]:
     train(data, work / "raw", plan)
     path, _ = export_artifact(work / "raw")
 
+    # The same trees as in the file, kept by scikit-learn for its own predict_proba.
     rows = features_of(data, spec_for(data, RAW_BASELINE.groups))["classes"]
     everything = np.arange(len(rows))
     forest = fit_learner(data, rows, RAW_BASELINE, "classes", everything, 0)
@@ -353,6 +361,7 @@ def _thesis_way(forest: Forest, data: DataSet) -> Callable[[], object]:
     # Plain lists: on single numbers Python is faster with them than with numpy.
     filters = []
     for hz in bands_for(data.rate_hz):
+        # The thesis' bands: a tenth of the centre frequency to either side.
         edges_hz = (0.9 * hz, 1.1 * hz)
         b, a = butter(1, edges_hz, "bandpass", fs=data.rate_hz)
         filters.append((b.tolist(), a.tolist()))

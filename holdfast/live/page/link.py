@@ -125,6 +125,7 @@ def _reached(listener: socket.socket, host: str) -> PageAddress:
     """How a listening socket is reached from a browser."""
     address, port = listener.getsockname()[:2]
     bound = ip_address(address.partition("%")[0])
+    # names as a browser may send them: a page of another site cannot forge the host it asks for
     if bound.is_loopback:
         names = dict.fromkeys([*LOOPBACK_NAMES, host.lower(), str(bound)])
         url = f"http://{_in_url(host)}:{port}/"
@@ -145,6 +146,7 @@ def _address_for_others() -> str:
     """The address by which others reach this machine; its name where it has no network."""
     try:
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+            # connecting a datagram socket only picks the route, and so the address of this machine
             probe.connect(ELSEWHERE)
             return str(probe.getsockname()[0])
     except OSError:
@@ -174,6 +176,7 @@ class PageLink:
         report: Callable[[str], object],
         process: subprocess.Popen[bytes] | None = None,
     ) -> None:
+        # a page that does not read costs messages, and never a sample its time
         channel.setblocking(False)
         self._channel = channel
         self._report = report
@@ -184,6 +187,7 @@ class PageLink:
 
     def send(self, message: Json) -> bool:
         """Send one message; False where it was dropped. Never waits."""
+        # the loss was reported already, and the run goes on without the page
         if self._gone:
             return False
         try:
@@ -203,6 +207,7 @@ class PageLink:
     def close(self, end: str) -> None:
         """Show how the run ended and end the link; the loop is over, so this may wait for END_S."""
         with suppress(OSError):
+            # the last message says how the run ended, so it may wait, but not for ever
             self._channel.settimeout(END_S)
             self._channel.send(_to_json({"end": end}).encode())
         self._channel.close()
@@ -252,11 +257,13 @@ def _started(
 
     try:
         ours.send(_to_json({"access": place.access(), "about": about}).encode())
+        # a process that hangs while it starts must not hold the run for ever
         ours.settimeout(START_S)
         if ours.recv(len(READY)) != READY:
             raise OSError("it ended at once")
     except OSError as error:
         ours.close()
+        # without its channel the process serves nothing
         process.kill()
         process.wait()
         what = f"no process for the live page ({error.strerror or error})"

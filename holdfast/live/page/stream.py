@@ -23,7 +23,9 @@ FRAME_S = 0.06
 KEPT_FRAMES = 32
 """About two seconds of frames for a slow browser."""
 MOST_SAID = 40
+"""Lines that the page shows and a new browser gets; older ones are forgotten."""
 MOST_MARKS = 100
+"""Marks that are kept; the oldest is forgotten first."""
 ROW_FIELDS = ("t_s", "state", "p_risky", "load", "grip", "target", "act")
 """What a row of a frame has, in this order; null where it is not known."""
 SIGNIFICANT = 6
@@ -58,6 +60,8 @@ class LiveStream:
     def take(self, message: Message, now_s: float) -> None:
         """One message of the run (link.py), at now_s of a monotonic clock."""
         with self._changed:
+            # a message has one kind of content at a time, but the order here would also fit
+            # several
             if "sample" in message:
                 self._take_sample(message["sample"], now_s)
             if "said" in message:
@@ -75,6 +79,7 @@ class LiveStream:
             if "about" in message:
                 self.about = {**self.about, **message["about"]}
                 self._news["about"] = self.about
+            # the first reason counts: what follows a stop is only its consequence
             self.ended = self.ended or message.get("end", "")
 
     def _take_sample(self, sample: Message, now_s: float) -> None:
@@ -88,6 +93,8 @@ class LiveStream:
         if self._first_ns is None:
             self._first_ns = t_ns
         self._samples.append(sample)
+
+        # by time and not by count: the rate of a hand may change while it runs
         oldest_ns = t_ns - 1e9 * KEPT_S
         while self._samples[0]["t_ns"] < oldest_ns:
             self._samples.popleft()
@@ -95,6 +102,7 @@ class LiveStream:
         row = self._row(sample)
         self._rows.append(row)
         self._fresh.append(row)
+        # a new browser shows the last 10 s, and gets no rows beyond them
         while self._rows[0][0] < row[0] - SHOWN_S:
             self._rows.popleft()
 
@@ -110,6 +118,7 @@ class LiveStream:
         with self._changed:
             frame = self._now(now_s)
             frame["rows"] = self._fresh
+            # messages and marks are rare, so a frame has these keys only where they changed
             frame |= self._news
             self._frames.append(event("frame", frame))
             self._count += 1
@@ -132,6 +141,7 @@ class LiveStream:
             with self._changed:
                 while self._count == seen and not self._over:
                     self._changed.wait()
+                # how many frames were made since this browser took its last one
                 missed = self._count - seen
                 seen = self._count
                 over = self._over
@@ -150,6 +160,7 @@ class LiveStream:
         """The last 30 s: samples, and the marks among them, oldest first."""
         with self._changed:
             samples = list(self._samples)
+            # a mark before the first kept sample has no signal to stand at
             begins_ns = samples[0]["t_ns"] if samples else 0
             marks = [mark for mark in self._marks if mark["t_ns"] >= begins_ns]
             return samples, marks
@@ -181,6 +192,7 @@ class LiveStream:
         forces = [values[k : k + 3] for k in range(0, len(values), 3)]
         shown["t_s"] = self._since_start(sample["t_ns"])
         shown["forces"] = forces
+        # `lost` counts from the start of the run, so the difference is that of the kept samples
         shown["lost_30s"] = sample["lost"] - self._samples[0]["lost"]
         return shown | _last_second(self._samples)
 
@@ -193,6 +205,7 @@ class LiveStream:
         p_risky = None
         if answer.get("state") != "unknown":
             p_risky = answer.get("p_risky")
+        # in the order of ROW_FIELDS: a name in each row would make frames larger
         return [
             self._since_start(sample["t_ns"]),
             answer.get("state"),
@@ -255,6 +268,7 @@ def _last_second(samples: deque[Message]) -> Message:
 
     rate_hz = latency_ms = worst_ms = None
     if newest_ns > begin_ns:
+        # `count` samples span one period fewer than their number
         rate_hz = round(1e9 * (count - 1) / (newest_ns - begin_ns), 1)
     if late_us:
         late_us.sort()
