@@ -86,12 +86,16 @@ def band_pass_envelope(samples: FloatArray, rate_hz: float) -> FloatArray:
     for band in bands_for(rate_hz):
         output = sosfilt(sections(rate_hz, band), changes, axis=0)
         outputs.append(output)
+
+    # Each band answers to its own frequency; the largest answer is kept, since any of them is a
+    # sign.
     return np.abs(outputs).max(axis=0)
 
 
 def band_pass_rows(samples: FloatArray, rate_hz: float) -> IntArray:
     """Rows at which a shear channel rises above its noise: the first of any 0.6 s."""
     envelope = band_pass_envelope(samples, rate_hz)
+
     # A slip is rare, so the median of the envelope is the noise of its channel.
     noise = NOISE_TIMES * np.median(envelope, axis=0)
     # A made recording may have no noise at all; then a share of its largest swing counts.
@@ -144,6 +148,7 @@ def friction_rows(samples: FloatArray, rate_hz: float) -> IntArray:
     noise_of_jump = np.median(jump, axis=0)
     size = np.maximum(LEAST_JUMP, NOISE_TIMES * noise_of_jump)
 
+    # The force moves a moment later than the ratio, so it is compared over a longer time.
     ahead = _rows(SHEAR_AHEAD_S, rate_hz)
     around = _rows(NORMAL_AHEAD_S, rate_hz)
     shear_change = np.maximum(_moved(shear, ahead, ahead), _moved(shear, 0, ahead))
@@ -178,6 +183,8 @@ def _held(samples: FloatArray, valid: BoolArray) -> FloatArray:
 
     # Before the first good value of a channel, that value stands in.
     first = good.argmax(axis=0)
+
+    # The filters and quotients that follow need a finite value in every row.
     source = np.where(last < 0, first, last)
     held = np.take_along_axis(samples, source, axis=0)
     return np.where(good.any(axis=0), held, 0.0)
@@ -185,6 +192,7 @@ def _held(samples: FloatArray, valid: BoolArray) -> FloatArray:
 
 def _at_rest_zero(samples: FloatArray, rate_hz: float) -> FloatArray:
     """The samples without what the hand reads before it touches anything."""
+    # The median of the rest: a single bad row of the unloaded start does not move the zero.
     rest = samples[: _rows(REST_S, rate_hz)]
     return samples - np.median(rest, axis=0)
 
@@ -226,6 +234,8 @@ def _source(
     row: int, by_band: IntArray, by_friction: IntArray, apart: int
 ) -> PointMethod:
     """Which methods have a point in the time that one fused point stands for."""
+    # A fused point is the first of its group, so the points that it stands for lie at it or after
+    # it.
     in_band = _any_within(by_band, row, apart)
     in_friction = _any_within(by_friction, row, apart)
     if in_band and in_friction:

@@ -89,6 +89,7 @@ class HeldOut:
         for task, windows in data.tasks.items():
             votes[task] = np.zeros((len(windows), len(windows.classes)), np.int64)
 
+        # Every window is held out by exactly one fold, so each row is written once.
         labels = np.zeros(len(data.tasks[main]), np.int64)
         for fold in folds:
             labels[fold.rows[main]] = fold.labels
@@ -142,6 +143,7 @@ def splits_of(data: DataSet, plan: TrainingPlan, seed: int) -> list[dict[str, Fo
     """Task -> training and test rows, of every fold; all tasks hold out the same people."""
     # Groups are dealt once for all tasks: a person held out of one is held out of every other.
     folds = assign_groups(_groups_of_all(data), plan.folds, seed=seed)
+
     splits: list[dict[str, Fold]] = [{} for _ in range(plan.folds)]
     for task in data.tasks:
         of_task = folds_of(data.group_of(task), folds)
@@ -154,6 +156,8 @@ def _groups_of_all(data: DataSet) -> StringArray:
     """Groups of the main task's windows, then of those windows of other tasks with other people."""
     main = main_task(data)
     known = data.group_of(main)
+
+    # Folds are balanced by the windows of the main task; groups that it lacks must be dealt too.
     groups = [known]
     for task in data.tasks:
         if task != main:
@@ -262,6 +266,9 @@ def chosen_label_weights(
     groups = data.group_of(task)[rows]
     n_classes = len(windows.classes)
     votes = np.zeros((len(rows), n_classes), np.int64)
+
+    # The weights are chosen on people whom the learner has not seen, because that is how they are
+    # used.
     for train, test in grouped_folds(groups, plan.inner_folds, seed=seed):
         learner = fit_learner(data, features[task], plan, task, rows[train], seed)
         held_out = features[task][rows[test]]
@@ -295,6 +302,7 @@ def fit_learner(
             cause="all of its windows are in recordings that are held out",
             next_step="add recordings of other people, or leave the task out",
         )
+
     given = data.tasks[task]
     n_classes = len(given.classes)
     return learner_of(plan, task, features[rows], given.label[rows], n_classes, seed)
@@ -334,6 +342,7 @@ def joined_by_network(
     """A fitted forest and the plan's network, fitted on the same rows [N, F] and labels [N]."""
     from holdfast.training.network_fit import fit_network
 
+    # The network gets as many votes as the trees have in all, so that both halves count the same.
     votes = votes_of_trees(len(forest.estimators_))
     network = fit_network(plan.network_for(task), rows, label, n_classes, seed, votes)
     return Committee(forest, network)

@@ -75,6 +75,7 @@ def stepped(
 
 def digest_of(settings: Any) -> str:
     """12 hex digits that name the settings of rows, for a file name; settings: JSON values."""
+    # Sorted keys: the order in which settings are listed does not change the name of the file.
     text = json.dumps(settings, sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:12]
 
@@ -90,6 +91,8 @@ def kept_rows(path: Path, compute: Callable[[], FloatRows]) -> FloatRows:
         half = path.with_suffix(".half.npy")
         np.save(half, compute())
         half.replace(path)
+
+    # Mapped and not read at once, so that only the rows in use take memory.
     rows: FloatRows = np.load(path, mmap_mode="r")
     return rows
 
@@ -132,9 +135,13 @@ def cpu_cost(data: DataSet, spec: StepSpec) -> FeatureCost:
     """CPU time of stepping all features over every sample of a set."""
     # All samples are stepped; only the last row of each recording is kept.
     last = [np.array([len(recording.samples) - 1]) for recording in data.recordings]
+
+    # CPU time of all threads together: a second thread makes the run shorter and the cost no
+    # smaller.
     started = time.process_time()
     _compute(data, spec, last)
     cpu_s = time.process_time() - started
+
     samples = int(np.sum(last)) + len(last)
     return FeatureCost(cpu_s, samples, 1e6 * cpu_s / samples)
 
@@ -155,6 +162,8 @@ def rows_wanted(data: DataSet) -> list[IntArray]:
     wanted = [np.empty(0, np.int64) for _ in data.recordings]
     for windows in data.tasks.values():
         for trial in np.unique(windows.trial).tolist():
+            # Windows of several tasks often end at the same row, which is computed once for all of
+            # them.
             rows = windows.row[windows.trial == trial]
             wanted[trial] = np.union1d(wanted[trial], rows)
     return wanted

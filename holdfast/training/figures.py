@@ -72,6 +72,8 @@ def over(f1: Mapping[str, float | None]) -> str:
     """The classes that a macro F1 of these averages, if any is absent from the truth; else ""."""
     if None not in f1.values():
         return ""
+
+    # Without this note a mean over three classes would be read as one over four.
     present = [
         name.replace("_", " ") for name, value in f1.items() if value is not None
     ]
@@ -85,6 +87,7 @@ def situation_lines(of: SituationFigures, group_kind: str) -> list[str]:
     """
     macro = with_interval(of.macro_f1, of.macro_f1_ci, group_kind)
     lines = [f"macro F1 {over(of.f1) or 'over four situations'}  {macro}"]
+
     for name, f1 in of.f1.items():
         shown = with_interval(f1, of.f1_ci[name], group_kind)
         lines.append(f"  F1 {name:<12} {shown}")
@@ -97,8 +100,10 @@ def with_interval(
     """A figure and its interval over groups of a kind; "-" where it is not defined."""
     if value is None:
         return ABSENT
+
     if not interval:
         return f"{value:.3f}"
+
     groups, (low, high) = PLURAL.get(group_kind, "groups"), interval
     return f"{value:.3f}  (95 % interval over {groups} {low:.3f} to {high:.3f})"
 

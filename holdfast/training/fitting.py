@@ -98,13 +98,18 @@ def train_on_sets(
     describe: receives a description of each set that was read. Returns the joined set and its
     held-out figures. Raises UsageError, OutputError, or a DataError.
     """
+    # Checked before anything is read, so that a long run does not end at a folder that it cannot
+    # write.
     require_writable(request.out)
     if not request.replace and not _rebuilds_fixture(request):
         require_no_artifact(request.out)
+
+    # Without data the command trains on a generated set, which lies in the artifact's folder.
     names = request.data
     if not names:
         write_fixture(request.out / FIXTURE, trials_per_cell=FIXTURE_TRIALS)
         names = (str(request.out / FIXTURE),)
+
     sets = []
     for name in names:
         progress(f"reading {name}")
@@ -112,8 +117,10 @@ def train_on_sets(
         count = f"{len(data.recordings)} recordings at {data.rate_hz:.4g} Hz"
         describe(f"{data.name}: {data.kind}; {count}\n{windows_table(data)}")
         sets.append(data)
+
     joined = join(sets)
     warn_of_scarcity(joined, undersampled=request.windows == "thesis")
+
     plan = hand_plan(request.size, request.learner)
     trained = train(
         joined,
@@ -134,6 +141,8 @@ def _rebuilds_fixture(request: TrainingRequest) -> bool:
         origin = read_json(request.out / INDEX).get("training")
     except DataError:
         return False
+
+    # The fixture's artifact can be made again at any time, so nothing is lost by replacing it.
     return isinstance(origin, dict) and origin.get("kind") == KIND
 
 
@@ -174,6 +183,7 @@ def _on_counts(notes: Json) -> str:
     counts = notes.get("windows_natural") or notes["windows"]
     if counts == notes["windows"]:
         return "in training every class weighs the same, whatever its count"
+
     natural = ", ".join(f"{name} {count}" for name, count in counts.items())
     return f"all windows before undersampling: {natural}"
 
@@ -191,6 +201,7 @@ def warn_of_scarcity(data: DataSet, *, undersampled: bool = False) -> None:
             # A class without any window is an error of its own, or the set lacks it by nature.
             if 0 < count < FEWEST_WINDOWS:
                 few.append(f"{name} ({count})")
+
     if few:
         remedy = "leave out --windows thesis, or " if undersampled else ""
         warnings.warn(
@@ -200,6 +211,9 @@ def warn_of_scarcity(data: DataSet, *, undersampled: bool = False) -> None:
             FewWindows,
             stacklevel=2,
         )
+
+    # With two groups each model has learned from one alone, and half of all draws hold one group
+    # twice.
     if len(groups) == 2:
         kind = PLURAL.get(data.group_kind, "groups")
         cut_down = "kept_groups" in data.notes
@@ -229,11 +243,18 @@ def train(
     Raises ClassMissing, TooFewGroups, RateError or OutputError.
     """
     require_classes(data)
+
+    # A fold holds out at least one group, so there are at most as many folds as groups.
     plan = replace(plan, folds=min(plan.folds, max(2, len(data.groups()))))
+
     spec = spec_for(data, plan.groups)
     spec.warn_of_lost_bands()
+
     say(f"features of {len(data.recordings)} recordings")
     features = features_of(data, spec, part)
+
+    # The figures come from these votes. The final learners have seen every window, so they have
+    # none.
     held_out = cross_validate(data, features, plan, seed=seed, say=say)
     say("final learners on all recordings")
     figures = held_out_figures(data, held_out, seed)
@@ -255,10 +276,14 @@ def final_artifact(
     """
     for task, windows in data.tasks.items():
         plan = plan_for(data, features, plan, task, np.arange(len(windows)), seed)
+
     heads = []
     for task, windows in data.tasks.items():
         every = np.arange(len(windows))
         learner = fit_learner(data, features[task], plan, task, every, seed)
+
+        # Votes on windows that a learner was trained on are too sure of themselves, so held-out
+        # ones count.
         calibration = fit_calibration(held_out.shares(task), windows.label)
         weights = None
         if plan.inner_folds and task == main_task(data):
@@ -266,8 +291,10 @@ def final_artifact(
 
             situation = situations_of(windows).label
             weights = fit_label_weights(held_out.situation_votes(), situation)
+
         head = Head(TASK_HEADS[task], windows.classes, learner, calibration, weights)
         heads.append(head)
+
     return Artifact(
         spec=spec_for(data, plan.groups),
         preparation=data.preparation,
@@ -310,19 +337,23 @@ def with_situations(data: DataSet) -> DataSet:
 
 def situations_of(rows: LabelledRows) -> LabelledRows:
     """The same windows labelled with the four situations, from these or the eight classes."""
+    # Classes are in order of their situation: situation 0 light, 0 heavy, 1 light, and so on.
     per_situation = len(rows.classes) // len(SITUATIONS)
     return replace(rows, label=rows.label // per_situation, classes=SITUATIONS)
 
 
 def fingerprint(recording: Recording) -> str:
     """First 12 digits of the SHA-256 of a recording's samples, by which a model knows it."""
+    # By content and not by name: a copy under another name is still known as a training recording.
     samples = np.ascontiguousarray(recording.samples)
     return hashlib.sha256(samples.tobytes()).hexdigest()[:12]
 
 
 def _origin(data: DataSet, plan: TrainingPlan, seed: int, figures: HeadFigures) -> Json:
     """The origin of the model, for its card."""
+    # The digest of the set sorts the prints, so that the order of reading does not change it.
     prints = [fingerprint(recording) for recording in data.recordings]
+
     windows = {task: rows.class_counts() for task, rows in data.tasks.items()}
     return {
         "data": data.name,

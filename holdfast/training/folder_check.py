@@ -157,6 +157,7 @@ def examine(root: Path, part: Part = ignored) -> FolderReport:
         place = reader.place
         folder = place.object_folder
         name = object_name(folder.name) if folder else None
+
         of_cell = cells.setdefault((place.person, name, place.action), [])
         of_cell.append(trial)
         if trial:
@@ -277,6 +278,8 @@ def _advice(
     all_read: else only the first two are known, since an unread trial may have the rest.
     """
     found = []
+
+    # The recorder writes unit and labels itself; only folders made by hand can lack them.
     bare = layout == "thesis"
     if bare and "unit" not in read_json(root / META):
         where = str(root / META)
@@ -342,6 +345,7 @@ def _missing_labels(root: Path, trials: Sequence[TimedTrial]) -> list[Missing]:
     scripted = [trial for trial in trials if trial.labels_by.startswith(SCRIPT)]
     if not scripted:
         return []
+
     truth = truth_path(root / f"{scripted[0].recording.trial_id}.csv")
     share = f"{len(scripted)} of {len(trials)} trials"
     what = f"{share} have labels by the script, not measured ones"
@@ -362,6 +366,7 @@ def _not_read(root: Path, read: Sequence[Path]) -> list[Missing]:
     if others:
         first = others[0].relative_to(root).as_posix()
         what = f"CSV files at no trial's place: {len(others)}, such as {first}"
+
     actions = ", ".join(FOLDERS)
     next_step = f"a trial belongs at {root / LAYOUT}; an action is one of {actions}"
     level: Level = "advice" if read else "error"

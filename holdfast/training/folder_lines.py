@@ -27,6 +27,8 @@ def report_lines(report: FolderReport) -> list[str]:
         for row in report.classes:
             rows.append((row.situation, f"{row.light_s:.1f}", f"{row.heavy_s:.1f}"))
         lines += ["", *_aligned(rows)]
+
+    # One line for many faults of a kind: a folder of a hundred trials would fill the screen.
     for first, more in _alike(report.missing):
         lines += ["", f"{LEVELS[first.level]} {first.where}: {first.what}"]
         lines.append(f"  -> {first.next_step}")
@@ -37,6 +39,7 @@ def report_lines(report: FolderReport) -> list[str]:
 
 def _alike(missing: Sequence[Missing]) -> list[tuple[Missing, int]]:
     """The first of those that differ only in place and numbers, and how many more there are."""
+    # Numbers are left out of the comparison: "at 49 Hz" and "at 51 Hz" are the same fault.
     alike: dict[tuple[str, str], list[Missing]] = {}
     for one in missing:
         alike.setdefault((one.level, NUMBER.sub("#", one.what)), []).append(one)
@@ -46,6 +49,7 @@ def _alike(missing: Sequence[Missing]) -> list[tuple[Missing, int]]:
 def _summary(report: FolderReport) -> list[str]:
     if report.layout is None or report.held_out_by is None:
         return [f"{report.folder}: no recording can be read"]
+
     trials = sum(cell.trials for cell in report.cells)
     minutes = sum(cell.seconds for cell in report.cells) / 60.0
     n_people = len({cell.person for cell in report.cells} - {None})
@@ -64,9 +68,11 @@ def _summary(report: FolderReport) -> list[str]:
 
 def _row(cell: Cell) -> tuple[str, ...]:
     unread = cell.trials - cell.read
+
     mass = "-"
     if cell.mass_g is not None:
         mass = f"{cell.mass_g:g} ({Path(cell.mass_from or '').name})"
+
     labels = ", ".join(cell.labels_by)
     if len(cell.labels_by) > 1:
         labels = ", ".join(f"{name}: {n}" for name, n in cell.labels_by.items())

@@ -67,6 +67,7 @@ def recordings_from_frames(
     if not frames:
         raise DataNotFound("no data frame", where=name, next_step=f"name each {NAME}")
     require_unit(unit, Path(name))
+
     readers = []
     for key, frame in frames.items():
         starts_s = action_at_s

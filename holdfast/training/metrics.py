@@ -100,6 +100,8 @@ def situation_scores(
         figures[name] = _value(f1[k])
         intervals[name] = interval_of(f1_draws[:, k])
 
+    # The macro F1 of each draw is taken before the percentiles: its interval is not the mean of
+    # theirs.
     return SituationFigures(
         macro_f1=_value(float(macro(f1))),
         macro_f1_ci=interval_of(macro(f1_draws)),
@@ -266,6 +268,9 @@ def draw_groups(n_groups: int, n_draws: int, seed: int) -> FloatArray:
     """[B, G] how often each group is drawn, G draws with replacement; no row below two groups."""
     if n_groups < 2:
         return np.zeros((0, n_groups))
+
+    # How often each group is drawn is all that a figure needs, so the draws themselves are not
+    # kept.
     rng = np.random.default_rng(seed)
     drawn = rng.multinomial(n_groups, np.full(n_groups, 1.0 / n_groups), size=n_draws)
     draws = drawn.astype(np.float64)
@@ -289,6 +294,8 @@ def _codes(groups: npt.ArrayLike) -> IntArray:
     names = np.asarray(groups, dtype=str)
     changes = np.ones(len(names), dtype=np.bool_)
     changes[1:] = names[1:] != names[:-1]
+
+    # Windows of a group stand in runs, and sorting long texts takes longer than sorting numbers.
     starts = np.flatnonzero(changes)
     code = np.unique(names[starts], return_inverse=True)[1].astype(np.int64)
     return np.repeat(code, np.diff(np.append(starts, len(names))))
@@ -310,6 +317,8 @@ def macro(f1: FloatArray) -> FloatArray:
     """[.., n] -> [..] mean F1 over the classes in the truth, nan without one."""
     present = np.isfinite(f1)
     count = present.sum(axis=-1)
+
+    # Written out and not nanmean, which warns of a draw in which no class has an F1.
     total = np.where(present, f1, 0.0).sum(axis=-1)
     undefined = np.full(total.shape, np.nan)
     return np.divide(total, count, out=undefined, where=count > 0)
@@ -327,6 +336,7 @@ def interval_of(
     defined = draws[np.isfinite(draws)]
     if not defined.size:
         return None
+
     low, high = np.percentile(defined, percent)
     return float(low), float(high)
 
@@ -356,6 +366,8 @@ def macro_f1_gain(
     n = len(SITUATIONS)
     our_f1, our_draws = f1_and_draws(truth, ours, groups, n, n_draws, seed)
     their_f1, their_draws = f1_and_draws(truth, theirs, groups, n, n_draws, seed)
+
+    # Both sides are resampled by the same seed, hence by the same draws.
     gain = float(macro(our_f1) - macro(their_f1))
     return Gain(_value(gain), interval_of(macro(our_draws) - macro(their_draws)))
 
@@ -372,6 +384,7 @@ def prediction_gains(
     """What our scores [M] gain over theirs in AUC and in average precision."""
     our = prediction_scores(truth, ours, groups, n_draws=0)
     their = prediction_scores(truth, theirs, groups, n_draws=0)
+
     auc = _difference(our.auc, their.auc)
     precision = _difference(our.average_precision, their.average_precision)
 

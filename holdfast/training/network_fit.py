@@ -52,6 +52,8 @@ class _Squash:
         spread = rows.std(axis=0, dtype=np.float64)
         knees = (knee * spread + KNEE_FLOOR).astype(np.float32)
         squashed = rows / (np.abs(rows) + knees)
+
+        # In float64: a float32 sum over many rows loses the last digits.
         mean = squashed.mean(axis=0, dtype=np.float64)
         deviation = squashed.std(axis=0, dtype=np.float64)
         # A feature that never moves would divide by zero.
@@ -130,6 +132,7 @@ def _fit_member(
         learning_rate_init=plan.rate,
         random_state=seed,
     )
+
     counts = np.bincount(label)
     # balance 1: each class weighs the same in all; 0: each window does.
     even = len(label) / np.maximum(counts, 1) / len(counts)
@@ -192,6 +195,7 @@ def _hidden(
     top = np.percentile(real, 100.0 - UNUSED_PERCENT, axis=0)
     # A unit that is never active has no range; any will do.
     span = np.where(top > 0.0, top, 1.0)
+
     step = span / HIDDEN_MOST
     scale = (1.0 / (fineness * step)).astype(np.float32)
     return Layer(weights, whole_bias, scale), step
@@ -210,6 +214,7 @@ def _logits(
     coefficients = stacked / len(members)
     intercepts = np.mean([member.intercepts_[-1] for member in members], axis=0)
 
+    # A class that training never saw keeps a column of zeros and a bias that gives it no vote.
     wide = np.zeros((len(coefficients), n_classes))
     bias = np.full(n_classes, NO_VOTES_NATS)
     # Of two classes only the second has a logit.
@@ -219,6 +224,8 @@ def _logits(
     bias[columns] = intercepts
 
     weights, whole_bias, fineness = _whole(wide * unit[:, None], bias, most)
+
+    # Logits enter a table of exponentials in steps, so the last layer is scaled to those.
     scale = (LOGIT_STEPS / fineness).astype(np.float32)
     return Layer(weights, whole_bias, scale)
 
@@ -233,6 +240,7 @@ def _whole(
     sizes = np.abs(weights)
     size = most * sizes.sum(axis=0) + np.abs(bias) + 1e-9
     largest = sizes.max(axis=0) + 1e-9
+
     by_sum = room / size
     by_weight = (WEIGHT_MOST - 1) / largest
     fineness = np.minimum(by_sum, by_weight)

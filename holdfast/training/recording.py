@@ -154,6 +154,7 @@ class DataSet:
             if recording.group in names:
                 index.append(k)
                 kept.append(recording)
+
         tasks = {task: rows.of_trials(index) for task, rows in self.tasks.items()}
         return replace(self, recordings=kept, tasks=tasks)
 
@@ -185,6 +186,7 @@ def assign_groups(
     rng = np.random.default_rng(seed)
     # Largest first, so that every round deals groups of like size.
     by_size = names[np.argsort(-sizes, kind="stable")]
+
     assignment: dict[str, int] = {}
     for k in range(0, len(names), n_folds):
         dealt = by_size[k : k + n_folds].tolist()
@@ -272,6 +274,7 @@ def _grouped_by(recordings: Sequence[Recording], by: HoldOut) -> list[Recording]
     """The recordings in groups; one without a person is a group of its own, by its trial."""
     result = []
     for recording in recordings:
+        # A trial without a person is held out alone, since it may be of any of them.
         group = recording.trial_id
         if by == "person" and recording.person:
             group = recording.person

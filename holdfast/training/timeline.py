@@ -95,13 +95,18 @@ def scripted(
             cause=f"{truth_path(trial.path).name} was not copied along, or never written",
             next_step=f"put {truth_path(trial.path).name} beside it, or move the trial out",
         )
+
     t_s = trial.t_s
     onset, empty = contact(t_s, samples)
+
     acts = int(np.searchsorted(t_s, action_at_s))
     if not onset < acts < empty:
         raise _off_the_script(trial, action_at_s, onset, empty)
+
     slip = situation_of(action)
     starts = {0: NOTHING, onset: GRASP, acts: slip}
+
+    # These two actions have two steps: the object is set down or taken, then the hand lets go.
     if action == "put-down" or (action, object_name) == ("pass", "full-bottle"):
         times_s = [action_at_s + HOLD_AGAIN_S, action_at_s + RELEASE_S]
         again, release = np.searchsorted(t_s, times_s).tolist()
@@ -109,6 +114,7 @@ def scripted(
     # A hand that is empty sooner than the script has it skips the rest.
     starts = {row: situation for row, situation in starts.items() if row < empty}
     starts[empty] = NOTHING
+
     rows = [*starts, len(t_s)]
     phases = zip(rows[:-1], rows[1:], starts.values(), strict=True)
     return tuple(
@@ -160,6 +166,8 @@ def contact(t_s: FloatArray, samples: FloatArray) -> tuple[int, int]:
     percentile.
     """
     load = np.abs(np.nan_to_num(samples[:, NORMAL_AXIS::3])).sum(axis=1)
+
+    # The median step is the sampling period, also where samples are missing.
     rows = contact_rows(load, 1.0 / float(np.median(np.diff(t_s))))
     assert rows is not None  # no load is less than none
     return rows
@@ -186,6 +194,7 @@ def labels_by(path: Path, action_at_s: float) -> str:
         of_trial = action_start_s(truth, path)
         source = " (truth file)" if of_trial else ""
         return f"script, action at {of_trial or action_at_s:g} s{source}"
+
     names = set()
     for entry in truth.get("phases", []):
         if isinstance(entry, dict):
@@ -208,6 +217,7 @@ def read_truth(path: Path, t_s: FloatArray) -> Phases:
         raise LabelError(
             "holds no list of phases", where=path, next_step="correct or remove it"
         )
+
     phases = tuple(_phase(entry, t_s, path) for entry in written)
     if any(phase.stop > later.first for phase, later in pairwise(phases)):
         raise LabelError(
@@ -215,6 +225,8 @@ def read_truth(path: Path, t_s: FloatArray) -> Phases:
             where=path,
             next_step="correct or remove it",
         )
+
+    # A phase shorter than the time between two samples holds none of them.
     return tuple(phase for phase in phases if phase.first < phase.stop)
 
 
@@ -226,6 +238,9 @@ def read_events(path: Path) -> RiskyEvents:
         if entry["label"] != SITUATIONS[RISKY_SLIP]:
             continue
         onset_s, end_s = float(entry["t0_s"]), float(entry["t1_s"])
+
+        # A recording of several trials has a gross slip for each; the first inside the phase is its
+        # own.
         gross_s = None
         for trial in truth.get("trials", [truth]):
             at_s = trial.get("gross_slip_s")

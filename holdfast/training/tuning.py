@@ -45,6 +45,8 @@ def fit_label_weights(votes: IntArray, situation: IntArray) -> LabelWeights:
                 candidates.append(candidate)
                 score = _macro_f1(shares * candidate, situation, present)
                 scores.append(score)
+
+            # Of equal scores argmax takes the first, the smaller weight.
             best = int(np.argmax(scores))
             weights = candidates[best]
 

@@ -146,6 +146,7 @@ def undersample(windows: pd.DataFrame, seed: int) -> pd.DataFrame:
     # The turn of a window is its place in its cell: all firsts come before all seconds.
     turn = shuffled.groupby(["label", *STRATA])["_draw"].rank()
     dealt = shuffled.assign(_turn=turn).sort_values(["_turn", "_draw"])
+
     fewest = min(counts.values())
     kept = dealt.groupby("label").head(fewest)
     in_order = kept.sort_values(["trial", "row"])
@@ -202,6 +203,7 @@ def _with_totals(counts: pd.DataFrame) -> pd.DataFrame:
         total.index = pd.Index(["all"])
     else:
         total.index = pd.MultiIndex.from_tuples([("all", "")])
+
     names = {"index": counts.index.names, "columns": counts.columns.name}
     return pd.concat([counts, total]).rename_axis(**names)
 

@@ -74,9 +74,12 @@ def load(
             next_step="give a public set, a folder of `holdfast record`, or a folder with "
             "<object>/<action>/trial_<n>.csv; holdfast check says what was found",
         )
+
+    # Only the layouts of folders of trials choose windows; a public set brings its own.
     options: dict[str, Any] = {} if channels is None else {"channels": channels}
     if layout in LAYOUTS:
         options |= {"seed": seed, "windows": windows, "part": part}
+
     data: DataSet = reader_of(layout).load(root, **options)
     if hold_out is not None:
         data = regrouped(data, hold_out)
@@ -91,12 +94,17 @@ def data_folder() -> Path:
 def find(name_or_path: str | Path) -> Path:
     """Folder of a set. Raises DataNotFound with the likely cause."""
     named = str(name_or_path) in PUBLIC_SETS
+
+    # A public name goes first to the data folder, so that a folder of that name here does not hide
+    # it.
     candidates = [Path(name_or_path)]
     if named:
         candidates.insert(0, data_folder() / name_or_path)
     for folder in candidates:
         if not folder.is_dir():
             continue
+
+        # A search below the root of the file system would read every file of the machine.
         if folder.resolve() == Path(folder.resolve().anchor):
             raise DataNotFound(
                 "the root of the file system is not a data set",
@@ -157,6 +165,7 @@ def keep_groups(data: DataSet, n_groups: int, *, seed: int = 0) -> DataSet:
             f"{n_groups} groups (people, blocks) requested, {len(names)} exist",
             next_step=next_step,
         )
+
     kept = set(np.random.default_rng(seed).permutation(names)[:n_groups].tolist())
     smaller = data.of_groups(kept)
     return replace(smaller, notes={**data.notes, "kept_groups": sorted(kept)})
@@ -172,6 +181,8 @@ def join(sets: Sequence[DataSet]) -> DataSet:
     first, *others = sets
     for other in others:
         require_alike(other, first)
+
+    # The same trials twice would be on both sides of a split, as two groups.
     names = [data.name for data in sets]
     if len(set(names)) < len(names):
         raise DataError(
@@ -179,6 +190,7 @@ def join(sets: Sequence[DataSet]) -> DataSet:
         )
     if not others:
         return first
+
     recordings: list[Recording] = []
     lacks = list(first.lacks)
     kinds, caveats, group_kinds, notes = [], [], [], {}
@@ -195,6 +207,8 @@ def join(sets: Sequence[DataSet]) -> DataSet:
             trial_id = f"{data.name}/{recording.trial_id}"
             group = f"{data.name}/{recording.group}"
             recordings.append(replace(recording, trial_id=trial_id, group=group))
+
+        # A class is absent from the joined set by nature only if every part lacks it.
         lacks = [name for name in lacks if name in data.lacks]
     return replace(
         first,

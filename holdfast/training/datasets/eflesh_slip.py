@@ -56,6 +56,7 @@ def load(root: Path, *, channels: int = 18) -> DataSet:
     """
     columns = _columns(channels)
     arrays = read_arrays(root / ARRAYS, {"X": (None, TRIAL_ROWS, 30), "y": (None,)})
+
     tugged = arrays["y"]
     binary = bool(np.isin(tugged, (0, 1)).all())
     if not len(tugged) or len(tugged) != len(arrays["X"]) or not binary:
@@ -64,13 +65,17 @@ def load(root: Path, *, channels: int = 18) -> DataSet:
             where=root / ARRAYS,
             next_step=COPY_AGAIN,
         )
+
     raw = arrays["X"][:, :, columns].astype(np.float64)
     row = np.arange(LAST_SECOND.start + WINDOW_ROWS - 1, LAST_SECOND.stop, WINDOW_ROWS)
+
+    # One label stands for a whole trial, since the set stores no onset.
     recordings, windows = [], []
     for number, tug in enumerate(tugged):
         label = RISKY_SLIP if tug else GRASP
         recordings.append(_recording(number, raw[number], bool(tug)))
         windows.append((row, np.full(len(row), label)))
+
     return DataSet(
         name="eflesh_slip",
         recordings=recordings,
@@ -115,11 +120,14 @@ def threshold_baseline(
     largest = np.array([trial[LAST_SECOND].max() for trial in field])
     tugged = np.array([recording.action == "tug" for recording in data.recordings])
     blocks = np.array([recording.group for recording in data.recordings])
+
     n_folds = n_folds or len(data.groups())
     rows = data.tasks["situations"]
+
     at_window = np.empty(len(rows))
     for k, (trial, row) in enumerate(zip(rows.trial, rows.row, strict=True)):
         at_window[k] = field[trial][row]
+
     risky, groups = rows.label == RISKY_SLIP, data.group_of("situations")
     in_sample = float(np.mean((largest > fit_threshold(largest, tugged)) == tugged))
     return ThresholdAccuracy(
@@ -137,10 +145,12 @@ def amplitude(samples: FloatArray) -> FloatArray:
 def fit_threshold(value: FloatArray, positive: BoolArray) -> float:
     """The cut of [M] values with most on the right side; of equal ones the widest gap's middle."""
     cuts = np.concatenate([[value.min() - 1.0], np.unique(value)])
-    # Cut k calls the values up to cuts[k] negative, and the rest positive.
+    # Cut k calls the values up to cuts[k] negative, and the rest positive; the first calls all
+    # values positive.
     order = np.searchsorted(cuts, value)
     gain = np.where(positive, -1.0, 1.0)
     right = np.cumsum(np.bincount(order, weights=gain, minlength=len(cuts)))
+
     gap = np.append(np.diff(cuts), 0.0)
     best = np.lexsort((gap, right))[-1]
     return float(cuts[best] + gap[best] / 2.0)

@@ -74,6 +74,7 @@ def middle_angle_deg(quaternion: npt.NDArray[np.floating]) -> FloatArray:
 
 def rotation_from_start_deg(angle_deg: FloatArray, start: int) -> FloatArray:
     """d [T]: rotation away from the angle just before the move; nan where the IMU gave none."""
+    # Three rows before the move are left out, and rows without an angle cannot be a reference.
     before = angle_deg[max(0, start - 30) : start - 3]
     known = before[np.isfinite(before)]
     reference = np.median(known) if known.size else np.nan
@@ -126,6 +127,7 @@ def phases(force_n: FloatArray, rotation_deg: FloatArray, end: int) -> Phases:
 
     edges = np.flatnonzero(np.diff(label)) + 1
     rows = [0, *edges.tolist(), len(label)]
+
     runs = []
     for first, stop in pairwise(rows):
         if label[first] != UNLABELLED:

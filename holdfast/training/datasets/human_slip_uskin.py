@@ -94,18 +94,23 @@ def load(root: Path, *, channels: int = 18, in_hand: bool = False) -> DataSet:
     }
     if in_hand:
         wanted["hand_imu"] = (None, 7)
+
     arrays = read_arrays(root / SIGNALS, wanted)
     moves = list(_moves(read_table(root / TRIALS), arrays))
     usable = _usable(moves, root)
     orientation = arrays["object_imu"][:, :4]
     if in_hand:
         orientation = labels.in_hand(orientation, arrays["hand_imu"][:, :4])
+
     angle_deg = labels.middle_angle_deg(orientation)
     recordings, situations, predictions = [], [], []
     for move in usable:
         raw = arrays["xela"][move.rows].astype(np.float64)
         force_n = labels.contact_force_n(PREPARATION.apply(raw))
         rotation_deg = labels.rotation_from_start_deg(angle_deg[move.rows], move.start)
+
+        # Contact is judged on all 48 channels, so that labels are the same for 18 channels and for
+        # 48.
         phases = labels.phases(force_n, rotation_deg, move.end)
         events = labels.events(phases, move.rate_hz)
         recording = _recording(move, raw, columns)
@@ -114,6 +119,7 @@ def load(root: Path, *, channels: int = 18, in_hand: bool = False) -> DataSet:
         predictions.append(
             labels.prediction_windows(force_n, rotation_deg, move.start, move.end)
         )
+
     return DataSet(
         name="human_slip_uskin",
         recordings=recordings,
@@ -159,6 +165,7 @@ def clock_features(data: DataSet, rows: LabelledRows) -> FloatArray:
             f"the timing-only baseline needs all {3 * N_TAXELS} channels, not {3 * data.n_sensors}",
             next_step=f"load the set with channels={3 * N_TAXELS}",
         )
+
     features = np.empty((len(rows), 2))
     for trial in np.unique(rows.trial):
         here = rows.trial == trial
@@ -179,6 +186,7 @@ def _moves(table: Table, arrays: Arrays) -> Iterator[_Move]:
     """The rows of trials.csv, once they and the signals are seen to agree."""
     table.require(COLUMNS)
     bounds = _bounds(table, arrays)
+
     rate_hz = table.numbers("frequency_hz")
     if np.any(rate_hz <= 0.0):
         raise NotANumber(
@@ -186,9 +194,11 @@ def _moves(table: Table, arrays: Arrays) -> Iterator[_Move]:
             where=table.path,
             next_step="correct that line",
         )
+
     subject, stage = table.text("subject"), table.text("stage")
     sample = table.text("sample")
     start, end = table.whole_numbers("start_index"), table.whole_numbers("end_index")
+
     for k in range(len(table)):
         yield _Move(
             name=f"{subject[k]}/{stage[k]}/{sample[k]}",
@@ -205,6 +215,8 @@ def _bounds(table: Table, arrays: Arrays) -> IntArray:
     """[trials + 1] row where each trial starts; table and signals must agree."""
     n_rows = len(arrays["xela"])
     bounds = np.append(table.whole_numbers("offset"), n_rows)
+
+    # The offsets stand in both files, so files of two versions show themselves.
     agree = (
         bounds[0] == 0
         and np.array_equal(bounds, arrays["offset"])

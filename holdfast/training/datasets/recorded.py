@@ -58,11 +58,13 @@ def load(
 ) -> DataSet:
     """All kept trials of a folder, as training.datasets.thesis does. Raises a DataError."""
     found = _found(root)
+
     kinds = sorted({_kind(meta) for meta in found.values() if _is_kept(meta)})
     about = {"kind": " and ".join(kinds), "name": root.resolve().name}
     data = thesis.assembled(
         about, readers(root), channels=channels, seed=seed, windows=windows, part=part
     )
+
     people = len({recording.person for recording in data.recordings})
     notes = {
         **data.notes,
@@ -91,6 +93,7 @@ def readers(root: Path, fault: Fault = refuse) -> list[TrialReader]:
             cause="all of them were interrupted or done again",
             next_step="record again",
         )
+
     units = sorted({str(found[path].get("unit")) for path in kept})
     if len(units) > 1:
         raise UnitError(

@@ -168,14 +168,17 @@ def assembled(
     read = read_all(readers, part=span(part, 0.0, READING))
     trials = [trial for trial in read if trial]
     recordings = [trial.recording for trial in trials]
+
     rate_hz, unit = common_rate(recordings), recordings[0].unit
     n_channels = 3 * recordings[0].n_sensors
     if channels not in (None, n_channels):
         raise ChannelsNotOffered(str(meta["name"]), channels, [n_channels])
+
     tasks: dict[str, LabelledRows] = {}
     notes: Json = {}
     if windows != "none":
         tasks, notes = _windows(trials, windows, seed, span(part, READING, 1.0))
+
     recordings, group_kind = grouped(recordings)
     return DataSet(
         name=str(meta["name"]),
@@ -226,6 +229,8 @@ def meta_of(root: Path) -> Json:
         raise LabelError(
             f"{MASSES_KEY} is no table", where=where, next_step=f"write {example}"
         )
+
+    # Read here for its error alone: a bad time is refused even where no trial uses the script.
     action_start_s(meta, where)
     return meta
 
@@ -248,6 +253,7 @@ def timed(
 ) -> TimedTrial:
     """Read and prepare a trial. phased: gives its phases; default: its truth, else the script."""
     trial, folder = read_trial(place.path), place.object_folder
+
     trial_id = place.path.relative_to(root).with_suffix("").as_posix()
     recording = prepared(trial, meta["unit"], trial_id)
     recording = replace(
@@ -256,6 +262,7 @@ def timed(
         action=place.action,
         person=place.person,
     )
+
     action_at_s = action_start_s(meta, root / META) or ACTION_S
     if phased is None:
         phases, events = _phased(trial, recording, action_at_s)
@@ -294,6 +301,7 @@ def _phased(
     elif has_phases(truth):
         phases = read_truth(truth, trial.t_s)
     else:
+        # A trial's own time goes before that of the set.
         of_trial = action_start_s(read_json(truth), truth)
         starts_s = of_trial or action_at_s
         phases = scripted(trial, recording.samples, action, name, starts_s)
@@ -307,7 +315,9 @@ def common_rate(recordings: Sequence[Recording], fault: Fault = refuse) -> float
 
     fault: receives a RateError or ChannelError for each recording that differs from the others.
     """
+    # Three digits: a clock that is a microsecond off must not change the rows of a window.
     rate_hz = float(f"{np.median([recording.rate_hz for recording in recordings]):.3g}")
+
     first = recordings[0]
     for recording in recordings:
         if abs(recording.rate_hz / rate_hz - 1.0) > RATE_TOLERANCE:

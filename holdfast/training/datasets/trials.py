@@ -97,6 +97,8 @@ def people_of(root: Path) -> list[Path]:
     for folder in _folders(root):
         if not KEYS_OF_A_SET & read_json(folder / META).keys():
             folders.append(folder)
+
+    # Only names of actions show that a level of folders is people and not objects.
     if not any(map(_has_trials, folders)):
         return []
     return [folder for folder in folders if _trials_in(folder)]
@@ -126,6 +128,7 @@ def _of_one_hand(root: Path, person: str | None, fault: Fault) -> Iterator[Trial
             for path in _numbered(folder):
                 yield TrialPlace(path, person=person)
             continue
+
         for action_folder in _folders(folder):
             action = action_of(action_folder.name)
             trials = _numbered(action_folder)
@@ -134,6 +137,7 @@ def _of_one_hand(root: Path, person: str | None, fault: Fault) -> Iterator[Trial
             if action is not None:
                 for path in trials:
                     yield TrialPlace(path, folder, action, person)
+
     if (root / f"{EMPTY_HAND}.csv").is_file():
         yield TrialPlace(root / f"{EMPTY_HAND}.csv", person=person)
 
@@ -162,6 +166,7 @@ def _folders(root: Path) -> list[Path]:
 
 def _numbered(folder: Path) -> list[Path]:
     """The trials in a folder, by number."""
+    # By number and not by name, where trial_10 would come before trial_2.
     numbers = {}
     for path in folder.iterdir():
         match = TRIAL_NAME.fullmatch(path.name)
