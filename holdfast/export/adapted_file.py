@@ -49,16 +49,21 @@ from holdfast.export.verify import (
 )
 
 BASE_KEY = "holdfast.base"
+"""The entry of the metadata that holds those of the base."""
 MOST_BASE_BYTES = 16 << 20
 """Of the base's metadata, unpacked: its card and its golden sequences."""
 SINGLE_ROWS = 1_000
+"""Rows that are computed alone and in a batch: one call a row is slow."""
 OF_THE_VOTES = {"votes", "situation", "p_situation", "p_class", "weight"}
 """Outputs that a correction changes."""
 
 
 @dataclass(frozen=True)
 class Adaptation:
-    """What makes a file one for a person. about: what it is based on, for the card."""
+    """What makes a file one for a person. about: what it is based on, for the card.
+
+    correction: None where only the decision is another. decision: replaces that of the base.
+    """
 
     correction: Correction | None
     decision: DecisionRules
@@ -141,6 +146,7 @@ def undone(data: bytes, where: str | Path = "") -> bytes:
             remove_correction(model)
         base = sealed_with(model, _unpacked(metadata[BASE_KEY]))
         digest = hashlib.sha256(base).hexdigest()
+        # The card names the digest of the base, so a base that differs in one byte is refused.
         whole = digest == card["adaptation"]["base_sha256"]
     except (KeyError, TypeError, ValueError, zlib.error, binascii.Error):
         whole = False

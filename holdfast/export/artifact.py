@@ -38,9 +38,11 @@ from holdfast.export.network import Float32Array, Inputs, Layer, Network
 from holdfast.export.spec import StepSpec
 
 FORMAT = 1
-"""Of the folder; a folder of another format is refused."""
+"""Of the folder; a folder of another format is refused, and its model must be trained again."""
 INDEX = "artifact.json"
+"""Written last: a folder without it is unfinished."""
 ROWS = "rows.npz"
+"""Feature rows [N, F] that an export is verified on."""
 MOST_LABEL_WEIGHT = 1e6
 """Far above any useful weight."""
 ALLOWED_TYPES = ("sklearn.tree._tree.Tree",)

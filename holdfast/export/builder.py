@@ -135,6 +135,8 @@ class GraphBuilder:
         constants = list(self._constants.values())
 
         graph = helper.make_graph(nodes, "holdfast", inputs, outputs, constants)
+
+        # Trees are no operator of ONNX itself, but of its domain for machine learning.
         opsets = [helper.make_opsetid("", OPSET), helper.make_opsetid("ai.onnx.ml", 3)]
         model = helper.make_model(
             graph, opset_imports=opsets, ir_version=IR_VERSION, producer_name="holdfast"

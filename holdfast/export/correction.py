@@ -31,11 +31,15 @@ BEFORE = f"{PREFIX}votes_before"
 """The base's votes, which keep their numbers under another name."""
 VOTES = "votes"
 FEATURES = "features"
+"""The tensors of the base that a correction reads."""
 
 
 @dataclass(frozen=True)
 class Correction:
-    """network: of two classes, no slip and slip, on `rows_of`. Raises ValueError for another."""
+    """network: of two classes, no slip and slip, on `rows_of`. Raises ValueError for another.
+
+    Its share of "no slip" is the part of the risky votes that is taken away.
+    """
 
     network: Network
 

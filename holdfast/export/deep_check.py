@@ -31,6 +31,7 @@ NODES = (
 )
 """Columns of a tree ensemble with one entry a node."""
 TREE_MODES = {b"BRANCH_LEQ", b"LEAF"}
+"""What an export writes: left where feature <= threshold, or a leaf."""
 TARGETS = ("target_treeids", "target_nodeids", "target_ids", "target_weights")
 """Columns of a tree ensemble with one entry a vote."""
 
@@ -134,6 +135,8 @@ def _require_walks(columns: dict[str, Any], n_features: int) -> int:
         raise ValueError("its trees do not add up their votes")
 
     branch = np.array([mode == b"BRANCH_LEQ" for mode in modes])
+
+    # Children and votes name a node by its tree and its number there, not by its row.
     row_of = {}
     for place, key in enumerate(zip(tree.tolist(), number.tolist(), strict=True)):
         row_of[key] = place

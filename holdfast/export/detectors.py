@@ -37,11 +37,12 @@ from holdfast.export.spec import NOISE_RMS, StepSpec
 DAMPING = 0.1
 """z of every resonator."""
 LOW_PASS_HZ = 75.0
+"""Corner frequency of the low-pass that stands behind the differentiator (w_l)."""
 STATES_PER_BAND = 4
 """Two resonators of second order, in transposed direct form II."""
 GRAIN = 1e-30
 """Every number in the filter moves this far towards zero: silence must not become subnormal
-numbers, which are slow."""
+numbers, which are slow. Numbers from 1e-13 on stay as they are."""
 
 
 def sections(rate_hz: float, band_hz: float) -> FloatArray:
@@ -216,6 +217,7 @@ def _band_pass(
     above = graph.node("Greater", peak, threshold)
 
     # while it fires, the floor almost stops: a slip must not raise its threshold
+    # A running mean with this time constant moves by this share of the distance at each sample.
     fast = min(1.0, 1.0 / (rules.floor_tau_s * spec.rate_hz))
     slow = fast * rules.firing_rate
     rate = graph.node("Where", above, slow, fast)

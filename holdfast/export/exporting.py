@@ -43,6 +43,7 @@ from holdfast.export.spec import NOISE_RMS, RANGE_LIMIT, StepSpec
 from holdfast.export.verify import ExportReport, verify
 
 MODEL_NAME = "holdfast.onnx"
+"""In the artifact's folder, where --out names no other file."""
 TIE_RULE = "the riskier class wins"
 
 

@@ -25,18 +25,19 @@ from holdfast.export.guard import LAGS_S, GuardOutputs, History, Triples, add_gu
 from holdfast.export.spec import HISTORY_S, WINDOW_S, StepSpec
 
 SPANS_S = (0.10, 0.25, 0.50)
-"""Spans of means and ranges."""
+"""Spans of means and ranges, in s; each ends at the present sample."""
 SCALED_LAGS = (1, 3, 5)
 """Which of LAGS_S the scaled differences use: 0.10, 0.25 and 0.50 s."""
 MORE_LAGS_S = (0.02, 0.075, 0.13, 0.21, 0.31, 0.43)
-"""Lags between those of LAGS_S."""
+"""Lags between those of LAGS_S, in s."""
 
 
 @dataclass(frozen=True)
 class FeatureGroup:
     """A named group of features; memory_s: inf for a response that never ends.
 
-    add: adds it to a graph. count: its number of features.
+    add: adds it to a graph; returns rows of the pool, or a tensor [B, features] of its own. count:
+    its number of features for a spec.
     """
 
     add: Callable[[History], Triples | str]
@@ -208,6 +209,7 @@ def _bands(history: History) -> str:
     return graph.node("Flatten", of_shear, axis=1)
 
 
+# A group needs its count before a graph exists: an artifact is checked against it.
 GROUPS: dict[str, FeatureGroup] = {
     "window": FeatureGroup(
         _window,

@@ -33,7 +33,7 @@ from holdfast.export.builder import GraphBuilder
 from holdfast.export.spec import RANGE_LIMIT, StepSpec
 
 LAGS_S = (0.05, 0.10, 0.17, 0.25, 0.37, 0.50)
-"""Lags of the differences: closer together for recent samples, up to the whole history."""
+"""Lags of the differences, in s: closer together for recent samples, up to the whole history."""
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,9 @@ def add_guard(graph: GraphBuilder, spec: StepSpec) -> GuardOutputs:
     # chosen, not multiplied: NaN x 0 is NaN
     now = graph.node("Where", good, "sample", last)
 
-    # each row takes the value of the next newer one
+    # Each row takes the value of the next newer one. The values differ in rows from their fields,
+    # and only the sum of the rows is the same: joined behind each other and split again at the
+    # next sample, they have moved on by one row without a copy of their own.
     graph.keep("oldest", older)
     graph.keep("older", last)
     graph.keep("last", now)
@@ -189,6 +191,9 @@ class Triples:
 
 class History:
     """The last 0.5 s of guarded samples, and a pool of triples that groups share.
+
+    length: L, the past samples and this one. rectified: |outputs| of the filter bank; empty where
+    no group reads them.
 
     What no group asks for is not added to the graph.
     """

@@ -24,6 +24,7 @@ from holdfast.export.learner import Learner, add_learner, votes_in_all
 from holdfast.export.network import IntArray
 
 MAIN_HEAD = "situation"
+"""The head that gives the label. Every other head answers one question with yes or no."""
 FloatRows = npt.NDArray[np.float32]
 
 
@@ -43,6 +44,7 @@ class Calibration:
 class Head:
     """A trained learner, the classes it votes for, and the calibration of its votes.
 
+    classes: in the order of risk, which decides ties.
     label_weights: what each situation's votes count for the label, None for the same.
     """
 

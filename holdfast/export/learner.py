@@ -41,6 +41,7 @@ NODE_ATTRIBUTES = (
     "nodes_truenodeids",
     "nodes_falsenodeids",
 )
+"""Columns that are taken from skl2onnx; the votes of the leaves are written by `add_forest`."""
 ROWS_AT_ONCE = 8192
 """So many stay in the processor's caches; a long stream at once takes twice as long."""
 LEARNERS = ("forest", "network", "committee")
@@ -258,6 +259,7 @@ def _tree_attributes(forest: Forest) -> dict[str, Any]:
             tree_weight=1.0,
             weight_id_bias=0,
             leaf_weights_are_counts=False,
+            # Thresholds are float64 and rows float32: rounded down, every row goes the same way.
             adjust_threshold_for_sklearn=True,
             dtype=np.float32,
         )

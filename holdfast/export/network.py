@@ -38,13 +38,20 @@ LOGIT_STEPS = 64
 TABLE_LENGTH = 1024
 """Steps in the table of exponentials; a class 16 nats behind the first has no votes."""
 EXPONENTIALS = np.round(2.0**16 * np.exp(-np.arange(TABLE_LENGTH) / LOGIT_STEPS))
+"""exp(-d / LOGIT_STEPS) in units of 2^-16, for d of 0 .. TABLE_LENGTH - 1.
+
+Whole numbers of at most 2^16, so that float32 adds those of up to 255 classes exactly.
+"""
 VOTES = 1 << 20
-"""Votes of a network that stands alone."""
+"""Votes of a network that stands alone; in a committee it has as many as the trees."""
 
 
 @dataclass(frozen=True)
 class Layer:
-    """weights [I, O] and bias [O]: whole numbers as float32. scale [O]: after the sum."""
+    """weights [I, O] and bias [O]: whole numbers as float32. scale [O]: after the sum.
+
+    A scale need not be whole: it is one product for each number, which IEEE 754 fixes.
+    """
 
     weights: Float32Array
     bias: Float32Array

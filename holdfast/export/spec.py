@@ -68,6 +68,8 @@ class DetectorSpec:
     firing_rate: factor on the floor's speed while firing (above 0, so that lasting noise cannot
     hold an alarm). quiet_s: quiet before a critical point. friction, min_normal_n: of the friction
     cone, unit N only.
+
+    Units: floor_tau_s and quiet_s in s, min_normal_n in N, all others are ratios.
     """
 
     band_ratio: float = 6.0

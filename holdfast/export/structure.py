@@ -115,8 +115,9 @@ def largest_float32_not_above(threshold: npt.NDArray[np.float64]) -> FloatRows:
 class _Nodes:
     """The nodes of all trees in one row; a node's number is its place there.
 
-    values: [3, nodes] for each node the largest float32 that goes left, the one below it, and the
-    one above it, which goes right. branches: numbers of the nodes that are no leaves.
+    feature: [nodes] the feature that a node compares. values: [3, nodes] for each node the largest
+    float32 that goes left, the one below it, and the one above it, which goes right. branches:
+    numbers of the nodes that are no leaves.
     """
 
     def __init__(self, trees: list[Any]) -> None:
@@ -222,6 +223,7 @@ def _same_trees(node: onnx.NodeProto, forest: Forest, head: Head) -> int:
         "nodes_truenodeids": np.concatenate([tree.children_left for tree in trees]),
         "nodes_falsenodeids": np.concatenate([tree.children_right for tree in trees]),
     }
+    # Training decides what is a branch, so that a wrong mode in the file is found.
     branch = expected["nodes_featureids"] >= 0
     is_branch = np.array(exported["nodes_modes"]) == b"BRANCH_LEQ"
     wrong = is_branch != branch
@@ -231,6 +233,7 @@ def _same_trees(node: onnx.NodeProto, forest: Forest, head: Head) -> int:
         given = np.array(exported[name], dtype=numbers.dtype)
         wrong |= branch & (given != numbers)
 
+    # Values that training keeps at branches are no votes: only a leaf may have any.
     expected_votes = np.concatenate(leaf_votes(forest, len(head.classes)))
     expected_votes[branch] = 0
     differs = _votes_of(exported, trees, head) != expected_votes

@@ -72,6 +72,7 @@ class PredictDisagreement:
 class HeadVerification:
     """One head of a file against the reference. rows: given rows, thresholds and edges together.
 
+    label_mismatches, vote_mismatches: 0 in every report, because any other number raises.
     predict_disagreement: None but for a forest alone. nodes: of its trees, and weights of its
     network, each compared.
     """
@@ -124,6 +125,7 @@ def verify(
 
     for head in heads:
         report(f"verifying head {head.name} on {len(rows)} rows and on its thresholds")
+        # The given rows come first: by their number `_compare` tells them from the hard ones.
         hard = np.concatenate([rows, hard_rows(head.learner, rows, seed)])
         answers = run_rows(learners, hard, CHUNK)
         nodes = require_same_numbers(model, head)
@@ -179,6 +181,7 @@ def _compare(
         # another head publishes no label: a consumer derives it from its votes
         answered = riskier_argmax(votes.astype(np.int64))
 
+    # Votes are whole numbers: both sides must be equal on every row, without a tolerance.
     labels = reference_label(head, expected)
     wrong_votes = int(np.any(votes != expected, axis=1).sum())
     wrong_labels = int((labels != answered).sum())

@@ -60,6 +60,7 @@ class StepCode:
         views = views_of(graph)
         plan = plan_of(graph, views)
 
+        # Types come before memory: each C type has a scratch array of its own.
         types = whole_types(graph, plan, whole)
         made_early = {name for step in plan.sense for name in step.outputs}
 
@@ -83,6 +84,7 @@ class StepCode:
         self.state_bytes = 8 + 8 * math.prod(graph.shape("state"))
         # both halves run one after the other, so the larger one counts
         scratch = max(sense.scratch_bytes(), answer.scratch_bytes())
+        # holdfast_step keeps the features on the stack, as floats of four bytes.
         self.stack_bytes = scratch + 4 * graph.n_features + CALL_BYTES
 
     def _part(
@@ -134,6 +136,7 @@ def _fields(graph: Graph) -> dict[str, str]:
 
 def _require_apart(graph: Graph, plan: Plan, views: dict[str, View]) -> None:
     """Raise NotCompilable where an answer depends on more than the features."""
+    # holdfast_answer takes features alone, so that a test can put a row on every threshold.
     known = {FEATURES}
     for step in plan.answer:
         known.update(step.outputs)
@@ -148,6 +151,7 @@ def _require_apart(graph: Graph, plan: Plan, views: dict[str, View]) -> None:
 
 def _require_outputs(graph: Graph, plan: Plan) -> None:
     """Raise NotCompilable where an output only names a part of another tensor."""
+    # A part has no memory of its own, so no step would write the caller's field.
     made: set[str] = set()
     for step in (*plan.sense, *plan.answer):
         made.update(step.outputs)

@@ -35,6 +35,7 @@ REALS = {
 }
 """Name in C -> a number that C keeps as double."""
 WHOLE = {"HF_YIELD_SAMPLES": RULES.yield_samples, "HF_RATIOS": friction.SAMPLES}
+"""Name in C -> a whole number."""
 RULE_ORDER = (
     "arm_samples",
     "act_samples",
@@ -43,6 +44,7 @@ RULE_ORDER = (
     "override_ms",
     "evidence_ms",
 )
+"""In the order of the fields of holdfast_rules (templates/header.h), as an initialiser needs."""
 
 
 def constants() -> str:
@@ -64,6 +66,7 @@ def rules_of(card: ModelCard) -> str:
 def options_of(card: ModelCard) -> str:
     """Lead and limits, as an initialiser; forces that are not in N have no ceiling."""
     limits = Limits()
+    # in the order of the fields of holdfast_grip_options (templates/header.h)
     values = [
         Holdfast.SETTING,
         limits.ceiling_n if card.unit == "N" else math.inf,

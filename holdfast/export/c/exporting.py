@@ -20,8 +20,14 @@ from holdfast.export.c.graph import read_graph
 from holdfast.export.c.source import CSource, c_source
 
 FLAGS = ("-std=c99", "-O2", "-ffp-contract=off")
-"""-O3 makes three times the code for equal speed, and cold caches must fetch all of it."""
+"""How a library is compiled.
+
+C99 is enough for all that is generated. -O3 makes three times the code for equal speed, and cold
+caches must fetch all of it. -ffp-contract=off keeps a compiler from fusing products and sums, which
+round once where two operations round twice: so all compilers give the same bits.
+"""
 COMPILERS = ("cc", "gcc", "clang")
+"""Tried in this order where $CC names none."""
 LONGEST_S = 600.0
 """A compiler that takes longer hangs."""
 LONGEST_MESSAGE = 200
@@ -30,7 +36,10 @@ LONGEST_MESSAGE = 200
 
 @dataclass(frozen=True)
 class CExport:
-    """What was written. selftest: what the compiled self-test printed; empty without --build."""
+    """What was written. selftest: what the compiled self-test printed; empty without --build.
+
+    names: of the files in the folder. source: their text, and the memory that a hand needs.
+    """
 
     names: list[str]
     source: CSource

@@ -23,16 +23,22 @@ from holdfast.edge_runtime.onnx_bytes import BOOL, DTYPES, Node, OnnxModel
 
 Array = npt.NDArray[Any]
 ELEMENTS = {np.dtype(dtype): element for element, dtype in DTYPES.items()}
+"""numpy type -> element type of ONNX."""
 INPUTS = ("sample", "valid", "state")
 """Tensors that the caller of a step owns."""
 FEATURES = "features"
+"""The tensor at which a step is cut: sensing makes it, answering reads nothing else."""
 NEXT_STATE = "state_out"
+"""The table of state that a step leaves to the next one."""
 Shape = tuple[int, ...]
 
 
 @dataclass(frozen=True)
 class Tensor:
-    """Element type (TensorProto.DataType) and shape; values only for constants."""
+    """Element type (TensorProto.DataType) and shape; values only for constants.
+
+    shape: for one sample, so its first number is 1 where the graph has a batch.
+    """
 
     element: int
     shape: tuple[int, ...]
@@ -118,6 +124,7 @@ def _without_resets(
             kept.append(node)
             continue
 
+        # `reset` is a constant here: the Where that clears the state chooses the state.
         condition = tensors[inputs[0]].values
         if condition is None or condition.size != 1:
             kept.append(node)

@@ -20,13 +20,18 @@ INFIX = {
     "Sub": "-",
     "Mul": "*",
     "Div": "/",
+    # a flag is 0 or 1, so the bitwise operator is their conjunction
     "And": "&",
     "Greater": ">",
     "GreaterOrEqual": ">=",
     "Less": "<",
 }
 SMALL = 2.0**22
-"""Numbers below it may be rounded by adding and taking away a large one."""
+"""Numbers below it may be rounded by adding and taking away a large one.
+
+The helper adds 1.5 * 2^23 (templates/maths.c). For these numbers the sum stays within 2^23 and
+2^24, where float32 holds whole numbers alone, so the addition itself rounds.
+"""
 CALLS = {"Abs": "fabs", "Sqrt": "sqrt", "Floor": "floor"}
 """Functions of C for double; those for float end in f."""
 

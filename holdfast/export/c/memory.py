@@ -25,12 +25,15 @@ SCRATCH = {
 }
 """The names of the scratch arrays."""
 Block = tuple[int, int]
-"""First number and size of free memory."""
+"""First number and size of free memory, both in numbers of its C type."""
 
 
 @dataclass(frozen=True)
 class Place:
-    """Memory of a tensor: its C type, the array it is in, and the first number there."""
+    """Memory of a tensor: its C type, the array it is in, and the first number there.
+
+    The C type may be smaller than that of the graph: whole numbers of a network have 16 bits.
+    """
 
     c_type: str
     array: str
@@ -44,7 +47,11 @@ class Place:
 class Memory:
     """The places of all tensors that a list of steps reads or makes.
 
-    types: of tensors that are kept as another type than the graph's. sizes: of the scratch arrays.
+    views: tensors that lie inside the memory of another one. types: of tensors that are kept as
+    another type than the graph's. outside: tensor -> array of the caller. kept: the node that joins
+    the next state after all steps, so that what it reads lives to the end.
+
+    sizes: numbers in each scratch array, by C type.
     """
 
     def __init__(
@@ -110,6 +117,7 @@ class Memory:
 
         for k, (start, size) in enumerate(blocks):
             if size >= n:
+                # A rest of size 0 stays in the list until the next release drops it.
                 blocks[k] = (start + n, size - n)
                 return Place(c_type, SCRATCH[c_type], start)
 

@@ -54,6 +54,7 @@ def write_concat(node: Node, writer: Writer) -> list[str]:
 def write_gather(node: Node, writer: Writer) -> list[str]:
     """Constant rows along one axis, by a table of places."""
     if writer.is_constant(node.inputs[0]):
+        # A constant table that is read at computed places goes number by number (loops.py).
         raise refusal(node, "a constant is chosen from")
 
     x = writer.name(node.inputs[0])
@@ -184,6 +185,7 @@ def write_reduction(node: Node, writer: Writer) -> list[str]:
         row = counted("j", inner, [take])
         lines += counted("k", n, row, first=0 if sums else 1)
 
+    # The loop above has added up squares: the root of each sum is taken once, at the end.
     if node.op_type == "ReduceL2":
         if graph.element(out) != DOUBLE:
             raise refusal(node, "it has no C form for its type")
@@ -215,4 +217,6 @@ def write_softmax(node: Node, writer: Writer) -> list[str]:
     x = writer.name(node.inputs[0])
     out = writer.name(node.outputs[0])
     n = writer.graph.shape(node.inputs[0])[-1]
+
+    # The helper uses the C form's own exponential, because libm's differs between systems.
     return [f"hf_softmax({x}, {out}, {n});"]

@@ -38,7 +38,10 @@ BY_NUMBER = frozenset(
 
 @dataclass(frozen=True)
 class View:
-    """A tensor that begins `offset` numbers into the memory of another one."""
+    """A tensor that begins `offset` numbers into the memory of another one.
+
+    base: the tensor that has the memory; it is never a view itself.
+    """
 
     base: str
     offset: int = 0
@@ -149,6 +152,7 @@ class Plan:
 
 def plan_of(graph: Graph, views: dict[str, View]) -> Plan:
     """Cut the graph at its features; what follows them is a function of them alone."""
+    # Nodes stand in the order in which they can run, so one pass over them is enough.
     behind = {FEATURES}
     sense = _Order(graph, views)
     answer = _Order(graph, views)

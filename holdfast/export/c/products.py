@@ -31,7 +31,11 @@ MOST_WRITTEN = 600
 
 @dataclass(frozen=True)
 class _Product:
-    """A product with a constant matrix [M, K]: C names of the computed input and the output."""
+    """A product with a constant matrix: C names of the computed input and the output.
+
+    matrix: [M, K] where the constant is on the left, [K, N] where it is on the right. c_type: of
+    the sums, double or float.
+    """
 
     matrix: Matrix
     x: str
@@ -47,6 +51,7 @@ def write_product(node: Node, writer: Writer) -> list[str]:
     left = graph.values(node.inputs[0])
     right = graph.values(node.inputs[1])
 
+    # Its type says that `Whole` has proved the sums exact, so no order of the terms is kept.
     if writer.memory.c_type(out) == "int32_t":
         assert right is not None
         return write_whole_product(node, right, writer)
@@ -110,6 +115,7 @@ def _long_row(product: _Product, row: int, columns: int) -> list[str]:
     c_type = product.c_type
     weights = product.matrix[row]
     places = np.flatnonzero(weights)
+    # Zeros at both ends are left out; those in between are terms of the loop that add nothing.
     first = int(places[0])
     end = int(places[-1]) + 1
     used = weights[first:end]
@@ -130,6 +136,7 @@ def _long_row(product: _Product, row: int, columns: int) -> list[str]:
         kept = []
         stop = min(columns, start + MOST_SUMS)
         for n in range(start, stop):
+            # The 2 stands for a loop of more than one pass: k is always written.
             place = index((columns, "k", 2), first=n)
             operand = f"{product.x}[{place}]"
             zeros.append(f"y{n} = 0")

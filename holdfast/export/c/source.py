@@ -23,6 +23,7 @@ from holdfast.export.c.graph import Graph
 from holdfast.export.c.literals import C_TYPES, number, smallest_type, table
 
 HAND_FILES = ("friction.c", "controller.c", "supervisor.c", "grip.c")
+"""Hand-written C of the grip, in this order in the source: what a file uses stands before it."""
 ABOUT = {
     "settled": "every sensor needed has a whole history",
     "unknown": "the samples cannot be trusted now: use none of the answers below",
@@ -35,13 +36,18 @@ ABOUT = {
 }
 """Output -> what the header says of it."""
 _SNIPPET = re.compile(r"^/\*\*\* (\w+) \*\*\*/\n", re.MULTILINE)
+"""The line in front of each helper of maths.c: it names the helper."""
 Words = Mapping[str, object]
 """What stands in a template between @ -> what replaces it."""
 
 
 @dataclass(frozen=True)
 class CSource:
-    """The text of every file by its name, and the memory of one hand, in bytes."""
+    """The text of every file by its name, and the memory of one hand, in bytes.
+
+    state_bytes: kept from sample to sample. table_bytes: constants, shared by all hands of a
+    program. stack_bytes: of one step, while it runs.
+    """
 
     files: dict[str, str]
     state_bytes: int
@@ -132,6 +138,7 @@ def _words(graph: Graph, compiled: StepCode) -> dict[str, object]:
     words: dict[str, object] = {
         "MODEL_ID": card.model_id,
         "DIGEST": graph.digest,
+        # A state carries the tag, so that a step refuses the state of another model.
         "TAG": f"0x{graph.digest[:8]}u",
         "SENSORS": n // 3,
         "CHANNELS": n,

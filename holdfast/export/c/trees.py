@@ -28,6 +28,7 @@ MOST_SHORT = 2**15
 class Forest:
     """Branches in the order of the trees, children by C's rule. starts: a tree's first branch.
 
+    threshold, feature [branches]. children [branches, 2]: left, then right.
     roots: where each tree begins: 0, or ~leaf for a tree that is one leaf. votes [leaves, K].
     """
 
@@ -49,6 +50,7 @@ class Forest:
 def read_forest(node: Node, n_classes: int) -> Forest:
     """The trees of a TreeEnsembleRegressor, which are checked already (edge_runtime)."""
     about: dict[str, Any] = dict(node.attributes)
+    # The modes are flags here, true for a branch (`decoded` in graph.py).
     branch = about["nodes_modes"]
     tree = about["nodes_treeids"]
 
@@ -104,6 +106,7 @@ def write_trees(node: Node, writer: Writer) -> list[str]:
     n_classes = writer.graph.shape(out)[1]
     forest = _padded(read_forest(node, n_classes))
     # bytes of a branch in C: a float, the feature, and two children of 16 or 32 bits
+    # Children count from the start of their tree, so 16 bits also serve large forests.
     kind, width = ("short", 12) if forest.is_short else ("long", 16)
 
     tables = writer.tables

@@ -35,6 +35,7 @@ TOGETHER = 4
 """Units whose sums are made at once: they share each input that is read."""
 INPUT_TYPE = "int16_t"
 SUM_TYPE = "int32_t"
+"""Holds every sum of such a product: all are proved to be below 2^24."""
 MOST_INPUT = 2**15 - 1
 """The largest magnitude that INPUT_TYPE holds with either sign."""
 
@@ -150,6 +151,7 @@ class Whole:
         if weights is None or not math.isfinite(most - least):
             return ANYTHING
 
+        # One bound serves all units: that of the unit with the largest weights.
         magnitudes = np.abs(weights).sum(axis=0)
         largest = float(max(-least, most) * magnitudes.max())
         return -largest, largest
@@ -187,6 +189,7 @@ _RULES: dict[str, Callable[[Whole, Node], Bounds]] = {
 def whole_types(graph: Graph, plan: Plan, whole: Whole) -> dict[str, str]:
     """C types of the tensors of products that are computed in integers: inputs and sums."""
     types: dict[str, str] = {}
+    # Networks stand behind the features, so only loops of the second half matter.
     in_loops: set[str] = set()
     for step in plan.answer:
         if step.shape is not None:
@@ -230,7 +233,10 @@ def _readers(graph: Graph) -> dict[str, list[Node]]:
 
 @dataclass(frozen=True)
 class _Units:
-    """Units that read the same inputs: C names of input, output and table, and places there."""
+    """Units that read the same inputs: C names of input, output and table, and places there.
+
+    first_input, width: the range of inputs. first_unit, count: the units, as in the output.
+    """
 
     x: str
     out: str
@@ -256,6 +262,7 @@ def write_whole_product(
     for number, ((first, last), same) in enumerate(groupby(ranges)):
         count = len(list(same))
 
+        # The matrix is [inputs, units]; its transpose lets each sum read the table in order.
         weights = np.zeros((count, last - first))
         within = matrix[first:last, unit : unit + count].T
         # the last range may end behind the last input: its weights there are 0
@@ -289,6 +296,7 @@ def _sums(units: _Units, begin: int, together: int) -> list[str]:
     if not passes:
         return []
 
+    # A table has one row a unit, row behind row: unit n of a pass begins n widths further on.
     width = units.width
     along = (1, "k", width)
     value = f"{units.x}[{index(along, first=units.first_input)}]"
