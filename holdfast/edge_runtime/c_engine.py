@@ -54,9 +54,13 @@ class CompiledModel:
     def __init__(self, path: str | Path, library: str | Path | None = None) -> None:
         data = read_sealed(path)
         self.card, golden, onnx = read_model(data, path)
+
         where = Path(library) if library else default_folder(path) / LIBRARY
         self._library = _loaded(where)
         self._out_type = _out_type(onnx)
+
+        # The seal is compared before the library computes anything, so that another model never
+        # answers.
         self._require_same_model(onnx.metadata[SEAL_KEY], where)
         try:
             check_golden(golden, self._golden_answers(list(golden)))

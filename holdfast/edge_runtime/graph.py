@@ -135,6 +135,8 @@ class StepGraph:
     def _bind(self, turn: int) -> ort.IOBinding:
         """Inputs and outputs of one of the two turns, bound once to fixed memory."""
         binding = self._session.io_binding()
+
+        # The file names the state twice, as an input and as an output: one buffer for each.
         inputs = {**self._inputs, "state": self._states[turn]}
         outputs = {**self.out, "state_out": self._states[1 - turn]}
         for name, array in inputs.items():
@@ -240,6 +242,7 @@ class _KeptRows:
         here = slice(self._starts[t], self._starts[t + 1])
         if here.start == here.stop:
             return
+
         hands = self._position[here]
         for name, array in self._out.items():
             # with mode="clip" numpy writes into `out` without a buffer of its own
@@ -266,6 +269,7 @@ def _pad(
     longest = max(len(values[index]) for index in batch)
     n_channels = values[batch[0]].shape[1]
     n_sensors = valid[batch[0]].shape[1]
+
     stacked = np.zeros((longest, len(batch), n_channels))
     stacked_valid = np.zeros((longest, len(batch), n_sensors), dtype=np.bool_)
     for position, index in enumerate(batch):

@@ -25,11 +25,13 @@ from holdfast.edge_runtime.model_file import ModelCard, votes_in_all
 SILENT_STEPS = 10_000
 """So long a silence shows a filter that decays into subnormal numbers, or a leak."""
 WARM_STEPS = 500
+"""Steps before memory is measured, in which caches fill."""
 MOST_GROWTH_KB = 1024
 """Python's allocator takes a few pages. A leak of one buffer a step would take 100 times more."""
 STATM = Path("/proc/self/statm")
 """Memory of this process, in pages; its second number is the resident part."""
 PAGE_KB = 4
+"""Size of a page, kB: that of x86 and of most Arm systems."""
 BATCH = (1.0, 0.5, 2.0, -1.0)
 """Factors: each recording of the batch is the golden input times one of these."""
 EVIL = (np.nan, np.inf, -np.inf, 1e30, -1e30)
@@ -147,6 +149,7 @@ def check_reset(model: Model) -> Iterator[CheckResult]:
 
     # something else in between, which a reset must forget
     _outputs_and_states(graph, -3.0 * values, ~valid)
+
     graph.reset()
     different = _different(first, _outputs_and_states(graph, values, valid))
     figure = f"{len(values)} rows again: {_verdict(different, 'the same bits')}"
@@ -160,9 +163,11 @@ def check_answers(model: Model) -> Iterator[CheckResult]:
     answers = run_recording(model.session, values, valid, _output_names(model))
 
     wrong = _impossible_votes(card, answers) | _impossible_shares(card, answers)
+
     labels = np.arange(len(SITUATIONS))
     if not np.isin(answers["situation"], labels).all():
         wrong.add("situation")
+
     sensors = answers["usable_sensors"]
     possible = (sensors >= 0) & (sensors <= card.n_channels // 3)
     if not possible.all():
@@ -272,5 +277,6 @@ def _resident_kb() -> int:
     """Memory of this process; 0 where the system does not report it."""
     if not STATM.exists():
         return 0
+
     pages = STATM.read_text(encoding="ascii").split()
     return int(pages[1]) * PAGE_KB

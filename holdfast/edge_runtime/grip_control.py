@@ -84,6 +84,7 @@ class FrictionMargin:
         firm = (sense.grip_n > FIRM_N) & sense.known
         both_sides_n = 2.0 * batch.most(sense.grip_n, FIRM_N)
         ratio = batch.choose(firm, load_n / both_sides_n, 0.0)
+
         self._take_slide(sense, ratio)
         self._take_quiet(sense, ratio, firm)
         self._forget(sense)
@@ -95,6 +96,7 @@ class FrictionMargin:
         self.mu_hat = batch.choose(sure, lower, 0.0)
         self.needed_n = batch.choose(sure, SPARE * slides_n, 0.0)
         self.holds_n = batch.choose(sure, self.needed_n, slides_n)
+
         used = slides_n / batch.most(sense.grip_n, FIRM_N)
         self.margin = batch.choose(sure & firm, 1.0 - used, 0.0)
 
@@ -110,6 +112,8 @@ class FrictionMargin:
             low = batch.least(low, earlier)
             high = batch.most(high, earlier)
 
+        # While the object slides the ratio is the friction coefficient, whatever the load is
+        # (Coulomb).
         still = high - low < STEADY * high
         # the least of the row, so that noise does not raise the estimate
         slid = batch.most(self._slid, low)
@@ -230,6 +234,7 @@ class GripControl:
                 f"{forces.size // 3} fingers, the grip controller was made for {fingers}",
                 next_step="use a model made for this hand",
             )
+
         target_n = self._loop.step(sense_of(prediction, forces, valid))
         return self._command(prediction, target_n)
 

@@ -200,6 +200,7 @@ def _outputs_of(model: OnnxModel, card: ModelCard) -> dict[str, TensorSpec]:
     n_features = -1
     if len(features) == 2 and isinstance(features[1], int):
         n_features = features[1]
+
     n_classes = len(card.classes)
     wanted = {
         "settled": TensorSpec(BOOL, ("B",)),
@@ -339,6 +340,7 @@ def _agree(expected: npt.NDArray[Any], got: npt.NDArray[Any]) -> bool:
     """Whether two arrays are equal, floats within their tolerance. NaN equals nothing."""
     if expected.shape != got.shape:
         return False
+
     tolerance = TOLERANCE.get(expected.dtype, 0.0)
     if not tolerance:
         return bool(np.array_equal(expected, got))

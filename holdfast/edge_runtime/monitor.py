@@ -101,7 +101,11 @@ class GripMonitor:
         counter.) opening, override, commands: what the wearer commands now.
         """
         self._require_shape(sample)
+
         self._fed_ns = time.perf_counter_ns()
+
+        # The same sample twice must not count twice: two risky samples in a row are a request to
+        # act.
         stamp = (sample.t_ns, sample.sequence)
         repeated = stamp == (self._last_t_ns, self._last_sequence)
         if not repeated:

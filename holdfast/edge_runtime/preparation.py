@@ -59,6 +59,7 @@ class Preparation:
     def _sign(self, raw: FloatArray) -> FloatArray:
         """[C] -1 for the channels of a reversed magnet, by its first finite reading."""
         sign = np.ones(raw.shape[1])
+
         first = raw[: max(1, self.bias_rows)]
         for normal in range(NORMAL_AXIS, raw.shape[1], 3):
             finite = _finite(first[:, normal])

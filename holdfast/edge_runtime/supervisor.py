@@ -38,8 +38,10 @@ if TYPE_CHECKING:
 
 Mode = Literal["idle", "hold", "tighten", "relax", "yield"]
 MODES: tuple[Mode, ...] = ("idle", "hold", "tighten", "relax", "yield")
+"""Modes by index, as the supervisor of many hands keeps them in arrays of numbers."""
 IDLE, HOLD, TIGHTEN, RELAX, YIELD = range(5)
 EXPIRES_MS = 300
+"""For so long a command is valid; a hand without a later one holds its grip."""
 
 
 class GripCommand(NamedTuple):
@@ -127,8 +129,11 @@ class Supervisor:
         unknown = batch.no(sense.known)
         # an empty hand counts only where it is known to be empty
         ends = sense.opening | sense.overridden | (sense.known & sense.empty)
+
         self._pass_time(sense.known, fresh)
         target_n = self._given_back(self._followed(wanted_n), holds_n)
+
+        # In an unknown state the samples are no reason to tighten or to relax, so the target stays.
         target_n = batch.choose(unknown, self.given_n, target_n)
 
         # last, so that the wearer wins over everything above
@@ -159,6 +164,8 @@ class Supervisor:
         limits = self.limits
         is_fresh = self.since_s < limits.rise_s
         may_rise = is_fresh & (self.risen_s < limits.most_rise_s)
+
+        # Without fresh evidence the target may still fall, and only rising is barred.
         capped_n = batch.least(wanted_n, limits.ceiling_n)
         lower_n = batch.least(capped_n, self.given_n)
         return batch.choose(may_rise, capped_n, lower_n)
@@ -168,6 +175,8 @@ class Supervisor:
         batch = self._batch
         limits = self.limits
         less_n = target_n - limits.give_back_n_s * self._period_s
+
+        # The grip that holds the load may be above the target: giving back must never tighten.
         floor_n = batch.least(holds_n, target_n)
         relaxed_n = batch.most(batch.most(less_n, floor_n), 0.0)
         stale = self.since_s >= limits.give_back_s
@@ -178,6 +187,7 @@ class Supervisor:
         batch = self._batch
         before_n = self.given_n
         none = batch.choose(before_n > 0.0, YIELD, IDLE)
+
         mode = batch.choose(target_n < before_n, RELAX, HOLD)
         mode = batch.choose(target_n > before_n, TIGHTEN, mode)
         mode = batch.choose(target_n <= 0.0, none, mode)

@@ -30,14 +30,17 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
 VERSION = "v3.0"
+"""Of the format, as meta/info.json names it."""
 CHUNK_FILES, DATA_MB, VIDEO_MB = 1000, 100, 200
 """lerobot's own defaults; a set of ours stays in one file."""
 DATA_PATH = "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
 QUANTILES = {"q01": 0.01, "q10": 0.10, "q50": 0.50, "q90": 0.90, "q99": 0.99}
+"""Statistics that lerobot keeps of each feature, by its names."""
 TACTILE = "observation.tactile"
 VALID = "observation.tactile_valid"
 TIME = "observation.time_s"
 SITUATION = "situation"
+"""Columns of a frame: the names that start with `observation.` are lerobot's convention."""
 Columns = dict[str, "npt.NDArray[Any]"]
 
 
@@ -45,6 +48,7 @@ def write_trials(trials: Sequence[TrialPayload], folder: Path) -> None:
     """The whole set. Raises RateError or ChannelError where trials differ."""
     rate_hz = common_rate([trial.recording for trial in trials])
     fps = round(rate_hz)
+
     tasks: list[str] = []
     episodes = []
     parts = []
@@ -58,14 +62,18 @@ def write_trials(trials: Sequence[TrialPayload], folder: Path) -> None:
         episodes.append(_episode(trial, number, first, columns))
         first += len(trial.t_s)
 
+    # One table for the whole set: a set of ours stays below the size at which lerobot starts a new
+    # file.
     joined = {}
     for key in parts[0]:
         joined[key] = np.concatenate([columns[key] for columns in parts])
+
     path = DATA_PATH.format(chunk_index=0, file_index=0)
     write_columns(folder / path, joined)
 
     # The table of episodes has the same chunks and files as the data.
     write_rows(folder / path.replace("data/", "meta/episodes/", 1), episodes)
+
     _write_tasks(folder, tasks)
     stats = {key: _stats(values) for key, values in joined.items()}
     _write_json(folder / "meta/stats.json", stats)
@@ -111,6 +119,7 @@ def _features(n_sensors: int) -> Json:
         SITUATION: {"dtype": "int64", **scalar},
         "timestamp": {"dtype": "float32", **scalar},
     }
+
     for key in ("frame_index", "episode_index", "index", "task_index"):
         features[key] = {"dtype": "int64", **scalar}
     return features
@@ -131,6 +140,9 @@ def _episode(trial: TrialPayload, number: int, first: int, columns: Columns) -> 
         "meta/episodes/file_index": 0,
         "holdfast": json.dumps(trial.about),
     }
+
+    # An episode carries its own statistics, so that a reader can join sets without reading the
+    # data.
     for key, values in columns.items():
         for name, figures in _stats(values).items():
             episode[f"stats/{key}/{name}"] = figures
@@ -161,6 +173,7 @@ def _stats(values: npt.NDArray[Any]) -> dict[str, list[float]]:
 def _info(trials: Sequence[TrialPayload], rate_hz: float, n_tasks: int) -> Json:
     """The content of meta/info.json; what stands under `holdfast` is ours."""
     n_frames = sum(len(trial.t_s) for trial in trials)
+
     first = trials[0]
     ours = {
         "unit": first.unit,

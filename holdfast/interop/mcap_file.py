@@ -90,6 +90,8 @@ def arrows(
 ) -> tuple[FloatArray, FloatArray]:
     """(length [S] in m, quaternion [S, 4]) of the arrows of a sample, values [C] all finite."""
     by_sensor = values.reshape(-1, 3)
+
+    # Each pad has axes of its own, so its reading is turned into the axes of the view.
     vectors = np.einsum("sij,sj->si", where.turned, by_sensor)
     size = np.linalg.norm(vectors, axis=1, keepdims=True)
 
@@ -120,9 +122,13 @@ UPRIGHT = Quaternion(w=1.0)
 ABOVE = Pose(position=Vector3(z=0.08), orientation=UPRIGHT)
 """Where the text stands: 8 cm above the middle of the object."""
 PAD_SIZE = Vector3(x=0.012, y=0.012, z=0.012)
+"""Diameter of a pad on all three axes, m: 12 mm."""
 SHAFT_M = 0.004
+"""Diameter of an arrow's shaft, m; its head is twice as wide."""
 HEAD_M = 0.008
+"""Length of an arrow's head, m."""
 TEXT_M = 0.012
+"""Height of the text, m."""
 PAD = Color(r=0.55, g=0.58, b=0.62, a=0.9)
 LOST = Color(r=0.1, g=0.1, b=0.1, a=0.3)
 ARROW = Color(r=0.13, g=0.35, b=0.6, a=1.0)
@@ -188,6 +194,7 @@ class _Topics:
         if topic not in self._channels:
             # Foxglove names a JSON schema by its title.
             text = json.dumps({"title": schema, **SCHEMAS[schema]})
+
             number = self.writer.register_schema(schema, "jsonschema", text.encode())
             self._register(topic, "json", number)
         # allow_nan=False: the browser's JSON parser refuses a bare NaN.
@@ -236,6 +243,7 @@ def _write(topics: _Topics, trial: TrialPayload) -> None:
     where = pads(trial.n_sensors)
     for row, name in enumerate(trial.situations()):
         t_ns = stamps[row]
+
         entity = _hand(trial, row, t_ns, where)
         entity.texts.append(_text(name))
         topics.proto("/tactile/arrows", t_ns, SceneUpdate(entities=[entity]))
@@ -246,6 +254,7 @@ def _write(topics: _Topics, trial: TrialPayload) -> None:
 def _fingers(trial: TrialPayload, row: int) -> list[Json]:
     """The readings of a sample; JSON has no nan, so a lost value is None."""
     fingers: list[Json] = []
+
     readings = trial.values[row].reshape(-1, len(AXES)).tolist()
     are_valid = trial.valid[row].tolist()
 
@@ -285,6 +294,7 @@ def _arrow(at: Any, length_m: float, turn: list[float]) -> Any:
     x, y, z, w = turn
     # A short arrow is all head, so that its length still shows the force.
     head_m = min(HEAD_M, length_m)
+
     pose = Pose(position=at, orientation=Quaternion(x=x, y=y, z=z, w=w))
     return ArrowPrimitive(
         pose=pose,

@@ -34,8 +34,11 @@ from holdfast.training.recording import Recording
 from holdfast.training.windows import TimedTrial
 
 UNLABELLED = "unlabelled"
+"""The name of a row without a label, in formats that store names."""
 NO_LABEL = -1
+"""The number of a row without a label, in formats that store numbers."""
 START_KEY = "started_utc"
+"""In a recorder's meta.json: the start of the trial, to the second."""
 
 
 @dataclass(frozen=True)
@@ -98,6 +101,7 @@ class TrialPayload:
     def phases(self) -> list[tuple[int, int, str]]:
         """(first row, row after the last, situation) of runs of equal labels, in their order."""
         names = self.situations()
+
         changes = np.flatnonzero(np.diff(self.label)) + 1
         starts = [0, *changes.tolist()]
         stops = [*changes.tolist(), len(names)]
@@ -130,9 +134,12 @@ def read_payloads(
             cause="a public set, a level too high or too low, or an empty copy",
             next_step="give a folder that holdfast check reads",
         )
+
+    # Names are compared before a trial is read, so that choosing a few of many trials is quick.
     readers: dict[str, TrialReader] = {}
     for reader in reader_of(layout).readers(root):
         readers[_name(reader.place.path, root)] = reader
+
     chosen = [readers[name] for name in readers if fnmatch(name, only)]
     if not chosen:
         names = ", ".join(list(readers)[:3])
@@ -155,6 +162,7 @@ def _name(path: Path, root: Path) -> str:
 
 def _payload(path: Path, timed: TimedTrial, raw: bool) -> TrialPayload:
     """The payload of a trial that was read. raw: values as recorded."""
+    # Read again, since a reader gives prepared samples, and `raw` wants those of the file.
     trial = read_trial(path)
     recording = timed.recording
     label = np.full(len(trial.t_s), NO_LABEL, dtype=np.int8)

@@ -45,6 +45,7 @@ NS = 1_000_000_000
 def write_trials(trials: Iterable[TrialPayload], folder: Path) -> None:
     """One bag for each trial below a folder."""
     for trial in trials:
+        # The writer makes the bag's own folder and refuses one that is there.
         place = folder / trial.name
         place.parent.mkdir(parents=True, exist_ok=True)
         with Writer(place, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
@@ -73,6 +74,7 @@ class _Bag:
         if topic not in self._connections:
             made = self._writer.add_connection(topic, kind, typestore=self._store)
             self._connections[topic] = made
+
         data = self._store.serialize_cdr(message, kind)
         self._writer.write(self._connections[topic], t_ns, data)
 
@@ -91,6 +93,7 @@ def _write(bag: _Bag, trial: TrialPayload) -> None:
     """All messages of a trial, topic by topic; a bag is read by the stamps of its messages."""
     stamps = trial.t_ns.tolist()
     bag.text("/holdfast/about", stamps[0], json.dumps(trial.about))
+
     for first, _, name in trial.phases():
         bag.text("/holdfast/situation", stamps[first], name)
     for line in log_lines(trial):

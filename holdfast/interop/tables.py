@@ -88,6 +88,8 @@ def _column(values: Any) -> Any:
     array = np.asarray(values)
     if array.ndim == 1:
         return pa.array(array)
+
+    # A list of fixed length stores no offsets, and readers see its length in the type.
     cells = pa.array(array.reshape(-1))
     return pa.FixedSizeListArray.from_arrays(cells, array.shape[1])
 

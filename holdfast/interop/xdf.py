@@ -50,7 +50,9 @@ with needs_extra("xdf"):
     import pyxdf
 
 BEGIN, END = "begin ", "end"
+"""Markers that begin and end a trial."""
 PROVENANCE = "marker"
+"""What the truth file says of where a phase comes from."""
 
 
 @dataclass(frozen=True)
@@ -103,6 +105,7 @@ def read_xdf(
     values = np.asarray(chosen.rows, dtype=np.float64)
     # The sender may list its channels in any order; the labels say which is which.
     values = values[:, order_of(facts.labels, where)]
+
     if unit is None:
         options = " or --unit ".join(UNITS)
         unit = unit_of(facts.units, where, f"--unit {options}")
@@ -153,6 +156,7 @@ def _stream(info: Any, stream: Any) -> _Stream:
     if len(channels) != n_channels:
         # A list of another length cannot say which name belongs to which channel.
         channels = [{}] * n_channels
+
     labels = [_text(channel, "label") for channel in channels]
     units = [_text(channel, "unit") for channel in channels]
 
@@ -163,6 +167,7 @@ def _stream(info: Any, stream: Any) -> _Stream:
         tuple(labels),
         tuple(units),
     )
+
     t_s = np.asarray(stream["time_stamps"], dtype=np.float64)
     return _Stream(facts, t_s, stream["time_series"])
 
@@ -243,6 +248,7 @@ def _folder(text: str, where: Path) -> str:
     name, _, action = text.rpartition("/")
     # The text comes from outside and becomes a path: no dots, no separators.
     plain = name.replace("-", "").replace("_", "")
+
     is_name = plain.isascii() and plain.isalnum()
     is_place = is_name and action in FOLDERS
 
@@ -270,6 +276,7 @@ def write_trials(
     for cut, (text, t0_s, t1_s) in zip(found, tables, strict=True):
         path = _next_trial(person / cut.folder)
         write_whole(path, text)
+
         phases = _phases(markers, t0_s, t1_s)
         # Without a marker the script of the action labels the trial, as for every other trial.
         if phases:
@@ -295,6 +302,8 @@ def _table(stream: TactileStream, cut: Cut) -> tuple[str, float, float]:
     # A trial counts from its first sample; the stamps of a recorder count from its start.
     t_s = stamps - stamps[0]
     values = stream.values[inside]
+
+    # A sample that is missing leaves a gap in `sequence`, which readers take as a lost sample.
     names = [TIME_COLUMN, *channel_names(values.shape[1] // 3), "sequence"]
     table = np.column_stack([t_s, values, places_by_time(t_s)])
 
@@ -330,6 +339,7 @@ def _require_time(stamps: FloatArray, where: str) -> None:
 
 def _require_unit(meta: Path, stream: TactileStream) -> None:
     """Write the unit into the set's meta.json, or require that it is the one there."""
+    # A set has one unit: trials in another would be read as forces of another size.
     there = read_json(meta)
     if "unit" not in there:
         described = {"unit": stream.unit} | there
@@ -353,6 +363,7 @@ def _next_trial(folder: Path) -> Path:
 
 def _phases(markers: list[Marker], t0_s: float, t1_s: float) -> list[Json]:
     """Phases in s from the first sample, from the markers that are situations."""
+    # From the last marker to the first, because each phase ends where the next one begins.
     phases: list[Json] = []
     # The last phase ends just after the last sample, so that this sample is part of it.
     stop_s = t1_s + 1e-6

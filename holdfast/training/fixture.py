@@ -42,11 +42,17 @@ FIXTURE_OBJECTS = (
     "full-bottle",
 )
 N_SENSORS = 6
+"""3-axis sensors, hence 18 channels, as the thesis' hand has."""
 UPSIDE_DOWN = (1, 4)
+"""Sensors, counted from 0, whose magnet is reversed: their three axes have the other sign."""
 NOISE_N = 0.02
+"""Standard deviation of a channel's noise, N."""
 EMPTY_HAND_S = 20.0
+"""Length of the recording of the hand alone."""
 TAIL_S = 2.5
+"""What a trial lasts after its action."""
 NEWTON_PER_GRAM = 9.81e-3
+"""Weight of a gram, N."""
 
 
 class _Scene:
@@ -72,6 +78,7 @@ class _Scene:
 
     def ramp(self, start_s: float, lasts_s: float) -> FloatArray:
         """[T] from 0 to 1, smooth at both ends."""
+        # Smoothstep: its slope is zero at both ends, so that a ramp adds no edge of its own.
         u = np.clip((self.t_s - start_s) / lasts_s, 0.0, 1.0)
         return u * u * (3.0 - 2.0 * u)
 
@@ -159,6 +166,7 @@ def write_fixture(
 
     empty = _Scene(rng, EMPTY_HAND_S, rate_hz)
     _write(folder / "nothing" / "trial_1.csv", empty, hand)
+
     meta = {
         "kind": KIND,
         "unit": "N",
@@ -176,6 +184,8 @@ def _trial(name: str, action: str, rng: np.random.Generator, rate_hz: float) -> 
     in_steps = is_put_down or (name, action) == ("full-bottle", "pass")
     acts_until_s = 10.5 if in_steps else 7.5
     scene = _Scene(rng, acts_until_s + TAIL_S, rate_hz)
+
+    # The load is shared by all sensors.
     weight_n = MASSES_G[name] * NEWTON_PER_GRAM / N_SENSORS
     act_s = scene.some(6.8, 7.5)
     # What is to fall rests on something until it is let go.
@@ -223,6 +233,7 @@ def _set_down(scene: _Scene, start_s: float, *, quickly: bool) -> None:
     lasts_s = scene.some(0.1, 0.3) if quickly else scene.some(0.5, 1.0)
     scene.marks.append((start_s, situation_of("put-down")))
     scene.marks.append((start_s + lasts_s + 0.3, GRASP))
+
     scene.load_n *= 1.0 - 0.9 * scene.ramp(start_s, lasts_s)
     force_n = scene.some(0.15, 0.5) if quickly else scene.some(0.05, 0.2)
     scene.shake(start_s, 0.1, force_n)

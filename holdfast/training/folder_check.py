@@ -38,10 +38,14 @@ from holdfast.training.windows import TimedTrial
 
 Level = Literal["error", "training", "advice"]
 OF_THE_SET = "labels of the set"
+"""What the labels of a public set come from."""
 SCRIPT = "script"
+"""How the source of labels begins where they follow the script."""
 LAYOUT = "<person>/<object>/<action>/trial_1.csv"
 SLIPS = {"safe_slip": VOLUNTARY_ACTIONS, "risky_slip": RISKY_ACTIONS}
+"""The actions that lead to each slip, the first of which is advised."""
 PHASES = '{"phases": [{"t0_s": 2.1, "t1_s": 6.4, "label": "grasp"}, ..]}'
+"""An example of a truth file, for the advice."""
 LIGHT, HEAVY = f"under {LIGHT_BELOW_G:g} g", f"of {LIGHT_BELOW_G:g} g or more"
 CellName = tuple[str | None, str | None, str | None]
 """Person, object, action."""

@@ -12,7 +12,9 @@ from holdfast.training.folder_check import Cell, FolderReport, Missing
 HEADS = ("person", "object", "action", "trials", "Hz", "unit", "mass, g", "labels by")
 CLASS_HEADS = ("situation", "light, s", "heavy, s")
 FORMATS = {"thesis": "folders of CSV trials", "recorded": "folders of holdfast record"}
+"""Layouts in words; any other is a public set."""
 NUMBER = re.compile(r"[0-9.]+")
+"""Left out where faults are compared."""
 HAND_ALONE = "hand alone"
 LEVELS = {"error": "ERROR", "training": "FOR TRAINING", "advice": "ADVICE"}
 

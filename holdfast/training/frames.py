@@ -42,8 +42,11 @@ if TYPE_CHECKING:
     import pandas as pd
 
 LABEL = "label"
+"""The column of situations, where a frame has one."""
 NAME = "<person>/<object>/<action>/<name>"
+"""How a frame is named; the person may be left out."""
 NO_LABEL = -1
+"""The code of a row without a situation."""
 
 
 def recordings_from_frames(

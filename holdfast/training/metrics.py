@@ -34,7 +34,9 @@ from holdfast.training.figures import (
 from holdfast.training.recording import DataSet
 
 N_DRAWS = 1000
+"""Draws of groups for an interval."""
 INTERVAL_PERCENT = (2.5, 97.5)
+"""Percentiles of the draws that bound a 95 % interval."""
 Labels = npt.NDArray[np.integer[Any]]
 
 

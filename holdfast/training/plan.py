@@ -71,6 +71,7 @@ class ForestPlan:
 
 
 TWO_SAMPLES = DecisionRules()
+"""The thesis' rule: two risky samples in a row, of any confidence."""
 HIGH_CONFIDENCE: dict[LearnerKind, DecisionRules] = {
     "forest": DecisionRules(act_samples=1, min_risky_permille=600),
     "network": DecisionRules(act_samples=1, min_risky_permille=860),
@@ -84,7 +85,9 @@ UNTUNED = ForestPlan(kind="random", class_weight=None)
 
 
 SITUATION_NETWORK = NetworkPlan()
+"""For the situations: the parameters above."""
 PREDICTION_NETWORK = NetworkPlan(alpha=10.0, epochs=10, rate=1e-3, balance=0.5)
+"""For the 0.25 s prediction: more regularised, trained longer, classes half balanced."""
 
 
 HAND_NETWORK = NetworkPlan(hidden=(64,), balance=1.0)

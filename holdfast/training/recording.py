@@ -234,6 +234,7 @@ def leaky_folds(n_rows: int, n_folds: int, *, seed: int = 0) -> list[Fold]:
 
 HoldOut = Literal["person", "object", "trial"]
 NO_OBJECT = "-"
+"""The object of a recording of the hand alone, where a name is needed."""
 
 
 def grouped(recordings: Sequence[Recording]) -> tuple[list[Recording], HoldOut]:

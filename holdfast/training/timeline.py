@@ -39,6 +39,7 @@ from holdfast.core.trial_layout import (
 UNSCRIPTED = ("hold", "daily")
 """Actions whose labels come only from the truth file of a trial."""
 ACTION_S = 7.0
+"""When the thesis' script starts the action, from the first row."""
 HOLD_AGAIN_S = 2.0
 """After the action's start: a put-down holds again in its last second before the release.
 

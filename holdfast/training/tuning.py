@@ -20,7 +20,9 @@ from holdfast.training.recording import grouped_folds
 WEIGHT_FACTORS = np.exp(np.linspace(-1.2, 1.2, 13)).tolist()
 """What a weight is multiplied by in a round of the search."""
 ROUNDS = 2
+"""Passes over all weights: the best value of one depends on the others."""
 DIGITS = 4
+"""Of a weight in the file."""
 NETWORK_FACTORS = ((1.0, 1), (0.1, 1), (10.0, 1), (1.0, 2))
 """On a plan's alpha and epochs; the first is the plan itself, which wins a tie."""
 LabelWeights = tuple[float, ...]
@@ -43,6 +45,7 @@ def fit_label_weights(votes: IntArray, situation: IntArray) -> LabelWeights:
                 candidate = weights.copy()
                 candidate[k] *= factor
                 candidates.append(candidate)
+
                 score = _macro_f1(shares * candidate, situation, present)
                 scores.append(score)
 
@@ -120,6 +123,8 @@ def choose_network(
 def _mean_precision(shares: FloatArray, label: IntArray) -> float:
     """Mean over the classes; of two classes, that of the second."""
     classes = np.unique(label)
+
+    # The two shares add up to 1, so the first class would give the same ranking from its other end.
     if shares.shape[1] == 2:
         classes = classes[-1:]
 

@@ -55,14 +55,19 @@ if TYPE_CHECKING:
 Choice = Literal["balanced", "thesis", "natural", "none"]
 """Which windows of a set in the thesis' layout are taken; none for its recordings alone."""
 EDGE_S = WINDOW_S
+"""How far a phase claims critical points beyond its edges, one window."""
 STEADY_MARGIN_S = 0.3
 """A steady window keeps this far from the end of its phase and from every critical point."""
 EMPTY_HAND_EVERY_S = 0.5
+"""Between two windows of a recording without an object."""
 SLIP_EVERY_S = 0.02
+"""Between two windows inside a slip."""
 MOST_OF_A_SLIP = 12
+"""At most so many windows of one slip, however long it lasts."""
 DENSE_EVERY_S = {NOTHING: 0.5, GRASP: 0.1, SAFE_SLIP: 0.02, RISKY_SLIP: 0.0}
 """Between two dense windows of a situation; 0 takes every sample."""
 STRATA = ["object", "action", "source"]
+"""What undersampling keeps as even as it can within a class."""
 COLUMNS = ["trial", "row", "label", *STRATA]
 
 

@@ -39,8 +39,11 @@ from holdfast.training.recording import (
 from holdfast.training.windows import Choice
 
 PUBLIC_SETS = ("human_slip_uskin", "eflesh_slip", "proactive_slip_uskin")
+"""Sets that `load` finds by name in the data folder."""
 LAYOUTS = ("recorded", "thesis")
+"""Layouts of folders that users fill with trials of their own."""
 FOLDER_VARIABLE = "HOLDFAST_DATA"
+"""The environment variable that names the data folder."""
 BESIDE_THE_CHECKOUT = Path(__file__).resolve().parents[4] / "shared" / "data"
 
 

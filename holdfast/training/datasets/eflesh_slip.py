@@ -36,11 +36,14 @@ RATE_HZ = 100.0
 """Nominal: the collection loop sleeps to 10 ms, no time stamps are stored."""
 PREPARATION = Preparation(bias_rows=50, statistic="median")
 SIX_MAGNETOMETERS = (0, 2, 4, 5, 7, 9)
+"""The 18-channel case, counted from 0, of the set's ten magnetometers."""
 TRIAL_ROWS, WINDOW_ROWS = 300, 6
+"""Rows of each trial, 3 s, and of a window."""
 LAST_SECOND = slice(TRIAL_ROWS - 100, TRIAL_ROWS)
 BLOCK_TRIALS = 6
 """Object ids are not published; neighbouring trials are likely of one object and stay together."""
 DEPARTURE_UT, DEPARTURE_ROWS = 100.0, 10
+"""Distance from the baseline, uT, and for how many rows."""
 CAVEAT = (
     "Tug against steady hold, one label a trial and no onset; an easy set: one threshold on the "
     "amplitude is right in 0.993 of the trials, so a forest cannot show an advantage here."

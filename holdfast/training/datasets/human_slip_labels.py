@@ -32,10 +32,15 @@ from holdfast.training.datasets.public_files import UNLABELLED, TrialRows
 from holdfast.training.timeline import Phase, Phases, RiskyEvent, RiskyEvents
 
 BIAS_ROWS = 60
+"""Rows of the tare at the start of a trial, about one second."""
 CONTACT_N = 1.0
+"""Sum of all normal forces from which the hand touches, N."""
 SAFE_DEG = 5.0
+"""Rotation from which the object slips."""
 RISKY_DEG = 15.0
+"""Rotation from which the slip is risky."""
 WINDOW_ROWS = 6
+"""0.10 s at the set's 58.9 Hz."""
 SITUATION_STEP_ROWS = 6
 PREDICTION_STEP_ROWS = 3
 AROUND_MOVE_ROWS = 60

@@ -45,6 +45,7 @@ COLUMNS = (
 )
 """Of trials.csv; others are ignored."""
 N_TAXELS = 16
+"""3-axis taxels of the set's uSkin, hence 48 channels."""
 SIX_TAXELS = (5, 9, 10, 11, 12, 13)
 """The 18-channel case, counted from 1 as the set's own column names do."""
 CAVEAT = (

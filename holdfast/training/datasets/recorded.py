@@ -40,7 +40,9 @@ from holdfast.training.timeline import Phases, RiskyEvents, read_events, read_tr
 from holdfast.training.windows import Choice, TimedTrial
 
 KEPT = "kept"
+"""The state of a trial that was finished and not done again."""
 EXACT = ("scene", "camera")
+"""Provenances of phases that are known to the moment."""
 CAVEAT = (
     "Phases come from keys, a camera, a scene or a rule, as tactile.truth.json says of each: a "
     "pressed key is late by a human's reaction. Light and heavy differ only by object."

@@ -20,10 +20,13 @@ from holdfast.training.timeline import UNSCRIPTED
 from holdfast.training.windows import TimedTrial
 
 EMPTY_HAND = "nothing"
+"""The name of the folder or file of the hand alone."""
 FOLDERS = tuple(dict.fromkeys((*SITUATION_OF_ACTION, *UNSCRIPTED)))
 """The actions that a folder can be named after."""
 TRIAL_NAME = re.compile(r"trial_(\d+)\.csv")
+"""The file of a trial, and its number."""
 KEYS_OF_A_SET = {"unit", "kind"}
+"""A meta.json with one of these describes a set of its own."""
 Fault = Callable[[DataError], None]
 """What a reader does with a trial or folder that it cannot use."""
 
@@ -172,6 +175,7 @@ def _numbered(folder: Path) -> list[Path]:
         match = TRIAL_NAME.fullmatch(path.name)
         if match:
             numbers[path] = int(match[1])
+
     return sorted(numbers, key=lambda path: (numbers[path], path))
 
 
