@@ -228,6 +228,7 @@ def _hard_rows(correction: Correction | None, rows: FloatRows) -> FloatRows:
         return edges
 
     # of the correction's inputs, the first n are the features
+    # Magnitudes and votes follow from the features, so only features can be moved to a step.
     inputs = correction.network.inputs
     features = Inputs(inputs.knee[:n], inputs.gain[:n], inputs.offset[:n])
     return np.concatenate([edges, step_rows(features, rows, 0)])

@@ -268,6 +268,7 @@ def _read_forest(path: Path) -> Forest:
             next_step="train again",
         ) from None
 
+    # The types that are allowed make up other estimators too, which have no trees to vote.
     if not isinstance(forest, FOREST_KINDS):
         raise ArtifactError(
             f"a {type(forest).__name__} where a forest belongs",
@@ -288,6 +289,7 @@ def _read_network(path: Path) -> Network:
     for array in arrays.values():
         _require_finite_float32(array)
 
+    # Layers are numbered from 0 without a gap: the first number that is missing ends them.
     layers: list[Layer] = []
     while f"weights{len(layers)}" in arrays:
         number = len(layers)

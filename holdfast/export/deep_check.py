@@ -164,6 +164,7 @@ def _require_votes(
     trees, numbers, classes, weights = (np.array(columns[name]) for name in TARGETS)
     if (classes < 0).any() or (classes >= columns["n_targets"]).any():
         raise ValueError("a vote is for a class that does not exist")
+    # Only sums of whole numbers are exact in float32 whatever the order of the trees.
     if (weights < 0).any() or (weights != np.floor(weights)).any():
         raise ValueError("a vote is not a whole number")
 

@@ -120,6 +120,8 @@ def noise_gain(
     """
     matrix = step_matrix(rate_hz, bands_hz)
     size = matrix.shape[0] - 1
+
+    # The response to one impulse at rest tells all of a linear filter.
     state = np.zeros(size)
     response = []
     # the bank is driven by differences: an impulse of 1 goes up and comes down again
@@ -256,6 +258,7 @@ def _friction_cone(graph: GraphBuilder, spec: StepSpec, guarded: GuardOutputs) -
 
     # shear > mu x normal instead of shear / normal > mu: no division by a small force
     squares = graph.node("Mul", guarded.now, guarded.now)
+    # One product adds the squares of x and y and puts the sum into the column of z.
     shear_to_normal = [[0.0, 0.0, 1.0], [0.0, 0.0, 1.0], [0.0, 0.0, 0.0]]
     matrix = np.kron(np.eye(spec.n_sensors), shear_to_normal)
     squared_shear = graph.node("MatMul", squares, matrix)

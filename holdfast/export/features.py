@@ -94,6 +94,7 @@ def _activity(history: History) -> Triples:
     later = graph.columns(summed, 1, history.length)
     earlier = graph.columns(summed, 0, history.length - 1)
     change = graph.node("Sub", later, earlier)
+    # Without their signs: a swing to and fro must not cancel.
     steps = graph.node("Abs", change)
 
     # The means of all spans in one product. The matrix stands on the left, so each recording of
@@ -114,6 +115,7 @@ def _span_means(spec: StepSpec) -> FloatArray:
 def _shear(history: History) -> str:
     graph = history.graph
     changes = history.summed_changes((1, 1 + len(LAGS_S)), (0, 2))
+    # The length of (x, y) is the same whatever the direction of the pull.
     shear = graph.node("ReduceL2", changes, [2], keepdims=1)
 
     # a floor, because a light touch has next to no normal force to divide by

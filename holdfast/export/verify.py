@@ -290,6 +290,7 @@ def _tied_votes(n_classes: int) -> IntArray:
     # the bits of a number are the members of a set
     sets = np.arange(1, 2**n)
     is_member = sets[:, None] >> np.arange(n) & 1 == 1
+    # Both numbers are even, so that a situation splits into a light and a heavy class.
     votes = np.where(is_member, 4096, 1000)
     return np.repeat(votes // per, per, axis=1)
 

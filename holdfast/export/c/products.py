@@ -153,6 +153,7 @@ def _long_row(product: _Product, row: int, columns: int) -> list[str]:
 def _constant_right(product: _Product, rows: int) -> list[str]:
     """[M, K] x [K, N]: every row of the input gives N sums."""
     inner, columns = product.matrix.shape
+    # Written out, a sum needs neither a table nor its zeros; a large matrix would be much code.
     if np.count_nonzero(product.matrix) > MOST_WRITTEN:
         return _dense_right(product, rows)
 

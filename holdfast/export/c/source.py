@@ -76,6 +76,7 @@ def _source(compiled: StepCode, words: Words) -> str:
     sense, sense_body = compiled.sense
     answer, answer_body = compiled.answer
 
+    # Only the C file calls hf_sense; holdfast_features checks the state before it does.
     sense_head = (
         "static void hf_sense(double *state, const double *sample, "
         "const uint8_t *valid, float *features, holdfast_out *out)"
@@ -132,6 +133,7 @@ def _words(graph: Graph, compiled: StepCode) -> dict[str, object]:
     card = graph.card
     n = card.n_channels
     gap_ms = 1000.0 * card.gap_samples / card.rate_hz
+    # A sample that comes without flags is taken as valid at every sensor.
     all_valid = ", ".join(["1"] * (n // 3))
     # ceiling and target are forces in N: a raw signal has neither
     reduced = "; forces are not in N, so there is no ceiling and no target"

@@ -123,6 +123,8 @@ def write_trees(node: Node, writer: Writer) -> list[str]:
     following = f"hf_next_{kind}({branches} + {starts}[t + k], at[k], {x})"
     places = [f"at[{k}]" for k in range(TOGETHER)]
     all_at = " & ".join(places)
+
+    # Behind the walk at[k] is below 0, and its complement is the number of a leaf.
     add = [
         f"const {votes_type} *leaf = {votes} + {n_classes} * ~at[k];",
         *counted("j", n_classes, ["total[j] += leaf[j];"]),
@@ -155,6 +157,7 @@ def _padded(forest: Forest) -> Forest:
     A tree of one leaf begins at the first branch of all, which a walk may read and never follows.
     """
     more = -len(forest.roots) % TOGETHER
+    # The leaf that is added has the number behind all others.
     new_leaf = ~len(forest.votes)
     empty = np.zeros((1, forest.votes.shape[1]), dtype=np.int64)
     roots = np.concatenate([forest.roots, np.full(more, new_leaf)])

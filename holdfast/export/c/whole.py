@@ -55,6 +55,7 @@ class Whole:
         if self._graph.element(name) != FLOAT or not self._is_whole(name):
             return None
 
+        # A limit is needed too: a whole number without a bound fits no integer.
         least, most = self._bounds(name)
         if not math.isfinite(most - least):
             return None
