@@ -193,6 +193,7 @@ def offset_m(body: Body, sideways_m: FloatArray) -> FloatArray:
 
 def recess_m(body: Body, offset: FloatArray) -> FloatArray:
     """[S, B] how far the surface lies behind its apex at an offset [2, S, B]."""
+    # A parabola with the curvature of the surface at its apex.
     curve = 0.5 * body.curvature_per_m[:, None] * offset
     curve *= offset
     return curve[0] + curve[1]

@@ -23,6 +23,7 @@ from holdfast.core.contract import FloatArray
 from holdfast.simulation.effect import Effect, Parameter
 
 Frames = npt.NDArray[np.uint8]
+"""Grey levels, 0 to 255: [H, W] one frame, [K, H, W] several."""
 Window = tuple[slice, slice, FloatArray]
 """Rows and columns of a frame, and what a tag adds to the grey there."""
 
@@ -36,6 +37,7 @@ _QUARTER_COLUMNS = [0, 1, 2, 3, 4, 1, 2, 3, 2]
 """Places of the first nine bits in the six by six; each next nine lie a quarter turn clockwise."""
 OBJECT_TAG = 0
 HAND_TAG = 1
+"""Places in CODES: the tag on the object, and the tag on the hand."""
 AWAY_SIDES = 1.0
 """At rest the tag of the object lies one side right of the middle, the hand's one side left."""
 BLACK = 30.0
@@ -63,6 +65,7 @@ CAMERA = {
         0.0, "", 0, 50, "standard deviation of every pixel's noise, of 255 levels"
     ),
 }
+"""Numbers of the section [camera] of a scene file."""
 
 
 @cache
@@ -101,6 +104,7 @@ class Camera:
 
     def stamps_s(self, last_s: float) -> FloatArray:
         """[K] ends of the exposures, s, from the first whole one to the end of a recording."""
+        # An exposure that began before the recording would need a motion that is not there.
         exposure_frames = 1e-3 * self.exposure_ms * self.fps
         first = int(np.ceil(exposure_frames))
         last = int(last_s * self.fps)
@@ -142,6 +146,7 @@ class Camera:
         def shoot(end_s: float) -> Frames:
             before_s = 1e-3 * self.exposure_ms * (1.0 - EXPOSED_AT)
             at_s = np.clip(end_s - before_s, t_s[0], t_s[-1])
+            # The exact mean of the exposure, to which the noise of the sensor is added once.
             exact = self._blurred(1e3 * places(at_s))
             return self._read(exact, rng)
 
@@ -230,12 +235,14 @@ class Camera:
 
         # Edges of the ten cells, the margin included.
         cell_px = self.tag_mm * self.px_per_mm / SIDE_CELLS
+        # Eight cells and a margin on both sides are ten cells with eleven edges.
         edges = np.arange(SIDE_CELLS + 3) - 0.5 * (SIDE_CELLS + 2)
         edges_px = centre_px + cell_px * edges
 
         # Pixels beyond the frame are not seen.
         far_px = FAR_BLURS * self.blur_px
         reach_px = edges_px[[0, -1]] + far_px * np.array([-1.0, 1.0])
+        # One more at the end, because a slice leaves out its stop.
         ends = np.clip([reach_px[0], reach_px[1] + 1.0], 0, size_px)
         first = int(ends[0])
         stop = int(ends[1])

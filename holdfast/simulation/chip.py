@@ -92,6 +92,8 @@ def timing_jitter(signal: Signal, drawn: Drawn, rng: np.random.Generator) -> Sig
     late = late_s(signal.t_s, drawn, rng)
     if not late.any():
         return signal
+
+    # Between two samples the value changes evenly.
     t_s = signal.t_s + late
     flat = signal.values.reshape(len(t_s), -1)
     columns = [np.interp(t_s, signal.t_s, column) for column in flat.T]
@@ -140,7 +142,9 @@ def stale_plan(
     """From at_s on for lasts_s the sensors are stuck; the driver detects it after 20 ms."""
     begins_s = drawn["at_s"]
     ends_s = drawn["at_s"] + drawn["lasts_s"]
+
     stuck = np.zeros((len(t_s), sensors), dtype=np.bool_)
+    # Sensors are numbered from 1 in a scene file.
     these = [int(number) - 1 for number in drawn["sensors"]]
     during = (t_s >= begins_s) & (t_s < ends_s)
     stuck[:, these] = during[:, None]

@@ -46,8 +46,9 @@ FALL_S = 1.0
 SPARE = 1.1
 """The oracle's grip over what the largest load needs."""
 REACTION_S = 0.28
+"""Median of the reaction of a wearer to a vibration, s."""
 REACTION_SPREAD = 0.25
-"""A wearer's reaction to a vibration: log-normal, its median in s and the deviation of its log."""
+"""Standard deviation of the logarithm of that reaction: it is log-normal."""
 
 
 @lru_cache(maxsize=2)
@@ -115,6 +116,8 @@ def batches(trials: Sequence[PlannedTrial]) -> list[list[int]]:
     for trial in trials:
         begin_s = Times.of(trial).close
         lasts_s.append(loop_end_s(trial, habits) - begin_s)
+
+    # A batch steps on until its longest trial has ended, so similar lengths waste least.
     order = sorted(range(len(trials)), key=lasts_s.__getitem__)
 
     # As few batches as can be, of equal size; -(-a // b) rounds up.
@@ -174,14 +177,20 @@ class ClosedLoop:
         self.rate_hz = scene.file.rate_hz
         preparation = model.card.preparation
         habits = settings.habits
+
+        # When the hand begins to close, the bias must be known and the filters of the model
+        # settled.
         before = model.card.settle_samples + preparation.bias_rows + ROWS_TO_SPARE
         self.spans = _spans(scene, trials, before, settings)
+
         self.actuator = Actuator(settings.drive, trials)
         steps = scene.step_settings_of(trials)
         self.world = HandsAndObjects(trials, steps, self.spans, self.actuator, habits)
+
         self.sensors = LoopSensors(scene, trials, self.spans.counts)
         periods = self.spans.ends - self.spans.begins
         self.models = HandModels(model, periods)
+
         self.wearer = Wearer(trials, habits, scene.seed)
         self.controller = make(trials, self.rate_hz)
 
@@ -204,9 +213,13 @@ class ClosedLoop:
         # A trial that has ended repeats its last sample.
         rows = np.minimum(self.spans.begins + period, self.spans.counts - 1)
         readings, lost = self.sensors.read(rows, self.world.forces_n)
+
+        # A lost sample reaches the model as one without any valid sensor.
         valid = readings.valid & ~lost[:, None]
         values = readings.values.reshape(len(self.trials), -1)
         sense = self.models.answer(values, valid)
+
+        # Only the wearer, the oracle and the vibration use the truth.
         now = LoopTruth(rows / self.rate_hz, self.actuator.grip_n)
         opening = self.wearer.opening(now.t_s)
         overridden = self._overridden(now)
@@ -224,6 +237,8 @@ class ClosedLoop:
         self._agents_n = np.where(before, agents_n, self._agents_n)
         change_n = agents_n - self._agents_n
         pulled_n = np.sqrt((change_n * change_n).sum(axis=0))
+
+        # Only the grip beyond that of the wearer counts as resistance of the hand.
         extra_n = now.grip_n - self.actuator.own_n
         self.wearer.resist(now.t_s, extra_n, pulled_n, 1.0 / self.rate_hz)
         return now.t_s >= self.wearer.overrode_s
@@ -267,6 +282,8 @@ def _spans(
             end = min(end, whole)
         if settings.whole_trials:
             end = max(end, whole)
+
+        # A loop that outlasts its trial needs sensor draws for the samples after it, too.
         count = max(grid.n_samples, end + 1)
 
         moves.append(round(grid.start_s * rate_hz))
@@ -311,6 +328,7 @@ def needed_grip_n(trial: PlannedTrial) -> float:
     load_n = weight_n + pull_n
 
     # Coulomb: both sides hold, each with friction times its normal force
+    # The bound keeps the grip finite for an object without friction.
     friction = max(trial.kinetic_friction, 1e-3)
     return SPARE * load_n / (2.0 * friction)
 
@@ -340,6 +358,7 @@ class Vibration:
     """
 
     def __init__(self, trials: Sequence[PlannedTrial], seed: int) -> None:
+        # Every trial has a stream of its own, so a reaction does not depend on the batch.
         spreads = []
         for trial in trials:
             rng = stream(seed, trial.number, "reaction")

@@ -8,6 +8,7 @@ from holdfast.core.contract import BoolArray, FloatArray
 from holdfast.simulation.effect import Effect, EffectBatch, Parameter, PhysicsEffect
 
 MOST_ELEMENTS = 50
+"""Largest number of elements of a brush that a scene may ask for."""
 
 
 def pressure(count: float) -> FloatArray:
@@ -18,6 +19,8 @@ def pressure(count: float) -> FloatArray:
     slips all at once.
     """
     elements = int(count)
+
+    # From the middle of the patch, x = 0, to its edge; each element at the middle of its part.
     x = (np.arange(elements) + 0.5) / elements
     share = 1.0 - x * x
     return share / share.sum()
@@ -41,6 +44,7 @@ class Lag(PhysicsEffect):
 
     def terms(self, dt_s: FloatArray) -> tuple[FloatArray, FloatArray]:
         """(stiffness, held), [S, B] each: q after the step = held + stiffness * change of depth."""
+        # Backward Euler, solved for the force q at the end of the step.
         left = 1.0 / (1.0 + dt_s / self.time_s)
         return self.stiffness * left, self.held_n * left
 
@@ -64,11 +68,14 @@ class Texture(PhysicsEffect):
 
     def __init__(self, batch: EffectBatch) -> None:
         self.depth = batch.values("depth")
+        # Radians of the swing for each metre of slip.
         self.per_m = 2e3 * np.pi / batch.values("wavelength_mm")
         # Phases of the most elements, so that a trial's draws do not depend on their number.
         shape = MOST_ELEMENTS, len(batch.trials[0].finger_n_per_m)
         phases = [rng.uniform(0.0, 2.0 * np.pi, shape) for rng in batch.rngs]
         self.phase = np.stack(phases, axis=2)
+
+        # None until the first step shows how many elements a brush has.
         self.slipped_m: FloatArray | None = None
 
     def scale(self, slipped_m: FloatArray) -> FloatArray:

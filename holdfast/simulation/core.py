@@ -35,6 +35,7 @@ from holdfast.simulation.body import Body, Floor, Inputs, State, offset_m, reces
 from holdfast.simulation.effect import NO_EFFECTS, PhysicsEffects
 
 IntArray = npt.NDArray[np.int64]
+"""Numbers of trials, steps or samples."""
 Swept = tuple[FloatArray, FloatArray, FloatArray, FloatArray]
 """What a sweep of the brushes gives: speed, rho, trial stretch, length of the trial stretch."""
 TINY = 1e-300
@@ -147,7 +148,11 @@ def _loads(
         # A capped arm is a softer arm: spring and damper shrink together.
         spring = share * pull.stiffness_n_per_m
         damper = share * pull.damping_n_s_per_m
+
+        # The damper acts on the speed relative to the target: the part of the target is a load
+        # here, the part of the object is in the drag below.
         load_n += spring * to_go_m + damper * pull.target_m_s
+        # A borne share of the weight acts against gravity.
         load_n -= pull.weight_share * body.mass_kg * body.gravity_m_s2
 
         # Implicit: the spring at the end of the step has followed the object by v dt.
@@ -172,6 +177,7 @@ def _add_floor(
     capped = np.minimum(1.0, floor.cap_n / np.maximum(pressed_n, TINY))
     share = capped * (pressed_m > 0.0)
 
+    # The spring is implicit, as those of people: what it loses to the way of this step is drag.
     load_n += share * floor.stiffness_n_per_m * above_m
     follows = floor.stiffness_n_per_m * dt_s
     drag[2] += share * (follows + floor.damping_n_s_per_m)
@@ -201,7 +207,6 @@ def _normals(
     stays_m = closure_m - recessed_m - side * state.position_m[0]
 
     remembers, memory_n = _memory(body, effects, dt_s)
-
     # N = still_n - slope * (how far the object moves away in this step)
     slope = body.stiffness_n_per_m + remembers
     pressed_before_m = np.maximum(state.depth_m, 0.0)
@@ -217,7 +222,6 @@ def _normals(
     # Both are the same in every sweep.
     pushed_n = side * still_n
     square_s2 = dt_s * dt_s
-
     pressing = None
     for _ in range(MAX_SWEEPS):
         # A contact presses where its force is positive and it touches.
@@ -250,6 +254,8 @@ def _memory(
     They are the damper's and those of the effects' lags. The force is None without a lag, so that a
     scene without lags adds nothing.
     """
+    # A damper, c d(depth)/dt, is implicitly c / dt times the change of depth: a spring whose rest
+    # is the old depth.
     remembers = body.damping_n_s_per_m / dt_s
     memory_n: FloatArray | None = None
     for lag in effects.lags:
@@ -292,6 +298,7 @@ def _stretch_limit(
     for texture in effects.textures:
         limit *= texture.scale(state.slip_m_s * dt_s)
 
+    # Without contact the normal force is zero, and so is the stretch that friction holds.
     limit *= body.pressure * normal_n
     limit /= body.brush_n_per_m
     return limit
@@ -343,6 +350,7 @@ def settle(
 
         # Only the trials whose rho still moves are swept again.
         before = swept[1][..., unsettled]
+        # These are copies, so what the sweep gives is written back below.
         some_parts = [part[..., unsettled] for part in parts]
         again = sweep(before, *some_parts)
         for whole, some in zip(swept, again, strict=True):
@@ -386,6 +394,8 @@ def _sweep(
     spring = brush * rho
     stiffness = add(spring, axis=(0, 1))
     pull = add(spring * stretch, axis=(1, 2))
+
+    # At the end of the step a stretch has grown by v dt, so a spring adds k dt^2 to the mass.
     velocity = (drive - dt_s * pull) / (mass + dt_s * dt_s * stiffness)
 
     # Every element moves with the object.
@@ -440,6 +450,7 @@ def _taken_by_lags_j(
     place_before_m = body.side * old.position_m[0]
     was_m = np.maximum(closure_m - old.recess_m - place_before_m, 0.0)
 
+    # The recess of the state is still that of the old place; the balance renews it later.
     recess = recess_m(body, offset_m(body, state.position_m[1:]))
     place_m = body.side * state.position_m[0]
     depth_m = np.maximum(closure_m - recess - place_m, 0.0)
@@ -496,6 +507,7 @@ def keep_the_balance(
         return
 
     # At the old place the brushes keep what friction holds of their old stretch.
+    # Their velocity is zero already, because no energy was left for it.
     held = np.minimum(state.rho, 1.0)[..., stuck]
     state.position_m[:, stuck] = old.position_m[:, stuck]
     state.stretch_m[..., stuck] = held * old.stretch_m[..., stuck]

@@ -42,6 +42,7 @@ FELT_N_S = 0.5
 FELT_N = 0.05
 """Speed and distance of a grip whose change cannot be felt."""
 MODEL = "models/holdfast-150hz.onnx"
+"""The model file of a scene that names none."""
 CONTROLLER_NUMBERS = {
     "setting": Parameter(0.0, "", 1e-3, 1e4, "the controller's own setting"),
     "lag_ms": Parameter(50.0, "ms", 0.0, 1000.0, "lag of the drive"),
@@ -97,6 +98,8 @@ class Actuator:
         # The grip with which the wearer closes the hand.
         self.own_n = np.array([trial.grip_n for trial in trials])
         per_m = stiffness_n_per_m(trials)
+
+        # Opening speed times stiffness, N/s: the grip that the fastest closing adds in a second.
         self.fastest_n_s = 1e-3 * drive.stroke_mm / drive.closing_s * per_m
         self.backlash_n = 1e-3 * drive.backlash_mm * per_m
         # Where the motor would hold the object, and where the fingers behind the backlash do.
@@ -135,6 +138,7 @@ class Actuator:
 
 def stiffness_n_per_m(trials: Sequence[PlannedTrial]) -> FloatArray:
     """[B] N a side per m of opening: thumb, object and fingers in series."""
+    # The number of elements of a brush plays no part: only the normal springs are used.
     body = body_of(trials, np.ones(1))
     thumb = body.stiffness_n_per_m[: body.thumb].sum(axis=0)
     fingers = body.stiffness_n_per_m[body.thumb :].sum(axis=0)

@@ -37,6 +37,7 @@ Interval = tuple[float, float]
 """Start and end, s."""
 
 DISTRIBUTIONS = ("uniform", "normal", "log_uniform", "choice")
+"""Kinds of distributions that a scene file may name."""
 EFFECT_MODULES = {
     "brush": "contacts",
     "texture": "contacts",
@@ -133,6 +134,7 @@ class Parameter:
         return None
 
     def _problem_of_normal(self, mean: Any, deviation: Any) -> str | None:
+        # The upper bound refuses infinity, and nan fails both comparisons.
         number = isinstance(deviation, (int, float))
         if self._inside(mean) and number and 0 <= deviation <= sys.float_info.max:
             return None

@@ -33,12 +33,15 @@ from holdfast.simulation.scene import BATCH, Scene, SimulatedTrial
 from holdfast.simulation.table import Column, csv_bytes
 
 KIND = "simulated"
+"""Value of "kind" in the meta.json of a set."""
 STREAM = "daily"
 """Folder of recordings that are several trials joined."""
 DECIMALS = {"N": 4, "uT": 1, "count": 0}
 """Of a sample, finer than any sensor's noise."""
 TIME_DECIMALS = 6
+"""Of a time in s."""
 MOTION_DECIMALS = 3
+"""Of a position in mm."""
 SIMULATED_SHARE = 0.8
 """Share of a trial's time that simulating takes; the rest is for writing it."""
 Recording = tuple[Path, list[PlannedTrial]]
@@ -71,6 +74,7 @@ def require_new(out: Path) -> None:
 
 def _fill(scene: Scene, out: Path, trials: Sequence[PlannedTrial], done: Done) -> int:
     """Write a whole set; returns the number of recordings. Raises OutputError."""
+    # The set carries its own scene file and seed, from which it can be simulated again.
     write_whole(out / "card.toml", scene.file.text)
     write_whole(out / "meta.json", _json(_meta(scene)))
 
@@ -219,6 +223,7 @@ def _samples(signal: Signal, scene: Scene) -> bytes:
     n_sensors = signal.values.shape[1]
     decimals = DECIMALS[signal.unit]
     header = [TIME_COLUMN, *channel_names(n_sensors)]
+
     columns: list[Column] = [(signal.t_s, TIME_DECIMALS)]
     flat = signal.values.reshape(len(signal.t_s), -1)
     for values in flat.T:

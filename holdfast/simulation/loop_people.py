@@ -87,10 +87,15 @@ class Wearer:
         before_s = np.array([rng.uniform(*habits.signal_s) for rng in rngs])
         missed = np.array([rng.uniform() < habits.missed_share for rng in rngs])
         opens_s = np.array([at.open for at in times])
+
+        # The signal comes before the hand moves; a missed one never comes.
         self.signal_s = np.where(missed, NEVER_S, opens_s - before_s)
+
+        # Only in a hand-over does the wearer want the hand to let go.
         gives = [trial.action in ("pass", "put-down") for trial in trials]
         self.hands_over = np.array(gives)
         self.act_s = np.array([at.act for at in times])
+
         self.own_holds_n = np.array([held_n(trial) for trial in trials])
         self.resisted_s = np.zeros(len(trials))
         self.overrode_s = np.full(len(trials), np.inf)
@@ -122,6 +127,7 @@ class Wearer:
 
 
 HELD_AT_END_S = float("inf")
+"""Time of an event that never happened: the object is still held."""
 
 
 @dataclass(frozen=True)
@@ -193,6 +199,7 @@ def outcome_of(
     at_s = motion.at_s
     held = np.flatnonzero(motion.gripped)
     last = int(held[-1]) if held.size else -1
+
     onset = load_onset(motion, act_s)
 
     lost_s = HELD_AT_END_S
@@ -205,6 +212,8 @@ def outcome_of(
     if onset is not None:
         start = onset
         onset_s = float(at_s[onset])
+
+    # Contact may end before the load comes, or never begin: then the slip is zero.
     held_last = max(last, 0)
     start = min(start, held_last)
     slip_m = motion.slip_m[held_last] - motion.slip_m[start]

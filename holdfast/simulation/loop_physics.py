@@ -111,6 +111,7 @@ class HandsAndObjects:
         begun = at >= self.spans.moves
         moves = begun & (at < self.spans.ends)
 
+        # An object that is merely held needs no fine steps: the core is stable at any step.
         eventful = self.busy[period] | self.slid | self.actuator.moving(target_n)
         fine = moves & eventful
         coarse = moves & ~fine
@@ -138,6 +139,7 @@ class HandsAndObjects:
 
         # The drive moves in every piece, whether or not the physics takes it.
         grips_n = np.stack([self.actuator.step(target_n, dt_s) for _ in range(pieces)])
+
         within = (np.arange(pieces)[:, None] + 1) / pieces
         ends_s = (at + within) / rate_hz
 
@@ -151,6 +153,7 @@ class HandsAndObjects:
         before_s = start_s
         for k, inputs in enumerate(self.script.chunk(ends_s[first:]), first):
             end_s = ends_s[k]
+            # Every period has `pieces` rows of the tape, whether or not a trial takes them all.
             row = period * pieces + k
             fine_part.step(inputs, end_s, end_s - before_s, row)
             before_s = end_s
@@ -176,6 +179,7 @@ class HandsAndObjects:
     ) -> TrialMotion:
         """What became of a trial, as an open loop gives it; forces and positions [T, ..]."""
         taken = self.taken[:, trial]
+        # The rows that the trial skipped hold nothing of it.
         at_s = self.at_s[taken, trial]
         t_s = np.arange(len(forces_n)) / self.settings.rate_hz
         return self.tape.motion(trial, taken, at_s, t_s, forces_n, position_m)
@@ -290,6 +294,8 @@ def _busy(
 ) -> BoolArray:
     """[periods, B] where the script of a trial, or an effect, wants fine steps."""
     periods = np.arange(spans.periods)[:, None]
+
+    # Trials begin at samples of their own, so the same period is another sample in each.
     index = spans.begins + periods
     from_s = index / settings.rate_hz
     until_s = from_s + 1.0 / settings.rate_hz

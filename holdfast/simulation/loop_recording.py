@@ -67,6 +67,7 @@ def require_controller(scene: Scene, trials: Sequence[PlannedTrial]) -> None:
     if control is None:
         return
 
+    # The model must fit contacts, unit and rate of the scene before anything is simulated.
     model = model_of(ModelChoice(control.model))
     require_fit(
         model.card,
@@ -106,6 +107,7 @@ def controlled_motions(
 
 def _part(scene: Scene, trials: Sequence[PlannedTrial], done: Done) -> Moved:
     """Trials with an object in the loop, those of the empty hand without."""
+    # An empty hand has nothing to hold, so no controller needs to run for it.
     held = [trial for trial in trials if trial.action != "nothing"]
     empty = [trial for trial in trials if trial.action == "nothing"]
 
@@ -143,10 +145,12 @@ class RecordedLoop:
         self._model = model_of(ModelChoice(control.model))
         limits = Limits(ceiling_n=control.drive.ceiling_n)
         make = managed(scene, control.name, control.setting, limits=limits)
+
         # numpy sums a single trial in another order than many, so one runs twice.
         batch = trials if len(trials) > 1 else [*trials, *trials]
         settings = LoopSettings(control.drive, whole_trials=True)
         self.loop = ClosedLoop(scene, batch, self._model, make, settings)
+
         periods = self.loop.spans.periods
         n = len(batch)
         contacts = self.loop.world.forces_n.shape[1]
@@ -192,6 +196,7 @@ class RecordedLoop:
 
         # After the loop nothing moves.
         position_m[ends + 1 :] = position_m[ends]
+
         rows = self._grip_rows(trial, count, begins, ends)
         overrode_s = float(self.loop.wearer.overrode_s[trial])
         origin = about(self._control, self._model.card.model_id)

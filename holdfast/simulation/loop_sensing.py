@@ -37,6 +37,7 @@ IntArray = npt.NDArray[np.int64]
 TOGETHER = 50
 """Hands in one call of the graph. Hands that are done cost nothing once all of a call are."""
 OUTPUTS = ("p_situation", "situation", "unknown")
+"""Outputs of the graph that a controller needs."""
 
 
 class LoopSensors:
@@ -96,6 +97,7 @@ class LoopSensors:
             if effect.in_scene_unit:
                 now, unit = self._in_scene_unit(now, unit)
             if name == "timing_jitter":
+                # Later effects act on the row before, and take its plan.
                 now, rows = self._between(now, rows)
             elif name == "dropped_samples":
                 lost = ~self._plans[name].at(rows)["kept"]
@@ -133,6 +135,7 @@ class LoopSensors:
         first = self._readings[0]
         middle = self._readings[-min(2, known)]
 
+        # The first sample has none before it, so it comes twice.
         rows = np.maximum(rows - 1, 0)
         late = self._plans["timing_jitter"].at(rows)["late_s"]
         early = late < 0.0
@@ -235,6 +238,7 @@ class HandModels:
         p_situation = self._out["p_situation"]
         known = ~self._out["unknown"]
 
+        # Thumb and fingers press with equal force, so half of the sum is the grip of a side.
         return GripSense(
             grip_n=0.5 * normal_n.sum(axis=1),
             load_n=shear_n.sum(axis=1),

@@ -16,15 +16,19 @@ from holdfast.simulation.effect import Drawn, Effect, Parameter, Signal
 from holdfast.simulation.rows import Plan, RowEffect, Rows
 
 UT_PER_T = 1e6
+"""Microtesla in a tesla."""
 MU0_OVER_4PI = 1e-7
+"""Magnetic constant over 4 pi, T m/A."""
 REMANENCE_T = 1.35
-"""Of N45 neodymium."""
+"""Remanence of N45 neodymium, T."""
 MAGNET_M3 = np.pi * 0.75e-3**2 * 0.5e-3
+"""Volume of the disc, m^3: 0.75 mm radius, 0.5 mm thick."""
 MOMENT_A_M2 = REMANENCE_T * MAGNET_M3 / (4e-7 * np.pi)
-"""Of an N45 disc, 1.5 x 0.5 mm: 0.95 mA m^2."""
+"""Moment of an N45 disc, 1.5 x 0.5 mm: remanence times volume over mu0, 0.95 mA m^2."""
 NORMAL_N_PER_M = 30e3
+"""Stiffness of the silicone dome, Shore 35A, inwards, N/m."""
 SHEAR_N_PER_M = 15e3
-"""Stiffness of the silicone dome, Shore 35A, inwards and sideways."""
+"""Its stiffness sideways, N/m."""
 STIFFENING_N = 30.0
 """Silicone stiffens: displacement = F / (k (1 + |F| / STIFFENING_N))."""
 EARTH_UT = np.array([20.0, 0.0, 43.0])
@@ -94,6 +98,7 @@ def cross_talk(rows: Rows, plan: Plan) -> Rows:
     """
     values = rows.values
     near = np.zeros_like(values)
+    # A sensor at either end of the row has one neighbour only.
     near[:, 1:] += values[:, :-1]
     near[:, :-1] += values[:, 1:]
     other_axes = values.sum(axis=2, keepdims=True) - values
@@ -115,6 +120,8 @@ def turn_plan(
     sx, sy = np.sin(angle)
     zeros = np.zeros(sensors)
     ones = np.ones(sensors)
+
+    # Rotation matrices of all sensors, [3, 3, S] each; the one about x acts first.
     about_x = np.array([[ones, zeros, zeros], [zeros, cx, -sx], [zeros, sx, cx]])
     about_y = np.array([[cy, zeros, sy], [zeros, ones, zeros], [-sy, zeros, cy]])
 
@@ -256,6 +263,8 @@ SHEAR_SHARE = 0.5
 def loads_n() -> FloatArray:
     """[M, 3] the thesis' loads: 0 .. 14 N normal, and shear to every side at 5 and 14 N normal."""
     loads = [(0.0, 0.0, float(force)) for force in range(15)]
+
+    # Shear grows in quarters of its largest share, in eight directions.
     for force in (5.0, 14.0):
         for share in (0.25, 0.5, 0.75, 1.0):
             for angle in np.radians(np.arange(0, 360, 45)):
@@ -280,6 +289,8 @@ def calibrate(signal: Signal) -> Signal:
 
     The magnet's own field is 23 N, that of a magnet upside down -23 N.
     """
+    # The resting field stays in, as in the files of the thesis: readers recognise a reversed magnet
+    # by the sign of that offset.
     matrix, _ = linear_map()
     newton = np.einsum("ij,tsj->tsi", matrix, signal.values)
     return replace(signal, values=newton, unit="N")

@@ -46,7 +46,7 @@ OBJECT_KEYS = {
     ),
 }
 EDGE_RADIUS_MM = 5.0
-"""A cylinder ends in a rounded edge of this radius."""
+"""Radius of the rounded edge in which a cylinder ends, mm."""
 
 
 @dataclass(frozen=True)
@@ -125,9 +125,11 @@ OBJECTS = {
     "full-bottle": _bottle("full-bottle", 2e4),
     "apple": _ball("apple", 66.5, 0.5, 2e4, tall_mm=86.5),
 }
+"""Shipped objects by name. Balls: diameter in mm, friction, N/m; bottles: stiffness in N/m."""
 
 
 HAND = {
     "thumb": Parameter(2.0, "", 2, 20, "contacts on the thumb"),
     "finger": Parameter(1.0, "", 1, 20, "contacts on each of the four fingers"),
 }
+"""Numbers of the section [hand] of a scene file."""

@@ -27,7 +27,9 @@ from holdfast.simulation.effect import Parameter, draw_all, stream
 from holdfast.simulation.objects import HeldObject
 
 GRAVITY_M_S2 = 9.81
+"""Acceleration of gravity."""
 NEVER_S = 1e9
+"""Time of an event that a trial does not have, s: later than any trial lasts."""
 
 COMMON = {
     "close_at_s": Parameter(
@@ -271,12 +273,15 @@ def draw_trial(
     # The order of the draws is part of the format: another one changes every simulated set.
     rng = stream(seed, number, "protocol")
     drawn = draw_all(COMMON | ACTIONS[action], values, rng)
+
     # Thumb and fingers press equally hard against each other: each side's shares have the sum 1.
     share = 1.0 + drawn["share_spread"] * rng.uniform(-1.0, 1.0, hand.n_contacts)
     share[: hand.thumb] /= share[: hand.thumb].sum()
     share[hand.thumb :] /= share[hand.thumb :].sum()
+
     # Only a grip too weak for the weight lets an object fall.
     weak = rng.uniform() < drawn["weak_share"] or action == "fall"
+    # The contacts of a hand are not equally stiff: each differs by up to a quarter.
     stiffness = rng.uniform(0.8, 1.25, hand.n_contacts)
 
     return PlannedTrial(
@@ -311,6 +316,9 @@ def _grip_n(
     least = least_grip_n(held, drawn["friction_factor"])
     if not weak:
         return max(drawn["grip_n"], drawn["spare"] * least)
+
+    # A share of the least grip can be 0.03 N for a light object, which no hand can hold and no
+    # sensor can see. Only an object that must fall is held with so little.
     gentlest_n = 0.0 if action == "fall" else drawn["gentlest_n"]
     return max(drawn["weak_grip"] * least, gentlest_n)
 

@@ -71,6 +71,7 @@ class Rotation(PhysicsEffect):
         drive = inertia * self.rate + dt_s * torque
 
         # [2, S, B] how far a contact moves in (y, z) when the object turns by one radian.
+        # The contacts stand in the frame of the hand, so the lever is from where the object is now.
         lever = body.at_m - state.position_m[1:, None]
         across = np.stack([-lever[1], lever[0]])
         drag = self._damping(body, state, across, limit_m)
@@ -97,6 +98,7 @@ class Rotation(PhysicsEffect):
         # No trial may end with more energy than it had and was given.
         moved_m = self.place_m() - place_m
         given_j = (force_n * moved_m).sum(axis=0)
+        # The place has moved by turning alone, so the force works on that way only.
         left_j = had_j + given_j - state.brush_j
         stuck = self._slow(inertia, left_j)
 
@@ -161,6 +163,8 @@ def _sweep(
     # Of a stretch only the part along the turning direction has a torque.
     along = (stretch * across[:, None]).sum(axis=0)
     pull = (spring * along).sum(axis=(0, 1))
+
+    # A spring k at a distance r resists turning with k r^2.
     lever_m2 = (across * across).sum(axis=0)
     stiffness = (spring * lever_m2).sum(axis=(0, 1))
     rate = (drive - dt_s * pull) / (inertia + dt_s * dt_s * stiffness)

@@ -58,6 +58,7 @@ class RowEffect:
         before = Rows(rows.values[:1], rows.valid[:1])
 
         for k in range(len(values)):
+            # Slices of one row, because `apply` needs the axis of the rows.
             row = Rows(rows.values[k : k + 1], rows.valid[k : k + 1])
             before = self.apply(row, row_of(plan, k), before)
             values[k] = before.values[0]
@@ -81,6 +82,7 @@ class PlanBatch:
         self._fixed: Plan = {}
         self._moving: Plan = {}
         for name in plans[0]:
+            # A plan with one row is the same at every sample and needs no place for each.
             arrays = [plan[name] for plan in plans]
             if max(map(len, arrays)) > 1:
                 self._moving[name] = _stacked(arrays)
@@ -102,6 +104,7 @@ def _stacked(arrays: Sequence[Any]) -> Any:
     shape = (longest, len(arrays), *arrays[0].shape[1:])
     whole = np.empty(shape, dtype=arrays[0].dtype)
     for trial, array in enumerate(arrays):
+        # A shorter trial is asked for its last sample until the longest has ended.
         whole[: len(array), trial] = array
         whole[len(array) :, trial] = array[-1]
     return whole

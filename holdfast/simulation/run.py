@@ -27,7 +27,9 @@ WORTH_LEAVING = 16
 SLIDES_M_S = 2e-4
 """An element slower than this creeps about its equilibrium and does not slip."""
 ONE_ELEMENT = np.ones(1)
+"""Pressure of a brush that has a single element: it bears the whole normal force."""
 IntArray = npt.NDArray[np.int64]
+"""Numbers of trials, steps or samples."""
 Done = Callable[[float], None]
 """Called with how much is done."""
 
@@ -99,6 +101,7 @@ class StepTape:
         self, k: int, trials: slice | IntArray, state: State, travel_m: FloatArray
     ) -> None:
         """Step k of some trials; travel_m [S, B]: how far each contact has slipped."""
+        # The events of a trial are read off these flags, so they are of the core and of no sensor.
         touching = state.normal_n > 0.0
         count = touching.sum(axis=0)
         gripped = count > 0
@@ -253,28 +256,36 @@ class _Running:
         # Every trial has steps of its own, so ends and starts are arrays.
         self.before_s = np.vstack([start_s, self.at_s[:-1]])
         self.steps = np.array([len(grid.at_s) for grid in grids])
+
         self.body = body_of(trials, settings.pressure)
         self.script = Script(trials, self.body)
+
         # Before its first step a trial rests as its script has it then.
         opening = self.script.chunk(start_s[None])[0]
         self.state = at_rest(self.body, opening.closure_m)
+
         contacts, batch = self.state.normal_n.shape
         self.mean: ForceMean | None = None
         if settings.average_s:
             self.mean = ForceMean(settings, contacts, batch)
 
         self.travel_m = np.zeros((contacts, batch))
+
         # The samples of all trials lie end to end: trial k has rows starts[k] to starts[k + 1].
         counts = [grid.n_samples for grid in grids]
         self.starts = np.cumsum([0, *counts])
         total = self.starts[-1]
         self.forces_n = np.zeros((total, contacts, 3))
         self.position_m = np.zeros((total, 3))
+
+        # Forces are kept at samples, but events can happen at any step.
         self.tape = StepTape(len(self.at_s), batch)
 
     def leave(self, start: int) -> None:
         """Drop ended trials from the front where that is worth the copying; at least two stay."""
         batch = len(self.trials)
+
+        # Scene.run sorts its trials by length, so those in front end first.
         ended = self.steps[self.first :] <= start
         count = batch if ended.all() else int(np.argmin(ended))
 
@@ -286,6 +297,8 @@ class _Running:
 
         self.trials = self.trials[count:]
         self.first = self.first + count
+
+        # Body and script follow from the trials alone; state, effects and sums are carried over.
         self.body = body_of(self.trials, self.settings.pressure)
         self.script = Script(self.trials, self.body, self.script.boxed)
         self.state = without_first(self.state, count, batch)

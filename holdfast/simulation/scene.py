@@ -83,6 +83,7 @@ class Scene:
         self.file = file
         self.seed = seed
         self._controlled = controlled
+
         # An effect that only sets how the core steps is called once, by step_settings.
         self.sensor_effects: dict[str, Effect] = {}
         self.physics_effects: dict[str, Effect] = {}
@@ -95,6 +96,7 @@ class Scene:
 
         more = step_settings(file.effects)
         self.settings = StepSettings(file.rate_hz, file.step_s, **more)
+
         self.camera: Camera | None = None
         if file.camera is not None:
             # A scene without a camera does not load it.
@@ -164,6 +166,7 @@ class Scene:
             yield next(self._simulated([trials[0], trials[0]], done))
             return
 
+        # Effects of the physics are built once for the batch, those of the sensor trial by trial.
         drawn, made = self._made(trials)
         movers = [effect for effect in made if hasattr(effect, HAND_MOTION)]
         moved = self._moved(trials, made, done)
@@ -171,6 +174,8 @@ class Scene:
         for k, (trial, (motion, grip)) in enumerate(zip(trials, moved, strict=True)):
             hand_m = np.zeros_like(motion.position_m)
             if movers:
+                # Only an effect with a path moves the picture; tremor and knock give accelerations
+                # alone.
                 hand_m = movers[0].motion_m(motion.t_s, k)
             signal, sensed = self.sense(trial, motion.t_s, motion.forces_n)
             effects = {name: values[k] for name, values in drawn.items()} | sensed

@@ -66,7 +66,7 @@ from holdfast.simulation.objects import (
 from holdfast.simulation.protocol import ACTIONS, COMMON, least_grip_n
 
 MAX_GRIP_N = 70.0
-"""The Michelangelo hand's greatest opposition grip."""
+"""Greatest opposition grip of the Michelangelo hand, N a side (thesis, 5.1.1)."""
 SECTIONS = (
     "title",
     "about",
@@ -79,7 +79,9 @@ SECTIONS = (
     "hand",
     "controller",
 )
+"""Keys and sections at the top of a scene file."""
 ROW_KEYS = ("objects", "action", "style", "count")
+"""Keys of [[trials]] that are no parameters of the action."""
 RATE = Parameter(150.0, "Hz", 40, 10000, "samples a second")
 RECORD = {
     "rate_hz": RATE,
@@ -197,6 +199,9 @@ class _SceneReader(CardReader):
         unit = record.pop("unit", "N")
         if unit not in UNITS[:2]:
             raise self.refused("record.unit", unit, " or ".join(UNITS[:2]))
+
+        # A rate given by the user is checked first, so that the error names the option and not the
+        # file.
         if rate_hz is not None:
             if RATE.problem(rate_hz):
                 raise self.rate_refused(rate_hz, RATE.allowed())
@@ -262,6 +267,8 @@ class _SceneReader(CardReader):
     ) -> TrialsRow:
         action = str(row.get("action"))
         style = str(row.get("style", "author"))
+
+        # Action and style first, because the allowed keys follow from them.
         if action not in ACTIONS:
             raise self.refused(f"{key}.action", action, ", ".join(ACTIONS))
         if style not in styles:
@@ -300,11 +307,14 @@ class _SceneReader(CardReader):
             self.require_table(key, values)
             self.require_known(values, effect.parameters, key)
             self.require_possible(key, values, effect.parameters)
+
+            # Trials are stepped together, so a constant of the step cannot be drawn for each.
             constant = values.get(effect.constant)
             if isinstance(constant, dict):
                 allowed = "a number, the same for every trial"
                 raise self.refused(f"{key}.{effect.constant}", constant, allowed)
 
+        # The order is that in which effects run, not that of the file.
         return {name: effects[name] for name in EFFECT_MODULES if name in effects}
 
     def camera(self, raw: Mapping[str, Any]) -> dict[str, float] | None:
@@ -337,6 +347,7 @@ class _SceneReader(CardReader):
         numbers = self.numbers("controller", section, CONTROLLER_NUMBERS)
         setting = numbers.pop("setting")
         if "setting" not in section:
+            # The default of a setting is that of the controller, not that of the table.
             return HandControl(name, model, None, Drive(**numbers))
 
         return HandControl(name, model, setting, Drive(**numbers))
@@ -402,6 +413,8 @@ class _SceneReader(CardReader):
         if scene.join > 1:
             allowed = "1 with a camera: it films single trials"
             raise self.refused("record.join", scene.join, allowed)
+
+        # An exposure must end before the next one begins.
         exposed_share = 1e-3 * camera["exposure_ms"] * camera["fps"]
         if exposed_share > 1.0:
             frame_ms = 1e3 / camera["fps"]

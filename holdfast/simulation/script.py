@@ -76,6 +76,8 @@ class Times:
     def of(trial: PlannedTrial) -> Times:
         """From the trial's draws."""
         drawn = trial.drawn
+
+        # The empty hand has no events, only an end.
         if trial.action == "nothing":
             return Times(NEVER_S, NEVER_S, NEVER_S, NEVER_S, drawn["lasts_s"])
 
@@ -95,8 +97,11 @@ def _gives(trial: PlannedTrial, closed: float, act: float) -> float:
     """When the person lets go; a weak grip is supported until the action takes the weight."""
     drawn = trial.drawn
     if not trial.supported:
+        # The grip holds the weight by itself, so the person leaves it soon after the hand has
+        # closed.
         return closed + drawn["give_after_s"]
     if trial.action in ("fall", "pull"):
+        # The support ends as the action begins, so the weak grip gets the whole load.
         return act
     if trial.action == "pass":
         return act + drawn["take_s"]
@@ -112,6 +117,7 @@ def _opens(trial: PlannedTrial, act: float) -> float:
     """When the hand opens."""
     drawn = trial.drawn
     if trial.action == "pass":
+        # The wearer opens the hand after the taker has begun to move, not when the taker arrives.
         moves = act + drawn["wait_s"]
         return moves + drawn["open_after_s"]
 
@@ -124,6 +130,7 @@ def _opens(trial: PlannedTrial, act: float) -> float:
         disturbed_s = drawn["times"] * drawn["every_s"]
         return act + disturbed_s + 2.0 * CATCH_S
 
+    # A hand that is pulled at, or lets an object fall, stays closed.
     return NEVER_S
 
 
@@ -137,6 +144,7 @@ def _lasts(trial: PlannedTrial, act: float, opens: float) -> float:
 
     opened = opens + drawn["opening_s"] - act
     if trial.action == "pass":
+        # The hand may be open before the taker has carried the object all the way, or after it.
         carried = drawn["wait_s"] + drawn["move_s"]
         return max(carried, opened)
     return opened
@@ -156,6 +164,7 @@ def busy(trial: PlannedTrial) -> list[Interval]:
     if times.open < NEVER_S:
         intervals.append((times.open, times.open + drawn["opening_s"]))
 
+    # What an event has set in motion goes on for a while after it.
     return [(start - BEFORE_S, stop + SETTLE_S) for start, stop in intervals]
 
 
@@ -164,6 +173,7 @@ def _acting(trial: PlannedTrial, times: Times) -> list[Interval]:
     act = times.act
     drawn = trial.drawn
     if trial.action == "hold":
+        # The person who comes back before the hand opens moves, too.
         pulses = [(times.open - CATCH_S, times.open)]
         for k in range(round(drawn["times"])):
             start = act + k * drawn["every_s"]
@@ -232,6 +242,8 @@ def grid_of(
     from_s = index / rate_hz
     until_s = from_s + 1.0 / rate_hz
     is_fine = np.zeros(len(index), dtype=np.bool_)
+
+    # An overlap of any length makes the whole period fine.
     for start, end in [*busy(trial), *more]:
         is_fine |= (until_s > start) & (from_s < end)
     counts = np.where(is_fine, pieces_of(rate_hz, step_s), 1)
@@ -264,6 +276,8 @@ def body_of(trials: Sequence[PlannedTrial], pressure: FloatArray) -> Body:
     # Tilt and roll turn the direction of gravity in the hand's frame.
     tilt = np.radians(_drawn(trials, "tilt_deg"))
     roll = np.radians(_drawn(trials, "roll_deg"))
+
+    # x is the contact normal, so a tilt puts a part of the weight on one side of the grip.
     across = np.cos(tilt) * np.sin(roll)
     along = -np.cos(tilt) * np.cos(roll)
     down = np.stack([np.sin(tilt), across, along])
@@ -273,6 +287,7 @@ def body_of(trials: Sequence[PlannedTrial], pressure: FloatArray) -> Body:
     stuff = held_n_per_m * hand.part[:, None]
     normal = finger * stuff / (finger + stuff)
 
+    # Friction on silicone is an assumption (objects.py), so every trial varies it by a factor.
     friction = np.array([held.friction for held in objects])
     friction = friction * _drawn(trials, "friction_factor")
     kinetic_share = np.array([held.kinetic_share for held in objects])
@@ -332,9 +347,10 @@ class Script:
         self.passes = actions == "pass"
         self.takes = self.passes | (actions == "pull")
         self.boxed = boxed or bool(self.sets_down.any())
-        grips_n = np.stack([trial.grip_n * trial.share for trial in trials], axis=1)
 
-        # How far past contact a finger must close for its share of the grip.
+        # Every contact bears its share of the grip of its side.
+        grips_n = np.stack([trial.grip_n * trial.share for trial in trials], axis=1)
+        # How far past contact a finger must close for that share.
         self.closed_m = grips_n / body.stiffness_n_per_m
         self.push = np.stack([trial.push for trial in trials], axis=1)
         self.weight_n = body.mass_kg * GRAVITY_M_S2
@@ -343,6 +359,7 @@ class Script:
     def drawn(self, name: str, default: float = 0.0) -> FloatArray:
         """[B] a drawn parameter; the default for actions that do not have it."""
         if name not in self._drawn:
+            # Kept, because every chunk of steps asks for the same parameters again.
             values = [trial.drawn.get(name, default) for trial in self.trials]
             self._drawn[name] = np.array(values)
         return self._drawn[name]
@@ -362,6 +379,7 @@ class Script:
         box = self._box(t_s) if self.boxed else None
         inputs = []
 
+        # All steps were computed at once; the core takes them one by one.
         for k in range(len(t_s)):
             pulls = []
             for person, acts in zip(people, acting, strict=True):
@@ -409,10 +427,13 @@ class Script:
         """[S, B] how far the fingers are closed beyond the object's surface; open: -OPEN_GAP_M."""
         # dFn: the whole grip changes
         grip = (1.0 + self.drawn("grip_change") * pulse) * share
+
+        # The way from the open hand to the depth at which the springs give the grip.
         travel_m = OPEN_GAP_M + self.closed_m * grip
         closure = shut * travel_m - OPEN_GAP_M
 
         # dq: only the fingers are driven, the thumb stands still
+        # times shut, so that a disturbance of the motor fades as the hand opens
         motor_m = 1e-3 * self.drawn("motor_mm") * pulse * shut
         closure[self.body.thumb :] += motor_m
         return closure
@@ -442,6 +463,8 @@ class Script:
         # Below critical damping, 2 sqrt(k m), as a human arm.
         critical = np.sqrt(GIVER_N_PER_M * self.body.mass_kg)
         damping = 2.0 * DAMPING_RATIO * critical
+
+        # The person holds the object where the hand takes it: the target does not move.
         still = np.zeros((len(t_s), *self.push.shape))
         return Pull(
             stiffness_n_per_m=there * GIVER_N_PER_M,
@@ -459,6 +482,8 @@ class Script:
         grasped = self.takes & (t_s >= self.act_s)
         start = self.act_s + self.drawn("wait_s")
         move_s = self.drawn("move_s", 1.0)
+
+        # Until the pause is over, the hand of the person stands still with the object.
         u = np.clip((t_s - start) / move_s, 0.0, 1.0)
 
         # The minimum-jerk path and its derivative, 30 u^2 (1 - u)^2.
@@ -477,6 +502,7 @@ class Script:
         weight = np.where(self.passes, taken, 0.0)
         there = self.still_there(t_s)
 
+        # The cap does not fade with the person: without a spring it limits nothing.
         return Pull(
             stiffness_n_per_m=np.where(grasped, stiffness * there, 0.0),
             damping_n_s_per_m=np.where(grasped, damping * there, 0.0),
@@ -494,6 +520,7 @@ class Script:
         load_share = -self.drawn("load_n") / self.weight_n
         load = np.where(self.holds, load_share, 0.0)
 
+        # There is no spring, so the cap of 1 N limits nothing.
         return Pull(
             stiffness_n_per_m=nothing,
             damping_n_s_per_m=nothing,
@@ -505,6 +532,7 @@ class Script:
 
     def _box(self, t_s: FloatArray) -> Floor:
         """The box that comes from below and takes the weight."""
+        # The hand comes down on the box; in the frame of the hand the box rises.
         since_s = t_s - self.act_s
         way_m = since_s * self.drawn("box_m_s", 1.0)
         risen = np.minimum(way_m, BOX_GAP_M + BOX_OVERSHOOT_M)

@@ -61,10 +61,14 @@ class Arm(PhysicsEffect):
         """
         cycle_s = self.cycle_s[of]
         since_s = t_s - self.start_s[of]
+
+        # Reach and rest together are a cycle; the hand rests after u has reached 1.
         number = np.floor(since_s / cycle_s)
         within_s = since_s - number * cycle_s
         u = np.clip(within_s / self.lasts_s[of], 0.0, 1.0)
         reaches = (number >= 0) & (number < self.count[of])
+
+        # Even reaches go forth, odd ones back.
         direction = np.where(number % 2 == 0, 1.0, -1.0)
         return number, u, np.where(reaches, direction, 0.0)
 
@@ -170,12 +174,14 @@ ARM = {
     "at_s": Parameter({"uniform": [4.2, 5.0]}, "s", 0, 600, "start of the first reach"),
     "count": Parameter(2.0, "", 0, 1000, "reaches, alternately forth and back"),
 }
+"""Parameters of the effect `arm`."""
 TREMOR = {
     "frequency_hz": Parameter({"uniform": [4, 12]}, "Hz", 1, 30, "of the tremor"),
     "amplitude_m_s2": Parameter(
         {"uniform": [0.1, 1.0]}, "m/s^2", 0, 50, "of the hand's acceleration"
     ),
 }
+"""Parameters of the effect `tremor`."""
 KNOCK = {
     "peak_m_s2": Parameter(
         {"uniform": [5, 40]}, "m/s^2", 0, 1000, "greatest acceleration"
@@ -183,6 +189,7 @@ KNOCK = {
     "lasts_s": Parameter({"uniform": [0.005, 0.03]}, "s", 0.001, 1, "of the pulse"),
     "at_s": Parameter({"uniform": [4.5, 6.0]}, "s", 0, 600, "start of the pulse"),
 }
+"""Parameters of the effect `knock`."""
 EFFECTS = {
     "arm": Effect("arm", "physics", Arm, ARM),
     "tremor": Effect("tremor", "physics", Tremor, TREMOR),

@@ -18,8 +18,11 @@ import numpy.typing as npt
 from holdfast.core.contract import FloatArray
 
 Column = tuple[FloatArray, int]
+"""Values [T] of a column, and the decimals with which they are written."""
 Letters = npt.NDArray[np.uint8]
+"""Bytes of text, one number a letter."""
 Whole = npt.NDArray[np.unsignedinteger[Any]]
+"""Whole numbers without a sign, of 32 or 64 bits."""
 LARGEST = 2**53
 """Up to here float64 holds every whole number."""
 GROUP = 4
@@ -56,6 +59,8 @@ def _cells(values: FloatArray, decimals: int) -> Letters:
     """[T, K] numbers -> [T, K, width] letters, a comma at the end."""
     lost = np.isnan(values)
     known = np.where(lost, 0.0, values) if lost.any() else values
+
+    # A larger number would be rounded by float64 before it is rounded to its decimals.
     bound = LARGEST / 10.0**decimals
     if not (np.abs(known) < bound).all():
         raise ValueError("a value is infinite or has more digits than float64 holds")
@@ -70,6 +75,8 @@ def _cells(values: FloatArray, decimals: int) -> Letters:
     # Sign, digits, point, decimals, comma.
     width = 1 + before_point + (decimals > 0) + decimals + 1
     letters = np.empty((*values.shape, width), dtype=np.uint8)
+
+    # A value that rounds to zero gets no sign, because -0.0 is not below zero.
     letters[..., 0] = np.where(scaled < 0.0, MINUS, BLANK)
     letters[..., -1] = COMMA
 

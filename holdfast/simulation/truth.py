@@ -33,6 +33,7 @@ GROSS_SLIP_M = 2e-3
 TRANSFERRED = 0.95
 """Share of the final force at which the weight counts as taken over."""
 PROVENANCE = "scene"
+"""Origin of a phase in the sidecar: the simulation itself, not a person or a detector."""
 EVENTS = (
     "contact_s",
     "load_onset_s",
@@ -40,7 +41,9 @@ EVENTS = (
     "gross_slip_s",
     "contact_lost_s",
 )
+"""Fields of Truth that are events, in the order of their keys in the sidecar."""
 Mark = tuple[float, int]
+"""Start of a situation in s, and the number of the situation."""
 
 
 @dataclass(frozen=True)
@@ -216,6 +219,7 @@ def _marks(
 
 def _stopped(marks: list[Mark], motion: TrialMotion, lost: int) -> list[Mark]:
     """The marks, and a grasp from the last slip on where the object stays in the hand."""
+    # The last mark is the departure of the object; the one before it may be a slip.
     if lost < len(motion.at_s) or marks[-2][1] != RISKY_SLIP:
         return marks
     # What stays in the hand has been stopped.
@@ -237,6 +241,7 @@ def _transferred(
     if not before_opening[onset:].any():
         return None
 
+    # Compared with the last step before load onset.
     given = motion.agents_n - motion.agents_n[onset - 1]
     size = np.sqrt((given * given).sum(axis=1))
 
@@ -262,6 +267,7 @@ def _perturbed(motion: TrialMotion, times: Times, lost: int) -> list[Mark]:
         start = sliding[0] if sliding.size else acts
         marks.append((float(motion.at_s[start]), RISKY_SLIP))
         if lost > opens:
+            # A slip that ends before the hand opens ends as a grasp.
             marks.append((float(motion.at_s[sliding[-1]]), GRASP))
     if lost > opens:
         marks.append((float(times.open), SAFE_SLIP))
