@@ -47,6 +47,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Adapt, or undo; prints what was chosen and verified."""
+    # All that can be refused is refused before the fitting.
     _require_options(args)
     require_writable(args.out.parent)
     require_json_writable(args)
@@ -67,11 +68,13 @@ def _require_options(args: argparse.Namespace) -> None:
             "--data and --person are needed",
             next_step="holdfast adapt MODEL --data FOLDER --person p01 --out FILE",
         )
+    # The card would overwrite the model that it describes.
     if args.out.suffix == CARD_SUFFIX:
         raise UsageError(
             f"--out {args.out}: the model's card is written there",
             next_step=f"write --out {args.out.with_suffix('.onnx')}",
         )
+    # Resolved: the same file under another name is found out too.
     if args.out.resolve() == args.model.resolve() or (
         args.out.exists() and not args.force
     ):
@@ -102,6 +105,7 @@ def _adapt(args: argparse.Namespace) -> int:
         fitted, verified = adapt_file(
             args.model, args.data, args.person, args.slips, args.out, begin
         )
+
     reached = fitted.point.reached
     person = fitted.adaptation.about["person"]
     rules = fitted.point.rules
@@ -114,6 +118,7 @@ def _adapt(args: argparse.Namespace) -> int:
         f"{verified.changed} labels differ from the base\n"
         f"model: {args.out}; back: holdfast adapt {args.out} --undo --out BASE.onnx"
     )
+
     found = {
         "model": args.out,
         "person": person,

@@ -41,6 +41,7 @@ class Parser(argparse.ArgumentParser):
 
 def seed(word: str) -> int:
     """A seed from the command line: 0 .. 2^32 - 1, the range that all generators take."""
+    # isdecimal refuses signs, points and spaces, which int() would take
     number = int(word) if word.isdecimal() else -1
     if not 0 <= number < 2**32:
         raise argparse.ArgumentTypeError(
@@ -51,6 +52,7 @@ def seed(word: str) -> int:
 
 def path_argument(word: str) -> Path:
     """A path from the command line. An empty one (a shell variable that is not set) is an error."""
+    # Path("") is the current folder, which nobody means to write to
     if not word.strip():
         raise argparse.ArgumentTypeError("the path is empty")
     return Path(word)
@@ -100,12 +102,15 @@ def finish(main: Callable[[Sequence[str]], int], argv: Sequence[str]) -> int:
 
     A stderr that takes no data neither blocks the program nor keeps it from ending.
     """
+    # First: the next file that is opened would get the number of a closed stream.
     hold_standard_descriptors()
     with closing(stream_sink(sys.stderr)) as on_stderr:
         if "--debug" not in argv:
             warnings.showwarning = _one_line_to(on_stderr)
         try:
+            # --debug is an option of every program, so no parser needs to know it.
             code = main([word for word in argv if word != "--debug"])
+            # Flushed here, so that an error of the last lines still becomes an exit code.
             sys.stdout.flush()
             return code
         except (HoldfastError, ModuleNotFoundError) as error:
@@ -114,9 +119,11 @@ def finish(main: Callable[[Sequence[str]], int], argv: Sequence[str]) -> int:
             shown = error if isinstance(error, HoldfastError) else _not_installed(error)
             on_stderr(f"error: {type(shown).__name__}: {shown}")
             return shown.exit_code
+        # 130 is 128 + SIGINT, as shells report it.
         except KeyboardInterrupt:
             on_stderr("interrupted")
             return 130
+        # The reader of a pipe has seen enough (`| head`): that is no failure.
         except BrokenPipeError:
             return 0
         except OSError as error:
@@ -157,6 +164,7 @@ def _forget_what_cannot_be_written(stream: TextIO) -> None:
     try:
         stream.flush()
     except OSError:
+        # The stream keeps its number, and what is left in it goes nowhere.
         nothing = os.open(os.devnull, os.O_WRONLY)
         os.dup2(nothing, stream.fileno())
         os.close(nothing)
@@ -197,6 +205,7 @@ def add_json_option(parser: argparse.ArgumentParser) -> None:
 
 def require_json_writable(args: argparse.Namespace) -> None:
     """Raise OutputError where the file of --json cannot be written, before the work begins."""
+    # A run of hours must not end with a folder that cannot be written to.
     if args.json not in (None, STDOUT):
         require_writable(args.json.parent)
 
@@ -215,6 +224,7 @@ def write_found(args: argparse.Namespace, found: Mapping[str, Any]) -> None:
     """Only the JSON object, where --json wants it."""
     if args.json is None:
         return
+    # No NaN: other languages cannot read it.
     text = json.dumps(found, indent=1, allow_nan=False, default=str) + "\n"
     if args.json == STDOUT:
         sys.stdout.write(text)

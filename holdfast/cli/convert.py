@@ -72,14 +72,18 @@ def _to_format(args: argparse.Namespace) -> int:
     writer: Any = import_module(WRITERS[args.to])
     from holdfast.interop.payload import read_payloads
 
+    # Files of two conversions in one folder could not be told apart.
     if args.out.exists() and (not args.out.is_dir() or any(args.out.iterdir())):
         raise OutputError(
             "exists and is not empty", where=args.out, next_step="name a new folder"
         )
+
     trials = read_payloads(args.source, args.only, raw=args.raw)
+    # All or nothing: a conversion that fails leaves no folder behind.
     with whole_folder(args.out) as folder:
         writer.write_trials(trials, folder)
     rows = sum(len(trial.t_s) for trial in trials)
+
     words = f"{args.out}: {len(trials)} trials, {rows} samples"
     show_found(args, words, {"out": args.out, "trials": len(trials), "samples": rows})
     return 0
@@ -91,10 +95,12 @@ def _from_xdf(args: argparse.Namespace) -> int:
 
     if not args.person:
         raise UsageError("--to trials without a person", next_step="--person p01")
+    # Names of people become folders, so they are checked like those of the recorder.
     person = args.out / checked_name(args.person, "--person")
     named = (
         f"{args.object}/{args.action}" if args.object and args.action else args.action
     )
+
     stream, markers = read_xdf(args.source, args.stream, args.unit)
     found = cuts(markers, named, args.source)
     written = [str(path) for path in write_trials(stream, markers, found, person)]

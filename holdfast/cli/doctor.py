@@ -55,11 +55,13 @@ def _settings() -> list[Finding]:
 
     try:
         settings = read_settings([])
+    # A file of settings with a mistake is a finding like any other.
     except HoldfastError as error:
         return [Finding("settings", "broken", str(error), error.next_step)]
     if settings.path is None:
         found = f"no {DEFAULT} here: options come from the command line"
         return [Finding("settings", "ok", found)]
+
     findings = []
     for name, value in settings.values.items():
         found = f"{value} (from {settings.path}; --{name} wins)"

@@ -67,9 +67,12 @@ def run(args: argparse.Namespace) -> int:
     from holdfast.training.progress import stages
 
     require_json_writable(args)
+    # A report that cannot be written is refused before the evaluation.
     if args.report is not None:
         require_writable(args.report.parent)
+
     request = _request(args)
+    # Loading the libraries, and what this verb adds to the stages of the evaluation.
     extra = 1 + (args.real is not None) + (args.report is not None)
     with stages(request.n_stages() + extra) as begin:
         begin("loading the libraries and the model")
@@ -102,6 +105,7 @@ def _evaluated(
     workers = chosen_workers(args)
     evaluation = evaluate_events(model, request, begin, begin.part, workers)
     figures = evaluation.to_json()
+
     real = None
     if args.real is not None:
         begin("real recordings")

@@ -73,7 +73,9 @@ def run(args: argparse.Namespace) -> int:
     )
 
     _report_begin(args)
+
     model = args.out or args.artifact / MODEL_NAME
+    # Before the export, whose work would be lost.
     require_replaceable(args.artifact, model, force=args.force)
     path, report = export_artifact(args.artifact, args.out, report=_report_stage)
     lines = [f"{name}: {_agreement(head)}" for name, head in report.heads.items()]
@@ -95,6 +97,7 @@ def _export_c(args: argparse.Namespace) -> int:
     from holdfast.edge_runtime.c_engine import default_folder
     from holdfast.export.c.exporting import export_c
 
+    # A folder of `holdfast train` or a model file: both are given as the first argument.
     model = args.artifact / "holdfast.onnx" if args.artifact.is_dir() else args.artifact
     folder = args.out or default_folder(model)
     done = export_c(model, folder, build=args.build, force=args.force)

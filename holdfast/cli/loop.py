@@ -75,6 +75,7 @@ def run(args: argparse.Namespace) -> int:
         trials=args.trials,
         seed=args.seed,
     )
+    # A card that does not fit the model is refused before the first trial is simulated.
     comparison.require_runnable()
     announced = f"running {', '.join(args.cards)} in a closed loop (simulated)"
     with counted(announced, 1) as done:

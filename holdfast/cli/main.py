@@ -107,6 +107,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _main(argv: Sequence[str]) -> int:
+    # `holdfast help VERB` is the help of that verb's parser.
     if len(argv) > 1 and argv[0] == "help":
         argv = [argv[1], "--help"]
     if not argv or argv[0] in ("-h", "--help", "help"):
@@ -127,6 +128,7 @@ def _main(argv: Sequence[str]) -> int:
 
 def _run(verb: str, argv: Sequence[str]) -> int:
     module_name, about = VERBS[verb]
+    # Only the verb's module: `holdfast run` must start without the packages of training.
     module = import_module(module_name)
     parser = _parser(verb, argv, about)
     module.add_arguments(parser)
@@ -142,5 +144,6 @@ def _parser(verb: str, argv: Sequence[str], about: str) -> Parser:
     # only these commands read files of settings
     from holdfast.cli.settings import SettingsParser, read_settings
 
+    # Before the parser exists, because they become its defaults.
     settings = read_settings(argv).of(verb)
     return SettingsParser(settings=settings, prog=prog, description=about)

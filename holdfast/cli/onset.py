@@ -72,6 +72,7 @@ def run(args: argparse.Namespace) -> int:
     """Find the onset, write it next to the trial, print it."""
     from holdfast.drivers.camera.onset import GROSS_MM, gross_distance_mm
 
+    # Pads shear elastically under load, which a camera cannot tell from a slip by itself.
     held = [read_motion(path, args.tag_mm) for path in args.no_slip]
     gross_mm = args.gross_mm or (
         gross_distance_mm([trial.moved for trial in held]) if held else GROSS_MM
@@ -83,6 +84,7 @@ def run(args: argparse.Namespace) -> int:
             args.from_s + trial.starts_s, args.until_s + trial.starts_s
         ),
     )
+    # Within the elastic shear every held object would seem to slip.
     require_above_shear(held, gross_mm)
     label = write_label(trial, args.action, gross_mm, shear_known=bool(held))
     show_found(args, label.words, label.to_json())

@@ -34,6 +34,7 @@ def add_source_option(parser: argparse.ArgumentParser) -> None:
 
 def set_reader(source: str) -> SetReader | None:
     """What reads a source such as SET#N; its packages are loaded only where they are needed."""
+    # Only a source with a number sign is a trial of a set.
     if "#" not in source:
         return None
     from holdfast.sessions.set_source import read_set_trial
@@ -121,6 +122,7 @@ def require_grip(args: argparse.Namespace) -> None:
             "--cues needs --feedback, which sends the cues",
             next_step="--feedback udp://127.0.0.1:9002",
         )
+    # Silently ignored, these options would look as if they worked.
     given = {"controller": args.controller, "ceiling": args.ceiling}
     for option, value in given.items():
         if value and not args.grip:
@@ -164,6 +166,7 @@ def require_intent(args: argparse.Namespace) -> None:
 
 def _level(text: str) -> float:
     level = float(text)
+    # An envelope goes from 0 to 1; at 0 the hand would be open all the time.
     if not 0.0 < level <= 1.0:
         raise ValueError
     return level
@@ -209,5 +212,6 @@ def add_engine_options(parser: argparse.ArgumentParser) -> None:
 
 def chosen_model(args: argparse.Namespace) -> ModelChoice:
     """The file of args.model with the engine that the user chose."""
+    # As text: the choice is sent to other processes and written into results.
     library = None if args.library is None else str(args.library)
     return ModelChoice(str(args.model), args.engine, library)

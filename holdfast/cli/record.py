@@ -64,12 +64,14 @@ def run(args: argparse.Namespace) -> int:
     from holdfast.sessions.recorder.session import Display, RunContext
 
     options = options_of(args)
+    # A sink: a terminal that stops reading must not stop the recording.
     display: Display = StatusLine(
         stream_sink(sys.stderr), lambda: columns_of(sys.stderr), args.seconds
     )
     with ExitStack() as stack:
         stopped = stack.enter_context(stop_signals())
         keys = stack.enter_context(listening(sys.stdin.fileno()))
+        # The page is one more display and one more source of keys.
         if args.web:
             page = record_page(args.web, options, keys, display)
             display = stack.enter_context(page)

@@ -50,6 +50,7 @@ def read_settings(argv: Sequence[str]) -> Settings:
 
     Raises DataNotFound for a file that --config names and that is missing, and CardError.
     """
+    # A parser of its own: --config must be known before the command's parser is made.
     finder = argparse.ArgumentParser(
         add_help=False, allow_abbrev=False, exit_on_error=False
     )
@@ -72,10 +73,12 @@ def _read(path: Path) -> Settings:
             where=path,
             next_step="check the path after --config",
         ) from None
+
     card = CardReader(path)
     card.require_known(raw, (*HAND, "sinks"), "settings")
     sinks = card.table(raw, "sinks")
     card.require_known(sinks, SINKS, "[sinks]")
+    # Sinks stand in a table of their own in the file, and among the others on the command line.
     given = {name: value for name, value in raw.items() if name != "sinks"} | sinks
     return Settings(
         path, {name: _value(path, name, value) for name, value in given.items()}
@@ -83,12 +86,14 @@ def _read(path: Path) -> Settings:
 
 
 def _value(path: Path, name: str, value: object) -> str:
+    # Values stand as they would be typed, so all of them are texts.
     if not isinstance(value, str) or not value.strip():
         raise CardError(
             f"{name} = {value!r:.80} is no text",
             where=path,
             next_step=f'write it as on the command line, in quotes: {name} = ".."',
         )
+    # A shipped model is found by its name, in any folder.
     is_file = name in FILES and not (name == "model" and value in shipped())
     return str(path.parent / value) if is_file else value
 
@@ -115,6 +120,8 @@ class SettingsParser(Parser):
         name = names[-1].lstrip("-")
         if name in self._settings:
             options["default"] = self._settings[name]
+            # An option with a default must not be required; a positional argument becomes
+            # optional.
             if names[0].startswith("-"):
                 options.pop("required", None)
             else:

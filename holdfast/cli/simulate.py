@@ -52,11 +52,13 @@ def run(args: argparse.Namespace) -> int:
     from holdfast.training.progress import counted
 
     require_json_writable(args)
+    # A set is made of one card and one seed; files of two sets must not mix.
     require_new(args.out)
     scene, trials = planned_set(args.card, args.seed, args.trials, args.rate, "--rate ")
     total = len(trials)
     card = scene.file
     announced = f"simulating {total} trials of {card.name}"
+    # The handlers are set first, so that no signal falls between.
     with _nothing_left_of(args.out), counted(announced, total) as done:
         files = write_set(scene, args.out, args.trials, done)
 
@@ -84,6 +86,7 @@ def _nothing_left_of(out: Path) -> Iterator[None]:
     """SIGTERM and SIGHUP end the block as Ctrl-C does, so that it removes its unfinished folder."""
 
     def interrupt(number: int, frame: object) -> None:
+        # As Ctrl-C: the block that writes the folder removes it, whatever ends the run.
         raise KeyboardInterrupt
 
     before: dict[signal.Signals, Any] = {}

@@ -61,6 +61,7 @@ def run(args: argparse.Namespace) -> int:
     from holdfast.sessions.study.runner import Ending
 
     protocol = read_study(args.protocol)
+    # The listing needs no hand, no person and no folder.
     if args.list:
         show("\n".join(protocol.listing()))
         return 0
@@ -70,6 +71,7 @@ def run(args: argparse.Namespace) -> int:
         return 0 if done else 1
     if not args.report:
         ending = starting.run_study(options_of(args), protocol, sys.stdin)
+        # A study that goes on later has no report yet.
         if ending != Ending.FINISHED:
             return 0
     lines = starting.write_participant_report(
@@ -81,13 +83,16 @@ def run(args: argparse.Namespace) -> int:
 
 def require_options(args: argparse.Namespace) -> None:
     """Raise UsageError for an option that is missing, or that goes with no other."""
+
     needed = {"--out": args.out, "--person": args.person}
+    # Reports and withdrawals work on files alone, without a hand.
     if not args.report and not args.withdraw:
         needed["--source"] = args.source
     for option, value in needed.items():
         if value is None:
             step = "holdfast study --help shows all"
             raise UsageError(f"{option} is missing", next_step=step)
+    # A rehearsal answers every question by itself, and would confirm the deletion.
     if args.rehearse and args.withdraw:
         raise UsageError("--withdraw asks first", next_step="leave out --rehearse")
 

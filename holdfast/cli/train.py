@@ -131,10 +131,13 @@ def run(args: argparse.Namespace) -> int:
     require_json_writable(args)
     with stages(max(1, len(args.data)) + OTHER_STAGES) as progress:
         progress("loading the libraries")
+        # Imported within the stage: loading the libraries takes seconds, and is shown.
         from holdfast.training.fitting import train_on_sets
 
+        # With --json on stdout nothing else may stand there.
         describe = _quiet if args.json == STDOUT else show
         data, figures = train_on_sets(_request(args), progress, describe)
+
     held_out = f"held out by {data.group_kind}: "
     macro_f1, *each_f1 = situation_lines(figures.situations, figures.group_kind)
     lines = [held_out + macro_f1, *each_f1]
@@ -143,6 +146,7 @@ def run(args: argparse.Namespace) -> int:
         auc = with_interval(ranking.auc, ranking.auc_ci, figures.group_kind)
         lines.append(f"{held_out}0.25 s prediction AUC {auc}")
     lines += [data.caveat, f"artifact: {args.out}; next: holdfast export {args.out}"]
+
     found = {
         "artifact": args.out,
         "data": data.name,

@@ -59,6 +59,7 @@ def run(args: argparse.Namespace) -> int:
         "lost": watched.lost,
     }
     show_found(args, words, {"out": args.out, **found})
+    # After the recording is whole: a wrong size can be given again with `holdfast onset --tag-mm`.
     wrong = doubt(args.out)
     if isinstance(wrong, TagError):
         raise wrong
@@ -74,6 +75,7 @@ def _source(args: argparse.Namespace) -> FrameSource:
     from holdfast.sessions.camera import CameraOptions, stored_frames
 
     options = CameraOptions(args.camera, args.tag_mm, args.fps, args.exposure_ms)
+    # Options that do not fit the camera are refused before it is opened.
     options.require_complete(args.seconds)
     if args.camera == OAK:
         lens = Lens(**options.shooting(), clock="monotonic", apart_mm=args.apart_mm)

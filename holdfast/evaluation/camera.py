@@ -125,6 +125,7 @@ def _slip(interval: Json, marks: Sequence[tuple[str, Any]]) -> SeenSlip:
     """An interval with the scene's marks that fall into it."""
     start_s = float(interval["t0_s"])
     gross_s = float(interval["gross_s"])
+    # An object may go on sliding after the gross distance was reached.
     last_s = max(gross_s, float(interval["t1_s"]))
     sd_s = float(interval["uncertainty_s"])
 
@@ -133,6 +134,7 @@ def _slip(interval: Json, marks: Sequence[tuple[str, Any]]) -> SeenSlip:
         # A scene writes null for what did not happen.
         if at_s is None:
             continue
+        # Both are measured on the same axis, the seconds since the first sample.
         if start_s - LATE_S <= float(at_s) <= last_s + LATE_S:
             near[name] = float(at_s)
 
@@ -151,6 +153,7 @@ def onsets_by(root: Path, recordings: Sequence[Recording]) -> dict[str, int]:
     for recording in recordings:
         truth = read_json(truth_path(_csv(root, recording.trial_id)))
         for phase in _phases(truth):
+            # Older truths do not name what gave a label.
             if phase.get("label") == RISKY and "provenance" in phase:
                 count[str(phase["provenance"])] += 1
     return dict(sorted(count.items()))
@@ -219,11 +222,14 @@ def camera_figures(
     delay_ms = []
     lead_ms = []
     for outcome, slip in matched:
+        # A missed slip has no delay; it counts in `events` and not in `found`.
         if outcome.alarm_s is not None:
             delay_ms.append(1e3 * (outcome.alarm_s - slip.start_s))
             lead_ms.append(1e3 * (slip.gross_s - outcome.alarm_s))
 
+    # Also slips that no label calls risky, so that both numbers show how far they agree.
     n_onsets = sum(len(slips) for slips in seen)
+
     sd_ms = [1e3 * slip.sd_s for _, slip in matched]
     return CameraFigures(
         onsets=n_onsets,

@@ -65,6 +65,7 @@ class EvaluationRequest:
         # Reading, running, scoring; matching too, unless that was done on other sets before.
         of_a_set = 3 if self.choose else 4
         of_choosing = 3 if self.choose else 0
+        # A stage that is announced and never comes would stop the progress before its end.
         of_training = 1 if self.train else 0
         of_sets = of_a_set * len(self.data)
         of_all_sets = 1
@@ -94,6 +95,7 @@ def evaluate_events(
     run = _Run(model.open(), request, say, part)
     forest = run.forest()
     found = run.baselines(forest)
+    # Chosen once for all sets; without other streams each set is matched on itself.
     chosen = run.chosen(found) if request.choose else None
 
     # In this process baselines and their kept signals are shared, and progress is shown.
@@ -141,6 +143,7 @@ def _require_apart(request: EvaluationRequest) -> None:
     """Raise DataNotFound for a missing folder, UsageError for one to choose on and to score."""
     scored = {find(name).resolve() for name in request.data}
     if request.train:
+        # A missing training folder is an error here, before any stage begins.
         find(request.train)
     for name in request.choose:
         # Resolved, so that the same folder is found out under another name.
@@ -187,6 +190,7 @@ class _Run:
 
     def chosen(self, baselines: Sequence[Baseline]) -> Thresholds:
         """Thresholds from streams that are not scored."""
+        # Several sets are read as one: the budget of false alarms is for all their minutes.
         names = self.request.choose
         card = self.model.card
         self.say(f"reading {', '.join(names)}, to choose the confidence on")
@@ -222,6 +226,7 @@ class _Run:
         recordings = data.recordings
 
         self.say(f"{data.name}: running the model on {len(recordings)} recordings")
+        # Heads without labels in this set cost time and cannot be scored.
         heads = heads_with_task(self.model, with_situations(data))
         # One pass gives both the states and what the windows are scored by.
         steps = steps_with(self.model, [*OUTPUTS, *heads])
@@ -259,6 +264,7 @@ class _Run:
             windows="natural",
             part=self.part,
         )
+        # Before a set is run, which takes minutes.
         require_model_fits(self.model, data)
         # Unseen people alone, where the model was trained on others of the set.
         return data.of_groups(self.request.people) if self.request.people else data
@@ -267,6 +273,7 @@ class _Run:
         self, data: DataSet, computed: Sequence[Outputs]
     ) -> WindowFigures:
         whole = with_situations(data)
+
         names = ["situation", "unknown", *heads_with_task(self.model, whole)]
         every_row = [np.arange(len(one.samples)) for one in whole.recordings]
         # Without the outputs of which only the events are made.
@@ -277,5 +284,6 @@ class _Run:
 
 def _label(name: str, data: DataSet) -> str:
     """A set's name with the seed it was made from, if any: two sets of one card differ by it."""
+    # A recorded set has no seed, and needs none to be told apart.
     made_from = read_json(find(name) / "meta.json").get("seed")
     return data.name if made_from is None else f"{data.name}, seed {made_from}"

@@ -24,10 +24,12 @@ def evaluation_lines(of: Evaluation) -> list[str]:
 
     headline = of.thresholds.headline
     rows = {name: one.rows[headline] for name, one in of.sets.items()}
+    # Of one set, all sets together would be the same line again.
     if len(rows) > 1:
         rows["all sets"] = of.rows[headline]
     for name, row in rows.items():
         lines.append(_events_in_words(f"{name}, {display_name(headline)}", row))
+        # The camera is a second opinion on the same events, so it follows their line.
         lines += _camera_in_words(name, row.camera)
 
     for name, one in of.sets.items():

@@ -93,6 +93,7 @@ def all_sets(
         drops += one.drops
         judged += one.judged
         for method, result in one.methods.items():
+            # By name: with other settings for each set it is still the same method.
             by_method.setdefault(method, []).append(result)
 
         # The first set with a trial to draw stands for all.
@@ -125,6 +126,7 @@ def all_sets(
 
 
 def _times(method: MethodResult, to_state_ms: list[float]) -> TimesMs:
+    # A state may come without an alarm, so the lists differ in length.
     times = TimesMs(to_state_ms)
     for match in method.matches:
         for outcome in match.outcomes:

@@ -81,6 +81,7 @@ def method_result(
     for trial, on in zip(trials, requests, strict=True):
         recording = trial.recording
         result.matches.append(match_alarms(recording, on))
+        # Twice, since the truth is no sharper than the collar: the difference shows its influence.
         result.wide.append(match_alarms(recording, on, WIDE_COLLAR_S))
 
         style = style_of(trial.grasps)
@@ -103,6 +104,7 @@ def together(results: Sequence[MethodResult]) -> MethodResult:
     """One method on several sets as on one."""
     whole = MethodResult()
     for result in results:
+        # One after another: every recording keeps its own events, minutes and group.
         whole.matches += result.matches
         whole.wide += result.wide
         whole.actions += result.actions
@@ -176,8 +178,10 @@ def figures_of_methods(
         # All methods at once: the model steps their drops together.
         delays_s = [one.delays_s() for one in methods.values()]
         closing = drops.kept_by_each(delays_s)
+
     figures = {}
     for (name, result), kept in zip(methods.items(), closing, strict=True):
+        # Every method gets the same seed, so that all draw the same groups.
         figures[name] = method_figures(result, trials, kept, seed)
 
     return figures
@@ -244,6 +248,7 @@ def by_style(
         return None
 
     figures = {}
+    # By name, so that the order does not depend on which trial came first.
     for name in sorted(matches):
         scores = event_scores(matches[name], seed=seed)
         actions = [one for one in of.actions if one.style == name]
@@ -257,6 +262,7 @@ def by_style(
             safe_acts_called=_called(actions),
         )
 
+    # With the styles as groups, the interval says how far another person may be off.
     whole = event_scores(grouped, seed=seed)
     return ByStyle(whole.recall_ci, whole.false_per_min_ci, figures)
 

@@ -46,6 +46,7 @@ def timelines(rows: Sequence[AnsweredTrial], kind: str) -> str:
             recording = row.trial.recording
             number = recording.trial_id.rsplit("_", 1)[-1]
             names.append(f"{recording.object_name} {number}")
+            # The longest trial decides the width: trials of a picture differ in length.
             end_s = len(row.situation) / recording.rate_hz
             last_s = max(last_s, end_s)
 
@@ -89,10 +90,12 @@ def distributions(times: dict[str, TimesMs], kind: str) -> str:
     """Share of the detected events by delay and lead in ms, one panel a set; "" without events."""
     many = {}
     for name, one in times.items():
+        # With fewer, a curve is a few large steps that show no distribution.
         if len(one.to_act) >= LEAST_EVENTS:
             many[name] = one
     if not many:
         return ""
+
     n_rows = math.ceil(len(many) / COLUMNS)
     height = 2.35 * n_rows + 0.3
     with labelled(kind, 10.2, height) as figure:
@@ -104,6 +107,7 @@ def distributions(times: dict[str, TimesMs], kind: str) -> str:
             _curve(axes, one.available, "lead available", "#009e73", linestyle="--")
             _curve(axes, one.left, "lead left at act", "#000000")
             axes.set_title(name, fontsize=9, loc="left")
+            # Below 0: an alarm within the collar comes before the load onset.
             axes.set(xlim=(-20.0, MOST_MS), ylim=(0.0, 1.02), xlabel="ms")
             axes.axvline(0.0, color=QUIET, linewidth=0.7)
 
@@ -128,6 +132,7 @@ def _curve(
     """The cumulative share of some values; nothing without a value."""
     if not values:
         return
+
     n = len(values)
     shares = np.arange(1, n + 1) / n
     axes.step(
@@ -157,6 +162,7 @@ def confusion(level: ConfusionFigures, kind: str) -> str:
         for (row, column), value in np.ndenumerate(shares):
             # What would be written as 0.00 stays empty.
             if value >= 0.005:
+                # Dark cells need light figures.
                 colour = "white" if value > 0.5 else INK
                 axes.text(column, row, f"{value:.2f}", color=colour, **centred)
         for row in np.flatnonzero(windows == 0.0).tolist():

@@ -26,6 +26,7 @@ def write_event_report(
 ) -> Path:
     """Write the report; OutputError where that cannot be done. real: of real recordings, if any."""
     of = evaluation
+
     headline = evaluation.thresholds.headline
     kind = kind_of(of)
     drawn = {}
@@ -76,6 +77,7 @@ def _parts(of: Evaluation) -> dict[str, Any]:
 
 def _resampled(of: Evaluation) -> str:
     """What the intervals resample, such as people, or people and trials of several sets."""
+    # Sets of people and sets of trials have different groups to draw.
     kinds = sorted({one.card.group_kind for one in of.sets.values()})
     return " and ".join(PLURAL[kind] for kind in kinds)
 
@@ -96,8 +98,10 @@ def _state_pictures(of: Evaluation, kind: str) -> dict[str, str]:
     levels = figures.states.confusion
     # From four to eight classes: the coarse question stands before the fine one.
     by_size = sorted(levels, key=lambda level: len(levels[level].classes))
+
     calibrated = {}
     for name, one in of.sets.items():
+        # A set without labelled samples has no calibration.
         if one.states.calibration:
             calibrated[name] = one.states.calibration.reliability_risky
 
@@ -119,6 +123,7 @@ def _outcome_tables(of: Evaluation) -> dict[str, dict[str, dict[str, OutcomeRow]
         tables[style] = {}
 
     for row in of.outcomes:
+        # Outcomes come in the order of the thesis, so the tables keep it.
         of_object = tables[row.style].setdefault(row.object, {})
         of_object[row.action] = row
     return {style: table for style, table in tables.items() if table}

@@ -70,6 +70,7 @@ class SetCard:
         fields = asdict(self)
         # The keys of made_from stand among the others, after name and kind.
         made_from = fields.pop("made_from")
+        # Readers see what a set is before its counts.
         first = {"name": fields.pop("name"), "kind": fields.pop("kind")}
         return first | made_from | fields
 
@@ -155,6 +156,7 @@ def score_set(
         thresholds=thresholds if thresholds.chosen is None else None,
     )
 
+    # At the headline's confidence: the pictures show what the table counts.
     answered = answered_trials(trials, outputs, requests[headline])
     return ScoredSet(
         figures=figures,
@@ -191,6 +193,7 @@ def _requests(
     by_name = {one.name: one for one in baselines}
     for matched in thresholds.baselines:
         # Detectors are computed again unless these recordings were matched on just now.
+        # At the setting that was matched, which may come from other streams.
         on = by_name[matched.name].on(data.recordings)
         requests[matched.name] = on(matched.setting)
 
@@ -201,6 +204,7 @@ def _drops(trials: Sequence[LabelledTrial]) -> list[Drop | None]:
     drops = []
     for trial in trials:
         for event in trial.recording.events:
+            # Without its grasp an event has no physics, and cannot be modelled.
             grasp = grasp_of(event, trial.grasps)
             drops.append(drop_of(event, grasp))
     return drops
@@ -224,6 +228,7 @@ def compared(
     for baseline in thresholds.baselines:
         # Pairs of the same event: two recalls of one set are not independent.
         theirs = methods[baseline.name].detected()
+        # Only events that one of both detected and the other did not tell them apart.
         tests[baseline.name] = mcnemar(ours, theirs)
     return tests
 
@@ -233,6 +238,7 @@ def _heavy(data: DataSet) -> list[bool | None]:
     heavy: list[bool | None] = [None] * len(data.recordings)
     if "classes" not in data.tasks:
         return heavy
+
     task = data.tasks["classes"]
     for trial, label in zip(task.trial.tolist(), task.label.tolist(), strict=True):
         if data.recordings[trial].object_name is not None:
@@ -243,10 +249,12 @@ def _heavy(data: DataSet) -> list[bool | None]:
 
 def _card(root: Path, data: DataSet, windows: WindowFigures) -> SetCard:
     meta = read_json(root / "meta.json")
+    # A recorded set has none of these keys.
     made_from = {}
     for key, value in meta.items():
         if key in MADE_FROM:
             made_from[key] = value
+
     seconds = 0.0
     events = 0
     for one in data.recordings:

@@ -57,6 +57,7 @@ EVENTS = {
 }
 """Event of a truth -> its name in a picture; "": not drawn."""
 FINGERS = ("thumb 1", "thumb 2", "index", "middle", "ring", "little")
+"""Names of the sensors in the order of the channels."""
 AROUND_S = (-0.35, 0.65)
 """The second column shows so long before and after the action's first sign."""
 
@@ -106,6 +107,7 @@ def held_out_streams(
     drawn_groups = {data.recordings[k].group for k in drawn}
     part = data.of_groups(drawn_groups)
     everywhere = features_everywhere(part, spec)
+
     pictures = []
     for recording, rows in zip(part.recordings, everywhere, strict=True):
         votes = reference_votes(forest, rows, len(task.classes))
@@ -122,9 +124,11 @@ def _picture(
     # As on the hand: no answer before the window is full.
     answer[: spec.settle_samples - 1] = UNKNOWN
 
+    # Thousandths, as the decision counts them on the hand.
     share = by_situation[:, RISKY_SLIP] / by_situation.sum(axis=1)
     permille = (1000 * share).astype(np.int64)
     answers = Answers(recording, answer, permille)
+    # The default rules: the forest of a picture has no model card with rules of its own.
     rules = DecisionRules()
     (acts,) = requests_at([answers], rules, rules.min_risky_permille)
     return picture_of(folder, recording, answer, acts)
@@ -139,11 +143,14 @@ def picture_of(
     """The answers on a trial of a folder, with its truth. answer, acts: [T]."""
     truth = truth_path(folder / f"{recording.trial_id}.csv")
     times = read_json(truth)
+
     events = {}
     for name in EVENTS:
+        # A truth names every event, with null for those that did not happen.
         if times.get(name) is not None:
             events[name] = float(times[name])
 
+    # By the rate and not by the recorded stamps, as the model counts time.
     t_s = np.arange(len(recording.samples)) / recording.rate_hz
     return StreamPicture(
         recording=recording,
@@ -172,6 +179,7 @@ def stream(picture: StreamPicture, kind: str) -> str:
     t_s = np.arange(len(recording.samples)) / recording.rate_hz
     forces = recording.samples.reshape(len(t_s), -1, 3)
     normal_n = forces[..., NORMAL_AXIS]
+    # The length of both shear axes: the direction of a slip does not matter here.
     shear_n = np.hypot(forces[..., 0], forces[..., 1])
 
     with labelled(kind, 10.4, 5.6) as figure:
@@ -224,6 +232,7 @@ def _forces(
             label=FINGERS[finger],
         )
 
+    # Both stand in the same panel, so that the labeller can be compared with the truth.
     for point in picture.points:
         axes.axvline(point.t_s, color=INK, linewidth=0.9, linestyle=":")
 
@@ -258,6 +267,7 @@ def _decision(axes: Axes, picture: StreamPicture) -> None:
     # Unknown has no height of its own and stands where "nothing" is drawn.
     draw_unknown(axes, picture.answer, step_s, (-0.32, 0.64))
 
+    # The triangle stands at the first sample of a request, where the hand begins to act.
     for first_s, _ in spans(picture.acts, step_s):
         axes.plot(first_s, RISKY_SLIP + 0.62, "v", color=INK, markersize=6)
 
@@ -331,6 +341,7 @@ def _name_events(axes: Axes, picture: StreamPicture) -> None:
     for place, (name, at_s) in enumerate(_named_events(picture)):
         if not low < at_s < high:
             continue
+        # One line of small print higher for each event before it.
         above_points = 1 + 8 * place
         axes.annotate(
             name,

@@ -90,6 +90,7 @@ def label_of(figure: Figure) -> str:
 
 
 def _panel(axes: Axes) -> str:
+    # Matplotlib keeps a title for each side, and most are empty.
     titles = [axes.get_title(at) for at in ("left", "center", "right")]
     title = " ".join(filter(None, titles))
     labels = (axes.get_ylabel(), axes.get_xlabel())
@@ -101,6 +102,7 @@ def _panel(axes: Axes) -> str:
 
 def with_label(svg: str, label: str) -> str:
     """An SVG element as one image with a name and a title."""
+    # Names of sets and files may hold characters that end an attribute.
     name = escape(label)
     start = svg.index("<svg")
     end = svg.index(">", start) + 1
@@ -138,6 +140,7 @@ def bar(
 ) -> Bar:
     """A bar; there is nothing to draw where the figure or its interval is not defined."""
     absent = float("nan")
+    # Matplotlib draws nothing at nan, so the row stays empty and keeps its place.
     centre = absent if value is None else value
     return Bar(centre, interval or (absent, absent), row_class)
 

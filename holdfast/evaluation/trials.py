@@ -51,6 +51,7 @@ class Grasp:
     @property
     def disturbance(self) -> str | None:
         """dFn (grip), dFt (load) or dq (motor), where one of them disturbed the hold."""
+        # A hold without a disturbance has all three parameters at 0, or none of them.
         drawn = self.truth.get("drawn", {})
         for name, parameter in DISTURBANCES.items():
             if drawn.get(parameter):
@@ -126,6 +127,7 @@ def voluntary_actions(recording: Recording) -> list[VoluntaryAction]:
 
     Actions within a grip that fails, and the end of a hold, are none.
     """
+    # A hold ends by opening the hand, which is no hand-over.
     if recording.action == "hold":
         return []
     actions = actions_of(recording.phases)
@@ -188,6 +190,7 @@ def drawn_trials(answered: Sequence[AnsweredTrial]) -> dict[str, list[AnsweredTr
     by_title: dict[str, list[AnsweredTrial]] = {}
     # A fixed order, so that reports of two models can be read side by side.
     for title in ("pass", "pull", "fall", "put-down", "pass, full-bottle"):
+        # By action and object alone: no answer decides what is shown.
         rows = [one for one in answered if _title(one.trial.recording) == title]
         if rows:
             by_title[title] = _interleaved(rows)[:ROWS_DRAWN]
@@ -207,6 +210,7 @@ def _interleaved(trials: Sequence[AnsweredTrial]) -> list[AnsweredTrial]:
     rounds = []
     for one in trials:
         name = one.trial.recording.object_name
+        # The round of a trial is how many of its object came before it, and itself.
         count[name] = count.get(name, 0) + 1
         rounds.append(count[name])
     # Stable: within a round the trials keep their order.

@@ -88,7 +88,9 @@ class GripOutput:
         self, prediction: Prediction, sample: Sample, reading: object = None
     ) -> None:
         """Send the command of one sample."""
+        # here and not in a thread: the command is as fresh as the answer it follows
         command = self._controller.step(prediction, sample.values, sample.valid)
+        # for the page, which shows it with the same sample
         self.newest = command
         if self._wire is not None:
             self._wire(to_line(command), command.sequence)
@@ -111,6 +113,7 @@ def grip_to_wire(
     """Commands to udp:// or serial://. Raises UsageError, DeviceError, OutputError."""
     wire = open_wire(url, "--grip", last_line, report, clock.now_ns)
 
+    # said at the start, since otherwise the dropped lines would look like a fault
     if wire.most_hz < rate_hz:
         carried = f"carries about {wire.most_hz:.0f} of {rate_hz:.0f} commands a second"
         report(
@@ -135,6 +138,7 @@ def grip_to_scene(
 
     drive = drive_of(url)
     if ceiling_n is not None:
+        # the stricter of both limits counts
         drive = replace(drive, ceiling_n=min(drive.ceiling_n, ceiling_n))
     # a virtual clock stands still by itself: computing takes no time on it
     still = clock.still if isinstance(clock, SceneClock) else nullcontext

@@ -29,21 +29,27 @@ class Guardian:
 
     def __init__(self, text: str) -> None:
         self._control, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        # shared memory, so that a new number costs no system call at any sample
         memory_fd = os.memfd_create("holdfast sequence")
         os.ftruncate(memory_fd, 8)
         self._memory = mmap.mmap(memory_fd, 8)
         self._sequence = memoryview(self._memory).cast("q")
+        # no line was sent yet
         self._sequence[0] = -1
         numbers = [theirs.fileno(), memory_fd]
         try:
             self._process = subprocess.Popen(
+                # isolated and without site packages: it starts fast, and imports nothing of the
+                # user
                 [sys.executable, "-I", "-S", str(SCRIPT), *map(str, numbers), text],
                 pass_fds=numbers,
+                # Ctrl-C in the terminal must not end the guardian before the run
                 start_new_session=True,
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,
                 stderr=subprocess.DEVNULL,
             )
+            # only the guardian holds this end now, so its end is seen at once while it starts
             theirs.close()
             self._wait_until_ready()
         except OSError as error:
@@ -59,6 +65,7 @@ class Guardian:
         self._control.settimeout(START_S)
         if self._control.recv(16) != READY:
             raise OSError("it ended at once")
+        # from now on the loop uses it, and never waits
         self._control.setblocking(False)
 
     def hold(self, handle: int) -> None:
@@ -81,6 +88,7 @@ class Guardian:
 
     def end(self, *, written: bool) -> None:
         """End it. written: the last line was written; else the guardian writes it."""
+        # without a goodbye the guardian sees the link close, and writes the last line
         if written:
             with suppress(OSError):
                 self._control.send(GOODBYE)

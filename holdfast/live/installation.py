@@ -51,6 +51,7 @@ def examine(data_sets: Check, settings: Check) -> list[Finding]:
 
     data_sets, settings: the checks of packages above this one.
     """
+    # from what everything needs to what only a live hand needs
     checks: list[tuple[str, Check]] = [
         ("machine", _machine),
         ("packages", _packages),
@@ -76,6 +77,7 @@ def examine(data_sets: Check, settings: Check) -> list[Finding]:
 def _safely(name: str, check: Check) -> list[Finding]:
     try:
         return check()
+    # the live path is installed without the packages of training
     except ModuleNotFoundError as error:
         step = "only the live path is installed: pip install 'holdfast[train]'"
         return [Finding(name, "missing", f"needs {error.name}", step)]
@@ -127,6 +129,7 @@ def _models() -> list[Finding]:
     from holdfast.core.reading import shipped
     from holdfast.edge_runtime.monitor import Model
 
+    # only where it was built: most machines have the shipped models alone
     built = Path("build/default/holdfast.onnx")
     findings = []
     words = shipped()
@@ -165,6 +168,7 @@ def _bridges() -> list[Finding]:
     for name in BRIDGES:
         what = f"bridge {name}"
         ids = ids_of(name)
+        # several bridges of one kind are told apart by their number
         plugged_in = len(find_usb(ids, real_backend()))
         for number in range(plugged_in):
             # only opening it shows whether this user may
@@ -185,6 +189,7 @@ def _native_buses() -> list[Finding]:
         step = "on a Raspberry Pi: dtparam=i2c_arm=on in config.txt"
         return [Finding("i2c", "missing", "no /dev/i2c-*", step)]
 
+    # a bus that is there and not allowed needs another remedy than a missing one
     closed = [str(bus) for bus in buses if not os.access(bus, os.R_OK | os.W_OK)]
     if closed:
         step = "sudo usermod -aG i2c $USER"
@@ -194,6 +199,7 @@ def _native_buses() -> list[Finding]:
 
 
 def _udev() -> list[Finding]:
+    # rules decide which users may open a bridge
     folder = Path("/etc/udev/rules.d")
     if not folder.is_dir():
         step = "not needed as root or without udev"
@@ -220,6 +226,7 @@ def _clock() -> list[Finding]:
 
 
 def _governor() -> list[Finding]:
+    # a governor that slows idle cores down delays the first step after a wait
     cores = Path("/sys/devices/system/cpu")
     files = cores.glob("cpu[0-9]*/cpufreq/scaling_governor")
     names = sorted({file.read_text(encoding="utf-8").strip() for file in files})
@@ -235,6 +242,7 @@ def _governor() -> list[Finding]:
 def _priority() -> list[Finding]:
     from holdfast.live.running import PRIORITY, real_time
 
+    # tried and not looked up: limits, capabilities and root can all allow it
     with real_time() as allowed:
         if allowed:
             return [Finding("priority", "ok", "a hand is read with real-time priority")]

@@ -55,6 +55,7 @@ class IntentLog:
     ) -> None:
         """The items of one sample, on the time axis of the samples' file."""
         first_ns = self._samples.first_ns
+        # without a first sample there is no time axis for the items yet
         if first_ns is None or self.sink.failure is not None:
             return
         # the file has both times of an item: a run with a scene has a clock of its own
@@ -105,6 +106,7 @@ def _stream_name(url: str) -> str:
 
 def _udp_address(url: str) -> tuple[str, int]:
     """(HOST:PORT, number of envelopes)."""
+    # made once, because several faults of an address mean the same to the user
     not_an_address = UsageError(
         f"--intent {url[:80]!r} is not an address", next_step=ADDRESSES
     )
@@ -136,6 +138,7 @@ def intended(
         given = command()
         if not obeyed:
             return given
+        # either may open the hand, and neither keeps the other from it
         opening = given.opening or intent.opening
         return replace(given, opening=opening, link=_worse(given.link, intent.link))
 
@@ -144,5 +147,6 @@ def intended(
 
 def _worse(one: CommandLink, other: CommandLink) -> CommandLink:
     """An expired sender is never hidden by another that is live."""
+    # from the worst on: a sender that is not there at all is no fault
     order: tuple[CommandLink, ...] = ("expired", "live", "none")
     return min(one, other, key=order.index)

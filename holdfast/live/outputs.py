@@ -53,6 +53,7 @@ def close_at_end(stack: ExitStack, output: Output) -> None:
     def close(kind: object, error: BaseException | None, trace: object) -> None:
         output.close(STOPPED if error is None else FAILED)
 
+    # push and not callback: only an exit function is told of the exception
     stack.push(close)
 
 
@@ -81,6 +82,7 @@ class UdpSink:
         """Send it; False where the buffer is full or the network is down."""
         try:
             self._sender.sendto(line.encode(), self._target)
+        # the network may come back, so the sink stays and only the line is lost
         except OSError:
             self.dropped += 1
             return False
@@ -109,6 +111,7 @@ def udp_sink(address: str) -> UdpSink:
 
     family, kind, protocol, _, target = found[0]
     sender = socket.socket(family, kind, protocol)
+    # a full buffer loses a line; it must never hold up the loop
     sender.setblocking(False)
     return UdpSink(sender, target, f"--udp {address}")
 
@@ -119,6 +122,7 @@ def file_sink(path: Path, name: str = "", header: str | None = None) -> LineWrit
     Raises OutputError if it exists or is not writable.
     """
     try:
+        # O_EXCL: a recording that is there already is never overwritten
         handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666)
     except OSError as error:
         raise OutputError(
@@ -181,6 +185,7 @@ class LineOutput:
                 self._leave_out(sink, sink.failure)
 
     def _leave_out(self, failed: Sink, error: OSError) -> None:
+        # new lists: the loop over the old ones may still be under way
         self._working = [sink for sink in self._working if sink is not failed]
         self._sinks = [sink for sink in self._sinks if sink is not failed]
         self.failures[failed.name] = error
@@ -224,8 +229,10 @@ class SampleFile:
         reading: SourceReading | None = None,
     ) -> None:
         """One line, with the time in s since the first sample."""
+        # a file that failed was reported already, and the run goes on without it
         if self.sink.failure is not None:
             return
+        # the first sample sets the time axis, also of the intent's log
         if self.first_ns is None:
             self.first_ns = sample.t_ns
 

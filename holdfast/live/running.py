@@ -34,6 +34,7 @@ NO_PRIORITY = (
 SIGN_OF_LIFE_NS = 100_000_000
 """Between two signs of life; WatchdogSec in holdfast.service is ten times as long."""
 PROGRESS_EVERY_S = 2.0
+"""Between two reports of progress."""
 
 
 class RunClock(MonotonicClock):
@@ -50,6 +51,7 @@ def until(
     """Stopped by a signal, or after a number of seconds."""
     if seconds is None:
         return stopped
+    # on the run's clock, which stands still while a scene is computed
     end_ns = clock.now_ns() + round(1e9 * seconds)
     return lambda: stopped() or clock.now_ns() >= end_ns
 
@@ -60,12 +62,14 @@ def real_time() -> Iterator[bool]:
 
     Its threads and children never have it.
     """
+    # other systems than Linux have no such call
     if not hasattr(os, "sched_setscheduler"):
         yield False
         return
 
     before = os.sched_getscheduler(0)
     param = os.sched_getparam(0)
+    # reset on fork: a thread or child with this priority could starve the reader
     first = os.SCHED_FIFO | os.SCHED_RESET_ON_FORK
     try:
         os.sched_setscheduler(0, first, os.sched_param(PRIORITY))
@@ -101,10 +105,12 @@ def stop_signals() -> Iterator[Callable[[], bool]]:
     with it is replaced by /dev/null, because writing to it would be an error.
     """
     requested = False
+    # only terminals: a file or a pipe is not lost with the connection
     terminals = [handle for handle in (0, 1, 2) if os.isatty(handle)]
 
     def stop(number: int, frame: object) -> None:
         nonlocal requested
+        # only a flag: the loop ends after the sample, so that outputs are closed in order
         requested = True
         if number == signal.SIGHUP:
             _let_go(terminals)
@@ -160,6 +166,7 @@ class ServiceWatchdog:
         if path:
             kind = socket.SOCK_DGRAM | socket.SOCK_CLOEXEC
             self._sender = socket.socket(socket.AF_UNIX, kind)
+            # a service manager that is busy must not hold up the loop
             self._sender.setblocking(False)
         self._last_ns: int | None = None
 
@@ -211,6 +218,7 @@ def progress_of(
     def show(share: float) -> None:
         nonlocal last_s
         at_s = now_s()
+        # a line for each step would fill the terminal, and the log of a service
         if at_s - last_s < PROGRESS_EVERY_S or not 0.0 < share < 1.0:
             return
 

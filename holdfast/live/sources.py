@@ -36,6 +36,7 @@ _NATIVE = re.compile(r"(?:/dev/)?i2c-(\d{1,3})")
 
 def require_meant(word: str) -> None:
     """Raise UsageError with a suggestion, if the word looks like a source without its scheme."""
+    # a file may have the name of a scene or a bridge, and then it is the file that is meant
     if "://" in word or _exists(word):
         return
     meant = _meant(word)
@@ -47,6 +48,7 @@ def require_meant(word: str) -> None:
 def _exists(word: str) -> bool:
     try:
         return Path(word).exists()
+    # a word that is too long, or has a zero byte, is no name of a file
     except (OSError, ValueError):
         return False
 
@@ -101,6 +103,7 @@ def open_source(
 
     Raises a DataError or UsageError.
     """
+    # simulated, prepared or recorded: all of them come as one stream with times
     if url.startswith(SIM):
         source = _simulated(url)
     elif "://" in url and not url.startswith(REPLAY):
@@ -123,6 +126,7 @@ def open_source(
 def _simulated(url: str) -> Replay:
     """Trials of a card, one after another, as one stream."""
     scene, trials = _trials_of(url)
+    # end to end, with the state of the model going on from one to the next
     signal, _, _ = scene.join(trials)
     t_ns = np.round(signal.t_s * 1e9).astype(np.int64)
     return Replay(
@@ -153,6 +157,7 @@ def _trials_of(url: str) -> tuple[Scene, list[SimulatedTrial]]:
 
     trials = scene.trials()
     first = int(numbers["trial"])
+    # first and count are checked together: their sum may lie beyond the scene
     count = int(numbers["trials"])
     if not 0 <= first < first + count <= len(trials):
         raise UsageError(
@@ -217,6 +222,7 @@ def resting_of(path: Path | None, source: Source) -> FloatArray | None:
     from holdfast.drivers.calibration import read_bias
 
     bias = read_bias(path)
+    # a bias in another unit would be subtracted without any error
     if bias.unit != source.unit or len(bias.values) != source.n_channels:
         raise UnitError(
             f"{len(bias.values)} channels in {bias.unit}, "

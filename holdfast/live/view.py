@@ -50,6 +50,7 @@ class View:
         self, prediction: Prediction, sample: Sample, reading: SourceReading
     ) -> None:
         """Set what the next picture shows."""
+        # one assignment: the drawing thread sees all of one sample, or all of the last
         self._newest = (prediction, sample, reading)
 
     def report(self, line: str) -> None:
@@ -68,11 +69,13 @@ class View:
     def close(self, reason: str = STOPPED) -> None:
         """Remove the picture; wait at most STUCK_S for a terminal that blocks."""
         self._done.set()
+        # a view without a terminal was never started
         if self._thread.is_alive():
             self._thread.join(STUCK_S)
 
     def _draw_until_done(self) -> None:
         try:
+            # waiting on the event ends the picture at once when the run ends
             while not self._done.wait(1.0 / REFRESH_HZ):
                 self._write(self._frame(self._picture()))
             self._write(self._frame(""))
@@ -84,6 +87,7 @@ class View:
 
     def _picture(self) -> str:
         wearer = None if self.intent is None else self.intent.newest
+        # drawn into a text first, so that one write replaces the whole picture
         with self._console.capture() as captured:
             if self._newest is None:
                 self._console.print("waiting for the first sample")
@@ -95,6 +99,7 @@ class View:
 
     def _frame(self, drawn: str) -> str:
         """The codes and lines that overwrite the last picture."""
+        # only those that wait now: the loop may add more meanwhile
         messages = [self._messages.popleft() for _ in range(len(self._messages))]
         # a picture that is higher than the terminal would scroll, and leave its top behind
         lines = drawn.splitlines()[: self._console.size.height - 1]
@@ -110,6 +115,7 @@ def open_view(unit: str, *, console: Console | None = None) -> View:
     """A view that draws in its thread until it is closed; without a terminal it draws nothing."""
     console = console or Console(stderr=True)
     view = View(unit, console)
+    # codes for the cursor would only litter a file or a pipe
     if console.is_terminal and not console.is_dumb_terminal:
         view.start()
     return view
@@ -123,6 +129,7 @@ def picture(
     intent: Intent | None = None,
 ) -> Group:
     """State and request, the four situations as bars, the fingers, and the wearer's command."""
+    # a request to act is above one to arm, so only the stronger one is shown
     request = ""
     if prediction.act:
         request = "  ACT"

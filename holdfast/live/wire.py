@@ -17,7 +17,9 @@ from holdfast.live.guardian import Guardian
 from holdfast.live.links import SerialLink, UdpLink, open_link
 
 FIRST_RETRY_NS = 50_000_000
+"""From a failure to the first new try: 50 ms."""
 LAST_RETRY_NS = 2_000_000_000
+"""The longest time between two tries: 2 s."""
 TRIALS = 3
 """A wire works again after this many lines; a socket reports an error only at the next line."""
 LOST = "link was lost"
@@ -48,6 +50,7 @@ class Wire:
         self._report = report
         self._effect = effect
         self._guardian = guardian
+        # from the first moment: a run may die before its first line
         guardian.hold(link.handle)
         self.name = link.name
         self.most_hz = link.most_hz
@@ -63,6 +66,7 @@ class Wire:
     def __call__(self, line: str, sequence: int) -> bool:
         """Pass a line on; False where it did not leave."""
         self._sequence = sequence
+        # before the line leaves: a guardian's last line must never have an older number
         self._guardian.note(sequence)
         if self._guarded and not self._guardian.lives():
             self._guarded = False
@@ -74,6 +78,7 @@ class Wire:
         taken = self._works and self._write(line, now_ns)
         if not self._works:
             self._retry(now_ns)
+        # counted also while the wire is tried again: the controller missed them all the same
         self.dropped += not taken
         return taken
 
@@ -86,6 +91,7 @@ class Wire:
         """Write the last line, once, and let the guardian go; report lines that did not leave."""
         if self._closed:
             return
+        # set first: a failure while closing must not lead to a second last line
         self._closed = True
         line = self._last(self._sequence + 1, self._now_ns(), reason).encode()
         try:
@@ -121,6 +127,7 @@ class Wire:
             reason = error.strerror or error
             self._report(f"{self.name}: no line arrives ({reason}); {self._effect}")
         else:
+            # ever longer, so that a device that is gone costs the loop little
             self._wait_ns = min(2 * self._wait_ns, LAST_RETRY_NS)
 
         # an unplugged adapter gets another name as long as a process holds the old one
@@ -133,11 +140,13 @@ class Wire:
 
     def _retry(self, now_ns: int) -> None:
         """Try a hold line in place of the command, when its time has come."""
+        # opening a port takes a thread and time, so the line waits until it is open
         if now_ns < self._retry_ns or not self._link.reopen():
             return
         # the link may be another descriptor than before
         if not self._trials:
             self._guardian.hold(self._link.handle)
+        # a hold line: a command from before the failure would be old
         line = self._last(self._sequence, now_ns, LOST)
         try:
             if not self._link.write(line.encode()):

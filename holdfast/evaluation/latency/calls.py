@@ -41,6 +41,7 @@ def step_of(
 
     def step() -> None:
         index = next(turn)
+        # Into the buffers of the graph, as the live loop does it: no array is made.
         graph.sample[0] = values[index]
         graph.valid[0] = valid[index]
         graph.step()
@@ -60,6 +61,7 @@ def c_step_of(
 
     try:
         export_c(model.path, work / "c", build=True)
+    # A machine without a compiler measures everything else.
     except CompilerFailed:
         return {}
 
@@ -91,8 +93,10 @@ def grip_of(model: Model, stream: tuple[FloatArray, BoolArray]) -> Callable[[], 
     period_ns = 1e9 / card.rate_hz
     predictions = []
     for k in range(len(values)):
+        # Times at the model's rate: no sample is late, and no state unknown for it.
         t_ns = round(k * period_ns)
         sample = Sample(t_ns, values[k], valid[k], k)
+        # All before the timing, so that only the controller is timed.
         predictions.append(monitor.feed(sample))
 
     fingers = card.n_channels // 3

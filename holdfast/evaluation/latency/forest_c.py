@@ -38,6 +38,8 @@ def c_walk(
     library = ctypes.CDLL(str(_compiled(work)))
     trees = [tree.tree_ for tree in forest.estimators_]
     sizes = np.array([tree.node_count for tree in trees])
+
+    # All trees stand in one table; each begins where the one before ends.
     roots = (np.cumsum(sizes) - sizes).astype(np.int32)
     features = []
     thresholds = []
@@ -59,6 +61,7 @@ def c_walk(
         np.concatenate(rights).astype(np.int32),
         np.concatenate(leaf_votes(forest, n_classes)).astype(np.int32),
     ]
+
     out = np.zeros(n_classes, dtype=np.int32)
     kept = np.ascontiguousarray(rows)
     tables = [ctypes.c_void_p(array.ctypes.data) for array in arrays]
@@ -86,6 +89,7 @@ def c_walk(
 
 def _lowered(threshold: npt.NDArray[np.float64]) -> npt.NDArray[np.float32]:
     """Largest float32 that is not above: x <= threshold says the same of every float32 x."""
+    # scikit-learn compares a float32 with a float64; C shall compare two float32.
     near = threshold.astype(np.float32)
     below = np.nextafter(near, np.float32(-np.inf))
     return np.where(near > threshold, below, near)
@@ -100,6 +104,7 @@ def _compiled(work: Path) -> Path:
     source = work / "walk.c"
     library = work / "walk.so"
     source.write_text(SOURCE, encoding="utf-8")
+    # For this very machine: the walk shall be as fast as it can be here.
     options = ["-O3", "-march=native", "-shared", "-fPIC"]
     subprocess.run([compiler, *options, "-o", library, source], check=True)
     return library

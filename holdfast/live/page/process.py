@@ -30,6 +30,7 @@ DIED = "the program that ran the loop died"
 
 def main(listener_fd: int, link_fd: int) -> None:
     """Serve until the run has ended. A Ctrl-C is for the run, which then ends this process."""
+    # a signal of the terminal is for the run, which ends this process by its link
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT):
         signal.signal(number, signal.SIG_IGN)
     os.nice(NICENESS)
@@ -60,6 +61,7 @@ def follow(link: socket.socket, stream: LiveStream) -> None:
         time.sleep(FRAME_S)
         for message in _waiting(link):
             stream.take(message, time.monotonic())
+        # one frame for all messages of this time, also where none came: it shows the silence
         stream.publish(time.monotonic())
 
 
@@ -73,6 +75,7 @@ def _waiting(link: socket.socket) -> Iterator[Message]:
         except ConnectionResetError:
             # reported before the messages that still wait
             continue
+        # an end without an `end` message: the run died
         if not data:
             yield {"end": DIED}
             return
@@ -82,6 +85,7 @@ def _waiting(link: socket.socket) -> Iterator[Message]:
 def _pass_on(link: socket.socket, action: bytes) -> bool:
     """Send an action to the run; False where it has no room for one."""
     try:
+        # a run that takes no action now must not stall the browser's thread
         return link.send(action, socket.MSG_DONTWAIT) > 0
     except OSError:
         return False

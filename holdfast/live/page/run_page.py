@@ -47,6 +47,7 @@ class RunPage:
         self, prediction: Prediction, sample: Sample, reading: SourceReading
     ) -> None:
         """Send one sample; nothing waits, and what finds no room is dropped."""
+        # a gap in the numbers is what the loop did not read in time
         self._lost += sample.sequence - self._next
         self._next = sample.sequence + 1
         if self._first_ns is None:
@@ -58,6 +59,7 @@ class RunPage:
         message |= intent_message(self.intent)
 
         self._link.send({"sample": message})
+        # asked once a sample: a mark belongs to the newest sample
         if self._link.action() == MARK:
             self._mark(sample)
 
@@ -80,6 +82,7 @@ class RunPage:
         if command is not None:
             return command._asdict()
 
+        # no controller runs, so the margin is stepped here, from the same prediction
         margin = self._margin
         margin.step(sense_of(prediction, sample.values, sample.valid))
         # before a first slip nothing is known of the friction

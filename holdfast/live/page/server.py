@@ -46,12 +46,14 @@ def zipped(
     samples: list[Message], marks: list[Message], about: Message, name: str
 ) -> bytes:
     """A zip archive with one folder. samples: at least one."""
+    # times count from the first saved sample, as in every recorded trial
     first_ns = samples[0]["t_ns"]
     meta = {"unit": about["unit"], "bias_removed": True, "model": about.get("model")}
     meta["seconds"] = 1e-9 * (samples[-1]["t_ns"] - first_ns)
 
     events = ""
     for mark in marks:
+        # a mark is at a sample, so whole microseconds tell any two apart
         t_s = round(1e-9 * (mark["t_ns"] - first_ns), 6)
         label = f"mark {mark['number']}"
         events += json.dumps({"t_s": t_s, "mark": label, "provenance": "page"}) + "\n"
@@ -61,6 +63,7 @@ def zipped(
         EVENTS: events,
     }
 
+    # in memory: 30 s are small, and the process has no folder to write to
     archive = io.BytesIO()
     with zipfile.ZipFile(archive, "w", zipfile.ZIP_DEFLATED) as file:
         for part, text in content.items():
@@ -96,7 +99,9 @@ FILES = {
 }
 """Paths of the files of the page; nothing else is read from the disk."""
 MOST_CONNECTIONS = 64
+"""Connections at a time; further ones are closed at once."""
 STALLED_S = 5.0
+"""A browser that takes nothing for so long is disconnected."""
 HEADERS = {
     "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; "
     "connect-src 'self'; img-src data:; base-uri 'none'; form-action 'none'; "
@@ -127,7 +132,9 @@ class Access:
 
         path: of the request line. host: its Host header.
         """
+        # what stands after a question mark never decides who may ask
         bare = path.partition("?")[0].removeprefix("/")
+        # without a token the name is checked, so that no other site reaches the page under its own
         if not self.token:
             return bare if _name_of(host) in self.hosts else None
         given, slash, rest = bare.partition("/")
@@ -163,6 +170,7 @@ class PageServer(ThreadingMixIn, HTTPServer):
         super().__init__(
             listener.getsockname()[:2], PageHandler, bind_and_activate=False
         )
+        # HTTPServer makes a socket of its own, but this one listens already
         self.socket.close()
         self.socket = listener
         self.stream = stream
@@ -172,6 +180,7 @@ class PageServer(ThreadingMixIn, HTTPServer):
 
     def process_request(self, request: Any, client_address: Any) -> None:
         """Answer in a thread; close the connection at once where there are too many."""
+        # each connection costs a thread, and browsers open several
         if not self._room.acquire(blocking=False):
             self.shutdown_request(request)
             return
@@ -201,6 +210,7 @@ class PageHandler(BaseHTTPRequestHandler):
         path = self._allowed_path()
         if path is None:
             return
+        # a table instead of a path on the disk: no request reaches another file
         if path in FILES:
             name, kind = FILES[path]
             self._answer(HTTPStatus.OK, kind, (FOLDER / name).read_bytes())
@@ -216,9 +226,11 @@ class PageHandler(BaseHTTPRequestHandler):
         path = self._allowed_path()
         if path is None:
             return
+        # any site may send a POST to this machine: only the page's own may act on a run
         if self._is_foreign():
             self._say(HTTPStatus.FORBIDDEN, REFUSED)
             return
+
         actions = self.server.stream.about["actions"]
         offered = {f"do/{action['do']}": action["key"] for action in actions}
         if path not in offered:
@@ -244,6 +256,7 @@ class PageHandler(BaseHTTPRequestHandler):
 
     def _stream_events(self) -> None:
         self._head(HTTPStatus.OK, EVENT_STREAM)
+        # a browser that was disconnected comes back after a second
         self.wfile.write(b"retry: 1000\n\n")
         try:
             for block in self.server.stream.frames():
@@ -253,10 +266,12 @@ class PageHandler(BaseHTTPRequestHandler):
             self.connection.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, RESET)
 
     def _save(self) -> None:
+        # copies, so that the run goes on while the archive is made
         samples, marks = self.server.stream.last()
         if not samples:
             self._say(HTTPStatus.NOT_FOUND, "no sample has come yet\n")
             return
+        # the time of saving makes names differ, and sorts them
         name = time.strftime("holdfast-%Y%m%d-%H%M%S")
         archive = zipped(samples, marks, self.server.stream.about, name)
         attached = f'attachment; filename="{name}.zip"'

@@ -60,8 +60,6 @@ class LiveStream:
     def take(self, message: Message, now_s: float) -> None:
         """One message of the run (link.py), at now_s of a monotonic clock."""
         with self._changed:
-            # a message has one kind of content at a time, but the order here would also fit
-            # several
             if "sample" in message:
                 self._take_sample(message["sample"], now_s)
             if "said" in message:

@@ -112,7 +112,9 @@ def outcome_of(
     Raises DataNotFound without a journal, LabelError for one that cannot be read.
     """
     home = root / person
+
     journal = home / JOURNAL
+    # The journal is written line by line, so it also tells of a study that was cut off.
     entries = read_events(journal)
     if not entries:
         raise DataNotFound(
@@ -220,6 +222,7 @@ def _trials(protocol: StudyProtocol, home: Path) -> list[TrialCounts]:
         if part.task:
             of(part.task.object, part.task.action).planned += part.repetitions
 
+    # From the disk and not from the journal: the disk shows what was kept in the end.
     for path in home.rglob(f"trial_*/{META}"):
         meta = read_meta(path.parent)
         trials = of(str(meta.get("object")), str(meta.get("action")))

@@ -72,6 +72,7 @@ class Runner:
             Event.BEGUN, part=number, step=part.step, title=part.title, **kept
         )
 
+        # The operator prepares the next part while this one is under way.
         titles = [one.title for one in self.protocol.parts] + ["the end"]
         after = titles[number + 1]
         rows = {
@@ -94,6 +95,7 @@ class Runner:
         heading = part.title
         if part.step is not None:
             heading = f"step {part.step} of {self.protocol.last_step}, {heading}"
+        # Questionnaires take no planned time.
         if part.minutes:
             heading += f": {clock_text(60.0 * part.minutes)} planned"
         # A part that takes too long uses up no time of the parts after it.
@@ -120,11 +122,14 @@ class Runner:
                 key = answer_items(part.questionnaire, self.journal, self.console)
                 missing = 0
             else:
+                # Counted from the disk each time: a trial that failed or was discarded is asked
+                # for again.
                 missing = self._missing(part)
                 self._prompt(part, missing)
                 key = self.console.key(self._left_s(), ends_part=not missing)
             if key != Key.NEXT:
                 ending = self._operator(key, part)
+            # Space means "begin the trial" until all repetitions are kept, then "go on".
             elif part.task and missing:
                 ending = self._trial(part.task)
             else:
@@ -234,6 +239,7 @@ class Runner:
         # Where the terminal is gone the event stays, without a description.
         text = self.console.text(f"what happened? ({NO_NAMES})") or ""
         choice = self._choice("how severe? 1 mild, 2 moderate, 3 severe", "123")
+
         severity = SEVERITIES.get(choice)
         self.journal.append(Event.DETAIL, part=number, text=text, severity=severity)
         goes_on = self._choice("does the study go on? y or n", "yn")
@@ -249,6 +255,7 @@ class Runner:
         return ""
 
     def _trial(self, task: Task) -> Ending:
+        # During a trial the keys are those of the recorder, and `a` for an adverse event.
         trial_keys = self.console.trial_keys()
         try:
             self.trials.record(task, trial_keys)

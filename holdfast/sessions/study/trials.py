@@ -84,6 +84,7 @@ def url_for(url: str, task: Task, nth: int) -> str:
             next_step="take a scene with them, such as sim://p1 for the protocol thesis",
         )
 
+    # A scene may have fewer trials than the protocol asks for; they come again in turn.
     trial = fitting[nth % len(fitting)]
     separator = "&" if "?" in url else "?"
     return f"{url}{separator}trial={trial}"
@@ -145,7 +146,9 @@ class Trials:
         tasks = [part.task for part in self.protocol.parts if part.task]
         urls = [url_for(self.options.source, task, 0) for task in tasks]
         url = urls[0] if urls else self.options.source
+        # Simulated or recorded, as it stands in the folder's meta.json
         kind = kind_of(url)
+        # Simulated and recorded trials in one folder would be scored together.
         before = read_meta(self.root).get("kind", kind)
         if before != kind:
             raise UsageError(
@@ -163,6 +166,7 @@ class Trials:
             to_force=force_of(self.options.calibration),
             read_set=read_set_trial,
         )
+        # Closed at once: every trial opens the hand for itself.
         with closing(source), opened(self.root, source.unit, kind):
             fingers = source.n_channels // 3
             self.display.report(
