@@ -63,17 +63,20 @@ def _require_options(args: argparse.Namespace) -> None:
             "--undo takes no --data, --person or --slips",
             next_step="leave these options out",
         )
+
     if not args.undo and not (args.data and args.person):
         raise UsageError(
             "--data and --person are needed",
             next_step="holdfast adapt MODEL --data FOLDER --person p01 --out FILE",
         )
+
     # The card would overwrite the model that it describes.
     if args.out.suffix == CARD_SUFFIX:
         raise UsageError(
             f"--out {args.out}: the model's card is written there",
             next_step=f"write --out {args.out.with_suffix('.onnx')}",
         )
+
     # Resolved: the same file under another name is found out too.
     if args.out.resolve() == args.model.resolve() or (
         args.out.exists() and not args.force

@@ -46,9 +46,12 @@ def run(args: argparse.Namespace) -> int:
     require_json_writable(args)
     with stages(1) as begin:
         begin("latency: time of one decision")
+        # The shipped model: figures of two machines are then of the same file.
         figures = figures_of(model_path("holdfast-150hz"))
+
     written = write_measured(args.out, LATENCY, KIND, figures, latency(figures))
     if args.json != STDOUT:
         show("\n".join([*table_lines(figures), *written]))
     write_found(args, {LATENCY: figures})
+    # Only with --check: a machine for trying things may be slower than the budgets.
     return int(args.check and bool(figures["broken"]))

@@ -46,7 +46,9 @@ def run(args: argparse.Namespace) -> int:
 
     require_writable(args.out.parent)
     require_json_writable(args)
+
     clock = RunClock()
+    # Opening may take seconds, and simulating a scene longer.
     say(f"opening {args.source}")
     source = open_live(
         args.source,
@@ -59,8 +61,11 @@ def run(args: argparse.Namespace) -> int:
         measured = measure_bias(source, clock, say, args.seconds)
     finally:
         source.close()
+
+    # A bias that is off shifts every force that is measured with it.
     if not args.anyway:
         require_good(measured, "nothing is written")
+
     bias = measured.bias
     write_bias(args.out, bias)
     spread = float(bias.spread.max())

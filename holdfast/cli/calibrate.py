@@ -52,6 +52,7 @@ def run(args: argparse.Namespace) -> int:
     from holdfast.sessions.known_loads import read_load_sets
     from holdfast.training.progress import stages
 
+    # Before the fit, whose result would otherwise be lost.
     require_writable(args.out.parent)
     require_json_writable(args)
     figures = []
@@ -62,10 +63,12 @@ def run(args: argparse.Namespace) -> int:
             calibration, errors = calibrate(
                 loads, args.path.name, args.date, args.seed, begin
             )
+            # A folder may hold normal and shear probings: each set gets a file of its own.
             target = _target(args.out, k, loads.name)
             write_calibration(target, calibration)
             figures.append(as_json(loads, errors, args.seed))
             lines += [*in_words(loads, errors), f"  written: {target}", ""]
+
     show_found(args, "\n".join(lines), {"studies": figures})
     return 0
 

@@ -30,6 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Examine the folder and print the report."""
+    # The folder is written here and not read.
     if args.example:
         return _write_example(Path(args.folder))
     from holdfast.training.datasets import find
@@ -40,6 +41,7 @@ def run(args: argparse.Namespace) -> int:
     with stages(1) as begin:
         begin(f"reading {args.folder}")
         report = examine(find(args.folder), begin.part)
+
     show_found(args, "\n".join(report_lines(report)), report.to_json())
     return 0 if report.readable else DataError.exit_code
 

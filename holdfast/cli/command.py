@@ -150,6 +150,7 @@ def hold_standard_descriptors() -> None:
             os.fstat(number)
         except OSError:
             os.open(os.devnull, mode)  # takes the lowest free number
+
     sys.stdout = sys.stdout or os.fdopen(1, "w", encoding="utf-8", closefd=False)
     sys.stderr = sys.stderr or os.fdopen(
         2, "w", encoding="utf-8", closefd=False, buffering=1

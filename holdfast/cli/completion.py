@@ -37,6 +37,7 @@ def run(args: argparse.Namespace) -> int:
             cause="only the extra `completion` installs it",
             next_step="pip install 'holdfast[completion]'",
         ) from None
+
     print(shtab.complete(whole_parser(VERBS, shtab.FILE), args.shell))
     return 0
 
@@ -57,4 +58,5 @@ def whole_parser(
                 action.choices = list(action.choices)
             if action.type is path_argument or action.dest == "model":
                 action.complete = files  # type: ignore[attr-defined]  # the way of shtab
+
     return whole

@@ -27,6 +27,7 @@ def run(args: argparse.Namespace) -> int:
     for one in findings:
         step = f"  -> {one.next_step}" if one.next_step else ""
         lines.append(f"{one.status:<11}{one.what:<28}{one.found}{step}")
+
     show_found(args, "\n".join(lines), {"findings": [asdict(one) for one in findings]})
     return 0
 
@@ -45,6 +46,7 @@ def _data_sets() -> list[Finding]:
             findings.append(Finding(name, "ok", f"in {folder}"))
         else:
             findings.append(Finding(name, "missing", f"not in {folder}", step))
+
     return findings
 
 
@@ -58,6 +60,7 @@ def _settings() -> list[Finding]:
     # A file of settings with a mistake is a finding like any other.
     except HoldfastError as error:
         return [Finding("settings", "broken", str(error), error.next_step)]
+
     if settings.path is None:
         found = f"no {DEFAULT} here: options come from the command line"
         return [Finding("settings", "ok", found)]
@@ -66,4 +69,5 @@ def _settings() -> list[Finding]:
     for name, value in settings.values.items():
         found = f"{value} (from {settings.path}; --{name} wins)"
         findings.append(Finding(f"setting {name}", "ok", found))
+
     return findings

@@ -77,6 +77,7 @@ def run(args: argparse.Namespace) -> int:
     with stages(request.n_stages() + extra) as begin:
         begin("loading the libraries and the model")
         evaluation, figures = _evaluated(args, request, begin)
+
     show_found(args, "\n".join(evaluation_lines(evaluation)), figures)
     return 0
 
@@ -111,9 +112,11 @@ def _evaluated(
         begin("real recordings")
         real = real_figures(args.real, args.seed)
         figures["real"] = real.to_json()
+
     if args.report is not None:
         from holdfast.evaluation.report import write_event_report
 
         begin("drawing the report")
         write_event_report(args.report, evaluation, real)
+
     return evaluation, figures

@@ -64,6 +64,7 @@ def run(args: argparse.Namespace) -> int:
     if args.to == "c":
         _report_begin(args)
         return _export_c(args)
+
     if args.build:
         raise UsageError("--build compiles C", next_step="add --to c")
     from holdfast.export.exporting import (

@@ -86,6 +86,7 @@ def run(args: argparse.Namespace) -> int:
         lag = f"drive lag {args.lag_ms:g} ms"
         lines.append(f"{card}, {lag}, seed {args.seed} (simulated)")
         lines += [_in_words(name, one) for name, one in rows.items()]
+
     show_found(args, "\n".join(lines), comparison.to_json(figures))
     return 0
 

@@ -117,12 +117,15 @@ def _main(argv: Sequence[str]) -> int:
         )
         print(HELP.format(verbs=verbs), end="")
         return 0
+
     if argv[0] == "--version":
         print(f"holdfast {version('holdfast')}")
         return 0
+
     if argv[0] not in VERBS:
         what = f"unknown command {argv[0]!r}; choose from {', '.join(VERBS)}"
         raise UsageError(what, next_step="holdfast --help")
+
     return _run(argv[0], argv[1:])
 
 

@@ -122,6 +122,7 @@ def require_grip(args: argparse.Namespace) -> None:
             "--cues needs --feedback, which sends the cues",
             next_step="--feedback udp://127.0.0.1:9002",
         )
+
     # Silently ignored, these options would look as if they worked.
     given = {"controller": args.controller, "ceiling": args.ceiling}
     for option, value in given.items():

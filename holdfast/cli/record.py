@@ -76,6 +76,7 @@ def run(args: argparse.Namespace) -> int:
             page = record_page(args.web, options, keys, display)
             display = stack.enter_context(page)
         kept = record(options, RunContext(RunClock(), keys, display, stopped))
+
     next_step = f"next: holdfast evaluate MODEL --data {args.out}"
     words = f"{kept} trials kept in {args.out / args.person}; {next_step}"
     show_found(args, words, {"out": args.out, "person": args.person, "kept": kept})

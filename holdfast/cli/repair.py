@@ -29,14 +29,17 @@ def run(args: argparse.Namespace) -> int:
 
     code = 0
     trials = []
+    # A recording that is under way looks like an interrupted one.
     with alone(args.folder):
         for folder in all_trials(args.folder):
             try:
                 done = ", ".join(repair(folder)) or "complete"
+            # One trial that cannot be repaired must not keep the others from it.
             except (DataError, OutputError) as error:
                 done = f"not repaired: {error}"
                 code = error.exit_code
             trials.append({"folder": folder, "done": done})
+
     words = "\n".join(f"{one['folder']}: {one['done']}" for one in trials)
     show_found(args, words, {"trials": trials})
     return code

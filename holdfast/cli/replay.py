@@ -29,6 +29,7 @@ def run(args: argparse.Namespace) -> int:
         preparation=card.preparation,
         read_set=set_reader(args.trial),
     )
+    # Before the first answer, so that stdout holds either answers of this trial or nothing.
     require_fit(
         card,
         n_channels=source.values.shape[1],
@@ -36,6 +37,7 @@ def run(args: argparse.Namespace) -> int:
         rate_hz=source.rate_hz,
         where=args.trial,
     )
+    # Without a clock: an answer of a replay is never late.
     monitor = GripMonitor(model, None)
     for sample in source:
         sys.stdout.write(to_json_line(monitor.feed(sample)) + "\n")

@@ -68,6 +68,7 @@ def run(args: argparse.Namespace) -> int:
     """Run until stopped; JSON lines on stdout, messages and the summary on stderr."""
     from holdfast.live.run import RunOptions, run
 
+    # Options that contradict each other are refused before the hand is opened.
     require_grip(args)
     require_intent(args)
     options = RunOptions(

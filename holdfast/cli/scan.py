@@ -32,6 +32,7 @@ def run(args: argparse.Namespace) -> int:
             cause=f"none of {', '.join(BRIDGES)} is plugged in, or udev denies access",
             next_step="holdfast doctor; holdfast scan i2c://1 for the board's own bus",
         )
+
     buses = [_surveyed(url) for url in urls]
     lines: list[str] = []
     for bus in buses:
@@ -46,6 +47,7 @@ def _surveyed(url: str) -> ScannedBus:
     from holdfast.live.running import RunClock
 
     clock = RunClock()
+    # The sensors are not started: a scan shall leave everything as it is.
     bus = open_bus(url, clock)
     try:
         return survey(

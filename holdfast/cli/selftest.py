@@ -44,8 +44,10 @@ def run(args: argparse.Namespace) -> int:
     for one in _checks(args.model, args.deep):
         checks.append(one)
         if args.json != STDOUT:
+            # At once and not at the end: a check that hangs is then the next one.
             show(f"{'ok' if one.ok else 'failed':<8}{one.what:<28}{one.figure}")
             sys.stdout.flush()
+
     ok = all(one.ok for one in checks)
     write_found(
         args, {"model": args.model, "ok": ok, "checks": [asdict(one) for one in checks]}

@@ -59,6 +59,7 @@ def read_settings(argv: Sequence[str]) -> Settings:
         named = finder.parse_known_args(list(argv))[0].config
     except argparse.ArgumentError:
         named = None  # the command's parser reports what is wrong
+
     if named is None and not DEFAULT.is_file():
         return Settings()
     return _read(named or DEFAULT)
@@ -93,6 +94,7 @@ def _value(path: Path, name: str, value: object) -> str:
             where=path,
             next_step=f'write it as on the command line, in quotes: {name} = ".."',
         )
+
     # A shipped model is found by its name, in any folder.
     is_file = name in FILES and not (name == "model" and value in shipped())
     return str(path.parent / value) if is_file else value
@@ -126,4 +128,5 @@ class SettingsParser(Parser):
                 options.pop("required", None)
             else:
                 options["nargs"] = "?"
+
         return super().add_argument(*names, **options)

@@ -94,6 +94,7 @@ def _nothing_left_of(out: Path) -> Iterator[None]:
         # a signal that nohup or a service manager ignores stays ignored
         if signal.getsignal(number) != signal.SIG_IGN:
             before[number] = signal.signal(number, interrupt)
+
     try:
         yield
     except KeyboardInterrupt:

@@ -65,15 +65,18 @@ def run(args: argparse.Namespace) -> int:
     if args.list:
         show("\n".join(protocol.listing()))
         return 0
+
     require_options(args)
     if args.withdraw:
         done = starting.withdraw_person(args.out, args.person, sys.stdin)
         return 0 if done else 1
+
     if not args.report:
         ending = starting.run_study(options_of(args), protocol, sys.stdin)
         # A study that goes on later has no report yet.
         if ending != Ending.FINISHED:
             return 0
+
     lines = starting.write_participant_report(
         args.out, args.person, protocol, args.model
     )
@@ -92,6 +95,7 @@ def require_options(args: argparse.Namespace) -> None:
         if value is None:
             step = "holdfast study --help shows all"
             raise UsageError(f"{option} is missing", next_step=step)
+
     # A rehearsal answers every question by itself, and would confirm the deletion.
     if args.rehearse and args.withdraw:
         raise UsageError("--withdraw asks first", next_step="leave out --rehearse")

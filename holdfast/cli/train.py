@@ -145,6 +145,7 @@ def run(args: argparse.Namespace) -> int:
         ranking = figures.predict_250ms
         auc = with_interval(ranking.auc, ranking.auc_ci, figures.group_kind)
         lines.append(f"{held_out}0.25 s prediction AUC {auc}")
+
     lines += [data.caveat, f"artifact: {args.out}; next: holdfast export {args.out}"]
 
     found = {

@@ -80,6 +80,7 @@ def _source(args: argparse.Namespace) -> FrameSource:
     if args.camera == OAK:
         lens = Lens(**options.shooting(), clock="monotonic", apart_mm=args.apart_mm)
         return Oak(lens, args.seconds)
+
     source = stored_frames(Path(args.camera), say)
     if args.apart_mm is not None:
         source.lens = replace(source.lens, apart_mm=args.apart_mm)

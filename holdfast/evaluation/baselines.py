@@ -77,14 +77,18 @@ def baselines(
     if "friction_cone" in detector_names(spec):
         cone = _cone(spec, rules, signals)
         found.append(Baseline(CONE, FRICTIONS, cone))
+
     # Its threshold is in N, and means nothing in uT or counts.
     if spec.unit == "N":
         shear_rate = partial(_shear_rate, rules=rules)
         found.append(Baseline(SHEAR_RATE, JUMPS_N, shear_rate))
+
+    # Without a training set there is no forest to compare with.
     if forest:
         confidences = tuple(map(float, CONFIDENCES))
         thesis = _kept(_raw_forest(forest, rules))
         found.append(Baseline(RAW, confidences, thesis))
+
     return [*found, Baseline(ORACLE, (0.0,), _oracle)]
 
 
@@ -109,6 +113,7 @@ def _bank(
     spec: StepSpec, rules: DecisionRules, signals: OnRecordings
 ) -> OnRecordings[Requests]:
     def on(recordings: Sequence[Recording]) -> Requests:
+        # Guard and filters run once; only the comparison with the threshold is repeated.
         found = signals(recordings)
         fires: dict[float, list[BoolArray]] = {}
 
@@ -180,6 +185,7 @@ def raw_forest(data: DataSet, spec: StepSpec, seed: int) -> bytes:
     narrow = replace(spec_for(data, RAW_BASELINE.groups), rate_hz=spec.rate_hz)
     alone = replace(data, tasks={task: data.tasks[task]})
     features = features_of(alone, narrow)[task]
+    # On all rows: it is scored on other sets, so nothing has to be held out.
     every_row = np.arange(len(features))
     fitted = fit_learner(data, features, RAW_BASELINE, task, every_row, seed)
 

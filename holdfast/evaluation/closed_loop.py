@@ -129,6 +129,7 @@ class ThreeRuns:
         trial = self.held.trial
         t_s = _times_s(held)
 
+        # What the wearer commands is taken as needed, also where less would do.
         needed_n = trial.grip_n
         if trial.action in RISKY_ACTIONS:
             needed_n = max(needed_grip_n(trial), trial.grip_n)
@@ -340,6 +341,7 @@ def run_part(
 
     drive = Drive(lag_ms=request.lag_ms)
     settings = LoopSettings(drive, request.habits, delay_samples=request.delay_samples)
+    # A controller has a state, so every batch gets controllers of its own.
     make = _maker(scene, request, onset_s)
     return run_batch(scene, trials, batch, model_of(model), make, settings)
 
@@ -348,6 +350,8 @@ def _maker(scene: Scene, request: LoopRequest, onset_s: Mapping[int, float]) -> 
     if request.name == ORACLE:
         # The oracle tightens at each true onset, up to the force that the drive can give.
         return oracle(dict(onset_s), Drive().ceiling_n)
+
+    # No controller: the wearer feels a vibration and reacts to it.
     if request.name == VIBRATION:
         return vibration(scene.seed)
     if request.name not in CONTROLLERS:
@@ -355,6 +359,7 @@ def _maker(scene: Scene, request: LoopRequest, onset_s: Mapping[int, float]) -> 
             f"no controller {request.name!r}",
             next_step=f"choose from {', '.join(CHOICES)}",
         )
+
     return managed(scene, request.name, request.setting, request.rules, Limits())
 
 
@@ -395,6 +400,7 @@ class LoopRuns:
         runs = []
         # Each once, in the order in which they were asked for.
         for run in dict.fromkeys(wanted):
+            # Bare hands are shared by all requests on a set.
             if run in self._outcomes:
                 continue
             self._outcomes[run] = {}

@@ -167,7 +167,9 @@ class _Course:
 def _course(
     drop: dict[str, FloatArray], request_s: FloatArray, hand: ClosingHand
 ) -> _Course:
+
     n_steps = round(LOOK_S / STEP_S)
+    # A row for each step and a column for each drop, so that all are stepped at once.
     t_s = np.arange(n_steps)[:, None] * STEP_S
     # A request that never comes is at infinity: its hand does not travel.
     since_s = np.where(np.isfinite(request_s), t_s - request_s, 0.0)
@@ -223,6 +225,7 @@ def slide(drops: Sequence[Drop], request_s: npt.ArrayLike, hand: ClosingHand) ->
     stretch = np.where(drop["cap_n"] == 0.0, 0.0, hanging)
     slides_from_s = np.full(len(drops), np.inf)
     sliding = np.zeros(len(drops), dtype=np.bool_)
+    # The whole path is kept: what counts is how far an object ever got.
     moved = np.empty(course.normal_n.shape)
 
     for k in range(len(moved)):
@@ -355,6 +358,7 @@ class Droppable:
         return held.reshape(request_s.shape), still.reshape(request_s.shape)
 
     def _kept(self, held: BoolArray, still: BoolArray) -> KeptObjects:
+
         # What no hand could keep is no measure of when the request came.
         n = int(self._preventable.sum())
         n_kept = int((held & self._preventable).sum())

@@ -145,6 +145,7 @@ def _require_apart(request: EvaluationRequest) -> None:
     if request.train:
         # A missing training folder is an error here, before any stage begins.
         find(request.train)
+
     for name in request.choose:
         # Resolved, so that the same folder is found out under another name.
         if find(name).resolve() in scored:

@@ -106,12 +106,14 @@ def _warnings(figures: WindowFigures) -> list[str]:
             f"WARNING: the state is unknown at {figures.unknown_windows} windows (lost or "
             "unsettled sensors); they count as misses."
         )
+
     if figures.trained_on_recordings:
         warnings.append(
             f"WARNING: the model was trained on {figures.trained_on_recordings} of these "
             f"{figures.heads.n_trials} recordings; these figures flatter it. Held-out figures are "
             "in its card and in make real."
         )
+
     return warnings
 
 

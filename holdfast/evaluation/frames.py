@@ -51,6 +51,7 @@ def _answers(of: ModelOutputs) -> pd.DataFrame:
     for k, name in enumerate(SITUATIONS):
         frame[f"p_{name}"] = of.p_situation[:, k]
 
+    # Thousandths become a share, like the probabilities next to it.
     frame["risky_share"] = of.risky_permille / 1000.0
     frame["class"] = _named(of.eight, CLASSES, None)
     return frame
@@ -76,6 +77,7 @@ def _figures(of: Evaluation) -> list[dict[str, Any]]:
         for method, figures in methods.items():
             line = {"set": name, "method": display_name(method)}
             lines.append(line | _flat(asdict(figures)))
+
     return lines
 
 
@@ -83,6 +85,7 @@ def _flat(figures: dict[str, Any]) -> dict[str, Any]:
     """The same with an interval's two ends under names of their own, at every depth."""
     flat: dict[str, Any] = {}
     for name, value in figures.items():
+        # A pair in one cell could be neither sorted nor averaged.
         if name.endswith("_ci"):
             short = name.removesuffix("_ci")
             low, high = value or (None, None)

@@ -62,6 +62,7 @@ def _on_cluster(address: str, jobs: Sequence[Job[Result]]) -> Iterator[Result]:
         # Not by their arguments: a job may write files, so one that was done is done again.
         futures = deque(client.submit(job, pure=False) for job in jobs)
         while futures:
+            # In the order of the jobs, and each future let go once its result was taken.
             yield futures.popleft().result()
 
 
@@ -79,6 +80,7 @@ def _client(address: str) -> Iterator[Client]:
 
     # Dask's own client waits much longer, and logs instead of raising.
     try:
+        # A plain connection shows within ANSWERS_S whether anything listens.
         socket.create_connection(get_address_host_port(address), ANSWERS_S).close()
         client = Client(address, set_as_default=False)
     except (OSError, ValueError) as error:
@@ -88,5 +90,6 @@ def _client(address: str) -> Iterator[Client]:
             next_step="start one with `dask scheduler`, and give the address that it prints",
         ) from None
 
+    # Closed at the end, also where a job raises: the cluster goes on without this client.
     with client:
         yield client

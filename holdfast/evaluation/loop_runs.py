@@ -48,6 +48,7 @@ class LoopComparison:
                     f"--controller {name!r:.40} does not exist",
                     next_step=f"choose from {', '.join(CHOICES)}",
                 )
+
         model = model_of(self.model)
         for card in self.cards:
             require_runnable(model, card)
@@ -61,12 +62,16 @@ class LoopComparison:
             for name in self.controllers:
                 request = LoopRequest(name, self.setting, self.lag_ms)
                 wanted.append((loop_set, request))
+
+        # All at once: scenes and bare hands that several requests need are run once.
         runs.run(wanted)
 
         figures: FiguresByCard = {}
         for loop_set, request in wanted:
+            # By the name of the scene: a path would differ from machine to machine.
             of_card = figures.setdefault(Path(loop_set.card).stem, {})
             of_card[request.name] = runs.figures(loop_set, request)
+
         return figures
 
     def to_json(self, figures: FiguresByCard) -> Json:

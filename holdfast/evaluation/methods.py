@@ -279,4 +279,5 @@ def specificity(holds: Sequence[DisturbedHold]) -> dict[str, HoldFigures] | None
         quiet = share([one.quiet for one in here if one.held])
         failed = sum(not one.held for one in here)
         figures[name] = HoldFigures(quiet.share, quiet.share_ci, quiet.n, failed)
+
     return figures

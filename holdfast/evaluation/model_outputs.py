@@ -53,6 +53,7 @@ def run_model(model: OpenedModel, data: DataSet) -> list[ModelOutputs]:
     Raises ChannelError, UnitError or RateError where the set does not fit the model.
     """
     require_model_fits(model, data)
+    # From a fresh state each: no recording may see the one before it.
     computed = everywhere(steps_with(model, OUTPUTS), data.recordings)
     return read_outputs(model, data.recordings, computed)
 
@@ -78,6 +79,7 @@ def read_outputs(
     read = []
     for recording, out in zip(recordings, computed, strict=True):
         votes = out["votes"].astype(np.int64)
+        # Where the hand would say unknown, no class may be counted as its answer.
         withheld = out["unknown"]
 
         # A model of four situations has no votes by weight.
@@ -107,5 +109,6 @@ def risky_permille(votes: IntArray) -> npt.NDArray[np.int64]:
     first_risky = votes.shape[1] * RISKY_SLIP // 4
     risky = votes[:, first_risky:].sum(axis=1)
     total = votes.sum(axis=1)
+    # Whole thousandths, rounded down, as the decision on the hand compares them.
     permille: npt.NDArray[np.int64] = 1000 * risky // total
     return permille

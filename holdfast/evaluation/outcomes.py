@@ -173,6 +173,7 @@ def outcome_table(judged: Sequence[JudgedTrial]) -> list[OutcomeRow]:
                 n = trials[name, style, column]
                 n_hits = hits[name, style, column]
                 if n:
+                    # The thesis' own words, so that both columns read alike.
                     ours = word(n_hits, n)
                     row = OutcomeRow(name, style, column, theirs, ours, n_hits, n)
                     rows.append(row)

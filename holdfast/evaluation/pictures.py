@@ -93,6 +93,7 @@ def distributions(times: dict[str, TimesMs], kind: str) -> str:
         # With fewer, a curve is a few large steps that show no distribution.
         if len(one.to_act) >= LEAST_EVENTS:
             many[name] = one
+
     if not many:
         return ""
 

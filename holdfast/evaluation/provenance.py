@@ -71,10 +71,13 @@ def machine_facts(kind: str) -> Json:
 def _processor() -> str | None:
     """The processor's name, None where the system does not have it."""
     try:
+        # Other systems than Linux have no such file.
         text = Path("/proc/cpuinfo").read_text("utf-8")
     except OSError:
         return None
+
     for line in text.splitlines():
         if line.startswith("model name"):
             return line.partition(":")[2].strip()
+
     return None

@@ -54,6 +54,7 @@ class EfleshFigures:
     @staticmethod
     def from_json(written: Json) -> EfleshFigures:
         """Read what `asdict` gave. Raises KeyError or TypeError where a figure is missing."""
+
         delays = {}
         for name, one in written["delay_s"].items():
             delays[name] = DelaySpread(**one)
@@ -109,6 +110,8 @@ class RealFigures:
 
 def real_figures(folder: Path, seed: int = 0) -> RealFigures | RealSetsMissing:
     """Figures of the real sets from a folder of `make real`."""
+
+    # Both are needed: the seed of the folds is in the metrics, and the model in the fold.
     metrics = folder / "metrics.json"
     file = folder / "fold" / "holdfast.onnx"
     if not metrics.is_file() or not file.is_file():
@@ -126,6 +129,7 @@ def real_figures(folder: Path, seed: int = 0) -> RealFigures | RealSetsMissing:
 
     people = held_out_people(data, int(written["seed"]))
     request = EvaluationRequest((HUMAN,), people=people, seed=seed)
+    # As deployed: no people are left to choose a confidence on.
     human = evaluate_events(model, request)
     return RealFigures(human, sorted(people), eflesh)
 

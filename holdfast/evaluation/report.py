@@ -126,4 +126,5 @@ def _outcome_tables(of: Evaluation) -> dict[str, dict[str, dict[str, OutcomeRow]
         # Outcomes come in the order of the thesis, so the tables keep it.
         of_object = tables[row.style].setdefault(row.object, {})
         of_object[row.action] = row
+
     return {style: table for style, table in tables.items() if table}

@@ -244,6 +244,7 @@ def _heavy(data: DataSet) -> list[bool | None]:
         if data.recordings[trial].object_name is not None:
             # Heavy classes have the odd numbers.
             heavy[trial] = bool(label % 2)
+
     return heavy
 
 

@@ -109,8 +109,10 @@ def state_figures(
 
     unknown_share = None
     if states:
+        # Of all samples, also those between labelled phases: an unknown state helps at none.
         is_unknown = np.concatenate(states) == UNKNOWN
         unknown_share = float(is_unknown.mean())
+
     return StateFigures(
         per="sample of a labelled phase",
         to_risky_state_ms=delay.delay_ms,
@@ -247,6 +249,7 @@ def confusions(
             figures[level] = _confusion(
                 LEVELS[level], truths, answers, known_groups, seed
             )
+
     return figures
 
 

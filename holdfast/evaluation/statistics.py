@@ -37,9 +37,11 @@ def spread(values: Sequence[float]) -> Spread | None:
 def share(hits: Sequence[bool]) -> Share:
     """The share of the hits that are true, and its exact interval."""
     n = len(hits)
+    # Nothing happened, so there is no share, and no interval of one.
     if not n:
         return Share(None, None, 0)
     n_true = sum(hits)
+    # Clopper and Pearson: never too narrow, however few the trials are.
     exact = binomtest(n_true, n).proportion_ci(0.95, method="exact")
     interval = (float(exact.low), float(exact.high))
     return Share(n_true / n, interval, n)
@@ -64,5 +66,6 @@ def mcnemar(ours: BoolArray, theirs: BoolArray) -> McNemar:
     neither = int((~ours & ~theirs).sum())
     # Events on which both agree say nothing about which is better.
     n = only_ours + only_theirs
+    # Without a difference both are equally likely to win each event: p = 1.
     p = float(binomtest(only_ours, n, 0.5).pvalue) if n else 1.0
     return McNemar(only_ours, only_theirs, both, neither, p)

@@ -58,6 +58,7 @@ class Thresholds:
                 "the model card's own rules; baselines matched on the very streams that are "
                 "scored, which flatters them"
             )
+
         return (
             f"the lowest confidence with at most {self.chosen.most_false_per_min:g} false alarms "
             f"a minute on other streams ({', '.join(self.matched_on)}); baselines matched to this "
@@ -114,12 +115,15 @@ def find_thresholds(
     rules = card.decision
     # The first is the headline, which every baseline is compared with.
     confidences = {CHOSEN: chosen.permille} if chosen else {}
+    # Also as deployed: that is what a hand runs, whatever was chosen here.
     confidences[DEPLOYED] = rules.min_risky_permille
 
     # A baseline may have as many false alarms as this model: their recalls then compare.
     permille = next(iter(confidences.values()))
     headline = requests_of(streams.outputs, rules, permille)
+    # Measured on the same streams that the baselines are matched on.
     rate = false_per_min(streams.recordings, headline)
+
     found = []
     for number, one in enumerate(baselines, 1):
         found.append(matched(one, streams.recordings, rate))

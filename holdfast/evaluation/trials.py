@@ -213,6 +213,7 @@ def _interleaved(trials: Sequence[AnsweredTrial]) -> list[AnsweredTrial]:
         # The round of a trial is how many of its object came before it, and itself.
         count[name] = count.get(name, 0) + 1
         rounds.append(count[name])
+
     # Stable: within a round the trials keep their order.
     order = np.argsort(rounds, kind="stable")
     return [trials[k] for k in order]

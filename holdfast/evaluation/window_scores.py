@@ -141,6 +141,7 @@ def window_figures(
 def stream(model: Model, data: DataSet, outputs: list[str]) -> dict[str, Outputs]:
     """Task -> output -> [M, ...] at every window of the set."""
     wanted = rows_wanted(data)
+    # Streamed whole, as on the hand: a window alone would have no state.
     values = [recording.samples for recording in data.recordings]
     valid = [recording.valid for recording in data.recordings]
     # Only the wanted rows are kept; the graph still steps every sample, for its state.
@@ -258,6 +259,7 @@ def scores(data: DataSet, votes: IntArray, *, seed: int = 0) -> ClassScores:
 
         # Over trials: windows of one trial overlap and are not independent.
         right = share_scores(truth == answer, groups, seed=seed)
+        # The same seed for both, so that they draw the same trials.
         f1 = situation_scores(truth, answer, groups, classes=LEVELS[level], seed=seed)
         return LevelScores(
             accuracy=right.share,

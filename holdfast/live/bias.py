@@ -56,7 +56,9 @@ def require_good(measured: MeasuredBias, consequence: str) -> None:
 
 def read_rows(source: Source, clock: Any, seconds: float) -> FloatArray:
     """[T, C] of a source at its rate or at RATE_HZ, nan where a sensor is not valid."""
+    # an absolute schedule, as in the live loop: one slow reading shifts no other
     start_ns = clock.now_ns()
+    # a stream sends at its own rate, and a hand is read as asked
     rate_hz = source.rate_hz or RATE_HZ
     rows = []
     for k in range(round(seconds * rate_hz)):
@@ -65,6 +67,8 @@ def read_rows(source: Source, clock: Any, seconds: float) -> FloatArray:
         # a recording that is shorter than asked for is measured as far as it goes
         if measured is None:
             break
+        # a finger is valid or not with all three of its axes
         valid = np.repeat(measured.valid, 3)
         rows.append(np.where(valid, measured.values, np.nan))
+
     return np.array(rows).reshape(-1, source.n_channels)

@@ -95,6 +95,7 @@ class Cues:
             self._kind = kind
             self._since_ns = now_ns
             self._last_ns = None
+
         if kind is None:
             return None
 
@@ -107,6 +108,7 @@ class Cues:
             # 0: once, for as long as the same kind applies
             if not rule.repeat_ms or silent_ns < 1_000_000 * rule.repeat_ms:
                 return None
+
         return kind if self._has_room(rule, now_ns) else None
 
     def sent(self, kind: str, now_ns: int) -> None:
@@ -130,6 +132,7 @@ class Cues:
         for kind in KINDS:
             if kind in now and kind in self._table.rules:
                 return kind
+
         return None
 
     def _has_room(self, rule: CueRule, now_ns: int) -> bool:
@@ -175,6 +178,7 @@ def read_cues(path: Path = SHIPPED) -> CueTable:
             where=path,
             next_step="docs/feedback.md has the table",
         ) from None
+
     return _CueReader(path).cues(raw)
 
 
@@ -190,6 +194,7 @@ class _CueReader(CardReader):
         for name, table in tables.items():
             key = f"cues.{name}"
             rules[name] = self.rule(key, self.require_table(key, table))
+
         self._require_distinct_unknown(rules)
         most = self.whole("most_per_s", raw.get("most_per_s"), 1, MOST_PER_S)
         return CueTable(rules, most)

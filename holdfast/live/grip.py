@@ -52,6 +52,7 @@ def controller_for(
         report(
             f"reduced mode: the model reads {card.unit}, not N; commands have no target in N"
         )
+
     return control
 
 
@@ -119,6 +120,7 @@ def grip_to_wire(
         report(
             f"{wire.name}: {carried}; the others are left out (baud=460800 carries them)"
         )
+
     return GripOutput(controller, clock, report, wire=wire)
 
 
@@ -140,6 +142,7 @@ def grip_to_scene(
     if ceiling_n is not None:
         # the stricter of both limits counts
         drive = replace(drive, ceiling_n=min(drive.ceiling_n, ceiling_n))
+
     # a virtual clock stands still by itself: computing takes no time on it
     still = clock.still if isinstance(clock, SceneClock) else nullcontext
     scene = live_scene(source, drive, still)

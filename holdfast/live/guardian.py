@@ -59,6 +59,7 @@ class Guardian:
         finally:
             theirs.close()
             os.close(memory_fd)
+
         self.pid = self._process.pid
 
     def _wait_until_ready(self) -> None:

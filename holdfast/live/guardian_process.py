@@ -41,10 +41,12 @@ def main(control_fd: int, memory_fd: int, text: str) -> None:
     control = socket.socket(fileno=control_fd)
     memory = mmap.mmap(memory_fd, 8, prot=mmap.PROT_READ)
     control.send(READY)
+    # it sleeps in this call for the whole run, and costs the loop nothing
     held = _wait_for_the_end(control)
     if held is not None:
         # the newest sequence number stands in shared memory, which outlives the parent
         sequence = struct.unpack("q", memory[:8])[0] + 1
+        # the same clock as the run's, so that the last line fits those before it
         clock = getattr(time, "CLOCK_BOOTTIME", time.CLOCK_MONOTONIC)
         t_ns = time.clock_gettime_ns(clock)
         line = text % {"sequence": sequence, "t_ns": t_ns}
@@ -62,9 +64,11 @@ def _wait_for_the_end(control: socket.socket) -> int | None:
             message = b""
             fresh = []
         if message in (FRESH, RELEASE):
+            # two descriptors of one adapter would keep its old name in use
             if held is not None:
                 os.close(held)
             held = fresh[0] if fresh else None
+        # the parent's own last line must stay the last one
         if message == GOODBYE:
             return None
         if not message:
@@ -74,9 +78,11 @@ def _wait_for_the_end(control: socket.socket) -> int | None:
 def _write(held: int, data: bytes) -> None:
     for _ in range(TRIES):
         try:
+            # a port may take a part: the rest follows, so that the line arrives whole
             taken = os.write(held, data)
             data = data[taken:]
         except BlockingIOError:
+            # it may wait here: no loop runs any more
             ready = select.poll()
             ready.register(held, select.POLLOUT)
             ready.poll(WAIT_MS)

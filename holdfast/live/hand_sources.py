@@ -114,6 +114,7 @@ def open_live(
     if source.scheme not in HANDS:
         recording = open_source(url, read_set=read_set)
         return PacedReplay(recording, clock.now_ns)
+
     if source.scheme != "virtual":
         bridge = _opener(source, clock, report)
         return _started(bridge, source, clock, report, to_force)
@@ -146,11 +147,13 @@ def _stream(
     if word and unit is None:
         units = "|".join(UNITS)
         raise UsageError(f"unit={word[:40]!r} is not known", next_step=f"unit={units}")
+
     # liblsl finds a stream by a query in which the name stands between quotes
     if not name or "'" in name:
         raise UsageError(
             f"{name[:40]!r} is no name of a stream", next_step="lsl://NAME"
         )
+
     if to_force is not None:
         raise UsageError(
             "--calibration is for a hand, not for a stream",
@@ -332,6 +335,7 @@ def simulated(
         # one trial is enough for a run, and a long one is large
         _kept.clear()
         _kept[key] = made, one
+
     return _kept[key]
 
 

@@ -145,6 +145,7 @@ def _models() -> list[Finding]:
             findings.append(Finding(what, "ok", found))
         except HoldfastError as error:
             findings.append(Finding(what, "broken", str(error), error.next_step))
+
     return findings
 
 
@@ -178,6 +179,7 @@ def _bridges() -> list[Finding]:
             except DeviceError as error:
                 step = f"{RULES}, then plug it in again"
                 findings.append(Finding(what, "broken", str(error), step))
+
     if findings:
         return findings
     return [Finding("bridges", "missing", "none on USB", "virtual://ft232h needs none")]
@@ -195,6 +197,7 @@ def _native_buses() -> list[Finding]:
         step = "sudo usermod -aG i2c $USER"
         found = f"not allowed: {', '.join(closed)}"
         return [Finding("i2c", "broken", found, step)]
+
     return [Finding("i2c", "ok", ", ".join(str(bus) for bus in buses))]
 
 
@@ -204,11 +207,13 @@ def _udev() -> list[Finding]:
     if not folder.is_dir():
         step = "not needed as root or without udev"
         return [Finding("udev", "missing", "no /etc/udev/rules.d", step)]
+
     rules = []
     for rule in folder.glob("*.rules"):
         # 6014 is the product number of an FT232H, which every version of our rules names
         if "6014" in rule.read_text(encoding="utf-8", errors="replace"):
             rules.append(str(rule))
+
     if rules:
         return [Finding("udev", "ok", ", ".join(rules))]
     return [Finding("udev", "missing", "no rule for the bridges", RULES)]

@@ -124,6 +124,7 @@ def _udp_address(url: str) -> tuple[str, int]:
             f"--intent: envelopes={count[:40]!r} is not a whole number from 1 to {MOST_ENVELOPES}",
             next_step="envelopes=2",
         )
+
     return parts.netloc, int(count)
 
 

@@ -53,6 +53,7 @@ def open_port(path: str, baud: int) -> int:
         os.close(port)
         # termios has an error class of its own, which callers would have to know
         raise OSError(*error.args) from None
+
     return port
 
 
@@ -191,6 +192,7 @@ class SerialLink:
             )
             self._opening.start()
             return False
+
         return True
 
     def lose(self) -> None:
@@ -206,6 +208,7 @@ class SerialLink:
         if not self._has_room(0):
             with suppress(OSError):
                 forget_unsent(self.handle)
+
         while data:
             # the run is over, so this wait delays no answer, and it must end
             if not self._has_room(LAST_LINE_MS):
@@ -255,6 +258,7 @@ def open_link(url: str, option: str) -> UdpLink | SerialLink:
         port = parts.port
     except ValueError as error:
         raise _not_an_address(url, option, str(error)) from None
+
     if parts.scheme == "udp":
         return _udp(parts.hostname, port, url, option)
     if parts.scheme == "serial":
@@ -282,6 +286,7 @@ def _udp(host: str | None, port: int | None, url: str, option: str) -> UdpLink:
         sender.connect(address)
     except OSError as error:
         raise _not_an_address(url, option, error.strerror or str(error)) from None
+
     return UdpLink(sender, f"{option} {url}")
 
 
@@ -299,4 +304,5 @@ def _serial(parts: SplitResult, url: str, option: str) -> SerialLink:
         link.open()
     except OSError as error:
         raise opening_error(parts.path, error) from None
+
     return link

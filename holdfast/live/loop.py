@@ -112,6 +112,7 @@ class Summary:
         for name, values in columns.items():
             percentiles = [_percentile(values, percent) for percent in PERCENTS]
             latency_us[name] = dict(zip(PERCENT_NAMES, percentiles, strict=True))
+
         return latency_us
 
     def to_json(self) -> Json:
@@ -241,6 +242,7 @@ class _LiveRun:
         if trouble == "restarts":
             # samples before and after another clock are no one history
             self._monitor.lose_track()
+
         if trouble:
             self.summary.count(trouble)
         # its values are history already, so no sensor counts as read

@@ -50,6 +50,7 @@ class OpenHand:
             reading = source.read()
             if reading is None:
                 return
+            # the model was trained on values without the bias of the unloaded hand
             values, valid = tare.prepare(reading.values, reading.valid)
             yield Sample(reading.t_ns, values, valid, sequence)
             sequence += 1

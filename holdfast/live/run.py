@@ -98,6 +98,7 @@ def run(options: RunOptions, read_set: SetReader | None = None) -> int:
         from holdfast.live.scene import SceneClock
 
         clock = SceneClock()
+
     model = options.model.open()
     # stderr is a sink as well: a terminal that stops reading must not stop the loop
     with (
@@ -107,10 +108,12 @@ def run(options: RunOptions, read_set: SetReader | None = None) -> int:
         live = _Run(options, model, clock, stderr)
         summary = live.until_stopped(read_set)
         report_summary(summary, stderr)
+
     for name, error in live.lines.failures.items():
         # a reader that went away on purpose leaves no incomplete file
         if not _closed_by_reader(name, error):
             return OutputError.exit_code
+
     return 0
 
 
@@ -223,6 +226,7 @@ class _Run:
             self._samples = SampleFile(options.samples, card.n_channels)
             self.lines.add(self._samples.sink)
             outputs.append(self._samples)
+
         if self._view:
             outputs.append(self._view)
 
@@ -250,6 +254,7 @@ class _Run:
             )
             close_at_end(stack, answers)
             outputs.append(answers)
+
         # last: a sign of life says that every other output has got the answer
         watchdog = ServiceWatchdog()
         close_at_end(stack, watchdog)
@@ -266,6 +271,7 @@ class _Run:
         if options.commands:
             port = command_port(options.commands, self.report, now_ns)
             command = stack.enter_context(port)
+
         if not options.intent:
             return command
         from holdfast.live.intent import IntentLog, intended, intent_monitor
@@ -282,6 +288,7 @@ class _Run:
             self.lines.add(log.sink)
             # after the file of samples, whose first sample sets the time axis of both
             outputs.insert(outputs.index(self._samples) + 1, log)
+
         return intended(command, intent, obeyed=opens_at is not None)
 
     def _show_intent(self, intent: IntentMonitor) -> None:
@@ -317,6 +324,7 @@ class _Run:
             self._grip = grip.grip_to_wire(
                 options.grip, controller, card.rate_hz, self._clock, self.report
             )
+
         close_at_end(stack, self._grip)
         if self._page:
             self._page.grip = self._grip
@@ -392,6 +400,7 @@ def require_pace(source: Source, model: OpenedModel, clock: Any) -> None:
         fastest_s = min(fastest_s, 1e-9 * (clock.now_ns() - before_ns))
         if fastest_s * rate_hz <= 1.0:
             return
+
     raise RateError(
         f"the fastest of {PACE_READS} scans takes {1e3 * fastest_s:.1f} ms, "
         f"the model needs {rate_hz:g} a second",

@@ -168,6 +168,7 @@ class ServiceWatchdog:
             self._sender = socket.socket(socket.AF_UNIX, kind)
             # a service manager that is busy must not hold up the loop
             self._sender.setblocking(False)
+
         self._last_ns: int | None = None
 
     def write(

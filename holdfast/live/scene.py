@@ -267,6 +267,7 @@ def drive_of(url: str) -> Drive:
         # a drive without lag or play is an ideal one; one without force or speed is none
         may_be_zero = key in ("lag_ms", "backlash_mm")
         figures[key] = _figure(key, values[-1], may_be_zero=may_be_zero)
+
     return Drive(**figures)
 
 
@@ -276,8 +277,10 @@ def _figure(key: str, text: str, *, may_be_zero: bool) -> float:
     except ValueError:
         # refused below, like every number outside its range
         figure = -1.0
+
     if not 0.0 <= figure <= LARGEST or (not figure and not may_be_zero):
         bound = "from 0" if may_be_zero else "above 0"
         what = f"--grip virtual: {key}={text[:40]!r} is not a number {bound} to {LARGEST:g}"
         raise UsageError(what, next_step=f"{key}=50")
+
     return figure

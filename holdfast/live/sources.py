@@ -120,6 +120,7 @@ def open_source(
         if "#" in name and not Path(name).exists() and read_set is not None:
             return read_set(name, channels)
         source = open_replay(name)
+
     return source if preparation is None else source.prepared(preparation)
 
 
@@ -164,6 +165,7 @@ def _trials_of(url: str) -> tuple[Scene, list[SimulatedTrial]]:
             f"{url!r}: no trials {first} to {first + count - 1}",
             next_step=f"choose from 0..{len(trials) - 1}",
         )
+
     return scene, scene.run_together(trials[first : first + count])
 
 
@@ -185,6 +187,7 @@ def _numbers(url: str) -> dict[str, float]:
                 f"{url[:80]!r}: {key}={text[:40]!r} is not a number",
                 next_step=f"write {key}=1",
             ) from None
+
     return numbers
 
 
@@ -231,4 +234,5 @@ def resting_of(path: Path | None, source: Source) -> FloatArray | None:
             cause="measured with another calibration or hand",
             next_step="run holdfast bias again",
         )
+
     return bias.values

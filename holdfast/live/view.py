@@ -95,6 +95,7 @@ class View:
                 prediction, sample, reading = self._newest
                 shown = picture(prediction, sample, reading, self._unit, wearer)
                 self._console.print(shown)
+
         return captured.get()
 
     def _frame(self, drawn: str) -> str:
@@ -135,6 +136,7 @@ def picture(
         request = "  ACT"
     elif prediction.arm:
         request = "  arm"
+
     state = prediction.state.replace("_", " ").upper()
     style = f"bold {COLOURS[prediction.state]}"
     head = Text(f"{state}{request}", style=style)
@@ -174,6 +176,7 @@ def _fingers(sample: Sample, measured: SourceReading, unit: str) -> Table:
             f"{shear:.2f}",
             Text(trouble, style="magenta"),
         )
+
     return fingers
 
 

@@ -99,6 +99,7 @@ class Wire:
             written = True
         except (OSError, ValueError):
             written = False
+
         # where the line did not leave, the guardian tries once more
         self._guardian.end(written=written)
         self._link.close()
@@ -111,6 +112,7 @@ class Wire:
         except OSError as error:
             self._fail(error, now_ns)
             return False
+
         # a full buffer is no error at first: the reader may be slow for a moment
         if taken:
             self._full_since_ns = None
@@ -118,6 +120,7 @@ class Wire:
             self._full_since_ns = now_ns
         elif now_ns - self._full_since_ns > 1_000_000 * EXPIRES_MS:
             self._fail(_stalled(), now_ns)
+
         return taken
 
     def _fail(self, error: OSError, now_ns: int) -> None:
@@ -134,6 +137,7 @@ class Wire:
         if isinstance(self._link, SerialLink) and error.errno != errno.EAGAIN:
             self._link.lose()
             self._guardian.release()
+
         self._works = False
         self._trials = 0
         self._retry_ns = now_ns + self._wait_ns

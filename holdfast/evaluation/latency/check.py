@@ -273,6 +273,7 @@ def budgets(ratios: dict[str, float], n_bytes: int, resident_mb: float) -> list[
             # Without a compiler there is no C form to measure; any other gap is a mistake.
             if name in found or name not in C_RATIOS:
                 measured.append(Budget(name, found[name], at, limit))
+
     return measured
 
 

@@ -101,6 +101,7 @@ def _compiled(work: Path) -> Path:
         raise LibraryMissing(
             "no C compiler", where="cc", next_step="install gcc to have this row"
         )
+
     source = work / "walk.c"
     library = work / "walk.so"
     source.write_text(SOURCE, encoding="utf-8")

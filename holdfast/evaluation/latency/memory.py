@@ -42,8 +42,10 @@ def memory(model_path: Path) -> list[ProcessMemory]:
         # A fresh process each: memory that was once used is rarely given back.
         command = [sys.executable, "-c", program + RESIDENT_KB, str(model_path)]
         done = subprocess.run(command, capture_output=True, text=True, check=True)
+        # Start and end together: what a user waits for a program that does nothing else.
         took_s = time.perf_counter() - started
 
+        # The kernel counts in KiB.
         resident_mb = int(done.stdout) / 1024
         rows.append(ProcessMemory(name, resident_mb, took_s))
 

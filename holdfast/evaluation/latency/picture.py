@@ -23,6 +23,7 @@ def latency(figures: Json) -> str:
         for place, row in enumerate(rows):
             colour = COLOURS.get(row["what"], QUIET)
             median = row["p50"]
+            # The tail decides whether a sample is late, so it is drawn as far as it reaches.
             tail = [row["p99"], row["p99.9"]]
             axes.plot([median, *tail], [place] * 3, "-", color=colour, linewidth=2)
             axes.plot([median], [place], "o", color=colour, markersize=5)
@@ -41,5 +42,6 @@ def latency(figures: Json) -> str:
         axes.set_xlabel("us a decision: median, and 99 and 99.9 % of the calls")
         # Peers differ by a factor of a thousand.
         axes.set_xscale("log")
+        # The first row stands on top, as in the table.
         axes.invert_yaxis()
         return svg(drawn)

@@ -105,6 +105,7 @@ def listen(text: str) -> PageAddress:
     except OSError as error:
         listener.close()
         raise _cannot_listen(text, error) from None
+
     return _reached(listener, host)
 
 
@@ -210,6 +211,7 @@ class PageLink:
             # the last message says how the run ended, so it may wait, but not for ever
             self._channel.settimeout(END_S)
             self._channel.send(_to_json({"end": end}).encode())
+
         self._channel.close()
 
         if self._process is not None:
@@ -268,4 +270,5 @@ def _started(
         process.wait()
         what = f"no process for the live page ({error.strerror or error})"
         raise OutputError(what, where="--web", next_step="run without --web") from None
+
     return PageLink(ours, report, process)

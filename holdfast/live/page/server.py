@@ -57,6 +57,7 @@ def zipped(
         t_s = round(1e-9 * (mark["t_ns"] - first_ns), 6)
         label = f"mark {mark['number']}"
         events += json.dumps({"t_s": t_s, "mark": label, "provenance": "page"}) + "\n"
+
     content = {
         TACTILE: _table(samples),
         META: json.dumps(meta) + "\n",
@@ -68,6 +69,7 @@ def zipped(
     with zipfile.ZipFile(archive, "w", zipfile.ZIP_DEFLATED) as file:
         for part, text in content.items():
             file.writestr(f"{name}/{part}", text)
+
     return archive.getvalue()
 
 
@@ -86,6 +88,7 @@ def _table(samples: list[Message]) -> str:
         cells.append(str(sample["n"]))
         cells += map(str, sample["v"])
         lines.append(",".join(cells))
+
     return "\n".join(lines) + "\n"
 
 
@@ -271,6 +274,7 @@ class PageHandler(BaseHTTPRequestHandler):
         if not samples:
             self._say(HTTPStatus.NOT_FOUND, "no sample has come yet\n")
             return
+
         # the time of saving makes names differ, and sorts them
         name = time.strftime("holdfast-%Y%m%d-%H%M%S")
         archive = zipped(samples, marks, self.server.stream.about, name)

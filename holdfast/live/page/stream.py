@@ -133,6 +133,7 @@ class LiveStream:
         with self._changed:
             seen = self._count
             first = self._whole()
+
         yield first
 
         while True:
@@ -232,6 +233,7 @@ def sums(values: list[float], valid: list[int]) -> tuple[float, float]:
             load += math.hypot(x, y)
             # a finger cannot pull at an object: what is below zero is noise
             squeeze += max(z, 0.0)
+
     # thumb and fingers press against each other, so the grip of either side is half of both
     return load, 0.5 * squeeze
 
@@ -268,10 +270,12 @@ def _last_second(samples: deque[Message]) -> Message:
     if newest_ns > begin_ns:
         # `count` samples span one period fewer than their number
         rate_hz = round(1e9 * (count - 1) / (newest_ns - begin_ns), 1)
+
     if late_us:
         late_us.sort()
         latency_ms = _shown(1e-3 * late_us[len(late_us) // 2])
         worst_ms = _shown(1e-3 * late_us[-1])
+
     return {
         "rate_hz": rate_hz,
         "latency_ms": latency_ms,

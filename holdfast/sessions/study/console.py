@@ -81,6 +81,7 @@ class TrialKeys(Keys):
 
     def pressed(self, wait_s: float = 0.0) -> str:
         """The next key of the recorder by its name, or ""."""
+        # Through the study's own keys: both read the same terminal.
         letter = letter_of(self._keys, wait_s)
         # The trial ends at once; what happened is asked afterwards.
         self.adverse |= letter == "a"
@@ -122,6 +123,7 @@ class Console:
             letter = letter_of(self.keys, WAIT_S)
             if letter in KEYS:
                 return KEYS[letter]
+            # Without keys the study would wait for ever.
             if self.keys.closed:
                 self.report(NO_KEY)
                 return Key.QUIT
@@ -141,6 +143,7 @@ class Console:
                 # The end of a long text: that is where the next letter appears.
                 self.draw(f"> {visible(typed.decode('utf-8', 'replace'))[-60:]}")
                 drawn = typed
+            # With a time limit, so that a signal ends the question too.
             byte = self.keys.byte(WAIT_S)
             if byte and byte in ENTER:
                 line = typed.decode("utf-8", "replace").strip()

@@ -105,13 +105,16 @@ class Progress:
             self._stop(t_s)
         elif event in STARTS_TIME and self.begun and self._since_s is None:
             self._since_s = t_s
+
         if event in MOVES:
             self.part = int(entry["next"])
             self.begun = False
+
         self._last_s = t_s
 
     def spent_until(self, t_s: float) -> float:
         """Time in the part under way, s, pauses left out."""
+        # A pause, or a part that is not begun, takes no time.
         now_s = 0.0 if self._since_s is None else t_s - self._since_s
         return self.spent_s.get(self.part, 0.0) + now_s
 
@@ -136,6 +139,7 @@ class Journal:
         self._now_ns = now_ns
         self._utc = utc
         self.entries = read_events(path)
+        # Read back from the file alone: nothing else says where the study stands.
         self.progress = progress_of(self.entries, path, n_parts)
         self._began_ns = now_ns()
 

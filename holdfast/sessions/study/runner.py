@@ -112,6 +112,7 @@ class Runner:
         if abs(behind_s) >= LEAST_DELAY_S:
             what = "behind" if behind_s > 0 else "ahead"
             heading += f", {clock_text(abs(behind_s))} {what}"
+
         return heading
 
     def _part(self, part: StudyPart) -> Ending:
@@ -264,4 +265,5 @@ class Runner:
             name = type(error).__name__
             self.journal.append(Event.FAILED, part=self.journal.part, error=name)
             self.console.failed(error)
+
         return self._adverse() if trial_keys.adverse else Ending.GOES_ON

@@ -79,6 +79,7 @@ class StudyOptions:
                 cause="its clock jumps, which neither a hand nor a camera can follow",
                 next_step="--source sim://p1, without --camera",
             )
+
         if is_hand(recording.source) and recording.seconds is None:
             raise UsageError(
                 "a virtual hand has no end of its own, and no operator ends its trials",
@@ -126,6 +127,7 @@ def _status_line(seconds: float | None = None) -> StatusLine:
 
 def _console(keys: Keys, status: StatusLine, stopped: Callable[[], bool]) -> Console:
     """The operator's console. Raises UsageError where no key can be pressed."""
+    # Without keys nothing could be confirmed, and no adverse event reported.
     if keys.ended():
         raise UsageError(
             "a study needs an operator, and no key can be pressed",
@@ -157,11 +159,13 @@ def run_parts(
     clock = console.clock
     context = RunContext(clock, console.keys, display, console.stopped)
     trials = Trials(options.recording, protocol, context)
+    # A folder that cannot be written to is found out before the hand is opened.
     require_writable(root)
     # Before the person's folder is made: a hand that does not answer leaves nothing behind.
     trials.require_hand()
 
     with opened_journal(home, len(protocol.parts), clock.now_ns, utc) as journal:
+        # Before the first part: a trial that a kill left is recorded again, and must not count.
         trials.repair()
         _open(home, protocol, console, journal)
         ending = Runner(root, person, protocol, journal, console, trials, utc).run()

@@ -101,6 +101,7 @@ def _scene_trials(name: str, seed: int) -> list[tuple[str, str]]:
         # A scene names an object even for the empty hand.
         held = NOTHING if trial.action == NOTHING else trial.object.name
         trials.append((held, trial.action))
+
     return trials
 
 
@@ -155,6 +156,7 @@ class Trials:
                 f"{self.root}: holds trials that are {before}, these would be {kind}",
                 next_step="name another folder, so that rehearsals stay apart from people",
             )
+
         # A later run of the study: the hand is opened with its first trial.
         if (self.root / META).exists():
             return

@@ -74,6 +74,7 @@ def _delete_all(
     _note(root, {**entry, "state": BEGUN, "at": utc(), "files": names})
 
     left: dict[str, str] = {}
+    # One file that cannot be deleted must not keep the others.
     for path, name in zip(files, names, strict=True):
         try:
             path.unlink()
@@ -110,6 +111,7 @@ def require_not_withdrawn(root: Path, person: str) -> None:
         raise UsageError(
             f"{person} has withdrawn", next_step="give a pseudonym that is new"
         )
+
     if state is not None:
         raise UsageError(
             f"{person} has withdrawn, and the deletion did not end",
