@@ -57,6 +57,7 @@ def write_trials(trials: Sequence[TrialPayload], folder: Path) -> None:
         task = _task(trial)
         if task not in tasks:
             tasks.append(task)
+
         columns = _frames(trial, number, first, fps, tasks.index(task))
         parts.append(columns)
         episodes.append(_episode(trial, number, first, columns))
@@ -175,6 +176,8 @@ def _info(trials: Sequence[TrialPayload], rate_hz: float, n_tasks: int) -> Json:
     n_frames = sum(len(trial.t_s) for trial in trials)
 
     first = trials[0]
+
+    # What the format has no place for stands under a key of our own.
     ours = {
         "unit": first.unit,
         "rate_hz": rate_hz,

@@ -93,6 +93,7 @@ def arrows(
 
     # Each pad has axes of its own, so its reading is turned into the axes of the view.
     vectors = np.einsum("sij,sj->si", where.turned, by_sensor)
+
     size = np.linalg.norm(vectors, axis=1, keepdims=True)
 
     # An arrow of no length has no direction; it points along x.
@@ -202,10 +203,12 @@ class _Topics:
         self._add(topic, t_ns, text.encode())
 
     def _register(self, topic: str, encoding: str, schema: int) -> None:
+        """Make a channel for a topic and remember its number."""
         number = self.writer.register_channel(topic, encoding, schema)
         self._channels[topic] = number
 
     def _add(self, topic: str, t_ns: int, data: bytes) -> None:
+        """Write a message that is encoded already, at its own time."""
         channel = self._channels[topic]
         self.writer.add_message(channel, log_time=t_ns, data=data, publish_time=t_ns)
 

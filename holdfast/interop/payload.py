@@ -165,6 +165,8 @@ def _payload(path: Path, timed: TimedTrial, raw: bool) -> TrialPayload:
     # Read again, since a reader gives prepared samples, and `raw` wants those of the file.
     trial = read_trial(path)
     recording = timed.recording
+
+    # Rows in no phase keep NO_LABEL: no other situation is assumed for them.
     label = np.full(len(trial.t_s), NO_LABEL, dtype=np.int8)
     for phase in recording.phases:
         label[phase.first : phase.stop] = phase.situation
@@ -178,6 +180,7 @@ def _payload(path: Path, timed: TimedTrial, raw: bool) -> TrialPayload:
 
     # Sign and bias travel with the values, so that either form can be had from the other.
     sign, bias = preparation(recording.unit).learn(trial.raw)
+
     about = {
         "trial": recording.trial_id,
         "person": recording.person,

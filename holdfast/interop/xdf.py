@@ -307,6 +307,7 @@ def _table(stream: TactileStream, cut: Cut) -> tuple[str, float, float]:
     names = [TIME_COLUMN, *channel_names(values.shape[1] // 3), "sequence"]
     table = np.column_stack([t_s, values, places_by_time(t_s)])
 
+    # The whole table is made in memory: a fault in it leaves no half file.
     text = io.StringIO()
     header = ",".join(names)
     # Nine digits keep every digit of a float32, and 10 us in a recording of an hour.

@@ -95,6 +95,7 @@ class HeldOut:
             labels[fold.rows[main]] = fold.labels
             for task, rows in fold.rows.items():
                 votes[task][rows] = fold.votes[task]
+
         verified = [fold.verification for fold in folds if fold.verification]
         return cls(votes, labels, verified)
 
@@ -192,6 +193,7 @@ def answer_fold(
     if verify_spec is not None:
         # All heads read the same features, so rows of every task test each of them.
         seen = np.concatenate([features[task][held[task]] for task in held])
+
         learners = list(heads.values())
         graph = whole_graph(verify_spec, learners)
         report = verify(graph, verify_spec, learners, seen, seed)
@@ -362,6 +364,7 @@ def fit_calibration(shares: FloatArray, label: IntArray) -> Calibration:
         bias[present] = 0.0
         return Calibration(weights, bias)
 
+    # One map for all classes together, so that the probabilities of a window add up to 1.
     model = LogisticRegression(C=CALIBRATION_C, max_iter=1000).fit(shares, label)
     if len(present) == 2:
         # Of two classes scikit-learn fits the second's logit alone.

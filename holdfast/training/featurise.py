@@ -124,7 +124,10 @@ def features_everywhere(data: DataSet, spec: StepSpec) -> list[FloatRows]:
 
 @dataclass(frozen=True)
 class FeatureCost:
-    """CPU time of the features of all samples of a set, stepped in batches."""
+    """CPU time of the features of all samples of a set, stepped in batches.
+
+    cpu_s: of all threads together. us_per_sample: cpu_s over the number of samples, us.
+    """
 
     cpu_s: float
     samples: int
@@ -175,6 +178,7 @@ def pick_rows(
     """The task's windows in their order, out of what was computed per recording."""
     windows = data.tasks[task]
     first = computed[0]
+
     picked = np.empty((len(windows), *first.shape[1:]), dtype=first.dtype)
     for trial in np.unique(windows.trial).tolist():
         here = windows.trial == trial

@@ -52,6 +52,7 @@ class PredictionFigures:
 class HeadFigures:
     """Figures of a model's heads on a set. predict_250ms: None without that head.
 
+    n_trials: recordings of the set. n_groups: groups that are held out in turn.
     group_kind: what is held out together, and what intervals resample: person, object, trial, ..
     """
 

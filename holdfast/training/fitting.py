@@ -65,7 +65,7 @@ class TrainingRequest:
     data: sets by name or folder; none for the generated fixture. replace: an artifact in `out` may
     be replaced; replace_fixture: one of the fixture may be, by one of the fixture. channels,
     groups, hold_out, windows: as `datasets.load` takes them. size, learner, inner_folds: of the
-    plan.
+    plan. seed: of every random choice, so that the same request gives the same model.
     """
 
     data: tuple[str, ...]
@@ -147,6 +147,7 @@ def _rebuilds_fixture(request: TrainingRequest) -> bool:
 
 
 def _read_set(name: str, request: TrainingRequest, part: Part) -> DataSet:
+    """A set as the request wants it. Raises UsageError for channels that it does not offer."""
     from holdfast.training.datasets.trials import ChannelsNotOffered
 
     try:
@@ -170,6 +171,7 @@ def windows_table(data: DataSet) -> str:
     """Windows by class, a line for each task; in the thesis' layout object x action too."""
     if "table" in data.notes:
         return f"{data.notes['table']}\n\n{_on_counts(data.notes)}"
+
     lines = []
     for task, rows in data.tasks.items():
         counts = rows.class_counts().items()
@@ -321,6 +323,7 @@ def require_classes(data: DataSet) -> None:
 
 def held_out_figures(data: DataSet, held_out: HeldOut, seed: int = 0) -> HeadFigures:
     """Metrics of the held-out votes, situations always four."""
+    # The second class is the one that slips within 0.25 s.
     score = None
     if "predict_250ms" in data.tasks:
         score = held_out.shares("predict_250ms")[:, 1]
@@ -331,6 +334,7 @@ def with_situations(data: DataSet) -> DataSet:
     """The same set with a task "situations", made from the eight classes where it has none."""
     if "situations" in data.tasks:
         return data
+
     situations = situations_of(data.tasks["classes"])
     return replace(data, tasks={**data.tasks, "situations": situations})
 

@@ -86,6 +86,8 @@ class _Scene:
         """Stick and slip: another tone on every sensor, then fading in a tenth of a second."""
         t_s = self.t_s - start_s
         after_s = np.clip(t_s - lasts_s, 0.0, None)
+
+        # The fading has a time constant of 0.05 s and begins when the shaking ends.
         fading = np.exp(-after_s / 0.05)
         envelope_n = force_n * self.ramp(start_s, 0.02) * fading
 
@@ -124,6 +126,7 @@ class _Hand:
         """[T, 18] what the sensors read."""
         # No two grasps load the fingers alike.
         share = self.share * scene.rng.uniform(0.7, 1.3, N_SENSORS)
+
         shape = (len(scene.t_s), N_SENSORS, 3)
         forces = scene.rng.normal(0.0, NOISE_N, shape) + self.offset_n
         grip_n = scene.grip_n[:, None]
@@ -154,6 +157,9 @@ def write_fixture(
     has an offset. Files that are there already are written over.
     """
     rng = np.random.default_rng(seed)
+
+    # One hand for all trials, as one person's recordings have: its offsets and magnets stay the
+    # same.
     hand = _Hand(rng)
     # Every trial draws from a child of the generator: a change inside one changes no other.
     for name in objects:

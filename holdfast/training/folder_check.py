@@ -107,6 +107,7 @@ class FolderReport:
     """What was found in a folder, and what is missing.
 
     layout: None where no reader recognises the folder. held_out_by: what training holds out.
+    groups: how many of these there are. channels: of the first recording, three a sensor.
     intents: trials with a file of the wearer's command.
     """
 
@@ -167,6 +168,7 @@ def examine(root: Path, part: Part = ignored) -> FolderReport:
         if trial:
             trials.append(trial)
 
+    # Checks of the whole set compare only what can be read: a fault of one trial is noted already.
     recordings, kind = grouped([trial.recording for trial in trials])
     if recordings:
         common_rate(recordings, faults.append)
@@ -176,6 +178,7 @@ def examine(root: Path, part: Part = ignored) -> FolderReport:
     if trials:
         missing += _advice(root, layout, trials, classes, all_read=not missing)
 
+    # Training reads no file of the wearer's command, so a damaged one is advice and no error.
     paths = [reader.place.path for reader in readers]
     intents, damaged = _intents(paths)
     missing += damaged
@@ -216,6 +219,7 @@ def _public(root: Path, layout: str, part: Part) -> FolderReport:
 
 
 def _cells(cells: CellTrials) -> list[Cell]:
+    """The cells of a report, in the order in which the folder has them."""
     return [_cell(name, trials) for name, trials in cells.items()]
 
 
@@ -299,6 +303,7 @@ def _advice(
         next_step = f"sort trials of several people into {LAYOUT}"
         found.append(Missing("advice", str(root), what, next_step))
 
+    # A class that seems to be missing may be in the trial that could not be read.
     if all_read:
         found += _missing_classes(root, classes)
         if len(people) > 1:

@@ -49,6 +49,7 @@ def _alike(missing: Sequence[Missing]) -> list[tuple[Missing, int]]:
 
 
 def _summary(report: FolderReport) -> list[str]:
+    """The first lines of a report: how much was read, and what is held out together."""
     if report.layout is None or report.held_out_by is None:
         return [f"{report.folder}: no recording can be read"]
 
@@ -69,6 +70,7 @@ def _summary(report: FolderReport) -> list[str]:
 
 
 def _row(cell: Cell) -> tuple[str, ...]:
+    """A cell as texts, one for each of HEADS; what is not known is "-"."""
     unread = cell.trials - cell.read
 
     mass = "-"
@@ -91,6 +93,7 @@ def _row(cell: Cell) -> tuple[str, ...]:
 
 
 def _aligned(rows: Sequence[Sequence[str]]) -> list[str]:
+    """Rows of texts as lines, each column as wide as its widest text."""
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     lines = []
     for row in rows:
@@ -100,6 +103,7 @@ def _aligned(rows: Sequence[Sequence[str]]) -> list[str]:
 
 
 def _verdict(report: FolderReport) -> str:
+    """The last line of a report: what the folder is ready for."""
     if report.layout not in (None, *FORMATS):
         return "a public set, read as it is"
     if not report.readable:

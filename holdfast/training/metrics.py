@@ -96,6 +96,7 @@ def situation_scores(
     as another class' answer.
     """
     f1, f1_draws = f1_and_draws(truth, predicted, groups, len(classes), n_draws, seed)
+
     figures: dict[str, float | None] = {}
     intervals: dict[str, Interval | None] = {}
     for k, name in enumerate(classes):
@@ -200,6 +201,8 @@ def share_scores(
     if not len(hit):
         return Share(None, None, 0)
     code = _codes(groups)
+
+    # Counts by group are all that a draw needs: it weighs each group by how often it was drawn.
     windows = np.bincount(code)
     hits = np.bincount(code, weights=hit)
 
@@ -335,6 +338,7 @@ def interval_of(
     draws: FloatArray, percent: tuple[float, float] = INTERVAL_PERCENT
 ) -> Interval | None:
     """Percentiles of the draws [B] that are defined; None without one."""
+    # A draw without a class in it has no figure, and counts neither as good nor as bad.
     defined = draws[np.isfinite(draws)]
     if not defined.size:
         return None

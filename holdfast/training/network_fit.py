@@ -124,6 +124,7 @@ def fit_network(
 def _fit_member(
     plan: NetworkPlan, rows: FloatRows, label: IntArray, seed: int
 ) -> MLPClassifier:
+    """One network by scikit-learn, on standardised rows [N, F]; the seed starts its weights."""
     member = MLPClassifier(
         plan.hidden,
         alpha=plan.alpha,
@@ -167,6 +168,7 @@ def in_whole_numbers(
         values = hidden_values(layer, values)
         layers.append(layer)
         most = HIDDEN_MOST
+
     layers.append(_logits(networks, unit, most, members.present, n_classes))
     return Network(inputs, tuple(layers), votes_in_all)
 
@@ -220,6 +222,7 @@ def _logits(
     # Of two classes only the second has a logit.
     columns = present[-coefficients.shape[1] :]
     wide[:, columns] = coefficients
+
     bias[present] = 0.0
     bias[columns] = intercepts
 

@@ -37,6 +37,8 @@ TASK_HEADS = {
 class NetworkPlan:
     """Parameters of a network by scikit-learn's names; members: networks side by side.
 
+    hidden: units of each hidden layer. alpha: the L2 penalty on its weights. epochs: passes over
+    the training windows. batch: windows of one step. rate: learning rate at the start.
     knee: of x / (knee + |x|), in standard deviations of the feature. balance: 1 weighs all classes
     the same, 0 all windows.
     """
@@ -53,7 +55,12 @@ class NetworkPlan:
 
 @dataclass(frozen=True)
 class ForestPlan:
-    """Parameters of one forest by scikit-learn's names; extra: ExtraTrees."""
+    """Parameters of one forest by scikit-learn's names; extra: ExtraTrees.
+
+    min_samples_leaf: windows that a leaf holds at least. max_depth: None for no limit.
+    max_features: features that a split chooses from, a share of all or the square root of their
+    number. class_weight: "balanced" weighs all classes the same, None all windows.
+    """
 
     kind: Literal["random", "extra"] = "extra"
     n_estimators: int = 100
@@ -98,6 +105,9 @@ HAND_NETWORK = NetworkPlan(hidden=(64,), balance=1.0)
 class TrainingPlan:
     """All choices of a training run except the data and the seed.
 
+    groups: feature groups by name. situation, prediction: forests of the main head and of the
+    0.25 s prediction. folds: of the cross-validation by person. decision: rules that go into the
+    model's card. learner: what answers; a forest alone leaves both networks unused.
     inner_folds: label weights and a network's hyperparameters are chosen on so many folds of the
     training windows alone; 0 for none.
     """

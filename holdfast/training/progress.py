@@ -37,6 +37,7 @@ class Stages:
         line = visible(text)
         self._begun += 1
         self._progress.update(self._bar, description=line, completed=self._begun)
+
         elapsed_s = time.perf_counter() - self._started_s
         self._progress.console.print(
             f"{elapsed_s:6.0f} s  {line}",
@@ -67,6 +68,7 @@ def counted(text: str, total: int) -> Iterator[Callable[[float], None]]:
     with progress:
         if not progress.console.is_terminal:
             progress.console.print(line, highlight=False, markup=False, soft_wrap=True)
+
         bar = progress.add_task(line, total=total)
         yield lambda done: progress.update(bar, completed=done)
 

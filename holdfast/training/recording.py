@@ -56,6 +56,7 @@ class Recording:
 
 def finite_sensors(raw: FloatArray) -> BoolArray:
     """[T, C] -> [T, C/3]: True where all three channels of a sensor are finite."""
+    # A reading is of three axes, so one bad axis makes the whole reading unusable.
     by_sensor = np.isfinite(raw).reshape(len(raw), -1, 3)
     return np.logical_and.reduce(by_sensor, axis=2)
 
@@ -116,6 +117,7 @@ class DataSet:
     "predict_250ms" (labels 0/1). rate_hz: the median over the recordings.
     redistributable: False for sets without a licence; what is made from them stays in build/.
     caveat: the sentence that must stand with every number from this set.
+    notes: what a reader reports of the set, such as counts of windows, by name.
     lacks: situations the set does not have by its nature; any other absent class is an error.
     group_kind: what a group is: person, object, trial or block.
     """
@@ -253,6 +255,7 @@ def regrouped(data: DataSet, by: HoldOut) -> DataSet:
     regrouped_set = replace(data, recordings=recordings, group_kind=by)
     # A recording without a person could be of one on the other side of a split.
     people = {recording.person for recording in recordings}
+
     unnamed = by == "person" and None in people
     if unnamed or len(regrouped_set.groups()) < 2:
         raise TooFewGroups(

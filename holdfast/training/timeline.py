@@ -61,7 +61,11 @@ class Phase:
 
 @dataclass(frozen=True)
 class RiskyEvent:
-    """A grip that fails, in s from the first sample. gross_s: None where it is not known."""
+    """A grip that fails, in s from the first sample. gross_s: None where it is not known.
+
+    onset_s: the start of the risky phase. gross_s: when the slip becomes gross. end_s: the end of
+    the phase.
+    """
 
     onset_s: float
     gross_s: float | None
@@ -126,6 +130,7 @@ def scripted(
 def _off_the_script(
     trial: Trial, action_at_s: float, onset: int, empty: int
 ) -> LabelError:
+    """The error for a hand that is not closed when the action should begin."""
     truth = truth_path(trial.path).name
     return LabelError(
         f"the layout expects the action to start at {action_at_s:g} s, but contact lasted from "
@@ -145,6 +150,8 @@ def action_start_s(about: Json, where: Path) -> float | None:
     at_s = about.get(ACTION_KEY)
     if at_s is None:
         return None
+
+    # True and False are whole numbers in Python, and no time.
     is_number = isinstance(at_s, int | float) and not isinstance(at_s, bool)
     if not is_number or not 0.0 < at_s < LONGEST_S:
         raise LabelError(
@@ -262,6 +269,7 @@ def events_of(phases: Phases, rate_hz: float) -> RiskyEvents:
 
 
 def _phase(entry: Any, t_s: FloatArray, path: Path) -> Phase:
+    """One phase of a truth, in rows. Raises LabelError that shows the entry."""
     try:
         t0_s, t1_s = float(entry["t0_s"]), float(entry["t1_s"])
         if not t0_s <= t1_s:  # also true of nan

@@ -65,6 +65,7 @@ def _macro_f1(scores: FloatArray, situation: IntArray, present: list[int]) -> fl
     """
     n = len(SITUATIONS)
     answer = riskier_argmax(scores)
+
     confusion = np.bincount(situation * n + answer, minlength=n * n).reshape(n, n)
     right = np.diag(confusion)
 
@@ -103,6 +104,7 @@ def choose_network(
     Raises TooFewGroups.
     """
     candidates = candidates_of(plan)
+
     folds = grouped_folds(groups, n_folds, seed=seed)
     n_classes = int(label.max()) + 1
 

@@ -114,6 +114,7 @@ def _table(
     spots_of: Callable[[TimedTrial], list[_Spot]],
     part: Part,
 ) -> pd.DataFrame:
+    """The table of all windows that a rule chooses. spots_of: the rule, trial by trial."""
     import pandas as pd  # a third of a second, which no command without windows needs
 
     lines = []
@@ -300,6 +301,7 @@ def _slipping(recording: Recording) -> list[_Spot]:
     for phase in recording.phases:
         if phase.situation in (NOTHING, GRASP):
             continue
+
         length = phase.stop - phase.first
         count = int(np.clip(length / every, 1, MOST_OF_A_SLIP))
         # Neither the first nor the last row of the slip: they belong to its edges.

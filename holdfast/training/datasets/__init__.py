@@ -260,4 +260,5 @@ def require_alike(other: DataSet, first: DataSet) -> None:
 
 
 def _each_once(separator: str, texts: list[str]) -> str:
+    """The texts joined, each of them once, in order."""
     return separator.join(dict.fromkeys(texts))

@@ -188,6 +188,7 @@ def _held_out_accuracy(
     n_folds: int,
     seed: int,
 ) -> float:
+    """Share of values [M] on the right side of a threshold that other blocks chose."""
     right = 0
     for train, test in grouped_folds(blocks, n_folds, seed=seed):
         threshold = fit_threshold(value[train], positive[train])
@@ -196,6 +197,7 @@ def _held_out_accuracy(
 
 
 def _columns(channels: int) -> list[int]:
+    """The columns of X for 18 or 30 channels. Raises ChannelsNotOffered."""
     magnetometers = {18: SIX_MAGNETOMETERS, 30: tuple(range(10))}
     if channels not in magnetometers:
         raise ChannelsNotOffered("eflesh_slip", channels, magnetometers)
@@ -203,6 +205,7 @@ def _columns(channels: int) -> list[int]:
 
 
 def _recording(number: int, raw: FloatArray, tug: bool) -> Recording:
+    """A trial of the set; its block is its group."""
     return Recording(
         trial_id=f"trial_{number:03d}",
         group=f"block_{number // BLOCK_TRIALS:02d}",

@@ -117,6 +117,8 @@ def situations(force_n: FloatArray, rotation_deg: FloatArray) -> IntArray:
         rotation_deg >= RISKY_DEG,
     ]
     label = np.select(conditions, [GRASP, SAFE_SLIP, RISKY_SLIP], default=UNLABELLED)
+
+    # Without contact there is no slip, whatever the object does.
     label = np.where(force_n < CONTACT_N, NOTHING, label)
     return np.where(np.isfinite(force_n), label, UNLABELLED)
 

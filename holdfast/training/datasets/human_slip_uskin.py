@@ -99,6 +99,7 @@ def load(root: Path, *, channels: int = 18, in_hand: bool = False) -> DataSet:
     arrays = read_arrays(root / SIGNALS, wanted)
     moves = list(_moves(read_table(root / TRIALS), arrays))
     usable = _usable(moves, root)
+
     orientation = arrays["object_imu"][:, :4]
     if in_hand:
         orientation = labels.in_hand(orientation, arrays["hand_imu"][:, :4])
@@ -171,12 +172,14 @@ def clock_features(data: DataSet, rows: LabelledRows) -> FloatArray:
     for trial in np.unique(rows.trial):
         here = rows.trial == trial
         force_n = labels.contact_force_n(data.recordings[trial].samples)
+
         both = np.column_stack([labels.frames_since_contact(force_n), force_n])
         features[here] = both[rows.row[here]]
     return features
 
 
 def _columns(channels: int) -> list[int]:
+    """The columns of the signals for 18 or 48 channels. Raises ChannelsNotOffered."""
     taxels = {18: SIX_TAXELS, 48: tuple(range(1, N_TAXELS + 1))}
     if channels not in taxels:
         raise ChannelsNotOffered("human_slip_uskin", channels, taxels)

@@ -96,6 +96,8 @@ def situations(slip: BoolArray, fail: BoolArray) -> IntArray:
     label = np.where(fail, RISKY_SLIP, GRASP)
     # Framed by rows that do not slip, so that runs at the ends have two edges as well.
     slipping = np.concatenate([[False], slip & ~fail, [False]])
+
+    # Edges come in pairs, the first row of a run and the first row after it.
     edges = np.flatnonzero(slipping[1:] != slipping[:-1])
     for start, stop in edges.reshape(-1, 2):
         label[start:stop] = _outcome(fail, stop)
@@ -104,6 +106,7 @@ def situations(slip: BoolArray, fail: BoolArray) -> IntArray:
 
 def _outcome(fail: BoolArray, stop: int) -> int:
     """What a slip run turned into, by the row after it."""
+    # A slip that the recording cuts off may have recovered or not, so it gets no label.
     if stop == len(fail):
         return UNLABELLED
     return RISKY_SLIP if fail[stop] else SAFE_SLIP
@@ -119,6 +122,7 @@ def _columns(channels: int) -> list[int]:
     taxels = {18: THREE_TAXELS, 96: tuple(range(1, 17))}
     if channels not in taxels:
         raise ChannelsNotOffered("proactive_slip_uskin", channels, taxels)
+
     first_pad = [taxel - 1 for taxel in taxels[channels]]
     second_pad = [16 + taxel for taxel in first_pad]
     return channels_of([*first_pad, *second_pad])
@@ -130,6 +134,8 @@ def _recording(folder: Path, columns: list[int]) -> Recording:
         raise ColumnError(
             "the two pads differ in length", where=folder, next_step=COPY_AGAIN
         )
+
+    # The second pad's columns follow those of the first.
     raw = np.hstack(pads)[:, columns]
     return Recording(
         trial_id=folder.name,

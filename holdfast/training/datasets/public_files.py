@@ -76,6 +76,7 @@ def _check_array(array: npt.NDArray[Any], name: str, shape: Shape, path: Path) -
             where=path,
             next_step=COPY_AGAIN,
         )
+
     fits = array.ndim == len(shape)
     if fits:
         for wanted, length in zip(shape, array.shape, strict=True):
@@ -164,6 +165,7 @@ def read_table(path: Path) -> Table:
             next_step=COPY_AGAIN,
         )
 
+    # Every row is checked against the header: a short row would shift the columns behind the gap.
     names = [name.strip() for name in rows[0]]
     fault = "a column occurs twice" if len(set(names)) < len(names) else ""
     for number, row in enumerate(rows, 1):

@@ -84,6 +84,8 @@ def readers(root: Path, fault: Fault = refuse) -> list[TrialReader]:
     Raises DataNotFound without any, and UnitError for several units.
     """
     found = _found(root)
+
+    # A trial that was done again stays on disk in a folder of its own, and must not train a model.
     kept = []
     for path, meta in found.items():
         if _is_kept(meta) and DISCARDED not in path.relative_to(root).parts:
@@ -148,6 +150,7 @@ def _reader(path: Path, meta: Json, root: Path) -> TrialReader:
 def _timed(place: TrialPlace, meta: Json, root: Path) -> TimedTrial:
     """A kept trial, read and labelled by its truth."""
     folder = place.path.parent
+
     timed = thesis.timed(place, root, {"unit": meta.get("unit")}, phased)
     trial_id = folder.name if folder == root else folder.relative_to(root).as_posix()
     # The object is the one in meta.json; the folder may be called otherwise.

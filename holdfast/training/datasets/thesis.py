@@ -294,6 +294,7 @@ def prepared(trial: Trial, unit: Unit, trial_id: str) -> Recording:
 def _phased(
     trial: Trial, recording: Recording, action_at_s: float
 ) -> tuple[Phases, RiskyEvents]:
+    """Phases and risky events of a trial: the open hand, else its truth, else the script."""
     truth = truth_path(trial.path)
     name, action = recording.object_name, recording.action
     if name is None or action is None:

@@ -126,6 +126,7 @@ def places(root: Path, fault: Fault = refuse) -> Iterator[TrialPlace]:
 
 
 def _of_one_hand(root: Path, person: str | None, fault: Fault) -> Iterator[TrialPlace]:
+    """The trials of one person, or of a folder without people, by object and action."""
     for folder in _folders(root):
         if plain_word(folder.name) == EMPTY_HAND:
             for path in _numbered(folder):
@@ -152,6 +153,7 @@ def action_of(name: str) -> str | None:
 
 
 def _has_trials(root: Path) -> bool:
+    """Whether a folder holds `<object>/<action>/trial_<n>.csv` with a known action."""
     return any(action_of(path.parent.name) for path in _trials_in(root))
 
 
@@ -162,6 +164,7 @@ def _trials_in(root: Path) -> list[Path]:
 
 
 def _folders(root: Path) -> list[Path]:
+    """The folders in a folder, by name; none where it is no folder."""
     if not root.is_dir():
         return []
     return sorted(path for path in root.iterdir() if path.is_dir())
@@ -180,6 +183,7 @@ def _numbered(folder: Path) -> list[Path]:
 
 
 def _not_an_action(folder: Path) -> LabelError:
+    """The error for a folder with trials in it that is named after no action."""
     return LabelError(
         f"{folder.name!r} is not an action",
         where=folder,
@@ -188,6 +192,7 @@ def _not_an_action(folder: Path) -> LabelError:
 
 
 def _without_a_person(place: TrialPlace, root: Path) -> LabelError:
+    """The error for a trial outside all folders of people, where there are such folders."""
     return LabelError(
         "a trial without a person, in a set with folders of people",
         where=place.path,
