@@ -244,6 +244,7 @@ class ClosedLoop:
         return now.t_s >= self.wearer.overrode_s
 
     def _outcome(self, k: int, grip_n: npt.NDArray[np.float32]) -> LoopOutcome:
+        """What became of trial k; grip_n [periods] of its drive."""
         begin = int(self.spans.begins[k])
         end = int(self.spans.ends[k])
 

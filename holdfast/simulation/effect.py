@@ -108,11 +108,13 @@ class Parameter:
         return min(max(_drawn(kind, numbers, rng), self.low), self.high)
 
     def _inside(self, value: Any) -> bool:
+        """Whether a value is a number within the range."""
         # Python counts True as an int, and nan fails both comparisons
         number = isinstance(value, (int, float)) and not isinstance(value, bool)
         return number and self.low <= value <= self.high
 
     def _problem_of_distribution(self, value: dict[str, Any]) -> str | None:
+        """What is wrong with a distribution, or None."""
         kind = next(iter(value), "")
         if len(value) != 1 or kind not in DISTRIBUTIONS:
             return f"{self.allowed()}, or one of {{ {', '.join(DISTRIBUTIONS)} }}"
@@ -134,6 +136,7 @@ class Parameter:
         return None
 
     def _problem_of_normal(self, mean: Any, deviation: Any) -> str | None:
+        """What is wrong with mean and standard deviation, or None."""
         # The upper bound refuses infinity, and nan fails both comparisons.
         number = isinstance(deviation, (int, float))
         if self._inside(mean) and number and 0 <= deviation <= sys.float_info.max:

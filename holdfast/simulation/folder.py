@@ -111,10 +111,12 @@ class _Work:
         self.n_written = 0
 
     def simulated(self, trials: float) -> None:
+        """Report how many trials of the present part are simulated so far."""
         self.n_simulated = self.before + trials
         self._report()
 
     def written(self, trials: int) -> None:
+        """Report that so many more trials are on disk."""
         self.n_written += trials
         self._report()
 
@@ -199,6 +201,7 @@ def _named(trials: Sequence[PlannedTrial]) -> Iterator[tuple[str, PlannedTrial]]
 
 
 def _meta(scene: Scene) -> Json:
+    """The meta.json of a set: what its files are, and where they come from."""
     file = scene.file
     meta: Json = {
         "name": file.name,
@@ -220,6 +223,7 @@ def _meta(scene: Scene) -> Json:
 
 
 def _samples(signal: Signal, scene: Scene) -> bytes:
+    """The CSV of a recording: times, channels, and validity where an effect can take it away."""
     n_sensors = signal.values.shape[1]
     decimals = DECIMALS[signal.unit]
     header = [TIME_COLUMN, *channel_names(n_sensors)]
@@ -239,6 +243,7 @@ def _samples(signal: Signal, scene: Scene) -> bytes:
 
 
 def _motion(trials: Sequence[SimulatedTrial], starts_s: Sequence[float]) -> bytes:
+    """The CSV of positions in mm: of the object in the hand, and of the hand."""
     times_s = []
     for simulated, start_s in zip(trials, starts_s, strict=True):
         times_s.append(simulated.motion.t_s + start_s)
@@ -260,6 +265,7 @@ def _motion(trials: Sequence[SimulatedTrial], starts_s: Sequence[float]) -> byte
 
 
 def _grip(t_s: FloatArray, grip: GripRecord) -> bytes:
+    """The CSV of the commands of a controller and of the grip of the drive."""
     header = [TIME_COLUMN, *GRIP_COLUMNS]
     columns: list[Column] = [(t_s, TIME_DECIMALS)]
     columns += zip(grip.rows.T, GRIP_COLUMNS.values(), strict=True)
@@ -332,4 +338,5 @@ def _origin(simulated: SimulatedTrial, sensors: Mapping[str, Drawn]) -> Json:
 
 
 def _json(value: object) -> str:
+    """JSON as it is written in a set, one key a line."""
     return json.dumps(value, indent=1) + "\n"

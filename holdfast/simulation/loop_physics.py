@@ -133,6 +133,7 @@ class HandsAndObjects:
         coarse: IntArray,
         target_n: FloatArray,
     ) -> None:
+        """Move the drives, then step the trials with fine steps and those with one long step."""
         rate_hz = self.settings.rate_hz
         pieces = self.pieces
         dt_s = 1.0 / (rate_hz * pieces)
@@ -283,6 +284,7 @@ def _some(whole: Part, trials: IntArray, batch: int) -> Part:
 
 
 def _some_inputs(inputs: Inputs, trials: IntArray, batch: int) -> Inputs:
+    """The inputs of some trials of a batch."""
     people = tuple(_some(pull, trials, batch) for pull in inputs.people)
     floor = None if inputs.floor is None else _some(inputs.floor, trials, batch)
     closure_m = np.take(inputs.closure_m, trials, axis=-1)

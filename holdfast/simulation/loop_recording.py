@@ -181,6 +181,7 @@ class RecordedLoop:
         return [self._recording(trial) for trial in range(self.count)]
 
     def _recording(self, trial: int) -> tuple[TrialMotion, GripRecord]:
+        """Motion and grip of one trial, from the arrays of the whole batch."""
         spans = self.loop.spans
         begins = int(spans.begins[trial])
         ends = int(spans.ends[trial])

@@ -111,6 +111,7 @@ class LoopSensors:
     def _apply(
         self, name: str, law: RowEffect, now: Rows, rows: IntArray, lost: BoolArray
     ) -> Rows:
+        """Readings after one effect; a chained one also gets the last reading that came."""
         plan = self._plans[name].at(rows)
         if not law.chained:
             return law.apply(now, plan)
@@ -160,6 +161,7 @@ class LoopSensors:
         return Rows(values, middle.valid), rows
 
     def _in_scene_unit(self, rows: Rows, unit: Unit) -> tuple[Rows, Unit]:
+        """Rows in the unit of the scene, and that unit."""
         # The conversion knows whole trials only, and needs no times.
         no_times_s = np.empty(0)
         signal = Signal(no_times_s, rows.values, rows.valid, unit)

@@ -189,6 +189,7 @@ def thermal_drift(rows: Rows, plan: Plan) -> Rows:
 
 
 def _indices(sensors: Sequence[float]) -> list[int]:
+    """Places of sensors that a scene file numbers from 1."""
     return [int(number) - 1 for number in sensors]
 
 

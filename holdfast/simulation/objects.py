@@ -92,6 +92,7 @@ def held_object(name: str, values: Mapping[str, Any]) -> HeldObject:
 def _ball(
     name: str, diameter_mm: float, friction: float, stiffness: float, tall_mm: float = 0
 ) -> HeldObject:
+    """A ball of the thesis, or an ellipsoid where tall_mm is its diameter along the axis."""
     return HeldObject(
         name,
         mass_g=MASSES_G[name],
@@ -105,6 +106,7 @@ def _ball(
 
 
 def _bottle(name: str, stiffness: float) -> HeldObject:
+    """A bottle of the thesis: a cylinder of 63 mm diameter, straight over 200 mm."""
     return HeldObject(
         name,
         mass_g=MASSES_G[name],

@@ -111,11 +111,13 @@ COMMON = {
         {"normal": [1.0, 0.08]}, "", 0, 3, "factor of the object's friction"
     ),
 }
+"""Parameters of every action, in the order in which they are drawn."""
 OPENING = {
     "opening_s": Parameter(
         {"uniform": [0.3, 0.5]}, "s", 0.05, 10, "how long opening takes"
     ),
 }
+"""Of actions at whose end the hand opens."""
 ACTIONS: dict[str, dict[str, Parameter]] = {
     "pass": {
         **OPENING,
@@ -221,6 +223,7 @@ ACTIONS: dict[str, dict[str, Parameter]] = {
         "lasts_s": Parameter(20.0, "s", 0.5, 3600, "how long the hand stays empty"),
     },
 }
+"""Further parameters of each action, drawn after the common ones."""
 
 
 @dataclass(frozen=True)
@@ -313,6 +316,7 @@ def least_grip_n(held: HeldObject, friction_factor: float = 1.0) -> float:
 def _grip_n(
     held: HeldObject, action: str, drawn: dict[str, float], weak: bool
 ) -> float:
+    """The grip of either side, N: strong enough for the weight, or weak on purpose."""
     least = least_grip_n(held, drawn["friction_factor"])
     if not weak:
         return max(drawn["grip_n"], drawn["spare"] * least)

@@ -53,6 +53,7 @@ class RowEffect:
         return replace(signal, values=made.values, valid=made.valid)
 
     def _row_by_row(self, rows: Rows, plan: Plan) -> Rows:
+        """Apply a chained effect: every row needs what became of the one before."""
         values = np.empty_like(rows.values)
         valid = np.empty_like(rows.valid)
         before = Rows(rows.values[:1], rows.valid[:1])

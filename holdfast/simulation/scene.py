@@ -162,6 +162,7 @@ class Scene:
     def _simulated(
         self, trials: Sequence[PlannedTrial], done: Done
     ) -> Iterator[SimulatedTrial]:
+        """Simulate one batch; yields its trials in their order."""
         if len(trials) == 1:  # numpy would sum a single trial in another order
             yield next(self._simulated([trials[0], trials[0]], done))
             return
@@ -212,6 +213,7 @@ class Scene:
         return drawn, made
 
     def _step_settings(self, made: list[Any], batch: int) -> StepSettings:
+        """The settings of the scene with the effects of a batch, and when these need fine steps."""
         effects = PhysicsEffects()
         for effect in made:
             of_kind = (*vars(effects)[effect.kind], effect)
@@ -305,6 +307,7 @@ class Scene:
         return stream(self.seed, trial.number, name)
 
     def _steps(self, trial: PlannedTrial) -> int:
+        """Number of steps of a trial, without those that effects ask for."""
         return len(grid_of(trial, self.file.rate_hz, self.file.step_s).at_s)
 
 

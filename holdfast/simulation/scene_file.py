@@ -83,6 +83,7 @@ SECTIONS = (
 ROW_KEYS = ("objects", "action", "style", "count")
 """Keys of [[trials]] that are no parameters of the action."""
 RATE = Parameter(150.0, "Hz", 40, 10000, "samples a second")
+"""Sampling rate of a recording."""
 RECORD = {
     "rate_hz": RATE,
     "join": Parameter(
@@ -92,7 +93,9 @@ RECORD = {
 PHYSICS = {
     "step_s": Parameter(0.000834, "s", 1e-6, 1.0, "step where anything can happen")
 }
+"""Numbers of the section [physics]."""
 COUNT = {"count": Parameter(1.0, "", 1, 100000, "trials of each object")}
+"""Number of one [[trials]] that is no parameter of its action."""
 
 
 @dataclass(frozen=True)
@@ -194,6 +197,10 @@ class _SceneReader(CardReader):
         self.rate_option = rate_option
 
     def scene(self, raw: Json, text: str, rate_hz: float | None) -> SceneFile:
+        """Read every section, then check them against each other.
+
+        rate_hz replaces the rate of the file. Raises CardError, and UsageError for that rate.
+        """
         self.require_known(raw, SECTIONS, "section")
         record = self.table(raw, "record")
         unit = record.pop("unit", "N")
@@ -241,6 +248,7 @@ class _SceneReader(CardReader):
         )
 
     def object(self, name: str, value: Any) -> HeldObject:
+        """One [objects.NAME] table. Raises CardError."""
         key = f"objects.{name}"
         table = self.require_table(key, value)
         return held_object(name, self.numbers(key, table, OBJECT_KEYS))
@@ -248,6 +256,7 @@ class _SceneReader(CardReader):
     def rows(
         self, rows: Any, objects: Mapping[str, HeldObject]
     ) -> tuple[TrialsRow, ...]:
+        """All [[trials]] of the file, at least one. Raises CardError."""
         if not isinstance(rows, list) or not rows:
             raise self.refused("trials", rows, "at least one [[trials]] with an action")
 
@@ -265,6 +274,7 @@ class _SceneReader(CardReader):
     def row(
         self, key: str, row: Json, objects: Mapping[str, HeldObject], styles: Json
     ) -> TrialsRow:
+        """One [[trials]], its values over those of its style. Raises CardError."""
         action = str(row.get("action"))
         style = str(row.get("style", "author"))
 
@@ -300,6 +310,7 @@ class _SceneReader(CardReader):
         return TrialsRow(tuple(names), action, style, count, values)
 
     def effects(self, effects: Json) -> dict[str, Json]:
+        """Effects with their values, in the order in which they run. Raises CardError."""
         self.require_known(effects, EFFECT_MODULES, "effect")
         for name, values in effects.items():
             key = f"effects.{name}"
@@ -318,6 +329,7 @@ class _SceneReader(CardReader):
         return {name: effects[name] for name in EFFECT_MODULES if name in effects}
 
     def camera(self, raw: Mapping[str, Any]) -> dict[str, float] | None:
+        """Numbers of [camera], or None without that section. Raises CardError."""
         if "camera" not in raw:
             return None
         # A scene without a camera does not load it.
@@ -326,11 +338,13 @@ class _SceneReader(CardReader):
         return self.numbers("camera", self.table(raw, "camera"), CAMERA)
 
     def hand(self, raw: Mapping[str, Any]) -> HandLayout:
+        """Contacts of thumb and fingers. Raises CardError."""
         counts = self.numbers("hand", self.table(raw, "hand"), HAND)
         thumb = self.whole("hand.thumb", counts["thumb"])
         return HandLayout(thumb, self.whole("hand.finger", counts["finger"]))
 
     def controller(self, raw: Mapping[str, Any]) -> HandControl | None:
+        """Who moves the grip, or None for a hand that keeps it. Raises CardError."""
         if "controller" not in raw:
             return None
 
@@ -382,6 +396,7 @@ class _SceneReader(CardReader):
         raise self.refused("record.unit", scene.unit, allowed)
 
     def require_effect_fits(self, scene: SceneFile, effect: Effect) -> None:
+        """Raise CardError for an effect without what it needs, or with too long a step."""
         key = f"effects.{effect.name}"
         for need in effect.needs:
             if need not in scene.effects:
@@ -395,6 +410,7 @@ class _SceneReader(CardReader):
             raise self.refused(key, "in the scene", "only together with [camera]")
 
     def require_controller_fits(self, scene: SceneFile) -> None:
+        """Raise CardError for what a scene with a controller cannot record."""
         if scene.controller is None:
             return
         if scene.join > 1:
@@ -404,6 +420,7 @@ class _SceneReader(CardReader):
             raise self.refused("record.unit", scene.unit, "N with a controller")
 
     def require_camera_fits(self, scene: SceneFile) -> None:
+        """Raise CardError for a camera that the scene does not use, or that exposes too long."""
         camera = scene.camera
         if camera is None:
             return
@@ -437,6 +454,7 @@ class _SceneReader(CardReader):
                 raise self.refused(key, name, allowed)
 
     def whole(self, key: str, number: float) -> int:
+        """The number as an int. Raises CardError for a fraction."""
         if number != int(number):
             raise self.refused(key, number, "a whole number")
         return int(number)

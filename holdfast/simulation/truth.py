@@ -89,6 +89,7 @@ class Truth:
 
 
 def _phase(start_s: float, stop_s: float, situation: int) -> Json:
+    """One phase of the sidecar, from start_s to stop_s."""
     return {
         "t0_s": round(start_s, 6),
         "t1_s": round(stop_s, 6),
