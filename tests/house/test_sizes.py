@@ -35,10 +35,14 @@ def function_lines() -> dict[str, int]:
 
 
 def test_functions_are_short() -> None:
+    """As in the code that we admire: a median of 4 to 12 lines, nine of ten under 40.
+
+    Comments, blank lines and docstrings count, which is why the longest may have 65.
+    """
     lines = function_lines()
-    assert {name: n for name, n in lines.items() if n > 60} == {}
-    assert median(lines.values()) <= 8
-    assert quantiles(lines.values(), n=10)[-1] <= 25
+    assert {name: n for name, n in lines.items() if n > 65} == {}
+    assert median(lines.values()) <= 12
+    assert quantiles(lines.values(), n=10)[-1] <= 40
 
 
 def test_files_hold_one_idea() -> None:
