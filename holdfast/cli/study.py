@@ -86,7 +86,6 @@ def run(args: argparse.Namespace) -> int:
 
 def require_options(args: argparse.Namespace) -> None:
     """Raise UsageError for an option that is missing, or that goes with no other."""
-
     needed = {"--out": args.out, "--person": args.person}
     # Reports and withdrawals work on files alone, without a hand.
     if not args.report and not args.withdraw:

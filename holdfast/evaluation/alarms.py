@@ -91,6 +91,7 @@ def _requests(answers: Answers, rules: DecisionRules, least: IntArray) -> BoolAr
     called = _last(calls)
     # Where both fall on one sample, the call wins, as it does on the hand.
     requested[1:] = (called > 0) & (called >= _last(lets_go))
+    # Unknown samples keep the state of the last known one before them.
     every_row = np.arange(len(answers.situation))
     # A sample after k known ones has the state of row k.
     known_before = np.searchsorted(known, every_row, side="right")
@@ -159,6 +160,7 @@ def match_alarms(
 ) -> EventMatch:
     """Match the alarms of a stream with its events. requests [T]: an act is requested."""
     rate_hz = recording.rate_hz
+    # In s, as the truth has its events.
     alarms_s = np.flatnonzero(_begins(requests)) / rate_hz
     false = np.ones(len(alarms_s), dtype=np.bool_)
     outcomes = []
@@ -317,6 +319,7 @@ def event_scores(
 
     found, events, false, minutes = sums.sum(axis=0).tolist()
     false_per_min = false / minutes if minutes else None
+
     return EventScores(
         events=int(events),
         found=int(found),
@@ -343,6 +346,7 @@ def _sums_by_group(streams: Sequence[EventMatch]) -> FloatArray:
     _, groups = np.unique(names, return_inverse=True)
     sums = np.zeros((groups.max(initial=-1) + 1, 4))
     for group, stream in zip(groups, streams, strict=True):
+        # Sums and not ratios: a draw adds up its groups before it divides.
         detected = sum(one.alarm_s is not None for one in stream.outcomes)
         events = len(stream.outcomes)
         false = len(stream.false_s)

@@ -194,6 +194,7 @@ def _step_floors(
     loudest = np.zeros(shape)
     usable = np.zeros(shape, dtype=np.bool_)
     for k, one in enumerate(batch):
+        # Padding is never usable, so it fires nowhere.
         loudest[: len(one.loudest), k] = one.loudest
         usable[: len(one.loudest), k] = one.shear_usable
 
@@ -304,6 +305,7 @@ def windows_alone(data: DataSet) -> DataSet:
         # A window at the begin of a trial is shorter.
         first = max(0, row + 1 - n)
         rows = slice(first, row + 1)
+        # The labels stay behind: a cut has only the one of its newest sample.
         cut = replace(whole, samples=whole.samples[rows], valid=whole.valid[rows])
         recordings.append(cut)
 

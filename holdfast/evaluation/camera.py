@@ -71,6 +71,7 @@ def _seen(csv: Path) -> tuple[SeenSlip, ...]:
     if csv.name == TACTILE:
         where = csv.with_name(EVENTS)
         intervals = read_events(where) if where.is_file() else []
+        # Its marks stand among the same events.
         marks = _recorded_marks(intervals)
     else:
         where = csv.with_suffix(ONSET_SUFFIX)
@@ -231,6 +232,7 @@ def camera_figures(
     n_onsets = sum(len(slips) for slips in seen)
 
     sd_ms = [1e3 * slip.sd_s for _, slip in matched]
+
     return CameraFigures(
         onsets=n_onsets,
         events=len(matched),
@@ -278,6 +280,7 @@ def _by_truth(matched: Sequence[tuple[AlarmOutcome, SeenSlip]]) -> SceneFigures 
 
     if not start_off_ms and not gross_off_ms:
         return None
+
     return SceneFigures(
         delay_ms=spread(delay_ms),
         lead_ms=spread(lead_ms),

@@ -167,7 +167,6 @@ class _Course:
 def _course(
     drop: dict[str, FloatArray], request_s: FloatArray, hand: ClosingHand
 ) -> _Course:
-
     n_steps = round(LOOK_S / STEP_S)
     # A row for each step and a column for each drop, so that all are stepped at once.
     t_s = np.arange(n_steps)[:, None] * STEP_S
@@ -187,6 +186,7 @@ def _course(
     falls = drop["cap_n"] == 0.0
     support_gone = _minimum_jerk(t_s / np.maximum(drop["vanish_s"], STEP_S))
     let_go = np.where(falls, support_gone, 1.0)
+
     return _Course(
         path_m=drop["distance_m"] * _minimum_jerk(share),
         path_m_s=path_m_s,
@@ -198,6 +198,7 @@ def _course(
 def slide(drops: Sequence[Drop], request_s: npt.ArrayLike, hand: ClosingHand) -> Slide:
     """Step the drops from their load onset on, the hand closing from request_s [E] (inf: never)."""
     names = [field.name for field in fields(Drop)]
+    # Columns instead of objects: a step is then one operation for all drops.
     rows = [astuple(one) for one in drops]
     # The shape keeps the columns where there is no drop at all.
     table = np.array(rows).reshape(len(drops), len(names))
@@ -358,11 +359,11 @@ class Droppable:
         return held.reshape(request_s.shape), still.reshape(request_s.shape)
 
     def _kept(self, held: BoolArray, still: BoolArray) -> KeptObjects:
-
         # What no hand could keep is no measure of when the request came.
         n = int(self._preventable.sum())
         n_kept = int((held & self._preventable).sum())
         n_still = int((still & self._preventable).sum())
+
         return KeptObjects(
             hand=self.hand,
             events=len(self._is_modelled),
@@ -413,6 +414,7 @@ def model_error_ms(drops: Sequence[Drop | None]) -> dict[str, float] | None:
 
     # At rest, the hand has no part in the error: only the contact model is compared.
     from_s = _never_closed(known).slides_from_s
+    # Known from the scene, and used nowhere in the model itself.
     true_s = np.array([one.gross_s for one in known])
     off_ms = 1e3 * (from_s - true_s)
     # An object that never slides in the model has no error of time; it is counted in "of".

@@ -245,6 +245,7 @@ class _Run:
             thresholds = find_thresholds(card, streams, baselines, part=self.part)
 
         self.say(f"{data.name}: scoring the model and {len(baselines)} baselines")
+
         return score_set(
             find(name),
             data,

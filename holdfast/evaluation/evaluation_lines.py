@@ -67,6 +67,7 @@ def _camera_in_words(name: str, of: CameraFigures | None) -> list[str]:
     truth = of.truth
     if truth is None:
         return [*lines, f"{name}: the truth of these events is not known"]
+
     return [
         *lines,
         f"{name}, by the scene's truth: act {_median(truth.delay_ms)} from the first sliding, "

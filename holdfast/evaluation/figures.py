@@ -65,6 +65,7 @@ class Evaluation:
         top = {"model_id": self.model.model_id}
         if len(self.sets) == 1:
             top = next(iter(self.sets.values())).windows.to_json()
+
         return top | {
             "model": asdict(self.model),
             "thresholds": self.thresholds.to_json(),
@@ -112,6 +113,7 @@ def all_sets(
         votes_for=list(card.classes),
         trained_on=card.raw["training"].get("data"),
     )
+
     return Evaluation(
         model=model,
         thresholds=thresholds,

@@ -79,6 +79,7 @@ class LoopComparison:
         sets = {}
         for card, of_card in figures.items():
             sets[card] = {name: one.to_json() for name, one in of_card.items()}
+
         return {
             "kind": "simulated",
             "model": model_of(self.model).card.model_id,

@@ -94,6 +94,7 @@ def method_result(
             if grasp.disturbance:
                 # A hold that was disturbed too much ends as an event: the object slipped.
                 held = not recording.events
+                # Anywhere in the recording: without an action every request is one too many.
                 quiet = not bool(on.any())
                 result.holds.append(DisturbedHold(grasp.disturbance, held, quiet))
 
@@ -205,6 +206,7 @@ def method_figures(
         already_on=wide.already_on,
         false_alarms=wide.false_alarms,
     )
+
     return MethodFigures(
         **vars(scores),
         # The name is a key of the file format; its width is WIDE_COLLAR_S.

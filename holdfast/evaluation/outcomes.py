@@ -275,6 +275,7 @@ def participant_figures(model: OpenedModel, folder: Path) -> ParticipantFigures:
     for one in answered_trials(trials, outputs, requests):
         recording = one.trial.recording
         match = match_alarms(recording, one.requests)
+        # Matched once, for all the tables that the trial is counted in.
         judged = _Judged(recording, recognised(one), match)
         every.append(judged)
 
@@ -286,6 +287,7 @@ def participant_figures(model: OpenedModel, folder: Path) -> ParticipantFigures:
         by_cell.setdefault((name, action), []).append(judged)
 
     in_order = sorted(drawn)
+
     return ParticipantFigures(
         model_id=model.card.model_id,
         kind=data.kind,

@@ -150,6 +150,7 @@ def _curve(
 def confusion(level: ConfusionFigures, kind: str) -> str:
     """Share of each class' samples by answer; empty where it is about 0, "-" in an absent class."""
     counts = np.asarray(level.counts, dtype=float)
+    # By row: each class adds up to 1, however often it occurs.
     windows = counts.sum(axis=1, keepdims=True)
     # A row of zeros stays one: a class that is absent has no windows to divide by.
     shares = counts / np.maximum(windows, 1.0)

@@ -54,7 +54,6 @@ class EfleshFigures:
     @staticmethod
     def from_json(written: Json) -> EfleshFigures:
         """Read what `asdict` gave. Raises KeyError or TypeError where a figure is missing."""
-
         delays = {}
         for name, one in written["delay_s"].items():
             delays[name] = DelaySpread(**one)
@@ -110,7 +109,6 @@ class RealFigures:
 
 def real_figures(folder: Path, seed: int = 0) -> RealFigures | RealSetsMissing:
     """Figures of the real sets from a folder of `make real`."""
-
     # Both are needed: the seed of the folds is in the metrics, and the model in the fold.
     metrics = folder / "metrics.json"
     file = folder / "fold" / "holdfast.onnx"

@@ -32,6 +32,7 @@ def write_event_report(
     drawn = {}
     for title, rows in of.drawn.items():
         drawn[title] = draw.timelines(rows, kind)
+
     return write_page(
         path,
         "evaluation.html",

@@ -158,6 +158,7 @@ def score_set(
 
     # At the headline's confidence: the pictures show what the table counts.
     answered = answered_trials(trials, outputs, requests[headline])
+
     return ScoredSet(
         figures=figures,
         trials=trials,
@@ -259,6 +260,7 @@ def _card(root: Path, data: DataSet, windows: WindowFigures) -> SetCard:
     seconds = 0.0
     events = 0
     for one in data.recordings:
+        # By each recording's own rate, which may differ by some per cent within a set.
         seconds += len(one.samples) / one.rate_hz
         events += len(one.events)
 

@@ -174,6 +174,7 @@ def calibration(
     top = _bins(p.max(axis=1), right)
     # Apart: risky slips are rare, and would hardly show among the most probable situations.
     risky = _bins(p[:, RISKY_SLIP], label == RISKY_SLIP)
+
     return CalibrationFigures(
         n=len(p),
         bins=BINS,
@@ -241,6 +242,7 @@ def confusions(
         truth_of["seven"].append(np.where(unknown, UNKNOWN, merged))
         answer_of["eight"].append(one.eight)
         answer_of["seven"].append(one.seven)
+        # In step with the lists above: each answer keeps the group that it is drawn with.
         known_groups.append(one.recording.group)
 
     if known_groups:
@@ -281,6 +283,7 @@ def _confusion(
     cells = np.bincount(pair, minlength=n * (n + 1))
 
     scores = situation_scores(was, answered, groups, classes=classes, seed=seed)
+
     return ConfusionFigures(
         classes=(*classes, "unknown"),
         counts=cells.reshape(n, n + 1).tolist(),

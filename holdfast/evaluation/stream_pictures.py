@@ -100,6 +100,7 @@ def held_out_streams(
     task = data.tasks["classes"]
     # A forest that had seen these trials would draw them too well.
     others = np.flatnonzero(~np.isin(task.trial, drawn))
+    # One forest for all drawn trials: none of them is in its training rows.
     forest = fit_learner(data, features, plan, "classes", others, seed)
 
     spec = spec_for(data, plan.groups)
@@ -152,6 +153,7 @@ def picture_of(
 
     # By the rate and not by the recorded stamps, as the model counts time.
     t_s = np.arange(len(recording.samples)) / recording.rate_hz
+
     return StreamPicture(
         recording=recording,
         phases=read_truth(truth, t_s),

@@ -116,6 +116,7 @@ def style_of(grasps: tuple[Grasp, ...]) -> str:
 def grasp_of(event: RiskyEvent, grasps: tuple[Grasp, ...]) -> Grasp | None:
     """The grasp whose contact was lost as this event ended."""
     for grasp in grasps:
+        # A grasp that held to the end has no such time.
         lost_s = grasp.truth.get("contact_lost_s")
         if lost_s is not None and abs(float(lost_s) - event.end_s) < SAME_MOMENT_S:
             return grasp

@@ -126,6 +126,7 @@ def window_figures(
     # By content: a recording that was copied or renamed is still one that it was trained on.
     seen = set(model.card.raw["training"].get("recordings", ()))
     overlap = sum(fingerprint(recording) in seen for recording in data.recordings)
+
     return WindowFigures(
         heads=report(data, situation, risky_score, seed=seed),
         model_id=model.card.model_id,
@@ -261,6 +262,7 @@ def scores(data: DataSet, votes: IntArray, *, seed: int = 0) -> ClassScores:
         right = share_scores(truth == answer, groups, seed=seed)
         # The same seed for both, so that they draw the same trials.
         f1 = situation_scores(truth, answer, groups, classes=LEVELS[level], seed=seed)
+
         return LevelScores(
             accuracy=right.share,
             accuracy_ci=right.share_ci,
@@ -273,6 +275,7 @@ def scores(data: DataSet, votes: IntArray, *, seed: int = 0) -> ClassScores:
 
     # The hand acts on situations, so calls are counted at that level whatever the classes are.
     called = answers_at(votes, "four") == RISKY_SLIP
+
     return ClassScores(
         n_windows=len(label),
         n_trials=len(np.unique(groups)),
@@ -323,6 +326,7 @@ def leak_check(data: DataSet, votes: IntArray, *, seed: int = 0) -> LeakCheck:
 
     # The ceiling of 0.875 holds for classes of equal size only, so this is reported with it.
     counts = np.bincount(label, minlength=len(CLASSES))
+
     return LeakCheck(
         leak=_above(whole, CEILING) or _above(within, 0.5),
         eight_class_accuracy=whole.share,

@@ -180,7 +180,6 @@ def open_bus(url: str, clock: Any, report: Callable[[str], None] = say) -> Bus:
 
 def named_addresses(url: str) -> frozenset[int]:
     """The addresses of the fingers in a URL's layout. Raises UsageError."""
-
     addresses: set[int] = set()
     for finger in read_layout(_source_url(url).text("layout", "mux")):
         addresses.update((finger.address, finger.read_at))

@@ -92,7 +92,6 @@ class RunOptions:
 
 def run(options: RunOptions, read_set: SetReader | None = None) -> int:
     """Run until stopped; returns the exit code. read_set: reads SET#N as a source."""
-
     clock = RunClock()
     if options.moves_scene:
         from holdfast.live.scene import SceneClock

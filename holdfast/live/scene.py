@@ -191,6 +191,7 @@ class LiveScene:
         motion: TrialMotion = self._world.motion(0, forces_n, position_m)
         # a run that is stopped at once has no motion yet
         kept = bool(motion.gripped[-1]) if len(motion.gripped) else False
+
         return SceneOutcome(
             kept=kept,
             until_s=self._row / ROWS_HZ,
@@ -254,7 +255,6 @@ def _require_strength(drive: Drive, trial: PlannedTrial) -> None:
 
 def drive_of(url: str) -> Drive:
     """The drive of virtual?lag_ms=..&ceiling_n=... Raises UsageError."""
-
     known = [one.name for one in fields(Drive)]
     figures = {}
     query = url.partition("?")[2]

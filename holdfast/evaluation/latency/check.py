@@ -330,6 +330,7 @@ def _walk(
         return {}
 
     # Only a walk with the same votes can be compared with the others.
+    # Votes and not labels: a difference that changes no label would still be a mistake.
     expected = reference_votes(forest, rows, len(CLASSES))
     for k in range(len(rows)):
         if not np.array_equal(votes(k), expected[k]):

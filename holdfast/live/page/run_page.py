@@ -87,6 +87,7 @@ class RunPage:
         margin.step(sense_of(prediction, sample.values, sample.valid))
         # before a first slip nothing is known of the friction
         observed = margin.mu_hat > 0.0
+
         return {
             "mu_hat": margin.mu_hat if observed else None,
             "margin": margin.margin if observed else None,

@@ -126,6 +126,7 @@ def outcome_of(
 
     progress = progress_of(entries, journal, len(protocol.parts))
     figures, why = _figures(home, model)
+
     return StudyOutcome(
         person=person,
         title=protocol.title,

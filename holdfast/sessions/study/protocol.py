@@ -355,6 +355,7 @@ class _StudyReader(ProtocolReader):
         title = texts["title"] or TITLES[kind]
         # "Testing: soft ball, pass" tells two rows of one block apart.
         about = joined(", ", (words.get("object"), words.get("action")))
+
         return StudyPart(
             step=None,
             title=joined(": ", (title, about)),
