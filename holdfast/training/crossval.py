@@ -356,6 +356,9 @@ def fit_calibration(shares: FloatArray, label: IntArray) -> Calibration:
     A class without a single window keeps a probability of (all but) zero.
     """
     k = shares.shape[1]
+
+    # A class without a window has nothing to fit: its weights stay 0, and its bias makes its
+    # probability tiny.
     present = np.unique(label)
     weights = np.zeros((k, k))
     bias = np.full(k, ABSENT_NATS)

@@ -153,6 +153,7 @@ def _compute(
     data: DataSet, spec: StepSpec, rows: list[IntArray], part: Part = ignored
 ) -> list[FloatRows]:
     """Features at these rows of each recording, by the graph without its learners."""
+    # The graph that runs on the hand, so that a model is trained on what it will be given there.
     session = open_session(features_alone(spec).SerializeToString())
     steps = steps_of(session, ["features"])
     # The other outputs of a step are its state, which training does not need.

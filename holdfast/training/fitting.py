@@ -244,6 +244,7 @@ def train(
 
     Raises ClassMissing, TooFewGroups, RateError or OutputError.
     """
+    # An absent class is refused before any feature is computed.
     require_classes(data)
 
     # A fold holds out at least one group, so there are at most as many folds as groups.

@@ -50,6 +50,8 @@ class _Squash:
     def of(rows: FloatRows, knee: float) -> _Squash:
         """Fitted on training rows [N, F]."""
         spread = rows.std(axis=0, dtype=np.float64)
+
+        # A knee per feature, since features of different size would not all be squashed alike.
         knees = (knee * spread + KNEE_FLOOR).astype(np.float32)
         squashed = rows / (np.abs(rows) + knees)
 

@@ -173,6 +173,7 @@ def contact(t_s: FloatArray, samples: FloatArray) -> tuple[int, int]:
     Closed: the normal forces, summed and averaged over 0.1 s, exceed a tenth of their 95th
     percentile.
     """
+    # A lost value counts as no force, so a gap alone never looks like contact.
     load = np.abs(np.nan_to_num(samples[:, NORMAL_AXIS::3])).sum(axis=1)
 
     # The median step is the sampling period, also where samples are missing.

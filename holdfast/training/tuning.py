@@ -34,6 +34,8 @@ def fit_label_weights(votes: IntArray, situation: IntArray) -> LabelWeights:
     The weights are searched in turn. A situation that is not in the truth keeps its weight.
     """
     shares = votes / votes.sum(axis=1, keepdims=True)
+
+    # The search starts from equal weights, under which the label is the one with most votes.
     weights = np.ones(len(SITUATIONS))
     present = np.unique(situation).tolist()
 

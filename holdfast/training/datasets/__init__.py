@@ -139,6 +139,7 @@ def layout_of(root: Path) -> str | None:
         return "human_slip_uskin"
     if (root / "eflesh_slip.npz").is_file():
         return "eflesh_slip"
+    # The set as it is published has its trials one folder deeper.
     for depth in ("*", "data_set/*"):
         if any(root.glob(f"{depth}/xela_sensor1.csv")):
             return "proactive_slip_uskin"

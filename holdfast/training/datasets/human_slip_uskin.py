@@ -95,7 +95,6 @@ def load(root: Path, *, channels: int = 18, in_hand: bool = False) -> DataSet:
     }
     if in_hand:
         wanted["hand_imu"] = (None, 7)
-
     arrays = read_arrays(root / SIGNALS, wanted)
     moves = list(_moves(read_table(root / TRIALS), arrays))
     usable = _usable(moves, root)
@@ -103,7 +102,6 @@ def load(root: Path, *, channels: int = 18, in_hand: bool = False) -> DataSet:
     orientation = arrays["object_imu"][:, :4]
     if in_hand:
         orientation = labels.in_hand(orientation, arrays["hand_imu"][:, :4])
-
     angle_deg = labels.middle_angle_deg(orientation)
     recordings, situations, predictions = [], [], []
     for move in usable:
@@ -121,7 +119,6 @@ def load(root: Path, *, channels: int = 18, in_hand: bool = False) -> DataSet:
         predictions.append(
             labels.prediction_windows(force_n, rotation_deg, move.start, move.end)
         )
-
     return DataSet(
         name="human_slip_uskin",
         recordings=recordings,
