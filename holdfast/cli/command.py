@@ -52,7 +52,7 @@ def seed(word: str) -> int:
 
 def path_argument(word: str) -> Path:
     """A path from the command line. An empty one (a shell variable that is not set) is an error."""
-    # Path("") is the current folder, which nobody means to write to
+    # Path("") would be the current folder, which an unset variable does not mean
     if not word.strip():
         raise argparse.ArgumentTypeError("the path is empty")
     return Path(word)

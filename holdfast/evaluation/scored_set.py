@@ -260,7 +260,7 @@ def _card(root: Path, data: DataSet, windows: WindowFigures) -> SetCard:
     seconds = 0.0
     events = 0
     for one in data.recordings:
-        # By each recording's own rate, which may differ by some per cent within a set.
+        # Each recording has a rate of its own, by which its samples count.
         seconds += len(one.samples) / one.rate_hz
         events += len(one.events)
 

@@ -114,7 +114,7 @@ def grip_to_wire(
     """Commands to udp:// or serial://. Raises UsageError, DeviceError, OutputError."""
     wire = open_wire(url, "--grip", last_line, report, clock.now_ns)
 
-    # said at the start, since otherwise the dropped lines would look like a fault
+    # reported at the start, since otherwise the dropped lines would look like a fault
     if wire.most_hz < rate_hz:
         carried = f"carries about {wire.most_hz:.0f} of {rate_hz:.0f} commands a second"
         report(

@@ -69,7 +69,7 @@ class SceneClock(RunClock):
     @contextmanager
     def still(self) -> Iterator[None]:
         """A block that takes no time."""
-        # the machine's clock: the own one is what stands still here
+        # the machine's clock, because this one stands still meanwhile
         began_ns = super().now_ns()
         try:
             yield
