@@ -35,7 +35,7 @@ from holdfast.simulation.loop_sensing import HandModels, LoopSensors
 from holdfast.simulation.magnet import shear_gain
 from holdfast.simulation.protocol import GRAVITY_M_S2, PlannedTrial
 from holdfast.simulation.scene import Scene
-from holdfast.simulation.script import SETTLE_S, Times, grid_of
+from holdfast.simulation.script_times import SETTLE_S, Times, grid_of
 
 ROWS_TO_SPARE = 5
 """Rows by which the loop begins earlier than bias and model need."""

@@ -18,7 +18,8 @@ from holdfast.simulation.body import Body
 from holdfast.simulation.effect import stream
 from holdfast.simulation.protocol import NEVER_S, PlannedTrial
 from holdfast.simulation.run import TrialMotion
-from holdfast.simulation.script import Script, Times, smooth
+from holdfast.simulation.script import Script
+from holdfast.simulation.script_times import Times, smooth
 from holdfast.simulation.truth import load_onset
 
 

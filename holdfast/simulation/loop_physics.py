@@ -31,7 +31,8 @@ from holdfast.simulation.run import (
     forces_of,
     travel_of,
 )
-from holdfast.simulation.script import body_of, busy, pieces_of
+from holdfast.simulation.script import body_of
+from holdfast.simulation.script_times import busy, pieces_of
 
 IntArray = npt.NDArray[np.int64]
 BODIES_KEPT = 8

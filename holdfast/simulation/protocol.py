@@ -227,6 +227,24 @@ ACTIONS: dict[str, dict[str, Parameter]] = {
 
 
 @dataclass(frozen=True)
+class TrialsRow:
+    """One [[trials]] of the file.
+
+    objects  names of the objects; empty for the empty hand
+    action   what happens
+    style    whose ranges the values are drawn from
+    count    trials of each object
+    values   of the action's parameters: the file's over those of the style
+    """
+
+    objects: tuple[str, ...]
+    action: str
+    style: str
+    count: int
+    values: Mapping[str, Any]
+
+
+@dataclass(frozen=True)
 class PlannedTrial:
     """One trial to simulate, all its numbers drawn; only effects draw more.
 

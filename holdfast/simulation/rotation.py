@@ -6,8 +6,9 @@ import numpy as np
 
 from holdfast.core.contract import FloatArray
 from holdfast.simulation.body import Body, State
-from holdfast.simulation.core import TINY, IntArray, Swept, brush_j, settle
+from holdfast.simulation.core import IntArray, Swept, settle
 from holdfast.simulation.effect import Effect, EffectBatch, Parameter, PhysicsEffect
+from holdfast.simulation.energy import TINY, brush_j
 from holdfast.simulation.objects import HeldObject
 
 

@@ -18,7 +18,8 @@ from holdfast.simulation.effect import (
     without_first,
 )
 from holdfast.simulation.protocol import PlannedTrial
-from holdfast.simulation.script import Grid, Script, body_of, grid_of
+from holdfast.simulation.script import Script, body_of
+from holdfast.simulation.script_times import Grid, grid_of
 
 CHUNK = 64
 """Steps whose inputs are computed together."""

@@ -23,10 +23,10 @@ from holdfast.simulation.effect import (
     step_settings,
     stream,
 )
-from holdfast.simulation.protocol import PlannedTrial, draw_trial
+from holdfast.simulation.protocol import PlannedTrial, TrialsRow, draw_trial
 from holdfast.simulation.run import Done, StepSettings, TrialMotion, motions
-from holdfast.simulation.scene_file import SceneFile, TrialsRow
-from holdfast.simulation.script import grid_of
+from holdfast.simulation.scene_file import SceneFile
+from holdfast.simulation.script_times import grid_of
 from holdfast.simulation.truth import Truth, truth_of
 
 if TYPE_CHECKING:

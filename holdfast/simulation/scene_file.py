@@ -42,11 +42,11 @@ from pathlib import Path
 from typing import Any
 
 from holdfast.core.contract import UNITS, Unit
-from holdfast.core.errors import CardError, HoldfastError, UsageError
+from holdfast.core.errors import HoldfastError, UsageError
 from holdfast.core.hand_layout import HandLayout
 from holdfast.core.reading import CardReader, Json, read_toml
 from holdfast.edge_runtime.grip import CONTROLLERS
-from holdfast.simulation import SCENES, STYLES, shipped_scenes
+from holdfast.simulation import STYLES, find_scene_file
 from holdfast.simulation.drive import CONTROLLER_NUMBERS, MODEL, Drive, HandControl
 from holdfast.simulation.effect import (
     EFFECT_MODULES,
@@ -63,7 +63,7 @@ from holdfast.simulation.objects import (
     HeldObject,
     held_object,
 )
-from holdfast.simulation.protocol import ACTIONS, COMMON, least_grip_n
+from holdfast.simulation.protocol import ACTIONS, COMMON, TrialsRow, least_grip_n
 
 MAX_GRIP_N = 70.0
 """Greatest opposition grip of the Michelangelo hand, N a side (thesis, 5.1.1)."""
@@ -96,24 +96,6 @@ PHYSICS = {
 """Numbers of the section [physics]."""
 COUNT = {"count": Parameter(1.0, "", 1, 100000, "trials of each object")}
 """Number of one [[trials]] that is no parameter of its action."""
-
-
-@dataclass(frozen=True)
-class TrialsRow:
-    """One [[trials]] of the file.
-
-    objects  names of the objects; empty for the empty hand
-    action   what happens
-    style    whose ranges the values are drawn from
-    count    trials of each object
-    values   of the action's parameters: the file's over those of the style
-    """
-
-    objects: tuple[str, ...]
-    action: str
-    style: str
-    count: int
-    values: Mapping[str, Any]
 
 
 @dataclass(frozen=True)
@@ -152,24 +134,6 @@ class SceneFile:
     def sha256(self) -> str:
         """Of the file's text."""
         return hashlib.sha256(self.text.encode()).hexdigest()
-
-
-def find_scene_file(name: str) -> Path:
-    """A shipped scene by name, or a file. Raises CardError."""
-    if name in shipped_scenes():
-        return SCENES / f"{name}.toml"
-
-    try:
-        if Path(name).is_file():
-            return Path(name)
-    except OSError:
-        pass  # a name that no file can have
-
-    raise CardError(
-        f"no scene {name!r}",
-        cause="neither a shipped scene nor a file",
-        next_step=f"choose from {', '.join(shipped_scenes())}",
-    )
 
 
 def read_scene_file(

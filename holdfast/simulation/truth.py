@@ -24,7 +24,7 @@ from holdfast.core.reading import Json
 from holdfast.core.trial_layout import RISKY_ACTIONS
 from holdfast.simulation.protocol import PlannedTrial
 from holdfast.simulation.run import TrialMotion
-from holdfast.simulation.script import Times
+from holdfast.simulation.script_times import Times
 
 LOAD_N = 0.1
 """Change of the force of people and box that counts as load onset."""

@@ -17,7 +17,7 @@ from holdfast.simulation.loop_people import LoopOutcome
 from holdfast.simulation.protocol import PlannedTrial
 from holdfast.simulation.scene import Scene
 from holdfast.simulation.scene_file import read_scene_file
-from holdfast.simulation.script import Times
+from holdfast.simulation.script_times import Times
 
 RATE_HZ = 100.0
 TRIALS = {t.action: t for t in Scene(read_scene_file("thesis"), 0).trials(40)}

@@ -23,7 +23,7 @@ from holdfast.simulation import run
 from holdfast.simulation.folder import write_set
 from holdfast.simulation.scene import Scene
 from holdfast.simulation.scene_file import read_scene_file
-from holdfast.simulation.script import grid_of
+from holdfast.simulation.script_times import grid_of
 
 on_the_machine_they_are_of = pytest.mark.skipif(
     platform.machine() != "x86_64" or not features["AVX512_SKX"],

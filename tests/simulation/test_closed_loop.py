@@ -30,7 +30,7 @@ from holdfast.simulation.closed_loop import (
 from holdfast.simulation.loop_people import Habits, LoopOutcome, Wearer, held_n
 from holdfast.simulation.protocol import PlannedTrial
 from holdfast.simulation.scene import Scene
-from holdfast.simulation.script import Times
+from holdfast.simulation.script_times import Times
 
 ONE_OF_EACH = [row(action) for action in ACTIONS]
 PATIENT = "wait_s = 0.1\nmove_s = 0.3\ndistance_m = 0.25\narm_n_per_m = 600\n"

@@ -14,8 +14,9 @@ from holdfast.core.contract import FloatArray
 from holdfast.simulation import contacts, rotation, shakes
 from holdfast.simulation.body import Body, Inputs, Pull, State, at_rest
 from holdfast.simulation.contacts import Lag, pressure
-from holdfast.simulation.core import kinetic_j, normal_j, step
+from holdfast.simulation.core import step
 from holdfast.simulation.effect import EffectBatch, PhysicsEffects, stream
+from holdfast.simulation.energy import kinetic_j, normal_j
 from holdfast.simulation.objects import OBJECTS
 from holdfast.simulation.rotation import Rotation, gyration_m2
 

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from holdfast.simulation import core
+from holdfast.simulation import core, energy
 from holdfast.simulation.body import (
     SIDE,
     Body,
@@ -76,10 +76,10 @@ def go(
 def energy_j(held: Body, state: State, closure_m: np.ndarray) -> np.ndarray:
     recess = recess_m(held, offset_m(held, state.position_m[1:]))
     height = -held.mass_kg * (held.gravity_m_s2 * state.position_m).sum(axis=0)
-    stored = core.brush_j(held, state) + core.normal_j(
+    stored = energy.brush_j(held, state) + energy.normal_j(
         held, closure_m, state.position_m[0], recess
     )
-    return np.asarray(core.kinetic_j(held, state) + stored + height)
+    return np.asarray(energy.kinetic_j(held, state) + stored + height)
 
 
 def thrown(
@@ -131,7 +131,7 @@ def test_no_step_from_a_microsecond_to_a_second_gains_energy_or_is_not_finite(
     closure = closed(held, grip_n) * rng.uniform(0.0, 2.0, (6, 16))
     state = thrown(held, closure, rng, speed)
     before = energy_j(held, state, closure)
-    scale = np.abs(before) + core.kinetic_j(held, state) + 1e-9
+    scale = np.abs(before) + energy.kinetic_j(held, state) + 1e-9
     for _ in range(25):
         go(held, state, Inputs(closure), dt_s, 1)
         after = energy_j(held, state, closure)
@@ -163,7 +163,7 @@ def test_without_the_balance_a_long_step_on_a_ball_gains_energy(monkeypatch):
     def only_keep_the_books(held, old, state, closure_m, given_j):
         state.offset_m = offset_m(held, state.position_m[1:])
         state.recess_m = recess_m(held, state.offset_m)
-        state.brush_j = core.brush_j(held, state)
+        state.brush_j = energy.brush_j(held, state)
 
     monkeypatch.setattr(core, "keep_the_balance", only_keep_the_books)
     assert gained() > 1e-3

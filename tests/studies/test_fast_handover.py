@@ -18,7 +18,7 @@ from holdfast.evaluation.trials import Grasp
 from holdfast.simulation.folder import write_set
 from holdfast.simulation.scene import Scene
 from holdfast.simulation.scene_file import SceneFile, read_scene_file
-from holdfast.simulation.script import Times
+from holdfast.simulation.script_times import Times
 from holdfast.training.plan import ForestPlan, NetworkPlan, TrainingPlan
 from holdfast.training.recording import Recording
 from studies import learner_streams

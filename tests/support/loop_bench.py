@@ -16,7 +16,7 @@ from holdfast.simulation.closed_loop import ClosedLoop, LoopTruth
 from holdfast.simulation.protocol import PlannedTrial
 from holdfast.simulation.scene import Scene
 from holdfast.simulation.scene_file import read_scene_file
-from holdfast.simulation.script import Times
+from holdfast.simulation.script_times import Times
 
 MODEL = Path(__file__).resolve().parents[2] / "models" / "holdfast-150hz.onnx"
 ACTIONS = {
