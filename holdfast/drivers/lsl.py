@@ -5,7 +5,7 @@ source waits for the next sample, so the stream paces the loop. While no sample 
 reading is given again, invalid: the state is unknown until the stream is back. Where samples come
 faster than they are read, all but the newest are dropped, and one invalid reading stands for them.
 
-The wearer's own command from the lab streaming layer: envelopes 0 to 1, or words as text.
+The wearer's command from the lab streaming layer: envelopes 0 to 1, or words as text.
 
 Stamps of the sender are put on the run's clock, by the correction that LSL measures.
 """

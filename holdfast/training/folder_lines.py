@@ -64,7 +64,7 @@ def _summary(report: FolderReport) -> list[str]:
     ]
     if report.intents:
         lines.append(
-            f"the wearer's own command beside {counted(report.intents, 'trial')}"
+            f"the wearer's command beside {counted(report.intents, 'trial')}"
         )
     return lines
 

@@ -1,4 +1,4 @@
-"""The wearer's own command as a stream: what is understood, when it is unknown, its file."""
+"""The wearer's command as a stream: what is understood, when it is unknown, its file."""
 
 from __future__ import annotations
 

@@ -220,7 +220,7 @@ def test_the_wearers_own_command_beside_a_trial_is_counted_and_is_no_trial(
     after = reported(run, own)
     assert (before["intents"], after["intents"]) == (0, 2)
     assert after | {"intents": 0} == before
-    assert "the wearer's own command beside 2 trials" in run("check", own)[1]
+    assert "the wearer's command beside 2 trials" in run("check", own)[1]
     intent_path(beside[0]).write_text("Time,X1\n", encoding="utf-8")
     damaged = reported(run, own)
     assert damaged["intents"] == 1

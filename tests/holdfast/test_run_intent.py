@@ -1,4 +1,4 @@
-"""`--intent`: the wearer's own command beside the sensors, shown, recorded, and obeyed if asked."""
+"""`--intent`: the wearer's command beside the sensors, shown, recorded, and obeyed if asked."""
 
 from __future__ import annotations
 

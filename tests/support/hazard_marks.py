@@ -240,7 +240,7 @@ RUN_DIES = Hazard(
     "The run dies while the hand grips an object",
     "However a run ends, its last grip command is `hold`; a guardian process sends it where the "
     "run was killed",
-    "Keeping the grip on `hold`, and following the wearer's own commands",
+    "Keeping the grip on `hold`, and following the wearer's commands",
 )
 NO_GRIP_COMMAND = Hazard(
     LIVE,

@@ -194,7 +194,7 @@ function showNumbers() {
     figures["latency"] = `${number(sample.latency_ms)} ms (largest of the last second: ${number(sample.latency_worst_ms)} ms)`;
     figures["request"] = answer.act ? "act" : answer.arm ? "arm" : "none";
   }
-  if (sample.intent) figures["wearer's own command"] = wearer(sample.intent);
+  if (sample.intent) figures["wearer's command"] = wearer(sample.intent);
   figures["rate"] = sample.rate_hz === null ? "–" : `${number(sample.rate_hz, 1)} Hz`;
   figures["lost samples"] = sample.lost === 0 ? "none" : about.answers ? `${sample.lost} (in the last 30 s: ${sample.lost_30s})` : `${sample.lost} in this trial`;
   if (sample.unsent) figures["not shown here"] = `${sample.unsent} messages that this page missed`;

@@ -90,7 +90,7 @@ class Session:
     """Records the trials of one run.
 
     about: content of every trial's meta.json. mass_g: of objects, as the protocol gives it. intent:
-    the wearer's own command, recorded beside the samples. truth: events of a scene between two
+    the wearer's command, recorded beside the samples. truth: events of a scene between two
     times.
     """
 

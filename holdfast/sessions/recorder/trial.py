@@ -205,7 +205,7 @@ class TrialRecorder:
         self.quality.take(t_ns, measured)
 
     def write_intent(self) -> None:
-        """Look at the wearer's own command, and write what came. Raises OutputError."""
+        """Look at the wearer's command, and write what came. Raises OutputError."""
         if self.intent is None or self._intent_file is None:
             return
 
