@@ -63,9 +63,7 @@ def _summary(report: FolderReport) -> list[str]:
         f"held out by {report.held_out_by}: {counted(report.groups, report.held_out_by)}",
     ]
     if report.intents:
-        lines.append(
-            f"the wearer's command beside {counted(report.intents, 'trial')}"
-        )
+        lines.append(f"the wearer's command beside {counted(report.intents, 'trial')}")
     return lines
 
 
