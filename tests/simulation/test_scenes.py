@@ -206,9 +206,9 @@ def test_a_trial_is_the_same_in_any_company(tmp_path):
 
 
 def test_skipping_quiet_phases_changes_no_slip_time(tmp_path, core, monkeypatch):
-    from holdfast.simulation import script
+    from holdfast.simulation import script_times
 
-    monkeypatch.setattr(script, "busy", lambda trial: [(0.0, 1e9)])
+    monkeypatch.setattr(script_times, "busy", lambda trial: [(0.0, 1e9)])
     everywhere = trials_of(make(tmp_path))
     for one, other in zip(core, everywhere, strict=True):
         for event in ("load_onset_s", "gross_slip_s", "contact_lost_s"):
