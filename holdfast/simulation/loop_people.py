@@ -116,7 +116,7 @@ class Wearer:
         """
         would_go = pulled_n > self.own_holds_n
         handing_over = self.hands_over & (t_s >= self.act_s)
-        # A hand at the wearer's grip resists nobody.
+        # A hand at the wearer's grip resists no receiver.
         tighter = extra_n > self.habits.resisted_n
         resisted = handing_over & would_go & tighter
 

@@ -35,14 +35,18 @@ RATE_HZ = 50.0
 
 
 @pytest.fixture(scope="module")
-def data(fixture_folder: Path) -> DataSet:
-    return thesis.load(fixture_folder, windows="thesis")
+def data(tmp_path_factory: pytest.TempPathFactory) -> DataSet:
+    folder = tmp_path_factory.mktemp("fixture")
+    write_fixture(folder)
+    return thesis.load(folder, windows="thesis")
 
 
 @pytest.fixture(scope="module")
-def balanced(fixture_folder: Path) -> DataSet:
+def balanced(tmp_path_factory: pytest.TempPathFactory) -> DataSet:
     """The same set by default: dense windows, whose classes weigh the same in training."""
-    return thesis.load(fixture_folder)
+    folder = tmp_path_factory.mktemp("balanced")
+    write_fixture(folder)
+    return thesis.load(folder)
 
 
 def shaken(*times_s: float, lasts_s: float = 12.0) -> Recording:
@@ -215,9 +219,7 @@ def test_balanced_windows_have_every_risky_sample_and_throw_none_away(
         assert counts[name] == balanced.notes["samples"][name], (
             "a trial's truth is exact"
         )
-    drawn = data.notes["windows"]
-    assert all(counts[name] > drawn[name] for name in counts)
-    assert sum(counts.values()) > 5 * sum(drawn.values())
+    assert all(counts[name] > 2 * data.notes["windows"][name] for name in counts)
     assert len(set(counts.values())) == len(CLASSES), (
         "none is cut to the size of another"
     )
@@ -260,11 +262,12 @@ def test_labels_follow_the_mass_of_the_object_and_no_hand_over_is_a_risky_slip(
 
 
 def test_the_seed_alone_decides_the_windows_that_are_drawn(
-    data: DataSet, fixture_folder: Path
+    data: DataSet, tmp_path: Path
 ) -> None:
+    write_fixture(tmp_path)
     np.random.seed(1)  # of no consequence: the global generator is not used
-    again = thesis.load(fixture_folder, windows="thesis").tasks["classes"]
-    other = thesis.load(fixture_folder, seed=1, windows="thesis").tasks["classes"]
+    again = thesis.load(tmp_path, windows="thesis").tasks["classes"]
+    other = thesis.load(tmp_path, seed=1, windows="thesis").tasks["classes"]
     task = data.tasks["classes"]
     np.testing.assert_array_equal(
         [again.trial, again.row, again.label], [task.trial, task.row, task.label]

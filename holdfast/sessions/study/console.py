@@ -156,7 +156,7 @@ class Console:
                 # A letter of several bytes goes as a whole.
                 typed = typed.decode("utf-8", "ignore")[:-1].encode()
             elif byte and len(typed) < LONGEST_TEXT and (byte >= b" " or byte == b"\t"):
-                # Control characters would move the cursor of whoever reads the note.
+                # Control characters would move the cursor of the reader.
                 typed += byte
             elif self.keys.closed:
                 self.report(NO_KEY)
