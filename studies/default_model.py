@@ -1,7 +1,7 @@
 """`python -m studies evaluate`: the default model on simulated sets that it never saw.
 
-Every set has a seed of its own, none of them the seed 0 of training. One set chooses thresholds,
-one trains the thesis' forest, which is a baseline; neither is scored.
+Every scored set has a locked seed (holdfast/core/locked.toml), which no choice has seen. One set
+chooses thresholds, one trains the thesis' forest, which is a baseline; neither is scored.
 """
 
 from __future__ import annotations
@@ -19,16 +19,16 @@ MODEL = Path("models/holdfast-150hz.onnx")
 TEXTURE = "thesis-texture"
 """The scene `thesis` on rough objects, which vibrate when they slip."""
 SCORED = [
-    SimulatedSet("thesis", "thesis", 900, 1000),
-    SimulatedSet(TEXTURE, TEXTURE, 300, 1001),
-    SimulatedSet("apple", "apple", 200, 1002),
-    SimulatedSet("p1", "p1", 900, 1003),
-    SimulatedSet("p2", "p2", 900, 1004),
-    SimulatedSet("perturbed-hold", "perturbed-hold", 300, 1005),
-    SimulatedSet("daily", "daily", 370, 1006),
+    SimulatedSet("thesis", "thesis", 900, 7000),
+    SimulatedSet(TEXTURE, TEXTURE, 300, 7001),
+    SimulatedSet("apple", "apple", 200, 7002),
+    SimulatedSet("p1", "p1", 900, 7003),
+    SimulatedSet("p2", "p2", 900, 7004),
+    SimulatedSet("perturbed-hold", "perturbed-hold", 300, 7005),
+    SimulatedSet("daily", "daily", 370, 7006),
 ]
-CHOOSE = SimulatedSet("choose", "daily", 370, 1007)
-TRAIN = SimulatedSet("train", "thesis", 500, 1008)
+CHOOSE = SimulatedSet("choose", "daily", 370, 107)
+TRAIN = SimulatedSet("train", "thesis", 500, 108)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -64,6 +64,6 @@ def _sets(out: Path) -> list[SimulatedSet]:
     thesis = files("holdfast") / "simulation" / "cards" / "thesis.toml"
     out.mkdir(parents=True, exist_ok=True)
     write_whole(scene, thesis.read_text("utf-8") + "\n[effects.texture]\n")
-    rough = SimulatedSet(TEXTURE, str(scene), 300, 1001)
+    rough = SimulatedSet(TEXTURE, str(scene), 300, 7001)
     others = [one for one in SCORED if one.folder != TEXTURE]
     return [*others, rough, CHOOSE, TRAIN]

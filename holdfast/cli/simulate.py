@@ -47,6 +47,7 @@ def run(args: argparse.Namespace) -> int:
 
     An interrupted run leaves no folder.
     """
+    from holdfast.core.locked import lock_of
     from holdfast.simulation.folder import require_new, write_set
     from holdfast.simulation.loop_recording import planned_set
     from holdfast.training.progress import counted
@@ -69,6 +70,7 @@ def run(args: argparse.Namespace) -> int:
         "recordings": files,
         "rate_hz": card.rate_hz,
         "seed": args.seed,
+        "locked": lock_of(args.out),
         "out": args.out,
     }
     show_found(args, _in_words(found), found)
@@ -78,6 +80,8 @@ def run(args: argparse.Namespace) -> int:
 def _in_words(found: Mapping[str, Any]) -> str:
     rate = f"{found['recordings']} recordings at {found['rate_hz']:g} Hz"
     next_step = f"next: holdfast train --data {found['out']} --out build/model"
+    if found["locked"]:
+        next_step = f"for a last test, not to train or choose on: {found['locked']}"
     return f"{found['title']}\n{rate}, simulated, seed {found['seed']}; {next_step}"
 
 

@@ -17,7 +17,8 @@
     |   |-- CardError                 a scene's card holds impossible values
     |   |-- ClassMissing              a class without a single window
     |   |-- TooFewGroups              fewer people (or blocks) than a split needs
-    |   `-- TooLittleToAdapt          too few hand-overs of a person, or too little holding
+    |   |-- TooLittleToAdapt          too few hand-overs of a person, or too little holding
+    |   `-- SetLocked                 kept for a last test: nothing may be chosen on it
     |-- ModelError                4   a model file cannot be used
     |   |-- NotAModel                 not an ONNX file of ours (a pickle, text, anything else)
     |   |-- BrokenSeal                truncated or altered after it was sealed
@@ -192,6 +193,10 @@ class TooFewGroups(DataError):
 
 class TooLittleToAdapt(DataError):
     """Too few hand-overs of a person, or too little holding."""
+
+
+class SetLocked(DataError):
+    """A set that is kept for a last test was given to something that chooses."""
 
 
 class ModelError(HoldfastError):

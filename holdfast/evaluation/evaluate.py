@@ -9,6 +9,7 @@ from functools import partial
 import numpy as np
 
 from holdfast.core.errors import UsageError
+from holdfast.core.locked import require_open
 from holdfast.core.trial_layout import read_json
 from holdfast.edge_runtime.engine import ModelChoice, OpenedModel
 from holdfast.edge_runtime.graph import Outputs
@@ -144,9 +145,10 @@ def _require_apart(request: EvaluationRequest) -> None:
     scored = {find(name).resolve() for name in request.data}
     if request.train:
         # A missing training folder is an error here, before any stage begins.
-        find(request.train)
+        require_open(find(request.train), "a forest")
 
     for name in request.choose:
+        require_open(find(name), "a threshold")
         # Resolved, so that the same folder is found out under another name.
         if find(name).resolve() in scored:
             raise UsageError(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from holdfast.core.locked import require_open
 from holdfast.core.writing import write_whole
 from holdfast.edge_runtime.model import Model, read_model
 from holdfast.edge_runtime.model_file import CARD_SUFFIX, read_sealed
@@ -21,7 +22,7 @@ from holdfast.sessions.adapting import (
     of_person,
     simulated_slips,
 )
-from holdfast.training.datasets import load
+from holdfast.training.datasets import find, load
 from holdfast.training.progress import Stages
 from holdfast.training.recording import DataSet
 
@@ -37,6 +38,7 @@ def adapt_file(
     """Fit, build, verify and write. slips: recordings with slips, None for simulated ones."""
     with base_model(model_path) as (model, base):
         begin("reading the person's recordings")
+        require_open(find(data), "a correction", styles=False)
         recordings = load(data, channels=model.card.n_channels, windows="none")
         chosen = of_person(recordings, person)
 
@@ -64,6 +66,7 @@ def write_base(adapted_path: Path, out: Path) -> None:
 def _slips(slips: str | None, model: Model, begin: Stages) -> DataSet:
     if slips:
         begin(f"reading {slips}")
+        require_open(find(slips), "a correction", styles=False)
         channels = model.card.n_channels
         return load(slips, channels=channels, windows="none", part=begin.part)
     begin("simulating trials with slips")

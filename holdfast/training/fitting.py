@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import platform
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
@@ -32,7 +32,7 @@ from holdfast.training.crossval import (
     main_task,
     plan_for,
 )
-from holdfast.training.datasets import join, load
+from holdfast.training.datasets import find, join, load
 from holdfast.training.featurise import FloatRows, features_of, spec_for
 from holdfast.training.figures import PLURAL, HeadFigures
 from holdfast.training.fixture import KIND, write_fixture
@@ -110,6 +110,9 @@ def train_on_sets(
         write_fixture(request.out / FIXTURE, trials_per_cell=FIXTURE_TRIALS)
         names = (str(request.out / FIXTURE),)
 
+    else:
+        _require_open(names)
+
     sets = []
     for name in names:
         progress(f"reading {name}")
@@ -131,6 +134,15 @@ def train_on_sets(
         part=progress.part,
     )
     return joined, trained.figures
+
+
+def _require_open(names: Sequence[str]) -> None:
+    """Raise SetLocked for a set that is kept for a last test, before any is read."""
+    # The generated set is open by its making, so a run without data does not load this.
+    from holdfast.core.locked import require_open
+
+    for name in names:
+        require_open(find(name), "a model")
 
 
 def _rebuilds_fixture(request: TrainingRequest) -> bool:
