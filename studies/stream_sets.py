@@ -7,12 +7,15 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from holdfast.cli.command import path_argument
+from holdfast.core.locked import require_open
 from tools.harness import SimulatedSet, simulate_sets
 
+CHOSEN_ON = "choose"
+"""The folder on which these studies choose thresholds."""
 STREAMS = [
     SimulatedSet("thesis", "thesis", 500, 0),
     SimulatedSet("broad", "broad", 500, 0),
-    SimulatedSet("choose", "daily", 370, 1007),
+    SimulatedSet(CHOSEN_ON, "daily", 370, 1007),
     SimulatedSet("author", "thesis", 300, 1000),
     SimulatedSet("p1", "p1", 450, 1003),
     SimulatedSet("p2", "p2", 450, 1004),
@@ -34,6 +37,7 @@ def add_sets_option(parser: argparse.ArgumentParser) -> None:
 def sets_folder(given: Path | None, sets: Sequence[SimulatedSet], out: Path) -> Path:
     """The folder of the sets, which are simulated into `out` where none is given."""
     if given is not None:
+        require_open(given / CHOSEN_ON, "a threshold")
         return given
     simulate_sets(sets, out)
     return out

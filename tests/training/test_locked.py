@@ -13,7 +13,7 @@ from holdfast.evaluation.evaluate import EvaluationRequest, evaluate_events
 from holdfast.sessions.adapted_files import adapt_file
 from holdfast.simulation.scene_file import read_scene_file
 from holdfast.training.fitting import TrainingRequest, train_on_sets
-from holdfast.training.progress import stages
+from holdfast.training.progress import ignored, stages
 
 MODEL = Path("models/holdfast-150hz.onnx")
 SHARED_CONTROL = Path("studies/shared_control/cards")
@@ -91,7 +91,7 @@ def test_training_refuses_a_locked_set_before_it_reads_one(tmp_path: Path) -> No
     folder = a_set(tmp_path / "set")
     request = TrainingRequest(data=(str(folder),), out=tmp_path / "out")
     with stages(1) as progress, pytest.raises(SetLocked, match="a model may not see"):
-        train_on_sets(request, progress, str)
+        train_on_sets(request, progress, ignored)
 
 
 def test_an_adaptation_refuses_a_locked_seed(tmp_path: Path) -> None:
