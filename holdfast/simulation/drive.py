@@ -25,14 +25,16 @@ The `[controller]` of a scene file names who moves the grip while the scene goes
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from holdfast.core.contract import FloatArray
 from holdfast.core.reading import Json
-from holdfast.simulation.effect import Parameter
+from holdfast.edge_runtime.grip import CONTROLLERS
+from holdfast.simulation.effect import NumberReader, Parameter
 from holdfast.simulation.protocol import PlannedTrial
 from holdfast.simulation.script import body_of
 
@@ -88,6 +90,30 @@ class HandControl:
     model: str
     setting: float | None
     drive: Drive
+
+
+def read_control(reader: NumberReader, raw: Mapping[str, Any]) -> HandControl | None:
+    """Who moves the grip of a scene file, or None for a hand that keeps it. Raises CardError."""
+    if "controller" not in raw:
+        return None
+
+    section = reader.table(raw, "controller")
+    name = section.pop("name", None)
+    model = section.pop("model", MODEL)
+    if name not in CONTROLLERS:
+        raise reader.refused("controller.name", name, ", ".join(CONTROLLERS))
+    if not isinstance(model, str) or not model:
+        raise reader.refused("controller.model", model, "the path of a model file")
+
+    allowed = ["name", "model", *CONTROLLER_NUMBERS]
+    reader.require_known(section, allowed, "controller")
+    numbers = reader.numbers("controller", section, CONTROLLER_NUMBERS)
+    setting = numbers.pop("setting")
+    if "setting" not in section:
+        # The default of a setting is that of the controller, not that of the table.
+        return HandControl(name, model, None, Drive(**numbers))
+
+    return HandControl(name, model, setting, Drive(**numbers))
 
 
 class Actuator:

@@ -44,13 +44,13 @@ from typing import Any
 from holdfast.core.contract import UNITS, Unit
 from holdfast.core.errors import HoldfastError, UsageError
 from holdfast.core.hand_layout import HandLayout
-from holdfast.core.reading import CardReader, Json, read_toml
-from holdfast.edge_runtime.grip import CONTROLLERS
+from holdfast.core.reading import Json, read_toml
 from holdfast.simulation import STYLES, find_scene_file
-from holdfast.simulation.drive import CONTROLLER_NUMBERS, MODEL, Drive, HandControl
+from holdfast.simulation.drive import HandControl, read_control
 from holdfast.simulation.effect import (
     EFFECT_MODULES,
     Effect,
+    NumberReader,
     Parameter,
     all_effects,
     effect_named,
@@ -150,7 +150,7 @@ def read_scene_file(
     return reader.scene(raw, text, rate_hz)
 
 
-class _SceneReader(CardReader):
+class _SceneReader(NumberReader):
     """Checks one file section by section, then what the sections state together.
 
     rate_option: the user's word before a rate that replaces the file's; empty without one.
@@ -196,7 +196,7 @@ class _SceneReader(CardReader):
             objects=objects,
             camera=self.camera(raw),
             hand=self.hand(raw),
-            controller=self.controller(raw),
+            controller=read_control(self, raw),
             text=text,
         )
         self.require_agreement(scene)
@@ -307,29 +307,6 @@ class _SceneReader(CardReader):
         thumb = self.whole("hand.thumb", counts["thumb"])
         return HandLayout(thumb, self.whole("hand.finger", counts["finger"]))
 
-    def controller(self, raw: Mapping[str, Any]) -> HandControl | None:
-        """Who moves the grip, or None for a hand that keeps it. Raises CardError."""
-        if "controller" not in raw:
-            return None
-
-        section = self.table(raw, "controller")
-        name = section.pop("name", None)
-        model = section.pop("model", MODEL)
-        if name not in CONTROLLERS:
-            raise self.refused("controller.name", name, ", ".join(CONTROLLERS))
-        if not isinstance(model, str) or not model:
-            raise self.refused("controller.model", model, "the path of a model file")
-
-        allowed = ["name", "model", *CONTROLLER_NUMBERS]
-        self.require_known(section, allowed, "controller")
-        numbers = self.numbers("controller", section, CONTROLLER_NUMBERS)
-        setting = numbers.pop("setting")
-        if "setting" not in section:
-            # The default of a setting is that of the controller, not that of the table.
-            return HandControl(name, model, None, Drive(**numbers))
-
-        return HandControl(name, model, setting, Drive(**numbers))
-
     def require_agreement(self, scene: SceneFile) -> None:
         """Raise CardError where keys contradict each other."""
         for name in scene.effects:
@@ -416,31 +393,3 @@ class _SceneReader(CardReader):
                 needed += f"the hand grips with {MAX_GRIP_N:g} N"
                 allowed = f"objects that the hand can hold: {needed}"
                 raise self.refused(key, name, allowed)
-
-    def whole(self, key: str, number: float) -> int:
-        """The number as an int. Raises CardError for a fraction."""
-        if number != int(number):
-            raise self.refused(key, number, "a whole number")
-        return int(number)
-
-    def numbers(
-        self, key: str, values: Mapping[str, Any], table: Mapping[str, Parameter]
-    ) -> dict[str, float]:
-        """Constants by name, defaults where the file has none; distributions are refused."""
-        self.require_known(values, table, key)
-        for name, value in values.items():
-            if isinstance(value, dict) or table[name].problem(value):
-                raise self.refused(f"{key}.{name}", value, table[name].allowed())
-        numbers = {}
-        for name, parameter in table.items():
-            numbers[name] = float(values.get(name, parameter.default))
-        return numbers
-
-    def require_possible(
-        self, key: str, values: Mapping[str, Any], table: Mapping[str, Parameter]
-    ) -> None:
-        """Raise CardError for a constant or a distribution outside of its range."""
-        for name, value in values.items():
-            problem = table[name].problem(value)
-            if problem:
-                raise self.refused(f"{key}.{name}", value, problem)
