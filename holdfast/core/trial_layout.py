@@ -33,6 +33,8 @@ if TYPE_CHECKING:
 META, EVENTS, TACTILE = "meta.json", "events.jsonl", "tactile.csv"
 TRUTH_SUFFIX, ONSET_SUFFIX, FRAMES_SUFFIX = ".truth.json", ".onset.json", ".frames.npz"
 INTENT_SUFFIX = ".intent.csv"
+HAND_FILE = "hand.toml"
+"""The hand card of a set, next to the set's meta.json (core/hand_card.py)."""
 TRUTH = "tactile" + TRUTH_SUFFIX
 DISCARDED = "discarded"
 """A person's folder of trials that were done again: kept on the disk, read by nothing."""

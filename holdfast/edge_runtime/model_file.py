@@ -11,13 +11,16 @@ import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from holdfast.core.contract import CLASSES, SITUATIONS, UNITS, Unit
 from holdfast.core.errors import BrokenSeal, DataNotFound, NotAModel, RuntimeRefused
 from holdfast.core.reading import Json, json_of, model_path, require_file, shipped
 from holdfast.edge_runtime.decision import LIMITS, DecisionRules
 from holdfast.edge_runtime.preparation import Preparation, preparation_from_json
+
+if TYPE_CHECKING:
+    from holdfast.core.hand_card import HandCard
 
 SEAL_KEY = "holdfast.sha256"
 CARD_KEY = "holdfast.card"
@@ -69,6 +72,24 @@ class ModelCard:
     def has_weight(self) -> bool:
         """Whether the model was trained with light and heavy objects."""
         return self.classes == CLASSES
+
+    @property
+    def hand(self) -> HandCard | None:
+        """The hand card of its training sets, None where they had none. Raises NotAModel."""
+        value = self.raw["spec"].get("hand")
+        if value is None:
+            return None
+
+        # Most models were trained without one, and do not load its reader.
+        from holdfast.core.hand_card import hand_from_json
+
+        try:
+            return hand_from_json(value)
+        except (AttributeError, KeyError, TypeError, ValueError) as error:
+            raise NotAModel(
+                f"its hand card is wrong: {error!r:.80}",
+                next_step="export the model again",
+            ) from None
 
 
 def votes_in_all(head: Mapping[str, Any]) -> int:

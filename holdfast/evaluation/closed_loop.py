@@ -321,7 +321,7 @@ def require_runnable(model: OpenedModel, card_name: str) -> None:
     card = read_scene_file(card_name)
     require_fit(
         model.card,
-        n_channels=3 * card.hand.n_contacts,
+        n_channels=3 * card.hand.n_sensors,
         unit=card.unit,
         rate_hz=card.rate_hz,
         where=card_name,

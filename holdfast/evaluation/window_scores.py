@@ -22,6 +22,7 @@ from holdfast.core.contract import (
     SITUATIONS,
     BoolArray,
 )
+from holdfast.core.errors import ChannelError
 from holdfast.core.reading import Json
 from holdfast.edge_runtime.engine import OpenedModel
 from holdfast.edge_runtime.graph import Outputs, run_recordings
@@ -97,6 +98,16 @@ def require_model_fits(model: OpenedModel, data: DataSet) -> None:
         rate_hz=data.rate_hz,
         where=data.name,
     )
+    hand = model.card.hand
+    if hand is None or data.hand is None:
+        return
+    if hand.sensor_sides != data.hand.sensor_sides:
+        raise ChannelError(
+            f"the set is of the hand {data.hand.name}, the model of {hand.name}",
+            where=data.name,
+            cause="sensors on other sides of the hand",
+            next_step="use a model made for this hand, or train one",
+        )
 
 
 def heads_with_task(model: OpenedModel, data: DataSet) -> list[str]:

@@ -5,10 +5,14 @@ from __future__ import annotations
 import math
 import warnings
 from dataclasses import asdict, dataclass, field
+from typing import TYPE_CHECKING
 
 from holdfast.core.contract import UNITS, Unit
 from holdfast.core.errors import ChannelError, RateError, UnitError
 from holdfast.core.reading import Json
+
+if TYPE_CHECKING:
+    from holdfast.core.hand_card import HandCard
 
 BANDS_HZ = tuple(float(band) for band in range(10, 60, 5))
 """Nominal frequencies of the filter bank of Engeberg and Meek."""
@@ -87,7 +91,7 @@ class StepSpec:
 
     rate_hz: rate of all constants. groups: feature groups by name (holdfast/export/features.py).
     min_valid_sensors: fewer usable sensors than this make the state unknown. window_s: length of
-    the raw window.
+    the raw window. hand: its card, with the sides of its sensors, or None.
     """
 
     n_sensors: int
@@ -98,12 +102,15 @@ class StepSpec:
     bands_hz: tuple[float, ...] = BANDS_HZ
     window_s: float = WINDOW_S
     detectors: DetectorSpec = field(default_factory=DetectorSpec)
+    hand: HandCard | None = None
 
     def __post_init__(self) -> None:
         if self.n_sensors < 1:
             raise ChannelError(
                 f"{self.n_sensors} sensors", next_step="give at least one 3-axis sensor"
             )
+        if self.hand is not None and self.hand.n_sensors != self.n_sensors:
+            raise ChannelError(f"{self.n_sensors} sensors, another number on the card")
         if self.unit not in UNITS:
             raise UnitError(f"unit {self.unit!r} is not one of {', '.join(UNITS)}")
         if not math.isfinite(self.rate_hz) or self.rate_hz <= 0:
@@ -174,13 +181,19 @@ class StepSpec:
             )
 
     def to_json(self) -> Json:
-        """As a JSON object, for the artifact and the metadata."""
-        return asdict(self)
+        """As a JSON object, for the artifact and the metadata; without a hand card no "hand"."""
+        fields = asdict(self)
+        del fields["hand"]
+        return fields if self.hand is None else {**fields, "hand": self.hand.to_json()}
 
     @staticmethod
     def from_json(value: Json) -> StepSpec:
-        """The inverse of `to_json`."""
+        """The inverse of `to_json`; loads the reader of hand cards only for one."""
         fields = dict(value)
+        if "hand" in fields:
+            from holdfast.core.hand_card import hand_from_json
+
+            fields["hand"] = hand_from_json(fields["hand"])
         fields["detectors"] = DetectorSpec(**value["detectors"])
         fields["groups"] = tuple(value["groups"])
         fields["bands_hz"] = tuple(value["bands_hz"])

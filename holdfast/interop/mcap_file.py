@@ -26,7 +26,7 @@ import numpy as np
 
 from holdfast.core.contract import AXES, FloatArray, Unit
 from holdfast.core.errors import needs_extra
-from holdfast.core.hand_layout import HandLayout
+from holdfast.core.hand_card import hand_of_counts
 from holdfast.core.reading import Json
 from holdfast.interop.payload import TrialPayload, log_lines
 
@@ -48,7 +48,7 @@ class Pads:
 
 def pads(n_sensors: int) -> Pads:
     """The pads of a hand in the order of its channels (docs/wiring.md)."""
-    hand = HandLayout()
+    hand = hand_of_counts()
     if n_sensors == hand.n_contacts:
         along = hand.along_m
         is_thumb = np.arange(n_sensors) < hand.thumb

@@ -180,6 +180,8 @@ class _Run:
                 if self._grip is not None:
                     self._grip.begin(source)
 
+                if self._model.card.hand is not None:
+                    self.report(self._model.card.hand.in_words())
                 resting = resting_of(options.bias, source)
                 if resting is None:
                     self.report(UNLOADED)

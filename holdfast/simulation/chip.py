@@ -215,7 +215,7 @@ TABLE = (
         "sensor",
         RowEffect(stale_plan, stale_sensor, chained=True),
         {
-            "sensors": Parameter([], "", 1, 6, "which sensors", many=True),
+            "sensors": Parameter([], "", 1, 12, "which sensors", many=True),
             "at_s": Parameter({"uniform": [4, 8]}, "s", 0, 1e6, "start"),
             "lasts_s": Parameter({"uniform": [0.1, 1]}, "s", 0, 1e6, "duration"),
         },

@@ -1,6 +1,7 @@
 """Simulated trials on disk: the thesis' layout, with the truth of each trial, and the scene itself.
 
 OUT/card.toml, OUT/meta.json     the scene file as it was read; name, unit, seed, rate, effects
+OUT/hand.toml                    the hand card, where the scene names one
 OUT/<object>/meta.json           its mass
 OUT/<object>/<action>/
     trial_<n>.csv                Time, X1, Y1, Z1 .. Z6 (and valid1 .. if an effect invalidates)
@@ -24,6 +25,7 @@ from holdfast.core.contract import FloatArray, channel_names
 from holdfast.core.errors import OutputError
 from holdfast.core.reading import Json
 from holdfast.core.trial_file import TIME_COLUMN
+from holdfast.core.trial_layout import HAND_FILE
 from holdfast.core.writing import require_writable, whole_folder, write_whole
 from holdfast.simulation.drive import GRIP_COLUMNS, GripRecord
 from holdfast.simulation.effect import Drawn, Signal, effect_named
@@ -77,6 +79,8 @@ def _fill(scene: Scene, out: Path, trials: Sequence[PlannedTrial], done: Done) -
     # The set carries its own scene file and seed, from which it can be simulated again.
     write_whole(out / "card.toml", scene.file.text)
     write_whole(out / "meta.json", _json(_meta(scene)))
+    if scene.file.hand.text:
+        write_whole(out / HAND_FILE, scene.file.hand.text)
 
     # The thesis' layout: light and heavy follow from the mass of the folder.
     masses_g = {}
@@ -216,6 +220,8 @@ def _meta(scene: Scene) -> Json:
         "step_s": file.step_s,
         "effects": list(file.effects),
     }
+    if file.hand.text:
+        meta["hand"] = {"card": file.hand.name, "sha256": file.hand.sha256}
     if file.controller is not None:
         meta["controller"] = file.controller.name
 

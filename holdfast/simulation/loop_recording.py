@@ -71,7 +71,7 @@ def require_controller(scene: Scene, trials: Sequence[PlannedTrial]) -> None:
     model = model_of(ModelChoice(control.model))
     require_fit(
         model.card,
-        n_channels=3 * file.hand.n_contacts,
+        n_channels=3 * file.hand.n_sensors,
         unit=file.unit,
         rate_hz=file.rate_hz,
         where=file.name,

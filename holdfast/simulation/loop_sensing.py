@@ -29,6 +29,7 @@ from holdfast.edge_runtime.engine import OpenedModel
 from holdfast.edge_runtime.grip import GripSense
 from holdfast.simulation.chip import kept_rows, late_s
 from holdfast.simulation.effect import Signal
+from holdfast.simulation.objects import sensed_of
 from holdfast.simulation.protocol import PlannedTrial
 from holdfast.simulation.rows import Plan, PlanBatch, RowEffect, Rows
 from holdfast.simulation.scene import Scene
@@ -71,8 +72,8 @@ class LoopSensors:
             drawn = self.scene.draw(name, trial)
             rng = self.scene.rng(name, trial)
             if isinstance(law, RowEffect):
-                contacts = trial.hand.n_contacts
-                plans.append(law.plan(drawn, rng, times_s[k], contacts))
+                sensors = trial.hand.n_sensors
+                plans.append(law.plan(drawn, rng, times_s[k], sensors))
             elif name == "timing_jitter":
                 plans.append({"late_s": late_s(times_s[k], drawn, rng)})
                 # Later effects see the times at which samples are really taken.
@@ -87,6 +88,7 @@ class LoopSensors:
 
         With a latency these are the readings of the sample before. A lost sample never comes.
         """
+        forces_n = sensed_of(self.scene.file.hand, forces_n)
         all_valid = np.ones(forces_n.shape[:2], dtype=np.bool_)
         now = Rows(forces_n, all_valid)
         unit: Unit = "N"

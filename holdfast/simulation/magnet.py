@@ -194,7 +194,7 @@ def _indices(sensors: Sequence[float]) -> list[int]:
 
 
 HEIGHT = Parameter(2.0, "mm", 1.5, 20, "from chip to magnet, unloaded")
-SENSORS = Parameter([], "", 1, 6, "which sensors", many=True)
+SENSORS = Parameter([], "", 1, 12, "which sensors", many=True)
 SPACING = Parameter(20.0, "mm", 5, 200, "between neighbouring fingertips")
 WARMING = Parameter({"uniform": [0, 10]}, "degC", -50, 80, "final warming")
 TABLE = (

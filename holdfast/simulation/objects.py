@@ -10,10 +10,15 @@ The hand of a scene file: how many contacts its thumb and its four fingers have.
     thumb = 4                # contacts on the thumb, default 2
     finger = 4               # contacts on each of the four fingers, default 1; 20 in all here
 
-Each contact has an equal part of its finger's stiffness, and of the object's under it, so more
-contacts do not make a finger stiffer. Along a cylinder they lie side by side over the finger's
-width. All press along the thumb's axis: there is no palm, and a finger does not bend between its
-contacts.
+or a hand card (core/hand_card.py), which says where its sensors are:
+
+    [hand]
+    card = "pinch-pad"
+
+Without a card each contact has an equal part of its finger's stiffness, and of the object's under
+it, so more contacts do not make a finger stiffer. Along a cylinder they lie side by side over the
+finger's width. All press along the thumb's axis: there is no palm, and a finger does not bend
+between its contacts.
 """
 
 from __future__ import annotations
@@ -22,6 +27,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
+from holdfast.core.contract import FloatArray
+from holdfast.core.hand_card import HandCard, open_contacts, pad_pressure
 from holdfast.core.trial_layout import MASSES_G
 from holdfast.simulation.effect import Parameter
 
@@ -135,3 +144,47 @@ HAND = {
     "finger": Parameter(1.0, "", 1, 20, "contacts on each of the four fingers"),
 }
 """Numbers of the section [hand] of a scene file."""
+
+
+def sensed_of(hand: HandCard, forces_n: FloatArray) -> FloatArray:
+    """Of forces [.., S, 3] those on contacts that have a sensor; the same array where all have."""
+    if hand.n_sensors == hand.n_contacts:
+        return forces_n
+    return forces_n[..., hand.sensed, :]
+
+
+TOUCH = {
+    "touching": Parameter(
+        6.0, "", 2, 32, "pads that touch, at least one a side; the others stay open"
+    ),
+    "patch_mm": Parameter(
+        {"uniform": [6, 12]}, "mm", 0.5, 100, "radius of contact of a soft pad"
+    ),
+    "press_off_mm": Parameter(
+        2.0, "mm", 0, 50, "middle of that contact off the middle of the pad (sd)"
+    ),
+}
+"""Parameters of how a hand touches: drawn only where the scene gives one or the hand has pads."""
+
+
+def touch_parameters(values: Mapping[str, Any], hand: HandCard) -> dict[str, Parameter]:
+    """Those of TOUCH that matter for a trial; none for a hand of single sensors."""
+    names = [name for name in TOUCH if name in values]
+    if hand.has_pads:
+        names += [name for name in ("patch_mm", "press_off_mm") if name not in names]
+    return {name: TOUCH[name] for name in TOUCH if name in names}
+
+
+def load_factors(
+    hand: HandCard, drawn: Mapping[str, float], rng: np.random.Generator
+) -> FloatArray:
+    """[S] how the hand touches, as factors of the contacts' shares: 0 for one that stays open."""
+    factors = np.ones(hand.n_contacts)
+    for pad in hand.pads:
+        if len(pad) > 1:
+            off_m = 1e-3 * drawn["press_off_mm"] * rng.normal(size=2)
+            patch_m = 1e-3 * drawn["patch_mm"]
+            factors[pad] = pad_pressure(hand, pad, patch_m, off_m)
+    if "touching" in drawn:
+        factors[open_contacts(hand, round(drawn["touching"]), rng)] = 0.0
+    return factors

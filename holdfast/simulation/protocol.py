@@ -22,9 +22,9 @@ from typing import Any
 
 import numpy as np
 
-from holdfast.core.hand_layout import HandLayout
+from holdfast.core.hand_card import HandCard
 from holdfast.simulation.effect import Parameter, draw_all, stream
-from holdfast.simulation.objects import HeldObject
+from holdfast.simulation.objects import HeldObject, load_factors, touch_parameters
 
 GRAVITY_M_S2 = 9.81
 """Acceleration of gravity."""
@@ -272,7 +272,7 @@ class PlannedTrial:
     finger_n_per_m: np.ndarray
     at_m: np.ndarray
     push: np.ndarray
-    hand: HandLayout
+    hand: HandCard
 
     @property
     def kinetic_friction(self) -> float:
@@ -288,7 +288,7 @@ def draw_trial(
     style: str,
     values: Mapping[str, Any],
     seed: int,
-    hand: HandLayout,
+    hand: HandCard,
 ) -> PlannedTrial:
     """Draw a trial from the stream of its number; values: the scene's over those of its style."""
     # The order of the draws is part of the format: another one changes every simulated set.
@@ -297,20 +297,27 @@ def draw_trial(
 
     # Thumb and fingers press equally hard against each other: each side's shares have the sum 1.
     share = 1.0 + drawn["share_spread"] * rng.uniform(-1.0, 1.0, hand.n_contacts)
+    touch: dict[str, float] = {}
+    touch_table = touch_parameters(values, hand)
+    if touch_table:
+        # A stream of its own: how the hand touches shifts no other draw.
+        touch_rng = stream(seed, number, "touch")
+        touch = draw_all(touch_table, values, touch_rng)
+        share = share[_leads(hand)] * load_factors(hand, touch, touch_rng)
     share[: hand.thumb] /= share[: hand.thumb].sum()
     share[hand.thumb :] /= share[hand.thumb :].sum()
 
     # Only a grip too weak for the weight lets an object fall.
     weak = rng.uniform() < drawn["weak_share"] or action == "fall"
     # The contacts of a hand are not equally stiff: each differs by up to a quarter.
-    stiffness = rng.uniform(0.8, 1.25, hand.n_contacts)
+    stiffness = rng.uniform(0.8, 1.25, hand.n_contacts)[_leads(hand)]
 
     return PlannedTrial(
         number,
         held,
         action,
         style,
-        drawn,
+        drawn | touch,
         supported=weak,
         grip_n=_grip_n(held, action, drawn, weak),
         share=share,
@@ -349,13 +356,31 @@ def _places_m(
     held: HeldObject,
     drawn: dict[str, float],
     rng: np.random.Generator,
-    hand: HandLayout,
+    hand: HandCard,
 ) -> np.ndarray:
     """[2, S]: contacts lie along a cylinder, or about the apex of a ball, which fingers wrap."""
     places = 1e-3 * drawn["offset_mm"] * rng.normal(size=(2, hand.n_contacts))
-    if not held.axial_radius_mm:
-        places[1] += hand.along_m
-    return places
+    if not hand.has_pads and not hand.across_m.any():
+        if not held.axial_radius_mm:
+            places[1] += hand.along_m
+        return places
+
+    # A pad moves as a whole, and its taxels keep their distances on a ball too.
+    places = places[:, _leads(hand)]
+    at_m = np.stack([hand.across_m, hand.along_m])
+    if held.axial_radius_mm:
+        for pad in hand.pads:
+            at_m[:, pad] -= at_m[:, pad].mean(axis=1, keepdims=True)
+    return places + at_m
+
+
+def _leads(hand: HandCard) -> list[int]:
+    """[S] the first contact of the pad of each contact, whose draws hold for all of the pad."""
+    leads = list(range(hand.n_contacts))
+    for pad in hand.pads:
+        for contact in pad:
+            leads[contact] = pad[0]
+    return leads
 
 
 def _direction(rng: np.random.Generator) -> np.ndarray:

@@ -23,6 +23,7 @@ from holdfast.simulation.effect import (
     step_settings,
     stream,
 )
+from holdfast.simulation.objects import sensed_of
 from holdfast.simulation.protocol import PlannedTrial, TrialsRow, draw_trial
 from holdfast.simulation.run import Done, StepSettings, TrialMotion, motions
 from holdfast.simulation.scene_file import SceneFile
@@ -258,6 +259,7 @@ class Scene:
         self, trial: PlannedTrial, t_s: FloatArray, forces_n: FloatArray
     ) -> tuple[Signal, dict[str, Drawn]]:
         """(signal in the scene's unit, draws) of forces [T, S, 3] at t_s [T] on the sensors."""
+        forces_n = sensed_of(trial.hand, forces_n)
         all_valid = np.ones(forces_n.shape[:2], dtype=np.bool_)
         signal = Signal(t_s, forces_n, all_valid)
 

@@ -21,7 +21,7 @@
     [effects.hall_noise]
 
     [hand]                   # a hand with other contacts than the default six
-    finger = 4               # contacts on each finger
+    card = "two-pad-gripper" # a hand card by name or path
 
     [controller]             # a hand that acts (holdfast/simulation/drive.py)
     name = "holdfast"
@@ -43,7 +43,7 @@ from typing import Any
 
 from holdfast.core.contract import UNITS, Unit
 from holdfast.core.errors import HoldfastError, UsageError
-from holdfast.core.hand_layout import HandLayout
+from holdfast.core.hand_card import HandCard, hand_of_counts, hand_of_section
 from holdfast.core.reading import Json, read_toml
 from holdfast.simulation import STYLES, find_scene_file
 from holdfast.simulation.drive import HandControl, read_control
@@ -60,6 +60,7 @@ from holdfast.simulation.objects import (
     HAND,
     OBJECT_KEYS,
     OBJECTS,
+    TOUCH,
     HeldObject,
     held_object,
 )
@@ -111,7 +112,7 @@ class SceneFile:
     effects      name -> values, in the order in which they run
     objects      all objects that a trial may name, the shipped ones included
     camera       numbers of CAMERA; None without one
-    hand         its contacts
+    hand         its contacts and sensors
     controller   None for a hand that keeps its grip
     text         of the file, as it was read
     """
@@ -126,7 +127,7 @@ class SceneFile:
     effects: dict[str, Json]
     objects: dict[str, HeldObject]
     camera: dict[str, float] | None
-    hand: HandLayout
+    hand: HandCard
     controller: HandControl | None
     text: str
 
@@ -259,7 +260,7 @@ class _SceneReader(NumberReader):
             if not isinstance(name, str) or name not in objects:
                 raise self.refused(f"{key}.objects", name, ", ".join(objects))
 
-        table = COMMON | ACTIONS[action]
+        table = COMMON | TOUCH | ACTIONS[action]
         given = {name: value for name, value in row.items() if name not in ROW_KEYS}
         self.require_known(given, table, f"{key}: {action}")
         # The file's values take precedence over those of the style.
@@ -301,11 +302,14 @@ class _SceneReader(NumberReader):
 
         return self.numbers("camera", self.table(raw, "camera"), CAMERA)
 
-    def hand(self, raw: Mapping[str, Any]) -> HandLayout:
-        """Contacts of thumb and fingers. Raises CardError."""
-        counts = self.numbers("hand", self.table(raw, "hand"), HAND)
+    def hand(self, raw: Mapping[str, Any]) -> HandCard:
+        """The hand of a card, or of numbers of contacts. Raises CardError."""
+        section = self.table(raw, "hand")
+        if "card" in section:
+            return hand_of_section(section, self)
+        counts = self.numbers("hand", section, HAND)
         thumb = self.whole("hand.thumb", counts["thumb"])
-        return HandLayout(thumb, self.whole("hand.finger", counts["finger"]))
+        return hand_of_counts(thumb, self.whole("hand.finger", counts["finger"]))
 
     def require_agreement(self, scene: SceneFile) -> None:
         """Raise CardError where keys contradict each other."""
@@ -344,6 +348,10 @@ class _SceneReader(NumberReader):
                 allowed = f"only together with [effects.{need}]"
                 raise self.refused(key, "in the scene", allowed)
 
+        numbers = scene.effects[effect.name].get("sensors", [])
+        if max(numbers, default=0) > scene.hand.n_sensors:
+            allowed = f"sensors from 1 to {scene.hand.n_sensors}"
+            raise self.refused(f"{key}.sensors", numbers, allowed)
         if scene.step_s > effect.longest_step_s:
             allowed = f"at most {effect.longest_step_s:g} s with {key}"
             raise self.refused("physics.step_s", scene.step_s, allowed)

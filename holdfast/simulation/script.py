@@ -98,6 +98,7 @@ class Script:
     holds, falls, sets_down, passes    [B] which trials have which action
     takes       [B] which have a person who moves the object, gently or not
     closed_m    [S, B] how far past contact a finger closes for its share of the grip
+    stays_open  [S, B] fingers that do not touch; None where all do
     push        [3, B] direction of taking
     weight_n    [B]
     boxed       there are boxes, at NO_BOX_M for trials that set nothing down
@@ -126,6 +127,9 @@ class Script:
         self.takes = self.passes | (actions == "pull")
         self.boxed = boxed or bool(self.sets_down.any())
 
+        # A finger that bears nothing stays open; None where all touch.
+        shares = np.stack([trial.share for trial in trials], axis=1)
+        self.stays_open = shares == 0.0 if (shares == 0.0).any() else None
         # Every contact bears its share of the grip of its side.
         grips_n = np.stack([trial.grip_n * trial.share for trial in trials], axis=1)
         # How far past contact a finger must close for that share.
@@ -214,6 +218,8 @@ class Script:
         # times shut, so that a disturbance of the motor fades as the hand opens
         motor_m = 1e-3 * self.drawn("motor_mm") * pulse * shut
         closure[self.body.thumb :] += motor_m
+        if self.stays_open is not None:
+            closure[self.stays_open] = -OPEN_GAP_M
         return closure
 
     def grip_share(self, k: int) -> FloatArray | float:

@@ -104,6 +104,7 @@ def spec_for(data: DataSet, groups: tuple[str, ...]) -> StepSpec:
         rate_hz=data.rate_hz,
         unit=data.unit,
         groups=groups,
+        hand=data.hand,
     )
 
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -21,6 +21,9 @@ from holdfast.core.errors import TooFewGroups
 from holdfast.core.reading import Json
 from holdfast.edge_runtime.preparation import Preparation
 from holdfast.training.timeline import Phase, RiskyEvent
+
+if TYPE_CHECKING:
+    from holdfast.core.hand_card import HandCard
 
 StringArray = npt.NDArray[np.str_]
 
@@ -120,6 +123,7 @@ class DataSet:
     notes: what a reader reports of the set, such as counts of windows, by name.
     lacks: situations the set does not have by its nature; any other absent class is an error.
     group_kind: what a group is: person, object, trial or block.
+    hand: its hand card, None where the set has none.
     """
 
     name: str
@@ -134,6 +138,7 @@ class DataSet:
     notes: Json = field(default_factory=dict)
     lacks: tuple[str, ...] = ()
     group_kind: str = "trial"
+    hand: HandCard | None = None
 
     @property
     def n_sensors(self) -> int:

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from holdfast.core.errors import CardError
-from holdfast.core.hand_layout import HandLayout
+from holdfast.core.hand_card import HandCard, hand_of_counts
 from holdfast.core.trial_file import read_trial
 from holdfast.simulation.body import SIDE, sides
 from holdfast.simulation.contacts import EFFECTS
@@ -22,7 +22,7 @@ from holdfast.simulation.scene import Scene, SimulatedTrial
 from holdfast.simulation.scene_file import read_scene_file
 from holdfast.training.datasets.thesis import load
 
-TWENTY = HandLayout(thumb=4, finger=4)
+TWENTY = hand_of_counts(4, 4)
 DIGITS = np.repeat(np.arange(5), [2, 1, 1, 1, 1]), np.repeat(np.arange(5), 4)
 ROWS = """
 [record]
@@ -76,7 +76,7 @@ def trials_of(tmp_path: Path, text: str) -> list[SimulatedTrial]:
     return made.run_together(made.trials())
 
 
-def even(trial: PlannedTrial, hand: HandLayout, digits: np.ndarray) -> PlannedTrial:
+def even(trial: PlannedTrial, hand: HandCard, digits: np.ndarray) -> PlannedTrial:
     """The trial with all fingers alike and at the apex, so that only the number of their contacts
     differs."""
     share = hand.part / np.array([2.0, 4.0])[np.where(digits > 0, 1, 0)]
@@ -94,11 +94,9 @@ def summed(motion: TrialMotion, digits: np.ndarray) -> np.ndarray:
 
 
 def test_the_thesis_hand_is_the_default(tmp_path):
-    assert (
-        scene(tmp_path, ROWS).file.hand == HandLayout() == HandLayout(thumb=2, finger=1)
-    )
-    assert HandLayout().part.tolist() == [1.0] * 6
-    assert (1e3 * HandLayout().along_m).tolist() == [
+    assert scene(tmp_path, ROWS).file.hand == hand_of_counts() == hand_of_counts(2, 1)
+    assert hand_of_counts().part.tolist() == [1.0] * 6
+    assert (1e3 * hand_of_counts().along_m).tolist() == [
         12.0,
         -12.0,
         33.0,
@@ -120,7 +118,7 @@ def test_a_finger_on_four_places_holds_as_the_same_finger_on_one(tmp_path):
     loop = made.settings
     moved = [
         list(motions([even(trial, hand, digits) for trial in made.trials()], loop))
-        for hand, digits in zip((HandLayout(), TWENTY), DIGITS, strict=True)
+        for hand, digits in zip((hand_of_counts(), TWENTY), DIGITS, strict=True)
     ]
     for six, twenty in zip(*moved, strict=True):
         assert (six.forces_n.shape[1], twenty.forces_n.shape[1]) == (6, 20)

@@ -26,7 +26,7 @@ from holdfast.core.errors import (
     UnitError,
     UsageError,
 )
-from holdfast.core.trial_layout import META, TACTILE, read_json
+from holdfast.core.trial_layout import HAND_FILE, META, TACTILE, read_json
 from holdfast.training.datasets.trials import has_thesis_layout
 from holdfast.training.progress import Part, ignored
 from holdfast.training.recording import (
@@ -84,9 +84,45 @@ def load(
         options |= {"seed": seed, "windows": windows, "part": part}
 
     data: DataSet = reader_of(layout).load(root, **options)
+    if layout in LAYOUTS:
+        data = with_hand(data, root)
     if hold_out is not None:
         data = regrouped(data, hold_out)
     return data if groups is None else keep_groups(data, groups, seed=seed)
+
+
+def with_hand(data: DataSet, root: Path) -> DataSet:
+    """The set with the hand card of its folder, where it has one.
+
+    Raises CardError, DataNotFound for a card that meta.json names and that is not there, and
+    ChannelError where it is another hand's.
+    """
+    path = root / HAND_FILE
+    named = read_json(root / META).get("hand")
+    if not path.is_file():
+        if named is None:
+            return data
+        raise DataNotFound(
+            f"no {HAND_FILE}, which {META} names",
+            where=root,
+            cause="a copy that is not complete",
+            next_step="copy the whole set again",
+        )
+
+    # Most sets have no hand card, and do not load its reader.
+    from holdfast.core.hand_card import read_hand_card
+
+    hand = read_hand_card(path)
+    made_with = named.get("sha256") if isinstance(named, dict) else None
+    if made_with not in (None, hand.sha256) or hand.n_sensors != data.n_sensors:
+        raise ChannelError(
+            f"{HAND_FILE} is the card of another hand",
+            where=path,
+            cause=f"{data.n_sensors} sensors recorded, {hand.n_sensors} on the card, "
+            "or a card that was changed after the recording",
+            next_step="put the card back with which the set was recorded",
+        )
+    return replace(data, hand=hand)
 
 
 def data_folder() -> Path:
@@ -185,6 +221,10 @@ def join(sets: Sequence[DataSet]) -> DataSet:
     first, *others = sets
     for other in others:
         require_alike(other, first)
+    # A set without a card fits any hand, so those with one are compared with each other.
+    with_card = [data for data in sets if data.hand is not None]
+    for other in with_card[1:]:
+        require_alike(other, with_card[0])
 
     # The same trials twice would be on both sides of a split, as two groups.
     names = [data.name for data in sets]
@@ -225,6 +265,7 @@ def join(sets: Sequence[DataSet]) -> DataSet:
         notes={"sets": notes},
         group_kind=_each_once(" and by ", group_kinds),
         lacks=tuple(lacks),
+        hand=with_card[0].hand if with_card else None,
     )
 
 
@@ -245,6 +286,8 @@ def require_alike(other: DataSet, first: DataSet) -> None:
     elif other.n_sensors != first.n_sensors:
         error, has = ChannelError, f"of {other.n_sensors} sensors"
         wanted = str(first.n_sensors)
+    elif other.hand and first.hand and not same_sides(other, first):
+        error, has, wanted = ChannelError, f"of {other.hand.name}", first.hand.name
     elif set(other.tasks) != set(first.tasks):
         error, has = LabelError, f"with the tasks {', '.join(other.tasks)}"
         wanted = ", ".join(first.tasks)
@@ -258,6 +301,13 @@ def require_alike(other: DataSet, first: DataSet) -> None:
         cause="recorded with other settings",
         next_step="use sets that were recorded alike, or one of them alone",
     )
+
+
+def same_sides(other: DataSet, first: DataSet) -> bool:
+    """Whether the sensors of two sets with hand cards are on the same sides."""
+    assert other.hand is not None
+    assert first.hand is not None
+    return other.hand.sensor_sides == first.hand.sensor_sides
 
 
 def _each_once(separator: str, texts: list[str]) -> str:

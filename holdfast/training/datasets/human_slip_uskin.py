@@ -16,6 +16,7 @@ import numpy as np
 
 from holdfast.core.contract import SITUATIONS, FloatArray, IntArray
 from holdfast.core.errors import ChannelError, ColumnError, EmptyRecording, NotANumber
+from holdfast.core.hand_card import read_hand_card
 from holdfast.edge_runtime.preparation import Preparation
 from holdfast.training.datasets import human_slip_labels as labels
 from holdfast.training.datasets.public_files import (
@@ -48,6 +49,8 @@ N_TAXELS = 16
 """3-axis taxels of the set's uSkin, hence 48 channels."""
 SIX_TAXELS = (5, 9, 10, 11, 12, 13)
 """The 18-channel case, counted from 1 as the set's own column names do."""
+SIX_TAXELS_CARD = "pinch-pad"
+"""The hand card with these taxels."""
 CAVEAT = (
     "The label is the rotation of the object, about half of it the wrist's (R2 0.53 with hand "
     "tilt); 'safe slip' here is an involuntary rotation of 5-15 deg, not a voluntary release; the "
@@ -133,6 +136,9 @@ def load(root: Path, *, channels: int = 18, in_hand: bool = False) -> DataSet:
         redistributable=False,
         caveat=CAVEAT,
         group_kind="person",
+        hand=read_hand_card(SIX_TAXELS_CARD)
+        if channels == 3 * len(SIX_TAXELS)
+        else None,
         notes={"unusable_trials": len(moves) - len(usable)},
     )
 

@@ -1,0 +1,373 @@
+"""The hand card (TOML): which sensors and bare contacts a hand has, on which side, and where.
+
+    name = "two-pads"
+    about = "A gripper with one pad on each jaw"
+
+    [[sensors]]              # the thumb's side first; channels follow in the order of the file
+    name = "left-jaw"
+    side = "thumb"           # or "opposing"
+    along_mm = 0             # place along the object's axis, upwards
+    across_mm = 0            # place across it
+
+    [[sensors]]
+    name = "right-jaw"
+    side = "opposing"
+    along_mm = 0
+    across_mm = 0
+
+Further keys of a sensor: `pad` names the soft pad that it shares with others (taxels), which bear
+the pad's load by a pressure profile; `stiffness` over that of one fingertip (default: the taxels of
+a pad share one fingertip's); `sensed = false` for a contact without a sensor: it has no channels.
+
+All contacts press along the axis from thumb to fingers; a card turns none of them.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from holdfast.core.contract import BoolArray, FloatArray
+from holdfast.core.errors import CardError
+from holdfast.core.reading import CardReader, Json, read_toml
+
+Side = Literal["thumb", "opposing"]
+SIDES: tuple[Side, ...] = ("thumb", "opposing")
+HANDS = Path(__file__).resolve().parent / "hands"
+"""The folder of the hand cards that are installed with Holdfast."""
+FEWEST_SENSORS, MOST_SENSORS = 2, 12
+MOST_CONTACTS = 32
+"""With those that have no sensor."""
+FARTHEST_MM = 100.0
+"""Of a place from the middle of the hand."""
+STIFFNESS = (0.01, 100.0)
+"""Smallest and largest stiffness over that of one fingertip."""
+
+THUMB_MM, FINGER_MM = 48.0, 22.0
+"""Widths along the object's axis, contacts of a hand without a card spread evenly over each."""
+FINGERS_AT_MM = (33.0, 11.0, -11.0, -33.0)
+"""Middles of index, middle, ring, little."""
+
+
+@dataclass(frozen=True)
+class HandContact:
+    """One place at which the hand touches.
+
+    along_mm, across_mm  place along the object's axis and across it
+    pad                  contacts with the same name lie in one soft pad; empty: on its own
+    stiffness            over that of one fingertip
+    sensed               False for a contact without a sensor
+    """
+
+    name: str
+    side: Side
+    along_mm: float
+    across_mm: float = 0.0
+    pad: str = ""
+    stiffness: float = 1.0
+    sensed: bool = True
+
+
+@dataclass(frozen=True)
+class HandCard:
+    """A checked hand card; the contacts of the thumb's side come first.
+
+    text, sha256: of the file, as it was read; empty for a hand without a file.
+    """
+
+    name: str
+    contacts: tuple[HandContact, ...]
+    text: str = ""
+    sha256: str = ""
+
+    @property
+    def n_contacts(self) -> int:
+        """S, contacts of the whole hand."""
+        return len(self.contacts)
+
+    @property
+    def n_sensors(self) -> int:
+        """Contacts that have a sensor; each has three channels."""
+        return len(self.sensor_sides)
+
+    @property
+    def thumb(self) -> int:
+        """Contacts of the thumb's side."""
+        return [contact.side for contact in self.contacts].count("thumb")
+
+    @property
+    def sensor_sides(self) -> tuple[Side, ...]:
+        """The side of every sensor, in the order of the channels."""
+        return tuple(contact.side for contact in self.contacts if contact.sensed)
+
+    @property
+    def sensed(self) -> BoolArray:
+        """[S] which contacts have a sensor."""
+        return np.array([contact.sensed for contact in self.contacts])
+
+    @property
+    def part(self) -> FloatArray:
+        """[S] a contact's stiffness over that of one fingertip."""
+        return np.array([contact.stiffness for contact in self.contacts])
+
+    @property
+    def along_m(self) -> FloatArray:
+        """[S] positions of the contacts along the axis of a cylinder."""
+        return 1e-3 * np.array([contact.along_mm for contact in self.contacts])
+
+    @property
+    def across_m(self) -> FloatArray:
+        """[S] positions of the contacts across that axis."""
+        return 1e-3 * np.array([contact.across_mm for contact in self.contacts])
+
+    @property
+    def pads(self) -> list[list[int]]:
+        """The contacts of each pad, in the order of the card; a contact on its own is a pad."""
+        places: dict[str | int, list[int]] = {}
+        for k, contact in enumerate(self.contacts):
+            places.setdefault(contact.pad or k, []).append(k)
+        return list(places.values())
+
+    @property
+    def has_pads(self) -> bool:
+        """Whether any pad has several contacts."""
+        return len(self.pads) < self.n_contacts
+
+    def in_words(self) -> str:
+        """One line for people: the card and its sensors, side by side."""
+        sides = self.sensor_sides
+        thumb, opposing = sides.count("thumb"), sides.count("opposing")
+        counts = f"{thumb} on the thumb's side, {opposing} opposing"
+        return f"hand: {self.name}, {len(sides)} sensors ({counts})"
+
+    def to_json(self) -> Json:
+        """For a model's metadata: the contacts and what the file was, without its text."""
+        value = asdict(self)
+        del value["text"]
+        return value
+
+
+def hand_from_json(value: Any) -> HandCard:
+    """The inverse of HandCard.to_json. Raises KeyError, TypeError, AttributeError or ValueError."""
+    contacts = tuple(HandContact(**contact) for contact in value["contacts"])
+    hand = HandCard(str(value["name"]), contacts, sha256=str(value["sha256"]))
+    if not hand.n_sensors or not set(hand.sensor_sides) <= set(SIDES):
+        raise ValueError("a hand without sensors, or with a sensor on no side")
+    return hand
+
+
+def hand_of_counts(thumb: int = 2, finger: int = 1) -> HandCard:
+    """A hand by its numbers of contacts on thumb and each finger; default: the thesis' hand.
+
+    Each contact has an equal part of its finger's stiffness, the thumb's being that of two.
+    """
+    contacts = []
+    for k, place_mm in enumerate(_spread(THUMB_MM, thumb), 1):
+        contacts.append(
+            HandContact(f"thumb-{k}", "thumb", place_mm, stiffness=2.0 / thumb)
+        )
+    for number, middle_mm in enumerate(FINGERS_AT_MM, 1):
+        for k, place_mm in enumerate(_spread(FINGER_MM, finger), 1):
+            contacts.append(
+                HandContact(
+                    f"finger-{number}-{k}",
+                    "opposing",
+                    place_mm + middle_mm,
+                    stiffness=1.0 / finger,
+                )
+            )
+    return HandCard(f"{thumb} and {finger} contacts", tuple(contacts))
+
+
+def _spread(width_mm: float, count: int) -> list[float]:
+    """Middles of equal parts of a width, centred on 0, the uppermost first."""
+    places: list[float] = (width_mm * (0.5 - (np.arange(count) + 0.5) / count)).tolist()
+    return places
+
+
+def pad_pressure(
+    hand: HandCard, pad: list[int], patch_m: float, off_m: FloatArray
+) -> FloatArray:
+    """Pressure on each taxel of a soft pad, over that in the middle of the contact.
+
+    p ~ sqrt(1 - (r / a)^2), r the distance from the middle of contact and a its radius patch_m
+    (Hertz; Johnson, "Contact mechanics", 1985, 3.57). off_m [2]: that middle across and along, from
+    the middle of the pad. Where no taxel lies in the contact, the nearest bears all.
+    """
+    places_m = np.stack([hand.across_m[pad], hand.along_m[pad]])
+    from_middle_m = places_m - places_m.mean(axis=1, keepdims=True) - off_m[:, None]
+    distance_m = np.hypot(from_middle_m[0], from_middle_m[1])
+
+    inside = 1.0 - (distance_m / patch_m) ** 2
+    pressure: FloatArray = np.sqrt(np.maximum(inside, 0.0))
+    if not pressure.any():
+        pressure[distance_m.argmin()] = 1.0
+    return pressure
+
+
+def open_contacts(hand: HandCard, touching: int, rng: np.random.Generator) -> list[int]:
+    """The contacts of the pads that stay open, chosen at random; one pad a side touches."""
+    pads = hand.pads
+    order = [pads[k] for k in rng.permutation(len(pads))]
+    of_thumb = [pad for pad in order if pad[0] < hand.thumb]
+    opposing = [pad for pad in order if pad[0] >= hand.thumb]
+
+    left = of_thumb[1:] + opposing[1:]
+    left.sort(key=order.index)
+    still_open = left[max(0, touching - 2) :]
+    return [contact for pad in still_open for contact in pad]
+
+
+def shipped_hands() -> list[str]:
+    """Names of the hand cards that are installed with Holdfast, sorted."""
+    return sorted(path.stem for path in HANDS.glob("*.toml"))
+
+
+def find_hand_card(name: str, folder: Path | None = None) -> Path:
+    """A shipped hand card by name, or a file, seen from the folder first. Raises CardError."""
+    if name in shipped_hands():
+        return HANDS / f"{name}.toml"
+
+    for path in ((folder or Path()) / name, Path(name)):
+        try:
+            if path.is_file():
+                return path
+        except (OSError, ValueError):
+            continue  # a name that no file can have
+
+    raise CardError(
+        f"no hand card {name!r:.80}",
+        cause="neither a shipped hand card nor a file",
+        next_step=f"choose from {', '.join(shipped_hands())}, or give the path of a card",
+    )
+
+
+def read_hand_card(name: str | Path, folder: Path | None = None) -> HandCard:
+    """Read and check a hand card by name or path. Raises CardError."""
+    path = find_hand_card(str(name), folder)
+    text, raw = read_toml(path)
+    return _HandReader(path).card(raw, text)
+
+
+def hand_of_section(section: Json, reader: CardReader) -> HandCard:
+    """The hand that the section [hand] of a scene file names. Raises CardError."""
+    name = section["card"]
+    if not isinstance(name, str) or len(section) > 1:
+        allowed = 'card = "NAME or path" alone, or numbers of contacts'
+        raise reader.refused("hand", section, allowed)
+    return read_hand_card(name, reader.path.parent)
+
+
+class _HandReader(CardReader):
+    """Checks one hand card, contact by contact, then the hand as a whole."""
+
+    def card(self, raw: Json, text: str) -> HandCard:
+        """The card of a file's tables. Raises CardError."""
+        self.require_known(raw, ("name", "about", "sensors"), "key")
+        rows = raw.get("sensors")
+        if not isinstance(rows, list) or not rows:
+            raise self.refused("sensors", rows, "[[sensors]] tables with name and side")
+        if len(rows) > MOST_CONTACTS:
+            most = f"at most {MOST_CONTACTS} contacts"
+            raise self.refused("sensors", f"{len(rows)} contacts", most)
+
+        tables = []
+        pads: list[str] = []
+        for k, row in enumerate(rows):
+            table = self.require_table(f"sensors[{k}]", row)
+            tables.append(table)
+            pads.append(self.word(f"sensors[{k}].pad", table.get("pad", "")))
+
+        contacts = []
+        for k, table in enumerate(tables):
+            # The taxels of a pad share the stiffness of one fingertip.
+            mates = pads.count(pads[k]) if pads[k] else 1
+            contacts.append(self.contact(f"sensors[{k}]", table, 1.0 / mates))
+
+        self.require_hand(contacts)
+        name = self.word("name", raw.get("name", self.path.stem))
+        digest = hashlib.sha256(text.encode()).hexdigest()
+        return HandCard(name, tuple(contacts), text, digest)
+
+    def contact(
+        self, key: str, table: Mapping[str, Any], stiffness: float
+    ) -> HandContact:
+        """One [[sensors]] table; stiffness: where the card gives none. Raises CardError."""
+        self.require_known(table, HandContact.__dataclass_fields__, key)
+        for needed in ("name", "side", "along_mm"):
+            if needed not in table:
+                allowed = f"given for every sensor, as {EXAMPLES[needed]}"
+                raise self.refused(f"{key}.{needed}", None, allowed)
+        if table["side"] not in SIDES:
+            raise self.refused(f"{key}.side", table["side"], " or ".join(SIDES))
+
+        sensed = table.get("sensed", True)
+        if not isinstance(sensed, bool):
+            raise self.refused(f"{key}.sensed", sensed, "true or false")
+
+        return HandContact(
+            name=self.word(f"{key}.name", table["name"]),
+            side=table["side"],
+            along_mm=self.place(f"{key}.along_mm", table["along_mm"]),
+            across_mm=self.place(f"{key}.across_mm", table.get("across_mm", 0.0)),
+            pad=table.get("pad", ""),
+            stiffness=self.number(
+                f"{key}.stiffness", table.get("stiffness", stiffness), *STIFFNESS, ""
+            ),
+            sensed=sensed,
+        )
+
+    def require_hand(self, contacts: list[HandContact]) -> None:
+        """Raise CardError for contacts that are no hand."""
+        n_sensors = [contact.sensed for contact in contacts].count(True)
+        if not FEWEST_SENSORS <= n_sensors <= MOST_SENSORS:
+            allowed = f"{FEWEST_SENSORS} to {MOST_SENSORS} sensors (sensed = true)"
+            raise self.refused("sensors", f"{n_sensors} sensors", allowed)
+
+        sides = [contact.side for contact in contacts]
+        for side in SIDES:
+            if side not in sides:
+                needed = (
+                    "a contact on either side; one without a sensor has sensed = false"
+                )
+                raise self.refused("sensors", f"none on side {side}", needed)
+        if sides != sorted(sides, key=SIDES.index):
+            allowed = "the contacts of the thumb's side before all others"
+            raise self.refused("sensors", "sides in mixed order", allowed)
+
+        names = [contact.name for contact in contacts]
+        side_of_pad: dict[str, str] = {}
+        for contact in contacts:
+            if names.count(contact.name) > 1:
+                raise self.refused("name", contact.name, "a name that no other has")
+            if not contact.pad:
+                continue
+            if side_of_pad.setdefault(contact.pad, contact.side) != contact.side:
+                raise self.refused("pad", contact.pad, "all its contacts on one side")
+
+    def word(self, key: str, value: Any) -> str:
+        """A name. Raises CardError."""
+        if not isinstance(value, str) or len(value) > 80:
+            raise self.refused(key, value, "a text of at most 80 characters")
+        return value
+
+    def place(self, key: str, value: Any) -> float:
+        """A place in mm. Raises CardError."""
+        return self.number(key, value, -FARTHEST_MM, FARTHEST_MM, " mm")
+
+    def number(self, key: str, value: Any, low: float, high: float, unit: str) -> float:
+        """A number within a range. Raises CardError."""
+        is_number = isinstance(value, int | float) and not isinstance(value, bool)
+        # nan fails both comparisons
+        if not is_number or not low <= value <= high:
+            raise self.refused(key, value, f"a number from {low:g} to {high:g}{unit}")
+        return float(value)
+
+
+EXAMPLES = {"name": '"thumb-tip"', "side": '"thumb"', "along_mm": "12.0"}
+"""What an error shows for a key that is missing."""

@@ -1,0 +1,327 @@
+"""Hand cards: what they refuse, how a hand of one touches, and where a card goes from there."""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from small_model import artifact, card_of, graph_of, spec
+
+from holdfast.core.errors import CardError, ChannelError, DataNotFound, NotAModel
+from holdfast.core.hand_card import (
+    HandCard,
+    hand_of_counts,
+    read_hand_card,
+    shipped_hands,
+)
+from holdfast.edge_runtime.model_file import read_card
+from holdfast.evaluation.window_scores import require_model_fits
+from holdfast.export.exporting import model_card, seal
+from holdfast.export.spec import StepSpec
+from holdfast.simulation.folder import write_set
+from holdfast.simulation.objects import load_factors
+from holdfast.simulation.scene import Scene, SimulatedTrial
+from holdfast.simulation.scene_file import read_scene_file
+from holdfast.training.datasets import join, load
+from holdfast.training.featurise import spec_for
+
+ROWS = """
+[record]
+rate_hz = 60
+[physics]
+step_s = 0.006
+[[trials]]
+objects = ["soft-ball", "empty-bottle"]
+action = "pass"
+weak_share = 0
+close_at_s = 0.1
+hold_s = 1.2
+tail_s = 0.2
+"""
+TWO = """
+name = "mine"
+[[sensors]]
+name = "a"
+side = "thumb"
+along_mm = 0
+[[sensors]]
+name = "b"
+side = "opposing"
+along_mm = 0
+"""
+BARE = '[[sensors]]\nname = "c"\nside = "opposing"\nalong_mm = 9\nsensed = false\n'
+HELD_S = 0.9
+
+
+def card(tmp_path: Path, text: str) -> HandCard:
+    path = tmp_path / "mine.toml"
+    path.write_text(text, encoding="utf-8")
+    return read_hand_card(path)
+
+
+def scene(tmp_path: Path, text: str) -> Scene:
+    path = tmp_path / "scene.toml"
+    path.write_text(text, encoding="utf-8")
+    return Scene(read_scene_file(str(path)), 100)
+
+
+def simulated(tmp_path: Path, text: str) -> list[SimulatedTrial]:
+    made = scene(tmp_path, text)
+    return made.run_together(made.trials())
+
+
+def hand_line(name: str) -> str:
+    return f'[hand]\ncard = "{name}"\n'
+
+
+def test_the_card_of_six_fingertips_is_the_default_hand(tmp_path: Path) -> None:
+    six, default = read_hand_card("six-fingertips"), hand_of_counts()
+    for name in ("part", "along_m", "across_m", "sensed"):
+        assert getattr(six, name).tolist() == getattr(default, name).tolist()
+    assert six.sensor_sides == default.sensor_sides
+
+    named = simulated(tmp_path, ROWS + hand_line("six-fingertips"))
+    for one, other in zip(named, simulated(tmp_path, ROWS), strict=True):
+        assert one.signal.values.tobytes() == other.signal.values.tobytes()
+        assert one.trial.drawn == other.trial.drawn
+
+
+@pytest.mark.parametrize(
+    ("name", "sides"),
+    [
+        ("two-pad-gripper", (1, 1)),
+        ("three-fingertips", (1, 2)),
+        ("six-fingertips", (2, 4)),
+        ("twelve-sensors", (4, 8)),
+        ("pinch-pad", (6, 0)),
+    ],
+)
+def test_a_hand_of_a_shipped_card_holds(
+    tmp_path: Path, name: str, sides: tuple[int, int]
+) -> None:
+    hand = read_hand_card(name)
+    counts = [hand.sensor_sides.count(side) for side in ("thumb", "opposing")]
+    assert tuple(counts) == sides
+
+    for one in simulated(tmp_path, ROWS + hand_line(name)):
+        assert one.signal.values.shape[1:] == (hand.n_sensors, 3)
+        held_n = one.motion.forces_n[round(HELD_S * 60), :, 2]
+        thumb_n, fingers_n = held_n[: hand.thumb].sum(), held_n[hand.thumb :].sum()
+        assert thumb_n > 1.0
+        assert thumb_n == pytest.approx(fingers_n, rel=0.2)
+
+
+def test_every_shipped_card_is_tested() -> None:
+    assert len(shipped_hands()) == 5
+
+
+def test_a_contact_without_a_sensor_presses_and_has_no_channels(tmp_path: Path) -> None:
+    (tmp_path / "mine.toml").write_text(TWO + BARE, encoding="utf-8")
+    # A path in a scene is seen from the scene's folder.
+    for one in simulated(tmp_path, ROWS + hand_line("mine.toml")):
+        assert one.signal.values.shape[1] == 2
+        assert one.motion.forces_n.shape[1] == 3
+        assert one.motion.forces_n[:, 2, 2].max() > 0.5
+        assert (one.signal.values == one.motion.forces_n[:, :2]).all()
+
+
+@pytest.mark.parametrize(
+    ("change", "named"),
+    [
+        (('side = "thumb"', 'side = "palm"'), ["sensors[0].side", "thumb or opposing"]),
+        (("along_mm = 0", "along_mm = 1e4"), ["sensors[0].along_mm", "-100 to 100"]),
+        (("along_mm = 0", "along_mm = nan"), ["sensors[0].along_mm", "mm"]),
+        (("along_mm = 0", "along_mm = true"), ["sensors[0].along_mm", "mm"]),
+        (("along_mm = 0\n", ""), ["sensors[0].along_mm", "every sensor"]),
+        (('name = "b"', 'name = "a"'), ["name", "'a'"]),
+        (('side = "opposing"', 'side = "thumb"'), ["opposing", "sensed = false"]),
+        (('side = "thumb"', 'side = "opposing"'), ["thumb", "either side"]),
+        (("along_mm = 0", "along_mm = 0\nsensed = 1"), ["sensed", "true or false"]),
+        (("along_mm = 0", "along_mm = 0\nsensed = false"), ["1 sensors", "2 to 12"]),
+        (("along_mm = 0", "along_mm = 0\nheight = 1"), ["height", "across_mm"]),
+        (("along_mm = 0", 'along_mm = 0\npad = "p"'), []),
+        (("along_mm = 0", "along_mm = 0\npad = 3"), ["sensors[0].pad", "text"]),
+        (("along_mm = 0", "along_mm = 0\nstiffness = 0"), ["stiffness", "0.01"]),
+        (('name = "mine"', "sensors = 3\n[x]"), ["not valid TOML"]),
+    ],
+)
+def test_a_card_that_is_no_hand_is_refused(
+    tmp_path: Path, change: tuple[str, str], named: list[str]
+) -> None:
+    text = TWO.replace(*change, 1)
+    if not named:
+        assert card(tmp_path, text).contacts[0].pad == "p"
+        return
+    with pytest.raises(CardError) as error:
+        card(tmp_path, text)
+    for word in named:
+        assert word in str(error.value)
+
+
+def test_mixed_sides_and_a_pad_on_both_are_refused(tmp_path: Path) -> None:
+    third = BARE.replace('"opposing"', '"thumb"')
+    with pytest.raises(CardError, match="before all others"):
+        card(tmp_path, TWO + third)
+    with pytest.raises(CardError, match="on one side"):
+        card(tmp_path, TWO.replace("along_mm = 0", 'along_mm = 0\npad = "p"'))
+
+
+@pytest.mark.parametrize("line", ["card = 3\n", 'card = "pinch-pad"\nthumb = 2\n'])
+def test_a_scene_names_one_card_or_counts(tmp_path: Path, line: str) -> None:
+    with pytest.raises(CardError, match="card ="):
+        scene(tmp_path, ROWS + "[hand]\n" + line)
+    with pytest.raises(CardError, match="six-fingertips"):
+        scene(tmp_path, ROWS + hand_line("no-such-hand"))
+
+
+def test_an_effect_on_a_sensor_that_the_hand_lacks_is_refused(tmp_path: Path) -> None:
+    effect = "[effects.dipole]\n[effects.magnet_reversed]\nsensors = [3]\n"
+    scene(tmp_path, ROWS + hand_line("three-fingertips") + effect)
+    with pytest.raises(CardError, match=r"sensors from 1 to 2"):
+        scene(tmp_path, ROWS + hand_line("two-pad-gripper") + effect)
+
+
+def test_the_taxels_of_a_pad_bear_its_load_by_the_pressure_of_a_round_contact() -> None:
+    hand = read_hand_card("pinch-pad")
+    centred = {"patch_mm": 10.0, "press_off_mm": 0.0}
+    factors = load_factors(hand, centred, np.random.default_rng(0))
+
+    pad = hand.pads[0]
+    places = np.stack([hand.along_m[pad], hand.across_m[pad]])
+    off_m = np.hypot(*(places - places.mean(axis=1, keepdims=True)))
+    law = np.sqrt(np.clip(1.0 - (off_m / 0.01) ** 2, 0.0, None))
+    assert factors[pad] == pytest.approx(law)
+    assert law.max() > 1.3 * law[law > 0].min()
+
+    # A contact smaller than the distance of two taxels still rests on one.
+    tiny = load_factors(hand, {**centred, "patch_mm": 0.5}, np.random.default_rng(0))
+    assert (tiny[pad] > 0).sum() == 1
+
+
+@pytest.mark.parametrize("touching", [2, 4, 6])
+def test_fingers_that_do_not_touch_feel_nothing_and_the_others_bear_all(
+    tmp_path: Path, touching: int
+) -> None:
+    given = f"touching = {touching}\nshare_spread = 0.6\n"
+    trials = simulated(tmp_path, ROWS + given)
+    for one, whole in zip(trials, simulated(tmp_path, ROWS), strict=True):
+        share = one.trial.share
+        assert (share > 0.0).sum() == touching
+        assert share[:2].sum() == pytest.approx(1.0)
+        assert share[2:].sum() == pytest.approx(1.0)
+
+        felt = one.motion.forces_n[:, share == 0.0]
+        assert felt.shape[1] == 6 - touching
+        assert not felt.any()
+        # Nothing else of the trial is drawn otherwise.
+        drawn = {**one.trial.drawn, "share_spread": 0.2}
+        assert drawn.pop("touching") == touching
+        assert drawn == whole.trial.drawn
+        assert one.trial.grip_n == whole.trial.grip_n
+
+
+def test_which_fingers_touch_differs_from_trial_to_trial(tmp_path: Path) -> None:
+    text = ROWS + "touching = { uniform = [2, 6] }\ncount = 10\n"
+    found = {tuple(trial.share > 0.0) for trial in scene(tmp_path, text).trials()}
+    assert len(found) > 8
+
+
+@pytest.fixture(scope="module")
+def sets(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """Sets of three hands of six sensors: of a card, of another card, of none."""
+    folder = tmp_path_factory.mktemp("sets")
+    lines = {
+        "six": hand_line("six-fingertips"),
+        "pinch": hand_line("pinch-pad"),
+        "none": "",
+    }
+    for name, line in lines.items():
+        write_set(scene(folder, ROWS + line), folder / name, 2)
+    return {name: folder / name for name in lines}
+
+
+def test_a_set_names_its_card_and_has_it_with_it(sets: dict[str, Path]) -> None:
+    meta = json.loads((sets["pinch"] / "meta.json").read_text("utf-8"))
+    hand = read_hand_card("pinch-pad")
+    assert meta["hand"] == {"card": "pinch-pad", "sha256": hand.sha256}
+    assert (sets["pinch"] / "hand.toml").read_text("utf-8") == hand.text
+
+    assert not (sets["none"] / "hand.toml").exists()
+    assert "hand" not in json.loads((sets["none"] / "meta.json").read_text("utf-8"))
+
+
+def test_sets_of_hands_with_other_sides_are_not_joined(sets: dict[str, Path]) -> None:
+    made = {name: load(path, windows="natural") for name, path in sets.items()}
+    with pytest.raises(ChannelError, match=r"pinch-pad.*six-fingertips"):
+        join([made["six"], made["pinch"]])
+    # A set without a card may be of any hand with as many sensors.
+    named = [replace(made[name], name=name) for name in ("none", "six", "pinch")]
+    assert join(named[:2]).hand == made["six"].hand
+    with pytest.raises(ChannelError, match=r"pinch-pad.*six-fingertips"):
+        join(named)
+
+
+def test_a_set_with_the_card_of_another_hand_is_refused(
+    sets: dict[str, Path], tmp_path: Path
+) -> None:
+    write_set(scene(tmp_path, ROWS + hand_line("pinch-pad")), tmp_path / "set", 2)
+    copy = tmp_path / "set" / "hand.toml"
+    copy.write_bytes((sets["six"] / "hand.toml").read_bytes())
+    with pytest.raises(ChannelError, match="another hand"):
+        load(tmp_path / "set", windows="natural")
+    copy.unlink()
+    with pytest.raises(DataNotFound, match=re.escape("no hand.toml")):
+        load(tmp_path / "set", windows="natural")
+
+
+def test_a_model_carries_the_card_and_is_not_scored_on_another_hand(
+    sets: dict[str, Path],
+) -> None:
+    pinch, six = (load(sets[name], windows="natural") for name in ("pinch", "six"))
+    made = artifact(replace(spec(("now",), n_sensors=6), hand=pinch.hand))
+    data = seal(graph_of(made), model_card(made), made.spec)
+    stored = read_card({"holdfast.card": json.dumps(card_of(data)), **SEALED})
+    assert stored.hand is not None
+    assert stored.hand.sensor_sides == ("thumb",) * 6
+    assert stored.hand.sha256 == read_hand_card("pinch-pad").sha256
+    assert stored.hand.in_words().startswith("hand: pinch-pad, 6 sensors")
+
+    class Opened:
+        card = replace(stored, rate_hz=60.0)
+
+    require_model_fits(Opened(), pinch)  # type: ignore[arg-type]
+    with pytest.raises(ChannelError, match="six-fingertips"):
+        require_model_fits(Opened(), six)  # type: ignore[arg-type]
+
+
+SEALED = {"holdfast.sha256": "0" * 64}
+
+
+def test_a_card_stays_with_the_step_that_is_trained(sets: dict[str, Path]) -> None:
+    data = load(sets["pinch"], windows="natural")
+    made = spec_for(data, ("now",))
+    assert made.hand == data.hand
+    again = StepSpec.from_json(made.to_json())
+    assert again.hand is not None
+    assert again.hand.contacts == data.hand.contacts  # type: ignore[union-attr]
+    assert (
+        "hand"
+        not in spec_for(load(sets["none"], windows="natural"), ("now",)).to_json()
+    )
+    with pytest.raises(ChannelError, match="the card"):
+        replace(made, n_sensors=5, min_valid_sensors=0)
+
+
+def test_a_damaged_card_in_a_model_is_a_typed_error() -> None:
+    made = artifact(spec())
+    data = seal(graph_of(made), model_card(made), made.spec)
+    card = card_of(data)
+    for wrong in (3, {"name": "x"}, {"name": "x", "contacts": [], "sha256": ""}):
+        card["spec"]["hand"] = wrong
+        stored = read_card({"holdfast.card": json.dumps(card), **SEALED})
+        with pytest.raises(NotAModel, match="hand card"):
+            _ = stored.hand
