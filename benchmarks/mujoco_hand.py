@@ -71,9 +71,10 @@ class MujocoWorld:
             return
         drive = self._ours.actuator
         script = self._ours.script
-        grips_n = [drive.step(target_n, self._dt_s).copy() for _ in range(self._pieces)]
-        script.grip_n = np.stack(grips_n)
         ends_s = (at + np.arange(1, self._pieces + 1) / self._pieces) / self._rate_hz
+        script.own_n = script.own_place_n(ends_s[:, None] + 0.0 * target_n)
+        places_n = [drive.step(target_n, self._dt_s, own_n) for own_n in script.own_n]
+        script.place_n = np.stack(places_n)
         for now, t_s in zip(
             script.chunk(ends_s[:, None] + 0.0 * target_n), ends_s, strict=True
         ):

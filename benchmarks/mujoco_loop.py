@@ -24,7 +24,7 @@ from holdfast.core.contract import FloatArray
 from holdfast.core.errors import UsageError
 from holdfast.core.writing import require_writable, write_whole
 from holdfast.edge_runtime.model import Model
-from holdfast.evaluation.closed_loop import ThreeRuns
+from holdfast.evaluation.loop_figures import ThreeRuns
 from holdfast.simulation.closed_loop import ClosedLoop, managed
 from holdfast.simulation.loop_people import LoopOutcome
 from holdfast.simulation.protocol import PlannedTrial
@@ -164,12 +164,15 @@ def _run(
         loop.world = MujocoWorld(loop.world)  # type: ignore[assignment]
     forces_n = []
     grip_n = []
+    own_n = []
     for period in range(loop.spans.periods):
         target_n = loop.decide(period)
         grip_n.append(loop.actuator.grip_n[0])
+        own_n.append(loop.actuator.wearers_n[0])
         loop.world.advance(period, target_n)
         forces_n.append(loop.world.forces_n[0].copy())
-    outcome = loop._outcome(0, np.array(grip_n, dtype=np.float32))
+    grips = np.array([grip_n, own_n], dtype=np.float32)
+    outcome = loop.outcome(0, grips[0], grips[1])
     t_s = (loop.spans.begins[0] + 1 + np.arange(len(forces_n))) / loop.rate_hz
     return LoopRun(outcome, t_s, np.array(forces_n))
 

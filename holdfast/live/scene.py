@@ -211,21 +211,20 @@ class LiveScene:
         self._strongest_n = max(self._strongest_n, float(self._drive.grip_n[0]))
 
     def _next_target_n(self) -> float:
-        """The target of the drive at this row, N a side."""
+        """The target of the drive at this row, N a side; 0 for none: the grip is the wearer's."""
         command = self._command
         row_s = self._row / ROWS_HZ
         if command is None:
-            return self._wearers_n
+            return 0.0
         # on the scene's clock, as the deadline of a real hand runs on its own
         expired = row_s - self._commanded_s > 1e-3 * EXPIRES_MS
         # a live command to idle or yield gives the grip back to the wearer
         if not expired and command.mode in ("idle", "yield"):
-            return self._wearers_n
+            return 0.0
         # without a target the motor stays where it is: the grip is held
         if expired or command.target_n is None:
-            return float(self._drive.motor_n[0])
-        # the controller only adds to what the wearer asks for
-        return max(command.target_n, self._wearers_n)
+            return float(self._drive.kept_n[0])
+        return command.target_n
 
 
 def _for_all(value: int) -> npt.NDArray[np.int64]:

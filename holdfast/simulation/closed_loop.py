@@ -44,7 +44,9 @@ MOST_TOGETHER = 500
 FALL_S = 1.0
 """A fall is watched at least this long: in it the object is gone, or at rest."""
 SPARE = 1.1
-"""The oracle's grip over what the largest load needs."""
+"""Grip over what the largest load needs: a tenth to spare."""
+CLOSURES = (SPARE, 1.5, 2.0, 3.0, np.inf)
+"""How far oracles close, over what the largest load needs; the last one to the drive's ceiling."""
 REACTION_S = 0.28
 """Median of the reaction of a wearer to a vibration, s."""
 REACTION_SPREAD = 0.25
@@ -194,22 +196,28 @@ class ClosedLoop:
         self.wearer = Wearer(trials, habits, scene.seed)
         self.controller = make(trials, self.rate_hz)
 
-        # Commands on their way: at first the wearer's grip.
-        self._late = [self.actuator.own_n.copy()] * settings.delay_samples
+        # Commands on their way: at first none.
+        self._late = [np.zeros(len(trials))] * settings.delay_samples
         self._agents_n = self.world.state.agents_n.copy()
 
     def run(self) -> list[LoopOutcome]:
         """Run to the end."""
         periods = self.spans.periods
         grip_n = np.zeros((periods, len(self.trials)), dtype=np.float32)
+        own_n = np.zeros_like(grip_n)
         for period in range(periods):
             target_n = self.decide(period)
             grip_n[period] = self.actuator.grip_n
+            own_n[period] = self.actuator.wearers_n
             self.world.advance(period, target_n)
-        return [self._outcome(k, grip_n[:, k]) for k in range(len(self.trials))]
+
+        outcomes = []
+        for k in range(len(self.trials)):
+            outcomes.append(self.outcome(k, grip_n[:, k], own_n[:, k]))
+        return outcomes
 
     def decide(self, period: int) -> FloatArray:
-        """[B] targets of the drives at a sample: never less than the wearer's grip."""
+        """[B] targets of the drives at a sample, 0 for none."""
         # A trial that has ended repeats its last sample.
         rows = np.minimum(self.spans.begins + period, self.spans.counts - 1)
         readings, lost = self.sensors.read(rows, self.world.forces_n)
@@ -225,8 +233,7 @@ class ClosedLoop:
         overridden = self._overridden(now)
         sense = replace(sense, opening=opening, overridden=overridden)
         # A queue: what is decided now acts delay_samples later.
-        wanted_n = self.controller.step(sense, now)
-        self._late.append(np.maximum(wanted_n, self.actuator.own_n))
+        self._late.append(self.controller.step(sense, now))
         return self._late.pop(0)
 
     def _overridden(self, now: LoopTruth) -> BoolArray:
@@ -239,12 +246,15 @@ class ClosedLoop:
         pulled_n = np.sqrt((change_n * change_n).sum(axis=0))
 
         # Only the grip beyond that of the wearer counts as resistance of the hand.
-        extra_n = now.grip_n - self.actuator.own_n
-        self.wearer.resist(now.t_s, extra_n, pulled_n, 1.0 / self.rate_hz)
+        own_n = self.actuator.wearers_n
+        extra_n = now.grip_n - own_n
+        self.wearer.resist(now.t_s, own_n, extra_n, pulled_n, 1.0 / self.rate_hz)
         return now.t_s >= self.wearer.overrode_s
 
-    def _outcome(self, k: int, grip_n: npt.NDArray[np.float32]) -> LoopOutcome:
-        """What became of trial k; grip_n [periods] of its drive."""
+    def outcome(
+        self, k: int, grip_n: npt.NDArray[np.float32], own_n: npt.NDArray[np.float32]
+    ) -> LoopOutcome:
+        """What became of trial k; grip_n, own_n [periods] of its drive and its wearer."""
         begin = int(self.spans.begins[k])
         end = int(self.spans.ends[k])
 
@@ -260,6 +270,8 @@ class ClosedLoop:
             rate_hz=self.rate_hz,
             mu_hat=float(self.controller.mu_hat[k]),
             grip_n=grip_n[: end - begin],
+            own_n=own_n[: end - begin],
+            gives_up_s=float(self.world.script.gives_up_s[k]),
         )
 
 
@@ -297,21 +309,27 @@ def _spans(
 
 
 class Oracle:
-    """The best that the drive can do: it knows each trial's action, friction and load.
+    """What one closure of the drive can do: it knows each trial's action, friction and load.
 
-    From the first sample after load onset it closes as fast as the drive can, until the grip holds
-    the largest load that will come by kinetic friction, with a tenth to spare; in a hand-over it
-    does nothing. What it cannot keep, no controller can: the drops that it keeps are the
-    preventable ones. onset_s [B]: load onset in a hand that does nothing, inf where there is none.
+    From the first sample after load onset it closes as fast as the drive can, until the grip is
+    `closure` times what holds the largest load that will come by kinetic friction; in a hand-over
+    it does nothing. onset_s [B]: load onset in a hand that does nothing, inf where there is none.
+
+    A further closure holds more, and may also push a curved object out of the hand, so none is the
+    best for every event: a drop is preventable where any of CLOSURES keeps the object.
     """
 
     def __init__(
-        self, trials: Sequence[PlannedTrial], onset_s: FloatArray, ceiling_n: float
+        self,
+        trials: Sequence[PlannedTrial],
+        onset_s: FloatArray,
+        ceiling_n: float,
+        closure: float = SPARE,
     ) -> None:
         self.ceiling_n = ceiling_n
         risky = np.array([trial.action in RISKY_ACTIONS for trial in trials])
         self.act_s = np.where(risky, onset_s, np.inf)
-        self.needed_n = np.array([needed_grip_n(trial) for trial in trials])
+        self.needed_n = np.array([needed_grip_n(trial, closure) for trial in trials])
         self.mu_hat = np.full(len(trials), np.nan)
 
     def step(self, sense: GripSense, now: LoopTruth) -> FloatArray:
@@ -322,8 +340,8 @@ class Oracle:
         return np.where(now.t_s >= self.act_s, close_n, 0.0)
 
 
-def needed_grip_n(trial: PlannedTrial) -> float:
-    """Grip of either side, N, that holds the weight and the largest pull by kinetic friction."""
+def needed_grip_n(trial: PlannedTrial, spare: float = SPARE) -> float:
+    """Grip of either side, N: `spare` times what holds the largest load by kinetic friction."""
     weight_n = trial.object.mass_g * 1e-3 * GRAVITY_M_S2
     pull_n = trial.drawn["cap_n"] if trial.action == "pull" else 0.0
     load_n = weight_n + pull_n
@@ -331,7 +349,7 @@ def needed_grip_n(trial: PlannedTrial) -> float:
     # Coulomb: both sides hold, each with friction times its normal force
     # The bound keeps the grip finite for an object without friction.
     friction = max(trial.kinetic_friction, 1e-3)
-    return SPARE * load_n / (2.0 * friction)
+    return spare * load_n / (2.0 * friction)
 
 
 class Managed:
@@ -404,12 +422,12 @@ def managed(
     return make
 
 
-def oracle(onset_s: dict[int, float], ceiling_n: float) -> Make:
+def oracle(onset_s: dict[int, float], ceiling_n: float, closure: float = SPARE) -> Make:
     """A maker of the oracle; onset_s: trial number -> load onset in a hand that does nothing."""
 
     def make(trials: Sequence[PlannedTrial], rate_hz: float) -> LoopController:
         onsets = np.array([onset_s[trial.number] for trial in trials])
-        return Oracle(trials, onsets, ceiling_n)
+        return Oracle(trials, onsets, ceiling_n, closure)
 
     return make
 

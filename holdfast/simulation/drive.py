@@ -1,7 +1,8 @@
 """The hand's drive: how far the grip follows its target, and how late.
 
 The drive is a motor behind a gear that cannot be driven back, so the grip stays as it is wherever
-the object goes. Its target is a grip in N a side; it closes to where that grip would be:
+the object goes. It grips for the larger of its target and the grip that its wearer asks for, in N a
+side, and closes to where that grip would be:
 
     speed:   v' = (clip((target - x - lag v) / lag, -v_max, v_max) - v) / lag
     grip:    x' = v,    0 <= x <= ceiling,    and backlash between motor and fingers
@@ -31,7 +32,7 @@ from typing import Any
 
 import numpy as np
 
-from holdfast.core.contract import FloatArray
+from holdfast.core.contract import BoolArray, FloatArray
 from holdfast.core.reading import Json
 from holdfast.edge_runtime.grip import CONTROLLERS
 from holdfast.simulation.effect import NumberReader, Parameter
@@ -117,7 +118,13 @@ def read_control(reader: NumberReader, raw: Mapping[str, Any]) -> HandControl | 
 
 
 class Actuator:
-    """B drives. grip_n [B]: the grip that the fingers' place gives, in N a side."""
+    """B drives, which follow the larger of the target and what the wearer's own control wants.
+
+    own_n     [B] the wearer's: the grip that the place of the hand would give, N a side, if no
+              target were given. Negative: so far open that this grip would be missing at contact
+    motor_n   [B] the same of the motor
+    place_n   [B] the same of the fingers behind the backlash
+    """
 
     def __init__(self, drive: Drive, trials: Sequence[PlannedTrial]) -> None:
         self.drive = drive
@@ -130,36 +137,81 @@ class Actuator:
         self.backlash_n = 1e-3 * drive.backlash_mm * per_m
         # Where the motor would hold the object, and where the fingers behind the backlash do.
         self.motor_n = self.own_n.copy()
-        self.grip_n = self.own_n.copy()
+        self.place_n = self.own_n.copy()
         self.speed_n_s = np.zeros(len(trials))
 
-    def step(self, target_n: FloatArray, dt_s: float) -> FloatArray:
-        """Follow target_n [B] for dt_s; returns the grip [B]."""
+    @property
+    def grip_n(self) -> FloatArray:
+        """[B] the grip that the fingers' place gives, N a side; an open hand gives none."""
+        grip_n: FloatArray = np.maximum(self.place_n, 0.0)
+        return grip_n
+
+    @property
+    def wearers_n(self) -> FloatArray:
+        """[B] the grip that the wearer asks for, N a side; an open hand has none."""
+        own_n: FloatArray = np.maximum(self.own_n, 0.0)
+        return own_n
+
+    @property
+    def kept_n(self) -> FloatArray:
+        """[B] the target that keeps the grip as it is; 0 where it is the wearer's own."""
+        kept_n: FloatArray = np.where(self._beyond(), self.motor_n, 0.0)
+        return kept_n
+
+    def _beyond(self) -> BoolArray:
+        """[B] whether the motor is beyond the wearer's grip, or still on its way back to it."""
+        away: BoolArray = self.motor_n - self.own_n > FELT_N
+        return away | (np.abs(self.speed_n_s) > FELT_N_S)
+
+    def step(
+        self, target_n: FloatArray, dt_s: float, own_n: FloatArray | None = None
+    ) -> FloatArray:
+        """Follow target_n [B] for dt_s, 0 for none; returns place_n [B].
+
+        own_n: the wearer's at the end of the step; None: as it was.
+        """
+        own_n = self.own_n if own_n is None else own_n
+        wanted_n = _larger(target_n, own_n)
+        # The way of a hand that only its wearer moves is given, drive and all.
+        follows = (wanted_n == own_n) & ~self._beyond()
+
         lag_s = 1e-3 * self.drive.lag_ms
-        ceiling_n = self.drive.ceiling_n
+        # A drive weaker than its wearer's grip does not open the hand.
+        ceiling_n = np.maximum(self.drive.ceiling_n, own_n)
         # x + lag v: where the motor would come to rest
         rest_n = self.motor_n + lag_s * self.speed_n_s
-        to_go_n = np.minimum(target_n, ceiling_n) - rest_n
+        to_go_n = np.minimum(wanted_n, ceiling_n) - rest_n
 
         # A lag shorter than the step would overshoot.
-        wanted = to_go_n / max(lag_s, dt_s)
-        wanted = np.clip(wanted, -self.fastest_n_s, self.fastest_n_s)
+        speed = to_go_n / max(lag_s, dt_s)
+        speed = np.clip(speed, -self.fastest_n_s, self.fastest_n_s)
 
         # Explicit Euler in the lag, or at once where the step is longer.
         share = 1.0 if lag_s <= dt_s else dt_s / lag_s
-        self.speed_n_s = self.speed_n_s + share * (wanted - self.speed_n_s)
-        moved_n = self.motor_n + self.speed_n_s * dt_s
-        self.motor_n = np.clip(moved_n, 0.0, ceiling_n)
+        speed_n_s = self.speed_n_s + share * (speed - self.speed_n_s)
+        moved_n = np.clip(self.motor_n + speed_n_s * dt_s, own_n, ceiling_n)
+        self.speed_n_s = np.where(follows, 0.0, speed_n_s)
+        self.motor_n = np.where(follows, own_n, moved_n)
 
         # The fingers rest until the motor has taken up the backlash.
-        self.grip_n = np.clip(self.grip_n, self.motor_n - self.backlash_n, self.motor_n)
-        return self.grip_n
+        behind_n = np.clip(self.place_n, self.motor_n - self.backlash_n, self.motor_n)
+        self.place_n = np.where(follows, own_n, behind_n)
+        self.own_n = own_n
+        return self.place_n
 
-    def moving(self, target_n: FloatArray) -> FloatArray:
-        """[B] whether the grip still changes by more than can be felt."""
-        far = np.abs(target_n - self.motor_n) > FELT_N
+    def moving(self, target_n: FloatArray) -> BoolArray:
+        """[B] whether a target still changes the grip by more than can be felt."""
+        far: BoolArray = (
+            np.abs(np.maximum(target_n, self.own_n) - self.motor_n) > FELT_N
+        )
         fast = np.abs(self.speed_n_s) > FELT_N_S
         return fast | far
+
+
+def _larger(target_n: FloatArray, own_n: FloatArray) -> FloatArray:
+    """[B] what a hand grips for: the larger of its target (0 for none) and the wearer's."""
+    larger_n = np.maximum(target_n, own_n)
+    return np.where(target_n > 0.0, larger_n, own_n)
 
 
 def stiffness_n_per_m(trials: Sequence[PlannedTrial]) -> FloatArray:

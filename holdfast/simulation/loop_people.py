@@ -57,23 +57,39 @@ class LoopScript(Script):
         first_pull_s = self.act_s + self.drawn("wait_s")
         self.gives_up_s = first_pull_s + patience_s
         self.lets_go_s = habits.lets_go_s
-        self.own_n = np.array([trial.grip_n for trial in trials])
-        self.grip_n: FloatArray = self.own_n[None]
-        """[n, B] grip of the drive in each step of the next chunk."""
+        self.grip_n = np.array([trial.grip_n for trial in trials])
+        # In each step of the next chunk [n, B]: the place of the wearer, and that of the drive.
+        self.own_n: FloatArray = self.grip_n[None]
+        self.place_n: FloatArray = self.grip_n[None]
 
-    def grip_share(self, k: int) -> FloatArray:
-        """[B] the hand's grip in step k of a chunk, over the wearer's."""
-        return self.grip_n[k] / self.own_n
+    def own_place_n(self, t_s: FloatArray) -> FloatArray:
+        """[n, B] grip that the wearer asks for at t_s [n, B], N a side, as Actuator.own_n.
+
+        Of the finger that is least closed: no finger of a drive that follows it is closed further
+        than the wearer would.
+        """
+        shut = self.shut(t_s)
+        pulse = self.pulse(t_s)
+        shares = []
+        for k in range(len(t_s)):
+            own_m = self.own_closure(shut[k], pulse[k])
+            shares.append((own_m / self.closed_m).min(axis=0))
+        place_n: FloatArray = np.stack(shares) * self.grip_n
+        # A closed hand is at its grip exactly, whatever the rounding.
+        still = (shut == 1.0) & (pulse == 0.0)
+        return np.where(still, self.grip_n, place_n)
+
+    def driven(self, k: int, own_m: FloatArray) -> FloatArray:
+        """[S, B] how far the fingers are closed: for the larger of the wearer's and the drive's."""
+        drive_m = self.closed_m * (self.place_n[k] / self.grip_n)
+        beyond = self.place_n[k] > self.own_n[k]
+        # in place: the layout in memory decides in which order numpy sums
+        return np.maximum(own_m, drive_m, out=own_m, where=beyond)
 
     def still_there(self, t_s: FloatArray) -> FloatArray:
         """[n, B] 1 while the other person pulls, 0 after giving up."""
         gone = (t_s - self.gives_up_s) / self.lets_go_s
         return 1.0 - smooth(gone)
-
-
-def held_n(trial: PlannedTrial) -> float:
-    """Force along the skin, N, that the wearer's grip holds by kinetic friction."""
-    return 2.0 * trial.kinetic_friction * trial.grip_n
 
 
 class Wearer:
@@ -97,7 +113,7 @@ class Wearer:
         self.hands_over = np.array(gives)
         self.act_s = np.array([at.act for at in times])
 
-        self.own_holds_n = np.array([held_n(trial) for trial in trials])
+        self.friction = np.array([trial.kinetic_friction for trial in trials])
         self.resisted_s = np.zeros(len(trials))
         self.overrode_s = np.full(len(trials), np.inf)
 
@@ -106,15 +122,21 @@ class Wearer:
         return t_s >= self.signal_s
 
     def resist(
-        self, t_s: FloatArray, extra_n: FloatArray, pulled_n: FloatArray, dt_s: float
+        self,
+        t_s: FloatArray,
+        own_n: FloatArray,
+        extra_n: FloatArray,
+        pulled_n: FloatArray,
+        dt_s: float,
     ) -> None:
         """One sample: the wearer overrides a hand that resists a hand-over for too long.
 
-        extra_n [B]: grip above the wearer's. pulled_n [B]: force of the other person or the box on
-        the object, beyond the one before the action; it is resisted where the wearer's grip would
-        have let go.
+        own_n [B]: the grip that the wearer asks for, N a side, and extra_n [B] the grip above it.
+        pulled_n [B]: force of the other person or the box on the object, beyond the one before the
+        action; it is resisted where the wearer's grip would have let go.
         """
-        would_go = pulled_n > self.own_holds_n
+        # Both sides hold by kinetic friction; an opening hand holds less and less.
+        would_go = pulled_n > 2.0 * self.friction * own_n
         handing_over = self.hands_over & (t_s >= self.act_s)
         # A hand at the wearer's grip resists no receiver.
         tighter = extra_n > self.habits.resisted_n
@@ -146,6 +168,8 @@ class LoopOutcome:
     rate_hz     of grip_n
     mu_hat      the last friction estimate, nan where no slip has shown it
     grip_n      [T] the grip of either side that the drive gave
+    own_n       [T] the grip that the wearer asked for
+    gives_up_s  the other person gives up
     """
 
     trial: PlannedTrial
@@ -158,6 +182,8 @@ class LoopOutcome:
     rate_hz: float
     mu_hat: float
     grip_n: npt.NDArray[np.float32]
+    own_n: npt.NDArray[np.float32]
+    gives_up_s: float = NEVER_S
 
     @property
     def act_s(self) -> float:
@@ -194,6 +220,8 @@ def outcome_of(
     rate_hz: float,
     mu_hat: float,
     grip_n: npt.NDArray[np.float32],
+    own_n: npt.NDArray[np.float32],
+    gives_up_s: float,
 ) -> LoopOutcome:
     """Read the outcome of a trial off its motion; the rest is what the loop knows of it."""
     act_s = Times.of(trial).act
@@ -230,6 +258,8 @@ def outcome_of(
         rate_hz=rate_hz,
         mu_hat=mu_hat,
         grip_n=grip_n,
+        own_n=own_n,
+        gives_up_s=gives_up_s,
     )
 
 

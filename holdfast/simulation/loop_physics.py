@@ -139,15 +139,17 @@ class HandsAndObjects:
         pieces = self.pieces
         dt_s = 1.0 / (rate_hz * pieces)
 
-        # The drive moves in every piece, whether or not the physics takes it.
-        grips_n = np.stack([self.actuator.step(target_n, dt_s) for _ in range(pieces)])
-
         within = (np.arange(pieces)[:, None] + 1) / pieces
         ends_s = (at + within) / rate_hz
 
+        # The drive moves in every piece, whether or not the physics takes it.
+        own_n = self.script.own_place_n(ends_s)
+        places_n = [self.actuator.step(target_n, dt_s, each_n) for each_n in own_n]
+
         # Without fine steps only the inputs at the end of the period are needed.
         first = 0 if fine.size else pieces - 1
-        self.script.grip_n = grips_n[first:]
+        self.script.own_n = own_n[first:]
+        self.script.place_n = np.stack(places_n[first:])
         fine_part = _Part(self, fine)
         coarse_part = _Part(self, coarse)
 

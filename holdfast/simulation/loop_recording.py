@@ -210,7 +210,7 @@ class RecordedLoop:
         # Before the loop: no command, and the wearer's grip.
         rows = np.full((count, len(GRIP_COLUMNS)), np.nan)
         rows[:, COMMANDS - 1] = IDLE
-        rows[:, COMMANDS] = self.loop.actuator.own_n[trial]
+        rows[:, COMMANDS] = self.loop.trials[trial].grip_n
 
         periods = ends - begins
         rows[begins:ends] = self._rows[:periods, :, trial]

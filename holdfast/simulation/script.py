@@ -148,8 +148,8 @@ class Script:
 
     def chunk(self, t_s: FloatArray) -> list[Inputs]:
         """Inputs at the ends of n steps, t_s [n, B]."""
-        shut = self._shut(t_s)
-        pulse = self._pulse(t_s)
+        shut = self.shut(t_s)
+        pulse = self.pulse(t_s)
         people = [self._giver(t_s)]
         if self.takes.any():
             people.append(self._taker(t_s))
@@ -168,20 +168,19 @@ class Script:
                 if acts[k]:
                     pulls.append(person.at(k))
 
-            share = self.grip_share(k)
-            closure = self._closure(shut[k], pulse[k], share)
+            closure = self.driven(k, self.own_closure(shut[k], pulse[k]))
             floor = None if box is None else box.at(k)
             inputs.append(Inputs(closure, tuple(pulls), floor))
 
         return inputs
 
-    def _shut(self, t_s: FloatArray) -> FloatArray:
+    def shut(self, t_s: FloatArray) -> FloatArray:
         """[n, B] how far the hand is closed, 0 .. 1."""
         closing = (t_s - self.close_s) / self.drawn("closing_s", 1.0)
         opening = (t_s - self.open_s) / self.drawn("opening_s", 1.0)
         return smooth(closing) - smooth(opening)
 
-    def _pulse(self, t_s: FloatArray) -> FloatArray:
+    def pulse(self, t_s: FloatArray) -> FloatArray:
         """[n, B] strength of the disturbance of a perturbed hold, 0 .. 1."""
         if not self.holds.any():
             return np.zeros_like(t_s)
@@ -203,12 +202,13 @@ class Script:
         # sin^2 begins and ends without a jump in speed
         return np.where(disturbed, within * within, 0.0)
 
-    def _closure(
-        self, shut: FloatArray, pulse: FloatArray, share: FloatArray | float
-    ) -> FloatArray:
-        """[S, B] how far the fingers are closed beyond the object's surface; open: -OPEN_GAP_M."""
+    def own_closure(self, shut: FloatArray, pulse: FloatArray) -> FloatArray:
+        """[S, B] how far the wearer closes each finger beyond the object's surface.
+
+        shut, pulse [B] at one step. An open hand: -OPEN_GAP_M.
+        """
         # dFn: the whole grip changes
-        grip = (1.0 + self.drawn("grip_change") * pulse) * share
+        grip = 1.0 + self.drawn("grip_change") * pulse
 
         # The way from the open hand to the depth at which the springs give the grip.
         travel_m = OPEN_GAP_M + self.closed_m * grip
@@ -222,9 +222,9 @@ class Script:
             closure[self.stays_open] = -OPEN_GAP_M
         return closure
 
-    def grip_share(self, k: int) -> FloatArray | float:
-        """[B] the hand's grip in step k of a chunk, over the grip with which it was closed."""
-        return 1.0
+    def driven(self, k: int, own_m: FloatArray) -> FloatArray:
+        """[S, B] how far the fingers are closed in step k of a chunk; own_m: by the wearer."""
+        return own_m
 
     def still_there(self, t_s: FloatArray) -> FloatArray | float:
         """[n, B] 1 while the person who takes is there; in a closed loop people give up."""

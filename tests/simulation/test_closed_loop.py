@@ -27,7 +27,7 @@ from holdfast.simulation.closed_loop import (
     oracle,
     run_loops,
 )
-from holdfast.simulation.loop_people import Habits, LoopOutcome, Wearer, held_n
+from holdfast.simulation.loop_people import Habits, LoopOutcome, Wearer
 from holdfast.simulation.protocol import PlannedTrial
 from holdfast.simulation.scene import Scene
 from holdfast.simulation.script_times import Times
@@ -217,7 +217,20 @@ def test_a_wearer_overrides_a_hand_that_resists_for_a_third_of_a_second(
 ) -> None:
     strong, weak, pull = resisted[2]
     assert strong.act_s + 0.3 <= strong.overrode_s < strong.opens_s
-    assert weak.overrode_s == pull.overrode_s == np.inf
+    assert weak.opens_s + 0.3 < weak.overrode_s < weak.opens_s + 0.7
+    assert pull.overrode_s == np.inf
+
+
+def test_a_hand_that_is_told_to_hold_holds_while_its_wearer_opens(
+    resisted: tuple[ClosedLoop, Firm, list[LoopOutcome]],
+) -> None:
+    _, weak, _ = resisted[2]
+    t_s = weak.begin_s + np.arange(len(weak.grip_n)) / weak.rate_hz
+    opened = (t_s > weak.opens_s + 0.3) & (t_s < weak.overrode_s)
+    assert opened.sum() > 3
+    assert (weak.own_n[opened] < 0.5 * weak.trial.grip_n).all()
+    assert weak.grip_n[opened] == pytest.approx(45.0, abs=2.0)
+    assert weak.lost_s > weak.overrode_s
 
 
 def test_an_override_lets_the_object_go_and_reaches_the_controller(
@@ -262,7 +275,7 @@ def test_a_wearer_overrides_only_where_the_own_grip_would_have_let_go(
     resisted: tuple[ClosedLoop, Firm, list[LoopOutcome]],
 ) -> None:
     trial = resisted[0].trials[0]
-    holds_n = held_n(trial)
+    holds_n = 2.0 * trial.kinetic_friction * trial.grip_n
     act_s = Times.of(trial).act
 
     def overrides(
@@ -271,7 +284,10 @@ def test_a_wearer_overrides_only_where_the_own_grip_would_have_let_go(
         wearer = Wearer([trial], Habits(), seed=0)
         for k in range(round(lasts_s * 100)):
             t_s = np.array([act_s + after_s + 0.01 * k])
-            wearer.resist(t_s, np.array([extra_n]), np.array([pulled_n]), 0.01)
+            own_n, beyond_n, taken_n = (
+                np.array([n]) for n in (trial.grip_n, extra_n, pulled_n)
+            )
+            wearer.resist(t_s, own_n, beyond_n, taken_n, 0.01)
         return bool(np.isfinite(wearer.overrode_s[0]))
 
     assert overrides(2.0, 1.1 * holds_n, 0.35)
@@ -286,6 +302,6 @@ def test_a_target_that_comes_later_is_followed_later(tmp_path: Path) -> None:
     first = []
     for delay in (0, 6):
         loop, _ = firm_loop(scene, settings=LoopSettings(delay_samples=delay))
-        grip_n = loop.run()[0].grip_n
-        first.append(np.flatnonzero(grip_n > grip_n[0])[0])
+        one = loop.run()[0]
+        first.append(np.flatnonzero(one.grip_n > one.own_n)[0])
     assert first[1] - first[0] == 6

@@ -75,15 +75,40 @@ def test_without_lag_the_grip_rises_at_full_speed_and_stops_at_the_target() -> N
 def test_a_small_step_is_critically_damped(lag_ms: float, step_n: float) -> None:
     actuator = drive_of(lag_ms=lag_ms, backlash_mm=0.0)
     lag_s = 1e-3 * lag_ms
-    target = actuator.own_n + step_n * np.minimum(1.0, 0.4 * actuator.own_n)
-    share = (grips(actuator, target, 12.0 * lag_s) - actuator.own_n) / (
-        target - actuator.own_n
-    )
+    before = grips(actuator, actuator.own_n + 5.0, 20.0 * lag_s)[-1]
+    target = before + step_n * np.minimum(1.0, 0.4 * actuator.own_n)
+    share = (grips(actuator, target, 12.0 * lag_s) - before) / (target - before)
     t_s = DT_S * np.arange(1, len(share) + 1)[:, None]
     expected = 1.0 - (1.0 + t_s / lag_s) * np.exp(-t_s / lag_s)
     assert share.max() <= 1.02
     assert share[-1] == pytest.approx(1.0, abs=0.01)
     assert np.abs(share - expected).max() < 0.04
+
+
+def test_a_hand_grips_for_the_larger_of_the_target_and_what_its_wearer_asks_for() -> (
+    None
+):
+    actuator = drive_of()
+    closed = actuator.own_n.copy()
+    ways = np.linspace(1.0, -4.0, 200)[:, None] * closed
+    # without a target the hand goes the way of its wearer, however fast that is
+    for way in ways:
+        assert (actuator.step(0.0 * closed, DT_S, way) == way).all()
+    assert (actuator.grip_n == 0.0).all()
+
+    actuator = drive_of(backlash_mm=0.0)
+    grips(actuator, closed + 5.0)
+    for way in ways:
+        actuator.step(closed + 5.0, DT_S, way)
+        assert actuator.grip_n == pytest.approx(closed + 5.0, abs=0.01)
+    assert actuator.kept_n == pytest.approx(closed + 5.0, abs=0.01)
+
+    # and once the target has ended it opens, by its own drive
+    grips(actuator, 0.0, 0.02)
+    assert (actuator.grip_n > 0.5 * closed).all()
+    grips(actuator, 0.0, 2.0)
+    assert (actuator.grip_n == 0.0).all()
+    assert (actuator.place_n == ways[-1]).all()
 
 
 def test_the_fingers_follow_a_change_of_direction_after_the_backlash() -> None:
