@@ -18,6 +18,7 @@ import sys
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass
+from datetime import UTC, datetime
 from importlib import import_module
 from pathlib import Path
 
@@ -78,6 +79,19 @@ def write_figures(path: Path, figures: Json) -> Path:
 
     content = {"host": asdict(host()), **figures}
     return write_whole(path, json.dumps(content, indent=1, allow_nan=False) + "\n")
+
+
+def measured_now() -> Json:
+    """The command that is running, the day, and the commit: what a kept figure is dated with."""
+    words = ["git", "rev-parse", "--short=12", "HEAD"]
+    found = subprocess.run(words, capture_output=True, text=True, check=False)
+    program = Path(sys.argv[0]).parent.name
+    return {
+        "command": " ".join(["python -m", program, *sys.argv[1:]]),
+        "measured_on": datetime.now(UTC).date().isoformat(),
+        # a copy without its history has no commit to name
+        "commit": found.stdout.strip() or None,
+    }
 
 
 def start(folder: str, programs: Mapping[str, Program], argv: Sequence[str]) -> int:

@@ -23,7 +23,7 @@ from holdfast.cli.options import (
 from holdfast.cli.simulate import trial_count
 
 if TYPE_CHECKING:
-    from holdfast.evaluation.closed_loop import LoopFigures
+    from holdfast.evaluation.loop_figures import LoopFigures
 
 MODEL = Path("holdfast-150hz")
 
@@ -62,7 +62,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run, print a line a controller, write the figures."""
-    from holdfast.evaluation.loop_runs import LoopComparison
+    from holdfast.evaluation.closed_loop import LoopComparison
     from holdfast.training.progress import counted
 
     require_json_writable(args)
@@ -94,6 +94,8 @@ def run(args: argparse.Namespace) -> int:
 def _in_words(name: str, figures: LoopFigures) -> str:
     """One line of figures."""
     saved = f"{figures.saved} of {figures.preventable} preventable drops saved"
+    of_all = figures.saved_of_drops
+    saved += f" ({of_all.count} of all {of_all.of})"
     blocked = f"{figures.blocked} of {figures.handovers} hand-overs blocked"
     grip = f"grip {figures.grip_excess:.2f} N s above need a trial"
     return f"  {name:<13}{saved}, {blocked}, {grip}"

@@ -1,36 +1,32 @@
-"""What a grip controller is worth on a set: drops saved, hand-overs blocked, and what it costs.
+"""Grip controllers on scenes in a closed loop: what is run, and how often.
 
-Each trial is run three times: in a hand that does nothing (bare), by the oracle, and by the
-controller. A drop is preventable where the bare hand loses the object in a pull or a fall and the
-oracle keeps it. A hand-over is blocked where the receiver needs over 5 N more than from the bare
-hand, gets the object over 0.3 s later, or needs an override. All figures are simulated.
+A set is run once in a hand that does nothing. Where that hand drops the object, an oracle tries one
+closure of the drive after the other, until one keeps it; then every controller has its turn. What
+they are worth is in loop_figures.py.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
+from pathlib import Path
 
-import numpy as np
-
-from holdfast.core.contract import FloatArray
 from holdfast.core.errors import UsageError
 from holdfast.core.reading import Json
-from holdfast.core.trial_layout import RISKY_ACTIONS
 from holdfast.edge_runtime.engine import ModelChoice, OpenedModel
 from holdfast.edge_runtime.grip import CONTROLLERS, AnswerRules
 from holdfast.edge_runtime.monitor import require_fit
 from holdfast.edge_runtime.supervisor import Limits
 from holdfast.evaluation.jobs import Workers
-from holdfast.evaluation.statistics import share
+from holdfast.evaluation.loop_figures import LoopFigures, ThreeRuns, loop_figures
 from holdfast.simulation.closed_loop import (
+    CLOSURES,
     LoopSettings,
     Make,
     batches,
     managed,
     model_of,
-    needed_grip_n,
     oracle,
     run_batch,
     vibration,
@@ -41,18 +37,12 @@ from holdfast.simulation.loop_people import Habits, LoopOutcome
 from holdfast.simulation.protocol import PlannedTrial
 from holdfast.simulation.scene import Scene
 from holdfast.simulation.scene_file import read_scene_file
-from holdfast.training.figures import Interval
 
 ORACLE = "oracle"
 VIBRATION = "vibration"
 CHOICES = (*CONTROLLERS, VIBRATION, ORACLE)
 BARE = "none"
 """The controller of the bare hand, which never adds to the wearer's command."""
-BLOCKED_N = 5.0
-BLOCKED_S = 0.3
-"""A hand-over that needs more force, or more time, than this is blocked."""
-TIGHTER_N = 1.0
-"""A hand that grips by so much more than its wearer commands is tightened."""
 
 
 @dataclass(frozen=True)
@@ -60,6 +50,8 @@ class LoopSet:
     """Trials of a card: all of it, or so many in its proportions.
 
     changes: values of every row. noise: times that of the card's chips; 1: the card as it is.
+    tremor_m_s2: amplitude of the hand's trembling; 0: the card as it is. actions: only rows of
+    these; none given: all.
     """
 
     card: str
@@ -67,11 +59,16 @@ class LoopSet:
     seed: int
     changes: tuple[tuple[str, object], ...] = ()
     noise: float = 1.0
+    tremor_m_s2: float = 0.0
+    actions: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
 class LoopRequest:
-    """One controller with a setting (None: its default) on a set, with a drive."""
+    """One controller with a setting (None: its default) on a set, with a drive.
+
+    The setting of an oracle is how far it closes, one of CLOSURES.
+    """
 
     name: str
     setting: float | None = None
@@ -81,220 +78,14 @@ class LoopRequest:
     habits: Habits = field(default_factory=Habits)
 
 
-@dataclass(frozen=True)
-class ThreeRuns:
-    """One trial in three hands."""
-
-    bare: LoopOutcome
-    oracle: LoopOutcome
-    held: LoopOutcome
-
-    @property
-    def preventable(self) -> bool:
-        """The bare hand drops it in the action, the oracle does not."""
-        # The bare hand and the oracle bound what any controller can change.
-        bare = self.bare
-        # What falls before the action began was a weak grip, and no slip to be prevented.
-        in_action = bare.lost_s >= bare.act_s
-        if bare.trial.action not in RISKY_ACTIONS or not in_action:
-            return False
-        return bare.dropped and not self.oracle.dropped
-
-    @property
-    def completes(self) -> bool:
-        """The bare hand hands the object over, after the action began."""
-        return self.bare.act_s <= self.bare.lost_s < np.inf
-
-    @property
-    def blocked(self) -> bool:
-        """The hand-over needs more force, more time or an override."""
-        # An override frees the object, yet the wearer had to see that the hand was wrong.
-        overrides = bool(np.isfinite(self.held.overrode_s))
-        return self.extra_n > BLOCKED_N or self.extra_s > BLOCKED_S or overrides
-
-    @property
-    def extra_n(self) -> float:
-        """Force of the other person beyond what the bare hand asks for, N."""
-        return self.held.peak_n - self.bare.peak_n
-
-    @property
-    def extra_s(self) -> float:
-        """Time until the object has left, beyond that of the bare hand, s."""
-        return self.held.lost_s - self.bare.lost_s
-
-    @property
-    def excess_n_s(self) -> float:
-        """Integral over time of the grip beyond what is needed, N s."""
-        held = self.held
-        trial = self.held.trial
-        t_s = _times_s(held)
-
-        # What the wearer commands is taken as needed, also where less would do.
-        needed_n = trial.grip_n
-        if trial.action in RISKY_ACTIONS:
-            needed_n = max(needed_grip_n(trial), trial.grip_n)
-        # Before load onset nothing beyond the wearer's command is needed.
-        least_n = np.where(t_s >= held.onset_s, needed_n, trial.grip_n)
-        beyond_n = np.maximum(held.grip_n - least_n, 0.0)
-        # After the object is gone the grip costs nothing.
-        while_held_n = beyond_n[t_s < held.lost_s]
-        return float(while_held_n.sum() / held.rate_hz)
-
-    @property
-    def friction_error(self) -> float:
-        """Relative error of the friction estimate against the kinetic friction; nan without one."""
-        # The estimate is made while the object slides, so it is kinetic friction that it measures.
-        true = max(self.held.trial.kinetic_friction, 1e-9)
-        return abs(self.held.mu_hat / true - 1.0)
-
-
-def _times_s(of: LoopOutcome) -> FloatArray:
-    """[T] times of the grip."""
-    rows = np.arange(len(of.grip_n))
-    times_s: FloatArray = of.begin_s + rows / of.rate_hz
-    return times_s
-
-
-@dataclass(frozen=True)
-class LoopFigures:
-    """One controller on one set; shares from 0 to 1, `_ci` their exact 95 % intervals.
-
-    saved: of the preventable drops. slip_mm_p50: travel of what was saved. put_downs: disturbed as
-    a hand-over is blocked. grip_excess: N s a trial beyond what is needed. tightenings_per_min:
-    before any action, and in disturbed holds. mu_error_p50: where a slip has shown friction.
-    """
-
-    trials: int
-    drops: int
-    preventable: int
-    saved: int
-    saved_share: float | None
-    saved_share_ci: Interval | None
-    slip_mm_p50: float | None
-    handovers: int
-    blocked: int
-    blocked_share: float | None
-    blocked_share_ci: Interval | None
-    extra_force_n_p50: float | None
-    extra_delay_ms_p50: float | None
-    extra_delay_ms_p95: float | None
-    put_downs: int
-    disturbed_share: float | None
-    disturbed_share_ci: Interval | None
-    fragile: int
-    crushed_share: float | None
-    crushed_share_ci: Interval | None
-    grip_excess: float
-    tightenings_per_min: float | None
-    new_drops: int
-    mu_observed: int
-    mu_error_p50: float | None
-
-    def to_json(self) -> Json:
-        """As a JSON object, in the order of the fields."""
-        return asdict(self)
-
-
-def loop_figures(runs: Sequence[ThreeRuns]) -> LoopFigures:
-    """The figures of one controller on one set."""
-    preventable = []
-    kept = []
-    passes = []
-    put_downs = []
-    fragile = []
-    drops = 0
-    new_drops = 0
-    for run in runs:
-        drops += run.bare.dropped
-        new_drops += run.held.dropped and not run.bare.dropped
-        if run.preventable:
-            preventable.append(run)
-            if not run.held.dropped:
-                kept.append(run)
-        # A hand-over that the bare hand does not finish has nothing to compare with.
-        if run.completes and run.bare.trial.action == "pass":
-            passes.append(run)
-        if run.completes and run.bare.trial.action == "put-down":
-            put_downs.append(run)
-        # Only fragile objects can be crushed, so only they are in the denominator.
-        if run.bare.trial.object.crush_n > 0.0:
-            fragile.append(run)
-
-    saved = share([not run.held.dropped for run in preventable])
-    blocked = share([run.blocked for run in passes])
-    disturbed = share([run.blocked for run in put_downs])
-    crushed = share([run.held.crushed for run in fragile])
-
-    delays_ms = [1e3 * run.extra_s for run in passes]
-    excess_n_s = [run.excess_n_s for run in runs]
-    # Without a slip the controller has no estimate of friction, and no error.
-    errors = [run.friction_error for run in preventable]
-    known_errors = [error for error in errors if np.isfinite(error)]
-
-    # Medians are of the cases that a share counts, so both describe the same trials.
-    return LoopFigures(
-        trials=len(runs),
-        drops=drops,
-        preventable=len(preventable),
-        saved=len(kept),
-        saved_share=saved.share,
-        saved_share_ci=saved.share_ci,
-        slip_mm_p50=_percentile([run.held.slip_mm for run in kept], 50),
-        handovers=len(passes),
-        blocked=sum(run.blocked for run in passes),
-        blocked_share=blocked.share,
-        blocked_share_ci=blocked.share_ci,
-        extra_force_n_p50=_percentile([run.extra_n for run in passes], 50),
-        extra_delay_ms_p50=_percentile(delays_ms, 50),
-        extra_delay_ms_p95=_percentile(delays_ms, 95),
-        put_downs=len(put_downs),
-        disturbed_share=disturbed.share,
-        disturbed_share_ci=disturbed.share_ci,
-        fragile=len(fragile),
-        crushed_share=crushed.share,
-        crushed_share_ci=crushed.share_ci,
-        grip_excess=float(np.mean(excess_n_s)) if runs else 0.0,
-        tightenings_per_min=_tightenings_per_min(runs),
-        new_drops=new_drops,
-        mu_observed=len(known_errors),
-        mu_error_p50=_percentile(known_errors, 50),
-    )
-
-
-def _percentile(values: Sequence[float], percent: float) -> float | None:
-    if not values:
-        return None
-    # What never happened is later than all else, and keeps the percentile finite.
-    finite = np.where(np.isfinite(values), values, 1e6)
-    return float(np.percentile(finite, percent))
-
-
-def _tightenings_per_min(runs: Sequence[ThreeRuns]) -> float | None:
-    """How often the grip rises by TIGHTER_N before any action, or in a disturbed hold."""
-    count = 0
-    seconds = 0.0
-    for run in runs:
-        held = run.held
-        # In an action more grip may be right, so only the time before it is watched.
-        until_s = held.opens_s if held.trial.action == "hold" else held.act_s
-        # A disturbed hold has no action: it is watched until the hand opens.
-        watched = _times_s(held) < min(until_s, held.lost_s)
-        is_tight = held.grip_n > held.trial.grip_n + TIGHTER_N
-        tight = is_tight[watched]
-        # One rise above the limit counts once, however long the grip stays there.
-        begins = tight[1:] & ~tight[:-1]
-        count += int(begins.sum())
-        seconds += len(tight) / held.rate_hz
-
-    return 60.0 * count / seconds if seconds else None
-
-
 @lru_cache(maxsize=16)
 def scene_of(of: LoopSet) -> tuple[Scene, tuple[PlannedTrial, ...]]:
     """The scene of a set and its trials with an object."""
     card = read_scene_file(of.card)
     rows = []
     for row in card.rows:
+        if of.actions and row.action not in of.actions:
+            continue
         # A row without an object has none of the values to change.
         changes = {} if row.action == "nothing" else dict(of.changes)
         values = {**row.values, **changes}
@@ -308,6 +99,11 @@ def scene_of(of: LoopSet) -> tuple[Scene, tuple[PlannedTrial, ...]]:
         # The noise of a mean falls with the root of the conversions that it averages.
         averages = chip.get("averages", usual) / of.noise**2
         effects["hall_noise"] = {**chip, "averages": averages}
+
+    if of.tremor_m_s2:
+        # Each trial's frequency and directions are drawn as the effect has them.
+        tremor = dict(effects.get("tremor", {}))
+        effects["tremor"] = {**tremor, "amplitude_m_s2": of.tremor_m_s2}
 
     changed = replace(card, rows=tuple(rows), controller=None, effects=effects)
     # Without the controller that the scene names: the request brings its own.
@@ -349,7 +145,8 @@ def run_part(
 def _maker(scene: Scene, request: LoopRequest, onset_s: Mapping[int, float]) -> Make:
     if request.name == ORACLE:
         # The oracle tightens at each true onset, up to the force that the drive can give.
-        return oracle(dict(onset_s), Drive().ceiling_n)
+        closure = CLOSURES[0] if request.setting is None else request.setting
+        return oracle(dict(onset_s), Drive().ceiling_n, closure)
 
     # No controller: the wearer feels a vibration and reacts to it.
     if request.name == VIBRATION:
@@ -378,40 +175,69 @@ class LoopRuns:
         self.model = model
         self.workers = workers
         self.done = done
+        # What each run made of each trial, by its place in the set.
         self._outcomes: dict[Run, dict[int, LoopOutcome]] = {}
 
     def run(self, wanted: Sequence[Run]) -> None:
         """Run all of them, with the bare hands and oracles that their figures need."""
-        bare = []
-        best = []
-        for of, request in wanted:
-            # All figures are differences from the bare hand, or shares of what the oracle keeps.
-            bare.append(_bare(of))
-            best.append(_best(of, request))
+        # All figures are differences from the bare hand, or shares of what the oracle keeps.
+        bare = [_bare(of) for of, _ in wanted]
+        best = list(dict.fromkeys(_best(of, request) for of, request in wanted))
+        others = [run for run in wanted if run[1].name != ORACLE]
 
-        total = len({*bare, *best, *wanted})
+        total = len({*bare, *best, *others})
         share_bare = len(set(bare)) / total
         # The oracle acts at the load onset of the bare hand, so that is run first.
         self._run(bare, 0.0, share_bare)
-        self._run([*best, *wanted], share_bare, 1.0)
+        # Few trials are left for each closure, so all of them count as little work.
+        for closure in CLOSURES:
+            self._try(best, closure, share_bare)
+        self._run(others, share_bare, 1.0)
 
     def _run(self, wanted: Sequence[Run], from_share: float, to_share: float) -> None:
-        jobs = []
-        runs = []
-        # Each once, in the order in which they were asked for.
+        """Run whole sets, each once, in the order in which they were asked for."""
+        left = {}
         for run in dict.fromkeys(wanted):
             # Bare hands are shared by all requests on a set.
-            if run in self._outcomes:
-                continue
+            if run not in self._outcomes:
+                self._outcomes[run] = {}
+                left[run] = list(range(len(scene_of(run[0])[1])))
+        self._run_places(left, from_share, to_share)
+
+    def _try(self, best: Sequence[Run], closure: float, share: float) -> None:
+        """Run one closure of each oracle, for the drops that no closure before has prevented."""
+        places = {}
+        for of, request in best:
+            bare = self._outcomes[_bare(of)]
+            # A hand that knows what will come does nothing where the bare hand keeps the object.
+            known = self._outcomes.setdefault((of, request), dict(bare))
+            lost = [k for k in sorted(bare) if _lost(bare[k], known[k])]
+            if lost:
+                places[of, replace(request, setting=closure)] = lost
+
+        for run in places:
             self._outcomes[run] = {}
+        self._run_places(places, share, share)
+        for of, request in places:
+            tried = self._outcomes.pop((of, request))
+            self._outcomes[_best(of, request)] |= tried
+
+    def _run_places(
+        self, places: Mapping[Run, list[int]], from_share: float, to_share: float
+    ) -> None:
+        """Run some trials of sets, by their places in them."""
+        jobs = []
+        runs = []
+        for run, some in places.items():
             of, request = run
             # Only the oracle is told the onsets, which the other controllers have to detect.
             onset_s = self._onset_s(of) if request.name == ORACLE else {}
             # Batches are the unit of work: a process simulates many trials at a time.
             _, trials = scene_of(of)
-            for batch in batches(trials):
+            for batch in batches([trials[k] for k in some]):
+                at = [some[k] for k in batch]
                 runs.append(run)
-                jobs.append(partial(run_part, self.model, of, request, batch, onset_s))
+                jobs.append(partial(run_part, self.model, of, request, at, onset_s))
 
         results = self.workers.run(jobs)
         for number, (run, outcomes) in enumerate(zip(runs, results, strict=True), 1):
@@ -424,16 +250,22 @@ class LoopRuns:
         bare = self._outcomes[_bare(of)].values()
         return {outcome.trial.number: outcome.onset_s for outcome in bare}
 
-    def figures(self, of: LoopSet, request: LoopRequest) -> LoopFigures:
-        """Figures of a request on a set."""
+    def runs(self, of: LoopSet, request: LoopRequest) -> list[ThreeRuns]:
+        """Every trial of a set in its three hands, in the order of the set."""
         bare = self._outcomes[_bare(of)]
         best = self._outcomes[_best(of, request)]
-        held = self._outcomes[of, request]
+        held = best if request.name == ORACLE else self._outcomes[of, request]
         # Batches hold trials of similar length, so outcomes are not in the order of the set.
-        runs = []
-        for k in sorted(held):
-            runs.append(ThreeRuns(bare[k], best[k], held[k]))
-        return loop_figures(runs)
+        return [ThreeRuns(bare[k], best[k], held[k]) for k in sorted(held)]
+
+    def figures(self, of: LoopSet, request: LoopRequest) -> LoopFigures:
+        """Figures of a request on a set."""
+        return loop_figures(self.runs(of, request))
+
+
+def _lost(bare: LoopOutcome, best: LoopOutcome) -> bool:
+    """Whether a drop of the bare hand is none that a closure has prevented so far."""
+    return ThreeRuns(bare, best, best).drop and best.dropped
 
 
 def _bare(of: LoopSet) -> Run:
@@ -445,3 +277,75 @@ def _best(of: LoopSet, request: LoopRequest) -> Run:
     """The run of a set by the oracle, with the drive of a request."""
     # The same lag: the oracle shall show what this drive could do, not what a faster one could.
     return of, LoopRequest(ORACLE, lag_ms=request.lag_ms)
+
+
+FiguresByCard = dict[str, dict[str, LoopFigures]]
+"""Scene -> controller -> its figures."""
+
+
+@dataclass(frozen=True)
+class LoopComparison:
+    """Which controllers run on which scenes.
+
+    setting: of every controller, None for the default of each. lag_ms: of the hand's drive.
+    trials: how many of a scene, None for all.
+    """
+
+    model: ModelChoice
+    cards: tuple[str, ...]
+    controllers: tuple[str, ...]
+    setting: float | None
+    lag_ms: float
+    trials: int | None
+    seed: int
+
+    def require_runnable(self) -> None:
+        """Raise what would stop a run: UsageError, CardError, or a model that does not fit."""
+        for name in self.controllers:
+            if name not in CHOICES:
+                raise UsageError(
+                    f"--controller {name!r:.40} does not exist",
+                    next_step=f"choose from {', '.join(CHOICES)}",
+                )
+
+        model = model_of(self.model)
+        for card in self.cards:
+            require_runnable(model, card)
+
+    def run(self, workers: Workers, done: Callable[[float], None]) -> FiguresByCard:
+        """Run every controller on every scene. done: gets the share of the work that is done."""
+        runs = LoopRuns(self.model, workers, done)
+        wanted = []
+        for card in self.cards:
+            loop_set = LoopSet(card, self.trials, self.seed)
+            for name in self.controllers:
+                request = LoopRequest(name, self.setting, self.lag_ms)
+                wanted.append((loop_set, request))
+
+        # All at once: scenes and bare hands that several requests need are run once.
+        runs.run(wanted)
+
+        figures: FiguresByCard = {}
+        for loop_set, request in wanted:
+            # By the name of the scene: a path would differ from machine to machine.
+            of_card = figures.setdefault(Path(loop_set.card).stem, {})
+            of_card[request.name] = runs.figures(loop_set, request)
+
+        return figures
+
+    def to_json(self, figures: FiguresByCard) -> Json:
+        """The figures with all that they depend on."""
+        sets = {}
+        for card, of_card in figures.items():
+            sets[card] = {name: one.to_json() for name, one in of_card.items()}
+
+        return {
+            "kind": "simulated",
+            "model": model_of(self.model).card.model_id,
+            "engine": self.model.engine,
+            "lag_ms": self.lag_ms,
+            "seed": self.seed,
+            "trials": self.trials,
+            "setting": self.setting,
+            "sets": sets,
+        }

@@ -14,6 +14,7 @@ from holdfast.cli.options import (
     chosen_workers,
 )
 from holdfast.core.errors import UsageError
+from holdfast.core.locked import locked_sets
 from holdfast.core.reading import Json
 from holdfast.core.writing import require_writable, write_whole
 from holdfast.evaluation.closed_loop import LoopRuns
@@ -21,9 +22,9 @@ from holdfast.evaluation.style import for_any_page
 from holdfast.simulation.closed_loop import model_of
 from holdfast.training.progress import counted
 from studies.shared_control.picture import picture
-from studies.shared_control.plan import Row, rows
+from studies.shared_control.plan import PARTS, SEED, Row, rows
 from tools.doc_tables import fill, tables_of
-from tools.harness import write_figures
+from tools.harness import measured_now, write_figures
 
 MODEL = Path("models/holdfast-150hz.onnx")
 PAGE = "docs/shared-control.md"
@@ -33,6 +34,7 @@ FIGURE = Path("docs/shared-control.svg")
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this study alone."""
     option = parser.add_argument
+    parser.set_defaults(seed=SEED)
     option(
         "--model",
         type=path_argument,
@@ -53,7 +55,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--parts",
         nargs="+",
         metavar="PART",
-        help="of table, curve, lag, delay, noise, without",
+        help=f"of {', '.join(PARTS)}",
     )
     option("--sets", nargs="+", metavar="SET", help="by their names in the tables")
     option(
@@ -69,7 +71,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Run the study, write its figures."""
     require_writable(args.out)
-    wanted = _chosen(rows(args.trials), args)
+    wanted = _chosen(rows(args.trials, args.seed), args)
     with counted(f"{len(wanted)} rows in a closed loop (simulated)", 1) as done:
         runs = LoopRuns(chosen_model(args), chosen_workers(args), done)
         runs.run([(row.one, row.request) for row in wanted])
@@ -77,6 +79,9 @@ def run(args: argparse.Namespace) -> int:
         "kind": "simulated",
         "model": model_of(chosen_model(args)).card.model_id,
         "engine": args.engine,
+        "seed": args.seed,
+        "locked_on": _locked_on(args.seed),
+        **measured_now(),
         "trials": args.trials,
         "rows": [_row(row, runs) for row in wanted],
     }
@@ -87,6 +92,15 @@ def run(args: argparse.Namespace) -> int:
         write_whole(FIGURE, for_any_page(picture(figures)) + "\n")
     sys.stdout.write(f"{path}\n")
     return 0
+
+
+def _locked_on(seed: int) -> str | None:
+    """The day since which the seed is locked, None for one that choices may see."""
+    sets = locked_sets()
+    for locked in sets.seeds:
+        if locked.first <= seed <= locked.last:
+            return sets.locked_on
+    return None
 
 
 def _chosen(wanted: list[Row], args: argparse.Namespace) -> list[Row]:
@@ -116,5 +130,6 @@ def _row(row: Row, runs: LoopRuns) -> Json:
         "lag_ms": request.lag_ms,
         "delay_samples": request.delay_samples,
         "noise": row.one.noise,
+        "tremor_m_s2": row.one.tremor_m_s2,
         **runs.figures(row.one, request).to_json(),
     }

@@ -23,6 +23,7 @@ class Target:
     at_least: bool = False
     unit: str = ""
     ci: bool = False
+    part: str = "table"
 
 
 TARGETS = (
@@ -33,6 +34,23 @@ TARGETS = (
         0.95,
         at_least=True,
         ci=True,
+    ),
+    Target(
+        "drops saved, trembling up to 3 m/s2, worst",
+        "saved_share",
+        AUTHOR,
+        0.90,
+        at_least=True,
+        ci=True,
+        part="tremor",
+    ),
+    Target(
+        "hand-overs blocked, trembling up to 3 m/s2, worst",
+        "blocked_share",
+        AUTHOR,
+        0.05,
+        ci=True,
+        part="tremor",
     ),
     Target(
         "drops saved, worst unseen style",
@@ -81,7 +99,11 @@ def target_rows(rows: Sequence[Row]) -> list[dict[str, str]]:
     """The targets whose sets were run, each with what was measured and whether it is reached."""
     table = [row for row in rows if row["part"] == "table"]
     ours = [row for row in table if row["controller"] == OURS]
-    made = [_against(target, ours) for target in TARGETS]
+    trembling = [row for row in rows if row["part"] == "tremor"]
+    made = []
+    for target in TARGETS:
+        of_part = trembling if target.part == "tremor" else ours
+        made.append(_against(target, of_part))
     return [row for row in [*made, *(_excess(table, rival) for rival in RIVALS)] if row]
 
 
@@ -99,10 +121,11 @@ def _against(target: Target, ours: Sequence[Row]) -> dict[str, str]:
     interval = worst[f"{target.key}_ci"] if target.ci else None
     within = f" ({interval[0]:.2f} to {interval[1]:.2f})" if interval else ""
     bound = "at least" if target.at_least else "at most"
+    at = f"{worst['tremor_m_s2']:g} m/s2" if target.part == "tremor" else worst["set"]
     return {
         "target": target.words,
         "aim": f"{bound} {target.bound:g} {target.unit}".strip(),
-        "measured": f"{value:.3g}{within} {target.unit}".strip() + f", {worst['set']}",
+        "measured": f"{value:.3g}{within} {target.unit}".strip() + f", {at}",
         "reached": "yes" if reached else "no",
     }
 

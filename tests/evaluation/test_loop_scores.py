@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from holdfast.evaluation.closed_loop import LoopFigures, ThreeRuns, loop_figures
+from holdfast.evaluation.loop_figures import LoopFigures, ThreeRuns, loop_figures
 from holdfast.simulation.closed_loop import needed_grip_n
 from holdfast.simulation.loop_people import LoopOutcome
 from holdfast.simulation.protocol import PlannedTrial
@@ -46,7 +46,9 @@ def outcome(trial: PlannedTrial, **changes: Any) -> LoopOutcome:
         "mu_hat": np.nan,
         "grip_n": np.full(round(end_s * RATE_HZ), trial.grip_n, dtype=np.float32),
     }
-    return LoopOutcome(trial=trial, **(kept | changes))
+    kept |= changes
+    own_n = np.full(len(kept["grip_n"]), trial.grip_n, dtype=np.float32)
+    return LoopOutcome(trial=trial, **({"own_n": own_n} | kept))
 
 
 def drop(trial: PlannedTrial) -> dict[str, float]:
@@ -105,11 +107,50 @@ def test_saved_is_what_the_controller_keeps_of_the_preventable_drops() -> None:
     kept = [risky(held_drops=False, slip_mm=mm) for mm in (1.0, 3.0, 8.0)]
     made = figures(*kept, risky(), risky(oracle_drops=True), handed())
     assert (made.trials, made.drops, made.preventable, made.saved) == (6, 5, 4, 3)
+    assert (made.saved_of_drops.count, made.saved_of_drops.of) == (3, 5)
     assert made.saved_share == 0.75
     assert made.saved_share_ci == pytest.approx(
         (0.1941, 0.9937), abs=1e-4
     )  # Clopper and Pearson
     assert made.slip_mm_p50 == 3.0
+
+
+def test_saved_is_counted_over_all_drops_too_where_the_oracle_fails_and_by_action() -> (
+    None
+):
+    fall = trial_of("fall")
+    runs = [
+        risky(held_drops=False, oracle_drops=True),
+        risky(oracle_drops=True),
+        three(fall, bare=drop(fall)),
+        three(trial_of("pull")),
+    ]
+    made = figures(*runs)
+    assert (made.saved_of_drops.count, made.saved_of_drops.of) == (2, 3)
+    assert (made.saved, made.preventable) == (1, 1)
+    pulls, falls = made.by_action["pull"], made.by_action["fall"]
+    assert (pulls.of_all.share, pulls.of_preventable.share) == (0.5, None)
+    assert (falls.of_all.share, falls.of_preventable.share) == (1.0, 1.0)
+    low, high = made.saved_of_drops.share_ci or (1.0, 0.0)
+    assert low < 2 / 3 < high
+
+
+def test_a_drop_in_a_hold_that_was_tightened_before_is_no_merit_of_the_answer() -> None:
+    trial = trial_of("fall")
+    act = round(Times.of(trial).act * RATE_HZ)
+    shapes = {"early": (act - 60, act - 40), "late": (act + 1, act + 40)}
+    runs = {}
+    for name, (begins, ends) in shapes.items():
+        grip_n = np.full(act + 50, trial.grip_n, dtype=np.float32)
+        grip_n[begins:ends] += 2.0
+        runs[name] = three(trial, bare=drop(trial), held={"grip_n": grip_n})
+    assert runs["early"].tightened_before
+    assert not runs["late"].tightened_before
+    made = figures(*runs.values())
+    assert (made.saved_untightened.of, made.saved) == (1, 2)
+    # what the wearer grips for is no tightening
+    held = {"own_n": grip_n, "grip_n": grip_n}
+    assert not three(trial, held=held).tightened_before
 
 
 def test_a_drop_by_the_controller_alone_is_a_new_drop() -> None:
@@ -153,6 +194,19 @@ def test_a_hand_over_that_fails_in_the_bare_hand_is_none() -> None:
     trial = trial_of("pass")
     for lost_s in (Times.of(trial).act - 0.2, np.inf):
         assert figures(three(trial, bare={"lost_s": lost_s})).handovers == 0
+
+
+def test_a_receiver_who_has_given_up_gets_nothing() -> None:
+    trial = trial_of("pass")
+    gone = {"gives_up_s": Times.of(trial).open + 1.0}
+    kept = three(trial, gone, gone, later(trial, 0.9) | gone | {"peak_n": 9.0})
+    in_time = three(trial, gone, gone, later(trial, 0.2) | gone | {"peak_n": 7.0})
+    assert kept.blocked
+    made = figures(kept, in_time)
+    assert (made.handovers, made.blocked, made.refused) == (2, 1, 1)
+    assert made.receiver_peak_n_p50 == pytest.approx(8.0)
+    too_late = three(trial, later(trial, 0.9) | gone, gone, gone)
+    assert figures(too_late).handovers == 0
 
 
 # cost

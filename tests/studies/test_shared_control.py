@@ -8,8 +8,8 @@ import pytest
 
 from holdfast.evaluation.closed_loop import scene_of
 from studies.shared_control.picture import curve, picture
-from studies.shared_control.plan import LAGS_MS, OURS, SETTINGS, rows, sets
-from studies.shared_control.program import PAGE, _chosen
+from studies.shared_control.plan import LAGS_MS, OURS, PARTS, SEED, SETTINGS, rows, sets
+from studies.shared_control.program import PAGE, _chosen, _locked_on
 from studies.shared_control.targets import TARGETS, target_rows
 from tools.doc_tables import tables_of
 
@@ -115,5 +115,44 @@ def test_a_figure_that_is_not_there_is_a_dash_in_the_tables() -> None:
         ("saved_share", "slip_mm_p50", "crushed_share", "extra_force_n_p50")
     )
     absent = row("table", "holds", OURS, **(figures | none))
+    none_of = {"count": 0, "of": 0, "share": None, "share_ci": None}
+    absent |= {"saved": 0, "saved_of_drops": none_of, "saved_untightened": none_of}
+    absent["by_action"] = {}
     made = tables_of(PAGE, {"loop": {"rows": [absent]}})
-    assert "| holds | 0 | 0 | - | 0 |" in made["sets"]
+    assert "| holds | 0 of 0: - | 0 of 0: - | 0 of 0: - | 0 |" in made["sets"]
+
+
+def test_the_page_says_whether_the_seed_was_locked() -> None:
+    facts = {"measured_on": "2026-11-23", "model": "d8", "command": "c", "rows": []}
+    locked = {**facts, "seed": SEED, "locked_on": _locked_on(SEED)}
+    said = tables_of(PAGE, {"loop": locked})["measured"]
+    assert "Seed 7001, locked since 2026-11-23" in said
+    chosen = {**facts, "seed": 150, "locked_on": _locked_on(150)}
+    assert "a development seed" in tables_of(PAGE, {"loop": chosen})["measured"]
+
+
+def test_every_set_has_the_seed_that_was_asked_for() -> None:
+    assert {one.one.seed for one in rows(10, 123)} == {123}
+    assert {one.one.seed for one in rows(10)} == {SEED}
+    assert {one.part for one in rows(10)} == set(PARTS)
+
+
+def test_hands_open_late_or_never_and_tremble_in_sets_of_their_own() -> None:
+    late = [one for one in rows(20) if one.part == "never opens"]
+    _, trials = scene_of(late[0].one)
+    assert {trial.action for trial in trials} == {"pass"}
+    assert {trial.drawn["open_after_s"] for trial in trials} == {4.0}
+    shaken = [one.one.tremor_m_s2 for one in rows(20) if one.part == "tremor"]
+    assert shaken == [0.0, 0.3, 1.0, 2.0, 3.0]
+
+
+def test_the_worst_tremor_counts() -> None:
+    made = [
+        row("tremor", "author", OURS, tremor_m_s2=m_s2, saved_share=share)
+        for m_s2, share in ((0.0, 1.0), (2.0, 0.5), (3.0, 0.9))
+    ]
+    (target,) = [
+        one for one in target_rows(made) if "drops saved, tremb" in one["target"]
+    ]
+    assert (target["reached"], target["measured"][:3]) == ("no", "0.5")
+    assert target["measured"].endswith("2 m/s2")

@@ -1,0 +1,328 @@
+"""What a grip controller is worth: drops saved, hand-overs blocked, and what it costs.
+
+Each trial is run in a hand that does nothing (bare), by the oracle, and by the controller. A drop
+is an object that the bare hand loses in a pull or a fall. It is preventable where one of several
+closures of the same drive keeps the object; the oracle is, for each event, the gentlest that does.
+A hand-over is blocked where the receiver needs over 5 N more than from the bare hand, gets the
+object over 0.3 s later, or needs an override. All figures are simulated.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+
+import numpy as np
+
+from holdfast.core.contract import BoolArray, FloatArray
+from holdfast.core.reading import Json
+from holdfast.core.trial_layout import RISKY_ACTIONS
+from holdfast.evaluation.statistics import share
+from holdfast.simulation.closed_loop import needed_grip_n
+from holdfast.simulation.loop_people import LoopOutcome
+from holdfast.training.figures import Interval
+
+BLOCKED_N = 5.0
+BLOCKED_S = 0.3
+"""A hand-over that needs more force, or more time, than this is blocked."""
+TIGHTER_N = 1.0
+"""A hand that grips by so much more than its wearer commands is tightened."""
+
+
+@dataclass(frozen=True)
+class ThreeRuns:
+    """One trial in three hands."""
+
+    bare: LoopOutcome
+    oracle: LoopOutcome
+    held: LoopOutcome
+
+    @property
+    def drop(self) -> bool:
+        """The bare hand loses the object in a risky action."""
+        # What falls before the action began was a weak grip, and no slip to be prevented.
+        bare = self.bare
+        in_action = bare.lost_s >= bare.act_s
+        return bare.trial.action in RISKY_ACTIONS and in_action and bare.dropped
+
+    @property
+    def preventable(self) -> bool:
+        """The bare hand drops it in the action, the oracle does not."""
+        # The bare hand and the oracle bound what any controller can change.
+        return self.drop and not self.oracle.dropped
+
+    @property
+    def tightened_before(self) -> bool:
+        """The hand was tightened in this hold, before the action began."""
+        held = self.held
+        before = _times_s(held) < held.act_s
+        return bool(self.tight[before].any())
+
+    @property
+    def tight(self) -> BoolArray:
+        """[T] where the hand grips by TIGHTER_N more than its wearer asks for."""
+        is_tight: BoolArray = self.held.grip_n > self.held.own_n + TIGHTER_N
+        return is_tight
+
+    @property
+    def completes(self) -> bool:
+        """The bare hand hands the object over, after the action began."""
+        return self.bare.act_s <= _taken_s(self.bare) < np.inf
+
+    @property
+    def blocked(self) -> bool:
+        """The hand-over needs more force, more time or an override."""
+        # An override frees the object, yet the wearer had to see that the hand was wrong.
+        overrides = bool(np.isfinite(self.held.overrode_s))
+        return self.extra_n > BLOCKED_N or self.extra_s > BLOCKED_S or overrides
+
+    @property
+    def extra_n(self) -> float:
+        """Force of the other person beyond what the bare hand asks for, N."""
+        return self.held.peak_n - self.bare.peak_n
+
+    @property
+    def extra_s(self) -> float:
+        """Time until the object has left, beyond that of the bare hand, s."""
+        return _taken_s(self.held) - _taken_s(self.bare)
+
+    @property
+    def excess_n_s(self) -> float:
+        """Integral over time of the grip beyond what is needed, N s."""
+        held = self.held
+        trial = self.held.trial
+        t_s = _times_s(held)
+
+        # What the wearer commands is taken as needed, also where less would do.
+        least_n = held.own_n.astype(np.float64)
+        if trial.action in RISKY_ACTIONS:
+            # Before load onset nothing beyond the wearer's command is needed.
+            since_onset = t_s >= held.onset_s
+            needed_n = np.where(since_onset, needed_grip_n(trial), 0.0)
+            least_n = np.maximum(least_n, needed_n)
+        beyond_n = np.maximum(held.grip_n - least_n, 0.0)
+        # After the object is gone the grip costs nothing.
+        while_held_n = beyond_n[t_s < held.lost_s]
+        return float(while_held_n.sum() / held.rate_hz)
+
+    @property
+    def friction_error(self) -> float:
+        """Relative error of the friction estimate against the kinetic friction; nan without one."""
+        # The estimate is made while the object slides, so it is kinetic friction that it measures.
+        true = max(self.held.trial.kinetic_friction, 1e-9)
+        return abs(self.held.mu_hat / true - 1.0)
+
+
+def _times_s(of: LoopOutcome) -> FloatArray:
+    """[T] times of the grip."""
+    rows = np.arange(len(of.grip_n))
+    times_s: FloatArray = of.begin_s + rows / of.rate_hz
+    return times_s
+
+
+def _taken_s(of: LoopOutcome) -> float:
+    """When the object has left the hand, while the other person is there to take it; else inf."""
+    return of.lost_s if of.lost_s < of.gives_up_s else np.inf
+
+
+@dataclass(frozen=True)
+class Counted:
+    """So many (count) of so many (of) events; share and its exact 95 % interval, None of none."""
+
+    count: int
+    of: int
+    share: float | None
+    share_ci: Interval | None
+
+
+def _counted(hits: Sequence[bool]) -> Counted:
+    made = share(hits)
+    return Counted(sum(hits), len(hits), made.share, made.share_ci)
+
+
+@dataclass(frozen=True)
+class SavedDrops:
+    """Drops that a controller saved.
+
+    of_all          of all drops of the bare hand
+    of_preventable  of those that the oracle keeps
+    untightened     of the preventable ones in whose hold the hand was not tightened before: those
+                    that no earlier mistake saved
+    """
+
+    of_all: Counted
+    of_preventable: Counted
+    untightened: Counted
+
+
+def _saved_drops(runs: Sequence[ThreeRuns]) -> SavedDrops:
+    """Of the drops among some runs."""
+    of_all = []
+    of_preventable = []
+    untightened = []
+    for run in runs:
+        if not run.drop:
+            continue
+        kept = not run.held.dropped
+        of_all.append(kept)
+        if run.preventable:
+            of_preventable.append(kept)
+        if run.preventable and not run.tightened_before:
+            untightened.append(kept)
+
+    return SavedDrops(_counted(of_all), _counted(of_preventable), _counted(untightened))
+
+
+@dataclass(frozen=True)
+class LoopFigures:
+    """One controller on one set; shares from 0 to 1, `_ci` their exact 95 % intervals.
+
+    drops: of the bare hand in pulls and falls. saved: of the preventable drops. saved_of_drops: of
+    all. saved_untightened: of the preventable ones without an earlier tightening in that hold.
+    by_action: the same by what happened to the object. slip_mm_p50: travel of what was saved.
+    receiver_peak_n: largest force of a receiver. refused: hand-overs of which the receiver gives
+    up. put_downs: disturbed as a hand-over is blocked. grip_excess: N s a trial beyond what is
+    needed. tightenings_per_min: before any action, and in disturbed holds. new_drops: what the
+    bare hand keeps, or loses before the action, and the controller loses. mu_error_p50: where a
+    slip has shown friction.
+    """
+
+    trials: int
+    drops: int
+    preventable: int
+    saved: int
+    saved_share: float | None
+    saved_share_ci: Interval | None
+    saved_of_drops: Counted
+    saved_untightened: Counted
+    by_action: dict[str, SavedDrops]
+    slip_mm_p50: float | None
+    handovers: int
+    blocked: int
+    blocked_share: float | None
+    blocked_share_ci: Interval | None
+    refused: int
+    receiver_peak_n_p50: float | None
+    receiver_peak_n_p95: float | None
+    extra_force_n_p50: float | None
+    extra_force_n_p95: float | None
+    extra_delay_ms_p50: float | None
+    extra_delay_ms_p95: float | None
+    put_downs: int
+    disturbed_share: float | None
+    disturbed_share_ci: Interval | None
+    fragile: int
+    crushed_share: float | None
+    crushed_share_ci: Interval | None
+    grip_excess: float
+    tightenings_per_min: float | None
+    new_drops: int
+    mu_observed: int
+    mu_error_p50: float | None
+
+    def to_json(self) -> Json:
+        """As a JSON object, in the order of the fields."""
+        return asdict(self)
+
+
+def loop_figures(runs: Sequence[ThreeRuns]) -> LoopFigures:
+    """The figures of one controller on one set."""
+    passes = [run for run in runs if _hands_over(run, "pass")]
+    put_downs = [run for run in runs if _hands_over(run, "put-down")]
+    # Only fragile objects can be crushed, so only they are in the denominator.
+    fragile = [run for run in runs if run.bare.trial.object.crush_n > 0.0]
+    preventable = [run for run in runs if run.preventable]
+    kept = [run for run in preventable if not run.held.dropped]
+    new = [run.held.dropped and not run.bare.dropped for run in runs]
+
+    drops = _saved_drops(runs)
+    saved = drops.of_preventable
+    blocked = _counted([run.blocked for run in passes])
+    disturbed = _counted([run.blocked for run in put_downs])
+    crushed = _counted([run.held.crushed for run in fragile])
+
+    peaks_n = [run.held.peak_n for run in passes]
+    extra_n = [run.extra_n for run in passes]
+    delays_ms = [1e3 * run.extra_s for run in passes]
+    excess_n_s = [run.excess_n_s for run in runs]
+    # Without a slip the controller has no estimate of friction, and no error.
+    errors = [run.friction_error for run in preventable]
+    known_errors = [error for error in errors if np.isfinite(error)]
+
+    # Medians are of the cases that a share counts, so both describe the same trials.
+    return LoopFigures(
+        trials=len(runs),
+        drops=drops.of_all.of,
+        preventable=saved.of,
+        saved=saved.count,
+        saved_share=saved.share,
+        saved_share_ci=saved.share_ci,
+        saved_of_drops=drops.of_all,
+        saved_untightened=drops.untightened,
+        by_action=_by_action(runs),
+        slip_mm_p50=_percentile([run.held.slip_mm for run in kept], 50),
+        handovers=blocked.of,
+        blocked=blocked.count,
+        blocked_share=blocked.share,
+        blocked_share_ci=blocked.share_ci,
+        refused=sum(not np.isfinite(delay_ms) for delay_ms in delays_ms),
+        receiver_peak_n_p50=_percentile(peaks_n, 50),
+        receiver_peak_n_p95=_percentile(peaks_n, 95),
+        extra_force_n_p50=_percentile(extra_n, 50),
+        extra_force_n_p95=_percentile(extra_n, 95),
+        extra_delay_ms_p50=_percentile(delays_ms, 50),
+        extra_delay_ms_p95=_percentile(delays_ms, 95),
+        put_downs=disturbed.of,
+        disturbed_share=disturbed.share,
+        disturbed_share_ci=disturbed.share_ci,
+        fragile=crushed.of,
+        crushed_share=crushed.share,
+        crushed_share_ci=crushed.share_ci,
+        grip_excess=float(np.mean(excess_n_s)) if runs else 0.0,
+        tightenings_per_min=_tightenings_per_min(runs),
+        new_drops=sum(new),
+        mu_observed=len(known_errors),
+        mu_error_p50=_percentile(known_errors, 50),
+    )
+
+
+def _hands_over(run: ThreeRuns, action: str) -> bool:
+    """Whether a trial is a hand-over of a kind; what the bare hand does not finish is none."""
+    return run.completes and run.bare.trial.action == action
+
+
+def _by_action(runs: Sequence[ThreeRuns]) -> dict[str, SavedDrops]:
+    """The drops of every risky action that was run."""
+    found = {}
+    for action in RISKY_ACTIONS:
+        of_action = [run for run in runs if run.bare.trial.action == action]
+        if of_action:
+            found[action] = _saved_drops(of_action)
+    return found
+
+
+def _percentile(values: Sequence[float], percent: float) -> float | None:
+    if not values:
+        return None
+    # What never happened is later than all else, and keeps the percentile finite.
+    finite = np.where(np.isfinite(values), values, 1e6)
+    return float(np.percentile(finite, percent))
+
+
+def _tightenings_per_min(runs: Sequence[ThreeRuns]) -> float | None:
+    """How often the grip rises by TIGHTER_N before any action, or in a disturbed hold."""
+    count = 0
+    seconds = 0.0
+    for run in runs:
+        held = run.held
+        # In an action more grip may be right, so only the time before it is watched.
+        until_s = held.opens_s if held.trial.action == "hold" else held.act_s
+        # A disturbed hold has no action: it is watched until the hand opens.
+        watched = _times_s(held) < min(until_s, held.lost_s)
+        tight = run.tight[watched]
+        # One rise above the limit counts once, however long the grip stays there.
+        begins = tight[1:] & ~tight[:-1]
+        count += int(begins.sum())
+        seconds += len(tight) / held.rate_hz
+
+    return 60.0 * count / seconds if seconds else None

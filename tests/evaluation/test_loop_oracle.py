@@ -1,0 +1,115 @@
+"""The honest oracle: of several closures of one drive, the first that keeps the object counts."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from loop_bench import MODEL, card_text, row
+
+from holdfast.edge_runtime.engine import ModelChoice
+from holdfast.evaluation.closed_loop import (
+    BARE,
+    ORACLE,
+    LoopRequest,
+    LoopRuns,
+    LoopSet,
+    scene_of,
+)
+from holdfast.evaluation.jobs import Workers
+from holdfast.simulation.closed_loop import CLOSURES
+from holdfast.simulation.loop_people import LoopOutcome
+from holdfast.simulation.script_times import Times
+
+KEPT_BY = {"fall": 2.0, "pull": np.inf}
+"""Action -> the first closure that keeps the object."""
+
+
+class Pretended(LoopRuns):
+    """Outcomes by rule, not by physics; asked: every (closure, actions) that was run."""
+
+    asked: list[tuple[float | None, list[str]]]
+
+    def _run_places(self, places: Any, from_share: float, to_share: float) -> None:
+        for (of, request), some in places.items():
+            trials = scene_of(of)[1]
+            actions = [trials[k].action for k in some]
+            self.asked.append((request.setting, actions))
+            made = {k: self._one(trials[k], request) for k in some}
+            self._outcomes[of, request] |= made
+
+    @staticmethod
+    def _one(trial: Any, request: LoopRequest) -> LoopOutcome:
+        times = Times.of(trial)
+        first = KEPT_BY.get(trial.action, 0.0)
+        closes = request.setting if request.name == ORACLE else 0.0
+        assert closes is not None
+        gone_s = np.inf if closes >= first else times.act + 0.1
+        grip_n = np.full(10, 1.0 + min(closes, 99.0), dtype=np.float32)
+        return LoopOutcome(
+            trial,
+            gone_s,
+            times.act,
+            0.0,
+            1.0,
+            np.inf,
+            0.0,
+            100.0,
+            np.nan,
+            grip_n,
+            grip_n,
+        )
+
+
+@pytest.fixture
+def pretended(tmp_path: Path) -> tuple[Pretended, LoopSet]:
+    path = tmp_path / "mine.toml"
+    path.write_text(card_text(row("fall"), row("pull"), row("pass")), encoding="utf-8")
+    runs = Pretended(ModelChoice(str(MODEL)), Workers(1), lambda share: None)
+    runs.asked = []
+    return runs, LoopSet(str(path), None, 0)
+
+
+def test_each_closure_is_tried_only_on_drops_that_none_before_has_prevented(
+    pretended: tuple[Pretended, LoopSet],
+) -> None:
+    runs, of = pretended
+    runs.run([(of, LoopRequest(ORACLE))])
+    everything = ["fall", "pull", "pass"]
+    assert runs.asked[0] == (None, everything)
+    assert runs.asked[1:] == [
+        (1.1, ["fall", "pull"]),
+        (1.5, ["fall", "pull"]),
+        (2.0, ["fall", "pull"]),
+        (3.0, ["pull"]),
+        (np.inf, ["pull"]),
+    ]
+    assert (1.1, 1.5, 2.0, 3.0, np.inf) == CLOSURES
+
+
+def test_the_oracle_is_for_each_event_the_gentlest_closure_that_keeps_the_object(
+    pretended: tuple[Pretended, LoopSet],
+) -> None:
+    runs, of = pretended
+    runs.run([(of, LoopRequest(ORACLE)), (of, LoopRequest(BARE))])
+    made = runs.figures(of, LoopRequest(ORACLE))
+    assert (made.drops, made.preventable, made.saved) == (2, 2, 2)
+    grips = [float(one.oracle.grip_n[0]) for one in runs.runs(of, LoopRequest(ORACLE))]
+    assert grips == [3.0, 100.0, 1.0]
+    assert runs.figures(of, LoopRequest(BARE)).saved == 0
+
+
+def test_a_set_of_some_actions_has_no_others_and_its_hand_may_tremble(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text(card_text(row("fall"), row("pass")), encoding="utf-8")
+    of = LoopSet(str(path), None, 0, actions=("pass",))
+    scene, trials = scene_of(of)
+    assert [trial.action for trial in trials] == ["pass"]
+    assert "tremor" not in scene.file.effects
+    trembling, _ = scene_of(replace(of, tremor_m_s2=2.0))
+    assert trembling.file.effects["tremor"]["amplitude_m_s2"] == 2.0
