@@ -101,12 +101,13 @@ class Pull:
 
 @dataclass(frozen=True)
 class Floor:
-    """A box from below: a spring that pushes upwards only, and resists sliding.
+    """A box from below: a spring that pushes one way only, upwards, and resists sliding.
 
     Either one step, or n steps of it, with [n, B]:
 
     height_m  [B]: of its top in the hand's frame
     cap_n     [B]: it pushes no harder
+    up        [3, B]: where it pushes, a unit vector, and along which its height is; None: along z
     """
 
     stiffness_n_per_m: float
@@ -114,6 +115,7 @@ class Floor:
     sideways_n_s_per_m: float
     height_m: FloatArray
     cap_n: FloatArray
+    up: FloatArray | None = None
 
     def at(self, k: int) -> Floor:
         """Step k of several."""

@@ -62,9 +62,11 @@ def step(
     load_n, drag = _loads(body, old, inputs, dt_s)
     weight_n = body.mass_kg * body.gravity_m_s2
     held_n = load_n + weight_n
+    shaken_n: FloatArray | None = None
     for shake in effects.shakes:
         inertial_n = body.mass_kg * shake.acceleration_m_s2(t_s)
         held_n = held_n - inertial_n
+        shaken_n = -inertial_n if shaken_n is None else shaken_n - inertial_n
 
     # Normals first, because they decide how much friction the brushes may use.
     speed_x = _normals(body, state, inputs.closure_m, held_n[0], drag[0], dt_s, effects)
@@ -99,7 +101,7 @@ def step(
     if effects.lags:
         _move_lags(body, old, state, inputs.closure_m, dt_s, effects)
     for turn in effects.turns:
-        turn.turn(body, state, limit_m, dt_s)
+        turn.turn(body, state, limit_m, dt_s, shaken_n)
 
 
 def _move_lags(
@@ -156,7 +158,7 @@ def _loads(
         drag += spring * dt_s + damper
 
     if inputs.floor is not None:
-        _add_floor(inputs.floor, state, load_n[2], drag, dt_s)
+        _add_floor(inputs.floor, state, load_n, drag, dt_s)
 
     return load_n, drag
 
@@ -164,21 +166,38 @@ def _loads(
 def _add_floor(
     floor: Floor, state: State, load_n: FloatArray, drag: FloatArray, dt_s: FloatArray
 ) -> None:
-    """Add the box to the force along z, load_n [B], and to the drag [3, B], in place."""
-    above_m = floor.height_m - state.position_m[2]
+    """Add the box to the forces load_n [3, B], and to the drag [3, B], in place."""
+    place_m = state.position_m[2]
+    speed_m_s = state.velocity_m_s[2]
+    if floor.up is not None:
+        place_m = add(floor.up * state.position_m, axis=0)
+        speed_m_s = add(floor.up * state.velocity_m_s, axis=0)
+    above_m = floor.height_m - place_m
 
     # As for people, the cap is judged at the end of a step with the old speed.
-    sunk_m = above_m - state.velocity_m_s[2] * dt_s
+    sunk_m = above_m - speed_m_s * dt_s
     pressed_m = np.maximum(sunk_m, 0.0)
     pressed_n = floor.stiffness_n_per_m * pressed_m
     capped = np.minimum(1.0, floor.cap_n / np.maximum(pressed_n, TINY))
     share = capped * (pressed_m > 0.0)
 
     # The spring is implicit, as those of people: what it loses to the way of this step is drag.
-    load_n += share * floor.stiffness_n_per_m * above_m
+    push_n = share * floor.stiffness_n_per_m * above_m
     follows = floor.stiffness_n_per_m * dt_s
-    drag[2] += share * (follows + floor.damping_n_s_per_m)
-    drag[:2] += share * floor.sideways_n_s_per_m
+    upwards = share * (follows + floor.damping_n_s_per_m)
+    sideways = share * floor.sideways_n_s_per_m
+    if floor.up is None:
+        load_n[2] += push_n
+        drag[2] += upwards
+        drag[:2] += sideways
+        return
+
+    # A drag has one number an axis. These bound the push's own, n n' (Gershgorin), so no step
+    # gains energy; along an axis they are exact.
+    size = np.abs(floor.up)
+    along = size * add(size, axis=0)
+    load_n += push_n * floor.up
+    drag += upwards * along + sideways * (1.0 - size * size)
 
 
 def _normals(

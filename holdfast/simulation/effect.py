@@ -327,8 +327,8 @@ class PhysicsEffect:
     lags      a part of the normal force with memory, which gains stiffness * (change of depth)
               + held: terms(dt_s [B]) -> (stiffness, held force), [S, B] each; and moved(change
               of depth [S, B], touching [S, B], dt_s [B]) takes in the step
-    turns     the object rotates: turn(body, state, limit_m, dt_s) moves the brushes in place
-              after the core has
+    turns     the object rotates: turn(body, state, limit_m, dt_s, inertial force of the shakes
+              [3, B] or None) moves the brushes in place after the core has
     """
 
     kind: Literal["shakes", "textures", "lags", "turns"]
@@ -336,6 +336,11 @@ class PhysicsEffect:
     def busy_s(self, trial: int) -> list[Interval]:
         """When a trial of the batch needs fine steps; by default never for the effect's sake."""
         return []
+
+    @staticmethod
+    def peak_m_s2(drawn: Drawn) -> float:
+        """Largest acceleration that a hold has to bear; a blow such as a knock is no part of it."""
+        return 0.0
 
 
 @dataclass(frozen=True)

@@ -78,7 +78,7 @@ def _fill(scene: Scene, out: Path, trials: Sequence[PlannedTrial], done: Done) -
     """Write a whole set; returns the number of recordings. Raises OutputError."""
     # The set carries its own scene file and seed, from which it can be simulated again.
     write_whole(out / "card.toml", scene.file.text)
-    write_whole(out / "meta.json", _json(_meta(scene)))
+    write_whole(out / "meta.json", _json(_meta(scene, trials)))
     if scene.file.hand.text:
         write_whole(out / HAND_FILE, scene.file.hand.text)
 
@@ -204,7 +204,7 @@ def _named(trials: Sequence[PlannedTrial]) -> Iterator[tuple[str, PlannedTrial]]
         yield f"{folder}/trial_{counts[folder]}", trial
 
 
-def _meta(scene: Scene) -> Json:
+def _meta(scene: Scene, trials: Sequence[PlannedTrial]) -> Json:
     """The meta.json of a set: what its files are, and where they come from."""
     file = scene.file
     meta: Json = {
@@ -224,6 +224,10 @@ def _meta(scene: Scene) -> Json:
         meta["hand"] = {"card": file.hand.name, "sha256": file.hand.sha256}
     if file.controller is not None:
         meta["controller"] = file.controller.name
+    if any("used" in row.values for row in file.rows):
+        # Holds that no hand can grip, or whose grip no sensor sees, are drawn again.
+        refused = sum(trial.refused for trial in trials)
+        meta["draws"] = {"kept": len(trials), "refused": refused}
 
     return meta
 

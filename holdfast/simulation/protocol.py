@@ -28,6 +28,17 @@ from holdfast.simulation.objects import HeldObject, load_factors, touch_paramete
 
 GRAVITY_M_S2 = 9.81
 """Acceleration of gravity."""
+HOLD_KEYS = (
+    "mass_g",
+    "friction",
+    "kinetic_share",
+    "used",
+    "fingers_down",
+    "turn_deg",
+    "push_along_thumb",
+    "push_turn_deg",
+)
+"""Further keys of [[trials]] of any action (holds.py): drawn only where a row names them."""
 NEVER_S = 1e9
 """Time of an event that a trial does not have, s: later than any trial lasts."""
 
@@ -259,6 +270,8 @@ class PlannedTrial:
     at_m            [2, S] (y, z) of each contact
     push            [3] direction of taking
     hand            its contacts
+    down            [3] direction of gravity where the row draws one; None: that of tilt and roll
+    refused         draws of its hold that were refused (holds.py)
     """
 
     number: int
@@ -273,6 +286,8 @@ class PlannedTrial:
     at_m: np.ndarray
     push: np.ndarray
     hand: HandCard
+    down: np.ndarray | None = None
+    refused: int = 0
 
     @property
     def kinetic_friction(self) -> float:

@@ -29,15 +29,16 @@ def gyration_m2(held: HeldObject) -> float:
 class Rotation(PhysicsEffect):
     """Angle about x, rad: I d(omega)/dt = offset x F - sum of p x f over the brushes.
 
-    p is from the object's middle. F is the weight less what people and a box carry, who are assumed
-    to hold the object at its centre of mass. So the object turns only while the hand holds it, and
-    out of the hand it keeps its rate. I = m (gyration + offset^2), kg m^2.
+    p is from the object's middle. F is the weight and the inertial force of the hand's own motion
+    (arm, tremor, knock), less what people and a box carry, who are assumed to hold the object at
+    its centre of mass. So the object turns only while the hand holds it, and out of the hand it
+    keeps its rate. I = m (gyration + offset^2), kg m^2.
 
     The brushes move by omega x p on top of the core's translation. This step comes after the
     core's, implicit in omega, with the same reweighting and the same balance of energy (operator
     splitting: Strang, SIAM J. Numer. Anal. 5, 1968; first order here). The object does not turn at
-    all while friction can hold it. Left out: the hand's own acceleration does not turn the object,
-    and turning does not move its middle.
+    all while friction can hold it. Left out: turning about y and z, which two fingers and more
+    across the grip resist, and turning does not move its middle.
     """
 
     kind = "turns"
@@ -55,14 +56,24 @@ class Rotation(PhysicsEffect):
         self.rho: FloatArray = np.ones(1)
 
     def turn(
-        self, body: Body, state: State, limit_m: FloatArray, dt_s: FloatArray
+        self,
+        body: Body,
+        state: State,
+        limit_m: FloatArray,
+        dt_s: FloatArray,
+        shaken_n: FloatArray | None = None,
     ) -> None:
-        """Turn by one step; changes stretch, slip and energy of the brushes."""
+        """Turn by one step; changes stretch, slip and energy of the brushes.
+
+        shaken_n: [3, B] inertial force of the hand's motion; None: it stands still.
+        """
         inertia = body.mass_kg * self.inertia_m2
 
         # Out of the hand nothing turns the object: it keeps its rate.
         weight_n = body.mass_kg * body.gravity_m_s2[1:]
         carried_n = weight_n + state.agents_n[1:]
+        if shaken_n is not None:
+            carried_n = carried_n + shaken_n[1:]
         in_hand = (state.normal_n > 0.0).any(axis=0)
         force_n = np.where(in_hand, carried_n, 0.0)
 

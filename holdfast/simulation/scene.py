@@ -24,7 +24,7 @@ from holdfast.simulation.effect import (
     stream,
 )
 from holdfast.simulation.objects import sensed_of
-from holdfast.simulation.protocol import PlannedTrial, TrialsRow, draw_trial
+from holdfast.simulation.protocol import HOLD_KEYS, PlannedTrial, TrialsRow, draw_trial
 from holdfast.simulation.run import Done, StepSettings, TrialMotion, motions
 from holdfast.simulation.scene_file import SceneFile
 from holdfast.simulation.script_times import grid_of
@@ -131,7 +131,23 @@ class Scene:
         action = row.action
         style = row.style
         hand = self.file.hand
-        return draw_trial(number, held, action, style, row.values, self.seed, hand)
+        trial = draw_trial(number, held, action, style, row.values, self.seed, hand)
+        if not any(name in row.values for name in HOLD_KEYS):
+            return trial
+
+        # Loaded only for a row that names one of its keys, with a random stream of its own.
+        from holdfast.simulation.holds import in_hold
+
+        rng = stream(self.seed, number, "hold")
+        return in_hold(trial, row.values, rng, self._shake_m_s2(number))
+
+    def _shake_m_s2(self, number: int) -> float:
+        """The largest acceleration of the hand by tremor and arm in a trial."""
+        total_m_s2 = 0.0
+        for name, effect in self.physics_effects.items():
+            made: Any = effect.make
+            total_m_s2 += made.peak_m_s2(self._draw(name, number))
+        return total_m_s2
 
     def run(
         self, trials: Sequence[PlannedTrial], done: Done = lambda trials: None
@@ -301,7 +317,11 @@ class Scene:
 
     def draw(self, name: str, trial: PlannedTrial) -> Drawn:
         """Parameters of an effect in a trial."""
-        rng = stream(self.seed, trial.number, f"{name} parameters")
+        return self._draw(name, trial.number)
+
+    def _draw(self, name: str, number: int) -> Drawn:
+        """The same, of a trial that is not planned yet."""
+        rng = stream(self.seed, number, f"{name} parameters")
         return effect_named(name).draw(self.file.effects[name], rng)
 
     def rng(self, name: str, trial: PlannedTrial) -> np.random.Generator:

@@ -64,7 +64,13 @@ from holdfast.simulation.objects import (
     HeldObject,
     held_object,
 )
-from holdfast.simulation.protocol import ACTIONS, COMMON, TrialsRow, least_grip_n
+from holdfast.simulation.protocol import (
+    ACTIONS,
+    COMMON,
+    HOLD_KEYS,
+    TrialsRow,
+    least_grip_n,
+)
 
 MAX_GRIP_N = 70.0
 """Greatest opposition grip of the Michelangelo hand, N a side (thesis, 5.1.1)."""
@@ -260,8 +266,12 @@ class _SceneReader(NumberReader):
             if not isinstance(name, str) or name not in objects:
                 raise self.refused(f"{key}.objects", name, ", ".join(objects))
 
-        table = COMMON | TOUCH | ACTIONS[action]
         given = {name: value for name, value in row.items() if name not in ROW_KEYS}
+        table = COMMON | TOUCH | ACTIONS[action]
+        if any(name in given for name in HOLD_KEYS):
+            from holdfast.simulation.holds import HOLD
+
+            table = table | HOLD
         self.require_known(given, table, f"{key}: {action}")
         # The file's values take precedence over those of the style.
         style_values = styles[style]

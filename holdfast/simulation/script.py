@@ -59,6 +59,9 @@ def body_of(trials: Sequence[PlannedTrial], pressure: FloatArray) -> Body:
     across = np.cos(tilt) * np.sin(roll)
     along = -np.cos(tilt) * np.cos(roll)
     down = np.stack([np.sin(tilt), across, along])
+    for k, trial in enumerate(trials):
+        if trial.down is not None:
+            down[:, k] = trial.down
 
     # Finger and object are springs in series; a contact has its part of the object's.
     held_n_per_m = np.array([held.stiffness_n_per_m for held in objects])
@@ -326,12 +329,18 @@ class Script:
         # It takes the whole weight and a little more, but does not push the object up.
         cap = self.drawn("press") * self.weight_n + self.drawn("excess_n")
 
+        # A hand that is held any way sets the object down the way gravity points.
+        up = None
+        if any(trial.down is not None for trial in self.trials):
+            up = -self.body.gravity_m_s2 / GRAVITY_M_S2
+
         return Floor(
             stiffness_n_per_m=BOX_N_PER_M,
             damping_n_s_per_m=BOX_DAMPING,
             sideways_n_s_per_m=BOX_SIDEWAYS,
             height_m=np.where(comes, height_m, NO_BOX_M),
             cap_n=np.broadcast_to(np.maximum(cap, 1e-9), t_s.shape),
+            up=up,
         )
 
 

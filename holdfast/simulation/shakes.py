@@ -9,6 +9,7 @@ import numpy as np
 
 from holdfast.core.contract import FloatArray
 from holdfast.simulation.effect import (
+    Drawn,
     Effect,
     EffectBatch,
     Interval,
@@ -80,6 +81,12 @@ class Arm(PhysicsEffect):
         by_time = by_u / (self.lasts_s * self.lasts_s)
         return self.along * by_time
 
+    @staticmethod
+    def peak_m_s2(drawn: Drawn) -> float:
+        """Where u (60 - 180 u + 120 u^2) is largest: u = 1/2 - 1/sqrt(12), 10 / sqrt(3)."""
+        lasts_s = float(drawn["lasts_s"])
+        return 10.0 / np.sqrt(3.0) * float(drawn["amplitude_m"]) / lasts_s**2
+
     def motion_m(self, t_s: FloatArray, trial: int) -> FloatArray:
         """[T, 3] position of one trial's hand, from where it began."""
         number, u, direction = self._reach(t_s, trial)
@@ -122,6 +129,11 @@ class Tremor(PhysicsEffect):
         self.phase = self._uniform(batch.rngs, 0.0, 2.0 * np.pi)
         self.rate = 2.0 * np.pi * batch.values("frequency_hz")
         self.detune = self._uniform(batch.rngs, 0.85, 1.15)
+
+    @staticmethod
+    def peak_m_s2(drawn: Drawn) -> float:
+        """Both sines at their peaks, in one direction."""
+        return float(drawn["amplitude_m_s2"])
 
     @staticmethod
     def _uniform(rngs: Sequence[np.random.Generator], low: float, high: float) -> Any:

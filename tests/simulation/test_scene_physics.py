@@ -220,7 +220,9 @@ def test_a_held_object_does_not_creep_in_a_million_steps():
     elsewhere="forces are reported that do not add up to what is held",
     here="shear, squeeze and normals of all contacts are the weight",
 )
-@pytest.mark.parametrize("gravity", [(0.0, 0.0, -G), (3.0, 2.0, -9.0)])
+@pytest.mark.parametrize(
+    "gravity", [(0.0, 0.0, -G), (3.0, 2.0, -9.0), (G, 0.0, 0.0), (-6.0, -5.0, 4.0)]
+)
 def test_the_contacts_of_a_held_object_carry_its_weight(gravity):
     held = body(gravity=gravity)
     closure = closed(held, 8.0)
@@ -367,3 +369,98 @@ def test_slip_time_is_first_order_in_the_step():
     order = np.polyfit(np.log(steps), np.log(errors), 1)[0]
     assert 0.6 < order < 1.4
     assert errors[1] < 1e-3
+
+
+angles = st.floats(-np.pi, np.pi)
+directions = st.tuples(st.floats(-1.0, 1.0), angles)
+
+
+def unit(direction: tuple[float, float]) -> np.ndarray:
+    """A unit vector of its share along the thumb's axis and its angle about it."""
+    along, angle = direction
+    across = np.sqrt(1.0 - along * along)
+    return np.array([along, across * np.cos(angle), across * np.sin(angle)])
+
+
+@settings(max_examples=25)
+@given(hard, steps_s, directions, st.sampled_from([0.5, 20.0]))
+def test_no_direction_of_gravity_gains_energy(kind, dt_s, down, grip_n):
+    gravity = tuple(G * unit(down))
+    held = body(8, **{**kind, "kinetic": 0.8 * kind["friction"]}, gravity=gravity)
+    rng = np.random.default_rng(0)
+    closure = closed(held, grip_n) * rng.uniform(0.0, 2.0, (6, 8))
+    state = thrown(held, closure, rng, 0.3)
+    before = energy_j(held, state, closure)
+    scale = np.abs(before) + energy.kinetic_j(held, state) + 1e-9
+    for _ in range(15):
+        go(held, state, Inputs(closure), dt_s, 1)
+        after = energy_j(held, state, closure)
+        height = np.abs(held.mass_kg * (held.gravity_m_s2 * state.position_m).sum(0))
+        assert (after - before <= 1e-9 * (scale + np.abs(before) + height)).all()
+        before = after
+
+
+@settings(max_examples=25)
+@given(angles, directions, directions, st.integers(0, 99))
+def test_a_world_turned_about_the_thumbs_axis_turns_the_forces(angle, down, pull, seed):
+    cos, sin = np.cos(angle), np.sin(angle)
+    turn = np.array([[1.0, 0.0, 0.0], [0.0, cos, -sin], [0.0, sin, cos]])
+    places = 1e-3 * np.random.default_rng(seed).normal(size=(2, 6, 1))
+
+    def after(turned: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        one = np.ones(2)
+        held = replace(
+            body(ball=True, friction=0.7, gravity=tuple(turned @ (G * unit(down)))),
+            at_m=np.einsum("ij,jsb->isb", turned[1:, 1:], places) * one,
+        )
+        closure = closed(held, 4.0)
+        person = Pull(
+            stiffness_n_per_m=800.0 * one,
+            damping_n_s_per_m=15.0 * one,
+            cap_n=6.0 * one,
+            weight_share=0.3 * one,
+            target_m=(turned @ (0.05 * unit(pull)))[:, None] * one,
+            target_m_s=np.zeros((3, 2)),
+        )
+        state = at_rest(held, closure)
+        go(held, state, Inputs(closure, (person,)), 1e-3, 120)
+        shear = (held.brush_n_per_m * state.stretch_m).sum(axis=1)
+        return state.position_m[:, 0], shear[..., 0], state.normal_n[:, 0]
+
+    place, shear, normal = after(np.eye(3))
+    turned_place, turned_shear, turned_normal = after(turn)
+    assert turned_place == pytest.approx(turn @ place, abs=1e-6)
+    assert turned_shear == pytest.approx(turn[1:, 1:] @ shear, abs=1e-3)
+    assert turned_normal == pytest.approx(normal, abs=1e-3)
+
+
+@settings(max_examples=25)
+@given(directions, steps_s)
+def test_a_box_on_any_side_returns_no_more_than_fell_on_it(up, dt_s):
+    one = np.ones(2)
+    held = body(gravity=(0.0, 0.0, 0.0))
+    far = np.full((6, 2), -1.0)
+    state = at_rest(held, far)
+    away = unit(up)[:, None] * one
+    state.velocity_m_s = -0.4 * away
+    floor = Floor(4e3, 40.0, 300.0, -1e-4 * one, 50.0 * one, away)
+    moving_j = energy.kinetic_j(held, state)
+    for _ in range(60):
+        go(held, state, Inputs(far, (), floor), dt_s, 1)
+        assert (energy.kinetic_j(held, state) <= moving_j + 1e-12).all()
+        assert np.isfinite(state.position_m).all()
+
+
+def test_a_leaning_box_along_z_is_the_upright_one():
+    one = np.ones(2)
+    up = np.array([0.0, 0.0, 1.0])[:, None] * one
+    upright = Floor(4e3, 40.0, 300.0, 1e-3 * one, 5.0 * one)
+    ends = []
+    for floor in (upright, replace(upright, up=up)):
+        held = body()
+        closure = closed(held, 4.0)
+        state = at_rest(held, closure)
+        go(held, state, Inputs(closure, (), floor), 1e-3, 100)
+        ends.append(state)
+    assert ends[0].position_m == pytest.approx(ends[1].position_m, abs=1e-15)
+    assert ends[0].agents_n == pytest.approx(ends[1].agents_n, abs=1e-12)

@@ -1,0 +1,149 @@
+"""A hand held any way, and a grip that uses a drawn share of friction."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from holdfast.core.errors import CardError, HoldfastError
+from holdfast.core.trial_layout import is_heavy
+from holdfast.simulation.folder import write_set
+from holdfast.simulation.holds import BOTH_CLOSED, LEAST_N, MOST_N
+from holdfast.simulation.protocol import GRAVITY_M_S2
+from holdfast.simulation.scene import Scene, SimulatedTrial
+from holdfast.simulation.scene_file import read_scene_file
+from holdfast.simulation.script_times import Times
+
+WIDE = """
+mass_g = { log_uniform = [10, 800] }
+friction = { uniform = [0.2, 1.2] }
+kinetic_share = { uniform = [0.6, 1.0] }
+friction_factor = 1
+used = { uniform = [0.1, 0.8] }
+fingers_down = { uniform = [-1, 1] }
+turn_deg = { uniform = [-180, 180] }
+weak_share = 0
+"""
+TREMOR = "[effects.tremor]\namplitude_m_s2 = 3\n"
+
+
+def scene(tmp_path: Path, values: str, action: str, effects: str = "") -> Scene:
+    path = tmp_path / "mine.toml"
+    path.write_text(
+        '[[trials]]\nobjects = ["soft-ball", "full-bottle"]\n'
+        f'action = "{action}"\ncount = 40\n{values}{effects}',
+        encoding="utf-8",
+    )
+    return Scene(read_scene_file(str(path)), 100)
+
+
+def held(simulated: SimulatedTrial) -> np.ndarray:
+    """[S, 3] forces while the hand holds the object alone, just before the action."""
+    times = Times.of(simulated.trial)
+    sample = int(np.searchsorted(simulated.motion.t_s, times.act)) - 1
+    return np.asarray(simulated.motion.forces_n[sample])
+
+
+def test_the_friction_used_in_a_simulated_hold_is_the_one_drawn(
+    tmp_path: Path,
+) -> None:
+    made = scene(tmp_path, WIDE, "pull")
+    found, drawn = [], []
+    for one in made.run_together(made.trials(24)):
+        force = held(one)
+        # The y axes of the fingers' sensors point the other way than the thumb's.
+        sign = np.where(np.arange(6) < 2, -1.0, 1.0)
+        y_n, z_n = force[:, 0].sum(), (force[:, 1] * sign).sum()
+        limit_n = one.trial.object.friction * force[:, 2].sum()
+        found.append(np.hypot(y_n, z_n) / limit_n)
+        drawn.append(one.trial.drawn["used"])
+    assert np.ptp(drawn) > 0.4
+    # A cylinder is not squeezed along its axis, which the rule leaves out.
+    assert np.asarray(found) == pytest.approx(np.asarray(drawn), abs=0.065)
+
+
+def test_every_grip_is_one_that_a_hand_can_have(tmp_path: Path) -> None:
+    trials = scene(tmp_path, WIDE, "pass", TREMOR).trials()
+    grips_n = np.array([trial.grip_n for trial in trials])
+    used = np.array([trial.drawn["used"] for trial in trials])
+    assert (grips_n >= LEAST_N).all()
+    assert (grips_n <= MOST_N).all()
+    assert (used < 0.801).all()
+    for trial in trials:
+        assert trial.down is not None
+        weight_n = 1e-3 * trial.object.mass_g * GRAVITY_M_S2
+        assert trial.grip_n >= BOTH_CLOSED * weight_n * abs(trial.down[0])
+
+
+def test_tremor_counts_in_the_grip_of_a_hold(tmp_path: Path) -> None:
+    values = "used = 0.4\nmass_g = 100\nweak_share = 0\nfriction_factor = 1\n"
+    quiet = scene(tmp_path, values, "pass").trials(2)
+    shaken = scene(tmp_path, values, "pass", TREMOR).trials(2)
+    for one, other in zip(quiet, shaken, strict=True):
+        ratio = (GRAVITY_M_S2 + 3.0) / GRAVITY_M_S2
+        assert other.grip_n > 0.95 * ratio * one.grip_n
+
+
+def test_refused_draws_are_counted_in_the_set(tmp_path: Path) -> None:
+    made = scene(tmp_path, WIDE, "pass")
+    refused = sum(trial.refused for trial in made.trials(4))
+    assert refused > 0
+    write_set(made, tmp_path / "set", 4)
+    meta = json.loads((tmp_path / "set" / "meta.json").read_text())
+    assert meta["draws"] == {"kept": 4, "refused": refused}
+    folders = [path.name for path in (tmp_path / "set").iterdir() if path.is_dir()]
+    for name in folders:
+        mass_g = json.loads((tmp_path / "set" / name / "meta.json").read_text())
+        assert name.endswith("heavy") == is_heavy(mass_g["mass_g"])
+
+
+def test_ranges_that_allow_no_hold_are_an_error(tmp_path: Path) -> None:
+    made = scene(tmp_path, "mass_g = 800\nfriction = 0.05\nused = 0.05\n", "pass")
+    with pytest.raises(HoldfastError, match="none of 10000 draws"):
+        made.trials(2)
+
+
+def test_a_direction_outside_the_sphere_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(CardError, match="fingers_down"):
+        scene(tmp_path, "fingers_down = 1.5\n", "pass")
+
+
+def test_directions_are_uniform_over_the_sphere(tmp_path: Path) -> None:
+    values = (
+        "fingers_down = { uniform = [-1, 1] }\nturn_deg = { uniform = [-180, 180] }\n"
+    )
+    trials = scene(tmp_path, values, "pass").trials(1500)
+    down = np.array([trial.down for trial in trials])
+    assert np.linalg.norm(down, axis=1) == pytest.approx(np.ones(1500))
+    # Each component of a uniform direction is uniform from -1 to 1, of variance 1/3.
+    assert down.mean(axis=0) == pytest.approx(np.zeros(3), abs=0.05)
+    assert down.var(axis=0) == pytest.approx(np.full(3, 1 / 3), abs=0.03)
+
+
+def test_a_row_without_these_keys_draws_what_it_always_drew(tmp_path: Path) -> None:
+    plain = scene(tmp_path, "", "pull").trials(6)
+    with_push = scene(tmp_path, "push_turn_deg = 90\n", "pull").trials(6)
+    for one, other in zip(plain, with_push, strict=True):
+        assert other.drawn == one.drawn | {"push_turn_deg": 90.0}
+        assert other.grip_n == one.grip_n
+        assert other.push == pytest.approx([0.0, 0.0, 1.0])
+        assert one.refused == 0
+
+
+def test_an_object_is_set_down_whichever_way_the_hand_is_held(tmp_path: Path) -> None:
+    values = (
+        "weak_share = 0\nused = 0.4\nmass_g = 150\nfriction = 0.6\npress = 1\nexcess_n = 0\n"
+        "fingers_down = { uniform = [-0.5, 0.5] }\nturn_deg = { uniform = [-30, 210] }\n"
+    )
+    made = scene(tmp_path, values, "put-down")
+    for one in made.run_together(made.trials(8)):
+        opens = Times.of(one.trial).open
+        before = int(np.searchsorted(one.motion.at_s, opens)) - 1
+        down = one.trial.down
+        assert down is not None
+        carried_n = -(one.motion.agents_n[before] * down).sum()
+        assert carried_n == pytest.approx(0.15 * GRAVITY_M_S2, rel=0.1)
+        assert one.truth.gross_slip_s is None or one.truth.gross_slip_s > opens
