@@ -52,6 +52,11 @@ PROGRAMS = {
         "what adapting to a person brings, simulated and on people",
         "build/adapt-study",
     ),
+    "transfer": Program(
+        "studies.transfer.program",
+        "what the simulation is worth: scenes alone, scored on people",
+        "build/transfer",
+    ),
     "preliminary": Program(
         "studies.thesis_preliminary.program",
         "the thesis' preliminary study again",

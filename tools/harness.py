@@ -48,7 +48,7 @@ class SimulatedSet:
     scene: str
     trials: int | None = None
     seed: int = 0
-    rate_hz: int | None = None
+    rate_hz: float | None = None
 
     def command(self, out: Path) -> list[str]:
         """The command that writes this set into the folder `out`."""
@@ -56,7 +56,7 @@ class SimulatedSet:
         if self.trials is not None:
             words += ["--trials", str(self.trials)]
         if self.rate_hz is not None:
-            words += ["--rate", str(self.rate_hz)]
+            words += ["--rate", f"{self.rate_hz:g}"]
         return [*words, "--seed", str(self.seed), "--out", str(out / self.folder)]
 
 

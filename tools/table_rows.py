@@ -26,6 +26,7 @@ from studies.shared_control.plan import CURVE_SETS, OUR_LEAD_N, UNSEEN
 from studies.shared_control.plan import OURS as OUR_CONTROLLER
 from studies.shared_control.targets import target_rows as loop_targets
 from studies.thesis_preliminary.published import ACCURACY_PERCENT, LEARNERS
+from studies.transfer.tables import FUNCTIONS as TRANSFER
 
 Rows = Sequence[Json]
 SENSORS, RATE_HZ = 6, 58.9
@@ -266,5 +267,6 @@ FUNCTIONS: dict[str, Callable[..., Any] | object] = {
     "watched_runs": watched_runs,
     "with_interval": with_interval,
     "worst_of_unseen": worst_of_unseen,
+    **TRANSFER,
 }
 """Every name that a template may use besides the figures."""

@@ -1,0 +1,1 @@
+"""What the simulation is worth outside itself: `python -m studies transfer`."""

@@ -1,0 +1,132 @@
+"""The scenes of the study: cards, what is left out of them, and how they become sets on disk."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from holdfast.core.contract import Unit
+from holdfast.core.writing import write_whole
+from holdfast.simulation import SCENES, shipped_scenes
+from holdfast.training.datasets import join, load
+from holdfast.training.featurise import digest_of
+from holdfast.training.recording import DataSet
+from holdfast.training.windows import Choice
+from tools.harness import SimulatedSet, simulate_sets
+
+PEOPLE_HZ = 58.9
+"""Mean rate of human_slip_uskin."""
+EFLESH_HZ = 100.0
+"""Nominal rate of eflesh_slip."""
+CHIP_NOISE = ("hall_noise", "quantisation")
+"""Effects that a row without chip noise leaves out."""
+SEED = 101
+"""Of every simulated set: a development seed. The test sets of this study are recordings."""
+
+
+@dataclass(frozen=True)
+class SceneSet:
+    """Scenes that one model is trained on, or one column is measured on.
+
+    name: of the row. cards: names of shipped cards. without: effects that are left out. rate_hz,
+    unit: of the recordings, whatever the card says.
+    """
+
+    name: str
+    cards: tuple[str, ...]
+    without: tuple[str, ...] = ()
+    rate_hz: float = PEOPLE_HZ
+    unit: Unit = "N"
+
+    @property
+    def here(self) -> bool:
+        """Whether all of its cards are shipped."""
+        return set(self.cards) <= set(shipped_scenes())
+
+
+def without_chip_noise(of: SceneSet) -> SceneSet:
+    """The same scenes with a chip that reads exactly."""
+    return replace(of, name=f"{of.name}, no chip noise", without=CHIP_NOISE)
+
+
+SHIPPED = SceneSet("thesis and broad", ("thesis", "broad"))
+"""What the shipped models are trained on."""
+PINCH = SceneSet("pinch", ("pinch",))
+WIDE = SceneSet("wide", ("wide",))
+TRAINED = tuple(
+    one
+    for scenes in (SHIPPED, PINCH, WIDE)
+    for one in (scenes, without_chip_noise(scenes))
+)
+"""Scenes that models are trained on and then scored on people."""
+COMPARED = (
+    SceneSet("thesis", ("thesis",)),
+    SceneSet("broad", ("broad",)),
+    SceneSet("daily", ("daily",)),
+    PINCH,
+    WIDE,
+)
+"""Scenes whose statistics stand beside those of the real sets."""
+IN_FIELD = (
+    SceneSet("thesis and broad", ("thesis", "broad"), (), EFLESH_HZ, "uT"),
+    SceneSet("eflesh", ("eflesh",), (), EFLESH_HZ, "uT"),
+)
+"""Scenes in the unit of eflesh_slip."""
+
+
+def there(sets: Sequence[SceneSet]) -> list[SceneSet]:
+    """Those whose cards are shipped."""
+    return [one for one in sets if one.here]
+
+
+def card_text(card: str, without: Sequence[str], unit: Unit) -> str:
+    """The text of a shipped card without some effects, recorded in a unit.
+
+    >>> "hall_noise" in card_text("thesis", CHIP_NOISE, "N")
+    False
+    """
+    left_out = {f"[effects.{name}]" for name in without}
+    lines = []
+    section = ""
+    for line in (SCENES / f"{card}.toml").read_text(encoding="utf-8").splitlines():
+        word = line.split("#")[0].strip()
+        if word.startswith("["):
+            section = word
+        if section in left_out:
+            continue
+        if section == "[record]" and word.startswith("unit"):
+            continue
+        lines.append(line)
+        if word == "[record]":
+            lines.append(f'unit = "{unit}"')
+    return "\n".join(lines) + "\n"
+
+
+def simulated(sets: Sequence[SceneSet], trials: int, out: Path) -> list[list[Path]]:
+    """Folders of the cards of every set, `trials` a card; what an earlier run wrote is kept.
+
+    A folder is named after its card's text, trials, seed and rate; a change of the simulator
+    itself does not show in it (`--fresh` simulates again).
+    """
+    wanted: dict[str, SimulatedSet] = {}
+    folders = []
+    for one in sets:
+        of_set = []
+        for card in one.cards:
+            text = card_text(card, one.without, one.unit)
+            digest = digest_of([text, trials, SEED, one.rate_hz])
+            folder = f"sets/{card}-{digest}"
+            place = out / "cards" / digest / f"{card}.toml"
+            write_whole(place, text)
+            wanted[folder] = SimulatedSet(folder, str(place), trials, SEED, one.rate_hz)
+            of_set.append(out / folder)
+        folders.append(of_set)
+    missing = [one for name, one in wanted.items() if not (out / name).is_dir()]
+    simulate_sets(missing, out)
+    return folders
+
+
+def read(folders: Sequence[Path], windows: Choice = "balanced") -> DataSet:
+    """The cards of a set together."""
+    return join([load(folder, windows=windows) for folder in folders])
