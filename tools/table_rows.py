@@ -10,13 +10,14 @@ import numpy as np
 
 from benchmarks.cost.point import GOOD, README_POINTS, RECOMMENDED, REFERENCE
 from holdfast.core.reading import Json
-from holdfast.core.trial_layout import NORMAL_FLOOR
+from holdfast.core.trial_layout import NORMAL_FLOOR, SITUATION_OF_ACTION
 from holdfast.evaluation.formats import DEPLOYED, markdown
 from holdfast.export.features import GROUPS, LAGS_S, feature_count, feature_graph
 from holdfast.export.spec import StepSpec
 from holdfast.simulation import SCENES, shipped_scenes
 from holdfast.simulation.effect import all_effects
 from holdfast.simulation.magnet import residual_n
+from holdfast.simulation.protocol import ALL_ACTIONS, COMMON, parameters_of
 from holdfast.simulation.scene_file import read_scene_file
 from holdfast.training.figures import ABSENT, over
 from studies.ablation import gains_table
@@ -153,6 +154,51 @@ def scene_titles() -> dict[str, str]:
     }
 
 
+ACTION_WORDS = {
+    "pass": "another person takes it slowly, and the hand opens",
+    "pull": "another person tears at it",
+    "fall": "the support vanishes under a grip too weak for the weight",
+    "put-down": "a box comes from below and takes the weight; later the hand opens",
+    "hold": "disturbances of grip, load or motor",
+    "nothing": "the open, empty hand",
+    "tug": "a person pulls at it and lets go again, to one side or back and forth",
+    "stack": "weight is added, laid on by hand or dropped in",
+    "relax": "the grip drifts down by itself",
+    "lift": "the hand grips it on a table and lifts it",
+    "carry": "walking: the hand swings with every step",
+    "turn": "the hand turns over and back",
+    "pour": "the hand turns, the mass falls slowly, the hand turns back",
+    "regrip": "the grip goes down and up again",
+    "touch-table": "it is put against a table and taken off again",
+    "stroke": "a person strokes the pads of the empty hand",
+    "tap": "a person taps on the pads of the empty hand",
+}
+"""Every action of scenes in words."""
+SITUATION_WORDS = {
+    "safe_slip": "safe slip",
+    "risky_slip": "risky slip where it slips, else grasp",
+    "grasp": "grasp; risky slip where it slips",
+    "nothing": "nothing",
+}
+"""What the truth of an action says, by the situation of the action."""
+
+
+def action_rows() -> list[Json]:
+    """Every action of scenes: what happens, what its truth says, its own parameters."""
+    rows = []
+    for name in ALL_ACTIONS:
+        ranges = []
+        for key, parameter in parameters_of(name).items():
+            if key not in COMMON:
+                ranges.append(f"`{key}` {parameter.allowed().split(' from ')[-1]}")
+        truth = SITUATION_WORDS[SITUATION_OF_ACTION[name]]
+        if name in ("stroke", "tap"):
+            truth = "grasp above 0.3 N on a pad, else nothing"
+        row = {"name": name, "what": ACTION_WORDS[name], "truth": truth}
+        rows.append({**row, "parameters": ", ".join(ranges)})
+    return rows
+
+
 def effect_rows(figures: Json) -> list[Json]:
     """Every effect of the code with its parameters and its measured price."""
     prices = {row["effect"]: row["ns_per_sample"] for row in figures["prices"]}
@@ -241,6 +287,7 @@ FUNCTIONS: dict[str, Callable[..., Any] | object] = {
     "calibration_error_n": residual_n,
     "cost_front": cost_front,
     "deployed": DEPLOYED,
+    "action_rows": action_rows,
     "effect_rows": effect_rows,
     "exact": exact,
     "f1_by_person": f1_by_person,

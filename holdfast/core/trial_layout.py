@@ -47,12 +47,36 @@ SITUATION_OF_ACTION = MappingProxyType(
         "fall": "risky_slip",
         "hold": "grasp",
         "nothing": "nothing",
+        "tug": "risky_slip",
+        "stack": "risky_slip",
+        "relax": "risky_slip",
+        "lift": "grasp",
+        "carry": "grasp",
+        "turn": "grasp",
+        "pour": "grasp",
+        "regrip": "grasp",
+        "touch-table": "grasp",
+        "stroke": "grasp",
+        "tap": "grasp",
     }
 )
-"""The situation of an action from load onset to the empty hand: one of contract.SITUATIONS."""
+"""The situation of an action from load onset to the empty hand: one of contract.SITUATIONS.
+
+Of a tug, a weight that is added and a grip that relaxes: where the object slips, else a grasp.
+"""
 VOLUNTARY_ACTIONS = tuple(
     name for name, situation in SITUATION_OF_ACTION.items() if situation == "safe_slip"
 )
+THESIS_ACTIONS = ("pass", "put-down", "pull", "fall", "nothing")
+"""Actions of the thesis' script."""
+OTHER_ACTIONS = tuple(
+    name for name in SITUATION_OF_ACTION if name not in THESIS_ACTIONS
+)
+"""Actions without a script: a trial's truth tells what happens when."""
+HELD_ACTIONS = tuple(
+    name for name, situation in SITUATION_OF_ACTION.items() if situation == "grasp"
+)
+"""Actions in which the object should stay in the hand."""
 RISKY_ACTIONS = tuple(
     name for name, situation in SITUATION_OF_ACTION.items() if situation == "risky_slip"
 )

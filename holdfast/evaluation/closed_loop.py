@@ -34,7 +34,7 @@ from holdfast.simulation.closed_loop import (
 from holdfast.simulation.drive import Drive
 from holdfast.simulation.effect import effect_named
 from holdfast.simulation.loop_people import Habits, LoopOutcome
-from holdfast.simulation.protocol import PlannedTrial
+from holdfast.simulation.protocol import EMPTY_HANDED, PlannedTrial
 from holdfast.simulation.scene import Scene
 from holdfast.simulation.scene_file import read_scene_file
 
@@ -87,7 +87,7 @@ def scene_of(of: LoopSet) -> tuple[Scene, tuple[PlannedTrial, ...]]:
         if of.actions and row.action not in of.actions:
             continue
         # A row without an object has none of the values to change.
-        changes = {} if row.action == "nothing" else dict(of.changes)
+        changes = {} if row.action in EMPTY_HANDED else dict(of.changes)
         values = {**row.values, **changes}
         rows.append(replace(row, values=values))
 
@@ -109,7 +109,7 @@ def scene_of(of: LoopSet) -> tuple[Scene, tuple[PlannedTrial, ...]]:
     # Without the controller that the scene names: the request brings its own.
     scene = Scene(changed, of.seed)
     trials = scene.trials(of.trials)
-    return scene, tuple(trial for trial in trials if trial.action != "nothing")
+    return scene, tuple(trial for trial in trials if trial.holds_object)
 
 
 def require_runnable(model: OpenedModel, card_name: str) -> None:

@@ -16,10 +16,15 @@ import numpy as np
 
 from holdfast.core.contract import BoolArray, FloatArray
 from holdfast.core.reading import Json
-from holdfast.core.trial_layout import RISKY_ACTIONS
+from holdfast.core.trial_layout import (
+    HELD_ACTIONS,
+    RISKY_ACTIONS,
+    SITUATION_OF_ACTION,
+)
 from holdfast.evaluation.statistics import share
 from holdfast.simulation.closed_loop import needed_grip_n
 from holdfast.simulation.loop_people import LoopOutcome
+from holdfast.simulation.protocol import may_slip
 from holdfast.training.figures import Interval
 
 BLOCKED_N = 5.0
@@ -39,11 +44,11 @@ class ThreeRuns:
 
     @property
     def drop(self) -> bool:
-        """The bare hand loses the object in a risky action."""
+        """The bare hand loses the object in an action in which it should stay in the hand."""
         # What falls before the action began was a weak grip, and no slip to be prevented.
         bare = self.bare
         in_action = bare.lost_s >= bare.act_s
-        return bare.trial.action in RISKY_ACTIONS and in_action and bare.dropped
+        return may_slip(bare.trial.action) and in_action and bare.dropped
 
     @property
     def preventable(self) -> bool:
@@ -292,9 +297,9 @@ def _hands_over(run: ThreeRuns, action: str) -> bool:
 
 
 def _by_action(runs: Sequence[ThreeRuns]) -> dict[str, SavedDrops]:
-    """The drops of every risky action that was run."""
+    """The drops of every action that was run and has any."""
     found = {}
-    for action in RISKY_ACTIONS:
+    for action in filter(may_slip, SITUATION_OF_ACTION):
         of_action = [run for run in runs if run.bare.trial.action == action]
         if of_action:
             found[action] = _saved_drops(of_action)
@@ -310,14 +315,15 @@ def _percentile(values: Sequence[float], percent: float) -> float | None:
 
 
 def _tightenings_per_min(runs: Sequence[ThreeRuns]) -> float | None:
-    """How often the grip rises by TIGHTER_N before any action, or in a disturbed hold."""
+    """How often the grip rises by TIGHTER_N before any action, or where it should hold."""
     count = 0
     seconds = 0.0
     for run in runs:
         held = run.held
         # In an action more grip may be right, so only the time before it is watched.
-        until_s = held.opens_s if held.trial.action == "hold" else held.act_s
-        # A disturbed hold has no action: it is watched until the hand opens.
+        is_held = held.trial.action in HELD_ACTIONS
+        until_s = held.opens_s if is_held else held.act_s
+        # What should stay in the hand is watched until the hand opens.
         watched = _times_s(held) < min(until_s, held.lost_s)
         tight = run.tight[watched]
         # One rise above the limit counts once, however long the grip stays there.

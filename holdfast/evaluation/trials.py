@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from holdfast.core.contract import NOTHING, RISKY_SLIP, SAFE_SLIP, BoolArray
 from holdfast.core.reading import Json
-from holdfast.core.trial_layout import read_json, truth_path
+from holdfast.core.trial_layout import OTHER_ACTIONS, read_json, truth_path
 from holdfast.training.recording import Recording
 from holdfast.training.timeline import Phase, RiskyEvent
 
@@ -128,8 +128,8 @@ def voluntary_actions(recording: Recording) -> list[VoluntaryAction]:
 
     Actions within a grip that fails, and the end of a hold, are none.
     """
-    # A hold ends by opening the hand, which is no hand-over.
-    if recording.action == "hold":
+    # A hold ends by opening the hand, which is no hand-over; so do everyday actions.
+    if recording.action in OTHER_ACTIONS:
         return []
     actions = actions_of(recording.phases)
     # A grip that fails slips safely for a moment on its way.

@@ -24,6 +24,7 @@ from holdfast.core.reading import Json, require_lines
 from holdfast.core.trial_layout import (
     EVENTS,
     FRAMES_SUFFIX,
+    HELD_ACTIONS,
     ONSET_SUFFIX,
     RISKY_ACTIONS,
     TACTILE,
@@ -42,7 +43,7 @@ OBJECT_TAG = 0
 """Number of the tag on the object."""
 HAND_TAG = 1
 """Number of the tag on the hand, against which the object's motion is measured."""
-RISKY = (*RISKY_ACTIONS, "hold")
+RISKY = (*RISKY_ACTIONS, *HELD_ACTIONS)
 """In a hold the object must not move at all, so any slip is risky."""
 ACTIONS = (*RISKY, *VOLUNTARY_ACTIONS)
 PROVENANCE = "camera"

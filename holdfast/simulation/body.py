@@ -123,12 +123,34 @@ class Floor:
 
 
 @dataclass(frozen=True)
+class Changes:
+    """What differs from the constants of a batch during a step; or n steps of it, with [n, ..].
+
+    mass_kg       [B]: what is poured out is gone, what is added rests in the object
+    gravity_m_s2  [3, B]: less the hand's acceleration, because the frame moves with the hand
+    push_n        [3, B]: a force on the object
+    """
+
+    mass_kg: FloatArray
+    gravity_m_s2: FloatArray
+    push_n: FloatArray
+
+    def at(self, k: int) -> Changes:
+        """Step k of several."""
+        return Changes(self.mass_kg[k], self.gravity_m_s2[k], self.push_n[k])
+
+
+@dataclass(frozen=True)
 class Inputs:
-    """What hand, people and box do during one step; closure_m [S, B]: at its end."""
+    """What hand, people and box do during one step; closure_m [S, B]: at its end.
+
+    changes: None where the object and the direction of gravity stay as they are.
+    """
 
     closure_m: FloatArray
     people: tuple[Pull, ...] = ()
     floor: Floor | None = None
+    changes: Changes | None = None
 
 
 @dataclass
@@ -199,3 +221,17 @@ def recess_m(body: Body, offset: FloatArray) -> FloatArray:
     curve = 0.5 * body.curvature_per_m[:, None] * offset
     curve *= offset
     return curve[0] + curve[1]
+
+
+def changed(
+    body: Body, changes: Changes | None
+) -> tuple[Body, FloatArray | None, FloatArray | None]:
+    """(body of this step, force on the object, weight that people have added), [3, B] each."""
+    if changes is None:
+        return body, None, None
+    mass_kg = changes.mass_kg
+    gravity_m_s2 = changes.gravity_m_s2
+    # People take away or add a part of the weight, so it counts as a force of theirs.
+    added_n = (mass_kg - body.mass_kg) * gravity_m_s2
+    body = replace(body, mass_kg=mass_kg, gravity_m_s2=gravity_m_s2)
+    return body, changes.push_n, added_n

@@ -33,7 +33,13 @@ from holdfast.simulation.loop_people import Habits, LoopOutcome, Wearer, outcome
 from holdfast.simulation.loop_physics import HandsAndObjects, Spans
 from holdfast.simulation.loop_sensing import HandModels, LoopSensors
 from holdfast.simulation.magnet import shear_gain
-from holdfast.simulation.protocol import GRAVITY_M_S2, PlannedTrial
+from holdfast.simulation.protocol import (
+    ACTION_MODULES,
+    GRAVITY_M_S2,
+    PlannedTrial,
+    action_module,
+    may_slip,
+)
 from holdfast.simulation.scene import Scene
 from holdfast.simulation.script_times import SETTLE_S, Times, grid_of
 
@@ -327,7 +333,7 @@ class Oracle:
         closure: float = SPARE,
     ) -> None:
         self.ceiling_n = ceiling_n
-        risky = np.array([trial.action in RISKY_ACTIONS for trial in trials])
+        risky = np.array([may_slip(trial.action) for trial in trials])
         self.act_s = np.where(risky, onset_s, np.inf)
         self.needed_n = np.array([needed_grip_n(trial, closure) for trial in trials])
         self.mu_hat = np.full(len(trials), np.nan)
@@ -345,6 +351,8 @@ def needed_grip_n(trial: PlannedTrial, spare: float = SPARE) -> float:
     weight_n = trial.object.mass_g * 1e-3 * GRAVITY_M_S2
     pull_n = trial.drawn["cap_n"] if trial.action == "pull" else 0.0
     load_n = weight_n + pull_n
+    if trial.action in ACTION_MODULES:
+        load_n = action_module(trial.action).largest_load_n(trial)
 
     # Coulomb: both sides hold, each with friction times its normal force
     # The bound keeps the grip finite for an object without friction.
@@ -383,7 +391,7 @@ class Vibration:
             rng = stream(seed, trial.number, "reaction")
             spreads.append(np.exp(REACTION_SPREAD * rng.normal()))
         self.reaction_s = REACTION_S * np.array(spreads)
-        self.meant = np.array([trial.action not in RISKY_ACTIONS for trial in trials])
+        self.meant = np.array([not may_slip(trial.action) for trial in trials])
         self.needed_n = np.array([needed_grip_n(trial) for trial in trials])
         self.felt_s = np.full(len(trials), np.inf)
         self.mu_hat = np.full(len(trials), np.nan)

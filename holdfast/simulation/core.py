@@ -31,7 +31,15 @@ import numpy as np
 import numpy.typing as npt
 
 from holdfast.core.contract import BoolArray, FloatArray
-from holdfast.simulation.body import Body, Floor, Inputs, State, offset_m, recess_m
+from holdfast.simulation.body import (
+    Body,
+    Floor,
+    Inputs,
+    State,
+    changed,
+    offset_m,
+    recess_m,
+)
 from holdfast.simulation.effect import NO_EFFECTS, PhysicsEffects
 from holdfast.simulation.energy import TINY, _taken_by_lags_j, add, keep_the_balance
 
@@ -56,10 +64,16 @@ def step(
     """Move every trial by its own dt_s [B], to the time t_s [B]; changes the state in place."""
     # The step reads the old arrays while it writes new ones into `state`.
     old = State(**vars(state))
+    body, more_n, added_n = changed(body, inputs.changes)
+    closure_m = inputs.closure_m
+    for unsteady in effects.grips:
+        closure_m = unsteady.closure_m(closure_m, t_s)
 
     # Forces that do not depend on the contacts: people, box, weight, and the hand's acceleration,
     # which acts on the object as an inertial force because the frame moves with the hand.
     load_n, drag = _loads(body, old, inputs, dt_s)
+    if more_n is not None:
+        load_n += more_n
     weight_n = body.mass_kg * body.gravity_m_s2
     held_n = load_n + weight_n
     shaken_n: FloatArray | None = None
@@ -69,7 +83,7 @@ def step(
         shaken_n = -inertial_n if shaken_n is None else shaken_n - inertial_n
 
     # Normals first, because they decide how much friction the brushes may use.
-    speed_x = _normals(body, state, inputs.closure_m, held_n[0], drag[0], dt_s, effects)
+    speed_x = _normals(body, state, closure_m, held_n[0], drag[0], dt_s, effects)
     limit_m = _stretch_limit(body, old, state.normal_n, dt_s, effects)
 
     # A curved surface leans, so the normal force has a part along the skin.
@@ -88,18 +102,20 @@ def step(
     # What people and box really exert is known only now, at the new velocity.
     resisted_n = drag * state.velocity_m_s
     state.agents_n = load_n - resisted_n
+    if added_n is not None:
+        state.agents_n += added_n
 
     # Work of weight, people, box and shakes on the way of this step.
     net_n = held_n - resisted_n
     given_j = add(net_n * moved_m, axis=0)
     if effects.lags:
-        taken_j = _taken_by_lags_j(body, old, state, inputs.closure_m, dt_s, effects)
+        taken_j = _taken_by_lags_j(body, old, state, closure_m, dt_s, effects)
         given_j = given_j - taken_j
-    keep_the_balance(body, old, state, inputs.closure_m, given_j)
+    keep_the_balance(body, old, state, closure_m, given_j)
 
     # Memory and rotation follow the balanced motion, not the one that was tried.
     if effects.lags:
-        _move_lags(body, old, state, inputs.closure_m, dt_s, effects)
+        _move_lags(body, old, state, closure_m, dt_s, effects)
     for turn in effects.turns:
         turn.turn(body, state, limit_m, dt_s, shaken_n)
 

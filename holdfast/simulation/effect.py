@@ -47,6 +47,7 @@ EFFECT_MODULES = {
     "arm": "shakes",
     "tremor": "shakes",
     "knock": "shakes",
+    "fluctuation": "fluctuation",
     "averaging": "chip",
     "dipole": "magnet",
     "cross_talk": "magnet",
@@ -329,9 +330,10 @@ class PhysicsEffect:
               of depth [S, B], touching [S, B], dt_s [B]) takes in the step
     turns     the object rotates: turn(body, state, limit_m, dt_s, inertial force of the shakes
               [3, B] or None) moves the brushes in place after the core has
+    grips     the fingers are unsteady: closure_m(closure [S, B], t_s [B]) -> [S, B]
     """
 
-    kind: Literal["shakes", "textures", "lags", "turns"]
+    kind: Literal["shakes", "textures", "lags", "turns", "grips"]
 
     def busy_s(self, trial: int) -> list[Interval]:
         """When a trial of the batch needs fine steps; by default never for the effect's sake."""
@@ -351,6 +353,7 @@ class PhysicsEffects:
     textures: tuple[Any, ...] = ()
     lags: tuple[Any, ...] = ()
     turns: tuple[Any, ...] = ()
+    grips: tuple[Any, ...] = ()
 
 
 NO_EFFECTS = PhysicsEffects()

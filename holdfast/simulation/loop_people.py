@@ -16,11 +16,11 @@ import numpy.typing as npt
 from holdfast.core.contract import BoolArray, FloatArray
 from holdfast.simulation.body import Body
 from holdfast.simulation.effect import stream
-from holdfast.simulation.protocol import NEVER_S, PlannedTrial
+from holdfast.simulation.protocol import ACTION_MODULES, NEVER_S, PlannedTrial
 from holdfast.simulation.run import TrialMotion
 from holdfast.simulation.script import Script
 from holdfast.simulation.script_times import Times, smooth
-from holdfast.simulation.truth import load_onset
+from holdfast.simulation.truth import load_onset, slip_onset
 
 
 @dataclass(frozen=True)
@@ -70,13 +70,17 @@ class LoopScript(Script):
         """
         shut = self.shut(t_s)
         pulse = self.pulse(t_s)
+        wearers = self.wearers_share(t_s)
         shares = []
         for k in range(len(t_s)):
-            own_m = self.own_closure(shut[k], pulse[k])
+            share = 1.0 if wearers is None else wearers[k]
+            own_m = self.own_closure(shut[k], pulse[k], share)
             shares.append((own_m / self.closed_m).min(axis=0))
         place_n: FloatArray = np.stack(shares) * self.grip_n
         # A closed hand is at its grip exactly, whatever the rounding.
         still = (shut == 1.0) & (pulse == 0.0)
+        if wearers is not None:
+            still &= wearers == 1.0
         return np.where(still, self.grip_n, place_n)
 
     def driven(self, k: int, own_m: FloatArray) -> FloatArray:
@@ -230,6 +234,9 @@ def outcome_of(
     last = int(held[-1]) if held.size else -1
 
     onset = load_onset(motion, act_s)
+    if trial.action in ACTION_MODULES:
+        # A grip may fail without a load from outside.
+        onset = slip_onset(trial, motion)
 
     lost_s = HELD_AT_END_S
     if last + 1 < len(at_s):

@@ -16,7 +16,15 @@ import numpy as np
 import numpy.typing as npt
 
 from holdfast.core.contract import BoolArray, FloatArray
-from holdfast.simulation.body import Body, Floor, Inputs, Pull, State, at_rest
+from holdfast.simulation.body import (
+    Body,
+    Changes,
+    Floor,
+    Inputs,
+    Pull,
+    State,
+    at_rest,
+)
 from holdfast.simulation.core import step, two_at_least
 from holdfast.simulation.drive import Actuator
 from holdfast.simulation.effect import NO_EFFECTS
@@ -273,7 +281,7 @@ class _Part:
                 array[..., trials] = values[name]
 
 
-Part = TypeVar("Part", Body, State, Floor, Pull)
+Part = TypeVar("Part", Body, State, Floor, Pull, Changes)
 
 
 def _some(whole: Part, trials: IntArray, batch: int) -> Part:
@@ -291,7 +299,8 @@ def _some_inputs(inputs: Inputs, trials: IntArray, batch: int) -> Inputs:
     people = tuple(_some(pull, trials, batch) for pull in inputs.people)
     floor = None if inputs.floor is None else _some(inputs.floor, trials, batch)
     closure_m = np.take(inputs.closure_m, trials, axis=-1)
-    return Inputs(closure_m, people, floor)
+    changes = None if inputs.changes is None else _some(inputs.changes, trials, batch)
+    return Inputs(closure_m, people, floor, changes)
 
 
 def _busy(

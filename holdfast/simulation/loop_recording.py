@@ -77,7 +77,7 @@ def require_controller(scene: Scene, trials: Sequence[PlannedTrial]) -> None:
         where=file.name,
     )
     # A drive that is weaker than the wearer's grip would let objects go by itself.
-    grips_n = [trial.grip_n for trial in trials if trial.action != "nothing"]
+    grips_n = [trial.grip_n for trial in trials if trial.holds_object]
     strongest_n = max(grips_n, default=0.0)
     if strongest_n > control.drive.ceiling_n:
         raise CardError(
@@ -108,8 +108,8 @@ def controlled_motions(
 def _part(scene: Scene, trials: Sequence[PlannedTrial], done: Done) -> Moved:
     """Trials with an object in the loop, those of the empty hand without."""
     # An empty hand has nothing to hold, so no controller needs to run for it.
-    held = [trial for trial in trials if trial.action != "nothing"]
-    empty = [trial for trial in trials if trial.action == "nothing"]
+    held = [trial for trial in trials if trial.holds_object]
+    empty = [trial for trial in trials if not trial.holds_object]
 
     recordings: list[tuple[TrialMotion, GripRecord]] = []
     if held:
@@ -123,7 +123,7 @@ def _part(scene: Scene, trials: Sequence[PlannedTrial], done: Done) -> Moved:
         alone = motions(twice, scene.step_settings_of(twice))
 
     for trial in trials:
-        if trial.action == "nothing":
+        if not trial.holds_object:
             yield next(alone), None
         else:
             yield next(in_hand)

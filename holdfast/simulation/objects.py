@@ -137,7 +137,8 @@ OBJECTS = {
     "apple": _ball("apple", 66.5, 0.5, 2e4, tall_mm=86.5),
 }
 """Shipped objects by name. Balls: diameter in mm, friction, N/m; bottles: stiffness in N/m."""
-
+NO_OBJECT = held_object("no-object", {"mass_g": 0.1})
+"""In the files of an empty hand that is touched: nothing, which weighs next to nothing."""
 
 HAND = {
     "thumb": Parameter(2.0, "", 2, 20, "contacts on the thumb"),

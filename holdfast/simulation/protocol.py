@@ -10,12 +10,15 @@ and then:
     hold        disturbances only: of grip (dFn), load (dFt) or motor (dq)
     nothing     the hand stays open and empty
 
+Further actions are in modules of their own, loaded where a scene names one (ACTION_MODULES).
+
 Every action may also have a weak grip with support (weak_share), so that a weak grip does not
 announce a fall.
 """
 
 from __future__ import annotations
 
+import importlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -23,6 +26,7 @@ from typing import Any
 import numpy as np
 
 from holdfast.core.hand_card import HandCard
+from holdfast.core.trial_layout import VOLUNTARY_ACTIONS
 from holdfast.simulation.effect import Parameter, draw_all, stream
 from holdfast.simulation.objects import HeldObject, load_factors, touch_parameters
 
@@ -235,6 +239,41 @@ ACTIONS: dict[str, dict[str, Parameter]] = {
     },
 }
 """Further parameters of each action, drawn after the common ones."""
+EVERYDAY = (
+    *("tug", "stack", "relax", "lift", "carry", "turn", "pour", "regrip"),
+    "touch-table",
+)
+ACTION_MODULES = {
+    **dict.fromkeys(EVERYDAY, "everyday"),
+    **dict.fromkeys(("stroke", "tap"), "pads"),
+}
+"""Actions that few scenes name, and the module of this package that has each."""
+ALL_ACTIONS = (*ACTIONS, *ACTION_MODULES)
+EMPTY_HANDED = ("nothing", "stroke", "tap")
+"""Actions of a hand that holds no object."""
+
+
+def action_module(action: str) -> Any:
+    """The module of an action of ACTION_MODULES; loads it."""
+    return importlib.import_module(f"holdfast.simulation.{ACTION_MODULES[action]}")
+
+
+def parameters_of(action: str) -> dict[str, Parameter]:
+    """All parameters of an action in the order in which they are drawn."""
+    if action in ACTIONS:
+        return COMMON | ACTIONS[action]
+    own: dict[str, Parameter] = action_module(action).ACTIONS[action]
+    return COMMON | own
+
+
+def may_slip(action: str) -> bool:
+    """Whether an object that leaves the hand in this action is a drop that a hand should prevent.
+
+    Not so in a hand-over, and not in a disturbed hold, whose drops are counted apart.
+    """
+    if action in EMPTY_HANDED or action == "hold":
+        return False
+    return action not in VOLUNTARY_ACTIONS
 
 
 @dataclass(frozen=True)
@@ -290,6 +329,11 @@ class PlannedTrial:
     refused: int = 0
 
     @property
+    def holds_object(self) -> bool:
+        """Whether there is an object in the hand."""
+        return self.action not in EMPTY_HANDED
+
+    @property
     def kinetic_friction(self) -> float:
         """Of the object in this trial, while it slides."""
         held = self.object
@@ -308,7 +352,7 @@ def draw_trial(
     """Draw a trial from the stream of its number; values: the scene's over those of its style."""
     # The order of the draws is part of the format: another one changes every simulated set.
     rng = stream(seed, number, "protocol")
-    drawn = draw_all(COMMON | ACTIONS[action], values, rng)
+    drawn = draw_all(parameters_of(action), values, rng)
 
     # Thumb and fingers press equally hard against each other: each side's shares have the sum 1.
     share = 1.0 + drawn["share_spread"] * rng.uniform(-1.0, 1.0, hand.n_contacts)

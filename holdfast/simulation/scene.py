@@ -23,8 +23,15 @@ from holdfast.simulation.effect import (
     step_settings,
     stream,
 )
-from holdfast.simulation.objects import sensed_of
-from holdfast.simulation.protocol import HOLD_KEYS, PlannedTrial, TrialsRow, draw_trial
+from holdfast.simulation.objects import NO_OBJECT, sensed_of
+from holdfast.simulation.protocol import (
+    ACTION_MODULES,
+    HOLD_KEYS,
+    PlannedTrial,
+    TrialsRow,
+    action_module,
+    draw_trial,
+)
 from holdfast.simulation.run import Done, StepSettings, TrialMotion, motions
 from holdfast.simulation.scene_file import SceneFile
 from holdfast.simulation.script_times import grid_of
@@ -127,12 +134,18 @@ class Scene:
     def trial(self, row: TrialsRow, name: str | None, number: int) -> PlannedTrial:
         """One trial; its number picks its random streams."""
         objects = self.file.objects
-        held = objects[name] if name else next(iter(objects.values()))
         action = row.action
+        if name:
+            held = objects[name]
+        elif action == "nothing":
+            held = next(iter(objects.values()))
+        else:
+            held = NO_OBJECT
         style = row.style
         hand = self.file.hand
         trial = draw_trial(number, held, action, style, row.values, self.seed, hand)
-        if not any(name in row.values for name in HOLD_KEYS):
+        named = any(name in row.values for name in HOLD_KEYS)
+        if not named or not trial.holds_object:
             return trial
 
         # Loaded only for a row that names one of its keys, with a random stream of its own.
@@ -190,6 +203,9 @@ class Scene:
         moved = self._moved(trials, made, done)
 
         for k, (trial, (motion, grip)) in enumerate(zip(trials, moved, strict=True)):
+            if trial.action in ACTION_MODULES and not trial.holds_object:
+                touches = action_module(trial.action)
+                motion = touches.touched(trial, motion, self.settings.average_s)
             hand_m = np.zeros_like(motion.position_m)
             if movers:
                 # Only an effect with a path moves the picture; tremor and knock give accelerations

@@ -65,11 +65,12 @@ from holdfast.simulation.objects import (
     held_object,
 )
 from holdfast.simulation.protocol import (
-    ACTIONS,
-    COMMON,
+    ALL_ACTIONS,
+    EMPTY_HANDED,
     HOLD_KEYS,
     TrialsRow,
     least_grip_n,
+    parameters_of,
 )
 
 MAX_GRIP_N = 70.0
@@ -250,13 +251,13 @@ class _SceneReader(NumberReader):
         style = str(row.get("style", "author"))
 
         # Action and style first, because the allowed keys follow from them.
-        if action not in ACTIONS:
-            raise self.refused(f"{key}.action", action, ", ".join(ACTIONS))
+        if action not in ALL_ACTIONS:
+            raise self.refused(f"{key}.action", action, ", ".join(ALL_ACTIONS))
         if style not in styles:
             raise self.refused(f"{key}.style", style, ", ".join(styles))
 
         names = row.get("objects", [])
-        missing = action != "nothing" and not names
+        missing = action not in EMPTY_HANDED and not names
         if not isinstance(names, list) or missing:
             allowed = f"a list of {', '.join(objects)}"
             raise self.refused(f"{key}.objects", names, allowed)
@@ -267,7 +268,7 @@ class _SceneReader(NumberReader):
                 raise self.refused(f"{key}.objects", name, ", ".join(objects))
 
         given = {name: value for name, value in row.items() if name not in ROW_KEYS}
-        table = COMMON | TOUCH | ACTIONS[action]
+        table = parameters_of(action) | TOUCH
         if any(name in given for name in HOLD_KEYS):
             from holdfast.simulation.holds import HOLD
 

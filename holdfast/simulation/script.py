@@ -7,12 +7,17 @@ elsewhere; a trial's steps depend on the trial alone.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from holdfast.core.contract import FloatArray
 from holdfast.simulation.body import Body, Floor, Inputs, Pull
-from holdfast.simulation.protocol import GRAVITY_M_S2, PlannedTrial
+from holdfast.simulation.protocol import (
+    ACTION_MODULES,
+    GRAVITY_M_S2,
+    PlannedTrial,
+)
 from holdfast.simulation.script_times import (
     BOX_GAP_M,
     BOX_OVERSHOOT_M,
@@ -21,6 +26,9 @@ from holdfast.simulation.script_times import (
     Times,
     smooth,
 )
+
+if TYPE_CHECKING:
+    from holdfast.simulation.everyday_script import Everyday
 
 GIVER_N_PER_M = 800.0
 """Stiffness of the arm that holds the object out."""
@@ -105,6 +113,7 @@ class Script:
     push        [3, B] direction of taking
     weight_n    [B]
     boxed       there are boxes, at NO_BOX_M for trials that set nothing down
+    more        the actions of everyday.py; None in a batch without them
 
     There are boxes wherever one trial sets something down. An object that falls for more than a
     second meets one, so a batch keeps its boxes to its end.
@@ -129,6 +138,8 @@ class Script:
         self.passes = actions == "pass"
         self.takes = self.passes | (actions == "pull")
         self.boxed = boxed or bool(self.sets_down.any())
+        if "touch-table" in actions:
+            self.boxed = True
 
         # A finger that bears nothing stays open; None where all touch.
         shares = np.stack([trial.share for trial in trials], axis=1)
@@ -140,6 +151,13 @@ class Script:
         self.push = np.stack([trial.push for trial in trials], axis=1)
         self.weight_n = body.mass_kg * GRAVITY_M_S2
         self._drawn: dict[str, FloatArray] = {}
+
+        self.more: Everyday | None = None
+        if any(t.holds_object and t.action in ACTION_MODULES for t in trials):
+            # A batch of other actions does not load them.
+            from holdfast.simulation.everyday_script import Everyday
+
+            self.more = Everyday(trials, body, self.drawn, self.act_s, self.open_s)
 
     def drawn(self, name: str, default: float = 0.0) -> FloatArray:
         """[B] a drawn parameter; the default for actions that do not have it."""
@@ -159,9 +177,17 @@ class Script:
         if self.holds.any():
             people.append(self._disturber(t_s, pulse))
 
+        box = self._box(t_s) if self.boxed else None
+        changes = None
+        wearers = None
+        if self.more is not None:
+            people += self.more.people(t_s)
+            box = None if box is None else self.more.table(t_s, box)
+            changes = self.more.changes(t_s)
+            wearers = self.wearers_share(t_s)
+
         # A person who does nothing costs nothing.
         acting = [_acts(person) for person in people]
-        box = self._box(t_s) if self.boxed else None
         inputs = []
 
         # All steps were computed at once; the core takes them one by one.
@@ -171,9 +197,11 @@ class Script:
                 if acts[k]:
                     pulls.append(person.at(k))
 
-            closure = self.driven(k, self.own_closure(shut[k], pulse[k]))
+            share = 1.0 if wearers is None else wearers[k]
+            closure = self.driven(k, self.own_closure(shut[k], pulse[k], share))
             floor = None if box is None else box.at(k)
-            inputs.append(Inputs(closure, tuple(pulls), floor))
+            now = None if changes is None else changes.at(k)
+            inputs.append(Inputs(closure, tuple(pulls), floor, now))
 
         return inputs
 
@@ -205,13 +233,16 @@ class Script:
         # sin^2 begins and ends without a jump in speed
         return np.where(disturbed, within * within, 0.0)
 
-    def own_closure(self, shut: FloatArray, pulse: FloatArray) -> FloatArray:
+    def own_closure(
+        self, shut: FloatArray, pulse: FloatArray, share: FloatArray | float = 1.0
+    ) -> FloatArray:
         """[S, B] how far the wearer closes each finger beyond the object's surface.
 
-        shut, pulse [B] at one step. An open hand: -OPEN_GAP_M.
+        shut, pulse [B] at one step; share: of the grip with which the wearer closed the hand. An
+        open hand: -OPEN_GAP_M.
         """
         # dFn: the whole grip changes
-        grip = 1.0 + self.drawn("grip_change") * pulse
+        grip = (1.0 + self.drawn("grip_change") * pulse) * share
 
         # The way from the open hand to the depth at which the springs give the grip.
         travel_m = OPEN_GAP_M + self.closed_m * grip
@@ -228,6 +259,10 @@ class Script:
     def driven(self, k: int, own_m: FloatArray) -> FloatArray:
         """[S, B] how far the fingers are closed in step k of a chunk; own_m: by the wearer."""
         return own_m
+
+    def wearers_share(self, t_s: FloatArray) -> FloatArray | None:
+        """[n, B] the wearer's grip over the one with which the hand was closed; None: all of it."""
+        return None if self.more is None else self.more.grip_share(t_s)
 
     def still_there(self, t_s: FloatArray) -> FloatArray | float:
         """[n, B] 1 while the person who takes is there; in a closed loop people give up."""

@@ -10,7 +10,12 @@ import numpy.typing as npt
 
 from holdfast.core.contract import FloatArray
 from holdfast.simulation.effect import Interval
-from holdfast.simulation.protocol import NEVER_S, PlannedTrial
+from holdfast.simulation.protocol import (
+    ACTION_MODULES,
+    NEVER_S,
+    PlannedTrial,
+    action_module,
+)
 
 OPEN_GAP_M = 0.03
 """Distance of an open hand's fingers from the object."""
@@ -57,7 +62,7 @@ class Times:
         drawn = trial.drawn
 
         # The empty hand has no events, only an end.
-        if trial.action == "nothing":
+        if not trial.holds_object:
             return Times(NEVER_S, NEVER_S, NEVER_S, NEVER_S, drawn["lasts_s"])
 
         close = drawn["close_at_s"]
@@ -75,6 +80,9 @@ class Times:
 def _gives(trial: PlannedTrial, closed: float, act: float) -> float:
     """When the person lets go; a weak grip is supported until the action takes the weight."""
     drawn = trial.drawn
+    if trial.action == "lift":
+        # The support is a table, which the hand leaves as it lifts.
+        return act
     if not trial.supported:
         # The grip holds the weight by itself, so the person leaves it soon after the hand has
         # closed.
@@ -88,7 +96,7 @@ def _gives(trial: PlannedTrial, closed: float, act: float) -> float:
         comes_s = BOX_GAP_M / drawn["box_m_s"]
         return act + comes_s
 
-    # A disturbed hold under a weak grip is supported to its end.
+    # Any other action under a weak grip is supported to its end.
     return act + NEVER_S
 
 
@@ -108,6 +116,10 @@ def _opens(trial: PlannedTrial, act: float) -> float:
         # The person has come back, and has held the object for as long, before the hand opens.
         disturbed_s = drawn["times"] * drawn["every_s"]
         return act + disturbed_s + 2.0 * CATCH_S
+
+    if trial.action in ACTION_MODULES:
+        opens: float = action_module(trial.action).opens_s(trial, act)
+        return opens
 
     # A hand that is pulled at, or lets an object fall, stays closed.
     return NEVER_S
@@ -131,7 +143,7 @@ def _lasts(trial: PlannedTrial, act: float, opens: float) -> float:
 
 def busy(trial: PlannedTrial) -> list[Interval]:
     """Intervals in which fine steps are taken, s."""
-    if trial.action == "nothing":
+    if not trial.holds_object:
         return []
 
     times = Times.of(trial)
@@ -167,6 +179,9 @@ def _acting(trial: PlannedTrial, times: Times) -> list[Interval]:
         return [takes, moves]
     if trial.action == "pull":
         return [(act, act + drawn["move_s"])]
+    if trial.action in ACTION_MODULES:
+        intervals: list[Interval] = action_module(trial.action).acting(trial, times)
+        return intervals
 
     # The time to settle is added to every interval (busy).
     watched_s = drawn["watch_s"] - SETTLE_S

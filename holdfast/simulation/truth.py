@@ -4,6 +4,11 @@ load onset      after the action begins, the force of people and box changes by 
 incipient slip  from then on, the first element of any touching brush slides
 gross slip      all elements of all touching contacts slide, or the slip since load onset is 2 mm
 contact lost    the last contact ends
+
+In an everyday action (everyday.py) slips come and go, also without a load from outside. A slip is
+a stretch of steps in which elements slide, with pauses of PAUSE_S at most, in which the object
+slides as a whole or by 2 mm. It is risky from its load onset, or from its begin where no load from
+outside caused it, to its end. Everything else is a grasp until the hand opens.
 """
 
 from __future__ import annotations
@@ -22,14 +27,16 @@ from holdfast.core.contract import (
 )
 from holdfast.core.reading import Json
 from holdfast.core.trial_layout import RISKY_ACTIONS
-from holdfast.simulation.protocol import PlannedTrial
+from holdfast.simulation.protocol import ACTION_MODULES, PlannedTrial, action_module
 from holdfast.simulation.run import TrialMotion
-from holdfast.simulation.script_times import Times
+from holdfast.simulation.script_times import CATCH_S, Times
 
 LOAD_N = 0.1
 """Change of the force of people and box that counts as load onset."""
 GROSS_SLIP_M = 2e-3
 """Slip since load onset that counts as gross slip."""
+PAUSE_S = 0.1
+"""A pause without any sliding that ends a slip of an everyday action."""
 TRANSFERRED = 0.95
 """Share of the final force at which the weight counts as taken over."""
 PROVENANCE = "scene"
@@ -142,14 +149,21 @@ def truth_of(trial: PlannedTrial, motion: TrialMotion, *, acted: bool = False) -
     """
     # A sample lasts until the next one would come.
     end_s = 2.0 * float(motion.t_s[-1]) - float(motion.t_s[-2])
+    everyday = trial.action in ACTION_MODULES
+    if everyday and not trial.holds_object:
+        touched: Truth = action_module(trial.action).touch_truth(motion)
+        return touched
     if not motion.gripped.any():
         return Truth(None, None, None, None, None, 0.0, ((0.0, NOTHING),), end_s)
 
     times = Times.of(trial)
-    steps = _Steps.of(motion, times.act)
-    marks = _marks(trial, motion, times, steps)
-    if acted:
-        marks = _stopped(marks, motion, steps.lost)
+    if everyday:
+        steps, marks = _everyday(trial, motion, times)
+    else:
+        steps = _Steps.of(motion, times.act)
+        marks = _marks(trial, motion, times, steps)
+        if acted:
+            marks = _stopped(marks, motion, steps.lost)
 
     at_last_m = motion.slip_m[steps.lost - 1]
     at_first_m = motion.slip_m[steps.contact]
@@ -274,6 +288,86 @@ def _perturbed(motion: TrialMotion, times: Times, lost: int) -> list[Mark]:
         marks.append((float(times.open), SAFE_SLIP))
 
     return marks
+
+
+def slip_onset(trial: PlannedTrial, motion: TrialMotion) -> int | None:
+    """The step at which an everyday action begins to endanger the grip; None where it does not.
+
+    It is the load onset where a load comes from outside, else the begin of the first slip.
+    """
+    times = Times.of(trial)
+    if trial.action in action_module(trial.action).LOADED:
+        onset = load_onset(motion, times.act)
+        # The person who takes the object at the end is no load of the action.
+        before_end = onset is not None and motion.at_s[onset] < times.open - CATCH_S
+        return onset if before_end else None
+    held = np.flatnonzero(motion.gripped)
+    slips = _slips(motion, times, int(held[-1]) + 1) if held.size else []
+    return slips[0][0] if slips else None
+
+
+def _slips(motion: TrialMotion, times: Times, lost: int) -> list[tuple[int, int, int]]:
+    """(begin, gross slip, end) of each slip of an everyday action, numbers of steps."""
+    at_s = motion.at_s
+    acts = int(np.searchsorted(at_s, times.act))
+    stop = min(int(np.searchsorted(at_s, times.open)), lost)
+    sliding = acts + np.flatnonzero(motion.slips[acts:stop])
+    if not sliding.size:
+        return []
+
+    pauses = np.flatnonzero(np.diff(at_s[sliding]) > PAUSE_S) + 1
+    slips = []
+    for part in np.split(sliding, pauses):
+        begin = int(part[0])
+        end = int(part[-1]) + 1
+        far = motion.slip_m[begin:end] - motion.slip_m[begin] >= GROSS_SLIP_M
+        gross = _first(motion.slides[begin:end] | far)
+        # Elements that creep while the others hold move nothing.
+        if gross is not None:
+            slips.append((begin, begin + gross, end))
+    return slips
+
+
+def _everyday(
+    trial: PlannedTrial, motion: TrialMotion, times: Times
+) -> tuple[_Steps, list[Mark]]:
+    """Steps and marks of an everyday action that had contact."""
+    at_s = motion.at_s
+    held = np.flatnonzero(motion.gripped)
+    contact = int(held[0])
+    lost = int(held[-1]) + 1
+    last = min(lost, len(at_s) - 1)
+    loaded = trial.action in action_module(trial.action).LOADED
+    onset = slip_onset(trial, motion) if loaded else None
+
+    marks: list[Mark] = [(0.0, NOTHING), (float(at_s[contact]), GRASP)]
+    slips = _slips(motion, times, lost)
+    for begin, _, end in slips:
+        start = _loaded_from(motion, times.act, begin) if loaded else begin
+        marks.append((float(at_s[start]), RISKY_SLIP))
+        if end < lost:
+            marks.append((float(at_s[end]), GRASP))
+    if lost < len(at_s) and at_s[lost] < times.open:
+        gone = float(at_s[lost])
+    else:
+        marks.append((float(times.open), SAFE_SLIP))
+        gone = float(at_s[last])
+
+    incipient = slips[0][0] if slips else None
+    gross = slips[0][1] if slips else None
+    steps = _Steps(contact, onset, incipient, gross, lost)
+    return steps, [*marks, (gone, NOTHING)]
+
+
+def _loaded_from(motion: TrialMotion, act_s: float, begin: int) -> int:
+    """The step from which on the load of a slip that begins at a step has been there."""
+    first = int(np.searchsorted(motion.at_s, act_s))
+    before_n = motion.agents_n[max(first - 1, 0)]
+    change = motion.agents_n[first : begin + 1] - before_n
+    size_n = np.sqrt((change * change).sum(axis=1))
+    unloaded = np.flatnonzero(size_n <= LOAD_N)
+    # A slip of a load that is below LOAD_N begins with itself.
+    return min(first + int(unloaded[-1]) + 1, begin) if unloaded.size else first
 
 
 def _first(flags: BoolArray, start: int = 0, stop: int | None = None) -> int | None:

@@ -30,13 +30,14 @@ from holdfast.core.errors import LabelError
 from holdfast.core.reading import Json
 from holdfast.core.trial_file import LONGEST_S, Trial
 from holdfast.core.trial_layout import (
+    OTHER_ACTIONS,
     SITUATION_OF_ACTION,
     contact_rows,
     read_json,
     truth_path,
 )
 
-UNSCRIPTED = ("hold", "daily")
+UNSCRIPTED = (*OTHER_ACTIONS, "daily")
 """Actions whose labels come only from the truth file of a trial."""
 ACTION_S = 7.0
 """When the thesis' script starts the action, from the first row."""

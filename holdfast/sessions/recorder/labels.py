@@ -25,6 +25,7 @@ from holdfast.core.trial_file import Trial, read_trial
 from holdfast.core.trial_layout import (
     CONTACT_SMOOTH_S,
     EVENTS,
+    HELD_ACTIONS,
     META,
     NORMAL_FLOOR,
     SITUATION_OF_ACTION,
@@ -204,7 +205,7 @@ def _phases(
     # A camera sees the first sliding, which comes after the load; a key may mark the load itself.
     slip = known.get("load_onset") or known.get("incipient_slip")
 
-    if action == "hold":
+    if action in HELD_ACTIONS:
         phases.append(LabelledInterval.of(closed_s, empty_s, "grasp", by_closed))
     elif slip is not None and closed_s < slip[0] < empty_s:
         # A mark outside the grip is a slip of the finger, not of the object.

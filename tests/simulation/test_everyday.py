@@ -1,0 +1,257 @@
+"""Everyday actions: weights follow their formula, friction decides, and nothing is gained."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+from loop_bench import Firm, model, scene_of
+
+from holdfast.core.contract import GRASP, NOTHING, RISKY_SLIP, SAFE_SLIP
+from holdfast.simulation.body import at_rest
+from holdfast.simulation.closed_loop import needed_grip_n, run_loops
+from holdfast.simulation.core import step
+from holdfast.simulation.energy import brush_j, kinetic_j, normal_j
+from holdfast.simulation.everyday import ACTIONS
+from holdfast.simulation.protocol import GRAVITY_M_S2
+from holdfast.simulation.scene import SimulatedTrial
+from holdfast.simulation.script import Script, body_of
+from holdfast.simulation.script_times import Times, grid_of
+
+SHORT = """close_at_s = 0.4
+closing_s = 0.3
+hold_s = 0.9
+after_s = 0.3
+tail_s = 0.2
+weak_share = 0
+tilt_deg = 0
+roll_deg = 0
+"""
+CAN = "[objects.can]\nmass_g = 200\nhalf_length_mm = 60\nfriction = 0.5\n"
+KINETIC = 0.8
+"""Of the can: kinetic over static friction, which its objects have by default."""
+
+
+def scene_text(*rows: str, effects: str = "") -> str:
+    head = "[record]\nrate_hz = 150\n[physics]\nstep_s = 0.0035\n"
+    return head + CAN + "".join(rows) + effects
+
+
+def row(action: str, more: str = "", grip_n: float = 6.0) -> str:
+    first = f'[[trials]]\nobjects = ["can"]\naction = "{action}"\n'
+    same = f"friction_factor = 1\ngrip_n = {grip_n}\nspare = 1\n"
+    return first + SHORT + same + more + "\n"
+
+
+def run(folder: Path, *rows: str, effects: str = "") -> list[SimulatedTrial]:
+    scene = scene_of(folder, scene_text(*rows, effects=effects))
+    return scene.run_together(scene.trials())
+
+
+def situations(simulated: SimulatedTrial) -> list[int]:
+    return [situation for _, situation in simulated.truth.marks]
+
+
+def sheared_n(simulated: SimulatedTrial, at_s: float) -> float:
+    """Force along the skin of all fingertips: what they carry together."""
+    k = int(np.searchsorted(simulated.motion.t_s, at_s))
+    forces = simulated.motion.forces_n[k]
+    # y of thumb and fingers differ in sign: the sensors face each other
+    across = forces[:2, 1].sum() - forces[2:, 1].sum()
+    return float(np.hypot(forces[:, 0].sum(), across))
+
+
+HELD = [NOTHING, GRASP, SAFE_SLIP, NOTHING]
+
+
+def test_actions_that_friction_holds_are_grasps_until_a_person_takes_the_object(
+    tmp_path: Path,
+) -> None:
+    gentle = {"tug": "peak_n = 1", "relax": "left = 1.4", "stack": "added_g = 20"}
+    gentle["touch-table"] = "press_n = 1"
+    rows = [row(action, gentle.get(action, "")) for action in ACTIONS]
+    for simulated in run(tmp_path, *rows):
+        assert situations(simulated) == HELD, simulated.trial.action
+        assert simulated.truth.slip_mm < 1.0
+
+
+@pytest.mark.parametrize("lasts_s", [0.03, 0.3, 2.0])
+def test_a_tug_slips_where_it_exceeds_coulomb_s_limit_and_not_below(
+    lasts_s: float, tmp_path: Path
+) -> None:
+    """The can needs 2 N; friction holds 6 N, so a tug of 3.9 N in any direction is held."""
+    weak = row("tug", f"peak_n = 3.9\nswings = 1\nlasts_s = {lasts_s}")
+    strong = row("tug", f"peak_n = 25\nswings = 1\nlasts_s = {lasts_s}")
+    held, torn = run(tmp_path, weak, strong)
+    assert situations(held) == HELD
+    assert held.truth.gross_slip_s is None
+
+    assert RISKY_SLIP in situations(torn)
+    risky_s = dict((s, t) for t, s in torn.truth.marks)[RISKY_SLIP]
+    assert risky_s == torn.truth.load_onset_s
+    assert torn.truth.gross_slip_s is not None
+    assert torn.truth.gross_slip_s > risky_s
+
+
+def test_the_weight_of_a_poured_object_follows_the_formula(tmp_path: Path) -> None:
+    (poured,) = run(
+        tmp_path, row("pour", "poured = 0.6\npour_s = 1\nturn_s = 0.4\nangle_deg = 0")
+    )
+    times = Times.of(poured.trial)
+    weight_n = 0.2 * GRAVITY_M_S2
+    assert sheared_n(poured, times.act) == pytest.approx(weight_n, rel=0.01)
+    half_s = times.act + 0.4 + 0.5
+    assert sheared_n(poured, half_s) == pytest.approx(0.7 * weight_n, rel=0.02)
+    assert sheared_n(poured, times.act + 1.9) == pytest.approx(0.4 * weight_n, rel=0.01)
+
+
+def test_added_weight_is_carried_until_friction_is_used_up(tmp_path: Path) -> None:
+    by_hand = "added_g = 100\ndrop_mm = 0\nadd_s = 0.2"
+    light, heavy, dropped = run(
+        tmp_path,
+        row("stack", by_hand),
+        row("stack", by_hand.replace("100", "700")),
+        row("stack", "added_g = 100\ndrop_mm = 50\nhit_s = 0.02"),
+    )
+    times = Times.of(light.trial)
+    carried_n = sheared_n(light, times.act + 0.4)
+    assert carried_n == pytest.approx(0.3 * GRAVITY_M_S2, rel=0.01)
+    assert situations(light) == HELD
+    assert RISKY_SLIP in situations(heavy)
+    assert heavy.truth.contact_lost_s is not None
+    assert heavy.truth.contact_lost_s < Times.of(heavy.trial).open
+    # The hit slips for a moment; what friction holds afterwards stays.
+    assert situations(dropped) == [*HELD[:2], RISKY_SLIP, *HELD[1:]]
+
+
+def test_a_relaxing_grip_slips_where_friction_is_used_up(tmp_path: Path) -> None:
+    (lost,) = run(tmp_path, row("relax", "left = 0\nrelax_s = 2"))
+    assert situations(lost) == [NOTHING, GRASP, RISKY_SLIP, NOTHING]
+    assert lost.truth.load_onset_s is None
+    assert lost.truth.gross_slip_s is not None
+
+    # Both sides hold the weight: 2 mu N = m g, and the grip falls as a minimum-jerk path.
+    weight_n = 0.2 * GRAVITY_M_S2
+    k = int(np.searchsorted(lost.motion.t_s, lost.truth.gross_slip_s)) - 1
+    normal_n = lost.motion.forces_n[k, :, 2].sum()
+    assert 0.95 * weight_n < 0.5 * normal_n < 1.1 * weight_n
+
+
+def test_turning_and_lifting_change_what_the_fingers_carry(tmp_path: Path) -> None:
+    turned, lifted = run(
+        tmp_path,
+        row("turn", "angle_deg = 90\nturn_s = 0.5\nstay_s = 1\naxis_deg = 90", 12),
+        row("lift", "height_m = 0.2\nraise_s = 0.6\ngive_s = 0.2"),
+    )
+    forces = turned.motion.forces_n
+    t_s = turned.motion.t_s
+    over = int(np.searchsorted(t_s, Times.of(turned.trial).act + 1.2))
+    before = int(np.searchsorted(t_s, Times.of(turned.trial).act))
+    # Gravity has turned by a quarter about the thumb's axis, from shear y to shear x.
+    assert abs(forces[before, :, 0].sum()) < 0.3
+    assert abs(forces[over, :, 0].sum()) == pytest.approx(1.96, abs=0.25)
+
+    act_s = Times.of(lifted.trial).act
+    # u = 0.211: the acceleration of a minimum-jerk path is greatest.
+    peak_s = act_s + 0.2 + 0.211 * 0.6
+    peak_n = 0.2 * (GRAVITY_M_S2 + 5.77 * 0.2 / 0.36)
+    assert sheared_n(lifted, act_s) < 0.3
+    assert sheared_n(lifted, peak_s) == pytest.approx(peak_n, rel=0.03)
+
+
+def test_an_unsteady_grip_swings_by_its_share(tmp_path: Path) -> None:
+    steady, swings = (
+        run(tmp_path, row("hold", "times = 8\n").replace("after_s = 0.3\n", ""))[0],
+        run(
+            tmp_path,
+            row("hold", "times = 8\n").replace("after_s = 0.3\n", ""),
+            effects="[effects.fluctuation]\nshare = 0.03\n",
+        )[0],
+    )
+    times = Times.of(steady.trial)
+    inside = (steady.motion.t_s > times.act) & (steady.motion.t_s < times.open)
+    for simulated, share in ((steady, 0.0), (swings, 0.03)):
+        normal_n = simulated.motion.forces_n[inside, :, 2].sum(axis=1)
+        assert normal_n.std() / normal_n.mean() == pytest.approx(share, abs=0.01)
+
+
+def test_no_step_ends_with_more_energy_than_it_had_and_was_given(
+    tmp_path: Path,
+) -> None:
+    """People and hand do work only while they act: a held object comes to rest again."""
+    rows = [row(action, "", 12) for action in ("carry", "turn", "stack", "tug")]
+    scene = scene_of(tmp_path, scene_text(*rows))
+    trials = scene.trials()
+    body = body_of(trials, np.ones(1))
+    script = Script(trials, body)
+    grids = [grid_of(trial, 150, 0.02) for trial in trials]
+    end_s = max(float(grid.at_s[-1]) for grid in grids)
+    # Long steps on purpose: the balance must hold at any step.
+    at_s = np.arange(0.3, end_s, 0.05)[:, None] * np.ones(len(trials))
+    inputs = script.chunk(at_s)
+    state = at_rest(body, inputs[0].closure_m)
+    for k in range(1, len(at_s)):
+        step(body, state, inputs[k], at_s[k] - at_s[k - 1], at_s[k])
+        had_j = kinetic_j(body, state)
+        assert np.isfinite(had_j).all()
+        stored_j = brush_j(body, state) + normal_j(
+            body, inputs[k].closure_m, state.position_m[0], state.recess_m
+        )
+        # 12 N on springs of kN/m, and an object of 0.2 kg at 3 m/s: a gain would exceed it soon.
+        assert (had_j + stored_j < 2.0).all()
+
+
+def test_touches_of_the_pads_are_never_a_slip_and_keep_within_friction(
+    tmp_path: Path,
+) -> None:
+    empty = "lasts_s = 4\nfirst_s = 1\n"
+    rows = [f'[[trials]]\naction = "{name}"\n{empty}' for name in ("stroke", "tap")]
+    rows.append('[[trials]]\naction = "nothing"\nlasts_s = 4\n')
+    stroked, tapped, nothing = run(tmp_path, *rows, effects="[effects.averaging]\n")
+    for simulated in (stroked, tapped):
+        assert set(situations(simulated)) <= {NOTHING, GRASP}
+        forces = simulated.signal.values
+        assert forces[..., 2].max() > 0.1
+        shear_n = np.hypot(forces[..., 0], forces[..., 1])
+        rub = simulated.trial.drawn["rub"]
+        assert (shear_n <= rub * forces[..., 2] + 1e-9).all()
+    assert not nothing.signal.values.any()
+
+
+class Needs(Firm):
+    """From the action on: what the load needs, and a little more."""
+
+    def __init__(self, trials: Sequence, rate_hz: float) -> None:
+        super().__init__(trials, 1.2 * max(map(needed_grip_n, trials)))
+
+
+class Nothing(Firm):
+    """The wearer's own grip."""
+
+    def __init__(self, trials: Sequence, rate_hz: float) -> None:
+        super().__init__(trials, 0.0)
+
+
+def test_in_a_closed_loop_a_hand_that_acts_keeps_what_a_relaxing_wearer_drops(
+    tmp_path: Path,
+) -> None:
+    rows = [row("relax", "left = 0\nrelax_s = 0.8"), row("regrip", "lasts_s = 0.4")]
+    scene = scene_of(
+        tmp_path,
+        scene_text(
+            *rows,
+        ),
+    )
+    trials = scene.trials()
+    bare = run_loops(scene, trials, model(), Nothing)
+    held = run_loops(scene, trials, model(), Needs)
+    assert [one.dropped for one in bare] == [True, False]
+    assert [one.dropped for one in held] == [False, False]
+    # The relaxing hand slips without a load: its onset is the begin of the slip.
+    assert bare[0].onset_s < bare[0].lost_s
+    assert np.isinf(bare[1].onset_s)
+    # A wearer who lets the grip drift lowers the bare hand's drive, not the one that acts.
+    assert bare[0].grip_n[-1] < 0.5
+    assert held[0].grip_n[-1] > 1.0
