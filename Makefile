@@ -33,7 +33,7 @@ unexport VIRTUAL_ENV PYTHONPATH PYTHONHOME PYTHONDONTWRITEBYTECODE
 # onnxruntime sends usage data otherwise; edge_runtime says so too.
 export ORT_DISABLE_TELEMETRY := 1
 
-.PHONY: help setup hooks demo test lint lock clean dist docs docs-site hard-cases safety soak fuzz real loop evaluate study models bench browser peers lerobot
+.PHONY: help setup hooks demo test lint lock clean dist docs docs-site hard-cases safety soak fuzz real loop evaluate study models bench browser peers world lerobot
 
 help:  ## list the targets
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/make \1\t\2/p' Makefile | expand -t 16
@@ -101,6 +101,9 @@ peers: $(PEERS)/.stamp  ## beside others: hold and pull, and the closed loop, in
 	$(PEERS)/bin/python -m benchmarks.mujoco_peer --out build/bench/mujoco.json $(ARGS)
 	$(PEERS)/bin/python -m benchmarks.mujoco_loop --out build/bench/mujoco-loop.json
 	$(PEERS)/bin/python -m holdfast bench latency
+
+world: $(PEERS)/.stamp  ## the shipped model in a second physics (MuJoCo), for testing only; FULL=1: all of it, hours, resumes; into build/world
+	OPENBLAS_NUM_THREADS=1 $(PEERS)/bin/python -m benchmarks world --out build/world --model $(MODEL) $(if $(FULL),--full) $(ARGS)
 
 lerobot: setup $(LEROBOT)/.stamp  ## lerobot's own loader reads what holdfast convert writes; an environment of its own, 8 GB, needs a C compiler
 	rm -rf build/lerobot

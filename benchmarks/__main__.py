@@ -7,8 +7,9 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -22,6 +23,7 @@ from holdfast.cli.command import (
 )
 from holdfast.cli.options import CORES, add_job_options, chosen_workers
 from holdfast.core.reading import Json, model_path
+from tools.harness import Program
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
@@ -57,6 +59,7 @@ class Measure:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this program."""
     lines = [f"  {name:<14}{one.about}" for name, one in MEASURES.items()]
+    lines += [f"  {name:<14}{one.about}" for name, one in PROGRAMS.items()]
     parser.epilog = "WHAT:\n" + "\n".join(lines)
     option = parser.add_argument
     what = "one of the list below, or all"
@@ -270,5 +273,25 @@ MEASURES: dict[str, Measure] = {
 }
 
 
+PROGRAMS = {
+    "world": Program(
+        "benchmarks.world.program", "the model in a second physics", "build/world"
+    )
+}
+"""Measures with options of their own; they are no part of `all`."""
+
+
+def main(words: Sequence[str]) -> int:
+    """Run a program by its name, or a measure."""
+    if words and words[0] in PROGRAMS:
+        program = PROGRAMS[words[0]]
+        module = import_module(program.module)
+        name = f"python -m benchmarks {words[0]}"
+        return run_script(
+            name, str(module.__doc__), module.add_arguments, module.run, words[1:]
+        )
+    return run_script("python -m benchmarks", str(__doc__), add_arguments, run, words)
+
+
 if __name__ == "__main__":
-    sys.exit(run_script("python -m benchmarks", str(__doc__), add_arguments, run))
+    sys.exit(main(sys.argv[1:]))

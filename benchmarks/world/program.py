@@ -1,0 +1,223 @@
+"""`python -m benchmarks world`: the shipped model in a second physics. `make world` sets it up.
+
+Test only: nothing is trained, chosen or tuned on it. Writes world.json, world.svg, and a file with
+a line for each trial, with which a run that was stopped goes on.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import subprocess
+import time
+from functools import partial
+from pathlib import Path
+
+from benchmarks.world.draws import KINDS
+from benchmarks.world.trials_file import ROOT, TrialsFile, code_sha256, file_sha256
+from holdfast.cli.command import path_argument, seed, show
+from holdfast.cli.options import CORES, add_job_options, chosen_workers
+from holdfast.core.errors import UsageError
+from holdfast.core.locked import locked_sets
+from holdfast.core.reading import Json, model_path
+from holdfast.core.writing import require_writable, write_whole
+
+SEED = 8001
+"""Of the report; locked (holdfast/core/locked.toml)."""
+TRIALS = 60
+FULL_TRIALS = 200
+CONTROLLER = "holdfast"
+QUICK_SETS = (("point", "chain"),)
+FULL_SETS = (
+    ("point", "chain"),
+    ("point", "ideal"),
+    ("grid", "chain"),
+    ("grid", "ideal"),
+)
+"""Pads and sensors. The slow pads come last, so that a run that is stopped has the others whole."""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of this program."""
+    option = parser.add_argument
+    default = Path("build/world")
+    option(
+        "--out",
+        type=path_argument,
+        default=default,
+        metavar="DIR",
+        help=f"default {default}",
+    )
+    model = model_path("holdfast-150hz")
+    option(
+        "--model",
+        type=path_argument,
+        default=model,
+        metavar="FILE",
+        help="the model file",
+    )
+    option(
+        "--controller", default=CONTROLLER, metavar="NAME", help=f"default {CONTROLLER}"
+    )
+    seeds = f"default {SEED}, which is locked; choose nothing on it (100 to 199: development)"
+    option("--seed", type=seed, default=SEED, metavar="S", help=seeds)
+    trials = f"of each kind (default {TRIALS}, with --full {FULL_TRIALS})"
+    option("--trials", type=int, default=None, metavar="N", help=trials)
+    full = "both kinds of pads, both of sensors (hours; resumes where it stopped)"
+    option("--full", action="store_true", help=full)
+    option(
+        "--kinds",
+        nargs="+",
+        choices=tuple(KINDS),
+        default=tuple(KINDS),
+        metavar="KIND",
+        help="only these kinds",
+    )
+    add_job_options(parser, CORES)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run what is not done yet, score all, write the JSON and the picture."""
+    version = require_mujoco()
+    require_writable(args.out)
+    show(seed_line(args.seed))
+    about = _about(args, version)
+    name = f"trials-{about['model']['id']}-{args.controller}-{args.seed}.jsonl"
+    file = TrialsFile(args.out / name, about)
+    if file.put_aside:
+        show(f"{name} was of other code or another model: begun anew")
+    names, seconds = _run_trials(args, file)
+
+    from benchmarks.world.picture import picture
+    from benchmarks.world.scores import tables
+
+    figures = {
+        "command": _command(args),
+        "date": time.strftime("%Y-%m-%d"),
+        "commit": _commit(),
+        "seed_is": seed_line(args.seed),
+        **about,
+        "trials_a_kind": args.trials or (FULL_TRIALS if args.full else TRIALS),
+        "wall_s": round(seconds),
+        "jobs": args.jobs,
+        "tables": tables(file.of(names)),
+    }
+    write_whole(args.out / "world.json", json.dumps(figures, indent=1) + "\n")
+    write_whole(args.out / "world.svg", picture([figures]))
+    for line in summary(figures):
+        show(line)
+    return 0
+
+
+def require_mujoco() -> str:
+    """The version. Raises UsageError."""
+    try:
+        import mujoco
+    except ModuleNotFoundError:
+        raise UsageError(
+            "this needs MuJoCo, which is not installed here",
+            cause="it has an environment of its own, outside .venv",
+            next_step="make world",
+        ) from None
+    version: str = mujoco.__version__
+    return version
+
+
+def seed_line(number: int) -> str:
+    """What the seed is for."""
+    sets = locked_sets()
+    for locked in sets.seeds:
+        if locked.first <= number <= locked.last:
+            since = f"locked since {sets.locked_on}"
+            return f"seed {number}: {since}, for reports; choose nothing on it"
+    if sets.development.first <= number <= sets.development.last:
+        return f"seed {number}: for development, not for reports"
+    return f"seed {number}: neither locked nor for development; its figures are for no report"
+
+
+def _about(args: argparse.Namespace, version: str) -> Json:
+    """What decides the outcome of a trial: a file of trials with another one is not continued."""
+    from holdfast.edge_runtime.model import Model
+
+    return {
+        "simulated": True,
+        "seed": args.seed,
+        "controller": args.controller,
+        "model": {
+            "file": args.model.name,
+            "id": Model(args.model).card.model_id,
+            "sha256": file_sha256(args.model),
+        },
+        "mujoco": version,
+        "code_sha256": code_sha256(),
+    }
+
+
+def _run_trials(args: argparse.Namespace, file: TrialsFile) -> tuple[list[str], float]:
+    """(names of all trials of the request, seconds for those that were not done yet)."""
+    from benchmarks.world.record import TrialKey, record
+
+    count = args.trials or (FULL_TRIALS if args.full else TRIALS)
+    keys = [
+        TrialKey(kind, k, pads, sensors)
+        for pads, sensors in (FULL_SETS if args.full else QUICK_SETS)
+        for k in range(count)
+        for kind in args.kinds
+    ]
+    left = [key for key in keys if key.name not in file.done]
+    show(f"{len(keys)} trials, {len(keys) - len(left)} of them done before")
+    jobs = [
+        partial(record, key, args.seed, str(args.model), args.controller)
+        for key in left
+    ]
+    started = time.monotonic()
+    for k, one in enumerate(chosen_workers(args).run(jobs), 1):
+        file.add(one)
+        if k % 100 == 0:
+            show(f"{k} of {len(left)} trials, {time.monotonic() - started:.0f} s")
+    return [key.name for key in keys], time.monotonic() - started
+
+
+def _command(args: argparse.Namespace) -> str:
+    """The command that repeats this."""
+    words = ["make world", "FULL=1"] if args.full else ["make world"]
+    options = [f"--seed {args.seed}", f"--model {args.model.name}"]
+    if args.trials is not None:
+        options.append(f"--trials {args.trials}")
+    joined = " ".join(options)
+    return " ".join([*words, f'ARGS="{joined}"'])
+
+
+def _commit() -> str | None:
+    """The checkout's commit, with a plus where files differ from it; None without git."""
+    words = ["git", "-C", str(ROOT), "describe", "--always", "--dirty=+", "--exclude=*"]
+    try:
+        done = subprocess.run(words, capture_output=True, text=True, check=True)
+    except (OSError, subprocess.CalledProcessError):
+        return None
+    return done.stdout.strip()
+
+
+def summary(figures: Json) -> list[str]:
+    """A few lines for people."""
+    lines = []
+    for table in figures["tables"]:
+        lines.append(f"{table['pads']} pads, {table['sensors']} sensors")
+        for row in (*table["kinds"], *table["groups"]):
+            drops = (
+                f"{row['saved']:3d} of {row['preventable']:3d} preventable drops saved"
+            )
+            fresh = f"{row['saved_fresh']} of {row['saved_fresh_of']} without earlier tightening"
+            called = f"called {row['called']} of {row['called_of']}"
+            lines.append(
+                f"  {row['kind']:<16}{row['drops']:4d} drops, {drops}, {fresh}; {called}"
+            )
+        for row in table["hand_overs"]:
+            lines.append(
+                f"  {row['opens']:<32}blocked {row['blocked']} of {row['blocked_of']}"
+            )
+        for row in table["quiet"]:
+            lines.append(
+                f"  {row['hold']:<32}{row['tightenings']} tightenings in {row['minutes']:.1f} min"
+            )
+    return lines

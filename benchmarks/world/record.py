@@ -1,0 +1,105 @@
+"""One trial of the table: its draw, the bare hand, the answered hand and the oracle, as numbers."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+
+import numpy as np
+
+from benchmarks.world.answers import answered_run
+from benchmarks.world.draws import NEVER_S, RISKY, WorldTrial
+from benchmarks.world.outcomes import (
+    REFUSALS,
+    BareRun,
+    Outcome,
+    oracle_saves,
+    possible_run,
+)
+from holdfast.core.reading import Json
+
+
+@dataclass(frozen=True)
+class TrialKey:
+    """Which trial, with which pads and sensors."""
+
+    kind: str
+    repetition: int
+    pads: str
+    sensors: str
+
+    @property
+    def name(self) -> str:
+        """As it stands in the file of trials."""
+        return f"{self.kind} {self.repetition} {self.pads} {self.sensors}"
+
+
+def record(key: TrialKey, seed: int, model: str, controller: str) -> Json:
+    """Run one trial in all its hands; a JSON object."""
+    first = 0
+    unstable = 0
+    while True:
+        bare, refused = possible_run(key.kind, key.repetition, seed, key.pads, first)
+        try:
+            found = _hands(bare, key, model, controller)
+        except FloatingPointError:
+            first = bare.trial.attempt + 1
+            unstable += 1
+            continue
+        refused[REFUSALS[3]] += unstable
+        return {**asdict(key), "name": key.name, "refused": refused, **found}
+
+
+def _hands(bare: BareRun, key: TrialKey, model: str, controller: str) -> Json:
+    """The bare hand, the oracle where it drops the object, and the answered hand."""
+    trial = bare.trial
+    saves = None
+    if key.kind in RISKY and np.isfinite(bare.outcome.lost_s):
+        saves = oracle_saves(bare)
+    answers = answered_run(trial, key.pads, key.sensors, model, controller)
+    counted = {
+        "earlier": answers.earlier,
+        "called": answers.called,
+        "released_s": round(answers.released_s, 4),
+        "tightenings": answers.tightenings,
+        "quiet_s": round(answers.quiet_s, 4),
+        "most_n": round(answers.most_n, 4),
+    }
+    return {
+        "attempt": trial.attempt,
+        "trial": _drawn(trial),
+        "bare": _outcome(bare.outcome, trial),
+        "oracle": saves,
+        "answered": _outcome(answers.outcome, trial) | counted,
+    }
+
+
+def _drawn(trial: WorldTrial) -> Json:
+    """What a table may be split by."""
+    n = trial.numbers
+    opens_s = trial.open_s - trial.act_s
+    return {
+        "shape": trial.shape,
+        "mass_g": round(1e3 * n["mass_kg"], 2),
+        "friction": round(n["friction"], 4),
+        "friction_used": round(n["friction_used"], 4),
+        "grip_n": round(trial.grip_n, 4),
+        "need_n": round(trial.need_n, 4),
+        "opens_s": None if trial.open_s >= NEVER_S else round(opens_s, 4),
+        "tremor_m_s2": round(n["tremor_m_s2"], 4),
+        "signal": trial.signal_s < NEVER_S and trial.open_s < NEVER_S,
+    }
+
+
+def _outcome(outcome: Outcome, trial: WorldTrial) -> Json:
+    """Times after the event began; None for never."""
+    lost_s, onset_s = (
+        round(t_s - trial.act_s, 4) if np.isfinite(t_s) else None
+        for t_s in (outcome.lost_s, outcome.onset_s)
+    )
+    return {
+        "lost_s": lost_s,
+        "onset_s": onset_s,
+        "slip_mm": round(outcome.slip_mm, 3),
+        "peak_n": round(outcome.peak_n, 3),
+        "grip_n": round(outcome.grip_n, 3),
+    }
