@@ -120,9 +120,12 @@ class HandProgram:
         values: FloatArray,
         valid: BoolArray,
         opening: bool,
-        motor_n: float,
+        kept_n: float,
     ) -> float:
-        """One sample; returns what the hand is told beyond the wearer's grip, N a side."""
+        """One sample; returns what the hand is told beyond the wearer's grip, N a side.
+
+        kept_n: the target with which it keeps the grip that it has.
+        """
         values, valid = self._tare.prepare(values, valid)
         sample = holdfast.Sample(round(k * 1e9 / RATE_HZ), values, valid, k)
         prediction = self._monitor.feed(sample, opening=opening)
@@ -132,7 +135,7 @@ class HandProgram:
         if command.mode in ("idle", "yield"):
             return 0.0
         if command.target_n is None:
-            return motor_n
+            return kept_n
         return command.target_n
 
 
@@ -149,8 +152,8 @@ def answered_run(
     while not watch.over:
         values, valid = read(k, world.forces_n())
         opening = world.script.opening(world.t_s)
-        motor_n = float(world.drive.motor_n[0])
-        target_n = program.step(k, values, valid, opening, motor_n)
+        kept_n = float(world.drive.kept_n[0])
+        target_n = program.step(k, values, valid, opening, kept_n)
         log.take(world, program)
         world.advance(target_n)
         watch.look()

@@ -14,7 +14,7 @@ import numpy as np
 
 from benchmarks.world.ranges import EVENT_N, HELD_N, RANGES, REFUSED_GRIP_N
 from holdfast.core.contract import FloatArray
-from holdfast.core.hand_layout import HandLayout
+from holdfast.core.hand_card import hand_of_counts
 from holdfast.simulation.effect import stream
 
 G_M_S2 = 9.81
@@ -44,7 +44,7 @@ RISKY = (*PULLS, *FALLS, "tug-lost")
 HAND_OVERS = ("hand-over", "hand-over-late")
 HOLDS = ("quiet-hold", "trembling-hold")
 SHAPES = ("box", "cylinder", "ball")
-HAND = HandLayout()
+HAND = hand_of_counts()
 SIDE = np.where(np.arange(HAND.n_contacts) < HAND.thumb, 1.0, -1.0)
 """[S] which way each pad pushes along x: the thumb's along it, the fingers' against it."""
 THROUGH = 0.5

@@ -26,38 +26,38 @@ STEPS = 8
 DRIVE_EVERY = 2
 """Steps of the physics in one step of the drive, whose lag is thirty times that."""
 DRIVE = Drive()
-MOST_N = 100.0
-"""No pad presses harder."""
-OPENS_M_S = 0.1
-EMPTY_GRIP_N = 0.05
-"""A hand that is told to open parts its fingers once its grip is below this."""
+MOST_N = 1e3
+"""No pad presses harder, or is further away than this would bend its finger."""
 
 
 class WorldDrive(Actuator):
-    """Our drive on this trial's fingers: one hand, which begins open."""
+    """Our drive on this trial's fingers: one hand, which begins open at place_n."""
 
-    def __init__(self, trial: WorldTrial) -> None:
+    def __init__(self, trial: WorldTrial, place_n: float) -> None:
         thumb = float(trial.stiffness[: HAND.thumb].sum())
         fingers = float(trial.stiffness[HAND.thumb :].sum())
         per_m = np.array([thumb * fingers / (thumb + fingers)])
         self.drive = DRIVE
+        self.own_n = np.array([place_n])
         self.fastest_n_s = 1e-3 * DRIVE.stroke_mm / DRIVE.closing_s * per_m
         self.backlash_n = 1e-3 * DRIVE.backlash_mm * per_m
-        self.motor_n = np.zeros(1)
-        self.grip_n = np.zeros(1)
+        self.motor_n = self.own_n.copy()
+        self.place_n = self.own_n.copy()
         self.speed_n_s = np.zeros(1)
 
 
 def _press(recess_m: FloatArray, n_per_m: float) -> tuple[FloatArray, FloatArray]:
     """(forces in N, how far a pad of these points must close for them in m), rising together.
 
-    recess_m [P] rises: between two of them one more point bears its part of the stiffness.
+    A force below 0 stands for a finger that is so far away as that force would bend it. recess_m
+    [P] rises: between two of them one more point bears its part of the stiffness.
     """
     part = n_per_m / len(recess_m)
     forces = [part * float((at - recess_m).clip(0.0).sum()) for at in recess_m]
     beyond_m = float(recess_m[-1]) + MOST_N / n_per_m
     forces.append(part * float((beyond_m - recess_m).sum()))
-    return np.array(forces), np.append(recess_m, beyond_m)
+    away = (-MOST_N, *forces)
+    return np.array(away), np.concatenate([[-MOST_N / n_per_m], recess_m, [beyond_m]])
 
 
 class World:
@@ -66,7 +66,7 @@ class World:
     def __init__(self, trial: WorldTrial, pads: str) -> None:
         self.trial = trial
         self.script = Script(trial)
-        self.drive = WorldDrive(trial)
+        self.drive = WorldDrive(trial, self.script.place_n(0.0))
         self.t_s = 0.0
         self.samples = 0
         self.outside_n = np.zeros(3)
@@ -77,7 +77,6 @@ class World:
         )
         self._data = mujoco.MjData(self._model)
         self._index(len(self._pad.offsets_m))
-        self._spread_m = 0.0
         self._set_springs()
         self._data.qpos[self._normals] = self._model.qpos_spring[self._normals]
 
@@ -112,7 +111,7 @@ class World:
     def advance(self, target_n: float) -> None:
         """One sample period; target_n: what the hand is told beyond the wearer, N a side.
 
-        The hand grips for the larger one of both, and opens only where neither wants a grip.
+        The hand grips for the larger one of both; 0 for no target.
         """
         for k in range(STEPS):
             if k % DRIVE_EVERY == 0:
@@ -126,17 +125,9 @@ class World:
 
     def _drive(self, target_n: float) -> None:
         """The drive follows the larger one of the wearer's grip and the target."""
-        t_s = float(self._data.time)
         period_s = DRIVE_EVERY * self._step_s
-        wanted_n = max(self.script.own_n(t_s), target_n)
-        self.drive.step(np.array([wanted_n]), period_s)
-        if t_s < self.trial.give_s:
-            # The wearer closes until the grip is what it should be, whatever the backlash is; from
-            # then on closing further must take it up, as in our own loop.
-            self.drive.grip_n = self.drive.motor_n.copy()
-        opens = wanted_n <= 0.0 and t_s > self.trial.act_s
-        if opens and self.drive.grip_n[0] < EMPTY_GRIP_N:
-            self._spread_m += OPENS_M_S * period_s
+        place_n = self.script.place_n(float(self._data.time) + period_s)
+        self.drive.step(np.array([target_n]), period_s, np.array([place_n]))
 
     def _step(self) -> None:
         data = self._data
@@ -154,12 +145,10 @@ class World:
 
     def _set_springs(self) -> None:
         """The drive's place moves the other ends of the fingers' springs."""
-        gap_m = self.script.gap_m(float(self._data.time)) + self._spread_m
-        shares_n = (self.trial.share * self.drive.grip_n[0]).tolist()
-        closed_m = [
-            float(np.interp(share_n, forces_n, closed)) - gap_m
-            for share_n, (forces_n, closed) in zip(shares_n, self._presses, strict=True)
-        ]
+        shares_n = (self.trial.share * self.drive.place_n[0]).tolist()
+        closed_m = []
+        for share_n, press in zip(shares_n, self._presses, strict=True):
+            closed_m.append(float(np.interp(share_n, *press)))
         self._model.qpos_spring[self._normals] = np.array(closed_m)[:, None]
 
     def motion(self) -> Motion:

@@ -14,6 +14,7 @@ import numpy as np
 
 from benchmarks.world.draws import (
     G_M_S2,
+    HAND,
     HAND_OVERS,
     PULLS,
     TUGS,
@@ -37,7 +38,7 @@ BOX_SIDEWAYS_N_S_PER_M = 20.0
 BOX_GAP_M = 0.005
 BOX_OVERSHOOT_M = 0.003
 OPEN_GAP_M = 8e-3
-"""Distance of an open hand's pads from the object."""
+"""Distance of an open hand's fingers from the object; its thumb is twice as far away."""
 FLUCTUATES_HZ = (0.7, 1.9, 4.3)
 
 
@@ -98,23 +99,35 @@ class Script:
         self._inertia = np.array(moments_kg_m2(trial.shape, self._n))
         rng = stream(trial.seed, trial.number, "fluctuation")
         self._phases = rng.uniform(0.0, 2.0 * math.pi, len(FLUCTUATES_HZ) + 1).tolist()
+        self._open_n = OPEN_GAP_M * float(trial.stiffness[HAND.thumb :].sum())
         self._grabbed: FloatArray | None = None
         self._rests_m = 0.0
 
     # -- the wearer and the arm
 
-    def own_n(self, t_s: float) -> float:
-        """The grip that the wearer commands, N a side."""
+    def place_n(self, t_s: float) -> float:
+        """Where the wearer wants the fingers, as the grip that they would have there, N a side.
+
+        Below 0 the hand is open: each finger is as far away as that force would bend it.
+        """
         trial = self.trial
         closing_s = self._n["closing_s"]
+        nears = smooth((t_s - trial.close_s) / closing_s)
         loads = smooth((t_s - trial.close_s - closing_s) / closing_s)
-        opens = smooth((t_s - trial.open_s) / self._n["opening_s"])
+        opening_s = self._n["opening_s"]
+        opens = smooth((t_s - trial.open_s) / opening_s)
+        parts = smooth((t_s - trial.open_s - 0.5 * opening_s) / opening_s)
         share = loads * (1.0 - opens)
         if trial.kind == "fall-relax":
             relaxed = self._n["relaxed_to"] * trial.need_n / trial.grip_n
             gone = smooth((t_s - trial.act_s) / self._n["relaxing_s"])
             share *= 1.0 - (1.0 - min(relaxed, 1.0)) * gone
-        return trial.grip_n * share * (1.0 + self._n["fluctuation"] * self._wave(t_s))
+        grip_n = trial.grip_n * (1.0 + self._n["fluctuation"] * self._wave(t_s))
+        return share * grip_n - (1.0 - nears + parts) * self._open_n
+
+    def own_n(self, t_s: float) -> float:
+        """The grip that the wearer commands, N a side; an open hand has none."""
+        return max(self.place_n(t_s), 0.0)
 
     def _wave(self, t_s: float) -> float:
         """A slow fluctuation of rms 1."""
@@ -123,11 +136,6 @@ class Script:
         for hz, phase in zip(FLUCTUATES_HZ, self._phases, strict=False):
             total += math.sin(2.0 * math.pi * hz * t_s + phase)
         return scale * total
-
-    def gap_m(self, t_s: float) -> float:
-        """How far the closing hand's pads are from the object; 0 once they touch."""
-        closes = smooth((t_s - self.trial.close_s) / self._n["closing_s"])
-        return OPEN_GAP_M * (1.0 - closes)
 
     def opening(self, t_s: float) -> bool:
         """Whether the wearer's muscle signal has come."""

@@ -10,7 +10,7 @@ from scipy.stats import chi2
 
 from benchmarks.world.draws import FALLS, HAND_OVERS, KINDS, PULLS, RISKY
 from holdfast.core.reading import Json
-from holdfast.evaluation.closed_loop import BLOCKED_N, BLOCKED_S
+from holdfast.evaluation.loop_figures import BLOCKED_N, BLOCKED_S
 from holdfast.evaluation.statistics import share
 
 Records = Sequence[Json]
