@@ -167,6 +167,7 @@ class State:
     agents_n      [3, B]: force of people and box on the object in the last step
     brush_j       [B]: energy in the brushes
     offset_m      [2, S, B], recess_m [S, B]: of the contacts, kept from the last step
+    turned_rad    [B]: angle of the object about x; None without the effect `rotation`
     """
 
     position_m: FloatArray
@@ -180,6 +181,7 @@ class State:
     brush_j: FloatArray
     offset_m: FloatArray
     recess_m: FloatArray
+    turned_rad: FloatArray | None = None
 
 
 def at_rest(body: Body, closure_m: FloatArray) -> State:

@@ -6,7 +6,7 @@ OUT/<object>/meta.json           its mass
 OUT/<object>/<action>/
     trial_<n>.csv                Time, X1, Y1, Z1 .. Z6 (and valid1 .. if an effect invalidates)
     trial_<n>.truth.json         phases, events, draws, scene and seed
-    trial_<n>.motion.csv         object and hand, mm
+    trial_<n>.motion.csv         object and hand, mm; with `rotation` the object's turn, degrees
     trial_<n>.grip.csv           with a controller in the scene: its commands, the drive's grip
     trial_<n>.frames.npz         with a camera in the scene: frames, time stamps and scale
 """
@@ -265,6 +265,11 @@ def _motion(trials: Sequence[SimulatedTrial], starts_s: Sequence[float]) -> byte
     header = [TIME_COLUMN]
     columns: list[Column] = [(np.concatenate(times_s), TIME_DECIMALS)]
 
+    if all(simulated.motion.turned_rad is not None for simulated in trials):
+        turned_deg = np.degrees(np.concatenate([_turned_rad(one) for one in trials]))
+        header.append("object_turn_deg")
+        columns.append((turned_deg, MOTION_DECIMALS))
+
     for what, place_m in places_m.items():
         place_mm = 1e3 * place_m
         for axis, column in zip("xyz", place_mm.T, strict=True):
@@ -272,6 +277,13 @@ def _motion(trials: Sequence[SimulatedTrial], starts_s: Sequence[float]) -> byte
             columns.append((column, MOTION_DECIMALS))
 
     return csv_bytes(header, columns)
+
+
+def _turned_rad(simulated: SimulatedTrial) -> FloatArray:
+    """[T] angle of the object at the samples; a step ends at each."""
+    motion = simulated.motion
+    assert motion.turned_rad is not None
+    return np.interp(motion.t_s, motion.at_s, motion.turned_rad)
 
 
 def _grip(t_s: FloatArray, grip: GripRecord) -> bytes:

@@ -278,7 +278,9 @@ class _Part:
         if not self.all:
             values = vars(state)
             for name, array in vars(whole.state).items():
-                array[..., trials] = values[name]
+                # An object that nothing turns has no angle.
+                if array is not None:
+                    array[..., trials] = values[name]
 
 
 Part = TypeVar("Part", Body, State, Floor, Pull, Changes)

@@ -10,6 +10,7 @@ from holdfast.simulation.core import IntArray, Swept, settle
 from holdfast.simulation.effect import Effect, EffectBatch, Parameter, PhysicsEffect
 from holdfast.simulation.energy import TINY, brush_j
 from holdfast.simulation.objects import HeldObject
+from holdfast.simulation.protocol import GRAVITY_M_S2
 
 
 def gyration_m2(held: HeldObject) -> float:
@@ -32,7 +33,8 @@ class Rotation(PhysicsEffect):
     p is from the object's middle. F is the weight and the inertial force of the hand's own motion
     (arm, tremor, knock), less what people and a box carry, who are assumed to hold the object at
     its centre of mass. So the object turns only while the hand holds it, and out of the hand it
-    keeps its rate. I = m (gyration + offset^2), kg m^2.
+    keeps its rate. The skin in the grip damps a turn, and people and box by the share of the weight
+    that they bear: c omega. I = m (gyration + offset^2), kg m^2.
 
     The brushes move by omega x p on top of the core's translation. This step comes after the
     core's, implicit in omega, with the same reweighting and the same balance of energy (operator
@@ -51,6 +53,8 @@ class Rotation(PhysicsEffect):
         gyration = np.array([gyration_m2(trial.object) for trial in batch.trials])
         distance_m2 = (self.offset_m * self.offset_m).sum(axis=0)
         self.inertia_m2 = gyration + distance_m2
+        self.skin_n_m_s = batch.values("skin_n_m_s")
+        self.people_n_m_s = batch.values("people_n_m_s")
         self.angle = np.zeros(len(batch.trials))
         self.rate = np.zeros(len(batch.trials))
         self.rho: FloatArray = np.ones(1)
@@ -87,7 +91,8 @@ class Rotation(PhysicsEffect):
         lever = body.at_m - state.position_m[1:, None]
         across = np.stack([-lever[1], lever[0]])
         drag = self._damping(body, state, across, limit_m)
-        damped = inertia + dt_s * drag
+        held = self._held(body, state)
+        damped = inertia + dt_s * (drag + held)
 
         # Kept for the balance: all of it is overwritten below.
         stretch_m = state.stretch_m
@@ -120,6 +125,7 @@ class Rotation(PhysicsEffect):
             kept = self.rho[..., stuck] * stretch_m[..., stuck]
             state.stretch_m[..., stuck] = kept
             state.brush_j[stuck] = brush_j(body, state)[stuck]
+        state.turned_rad = self.angle.copy()
 
     def place_m(self) -> FloatArray:
         """[2, B] (y, z) of the centre of mass from the object's middle, turned."""
@@ -143,6 +149,17 @@ class Rotation(PhysicsEffect):
         lever_m2 = (across * across).sum(axis=0)
         stiff = stuck * lever_m2
         return body.loss_s * stiff.sum(axis=(0, 1))
+
+    def _held(self, body: Body, state: State) -> FloatArray:
+        """[B] further damping, N m s/rad: of the skin in the grip, and of people and box."""
+        squares = state.agents_n * state.agents_n
+        weight_n = body.mass_kg * GRAVITY_M_S2
+        borne = np.sqrt(squares.sum(axis=0)) / weight_n
+
+        in_hand = (state.normal_n > 0.0).any(axis=0)
+        skin: FloatArray = np.where(in_hand, self.skin_n_m_s, 0.0)
+        people: FloatArray = np.minimum(borne, 1.0) * self.people_n_m_s
+        return skin + people
 
     def _slow(self, inertia: FloatArray, left_j: FloatArray) -> IntArray:
         """Keep the energy of motion within left_j [B], as the core does.
@@ -194,6 +211,16 @@ OFFSETS = {
     ),
     "offset_z_mm": Parameter(
         {"normal": [0, 15]}, "mm", -200, 200, "and along the object's axis"
+    ),
+    "skin_n_m_s": Parameter(
+        0.0, "N m s/rad", 0, 10, "damping of a turn by the skin that grips"
+    ),
+    "people_n_m_s": Parameter(
+        0.0,
+        "N m s/rad",
+        0,
+        10,
+        "and by people and box, times their share of the weight",
     ),
 }
 EFFECTS = {"rotation": Effect("rotation", "physics", Rotation, OFFSETS)}

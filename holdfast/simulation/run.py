@@ -68,6 +68,7 @@ class TrialMotion:
     slips       [K] any touching element slides
     slides      [K] every touching element slides
     slip_m      [K] mean travel of the touching contacts so far
+    turned_rad  [K] angle of the object about the thumb's axis; None where nothing turns it
     """
 
     t_s: FloatArray
@@ -79,6 +80,7 @@ class TrialMotion:
     slips: BoolArray
     slides: BoolArray
     slip_m: FloatArray
+    turned_rad: FloatArray | None = None
 
 
 class StepTape:
@@ -89,6 +91,7 @@ class StepTape:
     slips     [steps, B]
     slides    [steps, B]
     slip_m    [steps, B], single precision
+    turned_rad  [steps, B], single precision; None until an effect turns an object
     """
 
     def __init__(self, steps: int, batch: int) -> None:
@@ -97,6 +100,7 @@ class StepTape:
         self.slips = np.zeros((steps, batch), dtype=np.bool_)
         self.slides = np.zeros((steps, batch), dtype=np.bool_)
         self.slip_m = np.zeros((steps, batch), dtype=np.float32)
+        self.turned_rad: npt.NDArray[np.float32] | None = None
 
     def write(
         self, k: int, trials: slice | IntArray, state: State, travel_m: FloatArray
@@ -119,6 +123,10 @@ class StepTape:
         # A hand without contact does not slide.
         self.slides[k, trials] = sliding.all(axis=0) & gripped
         self.slip_m[k, trials] = travelled_m / np.maximum(count, 1)
+        if state.turned_rad is not None:
+            if self.turned_rad is None:
+                self.turned_rad = np.zeros_like(self.slip_m)
+            self.turned_rad[k, trials] = state.turned_rad
 
     def motion(
         self,
@@ -130,6 +138,9 @@ class StepTape:
         position_m: FloatArray,
     ) -> TrialMotion:
         """One trial of the tape, with its steps at at_s and its samples at t_s."""
+        turned_rad = None
+        if self.turned_rad is not None:
+            turned_rad = self.turned_rad[steps, trial].astype(np.float64)
         return TrialMotion(
             t_s=t_s,
             forces_n=forces_n,
@@ -140,6 +151,7 @@ class StepTape:
             slips=self.slips[steps, trial],
             slides=self.slides[steps, trial],
             slip_m=self.slip_m[steps, trial].astype(np.float64),
+            turned_rad=turned_rad,
         )
 
 

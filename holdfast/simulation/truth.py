@@ -2,7 +2,9 @@
 
 load onset      after the action begins, the force of people and box changes by LOAD_N
 incipient slip  from then on, the first element of any touching brush slides
-gross slip      all elements of all touching contacts slide, or the slip since load onset is 2 mm
+gross slip      all elements of all touching contacts slide, or the slip since load onset is 2 mm;
+                an object that can turn (effect `rotation`) also slips as a whole once it has turned
+                by 15 degrees since, the limit of human_slip_uskin between safe and not
 contact lost    the last contact ends
 
 In an everyday action (everyday.py) slips come and go, also without a load from outside. A slip is
@@ -37,6 +39,8 @@ GROSS_SLIP_M = 2e-3
 """Slip since load onset that counts as gross slip."""
 PAUSE_S = 0.1
 """A pause without any sliding that ends a slip of an everyday action."""
+GROSS_TURN_RAD = np.radians(15.0)
+"""Turn in the grip since load onset that counts as gross slip."""
 TRANSFERRED = 0.95
 """Share of the final force at which the weight counts as taken over."""
 PROVENANCE = "scene"
@@ -135,11 +139,19 @@ class _Steps:
             return _Steps(contact, None, None, None, lost)
 
         # What slipped while the grip was closing does not count.
-        slipped_m = motion.slip_m - motion.slip_m[onset]
-        far = slipped_m >= GROSS_SLIP_M
+        far = slipped_far(motion, onset)
         incipient = _first(motion.slips, onset, lost)
         gross = _first(motion.slides | far, onset, lost)
         return _Steps(contact, onset, incipient, gross, lost)
+
+
+def slipped_far(motion: TrialMotion, since: int) -> BoolArray:
+    """[K] whether the object has slipped or turned so far since a step that it is gross slip."""
+    far = motion.slip_m - motion.slip_m[since] >= GROSS_SLIP_M
+    if motion.turned_rad is None:
+        return far
+    turned_rad = motion.turned_rad - motion.turned_rad[since]
+    return far | (np.abs(turned_rad) >= GROSS_TURN_RAD)
 
 
 def truth_of(trial: PlannedTrial, motion: TrialMotion, *, acted: bool = False) -> Truth:
@@ -275,12 +287,14 @@ def _perturbed(motion: TrialMotion, times: Times, lost: int) -> list[Mark]:
     marks: list[Mark] = []
     stop = min(opens, lost)
     begin = min(acts, len(motion.slip_m) - 1)
-    slipped = motion.slip_m - motion.slip_m[begin]
+    far = slipped_far(motion, begin)
 
-    if _first(slipped >= GROSS_SLIP_M, acts, stop) is not None:
+    if _first(far, acts, stop) is not None:
         sliding = acts + np.flatnonzero(motion.slips[acts:stop])
-        start = sliding[0] if sliding.size else acts
-        marks.append((float(motion.at_s[start]), RISKY_SLIP))
+        if not sliding.size:
+            # It has turned with the skin, which slides nowhere.
+            sliding = acts + np.flatnonzero(far[acts:stop])
+        marks.append((float(motion.at_s[sliding[0]]), RISKY_SLIP))
         if lost > opens:
             # A slip that ends before the hand opens ends as a grasp.
             marks.append((float(motion.at_s[sliding[-1]]), GRASP))
@@ -320,8 +334,8 @@ def _slips(motion: TrialMotion, times: Times, lost: int) -> list[tuple[int, int,
     for part in np.split(sliding, pauses):
         begin = int(part[0])
         end = int(part[-1]) + 1
-        far = motion.slip_m[begin:end] - motion.slip_m[begin] >= GROSS_SLIP_M
-        gross = _first(motion.slides[begin:end] | far)
+        far = slipped_far(motion, begin)
+        gross = _first((motion.slides | far)[begin:end])
         # Elements that creep while the others hold move nothing.
         if gross is not None:
             slips.append((begin, begin + gross, end))
