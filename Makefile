@@ -33,7 +33,7 @@ unexport VIRTUAL_ENV PYTHONPATH PYTHONHOME PYTHONDONTWRITEBYTECODE
 # onnxruntime sends usage data otherwise; edge_runtime says so too.
 export ORT_DISABLE_TELEMETRY := 1
 
-.PHONY: help setup hooks demo test lint lock clean dist docs docs-site hard-cases safety soak fuzz real loop evaluate study models bench browser peers world lerobot
+.PHONY: help setup hooks demo test lint lock clean dist docs docs-site hard-cases safety soak fuzz real loop distortions evaluate study models bench browser peers world lerobot
 
 help:  ## list the targets
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/make \1\t\2/p' Makefile | expand -t 16
@@ -54,6 +54,9 @@ real: setup  ## train, export and evaluate on the public recordings, into build/
 
 loop: setup  ## what holding on costs: grip controllers in a closed loop, into build/loop and docs/shared-control.md
 	$(BIN)/python -m studies loop --page $(ARGS)
+
+distortions: setup  ## one set of trials with one nuisance at a time, into build/distortions and docs/distortions.md
+	$(BIN)/python -m studies distortions --page $(ARGS)
 
 evaluate: setup  ## the default model on unseen simulated sets, with baselines, into build/evaluate
 	$(BIN)/python -m studies evaluate --model $(MODEL) $(ARGS)

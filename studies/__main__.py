@@ -32,6 +32,11 @@ PROGRAMS = {
         "what holding on costs: grip controllers in a closed loop",
         "build/loop",
     ),
+    "distortions": Program(
+        "studies.distortions.program",
+        "the same trials with one nuisance at a time: hand turned, noise, dead fingers",
+        "build/distortions",
+    ),
     "scenes": Program(
         "studies.scenes.program",
         "thesis, apple, p1 and p2 at 50, 100 and 150 Hz",

@@ -41,6 +41,10 @@ SOURCES: dict[str, dict[str, str]] = {
         "arm": "build/bench/arm.json",
     },
     "docs/camera.md": {"onset": "build/bench/onset.json"},
+    "docs/distortions.md": {
+        "before": "docs/measured/distortions-d86a7e638b14.json",
+        "distortions": "build/distortions/distortions.json",
+    },
     "docs/evaluation.md": {
         "evaluated": "build/evaluate/figures.json",
         "handover": "build/fast-handover/figures.json",

@@ -21,6 +21,8 @@ from holdfast.simulation.protocol import ALL_ACTIONS, COMMON, parameters_of
 from holdfast.simulation.scene_file import read_scene_file
 from holdfast.training.figures import ABSENT, over
 from studies.ablation import gains_table
+from studies.distortions.targets import pairs_by_name
+from studies.distortions.targets import target_rows as distortion_targets
 from studies.fast_handover.targets import target_rows as handover_targets
 from studies.row_names import OURS, RAW, shown
 from studies.shared_control.plan import CURVE_SETS, OUR_LEAD_N, UNSEEN
@@ -288,6 +290,7 @@ FUNCTIONS: dict[str, Callable[..., Any] | object] = {
     "cost_front": cost_front,
     "deployed": DEPLOYED,
     "action_rows": action_rows,
+    "distortion_targets": distortion_targets,
     "effect_rows": effect_rows,
     "exact": exact,
     "f1_by_person": f1_by_person,
@@ -301,6 +304,7 @@ FUNCTIONS: dict[str, Callable[..., Any] | object] = {
     "number": number,
     "our_controller": OUR_CONTROLLER,
     "ours": OURS,
+    "pairs_by_name": pairs_by_name,
     "percent": percent,
     "published_learners": LEARNERS,
     "published_percent": ACCURACY_PERCENT,

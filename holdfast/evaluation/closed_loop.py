@@ -22,6 +22,7 @@ from holdfast.evaluation.jobs import Workers
 from holdfast.evaluation.loop_figures import LoopFigures, ThreeRuns, loop_figures
 from holdfast.simulation.closed_loop import (
     CLOSURES,
+    Between,
     LoopSettings,
     Make,
     batches,
@@ -76,6 +77,7 @@ class LoopRequest:
     delay_samples: int = 0
     rules: AnswerRules | None = None
     habits: Habits = field(default_factory=Habits)
+    between: Between | None = None
 
 
 @lru_cache(maxsize=16)
@@ -136,7 +138,8 @@ def run_part(
     scene, trials = scene_of(of)
 
     drive = Drive(lag_ms=request.lag_ms)
-    settings = LoopSettings(drive, request.habits, delay_samples=request.delay_samples)
+    settings = LoopSettings(drive, request.habits, request.delay_samples)
+    settings = replace(settings, between=request.between)
     # A controller has a state, so every batch gets controllers of its own.
     make = _maker(scene, request, onset_s)
     return run_batch(scene, trials, batch, model_of(model), make, settings)

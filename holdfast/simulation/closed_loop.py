@@ -31,7 +31,7 @@ from holdfast.simulation.drive import Actuator, Drive
 from holdfast.simulation.effect import stream
 from holdfast.simulation.loop_people import Habits, LoopOutcome, Wearer, outcome_of
 from holdfast.simulation.loop_physics import HandsAndObjects, Spans
-from holdfast.simulation.loop_sensing import HandModels, LoopSensors
+from holdfast.simulation.loop_sensing import Between, HandModels, sensors_of
 from holdfast.simulation.magnet import shear_gain
 from holdfast.simulation.protocol import (
     ACTION_MODULES,
@@ -95,12 +95,14 @@ class LoopSettings:
     habits         of the people
     delay_samples  by so many samples later than they could do targets act
     whole_trials   go on to the end of every trial, for a recording; else until nothing more happens
+    between        what changes the readings before the model gets them; None: nothing does
     """
 
     drive: Drive = field(default_factory=Drive)
     habits: Habits = field(default_factory=Habits)
     delay_samples: int = 0
     whole_trials: bool = False
+    between: Between | None = None
 
 
 def run_loops(
@@ -195,7 +197,7 @@ class ClosedLoop:
         steps = scene.step_settings_of(trials)
         self.world = HandsAndObjects(trials, steps, self.spans, self.actuator, habits)
 
-        self.sensors = LoopSensors(scene, trials, self.spans.counts)
+        self.sensors = sensors_of(scene, trials, self.spans.counts, settings.between)
         periods = self.spans.ends - self.spans.begins
         self.models = HandModels(model, periods)
 

@@ -10,9 +10,9 @@ The very model file answers B hands at once, as on the hand: bias, graph, decisi
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -169,6 +169,31 @@ class LoopSensors:
         signal = Signal(no_times_s, rows.values, rows.valid, unit)
         converted = self.scene.in_unit(signal)
         return replace(rows, values=converted.values), converted.unit
+
+
+class SensorReader(Protocol):
+    """What a loop reads: LoopSensors, or something between them and the model."""
+
+    def read(self, rows: IntArray, forces_n: FloatArray) -> tuple[Rows, BoolArray]:
+        """(readings, lost [B]) at samples rows [B], from forces [B, S, 3]."""
+        ...
+
+
+Between = Callable[[LoopSensors, Sequence[PlannedTrial], IntArray], SensorReader]
+"""Puts something between sensors and model: (sensors, trials, samples of each [B])."""
+
+
+def sensors_of(
+    scene: Scene,
+    trials: Sequence[PlannedTrial],
+    counts: IntArray,
+    between: Between | None,
+) -> SensorReader:
+    """The sensors of trials of counts [B] samples, with what is between them and the model."""
+    sensors = LoopSensors(scene, trials, counts)
+    if between is None:
+        return sensors
+    return between(sensors, trials, counts)
 
 
 class HandModels:

@@ -1,0 +1,155 @@
+"""A model file run over the distorted trials: what became of each trial, and the figures."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from holdfast.core.contract import NOTHING
+from holdfast.core.reading import Json
+from holdfast.edge_runtime.decision import UNKNOWN
+from holdfast.edge_runtime.engine import ModelChoice
+from holdfast.evaluation.alarms import (
+    EventMatch,
+    event_scores,
+    match_alarms,
+)
+from holdfast.evaluation.model_outputs import (
+    ModelOutputs,
+    everywhere,
+    read_outputs,
+    steps_with,
+)
+from holdfast.evaluation.statistics import share
+from holdfast.evaluation.thresholds import requests_of
+from holdfast.evaluation.trials import voluntary_actions
+from holdfast.simulation.closed_loop import model_of
+from holdfast.training.figures import Interval
+from studies.distortions.statistics import mean_interval, paired_change
+from studies.distortions.table import by_name
+from studies.distortions.trials import NOTHING_ACTION, felt_set, recording_of
+
+OUTPUTS = ("situation", "votes", "unknown", "detectors", "p_situation")
+LEAD_S = 0.015
+"""A slip with less time from load onset to gross slip is too fast to be asked about."""
+COLUMNS = ("found", "in_time", "called")
+"""Yes-or-no outcomes of single events and actions, which compare pair by pair."""
+
+
+@dataclass(frozen=True)
+class OpenOutcomes:
+    """What became of the set; keys are "trial, number in it".
+
+    found, in_time: of slips, the latter of those with LEAD_S; called: of voluntary actions.
+    empty: share of an open hand's samples that is called nothing, by trial. unknown: share of the
+    samples of all others without an answer.
+    """
+
+    found: dict[str, bool]
+    in_time: dict[str, bool]
+    called: dict[str, bool]
+    false_per_min: float
+    false_per_min_ci: Interval | None
+    empty: tuple[float, ...]
+    unknown: float
+
+
+@dataclass(frozen=True)
+class OpenJob:
+    """The open-loop part of one distortion."""
+
+    model: ModelChoice
+    name: str
+    card: str
+    trials: int | None
+    seed: int
+
+    def __call__(self) -> OpenOutcomes:
+        """Run it."""
+        model = model_of(self.model)
+        of = felt_set(self.card, self.trials, self.seed)
+        distortion = by_name()[self.name]
+        preparation = model.card.preparation
+        recordings = []
+        for trial in of.trials:
+            recordings.append(recording_of(of, trial, distortion, preparation))
+
+        # No check of the rate: a hand that samples at another one does not know it.
+        computed = everywhere(steps_with(model, OUTPUTS), recordings)
+        outputs = read_outputs(model, recordings, computed)
+        rules = model.card.decision
+        requests = requests_of(outputs, rules, rules.min_risky_permille)
+
+        found: dict[str, bool] = {}
+        in_time: dict[str, bool] = {}
+        called: dict[str, bool] = {}
+        matches: list[EventMatch] = []
+        held = []
+        for one, on in zip(outputs, requests, strict=True):
+            recording = one.recording
+            if recording.action == NOTHING_ACTION:
+                continue
+            held.append(one)
+            match = match_alarms(recording, on)
+            matches.append(match)
+            for number, event in enumerate(match.outcomes):
+                key = f"{recording.trial_id}, {number}"
+                found[key] = event.alarm_s is not None
+                available_s = event.available_s
+                if available_s is not None and available_s >= LEAD_S:
+                    lead_s = event.lead_s
+                    in_time[key] = lead_s is not None and lead_s > 0.0
+            for number, action in enumerate(voluntary_actions(recording)):
+                key = f"{recording.trial_id}, {number}"
+                called[key] = bool(on[action.first : action.stop].any())
+
+        scores = event_scores(matches, seed=self.seed)
+        return OpenOutcomes(
+            found=found,
+            in_time=in_time,
+            called=called,
+            false_per_min=scores.false_per_min or 0.0,
+            false_per_min_ci=scores.false_per_min_ci,
+            empty=_empty(outputs, model.card.settle_samples),
+            unknown=_unknown(held),
+        )
+
+
+def _empty(outputs: Sequence[ModelOutputs], settle: int) -> tuple[float, ...]:
+    """By trial of the open hand, the share of the samples after the start that is nothing."""
+    shares = []
+    for one in outputs:
+        if one.recording.action == NOTHING_ACTION:
+            shares.append(float(np.mean(one.situation[settle:] == NOTHING)))
+    return tuple(shares)
+
+
+def _unknown(outputs: Sequence[ModelOutputs]) -> float:
+    samples = 0
+    unknown = 0
+    for one in outputs:
+        samples += len(one.situation)
+        unknown += int(np.sum(one.situation == UNKNOWN))
+    return unknown / samples if samples else 0.0
+
+
+def open_figures(of: OpenOutcomes, unchanged: OpenOutcomes) -> Json:
+    """The figures of a row, and by how much they differ from the unchanged set."""
+    figures: Json = {
+        "false_per_min": of.false_per_min,
+        "false_per_min_ci": of.false_per_min_ci,
+        "open_hand": float(np.mean(of.empty)) if of.empty else None,
+        "open_hand_ci": mean_interval(of.empty),
+        "unknown": of.unknown,
+    }
+    for name in COLUMNS:
+        outcomes = getattr(of, name)
+        counted = share(list(outcomes.values()))
+        figures[name] = counted.share
+        figures[f"{name}_ci"] = counted.share_ci
+        figures[f"{name}_of"] = counted.n
+        change = paired_change(outcomes, getattr(unchanged, name))
+        figures[f"{name}_change"], figures[f"{name}_change_ci"] = change
+    return figures

@@ -1,0 +1,378 @@
+"""Distortions: each obeys its law exactly, and a loop meets the same one as a recording."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from holdfast.core.contract import FloatArray
+from holdfast.core.hand_card import Side
+from holdfast.simulation.loop_sensing import LoopSensors
+from holdfast.simulation.scene import Scene
+from holdfast.simulation.scene_file import read_scene_file
+from studies.distortions.chain import (
+    CrossTalk,
+    Drift,
+    Hysteresis,
+    Noise,
+    OffsetStep,
+    Quantised,
+    Reversed,
+    Scaled,
+    Smoothed,
+)
+from studies.distortions.closed_loop import BetweenByName, closed_figures
+from studies.distortions.fingers import DeadFingers, FewerFingers
+from studies.distortions.geometry import (
+    AxesTurned,
+    HandTurned,
+    Mirrored,
+    SensorsTurned,
+    Tilted,
+)
+from studies.distortions.law import Law, PlanRequest, distorted
+from studies.distortions.open_loop import OpenOutcomes, open_figures
+from studies.distortions.picture import picture
+from studies.distortions.quiet_hand import QuietHand
+from studies.distortions.statistics import paired_change
+from studies.distortions.table import DISTORTIONS, TRIALS, UNCHANGED, by_name
+from studies.distortions.targets import pairs_by_name, target_rows
+from studies.distortions.trials import FeltSet, FeltTrial, readings_of
+from tools.doc_tables import tables_of
+
+SAMPLES, SENSORS, THUMB, RATE_HZ = 450, 6, 2, 150.0
+SIDES: tuple[Side, ...] = tuple(
+    "thumb" if k < THUMB else "opposing" for k in range(SENSORS)
+)
+AT_REST: list[Law] = [
+    HandTurned(0.0),
+    AxesTurned(0.0),
+    Tilted(0.0, "x"),
+    Scaled(),
+    Noise(0.0),
+    OffsetStep(0.0),
+    Drift(0.0),
+    CrossTalk(0.0),
+    Smoothed(0.0),
+    Hysteresis(0.0),
+    DeadFingers(0, "noise"),
+]
+"""Every law at the size at which it does nothing."""
+LAWS = [one for one in DISTORTIONS if one.law is not None]
+
+
+def readings(seed: int = 0) -> FloatArray:
+    """[T, S, 3] readings that wander, N."""
+    rng = np.random.default_rng(seed)
+    steps = 0.05 * rng.normal(size=(SAMPLES, SENSORS, 3))
+    wandering: FloatArray = steps.cumsum(axis=0)
+    return wandering
+
+
+def after(law: Law, values: FloatArray, seed: int = 1) -> tuple[FloatArray, Any]:
+    """(values, valid) after a law, with its draws from a seed."""
+    t_s = np.arange(len(values)) / RATE_HZ
+    request = PlanRequest(np.random.default_rng(seed), t_s, SIDES)
+    return distorted(law, values, np.ones(values.shape[:2], dtype=np.bool_), request)
+
+
+@pytest.mark.parametrize("law", AT_REST, ids=repr)
+def test_a_distortion_of_size_zero_changes_nothing(law: Law) -> None:
+    values = readings()
+    made, valid = after(law, values)
+    np.testing.assert_allclose(made, values, rtol=0, atol=1e-15)
+    assert valid.all()
+
+
+@given(degrees=st.floats(-360.0, 360.0), seed=st.integers(0, 9))
+@settings(max_examples=25, deadline=None)
+def test_a_turn_and_its_inverse_leave_the_readings(degrees: float, seed: int) -> None:
+    values = readings(seed)
+    for there, back in (
+        (HandTurned(degrees), HandTurned(-degrees)),
+        (AxesTurned(degrees), AxesTurned(-degrees)),
+        (Tilted(degrees, "y"), Tilted(-degrees, "y")),
+    ):
+        turned, _ = after(there, values)
+        returned, _ = after(back, turned)
+        np.testing.assert_allclose(returned, values, rtol=0, atol=1e-12)
+        lengths = np.linalg.norm(turned, axis=2)
+        np.testing.assert_allclose(lengths, np.linalg.norm(values, axis=2), atol=1e-12)
+
+
+def test_turns_about_the_normal_leave_the_normal_force() -> None:
+    values = readings()
+    for law in (HandTurned(90.0), HandTurned(), SensorsTurned(), Mirrored()):
+        made, _ = after(law, values)
+        np.testing.assert_array_equal(made[..., 2], values[..., 2])
+
+
+def test_the_hand_turned_takes_the_thumb_the_other_way() -> None:
+    """A load along the fingers' x is along y after a quarter turn, with the thumb's other sign."""
+    values = np.zeros((1, SENSORS, 3))
+    values[..., 0] = 1.0
+    made, _ = after(HandTurned(90.0), np.repeat(values, 2, axis=0))
+    np.testing.assert_allclose(made[0, :THUMB, 1], -1.0)
+    np.testing.assert_allclose(made[0, THUMB:, 1], 1.0)
+    alike, _ = after(AxesTurned(90.0), np.repeat(values, 2, axis=0))
+    np.testing.assert_allclose(alike[0, :, 1], 1.0)
+
+
+@pytest.mark.parametrize("law", [Mirrored(), Reversed(), HandTurned(180.0)], ids=repr)
+def test_a_mirror_a_reversal_and_a_half_turn_undo_themselves(law: Law) -> None:
+    values = readings()
+    once, _ = after(law, values)
+    twice, _ = after(law, once)
+    assert not np.allclose(once, values)
+    np.testing.assert_allclose(twice, values, rtol=0, atol=1e-12)
+
+
+@given(gain=st.floats(0.1, 10.0), factor=st.floats(-3.0, 3.0))
+@settings(max_examples=25, deadline=None)
+def test_gain_and_cross_talk_are_linear(gain: float, factor: float) -> None:
+    values = readings()
+    for law in (Scaled(gain=gain), Scaled(shear=gain), CrossTalk(gain)):
+        made, _ = after(law, values)
+        scaled, _ = after(law, factor * values)
+        np.testing.assert_allclose(scaled, factor * made, rtol=1e-9, atol=1e-9)
+
+
+def test_a_shear_gain_leaves_the_normal_force() -> None:
+    values = readings()
+    made, _ = after(Scaled(shear=1.5), values)
+    np.testing.assert_array_equal(made[..., 2], values[..., 2])
+    np.testing.assert_allclose(made[..., :2], 1.5 * values[..., :2])
+
+
+@pytest.mark.parametrize("bits", [8, 12, 16])
+def test_quantised_readings_are_whole_steps_and_at_most_half_a_step_off(
+    bits: int,
+) -> None:
+    law = Quantised(bits)
+    made, _ = after(law, readings())
+    steps = made / law.step_n
+    np.testing.assert_allclose(steps, np.rint(steps), atol=1e-9)
+    assert np.abs(made - readings()).max() <= 0.5 * law.step_n * (1 + 1e-9)
+    again, _ = after(law, made)
+    np.testing.assert_array_equal(again, made)
+
+
+def test_noise_drift_and_offset_are_as_large_as_they_say() -> None:
+    nothing = np.zeros((SAMPLES, SENSORS, 3))
+    noise, _ = after(Noise(0.05), nothing)
+    assert noise.std() == pytest.approx(0.05, rel=0.03)
+    drift, _ = after(Drift(0.02), nothing)
+    np.testing.assert_allclose(np.abs(drift[-1]), 0.02 * (SAMPLES - 1) / RATE_HZ)
+    step, _ = after(OffsetStep(0.3), nothing)
+    assert not step[:200].any()
+    np.testing.assert_allclose(np.abs(step[-1]), 0.3)
+
+
+def test_a_smoothed_step_has_risen_by_63_percent_after_its_time() -> None:
+    values = np.zeros((SAMPLES, SENSORS, 3))
+    values[10:] = 1.0
+    # 30 samples at 150 Hz
+    made, _ = after(Smoothed(200.0), values)
+    assert made[39, 0, 0] == pytest.approx(1.0 - np.exp(-1.0))
+    assert not made[:10].any()
+
+
+def test_hysteresis_is_never_more_than_half_its_width_off_and_ignores_less() -> None:
+    values = readings()
+    made, _ = after(Hysteresis(0.3), values)
+    assert np.abs(made - values).max() <= 0.15 + 1e-12
+    small = 0.1 * np.sin(np.arange(SAMPLES))[:, None, None] * np.ones((1, SENSORS, 3))
+    still, _ = after(Hysteresis(0.3), small)
+    np.testing.assert_array_equal(still, np.broadcast_to(small[:1], small.shape))
+
+
+@pytest.mark.parametrize("fault", ["invalid", "last value", "noise"])
+def test_dead_fingers_stand_still_or_are_marked_and_the_others_stay(
+    fault: Any,
+) -> None:
+    values = readings()
+    made, valid = after(DeadFingers(2, fault), values)
+    changed = (made != values).any(axis=(0, 2))
+    assert changed.sum() == 2
+    assert valid[:200].all()
+    assert (~valid).any(axis=0).sum() == (2 if fault == "invalid" else 0)
+    if fault != "noise":
+        assert not np.diff(made[-50:, changed], axis=0).any()
+
+
+def test_a_dead_finger_that_reads_noise_is_at_rest() -> None:
+    values = readings() + 20.0
+    made, _ = after(DeadFingers(1, "noise"), values)
+    dead = (made != values).any(axis=(0, 2))
+    np.testing.assert_allclose(made[-1, dead], values[0, dead], atol=0.3)
+
+
+def test_fewer_fingers_bear_what_all_of_their_side_bore() -> None:
+    values = readings()
+    made, _ = after(FewerFingers((0, 2, 3)), values)
+    for side in (slice(0, THUMB), slice(THUMB, SENSORS)):
+        np.testing.assert_allclose(
+            made[:, side].sum(axis=1), values[:, side].sum(axis=1), atol=1e-12
+        )
+    assert not made[:, [1, 4, 5]].any()
+    everyone, _ = after(FewerFingers(tuple(range(SENSORS))), values)
+    np.testing.assert_allclose(everyone.sum(axis=1), values.sum(axis=1), atol=1e-12)
+
+
+def test_a_reversed_magnet_of_a_tared_stream_reads_nothing_at_rest() -> None:
+    made, _ = after(Reversed(tared=True), readings() + 20.0)
+    assert not made[0].any()
+
+
+@pytest.fixture(scope="module")
+def scene() -> Scene:
+    return Scene(read_scene_file(str(TRIALS)), 100)
+
+
+@pytest.mark.parametrize("name", [one.name for one in LAWS])
+def test_a_loop_meets_the_very_readings_of_the_recording(
+    name: str, scene: Scene
+) -> None:
+    distortion = by_name()[name]
+    # Two pulls of other lengths.
+    trials = [one for one in scene.trials(12) if one.action == "pull"][:2]
+    counts = np.array([300, 260])
+    forces_n = np.abs(readings()[:300, None]) + np.array([0.0, 0.5])[:, None, None]
+    sensors = LoopSensors(scene, trials, counts)
+    reader = BetweenByName(name)(sensors, trials, counts)
+
+    in_loop = []
+    for k in range(300):
+        rows = np.minimum(k, counts - 1)
+        now, _ = reader.read(rows, forces_n[rows, np.arange(2)])
+        in_loop.append(now)
+    of = FeltSet(scene, ())
+    truth: Any = None
+    for place, trial in enumerate(trials):
+        n = counts[place]
+        felt = FeltTrial(trial, np.arange(n) / RATE_HZ, forces_n[:n, place], truth)
+        values, valid = readings_of(of, felt, distortion)
+        looped = np.array([row.values[place] for row in in_loop[:n]])
+        np.testing.assert_allclose(looped, values, rtol=0, atol=1e-12)
+        looped_valid = np.array([row.valid[place] for row in in_loop[:n]])
+        np.testing.assert_array_equal(looped_valid, valid)
+
+
+def test_an_edited_scene_differs_in_its_edit_alone(tmp_path: Path) -> None:
+    faster = read_scene_file(by_name()["rate+7"].card(tmp_path))
+    finer = read_scene_file(by_name()["bits-16"].card(tmp_path))
+    usual = read_scene_file(str(TRIALS))
+    assert faster.rate_hz == pytest.approx(1.07 * usual.rate_hz)
+    assert faster.rows == usual.rows
+    assert finer.effects["quantisation"]["bits"] == 16
+    assert finer.rate_hz == usual.rate_hz
+
+
+def test_names_are_those_of_one_row_each() -> None:
+    names = [one.name for one in DISTORTIONS]
+    assert len(set(names)) == len(names)
+    assert names[0] == UNCHANGED
+
+
+def test_the_quiet_hand_has_the_noise_and_the_drift_of_its_row() -> None:
+    still = QuietHand(3.0).readings(100, 0, RATE_HZ, 2)
+    assert still.shape == (9000, 2, 3)
+    np.testing.assert_allclose(still.std(axis=0), 0.003, rtol=0.05)
+    drifts = QuietHand(0.0, 0.02).readings(100, 0, RATE_HZ, 2)
+    np.testing.assert_allclose(np.abs(drifts[-1] - drifts[0]), 0.02 * 8999 / RATE_HZ)
+
+
+def test_a_paired_change_counts_what_changed_and_is_never_too_narrow() -> None:
+    before = {str(k): k < 80 for k in range(100)}
+    now = {str(k): k < 60 for k in range(100)}
+    change, interval = paired_change(now, before)
+    assert change == pytest.approx(-0.2)
+    assert interval is not None
+    assert interval[0] < -0.2 < interval[1] < 0.0
+    same, around = paired_change(before, before)
+    assert same == 0.0
+    assert around is not None
+    assert around[0] < 0.0 < around[1]
+    assert paired_change({}, before) == (None, None)
+
+
+def test_what_a_loop_saved_is_compared_drop_by_drop() -> None:
+    every = {str(k): k < 90 for k in range(100)}
+    fewer = {str(k): k < 45 for k in range(100)}
+    unchanged = {"figures": {"saved": 90}, "saved": every, "blocked": {}}
+    row = {"figures": {"saved": 45}, "saved": fewer, "blocked": {}}
+    made = closed_figures(row, unchanged)
+    assert made["saved_change"] == pytest.approx(-0.45)
+    assert made["blocked_change"] is None
+
+
+def outcomes(found: int, called: int) -> OpenOutcomes:
+    """Of 100 slips and 100 actions, so many found and called."""
+    return OpenOutcomes(
+        found={str(k): k < found for k in range(100)},
+        in_time={str(k): k < found for k in range(90)},
+        called={str(k): k < called for k in range(100)},
+        false_per_min=0.2,
+        false_per_min_ci=(0.1, 0.4),
+        empty=(1.0, 0.9),
+        unknown=0.1,
+    )
+
+
+def figures(model: str, found: int) -> dict[str, Any]:
+    """distortions.json of two rows."""
+    unchanged = outcomes(98, 5)
+    of_loop = {
+        "saved_share": 0.9,
+        "saved_share_ci": [0.8, 1.0],
+        "blocked_share": 0.0,
+        "blocked_share_ci": [0.0, 0.1],
+    }
+    rows = []
+    for name, words, row in (
+        (UNCHANGED, UNCHANGED, unchanged),
+        ("turned-90", "hand turned", outcomes(found, 9)),
+    ):
+        about = {"name": name, "words": words}
+        rows.append({**about, **open_figures(row, unchanged), **of_loop})
+    quiet = {
+        "noise_mn": 3.0,
+        "drift_mn_s": 0.0,
+        "minutes": 20,
+        "nothing": 0.5,
+        "nothing_ci": [0.4, 0.6],
+        "called": {"grasp": 0.5, "safe_slip": 0.0, "risky_slip": 0.0},
+    }
+    return {"model": model, "rows": rows, "quiet": [quiet]}
+
+
+def test_the_worst_distortion_is_held_against_the_target() -> None:
+    old = figures("old", 20)
+    rows = target_rows(old, figures("new", 97))
+    assert [row["reached"] for row in rows] == ["yes", "yes", "no"]
+    assert rows[0]["before"] == "-0.78, hand turned"
+    assert target_rows(old, old)[0]["reached"] == "no"
+
+
+def test_the_page_shows_two_models_side_by_side_and_one_alone() -> None:
+    old = figures("old", 20)
+    new = figures("new", 97)
+    both = tables_of("docs/distortions.md", {"before": old, "distortions": new})
+    assert "| hand turned | 0.20 | 0.97 |" in both["distortions-before"]
+    assert "| hand turned | 0.97 (0.91 to 0.99), -0.01 |" in both["distortions"]
+    alone = tables_of("docs/distortions.md", {"before": old, "distortions": old})
+    assert "no other column" in alone["distortions-before"]
+    assert len(pairs_by_name(old["rows"], new["rows"])) == 2
+
+
+def test_the_picture_names_every_row_and_the_model_before() -> None:
+    old = figures("old", 20)
+    drawn = picture(figures("new", 97), old)
+    assert "hand turned" in drawn
+    assert "before: old" in drawn
+    assert "before: old" not in picture(old, old)
