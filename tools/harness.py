@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import shlex
 import shutil
 import subprocess
 import sys
@@ -87,7 +88,7 @@ def measured_now() -> Json:
     found = subprocess.run(words, capture_output=True, text=True, check=False)
     program = Path(sys.argv[0]).parent.name
     return {
-        "command": " ".join(["python -m", program, *sys.argv[1:]]),
+        "command": f"python -m {program} {shlex.join(sys.argv[1:])}",
         "measured_on": datetime.now(UTC).date().isoformat(),
         # a copy without its history has no commit to name
         "commit": found.stdout.strip() or None,

@@ -16,6 +16,7 @@ from holdfast.cli.options import (
 from holdfast.core.errors import UsageError
 from holdfast.core.locked import locked_sets
 from holdfast.core.reading import Json
+from holdfast.core.trial_layout import read_json
 from holdfast.core.writing import require_writable, write_whole
 from holdfast.evaluation.closed_loop import LoopRuns
 from holdfast.evaluation.style import for_any_page
@@ -28,6 +29,17 @@ from tools.harness import measured_now, write_figures
 
 MODEL = Path("models/holdfast-150hz.onnx")
 PAGE = "docs/shared-control.md"
+ROW_KEYS = (
+    "part",
+    "set",
+    "controller",
+    "setting",
+    "lag_ms",
+    "delay_samples",
+    "noise",
+    "tremor_m_s2",
+)
+"""What a row measures: two runs have it once."""
 FIGURE = Path("docs/shared-control.svg")
 
 
@@ -62,6 +74,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--controllers", nargs="+", metavar="NAME", help="of the tables' first column"
     )
     option(
+        "--keep",
+        action="store_true",
+        help="keep the rows of the earlier run in --out that this one does not measure",
+    )
+    option(
         "--page",
         action="store_true",
         help=f"fill the tables of {PAGE} and draw {FIGURE}",
@@ -85,6 +102,8 @@ def run(args: argparse.Namespace) -> int:
         "trials": args.trials,
         "rows": [_row(row, runs) for row in wanted],
     }
+    if args.keep and (args.out / "loop.json").is_file():
+        figures = merged(read_json(args.out / "loop.json"), figures)
     path = write_figures(args.out / "loop.json", figures)
     if args.page:
         fill(PAGE, tables_of(PAGE, {"loop": figures}))
@@ -92,6 +111,30 @@ def run(args: argparse.Namespace) -> int:
         write_whole(FIGURE, for_any_page(picture(figures)) + "\n")
     sys.stdout.write(f"{path}\n")
     return 0
+
+
+def merged(earlier: Json, figures: Json) -> Json:
+    """The figures, with the rows of an earlier run that they do not have.
+
+    Raises UsageError where both are not of one model and one seed.
+    """
+    for key in ("model", "seed"):
+        if earlier[key] != figures[key]:
+            raise UsageError(
+                f"the earlier rows have {key} {earlier[key]}, these have {figures[key]}",
+                next_step="give another --out, or leave --keep out",
+            )
+
+    def key_of(row: Json) -> tuple[object, ...]:
+        return tuple(row[name] for name in ROW_KEYS)
+
+    new = {key_of(row) for row in figures["rows"]}
+    kept = [row for row in earlier["rows"] if key_of(row) not in new]
+    both: Json = {"rows": [*kept, *figures["rows"]]}
+    for key in ("command", "commit"):
+        said = dict.fromkeys([earlier.get(key), figures.get(key)])
+        both[key] = "; ".join(one for one in said if one)
+    return {**figures, **both}
 
 
 def _locked_on(seed: int) -> str | None:

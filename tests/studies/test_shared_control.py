@@ -6,10 +6,11 @@ from typing import Any
 
 import pytest
 
+from holdfast.core.errors import UsageError
 from holdfast.evaluation.closed_loop import scene_of
 from studies.shared_control.picture import curve, picture
 from studies.shared_control.plan import LAGS_MS, OURS, PARTS, SEED, SETTINGS, rows, sets
-from studies.shared_control.program import PAGE, _chosen, _locked_on
+from studies.shared_control.program import PAGE, _chosen, _locked_on, merged
 from studies.shared_control.targets import TARGETS, target_rows
 from tools.doc_tables import tables_of
 
@@ -129,6 +130,19 @@ def test_the_page_says_whether_the_seed_was_locked() -> None:
     assert "Seed 7001, locked since 2026-11-23" in said
     chosen = {**facts, "seed": 150, "locked_on": _locked_on(150)}
     assert "a development seed" in tables_of(PAGE, {"loop": chosen})["measured"]
+
+
+def test_a_run_in_parts_keeps_the_rows_that_it_does_not_measure_again() -> None:
+    one = row("table", "p1", OURS, tremor_m_s2=0.0, saved=1)
+    again = one | {"saved": 2}
+    other = row("table", "p2", OURS, tremor_m_s2=0.0, saved=3)
+    facts = {"model": "d8", "seed": 7001}
+    earlier = {**facts, "command": "a", "rows": [one, other]}
+    both = merged(earlier, {**facts, "command": "b", "rows": [again]})
+    assert both["rows"] == [other, again]
+    assert both["command"] == "a; b"
+    with pytest.raises(UsageError, match="earlier rows have seed 7001, these have 100"):
+        merged(earlier, {**facts, "seed": 100, "command": "b", "rows": []})
 
 
 def test_every_set_has_the_seed_that_was_asked_for() -> None:
