@@ -31,6 +31,7 @@ SOURCES: dict[str, dict[str, str]] = {
         "real": "build/real/metrics.json",
         "all_channels": "build/real/all-channels.json",
         "cost": "build/bench/cost.json",
+        "transfer": "build/transfer/transfer.json",
     },
     "docs/adapt.md": {
         "adapt": "build/adapt-study/adapt.json",
@@ -67,6 +68,7 @@ SOURCES: dict[str, dict[str, str]] = {
         "scenes": "build/scenes/scenes.json",
     },
     "docs/shared-control.md": {"loop": "build/loop/loop.json"},
+    "docs/transfer.md": {"transfer": "build/transfer/transfer.json"},
     "docs/what-accuracy-costs.md": {
         "cost": "build/bench/cost.json",
         "latency": "build/bench/latency.json",

@@ -1,7 +1,8 @@
 """`python -m studies transfer`: what the simulation is worth outside itself; transfer.json.
 
-Five parts, each kept in DIR/parts until card, trials, seed or plan change: people (real-only and
-timing), scenes (models of scenes on people), tugs (eflesh_slip), domain, statistics and traces.
+Six parts: people (real-only and timing), scenes (models of scenes on people), tugs (eflesh_slip),
+domain, statistics and traces. What is measured is kept in DIR/parts, scene by scene, until card,
+trials, seed or plan change; a change of the code does not show there (--fresh).
 """
 
 from __future__ import annotations
@@ -12,7 +13,6 @@ import shutil
 import subprocess
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import asdict
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -31,6 +31,7 @@ from studies.transfer import domain, people, statistics, traces, tugs
 from studies.transfer.levels import at_level, levels
 from studies.transfer.scene_sets import (
     COMPARED,
+    DRAWN,
     IN_FIELD,
     SEED,
     SHIPPED,
@@ -41,6 +42,7 @@ from studies.transfer.scene_sets import (
     simulated,
     there,
 )
+from studies.transfer.tables import EFLESH, PEOPLE, TAXELS
 from tools.harness import write_figures
 
 TRIALS = 300
@@ -58,7 +60,7 @@ FIXED = (
 
 
 class _Run:
-    """One run of the study: where it writes, and the sets that several parts read."""
+    """One run of the study: where it writes, what it keeps, and the sets that parts read."""
 
     def __init__(self, args: argparse.Namespace, say: Say) -> None:
         self.out: Path = args.out
@@ -66,103 +68,168 @@ class _Run:
         self.seed: int = args.seed
         self.workers = chosen_workers(args)
         self.say = say
+        self.seconds = 0.0
+
+    def kept(self, name: str, make: Callable[[], Json], of: SceneSet | None) -> Json:
+        """The figures of a piece of work: those that an equal run kept, else new, kept at once.
+
+        of: the scenes that it depends on; None for real recordings alone.
+        """
+        path = self.out / "parts" / f"{name}.json"
+        given = self.settings(of)
+        kept: Json = {}
+        if path.is_file():
+            kept = json.loads(path.read_text("utf-8"))
+        if kept.get("settings") != given:
+            self.say(name)
+            started = time.perf_counter()
+            figures = make()
+            seconds = round(time.perf_counter() - started, 1)
+            kept = {"settings": given, "seconds": seconds, "figures": figures}
+            write_whole(path, json.dumps(kept, indent=1, allow_nan=False) + "\n")
+        self.seconds += kept["seconds"]
+        figures = kept["figures"]
+        return figures
+
+    def of_scenes(
+        self,
+        part: str,
+        sets: Sequence[SceneSet],
+        make: Callable[[SceneSet, DataSet], list[Json]],
+    ) -> list[Json]:
+        """Rows of each of the scenes that are shipped, kept scene by scene."""
+        rows = []
+        for one in there(sets):
+
+            def figures(one: SceneSet = one) -> Json:
+                return {"rows": make(one, self.scenes(one))}
+
+            name = f"{part}-{one.name.replace(', ', '-').replace(' ', '-')}"
+            rows += self.kept(name, figures, one)["rows"]
+        return rows
+
+    def settings(self, of: SceneSet | None) -> Json:
+        """What a kept piece depends on."""
+        given: Json = {"seed": self.seed, "plan": people.PLAN.to_json()}
+        if of is not None:
+            given |= {"trials": self.trials, "scenes_seed": SEED}
+            given["cards"] = digests(of)
+        normal: Json = json.loads(json.dumps(given))
+        return normal
 
     def scenes(self, of: SceneSet) -> DataSet:
         """A set of scenes, simulated if it is not there."""
-        self.say(f"{of.name}, {of.unit}")
         return read(simulated([of], self.trials, self.out)[0])
 
     def sides(self, of: SceneSet) -> list[list[int]]:
         """Sensors of either side of the hand of a set's cards, from 0."""
         folder = simulated([of], self.trials, self.out)[0][0]
         hand = read_scene_file(str(folder / "card.toml")).hand
-        every = list(range(hand.n_contacts))
-        return [every[: hand.thumb], every[hand.thumb :]]
+        by_side: dict[str, list[int]] = {}
+        for place, side in enumerate(hand.sensor_sides):
+            by_side.setdefault(side, []).append(place)
+        return list(by_side.values())
 
-    def people(self) -> DataSet:
-        """The people, 18 channels; read once."""
-        return OURS.data()
+
+def digests(of: SceneSet) -> dict[str, str]:
+    """Card -> digest of its text as the study uses it."""
+    return {card: digest_of(card_text(card, of)) for card in of.cards}
 
 
 def _people(run: _Run) -> Json:
-    return {"rows": people.real_rows(run.seed, run.workers, run.say)}
+    return run.kept(
+        "people",
+        lambda: {"rows": people.real_rows(run.seed, run.workers, run.say)},
+        None,
+    )
 
 
 def _scenes(run: _Run) -> Json:
-    rows = []
-    human = run.people()
-    for one in there(TRAINED):
-        data = run.scenes(one)
+    def rows(one: SceneSet, data: DataSet) -> list[Json]:
+        human = OURS.data()
         if data.n_sensors != human.n_sensors:
-            continue
+            return []
         model = people.train(data, human.rate_hz, people.PLAN, run.seed)
-        rows += people.scene_rows(one.name, model, human, run.seed)
+        found = people.scene_rows(one.name, model, human, run.seed)
         if one == SHIPPED:
-            shipped = people.train(
-                data, human.rate_hz, people.SHIPPED_PLAN, run.seed, ("situations",)
-            )
-            name = f"{one.name}, learner of the shipped models"
-            rows += people.scene_rows(name, shipped, human, run.seed)
-    own = levels(human, by_group=True)
-    return {"rows": rows, "people_level_n": own}
+            main = ("situations",)
+            plan = people.SHIPPED_PLAN
+            shipped = people.train(data, human.rate_hz, plan, run.seed, main)
+            name = f"{one.name}, shipped learner"
+            found += people.scene_rows(name, shipped, human, run.seed)
+        return found
+
+    return {
+        "rows": run.of_scenes("scenes", TRAINED, rows),
+        "people_level_n": levels(OURS.data(), by_group=True),
+    }
 
 
 def _tugs(run: _Run) -> Json:
-    rows = []
     real = load("eflesh_slip")
-    rows += tugs.real_rows(real, run.seed)
-    for one in there(IN_FIELD):
-        data = run.scenes(one)
+
+    def rows(one: SceneSet, data: DataSet) -> list[Json]:
         same = real
         if data.n_sensors != real.n_sensors:
             same = load("eflesh_slip", channels=3 * data.n_sensors)
-        rows += tugs.scene_rows(one.name, data, same, run.seed)
-    return {"rows": rows, "caveat": real.caveat}
+        return tugs.scene_rows(one.name, data, same, run.seed)
+
+    own = run.kept("tugs", lambda: {"rows": tugs.real_rows(real, run.seed)}, None)
+    found = own["rows"] + run.of_scenes("tugs", IN_FIELD, rows)
+    return {"rows": found, "caveat": real.caveat}
 
 
 def _domain(run: _Run) -> Json:
-    human = run.people()
-    rows = []
-    first, second = domain.halves(human, run.seed)
-    run.say(domain.HALVES)
-    rows += domain.domain_rows(domain.HALVES, first, second, run.seed)
-    for one in there(TRAINED):
-        data = run.scenes(one)
+    def halves() -> Json:
+        first, second = domain.halves(OURS.data(), run.seed)
+        return {"rows": domain.domain_rows(domain.HALVES, first, second, run.seed)}
+
+    def rows(one: SceneSet, data: DataSet) -> list[Json]:
+        human = OURS.data()
         if data.n_sensors != human.n_sensors:
-            continue
-        level = levels(data, by_group=False)[""]
-        alike = people.like_people(data)
-        rows += domain.domain_rows(one.name, alike, at_level(human, level), run.seed)
-    return {"rows": rows}
+            return []
+        human = at_level(human, levels(data, by_group=False)[""])
+        return domain.domain_rows(one.name, people.like_people(data), human, run.seed)
+
+    floor = run.kept("domain", halves, None)["rows"]
+    return {"rows": floor + run.of_scenes("domain", TRAINED, rows)}
 
 
 def _statistics(run: _Run) -> Json:
-    rows = []
-    for channels, name in ((18, "human_slip_uskin"), (48, "the same, 16 taxels")):
-        human = load("human_slip_uskin", channels=channels)
-        one_pad = [list(range(human.n_sensors))]
-        found = statistics.statistics(human, one_pad)
-        rows += statistics.spread_rows(name, True, found)
-    for one in there(COMPARED):
-        data = run.scenes(one)
+    def real() -> Json:
+        rows = []
+        for channels, name in ((18, PEOPLE), (48, TAXELS)):
+            human = load("human_slip_uskin", channels=channels)
+            one_pad = [list(range(human.n_sensors))]
+            found = statistics.statistics(human, one_pad)
+            rows += statistics.spread_rows(name, True, found)
+        found = statistics.field_statistics(load("eflesh_slip"))
+        return {"rows": rows + statistics.spread_rows(EFLESH, True, found)}
+
+    def of_scene(one: SceneSet, data: DataSet) -> list[Json]:
         found = statistics.statistics(data, run.sides(one))
-        rows += statistics.spread_rows(one.name, False, found)
-    field = [("eflesh_slip", True, load("eflesh_slip"))]
-    for one in there(IN_FIELD):
-        field.append((one.name, False, tugs.clips(run.scenes(one), run.seed)))
-    for name, real, data in field:
-        found = statistics.field_statistics(data)
-        rows += statistics.spread_rows(name, real, found)
+        return statistics.spread_rows(one.name, False, found)
+
+    def in_field(one: SceneSet, data: DataSet) -> list[Json]:
+        found = statistics.field_statistics(tugs.clips(data, run.seed))
+        return statistics.spread_rows(one.name, False, found)
+
+    rows = run.kept("statistics", real, None)["rows"]
+    rows = rows + run.of_scenes("statistics", COMPARED, of_scene)
+    rows = rows + run.of_scenes("field", IN_FIELD, in_field)
     return {"rows": rows, "within": statistics.within(rows)}
 
 
 def _traces(run: _Run) -> Json:
     real = load("proactive_slip_uskin")
     pads = [[0, 1, 2], [3, 4, 5]]
-    drawn = [(one.name, run.scenes(one), run.sides(one)) for one in there(COMPARED[:2])]
+
+    def rows(one: SceneSet, data: DataSet) -> list[Json]:
+        return traces.scene_traces([(one.name, data, run.sides(one))], 2)
+
     return {
         "real": traces.real_traces(real, pads),
-        "simulated": traces.scene_traces(drawn, 3),
+        "simulated": run.of_scenes("traces", DRAWN, rows)[:3],
         "caveat": real.caveat,
     }
 
@@ -177,38 +244,6 @@ PARTS: dict[str, Callable[[_Run], Json]] = {
 }
 STAGES = 30
 """Lines the progress bar expects; a wrong number only makes the bar end early or late."""
-
-
-def settings(trials: int, seed: int) -> Json:
-    """What a kept part depends on: cards as they are, trials, seeds and plans."""
-    cards = {}
-    for one in there([*TRAINED, *COMPARED, *IN_FIELD]):
-        for card in one.cards:
-            text = card_text(card, one.without, one.unit)
-            cards[f"{one.name}, {one.unit}: {card}"] = digest_of(text)
-    return {
-        "cards": cards,
-        "trials_a_card": trials,
-        "seed": seed,
-        "scenes_seed": SEED,
-        "plan": json.loads(json.dumps(people.PLAN.to_json())),
-        "chip_noise": [asdict(one) for one in TRAINED if one.without][:1],
-    }
-
-
-def part_of(name: str, run: _Run, given: Json) -> Json:
-    """A part's figures: those that an equal run kept, else new ones, kept at once."""
-    path = run.out / "parts" / f"{name}.json"
-    if path.is_file():
-        kept: Json = json.loads(path.read_text("utf-8"))
-        if kept["settings"] == given:
-            return kept
-    started = time.perf_counter()
-    figures = PARTS[name](run)
-    seconds = round(time.perf_counter() - started, 1)
-    kept = {"settings": given, "seconds": seconds, "figures": figures}
-    write_whole(path, json.dumps(kept, indent=1, allow_nan=False) + "\n")
-    return kept
 
 
 def commit() -> str | None:
@@ -254,20 +289,21 @@ def run(args: argparse.Namespace) -> int:
     if args.fresh:
         for folder in ("parts", "sets"):
             shutil.rmtree(args.out / folder, ignore_errors=True)
-    given = settings(args.trials, args.seed)
-    with stages(STAGES) as say:
-        study = _Run(args, say)
-        parts = {name: part_of(name, study, given) for name in args.parts}
-    figures = {
+    figures: Json = {
         "command": "python -m studies transfer",
         "date": datetime.now(UTC).date().isoformat(),
         "commit": commit(),
         "caveat": CAVEAT,
         "fixed": FIXED,
-        **given,
-        "seconds": {name: part["seconds"] for name, part in parts.items()},
-        **{name: part["figures"] for name, part in parts.items()},
+        "trials_a_card": args.trials,
+        "seed": args.seed,
+        "scenes_seed": SEED,
     }
+    with stages(STAGES) as say:
+        study = _Run(args, say)
+        for name in args.parts:
+            figures[name] = PARTS[name](study)
+    figures["seconds"] = round(study.seconds, 1)
     path = write_figures(args.out / "transfer.json", figures)
     print("\n".join([*headline(figures), str(path)]))
     return 0

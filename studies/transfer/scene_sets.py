@@ -29,8 +29,9 @@ SEED = 101
 class SceneSet:
     """Scenes that one model is trained on, or one column is measured on.
 
-    name: of the row. cards: names of shipped cards. without: effects that are left out. rate_hz,
-    unit: of the recordings, whatever the card says.
+    name: of the row. cards: names of shipped cards. without: effects that are left out. added:
+    effects that are put in, with their defaults. rate_hz, unit: of the recordings, whatever the
+    card says.
     """
 
     name: str
@@ -38,6 +39,7 @@ class SceneSet:
     without: tuple[str, ...] = ()
     rate_hz: float = PEOPLE_HZ
     unit: Unit = "N"
+    added: tuple[str, ...] = ()
 
     @property
     def here(self) -> bool:
@@ -53,21 +55,28 @@ def without_chip_noise(of: SceneSet) -> SceneSet:
 SHIPPED = SceneSet("thesis and broad", ("thesis", "broad"))
 """What the shipped models are trained on."""
 PINCH = SceneSet("pinch", ("pinch",))
+"""Like human_slip_uskin; its sensors have no chip, hence no noise of one."""
 WIDE = SceneSet("wide", ("wide",))
-TRAINED = tuple(
-    one
-    for scenes in (SHIPPED, PINCH, WIDE)
-    for one in (scenes, without_chip_noise(scenes))
+TRAINED = (
+    SHIPPED,
+    without_chip_noise(SHIPPED),
+    PINCH,
+    replace(PINCH, name="pinch, chip noise", added=("dipole", *CHIP_NOISE)),
+    WIDE,
+    without_chip_noise(WIDE),
 )
 """Scenes that models are trained on and then scored on people."""
 COMPARED = (
     SceneSet("thesis", ("thesis",)),
     SceneSet("broad", ("broad",)),
     SceneSet("daily", ("daily",)),
+    SceneSet("everyday", ("everyday",)),
     PINCH,
     WIDE,
 )
 """Scenes whose statistics stand beside those of the real sets."""
+DRAWN = (PINCH, *COMPARED[:2])
+"""Scenes whose slips are drawn beside those of a robot's grip, as far as they are shipped."""
 IN_FIELD = (
     SceneSet("thesis and broad", ("thesis", "broad"), (), EFLESH_HZ, "uT"),
     SceneSet("eflesh", ("eflesh",), (), EFLESH_HZ, "uT"),
@@ -80,13 +89,13 @@ def there(sets: Sequence[SceneSet]) -> list[SceneSet]:
     return [one for one in sets if one.here]
 
 
-def card_text(card: str, without: Sequence[str], unit: Unit) -> str:
-    """The text of a shipped card without some effects, recorded in a unit.
+def card_text(card: str, of: SceneSet) -> str:
+    """The text of a shipped card as a set wants it: its effects and unit.
 
-    >>> "hall_noise" in card_text("thesis", CHIP_NOISE, "N")
+    >>> "hall_noise" in card_text("thesis", without_chip_noise(SHIPPED))
     False
     """
-    left_out = {f"[effects.{name}]" for name in without}
+    left_out = {f"[effects.{name}]" for name in of.without}
     lines = []
     section = ""
     for line in (SCENES / f"{card}.toml").read_text(encoding="utf-8").splitlines():
@@ -99,7 +108,8 @@ def card_text(card: str, without: Sequence[str], unit: Unit) -> str:
             continue
         lines.append(line)
         if word == "[record]":
-            lines.append(f'unit = "{unit}"')
+            lines.append(f'unit = "{of.unit}"')
+    lines += [f"[effects.{name}]" for name in of.added]
     return "\n".join(lines) + "\n"
 
 
@@ -114,7 +124,7 @@ def simulated(sets: Sequence[SceneSet], trials: int, out: Path) -> list[list[Pat
     for one in sets:
         of_set = []
         for card in one.cards:
-            text = card_text(card, one.without, one.unit)
+            text = card_text(card, one)
             digest = digest_of([text, trials, SEED, one.rate_hz])
             folder = f"sets/{card}-{digest}"
             place = out / "cards" / digest / f"{card}.toml"

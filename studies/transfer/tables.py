@@ -5,17 +5,18 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from holdfast.core.reading import Json
-from holdfast.evaluation.formats import markdown
+from holdfast.evaluation.formats import markdown, markdown_cell
 from holdfast.training.figures import ABSENT
 from studies.transfer.domain import HALVES
 from studies.transfer.people import OWN_LEVEL, REAL_ONLY, TIMING
 from studies.transfer.scene_sets import COMPARED, IN_FIELD, TRAINED
 from studies.transfer.statistics import IN_FIELD_STATISTICS, STATISTICS
 from studies.transfer.tugs import ONE_THRESHOLD
+from studies.transfer.tugs import REAL_ONLY as TRIALS_ONLY
 
 PEOPLE, TAXELS, EFLESH = "human_slip_uskin", "the same, 16 taxels", "eflesh_slip"
 """Names of the real sets among the statistics."""
-WITHOUT_SCALE = (REAL_ONLY, TIMING, ONE_THRESHOLD)
+WITHOUT_SCALE = (REAL_ONLY, TRIALS_ONLY, TIMING, ONE_THRESHOLD)
 """Rows of models that saw the real set's own units."""
 NO_ROWS: Json = {"rows": []}
 """Of a part that a run left out."""
@@ -61,6 +62,7 @@ def short_table(figures: Json) -> str:
         if not of_scene and row["row"] not in WITHOUT_SCALE:
             continue
         four, head = row["situations"], row["predict_250ms"]
+        votes = row.get("by_risky_votes") or {}
         nothing = row["recall"]["nothing"]
         lines.append(
             {
@@ -69,6 +71,9 @@ def short_table(figures: Json) -> str:
                     four["macro_f1"], four["macro_f1_ci"]
                 ),
                 "AUC, risky within 0.25 s": _exact(head["auc"], head["auc_ci"]),
+                "the same by risky votes": _exact(
+                    votes.get("auc"), votes.get("auc_ci")
+                ),
                 "nothing found": _share(nothing),
             }
         )
@@ -144,7 +149,7 @@ def _statistics(
 def _spread(row: Json | None) -> str:
     if row is None or row["p50"] is None:
         return ABSENT
-    return ", ".join(f"{row[key]:.3g}" for key in ("p5", "p50", "p95"))
+    return "; ".join(markdown_cell(row[key]) for key in ("p5", "p50", "p95"))
 
 
 def _verdict(one: Json | None) -> str:

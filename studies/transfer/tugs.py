@@ -37,7 +37,7 @@ from holdfast.training.metrics import prediction_scores, share_scores
 from holdfast.training.plan import TrainingPlan
 from holdfast.training.recording import DataSet, LabelledRows, Recording
 from studies.transfer.levels import scaled
-from studies.transfer.people import AS_RECORDED, OWN_LEVEL, REAL_ONLY, TIMING
+from studies.transfer.people import AS_RECORDED, OWN_LEVEL, TIMING
 
 PLAN = TrainingPlan()
 """Of `make real`."""
@@ -48,6 +48,7 @@ FREE_S = 0.3
 LEVEL_PERCENTILE = 90.0
 """Of the clips' largest amplitudes: a tug's, whatever the share of tugs."""
 ONE_THRESHOLD = "one threshold on the amplitude, blocks left out"
+REAL_ONLY = "real trials alone, blocks left out"
 
 
 def clips(data: DataSet, seed: int) -> DataSet:

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from page_tables import filled
 
 from holdfast.core.contract import GRASP, NOTHING, RISKY_SLIP, SAFE_SLIP, SITUATIONS
 from holdfast.edge_runtime.preparation import Preparation
@@ -226,7 +227,7 @@ def test_a_card_without_chip_noise_is_the_card_without_two_effects(
 ) -> None:
     quiet = without_chip_noise(SceneSet("broad", ("broad",), unit="uT"))
     path = tmp_path / "broad.toml"
-    path.write_text(card_text("broad", quiet.without, quiet.unit))
+    path.write_text(card_text("broad", quiet))
     whole, left = read_scene_file("broad"), read_scene_file(str(path))
     assert set(whole.effects) - set(left.effects) == set(CHIP_NOISE)
     assert left.rows == whole.rows
@@ -279,7 +280,7 @@ def figures() -> dict[str, Any]:
         "commit": "abc",
         "trials_a_card": 300,
         "scenes_seed": 101,
-        "seconds": {"people": 10.0},
+        "seconds": 10.0,
         "people": {"rows": [row(REAL_ONLY, AS_RECORDED, 0.66)]},
         "scenes": {
             "rows": [row(SHIPPED.name, one, 0.3) for one in (AS_RECORDED, OWN_LEVEL)]
@@ -314,3 +315,14 @@ def test_both_pictures_say_what_is_real_and_what_is_simulated(
         assert words in drawn["transfer-traces.svg"]
     for text in drawn.values():
         assert ET.fromstring(text).get("role") == "img"
+
+
+def test_the_page_and_the_readme_have_the_tables(
+    figures: dict[str, Any], tmp_path: Path
+) -> None:
+    page = filled("docs/transfer.md", {"transfer": figures}, tmp_path)
+    for name in ("people", "tugs", "domain", "statistics"):
+        assert getattr(tables, f"{name}_table")(figures) in page
+    readme = filled("README.md", {"transfer": figures}, tmp_path)
+    short = f"| {SHIPPED.name} | 0.30 (0.20 to 0.40) | 0.80 (0.70 to 0.90) | 0.60 "
+    assert short in readme
