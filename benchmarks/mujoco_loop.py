@@ -19,9 +19,9 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.mujoco_version import require_mujoco
 from holdfast.cli.command import path_argument, run_script
 from holdfast.core.contract import FloatArray
-from holdfast.core.errors import UsageError
 from holdfast.core.writing import require_writable, write_whole
 from holdfast.edge_runtime.model import Model
 from holdfast.evaluation.loop_figures import ThreeRuns
@@ -219,16 +219,6 @@ def _same(ours: Fates, peer: Fates) -> bool:
     return (ours.kept, ours.blocked) == (peer.kept, peer.blocked)
 
 
-def require_mujoco() -> str:
-    """The version. Raises UsageError."""
-    try:
-        import mujoco
-    except ModuleNotFoundError:
-        raise UsageError("this needs MuJoCo", next_step="make peers") from None
-    version: str = mujoco.__version__
-    return version
-
-
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this program."""
     default = Path("build/bench/mujoco-loop.json")
@@ -238,7 +228,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run both, write the JSON, print a line a trial."""
-    version = require_mujoco()
+    version = require_mujoco("peers")
     require_writable(args.out.parent)
     model = Model(args.model)
     trials = compare(model)

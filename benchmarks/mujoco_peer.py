@@ -27,7 +27,6 @@ import time
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -40,8 +39,8 @@ from benchmarks.mujoco_scene import (
     Variant,
     mjcf,
 )
+from benchmarks.mujoco_version import require_mujoco
 from holdfast.cli.command import path_argument, run_script
-from holdfast.core.errors import UsageError
 from holdfast.core.reading import Json
 from holdfast.core.writing import require_writable, write_whole
 
@@ -70,9 +69,7 @@ class Hold:
     ) -> None:
         self.scene = scene
         self.step_s = step_s
-        self.model = _mujoco().MjModel.from_xml_string(
-            mjcf(scene, step_s, variant, drawn)
-        )
+        self.model = mujoco.MjModel.from_xml_string(mjcf(scene, step_s, variant, drawn))
         self.data = mujoco.MjData(self.model)
         self.pads = [f"thumb{k}" for k in range(len(THUMB_Z_M))] + [
             f"finger{k}" for k in range(len(FINGER_Z_M))
@@ -271,7 +268,7 @@ def _run(
 def document(scene: Scene, runs: Sequence[PeerRun], repeats: int = REPEATS) -> Json:
     """What mujoco.json holds."""
     about = {
-        "mujoco": _mujoco().__version__,
+        "mujoco": require_mujoco("peers"),
         "numpy": np.__version__,
         "python": platform.python_version(),
     }
@@ -284,16 +281,6 @@ def document(scene: Scene, runs: Sequence[PeerRun], repeats: int = REPEATS) -> J
         "repeats": repeats,
         "runs": [run.to_json() for run in runs],
     }
-
-
-def _mujoco() -> Any:
-    if mujoco is None:
-        raise UsageError(
-            "this needs MuJoCo, which is not installed here",
-            cause="peers have an environment of their own, outside .venv",
-            next_step="make peers",
-        )
-    return mujoco
 
 
 def _row(run: PeerRun) -> str:
@@ -327,7 +314,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Measure, write the JSON, print the table."""
-    _mujoco()
+    require_mujoco("peers")
     require_writable(args.out.parent)
     scene = Scene()
     runs = measure(scene)

@@ -9,6 +9,7 @@ from pathlib import Path
 import onnx
 
 from benchmarks.cost.picture import figure
+from benchmarks.world import page as world
 from holdfast.cli.command import show
 from holdfast.core.reading import Json
 from holdfast.core.writing import write_whole
@@ -27,6 +28,7 @@ MEASURED: dict[str, tuple[str, Callable[[Json], str]]] = {
         COST,
         lambda cost: for_any_page(figure(cost["rows"])),
     ),
+    "second-physics.svg": (str(world.BEFORE), world.draw),
     **{name: (EVALUATED, draw) for name, draw in TIMING.items()},
     **{name: (TRANSFERRED, draw) for name, draw in TRANSFER.items()},
 }

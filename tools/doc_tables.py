@@ -67,6 +67,10 @@ SOURCES: dict[str, dict[str, str]] = {
         "mujoco_loop": "build/bench/mujoco-loop.json",
         "scenes": "build/scenes/scenes.json",
     },
+    "docs/second-physics.md": {
+        "before": "docs/measured/world-d86a7e638b14.json",
+        "world": "build/world/world.json",
+    },
     "docs/shared-control.md": {"loop": "build/loop/loop.json"},
     "docs/transfer.md": {"transfer": "build/transfer/transfer.json"},
     "docs/what-accuracy-costs.md": {

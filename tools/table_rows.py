@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.cost.point import GOOD, README_POINTS, RECOMMENDED, REFERENCE
+from benchmarks.world.page import FUNCTIONS as WORLD
 from holdfast.core.reading import Json
 from holdfast.core.trial_layout import NORMAL_FLOOR, SITUATION_OF_ACTION
 from holdfast.evaluation.formats import DEPLOYED, markdown
@@ -319,5 +320,6 @@ FUNCTIONS: dict[str, Callable[..., Any] | object] = {
     "with_interval": with_interval,
     "worst_of_unseen": worst_of_unseen,
     **TRANSFER,
+    **WORLD,
 }
 """Every name that a template may use besides the figures."""

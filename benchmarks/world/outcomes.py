@@ -22,8 +22,9 @@ LOAD_N = 0.1
 """Load onset: people and box push differently by this much, as in our scenes."""
 RELAXED_N = 0.1
 """Load onset of a relaxing grip: the wearer commands so much less."""
-LOST_SAMPLES = 3
-"""Thumb or fingers without contact for so long: the object is gone."""
+LOST_SAMPLES = 23
+"""Thumb or fingers without contact for so long, 0.15 s: the object is gone. It leaves one side for
+a shorter time when a pull presses it against the other, and comes back."""
 SETTLE_S = 0.1
 SETTLED_MM = 0.5
 """A hold that slides further between the giver's letting go and the event is drawn again."""
@@ -80,7 +81,7 @@ class Watch:
         if self._apart >= LOST_SAMPLES:
             self.outcome.lost_s = world.t_s - (LOST_SAMPLES - 1) / RATE_HZ
             return
-        if world.t_s >= world.trial.act_s and not self._apart:
+        if world.t_s >= world.trial.act_s:
             self._look_at_event()
 
     def _look_at_event(self) -> None:
@@ -95,6 +96,8 @@ class Watch:
         relaxes = relaxes and world.trial.kind == "fall-relax"
         if np.isinf(found.onset_s) and (change_n > LOAD_N or relaxes):
             found.onset_s = world.t_s
+        if self._apart:
+            return
         found.peak_n = max(found.peak_n, change_n)
         found.grip_n = max(found.grip_n, float(world.drive.grip_n[0]))
         found.slip_mm = slid_mm(world, self._from_m)

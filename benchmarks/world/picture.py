@@ -57,7 +57,7 @@ def _points(
 ) -> None:
     """The shares of one model, with their intervals."""
     rows = {row["kind"]: row for row in column["tables"][0]["kinds"]}
-    label = f"model {column['model']['id']}"
+    label = f"model {column.get('label', column['model']['id'])}"
     for place, kind in enumerate(kinds):
         row = rows.get(kind)
         if row is None or row[f"{name}_share"] is None:

@@ -13,11 +13,11 @@ import time
 from functools import partial
 from pathlib import Path
 
+from benchmarks.mujoco_version import require_mujoco
 from benchmarks.world.draws import KINDS
 from benchmarks.world.trials_file import ROOT, TrialsFile, code_sha256, file_sha256
 from holdfast.cli.command import path_argument, seed, show
 from holdfast.cli.options import CORES, add_job_options, chosen_workers
-from holdfast.core.errors import UsageError
 from holdfast.core.locked import locked_sets
 from holdfast.core.reading import Json, model_path
 from holdfast.core.writing import require_writable, write_whole
@@ -78,7 +78,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run what is not done yet, score all, write the JSON and the picture."""
-    version = require_mujoco()
+    version = require_mujoco("world")
     require_writable(args.out)
     show(seed_line(args.seed))
     about = _about(args, version)
@@ -107,20 +107,6 @@ def run(args: argparse.Namespace) -> int:
     for line in summary(figures):
         show(line)
     return 0
-
-
-def require_mujoco() -> str:
-    """The version. Raises UsageError."""
-    try:
-        import mujoco
-    except ModuleNotFoundError:
-        raise UsageError(
-            "this needs MuJoCo, which is not installed here",
-            cause="it has an environment of its own, outside .venv",
-            next_step="make world",
-        ) from None
-    version: str = mujoco.__version__
-    return version
 
 
 def seed_line(number: int) -> str:

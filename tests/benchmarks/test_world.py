@@ -5,24 +5,28 @@ The physics itself is tested in test_world_physics.py, where MuJoCo is installed
 
 from __future__ import annotations
 
-import ast
 import json
+import re
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from packages import ROOT, SHIPPED, folder_of, nodes_of
+from packages import ROOT, SHIPPED, folder_of
 
 from benchmarks.world.draws import KINDS, RISKY, WorldTrial, draw_trial
+from benchmarks.world.page import columns
+from benchmarks.world.picture import picture
 from benchmarks.world.program import SEED, seed_line
 from benchmarks.world.ranges import EVENT_N, HELD_N, RANGES, REFUSED_GRIP_N
 from benchmarks.world.scores import table_of
 from benchmarks.world.trials_file import TrialsFile
 from holdfast.core.locked import locked_sets
 from holdfast.core.reading import Json
+from tools.doc_tables import tables_of
 
 DEVELOPMENT = 150
+LEADS = re.compile(r"benchmarks(\.|\s+import\s+)world")
 
 
 @pytest.fixture(scope="module")
@@ -34,16 +38,8 @@ def test_no_import_leads_from_training_simulation_or_studies_to_it() -> None:
     folders = [*map(folder_of, SHIPPED), ROOT / "studies"]
     leading = []
     for path in (path for folder in folders for path in folder.rglob("*.py")):
-        for node in nodes_of(path):
-            names = []
-            if isinstance(node, ast.Import):
-                names = [alias.name for alias in node.names]
-            elif isinstance(node, ast.ImportFrom):
-                names = [f"{node.module}.{alias.name}" for alias in node.names]
-            elif isinstance(node, ast.Constant) and isinstance(node.value, str):
-                names = [node.value]
-            if any(name.startswith("benchmarks.world") for name in names):
-                leading.append(str(path))
+        if LEADS.search(path.read_text("utf-8")):
+            leading.append(str(path))
     assert leading == []
 
 
@@ -201,6 +197,44 @@ def test_tightenings_of_quiet_holds_are_a_rate() -> None:
     low, high = row["per_min_ci"]
     # Garwood's exact interval of ten counts: 4.80 to 18.39
     assert (low, high) == pytest.approx((9.59, 36.78), abs=0.01)
+
+
+def figures_of(model: str, code: str = "a") -> Json:
+    lost = {"lost_s": 0.2}
+    records = [record_of(kind, 0) for kind in KINDS]
+    records += [record_of(kind, 1, bare=lost, oracle="2") for kind in RISKY]
+    records.append(record_of("hand-over", 1, bare=lost, answered=lost))
+    return {
+        "model": {"id": model},
+        "commit": code,
+        "code_sha256": code,
+        "tables": [table_of(records)],
+    }
+
+
+def test_the_page_has_the_old_model_beside_the_new_one() -> None:
+    old, new = figures_of("old"), figures_of("new", "b")
+    tables = tables_of("docs/second-physics.md", {"before": old, "world": new})
+    assert "| pull-fast | old | 1 | 1 | 1 (0.03 to 1.00) |" in tables["world-drops"]
+    assert "| pull-fast | new | 1 | 1 | 1 (0.03 to 1.00) |" in tables["world-drops"]
+    assert "| tug-held | old | 1 | 0 (0.00 to 0.97) |" in tables["world-calm"]
+    assert "| opens, no signal | new | 1 | 0 " in tables["world-hand-overs"]
+    assert "| quiet | old |" in tables["world-quiet"]
+    only_old = tables_of("docs/second-physics.md", {"before": old})
+    assert "new" not in only_old["world-drops"].replace("new drops", "")
+
+
+def test_the_same_run_stands_on_the_page_once() -> None:
+    assert len(columns(figures_of("a"), figures_of("a"))) == 1
+    both = columns(figures_of("a"), figures_of("a", "b"))
+    assert [one["label"] for one in both] == ["a, a", "a, b"]
+
+
+def test_the_picture_names_both_models() -> None:
+    drawn = picture(columns(figures_of("old"), figures_of("new", "b")))
+    assert "model old" in drawn
+    assert "model new" in drawn
+    assert "preventable drops saved" in drawn
 
 
 def test_a_stopped_run_goes_on_where_it_was(tmp_path: Path) -> None:
