@@ -60,15 +60,23 @@ class Everyday:
         self.act_s = act_s
         self.open_s = open_s
         self.push = np.stack([trial.push for trial in trials], axis=1)
+
+        # Which trials have which action, and which actions the batch has at all.
         actions = np.array([trial.action for trial in trials])
         self.is_on = {name: actions == name for name in ACTIONS}
         self.present = {name for name, is_on in self.is_on.items() if is_on.any()}
+        self.any_of_them = np.logical_or.reduce(list(self.is_on.values()))
         self.touches = "touch-table" in self.present
 
+        # However the hand is held, "up" and "down" follow gravity as it was when it closed.
         self.size_m_s2 = np.sqrt((body.gravity_m_s2 * body.gravity_m_s2).sum(axis=0))
         self.down = body.gravity_m_s2 / self.size_m_s2
+
+        # A trial has one of the two: it walks, or it turns.
         heading = self.drawn("heading_deg") + self.drawn("axis_deg")
         self.axis = _across(self.down, np.radians(heading))
+
+        # What is left of a relaxing grip, and how hard a dropped weight hits.
         self.relaxed = np.array([relaxed(trial) for trial in trials])
         self.hit_n = np.array([hit_n(trial) for trial in trials])
 
@@ -88,11 +96,13 @@ class Everyday:
 
     def _catcher(self, t_s: FloatArray) -> Pull:
         """The person who bears the weight from before the hand opens, wherever the object is."""
-        here = np.logical_or.reduce(list(self.is_on.values()))
         came = (t_s - self.open_s + CATCH_S) / (0.5 * CATCH_S)
-        there = np.where(here, smooth(came), 0.0)
+        there = np.where(self.any_of_them, smooth(came), 0.0)
+
+        # The damping of an arm, as in script.py.
         critical = np.sqrt(CATCHER_N_PER_M * self.body.mass_kg)
         still = np.zeros((len(t_s), *self.push.shape))
+
         # Without a spring, a lost object is not pulled back into the hand.
         return Pull(
             stiffness_n_per_m=np.zeros_like(t_s),
@@ -107,19 +117,26 @@ class Everyday:
         """A spring whose end moves so far that a held object feels at most peak_n."""
         u = self._done(t_s, "lasts_s")
         swings = np.round(self.drawn("swings", 1.0))
+
         # To one side: out in the first half, then the person lets go where the object is.
         one_sided = smooth(2.0 * u)
+
+        # Back and forth: half a sine for every pull; the person lets go after the last one.
         to_and_fro = np.sin(np.pi * swings * u)
         way = np.where(swings > 1.0, to_and_fro, one_sided)
         let_go = np.where(swings > 1.0, u >= 1.0, smooth(2.0 * u - 1.0))
+
+        # Before the action no person pulls.
         begun = t_s >= self.act_s
         there = np.where(self.is_on["tug"] & begun, 1.0 - let_go, 0.0)
 
+        # The spring is stretched by the whole reach only where the object stands still.
         arm = self.drawn("arm_n_per_m", 1.0)
         peak_n = self.drawn("peak_n")
         reach_m = peak_n / arm
         critical = np.sqrt(arm * self.body.mass_kg)
         target_m = (reach_m * way)[:, None] * self.push
+
         # The arm damps the object, not the way of the pull: a fast tug is no harder than a slow.
         return Pull(
             stiffness_n_per_m=there * arm,
@@ -133,9 +150,13 @@ class Everyday:
     def grip_share(self, t_s: FloatArray) -> FloatArray:
         """[n, B] the wearer's grip over the one with which the hand was closed."""
         share = np.ones_like(t_s)
+
+        # Down to what is left, and no way back.
         if "relax" in self.present:
             lost = (1.0 - self.relaxed) * smooth(self._done(t_s, "relax_s"))
             share = np.where(self.is_on["relax"], 1.0 - lost, share)
+
+        # Down in the first half of the action, up in the second, without a jump in speed.
         if "regrip" in self.present:
             u = self._done(t_s, "lasts_s")
             down = np.sin(np.pi * np.clip(2.0 * u, 0.0, 1.0)) ** 2
@@ -143,12 +164,15 @@ class Everyday:
             lower = (self.drawn("low", 1.0) - 1.0) * down
             higher = (self.drawn("high", 1.0) - 1.0) * up
             share = np.where(self.is_on["regrip"], 1.0 + lower + higher, share)
+
         return share
 
     def changes(self, t_s: FloatArray) -> Changes | None:
         """Mass, gravity in the hand's frame and hits; None where no action changes them."""
         if self.present <= {"tug", "relax", "regrip", "touch-table"}:
             return None
+
+        # In an accelerated frame everything is as heavy as under gravity less the acceleration.
         gravity = self._turned(t_s) - self._acceleration_m_s2(t_s)
         hit_n = self._hits_n(t_s)[:, None] * self.down
         return Changes(self._mass_kg(t_s), gravity, hit_n)
@@ -156,8 +180,12 @@ class Everyday:
     def _mass_kg(self, t_s: FloatArray) -> FloatArray:
         """[n, B] what is left of a poured object, and what was added to one."""
         whole = self.body.mass_kg
+
+        # Pouring begins when the hand has turned.
         poured = smooth(self._done(t_s, "pour_s", self.drawn("turn_s")))
         left = np.where(self.is_on["pour"], 1.0 - self.drawn("poured") * poured, 1.0)
+
+        # What is dropped in rests in the object when the hit is over.
         by_hand = self._done(t_s, "add_s")
         dropped = self._done(t_s, "hit_s")
         is_dropped = self.drawn("drop_mm") > 0.0
@@ -171,33 +199,45 @@ class Everyday:
 
     def _turned(self, t_s: FloatArray) -> FloatArray:
         """[n, 3, B] gravity in a hand that turns about an axis across it, and back."""
+        # Forth at once, and back after the stay.
         forth = smooth(self._done(t_s, "turn_s"))
         turn_s = self.drawn("turn_s")
         pour_s = np.where(self.is_on["pour"], self.drawn("pour_s", 1.0), 0.0)
         stay_s = self.drawn("stay_s") + pour_s
         back = smooth(self._done(t_s, "turn_s", turn_s + stay_s))
         angle = np.radians(self.drawn("angle_deg")) * (forth - back)
+
         # Rodrigues' rotation of a vector about an axis across it.
         beside = np.cross(self.axis, self.down, axis=0)
-        turned = np.cos(angle)[:, None] * self.down + np.sin(angle)[:, None] * beside
-        return self.size_m_s2 * turned
+        along = np.cos(angle)[:, None] * self.down
+        turned = along + np.sin(angle)[:, None] * beside
+
+        # Exactly as it is in other trials, which must not depend on their batch.
+        turns = self.is_on["turn"] | self.is_on["pour"]
+        return np.where(turns, self.size_m_s2 * turned, self.body.gravity_m_s2)
 
     def _acceleration_m_s2(self, t_s: FloatArray) -> FloatArray:
         """[n, 3, B] of a hand that lifts, or walks."""
-        # The second derivative of the minimum-jerk path (Flash & Hogan, 1985).
+        # Lifting: the second derivative of the minimum-jerk path (Flash & Hogan, 1985), from the
+        # time on at which the table bears nothing any more.
         u = self._done(t_s, "raise_s", self.drawn("give_s"))
         by_u = u * (60.0 - u * (180.0 - 120.0 * u))
         raise_s = self.drawn("raise_s", 1.0)
         up = self.drawn("height_m") * by_u / (raise_s * raise_s)
 
+        # Walking begins and ends gently.
         walk_s = self.drawn("walk_s")
         since_s = t_s - self.act_s
         begins = smooth(since_s / STARTS_S)
         ends = smooth((since_s - walk_s + STARTS_S) / STARTS_S)
         walking = np.where(self.is_on["carry"], begins - ends, 0.0)
+
+        # The hand goes up and down once a step; the heel strike makes the way up steeper.
         angle = 2.0 * np.pi * self.drawn("step_hz") * since_s
         bounce = np.sin(angle) + HEEL * np.sin(2.0 * angle)
         up = up + walking * self.drawn("up_m_s2") * bounce
+
+        # Forth and back a quarter of a step later, across gravity.
         forward = walking * self.drawn("forward_m_s2") * np.cos(angle)
         return forward[:, None] * self.axis - up[:, None] * self.down
 
@@ -205,13 +245,19 @@ class Everyday:
         """The boxes of a batch, with a table where an object is put against one."""
         if not self.touches:
             return box
+
+        # The hand comes down on the table, stays, and goes up again; in its frame the table moves.
         speed_m_s = self.drawn("table_m_s", 1.0)
         way_m = TABLE_GAP_M + TABLE_OVERSHOOT_M
         since_s = t_s - self.act_s
         leaves_s = way_m / speed_m_s + self.drawn("stay_s")
+
+        # Of the way to the table and of that back, how far it has come.
         near_m = np.clip(since_s * speed_m_s, 0.0, way_m)
         left_m = np.maximum((since_s - leaves_s) * speed_m_s, 0.0)
         height_m = near_m - left_m - TABLE_GAP_M
+
+        # Before and after that it is where boxes are that set nothing down.
         here = self.is_on["touch-table"]
         there = here & (height_m > -TABLE_GAP_M)
         return replace(
@@ -227,6 +273,8 @@ def _across(down: FloatArray, angle: FloatArray) -> FloatArray:
     other = np.where(
         np.abs(down[0]) < 0.9, np.array([[1.0], [0], [0]]), np.array([[0], [1.0], [0]])
     )
+
+    # Two unit vectors across gravity and across each other.
     first = np.cross(down, other, axis=0)
     first = first / np.sqrt((first * first).sum(axis=0))
     second = np.cross(down, first, axis=0)

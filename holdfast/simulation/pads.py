@@ -64,23 +64,33 @@ def pressed_n(trial: PlannedTrial, t_s: FloatArray) -> FloatArray:
     """[T] normal force on each touched pad."""
     drawn = trial.drawn
     since_s = t_s - drawn["first_s"]
+
+    # A touch is over before the next one begins.
     every_s = max(drawn["every_s"], drawn["touch_s"])
     number = np.floor(since_s / every_s)
+
+    # How far this touch has come; after it, 1, at which every shape is zero.
     u = np.clip((since_s - number * every_s) / drawn["touch_s"], 0.0, 1.0)
     if trial.action == "tap":
         shape = np.sin(np.pi * u)
     else:
         edge = np.minimum(np.minimum(u, 1.0 - u) / EDGE, 1.0)
         shape = np.sin(0.5 * np.pi * edge) ** 2
+
+    # Before the first touch there is none.
     return drawn["press_n"] * np.where(number >= 0, shape, 0.0)
 
 
 def forces_n(trial: PlannedTrial, t_s: FloatArray) -> FloatArray:
     """[T, S, 3] on the pads: shear x, y, normal."""
     drawn = trial.drawn
+
+    # Shear and normal rise together: the finger that rubs is always at the limit of its friction.
     angle = np.radians(drawn["direction_deg"])
     rub = drawn["rub"]
     along = np.array([rub * np.cos(angle), rub * np.sin(angle), 1.0])
+
+    # Neighbouring pads are touched at once; those beyond the last one do not exist.
     n_pads = trial.hand.n_contacts
     first = int(drawn["first_pad"] * (n_pads - 1) + 0.5)
     forces = np.zeros((len(t_s), n_pads, 3))
@@ -93,6 +103,8 @@ def touched(trial: PlannedTrial, motion: TrialMotion, average_s: float) -> Trial
     """The motion of an empty hand, with the touches; average_s: of the chip, before a sample."""
     if average_s == 0.0:
         return replace(motion, forces_n=forces_n(trial, motion.t_s))
+
+    # As the chip does: the mean over the time before each sample.
     mean_n = np.zeros_like(motion.forces_n)
     for k in range(WITHIN):
         before_s = average_s * (k + 0.5) / WITHIN
@@ -103,12 +115,17 @@ def touched(trial: PlannedTrial, motion: TrialMotion, average_s: float) -> Trial
 def touch_truth(motion: TrialMotion) -> Truth:
     """A grasp while a pad bears more than the contact floor; never a slip."""
     touches = motion.forces_n[:, :, 2].max(axis=1) > NORMAL_FLOOR["N"]
+
+    # A sample lasts until the next one would come.
     period_s = float(motion.t_s[-1]) - float(motion.t_s[-2])
     end_s = float(motion.t_s[-1]) + period_s
+
+    # A situation begins at the sample at which the touch begins or ends.
     marks: list[Mark] = [(0.0, GRASP if touches[0] else NOTHING)]
     for row in np.flatnonzero(touches[1:] != touches[:-1]) + 1:
         marks.append((float(motion.t_s[row]), GRASP if touches[row] else NOTHING))
 
+    # The first touch and the end of the last one stand for contact and its loss.
     contact_s = None
     lost_s = None
     rows = np.flatnonzero(touches)

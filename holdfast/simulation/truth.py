@@ -329,16 +329,20 @@ def _slips(motion: TrialMotion, times: Times, lost: int) -> list[tuple[int, int,
     if not sliding.size:
         return []
 
+    # Steps that slide, cut where a longer pause is between two of them.
     pauses = np.flatnonzero(np.diff(at_s[sliding]) > PAUSE_S) + 1
     slips = []
     for part in np.split(sliding, pauses):
         begin = int(part[0])
         end = int(part[-1]) + 1
+
+        # Travel counts from the begin of this slip, not from that of the action.
         far = slipped_far(motion, begin)
         gross = _first((motion.slides | far)[begin:end])
         # Elements that creep while the others hold move nothing.
         if gross is not None:
             slips.append((begin, begin + gross, end))
+
     return slips
 
 
@@ -354,19 +358,29 @@ def _everyday(
     loaded = trial.action in action_module(trial.action).LOADED
     onset = slip_onset(trial, motion) if loaded else None
 
+    # Held, then every slip, and held again where the object stays in the hand.
     marks: list[Mark] = [(0.0, NOTHING), (float(at_s[contact]), GRASP)]
     slips = _slips(motion, times, lost)
+    ended = contact
     for begin, _, end in slips:
         start = _loaded_from(motion, times.act, begin) if loaded else begin
-        marks.append((float(at_s[start]), RISKY_SLIP))
+        if start > ended:
+            marks.append((float(at_s[start]), RISKY_SLIP))
+        else:
+            # The load of the slip before is still there: both are one.
+            marks.pop()
+        ended = end
         if end < lost:
             marks.append((float(at_s[end]), GRASP))
+
+    # An object that is still there is handed to a person as the hand opens.
     if lost < len(at_s) and at_s[lost] < times.open:
         gone = float(at_s[lost])
     else:
         marks.append((float(times.open), SAFE_SLIP))
         gone = float(at_s[last])
 
+    # The events are those of the first slip.
     incipient = slips[0][0] if slips else None
     gross = slips[0][1] if slips else None
     steps = _Steps(contact, onset, incipient, gross, lost)
