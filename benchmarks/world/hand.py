@@ -21,10 +21,11 @@ except ModuleNotFoundError:
     mujoco = None
 
 RATE_HZ = 150.0
-STEPS = 8
-"""Steps of the physics in a sample period."""
-DRIVE_EVERY = 2
-"""Steps of the physics in one step of the drive, whose lag is thirty times that."""
+ACTS = 4
+"""So often in a sample period the drive moves, and people and arm change their forces."""
+STEPS = 2
+"""Steps of the physics between two of these."""
+ACT_S = 1.0 / (RATE_HZ * ACTS)
 DRIVE = Drive()
 MOST_N = 1e3
 """No pad presses harder, or is further away than this would bend its finger."""
@@ -71,7 +72,7 @@ class World:
         self.samples = 0
         self.outside_n = np.zeros(3)
         self._pad = PADS[pads]
-        self._step_s = 1.0 / (RATE_HZ * STEPS)
+        self._step_s = ACT_S / STEPS
         self._model = mujoco.MjModel.from_xml_string(
             mjcf(trial, self._pad, self._step_s)
         )
@@ -113,35 +114,31 @@ class World:
 
         The hand grips for the larger one of both; 0 for no target.
         """
-        for k in range(STEPS):
-            if k % DRIVE_EVERY == 0:
-                self._drive(target_n)
-            self._step()
+        for _ in range(ACTS):
+            self._act(target_n)
+            mujoco.mj_step(self._model, self._data, nstep=STEPS)
         self.samples += 1
         self.t_s = self.samples / RATE_HZ
         # MuJoCo begins anew, at time 0, where it becomes unstable.
         if self._data.time < self.t_s - self._step_s:
             raise FloatingPointError(f"MuJoCo is unstable in {self.trial.kind}")
 
-    def _drive(self, target_n: float) -> None:
-        """The drive follows the larger one of the wearer's grip and the target."""
-        period_s = DRIVE_EVERY * self._step_s
-        place_n = self.script.place_n(float(self._data.time) + period_s)
-        self.drive.step(np.array([target_n]), period_s, np.array([place_n]))
+    def _act(self, target_n: float) -> None:
+        """What the drive, the people and the arm do until the next time that they are asked.
 
-    def _step(self) -> None:
+        The drive follows the larger one of the wearer's grip and the target.
+        """
         data = self._data
-        model = self._model
         t_s = float(data.time)
+        place_n = self.script.place_n(t_s + ACT_S)
+        self.drive.step(np.array([target_n]), ACT_S, np.array([place_n]))
         self._set_springs()
 
-        model.opt.gravity[:] = self.script.gravity_m_s2(t_s)
-        motion = self.motion()
-        push = self.script.push(t_s, motion)
+        self._model.opt.gravity[:] = self.script.gravity_m_s2(t_s)
+        push = self.script.push(t_s, self.motion())
         data.xfrc_applied[1, :3] = push.force_n
         data.xfrc_applied[1, 3:] = push.moment_n_m
         self.outside_n = push.force_n
-        mujoco.mj_step(model, data)
 
     def _set_springs(self) -> None:
         """The drive's place moves the other ends of the fingers' springs."""

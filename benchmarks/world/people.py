@@ -32,8 +32,7 @@ DAMPING_RATIO = 0.7
 TURNING_HZ = 12.0
 """How firmly a giver and a receiver keep the object from turning."""
 LETS_GO_S = {"tug": 0.05, "other": 0.2}
-BOX_N_PER_M = 4e3
-BOX_N_S_PER_M = 40.0
+BOX_N_PER_M = 2e3
 BOX_SIDEWAYS_N_S_PER_M = 20.0
 BOX_GAP_M = 0.005
 BOX_OVERSHOOT_M = 0.003
@@ -276,7 +275,8 @@ class Script:
         if deep_m <= 0.0:
             return
         rises_m_s = float(motion.speed_m_s @ up)
-        box_n = BOX_N_PER_M * deep_m - BOX_N_S_PER_M * rises_m_s
+        damping = 2.0 * DAMPING_RATIO * math.sqrt(BOX_N_PER_M * self._mass_kg)
+        box_n = BOX_N_PER_M * deep_m - damping * rises_m_s
         cap_n = n["press"] * self._mass_kg * G_M_S2
         box_n = min(max(box_n, 0.0), cap_n)
         sideways = motion.speed_m_s - rises_m_s * up
