@@ -370,7 +370,8 @@ def _everyday(
             # The load of the slip before is still there: both are one.
             marks.pop()
         ended = end
-        if end < lost:
+        # A slip that lasts until the hand opens ends with the opening.
+        if end < lost and at_s[end] < times.open:
             marks.append((float(at_s[end]), GRASP))
 
     # An object that is still there is handed to a person as the hand opens.
