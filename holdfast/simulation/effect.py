@@ -49,6 +49,9 @@ EFFECT_MODULES = {
     "knock": "shakes",
     "fluctuation": "fluctuation",
     "averaging": "chip",
+    "shear_gain": "sensor_spread",
+    "hysteresis": "sensor_spread",
+    "mounting": "sensor_spread",
     "dipole": "magnet",
     "cross_talk": "magnet",
     "gain_tilt": "magnet",
@@ -58,6 +61,8 @@ EFFECT_MODULES = {
     "hall_noise": "chip",
     "saturation": "chip",
     "quantisation": "chip",
+    "drift": "sensor_spread",
+    "white_noise": "sensor_spread",
     "timing_jitter": "chip",
     "dropped_samples": "chip",
     "stale_sensor": "chip",
@@ -70,7 +75,8 @@ EFFECT_MODULES = {
 class Parameter:
     """One parameter of a scene file, and the range that values and draws keep within.
 
-    default    what holds where the file has no value: a constant or a distribution
+    default    what holds where the file has no value: a constant or a distribution; None: the
+               parameter is then not drawn at all
     unit       "" for a ratio or a count
     low, high  the range, ends included
     about      what it is, for tables in the documentation
@@ -222,6 +228,7 @@ class Effect:
     longest_step_s  the longest physics.step_s it allows
     gives_unit      the unit after it; None: it changes no unit
     in_scene_unit   it acts on reported samples, so the unit is converted before it
+    only_unit       the unit of the scene's samples that it needs; None: any
     """
 
     name: str
@@ -235,6 +242,7 @@ class Effect:
     longest_step_s: float = math.inf
     gives_unit: Unit | None = None
     in_scene_unit: bool = False
+    only_unit: Unit | None = None
 
     def draw(self, values: Mapping[str, Any], rng: np.random.Generator) -> Drawn:
         """Draw one trial's parameters from the scene's values.
@@ -262,7 +270,9 @@ def draw_all(
     """Draw every parameter of a table in its order; values: those that are not the default."""
     drawn = {}
     for name, parameter in table.items():
-        drawn[name] = parameter.draw(values.get(name, parameter.default), rng)
+        value = values.get(name, parameter.default)
+        if value is not None:
+            drawn[name] = parameter.draw(value, rng)
     return drawn
 
 

@@ -140,8 +140,13 @@ def gain_tilt(rows: Rows, plan: Plan) -> Rows:
 def reversed_plan(
     drawn: Drawn, rng: np.random.Generator, t_s: FloatArray, sensors: int
 ) -> Plan:
-    """-1 where the magnet of a sensor (1 .. S) is upside down (thesis)."""
+    """-1 where the magnet of a sensor (1 .. S) is upside down (thesis).
+
+    Those of the list are, and of the others each by chance, with probability `share`.
+    """
     sign = np.ones((1, sensors, 1))
+    if "share" in drawn:
+        sign[0, rng.uniform(size=sensors) < drawn["share"]] = -1.0
     sign[:, _indices(drawn["sensors"])] = -1.0
     return {"sign": sign}
 
@@ -229,7 +234,10 @@ TABLE = (
         "magnet_reversed",
         "sensor",
         RowEffect(reversed_plan, magnet_reversed),
-        {"sensors": SENSORS},
+        {
+            "sensors": SENSORS,
+            "share": Parameter(None, "", 0, 1, "chance of every other magnet"),
+        },
         needs=("dipole",),
     ),
     Effect(

@@ -363,6 +363,9 @@ class _SceneReader(NumberReader):
         if max(numbers, default=0) > scene.hand.n_sensors:
             allowed = f"sensors from 1 to {scene.hand.n_sensors}"
             raise self.refused(f"{key}.sensors", numbers, allowed)
+        if effect.only_unit not in (None, scene.unit):
+            allowed = f'only with record.unit = "{effect.only_unit}"'
+            raise self.refused(key, "in the scene", allowed)
         if scene.step_s > effect.longest_step_s:
             allowed = f"at most {effect.longest_step_s:g} s with {key}"
             raise self.refused("physics.step_s", scene.step_s, allowed)

@@ -98,6 +98,10 @@ def test_a_new_card_needs_no_code(tmp_path):
         (PLAIN + '[record]\nunit = "uT"\n', ["record.unit", "uT", "dipole"]),
         (PLAIN + '[record]\nunit = "lb"\n', ["record.unit", "lb", "N or uT"]),
         (
+            PLAIN + '[record]\nunit = "uT"\n[effects.dipole]\n[effects.white_noise]\n',
+            ["effects.white_noise", 'record.unit = "N"'],
+        ),
+        (
             PLAIN + "[record]\nrate_hz = 1000\n[effects.averaging]\n",
             ["record.rate_hz", "1000", "412 Hz"],
         ),
@@ -170,7 +174,9 @@ def test_styles_say_only_what_actions_know():
 def test_every_effect_has_a_default_that_is_allowed():
     for effect in all_effects().values():
         assert [
-            name for name, p in effect.parameters.items() if p.problem(p.default)
+            name
+            for name, p in effect.parameters.items()
+            if p.default is not None and p.problem(p.default)
         ] == []
         assert set(effect.needs) <= set(all_effects())
 

@@ -22,6 +22,7 @@ from holdfast.simulation.magnet import (
     loads_n,
     residual_n,
 )
+from holdfast.simulation.rows import RowEffect, Rows
 from holdfast.training.datasets.thesis import preparation
 
 MU0 = 4e-7 * np.pi
@@ -35,6 +36,11 @@ CHANGES_NOTHING: dict[str, dict[str, Any]] = {
     "magnet_reversed": {"sensors": []},
     "magnet_lost": {"sensors": [], "at_s": 0},
     "thermal_drift": {"warming_degc": 0, "compensated": 0},
+    "shear_gain": {"gain": 1, "spread": 0},
+    "hysteresis": {"width_n": 0},
+    "mounting": {"angle_deg": 0, "spread_deg": 0, "left_share": 0},
+    "drift": {"rate_n_s": 0, "step_n": 0},
+    "white_noise": {"rms_n": 0},
     "timing_jitter": {"sd_ms": 0},
     "dropped_samples": {"share": 0},
     "stale_sensor": {"sensors": [], "at_s": 0, "lasts_s": 10},
@@ -49,11 +55,25 @@ SOMETHING: dict[str, dict[str, Any]] = {
     "hall_noise": {},
     "saturation": {"range": 0.25},
     "quantisation": {},
+    "shear_gain": {},
+    "hysteresis": {"width_n": 100},
+    "mounting": {},
+    "drift": {},
+    "white_noise": {},
     "timing_jitter": {},
     "dropped_samples": {"share": 0.1},
     "stale_sensor": {"sensors": [1, 6], "at_s": 1, "lasts_s": 0.5},
 }
-RANDOM = ("gain_tilt", "hall_noise", "timing_jitter", "dropped_samples")
+RANDOM = (
+    "shear_gain",
+    "mounting",
+    "gain_tilt",
+    "hall_noise",
+    "drift",
+    "white_noise",
+    "timing_jitter",
+    "dropped_samples",
+)
 
 
 def signal(values: FloatArray, unit: Unit = "uT") -> Signal:
@@ -600,3 +620,95 @@ def test_a_known_shear_comes_back_on_its_side_within_three_residuals(
     (back,) = newtons((float(shear[0]), float(shear[1]), normal_n))
     assert np.abs(back[:2] - shear).max() < 3.0 * residual_n()[1]
     assert back[:2] @ shear >= -1e-9
+
+
+def test_a_shear_gain_acts_along_the_skin_only() -> None:
+    felt = apply("shear_gain", forces([1.0, -2.0, 5.0]), gain=0.6, spread=0.0)
+    assert felt.values[0] == pytest.approx(np.tile([0.6, -1.2, 5.0], (6, 1)))
+
+
+def test_the_gains_of_sensors_spread_about_that_of_their_hand() -> None:
+    gains = np.array(
+        [
+            apply("shear_gain", forces([1.0, 0.0, 0.0]), k, gain=0.8, spread=0.1).values
+            for k in range(300)
+        ]
+    )[:, 0, :, 0]
+    assert gains.mean() == pytest.approx(0.8, rel=0.02)
+    assert gains.std(axis=1, ddof=1).mean() == pytest.approx(0.08, rel=0.1)
+
+
+def test_a_mounted_sensor_turns_shear_about_its_normal_and_a_left_hand_mirrors() -> (
+    None
+):
+    options = {"angle_deg": 30.0, "spread_deg": 0.0}
+    pull = forces([2.0, 0.0, 5.0])
+    right = apply("mounting", pull, left_share=0.0, **options).values[0, 0]
+    left = apply("mounting", pull, left_share=1.0, **options).values[0, 0]
+    assert right == pytest.approx([np.sqrt(3.0), 1.0, 5.0])
+    assert left == pytest.approx([-np.sqrt(3.0), -1.0, 5.0])
+    spread = apply("mounting", pull, spread_deg=40.0).values[0]
+    assert np.hypot(spread[:, 0], spread[:, 1]) == pytest.approx(np.full(6, 2.0))
+    assert np.ptp(np.arctan2(spread[:, 1], spread[:, 0])) > 0.3
+
+
+def test_play_lags_by_half_its_width_and_turns_only_after_all_of_it() -> None:
+    there = np.linspace(0.0, 2.0, 41)
+    back = np.linspace(2.0, 0.0, 41)
+    path = np.concatenate([there, back])
+    pushed = forces(*np.stack([path, path, path], axis=1))
+    read = apply("hysteresis", pushed, width_n=0.4).values[:, 0, 2]
+    assert read[40] == pytest.approx(1.8)
+    # On the way back it stands still until the force has moved by the width.
+    still = back >= 1.6 - 1e-9
+    assert read[41:][still] == pytest.approx(np.full(still.sum(), 1.8))
+    assert read[-1] == pytest.approx(0.2)
+
+
+def test_play_row_by_row_is_play_of_the_whole_trial() -> None:
+    rng = np.random.default_rng(4)
+    wandered = signal(np.cumsum(rng.normal(size=(200, 6, 3)), axis=0), "N")
+    law = SENSOR_EFFECTS["hysteresis"].make
+    plan = law.plan({"width_n": 2.0}, rng, wandered.t_s, 6)
+    rows = Rows(wandered.values, wandered.valid)
+    whole = law._row_by_row(rows, plan).values
+    assert np.array_equal(whole, RowEffect._row_by_row(law, rows, plan).values)
+
+
+def test_drift_grows_evenly_and_steps_once() -> None:
+    rest = signal(np.zeros((1001, 6, 3)), "N")
+    read = apply("drift", rest, rate_n_s=0.02, step_n=0.5, step_at_s=4.0).values
+    moves = np.diff(read, axis=0)
+    step = moves[399]
+    others = np.delete(moves, 399, axis=0)
+    assert np.ptp(others, axis=0).max() < 1e-12
+    assert np.abs(others[0]).max() * RATE_HZ <= 0.02
+    assert np.abs(others[0]).max() * RATE_HZ > 0.01
+    assert 0.25 < np.abs(step).max() <= 0.5 + 0.02 / RATE_HZ
+
+
+@pytest.mark.parametrize("rms_n", [0.003, 0.04])
+def test_white_noise_has_its_size_and_no_memory(rms_n: float) -> None:
+    rest = signal(np.zeros((4000, 6, 3)), "N")
+    noise = apply("white_noise", rest, rms_n=rms_n).values.reshape(4000, 18)
+    assert noise.std(axis=0) == pytest.approx(np.full(18, rms_n), rel=0.05)
+    memory = (noise[1:] * noise[:-1]).mean(axis=0) / rms_n**2
+    assert np.abs(memory).max() < 0.06
+
+
+def test_by_chance_each_magnet_is_upside_down_as_often_as_the_card_says() -> None:
+    field = steady(1)
+    turned = np.array(
+        [
+            np.sign(
+                apply("magnet_reversed", field, seed, sensors=[3], share=0.3).values
+                / field.values
+            )[0, :, 2]
+            for seed in range(600)
+        ]
+    )
+    assert (turned[:, 2] == -1.0).all()
+    others = np.delete(turned, 2, axis=1) < 0.0
+    assert others.mean(axis=0) == pytest.approx(np.full(5, 0.3), abs=0.06)
+    # One magnet tells nothing about another.
+    assert np.abs(np.corrcoef(others.T) - np.eye(5)).max() < 0.15

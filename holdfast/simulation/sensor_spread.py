@@ -1,0 +1,198 @@
+"""How sensors of one design differ: shear gain, mounting, hysteresis, drift and noise.
+
+A model that meets one gain, one way round and one level of noise learns them. These effects draw
+them for every recording. Their ranges are wider than any one sensor's.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from holdfast.core.contract import FloatArray
+from holdfast.simulation.effect import Drawn, Effect, Parameter
+from holdfast.simulation.rows import Plan, RowEffect, Rows
+
+
+def gain_plan(
+    drawn: Drawn, rng: np.random.Generator, t_s: FloatArray, sensors: int
+) -> Plan:
+    """Each sensor's gain along the skin: that of the hand times 1 + spread n, n standard normal."""
+    spread = 1.0 + drawn["spread"] * rng.normal(size=(1, sensors, 1))
+    return {"gain": drawn["gain"] * np.maximum(spread, 0.1)}
+
+
+def shear_gain(rows: Rows, plan: Plan) -> Rows:
+    """Shear x and y of a sensor times its gain, felt over true; the normal force stays.
+
+    Before a magnet's own curve, so with a `dipole` the sensor reads that share of what it would
+    read. Silicone domes and magnets differ in how far they yield along the skin; the range is
+    assumed, from shear over normal force in recordings of people (docs/scenes.md).
+    """
+    values = rows.values.copy()
+    values[..., :2] *= plan["gain"]
+    return replace(rows, values=values)
+
+
+def mounting_plan(
+    drawn: Drawn, rng: np.random.Generator, t_s: FloatArray, sensors: int
+) -> Plan:
+    """The angle of each sensor about its normal, and -1 where the hand is a left one."""
+    degrees = drawn["angle_deg"] + drawn["spread_deg"] * rng.normal(size=sensors)
+    left = rng.uniform() < drawn["left_share"]
+    angle = np.radians(degrees)
+    return {
+        "cos": np.cos(angle)[None],
+        "sin": np.sin(angle)[None],
+        "hand": np.full((1, 1), -1.0 if left else 1.0),
+    }
+
+
+def mounting(rows: Rows, plan: Plan) -> Rows:
+    """x, y of a sensor turned about its normal: x cos - y sin, x sin + y cos; left: x mirrored.
+
+    The same sensors in the mirrored hand see every force mirrored. Forces that the hand's frame
+    turns (docs/scenes.md, a hand held any way) turn all sensors alike; this turns each by itself.
+    """
+    x = rows.values[..., 0] * plan["hand"]
+    y = rows.values[..., 1]
+    values = rows.values.copy()
+    values[..., 0] = x * plan["cos"] - y * plan["sin"]
+    values[..., 1] = x * plan["sin"] + y * plan["cos"]
+    return replace(rows, values=values)
+
+
+def play_plan(
+    drawn: Drawn, rng: np.random.Generator, t_s: FloatArray, sensors: int
+) -> Plan:
+    """Half the width of the loop, N."""
+    return {"half_n": np.full((1, 1, 1), 0.5 * drawn["width_n"])}
+
+
+def hysteresis(rows: Rows, plan: Plan, before: Rows) -> Rows:
+    """Play: a reading stays until the force has moved by half the width, then follows at that.
+
+    reading = clip(reading before, force - width / 2, force + width / 2), N, on every axis. It
+    depends on the order of the forces and not on their speed (Visintin, "Differential models of
+    hysteresis", 1994, chapter 3); the memory with a time of silicone is the effect `lag`.
+    """
+    lowest = rows.values - plan["half_n"]
+    highest = rows.values + plan["half_n"]
+    return replace(rows, values=np.clip(before.values, lowest, highest))
+
+
+class _Play(RowEffect):
+    """Hysteresis of a whole trial in one loop of two numpy calls a row."""
+
+    def _row_by_row(self, rows: Rows, plan: Plan) -> Rows:
+        lowest = rows.values - plan["half_n"]
+        highest = rows.values + plan["half_n"]
+        values = np.empty_like(rows.values)
+        reading = rows.values[0]
+        for k in range(len(values)):
+            np.maximum(reading, lowest[k], out=values[k])
+            reading = values[k]
+            np.minimum(reading, highest[k], out=reading)
+        return replace(rows, values=values)
+
+
+def drift_plan(
+    drawn: Drawn, rng: np.random.Generator, t_s: FloatArray, sensors: int
+) -> Plan:
+    """Each axis of each sensor drifts at a rate of its own, up to the drawn one, and steps once."""
+    rates = drawn["rate_n_s"] * rng.uniform(-1.0, 1.0, (1, sensors, 3))
+    steps = drawn["step_n"] * rng.uniform(-1.0, 1.0, (1, sensors, 3))
+    after = (t_s >= drawn["step_at_s"])[:, None, None]
+    return {"moved_n": rates * t_s[:, None, None] + after * steps}
+
+
+def drift(rows: Rows, plan: Plan) -> Rows:
+    """Adds rate * t, and a step from step_at_s on, N, to what is read.
+
+    Rates and steps are uniform from minus to plus the drawn size. A bias that is learnt before the
+    first touch takes off what there was until then. Sizes are assumed: 20 mN/s is 1.2 N a minute.
+    """
+    return replace(rows, values=rows.values + plan["moved_n"])
+
+
+def white_plan(
+    drawn: Drawn, rng: np.random.Generator, t_s: FloatArray, sensors: int
+) -> Plan:
+    """Normal noise of the drawn root mean square on every axis of every sample, N."""
+    return {"noise_n": drawn["rms_n"] * rng.normal(size=(len(t_s), sensors, 3))}
+
+
+def white_noise(rows: Rows, plan: Plan) -> Rows:
+    """Adds white noise to the force that is read, N.
+
+    The noise of our own chips is 10 to 19 mN (`hall_noise`), of uSkin 3 mN (human_slip_uskin,
+    empty hand); a model should not depend on either.
+    """
+    return replace(rows, values=rows.values + plan["noise_n"])
+
+
+TABLE = (
+    Effect(
+        "shear_gain",
+        "sensor",
+        RowEffect(gain_plan, shear_gain),
+        {
+            "gain": Parameter(
+                {"uniform": [0.5, 1.2]}, "", 0.05, 5, "shear felt over true"
+            ),
+            "spread": Parameter(0.05, "", 0, 0.5, "spread of the sensors' gains"),
+        },
+    ),
+    Effect(
+        "mounting",
+        "sensor",
+        RowEffect(mounting_plan, mounting),
+        {
+            "angle_deg": Parameter(
+                0.0, "deg", -180, 180, "of all sensors about their normals"
+            ),
+            "spread_deg": Parameter(
+                5.0, "deg", 0, 180, "spread of the sensors' angles"
+            ),
+            "left_share": Parameter(0.5, "", 0, 1, "share of left hands"),
+        },
+    ),
+    Effect(
+        "hysteresis",
+        "sensor",
+        _Play(play_plan, hysteresis, chained=True),
+        {
+            "width_n": Parameter(
+                {"uniform": [0, 0.1]}, "N", 0, 10, "width of the loop"
+            ),
+        },
+    ),
+    Effect(
+        "drift",
+        "sensor",
+        RowEffect(drift_plan, drift),
+        {
+            "rate_n_s": Parameter(
+                {"uniform": [0, 0.02]}, "N/s", 0, 10, "largest rate of an axis"
+            ),
+            "step_n": Parameter(0.0, "N", 0, 100, "largest step of an axis"),
+            "step_at_s": Parameter({"uniform": [2, 8]}, "s", 0, 1e6, "when it steps"),
+        },
+        in_scene_unit=True,
+        only_unit="N",
+    ),
+    Effect(
+        "white_noise",
+        "sensor",
+        RowEffect(white_plan, white_noise),
+        {
+            "rms_n": Parameter(
+                {"uniform": [0, 0.04]}, "N", 0, 10, "root mean square of every axis"
+            ),
+        },
+        in_scene_unit=True,
+        only_unit="N",
+    ),
+)
+EFFECTS = {effect.name: effect for effect in TABLE}
