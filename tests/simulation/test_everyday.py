@@ -3,21 +3,31 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import pytest
 from loop_bench import Firm, model, scene_of
 
-from holdfast.core.contract import GRASP, NOTHING, RISKY_SLIP, SAFE_SLIP
+from holdfast.core.contract import (
+    GRASP,
+    NOTHING,
+    RISKY_SLIP,
+    SAFE_SLIP,
+    FloatArray,
+)
+from holdfast.edge_runtime.grip import GripSense
 from holdfast.simulation.body import at_rest
-from holdfast.simulation.closed_loop import needed_grip_n, run_loops
+from holdfast.simulation.closed_loop import LoopTruth, needed_grip_n, run_loops
 from holdfast.simulation.core import step
 from holdfast.simulation.effect import EffectBatch, effect_named
 from holdfast.simulation.energy import brush_j, kinetic_j, normal_j
 from holdfast.simulation.everyday import ACTIONS
-from holdfast.simulation.protocol import GRAVITY_M_S2
-from holdfast.simulation.scene import SimulatedTrial
+from holdfast.simulation.protocol import GRAVITY_M_S2, PlannedTrial
+from holdfast.simulation.scene import Scene, SimulatedTrial
+from holdfast.simulation.scene_file import read_scene_file
 from holdfast.simulation.script import Script, body_of
 from holdfast.simulation.script_times import Times, grid_of
 
@@ -247,38 +257,48 @@ def test_touches_of_the_pads_are_never_a_slip_and_keep_within_friction(
     assert not nothing.signal.values.any()
 
 
-class Needs(Firm):
-    """From the action on: what the load needs, and a little more."""
-
-    def __init__(self, trials: Sequence, rate_hz: float) -> None:
-        super().__init__(trials, 1.2 * max(map(needed_grip_n, trials)))
-
-
-class Nothing(Firm):
-    """The wearer's own grip."""
-
-    def __init__(self, trials: Sequence, rate_hz: float) -> None:
-        super().__init__(trials, 0.0)
-
-
 def test_in_a_closed_loop_a_hand_that_acts_keeps_what_a_relaxing_wearer_drops(
     tmp_path: Path,
 ) -> None:
-    rows = [row("relax", "left = 0\nrelax_s = 0.8"), row("regrip", "lasts_s = 0.4")]
-    scene = scene_of(
-        tmp_path,
-        scene_text(
-            *rows,
-        ),
-    )
+    relaxing = row("relax", "left = 0\nrelax_s = 0.8")
+    rows = (relaxing, relaxing, row("regrip", "lasts_s = 0.4"))
+    scene = scene_of(tmp_path, scene_text(*rows))
     trials = scene.trials()
-    bare = run_loops(scene, trials, model(), Nothing)
-    held = run_loops(scene, trials, model(), Needs)
-    assert [one.dropped for one in bare] == [True, False]
-    assert [one.dropped for one in held] == [False, False]
+    # The first hand does nothing, the second holds what the load needs.
+    wanted_n = np.array([0.0, 1.2 * needed_grip_n(trials[1]), 0.0])
+
+    class SecondHolds(Firm):
+        def __init__(self, trials: Sequence[PlannedTrial], rate_hz: float) -> None:
+            super().__init__(trials, 0.0)
+
+        def step(self, sense: GripSense, now: LoopTruth) -> FloatArray:
+            wanted: FloatArray = np.where(now.t_s >= self.act_s, wanted_n, 0.0)
+            return wanted
+
+    bare, held, gripped_anew = run_loops(scene, trials, model(), SecondHolds)
+    assert [one.dropped for one in (bare, held, gripped_anew)] == [True, False, False]
     # The relaxing hand slips without a load: its onset is the begin of the slip.
-    assert bare[0].onset_s < bare[0].lost_s
-    assert np.isinf(bare[1].onset_s)
+    assert bare.onset_s < bare.lost_s
+    assert np.isinf(gripped_anew.onset_s)
     # A wearer who lets the grip drift lowers the bare hand's drive, not the one that acts.
-    assert bare[0].grip_n[-1] < 0.5
-    assert held[0].grip_n[-1] > 1.0
+    at_end = int((Times.of(trials[0]).open - bare.begin_s) * bare.rate_hz) - 5
+    assert bare.grip_n[at_end] < 0.1
+    assert held.grip_n[at_end] == pytest.approx(wanted_n[1], rel=0.05)
+
+
+def test_situations_of_the_shipped_card_follow_each_other_until_the_end() -> None:
+    """Drawn trials, stepped coarsely: slips may come again, or last until the hand opens."""
+    card = read_scene_file("everyday")
+    scene = Scene(replace(card, step_s=1 / 150, effects={}), 105)
+    slipped = set()
+    for simulated in scene.run(scene.trials(120)):
+        action = simulated.trial.action
+        found = situations(simulated)
+        starts_s = [since for since, _ in simulated.truth.marks]
+        assert starts_s == sorted(set(starts_s)), action
+        assert all(now != after for now, after in pairwise(found)), action
+        if RISKY_SLIP in found:
+            slipped.add(action)
+            assert simulated.truth.gross_slip_s is not None
+    assert {"tug", "stack", "relax"} <= slipped
+    assert not slipped & {"pour", "stroke", "tap"}
