@@ -8,12 +8,14 @@ shear_force/, with one folder a probing). The errors that it prints are on probi
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from datetime import date
 from pathlib import Path
 
 from holdfast.cli.command import (
     add_json_option,
     path_argument,
+    positive,
     require_json_writable,
     seed,
     show_found,
@@ -36,6 +38,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="FILE",
         help="calibration to write",
     )
+    gain = "shear over normal force, as read over true, where it is known (default: measured)"
+    option("--shear-gain", type=positive, metavar="X", help=gain)
     add_json_option(parser)
     today = date.today().isoformat()
     option(
@@ -48,7 +52,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Fit, judge on probings left out, print, write."""
     from holdfast.drivers.calibration import write_calibration
-    from holdfast.sessions.calibration import as_json, calibrate, in_words
+    from holdfast.sessions.calibration import (
+        as_json,
+        calibrate,
+        in_words,
+        shear_gain_in_words,
+    )
     from holdfast.sessions.known_loads import read_load_sets
     from holdfast.training.progress import stages
 
@@ -63,11 +72,15 @@ def run(args: argparse.Namespace) -> int:
             calibration, errors = calibrate(
                 loads, args.path.name, args.date, args.seed, begin
             )
+            if args.shear_gain is not None:
+                calibration = replace(calibration, shear_gain=args.shear_gain)
             # A folder may hold normal and shear probings: each set gets a file of its own.
             target = _target(args.out, k, loads.name)
             write_calibration(target, calibration)
-            figures.append(as_json(loads, errors, args.seed))
-            lines += [*in_words(loads, errors), f"  written: {target}", ""]
+            gain = calibration.shear_gain
+            figures.append(as_json(loads, errors, args.seed) | {"shear_gain": gain})
+            lines += [*in_words(loads, errors), shear_gain_in_words(gain)]
+            lines += [f"  written: {target}", ""]
 
     show_found(args, "\n".join(lines), {"studies": figures})
     return 0

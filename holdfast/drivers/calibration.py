@@ -176,13 +176,15 @@ class Calibration:
 
     reversed [S]: whose magnet is upside down. A row of zeros in a matrix is an axis that was never
     loaded. The matrix is that of an upright magnet. A reversed magnet has the field of the other
-    sign on all three axes, and `apply` turns it.
+    sign on all three axes, and `apply` turns it. shear_gain: ratio of shear and normal force as it
+    is read at a light touch, over the true one; None where no load has shown it.
     """
 
     matrix: FloatArray
     rest_ut: FloatArray | None
     reversed: BoolArray
     meta: CalibrationOrigin
+    shear_gain: float | None = None
 
     def apply(self, field_ut: FloatArray) -> FloatArray:
         """[.., S, 3] uT -> [.., S, 3] N; a nan makes its whole sensor nan. Raises ChannelError."""
@@ -219,6 +221,8 @@ def rmse_shear(error_n: FloatArray) -> float:
 FORMAT = 1
 CALIBRATION = "calibration"
 BIAS = "bias"
+GAINS = (0.1, 10.0)
+"""A shear gain beyond these is a mistake, not a sensor."""
 NEXT = {
     CALIBRATION: "write it again with holdfast calibrate PATH --out FILE",
     BIAS: "take the bias again (holdfast bias), with nothing touching the hand",
@@ -235,6 +239,7 @@ def write_calibration(path: str | Path, calibration: Calibration) -> Path:
         "matrix_n_per_ut": calibration.matrix.tolist(),
         "rest_ut": None if rest is None else rest.tolist(),
         "reversed": calibration.reversed.tolist(),
+        "shear_gain": calibration.shear_gain,
         "source": meta.source,
         "date": meta.date,
         "load_unit": meta.load_unit,
@@ -271,7 +276,21 @@ def read_calibration(path: str | Path) -> Calibration:
         n=file.count("n"),
         residual_n=file.numbers("residual_n", (n_sensors, 3), gaps=True),
     )
-    return Calibration(matrix, rest, file.flags("reversed", n_sensors), meta)
+    reversed_ = file.flags("reversed", n_sensors)
+    return Calibration(matrix, rest, reversed_, meta, _gain_in(file))
+
+
+def _gain_in(file: _File) -> float | None:
+    """The shear gain; None in files that are older than it. Raises DataError."""
+    if not file.has("shear_gain") or file.value("shear_gain") is None:
+        return None
+    gain = file.value("shear_gain")
+    low, high = GAINS
+    number = isinstance(gain, (int, float)) and not isinstance(gain, bool)
+    if not number or not low <= gain <= high:
+        what = f"shear_gain {gain!r:.40} is not a number from {low:g} to {high:g}"
+        raise file.wrong(DataError, what)
+    return float(gain)
 
 
 def _is_singular(matrix: FloatArray) -> bool:
@@ -342,6 +361,10 @@ class _File:
             cause="it was written by hand or by another program",
             next_step=NEXT[self._kind],
         )
+
+    def has(self, name: str) -> bool:
+        """Whether it has a value of this name."""
+        return name in self._values
 
     def value(self, name: str) -> Any:
         """A value; DataError where it is missing."""

@@ -207,20 +207,92 @@ class AnswerRules:
     """Parameters of the holdfast controller.
 
     from_p, full_p: p(risky) at which an answer begins, and at which it is a full one. yield_p:
-    p(safe slip) from which the hand gives back, where the load changes by moving_n_s or more for
-    yield_samples in a row. graded: the lead grows with the evidence; otherwise it is full from half
-    the evidence on, or nothing. revocable: a hand-over ends an answer; otherwise only the empty
-    hand does. margin: what the friction margin needs is kept.
+    p(safe slip) from which the hand gives back, where the load changes by more than a tremor can
+    (LoadSwing) for yield_samples in a row. graded: the lead grows with the evidence; otherwise it
+    is full from half the evidence on, or nothing. revocable: a hand-over ends an answer; otherwise
+    only the empty hand does. margin: what the friction margin needs is kept.
     """
 
     from_p: float = 0.7
     full_p: float = 0.85
     yield_p: float = 0.5
     yield_samples: int = 2
-    moving_n_s: float = 4.0
     graded: bool = True
     revocable: bool = True
     margin: bool = True
+
+
+class LoadSwing:
+    """Whether the load has changed by more than the hand's tremor can change it.
+
+    A tremor takes and gives back: within one period it moves the load as far up as down. Another
+    person who takes the object only takes, or pulls and adds load. So the fall of the load within
+    the longest period of a tremor is compared with the largest rise of late, and the rise with the
+    largest fall. Beyond is what exceeds TIMES of it by SHARE of the load: a fifth within a quarter
+    of a second, which pouring does not reach. A tremor that is larger than the load hides its fall;
+    then the load is gone for longer than a period, and so is half of its mean.
+    """
+
+    SMOOTH_S = 0.02
+    """Time constant of the low-pass over the load, which is noisy."""
+    PERIOD_S = 0.25
+    """Tremors have 4 to 12 Hz (Elble & Koller, "Tremor", 1990)."""
+    MEMORY_S = 1.0
+    """Two close frequencies beat: a tremor is not forgotten while it wanes."""
+    TIMES = 1.2
+    LEAST_N = 0.15
+    SHARE = 0.2
+    GONE = 0.5
+    """Share of the mean load."""
+
+    def __init__(self, batch: Batch, rate_hz: float) -> None:
+        self._batch = batch
+        self._smooth = 1.0 / (1.0 + self.SMOOTH_S * rate_hz)
+        self._leak = 1.0 / (1.0 + self.PERIOD_S * rate_hz)
+        self._forgets = 1.0 / (1.0 + self.MEMORY_S * rate_hz)
+        self._load_n = batch.zero()
+        self._high_n = batch.zero()
+        self._low_n = batch.zero()
+        self._falls_n = batch.zero()
+        self._rises_n = batch.zero()
+        self._mean_n = batch.zero()
+        self._most_n = batch.zero()
+
+    def step(self, load_n: Number, known: Flag) -> Flag:
+        """Whether it has, after one sample; a sample that is not known changes nothing."""
+        batch = self._batch
+        smooth_n = self._load_n + self._smooth * (load_n - self._load_n)
+        # the highest and the lowest load of late: both come back to the load
+        sinking_n = self._high_n + self._leak * (smooth_n - self._high_n)
+        rising_n = self._low_n + self._leak * (smooth_n - self._low_n)
+        high_n = batch.most(smooth_n, sinking_n)
+        low_n = batch.least(smooth_n, rising_n)
+
+        fall_n = high_n - smooth_n
+        rise_n = smooth_n - low_n
+        mean_n, most_n = self._means_n(smooth_n)
+        share_n = self.SHARE * batch.most(high_n, most_n)
+        least_n = batch.most(share_n, self.LEAST_N)
+        beyond_fall = fall_n > self.TIMES * self._rises_n + least_n
+        beyond_rise = rise_n > self.TIMES * self._falls_n + least_n
+        gone = most_n - mean_n > batch.most(self.GONE * most_n, self.LEAST_N)
+
+        falls_n = batch.most(fall_n, self._falls_n - self._forgets * self._falls_n)
+        rises_n = batch.most(rise_n, self._rises_n - self._forgets * self._rises_n)
+        self._load_n = batch.choose(known, smooth_n, self._load_n)
+        self._high_n = batch.choose(known, high_n, self._high_n)
+        self._low_n = batch.choose(known, low_n, self._low_n)
+        self._falls_n = batch.choose(known, falls_n, self._falls_n)
+        self._rises_n = batch.choose(known, rises_n, self._rises_n)
+        self._mean_n = batch.choose(known, mean_n, self._mean_n)
+        self._most_n = batch.choose(known, most_n, self._most_n)
+        return beyond_fall | beyond_rise | gone
+
+    def _means_n(self, smooth_n: Number) -> tuple[Number, Number]:
+        """The mean load over a period, and its largest value of late."""
+        mean_n = self._mean_n + self._leak * (smooth_n - self._mean_n)
+        sinking_n = self._most_n + self._forgets * (mean_n - self._most_n)
+        return mean_n, self._batch.most(mean_n, sinking_n)
 
 
 class Holdfast(Controller):
@@ -235,8 +307,6 @@ class Holdfast(Controller):
     """
 
     SETTING = 22.0
-    RATE_S = 0.03
-    """Time constant of the low-pass over the change of the load."""
     BRAKE_S = 0.02
     """So long after the evidence, in a known state, the target goes back: the drive coasts."""
 
@@ -249,9 +319,7 @@ class Holdfast(Controller):
     ) -> None:
         super().__init__(batch, rate_hz, setting)
         self.rules = rules or AnswerRules()
-        self._share = 1.0 / (1.0 + self.RATE_S * rate_hz)
-        self._load_n = batch.zero()
-        self._change_n_s = batch.zero()
+        self._swing = LoadSwing(batch, rate_hz)
         self._safe_run = batch.zero()
         self._quiet_s = batch.zero()
 
@@ -309,18 +377,9 @@ class Holdfast(Controller):
         """Whether the evidence says hand-over: safe slip, while the load changes."""
         batch = self._batch
         rules = self.rules
-        load_n = batch.choose(sense.known, sense.load_n, self._load_n)
-        change_n_s = (load_n - self._load_n) * self._rate_hz
-        self._load_n = load_n
-
-        # smoothed, because a difference of two samples is mostly noise
-        smooth_n_s = self._change_n_s + self._share * (change_n_s - self._change_n_s)
-        self._change_n_s = batch.choose(sense.known, smooth_n_s, self._change_n_s)
-
-        # in a hand-over another person takes or gives weight; in a static hold nothing changes
-        grows = self._change_n_s > rules.moving_n_s
-        falls = self._change_n_s < -rules.moving_n_s
-        safe = (grows | falls) & (sense.p_safe > rules.yield_p)
+        # in a hand-over another person takes or gives weight; a static hold has at most a tremor
+        beyond = self._swing.step(sense.load_n, sense.known)
+        safe = beyond & (sense.p_safe > rules.yield_p)
         run = batch.choose(safe, self._safe_run + 1.0, 0.0)
         self._safe_run = batch.choose(sense.known, run, self._safe_run)
         if not rules.revocable:

@@ -15,8 +15,8 @@ Nothing is known before the first slip: then mu_hat is 0 here and null in messag
 The largest ratio that the hand has held in quiet (`held`) bounds friction from below, so a grip of
 holds_n is known to hold the load. Less is a guess.
 
-r is of all fingers' sums, because one finger's ratio is mostly noise at 0.3 N. It is in the
-sensors' own units.
+r is of all fingers' sums, because one finger's ratio is mostly noise at 0.3 N. T is what is read
+over the sensors' shear gain (read over true), so mu_hat is that of the object, and N is as read.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ QUIET_S = 0.1
 class FrictionMargin:
     """Friction of the object in the hand; forgets it when the hand is empty.
 
-    shear_gain: by how much the sensors read too little along the skin, from their calibration.
+    shear_gain: ratio of shear and normal force as read, over the true one; from the calibration.
     """
 
     def __init__(self, batch: Batch, rate_hz: float, shear_gain: float = 1.0) -> None:
@@ -78,7 +78,7 @@ class FrictionMargin:
     def step(self, sense: GripSense) -> None:
         """Take in one sample."""
         batch = self._batch
-        load_n = self._gain * sense.load_n
+        load_n = sense.load_n / self._gain
 
         # below FIRM_N the ratio of two noisy numbers means nothing
         firm = (sense.grip_n > FIRM_N) & sense.known
@@ -195,7 +195,7 @@ class GripControl:
     name: of CONTROLLERS. setting: the controller's own, None for its default. unit: of the forces.
     In uT or count there is no N: a friction ratio still means something, a grip in N does not. So
     controllers that need N are refused, the ceiling is left to the hand, and every command says
-    `reduced`. Raises UsageError.
+    `reduced`. shear_gain: read over true, of the calibration. Raises UsageError.
     """
 
     def __init__(
@@ -206,6 +206,7 @@ class GripControl:
         unit: Unit = "N",
         n_fingers: int = 6,
         limits: Limits | None = None,
+        shear_gain: float = 1.0,
     ) -> None:
         self.reduced = unit != "N"
         self._n_fingers = n_fingers
@@ -222,7 +223,7 @@ class GripControl:
             # a ceiling in N says nothing about numbers in another unit
             within = replace(within, ceiling_n=math.inf)
 
-        self._loop = GripLoop(ONE_HAND, rate_hz, controller, within)
+        self._loop = GripLoop(ONE_HAND, rate_hz, controller, within, shear_gain)
 
     def step(
         self, prediction: Prediction, forces: FloatArray, valid: BoolArray

@@ -30,10 +30,16 @@ Report = Callable[[str], None]
 
 
 def controller_for(
-    name: str, card: ModelCard, report: Report, *, ceiling_n: float | None = None
+    name: str,
+    card: ModelCard,
+    report: Report,
+    *,
+    ceiling_n: float | None = None,
+    shear_gain: float = 1.0,
 ) -> GripControl:
     """A controller that fits a model. ceiling_n: largest grip of the hand, None for the usual one.
 
+    shear_gain: read over true, of the hand's calibration.
     report: gets one line where it runs in reduced mode. Raises UsageError, ChannelError.
     """
     if card.n_channels != 3 * FINGERS:
@@ -45,7 +51,12 @@ def controller_for(
 
     limits = Limits() if ceiling_n is None else Limits(ceiling_n=ceiling_n)
     control = GripControl(
-        name, card.rate_hz, unit=card.unit, n_fingers=FINGERS, limits=limits
+        name,
+        card.rate_hz,
+        unit=card.unit,
+        n_fingers=FINGERS,
+        limits=limits,
+        shear_gain=shear_gain,
     )
     # a raw field gives no force in N, so there is no target to command
     if control.reduced:

@@ -42,6 +42,7 @@ from holdfast.live.sources import (
     ToForce,
     open_source,
     require_meant,
+    simulated_scene,
     simulated_trial,
     split_url,
 )
@@ -386,6 +387,27 @@ def _scene_at_chips(
     if step_s is not None:
         field = replace(field, step_s=step_s)
     return Scene(field, seed)
+
+
+def shear_gain_of(url: str, calibration: Path | None) -> float | None:
+    """Ratio of shear and normal force as read, over the true one; None where not measured.
+
+    Of the calibration, else of the sensors that a scene emulates. Raises a DataError.
+    """
+    if calibration is not None:
+        from holdfast.drivers.calibration import read_calibration
+
+        return read_calibration(calibration).shear_gain
+
+    if split_url(url).scheme == "virtual":
+        from holdfast.simulation.magnet import shear_gain
+
+        return shear_gain()
+    if not url.startswith(SIM):
+        return None
+    from holdfast.simulation.closed_loop import shear_gain_in
+
+    return shear_gain_in(simulated_scene(url))
 
 
 def _scene_force() -> ToForce:

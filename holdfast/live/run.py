@@ -21,7 +21,7 @@ from holdfast.edge_runtime.commands import Command, command_port
 from holdfast.edge_runtime.engine import ModelChoice, OpenedModel
 from holdfast.edge_runtime.monitor import GripMonitor, require_fit
 from holdfast.edge_runtime.preparation import Tare
-from holdfast.live.hand_sources import open_live
+from holdfast.live.hand_sources import open_live, shear_gain_of
 from holdfast.live.loop import Emit, Summary, run_live
 from holdfast.live.outputs import (
     LineOutput,
@@ -52,6 +52,10 @@ PACE_READS = 30
 """So many scans may be too slow before a hand is: the first ones are, and so is a busy machine."""
 UNLOADED = (
     "no --bias: the first samples must be of the unloaded hand; this is not checked"
+)
+NO_SHEAR_GAIN = (
+    "the shear gain of these sensors is not known, so the friction estimate takes 1; "
+    "holdfast calibrate measures it from loads with shear"
 )
 STDOUT = "stdout"
 STDERR = "stderr"
@@ -135,6 +139,7 @@ class _Run:
         self._view: View | None = None
         self._page: RunPage | None = None
         self._grip: GripOutput | None = None
+        self._shear_gain = 1.0
         self._cues: CueOutput | None = None
 
     def report(self, text: str) -> None:
@@ -154,6 +159,7 @@ class _Run:
         with ExitStack() as stack:
             # first, so that Ctrl-C while outputs are opened ends the run in order
             stopped = stack.enter_context(stop_signals())
+            self._shear_gain = self._known_shear_gain()
             outputs = self._open_outputs(stack)
             command = self._open_commands(stack, outputs)
             self._open_grip(stack)
@@ -241,6 +247,7 @@ class _Run:
                 card=card,
                 model_name=name,
                 with_grip=options.grip is not None,
+                shear_gain=self._shear_gain,
                 report=self.report,
             )
             close_at_end(stack, self._page)
@@ -298,6 +305,17 @@ class _Run:
         if self._page:
             self._page.intent = intent
 
+    def _known_shear_gain(self) -> float:
+        """Of the calibration or the scene; 1, and a warning, where it was not measured."""
+        options = self._options
+        # only these two show friction, and raw fields have no newtons to correct
+        if not (options.grip or options.web) or self._model.card.unit != "N":
+            return 1.0
+        gain = shear_gain_of(options.source, options.calibration)
+        if gain is None:
+            self.report(NO_SHEAR_GAIN)
+        return gain or 1.0
+
     def _open_grip(self, stack: ExitStack) -> None:
         options = self._options
         card = self._model.card
@@ -310,6 +328,7 @@ class _Run:
             card,
             self.report,
             ceiling_n=options.ceiling,
+            shear_gain=self._shear_gain,
         )
         # the scene's hand is part of the source, so its commands go through no wire
         if options.moves_scene:

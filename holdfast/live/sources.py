@@ -145,6 +145,11 @@ def simulated_trial(url: str) -> tuple[Scene, SimulatedTrial] | None:
     return (scene, trials[0]) if len(trials) == 1 else None
 
 
+def simulated_scene(url: str) -> Scene:
+    """The scene of a sim:// source."""
+    return _trials_of(url)[0]
+
+
 @lru_cache(maxsize=1)
 def _trials_of(url: str) -> tuple[Scene, list[SimulatedTrial]]:
     from holdfast.simulation.loop_recording import scene_of

@@ -38,6 +38,14 @@ PUBLISHED_N = {"normal": 0.27, "shear": 0.12}
 """RMSE of eFlesh's network; its test rows are the last fifth of the probing it was trained on."""
 
 
+LIGHT_N = 3.0
+"""The shear gain is measured below this normal force: silicone stiffens, and slips are light."""
+TOUCHED_N = 0.3
+"""And above this one, below which a ratio is mostly noise."""
+SHEAR_SHARE = 0.1
+"""The load's shear over its normal force, at least."""
+
+
 @dataclass(frozen=True)
 class Fit:
     """A calibration, and held_out_n [G, 3]: RMSE on each block of a fit to the other blocks."""
@@ -262,11 +270,49 @@ def calibrate(
         load_unit=loads.load_unit,
     )
     # The fields are already less their rest; a hand's are not.
-    calibration = replace(fitted.calibration, rest_ut=loads.rest_ut)
+    gain = _shear_gain(loads, fitted.calibration)
+    calibration = replace(fitted.calibration, rest_ut=loads.rest_ut, shear_gain=gain)
     begin(f"{loads.name}: extra trees on {len(loads.probings)} splits, to compare with")
     trees = ModelErrors("extra trees", _trees_rmse_n(loads, seed))
 
     return calibration, [ModelErrors("one matrix", fitted.held_out_n), trees]
+
+
+def _shear_gain(loads: LoadSet, fitted: Calibration) -> float | None:
+    """Ratio of shear and normal force as read, over that of the load: the median of light touches.
+
+    None where fewer than MIN_FIT_ROWS rows have both. The map is one for all loads, and silicone
+    stiffens, so a light touch reads another ratio than it has.
+    """
+    true_n = loads.force_n
+    read_n = fitted.apply(loads.field_ut).sum(axis=1)
+    true_ratio = _shear_over_normal(true_n)
+    normal_n = true_n[:, NORMAL_AXIS]
+    # An axis that was not measured is nan, and compares as false.
+    light = (normal_n > TOUCHED_N) & (normal_n < LIGHT_N) & (true_ratio > SHEAR_SHARE)
+    light &= read_n[:, NORMAL_AXIS] > 0.0
+    if light.sum() < MIN_FIT_ROWS:
+        return None
+    gains = _shear_over_normal(read_n[light]) / true_ratio[light]
+    return float(np.median(gains))
+
+
+def _shear_over_normal(force_n: FloatArray) -> FloatArray:
+    """[M] of forces [M, 3]."""
+    shear_n = np.delete(force_n, NORMAL_AXIS, axis=1)
+    normal_n = np.maximum(force_n[:, NORMAL_AXIS], 1e-9)
+    ratio: FloatArray = np.sqrt((shear_n**2).sum(axis=1)) / normal_n
+    return ratio
+
+
+def shear_gain_in_words(gain: float | None) -> str:
+    """One line for people."""
+    if gain is None:
+        return (
+            "  shear gain: not measured, because no load has shear at a light touch; the friction "
+            "estimate will take 1 (--shear-gain X writes one that is known)"
+        )
+    return f"  shear gain: {gain:.3g} (shear over normal force, as read over true)"
 
 
 def _trees_rmse_n(loads: LoadSet, seed: int) -> FloatArray:

@@ -409,6 +409,12 @@ class Vibration:
         return np.where(acts, self.needed_n, 0.0)
 
 
+def shear_gain_in(scene: Scene) -> float:
+    """Ratio of shear and normal force as a scene's sensors read it, over the true one."""
+    # A calibrated magnet reads too little shear; an ideal sensor does not.
+    return shear_gain() if "dipole" in scene.file.effects else 1.0
+
+
 def managed(
     scene: Scene,
     name: str,
@@ -417,8 +423,7 @@ def managed(
     limits: Limits | None = None,
 ) -> Callable[[Sequence[PlannedTrial], float], Managed]:
     """A maker of the named controller; rules: of holdfast, for a study of its parts."""
-    # A calibrated magnet reads too little shear; an ideal sensor does not.
-    gain = shear_gain() if "dipole" in scene.file.effects else 1.0
+    gain = shear_gain_in(scene)
 
     def make(trials: Sequence[PlannedTrial], rate_hz: float) -> Managed:
         batch: Batch = ManyHands(len(trials))

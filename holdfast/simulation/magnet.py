@@ -322,11 +322,11 @@ def residual_n() -> tuple[float, float]:
 
 
 def shear_gain() -> float:
-    """True over read ratio of shear and normal force, at a light touch of 1 N with 0.5 N of shear.
+    """Read over true ratio of shear and normal force, at a light touch of 1 N with 0.5 N of shear.
 
     The map is fitted to loads up to 14 N, and silicone stiffens: a light touch reads too little
     along the skin.
     """
     touch_n = np.array([[0.5, 0.0, 1.0]])
     shear_n, _, normal_n = _read_n(touch_n)[0]
-    return float(0.5 * normal_n / shear_n)
+    return float(shear_n / (0.5 * normal_n))

@@ -142,6 +142,10 @@ def test_an_empty_hand_forgets_the_object_and_an_unknown_one_does_not() -> None:
 
 
 def test_sensors_that_read_too_little_along_the_skin_are_corrected() -> None:
-    margin = margin_of(1.5)
-    sliding(margin, 0.4)
+    margin = margin_of(0.5)
+    sliding(margin, 0.3)
     assert margin.mu_hat == pytest.approx(0.6)
+    # the grip that holds is the same, in newtons as the sensors read them
+    exact = margin_of()
+    sliding(exact, 0.3)
+    assert margin.needed_n == pytest.approx(exact.needed_n)

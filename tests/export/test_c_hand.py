@@ -35,6 +35,8 @@ ENDED = (None, "released", "timed_out", "opened", "overridden")
 NUMBERS = ("target_n", "slew_n_s", "feedback", "mu_hat", "margin", "needed_n")
 COMMAND = np.dtype([("mode", "i4"), *((name, "f8") for name in NUMBERS)], align=True)
 STREAM = 500
+GAIN = 0.6
+"""Of shear, as the sensors of the scenes read it."""
 Array = npt.NDArray[Any]
 
 
@@ -122,13 +124,13 @@ def records_of(senses: list[GripSense], hands: int) -> Array:
     """Records of the harness, one hand after another."""
     options = (22.0, QUICK.ceiling_n, QUICK.slew_n_s, QUICK.rise_s, QUICK.most_rise_s)
     kind = [
-        ("options", "f8", 7),
+        ("options", "f8", 8),
         ("fresh", "u1"),
         ("numbers", "f8", 4),
         ("flags", "u1", 4),
     ]
     given = np.zeros((hands, len(senses)), np.dtype(kind))
-    given["options"] = (*options, QUICK.give_back_s, QUICK.give_back_n_s)
+    given["options"] = (*options, QUICK.give_back_s, QUICK.give_back_n_s, GAIN)
     given["fresh"][:, 0] = 1
     for at, one in enumerate(senses):
         numbers = (one.grip_n, one.load_n, one.p_risky, one.p_safe)
@@ -144,7 +146,7 @@ def commanded(senses: list[GripSense], hands: int) -> Array:
     controller = CONTROLLERS["holdfast"](
         batch, RATE_HZ, CONTROLLERS["holdfast"].SETTING
     )
-    loop = GripLoop(batch, RATE_HZ, controller, QUICK)
+    loop = GripLoop(batch, RATE_HZ, controller, QUICK, GAIN)
     commands = np.zeros((hands, len(senses)), COMMAND)
     for at, one in enumerate(senses):
         commands["target_n"][:, at] = loop.step(one)

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 
 from holdfast.edge_runtime import grip_control as friction
-from holdfast.edge_runtime.grip import AnswerRules, Holdfast, WearersGrip
+from holdfast.edge_runtime.grip import AnswerRules, Holdfast, LoadSwing, WearersGrip
 from holdfast.edge_runtime.grip_control import CUE_P, LARGEST
 from holdfast.edge_runtime.model_file import ModelCard
 from holdfast.edge_runtime.supervisor import Limits
@@ -19,8 +19,13 @@ REALS = {
     "HF_FROM_P": RULES.from_p,
     "HF_FULL_P": RULES.full_p,
     "HF_YIELD_P": RULES.yield_p,
-    "HF_MOVING_N_S": RULES.moving_n_s,
-    "HF_CHANGE_S": Holdfast.RATE_S,
+    "HF_SMOOTH_S": LoadSwing.SMOOTH_S,
+    "HF_PERIOD_OF_TREMOR_S": LoadSwing.PERIOD_S,
+    "HF_MEMORY_S": LoadSwing.MEMORY_S,
+    "HF_TIMES_TREMOR": LoadSwing.TIMES,
+    "HF_LEAST_SWING_N": LoadSwing.LEAST_N,
+    "HF_SWING_SHARE": LoadSwing.SHARE,
+    "HF_SWING_GONE": LoadSwing.GONE,
     "HF_BRAKE_S": Holdfast.BRAKE_S,
     "HF_OWN_S": WearersGrip.TIME_S,
     "HF_FIRM_N": friction.FIRM_N,
@@ -34,6 +39,8 @@ REALS = {
     "HF_CUE_P": CUE_P,
 }
 """Name in C -> a number that C keeps as double."""
+SHEAR_GAIN = 1.0
+"""A file knows no sensors: who links it sets that of the calibration."""
 WHOLE = {"HF_YIELD_SAMPLES": RULES.yield_samples, "HF_RATIOS": friction.SAMPLES}
 """Name in C -> a whole number."""
 RULE_ORDER = (
@@ -75,5 +82,6 @@ def options_of(card: ModelCard) -> str:
         limits.most_rise_s,
         limits.give_back_s,
         limits.give_back_n_s,
+        SHEAR_GAIN,
     ]
     return ", ".join(number(value, "double") for value in values)

@@ -28,16 +28,20 @@ ACTIONS = [{"do": "mark", "label": "Mark", "key": MARK.decode(), "when": "always
 class RunPage:
     """The page as an output of a run: it gets every sample and gives marks.
 
-    report: gets a line for each mark. grip: the output that runs a controller; None where none
-    does.
+    report: gets a line for each mark. shear_gain: read over true, of the calibration. grip: the
+    output that runs a controller; None where none does.
     """
 
     def __init__(
-        self, link: PageLink, card: ModelCard, report: Callable[[str], None]
+        self,
+        link: PageLink,
+        card: ModelCard,
+        report: Callable[[str], None],
+        shear_gain: float = 1.0,
     ) -> None:
         self._link = link
         self._report = report
-        self._margin = FrictionMargin(ONE_HAND, card.rate_hz)
+        self._margin = FrictionMargin(ONE_HAND, card.rate_hz, shear_gain)
         self.grip: GripOutput | None = None
         self.intent: IntentMonitor | None = None
         self._lost = self._next = self._marks = 0
@@ -144,11 +148,13 @@ def open_run_page(
     card: ModelCard,
     model_name: str,
     with_grip: bool,
+    shear_gain: float,
     report: Callable[[str], None],
 ) -> RunPage:
     """The page of a run, served at [HOST:]PORT until it is closed.
 
-    source: URL of the hand; with_grip: whether a controller sends grip commands.
+    source: URL of the hand; with_grip: whether a controller sends grip commands; shear_gain: read
+    over true, of the calibration.
     Raises UsageError and OutputError.
     """
     about: Json = {
@@ -161,4 +167,4 @@ def open_run_page(
         "saves": True,
         "actions": ACTIONS,
     }
-    return RunPage(open_page(address, about, report), card, report)
+    return RunPage(open_page(address, about, report), card, report, shear_gain)

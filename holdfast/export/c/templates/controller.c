@@ -28,17 +28,37 @@ static double hf_kept_n(const holdfast_grip *own, const holdfast_sense *sense) {
     return own->given_n > 0.0 ? kept_n : 0.0;
 }
 
+/* Whether the load has changed by more than the hand's tremor can change it. */
+static int hf_beyond_tremor(holdfast_grip *own, double load_n) {
+    const double leak = 1.0 / (1.0 + HF_PERIOD_OF_TREMOR_S * HOLDFAST_RATE_HZ);
+    const double forgets = 1.0 / (1.0 + HF_MEMORY_S * HOLDFAST_RATE_HZ);
+    const double share = 1.0 / (1.0 + HF_SMOOTH_S * HOLDFAST_RATE_HZ);
+    const double smooth_n = own->load_n + share * (load_n - own->load_n);
+    const double high_n = hf_high(smooth_n, own->high_n + leak * (smooth_n - own->high_n));
+    const double low_n = hf_low(smooth_n, own->low_n + leak * (smooth_n - own->low_n));
+    const double fall_n = high_n - smooth_n;
+    const double rise_n = smooth_n - low_n;
+    const double mean_n = own->mean_n + leak * (smooth_n - own->mean_n);
+    const double most_n = hf_high(mean_n, own->most_n + forgets * (mean_n - own->most_n));
+    const double least_n = hf_high(HF_SWING_SHARE * hf_high(high_n, most_n), HF_LEAST_SWING_N);
+    const int gone = most_n - mean_n > hf_high(HF_SWING_GONE * most_n, HF_LEAST_SWING_N);
+    const int beyond_fall = fall_n > HF_TIMES_TREMOR * own->rises_n + least_n;
+    const int beyond_rise = rise_n > HF_TIMES_TREMOR * own->falls_n + least_n;
+    own->load_n = smooth_n;
+    own->high_n = high_n;
+    own->low_n = low_n;
+    own->falls_n = hf_high(fall_n, own->falls_n - forgets * own->falls_n);
+    own->rises_n = hf_high(rise_n, own->rises_n - forgets * own->rises_n);
+    own->mean_n = mean_n;
+    own->most_n = most_n;
+    return beyond_fall || beyond_rise || gone;
+}
+
 /* Whether the evidence says hand-over: safe slip, while the load changes. */
 static int hf_handed_over(holdfast_grip *own, const holdfast_sense *sense) {
-    const double share = 1.0 / (1.0 + HF_CHANGE_S * HOLDFAST_RATE_HZ);
-    const double load_n = sense->known ? sense->load_n : own->load_n;
-    const double change_n_s = (load_n - own->load_n) * HOLDFAST_RATE_HZ;
-    own->load_n = load_n;
     if (sense->known) {
-        int moving;
-        own->change_n_s = own->change_n_s + share * (change_n_s - own->change_n_s);
-        moving = own->change_n_s > HF_MOVING_N_S || own->change_n_s < -HF_MOVING_N_S;
-        own->safe_run = moving && sense->p_safe > HF_YIELD_P ? own->safe_run + 1.0 : 0.0;
+        const int beyond = hf_beyond_tremor(own, sense->load_n);
+        own->safe_run = beyond && sense->p_safe > HF_YIELD_P ? own->safe_run + 1.0 : 0.0;
     }
     return own->safe_run >= HF_YIELD_SAMPLES;
 }

@@ -28,10 +28,10 @@ static void hf_hold_ratio(holdfast_grip *own, const holdfast_sense *sense, doubl
 }
 
 /* mu_hat, margin and the needed grip after this sample. */
-static void hf_conclude(holdfast_grip *own, const holdfast_sense *sense, int firm) {
+static void hf_conclude(holdfast_grip *own, const holdfast_sense *sense, double load_n, int firm) {
     const int sure = own->slid > 0.0;
     const double lower = hf_high(hf_high(own->slid, own->held_ratio), HF_LEAST_MU);
-    const double slides_n = sense->load_n / (2.0 * lower);
+    const double slides_n = load_n / (2.0 * lower);
     own->mu_hat = sure ? lower : 0.0;
     own->needed_n = sure ? HF_SPARE * slides_n : 0.0;
     own->holds_n = sure ? own->needed_n : slides_n;
@@ -40,9 +40,10 @@ static void hf_conclude(holdfast_grip *own, const holdfast_sense *sense, int fir
 
 static void hf_step_friction(holdfast_grip *own, const holdfast_sense *sense) {
     const int firm = sense->grip_n > HF_FIRM_N && sense->known;
-    const double ratio = firm ? sense->load_n / (2.0 * hf_high(sense->grip_n, HF_FIRM_N)) : 0.0;
+    const double load_n = sense->load_n / own->options.shear_gain;
+    const double ratio = firm ? load_n / (2.0 * hf_high(sense->grip_n, HF_FIRM_N)) : 0.0;
     hf_take_ratio(own, sense, ratio);
     hf_hold_ratio(own, sense, ratio, firm);
     if (sense->empty && sense->known) own->slid = own->quiet_ratio = own->held_ratio = 0.0;
-    hf_conclude(own, sense, firm);
+    hf_conclude(own, sense, load_n, firm);
 }
