@@ -19,6 +19,7 @@ from holdfast.core.lines import Sink, stream_sink
 from holdfast.core.source import Source, SourceReading
 from holdfast.edge_runtime.commands import Command, command_port
 from holdfast.edge_runtime.engine import ModelChoice, OpenedModel
+from holdfast.edge_runtime.model_file import ModelCard
 from holdfast.edge_runtime.monitor import GripMonitor, require_fit
 from holdfast.edge_runtime.preparation import Tare
 from holdfast.live.hand_sources import open_live, shear_gain_of
@@ -159,7 +160,7 @@ class _Run:
         with ExitStack() as stack:
             # first, so that Ctrl-C while outputs are opened ends the run in order
             stopped = stack.enter_context(stop_signals())
-            self._shear_gain = self._known_shear_gain()
+            self._shear_gain = known_shear_gain(options, self._model.card, self.report)
             outputs = self._open_outputs(stack)
             command = self._open_commands(stack, outputs)
             self._open_grip(stack)
@@ -305,17 +306,6 @@ class _Run:
         if self._page:
             self._page.intent = intent
 
-    def _known_shear_gain(self) -> float:
-        """Of the calibration or the scene; 1, and a warning, where it was not measured."""
-        options = self._options
-        # only these two show friction, and raw fields have no newtons to correct
-        if not (options.grip or options.web) or self._model.card.unit != "N":
-            return 1.0
-        gain = shear_gain_of(options.source, options.calibration)
-        if gain is None:
-            self.report(NO_SHEAR_GAIN)
-        return gain or 1.0
-
     def _open_grip(self, stack: ExitStack) -> None:
         options = self._options
         card = self._model.card
@@ -359,6 +349,20 @@ class _Run:
             options.feedback, options.cues, self._clock.now_ns, self.report
         )
         close_at_end(stack, self._cues)
+
+
+def known_shear_gain(
+    options: RunOptions, card: ModelCard, report: Callable[[str], None]
+) -> float:
+    """Of the calibration or the scene; 1, and a warning, where it was not measured."""
+    # only these two show friction, and raw fields have no newtons to correct
+    if not (options.grip or options.web) or card.unit != "N":
+        return 1.0
+    gain = shear_gain_of(options.source, options.calibration)
+    if gain is None:
+        report(NO_SHEAR_GAIN)
+        return 1.0
+    return gain
 
 
 def emit_to(outputs: list[Output]) -> Emit:

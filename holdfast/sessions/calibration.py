@@ -270,7 +270,7 @@ def calibrate(
         load_unit=loads.load_unit,
     )
     # The fields are already less their rest; a hand's are not.
-    gain = _shear_gain(loads, fitted.calibration)
+    gain = measured_shear_gain(loads, fitted.calibration)
     calibration = replace(fitted.calibration, rest_ut=loads.rest_ut, shear_gain=gain)
     begin(f"{loads.name}: extra trees on {len(loads.probings)} splits, to compare with")
     trees = ModelErrors("extra trees", _trees_rmse_n(loads, seed))
@@ -278,7 +278,7 @@ def calibrate(
     return calibration, [ModelErrors("one matrix", fitted.held_out_n), trees]
 
 
-def _shear_gain(loads: LoadSet, fitted: Calibration) -> float | None:
+def measured_shear_gain(loads: LoadSet, fitted: Calibration) -> float | None:
     """Ratio of shear and normal force as read, over that of the load: the median of light touches.
 
     None where fewer than MIN_FIT_ROWS rows have both. The map is one for all loads, and silicone

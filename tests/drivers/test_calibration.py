@@ -42,8 +42,15 @@ from holdfast.drivers.calibration import (
     write_bias,
     write_calibration,
 )
-from holdfast.sessions.calibration import fit
+from holdfast.sessions.calibration import (
+    LoadSet,
+    Probing,
+    fit,
+    measured_shear_gain,
+    shear_gain_in_words,
+)
 from holdfast.sessions.known_loads import read_load_sets
+from holdfast.simulation.magnet import HEIGHT, dipole_ut, place_m, shear_gain
 from holdfast.training.datasets import data_folder
 
 FINITE = st.floats(-1e4, 1e4)
@@ -246,7 +253,8 @@ def calibrations(draw: st.DrawFn) -> Calibration:
         np.eye(3)
         + 0.1 * draw(arrays(np.float64, (n, 3, 3), elements=st.floats(-1.0, 1.0)))
     )
-    return Calibration(matrix, rest, draw(arrays(np.bool_, n)), meta)
+    gain = draw(st.none() | st.floats(0.1, 10.0))
+    return Calibration(matrix, rest, draw(arrays(np.bool_, n)), meta, gain)
 
 
 def same_bits(a: FloatArray, b: FloatArray) -> bool:
@@ -266,6 +274,7 @@ def test_a_calibration_comes_back_bit_for_bit(
         c.rest_ut is None or back.rest_ut is None or same_bits(back.rest_ut, c.rest_ut)
     )
     assert back.reversed.tolist() == c.reversed.tolist()
+    assert back.shear_gain == c.shear_gain
     np.testing.assert_array_equal(back.meta.residual_n, c.meta.residual_n)
     assert replace(back.meta, residual_n=c.meta.residual_n) == c.meta
 
@@ -333,6 +342,9 @@ BROKEN: list[tuple[dict[str, Any], type[DataError], str]] = [
     ({"n": 2.5}, NotANumber, "n is 2.5"),
     ({"n": -1}, NotANumber, "n is -1"),
     ({"source": None}, DataError, "source is None, not a text"),
+    ({"shear_gain": 0.0}, DataError, "shear_gain 0.0 is not a number from 0.1 to 10"),
+    ({"shear_gain": "1"}, DataError, "shear_gain '1' is not a number"),
+    ({"shear_gain": True}, DataError, "shear_gain True is not a number"),
 ]
 
 
@@ -350,6 +362,14 @@ def test_a_broken_calibration_is_refused_with_what_where_and_the_next_step(
     ) as caught:
         read_calibration(path)
     assert type(caught.value) is error
+
+
+def test_a_file_older_than_the_shear_gain_has_none(tmp_path: Path) -> None:
+    path = write_calibration(tmp_path / "c.json", made())
+    content = json.loads(path.read_text())
+    del content["shear_gain"]
+    path.write_text(json.dumps(content))
+    assert read_calibration(path).shear_gain is None
 
 
 @pytest.mark.parametrize(
@@ -591,8 +611,11 @@ def test_loads_in_a_csv_file_become_a_calibration(
         "--date",
         "2026-01-02",
     )
-    assert calibrate_with(tmp_path / "loads.csv", *words) == 0
+    # measured in the one case, and taken in the other
+    more = () if upside_down is None else ("--shear-gain", "0.6")
+    assert calibrate_with(tmp_path / "loads.csv", *words, *more) == 0
     c = read_calibration(tmp_path / "c.json")
+    assert c.shear_gain == pytest.approx(1.0 if upside_down is None else 0.6)
     np.testing.assert_allclose(c.matrix, matrix, atol=1e-8)
     assert c.reversed.tolist() == [False, upside_down == 1]
     assert c.rest_ut is not None
@@ -607,7 +630,43 @@ def test_loads_in_a_csv_file_become_a_calibration(
     content = json.loads((tmp_path / "f.json").read_text())["studies"][0]
     assert len(content["probings"]) == 6
     assert content["models"]["one matrix"]["normal"]["rmse_n"] < 1e-6
-    assert "6 probings, 318 rows, 2 sensors" in capsys.readouterr().out
+    assert content["shear_gain"] == c.shear_gain
+    printed = capsys.readouterr().out
+    assert "6 probings, 318 rows, 2 sensors" in printed
+    assert f"shear gain: {c.shear_gain:.3g}" in printed
+
+
+def touches(normal_only: bool = False) -> LoadSet:
+    """Presses on a sensor of the scenes, whose silicone stiffens; shear at light and firm ones."""
+    presses = []
+    for firm_n in (1.0, 14.0, 2.0, 14.0):
+        shear_n = [] if normal_only else [0.5 * firm_n]
+        rows = np.linspace(0.0, 1.0, 30)[:, None]
+        loads = [(0.0, 0.0, firm_n)]
+        loads += [(x, y, firm_n) for n in shear_n for x, y in ((n, 0.0), (0.0, -n))]
+        presses += [rows * np.array([load]) for load in loads]
+    rest_ut = dipole_ut(place_m(np.zeros((1, 3)), HEIGHT.default))[0]
+    probings = []
+    for k, force_n in enumerate(presses):
+        field_ut = dipole_ut(place_m(force_n, HEIGHT.default)) - rest_ut
+        probings.append(Probing(str(k), field_ut[:, None], force_n))
+    return LoadSet("touches", probings, "N", 1.0, None, None, [])
+
+
+def test_the_shear_gain_of_stiffening_silicone_is_that_of_light_touches() -> None:
+    loads = touches()
+    fitted = fit(loads.field_ut, loads.force_n, loads.blocks).calibration
+    gain = measured_shear_gain(loads, fitted)
+    assert gain is not None
+    assert gain == pytest.approx(shear_gain(), rel=0.1)
+    assert gain < 0.75
+
+
+def test_presses_without_shear_show_no_shear_gain() -> None:
+    sheared, straight = touches(), touches(normal_only=True)
+    fitted = fit(sheared.field_ut, sheared.force_n, sheared.blocks).calibration
+    assert measured_shear_gain(straight, fitted) is None
+    assert "not measured" in shear_gain_in_words(None)
 
 
 def test_rows_with_a_lost_value_are_left_out_and_counted(

@@ -9,6 +9,7 @@ import signal
 import socket
 import subprocess
 from collections.abc import Iterator
+from dataclasses import replace
 from http.client import HTTPConnection
 from typing import Any
 
@@ -134,6 +135,20 @@ def test_the_page_gets_every_sample_its_answer_the_margin_and_what_was_lost(
     assert samples[2]["x"] == [0.5] * 18
     assert samples[0]["answer"]["state"] == "unknown"
     assert samples[0]["grip"] == {"mu_hat": None, "margin": None, "needed_n": None}
+
+
+def test_the_page_shows_the_friction_of_the_object_and_not_of_the_sensors(model, ends):
+    ours, theirs = ends
+    page = RunPage(PageLink(ours, print), model.card, print, 0.5)
+    monitor = GripMonitor(model, None)
+    # 1 N a side and 0.6 N along the skin, as sensors read it that see half of the shear
+    values = np.tile([0.1, 0.0, 2.0 / 6.0], 6)
+    for k in range(10):
+        sample = Sample(k * 6_666_667, values, VALID, k)
+        slips = replace(monitor.feed(sample), p_risky=1.0, state="risky_slip")
+        page.write(slips, sample, READING)
+    newest = received(theirs)[-1]["sample"]["grip"]
+    assert newest["mu_hat"] == pytest.approx(0.6)
 
 
 def test_a_mark_of_the_page_is_the_sample_at_which_the_loop_saw_it(model, ends):

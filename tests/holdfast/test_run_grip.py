@@ -12,6 +12,7 @@ from dataclasses import replace
 from typing import Any
 from unittest.mock import Mock
 
+import numpy as np
 import pytest
 from grip_bench import TtyReceiver, UdpReceiver, wait_for_the_end_of
 from hazard_marks import DEAD_LOG, LOST_SENSOR, NO_GRIP_COMMAND, RUN_DIES
@@ -19,14 +20,27 @@ from live_bench import ROOT, RUN, closing_output
 from packages import package_of
 
 from holdfast.core.errors import ChannelError, UsageError
+from holdfast.drivers.calibration import (
+    Calibration,
+    CalibrationOrigin,
+    write_calibration,
+)
 from holdfast.drivers.virtual.clock import VirtualClock
+from holdfast.edge_runtime.engine import ModelChoice
 from holdfast.edge_runtime.grip import CONTROLLERS
 from holdfast.edge_runtime.model import Model
 from holdfast.edge_runtime.supervisor import GripCommand
 from holdfast.live.grip import GripOutput, controller_for, grip_to_scene, grip_to_wire
-from holdfast.live.hand_sources import open_live
-from holdfast.live.run import answer, emit_to
-from holdfast.live.scene import drive_of
+from holdfast.live.hand_sources import open_live, planned_scene, shear_gain_of
+from holdfast.live.run import (
+    NO_SHEAR_GAIN,
+    RunOptions,
+    answer,
+    emit_to,
+    known_shear_gain,
+)
+from holdfast.live.scene import ROWS_HZ, STEP_S, drive_of
+from holdfast.simulation.magnet import shear_gain as magnet_gain
 
 PERIOD_NS = 1e9 / 150
 REST = "virtual://ft232h"
@@ -153,6 +167,13 @@ def test_an_error_in_the_loop_ends_with_a_hold_that_says_failed(model, receiver)
 
 # -- the scene in the loop
 
+NOTHING = """
+[record]
+rate_hz = 150
+[[trials]]
+action = "nothing"
+lasts_s = 0.5
+"""
 FALL = """
 [record]
 rate_hz = 150
@@ -179,7 +200,9 @@ def test_an_object_that_would_fall_stays_in_the_hand_by_the_commands(
     url = f"virtual://ft232h?scene={tmp_path / 'fall.toml'}&seed=1"
     messages: list[str] = []
     clock = VirtualClock()
-    control = controller_for(controller, model.card, print)
+    gain = shear_gain_of(url, None)
+    assert gain is not None
+    control = controller_for(controller, model.card, print, shear_gain=gain)
     grip = grip_to_scene(
         "virtual?lag_ms=50", url, control, None, clock, messages.append
     )
@@ -190,6 +213,49 @@ def test_an_object_that_would_fall_stays_in_the_hand_by_the_commands(
     assert outcome.kept == kept
     assert messages[-1].startswith("scene: the object " + ("is in" if kept else "left"))
     assert outcome.strongest_n > outcome.wearers_n or not kept
+    if kept:
+        _shows_the_friction(grip, url, gain)
+
+
+def _shows_the_friction(grip: GripOutput, url: str, gain: float) -> None:
+    """Within 15 % of the scene's; without the gain of its sensors it would be 0.6 of it."""
+    planned = planned_scene(url, ROWS_HZ, STEP_S)
+    assert planned is not None
+    assert grip.newest is not None
+    assert grip.newest.mu_hat == pytest.approx(planned[1].kinetic_friction, rel=0.15)
+    assert gain * grip.newest.mu_hat < 0.7 * planned[1].kinetic_friction
+
+
+def test_the_shear_gain_is_that_of_the_calibration_or_of_the_scenes_sensors(
+    model, tmp_path
+):
+    meta = CalibrationOrigin("loads", "2026-11-23", "N", 9, np.zeros((6, 3)))
+    matrix = np.tile(np.eye(3), (6, 1, 1))
+    known = Calibration(matrix, None, np.zeros(6, bool), meta, 0.8)
+    path = write_calibration(tmp_path / "c.json", known)
+    assert shear_gain_of("usb://ft232h", path) == 0.8
+    assert shear_gain_of(REST, None) == magnet_gain()
+    assert shear_gain_of("usb://ft232h", None) is None
+    for effects, gain in (("[effects.dipole]\n", magnet_gain()), ("", 1.0)):
+        scene = tmp_path / "scene.toml"
+        scene.write_text(NOTHING + effects, encoding="utf-8")
+        assert shear_gain_of(f"sim://{scene}?trial=0&seed={len(effects)}", None) == gain
+
+
+def test_a_run_warns_where_the_shear_gain_was_never_measured(model, tmp_path):
+    said: list[str] = []
+    options = RunOptions(
+        ModelChoice("models/holdfast-150hz.onnx"), "usb://ft232h", grip="udp://x:1"
+    )
+    assert known_shear_gain(options, model.card, said.append) == 1.0
+    assert said == [NO_SHEAR_GAIN]
+    quiet = replace(options, grip=None)
+    assert known_shear_gain(quiet, model.card, said.append) == 1.0
+    fields = replace(model.card, unit="uT")
+    assert known_shear_gain(options, fields, said.append) == 1.0
+    virtual = replace(options, source=REST, grip=None, web="0")
+    assert known_shear_gain(virtual, model.card, said.append) == magnet_gain()
+    assert len(said) == 1
 
 
 def test_a_run_with_a_scene_says_what_became_of_the_object(tmp_path):
@@ -207,8 +273,7 @@ def test_a_run_with_a_scene_says_what_became_of_the_object(tmp_path):
 
 
 def test_a_scene_without_commands_is_the_recorded_one(tmp_path):
-    from holdfast.live.hand_sources import planned_scene
-    from holdfast.live.scene import ROWS_HZ, STEP_S, live_scene
+    from holdfast.live.scene import live_scene
 
     (tmp_path / "fall.toml").write_text(FALL, encoding="utf-8")
     url = f"virtual://ft232h?scene={tmp_path / 'fall.toml'}&seed=1"
