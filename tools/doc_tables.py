@@ -71,7 +71,10 @@ SOURCES: dict[str, dict[str, str]] = {
         "before": "docs/measured/world-d86a7e638b14.json",
         "world": "build/world/world.json",
     },
-    "docs/shared-control.md": {"loop": "build/loop/loop.json"},
+    "docs/shared-control.md": {
+        "loop": "build/loop/loop.json",
+        "before": "docs/measured/loop-d86a7e638b14.json",
+    },
     "docs/transfer.md": {"transfer": "build/transfer/transfer.json"},
     "docs/what-accuracy-costs.md": {
         "cost": "build/bench/cost.json",

@@ -249,6 +249,22 @@ def worst_of_unseen(rows: Rows) -> list[Json]:
     ]
 
 
+def before_and_now(before: Rows, rows: Rows) -> list[tuple[Json, Json]]:
+    """Rows of our controller that were measured before and now: the same set, part and tremor."""
+
+    def key(row: Json) -> tuple[Any, ...]:
+        return row["part"], row["set"], row.get("tremor_m_s2", 0.0)
+
+    parts = ("table", "tremor")
+    ours = [row for row in rows if row["controller"] == OUR_CONTROLLER]
+    now = {key(row): row for row in ours if row["part"] in parts}
+    pairs = []
+    for row in before:
+        if row["controller"] == OUR_CONTROLLER and key(row) in now:
+            pairs.append((row, now[key(row)]))
+    return pairs
+
+
 def reference_point(cost: Json) -> Json:
     """The row of the surface that all others change one choice of."""
     return _points(cost)["scenes", REFERENCE]
@@ -286,6 +302,7 @@ def _points(cost: Json) -> dict[tuple[str, str], Json]:
 
 FUNCTIONS: dict[str, Callable[..., Any] | object] = {
     "averaged_over": over,
+    "before_and_now": before_and_now,
     "by_delay": by_delay,
     "calibration_error_n": residual_n,
     "cost_front": cost_front,

@@ -40,6 +40,7 @@ ROW_KEYS = (
     "tremor_m_s2",
 )
 """What a row measures: two runs have it once."""
+BEFORE = Path("docs/measured/loop-d86a7e638b14.json")
 FIGURE = Path("docs/shared-control.svg")
 
 
@@ -106,7 +107,7 @@ def run(args: argparse.Namespace) -> int:
         figures = merged(read_json(args.out / "loop.json"), figures)
     path = write_figures(args.out / "loop.json", figures)
     if args.page:
-        fill(PAGE, tables_of(PAGE, {"loop": figures}))
+        fill(PAGE, tables_of(PAGE, {"loop": figures, **_before()}))
     if args.page and any(row.part == "curve" for row in wanted):
         write_whole(FIGURE, for_any_page(picture(figures)) + "\n")
     sys.stdout.write(f"{path}\n")
@@ -135,6 +136,11 @@ def merged(earlier: Json, figures: Json) -> Json:
         said = dict.fromkeys([earlier.get(key), figures.get(key)])
         both[key] = "; ".join(one for one in said if one)
     return {**figures, **both}
+
+
+def _before() -> dict[str, Json]:
+    """The figures before the mends, which stay beside the new ones."""
+    return {"before": read_json(BEFORE)} if BEFORE.is_file() else {}
 
 
 def _locked_on(seed: int) -> str | None:

@@ -13,6 +13,7 @@ from studies.shared_control.plan import LAGS_MS, OURS, PARTS, SEED, SETTINGS, ro
 from studies.shared_control.program import PAGE, _chosen, _locked_on, merged
 from studies.shared_control.targets import TARGETS, target_rows
 from tools.doc_tables import tables_of
+from tools.table_rows import before_and_now
 
 
 def row(part: str, name: str, controller: str, **figures: Any) -> dict[str, Any]:
@@ -143,6 +144,22 @@ def test_a_run_in_parts_keeps_the_rows_that_it_does_not_measure_again() -> None:
     assert both["command"] == "a; b"
     with pytest.raises(UsageError, match="earlier rows have seed 7001, these have 100"):
         merged(earlier, {**facts, "seed": 100, "command": "b", "rows": []})
+
+
+def test_the_figures_before_a_mend_stay_beside_the_new_ones() -> None:
+    counts = {"saved": 1, "preventable": 4, "blocked": 0, "handovers": 5}
+    counts |= {"extra_delay_ms_p95": 10.0, "tremor_m_s2": 2.0}
+    old = row("tremor", "author", OURS, saved_share=0.25, **counts)
+    new = row("tremor", "author", OURS, saved_share=0.75, **(counts | {"saved": 3}))
+    other = row("tremor", "author", OURS, **(counts | {"tremor_m_s2": 3.0}))
+    assert before_and_now([old, other], [new]) == [(old, new)]
+    none = dict.fromkeys(("count", "of"), 0) | dict.fromkeys(("share", "share_ci"))
+    new |= {"saved_of_drops": none, "extra_delay_ms_p50": 1.0}
+    new |= {"tightenings_per_min": 1.0}
+    figures: Any = {"loop": {"rows": [new]}, "before": {"rows": [old]}}
+    made = tables_of(PAGE, figures)["mended"]
+    assert "| 1 of 4: 0.25" in made
+    assert "| 3 of 4: 0.75" in made
 
 
 def test_every_set_has_the_seed_that_was_asked_for() -> None:
