@@ -282,12 +282,11 @@ def read_calibration(path: str | Path) -> Calibration:
 
 def _gain_in(file: _File) -> float | None:
     """The shear gain; None in files that are older than it. Raises DataError."""
-    if not file.has("shear_gain") or file.value("shear_gain") is None:
+    gain = file.value("shear_gain") if file.has("shear_gain") else None
+    if gain is None:
         return None
-    gain = file.value("shear_gain")
     low, high = GAINS
-    number = isinstance(gain, (int, float)) and not isinstance(gain, bool)
-    if not number or not low <= gain <= high:
+    if type(gain) not in (int, float) or not low <= gain <= high:
         what = f"shear_gain {gain!r:.40} is not a number from {low:g} to {high:g}"
         raise file.wrong(DataError, what)
     return float(gain)

@@ -405,9 +405,9 @@ def shear_gain_of(url: str, calibration: Path | None) -> float | None:
         return shear_gain()
     if not url.startswith(SIM):
         return None
-    from holdfast.simulation.closed_loop import shear_gain_in
+    from holdfast.simulation.magnet import shear_gain_in
 
-    return shear_gain_in(simulated_scene(url))
+    return shear_gain_in(simulated_scene(url).file.effects)
 
 
 def _scene_force() -> ToForce:

@@ -32,7 +32,7 @@ from holdfast.simulation.effect import stream
 from holdfast.simulation.loop_people import Habits, LoopOutcome, Wearer, outcome_of
 from holdfast.simulation.loop_physics import HandsAndObjects, Spans
 from holdfast.simulation.loop_sensing import Between, HandModels, sensors_of
-from holdfast.simulation.magnet import shear_gain
+from holdfast.simulation.magnet import shear_gain_in
 from holdfast.simulation.protocol import (
     ACTION_MODULES,
     GRAVITY_M_S2,
@@ -409,12 +409,6 @@ class Vibration:
         return np.where(acts, self.needed_n, 0.0)
 
 
-def shear_gain_in(scene: Scene) -> float:
-    """Ratio of shear and normal force as a scene's sensors read it, over the true one."""
-    # A calibrated magnet reads too little shear; an ideal sensor does not.
-    return shear_gain() if "dipole" in scene.file.effects else 1.0
-
-
 def managed(
     scene: Scene,
     name: str,
@@ -423,7 +417,7 @@ def managed(
     limits: Limits | None = None,
 ) -> Callable[[Sequence[PlannedTrial], float], Managed]:
     """A maker of the named controller; rules: of holdfast, for a study of its parts."""
-    gain = shear_gain_in(scene)
+    gain = shear_gain_in(scene.file.effects)
 
     def make(trials: Sequence[PlannedTrial], rate_hz: float) -> Managed:
         batch: Batch = ManyHands(len(trials))

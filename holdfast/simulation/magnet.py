@@ -5,7 +5,7 @@ And from field back to newtons as in the thesis: one linear map for all sensors,
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from dataclasses import replace
 from functools import cache
 
@@ -330,3 +330,9 @@ def shear_gain() -> float:
     touch_n = np.array([[0.5, 0.0, 1.0]])
     shear_n, _, normal_n = _read_n(touch_n)[0]
     return float(shear_n / (0.5 * normal_n))
+
+
+def shear_gain_in(effects: Container[str]) -> float:
+    """The same of the sensors of a scene with these effects."""
+    # A calibrated magnet reads too little shear; an ideal sensor does not.
+    return shear_gain() if "dipole" in effects else 1.0

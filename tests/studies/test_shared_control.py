@@ -147,7 +147,8 @@ def test_a_run_in_parts_keeps_the_rows_that_it_does_not_measure_again() -> None:
 
 
 def test_the_figures_before_a_mend_stay_beside_the_new_ones() -> None:
-    counts = {"saved": 1, "preventable": 4, "blocked": 0, "handovers": 5}
+    counts: dict[str, Any] = {"saved": 1, "preventable": 4}
+    counts |= {"blocked": 0, "handovers": 5}
     counts |= {"extra_delay_ms_p95": 10.0, "tremor_m_s2": 2.0}
     old = row("tremor", "author", OURS, saved_share=0.25, **counts)
     new = row("tremor", "author", OURS, saved_share=0.75, **(counts | {"saved": 3}))
