@@ -140,7 +140,8 @@ class _Run:
         self._view: View | None = None
         self._page: RunPage | None = None
         self._grip: GripOutput | None = None
-        self._shear_gain = 1.0
+        # read over true; None where never measured
+        self._shear_gain: float | None = 1.0
         self._cues: CueOutput | None = None
 
     def report(self, text: str) -> None:
@@ -160,7 +161,7 @@ class _Run:
         with ExitStack() as stack:
             # first, so that Ctrl-C while outputs are opened ends the run in order
             stopped = stack.enter_context(stop_signals())
-            self._shear_gain = known_shear_gain(options, self._model.card, self.report)
+            self._shear_gain = known_shear_gain(options, self._model.card)
             outputs = self._open_outputs(stack)
             command = self._open_commands(stack, outputs)
             self._open_grip(stack)
@@ -192,6 +193,8 @@ class _Run:
                 resting = resting_of(options.bias, source)
                 if resting is None:
                     self.report(UNLOADED)
+                if self._shear_gain is None:
+                    self.report(NO_SHEAR_GAIN)
                 summary = answer(
                     source,
                     self._model,
@@ -248,7 +251,7 @@ class _Run:
                 card=card,
                 model_name=name,
                 with_grip=options.grip is not None,
-                shear_gain=self._shear_gain,
+                shear_gain=self._shear_gain or 1.0,
                 report=self.report,
             )
             close_at_end(stack, self._page)
@@ -318,7 +321,7 @@ class _Run:
             card,
             self.report,
             ceiling_n=options.ceiling,
-            shear_gain=self._shear_gain,
+            shear_gain=self._shear_gain or 1.0,
         )
         # the scene's hand is part of the source, so its commands go through no wire
         if options.moves_scene:
@@ -351,18 +354,12 @@ class _Run:
         close_at_end(stack, self._cues)
 
 
-def known_shear_gain(
-    options: RunOptions, card: ModelCard, report: Callable[[str], None]
-) -> float:
-    """Of the calibration or the scene; 1, and a warning, where it was not measured."""
+def known_shear_gain(options: RunOptions, card: ModelCard) -> float | None:
+    """Of the calibration or the scene; None where it was never measured."""
     # only these two show friction, and raw fields have no newtons to correct
     if not (options.grip or options.web) or card.unit != "N":
         return 1.0
-    gain = shear_gain_of(options.source, options.calibration)
-    if gain is None:
-        report(NO_SHEAR_GAIN)
-        return 1.0
-    return gain
+    return shear_gain_of(options.source, options.calibration)
 
 
 def emit_to(outputs: list[Output]) -> Emit:

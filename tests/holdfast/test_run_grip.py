@@ -19,6 +19,7 @@ from hazard_marks import DEAD_LOG, LOST_SENSOR, NO_GRIP_COMMAND, RUN_DIES
 from live_bench import ROOT, RUN, closing_output
 from packages import package_of
 
+from holdfast.core.contract import channel_names
 from holdfast.core.errors import ChannelError, UsageError
 from holdfast.drivers.calibration import (
     Calibration,
@@ -248,20 +249,29 @@ def test_the_shear_gain_is_that_of_the_calibration_or_of_the_scenes_sensors(
         assert shear_gain_of(f"sim://{scene}?trial=0&seed={len(effects)}", None) == gain
 
 
-def test_a_run_warns_where_the_shear_gain_was_never_measured(model, tmp_path):
-    said: list[str] = []
-    options = RunOptions(
-        ModelChoice("models/holdfast-150hz.onnx"), "usb://ft232h", grip="udp://x:1"
+def test_a_run_knows_no_shear_gain_of_a_hand_without_a_calibration(model):
+    card = model.card
+    choice = ModelChoice("models/holdfast-150hz.onnx")
+    options = RunOptions(choice, "usb://ft232h", grip="udp://127.0.0.1:1")
+    assert known_shear_gain(options, card) is None
+    # a virtual hand has that of its scene; without grip or page nothing shows friction
+    assert known_shear_gain(replace(options, source=REST), card) == magnet_gain()
+    assert known_shear_gain(replace(options, grip=None), card) == 1.0
+    assert known_shear_gain(options, replace(card, unit="uT")) == 1.0
+
+
+def test_a_run_on_a_recording_warns_that_the_shear_gain_is_not_known(
+    receiver, tmp_path
+):
+    rows = ["Time," + ",".join(channel_names(6))]
+    rows += [f"{k / 150:.6f}" + ",0.1" * 18 for k in range(30)]
+    path = tmp_path / "rows.csv"
+    path.write_text("\n".join(rows) + "\n", encoding="utf-8")
+    words = [*RUN[:-1], str(path), "--grip", receiver.url, "--quiet"]
+    done = subprocess.run(
+        words, cwd=ROOT, capture_output=True, text=True, timeout=300, check=False
     )
-    assert known_shear_gain(options, model.card, said.append) == 1.0
-    assert said == [NO_SHEAR_GAIN]
-    quiet = replace(options, grip=None)
-    assert known_shear_gain(quiet, model.card, said.append) == 1.0
-    fields = replace(model.card, unit="uT")
-    assert known_shear_gain(options, fields, said.append) == 1.0
-    virtual = replace(options, source=REST, grip=None, web="0")
-    assert known_shear_gain(virtual, model.card, said.append) == magnet_gain()
-    assert len(said) == 1
+    assert NO_SHEAR_GAIN in done.stderr
 
 
 def test_a_run_with_a_scene_says_what_became_of_the_object(tmp_path):
