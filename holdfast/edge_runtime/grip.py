@@ -240,8 +240,11 @@ class LoadSwing:
     MEMORY_S = 1.0
     """Two close frequencies beat: a tremor is not forgotten while it wanes."""
     TIMES = 1.2
+    """A tremor that grows exceeds its last period by this much, or less."""
     LEAST_N = 0.15
+    """Below it a change of the sum of six fingers is noise."""
     SHARE = 0.2
+    """Of the load: what another person takes in a quarter of a second, and pouring does not."""
     GONE = 0.5
     """Share of the mean load."""
 
@@ -270,6 +273,7 @@ class LoadSwing:
 
         fall_n = high_n - smooth_n
         rise_n = smooth_n - low_n
+        # Before this sample, so that a change is not compared with itself.
         mean_n, most_n = self._means_n(smooth_n)
         share_n = self.SHARE * batch.most(high_n, most_n)
         least_n = batch.most(share_n, self.LEAST_N)
@@ -277,6 +281,7 @@ class LoadSwing:
         beyond_rise = rise_n > self.TIMES * self._falls_n + least_n
         gone = most_n - mean_n > batch.most(self.GONE * most_n, self.LEAST_N)
 
+        # What is remembered shrinks slowly, and grows at once.
         falls_n = batch.most(fall_n, self._falls_n - self._forgets * self._falls_n)
         rises_n = batch.most(rise_n, self._rises_n - self._forgets * self._rises_n)
         self._load_n = batch.choose(known, smooth_n, self._load_n)

@@ -356,6 +356,7 @@ class _Run:
 
 def known_shear_gain(options: RunOptions, card: ModelCard) -> float | None:
     """Of the calibration or the scene; None where it was never measured."""
+    # A calibration file may be older than its gain, and a bare hand has no calibration at all.
     # only these two show friction, and raw fields have no newtons to correct
     if not (options.grip or options.web) or card.unit != "N":
         return 1.0
