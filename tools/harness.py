@@ -133,7 +133,7 @@ def _start_program(
             type=seed,
             default=0,
             metavar="S",
-            help="seed of every random choice (default 0)",
+            help="seed of every random choice (default %(default)s)",
         )
         module.add_arguments(parser)
 

@@ -13,6 +13,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Sequence
+from datetime import UTC, datetime
 from pathlib import Path
 
 from holdfast.cli.command import path_argument
@@ -30,6 +31,7 @@ from holdfast.evaluation.closed_loop import LoopRuns
 from holdfast.evaluation.jobs import Workers
 from holdfast.evaluation.style import for_any_page
 from holdfast.simulation.closed_loop import model_of
+from holdfast.simulation.scene_file import read_scene_file
 from holdfast.training.progress import counted
 from studies.distortions.closed_loop import (
     CONTROLLER,
@@ -40,7 +42,7 @@ from studies.distortions.closed_loop import (
 from studies.distortions.open_loop import OpenJob, OpenOutcomes, open_figures
 from studies.distortions.picture import picture
 from studies.distortions.quiet_hand import QuietJob, quiet_rows
-from studies.distortions.table import DISTORTIONS, UNCHANGED, Distortion
+from studies.distortions.table import DISTORTIONS, TRIALS, UNCHANGED, Distortion
 from tools.doc_tables import SOURCES, fill, tables_of
 from tools.harness import write_figures
 
@@ -100,6 +102,8 @@ def run(args: argparse.Namespace) -> int:
         "engine": args.engine,
         "seed": args.seed,
         "trials": args.trials,
+        "card_sha256": study.card_sha256,
+        "date": datetime.now(UTC).date().isoformat(),
         "commit": _commit(),
         "controller": CONTROLLER,
         "minutes": (time.monotonic() - started) / 60.0,
@@ -164,8 +168,10 @@ class Study:
         self.cards_folder = out / "cards"
         self.rows_folder.mkdir(parents=True, exist_ok=True)
         self.cards_folder.mkdir(parents=True, exist_ok=True)
-        # A row of another model, seed or size is no row of this study.
+        self.card_sha256 = read_scene_file(str(TRIALS)).sha256
+        # A row of another model, set or seed is no row of this study.
         self._key = {
+            "card": self.card_sha256,
             "model": self.model_id,
             "engine": model.engine,
             "trials": trials,

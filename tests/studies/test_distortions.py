@@ -241,13 +241,14 @@ def test_a_loop_meets_the_very_readings_of_the_recording(
     distortion = by_name()[name]
     # Two pulls of other lengths.
     trials = [one for one in scene.trials(12) if one.action == "pull"][:2]
-    counts = np.array([300, 260])
-    forces_n = np.abs(readings()[:300, None]) + np.array([0.0, 0.5])[:, None, None]
+    # Faults begin at 2.6 s at the latest.
+    counts = np.array([420, 400])
+    forces_n = np.abs(readings()[:420, None]) + np.array([0.0, 0.5])[:, None, None]
     sensors = LoopSensors(scene, trials, counts)
     reader = BetweenByName(name)(sensors, trials, counts)
 
     in_loop = []
-    for k in range(300):
+    for k in range(420):
         rows = np.minimum(k, counts - 1)
         now, _ = reader.read(rows, forces_n[rows, np.arange(2)])
         in_loop.append(now)
