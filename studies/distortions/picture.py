@@ -31,6 +31,8 @@ def picture(figures: Json, before: Json) -> str:
                 there = [older.get(row["name"]) for row in rows]
                 _dots(axes, there, key, QUIET, f"before: {before['model']}")
             _dots(axes, rows, key, OURS, f"model {figures['model']}")
+            if key == "saved_share":
+                _untightened(axes, rows)
             _bound(axes, rows[0][key])
             axes.set_title(title, fontsize=10, loc="left")
         first = panels[0]
@@ -59,6 +61,16 @@ def _dots(
         # One entry in the legend for all dots of a model.
         name = label if place == 0 else None
         axes.plot(row[key], place, "o", color=colour, markersize=4.5, label=name)
+
+
+def _untightened(axes: Axes, rows: Sequence[Json]) -> None:
+    """An open diamond: drops saved in holds without an earlier tightening."""
+    for place, row in enumerate(rows):
+        counted = row["saved_untightened"]
+        if counted and counted["of"]:
+            axes.plot(
+                counted["share"], place, "D", color=INK, fillstyle="none", markersize=6
+            )
 
 
 def _bound(axes: Axes, unchanged: float | None) -> None:

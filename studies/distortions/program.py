@@ -35,6 +35,7 @@ from holdfast.simulation.scene_file import read_scene_file
 from holdfast.training.progress import counted
 from studies.distortions.closed_loop import (
     CONTROLLER,
+    NOT_RUN,
     closed_figures,
     closed_outcomes,
     loop_run,
@@ -75,6 +76,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_job_options(parser, 2)
     option("--only", nargs="+", metavar="NAME", help="rows by their names")
     option("--again", action="store_true", help="measure every row again")
+    kept = "measure nothing: write the rows that are there, without a closed loop if it is missing"
+    option("--kept", action="store_true", help=kept)
     option(
         "--page",
         action="store_true",
@@ -94,7 +97,9 @@ def run(args: argparse.Namespace) -> int:
     if args.again:
         shutil.rmtree(study.rows_folder, ignore_errors=True)
 
-    rows = study.rows(wanted)
+    if args.kept:
+        wanted = [one for one in wanted if study.has_open_loop(one)]
+    rows = study.rows(wanted, measures=not args.kept)
     figures = {
         "kind": "simulated",
         "command": "make distortions",
@@ -178,10 +183,19 @@ class Study:
             "seed": seed,
         }
 
-    def rows(self, wanted: Sequence[Distortion]) -> list[Json]:
-        """The rows in their order."""
+    def has_open_loop(self, one: Distortion) -> bool:
+        """Whether the open-loop part of a row is there."""
+        return self._read(one, "open") is not None
+
+    def rows(
+        self, wanted: Sequence[Distortion], *, measures: bool = True
+    ) -> list[Json]:
+        """The rows in their order. measures: run what is missing; else it has no figures."""
         open_loop = self._open_loop(wanted)
-        closed = self._closed_loop(wanted)
+        closed = self._closed_loop(wanted if measures else [])
+        if not measures:
+            for one in wanted:
+                closed[one.name] = self._read(one, "closed") or NOT_RUN
         unchanged = open_loop[UNCHANGED]
         saved = closed[UNCHANGED]
         rows = []
@@ -194,12 +208,17 @@ class Study:
 
     def quiet(self) -> list[Json]:
         """The rows of the quiet hand."""
+        kept = self._read_file(self.rows_folder / "quiet.json")
+        figures: list[Json] = []
+        if kept is not None:
+            figures = kept["rows"]
+            return figures
         jobs = [QuietJob(self.model, row, self.seed) for row in quiet_rows()]
-        figures = []
         with counted("quiet hands, a minute each", len(jobs)) as done:
             for number, one in enumerate(self.workers.run(jobs), 1):
                 figures.append(one)
                 done(number)
+        self._write_file(self.rows_folder / "quiet.json", {"rows": figures})
         return figures
 
     def _open_loop(self, wanted: Sequence[Distortion]) -> dict[str, OpenOutcomes]:
@@ -248,7 +267,12 @@ class Study:
 
     def _read(self, one: Distortion, part: str) -> Json | None:
         """What was kept of a row; None where it is of another study, or was never measured."""
-        path = self.rows_folder / f"{one.name}.{part}.json"
+        return self._read_file(self.rows_folder / f"{one.name}.{part}.json")
+
+    def _write(self, name: str, part: str, figures: Json) -> None:
+        self._write_file(self.rows_folder / f"{name}.{part}.json", figures)
+
+    def _read_file(self, path: Path) -> Json | None:
         if not path.is_file():
             return None
         kept = json.loads(path.read_text("utf-8"))
@@ -257,7 +281,6 @@ class Study:
         figures: Json = kept["figures"]
         return figures
 
-    def _write(self, name: str, part: str, figures: Json) -> None:
+    def _write_file(self, path: Path, figures: Json) -> None:
         content = {"key": self._key, "figures": figures}
-        path = self.rows_folder / f"{name}.{part}.json"
         write_whole(path, json.dumps(content) + "\n")

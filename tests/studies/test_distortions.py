@@ -331,6 +331,7 @@ def figures(model: str, found: int) -> dict[str, Any]:
     of_loop = {
         "saved_share": 0.9,
         "saved_share_ci": [0.8, 1.0],
+        "saved_untightened": {"count": 8, "of": 10, "share": 0.8},
         "blocked_share": 0.0,
         "blocked_share_ci": [0.0, 0.1],
     }
@@ -366,6 +367,7 @@ def test_the_page_shows_two_models_side_by_side_and_one_alone() -> None:
     both = tables_of("docs/distortions.md", {"before": old, "distortions": new})
     assert "| hand turned | 0.20 | 0.97 |" in both["distortions-before"]
     assert "| hand turned | 0.97 (0.91 to 0.99), -0.01 |" in both["distortions"]
+    assert "| 0.9 (0.80 to 1.00); 8 of 10 |" in both["distortions"]
     alone = tables_of("docs/distortions.md", {"before": old, "distortions": old})
     assert "no other column" in alone["distortions-before"]
     assert len(pairs_by_name(old["rows"], new["rows"])) == 2
