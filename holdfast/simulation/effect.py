@@ -354,6 +354,11 @@ class PhysicsEffect:
         """Largest acceleration that a hold has to bear; a blow such as a knock is no part of it."""
         return 0.0
 
+    @staticmethod
+    def lever_m(drawn: Drawn) -> float:
+        """How far from the grip the load of a hold acts."""
+        return 0.0
+
 
 @dataclass(frozen=True)
 class PhysicsEffects:

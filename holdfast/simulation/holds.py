@@ -5,13 +5,16 @@ loaded only then. They have a random stream of their own.
 
 The friction used in a hold counts the hold's largest load:
 
-    used = shear / (mu normal),  shear = load / (1 - normal / (R k))
+    used = shear / (mu normal),  shear = load / (1 - normal / (R k)) + lean normal
 
-load is the largest one along the skin, m (g sqrt(1 - s^2) + a): m the mass, s the share of gravity
-along the thumb's axis, a the largest acceleration of the hand by tremor and arm. mu is the static
-coefficient. A curved object that yields by d is pushed further by normal d / R (core.py), R its
-radius across the grip and k the stiffness of all fingers along the skin. A load of L along the
-thumb's axis changes the normals' sum, for the fingers are stiffer than the thumb:
+load is the largest one along the skin, m (g sqrt(1 - s^2) + a) sqrt(1 + (d / r)^2): m the mass, s
+the share of gravity along the thumb's axis, a the largest acceleration of the hand by tremor, arm,
+lifting and walking, d the distance of the centre of mass from the middle of the grip (the effect
+`rotation`), r the mean distance of the contacts from it. lean is what fingers beside the apex of a
+curved surface push along the skin, over normal. mu is the static coefficient. A curved object that
+yields is pushed further by normal / R (core.py), R its radius across the grip, k the stiffness of
+all fingers along the skin. A load of L along the thumb's axis changes the normals' sum, for the
+fingers are stiffer than the thumb:
 
     normal = 2 grip + c L,  c = (fingers - thumb) / (fingers + thumb)
 
@@ -34,7 +37,12 @@ from holdfast.core.errors import HoldfastError
 from holdfast.core.trial_layout import is_heavy
 from holdfast.simulation.effect import Parameter, draw_all
 from holdfast.simulation.objects import OBJECT_KEYS
-from holdfast.simulation.protocol import GRAVITY_M_S2, PlannedTrial, least_grip_n
+from holdfast.simulation.protocol import (
+    GRAVITY_M_S2,
+    PlannedTrial,
+    action_module,
+    least_grip_n,
+)
 
 LEAST_N = 0.5
 """The weakest grip of either side."""
@@ -75,15 +83,31 @@ HOLD = {
 """Further parameters of every action, drawn only where a row names them."""
 
 
+@dataclass
+class HandMotion:
+    """What a hold has to bear besides the weight, from the draws of the scene's effects.
+
+    peak_m_s2  largest acceleration of the hand, in any direction
+    lever_m    distance of the centre of mass from the middle of the grip
+    """
+
+    peak_m_s2: float = 0.0
+    lever_m: float = 0.0
+
+
+STILL = HandMotion()
+"""Of a hand that does not move, and an object held at its centre of mass."""
+
+
 def in_hold(
     trial: PlannedTrial,
     values: Mapping[str, Any],
     rng: np.random.Generator,
-    shake_m_s2: float,
+    motion: HandMotion,
 ) -> PlannedTrial:
     """A trial with what its row draws for the hold, drawn until its grip is possible.
 
-    rng: the hold's stream in the trial; shake_m_s2: the largest acceleration of the hand. Raises
+    rng: the hold's stream in the trial; motion: what the hand does in the hold. Raises
     HoldfastError where no draw is possible.
     """
     table = {name: HOLD[name] for name in HOLD if name in values}
@@ -93,9 +117,9 @@ def in_hold(
         if "used" not in table:
             return _named(tried)
 
-        grip_n = _weak_n(tried) if tried.supported else _firm_n(tried, shake_m_s2)
+        grip_n = _weak_n(tried) if tried.supported else _firm_n(tried, motion)
         if LEAST_N <= grip_n <= MOST_N:
-            used = used_friction(tried, grip_n, shake_m_s2)
+            used = used_friction(tried, grip_n, motion)
             drawn = tried.drawn | {"used": used}
             held = replace(tried, grip_n=grip_n, drawn=drawn, refused=refused)
             return _named(held)
@@ -148,45 +172,83 @@ def _direction(
 
 @dataclass(frozen=True)
 class _Loads:
-    """Of a hold, N.
+    """Of a hold, N, but for the last.
 
     skin     largest load along the skin
     axis     largest load along the thumb's axis
     stiffer  what the axial load adds to the sum of the normals at least, below 0: takes away
     bound    R k: the sum of the normals that pushes a curved object out of the hand
+    leaning  what the contacts push along the skin, over the sum of their normals
     """
 
     skin: float
     axis: float
     stiffer: float
     bound: float
+    leaning: float
 
 
-def _loads(trial: PlannedTrial, shake_m_s2: float) -> _Loads:
+def _loads(trial: PlannedTrial, motion: HandMotion) -> _Loads:
     """The loads of a hold whose hand is shaken in any direction."""
-    along = trial.down
-    tilted = np.sin(np.radians(trial.drawn["tilt_deg"]))
-    share = float(tilted if along is None else along[0])
-    across = float(np.sqrt(1.0 - share * share))
+    along, across = _gravity_shares(trial)
     mass_kg = 1e-3 * trial.object.mass_g
-    shake_n = mass_kg * shake_m_s2
+    shake_n = mass_kg * (motion.peak_m_s2 + _own_m_s2(trial))
     weight_n = mass_kg * GRAVITY_M_S2
 
-    # Finger and object are springs in series, as in script.body_of.
+    # Finger and object are springs in series, as in script.body_of; an open finger holds nothing.
     thumb = trial.hand.thumb
+    touches = trial.share > 0.0
     stuff = trial.object.stiffness_n_per_m * trial.hand.part
-    springs = trial.finger_n_per_m * stuff / (trial.finger_n_per_m + stuff)
+    fingers = np.where(touches, trial.finger_n_per_m, 0.0)
+    springs = fingers * stuff / (fingers + stuff)
     of_thumb = float(springs[:thumb].sum())
     of_fingers = float(springs[thumb:].sum())
     lean = (of_fingers - of_thumb) / (of_fingers + of_thumb)
+    along_skin = trial.drawn["shear_ratio"] * float(fingers.sum())
 
-    along_skin = trial.drawn["shear_ratio"] * float(trial.finger_n_per_m.sum())
+    # A torque is friction too: of contacts at a mean distance r, a load at d needs as much as one
+    # of sqrt(1 + d^2 / r^2) times its size at the middle.
+    reach_m = np.hypot(*trial.at_m)[touches].mean()
+    turning = np.hypot(1.0, motion.lever_m / max(reach_m, 1e-6))
+
+    # A finger beside the apex of a curved surface pushes along the skin too; half of the normals'
+    # sum is on either side.
+    push = (_slopes(trial) * trial.share).sum(axis=1)
     return _Loads(
-        skin=weight_n * across + shake_n,
-        axis=weight_n * abs(share) + shake_n,
-        stiffer=lean * weight_n * share - abs(lean) * shake_n,
+        skin=(weight_n * across + shake_n) * turning,
+        axis=weight_n * abs(along) + shake_n,
+        stiffer=lean * weight_n * along - abs(lean) * shake_n,
         bound=1e-3 * trial.object.radius_mm * along_skin,
+        leaning=0.5 * float(np.hypot(*push)),
     )
+
+
+def _gravity_shares(trial: PlannedTrial) -> tuple[float, float]:
+    """(share of gravity along the thumb's axis, share along the skin), the largest in the hold."""
+    if trial.action in ("turn", "pour"):
+        # The hand turns over, so all of the weight may come along either.
+        return 1.0, 1.0
+    tilted = np.sin(np.radians(trial.drawn["tilt_deg"]))
+    along = float(tilted if trial.down is None else trial.down[0])
+    return along, float(np.sqrt(1.0 - along * along))
+
+
+def _own_m_s2(trial: PlannedTrial) -> float:
+    """Largest acceleration of the hand by the action itself."""
+    if trial.action not in ("lift", "carry"):
+        return 0.0
+    weight_n = 1e-3 * trial.object.mass_g * GRAVITY_M_S2
+    load_n: float = action_module(trial.action).largest_load_n(trial)
+    return (load_n - weight_n) / (1e-3 * trial.object.mass_g)
+
+
+def _slopes(trial: PlannedTrial) -> FloatArray:
+    """[2, S] slope of the surface under each contact, across the grip and along the axis."""
+    half_m = 1e-3 * trial.object.half_length_mm
+    across_m, along_m = trial.at_m
+    beyond_m = along_m - np.clip(along_m, -half_m, half_m)
+    curvature = np.array(trial.object.curvature_per_m)
+    return curvature[:, None] * np.stack([across_m, beyond_m])
 
 
 def _static(trial: PlannedTrial) -> float:
@@ -196,20 +258,19 @@ def _static(trial: PlannedTrial) -> float:
 
 def _weak_n(trial: PlannedTrial) -> float:
     """A grip too weak for the weight along the skin, as the action's own rule has it."""
-    resting = _loads(trial, 0.0)
-    weight_n = 1e-3 * trial.object.mass_g * GRAVITY_M_S2
     least_n = least_grip_n(trial.object, trial.drawn["friction_factor"])
-    return trial.drawn["weak_grip"] * least_n * resting.skin / weight_n
+    _, across = _gravity_shares(trial)
+    return trial.drawn["weak_grip"] * least_n * across
 
 
-def _firm_n(trial: PlannedTrial, shake_m_s2: float) -> float:
+def _firm_n(trial: PlannedTrial, motion: HandMotion) -> float:
     """The grip that uses the drawn share of friction and keeps both sides closed; inf: none does.
 
-    mu used normal (1 - normal / bound) = load, solved for the smaller sum of the normals.
+    used = shear / (mu normal), solved for the smaller of two sums of the normals.
     """
-    loads = _loads(trial, shake_m_s2)
+    loads = _loads(trial, motion)
     used = trial.drawn["used"]
-    friction = _static(trial) * used
+    friction = _static(trial) * used - loads.leaning
 
     # Above the kinetic limit the first patch that slides takes the whole hold with it.
     if friction <= 0.0 or used > trial.object.kinetic_share:
@@ -224,10 +285,12 @@ def _firm_n(trial: PlannedTrial, shake_m_s2: float) -> float:
     return float(max(grip_n, BOTH_CLOSED * loads.axis))
 
 
-def used_friction(trial: PlannedTrial, grip_n: float, shake_m_s2: float) -> float:
+def used_friction(trial: PlannedTrial, grip_n: float, motion: HandMotion) -> float:
     """Friction that the largest load of a hold uses, over what there is; inf: none holds it."""
-    loads = _loads(trial, shake_m_s2)
+    loads = _loads(trial, motion)
     normal_n = 2.0 * grip_n + loads.stiffer
     left = 1.0 - normal_n / loads.bound
-    limit_n = _static(trial) * normal_n * left
-    return loads.skin / limit_n if limit_n > 0.0 else np.inf
+    static = _static(trial)
+    if min(normal_n, left, static) <= 0.0:
+        return np.inf
+    return (loads.skin / (normal_n * left) + loads.leaning) / static

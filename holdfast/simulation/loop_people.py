@@ -75,7 +75,7 @@ class LoopScript(Script):
         for k in range(len(t_s)):
             share = 1.0 if wearers is None else wearers[k]
             own_m = self.own_closure(shut[k], pulse[k], share)
-            shares.append((own_m / self.closed_m).min(axis=0))
+            shares.append(self._share_of(own_m))
         place_n: FloatArray = np.stack(shares) * self.grip_n
         # A closed hand is at its grip exactly, whatever the rounding.
         still = (shut == 1.0) & (pulse == 0.0)
@@ -83,9 +83,24 @@ class LoopScript(Script):
             still &= wearers == 1.0
         return np.where(still, self.grip_n, place_n)
 
+    def _share_of(self, own_m: FloatArray) -> FloatArray:
+        """[B] the share of its grip that the least closed finger of those that touch has."""
+        deep_m = own_m if self.surface_m is None else own_m - self.surface_m
+        if self.stays_open is None:
+            least: FloatArray = (deep_m / self.closed_m).min(axis=0)
+            return least
+        closed_m = np.where(self.stays_open, 1.0, self.closed_m)
+        shares = np.where(self.stays_open, np.inf, deep_m / closed_m)
+        least = shares.min(axis=0)
+        return least
+
     def driven(self, k: int, own_m: FloatArray) -> FloatArray:
         """[S, B] how far the fingers are closed: for the larger of the wearer's and the drive's."""
         drive_m = self.closed_m * (self.place_n[k] / self.grip_n)
+        if self.surface_m is not None:
+            drive_m = drive_m + self.surface_m
+        if self.stays_open is not None:
+            drive_m = np.where(self.stays_open, own_m, drive_m)
         beyond = self.place_n[k] > self.own_n[k]
         # in place: the layout in memory decides in which order numpy sums
         return np.maximum(own_m, drive_m, out=own_m, where=beyond)

@@ -7,7 +7,13 @@ import numpy as np
 from holdfast.core.contract import FloatArray
 from holdfast.simulation.body import Body, State
 from holdfast.simulation.core import IntArray, Swept, settle
-from holdfast.simulation.effect import Effect, EffectBatch, Parameter, PhysicsEffect
+from holdfast.simulation.effect import (
+    Drawn,
+    Effect,
+    EffectBatch,
+    Parameter,
+    PhysicsEffect,
+)
 from holdfast.simulation.energy import TINY, brush_j
 from holdfast.simulation.objects import HeldObject
 from holdfast.simulation.protocol import GRAVITY_M_S2
@@ -58,6 +64,11 @@ class Rotation(PhysicsEffect):
         self.angle = np.zeros(len(batch.trials))
         self.rate = np.zeros(len(batch.trials))
         self.rho: FloatArray = np.ones(1)
+
+    @staticmethod
+    def lever_m(drawn: Drawn) -> float:
+        """Distance of the centre of mass from the middle of the grip."""
+        return 1e-3 * float(np.hypot(drawn["offset_y_mm"], drawn["offset_z_mm"]))
 
     def turn(
         self,

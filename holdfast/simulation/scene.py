@@ -149,18 +149,16 @@ class Scene:
             return trial
 
         # Loaded only for a row that names one of its keys, with a random stream of its own.
-        from holdfast.simulation.holds import in_hold
+        from holdfast.simulation.holds import HandMotion, in_hold
 
         rng = stream(self.seed, number, "hold")
-        return in_hold(trial, row.values, rng, self._shake_m_s2(number))
-
-    def _shake_m_s2(self, number: int) -> float:
-        """The largest acceleration of the hand by tremor and arm in a trial."""
-        total_m_s2 = 0.0
-        for name, effect in self.physics_effects.items():
+        motion = HandMotion()
+        for effect_name, effect in self.physics_effects.items():
             made: Any = effect.make
-            total_m_s2 += made.peak_m_s2(self._draw(name, number))
-        return total_m_s2
+            drawn = self._draw(effect_name, number)
+            motion.peak_m_s2 += made.peak_m_s2(drawn)
+            motion.lever_m += made.lever_m(drawn)
+        return in_hold(trial, row.values, rng, motion)
 
     def run(
         self, trials: Sequence[PlannedTrial], done: Done = lambda trials: None

@@ -9,6 +9,9 @@
     [physics]
     step_s = 0.0008          # step where anything can happen; docs/scenes.md shows what it costs
 
+    [every_trial]            # values of all [[trials]] that do not give their own
+    used = 0.4               # share of friction that the hold uses (holds.py)
+
     [[trials]]
     objects = ["soft-ball", "hard-ball"]
     action = "pull"
@@ -80,6 +83,7 @@ SECTIONS = (
     "about",
     "record",
     "physics",
+    "every_trial",
     "trials",
     "effects",
     "objects",
@@ -88,7 +92,7 @@ SECTIONS = (
     "controller",
 )
 """Keys and sections at the top of a scene file."""
-ROW_KEYS = ("objects", "action", "style", "count")
+ROW_KEYS = {"objects", "action", "style", "count"}
 """Keys of [[trials]] that are no parameters of the action."""
 RATE = Parameter(150.0, "Hz", 40, 10000, "samples a second")
 """Sampling rate of a recording."""
@@ -199,7 +203,7 @@ class _SceneReader(NumberReader):
             unit=unit,
             join=int(numbers["join"]),
             step_s=physics["step_s"],
-            rows=self.rows(raw.get("trials"), objects),
+            rows=self.rows(raw, objects),
             effects=self.effects(self.table(raw, "effects")),
             objects=objects,
             camera=self.camera(raw),
@@ -226,9 +230,12 @@ class _SceneReader(NumberReader):
         return held_object(name, self.numbers(key, table, OBJECT_KEYS))
 
     def rows(
-        self, rows: Any, objects: Mapping[str, HeldObject]
+        self, raw: Mapping[str, Any], objects: Mapping[str, HeldObject]
     ) -> tuple[TrialsRow, ...]:
-        """All [[trials]] of the file, at least one. Raises CardError."""
+        """All [[trials]] of the file, at least one, over [every_trial]. Raises CardError."""
+        rows = raw.get("trials")
+        every = self.table(raw, "every_trial")
+        self.require_known(ROW_KEYS & every.keys(), (), "every_trial")
         if not isinstance(rows, list) or not rows:
             raise self.refused("trials", rows, "at least one [[trials]] with an action")
 
@@ -239,7 +246,7 @@ class _SceneReader(NumberReader):
         styles = tomllib.loads(STYLES.read_text(encoding="utf-8"))
         checked = []
         for k, row in enumerate(rows):
-            checked.append(self.row(f"trials[{k}]", row, objects, styles))
+            checked.append(self.row(f"trials[{k}]", every | row, objects, styles))
 
         return tuple(checked)
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from holdfast.core.contract import FloatArray
-from holdfast.simulation.body import Body, Floor, Inputs, Pull
+from holdfast.simulation.body import Body, Floor, Inputs, Pull, offset_m, recess_m
 from holdfast.simulation.protocol import (
     ACTION_MODULES,
     GRAVITY_M_S2,
@@ -110,6 +110,7 @@ class Script:
     takes       [B] which have a person who moves the object, gently or not
     closed_m    [S, B] how far past contact a finger closes for its share of the grip
     stays_open  [S, B] fingers that do not touch; None where all do
+    surface_m   [S, B] how far a curved surface lies behind its apex; None: fingers do not feel it
     push        [3, B] direction of taking
     weight_n    [B]
     boxed       there are boxes, at NO_BOX_M for trials that set nothing down
@@ -148,6 +149,12 @@ class Script:
         grips_n = np.stack([trial.grip_n * trial.share for trial in trials], axis=1)
         # How far past contact a finger must close for that share.
         self.closed_m = grips_n / body.stiffness_n_per_m
+        # Where the grip is set by friction, fingers close onto the surface under them.
+        fitted = np.array(["used" in trial.drawn for trial in trials])
+        self.surface_m: FloatArray | None = None
+        if fitted.any():
+            middle = offset_m(body, np.zeros((2, len(trials))))
+            self.surface_m = np.where(fitted, recess_m(body, middle), 0.0)
         self.push = np.stack([trial.push for trial in trials], axis=1)
         self.weight_n = body.mass_kg * GRAVITY_M_S2
         self._drawn: dict[str, FloatArray] = {}
@@ -246,6 +253,8 @@ class Script:
 
         # The way from the open hand to the depth at which the springs give the grip.
         travel_m = OPEN_GAP_M + self.closed_m * grip
+        if self.surface_m is not None:
+            travel_m = travel_m + self.surface_m
         closure = shut * travel_m - OPEN_GAP_M
 
         # dq: only the fingers are driven, the thumb stands still

@@ -174,6 +174,8 @@ def truth_of(trial: PlannedTrial, motion: TrialMotion, *, acted: bool = False) -
     else:
         steps = _Steps.of(motion, times.act)
         marks = _marks(trial, motion, times, steps)
+        if "used" in trial.drawn and _ends_before(motion, steps.lost, times.act):
+            marks = _failed(motion, steps)
         if acted:
             marks = _stopped(marks, motion, steps.lost)
 
@@ -242,6 +244,24 @@ def _marks(
     # The taker may have the object before the hand opens.
     before_gone = [mark for mark in marks if mark[0] < gone[0]]
     return [*before_gone, gone]
+
+
+def _ends_before(motion: TrialMotion, lost: int, act_s: float) -> bool:
+    """Whether the last contact ends before the action begins."""
+    return lost < len(motion.at_s) and float(motion.at_s[lost]) < act_s
+
+
+def _failed(motion: TrialMotion, steps: _Steps) -> list[Mark]:
+    """A hold that fails by itself, in a scene that draws the friction used: a slip to its end."""
+    at_s = motion.at_s
+    sliding = steps.contact + np.flatnonzero(motion.slips[steps.contact : steps.lost])
+    pauses = np.flatnonzero(np.diff(at_s[sliding]) > PAUSE_S)
+    # The slip that loses the object is the last one.
+    first = int(pauses[-1]) + 1 if pauses.size else 0
+    begin = int(sliding[first]) if sliding.size else steps.lost
+    held: list[Mark] = [(0.0, NOTHING), (float(at_s[steps.contact]), GRASP)]
+    gone = float(at_s[steps.lost])
+    return [*held, (float(at_s[begin]), RISKY_SLIP), (gone, NOTHING)]
 
 
 def _stopped(marks: list[Mark], motion: TrialMotion, lost: int) -> list[Mark]:

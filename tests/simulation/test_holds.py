@@ -47,22 +47,37 @@ def held(simulated: SimulatedTrial) -> np.ndarray:
     return np.asarray(simulated.motion.forces_n[sample])
 
 
-def test_the_friction_used_in_a_simulated_hold_is_the_one_drawn(
-    tmp_path: Path,
-) -> None:
-    made = scene(tmp_path, WIDE, "pull")
-    found, drawn = [], []
-    for one in made.run_together(made.trials(24)):
+def used_and_drawn(made: Scene, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Friction used by simulated holds, shear over limit, and what was drawn."""
+    used, drawn = [], []
+    for one in made.run_together(made.trials(count)):
         force = held(one)
         # The y axes of the fingers' sensors point the other way than the thumb's.
         sign = np.where(np.arange(6) < 2, -1.0, 1.0)
         y_n, z_n = force[:, 0].sum(), (force[:, 1] * sign).sum()
         limit_n = one.trial.object.friction * force[:, 2].sum()
-        found.append(np.hypot(y_n, z_n) / limit_n)
+        used.append(np.hypot(y_n, z_n) / limit_n)
         drawn.append(one.trial.drawn["used"])
+    return np.asarray(used), np.asarray(drawn)
+
+
+def test_the_friction_used_in_a_simulated_hold_is_the_one_drawn(
+    tmp_path: Path,
+) -> None:
+    used, drawn = used_and_drawn(scene(tmp_path, WIDE + "offset_mm = 0\n", "pull"), 24)
     assert np.ptp(drawn) > 0.4
     # A cylinder is not squeezed along its axis, which the rule leaves out.
-    assert np.asarray(found) == pytest.approx(np.asarray(drawn), abs=0.065)
+    assert used == pytest.approx(drawn, abs=0.065)
+
+
+def test_fingers_beside_the_apex_use_no_more_friction_than_drawn(
+    tmp_path: Path,
+) -> None:
+    """Their push is added to the load as if both had one direction, so it is a bound."""
+    values = WIDE + "offset_mm = 4\ntouching = { choice = [3, 4, 6] }\n"
+    used, drawn = used_and_drawn(scene(tmp_path, values, "pull"), 24)
+    assert (used - drawn).max() < 0.08
+    assert used.mean() > 0.5 * drawn.mean()
 
 
 def test_every_grip_is_one_that_a_hand_can_have(tmp_path: Path) -> None:
