@@ -29,6 +29,7 @@ def evaluation_lines(of: Evaluation) -> list[str]:
         rows["all sets"] = of.rows[headline]
     for name, row in rows.items():
         lines.append(_events_in_words(f"{name}, {display_name(headline)}", row))
+        lines += _kinds_in_words(name, row)
         # The camera is a second opinion on the same events, so it follows their line.
         lines += _camera_in_words(name, row.camera)
 
@@ -50,6 +51,20 @@ def _events_in_words(name: str, row: MethodFigures) -> str:
         f"{name}: recall {row.found} of {row.events} risky events{when}; "
         f"{row.false_per_min:.2f} false alarms a minute in {row.minutes:.1f} min"
     )
+
+
+def _kinds_in_words(name: str, row: MethodFigures) -> list[str]:
+    """Events acted on before gross slip, of all actions and of each; nothing without an event."""
+    if not row.with_enough_time.in_time.n or len(row.by_action) < 2:
+        return []
+    kinds = {"all actions": row.with_enough_time, **row.by_action}
+    lines = [f"{name}, slips of 15 ms and more that were acted on before gross slip:"]
+    for kind, figures in kinds.items():
+        in_time = figures.in_time
+        if in_time.n:
+            acted = round((in_time.share or 0.0) * in_time.n)
+            lines.append(f"  {kind:<12} {acted} of {in_time.n}")
+    return lines
 
 
 def _camera_in_words(name: str, of: CameraFigures | None) -> list[str]:

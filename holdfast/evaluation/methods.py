@@ -154,14 +154,35 @@ class HoldFigures(Share):
     failed: int
 
 
+ENOUGH_S = 0.015
+"""A slip with this much time from load onset to gross slip can be acted on before it."""
+
+
+@dataclass(frozen=True)
+class KindFigures:
+    """One action, or all. recall: of its events; in_time: acted on before gross slip, of events
+    with ENOUGH_S and more; false alarms in its recordings, and their minutes.
+    """
+
+    recall: Share
+    in_time: Share
+    false_alarms: int
+    minutes: float
+
+
 @dataclass(frozen=True)
 class MethodFigures(EventScores):
-    """Everything a table shows of a method. safe_acts: voluntary actions that were called risky."""
+    """Everything a table shows of a method. safe_acts: voluntary actions that were called risky.
+
+    with_enough_time: of all actions together; by_action: of each action by itself.
+    """
 
     collar_40_ms: CollarFigures
     by_style: ByStyle | None
     safe_acts_called: Share
     safe_acts_by_action: dict[str, Share]
+    with_enough_time: KindFigures
+    by_action: dict[str, KindFigures]
     specificity: dict[str, HoldFigures] | None
     closing: KeptObjects | None
     camera: CameraFigures | None
@@ -214,6 +235,8 @@ def method_figures(
         by_style=by_style(of, trials, seed),
         safe_acts_called=_called(of.actions),
         safe_acts_by_action=_called_by_action(of.actions),
+        with_enough_time=_kind(of.matches),
+        by_action=_by_action(of.matches),
         specificity=specificity(of.holds),
         closing=closing,
         camera=camera_figures(of.matches, [one.seen for one in trials]),
@@ -229,6 +252,33 @@ def _called_by_action(actions: Sequence[CalledAction]) -> dict[str, Share]:
     for one in actions:
         by_action.setdefault(one.action, []).append(one)
     return {name: _called(by_action[name]) for name in sorted(by_action)}
+
+
+def _by_action(matches: Sequence[EventMatch]) -> dict[str, KindFigures]:
+    of_each: dict[str, list[EventMatch]] = {}
+    for match in matches:
+        # A recording of several grasps has no one action.
+        if match.recording.action:
+            of_each.setdefault(match.recording.action, []).append(match)
+    return {name: _kind(of_each[name]) for name in sorted(of_each)}
+
+
+def _kind(matches: Sequence[EventMatch]) -> KindFigures:
+    found = []
+    in_time = []
+    for match in matches:
+        for outcome in match.outcomes:
+            found.append(outcome.alarm_s is not None)
+            available_s = outcome.available_s
+            if available_s is not None and available_s >= ENOUGH_S:
+                lead_s = outcome.lead_s
+                in_time.append(lead_s is not None and lead_s > 0.0)
+    return KindFigures(
+        recall=share(found),
+        in_time=share(in_time),
+        false_alarms=sum(len(match.false_s) for match in matches),
+        minutes=sum(match.minutes for match in matches),
+    )
 
 
 def by_style(
