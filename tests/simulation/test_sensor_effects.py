@@ -641,7 +641,7 @@ def test_the_gains_of_sensors_spread_about_that_of_their_hand() -> None:
 def test_a_mounted_sensor_turns_shear_about_its_normal_and_a_left_hand_mirrors() -> (
     None
 ):
-    options = {"angle_deg": 30.0, "spread_deg": 0.0}
+    options: dict[str, Any] = {"angle_deg": 30.0, "spread_deg": 0.0}
     pull = forces([2.0, 0.0, 5.0])
     right = apply("mounting", pull, left_share=0.0, **options).values[0, 0]
     left = apply("mounting", pull, left_share=1.0, **options).values[0, 0]
@@ -668,7 +668,7 @@ def test_play_lags_by_half_its_width_and_turns_only_after_all_of_it() -> None:
 def test_play_row_by_row_is_play_of_the_whole_trial() -> None:
     rng = np.random.default_rng(4)
     wandered = signal(np.cumsum(rng.normal(size=(200, 6, 3)), axis=0), "N")
-    law = SENSOR_EFFECTS["hysteresis"].make
+    law: Any = SENSOR_EFFECTS["hysteresis"].make
     plan = law.plan({"width_n": 2.0}, rng, wandered.t_s, 6)
     rows = Rows(wandered.values, wandered.valid)
     whole = law._row_by_row(rows, plan).values
