@@ -160,8 +160,12 @@ ENOUGH_S = 0.015
 
 @dataclass(frozen=True)
 class KindFigures:
-    """One action, or all. recall: of its events; in_time: acted on before gross slip, of events
-    with ENOUGH_S and more; false alarms in its recordings, and their minutes.
+    """One action, or all of them.
+
+    recall        of its events
+    in_time       acted on before gross slip, of the events with ENOUGH_S and more
+    false_alarms  in its recordings
+    minutes       of its recordings
     """
 
     recall: Share

@@ -1,7 +1,27 @@
 """A hand held any way, and the grip that uses a drawn share of friction: drawn again if impossible.
 
 Parameters of [[trials]] beside those of its action (protocol.py), each only where a row names it;
-loaded only then. They have a random stream of their own.
+loaded only then. They have a random stream of their own. For example:
+
+    [every_trial]
+    mass_g = { log_uniform = [10, 800] }        # in place of the object's own
+    friction = { uniform = [0.2, 1.2] }         # static, on silicone
+    kinetic_share = { uniform = [0.6, 1.0] }    # kinetic over static
+    used = { uniform = [0.1, 0.8] }             # friction used by the hold's largest load
+    fingers_down = { uniform = [-1, 1] }        # gravity from every direction
+    turn_deg = { uniform = [-180, 180] }
+    push_along_thumb = { uniform = [-0.5, 0.5] }
+    push_turn_deg = { uniform = [-120, 120] }   # taken from every side with a way out
+
+Gravity may have any direction. Taking may not where the fingers leave no way out:
+
+- Towards the palm (more than 120 degrees from away): this hand has no palm, a real one does.
+- Near the thumb's axis: a pull at an angle b to the skin presses the object against one side, and
+  friction mu holds it there for good where tan(b) > 1 / mu. That is from 40 degrees on at a
+  friction of 1.2; with a share of 0.5 along the axis, b stays below 30 degrees.
+
+The same holds for a box: it stands where gravity points, which must not be behind fingers, thumb
+or palm. And near the thumb's axis nothing falls: the object rests on the lower side.
 
 The friction used in a hold counts the hold's largest load:
 

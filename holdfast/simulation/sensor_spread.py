@@ -1,7 +1,21 @@
 """How sensors of one design differ: shear gain, mounting, hysteresis, drift and noise.
 
 A model that meets one gain, one way round and one level of noise learns them. These effects draw
-them for every recording. Their ranges are wider than any one sensor's.
+them for every recording. Their ranges are wider than any one sensor's. For example:
+
+    [effects.shear_gain]                 # a soft dome reads more of the shear than a stiff one
+    gain = { uniform = [0.5, 1.2] }
+    [effects.hysteresis]                 # silicone that does not come back all the way
+    width_n = 0.05
+    [effects.mounting]                   # each sensor glued in a few degrees off; left hands too
+    spread_deg = 10
+    [effects.drift]                      # needs record.unit = "N"
+    rate_n_s = 0.02
+    [effects.white_noise]                # needs record.unit = "N"
+    rms_n = { uniform = [0, 0.04] }
+
+The first three act on the force before the magnet, the last two on the force that is read. They
+need no magnet: an ideal sensor of force can have each of them.
 """
 
 from __future__ import annotations
