@@ -18,7 +18,6 @@ from holdfast.core.contract import BoolArray, FloatArray
 from holdfast.core.reading import Json
 from holdfast.core.trial_layout import (
     HELD_ACTIONS,
-    RISKY_ACTIONS,
     SITUATION_OF_ACTION,
 )
 from holdfast.evaluation.statistics import share
@@ -100,7 +99,7 @@ class ThreeRuns:
 
         # What the wearer commands is taken as needed, also where less would do.
         least_n = held.own_n.astype(np.float64)
-        if trial.action in RISKY_ACTIONS:
+        if may_slip(trial.action):
             # Before load onset nothing beyond the wearer's command is needed.
             since_onset = t_s >= held.onset_s
             needed_n = np.where(since_onset, needed_grip_n(trial), 0.0)

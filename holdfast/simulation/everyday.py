@@ -221,20 +221,31 @@ def largest_load_n(trial: PlannedTrial) -> float:
     drawn = trial.drawn
     mass_kg = trial.object.mass_g * 1e-3
     weight_n = mass_kg * GRAVITY_M_S2
+
+    # A tug that pulls the way the weight does asks for the sum of both.
     if trial.action == "tug":
         return weight_n + drawn["peak_n"]
+
+    # The hit is over when the added weight rests, so the sum is a little more than ever comes.
     if trial.action == "stack":
         more_kg = 1e-3 * drawn["added_g"]
         return weight_n + more_kg * GRAVITY_M_S2 + hit_n(trial)
+
     if trial.action == "lift":
         # The peak of a minimum-jerk path is 5.77 times its length over its time squared.
         peak_m_s2 = 5.77 * drawn["height_m"] / drawn["raise_s"] ** 2
         return weight_n + mass_kg * peak_m_s2
+
+    # Both harmonics of a step at once, and forth and back across them.
     if trial.action == "carry":
         up_m_s2 = (1.0 + HEEL) * drawn["up_m_s2"]
         return weight_n + mass_kg * float(np.hypot(up_m_s2, drawn["forward_m_s2"]))
+
+    # A table presses against the weight, but may press harder than that.
     if trial.action == "touch-table":
         return weight_n + drawn["press_n"]
+
+    # In a turn, and while pouring or gripping anew, there is the weight and nothing else.
     return weight_n
 
 
@@ -243,6 +254,8 @@ def hit_n(trial: PlannedTrial) -> float:
     drawn = trial.drawn
     if trial.action != "stack":
         return 0.0
+
+    # Free fall, and all of its momentum in the hit: the weight stays where it lands.
     speed_m_s = np.sqrt(2.0 * GRAVITY_M_S2 * 1e-3 * drawn["drop_mm"])
     momentum_n_s = 1e-3 * drawn["added_g"] * speed_m_s
     return float(momentum_n_s * np.pi / (2.0 * drawn["hit_s"]))
