@@ -91,6 +91,7 @@ def run(args: argparse.Namespace) -> int:
     from benchmarks.world.picture import picture
     from benchmarks.world.scores import tables
 
+    records = file.of(names)
     figures = {
         "command": _command(args),
         "date": time.strftime("%Y-%m-%d"),
@@ -100,7 +101,8 @@ def run(args: argparse.Namespace) -> int:
         "trials_a_kind": args.trials or (FULL_TRIALS if args.full else TRIALS),
         "wall_s": round(seconds),
         "jobs": args.jobs,
-        "tables": tables(file.of(names)),
+        "cpu_s": round(sum(one.get("cpu_s", 0.0) for one in records)),
+        "tables": tables(records),
     }
     write_whole(args.out / "world.json", json.dumps(figures, indent=1) + "\n")
     write_whole(args.out / "world.svg", picture([figures]))
@@ -170,6 +172,8 @@ def _command(args: argparse.Namespace) -> str:
     options = [f"--seed {args.seed}", f"--model {args.model.name}"]
     if args.trials is not None:
         options.append(f"--trials {args.trials}")
+    if args.kinds != tuple(KINDS):
+        options.append(f"--kinds {' '.join(args.kinds)}")
     joined = " ".join(options)
     return " ".join([*words, f'ARGS="{joined}"'])
 

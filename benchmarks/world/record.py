@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import asdict, dataclass
 
 import numpy as np
@@ -35,6 +36,7 @@ class TrialKey:
 
 def record(key: TrialKey, seed: int, model: str, controller: str) -> Json:
     """Run one trial in all its hands; a JSON object."""
+    started_s = time.process_time()
     first = 0
     unstable = 0
     while True:
@@ -46,7 +48,9 @@ def record(key: TrialKey, seed: int, model: str, controller: str) -> Json:
             unstable += 1
             continue
         refused[REFUSALS[3]] += unstable
-        return {**asdict(key), "name": key.name, "refused": refused, **found}
+        cpu_s = round(time.process_time() - started_s, 3)
+        about = {"name": key.name, "cpu_s": cpu_s, "refused": refused}
+        return {**asdict(key), **about, **found}
 
 
 def _hands(bare: BareRun, key: TrialKey, model: str, controller: str) -> Json:
