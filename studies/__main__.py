@@ -37,6 +37,11 @@ PROGRAMS = {
         "the same trials with one nuisance at a time: hand turned, noise, dead fingers",
         "build/distortions",
     ),
+    "wide": Program(
+        "studies.wide_scene",
+        "the widest scene: its draws, and the shipped model on it by action",
+        "build/wide",
+    ),
     "scenes": Program(
         "studies.scenes.program",
         "thesis, apple, p1 and p2 at 50, 100 and 150 Hz",
