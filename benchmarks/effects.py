@@ -56,12 +56,12 @@ def scene_with(*names: str, effort: Effort = USUAL) -> Scene:
     tables = "\n".join(
         f"[effects.{name}]" for name in EFFECT_MODULES if name in needed | set(names)
     )
+    text = effort.card.format(rate=RATE_HZ, half=effort.lanes // 2, effects=tables)
+    if any(effect_named(name).only_unit == "uT" for name in names):
+        text = text.replace("[record]", '[record]\nunit = "uT"', 1)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "price.toml"
-        path.write_text(
-            effort.card.format(rate=RATE_HZ, half=effort.lanes // 2, effects=tables),
-            encoding="utf-8",
-        )
+        path.write_text(text, encoding="utf-8")
         return Scene(read_scene_file(str(path)), 0)
 
 

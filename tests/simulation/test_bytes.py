@@ -30,8 +30,19 @@ on_the_machine_they_are_of = pytest.mark.skipif(
     reason="the digests are of x86_64 with AVX-512",
 )
 
-SETS = {"thesis": "67da88c21549a332", "broad": "1a6d74deef84a345"}
-"""Card -> digest of two trials."""
+SETS = {
+    "adapt": "8e93b85f5b4014a8",
+    "apple": "24dc71dedb48c8b3",
+    "broad": "1a6d74deef84a345",
+    "daily": "34b67c8635c6a4aa",
+    "p1": "0a780797193cd3aa",
+    "p2": "7ab824cc041ca2c1",
+    "perturbed-hold": "a7cd20b1c561201b",
+    "pull-soft-ball": "c63aaf025b554856",
+    "thesis": "67da88c21549a332",
+    "twenty-sensors": "695456dc451e19ee",
+}
+"""Card -> digest of two trials, from before there were hand cards."""
 GRAPH = "a3112e32302fde8c"
 GROUPS = (
     "window",

@@ -29,6 +29,8 @@ TEXTS = {
     "hall_noise": "",
     "saturation": "range = 0.25",
     "quantisation": "",
+    "pad_magnet": "",
+    "magnetometer": "",
     "shear_gain": "",
     "hysteresis": "width_n = 0.4",
     "mounting": "spread_deg = 30",
@@ -39,7 +41,9 @@ TEXTS = {
     "stale_sensor": "sensors = [1, 6]\nat_s = {uniform = [0, 0.2]}\nlasts_s = {uniform = [0.1, 1]}",
 }
 ON_FIELDS = [n for n in TEXTS if "dipole" in SENSOR_EFFECTS[n].needs] + ["dipole"]
-ON_ANY = [n for n in TEXTS if n not in ON_FIELDS]
+ON_PADS = ["pad_magnet", "magnetometer"]
+"""In scenes in uT only, and without a dipole."""
+ON_ANY = [n for n in TEXTS if n not in ON_FIELDS + ON_PADS]
 
 
 def scene_with(names: list[str], folder: Path, seed: int = 0, unit: str = "N") -> Scene:
@@ -107,7 +111,10 @@ def test_an_effect_row_by_row_is_the_effect_of_the_whole_trial(
     name: str, tmp_path: Path
 ) -> None:
     before = ["dipole"] if name in ON_FIELDS and name != "dipole" else []
-    scene = scene_with([*before, name], tmp_path)
+    unit = "N"
+    if name in ON_PADS:
+        before, unit = [ON_PADS[0]] if name != ON_PADS[0] else [], "uT"
+    scene = scene_with([*before, name], tmp_path, unit=unit)
     assert LoopSensors(scene, scene.trials(), COUNTS).latency == (
         name == "timing_jitter"
     )

@@ -78,7 +78,7 @@ def test_who_hands_the_book_over_holds_it_upright() -> None:
             given = one.motion.at_s <= Times.of(one.trial).give
             angles.append(np.degrees(np.abs(turned_rad(one)[given])).max())
         largest_deg[held] = max(angles)
-    assert largest_deg[0.3] < 6.0 < largest_deg[0.0]
+    assert largest_deg[0.3] < 0.5 * largest_deg[0.0]
 
 
 def test_skin_damps_a_swing() -> None:
@@ -121,7 +121,7 @@ def test_a_slip_that_lasts_until_the_hand_opens_ends_with_the_opening() -> None:
     file = read_scene_file("pinch")
     (row,) = [row for row in file.rows if row.action == "lift"]
     scene = Scene(file, 101)
-    (one,) = scene.run_together([scene.trial(row, "book", 148)])
+    (one,) = scene.run_together([scene.trial(row, "heavy-book", 119)])
     phases = one.truth.to_json()["phases"]
     labels = [phase["label"] for phase in phases]
     assert labels == ["nothing", "grasp", "risky_slip", "safe_slip", "nothing"]

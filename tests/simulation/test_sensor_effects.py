@@ -47,6 +47,13 @@ CHANGES_NOTHING: dict[str, dict[str, Any]] = {
 }
 SOMETHING: dict[str, dict[str, Any]] = {
     "dipole": {},
+    "pad_magnet": {
+        "rest_ut": 8000,
+        "height_mm": 12,
+        "normal_n_per_mm": 2e4,
+        "shear_n_per_mm": 2e4,
+    },
+    "magnetometer": {},
     "cross_talk": {},
     "gain_tilt": {},
     "magnet_reversed": {"sensors": [2, 5]},
@@ -69,6 +76,7 @@ RANDOM = (
     "mounting",
     "gain_tilt",
     "hall_noise",
+    "magnetometer",
     "drift",
     "white_noise",
     "timing_jitter",
@@ -244,6 +252,40 @@ def test_shear_tilts_the_field_its_own_way(axis: int, sign: float) -> None:
     assert read[:, axis] == pytest.approx([slope * sign * 0.01 / 15e3] * 6, rel=1e-3)
     assert read[:, 1 - axis] == pytest.approx(0.0, abs=1e-9)
     assert (read[:, 2] < field_ut(2e-3)).all()
+
+
+# magnets in a soft pad
+
+PAD: dict[str, Any] = {
+    "rest_ut": 8000.0,
+    "height_mm": 12.0,
+    "normal_n_per_mm": 5.0,
+    "shear_n_per_mm": 2.0,
+}
+
+
+def test_a_load_moves_the_magnet_of_a_pad_by_its_stiffness() -> None:
+    read = apply("pad_magnet", forces([0, 0, 0], [0, 0, 0.1], [0.1, 0, 0]), **PAD)
+    rest, pressed, sheared = read.values[:, 0]
+    assert rest == pytest.approx([0.0, 0.0, 8000.0])
+    assert read.unit == "uT"
+    # Slopes of a dipole on its axis: 3 B / h inwards, 3 B / 2 h sideways.
+    inwards = 3 * 8000 / 12 * 0.1 / 5
+    sideways = 1.5 * 8000 / 12 * 0.1 / 2
+    assert (pressed - rest)[2] == pytest.approx(inwards, rel=0.01)
+    assert (sheared - rest)[0] == pytest.approx(sideways, rel=0.01)
+    # However hard it is pressed, it stays above its chip.
+    crushed = apply("pad_magnet", forces([0, 0, 1e4]), **PAD).values[0, 0, 2]
+    assert crushed == pytest.approx(8000 / 0.2**3)
+
+
+def test_a_magnetometer_has_the_noise_and_the_steps_of_its_set() -> None:
+    read = apply("magnetometer", steady(4000)).values
+    assert read.std(axis=(0, 1)) == pytest.approx([4.3, 4.3, 6.7], rel=0.03)
+    steps = read / np.array([0.6, 0.6, 0.97])
+    assert steps == pytest.approx(np.rint(steps), abs=1e-6)
+    quiet = apply("magnetometer", steady(10), noise=0).values
+    assert np.ptp(quiet, axis=0).max() == 0.0
 
 
 # cross-talk

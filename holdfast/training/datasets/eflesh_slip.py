@@ -16,6 +16,7 @@ import numpy.typing as npt
 
 from holdfast.core.contract import GRASP, RISKY_SLIP, SITUATIONS, BoolArray, FloatArray
 from holdfast.core.errors import LabelError
+from holdfast.core.hand_card import read_hand_card
 from holdfast.edge_runtime.preparation import Preparation
 from holdfast.training.datasets.public_files import (
     COPY_AGAIN,
@@ -37,6 +38,8 @@ RATE_HZ = 100.0
 PREPARATION = Preparation(bias_rows=50, statistic="median")
 SIX_MAGNETOMETERS = (0, 2, 4, 5, 7, 9)
 """The 18-channel case, counted from 0, of the set's ten magnetometers."""
+SIX_MAGNETOMETERS_CARD = "eflesh-gripper"
+"""The hand card with these magnetometers."""
 TRIAL_ROWS, WINDOW_ROWS = 300, 6
 """Rows of each trial, 3 s, and of a window."""
 LAST_SECOND = slice(TRIAL_ROWS - 100, TRIAL_ROWS)
@@ -91,6 +94,7 @@ def load(root: Path, *, channels: int = 18) -> DataSet:
         caveat=CAVEAT,
         group_kind="block",
         lacks=("nothing", "safe_slip"),
+        hand=read_hand_card(SIX_MAGNETOMETERS_CARD) if channels == 18 else None,
         notes={
             "doubtful_trials": ["trial_086: labelled as held, but shows a large event"]
         },
