@@ -35,6 +35,7 @@ from studies.transfer.scene_sets import (
     IN_FIELD,
     SEED,
     SHIPPED,
+    TOLD_APART,
     TRAINED,
     SceneSet,
     card_text,
@@ -192,7 +193,7 @@ def _domain(run: _Run) -> Json:
         return domain.domain_rows(one.name, people.like_people(data), human, run.seed)
 
     floor = run.kept("domain", halves, None)["rows"]
-    return {"rows": floor + run.of_scenes("domain", TRAINED, rows)}
+    return {"rows": floor + run.of_scenes("domain", TOLD_APART, rows)}
 
 
 def _statistics(run: _Run) -> Json:

@@ -21,6 +21,8 @@ EFLESH_HZ = 100.0
 """Nominal rate of eflesh_slip."""
 CHIP_NOISE = ("hall_noise", "quantisation")
 """Effects that a row without chip noise leaves out."""
+NOISE = (*CHIP_NOISE, "white_noise")
+"""The same, for a card that draws its noise."""
 SEED = 101
 """Of every simulated set: a development seed. The test sets of this study are recordings."""
 
@@ -52,6 +54,13 @@ def without_chip_noise(of: SceneSet) -> SceneSet:
     return replace(of, name=f"{of.name}, no chip noise", without=CHIP_NOISE)
 
 
+def noise_from_zero(of: SceneSet) -> SceneSet:
+    """The same scenes with white noise of 0 to 40 mN instead, drawn for every trial."""
+    added = ("white_noise",)
+    name = f"{of.name}, noise 0 to 40 mN"
+    return replace(of, name=name, without=CHIP_NOISE, added=added)
+
+
 SHIPPED = SceneSet("thesis and broad", ("thesis", "broad"))
 """What the shipped models are trained on."""
 PINCH = SceneSet("pinch", ("pinch",))
@@ -60,12 +69,23 @@ WIDE = SceneSet("wide", ("wide",))
 TRAINED = (
     SHIPPED,
     without_chip_noise(SHIPPED),
+    noise_from_zero(SHIPPED),
     PINCH,
     replace(PINCH, name="pinch, chip noise", added=("dipole", *CHIP_NOISE)),
+    noise_from_zero(PINCH),
     WIDE,
-    without_chip_noise(WIDE),
+    replace(without_chip_noise(WIDE), name="wide, no noise", without=NOISE),
 )
 """Scenes that models are trained on and then scored on people."""
+TOLD_APART = (
+    SHIPPED,
+    without_chip_noise(SHIPPED),
+    noise_from_zero(SHIPPED),
+    PINCH,
+    noise_from_zero(PINCH),
+    WIDE,
+)
+"""Scenes whose windows a classifier tells from people's."""
 COMPARED = (
     SceneSet("thesis", ("thesis",)),
     SceneSet("broad", ("broad",)),

@@ -9,7 +9,15 @@ from holdfast.evaluation.formats import markdown, markdown_cell
 from holdfast.training.figures import ABSENT
 from studies.transfer.domain import HALVES
 from studies.transfer.people import OWN_LEVEL, REAL_ONLY, TIMING
-from studies.transfer.scene_sets import COMPARED, IN_FIELD, TRAINED
+from studies.transfer.scene_sets import (
+    COMPARED,
+    IN_FIELD,
+    PINCH,
+    SHIPPED,
+    TOLD_APART,
+    WIDE,
+    noise_from_zero,
+)
 from studies.transfer.statistics import IN_FIELD_STATISTICS, STATISTICS
 from studies.transfer.tugs import ONE_THRESHOLD
 from studies.transfer.tugs import REAL_ONLY as TRIALS_ONLY
@@ -18,6 +26,8 @@ PEOPLE, TAXELS, EFLESH = "human_slip_uskin", "the same, 16 taxels", "eflesh_slip
 """Names of the real sets among the statistics."""
 WITHOUT_SCALE = (REAL_ONLY, TRIALS_ONLY, TIMING, ONE_THRESHOLD)
 """Rows of models that saw the real set's own units."""
+README_ROWS = (SHIPPED, PINCH, noise_from_zero(PINCH), WIDE)
+"""Of the short table."""
 NO_ROWS: Json = {"rows": []}
 """Of a part that a run left out."""
 
@@ -55,7 +65,7 @@ def people_table(figures: Json) -> str:
 
 def short_table(figures: Json) -> str:
     """The README's rows: people, the clock, and each scene at its own level."""
-    named = {one.name for one in TRAINED if not one.without}
+    named = {one.name for one in README_ROWS}
     lines = []
     for row in rows_on_people(figures):
         of_scene = row["row"] in named and row["scaling"] == OWN_LEVEL
@@ -101,7 +111,7 @@ def tugs_table(figures: Json) -> str:
 def domain_table(figures: Json) -> str:
     """A row for each group of features, a column for each scene."""
     rows = figures.get("domain", NO_ROWS)["rows"]
-    columns = [HALVES, *(one.name for one in TRAINED)]
+    columns = [HALVES, *(one.name for one in TOLD_APART)]
     found = {(row["group"], row["scene"]): row["auc"] for row in rows}
     lines = []
     for group in dict.fromkeys(row["group"] for row in rows):
