@@ -182,6 +182,14 @@ def test_the_table_says_which_end_of_the_real_spread_no_scene_covers() -> None:
     assert verdict["by_one_scene"] == []
 
 
+def test_scenes_on_both_sides_of_a_real_spread_do_not_cover_it() -> None:
+    rows = statistics.spread_rows("people", True, {"noise_shear_mn": [2.0, 3.0, 4.0]})
+    for name, values in (("none", [0.0, 0.0]), ("much", [9.0, 15.0])):
+        rows += statistics.spread_rows(name, False, {"noise_shear_mn": values})
+    (verdict,) = statistics.within(rows)
+    assert (verdict["p5_within"], verdict["p95_within"]) == (False, False)
+
+
 def test_people_at_the_level_of_scenes_have_their_grip_and_keep_their_ratios() -> None:
     weak, strong = held(2.0, 1.0, seed=1), held(20.0, 4.0, seed=2)
     data = at_level(set_of([weak, strong]), 8.0)
