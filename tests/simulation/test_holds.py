@@ -162,3 +162,16 @@ def test_an_object_is_set_down_whichever_way_the_hand_is_held(tmp_path: Path) ->
         carried_n = -(one.motion.agents_n[before] * down).sum()
         assert carried_n == pytest.approx(0.15 * GRAVITY_M_S2, rel=0.1)
         assert one.truth.gross_slip_s is None or one.truth.gross_slip_s > opens
+
+
+def test_values_of_every_trial_give_way_to_those_of_a_row(tmp_path: Path) -> None:
+    path = tmp_path / "every.toml"
+    rows = '[[trials]]\nobjects = ["soft-ball"]\naction = "pass"\n'
+    text = "[every_trial]\nhold_s = 1.5\nmass_g = 100\n" + rows + rows + "hold_s = 2\n"
+    path.write_text(text, encoding="utf-8")
+    trials = Scene(read_scene_file(str(path)), 0).trials()
+    assert [trial.drawn["hold_s"] for trial in trials] == [1.5, 2.0]
+    assert [trial.object.mass_g for trial in trials] == [100.0, 100.0]
+    path.write_text("[every_trial]\ncount = 2\n" + rows, encoding="utf-8")
+    with pytest.raises(CardError, match="every_trial"):
+        read_scene_file(str(path))
