@@ -111,7 +111,8 @@ def run(args: argparse.Namespace) -> int:
         "date": datetime.now(UTC).date().isoformat(),
         "commit": _commit(),
         "controller": CONTROLLER,
-        "minutes": (time.monotonic() - started) / 60.0,
+        # Rows that were kept took their time in other runs.
+        "minutes": None if args.kept else (time.monotonic() - started) / 60.0,
         "rows": rows,
         "quiet": study.quiet(),
     }
