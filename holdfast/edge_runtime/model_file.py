@@ -27,6 +27,8 @@ CARD_KEY = "holdfast.card"
 GOLDEN_KEY = "holdfast.golden"
 FORMAT = 2
 """Format 2: the step takes its sample and state in rows of channels."""
+CONTACT_KEY = "contact"
+"""Of the card: the rule by which force decides "nothing", None for none; older files lack it."""
 CARD_SUFFIX = ".json"
 """The suffix of the card's file, which stands next to a model file for people to read."""
 DIGITS = 64

@@ -100,10 +100,10 @@ class _ShortPast(StepSpec):
 
 def _signals_graph(spec: StepSpec) -> bytes:
     graph = GraphBuilder(spec.n_sensors)
-    spec = _ShortPast(**vars(spec))
+    spec = _ShortPast(**{**vars(spec), "force_decides": False})
     # The bank reads the newest sample only; a short past makes the state, and the step, small.
     guarded = add_guard(graph, spec)
-    rectified = add_bank(graph, spec, guarded)
+    rectified, _ = add_bank(graph, spec, guarded)
     graph.node("ReduceMax", rectified, graph.ints(1), out="loudest", keepdims=1)
     graph.node("Identity", guarded.now, out="now")
     graph.node("Identity", guarded.usable, out="usable")

@@ -12,7 +12,8 @@ difference of two samples, so that a large offset never enters the filter::
     u[t] = (K w_l d[t] - (w_l - K) u[t-1]) / (K + w_l),   K = 2 fs,   d[t] = x[t] - x[t-1]
 
 Each resonator is prewarped to its nominal frequency. The bank of a signal has one shared state and
-four for each band; a step is one product [1 + states] x [1 + states, states + bands].
+four for each band; a step is one product [1 + states] x [1 + states, states + bands]. The mean that
+contact is judged by (guard.py) is one more state of the same product.
 
 The detectors are computed at every sample. (The critical points of training, which may look ahead,
 are in training/critical_points.py.) band_pass: the largest |output| over the bands of any shear
@@ -32,7 +33,7 @@ from onnx import TensorProto
 from holdfast.core.contract import FloatArray
 from holdfast.export.builder import GraphBuilder
 from holdfast.export.guard import GuardOutputs
-from holdfast.export.spec import NOISE_RMS, StepSpec
+from holdfast.export.spec import NOISE_RMS, ContactRule, StepSpec
 
 DAMPING = 0.1
 """z of every resonator."""
@@ -40,6 +41,8 @@ LOW_PASS_HZ = 75.0
 """Corner frequency of the low-pass that stands behind the differentiator (w_l)."""
 STATES_PER_BAND = 4
 """Two resonators of second order, in transposed direct form II."""
+MEAN = "mean"
+"""The state of the mean that contact is judged by, and its tensor."""
 GRAIN = 1e-30
 """Every number in the filter moves this far towards zero: silence must not become subnormal
 numbers, which are slow. Numbers from 1e-13 on stay as they are."""
@@ -137,18 +140,34 @@ def noise_gain(
     return float(np.sqrt(energy).max())
 
 
-def add_bank(graph: GraphBuilder, spec: StepSpec, guarded: GuardOutputs) -> str:
-    """Step the band-pass bank of every channel; returns |outputs| [B, bands, C].
+def add_bank(
+    graph: GraphBuilder, spec: StepSpec, guarded: GuardOutputs
+) -> tuple[str, list[str]]:
+    """Step the band-pass bank of every channel; returns |outputs| [B, bands, C], and the means.
 
-    The normal has a bank too: separating its channels costs more than stepping it.
+    The normal has a bank too: separating its channels costs more than stepping it. means: for the
+    contact rule, [B, 1, C] in units of its hysteresis, and as a step of the zero; none without it.
     """
     bands = spec.usable_bands()
     size = 1 + STATES_PER_BAND * len(bands)
     before = graph.state("bank", size)
     difference = graph.node("Sub", guarded.now, guarded.last)
+    matrix = step_matrix(spec.rate_hz, bands)
+    inputs = [difference, before]
+    sizes = [size, len(bands)]
+    # a Split names several outputs, which the builder does not number
+    outs = ["bank_next", "bank_out"]
+
+    rule = spec.contact
+    if rule is not None:
+        # behind all other rows, whose sums stay the same to the last bit
+        inputs += [guarded.last, graph.state(MEAN, 1)]
+        matrix = _with_mean(matrix, spec.rate_hz, rule)
+        sizes += [1, 1]
+        outs += [MEAN, "zero_step"]
 
     # difference and state side by side, so that a whole step is one matrix product
-    joined = graph.node("Concat", difference, before, axis=1)
+    joined = graph.node("Concat", *inputs, axis=1)
     # a sensor without a past has no difference yet
     begun = graph.node("Mul", joined, guarded.begun)
 
@@ -159,17 +178,33 @@ def add_bank(graph: GraphBuilder, spec: StepSpec, guarded: GuardOutputs) -> str:
 
     # The matrix stands on the left: its product runs along the channels, so a batch multiplies
     # each recording by the same matrix in the same order as a recording alone.
-    matrix = step_matrix(spec.rate_hz, bands)
     stepped = graph.node("MatMul", matrix.T, rested)
-    sizes = [size, len(bands)]
-    # a Split names several outputs, which the builder does not number
-    outs = ["bank_next", "bank_out"]
-    advanced, outputs = graph.nodes("Split", stepped, sizes, outs=outs, axis=1)
+    advanced, outputs, *means = graph.nodes("Split", stepped, sizes, outs=outs, axis=1)
 
     # a lost sample holds the state: the last good value would read as a step of 0
     following = graph.node("Where", guarded.good, advanced, before)
     graph.keep("bank", following)
-    return graph.node("Abs", outputs)
+    if means:
+        graph.keep(MEAN, means[0])
+    return graph.node("Abs", outputs), means
+
+
+def _with_mean(matrix: FloatArray, rate_hz: float, rule: ContactRule) -> FloatArray:
+    """The matrix of a step with two more rows (last sample, mean) and columns (next mean, step).
+
+    A low-pass m += share (x / hysteresis - m) with x = last + difference; the step is a multiple.
+    """
+    rows, columns = matrix.shape
+    wider = np.zeros((rows + 2, columns + 2))
+    wider[:rows, :columns] = matrix
+
+    hysteresis = rule.on - rule.off
+    share = 1.0 - math.exp(-1.0 / (rule.mean_s * rate_hz))
+    new = share / hysteresis
+    # the difference, the last sample and the mean before
+    wider[[0, rows, rows + 1], columns] = [new, new, 1.0 - share]
+    wider[:, columns + 1] = wider[:, columns] * hysteresis / (rule.zero_s * rate_hz)
+    return wider
 
 
 def detector_names(spec: StepSpec) -> tuple[str, ...]:
@@ -256,19 +291,17 @@ def _friction_cone(graph: GraphBuilder, spec: StepSpec, guarded: GuardOutputs) -
     """[B, 1, C] in the normal's column: |shear| > mu x normal at a usable, pressed finger."""
     rules = spec.detectors
 
-    # shear > mu x normal instead of shear / normal > mu: no division by a small force
+    # shear^2 > (mu x normal)^2 instead of shear / normal > mu: no root, and no division by a small
+    # force
     squares = graph.node("Mul", guarded.now, guarded.now)
-    # One product adds the squares of x and y and puts the sum into the column of z.
-    shear_to_normal = [[0.0, 0.0, 1.0], [0.0, 0.0, 1.0], [0.0, 0.0, 0.0]]
-    matrix = np.kron(np.eye(spec.n_sensors), shear_to_normal)
-    squared_shear = graph.node("MatMul", squares, matrix)
-    shear = graph.node("Sqrt", squared_shear)
-    most = graph.node("Mul", guarded.now, rules.friction)
-    outside = graph.node("Greater", shear, most)
+    # One product adds the squares of x and y and puts what is beyond the cone into the column of z;
+    # nothing is in the columns of shear.
+    beyond_in_z = [[0.0, 0.0, 1.0], [0.0, 0.0, 1.0], [0.0, 0.0, -(rules.friction**2)]]
+    matrix = np.kron(np.eye(spec.n_sensors), beyond_in_z)
+    beyond = graph.node("MatMul", squares, matrix)
+    outside = graph.node("Greater", beyond, 0.0)
 
-    # in the columns of shear, no force is enough
-    least = np.tile([np.inf, np.inf, rules.min_normal_n], spec.n_sensors)
-    pressed = graph.node("Greater", guarded.now, least)
-
+    # the square of the normal has lost its sign
+    pressed = graph.node("Greater", guarded.now, rules.min_normal_n)
     slips = graph.node("And", outside, pressed)
     return graph.node("And", slips, guarded.usable)

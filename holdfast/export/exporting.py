@@ -22,6 +22,7 @@ from holdfast.edge_runtime.model import golden_answers, golden_to_json
 from holdfast.edge_runtime.model_file import (
     CARD_KEY,
     CARD_SUFFIX,
+    CONTACT_KEY,
     DIGITS,
     FORMAT,
     GOLDEN_KEY,
@@ -108,14 +109,15 @@ def require_replaceable(artifact: Path, model: Path, *, force: bool) -> None:
 def whole_graph(spec: StepSpec, heads: list[Head]) -> onnx.ModelProto:
     """The complete step: guard, bank, detectors, features, learners, calibration."""
     graph = GraphBuilder(spec.n_sensors)
-    features = add_step(graph, spec)
-    add_heads(graph, features, heads)
+    features, empty = add_step(graph, spec)
+    add_heads(graph, features, heads, empty)
     return graph.model()
 
 
 def model_card(artifact: Artifact) -> Json:
     """Everything a consumer of the file needs to know, as one JSON object."""
     spec = artifact.spec
+    rule = spec.contact
     return {
         "format": FORMAT,
         "spec": spec.to_json(),
@@ -123,6 +125,7 @@ def model_card(artifact: Artifact) -> Json:
         "range_limit": RANGE_LIMIT[spec.unit],
         "noise_rms": NOISE_RMS[spec.unit],
         "normal_floor": NORMAL_FLOOR[spec.unit],
+        CONTACT_KEY: None if rule is None else rule.to_json(),
         "window_samples": spec.window_samples,
         "history_samples": spec.history_samples,
         "settle_samples": spec.settle_samples,

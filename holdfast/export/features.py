@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import onnx
@@ -21,7 +21,14 @@ from holdfast.core.errors import UsageError
 from holdfast.core.trial_layout import NORMAL_FLOOR
 from holdfast.export.builder import GraphBuilder
 from holdfast.export.detectors import add_bank, add_detectors
-from holdfast.export.guard import LAGS_S, GuardOutputs, History, Triples, add_guard
+from holdfast.export.guard import (
+    LAGS_S,
+    GuardOutputs,
+    History,
+    Triples,
+    add_contact,
+    add_guard,
+)
 from holdfast.export.spec import HISTORY_S, WINDOW_S, StepSpec
 
 SPANS_S = (0.10, 0.25, 0.50)
@@ -366,21 +373,29 @@ def _joined(history: History, added: list[Triples | str]) -> list[str]:
     return parts
 
 
-def add_step(graph: GraphBuilder, spec: StepSpec) -> str:
-    """Add the whole step up to the features; returns the features [B, F] float32."""
+def add_step(graph: GraphBuilder, spec: StepSpec) -> tuple[str, str]:
+    """Add the whole step up to the features; returns features [B, F] float32 and empty [B, 1].
+
+    empty: bool by force, "" where force does not decide "nothing".
+    """
     guarded = add_guard(graph, spec)
-    rectified = add_bank(graph, spec, guarded)
+    rectified, means = add_bank(graph, spec, guarded)
     add_detectors(graph, spec, guarded, rectified)
-    return add_features(graph, spec, guarded, rectified)
+    empty = add_contact(graph, spec, guarded, means)
+    return add_features(graph, spec, guarded, rectified), empty
 
 
 def add_features_alone(graph: GraphBuilder, spec: StepSpec) -> str:
-    """Add the same features without detectors; with the bank only where a group reads it."""
+    """Add the same features without detectors; with the bank only where a group reads it.
+
+    The zero stays 0: training prepares a recording as a whole, with the bias of its own start.
+    """
+    spec = replace(spec, force_decides=False)
     guarded = add_guard(graph, spec)
     known = [GROUPS[name] for name in spec.groups if name in GROUPS]
     # only the bank's memory never ends
     reads_bank = any(group.memory_s == math.inf for group in known)
-    rectified = add_bank(graph, spec, guarded) if reads_bank else ""
+    rectified = add_bank(graph, spec, guarded)[0] if reads_bank else ""
     return add_features(graph, spec, guarded, rectified)
 
 

@@ -14,11 +14,16 @@ More than 20 ms lost in a row lead back to 0, and the sensor must settle again. 
 usable sensors than the model needs. A short gap makes the state unknown while it lasts; a long one
 until the whole history is of good samples again.
 
+Where force decides "nothing" (`add_contact`), what the guard lets through is the sample less the
+zero of its channel. The zero is 0 in a fresh state and follows the reading of an empty hand, never
+that of a hand that touches something, and never while the state is unknown.
+
 `History` is what the guard lets through: the last 0.5 s of samples, from which features are made.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -30,8 +35,10 @@ from onnx import TensorProto
 from holdfast.core.contract import BoolArray, FloatArray
 from holdfast.core.trial_layout import NORMAL_FLOOR
 from holdfast.export.builder import GraphBuilder
-from holdfast.export.spec import RANGE_LIMIT, StepSpec
+from holdfast.export.spec import RANGE_LIMIT, ContactRule, StepSpec
 
+EMPTY = "empty"
+"""The tensor of the contact rule, [B, 1] bool: known, and the hand touches nothing."""
 LAGS_S = (0.05, 0.10, 0.17, 0.25, 0.37, 0.50)
 """Lags of the differences, in s: closer together for recent samples, up to the whole history."""
 
@@ -42,7 +49,8 @@ class GuardOutputs:
 
     now, last: this and the previous good sample. past: all samples before this one, in parts
     [B, rows, C], oldest first. good: bool, delivered now. begun: 1.0, or 0.0 where the sensor has
-    no past. usable: bool.
+    no past. usable: bool. known: [B, 1, 1] bool, enough sensors are usable. zero: what was taken
+    from the sample; "" where force does not decide.
     """
 
     now: str
@@ -51,6 +59,8 @@ class GuardOutputs:
     good: str
     begun: str
     usable: str
+    known: str
+    zero: str
 
 
 def add_guard(graph: GraphBuilder, spec: StepSpec) -> GuardOutputs:
@@ -63,8 +73,13 @@ def add_guard(graph: GraphBuilder, spec: StepSpec) -> GuardOutputs:
     # the share is a sum of quarters, so a whole one is exactly 1
     share = _share_of_good(graph, spec)
     good = graph.node("GreaterOrEqual", share, 1.0)
+    zero = ""
+    reading = "sample"
+    if spec.contact is not None:
+        zero = graph.state("zero", 1)
+        reading = graph.node("Sub", "sample", zero)
     # chosen, not multiplied: NaN x 0 is NaN
-    now = graph.node("Where", good, "sample", last)
+    now = graph.node("Where", good, reading, last)
 
     # Each row takes the value of the next newer one. The values differ in rows from their fields,
     # and only the sum of the rows is the same: joined behind each other and split again at the
@@ -81,9 +96,9 @@ def add_guard(graph: GraphBuilder, spec: StepSpec) -> GuardOutputs:
     following = graph.node("Gather", _next_places(spec), entry)
     graph.keep("place", following)
 
-    usable = _publish(graph, spec, following)
+    usable, known = _publish(graph, spec, following)
     past = (oldest, older, last)
-    return GuardOutputs(now, last, past, good, begun, usable)
+    return GuardOutputs(now, last, past, good, begun, usable, known, zero)
 
 
 def _share_of_good(graph: GraphBuilder, spec: StepSpec) -> str:
@@ -117,27 +132,37 @@ def _next_places(spec: StepSpec) -> FloatArray:
     return 2.0 * np.stack([after_bad, after_good], axis=1).ravel()
 
 
-def _publish(graph: GraphBuilder, spec: StepSpec, place: str) -> str:
-    """Publish the flags; returns usable [B, 1, C]. A sensor counts three times, once a channel."""
+def _publish(graph: GraphBuilder, spec: StepSpec, place: str) -> tuple[str, str]:
+    """Publish the flags; returns usable [B, 1, C] and known [B, 1, 1], bool."""
     a_delivery = 2 * (spec.gap_samples + 1)
     last_place = a_delivery * spec.settle_samples
     first_settled = last_place - a_delivery + 2
 
     # places are whole: above the place before is at the place itself
-    settled = graph.node("Greater", place, first_settled - 1.0)
     usable = graph.node("Greater", place, last_place - 1.0)
-
-    needed = graph.constant(3 * spec.min_valid_sensors, np.int32)
-    n_settled = _count(graph, settled)
-    graph.node("GreaterOrEqual", n_settled, needed, out="settled")
     n_usable = _count(graph, usable)
-    graph.node("Less", n_usable, needed, out="unknown")
     graph.node("Div", n_usable, np.int32(3), out="usable_sensors")
+    graph.output("usable_sensors", TensorProto.INT32)
+
+    if spec.min_valid_sensors == spec.n_sensors:
+        # where every sensor is needed, the worst one decides, and nothing is counted
+        worst = graph.node("ReduceMin", place, [1, 2], keepdims=1)
+        known = graph.node("Greater", worst, last_place - 1.0)
+        of_hand = graph.reshape(worst, -1)
+        graph.node("Greater", of_hand, first_settled - 1.0, out="settled")
+        graph.node("Less", of_hand, float(last_place), out="unknown")
+    else:
+        needed = graph.constant(3 * spec.min_valid_sensors, np.int32)
+        settled = graph.node("Greater", place, first_settled - 1.0)
+        n_settled = _count(graph, settled)
+        graph.node("GreaterOrEqual", n_settled, needed, out="settled")
+        graph.node("Less", n_usable, needed, out="unknown")
+        enough = graph.node("GreaterOrEqual", n_usable, needed)
+        known = graph.reshape(enough, -1, 1, 1)
 
     graph.output("settled", TensorProto.BOOL)
     graph.output("unknown", TensorProto.BOOL)
-    graph.output("usable_sensors", TensorProto.INT32)
-    return usable
+    return usable, known
 
 
 def _count(graph: GraphBuilder, flags: str) -> str:
@@ -151,31 +176,69 @@ def reference_flags(
     values: FloatArray, valid: BoolArray, spec: StepSpec
 ) -> dict[str, npt.NDArray[Any]]:
     """settled, unknown and usable_sensors [T] by the guard's rule in plain Python, from fresh."""
+    good, delivered = _reference_sensors(values, valid, spec)
+    settled = delivered >= spec.settle_samples
+    usable = (good & settled).sum(axis=1)
+    return {
+        "settled": settled.sum(axis=1) >= spec.min_valid_sensors,
+        "unknown": usable < spec.min_valid_sensors,
+        "usable_sensors": usable,
+    }
+
+
+def _reference_sensors(
+    values: FloatArray, valid: BoolArray, spec: StepSpec
+) -> tuple[BoolArray, npt.NDArray[np.int64]]:
+    """Good [T, S], and how many samples each sensor has delivered, [T, S]."""
     triples = values.reshape(len(values), -1, 3)
     in_range = (np.abs(triples) < RANGE_LIMIT[spec.unit]).all(axis=2)
     good = valid & in_range
 
     delivered = np.zeros(spec.n_sensors, int)
     lost = np.zeros(spec.n_sensors, int)
-    n_settled = []
-    n_usable = []
+    history = []
     # in plain counters, another form than the graph's table, so that one checks the other
     for now in good:
         # a lost sample that is bridged does not count, and does not set the count back
         lost = np.where(now, 0, lost + 1)
         bridged = np.where(lost > spec.gap_samples, 0, delivered)
         delivered = np.where(now, delivered + 1, bridged)
+        history.append(delivered)
 
-        settled = delivered >= spec.settle_samples
-        n_settled.append(settled.sum())
-        n_usable.append((now & settled).sum())
+    return good, np.array(history)
 
-    usable = np.array(n_usable)
-    return {
-        "settled": np.array(n_settled) >= spec.min_valid_sensors,
-        "unknown": usable < spec.min_valid_sensors,
-        "usable_sensors": usable,
-    }
+
+def reference_contact(
+    values: FloatArray, valid: BoolArray, spec: StepSpec, rule: ContactRule
+) -> tuple[BoolArray, FloatArray]:
+    """Empty [T] and the zero after each sample [T, C] by the rule in plain Python, from fresh."""
+    good, delivered = _reference_sensors(values, valid, spec)
+    usable = good & (delivered >= spec.settle_samples)
+    unknown = usable.sum(axis=1) < spec.min_valid_sensors
+
+    share = 1.0 - math.exp(-1.0 / (rule.mean_s * spec.rate_hz))
+    most = rule.zero_per_s / spec.rate_hz
+    last, mean, zero = np.zeros((3, spec.n_channels))
+    # a sensor that was lost for too long begins again one sample after its return
+    begun = np.zeros(spec.n_channels, np.bool_)
+    empty = False
+    empties, zeros = [], []
+    for t, now in enumerate(values):
+        last = np.where(np.repeat(good[t], 3), now - zero, last)
+        mean = np.where(begun, mean + share * (last - mean), 0.0)
+        begun = np.repeat(delivered[t] > 0, 3)
+
+        # in doubt the hand touches something
+        counted = np.where(np.repeat(usable[t], 3), mean, 0.0)
+        force = math.sqrt((counted**2).sum())
+        empty = not unknown[t] and force < (rule.on if empty else rule.off)
+        if empty:
+            step = counted / (rule.zero_s * spec.rate_hz)
+            zero = zero + np.clip(step, -most, most)
+        empties.append(empty)
+        zeros.append(zero)
+
+    return np.array(empties), np.array(zeros)
 
 
 @dataclass(frozen=True)
@@ -298,6 +361,47 @@ class History:
             triples = graph.node("Div", triples, divisor)
 
         return graph.node("Flatten", triples, axis=1)
+
+
+def add_contact(
+    graph: GraphBuilder, spec: StepSpec, guarded: GuardOutputs, means: list[str]
+) -> str:
+    """Add the contact rule, and follow the zero; returns empty [B, 1] bool, "" without the rule.
+
+    means: of the bank. The length of the mean is compared with `on` where the hand was empty, with
+    `off` where it touched something, as it does in a fresh state.
+    """
+    rule = spec.contact
+    if rule is None:
+        return ""
+    mean, pull = means
+    if spec.min_valid_sensors < spec.n_sensors:
+        # a sensor that a degraded hand lacks says nothing; its last reading must not hold on
+        mean = graph.node("Where", guarded.usable, mean, 0.0)
+        pull = graph.node("Where", guarded.usable, pull, 0.0)
+
+    # In units of the hysteresis, a hand that was empty may read 1 more than one that was not. A
+    # product and a sum cost less than a choice of two thresholds.
+    was_empty = graph.state("empty", 1)
+    length = graph.node("ReduceL2", mean, [1, 2], keepdims=1)
+    above_off = graph.node("Sub", length, rule.off / (rule.on - rule.off))
+    below = graph.node("Less", above_off, was_empty)
+    # In doubt the hand touches something: so the zero stands still while the state is unknown, and
+    # the first known sample is compared with `off`.
+    empty = graph.node("And", below, guarded.known)
+    flag = graph.node("Cast", empty, to=TensorProto.DOUBLE)
+    graph.keep("empty", flag)
+
+    # Limited in speed: a touch outruns the zero, drift does not.
+    most = rule.zero_per_s / spec.rate_hz
+    step = graph.node("Clip", pull, -most, most)
+    taken = graph.node("Mul", step, flag)
+    zero = graph.node("Add", guarded.zero, taken)
+    graph.keep("zero", zero)
+
+    # the flag is the same in all channels
+    first = graph.constant(0, np.int64)
+    return graph.node("Gather", empty, first, out=EMPTY, axis=2)
 
 
 def _over_sensors(spec: StepSpec) -> FloatArray:

@@ -5,6 +5,10 @@ head votes no or yes on one question (p_risky_250ms) and publishes the probabili
 come from the integer votes. Calibration follows and cannot change a label: vote shares pass one
 affine map and a softmax (multinomial logistic calibration, fitted on held-out votes).
 
+Where force decides "nothing", it has the last word on the votes: without contact all are for
+nothing, in contact those for nothing count for grasp. So votes stay whole and their sum the same,
+and all that is made of votes follows. What the learner says about slip in contact is unchanged.
+
 The `reference_...` functions compute the same in numpy; verification compares a file with them.
 """
 
@@ -17,7 +21,7 @@ import numpy as np
 import numpy.typing as npt
 from onnx import TensorProto
 
-from holdfast.core.contract import CLASSES, SITUATIONS
+from holdfast.core.contract import CLASSES, GRASP, NOTHING, SITUATIONS
 from holdfast.core.reading import Json
 from holdfast.export.builder import GraphBuilder
 from holdfast.export.learner import Learner, add_learner, votes_in_all
@@ -59,13 +63,26 @@ class Head:
         """The tensor of this head's votes."""
         return "votes" if self.name == MAIN_HEAD else f"votes_{self.name}"
 
+    @property
+    def learned_name(self) -> str:
+        """The tensor of the learner's votes, where force decides "nothing" after it."""
+        return f"learned_{self.votes_name}"
 
-def add_heads(graph: GraphBuilder, features: str, heads: list[Head]) -> None:
-    """Join every head to the features; publishes the outputs of the model's interface."""
+
+def add_heads(
+    graph: GraphBuilder, features: str, heads: list[Head], empty: str = ""
+) -> None:
+    """Join every head to the features; publishes the outputs of the model's interface.
+
+    empty: [B, 1] bool by force; "" where the learner decides "nothing" too.
+    """
     for head in heads:
         n_classes = len(head.classes)
         out = head.votes_name
-        votes = add_learner(graph, head.learner, features, n_classes, out)
+        learned = head.learned_name if empty else out
+        votes = add_learner(graph, head.learner, features, n_classes, learned)
+        if empty:
+            votes = _by_force(graph, head, votes, empty)
         graph.output(out, TensorProto.FLOAT, n_classes)
         if head.name != MAIN_HEAD:
             _publish_extra(graph, head, votes)
@@ -75,6 +92,36 @@ def add_heads(graph: GraphBuilder, features: str, heads: list[Head]) -> None:
             _publish_label(graph, head, votes)
             _calibrated(graph, head, votes, "p_situation")
             graph.output("p_situation", TensorProto.FLOAT, len(SITUATIONS))
+
+
+def _by_force(graph: GraphBuilder, head: Head, votes: str, empty: str) -> str:
+    """The votes [B, K] of a head after the contact rule."""
+    if head.name == MAIN_HEAD:
+        # products with 0 and 1, and sums below 2^24, are exact
+        votes = graph.node("MatMul", votes, np.float32(nothing_to_grasp(head)))
+    for_nothing = np.float32(votes_without_contact(head))
+    return graph.node("Where", empty, for_nothing, votes, out=head.votes_name)
+
+
+def nothing_to_grasp(head: Head) -> npt.NDArray[np.int64]:
+    """[K, K] that gives the votes for nothing to grasp of the same weight (of the main head)."""
+    n_classes = len(head.classes)
+    per = n_classes // len(SITUATIONS)
+    moved = np.eye(n_classes, dtype=np.int64)
+    for weight in range(per):
+        moved[NOTHING * per + weight, NOTHING * per + weight] = 0
+        moved[NOTHING * per + weight, GRASP * per + weight] = 1
+    return moved
+
+
+def votes_without_contact(head: Head) -> IntArray:
+    """[K] votes of a hand that touches nothing: all for nothing, equally light and heavy; or no."""
+    votes = np.zeros(len(head.classes), dtype=np.int64)
+    votes[0] = votes_in_all(head.learner)
+    if head.name == MAIN_HEAD and head.classes == CLASSES:
+        heavy = votes[0] // 2
+        votes[:2] -= [heavy, -heavy]
+    return votes
 
 
 def _calibrated(graph: GraphBuilder, head: Head, votes: str, out: str = "") -> str:
@@ -146,6 +193,13 @@ def weighted(votes: IntArray, weights: tuple[float, ...] | None) -> npt.NDArray[
         return votes
     factors = np.asarray(weights, dtype=np.float32)
     return np.asarray(votes.astype(np.float32) * factors)
+
+
+def reference_in_contact(head: Head, votes: IntArray) -> IntArray:
+    """The learner's votes [N, K] after the contact rule, of a hand that touches something."""
+    if head.name != MAIN_HEAD:
+        return votes
+    return np.asarray(votes @ nothing_to_grasp(head))
 
 
 def reference_probability(head: Head, votes: IntArray) -> npt.NDArray[np.float64]:

@@ -213,15 +213,14 @@ def add_shares(graph: GraphBuilder, network: Network, features: str) -> str:
 
 def _add_inputs(graph: GraphBuilder, inputs: Inputs, features: str) -> str:
     """Add q [B, F]; number by number, so a batch equals a single row."""
-    # a comparison with NaN is false, so NaN counts as 0 too
-    size = graph.node("Abs", features)
-    known = graph.node("Less", size, np.float32(LARGEST_FEATURE))
-    finite = graph.node("Where", known, features, np.float32(0.0))
-
     # x / (knee + |x|) instead of tanh: IEEE 754 fixes every bit of a quotient
-    finite_size = graph.node("Abs", finite)
-    below = graph.node("Add", finite_size, inputs.knee)
-    squashed = graph.node("Div", finite, below)
+    size = graph.node("Abs", features)
+    below = graph.node("Add", size, inputs.knee)
+    quotient = graph.node("Div", features, below)
+
+    # a comparison with NaN is false, so NaN counts as 0 too
+    known = graph.node("Less", size, np.float32(LARGEST_FEATURE))
+    squashed = graph.node("Where", known, quotient, np.float32(0.0))
 
     scaled = graph.node("Mul", squashed, inputs.gain)
     shifted = graph.node("Add", scaled, inputs.offset)

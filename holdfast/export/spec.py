@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from holdfast.core.contract import UNITS, Unit
 from holdfast.core.errors import ChannelError, RateError, UnitError
 from holdfast.core.reading import Json
+from holdfast.core.trial_layout import NORMAL_FLOOR
 
 if TYPE_CHECKING:
     from holdfast.core.hand_card import HandCard
@@ -85,13 +86,48 @@ class DetectorSpec:
     min_normal_n: float = 0.5
 
 
+ON_SHARE, OFF_SHARE = 0.5, 0.3
+"""Contact begins above, and ends below, these shares of the normal force of a touching finger."""
+ZERO_S = 0.2
+"""Time constant, in s, with which the zero follows what is small; noise must not move it."""
+ZERO_SHARE_PER_S = 0.1
+"""The zero of an empty hand follows by at most this share of it a second: 30 mN/s."""
+MEAN_S, LEAST_MEAN = 0.04, 6
+"""Time constant, in s, of the mean that contact is judged by, and its fewest samples."""
+USUAL_SENSORS = 6
+"""The shares are for so many sensors."""
+CONTACT_UNITS: tuple[Unit, ...] = ("N",)
+"""Units in which force decides "nothing" unless a spec says otherwise (docs/decisions.md)."""
+
+
+@dataclass(frozen=True)
+class ContactRule:
+    """When a hand touches something, by force alone (`add_contact` in holdfast/export/guard.py).
+
+    on, off: contact begins from `on` on and ends below `off`; both are lengths of the mean of all
+    channels, in the unit of the model. mean_s: time constant of that mean. zero_s, zero_per_s: time
+    constant with which the zero of a channel follows an empty hand, and its highest speed, unit/s.
+    """
+
+    on: float
+    off: float
+    mean_s: float
+    zero_s: float
+    zero_per_s: float
+
+    def to_json(self) -> Json:
+        """As a JSON object, for the metadata."""
+        return asdict(self)
+
+
 @dataclass(frozen=True)
 class StepSpec:
     """The specification of a step graph: channels, rate, unit, features, guard and detectors.
 
     rate_hz: rate of all constants. groups: feature groups by name (holdfast/export/features.py).
     min_valid_sensors: fewer usable sensors than this make the state unknown. window_s: length of
-    the raw window. hand: its card, with the sides of its sensors, or None.
+    the raw window. hand: its card, with the sides of its sensors, or None. force_decides: force
+    decides "nothing", not the learner; None for the default of the unit.
     """
 
     n_sensors: int
@@ -103,6 +139,7 @@ class StepSpec:
     window_s: float = WINDOW_S
     detectors: DetectorSpec = field(default_factory=DetectorSpec)
     hand: HandCard | None = None
+    force_decides: bool | None = None
 
     def __post_init__(self) -> None:
         if self.n_sensors < 1:
@@ -123,7 +160,10 @@ class StepSpec:
                 next_step=f"give more than 0, at most {HISTORY_S} s",
             )
 
-        # 0 stands for all sensors; the class is frozen, so its default is filled in this way
+        # the class is frozen, so what hangs on other fields is filled in this way
+        if self.force_decides is None:
+            object.__setattr__(self, "force_decides", self.unit in CONTACT_UNITS)
+        # 0 stands for all sensors
         if not self.min_valid_sensors:
             object.__setattr__(self, "min_valid_sensors", self.n_sensors)
         if not 1 <= self.min_valid_sensors <= self.n_sensors:
@@ -156,6 +196,22 @@ class StepSpec:
     def gap_samples(self) -> int:
         """Longest run of lost samples that is bridged (20 ms)."""
         return math.floor(GAP_S * self.rate_hz + 1e-9)
+
+    @property
+    def contact(self) -> ContactRule | None:
+        """The rule by which force decides "nothing"; None where the learner does."""
+        if not self.force_decides:
+            return None
+        floor = NORMAL_FLOOR[self.unit]
+        # the length of noise grows with the root of the number of channels
+        more = max(1.0, math.sqrt(self.n_sensors / USUAL_SENSORS))
+        return ContactRule(
+            on=ON_SHARE * floor * more,
+            off=OFF_SHARE * floor * more,
+            mean_s=max(MEAN_S, LEAST_MEAN / self.rate_hz),
+            zero_s=ZERO_S,
+            zero_per_s=ZERO_SHARE_PER_S * floor,
+        )
 
     def lag(self, seconds: float) -> int:
         """A lag in samples: at least 1, at most the history."""

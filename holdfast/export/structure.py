@@ -187,7 +187,8 @@ def require_same_numbers(model: onnx.ModelProto, head: Head) -> int:
 
     if forest is not None:
         made_by = {node.output[0]: node for node in model.graph.node}
-        trees = made_by[head.votes_name]
+        # where force decides "nothing", the learner's votes are not yet those of the file
+        trees = made_by.get(head.learned_name) or made_by[head.votes_name]
         if network is not None:
             # the votes of a committee are the sum of those of the trees and of the network
             trees = made_by[trees.input[0]]

@@ -7,6 +7,7 @@ hold what a verification compared, as counts; `dataclasses.asdict` gives their J
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -14,9 +15,16 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import onnx
+from onnx import numpy_helper
 from onnx.utils import Extractor
 
-from holdfast.core.contract import CLASSES, SITUATIONS
+from holdfast.core.contract import (
+    CLASSES,
+    NOTHING,
+    SITUATIONS,
+    BoolArray,
+    FloatArray,
+)
 from holdfast.core.errors import VerificationFailed
 from holdfast.edge_runtime.graph import (
     BATCH,
@@ -26,19 +34,21 @@ from holdfast.edge_runtime.graph import (
     run_recording,
 )
 from holdfast.edge_runtime.model import golden_input
-from holdfast.export.guard import reference_flags
+from holdfast.export.guard import EMPTY, reference_contact, reference_flags
 from holdfast.export.heads import (
     MAIN_HEAD,
     FloatRows,
     Head,
     reference_heavy,
+    reference_in_contact,
     reference_label,
     reference_probability,
     riskier_argmax,
+    votes_without_contact,
 )
 from holdfast.export.learner import FOREST_KINDS, Forest, reference_votes
 from holdfast.export.network import IntArray
-from holdfast.export.spec import StepSpec
+from holdfast.export.spec import ContactRule, StepSpec
 from holdfast.export.structure import hard_rows, require_same_numbers
 
 SINGLE_ROWS = 2_000
@@ -129,29 +139,52 @@ def verify(
         hard = np.concatenate([rows, hard_rows(head.learner, rows, seed)])
         answers = run_rows(learners, hard, CHUNK)
         nodes = require_same_numbers(model, head)
-        compared[head.name] = _compare(head, hard, answers, len(rows), nodes)
+        compared[head.name] = _compare(
+            head, hard, answers, len(rows), nodes, by_force=spec.contact is not None
+        )
         single += require_single_rows_equal(learners, hard, answers, SINGLE_ROWS, seed)
 
     report("verifying ties, and streams of one hand against a batch")
     ties = _check_ties(model, heads)
+    if spec.contact is not None:
+        _check_without_contact(model, heads, rows)
     samples = _compare_streams(model, spec, seed)
     return Verification(len(rows), compared, ties, single, samples)
 
 
-def cut_learners(model: onnx.ModelProto) -> bytes:
-    """The learners, labels and probabilities alone, from the tensor `features` [B, F] on."""
+def cut_learners(model: onnx.ModelProto, *, touches: bool = True) -> bytes:
+    """The learners, labels and probabilities alone, from the tensor `features` [B, F] on.
+
+    touches: whether all rows are those of a hand in contact, where force decides "nothing".
+    """
     names = [output.name for output in model.graph.output]
     of_learners = [name for name in names if name not in OF_THE_STEP]
-    return _cut(model, "features", of_learners)
+    return _cut(model, "features", of_learners, touches=touches)
 
 
-def _cut(model: onnx.ModelProto, start: str, outputs: list[str]) -> bytes:
+def _cut(
+    model: onnx.ModelProto, start: str, outputs: list[str], *, touches: bool = True
+) -> bytes:
     """The part of a model between a tensor, which becomes its input, and these outputs."""
     # the new input needs a type and a shape, which only inference knows
     with_shapes = onnx.shape_inference.infer_shapes(model)
+    flags = [EMPTY] if decides_by_force(model) and start == "features" else []
     extractor = Extractor(with_shapes)
-    cut: onnx.ModelProto = extractor.extract_model([start], outputs)
+    cut: onnx.ModelProto = extractor.extract_model([start, *flags], outputs)
+
+    # what takes no part in the learners is no input of theirs, but a constant
+    for name in flags:
+        (given,) = [one for one in cut.graph.input if one.name == name]
+        cut.graph.input.remove(given)
+        cut.graph.initializer.append(
+            numpy_helper.from_array(np.array([[not touches]]), name)
+        )
     return cut.SerializeToString()
+
+
+def decides_by_force(model: onnx.ModelProto) -> bool:
+    """Whether a graph has the contact rule."""
+    return any(EMPTY in node.output for node in model.graph.node)
 
 
 def run_rows(session: Any, rows: npt.NDArray[Any], chunk: int) -> Outputs:
@@ -170,10 +203,22 @@ def run_rows(session: Any, rows: npt.NDArray[Any], chunk: int) -> Outputs:
 
 
 def _compare(
-    head: Head, rows: FloatRows, answers: Outputs, given: int, nodes: int
+    head: Head,
+    rows: FloatRows,
+    answers: Outputs,
+    given: int,
+    nodes: int,
+    *,
+    by_force: bool,
 ) -> HeadVerification:
-    """Compare the answers to all rows; the first `given` of them are rows of windows."""
-    expected = reference_votes(head.learner, rows, len(head.classes))
+    """Compare the answers to all rows; the first `given` of them are rows of windows.
+
+    by_force: force decides "nothing", and all rows are those of a hand that touches something.
+    """
+    learned = reference_votes(head.learner, rows, len(head.classes))
+    expected = learned
+    if by_force:
+        expected = reference_in_contact(head, learned)
     votes = answers[head.votes_name]
     if head.name == MAIN_HEAD:
         answered = answers["situation"]
@@ -197,7 +242,7 @@ def _compare(
     # scikit-learn averages probabilities, whole votes are rounded: reported, not required
     plain = None
     if isinstance(head.learner, FOREST_KINDS):
-        plain = _disagreement(head.learner, rows[:given], expected[:given])
+        plain = _disagreement(head.learner, rows[:given], learned[:given])
     return HeadVerification(len(rows), wrong_labels, wrong_votes, plain, nodes)
 
 
@@ -295,21 +340,47 @@ def _tied_votes(n_classes: int) -> IntArray:
     return np.repeat(votes // per, per, axis=1)
 
 
+def _check_without_contact(
+    model: onnx.ModelProto, heads: list[Head], rows: FloatRows
+) -> None:
+    """A hand that touches nothing is called nothing, whatever the learner says."""
+    session = open_session(cut_learners(model, touches=False))
+    answers = run_rows(session, rows[:SINGLE_ROWS], CHUNK)
+    wrong = bool(answers["situation"].any())
+    for head in heads:
+        expected = votes_without_contact(head)
+        wrong |= bool((answers[head.votes_name] != expected).any())
+    if wrong:
+        raise VerificationFailed(
+            "a hand without contact is not called nothing", next_step="report this"
+        )
+
+
 def _compare_streams(model: onnx.ModelProto, spec: StepSpec, seed: int) -> int:
-    """Run the whole step: flags follow the rule, and one recording equals the same in a batch."""
+    """Run the whole step: flags follow the rules, and one recording equals the same in a batch."""
     session = open_session(model.SerializeToString())
-    values, valid = golden_input(spec.n_channels, spec.unit, spec.settle_samples)
+    streams = [golden_input(spec.n_channels, spec.unit, spec.settle_samples)]
+    if spec.contact is not None:
+        # the golden input presses from its first sample on: this one touches and lets go
+        streams.append(touching_input(spec, spec.contact, seed))
+    return sum(_compare_stream(session, spec, *one, seed) for one in streams)
+
+
+def _compare_stream(
+    session: Any, spec: StepSpec, values: FloatArray, valid: BoolArray, seed: int
+) -> int:
+    """One stream, alone and in a batch; returns how many samples were compared."""
     names = [output.name for output in session.get_outputs()]
     names.remove("state_out")
     alone = run_recording(session, values, valid, names)
 
     flags = reference_flags(values, valid, spec)
     for name, expected in flags.items():
-        if not np.array_equal(alone[name], expected):
-            raise VerificationFailed(
-                f"output {name!r} does not follow the guard's rule",
-                next_step="report this",
-            )
+        _require_flags(name, np.array_equal(alone[name], expected))
+    if spec.contact is not None:
+        empty, _ = reference_contact(values, valid, spec, spec.contact)
+        is_nothing = alone["situation"] == NOTHING
+        _require_flags("situation", np.array_equal(is_nothing, empty))
 
     # The other recordings of the batch differ in size, so that a mix-up of rows would show.
     scale = np.random.default_rng(seed).uniform(0.1, 2.0, size=BATCH)
@@ -324,3 +395,39 @@ def _compare_streams(model: onnx.ModelProto, spec: StepSpec, seed: int) -> int:
             _require_same(name, alone[name][t], value[BATCH // 2])
 
     return len(values) * BATCH
+
+
+def _require_flags(name: str, same: bool) -> None:
+    """Raise VerificationFailed unless an output is that of its rule in plain Python."""
+    if not same:
+        raise VerificationFailed(
+            f"output {name!r} does not follow the guard's rule", next_step="report this"
+        )
+
+
+def touching_input(
+    spec: StepSpec, rule: ContactRule, seed: int
+) -> tuple[FloatArray, BoolArray]:
+    """values [T, C] and valid [T, C/3] of a hand that drifts, touches, loses a sensor and lets go.
+
+    Three touches of different strength, with a sensor lost once in a touch and once in the air.
+    """
+    rng = np.random.default_rng(seed)
+    span = spec.settle_samples
+    length = 8 * span
+    samples = np.arange(length)
+
+    # drift at two thirds of the zero's speed, noise at a quarter of the threshold
+    drift = 2.0 / 3.0 * rule.zero_per_s / spec.rate_hz * samples
+    values = rng.normal(scale=0.25 * rule.on, size=(length, spec.n_channels))
+    values += drift[:, None] * rng.choice([-1.0, 1.0], size=spec.n_channels)
+
+    for begin, strength in ((2, 30.0), (4, 0.9), (6, 5.0)):
+        touching = (samples >= begin * span) & (samples < (begin + 1) * span)
+        values[touching] += strength * rule.on / math.sqrt(spec.n_channels)
+
+    valid = np.ones((length, spec.n_sensors), dtype=np.bool_)
+    lost = spec.gap_samples + 2
+    for begin in (int(2.5 * span), int(5.2 * span)):
+        valid[begin : begin + lost, 0] = False
+    return values, valid
