@@ -29,6 +29,7 @@ from holdfast.core.errors import GoldenMismatch, NotAModel
 from holdfast.core.reading import Json, json_of
 from holdfast.edge_runtime.graph import Outputs, StepGraph, open_session, run_recording
 from holdfast.edge_runtime.model_file import (
+    EMPTY,
     GOLDEN_KEY,
     ModelCard,
     check_runtime,
@@ -148,7 +149,7 @@ MOST_GOLDEN = 1_000_000
 
 def _require_fit(model: OnnxModel, card: ModelCard) -> None:
     """Raise ValueError where inputs and outputs are not those that the card names."""
-    taken = {*INPUTS, *ANSWERS, *WEIGHS, "features", "state_out"}
+    taken = {*INPUTS, *ANSWERS, *WEIGHS, EMPTY, "features", "state_out"}
     for name in card.heads:
         # a further head is an output of its own, so its name must be new to the graph
         if name in taken or not _HEAD.fullmatch(name):
@@ -216,6 +217,9 @@ def _outputs_of(model: OnnxModel, card: ModelCard) -> dict[str, TensorSpec]:
     if card.has_weight:
         wanted["p_class"] = TensorSpec(FLOAT, ("B", n_classes))
         wanted["weight"] = TensorSpec(BOOL, ("B",))
+
+    if card.decides_by_force:
+        wanted[EMPTY] = TensorSpec(BOOL, ("B", 1))
 
     for name in card.heads:
         wanted[name] = TensorSpec(FLOAT, ("B",))

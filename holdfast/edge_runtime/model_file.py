@@ -29,6 +29,8 @@ FORMAT = 2
 """Format 2: the step takes its sample and state in rows of channels."""
 CONTACT_KEY = "contact"
 """Of the card: the rule by which force decides "nothing", None for none; older files lack it."""
+EMPTY = "empty"
+"""The output of that rule, [B, 1] bool: the state is known, and the hand touches nothing."""
 CARD_SUFFIX = ".json"
 """The suffix of the card's file, which stands next to a model file for people to read."""
 DIGITS = 64
@@ -69,6 +71,16 @@ class ModelCard:
     range_limit: float
     normal_floor: float
     raw: Json
+
+    @property
+    def decides_by_force(self) -> bool:
+        """Whether force decides "nothing" in this file, and not the learner."""
+        return self.raw.get(CONTACT_KEY) is not None
+
+    @property
+    def is_older(self) -> bool:
+        """Whether the file is from before the contact rule."""
+        return CONTACT_KEY not in self.raw
 
     @property
     def has_weight(self) -> bool:

@@ -34,11 +34,10 @@ from onnx import TensorProto
 
 from holdfast.core.contract import BoolArray, FloatArray
 from holdfast.core.trial_layout import NORMAL_FLOOR
+from holdfast.edge_runtime.model_file import EMPTY
 from holdfast.export.builder import GraphBuilder
 from holdfast.export.spec import RANGE_LIMIT, ContactRule, StepSpec
 
-EMPTY = "empty"
-"""The tensor of the contact rule, [B, 1] bool: known, and the hand touches nothing."""
 LAGS_S = (0.05, 0.10, 0.17, 0.25, 0.37, 0.50)
 """Lags of the differences, in s: closer together for recent samples, up to the whole history."""
 
@@ -366,7 +365,7 @@ class History:
 def add_contact(
     graph: GraphBuilder, spec: StepSpec, guarded: GuardOutputs, means: list[str]
 ) -> str:
-    """Add the contact rule, and follow the zero; returns empty [B, 1] bool, "" without the rule.
+    """Add the contact rule, publish `empty` [B, 1] bool and return it; "" without the rule.
 
     means: of the bank. The length of the mean is compared with `on` where the hand was empty, with
     `off` where it touched something, as it does in a fresh state.
@@ -401,7 +400,9 @@ def add_contact(
 
     # the flag is the same in all channels
     first = graph.constant(0, np.int64)
-    return graph.node("Gather", empty, first, out=EMPTY, axis=2)
+    graph.node("Gather", empty, first, out=EMPTY, axis=2)
+    graph.output(EMPTY, TensorProto.BOOL, 1)
+    return EMPTY
 
 
 def _over_sensors(spec: StepSpec) -> FloatArray:

@@ -34,7 +34,8 @@ from holdfast.edge_runtime.graph import (
     run_recording,
 )
 from holdfast.edge_runtime.model import golden_input
-from holdfast.export.guard import EMPTY, reference_contact, reference_flags
+from holdfast.edge_runtime.model_file import EMPTY
+from holdfast.export.guard import reference_contact, reference_flags
 from holdfast.export.heads import (
     MAIN_HEAD,
     FloatRows,
@@ -62,6 +63,7 @@ OF_THE_STEP = (
     "unknown",
     "usable_sensors",
     "detectors",
+    EMPTY,
     "features",
     "state_out",
 )
@@ -381,6 +383,7 @@ def _compare_stream(
         empty, _ = reference_contact(values, valid, spec, spec.contact)
         is_nothing = alone["situation"] == NOTHING
         _require_flags("situation", np.array_equal(is_nothing, empty))
+        _require_flags(EMPTY, np.array_equal(alone[EMPTY][:, 0], empty))
 
     # The other recordings of the batch differ in size, so that a mix-up of rows would show.
     scale = np.random.default_rng(seed).uniform(0.1, 2.0, size=BATCH)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
+from holdfast.edge_runtime.model_file import EMPTY
 from holdfast.edge_runtime.onnx_bytes import Node
 from holdfast.export.c.graph import FEATURES, INPUTS, Graph, refusal
 from holdfast.export.c.literals import Tables
@@ -66,7 +67,10 @@ class StepCode:
 
         # an output lies in the caller's struct: only the half that makes it knows it
         early = {name: name for name in (*INPUTS, FEATURES)}
+        # what the sensing half finds out about contact, the answering half reads in the struct
         late = {FEATURES: FEATURES}
+        if EMPTY in graph.outputs:
+            late[EMPTY] = _fields(graph)[EMPTY]
         for name, field in _fields(graph).items():
             places = early if name in made_early else late
             places[name] = field
@@ -135,9 +139,9 @@ def _fields(graph: Graph) -> dict[str, str]:
 
 
 def _require_apart(graph: Graph, plan: Plan, views: dict[str, View]) -> None:
-    """Raise NotCompilable where an answer depends on more than the features."""
-    # holdfast_answer takes features alone, so that a test can put a row on every threshold.
-    known = {FEATURES}
+    """Raise NotCompilable where an answer depends on more than the features and contact."""
+    # holdfast_answer takes no more, so that a test can put a row on every threshold.
+    known = {FEATURES, EMPTY}
     for step in plan.answer:
         known.update(step.outputs)
 
@@ -146,7 +150,9 @@ def _require_apart(graph: Graph, plan: Plan, views: dict[str, View]) -> None:
             for name in node.inputs:
                 base = views[name].base if name in views else name
                 if base not in known and graph.values(base) is None:
-                    raise refusal(node, "an answer depends on more than the features")
+                    raise refusal(
+                        node, "an answer depends on more than features and contact"
+                    )
 
 
 def _require_outputs(graph: Graph, plan: Plan) -> None:

@@ -28,6 +28,7 @@ ABOUT = {
     "settled": "every sensor needed has a whole history",
     "unknown": "the samples cannot be trusted now: use none of the answers below",
     "usable_sensors": "sensors that are settled and good now",
+    "empty": "1 where the hand touches nothing, by force",
     "votes": "whole numbers; a class's share of their sum is how sure the model is",
     "situation": "HOLDFAST_NOTHING to HOLDFAST_RISKY_SLIP; of equal votes the riskier one",
     "p_situation": "calibrated probabilities of the four situations",

@@ -97,7 +97,7 @@ int holdfast_step_valid(holdfast_state *state, const double *sample, const uint8
                         holdfast_out *out);
 
 /* The two halves of a step, for tests: from the sample to the features and the flags, and from
-   features alone to votes, label and probabilities. */
+   the features (and out->empty, if there is one) to votes, label and probabilities. */
 int holdfast_features(holdfast_state *state, const double *sample, const uint8_t *valid,
                       float *features, holdfast_out *out);
 void holdfast_answer(const float *features, holdfast_out *out);
