@@ -2,7 +2,8 @@
 
 Without arguments it exports build/default. Nothing is written unless file and reference agree. A
 file in the artifact's folder is derived from it and replaced; a file elsewhere is replaced only
-with --force. `--to c` turns a sealed file into C99 instead (export/c).
+with --force. `--to c` turns a sealed file into C99 instead (export/c). A model file of an older
+version is exported again with the same learner: `holdfast export OLD.onnx --out NEW.onnx`.
 """
 
 from __future__ import annotations
@@ -34,7 +35,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default=Path("build/default"),
         metavar="DIR",
         help="artifact folder of holdfast train (default build/default); "
-        "a model file with --to c",
+        "a model file with --to c, or an older one to be exported again",
     )
     parser.add_argument(
         "--to",
@@ -67,6 +68,8 @@ def run(args: argparse.Namespace) -> int:
 
     if args.build:
         raise UsageError("--build compiles C", next_step="add --to c")
+    if args.artifact.suffix == ".onnx":
+        return _export_again(args)
     from holdfast.export.exporting import (
         MODEL_NAME,
         export_artifact,
@@ -91,6 +94,28 @@ def run(args: argparse.Namespace) -> int:
 
 def _report_begin(args: argparse.Namespace) -> None:
     sys.stderr.write(f"exporting {visible(str(args.artifact))}\n")
+
+
+def _export_again(args: argparse.Namespace) -> int:
+    """Export an older model file again, with its learner and the contact rule of this version."""
+    from holdfast.export.again import export_again
+
+    if args.out is None or args.out.suffix != ".onnx":
+        raise UsageError(
+            "a model file is exported again into another file",
+            next_step="name it: --out NEW.onnx",
+        )
+    if args.out.exists() and not args.force:
+        raise UsageError(
+            f"--out {args.out} exists", next_step="name a new file, or add --force"
+        )
+    _report_begin(args)
+    size = export_again(args.artifact, args.out)
+    lines = (
+        f"the same learner behind a new step\nmodel: {args.out} ({size / 1e6:.1f} MB)"
+    )
+    show_found(args, lines, {"model": args.out, "bytes": size})
+    return 0
 
 
 def _export_c(args: argparse.Namespace) -> int:

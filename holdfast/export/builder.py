@@ -86,6 +86,18 @@ class GraphBuilder:
         """A constant int64 vector (shapes, axes, indices)."""
         return self.constant(values, np.int64)
 
+    def copy(self, node: onnx.NodeProto) -> None:
+        """Add a node of another graph as it is."""
+        self._nodes.append(node)
+
+    def copy_constant(self, tensor: onnx.TensorProto) -> None:
+        """Add a constant of another graph as it is, under its own name."""
+        self._constants[("copied", tensor.name)] = tensor
+
+    def copy_output(self, value: onnx.ValueInfoProto) -> None:
+        """Publish a tensor as another graph does."""
+        self._outputs.append(value)
+
     def reshape(self, tensor: str, *shape: int) -> str:
         """Reshape; 0 copies a dimension, -1 is inferred."""
         return self.node("Reshape", tensor, list(shape))

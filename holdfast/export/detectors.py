@@ -41,8 +41,6 @@ LOW_PASS_HZ = 75.0
 """Corner frequency of the low-pass that stands behind the differentiator (w_l)."""
 STATES_PER_BAND = 4
 """Two resonators of second order, in transposed direct form II."""
-MEAN = "mean"
-"""The state of the mean that contact is judged by, and its tensor."""
 GRAIN = 1e-30
 """Every number in the filter moves this far towards zero: silence must not become subnormal
 numbers, which are slow. Numbers from 1e-13 on stay as they are."""
@@ -149,22 +147,24 @@ def add_bank(
     contact rule, [B, 1, C] in units of its hysteresis, and as a step of the zero; none without it.
     """
     bands = spec.usable_bands()
-    size = 1 + STATES_PER_BAND * len(bands)
-    before = graph.state("bank", size)
-    difference = graph.node("Sub", guarded.now, guarded.last)
     matrix = step_matrix(spec.rate_hz, bands)
-    inputs = [difference, before]
+    size = 1 + STATES_PER_BAND * len(bands)
     sizes = [size, len(bands)]
     # a Split names several outputs, which the builder does not number
     outs = ["bank_next", "bank_out"]
 
     rule = spec.contact
     if rule is not None:
-        # behind all other rows, whose sums stay the same to the last bit
-        inputs += [guarded.last, graph.state(MEAN, 1)]
-        matrix = _with_mean(matrix, spec.rate_hz, rule)
-        sizes += [1, 1]
-        outs += [MEAN, "zero_step"]
+        matrix = _with_means(matrix, size, spec.rate_hz, rule)
+        size += 1
+        sizes = [size, len(bands), 1, 1]
+        outs += ["mean", "zero_step"]
+
+    before = graph.state("bank", size)
+    difference = graph.node("Sub", guarded.now, guarded.last)
+    inputs = [difference, before]
+    if rule is not None:
+        inputs.append(guarded.last)
 
     # difference and state side by side, so that a whole step is one matrix product
     joined = graph.node("Concat", *inputs, axis=1)
@@ -184,27 +184,29 @@ def add_bank(
     # a lost sample holds the state: the last good value would read as a step of 0
     following = graph.node("Where", guarded.good, advanced, before)
     graph.keep("bank", following)
-    if means:
-        graph.keep(MEAN, means[0])
     return graph.node("Abs", outputs), means
 
 
-def _with_mean(matrix: FloatArray, rate_hz: float, rule: ContactRule) -> FloatArray:
-    """The matrix of a step with two more rows (last sample, mean) and columns (next mean, step).
+def _with_means(
+    matrix: FloatArray, size: int, rate_hz: float, rule: ContactRule
+) -> FloatArray:
+    """The matrix [1 + S, S + bands] of a step, with the mean of the contact rule as a state.
 
-    A low-pass m += share (x / hysteresis - m) with x = last + difference; the step is a multiple.
+    Inputs: difference, S states, mean, last sample. Outputs: S states, mean, bands, mean again,
+    step of the zero. The mean is a low-pass m += share (x / hysteresis - m) with x = last +
+    difference.
     """
-    rows, columns = matrix.shape
-    wider = np.zeros((rows + 2, columns + 2))
-    wider[:rows, :columns] = matrix
-
     hysteresis = rule.on - rule.off
     share = 1.0 - math.exp(-1.0 / (rule.mean_s * rate_hz))
-    new = share / hysteresis
-    # the difference, the last sample and the mean before
-    wider[[0, rows, rows + 1], columns] = [new, new, 1.0 - share]
-    wider[:, columns + 1] = wider[:, columns] * hysteresis / (rule.zero_s * rate_hz)
-    return wider
+    mean = np.zeros(size + 3)
+    mean[[0, size + 2]] = share / hysteresis
+    mean[size + 1] = 1.0 - share
+    step = mean * hysteresis / (rule.zero_s * rate_hz)
+
+    # the two inputs more do not reach the bank
+    of_bank = np.vstack([matrix, np.zeros((2, matrix.shape[1]))])
+    columns = [of_bank[:, :size], mean[:, None], of_bank[:, size:]]
+    return np.hstack([*columns, mean[:, None], step[:, None]])
 
 
 def detector_names(spec: StepSpec) -> tuple[str, ...]:

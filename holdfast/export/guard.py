@@ -224,7 +224,9 @@ def reference_contact(
     empties, zeros = [], []
     for t, now in enumerate(values):
         last = np.where(np.repeat(good[t], 3), now - zero, last)
-        mean = np.where(begun, mean + share * (last - mean), 0.0)
+        held = np.where(begun, mean, 0.0)
+        moved = held + share * (np.where(begun, last, 0.0) - held)
+        mean = np.where(np.repeat(good[t], 3), moved, mean)
         begun = np.repeat(delivered[t] > 0, 3)
 
         # in doubt the hand touches something
@@ -382,7 +384,7 @@ def add_contact(
     # In units of the hysteresis, a hand that was empty may read 1 more than one that was not. A
     # product and a sum cost less than a choice of two thresholds.
     was_empty = graph.state("empty", 1)
-    length = graph.node("ReduceL2", mean, [1, 2], keepdims=1)
+    length = graph.node("ReduceL2", mean, [2], keepdims=1)
     above_off = graph.node("Sub", length, rule.off / (rule.on - rule.off))
     below = graph.node("Less", above_off, was_empty)
     # In doubt the hand touches something: so the zero stands still while the state is unknown, and

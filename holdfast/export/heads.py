@@ -63,10 +63,10 @@ class Head:
         """The tensor of this head's votes."""
         return "votes" if self.name == MAIN_HEAD else f"votes_{self.name}"
 
-    @property
-    def learned_name(self) -> str:
-        """The tensor of the learner's votes, where force decides "nothing" after it."""
-        return f"learned_{self.votes_name}"
+
+def learned_name(votes_name: str) -> str:
+    """The tensor of a learner's votes, where force decides "nothing" after it."""
+    return f"learned_{votes_name}"
 
 
 def add_heads(
@@ -79,10 +79,10 @@ def add_heads(
     for head in heads:
         n_classes = len(head.classes)
         out = head.votes_name
-        learned = head.learned_name if empty else out
+        learned = learned_name(out) if empty else out
         votes = add_learner(graph, head.learner, features, n_classes, learned)
         if empty:
-            votes = _by_force(graph, head, votes, empty)
+            votes = ByForce.of(head).add(graph, votes, empty, out)
         graph.output(out, TensorProto.FLOAT, n_classes)
         if head.name != MAIN_HEAD:
             _publish_extra(graph, head, votes)
@@ -94,34 +94,52 @@ def add_heads(
             graph.output("p_situation", TensorProto.FLOAT, len(SITUATIONS))
 
 
-def _by_force(graph: GraphBuilder, head: Head, votes: str, empty: str) -> str:
-    """The votes [B, K] of a head after the contact rule."""
-    if head.name == MAIN_HEAD:
-        # products with 0 and 1, and sums below 2^24, are exact
-        votes = graph.node("MatMul", votes, np.float32(nothing_to_grasp(head)))
-    for_nothing = np.float32(votes_without_contact(head))
-    return graph.node("Where", empty, for_nothing, votes, out=head.votes_name)
+@dataclass(frozen=True)
+class ByForce:
+    """What the contact rule does to the votes of a head. votes_in_all: their sum in every row."""
 
+    name: str
+    classes: tuple[str, ...]
+    votes_in_all: int
 
-def nothing_to_grasp(head: Head) -> npt.NDArray[np.int64]:
-    """[K, K] that gives the votes for nothing to grasp of the same weight (of the main head)."""
-    n_classes = len(head.classes)
-    per = n_classes // len(SITUATIONS)
-    moved = np.eye(n_classes, dtype=np.int64)
-    for weight in range(per):
-        moved[NOTHING * per + weight, NOTHING * per + weight] = 0
-        moved[NOTHING * per + weight, GRASP * per + weight] = 1
-    return moved
+    @staticmethod
+    def of(head: Head) -> ByForce:
+        """Of a trained head."""
+        return ByForce(head.name, head.classes, votes_in_all(head.learner))
 
+    def add(self, graph: GraphBuilder, votes: str, empty: str, out: str) -> str:
+        """Add it to a graph; returns the votes [B, K] after the rule."""
+        if self.name == MAIN_HEAD:
+            # products with 0 and 1, and sums below 2^24, are exact
+            votes = graph.node("MatMul", votes, np.float32(self.nothing_to_grasp()))
+        return graph.node(
+            "Where", empty, np.float32(self.without_contact()), votes, out=out
+        )
 
-def votes_without_contact(head: Head) -> IntArray:
-    """[K] votes of a hand that touches nothing: all for nothing, equally light and heavy; or no."""
-    votes = np.zeros(len(head.classes), dtype=np.int64)
-    votes[0] = votes_in_all(head.learner)
-    if head.name == MAIN_HEAD and head.classes == CLASSES:
-        heavy = votes[0] // 2
-        votes[:2] -= [heavy, -heavy]
-    return votes
+    def in_contact(self, votes: IntArray) -> IntArray:
+        """The learner's votes [N, K] after the rule, of a hand that touches something."""
+        if self.name != MAIN_HEAD:
+            return votes
+        return np.asarray(votes @ self.nothing_to_grasp())
+
+    def without_contact(self) -> IntArray:
+        """[K] votes of an empty hand: all for nothing, equally light and heavy; else all for no."""
+        votes = np.zeros(len(self.classes), dtype=np.int64)
+        votes[0] = self.votes_in_all
+        if self.classes == CLASSES:
+            heavy = votes[0] // 2
+            votes[:2] -= [heavy, -heavy]
+        return votes
+
+    def nothing_to_grasp(self) -> IntArray:
+        """[K, K] that gives the votes for nothing to grasp, of the same weight."""
+        n_classes = len(self.classes)
+        per = n_classes // len(SITUATIONS)
+        moved = np.eye(n_classes, dtype=np.int64)
+        for weight in range(per):
+            moved[NOTHING * per + weight, NOTHING * per + weight] = 0
+            moved[NOTHING * per + weight, GRASP * per + weight] = 1
+        return moved
 
 
 def _calibrated(graph: GraphBuilder, head: Head, votes: str, out: str = "") -> str:
@@ -193,13 +211,6 @@ def weighted(votes: IntArray, weights: tuple[float, ...] | None) -> npt.NDArray[
         return votes
     factors = np.asarray(weights, dtype=np.float32)
     return np.asarray(votes.astype(np.float32) * factors)
-
-
-def reference_in_contact(head: Head, votes: IntArray) -> IntArray:
-    """The learner's votes [N, K] after the contact rule, of a hand that touches something."""
-    if head.name != MAIN_HEAD:
-        return votes
-    return np.asarray(votes @ nothing_to_grasp(head))
 
 
 def reference_probability(head: Head, votes: IntArray) -> npt.NDArray[np.float64]:

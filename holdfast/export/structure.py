@@ -15,7 +15,7 @@ import onnx
 from onnx import helper
 
 from holdfast.core.errors import VerificationFailed
-from holdfast.export.heads import FloatRows, Head
+from holdfast.export.heads import FloatRows, Head, learned_name
 from holdfast.export.learner import (
     Forest,
     Learner,
@@ -188,7 +188,7 @@ def require_same_numbers(model: onnx.ModelProto, head: Head) -> int:
     if forest is not None:
         made_by = {node.output[0]: node for node in model.graph.node}
         # where force decides "nothing", the learner's votes are not yet those of the file
-        trees = made_by.get(head.learned_name) or made_by[head.votes_name]
+        trees = made_by.get(learned_name(head.votes_name)) or made_by[head.votes_name]
         if network is not None:
             # the votes of a committee are the sum of those of the trees and of the network
             trees = made_by[trees.input[0]]

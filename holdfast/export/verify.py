@@ -38,14 +38,13 @@ from holdfast.edge_runtime.model_file import EMPTY
 from holdfast.export.guard import reference_contact, reference_flags
 from holdfast.export.heads import (
     MAIN_HEAD,
+    ByForce,
     FloatRows,
     Head,
     reference_heavy,
-    reference_in_contact,
     reference_label,
     reference_probability,
     riskier_argmax,
-    votes_without_contact,
 )
 from holdfast.export.learner import FOREST_KINDS, Forest, reference_votes
 from holdfast.export.network import IntArray
@@ -150,7 +149,7 @@ def verify(
     ties = _check_ties(model, heads)
     if spec.contact is not None:
         _check_without_contact(model, heads, rows)
-    samples = _compare_streams(model, spec, seed)
+    samples = compare_streams(model, spec, seed)
     return Verification(len(rows), compared, ties, single, samples)
 
 
@@ -220,7 +219,7 @@ def _compare(
     learned = reference_votes(head.learner, rows, len(head.classes))
     expected = learned
     if by_force:
-        expected = reference_in_contact(head, learned)
+        expected = ByForce.of(head).in_contact(learned)
     votes = answers[head.votes_name]
     if head.name == MAIN_HEAD:
         answered = answers["situation"]
@@ -350,7 +349,7 @@ def _check_without_contact(
     answers = run_rows(session, rows[:SINGLE_ROWS], CHUNK)
     wrong = bool(answers["situation"].any())
     for head in heads:
-        expected = votes_without_contact(head)
+        expected = ByForce.of(head).without_contact()
         wrong |= bool((answers[head.votes_name] != expected).any())
     if wrong:
         raise VerificationFailed(
@@ -358,7 +357,7 @@ def _check_without_contact(
         )
 
 
-def _compare_streams(model: onnx.ModelProto, spec: StepSpec, seed: int) -> int:
+def compare_streams(model: onnx.ModelProto, spec: StepSpec, seed: int) -> int:
     """Run the whole step: flags follow the rules, and one recording equals the same in a batch."""
     session = open_session(model.SerializeToString())
     streams = [golden_input(spec.n_channels, spec.unit, spec.settle_samples)]
