@@ -7,6 +7,7 @@ so that `import holdfast` loads next to nothing.
 from __future__ import annotations
 
 import os
+import warnings
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -61,12 +62,16 @@ def load(model: str | Path, *, live: bool = True) -> GripMonitor:
     """A monitor on a model: `feed` it one sample at a time, it returns a Prediction.
 
     model: a file, or the name of a shipped model. live: the samples are stamped by
-    CLOCK_BOOTTIME, and a late answer is `unknown`; False for recorded samples. Raises ModelError.
+    CLOCK_BOOTTIME, and a late answer is `unknown`; False for recorded samples. Raises ModelError,
+    and warns of a file that is older than the contact rule.
     """
     from holdfast.edge_runtime.model import Model
+    from holdfast.edge_runtime.model_file import OLDER_FILE
     from holdfast.edge_runtime.monitor import GripMonitor
 
     opened = Model(model)
+    if opened.card.is_older:
+        warnings.warn(f"{model}: {OLDER_FILE}", stacklevel=2)
     return GripMonitor(opened) if live else GripMonitor(opened, None)
 
 

@@ -31,6 +31,11 @@ CONTACT_KEY = "contact"
 """Of the card: the rule by which force decides "nothing", None for none; older files lack it."""
 EMPTY = "empty"
 """The output of that rule, [B, 1] bool: the state is known, and the hand touches nothing."""
+OLDER_FILE = (
+    "this file decides 'nothing' by noise; export it again: "
+    "holdfast export MODEL.onnx --out NEW.onnx"
+)
+"""The warning on a file that is older than the contact rule."""
 CARD_SUFFIX = ".json"
 """The suffix of the card's file, which stands next to a model file for people to read."""
 DIGITS = 64
@@ -79,8 +84,8 @@ class ModelCard:
 
     @property
     def is_older(self) -> bool:
-        """Whether the file is from before the contact rule."""
-        return CONTACT_KEY not in self.raw
+        """Whether the file is older than the contact rule, which could decide in its unit."""
+        return CONTACT_KEY not in self.raw and self.unit == "N"
 
     @property
     def has_weight(self) -> bool:

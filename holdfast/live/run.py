@@ -19,7 +19,7 @@ from holdfast.core.lines import Sink, stream_sink
 from holdfast.core.source import Source, SourceReading
 from holdfast.edge_runtime.commands import Command, command_port
 from holdfast.edge_runtime.engine import ModelChoice, OpenedModel
-from holdfast.edge_runtime.model_file import ModelCard
+from holdfast.edge_runtime.model_file import OLDER_FILE, ModelCard
 from holdfast.edge_runtime.monitor import GripMonitor, require_fit
 from holdfast.edge_runtime.preparation import Tare
 from holdfast.live.hand_sources import open_live, shear_gain_of
@@ -195,6 +195,8 @@ class _Run:
                     self.report(UNLOADED)
                 if self._shear_gain is None:
                     self.report(NO_SHEAR_GAIN)
+                if self._model.card.is_older:
+                    self.report(f"{options.model.path}: {OLDER_FILE}")
                 summary = answer(
                     source,
                     self._model,
