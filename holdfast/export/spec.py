@@ -86,7 +86,7 @@ class DetectorSpec:
     min_normal_n: float = 0.5
 
 
-ON_SHARE, OFF_SHARE = 0.5, 0.3
+ON_SHARE, OFF_SHARE = 2.0 / 3.0, 0.4
 """Contact begins above, and ends below, these shares of the normal force of a touching finger."""
 ZERO_S = 0.2
 """Time constant, in s, with which the zero follows what is small; noise must not move it."""
@@ -94,6 +94,8 @@ ZERO_SHARE_PER_S = 0.1
 """The zero of an empty hand follows by at most this share of it a second: 30 mN/s."""
 MEAN_S, LEAST_MEAN = 0.04, 6
 """Time constant, in s, of the mean that contact is judged by, and its fewest samples."""
+DIGITS = 9
+"""Of the rule's numbers, which stand in the card for people to read."""
 USUAL_SENSORS = 6
 """The shares are for so many sensors."""
 CONTACT_UNITS: tuple[Unit, ...] = ("N",)
@@ -206,11 +208,11 @@ class StepSpec:
         # the length of noise grows with the root of the number of channels
         more = max(1.0, math.sqrt(self.n_sensors / USUAL_SENSORS))
         return ContactRule(
-            on=ON_SHARE * floor * more,
-            off=OFF_SHARE * floor * more,
+            on=round(ON_SHARE * floor * more, DIGITS),
+            off=round(OFF_SHARE * floor * more, DIGITS),
             mean_s=max(MEAN_S, LEAST_MEAN / self.rate_hz),
             zero_s=ZERO_S,
-            zero_per_s=ZERO_SHARE_PER_S * floor,
+            zero_per_s=round(ZERO_SHARE_PER_S * floor, DIGITS),
         )
 
     def lag(self, seconds: float) -> int:

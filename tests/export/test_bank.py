@@ -37,7 +37,7 @@ def bank_model(spec: StepSpec) -> bytes:
     """Guard and bank alone, with the bank's outputs [bands, C] in float64 instead of as float32
     features."""
     graph = GraphBuilder(spec.n_sensors)
-    rectified = add_bank(graph, spec, add_guard(graph, spec))
+    rectified, _ = add_bank(graph, spec, add_guard(graph, spec))
     graph.node("Identity", rectified, out="rectified")
     graph.output(
         "rectified", TensorProto.DOUBLE, len(spec.usable_bands()), spec.n_channels

@@ -55,9 +55,10 @@ def bank_session(spec: StepSpec) -> ort.InferenceSession:
     """Guard and bank alone: bank outputs [bands, C] in float64; the bank is the last of the state's
     rows."""
     graph = GraphBuilder(spec.n_sensors)
-    graph.node(
-        "Identity", add_bank(graph, spec, add_guard(graph, spec)), out="rectified"
-    )
+    # without the contact rule, whose zero is set behind the bank
+    spec = replace(spec, force_decides=False)
+    rectified, _ = add_bank(graph, spec, add_guard(graph, spec))
+    graph.node("Identity", rectified, out="rectified")
     graph.output(
         "rectified", TensorProto.DOUBLE, len(spec.usable_bands()), spec.n_channels
     )
