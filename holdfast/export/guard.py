@@ -141,7 +141,6 @@ def _publish(graph: GraphBuilder, spec: StepSpec, place: str) -> tuple[str, str]
     usable = graph.node("Greater", place, last_place - 1.0)
     n_usable = _count(graph, usable)
     graph.node("Div", n_usable, np.int32(3), out="usable_sensors")
-    graph.output("usable_sensors", TensorProto.INT32)
 
     if spec.min_valid_sensors == spec.n_sensors:
         # where every sensor is needed, the worst one decides, and nothing is counted
@@ -161,6 +160,7 @@ def _publish(graph: GraphBuilder, spec: StepSpec, place: str) -> tuple[str, str]
 
     graph.output("settled", TensorProto.BOOL)
     graph.output("unknown", TensorProto.BOOL)
+    graph.output("usable_sensors", TensorProto.INT32)
     return usable, known
 
 

@@ -124,7 +124,7 @@ class ByForce:
 
     def without_contact(self) -> IntArray:
         """[K] votes of an empty hand: all for nothing, equally light and heavy; else all for no."""
-        votes = np.zeros(len(self.classes), dtype=np.int64)
+        votes: IntArray = np.zeros(len(self.classes), dtype=np.int64)
         votes[0] = self.votes_in_all
         if self.classes == CLASSES:
             heavy = votes[0] // 2
@@ -135,7 +135,7 @@ class ByForce:
         """[K, K] that gives the votes for nothing to grasp, of the same weight."""
         n_classes = len(self.classes)
         per = n_classes // len(SITUATIONS)
-        moved = np.eye(n_classes, dtype=np.int64)
+        moved: IntArray = np.eye(n_classes, dtype=np.int64)
         for weight in range(per):
             moved[NOTHING * per + weight, NOTHING * per + weight] = 0
             moved[NOTHING * per + weight, GRASP * per + weight] = 1

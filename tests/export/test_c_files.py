@@ -149,7 +149,7 @@ def test_an_answer_that_depends_on_more_than_the_features_is_refused(model: Path
         label, op_type="Add", inputs=("votes", "sample"), outputs=("votes_more",)
     )
     tensors = {**graph.tensors, "votes_more": graph.tensors["votes"]}
-    with pytest.raises(NotCompilable, match="more than the features"):
+    with pytest.raises(NotCompilable, match="more than features and contact"):
         c_source(replace(graph, nodes=(*graph.nodes, added), tensors=tensors))
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 from typing import Any
 
@@ -168,13 +169,14 @@ def test_label_weights_change_labels_and_nothing_else():
         made_of("forest", SITUATIONS),
         made_of("forest", SITUATIONS, (0.01, 1.0, 1.0, 1.0)),
     )
+    by_votes = replace(SPEC, force_decides=False)
     rng = np.random.default_rng(0)
     values = 3.0 * rng.normal(size=(200, 6))
     valid = np.ones((200, 2), np.bool_)
     names = ["situation", "votes", "p_situation"]
     one, two = (
         run_recording(
-            open_session(whole_graph(SPEC, made.heads).SerializeToString()),
+            open_session(whole_graph(by_votes, made.heads).SerializeToString()),
             values,
             valid,
             names,
