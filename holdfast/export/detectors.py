@@ -293,17 +293,19 @@ def _friction_cone(graph: GraphBuilder, spec: StepSpec, guarded: GuardOutputs) -
     """[B, 1, C] in the normal's column: |shear| > mu x normal at a usable, pressed finger."""
     rules = spec.detectors
 
-    # shear^2 > (mu x normal)^2 instead of shear / normal > mu: no root, and no division by a small
-    # force
+    # shear > mu x normal instead of shear / normal > mu: no division by a small force
     squares = graph.node("Mul", guarded.now, guarded.now)
-    # One product adds the squares of x and y and puts what is beyond the cone into the column of z;
-    # nothing is in the columns of shear.
-    beyond_in_z = [[0.0, 0.0, 1.0], [0.0, 0.0, 1.0], [0.0, 0.0, -(rules.friction**2)]]
-    matrix = np.kron(np.eye(spec.n_sensors), beyond_in_z)
-    beyond = graph.node("MatMul", squares, matrix)
-    outside = graph.node("Greater", beyond, 0.0)
+    # One product adds the squares of x and y and puts the sum into the column of z.
+    shear_to_normal = [[0.0, 0.0, 1.0], [0.0, 0.0, 1.0], [0.0, 0.0, 0.0]]
+    matrix = np.kron(np.eye(spec.n_sensors), shear_to_normal)
+    squared_shear = graph.node("MatMul", squares, matrix)
+    shear = graph.node("Sqrt", squared_shear)
+    most = graph.node("Mul", guarded.now, rules.friction)
+    outside = graph.node("Greater", shear, most)
 
-    # the square of the normal has lost its sign
-    pressed = graph.node("Greater", guarded.now, rules.min_normal_n)
+    # in the columns of shear, no force is enough
+    least = np.tile([np.inf, np.inf, rules.min_normal_n], spec.n_sensors)
+    pressed = graph.node("Greater", guarded.now, least)
+
     slips = graph.node("And", outside, pressed)
     return graph.node("And", slips, guarded.usable)

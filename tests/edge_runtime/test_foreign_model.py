@@ -522,8 +522,7 @@ def test_the_allowed_operators_are_those_that_the_exporter_writes_over_all_its_o
     for one in artifacts:
         for node in graph_of(one).graph.node:
             written.add(f"{node.domain}.{node.op_type}".lstrip("."))
-    # the square root of the friction cone is in files of earlier versions
-    assert written | {"Sqrt"} == ALLOWED
+    assert written == ALLOWED
 
 
 def test_whatever_the_exporter_writes_is_accepted(artifacts) -> None:
