@@ -55,7 +55,7 @@ def without_chip_noise(of: SceneSet) -> SceneSet:
 
 
 def noise_from_zero(of: SceneSet) -> SceneSet:
-    """The same scenes with white noise of 0 to 40 mN instead of their own, drawn for every trial."""
+    """The same scenes with white noise of 0 to 40 mN instead of theirs, drawn for every trial."""
     added = ("white_noise",)
     name = f"{of.name}, noise 0 to 40 mN"
     return replace(of, name=name, without=NOISE, added=added)
