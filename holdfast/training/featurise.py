@@ -99,12 +99,15 @@ def kept_rows(path: Path, compute: Callable[[], FloatRows]) -> FloatRows:
 
 def spec_for(data: DataSet, groups: tuple[str, ...]) -> StepSpec:
     """The step a set is trained and served with: its sensors, its median rate, its unit."""
+    # Where the newtons are not verified, a threshold in N may lie inside a firm grip.
+    force_decides = None if data.forces_verified else False
     return StepSpec(
         n_sensors=data.n_sensors,
         rate_hz=data.rate_hz,
         unit=data.unit,
         groups=groups,
         hand=data.hand,
+        force_decides=force_decides,
     )
 
 

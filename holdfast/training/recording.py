@@ -124,6 +124,7 @@ class DataSet:
     lacks: situations the set does not have by its nature; any other absent class is an error.
     group_kind: what a group is: person, object, trial or block.
     hand: its hand card, None where the set has none.
+    forces_verified: thresholds in N mean what they say; False where the calibration is unknown.
     """
 
     name: str
@@ -139,6 +140,7 @@ class DataSet:
     lacks: tuple[str, ...] = ()
     group_kind: str = "trial"
     hand: HandCard | None = None
+    forces_verified: bool = True
 
     @property
     def n_sensors(self) -> int:

@@ -7,26 +7,31 @@ from collections.abc import Iterable
 import onnx
 
 TREES = "TreeEnsembleRegressor"
+LEARNED = "learned_votes"
 ANSWERS = ("p_class", "p_situation", "situation", "weight")
 PLACES = {
     "guard": (20, 62, 500),
-    "bank": (20, 150, 120),
-    "detectors": (20, 238, 150),
-    "features": (200, 150, 320),
-    "trees": (200, 238, 150),
-    "networks": (370, 238, 150),
-    "answer": (200, 326, 320),
+    "bank": (60, 150, 130),
+    "detectors": (20, 238, 120),
+    "contact": (150, 238, 110),
+    "features": (270, 150, 250),
+    "trees": (270, 238, 120),
+    "networks": (400, 238, 120),
+    "answer": (150, 326, 370),
 }
 """Left edge, top edge and width of each stage's box."""
 EDGE_X = {
-    ("guard", "bank"): 80,
-    ("guard", "detectors"): 155,
-    ("guard", "features"): 360,
-    ("bank", "detectors"): 80,
-    ("features", "trees"): 275,
-    ("features", "networks"): 445,
-    ("trees", "answer"): 275,
-    ("networks", "answer"): 445,
+    ("guard", "bank"): 125,
+    ("guard", "detectors"): 40,
+    ("guard", "contact"): 225,
+    ("guard", "features"): 395,
+    ("bank", "detectors"): 100,
+    ("bank", "contact"): 170,
+    ("features", "trees"): 330,
+    ("features", "networks"): 460,
+    ("contact", "answer"): 205,
+    ("trees", "answer"): 330,
+    ("networks", "answer"): 460,
 }
 """Where an arrow between two stages is drawn; it goes straight down."""
 TALL = 56
@@ -49,13 +54,15 @@ def stages(graph: onnx.GraphProto) -> dict[str, list[onnx.NodeProto]]:
     bank = _before(["bank_out"], by_output)
     features = _before(["features"], by_output)
     flags = _before(["settled", "unknown", "usable_sensors"], by_output)
-    votes = _before(["votes"], by_output) - {id(by_output["votes"])}
+    # The sum of all votes belongs to the answer, and so does what contact makes of it.
+    votes = _before([LEARNED], by_output) - {id(by_output[LEARNED])}
     trees = {id(node) for node in graph.node if node.op_type == TREES}
     wanted = {
         "guard": (bank & features) | flags,
         "bank": bank,
         "features": features,
         "detectors": _before(["detectors"], by_output),
+        "contact": _before(["empty"], by_output),
         "trees": trees,
         "networks": votes,
         "answer": _before(ANSWERS, by_output),
@@ -105,6 +112,7 @@ def picture(graph: onnx.GraphProto) -> str:
         "guard": ("guard", "what is lost, not a number or out of range stops here"),
         "bank": ("filter bank", "vibration"),
         "detectors": ("detectors", "vibration, cone"),
+        "contact": ("contact", "force decides"),
         "features": (f"{sizes['features']} features", "of the last half second"),
         "trees": ("trees", "whole votes"),
         "networks": ("networks", "whole votes"),
@@ -117,8 +125,8 @@ def picture(graph: onnx.GraphProto) -> str:
     arrows = [_arrow(EDGE_X[edge], *edge) for edge in sorted(edges(found))]
     label = (
         f"One sample of {sizes['sample']} numbers through one ONNX file of {nodes} nodes: guard, "
-        "then filter bank and detectors, and features, trees and networks; their votes give the "
-        "answer. The decision acts on it"
+        "then filter bank and detectors, contact, and features, trees and networks; contact and votes "
+        "give the answer. The decision acts on it"
     )
     body = [
         '<rect class="p" width="540" height="508"/>',

@@ -132,7 +132,7 @@ def test_a_label_that_differs_is_counted(model: Path, tmp_path: Path) -> None:
     stream = short_stream(Model(model))
     export_c(model, tmp_path / "c")
     altered = tmp_path / "c/holdfast.c"
-    altered.write_text(altered.read_text().replace("best = ", "best = 3 - ", 1))
+    altered.write_text(altered.read_text().replace("] = best;", "] = 3 - best;", 1))
     given = answers_of(GCC, tmp_path / "c", stream, tmp_path, passes=1)
     assert bench.row("altered", [given], stream, given)["labels_differ"] > 40
     with pytest.raises(HoldfastError, match="labels differ"):

@@ -265,3 +265,11 @@ def test_the_learner_of_the_shipped_file_is_that_of_the_file_before() -> None:
     assert learner_digest(data) == (
         "ca45d7d280e1a53a20afd3efbd7ad3474628b2be12c2df98fca63688f050e0ff"
     )
+
+
+def test_a_run_of_an_older_file_says_so_once(
+    older: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    url = "virtual://ft232h?scene=pull-soft-ball&seed=1"
+    assert main(["run", str(older), "--source", url, "--seconds", "1"]) == 0
+    assert capsys.readouterr().err.count("decides 'nothing' by noise") == 1

@@ -45,7 +45,10 @@ from holdfast.export.verify import CHUNK, cut_learners
 if TYPE_CHECKING:
     from conftest import Built
 
-SPEC = StepSpec(n_sensors=2, rate_hz=50.0, unit="N", groups=("now",))
+SPEC = StepSpec(
+    n_sensors=2, rate_hz=50.0, unit="N", groups=("now",), force_decides=False
+)
+"""The learner alone: what force decides after it is in test_contact.py."""
 N_FEATURES = 6
 Rows = npt.NDArray[np.float32]
 Record = Any

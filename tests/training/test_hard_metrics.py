@@ -55,9 +55,9 @@ def test_votes_of_all_or_nothing_give_finite_probabilities_in_file_and_reference
         forest,
         Calibration(steepness * np.eye(4), np.linspace(-30.0, 0.0, 4)),
     )
-    session = open_session(
-        cut_learners(whole_graph(StepSpec(2, 50.0, "N", ("now",)), [head]))
-    )
+    # The learner alone, without what force decides after it.
+    spec = StepSpec(2, 50.0, "N", ("now",), force_decides=False)
+    session = open_session(cut_learners(whole_graph(spec, [head])))
     (got,) = session.run(["p_situation"], {"features": x})
     expected = reference_probability(head, reference_votes(forest, x, 4))
     assert np.isfinite(got).all()

@@ -266,6 +266,7 @@ def join(sets: Sequence[DataSet]) -> DataSet:
         group_kind=_each_once(" and by ", group_kinds),
         lacks=tuple(lacks),
         hand=with_card[0].hand if with_card else None,
+        forces_verified=all(data.forces_verified for data in sets),
     )
 
 

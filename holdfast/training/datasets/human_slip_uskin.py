@@ -133,6 +133,7 @@ def load(root: Path, *, channels: int = 18, in_hand: bool = False) -> DataSet:
         unit="N",
         preparation=PREPARATION,
         kind="real, recorded by others: people pinch-holding one object",
+        forces_verified=False,
         redistributable=False,
         caveat=CAVEAT,
         group_kind="person",

@@ -81,6 +81,7 @@ def load(root: Path, *, channels: int = 18) -> DataSet:
         unit="count",
         preparation=PREPARATION,
         kind="real, recorded by others: a robot arm carrying a box",
+        forces_verified=False,
         redistributable=True,
         caveat=CAVEAT,
         lacks=("nothing",),
