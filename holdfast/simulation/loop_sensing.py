@@ -228,7 +228,9 @@ class HandModels:
         """One sample of every hand: values [B, C] in the model's unit, valid [B, S]."""
         if self._tare is None:
             self._learn(values)
-            # Until the bias is known, the model gets invalid samples, as on the hand.
+
+        # The row that completes the bias is the first valid one, as on the hand.
+        if self._tare is None:
             values = np.zeros_like(values)
             valid = np.zeros_like(valid)
         else:

@@ -125,8 +125,8 @@ def picture(graph: onnx.GraphProto) -> str:
     arrows = [_arrow(EDGE_X[edge], *edge) for edge in sorted(edges(found))]
     label = (
         f"One sample of {sizes['sample']} numbers through one ONNX file of {nodes} nodes: guard, "
-        "then filter bank and detectors, contact, and features, trees and networks; contact and votes "
-        "give the answer. The decision acts on it"
+        "then filter bank and detectors, contact, and features, trees and networks; contact and "
+        "votes give the answer. The decision acts on it"
     )
     body = [
         '<rect class="p" width="540" height="508"/>',

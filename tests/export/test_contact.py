@@ -14,6 +14,7 @@ import onnxruntime as ort
 import pytest
 
 import holdfast
+from holdfast.cli.main import main
 from holdfast.core.contract import CLASSES, SITUATIONS, BoolArray, FloatArray
 from holdfast.core.errors import UsageError
 from holdfast.core.reading import model_path
@@ -271,5 +272,5 @@ def test_a_run_of_an_older_file_says_so_once(
     older: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     url = "virtual://ft232h?scene=pull-soft-ball&seed=1"
-    assert main(["run", str(older), "--source", url, "--seconds", "1"]) == 0
+    assert main(["run", str(older), "--source", url, "--seconds", "0.1"]) == 0
     assert capsys.readouterr().err.count("decides 'nothing' by noise") == 1
