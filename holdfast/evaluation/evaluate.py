@@ -251,6 +251,7 @@ class _Run:
         return score_set(
             find(name),
             data,
+            self.model.card,
             outputs,
             thresholds,
             baselines,

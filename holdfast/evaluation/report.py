@@ -51,6 +51,9 @@ def write_event_report(
         camera_rows=_camera_rows(of),
         closing={name: one.closing for name, one in of.sets.items() if one.closing},
         hand=ClosingHand(),
+        floors={
+            name: one.below_floor for name, one in of.sets.items() if one.below_floor
+        },
         state_pictures=_state_pictures(of, kind),
         style_names=STYLES,
         outcome_columns=list(COLUMNS),

@@ -9,6 +9,7 @@ from pathlib import Path
 from holdfast.core.contract import BoolArray
 from holdfast.core.reading import Json
 from holdfast.core.trial_layout import read_json
+from holdfast.edge_runtime.model_file import ModelCard
 from holdfast.evaluation.baselines import Baseline
 from holdfast.evaluation.camera import onsets_by, seen_slips
 from holdfast.evaluation.closing_hand import (
@@ -18,6 +19,7 @@ from holdfast.evaluation.closing_hand import (
     drop_of,
     droppable,
 )
+from holdfast.evaluation.contact_floor import BelowFloor, below_floor
 from holdfast.evaluation.methods import (
     MethodFigures,
     MethodResult,
@@ -79,7 +81,8 @@ class SetCard:
 class SetFigures:
     """Figures of one set. windows: figures at single windows. rows: by stored name of the method.
 
-    thresholds: None where all sets share those that were chosen elsewhere.
+    thresholds: None where all sets share those that were chosen elsewhere. below_floor: holds too
+    light for the contact rule, which all other figures include; None without one.
     """
 
     card: SetCard
@@ -89,6 +92,7 @@ class SetFigures:
     mcnemar: dict[str, McNemar]
     closing: ClosingModel | None
     thresholds: Thresholds | None
+    below_floor: BelowFloor | None
 
     def to_json(self) -> Json:
         """As it stands in figures.json."""
@@ -102,6 +106,8 @@ class SetFigures:
         }
         if self.thresholds:
             figures["thresholds"] = self.thresholds.to_json()
+        if self.below_floor:
+            figures["below_contact_floor"] = self.below_floor.to_json()
         return figures
 
 
@@ -124,6 +130,7 @@ class ScoredSet:
 def score_set(
     root: Path,
     data: DataSet,
+    card: ModelCard,
     outputs: list[ModelOutputs],
     thresholds: Thresholds,
     baselines: Sequence[Baseline],
@@ -154,6 +161,7 @@ def score_set(
         closing=closing_model(drops, methods[headline].delays_s()),
         # Thresholds that were chosen elsewhere are the same for all sets and stand on top.
         thresholds=thresholds if thresholds.chosen is None else None,
+        below_floor=below_floor(card, outputs, requests[headline]),
     )
 
     # At the headline's confidence: the pictures show what the table counts.
