@@ -34,7 +34,7 @@ SENSOR_CARD = "thesis"
 DITHER_N = 1e-4
 """Noise of ideal sensors: a hand whose samples are all equal counts as dead."""
 TIGHTER_N = 1.0
-"""A hand that is told to grip so much harder than its wearer does is tightened."""
+"""A target so far above the wearer's grip counts as a tightening."""
 SPARE_S = 0.3
 """After the giver has let go: when a hold is quiet and tightenings in it are false."""
 
@@ -122,7 +122,7 @@ class HandProgram:
         opening: bool,
         kept_n: float,
     ) -> float:
-        """One sample; returns what the hand is told beyond the wearer's grip, N a side.
+        """One sample; returns the target beyond the wearer's grip, N a side.
 
         kept_n: the target with which it keeps the grip that it has.
         """

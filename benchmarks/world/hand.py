@@ -110,7 +110,7 @@ class World:
         return other
 
     def advance(self, target_n: float) -> None:
-        """One sample period; target_n: what the hand is told beyond the wearer, N a side.
+        """One sample period; target_n: beyond the wearer's grip, N a side.
 
         The hand grips for the larger one of both; 0 for no target.
         """
