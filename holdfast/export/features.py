@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from itertools import groupby
 
 import numpy as np
 import onnx
@@ -29,6 +30,8 @@ from holdfast.export.guard import (
     add_contact,
     add_guard,
 )
+from holdfast.export.pooled import FAMILIES, MEANING
+from holdfast.export.pooled_graph import add_pooled
 from holdfast.export.spec import HISTORY_S, WINDOW_S, StepSpec
 
 SPANS_S = (0.10, 0.25, 0.50)
@@ -40,14 +43,21 @@ MORE_LAGS_S = (0.02, 0.075, 0.13, 0.21, 0.31, 0.43)
 
 
 @dataclass(frozen=True)
+class Pooled:
+    """A family of pooled features (pooled.py); those that follow each other share their nodes."""
+
+    name: str
+
+
+@dataclass(frozen=True)
 class FeatureGroup:
     """A named group of features; memory_s: inf for a response that never ends.
 
-    add: adds it to a graph; returns rows of the pool, or a tensor [B, features] of its own. count:
-    its number of features for a spec.
+    add: adds it to a graph; returns rows of the pool, a family, or a tensor [B, features] of its
+    own. count: its number of features for a spec.
     """
 
-    add: Callable[[History], Triples | str]
+    add: Callable[[History], Triples | Pooled | str]
     count: Callable[[StepSpec], int]
     memory_s: float
     formula: str
@@ -324,6 +334,18 @@ GROUPS: dict[str, FeatureGroup] = {
 }
 
 
+def _pooled_group(name: str, formula: str, reason: str) -> FeatureGroup:
+    """A family of pooled.py as a group."""
+    count = len(FAMILIES[name])
+    return FeatureGroup(
+        lambda history: Pooled(name), lambda s: count, HISTORY_S, formula, reason
+    )
+
+
+for _name, (_formula, _reason) in MEANING.items():
+    GROUPS[_name] = _pooled_group(_name, _formula, _reason)
+
+
 def feature_count(spec: StepSpec) -> int:
     """F, the number of features of a spec."""
     return sum(GROUPS[name].count(spec) for name in spec.groups)
@@ -353,23 +375,21 @@ def add_features(
     return "features"
 
 
-def _joined(history: History, added: list[Triples | str]) -> list[str]:
-    """[B, ..] tensors in order; groups of triples that follow each other are one."""
+def _joined(history: History, added: list[Triples | Pooled | str]) -> list[str]:
+    """[B, ..] tensors in order; groups of one kind that follow each other are one."""
     parts: list[str] = []
-    run: list[Triples] = []
-    for group in added:
-        if isinstance(group, Triples):
-            run.append(group)
-            continue
-
-        # the order of the spec is kept: a tensor between triples ends their run
-        if run:
-            parts.append(history.chosen(run))
-            run = []
-        parts.append(group)
-
-    if run:
-        parts.append(history.chosen(run))
+    # the order of the spec is kept: a group of another kind ends a run
+    for kind, run in groupby(added, type):
+        groups = list(run)
+        if kind is Triples:
+            parts.append(
+                history.chosen([one for one in groups if isinstance(one, Triples)])
+            )
+        elif kind is Pooled:
+            names = [one.name for one in groups if isinstance(one, Pooled)]
+            parts.append(add_pooled(history, names))
+        else:
+            parts += [one for one in groups if isinstance(one, str)]
     return parts
 
 

@@ -269,6 +269,7 @@ class History:
         self.spec = spec
         self.rectified = rectified
         self.length = spec.history_samples + 1
+        self.usable = guarded.usable
         self._parts = (*guarded.past, guarded.now)
         # tensors [B, rows, 3] in the order in which groups put them in, and their rows in all
         self._pool: list[str] = []
@@ -410,3 +411,19 @@ def add_contact(
 def _over_sensors(spec: StepSpec) -> FloatArray:
     """[C, 3]: channels to their sum over the sensors."""
     return np.tile(np.eye(3), (spec.n_sensors, 1))
+
+
+def side_matrix(spec: StepSpec) -> FloatArray:
+    """[sensors, 2]: 1 where a sensor belongs to the thumb's or the opposing side.
+
+    Without a card, six sensors are those of the thesis' hand, and others lie on one side. Sensors
+    that all lie on one side count for both.
+    """
+    if spec.hand is not None:
+        thumb = np.array([side == "thumb" for side in spec.hand.sensor_sides])
+    else:
+        thumb = np.arange(spec.n_sensors) < (2 if spec.n_sensors == 6 else 0)
+    sides = np.stack([thumb, ~thumb], axis=1).astype(np.float64)
+    if not sides.any(axis=0).all():
+        sides[:] = 1.0
+    return sides

@@ -15,6 +15,7 @@ import onnxruntime as ort
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from pooled_reference import PooledReference
 from scipy.signal import sosfilt
 
 from holdfast.core.contract import BoolArray, FloatArray, Unit
@@ -38,6 +39,7 @@ from holdfast.export.features import (
     features_alone,
 )
 from holdfast.export.guard import LAGS_S
+from holdfast.export.pooled import FAMILIES
 from holdfast.export.spec import StepSpec
 from holdfast.training.plan import CLOCK_FREE_GROUPS
 
@@ -400,6 +402,7 @@ class Past:
     def __init__(self, values: FloatArray, rate_hz: float, unit: Unit) -> None:
         self.x = values.reshape(len(values), -1, 3)
         self.rate_hz = rate_hz
+        self.unit = unit
         self.total = self.x.sum(axis=1)
         self.scale = np.maximum(self.total[:, 2], NORMAL_FLOOR[unit])[:, None]
 
@@ -512,6 +515,19 @@ ORACLES: dict[str, Callable[[Past], FloatArray]] = {
     "imbalance": lambda past: leaned(past, -1.0, -1.0, 1.0, 1.0),
     "bands": bands,
 }
+
+
+def pooled(name: str) -> Callable[[Past], FloatArray]:
+    """The family again; four sensors without a card lie on one side."""
+
+    def of(past: Past) -> FloatArray:
+        values = past.x.reshape(len(past.x), -1)
+        return PooledReference(values, past.rate_hz, past.unit, [True] * 4).family(name)
+
+    return of
+
+
+ORACLES.update({name: pooled(name) for name in FAMILIES})
 
 
 def test_every_group_has_an_oracle_here() -> None:

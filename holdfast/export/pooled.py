@@ -1,0 +1,262 @@
+"""Features that are pooled over the sensors, by side: no order, number or turn of sensors matters.
+
+Every sensor gives the same numbers, its signals: the length of its shear, its normal force, the
+changes of both, and the change of shear along its own mean shear. A pool of a signal is its sum by
+side (thumb's and opposing), or its largest over the fingers. So a learner of these features fits
+every hand card, however each sensor is turned about its normal.
+
+    w       weight of a sensor, which all its signals are multiplied by: how far it touches (0 to 1)
+            x (0 if it is not usable, else all sensors of its side over the usable ones)
+    T, O    sum of a signal over the thumb's and over the opposing side; a hand with sensors on one
+            side has the same sum on both, as its reaction
+    N       normal force T + O; Zs = max(N, floor), ZT and ZO: of a side, with half the floor
+    zf      normal force of a sensor, at least half the floor
+    u       direction of a sensor's mean shear from 0.50 to 0.05 s ago; shorter for a small mean
+
+`FAMILIES` lists all features; it is the one place to edit. pooled_graph.py adds them to a graph,
+and a test has them again in plain numpy.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from holdfast.core.contract import FloatArray
+from holdfast.export.spec import StepSpec
+
+CHANGES_S = (2 / 150, 4 / 150, 8 / 150, 16 / 150, 32 / 150, 64 / 150)
+"""Spans of changes, in s."""
+ACTIVITY_S = (4 / 150, 8 / 150, 0.10, 0.25, 0.50)
+"""Spans of mean step sizes, in s."""
+SMOOTH_S = 0.02
+"""A change over more than twice this span compares means of so many seconds, not samples."""
+FRICTION_MOST = 3.0
+"""Largest ratio of a finger's force to its normal force."""
+TOUCH = (0.05 / 0.3, 0.2 / 0.3)
+"""A finger touches not at all, and wholly, at these shares of the floor."""
+SMALL_MEAN = 0.1
+"""Share of the floor at which a sensor's mean shear has half of a direction."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """A weighted mean over the history of a signal. kind: "now", "step", "mean" or "change".
+
+    span_s: of the mean, or between the two ends of a change. ago_s: where a mean ends.
+    """
+
+    kind: str
+    span_s: float = 0.0
+    ago_s: float = 0.0
+
+    def weights(self, spec: StepSpec) -> FloatArray:
+        """[L], the oldest sample first."""
+        length = spec.history_samples + 1
+        row = np.zeros(length)
+        if self.kind == "now":
+            return _mean(row, 0, 1)
+        if self.kind == "step":
+            return _mean(row, 0, 1) - _mean(row, 1, 1)
+
+        span = spec.lag(self.span_s)
+        if self.kind == "mean":
+            first = round(self.ago_s * spec.rate_hz)
+            return _mean(row, first, min(span, length - first))
+        smooth = 1
+        if self.span_s > 2.0 * SMOOTH_S:
+            smooth = spec.lag(SMOOTH_S)
+        span = min(span, length - smooth)
+        return _mean(row, 0, smooth) - _mean(row, span, smooth)
+
+
+def _mean(row: FloatArray, ago: int, count: int) -> FloatArray:
+    """[L] weights of a mean of samples that ends so many samples ago."""
+    weights = np.zeros(len(row))
+    stop = len(row) - ago
+    weights[stop - count : stop] = 1.0 / count
+    return weights
+
+
+NOW = Row("now")
+STEP = Row("step")
+RECENT = Row("mean", 4 / 150)
+HELD = Row("mean", 0.453, 0.053)
+"""From 0.50 to 0.05 s ago."""
+
+SHEAR, ALONG, ACROSS, NORMAL, PRESS = "h", "a", "c", "z", "|z|"
+"""Signals of a row of samples: length of the shear, shear along u and across u, normal force and
+its size."""
+LOAD, SHEAR_STEP, NORMAL_STEP = "load", "shear step", "normal step"
+"""Signals of a row of sizes: every sample gives the length of its shear, and the size of the step
+of shear and normal force since the sample before."""
+SIZES = (LOAD, SHEAR_STEP, NORMAL_STEP)
+
+POOLS: dict[str, tuple[float, float]] = {
+    "T": (1.0, 0.0),
+    "O": (0.0, 1.0),
+    "-T": (-1.0, 0.0),
+    "-O": (0.0, -1.0),
+    "T+O": (1.0, 1.0),
+    "T-O": (1.0, -1.0),
+    "O-T": (-1.0, 1.0),
+    "-T-O": (-1.0, -1.0),
+    "0": (0.0, 0.0),
+}
+"""Pool -> factors of the sums of both sides."""
+FINGERS = "f"
+"""No pool: the signal of each sensor."""
+FLOORS = {"T+O": 1.0, "T": 0.5, "O": 0.5, FINGERS: 0.5}
+"""Least normal force that something is divided by, as a share of the floor of the unit."""
+
+
+@dataclass(frozen=True)
+class Ratio:
+    """A pooled signal over the normal force of a pool; over: which, "0" for none.
+
+    most: the largest value that it keeps.
+    """
+
+    signal: str
+    row: Row
+    pool: str = "T+O"
+    over: str = "0"
+    most: float = math.inf
+
+
+@dataclass(frozen=True)
+class PooledFeature:
+    """One ratio, or the largest of several."""
+
+    name: str
+    ratios: tuple[Ratio, ...]
+
+    @property
+    def is_largest(self) -> bool:
+        """Whether it is the largest of several numbers; of fingers, each has one."""
+        return len(self.ratios) > 1 or self.ratios[0].pool == FINGERS
+
+
+def _one(
+    name: str, signal: str, row: Row, pool: str, over: str = "0", most: float = math.inf
+) -> PooledFeature:
+    return PooledFeature(name, (Ratio(signal, row, pool, over, most),))
+
+
+def _largest(name: str, signal: str, row: Row, pools: tuple[str, ...]) -> PooledFeature:
+    """The largest of several pools over Zs."""
+    ratios = tuple(Ratio(signal, row, pool, "T+O") for pool in pools)
+    return PooledFeature(name, ratios)
+
+
+def _sides(
+    name: str, signal: str, row: Row, sign: str = "", most: float = math.inf
+) -> PooledFeature:
+    """The larger one of T / ZT and O / ZO; sign "-": of their negatives."""
+    ratios = tuple(Ratio(signal, row, sign + side, side, most) for side in ("T", "O"))
+    return PooledFeature(f"max {sign}{name} / Z", ratios)
+
+
+def _fingers(name: str, signal: str, row: Row) -> PooledFeature:
+    """The largest of a signal over the normal force of its finger."""
+    ratio = Ratio(signal, row, FINGERS, FINGERS, FRICTION_MOST)
+    return PooledFeature(f"max {name} / zf", (ratio,))
+
+
+def _state() -> list[PooledFeature]:
+    return [
+        _one("N", NORMAL, NOW, "T+O"),
+        _one("NT / Zs", NORMAL, NOW, "T", "T+O"),
+        _one("LT", SHEAR, NOW, "T"),
+        _one("LO", SHEAR, NOW, "O"),
+        _one("LT / ZT", SHEAR, NOW, "T", "T", FRICTION_MOST),
+        _one("LO / ZO", SHEAR, NOW, "O", "O", FRICTION_MOST),
+        _sides("L", SHEAR, NOW, most=FRICTION_MOST),
+        _one("L / Zs", SHEAR, NOW, "T+O", "T+O", FRICTION_MOST),
+        _fingers("L", SHEAR, NOW),
+        _one("|m| / Zs", SHEAR, HELD, "T+O", "T+O"),
+        _one("|m|", SHEAR, HELD, "T+O"),
+    ]
+
+
+def _along(span_s: float) -> list[PooledFeature]:
+    row = Row("change", span_s)
+    return [
+        _one("A / Zs", ALONG, row, "T+O", "T+O"),
+        _one("A", ALONG, row, "T+O"),
+        _largest("|AT - AO| / Zs", ALONG, row, ("T-O", "O-T")),
+        # |a| + |b| is the largest of a + b, a - b, b - a, -a - b
+        _largest("(|CT| + |CO|) / Zs", ACROSS, row, ("T+O", "T-O", "O-T", "-T-O")),
+        _sides("A", ALONG, row),
+        _sides("A", ALONG, row, "-"),
+    ]
+
+
+def _shear(span_s: float) -> list[PooledFeature]:
+    row = Row("change", span_s)
+    return [
+        _one("|dh| / Zs", SHEAR, row, "T+O", "T+O"),
+        _one("|dh|", SHEAR, row, "T+O"),
+        _fingers("|dh|", SHEAR, row),
+    ]
+
+
+def _normal(span_s: float) -> list[PooledFeature]:
+    row = Row("change", span_s)
+    return [
+        _one("dN", NORMAL, row, "T+O"),
+        _one("dN / Zs", NORMAL, row, "T+O", "T+O"),
+        _sides("dN", NORMAL, row),
+        _sides("dN", NORMAL, row, "-"),
+        _fingers("|dz|", PRESS, row),
+    ]
+
+
+def _load(span_s: float) -> list[PooledFeature]:
+    return [_one("dL / Zs", LOAD, Row("change", span_s), "T+O", "T+O")]
+
+
+def _activity(span_s: float) -> list[PooledFeature]:
+    row = Row("mean", span_s)
+    features = [
+        _one("|step h| / Zs", SHEAR_STEP, row, "T+O", "T+O"),
+        _one("|step z| / Zs", NORMAL_STEP, row, "T+O", "T+O"),
+        _fingers("|step h|", SHEAR_STEP, row),
+    ]
+    if span_s == max(ACTIVITY_S):
+        features.append(_one("|step h|", SHEAR_STEP, row, "T+O"))
+        features.append(_one("|step z|", NORMAL_STEP, row, "T+O"))
+    return features
+
+
+def _for_each(
+    family: Callable[[float], list[PooledFeature]], spans_s: tuple[float, ...]
+) -> tuple[PooledFeature, ...]:
+    """The features of a family for each span, span by span."""
+    features: list[PooledFeature] = []
+    for span_s in spans_s:
+        features += family(span_s)
+    return tuple(features)
+
+
+FAMILIES: dict[str, tuple[PooledFeature, ...]] = {
+    "pooled_state": tuple(_state()),
+    "pooled_along": _for_each(_along, CHANGES_S),
+    "pooled_shear": _for_each(_shear, CHANGES_S),
+    "pooled_normal": _for_each(_normal, CHANGES_S),
+    "pooled_load": _for_each(_load, CHANGES_S),
+    "pooled_activity": _for_each(_activity, ACTIVITY_S),
+}
+"""Group -> its features."""
+MEANING: dict[str, tuple[str, str]] = {
+    "pooled_state": ("N, L by side; L / Z, largest and mean of fingers", "the hold"),
+    "pooled_along": ("dh along u and across it, by side", "pull and its direction"),
+    "pooled_shear": ("|dh|, by side and finger", "change of shear in any direction"),
+    "pooled_normal": ("dN, |dz|, by side and finger", "change of the normal force"),
+    "pooled_load": ("L[t] - L[t-l] by hand", "load that leaves or arrives"),
+    "pooled_activity": ("means of |step h|, |step z|", "rubbing and swinging"),
+}
+"""Group -> formula and reason, for the table of docs/features.md."""

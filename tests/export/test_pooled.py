@@ -1,0 +1,166 @@
+"""Pooled features: a plain numpy reference, any hand card, any order, any turn, dead sensors."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from pooled_reference import PooledReference
+
+from holdfast.core.contract import BoolArray, FloatArray
+from holdfast.core.hand_card import hand_of_counts, read_hand_card
+from holdfast.edge_runtime.graph import open_session, run_recording
+from holdfast.export.features import feature_graph
+from holdfast.export.pooled import FAMILIES
+from holdfast.export.spec import StepSpec
+
+RATE_HZ = 100.0
+HANDS = (
+    "six-fingertips",
+    "two-pad-gripper",
+    "three-fingertips",
+    "twelve-sensors",
+    "pinch-pad",
+    "eflesh-gripper",
+)
+
+
+def spec_of(hand: str, needed: int = 0) -> StepSpec:
+    card = read_hand_card(hand)
+    groups = tuple(FAMILIES)
+    return StepSpec(
+        card.n_sensors, RATE_HZ, "N", groups, needed, hand=card, force_decides=False
+    )
+
+
+def grip(n_sensors: int, length: int = 160, seed: int = 0) -> FloatArray:
+    """Forces [T, C] of fingers that hold, some of them lightly, and let go at the end."""
+    rng = np.random.default_rng(seed)
+    values = np.cumsum(rng.normal(0.0, 0.05, (length, n_sensors, 3)), axis=0)
+    values += rng.normal(0.0, 0.5, (n_sensors, 3))
+    values[..., 2] += rng.choice([0.1, 1.0, 3.0], n_sensors)
+    values[-30:, :, 2] -= 2.0
+    return values.reshape(length, -1)
+
+
+def features(
+    spec: StepSpec, values: FloatArray, valid: BoolArray | None = None
+) -> FloatArray:
+    if valid is None:
+        valid = np.ones((len(values), spec.n_sensors), dtype=np.bool_)
+    session = open_session(feature_graph(spec).SerializeToString())
+    return run_recording(session, values, valid, ["features"])["features"]
+
+
+def reference(
+    spec: StepSpec, values: FloatArray, usable: BoolArray | None = None
+) -> FloatArray:
+    assert spec.hand is not None
+    thumb = [side == "thumb" for side in spec.hand.sensor_sides]
+    plain = PooledReference(values, spec.rate_hz, spec.unit, thumb, usable)
+    return np.hstack([plain.family(name) for name in FAMILIES])
+
+
+@pytest.mark.parametrize("hand", HANDS)
+def test_the_graph_is_the_reference_on_every_hand(hand: str) -> None:
+    spec = spec_of(hand)
+    values = grip(spec.n_sensors)
+    expected = reference(spec, values)
+    np.testing.assert_allclose(features(spec, values), expected, rtol=1e-5, atol=1e-6)
+
+
+@pytest.mark.parametrize("hand", ["six-fingertips", "twelve-sensors"])
+def test_a_dead_sensor_weighs_nothing_and_the_others_of_its_side_stand_in(
+    hand: str,
+) -> None:
+    spec = spec_of(hand, needed=2)
+    values = grip(spec.n_sensors)
+    valid = np.ones((len(values), spec.n_sensors), dtype=np.bool_)
+    valid[90:, [1, spec.n_sensors - 1]] = False
+    # what the driver hands over in place of a dead sensor is not looked at
+    values[90:, 3:6] = np.nan
+    got = features(spec, values, valid)
+
+    held = values.copy()
+    held[90:, 3:6] = values[89, 3:6]
+    usable = valid.copy()
+    usable[: spec.settle_samples - 1] = False
+    expected = reference(spec, held, usable)
+    settled = slice(spec.settle_samples, None)
+    np.testing.assert_allclose(got[settled], expected[settled], rtol=1e-5, atol=1e-6)
+
+
+def test_a_sensor_that_returns_counts_again_when_its_history_is_whole() -> None:
+    spec = spec_of("six-fingertips", needed=4)
+    values = grip(6, length=240)
+    valid = np.ones((240, 6), dtype=np.bool_)
+    valid[80:100, 2] = False
+    got = features(spec, values, valid)
+    whole = features(spec, values)
+    back = 100 + spec.settle_samples
+    np.testing.assert_array_equal(got[back:], whole[back:])
+    assert (got[back - 2] != whole[back - 2]).any()
+
+
+def test_the_order_of_the_sensors_of_a_side_changes_nothing() -> None:
+    spec = spec_of("six-fingertips")
+    values = grip(6).reshape(-1, 6, 3)
+    other = values[:, [1, 0, 5, 3, 2, 4]]
+    np.testing.assert_allclose(
+        features(spec, values.reshape(-1, 18)),
+        features(spec, other.reshape(-1, 18)),
+        rtol=1e-4,
+        atol=1e-5,
+    )
+
+
+def test_no_sensor_knows_how_it_is_turned_or_mirrored() -> None:
+    spec = spec_of("six-fingertips")
+    values = grip(6).reshape(-1, 6, 3)
+    turned = values.copy()
+    angles = np.random.default_rng(1).uniform(0.0, 2.0 * np.pi, 6)
+    x, y = values[..., 0], values[..., 1]
+    turned[..., 0] = np.cos(angles) * x - np.sin(angles) * y
+    turned[..., 1] = np.sin(angles) * x + np.cos(angles) * y
+    np.testing.assert_allclose(
+        features(spec, turned.reshape(-1, 18)),
+        features(spec, values.reshape(-1, 18)),
+        rtol=1e-4,
+        atol=1e-5,
+    )
+
+    mirrored = values * [-1.0, 1.0, 1.0]
+    np.testing.assert_allclose(
+        features(spec, mirrored.reshape(-1, 18)),
+        features(spec, values.reshape(-1, 18)),
+        rtol=1e-4,
+        atol=1e-5,
+    )
+
+
+def test_two_sensors_that_share_a_finger_read_as_one_that_bears_both() -> None:
+    """Sums by side keep the force of the hand, so hands of any number of sensors compare."""
+    twice = hand_of_counts(thumb=2, finger=2)
+    once = hand_of_counts(thumb=2, finger=1)
+    groups = ("pooled_shear",)
+    few = StepSpec(6, RATE_HZ, "N", groups, hand=once, force_decides=False)
+    many = StepSpec(10, RATE_HZ, "N", groups, hand=twice, force_decides=False)
+    values = grip(6).reshape(-1, 6, 3)
+    values[..., 2] = np.abs(values[..., 2]) + 1.0
+    shared = np.concatenate(
+        [values[:, :2], np.repeat(0.5 * values[:, 2:], 2, axis=1)], axis=1
+    )
+    np.testing.assert_allclose(
+        features(many, shared.reshape(-1, 30)),
+        features(few, values.reshape(-1, 18)),
+        rtol=1e-4,
+        atol=1e-5,
+    )
+
+
+def test_six_sensors_without_a_card_are_the_thesis_hand() -> None:
+    with_card = spec_of("six-fingertips")
+    without = StepSpec(6, RATE_HZ, "N", with_card.groups, force_decides=False)
+    values = grip(6)
+    np.testing.assert_array_equal(
+        features(without, values), features(with_card, values)
+    )
