@@ -22,14 +22,8 @@ from holdfast.core.errors import UsageError
 from holdfast.core.trial_layout import NORMAL_FLOOR
 from holdfast.export.builder import GraphBuilder
 from holdfast.export.detectors import add_bank, add_detectors
-from holdfast.export.guard import (
-    LAGS_S,
-    GuardOutputs,
-    History,
-    Triples,
-    add_contact,
-    add_guard,
-)
+from holdfast.export.guard import GuardOutputs, add_contact, add_guard
+from holdfast.export.history import LAGS_S, History, Triples
 from holdfast.export.pooled import FAMILIES, MEANING
 from holdfast.export.pooled_graph import add_pooled
 from holdfast.export.spec import HISTORY_S, WINDOW_S, StepSpec

@@ -11,21 +11,19 @@ The history of a sensor is one number, its place, stepped by a table (`_next_pla
     the last                     settled and good now: usable
 
 More than 20 ms lost in a row lead back to 0, and the sensor must settle again. unknown = fewer
-usable sensors than the model needs. A short gap makes the state unknown while it lasts; a long one
-until the whole history is of good samples again.
+usable sensors than the model needs, or, where features are pooled, none on one side of the hand. A
+short gap makes the state unknown while it lasts; a long one until the whole history is of good
+samples again.
 
 Where force decides "nothing" (`add_contact`), what the guard lets through is the sample less the
 zero of its channel. The zero is 0 in a fresh state and follows the reading of an empty hand, never
 that of a hand that touches something, and never while the state is unknown.
-
-`History` is what the guard lets through: the last 0.5 s of samples, from which features are made.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -33,13 +31,10 @@ import numpy.typing as npt
 from onnx import TensorProto
 
 from holdfast.core.contract import BoolArray, FloatArray
-from holdfast.core.trial_layout import NORMAL_FLOOR
 from holdfast.edge_runtime.model_file import EMPTY
 from holdfast.export.builder import GraphBuilder
+from holdfast.export.pooled import side_matrix
 from holdfast.export.spec import RANGE_LIMIT, ContactRule, StepSpec
-
-LAGS_S = (0.05, 0.10, 0.17, 0.25, 0.37, 0.50)
-"""Lags of the differences, in s: closer together for recent samples, up to the whole history."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +44,8 @@ class GuardOutputs:
     now, last: this and the previous good sample. past: all samples before this one, in parts
     [B, rows, C], oldest first. good: bool, delivered now. begun: 1.0, or 0.0 where the sensor has
     no past. usable: bool. known: [B, 1, 1] bool, enough sensors are usable. zero: what was taken
-    from the sample; "" where force does not decide.
+    from the sample; "" where force does not decide. counted: usable as 1.0 or 0.0 where features
+    are pooled and not every sensor is needed, else "".
     """
 
     now: str
@@ -60,6 +56,7 @@ class GuardOutputs:
     usable: str
     known: str
     zero: str
+    counted: str
 
 
 def add_guard(graph: GraphBuilder, spec: StepSpec) -> GuardOutputs:
@@ -95,9 +92,13 @@ def add_guard(graph: GraphBuilder, spec: StepSpec) -> GuardOutputs:
     following = graph.node("Gather", _next_places(spec), entry)
     graph.keep("place", following)
 
-    usable, known = _publish(graph, spec, following)
+    counted = ""
+    if spec.is_pooled and spec.min_valid_sensors < spec.n_sensors:
+        usable, known, counted = _publish_by_side(graph, spec, following)
+    else:
+        usable, known = _publish(graph, spec, following)
     past = (oldest, older, last)
-    return GuardOutputs(now, last, past, good, begun, usable, known, zero)
+    return GuardOutputs(now, last, past, good, begun, usable, known, zero, counted)
 
 
 def _share_of_good(graph: GraphBuilder, spec: StepSpec) -> str:
@@ -133,9 +134,7 @@ def _next_places(spec: StepSpec) -> FloatArray:
 
 def _publish(graph: GraphBuilder, spec: StepSpec, place: str) -> tuple[str, str]:
     """Publish the flags; returns usable [B, 1, C] and known [B, 1, 1], bool."""
-    a_delivery = 2 * (spec.gap_samples + 1)
-    last_place = a_delivery * spec.settle_samples
-    first_settled = last_place - a_delivery + 2
+    last_place, first_settled = _settled_places(spec)
 
     # places are whole: above the place before is at the place itself
     usable = graph.node("Greater", place, last_place - 1.0)
@@ -164,6 +163,48 @@ def _publish(graph: GraphBuilder, spec: StepSpec, place: str) -> tuple[str, str]
     return usable, known
 
 
+def _settled_places(spec: StepSpec) -> tuple[int, int]:
+    """The place of a sensor that is usable, and the lowest one of a sensor that is settled."""
+    a_delivery = 2 * (spec.gap_samples + 1)
+    last_place = a_delivery * spec.settle_samples
+    return last_place, last_place - a_delivery + 2
+
+
+def _publish_by_side(
+    graph: GraphBuilder, spec: StepSpec, place: str
+) -> tuple[str, str, str]:
+    """Publish the flags where each side needs a sensor; returns usable, known and counted."""
+    last_place, first_settled = _settled_places(spec)
+    # two rows: usable now, and settled
+    above = np.array([[last_place - 1.0], [first_settled - 1.0]])
+    flags = graph.node("Greater", place, above)
+    numbers = graph.node("Cast", flags, to=TensorProto.DOUBLE)
+
+    # of all sensors, and of each side
+    sides = side_matrix(spec)
+    members = np.hstack([np.ones((spec.n_sensors, 1)), sides])
+    counts = graph.node("MatMul", numbers, np.kron(members, [[1.0], [0.0], [0.0]]))
+    needed = np.array([spec.min_valid_sensors, 1, 1], dtype=np.float64)
+    enough = graph.node("GreaterOrEqual", counts, needed)
+    both = graph.node("ReduceMin", enough, [2], keepdims=0)
+
+    first, second = (graph.constant(row, np.int64) for row in range(2))
+    graph.node("Gather", both, second, out="settled", axis=1)
+    is_known = graph.node("Gather", both, first, axis=1)
+    graph.node("Not", is_known, out="unknown")
+    # no side has more sensors than the hand
+    usable_counts = graph.node("Gather", counts, first, axis=1)
+    most = graph.node("ReduceMax", usable_counts, [1], keepdims=0)
+    graph.node("Cast", most, out="usable_sensors", to=TensorProto.INT32)
+    graph.output("settled", TensorProto.BOOL)
+    graph.output("unknown", TensorProto.BOOL)
+    graph.output("usable_sensors", TensorProto.INT32)
+
+    usable = graph.columns(flags, 0, 1)
+    known = graph.reshape(is_known, -1, 1, 1)
+    return usable, known, graph.columns(numbers, 0, 1)
+
+
 def _count(graph: GraphBuilder, flags: str) -> str:
     """[B, 1, C] bool -> [B] number of channels."""
     # as int32, whose sum is exact and whose division by three is that of whole numbers
@@ -177,12 +218,21 @@ def reference_flags(
     """settled, unknown and usable_sensors [T] by the guard's rule in plain Python, from fresh."""
     good, delivered = _reference_sensors(values, valid, spec)
     settled = delivered >= spec.settle_samples
-    usable = (good & settled).sum(axis=1)
+    usable = good & settled
     return {
-        "settled": settled.sum(axis=1) >= spec.min_valid_sensors,
-        "unknown": usable < spec.min_valid_sensors,
-        "usable_sensors": usable,
+        "settled": _reference_enough(settled, spec),
+        "unknown": ~_reference_enough(usable, spec),
+        "usable_sensors": usable.sum(axis=1),
     }
+
+
+def _reference_enough(usable: BoolArray, spec: StepSpec) -> BoolArray:
+    """[T] whether these sensors [T, S] are enough, with pooled features one on each side."""
+    enough: BoolArray = usable.sum(axis=1) >= spec.min_valid_sensors
+    if spec.is_pooled:
+        for side in side_matrix(spec).T:
+            enough = enough & usable[:, side > 0.0].any(axis=1)
+    return enough
 
 
 def _reference_sensors(
@@ -213,7 +263,7 @@ def reference_contact(
     """Empty [T] and the zero after each sample [T, C] by the rule in plain Python, from fresh."""
     good, delivered = _reference_sensors(values, valid, spec)
     usable = good & (delivered >= spec.settle_samples)
-    unknown = usable.sum(axis=1) < spec.min_valid_sensors
+    unknown = ~_reference_enough(usable, spec)
 
     share = 1.0 - math.exp(-1.0 / (rule.mean_s * spec.rate_hz))
     most = rule.zero_per_s / spec.rate_hz
@@ -242,129 +292,6 @@ def reference_contact(
     return np.array(empties), np.array(zeros)
 
 
-@dataclass(frozen=True)
-class Triples:
-    """Features that are rows of the pool: (x, y, z) of a sensor or of the sum, or their change.
-
-    places: rows of the pool. scaled: divided by Zs.
-    """
-
-    places: list[int]
-    scaled: bool = False
-
-
-class History:
-    """The last 0.5 s of guarded samples, and a pool of triples that groups share.
-
-    length: L, the past samples and this one. rectified: |outputs| of the filter bank; empty where
-    no group reads them.
-
-    What no group asks for is not added to the graph.
-    """
-
-    def __init__(
-        self, graph: GraphBuilder, spec: StepSpec, guarded: GuardOutputs, rectified: str
-    ) -> None:
-        self.graph = graph
-        self.spec = spec
-        self.rectified = rectified
-        self.length = spec.history_samples + 1
-        self.usable = guarded.usable
-        self._parts = (*guarded.past, guarded.now)
-        # tensors [B, rows, 3] in the order in which groups put them in, and their rows in all
-        self._pool: list[str] = []
-        self._pooled = 0
-
-    @cached_property
-    def samples(self) -> str:
-        """[B, L, C], oldest first."""
-        return self.graph.node("Concat", *self._parts, axis=1)
-
-    @cached_property
-    def summed(self) -> str:
-        """[B, L, 3]: the sum over the sensors at every sample."""
-        return self.graph.node("MatMul", self.samples, _over_sensors(self.spec))
-
-    @cached_property
-    def changes(self) -> str:
-        """[B, 1 + lags, C + 3]: x[t] and every x[t] - x[t-l], of each sensor and of the sum."""
-        now = self.length - 1
-        places = [now] + [now - self.spec.lag(seconds) for seconds in LAGS_S]
-        rows = self.graph.node("Gather", self.samples, places, axis=1)
-
-        # the sum over the sensors as three more columns
-        channels = np.eye(self.spec.n_channels)
-        and_sum = np.concatenate([channels, _over_sensors(self.spec)], axis=1)
-        values = self.graph.node("MatMul", rows, and_sum)
-
-        # Row 0 stays x[t]; every other row becomes x[t] minus itself. Products with 1 and -1 are
-        # exact, and one product costs less than a slice, a subtraction and a join.
-        since = -np.eye(len(places))
-        since[:, 0] = 1.0
-        return self.graph.node("MatMul", since, values)
-
-    @cached_property
-    def normal(self) -> str:
-        """[B, 1, 1]: Sum z[t]."""
-        return self.summed_changes((0, 1), (2, 3))
-
-    def summed_changes(self, rows: tuple[int, int], axes: tuple[int, int]) -> str:
-        """Part of Sum x[t] (row 0) and Sum x[t] - Sum x[t-l] (a row for each lag).
-
-        rows, axes: (first, one past the last).
-        """
-        changes = self.changes
-        graph = self.graph
-        sum_x = self.spec.n_channels
-        starts = [rows[0], sum_x + axes[0]]
-        stops = [rows[1], sum_x + axes[1]]
-        return graph.node("Slice", changes, starts, stops, [1, 2])
-
-    def pooled(self, tensor: str, rows: int) -> list[int]:
-        """Put [B, rows, 3] into the pool; returns the rows' places in it."""
-        first = self._pooled
-        self._pool.append(tensor)
-        self._pooled += rows
-        return list(range(first, self._pooled))
-
-    @cached_property
-    def change_places(self) -> npt.NDArray[np.int64]:
-        """[1 + lags, n + 1] rows of `changes` in the pool."""
-        rows = 1 + len(LAGS_S)
-        columns = self.spec.n_sensors + 1
-        triples = self.graph.reshape(self.changes, 0, rows * columns, 3)
-        return np.reshape(self.pooled(triples, rows * columns), (rows, columns))
-
-    @cached_property
-    def pool(self) -> str:
-        """[B, triples, 3]: everything in the pool."""
-        if len(self._pool) == 1:
-            return self._pool[0]
-        return self.graph.node("Concat", *self._pool, axis=1)
-
-    def chosen(self, groups: list[Triples]) -> str:
-        """[B, 3 x triples]: rows of the pool, divided by Zs where they are scaled."""
-        graph = self.graph
-        places: list[int] = []
-        flags: list[bool] = []
-        for group in groups:
-            places += group.places
-            flags += [group.scaled] * len(group.places)
-
-        # one look-up for all groups: a node costs more than the numbers that it moves
-        triples = graph.node("Gather", self.pool, places, axis=1)
-        if any(flags):
-            scaled = np.array(flags)[:, None]
-            scale = graph.node("Mul", self.normal, scaled.astype(np.float64))
-
-            # rows that are not scaled are divided by max(0, 1) = 1
-            floor = np.where(scaled, NORMAL_FLOOR[self.spec.unit], 1.0)
-            divisor = graph.node("Max", scale, floor)
-            triples = graph.node("Div", triples, divisor)
-
-        return graph.node("Flatten", triples, axis=1)
-
-
 def add_contact(
     graph: GraphBuilder, spec: StepSpec, guarded: GuardOutputs, means: list[str]
 ) -> str:
@@ -377,8 +304,12 @@ def add_contact(
     if rule is None:
         return ""
     mean, pull = means
-    if spec.min_valid_sensors < spec.n_sensors:
-        # a sensor that a degraded hand lacks says nothing; its last reading must not hold on
+    # a sensor that a degraded hand lacks says nothing; its last reading must not hold on
+    if guarded.counted:
+        # the mean of a guarded sample is finite, so a product will do, and costs less
+        mean = graph.node("Mul", mean, guarded.counted)
+        pull = graph.node("Mul", pull, guarded.counted)
+    elif spec.min_valid_sensors < spec.n_sensors:
         mean = graph.node("Where", guarded.usable, mean, 0.0)
         pull = graph.node("Where", guarded.usable, pull, 0.0)
 
@@ -406,24 +337,3 @@ def add_contact(
     graph.node("Gather", empty, first, out=EMPTY, axis=2)
     graph.output(EMPTY, TensorProto.BOOL, 1)
     return EMPTY
-
-
-def _over_sensors(spec: StepSpec) -> FloatArray:
-    """[C, 3]: channels to their sum over the sensors."""
-    return np.tile(np.eye(3), (spec.n_sensors, 1))
-
-
-def side_matrix(spec: StepSpec) -> FloatArray:
-    """[sensors, 2]: 1 where a sensor belongs to the thumb's or the opposing side.
-
-    Without a card, six sensors are those of the thesis' hand, and others lie on one side. Sensors
-    that all lie on one side count for both.
-    """
-    if spec.hand is not None:
-        thumb = np.array([side == "thumb" for side in spec.hand.sensor_sides])
-    else:
-        thumb = np.arange(spec.n_sensors) < (2 if spec.n_sensors == 6 else 0)
-    sides = np.stack([thumb, ~thumb], axis=1).astype(np.float64)
-    if not sides.any(axis=0).all():
-        sides[:] = 1.0
-    return sides

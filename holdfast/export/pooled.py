@@ -260,3 +260,19 @@ MEANING: dict[str, tuple[str, str]] = {
     "pooled_activity": ("means of |step h|, |step z|", "rubbing and swinging"),
 }
 """Group -> formula and reason, for the table of docs/features.md."""
+
+
+def side_matrix(spec: StepSpec) -> FloatArray:
+    """[sensors, 2]: 1 where a sensor belongs to the thumb's or the opposing side.
+
+    Without a card, six sensors are those of the thesis' hand, and others lie on one side. Sensors
+    that all lie on one side count for both.
+    """
+    if spec.hand is not None:
+        thumb = np.array([side == "thumb" for side in spec.hand.sensor_sides])
+    else:
+        thumb = np.arange(spec.n_sensors) < (2 if spec.n_sensors == 6 else 0)
+    sides = np.stack([thumb, ~thumb], axis=1).astype(np.float64)
+    if not sides.any(axis=0).all():
+        sides[:] = 1.0
+    return sides

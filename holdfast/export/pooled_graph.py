@@ -10,11 +10,10 @@ from __future__ import annotations
 from functools import cached_property
 
 import numpy as np
-from onnx import TensorProto
 
 from holdfast.core.contract import FloatArray
 from holdfast.core.trial_layout import NORMAL_FLOOR
-from holdfast.export.guard import History, side_matrix
+from holdfast.export.history import History
 from holdfast.export.pooled import (
     ACROSS,
     ALONG,
@@ -35,6 +34,7 @@ from holdfast.export.pooled import (
     PooledFeature,
     Ratio,
     Row,
+    side_matrix,
 )
 from holdfast.export.spec import StepSpec
 
@@ -100,12 +100,12 @@ class PooledGraph:
 
         "" where every sensor is needed, so that it is always 1.
         """
-        if self.spec.min_valid_sensors == self.n_sensors:
+        counted = self.history.counted
+        if not counted:
             return ""
         graph = self.graph
         first_of_sensor = list(range(0, self.spec.n_channels, 3))
-        flags = graph.node("Gather", self.history.usable, first_of_sensor, axis=2)
-        usable = graph.node("Cast", flags, to=TensorProto.DOUBLE)
+        usable = graph.node("Gather", counted, first_of_sensor, axis=2)
 
         # the usable share of the sensors of its side
         same = (self.sides @ self.sides.T > 0.0).astype(np.float64)

@@ -122,14 +122,19 @@ class ContactRule:
         return asdict(self)
 
 
+POOLED = "pooled_"
+"""Begins the names of feature groups that are pooled over the sensors (pooled.py)."""
+
+
 @dataclass(frozen=True)
 class StepSpec:
     """The specification of a step graph: channels, rate, unit, features, guard and detectors.
 
     rate_hz: rate of all constants. groups: feature groups by name (holdfast/export/features.py).
-    min_valid_sensors: fewer usable sensors than this make the state unknown. window_s: length of
-    the raw window. hand: its card, with the sides of its sensors, or None. force_decides: force
-    decides "nothing", not the learner; None for the default of the unit.
+    min_valid_sensors: fewer usable sensors than this make the state unknown; 0 for all, or for two
+    thirds where all features are pooled. window_s: length of the raw window. hand: its card, with
+    the sides of its sensors, or None. force_decides: force decides "nothing", not the learner; None
+    for the default of the unit.
     """
 
     n_sensors: int
@@ -165,19 +170,27 @@ class StepSpec:
         # the class is frozen, so what hangs on other fields is filled in this way
         if self.force_decides is None:
             object.__setattr__(self, "force_decides", self.unit in CONTACT_UNITS)
-        # 0 stands for all sensors
         if not self.min_valid_sensors:
-            object.__setattr__(self, "min_valid_sensors", self.n_sensors)
+            needed = self.n_sensors
+            if self.is_pooled:
+                # measured with one and two dead sensors of six
+                needed = -(-2 * self.n_sensors // 3)
+            object.__setattr__(self, "min_valid_sensors", needed)
         if not 1 <= self.min_valid_sensors <= self.n_sensors:
             raise ChannelError(
                 f"min_valid_sensors={self.min_valid_sensors}",
-                next_step=f"give 1 to {self.n_sensors}, or 0 for all",
+                next_step=f"give 1 to {self.n_sensors}, or 0 for the default",
             )
 
     @property
     def n_channels(self) -> int:
         """Channels C = 3 x sensors."""
         return 3 * self.n_sensors
+
+    @property
+    def is_pooled(self) -> bool:
+        """Whether all features are pooled, so that its learner fits any number of sensors."""
+        return all(name.startswith(POOLED) for name in self.groups)
 
     @property
     def window_samples(self) -> int:

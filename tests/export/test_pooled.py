@@ -10,6 +10,7 @@ from holdfast.core.contract import BoolArray, FloatArray
 from holdfast.core.hand_card import hand_of_counts, read_hand_card
 from holdfast.edge_runtime.graph import open_session, run_recording
 from holdfast.export.features import feature_graph
+from holdfast.export.guard import reference_flags
 from holdfast.export.pooled import FAMILIES
 from holdfast.export.spec import StepSpec
 
@@ -25,10 +26,12 @@ HANDS = (
 
 
 def spec_of(hand: str, needed: int = 0) -> StepSpec:
+    """needed: sensors; 0 for all."""
     card = read_hand_card(hand)
+    n = card.n_sensors
     groups = tuple(FAMILIES)
     return StepSpec(
-        card.n_sensors, RATE_HZ, "N", groups, needed, hand=card, force_decides=False
+        n, RATE_HZ, "N", groups, needed or n, hand=card, force_decides=False
     )
 
 
@@ -142,8 +145,8 @@ def test_two_sensors_that_share_a_finger_read_as_one_that_bears_both() -> None:
     twice = hand_of_counts(thumb=2, finger=2)
     once = hand_of_counts(thumb=2, finger=1)
     groups = ("pooled_shear",)
-    few = StepSpec(6, RATE_HZ, "N", groups, hand=once, force_decides=False)
-    many = StepSpec(10, RATE_HZ, "N", groups, hand=twice, force_decides=False)
+    few = StepSpec(6, RATE_HZ, "N", groups, 6, hand=once, force_decides=False)
+    many = StepSpec(10, RATE_HZ, "N", groups, 10, hand=twice, force_decides=False)
     values = grip(6).reshape(-1, 6, 3)
     values[..., 2] = np.abs(values[..., 2]) + 1.0
     shared = np.concatenate(
@@ -159,8 +162,40 @@ def test_two_sensors_that_share_a_finger_read_as_one_that_bears_both() -> None:
 
 def test_six_sensors_without_a_card_are_the_thesis_hand() -> None:
     with_card = spec_of("six-fingertips")
-    without = StepSpec(6, RATE_HZ, "N", with_card.groups, force_decides=False)
+    without = StepSpec(6, RATE_HZ, "N", with_card.groups, 6, force_decides=False)
     values = grip(6)
     np.testing.assert_array_equal(
         features(without, values), features(with_card, values)
     )
+
+
+def flags_of(spec: StepSpec, valid: BoolArray) -> dict[str, BoolArray]:
+    values = grip(spec.n_sensors, length=len(valid))
+    session = open_session(feature_graph(spec).SerializeToString())
+    names = ["unknown", "settled", "usable_sensors"]
+    got = run_recording(session, values, valid, names)
+    for name, expected in reference_flags(values, valid, spec).items():
+        np.testing.assert_array_equal(got[name], expected)
+    return got
+
+
+def test_a_hand_without_a_usable_sensor_on_one_side_is_unknown() -> None:
+    card = read_hand_card("six-fingertips")
+    spec = StepSpec(6, RATE_HZ, "N", tuple(FAMILIES), hand=card)
+    assert spec.min_valid_sensors == 4
+    valid = np.ones((200, 6), dtype=np.bool_)
+    # both thumb sensors: four are left, all on the other side
+    valid[80:90, :2] = False
+    # one of each side: four are left
+    valid[160:, [0, 5]] = False
+    got = flags_of(spec, valid)
+    assert got["unknown"][80:90].all()
+    assert not got["unknown"][160:].any()
+    assert (got["usable_sensors"][160:] == 4).all()
+
+
+def test_fewer_than_two_thirds_of_the_sensors_are_unknown() -> None:
+    spec = StepSpec(6, RATE_HZ, "N", ("pooled_shear",))
+    valid = np.ones((120, 6), dtype=np.bool_)
+    valid[80:, [1, 4, 5]] = False
+    assert flags_of(spec, valid)["unknown"][80:].all()

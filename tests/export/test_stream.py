@@ -38,7 +38,7 @@ from holdfast.export.features import (
     feature_graph,
     features_alone,
 )
-from holdfast.export.guard import LAGS_S
+from holdfast.export.history import LAGS_S
 from holdfast.export.pooled import FAMILIES
 from holdfast.export.spec import StepSpec
 from holdfast.training.plan import CLOCK_FREE_GROUPS
@@ -543,7 +543,7 @@ def test_every_group_has_an_oracle_here() -> None:
 def test_a_group_is_the_formula_it_is_documented_with(
     name: str, rate_hz: float, unit: Unit, size: float
 ) -> None:
-    spec = StepSpec(4, rate_hz, unit, (name,))
+    spec = StepSpec(4, rate_hz, unit, (name,), min_valid_sensors=4)
     values = size * numbers(round(1.2 * rate_hz), 4)
     # the hand opens: the floor under the ratios is used too
     values[len(values) // 2 :, 2::3] -= 2.5 * size

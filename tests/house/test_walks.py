@@ -16,8 +16,9 @@ MOST_LOADED = {
     "a fed monitor": 15,
     "a virtual hand": 60,
     "a closed loop": 60,
-    # two more than before the pooled features: their list, and what adds them to a graph
-    "train and export": 52,
+    # three more than before the pooled features: their list, what adds them to a graph, and the
+    # history that they share with the other groups (history.py, out of guard.py)
+    "train and export": 53,
 }
 
 
@@ -32,14 +33,14 @@ def test_a_program_loads_few_modules(walk: str, tmp_path: Path) -> None:
 
 
 def test_few_files_are_shipped_and_none_is_long(shipped: Size) -> None:
-    assert shipped.files <= 300
+    assert shipped.files <= 302
     assert shipped.most_lines <= 450
     assert 120 <= shipped.median_lines <= 214
 
 
 def test_what_is_shipped_is_plain(shipped: Size) -> None:
     """Limits a little above today's figures: what grows past them should be cut, or explained."""
-    assert shipped.nodes <= 360_600
+    assert shipped.nodes <= 361_600
     assert shipped.nodes_a_line <= 5.68
     assert shipped.comprehensions_per_1000_lines <= 20
 
