@@ -86,6 +86,7 @@ SOURCES: dict[str, dict[str, str]] = {
         "training": "build/bench/training.json",
         "instructions": "build/bench/instructions.json",
     },
+    "docs/wiring.md": {"places": "build/real/places.json"},
 }
 """Page -> the files that its template sees."""
 

@@ -25,7 +25,7 @@ from holdfast.export.detectors import add_bank, add_detectors
 from holdfast.export.guard import GuardOutputs, add_contact, add_guard
 from holdfast.export.history import LAGS_S, History, Triples
 from holdfast.export.pooled import FAMILIES, MEANING
-from holdfast.export.pooled_graph import add_pooled
+from holdfast.export.pooled_graph import add_pooled, own_scaled
 from holdfast.export.spec import HISTORY_S, WINDOW_S, StepSpec
 
 SPANS_S = (0.10, 0.25, 0.50)
@@ -261,6 +261,14 @@ GROUPS: dict[str, FeatureGroup] = {
         HISTORY_S,
         "(x[t] - x[t-l]) / Zs, l = 0.10, 0.25, 0.50 s",
         "change at a finger relative to the grip force",
+    ),
+    "own_scaled_differences": FeatureGroup(
+        lambda history: own_scaled(history, SCALED_LAGS),
+        lambda s: s.n_channels * len(SCALED_LAGS),
+        HISTORY_S,
+        "(x[t] - x[t-l]) / max(mean |z| of the sensor over 0.5 s, floor / 6), "
+        "l = 0.10, 0.25, 0.50 s",
+        "change at a sensor relative to what it bears itself, wherever it lies",
     ),
     "scaled_sums": FeatureGroup(
         _scaled_sums,

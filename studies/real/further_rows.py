@@ -18,15 +18,15 @@ from holdfast.core.writing import require_writable
 from holdfast.evaluation.jobs import Workers
 from holdfast.training.plan import RAW_BASELINE, TrainingPlan
 from holdfast.training.progress import Say, stages
-from studies.real.methods import METHODS, Method, cross_validated
-from studies.row_names import OURS_48, RAW_48, RAW_48_FOLDS
+from studies.real.methods import BASELINES, OURS, Method, cross_validated
+from studies.row_names import OURS_18, OURS_48, RAW_48, RAW_48_FOLDS
 from tools.harness import write_figures
 
 Methods = dict[str, Method]
 FURTHER: dict[str, Methods] = {
     "truer": {
         name: replace(one, in_hand=True, verified=False)
-        for name, one in METHODS.items()
+        for name, one in ({OURS_18: OURS} | BASELINES).items()
     },
     "all-channels": {
         OURS_48: Method(TrainingPlan(), channels=48),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from itertools import islice
 from typing import TypeVar
@@ -19,7 +19,14 @@ from holdfast.training.fitting import held_out_figures
 from holdfast.training.plan import CLOCK_PLAN, RAW_BASELINE, TrainingPlan
 from holdfast.training.progress import Say
 from holdfast.training.recording import DataSet
-from studies.row_names import CLOCK, OURS_18, RAW_18
+from studies.row_names import (
+    CLOCK,
+    COMMITTEE_18,
+    OURS_18,
+    RAW_18,
+    SPREAD_18,
+    SPREAD_OWN_18,
+)
 
 HUMAN = "human_slip_uskin"
 Result = TypeVar("Result")
@@ -30,30 +37,48 @@ class Method:
     """A row of a table: a plan on so many channels.
 
     in_hand: label by the object's rotation in the hand. verified: every fold's learners are
-    exported and compared with the reference.
+    exported and compared with the reference. spread: of 18 channels, taxels spread over the pad
+    instead of the most loaded.
     """
 
     plan: TrainingPlan
     channels: int = 18
     in_hand: bool = False
     verified: bool = False
+    spread: bool = False
 
     def data(self) -> DataSet:
         """The set with this method's channels and labels."""
-        return _data(self.channels, self.in_hand)
+        return _data(self.channels, self.in_hand, self.spread)
 
     def features(self) -> dict[str, FloatRows]:
         """Task -> [M, F] for every window."""
-        return _features(self.channels, self.in_hand, self.plan.groups)
+        return _features(self.channels, self.in_hand, self.spread, self.plan.groups)
 
 
 OURS = Method(TrainingPlan(), verified=True)
-METHODS = {
-    OURS_18: OURS,
+BASELINES = {
     RAW_18: Method(RAW_BASELINE),
     CLOCK: Method(CLOCK_PLAN, channels=48),
 }
-"""Rows of the table with people held out. The timing-only baseline sums all normals."""
+"""The timing-only baseline sums all normals."""
+COMMITTEE = TrainingPlan(learner="committee")
+OWN_LEVEL = replace(
+    COMMITTEE,
+    groups=tuple(
+        name.replace("scaled_differences", "own_scaled_differences")
+        for name in COMMITTEE.groups
+    ),
+)
+"""Changes at a sensor relative to its own load of the last 0.5 s, not to the grip force."""
+PLACED = {
+    COMMITTEE_18: Method(COMMITTEE),
+    SPREAD_18: Method(COMMITTEE, spread=True),
+    SPREAD_OWN_18: Method(OWN_LEVEL, spread=True),
+}
+"""What the places of six sensors are worth, then what own-level scaling adds."""
+METHODS = {OURS_18: OURS, **PLACED, **BASELINES}
+"""Rows of the table with people held out."""
 
 
 @dataclass(frozen=True)
@@ -110,16 +135,18 @@ def _answer(method: Method, fold: int, seed: int) -> FoldAnswers:
 
 
 @lru_cache(maxsize=1)
-def _data(channels: int, in_hand: bool) -> DataSet:
-    return human_slip_uskin.load(find(HUMAN), channels=channels, in_hand=in_hand)
+def _data(channels: int, in_hand: bool, spread: bool) -> DataSet:
+    return human_slip_uskin.load(
+        find(HUMAN), channels=channels, in_hand=in_hand, spread=spread
+    )
 
 
 @lru_cache(maxsize=1)
 def _features(
-    channels: int, in_hand: bool, groups: tuple[str, ...]
+    channels: int, in_hand: bool, spread: bool, groups: tuple[str, ...]
 ) -> dict[str, FloatRows]:
     """Features of the step, or those of the timing-only baseline."""
-    data = _data(channels, in_hand)
+    data = _data(channels, in_hand, spread)
     if groups != CLOCK_PLAN.groups:
         return features_of(data, spec_for(data, groups))
     clock = {

@@ -1,6 +1,7 @@
 """`make real`: the whole job on public real recordings; writes metrics.json and report.html.
 
-Train, cross-validate with people held out, export, verify, evaluate, report. The top-level figures
+Train, cross-validate with people held out, export, verify, evaluate, report. The rows that compare
+places of the sensors also stand in places.json; `--places` does only these. The top-level figures
 of metrics.json are the headline: human_slip_uskin, 18 channels, clock-free, every window answered
 by a forest trained without its person.
 """
@@ -9,7 +10,7 @@ from __future__ import annotations
 
 import argparse
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -43,7 +44,7 @@ from studies.real.figures import (
     VerificationSums,
     prediction_of,
 )
-from studies.real.methods import METHODS, OURS, cross_validated, done
+from studies.real.methods import METHODS, OURS, PLACED, cross_validated, done
 from studies.real.proactive import ReplayPicture, study_proactive
 from studies.real.report import Evidence, write_real_report
 from studies.real.streamed_fold import stream_one_fold
@@ -189,13 +190,35 @@ def final_model(artifact: Artifact, out: Path) -> FinalModel:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this study alone."""
     add_job_options(parser, 2)
+    parser.add_argument(
+        "--places",
+        action="store_true",
+        help="only the rows that compare where six sensors lie, into places.json",
+    )
+
+
+def write_places(out: Path, rows: Mapping[str, HeadFigures]) -> Path:
+    """Write places.json: the rows that compare where six sensors lie; returns its path."""
+    placed = {name: rows[name].to_json() for name in PLACED}
+    figures = {"kind": OURS.data().kind, "rows": placed}
+    return write_figures(out / "places.json", figures)
 
 
 def run(args: argparse.Namespace) -> int:
     """Run the whole job, write metrics.json, print the headline."""
     require_writable(args.out)
+    workers = chosen_workers(args)
+    if args.places:
+        with stages(sum(method.plan.folds for method in PLACED.values())) as say:
+            placed = cross_validated(PLACED, args.seed, workers, say)
+        print(
+            write_places(args.out, {name: row.figures for name, row in placed.items()})
+        )
+        return 0
+
     with stages(STAGES) as say:
-        figures = study_sets(args.out, args.seed, say, chosen_workers(args))
+        figures = study_sets(args.out, args.seed, say, workers)
+    write_places(args.out, figures.rows)
     path = write_figures(args.out / "metrics.json", figures.to_json())
     situations = figures.heads.situations
     head = prediction_of(figures.heads)

@@ -404,7 +404,8 @@ class Past:
         self.rate_hz = rate_hz
         self.unit = unit
         self.total = self.x.sum(axis=1)
-        self.scale = np.maximum(self.total[:, 2], NORMAL_FLOOR[unit])[:, None]
+        self.floor = NORMAL_FLOOR[unit]
+        self.scale = np.maximum(self.total[:, 2], self.floor)[:, None]
 
     def ago(self, signal: FloatArray, seconds: float) -> FloatArray:
         """signal[t - l], l in samples: the nearest to so many seconds that is one at least and 0.5
@@ -444,6 +445,18 @@ def scaled_differences(past: Past) -> FloatArray:
         [past.x - past.ago(past.x, lag_s) for lag_s in (0.10, 0.25, 0.50)], axis=2
     )
     return chosen / past.scale[:, None, None]
+
+
+def own_scaled_differences(past: Past) -> FloatArray:
+    """By the mean |z| of each sensor itself; zeros before the first sample count."""
+    samples = inside(HISTORY_S, past.rate_hz) + 1
+    sizes = np.abs(past.x[:, :, 2])
+    levels = np.mean([before(sizes, back) for back in range(samples)], axis=0)
+    levels = np.maximum(levels, past.floor / 6.0)
+    chosen = np.stack(
+        [past.x - past.ago(past.x, lag_s) for lag_s in (0.10, 0.25, 0.50)], axis=2
+    )
+    return chosen / levels[:, :, None, None]
 
 
 def activity(past: Past) -> FloatArray:
@@ -505,6 +518,7 @@ ORACLES: dict[str, Callable[[Past], FloatArray]] = {
     "sums": lambda past: np.concatenate([past.total[:, None], past.changes()], axis=1),
     "scaled_now": lambda past: past.x / past.scale[:, None],
     "scaled_differences": scaled_differences,
+    "own_scaled_differences": own_scaled_differences,
     "scaled_sums": lambda past: past.changes() / past.scale[:, None],
     "activity": activity,
     "shear": shear,

@@ -98,6 +98,7 @@ def test_the_card_of_six_fingertips_is_the_default_hand(tmp_path: Path) -> None:
         ("six-fingertips", (2, 4)),
         ("twelve-sensors", (4, 8)),
         ("pinch-pad", (6, 0)),
+        ("pinch-pad-spread", (6, 0)),
         ("eflesh-gripper", (3, 3)),
     ],
 )
@@ -117,7 +118,7 @@ def test_a_hand_of_a_shipped_card_holds(
 
 
 def test_every_shipped_card_is_tested() -> None:
-    assert len(shipped_hands()) == 6
+    assert len(shipped_hands()) == 7
 
 
 def test_a_contact_without_a_sensor_presses_and_has_no_channels(tmp_path: Path) -> None:

@@ -334,3 +334,37 @@ def test_labels_by_the_rotation_in_the_hand_forget_what_the_wrist_did(
     assert slips(along, in_hand=False)
     assert not slips(along, in_hand=True)
     assert slips(still, in_hand=True)
+
+
+def test_spread_taxels_have_no_neighbours_and_leave_no_gap() -> None:
+    places = np.stack(np.divmod(np.arange(16), 4), axis=1)
+    steps = np.abs(places[:, None] - places).sum(axis=2)
+    chosen = [taxel - 1 for taxel in human.spread_taxels(6)]
+    among = steps[np.ix_(chosen, chosen)]
+    assert among[~np.eye(6, dtype=np.bool_)].min() == 2
+    assert steps[:, chosen].min(axis=1).max() == 1
+
+
+def test_spread_taxels_change_the_channels_and_no_label(tmp_path: Path) -> None:
+    arrays, lines = made_parts()
+    root = write(tmp_path, arrays, lines)
+    spread = human.load(root, spread=True)
+    whole = human.load(root, channels=48)
+    taxels = [3 * (taxel - 1) for taxel in human.spread_taxels(6)]
+    columns = [first + axis for first in taxels for axis in range(3)]
+    for one, all_of_it in zip(spread.recordings, whole.recordings, strict=True):
+        np.testing.assert_array_equal(one.samples, all_of_it.samples[:, columns])
+    for task, rows in human.load(root).tasks.items():
+        np.testing.assert_array_equal(rows.label, spread.tasks[task].label)
+
+    # the card places each of these taxels where the pad's grid has it
+    assert spread.hand is not None
+    sensed = [contact for contact in spread.hand.contacts if contact.sensed]
+    assert [contact.name for contact in sensed] == [
+        f"taxel-{taxel}" for taxel in human.spread_taxels(6)
+    ]
+    down, right = np.divmod(np.array(human.spread_taxels(6)) - 1, 4)
+    along = np.array([contact.along_mm for contact in sensed])
+    across = np.array([contact.across_mm for contact in sensed])
+    np.testing.assert_allclose(along, 4.7 * (1.5 - down))
+    np.testing.assert_allclose(across, 4.7 * (right - 1.5))

@@ -16,7 +16,7 @@ import numpy as np
 
 from holdfast.core.contract import SITUATIONS, FloatArray, IntArray
 from holdfast.core.errors import ChannelError, ColumnError, EmptyRecording, NotANumber
-from holdfast.core.hand_card import read_hand_card
+from holdfast.core.hand_card import HandCard, read_hand_card
 from holdfast.edge_runtime.preparation import Preparation
 from holdfast.training.datasets import human_slip_labels as labels
 from holdfast.training.datasets.public_files import (
@@ -45,12 +45,16 @@ COLUMNS = (
     "offset",
 )
 """Of trials.csv; others are ignored."""
-N_TAXELS = 16
-"""3-axis taxels of the set's uSkin, hence 48 channels."""
+N_TAXELS, PAD_COLUMNS = 16, 4
+"""3-axis taxels of the set's uSkin, hence 48 channels; they are counted row by row."""
 SIX_TAXELS = (5, 9, 10, 11, 12, 13)
-"""The 18-channel case, counted from 1 as the set's own column names do."""
+"""The 18-channel case, counted from 1 as the set's own column names do: the most loaded."""
 SIX_TAXELS_CARD = "pinch-pad"
 """The hand card with these taxels."""
+FIRST_SPREAD_TAXEL = 2
+"""Where the spread begins: any taxel of the upper edge but a corner (docs/wiring.md)."""
+SPREAD_TAXELS_CARD = "pinch-pad-spread"
+"""The hand card with six taxels that `spread_taxels` gives, whatever they bear."""
 CAVEAT = (
     "The label is the rotation of the object, about half of it the wrist's (R2 0.53 with hand "
     "tilt); 'safe slip' here is an involuntary rotation of 5-15 deg, not a voluntary release; the "
@@ -78,11 +82,41 @@ class _Move:
         return labels.BIAS_ROWS < self.start < self.end <= n_rows
 
 
-def load(root: Path, *, channels: int = 18, in_hand: bool = False) -> DataSet:
+def spread_taxels(count: int) -> tuple[int, ...]:
+    """So many taxels of the 4 x 4 pad, counted from 1, spread by a rule that sees no reading.
+
+    The rule is the farthest-point spread (T. F. Gonzalez, "Clustering to minimize the maximum
+    intercluster distance", 1985): begin with one taxel, then always add the one that is farthest
+    from all that are chosen. Of equally far ones it adds the last.
+
+    >>> spread_taxels(6)
+    (2, 5, 8, 11, 13, 16)
+    """
+    row, column = np.divmod(np.arange(N_TAXELS), PAD_COLUMNS)
+    chosen = [FIRST_SPREAD_TAXEL - 1]
+
+    while len(chosen) < count:
+        # squares of whole numbers, so that equal distances compare as equal
+        down = row[:, None] - row[chosen]
+        right = column[:, None] - column[chosen]
+        squares = down**2 + right**2
+
+        # a taxel is as far as the nearest chosen one; those that are chosen have 0
+        nearest = squares.min(axis=1)
+        farthest = np.flatnonzero(nearest == nearest.max())
+        chosen.append(int(farthest[-1]))
+
+    return tuple(taxel + 1 for taxel in sorted(chosen))
+
+
+def load(
+    root: Path, *, channels: int = 18, in_hand: bool = False, spread: bool = False
+) -> DataSet:
     """Read and label a folder in this format, 18 channels (six taxels) or all 48, unit N.
 
-    in_hand: label by the object's rotation in the hand (both IMUs), without the wrist's part. The
-    set's usual measure is the rotation of the object alone.
+    spread: of 18 channels, six taxels spread over the pad instead of the six most loaded. in_hand:
+    label by the object's rotation in the hand (both IMUs), without the wrist's part. The set's
+    usual measure is the rotation of the object alone.
 
     Tasks: "situations" (0..3) and "predict_250ms" (0/1: over 15 deg within 0.25 s, from grasp
     rows). Unusable trials (not 60 < start < end <= n) are left out and counted in notes. Columns of
@@ -90,7 +124,7 @@ def load(root: Path, *, channels: int = 18, in_hand: bool = False) -> DataSet:
 
     Raises DataNotFound, ColumnError, NotANumber, ChannelError or EmptyRecording.
     """
-    columns = _columns(channels)
+    columns = _columns(channels, spread)
     wanted: dict[str, Shape] = {
         "xela": (None, 48),
         "object_imu": (None, 7),
@@ -137,9 +171,7 @@ def load(root: Path, *, channels: int = 18, in_hand: bool = False) -> DataSet:
         redistributable=False,
         caveat=CAVEAT,
         group_kind="person",
-        hand=read_hand_card(SIX_TAXELS_CARD)
-        if channels == 3 * len(SIX_TAXELS)
-        else None,
+        hand=_hand(channels, spread),
         notes={"unusable_trials": len(moves) - len(usable)},
     )
 
@@ -182,9 +214,17 @@ def clock_features(data: DataSet, rows: LabelledRows) -> FloatArray:
     return features
 
 
-def _columns(channels: int) -> list[int]:
+def _hand(channels: int, spread: bool) -> HandCard | None:
+    """The card of the six taxels; all 16 have none, because a card holds 12 sensors at most."""
+    if channels != 3 * len(SIX_TAXELS):
+        return None
+    return read_hand_card(SPREAD_TAXELS_CARD if spread else SIX_TAXELS_CARD)
+
+
+def _columns(channels: int, spread: bool) -> list[int]:
     """The columns of the signals for 18 or 48 channels. Raises ChannelsNotOffered."""
-    taxels = {18: SIX_TAXELS, 48: tuple(range(1, N_TAXELS + 1))}
+    six = spread_taxels(len(SIX_TAXELS)) if spread else SIX_TAXELS
+    taxels = {18: six, 48: tuple(range(1, N_TAXELS + 1))}
     if channels not in taxels:
         raise ChannelsNotOffered("human_slip_uskin", channels, taxels)
     return channels_of([taxel - 1 for taxel in taxels[channels]])
