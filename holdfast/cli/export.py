@@ -3,7 +3,9 @@
 Without arguments it exports build/default. Nothing is written unless file and reference agree. A
 file in the artifact's folder is derived from it and replaced; a file elsewhere is replaced only
 with --force. `--to c` turns a sealed file into C99 instead (export/c). A model file of an older
-version is exported again with the same learner: `holdfast export OLD.onnx --out NEW.onnx`.
+version is exported again with the same learner: `holdfast export OLD.onnx --out NEW.onnx`. With
+--hand CARD, an artifact or a model file becomes a file for another hand, where all its features are
+pooled over the sensors.
 """
 
 from __future__ import annotations
@@ -23,6 +25,7 @@ from holdfast.cli.command import (
 from holdfast.core.errors import UsageError, visible
 
 if TYPE_CHECKING:
+    from holdfast.core.hand_card import HandCard
     from holdfast.export.verify import HeadVerification
 
 
@@ -35,13 +38,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default=Path("build/default"),
         metavar="DIR",
         help="artifact folder of holdfast train (default build/default); "
-        "a model file with --to c, or an older one to be exported again",
+        "a model file with --to c or --hand, or an older one to be exported again",
     )
     parser.add_argument(
         "--to",
         choices=("onnx", "c"),
         default="onnx",
         help="the form to write (default onnx)",
+    )
+    parser.add_argument(
+        "--hand",
+        metavar="CARD",
+        help="the hand the file is for: a hand card by name or path "
+        "(default: the hand of the training recordings)",
     )
     parser.add_argument(
         "--out",
@@ -63,6 +72,11 @@ def run(args: argparse.Namespace) -> int:
     """Export; prints what was verified."""
     require_json_writable(args)
     if args.to == "c":
+        if args.hand is not None:
+            raise UsageError(
+                "--hand with --to c",
+                next_step="export the model file for that hand first, then that file to C",
+            )
         _report_begin(args)
         return _export_c(args)
 
@@ -81,7 +95,9 @@ def run(args: argparse.Namespace) -> int:
     model = args.out or args.artifact / MODEL_NAME
     # Before the export, whose work would be lost.
     require_replaceable(args.artifact, model, force=args.force)
-    path, report = export_artifact(args.artifact, args.out, report=_report_stage)
+    path, report = export_artifact(
+        args.artifact, args.out, hand=_hand(args), report=_report_stage
+    )
     lines = [f"{name}: {_agreement(head)}" for name, head in report.heads.items()]
     lines += [
         "one at a time equals a batch, bit for bit: "
@@ -92,12 +108,21 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
+def _hand(args: argparse.Namespace) -> HandCard | None:
+    """The card of --hand. Raises CardError."""
+    if args.hand is None:
+        return None
+    from holdfast.core.hand_card import read_hand_card
+
+    return read_hand_card(args.hand)
+
+
 def _report_begin(args: argparse.Namespace) -> None:
     sys.stderr.write(f"exporting {visible(str(args.artifact))}\n")
 
 
 def _export_again(args: argparse.Namespace) -> int:
-    """Export an older model file again, with its learner and the contact rule of this version."""
+    """Export a model file again, with its learner: for another hand, or with the contact rule."""
     from holdfast.export.again import export_again
 
     if args.out is None or args.out.suffix != ".onnx":
@@ -110,7 +135,7 @@ def _export_again(args: argparse.Namespace) -> int:
             f"--out {args.out} exists", next_step="name a new file, or add --force"
         )
     _report_begin(args)
-    size = export_again(args.artifact, args.out)
+    size = export_again(args.artifact, args.out, _hand(args))
     lines = (
         f"the same learner behind a new step\nmodel: {args.out} ({size / 1e6:.1f} MB)"
     )

@@ -1,4 +1,4 @@
-"""An older model file again, with the contact rule: the same learner behind a new step.
+"""A model file again, for another hand or with the contact rule: the same learner, a new step.
 
 What stands behind the features is copied node by node, constants and all; the step in front of them
 is built anew, and force decides "nothing". So a file needs no artifact folder to be exported again.
@@ -13,10 +13,12 @@ from typing import Any
 import numpy as np
 import onnx
 
+from holdfast.core.contract import channel_names
 from holdfast.core.errors import UsageError, VerificationFailed
+from holdfast.core.hand_card import HandCard
 from holdfast.core.reading import Json
 from holdfast.core.writing import require_writable, write_whole
-from holdfast.edge_runtime.graph import open_session, run_recording
+from holdfast.edge_runtime.graph import Outputs, open_session, run_recording
 from holdfast.edge_runtime.model import golden_input, read_model
 from holdfast.edge_runtime.model_file import (
     CARD_KEY,
@@ -27,7 +29,7 @@ from holdfast.edge_runtime.model_file import (
 )
 from holdfast.export.adapted_file import is_adapted
 from holdfast.export.builder import GraphBuilder
-from holdfast.export.exporting import readable_card, seal
+from holdfast.export.exporting import readable_card, seal, spec_for_hand
 from holdfast.export.features import add_step
 from holdfast.export.heads import MAIN_HEAD, ByForce, FloatRows, learned_name
 from holdfast.export.spec import StepSpec
@@ -41,15 +43,19 @@ RANDOM_ROWS = 5_000
 """Rows of noise at the size of the golden input's features, on which the votes are compared."""
 
 
-def export_again(path: Path, out: Path) -> int:
-    """Write an older file again, with its card beside it; returns its size in bytes.
+def export_again(path: Path, out: Path, hand: HandCard | None = None) -> int:
+    """Write a file again, with its card beside it; returns its size in bytes.
 
-    Raises UsageError for a file that needs it not, VerificationFailed where the learner differs.
+    hand: for which the new file is; None for an older file, which gets the contact rule. Raises
+    UsageError for a file that needs it not, VerificationFailed where the learner differs.
     """
     old = read_sealed(path)
     read_model(old, path)
     require_writable(out.parent)
-    card, data = with_contact_rule(old, path)
+    if hand is None:
+        card, data = with_contact_rule(old, path)
+    else:
+        card, data = for_hand(old, hand, path)
     write_whole(out, data)
     write_whole(out.with_suffix(CARD_SUFFIX), readable_card(card, out.name, data))
     return len(data)
@@ -77,17 +83,43 @@ def with_contact_rule(old: bytes, where: str | Path = "") -> tuple[Json, bytes]:
     return described, seal(again, described, spec)
 
 
+def for_hand(old: bytes, hand: HandCard, where: str | Path = "") -> tuple[Json, bytes]:
+    """Card and bytes of the file for another hand, verified: the same learner, another step.
+
+    Raises UsageError for a file whose features are not pooled, or that is adapted to a person.
+    """
+    model = onnx.load_from_string(old)
+    card = json.loads({one.key: one.value for one in model.metadata_props}[CARD_KEY])
+    _require_base(old, where)
+    spec = spec_for_hand(StepSpec.from_json(card["spec"]), hand, where)
+    again = _graph(model, spec, [])
+    _verify(model, again, spec, [])
+
+    # all else that a card says is of the learner, or of the rate
+    rule = spec.contact
+    card["spec"] = spec.to_json()
+    card["channels"] = list(channel_names(spec.n_sensors))
+    card[CONTACT_KEY] = None if rule is None else rule.to_json()
+    return card, seal(again, card, spec)
+
+
 def _require_older(old: bytes, card: Json, spec: StepSpec, where: str | Path) -> None:
     """Raise UsageError for a file that has the rule, cannot have it, or is adapted."""
     if CONTACT_KEY in card:
         raise UsageError(
-            f"{where}: this file is up to date", next_step="use it as it is"
+            f"{where}: this file is up to date",
+            next_step="use it as it is, or give another hand with --hand CARD",
         )
     if spec.contact is None:
         raise UsageError(
             f"{where}: a model in {spec.unit} has no contact rule",
             next_step="use it as it is",
         )
+    _require_base(old, where)
+
+
+def _require_base(old: bytes, where: str | Path) -> None:
+    """Raise UsageError for a file that is adapted to a person."""
     if is_adapted(old):
         raise UsageError(
             f"{where}: this file is adapted to a person",
@@ -150,18 +182,26 @@ def _votes_name(head: str) -> str:
 
 def _kept(name: str, published: dict[str, Any]) -> str:
     """The name of a tensor behind the features in the new graph."""
-    return name if name in published else KEPT + name
+    # votes before the contact rule have a name that a correction looks for
+    own = name in published or name.startswith(learned_name(""))
+    return name if own else KEPT + name
 
 
 def _verify(
     old: onnx.ModelProto, new: onnx.ModelProto, spec: StepSpec, heads: list[ByForce]
 ) -> None:
     """Raise VerificationFailed unless the votes are the old learner's, by the rule."""
-    rows = _rows(old, spec)
+    rows = _rows(old)
     before = run_rows(open_session(cut_learners(old)), rows, CHUNK)
     after = run_rows(open_session(cut_learners(new)), rows, CHUNK)
-    without = run_rows(open_session(cut_learners(new, touches=False)), rows, CHUNK)
+    if not heads:
+        for name, answers in before.items():
+            _require(np.array_equal(after[name], answers), name)
 
+    without: Outputs = {}
+    if heads:
+        empty = open_session(cut_learners(new, touches=False))
+        without = run_rows(empty, rows, CHUNK)
     for rule in heads:
         name = _votes_name(rule.name)
         learned = before[name].astype(np.int64)
@@ -174,9 +214,11 @@ def _verify(
     compare_streams(new, spec, seed=0)
 
 
-def _rows(model: onnx.ModelProto, spec: StepSpec) -> FloatRows:
+def _rows(model: onnx.ModelProto) -> FloatRows:
     """Feature rows: of the golden input, noise of their size, and the edges of float32."""
     session = open_session(model.SerializeToString())
+    metadata = {one.key: one.value for one in model.metadata_props}
+    spec = StepSpec.from_json(json.loads(metadata[CARD_KEY])["spec"])
     values, valid = golden_input(spec.n_channels, spec.unit, spec.settle_samples)
     golden = run_recording(session, values, valid, [FEATURES])[FEATURES]
 

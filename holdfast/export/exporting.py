@@ -8,7 +8,9 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import onnx
 
@@ -40,8 +42,11 @@ from holdfast.export.learner import (
     vote_bits,
     votes_in_all,
 )
-from holdfast.export.spec import NOISE_RMS, RANGE_LIMIT, StepSpec
+from holdfast.export.spec import NOISE_RMS, POOLED, RANGE_LIMIT, StepSpec
 from holdfast.export.verify import ExportReport, verify
+
+if TYPE_CHECKING:
+    from holdfast.core.hand_card import HandCard
 
 MODEL_NAME = "holdfast.onnx"
 """In the artifact's folder, where --out names no other file."""
@@ -52,11 +57,13 @@ def export_artifact(
     folder: str | Path,
     out: str | Path | None = None,
     *,
+    hand: HandCard | None = None,
     report: Callable[[str], None] = lambda line: None,
 ) -> tuple[Path, ExportReport]:
     """Export an artifact folder; returns the path of the file, and what was verified.
 
-    The model card is written next to the file. report: called with the name of each stage.
+    The model card is written next to the file. hand: another one than it was trained on, where all
+    features are pooled. report: called with the name of each stage.
     """
     folder = Path(folder)
     path = Path(out or folder / MODEL_NAME)
@@ -67,6 +74,8 @@ def export_artifact(
         )
 
     artifact = read_artifact(folder)
+    if hand is not None:
+        artifact = replace(artifact, spec=spec_for_hand(artifact.spec, hand, folder))
     # before the verification, which takes minutes for a large forest
     require_writable(path.parent)
     report("building the graph")
@@ -83,6 +92,18 @@ def export_artifact(
     write_whole(path, data)
     write_whole(path.with_suffix(CARD_SUFFIX), readable_card(card, path.name, data))
     return path, ExportReport(**vars(verification), bytes=len(data))
+
+
+def spec_for_hand(spec: StepSpec, hand: HandCard, where: str | Path = "") -> StepSpec:
+    """The same step for another hand. Raises UsageError where features know single sensors."""
+    if not spec.is_pooled:
+        of_sensors = [name for name in spec.groups if not name.startswith(POOLED)]
+        raise UsageError(
+            f"{where}: this model fits the hand that it was trained on, and no other",
+            cause=f"features of single sensors: {', '.join(of_sensors)}",
+            next_step="export a model whose features are all pooled (docs/features.md)",
+        )
+    return replace(spec, n_sensors=hand.n_sensors, hand=hand, min_valid_sensors=0)
 
 
 def require_replaceable(artifact: Path, model: Path, *, force: bool) -> None:

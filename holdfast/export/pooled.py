@@ -19,7 +19,6 @@ and a test has them again in plain numpy.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -30,12 +29,12 @@ from holdfast.export.spec import StepSpec
 
 CHANGES_S = (2 / 150, 4 / 150, 8 / 150, 16 / 150, 32 / 150, 64 / 150)
 """Spans of changes, in s."""
-ACTIVITY_S = (4 / 150, 8 / 150, 0.10, 0.25, 0.50)
+LONGEST_S = 0.47
+"""Of a series, in s: the weights of its oldest number look back a little further."""
+ACTIVITY_S = (4 / 150, 8 / 150, 0.10, 0.25, LONGEST_S)
 """Spans of mean step sizes, in s."""
 SMOOTH_S = 0.02
 """A change over more than twice this span compares means of so many seconds, not samples."""
-FRICTION_MOST = 3.0
-"""Largest ratio of a finger's force to its normal force."""
 TOUCH = (0.05 / 0.3, 0.2 / 0.3)
 """A finger touches not at all, and wholly, at these shares of the floor."""
 SMALL_MEAN = 0.1
@@ -46,7 +45,8 @@ SMALL_MEAN = 0.1
 class Row:
     """A weighted mean over the history of a signal. kind: "now", "step", "mean" or "change".
 
-    span_s: of the mean, or between the two ends of a change. ago_s: where a mean ends.
+    kind "most" is no mean, but the largest of a series. span_s: of the mean, or between the two
+    ends of a change. ago_s: where a mean ends.
     """
 
     kind: str
@@ -86,14 +86,17 @@ STEP = Row("step")
 RECENT = Row("mean", 4 / 150)
 HELD = Row("mean", 0.453, 0.053)
 """From 0.50 to 0.05 s ago."""
+MOST = Row("most", LONGEST_S)
+"""Of a series."""
 
 SHEAR, ALONG, ACROSS, NORMAL, PRESS = "h", "a", "c", "z", "|z|"
 """Signals of a row of samples: length of the shear, shear along u and across u, normal force and
 its size."""
-LOAD, SHEAR_STEP, NORMAL_STEP = "load", "shear step", "normal step"
-"""Signals of a row of sizes: every sample gives the length of its shear, and the size of the step
-of shear and normal force since the sample before."""
-SIZES = (LOAD, SHEAR_STEP, NORMAL_STEP)
+SHEAR_STEP, NORMAL_STEP = "|step h|", "|step z|"
+"""Series: T + O of the size of the step since the sample before, with the weights of that time."""
+SERIES = (SHEAR_STEP, NORMAL_STEP)
+TOUCHING = "touch"
+"""The mean weight of the sensors."""
 
 POOLS: dict[str, tuple[float, float]] = {
     "T": (1.0, 0.0),
@@ -109,22 +112,20 @@ POOLS: dict[str, tuple[float, float]] = {
 """Pool -> factors of the sums of both sides."""
 FINGERS = "f"
 """No pool: the signal of each sensor."""
-FLOORS = {"T+O": 1.0, "T": 0.5, "O": 0.5, FINGERS: 0.5}
+STEPS = "mean step"
+"""Instead of a normal force: the mean of the same series over the same span."""
+FLOORS = {"T+O": 1.0, "T": 0.5, "O": 0.5, FINGERS: 0.5, STEPS: 0.0005}
 """Least normal force that something is divided by, as a share of the floor of the unit."""
 
 
 @dataclass(frozen=True)
 class Ratio:
-    """A pooled signal over the normal force of a pool; over: which, "0" for none.
-
-    most: the largest value that it keeps.
-    """
+    """A pooled signal over the normal force of a pool; over: which, "0" for none."""
 
     signal: str
     row: Row
     pool: str = "T+O"
     over: str = "0"
-    most: float = math.inf
 
 
 @dataclass(frozen=True)
@@ -141,44 +142,41 @@ class PooledFeature:
 
 
 def _one(
-    name: str, signal: str, row: Row, pool: str, over: str = "0", most: float = math.inf
+    name: str, signal: str, row: Row, pool: str = "T+O", over: str = "0"
 ) -> PooledFeature:
-    return PooledFeature(name, (Ratio(signal, row, pool, over, most),))
+    return PooledFeature(name, (Ratio(signal, row, pool, over),))
 
 
 def _largest(name: str, signal: str, row: Row, pools: tuple[str, ...]) -> PooledFeature:
     """The largest of several pools over Zs."""
-    ratios = tuple(Ratio(signal, row, pool, "T+O") for pool in pools)
-    return PooledFeature(name, ratios)
+    return PooledFeature(name, tuple(Ratio(signal, row, one, "T+O") for one in pools))
 
 
-def _sides(
-    name: str, signal: str, row: Row, sign: str = "", most: float = math.inf
-) -> PooledFeature:
+def _sides(name: str, signal: str, row: Row, sign: str = "") -> PooledFeature:
     """The larger one of T / ZT and O / ZO; sign "-": of their negatives."""
-    ratios = tuple(Ratio(signal, row, sign + side, side, most) for side in ("T", "O"))
+    ratios = tuple(Ratio(signal, row, sign + side, side) for side in ("T", "O"))
     return PooledFeature(f"max {sign}{name} / Z", ratios)
 
 
 def _fingers(name: str, signal: str, row: Row) -> PooledFeature:
     """The largest of a signal over the normal force of its finger."""
-    ratio = Ratio(signal, row, FINGERS, FINGERS, FRICTION_MOST)
-    return PooledFeature(f"max {name} / zf", (ratio,))
+    return PooledFeature(f"max {name} / zf", (Ratio(signal, row, FINGERS, FINGERS),))
 
 
 def _state() -> list[PooledFeature]:
     return [
-        _one("N", NORMAL, NOW, "T+O"),
+        _one("N", NORMAL, NOW),
         _one("NT / Zs", NORMAL, NOW, "T", "T+O"),
         _one("LT", SHEAR, NOW, "T"),
         _one("LO", SHEAR, NOW, "O"),
-        _one("LT / ZT", SHEAR, NOW, "T", "T", FRICTION_MOST),
-        _one("LO / ZO", SHEAR, NOW, "O", "O", FRICTION_MOST),
-        _sides("L", SHEAR, NOW, most=FRICTION_MOST),
-        _one("L / Zs", SHEAR, NOW, "T+O", "T+O", FRICTION_MOST),
+        _one("LT / ZT", SHEAR, NOW, "T", "T"),
+        _one("LO / ZO", SHEAR, NOW, "O", "O"),
+        _sides("L", SHEAR, NOW),
+        _one("L / Zs", SHEAR, NOW, "T+O", "T+O"),
         _fingers("L", SHEAR, NOW),
         _one("|m| / Zs", SHEAR, HELD, "T+O", "T+O"),
-        _one("|m|", SHEAR, HELD, "T+O"),
+        _one("|m|", SHEAR, HELD),
+        _one("touch", TOUCHING, NOW),
     ]
 
 
@@ -186,20 +184,25 @@ def _along(span_s: float) -> list[PooledFeature]:
     row = Row("change", span_s)
     return [
         _one("A / Zs", ALONG, row, "T+O", "T+O"),
-        _one("A", ALONG, row, "T+O"),
+        _one("A", ALONG, row),
         _largest("|AT - AO| / Zs", ALONG, row, ("T-O", "O-T")),
-        # |a| + |b| is the largest of a + b, a - b, b - a, -a - b
-        _largest("(|CT| + |CO|) / Zs", ACROSS, row, ("T+O", "T-O", "O-T", "-T-O")),
         _sides("A", ALONG, row),
         _sides("A", ALONG, row, "-"),
     ]
+
+
+def _across(span_s: float) -> list[PooledFeature]:
+    row = Row("change", span_s)
+    # |a| + |b| is the largest of a + b, a - b, b - a, -a - b
+    pools = ("T+O", "T-O", "O-T", "-T-O")
+    return [_largest("(|CT| + |CO|) / Zs", ACROSS, row, pools)]
 
 
 def _shear(span_s: float) -> list[PooledFeature]:
     row = Row("change", span_s)
     return [
         _one("|dh| / Zs", SHEAR, row, "T+O", "T+O"),
-        _one("|dh|", SHEAR, row, "T+O"),
+        _one("|dh|", SHEAR, row),
         _fingers("|dh|", SHEAR, row),
     ]
 
@@ -207,7 +210,7 @@ def _shear(span_s: float) -> list[PooledFeature]:
 def _normal(span_s: float) -> list[PooledFeature]:
     row = Row("change", span_s)
     return [
-        _one("dN", NORMAL, row, "T+O"),
+        _one("dN", NORMAL, row),
         _one("dN / Zs", NORMAL, row, "T+O", "T+O"),
         _sides("dN", NORMAL, row),
         _sides("dN", NORMAL, row, "-"),
@@ -215,20 +218,21 @@ def _normal(span_s: float) -> list[PooledFeature]:
     ]
 
 
-def _load(span_s: float) -> list[PooledFeature]:
-    return [_one("dL / Zs", LOAD, Row("change", span_s), "T+O", "T+O")]
-
-
 def _activity(span_s: float) -> list[PooledFeature]:
     row = Row("mean", span_s)
-    features = [
-        _one("|step h| / Zs", SHEAR_STEP, row, "T+O", "T+O"),
-        _one("|step z| / Zs", NORMAL_STEP, row, "T+O", "T+O"),
-        _fingers("|step h|", SHEAR_STEP, row),
-    ]
-    if span_s == max(ACTIVITY_S):
-        features.append(_one("|step h|", SHEAR_STEP, row, "T+O"))
-        features.append(_one("|step z|", NORMAL_STEP, row, "T+O"))
+    features = []
+    for series in SERIES:
+        features.append(_one(f"{series} / Zs", series, row, "T+O", "T+O"))
+        if span_s == LONGEST_S:
+            features.append(_one(series, series, row))
+    return features
+
+
+def _jump() -> list[PooledFeature]:
+    features = []
+    for series in SERIES:
+        features.append(_one(f"max {series} / Zs", series, MOST, "T+O", "T+O"))
+        features.append(_one(f"max {series} / mean", series, MOST, "T+O", STEPS))
     return features
 
 
@@ -245,19 +249,21 @@ def _for_each(
 FAMILIES: dict[str, tuple[PooledFeature, ...]] = {
     "pooled_state": tuple(_state()),
     "pooled_along": _for_each(_along, CHANGES_S),
+    "pooled_across": _for_each(_across, CHANGES_S),
     "pooled_shear": _for_each(_shear, CHANGES_S),
     "pooled_normal": _for_each(_normal, CHANGES_S),
-    "pooled_load": _for_each(_load, CHANGES_S),
     "pooled_activity": _for_each(_activity, ACTIVITY_S),
+    "pooled_jump": tuple(_jump()),
 }
 """Group -> its features."""
 MEANING: dict[str, tuple[str, str]] = {
-    "pooled_state": ("N, L by side; L / Z, largest and mean of fingers", "the hold"),
-    "pooled_along": ("dh along u and across it, by side", "pull and its direction"),
-    "pooled_shear": ("|dh|, by side and finger", "change of shear in any direction"),
-    "pooled_normal": ("dN, |dz|, by side and finger", "change of the normal force"),
-    "pooled_load": ("L[t] - L[t-l] by hand", "load that leaves or arrives"),
+    "pooled_state": ("N, L by side; L / Z by side, largest of fingers", "the hold"),
+    "pooled_along": ("dh along u, by side", "pull along the load, or against it"),
+    "pooled_across": ("dh across u, by side", "pull across the load, and swinging"),
+    "pooled_shear": ("|dh|, of hand and finger", "change of shear in any direction"),
+    "pooled_normal": ("dN by side, |dz| of fingers", "change of the normal force"),
     "pooled_activity": ("means of |step h|, |step z|", "rubbing and swinging"),
+    "pooled_jump": ("largest |step h|, |step z| in 0.5 s", "one jump, or even noise"),
 }
 """Group -> formula and reason, for the table of docs/features.md."""
 

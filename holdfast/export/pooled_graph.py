@@ -23,22 +23,28 @@ from holdfast.export.pooled import (
     FINGERS,
     FLOORS,
     HELD,
+    MOST,
     NORMAL,
     NOW,
     POOLS,
     PRESS,
     RECENT,
+    SERIES,
     SHEAR,
-    SIZES,
     SMALL_MEAN,
     STEP,
+    STEPS,
     TOUCH,
+    TOUCHING,
     PooledFeature,
     Ratio,
     Row,
     side_matrix,
 )
-from holdfast.export.spec import USUAL_SENSORS, StepSpec
+from holdfast.export.spec import USUAL_SENSORS
+
+LEAST_WEIGHT = 1e-12
+"""Added to the weight of every sensor, also of one that is not usable."""
 
 
 class PooledGraph:
@@ -58,34 +64,31 @@ class PooledGraph:
         self.ratios = list(dict.fromkeys(ratios))
 
         of_samples = [NOW, RECENT]
-        of_sizes: list[Row] = []
+        of_series: list[Row] = []
         for ratio in self.ratios:
-            rows = of_sizes if ratio.signal in SIZES else of_samples
-            rows.append(ratio.row)
+            if ratio.signal in SERIES:
+                of_series.append(_mean_row(ratio.row))
+            elif ratio.signal != TOUCHING:
+                of_samples.append(ratio.row)
         used = {ratio.signal for ratio in self.ratios}
-        self.turned = bool(used & {ALONG, ACROSS})
-        if self.turned:
+        self.columns = [SHEAR, PRESS, NORMAL]
+        self.columns += [one for one in (ALONG, ACROSS) if one in used]
+        if used & {ALONG, ACROSS}:
             of_samples.append(HELD)
-        if of_sizes:
+        if of_series:
             of_samples.append(STEP)
         self.rows = list(dict.fromkeys(of_samples))
-        self.size_rows = list(dict.fromkeys(of_sizes))
-        # columns of the table of signals, each of all sensors
-        self.columns = [SHEAR, PRESS, NORMAL]
-        if self.turned:
-            self.columns += [ALONG, ACROSS]
-        if self.size_rows:
-            self.columns += SIZES
+        self.series_rows = list(dict.fromkeys(of_series))
+        self.has_touch = TOUCHING in used
         # ratio -> its places among the ratios
         self.found: dict[Ratio, list[int]] = {}
 
     def add(self) -> str:
         """[B, features] float64."""
         graph = self.graph
-        signals, touch = self._signals()
-        weight = touch
+        signals, weight = self._signals()
         if self.weight:
-            weight = graph.node("Mul", touch, self.weight)
+            weight = graph.node("Mul", weight, self.weight)
         weighted = graph.node("Mul", signals, weight)
 
         # every sensor, then its pools
@@ -93,14 +96,19 @@ class PooledGraph:
         pools = np.hstack([np.eye(self.n_sensors), self.sides @ factors.T])
         least, whole = self._touch()
         pooled = graph.node("MatMul", weighted, pools / (whole - least))
-        numbers = graph.node("Flatten", pooled, axis=1)
+        parts = [graph.node("Flatten", pooled, axis=1)]
+        if self.has_touch:
+            parts.append(graph.node("ReduceMean", weight, [2], keepdims=0))
+        if self.series_rows:
+            parts.append(self._series(parts[0]))
+        numbers = parts[0] if len(parts) == 1 else graph.node("Concat", *parts, axis=1)
         return self._chosen(self._ratios(numbers))
 
     @cached_property
     def weight(self) -> str:
         """[B, 1, sensors] float64: 0, or all sensors of a side over its usable ones.
 
-        "" where every sensor is needed, so that it is always 1.
+        1 on a side without a usable sensor. "" where every sensor is needed, so that it is 1.
         """
         counted = self.history.counted
         if not counted:
@@ -108,13 +116,13 @@ class PooledGraph:
         graph = self.graph
         first_of_sensor = list(range(0, self.spec.n_channels, 3))
         usable = graph.node("Gather", counted, first_of_sensor, axis=2)
+        # far below any weight that counts, so that nothing over nothing is 1
+        some = graph.node("Add", usable, LEAST_WEIGHT)
 
         # the usable share of the sensors of its side
         same = (self.sides @ self.sides.T > 0.0).astype(np.float64)
-        share = graph.node("MatMul", usable, same / same.sum(axis=0))
-        # a side without a usable sensor is unknown, whatever its sum
-        some = graph.node("Max", share, 1.0 / self.n_sensors)
-        return graph.node("Div", usable, some)
+        share = graph.node("MatMul", some, same / same.sum(axis=0))
+        return graph.node("Div", some, share)
 
     def _touch(self) -> tuple[float, float]:
         """Normal forces at which a finger touches not at all, and wholly."""
@@ -127,8 +135,7 @@ class PooledGraph:
         touch: from 0 to the difference of the two forces of `_touch`.
         """
         graph = self.graph
-        n_rows = max(len(self.rows), len(self.size_rows))
-        time = _time_matrix(self.rows, n_rows, self.spec)
+        time = np.array([row.weights(self.spec) for row in self.rows])
         samples = graph.node("MatMul", time, self.history.samples)
 
         # length of the shear and size of the normal force, of each sensor
@@ -137,14 +144,10 @@ class PooledGraph:
         squared = graph.node("MatMul", squares, both)
         lengths = graph.node("Sqrt", squared)
         normal = graph.node("MatMul", samples, self._sensors(0.0, 0.0, 1.0))
-        parts = [lengths, normal]
-
-        if self.turned:
-            parts.append(self._turned(samples, lengths))
-        if self.size_rows:
-            parts.append(self._sizes(lengths, n_rows))
+        parts = [lengths, normal, *self._turned(samples, lengths)]
         table = graph.node("Concat", *parts, axis=2)
-        signals = graph.reshape(table, 0, n_rows * len(self.columns), self.n_sensors)
+        n_signals = len(self.rows) * len(self.columns)
+        signals = graph.reshape(table, 0, n_signals, self.n_sensors)
 
         recent = self.rows.index(RECENT)
         pressed = graph.columns(normal, recent, recent + 1)
@@ -156,49 +159,60 @@ class PooledGraph:
         """[C, sensors]: adds the channels of a sensor, each times a factor."""
         return np.kron(np.eye(self.n_sensors), np.array(axes)[:, None])
 
-    def _turned(self, samples: str, lengths: str) -> str:
-        """[B, rows, 2 sensors]: the shear of the rows along u and across it."""
+    def _turned(self, samples: str, lengths: str) -> list[str]:
+        """The shear of the rows along u and across it, as far as they are used: [B, rows, S]."""
+        if HELD not in self.rows or {ALONG, ACROSS}.isdisjoint(self.columns):
+            return []
         graph = self.graph
         held = self.rows.index(HELD)
         mean = graph.columns(samples, held, held + 1)
-        length = graph.node(
-            "Slice", lengths, [held, 0], [held + 1, self.n_sensors], [1, 2]
-        )
+        starts, stops = [held, 0], [held + 1, self.n_sensors]
+        length = graph.node("Slice", lengths, starts, stops, [1, 2])
         small = SMALL_MEAN * NORMAL_FLOOR[self.spec.unit]
-        more = graph.node("Add", length, small)
-        divisor = graph.node("MatMul", more, self._sensors(1.0, 1.0, 1.0).T)
-        along = graph.node("Div", mean, divisor)
-        right_angle = [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]]
-        turned = np.kron(np.eye(self.n_sensors), right_angle)
-        across = graph.node("MatMul", along, turned)
+        divisor = graph.node("Add", length, small)
 
-        products = [graph.node("Mul", samples, one) for one in (along, across)]
-        joined = graph.node("Concat", *products, axis=2)
-        return graph.node(
-            "MatMul", joined, np.kron(np.eye(2), self._sensors(1.0, 1.0, 0.0))
-        )
+        directions = []
+        if ALONG in self.columns:
+            directions.append(mean)
+        if ACROSS in self.columns:
+            right_angle = [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]]
+            turned = np.kron(np.eye(self.n_sensors), right_angle)
+            directions.append(graph.node("MatMul", mean, turned))
+        parts = []
+        for direction in directions:
+            products = graph.node("Mul", samples, direction)
+            to_sensors = self._sensors(1.0, 1.0, 0.0)
+            projected = graph.node("MatMul", products, to_sensors)
+            parts.append(graph.node("Div", projected, divisor))
+        return parts
 
-    def _sizes(self, lengths: str, n_rows: int) -> str:
-        """[B, rows, 3 sensors]: every row of the sizes that each sample gives."""
+    def _series(self, numbers: str) -> str:
+        """[B, (rows + 1) x 2]: the rows of both series, and last the largest of each."""
         graph = self.graph
-        width = 2 * self.n_sensors
-        now = width * self.rows.index(NOW)
-        step = width * self.rows.index(STEP)
-        # the shear now, and of the step both its shear and its normal force
-        places = [*range(now, now + self.n_sensors), *range(step, step + width)]
-        flat = graph.node("Flatten", lengths, axis=1)
-        latest = graph.node("Gather", flat, np.array([places]), axis=1)
+        steps = [self._places(SHEAR, STEP, "T+O"), self._places(PRESS, STEP, "T+O")]
+        now = graph.node("Gather", numbers, np.reshape(steps, (1, 2)), axis=1)
 
-        # as the guard keeps samples: they move on by one row at each sample
-        name = f"sizes_{self.name}"
-        oldest = graph.state(f"oldest_{name}", 1)
-        older = graph.state(f"older_{name}", self.spec.history_samples - 1)
-        graph.keep(f"oldest_{name}", older)
-        graph.keep(f"older_{name}", latest)
-        history = graph.node("Concat", oldest, older, latest, axis=1)
-        return graph.node(
-            "MatMul", _time_matrix(self.size_rows, n_rows, self.spec), history
-        )
+        # the series lies flat in as few rows of the state as hold it
+        length = self.spec.history_samples
+        width = self.spec.n_channels
+        n_rows = -(-2 * length // width)
+        kept = n_rows * width // 2
+        field = f"series_{self.name}"
+        table = graph.state(field, n_rows)
+        before = graph.reshape(table, 0, kept, 2)
+        series = graph.node("Concat", before, now, axis=1)
+        moved = graph.columns(series, 1, kept + 1)
+        graph.keep(field, graph.reshape(moved, 0, n_rows, width))
+
+        time = np.zeros((len(self.series_rows), kept + 1))
+        for k, row in enumerate(self.series_rows):
+            time[k, -length - 1 :] = row.weights(self.spec)
+        means = graph.node("MatMul", time, series)
+        span = self.spec.lag(MOST.span_s)
+        recent = graph.columns(series, kept + 1 - span, kept + 1)
+        largest = graph.node("ReduceMax", recent, [1], keepdims=1)
+        joined = graph.node("Concat", means, largest, axis=1)
+        return graph.node("Flatten", joined, axis=1)
 
     def _ratios(self, numbers: str) -> str:
         """[B, ..]: every ratio; one of fingers has a number for each sensor."""
@@ -207,28 +221,40 @@ class PooledGraph:
         above: list[int] = []
         below: list[int] = []
         floors: list[float] = []
-        most: list[float] = []
         for ratio in self.ratios:
             places = self._places(ratio.signal, ratio.row, ratio.pool)
             self.found[ratio] = list(range(len(above), len(above) + len(places)))
             above += places
-            below += self._places(NORMAL, NOW, ratio.over)
+            if ratio.over == STEPS:
+                mean = _mean_row(ratio.row)
+                below += self._places(ratio.signal, mean, ratio.pool)
+            else:
+                below += self._places(NORMAL, NOW, ratio.over)
             # without a divisor, max(0, 1) = 1
             least = floor * FLOORS[ratio.over] if ratio.over in FLOORS else 1.0
+            if ratio.signal == TOUCHING:
+                # to a share
+                least = self._touch()[1] - self._touch()[0]
             floors += [least] * len(places)
-            most += [ratio.most] * len(places)
 
         dividend = graph.node("Gather", numbers, above, axis=1)
         normal = graph.node("Gather", numbers, below, axis=1)
         divisor = graph.node("Max", normal, np.array(floors))
-        divided = graph.node("Div", dividend, divisor)
-        return graph.node("Min", divided, np.array(most))
+        return graph.node("Div", dividend, divisor)
 
     def _places(self, signal: str, row: Row, pool: str) -> list[int]:
         """Places of a pooled signal among all numbers: one, or one for each sensor."""
-        rows = self.size_rows if signal in SIZES else self.rows
-        of_signal = rows.index(row) * len(self.columns) + self.columns.index(signal)
-        first = of_signal * (self.n_sensors + len(POOLS))
+        width = self.n_sensors + len(POOLS)
+        behind = len(self.rows) * len(self.columns) * width
+        if signal == TOUCHING:
+            return [behind]
+        if signal in SERIES:
+            is_most = row.kind == MOST.kind
+            of_row = len(self.series_rows) if is_most else self.series_rows.index(row)
+            return [behind + self.has_touch + 2 * of_row + SERIES.index(signal)]
+
+        of_signal = self.rows.index(row) * len(self.columns)
+        first = (of_signal + self.columns.index(signal)) * width
         if pool == FINGERS:
             return list(range(first, first + self.n_sensors))
         return [first + self.n_sensors + list(POOLS).index(pool)]
@@ -259,12 +285,9 @@ class PooledGraph:
         return graph.node("Gather", ratios, order, axis=1)
 
 
-def _time_matrix(rows: list[Row], n_rows: int, spec: StepSpec) -> FloatArray:
-    """[n_rows, L]: the weights of each row; rows of zeros fill it up."""
-    matrix = np.zeros((n_rows, spec.history_samples + 1))
-    for k, row in enumerate(rows):
-        matrix[k] = row.weights(spec)
-    return matrix
+def _mean_row(row: Row) -> Row:
+    """The mean of a series over the span of its row."""
+    return Row("mean", row.span_s)
 
 
 def add_pooled(history: History, names: list[str]) -> str:

@@ -8,7 +8,7 @@ from pooled_reference import PooledReference
 
 from holdfast.core.contract import BoolArray, FloatArray
 from holdfast.core.hand_card import hand_of_counts, read_hand_card
-from holdfast.edge_runtime.graph import open_session, run_recording
+from holdfast.edge_runtime.graph import open_session, run_recording, run_recordings
 from holdfast.export.features import feature_graph
 from holdfast.export.guard import reference_flags
 from holdfast.export.pooled import FAMILIES
@@ -94,14 +94,32 @@ def test_a_dead_sensor_weighs_nothing_and_the_others_of_its_side_stand_in(
 
 def test_a_sensor_that_returns_counts_again_when_its_history_is_whole() -> None:
     spec = spec_of("six-fingertips", needed=4)
-    values = grip(6, length=240)
-    valid = np.ones((240, 6), dtype=np.bool_)
+    values = grip(6, length=280)
+    valid = np.ones((280, 6), dtype=np.bool_)
     valid[80:100, 2] = False
     got = features(spec, values, valid)
     whole = features(spec, values)
     back = 100 + spec.settle_samples
-    np.testing.assert_array_equal(got[back:], whole[back:])
-    assert (got[back - 2] != whole[back - 2]).any()
+    # the series has one number a sample, with the weights of its time
+    n_series = sum(len(FAMILIES[name]) for name in ("pooled_activity", "pooled_jump"))
+    np.testing.assert_array_equal(got[back:, :-n_series], whole[back:, :-n_series])
+    assert (got[back - 2, :-n_series] != whole[back - 2, :-n_series]).any()
+    long_back = back + spec.settle_samples
+    np.testing.assert_array_equal(got[long_back:], whole[long_back:])
+
+
+@pytest.mark.parametrize("hand", ["two-pad-gripper", "six-fingertips", "pinch-pad"])
+def test_hands_of_a_batch_get_the_bits_that_each_gets_alone(hand: str) -> None:
+    spec = spec_of(hand, needed=2)
+    session = open_session(feature_graph(spec).SerializeToString())
+    rng = np.random.default_rng(0)
+    streams = [grip(spec.n_sensors, length, length) for length in (120, 90, 33, 121)]
+    valid = [rng.random((len(one), spec.n_sensors)) > 0.02 for one in streams]
+    rows = [np.arange(len(one)) for one in streams]
+    together = run_recordings(session, streams, valid, ["features"], rows)
+    for values, flags, out in zip(streams, valid, together, strict=True):
+        alone = run_recording(session, values, flags, ["features"])["features"]
+        assert alone.tobytes() == out["features"].tobytes()
 
 
 def test_the_order_of_the_sensors_of_a_side_changes_nothing() -> None:

@@ -14,7 +14,7 @@ from holdfast.core.trial_layout import NORMAL_FLOOR
 
 SPANS = (2, 4, 8, 16, 32, 64)
 """Samples at 150 Hz."""
-ACTIVITY = (4, 8, 15, 37.5, 75)
+ACTIVITY = (4, 8, 15, 37.5, 70.5)
 
 
 def before(signal: FloatArray, lag: int) -> FloatArray:
@@ -56,10 +56,12 @@ class PooledReference:
         pressed = mean(self.z, self.samples(4))
         touch = np.clip((pressed / self.floor - 1 / 6) / 0.5, 0.0, 1.0)
         counts = np.ones(x.shape[:2]) if usable is None else usable.astype(float)
-        share = np.ones(x.shape[:2])
+        weights = np.ones(x.shape[:2])
         for side in (self.thumb, self.opposing):
-            share[:, side] = counts[:, side].mean(axis=1, keepdims=True)
-        self.w = touch * counts / np.maximum(share, 1.0 / x.shape[1])
+            share = counts[:, side].mean(axis=1)
+            some = share > 0.0
+            weights[np.ix_(some, side)] = counts[some][:, side] / share[some, None]
+        self.w = touch * weights
 
         nt, no = self.sides(self.z)
         self.n = nt + no
@@ -72,8 +74,9 @@ class PooledReference:
         span = min(span, self.longest + 1 - ago)
         self.m = before(mean(self.h, span), ago)
         self.u = self.m / (length(self.m) + 0.1 * self.floor)[..., None]
-        self.step_h = length(self.h - before(self.h, 1))
-        self.step_z = np.abs(self.z - before(self.z, 1))
+        # one number of the hand a sample
+        self.step_h = self.both(length(self.h - before(self.h, 1)))
+        self.step_z = self.both(np.abs(self.z - before(self.z, 1)))
 
     def samples(self, at_150_hz: float) -> int:
         count = round(at_150_hz / 150 * self.rate_hz)
@@ -89,8 +92,8 @@ class PooledReference:
         return thumb + opposing
 
     def fingers(self, signal: FloatArray) -> FloatArray:
-        """The largest over its own normal force, at most 3."""
-        return np.minimum(self.w * signal / self.zf, 3.0).max(axis=1)
+        """The largest over its own normal force."""
+        return np.asarray((self.w * signal / self.zf).max(axis=1))
 
     def change(self, signal: FloatArray, span: int) -> FloatArray:
         lag = self.samples(span)
@@ -109,8 +112,8 @@ class PooledReference:
         shear = length(self.h)
         lt, lo = self.sides(shear)
         m = self.both(length(self.m))
-        of_thumb = np.minimum(lt / self.zt, 3.0)
-        of_opposing = np.minimum(lo / self.zo, 3.0)
+        of_thumb = lt / self.zt
+        of_opposing = lo / self.zo
         return [
             self.n,
             self.sides(self.z)[0] / self.zs,
@@ -119,10 +122,11 @@ class PooledReference:
             of_thumb,
             of_opposing,
             np.maximum(of_thumb, of_opposing),
-            np.minimum((lt + lo) / self.zs, 3.0),
+            (lt + lo) / self.zs,
             self.fingers(shear),
             m / self.zs,
             m,
+            self.w.mean(axis=1),
         ]
 
     def along(self) -> list[FloatArray]:
@@ -130,17 +134,23 @@ class PooledReference:
         for span in SPANS:
             dh = self.change(self.h, span)
             along = (dh * self.u).sum(axis=-1)
-            across = dh[..., 0] * self.u[..., 1] - dh[..., 1] * self.u[..., 0]
             at, ao = self.sides(along)
-            ct, co = self.sides(across)
             features += [
                 (at + ao) / self.zs,
                 at + ao,
                 np.abs(at - ao) / self.zs,
-                (np.abs(ct) + np.abs(co)) / self.zs,
                 np.maximum(at / self.zt, ao / self.zo),
                 np.maximum(-at / self.zt, -ao / self.zo),
             ]
+        return features
+
+    def across(self) -> list[FloatArray]:
+        features = []
+        for span in SPANS:
+            dh = self.change(self.h, span)
+            across = dh[..., 0] * self.u[..., 1] - dh[..., 1] * self.u[..., 0]
+            ct, co = self.sides(across)
+            features.append((np.abs(ct) + np.abs(co)) / self.zs)
         return features
 
     def shear(self) -> list[FloatArray]:
@@ -164,15 +174,24 @@ class PooledReference:
             ]
         return features
 
-    def load(self) -> list[FloatArray]:
-        shear = length(self.h)
-        return [self.both(self.change(shear, span)) / self.zs for span in SPANS]
-
     def activity(self) -> list[FloatArray]:
         features = []
         for span in ACTIVITY:
-            h = mean(self.step_h, self.samples(span))
-            z = mean(self.step_z, self.samples(span))
-            features += [self.both(h) / self.zs, self.both(z) / self.zs]
-            features.append(self.fingers(h))
-        return [*features, self.both(h), self.both(z)]
+            for series in (self.step_h, self.step_z):
+                recent = mean(series, self.samples(span))
+                features.append(recent / self.zs)
+                if span == ACTIVITY[-1]:
+                    features.append(recent)
+        return features
+
+    def jump(self) -> list[FloatArray]:
+        features = []
+        for series in (self.step_h, self.step_z):
+            span = self.samples(ACTIVITY[-1])
+            recent = [before(series, back) for back in range(span)]
+            most = np.max(recent, axis=0)
+            least = 0.0005 * self.floor
+            features.append(most / self.zs)
+            usual = np.maximum(mean(series, span), least)
+            features.append(most / usual)
+        return features
