@@ -26,7 +26,7 @@ from holdfast.core.writing import require_writable, write_whole
 from holdfast.edge_runtime.model import Model
 from holdfast.evaluation.loop_figures import ThreeRuns
 from holdfast.simulation.closed_loop import ClosedLoop, managed
-from holdfast.simulation.loop_people import LoopOutcome
+from holdfast.simulation.loop_people import LoopOutcome, LoopRecord
 from holdfast.simulation.protocol import PlannedTrial
 from holdfast.simulation.scene import Scene
 from holdfast.simulation.scene_file import read_scene_file
@@ -163,16 +163,13 @@ def _run(
 
         loop.world = MujocoWorld(loop.world)  # type: ignore[assignment]
     forces_n = []
-    grip_n = []
-    own_n = []
+    record = LoopRecord.empty(loop.spans.periods, 2)
     for period in range(loop.spans.periods):
         target_n = loop.decide(period)
-        grip_n.append(loop.actuator.grip_n[0])
-        own_n.append(loop.actuator.wearers_n[0])
+        loop.note(record, period, target_n)
         loop.world.advance(period, target_n)
         forces_n.append(loop.world.forces_n[0].copy())
-    grips = np.array([grip_n, own_n], dtype=np.float32)
-    outcome = loop.outcome(0, grips[0], grips[1])
+    outcome = loop.outcome(0, record)
     t_s = (loop.spans.begins[0] + 1 + np.arange(len(forces_n))) / loop.rate_hz
     return LoopRun(outcome, t_s, np.array(forces_n))
 

@@ -12,6 +12,8 @@ from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
 from pathlib import Path
 
+import numpy as np
+
 from holdfast.core.errors import UsageError
 from holdfast.core.reading import Json
 from holdfast.edge_runtime.engine import ModelChoice, OpenedModel
@@ -35,6 +37,7 @@ from holdfast.simulation.closed_loop import (
 from holdfast.simulation.drive import Drive
 from holdfast.simulation.effect import effect_named
 from holdfast.simulation.loop_people import Habits, LoopOutcome
+from holdfast.simulation.loop_sensing import TrueEvidence
 from holdfast.simulation.protocol import EMPTY_HANDED, PlannedTrial
 from holdfast.simulation.scene import Scene
 from holdfast.simulation.scene_file import read_scene_file
@@ -68,7 +71,9 @@ class LoopSet:
 class LoopRequest:
     """One controller with a setting (None: its default) on a set, with a drive.
 
-    The setting of an oracle is how far it closes, one of CLOSURES.
+    The setting of an oracle is how far it closes, one of CLOSURES. evidence_s: the controller is
+    told the true slips, so late; None: what the model says. told_by: of an oracle: it begins with
+    the first evidence that this request got in the event, and not with the load onset.
     """
 
     name: str
@@ -78,6 +83,8 @@ class LoopRequest:
     rules: AnswerRules | None = None
     habits: Habits = field(default_factory=Habits)
     between: Between | None = None
+    evidence_s: float | None = None
+    told_by: LoopRequest | None = None
 
 
 @lru_cache(maxsize=16)
@@ -140,9 +147,22 @@ def run_part(
     drive = Drive(lag_ms=request.lag_ms)
     settings = LoopSettings(drive, request.habits, request.delay_samples)
     settings = replace(settings, between=request.between)
+    if request.evidence_s is not None:
+        late_s = request.evidence_s
+        tell = partial(_true_slips, dict(onset_s), late_s)
+        settings = replace(settings, true_slips=tell)
     # A controller has a state, so every batch gets controllers of its own.
     make = _maker(scene, request, onset_s)
     return run_batch(scene, trials, batch, model_of(model), make, settings)
+
+
+def _true_slips(
+    danger_s: dict[int, float],
+    late_s: float,
+    trials: Sequence[PlannedTrial],
+    rate_hz: float,
+) -> TrueEvidence:
+    return TrueEvidence(trials, danger_s, late_s, rate_hz)
 
 
 def _maker(scene: Scene, request: LoopRequest, onset_s: Mapping[int, float]) -> Make:
@@ -196,6 +216,10 @@ class LoopRuns:
         for closure in CLOSURES:
             self._try(best, closure, share_bare)
         self._run(others, share_bare, 1.0)
+        # Where a controller lost what the oracle keeps: was its evidence in time?
+        told = [(of, _told(request)) for of, request in dict.fromkeys(others)]
+        for closure in CLOSURES:
+            self._try(told, closure, 1.0)
 
     def _run(self, wanted: Sequence[Run], from_share: float, to_share: float) -> None:
         """Run whole sets, each once, in the order in which they were asked for."""
@@ -214,7 +238,7 @@ class LoopRuns:
             bare = self._outcomes[_bare(of)]
             # A hand that knows what will come does nothing where the bare hand keeps the object.
             known = self._outcomes.setdefault((of, request), dict(bare))
-            lost = [k for k in sorted(bare) if _lost(bare[k], known[k])]
+            lost = [k for k in self._asked(of, request) if _lost(bare[k], known[k])]
             if lost:
                 places[of, replace(request, setting=closure)] = lost
 
@@ -223,7 +247,20 @@ class LoopRuns:
         self._run_places(places, share, share)
         for of, request in places:
             tried = self._outcomes.pop((of, request))
-            self._outcomes[_best(of, request)] |= tried
+            self._outcomes[of, replace(request, setting=None)] |= tried
+
+    def _asked(self, of: LoopSet, request: LoopRequest) -> list[int]:
+        """Trials that an oracle is tried on: all, or those that its controller lost."""
+        if request.told_by is None:
+            return sorted(self._outcomes[_bare(of)])
+        outcomes = self._outcomes[of, request.told_by]
+        best = self._outcomes[_best(of, request)]
+        bare = self._outcomes[_bare(of)]
+        lost = []
+        for k, outcome in sorted(outcomes.items()):
+            if outcome.dropped and ThreeRuns(bare[k], best[k], outcome).preventable:
+                lost.append(k)
+        return lost
 
     def _run_places(
         self, places: Mapping[Run, list[int]], from_share: float, to_share: float
@@ -234,7 +271,7 @@ class LoopRuns:
         for run, some in places.items():
             of, request = run
             # Only the oracle is told the onsets, which the other controllers have to detect.
-            onset_s = self._onset_s(of) if request.name == ORACLE else {}
+            onset_s = self._onset_s(of, request)
             # Batches are the unit of work: a process simulates many trials at a time.
             _, trials = scene_of(of)
             for batch in batches([trials[k] for k in some]):
@@ -248,18 +285,35 @@ class LoopRuns:
             self._outcomes[run] |= outcomes
             self.done(from_share + (to_share - from_share) * number / len(runs))
 
-    def _onset_s(self, of: LoopSet) -> dict[int, float]:
-        """Trial's number -> load onset in the bare hand."""
-        bare = self._outcomes[_bare(of)].values()
-        return {outcome.trial.number: outcome.onset_s for outcome in bare}
+    def _onset_s(self, of: LoopSet, request: LoopRequest) -> dict[int, float]:
+        """Trial's number -> what an oracle, or true evidence, is told of it; else nothing."""
+        if request.told_by is not None:
+            told = self._outcomes[of, request.told_by].values()
+            return {one.trial.number: one.evidence_s for one in told}
+
+        # At the load onset of the bare hand an oracle begins.
+        bare = self._outcomes[_bare(of)].values() if self._is_told(request) else ()
+        onset_s = {}
+        for one in bare:
+            in_danger = request.name == ORACLE or ThreeRuns(one, one, one).drop
+            onset_s[one.trial.number] = one.onset_s if in_danger else np.inf
+        return onset_s
+
+    @staticmethod
+    def _is_told(request: LoopRequest) -> bool:
+        return request.name == ORACLE or request.evidence_s is not None
 
     def runs(self, of: LoopSet, request: LoopRequest) -> list[ThreeRuns]:
         """Every trial of a set in its three hands, in the order of the set."""
         bare = self._outcomes[_bare(of)]
         best = self._outcomes[_best(of, request)]
-        held = best if request.name == ORACLE else self._outcomes[of, request]
+        if request.name == ORACLE:
+            return [ThreeRuns(bare[k], best[k], best[k]) for k in sorted(best)]
+
+        held = self._outcomes[of, request]
+        told = self._outcomes[of, _told(request)]
         # Batches hold trials of similar length, so outcomes are not in the order of the set.
-        return [ThreeRuns(bare[k], best[k], held[k]) for k in sorted(held)]
+        return [ThreeRuns(bare[k], best[k], held[k], told[k]) for k in sorted(held)]
 
     def figures(self, of: LoopSet, request: LoopRequest) -> LoopFigures:
         """Figures of a request on a set."""
@@ -280,6 +334,11 @@ def _best(of: LoopSet, request: LoopRequest) -> Run:
     """The run of a set by the oracle, with the drive of a request."""
     # The same lag: the oracle shall show what this drive could do, not what a faster one could.
     return of, LoopRequest(ORACLE, lag_ms=request.lag_ms)
+
+
+def _told(request: LoopRequest) -> LoopRequest:
+    """The oracle that begins with the evidence which the controller of a request got."""
+    return LoopRequest(ORACLE, lag_ms=request.lag_ms, told_by=request)
 
 
 FiguresByCard = dict[str, dict[str, LoopFigures]]

@@ -18,10 +18,8 @@ from functools import lru_cache
 from typing import Protocol
 
 import numpy as np
-import numpy.typing as npt
 
 from holdfast.core.contract import BoolArray, FloatArray
-from holdfast.core.trial_layout import RISKY_ACTIONS
 from holdfast.edge_runtime.batch import Batch, ManyHands
 from holdfast.edge_runtime.engine import ModelChoice, OpenedModel
 from holdfast.edge_runtime.grip import AnswerRules, GripSense, Holdfast
@@ -29,9 +27,20 @@ from holdfast.edge_runtime.grip_control import CUE_P, GripLoop, controller_of
 from holdfast.edge_runtime.supervisor import Limits
 from holdfast.simulation.drive import Actuator, Drive
 from holdfast.simulation.effect import stream
-from holdfast.simulation.loop_people import Habits, LoopOutcome, Wearer, outcome_of
-from holdfast.simulation.loop_physics import HandsAndObjects, Spans
-from holdfast.simulation.loop_sensing import Between, HandModels, sensors_of
+from holdfast.simulation.loop_people import (
+    Habits,
+    LoopOutcome,
+    LoopRecord,
+    Wearer,
+    outcome_of,
+)
+from holdfast.simulation.loop_physics import HandsAndObjects, loop_end_s, spans_of
+from holdfast.simulation.loop_sensing import (
+    Between,
+    HandModels,
+    TrueEvidence,
+    sensors_of,
+)
 from holdfast.simulation.magnet import shear_gain_in
 from holdfast.simulation.protocol import (
     ACTION_MODULES,
@@ -41,14 +50,12 @@ from holdfast.simulation.protocol import (
     may_slip,
 )
 from holdfast.simulation.scene import Scene
-from holdfast.simulation.script_times import SETTLE_S, Times, grid_of
+from holdfast.simulation.script_times import Times
 
 ROWS_TO_SPARE = 5
 """Rows by which the loop begins earlier than bias and model need."""
 MOST_TOGETHER = 500
 """Trials in a loop together: fewer waste time on calls, more on memory."""
-FALL_S = 1.0
-"""A fall is watched at least this long: in it the object is gone, or at rest."""
 SPARE = 1.1
 """Grip over what the largest load needs: a tenth to spare."""
 CLOSURES = (SPARE, 1.5, 2.0, 3.0, np.inf)
@@ -87,6 +94,10 @@ Make = Callable[[Sequence[PlannedTrial], float], LoopController]
 """Makes the controller of a batch: (trials, rate in Hz)."""
 
 
+TrueSlips = Callable[[Sequence[PlannedTrial], float], TrueEvidence]
+"""Makes the true evidence of a batch: (trials, rate in Hz)."""
+
+
 @dataclass(frozen=True)
 class LoopSettings:
     """What a loop adds to its scene.
@@ -96,6 +107,7 @@ class LoopSettings:
     delay_samples  by so many samples later than they could do targets act
     whole_trials   go on to the end of every trial, for a recording; else until nothing more happens
     between        what changes the readings before the model gets them; None: nothing does
+    true_slips     the controller is told these in place of what the model says; None: it is not
     """
 
     drive: Drive = field(default_factory=Drive)
@@ -103,6 +115,7 @@ class LoopSettings:
     delay_samples: int = 0
     whole_trials: bool = False
     between: Between | None = None
+    true_slips: TrueSlips | None = None
 
 
 def run_loops(
@@ -151,17 +164,6 @@ def run_batch(
     return dict(zip(places, loop.run(), strict=True))
 
 
-def loop_end_s(trial: PlannedTrial, habits: Habits) -> float:
-    """When nothing more is decided: the person has given up, or the hand is open."""
-    times = Times.of(trial)
-    if trial.action == "pull":
-        gone_s = times.act + habits.pull_gives_up_s + habits.lets_go_s
-        return gone_s + SETTLE_S
-    if trial.action == "fall":
-        return times.act + max(trial.drawn["watch_s"], FALL_S)
-    return times.open + trial.drawn["opening_s"] + SETTLE_S
-
-
 class ClosedLoop:
     """One batch of two trials or more with an object, ready to run.
 
@@ -191,7 +193,7 @@ class ClosedLoop:
         # When the hand begins to close, the bias must be known and the filters of the model
         # settled.
         before = model.card.settle_samples + preparation.bias_rows + ROWS_TO_SPARE
-        self.spans = _spans(scene, trials, before, settings)
+        self.spans = spans_of(scene, trials, before, habits, settings.whole_trials)
 
         self.actuator = Actuator(settings.drive, trials)
         steps = scene.step_settings_of(trials)
@@ -207,22 +209,34 @@ class ClosedLoop:
         # Commands on their way: at first none.
         self._late = [np.zeros(len(trials))] * settings.delay_samples
         self._agents_n = self.world.state.agents_n.copy()
+        self._p_risky = np.zeros(len(trials))
+        self._truth: TrueEvidence | None = None
+        if settings.true_slips is not None:
+            self._truth = settings.true_slips(trials, self.rate_hz)
 
     def run(self) -> list[LoopOutcome]:
         """Run to the end."""
-        periods = self.spans.periods
-        grip_n = np.zeros((periods, len(self.trials)), dtype=np.float32)
-        own_n = np.zeros_like(grip_n)
-        for period in range(periods):
+        record = LoopRecord.empty(self.spans.periods, len(self.trials))
+        for period in range(self.spans.periods):
             target_n = self.decide(period)
-            grip_n[period] = self.actuator.grip_n
-            own_n[period] = self.actuator.wearers_n
+            self.note(record, period, target_n)
             self.world.advance(period, target_n)
 
         outcomes = []
         for k in range(len(self.trials)):
-            outcomes.append(self.outcome(k, grip_n[:, k], own_n[:, k]))
+            outcomes.append(self.outcome(k, record))
         return outcomes
+
+    def note(self, record: LoopRecord, period: int, target_n: FloatArray) -> None:
+        """Write down one sample period, before the world goes on."""
+        record.grip_n[period] = self.actuator.grip_n
+        record.own_n[period] = self.actuator.wearers_n
+        record.target_n[period] = target_n
+        record.p_risky[period] = self._p_risky
+        touching = self.world.forces_n[:, :, 2] > 0.0
+        thumb = touching[:, : self.trials[0].hand.thumb].any(axis=1)
+        fingers = touching[:, self.trials[0].hand.thumb :].any(axis=1)
+        record.both_sides[period] = thumb & fingers
 
     def decide(self, period: int) -> FloatArray:
         """[B] targets of the drives at a sample, 0 for none."""
@@ -240,6 +254,9 @@ class ClosedLoop:
         opening = self.wearer.opening(now.t_s)
         overridden = self._overridden(now)
         sense = replace(sense, opening=opening, overridden=overridden)
+        if self._truth is not None:
+            sense = self._truth.tell(sense, now.t_s, self.world.slips())
+        self._p_risky = np.where(sense.known, sense.p_risky, 0.0)
         # A queue: what is decided now acts delay_samples later.
         self._late.append(self.controller.step(sense, now))
         return self._late.pop(0)
@@ -259,10 +276,8 @@ class ClosedLoop:
         self.wearer.resist(now.t_s, own_n, extra_n, pulled_n, 1.0 / self.rate_hz)
         return now.t_s >= self.wearer.overrode_s
 
-    def outcome(
-        self, k: int, grip_n: npt.NDArray[np.float32], own_n: npt.NDArray[np.float32]
-    ) -> LoopOutcome:
-        """What became of trial k; grip_n, own_n [periods] of its drive and its wearer."""
+    def outcome(self, k: int, record: LoopRecord) -> LoopOutcome:
+        """What became of trial k; record: of the whole batch."""
         begin = int(self.spans.begins[k])
         end = int(self.spans.ends[k])
 
@@ -277,43 +292,9 @@ class ClosedLoop:
             begin_s=begin / self.rate_hz,
             rate_hz=self.rate_hz,
             mu_hat=float(self.controller.mu_hat[k]),
-            grip_n=grip_n[: end - begin],
-            own_n=own_n[: end - begin],
+            record=record.of_trial(k, end - begin),
             gives_up_s=float(self.world.script.gives_up_s[k]),
         )
-
-
-def _spans(
-    scene: Scene, trials: Sequence[PlannedTrial], before: int, settings: LoopSettings
-) -> Spans:
-    """A pull or a fall goes on until its outcome is known, be it after the end of the trial."""
-    rate_hz = scene.file.rate_hz
-    moves = []
-    ends = []
-    counts = []
-
-    for trial in trials:
-        grid = grid_of(trial, rate_hz, scene.file.step_s)
-        whole = int(grid.sample[-1])
-        end_s = loop_end_s(trial, settings.habits)
-        end = int(np.ceil(end_s * rate_hz))
-
-        # Nothing is decided after the hand has opened.
-        if trial.action not in RISKY_ACTIONS:
-            end = min(end, whole)
-        if settings.whole_trials:
-            end = max(end, whole)
-
-        # A loop that outlasts its trial needs sensor draws for the samples after it, too.
-        count = max(grid.n_samples, end + 1)
-
-        moves.append(round(grid.start_s * rate_hz))
-        ends.append(end)
-        counts.append(count)
-
-    first_moves = np.array(moves)
-    begins = np.maximum(first_moves - before, 0)
-    return Spans(begins, first_moves, np.array(ends), np.array(counts))
 
 
 class Oracle:

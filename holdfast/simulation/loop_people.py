@@ -170,6 +170,8 @@ class Wearer:
 
 HELD_AT_END_S = float("inf")
 """Time of an event that never happened: the object is still held."""
+EVIDENCE_P = 0.7
+"""p(risky slip) that counts as evidence, as in grip.AnswerRules.from_p."""
 
 
 @dataclass(frozen=True)
@@ -188,6 +190,9 @@ class LoopOutcome:
     mu_hat      the last friction estimate, nan where no slip has shown it
     grip_n      [T] the grip of either side that the drive gave
     own_n       [T] the grip that the wearer asked for
+    target_n    [T] the grip that the controller commanded, 0 for none
+    p_risky     [T] the evidence that the controller was given, 0 while the state is unknown
+    both_sides  [T] thumb and fingers touch the object
     gives_up_s  the other person gives up
     """
 
@@ -202,6 +207,9 @@ class LoopOutcome:
     mu_hat: float
     grip_n: npt.NDArray[np.float32]
     own_n: npt.NDArray[np.float32]
+    target_n: npt.NDArray[np.float32]
+    p_risky: npt.NDArray[np.float32]
+    both_sides: BoolArray
     gives_up_s: float = NEVER_S
 
     @property
@@ -213,6 +221,13 @@ class LoopOutcome:
     def opens_s(self) -> float:
         """When the wearer opens the hand."""
         return Times.of(self.trial).open
+
+    @property
+    def evidence_s(self) -> float:
+        """The first evidence of a slip in the event; inf for none."""
+        times_s = self.begin_s + np.arange(len(self.p_risky)) / self.rate_hz
+        told = (self.p_risky >= EVIDENCE_P) & (times_s >= self.act_s)
+        return float(times_s[told][0]) if told.any() else HELD_AT_END_S
 
     @property
     def dropped(self) -> bool:
@@ -230,6 +245,39 @@ class LoopOutcome:
         return float(self.grip_n.max())
 
 
+@dataclass(frozen=True)
+class LoopRecord:
+    """What is recorded at every sample; each [T] of one trial, or [T, B] of a batch.
+
+    Names as in LoopOutcome.
+    """
+
+    grip_n: npt.NDArray[np.float32]
+    own_n: npt.NDArray[np.float32]
+    target_n: npt.NDArray[np.float32]
+    p_risky: npt.NDArray[np.float32]
+    both_sides: BoolArray
+
+    @classmethod
+    def empty(cls, periods: int, hands: int) -> LoopRecord:
+        """Zeros [periods, hands]."""
+        shape = (periods, hands)
+        grip_n, own_n, target_n, p_risky = np.zeros((4, *shape), dtype=np.float32)
+        both_sides = np.zeros(shape, dtype=np.bool_)
+        return cls(grip_n, own_n, target_n, p_risky, both_sides)
+
+    def of_trial(self, k: int, periods: int) -> LoopRecord:
+        """The first samples of trial k."""
+        rows = slice(periods)
+        return LoopRecord(
+            self.grip_n[rows, k],
+            self.own_n[rows, k],
+            self.target_n[rows, k],
+            self.p_risky[rows, k],
+            self.both_sides[rows, k],
+        )
+
+
 def outcome_of(
     trial: PlannedTrial,
     motion: TrialMotion,
@@ -238,8 +286,7 @@ def outcome_of(
     begin_s: float,
     rate_hz: float,
     mu_hat: float,
-    grip_n: npt.NDArray[np.float32],
-    own_n: npt.NDArray[np.float32],
+    record: LoopRecord,
     gives_up_s: float,
 ) -> LoopOutcome:
     """Read the outcome of a trial off its motion; the rest is what the loop knows of it."""
@@ -279,8 +326,11 @@ def outcome_of(
         begin_s=begin_s,
         rate_hz=rate_hz,
         mu_hat=mu_hat,
-        grip_n=grip_n,
-        own_n=own_n,
+        grip_n=record.grip_n,
+        own_n=record.own_n,
+        target_n=record.target_n,
+        p_risky=record.p_risky,
+        both_sides=record.both_sides,
         gives_up_s=gives_up_s,
     )
 

@@ -16,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from holdfast.core.contract import BoolArray, FloatArray
+from holdfast.core.trial_layout import RISKY_ACTIONS
 from holdfast.simulation.body import (
     Body,
     Changes,
@@ -39,10 +40,19 @@ from holdfast.simulation.run import (
     forces_of,
     travel_of,
 )
+from holdfast.simulation.scene import Scene
 from holdfast.simulation.script import body_of
-from holdfast.simulation.script_times import busy, pieces_of
+from holdfast.simulation.script_times import (
+    SETTLE_S,
+    Times,
+    busy,
+    grid_of,
+    pieces_of,
+)
 
 IntArray = npt.NDArray[np.int64]
+FALL_S = 1.0
+"""A fall is watched at least this long: in it the object is gone, or at rest."""
 BODIES_KEPT = 8
 """Parts of the body that are kept: the trials with fine steps change little between periods."""
 
@@ -66,6 +76,57 @@ class Spans:
     def periods(self) -> int:
         """Sample periods until the last trial has ended."""
         return int((self.ends - self.begins).max())
+
+
+def loop_end_s(trial: PlannedTrial, habits: Habits) -> float:
+    """When nothing more is decided: the person has given up, or the hand is open."""
+    times = Times.of(trial)
+    if trial.action == "pull":
+        gone_s = times.act + habits.pull_gives_up_s + habits.lets_go_s
+        return gone_s + SETTLE_S
+    if trial.action == "fall":
+        return times.act + max(trial.drawn["watch_s"], FALL_S)
+    return times.open + trial.drawn["opening_s"] + SETTLE_S
+
+
+def spans_of(
+    scene: Scene,
+    trials: Sequence[PlannedTrial],
+    before: int,
+    habits: Habits,
+    whole_trials: bool,
+) -> Spans:
+    """When the loops of some trials begin, so many samples early, and end.
+
+    A pull or a fall goes on until its outcome is known, be it after the end of the trial.
+    """
+    rate_hz = scene.file.rate_hz
+    moves = []
+    ends = []
+    counts = []
+
+    for trial in trials:
+        grid = grid_of(trial, rate_hz, scene.file.step_s)
+        whole = int(grid.sample[-1])
+        end_s = loop_end_s(trial, habits)
+        end = int(np.ceil(end_s * rate_hz))
+
+        # Nothing is decided after the hand has opened.
+        if trial.action not in RISKY_ACTIONS:
+            end = min(end, whole)
+        if whole_trials:
+            end = max(end, whole)
+
+        # A loop that outlasts its trial needs sensor draws for the samples after it, too.
+        count = max(grid.n_samples, end + 1)
+
+        moves.append(round(grid.start_s * rate_hz))
+        ends.append(end)
+        counts.append(count)
+
+    first_moves = np.array(moves)
+    begins = np.maximum(first_moves - before, 0)
+    return Spans(begins, first_moves, np.array(ends), np.array(counts))
 
 
 class HandsAndObjects:
@@ -113,6 +174,13 @@ class HandsAndObjects:
         self.taken = np.zeros(shape, dtype=np.bool_)
         self.at_s = np.zeros(shape)
         self._bodies: dict[bytes, Body] = {}
+
+    def slips(self) -> BoolArray:
+        """[B] whether any part of a contact slips, be it while the object still holds."""
+        fast = (self.state.slip_m_s > SLIDES_M_S).any(axis=0)
+        touching = self.state.normal_n > 0.0
+        slipping: BoolArray = np.any(fast & touching, axis=0)
+        return slipping
 
     def advance(self, period: int, target_n: FloatArray) -> None:
         """One sample period of all trials; target_n [B]: of the drives."""

@@ -27,6 +27,10 @@ SETTINGS: dict[str, tuple[float, ...]] = {
     "ismsp": (60.0, 200.0, 600.0),
 }
 """The curve of each controller: its one setting."""
+WIDEST = ("everyday", "wide")
+"""Sets of everyday actions and of any hold; every controller runs on them."""
+TRUE_EVIDENCE_S = 0.02
+"""In the part `truth` the controller is told the true slips, so late."""
 CURVE_SETS = ("p1", "quick")
 """The unseen styles of the curves: what becomes of their objects is counted together."""
 STYLES = ("author", *UNSEEN)
@@ -43,7 +47,10 @@ OPENS_AFTER_S = {"opens late": 2.0, "never opens": 4.0}
 """From the first pull of a receiver until the giver opens the hand. A receiver gives up after 3 s,
 so for this receiver a hand that opens after 4 s never opens."""
 LATE_SETS = ("author", "p1")
-PARTS = ("table", "curve", "lag", "delay", "noise", "without", *OPENS_AFTER_S, "tremor")
+PARTS = (
+    *("table", "curve", "lag", "delay", "noise", "without", *OPENS_AFTER_S, "tremor"),
+    *("truth", "intent"),
+)
 """Parts of the study; each row belongs to one."""
 WITHOUT = {
     "graded": AnswerRules(graded=False),
@@ -77,6 +84,8 @@ def sets(trials: int, seed: int = SEED) -> dict[str, LoopSet]:
         "disturbed holds": LoopSet("perturbed-hold", fewer, seed, SHORTER[:2]),
         "daily": LoopSet("daily", fewer, seed, SHORTER[:2]),
         "fragile": LoopSet(str(CARDS / "fragile.toml"), fewer, seed),
+        "everyday": LoopSet("everyday", 3 * trials, seed, SHORTER),
+        "wide": LoopSet("wide", 6 * trials, seed),
     }
 
 
@@ -92,13 +101,34 @@ def rows(trials: int, seed: int = SEED) -> list[Row]:
     made = [
         Row("table", name, which, one, LoopRequest(which, usual_setting(which)))
         for name, one in by_name.items()
-        for which in (every if name in STYLES else SETTINGS)
+        for which in (every if name in (*STYLES, *WIDEST) else SETTINGS)
     ]
     for name in CURVE_SETS:
         made += _of_curve_set(name, by_name[name])
     for name in LATE_SETS:
         made += _opening_late(name, by_name[name])
+    for name in ("author", *WIDEST):
+        made += _told_more(name, by_name[name])
     return [*made, *_trembling(by_name["author"])]
+
+
+def _told_more(name: str, one: LoopSet) -> list[Row]:
+    """What the controller itself loses, and what the wearer's own command brings.
+
+    Part `truth`: it is told the true slips. Part `intent`: the wearer's wish to open reaches it
+    (`--obey-intent`), with its delay and its misses; or it never does; or it alone tells a
+    hand-over, and what the model says does not.
+    """
+    ours = LoopRequest(OURS, OUR_LEAD_N)
+    deaf = replace(ours, habits=replace(Habits(), missed_share=1.0))
+    alone = replace(ours, rules=WITHOUT["revocable"])
+    truth = replace(ours, evidence_s=TRUE_EVIDENCE_S)
+    return [
+        Row("truth", name, OURS, one, truth),
+        Row("intent", name, "wearer's command", one, ours),
+        Row("intent", name, "no command", one, deaf),
+        Row("intent", name, "command alone", one, alone),
+    ]
 
 
 def _opening_late(name: str, one: LoopSet) -> list[Row]:

@@ -48,7 +48,12 @@ class Pretended(LoopRuns):
         closes = request.setting if request.name == ORACLE else 0.0
         assert closes is not None
         gone_s = np.inf if closes >= first else times.act + 0.1
-        grip_n = np.full(10, 1.0 + min(closes, 99.0), dtype=np.float32)
+        samples = round(2 * 100.0 * times.act)
+        grip_n = np.full(samples, 1.0 + min(closes, 99.0), dtype=np.float32)
+        if request.told_by is not None:
+            # what began with the evidence was later than the oracle, and too late for a pull
+            gone_s = gone_s if trial.action == "fall" else times.act + 0.1
+        p_risky = np.ones(samples, dtype=np.float32)
         return LoopOutcome(
             trial,
             gone_s,
@@ -61,6 +66,9 @@ class Pretended(LoopRuns):
             np.nan,
             grip_n,
             grip_n,
+            grip_n,
+            p_risky,
+            grip_n > 0.0,
         )
 
 
@@ -100,6 +108,19 @@ def test_the_oracle_is_for_each_event_the_gentlest_closure_that_keeps_the_object
     grips = [float(one.oracle.grip_n[0]) for one in runs.runs(of, LoopRequest(ORACLE))]
     assert grips == [3.0, 100.0, 1.0]
     assert runs.figures(of, LoopRequest(BARE)).saved == 0
+
+
+def test_only_what_a_controller_lost_is_tried_again_from_its_evidence_on(
+    pretended: tuple[Pretended, LoopSet],
+) -> None:
+    runs, of = pretended
+    request = LoopRequest("smsp")
+    runs.run([(of, request)])
+    made = runs.figures(of, request)
+    assert made.losses["evidence too late"] == 1
+    assert sum(made.losses.values()) == made.preventable - made.saved == 2
+    assert runs.asked[-1] == (np.inf, ["pull"])
+    assert not any("pass" in actions for closure, actions in runs.asked if closure)
 
 
 def test_a_set_of_some_actions_has_no_others_and_its_hand_may_tremble(

@@ -48,7 +48,12 @@ def outcome(trial: PlannedTrial, **changes: Any) -> LoopOutcome:
     }
     kept |= changes
     own_n = np.full(len(kept["grip_n"]), trial.grip_n, dtype=np.float32)
-    return LoopOutcome(trial=trial, **({"own_n": own_n} | kept))
+    quiet = np.zeros_like(own_n)
+    unless: dict[str, Any] = {"own_n": own_n, "target_n": quiet, "p_risky": quiet}
+    until_s = kept["lost_s"]
+    times_s = np.arange(len(own_n)) / RATE_HZ
+    unless |= {"both_sides": times_s < until_s}
+    return LoopOutcome(trial=trial, **(unless | kept))
 
 
 def drop(trial: PlannedTrial) -> dict[str, float]:
@@ -271,3 +276,68 @@ def test_figures_of_nothing_are_null_and_every_figure_is_json() -> None:
         assert empty[name] is None
     whole = figures(risky(held_drops=False), handed()).to_json()
     json.dumps([empty, whole], allow_nan=False)
+
+
+# why an object was lost, and commands above the need
+
+
+def in_event(trial: PlannedTrial, before: float, then: float) -> Any:
+    """[T] one value before the action, another from its first sample to the end of the trial."""
+    times = Times.of(trial)
+    samples = round(min(times.end, times.open) * RATE_HZ)
+    act = round(Times.of(trial).act * RATE_HZ)
+    values = np.full(samples, then, dtype=np.float32)
+    values[:act] = before
+    return values
+
+
+def lost(told_drops: bool = False, **held: Any) -> ThreeRuns:
+    """A pull that the bare hand and the controller lose, and the oracle keeps."""
+    trial = trial_of("pull")
+    gone = {"lost_s": Times.of(trial).act + 0.3}
+    told = outcome(trial, **(gone if told_drops else {}))
+    return replace(three(trial, gone, {}, gone | held), told=told)
+
+
+def test_a_loss_is_named_by_the_first_thing_that_was_missing() -> None:
+    trial = trial_of("pull")
+    evidence = in_event(trial, 0.0, 1.0)
+    need_n = needed_grip_n(trial, 1.0)
+    enough = in_event(trial, 0.0, 2.0 * need_n)
+    taken = enough.copy()
+    taken[round((Times.of(trial).act + 0.1) * RATE_HZ) :] = 0.0
+    cases = {
+        "no evidence": {},
+        "evidence too late": {"p_risky": evidence, "told_drops": True},
+        "no answer": {"p_risky": evidence},
+        "target too low": {"p_risky": evidence, "target_n": 0.1 * enough},
+        "taken back": {"p_risky": evidence, "target_n": taken},
+        "drive behind": {"p_risky": evidence, "target_n": enough},
+    }
+    runs = []
+    for name, changes in cases.items():
+        runs.append(lost(**changes))
+        assert runs[-1].loss == name
+    assert figures(*runs, risky(held_drops=False)).losses == dict.fromkeys(cases, 1)
+
+
+def test_a_command_above_the_need_is_above_the_wearers_grip_too() -> None:
+    trial = trial_of("pull")
+    most_n = max(trial.grip_n, 2.5 * needed_grip_n(trial, 1.0))
+    below, above = (in_event(trial, 0.0, share * most_n) for share in (0.99, 1.01))
+    assert not three(trial, held={"target_n": below}).above_need
+    commanded = three(trial, held={"target_n": above})
+    assert commanded.above_need
+    # the drive did not follow
+    assert not commanded.squeezed
+    assert three(trial, held={"target_n": above, "grip_n": above}).squeezed
+
+
+def test_a_tug_that_the_bare_hand_holds_is_called_by_a_command_in_it() -> None:
+    tug = Scene(read_scene_file("everyday"), 0).trials(12)[0]
+    assert tug.action == "tug"
+    beyond = in_event(tug, 0.0, tug.grip_n + 2.0)
+    slight = in_event(tug, tug.grip_n + 2.0, tug.grip_n + 0.5)
+    runs = [three(tug, held={"target_n": n}) for n in (beyond, slight)]
+    runs.append(three(tug, bare=drop(tug), held={"target_n": beyond}))
+    assert (figures(*runs).held_called.count, figures(*runs).held_called.of) == (1, 2)
