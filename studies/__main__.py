@@ -22,6 +22,11 @@ PROGRAMS = {
         "forest, network and committee on the public recordings; over an hour",
         "build/real",
     ),
+    "window-network": Program(
+        "studies.real.window_network",
+        "a small convolutional network beside the committee on the public recordings",
+        "build/real",
+    ),
     "evaluate": Program(
         "studies.default_model",
         "the default model on unseen simulated sets, with baselines",

@@ -62,6 +62,7 @@ SOURCES: dict[str, dict[str, str]] = {
         "learners": "build/real/learners.json",
         "network": "build/bench/network.json",
         "streams": "build/learner-streams/learner-streams.json",
+        "window": "build/real/window-network.json",
     },
     "docs/live-page.md": {"live_page": "build/bench/live-page.json"},
     "docs/scenes.md": {

@@ -192,7 +192,7 @@ def _hidden(
     bias = np.concatenate([member.intercepts_[number] for member in members])
     # In real numbers a step of input i counts unit[i] times its weight.
     by_step = joined * unit[:, None]
-    weights, whole_bias, fineness = _whole(by_step, bias, most)
+    weights, whole_bias, fineness = whole_weights(by_step, bias, most)
 
     real = np.maximum((values @ weights + whole_bias) / fineness, 0.0)
     # A unit's few largest values are cut off, so that its steps are finer for all the others.
@@ -228,14 +228,14 @@ def _logits(
     bias[present] = 0.0
     bias[columns] = intercepts
 
-    weights, whole_bias, fineness = _whole(wide * unit[:, None], bias, most)
+    weights, whole_bias, fineness = whole_weights(wide * unit[:, None], bias, most)
 
     # Logits enter a table of exponentials in steps, so the last layer is scaled to those.
     scale = (LOGIT_STEPS / fineness).astype(np.float32)
     return Layer(weights, whole_bias, scale)
 
 
-def _whole(
+def whole_weights(
     weights: FloatArray, bias: FloatArray, most: int
 ) -> tuple[FloatRows, FloatRows, FloatArray]:
     """Whole weights and bias, as fine as exact sums allow, and their steps per real 1, [O]."""
@@ -250,6 +250,6 @@ def _whole(
     by_weight = (WEIGHT_MOST - 1) / largest
     fineness = np.minimum(by_sum, by_weight)
 
-    whole_weights = np.round(weights * fineness).astype(np.float32)
+    whole = np.round(weights * fineness).astype(np.float32)
     whole_bias = np.round(bias * fineness).astype(np.float32)
-    return whole_weights, whole_bias, fineness
+    return whole, whole_bias, fineness

@@ -103,7 +103,7 @@ def _fold(
     real = np.zeros(0, np.int64)
     for task, (train, test) in split.items():
         plan = plan_for(data, features, plan, task, train, seed)
-        votes[task], shares = _votes(
+        votes[task], shares = learner_votes(
             data, features[task], plan, task, train, test, seed
         )
         if task == "situations":
@@ -132,13 +132,13 @@ def _inner_votes(
     ):
         seen = rows[train]
         asked = rows[test]
-        found, _ = _votes(data, features, plan, "situations", seen, asked, seed)
+        found, _ = learner_votes(data, features, plan, "situations", seen, asked, seed)
         for name, votes in found.items():
             inner[name][test] = votes
     return inner
 
 
-def _votes(
+def learner_votes(
     data: DataSet,
     features: FloatRows,
     plan: TrainingPlan,
