@@ -191,7 +191,8 @@ def _publish_by_side(
     first, second = (graph.constant(row, np.int64) for row in range(2))
     graph.node("Gather", both, second, out="settled", axis=1)
     is_known = graph.node("Gather", both, first, axis=1)
-    graph.node("Not", is_known, out="unknown")
+    number = graph.node("Cast", is_known, to=TensorProto.INT32)
+    graph.node("Less", number, np.int32(1), out="unknown")
     # no side has more sensors than the hand
     usable_counts = graph.node("Gather", counts, first, axis=1)
     most = graph.node("ReduceMax", usable_counts, [1], keepdims=0)

@@ -98,7 +98,7 @@ class PooledGraph:
         pooled = graph.node("MatMul", weighted, pools / (whole - least))
         parts = [graph.node("Flatten", pooled, axis=1)]
         if self.has_touch:
-            parts.append(graph.node("ReduceMean", weight, [2], keepdims=0))
+            parts.append(graph.node("ReduceSum", weight, [2], keepdims=0))
         if self.series_rows:
             parts.append(self._series(parts[0]))
         numbers = parts[0] if len(parts) == 1 else graph.node("Concat", *parts, axis=1)
@@ -196,6 +196,8 @@ class PooledGraph:
         length = self.spec.history_samples
         width = self.spec.n_channels
         n_rows = -(-2 * length // width)
+        # two numbers a sample: an even number of places
+        n_rows += n_rows * width % 2
         kept = n_rows * width // 2
         field = f"series_{self.name}"
         table = graph.state(field, n_rows)
@@ -233,8 +235,8 @@ class PooledGraph:
             # without a divisor, max(0, 1) = 1
             least = floor * FLOORS[ratio.over] if ratio.over in FLOORS else 1.0
             if ratio.signal == TOUCHING:
-                # to a share
-                least = self._touch()[1] - self._touch()[0]
+                # to a mean share
+                least = self.n_sensors * (self._touch()[1] - self._touch()[0])
             floors += [least] * len(places)
 
         dividend = graph.node("Gather", numbers, above, axis=1)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from pooled_reference import PooledReference
@@ -63,9 +65,10 @@ def reference(
     return np.hstack([plain.family(name) for name in FAMILIES])
 
 
+@pytest.mark.parametrize("rate_hz", [RATE_HZ, 150.0])
 @pytest.mark.parametrize("hand", HANDS)
-def test_the_graph_is_the_reference_on_every_hand(hand: str) -> None:
-    spec = spec_of(hand)
+def test_the_graph_is_the_reference_on_every_hand(hand: str, rate_hz: float) -> None:
+    spec = replace(spec_of(hand), rate_hz=rate_hz)
     values = grip(spec.n_sensors)
     expected = reference(spec, values)
     np.testing.assert_allclose(features(spec, values), expected, rtol=1e-5, atol=1e-6)

@@ -1,0 +1,165 @@
+"""One learner, a file for every hand: the votes stay, the step is that of the hand card."""
+
+from __future__ import annotations
+
+import json
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import onnx
+import pytest
+import small_model
+
+from holdfast.cli.main import main
+from holdfast.core.contract import FloatArray, Sample
+from holdfast.core.errors import UsageError
+from holdfast.core.hand_card import read_hand_card
+from holdfast.edge_runtime.graph import open_session, run_recording
+from holdfast.edge_runtime.model_file import read_sealed
+from holdfast.edge_runtime.monitor import GripMonitor, Model
+from holdfast.edge_runtime.selftest import self_checks
+from holdfast.export.again import for_hand
+from holdfast.export.artifact import write_artifact
+from holdfast.export.exporting import export_artifact
+from holdfast.export.pooled import FAMILIES
+from holdfast.export.spec import StepSpec
+
+HANDS = ("two-pad-gripper", "three-fingertips", "twelve-sensors", "pinch-pad")
+CLOCK = "clock"
+"""The self-check that reads the wall clock, which a busy machine may fail."""
+NAMES = ["votes", "situation", "p_class", "unknown"]
+
+
+@cache
+def made() -> small_model.Artifact:
+    spec = small_model.spec(tuple(FAMILIES), n_sensors=6)
+    return small_model.with_networks(small_model.artifact(spec, extra=False))
+
+
+@pytest.fixture(scope="module")
+def six(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("six") / "artifact"
+    write_artifact(folder, made())
+    path, _ = export_artifact(folder)
+    return path
+
+
+def votes(path: Path, values: FloatArray) -> dict[str, np.ndarray]:
+    session = open_session(path.read_bytes())
+    valid = np.ones((len(values), values.shape[1] // 3), dtype=np.bool_)
+    return run_recording(session, values, valid, [*NAMES, "features"])
+
+
+@pytest.mark.parametrize("hand", HANDS)
+def test_a_file_for_another_hand_opens_tests_itself_and_answers(
+    six: Path, hand: str, tmp_path: Path
+) -> None:
+    out = tmp_path / "hand.onnx"
+    assert main(["export", str(six), "--hand", hand, "--out", str(out)]) == 0
+    card = read_hand_card(hand)
+    model = Model(out)
+    assert model.card.n_channels == 3 * card.n_sensors
+    assert StepSpec.from_json(model.card.raw["spec"]).hand == card_without_text(hand)
+    failed = [one for one in self_checks(out) if not one.ok and one.what != CLOCK]
+    assert not failed
+    assert json.loads(out.with_suffix(".json").read_text("utf-8"))["spec"]["hand"]
+
+
+def card_without_text(hand: str) -> object:
+    spec = StepSpec(
+        read_hand_card(hand).n_sensors, 50.0, "N", ("now",), hand=read_hand_card(hand)
+    )
+    return StepSpec.from_json(spec.to_json()).hand
+
+
+def test_the_folder_and_the_file_give_the_same_file(six: Path, tmp_path: Path) -> None:
+    hand = read_hand_card("three-fingertips")
+    of_folder, _ = export_artifact(six.parent, tmp_path / "folder.onnx", hand=hand)
+    _, data = for_hand(read_sealed(six), hand)
+    of_file = tmp_path / "file.onnx"
+    of_file.write_bytes(data)
+    rng = np.random.default_rng(0)
+    values = np.cumsum(rng.normal(0.0, 0.1, (80, 9)), axis=0) + 1.0
+    first, second = votes(of_folder, values), votes(of_file, values)
+    for name, rows in first.items():
+        np.testing.assert_array_equal(rows, second[name])
+
+
+def test_twelve_sensors_with_half_the_force_each_read_as_six(
+    six: Path, tmp_path: Path
+) -> None:
+    """All but the direction of the mean shear, which counts less at a small force."""
+    out = tmp_path / "twelve.onnx"
+    hand = read_hand_card("twelve-sensors")
+    _, data = for_hand(read_sealed(six), hand)
+    out.write_bytes(data)
+    rng = np.random.default_rng(1)
+    values = np.cumsum(rng.normal(0.0, 0.05, (80, 6, 3)), axis=0)
+    values += np.array([0.3, 0.1, 3.0])
+    halves = np.repeat(0.5 * values, 2, axis=1)
+    few = votes(six, values.reshape(80, 18))
+    many = votes(out, halves.reshape(80, 36))
+    known = ~few["unknown"]
+    assert known.any()
+    of_direction = []
+    for name, family in FAMILIES.items():
+        of_direction += [name in ("pooled_along", "pooled_across")] * len(family)
+    same = ~np.array(of_direction)
+    got, expected = (one["features"][known][:, same] for one in (many, few))
+    np.testing.assert_allclose(got, expected, rtol=1e-4, atol=1e-5)
+
+
+def test_a_model_of_single_sensors_is_refused_in_plain_words(tmp_path: Path) -> None:
+    hand = read_hand_card("three-fingertips")
+    with pytest.raises(UsageError, match="fits the hand that it was trained on") as no:
+        for_hand(small_model.sealed_bytes(), hand)
+    assert "now" in str(no.value)
+
+
+def test_the_learner_behind_the_features_is_the_same(six: Path) -> None:
+    _, data = for_hand(read_sealed(six), read_hand_card("two-pad-gripper"))
+    numbers = [
+        numbers_of(onnx.load_from_string(one)) for one in (six.read_bytes(), data)
+    ]
+    assert numbers[0] == numbers[1]
+
+
+def numbers_of(model: onnx.ModelProto) -> list[bytes]:
+    """Trees, and every constant that a node behind the features reads."""
+    constants = {one.name: one for one in model.graph.initializer}
+    behind = {"features"}
+    found = []
+    for node in model.graph.node:
+        if behind.isdisjoint(node.input):
+            continue
+        behind.update(node.output)
+        for attribute in node.attribute:
+            found.append(attribute.SerializeToString(deterministic=True))
+        for name in node.input:
+            if name in constants:
+                found.append(onnx.numpy_helper.to_array(constants[name]).tobytes())
+    return sorted(found)
+
+
+def test_a_degraded_hand_says_so_and_a_hand_without_a_side_is_unknown(
+    six: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "three.onnx"
+    _, data = for_hand(read_sealed(six), read_hand_card("three-fingertips"))
+    out.write_bytes(data)
+    model = Model(out)
+    monitor = GripMonitor(model, None)
+    period_ns = round(1e9 / model.card.rate_hz)
+    answers = []
+    for k in range(120):
+        valid = np.ones(3, dtype=np.bool_)
+        if 60 <= k < 80:
+            valid[2] = False
+        if k >= 100:
+            valid[0] = False
+        values = np.full(9, 1.0 + k / 1024)
+        answers.append(monitor.feed(Sample(k * period_ns, values, valid, k)))
+    assert all(one.degraded and one.state != "unknown" for one in answers[62:80])
+    assert all(one.state == "unknown" for one in answers[102:])
+    assert answers[100].why == "sensors"
