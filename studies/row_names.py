@@ -14,6 +14,7 @@ RAW_18 = "raw forest, 18 channels"
 COMMITTEE_18 = "committee, 18 channels"
 SPREAD_18 = "committee, 18 channels, spread taxels"
 SPREAD_OWN_18 = "committee, 18 channels, spread taxels, own level"
+POOLED_18 = "committee, 18 channels, spread taxels, pooled features"
 RAW_48_FOLDS = 3
 RAW_48 = f"raw forest, 48 channels, {RAW_48_FOLDS} folds"
 LEAKY_FOLDS = 2

@@ -80,7 +80,10 @@ SOURCES: dict[str, dict[str, str]] = {
         "loop": "build/loop/loop.json",
         "before": "docs/measured/loop-d86a7e638b14.json",
     },
-    "docs/transfer.md": {"transfer": "build/transfer/transfer.json"},
+    "docs/transfer.md": {
+        "transfer": "build/transfer/transfer.json",
+        "spread": "build/transfer-spread/transfer.json",
+    },
     "docs/what-accuracy-costs.md": {
         "cost": "build/bench/cost.json",
         "latency": "build/bench/latency.json",

@@ -11,6 +11,7 @@ from typing import TypeVar
 import numpy as np
 
 from holdfast.evaluation.jobs import Job, Workers
+from holdfast.export.pooled import FAMILIES
 from holdfast.training.crossval import FoldAnswers, HeldOut, answer_fold, splits_of
 from holdfast.training.datasets import find, human_slip_uskin
 from holdfast.training.featurise import FloatRows, features_of, spec_for
@@ -23,6 +24,7 @@ from studies.row_names import (
     CLOCK,
     COMMITTEE_18,
     OURS_18,
+    POOLED_18,
     RAW_18,
     SPREAD_18,
     SPREAD_OWN_18,
@@ -77,7 +79,9 @@ PLACED = {
     SPREAD_OWN_18: Method(OWN_LEVEL, spread=True),
 }
 """What the places of six sensors are worth, then what own-level scaling adds."""
-METHODS = {OURS_18: OURS, **PLACED, **BASELINES}
+POOLED = Method(replace(COMMITTEE, groups=tuple(FAMILIES)), spread=True)
+"""Pooled over sensors, all on one side: what it loses that no feature knows where a sensor lies."""
+METHODS = {OURS_18: OURS, **PLACED, POOLED_18: POOLED, **BASELINES}
 """Rows of the table with people held out."""
 
 

@@ -136,6 +136,11 @@ def train(
     return Trained(plan, learners, levels(data, by_group=False)[""], counts)
 
 
+def reported_on(people: DataSet) -> DataSet:
+    """Every second person by name, the second first: the others are those to choose on."""
+    return people.of_groups(set(sorted(people.groups())[1::2]))
+
+
 def scene_rows(name: str, model: Trained, people: DataSet, seed: int) -> list[Json]:
     """The rows of a model on people, in their own newtons and by their own level."""
     rows = []

@@ -1,8 +1,9 @@
 """`python -m studies transfer`: what the simulation is worth outside itself; transfer.json.
 
-Six parts: people (real-only and timing), scenes (models of scenes on people), tugs (eflesh_slip),
-domain, statistics and traces. What is measured is kept in DIR/parts, scene by scene, until card,
-trials, seed or plan change; a change of the code does not show there (--fresh).
+Seven parts: people (real-only and timing), scenes (models of scenes on people), spread (the same
+with spread taxels, on half of the people), tugs (eflesh_slip), domain, statistics and traces. What
+is measured is kept in DIR/parts, scene by scene, until card, trials, seed or plan change; a change
+of the code does not show there (--fresh).
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ import shutil
 import subprocess
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -26,13 +28,16 @@ from holdfast.training.datasets import load
 from holdfast.training.featurise import digest_of
 from holdfast.training.progress import Say, stages
 from holdfast.training.recording import DataSet
-from studies.real.methods import OURS
+from studies.real.methods import OURS, PLACED
+from studies.real.methods import OWN_LEVEL as OWN_LOAD
+from studies.row_names import SPREAD_18
 from studies.transfer import domain, people, statistics, traces, tugs
 from studies.transfer.levels import at_level, levels
 from studies.transfer.scene_sets import (
     COMPARED,
     DRAWN,
     IN_FIELD,
+    ON_SPREAD,
     SEED,
     SHIPPED,
     TOLD_APART,
@@ -166,6 +171,22 @@ def _scenes(run: _Run) -> Json:
     }
 
 
+def _spread(run: _Run) -> Json:
+    def rows(one: SceneSet, data: DataSet) -> list[Json]:
+        human = people.reported_on(PLACED[SPREAD_18].data())
+        found = []
+        for name, groups in (
+            (one.name, people.PLAN.groups),
+            (f"{one.name}, changes by own load", OWN_LOAD.groups),
+        ):
+            plan = replace(people.PLAN, groups=groups)
+            model = people.train(data, human.rate_hz, plan, run.seed)
+            found += people.scene_rows(name, model, human, run.seed)
+        return found
+
+    return {"rows": run.of_scenes("spread", ON_SPREAD, rows)}
+
+
 def _tugs(run: _Run) -> Json:
     real = load("eflesh_slip")
 
@@ -238,6 +259,7 @@ def _traces(run: _Run) -> Json:
 PARTS: dict[str, Callable[[_Run], Json]] = {
     "people": _people,
     "scenes": _scenes,
+    "spread": _spread,
     "tugs": _tugs,
     "domain": _domain,
     "statistics": _statistics,
@@ -313,7 +335,7 @@ def run(args: argparse.Namespace) -> int:
 def headline(figures: Json) -> Sequence[str]:
     """A line for each row on people."""
     lines = []
-    for part in ("people", "scenes"):
+    for part in ("people", "scenes", "spread"):
         for row in figures.get(part, {}).get("rows", ()):
             f1 = number(row["situations"]["macro_f1"], 3)
             auc = number((row.get("predict_250ms") or {}).get("auc"), 3)

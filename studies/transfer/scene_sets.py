@@ -33,7 +33,7 @@ class SceneSet:
 
     name: of the row. cards: names of shipped cards. without: effects that are left out. added:
     effects that are put in, with their defaults. rate_hz, unit: of the recordings, whatever the
-    card says.
+    card says. hand: the hand card instead of theirs; empty for theirs.
     """
 
     name: str
@@ -42,6 +42,7 @@ class SceneSet:
     rate_hz: float = PEOPLE_HZ
     unit: Unit = "N"
     added: tuple[str, ...] = ()
+    hand: str = ""
 
     @property
     def here(self) -> bool:
@@ -66,6 +67,9 @@ SHIPPED = SceneSet("thesis and broad", ("thesis", "broad"))
 PINCH = SceneSet("pinch", ("pinch",))
 """Like human_slip_uskin; its sensors have no chip, hence no noise of one."""
 PINCH_CHIP = replace(PINCH, name="pinch, chip noise", added=("dipole", *CHIP_NOISE))
+PINCH_SPREAD = replace(PINCH, name="pinch, spread taxels", hand="pinch-pad-spread")
+ON_SPREAD = (PINCH_SPREAD, noise_from_zero(PINCH_SPREAD))
+"""Scenes whose models are scored on people with spread taxels."""
 WIDE = SceneSet("wide", ("wide",))
 TRAINED = (
     SHIPPED,
@@ -119,6 +123,9 @@ def card_text(card: str, of: SceneSet) -> str:
         if section in left_out:
             continue
         if section == "[record]" and word.startswith("unit"):
+            continue
+        if of.hand and section == "[hand]" and word.startswith("card"):
+            lines.append(f'card = "{of.hand}"')
             continue
         lines.append(line)
         if word == "[record]":

@@ -41,8 +41,17 @@ def rows_on_people(figures: Json) -> list[Json]:
 
 def people_table(figures: Json) -> str:
     """A row for each model on people; empty without that part, and so are all tables here."""
+    return _table_of(rows_on_people(figures))
+
+
+def spread_table(figures: Json) -> str:
+    """A row for each model of scenes with spread taxels, on half of the people."""
+    return _table_of(figures.get("spread", NO_ROWS)["rows"])
+
+
+def _table_of(rows: Sequence[Json]) -> str:
     lines = []
-    for row in rows_on_people(figures):
+    for row in rows:
         head = row.get("predict_250ms") or {}
         votes = row.get("by_risky_votes") or {}
         four = row["situations"]
@@ -194,6 +203,7 @@ def _exact(value: float | None, interval: Sequence[float] | None) -> str:
 FUNCTIONS = {
     "transfer_people": people_table,
     "transfer_short": short_table,
+    "transfer_spread": spread_table,
     "transfer_tugs": tugs_table,
     "transfer_domain": domain_table,
     "transfer_statistics": statistics_table,

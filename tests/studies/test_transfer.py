@@ -20,11 +20,18 @@ from holdfast.training.recording import DataSet, LabelledRows, Recording
 from holdfast.training.timeline import Phase, RiskyEvent
 from studies.transfer import domain, statistics, tables, traces, tugs
 from studies.transfer.levels import at_level, levels
-from studies.transfer.people import AS_RECORDED, OWN_LEVEL, REAL_ONLY, prediction_rows
+from studies.transfer.people import (
+    AS_RECORDED,
+    OWN_LEVEL,
+    REAL_ONLY,
+    prediction_rows,
+    reported_on,
+)
 from studies.transfer.pictures import PICTURES
 from studies.transfer.scene_sets import (
     CHIP_NOISE,
     COMPARED,
+    PINCH_SPREAD,
     SHIPPED,
     SceneSet,
     card_text,
@@ -334,3 +341,16 @@ def test_the_page_and_the_readme_have_the_tables(
     readme = filled("README.md", {"transfer": figures}, tmp_path)
     short = f"| {SHIPPED.name} | 0.30 (0.20 to 0.40) | 0.80 (0.70 to 0.90) | 0.60 "
     assert short in readme
+
+
+def test_a_set_may_have_another_hand_than_its_card(tmp_path: Path) -> None:
+    path = tmp_path / "pinch.toml"
+    path.write_text(card_text("pinch", PINCH_SPREAD))
+    assert read_scene_file(str(path)).hand.name == "pinch-pad-spread"
+
+
+def test_half_of_the_people_are_kept_for_the_report() -> None:
+    people = [
+        replace(held(4.0, 1.0, seed=k), group=name) for k, name in enumerate("dbcae")
+    ]
+    assert set(reported_on(set_of(people)).groups()) == {"b", "d"}
