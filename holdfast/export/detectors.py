@@ -259,7 +259,9 @@ def _band_pass(
     # A running mean with this time constant moves by this share of the distance at each sample.
     fast = min(1.0, 1.0 / (rules.floor_tau_s * spec.rate_hz))
     slow = fast * rules.firing_rate
-    rate = graph.node("Where", above, slow, fast)
+    # a look-up costs less than a choice
+    is_above = graph.node("Cast", above, to=TensorProto.INT64)
+    rate = graph.node("Gather", [fast, slow], is_above)
 
     # clipped, so that one loud sample cannot raise the floor for seconds
     most = graph.node("Mul", floor, rules.floor_clip)

@@ -100,7 +100,7 @@ class PooledGraph:
         if self.has_touch:
             parts.append(graph.node("ReduceSum", weight, [2], keepdims=0))
         if self.series_rows:
-            parts.append(self._series(parts[0]))
+            parts += self._series(parts[0])
         numbers = parts[0] if len(parts) == 1 else graph.node("Concat", *parts, axis=1)
         return self._chosen(self._ratios(numbers))
 
@@ -186,8 +186,8 @@ class PooledGraph:
             parts.append(graph.node("Div", projected, divisor))
         return parts
 
-    def _series(self, numbers: str) -> str:
-        """[B, (rows + 1) x 2]: the rows of both series, and last the largest of each."""
+    def _series(self, numbers: str) -> list[str]:
+        """[B, rows x 2] the rows of both series, and [B, 2] the largest of each."""
         graph = self.graph
         steps = [self._places(SHEAR, STEP, "T+O"), self._places(PRESS, STEP, "T+O")]
         now = graph.node("Gather", numbers, np.reshape(steps, (1, 2)), axis=1)
@@ -212,9 +212,8 @@ class PooledGraph:
         means = graph.node("MatMul", time, series)
         span = self.spec.lag(MOST.span_s)
         recent = graph.columns(series, kept + 1 - span, kept + 1)
-        largest = graph.node("ReduceMax", recent, [1], keepdims=1)
-        joined = graph.node("Concat", means, largest, axis=1)
-        return graph.node("Flatten", joined, axis=1)
+        largest = graph.node("ReduceMax", recent, [1], keepdims=0)
+        return [graph.node("Flatten", means, axis=1), largest]
 
     def _ratios(self, numbers: str) -> str:
         """[B, ..]: every ratio; one of fingers has a number for each sensor."""
