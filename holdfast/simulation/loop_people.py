@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from holdfast.core.contract import BoolArray, FloatArray
+from holdfast.edge_runtime.grip import AnswerRules
 from holdfast.simulation.body import Body
 from holdfast.simulation.effect import stream
 from holdfast.simulation.protocol import ACTION_MODULES, NEVER_S, PlannedTrial
@@ -170,8 +171,8 @@ class Wearer:
 
 HELD_AT_END_S = float("inf")
 """Time of an event that never happened: the object is still held."""
-EVIDENCE_P = 0.7
-"""p(risky slip) that counts as evidence, as in grip.AnswerRules.from_p."""
+EVIDENCE_P = AnswerRules.from_p
+"""p(risky slip) that counts as evidence: our answer begins with it."""
 
 
 @dataclass(frozen=True)
