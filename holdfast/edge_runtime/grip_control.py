@@ -195,7 +195,8 @@ class GripControl:
     name: of CONTROLLERS. setting: the controller's own, None for its default. unit: of the forces.
     In uT or count there is no N: a friction ratio still means something, a grip in N does not. So
     controllers that need N are refused, the ceiling is left to the hand, and every command says
-    `reduced`. shear_gain: read over true, of the calibration. Raises UsageError.
+    `reduced`. shear_gain: read over true, of the calibration. thumb: which fingers press from the
+    thumb's side; None where half of all fingers' sum is the grip of a side. Raises UsageError.
     """
 
     def __init__(
@@ -207,9 +208,11 @@ class GripControl:
         n_fingers: int = 6,
         limits: Limits | None = None,
         shear_gain: float = 1.0,
+        thumb: tuple[bool, ...] | None = None,
     ) -> None:
         self.reduced = unit != "N"
         self._n_fingers = n_fingers
+        self._thumb = thumb
         if self.reduced and name in FORCE_CONTROLLERS:
             raise UsageError(
                 f"{name} needs forces in N, this model answers in {unit}",
@@ -236,7 +239,8 @@ class GripControl:
                 next_step="use a model made for this hand",
             )
 
-        target_n = self._loop.step(sense_of(prediction, forces, valid))
+        sense = sense_of(prediction, forces, valid, self._thumb)
+        target_n = self._loop.step(sense)
         return self._command(prediction, target_n)
 
     def _command(self, prediction: Prediction, target_n: float) -> GripCommand:
@@ -262,18 +266,30 @@ class GripControl:
         )
 
 
-def sense_of(prediction: Prediction, forces: FloatArray, valid: BoolArray) -> GripSense:
-    """What a controller knows of one sample; no force where a sensor is not valid or not finite."""
+def sense_of(
+    prediction: Prediction,
+    forces: FloatArray,
+    valid: BoolArray,
+    thumb: tuple[bool, ...] | None = None,
+) -> GripSense:
+    """What a controller knows of one sample; no force where a sensor is not valid or not finite.
+
+    thumb: which fingers press from the thumb's side. Then the others of its side stand in for a
+    finger without a reading, and a side without any has the force of the other one, its reaction.
+    """
     # Python's own floats: numpy on six numbers is several times slower
     f = forces.tolist()
     flags = valid.tolist()
     grip_n = load_n = 0.0
-    for x, y, z, good in zip(f[::3], f[1::3], f[2::3], flags, strict=True):
+    weights = _weights(thumb, flags)
+    for x, y, z, good, weight in zip(
+        f[::3], f[1::3], f[2::3], flags, weights, strict=True
+    ):
         # NaN is not below LARGEST
         if good and abs(x) + abs(y) + abs(z) < LARGEST:
             # a finger can press, not pull: less than 0 is noise
-            grip_n += z if z > 0.0 else 0.0
-            load_n += math.sqrt(x * x + y * y)
+            grip_n += weight * z if z > 0.0 else 0.0
+            load_n += weight * math.sqrt(x * x + y * y)
 
     return GripSense(
         # the fingers press from two sides, each with half of the sum
@@ -286,6 +302,15 @@ def sense_of(prediction: Prediction, forces: FloatArray, valid: BoolArray) -> Gr
         opening=prediction.opening,
         overridden=prediction.overridden,
     )
+
+
+def _weights(thumb: tuple[bool, ...] | None, flags: list[bool]) -> list[float]:
+    """What each finger counts, so that both sides together bear what the whole hand bears."""
+    if thumb is None or (all(flags) and len(set(thumb)) == 2):
+        return [1.0] * len(flags)
+    read = [side for side, good in zip(thumb, flags, strict=True) if good]
+    sides = 2.0 / max(1, len(set(read)))
+    return [sides * thumb.count(one) / max(1, read.count(one)) for one in thumb]
 
 
 def _cue(prediction: Prediction) -> float:

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 DEFAULT_CONTROLLER = "holdfast"
 FINGERS = 6
-"""The controllers take half of the sum of all normal forces as the grip of either side."""
+"""Of a hand without a card: half of the sum of all normal forces is the grip of either side."""
 Report = Callable[[str], None]
 
 
@@ -42,11 +42,14 @@ def controller_for(
     shear_gain: read over true, of the hand's calibration.
     report: gets one line where it runs in reduced mode. Raises UsageError, ChannelError.
     """
-    if card.n_channels != 3 * FINGERS:
+    fingers = card.n_channels // 3
+    thumb = thumb_of(card)
+    if thumb is None and fingers != FINGERS:
         raise ChannelError(
-            f"the controllers are for {FINGERS} fingers, the model is for {card.n_channels // 3}",
+            f"the model is for {fingers} sensors and does not say which side they press from",
             where="--grip",
-            next_step="use a model for six fingers, or run without --grip",
+            next_step="export it for the hand (holdfast export MODEL --hand CARD --out FILE), "
+            "or run without --grip",
         )
 
     limits = Limits() if ceiling_n is None else Limits(ceiling_n=ceiling_n)
@@ -54,9 +57,10 @@ def controller_for(
         name,
         card.rate_hz,
         unit=card.unit,
-        n_fingers=FINGERS,
+        n_fingers=fingers,
         limits=limits,
         shear_gain=shear_gain,
+        thumb=thumb,
     )
     # a raw field gives no force in N, so there is no target to command
     if control.reduced:
@@ -65,6 +69,15 @@ def controller_for(
         )
 
     return control
+
+
+def thumb_of(card: ModelCard) -> tuple[bool, ...] | None:
+    """Which sensors press from the thumb's side; None for a model without a hand card."""
+    hand = card.raw["spec"].get("hand")
+    if hand is None:
+        return None
+    sensed = [contact for contact in hand["contacts"] if contact["sensed"]]
+    return tuple(contact["side"] == "thumb" for contact in sensed)
 
 
 class GripOutput:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 from functools import cache
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import onnx
@@ -16,6 +18,7 @@ from holdfast.core.contract import FloatArray, Sample
 from holdfast.core.errors import UsageError
 from holdfast.core.hand_card import read_hand_card
 from holdfast.edge_runtime.graph import open_session, run_recording
+from holdfast.edge_runtime.grip_control import sense_of
 from holdfast.edge_runtime.model_file import read_sealed
 from holdfast.edge_runtime.monitor import GripMonitor, Model
 from holdfast.edge_runtime.selftest import self_checks
@@ -163,3 +166,26 @@ def test_a_degraded_hand_says_so_and_a_hand_without_a_side_is_unknown(
     assert all(one.degraded and one.state != "unknown" for one in answers[62:80])
     assert all(one.state == "unknown" for one in answers[102:])
     assert answers[100].why == "sensors"
+
+
+def test_the_grip_of_a_hand_with_a_card_keeps_the_force_of_a_dead_finger() -> None:
+    """Six fingers of 1 N hold with 3 N a side, also while one of each side is not read."""
+    forces = np.tile([0.5, 0.0, 1.0], 6)
+    thumb = (True, True, False, False, False, False)
+    prediction: Any = SimpleNamespace(
+        p_risky=0.0,
+        p_situation={"safe_slip": 0.0},
+        state="grasp",
+        opening=False,
+        overridden=False,
+    )
+    valid = np.ones(6, dtype=np.bool_)
+    whole = sense_of(prediction, forces, valid, thumb)
+    assert whole.grip_n == sense_of(prediction, forces, valid).grip_n == 3.0
+    valid[[0, 5]] = False
+    degraded = sense_of(prediction, forces, valid, thumb)
+    assert degraded.grip_n == pytest.approx(3.0)
+    assert degraded.load_n == pytest.approx(whole.load_n)
+    # a pinch whose sensors all lie on one side: the other side bears the same
+    one_side = sense_of(prediction, forces, np.ones(6, np.bool_), (True,) * 6)
+    assert one_side.grip_n == pytest.approx(6.0)
