@@ -130,10 +130,12 @@ class Ratio:
 
 @dataclass(frozen=True)
 class PooledFeature:
-    """One ratio, or the largest of several."""
+    """One ratio, or the largest of several; under: divided by |this ratio| + least."""
 
     name: str
     ratios: tuple[Ratio, ...]
+    under: Ratio | None = None
+    least: float = 0.0
 
     @property
     def is_largest(self) -> bool:
@@ -236,6 +238,31 @@ def _jump() -> list[PooledFeature]:
     return features
 
 
+def _over_size(signal: str, row: Row, other: str, under: Row) -> PooledFeature:
+    """A signal over another one, both over Zs: how they relate, whatever the size of the force."""
+    least = 0.002 if signal in SERIES else 0.01
+    return PooledFeature(
+        f"{signal} / {other}",
+        (Ratio(signal, row, "T+O", "T+O"),),
+        Ratio(other, under, "T+O", "T+O"),
+        least,
+    )
+
+
+def _ratio() -> list[PooledFeature]:
+    changes = [Row("change", span_s) for span_s in CHANGES_S]
+    features = [_over_size(ALONG, row, SHEAR, row) for row in changes]
+    for k in (1, 3, 5):
+        features.append(_over_size(NORMAL, changes[k], SHEAR, changes[k]))
+    means = [Row("mean", span_s) for span_s in ACTIVITY_S]
+    for series in SERIES:
+        features.append(_over_size(series, means[0], series, means[3]))
+        features.append(_over_size(series, means[1], series, means[4]))
+    for short, long in ((1, 4), (2, 5), (0, 2)):
+        features.append(_over_size(SHEAR, changes[short], SHEAR, changes[long]))
+    return features
+
+
 def _for_each(
     family: Callable[[float], list[PooledFeature]], spans_s: tuple[float, ...]
 ) -> tuple[PooledFeature, ...]:
@@ -254,6 +281,7 @@ FAMILIES: dict[str, tuple[PooledFeature, ...]] = {
     "pooled_normal": _for_each(_normal, CHANGES_S),
     "pooled_activity": _for_each(_activity, ACTIVITY_S),
     "pooled_jump": tuple(_jump()),
+    "pooled_ratio": tuple(_ratio()),
 }
 """Group -> its features."""
 MEANING: dict[str, tuple[str, str]] = {
@@ -263,6 +291,7 @@ MEANING: dict[str, tuple[str, str]] = {
     "pooled_shear": ("|dh|, of hand and finger", "change of shear in any direction"),
     "pooled_normal": ("dN by side, |dz| of fingers", "change of the normal force"),
     "pooled_activity": ("means of |step h|, |step z|", "rubbing and swinging"),
+    "pooled_ratio": ("A / |dh|, dN / |dh|, short over long", "how, not how much"),
     "pooled_jump": ("largest |step h|, |step z| in 0.5 s", "one jump, or even noise"),
 }
 """Group -> formula and reason, for the table of docs/features.md."""

@@ -195,3 +195,22 @@ class PooledReference:
             usual = np.maximum(mean(series, span), least)
             features.append(most / usual)
         return features
+
+    def ratio(self) -> list[FloatArray]:
+        """Numbers over Zs of the other families, one over another."""
+        dh, along, dz = {}, {}, {}
+        for span in SPANS:
+            change = self.change(self.h, span)
+            dh[span] = self.both(length(change)) / self.zs
+            along[span] = self.both((change * self.u).sum(axis=-1)) / self.zs
+            dz[span] = self.both(self.change(self.z, span)) / self.zs
+        features = [along[span] / (dh[span] + 0.01) for span in SPANS]
+        features += [dz[span] / (dh[span] + 0.01) for span in (4, 16, 64)]
+        for series in (self.step_h, self.step_z):
+            spans = [self.samples(span) for span in ACTIVITY]
+            means = [mean(series, span) / self.zs for span in spans]
+            features.append(means[0] / (means[3] + 0.002))
+            features.append(means[1] / (means[4] + 0.002))
+        for short, long in ((4, 32), (8, 64), (2, 8)):
+            features.append(dh[short] / (dh[long] + 0.01))
+        return features
