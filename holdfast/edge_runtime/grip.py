@@ -20,7 +20,6 @@ that controllers differ in their answers only. holdfast is ours (docs/shared-con
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 from holdfast.edge_runtime.batch import Batch, Flag, Number
@@ -211,8 +210,7 @@ class AnswerRules:
     p(safe slip) from which the hand gives back, where the load changes by more than a tremor can
     (LoadSwing) for yield_samples in a row. graded: the lead grows with the evidence; otherwise it
     is full from half the evidence on, or nothing. revocable: a hand-over ends an answer; otherwise
-    only the empty hand does. margin: what the friction margin needs is kept. lead_share: the lead
-    is at most so many times the grip (and LIGHT_N): less squeezes less, and closes more slowly.
+    only the empty hand does. margin: what the friction margin needs is kept.
     """
 
     from_p: float = 0.7
@@ -222,19 +220,17 @@ class AnswerRules:
     graded: bool = True
     revocable: bool = True
     margin: bool = True
-    lead_share: float = math.inf
 
 
 class LoadSwing:
-    """Whether the load has fallen by more than the hand's tremor can take from it.
+    """Whether the load has changed by more than the hand's tremor can change it.
 
     A tremor takes and gives back: within one period it moves the load as far up as down. Another
-    person who takes the object only takes. So the fall of the load within the longest period of a
-    tremor is compared with the largest rise of late. Beyond is what exceeds TIMES of it by SHARE of
-    the load: a fifth within a quarter of a second, which pouring does not reach. A load that rises
-    is no sign of a hand-over: a pull, a tug and added weight do that. A tremor that is larger than
-    the load hides its fall; then the load is gone for longer than a period, and so is half of its
-    mean.
+    person who takes the object only takes, or pulls and adds load. So the fall of the load within
+    the longest period of a tremor is compared with the largest rise of late, and the rise with the
+    largest fall. Beyond is what exceeds TIMES of it by SHARE of the load: a fifth within a quarter
+    of a second, which pouring does not reach. A tremor that is larger than the load hides its fall;
+    then the load is gone for longer than a period, and so is half of its mean.
     """
 
     SMOOTH_S = 0.02
@@ -260,6 +256,7 @@ class LoadSwing:
         self._load_n = batch.zero()
         self._high_n = batch.zero()
         self._low_n = batch.zero()
+        self._falls_n = batch.zero()
         self._rises_n = batch.zero()
         self._mean_n = batch.zero()
         self._most_n = batch.zero()
@@ -281,17 +278,20 @@ class LoadSwing:
         share_n = self.SHARE * batch.most(high_n, most_n)
         least_n = batch.most(share_n, self.LEAST_N)
         beyond_fall = fall_n > self.TIMES * self._rises_n + least_n
+        beyond_rise = rise_n > self.TIMES * self._falls_n + least_n
         gone = most_n - mean_n > batch.most(self.GONE * most_n, self.LEAST_N)
 
         # What is remembered shrinks slowly, and grows at once.
+        falls_n = batch.most(fall_n, self._falls_n - self._forgets * self._falls_n)
         rises_n = batch.most(rise_n, self._rises_n - self._forgets * self._rises_n)
         self._load_n = batch.choose(known, smooth_n, self._load_n)
         self._high_n = batch.choose(known, high_n, self._high_n)
         self._low_n = batch.choose(known, low_n, self._low_n)
+        self._falls_n = batch.choose(known, falls_n, self._falls_n)
         self._rises_n = batch.choose(known, rises_n, self._rises_n)
         self._mean_n = batch.choose(known, mean_n, self._mean_n)
         self._most_n = batch.choose(known, most_n, self._most_n)
-        return beyond_fall | gone
+        return beyond_fall | beyond_rise | gone
 
     def _means_n(self, smooth_n: Number) -> tuple[Number, Number]:
         """The mean load over a period, and its largest value of late."""
@@ -312,8 +312,6 @@ class Holdfast(Controller):
     """
 
     SETTING = 22.0
-    LIGHT_N = 0.25
-    """Added to the grip where the lead is a share of it, or the weakest grip would never close."""
     BRAKE_S = 0.02
     """So long after the evidence, in a known state, the target goes back: the drive coasts."""
 
@@ -336,9 +334,7 @@ class Holdfast(Controller):
         wearers_n = self._wearer.step(sense, given_n)
         evidence = self._evidence(sense)
         rises = (evidence > 0.0) & sense.known & batch.no(sense.empty)
-        grip_n = batch.most(sense.grip_n, wearers_n)
-        largest_n = self.rules.lead_share * (grip_n + self.LIGHT_N)
-        ahead_n = grip_n + batch.least(self._setting, largest_n) * evidence
+        ahead_n = batch.most(sense.grip_n, wearers_n) + self._setting * evidence
         kept_n = self._kept_n(sense, wearers_n, given_n, needed_n)
         wanted_n = batch.choose(rises, ahead_n, kept_n)
         # a slip that is likely outweighs a hand-over

@@ -56,7 +56,6 @@ WITHOUT = {
     "graded": AnswerRules(graded=False),
     "revocable": AnswerRules(revocable=False),
     "friction margin": AnswerRules(margin=False),
-    "fixed lead": AnswerRules(lead_share=4.0),
 }
 """The holdfast controller without one of its parts."""
 
