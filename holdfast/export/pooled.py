@@ -114,28 +114,32 @@ FINGERS = "f"
 """No pool: the signal of each sensor."""
 STEPS = "mean step"
 """Instead of a normal force: the mean of the same series over the same span."""
-FLOORS = {"T+O": 1.0, "T": 0.5, "O": 0.5, FINGERS: 0.5, STEPS: 0.0005}
-"""Least normal force that something is divided by, as a share of the floor of the unit."""
+OTHER = "other"
+"""Instead of a normal force: another signal or row, which the ratio names."""
+FLOORS = {"T+O": 1.0, "T": 0.5, "O": 0.5, FINGERS: 0.5, STEPS: 0.0005, OTHER: 0.02}
+"""Least force that something is divided by, as a share of the floor of the unit."""
 
 
 @dataclass(frozen=True)
 class Ratio:
-    """A pooled signal over the normal force of a pool; over: which, "0" for none."""
+    """A pooled signal over the normal force of a pool; over: which, "0" for none.
+
+    other: with over OTHER, the signal and the row of the same pool to divide by.
+    """
 
     signal: str
     row: Row
     pool: str = "T+O"
     over: str = "0"
+    other: tuple[str, Row] | None = None
 
 
 @dataclass(frozen=True)
 class PooledFeature:
-    """One ratio, or the largest of several; under: divided by |this ratio| + least."""
+    """One ratio, or the largest of several."""
 
     name: str
     ratios: tuple[Ratio, ...]
-    under: Ratio | None = None
-    least: float = 0.0
 
     @property
     def is_largest(self) -> bool:
@@ -238,28 +242,32 @@ def _jump() -> list[PooledFeature]:
     return features
 
 
-def _over_size(signal: str, row: Row, other: str, under: Row) -> PooledFeature:
-    """A signal over another one, both over Zs: how they relate, whatever the size of the force."""
-    least = 0.002 if signal in SERIES else 0.01
-    return PooledFeature(
-        f"{signal} / {other}",
-        (Ratio(signal, row, "T+O", "T+O"),),
-        Ratio(other, under, "T+O", "T+O"),
-        least,
-    )
+def _beside(name: str, signal: str, row: Row, other: str, of: Row) -> PooledFeature:
+    """A number of the hand over another one, which are large and small together."""
+    return PooledFeature(name, (Ratio(signal, row, "T+O", OTHER, (other, of)),))
 
 
 def _ratio() -> list[PooledFeature]:
-    changes = [Row("change", span_s) for span_s in CHANGES_S]
-    features = [_over_size(ALONG, row, SHEAR, row) for row in changes]
-    for k in (1, 3, 5):
-        features.append(_over_size(NORMAL, changes[k], SHEAR, changes[k]))
-    means = [Row("mean", span_s) for span_s in ACTIVITY_S]
-    for series in SERIES:
-        features.append(_over_size(series, means[0], series, means[3]))
-        features.append(_over_size(series, means[1], series, means[4]))
-    for short, long in ((1, 4), (2, 5), (0, 2)):
-        features.append(_over_size(SHEAR, changes[short], SHEAR, changes[long]))
+    """How much of a change is along the load, or in the normal force, and how sudden it is.
+
+    Gains, friction and the size of the grip cancel.
+    """
+    features = []
+    for span_s in CHANGES_S:
+        row = Row("change", span_s)
+        features.append(_beside("A / |dh|", ALONG, row, SHEAR, row))
+    for span_s in CHANGES_S[1::2]:
+        row = Row("change", span_s)
+        features.append(_beside("dN / |dh|", NORMAL, row, SHEAR, row))
+    for recent, longer in ((0, 3), (1, 4)):
+        for series in SERIES:
+            row = Row("mean", ACTIVITY_S[recent])
+            of = Row("mean", ACTIVITY_S[longer])
+            features.append(_beside(f"{series} / before", series, row, series, of))
+    for recent, longer in ((0, 2), (1, 4), (2, 5)):
+        row = Row("change", CHANGES_S[recent])
+        of = Row("change", CHANGES_S[longer])
+        features.append(_beside("|dh| / longer", SHEAR, row, SHEAR, of))
     return features
 
 
@@ -291,8 +299,11 @@ MEANING: dict[str, tuple[str, str]] = {
     "pooled_shear": ("|dh|, of hand and finger", "change of shear in any direction"),
     "pooled_normal": ("dN by side, |dz| of fingers", "change of the normal force"),
     "pooled_activity": ("means of |step h|, |step z|", "rubbing and swinging"),
-    "pooled_ratio": ("A / |dh|, dN / |dh|, short over long", "how, not how much"),
     "pooled_jump": ("largest |step h|, |step z| in 0.5 s", "one jump, or even noise"),
+    "pooled_ratio": (
+        "A / |dh|, dN / |dh|; recent / longer",
+        "how sudden, and which way",
+    ),
 }
 """Group -> formula and reason, for the table of docs/features.md."""
 

@@ -61,7 +61,6 @@ class PooledGraph:
         self.n_sensors = history.spec.n_sensors
         self.sides = side_matrix(history.spec)
         ratios = [ratio for feature in features for ratio in feature.ratios]
-        ratios += [feature.under for feature in features if feature.under is not None]
         self.ratios = list(dict.fromkeys(ratios))
 
         of_samples = [NOW, RECENT]
@@ -71,6 +70,10 @@ class PooledGraph:
                 of_series.append(_mean_row(ratio.row))
             elif ratio.signal != TOUCHING:
                 of_samples.append(ratio.row)
+            if ratio.other is not None:
+                # of the same kind: both of a series, or both of samples
+                into = of_series if ratio.signal in SERIES else of_samples
+                into.append(ratio.other[1])
         used = {ratio.signal for ratio in self.ratios}
         self.columns = [SHEAR, PRESS, NORMAL]
         self.columns += [one for one in (ALONG, ACROSS) if one in used]
@@ -230,6 +233,8 @@ class PooledGraph:
             if ratio.over == STEPS:
                 mean = _mean_row(ratio.row)
                 below += self._places(ratio.signal, mean, ratio.pool)
+            elif ratio.other is not None:
+                below += self._places(*ratio.other, ratio.pool)
             else:
                 below += self._places(NORMAL, NOW, ratio.over)
             # without a divisor, max(0, 1) = 1
@@ -262,57 +267,29 @@ class PooledGraph:
         return [first + self.n_sensors + list(POOLS).index(pool)]
 
     def _chosen(self, ratios: str) -> str:
-        """[B, features]: ratios as they are, the largest of several, and one over another."""
+        """[B, features]: ratios as they are, and the largest of several."""
         graph = self.graph
-        largest = [one for one in self.features if one.is_largest]
-        over = [one for one in self.features if one.under is not None]
-        parts = [ratios]
-        if largest:
-            sets = [self._found(*one.ratios) for one in largest]
+        n_ratios = sum(len(places) for places in self.found.values())
+        order: list[int] = []
+        sets: list[list[int]] = []
+        for feature in self.features:
+            found: list[int] = []
+            for ratio in feature.ratios:
+                found += self.found[ratio]
+            if feature.is_largest:
+                order.append(n_ratios + len(sets))
+                sets.append(found)
+            else:
+                order += found
+
+        if sets:
             width = max(len(found) for found in sets)
             # a short set repeats its members, which does not change the largest
             table = [np.resize(found, width) for found in sets]
             values = graph.node("Gather", ratios, np.array(table), axis=1)
-            parts.append(graph.node("ReduceMax", values, [2], keepdims=0))
-        if over:
-            parts.append(self._quotients(ratios, over))
-        if len(parts) > 1:
-            ratios = graph.node("Concat", *parts, axis=1)
-
-        # the order of the list, which is not that of the parts
-        n_ratios = sum(len(places) for places in self.found.values())
-        order: list[int] = []
-        for feature in self.features:
-            if feature.is_largest:
-                order.append(n_ratios + largest.index(feature))
-            elif feature.under is not None:
-                order.append(n_ratios + len(largest) + over.index(feature))
-            else:
-                order += self._found(*feature.ratios)
+            largest = graph.node("ReduceMax", values, [2], keepdims=0)
+            ratios = graph.node("Concat", ratios, largest, axis=1)
         return graph.node("Gather", ratios, order, axis=1)
-
-    def _found(self, *ratios: Ratio) -> list[int]:
-        """The places of ratios, one after the other."""
-        places: list[int] = []
-        for ratio in ratios:
-            places += self.found[ratio]
-        return places
-
-    def _quotients(self, ratios: str, features: list[PooledFeature]) -> str:
-        """[B, features]: one ratio over the size of another one, and a little more."""
-        graph = self.graph
-        above: list[int] = []
-        below: list[int] = []
-        for feature in features:
-            assert feature.under is not None
-            above += self._found(*feature.ratios)
-            below += self._found(feature.under)
-        dividend = graph.node("Gather", ratios, above, axis=1)
-        other = graph.node("Gather", ratios, below, axis=1)
-        size = graph.node("Abs", other)
-        least = np.array([feature.least for feature in features])
-        divisor = graph.node("Add", size, least)
-        return graph.node("Div", dividend, divisor)
 
 
 def _mean_row(row: Row) -> Row:

@@ -104,8 +104,8 @@ def test_a_sensor_that_returns_counts_again_when_its_history_is_whole() -> None:
     whole = features(spec, values)
     back = 100 + spec.settle_samples
     # the series has one number a sample, with the weights of its time
-    series = ("pooled_activity", "pooled_jump", "pooled_ratio")
-    n_series = sum(len(FAMILIES[name]) for name in series)
+    of_series = ("pooled_activity", "pooled_jump", "pooled_ratio")
+    n_series = sum(len(FAMILIES[name]) for name in of_series)
     np.testing.assert_array_equal(got[back:, :-n_series], whole[back:, :-n_series])
     assert (got[back - 2, :-n_series] != whole[back - 2, :-n_series]).any()
     long_back = back + spec.settle_samples

@@ -375,7 +375,9 @@ def test_a_model_of_a_raw_field_runs_in_reduced_mode_and_says_so(model):
 
 
 def test_a_model_for_another_number_of_fingers_is_refused(model):
-    with pytest.raises(ChannelError, match="6 fingers, the model is for 16"):
+    with pytest.raises(
+        ChannelError, match="for 16 sensors and does not say which side"
+    ):
         controller_for("holdfast", replace(model.card, n_channels=48), print)
 
 

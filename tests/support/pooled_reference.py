@@ -197,20 +197,25 @@ class PooledReference:
         return features
 
     def ratio(self) -> list[FloatArray]:
-        """Numbers over Zs of the other families, one over another."""
-        dh, along, dz = {}, {}, {}
+        least = 0.02 * self.floor
+
+        def over(above: FloatArray, below: FloatArray) -> FloatArray:
+            return above / np.maximum(below, least)
+
+        lengths, along, normal = [], [], []
         for span in SPANS:
-            change = self.change(self.h, span)
-            dh[span] = self.both(length(change)) / self.zs
-            along[span] = self.both((change * self.u).sum(axis=-1)) / self.zs
-            dz[span] = self.both(self.change(self.z, span)) / self.zs
-        features = [along[span] / (dh[span] + 0.01) for span in SPANS]
-        features += [dz[span] / (dh[span] + 0.01) for span in (4, 16, 64)]
-        for series in (self.step_h, self.step_z):
-            spans = [self.samples(span) for span in ACTIVITY]
-            means = [mean(series, span) / self.zs for span in spans]
-            features.append(means[0] / (means[3] + 0.002))
-            features.append(means[1] / (means[4] + 0.002))
-        for short, long in ((4, 32), (8, 64), (2, 8)):
-            features.append(dh[short] / (dh[long] + 0.01))
+            dh = self.change(self.h, span)
+            lengths.append(self.both(length(dh)))
+            along.append(self.both((dh * self.u).sum(axis=-1)))
+            normal.append(self.both(self.change(self.z, span)))
+
+        features = [over(a, d) for a, d in zip(along, lengths, strict=True)]
+        features += [over(normal[k], lengths[k]) for k in (1, 3, 5)]
+        for recent, longer in ((0, 3), (1, 4)):
+            for series in (self.step_h, self.step_z):
+                now = mean(series, self.samples(ACTIVITY[recent]))
+                usual = mean(series, self.samples(ACTIVITY[longer]))
+                features.append(over(now, usual))
+        for recent, longer in ((0, 2), (1, 4), (2, 5)):
+            features.append(over(lengths[recent], lengths[longer]))
         return features
