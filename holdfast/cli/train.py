@@ -25,7 +25,8 @@ if TYPE_CHECKING:
     from holdfast.training.fitting import TrainingRequest
 
 # As holdfast.training has them; repeated here so that --help need not import it.
-WINDOWS = ("balanced", "thesis", "natural")
+WINDOWS = ("balanced", "dense", "thesis", "natural")
+FEATURES = ("fixed", "pooled")
 MODEL_SIZES = ("tiny", "default", "best")
 LEARNERS = ("forest", "network", "committee")
 HELD_OUT_BY = ("person", "object", "trial")
@@ -90,7 +91,16 @@ def _choose_learner(parser: argparse.ArgumentParser) -> None:
         choices=WINDOWS,
         default="balanced",
         metavar="WHICH",
-        help="windows to train on: balanced (dense; default), thesis (undersampled), natural",
+        help="windows to train on: balanced (default), dense (closer where a phase begins), "
+        "thesis (undersampled), natural",
+    )
+    parser.add_argument(
+        "--features",
+        choices=FEATURES,
+        default="fixed",
+        metavar="WHICH",
+        help="features of sensors in fixed places (fixed, default), or pooled over the sensors of "
+        "a side, with which a file can be exported for any hand card (pooled)",
     )
     parser.add_argument(
         "--size",
@@ -175,6 +185,7 @@ def _request(args: argparse.Namespace) -> TrainingRequest:
         groups=args.groups,
         hold_out=args.hold_out,
         windows=args.windows,
+        features=args.features,
         size=args.size,
         learner=args.learner,
         inner_folds=args.inner_folds,

@@ -379,6 +379,18 @@ def fit_calibration(shares: FloatArray, label: IntArray) -> Calibration:
     return Calibration(weights, bias)
 
 
+def with_even_classes(calibration: Calibration, label: IntArray) -> Calibration:
+    """The same map where every class that occurs is as likely as the others.
+
+    How many windows a class has is a choice of the set's makers: by Bayes' rule, dividing all odds
+    by those of the counts takes that choice out again.
+    """
+    counts = np.bincount(label, minlength=len(calibration.bias))
+    even = len(label) / np.maximum(counts, 1) / np.count_nonzero(counts)
+    shift = np.where(counts > 0, np.log(even), 0.0)
+    return Calibration(calibration.weights, calibration.bias + shift)
+
+
 def uncalibrated(n_classes: int) -> Calibration:
     """A placeholder for learners of single folds, whose probabilities are not used."""
     return Calibration(np.eye(n_classes), np.zeros(n_classes))

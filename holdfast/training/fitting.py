@@ -31,13 +31,14 @@ from holdfast.training.crossval import (
     fit_learner,
     main_task,
     plan_for,
+    with_even_classes,
 )
 from holdfast.training.datasets import find, join, load
 from holdfast.training.featurise import FloatRows, features_of, spec_for
 from holdfast.training.figures import PLURAL, HeadFigures
 from holdfast.training.fixture import KIND, write_fixture
 from holdfast.training.metrics import report
-from holdfast.training.plan import TASK_HEADS, LearnerKind, TrainingPlan, hand_plan
+from holdfast.training.plan import PLANS, TASK_HEADS, LearnerKind, TrainingPlan
 from holdfast.training.progress import Part, Say, Stages, ignored
 from holdfast.training.recording import DataSet, HoldOut, LabelledRows, Recording
 from holdfast.training.windows import Choice
@@ -64,8 +65,8 @@ class TrainingRequest:
 
     data: sets by name or folder; none for the generated fixture. replace: an artifact in `out` may
     be replaced; replace_fixture: one of the fixture may be, by one of the fixture. channels,
-    groups, hold_out, windows: as `datasets.load` takes them. size, learner, inner_folds: of the
-    plan. seed: of every random choice, so that the same request gives the same model.
+    groups, hold_out, windows: as `datasets.load` takes them. features, size, learner, inner_folds:
+    of the plan. seed: of every random choice, so that the same request gives the same model.
     """
 
     data: tuple[str, ...]
@@ -76,6 +77,7 @@ class TrainingRequest:
     groups: int | None = None
     hold_out: HoldOut | None = None
     windows: Choice = "balanced"
+    features: str = "fixed"
     size: str = "default"
     learner: LearnerKind = "committee"
     inner_folds: int = 0
@@ -124,7 +126,7 @@ def train_on_sets(
     joined = join(sets)
     warn_of_scarcity(joined, undersampled=request.windows == "thesis")
 
-    plan = hand_plan(request.size, request.learner)
+    plan = PLANS[request.features](request.size, request.learner)
     trained = train(
         joined,
         request.out,
@@ -265,6 +267,12 @@ def train(
     spec = spec_for(data, plan.groups)
     spec.warn_of_lost_bands()
 
+    if plan.copies:
+        # only a plan of pooled features has copies
+        from holdfast.training.nuisances import with_copies
+
+        data = with_copies(data, plan.copies, seed)
+
     say(f"features of {len(data.recordings)} recordings")
     features = features_of(data, spec, part)
 
@@ -300,6 +308,8 @@ def final_artifact(
         # Votes on windows that a learner was trained on are too sure of themselves, so held-out
         # ones count.
         calibration = fit_calibration(held_out.shares(task), windows.label)
+        if plan.even_classes:
+            calibration = with_even_classes(calibration, windows.label)
         weights = None
         if plan.inner_folds and task == main_task(data):
             from holdfast.training.tuning import fit_label_weights

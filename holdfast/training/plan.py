@@ -23,6 +23,16 @@ CLOCK_FREE_GROUPS = (
     "activity",
 )
 RAW_GROUPS = ("window",)
+POOLED_GROUPS = (
+    "pooled_state",
+    "pooled_along",
+    "pooled_shear",
+    "pooled_normal",
+    "pooled_activity",
+    "pooled_jump",
+    "pooled_ratio",
+)
+"""For the hand: the same however it is held, turned or mirrored, and for any number of sensors."""
 
 LearnerKind = Literal["forest", "network", "committee"]
 TASK_HEADS = {
@@ -101,6 +111,11 @@ HAND_NETWORK = NetworkPlan(hidden=(64,), balance=1.0)
 """For the hand: a second hidden layer costs time and brings no clear gain (docs/learners.md)."""
 
 
+POOLED_NETWORK = NetworkPlan(hidden=(96,), members=2, balance=1.0)
+"""For pooled features, which are half as many."""
+POOLED_DEPTH = 14
+
+
 @dataclass(frozen=True)
 class TrainingPlan:
     """All choices of a training run except the data and the seed.
@@ -108,6 +123,9 @@ class TrainingPlan:
     groups: feature groups by name. situation, prediction: forests of the main head and of the
     0.25 s prediction. folds: of the cross-validation by person. decision: rules that go into the
     model's card. learner: what answers; a forest alone leaves both networks unused.
+    copies: disturbed copies of each recording that are trained on as well (nuisances.py).
+    even_classes: probabilities are those of classes that are all as likely, as the learner weighs
+    them; otherwise as likely as they have windows.
     inner_folds: label weights and a network's hyperparameters are chosen on so many folds of the
     training windows alone; 0 for none.
     """
@@ -125,6 +143,8 @@ class TrainingPlan:
     network: NetworkPlan = SITUATION_NETWORK
     prediction_network: NetworkPlan = PREDICTION_NETWORK
     inner_folds: int = 0
+    copies: int = 0
+    even_classes: bool = False
 
     def network_for(self, task: str) -> NetworkPlan:
         """The network of a task."""
@@ -150,8 +170,9 @@ class TrainingPlan:
         # The card of a forest, or of a run without inner folds, is as it was before there were any.
         if self.learner == "forest":
             del fields["learner"], fields["network"], fields["prediction_network"]
-        if not self.inner_folds:
-            del fields["inner_folds"]
+        for name in ("inner_folds", "copies", "even_classes"):
+            if not fields[name]:
+                del fields[name]
         return fields
 
 
@@ -174,6 +195,32 @@ def hand_plan(size: str, learner: LearnerKind = "committee") -> TrainingPlan:
         network=HAND_NETWORK,
     )
 
+
+def pooled_plan(size: str, learner: LearnerKind = "committee") -> TrainingPlan:
+    """A model for any hand, of pooled features, trained on disturbed copies too.
+
+    Larger leaves than in `hand_plan`: copies are many windows, and a file must stay small.
+    """
+    plan = hand_plan(size, learner)
+    depth = plan.situation.max_depth
+    forest = replace(
+        plan.situation,
+        min_samples_leaf=12,
+        max_depth=POOLED_DEPTH if depth is None else min(depth, POOLED_DEPTH),
+    )
+    return replace(
+        plan,
+        groups=POOLED_GROUPS,
+        situation=forest,
+        network=POOLED_NETWORK,
+        copies=1,
+        even_classes=True,
+        folds=3,
+    )
+
+
+PLANS = {"fixed": hand_plan, "pooled": pooled_plan}
+"""By features: of sensors in fixed places, or pooled over the sensors of a side."""
 
 SIZES = {size: hand_plan(size) for size in _FOREST_SIZES}
 """Three models for the hand (`make bench NAME=cost` says what each costs)."""

@@ -20,6 +20,8 @@ balanced  dense windows, for a hand in continuous use: of trials with an exact t
           sample, and evenly spaced ones of everything else, each labelled by its phase; critical
           points play no part. Counts differ, and the plan's class weights make all eight classes
           weigh the same (training/plan.py). The forest sees what a hand mostly does: not slip
+dense     as balanced, and closer together where a phase begins: a hand that closes, or has just
+          let go, looks like a slip. Few windows of a slip that lasts
 thesis    the thesis' undersampled set: natural windows, as many of each class as the rarest has,
           and within a class every cell of object x action x source gives as equally as it can
 """
@@ -46,13 +48,14 @@ from holdfast.core.trial_layout import Mass
 from holdfast.export.spec import HISTORY_S, WINDOW_S, window_samples
 from holdfast.training.progress import Part, ignored
 from holdfast.training.recording import NO_OBJECT, LabelledRows, Recording
+from holdfast.training.timeline import Phase
 
 if TYPE_CHECKING:
     import pandas as pd
 
     from holdfast.training.critical_points import CriticalPoint
 
-Choice = Literal["balanced", "thesis", "natural", "none"]
+Choice = Literal["balanced", "dense", "thesis", "natural", "none"]
 """Which windows of a set in the thesis' layout are taken; none for its recordings alone."""
 EDGE_S = WINDOW_S
 """How far a phase claims critical points beyond its edges, one window."""
@@ -66,6 +69,10 @@ MOST_OF_A_SLIP = 12
 """At most so many windows of one slip, however long it lasts."""
 DENSE_EVERY_S = {NOTHING: 0.5, GRASP: 0.1, SAFE_SLIP: 0.02, RISKY_SLIP: 0.0}
 """Between two dense windows of a situation; 0 takes every sample."""
+BEGIN_S, BEGIN_EVERY_S = 0.4, 0.02
+"""While a phase begins, windows of the choice "dense" are no farther apart."""
+MOST_RISKY = 40
+"""And at most so many of one slip: its first ones, and others evenly spaced."""
 STRATA = ["object", "action", "source"]
 """What undersampling keeps as even as it can within a class."""
 COLUMNS = ["trial", "row", "label", *STRATA]
@@ -107,6 +114,11 @@ def natural_windows(trials: Sequence[TimedTrial], part: Part = ignored) -> pd.Da
 def dense_windows(trials: Sequence[TimedTrial], part: Part = ignored) -> pd.DataFrame:
     """As `natural_windows`, but dense; a trial without an exact truth gives its natural ones."""
     return _table(trials, _dense_spots, part)
+
+
+def denser_windows(trials: Sequence[TimedTrial], part: Part = ignored) -> pd.DataFrame:
+    """As `dense_windows`, but closer together where a phase begins."""
+    return _table(trials, _denser_spots, part)
 
 
 def _table(
@@ -236,6 +248,18 @@ def _natural_spots(trial: TimedTrial) -> list[_Spot]:
 
 def _dense_spots(trial: TimedTrial) -> list[_Spot]:
     """Dense windows of a trial with an exact truth and an object, else the natural ones."""
+    return _spots_by(trial, _dense_rows)
+
+
+def _denser_spots(trial: TimedTrial) -> list[_Spot]:
+    """The same, closer together where a phase begins."""
+    return _spots_by(trial, _denser_rows)
+
+
+def _spots_by(
+    trial: TimedTrial, rows_of: Callable[[Phase, int, float], list[int]]
+) -> list[_Spot]:
+    """rows_of: the rows of a phase, from the settled row on, at a rate."""
     if not trial.timed or trial.heavy is None:
         return _natural_spots(trial)
 
@@ -244,11 +268,29 @@ def _dense_spots(trial: TimedTrial) -> list[_Spot]:
     settled = math.ceil(HISTORY_S * rate_hz)
     spots = []
     for phase in trial.recording.phases:
-        every = max(1, round(DENSE_EVERY_S[phase.situation] * rate_hz))
-        first = max(phase.first, settled)
-        for row in range(first, phase.stop, every):
+        for row in rows_of(phase, settled, rate_hz):
             spots.append(_Spot(row, phase.situation, "dense"))
     return spots
+
+
+def _dense_rows(phase: Phase, settled: int, rate_hz: float) -> list[int]:
+    every = max(1, round(DENSE_EVERY_S[phase.situation] * rate_hz))
+    return list(range(max(phase.first, settled), phase.stop, every))
+
+
+def _denser_rows(phase: Phase, settled: int, rate_hz: float) -> list[int]:
+    first = max(phase.first, settled)
+    begun = min(phase.stop, first + round(BEGIN_S * rate_hz))
+    begin_every = max(1, round(BEGIN_EVERY_S * rate_hz))
+    rows = {*range(first, begun, begin_every), *_dense_rows(phase, settled, rate_hz)}
+
+    in_order = sorted(rows)
+    if phase.situation != RISKY_SLIP or len(in_order) <= MOST_RISKY:
+        return in_order
+    # A slow slide of a second would outweigh thirty fast slips.
+    half = MOST_RISKY // 2
+    later = np.linspace(half, len(in_order) - 1, MOST_RISKY - half).round()
+    return in_order[:half] + [in_order[int(place)] for place in later]
 
 
 def _empty_hand(recording: Recording) -> list[_Spot]:

@@ -75,6 +75,7 @@ from holdfast.training.windows import (
     class_counts,
     counts_table,
     dense_windows,
+    denser_windows,
     labelled_rows,
     natural_windows,
     sample_counts,
@@ -209,6 +210,8 @@ def _windows(
     notes: Json = {}
     if choice == "balanced":
         chosen = dense_windows(trials, part)
+    elif choice == "dense":
+        chosen = denser_windows(trials, part)
     else:
         chosen = natural_windows(trials, part)
         notes["windows_natural"] = class_counts(chosen)
