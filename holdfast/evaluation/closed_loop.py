@@ -71,8 +71,8 @@ class LoopSet:
 class LoopRequest:
     """One controller with a setting (None: its default) on a set, with a drive.
 
-    The setting of an oracle is how far it closes, one of CLOSURES. evidence_s: the controller is
-    told the true slips, so late; None: what the model says. told_by: of an oracle: it begins with
+    The setting of an oracle is how far it closes, one of CLOSURES. evidence_s: the controller gets
+    the true slips, so late; None: what the model says. evidence_of: of an oracle: it begins with
     the first evidence that this request got in the event, and not with the load onset.
     """
 
@@ -84,7 +84,7 @@ class LoopRequest:
     habits: Habits = field(default_factory=Habits)
     between: Between | None = None
     evidence_s: float | None = None
-    told_by: LoopRequest | None = None
+    evidence_of: LoopRequest | None = None
 
 
 @lru_cache(maxsize=16)
@@ -217,9 +217,11 @@ class LoopRuns:
             self._try(best, closure, share_bare)
         self._run(others, share_bare, 1.0)
         # Where a controller lost what the oracle keeps: was its evidence in time?
-        told = [(of, _told(request)) for of, request in dict.fromkeys(others)]
+        by_evidence = [
+            (of, _by_evidence(request)) for of, request in dict.fromkeys(others)
+        ]
         for closure in CLOSURES:
-            self._try(told, closure, 1.0)
+            self._try(by_evidence, closure, 1.0)
 
     def _run(self, wanted: Sequence[Run], from_share: float, to_share: float) -> None:
         """Run whole sets, each once, in the order in which they were asked for."""
@@ -251,9 +253,9 @@ class LoopRuns:
 
     def _asked(self, of: LoopSet, request: LoopRequest) -> list[int]:
         """Trials that an oracle is tried on: all, or those that its controller lost."""
-        if request.told_by is None:
+        if request.evidence_of is None:
             return sorted(self._outcomes[_bare(of)])
-        outcomes = self._outcomes[of, request.told_by]
+        outcomes = self._outcomes[of, request.evidence_of]
         best = self._outcomes[_best(of, request)]
         bare = self._outcomes[_bare(of)]
         lost = []
@@ -270,7 +272,7 @@ class LoopRuns:
         runs = []
         for run, some in places.items():
             of, request = run
-            # Only the oracle is told the onsets, which the other controllers have to detect.
+            # Only the oracle knows the onsets, which the other controllers have to detect.
             onset_s = self._onset_s(of, request)
             # Batches are the unit of work: a process simulates many trials at a time.
             _, trials = scene_of(of)
@@ -286,13 +288,13 @@ class LoopRuns:
             self.done(from_share + (to_share - from_share) * number / len(runs))
 
     def _onset_s(self, of: LoopSet, request: LoopRequest) -> dict[int, float]:
-        """Trial's number -> what an oracle, or true evidence, is told of it; else nothing."""
-        if request.told_by is not None:
-            told = self._outcomes[of, request.told_by].values()
-            return {one.trial.number: one.evidence_s for one in told}
+        """Trial's number -> the onset that an oracle, or true evidence, has of it; else nothing."""
+        if request.evidence_of is not None:
+            others = self._outcomes[of, request.evidence_of].values()
+            return {one.trial.number: one.evidence_s for one in others}
 
         # At the load onset of the bare hand an oracle begins.
-        bare = self._outcomes[_bare(of)].values() if self._is_told(request) else ()
+        bare = self._outcomes[_bare(of)].values() if self._knows_onsets(request) else ()
         onset_s = {}
         for one in bare:
             in_danger = request.name == ORACLE or ThreeRuns(one, one, one).drop
@@ -300,7 +302,7 @@ class LoopRuns:
         return onset_s
 
     @staticmethod
-    def _is_told(request: LoopRequest) -> bool:
+    def _knows_onsets(request: LoopRequest) -> bool:
         return request.name == ORACLE or request.evidence_s is not None
 
     def runs(self, of: LoopSet, request: LoopRequest) -> list[ThreeRuns]:
@@ -311,9 +313,9 @@ class LoopRuns:
             return [ThreeRuns(bare[k], best[k], best[k]) for k in sorted(best)]
 
         held = self._outcomes[of, request]
-        told = self._outcomes[of, _told(request)]
+        early = self._outcomes[of, _by_evidence(request)]
         # Batches hold trials of similar length, so outcomes are not in the order of the set.
-        return [ThreeRuns(bare[k], best[k], held[k], told[k]) for k in sorted(held)]
+        return [ThreeRuns(bare[k], best[k], held[k], early[k]) for k in sorted(held)]
 
     def figures(self, of: LoopSet, request: LoopRequest) -> LoopFigures:
         """Figures of a request on a set."""
@@ -336,9 +338,9 @@ def _best(of: LoopSet, request: LoopRequest) -> Run:
     return of, LoopRequest(ORACLE, lag_ms=request.lag_ms)
 
 
-def _told(request: LoopRequest) -> LoopRequest:
+def _by_evidence(request: LoopRequest) -> LoopRequest:
     """The oracle that begins with the evidence which the controller of a request got."""
-    return LoopRequest(ORACLE, lag_ms=request.lag_ms, told_by=request)
+    return LoopRequest(ORACLE, lag_ms=request.lag_ms, evidence_of=request)
 
 
 FiguresByCard = dict[str, dict[str, LoopFigures]]

@@ -47,7 +47,7 @@ begins with it keeps the object."""
 
 @dataclass(frozen=True)
 class ThreeRuns:
-    """One trial in three hands. told: by an oracle that begins with the controller's evidence.
+    """One trial in three hands. by_evidence: an oracle that begins with the controller's evidence.
 
     It is tried only where the controller lost a preventable object; None: not tried at all.
     """
@@ -55,7 +55,7 @@ class ThreeRuns:
     bare: LoopOutcome
     oracle: LoopOutcome
     held: LoopOutcome
-    told: LoopOutcome | None = None
+    by_evidence: LoopOutcome | None = None
 
     @property
     def drop(self) -> bool:
@@ -84,7 +84,7 @@ class ThreeRuns:
         lost_s = times_s[in_event].max(initial=held.act_s)
         if not np.isfinite(held.evidence_s) or held.evidence_s >= lost_s:
             return "no evidence"
-        if self.told is not None and self.told.dropped:
+        if self.by_evidence is not None and self.by_evidence.dropped:
             return "evidence too late"
         if target_n.max() <= 0.0:
             return "no answer"
@@ -257,7 +257,7 @@ class LoopFigures:
     by_action: the same by what happened to the object. slip_mm_p50: travel of what was saved.
     losses: why preventable objects were lost (LOSSES). above_need: trials with a command above the
     wearer's grip and above ENOUGH times the need; squeezed: with such a grip. held_called: tugs,
-    and pick_ups_called: lifts, that the bare hand holds and in which ours is told to tighten.
+    and pick_ups_called: lifts, that the bare hand holds and in which our command tightens.
     receiver_peak_n: largest force of a receiver. refused: hand-overs of which the receiver gives
     up. put_downs: disturbed as a hand-over is blocked. grip_excess: N s a trial beyond what is
     needed. tightenings_per_min: before any action, and in disturbed holds. new_drops: what the

@@ -303,7 +303,7 @@ class HandModels:
 class TrueEvidence:
     """Tells a controller the truth about slips in place of the model, a while later.
 
-    What is lost with it is the controller's own loss. A slip that endangers the object is told from
+    What is lost with it is the controller's own loss. A slip that endangers the object counts from
     danger_s on, by trial number: the load onset of a drop, inf for none. Every other slip is safe.
     """
 
@@ -316,16 +316,16 @@ class TrueEvidence:
     ) -> None:
         self._danger_s = np.array([danger_s[trial.number] for trial in trials])
         self._act_s = np.array([Times.of(trial).act for trial in trials])
-        # A queue: what is true now is told so many samples later.
-        told = np.zeros((2, len(trials)), dtype=np.bool_)
-        self._told = [told] * round(late_s * rate_hz)
+        # A queue: what is true now arrives so many samples later.
+        nothing = np.zeros((2, len(trials)), dtype=np.bool_)
+        self._waiting = [nothing] * round(late_s * rate_hz)
 
     def tell(self, sense: GripSense, t_s: FloatArray, slips: BoolArray) -> GripSense:
         """The sense with true probabilities. t_s [B]; slips [B]: a part of a contact slips now."""
         in_danger = t_s >= self._danger_s
         acted = t_s >= self._act_s
-        self._told.append(np.stack([slips & in_danger, slips & acted & ~in_danger]))
-        risky, safe = self._told.pop(0)
+        self._waiting.append(np.stack([slips & in_danger, slips & acted & ~in_danger]))
+        risky, safe = self._waiting.pop(0)
         return replace(
             sense,
             p_risky=np.where(risky, 1.0, 0.0),

@@ -19,6 +19,9 @@ from scipy.signal import lfilter
 
 from holdfast.core.contract import CLASSES, SITUATIONS, BoolArray, FloatArray
 from holdfast.core.trial_layout import NORMAL_FLOOR
+from holdfast.export.pooled import side_matrix
+from holdfast.training.featurise import spec_for
+from holdfast.training.plan import POOLED_GROUPS
 from holdfast.training.recording import DataSet, LabelledRows, Recording
 
 CHANCE = {
@@ -88,10 +91,9 @@ def with_copies(data: DataSet, copies: int, seed: int) -> DataSet:
 
 
 def _thumb(data: DataSet) -> BoolArray:
-    """[S] which sensors are on the thumb's side; of six without a card, the first two."""
-    if data.hand is not None:
-        return np.array([side == "thumb" for side in data.hand.sensor_sides])
-    return np.arange(data.n_sensors) < 2
+    """[S] which sensors are on the thumb's side, as the pooled features have it."""
+    sides = side_matrix(spec_for(data, POOLED_GROUPS))
+    return np.asarray(sides[:, 0] > 0.0)
 
 
 def _around_jumps(copies: Sequence[Copy], rows: LabelledRows) -> LabelledRows:

@@ -30,7 +30,7 @@ SETTINGS: dict[str, tuple[float, ...]] = {
 WIDEST = ("everyday", "wide")
 """Sets of everyday actions and of any hold; every controller runs on them."""
 TRUE_EVIDENCE_S = 0.02
-"""In the part `truth` the controller is told the true slips, so late."""
+"""In the part `truth` the controller gets the true slips, so late."""
 CURVE_SETS = ("p1", "quick")
 """The unseen styles of the curves: what becomes of their objects is counted together."""
 STYLES = ("author", *UNSEEN)
@@ -108,14 +108,14 @@ def rows(trials: int, seed: int = SEED) -> list[Row]:
     for name in LATE_SETS:
         made += _opening_late(name, by_name[name])
     for name in ("author", *WIDEST):
-        made += _told_more(name, by_name[name])
+        made += _with_more(name, by_name[name])
     return [*made, *_trembling(by_name["author"])]
 
 
-def _told_more(name: str, one: LoopSet) -> list[Row]:
+def _with_more(name: str, one: LoopSet) -> list[Row]:
     """What the controller itself loses, and what the wearer's own command brings.
 
-    Part `truth`: it is told the true slips. Part `intent`: the wearer's wish to open reaches it
+    Part `truth`: it gets the true slips. Part `intent`: the wearer's wish to open reaches it
     (`--obey-intent`), with its delay and its misses; or it never does; or it alone tells a
     hand-over, and what the model says does not.
     """

@@ -50,7 +50,7 @@ class Pretended(LoopRuns):
         gone_s = np.inf if closes >= first else times.act + 0.1
         samples = round(2 * 100.0 * times.act)
         grip_n = np.full(samples, 1.0 + min(closes, 99.0), dtype=np.float32)
-        if request.told_by is not None:
+        if request.evidence_of is not None:
             # what began with the evidence was later than the oracle, and too late for a pull
             gone_s = gone_s if trial.action == "fall" else times.act + 0.1
         p_risky = np.ones(samples, dtype=np.float32)

@@ -291,12 +291,12 @@ def in_event(trial: PlannedTrial, before: float, then: float) -> Any:
     return values
 
 
-def lost(told_drops: bool = False, **held: Any) -> ThreeRuns:
+def lost(early_drops: bool = False, **held: Any) -> ThreeRuns:
     """A pull that the bare hand and the controller lose, and the oracle keeps."""
     trial = trial_of("pull")
     gone = {"lost_s": Times.of(trial).act + 0.3}
-    told = outcome(trial, **(gone if told_drops else {}))
-    return replace(three(trial, gone, {}, gone | held), told=told)
+    early = outcome(trial, **(gone if early_drops else {}))
+    return replace(three(trial, gone, {}, gone | held), by_evidence=early)
 
 
 def test_a_loss_is_named_by_the_first_thing_that_was_missing() -> None:
@@ -308,7 +308,7 @@ def test_a_loss_is_named_by_the_first_thing_that_was_missing() -> None:
     taken[round((Times.of(trial).act + 0.1) * RATE_HZ) :] = 0.0
     cases = {
         "no evidence": {},
-        "evidence too late": {"p_risky": evidence, "told_drops": True},
+        "evidence too late": {"p_risky": evidence, "early_drops": True},
         "no answer": {"p_risky": evidence},
         "target too low": {"p_risky": evidence, "target_n": 0.1 * enough},
         "taken back": {"p_risky": evidence, "target_n": taken},
