@@ -106,6 +106,11 @@ class HandCard:
         return tuple(contact.side for contact in self.contacts if contact.sensed)
 
     @property
+    def of_thumb(self) -> tuple[bool, ...]:
+        """Whether each sensor presses from the thumb's side."""
+        return tuple(side == "thumb" for side in self.sensor_sides)
+
+    @property
     def sensed(self) -> BoolArray:
         """[S] which contacts have a sensor."""
         return np.array([contact.sensed for contact in self.contacts])

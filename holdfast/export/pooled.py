@@ -315,7 +315,7 @@ def side_matrix(spec: StepSpec) -> FloatArray:
     that all lie on one side count for both.
     """
     if spec.hand is not None:
-        thumb = np.array([side == "thumb" for side in spec.hand.sensor_sides])
+        thumb = np.array(spec.hand.of_thumb)
     else:
         thumb = np.arange(spec.n_sensors) < (2 if spec.n_sensors == 6 else 0)
     sides = np.stack([thumb, ~thumb], axis=1).astype(np.float64)

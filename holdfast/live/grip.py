@@ -43,7 +43,7 @@ def controller_for(
     report: gets one line where it runs in reduced mode. Raises UsageError, ChannelError.
     """
     fingers = card.n_channels // 3
-    thumb = thumb_of(card)
+    thumb = None if card.hand is None else card.hand.of_thumb
     if thumb is None and fingers != FINGERS:
         raise ChannelError(
             f"the model is for {fingers} sensors and does not say which side they press from",
@@ -69,15 +69,6 @@ def controller_for(
         )
 
     return control
-
-
-def thumb_of(card: ModelCard) -> tuple[bool, ...] | None:
-    """Which sensors press from the thumb's side; None for a model without a hand card."""
-    hand = card.raw["spec"].get("hand")
-    if hand is None:
-        return None
-    sensed = [contact for contact in hand["contacts"] if contact["sensed"]]
-    return tuple(contact["side"] == "thumb" for contact in sensed)
 
 
 class GripOutput:

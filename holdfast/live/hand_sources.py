@@ -269,32 +269,37 @@ def _virtual(
     source: SourceUrl, clock: Any, report: Callable[[str], None], field: Any = None
 ) -> VirtualHand:
     from holdfast.drivers.virtual.faults import read_fault
-    from holdfast.drivers.virtual.virtual_hand import WIRINGS, VirtualHand
+    from holdfast.drivers.virtual.virtual_hand import VirtualHand, wiring_of
 
-    layout = source.text("layout", "mux")
-    name = layout.partition("@")[0]
-    if name not in WIRINGS:
-        raise UsageError(
-            "a virtual hand has no such layout",
-            next_step=f"layout={' or layout='.join(WIRINGS)}",
-        )
-
+    places = read_layout(source.text("layout", "mux"))
+    wiring = wiring_of(places)
     seed = source.number("seed", 0)
     trial = source.number("trial", 0)
     track = field or _track(source.text("scene", ""), seed, trial, report)
+    if track is not None and track.n_sensors != len(places):
+        raise UsageError(
+            f"the layout has {len(places)} fingers, the scene's hand {track.n_sensors} sensors",
+            next_step="name a place for each sensor, such as layout=0:35,0:22 for two",
+        )
+
     faults = [read_fault(text) for text in source.options.get("fault", [])]
-    hand = VirtualHand(clock, track=track, layout=name, seed=seed, faults=faults)
+    for fault in faults:
+        if (fault.sensor or 0) > len(places):
+            what = f"fault={fault.kind}:{fault.sensor}: the layout has {len(places)} fingers"
+            raise UsageError(what, next_step=f"name a finger from 1 to {len(places)}")
+
+    hand = VirtualHand(clock, track=track, wiring=wiring, seed=seed, faults=faults)
     # the emulated multiplexer answers where the URL's layout looks for it
-    hand.mux.address = read_layout(layout)[0].mux
+    hand.mux.address = places[0].mux
     return hand
 
 
 def _track(scene: str, seed: int, trial: int, report: Callable[[str], None]) -> Any:
-    """The field of a scene's trial at the chips, or a hand at rest."""
-    from holdfast.drivers.virtual.virtual_hand import Track, still
+    """The field of a scene's trial at the chips; None where there is no scene."""
+    from holdfast.drivers.virtual.virtual_hand import Track
 
     if not scene:
-        return still()
+        return None
     _, one = simulated(scene, seed, trial, report)
     signal = one.signal
     return Track(signal.t_s, signal.values)

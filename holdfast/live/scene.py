@@ -139,8 +139,10 @@ class LiveScene:
         self.began_ns = 0
 
         contacts = self._world.forces_n.shape[1]
+        self.n_sensors = trial.hand.n_sensors
         # the whole field is reserved at once, and each row filled when it is reached
-        self._field = Track(np.arange(rows) / ROWS_HZ, np.zeros((rows, contacts, 3)))
+        field_ut = np.zeros((rows, self.n_sensors, 3))
+        self._field = Track(np.arange(rows) / ROWS_HZ, field_ut)
         self._forces_n = np.zeros((rows, contacts, 3))
         self._position_m = np.zeros((rows, 3))
 
@@ -152,7 +154,7 @@ class LiveScene:
         self._keep_row()
 
     def at(self, now_s: float, sensor: int) -> list[float]:
-        """x, y, z of one sensor (0 .. 5) in uT, now_s after the scene began."""
+        """x, y, z of one sensor (0 .. S - 1) in uT, now_s after the scene began."""
         self.advance(now_s)
         return self._field.at(now_s, sensor)
 

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 from grip_bench import TtyReceiver, UdpReceiver, wait_for_the_end_of
 from hazard_marks import DEAD_LOG, LOST_SENSOR, NO_GRIP_COMMAND, RUN_DIES
-from live_bench import ROOT, RUN, closing_output
+from live_bench import ROOT, RUN, closing_output, run_on
 from packages import package_of
 
 from holdfast.core.contract import channel_names
@@ -131,20 +131,6 @@ def test_a_command_comes_at_every_sample_and_the_last_one_follows_it(model, rece
     lines = [receiver.next() for _ in range(n + 1)]
     assert [line["sequence"] for line in lines] == list(range(n + 1))
     assert lines[-1]["reason"] == "stopped"
-
-
-def run_on(
-    grip: GripOutput, model: Model, url: str, seconds: float, clock: Any = None
-) -> int:
-    """Run on virtual time; returns the number of samples."""
-    clock = clock or VirtualClock()
-    source = open_live(url, clock=clock, report=lambda line: None, field=grip.scene)
-    end_ns = clock.now_ns() + round(1e9 * seconds)
-    grip.begin(source)
-    summary = answer(
-        source, model, clock, emit_to([grip]), lambda: clock.now_ns() >= end_ns
-    )
-    return summary.samples
 
 
 @LOST_SENSOR.mark

@@ -1,4 +1,4 @@
-"""The live loop on a source that comes steadily, and on a virtual clock."""
+"""The live loop on a source that comes steadily, on a virtual clock, or with a hand in a scene."""
 
 from __future__ import annotations
 
@@ -17,8 +17,11 @@ from holdfast.core.source import SourceReading
 from holdfast.drivers.virtual.clock import VirtualClock
 from holdfast.edge_runtime.monitor import GripMonitor, Model
 from holdfast.edge_runtime.preparation import Tare
+from holdfast.live.grip import GripOutput
+from holdfast.live.hand_sources import open_live
 from holdfast.live.loop import Summary, run_live
 from holdfast.live.outputs import Output, close_at_end
+from holdfast.live.run import answer, emit_to
 
 ROOT = Path(__file__).resolve().parents[2]
 AnyOutput = TypeVar("AnyOutput", bound=Output)
@@ -96,3 +99,17 @@ def go(
         **options,
     )
     return summary, [one for one, _ in answered], [one for _, one in answered]
+
+
+def run_on(
+    grip: GripOutput, model: Model, url: str, seconds: float, clock: Any = None
+) -> int:
+    """Run on virtual time; returns the number of samples."""
+    clock = clock or VirtualClock()
+    source = open_live(url, clock=clock, report=lambda line: None, field=grip.scene)
+    end_ns = clock.now_ns() + round(1e9 * seconds)
+    grip.begin(source)
+    summary = answer(
+        source, model, clock, emit_to([grip]), lambda: clock.now_ns() >= end_ns
+    )
+    return summary.samples

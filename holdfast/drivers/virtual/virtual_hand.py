@@ -1,4 +1,4 @@
-"""Six chips on an I2C wire, behind a mux or re-addressed, in a field that changes with time.
+"""Chips on an I2C wire, behind a mux or re-addressed, in a field that changes with time.
 
 A bridge calls start, write, read and stop; everything on the wire receives all of it. Bits are
 counted, because they take time. While SDA is held low, nothing is acknowledged and every byte reads
@@ -14,6 +14,8 @@ from typing import Protocol
 import numpy as np
 
 from holdfast.core.contract import FloatArray
+from holdfast.core.errors import UsageError
+from holdfast.drivers.layout import Finger
 from holdfast.drivers.tmag5273 import FACTORY_ADDRESSES
 from holdfast.drivers.virtual.chip import Chip, FieldSource
 from holdfast.drivers.virtual.clock import Clock
@@ -30,6 +32,7 @@ WIRINGS: dict[str, tuple[tuple[int, int], ...]] = {
     "moved": ((0, A), (0, B), (0, C), (0, D), (1, A), (1, B)),
 }
 """Mux channel and factory address of each finger: two shared channels, or one for each finger."""
+Wiring = Sequence[tuple[int, int]]
 BIT_ERROR_RATE = 1e-4
 """Of the fault "noise"."""
 REST_UT = np.array([0.0, 0.0, 23730.0])
@@ -240,7 +243,7 @@ class Mux:
 
 @dataclass(frozen=True)
 class Track:
-    """A recorded or simulated field: t_s [T] from 0, field_ut [T, 6, 3], linear in between.
+    """A recorded or simulated field: t_s [T] from 0, field_ut [T, S, 3], linear in between.
 
     Before the first and after the last row, that row holds.
     """
@@ -248,8 +251,13 @@ class Track:
     t_s: FloatArray
     field_ut: FloatArray
 
+    @property
+    def n_sensors(self) -> int:
+        """S."""
+        return len(self.field_ut[0])
+
     def at(self, now_s: float, sensor: int) -> list[float]:
-        """x, y, z of one sensor (0 .. 5).
+        """x, y, z of one sensor (0 .. S - 1).
 
         Equal to np.interp to the last bit, at a tenth of its time.
         """
@@ -269,14 +277,31 @@ class Track:
         return field_ut
 
 
-def still(field_ut: FloatArray = REST_UT) -> Track:
+def still(field_ut: FloatArray = REST_UT, sensors: int = 6) -> Track:
     """A field that never changes."""
-    return Track(np.array([0.0]), np.broadcast_to(field_ut, (1, 6, 3)))
+    return Track(np.array([0.0]), np.broadcast_to(field_ut, (1, sensors, 3)))
+
+
+def wiring_of(places: Sequence[Finger]) -> Wiring:
+    """The wiring on which a driver with this layout finds its fingers. Raises UsageError."""
+    wiring = []
+    for one in places:
+        same_mux = one.mux == places[0].mux
+        if one.channel is None or not same_mux or one.address not in FACTORY_ADDRESSES:
+            raise UsageError(
+                "a virtual hand has no such layout",
+                cause="its fingers are behind one mux, each at a factory address",
+                next_step=f"layout={' or layout='.join(WIRINGS)}, or channel:address for "
+                "each finger, such as layout=0:35,0:22",
+            )
+        wiring.append((one.channel, one.address))
+    return tuple(wiring)
 
 
 class VirtualHand:
     """Chips, mux and wire. layout: a name of WIRINGS; seed: of the chips' noise, None for none.
 
+    wiring: mux channel and factory address of each finger, in place of a layout with a name.
     born_ns: when the hand was made; its field and its faults begin then.
     """
 
@@ -286,17 +311,19 @@ class VirtualHand:
         *,
         track: Track | None = None,
         layout: str = "mux",
+        wiring: Wiring | None = None,
         version: int = 1,
         seed: int | None = None,
         faults: Sequence[Fault] = (),
     ) -> None:
+        places = WIRINGS[layout] if wiring is None else wiring
         self.clock = clock
         self.faults = Faults(faults)
-        self.track = track or still()
+        self.track = track or still(sensors=len(places))
         self.born_ns = clock.now_ns()
         self.chips: list[Chip] = []
         channels: list[list[Target]] = [[] for _ in range(8)]
-        for k, (channel, address) in enumerate(WIRINGS[layout]):
+        for k, (channel, address) in enumerate(places):
             field = self._field_of(k)
             chip = Chip(k + 1, address, version, field, clock, self.faults, seed=seed)
             self.chips.append(chip)

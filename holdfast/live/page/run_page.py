@@ -42,6 +42,7 @@ class RunPage:
         self._link = link
         self._report = report
         self._margin = FrictionMargin(ONE_HAND, card.rate_hz, shear_gain)
+        self._thumb = None if card.hand is None else card.hand.of_thumb
         self.grip: GripOutput | None = None
         self.intent: IntentMonitor | None = None
         self._lost = self._next = self._marks = 0
@@ -88,7 +89,8 @@ class RunPage:
 
         # no controller runs, so the margin is stepped here, from the same prediction
         margin = self._margin
-        margin.step(sense_of(prediction, sample.values, sample.valid))
+        sense = sense_of(prediction, sample.values, sample.valid, self._thumb)
+        margin.step(sense)
         # before a first slip nothing is known of the friction
         observed = margin.mu_hat > 0.0
 

@@ -1,0 +1,121 @@
+"""A gripper of two pads, moved by the learner of six fingertips: exported, not trained again."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from live_bench import DEFAULT, ROOT, run_on
+
+from holdfast.cli.main import main
+from holdfast.core.errors import UsageError
+from holdfast.drivers.virtual.clock import VirtualClock
+from holdfast.edge_runtime.model import Model
+from holdfast.live.grip import controller_for, grip_to_scene
+from holdfast.live.hand_sources import open_live, shear_gain_of
+
+GROUPS = json.loads(DEFAULT.with_suffix(".json").read_text("utf-8"))["spec"]["groups"]
+any_hand = pytest.mark.skipif(
+    not all(group.startswith("pooled_") for group in GROUPS),
+    reason="the default model is of single fingers, and so of six fingertips only",
+)
+LAYOUT = "layout=0:35,0:22"
+# Twice what friction holds, for a fifth of a second; a drive of 50 ms can be in time.
+TUG = """
+[record]
+rate_hz = 150
+[physics]
+step_s = 0.003
+[hand]
+card = "two-pad-gripper"
+[[trials]]
+objects = ["hard-ball"]
+action = "tug"
+mass_g = 200
+weak_share = 0
+grip_n = 4
+friction = 0.6
+finger_n_per_m = 1000
+close_at_s = 0.8
+hold_s = 1.5
+peak_n = 10
+lasts_s = 0.2
+after_s = 2
+[effects.brush]
+count = 5
+[effects.dipole]
+"""
+
+
+@pytest.fixture(scope="module")
+def two_pads(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The default model's learner, in a file for the gripper."""
+    out = tmp_path_factory.mktemp("gripper") / "two-pads.onnx"
+    words = ["export", str(DEFAULT), "--hand", "two-pad-gripper", "--out", str(out)]
+    assert main(words) == 0
+    return out
+
+
+def scene_url(folder: Path, seed: int, layout: str = LAYOUT) -> str:
+    path = folder / "tug.toml"
+    path.write_text(TUG, encoding="utf-8")
+    return f"virtual://ft232h?{layout}&scene={path}&seed={seed}"
+
+
+@any_hand
+@pytest.mark.parametrize(("controller", "kept"), [("holdfast", True), ("none", False)])
+def test_a_tug_at_a_gripper_of_two_pads_is_held_by_the_commands(
+    two_pads: Path, tmp_path: Path, controller: str, kept: bool
+) -> None:
+    url = scene_url(tmp_path, 102)
+    model = Model(two_pads)
+    clock = VirtualClock()
+    gain = shear_gain_of(url, None) or 1.0
+    control = controller_for(controller, model.card, print, shear_gain=gain)
+    grip = grip_to_scene("virtual?lag_ms=50", url, control, None, clock, print)
+    run_on(grip, model, url, 4.0, clock)
+    assert grip.scene is not None
+    outcome = grip.scene.outcome()
+    assert outcome.kept == kept
+    # Quiet before the tug: the grip is the wearer's own until it begins.
+    assert (outcome.strongest_n > 1.5 * outcome.wearers_n) == kept
+
+
+@any_hand
+def test_a_run_names_the_gripper_and_commands_it(
+    two_pads: Path, tmp_path: Path
+) -> None:
+    words = [sys.executable, "-m", "holdfast", "run", str(two_pads), "--source"]
+    words += [scene_url(tmp_path, 102), "--grip", "virtual", "--quiet"]
+    done = subprocess.run(
+        [*words, "--seconds", "0.5"],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert "hand: two-pad-gripper, 2 sensors" in done.stderr
+    assert "scene: " in done.stderr
+
+
+WRONG = {
+    "layout=mux": "the layout has 6 fingers, the scene's hand 2 sensors",
+    f"{LAYOUT},0:78": "the layout has 3 fingers",
+    "layout=35,22": "no such layout",
+    "layout=0:35,71/0:35": "no such layout",
+    f"{LAYOUT}&fault=nack:3@1": "the layout has 2 fingers",
+}
+
+
+@pytest.mark.parametrize("layout", WRONG)
+def test_a_virtual_gripper_has_the_sensors_of_its_scene(
+    tmp_path: Path, layout: str
+) -> None:
+    url = scene_url(tmp_path, 102, layout)
+    with pytest.raises(UsageError, match=WRONG[layout]):
+        open_live(url, clock=VirtualClock(), report=print)
