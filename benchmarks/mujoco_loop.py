@@ -23,6 +23,7 @@ from benchmarks.mujoco_version import require_mujoco
 from holdfast.cli.command import path_argument, run_script
 from holdfast.core.contract import FloatArray
 from holdfast.core.writing import require_writable, write_whole
+from holdfast.edge_runtime.grip import AnswerRules
 from holdfast.edge_runtime.model import Model
 from holdfast.evaluation.loop_figures import ThreeRuns
 from holdfast.simulation.closed_loop import ClosedLoop, managed
@@ -157,7 +158,9 @@ def _compared(scene: Scene, trial: PlannedTrial, model: Model) -> dict[str, Any]
 def _run(
     scene: Scene, trial: PlannedTrial, model: Model, name: str, *, peer: bool
 ) -> LoopRun:
-    loop = ClosedLoop(scene, [trial, trial], model, managed(scene, name))
+    rules = AnswerRules.of(model.card.decision)
+    make = managed(scene, name, rules=rules)
+    loop = ClosedLoop(scene, [trial, trial], model, make)
     if peer:
         from benchmarks.mujoco_hand import MujocoWorld
 

@@ -35,6 +35,8 @@ LIMITS = {
     "min_risky_permille": (0, 1000),
     "override_ms": (1, 600_000),
     "evidence_ms": (1, 600_000),
+    "answer_permille": (1, 998),
+    "full_answer_permille": (2, 999),
 }
 """Least and largest value of every parameter."""
 
@@ -48,7 +50,9 @@ def period_us(rate_hz: float) -> int:
 class DecisionRules:
     """Parameters in samples, thousandths and ms, stored in the model's metadata.
 
-    The docstring of the module explains each. Raises ValueError for one outside LIMITS.
+    The docstring of the module explains all but the last two, which the grip controller answers by
+    (AnswerRules.from_p and full_p): they belong to the model, because learners differ in what they
+    mean by a probability. Raises ValueError for one outside LIMITS.
     """
 
     arm_samples: int = 1
@@ -57,6 +61,8 @@ class DecisionRules:
     min_risky_permille: int = 0
     override_ms: int = 2000
     evidence_ms: int = 2000
+    answer_permille: int = 700
+    full_answer_permille: int = 850
 
     def __post_init__(self) -> None:
         for name, value in asdict(self).items():
@@ -66,10 +72,17 @@ class DecisionRules:
                 raise ValueError(
                     f"{name} = {value!r:.40}, not a whole number from {least} to {most}"
                 )
+        if self.answer_permille >= self.full_answer_permille:
+            raise ValueError("a full answer is not above answer_permille")
 
     def to_json(self) -> dict[str, int]:
         """As a JSON object of integers."""
-        return asdict(self)
+        fields = asdict(self)
+        # The card of a usual answer is as it was before there was a choice.
+        for name in ("answer_permille", "full_answer_permille"):
+            if fields[name] == getattr(DecisionRules, name):
+                del fields[name]
+        return fields
 
 
 @dataclass(frozen=True)

@@ -20,9 +20,11 @@ that controllers differ in their answers only. holdfast is ours (docs/shared-con
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 from holdfast.edge_runtime.batch import Batch, Flag, Number
+from holdfast.edge_runtime.decision import DecisionRules
 
 SLIP_P = 0.5
 """p(risky slip) above which the published controllers see a slip."""
@@ -213,13 +215,21 @@ class AnswerRules:
     only the empty hand does. margin: what the friction margin needs is kept.
     """
 
-    from_p: float = 0.7
-    full_p: float = 0.85
+    from_p: float = DecisionRules.answer_permille / 1000
+    full_p: float = DecisionRules.full_answer_permille / 1000
     yield_p: float = 0.5
     yield_samples: int = 2
     graded: bool = True
     revocable: bool = True
     margin: bool = True
+
+    @classmethod
+    def of(cls, decision: DecisionRules, **others: Any) -> AnswerRules:
+        """Those that come with a model; others: what shall differ from them, for studies."""
+        usual = cls(
+            decision.answer_permille / 1000, decision.full_answer_permille / 1000
+        )
+        return replace(usual, **others)
 
 
 class LoadSwing:

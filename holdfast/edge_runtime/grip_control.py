@@ -27,7 +27,13 @@ from dataclasses import replace
 from holdfast.core.contract import BoolArray, FloatArray, Prediction, Unit
 from holdfast.core.errors import UsageError
 from holdfast.edge_runtime.batch import ONE_HAND, Batch, Flag, Number
-from holdfast.edge_runtime.grip import CONTROLLERS, AnswerRules, Controller, GripSense
+from holdfast.edge_runtime.grip import (
+    CONTROLLERS,
+    AnswerRules,
+    Controller,
+    GripSense,
+    Holdfast,
+)
 from holdfast.edge_runtime.supervisor import (
     HOLD,
     IDLE,
@@ -144,14 +150,19 @@ FORCE_CONTROLLERS = ("pd-shear", "sliding-mode")
 """Controllers whose parameters are in N: they need forces, not raw fields."""
 LARGEST = 1e9
 """No sensor reads more, N or uT; a larger number counts as no force."""
-CUE_P = AnswerRules.from_p
-"""p(risky slip) from which the wearer's vibration cue begins; full at 1."""
 
 
 def controller_of(
-    name: str, batch: Batch, rate_hz: float, setting: float | None = None
+    name: str,
+    batch: Batch,
+    rate_hz: float,
+    setting: float | None = None,
+    rules: AnswerRules | None = None,
 ) -> Controller:
-    """A controller by its name; setting: None for its default. Raises UsageError."""
+    """A controller by its name; setting: None for its default. Raises UsageError.
+
+    rules: of holdfast, None for the usual ones.
+    """
     if name not in CONTROLLERS:
         raise UsageError(
             f"no controller {name!r}", next_step=f"choose from {', '.join(CONTROLLERS)}"
@@ -159,6 +170,8 @@ def controller_of(
     kind = CONTROLLERS[name]
     if setting is None:
         setting = kind.SETTING
+    if kind is Holdfast:
+        return Holdfast(batch, rate_hz, setting, rules)
     return kind(batch, rate_hz, setting)
 
 
@@ -196,7 +209,8 @@ class GripControl:
     In uT or count there is no N: a friction ratio still means something, a grip in N does not. So
     controllers that need N are refused, the ceiling is left to the hand, and every command says
     `reduced`. shear_gain: read over true, of the calibration. thumb: which fingers press from the
-    thumb's side; None where half of all fingers' sum is the grip of a side. Raises UsageError.
+    thumb's side; None where half of all fingers' sum is the grip of a side. rules: those that come
+    with the model (AnswerRules.of). Raises UsageError.
     """
 
     def __init__(
@@ -209,7 +223,9 @@ class GripControl:
         limits: Limits | None = None,
         shear_gain: float = 1.0,
         thumb: tuple[bool, ...] | None = None,
+        rules: AnswerRules | None = None,
     ) -> None:
+        self.rules = rules or AnswerRules()
         self.reduced = unit != "N"
         self._n_fingers = n_fingers
         self._thumb = thumb
@@ -220,7 +236,7 @@ class GripControl:
             )
 
         self.limits = limits or Limits()
-        controller = controller_of(name, ONE_HAND, rate_hz, setting)
+        controller = controller_of(name, ONE_HAND, rate_hz, setting, rules)
         within = self.limits
         if self.reduced:
             # a ceiling in N says nothing about numbers in another unit
@@ -258,8 +274,8 @@ class GripControl:
             mode=MODES[mode],
             target_n=target_n if given else None,
             slew_n_s=self.limits.slew_n_s,
-            feedback=_cue(prediction),
-            reason=_reason(prediction, mode, self.reduced),
+            feedback=_cue(prediction, self.rules.from_p),
+            reason=_reason(prediction, mode, self.rules.from_p, self.reduced),
             mu_hat=margin.mu_hat if observed else None,
             margin=margin.margin if observed else None,
             needed_n=margin.needed_n if observed and not self.reduced else None,
@@ -313,14 +329,14 @@ def _weights(thumb: tuple[bool, ...] | None, flags: list[bool]) -> list[float]:
     return [sides * thumb.count(one) / max(1, read.count(one)) for one in thumb]
 
 
-def _cue(prediction: Prediction) -> float:
-    """Strength of the wearer's vibration cue, 0 to 1."""
-    if prediction.state == "unknown" or prediction.p_risky < CUE_P:
+def _cue(prediction: Prediction, from_p: float) -> float:
+    """Strength of the wearer's vibration cue: 0 below from_p, and p(risky slip) above."""
+    if prediction.state == "unknown" or prediction.p_risky < from_p:
         return 0.0
     return prediction.p_risky
 
 
-def _reason(prediction: Prediction, mode: int, reduced: bool) -> str:
+def _reason(prediction: Prediction, mode: int, from_p: float, reduced: bool) -> str:
     """Why the hand does what it does, for people."""
     if prediction.overridden:
         reason = "override"
@@ -331,5 +347,5 @@ def _reason(prediction: Prediction, mode: int, reduced: bool) -> str:
     elif mode in (IDLE, YIELD, HOLD):
         reason = prediction.state
     else:
-        reason = "risky slip" if prediction.p_risky >= CUE_P else "friction margin"
+        reason = "risky slip" if prediction.p_risky >= from_p else "friction margin"
     return f"{reason} (reduced: no N)" if reduced else reason

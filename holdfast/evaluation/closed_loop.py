@@ -73,14 +73,15 @@ class LoopRequest:
 
     The setting of an oracle is how far it closes, one of CLOSURES. evidence_s: the controller gets
     the true slips, so late; None: what the model says. evidence_of: of an oracle: it begins with
-    the first evidence that this request got in the event, and not with the load onset.
+    the first evidence that this request got in the event, and not with the load onset. rules: names
+    and values of AnswerRules that differ from those that come with the model.
     """
 
     name: str
     setting: float | None = None
     lag_ms: float = 50.0
     delay_samples: int = 0
-    rules: AnswerRules | None = None
+    rules: tuple[tuple[str, object], ...] = ()
     habits: Habits = field(default_factory=Habits)
     between: Between | None = None
     evidence_s: float | None = None
@@ -152,8 +153,10 @@ def run_part(
         tell = partial(_true_slips, dict(onset_s), late_s)
         settings = replace(settings, true_slips=tell)
     # A controller has a state, so every batch gets controllers of its own.
-    make = _maker(scene, request, onset_s)
-    return run_batch(scene, trials, batch, model_of(model), make, settings)
+    opened = model_of(model)
+    rules = AnswerRules.of(opened.card.decision, **dict(request.rules))
+    make = _maker(scene, request, onset_s, rules)
+    return run_batch(scene, trials, batch, opened, make, settings)
 
 
 def _true_slips(
@@ -165,7 +168,12 @@ def _true_slips(
     return TrueEvidence(trials, danger_s, late_s, rate_hz)
 
 
-def _maker(scene: Scene, request: LoopRequest, onset_s: Mapping[int, float]) -> Make:
+def _maker(
+    scene: Scene,
+    request: LoopRequest,
+    onset_s: Mapping[int, float],
+    rules: AnswerRules,
+) -> Make:
     if request.name == ORACLE:
         # The oracle tightens at each true onset, up to the force that the drive can give.
         closure = CLOSURES[0] if request.setting is None else request.setting
@@ -173,14 +181,14 @@ def _maker(scene: Scene, request: LoopRequest, onset_s: Mapping[int, float]) -> 
 
     # No controller: the wearer feels a vibration and reacts to it.
     if request.name == VIBRATION:
-        return vibration(scene.seed)
+        return vibration(scene.seed, rules.from_p)
     if request.name not in CONTROLLERS:
         raise UsageError(
             f"no controller {request.name!r}",
             next_step=f"choose from {', '.join(CHOICES)}",
         )
 
-    return managed(scene, request.name, request.setting, request.rules, Limits())
+    return managed(scene, request.name, request.setting, rules, Limits())
 
 
 Run = tuple[LoopSet, LoopRequest]

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 from holdfast.core.contract import Prediction, Sample
 from holdfast.core.errors import ChannelError
 from holdfast.core.source import Source
+from holdfast.edge_runtime.grip import AnswerRules
 from holdfast.edge_runtime.grip_control import GripControl
 from holdfast.edge_runtime.model_file import ModelCard
 from holdfast.edge_runtime.supervisor import GripCommand, Limits, last_line, to_line
@@ -61,6 +62,7 @@ def controller_for(
         limits=limits,
         shear_gain=shear_gain,
         thumb=thumb,
+        rules=AnswerRules.of(card.decision),
     )
     # a raw field gives no force in N, so there is no target to command
     if control.reduced:

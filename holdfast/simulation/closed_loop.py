@@ -22,8 +22,8 @@ import numpy as np
 from holdfast.core.contract import BoolArray, FloatArray
 from holdfast.edge_runtime.batch import Batch, ManyHands
 from holdfast.edge_runtime.engine import ModelChoice, OpenedModel
-from holdfast.edge_runtime.grip import AnswerRules, GripSense, Holdfast
-from holdfast.edge_runtime.grip_control import CUE_P, GripLoop, controller_of
+from holdfast.edge_runtime.grip import AnswerRules, GripSense
+from holdfast.edge_runtime.grip_control import GripLoop, controller_of
 from holdfast.edge_runtime.supervisor import Limits
 from holdfast.simulation.drive import Actuator, Drive
 from holdfast.simulation.effect import stream
@@ -202,6 +202,7 @@ class ClosedLoop:
         self.sensors = sensors_of(scene, trials, self.spans.counts, settings.between)
         periods = self.spans.ends - self.spans.begins
         self.models = HandModels(model, periods)
+        self.evidence_p = AnswerRules.of(model.card.decision).from_p
 
         self.wearer = Wearer(trials, habits, scene.seed)
         self.controller = make(trials, self.rate_hz)
@@ -294,6 +295,7 @@ class ClosedLoop:
             mu_hat=float(self.controller.mu_hat[k]),
             record=record.of_trial(k, end - begin),
             gives_up_s=float(self.world.script.gives_up_s[k]),
+            evidence_p=self.evidence_p,
         )
 
 
@@ -364,10 +366,12 @@ class Vibration:
     """The hand only vibrates; a wearer who did not mean it closes the hand after a while.
 
     The wearer knows whether it was meant, and closes to what the load needs. Reaction times are
-    log-normal about 0.28 s (vibrotactile: a simple reaction of 0.2 to 0.35 s).
+    log-normal about 0.28 s (vibrotactile: a simple reaction of 0.2 to 0.35 s). cue_p: p(risky slip)
+    from which the hand vibrates.
     """
 
-    def __init__(self, trials: Sequence[PlannedTrial], seed: int) -> None:
+    def __init__(self, trials: Sequence[PlannedTrial], seed: int, cue_p: float) -> None:
+        self.cue_p = cue_p
         # Every trial has a stream of its own, so a reaction does not depend on the batch.
         spreads = []
         for trial in trials:
@@ -381,7 +385,7 @@ class Vibration:
 
     def step(self, sense: GripSense, now: LoopTruth) -> FloatArray:
         """[B] N a side; 0 for none."""
-        cue = sense.known & (sense.p_risky >= CUE_P) & ~self.meant
+        cue = sense.known & (sense.p_risky >= self.cue_p) & ~self.meant
 
         # Only the first vibration starts a reaction.
         first_s = np.minimum(self.felt_s, now.t_s)
@@ -397,15 +401,12 @@ def managed(
     rules: AnswerRules | None = None,
     limits: Limits | None = None,
 ) -> Callable[[Sequence[PlannedTrial], float], Managed]:
-    """A maker of the named controller; rules: of holdfast, for a study of its parts."""
+    """A maker of the named controller; rules: of holdfast, None for the usual."""
     gain = shear_gain_in(scene.file.effects)
 
     def make(trials: Sequence[PlannedTrial], rate_hz: float) -> Managed:
         batch: Batch = ManyHands(len(trials))
-        if rules is None:
-            controller = controller_of(name, batch, rate_hz, setting)
-        else:
-            controller = Holdfast(batch, rate_hz, setting or Holdfast.SETTING, rules)
+        controller = controller_of(name, batch, rate_hz, setting, rules)
         grip = GripLoop(batch, rate_hz, controller, limits, gain)
         return Managed(grip, len(trials))
 
@@ -422,6 +423,6 @@ def oracle(onset_s: dict[int, float], ceiling_n: float, closure: float = SPARE) 
     return make
 
 
-def vibration(seed: int) -> Make:
+def vibration(seed: int, cue_p: float) -> Make:
     """A maker of the vibration alone."""
-    return lambda trials, rate_hz: Vibration(trials, seed)
+    return lambda trials, rate_hz: Vibration(trials, seed, cue_p)

@@ -171,8 +171,6 @@ class Wearer:
 
 HELD_AT_END_S = float("inf")
 """Time of an event that never happened: the object is still held."""
-EVIDENCE_P = AnswerRules.from_p
-"""p(risky slip) that counts as evidence: our answer begins with it."""
 
 
 @dataclass(frozen=True)
@@ -195,6 +193,7 @@ class LoopOutcome:
     p_risky     [T] the evidence that the controller was given, 0 while the state is unknown
     both_sides  [T] thumb and fingers touch the object
     gives_up_s  the other person gives up
+    evidence_p  p(risky slip) that counts as evidence: our answer begins with it
     """
 
     trial: PlannedTrial
@@ -212,6 +211,7 @@ class LoopOutcome:
     p_risky: npt.NDArray[np.float32]
     both_sides: BoolArray
     gives_up_s: float = NEVER_S
+    evidence_p: float = AnswerRules.from_p
 
     @property
     def act_s(self) -> float:
@@ -227,7 +227,7 @@ class LoopOutcome:
     def evidence_s(self) -> float:
         """The first evidence of a slip in the event; inf for none."""
         times_s = self.begin_s + np.arange(len(self.p_risky)) / self.rate_hz
-        told = (self.p_risky >= EVIDENCE_P) & (times_s >= self.act_s)
+        told = (self.p_risky >= self.evidence_p) & (times_s >= self.act_s)
         return float(times_s[told][0]) if told.any() else HELD_AT_END_S
 
     @property
@@ -289,6 +289,7 @@ def outcome_of(
     mu_hat: float,
     record: LoopRecord,
     gives_up_s: float,
+    evidence_p: float,
 ) -> LoopOutcome:
     """Read the outcome of a trial off its motion; the rest is what the loop knows of it."""
     act_s = Times.of(trial).act
@@ -333,6 +334,7 @@ def outcome_of(
         p_risky=record.p_risky,
         both_sides=record.both_sides,
         gives_up_s=gives_up_s,
+        evidence_p=evidence_p,
     )
 
 

@@ -15,6 +15,7 @@ from holdfast.core.contract import FloatArray
 from holdfast.core.errors import CardError
 from holdfast.core.reading import Json
 from holdfast.edge_runtime.engine import ModelChoice
+from holdfast.edge_runtime.grip import AnswerRules
 from holdfast.edge_runtime.monitor import require_fit
 from holdfast.edge_runtime.supervisor import IDLE, Limits
 from holdfast.simulation.closed_loop import (
@@ -144,7 +145,8 @@ class RecordedLoop:
         self._control = control
         self._model = model_of(ModelChoice(control.model))
         limits = Limits(ceiling_n=control.drive.ceiling_n)
-        make = managed(scene, control.name, control.setting, limits=limits)
+        rules = AnswerRules.of(self._model.card.decision)
+        make = managed(scene, control.name, control.setting, rules, limits)
 
         # numpy sums a single trial in another order than many, so one runs twice.
         batch = trials if len(trials) > 1 else [*trials, *trials]

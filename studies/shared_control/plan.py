@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from holdfast.edge_runtime.grip import CONTROLLERS, AnswerRules
+from holdfast.edge_runtime.grip import CONTROLLERS
 from holdfast.evaluation.closed_loop import ORACLE, VIBRATION, LoopRequest, LoopSet
 from holdfast.simulation.loop_people import Habits
 
@@ -53,9 +53,9 @@ PARTS = (
 )
 """Parts of the study; each row belongs to one."""
 WITHOUT = {
-    "graded": AnswerRules(graded=False),
-    "revocable": AnswerRules(revocable=False),
-    "friction margin": AnswerRules(margin=False),
+    "graded": (("graded", False),),
+    "revocable": (("revocable", False),),
+    "friction margin": (("margin", False),),
 }
 """The holdfast controller without one of its parts."""
 

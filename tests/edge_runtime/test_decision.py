@@ -213,7 +213,10 @@ def test_times_are_of_the_clock_and_not_of_samples(
 def test_the_rules_are_integers_by_their_names_and_a_name_left_out_is_its_default() -> (
     None
 ):
-    assert set(RULES.to_json()) == set(LIMITS)
+    chosen = DecisionRules(answer_permille=600, full_answer_permille=800)
+    assert set(chosen.to_json()) == set(LIMITS)
+    assert DecisionRules(**chosen.to_json()) == chosen
+    assert not any("answer" in name for name in RULES.to_json())
     assert DecisionRules(**RULES.to_json()) == RULES
     assert RULES.override_ms == RULES.evidence_ms == 2000
 
@@ -221,8 +224,14 @@ def test_the_rules_are_integers_by_their_names_and_a_name_left_out_is_its_defaul
 @pytest.mark.parametrize("name", LIMITS)
 def test_a_rule_outside_its_limits_is_refused(name: str) -> None:
     least, most = LIMITS[name]
+    widest = replace(RULES, answer_permille=1, full_answer_permille=999)
     for good in (least, most):
-        replace(RULES, **{name: good})
+        replace(widest, **{name: good})
     for bad in (least - 1, most + 1, 1.5, True, "2"):
         with pytest.raises(ValueError, match=name):
             DecisionRules(**{name: bad})  # type: ignore[arg-type]
+
+
+def test_a_full_answer_is_above_the_least_one() -> None:
+    with pytest.raises(ValueError, match="full answer"):
+        DecisionRules(answer_permille=850)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -12,17 +13,20 @@ import pytest
 from c_form import SANITISED, CForm, c_form, run
 from grip_senses import QUICK, random_senses
 from made_once import made_once
-from small_model import sealed_bytes
+from small_model import artifact, graph_of, spec
 
 from holdfast.edge_runtime.batch import ManyHands
 from holdfast.edge_runtime.decision import LIMITS, DecisionRules, DecisionState, decide
-from holdfast.edge_runtime.grip import CONTROLLERS, GripSense
-from holdfast.edge_runtime.grip_control import GripLoop
+from holdfast.edge_runtime.grip import AnswerRules, GripSense
+from holdfast.edge_runtime.grip_control import GripLoop, controller_of
 from holdfast.export.c.constants import RULE_ORDER
 from holdfast.export.c.graph import read_graph
+from holdfast.export.exporting import model_card, seal
 
 RATE_HZ = 50.0
 """Of the small model."""
+ANSWER = DecisionRules(answer_permille=600, full_answer_permille=800)
+"""Its answer begins earlier than usual: that comes with the model."""
 DECISION = np.dtype(
     [
         (name, "i4")
@@ -43,7 +47,9 @@ Array = npt.NDArray[Any]
 @pytest.fixture(scope="module")
 def form(tmp_path_factory: pytest.TempPathFactory) -> CForm:
     def write(folder: Path) -> None:
-        (folder / "model.onnx").write_bytes(sealed_bytes())
+        made = replace(artifact(spec()), decision=ANSWER.to_json())
+        data = seal(graph_of(made), model_card(made), made.spec)
+        (folder / "model.onnx").write_bytes(data)
         c_form(folder / "model.onnx", folder / "c")
 
     folder = made_once(tmp_path_factory, "c-hand", write)
@@ -54,9 +60,8 @@ def random_decisions(n: int, seed: int) -> Array:
     """[n, 11] records of the harness: rules that change every STREAM samples, then labels."""
     rng = np.random.default_rng(seed)
     streams = -(-n // STREAM)
-    small = [
-        rng.integers(low, min(high, low + 4), streams) for low, high in LIMITS.values()
-    ]
+    limits = [LIMITS[name] for name in RULE_ORDER]
+    small = [rng.integers(low, min(high, low + 4), streams) for low, high in limits]
     small[3] = rng.choice([0, 600, 1000], streams)
     small[4], small[5] = (rng.choice([1, 45, 2000, 600_000], streams) for _ in range(2))
     rules = np.repeat(np.stack(small, axis=1), STREAM, axis=0)[:n]
@@ -143,9 +148,8 @@ def records_of(senses: list[GripSense], hands: int) -> Array:
 def commanded(senses: list[GripSense], hands: int) -> Array:
     """[hands, samples] what Python commands, on many hands at once."""
     batch = ManyHands(hands)
-    controller = CONTROLLERS["holdfast"](
-        batch, RATE_HZ, CONTROLLERS["holdfast"].SETTING
-    )
+    rules = AnswerRules.of(ANSWER)
+    controller = controller_of("holdfast", batch, RATE_HZ, rules=rules)
     loop = GripLoop(batch, RATE_HZ, controller, QUICK, GAIN)
     commands = np.zeros((hands, len(senses)), COMMAND)
     for at, one in enumerate(senses):
@@ -154,7 +158,7 @@ def commanded(senses: list[GripSense], hands: int) -> Array:
         for name in ("mu_hat", "margin", "needed_n"):
             commands[name][:, at] = getattr(loop.margin, name)
         commands["feedback"][:, at] = np.where(
-            one.known & (one.p_risky >= 0.7), one.p_risky, 0.0
+            one.known & (one.p_risky >= rules.from_p), one.p_risky, 0.0
         )
     commands["slew_n_s"] = QUICK.slew_n_s
     return commands

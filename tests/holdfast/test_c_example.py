@@ -20,6 +20,7 @@ from benchmarks.runtimes.c_programs import WASM, compiled
 from holdfast.core.contract import Prediction, channel_names
 from holdfast.core.reading import Json
 from holdfast.drivers.replay import open_replay
+from holdfast.edge_runtime.grip import AnswerRules
 from holdfast.edge_runtime.grip_control import GripControl
 from holdfast.edge_runtime.model import Model
 from holdfast.edge_runtime.monitor import GripMonitor
@@ -94,7 +95,9 @@ def of_python(model: Path, trial: Path) -> list[tuple[Prediction, GripCommand]]:
     """The live path on the same lines: bias from the first rows, monitor, grip controller."""
     opened = Model(model)
     card = opened.card
-    monitor, control = GripMonitor(opened, None), GripControl("holdfast", card.rate_hz)
+    rules = AnswerRules.of(card.decision)
+    monitor = GripMonitor(opened, None)
+    control = GripControl("holdfast", card.rate_hz, rules=rules)
     tare, answers = Tare(card.preparation, card.n_channels), []
     for sample in open_replay(trial):
         values, valid = tare.prepare(sample.values, sample.valid)

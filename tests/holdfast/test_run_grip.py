@@ -27,6 +27,7 @@ from holdfast.drivers.calibration import (
     write_calibration,
 )
 from holdfast.drivers.virtual.clock import VirtualClock
+from holdfast.edge_runtime.decision import DecisionRules
 from holdfast.edge_runtime.engine import ModelChoice
 from holdfast.edge_runtime.grip import CONTROLLERS
 from holdfast.edge_runtime.model import Model
@@ -405,3 +406,9 @@ def test_a_run_leaves_no_guardian_behind(model, receiver):
         guardian = grip._wire._guardian.pid
         run_on(grip, model, REST, 0.1)
     wait_for_the_end_of(guardian)
+
+
+def test_when_an_answer_begins_comes_with_the_model(model):
+    early = DecisionRules(answer_permille=600, full_answer_permille=800)
+    rules = controller_for("holdfast", replace(model.card, decision=early), print).rules
+    assert (rules.from_p, rules.full_p) == (0.6, 0.8)

@@ -9,15 +9,13 @@ import math
 
 from holdfast.edge_runtime import grip_control as friction
 from holdfast.edge_runtime.grip import AnswerRules, Holdfast, LoadSwing, WearersGrip
-from holdfast.edge_runtime.grip_control import CUE_P, LARGEST
+from holdfast.edge_runtime.grip_control import LARGEST
 from holdfast.edge_runtime.model_file import ModelCard
 from holdfast.edge_runtime.supervisor import Limits
 from holdfast.export.c.literals import number
 
 RULES = AnswerRules()
 REALS = {
-    "HF_FROM_P": RULES.from_p,
-    "HF_FULL_P": RULES.full_p,
     "HF_YIELD_P": RULES.yield_p,
     "HF_SMOOTH_S": LoadSwing.SMOOTH_S,
     "HF_PERIOD_OF_TREMOR_S": LoadSwing.PERIOD_S,
@@ -36,7 +34,6 @@ REALS = {
     "HF_LEAST_MU": friction.LEAST_MU,
     "HF_QUIET_S": friction.QUIET_S,
     "HF_LARGEST": LARGEST,
-    "HF_CUE_P": CUE_P,
 }
 """Name in C -> a number that C keeps as double."""
 SHEAR_GAIN = 1.0
@@ -54,10 +51,12 @@ RULE_ORDER = (
 """In the order of the fields of holdfast_rules (templates/header.h), as an initialiser needs."""
 
 
-def constants() -> str:
-    """`#define` lines for the controller and what it needs."""
+def constants(card: ModelCard) -> str:
+    """`#define` lines for the controller and what it needs; two of them come with the model."""
+    answer = AnswerRules.of(card.decision)
+    reals = {"HF_FROM_P": answer.from_p, "HF_FULL_P": answer.full_p, **REALS}
     lines = []
-    for name, value in REALS.items():
+    for name, value in reals.items():
         lines.append(f"#define {name} {number(value, 'double')}\n")
     for name, count in WHOLE.items():
         lines.append(f"#define {name} {count}\n")

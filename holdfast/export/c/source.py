@@ -62,7 +62,7 @@ def c_source(graph: Graph) -> CSource:
     words = _words(graph, compiled)
     return CSource(
         files={
-            "holdfast.c": _source(compiled, words),
+            "holdfast.c": _source(compiled, words, constants(graph.card)),
             "holdfast.h": _template("header.h", words),
             "holdfast_selftest.c": _selftest(graph, words),
         },
@@ -72,7 +72,7 @@ def c_source(graph: Graph) -> CSource:
     )
 
 
-def _source(compiled: StepCode, words: Words) -> str:
+def _source(compiled: StepCode, words: Words, named: str) -> str:
     """holdfast.c: what is used of maths.c, the model, then the hand-written files."""
     sense, sense_body = compiled.sense
     answer, answer_body = compiled.answer
@@ -95,7 +95,7 @@ def _source(compiled: StepCode, words: Words) -> str:
         f"{answer_head} {{\n{answer_body}\n}}\n",
         _template("step.c", words),
         _template("decision.c", words),
-        constants(),
+        named,
     ]
     for name in HAND_FILES:
         parts.append(_template(name, words))

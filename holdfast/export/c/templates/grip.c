@@ -36,7 +36,7 @@ void holdfast_grip_step(holdfast_grip *grip, const holdfast_sense *sense, holdfa
     command->mode = hf_supervise(grip, sense, wanted_n, fresh);
     command->target_n = HOLDFAST_UNIT_IS_N ? grip->given_n : 0.0;
     command->slew_n_s = grip->options.slew_n_s;
-    command->feedback = sense->known && sense->p_risky >= HF_CUE_P ? sense->p_risky : 0.0;
+    command->feedback = sense->known && sense->p_risky >= HF_FROM_P ? sense->p_risky : 0.0;
     command->mu_hat = grip->mu_hat;
     command->margin = grip->margin;
     command->needed_n = HOLDFAST_UNIT_IS_N ? grip->needed_n : 0.0;
