@@ -18,9 +18,10 @@ from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 
+from holdfast.cli.command import path_argument
 from holdfast.cli.options import add_job_options, chosen_workers
 from holdfast.core.errors import UsageError
-from holdfast.core.reading import Json
+from holdfast.core.reading import Json, model_path
 from holdfast.core.writing import require_writable, write_whole
 from holdfast.evaluation.formats import number
 from holdfast.simulation.scene_file import read_scene_file
@@ -37,6 +38,7 @@ from studies.transfer.scene_sets import (
     COMPARED,
     DRAWN,
     IN_FIELD,
+    IN_NEWTONS,
     ON_SPREAD,
     SEED,
     SHIPPED,
@@ -53,6 +55,7 @@ from tools.harness import write_figures
 
 TRIALS = 300
 """A card."""
+MODEL = Path("holdfast-150hz")
 CAVEAT = (
     "Trained on simulation alone and scored on people: one set, one object, one pinch. 'Safe slip' "
     "is a voluntary release in scenes and an involuntary rotation of 5 to 15 degrees on people, so "
@@ -71,6 +74,7 @@ class _Run:
     def __init__(self, args: argparse.Namespace, say: Say) -> None:
         self.out: Path = args.out
         self.trials: int = args.trials
+        self.model: Path = args.model
         self.seed: int = args.seed
         self.workers = chosen_workers(args)
         self.say = say
@@ -197,7 +201,15 @@ def _tugs(run: _Run) -> Json:
         return tugs.scene_rows(one.name, data, same, run.seed)
 
     own = run.kept("tugs", lambda: {"rows": tugs.real_rows(real, run.seed)}, None)
+    path = model_path(run.model)
+    of_file = f"tugs-file-{digest_of(path.read_bytes().hex())}"
+
+    def file_rows() -> Json:
+        scenes = run.scenes(IN_NEWTONS)
+        return {"rows": tugs.file_rows(path, scenes, real, run.seed)}
+
     found = own["rows"] + run.of_scenes("tugs", IN_FIELD, rows)
+    found += run.kept(of_file, file_rows, IN_NEWTONS)["rows"]
     return {"rows": found, "caveat": real.caveat}
 
 
@@ -292,6 +304,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default=TRIALS,
         metavar="N",
         help=f"trials of every card (default {TRIALS})",
+    )
+    parser.add_argument(
+        "--model",
+        type=path_argument,
+        default=MODEL,
+        metavar="FILE",
+        help=f"exported for the gripper of eflesh_slip (default {MODEL})",
     )
     parser.add_argument(
         "--fresh",

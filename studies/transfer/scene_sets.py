@@ -100,6 +100,8 @@ IN_FIELD = (
     SceneSet("eflesh", ("eflesh",), (), EFLESH_HZ, "uT"),
 )
 """Scenes in the unit of eflesh_slip."""
+IN_NEWTONS = replace(IN_FIELD[0], unit="N")
+"""Scenes whose tugs say how large one is for a model in N."""
 
 
 def there(sets: Sequence[SceneSet]) -> list[SceneSet]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import asdict, replace
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 
@@ -21,8 +22,14 @@ from holdfast.core.contract import (
     FloatArray,
     IntArray,
 )
+from holdfast.core.hand_card import read_hand_card
 from holdfast.core.reading import Json
+from holdfast.edge_runtime.graph import open_session, run_recordings
+from holdfast.edge_runtime.model import Model
+from holdfast.edge_runtime.model_file import read_sealed
+from holdfast.export.again import for_hand
 from holdfast.export.learner import reference_votes
+from holdfast.export.spec import StepSpec
 from holdfast.training.crossval import cross_validate, fit_learner
 from holdfast.training.datasets.eflesh_slip import (
     LAST_SECOND,
@@ -48,6 +55,8 @@ FREE_S = 0.3
 LEVEL_PERCENTILE = 90.0
 """Of the clips' largest amplitudes: a tug's, whatever the share of tugs."""
 ONE_THRESHOLD = "one threshold on the amplitude, blocks left out"
+OF_FILE = "the model file, exported for the gripper"
+HAND = "eflesh-gripper"
 REAL_ONLY = "real trials alone, blocks left out"
 
 
@@ -158,6 +167,44 @@ def scene_rows(name: str, scenes: DataSet, real: DataSet, seed: int) -> list[Jso
         share = _risky_share(data, votes)
         rows.append(_row(name, scaling, data, share, seed) | about)
     return rows
+
+
+def file_rows(path: Path, scenes: DataSet, real: DataSet, seed: int) -> list[Json]:
+    """A model file in N, exported for the gripper and not trained again; none if it cannot be.
+
+    scenes: in N; their tugs say what size a tug has there. The set's bias is taken in the grip, so
+    the file sees the change of the load alone, and no grip.
+    """
+    hand = read_hand_card(HAND)
+    spec = StepSpec.from_json(Model(path).card.raw["spec"])
+    if not spec.is_pooled:
+        return []
+    _, data = for_hand(read_sealed(path), hand)
+    session = open_session(data)
+    level = level_of(clips(scenes, seed))
+    factor = level / level_of(real)
+    values = [
+        _at_rate(factor * one.samples, one.rate_hz, spec.rate_hz)
+        for one in real.recordings
+    ]
+    valid = [np.ones((len(one), hand.n_sensors), np.bool_) for one in values]
+    begin = round(LAST_SECOND.start * spec.rate_hz / real.rate_hz)
+    rows = [np.arange(begin, len(one)) for one in values]
+    answers = run_recordings(session, values, valid, ["p_situation"], rows)
+    share = np.array([one["p_situation"][:, RISKY_SLIP].mean() for one in answers])
+    row = _row(OF_FILE, OWN_LEVEL, real, share, seed)
+    return [row | {"level_n": level, "real_level_ut": level_of(real)}]
+
+
+def _at_rate(samples: FloatArray, rate_hz: float, wanted_hz: float) -> FloatArray:
+    """Samples [T, C] at another rate, linear in between."""
+    last_s = (len(samples) - 1) / rate_hz
+    t_s = np.arange(0.0, last_s, 1.0 / wanted_hz)
+    places = t_s * rate_hz
+    before = np.minimum(places.astype(np.int64), len(samples) - 2)
+    share = (places - before)[:, None]
+    between: FloatArray = (1.0 - share) * samples[before] + share * samples[before + 1]
+    return between
 
 
 def _risky_share(data: DataSet, votes: IntArray) -> FloatArray:

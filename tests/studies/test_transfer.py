@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import small_model
 from page_tables import filled
 
 from holdfast.core.contract import GRASP, NOTHING, RISKY_SLIP, SAFE_SLIP, SITUATIONS
@@ -235,6 +236,36 @@ def test_a_scene_becomes_clips_that_begin_in_the_grip() -> None:
     assert all(one.samples.shape == (300, 6) for one in found.recordings)
     assert all((one.samples == 0.0).all() for one in found.recordings)
     assert set(found.tasks["situations"].label.tolist()) == {GRASP, RISKY_SLIP}
+
+
+def test_a_file_of_two_sensors_reads_the_gripper_at_its_own_level(
+    tmp_path: Path,
+) -> None:
+    """In N, 0.2 N a tug; the recordings are 100 times as large, in another unit."""
+    held_still, tugged = np.zeros((300, 18)), np.zeros((300, 18))
+    tugged[100:] = 20.0
+    recordings = []
+    for action, samples in (("tug", tugged), ("hold", held_still)):
+        one = recording(samples, action, action=action)
+        recordings.append(replace(one, unit="uT", rate_hz=100.0))
+    real = replace(set_of(recordings), rate_hz=100.0)
+    samples = np.zeros((900, 6))
+    samples[500:] = 0.2
+    phases = (Phase(0, 500, GRASP), Phase(500, 560, RISKY_SLIP))
+    scenes = set_of([recording(samples, "pull", phases=phases)])
+    scenes = replace(scenes, recordings=[replace(scenes.recordings[0], rate_hz=100.0)])
+
+    pooled = small_model.artifact(small_model.spec(("pooled_state",)))
+    card = small_model.model_card(pooled)
+    path = tmp_path / "pooled.onnx"
+    path.write_bytes(small_model.seal(small_model.graph_of(pooled), card, pooled.spec))
+    (row,) = tugs.file_rows(path, scenes, real, 0)
+    assert row["level_n"] == pytest.approx(np.sqrt(6) * 0.2)
+    assert row["real_level_ut"] == pytest.approx(0.9 * np.sqrt(18) * 20.0)
+    assert row["scaling"] == OWN_LEVEL
+
+    path.write_bytes(small_model.sealed_bytes())
+    assert tugs.file_rows(path, scenes, real, 0) == []
 
 
 def test_a_card_without_chip_noise_is_the_card_without_two_effects(
