@@ -274,9 +274,12 @@ MEASURES: dict[str, Measure] = {
 
 
 PROGRAMS = {
+    "hand-files": Program(
+        "benchmarks.hand_files", "one file a hand, or one padded file", "build/bench"
+    ),
     "world": Program(
         "benchmarks.world.program", "the model in a second physics", "build/world"
-    )
+    ),
 }
 """Measures with options of their own; they are no part of `all`."""
 

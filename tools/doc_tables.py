@@ -57,7 +57,10 @@ SOURCES: dict[str, dict[str, str]] = {
         "truer": "build/real/truer.json",
     },
     "docs/features.md": {"ablation": "build/ablation/ablation.json"},
-    "docs/hand.md": {"hand": "build/bench/hand.json"},
+    "docs/hand.md": {
+        "hand": "build/bench/hand.json",
+        "files": "build/bench/hand-files.json",
+    },
     "docs/learners.md": {
         "learners": "build/real/learners.json",
         "network": "build/bench/network.json",

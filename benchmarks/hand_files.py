@@ -1,0 +1,137 @@
+"""`python -m benchmarks hand-files`: one file for each hand, or one padded file for all.
+
+What a step of either costs, in one run. The same learner stands behind both, and an older file
+beside them (--older). A padded file has twelve slots, of which this hand fills six; the others are
+never valid.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from holdfast.cli.command import path_argument
+from holdfast.core.contract import FloatArray
+from holdfast.core.errors import UsageError
+from holdfast.core.hand_card import HandCard, HandContact, hand_of_counts
+from holdfast.core.reading import Json, model_path
+from holdfast.edge_runtime.graph import StepGraph, open_session
+from holdfast.edge_runtime.model import Model
+from holdfast.edge_runtime.model_file import read_sealed
+from holdfast.evaluation.latency.timing import (
+    CALLS_A_TURN,
+    TURNS,
+    busy_wait,
+    time_in_turns,
+)
+from holdfast.export.again import for_hand
+from tools.harness import write_figures
+
+SLOTS = 12
+SENSORS = 6
+TWELVE = "the same learner, twelve slots, six never valid"
+SIX = "the same learner, exported for six fingertips"
+GIVEN = "the file as it is"
+OLDER = "the older file"
+FLOOR = "busy-wait reference"
+SAMPLES = 3000
+SEED = 0
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of this program."""
+    option = parser.add_argument
+    out, model = Path("build/bench"), model_path("holdfast-150hz")
+    option("--out", type=path_argument, default=out, metavar="DIR")
+    option("--model", type=path_argument, default=model, metavar="FILE")
+    older = "another file of six sensors, timed in the same run"
+    option("--older", type=path_argument, metavar="FILE", help=older)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Time the files, write hand-files.json, print a line for each."""
+    figures = step_times(args.model, args.older)
+    figures["model_id"] = Model(args.model).card.model_id
+    if args.older is not None:
+        figures["older_id"] = Model(args.older).card.model_id
+    path = write_figures(args.out / "hand-files.json", figures)
+    for row in figures["rows"]:
+        print(f"{row['file']}: {row['p50_us']:.1f} us, {row['over_given']:.2f} times")
+    print(path)
+    return 0
+
+
+def padded(hand: HandCard) -> HandCard:
+    """The card of a hand, filled with slots to SLOTS sensors on its opposing side."""
+    slots = [
+        HandContact(f"unused-{k}", "opposing", 0.0)
+        for k in range(SLOTS - hand.n_sensors)
+    ]
+    return HandCard(f"{hand.name}, padded", (*hand.contacts, *slots))
+
+
+def step_times(
+    path: Path,
+    older: Path | None = None,
+    turns: int = TURNS,
+    calls: int = CALLS_A_TURN,
+) -> Json:
+    """us of a step: median, 99 %, and over that of the file as it is; the reference's own spread.
+
+    path: a file of six sensors whose features are pooled; of another file only it itself is timed.
+    older: another file of six sensors. Both are read, not changed.
+    """
+    data = read_sealed(path)
+    files = {GIVEN: data} | _for_hands(data)
+    if older is not None:
+        files[OLDER] = read_sealed(older)
+    six = _grips()
+    steps = {name: _step(one, six) for name, one in files.items()}
+    warm = time_in_turns({GIVEN: steps[GIVEN]}, turns=1, calls_a_turn=calls)
+    steps[FLOOR] = busy_wait(float(np.median(warm[GIVEN])))
+
+    times_us = time_in_turns(steps, turns, calls)
+    given_us = float(np.median(times_us[GIVEN]))
+    rows = []
+    for name, values in times_us.items():
+        p50, p99 = np.percentile(values, (50, 99)).tolist()
+        rows.append(
+            {"file": name, "p50_us": p50, "p99_us": p99, "over_given": p50 / given_us}
+        )
+    return {"rows": rows, "turns": turns, "calls_a_turn": calls}
+
+
+def _for_hands(data: bytes) -> dict[str, bytes]:
+    """The learner of a file behind the steps of two hands; none for a file of fixed features."""
+    hand = hand_of_counts()
+    try:
+        return {SIX: for_hand(data, hand)[1], TWELVE: for_hand(data, padded(hand))[1]}
+    except UsageError:
+        return {}
+
+
+def _grips() -> FloatArray:
+    """[SAMPLES, 18] forces of a hand that holds something; the time hardly depends on them."""
+    rng = np.random.default_rng(SEED)
+    forces_n = rng.normal(0.0, 0.02, (SAMPLES, SENSORS, 3))
+    forces_n += np.array([0.3, 0.1, 2.0])
+    return forces_n.reshape(SAMPLES, -1)
+
+
+def _step(data: bytes, six: FloatArray) -> Callable[[], object]:
+    """A call that answers the next sample; slots beyond the six sensors are not valid."""
+    graph = StepGraph(open_session(data))
+    slots = graph.valid.shape[1]
+    graph.valid[:] = np.arange(slots) < SENSORS
+    turn = 0
+
+    def step() -> None:
+        nonlocal turn
+        graph.sample[0, : six.shape[1]] = six[turn]
+        turn = (turn + 1) % len(six)
+        graph.step()
+
+    return step
