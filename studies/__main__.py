@@ -42,6 +42,11 @@ PROGRAMS = {
         "the same trials with one nuisance at a time: hand turned, noise, dead fingers",
         "build/distortions",
     ),
+    "robustness": Program(
+        "studies.robustness",
+        "what pooled features and disturbed copies bring and cost, family by family",
+        "build/robustness",
+    ),
     "wide": Program(
         "studies.wide_scene",
         "the widest scene: its draws, and the shipped model on it by action",

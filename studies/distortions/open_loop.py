@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from holdfast.core.contract import NOTHING
+from holdfast.core.contract import NOTHING, BoolArray
 from holdfast.core.reading import Json
 from holdfast.edge_runtime.decision import UNKNOWN
 from holdfast.edge_runtime.engine import ModelChoice
@@ -44,7 +44,7 @@ class OpenOutcomes:
 
     found, in_time: of slips, the latter of those with LEAD_S; called: of voluntary actions.
     empty: share of an open hand's samples that is called nothing, by trial. unknown: share of the
-    samples of all others without an answer.
+    samples of all others without an answer. delay_ms: median from load onset to the request.
     """
 
     found: dict[str, bool]
@@ -54,6 +54,7 @@ class OpenOutcomes:
     false_per_min_ci: Interval | None
     empty: tuple[float, ...]
     unknown: float
+    delay_ms: float | None = None
 
 
 @dataclass(frozen=True)
@@ -82,39 +83,50 @@ class OpenJob:
         rules = model.card.decision
         requests = requests_of(outputs, rules, rules.min_risky_permille)
 
-        found: dict[str, bool] = {}
-        in_time: dict[str, bool] = {}
-        called: dict[str, bool] = {}
-        matches: list[EventMatch] = []
-        held = []
-        for one, on in zip(outputs, requests, strict=True):
-            recording = one.recording
-            if recording.action == NOTHING_ACTION:
-                continue
-            held.append(one)
-            match = match_alarms(recording, on)
-            matches.append(match)
-            for number, event in enumerate(match.outcomes):
-                key = f"{recording.trial_id}, {number}"
-                found[key] = event.alarm_s is not None
-                available_s = event.available_s
-                if available_s is not None and available_s >= LEAD_S:
-                    lead_s = event.lead_s
-                    in_time[key] = lead_s is not None and lead_s > 0.0
-            for number, action in enumerate(voluntary_actions(recording)):
-                key = f"{recording.trial_id}, {number}"
-                called[key] = bool(on[action.first : action.stop].any())
+        return outcomes_of(outputs, requests, model.card.settle_samples, self.seed)
 
-        scores = event_scores(matches, seed=self.seed)
-        return OpenOutcomes(
-            found=found,
-            in_time=in_time,
-            called=called,
-            false_per_min=scores.false_per_min or 0.0,
-            false_per_min_ci=scores.false_per_min_ci,
-            empty=_empty(outputs, model.card.settle_samples),
-            unknown=_unknown(held),
-        )
+
+def outcomes_of(
+    outputs: Sequence[ModelOutputs],
+    requests: Sequence[BoolArray],
+    settle: int,
+    seed: int,
+) -> OpenOutcomes:
+    """What became of trials. requests [T] each: whether an act is requested."""
+    found: dict[str, bool] = {}
+    in_time: dict[str, bool] = {}
+    called: dict[str, bool] = {}
+    matches: list[EventMatch] = []
+    held = []
+    for one, on in zip(outputs, requests, strict=True):
+        recording = one.recording
+        if recording.action == NOTHING_ACTION:
+            continue
+        held.append(one)
+        match = match_alarms(recording, on)
+        matches.append(match)
+        for number, event in enumerate(match.outcomes):
+            key = f"{recording.trial_id}, {number}"
+            found[key] = event.alarm_s is not None
+            available_s = event.available_s
+            if available_s is not None and available_s >= LEAD_S:
+                lead_s = event.lead_s
+                in_time[key] = lead_s is not None and lead_s > 0.0
+        for number, action in enumerate(voluntary_actions(recording)):
+            key = f"{recording.trial_id}, {number}"
+            called[key] = bool(on[action.first : action.stop].any())
+
+    scores = event_scores(matches, seed=seed)
+    return OpenOutcomes(
+        found=found,
+        in_time=in_time,
+        called=called,
+        false_per_min=scores.false_per_min or 0.0,
+        false_per_min_ci=scores.false_per_min_ci,
+        empty=_empty(outputs, settle),
+        unknown=_unknown(held),
+        delay_ms=None if scores.delay_ms is None else scores.delay_ms.p50,
+    )
 
 
 def _empty(outputs: Sequence[ModelOutputs], settle: int) -> tuple[float, ...]:
