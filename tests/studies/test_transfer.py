@@ -366,7 +366,7 @@ def test_both_pictures_say_what_is_real_and_what_is_simulated(
 def test_the_page_and_the_readme_have_the_tables(
     figures: dict[str, Any], tmp_path: Path
 ) -> None:
-    page = filled("docs/transfer.md", {"transfer": figures}, tmp_path)
+    page = filled("docs/transfer.md", {"transfer": figures, "tugs": figures}, tmp_path)
     for name in ("people", "tugs", "domain", "statistics"):
         assert getattr(tables, f"{name}_table")(figures) in page
     readme = filled("README.md", {"transfer": figures}, tmp_path)
