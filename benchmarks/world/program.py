@@ -57,7 +57,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="the model file",
     )
     option(
-        "--controller", default=CONTROLLER, metavar="NAME", help=f"default {CONTROLLER}"
+        "--controller",
+        nargs="+",
+        default=[CONTROLLER],
+        metavar="NAME",
+        help=f"the tables are of the first, others stand beside it (default {CONTROLLER})",
     )
     seeds = f"default {SEED}, which is locked; choose nothing on it (100 to 199: development)"
     option("--seed", type=seed, default=SEED, metavar="S", help=seeds)
@@ -81,17 +85,11 @@ def run(args: argparse.Namespace) -> int:
     version = require_mujoco("world")
     require_writable(args.out)
     show(seed_line(args.seed))
-    about = _about(args, version)
-    name = f"trials-{about['model']['id']}-{args.controller}-{args.seed}.jsonl"
-    file = TrialsFile(args.out / name, about)
-    if file.put_aside:
-        show(f"{name} was of other code or another model: begun anew")
-    names, seconds = _run_trials(args, file)
-
     from benchmarks.world.picture import picture
-    from benchmarks.world.scores import tables
+    from benchmarks.world.scores import beside, tables
 
-    records = file.of(names)
+    about = _about(args, version, args.controller[0])
+    records, seconds = _records(args, about)
     figures = {
         "command": _command(args),
         "date": time.strftime("%Y-%m-%d"),
@@ -104,6 +102,11 @@ def run(args: argparse.Namespace) -> int:
         "cpu_s": round(sum(one.get("cpu_s", 0.0) for one in records)),
         "tables": tables(records),
     }
+    others = {args.controller[0]: records}
+    for name in args.controller[1:]:
+        others[name], _ = _records(args, _about(args, version, name))
+    if len(others) > 1:
+        figures["controllers"] = [beside(name, of) for name, of in others.items()]
     write_whole(args.out / "world.json", json.dumps(figures, indent=1) + "\n")
     write_whole(args.out / "world.svg", picture([figures]))
     for line in summary(figures):
@@ -123,14 +126,14 @@ def seed_line(number: int) -> str:
     return f"seed {number}: neither locked nor for development; its figures are for no report"
 
 
-def _about(args: argparse.Namespace, version: str) -> Json:
+def _about(args: argparse.Namespace, version: str, controller: str) -> Json:
     """What decides the outcome of a trial: a file of trials with another one is not continued."""
     from holdfast.edge_runtime.model import Model
 
     return {
         "simulated": True,
         "seed": args.seed,
-        "controller": args.controller,
+        "controller": controller,
         "model": {
             "file": args.model.name,
             "id": Model(args.model).card.model_id,
@@ -141,7 +144,20 @@ def _about(args: argparse.Namespace, version: str) -> Json:
     }
 
 
-def _run_trials(args: argparse.Namespace, file: TrialsFile) -> tuple[list[str], float]:
+def _records(args: argparse.Namespace, about: Json) -> tuple[list[Json], float]:
+    """(records of one controller on all trials, seconds for those that were not done yet)."""
+    controller = about["controller"]
+    name = f"trials-{about['model']['id']}-{controller}-{args.seed}.jsonl"
+    file = TrialsFile(args.out / name, about)
+    if file.put_aside:
+        show(f"{name} was of other code or another model: begun anew")
+    names, seconds = _run_trials(args, file, controller)
+    return file.of(names), seconds
+
+
+def _run_trials(
+    args: argparse.Namespace, file: TrialsFile, controller: str
+) -> tuple[list[str], float]:
     """(names of all trials of the request, seconds for those that were not done yet)."""
     from benchmarks.world.record import TrialKey, record
 
@@ -155,8 +171,7 @@ def _run_trials(args: argparse.Namespace, file: TrialsFile) -> tuple[list[str], 
     left = [key for key in keys if key.name not in file.done]
     show(f"{len(keys)} trials, {len(keys) - len(left)} of them done before")
     jobs = [
-        partial(record, key, args.seed, str(args.model), args.controller)
-        for key in left
+        partial(record, key, args.seed, str(args.model), controller) for key in left
     ]
     started = time.monotonic()
     for k, one in enumerate(chosen_workers(args).run(jobs), 1):
@@ -174,6 +189,8 @@ def _command(args: argparse.Namespace) -> str:
         options.append(f"--trials {args.trials}")
     if args.kinds != tuple(KINDS):
         options.append(f"--kinds {' '.join(args.kinds)}")
+    if args.controller != [CONTROLLER]:
+        options.append(f"--controller {' '.join(args.controller)}")
     joined = " ".join(options)
     return " ".join([*words, f'ARGS="{joined}"'])
 

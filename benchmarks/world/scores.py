@@ -97,6 +97,26 @@ def kind_row(name: str, records: Records) -> Json:
     }
 
 
+def beside(controller: str, records: Records) -> Json:
+    """One controller's row beside the others: drops, hand-overs, and what should be left alone."""
+
+    def of(name: str, kinds: Sequence[str]) -> Json:
+        return kind_row(name, [one for one in records if one["kind"] in kinds])
+
+    overs = [one for one in records if one["kind"] in HAND_OVERS]
+    return {
+        "controller": controller,
+        "drops": of("all drops", RISKY),
+        "pulls": of("pulls and tugs", GROUPS["pulls and tugs"]),
+        "over": hand_over_row(
+            "both hand-overs", [one for one in overs if dropped(one["bare"])]
+        ),
+        "held": of("tug-held", ("tug-held",)),
+        "picked": of("pick-up", ("pick-up",)),
+        "every": kind_row("all trials", records),
+    }
+
+
 def blocked(one: Json) -> bool:
     """The other person needs more force, or more time, than with the bare hand, or never gets it.
 

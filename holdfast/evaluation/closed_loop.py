@@ -209,8 +209,11 @@ class LoopRuns:
         # What each run made of each trial, by its place in the set.
         self._outcomes: dict[Run, dict[int, LoopOutcome]] = {}
 
-    def run(self, wanted: Sequence[Run]) -> None:
-        """Run all of them, with the bare hands and oracles that their figures need."""
+    def run(self, wanted: Sequence[Run], *, losses: bool = False) -> None:
+        """Run all of them, with the bare hands and oracles that their figures need.
+
+        losses: also the oracles that tell why an object was lost.
+        """
         # All figures are differences from the bare hand, or shares of what the oracle keeps.
         bare = [_bare(of) for of, _ in wanted]
         best = list(dict.fromkeys(_best(of, request) for of, request in wanted))
@@ -224,6 +227,8 @@ class LoopRuns:
         for closure in CLOSURES:
             self._try(best, closure, share_bare)
         self._run(others, share_bare, 1.0)
+        if not losses:
+            return
         # Where a controller lost what the oracle keeps: was its evidence in time?
         by_evidence = [
             (of, _by_evidence(request)) for of, request in dict.fromkeys(others)
@@ -321,13 +326,16 @@ class LoopRuns:
             return [ThreeRuns(bare[k], best[k], best[k]) for k in sorted(best)]
 
         held = self._outcomes[of, request]
-        early = self._outcomes[of, _by_evidence(request)]
+        early = self._outcomes.get((of, _by_evidence(request)), {})
         # Batches hold trials of similar length, so outcomes are not in the order of the set.
-        return [ThreeRuns(bare[k], best[k], held[k], early[k]) for k in sorted(held)]
+        places = sorted(held)
+        return [ThreeRuns(bare[k], best[k], held[k], early.get(k)) for k in places]
 
     def figures(self, of: LoopSet, request: LoopRequest) -> LoopFigures:
-        """Figures of a request on a set."""
-        return loop_figures(self.runs(of, request))
+        """Figures of a request on a set; no losses where these were not asked for."""
+        made = loop_figures(self.runs(of, request))
+        asked = (of, _by_evidence(request)) in self._outcomes
+        return made if asked else replace(made, losses={})
 
 
 def _lost(bare: LoopOutcome, best: LoopOutcome) -> bool:

@@ -125,9 +125,9 @@ def _with_more(name: str, one: LoopSet) -> list[Row]:
     truth = replace(ours, evidence_s=TRUE_EVIDENCE_S)
     return [
         Row("truth", name, OURS, one, truth),
-        Row("intent", name, "wearer's command", one, ours),
-        Row("intent", name, "no command", one, deaf),
-        Row("intent", name, "command alone", one, alone),
+        Row("intent", name, "is obeyed", one, ours),
+        Row("intent", name, "never comes", one, deaf),
+        Row("intent", name, "alone ends an answer", one, alone),
     ]
 
 
@@ -173,4 +173,7 @@ def _of_curve_set(name: str, one: LoopSet) -> list[Row]:
     for part, rules in WITHOUT.items():
         made.append(Row("without", name, part, one, replace(ours, rules=rules)))
     without_command = replace(ours, habits=deaf)
-    return [*made, Row("without", name, "own command", one, without_command)]
+    return [
+        *made,
+        Row("without", name, "the wearer's wish to open", one, without_command),
+    ]

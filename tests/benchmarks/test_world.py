@@ -19,7 +19,7 @@ from benchmarks.world.page import columns
 from benchmarks.world.picture import picture
 from benchmarks.world.program import SEED, seed_line
 from benchmarks.world.ranges import EVENT_N, HELD_N, RANGES, REFUSED_GRIP_N
-from benchmarks.world.scores import table_of
+from benchmarks.world.scores import beside, table_of
 from benchmarks.world.trials_file import TrialsFile
 from holdfast.core.locked import locked_sets
 from holdfast.core.reading import Json
@@ -222,6 +222,17 @@ def test_the_page_has_the_old_model_beside_the_new_one() -> None:
     assert "| quiet | old |" in tables["world-quiet"]
     only_old = tables_of("docs/second-physics.md", {"before": old})
     assert "new" not in only_old["world-drops"].replace("new drops", "")
+
+
+def test_the_published_controllers_stand_beside_ours_on_the_same_trials() -> None:
+    lost = {"lost_s": 0.2}
+    ours = [record_of("pull-fast", 0, bare=lost, oracle="2")]
+    theirs = [record_of("pull-fast", 0, bare=lost, oracle="2", answered=lost)]
+    ran = [beside("holdfast", ours), beside("smsp", theirs)]
+    world = figures_of("new") | {"controllers": ran}
+    table = tables_of("docs/second-physics.md", {"world": world})["world-controllers"]
+    assert "| holdfast | 1 (0.03 to 1.00) | 1 (" in table
+    assert "| smsp | 0 (0.00 to 0.97) | 0 (" in table
 
 
 def test_the_same_run_stands_on_the_page_once() -> None:

@@ -116,6 +116,8 @@ def test_only_what_a_controller_lost_is_tried_again_from_its_evidence_on(
     runs, of = pretended
     request = LoopRequest("smsp")
     runs.run([(of, request)])
+    assert runs.figures(of, request).losses == {}
+    runs.run([(of, request)], losses=True)
     made = runs.figures(of, request)
     assert made.losses["evidence too late"] == 1
     assert sum(made.losses.values()) == made.preventable - made.saved == 2
