@@ -1,7 +1,7 @@
 """Disturbed copies of recordings, so that a learner does not lean on what sensors happen to do.
 
 A copy is a recording as another hand would have felt it: gains, tilted fingertips, noise, offsets
-that jump, sensors that die or are not there, play, smoothing. Each nuisance strikes a copy by
+that jump, sensors that die, play, smoothing. Each nuisance strikes a copy by
 chance, `CHANCE`, with a size drawn from its range. The ranges are those that the study of
 distortions asks about (studies/distortions); its trials and its seeds are others.
 
@@ -33,7 +33,6 @@ CHANCE = {
     "play": 0.25,
     "smoothing": 0.2,
     "dead sensors": 0.3,
-    "fewer sensors": 0.2,
     "offset": 0.35,
     "noise": 0.5,
     "coarse steps": 0.25,
@@ -142,7 +141,6 @@ def disturbed(recording: Recording, thumb: BoolArray, rng: np.random.Generator) 
     values = _scaled(values, rng)
     values = _lagging(values, recording.rate_hz, floor, rng)
     values, valid = _dying(values, recording.valid, floor, jumps, rng)
-    valid = _fewer(valid, thumb, rng)
     values = _displaced(values, floor, jumps, rng)
     if _strikes("noise", rng):
         rms = rng.uniform(0.0, NOISE * floor)
@@ -245,19 +243,6 @@ def _dying(
         noise = rng.normal(size=(len(values) - at, len(which), 3))
         values[at:, which] = DEAD_NOISE * floor * noise
     return values, valid
-
-
-def _fewer(valid: BoolArray, thumb: BoolArray, rng: np.random.Generator) -> BoolArray:
-    """Sensors that are not there at all: a hand of two or more, at least one a side."""
-    if not _strikes("fewer sensors", rng):
-        return valid
-
-    there = rng.random(len(thumb)) < rng.uniform(0.2, 0.9)
-    for side in (thumb, ~thumb):
-        of_side = np.flatnonzero(side)
-        if len(of_side):
-            there[rng.choice(of_side)] = True
-    return valid & there
 
 
 def _displaced(

@@ -96,6 +96,13 @@ HIGH_CONFIDENCE: dict[LearnerKind, DecisionRules] = {
 }
 """Act on two samples in a row, or on one of which the learner is sure: as seldom wrong, and a
 sample sooner. Networks are surer of themselves than forests (docs/decisions.md)."""
+ANY_HAND = {
+    "min_risky_permille": 740,
+    "answer_permille": 500,
+    "full_answer_permille": 700,
+}
+"""Of a committee on pooled features, which is trained on wider scenes: it is less sure that a slip
+begins, so the grip answers earlier, and a request asks for more (development seeds)."""
 
 UNTUNED = ForestPlan(kind="random", class_weight=None)
 """The thesis' forest: 100 trees, nothing chosen."""
@@ -213,6 +220,7 @@ def pooled_plan(size: str, learner: LearnerKind = "committee") -> TrainingPlan:
         groups=POOLED_GROUPS,
         situation=forest,
         network=POOLED_NETWORK,
+        decision=replace(plan.decision, **ANY_HAND),
         copies=1,
         even_classes=True,
         folds=3,

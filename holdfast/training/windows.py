@@ -69,7 +69,8 @@ MOST_OF_A_SLIP = 12
 """At most so many windows of one slip, however long it lasts."""
 DENSE_EVERY_S = {NOTHING: 0.5, GRASP: 0.1, SAFE_SLIP: 0.02, RISKY_SLIP: 0.0}
 """Between two dense windows of a situation; 0 takes every sample."""
-BEGIN_S, BEGIN_EVERY_S = 0.4, 0.02
+BEGIN_S = 0.4
+BEGIN_EVERY_S = {NOTHING: 0.013, GRASP: 0.02, SAFE_SLIP: 0.013, RISKY_SLIP: 0.0}
 """While a phase begins, windows of the choice "dense" are no farther apart."""
 MOST_RISKY = 40
 """And at most so many of one slip: its first ones, and others evenly spaced."""
@@ -281,7 +282,7 @@ def _dense_rows(phase: Phase, settled: int, rate_hz: float) -> list[int]:
 def _denser_rows(phase: Phase, settled: int, rate_hz: float) -> list[int]:
     first = max(phase.first, settled)
     begun = min(phase.stop, first + round(BEGIN_S * rate_hz))
-    begin_every = max(1, round(BEGIN_EVERY_S * rate_hz))
+    begin_every = max(1, round(BEGIN_EVERY_S[phase.situation] * rate_hz))
     rows = {*range(first, begun, begin_every), *_dense_rows(phase, settled, rate_hz)}
 
     in_order = sorted(rows)
