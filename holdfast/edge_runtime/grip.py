@@ -208,17 +208,15 @@ class SlipIntegral(Controller):
 class AnswerRules:
     """Parameters of the holdfast controller.
 
-    from_p, full_p: p(risky) at which an answer begins, and at which it is a full one.
-    ends_share: it ends below so much of from_p. yield_p: p(safe slip) from which the hand gives
-    back, where the load falls by more than a tremor can (LoadSwing) for yield_samples in a row.
-    graded: the lead grows with the evidence; otherwise it is full from half the evidence on, or
-    nothing. revocable: a hand-over ends an answer; otherwise only the empty hand does. margin:
-    what the friction margin needs is kept.
+    from_p, full_p: p(risky) at which an answer begins, and at which it is a full one. yield_p:
+    p(safe slip) from which the hand gives back, where the load falls by more than a tremor can
+    (LoadSwing) for yield_samples in a row. graded: the lead grows with the evidence; otherwise it
+    is full from half the evidence on, or nothing. revocable: a hand-over ends an answer; otherwise
+    only the empty hand does. margin: what the friction margin needs is kept.
     """
 
     from_p: float = DecisionRules.answer_permille / 1000
     full_p: float = DecisionRules.full_answer_permille / 1000
-    ends_share: float = 0.7
     yield_p: float = 0.5
     yield_samples: int = 2
     graded: bool = True
@@ -313,9 +311,7 @@ class Holdfast(Controller):
 
     The wanted grip is N + lead * evidence while a slip is likely, with
 
-    evidence = (p_risky - from_p) / (full_p - from_p), within 0 and 1. Once begun, an
-    answer goes on from ends_share of from_p: a p(risky slip) that wavers about from_p would brake
-    the drive at every other sample while the object slides. The drive's speed grows with
+    evidence = (p_risky - from_p) / (full_p - from_p), within 0 and 1. The drive's speed grows with
     the lead of the wanted grip over the measured one N, so the answer is as fast as the evidence is
     strong. When the evidence ends the drive is braked, and the grip stays where it is, or where the
     friction margin wants it, until the evidence says hand-over. setting: the largest lead, N.
@@ -342,7 +338,7 @@ class Holdfast(Controller):
         """The wanted grip, N a side; 0 for none."""
         batch = self._batch
         wearers_n = self._wearer.step(sense, given_n)
-        evidence = self._evidence(sense, given_n)
+        evidence = self._evidence(sense)
         rises = (evidence > 0.0) & sense.known & batch.no(sense.empty)
         ahead_n = batch.most(sense.grip_n, wearers_n) + self._setting * evidence
         kept_n = self._kept_n(sense, wearers_n, given_n, needed_n)
@@ -358,14 +354,11 @@ class Holdfast(Controller):
 
         return batch.choose(ends, 0.0, wanted_n)
 
-    def _evidence(self, sense: GripSense, given_n: Number) -> Number:
+    def _evidence(self, sense: GripSense) -> Number:
         """0 to 1."""
         rules = self.rules
         batch = self._batch
-        # the last known sample had evidence, and it was answered
-        goes_on = (given_n > 0.0) & (self._quiet_s <= 0.0)
-        from_p = batch.choose(goes_on, rules.ends_share * rules.from_p, rules.from_p)
-        share = (sense.p_risky - from_p) / (rules.full_p - from_p)
+        share = (sense.p_risky - rules.from_p) / (rules.full_p - rules.from_p)
         if not rules.graded:
             return batch.choose(share >= 0.5, 1.0, 0.0)
         return batch.within(0.0, share, 1.0)

@@ -275,7 +275,7 @@ class GripControl:
             target_n=target_n if given else None,
             slew_n_s=self.limits.slew_n_s,
             feedback=_cue(prediction, self.rules.from_p),
-            reason=_reason(prediction, mode, self.rules, self.reduced),
+            reason=_reason(prediction, mode, self.rules.from_p, self.reduced),
             mu_hat=margin.mu_hat if observed else None,
             margin=margin.margin if observed else None,
             needed_n=margin.needed_n if observed and not self.reduced else None,
@@ -336,9 +336,7 @@ def _cue(prediction: Prediction, from_p: float) -> float:
     return prediction.p_risky
 
 
-def _reason(
-    prediction: Prediction, mode: int, rules: AnswerRules, reduced: bool
-) -> str:
+def _reason(prediction: Prediction, mode: int, from_p: float, reduced: bool) -> str:
     """Why the hand does what it does, for people."""
     if prediction.overridden:
         reason = "override"
@@ -349,6 +347,5 @@ def _reason(
     elif mode in (IDLE, YIELD, HOLD):
         reason = prediction.state
     else:
-        likely = prediction.p_risky >= rules.ends_share * rules.from_p
-        reason = "risky slip" if likely else "friction margin"
+        reason = "risky slip" if prediction.p_risky >= from_p else "friction margin"
     return f"{reason} (reduced: no N)" if reduced else reason

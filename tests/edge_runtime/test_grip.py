@@ -184,17 +184,6 @@ def test_holdfast_leads_the_grip_by_the_evidence(p_risky: float, share: float) -
     assert wanted == pytest.approx(3.0 + 8.0 * share if share else 0.0)
 
 
-def test_an_answer_goes_on_while_the_evidence_wavers_and_a_new_one_begins_at_from_p() -> (
-    None
-):
-    wavering = [{"p_risky": p} for p in (0.6, 1.0, 0.6, 0.5, 0.48, 0.6)]
-    wanted = answers_of(after_a_hold("holdfast", 8.0), *wavering)
-    less, least = (8.0 * (p - 0.49) / (0.85 - 0.49) for p in (0.6, 0.5))
-    braked = [3.0, 3.0]
-    expected = [0.0, 11.0, 3.0 + less, 3.0 + least, *braked]
-    assert wanted == pytest.approx(expected, abs=1e-6)
-
-
 def test_holdfast_without_grading_answers_fully_or_not_at_all() -> None:
     controller = after_a_hold("holdfast", 8.0, AnswerRules(graded=False))
     wanted = [controller.want(sense(p_risky=p), 0.0, 0.0) for p in (0.77, 0.78)]

@@ -16,7 +16,6 @@ from holdfast.export.c.literals import number
 
 RULES = AnswerRules()
 REALS = {
-    "HF_ENDS_SHARE": RULES.ends_share,
     "HF_YIELD_P": RULES.yield_p,
     "HF_SMOOTH_S": LoadSwing.SMOOTH_S,
     "HF_PERIOD_OF_TREMOR_S": LoadSwing.PERIOD_S,

@@ -11,10 +11,8 @@ static void hf_step_own_grip(holdfast_grip *own, const holdfast_sense *sense) {
 }
 
 /* 0 to 1. */
-static double hf_evidence(const holdfast_grip *own, const holdfast_sense *sense) {
-    const int goes_on = own->given_n > 0.0 && own->quiet_s <= 0.0;
-    const double from_p = goes_on ? HF_ENDS_SHARE * HF_FROM_P : HF_FROM_P;
-    double share = (sense->p_risky - from_p) / (HF_FULL_P - from_p);
+static double hf_evidence(const holdfast_sense *sense) {
+    double share = (sense->p_risky - HF_FROM_P) / (HF_FULL_P - HF_FROM_P);
     share = share > 0.0 ? share : 0.0;
     return share < 1.0 ? share : 1.0;
 }
@@ -68,7 +66,7 @@ static double hf_step_controller(holdfast_grip *own, const holdfast_sense *sense
     double evidence, wanted_n;
     int ends;
     hf_step_own_grip(own, sense);
-    evidence = hf_evidence(own, sense);
+    evidence = hf_evidence(sense);
     *fresh = evidence > 0.0 && sense->known && !sense->empty;
     wanted_n = *fresh ? hf_high(sense->grip_n, own->own_n) + own->options.lead_n * evidence
                       : hf_kept_n(own, sense);
