@@ -8,25 +8,19 @@ never valid.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 
+from benchmarks.timed_calls import step_call, times_beside
 from holdfast.cli.command import path_argument
 from holdfast.core.contract import FloatArray
 from holdfast.core.errors import UsageError
 from holdfast.core.hand_card import HandCard, HandContact, hand_of_counts
 from holdfast.core.reading import Json, model_path
-from holdfast.edge_runtime.graph import StepGraph, open_session
 from holdfast.edge_runtime.model import Model
 from holdfast.edge_runtime.model_file import read_sealed
-from holdfast.evaluation.latency.timing import (
-    CALLS_A_TURN,
-    TURNS,
-    busy_wait,
-    time_in_turns,
-)
+from holdfast.evaluation.latency.timing import CALLS_A_TURN, TURNS
 from holdfast.export.again import for_hand
 from tools.harness import write_figures
 
@@ -36,7 +30,6 @@ TWELVE = "the same learner, twelve slots, six never valid"
 SIX = "the same learner, exported for six fingertips"
 GIVEN = "the file as it is"
 OLDER = "the older file"
-FLOOR = "busy-wait reference"
 SAMPLES = 3000
 SEED = 0
 
@@ -59,7 +52,7 @@ def run(args: argparse.Namespace) -> int:
         figures["older_id"] = Model(args.older).card.model_id
     path = write_figures(args.out / "hand-files.json", figures)
     for row in figures["rows"]:
-        print(f"{row['file']}: {row['p50_us']:.1f} us, {row['over_given']:.2f} times")
+        print(f"{row['file']}: {row['step_us']:.1f} us, {row['over_first']:.2f} times")
     print(path)
     return 0
 
@@ -88,19 +81,12 @@ def step_times(
     files = {GIVEN: data} | _for_hands(data)
     if older is not None:
         files[OLDER] = read_sealed(older)
-    six = _grips()
-    steps = {name: _step(one, six) for name, one in files.items()}
-    warm = time_in_turns({GIVEN: steps[GIVEN]}, turns=1, calls_a_turn=calls)
-    steps[FLOOR] = busy_wait(float(np.median(warm[GIVEN])))
-
-    times_us = time_in_turns(steps, turns, calls)
-    given_us = float(np.median(times_us[GIVEN]))
-    rows = []
-    for name, values in times_us.items():
-        p50, p99 = np.percentile(values, (50, 99)).tolist()
-        rows.append(
-            {"file": name, "p50_us": p50, "p99_us": p99, "over_given": p50 / given_us}
-        )
+    steps = {}
+    for name, one in files.items():
+        slots = SLOTS if name == TWELVE else SENSORS
+        steps[name] = step_call(one, _grips(slots), np.arange(slots) < SENSORS)
+    times = times_beside(steps, turns, calls)
+    rows = [{"file": name} | of for name, of in times.items()]
     return {"rows": rows, "turns": turns, "calls_a_turn": calls}
 
 
@@ -113,25 +99,13 @@ def _for_hands(data: bytes) -> dict[str, bytes]:
         return {}
 
 
-def _grips() -> FloatArray:
-    """[SAMPLES, 18] forces of a hand that holds something; the time hardly depends on them."""
+def _grips(slots: int) -> FloatArray:
+    """[SAMPLES, 3 x slots] forces of a hand that holds something, none in slots beyond six.
+
+    The time hardly depends on them.
+    """
     rng = np.random.default_rng(SEED)
-    forces_n = rng.normal(0.0, 0.02, (SAMPLES, SENSORS, 3))
-    forces_n += np.array([0.3, 0.1, 2.0])
+    forces_n = np.zeros((SAMPLES, slots, 3))
+    forces_n[:, :SENSORS] = rng.normal(0.0, 0.02, (SAMPLES, SENSORS, 3))
+    forces_n[:, :SENSORS] += np.array([0.3, 0.1, 2.0])
     return forces_n.reshape(SAMPLES, -1)
-
-
-def _step(data: bytes, six: FloatArray) -> Callable[[], object]:
-    """A call that answers the next sample; slots beyond the six sensors are not valid."""
-    graph = StepGraph(open_session(data))
-    slots = graph.valid.shape[1]
-    graph.valid[:] = np.arange(slots) < SENSORS
-    turn = 0
-
-    def step() -> None:
-        nonlocal turn
-        graph.sample[0, : six.shape[1]] = six[turn]
-        turn = (turn + 1) % len(six)
-        graph.step()
-
-    return step

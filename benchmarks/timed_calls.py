@@ -1,13 +1,21 @@
-"""What is timed of a model: its learner on one row, and its whole step on one sample."""
+"""What is timed of a model: its learner on one row, its whole step on one sample, files beside each
+other."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from itertools import cycle
 
-from holdfast.core.contract import FloatArray
+import numpy as np
+
+from holdfast.core.contract import BoolArray, FloatArray
+from holdfast.core.reading import Json
 from holdfast.edge_runtime.graph import StepGraph, open_session
+from holdfast.evaluation.latency.timing import busy_wait, time_in_turns
 from holdfast.training.featurise import FloatRows
+
+FLOOR = "busy-wait reference"
+"""A busy wait as long as the first call: its own spread is the machine's."""
 
 
 def learner_call(model: bytes, rows: FloatRows) -> Callable[[], object]:
@@ -18,14 +26,33 @@ def learner_call(model: bytes, rows: FloatRows) -> Callable[[], object]:
     return lambda: session.run(["votes"], {"features": one[next(turn)]})
 
 
-def step_call(model: bytes, samples: FloatArray) -> Callable[[], object]:
-    """Steps over one of the samples [T, C] a call, in turn."""
+def step_call(
+    model: bytes, samples: FloatArray, valid: BoolArray | None = None
+) -> Callable[[], object]:
+    """Steps over one of the samples [T, C] a call, in turn. valid [S]: sensors; None for all."""
     graph = StepGraph(open_session(model))
     turn = cycle(range(len(samples)))
-    graph.valid[:] = True
+    graph.valid[:] = True if valid is None else valid
 
     def step() -> None:
         graph.sample[0] = samples[next(turn)]
         graph.step()
 
     return step
+
+
+def times_beside(
+    calls: Mapping[str, Callable[[], object]], turns: int, calls_a_turn: int
+) -> dict[str, Json]:
+    """us of a call, all in one run with FLOOR: median, 99 %, and over the median of the first."""
+    first = next(iter(calls))
+    warm = time_in_turns({first: calls[first]}, 1, calls_a_turn)
+    floor = busy_wait(float(np.median(warm[first])))
+
+    times_us = time_in_turns({**calls, FLOOR: floor}, turns, calls_a_turn)
+    first_us = float(np.median(times_us[first]))
+    found = {}
+    for name, values in times_us.items():
+        p50, p99 = np.percentile(values, (50, 99)).tolist()
+        found[name] = {"step_us": p50, "p99_us": p99, "over_first": p50 / first_us}
+    return found

@@ -18,11 +18,11 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.timed_calls import step_call
+from benchmarks.timed_calls import FLOOR, step_call, times_beside
 from holdfast.core.reading import Json
 from holdfast.core.writing import write_whole
 from holdfast.edge_runtime.model import Model
-from holdfast.evaluation.latency.timing import busy_wait, time_in_turns
+from holdfast.edge_runtime.preparation import Preparation
 from holdfast.evaluation.model_outputs import (
     ModelOutputs,
     everywhere,
@@ -72,7 +72,6 @@ DISTURBED = (
     "dead-1-invalid",
 )
 """Names of the study of distortions."""
-FLOOR = "busy-wait reference"
 
 
 @dataclass(frozen=True)
@@ -151,12 +150,11 @@ def trained_on(folders: Sequence[Path]) -> Trained:
 
 def fitted(choice: Choice, trained: Trained) -> Learner:
     """The learner of a choice."""
-    plan = PLAN
     stop = len(trained.rows) if choice.copies else trained.own
     rows = np.asarray(trained.rows[:stop])[:, trained.columns(choice.groups)]
     task = trained.data.tasks[TASK]
     label = task.label[:stop]
-    return learner_of(plan, TASK, rows, label, len(task.classes), TRAIN_SEED)
+    return learner_of(PLAN, TASK, rows, label, len(task.classes), TRAIN_SEED)
 
 
 def file_of(choice: Choice, trained: Trained, learner: Learner) -> bytes:
@@ -201,11 +199,11 @@ class Asked:
 
 @lru_cache(maxsize=16)
 def _recordings(
-    trials: int, seed: int, name: str, preparation: object
+    trials: int, seed: int, name: str, preparation: Preparation
 ) -> list[Recording]:
     distortion = by_name()[name]
     of = felt_set(str(TRIALS), trials, seed)
-    return [recording_of(of, one, distortion, preparation) for one in of.trials]  # type: ignore[arg-type]
+    return [recording_of(of, one, distortion, preparation) for one in of.trials]
 
 
 def confidence_of(asked: Asked) -> int:
@@ -278,17 +276,7 @@ def _times(files: dict[str, bytes], sizes: Sizes) -> dict[str, Json]:
     calls: dict[str, Callable[[], object]] = {}
     for name, data in files.items():
         calls[name] = step_call(data, samples)
-    first = next(iter(calls))
-    warm = time_in_turns({first: calls[first]}, 1, sizes.calls)
-    calls[FLOOR] = busy_wait(float(np.median(warm[first])))
-
-    times_us = time_in_turns(calls, sizes.turns, sizes.calls)
-    first_us = float(np.median(times_us[first]))
-    found = {}
-    for name, values in times_us.items():
-        p50, p99 = np.percentile(values, (50, 99)).tolist()
-        found[name] = {"step_us": p50, "p99_us": p99, "over_first": p50 / first_us}
-    return found
+    return times_beside(calls, sizes.turns, sizes.calls)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

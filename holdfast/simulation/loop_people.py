@@ -227,8 +227,8 @@ class LoopOutcome:
     def evidence_s(self) -> float:
         """The first evidence of a slip in the event; inf for none."""
         times_s = self.begin_s + np.arange(len(self.p_risky)) / self.rate_hz
-        told = (self.p_risky >= self.evidence_p) & (times_s >= self.act_s)
-        return float(times_s[told][0]) if told.any() else HELD_AT_END_S
+        evident = (self.p_risky >= self.evidence_p) & (times_s >= self.act_s)
+        return float(times_s[evident][0]) if evident.any() else HELD_AT_END_S
 
     @property
     def dropped(self) -> bool:

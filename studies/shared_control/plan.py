@@ -113,7 +113,7 @@ def rows(trials: int, seed: int = SEED) -> list[Row]:
 
 
 def _with_more(name: str, one: LoopSet) -> list[Row]:
-    """What the controller itself loses, and what the wearer's own command brings.
+    """What the controller itself loses, and what the wearer's wish to open brings.
 
     Part `truth`: it gets the true slips. Part `intent`: the wearer's wish to open reaches it
     (`--obey-intent`), with its delay and its misses; or it never does; or it alone tells a

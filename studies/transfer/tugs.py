@@ -200,11 +200,8 @@ def _at_rate(samples: FloatArray, rate_hz: float, wanted_hz: float) -> FloatArra
     """Samples [T, C] at another rate, linear in between."""
     last_s = (len(samples) - 1) / rate_hz
     t_s = np.arange(0.0, last_s, 1.0 / wanted_hz)
-    places = t_s * rate_hz
-    before = np.minimum(places.astype(np.int64), len(samples) - 2)
-    share = (places - before)[:, None]
-    between: FloatArray = (1.0 - share) * samples[before] + share * samples[before + 1]
-    return between
+    taken_s = np.arange(len(samples)) / rate_hz
+    return np.column_stack([np.interp(t_s, taken_s, column) for column in samples.T])
 
 
 def _risky_share(data: DataSet, votes: IntArray) -> FloatArray:
