@@ -13,6 +13,7 @@ DOCS   := .venv-docs
 RATE   ?= 150
 SIZE   ?= default
 MODEL  ?= models/holdfast-150hz.onnx
+MADE    = build/models/$(RATE)hz-$(SIZE)
 # Tests run in a process a core, a file at a time: what a file sets up is set up once. The order of the
 # files is that of tests/support/longest_first.py.
 ACROSS := -n auto --dist loadfile --no-loadscope-reorder
@@ -65,12 +66,14 @@ study: setup  ## one study: make study NAME=adapt; without NAME the list
 	$(BIN)/python -m studies $(NAME) $(ARGS)
 
 models: setup  ## rebuild the default model from scenes, into models; RATE=50 for slow bridges, SIZE=tiny or best
-	rm -rf build/models/$(RATE)hz-$(SIZE)
-	$(BIN)/holdfast simulate thesis --rate $(RATE) --out build/models/$(RATE)hz-$(SIZE)/thesis
-	$(BIN)/holdfast simulate broad --rate $(RATE) --out build/models/$(RATE)hz-$(SIZE)/broad
-	$(BIN)/holdfast train --data build/models/$(RATE)hz-$(SIZE)/thesis build/models/$(RATE)hz-$(SIZE)/broad \
-	    $(if $(filter-out default,$(SIZE)),--size $(SIZE)) --out build/models/$(RATE)hz-$(SIZE)
-	$(BIN)/holdfast export build/models/$(RATE)hz-$(SIZE) --force --out models/holdfast-$(RATE)hz$(if $(filter-out default,$(SIZE)),-$(SIZE)).onnx
+	rm -rf $(MADE)
+	$(BIN)/holdfast simulate thesis --rate $(RATE) --out $(MADE)/thesis
+	$(BIN)/holdfast simulate broad --rate $(RATE) --out $(MADE)/broad
+	$(BIN)/holdfast simulate wide --rate $(RATE) --trials 500 --out $(MADE)/wide
+	$(BIN)/holdfast simulate everyday --rate $(RATE) --trials 200 --out $(MADE)/everyday
+	$(BIN)/holdfast train --data $(MADE)/thesis $(MADE)/broad $(MADE)/wide $(MADE)/everyday \
+	    --features pooled --windows dense $(if $(filter-out default,$(SIZE)),--size $(SIZE)) --out $(MADE)
+	$(BIN)/holdfast export $(MADE) --force --out models/holdfast-$(RATE)hz$(if $(filter-out default,$(SIZE)),-$(SIZE)).onnx
 
 fuzz: setup  ## fuzz everything that comes from outside, SECONDS=60 each; what breaks it goes into build/fuzz
 	$(BIN)/python tests/fuzz/fuzz_run.py --seconds $(or $(SECONDS),60) $(ARGS)
