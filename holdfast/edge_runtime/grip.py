@@ -209,7 +209,7 @@ class AnswerRules:
     """Parameters of the holdfast controller.
 
     from_p, full_p: p(risky) at which an answer begins, and at which it is a full one. yield_p:
-    p(safe slip) from which the hand gives back, where the load changes by more than a tremor can
+    p(safe slip) from which the hand gives back, where the load falls by more than a tremor can
     (LoadSwing) for yield_samples in a row. graded: the lead grows with the evidence; otherwise it
     is full from half the evidence on, or nothing. revocable: a hand-over ends an answer; otherwise
     only the empty hand does. margin: what the friction margin needs is kept.
@@ -233,14 +233,14 @@ class AnswerRules:
 
 
 class LoadSwing:
-    """Whether the load has changed by more than the hand's tremor can change it.
+    """Whether the load has fallen by more than the hand's tremor can take from it.
 
     A tremor takes and gives back: within one period it moves the load as far up as down. Another
-    person who takes the object only takes, or pulls and adds load. So the fall of the load within
-    the longest period of a tremor is compared with the largest rise of late, and the rise with the
-    largest fall. Beyond is what exceeds TIMES of it by SHARE of the load: a fifth within a quarter
-    of a second, which pouring does not reach. A tremor that is larger than the load hides its fall;
-    then the load is gone for longer than a period, and so is half of its mean.
+    person who takes the object only takes. So the fall of the load within the longest period of a
+    tremor is compared with the largest rise of late. Beyond is what exceeds TIMES of it by SHARE of
+    the load: a fifth within a quarter of a second, which pouring does not reach. A load that rises
+    is no sign: a pull, a tug and added weight begin with it. A tremor that is larger than the load
+    hides its fall; then the load is gone for longer than a period, and so is half of its mean.
     """
 
     SMOOTH_S = 0.02
@@ -266,7 +266,6 @@ class LoadSwing:
         self._load_n = batch.zero()
         self._high_n = batch.zero()
         self._low_n = batch.zero()
-        self._falls_n = batch.zero()
         self._rises_n = batch.zero()
         self._mean_n = batch.zero()
         self._most_n = batch.zero()
@@ -288,20 +287,17 @@ class LoadSwing:
         share_n = self.SHARE * batch.most(high_n, most_n)
         least_n = batch.most(share_n, self.LEAST_N)
         beyond_fall = fall_n > self.TIMES * self._rises_n + least_n
-        beyond_rise = rise_n > self.TIMES * self._falls_n + least_n
         gone = most_n - mean_n > batch.most(self.GONE * most_n, self.LEAST_N)
 
         # What is remembered shrinks slowly, and grows at once.
-        falls_n = batch.most(fall_n, self._falls_n - self._forgets * self._falls_n)
         rises_n = batch.most(rise_n, self._rises_n - self._forgets * self._rises_n)
         self._load_n = batch.choose(known, smooth_n, self._load_n)
         self._high_n = batch.choose(known, high_n, self._high_n)
         self._low_n = batch.choose(known, low_n, self._low_n)
-        self._falls_n = batch.choose(known, falls_n, self._falls_n)
         self._rises_n = batch.choose(known, rises_n, self._rises_n)
         self._mean_n = batch.choose(known, mean_n, self._mean_n)
         self._most_n = batch.choose(known, most_n, self._most_n)
-        return beyond_fall | beyond_rise | gone
+        return beyond_fall | gone
 
     def _means_n(self, smooth_n: Number) -> tuple[Number, Number]:
         """The mean load over a period, and its largest value of late."""

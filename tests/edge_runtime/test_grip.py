@@ -260,12 +260,14 @@ def gives_back(wanted: list[float]) -> bool:
     return wanted[-1] == 0.0
 
 
-@pytest.mark.parametrize("to_n", [0.0, 6.0])
-def test_holdfast_gives_back_where_another_person_takes_the_weight_or_pulls(
-    to_n: float,
-) -> None:
-    assert gives_back(held_for(ramp(to_n, 0.3)))
-    assert not gives_back(held_for(ramp(to_n, 0.3), p_safe=0.4))
+def test_holdfast_gives_back_where_another_person_takes_the_weight() -> None:
+    assert gives_back(held_for(ramp(0.0, 0.3)))
+    assert not gives_back(held_for(ramp(0.0, 0.3), p_safe=0.4))
+
+
+@pytest.mark.parametrize("lasts_s", [0.05, 0.3, 2.0])
+def test_holdfast_keeps_the_grip_while_a_pull_adds_load(lasts_s: float) -> None:
+    assert not gives_back(held_for(ramp(9.0, lasts_s)))
 
 
 def test_holdfast_keeps_the_grip_in_a_static_hold_and_while_something_is_poured() -> (
@@ -291,10 +293,10 @@ def test_a_tremor_is_no_hand_over_however_large_and_does_not_hide_one(
     assert gives_back(held_for(taken, before_n=before))
 
 
-def test_a_pull_that_adds_load_and_then_takes_it_is_noticed_as_it_begins() -> None:
+def test_a_pull_that_adds_load_and_then_takes_it_ends_the_answer_as_it_takes() -> None:
     pulled = [*ramp(5.0, 0.2), *np.linspace(5.0, 0.0, 30).tolist()]
     wanted = held_for(pulled)
-    assert wanted.index(0.0) < 0.15 * RATE_HZ
+    assert 0.2 * RATE_HZ < wanted.index(0.0) < 0.35 * RATE_HZ
 
 
 def test_what_the_load_did_before_a_lost_sample_is_not_forgotten() -> None:

@@ -28,7 +28,7 @@ static double hf_kept_n(const holdfast_grip *own, const holdfast_sense *sense) {
     return own->given_n > 0.0 ? kept_n : 0.0;
 }
 
-/* Whether the load has changed by more than the hand's tremor can change it. */
+/* Whether the load has fallen by more than the hand's tremor can take from it. */
 static int hf_beyond_tremor(holdfast_grip *own, double load_n) {
     const double leak = 1.0 / (1.0 + HF_PERIOD_OF_TREMOR_S * HOLDFAST_RATE_HZ);
     const double forgets = 1.0 / (1.0 + HF_MEMORY_S * HOLDFAST_RATE_HZ);
@@ -43,15 +43,13 @@ static int hf_beyond_tremor(holdfast_grip *own, double load_n) {
     const double least_n = hf_high(HF_SWING_SHARE * hf_high(high_n, most_n), HF_LEAST_SWING_N);
     const int gone = most_n - mean_n > hf_high(HF_SWING_GONE * most_n, HF_LEAST_SWING_N);
     const int beyond_fall = fall_n > HF_TIMES_TREMOR * own->rises_n + least_n;
-    const int beyond_rise = rise_n > HF_TIMES_TREMOR * own->falls_n + least_n;
     own->load_n = smooth_n;
     own->high_n = high_n;
     own->low_n = low_n;
-    own->falls_n = hf_high(fall_n, own->falls_n - forgets * own->falls_n);
     own->rises_n = hf_high(rise_n, own->rises_n - forgets * own->rises_n);
     own->mean_n = mean_n;
     own->most_n = most_n;
-    return beyond_fall || beyond_rise || gone;
+    return beyond_fall || gone;
 }
 
 /* Whether the evidence says hand-over: safe slip, while the load changes. */
