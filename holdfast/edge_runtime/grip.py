@@ -313,11 +313,15 @@ class Holdfast(Controller):
 
     evidence = (p_risky - from_p) / (full_p - from_p), within 0 and 1. The drive's speed grows with
     the lead of the wanted grip over the measured one N, so the answer is as fast as the evidence is
-    strong. When the evidence ends the drive is braked, and the grip stays where it is, or where the
-    friction margin wants it, until the evidence says hand-over. setting: the largest lead, N.
+    strong. Evidence fades within FADES_S instead of ending at once: the closing hand itself raises
+    the normal force, so a slip soon looks like a firm grasp. When it has ended the drive is braked,
+    and the grip stays where it is, or where the friction margin wants it, until the evidence says
+    hand-over. setting: the largest lead, N.
     """
 
     SETTING = 22.0
+    FADES_S = 0.06
+    """Within it full evidence becomes none: about the drive's lag, in which no grip rises yet."""
     BRAKE_S = 0.02
     """So long after the evidence, in a known state, the target goes back: the drive coasts."""
 
@@ -333,18 +337,24 @@ class Holdfast(Controller):
         self._swing = LoadSwing(batch, rate_hz)
         self._safe_run = batch.zero()
         self._quiet_s = batch.zero()
+        self._last_evidence = batch.zero()
 
     def want(self, sense: GripSense, given_n: Number, needed_n: Number) -> Number:
         """The wanted grip, N a side; 0 for none."""
         batch = self._batch
         wearers_n = self._wearer.step(sense, given_n)
-        evidence = self._evidence(sense)
-        rises = (evidence > 0.0) & sense.known & batch.no(sense.empty)
+        holds = sense.known & batch.no(sense.empty)
+        now = batch.choose(holds, self._evidence(sense), 0.0)
+        fading = self._last_evidence - self._period_s / self.FADES_S
+        evidence = batch.choose(holds, batch.most(now, fading), 0.0)
+        rises = evidence > 0.0
         ahead_n = batch.most(sense.grip_n, wearers_n) + self._setting * evidence
         kept_n = self._kept_n(sense, wearers_n, given_n, needed_n)
         wanted_n = batch.choose(rises, ahead_n, kept_n)
-        # a slip that is likely outweighs a hand-over
-        ends = self._handed_over(sense) & batch.no(rises)
+        # a slip that is likely now outweighs a hand-over, and one that fades does not
+        ends = self._handed_over(sense) & batch.no(now > 0.0)
+        remembered = batch.choose(sense.known, evidence, self._last_evidence)
+        self._last_evidence = batch.choose(ends, 0.0, remembered)
 
         # bounded, so that it does not grow for days; only times below BRAKE_S matter
         later_s = batch.least(self._quiet_s + self._period_s, 1.0)

@@ -98,8 +98,8 @@ HIGH_CONFIDENCE: dict[LearnerKind, DecisionRules] = {
 sample sooner. Networks are surer of themselves than forests (docs/decisions.md)."""
 ANY_HAND = {
     "min_risky_permille": 740,
-    "answer_permille": 500,
-    "full_answer_permille": 700,
+    "answer_permille": 600,
+    "full_answer_permille": 750,
 }
 """Of a committee on pooled features, which is trained on wider scenes: it is less sure that a slip
 begins, so the grip answers earlier, and a request asks for more (development seeds)."""

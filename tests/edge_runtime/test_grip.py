@@ -192,25 +192,34 @@ def test_holdfast_without_grading_answers_fully_or_not_at_all() -> None:
 
 BRAKED_N = 3.0 + 2.0 / 16.0
 """The wearer's grip after the sample at 5 N below."""
-RISING = {"grip_n": 5.0, "p_risky": 1.0}
+RISING = {"grip_n": 5.0, "p_risky": 0.775}
+"""Half of the evidence: it has faded after four samples."""
+FADING_N = [6.0 + 8.0 * (0.5 - n / 9.0) for n in (1, 2, 3, 4)]
+"""Targets while it fades and the grip is 6 N: a ninth of all evidence a sample, at 150 Hz."""
+FADING = [{"grip_n": 6.0}] * 4
 
 
-def test_holdfast_brakes_when_the_evidence_ends_and_stays_where_the_grip_is_then() -> (
-    None
-):
+def test_holdfast_goes_on_while_the_evidence_fades_and_then_brakes_and_stays() -> None:
     quiet = [{"grip_n": n} for n in (6.0, 7.0, 7.5, 7.2, 7.1)]
-    wanted = answers_of(after_a_hold("holdfast", 8.0), RISING, *quiet)
-    assert wanted == pytest.approx([13.0, BRAKED_N, BRAKED_N, BRAKED_N, 7.2, 7.2])
+    wanted = answers_of(after_a_hold("holdfast", 8.0), RISING, *FADING, *quiet)
+    after = [BRAKED_N, BRAKED_N, BRAKED_N, 7.2, 7.2]
+    assert wanted == pytest.approx([9.0, *FADING_N, *after])
 
 
-def test_holdfast_brakes_after_an_unknown_state_too() -> None:
+def test_holdfast_goes_on_and_brakes_after_an_unknown_state_too() -> None:
     controller = after_a_hold("holdfast", 8.0)
     given_n = controller.want(sense(**RISING), 0.0, 0.0)
     for _ in range(30):
         controller.want(sense(known=False), given_n, 0.0)
     quiet = [{"grip_n": 7.0}] * 5
-    wanted = answers_of(controller, *quiet, given_n=given_n)
-    assert wanted == pytest.approx([BRAKED_N] * 3 + [7.0, 7.0])
+    wanted = answers_of(controller, *FADING, *quiet, given_n=given_n)
+    assert wanted == pytest.approx([*FADING_N, *[BRAKED_N] * 3, 7.0, 7.0])
+
+
+def test_an_empty_hand_ends_fading_evidence_at_once() -> None:
+    controller = after_a_hold("holdfast", 8.0)
+    wanted = answers_of(controller, RISING, {"empty": True}, {"grip_n": 5.0})
+    assert wanted[2] == pytest.approx(BRAKED_N)
 
 
 @pytest.mark.parametrize("name", EVERY)

@@ -24,6 +24,7 @@ REALS = {
     "HF_LEAST_SWING_N": LoadSwing.LEAST_N,
     "HF_SWING_SHARE": LoadSwing.SHARE,
     "HF_SWING_GONE": LoadSwing.GONE,
+    "HF_FADES_S": Holdfast.FADES_S,
     "HF_BRAKE_S": Holdfast.BRAKE_S,
     "HF_OWN_S": WearersGrip.TIME_S,
     "HF_FIRM_N": friction.FIRM_N,

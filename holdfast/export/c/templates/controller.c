@@ -63,14 +63,19 @@ static int hf_handed_over(holdfast_grip *own, const holdfast_sense *sense) {
 
 /* The wanted grip, N a side; 0 for none. */
 static double hf_step_controller(holdfast_grip *own, const holdfast_sense *sense, int *fresh) {
-    double evidence, wanted_n;
+    const int holds = sense->known && !sense->empty;
+    const double now = holds ? hf_evidence(sense) : 0.0;
+    const double fading = own->last_evidence - HF_PERIOD_S / HF_FADES_S;
+    const double evidence = holds ? hf_high(now, fading) : 0.0;
+    double wanted_n;
     int ends;
     hf_step_own_grip(own, sense);
-    evidence = hf_evidence(sense);
-    *fresh = evidence > 0.0 && sense->known && !sense->empty;
+    *fresh = evidence > 0.0;
     wanted_n = *fresh ? hf_high(sense->grip_n, own->own_n) + own->options.lead_n * evidence
                       : hf_kept_n(own, sense);
-    ends = hf_handed_over(own, sense) && !*fresh;
+    ends = hf_handed_over(own, sense) && !(now > 0.0);
+    if (sense->known) own->last_evidence = evidence;
+    if (ends) own->last_evidence = 0.0;
     if (sense->known) own->quiet_s = *fresh ? 0.0 : hf_low(own->quiet_s + HF_PERIOD_S, 1.0);
     return ends ? 0.0 : wanted_n;
 }

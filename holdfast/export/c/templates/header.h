@@ -186,7 +186,7 @@ typedef struct {
 /* The memory of controller, friction margin and supervisor; its content is private. */
 typedef struct {
     holdfast_grip_options options;
-    double own_n, load_n, high_n, low_n, rises_n, mean_n, most_n, safe_run, quiet_s;
+    double own_n, load_n, high_n, low_n, rises_n, mean_n, most_n, safe_run, quiet_s, last_evidence;
     double given_n, risen_s, since_s;
     double last_ratios[@RATIOS@], slid, quiet_ratio, held_ratio;
     double mu_hat, needed_n, holds_n, margin;
