@@ -24,6 +24,8 @@ from holdfast.edge_runtime.model_file import ModelCard, votes_in_all
 
 SILENT_STEPS = 10_000
 """So long a silence shows a filter that decays into subnormal numbers, or a leak."""
+SPANS = 5
+"""Parts of the silence. A leak grows in every one; a page that is touched first, in one."""
 WARM_STEPS = 500
 """Steps before memory is measured, in which caches fill."""
 MOST_GROWTH_KB = 1024
@@ -122,19 +124,22 @@ def check_silence_and_memory(model: Model) -> Iterator[CheckResult]:
     for _ in range(WARM_STEPS):
         graph.step()
 
-    before_kb = _resident_kb()
+    resident_kb = [_resident_kb()]
 
     subnormal = 0
     smallest = float("inf")
-    for k in range(SILENT_STEPS):
+    for k in range(1, SILENT_STEPS + 1):
         graph.step()
+        if k % (SILENT_STEPS // SPANS) == 0:
+            resident_kb.append(_resident_kb())
         if k % 10 == 0:
             # subnormal numbers make a processor a hundred times slower
             sizes = np.abs(graph.state[graph.state != 0.0])
             subnormal += int((sizes < tiny).sum())
             smallest = min(smallest, float(sizes.min(initial=np.inf)))
 
-    grown_kb = _resident_kb() - before_kb
+    # A process does more than this: what one span alone grew is no leak of a step.
+    grown_kb = SPANS * min(b - a for a, b in zip(resident_kb, resident_kb[1:], strict=False))
     figure = f"{subnormal} subnormal numbers, the smallest state {smallest:.1e}"
     yield CheckResult("silence", subnormal == 0, figure)
     figure = f"{SILENT_STEPS} steps, {grown_kb:+d} kB"

@@ -34,7 +34,7 @@ def test_the_page_runs_and_the_file_is_one_person_s_until_it_is_undone(
     (tmp_path / "models").symlink_to(ROOT / "models")
     (commands,) = re.findall(r"```sh\n(.*?)```", PAGE.read_text("utf-8"), re.DOTALL)
     results = [run(*shlex.split(line)[1:]) for line in commands.splitlines()]
-    assert [code for code, _, _ in results] == [0] * len(results), results
+    assert not [result for result in results if result[0] != 0]
     assert "based on 8 hand-overs" in results[2][1]
     assert "0 labels differ from the reference" in results[2][1]
     made = tmp_path / "build/adapt/p01.onnx"
