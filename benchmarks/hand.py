@@ -60,6 +60,10 @@ NATIVE = "i2c"
 """The board's own bus, by smbus2; its transfers are ioctls."""
 
 
+LOST = ("unknown", "degraded")
+"""Answers of a hand that misses a sensor."""
+
+
 @dataclass(frozen=True)
 class ScanCost:
     """One scan of six fingers, by bridge and way to read.
@@ -247,13 +251,13 @@ def _fault_row(model: Model, fault: str, compute_ms: float, phases: int) -> Faul
 
     def emit(prediction: Prediction, sample: Sample, measured: SourceReading) -> None:
         answered_s = 1e-9 * bench.clock.now_ns() + 1e-3 * compute_ms
-        rows.append((answered_s, bool(sample.valid.all()), prediction.state))
+        rows.append((answered_s, bool(sample.valid.all()), _answer(prediction)))
 
     end_ns = round(1e9 * FAULT_RUN_S)
     summary = _answered(bench, model, emit, lambda: bench.clock.now_ns() >= end_ns)
     after = [row for row in rows if row[0] >= FAULT_AT_S]
     bad = [t for t, good, _ in after if not good]
-    unknown = [t for t, _, state in after if state == "unknown"]
+    not_whole = [t for t, _, state in after if state in LOST]
     ends_s = FAULT_AT_S + (read_fault(fault).lasts_s if "+" in fault else 0.0)
     detected_ms = [
         _detected_ms(model, fault, phase / phases) + compute_ms
@@ -269,21 +273,26 @@ def _fault_row(model: Model, fault: str, compute_ms: float, phases: int) -> Faul
             sorted({state for t, _, state in after if bad[0] <= t <= bad[-1]})
         ),
         whole_again_ms=1e3 * (bad[-1] - ends_s),
-        settled_again_ms=1e3 * (unknown[-1] - ends_s),
+        settled_again_ms=1e3 * (not_whole[-1] - ends_s),
         samples_lost=summary.overruns,
         ends=rows[-1][2],
     )
 
 
+def _answer(prediction: Prediction) -> str:
+    """The state, or "degraded" where some sensors are missing and enough are left."""
+    return "degraded" if prediction.degraded else prediction.state
+
+
 def _detected_ms(model: Model, fault: str, phase: float) -> float:
-    """From a fault at this phase of a period, 0 .. 1, until the answer "unknown" is out."""
+    """From a fault at this phase of a period, 0 .. 1, until an answer of LOST is out."""
     at_s = PHASES_FROM_S + phase / model.card.rate_hz
     bench = Bench(faults=(fault.replace(f"@{FAULT_AT_S:g}", f"@{at_s:.6f}"),))
     found_s: list[float] = []
 
     def emit(prediction: Prediction, sample: Sample, measured: SourceReading) -> None:
         now_s = 1e-9 * bench.clock.now_ns()
-        if now_s >= at_s and prediction.state == "unknown":
+        if now_s >= at_s and _answer(prediction) in LOST:
             found_s.append(now_s)
 
     end_ns = round(1e9 * (at_s + 1.0))

@@ -139,7 +139,7 @@ def check_silence_and_memory(model: Model) -> Iterator[CheckResult]:
             smallest = min(smallest, float(sizes.min(initial=np.inf)))
 
     # A process does more than this: what one span alone grew is no leak of a step.
-    grown_kb = SPANS * min(b - a for a, b in zip(resident_kb, resident_kb[1:], strict=False))
+    grown_kb = SPANS * int(np.diff(resident_kb).min())
     figure = f"{subnormal} subnormal numbers, the smallest state {smallest:.1e}"
     yield CheckResult("silence", subnormal == 0, figure)
     figure = f"{SILENT_STEPS} steps, {grown_kb:+d} kB"

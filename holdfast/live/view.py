@@ -139,7 +139,8 @@ def picture(
 
     state = prediction.state.replace("_", " ").upper()
     style = f"bold {COLOURS[prediction.state]}"
-    head = Text(f"{state}{request}", style=style)
+    missing = "  degraded" if prediction.degraded else ""
+    head = Text(f"{state}{missing}{request}", style=style)
     age = f"{1e-3 * prediction.latency_us:.1f} ms after it was taken"
     sample_line = Text(f"sample {prediction.sequence}, {age}")
 

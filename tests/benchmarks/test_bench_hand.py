@@ -65,7 +65,7 @@ def faults():
         return fault_table(MODEL, compute_ms=0.5, phases=2)
 
 
-def test_every_fault_is_unknown_within_two_samples_or_the_stale_time_or_a_time_out_and_ends_whole(
+def test_every_fault_is_answered_within_two_samples_or_the_stale_time_or_a_time_out_and_ends_whole(
     faults,
 ):
     for row in faults:

@@ -17,7 +17,6 @@ import holdfast
 from holdfast.cli.main import main
 from holdfast.core.contract import CLASSES, SITUATIONS, BoolArray, FloatArray
 from holdfast.core.errors import UsageError
-from holdfast.core.reading import model_path
 from holdfast.edge_runtime.graph import StepGraph, open_session, run_recording
 from holdfast.edge_runtime.model import Model
 from holdfast.edge_runtime.model_file import CONTACT_KEY
@@ -258,14 +257,6 @@ def learner_digest(data: bytes) -> str:
             if name in constants:
                 digest.update(onnx.numpy_helper.to_array(constants[name]).tobytes())
     return digest.hexdigest()
-
-
-def test_the_learner_of_the_shipped_file_is_that_of_the_file_before() -> None:
-    """Of d86a7e638b14, the last file of before the rule."""
-    data = model_path("holdfast-150hz").read_bytes()
-    assert learner_digest(data) == (
-        "ca45d7d280e1a53a20afd3efbd7ad3474628b2be12c2df98fca63688f050e0ff"
-    )
 
 
 def test_a_run_of_an_older_file_says_so_once(

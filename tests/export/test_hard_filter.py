@@ -7,7 +7,7 @@ Tests marked unguarded take the guard away, in plain scipy or numpy, and watch w
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -693,14 +693,20 @@ def test_one_finger_dead_from_the_start_makes_no_grasp_of_an_empty_hand(
     }
 
 
+@pytest.mark.parametrize(
+    ("lost", "known"),
+    [([1], True), ([1, 4], True), ([1, 3, 4], False), (range(6), False)],
+)
 @DEAD.mark
-def test_a_finger_that_is_lost_from_the_start_leaves_the_hand_unknown_and_unsettled() -> (
-    None
-):
-    values = noise(160)
-    values[:, 3:6] = np.nan
-    predictions = answers(DEFAULT_MODEL, values)
-    assert {(one.state, one.settled) for one in predictions} == {("unknown", False)}
+def test_fingers_lost_from_the_start_leave_the_hand_degraded_and_too_many_unknown(
+    lost: Iterable[int], known: bool
+) -> None:
+    values = noise(160).reshape(-1, 6, 3)
+    values[:, list(lost)] = np.nan
+    settle = opened(DEFAULT_MODEL).card.settle_samples
+    later = answers(DEFAULT_MODEL, values.reshape(-1, 18))[settle - 1 :]
+    found = {(one.state, one.degraded, one.settled) for one in later}
+    assert found == {("nothing", True, True) if known else ("unknown", False, False)}
 
 
 @DEAD.unguarded

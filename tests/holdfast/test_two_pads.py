@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import subprocess
 import sys
 from pathlib import Path
@@ -17,11 +16,6 @@ from holdfast.edge_runtime.model import Model
 from holdfast.live.grip import controller_for, grip_to_scene
 from holdfast.live.hand_sources import open_live, shear_gain_of
 
-GROUPS = json.loads(DEFAULT.with_suffix(".json").read_text("utf-8"))["spec"]["groups"]
-any_hand = pytest.mark.skipif(
-    not all(group.startswith("pooled_") for group in GROUPS),
-    reason="the default model is of single fingers, and so of six fingertips only",
-)
 LAYOUT = "layout=0:35,0:22"
 # Twice what friction holds, for a fifth of a second; a drive of 50 ms can be in time.
 TUG = """
@@ -65,7 +59,6 @@ def scene_url(folder: Path, seed: int, layout: str = LAYOUT) -> str:
     return f"virtual://ft232h?{layout}&scene={path}&seed={seed}"
 
 
-@any_hand
 @pytest.mark.parametrize(("controller", "kept"), [("holdfast", True), ("none", False)])
 def test_a_tug_at_a_gripper_of_two_pads_is_held_by_the_commands(
     two_pads: Path, tmp_path: Path, controller: str, kept: bool
@@ -84,7 +77,6 @@ def test_a_tug_at_a_gripper_of_two_pads_is_held_by_the_commands(
     assert (outcome.strongest_n > 1.5 * outcome.wearers_n) == kept
 
 
-@any_hand
 def test_a_run_names_the_gripper_and_commands_it(
     two_pads: Path, tmp_path: Path
 ) -> None:
