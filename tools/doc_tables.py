@@ -32,9 +32,9 @@ SOURCES: dict[str, dict[str, str]] = {
         "all_channels": "build/real/all-channels.json",
         "cost": "build/bench/cost.json",
         "transfer": "build/transfer/transfer.json",
-        "distortions": "docs/measured/distortions-d86a7e638b14.json",
-        "wide": "docs/measured/wide-d86a7e638b14.json",
-        "world": "docs/measured/world-d86a7e638b14.json",
+        "distortions": "docs/measured/distortions-326dbe034565.json",
+        "wide": "docs/measured/wide-326dbe034565.json",
+        "world": "docs/measured/world-326dbe034565.json",
     },
     "docs/adapt.md": {
         "adapt": "build/adapt-study/adapt.json",
@@ -73,7 +73,7 @@ SOURCES: dict[str, dict[str, str]] = {
         "simulator": "build/bench/simulator.json",
         "mujoco_loop": "build/bench/mujoco-loop.json",
         "scenes": "build/scenes/scenes.json",
-        "wide": "docs/measured/wide-d86a7e638b14.json",
+        "wide": "docs/measured/wide-326dbe034565.json",
     },
     "docs/second-physics.md": {
         "before": "docs/measured/world-d86a7e638b14.json",
