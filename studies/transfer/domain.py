@@ -27,7 +27,7 @@ WINDOWS = 500
 """Of each situation from either side, at most."""
 FOLDS = 4
 FOREST = ForestPlan(n_estimators=60, min_samples_leaf=4)
-SHIPPED_GROUPS = "all groups of the shipped models"
+SHIPPED_GROUPS = "all groups of fixed features"
 HALVES = "people against other people"
 
 
