@@ -282,9 +282,10 @@ def test_the_hand_is_degraded_without_one_sensor_unknown_without_all_and_comes_b
         if (a.degraded or a.state == "unknown") and a.t_acquired_ns > 0.9e9
     ]
     assert 1.0 - 1 / 150 < lost[0][0] < 1.0 + 0.020 + 3 / 150
-    # A scan that breaks off has read its first fingers.
-    assert left in {what for _, what in lost}
-    assert left == "unknown" or {what for _, what in lost} == {left}
+    # A scan that breaks off has read its first fingers: a sample or two are degraded.
+    others = [what for _, what in lost if what != left]
+    assert len(others) <= (2 if left == "unknown" else 0)
+    assert len(lost) > 10 * len(others)
     assert answers[-1].state == "nothing"
     assert answers[-1].settled
     assert not answers[-1].degraded

@@ -54,7 +54,7 @@ def test_a_released_file_acts_in_pulls_of_an_unseen_object_and_in_few_hand_overs
     scene = Scene(card, 7)
     acted = {"pass": 0, "pull": 0}
     chosen = [
-        [one for one in scene.trials() if one.action == action][:6] for action in acted
+        [one for one in scene.trials() if one.action == action][:16] for action in acted
     ]
     for one in scene.run_together([*chosen[0], *chosen[1]]):
         trial = tmp_path / f"trial_{one.trial.number}"
@@ -66,8 +66,8 @@ def test_a_released_file_acts_in_pulls_of_an_unseen_object_and_in_few_hand_overs
         )
         monitor = GripMonitor(model, None)
         acted[one.trial.action] += any(monitor.feed(sample).act for sample in source)
-    # 77 of 80 pulls of this object are acted in (docs/evaluation.md): one of six may be missed.
-    assert acted["pull"] >= 5
+    # 77 of 80 pulls of this object are acted in (docs/evaluation.md): one of 16 may be missed.
+    assert acted["pull"] >= 15
     assert acted["pass"] < 3
 
 
