@@ -274,6 +274,20 @@ class EventScores:
     lead_used: Spread | None
     in_time: float | None
 
+    @property
+    def share_of_lead(self) -> Spread | None:
+        """The share of the lead that was used, 0 to 1, for people to read.
+
+        1 where the object slid before the request: no more than the whole lead can be used. None
+        where the median lead is no longer than the collar: the truth is not that sharp.
+        """
+        used, available = self.lead_used, self.available_ms
+        if used is None or available is None or available.p50 <= 1e3 * COLLAR_S:
+            return None
+        # Percentiles of limited values are the limited percentiles.
+        p5, p50, p95 = np.clip((used.p5, used.p50, used.p95), 0.0, 1.0).tolist()
+        return Spread(p5, p50, p95)
+
 
 @dataclass
 class _Times:

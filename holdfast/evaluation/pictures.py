@@ -16,6 +16,7 @@ from holdfast.evaluation.stream_pictures import draw_unknown, labelled, spans
 from holdfast.evaluation.style import INK, QUIET, SITUATION_COLOURS, svg
 from holdfast.evaluation.trials import AnsweredTrial
 from holdfast.training.figures import ABSENT
+from holdfast.training.recording import Recording
 
 SET_COLOURS = (
     "#d55e00",
@@ -28,7 +29,7 @@ SET_COLOURS = (
     "#999999",
 )
 MOST_MS = 150.0
-"""Right end of the distributions, ms."""
+"""Right end of the distributions, ms, unless most alarms come later."""
 LEAST_EVENTS = 5
 """Fewer make no distribution."""
 COLUMNS = 3
@@ -44,8 +45,7 @@ def timelines(rows: Sequence[AnsweredTrial], kind: str) -> str:
         for place, row in enumerate(rows):
             _timeline(axes, place, row)
             recording = row.trial.recording
-            number = recording.trial_id.rsplit("_", 1)[-1]
-            names.append(f"{recording.object_name} {number}")
+            names.append(_row_name(recording))
             # The longest trial decides the width: trials of a picture differ in length.
             end_s = len(row.situation) / recording.rate_hz
             last_s = max(last_s, end_s)
@@ -57,6 +57,14 @@ def timelines(rows: Sequence[AnsweredTrial], kind: str) -> str:
         axes.set_xlabel("time in the trial, s")
         axes.spines[:].set_visible(False)
         return svg(figure)
+
+
+def _row_name(recording: Recording) -> str:
+    """A trial on its row: person, object and number, those that the recordings name."""
+    number = recording.trial_id.rsplit("_", 1)[-1]
+    # Each person has a first trial with a book, so the person stands before it.
+    named = [recording.person, recording.object_name, number]
+    return " ".join(word for word in named if word)
 
 
 def _timeline(axes: Axes, place: int, row: AnsweredTrial) -> None:
@@ -109,7 +117,7 @@ def distributions(times: dict[str, TimesMs], kind: str) -> str:
             _curve(axes, one.left, "lead left at act", "#000000")
             axes.set_title(name, fontsize=9, loc="left")
             # Below 0: an alarm within the collar comes before the load onset.
-            axes.set(xlim=(-20.0, MOST_MS), ylim=(0.0, 1.02), xlabel="ms")
+            axes.set(xlim=(-20.0, _last_ms(one)), ylim=(0.0, 1.02), xlabel="ms")
             axes.axvline(0.0, color=QUIET, linewidth=0.7)
 
         # The last row may have fewer sets than columns.
@@ -120,6 +128,13 @@ def distributions(times: dict[str, TimesMs], kind: str) -> str:
         first.set_ylabel("share of detected events")
         first.legend(frameon=False, fontsize=7, loc="lower right")
         return svg(figure)
+
+
+def _last_ms(of: TimesMs) -> float:
+    """The right end of a panel, ms: further out where most alarms come late."""
+    if np.median(of.to_act) <= MOST_MS:
+        return MOST_MS
+    return float(np.percentile(of.to_act, 95))
 
 
 def _curve(

@@ -45,6 +45,10 @@ def write_event_report(
         ours=of.rows[headline],
         parts=_parts(of),
         cards={name: one.card for name, one in of.sets.items()},
+        simulated_sets=_simulated_sets(of),
+        trained_on=sum(one.card.trained_on_recordings for one in of.sets.values()),
+        n_recordings=sum(one.card.recordings for one in of.sets.values()),
+        least_events=draw.LEAST_EVENTS,
         resampled=_resampled(of),
         timelines=drawn,
         distributions=draw.distributions(of.times, kind),
@@ -69,6 +73,14 @@ def kind_of(of: Evaluation) -> str:
     kinds = [one.card.kind for one in of.sets.values()]
     # Each kind once, in the order of the sets.
     return ", ".join(dict.fromkeys(kinds))
+
+
+def _simulated_sets(of: Evaluation) -> list[str]:
+    """The names of the sets that no hand recorded."""
+    # A set's kind begins with the word, as in "simulated: a hand over a scene".
+    return [
+        name for name, one in of.sets.items() if one.card.kind.startswith("simulated")
+    ]
 
 
 def _parts(of: Evaluation) -> dict[str, Any]:

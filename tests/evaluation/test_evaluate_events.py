@@ -721,14 +721,12 @@ def test_scenes_have_closing_and_specificity_and_a_made_up_set_has_neither(
     assert bound["kept"] <= bound["preventable"] <= bound["modelled"] == 2
 
 
-def test_the_report_answers_first_and_needs_no_other_file(
+def test_the_report_of_training_data_says_so_first_and_needs_no_other_file(
     evaluated: tuple[dict[str, Any], str],
 ) -> None:
-    figures, page = evaluated
-    row = figures["all"]["rows"]["ours, confidence chosen"]
-    first = f"Of {row['events']} grips that fail, an act is requested in {row['found']}"
-    assert first in page
-    assert page.index("grips that fail") < page.index("<table")
+    _, page = evaluated
+    # The made-up set is the one the model learned from, so there is no answer in large.
+    assert page.index("Not a judgement") < page.index("<table")
     assert "src=" not in page
     assert "href=" not in page.replace("xlink:href=", "")
     assert page.count("<svg") >= 6
