@@ -33,6 +33,13 @@ def write_event_report(
     for title, rows in of.drawn.items():
         drawn[title] = draw.timelines(rows, kind)
 
+    # Where a model has seen what is evaluated, the headline must say so.
+    seen = []
+    recordings = []
+    for one in of.sets.values():
+        seen.append(one.card.trained_on_recordings)
+        recordings.append(one.card.recordings)
+
     return write_page(
         path,
         "evaluation.html",
@@ -46,8 +53,8 @@ def write_event_report(
         parts=_parts(of),
         cards={name: one.card for name, one in of.sets.items()},
         simulated_sets=_simulated_sets(of),
-        trained_on=sum(one.card.trained_on_recordings for one in of.sets.values()),
-        n_recordings=sum(one.card.recordings for one in of.sets.values()),
+        trained_on=sum(seen),
+        n_recordings=sum(recordings),
         least_events=draw.LEAST_EVENTS,
         resampled=_resampled(of),
         timelines=drawn,
@@ -78,9 +85,12 @@ def kind_of(of: Evaluation) -> str:
 def _simulated_sets(of: Evaluation) -> list[str]:
     """The names of the sets that no hand recorded."""
     # A set's kind begins with the word, as in "simulated: a hand over a scene".
-    return [
-        name for name, one in of.sets.items() if one.card.kind.startswith("simulated")
-    ]
+    names = []
+    for name, one in of.sets.items():
+        # A folder of recordings has another word there, such as "recorded".
+        if one.card.kind.startswith("simulated"):
+            names.append(name)
+    return names
 
 
 def _parts(of: Evaluation) -> dict[str, Any]:
