@@ -8,6 +8,7 @@ again: an artifact of the fixture there is replaced. Every other artifact is rep
 from __future__ import annotations
 
 import argparse
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -20,6 +21,7 @@ from holdfast.cli.command import (
     show,
     show_found,
 )
+from holdfast.core.writing import require_writable
 
 if TYPE_CHECKING:
     from holdfast.training.fitting import TrainingRequest
@@ -29,10 +31,12 @@ WINDOWS = ("balanced", "dense", "thesis", "natural")
 FEATURES = ("fixed", "pooled")
 MODEL_SIZES = ("tiny", "default", "best")
 LEARNERS = ("forest", "network", "committee")
-HELD_OUT_BY = ("person", "object", "trial")
+HELD_OUT_BY = ("person", "object", "session", "trial")
 DEFAULT_OUT = Path("build/default")
 OTHER_STAGES = 9
 """Stages besides one for each set: libraries, features, six folds, final forests."""
+REPORT_STAGES = 4
+"""Further stages of --report: three points of the learning curve, and the page."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -66,6 +70,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="seed of every random choice (default 0)",
     )
     add_json_option(parser)
+    parser.add_argument(
+        "--report",
+        type=path_argument,
+        metavar="OUT",
+        help="write a report (HTML): held out by person, else object, session or trial, with a "
+        "learning curve",
+    )
 
 
 def _choose_recordings(parser: argparse.ArgumentParser) -> None:
@@ -80,7 +91,8 @@ def _choose_recordings(parser: argparse.ArgumentParser) -> None:
         "--hold-out",
         choices=HELD_OUT_BY,
         metavar="WHAT",
-        help="what is held out together: person (default with two or more), object, or trial",
+        help="what is held out together: person (default with two or more), object, session "
+        "(a date in the path), or trial",
     )
 
 
@@ -139,14 +151,25 @@ def run(args: argparse.Namespace) -> int:
     from holdfast.training.progress import stages
 
     require_json_writable(args)
-    with stages(max(1, len(args.data)) + OTHER_STAGES) as progress:
+    # A report that cannot be written is refused before the training.
+    if args.report is not None:
+        require_writable(args.report.parent)
+
+    extra = 0 if args.report is None else REPORT_STAGES
+    with stages(max(1, len(args.data)) + OTHER_STAGES + extra) as progress:
         progress("loading the libraries")
         # Imported within the stage: loading the libraries takes seconds, and is shown.
         from holdfast.training.fitting import train_on_sets
 
         # With --json on stdout nothing else may stand there.
         describe = _quiet if args.json == STDOUT else show
-        data, figures = train_on_sets(_request(args), progress, describe)
+        data, trained = train_on_sets(_request(args), progress, describe)
+        figures = trained.figures
+        if args.report is not None:
+            from holdfast.evaluation.training_report import write_training_report
+
+            progress("drawing the report")
+            write_training_report(args.report, data, trained, args.out)
 
     held_out = f"held out by {data.group_kind}: "
     macro_f1, *each_f1 = situation_lines(figures.situations, figures.group_kind)
@@ -164,6 +187,7 @@ def run(args: argparse.Namespace) -> int:
         "kind": data.kind,
         "caveat": data.caveat,
         "held_out": figures.to_json(),
+        "learning_curve": [asdict(point) for point in trained.curve],
     }
     show_found(args, "\n".join(lines), found)
     return 0
@@ -190,4 +214,5 @@ def _request(args: argparse.Namespace) -> TrainingRequest:
         learner=args.learner,
         inner_folds=args.inner_folds,
         seed=args.seed,
+        judge=args.report is not None,
     )

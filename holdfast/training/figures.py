@@ -13,7 +13,13 @@ from holdfast.core.reading import Json
 
 ABSENT = "-"
 """What a table has for a class that is absent from the truth."""
-PLURAL = {"person": "people", "object": "objects", "trial": "trials", "block": "blocks"}
+PLURAL = {
+    "person": "people",
+    "object": "objects",
+    "session": "sessions",
+    "trial": "trials",
+    "block": "blocks",
+}
 """Of the kinds of group that are held out together."""
 Interval = tuple[float, float]
 """The interval of a figure, 95 % unless stated."""

@@ -6,9 +6,10 @@ import hashlib
 import platform
 import warnings
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from importlib.metadata import version
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -43,6 +44,9 @@ from holdfast.training.progress import Part, Say, Stages, ignored
 from holdfast.training.recording import DataSet, HoldOut, LabelledRows, Recording
 from holdfast.training.windows import Choice
 
+if TYPE_CHECKING:
+    from holdfast.training.judging import CurvePoint
+
 VERSIONS_OF = ("numpy", "scipy", "scikit-learn", "skl2onnx", "onnx", "onnxruntime")
 FIXTURE = "fixture"
 FIXTURE_TRIALS = 4
@@ -67,6 +71,7 @@ class TrainingRequest:
     be replaced; replace_fixture: one of the fixture may be, by one of the fixture. channels,
     groups, hold_out, windows: as `datasets.load` takes them. features, size, learner, inner_folds:
     of the plan. seed: of every random choice, so that the same request gives the same model.
+    judge: hold out the strictest that the data allow, and compute the learning curve.
     """
 
     data: tuple[str, ...]
@@ -82,23 +87,28 @@ class TrainingRequest:
     learner: LearnerKind = "committee"
     inner_folds: int = 0
     seed: int = 0
+    judge: bool = False
 
 
 @dataclass(frozen=True)
 class Trained:
-    """What a training run leaves in memory: held-out figures, and the votes behind them."""
+    """What a training run leaves in memory: held-out figures, and the votes behind them.
+
+    curve: the same with fewer training data, where that was asked for.
+    """
 
     figures: HeadFigures
     held_out: HeldOut
+    curve: list[CurvePoint] = field(default_factory=list)
 
 
 def train_on_sets(
     request: TrainingRequest, progress: Stages, describe: Callable[[str], None]
-) -> tuple[DataSet, HeadFigures]:
+) -> tuple[DataSet, Trained]:
     """Read the sets, train on all of them together and write the artifact.
 
-    describe: receives a description of each set that was read. Returns the joined set and its
-    held-out figures. Raises UsageError, OutputError, or a DataError.
+    describe: receives a description of each set that was read. Returns the joined set and what was
+    found of it. Raises UsageError, OutputError, or a DataError.
     """
     # Checked before anything is read, so that a long run does not end at a folder that it cannot
     # write.
@@ -123,10 +133,19 @@ def train_on_sets(
         describe(f"{data.name}: {data.kind}; {count}\n{windows_table(data)}")
         sets.append(data)
 
+    plan = PLANS[request.features](request.size, request.learner)
+    if request.judge and request.hold_out is None:
+        # only a run that is judged needs this module
+        from holdfast.training.judging import with_strictest_hold_out
+
+        strict = []
+        for data in sets:
+            strict.append(with_strictest_hold_out(data, plan.folds, request.seed))
+        sets = strict
+
     joined = join(sets)
     warn_of_scarcity(joined, undersampled=request.windows == "thesis")
 
-    plan = PLANS[request.features](request.size, request.learner)
     trained = train(
         joined,
         request.out,
@@ -134,8 +153,9 @@ def train_on_sets(
         seed=request.seed,
         say=progress,
         part=progress.part,
+        judge=request.judge,
     )
-    return joined, trained.figures
+    return joined, trained
 
 
 def _require_open(names: Sequence[str]) -> None:
@@ -250,11 +270,12 @@ def train(
     seed: int = 0,
     say: Say = ignored,
     part: Part = ignored,
+    judge: bool = False,
 ) -> Trained:
     """Train on a set and write the artifact folder.
 
     say: receives the name of each stage as it begins. part: receives the share of the stage that is
-    done.
+    done. judge: compute the learning curve too.
 
     Raises ClassMissing, TooFewGroups, RateError or OutputError.
     """
@@ -282,7 +303,12 @@ def train(
     say("final learners on all recordings")
     figures = held_out_figures(data, held_out, seed)
     write_artifact(out, final_artifact(data, features, held_out, figures, plan, seed))
-    return Trained(figures, held_out)
+    curve = []
+    if judge:
+        from holdfast.training.judging import learning_curve
+
+        curve = learning_curve(data, features, plan, seed, held_out_figures, say)
+    return Trained(figures, held_out, curve)
 
 
 def final_artifact(

@@ -9,6 +9,7 @@ trial at a time. Intervals resample groups. Folds are dealt here and not by scik
 
 from __future__ import annotations
 
+import re
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Literal
@@ -241,7 +242,7 @@ def leaky_folds(n_rows: int, n_folds: int, *, seed: int = 0) -> list[Fold]:
     return _folds(fold, range(n_folds))
 
 
-HoldOut = Literal["person", "object", "trial"]
+HoldOut = Literal["person", "object", "session", "trial"]
 NO_OBJECT = "-"
 """The object of a recording of the hand alone, where a name is needed."""
 
@@ -264,6 +265,9 @@ def regrouped(data: DataSet, by: HoldOut) -> DataSet:
     people = {recording.person for recording in recordings}
 
     unnamed = by == "person" and None in people
+    if by == "session":
+        dates = [_DATE.search(one.trial_id) for one in recordings]
+        unnamed = None in dates
     if unnamed or len(regrouped_set.groups()) < 2:
         raise TooFewGroups(
             f"the recordings cannot be held out by {by}",
@@ -274,9 +278,12 @@ def regrouped(data: DataSet, by: HoldOut) -> DataSet:
     return regrouped_set
 
 
+_DATE = re.compile(r"(?<!\d)20\d\d-?[01]\d-?[0-3]\d(?!\d)")
+"""A day in the path of a trial: its session."""
 _NEXT = {
     "person": "sort trials into <person>/<object>/<action>/, or hold out by trial",
     "object": "record another object, or hold out by trial",
+    "session": "record on another day (a date as 2026-11-24 in the path), or hold out by trial",
     "trial": "record more trials",
 }
 
@@ -291,5 +298,8 @@ def _grouped_by(recordings: Sequence[Recording], by: HoldOut) -> list[Recording]
             group = recording.person
         elif by == "object":
             group = recording.object_name or NO_OBJECT
+        elif by == "session":
+            date = _DATE.search(recording.trial_id)
+            group = date.group() if date else group
         result.append(replace(recording, group=group))
     return result

@@ -1,0 +1,145 @@
+"""What a trained model is judged by: what is held out together, and how more data would help.
+
+The strictest hold-out that the data allow: person, else object, else session, else trial. Never a
+window: neighbours in time are nearly the same, and a model that saw one knows the other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from holdfast.core.errors import ClassMissing, TooFewGroups
+from holdfast.training.crossval import HeldOut, answer_fold, main_task, splits_of
+from holdfast.training.featurise import FloatRows
+from holdfast.training.figures import HeadFigures, Interval
+from holdfast.training.plan import TrainingPlan
+from holdfast.training.progress import Say, ignored
+from holdfast.training.recording import DataSet, Fold, HoldOut, regrouped
+
+STRICTEST_FIRST: tuple[HoldOut, ...] = ("person", "object", "session", "trial")
+SHARES = (0.25, 0.5, 0.75)
+"""Of the groups a fold trains on; the whole is the held-out figure itself."""
+
+
+FiguresOf = Callable[[DataSet, HeldOut, int], HeadFigures]
+"""Metrics of held-out votes, with a seed of their intervals."""
+
+
+@dataclass(frozen=True)
+class CurvePoint:
+    """The held-out macro F1 of models trained on fewer groups and trials (means over folds)."""
+
+    n_groups: float
+    n_trials: float
+    macro_f1: float | None
+    macro_f1_ci: Interval | None
+
+
+def with_strictest_hold_out(data: DataSet, folds: int, seed: int) -> DataSet:
+    """The set held out by the first of STRICTEST_FIRST with which every fold can be trained.
+
+    A set whose reader has its own kind of group, such as blocks, keeps it.
+    """
+    if data.group_kind not in STRICTEST_FIRST:
+        return data
+    for kind in STRICTEST_FIRST:
+        try:
+            candidate = regrouped(data, kind)
+        except TooFewGroups:
+            continue
+        if _trainable(candidate, folds, seed):
+            return candidate
+    # Training itself says what is missing.
+    return data
+
+
+def _trainable(data: DataSet, folds: int, seed: int) -> bool:
+    """Whether each fold trains on every class of the main task that the set has."""
+    rows = data.tasks[main_task(data)]
+    in_all = len(np.unique(rows.label))
+    n_folds = min(folds, len(np.unique(data.group_of(main_task(data)))))
+    if n_folds < 2:
+        return False
+    plan = TrainingPlan(folds=n_folds)
+    for split in splits_of(data, plan, seed):
+        train, _ = split[main_task(data)]
+        if len(np.unique(rows.label[train])) < in_all:
+            return False
+    return True
+
+
+def learning_curve(
+    data: DataSet,
+    features: dict[str, FloatRows],
+    plan: TrainingPlan,
+    seed: int,
+    figures_of: FiguresOf,
+    say: Say = ignored,
+) -> list[CurvePoint]:
+    """Held-out figures where each fold trains on a share of its groups only.
+
+    The windows that are answered stay the same, so the points differ by the training data alone.
+    A share with which a fold has a class no more is left out.
+    """
+    # The prediction ahead is not drawn, so it is not trained again.
+    main = main_task(data)
+    one_task = replace(data, tasks={main: data.tasks[main]})
+    points: list[CurvePoint] = []
+    for share in SHARES:
+        say(f"learning curve: {share:.0%} of the training data")
+        point = _point(one_task, features, plan, share, seed, figures_of)
+        # With few groups two shares are the same groups.
+        if point is None:
+            continue
+        if points and points[-1].n_groups == point.n_groups:
+            continue
+        points.append(point)
+    return points
+
+
+def _point(
+    data: DataSet,
+    features: dict[str, FloatRows],
+    plan: TrainingPlan,
+    share: float,
+    seed: int,
+    figures_of: FiguresOf,
+) -> CurvePoint | None:
+    main = main_task(data)
+    groups = data.group_of(main)
+    classes = len(np.unique(data.tasks[main].label))
+    answers = []
+    n_groups = []
+    n_trials = []
+    for split in splits_of(data, plan, seed):
+        train, test = split[main]
+        kept = _some(groups[train].tolist(), share, seed)
+        fewer = train[np.isin(groups[train], kept)]
+        if len(np.unique(data.tasks[main].label[fewer])) < classes:
+            return None
+        n_groups.append(len(kept))
+        n_trials.append(len(np.unique(data.tasks[main].trial[fewer])))
+        cut: dict[str, Fold] = {main: (fewer, test)}
+        try:
+            answers.append(answer_fold(data, features, plan, cut, seed))
+        except (ClassMissing, TooFewGroups):
+            return None
+
+    situations = figures_of(data, HeldOut.of(data, answers), seed).situations
+    return CurvePoint(
+        float(np.mean(n_groups)),
+        float(np.mean(n_trials)),
+        situations.macro_f1,
+        situations.macro_f1_ci,
+    )
+
+
+def _some(groups: Sequence[str], share: float, seed: int) -> list[str]:
+    """This share of the groups, one at least; a larger share has all those of a smaller one."""
+    names = sorted(set(groups))
+    order = np.random.default_rng(seed).permutation(len(names))
+    n = max(1, round(share * len(names)))
+    return [names[k] for k in order[:n]]

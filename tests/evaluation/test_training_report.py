@@ -1,0 +1,64 @@
+"""A judged model in one command: what is held out, the headline, the learning curve."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from command_line import Run
+
+from holdfast.training.datasets import load
+from holdfast.training.fixture import write_fixture
+from holdfast.training.judging import with_strictest_hold_out
+from holdfast.training.recording import DataSet
+
+
+@pytest.fixture(scope="module")
+def by_trial(tmp_path_factory: pytest.TempPathFactory) -> DataSet:
+    folder = tmp_path_factory.mktemp("judged") / "set"
+    write_fixture(folder, trials_per_cell=2)
+    return load(folder, windows="thesis")
+
+
+def test_a_set_is_held_out_by_person_else_object_else_session_else_trial(
+    by_trial: DataSet,
+) -> None:
+    assert with_strictest_hold_out(by_trial, 2, 0).group_kind == "object"
+    one_object = replace(
+        by_trial,
+        recordings=[replace(one, object_name="book") for one in by_trial.recordings],
+    )
+    assert with_strictest_hold_out(one_object, 2, 0).group_kind == "trial"
+    dated = []
+    named = []
+    for k, one in enumerate(one_object.recordings):
+        path = f"2026-11-2{k % 2}/{one.trial_id}"
+        dated.append(replace(one, trial_id=path))
+        named.append(replace(one, person=f"p{k % 2}"))
+    sessions = with_strictest_hold_out(replace(one_object, recordings=dated), 2, 0)
+    assert sessions.group_kind == "session"
+    assert sessions.groups() == ["2026-11-20", "2026-11-21"]
+    people = with_strictest_hold_out(replace(one_object, recordings=named), 2, 0)
+    assert people.group_kind == "person"
+
+
+def test_the_headline_is_the_held_out_figure_and_a_curve_shows_fewer_trials(
+    run: Run, tmp_path: Path
+) -> None:
+    write_fixture(tmp_path / "set", trials_per_cell=2)
+    words = ["train", "--data", tmp_path / "set", "--out", tmp_path / "model"]
+    words += ["--size", "tiny", "--learner", "forest", "--windows", "thesis"]
+    words += ["--report", tmp_path / "r.html", "--json", tmp_path / "f.json"]
+    code, _, err = run(*words)
+    assert code == 0, err
+    figures = json.loads((tmp_path / "f.json").read_text("utf-8"))
+    held_out = figures["held_out"]
+    page = (tmp_path / "r.html").read_text("utf-8")
+    value = f"{held_out['situations']['macro_f1']:.3f}"
+    by = held_out["group_kind"]
+    assert f"<h1>Held out by {by}: macro F1 {value}</h1>" in page
+    trials = [point["n_trials"] for point in figures["learning_curve"]]
+    assert trials == sorted(trials)
+    assert ("<svg" in page) == bool(trials)
