@@ -104,6 +104,8 @@ def _windows_in_words(figures: WindowFigures) -> list[str]:
     kind = heads.group_kind
     trials = _trials_in_words(heads)
     lines = [f"{figures.data} ({figures.kind}): {trials}"]
+    # Before the figures: a reader who stops at the first must not take it for a judgement.
+    lines += _warnings(figures)
     lines += situation_lines(heads.situations, kind)
 
     ahead = heads.predict_250ms
@@ -115,7 +117,7 @@ def _windows_in_words(figures: WindowFigures) -> list[str]:
         lines.append(f"0.25 s prediction: AUC          {auc}")
         lines.append(f"  average precision {precision}")
 
-    return [*lines, *_warnings(figures), figures.caveat]
+    return [*lines, figures.caveat]
 
 
 def _warnings(figures: WindowFigures) -> list[str]:

@@ -7,9 +7,9 @@ from pathlib import Path
 from holdfast.evaluation.html import write_page
 from holdfast.evaluation.stream_pictures import labelled
 from holdfast.evaluation.style import svg
-from holdfast.training.figures import PLURAL, HeadFigures, Interval, in_words
+from holdfast.training.figures import PLURAL, Interval, in_words
 from holdfast.training.fitting import Trained
-from holdfast.training.judging import CurvePoint
+from holdfast.training.judging import CurvePoint, per_doubling
 from holdfast.training.recording import DataSet
 
 
@@ -18,7 +18,7 @@ def write_training_report(
 ) -> Path:
     """Write the report; OutputError where that cannot be done."""
     figures = trained.figures
-    points = [*trained.curve, _whole(figures)]
+    points = trained.curve
     kind = figures.group_kind
     # A joined set may be held out by several kinds.
     groups = PLURAL.get(kind, "groups")
@@ -26,7 +26,6 @@ def write_training_report(
     if kind in PLURAL:
         n_groups = in_words(figures.n_groups, kind)
 
-    # One point is no curve.
     curve = ""
     if trained.curve:
         curve = _curve(points, data.kind, groups)
@@ -42,25 +41,9 @@ def write_training_report(
         n_groups=n_groups,
         curve=curve,
         points=points,
-        gain=_gain(points),
+        gain=per_doubling(points),
         artifact=artifact,
     )
-
-
-def _whole(figures: HeadFigures) -> CurvePoint:
-    """The last point: all there is, of which each fold holds out its part."""
-    of = figures.situations
-    return CurvePoint(
-        float(figures.n_groups), float(figures.n_trials), of.macro_f1, of.macro_f1_ci
-    )
-
-
-def _gain(points: list[CurvePoint]) -> float | None:
-    """What the last step of the curve brought; None where it is not known."""
-    if len(points) < 2:
-        return None
-    before, last = points[-2].macro_f1, points[-1].macro_f1
-    return None if before is None or last is None else last - before
 
 
 def _curve(points: list[CurvePoint], kind: str, groups: str) -> str:

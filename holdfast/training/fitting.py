@@ -307,7 +307,9 @@ def train(
     if judge:
         from holdfast.training.judging import learning_curve
 
-        curve = learning_curve(data, features, plan, seed, held_out_figures, say)
+        curve = learning_curve(
+            data, features, plan, seed, held_out_figures, figures, say
+        )
     return Trained(figures, held_out, curve)
 
 

@@ -21,7 +21,7 @@ from holdfast.training.recording import DataSet, Fold, HoldOut, regrouped
 
 STRICTEST_FIRST: tuple[HoldOut, ...] = ("person", "object", "session", "trial")
 SHARES = (0.25, 0.5, 0.75)
-"""Of the groups a fold trains on; the whole is the held-out figure itself."""
+"""Of the groups a fold trains on; the last point is the whole, the held-out figure itself."""
 
 
 FiguresOf = Callable[[DataSet, HeldOut, int], HeadFigures]
@@ -77,12 +77,14 @@ def learning_curve(
     plan: TrainingPlan,
     seed: int,
     figures_of: FiguresOf,
+    whole: HeadFigures,
     say: Say = ignored,
 ) -> list[CurvePoint]:
     """Held-out figures where each fold trains on a share of its groups only.
 
     The windows that are answered stay the same, so the points differ by the training data alone.
-    A share with which a fold has a class no more is left out.
+    A share with which a fold has a class no more is left out. whole: the figures with all of them,
+    which are known already. No point where only the whole is left: one point is no curve.
     """
     # The prediction ahead is not drawn, so it is not trained again.
     main = main_task(data)
@@ -90,50 +92,95 @@ def learning_curve(
     points: list[CurvePoint] = []
     for share in SHARES:
         say(f"learning curve: {share:.0%} of the training data")
-        point = _point(one_task, features, plan, share, seed, figures_of)
-        # With few groups two shares are the same groups.
-        if point is None:
+        folds = _cut(one_task, plan, share, seed)
+        held_out = _answers(one_task, features, plan, folds, seed)
+        if held_out is None:
             continue
+
+        figures = figures_of(one_task, held_out, seed)
+        point = _point(one_task, folds, figures)
+        # With few groups two shares are the same groups.
         if points and points[-1].n_groups == point.n_groups:
             continue
         points.append(point)
+
+    if points:
+        every = _cut(one_task, plan, 1.0, seed)
+        points.append(_point(one_task, every, whole))
     return points
 
 
-def _point(
-    data: DataSet,
-    features: dict[str, FloatRows],
-    plan: TrainingPlan,
-    share: float,
-    seed: int,
-    figures_of: FiguresOf,
-) -> CurvePoint | None:
+def per_doubling(points: Sequence[CurvePoint]) -> float | None:
+    """What twice the trials brought to the macro F1: a line through it over log2 of the trials.
+
+    A curve flattens, so the next doubling brings this much at most. None with less than two points.
+    """
+    n_trials = []
+    macro_f1 = []
+    for point in points:
+        if point.macro_f1 is not None:
+            n_trials.append(point.n_trials)
+            macro_f1.append(point.macro_f1)
+    if len(macro_f1) < 2:
+        return None
+    slope, _ = np.polyfit(np.log2(n_trials), macro_f1, 1)
+    return float(slope)
+
+
+def _cut(data: DataSet, plan: TrainingPlan, share: float, seed: int) -> list[Fold]:
+    """The folds of the main task, with this share of their training groups."""
     main = main_task(data)
     groups = data.group_of(main)
-    classes = len(np.unique(data.tasks[main].label))
-    answers = []
-    n_groups = []
-    n_trials = []
+    folds = []
     for split in splits_of(data, plan, seed):
         train, test = split[main]
         kept = _some(groups[train].tolist(), share, seed)
         fewer = train[np.isin(groups[train], kept)]
-        if len(np.unique(data.tasks[main].label[fewer])) < classes:
-            return None
-        n_groups.append(len(kept))
-        n_trials.append(len(np.unique(data.tasks[main].trial[fewer])))
-        cut: dict[str, Fold] = {main: (fewer, test)}
-        try:
-            answers.append(answer_fold(data, features, plan, cut, seed))
-        except (ClassMissing, TooFewGroups):
+        folds.append((fewer, test))
+    return folds
+
+
+def _answers(
+    data: DataSet,
+    features: dict[str, FloatRows],
+    plan: TrainingPlan,
+    folds: Sequence[Fold],
+    seed: int,
+) -> HeldOut | None:
+    """The held-out votes; None where a fold cannot be trained on all classes any more."""
+    main = main_task(data)
+    label = data.tasks[main].label
+    # Before any training: the last fold may be the one that lacks a class.
+    for train, _ in folds:
+        if len(np.unique(label[train])) < len(np.unique(label)):
             return None
 
-    situations = figures_of(data, HeldOut.of(data, answers), seed).situations
+    answers = []
+    for fold in folds:
+        try:
+            answers.append(answer_fold(data, features, plan, {main: fold}, seed))
+        # Inner folds need groups too.
+        except (ClassMissing, TooFewGroups):
+            return None
+    return HeldOut.of(data, answers)
+
+
+def _point(data: DataSet, folds: Sequence[Fold], figures: HeadFigures) -> CurvePoint:
+    """The figures, with the groups and trials that a fold trains on."""
+    main = main_task(data)
+    groups = data.group_of(main)
+    trial = data.tasks[main].trial
+    n_groups = []
+    n_trials = []
+    for train, _ in folds:
+        n_groups.append(len(np.unique(groups[train])))
+        n_trials.append(len(np.unique(trial[train])))
+
     return CurvePoint(
-        float(np.mean(n_groups)),
-        float(np.mean(n_trials)),
-        situations.macro_f1,
-        situations.macro_f1_ci,
+        n_groups=float(np.mean(n_groups)),
+        n_trials=float(np.mean(n_trials)),
+        macro_f1=figures.situations.macro_f1,
+        macro_f1_ci=figures.situations.macro_f1_ci,
     )
 
 

@@ -11,7 +11,7 @@ from command_line import Run
 
 from holdfast.training.datasets import load
 from holdfast.training.fixture import write_fixture
-from holdfast.training.judging import with_strictest_hold_out
+from holdfast.training.judging import CurvePoint, per_doubling, with_strictest_hold_out
 from holdfast.training.recording import DataSet
 
 
@@ -59,6 +59,18 @@ def test_the_headline_is_the_held_out_figure_and_a_curve_shows_fewer_trials(
     value = f"{held_out['situations']['macro_f1']:.3f}"
     by = held_out["group_kind"]
     assert f"<h1>Held out by {by}: macro F1 {value}</h1>" in page
+    assert (
+        figures["learning_curve"][-1]["macro_f1"] == held_out["situations"]["macro_f1"]
+    )
     trials = [point["n_trials"] for point in figures["learning_curve"]]
     assert trials == sorted(trials)
     assert ("<svg" in page) == bool(trials)
+
+
+def test_twice_the_trials_bring_what_the_points_show() -> None:
+    points = [
+        CurvePoint(k, n, f1, None)
+        for k, n, f1 in ((1, 10, 0.5), (2, 20, 0.6), (4, 40, 0.7))
+    ]
+    assert per_doubling(points) == pytest.approx(0.1)
+    assert per_doubling(points[:1]) is None

