@@ -28,6 +28,8 @@ DISTURBANCES = {"dFn": "grip_change", "dFt": "load_n", "dq": "motor_mm"}
 """Disturbance of a hold (grip, load, motor) -> the drawn parameter that is not 0 in it."""
 SAME_MOMENT_S = 0.02
 """Times of a truth and of its phases, which are whole samples, differ by less."""
+MOST_TITLES = 5
+"""Pictures of actions with other names than the thesis'."""
 ROWS_DRAWN = 8
 """Trials in a picture of timelines."""
 
@@ -190,11 +192,17 @@ def drawn_trials(answered: Sequence[AnsweredTrial]) -> dict[str, list[AnsweredTr
     """
     by_title: dict[str, list[AnsweredTrial]] = {}
     # A fixed order, so that reports of two models can be read side by side.
-    for title in ("pass", "pull", "fall", "put-down", "pass, full-bottle"):
+    titles = ["pass", "pull", "fall", "put-down", "pass, full-bottle"]
+    found = {_title(one.trial.recording) for one in answered}
+    if not found.intersection(titles):
+        # Recordings of a laboratory have actions of their own, or none that is named.
+        titles = sorted(found)[:MOST_TITLES]
+
+    for title in titles:
         # By action and object alone: no answer decides what is shown.
         rows = [one for one in answered if _title(one.trial.recording) == title]
         if rows:
-            by_title[title] = _interleaved(rows)[:ROWS_DRAWN]
+            by_title[title or "trials"] = _interleaved(rows)[:ROWS_DRAWN]
 
     return by_title
 

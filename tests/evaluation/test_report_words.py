@@ -17,6 +17,7 @@ from holdfast.evaluation.evaluate import EvaluationRequest, evaluate_events
 from holdfast.evaluation.figures import Evaluation
 from holdfast.evaluation.report import write_event_report
 from holdfast.evaluation.statistics import Spread
+from holdfast.evaluation.trials import drawn_trials
 from holdfast.training.fixture import write_fixture
 
 if TYPE_CHECKING:
@@ -116,3 +117,15 @@ def test_an_evaluation_on_training_data_says_so_first_and_prints_no_big_number(
     assert flattered.index(first) < flattered.index("<table")
     assert '<div class="answer">' not in flattered
     assert "grips that fail, an act" not in flattered
+
+
+def test_trials_of_other_actions_are_drawn_too(recorded: Evaluation) -> None:
+    answered = next(iter(recorded.drawn.values()))
+    tugged = []
+    for one in answered:
+        recording = replace(one.trial.recording, action="tugged")
+        tugged.append(replace(one, trial=replace(one.trial, recording=recording)))
+    assert list(drawn_trials(tugged)) == ["tugged"]
+    unnamed = replace(tugged[0].trial.recording, action=None)
+    trial = replace(tugged[0].trial, recording=unnamed)
+    assert list(drawn_trials([replace(tugged[0], trial=trial)])) == ["trials"]
