@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     from holdfast.core.errors import UsageError as UsageError
     from holdfast.core.trial_file import read_trial as read_trial
     from holdfast.edge_runtime.monitor import GripMonitor
+    from holdfast.edge_runtime.recording import Answers as Answers
+    from holdfast.edge_runtime.recording import TextArray
     from holdfast.edge_runtime.supervisor import GripCommand as GripCommand
     from holdfast.live.open_hand import OpenHand
 
@@ -38,11 +40,13 @@ _HOMES = {
     "ModelError": "core.errors",
     "UsageError": "core.errors",
     "read_trial": "core.trial_file",
+    "Answers": "edge_runtime.recording",
     "GripCommand": "edge_runtime.supervisor",
 }
 """Public name -> the module that has it."""
 
 __all__ = [
+    "Answers",
     "DataError",
     "DeviceError",
     "GripCommand",
@@ -51,6 +55,7 @@ __all__ = [
     "Prediction",
     "Sample",
     "UsageError",
+    "cues_of",
     "errors",
     "load",
     "open_hand",
@@ -58,32 +63,50 @@ __all__ = [
 ]
 
 
-def load(model: str | Path, *, live: bool = True) -> GripMonitor:
-    """A monitor on a model: `feed` it one sample at a time, it returns a Prediction.
+def load(
+    model: str | Path, *, live: bool = True, bias_known: bool = False
+) -> GripMonitor:
+    """A monitor on a model: `feed` it one sample at a time, or `replay` a whole recording.
 
-    model: a file, or the name of a shipped model. live: the samples are stamped by
-    CLOCK_BOOTTIME, and a late answer is `unknown`; False for recorded samples. Raises ModelError,
-    and warns of a file that is older than the contact rule.
+    model: a file, or the name of a shipped model. live: the samples that are fed are stamped by
+    CLOCK_BOOTTIME, and a late answer is `unknown`; False for recorded samples. bias_known: the bias
+    was measured before, so a start with an object in the hand is detected. Raises ModelError, and
+    warns of a file that is older than the contact rule.
     """
     from holdfast.edge_runtime.model import Model
     from holdfast.edge_runtime.model_file import OLDER_FILE
-    from holdfast.edge_runtime.monitor import GripMonitor
+    from holdfast.edge_runtime.monitor import NOW_NS, GripMonitor
 
     opened = Model(model)
     if opened.card.is_older:
         warnings.warn(f"{model}: {OLDER_FILE}", stacklevel=2)
-    return GripMonitor(opened) if live else GripMonitor(opened, None)
+    clock_ns = NOW_NS if live else None
+    return GripMonitor(opened, clock_ns, bias_known=bias_known)
 
 
-def open_hand(url: str) -> OpenHand:
+def open_hand(
+    url: str, *, calibration: str | Path | None = None, bias: str | Path | None = None
+) -> OpenHand:
     """A hand, a stream or a recording, read now; `for sample in hand.samples(monitor)`.
 
-    url: as for `holdfast run --source`: usb://ft232h, virtual://ft232h, replay://PATH, .. Raises
-    UsageError, DeviceError or DataError.
+    url: as for `holdfast run --source`: usb://ft232h, virtual://ft232h, replay://PATH, ..
+    calibration: the file of `holdfast calibrate`, which turns field into newtons. bias: the file of
+    `holdfast bias`; without it the hand must be empty at first. Raises UsageError, DeviceError or
+    DataError.
     """
     from holdfast.live.open_hand import OpenHand
 
-    return OpenHand(url)
+    return OpenHand(url, calibration, bias)
+
+
+def cues_of(answers: Answers) -> TextArray:
+    """[T] the vibration cue that the wearer would get at each sample, by the shipped table.
+
+    answers: of `GripMonitor.replay`. "" where none is sent (docs/feedback.md has the kinds).
+    """
+    from holdfast.live.cues import Cues, read_cues
+
+    return Cues(read_cues()).of_recording(answers)
 
 
 def __getattr__(name: str) -> Any:

@@ -28,7 +28,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _checks(path: str, deep: bool) -> Iterator[CheckResult]:
-    from holdfast.edge_runtime.selftest import self_checks
+    from holdfast.live.selftest import self_checks
 
     yield from self_checks(path)
     if deep:

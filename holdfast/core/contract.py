@@ -36,6 +36,16 @@ NOTHING, GRASP, SAFE_SLIP, RISKY_SLIP = range(4)
 
 Unit = Literal["N", "uT", "count"]
 UNITS: tuple[Unit, ...] = ("N", "uT", "count")
+STANDARD_GRAVITY_M_S2 = 9.80665
+UNIT_OF: dict[str, tuple[Unit, float]] = {
+    "N": ("N", 1.0),
+    "mN": ("N", 1e-3),
+    "gf": ("N", 1e-3 * STANDARD_GRAVITY_M_S2),
+    "uT": ("uT", 1.0),
+    "mT": ("uT", 1e3),
+    "count": ("count", 1.0),
+}
+"""A unit that arrays may come in -> the unit of ours, and the factor to it."""
 State = Literal["unknown", "nothing", "grasp", "safe_slip", "risky_slip"]
 Reason = Literal[
     "", "settling", "sensors", "repeats", "rate", "started_loaded", "late", "clock"

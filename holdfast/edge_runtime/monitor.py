@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from holdfast.core.clock import MonotonicClock
 from holdfast.core.contract import (
@@ -33,6 +34,7 @@ from holdfast.edge_runtime.model_file import ModelCard
 
 if TYPE_CHECKING:
     from holdfast.edge_runtime.engine import OpenedModel
+    from holdfast.edge_runtime.recording import Answers
 
 NOW_NS = MonotonicClock().now_ns
 OLDEST_PERIODS = 2.0
@@ -66,6 +68,7 @@ class GripMonitor:
         bias_known: bool = False,
     ) -> None:
         self.card = model.card
+        self._model = model
         outputs = [*ANSWERS, *self.card.heads]
         if self.card.has_weight:
             outputs.extend(WEIGHS)
@@ -117,6 +120,42 @@ class GripMonitor:
 
         self.stepped_ns = self._now_ns(sample)
         return self._predict(_Feed(sample, repeated, opening, override, commands))
+
+    def replay(
+        self,
+        values: npt.ArrayLike,
+        t_s: npt.ArrayLike | None = None,
+        *,
+        valid: npt.ArrayLike | None = None,
+        unit: str | None = None,
+        bias: npt.ArrayLike | None = None,
+    ) -> Answers:
+        """The answers at all samples of a recording, as arrays; the stream of `feed` goes on as is.
+
+        values: [T, C] as recorded. t_s: [T] in seconds, from any zero; None for the model's rate.
+        valid: [T, C/3], None where every finite reading counts. unit: of values, N, mN, gf, uT, mT
+        or count; None for the model's. bias: what the unloaded hand reads, [C] in the same unit; 0
+        where it is removed already; None to take it from the first rows, as the model's card says.
+        The hand must be empty then. Raises ChannelError, TimeError, UnitError or RateError.
+
+        The answers are those of `feed`, each at the time of its sample, so none is late.
+        """
+        from holdfast.edge_runtime.recording import answers_of, prepared_recording
+
+        card = self.card
+        recording = prepared_recording(
+            card, values, t_s, valid=valid, unit=unit, bias=bias
+        )
+        require_fit(
+            card,
+            n_channels=card.n_channels,
+            unit=recording.unit,
+            rate_hz=recording.rate_hz,
+            where="replay",
+        )
+        # without a clock, and not this one: the stream that is fed is not disturbed
+        monitor = GripMonitor(self._model, None, bias_known=bias is not None)
+        return answers_of(recording, [monitor.feed(sample) for sample in recording])
 
     def reset(self) -> None:
         """Forget the stream; the next sample starts fresh and unsettled."""

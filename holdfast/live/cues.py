@@ -19,13 +19,18 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from holdfast.core.contract import Prediction
 from holdfast.core.errors import CardError, DataNotFound
 from holdfast.core.reading import CardReader, Json, read_toml
 from holdfast.live.outputs import STOPPED
 from holdfast.live.wire import Wire, open_wire
+
+if TYPE_CHECKING:
+    from holdfast.edge_runtime.recording import Answers, TextArray
 
 KINDS = ("unknown", "act", "arm", "risky_slip", "safe_slip", "grasp", "nothing")
 """The situations, and before them the decision's requests; the first that applies counts."""
@@ -88,9 +93,25 @@ class Cues:
 
     def due(self, prediction: Prediction) -> str | None:
         """The kind of cue to send now, or None."""
-        now_ns = prediction.t_decided_ns
+        kind = self._applies(prediction.state, prediction.arm, prediction.act)
+        return self.due_of(kind, prediction.t_decided_ns)
 
-        kind = self._applies(prediction)
+    def of_recording(self, answers: Answers) -> TextArray:
+        """[T] the kind of cue that is sent at a sample, "" for none. Computing takes no time."""
+        t_ns = np.round(answers.t_s * 1e9).astype(np.int64)
+        sent = []
+        for row in range(len(t_ns)):
+            now_ns = int(t_ns[row])
+            state = str(answers.state[row])
+            applies = self._applies(state, answers.arm[row], answers.act[row])
+            kind = self.due_of(applies, now_ns)
+            if kind is not None:
+                self.sent(kind, now_ns)
+            sent.append(kind or "")
+        return np.array(sent)
+
+    def due_of(self, kind: str | None, now_ns: int) -> str | None:
+        """The same, of the kind that applies now."""
         if kind != self._kind:
             self._kind = kind
             self._since_ns = now_ns
@@ -121,12 +142,12 @@ class Cues:
             self._urgent_ends_ns = self._ends_ns
         self._recent_ns.append(now_ns)
 
-    def _applies(self, prediction: Prediction) -> str | None:
-        now: set[str] = {prediction.state}
+    def _applies(self, state: str, arm: bool, act: bool) -> str | None:
+        now = {state}
         # a request and a state can apply at once; the order of KINDS decides between them
-        if prediction.act:
+        if act:
             now.add("act")
-        if prediction.arm:
+        if arm:
             now.add("arm")
 
         for kind in KINDS:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import ExitStack
+from pathlib import Path
 from types import TracebackType
 
 from holdfast.core.contract import Sample
@@ -10,25 +12,40 @@ from holdfast.edge_runtime.monitor import GripMonitor, require_fit
 from holdfast.edge_runtime.preparation import Tare
 from holdfast.live.hand_sources import open_live
 from holdfast.live.running import RunClock, say
+from holdfast.live.sources import force_of, resting_of
 
 
 class OpenHand:
     """A source that is read now; close it, or use it in a `with` block.
 
-    url: as for `holdfast run --source`. Raises UsageError, DeviceError or DataError.
+    url, calibration, bias: as for `holdfast run`. Raises UsageError, DeviceError or DataError.
     """
 
-    def __init__(self, url: str) -> None:
+    def __init__(
+        self,
+        url: str,
+        calibration: str | Path | None = None,
+        bias: str | Path | None = None,
+    ) -> None:
         self.url = url
         self._clock = RunClock()
-        self._source = open_live(url, clock=self._clock, report=say)
+        to_force = force_of(None if calibration is None else Path(calibration))
+        self._source = open_live(url, clock=self._clock, report=say, to_force=to_force)
+        with ExitStack() as on_error:
+            on_error.callback(self._source.close)
+            self._resting = resting_of(
+                None if bias is None else Path(bias), self._source
+            )
+            on_error.pop_all()
 
-    def samples(self, monitor: GripMonitor) -> Iterator[Sample]:
+    def samples(
+        self, monitor: GripMonitor, *, seconds: float | None = None
+    ) -> Iterator[Sample]:
         """Samples for a monitor, on time and at its rate, until the source ends.
 
-        The bias of the unloaded hand is taken from the first rows, as the model's card says; until
-        then no sensor is valid. Raises UnitError, ChannelError or RateError where the source does
-        not fit the model.
+        seconds: end after so many. Without a file of the bias it is taken from the first rows, as
+        the model's card says; until then no sensor is valid, and the hand must be empty. Raises
+        UnitError, ChannelError or RateError where the source does not fit the model.
         """
         card = monitor.card
         source = self._source
@@ -41,10 +58,10 @@ class OpenHand:
             where=self.url,
         )
 
-        tare = Tare(card.preparation, card.n_channels)
+        tare = Tare(card.preparation, card.n_channels, self._resting)
         start_ns = self._clock.now_ns()
         sequence = 0
-        while True:
+        while seconds is None or sequence < seconds * rate_hz:
             # an absolute schedule: a late sample delays no other one
             self._clock.wait_until(start_ns + round(1e9 * sequence / rate_hz))
             reading = source.read()

@@ -21,12 +21,12 @@ from holdfast.edge_runtime.graph import open_session, run_recording
 from holdfast.edge_runtime.grip_control import sense_of
 from holdfast.edge_runtime.model_file import read_sealed
 from holdfast.edge_runtime.monitor import GripMonitor, Model
-from holdfast.edge_runtime.selftest import self_checks
 from holdfast.export.again import for_hand
 from holdfast.export.artifact import write_artifact
 from holdfast.export.exporting import export_artifact
 from holdfast.export.pooled import FAMILIES
 from holdfast.export.spec import StepSpec
+from holdfast.live.selftest import self_checks
 
 HANDS = ("two-pad-gripper", "three-fingertips", "twelve-sensors", "pinch-pad")
 CLOCK = "clock"

@@ -79,7 +79,11 @@ def test_the_api_page_answers_a_trial_and_a_hand(
     follow("api.md")
     states = r"(unknown|nothing|grasp|safe_slip|risky_slip)"
     printed = capsys.readouterr().out
-    assert re.search(rf"^{states} 0\.\d+ (True|False)$", printed, re.MULTILINE)
+    # the arrays of a recording, then the last of its samples one by one
+    ends = re.findall(rf"^{states} 0\.\d+ (?:True|False)$", printed, re.MULTILINE)
+    assert len(ends) == 2
+    assert ends[0] == ends[1]
+    assert "cue to act at [" in printed
     assert re.search(rf"^{states} \d+ us$", printed, re.MULTILINE)
     assert "no such model file | export one" in printed
 

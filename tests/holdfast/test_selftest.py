@@ -19,9 +19,9 @@ from holdfast.edge_runtime import graph_checks
 from holdfast.edge_runtime.graph import StepGraph
 from holdfast.edge_runtime.model_file import CARD_KEY
 from holdfast.edge_runtime.monitor import Model
-from holdfast.edge_runtime.selftest import CHECKS, self_checks
 from holdfast.export.artifact import read_artifact
 from holdfast.export.exporting import seal
+from holdfast.live.selftest import CHECKS, self_checks
 
 if TYPE_CHECKING:
     from conftest import Built
@@ -109,7 +109,7 @@ def test_deep_adds_the_checks_of_the_onnx_package_and_names_the_extra_without_it
     four_situations: Built, monkeypatch, capsys
 ):
     command = ["selftest", str(four_situations.model), "--deep"]
-    monkeypatch.setattr("holdfast.edge_runtime.selftest.CHECKS", ())
+    monkeypatch.setattr("holdfast.live.selftest.CHECKS", ())
     assert main(command) == 0
     lines = capsys.readouterr().out.splitlines()
     deep = [f"deep: {what}" for what in ("operators", "shapes", "constants", "trees")]
@@ -313,7 +313,7 @@ def test_a_check_that_cannot_be_carried_out_has_failed_and_the_others_go_on(
     def _broken(model: Model) -> None:
         raise ZeroDivisionError("on purpose")
 
-    monkeypatch.setattr("holdfast.edge_runtime.selftest.CHECKS", (_broken, CHECKS[-1]))
+    monkeypatch.setattr("holdfast.live.selftest.CHECKS", (_broken, CHECKS[-1]))
     result = list(self_checks(DEFAULT))
     assert [(one.what, one.ok) for one in result[1:]] == [
         ("broken", False),

@@ -5,16 +5,11 @@ from __future__ import annotations
 import re
 from argparse import Namespace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
 import pytest
 from page_tables import filled
 
 from examples.demo import demo, demo_trials
-from holdfast.drivers.replay import open_replay
-
-if TYPE_CHECKING:
-    from conftest import Built
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -48,14 +43,3 @@ def test_every_path_the_readme_points_to_exists() -> None:
     links = re.findall(r"\]\(([^)#]+)\)", (ROOT / "README.md").read_text())
     assert links
     assert [link for link in links if not (ROOT / link).exists()] == []
-
-
-def test_the_five_lines_of_the_readme_answer_every_sample(eight_classes: Built) -> None:
-    code = re.search(
-        r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL
-    )
-    assert code is not None
-    trial = next(eight_classes.fixture.glob("*/pull/trial_1.csv"))
-    names: dict[str, Any] = {"source": open_replay(trial)}
-    exec(code[1].replace("holdfast-150hz", str(eight_classes.model)), names)
-    assert names["answer"].sequence == len(open_replay(trial).values) - 1

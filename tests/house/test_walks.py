@@ -33,14 +33,16 @@ def test_a_program_loads_few_modules(walk: str, tmp_path: Path) -> None:
 
 
 def test_few_files_are_shipped_and_none_is_long(shipped: Size) -> None:
-    assert shipped.files <= 304
+    # 305: arrays of a whole recording, edge_runtime/recording.py
+    assert shipped.files <= 305
     assert shipped.most_lines <= 450
     assert 120 <= shipped.median_lines <= 220
 
 
 def test_what_is_shipped_is_plain(shipped: Size) -> None:
     """Limits a little above today's figures: what grows past them should be cut, or explained."""
-    assert shipped.nodes <= 371_000
+    # 2,000 of them: `monitor.replay`, arrays in and arrays out
+    assert shipped.nodes <= 373_000
     assert shipped.nodes_a_line <= 5.70
     assert shipped.comprehensions_per_1000_lines <= 20
 

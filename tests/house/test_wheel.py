@@ -11,8 +11,12 @@ import tomllib
 import zipfile
 from pathlib import Path
 
+import numpy as np
 import pytest
 from packages import MAY_IMPORT, ROOT, SHIPPED, folder_of
+
+from holdfast.core.contract import channel_names
+from holdfast.live.sources import open_source
 
 LIVE = (
     "numpy",
@@ -79,28 +83,40 @@ def test_every_file_of_the_rooms_that_git_has_is_in_the_wheel(wheel: Path) -> No
     assert set(files) - names == set()
 
 
+AFTER = {
+    "a hand, now": "print(answer.sequence)",
+    "a recording": 'print("late" in answers.why, answers.act.any())',
+}
+"""What is asked after each of the README's programs, in their order."""
+PRINTED = {"a hand, now": "149", "a recording": "False True"}
+
+
+@pytest.mark.parametrize("program", AFTER)
 def test_the_readmes_lines_run_as_printed_where_only_the_live_path_is(
-    installed: dict[str, str], tmp_path: Path
+    installed: dict[str, str], tmp_path: Path, program: str
 ) -> None:
-    code = re.search(
-        r"```python\n(.*?)```", (ROOT / "README.md").read_text("utf-8"), re.DOTALL
-    )
-    assert code is not None
-    source = """
-import numpy as np
-from holdfast.core.contract import Sample
-rows = np.random.default_rng(0).normal(0.0, 0.01, (200, 18))
-valid = np.ones(6, dtype=bool)
-source = [Sample(round(k * 1e9 / 150), row, valid, k) for k, row in enumerate(rows)]
-"""
+    """Each with its imports, and five lines: a user copies them."""
+    readme = (ROOT / "README.md").read_text("utf-8")
+    programs = re.findall(r"```python\n(.*?)```", readme, re.DOTALL)
+    assert len(programs) == len(AFTER)
+    code = programs[list(AFTER).index(program)]
+    lines = [line for line in code.splitlines() if line]
+    assert len(lines) <= 5 + code.count("import ")
+    write_recording(tmp_path / "recording.csv")
+    command = [sys.executable, "-S", "-c", f"{code}{AFTER[program]}"]
     done = subprocess.run(
-        [sys.executable, "-S", "-c", f"{source}{code[1]}print(answer.sequence)"],
-        cwd=tmp_path,
-        env=installed,
-        capture_output=True,
-        text=True,
+        command, cwd=tmp_path, env=installed, capture_output=True, text=True
     )
-    assert (done.returncode, done.stdout) == (0, "199\n"), done.stderr
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines()[-1] == PRINTED[program]
+
+
+def write_recording(path: Path) -> None:
+    """A simulated pull that the shipped model acts on, as a table of times and forces."""
+    source = open_source("sim://pull-soft-ball")
+    table = np.column_stack([source.t_ns * 1e-9, source.values])
+    header = ",".join(["Time", *channel_names(6)])
+    np.savetxt(path, table, delimiter=",", header=header, comments="")
 
 
 @pytest.mark.parametrize(
