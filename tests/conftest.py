@@ -111,10 +111,9 @@ def four_situations(
 
     Its second task is made up: the prediction is "risky now".
     """
-    from holdfast.training.fitting import with_situations
 
     loaded = load(fixture_folder, windows="thesis")
-    rows = with_situations(loaded).tasks["situations"]
+    rows = loaded.with_situations().tasks["situations"]
     risky = replace(
         rows, label=(rows.label == 3).astype(rows.label.dtype), classes=("no", "yes")
     )

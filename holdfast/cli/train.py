@@ -147,6 +147,7 @@ def _fold_count(word: str) -> int:
 
 def run(args: argparse.Namespace) -> int:
     """Train; prints the windows and the held-out figures, and the stages on stderr."""
+    from holdfast.core.contract import CANNOT_TELL, in_words_untold
     from holdfast.training.figures import situation_lines, with_interval
     from holdfast.training.progress import stages
 
@@ -172,13 +173,15 @@ def run(args: argparse.Namespace) -> int:
             write_training_report(args.report, data, trained, args.out)
 
     held_out = f"held out by {data.group_kind}: "
-    macro_f1, *each_f1 = situation_lines(figures.situations, figures.group_kind)
+    untold = trained.cannot_tell
+    macro_f1, *each_f1 = situation_lines(figures.situations, figures.group_kind, untold)
     lines = [held_out + macro_f1, *each_f1]
     if figures.predict_250ms is not None:
         ranking = figures.predict_250ms
         auc = with_interval(ranking.auc, ranking.auc_ci, figures.group_kind)
         lines.append(f"{held_out}0.25 s prediction AUC {auc}")
 
+    lines += in_words_untold(untold)
     lines += [data.caveat, f"artifact: {args.out}; next: holdfast export {args.out}"]
 
     found = {
@@ -187,6 +190,7 @@ def run(args: argparse.Namespace) -> int:
         "kind": data.kind,
         "caveat": data.caveat,
         "held_out": figures.to_json(),
+        CANNOT_TELL: untold,
         "learning_curve": [asdict(point) for point in trained.curve],
     }
     show_found(args, "\n".join(lines), found)

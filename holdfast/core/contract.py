@@ -18,6 +18,7 @@ rule for ties (the riskier one wins) is "the higher number wins" everywhere.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
@@ -65,6 +66,25 @@ IntArray = npt.NDArray[np.int64]
 
 RATE_TOLERANCE = 0.10
 """A source may run within +-10 % of the rate a model was built for (median step)."""
+
+
+CANNOT_TELL = "cannot_tell"
+"""Of a model card's "training": what its data did not show, name -> reason.
+
+A name is one of SITUATIONS, or "weight". No figure of such a thing means anything.
+"""
+
+
+def in_words_untold(untold: Mapping[str, str]) -> list[str]:
+    """A line for each thing that a model cannot tell.
+
+    >>> in_words_untold({"safe_slip": "no voluntary release in the training data"})
+    ['cannot tell safe slip: no voluntary release in the training data']
+    """
+    lines = []
+    for name, reason in untold.items():
+        lines.append(f"cannot tell {name.replace('_', ' ')}: {reason}")
+    return lines
 
 
 def class_id(situation: int, *, heavy: bool) -> int:

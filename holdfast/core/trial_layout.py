@@ -10,9 +10,9 @@ Recording, simulation, training and evaluation share this module::
 Folders of people may stand above the objects: `<person>/<object>/<action>/`. numpy is imported
 late, so that the command line can list actions at once.
 
-An object without a known mass has no weight class, and a guess would put wrong labels on all its
-windows. The mass comes from `meta.json` next to the recordings, else from "masses_g" of the set's
-meta.json, else from MASSES_G.
+The mass of an object comes from `meta.json` next to the recordings, else from "masses_g" of the
+set's meta.json, else from MASSES_G. Where none has it, the weight is not known and not guessed: a
+guess would put wrong labels on all windows of the object.
 """
 
 from __future__ import annotations
@@ -46,6 +46,7 @@ SITUATION_OF_ACTION = MappingProxyType(
         "pull": "risky_slip",
         "fall": "risky_slip",
         "hold": "grasp",
+        "slip": "risky_slip",
         "nothing": "nothing",
         "tug": "risky_slip",
         "stack": "risky_slip",
@@ -73,6 +74,8 @@ OTHER_ACTIONS = tuple(
     name for name in SITUATION_OF_ACTION if name not in THESIS_ACTIONS
 )
 """Actions without a script: a trial's truth tells what happens when."""
+LABELLED_ACTIONS = ("hold", "slip")
+"""Actions that need no truth: whether the object slipped is all that is known of a trial."""
 HELD_ACTIONS = tuple(
     name for name, situation in SITUATION_OF_ACTION.items() if situation == "grasp"
 )
@@ -197,29 +200,34 @@ class Mass:
 
 
 def mass_g(folder: Path) -> float:
-    """Mass of the object a folder is named after, g. Raises LabelError."""
-    return mass_of(folder).mass_g
-
-
-def mass_of(folder: Path, masses_g: Json | None = None) -> Mass:
-    """Mass of the object a folder is named after: its `meta.json`, the set's, or the table.
-
-    masses_g: "masses_g" of the set's meta.json. Raises LabelError where none knows the mass, or
-    where it is no positive number.
-    """
-    meta = folder / META
-    mass = read_json(meta).get("mass_g")
-    if mass is not None:
-        return _checked(mass, str(meta), folder.name)
-    known = named_mass(folder.name, masses_g)
+    """Mass of the object a folder is named after, g. Raises LabelError where none is known."""
+    known = mass_of(folder)
     if known is None:
         raise LabelError(
             f"no mass given for object {folder.name!r}",
             where=folder,
             cause="an object whose mass Holdfast does not know",
-            next_step=f'weigh it and add "mass_g" to {meta}: {{"mass_g": 120.0}}',
+            next_step=weigh_it(folder),
         )
-    return known
+    return known.mass_g
+
+
+def weigh_it(folder: Path) -> str:
+    """What to do for the mass of the object a folder is named after."""
+    return f'weigh it and add "mass_g" to {folder / META}: {{"mass_g": 120.0}}'
+
+
+def mass_of(folder: Path, masses_g: Json | None = None) -> Mass | None:
+    """Mass of the object a folder is named after: its `meta.json`, the set's, or the table.
+
+    masses_g: "masses_g" of the set's meta.json. None where none has it. Raises LabelError where it
+    is no positive number.
+    """
+    meta = folder / META
+    mass = read_json(meta).get("mass_g")
+    if mass is not None:
+        return _checked(mass, str(meta), folder.name)
+    return named_mass(folder.name, masses_g)
 
 
 def named_mass(name: str, masses_g: Mapping[str, Any] | None = None) -> Mass | None:

@@ -40,7 +40,6 @@ from holdfast.evaluation.window_scores import (
 )
 from holdfast.export.spec import StepSpec
 from holdfast.training.datasets import find, load
-from holdfast.training.fitting import with_situations
 from holdfast.training.progress import Part, Say, ignored
 from holdfast.training.recording import DataSet
 
@@ -230,7 +229,7 @@ class _Run:
 
         self.say(f"{data.name}: running the model on {len(recordings)} recordings")
         # Heads without labels in this set cost time and cannot be scored.
-        heads = heads_with_task(self.model, with_situations(data))
+        heads = heads_with_task(self.model, data.with_situations())
         # One pass gives both the states and what the windows are scored by.
         steps = steps_with(self.model, [*OUTPUTS, *heads])
         computed = everywhere(steps, recordings, self.part)
@@ -277,7 +276,7 @@ class _Run:
     def _window_figures(
         self, data: DataSet, computed: Sequence[Outputs]
     ) -> WindowFigures:
-        whole = with_situations(data)
+        whole = data.with_situations()
 
         names = ["situation", "unknown", *heads_with_task(self.model, whole)]
         every_row = [np.arange(len(one.samples)) for one in whole.recordings]

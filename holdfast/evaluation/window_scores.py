@@ -31,7 +31,7 @@ from holdfast.export.heads import riskier_argmax, situation_votes
 from holdfast.export.network import IntArray
 from holdfast.training.featurise import pick_rows, rows_wanted
 from holdfast.training.figures import HeadFigures, Interval, Share
-from holdfast.training.fitting import fingerprint, with_situations
+from holdfast.training.fitting import fingerprint
 from holdfast.training.metrics import Labels, report, share_scores, situation_scores
 from holdfast.training.plan import TASK_HEADS
 from holdfast.training.recording import DataSet
@@ -83,7 +83,7 @@ def evaluate(model: Model, data: DataSet, *, seed: int = 0) -> WindowFigures:
     does not fit the model.
     """
     require_model_fits(model, data)
-    data = with_situations(data)
+    data = data.with_situations()
     # `unknown` is read with every head: a withheld answer must count as a miss.
     outputs = ["situation", "unknown", *heads_with_task(model, data)]
     return window_figures(model, data, stream(model, data, outputs), seed=seed)

@@ -6,7 +6,7 @@ is an interval with less than two groups.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import asdict, dataclass
 
 from holdfast.core.reading import Json
@@ -87,16 +87,20 @@ def over(f1: Mapping[str, float | None]) -> str:
     return f"over {', '.join(present) or 'no class'} alone"
 
 
-def situation_lines(of: SituationFigures, group_kind: str) -> list[str]:
+def situation_lines(
+    of: SituationFigures, group_kind: str, untold: Collection[str] = ()
+) -> list[str]:
     """The macro F1 and the classes it averages, then the F1 of each situation.
 
-    group_kind: what the intervals resample.
+    group_kind: what the intervals resample. untold: what the model cannot tell.
     """
     macro = with_interval(of.macro_f1, of.macro_f1_ci, group_kind)
     lines = [f"macro F1 {over(of.f1) or 'over four situations'}  {macro}"]
 
     for name, f1 in of.f1.items():
-        shown = with_interval(f1, of.f1_ci[name], group_kind)
+        shown = "cannot tell"
+        if name not in untold:
+            shown = with_interval(f1, of.f1_ci[name], group_kind)
         lines.append(f"  F1 {name:<12} {shown}")
     return lines
 

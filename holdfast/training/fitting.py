@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from holdfast.core.contract import SITUATIONS
-from holdfast.core.errors import ClassMissing, DataError, UsageError
+from holdfast.core.contract import CANNOT_TELL
+from holdfast.core.errors import DataError, UsageError
 from holdfast.core.reading import Json
 from holdfast.core.trial_layout import read_json
 from holdfast.core.writing import require_writable
@@ -41,7 +41,13 @@ from holdfast.training.fixture import KIND, write_fixture
 from holdfast.training.metrics import report
 from holdfast.training.plan import PLANS, TASK_HEADS, LearnerKind, TrainingPlan
 from holdfast.training.progress import Part, Say, Stages, ignored
-from holdfast.training.recording import DataSet, HoldOut, LabelledRows, Recording
+from holdfast.training.recording import (
+    DataSet,
+    HoldOut,
+    Recording,
+    cannot_tell,
+    learnable,
+)
 from holdfast.training.windows import Choice
 
 if TYPE_CHECKING:
@@ -94,12 +100,14 @@ class TrainingRequest:
 class Trained:
     """What a training run leaves in memory: held-out figures, and the votes behind them.
 
-    curve: the same with fewer training data, where that was asked for.
+    curve: the same with fewer training data, where that was asked for. cannot_tell: situations and
+    "weight" that the model does not know, with the reason.
     """
 
     figures: HeadFigures
     held_out: HeldOut
     curve: list[CurvePoint] = field(default_factory=list)
+    cannot_tell: dict[str, str] = field(default_factory=dict)
 
 
 def train_on_sets(
@@ -143,7 +151,7 @@ def train_on_sets(
             strict.append(with_strictest_hold_out(data, plan.folds, request.seed))
         sets = strict
 
-    joined = join(sets)
+    joined = learnable(join(sets))
     warn_of_scarcity(joined, undersampled=request.windows == "thesis")
 
     trained = train(
@@ -234,7 +242,7 @@ def warn_of_scarcity(data: DataSet, *, undersampled: bool = False) -> None:
     for task, rows in data.tasks.items():
         groups.update(data.group_of(task).tolist())
         for name, count in rows.class_counts().items():
-            # A class without any window is an error of its own, or the set lacks it by nature.
+            # What has no window is not learned, and the model says so.
             if 0 < count < FEWEST_WINDOWS:
                 few.append(f"{name} ({count})")
 
@@ -279,8 +287,8 @@ def train(
 
     Raises ClassMissing, TooFewGroups, RateError or OutputError.
     """
-    # An absent class is refused before any feature is computed.
-    require_classes(data)
+    # A set with nothing to tell apart is refused before any feature is computed.
+    data = learnable(data)
 
     # A fold holds out at least one group, so there are at most as many folds as groups.
     plan = replace(plan, folds=min(plan.folds, max(2, len(data.groups()))))
@@ -310,7 +318,8 @@ def train(
         curve = learning_curve(
             data, features, plan, seed, held_out_figures, figures, say
         )
-    return Trained(figures, held_out, curve)
+    untold = cannot_tell(data, by_force=spec.contact is not None)
+    return Trained(figures, held_out, curve, untold)
 
 
 def final_artifact(
@@ -342,7 +351,7 @@ def final_artifact(
         if plan.inner_folds and task == main_task(data):
             from holdfast.training.tuning import fit_label_weights
 
-            situation = situations_of(windows).label
+            situation = windows.of_situations().label
             weights = fit_label_weights(held_out.situation_votes(), situation)
 
         head = Head(TASK_HEADS[task], windows.classes, learner, calibration, weights)
@@ -358,43 +367,13 @@ def final_artifact(
     )
 
 
-def require_classes(data: DataSet) -> None:
-    """Raise ClassMissing where a task has no window of a class that the set should have."""
-    for task, rows in data.tasks.items():
-        counts = rows.class_counts()
-        missing = [n for n in counts if counts[n] == 0 and n not in data.lacks]
-        if missing:
-            raise ClassMissing(
-                f"task {task}: no window of {', '.join(missing)}",
-                where=data.name,
-                cause="recordings of that action are missing, or too few were chosen",
-                next_step="add recordings, or choose more groups",
-            )
-
-
 def held_out_figures(data: DataSet, held_out: HeldOut, seed: int = 0) -> HeadFigures:
     """Metrics of the held-out votes, situations always four."""
     # The second class is the one that slips within 0.25 s.
     score = None
     if "predict_250ms" in data.tasks:
         score = held_out.shares("predict_250ms")[:, 1]
-    return report(with_situations(data), held_out.situations(), score, seed=seed)
-
-
-def with_situations(data: DataSet) -> DataSet:
-    """The same set with a task "situations", made from the eight classes where it has none."""
-    if "situations" in data.tasks:
-        return data
-
-    situations = situations_of(data.tasks["classes"])
-    return replace(data, tasks={**data.tasks, "situations": situations})
-
-
-def situations_of(rows: LabelledRows) -> LabelledRows:
-    """The same windows labelled with the four situations, from these or the eight classes."""
-    # Classes are in order of their situation: situation 0 light, 0 heavy, 1 light, and so on.
-    per_situation = len(rows.classes) // len(SITUATIONS)
-    return replace(rows, label=rows.label // per_situation, classes=SITUATIONS)
+    return report(data.with_situations(), held_out.situations(), score, seed=seed)
 
 
 def fingerprint(recording: Recording) -> str:
@@ -410,6 +389,8 @@ def _origin(data: DataSet, plan: TrainingPlan, seed: int, figures: HeadFigures) 
     prints = [fingerprint(recording) for recording in data.recordings]
 
     windows = {task: rows.class_counts() for task, rows in data.tasks.items()}
+    by_force = spec_for(data, plan.groups).contact is not None
+    untold = cannot_tell(data, by_force=by_force)
     return {
         "data": data.name,
         "kind": data.kind,
@@ -420,6 +401,7 @@ def _origin(data: DataSet, plan: TrainingPlan, seed: int, figures: HeadFigures) 
         "groups": len(data.groups()),
         "group_kind": data.group_kind,
         "windows": windows,
+        **({CANNOT_TELL: untold} if untold else {}),
         "main_task": main_task(data),
         "plan": plan.to_json(),
         "seed": seed,

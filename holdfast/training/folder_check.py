@@ -10,66 +10,42 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 
-from holdfast.core.contract import LIGHT_BELOW_G, SITUATIONS, UNITS
+from holdfast.core.contract import (
+    CLASSES,
+    SITUATIONS,
+)
 from holdfast.core.errors import DataError
 from holdfast.core.reading import Json
 from holdfast.core.trial_layout import (
     INTENT_SUFFIX,
-    META,
-    RISKY_ACTIONS,
     TACTILE,
-    VOLUNTARY_ACTIONS,
     intent_path,
     object_name,
-    read_json,
-    truth_path,
 )
 from holdfast.edge_runtime.intent import read_intent
 from holdfast.training.datasets import LAYOUTS, layout_of, load, reader_of
 from holdfast.training.datasets.thesis import common_rate
 from holdfast.training.datasets.trials import FOLDERS, TrialReader, read_all
+from holdfast.training.folder_advice import (
+    LAYOUT,
+    ClassSeconds,
+    Level,
+    Missing,
+    advice_on,
+)
 from holdfast.training.progress import Part, ignored
 from holdfast.training.recording import grouped
-from holdfast.training.windows import TimedTrial
+from holdfast.training.windows import TimedTrial, classes_of
 
-Level = Literal["error", "training", "advice"]
 OF_THE_SET = "labels of the set"
 """What the labels of a public set come from."""
-SCRIPT = "script"
-"""How the source of labels begins where they follow the script."""
-LAYOUT = "<person>/<object>/<action>/trial_1.csv"
-SLIPS = {"safe_slip": VOLUNTARY_ACTIONS, "risky_slip": RISKY_ACTIONS}
-"""The actions that lead to each slip, the first of which is advised."""
-PHASES = '{"phases": [{"t0_s": 2.1, "t1_s": 6.4, "label": "grasp"}, ..]}'
-"""An example of a truth file, for the advice."""
-LIGHT, HEAVY = f"under {LIGHT_BELOW_G:g} g", f"of {LIGHT_BELOW_G:g} g or more"
 CellName = tuple[str | None, str | None, str | None]
 """Person, object, action."""
 CellTrials = dict[CellName, list[TimedTrial | None]]
 """The trials of each cell in order of first sight; None for one that cannot be read."""
-
-
-@dataclass(frozen=True)
-class Missing:
-    """Something that is missing: where, and what to write there.
-
-    level: an error keeps the folder from being read, or the trial; training: it can be evaluated
-    on, but not trained on.
-    """
-
-    level: Level
-    where: str
-    what: str
-    next_step: str
-
-    @staticmethod
-    def of(error: DataError, level: Level = "error") -> Missing:
-        """A fault of reading."""
-        return Missing(level, error.where, error.what, error.next_step)
 
 
 @dataclass(frozen=True)
@@ -91,15 +67,6 @@ class Cell:
     mass_g: float | None
     mass_from: str | None
     labels_by: dict[str, int]
-
-
-@dataclass(frozen=True)
-class ClassSeconds:
-    """How long a situation lasts in all trials, with light and with heavy objects, s."""
-
-    situation: str
-    light_s: float
-    heavy_s: float
 
 
 @dataclass(frozen=True)
@@ -176,7 +143,7 @@ def examine(root: Path, part: Part = ignored) -> FolderReport:
     # The same fault of a file may be met twice; the keys of a dict keep the first, in order.
     missing = list(dict.fromkeys(Missing.of(fault) for fault in faults))
     if trials:
-        missing += _advice(root, layout, trials, classes, all_read=not missing)
+        missing += advice_on(root, layout, trials, classes, all_read=not missing)
 
     # Training reads no file of the wearer's command, so a damaged one is advice and no error.
     paths = [reader.place.path for reader in readers]
@@ -257,109 +224,31 @@ def _cell(name: CellName, trials: list[TimedTrial | None]) -> Cell:
 
 
 def _class_seconds(trials: Sequence[TimedTrial]) -> list[ClassSeconds]:
-    """How long each class lasts. The hand alone counts half as light, half as heavy."""
+    """How long each class lasts.
+
+    The hand alone counts half as light, half as heavy, where the weight is learned.
+    """
     light_s = [0.0] * len(SITUATIONS)
     heavy_s = [0.0] * len(SITUATIONS)
+    unweighed_s = [0.0] * len(SITUATIONS)
+    weighed = classes_of(trials) == CLASSES
     for trial in trials:
+        # Without an object the hand is as light as it is heavy.
         heavy = 0.5 if trial.heavy is None else float(trial.heavy)
+        known = trial.heavy is not None or (weighed and not trial.has_object)
         for phase in trial.recording.phases:
             seconds = (phase.stop - phase.first) / trial.recording.rate_hz
+            if not known:
+                unweighed_s[phase.situation] += seconds
+                continue
             light_s[phase.situation] += (1.0 - heavy) * seconds
             heavy_s[phase.situation] += heavy * seconds
 
     classes = []
     for number, situation in enumerate(SITUATIONS):
-        classes.append(ClassSeconds(situation, light_s[number], heavy_s[number]))
+        of_number = light_s[number], heavy_s[number], unweighed_s[number]
+        classes.append(ClassSeconds(situation, *of_number))
     return classes
-
-
-def _advice(
-    root: Path,
-    layout: str,
-    trials: Sequence[TimedTrial],
-    classes: Sequence[ClassSeconds],
-    *,
-    all_read: bool,
-) -> list[Missing]:
-    """What is missing besides the faults: unit, people, classes, actions of people, exact labels.
-
-    all_read: else only the first two are known, since an unread trial may have the rest.
-    """
-    found = []
-
-    # The recorder writes unit and labels itself; only folders made by hand can lack them.
-    bare = layout == "thesis"
-    if bare and "unit" not in read_json(root / META):
-        where = str(root / META)
-        units = " or ".join(f'{{"unit": "{unit}"}}' for unit in UNITS)
-        next_step = f"write {units}"
-        found.append(Missing("advice", where, "no unit; N is assumed", next_step))
-
-    people = sorted({trial.recording.person or "" for trial in trials} - {""})
-    if len(people) < 2:
-        named = f"one person, {people[0]}" if people else "no people"
-        limit = "figures are held out by trial and do not apply to other people"
-        what = f"{named}: {limit}"
-        next_step = f"sort trials of several people into {LAYOUT}"
-        found.append(Missing("advice", str(root), what, next_step))
-
-    # A class that seems to be missing may be in the trial that could not be read.
-    if all_read:
-        found += _missing_classes(root, classes)
-        if len(people) > 1:
-            found += _missing_actions(root, trials)
-        if bare:
-            found += _missing_labels(root, trials)
-    return found
-
-
-def _missing_classes(root: Path, classes: Sequence[ClassSeconds]) -> list[Missing]:
-    """The classes without a sample: a forest cannot learn what it never saw."""
-    found = []
-    for of_class in classes:
-        situation = of_class.situation
-        # A slip needs the action that makes it; any action has the other situations.
-        action = SLIPS[situation][0] if situation in SLIPS else "<action>"
-        lasts = ((of_class.light_s, LIGHT), (of_class.heavy_s, HEAVY))
-        for seconds, weight in lasts:
-            if not seconds:
-                path = root / "<person>" / f"<object {weight}>" / action / "trial_1.csv"
-                what = f"no {situation} with an object {weight}"
-                found.append(Missing("training", str(root), what, f"record {path}"))
-    return found
-
-
-def _missing_actions(root: Path, trials: Sequence[TimedTrial]) -> list[Missing]:
-    """The slips that a person has no trial of."""
-    situations: dict[str, set[str]] = {}
-    for trial in trials:
-        person = trial.recording.person
-        if person is not None:
-            seen = situations.setdefault(person, set())
-            for phase in trial.recording.phases:
-                seen.add(SITUATIONS[phase.situation])
-
-    found = []
-    for person, seen in situations.items():
-        for slip, actions in SLIPS.items():
-            if slip not in seen:
-                what = f"no {slip} of {person}"
-                next_step = f"record a {' or '.join(actions)}"
-                found.append(Missing("advice", str(root / person), what, next_step))
-    return found
-
-
-def _missing_labels(root: Path, trials: Sequence[TimedTrial]) -> list[Missing]:
-    """One line on all trials that are labelled by the script, with an example of a file."""
-    scripted = [trial for trial in trials if trial.labels_by.startswith(SCRIPT)]
-    if not scripted:
-        return []
-
-    truth = truth_path(root / f"{scripted[0].recording.trial_id}.csv")
-    share = f"{len(scripted)} of {len(trials)} trials"
-    what = f"{share} have labels by the script, not measured ones"
-    next_step = f"where you know the times, write {PHASES}"
-    return [Missing("advice", str(truth), what, next_step)]
 
 
 def _not_read(root: Path, read: Sequence[Path]) -> list[Missing]:

@@ -7,10 +7,11 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from holdfast.training.figures import in_words as counted
-from holdfast.training.folder_check import Cell, FolderReport, Missing
+from holdfast.training.folder_advice import ClassSeconds, Missing
+from holdfast.training.folder_check import Cell, FolderReport
 
 HEADS = ("person", "object", "action", "trials", "Hz", "unit", "mass, g", "labels by")
-CLASS_HEADS = ("situation", "light, s", "heavy, s")
+CLASS_HEADS = ("situation", "light, s", "heavy, s", "mass unknown, s")
 FORMATS = {"thesis": "folders of CSV trials", "recorded": "folders of holdfast record"}
 """Layouts in words; any other is a public set."""
 NUMBER = re.compile(r"[0-9.]+")
@@ -25,10 +26,7 @@ def report_lines(report: FolderReport) -> list[str]:
     if report.cells:
         lines += ["", *_aligned([HEADS, *map(_row, report.cells)])]
     if report.classes:
-        rows = [CLASS_HEADS]
-        for row in report.classes:
-            rows.append((row.situation, f"{row.light_s:.1f}", f"{row.heavy_s:.1f}"))
-        lines += ["", *_aligned(rows)]
+        lines += ["", *_aligned(_class_rows(report.classes))]
 
     # One line for many faults of a kind: a folder of a hundred trials would fill the screen.
     for first, more in _alike(report.missing):
@@ -88,6 +86,19 @@ def _row(cell: Cell) -> tuple[str, ...]:
         mass,
         labels or "-",
     )
+
+
+def _class_rows(classes: Sequence[ClassSeconds]) -> list[tuple[str, ...]]:
+    """Situations and their seconds as texts; a column in which nothing is known is left out."""
+    rows: list[tuple[str, ...]] = [CLASS_HEADS]
+    for row in classes:
+        seconds = row.light_s, row.heavy_s, row.unweighed_s
+        rows.append((row.situation, *(f"{one:.1f}" for one in seconds)))
+    if not any(row.unweighed_s for row in classes):
+        return [row[:3] for row in rows]
+    if not any(row.light_s + row.heavy_s for row in classes):
+        return [(row[0], row[3]) for row in rows]
+    return rows
 
 
 def _aligned(rows: Sequence[Sequence[str]]) -> list[str]:

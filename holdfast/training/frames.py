@@ -13,7 +13,12 @@ import numpy as np
 from holdfast.core.contract import NOTHING, SITUATIONS, FloatArray, Unit
 from holdfast.core.errors import DataNotFound, LabelError, NotANumber
 from holdfast.core.trial_file import Trial, trial_of
-from holdfast.core.trial_layout import Mass, named_mass, object_name, plain_word
+from holdfast.core.trial_layout import (
+    LABELLED_ACTIONS,
+    named_mass,
+    object_name,
+    plain_word,
+)
 from holdfast.training.datasets.thesis import (
     OPEN_HAND,
     assembled,
@@ -30,6 +35,7 @@ from holdfast.training.datasets.trials import (
 from holdfast.training.recording import DataSet
 from holdfast.training.timeline import (
     ACTION_S,
+    OF_WHOLE_TRIAL,
     Phase,
     Phases,
     events_of,
@@ -63,7 +69,8 @@ def recordings_from_frames(
 
     frames: `[<person>/]<object>/<action>/<name>` (or `[<person>/]nothing/<name>`) -> columns Time
     (s), X1, Y1, Z1, .. in `unit`, and where it is known `label`: the situation of each row, empty
-    for none. masses_g: of objects that are not in the table. action_at_s: where the action starts
+    for none. masses_g: of objects that are not in the table; where one has none, no weight is
+    known of the set. action_at_s: where the action starts
     without a column of labels, for all trials or by name. windows, seed: as `load` takes them.
     Frames are not changed. Raises a DataError that names the frame.
     """
@@ -103,9 +110,9 @@ def _timed(
         labels_by = OPEN_HAND
     else:
         phases = scripted(trial, recording.samples, action, name, action_at_s)
-        labels_by = f"script, action at {action_at_s:g} s"
+        labels_by = OF_WHOLE_TRIAL.get(action, f"script, action at {action_at_s:g} s")
 
-    mass = _mass(key, name, masses_g) if name else None
+    mass = named_mass(name, masses_g) if name else None
     named = replace(
         recording,
         object_name=name,
@@ -117,7 +124,7 @@ def _timed(
     return TimedTrial(
         named,
         heavy=mass.heavy if mass else None,
-        timed=LABEL in frame,
+        timed=LABEL in frame or action in LABELLED_ACTIONS,
         mass=mass,
         labels_by=labels_by,
     )
@@ -180,15 +187,3 @@ def _phases(trial: Trial, frame: pd.DataFrame) -> Phases:
         if code != NO_LABEL:
             phases.append(Phase(start, stop, code))
     return tuple(phases)
-
-
-def _mass(key: str, name: str, masses_g: Mapping[str, float] | None) -> Mass:
-    """The mass of a frame's object. Raises LabelError where none is known."""
-    mass = named_mass(name, masses_g)
-    if mass is None:
-        raise LabelError(
-            f"no mass given for object {name!r}",
-            where=key,
-            next_step=f"weigh it and give masses_g={{{name!r}: 120.0}}",
-        )
-    return mass

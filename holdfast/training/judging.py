@@ -57,8 +57,8 @@ def with_strictest_hold_out(data: DataSet, folds: int, seed: int) -> DataSet:
 
 
 def _trainable(data: DataSet, folds: int, seed: int) -> bool:
-    """Whether each fold trains on every class of the main task that the set has."""
-    rows = data.tasks[main_task(data)]
+    """Whether each fold trains on every situation that the set has."""
+    rows = data.tasks[main_task(data)].of_situations()
     in_all = len(np.unique(rows.label))
     n_folds = min(folds, len(np.unique(data.group_of(main_task(data)))))
     if n_folds < 2:

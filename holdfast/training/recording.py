@@ -17,8 +17,15 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from holdfast.core.contract import BoolArray, FloatArray, IntArray, Unit
-from holdfast.core.errors import TooFewGroups
+from holdfast.core.contract import (
+    NOTHING,
+    SITUATIONS,
+    BoolArray,
+    FloatArray,
+    IntArray,
+    Unit,
+)
+from holdfast.core.errors import ClassMissing, TooFewGroups
 from holdfast.core.reading import Json
 from holdfast.edge_runtime.preparation import Preparation
 from holdfast.training.timeline import Phase, RiskyEvent
@@ -107,6 +114,12 @@ class LabelledRows:
             classes=parts[0].classes,
         )
 
+    def of_situations(self) -> LabelledRows:
+        """The same windows labelled with the four situations, from these or the eight classes."""
+        # Classes are in order of their situation: situation 0 light, 0 heavy, 1 light, and so on.
+        per_situation = len(self.classes) // len(SITUATIONS)
+        return replace(self, label=self.label // per_situation, classes=SITUATIONS)
+
     def of_trials(self, index: list[int]) -> LabelledRows:
         """The windows of the recordings at these ascending places, numbered anew."""
         kept = self.take(np.isin(self.trial, index))
@@ -122,7 +135,6 @@ class DataSet:
     redistributable: False for sets without a licence; what is made from them stays in build/.
     caveat: the sentence that must stand with every number from this set.
     notes: what a reader reports of the set, such as counts of windows, by name.
-    lacks: situations the set does not have by its nature; any other absent class is an error.
     group_kind: what a group is: person, object, trial or block.
     hand: its hand card, None where the set has none.
     forces_verified: thresholds in N mean what they say; False where the calibration is unknown.
@@ -138,7 +150,6 @@ class DataSet:
     redistributable: bool
     caveat: str
     notes: Json = field(default_factory=dict)
-    lacks: tuple[str, ...] = ()
     group_kind: str = "trial"
     hand: HandCard | None = None
     forces_verified: bool = True
@@ -151,6 +162,20 @@ class DataSet:
     def groups(self) -> list[str]:
         """The distinct groups (people, blocks), sorted."""
         return sorted({recording.group for recording in self.recordings})
+
+    def with_situations(self) -> DataSet:
+        """The same set with a task "situations", made from the eight classes where it has none."""
+        if "situations" in self.tasks:
+            return self
+        situations = self.tasks["classes"].of_situations()
+        return replace(self, tasks={**self.tasks, "situations": situations})
+
+    def without_weight(self) -> DataSet:
+        """The same set with the four situations in place of the eight classes, if it has these."""
+        tasks = dict(self.tasks)
+        if "classes" in tasks:
+            tasks["situations"] = tasks.pop("classes").of_situations()
+        return replace(self, tasks=tasks)
 
     def group_of(self, task: str) -> StringArray:
         """[M] group of every window of a task."""
@@ -167,6 +192,71 @@ class DataSet:
 
         tasks = {task: rows.of_trials(index) for task, rows in self.tasks.items()}
         return replace(self, recordings=kept, tasks=tasks)
+
+
+WEIGHT = "weight"
+"""Light or heavy, among what a model cannot tell."""
+NOT_SHOWN = {
+    "nothing": "no empty hand",
+    "grasp": "no object that is held",
+    "safe_slip": "no voluntary release",
+    "risky_slip": "no object that slips against the will",
+}
+"""What data without a situation do not show."""
+
+
+def learnable(data: DataSet) -> DataSet:
+    """The set as a model learns it, whatever situations and weights it has.
+
+    Without weights where a situation has only light or only heavy objects: a model of those would
+    take the situation for the weight. Raises ClassMissing where there is nothing to tell apart.
+    """
+    rows = data.tasks.get("classes")
+    if rows is not None and _of_one_weight(rows):
+        data = data.without_weight()
+
+    for task, rows in data.tasks.items():
+        counts = rows.class_counts()
+        if task in ("classes", "situations"):
+            counts = rows.of_situations().class_counts()
+        present = [name for name, count in counts.items() if count]
+        if len(present) < 2:
+            raise ClassMissing(
+                f"task {task}: windows of {' and '.join(present) or 'no class'} alone, "
+                "which leaves nothing to tell apart",
+                where=data.name,
+                cause="recordings of one kind, or too few were chosen",
+                next_step="add trials in which the object slips, and trials in which it is held "
+                "(holdfast check says what is there)",
+            )
+    return data
+
+
+def cannot_tell(data: DataSet, *, by_force: bool) -> dict[str, str]:
+    """What a model of this set cannot tell: situations and WEIGHT, with the reason of each.
+
+    by_force: the model's contact rule tells "nothing", also where no window shows it.
+    """
+    untold = {}
+    main = data.tasks.get("classes", data.tasks.get("situations"))
+    assert main is not None
+    for name, count in main.of_situations().class_counts().items():
+        by_rule = by_force and name == SITUATIONS[NOTHING]
+        if not count and not by_rule:
+            untold[name] = f"{NOT_SHOWN[name]} in the training data"
+    if "classes" not in data.tasks:
+        untold[WEIGHT] = "the training data lack masses, or light or heavy objects"
+    return untold
+
+
+def _of_one_weight(rows: LabelledRows) -> bool:
+    """Whether a situation with contact occurs with light objects or with heavy ones alone."""
+    counts = list(rows.class_counts().values())
+    for situation in range(NOTHING + 1, len(SITUATIONS)):
+        light, heavy = counts[2 * situation : 2 * situation + 2]
+        if (light == 0) != (heavy == 0):
+            return True
+    return False
 
 
 Fold = tuple[IntArray, IntArray]

@@ -1,7 +1,7 @@
 """The phases of a trial: from its truth file, else from the script it followed.
 
-A `hold` (disturbed, but kept) and a `daily` (many grasps in a row) follow no script: they need
-their truth.
+A `daily` (many grasps in a row) follows no script: it needs its truth. So does an everyday action.
+A `hold` (disturbed, but kept) and a `slip` do without: see `of_whole_trial`.
 
 The script (s): nothing, grasp, hold until 7, the action from 7. A put-down, and the hand-over of
 the full bottle, act in [7, 10) and release from 10. Then nothing. Where "action_at_s" gives another
@@ -30,6 +30,7 @@ from holdfast.core.errors import LabelError
 from holdfast.core.reading import Json
 from holdfast.core.trial_file import LONGEST_S, Trial
 from holdfast.core.trial_layout import (
+    LABELLED_ACTIONS,
     OTHER_ACTIONS,
     SITUATION_OF_ACTION,
     contact_rows,
@@ -47,8 +48,21 @@ HOLD_AGAIN_S = 2.0
 The thesis' script gives no time for it."""
 RELEASE_S = 3.0
 """After the action's start."""
+CHANGE_S = 0.1
+"""Over this time the largest change of a slip is measured."""
+CLOSING_S = 0.3
+"""After the hand has closed, while the readings change because it closes."""
+SLIP_BEFORE_S, SLIP_AFTER_S = 0.1, 0.3
+"""What counts as slip before and after the largest change."""
 ACTION_KEY = "action_at_s"
 """In meta.json of the set or in a trial's truth: when the action starts."""
+
+
+OF_WHOLE_TRIAL = {
+    "hold": "its folder",
+    "slip": "its folder, at the largest change",
+}
+"""What the labels of LABELLED_ACTIONS come from without a truth."""
 
 
 @dataclass(frozen=True)
@@ -94,6 +108,8 @@ def scripted(
     Raises LabelError where the hand is not closed when the action should begin, or where there is
     no script.
     """
+    if action in LABELLED_ACTIONS:
+        return of_whole_trial(trial.t_s, samples, action)
     if action in UNSCRIPTED:
         raise LabelError(
             f"a {action!r} follows no script, and its truth is missing",
@@ -141,6 +157,37 @@ def _off_the_script(
         next_step=f'write {{"{ACTION_KEY}": ..}} to meta.json of the set, or that or its phases to '
         f"{truth}",
     )
+
+
+def of_whole_trial(t_s: FloatArray, samples: FloatArray, action: str) -> Phases:
+    """The one phase of a trial that is labelled hold or slip as a whole; samples [T, C], prepared.
+
+    A hold is a grasp while the hand is closed. A slip lies about the largest change of the readings
+    after the hand has closed. All other rows have no label: whether the hand was empty there is not
+    known either.
+    """
+    onset, empty = contact(t_s, samples)
+    if action == "hold":
+        return (Phase(onset, empty, GRASP),)
+
+    period_s = float(np.median(np.diff(t_s)))
+    rows = max(1, round(CHANGE_S / period_s))
+    begins = onset + round(CLOSING_S / period_s)
+    # A contact this short has no time after the closing.
+    if begins + rows >= empty:
+        begins = onset
+    # A lost value changes nothing.
+    change = np.nan_to_num(samples[rows:] - samples[:-rows])
+    size = np.sqrt(np.square(change).sum(axis=1))
+    after_closing = size[begins : max(begins + 1, empty - rows)]
+    if not len(after_closing):
+        return (Phase(onset, empty, RISKY_SLIP),)
+
+    # The change lies between a row and the one so many rows later.
+    at = begins + int(after_closing.argmax()) + rows // 2
+    first = max(onset, at - round(SLIP_BEFORE_S / period_s))
+    stop = min(empty, at + round(SLIP_AFTER_S / period_s))
+    return (Phase(first, stop, RISKY_SLIP),)
 
 
 def action_start_s(about: Json, where: Path) -> float | None:
@@ -194,13 +241,15 @@ def has_phases(path: Path) -> bool:
     return "phases" in truth or ACTION_KEY not in truth
 
 
-def labels_by(path: Path, action_at_s: float) -> str:
-    """What the labels of a trial come from: provenances of its truth, or the script.
+def labels_by(path: Path, action_at_s: float, action: str | None) -> str:
+    """What the labels of a trial come from: provenances of its truth, its folder, or the script.
 
     path: of the truth. action_at_s: of the set.
     """
     truth = read_json(path)
     if not has_phases(path):
+        if action in LABELLED_ACTIONS:
+            return OF_WHOLE_TRIAL[action]
         of_trial = action_start_s(truth, path)
         source = " (truth file)" if of_trial else ""
         return f"script, action at {of_trial or action_at_s:g} s{source}"

@@ -1,5 +1,7 @@
 """Labelled windows of the eight classes, and their balance.
 
+Where the mass of an object is not known, windows are labelled with the four situations alone.
+
 A window is the N samples that end at its row. Five kinds of row are used:
 
 critical points  labelled by the phase they fall in. At an edge between phases both claim the points
@@ -22,8 +24,9 @@ balanced  dense windows, for a hand in continuous use: of trials with an exact t
           weigh the same (training/plan.py). The forest sees what a hand mostly does: not slip
 dense     as balanced, and closer together where a phase begins: a hand that closes, or has just
           let go, looks like a slip. Few windows of a slip that lasts
-thesis    the thesis' undersampled set: natural windows, as many of each class as the rarest has,
-          and within a class every cell of object x action x source gives as equally as it can
+thesis    the thesis' undersampled set: natural windows, as many of each class as the rarest has
+          that occurs, and within a class every cell of object x action x source gives as equally
+          as it can
 """
 
 from __future__ import annotations
@@ -41,9 +44,9 @@ from holdfast.core.contract import (
     NOTHING,
     RISKY_SLIP,
     SAFE_SLIP,
+    SITUATIONS,
     class_id,
 )
-from holdfast.core.errors import ClassMissing
 from holdfast.core.trial_layout import Mass
 from holdfast.export.spec import HISTORY_S, WINDOW_S, window_samples
 from holdfast.training.progress import Part, ignored
@@ -81,10 +84,10 @@ COLUMNS = ["trial", "row", "label", *STRATA]
 
 @dataclass(frozen=True)
 class TimedTrial:
-    """A recording with its phases, and whether its object is heavy (None: there is no object).
+    """A recording with its phases, and whether its object is heavy (None: not known, or no object).
 
-    timed: the phases are known to the moment and not from a script. mass: of the object, None where
-    it is not known here. labels_by: what gives the phases.
+    timed: each sample of a phase is of its situation, which a script does not promise. mass: of the
+    object, None where it is not known here. labels_by: what gives the phases.
     """
 
     recording: Recording
@@ -92,6 +95,19 @@ class TimedTrial:
     timed: bool = False
     mass: Mass | None = None
     labels_by: str = ""
+
+    @property
+    def has_object(self) -> bool:
+        """Whether it is more than the hand alone."""
+        return self.recording.object_name is not None
+
+
+def classes_of(trials: Sequence[TimedTrial]) -> tuple[str, ...]:
+    """The classes that windows are labelled with: eight, or without a mass four situations."""
+    for trial in trials:
+        if trial.has_object and trial.heavy is None:
+            return SITUATIONS
+    return CLASSES
 
 
 @dataclass(frozen=True)
@@ -106,8 +122,9 @@ class _Spot:
 def natural_windows(trials: Sequence[TimedTrial], part: Part = ignored) -> pd.DataFrame:
     """Every window there is, one line each.
 
-    Columns: trial (index), row (the window's last), label (0..7), object, action and source
-    (band-pass, friction, both, slip, keep, nothing). part: receives the share of trials done.
+    Columns: trial (index), row (the window's last), label (of classes_of), object, action and
+    source (band-pass, friction, both, slip, keep, nothing). part: receives the share of trials
+    done.
     """
     return _table(trials, _natural_spots, part)
 
@@ -131,6 +148,7 @@ def _table(
     import pandas as pd  # a third of a second, which no command without windows needs
 
     lines = []
+    weighed = classes_of(trials) == CLASSES
     for index, trial in enumerate(trials):
         name = trial.recording.object_name or NO_OBJECT
         action = trial.recording.action or NO_OBJECT
@@ -138,7 +156,9 @@ def _table(
         for number, spot in enumerate(spots_of(trial)):
             # Without an object windows are light and heavy alternately.
             heavy = bool(number % 2) if trial.heavy is None else trial.heavy
-            label = class_id(spot.situation, heavy=heavy)
+            label = spot.situation
+            if weighed:
+                label = class_id(spot.situation, heavy=bool(heavy))
             lines.append((index, spot.row, label, name, action, spot.source))
         part((index + 1) / len(trials))
     return pd.DataFrame(lines, columns=COLUMNS)
@@ -148,60 +168,59 @@ def undersample(windows: pd.DataFrame, seed: int) -> pd.DataFrame:
     """As many windows of each class as the rarest has, drawn evenly from the cells of a class.
 
     Cells are dealt from in turn until the class is full, so a small cell gives all it has and large
-    ones share the rest. The same seed draws the same windows; order is by trial and row. Raises
-    ClassMissing.
+    ones share the rest. The same seed draws the same windows; order is by trial and row. A class
+    that does not occur has none.
     """
-    counts = class_counts(windows)
-    missing = [name for name, count in counts.items() if not count]
-    if missing:
-        raise ClassMissing(
-            f"no window of {', '.join(missing)}",
-            cause="no trial with such an object and action, or none with a critical point",
-            next_step="record light and heavy objects, each with a safe and a risky action",
-        )
-
     order = np.random.default_rng(seed).permutation(len(windows))
     shuffled = windows.assign(_draw=order)
     # The turn of a window is its place in its cell: all firsts come before all seconds.
     turn = shuffled.groupby(["label", *STRATA])["_draw"].rank()
     dealt = shuffled.assign(_turn=turn).sort_values(["_turn", "_draw"])
 
-    fewest = min(counts.values())
+    fewest = windows["label"].value_counts().min()
     kept = dealt.groupby("label").head(fewest)
     in_order = kept.sort_values(["trial", "row"])
     return in_order[COLUMNS].reset_index(drop=True)
 
 
-def labelled_rows(windows: pd.DataFrame) -> LabelledRows:
-    """The task "classes" of a table of windows."""
+def labelled_rows(
+    windows: pd.DataFrame, classes: tuple[str, ...] = CLASSES
+) -> LabelledRows:
+    """The task of a table of windows. classes: those of its labels."""
     trial, row, label = windows[COLUMNS[:3]].to_numpy(dtype=np.int64).T
-    return LabelledRows(trial, row, label, CLASSES)
+    return LabelledRows(trial, row, label, classes)
 
 
-def class_counts(windows: pd.DataFrame) -> dict[str, int]:
+def class_counts(
+    windows: pd.DataFrame, classes: tuple[str, ...] = CLASSES
+) -> dict[str, int]:
     """Windows per class, by name, zeros included."""
-    return labelled_rows(windows).class_counts()
+    return labelled_rows(windows, classes).class_counts()
 
 
 def sample_counts(trials: Sequence[TimedTrial]) -> dict[str, int]:
     """Samples per class over the whole time lines, of trials with an object."""
-    counts = dict.fromkeys(CLASSES, 0)
+    classes = classes_of(trials)
+    counts = dict.fromkeys(classes, 0)
     for trial in trials:
-        if trial.heavy is None:
+        if not trial.has_object:
             continue
         for phase in trial.recording.phases:
-            name = CLASSES[class_id(phase.situation, heavy=trial.heavy)]
+            number = phase.situation
+            if classes == CLASSES:
+                number = class_id(phase.situation, heavy=bool(trial.heavy))
+            name = classes[number]
             counts[name] += phase.stop - phase.first
     return counts
 
 
-def counts_table(windows: pd.DataFrame) -> str:
+def counts_table(windows: pd.DataFrame, classes: tuple[str, ...] = CLASSES) -> str:
     """Two tables to print: class x object against action, and class against source."""
     import pandas as pd
 
     # A categorical keeps the order of the classes, where texts would be sorted by name.
     label = windows["label"].to_numpy()
-    name = pd.Categorical.from_codes(label, categories=CLASSES)
+    name = pd.Categorical.from_codes(label, categories=classes)
     named = windows.assign(**{"class": name})
 
     by_action = pd.crosstab([named["class"], named["object"]], named["action"])
@@ -229,7 +248,7 @@ def _with_totals(counts: pd.DataFrame) -> pd.DataFrame:
 
 def _natural_spots(trial: TimedTrial) -> list[_Spot]:
     """All windows of a trial, each row once, in order of time."""
-    if trial.heavy is None:
+    if not trial.has_object:
         return _empty_hand(trial.recording)
 
     # dense windows, the default, need no critical points
@@ -261,7 +280,7 @@ def _spots_by(
     trial: TimedTrial, rows_of: Callable[[Phase, int, float], list[int]]
 ) -> list[_Spot]:
     """rows_of: the rows of a phase, from the settled row on, at a rate."""
-    if not trial.timed or trial.heavy is None:
+    if not trial.timed or not trial.has_object:
         return _natural_spots(trial)
 
     rate_hz = trial.recording.rate_hz

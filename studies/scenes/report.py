@@ -14,7 +14,6 @@ from holdfast.evaluation.stream_pictures import StreamPicture
 from holdfast.evaluation.window_scores import confusion, scores
 from holdfast.export.spec import window_samples
 from holdfast.training.crossval import HeldOut
-from holdfast.training.fitting import with_situations
 from holdfast.training.recording import DataSet
 from studies.real.pictures import confusion as four_by_four
 from studies.report import write_report
@@ -71,7 +70,7 @@ def write_scene_report(path: Path, evidence: SceneEvidence) -> Path:
         threshold=threshold if isinstance(threshold, ShearRateFigures) else None,
         bars=pictures.level_bars(rate.rows, kind),
         confusion=pictures.confusion_spread(rate.retrainings[OURS].confusion, kind),
-        four_by_four=four_by_four(with_situations(evidence.data), evidence.held_out),
+        four_by_four=four_by_four(evidence.data.with_situations(), evidence.held_out),
         objects_picture=objects_picture,
         curve_heads=_curve_heads(rate),
         rates_picture=rates_picture,

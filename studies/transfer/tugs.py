@@ -92,7 +92,6 @@ def clips(data: DataSet, seed: int) -> DataSet:
         recordings=recordings,
         tasks={"situations": task},
         preparation=PREPARATION,
-        lacks=("nothing", "safe_slip"),
     )
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 from command_line import Run, fails
-from own_data import write_meta, write_people_folders
+from own_data import write_meta, write_people_folders, write_phases
 
 from holdfast.core.trial_layout import intent_path, truth_path
 from holdfast.edge_runtime.intent import intent_header
@@ -117,11 +117,6 @@ def with_an_unknown_unit(own: Path) -> None:
 
 
 FAULTS: dict[str, tuple[Callable[[Path], None], str, str]] = {
-    "a mass": (
-        without_a_mass,
-        "no mass given for object 'mug'",
-        'mug/meta.json: {"mass_g": 120.0}',
-    ),
     "the script": (
         with_a_trial_off_the_script,
         "start at 0.5 s",
@@ -157,8 +152,8 @@ def test_a_fault_says_what_to_write_where_and_the_rest_is_read(
 
 
 def test_two_faults_are_both_told_at_once(run: Run, own: Path) -> None:
-    without_a_mass(own)
-    with_an_unknown_action(own)
+    with_an_unknown_column(own)
+    (own / "p01/hard-ball/fall").rename(own / "p01/hard-ball/drop")
     levels = [one["level"] for one in reported(run, own, code=3)["missing"]]
     assert levels.count("error") == 2
 
@@ -171,17 +166,45 @@ def missing(report: dict, level: str) -> str:
     )
 
 
-def test_a_class_that_is_missing_keeps_it_from_training_alone(
+def test_an_object_without_a_mass_is_trained_on_and_said(run: Run, own: Path) -> None:
+    without_a_mass(own)
+    report = reported(run, own)
+    assert (report["readable"], report["trainable"]) == (True, True)
+    said = missing(report, "advice")
+    assert f"{own}/p01/mug no mass given for object 'mug'" in said
+    assert "does not learn light and heavy weigh it" in said
+    assert 'mug/meta.json: {"mass_g": 120.0}' in said
+    by_name = {one["situation"]: one for one in report["classes"]}
+    assert by_name["grasp"]["unweighed_s"] > 0 < by_name["grasp"]["light_s"]
+    code, out, _ = run("check", own)
+    assert "situation   light, s  heavy, s  mass unknown, s" in out
+    assert (code, "ready for holdfast train and" in out) == (0, True)
+
+
+def test_what_is_missing_is_advice_with_what_it_would_bring(
     run: Run, own: Path
 ) -> None:
     for person in ("p01", "p02"):
         shutil.rmtree(own / person / "hard-ball/fall")
     report = reported(run, own)
+    assert (report["readable"], report["trainable"]) == (True, True)
+    said = missing(report, "advice")
+    assert "no risky_slip with an object of 150 g or more: a model does not" in said
+    assert "<person>/<object of 150 g or more>/slip/trial_1.csv" in said
+    for folder in own.glob("p0*/soft-ball/pull"):
+        shutil.rmtree(folder)
+    said = missing(reported(run, own), "advice")
+    assert "no risky_slip: a model cannot tell that an object slips" in said
+
+
+def test_one_situation_alone_is_nothing_to_train_on(run: Run, tmp_path: Path) -> None:
+    write_phases(tmp_path / "mug/pull/trial_1.csv", "risky_slip")
+    report = reported(run, tmp_path)
     assert (report["readable"], report["trainable"]) == (True, False)
-    said = missing(report, "training")
-    assert "no risky_slip with an object of 150 g or more" in said
-    assert "<person>/<object of 150 g or more>/pull/trial_1.csv" in said
-    assert "ready for holdfast evaluate; holdfast train needs" in run("check", own)[1]
+    assert "no grasp: a model cannot tell that" in missing(report, "training")
+    assert (
+        "ready for holdfast evaluate; holdfast train needs" in run("check", tmp_path)[1]
+    )
 
 
 def test_advice_names_unit_labels_and_people(run: Run, own: Path) -> None:

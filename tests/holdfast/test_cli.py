@@ -19,6 +19,7 @@ import numpy as np
 import pytest
 import skops.io
 from command_line import PROGRESS, Run, fails
+from own_data import write_phases
 from sklearn.linear_model import LogisticRegression
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import FunctionTransformer
@@ -261,15 +262,13 @@ def test_a_trial_or_a_set_that_is_absent_is_reported_as_absent(
 def test_a_set_that_cannot_be_learned_from_is_refused_with_what_it_lacks(
     run: Run, tmp_path: Path
 ) -> None:
-    slow, one_class_less = tmp_path / "slow", tmp_path / "set"
+    slow, pulls_alone = tmp_path / "slow", tmp_path / "set"
     write_fixture(slow, trials_per_cell=1, rate_hz=15.0)
-    write_fixture(one_class_less, trials_per_cell=1)
-    for folder in one_class_less.glob("*/fall"):
-        shutil.rmtree(folder)
+    write_phases(pulls_alone / "mug/pull/trial_1.csv", "risky_slip")
     alone = write_people(tmp_path / "alone", people=1)
     for data, kind, says in (
         (slow, "RateError", "none of the bands"),
-        (one_class_less, "ClassMissing", "risky_slip_heavy"),
+        (pulls_alone, "ClassMissing", "windows of risky_slip alone"),
         (alone, "TooFewGroups", "people"),
     ):
         out = tmp_path / "out"

@@ -5,7 +5,9 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from holdfast.core.trial_layout import META
+import numpy as np
+
+from holdfast.core.trial_layout import META, truth_path
 from holdfast.training.fixture import write_fixture
 
 
@@ -17,6 +19,21 @@ def write_people_folders(root: Path, people: int = 2) -> Path:
         (person / META).unlink()
     write_meta(root, unit="N")
     return root
+
+
+def write_phases(path: Path, *labels: str, seconds: float = 2.0) -> Path:
+    """A trial of noise at 50 Hz with a truth of these situations, one after the other."""
+    path.parent.mkdir(parents=True)
+    n = round(50 * seconds * len(labels))
+    noise = np.random.default_rng(n).normal(0.0, 0.1, (n, 3))
+    rows = np.column_stack([np.arange(n) / 50.0, noise])
+    np.savetxt(path, rows, delimiter=",", header="Time,X1,Y1,Z1", comments="")
+    phases = []
+    for number, label in enumerate(labels):
+        start_s = seconds * number
+        phases.append({"t0_s": start_s, "t1_s": start_s + seconds, "label": label})
+    truth_path(path).write_text(json.dumps({"phases": phases}), "utf-8")
+    return path
 
 
 def write_meta(folder: Path, **keys: object) -> None:

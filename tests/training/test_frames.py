@@ -142,7 +142,6 @@ def test_a_frame_that_cannot_be_used_is_refused_by_its_name(
 @pytest.mark.parametrize(
     ("name", "says"),
     [
-        ("p01/mug/pull/1", r"masses_g={'mug': 120.0}"),
         ("p01/soft-ball/drop/1", "<person>/<object>/<action>/<name>"),
         ("pull", "<person>/<object>/<action>/<name>"),
     ],

@@ -29,7 +29,7 @@ def a_set(counts: dict[str, int], n_people: int) -> DataSet:
 @pytest.mark.parametrize(
     "counts",
     [{"risky_slip_heavy": FEWEST_WINDOWS}, {"safe_slip_light": 0}],
-    ids=["just enough windows", "a class that the set lacks by its nature"],
+    ids=["just enough windows", "a class without a window, which is not learned"],
 )
 def test_a_set_with_enough_windows_and_people_warns_of_nothing(
     counts: dict[str, int],

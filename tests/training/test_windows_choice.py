@@ -26,6 +26,7 @@ def a_trial(*phases: Phase) -> TimedTrial:
         valid=np.ones((length, 6), np.bool_),
         rate_hz=RATE_HZ,
         unit="N",
+        object_name="mug",
         phases=phases,
     )
     return TimedTrial(recording, heavy=False, timed=True)

@@ -215,9 +215,12 @@ def join(sets: Sequence[DataSet]) -> DataSet:
     """One set of several, each with the windows it has, at the rate of the first.
 
     Trials and groups get their set's name before theirs, so that people of two sets stay two
-    groups. Redistributable only if all are. Raises RateError, UnitError, ChannelError, LabelError
-    or DataError.
+    groups. Redistributable only if all are. Where a set has no weights, none is learned. Raises
+    RateError, UnitError, ChannelError, LabelError or DataError.
     """
+    # Sets that differ in the weight alone have the situations in common.
+    if any("situations" in data.tasks for data in sets):
+        sets = [data.without_weight() for data in sets]
     first, *others = sets
     for other in others:
         require_alike(other, first)
@@ -236,7 +239,6 @@ def join(sets: Sequence[DataSet]) -> DataSet:
         return first
 
     recordings: list[Recording] = []
-    lacks = list(first.lacks)
     kinds, caveats, group_kinds, notes = [], [], [], {}
     parts: dict[str, list[LabelledRows]] = {task: [] for task in first.tasks}
     for data in sets:
@@ -251,9 +253,6 @@ def join(sets: Sequence[DataSet]) -> DataSet:
             trial_id = f"{data.name}/{recording.trial_id}"
             group = f"{data.name}/{recording.group}"
             recordings.append(replace(recording, trial_id=trial_id, group=group))
-
-        # A class is absent from the joined set by nature only if every part lacks it.
-        lacks = [name for name in lacks if name in data.lacks]
     return replace(
         first,
         name=" + ".join(names),
@@ -264,7 +263,6 @@ def join(sets: Sequence[DataSet]) -> DataSet:
         caveat=_each_once(" ", caveats),
         notes={"sets": notes},
         group_kind=_each_once(" and by ", group_kinds),
-        lacks=tuple(lacks),
         hand=with_card[0].hand if with_card else None,
         forces_verified=all(data.forces_verified for data in sets),
     )

@@ -93,7 +93,6 @@ def load(root: Path, *, channels: int = 18) -> DataSet:
         redistributable=True,
         caveat=CAVEAT,
         group_kind="block",
-        lacks=("nothing", "safe_slip"),
         hand=read_hand_card(SIX_MAGNETOMETERS_CARD) if channels == 18 else None,
         notes={
             "doubtful_trials": ["trial_086: labelled as held, but shows a large event"]

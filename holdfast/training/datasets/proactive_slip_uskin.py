@@ -84,7 +84,6 @@ def load(root: Path, *, channels: int = 18) -> DataSet:
         forces_verified=False,
         redistributable=True,
         caveat=CAVEAT,
-        lacks=("nothing",),
     )
 
 

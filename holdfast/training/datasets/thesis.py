@@ -2,10 +2,10 @@
 
 In the root there may be a `meta.json` {"unit", "kind", "name", "recordings by", "redistributable",
 "action_at_s", "masses_g"}; in an object's folder a `meta.json` {"mass_g"}; next to a trial its
-truth, `trial_<n>.truth.json`, with the phases that replace the script (the actions `hold` and
-`daily` need them) or with "action_at_s" alone. The preparation is the thesis': magnets
-turned the right way round, the mean of five rows subtracted, time from zero. Its moving average is
-left out, because it removes the vibrations that the band-pass bank detects.
+truth, `trial_<n>.truth.json`, with the phases that replace the script (a `daily` needs them; a
+`hold` and a `slip` may do without) or with "action_at_s" alone. The preparation is the thesis':
+magnets turned the right way round, the mean of five rows subtracted, time from zero. Its moving
+average is left out, because it removes the vibrations that the band-pass bank detects.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
-from holdfast.core.contract import NOTHING, RATE_TOLERANCE, UNITS, Unit
+from holdfast.core.contract import CLASSES, NOTHING, RATE_TOLERANCE, UNITS, Unit
 from holdfast.core.errors import (
     ChannelError,
     DataNotFound,
@@ -28,6 +28,7 @@ from holdfast.core.errors import (
 from holdfast.core.reading import Json
 from holdfast.core.trial_file import Trial, read_trial
 from holdfast.core.trial_layout import (
+    LABELLED_ACTIONS,
     MASSES_KEY,
     META,
     NORMAL_FLOOR,
@@ -58,6 +59,7 @@ from holdfast.training.recording import (
 from holdfast.training.timeline import (
     ACTION_KEY,
     ACTION_S,
+    OF_WHOLE_TRIAL,
     Phases,
     RiskyEvents,
     action_start_s,
@@ -73,6 +75,7 @@ from holdfast.training.windows import (
     Choice,
     TimedTrial,
     class_counts,
+    classes_of,
     counts_table,
     dense_windows,
     denser_windows,
@@ -82,10 +85,18 @@ from holdfast.training.windows import (
     undersample,
 )
 
-CAVEAT = (
+WEIGHT_CAVEAT = (
     "Light and heavy differ only by object: windows without contact keep the light/heavy label of "
-    "their trial although no signal carries it. Where a trial has no truth file its labels follow "
+    "their trial although no signal carries it. "
+)
+"""Of sets whose objects all have a mass."""
+CAVEAT = (
+    "Where a trial has no truth file its labels follow "
     "the script (action from {at_s:g} s), not a measurement."
+)
+SLIP_CAVEAT = (
+    " When the object slipped is not known in {n} of {of} trials: the slip is taken to be about "
+    "the largest change of the readings, so delays of these mean little."
 )
 OPEN_HAND = "open hand"
 """What the labels come from where the trial is that of the hand alone."""
@@ -117,8 +128,9 @@ def load(
 ) -> DataSet:
     """All trials of a folder, with the task "classes" (labels 0..7). part: how much is read.
 
+    Where the mass of an object is not known, the task is "situations" (labels 0..3).
     channels: refuse the set if it has another number; None takes it as it is.
-    windows: training/windows.py; thesis draws by the seed, and every class must be there; none
+    windows: training/windows.py; thesis draws by the seed; none
     leaves the task and its counts out.
     People are the groups; without at least two, every trial is its own. `notes` has the counts of
     samples and of the windows, these also as a table, and where they were drawn from the natural
@@ -190,7 +202,7 @@ def assembled(
         preparation=preparation(unit),
         kind=str(meta["kind"]),
         redistributable=meta.get("redistributable") is True,
-        caveat=CAVEAT.format(at_s=meta.get(ACTION_KEY, ACTION_S)),
+        caveat=_caveat(trials, meta),
         group_kind=group_kind,
         notes={
             "layout": "thesis",
@@ -203,22 +215,36 @@ def assembled(
     )
 
 
+def _caveat(trials: Sequence[TimedTrial], meta: Json) -> str:
+    """The sentences that stand with every figure of these trials."""
+    caveat = CAVEAT.format(at_s=meta.get(ACTION_KEY, ACTION_S))
+    if classes_of(trials) == CLASSES:
+        caveat = WEIGHT_CAVEAT + caveat
+    n = sum(trial.labels_by == OF_WHOLE_TRIAL["slip"] for trial in trials)
+    if n:
+        caveat += SLIP_CAVEAT.format(n=n, of=len(trials))
+    return caveat
+
+
 def _windows(
     trials: list[TimedTrial], choice: Choice, seed: int, part: Part
 ) -> tuple[dict[str, LabelledRows], Json]:
-    """The task "classes" on the chosen windows, and their counts for the notes."""
+    """The task on the chosen windows, "classes" or "situations", and their counts for the notes."""
     notes: Json = {}
+    classes = classes_of(trials)
+    task = "classes" if classes == CLASSES else "situations"
     if choice == "balanced":
         chosen = dense_windows(trials, part)
     elif choice == "dense":
         chosen = denser_windows(trials, part)
     else:
         chosen = natural_windows(trials, part)
-        notes["windows_natural"] = class_counts(chosen)
+        notes["windows_natural"] = class_counts(chosen, classes)
     if choice == "thesis":
         chosen = undersample(chosen, seed)
-    notes |= {"windows": class_counts(chosen), "table": counts_table(chosen)}
-    return {"classes": labelled_rows(chosen)}, notes
+    notes["windows"] = class_counts(chosen, classes)
+    notes["table"] = counts_table(chosen, classes)
+    return {task: labelled_rows(chosen, classes)}, notes
 
 
 def meta_of(root: Path) -> Json:
@@ -276,9 +302,9 @@ def timed(
     return TimedTrial(
         replace(recording, phases=phases, events=events),
         heavy=mass.heavy if mass else None,
-        timed=has_phases(truth),
+        timed=has_phases(truth) or place.action in LABELLED_ACTIONS,
         mass=mass,
-        labels_by=labels_by(truth, action_at_s) if folder else OPEN_HAND,
+        labels_by=labels_by(truth, action_at_s, place.action) if folder else OPEN_HAND,
     )
 
 

@@ -1,0 +1,188 @@
+"""Own trials train a model of whatever situations and weights they have, and it says the rest."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from command_line import Run, fails
+from own_data import write_meta, write_people_folders, write_phases
+
+from holdfast.core.contract import GRASP, RISKY_SLIP, channel_names
+from holdfast.core.trial_layout import truth_path
+from holdfast.training.datasets import find, join, load
+from holdfast.training.datasets.eflesh_slip import SIX_MAGNETOMETERS
+from holdfast.training.datasets.public_files import channels_of
+from holdfast.training.recording import cannot_tell, learnable
+
+CELLS = ("soft-ball/pull", "hard-ball/fall")
+"""Of generated trials: those with an exact truth of a slip, a light and a heavy object."""
+
+
+@pytest.fixture(scope="module")
+def slips(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two people who grasp and lose two objects whose masses are not known; no other situation."""
+    root = write_people_folders(tmp_path_factory.mktemp("slips"))
+    for path in root.rglob("trial_*.csv"):
+        _person, *cell, _ = path.relative_to(root).parts
+        if "/".join(cell) not in CELLS:
+            path.unlink()
+    for number, name in enumerate(("soft-ball", "hard-ball")):
+        for folder in root.glob(f"p*/{name}"):
+            folder.rename(folder.with_name(f"part-{number}"))
+    for truth in root.rglob("trial_*.truth.json"):
+        phases = json.loads(truth.read_text())["phases"]
+        kept = [one for one in phases if one["label"] in ("grasp", "risky_slip")]
+        truth.write_text(json.dumps({"phases": kept}))
+    return root
+
+
+def trained(run: Run, data: Path, out: Path, *words: str) -> tuple[str, dict]:
+    code, said, _ = run("train", "--data", data, "--out", out, "--size", "tiny", *words)
+    assert code == 0
+    artifact: dict = json.loads((out / "artifact.json").read_text())
+    return said, artifact["training"]
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_grasp_and_slip_without_masses_train_and_the_model_says_what_is_unknown(
+    run: Run, slips: Path, tmp_path: Path
+) -> None:
+    said, card = trained(run, slips, tmp_path / "model", "--learner", "forest")
+    assert "held out by person: macro F1 over grasp, risky slip alone" in said
+    assert "F1 safe_slip    cannot tell" in said
+    assert "cannot tell safe slip: no voluntary release in the training data" in said
+    assert "cannot tell weight: " in said
+    # In N the contact rule tells an empty hand from a closed one, which no window shows.
+    assert set(card["cannot_tell"]) == {"safe_slip", "weight"}
+    assert card["main_task"] == "situations"
+
+
+def test_masses_alone_make_the_weight_known(slips: Path) -> None:
+    masses = {"part-0": 20, "part-1": 400}
+    write_meta(slips, unit="N", masses_g=masses)
+    data = load(slips)
+    assert list(data.tasks) == ["classes"]
+    # Each object is in trials of both situations, so none gives the weight away.
+    assert list(learnable(data).tasks) == ["classes"]
+    write_meta(slips, unit="N", masses_g={"part-0": 20})
+    assert list(load(slips).tasks) == ["situations"]
+    write_meta(slips, unit="N")
+
+
+def test_a_weight_that_a_situation_gives_away_is_not_learned(tmp_path: Path) -> None:
+    write_meta_of(tmp_path, {"cup": 20, "jar": 400})
+    write_phases(tmp_path / "cup/pull/trial_1.csv", "grasp", "risky_slip")
+    write_phases(tmp_path / "jar/hold/trial_1.csv", "grasp")
+    data = load(tmp_path)
+    assert list(data.tasks) == ["classes"]
+    learned = learnable(data)
+    assert list(learned.tasks) == ["situations"]
+    assert len(learned.tasks["situations"]) == len(data.tasks["classes"])
+    untold = cannot_tell(learned, by_force=False)
+    assert set(untold) == {"nothing", "safe_slip", "weight"}
+
+
+def write_meta_of(root: Path, masses_g: dict[str, float]) -> None:
+    root.mkdir(exist_ok=True)
+    write_meta(root, unit="N", masses_g=masses_g)
+
+
+def test_a_set_with_weights_and_one_without_are_learned_together(
+    tmp_path: Path,
+) -> None:
+    write_meta_of(tmp_path / "known", {"cup": 20})
+    write_phases(tmp_path / "known/cup/pull/trial_1.csv", "grasp", "risky_slip")
+    write_phases(tmp_path / "other/jar/pull/trial_1.csv", "grasp", "safe_slip")
+    both = join([load(tmp_path / "known"), load(tmp_path / "other")])
+    counts = both.tasks["situations"].class_counts()
+    assert [name for name, count in counts.items() if count] == [
+        "grasp",
+        "safe_slip",
+        "risky_slip",
+    ]
+
+
+def test_one_situation_alone_is_refused_with_what_to_add(
+    run: Run, tmp_path: Path
+) -> None:
+    write_phases(tmp_path / "cup/hold/trial_1.csv", "grasp")
+    fails(
+        run,
+        3,
+        "ClassMissing",
+        "train",
+        "--data",
+        tmp_path,
+        "--out",
+        tmp_path / "out",
+        says="windows of grasp alone",
+    )
+
+
+# -- trials labelled slip or hold as a whole
+
+
+def test_without_times_a_hold_is_grasp_and_a_slip_lies_about_the_largest_change(
+    tmp_path: Path,
+) -> None:
+    t_s = np.arange(0.0, 6.0, 0.02)
+    force = np.interp(t_s, [1.0, 1.2, 4.0, 4.1, 5.0, 5.1], [0, 5, 5, 4, 4, 0])
+    shear = np.interp(t_s, [4.0, 4.1], [0.0, 6.0]) * (force > 0.0)
+    shear[t_s > 4.9] *= np.linspace(1.0, 0.0, int((t_s > 4.9).sum()))
+    rows = np.column_stack([t_s, shear, 0.0 * t_s, force])
+    for action in ("hold", "slip"):
+        path = tmp_path / f"cup/{action}/trial_1.csv"
+        path.parent.mkdir(parents=True)
+        np.savetxt(path, rows, delimiter=",", header="Time,X1,Y1,Z1", comments="")
+    hold, slip = (one.phases for one in load(tmp_path, windows="none").recordings)
+    (held,) = hold
+    assert held.situation == GRASP
+    assert (held.first / 50, held.stop / 50) == pytest.approx((1.0, 5.1), abs=0.15)
+    (slipped,) = slip
+    assert slipped.situation == RISKY_SLIP
+    assert slipped.first / 50 == pytest.approx(3.95, abs=0.1)
+    assert slipped.stop / 50 == pytest.approx(4.35, abs=0.1)
+    assert "slip is not known in 1 of 2 trials" not in load(tmp_path).caveat
+    assert "object slipped is not known in 1 of 2 trials" in load(tmp_path).caveat
+    # A time that is known is believed before the guess.
+    truth = truth_path(tmp_path / "cup/slip/trial_1.csv")
+    phases = [{"t0_s": 2.0, "t1_s": 2.5, "label": "risky_slip"}]
+    truth.write_text(json.dumps({"phases": phases}))
+    _, timed = (one.phases for one in load(tmp_path, windows="none").recordings)
+    assert [(one.first / 50, one.stop / 50) for one in timed] == [(2.0, 2.5)]
+
+
+@pytest.fixture(scope="module")
+def gripper(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Every third real trial of the two-pad gripper in folders, slip or hold, without a time."""
+    root = tmp_path_factory.mktemp("gripper")
+    with np.load(find("eflesh_slip") / "eflesh_slip.npz") as arrays:
+        values = arrays["X"][::3][:, :, channels_of(SIX_MAGNETOMETERS)]
+        tugged = arrays["y"][::3]
+    header = ",".join(["Time", *channel_names(6)])
+    for number, (trial, tug) in enumerate(zip(values, tugged, strict=True)):
+        action = "slip" if tug else "hold"
+        path = root / f"block-{number // 4}" / action / f"trial_{number}.csv"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        rows = np.column_stack([np.arange(len(trial)) / 100.0, trial])
+        np.savetxt(path, rows, "%.6g", ",", header=header, comments="")
+    write_meta(root, unit="uT")
+    return root
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_real_trials_of_a_gripper_labelled_slip_or_hold_train(
+    run: Run, gripper: Path, tmp_path: Path
+) -> None:
+    code, checked, _ = run("check", gripper)
+    assert (code, "ready for holdfast train" in checked) == (0, True)
+    said, card = trained(run, gripper, tmp_path / "model")
+    assert set(card["cannot_tell"]) == {"nothing", "safe_slip", "weight"}
+    f1 = card["held_out"]["situations"]["f1"]
+    assert f1["nothing"] is None
+    # An easy set: one threshold is right in nearly every trial.
+    assert min(f1["grasp"], f1["risky_slip"]) > 0.8
+    assert "cannot tell nothing: no empty hand in the training data" in said
