@@ -171,11 +171,28 @@ def _forget_what_cannot_be_written(stream: TextIO) -> None:
         os.close(nothing)
 
 
+EXTRA_OF = {
+    "distributed": "dask",
+    "depthai": "camera",
+    "jinja2": "viz",
+    "matplotlib": "viz",
+    "mcap": "mcap",
+    "pyarrow": "parquet",
+    "pylsl": "lsl",
+    "pyxdf": "xdf",
+    "rosbags": "ros2",
+    "shtab": "completion",
+}
+"""Package -> the extra that brings it; all others come with training and its pictures."""
+
+
 def _not_installed(error: ModuleNotFoundError) -> UsageError:
+    package = (error.name or "").partition(".")[0]
+    extra = EXTRA_OF.get(package, "train,viz")
     return UsageError(
         f"this needs the package {error.name}",
-        cause="only the packages of the live path are installed",
-        next_step="pip install 'holdfast[train,viz]'; holdfast doctor shows what is missing",
+        cause=f"it comes with {extra}, which is not installed",
+        next_step=f"pip install 'holdfast[{extra}]'",
     )
 
 

@@ -13,7 +13,7 @@ from typing import Any
 
 from holdfast.cli.command import add_json_option, path_argument, show_found
 from holdfast.core.contract import UNITS
-from holdfast.core.errors import OutputError, UsageError
+from holdfast.core.errors import LibraryMissing, OutputError, UsageError
 
 WRITERS = {
     "parquet": "holdfast.interop.tables",
@@ -66,10 +66,23 @@ def run(args: argparse.Namespace) -> int:
     return _from_xdf(args) if args.to == TRIALS else _to_format(args)
 
 
+def _writer(form: str) -> Any:
+    """The module of a format. Raises LibraryMissing with the extra of this very format."""
+    try:
+        return import_module(WRITERS[form])
+    except LibraryMissing as error:
+        # one writer may use the module of another, whose extra would not be enough
+        raise LibraryMissing(
+            error.what,
+            cause=f"only the extra `{form}` installs it",
+            next_step=f"pip install 'holdfast[{form}]'",
+        ) from None
+
+
 def _to_format(args: argparse.Namespace) -> int:
     from holdfast.core.writing import whole_folder
 
-    writer: Any = import_module(WRITERS[args.to])
+    writer = _writer(args.to)
     from holdfast.interop.payload import read_payloads
 
     # Files of two conversions in one folder could not be told apart.

@@ -33,20 +33,21 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _data_sets() -> list[Finding]:
-    from holdfast.live.installation import Finding
+    """The public sets, where training is installed: nothing else reads them."""
+    from holdfast.live.installation import Finding, missing_of
     from holdfast.training.datasets import PUBLIC_SETS, data_folder
 
-    folder = data_folder()
-    step = (
-        "set HOLDFAST_DATA to the folder with it (only for figures on real recordings)"
-    )
-    findings = []
-    for name in PUBLIC_SETS:
-        if (folder / name).is_dir():
-            findings.append(Finding(name, "ok", f"in {folder}"))
-        else:
-            findings.append(Finding(name, "missing", f"not in {folder}", step))
+    if missing_of("train"):
+        return []
 
+    folder = data_folder()
+    there = [name for name in PUBLIC_SETS if (folder / name).is_dir()]
+    findings = [Finding(name, "ok", f"in {folder}") for name in there]
+    missing = [name for name in PUBLIC_SETS if name not in there]
+    if missing:
+        found = f"{', '.join(missing)}: not in {folder}"
+        step = "HOLDFAST_DATA names the folder (only for figures on real recordings)"
+        findings.append(Finding("data sets", "missing", found, step))
     return findings
 
 
@@ -67,7 +68,9 @@ def _settings() -> list[Finding]:
 
     findings = []
     for name, value in settings.values.items():
-        found = f"{value} (from {settings.path}; --{name} wins)"
+        # the model is no option: it stands first, behind the verb
+        word = "MODEL on the command line" if name == "model" else f"--{name}"
+        found = f"{value} (from {settings.path}; {word} wins)"
         findings.append(Finding(f"setting {name}", "ok", found))
 
     return findings

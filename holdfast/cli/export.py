@@ -23,6 +23,7 @@ from holdfast.cli.command import (
     show_found,
 )
 from holdfast.core.errors import UsageError, visible
+from holdfast.core.reading import model_path
 
 if TYPE_CHECKING:
     from holdfast.core.hand_card import HandCard
@@ -71,6 +72,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Export; prints what was verified."""
     require_json_writable(args)
+    # the name of a shipped model, as every other command takes it
+    args.artifact = model_path(args.artifact)
     if args.to == "c":
         if args.hand is not None:
             raise UsageError(

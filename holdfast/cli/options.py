@@ -51,7 +51,8 @@ def add_calibration_option(parser: argparse.ArgumentParser) -> None:
 def add_web_option(parser: argparse.ArgumentParser) -> None:
     """--web."""
     web = (
-        "show it on a page in the browser (default host: 127.0.0.1; docs/live-page.md)"
+        "show it on a page in the browser, and no JSON lines in the terminal "
+        "(default host: 127.0.0.1; docs/live-page.md)"
     )
     parser.add_argument("--web", metavar="[HOST:]PORT", help=web)
 
@@ -101,8 +102,10 @@ def add_grip_options(parser: argparse.ArgumentParser) -> None:
     """--grip, --controller, --ceiling, --feedback, --cues."""
     option = parser.add_argument
     wires = "udp://HOST:PORT, serial:///dev/ttyX?baud=115200"
-    scene = "or virtual: to the hand in the scene of the source"
-    grip = f"send a grip command at every sample: {wires}, {scene}"
+    scene = (
+        "or the word virtual for the hand in a scene (--source virtual://..?scene=..)"
+    )
+    grip = f"send a grip command at every sample to {wires}, {scene}"
     option("--grip", metavar="URL", help=grip)
     names = "none, pd-shear, sliding-mode, smsp, ismsp or holdfast (the default)"
     option("--controller", metavar="NAME", help=f"grip controller: {names}")

@@ -1,10 +1,10 @@
-"""`holdfast run MODEL --source URL`: reads a hand and answers every sample, until it is stopped.
+"""`holdfast run [MODEL] --source URL`: reads a hand and answers every sample, until it is stopped.
 
-holdfast run models/holdfast-150hz.onnx --source usb://ft232h
-holdfast run models/holdfast-150hz.onnx --source "virtual://ft232h?scene=pull-soft-ball&seed=1"
-holdfast run models/holdfast-150hz.onnx --source usb://ft232h --grip udp://127.0.0.1:9000
-holdfast run models/holdfast-150hz.onnx --source usb://ft232h --engine c
-holdfast run models/holdfast-150hz.onnx --source usb://ft232h --quiet --web 8000
+holdfast run --source usb://ft232h
+holdfast run --source "virtual://ft232h?scene=pull-soft-ball&seed=1" --view
+holdfast run mine.onnx --source usb://ft232h --grip udp://127.0.0.1:9000
+holdfast run mine.onnx --source usb://ft232h --engine c
+holdfast run --source usb://ft232h --web 8000
 """
 
 from __future__ import annotations
@@ -25,12 +25,14 @@ from holdfast.cli.options import (
     require_intent,
     set_reader,
 )
+from holdfast.core.reading import DEFAULT_MODEL
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this verb."""
     option = parser.add_argument
-    option("model", metavar="MODEL", help="a sealed holdfast.onnx")
+    model = f"a sealed holdfast.onnx (default: the shipped {DEFAULT_MODEL})"
+    option("model", nargs="?", default=DEFAULT_MODEL, metavar="MODEL", help=model)
     add_source_option(parser)
     add_calibration_option(parser)
     add_engine_options(parser)
@@ -51,7 +53,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     samples = "write the prepared samples to a CSV, for holdfast replay"
     option("--samples", type=path_argument, metavar="FILE", help=samples)
     option("--quiet", action="store_true", help="no JSON lines on stdout")
-    view = "show the stream in the terminal (needs rich)"
+    view = "show the stream in the terminal, and no JSON lines there"
     option("--view", action="store_true", help=view)
     add_web_option(parser)
     bias = "file written by holdfast bias (default: from the first samples)"

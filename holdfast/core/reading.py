@@ -21,6 +21,8 @@ _PACKAGE = Path(__file__).resolve().parent.parent
 _IN_WHEEL, _IN_CHECKOUT = _PACKAGE / "models", _PACKAGE.parent / "models"
 MODELS = _IN_CHECKOUT if _IN_CHECKOUT.is_dir() else _IN_WHEEL
 """The models that are installed with Holdfast."""
+DEFAULT_MODEL = "holdfast-150hz"
+"""The shipped model that a run takes where none is named."""
 MOST_LEVELS = 32
 """Our files nest less deeply; a thousand brackets in a row exhaust Python's stack."""
 

@@ -351,7 +351,7 @@ def require_fit(
             f"the source has {n_channels} channels, the model needs {card.n_channels}",
             where=where,
             cause="a model made for other sensors",
-            next_step="use a model made for this source, or train one",
+            next_step="holdfast export MODEL --hand CARD --out FILE, or holdfast train",
         )
 
     if unit != card.unit:

@@ -20,11 +20,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from holdfast.core.contract import SITUATIONS, channel_names
+from holdfast.core.errors import needs_extra
 from holdfast.core.reading import Json
 from holdfast.core.writing import write_whole
 from holdfast.interop.payload import NO_LABEL, TrialPayload
 from holdfast.interop.tables import write_columns, write_frame, write_rows
 from holdfast.training.datasets.thesis import common_rate
+
+with needs_extra("lerobot"):
+    import pandas as pd
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -204,8 +208,6 @@ def _info(trials: Sequence[TrialPayload], rate_hz: float, n_tasks: int) -> Json:
 
 def _write_tasks(folder: Path, tasks: list[str]) -> None:
     """The tasks with their numbers; the texts are the index, as lerobot looks them up."""
-    import pandas as pd
-
     names = pd.Index(tasks, name="task")
     numbers = {"task_index": np.arange(len(tasks))}
     write_frame(folder / "meta/tasks.parquet", pd.DataFrame(numbers, index=names))

@@ -1,6 +1,8 @@
 """What `holdfast doctor` examines: packages, models, buses, rights and clocks of this machine.
 
-Every check imports what it examines late: a package that is missing is a finding, not an error.
+What belongs to an extra, a bridge or a board is examined only where that is there: a line that says
+"missing" is something to do. Every check imports what it examines late: a package that is missing
+is a finding, not an error.
 """
 
 from __future__ import annotations
@@ -15,20 +17,23 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
+LIVE_PATH = "live path"
 EXTRAS = {
-    "live path": ("numpy", "onnxruntime", "pyusb", "libusb-package", "smbus2"),
+    LIVE_PATH: ("numpy", "onnxruntime", "pyusb", "libusb-package", "smbus2"),
     "train": ("scikit-learn", "skl2onnx", "onnx", "scipy", "pandas", "skops", "rich"),
     "viz": ("matplotlib",),
     "camera": ("depthai",),
     "completion": ("shtab",),
     "dask": ("distributed",),
-    "lerobot": ("pyarrow",),
+    "lerobot": ("pandas", "pyarrow"),
     "lsl": ("pylsl",),
     "mcap": ("mcap", "mcap-protobuf-support", "foxglove-schemas-protobuf"),
     "parquet": ("pyarrow",),
     "ros2": ("rosbags",),
     "xdf": ("pyxdf",),
 }
+BOARD = Path("/proc/device-tree/model")
+"""What a single-board computer calls itself; other machines have no such file."""
 RULES = "holdfast board udev | sudo tee /etc/udev/rules.d/70-holdfast.rules"
 Status = Literal["ok", "missing", "broken"]
 
@@ -96,20 +101,49 @@ def _machine() -> list[Finding]:
     return [Finding("machine", "broken", found, "install Python 3.11 or newer")]
 
 
+def missing_of(extra: str) -> list[str]:
+    """The packages of an extra that are not installed."""
+    missing = []
+    for name in EXTRAS[extra]:
+        try:
+            importlib.metadata.version(name)
+        except importlib.metadata.PackageNotFoundError:
+            missing.append(name)
+    return missing
+
+
 def _packages() -> list[Finding]:
+    """Those of the live path and of extras that are there; the other extras in one line."""
     findings = []
+    absent = []
     for extra, names in EXTRAS.items():
-        findings += [_package(extra, name) for name in names]
+        missing = missing_of(extra)
+        needed = extra == LIVE_PATH
+        if not missing or needed or len(missing) < len(names):
+            findings += _extra(extra, missing)
+        else:
+            absent.append(extra)
+
+    if absent:
+        found = f"not installed: {', '.join(absent)}"
+        step = "pip install 'holdfast[NAME]' for one that you want"
+        findings.append(Finding("extras", "ok", found, step))
     return findings
 
 
-def _package(extra: str, name: str) -> Finding:
-    what = f"{name} ({extra})"
-    try:
-        return Finding(what, "ok", importlib.metadata.version(name))
-    except importlib.metadata.PackageNotFoundError:
-        wanted = "holdfast" if extra == "live path" else f"'holdfast[{extra}]'"
-        return Finding(what, "missing", "not installed", f"pip install {wanted}")
+def _extra(extra: str, missing: list[str]) -> list[Finding]:
+    """One line for each package that is there, and one for those that are not."""
+    findings = []
+    for name in EXTRAS[extra]:
+        if name not in missing:
+            version = importlib.metadata.version(name)
+            findings.append(Finding(f"{name} ({extra})", "ok", version))
+
+    if missing:
+        wanted = "holdfast" if extra == LIVE_PATH else f"'holdfast[{extra}]'"
+        found = f"not installed: {', '.join(missing)}"
+        findings.append(Finding(extra, "missing", found, f"pip install {wanted}"))
+    return findings
 
 
 def _runtime() -> list[Finding]:
@@ -187,6 +221,8 @@ def _bridges() -> list[Finding]:
 
 def _native_buses() -> list[Finding]:
     buses = sorted(Path("/dev").glob("i2c-*"))
+    if not buses and not BOARD.exists():
+        return []
     if not buses:
         step = "on a Raspberry Pi: dtparam=i2c_arm=on in config.txt"
         return [Finding("i2c", "missing", "no /dev/i2c-*", step)]
@@ -202,7 +238,13 @@ def _native_buses() -> list[Finding]:
 
 
 def _udev() -> list[Finding]:
-    # rules decide which users may open a bridge
+    from holdfast.drivers.bridges import BRIDGES, ids_of
+    from holdfast.drivers.usb import find_usb, real_backend
+
+    # rules decide which users may open a bridge, so they matter where there is one
+    backend = real_backend()
+    if not any(find_usb(ids_of(name), backend) for name in BRIDGES):
+        return []
     folder = Path("/etc/udev/rules.d")
     if not folder.is_dir():
         step = "not needed as root or without udev"

@@ -290,3 +290,19 @@ def run_live(
     while not stopped() and run.answer_next():
         pass
     return run.summary
+
+
+def report_summary(summary: Summary, report: Callable[[str], object]) -> None:
+    """Print counts, lost outputs, and the latency of each stage."""
+    states = ", ".join(f"{name} {count}" for name, count in summary.states.items())
+    counts = [f"{summary.samples} samples", f"{summary.overruns} overruns"]
+    counts += [f"{count} {name}" for name, count in summary.lost().items() if count]
+    counts.append(f"{summary.acts} acts")
+    report(f"\n{', '.join(counts)}; {states}")
+
+    # a sink that broke during the run is named once more: its message may have scrolled away
+    for sink, reason in summary.lost_sinks.items():
+        report(f"lost: {sink} ({reason})")
+    for stage, figures in summary.latency_us().items():
+        each = "  ".join(f"{name} {value:8.1f} us" for name, value in figures.items())
+        report(f"{stage:<14}{each}")

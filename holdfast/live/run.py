@@ -23,7 +23,7 @@ from holdfast.edge_runtime.model_file import OLDER_FILE, ModelCard
 from holdfast.edge_runtime.monitor import GripMonitor, require_fit
 from holdfast.edge_runtime.preparation import Tare
 from holdfast.live.hand_sources import open_live, shear_gain_of
-from holdfast.live.loop import Emit, Summary, run_live
+from holdfast.live.loop import Emit, Summary, report_summary, run_live
 from holdfast.live.outputs import (
     LineOutput,
     Output,
@@ -92,7 +92,15 @@ class RunOptions:
     @property
     def moves_scene(self) -> bool:
         """Whether commands go to the hand in the scene of the source."""
-        return self.grip is not None and self.grip.partition("?")[0] == "virtual"
+        # as a word, or as the beginning of a URL, which --source has taught
+        name = "" if self.grip is None else self.grip.partition("?")[0]
+        return name.rstrip(":/") == "virtual"
+
+    @property
+    def writes_lines(self) -> bool:
+        """Whether JSON lines go to stdout: not onto a terminal beside a view or a page."""
+        shown = self.view or self.web is not None
+        return not self.quiet and not (shown and sys.stdout.isatty())
 
 
 def run(options: RunOptions, read_set: SetReader | None = None) -> int:
@@ -224,7 +232,7 @@ class _Run:
             close_at_end(stack, self._view)
 
         sinks: list[Sink] = []
-        if not options.quiet:
+        if options.writes_lines:
             sinks.append(stream_sink(sys.stdout, STDOUT))
         if options.out:
             sinks.append(file_sink(options.out, "--out"))
@@ -431,19 +439,3 @@ def require_pace(source: Source, model: OpenedModel, clock: Any) -> None:
         cause="a bridge too slow for this model",
         next_step="holdfast scan shows the rate that it serves",
     )
-
-
-def report_summary(summary: Summary, report: Callable[[str], object]) -> None:
-    """Print counts, lost outputs, and the latency of each stage."""
-    states = ", ".join(f"{name} {count}" for name, count in summary.states.items())
-    counts = [f"{summary.samples} samples", f"{summary.overruns} overruns"]
-    counts += [f"{count} {name}" for name, count in summary.lost().items() if count]
-    counts.append(f"{summary.acts} acts")
-    report(f"\n{', '.join(counts)}; {states}")
-
-    # a sink that broke during the run is named once more: its message may have scrolled away
-    for sink, reason in summary.lost_sinks.items():
-        report(f"lost: {sink} ({reason})")
-    for stage, figures in summary.latency_us().items():
-        each = "  ".join(f"{name} {value:8.1f} us" for name, value in figures.items())
-        report(f"{stage:<14}{each}")

@@ -1,18 +1,18 @@
 """`holdfast run --view`: the stream in a terminal, also over SSH, on stderr.
 
 A separate thread draws and writes, so a terminal that blocks stops the picture and nothing else.
-rich's `Live` is not used: its `stop` waits for the drawing thread, which may wait for the terminal.
+It needs no package, so it works where only the live path is installed.
 """
 
 from __future__ import annotations
 
+import os
+import sys
 from collections import deque
 from threading import Event, Thread
+from typing import NamedTuple, TextIO
 
 import numpy as np
-from rich.console import Console, ConsoleRenderable, Group
-from rich.table import Table
-from rich.text import Text
 
 from holdfast.core.contract import NORMAL_AXIS, SITUATIONS, Prediction, Sample
 from holdfast.core.lines import STREAM_LINES, STUCK_S, write_whole_line
@@ -23,22 +23,39 @@ from holdfast.live.outputs import STOPPED
 REFRESH_HZ = 8
 BAR = 30
 COLOURS = {
-    "unknown": "magenta",
-    "nothing": "bright_black",
-    "grasp": "cyan",
-    "safe_slip": "green",
-    "risky_slip": "red",
+    "unknown": "35",
+    "nothing": "90",
+    "grasp": "36",
+    "safe_slip": "32",
+    "risky_slip": "31",
 }
+"""Magenta, grey, cyan, green and red, by their numbers in ECMA-48 (ANSI)."""
+BOLD = "1"
+PLAIN = "\x1b[0m"
+NAME_WIDTH = max(map(len, SITUATIONS))
+FINGER_WIDTHS = (7, 12, 11)
+SMALLEST = os.terminal_size((80, 24))
+"""Taken where a terminal does not say how large it is."""
 CLEAR_LINE = "\x1b[K"
 CLEAR_BELOW = "\x1b[J"
+
+
+class Span(NamedTuple):
+    """A piece of a line in one style; style: numbers of ECMA-48, "" for none."""
+
+    text: str
+    style: str = ""
+
+
+Line = list[Span]
 
 
 class View:
     """The newest sample as a picture that is redrawn in place, with messages above it."""
 
-    def __init__(self, unit: str, console: Console) -> None:
+    def __init__(self, unit: str, terminal: TextIO) -> None:
         self._unit = unit
-        self._console = console
+        self._terminal = terminal
         self._newest: tuple[Prediction, Sample, SourceReading] | None = None
         self._messages: deque[str] = deque(maxlen=STREAM_LINES)
         self.intent: IntentMonitor | None = None
@@ -78,48 +95,65 @@ class View:
             # waiting on the event ends the picture at once when the run ends
             while not self._done.wait(1.0 / REFRESH_HZ):
                 self._write(self._frame(self._picture()))
-            self._write(self._frame(""))
+            self._write(self._frame([]))
         except OSError:
             return  # the terminal is gone: the sink of stderr notices it too, and reports it
 
     def _write(self, text: str) -> None:
-        write_whole_line(self._console.file.fileno(), text.encode("utf-8", "replace"))
+        write_whole_line(self._terminal.fileno(), text.encode("utf-8", "replace"))
 
-    def _picture(self) -> str:
+    def _picture(self) -> list[Line]:
+        if self._newest is None:
+            return [[Span("waiting for the first sample")]]
         wearer = None if self.intent is None else self.intent.newest
-        # drawn into a text first, so that one write replaces the whole picture
-        with self._console.capture() as captured:
-            if self._newest is None:
-                self._console.print("waiting for the first sample")
-            else:
-                prediction, sample, reading = self._newest
-                shown = picture(prediction, sample, reading, self._unit, wearer)
-                self._console.print(shown)
+        prediction, sample, reading = self._newest
+        return picture(prediction, sample, reading, self._unit, wearer)
 
-        return captured.get()
-
-    def _frame(self, drawn: str) -> str:
+    def _frame(self, lines: list[Line]) -> str:
         """The codes and lines that overwrite the last picture."""
         # only those that wait now: the loop may add more meanwhile
         messages = [self._messages.popleft() for _ in range(len(self._messages))]
+        size = terminal_size(self._terminal)
         # a picture that is higher than the terminal would scroll, and leave its top behind
-        lines = drawn.splitlines()[: self._console.size.height - 1]
+        shown = lines[: size.lines - 1]
         # back to the first column, and up by the lines of the last picture
         frame = f"\r\x1b[{self._height}A" if self._height else ""
-        self._height = len(lines)
-        for line in [*messages, *lines]:
-            frame += f"{CLEAR_LINE}{line}\n"
+        self._height = len(shown)
+        for message in messages:
+            frame += f"{CLEAR_LINE}{message}\n"
+        for line in shown:
+            frame += f"{CLEAR_LINE}{drawn(line, size.columns)}\n"
         return frame + CLEAR_BELOW
 
 
-def open_view(unit: str, *, console: Console | None = None) -> View:
+def open_view(unit: str, *, terminal: TextIO | None = None) -> View:
     """A view that draws in its thread until it is closed; without a terminal it draws nothing."""
-    console = console or Console(stderr=True)
-    view = View(unit, console)
+    terminal = terminal or sys.stderr
+    view = View(unit, terminal)
     # codes for the cursor would only litter a file or a pipe
-    if console.is_terminal and not console.is_dumb_terminal:
+    if terminal.isatty() and os.environ.get("TERM", "dumb") != "dumb":
         view.start()
     return view
+
+
+def terminal_size(terminal: TextIO) -> os.terminal_size:
+    """Its columns and lines now; a window may change while it is drawn on."""
+    try:
+        size = os.get_terminal_size(terminal.fileno())
+    except OSError:
+        return SMALLEST
+    # a serial console reports zeros
+    return size if size.columns and size.lines else SMALLEST
+
+
+def drawn(line: Line, columns: int) -> str:
+    """A line as text with its codes, cut to the width: a wrapped line would count as two."""
+    text = ""
+    for span in line:
+        piece = span.text[:columns]
+        columns -= len(piece)
+        text += f"\x1b[{span.style}m{piece}{PLAIN}" if span.style and piece else piece
+    return text
 
 
 def picture(
@@ -128,7 +162,7 @@ def picture(
     measured: SourceReading,
     unit: str,
     intent: Intent | None = None,
-) -> Group:
+) -> list[Line]:
     """State and request, the four situations as bars, the fingers, and the wearer's command."""
     # a request to act is above one to arm, so only the stronger one is shown
     request = ""
@@ -138,31 +172,38 @@ def picture(
         request = "  arm"
 
     state = prediction.state.replace("_", " ").upper()
-    style = f"bold {COLOURS[prediction.state]}"
+    style = f"{BOLD};{COLOURS[prediction.state]}"
     missing = "  degraded" if prediction.degraded else ""
-    head = Text(f"{state}{missing}{request}", style=style)
     age = f"{1e-3 * prediction.latency_us:.1f} ms after it was taken"
-    sample_line = Text(f"sample {prediction.sequence}, {age}")
 
-    bars = Table.grid(padding=(0, 1))
+    lines = [
+        [Span(f"{state}{missing}{request}", style)],
+        [Span(f"sample {prediction.sequence}, {age}")],
+    ]
     for name in SITUATIONS:
         share = prediction.p_situation[name]
-        bar = Text("█" * round(BAR * share), style=COLOURS[name])
-        bars.add_row(name.replace("_", " "), bar, f"{share:.2f}")
-
-    fingers = _fingers(sample, measured, unit)
-    shown: list[ConsoleRenderable] = [head, sample_line, bars, fingers]
+        lines.append(_bar(name.replace("_", " "), share, COLOURS[name]))
+    lines += _fingers(sample, measured, unit)
     if intent is not None:
-        shown.append(_wearer(intent))
-    return Group(*shown)
+        lines += _wearer(intent)
+    return lines
 
 
-def _fingers(sample: Sample, measured: SourceReading, unit: str) -> Table:
+def _bar(name: str, share: float, style: str = "") -> Line:
+    """A share of 0 to 1 as a bar with its number."""
+    bar = "█" * round(BAR * share)
+    left = " " * (BAR - len(bar))
+    return [
+        Span(f"{name:<{NAME_WIDTH}} "),
+        Span(bar, style),
+        Span(f"{left} {share:.2f}"),
+    ]
+
+
+def _fingers(sample: Sample, measured: SourceReading, unit: str) -> list[Line]:
     """Normal force and shear of each finger, and why one is not valid."""
-    fingers = Table(box=None, padding=(0, 1))
-    for column in ("finger", f"normal, {unit}", f"shear, {unit}", ""):
-        fingers.add_column(column, justify="right")
-
+    heads = ("finger", f"normal, {unit}", f"shear, {unit}")
+    lines = [[Span(_row(heads))]]
     for k, force in enumerate(sample.values.reshape(-1, 3)):
         x, y = force[:NORMAL_AXIS]
         shear = float(np.hypot(x, y))
@@ -171,21 +212,24 @@ def _fingers(sample: Sample, measured: SourceReading, unit: str) -> Table:
             # a finger that was read well and is not valid still waits for its bias
             why = measured.why[k] if measured.why else ""
             trouble = why or "taring"
-        fingers.add_row(
-            str(k + 1),
-            f"{force[NORMAL_AXIS]:.2f}",
-            f"{shear:.2f}",
-            Text(trouble, style="magenta"),
-        )
-
-    return fingers
+        numbers = (str(k + 1), f"{force[NORMAL_AXIS]:.2f}", f"{shear:.2f}")
+        lines.append([Span(_row(numbers)), Span(f"  {trouble}", COLOURS["unknown"])])
+    return lines
 
 
-def _wearer(intent: Intent) -> Table:
+def _row(cells: tuple[str, str, str]) -> str:
+    """Cells of the table of fingers, right-aligned."""
+    text = ""
+    for cell, width in zip(cells, FINGER_WIDTHS, strict=True):
+        text += cell.rjust(width)
+    return text
+
+
+def _wearer(intent: Intent) -> list[Line]:
     """What the wearer wants, and the envelopes as bars."""
-    rows = Table.grid(padding=(0, 1))
     style = COLOURS["unknown"] if intent.wants == "unknown" else ""
-    rows.add_row("wearer", Text(intent.wants or "not in words", style=style))
+    wants = intent.wants or "not in words"
+    lines = [[Span(f"{'wearer':<{NAME_WIDTH}} "), Span(wants, style)]]
     for k, share in enumerate(intent.envelope, start=1):
-        rows.add_row(f"envelope {k}", Text("█" * round(BAR * share)), f"{share:.2f}")
-    return rows
+        lines.append(_bar(f"envelope {k}", share))
+    return lines

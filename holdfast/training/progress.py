@@ -10,17 +10,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-
-from rich.console import Console
-from rich.progress import (
-    BarColumn,
-    Progress,
-    TaskID,
-    TaskProgressColumn,
-    TextColumn,
-    TimeElapsedColumn,
-    TimeRemainingColumn,
-)
+from typing import Any
 
 from holdfast.core.errors import visible
 
@@ -28,7 +18,7 @@ from holdfast.core.errors import visible
 class Stages:
     """Call it with the stage that begins; `part` takes the share of it that is done, 0 to 1."""
 
-    def __init__(self, progress: Progress, bar: TaskID) -> None:
+    def __init__(self, progress: Any, bar: Any) -> None:
         self._progress, self._bar, self._begun = progress, bar, -1
         self._started_s = time.perf_counter()
 
@@ -73,7 +63,49 @@ def counted(text: str, total: int) -> Iterator[Callable[[float], None]]:
         yield lambda done: progress.update(bar, completed=done)
 
 
-def _progress() -> Progress:
+class _Lines:
+    """Lines without a bar, in place of rich's Progress where only the live path is installed."""
+
+    is_terminal = False
+
+    @property
+    def console(self) -> _Lines:
+        """Where lines are printed."""
+        return self
+
+    def print(self, line: str, **style: object) -> None:
+        """One line on stderr."""
+        sys.stderr.write(f"{line}\n")
+
+    def add_task(self, text: str, total: int) -> int:
+        """No bar begins."""
+        return 0
+
+    def update(self, bar: int, **change: object) -> None:
+        """No bar moves."""
+
+    def __enter__(self) -> _Lines:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        return None
+
+
+def _progress() -> Any:
+    try:
+        from rich.console import Console
+        from rich.progress import (
+            BarColumn,
+            Progress,
+            TaskProgressColumn,
+            TextColumn,
+            TimeElapsedColumn,
+            TimeRemainingColumn,
+        )
+    # recordings are read and converted without the packages of training too
+    except ModuleNotFoundError:
+        return _Lines()
+
     columns = (
         TextColumn("{task.description}", markup=False),
         BarColumn(),

@@ -48,6 +48,7 @@ from holdfast.live.loop import STAGES, Summary
 from holdfast.live.outputs import LineOutput, SampleFile, file_sink, udp_sink
 from holdfast.live.run import answer
 from holdfast.live.running import ServiceWatchdog
+from holdfast.live.view import Span, drawn, open_view, picture
 
 if TYPE_CHECKING:
     from conftest import Built
@@ -443,47 +444,47 @@ def test_a_signal_ends_a_run_cleanly_with_its_summary(how):
 
 
 def test_the_view_shows_the_state_the_fingers_and_what_is_wrong_with_them(model):
-    from rich.console import Console
-
-    from holdfast.live.view import picture
+    def shown(*what):
+        return "\n".join(drawn(line, 80) for line in picture(*what))
 
     _, answers, samples, _ = live(model, "virtual://ft232h?fault=nack:3@0.5%2B5", 1.0)
     measured = SourceReading(
         0, np.zeros(18), samples[-1].valid, ("", "", "nack", "", "", "")
     )
-    console = Console(file=io.StringIO(), width=80, force_terminal=True)
-    console.print(picture(answers[-1], samples[-1], measured, "N"))
-    text = console.file.getvalue()
+    text = shown(answers[-1], samples[-1], measured, "N")
     assert "NOTHING  degraded" in text
-    assert "nack" in text
+    assert re.search(r"^ +3 .*nack", text, re.MULTILINE)
     assert "risky slip" in text
     assert "wearer" not in text
-    wish = Intent(0, "open", (0.5, 0.0))
-    console.print(picture(answers[-1], samples[-1], measured, "N", wish))
-    assert re.search(r"wearer +open", console.file.getvalue())
-    assert re.search(r"envelope 1 █{15} 0\.50", console.file.getvalue())
+    text = shown(answers[-1], samples[-1], measured, "N", Intent(0, "open", (0.5, 0)))
+    assert re.search(r"wearer +open", text)
+    assert re.search(r"envelope 1 █{15} +0\.50", text)
+
+
+def test_a_line_of_the_view_is_cut_to_the_terminal_and_keeps_its_colours():
+    line = [Span("risky slip "), Span("████", "31"), Span(" 0.98")]
+    assert drawn(line, 80) == "risky slip \x1b[31m████\x1b[0m 0.98"
+    assert drawn(line, 13) == "risky slip \x1b[31m██\x1b[0m"
 
 
 def test_a_view_draws_over_its_last_picture_below_the_messages_and_goes_away_at_the_end(
-    model,
+    model, monkeypatch
 ):
-    from rich.console import Console
-
-    from holdfast.live.view import open_view
-
+    monkeypatch.setenv("TERM", "xterm")
     _, answers, samples, _ = live(model, "virtual://ft232h", 0.1)
-    read, write = os.pipe()
-    with open(read, "rb") as seen, open(write, "w", encoding="utf-8") as terminal:
-        console = Console(file=terminal, width=80, height=30, force_terminal=True)
-        with closing_output(open_view("N", console=console)) as view:
+    seen, terminal = os.openpty()
+    with open(terminal, "w", encoding="utf-8") as file:
+        with closing_output(open_view("N", terminal=file)) as view:
             view.report("finger 3 is lost")
             reading = SourceReading(0, np.zeros(18), samples[-1].valid)
             view.write(answers[-1], samples[-1], reading)
             shown = b""
             while b"UNKNOWN" not in shown:
-                shown += os.read(read, 65536)
-        terminal.close()
-        end = seen.read()
+                shown += os.read(seen, 65536)
+        end = os.read(seen, 65536)
+    os.close(seen)
+    # a terminal ends its lines with a carriage return too
+    shown = shown.replace(b"\r\n", b"\n")
     assert shown.index(b"finger 3 is lost") < shown.index(b"UNKNOWN")
     height = shown[shown.index(b"finger 3 is lost\n") :].count(b"\n") - 1
     assert end.endswith(f"\r\x1b[{height}A\x1b[J".encode())
@@ -491,13 +492,9 @@ def test_a_view_draws_over_its_last_picture_below_the_messages_and_goes_away_at_
 
 
 def test_a_view_on_what_is_no_terminal_draws_nothing(tmp_path):
-    from rich.console import Console
-
-    from holdfast.live.view import open_view
-
     with (
         open(tmp_path / "err", "w", encoding="utf-8") as file,
-        closing_output(open_view("N", console=Console(file=file))) as view,
+        closing_output(open_view("N", terminal=file)) as view,
     ):
         assert not view.drawing
     assert (tmp_path / "err").read_text() == ""

@@ -763,6 +763,7 @@ def findings(run: Run) -> dict[str, dict[str, str]]:
         assert set(line) == {"what", "status", "found", "next_step"}
         assert line["status"] in ("ok", "missing", "broken")
         assert line["status"] == "ok" or line["next_step"]
+        assert line["found"]
     code, out, err = run("doctor")
     assert (code, len(out.splitlines()), err) == (0, len(lines), "")
     return {line["what"]: line for line in lines}
@@ -775,8 +776,9 @@ def test_the_doctor_says_what_is_missing_where_there_is_nothing(
     monkeypatch.chdir(tmp_path)
     found = findings(run)
     assert found["machine"]["status"] == found["onnxruntime"]["status"] == "ok"
-    assert found["human_slip_uskin"]["status"] == "missing"
-    assert "HOLDFAST_DATA" in found["human_slip_uskin"]["next_step"]
+    assert found["data sets"]["status"] == "missing"
+    assert "human_slip_uskin" in found["data sets"]["found"]
+    assert "HOLDFAST_DATA" in found["data sets"]["next_step"]
     assert found["model holdfast-150hz"]["status"] == "ok"
     assert f"model {BUILT}" not in found
 
@@ -791,7 +793,8 @@ def test_the_doctor_finds_a_model_and_a_data_set_that_are_there(
     monkeypatch.chdir(tmp_path)
     found = findings(run)
     assert found["eflesh_slip"]["status"] == found[f"model {BUILT}"]["status"] == "ok"
-    assert found["proactive_slip_uskin"]["status"] == "missing"
+    assert "proactive_slip_uskin" in found["data sets"]["found"]
+    assert "eflesh_slip" not in found["data sets"]["found"]
 
 
 @pytest.mark.parametrize(
@@ -830,12 +833,10 @@ def test_the_doctor_runs_where_no_package_is_installed_at_all(tmp_path: Path) ->
     )
     assert (done.returncode, done.stderr) == (0, "")
     found = {line["what"]: line for line in json.loads(done.stdout)["findings"]}
-    assert (
-        found["numpy (live path)"]["status"]
-        == found["scikit-learn (train)"]["status"]
-        == "missing"
-    )
-    assert found["numpy (live path)"]["next_step"] == "pip install holdfast"
+    assert found["live path"]["status"] == "missing"
+    assert "numpy" in found["live path"]["found"]
+    assert found["live path"]["next_step"] == "pip install holdfast"
+    assert "train" in found["extras"]["found"]
     assert found["onnxruntime"]["status"] == "missing"
 
 

@@ -103,5 +103,10 @@ def test_the_doctor_says_where_each_value_comes_from(run: Run, here: Path) -> No
     out = run("doctor")[1]
     assert "virtual://ft232h (from holdfast.toml; --source wins)" in out
     assert "hand.json (from holdfast.toml; --bias wins)" in out
+    here.write_text('model = "mine.onnx"\n')
+    out = run("doctor")[1]
+    # `run` has no option --model: the model stands behind the verb
+    assert "mine.onnx (from holdfast.toml; MODEL on the command line wins)" in out
+    assert "--model" not in out
     here.write_text("source = 3")
     assert "is no text" in run("doctor")[1]

@@ -36,14 +36,15 @@ def test_few_files_are_shipped_and_none_is_long(shipped: Size) -> None:
     # 306: arrays of a whole recording, edge_runtime/recording.py; the advice of `holdfast check`
     assert shipped.files <= 306
     assert shipped.most_lines <= 450
-    assert 120 <= shipped.median_lines <= 220
+    # 225 since imports and own trials: files of the middle grew by a few lines each
+    assert 120 <= shipped.median_lines <= 225
 
 
 def test_what_is_shipped_is_plain(shipped: Size) -> None:
     """Limits a little above today's figures: what grows past them should be cut, or explained."""
     # 4,000 of them: `monitor.replay`, arrays in and arrays out; trials of any situations, and
-    # without masses
-    assert shipped.nodes <= 375_000
+    # without masses; 1,000: a view without a package, and a doctor that knows what is installed
+    assert shipped.nodes <= 376_000
     assert shipped.nodes_a_line <= 5.70
     assert shipped.comprehensions_per_1000_lines <= 20
 

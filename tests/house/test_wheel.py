@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import subprocess
@@ -13,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from lossy_set import write_lossy_set
 from packages import MAY_IMPORT, ROOT, SHIPPED, folder_of
 
 from holdfast.core.contract import channel_names
@@ -27,6 +29,30 @@ LIVE = (
     "importlib_resources",
 )
 """What the live path's dependencies put into site-packages."""
+VIRTUAL = ("run", "--source", "virtual://ft232h")
+"""Without a model: the shipped one is taken."""
+OF_FORMAT = {
+    "parquet": ("pyarrow", "pyarrow.libs"),
+    "mcap": (
+        "mcap",
+        "mcap_protobuf",
+        "google",
+        "foxglove_schemas_protobuf",
+        "lz4",
+        "zstandard",
+    ),
+    "ros2": (
+        "rosbags",
+        "lz4",
+        "zstandard",
+        "ruamel",
+        "apsw",
+        "backports",
+        "typing_extensions.py",
+    ),
+    "lerobot": ("pandas", "pyarrow", "dateutil", "pytz", "six.py", "tzdata"),
+}
+"""What the extra of a format puts into site-packages, with what that needs itself."""
 
 
 @pytest.fixture(scope="module")
@@ -122,24 +148,10 @@ def write_recording(path: Path) -> None:
 @pytest.mark.parametrize(
     ("words", "code", "says"),
     [
-        (
-            (
-                "run",
-                "holdfast-150hz",
-                "--source",
-                "virtual://ft232h",
-                "--seconds",
-                "0.2",
-            ),
-            0,
-            "",
-        ),
+        ((*VIRTUAL, "--seconds", "0.2"), 0, "samples"),
+        ((*VIRTUAL, "--seconds", "0.2", "--view"), 0, "samples"),
         (("scan", "virtual://ft232h"), 0, ""),
-        (
-            ("run", "holdfast-150hz", "--source", "virtual://ft232h", "--view"),
-            2,
-            "holdfast[train",
-        ),
+        (("simulate", "thesis", "--trials", "1", "--out", "made"), 0, "simulating"),
         (("train",), 2, "holdfast[train"),
         (("completion", "bash"), 2, "holdfast[completion]"),
     ],
@@ -157,6 +169,56 @@ def test_a_command_works_or_names_an_extra(
     )
     assert done.returncode == code, done.stderr
     assert says in done.stderr
+
+
+@pytest.mark.parametrize("form", OF_FORMAT)
+def test_a_conversion_needs_the_extra_of_its_format_and_no_other(
+    installed: dict[str, str], tmp_path: Path, form: str
+) -> None:
+    write_lossy_set(tmp_path / "trials")
+    words = ("convert", "trials", "--to", form, "--out", f"made-{form}")
+    command = [sys.executable, "-S", "-m", "holdfast", *words]
+
+    bare = subprocess.run(
+        command, cwd=tmp_path, env=installed, capture_output=True, text=True
+    )
+    assert bare.returncode == 6, bare.stderr
+    assert f"pip install 'holdfast[{form}]'" in bare.stderr
+
+    packages = Path(sysconfig.get_paths()["platlib"])
+    extra = tmp_path / "site"
+    extra.mkdir()
+    for name in OF_FORMAT[form]:
+        # some ask for their own version, which stands beside them
+        for found in [packages / name, *packages.glob(f"{name}-*.dist-info")]:
+            if found.exists():
+                (extra / found.name).symlink_to(found)
+    with_extra = {**installed, "PYTHONPATH": f"{installed['PYTHONPATH']}:{extra}"}
+    done = subprocess.run(
+        command, cwd=tmp_path, env=with_extra, capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
+    assert any((tmp_path / f"made-{form}").iterdir())
+
+
+def test_the_doctor_says_in_one_line_which_extras_are_not_there(
+    installed: dict[str, str], tmp_path: Path
+) -> None:
+    command = [sys.executable, "-S", "-m", "holdfast", "doctor", "--json"]
+    done = subprocess.run(
+        command, cwd=tmp_path, env=installed, capture_output=True, text=True, check=True
+    )
+    found = {line["what"]: line for line in json.loads(done.stdout)["findings"]}
+    missing = [line for line in found.values() if line["status"] == "missing"]
+    # the packages of the live path are linked here, and not installed
+    assert {line["what"] for line in missing} - {"udev", "priority", "governor"} <= {
+        "live path",
+        "bridges",
+    }
+    assert found["extras"]["status"] == "ok"
+    for extra in ("train", "viz", "mcap", "lsl"):
+        assert extra in found["extras"]["found"]
+    assert "data sets" not in found
 
 
 def test_every_extra_that_a_message_names_is_one_of_the_wheels() -> None:

@@ -129,7 +129,7 @@ def test_more_groups_than_there_are_cannot_be_kept(tmp_path: Path) -> None:
 def test_channels_a_set_does_not_have_are_refused(tmp_path: Path) -> None:
     write_eflesh(tmp_path)
     assert load(tmp_path, channels=30).n_sensors == 10
-    with pytest.raises(ChannelError, match="ask for 18 or 30"):
+    with pytest.raises(ChannelError, match="recordings of 18 or 30 channels, not 48"):
         load(tmp_path, channels=48)
 
 

@@ -36,14 +36,23 @@ def refuse(error: DataError) -> NoReturn:
     raise error
 
 
+OTHER_HAND = (
+    "holdfast export MODEL --hand CARD --out FILE gives a model with pooled features for these "
+    "sensors (the shipped one is such a model); or holdfast train --data FOLDER --out DIR"
+)
+"""What to do where a model and recordings have other numbers of sensors."""
+
+
 class ChannelsNotOffered(ChannelError):
     """A set cannot be read with that number of channels. offered: those that it has, in words."""
 
     def __init__(self, set_name: str, channels: int, offered: Iterable[int]) -> None:
         self.offered = " or ".join(map(str, sorted(offered)))
         super().__init__(
-            f"{set_name} has no {channels}-channel case",
-            next_step=f"ask for {self.offered}",
+            f"recordings of {self.offered} channels, not {channels}",
+            where=set_name,
+            cause="a model made for other sensors",
+            next_step=OTHER_HAND,
         )
 
 

@@ -1,0 +1,132 @@
+"""The first five minutes of an engineer: what a terminal shows, and steps that exist."""
+
+from __future__ import annotations
+
+import csv
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+from command_line import fails
+from live_bench import free_port
+
+from holdfast.cli.main import main
+from holdfast.live.run import RunOptions
+
+if TYPE_CHECKING:
+    pass
+
+Run = Callable[..., tuple[int, str, str]]
+LINE = b'{"sequence":'
+
+
+def shown_on_a_terminal(*words: str) -> bytes:
+    """What a short run of a virtual hand writes to a terminal on stdout."""
+    seen, terminal = os.openpty()
+    command = [sys.executable, "-m", "holdfast", "run", "--source", "virtual://ft232h"]
+    done = subprocess.run(
+        [*command, "--seconds", "0.2", *words],
+        stdout=terminal,
+        stderr=subprocess.PIPE,
+        check=False,
+    )
+    os.close(terminal)
+    shown = b""
+    # a terminal that nobody holds open any more ends with an error
+    try:
+        while part := os.read(seen, 65536):
+            shown += part
+    except OSError:
+        pass
+    os.close(seen)
+    assert done.returncode == 0, done.stderr
+    assert b" samples, " in done.stderr
+    return shown
+
+
+@pytest.mark.parametrize(
+    ("words", "lines"),
+    [((), True), (("--view",), False), (("--web", str(free_port())), False)],
+    ids=["alone", "beside a view", "beside a page"],
+)
+def test_a_terminal_shows_json_lines_or_a_picture_and_never_both(
+    words: tuple[str, ...], lines: bool
+) -> None:
+    assert (LINE in shown_on_a_terminal(*words)) is lines
+
+
+def test_a_pipe_gets_its_lines_beside_a_page_too(run: Run) -> None:
+    words = ("--source", "virtual://ft232h", "--seconds", "0.2", "--web", free_port())
+    code, out, err = run("run", *words)
+    assert code == 0, err
+    assert out.encode().startswith(LINE)
+
+
+@pytest.mark.parametrize(
+    "word", ["virtual", "virtual:", "virtual://", "virtual?lag_ms=20"]
+)
+def test_the_grip_of_a_scene_is_named_by_one_word(word: str) -> None:
+    options = RunOptions(model=None, source="virtual://ft232h", grip=word)  # type: ignore[arg-type]
+    assert options.moves_scene
+
+
+def help_of(verb: str, capsys: pytest.CaptureFixture[str]) -> str:
+    """On one line."""
+    with pytest.raises(SystemExit):
+        main([verb, "--help"])
+    return " ".join(capsys.readouterr().out.split())
+
+
+def test_the_help_of_grip_names_the_word_and_the_source_that_it_needs(
+    run: Run, capsys: pytest.CaptureFixture[str]
+) -> None:
+    helped = help_of("run", capsys)
+    assert "the word virtual for the hand in a scene" in helped
+    assert "--source virtual://..?scene=.." in helped
+    words = ["run", "--source", "virtual://ft232h", "--grip", "virtual"]
+    fails(run, 2, "UsageError", *words, says="has no scene")
+
+
+@pytest.fixture(scope="module")
+def five_sensors(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Simulated trials without the last sensor's columns."""
+    folder = tmp_path_factory.mktemp("five") / "trials"
+    assert main(["simulate", "thesis", "--trials", "2", "--out", str(folder)]) == 0
+    for path in folder.rglob("trial_*.csv"):
+        with path.open(encoding="utf-8", newline="") as file:
+            rows = [row[:16] for row in csv.reader(file)]
+        with path.open("w", encoding="utf-8", newline="") as file:
+            csv.writer(file).writerows(rows)
+    return folder
+
+
+@pytest.mark.parametrize("verb", ["evaluate", "replay"])
+def test_recordings_of_five_sensors_are_refused_with_steps_that_exist(
+    run: Run, five_sensors: Path, verb: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = [verb, "holdfast-150hz", "--data", str(five_sensors)]
+    if verb == "replay":
+        words = [verb, "holdfast-150hz", str(min(five_sensors.rglob("trial_*.csv")))]
+    code, _, err = run(*words)
+    assert code == 3
+    assert "15 channels" in err
+    assert "holdfast export MODEL --hand CARD --out FILE" in err
+    assert "holdfast train" in err
+    options = help_of("export", capsys)
+    assert "--hand" in options
+    assert "--out" in options
+
+
+def test_a_shipped_model_is_exported_for_another_hand_by_its_name(
+    run: Run, tmp_path: Path
+) -> None:
+    made = tmp_path / "three.onnx"
+    words = ("export", "holdfast-150hz", "--hand", "three-fingertips", "--out", made)
+    code, out, err = run(*words)
+    assert code == 0, err
+    assert made.is_file()
+    assert str(made) in out
