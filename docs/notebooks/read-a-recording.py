@@ -20,9 +20,8 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import pandas as pd
 
+import holdfast
 from holdfast.cli.main import main
-from holdfast.drivers.replay import open_replay
-from holdfast.edge_runtime.monitor import GripMonitor, Model
 from holdfast.evaluation.style import (
     FINGER_COLOURS,
     FINGER_LINES,
@@ -33,41 +32,39 @@ from holdfast.evaluation.style import (
 os.chdir(tempfile.mkdtemp())
 folder = Path("trials")
 main(["simulate", "thesis", "--trials", "10", "--out", str(folder)])
-trial = sorted(folder.glob("*/pull/trial_1.csv"))[0]
-print(trial)
-table = pd.read_csv(trial)
+path = sorted(folder.glob("*/pull/trial_1.csv"))[0]
+print(path)
+table = pd.read_csv(path)
 table.iloc[400:404, :7].round(3)
 
 # %% [markdown]
 # `Time` is in seconds. Each finger has two axes along the skin, X and Y, and the normal Z, here
 # in newtons.
 #
-# ## Without the bias
-#
-# A model takes forces without the bias of the open hand. Its card says how the bias is found.
-
-# %%
-model = Model("holdfast-150hz")
-recording = open_replay(trial).prepared(model.card.preparation)
-forces = recording.values.reshape(len(recording.values), -1, 3)
-time_s = recording.t_ns / 1e9
-print(
-    f"{forces.shape[0]} samples of {forces.shape[1]} fingers at {recording.rate_hz:.0f} Hz"
-)
-
-# %% [markdown]
 # ## Ask the model
 #
-# `feed` takes one sample and answers at once. A state of `unknown` at the start is normal: the
-# model needs half a second of samples.
+# `replay` takes arrays of a whole recording, from here or from anywhere, and returns arrays: one
+# answer a row ([API](../api.md)). A state of `unknown` at the start is normal: the model needs
+# half a second of samples.
 
 # %%
-monitor = GripMonitor(model, None)
-answers = [monitor.feed(sample) for sample in recording]
-states = pd.Series([answer.state for answer in answers])
-act_s = [t for t, answer in zip(time_s, answers, strict=True) if answer.act]
+trial = holdfast.read_trial(path)
+monitor = holdfast.load("holdfast-150hz")
+answers = monitor.replay(trial.raw, trial.t_s, valid=trial.valid, unit="N")
+states = pd.Series(answers.state)
+act_s = answers.t_s[answers.act]
 print(states.value_counts(sort=False).to_string())
 print(f"first request to act: {act_s[0]:.3f} s")
+
+# %% [markdown]
+# ## Without the bias
+#
+# The model took forces without the bias of the open hand, which its card finds in the first rows.
+
+# %%
+forces = answers.values.reshape(len(answers.values), -1, 3)
+time_s = answers.t_s
+print(f"{forces.shape[0]} samples of {forces.shape[1]} fingers")
 
 # %% [markdown]
 # ## Draw it

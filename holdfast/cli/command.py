@@ -191,7 +191,7 @@ def _not_installed(error: ModuleNotFoundError) -> UsageError:
     extra = EXTRA_OF.get(package, "train,viz")
     return UsageError(
         f"this needs the package {error.name}",
-        cause=f"it comes with {extra}, which is not installed",
+        cause="only an extra installs it",
         next_step=f"pip install 'holdfast[{extra}]'",
     )
 

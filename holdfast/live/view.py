@@ -213,7 +213,10 @@ def _fingers(sample: Sample, measured: SourceReading, unit: str) -> list[Line]:
             why = measured.why[k] if measured.why else ""
             trouble = why or "taring"
         numbers = (str(k + 1), f"{force[NORMAL_AXIS]:.2f}", f"{shear:.2f}")
-        lines.append([Span(_row(numbers)), Span(f"  {trouble}", COLOURS["unknown"])])
+        line = [Span(_row(numbers))]
+        if trouble:
+            line.append(Span(f"  {trouble}", COLOURS["unknown"]))
+        lines.append(line)
     return lines
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import re
+import shlex
 import subprocess
 import sys
 import sysconfig
@@ -169,6 +170,39 @@ def test_a_command_works_or_names_an_extra(
     )
     assert done.returncode == code, done.stderr
     assert says in done.stderr
+
+
+def commands_of_the_readme() -> list[str]:
+    """Those that run as they are printed, without a hand and without a name to fill in."""
+    readme = (ROOT / "README.md").read_text("utf-8")
+    commands = re.findall(r"`(holdfast [^`]+)`", readme)
+    whole = []
+    for command in commands:
+        words = shlex.split(command)
+        # on its own it needs options, waits for a bridge, or takes as long as a test of its own
+        bare = len(words) == 2 or words[1] == "selftest"
+        if not bare and not any(re.fullmatch("[A-Z.]+", word) for word in words):
+            whole.append(command)
+    return [one for one in whole if "oak" not in one and "completion" not in one]
+
+
+def test_the_readmes_commands_are_those_of_the_wheel(
+    installed: dict[str, str], tmp_path: Path
+) -> None:
+    readme = (ROOT / "README.md").read_text("utf-8")
+    # the wheel has no folder models/: a shipped model has a name
+    assert re.findall(r"holdfast \w+ models/", readme) == []
+    commands = commands_of_the_readme()
+    assert sum("virtual://" in command for command in commands) >= 2
+    for printed in commands:
+        words = shlex.split(printed)[1:]
+        if words[0] == "run":
+            words += ["--seconds", "0.2"]
+        command = [sys.executable, "-S", "-m", "holdfast", *words]
+        done = subprocess.run(
+            command, cwd=tmp_path, env=installed, capture_output=True, text=True
+        )
+        assert done.returncode == 0, (printed, done.stderr)
 
 
 @pytest.mark.parametrize("form", OF_FORMAT)
