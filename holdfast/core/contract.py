@@ -20,7 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -73,6 +73,13 @@ CANNOT_TELL = "cannot_tell"
 
 A name is one of SITUATIONS, or "weight". No figure of such a thing means anything.
 """
+
+
+def untold_of(card: Mapping[str, Any]) -> dict[str, str]:
+    """What a model cannot tell, from its card; empty for a file that does not say."""
+    training = card.get("training")
+    untold = training.get(CANNOT_TELL) if isinstance(training, dict) else None
+    return untold if isinstance(untold, dict) else {}
 
 
 def in_words_untold(untold: Mapping[str, str]) -> list[str]:

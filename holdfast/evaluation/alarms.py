@@ -127,8 +127,10 @@ class AlarmOutcome:
 
     @property
     def delay_s(self) -> float | None:
-        """From load onset to the alarm; below 0 within the collar."""
-        return None if self.alarm_s is None else self.alarm_s - self.event.onset_s
+        """From load onset to the alarm; below 0 within the collar. None where it is not known."""
+        if self.alarm_s is None or not self.event.timed:
+            return None
+        return self.alarm_s - self.event.onset_s
 
     @property
     def lead_s(self) -> float | None:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
+from holdfast.core.contract import RISKY_SLIP, SITUATIONS, in_words_untold
 from holdfast.evaluation.camera import CameraFigures, onsets_in_words
 from holdfast.evaluation.figures import Evaluation
 from holdfast.evaluation.formats import display_name
@@ -15,12 +18,16 @@ from holdfast.training.figures import (
     with_interval,
 )
 
+RISKY = SITUATIONS[RISKY_SLIP]
+
 
 def evaluation_lines(of: Evaluation) -> list[str]:
     """The figures as lines for people, with the caveats that belong to them."""
+    untold = of.model.cannot_tell
     lines: list[str] = []
     for one in of.sets.values():
-        lines += _windows_in_words(one.windows)
+        lines += _windows_in_words(one.windows, untold)
+    lines += in_words_untold(untold)
 
     headline = of.thresholds.headline
     rows = {name: one.rows[headline] for name, one in of.sets.items()}
@@ -28,6 +35,10 @@ def evaluation_lines(of: Evaluation) -> list[str]:
     if len(rows) > 1:
         rows["all sets"] = of.rows[headline]
     for name, row in rows.items():
+        # Requests of such a model answer something else than a risky slip.
+        if RISKY in untold:
+            lines.append(f"{name}: cannot tell risky slip, so no event can be found")
+            continue
         lines.append(_events_in_words(f"{name}, {display_name(headline)}", row))
         lines += _kinds_in_words(name, row)
         # The camera is a second opinion on the same events, so it follows their line.
@@ -99,14 +110,14 @@ def _median(times: Spread | None) -> str:
     return "not known" if times is None else f"{times.p50:+.0f} ms"
 
 
-def _windows_in_words(figures: WindowFigures) -> list[str]:
+def _windows_in_words(figures: WindowFigures, untold: Collection[str]) -> list[str]:
     heads = figures.heads
     kind = heads.group_kind
     trials = _trials_in_words(heads)
     lines = [f"{figures.data} ({figures.kind}): {trials}"]
     # Before the figures: a reader who stops at the first must not take it for a judgement.
     lines += _warnings(figures)
-    lines += situation_lines(heads.situations, kind)
+    lines += situation_lines(heads.situations, kind, untold)
 
     ahead = heads.predict_250ms
     if ahead is not None:

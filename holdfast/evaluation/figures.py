@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 
+from holdfast.core.contract import untold_of
 from holdfast.core.reading import Json
 from holdfast.edge_runtime.model_file import ModelCard
 from holdfast.evaluation.closing_hand import droppable
@@ -23,13 +24,18 @@ from holdfast.evaluation.trials import AnsweredTrial
 
 @dataclass(frozen=True)
 class EvaluatedModel:
-    """The model file that was evaluated. trained_on: None where its card does not say."""
+    """The model file that was evaluated.
+
+    trained_on: None where its card does not say. cannot_tell: what its data did not show, with the
+    reason.
+    """
 
     model_id: str
     rate_hz: float
     unit: str
     votes_for: list[str]
     trained_on: str | None
+    cannot_tell: dict[str, str]
 
 
 @dataclass
@@ -112,6 +118,7 @@ def all_sets(
         unit=card.unit,
         votes_for=list(card.classes),
         trained_on=card.raw["training"].get("data"),
+        cannot_tell=untold_of(card.raw),
     )
 
     return Evaluation(

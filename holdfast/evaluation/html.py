@@ -16,7 +16,7 @@ from pathlib import Path
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
-from holdfast.core.contract import SITUATIONS
+from holdfast.core.contract import SITUATIONS, in_words_untold
 from holdfast.core.writing import write_whole
 from holdfast.evaluation import formats
 from holdfast.evaluation.style import SITUATION_COLOURS, dark_rules
@@ -33,6 +33,7 @@ FILTERS = {
     "spaced": formats.spaced,
     "ms": formats.milliseconds,
     "over": over,
+    "untold": in_words_untold,
     "display_name": formats.display_name,
     "is_this_model": formats.is_this_model,
 }

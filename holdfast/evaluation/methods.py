@@ -62,11 +62,13 @@ class MethodResult:
 
     def detected(self) -> BoolArray:
         """[E] whether each event was detected."""
-        found = [delay_s is not None for delay_s in self.delays_s()]
+        found = []
+        for match in self.matches:
+            found += [outcome.alarm_s is not None for outcome in match.outcomes]
         return np.array(found, dtype=np.bool_)
 
     def delays_s(self) -> list[float | None]:
-        """[E] s from load onset to the alarm; None where there was none."""
+        """[E] s from load onset to the alarm; None where there was none, or no onset is known."""
         delays_s: list[float | None] = []
         for match in self.matches:
             delays_s += [outcome.delay_s for outcome in match.outcomes]

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from holdfast.core.contract import BoolArray
+from holdfast.core.contract import BoolArray, untold_of
 from holdfast.core.reading import Json
 from holdfast.core.trial_layout import read_json
 from holdfast.edge_runtime.model_file import ModelCard
@@ -149,7 +149,8 @@ def score_set(
     headline = thresholds.headline
     permille = thresholds.confidences[headline]
     # States are shown at the confidence of the headline, and so fit its alarms.
-    states = state_figures(outputs, permille, _heavy(data), seed)
+    untold = untold_of(card.raw)
+    states = state_figures(outputs, permille, _heavy(data), seed, untold)
     part(0.5)
 
     figures = SetFigures(

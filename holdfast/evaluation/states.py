@@ -6,7 +6,7 @@ single sample, before the decision's debounce and hold.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -92,8 +92,13 @@ def state_figures(
     permille: int,
     heavy: Sequence[bool | None],
     seed: int,
+    untold: Collection[str] = (),
 ) -> StateFigures:
-    """All figures of the states. heavy: of each recording's object; None where it is not known."""
+    """All figures of the states.
+
+    heavy: of each recording's object; None where it is not known. untold: situations that the model
+    cannot tell.
+    """
     # Matched like alarms, so the state's delay compares with that of the request.
     delay = event_scores(risky_states(outputs, permille), seed=seed)
     states = [one.situation for one in outputs]
@@ -122,7 +127,7 @@ def state_figures(
         changes_per_s=changes_per_s(states, outputs),
         true_changes_per_s=changes_per_s(labels, outputs),
         calibration=calibration(outputs, labels),
-        confusion=confusions(outputs, labels, heavy, seed),
+        confusion=confusions(outputs, labels, heavy, seed, untold),
     )
 
 
@@ -218,6 +223,7 @@ def confusions(
     labels: Sequence[States],
     heavy: Sequence[bool | None],
     seed: int,
+    untold: Collection[str] = (),
 ) -> dict[str, ConfusionFigures]:
     """Level -> confusion.
 
@@ -225,7 +231,7 @@ def confusions(
     """
     groups = [one.recording.group for one in outputs]
     states = [one.situation for one in outputs]
-    figures = {"four": _confusion(SITUATIONS, labels, states, groups, seed)}
+    figures = {"four": _confusion(SITUATIONS, labels, states, groups, seed, untold)}
 
     truth_of: dict[str, list[States]] = {"eight": [], "seven": []}
     answer_of: dict[str, list[States]] = {"eight": [], "seven": []}
@@ -249,7 +255,7 @@ def confusions(
         for level, truths in truth_of.items():
             answers = answer_of[level]
             figures[level] = _confusion(
-                LEVELS[level], truths, answers, known_groups, seed
+                LEVELS[level], truths, answers, known_groups, seed, untold
             )
 
     return figures
@@ -261,6 +267,7 @@ def _confusion(
     answer: Sequence[Labels],
     group: Sequence[str],
     seed: int,
+    untold: Collection[str],
 ) -> ConfusionFigures:
     """Count truth against answer over all recordings, and score it. truth, answer: [T] of each.
 
@@ -282,7 +289,11 @@ def _confusion(
     pair = (n + 1) * was + answered
     cells = np.bincount(pair, minlength=n * (n + 1))
 
-    scores = situation_scores(was, answered, groups, classes=classes, seed=seed)
+    # A situation that the model cannot tell has no light and no heavy class either.
+    without = [name for name in classes if name.startswith(tuple(untold))]
+    scores = situation_scores(
+        was, answered, groups, classes=classes, untold=without, seed=seed
+    )
 
     return ConfusionFigures(
         classes=(*classes, "unknown"),

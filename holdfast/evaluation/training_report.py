@@ -36,6 +36,7 @@ def write_training_report(
         data=data,
         figures=figures,
         situations=figures.situations,
+        untold=trained.cannot_tell,
         held_out_by=kind,
         groups=groups,
         n_groups=n_groups,

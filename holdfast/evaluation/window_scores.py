@@ -21,6 +21,7 @@ from holdfast.core.contract import (
     SAFE_SLIP,
     SITUATIONS,
     BoolArray,
+    untold_of,
 )
 from holdfast.core.errors import ChannelError
 from holdfast.core.reading import Json
@@ -139,7 +140,13 @@ def window_figures(
     overlap = sum(fingerprint(recording) in seen for recording in data.recordings)
 
     return WindowFigures(
-        heads=report(data, situation, risky_score, seed=seed),
+        heads=report(
+            data,
+            situation,
+            risky_score,
+            untold=untold_of(model.card.raw),
+            seed=seed,
+        ),
         model_id=model.card.model_id,
         data=data.name,
         kind=data.kind,

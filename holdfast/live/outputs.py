@@ -14,18 +14,28 @@ import json
 import os
 import socket
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from contextlib import ExitStack
 from dataclasses import asdict
 from pathlib import Path
 from typing import Protocol
 
-from holdfast.core.contract import Prediction, Sample, channel_names
+from holdfast.core.contract import (
+    RISKY_SLIP,
+    SITUATIONS,
+    Prediction,
+    Sample,
+    channel_names,
+    in_words_untold,
+    untold_of,
+)
 from holdfast.core.errors import OutputError, UsageError
 from holdfast.core.lines import CLOSING_S, LineWriter, Sink
 from holdfast.core.source import SourceReading
 from holdfast.core.trial_file import TIME_COLUMN
+from holdfast.edge_runtime.model_file import OLDER_FILE, ModelCard
 
+RISKY = SITUATIONS[RISKY_SLIP]
 STOPPED, FAILED = "stopped", "failed"
 """Why an output is closed: the run came to its end, or an error ended it."""
 
@@ -57,9 +67,28 @@ def close_at_end(stack: ExitStack, output: Output) -> None:
     stack.push(close)
 
 
-def to_json_line(prediction: Prediction) -> str:
-    """One line without the line break; floats keep all their digits, unknown values are null."""
-    return json.dumps(asdict(prediction), separators=(",", ":"), allow_nan=False)
+def to_json_line(prediction: Prediction, untold: Collection[str] = ()) -> str:
+    """One line without the line break; floats keep all their digits, unknown values are null.
+
+    untold: what the model cannot tell, which has no probability.
+    """
+    fields = asdict(prediction)
+    for name in untold:
+        # A probability of almost 0 would look like an answer.
+        if name in fields["p_situation"]:
+            fields["p_situation"][name] = None
+    if RISKY in untold:
+        fields["p_risky"] = None
+    return json.dumps(fields, separators=(",", ":"), allow_nan=False)
+
+
+def about_model(card: ModelCard, path: str | Path) -> list[str]:
+    """What is reported of a model when a run begins: its hand, its gaps, its age."""
+    lines = [] if card.hand is None else [card.hand.in_words()]
+    lines += in_words_untold(untold_of(card.raw))
+    if card.is_older:
+        lines.append(f"{path}: {OLDER_FILE}")
+    return lines
 
 
 class UdpSink:
@@ -135,7 +164,8 @@ class LineOutput:
     """Predictions as JSON lines, to every sink that works; it reports the sinks that fail.
 
     watched: sinks that get their lines elsewhere and are only checked for failures. report:
-    receives a line for each failure. failures: the error by the sink's name.
+    receives a line for each failure. failures: the error by the sink's name. untold: what the model
+    cannot tell.
     """
 
     def __init__(
@@ -143,7 +173,9 @@ class LineOutput:
         sinks: Sequence[Sink],
         report: Callable[[str], object],
         watched: Sequence[Sink] = (),
+        untold: Collection[str] = (),
     ) -> None:
+        self._untold = untold
         self.failures: dict[str, OSError] = {}
         self._sinks = list(sinks)
         self._report = report
@@ -173,7 +205,7 @@ class LineOutput:
         reading: SourceReading | None = None,
     ) -> None:
         """Pass the prediction to all working sinks, and look for failures."""
-        line = to_json_line(prediction)
+        line = to_json_line(prediction, self._untold)
         for sink in self._sinks:
             sink(line)
         self._leave_out_failures()

@@ -13,13 +13,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from holdfast.core.contract import FloatArray, Prediction, Sample
+from holdfast.core.contract import FloatArray, Prediction, Sample, untold_of
 from holdfast.core.errors import OutputError, RateError, visible
 from holdfast.core.lines import Sink, stream_sink
 from holdfast.core.source import Source, SourceReading
 from holdfast.edge_runtime.commands import Command, command_port
 from holdfast.edge_runtime.engine import ModelChoice, OpenedModel
-from holdfast.edge_runtime.model_file import OLDER_FILE, ModelCard
+from holdfast.edge_runtime.model_file import ModelCard
 from holdfast.edge_runtime.monitor import GripMonitor, require_fit
 from holdfast.edge_runtime.preparation import Tare
 from holdfast.live.hand_sources import open_live, shear_gain_of
@@ -28,6 +28,7 @@ from holdfast.live.outputs import (
     LineOutput,
     Output,
     SampleFile,
+    about_model,
     close_at_end,
     file_sink,
     udp_sink,
@@ -196,15 +197,13 @@ class _Run:
                 if self._grip is not None:
                     self._grip.begin(source)
 
-                if self._model.card.hand is not None:
-                    self.report(self._model.card.hand.in_words())
+                for line in about_model(self._model.card, options.model.path):
+                    self.report(line)
                 resting = resting_of(options.bias, source)
                 if resting is None:
                     self.report(UNLOADED)
                 if self._shear_gain is None:
                     self.report(NO_SHEAR_GAIN)
-                if self._model.card.is_older:
-                    self.report(f"{options.model.path}: {OLDER_FILE}")
                 summary = answer(
                     source,
                     self._model,
@@ -224,11 +223,12 @@ class _Run:
         """Those that only show or keep answers, in the order in which they get one."""
         options = self._options
         card = self._model.card
+        untold = untold_of(card.raw)
         # the view is opened first: from then on messages appear above its picture
         if options.view:
             from holdfast.live.view import open_view
 
-            self._view = open_view(card.unit)
+            self._view = open_view(card.unit, untold=untold)
             close_at_end(stack, self._view)
 
         sinks: list[Sink] = []
@@ -239,7 +239,7 @@ class _Run:
         if options.udp:
             sinks.append(udp_sink(options.udp))
         # one output for all lines, so that each answer is written as text only once
-        self.lines = LineOutput(sinks, self.report, watched=[self._stderr])
+        self.lines = LineOutput(sinks, self.report, [self._stderr], untold)
         close_at_end(stack, self.lines)
 
         outputs: list[Output] = [self.lines]

@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 import sys
 from collections import deque
+from collections.abc import Collection
 from threading import Event, Thread
 from typing import NamedTuple, TextIO
 
@@ -53,8 +54,11 @@ Line = list[Span]
 class View:
     """The newest sample as a picture that is redrawn in place, with messages above it."""
 
-    def __init__(self, unit: str, terminal: TextIO) -> None:
+    def __init__(
+        self, unit: str, terminal: TextIO, untold: Collection[str] = ()
+    ) -> None:
         self._unit = unit
+        self._untold = untold
         self._terminal = terminal
         self._newest: tuple[Prediction, Sample, SourceReading] | None = None
         self._messages: deque[str] = deque(maxlen=STREAM_LINES)
@@ -107,7 +111,7 @@ class View:
             return [[Span("waiting for the first sample")]]
         wearer = None if self.intent is None else self.intent.newest
         prediction, sample, reading = self._newest
-        return picture(prediction, sample, reading, self._unit, wearer)
+        return picture(prediction, sample, reading, self._unit, wearer, self._untold)
 
     def _frame(self, lines: list[Line]) -> str:
         """The codes and lines that overwrite the last picture."""
@@ -126,10 +130,15 @@ class View:
         return frame + CLEAR_BELOW
 
 
-def open_view(unit: str, *, terminal: TextIO | None = None) -> View:
-    """A view that draws in its thread until it is closed; without a terminal it draws nothing."""
+def open_view(
+    unit: str, *, terminal: TextIO | None = None, untold: Collection[str] = ()
+) -> View:
+    """A view that draws in its thread until it is closed; without a terminal it draws nothing.
+
+    untold: what the model cannot tell.
+    """
     terminal = terminal or sys.stderr
-    view = View(unit, terminal)
+    view = View(unit, terminal, untold)
     # codes for the cursor would only litter a file or a pipe
     if terminal.isatty() and os.environ.get("TERM", "dumb") != "dumb":
         view.start()
@@ -162,8 +171,12 @@ def picture(
     measured: SourceReading,
     unit: str,
     intent: Intent | None = None,
+    untold: Collection[str] = (),
 ) -> list[Line]:
-    """State and request, the four situations as bars, the fingers, and the wearer's command."""
+    """State and request, the four situations as bars, the fingers, and the wearer's command.
+
+    untold: what the model cannot tell, which has no bar.
+    """
     # a request to act is above one to arm, so only the stronger one is shown
     request = ""
     if prediction.act:
@@ -181,6 +194,10 @@ def picture(
         [Span(f"sample {prediction.sequence}, {age}")],
     ]
     for name in SITUATIONS:
+        if name in untold:
+            words = name.replace("_", " ")
+            lines.append([Span(f"{words:<{NAME_WIDTH}} cannot tell")])
+            continue
         share = prediction.p_situation[name]
         lines.append(_bar(name.replace("_", " "), share, COLOURS[name]))
     lines += _fingers(sample, measured, unit)

@@ -39,6 +39,7 @@ from holdfast.training.timeline import (
     Phase,
     Phases,
     events_of,
+    events_of_whole_trial,
     scripted,
     whole,
 )
@@ -102,6 +103,7 @@ def _timed(
     trial = _trial(key, frame.drop(columns=LABEL, errors="ignore"))
     recording = prepared(trial, unit, key)
 
+    events = None
     if LABEL in frame:
         phases = _phases(trial, frame)
         labels_by = "label column"
@@ -110,6 +112,9 @@ def _timed(
         labels_by = OPEN_HAND
     else:
         phases = scripted(trial, recording.samples, action, name, action_at_s)
+        if action in LABELLED_ACTIONS:
+            n_rows = len(recording.samples)
+            events = events_of_whole_trial(n_rows, trial.rate_hz, action)
         labels_by = OF_WHOLE_TRIAL.get(action, f"script, action at {action_at_s:g} s")
 
     mass = named_mass(name, masses_g) if name else None
@@ -118,7 +123,7 @@ def _timed(
         object_name=name,
         action=action,
         phases=phases,
-        events=events_of(phases, trial.rate_hz),
+        events=events_of(phases, trial.rate_hz) if events is None else events,
         person=person,
     )
     return TimedTrial(

@@ -79,12 +79,13 @@ class RiskyEvent:
     """A grip that fails, in s from the first sample. gross_s: None where it is not known.
 
     onset_s: the start of the risky phase. gross_s: when the slip becomes gross. end_s: the end of
-    the phase.
+    the phase. timed: False where it lies somewhere between the two, so that no delay is known.
     """
 
     onset_s: float
     gross_s: float | None
     end_s: float
+    timed: bool = True
 
 
 Phases = tuple[Phase, ...]
@@ -317,6 +318,13 @@ def events_of(phases: Phases, rate_hz: float) -> RiskyEvents:
             onset_s, end_s = phase.first / rate_hz, phase.stop / rate_hz
             events.append(RiskyEvent(onset_s, None, end_s))
     return tuple(events)
+
+
+def events_of_whole_trial(n_rows: int, rate_hz: float, action: str) -> RiskyEvents:
+    """The slip of a trial that is labelled as a whole: somewhere in it; none of a hold."""
+    if action == "hold":
+        return ()
+    return (RiskyEvent(0.0, None, n_rows / rate_hz, timed=False),)
 
 
 def _phase(entry: Any, t_s: FloatArray, path: Path) -> Phase:

@@ -43,8 +43,9 @@ def test_few_files_are_shipped_and_none_is_long(shipped: Size) -> None:
 def test_what_is_shipped_is_plain(shipped: Size) -> None:
     """Limits a little above today's figures: what grows past them should be cut, or explained."""
     # 4,000 of them: `monitor.replay`, arrays in and arrays out; trials of any situations, and
-    # without masses; 1,000: a view without a package, and a doctor that knows what is installed
-    assert shipped.nodes <= 376_000
+    # without masses, and what a model cannot tell; 2,000: a view without a package, and a doctor
+    # that knows what is installed
+    assert shipped.nodes <= 377_000
     assert shipped.nodes_a_line <= 5.70
     assert shipped.comprehensions_per_1000_lines <= 20
 

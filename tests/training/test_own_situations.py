@@ -2,16 +2,27 @@
 
 from __future__ import annotations
 
+import html
+import io
 import json
+import re
+import shutil
+import warnings
+from contextlib import redirect_stdout
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pytest
 from command_line import Run, fails
+from made_prediction import prediction
 from own_data import write_meta, write_people_folders, write_phases
 
-from holdfast.core.contract import GRASP, RISKY_SLIP, channel_names
+from holdfast.cli.main import main
+from holdfast.core.contract import GRASP, RISKY_SLIP, SAFE_SLIP, Sample, channel_names
+from holdfast.core.source import SourceReading
 from holdfast.core.trial_layout import truth_path
+from holdfast.live.view import picture
 from holdfast.training.datasets import find, join, load
 from holdfast.training.datasets.eflesh_slip import SIX_MAGNETOMETERS
 from holdfast.training.datasets.public_files import channels_of
@@ -32,6 +43,7 @@ def slips(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for number, name in enumerate(("soft-ball", "hard-ball")):
         for folder in root.glob(f"p*/{name}"):
             folder.rename(folder.with_name(f"part-{number}"))
+    # Times are known in all of these.
     for truth in root.rglob("trial_*.truth.json"):
         phases = json.loads(truth.read_text())["phases"]
         kept = [one for one in phases if one["label"] in ("grasp", "risky_slip")]
@@ -145,8 +157,13 @@ def test_without_times_a_hold_is_grasp_and_a_slip_lies_about_the_largest_change(
     assert slipped.situation == RISKY_SLIP
     assert slipped.first / 50 == pytest.approx(3.95, abs=0.1)
     assert slipped.stop / 50 == pytest.approx(4.35, abs=0.1)
-    assert "slip is not known in 1 of 2 trials" not in load(tmp_path).caveat
     assert "object slipped is not known in 1 of 2 trials" in load(tmp_path).caveat
+    of_hold, of_slip = (one.events for one in load(tmp_path, windows="none").recordings)
+    assert of_hold == ()
+    # The slip is somewhere in the trial, so an alarm anywhere is right, and none has a delay.
+    (event,) = of_slip
+    assert (event.onset_s, event.timed) == (0.0, False)
+    assert event.end_s == pytest.approx(6.0)
     # A time that is known is believed before the guess.
     truth = truth_path(tmp_path / "cup/slip/trial_1.csv")
     phases = [{"t0_s": 2.0, "t1_s": 2.5, "label": "risky_slip"}]
@@ -173,16 +190,114 @@ def gripper(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return root
 
 
-@pytest.mark.filterwarnings("ignore")
+@dataclass(frozen=True)
+class Gripper:
+    """The trials, the model that was trained on them, and what train printed."""
+
+    data: Path
+    folder: Path
+    said: str
+    card: dict
+
+
+@pytest.fixture(scope="module")
+def of_gripper(gripper: Path, tmp_path_factory: pytest.TempPathFactory) -> Gripper:
+    folder = tmp_path_factory.mktemp("of-gripper") / "model"
+    words = ["--data", str(gripper), "--out", str(folder), "--size", "tiny"]
+    said = io.StringIO()
+    with redirect_stdout(said), warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        report = ["--report", str(folder.with_name("report.html"))]
+        assert main(["train", *words, "--learner", "forest", *report]) == 0
+        assert main(["export", str(folder)]) == 0
+    card = json.loads((folder / "holdfast.json").read_text())["training"]
+    return Gripper(gripper, folder, said.getvalue(), card)
+
+
 def test_real_trials_of_a_gripper_labelled_slip_or_hold_train(
-    run: Run, gripper: Path, tmp_path: Path
+    run: Run, of_gripper: Gripper
 ) -> None:
-    code, checked, _ = run("check", gripper)
+    code, checked, _ = run("check", of_gripper.data)
     assert (code, "ready for holdfast train" in checked) == (0, True)
-    said, card = trained(run, gripper, tmp_path / "model")
+    said, card = of_gripper.said, of_gripper.card
     assert set(card["cannot_tell"]) == {"nothing", "safe_slip", "weight"}
     f1 = card["held_out"]["situations"]["f1"]
     assert f1["nothing"] is None
     # An easy set: one threshold is right in nearly every trial.
     assert min(f1["grasp"], f1["risky_slip"]) > 0.8
     assert "cannot tell nothing: no empty hand in the training data" in said
+
+
+def words_of(page: Path) -> str:
+    text = re.sub(
+        r"<(style|svg).*?</\1>|<[^>]+>", " ", page.read_text("utf-8"), flags=re.S
+    )
+    return " ".join(html.unescape(text).split())
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_evaluate_and_the_reports_say_cannot_tell_in_place_of_a_figure(
+    run: Run, of_gripper: Gripper, tmp_path: Path
+) -> None:
+    model, page = of_gripper.folder / "holdfast.onnx", tmp_path / "report.html"
+    code, said, _ = run("evaluate", model, "--data", of_gripper.data, "--report", page)
+    assert code == 0
+    assert "macro F1 over grasp, risky slip alone" in said
+    assert "F1 safe_slip    cannot tell" in said
+    assert "cannot tell weight: the training data lack masses" in said
+    # No slip has a time, so no delay is printed.
+    assert re.search(r"recall \d+ of \d+ risky events; ", said)
+    assert "The model cannot tell safe slip: no voluntary release" in words_of(page)
+    trained = words_of(of_gripper.folder.with_name("report.html"))
+    assert "nothing cannot tell: no empty hand in the training data" in trained
+    assert "The model cannot tell weight: " in trained
+
+
+def test_a_model_has_no_figure_for_a_situation_that_the_set_has_and_it_cannot_tell(
+    run: Run, of_gripper: Gripper, tmp_path: Path
+) -> None:
+    trial = next(of_gripper.data.rglob("hold/trial_*.csv"))
+    place = tmp_path / "jar/hold/trial_1.csv"
+    place.parent.mkdir(parents=True)
+    shutil.copy(trial, place)
+    phases = [
+        {"t0_s": 0.0, "t1_s": 2.0, "label": "grasp"},
+        {"t0_s": 2.0, "t1_s": 3.0, "label": "safe_slip"},
+    ]
+    truth_path(place).write_text(json.dumps({"phases": phases}))
+    write_meta(tmp_path, unit="uT")
+    model, figures = of_gripper.folder / "holdfast.onnx", tmp_path / "figures.json"
+    run("evaluate", model, "--data", tmp_path, "--json", figures)
+    found = json.loads(figures.read_text())
+    assert found["model"]["cannot_tell"] == of_gripper.card["cannot_tell"]
+    four = next(iter(found["sets"].values()))["states"]["confusion"]["four"]
+    assert four["f1"]["safe_slip"] is None
+    assert sum(four["counts"][SAFE_SLIP]) > 0
+    assert four["macro_f1"] == four["f1"]["grasp"]
+
+
+def test_run_and_replay_name_what_is_unknown_and_give_it_no_probability(
+    run: Run, of_gripper: Gripper
+) -> None:
+    trial = next(of_gripper.data.rglob("slip/trial_*.csv"))
+    model = of_gripper.folder / "holdfast.onnx"
+    for words in (
+        ("run", model, "--source", f"replay://{trial}"),
+        ("replay", model, trial),
+    ):
+        code, out, err = run(*words)
+        assert code == 0
+        assert "cannot tell safe slip: no voluntary release in the training" in err
+        p = json.loads(out.splitlines()[-1])["p_situation"]
+        assert (p["nothing"], p["safe_slip"]) == (None, None)
+        assert p["grasp"] + p["risky_slip"] == pytest.approx(1.0, abs=1e-5)
+
+
+def test_the_view_has_words_in_place_of_a_bar() -> None:
+    good = np.ones(2, np.bool_)
+    sample = Sample(0, np.zeros(6), good, 0)
+    reading = SourceReading(0, np.zeros(6), good)
+    lines = picture(prediction(), sample, reading, "uT", untold=["safe_slip"])
+    drawn = ["".join(span.text for span in line) for line in lines]
+    assert "safe slip  cannot tell" in drawn
+    assert any(re.match(r"grasp .*1\.00$", line) for line in drawn)

@@ -8,7 +8,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from holdfast.core.contract import Prediction, Sample
+from holdfast.core.contract import (
+    RISKY_SLIP,
+    SITUATIONS,
+    Prediction,
+    Sample,
+    untold_of,
+)
 from holdfast.core.reading import Json
 from holdfast.core.source import SourceReading
 from holdfast.edge_runtime.batch import ONE_HAND
@@ -43,6 +49,7 @@ class RunPage:
         self._report = report
         self._margin = FrictionMargin(ONE_HAND, card.rate_hz, shear_gain)
         self._thumb = None if card.hand is None else card.hand.of_thumb
+        self._untold_risky = SITUATIONS[RISKY_SLIP] in untold_of(card.raw)
         self.grip: GripOutput | None = None
         self.intent: IntentMonitor | None = None
         self._lost = self._next = self._marks = 0
@@ -60,6 +67,9 @@ class RunPage:
 
         message = sample_message(sample, reading, self._lost, self._link.unsent)
         message["answer"] = _answer(prediction)
+        # A probability of almost 0 would look like an answer.
+        if self._untold_risky:
+            message["answer"]["p_risky"] = None
         message["grip"] = self._grip(prediction, sample)
         message |= intent_message(self.intent)
 

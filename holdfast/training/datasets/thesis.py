@@ -64,6 +64,7 @@ from holdfast.training.timeline import (
     RiskyEvents,
     action_start_s,
     events_of,
+    events_of_whole_trial,
     has_phases,
     labels_by,
     read_events,
@@ -96,7 +97,7 @@ CAVEAT = (
 )
 SLIP_CAVEAT = (
     " When the object slipped is not known in {n} of {of} trials: the slip is taken to be about "
-    "the largest change of the readings, so delays of these mean little."
+    "the largest change of the readings, and an alarm anywhere in these trials counts as right."
 )
 OPEN_HAND = "open hand"
 """What the labels come from where the trial is that of the hand alone."""
@@ -337,6 +338,9 @@ def _phased(
         phases = scripted(trial, recording.samples, action, name, starts_s)
     if has_phases(truth):
         return phases, read_events(truth)
+    if action in LABELLED_ACTIONS:
+        n_rows = len(trial.t_s)
+        return phases, events_of_whole_trial(n_rows, trial.rate_hz, action)
     return phases, events_of(phases, trial.rate_hz)
 
 
