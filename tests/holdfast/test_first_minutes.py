@@ -15,12 +15,14 @@ from command_line import fails
 from live_bench import free_port
 
 from holdfast.cli.main import main
+from holdfast.core import hand_card
 from holdfast.live.run import RunOptions
 
 if TYPE_CHECKING:
     pass
 
 Run = Callable[..., tuple[int, str, str]]
+HANDS = Path(hand_card.__file__).with_name("hands")
 LINE = b'{"sequence":'
 
 
@@ -116,17 +118,23 @@ def test_recordings_of_five_sensors_are_refused_with_steps_that_exist(
     assert "15 channels" in err
     assert "holdfast export MODEL --hand CARD --out FILE" in err
     assert "holdfast train" in err
+    assert str(five_sensors) in err
     options = help_of("export", capsys)
     assert "--hand" in options
     assert "--out" in options
 
 
-def test_a_shipped_model_is_exported_for_another_hand_by_its_name(
-    run: Run, tmp_path: Path
+def test_the_step_that_is_offered_answers_recordings_of_five_sensors(
+    run: Run, five_sensors: Path, tmp_path: Path
 ) -> None:
-    made = tmp_path / "three.onnx"
-    words = ("export", "holdfast-150hz", "--hand", "three-fingertips", "--out", made)
-    code, out, err = run(*words)
+    card = tmp_path / "five.toml"
+    whole = (HANDS / "six-fingertips.toml").read_text("utf-8")
+    *five, _ = whole.split("[[sensors]]")
+    card.write_text("[[sensors]]".join(five), encoding="utf-8")
+    made = tmp_path / "five.onnx"
+    code, _, err = run("export", "holdfast-150hz", "--hand", card, "--out", made)
     assert code == 0, err
-    assert made.is_file()
-    assert str(made) in out
+    trial = min(five_sensors.rglob("trial_*.csv"))
+    code, out, err = run("replay", made, trial)
+    assert code == 0, err
+    assert '"state":"grasp"' in out

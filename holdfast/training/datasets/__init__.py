@@ -27,7 +27,7 @@ from holdfast.core.errors import (
     UsageError,
 )
 from holdfast.core.trial_layout import HAND_FILE, META, TACTILE, read_json
-from holdfast.training.datasets.trials import has_thesis_layout
+from holdfast.training.datasets.trials import ChannelsNotOffered, has_thesis_layout
 from holdfast.training.progress import Part, ignored
 from holdfast.training.recording import (
     DataSet,
@@ -83,7 +83,12 @@ def load(
     if layout in LAYOUTS:
         options |= {"seed": seed, "windows": windows, "part": part}
 
-    data: DataSet = reader_of(layout).load(root, **options)
+    try:
+        data: DataSet = reader_of(layout).load(root, **options)
+    except ChannelsNotOffered as error:
+        # the user knows the folder, and not the name that stands in its meta.json
+        name = str(name_or_path)
+        raise ChannelsNotOffered(name, error.channels, error.numbers) from None
     if layout in LAYOUTS:
         data = with_hand(data, root)
     if hold_out is not None:

@@ -36,23 +36,20 @@ def refuse(error: DataError) -> NoReturn:
     raise error
 
 
-OTHER_HAND = (
-    "holdfast export MODEL --hand CARD --out FILE gives a model with pooled features for these "
-    "sensors (the shipped one is such a model); or holdfast train --data FOLDER --out DIR"
-)
-"""What to do where a model and recordings have other numbers of sensors."""
-
-
 class ChannelsNotOffered(ChannelError):
     """A set cannot be read with that number of channels. offered: those that it has, in words."""
 
-    def __init__(self, set_name: str, channels: int, offered: Iterable[int]) -> None:
-        self.offered = " or ".join(map(str, sorted(offered)))
+    def __init__(self, set_name: str, channels: int, numbers: Iterable[int]) -> None:
+        self.channels = channels
+        self.numbers = sorted(numbers)
+        self.offered = " or ".join(map(str, self.numbers))
         super().__init__(
             f"recordings of {self.offered} channels, not {channels}",
             where=set_name,
             cause="a model made for other sensors",
-            next_step=OTHER_HAND,
+            next_step="holdfast export MODEL --hand CARD --out FILE, where MODEL has pooled "
+            "features, as the shipped one has (CARD: these sensors, docs/train.md); or "
+            f"holdfast train --data {set_name} --out DIR",
         )
 
 
