@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+import warnings
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -37,6 +38,12 @@ if TYPE_CHECKING:
     from holdfast.edge_runtime.recording import Answers
 
 NOW_NS = MonotonicClock().now_ns
+RECORDED_NS = 60_000_000_000
+"""No hand is read a minute late: a sample of that age comes from a recording, or another clock."""
+RECORDED = (
+    "samples that are a minute old or more, as of a recording: every answer is late and unknown. "
+    "Use monitor.replay(values, t_s), or holdfast.load(model, live=False) and feed"
+)
 OLDEST_PERIODS = 2.0
 """An answer that is older than this is late: `late` is set, and its state is unknown."""
 _STATES: tuple[State, ...] = ("nothing", "grasp", "safe_slip", "risky_slip")
@@ -238,6 +245,9 @@ class GripMonitor:
         age_ns = prediction.t_decided_ns - feed.sample.t_ns
         if self._clock_ns is None or abs(age_ns) <= self._oldest_ns:
             return prediction
+
+        if age_ns > RECORDED_NS:
+            warnings.warn(RECORDED, stacklevel=3)
 
         # what the late answer decided must not count
         self._decision = before

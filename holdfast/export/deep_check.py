@@ -18,7 +18,7 @@ import onnx
 from onnx import helper, numpy_helper
 
 from holdfast.core.errors import ModelError
-from holdfast.edge_runtime.graph_checks import CheckResult
+from holdfast.edge_runtime.model import CheckResult
 from holdfast.edge_runtime.model_file import read_sealed
 from holdfast.edge_runtime.onnx_bytes import ALLOWED, MOST_ELEMENTS
 

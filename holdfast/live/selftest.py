@@ -16,8 +16,17 @@ from holdfast.core.clock import MonotonicClock
 from holdfast.core.contract import GRASP, RISKY_SLIP, FloatArray, Sample, State
 from holdfast.core.errors import HoldfastError
 from holdfast.edge_runtime.decision import UNKNOWN, DecisionState, decide, period_us
-from holdfast.edge_runtime.graph_checks import (
+from holdfast.edge_runtime.health import RING
+from holdfast.edge_runtime.model import (
+    AMPLITUDE,
     CheckResult,
+    Model,
+    golden_answers,
+    golden_from_json,
+)
+from holdfast.edge_runtime.model_file import GOLDEN_KEY
+from holdfast.edge_runtime.monitor import GripMonitor
+from holdfast.live.graph_checks import (
     check_answers,
     check_corrupted_samples,
     check_large_offset,
@@ -26,15 +35,6 @@ from holdfast.edge_runtime.graph_checks import (
     check_silence_and_memory,
     clean_input,
 )
-from holdfast.edge_runtime.health import RING
-from holdfast.edge_runtime.model import (
-    AMPLITUDE,
-    Model,
-    golden_answers,
-    golden_from_json,
-)
-from holdfast.edge_runtime.model_file import GOLDEN_KEY
-from holdfast.edge_runtime.monitor import GripMonitor
 
 CERTAIN_PERMILLE = 1000
 CLOCK_READS = 20_000

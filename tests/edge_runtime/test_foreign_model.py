@@ -28,7 +28,6 @@ from small_model import (
 
 from holdfast.core.contract import Unit
 from holdfast.core.errors import ModelError, NotAModel
-from holdfast.edge_runtime.graph_checks import check_answers
 from holdfast.edge_runtime.model import Model, read_model
 from holdfast.edge_runtime.onnx_bytes import (
     ALLOWED,
@@ -44,6 +43,7 @@ from holdfast.export.deep_check import deep_checks
 from holdfast.export.exporting import model_card, seal
 from holdfast.export.features import GROUPS
 from holdfast.export.learner import FOREST_KINDS
+from holdfast.live.graph_checks import check_answers
 from holdfast.training.plan import RAW_BASELINE, SIZES
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -80,6 +80,17 @@ def test_a_live_monitor_calls_no_answer_of_a_recording_late(
     assert (answers.state == "risky_slip").any()
 
 
+def test_samples_of_a_recording_that_are_fed_to_a_live_monitor_bring_a_hint(
+    eight_classes: Built,
+) -> None:
+    """They carry times from zero, and the monitor's clock counts from the start of the machine."""
+    live = GripMonitor(Model(eight_classes.model), lambda: 3_600_000_000_000)
+    sample = next(iter(open_replay(eight_classes.fixture / TRIAL)))
+    with pytest.warns(UserWarning, match=r"monitor\.replay\(values, t_s\)"):
+        answer = live.feed(sample)
+    assert (answer.state, answer.late) == ("unknown", True)
+
+
 def test_a_replay_does_not_disturb_the_stream_that_is_fed(
     eight_classes: Built, trial: tuple[FloatArray, FloatArray]
 ) -> None:

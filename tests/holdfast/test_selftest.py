@@ -15,12 +15,12 @@ import onnx
 import pytest
 
 from holdfast.cli.main import main
-from holdfast.edge_runtime import graph_checks
 from holdfast.edge_runtime.graph import StepGraph
 from holdfast.edge_runtime.model_file import CARD_KEY
 from holdfast.edge_runtime.monitor import Model
 from holdfast.export.artifact import read_artifact
 from holdfast.export.exporting import seal
+from holdfast.live import graph_checks
 from holdfast.live.selftest import CHECKS, self_checks
 
 if TYPE_CHECKING:

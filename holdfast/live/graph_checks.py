@@ -7,7 +7,6 @@ model.py, which is made by formula and never from a recording.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +18,7 @@ from holdfast.edge_runtime.graph import (
     run_recording,
     run_recordings,
 )
-from holdfast.edge_runtime.model import Model, golden_input
+from holdfast.edge_runtime.model import CheckResult, Model, golden_input
 from holdfast.edge_runtime.model_file import ModelCard, votes_in_all
 
 SILENT_STEPS = 10_000
@@ -40,15 +39,6 @@ EVIL = (np.nan, np.inf, -np.inf, 1e30, -1e30)
 """Readings that no sensor gives, and that a filter would keep for ever."""
 ROUNDING = 1e-5
 """A probability is a float32, and so is a sum of eight of them."""
-
-
-@dataclass(frozen=True)
-class CheckResult:
-    """One self-check: what it checks, whether it held, and its figure."""
-
-    what: str
-    ok: bool
-    figure: str
 
 
 def clean_input(model: Model) -> tuple[FloatArray, BoolArray]:
