@@ -30,6 +30,7 @@ from holdfast.training.crossval import (
     cross_validate,
     fit_calibration,
     fit_learner,
+    folds_see_all,
     main_task,
     plan_for,
     with_even_classes,
@@ -66,7 +67,7 @@ class FewWindows(UserWarning):
 
 
 class FewGroups(UserWarning):
-    """A set of two groups (people, objects, blocks, trials) only."""
+    """A set of two groups (people, objects, blocks, trials) only, or with a situation in one."""
 
 
 @dataclass(frozen=True)
@@ -142,14 +143,8 @@ def train_on_sets(
         sets.append(data)
 
     plan = PLANS[request.features](request.size, request.learner)
-    if request.judge and request.hold_out is None:
-        # only a run that is judged needs this module
-        from holdfast.training.judging import with_strictest_hold_out
-
-        strict = []
-        for data in sets:
-            strict.append(with_strictest_hold_out(data, plan.folds, request.seed))
-        sets = strict
+    if request.hold_out is None:
+        sets = [_held_out(data, plan.folds, request) for data in sets]
 
     joined = learnable(join(sets))
     warn_of_scarcity(joined, undersampled=request.windows == "thesis")
@@ -164,6 +159,26 @@ def train_on_sets(
         judge=request.judge,
     )
     return joined, trained
+
+
+def _held_out(data: DataSet, folds: int, request: TrainingRequest) -> DataSet:
+    """The set, held out by something with which every fold still learns every situation."""
+    if not request.judge and folds_see_all(data, folds, request.seed):
+        return data
+    # only a run that is judged, or has such data, needs this module
+    from holdfast.training.judging import with_strictest_hold_out
+
+    found = with_strictest_hold_out(data, folds, request.seed)
+    if not folds_see_all(found, folds, request.seed):
+        kind = PLURAL.get(found.group_kind, "groups")
+        warnings.warn(
+            f"{data.name}: some of the {kind} have a situation to themselves; models that hold "
+            "them out never saw it, so do not trust figures and probabilities; next: record each "
+            "situation more often",
+            FewGroups,
+            stacklevel=2,
+        )
+    return found
 
 
 def _require_open(names: Sequence[str]) -> None:

@@ -12,7 +12,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from holdfast.core.errors import ClassMissing, TooFewGroups
-from holdfast.training.crossval import HeldOut, answer_fold, main_task, splits_of
+from holdfast.training.crossval import (
+    HeldOut,
+    answer_fold,
+    folds_see_all,
+    main_task,
+    splits_of,
+)
 from holdfast.training.featurise import FloatRows
 from holdfast.training.figures import HeadFigures, Interval
 from holdfast.training.plan import TrainingPlan
@@ -50,25 +56,10 @@ def with_strictest_hold_out(data: DataSet, folds: int, seed: int) -> DataSet:
             candidate = regrouped(data, kind)
         except TooFewGroups:
             continue
-        if _trainable(candidate, folds, seed):
+        if folds_see_all(candidate, folds, seed):
             return candidate
     # Training itself says what is missing.
     return data
-
-
-def _trainable(data: DataSet, folds: int, seed: int) -> bool:
-    """Whether each fold trains on every situation that the set has."""
-    rows = data.tasks[main_task(data)].of_situations()
-    in_all = len(np.unique(rows.label))
-    n_folds = min(folds, len(np.unique(data.group_of(main_task(data)))))
-    if n_folds < 2:
-        return False
-    plan = TrainingPlan(folds=n_folds)
-    for split in splits_of(data, plan, seed):
-        train, _ = split[main_task(data)]
-        if len(np.unique(rows.label[train])) < in_all:
-            return False
-    return True
 
 
 def learning_curve(

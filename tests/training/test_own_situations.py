@@ -8,6 +8,7 @@ import json
 import re
 import shutil
 import warnings
+from collections.abc import Callable
 from contextlib import redirect_stdout
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,7 +24,7 @@ from holdfast.core.contract import GRASP, RISKY_SLIP, SAFE_SLIP, Sample, channel
 from holdfast.core.source import SourceReading
 from holdfast.core.trial_layout import truth_path
 from holdfast.live.view import picture
-from holdfast.training.datasets import find, join, load
+from holdfast.training.datasets import human_slip_uskin, join, load
 from holdfast.training.datasets.eflesh_slip import SIX_MAGNETOMETERS
 from holdfast.training.datasets.public_files import channels_of
 from holdfast.training.recording import cannot_tell, learnable
@@ -173,10 +174,12 @@ def test_without_times_a_hold_is_grasp_and_a_slip_lies_about_the_largest_change(
 
 
 @pytest.fixture(scope="module")
-def gripper(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def gripper(
+    tmp_path_factory: pytest.TempPathFactory, real_set: Callable[[str], Path]
+) -> Path:
     """Every third real trial of the two-pad gripper in folders, slip or hold, without a time."""
     root = tmp_path_factory.mktemp("gripper")
-    with np.load(find("eflesh_slip") / "eflesh_slip.npz") as arrays:
+    with np.load(real_set("eflesh_slip") / "eflesh_slip.npz") as arrays:
         values = arrays["X"][::3][:, :, channels_of(SIX_MAGNETOMETERS)]
         tugged = arrays["y"][::3]
     header = ",".join(["Time", *channel_names(6)])
@@ -301,3 +304,85 @@ def test_the_view_has_words_in_place_of_a_bar() -> None:
     drawn = ["".join(span.text for span in line) for line in lines]
     assert "safe slip  cannot tell" in drawn
     assert any(re.match(r"grasp .*1\.00$", line) for line in drawn)
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_people_with_one_situation_each_are_held_out_by_trial(
+    run: Run, of_gripper: Gripper, tmp_path: Path
+) -> None:
+    kept = {"slip": "p01", "hold": "p02"}
+    for action, person in kept.items():
+        trials = sorted(of_gripper.data.rglob(f"{action}/trial_*.csv"))[:4]
+        place = tmp_path / "set" / person / "jar" / action
+        place.mkdir(parents=True)
+        for number, trial in enumerate(trials):
+            shutil.copy(trial, place / f"trial_{number}.csv")
+    write_meta(tmp_path / "set", unit="uT")
+    assert load(tmp_path / "set").group_kind == "person"
+    said, card = trained(
+        run, tmp_path / "set", tmp_path / "model", "--learner", "forest"
+    )
+    # By person, each model would have seen the other situation alone, and be always wrong.
+    assert "held out by trial: macro F1" in said
+    assert card["held_out"]["situations"]["macro_f1"] > 0.5
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_two_trials_are_a_warning_that_no_figure_is_to_be_trusted(
+    run: Run, of_gripper: Gripper, tmp_path: Path
+) -> None:
+    for action in ("slip", "hold"):
+        trial = next(of_gripper.data.rglob(f"{action}/trial_*.csv"))
+        place = tmp_path / "set/jar" / action / "trial_1.csv"
+        place.parent.mkdir(parents=True)
+        shutil.copy(trial, place)
+    out = tmp_path / "model"
+    words = ("--learner", "forest", "--size", "tiny")
+    code, _, err = run("train", "--data", tmp_path / "set", "--out", out, *words)
+    assert code == 0
+    assert "some of the trials have a situation to themselves" in err
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_real_grasps_and_slips_of_several_people_train_with_their_times(
+    run: Run, real_set: Callable[[str], Path], tmp_path: Path
+) -> None:
+    kept = people_of_uskin(real_set("human_slip_uskin"), tmp_path / "set")
+    assert kept >= 18
+    data = load(tmp_path / "set", windows="none")
+    assert (data.group_kind, len(data.groups())) == ("person", 3)
+    said, card = trained(
+        run, tmp_path / "set", tmp_path / "model", "--learner", "forest"
+    )
+    assert "held out by person: macro F1 over grasp, risky slip alone" in said
+    # In N force tells the empty hand.
+    assert set(card["cannot_tell"]) == {"safe_slip", "weight"}
+    assert card["held_out"]["situations"]["macro_f1"] > 0.6
+
+
+def people_of_uskin(source: Path, root: Path, trials_each: int = 6) -> int:
+    """Real trials of three people in own folders, with phases of grasp and risky slip alone."""
+    data = human_slip_uskin.load(source)
+    written: dict[str, int] = {}
+    for one in data.recordings:
+        person = one.group
+        number = written.get(person, 0)
+        slips = [phase for phase in one.phases if phase.situation == RISKY_SLIP]
+        if not slips or number == trials_each or len({*written, person}) > 3:
+            continue
+        written[person] = number + 1
+        path = root / f"p{person}" / "book" / "slip" / f"trial_{number}.csv"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        t_s = np.arange(len(one.samples)) / one.rate_hz
+        rows = np.column_stack([t_s, one.samples])
+        header = ",".join(["Time", *channel_names(one.n_sensors)])
+        np.savetxt(path, rows, "%.6g", ",", header=header, comments="")
+        phases = []
+        for phase in one.phases:
+            if phase.situation in (GRASP, RISKY_SLIP):
+                label = "grasp" if phase.situation == GRASP else "risky_slip"
+                ends = (t_s[phase.first], t_s[min(phase.stop, len(t_s) - 1)])
+                phases.append({"t0_s": ends[0], "t1_s": ends[1], "label": label})
+        truth_path(path).write_text(json.dumps({"phases": phases}))
+    write_meta(root, unit=data.unit)
+    return sum(written.values())

@@ -88,7 +88,7 @@ from holdfast.training.windows import (
 
 WEIGHT_CAVEAT = (
     "Light and heavy differ only by object: windows without contact keep the light/heavy label of "
-    "their trial although no signal carries it. "
+    "their trial although no signal carries it."
 )
 """Of sets whose objects all have a mass."""
 CAVEAT = (
@@ -96,7 +96,7 @@ CAVEAT = (
     "the script (action from {at_s:g} s), not a measurement."
 )
 SLIP_CAVEAT = (
-    " When the object slipped is not known in {n} of {of} trials: the slip is taken to be about "
+    "When the object slipped is not known in {n} of {of} trials: the slip is taken to be about "
     "the largest change of the readings, and an alarm anywhere in these trials counts as right."
 )
 OPEN_HAND = "open hand"
@@ -218,13 +218,19 @@ def assembled(
 
 def _caveat(trials: Sequence[TimedTrial], meta: Json) -> str:
     """The sentences that stand with every figure of these trials."""
-    caveat = CAVEAT.format(at_s=meta.get(ACTION_KEY, ACTION_S))
+    sources = [trial.labels_by for trial in trials]
+    guessed = sources.count(OF_WHOLE_TRIAL["slip"])
+    labelled = set(OF_WHOLE_TRIAL.values())
+
+    sentences = []
     if classes_of(trials) == CLASSES:
-        caveat = WEIGHT_CAVEAT + caveat
-    n = sum(trial.labels_by == OF_WHOLE_TRIAL["slip"] for trial in trials)
-    if n:
-        caveat += SLIP_CAVEAT.format(n=n, of=len(trials))
-    return caveat
+        sentences.append(WEIGHT_CAVEAT)
+    # Trials that only say slip or hold follow no script.
+    if not labelled.issuperset(sources):
+        sentences.append(CAVEAT.format(at_s=meta.get(ACTION_KEY, ACTION_S)))
+    if guessed:
+        sentences.append(SLIP_CAVEAT.format(n=guessed, of=len(trials)))
+    return " ".join(sentences)
 
 
 def _windows(
