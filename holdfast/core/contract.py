@@ -124,7 +124,8 @@ class Prediction:
     """The answer at one sample (the output contract; one JSON line each).
 
     t_acquired_ns, t_decided_ns, latency_us: monotonic clock. p_situation: the four situations,
-    always. p_class and weight: None where the model knows no weight, and in "nothing" and
+    always; about 0 for one that the model cannot tell (untold_of its card), which is null in the
+    JSON line. p_class and weight: None where the model knows no weight, and in "nothing" and
     "unknown". state and why: "unknown" wherever the samples or the time of the answer cannot be
     trusted, and the reason; "" where the state is known. extra: further heads by name, such as
     p_risky_250ms. detectors: which classical detectors fire. arm, act: the decision's debounced

@@ -12,13 +12,15 @@ Stamps of the sender are put on the run's clock, by the correction that LSL meas
 
 from __future__ import annotations
 
+import math
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from typing import Any, Protocol
 
 import numpy as np
 
 from holdfast.core.contract import (
+    RISKY_SLIP,
     SITUATIONS,
     UNITS,
     BoolArray,
@@ -172,9 +174,17 @@ class LslAnswers:
 
     samples: the prepared values, nan where a sensor is not valid. decisions: DECISION, state as an
     index of SITUATIONS or UNKNOWN_STATE. offset_ns: of the clock of stamps over the LSL clock.
+    untold: what the model cannot tell, nan in each decision.
     """
 
-    def __init__(self, samples: Outlet, decisions: Outlet, offset_ns: int) -> None:
+    def __init__(
+        self,
+        samples: Outlet,
+        decisions: Outlet,
+        offset_ns: int,
+        untold: Collection[str] = (),
+    ) -> None:
+        self._untold = untold
         self._samples = samples
         self._decisions = decisions
         self._offset_ns = offset_ns
@@ -187,20 +197,24 @@ class LslAnswers:
         # receivers must not take a held value for a measured one
         values = np.where(np.repeat(sample.valid, 3), sample.values, np.nan)
         self._samples.push(values.tolist(), stamp_s)
-        self._decisions.push(decision_row(prediction), stamp_s)
+        decision = decision_row(prediction, self._untold)
+        self._decisions.push(decision, stamp_s)
 
     def close(self, reason: str = "") -> None:
         """The streams end with the program."""
 
 
-def decision_row(prediction: Prediction) -> list[float]:
-    """The values of DECISION."""
+def decision_row(prediction: Prediction, untold: Collection[str] = ()) -> list[float]:
+    """The values of DECISION. untold: what the model cannot tell, which is nan."""
     state = prediction.state
     known = state in SITUATIONS
+    p = dict(prediction.p_situation)
+    for name in untold:
+        p[name] = math.nan
     return [
         float(SITUATIONS.index(state)) if known else UNKNOWN_STATE,
-        *(prediction.p_situation[name] for name in SITUATIONS),
-        prediction.p_risky,
+        *(p[name] for name in SITUATIONS),
+        math.nan if SITUATIONS[RISKY_SLIP] in untold else prediction.p_risky,
         float(prediction.arm),
         float(prediction.act),
     ]

@@ -6,7 +6,7 @@ liblsl's own file `lsl_api.cfg` restricts both, to this machine for instance (do
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from typing import Any
 
 from holdfast.core.contract import Unit, channel_names
@@ -120,16 +120,24 @@ class LslOutlet:
 
 
 def open_answers(
-    name: str, n_sensors: int, unit: Unit, rate_hz: float, now_ns: Callable[[], int]
+    name: str,
+    n_sensors: int,
+    unit: Unit,
+    rate_hz: float,
+    now_ns: Callable[[], int],
+    untold: Collection[str] = (),
 ) -> LslAnswers:
-    """The streams NAME (values) and NAME-decision. now_ns: the clock of the samples' stamps."""
+    """The streams NAME (values) and NAME-decision.
+
+    now_ns: the clock of the samples' stamps. untold: what the model cannot tell.
+    """
     labels = channel_names(n_sensors)
     units = [unit] * len(labels)
     samples = LslOutlet(name, "Tactile", rate_hz, labels, units)
     no_units = [""] * len(DECISION)
     decisions = LslOutlet(f"{name}-decision", "Decision", rate_hz, DECISION, no_units)
     offset_ns = now_ns() - round(1e9 * pylsl.local_clock())
-    return LslAnswers(samples, decisions, offset_ns)
+    return LslAnswers(samples, decisions, offset_ns, untold)
 
 
 def _facts(info: Any) -> StreamFacts:

@@ -272,7 +272,12 @@ class _Run:
 
             n_sensors = card.n_channels // 3
             answers = open_answers(
-                options.lsl, n_sensors, card.unit, card.rate_hz, self._clock.now_ns
+                options.lsl,
+                n_sensors,
+                card.unit,
+                card.rate_hz,
+                self._clock.now_ns,
+                untold,
             )
             close_at_end(stack, answers)
             outputs.append(answers)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import html
 import io
 import json
+import math
 import re
 import shutil
 import warnings
@@ -23,6 +24,7 @@ from holdfast.cli.main import main
 from holdfast.core.contract import GRASP, RISKY_SLIP, SAFE_SLIP, Sample, channel_names
 from holdfast.core.source import SourceReading
 from holdfast.core.trial_layout import truth_path
+from holdfast.drivers.lsl import DECISION, decision_row
 from holdfast.live.view import picture
 from holdfast.training.datasets import human_slip_uskin, join, load
 from holdfast.training.datasets.eflesh_slip import SIX_MAGNETOMETERS
@@ -294,6 +296,13 @@ def test_run_and_replay_name_what_is_unknown_and_give_it_no_probability(
         p = json.loads(out.splitlines()[-1])["p_situation"]
         assert (p["nothing"], p["safe_slip"]) == (None, None)
         assert p["grasp"] + p["risky_slip"] == pytest.approx(1.0, abs=1e-5)
+
+
+def test_a_stream_has_nan_for_what_is_unknown() -> None:
+    sent = dict(zip(DECISION, decision_row(prediction(), ["safe_slip"]), strict=True))
+    assert math.isnan(sent["p_safe_slip"])
+    assert (sent["p_grasp"], sent["p_risky"]) == (1.0, 0.0)
+    assert math.isnan(decision_row(prediction(), ["risky_slip"])[5])
 
 
 def test_the_view_has_words_in_place_of_a_bar() -> None:
