@@ -266,13 +266,15 @@ def test_a_set_that_cannot_be_learned_from_is_refused_with_what_it_lacks(
     write_fixture(slow, trials_per_cell=1, rate_hz=15.0)
     write_phases(pulls_alone / "mug/pull/trial_1.csv", "risky_slip")
     alone = write_people(tmp_path / "alone", people=1)
-    for data, kind, says in (
-        (slow, "RateError", "none of the bands"),
-        (pulls_alone, "ClassMissing", "windows of risky_slip alone"),
-        (alone, "TooFewGroups", "people"),
+    by_person = ("--hold-out", "person")
+    for data, kind, says, options in (
+        (slow, "RateError", "none of the bands", ()),
+        (pulls_alone, "ClassMissing", "windows of risky_slip alone", ()),
+        (alone, "TooFewGroups", "person", by_person),
     ):
         out = tmp_path / "out"
-        fails(run, 3, kind, "train", "--data", data, "--out", out, says=says)
+        words = ("train", "--data", data, "--out", out, *options)
+        fails(run, 3, kind, *words, says=says)
         assert not out.exists()
 
 
