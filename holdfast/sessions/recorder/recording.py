@@ -161,7 +161,7 @@ def _report_before(options: RecordOptions, plan: Plan, display: Display) -> None
 
 
 def _report_mass(folder: Path, display: Display) -> None:
-    """Warn of a missing mass, which training needs, while the object is still there."""
+    """Warn of a missing mass, without which no weight is learned, while the object is there."""
     from holdfast.core.trial_layout import mass_g
 
     try:

@@ -186,7 +186,7 @@ class Session:
         out = self.options.out
         person = self.options.person
         folder = new_trial(out, person, task)
-        # While the object is at hand; training needs its mass.
+        # While the object is at hand; without its mass no weight is learned.
         self._write_mass(folder, task)
 
         try:
