@@ -111,7 +111,6 @@ def four_situations(
 
     Its second task is made up: the prediction is "risky now".
     """
-
     loaded = load(fixture_folder, windows="thesis")
     rows = loaded.with_situations().tasks["situations"]
     risky = replace(

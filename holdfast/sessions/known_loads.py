@@ -29,7 +29,13 @@ from pathlib import Path
 
 import numpy as np
 
-from holdfast.core.contract import NORMAL_AXIS, BoolArray, FloatArray, channel_names
+from holdfast.core.contract import (
+    NORMAL_AXIS,
+    UNIT_OF,
+    BoolArray,
+    FloatArray,
+    channel_names,
+)
 from holdfast.core.errors import (
     ChannelError,
     ColumnError,
@@ -44,7 +50,11 @@ from holdfast.core.reading import require_lines
 from holdfast.core.trial_layout import NORMAL_FLOOR
 from holdfast.sessions.calibration import PUBLISHED_N, LoadSet, Probing, fit
 
-UNITS_N = {"newton": 1.0, "gram-force": 9.80665e-3, "millinewton": 1e-3}
+UNITS_N = {
+    "newton": UNIT_OF["N"][1],
+    "gram-force": UNIT_OF["gf"][1],
+    "millinewton": UNIT_OF["mN"][1],
+}
 """Newtons in one unit, of the units that a load column without a name may be in."""
 LARGEST_PLAUSIBLE_N = 200.0
 """More than an arm can push into a palm-sized printed pad."""

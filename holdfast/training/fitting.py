@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from holdfast.core.contract import CANNOT_TELL
+from holdfast.core.contract import CANNOT_TELL, untold_of
 from holdfast.core.errors import DataError, UsageError
 from holdfast.core.reading import Json
 from holdfast.core.trial_layout import read_json
@@ -52,6 +52,7 @@ from holdfast.training.recording import (
 from holdfast.training.windows import Choice
 
 if TYPE_CHECKING:
+    from holdfast.export.spec import StepSpec
     from holdfast.training.judging import CurvePoint
 
 VERSIONS_OF = ("numpy", "scipy", "scikit-learn", "skl2onnx", "onnx", "onnxruntime")
@@ -325,7 +326,8 @@ def train(
     held_out = cross_validate(data, features, plan, seed=seed, say=say)
     say("final learners on all recordings")
     figures = held_out_figures(data, held_out, seed)
-    write_artifact(out, final_artifact(data, features, held_out, figures, plan, seed))
+    artifact = final_artifact(data, features, held_out, figures, plan, seed)
+    write_artifact(out, artifact)
     curve = []
     if judge:
         from holdfast.training.judging import learning_curve
@@ -333,8 +335,7 @@ def train(
         curve = learning_curve(
             data, features, plan, seed, held_out_figures, figures, say
         )
-    untold = cannot_tell(data, by_force=spec.contact is not None)
-    return Trained(figures, held_out, curve, untold)
+    return Trained(figures, held_out, curve, untold_of({"training": artifact.training}))
 
 
 def final_artifact(
@@ -372,13 +373,14 @@ def final_artifact(
         head = Head(TASK_HEADS[task], windows.classes, learner, calibration, weights)
         heads.append(head)
 
+    spec = spec_for(data, plan.groups)
     return Artifact(
-        spec=spec_for(data, plan.groups),
+        spec=spec,
         preparation=data.preparation,
         decision=plan.decision.to_json(),
         heads=heads,
         rows=np.concatenate(list(features.values())),
-        training=_origin(data, plan, seed, figures),
+        training=_origin(data, plan, spec, seed, figures),
     )
 
 
@@ -398,14 +400,15 @@ def fingerprint(recording: Recording) -> str:
     return hashlib.sha256(samples.tobytes()).hexdigest()[:12]
 
 
-def _origin(data: DataSet, plan: TrainingPlan, seed: int, figures: HeadFigures) -> Json:
+def _origin(
+    data: DataSet, plan: TrainingPlan, spec: StepSpec, seed: int, figures: HeadFigures
+) -> Json:
     """The origin of the model, for its card."""
     # The digest of the set sorts the prints, so that the order of reading does not change it.
     prints = [fingerprint(recording) for recording in data.recordings]
 
     windows = {task: rows.class_counts() for task, rows in data.tasks.items()}
-    by_force = spec_for(data, plan.groups).contact is not None
-    untold = cannot_tell(data, by_force=by_force)
+    untold = cannot_tell(data, by_force=spec.contact is not None)
     return {
         "data": data.name,
         "kind": data.kind,

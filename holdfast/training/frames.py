@@ -71,9 +71,9 @@ def recordings_from_frames(
     frames: `[<person>/]<object>/<action>/<name>` (or `[<person>/]nothing/<name>`) -> columns Time
     (s), X1, Y1, Z1, .. in `unit`, and where it is known `label`: the situation of each row, empty
     for none. masses_g: of objects that are not in the table; where one has none, no weight is
-    known of the set. action_at_s: where the action starts
-    without a column of labels, for all trials or by name. windows, seed: as `load` takes them.
-    Frames are not changed. Raises a DataError that names the frame.
+    known of the set. action_at_s: where the action starts without a column of labels, for all
+    trials or by name. windows, seed: as `load` takes them. Frames are not changed. Raises a
+    DataError that names the frame.
     """
     if not frames:
         raise DataNotFound("no data frame", where=name, next_step=f"name each {NAME}")
