@@ -13,7 +13,9 @@ from benchmarks.world import page as world
 from holdfast.cli.command import show
 from holdfast.core.reading import Json
 from holdfast.core.writing import write_whole
+from holdfast.edge_runtime.model import Model
 from holdfast.evaluation.style import for_any_page
+from studies.doc_pictures import first_sight
 from studies.doc_pictures.step import picture as step_picture
 from studies.doc_pictures.tags import sheet
 from studies.doc_pictures.timing import PICTURES as TIMING
@@ -39,6 +41,7 @@ def draw_all(docs: Path) -> None:
     """Draw every picture whose figures are there; name those that stay as they are."""
     write_whole(docs / "step.svg", step_picture(onnx.load(MODEL).graph))
     write_whole(docs / "tags.svg", sheet())
+    write_whole(docs / "first-sight.svg", first_sight.picture(Model(MODEL)))
     draw_measured(docs)
 
 

@@ -28,10 +28,7 @@ from tools import table_rows
 TEMPLATES = Path(__file__).with_name("tables")
 SOURCES: dict[str, dict[str, str]] = {
     "README.md": {
-        "real": "build/real/metrics.json",
-        "all_channels": "build/real/all-channels.json",
         "cost": "build/bench/cost.json",
-        "transfer": "build/transfer/transfer.json",
         "distortions": "docs/measured/distortions-326dbe034565.json",
         "wide": "docs/measured/wide-326dbe034565.json",
         "world": "docs/measured/world-326dbe034565.json",
@@ -74,6 +71,11 @@ SOURCES: dict[str, dict[str, str]] = {
         "mujoco_loop": "build/bench/mujoco-loop.json",
         "scenes": "build/scenes/scenes.json",
         "wide": "docs/measured/wide-326dbe034565.json",
+    },
+    "docs/people.md": {
+        "real": "build/real/metrics.json",
+        "all_channels": "build/real/all-channels.json",
+        "transfer": "build/transfer/transfer.json",
     },
     "docs/second-physics.md": {
         "before": "docs/measured/world-d86a7e638b14.json",

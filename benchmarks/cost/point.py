@@ -222,17 +222,10 @@ def _anywhere(of: Set) -> Iterator[Point]:
 README_POINTS = (
     Point(),
     Point(debounce=2),
-    Point(debounce=3),
     SHIPPED,
-    Point(learner="committee", trees=8, depth=10),
     Point(learner="committee", trees=100, depth=0),
-    Point(learner="network"),
-    Point(trees=1),
     Point(rate_hz=50.0),
-    Point(groups="raw window"),
-    Point("human"),
     Point("human", learner="committee"),
-    Point("human", groups="raw window"),
 )
 """What the README shows of the surface."""
 RECOMMENDED = {

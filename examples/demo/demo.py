@@ -36,7 +36,7 @@ def show_demo(out: Path, work: Path) -> int:
 def _learn_and_watch(out: Path, work: Path, ready: Await) -> None:
     """All steps that need the libraries, which load while the trials are simulated."""
     from examples.demo.demo_grip import close_the_loop, section
-    from examples.demo.demo_watch import COLUMN_S, show, watch
+    from examples.demo.demo_watch import LEGEND, show, watch
     from holdfast.edge_runtime.monitor import Model
     from holdfast.export.exporting import export_artifact
     from holdfast.training.datasets.thesis import load
@@ -53,16 +53,16 @@ def _learn_and_watch(out: Path, work: Path, ready: Await) -> None:
     checked = verified.heads["situation"]
     rows, differ = f"{checked.rows:,} rows", f"{checked.label_mismatches} labels differ"
     print(f"exported {path}: {rows} checked, {differ}", flush=True)
-    letters = ". nothing, g grasp, s safe slip, R risky slip, ? unknown (settling)"
-    print(f"\none character = {COLUMN_S} s; {letters}")
-    unseen, model = ready(UNSEEN), Model(path)
-    pictures = [
-        watch(model, unseen, one) for one in load(unseen, windows="none").recordings
-    ]
-    for one in pictures:
-        show(one)
-    hands = close_the_loop(Model(Path(__file__).resolve().parents[2] / RELEASED))
-    print(f"\nthe loop closed, with {RELEASED} (two trials chosen to show it):")
+    print(LEGEND)
+    shipped = Model(Path(__file__).resolve().parents[2] / RELEASED)
+    models = {"demo": Model(path), "shipped": shipped}
+    unseen, pictures = ready(UNSEEN), []
+    for one in load(unseen, windows="none").recordings:
+        seen = {name: watch(model, unseen, one) for name, model in models.items()}
+        show(seen)
+        pictures.append(seen["demo"])
+    hands = close_the_loop(shipped)
+    print("\nthe same shipped model closes the hand (two trials that show it):")
     print("\n".join(f"  {one.sentence}" for one in hands))
     made = MadeBy(seed=0, versions=versions(), command="make demo")
     loop, held_out = section(hands), trained.held_out

@@ -47,16 +47,14 @@ class TwoHands:
         """What became of it."""
         name = NAMES[self.bare.trial.action]
         before, after = (_fate(one) for one in (self.bare, self.held))
-        return f"{name}: {before} in a hand that does nothing; {after} with the grip controlled"
+        return f"{name}: without Holdfast {before}, with it {after}"
 
 
 def close_the_loop(model: Model) -> list[TwoHands]:
     """Both trials, in both hands."""
     scene = Scene(read_scene_file(str(CARD)), SEED)
     trials = scene.trials()
-    loop = ClosedLoop(
-        scene, [*trials, *trials], model, _half(managed(scene, "holdfast"))
-    )
+    loop = ClosedLoop(scene, [*trials, *trials], model, half_managed(scene))
     outcomes = loop.run()
     n = len(trials)
     return [TwoHands(outcomes[k], outcomes[n + k]) for k in range(n)]
@@ -77,7 +75,10 @@ class _Half:
         return wanted
 
 
-def _half(make: Make) -> Make:
+def half_managed(scene: Scene) -> Make:
+    """A maker of a controller that leaves the first half of the hands alone."""
+    make = managed(scene, "holdfast")
+
     def both(trials: Sequence[PlannedTrial], rate_hz: float) -> LoopController:
         return _Half(make(trials, rate_hz), len(trials))
 

@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from holdfast.core.contract import SITUATIONS, Prediction, Sample
+from holdfast.core.contract import (
+    RISKY_SLIP,
+    SAFE_SLIP,
+    SITUATIONS,
+    Prediction,
+    Sample,
+)
 from holdfast.edge_runtime.decision import UNKNOWN
 from holdfast.edge_runtime.monitor import GripMonitor, Model
 from holdfast.evaluation.stream_pictures import StreamPicture, picture_of
@@ -15,7 +23,21 @@ from holdfast.training.recording import Recording
 
 LETTERS = ".gsR"
 """nothing, grasp, safe slip, risky slip; unknown is a question mark."""
-COLUMN_S = 0.2
+COLUMN_S = 0.02
+SHOWN_S = (-0.3, 0.7)
+"""What is printed, from the beginning of the slip."""
+LEGEND = f"""
+four unseen trials, the first of each action; a letter is {1e3 * COLUMN_S:.0f} ms:
+  . empty hand   g grasp   s safe slip (meant)   R risky slip (not meant)   ! the alarm begins
+  demo: the model made here; shipped: the one in models, which has learned from more"""
+SLIPS = ("pull", "fall")
+MEANING = {
+    "pass": "handed over",
+    "put-down": "put down",
+    "pull": "torn out of the hand",
+    "fall": "slips out",
+}
+"""What happens in each action."""
 
 
 def watch(model: Model, folder: Path, recording: Recording) -> StreamPicture:
@@ -41,42 +63,72 @@ def _situation(answer: Prediction) -> int:
     return SITUATIONS.index(answer.state) if answer.state in SITUATIONS else UNKNOWN
 
 
-def show(picture: StreamPicture) -> None:
-    """Print truth, answers, and the time from load onset to the act."""
-    recording = picture.recording
+def show(pictures: Mapping[str, StreamPicture]) -> None:
+    """Print truth, answers and alarms about the slip; pictures: of one trial, by model."""
+    one = next(iter(pictures.values()))
     truth = np.repeat(
-        [phase.situation for phase in picture.phases],
-        [p.stop - p.first for p in picture.phases],
+        [phase.situation for phase in one.phases],
+        [phase.stop - phase.first for phase in one.phases],
     )
-    step = round(COLUMN_S * recording.rate_hz)
-    print(f"\n{recording.object_name}/{recording.action}")
-    for name, states in (("truth", truth), ("model", picture.answer)):
-        columns = (_letter(states[k : k + step]) for k in range(0, len(states), step))
-        print(f"  {name}  {''.join(columns)}")
-    print(f"  {_outcome(picture)}")
+    meaning = MEANING[one.recording.action]
+    print(f"\n{one.recording.object_name}, {meaning}: {_right(one)}")
+    print(f"  {'truth':<8}{_letters(one, truth)}")
+    for name, picture in pictures.items():
+        said = list(_letters(picture, picture.answer))
+        for k, acts in enumerate(_columns(picture, _begin(picture.acts))):
+            said[k] = "!" if acts.any() else said[k]
+        print(f"  {name:<8}{''.join(said)}  {_outcome(picture)}")
 
 
-def _letter(states: npt.NDArray[np.int64]) -> str:
-    """The riskiest state of a column, since a slip can be shorter than one."""
-    riskiest = int(np.max(states))
-    return "?" if riskiest == UNKNOWN else LETTERS[riskiest]
+def _begin(acts: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
+    """The first sample of each alarm."""
+    return acts & ~np.concatenate(([False], acts[:-1]))
+
+
+def _columns(
+    picture: StreamPicture, values: npt.NDArray[Any]
+) -> list[npt.NDArray[Any]]:
+    """The samples of each column of what is shown."""
+    rate_hz = picture.recording.rate_hz
+    borders_s = np.arange(SHOWN_S[0], SHOWN_S[1] + COLUMN_S / 2, COLUMN_S)
+    borders = _begins(picture) + np.round(borders_s * rate_hz).astype(int)
+    return np.split(values, borders)[1:-1]
+
+
+def _letters(picture: StreamPicture, states: npt.NDArray[np.int64]) -> str:
+    """Of each column the state that lasts longest in it."""
+    lasts = [
+        np.bincount(one - UNKNOWN).argmax() + UNKNOWN
+        for one in _columns(picture, states)
+    ]
+    return "".join("?" if one == UNKNOWN else LETTERS[one] for one in lasts)
+
+
+def _begins(picture: StreamPicture) -> int:
+    """The sample at which the object begins to move in the hand."""
+    slips = (SAFE_SLIP, RISKY_SLIP)
+    return next(phase.first for phase in picture.phases if phase.situation in slips)
+
+
+def _right(picture: StreamPicture) -> str:
+    """What would be right."""
+    if picture.recording.action not in SLIPS:
+        return "no alarm is right"
+    events = picture.events
+    slides_ms = 1e3 * (events["gross_slip_s"] - events["load_onset_s"])
+    return f"an alarm within {slides_ms:.0f} ms, before all fingers slide"
 
 
 def _outcome(picture: StreamPicture) -> str:
-    rate_hz = picture.recording.rate_hz
-    acts_s = np.flatnonzero(picture.acts) / rate_hz
-    if picture.recording.action == "pass":
-        return f"hand-over: {'FALSE ALARM' if len(acts_s) else 'no alarm'}"
-    onset_s, gross_s = picture.events["load_onset_s"], picture.events["gross_slip_s"]
-    slipped = f"gross slip {1e3 * (gross_s - onset_s):.0f} ms after load onset"
-    is_early = len(acts_s) and acts_s[0] < onset_s
-    early = f"; FALSE ALARM before, at {acts_s[0]:.1f} s" if is_early else ""
-    after_s = acts_s[acts_s >= onset_s]
-    if not len(after_s):
-        return f"{slipped}; MISSED{early}"
-    delay_ms, late = (
-        1e3 * (after_s[0] - onset_s),
-        "" if after_s[0] <= gross_s else "LATE, ",
-    )
-    sample = f"a sample is {1e3 / rate_hz:.0f} ms"
-    return f"{slipped}; the hand acts {late}after {delay_ms:.0f} ms ({sample}){early}"
+    acts_s = np.flatnonzero(picture.acts) / picture.recording.rate_hz
+    if picture.recording.action not in SLIPS:
+        return "FALSE ALARM" if len(acts_s) else "no alarm"
+
+    onset_s = picture.events["load_onset_s"]
+    if (acts_s < onset_s).any():
+        return "FALSE ALARM before"
+    if not len(acts_s):
+        return "MISSED"
+    after_ms = 1e3 * (acts_s[0] - onset_s)
+    late = "" if acts_s[0] <= picture.events["gross_slip_s"] else ", LATE"
+    return f"alarm after {after_ms:.0f} ms{late}"

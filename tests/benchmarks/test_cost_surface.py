@@ -19,7 +19,15 @@ from benchmarks.cost import recordings
 from benchmarks.cost.features import columns, look_backs_s, some, whole_of
 from benchmarks.cost.measure import first_trees
 from benchmarks.cost.picture import figure
-from benchmarks.cost.point import BANDS, GROUPS, README_POINTS, REFERENCE, Point, points
+from benchmarks.cost.point import (
+    BANDS,
+    GROUPS,
+    README_POINTS,
+    RECOMMENDED,
+    REFERENCE,
+    Point,
+    points,
+)
 from benchmarks.cost.surface import cost, pareto
 from holdfast.core.contract import FloatArray
 from holdfast.core.errors import DataError, UsageError
@@ -285,7 +293,7 @@ def test_a_dask_cluster_gives_the_same_rows(measured, cluster):
 def rows_of(measured: tuple[Path, dict[str, Any]]) -> list[dict[str, Any]]:
     return [
         dict(measured[1]["rows"][0], of=point.of, what=point.what)
-        for point in README_POINTS
+        for point in dict.fromkeys([*README_POINTS, *RECOMMENDED.values()])
     ]
 
 

@@ -28,15 +28,24 @@ def test_the_readme_shows_the_real_output_of_the_demo(
     assert shown is not None
     assert shown[1] == capsys.readouterr().out
     report = Path("build/demo/report.html").read_text("utf-8")
-    assert re.findall(r"<h3>(\S+/\S+)/trial_1 \(simulated\)", report) == re.findall(
-        r"^\S+/\S+$", shown[1], re.M
-    )
+    drawn = re.findall(r"<h3>\S+/(\S+)/trial_1 \(simulated\)", report)
+    assert sorted(drawn) == sorted(demo_trials.SHOWN)
     assert report.count("<svg") == 4 + len(demo_trials.SHOWN)
 
 
 def test_the_page_of_features_is_written_from_the_groups(tmp_path: Path) -> None:
     text = (ROOT / "docs" / "features.md").read_text("utf-8")
     assert filled("docs/features.md", {}, tmp_path) == text
+
+
+def test_the_readme_is_short_and_begins_with_what_it_is_for() -> None:
+    lines = (ROOT / "README.md").read_text("utf-8").splitlines()
+    assert len(lines) <= 150
+    first = " ".join(lines[2:5])
+    for word in ("hand", "slip", "hand-over", "grip"):
+        assert word in first
+    picture = next(k for k, line in enumerate(lines) if line.startswith("!["))
+    assert picture < lines.index("## Set-up") < 20
 
 
 def test_every_path_the_readme_points_to_exists() -> None:

@@ -120,7 +120,7 @@ def test_further_rows_say_how_many_windows_there_are_and_fill_the_readme_s_table
     found = further_rows({OURS_48: timed}, 0, Workers(), ignored)
     written = json.loads(json.dumps(found, allow_nan=False))
     assert sum(written["windows"].values()) == len(timed.data().tasks["situations"])
-    text = filled("README.md", {"all_channels": written}, tmp_path)
+    text = filled("docs/people.md", {"all_channels": written}, tmp_path)
     assert (
         f"| {OURS_48} | {written['rows'][OURS_48]['situations']['macro_f1']:.3f} ("
         in text
@@ -243,7 +243,7 @@ def test_the_readme_s_tables_show_every_method_and_what_was_checked(
     evidence: Evidence, tmp_path: Path
 ) -> None:
     figures = json.loads(json.dumps(evidence.figures.to_json()))
-    text = filled("README.md", {"real": figures}, tmp_path)
+    text = filled("docs/people.md", {"real": figures}, tmp_path)
     assert f"| {OURS_18} | {figures['situations']['macro_f1']:.3f} (" in text
     assert "| timing-only baseline |" in text
     assert f"| {figures['n_trials']}, {figures['n_groups']} |" in text

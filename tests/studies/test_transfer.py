@@ -369,7 +369,7 @@ def test_the_page_and_the_readme_have_the_tables(
     page = filled("docs/transfer.md", {"transfer": figures, "tugs": figures}, tmp_path)
     for name in ("people", "tugs", "domain", "statistics"):
         assert getattr(tables, f"{name}_table")(figures) in page
-    readme = filled("README.md", {"transfer": figures}, tmp_path)
+    readme = filled("docs/people.md", {"transfer": figures}, tmp_path)
     short = f"| {SHIPPED.name} | 0.30 (0.20 to 0.40) | 0.80 (0.70 to 0.90) | 0.60 "
     assert short in readme
 

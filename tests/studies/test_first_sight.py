@@ -1,0 +1,52 @@
+"""The README's picture: drawn from a closed loop, with its end where nothing moves."""
+
+from __future__ import annotations
+
+import re
+import xml.etree.ElementTree as ET
+
+import pytest
+from loop_bench import MODEL
+
+from holdfast.edge_runtime.model import Model
+from studies.doc_pictures import first_sight
+
+
+@pytest.fixture(scope="module")
+def seen() -> list[first_sight.Seen]:
+    return first_sight.watch(Model(MODEL))
+
+
+def test_the_bottle_is_lost_without_and_kept_with_the_grip_controlled(
+    seen: list[first_sight.Seen],
+) -> None:
+    bare_fall, _, held_fall, held_pass = seen
+    assert bare_fall.outcome.dropped
+    assert bare_fall.moved_mm[-1] > 200.0
+    assert not held_fall.outcome.dropped
+    assert held_fall.moved_mm[-1] < 20.0
+    assert held_fall.grip_n[-1] > 2 * held_fall.grip_n[0]
+    # the hand-over ends with the other person, and with an open hand
+    assert held_pass.moved_mm[-1] > 100.0
+    assert held_pass.grip_n[-1] == pytest.approx(0.0, abs=0.1)
+
+
+def test_a_reader_without_animation_sees_the_end(
+    seen: list[first_sight.Seen], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(first_sight, "watch", lambda _: seen)
+    drawn = first_sight.picture(Model(MODEL))
+    root = ET.fromstring(drawn)
+    assert root.get("role") == "img"
+    still, _, moving = drawn.partition("@media(prefers-reduced-motion:no-preference)")
+    ends = [float(px) for px in re.findall(r"translateY\((\S+?)px\)", still)]
+    assert ends == pytest.approx(
+        [
+            sign * first_sight.PX_PER_MM * seen[k].moved_mm[-1]
+            for k, sign in ((0, 1), (2, 1), (3, -1))
+        ],
+        abs=5.0,
+    )
+    assert "animation" not in still
+    assert moving.count("@keyframes") == 2 + 2 * 3
+    assert len(drawn) < 40_000
