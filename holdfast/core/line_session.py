@@ -56,7 +56,7 @@ class LineRefused(ValueError):
 
     def __init__(self, kind: str, why: str = "") -> None:
         self.kind = kind
-        super().__init__(why or kind)
+        super().__init__(f"{kind} ({why})" if why else kind)
 
 
 # -- one line

@@ -1,7 +1,7 @@
-"""Counts of what comes too often to report each time: at most one line a second.
+"""Counts of what may come too often to report each time.
 
-A flood of lines that are skipped must not fill a log. The first of a kind is reported at once, with
-what it was; those that follow within a second are counted, and reported together.
+A flood of lines that are skipped must not fill a log. The first ones within a second are reported
+at once, with what they were; those that follow are counted, and reported together once a second.
 """
 
 from __future__ import annotations
@@ -15,42 +15,53 @@ SECOND_NS = 1_000_000_000
 class Tally:
     """Counts by kind. name: what the lines of the report begin with, such as "commands".
 
-    total: all that was counted since the start, by kind.
+    most_a_second: how many are reported at once. total: all that was counted, by kind.
     """
 
     def __init__(
-        self, name: str, report: Callable[[str], object], now_ns: Callable[[], int]
+        self,
+        name: str,
+        report: Callable[[str], object],
+        now_ns: Callable[[], int],
+        most_a_second: int = 1,
     ) -> None:
         self._name = name
         self._report = report
         self._now_ns = now_ns
-        self._reported_ns: int | None = None
+        self._most = most_a_second
+        self._began_ns: int | None = None
+        self._reported = 0
         self._waiting: Counter[str] = Counter()
         self.total: Counter[str] = Counter()
 
-    def count(self, kind: str, shown: str = "") -> None:
-        """One more. shown: what it was, for the report where it is the first within a second."""
+    def count(self, kind: str, shown: str) -> None:
+        """One more. kind: one of a few words, to count by; shown: this one, for the report."""
         self.total[kind] += 1
-        now_ns = self._now_ns()
-        if self._waiting or not self._is_quiet(now_ns):
+        self._begin_second()
+        if self._reported < self._most and not self._waiting:
+            self._reported += 1
+            self._report(f"{self._name}: {shown}")
+        else:
             self._waiting[kind] += 1
-            return
-        self._reported_ns = now_ns
-        self._report(f"{self._name}: {f'{shown} ' if shown else ''}({kind})")
 
     def look(self) -> None:
         """Report what was counted, where a second has passed. Call it once a sample."""
-        if self._waiting and self._is_quiet(self._now_ns()):
-            self.flush()
+        if self._waiting:
+            self._begin_second()
 
     def flush(self) -> None:
         """Report what was counted, if anything."""
-        if not self._waiting:
-            return
-        self._reported_ns = self._now_ns()
-        kinds = ", ".join(f"{n:,} {kind}" for kind, n in sorted(self._waiting.items()))
-        self._waiting.clear()
-        self._report(f"{self._name}: skipped since the last report: {kinds}")
+        if self._waiting:
+            kinds = sorted(self._waiting.items())
+            more = ", ".join(f"{n:,} more {kind}" for kind, n in kinds)
+            self._waiting.clear()
+            self._report(f"{self._name}: {more}")
 
-    def _is_quiet(self, now_ns: int) -> bool:
-        return self._reported_ns is None or now_ns - self._reported_ns >= SECOND_NS
+    def _begin_second(self) -> None:
+        now_ns = self._now_ns()
+        if self._began_ns is not None and now_ns - self._began_ns < SECOND_NS:
+            return
+        # what was counted is itself one report of the new second
+        self._reported = 1 if self._waiting else 0
+        self.flush()
+        self._began_ns = now_ns

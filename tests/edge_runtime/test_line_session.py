@@ -334,12 +334,26 @@ def test_a_flood_is_one_line_a_second():
     tally = Tally("commands", messages.append, clock.now_ns)
     for k in range(4000):
         clock.ns = k * MS
-        tally.count(OTHER_SESSION if k % 4 else NOT_UNDERSTOOD, "'x'")
+        tally.count(OTHER_SESSION if k % 4 else NOT_UNDERSTOOD, f"{k} is skipped")
         tally.look()
     tally.flush()
-    assert messages[0] == "commands: 'x' (not understood)"
+    assert messages[:2] == [
+        "commands: 0 is skipped",
+        "commands: 249 more not understood, 750 more of another session",
+    ]
     assert len(messages) == 5
-    assert messages[1].endswith(
-        "since the last report: 250 not understood, 750 of another session"
-    )
     assert tally.total[OTHER_SESSION] == 3000
+
+
+def test_the_first_few_of_a_second_are_shown_at_once():
+    clock, messages = Clock(), []
+    tally = Tally("command", messages.append, clock.now_ns, most_a_second=3)
+    for k in range(5):
+        tally.count("changes", f"{k}")
+    clock.ns = 999 * MS
+    tally.look()
+    assert messages == ["command: 0", "command: 1", "command: 2"]
+    clock.ns = 1000 * MS
+    tally.look()
+    tally.count("changes", "5")
+    assert messages[3:] == ["command: 2 more changes", "command: 5"]
