@@ -106,8 +106,8 @@ def forget_unsent(port: int) -> None:
 DEFAULT_BAUD = 115200
 MOST_UNSENT = 96
 """A serial port that still has more bytes to send gets no further line."""
-BITS_A_COMMAND, BITS_A_CODE = 2300, 740
-"""About 230 bytes, ten bits each, and 74 more in a sealed line."""
+BITS_A_COMMAND, BITS_A_CODE = 2300, 730
+"""About 230 bytes, ten bits each, and 73 more in a sealed line."""
 LAST_LINE_MS = 200
 """The last line waits this long for room in a serial port."""
 ADDRESSES = (
