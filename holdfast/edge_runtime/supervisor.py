@@ -165,8 +165,10 @@ class Supervisor:
         is_fresh = self.since_s < limits.rise_s
         may_rise = is_fresh & (self.risen_s < limits.most_rise_s)
 
+        # what no controller can want changes nothing; only NaN differs from itself
+        wanted_n = batch.choose(wanted_n == wanted_n, wanted_n, self.given_n)
         # Without fresh evidence the target may still fall, and only rising is barred.
-        capped_n = batch.least(wanted_n, limits.ceiling_n)
+        capped_n = batch.within(0.0, wanted_n, limits.ceiling_n)
         lower_n = batch.least(capped_n, self.given_n)
         return batch.choose(may_rise, capped_n, lower_n)
 
