@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 from command_line import fails
-from hazard_marks import LOST_SENSOR, RESTART, SILENT_SENDER
+from hazard_marks import FORGED_LINE, LOST_SENSOR, RESTART, SILENT_SENDER
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
