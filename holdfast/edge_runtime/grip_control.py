@@ -333,7 +333,7 @@ def _weights(thumb: tuple[bool, ...] | None, flags: list[bool]) -> list[float]:
 
 def _cue(prediction: Prediction, from_p: float) -> float:
     """Strength of the wearer's vibration cue: 0 below from_p, and p(risky slip) above."""
-    p_risky = ONE_HAND.within(0.0, prediction.p_risky, 1.0)
+    p_risky: float = ONE_HAND.within(0.0, prediction.p_risky, 1.0)
     if prediction.state == "unknown" or p_risky < from_p:
         return 0.0
     return p_risky
