@@ -18,12 +18,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 from command_line import fails
-from hazard_marks import LOST_SENSOR, RESTART, SILENT_SENDER
+from hazard_marks import FORGED_LINE, LOST_SENSOR, RESTART, SILENT_SENDER
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from live_bench import ROOT, RUN, Steady, closing_output, free_port, go
 from made_prediction import prediction
+from numbered_lines import numbered_sender
 
 from holdfast.core.contract import Prediction, Sample
 from holdfast.core.errors import (
@@ -563,13 +564,14 @@ def commanded(
     address = "127.0.0.1", free_port()
     with (
         command_port(f"127.0.0.1:{address[1]}", log.append, clock.now_ns) as ask,
-        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as user,
+        numbered_sender(address) as user,
     ):
-        user.connect(address)
 
         def after(datagram: str) -> Command:
             if datagram:
-                user.send(datagram.encode())
+                # an object gets its numbers, and rubbish none
+                is_object = datagram.startswith("{")
+                user.send(json.loads(datagram) if is_object else datagram.encode())
             return ask()
 
         yield after
@@ -599,7 +601,7 @@ def test_the_user_s_commands_come_by_a_port_of_their_own_and_changes_are_logged(
         Command(link="live"),
         Command(link="live"),
     ]
-    assert [line.endswith("(not understood)") for line in log] == [
+    assert ["not understood" in line for line in log] == [
         False,
         False,
         True,
@@ -705,6 +707,7 @@ def test_the_shipped_service_names_bias_calibration_and_commands_is_never_given_
 
 
 @RESTART.mark
+@FORGED_LINE.mark
 def test_the_shipped_service_s_command_is_one_that_the_program_understands():
     import shlex
 
@@ -722,11 +725,13 @@ def test_the_shipped_service_s_command_is_one_that_the_program_understands():
     words = shlex.split(line.removeprefix("ExecStart="))
     args = parser.parse_args(words[2:])
     assert words[1] == "run"
-    assert (args.bias.name, args.commands, args.quiet) == (
-        "bias.json",
-        "127.0.0.1:9001",
-        True,
-    )
+    assert (args.bias.name, args.quiet) == ("bias.json", True)
+    # no port, which every program of the board could write to
+    assert args.commands == "unix:///run/holdfast/commands"
+    assert args.grip == "unix:///run/holdfast/grip"
+    assert args.udp is None
+    for line in ("RuntimeDirectory=holdfast", "RuntimeDirectoryMode=0700"):
+        assert f"{line}\n" in unit
 
 
 def test_a_bias_that_was_measured_before_lets_a_run_begin_with_a_loaded_hand(
