@@ -29,6 +29,7 @@
     |   |-- NotCompilable             it holds what the C form does not have
     |   `-- LibraryRefused            no compiled library, or one of another model
     |-- ArtifactError             4   a training artifact is missing, foreign or unsafe
+    |-- WorkersLost               1   a process or a cluster that computes jobs has died
     |-- OutputError               5   a result cannot be written
     |   `-- CompilerFailed            no C compiler, or one that is too old or fails
     `-- DeviceError               6   the hand, or the camera next to it, cannot be read
@@ -241,6 +242,10 @@ class ArtifactError(HoldfastError):
     """A training artifact is missing, foreign or unsafe."""
 
     exit_code = 4
+
+
+class WorkersLost(HoldfastError):
+    """A process or a cluster that computes jobs has died."""
 
 
 class OutputError(HoldfastError):
