@@ -26,6 +26,7 @@
     |   |-- RuntimeRefused            a version of onnxruntime known to answer wrongly
     |   |-- VerificationFailed        the exported file and the reference disagree
     |   |-- NotAdapted                it is no adapted file, so there is nothing to undo
+    |   |-- WorseThanBase             an adaptation that would answer worse than its base
     |   |-- NotCompilable             it holds what the C form does not have
     |   `-- LibraryRefused            no compiled library, or one of another model
     |-- ArtifactError             4   a training artifact is missing, foreign or unsafe
@@ -228,6 +229,10 @@ class VerificationFailed(ModelError):
 
 class NotAdapted(ModelError):
     """There is no adaptation to undo, or no base to restore."""
+
+
+class WorseThanBase(ModelError):
+    """An adaptation would answer worse than its base does."""
 
 
 class NotCompilable(ModelError):
