@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import pytest
 from command_line import Run
@@ -24,7 +25,7 @@ from small_jobs import HELD, dies_once, held, square
 
 from holdfast.core.errors import UsageError, WorkersLost
 from holdfast.evaluation import jobs
-from holdfast.evaluation.jobs import NoWorkers, Workers
+from holdfast.evaluation.jobs import Job, NoWorkers, Workers
 
 SUPPORT = Path(__file__).resolve().parents[1] / "support"
 PROGRAM = """
@@ -127,9 +128,9 @@ def test_no_worker_outlives_the_program_that_started_it(
 def test_a_worker_that_is_killed_is_an_error_that_says_how_far_it_came(
     tmp_path: Path,
 ) -> None:
-    run = Workers(2).run(
-        [partial(square, 1), partial(dies_once, tmp_path / "mark"), partial(square, 2)]
-    )
+    lethal = partial(dies_once, tmp_path / "mark")
+    three: list[Job[Any]] = [partial(square, 1), lethal, partial(square, 2)]
+    run = Workers(2).run(three)
     assert next(run)[0] == 1
     with pytest.raises(WorkersLost, match="the first 1 of 3 jobs were finished"):
         list(run)
@@ -181,9 +182,11 @@ def test_a_lost_scheduler_is_an_error_that_says_how_far_the_jobs_came(
     reading = os.open(tmp_path / "pipe", os.O_RDONLY | os.O_NONBLOCK)
     with of_this_process(n_workers=1) as local:
         address = local.scheduler_address
-        run = Workers(dask=address).run(
-            [partial(square, 3), partial(held, tmp_path / "pipe")]
-        )
+        both: list[Job[Any]] = [
+            partial(square, 3),
+            partial(held, tmp_path / "pipe"),
+        ]
+        run = Workers(dask=address).run(both)
         assert next(run)[0] == 9
         # Its connection to the client ends, as with its process.
         (comm,) = local.scheduler.client_comms.values()
