@@ -10,6 +10,7 @@ PEERS  := .venv-peers
 LEROBOT := .venv-lerobot
 DIST   := .venv-dist
 DOCS   := .venv-docs
+MUTANTS := .venv-mutants
 RATE   ?= 150
 SIZE   ?= default
 MODEL  ?= models/holdfast-150hz.onnx
@@ -34,7 +35,7 @@ unexport VIRTUAL_ENV PYTHONPATH PYTHONHOME PYTHONDONTWRITEBYTECODE
 # onnxruntime sends usage data otherwise; edge_runtime says so too.
 export ORT_DISABLE_TELEMETRY := 1
 
-.PHONY: help setup hooks demo test lint lock clean dist docs docs-site hard-cases safety soak fuzz real loop distortions evaluate study models bench browser peers world lerobot
+.PHONY: help setup hooks demo test lint lock clean dist docs docs-site hard-cases safety soak fuzz mutants real loop distortions evaluate study models bench browser peers world lerobot
 
 help:  ## list the targets
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/make \1\t\2/p' Makefile | expand -t 16
@@ -49,6 +50,9 @@ demo: .venv/.demo-stamp  ## simulate, train, export, watch trials go by that the
 
 test: setup  ## run the tests
 	$(BIN)/python -m pytest $(ACROSS) $(ARGS)
+
+mutants: setup $(MUTANTS)/.stamp  ## mutation tests of core, edge_runtime and drivers: a sample (ARGS="--sample 150 --seed 0"), minutes to hours; into build/mutants
+	OPENBLAS_NUM_THREADS=1 nice $(MUTANTS)/bin/python -u tools/mutants.py $(ARGS)
 
 real: setup  ## train, export and evaluate on the public recordings, into build/real
 	$(BIN)/python -m studies real $(ARGS)
@@ -126,7 +130,7 @@ lock: .tools/.stamp  ## rewrite the locks after a change of dependencies; UPGRAD
 	PYTHON=$(PYTHON) UPGRADE=$(UPGRADE) tools/lock.sh
 
 clean:  ## remove .venv, the other environments, .tools, build and caches
-	rm -rf .venv $(PEERS) $(LEROBOT) $(DIST) $(DOCS) .tools build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf .venv $(PEERS) $(LEROBOT) $(DIST) $(DOCS) $(MUTANTS) .tools build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
 dist: setup $(DIST)/.stamp  ## the wheel and the source archive, checked, into dist
@@ -168,6 +172,12 @@ $(PEERS)/.stamp: .tools/.stamp $(LOCKS) requirements/peers.lock
 $(LEROBOT)/.stamp: .tools/.stamp requirements/lerobot.lock
 	@test -x $(LEROBOT)/bin/python || $(UV) venv --quiet --clear --python "$$(command -v $(PYTHON))" $(LEROBOT)
 	$(UV) pip sync --quiet --python $(LEROBOT)/bin/python --require-hashes requirements/lerobot.lock
+	@touch $@
+
+# Apart from .venv, which runs the tests; one of its packages has no wheel.
+$(MUTANTS)/.stamp: .tools/.stamp requirements/mutants.lock
+	@test -x $(MUTANTS)/bin/python || $(UV) venv --quiet --clear --python "$$(command -v $(PYTHON))" $(MUTANTS)
+	$(UV) pip sync --quiet --python $(MUTANTS)/bin/python --require-hashes requirements/mutants.lock
 	@touch $@
 
 $(DIST)/.stamp: .tools/.stamp requirements/dist.lock

@@ -17,14 +17,15 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 
 from holdfast.cli.command import finish, path_argument, run_script, seed
-from holdfast.core.errors import UsageError
+from holdfast.cli.main import main
+from holdfast.core.errors import HoldfastError, UsageError
 from holdfast.core.reading import Json
 from holdfast.core.writing import write_whole
 
@@ -52,8 +53,8 @@ class SimulatedSet:
     rate_hz: float | None = None
 
     def command(self, out: Path) -> list[str]:
-        """The command that writes this set into the folder `out`."""
-        words = [sys.executable, "-m", "holdfast", "simulate", self.scene]
+        """The words behind `holdfast` that write this set into the folder `out`."""
+        words = ["simulate", self.scene]
         if self.trials is not None:
             words += ["--trials", str(self.trials)]
         if self.rate_hz is not None:
@@ -63,12 +64,17 @@ class SimulatedSet:
 
 def simulate_sets(sets: Sequence[SimulatedSet], out: Path) -> None:
     """Simulate the sets into folders of `out`, two at a time. Earlier sets of that name go."""
+    from holdfast.evaluation.jobs import Workers
+
     for one in sets:
         shutil.rmtree(out / one.folder, ignore_errors=True)
-    with ThreadPoolExecutor(SIMULATED_AT_ONCE) as pool:
-        commands = [one.command(out) for one in sets]
-        # list() waits for all of them and raises the first failure
-        list(pool.map(lambda words: subprocess.run(words, check=True), commands))
+    commands = [one.command(out) for one in sets]
+    # as workers, which end with this program however it ends
+    codes = Workers(SIMULATED_AT_ONCE).run([partial(main, one) for one in commands])
+    for words, code in zip(commands, codes, strict=True):
+        if code:
+            failed = f"`holdfast {shlex.join(words)}` ended with exit code {code}"
+            raise HoldfastError(failed, cause="its own error stands above")
 
 
 def write_figures(path: Path, figures: Json) -> Path:

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import argparse
 from dataclasses import asdict
+from typing import TYPE_CHECKING
 
 from holdfast.cli.command import (
     add_json_option,
@@ -21,6 +22,9 @@ from holdfast.cli.command import (
 )
 from holdfast.core.errors import OutputError, UsageError
 from holdfast.core.writing import require_writable
+
+if TYPE_CHECKING:
+    from holdfast.sessions.adapting import HeldOutFigures
 
 STAGES = 7
 
@@ -41,7 +45,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="write the base of an adapted file, byte for byte",
     )
-    option("--force", action="store_true", help="replace FILE if it exists")
+    force = "replace FILE if it exists, and write it although it is worse than its base"
+    option("--force", action="store_true", help=force)
     add_json_option(parser)
 
 
@@ -106,17 +111,24 @@ def _adapt(args: argparse.Namespace) -> int:
         from holdfast.sessions.adapted_files import adapt_file
 
         fitted, verified = adapt_file(
-            args.model, args.data, args.person, args.slips, args.out, begin
+            args.model,
+            args.data,
+            args.person,
+            args.slips,
+            args.out,
+            begin,
+            worse_too=args.force,
         )
 
+    base = fitted.base
     reached = fitted.point.reached
     person = fitted.adaptation.about["person"]
     rules = fitted.point.rules
     words = (
         f"based on {person['hand_overs']} hand-overs and {person['holding_s']:.0f} s of holding\n"
         f"an act needs {rules.min_risky_permille} of 1000 votes, {rules.act_samples} in a row\n"
-        f"trials held out: {reached.called} of {reached.hand_overs} hand-overs called, recall "
-        f"{reached.recall:.3f} on slips of others\n"
+        f"trials held out: {_in_words(reached)}\n"
+        f"the base on these: {_in_words(base)}\n"
         f"{verified.rows} rows checked, 0 labels differ from the reference; "
         f"{verified.changed} labels differ from the base\n"
         f"model: {args.out}; back: holdfast adapt {args.out} --undo --out BASE.onnx"
@@ -127,7 +139,18 @@ def _adapt(args: argparse.Namespace) -> int:
         "person": person,
         "rules": rules.to_json(),
         "held_out": asdict(reached),
+        "base_held_out": asdict(base),
+        "worse_than_base": reached.worse_than(base),
+        "labels_contradicted": fitted.contradicted,
         "verified": asdict(verified),
     }
     show_found(args, words, found)
     return 0
+
+
+def _in_words(figures: HeldOutFigures) -> str:
+    called = f"{figures.called} of {figures.hand_overs} voluntary actions called"
+    if not figures.slips:
+        return f"{called}, recall {figures.recall:.3f} on slips of others"
+    own = f"{figures.found} of {figures.slips} slips of the person found"
+    return f"{called}, {own}, recall {figures.recall:.3f} on these and those of others"

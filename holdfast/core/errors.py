@@ -26,9 +26,11 @@
     |   |-- RuntimeRefused            a version of onnxruntime known to answer wrongly
     |   |-- VerificationFailed        the exported file and the reference disagree
     |   |-- NotAdapted                it is no adapted file, so there is nothing to undo
+    |   |-- WorseThanBase             an adaptation that would answer worse than its base
     |   |-- NotCompilable             it holds what the C form does not have
     |   `-- LibraryRefused            no compiled library, or one of another model
     |-- ArtifactError             4   a training artifact is missing, foreign or unsafe
+    |-- WorkersLost               1   a process or a cluster that computes jobs has died
     |-- OutputError               5   a result cannot be written
     |   `-- CompilerFailed            no C compiler, or one that is too old or fails
     `-- DeviceError               6   the hand, or the camera next to it, cannot be read
@@ -229,6 +231,10 @@ class NotAdapted(ModelError):
     """There is no adaptation to undo, or no base to restore."""
 
 
+class WorseThanBase(ModelError):
+    """An adaptation would answer worse than its base does."""
+
+
 class NotCompilable(ModelError):
     """The file holds what the C form does not have."""
 
@@ -241,6 +247,10 @@ class ArtifactError(HoldfastError):
     """A training artifact is missing, foreign or unsafe."""
 
     exit_code = 4
+
+
+class WorkersLost(HoldfastError):
+    """A process or a cluster that computes jobs has died."""
 
 
 class OutputError(HoldfastError):

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from holdfast.core.locked import require_open
@@ -11,6 +14,7 @@ from holdfast.edge_runtime.model_file import CARD_SUFFIX, read_sealed
 from holdfast.export.adapted_file import (
     AdaptedVerification,
     adapted,
+    is_adapted,
     undone,
     verify_adapted,
 )
@@ -18,13 +22,29 @@ from holdfast.export.exporting import readable_card
 from holdfast.sessions.adapting import (
     Fitted,
     adapt,
-    base_model,
     of_person,
     simulated_slips,
 )
 from holdfast.training.datasets import find, load
 from holdfast.training.progress import Stages
 from holdfast.training.recording import DataSet
+
+
+@contextmanager
+def base_model(path: Path) -> Iterator[tuple[Model, bytes]]:
+    """The opened base model and its bytes. Raises what opening a model raises."""
+    data = read_sealed(path)
+    if not is_adapted(data):
+        yield Model(path), data
+        return
+
+    # Corrections do not stack: a second adaptation starts from the base again.
+    base = undone(data, path)
+    with tempfile.TemporaryDirectory() as folder:
+        # The runtime opens files by their path, so the base needs one for a moment.
+        file = Path(folder) / path.name
+        file.write_bytes(base)
+        yield Model(file), base
 
 
 def adapt_file(
@@ -34,8 +54,13 @@ def adapt_file(
     slips: str | None,
     out: Path,
     begin: Stages,
+    *,
+    worse_too: bool = False,
 ) -> tuple[Fitted, AdaptedVerification]:
-    """Fit, build, verify and write. slips: recordings with slips, None for simulated ones."""
+    """Fit, build, verify and write. slips: recordings with slips, None for simulated ones.
+
+    worse_too: write a file that is worse than its base too; else it raises WorseThanBase.
+    """
     with base_model(model_path) as (model, base):
         begin("reading the person's recordings")
         require_open(find(data), "a correction", styles=False)
@@ -46,6 +71,9 @@ def adapt_file(
             return _slips(slips, model, begin)
 
         fitted = adapt(model, chosen, others, begin, begin.part)
+
+    if not worse_too:
+        fitted.require_no_worse()
 
     begin("building, verifying and sealing the file")
     correction = fitted.adaptation.correction

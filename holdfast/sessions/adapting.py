@@ -13,32 +13,33 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from holdfast.core.contract import RISKY_SLIP, BoolArray
-from holdfast.core.errors import TooLittleToAdapt, UsageError
+from holdfast.core.errors import TooLittleToAdapt, UsageError, WorseThanBase
 from holdfast.edge_runtime.decision import DecisionRules
 from holdfast.edge_runtime.model import Model
-from holdfast.edge_runtime.model_file import ModelCard, read_sealed, votes_in_all
+from holdfast.edge_runtime.model_file import ModelCard, votes_in_all
 from holdfast.evaluation.alarms import Answers, act_requests, match_alarms
 from holdfast.evaluation.trials import voluntary_actions
-from holdfast.export.adapted_file import Adaptation, is_adapted, undone
+from holdfast.export.adapted_file import Adaptation
 from holdfast.export.correction import Correction
 from holdfast.export.heads import FloatRows
 from holdfast.sessions.slip_evidence import (
     LabelWeights,
     PersonCounts,
     Stream,
+    contradicted,
     corrected,
     counts_of,
     fit_correction,
     label_weights,
     moved,
     streams_of,
+    warn_of_contradicted,
 )
 from holdfast.simulation.folder import write_set
 from holdfast.simulation.loop_recording import scene_of
@@ -55,6 +56,8 @@ LEAST_SLIPS = 40
 """Of so many, a single missed slip already falls below LEAST_RECALL."""
 LEAST_RECALL = 0.99
 """Of the others' slips, with the trial held out; or the base's own recall where that is less."""
+MOST_RECALL_LOST = 0.01 + 1e-9
+"""More makes a file that is worse than its base; a hair more, for 1 - 0.99 in binary."""
 FOLDS = 4
 """Parts of all trials; each is answered by a correction fitted without it."""
 NATS = (-1.0, -0.5, 0.0, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0)
@@ -74,15 +77,31 @@ SEED = 1
 class HeldOutFigures:
     """What an operating point reaches on held-out trials.
 
-    recall, before_gross_slip: of the others' slips. hand_overs, called: of the person.
+    recall, before_gross_slip: of all slips, the others' and the person's. slips, found: of the
+    person alone. hand_overs, called: of the person's voluntary actions, put-downs too.
     called_samples: of the person, at which an act may begin.
     """
 
     recall: float
     before_gross_slip: float
+    slips: int
+    found: int
     hand_overs: int
     called: int
     called_samples: int
+
+    def worse_than(self, base: HeldOutFigures) -> list[str]:
+        """In which ways these figures are worse than the base's on the same trials; empty: none."""
+        worse = []
+        if self.recall < base.recall - MOST_RECALL_LOST:
+            worse.append(f"recall {self.recall:.3f}, of the base {base.recall:.3f}")
+        if self.found < base.found - MOST_RECALL_LOST * base.slips:
+            counts = f"{self.found} of {self.slips} found, by the base {base.found}"
+            worse.append(f"slips of the person: {counts}")
+        if self.called > base.called:
+            counts = f"{self.called} of {self.hand_overs}, by the base {base.called}"
+            worse.append(f"voluntary actions called: {counts}")
+        return worse
 
 
 @dataclass(frozen=True)
@@ -96,11 +115,27 @@ class OperatingPoint:
 
 @dataclass(frozen=True)
 class Fitted:
-    """An adaptation, the held-out figures of its operating point, and what it was fitted on."""
+    """An adaptation, the held-out figures of its operating point, and what it was fitted on.
+
+    base: what the base reaches on the same trials. contradicted: trials of the person whose labels
+    the base contradicts.
+    """
 
     adaptation: Adaptation
     point: OperatingPoint
+    base: HeldOutFigures
+    contradicted: list[str]
     streams: list[Stream]
+
+    def require_no_worse(self) -> None:
+        """Raise WorseThanBase where the base answers held-out trials better."""
+        worse = self.point.reached.worse_than(self.base)
+        if worse:
+            raise WorseThanBase(
+                f"adapted, it would be worse on trials held out: {'; '.join(worse)}",
+                cause="labels that are wrong, or hand-overs that look like slips",
+                next_step="correct the labels or record again; --force writes the file anyway",
+            )
 
     def rows(self) -> FloatRows:
         """[N, F] features of all samples that a correction may change, to verify on."""
@@ -116,7 +151,8 @@ def adapt(
 ) -> Fitted:
     """Adapt a base model to a person. others_of: reads recordings with slips, of any person.
 
-    Raises TooLittleToAdapt; ChannelError, UnitError or RateError where a set does not fit.
+    Warns (ContradictedLabels) before anything is fitted. Raises TooLittleToAdapt; ChannelError,
+    UnitError or RateError where a set does not fit.
     """
     counts = counts_of(person.recordings)
     require_enough(counts)
@@ -124,6 +160,9 @@ def adapt(
     require_slips(others)
     say(f"running the model on {counts.trials} trials of the person")
     of_person = streams_of(model, person, part)
+    rules = model.card.decision
+    against = contradicted(of_person, rules)
+    warn_of_contradicted(against, len(of_person))
     slips = f"{len(others.recordings)} recordings with slips ({others.name})"
     say(f"running the model on {slips}")
     of_others = streams_of(model, others, part)
@@ -132,7 +171,7 @@ def adapt(
     weights = label_weights(model)
     # Without a sample that may be called risky, only the decision's parameters can be adapted.
     has_rows = any(len(stream.row) for stream in of_person)
-    rules = model.card.decision
+    base = base_figures(of_person, of_others, rules, weights)
     point = choose(of_person, of_others, rules, weights, in_all if has_rows else None)
     correction = correction_at(point, of_person, of_others, in_all)
     # Counts and figures only: no name of a person or a folder goes into a model file.
@@ -143,10 +182,11 @@ def adapt(
             "slips": sum(len(stream.recording.events) for stream in of_others),
         },
         "held_out": asdict(point.reached),
+        "base_held_out": asdict(base),
     }
     adaptation = Adaptation(correction, point.rules, about)
 
-    return Fitted(adaptation, point, [*of_person, *of_others])
+    return Fitted(adaptation, point, base, against, [*of_person, *of_others])
 
 
 # -- the operating point
@@ -178,14 +218,27 @@ def choose(
             points += trials.points(corrections, nats, PERMILLE)
 
     # The base itself, with its own threshold and duration, sets the recall to keep.
-    (before,) = trials.points(as_it_is, None, (base.min_risky_permille,), (0,))
-    least = min(LEAST_RECALL, before.reached.recall)
+    before = base_figures(person, others, base, weights)
+    least = min(LEAST_RECALL, before.recall)
     enough = [point for point in points if point.reached.recall >= least]
     # No point may keep the recall where the person's hand-overs look like slips.
     if not enough:
         return max(points, key=lambda point: point.reached.recall)
 
     return min(enough, key=_cost)
+
+
+def base_figures(
+    person: Sequence[Stream],
+    others: Sequence[Stream],
+    base: DecisionRules,
+    weights: LabelWeights,
+) -> HeldOutFigures:
+    """What the base reaches on the same trials; it has seen none of them."""
+    trials = _Trials(person, others, base, weights)
+    as_it_is: list[Correction | None] = [None] * FOLDS
+    (point,) = trials.points(as_it_is, None, (base.min_risky_permille,), (0,))
+    return point.reached
 
 
 def correction_at(
@@ -241,7 +294,8 @@ class _Trials:
             requests = act_requests(answers, rules, permille)
             for k, least in enumerate(permille):
                 samples = _called_samples(answers[:of_person], rules, least)
-                reached = _reached(answers, [on[:, k] for on in requests], samples)
+                on_k = [on[:, k] for on in requests]
+                reached = _reached(answers, on_k, samples, of_person)
                 at_least = replace(rules, min_risky_permille=least)
                 yield OperatingPoint(nats, at_least, reached)
 
@@ -278,31 +332,38 @@ def _called_samples(
 
 
 def _reached(
-    answers: Sequence[Answers], requests: Sequence[BoolArray], called_samples: int
+    answers: Sequence[Answers],
+    requests: Sequence[BoolArray],
+    called_samples: int,
+    of_person: int,
 ) -> HeldOutFigures:
-    """Figures of trials with slips, and of hand-overs, which are in trials without."""
-    slips = 0
-    acted = 0
-    before = 0
-    hand_overs = 0
-    called = 0
-    for one, on in zip(answers, requests, strict=True):
+    """Figures of slips, and of hand-overs in trials without one.
+
+    of_person: how many answers, from the first, are the person's.
+    """
+    acted: list[bool] = []
+    before: list[bool] = []
+    called: list[bool] = []
+    n_own = 0
+    for k, (one, on) in enumerate(zip(answers, requests, strict=True)):
         for outcome in match_alarms(one.recording, on).outcomes:
-            slips += 1
-            acted += outcome.alarm_s is not None
-            if outcome.alarm_s is not None and outcome.lead_s is not None:
-                before += outcome.lead_s > 0.0
+            acted.append(outcome.alarm_s is not None)
+            in_time = outcome.lead_s is not None and outcome.lead_s > 0.0
+            before.append(acted[-1] and in_time)
+        if k < of_person:
+            n_own = len(acted)
         # In a trial with a slip an act request may be right, so its hand-overs do not count.
         if not one.recording.events:
             for action in voluntary_actions(one.recording):
-                hand_overs += 1
-                called += bool(on[action.first : action.stop].any())
+                called.append(bool(on[action.first : action.stop].any()))
 
     return HeldOutFigures(
-        recall=acted / max(1, slips),
-        before_gross_slip=before / max(1, slips),
-        hand_overs=hand_overs,
-        called=called,
+        recall=sum(acted) / max(1, len(acted)),
+        before_gross_slip=sum(before) / max(1, len(before)),
+        slips=n_own,
+        found=sum(acted[:n_own]),
+        hand_overs=len(called),
+        called=sum(called),
         called_samples=called_samples,
     )
 
@@ -355,23 +416,6 @@ def of_person(data: DataSet, person: str) -> DataSet:
     recordings = [data.recordings[k] for k in kept]
     tasks = {name: rows.of_trials(kept) for name, rows in data.tasks.items()}
     return replace(data, recordings=recordings, tasks=tasks)
-
-
-@contextmanager
-def base_model(path: Path) -> Iterator[tuple[Model, bytes]]:
-    """The opened base model and its bytes. Raises what opening a model raises."""
-    data = read_sealed(path)
-    if not is_adapted(data):
-        yield Model(path), data
-        return
-
-    # Corrections do not stack: a second adaptation starts from the base again.
-    base = undone(data, path)
-    with tempfile.TemporaryDirectory() as folder:
-        # The runtime opens files by their path, so the base needs one for a moment.
-        file = Path(folder) / path.name
-        file.write_bytes(base)
-        yield Model(file), base
 
 
 def simulated_slips(

@@ -7,6 +7,8 @@ logits counts: their first layers are one matrix, later ones a matrix of blocks.
 from __future__ import annotations
 
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
@@ -34,6 +36,8 @@ KNEE_FLOOR = 1e-3
 """Smallest knee, in the features' unit: a feature that hardly moves is not blown up."""
 UNUSED_PERCENT = 0.1
 """A hidden unit's largest values that are cut off, % of the training rows."""
+INTERRUPTED = "Training interrupted by user"
+"""How scikit-learn's warning begins; a test holds it."""
 NO_VOTES_NATS = -20.0
 """Logit of a class that training never saw."""
 
@@ -141,10 +145,26 @@ def _fit_member(
     even = len(label) / np.maximum(counts, 1) / len(counts)
     weight = even**plan.balance
 
-    with warnings.catch_warnings():
+    with interruptible():
         # It stops after the plan's epochs on purpose.
         warnings.simplefilter("ignore", ConvergenceWarning)
         return member.fit(rows, label, sample_weight=weight[label])
+
+
+@contextmanager
+def interruptible() -> Iterator[None]:
+    """Raise KeyboardInterrupt where scikit-learn ends the fit of a network with a warning of it.
+
+    What it has then is no network to go on with. Filters of warnings end with the block.
+    """
+    with warnings.catch_warnings():
+        warnings.filterwarnings("error", INTERRUPTED, UserWarning)
+        try:
+            yield
+        except UserWarning as warning:
+            if not str(warning).startswith(INTERRUPTED):
+                raise
+            raise KeyboardInterrupt from None
 
 
 def in_whole_numbers(

@@ -30,6 +30,7 @@ from sklearn.preprocessing import StandardScaler
 from threadpoolctl import threadpool_limits
 
 from holdfast.core.errors import ClassMissing
+from holdfast.training.network_fit import interruptible
 from holdfast.training.progress import Say
 from holdfast.training.recording import DataSet, Fold, grouped_folds, leaky_folds
 from studies.thesis_preliminary.cases import CASES, Case
@@ -122,7 +123,9 @@ def case_figures(
             )
             truth = label[draw.test]
             for name, make in MAKE.items():
-                answer = make(draw.seed).fit(train, label[draw.train]).predict(test)
+                with interruptible():
+                    fitted = make(draw.seed).fit(train, label[draw.train])
+                answer = fitted.predict(test)
                 scores[name].append(
                     (
                         accuracy_score(truth, answer),

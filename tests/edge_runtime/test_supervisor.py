@@ -182,6 +182,13 @@ def test_no_target_is_above_the_ceiling_or_below_zero(steps: list[Step]) -> None
 
 
 @SUPERVISOR_INVARIANTS.mark
+def test_without_limits_of_its_own_no_hand_is_asked_for_more_than_70_newtons() -> None:
+    one = Supervisor(ONE_HAND, 1.0 / PERIOD_S, Limits())
+    targets_n = [Wish(1000.0, fresh=True, holds_n=0.0).to(one) for _ in range(40)]
+    assert max(targets_n) == 70.0
+
+
+@SUPERVISOR_INVARIANTS.mark
 def test_no_target_rises_above_what_the_controller_wants(steps: list[Step]) -> None:
     for step in steps:
         if step.after.given_n > step.before.given_n:

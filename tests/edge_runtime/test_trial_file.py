@@ -246,6 +246,17 @@ def test_rows_lost_in_a_short_gap_come_back_as_invalid_rows(tmp_path: Path) -> N
         assert np.flatnonzero(lost.any(axis=1)).tolist() == [3, 4]
 
 
+def test_a_step_of_exactly_five_is_still_filled_and_one_above_splits_the_trial(
+    tmp_path: Path,
+) -> None:
+    # Quarters and eighths of a second are exact in binary, so the edge is met exactly.
+    begin = [0.0, 0.25, 0.5, 0.75]
+    trial = read_trial(written(tmp_path, lines=rows([*begin, 2.0, 2.25])))
+    assert np.flatnonzero(~trial.valid.any(axis=1)).tolist() == [4, 5, 6, 7]
+    with pytest.raises(TimeError, match=r"line 6: a gap of 1\.375 s"):
+        read_trial(written(tmp_path, lines=rows([*begin, 2.125, 2.375])))
+
+
 def test_rows_are_times_to_the_end_of_a_long_trial_though_its_stamps_are_rounded(
     tmp_path: Path,
 ) -> None:

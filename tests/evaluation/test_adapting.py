@@ -11,13 +11,19 @@ from holdfast.core.contract import GRASP, RISKY_SLIP, SAFE_SLIP
 from holdfast.core.errors import TooLittleToAdapt
 from holdfast.edge_runtime.decision import UNKNOWN, DecisionRules
 from holdfast.export.correction import corrected_votes
-from holdfast.sessions.adapting import LEAST_RECALL, choose, require_enough
+from holdfast.sessions.adapting import (
+    LEAST_RECALL,
+    HeldOutFigures,
+    choose,
+    require_enough,
+)
 from holdfast.sessions.slip_evidence import (
     MOST_NATS,
     TOP,
     PersonCounts,
     Stream,
     _best_of_slips,
+    contradicted,
     corrected,
     counts_of,
     fit_correction,
@@ -126,6 +132,41 @@ def test_samples_that_cannot_be_called_and_unknown_ones_are_no_evidence() -> Non
 def test_counts_are_of_hand_overs_holding_and_slips() -> None:
     recordings = [one.recording for one in (*passes(3), *slips(2))]
     assert counts_of(recordings) == PersonCounts(5, 3, 1.0, 2)
+
+
+BASE = HeldOutFigures(
+    recall=1.0,
+    before_gross_slip=0.9,
+    slips=10,
+    found=9,
+    hand_overs=8,
+    called=4,
+    called_samples=50,
+)
+
+
+@pytest.mark.parametrize(
+    ("change", "ways"),
+    [
+        ({}, []),
+        ({"recall": 0.99, "called": 0, "called_samples": 90}, []),
+        ({"recall": 0.989}, ["recall 0.989, of the base 1.000"]),
+        ({"found": 8}, ["slips of the person: 8 of 10 found, by the base 9"]),
+        ({"called": 5}, ["voluntary actions called: 5 of 8, by the base 4"]),
+    ],
+)
+def test_worse_is_a_recall_that_falls_by_more_than_a_hundredth_or_more_actions_called(
+    change: dict[str, float], ways: list[str]
+) -> None:
+    assert replace(BASE, **change).worse_than(BASE) == ways  # type: ignore[arg-type]
+
+
+def test_trials_in_which_the_base_sees_what_the_labels_do_not_are_named() -> None:
+    rules = replace(RULES, min_risky_permille=900)
+    # At 600 of 1000 votes the base calls all of them, at 900 none.
+    both = [stream(1, slip=False), stream(2, slip=True)]
+    assert contradicted(both, RULES) == ["t1"]
+    assert contradicted(both, rules) == ["t2"]
 
 
 @pytest.mark.parametrize(

@@ -4,19 +4,49 @@ from __future__ import annotations
 
 import json
 import os
+import select
+import signal
 import socket
+import subprocess
 import sys
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import pytest
 from command_line import Run
+from dask_cluster import of_this_process
 from distributed import LocalCluster
 from loop_bench import card_text, row
-from small_jobs import dies_once, square
+from small_jobs import HELD, dies_once, held, square
 
-from holdfast.core.errors import UsageError
+from holdfast.core.errors import UsageError, WorkersLost
+from holdfast.evaluation import jobs
+from holdfast.evaluation.jobs import Job, NoWorkers, Workers
+
+SUPPORT = Path(__file__).resolve().parents[1] / "support"
+PROGRAM = """
+import sys
+from functools import partial
+from pathlib import Path
+from small_jobs import held
+from holdfast.cli.command import finish
 from holdfast.evaluation.jobs import Workers
+
+def main(words):
+    where = Workers(dask=words[1]) if words[1:] else Workers(2)
+    list(where.run([partial(held, Path(words[0])) for _ in range(2)]))
+    return 0
+
+if __name__ == "__main__":
+    raise SystemExit(finish(main, sys.argv[1:]))
+"""
+"""Two held jobs, in processes or on a cluster."""
+LONGEST_S = 60.0
+"""A wait that lasts so long has failed."""
 
 
 def results_of(workers: Workers) -> tuple[list[int], set[int]]:
@@ -49,6 +79,123 @@ def test_what_a_killed_worker_computed_is_computed_by_another(tmp_path: Path) ->
             "three",
         ]
     assert (tmp_path / "two").exists()
+
+
+@contextmanager
+def held_jobs(
+    folder: Path, n_running: int, *words: str
+) -> Iterator[tuple[subprocess.Popen[str], int]]:
+    """A program whose jobs run, and a pipe that ends with the last of the jobs."""
+    pipe = folder / "pipe"
+    os.mkfifo(pipe)
+    reading = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)
+    command = [sys.executable, "-c", PROGRAM, str(pipe), *words]
+    environment = {**os.environ, "PYTHONPATH": str(SUPPORT)}
+    with subprocess.Popen(
+        command, env=environment, stderr=subprocess.PIPE, text=True
+    ) as program:
+        try:
+            for _ in range(n_running):
+                assert next_byte(reading) == b"."
+            yield program, reading
+        finally:
+            program.kill()
+            os.close(reading)
+
+
+def next_byte(pipe: int) -> bytes:
+    """The next byte of a pipe; nothing at its end."""
+    readable, _, _ = select.select([pipe], [], [], LONGEST_S)
+    assert readable, "no byte and no end"
+    return os.read(pipe, 1)
+
+
+@pytest.mark.parametrize(
+    ("number", "code"),
+    [(signal.SIGKILL, -9), (signal.SIGTERM, -15), (signal.SIGINT, 130)],
+)
+def test_no_worker_outlives_the_program_that_started_it(
+    number: int, code: int, tmp_path: Path
+) -> None:
+    with held_jobs(tmp_path, 2) as (program, pipe):
+        program.send_signal(number)
+        assert next_byte(pipe) == b"", "the last worker has ended"
+        _, err = program.communicate(timeout=LONGEST_S)
+    assert program.returncode == code
+    assert "Traceback" not in err
+
+
+def test_a_worker_that_is_killed_is_an_error_that_says_how_far_it_came(
+    tmp_path: Path,
+) -> None:
+    lethal = partial(dies_once, tmp_path / "mark")
+    three: list[Job[Any]] = [partial(square, 1), lethal, partial(square, 2)]
+    run = Workers(2).run(three)
+    assert next(run)[0] == 1
+    with pytest.raises(WorkersLost, match="the first 1 of 3 jobs were finished"):
+        list(run)
+
+
+def test_ctrl_c_leaves_a_cluster_although_a_job_runs_and_without_a_traceback(
+    cluster: str, tmp_path: Path
+) -> None:
+    HELD.clear()
+    with held_jobs(tmp_path, 1, cluster) as (program, _):
+        program.send_signal(signal.SIGINT)
+        _, err = program.communicate(timeout=LONGEST_S)
+        HELD.set()
+    assert (program.returncode, err) == (130, "interrupted\n")
+
+
+def when_warned(monkeypatch: pytest.MonkeyPatch, do: Callable[[], object]) -> list[str]:
+    """What NoWorkers says, from now on; each time something is done."""
+    told: list[str] = []
+
+    def show(message: Warning | str, category: type[Warning], *more: object) -> None:
+        if category is NoWorkers:
+            told.append(str(message))
+            do()
+
+    warnings.simplefilter("always", NoWorkers)
+    monkeypatch.setattr(warnings, "showwarning", show)
+    return told
+
+
+def test_a_cluster_without_a_worker_is_told_and_waited_for(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    assert jobs.LOOK_S < 5.0
+    monkeypatch.setattr(jobs, "LOOK_S", 0.01)
+    with of_this_process(n_workers=0) as local:
+        told = when_warned(monkeypatch, lambda: local.scale(1))
+        workers = Workers(dask=local.scheduler_address)
+        assert results_of(workers)[0] == [number * number for number in range(7)]
+        assert len(told) == 1
+        assert f"next: dask worker {local.scheduler_address}" in told[0]
+
+
+def test_a_lost_scheduler_is_an_error_that_says_how_far_the_jobs_came(
+    tmp_path: Path,
+) -> None:
+    HELD.clear()
+    os.mkfifo(tmp_path / "pipe")
+    reading = os.open(tmp_path / "pipe", os.O_RDONLY | os.O_NONBLOCK)
+    with of_this_process(n_workers=1) as local:
+        address = local.scheduler_address
+        both: list[Job[Any]] = [
+            partial(square, 3),
+            partial(held, tmp_path / "pipe"),
+        ]
+        run = Workers(dask=address).run(both)
+        assert next(run)[0] == 9
+        # Its connection to the client ends, as with its process.
+        (comm,) = local.scheduler.client_comms.values()
+        local.loop.add_callback(comm.abort)
+        with pytest.raises(WorkersLost, match="the first 1 of 2") as lost:
+            next(run)
+        HELD.set()
+    os.close(reading)
+    assert f"--dask {address}: the scheduler was lost" in str(lost.value)
 
 
 def test_an_error_of_a_job_is_raised(cluster: str) -> None:

@@ -11,13 +11,16 @@ from pathlib import Path
 
 import pytest
 from command_line import fails
+from conftest import Built
 
 from holdfast.core.errors import UsageError
 from holdfast.edge_runtime.model import Model
-from holdfast.sessions.adapting import base_model, of_person
+from holdfast.sessions.adapted_files import base_model
+from holdfast.sessions.adapting import of_person
 from holdfast.sessions.recorder.protocol import read_protocol
 from holdfast.simulation import SCENES
 from holdfast.training.datasets import load
+from holdfast.training.fixture import write_fixture
 
 AREA = "The command line"
 ROOT = Path(__file__).resolve().parents[2]
@@ -96,6 +99,36 @@ def _refused(run: Run, folder: Path) -> None:
     )
     undo = ("adapt", RELEASED, "--undo", "--out", folder / "b.onnx")
     fails(run, 4, "NotAdapted", *undo, says="not adapted")
+
+
+@pytest.fixture
+def without_masses(fixture_folder: Path, tmp_path: Path) -> Path:
+    """A person's passes, put-downs, pulls and falls with objects that no table knows."""
+    out = tmp_path / "person"
+    for number, thing in enumerate(sorted(fixture_folder.glob("*-*"))):
+        shutil.copytree(thing, out / f"thing-{number}")
+    shutil.copy(fixture_folder / "meta.json", out)
+    return out
+
+
+def test_a_file_worse_than_its_base_is_written_only_with_force_and_labels_are_doubted_first(
+    run: Run, eight_classes: Built, without_masses: Path, tmp_path: Path
+) -> None:
+    write_fixture(tmp_path / "slips", trials_per_cell=8, seed=1)
+    out = tmp_path / "own.onnx"
+    words = ["adapt", eight_classes.model, "--data", without_masses, "--person", "p01"]
+    words += ["--slips", tmp_path / "slips", "--out", out]
+    code, _, err = run(*words)
+    assert (code, out.exists()) == (4, False)
+    assert "slips of the person: 14 of 15 found, by the base 15" in err
+    assert err.index("ContradictedLabels") < err.index("fitting the correction")
+    assert "/pass/trial_" in err[err.index("ContradictedLabels") :].splitlines()[0]
+    code, words_out, _ = run(*words, "--force")
+    assert (code, out.exists()) == (0, True)
+    assert "0 of 30 voluntary actions called, 14 of 15 slips of the person" in words_out
+    assert "the base on these: 6 of 30 voluntary actions called" in words_out
+    about = Model(out).card.raw["adaptation"]
+    assert (about["held_out"]["found"], about["base_held_out"]["found"]) == (14, 15)
 
 
 def test_options_that_contradict_each_other_are_refused(

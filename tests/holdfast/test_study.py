@@ -246,6 +246,26 @@ def test_two_terminals_do_not_run_one_person_s_study(talk: Study) -> None:
         talk.run(" ")
 
 
+@CUT_OFF_STUDY.mark
+def test_a_second_study_in_the_folder_is_refused_until_the_first_ends_even_by_a_kill(
+    talk: Study,
+) -> None:
+    master, slave = pty.openpty()
+    with on_terminal(slave, *program(talk), verb="study") as first:
+        wait_on_terminal_for(master, "step 1 of 2, Welcome")
+        # Another person, so the journal is free: the folder itself is taken.
+        second = Study(talk.path.parent)
+        second.args.person = "p02"
+        second.home = second.out / "p02"
+        with pytest.raises(OutputError, match="another recorder or study is using it"):
+            second.run(WHOLE_TALK)
+        assert not said(second.messages, "the hand answers")
+        assert not second.home.exists()
+        first.kill()
+    os.close(master)
+    assert second.run(WHOLE_TALK) == Ending.FINISHED
+
+
 def test_where_no_key_can_be_pressed_any_more_the_study_can_go_on_later(
     talk: Study,
 ) -> None:

@@ -25,6 +25,11 @@ from holdfast.simulation.body import (
 )
 from holdfast.simulation.contacts import pressure
 from holdfast.simulation.core import step
+from holdfast.simulation.run import TrialMotion
+from holdfast.simulation.scene import Scene
+from holdfast.simulation.scene_file import read_scene_file
+from holdfast.simulation.script_times import Times
+from holdfast.simulation.truth import _transferred
 
 G = 9.81
 SHARE = np.array([0.5, 0.5, 0.25, 0.25, 0.25, 0.25])[:, None]
@@ -464,3 +469,26 @@ def test_a_leaning_box_along_z_is_the_upright_one():
         ends.append(state)
     assert ends[0].position_m == pytest.approx(ends[1].position_m, abs=1e-15)
     assert ends[0].agents_n == pytest.approx(ends[1].agents_n, abs=1e-12)
+
+
+def test_what_is_carried_when_the_hand_opens_is_no_part_of_the_pause_before() -> None:
+    trials = Scene(read_scene_file("thesis"), 0).trials()
+    trial = next(one for one in trials if one.action == "put-down")
+    at_s = 0.5 * np.arange(1, 9)
+    carried_n = np.zeros((8, 3))
+    # The box has taken over at 2.5 s; at 3.0 s the hand opens and much more is carried.
+    carried_n[3:, 2] = [1.0, 2.0, 10.0, 10.0, 10.0]
+    off = np.zeros(8, dtype=np.bool_)
+    motion = TrialMotion(
+        t_s=at_s,
+        forces_n=np.zeros((8, 6, 3)),
+        position_m=np.zeros((8, 3)),
+        at_s=at_s,
+        agents_n=carried_n,
+        gripped=~off,
+        slips=off,
+        slides=off,
+        slip_m=np.zeros(8),
+    )
+    times = Times(close=0.5, give=1.0, act=2.0, open=3.0, end=4.0)
+    assert _transferred(trial, motion, times, onset=3) == 2.5

@@ -4,22 +4,31 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
 
 import pytest
 
 
-@pytest.fixture
-def cluster() -> Iterator[str]:
-    """Address of a scheduler with one worker in this process; its library warns of itself."""
+@contextmanager
+def of_this_process(n_workers: int) -> Iterator[Any]:
+    """A cluster whose scheduler and workers are threads; its library warns of itself."""
     with warnings.catch_warnings():
         warnings.simplefilter("default")
         from distributed import LocalCluster
 
         with LocalCluster(
-            n_workers=1,
+            n_workers=n_workers,
             threads_per_worker=1,
             processes=False,
             protocol="tcp",
             dashboard_address=None,
         ) as local:
-            yield local.scheduler_address
+            yield local
+
+
+@pytest.fixture
+def cluster() -> Iterator[str]:
+    """Address of a scheduler with one worker in this process."""
+    with of_this_process(n_workers=1) as local:
+        yield local.scheduler_address

@@ -5,6 +5,10 @@ from __future__ import annotations
 import os
 import signal
 from pathlib import Path
+from threading import Event
+
+HELD = Event()
+"""Ends the held jobs of this process."""
 
 
 def square(number: int) -> tuple[int, int]:
@@ -18,3 +22,10 @@ def dies_once(mark: Path) -> str:
         mark.touch()
         os.kill(os.getpid(), signal.SIGKILL)
     return mark.name
+
+
+def held(pipe: Path) -> None:
+    """Writes a byte once it runs, and has the pipe open until HELD is set or its process ends."""
+    with pipe.open("wb", buffering=0) as begun:
+        begun.write(b".")
+        HELD.wait()

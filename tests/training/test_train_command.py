@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import json
 import re
+import signal
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -12,6 +15,25 @@ from command_line import Run
 from holdfast.training.datasets import load
 from holdfast.training.fixture import write_fixture
 from holdfast.training.plan import SIZES
+
+SIGNALLED = """
+import os
+import sys
+
+from sklearn.neural_network import MLPClassifier
+
+from holdfast.cli.main import main
+
+step = MLPClassifier._backprop
+
+def signalled(*given):
+    os.kill(os.getpid(), int(sys.argv[1]))
+    return step(*given)
+
+MLPClassifier._backprop = signalled
+raise SystemExit(main(sys.argv[2:]))
+"""
+"""The command line, which gets a signal at every step of a network's fit."""
 
 
 @pytest.fixture(scope="module")
@@ -38,6 +60,21 @@ def test_train_without_flags_is_the_default_plan_on_balanced_windows(
         for one in lines
     )
     assert "in training every class weighs the same, whatever its count" in out
+
+
+@pytest.mark.parametrize(
+    ("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, -signal.SIGTERM)]
+)
+def test_a_signal_while_a_network_is_fitted_ends_training_and_nothing_is_written(
+    number: int, code: int, fixture_set: Path, tmp_path: Path
+) -> None:
+    words = ["train", "--data", fixture_set, "--out", tmp_path / "out"]
+    words += ["--size", "tiny", "--learner", "network"]
+    command = [sys.executable, "-c", SIGNALLED, str(int(number)), *map(str, words)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == code, done.stderr
+    assert "Traceback" not in done.stderr
+    assert [*tmp_path.rglob("*")] == []
 
 
 def test_the_undersampled_set_of_a_few_trials_is_not_taken_without_a_word(

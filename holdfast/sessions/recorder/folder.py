@@ -34,7 +34,9 @@ REDONE = "redone"
 VOID = "void"
 """It ended before its first sample."""
 LOCK = ".holdfast.lock"
-"""Its lock holds while a recorder runs; the file itself stays."""
+"""Its lock holds while a recorder or a study runs; the file itself stays."""
+_RESERVED: set[Path] = set()
+"""Folders that a study of this very program holds."""
 
 
 def write_meta(folder: Path, meta: Json) -> None:
@@ -68,9 +70,13 @@ def opened(root: Path, unit: str, kind: str) -> Iterator[None]:
 @contextmanager
 def alone(place: Path) -> Iterator[None]:
     """No other recorder uses the folder, or one above it, meanwhile. Raises OutputError."""
+    whole = place.absolute()
     with ExitStack() as held:
         # A folder above may be the recorder's, with this one as a person or a trial in it.
-        for root in (place, *place.absolute().parents):
+        for root in (whole, *whole.parents):
+            # The study holds it, and those above it.
+            if root in _RESERVED:
+                break
             if not (root / LOCK).is_file():
                 continue
             lock = held.enter_context((root / LOCK).open())
@@ -78,12 +84,27 @@ def alone(place: Path) -> Iterator[None]:
                 fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except OSError:
                 raise OutputError(
-                    "another recorder is using it",
+                    "another recorder or study is using it",
                     where=root,
                     cause="a second terminal",
-                    next_step="stop that recorder first",
+                    next_step="end that program first, or name another folder",
                 ) from None
         yield
+
+
+@contextmanager
+def reserved(root: Path) -> Iterator[None]:
+    """Hold a recording folder for this program, whose trials then need no lock of their own.
+
+    Raises OutputError where another recorder or study uses it.
+    """
+    whole = root.absolute()
+    with alone(whole):
+        _RESERVED.add(whole)
+        try:
+            yield
+        finally:
+            _RESERVED.discard(whole)
 
 
 def require_ours(root: Path) -> Json:

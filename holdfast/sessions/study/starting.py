@@ -18,7 +18,7 @@ from holdfast.drivers.virtual.clock import VirtualClock
 from holdfast.live.hand_sources import is_hand
 from holdfast.live.running import RunClock, say, stop_signals
 from holdfast.sessions.recorder.display import StatusLine, columns_of
-from holdfast.sessions.recorder.folder import require_ours
+from holdfast.sessions.recorder.folder import alone, require_ours, reserved
 from holdfast.sessions.recorder.keys import Keys, listening
 from holdfast.sessions.recorder.plan import RecordOptions
 from holdfast.sessions.recorder.protocol import checked_name
@@ -161,10 +161,17 @@ def run_parts(
     trials = Trials(options.recording, protocol, context)
     # A folder that cannot be written to is found out before the hand is opened.
     require_writable(root)
+    # Another study there is a reason to stop before the hand is opened.
+    with alone(root):
+        pass
     # Before the person's folder is made: a hand that does not answer leaves nothing behind.
     trials.require_hand()
 
-    with opened_journal(home, len(protocol.parts), clock.now_ns, utc) as journal:
+    # For the whole study: between two trials another program would take numbers and time.
+    with (
+        reserved(root),
+        opened_journal(home, len(protocol.parts), clock.now_ns, utc) as journal,
+    ):
         # Before the first part: a trial that a kill left is recorded again, and must not count.
         trials.repair()
         _open(home, protocol, console, journal)
