@@ -274,3 +274,11 @@ FOREIGN_BROWSER = Hazard(
     "the token of the run",
     "Choosing a network that is trusted: the page is not encrypted",
 )
+CROWDED_PAGE = Hazard(
+    OUTSIDE,
+    "A program shuts the live page with slow or huge requests, or fills the memory with them",
+    "A request must be whole after 5 s and within 32 KiB; connections are limited, and those that "
+    "have not asked make way for a browser",
+    "A program on the same machine, or with the token, that opens whole requests faster than the "
+    "browser does: it disconnects the browser, which comes back after a second",
+)
