@@ -223,6 +223,13 @@ HUGE_INPUT = Hazard(
     "It is refused by a typed error before memory or time is spent on it",
     "Nothing",
 )
+AMBIGUOUS = Hazard(
+    OUTSIDE,
+    "A file or a stamp means two things, or holds a number that no clock, rate or size can be",
+    "It is refused by a typed error: a key that comes twice, a number that is not finite or needs "
+    "more than 64 bits, a rate outside 0.001 to 100,000 Hz, a stamp beyond 146 years",
+    "Numbers that are possible but wrong",
+)
 TERMINAL_ESCAPES = Hazard(
     OUTSIDE,
     "A file or column name carries terminal escapes",
