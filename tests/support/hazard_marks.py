@@ -203,6 +203,13 @@ INVARIANTS = Hazard(
     "All reachable states and inputs of the decision are searched, and the invariants hold in each",
     "Nothing",
 )
+TROUBLE_EVERY_SECOND = Hazard(
+    LIVE,
+    "Faults, signals, pauses, full disks and forged datagrams come one after another for an hour",
+    "Every sample is answered or counted, every command arrives, unknown states let nothing go, "
+    "and memory does not grow (`make soak` plays the hour; this is a part of it)",
+    "Hardware that fails in other ways than the emulated one",
+)
 SUPERVISOR_INVARIANTS = Hazard(
     DECISIONS,
     "A grip controller wants too much, for too long, or against the wearer",
