@@ -45,7 +45,7 @@ RECORDED = (
     "Use monitor.replay(values, t_s), or holdfast.load(model, live=False) and feed"
 )
 MOST_NS = 1 << 62
-"""Of a stamp, and of a number in a sequence: differences of two are int64 then. 146 years."""
+"""146 years, or so many samples: differences of two are int64 then."""
 OLDEST_PERIODS = 2.0
 """An answer that is older than this is late: `late` is set, and its state is unknown."""
 _STATES: tuple[State, ...] = ("nothing", "grasp", "safe_slip", "risky_slip")
@@ -211,7 +211,6 @@ class GripMonitor:
         if not (-MOST_NS < sample.t_ns < MOST_NS and abs(sample.sequence) < MOST_NS):
             raise TimeError(
                 f"a sample at {sample.t_ns} ns, number {sample.sequence}",
-                cause="a forged or damaged stamp, or another unit",
                 next_step="give t_ns of a monotonic clock in ns, and count samples from 0",
             )
 

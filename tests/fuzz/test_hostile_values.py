@@ -9,9 +9,11 @@ from __future__ import annotations
 import re
 import warnings
 from collections.abc import Iterator
+from itertools import islice
 
 import pytest
 from fuzz_targets import TARGETS, Target, folder, refused, written
+from hazard_marks import AMBIGUOUS
 from small_model import artifact, spec
 
 from holdfast.cli.settings import read_settings
@@ -115,6 +117,10 @@ READERS = {
 TOML = ("scene", "protocol", "study_card", "questionnaire", "hand_card", "cue_table")
 
 
+THINNED = {"artifact": 48, "events": 4, "cue_table": 4, "study_journal": 3, "scene": 2}
+"""Of these, which take milliseconds to read, every n-th."""
+
+
 def spoilt(text: str, words: tuple[str, ...]) -> Iterator[str]:
     """The text with each of its values in turn replaced by each of the words."""
     for found in VALUE.finditer(text):
@@ -122,13 +128,15 @@ def spoilt(text: str, words: tuple[str, ...]) -> Iterator[str]:
             yield text[: found.start()] + word + text[found.end() :]
 
 
+@AMBIGUOUS.mark
 @pytest.mark.parametrize("name", READERS)
 def test_a_hostile_value_is_taken_or_refused_with_an_error_of_ours(name: str) -> None:
     target = READERS[name]
     words = HOSTILE + (TOML_ONLY if name in TOML else JSON_ONLY)
     broken = []
     for seed in target.seeds or (index(),):
-        for text in spoilt(seed.decode("utf-8-sig"), words):
+        texts = spoilt(seed.decode("utf-8-sig"), words)
+        for text in islice(texts, 0, None, THINNED.get(name, 1)):
             with warnings.catch_warnings():
                 warnings.simplefilter("error")
                 try:
