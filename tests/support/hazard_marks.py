@@ -203,6 +203,13 @@ INVARIANTS = Hazard(
     "All reachable states and inputs of the decision are searched, and the invariants hold in each",
     "Nothing",
 )
+TROUBLE_EVERY_SECOND = Hazard(
+    LIVE,
+    "Faults, signals, pauses, full disks and forged datagrams come one after another for an hour",
+    "Every sample is answered or counted, every command arrives, unknown states let nothing go, "
+    "and memory does not grow (`make soak` plays the hour; this is a part of it)",
+    "Hardware that fails in other ways than the emulated one",
+)
 SUPERVISOR_INVARIANTS = Hazard(
     DECISIONS,
     "A grip controller wants too much, for too long, or against the wearer",
@@ -229,6 +236,13 @@ HUGE_INPUT = Hazard(
     "Input is huge, or claims to be",
     "It is refused by a typed error before memory or time is spent on it",
     "Nothing",
+)
+AMBIGUOUS = Hazard(
+    OUTSIDE,
+    "A file or a stamp means two things, or holds a number that no clock, rate or size can be",
+    "It is refused by a typed error: a key that comes twice, a number that is not finite or needs "
+    "more than 64 bits, a rate outside 0.001 to 100,000 Hz, a stamp beyond 146 years",
+    "Numbers that are possible but wrong",
 )
 TERMINAL_ESCAPES = Hazard(
     OUTSIDE,
@@ -303,4 +317,12 @@ FLOODED_PORT = Hazard(
     "A sender that is obeyed has a queue of its own, no sample waits, and what is skipped is one "
     "line a second in the log",
     "Without a Unix socket or a key, a flood that comes first can keep the wearer's commands out",
+)
+CROWDED_PAGE = Hazard(
+    OUTSIDE,
+    "A program shuts the live page with slow or huge requests, or fills the memory with them",
+    "A request must be whole after 5 s and within 32 KiB; connections are limited, and those that "
+    "have not asked make way for a browser",
+    "A program on the same machine, or with the token, that opens whole requests faster than the "
+    "browser does: it disconnects the browser, which comes back after a second",
 )
