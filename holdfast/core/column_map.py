@@ -41,7 +41,7 @@ NS_OF: Mapping[str, int] = MappingProxyType(
     {"s": 1_000_000_000, "ms": 1_000_000, "us": 1_000, "ns": 1}
 )
 """A unit of time -> nanoseconds."""
-IMPORT_TABLES = ("table", "trials", "events", "actions", "masses_g", "facts")
+IMPORT_TABLES = ("table", "trials", "facts", "actions", "masses_g", "events")
 """What `holdfast import` reads besides."""
 MAP_KEYS = ("unit", "hand", "time", "sensors", *IMPORT_TABLES)
 MINUS = "-"
@@ -126,9 +126,18 @@ class ColumnMap:
         """All columns that must be there: of time, if it has one, and of the sensors."""
         return (*filter(None, [self.time.column]), *self.channels)
 
-    def require_columns(self, there: Collection[str], where: str | Path) -> None:
-        """Raise ColumnError unless a table or a message has all columns, with the line of each."""
-        missing = [name for name in dict.fromkeys(self.columns) if name not in there]
+    def require_columns(
+        self,
+        there: Collection[str],
+        where: str | Path,
+        names: Collection[str] | None = None,
+    ) -> None:
+        """Raise ColumnError unless a table or a message has the columns, with the line of each.
+
+        names: some of them; None for all.
+        """
+        wanted = self.columns if names is None else names
+        missing = [name for name in wanted if name not in there]
         if missing:
             lines = [f"{name} ({self.place_of(name)})" for name in missing[:8]]
             raise ColumnError(
@@ -145,7 +154,7 @@ class ColumnMap:
 
         None and an empty text are nan. Raises ColumnError or NotANumber.
         """
-        self.require_columns(columns, where)
+        self.require_columns(columns, where, self.channels)
         cells = [_numbers(columns[name], name, where) for name in self.channels]
         if len({cell.shape for cell in cells}) > 1:
             raise NotANumber("a list in a column of numbers", where=where)
@@ -163,8 +172,8 @@ class ColumnMap:
             return None
         if self.time.rate_hz is not None:
             return round(number * 1e9 / self.time.rate_hz)
-        self.require_columns(row, where)
         name = self.time.column
+        self.require_columns(row, where, [name])
         return _stamp_ns(row[name], self.time.unit_ns, name, where)
 
     def stamps_ns(
@@ -184,8 +193,8 @@ class ColumnMap:
                 where=where,
                 next_step="name the column of time, or write rate_hz",
             )
-        self.require_columns(columns, where)
         name = self.time.column
+        self.require_columns(columns, where, [name])
         stamps = np.asarray(columns[name])
         if stamps.dtype.kind in "iu":
             _require_stamps(stamps.astype(np.float64) * self.time.unit_ns, name, where)
