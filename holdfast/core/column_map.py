@@ -33,7 +33,7 @@ import numpy as np
 
 from holdfast.core.contract import AXES, UNIT_OF, FloatArray, IntArray, Unit
 from holdfast.core.errors import CardError, ColumnError, NotANumber, listed
-from holdfast.core.hand_card import MOST_SENSORS, HandCard, read_hand_card
+from holdfast.core.hand_card import HandCard, read_hand_card
 from holdfast.core.reading import MOST_LEVELS, CardReader, Json, read_toml
 from holdfast.core.toml_lines import line_naming, line_of, table_lines, toml_text
 
@@ -48,6 +48,8 @@ MINUS = "-"
 LATEST_NS = 1 << 62
 """Of a stamp: 146 years."""
 RATES_HZ = (1e-3, 1e6)
+MOST_SENSORS = 64
+"""As in a trial file; a hand card has fewer."""
 MOST_FIELDS = 4096
 """Columns of one message."""
 
