@@ -179,11 +179,11 @@ def guess_unit(values: FloatArray) -> tuple[str, str]:
     sizes = f"at rest {rest:.3g}, changes of {change:.3g}"
     if change < 200.0 and rest < 100.0 and not is_whole:
         return "N", f"a guess by size: {sizes}"
-    if is_whole and rest > 2.0 * change:
-        return "count", f"a guess by size: whole numbers, {sizes}"
-    if rest > 20.0 or change > 20_000.0:
-        return ("count" if is_whole else "uT"), f"a guess by size: {sizes}"
-    return "mN", f"a guess by size: {sizes}"
+    # a Hall sensor has the field of its magnet at rest, a force has nothing
+    if rest > change:
+        unit = "count" if is_whole else "uT"
+        return unit, f"a guess by size: {sizes}, as of a magnet"
+    return "mN", f"a guess by size: {sizes}; a field without its rest looks the same"
 
 
 def turned_normals(

@@ -192,11 +192,12 @@ def _in_ns(time: float, rules: EventRules, stamps: IntArray, zero_ns: int) -> fl
 
 
 def events_of_column(
-    log: ForeignLog, name: str, table: Columns, stamps: IntArray
+    log: ForeignLog, name: str, table: Columns, stamps: IntArray, rows: slice
 ) -> list[Event]:
     """Events of a column of labels: runs of rows, or the texts of a topic of their own.
 
-    table: of the signals, with `stamps` [T] on the log's clock. Raises ColumnError.
+    table: of the signals, with `stamps` [T] on the log's clock. rows: those of the trial. Raises
+    ColumnError.
     """
     stream = log.stream_of(name)
     if stream is None:
@@ -210,12 +211,11 @@ def events_of_column(
     if len(cells) == len(stamps) and (
         stream.t_ns is None or np.array_equal(stream.t_ns, table.get(LOG_TIME, []))
     ):
-        times = stamps.astype(np.float64)
+        cells, times = cells[rows], stamps[rows].astype(np.float64)
     elif stream.t_ns is not None and LOG_TIME in table:
         # labels have stamps of the log, the samples perhaps those of the sender
-        times = stream.t_ns + np.interp(
-            stream.t_ns, table[LOG_TIME], stamps - table[LOG_TIME]
-        )
+        apart = stamps - table[LOG_TIME]
+        times = stream.t_ns + np.interp(stream.t_ns, table[LOG_TIME], apart)
     else:
         raise ColumnError(
             f"column {name} (events.column) has other rows than the sensors",

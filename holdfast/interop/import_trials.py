@@ -219,7 +219,10 @@ class TrialImport:
         if rules is None:
             return []
         if self._events is None:
-            return events_of_column(rows.log, rules.column, rows.table, rows.stamps)
+            within = slice(cut.first, cut.stop)
+            return events_of_column(
+                rows.log, rules.column, rows.table, rows.stamps, within
+            )
         keys = [place.name, place.path.name, place.path.stem, Path(place.name).name]
         by_trial = [cut.key] if self.plan.trials.by == "column" else keys
         events = matching(self._events.of(place), [*by_trial, *keys])

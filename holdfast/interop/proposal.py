@@ -62,7 +62,7 @@ def propose(source: Path) -> Proposal:
 
     hidden = {log.path for log in tables}
     left = [place for place in places if place.path not in hidden]
-    example = Example(source, first, left, time, [s for s in sensors if s.x])
+    example = Example(source, first, logs[1:], left, time, sensors)
     columns = ColumnMap(unit, time, tuple(sensors or [HOLE]), tables={})
     parts: Json = {}
     _add(parts, "trials", propose_split(example, reasons))

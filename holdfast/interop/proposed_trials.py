@@ -63,10 +63,11 @@ MOST_LABELS = 40
 
 @dataclass(frozen=True)
 class Example:
-    """The first log of a source, and where the others are."""
+    """The first log of a source, others that were read, and where all are."""
 
     source: Path
     log: ForeignLog
+    others: Sequence[ForeignLog]
     places: Sequence[LogPlace]
     time: TimeColumn
     sensors: Sequence[SensorColumns]
@@ -204,8 +205,10 @@ def propose_events(
     for name, column in example.columns.items():
         if name in example.taken or not set(words_of(name)) & WORDS["label"]:
             continue
+        changes = len(set(_labels(column))) > 1
         labels = _labels(column)
-        changes = len(set(labels)) > 1
+        for other in example.others:
+            labels += _labels(longest_stream(other).get(name, np.zeros(0)))
         situations = _situations(labels)
         if changes and is_text(column) and any(situations.values()):
             reasons.append(f"events: column {name}")
