@@ -39,8 +39,8 @@ MEASURE_S = 0.5
 MEASURE_LINES = 20
 """The rate is measured over so many samples, and for so long."""
 MOST_MEASURED = 4096
-WAIT_PERIODS = 1.5
-"""A sample that comes later than this after the last one is missing."""
+WAIT_PERIODS = 2.0
+"""A sample that comes later than this after the last one is missing: it would be late."""
 MOST_WAITING = 2
 PAUSE_PERIODS = 3.0
 """Where nothing was read for longer, what waits has no known time of arrival."""
@@ -135,6 +135,7 @@ class LineSource(SelfPaced):
         if not self._options.paced:
             self._waiting = deque(first[-1:])
         self._last = self._reading(*first[-1])
+        self._looked_ns = self._clock.now_ns()
         stamps = "the recording" if self._options.paced else self._options.stamps
         self._say(
             f"{self._feed.name}: {self.n_channels // 3} sensors in {self.unit} at "

@@ -153,6 +153,13 @@ FROZEN_SENSOR = Hazard(
     "as lost once it has repeated for 0.2 s while another one changed",
     "The hand holds its grip on `unknown`; a sensor that repeats at rest is not judged",
 )
+STALE_LINES = Hazard(
+    LIVE,
+    "A program that sends samples as lines is stuck, late or silent",
+    "Late and silent are judged on arrival: what did not come in time is lost, what waited while "
+    "nothing was read is dropped, and the state is `unknown`",
+    "A delay that is constant from the start cannot be seen without a common clock",
+)
 LATE_ANSWER = Hazard(
     LIVE,
     "An answer is late because the computer paused",
