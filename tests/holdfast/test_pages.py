@@ -92,15 +92,15 @@ def test_the_api_page_answers_a_trial_and_a_hand(
 
 
 def test_live_sources_runs_a_recording_and_seals_a_line_that_is_a_sample(
-    follow: Callable[[str], str], capfd: pytest.CaptureFixture[str]
+    follow: Callable[[str], str], capsys: pytest.CaptureFixture[str]
 ) -> None:
     follow("live-sources.md")
-    out, err = capfd.readouterr()
-    assert "its lines ended after 60 samples" in err
+    printed = capsys.readouterr().out
+    assert "its lines ended after 60 samples" in printed
     page = (ROOT / "docs" / "live-sources.md").read_text("utf-8")
     (key,) = re.findall(r'^key = b"(.+)"$', page, re.MULTILINE)
     reader = SampleReader(key=LinkKey(key.encode(), "samples"))
-    sample = reader.take(out.strip().encode(), "sender", 0)
+    sample = reader.take(printed.splitlines()[-1].encode(), "sender", 0)
     assert sample is not None
     assert sample.values.tolist() == [0.1, 0.0, 2.5]
 
