@@ -91,7 +91,7 @@ class FrozenWatch:
         self._axes: BoolArray = np.zeros((n_sensors, 3), dtype=np.bool_)
         self._moved, self._turned, self._frozen = np.zeros((3, n_sensors), np.bool_)
         # without a copy
-        self._flags = memoryview(self._moved), memoryview(self._turned)
+        self._flags = self._moved.data, self._turned.data
         self._is_lively = False
 
     def frozen(self, values: FloatArray, usable: BoolArray) -> BoolArray:

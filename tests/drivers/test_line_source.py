@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hazard_marks import STALE_LINES
+from hazard_marks import FORGED_SAMPLES, STALE_LINES
 from hypothesis import given
 from hypothesis import strategies as st
 from live_bench import go
@@ -453,6 +453,36 @@ def test_datagrams_come_over_udp(said: list[str], stack: ExitStack) -> None:
     first_reading(f"udp://127.0.0.1:{port}?", lambda text: out.sendto(text, to), said)
 
 
+@FORGED_SAMPLES.mark
+def test_a_flood_of_forged_samples_moves_nothing_and_fills_no_log(
+    said: list[str], stack: ExitStack
+) -> None:
+    """Sixty forged datagrams for each genuine one, some of them with late stamps."""
+    port = free_port()
+    genuine, forger = (
+        stack.enter_context(socket.socket(type=socket.SOCK_DGRAM)) for _ in range(2)
+    )
+    forged = [text_of(9, X1=500.0), text_of(9, X1=500.0, t_ns=2**62), b"x" * 9000]
+    sent: list[float] = []
+
+    def send(text: bytes) -> None:
+        genuine.sendto(text, ("127.0.0.1", port))
+        sent.append(json.loads(text)["X1"])
+        # the source has a sender by then
+        for one in forged * (20 if len(sent) > 50 else 0):
+            forger.sendto(one, ("127.0.0.1", port))
+
+    url = f"udp://127.0.0.1:{port}?rate_hz=150"
+    source = open_lines(url, Sender(send), said.append)
+    stack.callback(source.close)
+    readings = [read(source) for _ in range(300)]
+    assert {one.values[0] for one in readings} <= set(sent)
+    # a line is sent when the source looks at the clock, so some come a period late
+    assert sum(one.valid.all() for one in readings) > 0.8 * (len(sent) - 1)
+    assert len(sent) > 100
+    assert len(said) < 20
+
+
 def test_a_unix_socket_is_of_its_owner_alone_and_gone_at_the_end(
     said: list[str], stack: ExitStack, tmp_path: Path
 ) -> None:
@@ -491,6 +521,7 @@ def test_a_serial_port_needs_no_library(said: list[str], stack: ExitStack) -> No
     first_reading(f"serial://{name}?baud=230400&", send, said)
 
 
+@FORGED_SAMPLES.mark
 def test_a_port_that_listens_has_one_client_until_that_is_silent(
     said: list[str], stack: ExitStack
 ) -> None:
@@ -610,6 +641,7 @@ def test_a_port_for_other_machines_without_a_key_is_named(
     assert "without key=FILE" in said[0]
 
 
+@FORGED_SAMPLES.mark
 def test_with_a_key_only_sealed_lines_are_samples(
     said: list[str], tmp_path: Path, stack: ExitStack
 ) -> None:

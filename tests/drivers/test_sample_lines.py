@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hazard_marks import FORGED_SAMPLES
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -172,6 +173,7 @@ def test_headers_of_strangers_take_no_memory() -> None:
 # -- which lines count
 
 
+@FORGED_SAMPLES.mark
 def test_another_sender_is_refused_until_the_first_was_silent_for_300_ms() -> None:
     reader = SampleReader()
     taken(reader, line(), 0, "genuine")
@@ -204,6 +206,7 @@ def test_a_session_and_a_sequence_hold_from_any_address() -> None:
     assert refused(reader, line(session=-1, sequence=3)) == NOT_UNDERSTOOD
 
 
+@FORGED_SAMPLES.mark
 def test_with_a_key_only_its_lines_count_and_none_of_them_twice() -> None:
     reader = SampleReader(key=KEY)
     sealed = [KEY.sealed(line(session=5, sequence=k)) for k in range(3)]

@@ -153,6 +153,14 @@ FROZEN_SENSOR = Hazard(
     "as lost once it has repeated for 0.2 s while another one changed",
     "The hand holds its grip on `unknown`; a sensor that repeats at rest is not judged",
 )
+FORGED_SAMPLES = Hazard(
+    OUTSIDE,
+    "Another program sends samples to the port of a source",
+    "A source keeps one sender until none of its samples has come for 300 ms, takes rising lines "
+    "only, listens on this machine only unless told otherwise, and with a key takes sealed lines "
+    "only, none of them twice",
+    "Without a key, a sender that can read the link, or that comes first, is believed",
+)
 STALE_LINES = Hazard(
     LIVE,
     "A program that sends samples as lines is stuck, late or silent",
