@@ -10,6 +10,7 @@ from __future__ import annotations
 import hashlib
 import io
 import json
+import math
 import os
 import socket
 import tempfile
@@ -28,7 +29,8 @@ from holdfast.core.column_map import column_map_of
 from holdfast.core.contract import RISKY_SLIP
 from holdfast.core.errors import HoldfastError, NotAModel
 from holdfast.core.line_key import LinkKey
-from holdfast.core.line_session import LineRefused
+from holdfast.core.line_port import line_url
+from holdfast.core.line_session import SILENCE_NS, LineReceiver, LineRefused
 from holdfast.core.tactile_file import RepairResult, repair_table
 from holdfast.core.trial_file import read_trial
 from holdfast.core.trial_layout import mass_g as read_mass_g
@@ -441,9 +443,10 @@ def commands(data: bytes) -> None:
         probe.bind(("127.0.0.1", 0))
         address = probe.getsockname()
     messages: list[str] = []
+    clock = VirtualClock()
     with (
         command_port(
-            f"{address[0]}:{address[1]}", messages.append, VirtualClock().now_ns
+            f"{address[0]}:{address[1]}", messages.append, clock.now_ns
         ) as ask,
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as user,
     ):
@@ -451,9 +454,58 @@ def commands(data: bytes) -> None:
         for result in data[:8192].split(b"\n"):
             user.send(result)
             assert isinstance(ask(), Command)
-        user.send(b'{"override": true}')
+        # a session that the data began is over
+        clock.spend(SILENCE_NS + 1)
+        user.send(b'{"session": 1, "sequence": 0, "override": true}')
         assert ask().override
     assert all(line.isprintable() for line in messages)
+    assert len(messages) < 20
+
+
+LINK_KEY = LinkKey(b"k" * 32, "grip")
+
+
+def link_line(data: bytes) -> None:
+    """A line of a link: it is obeyed or skipped, nothing forged is obeyed with a key, and the
+    genuine line after it is."""
+    for key in (None, LINK_KEY):
+        clock = VirtualClock()
+        receiver = LineReceiver(clock.now_ns, 150, key=key, needs_session=False)
+        for line in data.split(b"\n"):
+            try:
+                fields = receiver.take(line, lambda fields: fields)
+            except LineRefused:
+                continue
+            assert key is None
+            assert all_finite(list(fields.values()))
+        clock.spend(SILENCE_NS + 1)
+        genuine = b'{"session":9007199254740991,"sequence":9007199254740991}'
+        taken = receiver.take(
+            key.sealed(genuine) if key else genuine, lambda fields: fields
+        )
+        assert taken == {}
+
+
+def all_finite(values: list[Any]) -> bool:
+    """Whether all numbers are, also within lists and objects."""
+    while values:
+        value = values.pop()
+        if isinstance(value, dict):
+            values += value.values()
+        elif isinstance(value, list):
+            values += value
+        elif isinstance(value, float) and not math.isfinite(value):
+            return False
+    return True
+
+
+def link_url(data: bytes) -> None:
+    """Where commands are to come from: an address, or one error."""
+    try:
+        where = line_url(text_of(data), "commands")
+    except ValueError:
+        return
+    assert isinstance(where.options, dict)
 
 
 def web_address(data: bytes) -> None:
@@ -868,9 +920,22 @@ TARGETS = {
     "commands": Target(
         commands,
         (
-            b'{"opening": true}\n{"override": true}',
-            b'{"opening": false, "override": false}',
+            b'{"session": 1, "sequence": 2, "opening": true}\n{"override": true}',
+            b'{"session": 7, "sequence": 3, "opening": false, "override": false}',
         ),
+    ),
+    "link_line": Target(
+        link_line,
+        (
+            b'{"session":1,"sequence":2,"target_n":9.4}\n{"session":1,"sequence":3}',
+            LINK_KEY.sealed(b'{"session":1,"sequence":1}')[:-1],
+            b'{"session":1,"sequence":1,"target_n":-Infinity,"a":[[1e999]]}',
+            b"[" * 2000,
+        ),
+        300,
+    ),
+    "link_url": Target(
+        link_url, (b"udp://127.0.0.1:9001?envelopes=2", b"unix:///run/a?mode=1"), 100
     ),
     "web_address": Target(web_address, (b"8000", b"[::1]:0", b"0.0.0.0:8000", b"a:b")),
     "web_request": Target(

@@ -232,6 +232,13 @@ SUPERVISOR_INVARIANTS = Hazard(
     "invariants hold in each",
     "The force limit of the drive, whatever the request is",
 )
+IMPOSSIBLE_SENSE = Hazard(
+    DECISIONS,
+    "The grip controller is fed numbers that cannot be: NaN, infinite, negative, or huge",
+    "Each is brought into its range, and a sample with a NaN counts as unknown; targets are "
+    "finite and within the ceiling, in C as in Python",
+    "The force limit of the drive, whatever the request is",
+)
 FOREIGN_MODEL = Hazard(
     OUTSIDE,
     "A model file was altered and sealed again",
