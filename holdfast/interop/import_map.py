@@ -54,7 +54,6 @@ from typing import Any
 
 from holdfast.core.column_map import NS_OF, ColumnMap, MapReader, column_map_of
 from holdfast.core.contract import SITUATIONS
-from holdfast.core.errors import CardError
 from holdfast.core.reading import Json
 from holdfast.interop.logs.layout import TableFormat
 from holdfast.training.datasets.trials import EMPTY_HAND, FOLDERS, action_of
@@ -210,11 +209,11 @@ class _Reader(MapReader):
                     raise self.refused(f"facts.{key}", value, "true or false")
             elif key == "action_at_s":
                 self.number(f"facts.{key}", value, 1e-3, 1e6)
+            elif key == "action":
+                if not isinstance(value, str) or action_of(value) is None:
+                    raise self.refused("facts.action", value, ", ".join(ACTIONS))
             else:
                 self.name(f"facts.{key}", value)
-        action = table.get("action")
-        if action is not None and action_of(action) is None:
-            raise self.refused("facts.action", action, f"one of {', '.join(ACTIONS)}")
         return table
 
     def actions(self, table: Json) -> dict[str, str]:
@@ -273,13 +272,3 @@ class _Reader(MapReader):
             words = ", ".join(word or '""' for word in allowed)
             raise self.refused(key, value, words)
         return value
-
-
-def unsolved(error: CardError) -> CardError:
-    """The error of a map that was proposed with a hole in it."""
-    return CardError(
-        error.what,
-        where=error.where,
-        cause="nothing in the log says it",
-        next_step=error.next_step,
-    )

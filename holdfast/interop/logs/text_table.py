@@ -98,7 +98,6 @@ def _read(path: Path, layout: TableLayout, form: TableFormat, encoding: str) -> 
                 skiprows=layout.first_row,
                 comment=form.comment or None,
                 encoding=encoding,
-                float_precision="round_trip" if layout.decimal == "." else None,
                 low_memory=False,
                 skipinitialspace=True,
             )
