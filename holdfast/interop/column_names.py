@@ -56,16 +56,19 @@ class TimeGuess:
     why: str
 
 
-def words_of(name: str) -> list[str]:
-    """Lower-case words of a name: `thumbX [mN]` is thumb, x and mn."""
-    split = re.sub(r"([a-z])([A-Z])", r"\1 \2", name)
-    whole = [word.lower() for word in re.findall(r"[^\W\d_]+", name)]
-    return whole + [word.lower() for word in re.findall(r"[^\W\d_]+", split)]
+def whole_words(name: str) -> set[str]:
+    """Lower-case words between what is no letter."""
+    return {word.lower() for word in re.findall(r"[^\W\d_]+", name)}
+
+
+def words_of(name: str) -> set[str]:
+    """The same, and the parts of words with capitals: `thumbX [mN]` has also thumb and x."""
+    return whole_words(name) | whole_words(re.sub(r"([a-z])([A-Z])", r"\1 \2", name))
 
 
 def unit_of_time(name: str) -> str | None:
     """The unit that a name of time has."""
-    words = set(words_of(name))
+    words = words_of(name)
     for unit in ("ns", "us", "ms", "s"):
         if words & UNIT_WORDS[unit]:
             return unit
@@ -81,7 +84,7 @@ def guess_time(columns: Columns) -> TimeGuess | None:
         step = _usual_step(column)
         if step is None:
             continue
-        is_named = bool(set(words_of(name)) & TIME_WORDS)
+        is_named = bool(words_of(name) & TIME_WORDS)
         if not is_named:
             continue
         unit, why = _unit_of_step(name, step)
@@ -127,7 +130,7 @@ def guess_sensors(names: Iterable[str]) -> list[SensorColumns]:
         groups: dict[str, dict[str, str]] = {}
         for name in there:
             match = list(form.finditer(name))
-            if match and not set(words_of(name)) & NO_SENSOR:
+            if match and not words_of(name) & NO_SENSOR:
                 at = match[-1]
                 key = f"{name[: at.start()]}*{name[at.end() :]}"
                 groups.setdefault(key, {}).setdefault(at[1].lower(), name)
@@ -157,13 +160,10 @@ def _is_thumb(sensor: SensorColumns) -> bool:
 
 def unit_of_signals(names: Sequence[str]) -> str | None:
     """The unit in the names of channels, such as `thumb_x [mN]`."""
+    # a unit stands in brackets, or behind the axis
+    brackets = [whole_words(" ".join(re.findall(r"[\[(](.*?)[\])]", n))) for n in names]
+    tails = [whole_words(re.split(r"(?i)[xyz](?![a-z])", n)[-1]) for n in names]
     for unit, words in SIGNAL_UNITS.items():
-        tails = [
-            set(words_of(re.split(r"(?i)[xyz](?![a-z])", name)[-1])) for name in names
-        ]
-        brackets = [
-            set(words_of("".join(re.findall(r"[\[(](.*?)[\])]", n)))) for n in names
-        ]
         for said in (brackets, tails):
             if said and all(one & words for one in said):
                 return unit

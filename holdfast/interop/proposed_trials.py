@@ -135,7 +135,7 @@ def propose_split(example: Example, reasons: list[str]) -> Json:
 def _column_for(key: str, example: Example) -> str | None:
     """A column whose name has a word, and that holds names and no readings."""
     for name, column in example.columns.items():
-        if name in example.taken or not set(words_of(name)) & WORDS[key]:
+        if name in example.taken or not words_of(name) & WORDS[key]:
             continue
         if is_text(column) or column.dtype.kind in "iu":
             return name
@@ -203,7 +203,7 @@ def propose_events(
             reasons.append(f"events: {table.path.name}, by the names of its columns")
             return found
     for name, column in example.columns.items():
-        if name in example.taken or not set(words_of(name)) & WORDS["label"]:
+        if name in example.taken or not words_of(name) & WORDS["label"]:
             continue
         changes = len(set(_labels(column))) > 1
         labels = _labels(column)
@@ -263,7 +263,7 @@ def _trial_column(
         values = set(text_cells(example.columns[str(trials["column"])]))
     for name, column in columns.items():
         cells = {cell.casefold() for cell in text_cells(column) if cell}
-        is_named = bool(set(words_of(name)) & (WORDS["trial"] | {"file", "log"}))
+        is_named = bool(words_of(name) & (WORDS["trial"] | {"file", "log"}))
         if cells and cells <= names and is_text(column):
             return name
         if cells and values and is_named and cells <= {v.casefold() for v in values}:
@@ -347,7 +347,7 @@ def propose_facts(
 def _action_column(example: Example, trials: Json, actions: Json) -> bool:
     """Whether a column says the action of each trial; it is added with its words."""
     for name, column in example.columns.items():
-        if name in example.taken or not set(words_of(name)) & WORDS["action"]:
+        if name in example.taken or not words_of(name) & WORDS["action"]:
             continue
         words = [cell for cell in dict.fromkeys(_labels(column)) if cell]
         if is_text(column) and 0 < len(words) <= MOST_LABELS:

@@ -20,6 +20,7 @@ BAG, LEROBOT = LOG_MARKS
 TEXT, SHEET = (".csv", ".tsv", ".txt", ".dat"), (".xlsx", ".xlsm")
 PROSE = (".txt", ".dat")
 """Endings that other files have too: such a file in a folder is a log if it is a table."""
+FEWEST_ROWS = 3
 MODULES = {
     ".parquet": "holdfast.interop.tables",
     ".mcap": "holdfast.interop.mcap_file",
@@ -122,7 +123,9 @@ def _is_table(path: Path) -> bool:
         columns, _ = read_text_table(path, TableFormat())
     except DataError:
         return False
-    return any(column.dtype.kind in "iuf" for column in columns.values())
+    numbers = [column.dtype.kind in "iuf" for column in columns.values()]
+    rows = len(next(iter(columns.values()), ()))
+    return rows >= FEWEST_ROWS and 2 * sum(numbers) >= len(numbers)
 
 
 def _natural(name: str) -> list[tuple[int, int, str]]:
