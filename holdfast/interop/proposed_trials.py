@@ -34,7 +34,8 @@ WORDS = {
     "start": {"start", "begin", "from", "onset", "t0", "time", "beginn"},
     "end": {"end", "stop", "to", "until", "offset", "finish", "ende"},
     "label": {"label", "event", "what", "phase", "state", "situation", "type", "marker"}
-    | {"annotation", "description", "name", "data", "class"},
+    | {"annotation", "description", "name", "data", "class", "labels", "events"}
+    | {"markers", "states", "phases"},
     ROW: {"row", "rows", "index", "frame", "sample"},
 }
 PERSON = re.compile(
