@@ -25,6 +25,7 @@ from holdfast.interop.logs.log import (
     text_cells,
 )
 from holdfast.training.datasets.trials import action_of
+from holdfast.training.timeline import LABELLED_ACTIONS, UNSCRIPTED
 
 WORDS = {
     "trial": {"trial", "run", "episode", "recording", "rep", "repetition", "take"},
@@ -46,9 +47,10 @@ SITUATION_WORDS = (
     ("", ("unlabelled", "unknown", "none", "ignore")),
     ("nothing", ("nothing", "no contact", "open", "empty", "idle", "rest", "free")),
     ("grasp", ("no slip", "noslip", "non slip", "grasp", "hold", "held", "stable")),
+    ("grasp", ("still", "static", "steady")),
     ("safe_slip", ("safe", "release", "hand over", "handover", "put down", "place")),
     ("risky_slip", ("slip", "slid", "drop", "fall", "fail", "lost", "tug", "pull")),
-    ("grasp", ("grip", "contact", "steady", "lift", "carry")),
+    ("grasp", ("grip", "contact", "lift", "carry")),
 )
 """Words in labels, the first that fits counts."""
 ACTION_OF_SITUATION = {
@@ -57,6 +59,8 @@ ACTION_OF_SITUATION = {
     "safe_slip": "pass",
     "nothing": "nothing",
 }
+NEED_EVENTS = tuple(name for name in UNSCRIPTED if name not in LABELLED_ACTIONS)
+"""Actions that follow no script: what happens when is known by events alone."""
 LONG_GAP_S, LONG_GAP_STEPS = 0.5, 20.0
 """A step is a gap between trials from so many seconds and so many usual steps on."""
 MOST_LABELS = 40
@@ -105,10 +109,13 @@ def situation_of_word(label: str) -> str | None:
     return None
 
 
-def action_of_word(word: str) -> str | None:
-    """The action that a word means; None where it says nothing."""
+def action_of_word(word: str, *, has_events: bool = False) -> str | None:
+    """The action that a word means; None where it says nothing.
+
+    has_events: else an action that needs its phases is only a slip or a hold.
+    """
     known = action_of(word)
-    if known is not None:
+    if known is not None and (has_events or known not in NEED_EVENTS):
         return known
     return ACTION_OF_SITUATION.get(situation_of_word(word) or "")
 
@@ -333,10 +340,12 @@ def propose_facts(
         pattern = pattern.replace(r"\*", "[^/]*")
         for place in example.places:
             match = re.fullmatch(pattern, place.name)
-            if match and action_of(match["action"]) is None:
-                actions[match["action"]] = action_of_word(match["action"])
+            word = match["action"] if match else ""
+            meant = action_of_word(word, has_events=bool(events))
+            if word and action_of(word) != meant:
+                actions[word] = meant
     else:
-        is_known = _action_column(example, trials, actions) or events
+        is_known = _action_column(example, trials, actions, bool(events)) or events
         if not is_known and not example.log.about.get("action"):
             reasons.append("action: nothing says it; write one of docs/your-data.md")
             facts["action"] = ""
@@ -345,16 +354,18 @@ def propose_facts(
     return actions, facts
 
 
-def _action_column(example: Example, trials: Json, actions: Json) -> bool:
+def _action_column(
+    example: Example, trials: Json, actions: Json, has_events: bool
+) -> bool:
     """Whether a column says the action of each trial; it is added with its words."""
     for name, column in example.columns.items():
         if name in example.taken or not words_of(name) & WORDS["action"]:
             continue
         words = [cell for cell in dict.fromkeys(_labels(column)) if cell]
         if is_text(column) and 0 < len(words) <= MOST_LABELS:
-            known = {word: action_of_word(word) for word in words}
+            known = {w: action_of_word(w, has_events=has_events) for w in words}
             if all(known.values()):
                 trials["action"] = name
-                actions |= {w: a for w, a in known.items() if action_of(w) is None}
+                actions |= {w: a for w, a in known.items() if action_of(w) != a}
                 return True
     return False
