@@ -189,15 +189,23 @@ def guess_unit(values: FloatArray) -> tuple[str, str]:
 def turned_normals(
     sensors: Sequence[SensorColumns], columns: Mapping[str, Column]
 ) -> list[SensorColumns]:
-    """The sensors, Z with a sign where a press makes it negative."""
-    turned = []
+    """The sensors with a sign where a press makes their Z negative.
+
+    Of all sensors, that is how the log has its Z; of some, their magnets are upside down, which
+    turns all three axes (docs/decisions.md).
+    """
+    are_turned = []
     for sensor in sensors:
-        normal = columns[sensor.z].astype(np.float64)
+        normal = columns[sensor.axes[NORMAL_AXIS]].astype(np.float64)
         pressed = np.nan_to_num(normal - np.nanmean(normal[:5]))
-        if len(pressed) and abs(float(pressed.min())) > 2.0 * float(pressed.max()):
-            sensor = SensorColumns(sensor.x, sensor.y, f"-{sensor.z}")
-        turned.append(sensor)
-    assert AXES[NORMAL_AXIS] == "z"
+        below, above = abs(float(pressed.min())), float(pressed.max())
+        are_turned.append(below > 2.0 * above)
+    turned = []
+    for sensor, is_turned in zip(sensors, are_turned, strict=True):
+        signed = SensorColumns(*(f"-{name}" for name in sensor.axes))
+        if all(are_turned):
+            signed = SensorColumns(sensor.x, sensor.y, signed.z)
+        turned.append(signed if is_turned else sensor)
     return turned
 
 
