@@ -14,7 +14,7 @@ from holdfast.core.contract import SITUATIONS
 from holdfast.core.reading import Json
 from holdfast.interop.column_names import longest_stream, unit_of_time, words_of
 from holdfast.interop.events import is_event_table
-from holdfast.interop.import_map import ROW
+from holdfast.interop.import_map import ROW, path_pattern
 from holdfast.interop.logs.find import LogPlace
 from holdfast.interop.logs.log import (
     LOG_TIME,
@@ -336,10 +336,9 @@ def propose_facts(
     actions: Json = {}
     facts: Json = {}
     if "{action}" in path:
-        pattern = re.sub(r"\\\{(\w+)\\\}", r"(?P<\1>[^/]+?)", re.escape(path))
-        pattern = pattern.replace(r"\*", "[^/]*")
+        pattern = path_pattern(path)
         for place in example.places:
-            match = re.fullmatch(pattern, place.name)
+            match = pattern.fullmatch(place.name)
             word = match["action"] if match else ""
             meant = action_of_word(word, has_events=bool(events))
             if word and action_of(word) != meant:
