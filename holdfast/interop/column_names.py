@@ -15,7 +15,7 @@ from holdfast.interop.logs.log import LOG_TIME, Column, Columns, ForeignLog
 
 TIME_WORDS = {
     "time", "timestamp", "stamp", "t", "zeit", "clock", "elapsed", "millis", "micros",
-    "nanos", "seconds", "secs", "sec", "ms", "us", "ns", "zeitstempel", "temps",
+    "nanos", "seconds", "secs", "sec", "ms", "us", "ns", "zeitstempel", "temps", "when",
 }  # fmt: skip
 UNIT_WORDS = {
     "s": {"s", "sec", "secs", "second", "seconds"},
@@ -39,6 +39,7 @@ SIGNAL_UNITS = {
     "count": {"count", "counts", "raw", "adc", "lsb", "digits"},
 }
 USUAL_HZ = 100.0
+UNNAMED_FIRST = "column1"
 AXIS_FORMS = (
     re.compile(r"(?i)(?<![a-z])([xyz])(?![a-z])"),
     re.compile(r"(?i)([xyz])(?![a-z])"),
@@ -84,7 +85,9 @@ def guess_time(columns: Columns) -> TimeGuess | None:
         step = _usual_step(column)
         if step is None:
             continue
-        is_named = bool(words_of(name) & TIME_WORDS)
+        # of a table without names, the first column is taken for the time
+        is_first = name == UNNAMED_FIRST and not (np.diff(column) == 1).all()
+        is_named = bool(words_of(name) & TIME_WORDS) or is_first
         if not is_named:
             continue
         unit, why = _unit_of_step(name, step)

@@ -161,6 +161,6 @@ def phases_of(
             raise at_event(overlap, path, event)
         if situation:
             phases.append(Phase(t0_s, t1_s, situation))
-    if rules.rest and phases:
+    if rules.rest:
         phases = _with_rest(phases, trial, rules.rest, plan.columns)
     return tuple(phases)

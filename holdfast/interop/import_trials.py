@@ -29,6 +29,7 @@ from holdfast.core.trial_file import (
 from holdfast.interop.events import (
     Event,
     EventTables,
+    at_event,
     events_in_ns,
     events_of_column,
     matching,
@@ -106,11 +107,19 @@ class TrialImport:
             with self._noted(place.path):
                 self._read_log(place)
             part(number / len(places))
+        for path, event in self._events.strangers() if self._events else []:
+            stranger = LabelError(
+                f"{event.trial!r:.60} is no log and no trial (events.trial)",
+                next_step="correct its name, or remove its lines",
+            )
+            self.fault(at_event(stranger, path, event), path)
 
     def _places(self) -> list[LogPlace]:
         """The logs without those that are skipped, and without tables of events."""
         places = []
         for place in find_logs(self.source):
+            if self._events is not None:
+                self._events.know(_keys_of(place))
             skipped = any(fnmatch(place.name, one) for one in self.plan.trials.skip)
             if not skipped and place.path != self.plan.columns.path:
                 places.append(place)
@@ -200,8 +209,9 @@ class TrialImport:
             return events_of_column(
                 rows.log, rules.column, rows.table, rows.stamps, within
             )
-        keys = [place.name, place.path.name, place.path.stem, Path(place.name).name]
+        keys = _keys_of(place)
         by_trial = [cut.key] if self.plan.trials.by == "column" else keys
+        self._events.know(by_trial)
         events = matching(self._events.of(place), [*by_trial, *keys])
         in_trial = rules.zero == "trial"
         stamps = rows.stamps[cut.first : cut.stop] if in_trial else rows.stamps
@@ -218,7 +228,7 @@ class TrialImport:
         action = names["action"]
         events = self._events_of(rows, place, cut)
         phases: tuple[Phase, ...] = ()
-        if events:
+        if events or (self.plan.events is not None and self.plan.events.rest):
             begin = int(rows.stamps[cut.first])
             skipped = cut.key if self.plan.trials.by == "events" else ""
             path = self._events.path_of(place) if self._events else place.path
@@ -283,6 +293,11 @@ class TrialImport:
         return {key: safe_name(value) for key, value in names.items()} | {
             "action": known
         }
+
+
+def _keys_of(place: LogPlace) -> list[str]:
+    """How a table of events may name a log."""
+    return [place.name, place.path.name, place.path.stem, Path(place.name).name]
 
 
 KEY_IN_TEXT = re.compile(

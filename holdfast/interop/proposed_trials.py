@@ -272,7 +272,8 @@ def _trial_column(
     for name, column in columns.items():
         cells = {cell.casefold() for cell in text_cells(column) if cell}
         is_named = bool(words_of(name) & (WORDS["trial"] | {"file", "log"}))
-        if cells and cells <= names and is_text(column):
+        # a name that no log has becomes a fault, not an event of all logs
+        if is_text(column) and 2 * len(cells & names) > len(cells):
             return name
         if cells and values and is_named and cells <= {v.casefold() for v in values}:
             return name
@@ -344,7 +345,7 @@ def propose_facts(
             if word and action_of(word) != meant:
                 actions[word] = meant
     else:
-        is_known = _action_column(example, trials, actions, bool(events)) or events
+        is_known = _action_column(example, trials, actions, events) or events
         if not is_known and not example.log.about.get("action"):
             reasons.append("action: nothing says it; write one of docs/your-data.md")
             facts["action"] = ""
@@ -353,16 +354,18 @@ def propose_facts(
     return actions, facts
 
 
-def _action_column(
-    example: Example, trials: Json, actions: Json, has_events: bool
-) -> bool:
+def _action_column(example: Example, trials: Json, actions: Json, events: Json) -> bool:
     """Whether a column says the action of each trial; it is added with its words."""
     for name, column in example.columns.items():
         if name in example.taken or not words_of(name) & WORDS["action"]:
             continue
         words = [cell for cell in dict.fromkeys(_labels(column)) if cell]
+        # a word that changes within a trial is an event
+        is_event = len(words) > 1 and trials.get("by") != "column"
+        if is_event or name == events.get("column"):
+            continue
         if is_text(column) and 0 < len(words) <= MOST_LABELS:
-            known = {w: action_of_word(w, has_events=has_events) for w in words}
+            known = {w: action_of_word(w, has_events=bool(events)) for w in words}
             if all(known.values()):
                 trials["action"] = name
                 actions |= {w: a for w, a in known.items() if action_of(w) != a}
