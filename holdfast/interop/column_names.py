@@ -15,7 +15,7 @@ from holdfast.interop.logs.log import LOG_TIME, Column, Columns, ForeignLog
 
 TIME_WORDS = {
     "time", "timestamp", "stamp", "t", "zeit", "clock", "elapsed", "millis", "micros",
-    "nanos", "seconds", "secs", "sec", "ms", "us", "ns", "zeitstempel", "temps",
+    "nanos", "seconds", "secs", "sec", "ms", "us", "ns", "zeitstempel", "temps", "when",
 }  # fmt: skip
 UNIT_WORDS = {
     "s": {"s", "sec", "secs", "second", "seconds"},
@@ -39,6 +39,7 @@ SIGNAL_UNITS = {
     "count": {"count", "counts", "raw", "adc", "lsb", "digits"},
 }
 USUAL_HZ = 100.0
+UNNAMED_FIRST = "column1"
 AXIS_FORMS = (
     re.compile(r"(?i)(?<![a-z])([xyz])(?![a-z])"),
     re.compile(r"(?i)([xyz])(?![a-z])"),
@@ -56,16 +57,19 @@ class TimeGuess:
     why: str
 
 
-def words_of(name: str) -> list[str]:
-    """Lower-case words of a name: `thumbX [mN]` is thumb, x and mn."""
-    split = re.sub(r"([a-z])([A-Z])", r"\1 \2", name)
-    whole = [word.lower() for word in re.findall(r"[^\W\d_]+", name)]
-    return whole + [word.lower() for word in re.findall(r"[^\W\d_]+", split)]
+def whole_words(name: str) -> set[str]:
+    """Lower-case words between what is no letter."""
+    return {word.lower() for word in re.findall(r"[^\W\d_]+", name)}
+
+
+def words_of(name: str) -> set[str]:
+    """The same, and the parts of words with capitals: `thumbX [mN]` has also thumb and x."""
+    return whole_words(name) | whole_words(re.sub(r"([a-z])([A-Z])", r"\1 \2", name))
 
 
 def unit_of_time(name: str) -> str | None:
     """The unit that a name of time has."""
-    words = set(words_of(name))
+    words = words_of(name)
     for unit in ("ns", "us", "ms", "s"):
         if words & UNIT_WORDS[unit]:
             return unit
@@ -81,7 +85,9 @@ def guess_time(columns: Columns) -> TimeGuess | None:
         step = _usual_step(column)
         if step is None:
             continue
-        is_named = bool(set(words_of(name)) & TIME_WORDS)
+        # of a table without names, the first column is taken for the time
+        is_first = name == UNNAMED_FIRST and not (np.diff(column) == 1).all()
+        is_named = bool(words_of(name) & TIME_WORDS) or is_first
         if not is_named:
             continue
         unit, why = _unit_of_step(name, step)
@@ -127,7 +133,7 @@ def guess_sensors(names: Iterable[str]) -> list[SensorColumns]:
         groups: dict[str, dict[str, str]] = {}
         for name in there:
             match = list(form.finditer(name))
-            if match and not set(words_of(name)) & NO_SENSOR:
+            if match and not words_of(name) & NO_SENSOR:
                 at = match[-1]
                 key = f"{name[: at.start()]}*{name[at.end() :]}"
                 groups.setdefault(key, {}).setdefault(at[1].lower(), name)
@@ -157,13 +163,10 @@ def _is_thumb(sensor: SensorColumns) -> bool:
 
 def unit_of_signals(names: Sequence[str]) -> str | None:
     """The unit in the names of channels, such as `thumb_x [mN]`."""
+    # a unit stands in brackets, or behind the axis
+    brackets = [whole_words(" ".join(re.findall(r"[\[(](.*?)[\])]", n))) for n in names]
+    tails = [whole_words(re.split(r"(?i)[xyz](?![a-z])", n)[-1]) for n in names]
     for unit, words in SIGNAL_UNITS.items():
-        tails = [
-            set(words_of(re.split(r"(?i)[xyz](?![a-z])", name)[-1])) for name in names
-        ]
-        brackets = [
-            set(words_of("".join(re.findall(r"[\[(](.*?)[\])]", n)))) for n in names
-        ]
         for said in (brackets, tails):
             if said and all(one & words for one in said):
                 return unit
@@ -189,15 +192,23 @@ def guess_unit(values: FloatArray) -> tuple[str, str]:
 def turned_normals(
     sensors: Sequence[SensorColumns], columns: Mapping[str, Column]
 ) -> list[SensorColumns]:
-    """The sensors, Z with a sign where a press makes it negative."""
-    turned = []
+    """The sensors with a sign where a press makes their Z negative.
+
+    Of all sensors, that is how the log has its Z; of some, their magnets are upside down, which
+    turns all three axes (docs/decisions.md).
+    """
+    are_turned = []
     for sensor in sensors:
-        normal = columns[sensor.z].astype(np.float64)
+        normal = columns[sensor.axes[NORMAL_AXIS]].astype(np.float64)
         pressed = np.nan_to_num(normal - np.nanmean(normal[:5]))
-        if len(pressed) and abs(float(pressed.min())) > 2.0 * float(pressed.max()):
-            sensor = SensorColumns(sensor.x, sensor.y, f"-{sensor.z}")
-        turned.append(sensor)
-    assert AXES[NORMAL_AXIS] == "z"
+        below, above = abs(float(pressed.min())), float(pressed.max())
+        are_turned.append(below > 2.0 * above)
+    turned = []
+    for sensor, is_turned in zip(sensors, are_turned, strict=True):
+        signed = SensorColumns(*(f"-{name}" for name in sensor.axes))
+        if all(are_turned):
+            signed = SensorColumns(sensor.x, sensor.y, signed.z)
+        turned.append(signed if is_turned else sensor)
     return turned
 
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from holdfast.core.column_map import ColumnMap, SensorColumns, TimeColumn
 from holdfast.core.contract import UNIT_OF
-from holdfast.core.errors import ColumnError, DataError, DataNotFound
+from holdfast.core.errors import ColumnError, DataError, DataNotFound, EmptyRecording
 from holdfast.core.reading import Json
 from holdfast.interop.column_names import (
     counted_sensors,
@@ -98,6 +98,9 @@ def _examples(places: Sequence[LogPlace]) -> tuple[list[ForeignLog], list[Foreig
         except DataError as error:
             fault = fault or error
             continue
+        if not log.streams:
+            fault = fault or EmptyRecording("no stream with a sample", where=place.path)
+            continue
         has_sensors = bool(guess_sensors(numeric(longest_stream(log))))
         is_table = place.is_table and is_candidate and not has_sensors
         (tables if is_table and len(places) > 1 else logs).append(log)
@@ -179,5 +182,5 @@ def _unit(
         return unit, list(sensors)
     turned = turned_normals(sensors, table)
     if turned != list(sensors):
-        reasons.append('normals with "-": a press makes them negative')
+        reasons.append('sensors with "-": a press makes their Z negative')
     return unit, turned

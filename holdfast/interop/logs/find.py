@@ -5,19 +5,22 @@ A bag of ROS 2 is a folder with metadata.yaml, a LeRobot set one with meta/info.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 
 from holdfast.core.errors import DataError, DataNotFound
+from holdfast.core.trial_layout import LOG_MARKS, LOG_SUFFIXES
 from holdfast.interop.logs.layout import TableFormat
 from holdfast.interop.logs.log import ForeignLog, Stream
 
-BAG, LEROBOT = "metadata.yaml", "meta/info.json"
+BAG, LEROBOT = LOG_MARKS
 TEXT, SHEET = (".csv", ".tsv", ".txt", ".dat"), (".xlsx", ".xlsm")
 PROSE = (".txt", ".dat")
 """Endings that other files have too: such a file in a folder is a log if it is a table."""
+FEWEST_ROWS = 3
 MODULES = {
     ".parquet": "holdfast.interop.tables",
     ".mcap": "holdfast.interop.mcap_file",
@@ -27,7 +30,6 @@ MODULES = {
     LEROBOT: "holdfast.interop.lerobot",
 }
 """Ending or marking file -> the module that has `read_log` and alone imports its library."""
-SUFFIXES = (*TEXT, *SHEET, *(key for key in MODULES if key.startswith(".")))
 
 
 @dataclass(frozen=True)
@@ -61,14 +63,14 @@ def find_logs(source: Path) -> list[LogPlace]:
         raise DataNotFound(
             what,
             where=source,
-            next_step=f"give a folder, or a file that ends in {', '.join(SUFFIXES)}",
+            next_step=f"give a folder, or a file that ends in {', '.join(LOG_SUFFIXES)}",
         )
     places = sorted(_below(source, source), key=lambda place: _natural(place.name))
     if not places:
         raise DataNotFound(
             "no log in this folder",
             where=source,
-            next_step=f"give a folder with files that end in {', '.join(SUFFIXES)}",
+            next_step=f"give a folder with files that end in {', '.join(LOG_SUFFIXES)}",
         )
     return places
 
@@ -106,7 +108,7 @@ def _below(folder: Path, source: Path) -> Iterator[LogPlace]:
 def _kind_of(path: Path) -> str | None:
     if path.is_file():
         suffix = path.suffix.lower()
-        return suffix if suffix in SUFFIXES else None
+        return suffix if suffix in LOG_SUFFIXES else None
     for mark in (BAG, LEROBOT):
         if (path / mark).is_file():
             return mark
@@ -121,13 +123,13 @@ def _is_table(path: Path) -> bool:
         columns, _ = read_text_table(path, TableFormat())
     except DataError:
         return False
-    return any(column.dtype.kind in "iuf" for column in columns.values())
+    numbers = [column.dtype.kind in "iuf" for column in columns.values()]
+    rows = len(next(iter(columns.values()), ()))
+    return rows >= FEWEST_ROWS and 2 * sum(numbers) >= len(numbers)
 
 
 def _natural(name: str) -> list[tuple[int, int, str]]:
     """A key by which trial_2 comes before trial_10."""
-    import re
-
     parts = re.split(r"(\d+)", name)
     return [
         (int(p), 0, "") if p.isdecimal() and len(p) < 18 else (0, 1, p) for p in parts
