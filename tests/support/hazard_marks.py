@@ -146,6 +146,28 @@ DEAD_HAND = Hazard(
     "sensors is `unknown`",
     "The hand holds its grip on `unknown`",
 )
+FROZEN_SENSOR = Hazard(
+    LIVE,
+    "One sensor freezes at a reading that looks good, while others live",
+    "The driver goes by the chip's own counter; without one, a sensor whose noise was seen counts "
+    "as lost once it has repeated for 0.2 s while another one changed",
+    "The hand holds its grip on `unknown`; a sensor that repeats at rest is not judged",
+)
+FORGED_SAMPLES = Hazard(
+    OUTSIDE,
+    "Another program sends samples to the port of a source",
+    "A source keeps one sender until none of its samples has come for 300 ms, takes rising lines "
+    "only, listens on this machine only unless told otherwise, and with a key takes sealed lines "
+    "only, none of them twice",
+    "Without a key, a sender that can read the link, or that comes first, is believed",
+)
+STALE_LINES = Hazard(
+    LIVE,
+    "A program that sends samples as lines is stuck, late or silent",
+    "Late and silent are judged on arrival: what did not come in time is lost, what waited while "
+    "nothing was read is dropped, and the state is `unknown`",
+    "A delay that is constant from the start cannot be seen without a common clock",
+)
 LATE_ANSWER = Hazard(
     LIVE,
     "An answer is late because the computer paused",
