@@ -59,7 +59,6 @@ PROVENANCE = "events"
 """What a truth file says of where its phases come from."""
 DAILY = "daily"
 """The action of a trial of which only events are known."""
-MOST_TRIALS = 100_000
 
 
 @dataclass(frozen=True)

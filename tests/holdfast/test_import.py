@@ -84,6 +84,8 @@ def test_a_text_table_of_any_form_becomes_the_same_trial(
     assert f"--map {proposed}" in out
     if style == "spaces_without_a_clock":
         fails(run, 3, "CardError", *words, "--map", proposed, says="time.rate_hz = 0")
+        proposed.unlink()
+        fails(run, 3, "CardError", *words, "--yes", says=f"{proposed}: line")
         text = proposed.read_text("utf-8").replace("rate_hz = 0", "rate_hz = 100")
         proposed.write_text(text, "utf-8")
     code, out, err = run(*words, "--map", proposed)
