@@ -11,7 +11,7 @@ from command_line import Run
 
 from holdfast.training.datasets import load
 from holdfast.training.fixture import write_fixture
-from holdfast.training.judging import CurvePoint, per_doubling, with_strictest_hold_out
+from holdfast.training.judging import CurvePoint, per_doubling, strictest_hold_out
 from holdfast.training.recording import DataSet
 
 
@@ -25,23 +25,23 @@ def by_trial(tmp_path_factory: pytest.TempPathFactory) -> DataSet:
 def test_a_set_is_held_out_by_person_else_object_else_session_else_trial(
     by_trial: DataSet,
 ) -> None:
-    assert with_strictest_hold_out(by_trial, 2, 0).group_kind == "object"
+    assert strictest_hold_out(by_trial, 2, 0).kind == "object"
     one_object = replace(
         by_trial,
         recordings=[replace(one, object_name="book") for one in by_trial.recordings],
     )
-    assert with_strictest_hold_out(one_object, 2, 0).group_kind == "trial"
+    assert strictest_hold_out(one_object, 2, 0).kind == "trial"
     dated = []
     named = []
     for k, one in enumerate(one_object.recordings):
         path = f"2026-11-2{k % 2}/{one.trial_id}"
         dated.append(replace(one, trial_id=path))
         named.append(replace(one, person=f"p{k % 2}"))
-    sessions = with_strictest_hold_out(replace(one_object, recordings=dated), 2, 0)
+    sessions = strictest_hold_out(replace(one_object, recordings=dated), 2, 0).data
     assert sessions.group_kind == "session"
     assert sessions.groups() == ["2026-11-20", "2026-11-21"]
-    people = with_strictest_hold_out(replace(one_object, recordings=named), 2, 0)
-    assert people.group_kind == "person"
+    people = strictest_hold_out(replace(one_object, recordings=named), 2, 0)
+    assert people.kind == "person"
 
 
 def test_the_headline_is_the_held_out_figure_and_a_curve_shows_fewer_trials(

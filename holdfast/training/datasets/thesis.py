@@ -183,17 +183,29 @@ def assembled(
     trials = [trial for trial in read if trial]
     recordings = [trial.recording for trial in trials]
 
-    rate_hz, unit = common_rate(recordings), recordings[0].unit
+    rate_hz = common_rate(recordings)
     n_channels = 3 * recordings[0].n_sensors
     if channels not in (None, n_channels):
         raise ChannelsNotOffered(str(meta["name"]), channels, [n_channels])
+    return of_trials(trials, meta, rate_hz, windows, seed, span(part, READING, 1.0))
 
+
+def of_trials(
+    trials: list[TimedTrial],
+    meta: Json,
+    rate_hz: float,
+    windows: Choice,
+    seed: int,
+    part: Part = ignored,
+) -> DataSet:
+    """The data set of trials that are read. meta: name, kind, origin."""
     tasks: dict[str, LabelledRows] = {}
     notes: Json = {}
     if windows != "none":
-        tasks, notes = _windows(trials, windows, seed, span(part, READING, 1.0))
+        tasks, notes = _windows(trials, windows, seed, part)
 
-    recordings, group_kind = grouped(recordings)
+    unit = trials[0].recording.unit
+    recordings, group_kind = grouped([trial.recording for trial in trials])
     return DataSet(
         name=str(meta["name"]),
         recordings=recordings,
