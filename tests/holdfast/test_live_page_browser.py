@@ -56,7 +56,7 @@ def test_a_phone_and_a_desk_show_state_forces_and_faults_in_words(tab, width, da
             tab.value(f"{DETAIL}.textContent")
             == "too few sensors can be used; lost: index"
         )
-        fingers, numbers = text_of(tab, "fingers"), text_of(tab, "numbers")
+        sensors, numbers = text_of(tab, "sensors"), text_of(tab, "numbers")
         assert tab.value("document.documentElement.scrollWidth <= window.innerWidth")
         assert tab.value("document.querySelectorAll('#hand .lost').length") == 1
         assert tab.value(
@@ -65,8 +65,8 @@ def test_a_phone_and_a_desk_show_state_forces_and_faults_in_words(tab, width, da
         background = "getComputedStyle(document.body).backgroundColor"
         assert (tab.value(background) == "rgb(255, 255, 255)") is not dark
         assert tab.problems == []
-    assert "0.67 N\t0.10 N\tgood" in fingers
-    assert "does not answer" in fingers
+    assert "0.67 N\t0.10 N\tgood" in sensors
+    assert "does not answer" in sensors
     assert "grip of either side\n1.67 N" in numbers
     assert "lost samples\nnone" in numbers
 
@@ -136,9 +136,9 @@ def test_marks_pause_and_saving_are_buttons(tab):
         tab.wait_until(
             "document.getElementById('numbers').innerText.includes('27.00 N')"
         )
-        assert "0.67 N" in text_of(tab, "fingers")
+        assert "0.67 N" in text_of(tab, "sensors")
         tab.wait_until(PRESS.format("Resume"))
-        assert "9.00 N" in text_of(tab, "fingers")
+        assert "9.00 N" in text_of(tab, "sensors")
         assert (
             tab.value("document.querySelector('a.button').getAttribute('href')")
             == "save"

@@ -84,7 +84,7 @@ def test_a_trial_of_a_labelled_set_can_be_recorded_again(people, tmp_path):
 def test_a_study_opens_a_trial_of_a_labelled_set_as_its_hand(people, tmp_path):
     study = Study(tmp_path, TALK, f"{people}#0")
     study.run("   " + SUS_ANSWERS)
-    assert said(study.messages, "the hand answers: 6 fingers")
+    assert said(study.messages, "the hand answers: 6 sensors")
 
 
 def test_nothing_that_is_written_names_a_place_of_the_machine(people, card, tmp_path):
