@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,8 @@ from hazard_marks import STALE_PAGE
 from headless_browser import Tab, browser, needs_chromium
 from page_bench import Served, sample, served
 
+from holdfast.core.hand_card import read_hand_card, shipped_hands
+from holdfast.live.page.run_page import drawn_hand
 from holdfast.sessions.recorder.display import ACTIONS
 
 pytestmark = needs_chromium
@@ -178,4 +181,35 @@ def test_what_a_message_says_is_text_and_never_markup(tab, tmp_path: Path):
             tab.value("document.querySelectorAll('#said script, #about img').length")
             == 0
         )
+        assert tab.problems == []
+
+
+def test_the_page_of_a_gripper_of_two_pads_shows_these_and_no_word_of_another_hand(tab):
+    hand = drawn_hand(read_hand_card("two-pad-gripper"), 2)
+    with served(hand=hand) as page:
+        grasp = sample(0, x=[0.1, 0.0, 1.0] * 2, v=[1, 0], why=["", "nack"])
+        page.frame(grasp)
+        opened(tab, page)
+        tab.wait_until(f"{STATE} === 'grasp'")
+        assert tab.value(f"{DETAIL}.textContent") == "lost: right jaw; light object"
+        assert "left jaw\t1.00 N\t0.10 N\tgood" in text_of(tab, "sensors")
+        assert tab.value("document.querySelectorAll('#hand .pad').length") == 2
+        source = tab.value("document.documentElement.outerHTML").lower()
+        assert not re.search(r"thumb|finger|\bsix\b", source)
+        assert tab.problems == []
+
+
+@pytest.mark.parametrize("name", shipped_hands())
+def test_the_page_draws_every_sensor_of_a_hand_card_at_a_place_of_its_own(tab, name):
+    card = read_hand_card(name)
+    n = card.n_sensors
+    with served(hand=drawn_hand(card, n)) as page:
+        page.frame(sample(0, x=[0.1, 0.0, 1.0] * n, v=[1] * n, why=[""] * n))
+        opened(tab, page)
+        tab.wait_until(f"{STATE} === 'grasp'")
+        groups = "[...document.querySelectorAll('#hand g')]"
+        places = tab.value(f"{groups}.map((g) => g.getAttribute('transform'))")
+        assert len(set(places)) == len(places) == n
+        labels = f"{groups}.map((g) => g.querySelector('text').textContent)"
+        assert tab.value(labels) == list(card.sensor_names)
         assert tab.problems == []
