@@ -17,11 +17,13 @@ from holdfast.core.contract import (
     CLASSES,
     SITUATIONS,
 )
-from holdfast.core.errors import DataError
+from holdfast.core.errors import ColumnError, DataError, NotANumber
 from holdfast.core.reading import Json
 from holdfast.core.trial_layout import (
     INTENT_SUFFIX,
     TACTILE,
+    has_logs,
+    import_command,
     intent_path,
     object_name,
 )
@@ -146,6 +148,11 @@ def examine(root: Path, part: Part = ignored) -> FolderReport:
     classes = _class_seconds(trials)
     # The same fault of a file may be met twice; the keys of a dict keep the first, in order.
     missing = list(dict.fromkeys(Missing.of(fault) for fault in faults))
+    if not trials and any(
+        isinstance(fault, ColumnError | NotANumber) for fault in faults
+    ):
+        what = "no trial has the columns of the layout: logs of another program?"
+        missing.append(Missing("error", str(root), what, import_command(root)))
     held_out = _held_out(trials)
     if held_out:
         kind, all_read = held_out.kind, not missing
@@ -281,13 +288,17 @@ def _not_read(root: Path, read: Sequence[Path]) -> list[Missing]:
     if read and not others:
         return []
 
-    what = "no CSV file"
+    what = "no trial" if has_logs(root) else "no CSV file"
     if others:
         first = others[0].relative_to(root).as_posix()
         what = f"CSV files at no trial's place: {len(others)}, such as {first}"
 
     actions = ", ".join(FOLDERS)
     next_step = f"a trial belongs at {root / LAYOUT}; an action is one of {actions}"
+    if not read and has_logs(root):
+        next_step = (
+            f"{import_command(root)}, for logs of other programs; or {next_step}"
+        )
     level: Level = "advice" if read else "error"
     return [Missing(level, str(root), what, next_step)]
 

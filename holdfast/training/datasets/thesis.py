@@ -26,7 +26,7 @@ from holdfast.core.errors import (
     UnitError,
 )
 from holdfast.core.reading import Json
-from holdfast.core.trial_file import Trial, read_trial
+from holdfast.core.trial_file import Trial, implausible_rate, read_trial
 from holdfast.core.trial_layout import (
     LABELLED_ACTIONS,
     MASSES_KEY,
@@ -365,14 +365,23 @@ def _phased(
 def common_rate(recordings: Sequence[Recording], fault: Fault = refuse) -> float:
     """Median sampling rate, Hz, to three digits.
 
-    fault: receives a RateError or ChannelError for each recording that differs from the others.
+    fault: receives a RateError or ChannelError for each recording that differs from the others, or
+    whose rate no hand has, such as milliseconds taken for seconds.
     """
     # Three digits: a clock that is a microsecond off must not change the rows of a window.
     rate_hz = float(f"{np.median([recording.rate_hz for recording in recordings]):.3g}")
 
     first = recordings[0]
     for recording in recordings:
-        if abs(recording.rate_hz / rate_hz - 1.0) > RATE_TOLERANCE:
+        impossible = implausible_rate(recording.rate_hz)
+        if impossible:
+            no_rate = RateError(
+                impossible,
+                where=recording.trial_id,
+                next_step="write Time in seconds: holdfast import takes other units of time",
+            )
+            fault(no_rate)
+        elif abs(recording.rate_hz / rate_hz - 1.0) > RATE_TOLERANCE:
             error = RateError(
                 f"runs at {recording.rate_hz:.4g} Hz, the set at {rate_hz:g} Hz",
                 where=recording.trial_id,
