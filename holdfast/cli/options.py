@@ -28,7 +28,10 @@ DEFAULT_LEVEL = 0.5
 
 def add_source_option(parser: argparse.ArgumentParser) -> None:
     """--source."""
-    urls = "usb://ft232h, i2c://1, virtual://ft232h?scene=.., sim://CARD, lsl://NAME"
+    urls = (
+        "usb://ft232h, i2c://1, virtual://ft232h?scene=.., sim://CARD, lsl://NAME, or lines: "
+        "- (stdin), tcp://, udp://, unix:///PATH, serial:///dev/ttyACM0 (docs/live-sources.md)"
+    )
     parser.add_argument("--source", required=True, metavar="URL", help=urls)
 
 

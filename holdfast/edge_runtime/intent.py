@@ -18,17 +18,16 @@ stream goes silent, a line has `unknown`. A torn last line, as a kill leaves it,
 
 from __future__ import annotations
 
-import socket
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import Literal, Protocol
 
 from holdfast.core.contract import CommandLink
 from holdfast.core.errors import ColumnError, NotANumber
-from holdfast.core.reading import json_of, text_of
-from holdfast.edge_runtime.commands import EXPIRES_NS, printable, waiting
+from holdfast.core.line_port import LinePort
+from holdfast.core.reading import Json, text_of
+from holdfast.edge_runtime.commands import EXPIRES_NS
 
 Wants = Literal["open", "close", "rest", "unknown", ""]
 """What the wearer wants; "" where the stream has only envelopes and no level is given."""
@@ -151,41 +150,27 @@ class ItemReader:
         return item
 
 
-class UdpIntent:
-    """Items as datagrams, stamped at the sample at which they are read."""
+class PortIntent:
+    """Items as lines that come to a port, stamped at the sample at which they are read."""
 
     def __init__(
-        self,
-        receiver: socket.socket,
-        n_envelopes: int,
-        now_ns: Callable[[], int],
-        log: Callable[[str], object],
+        self, port: LinePort, n_envelopes: int, now_ns: Callable[[], int]
     ) -> None:
-        self._receiver = receiver
+        self._port = port
         self.n_envelopes = n_envelopes
         self._now_ns = now_ns
-        self._reader = ItemReader(log)
 
     def came(self) -> list[Intent]:
-        """What is waiting."""
-        items = []
-        for datagram in waiting(self._receiver):
-            read = partial(self._item, datagram)
-            item = self._reader.item(read, printable(datagram))
-            if item is not None:
-                items.append(item)
-        return items
+        """What is waiting, by the rules of the port."""
+        return [item for item, _ in self._port.came(self._item)]
 
     def forget(self) -> None:
         """Drop what is waiting."""
-        for _ in range(MOST_FORGOTTEN):
-            if not list(waiting(self._receiver)):
-                return
+        self._port.forget()
 
-    def _item(self, datagram: bytes) -> Intent:
+    def _item(self, keys: Json) -> Intent:
         """An item of a JSON object. Raises ValueError, with the reason."""
-        keys = json_of(datagram)
-        if not isinstance(keys, dict) or not keys or not set(keys) <= KEYS:
+        if not keys or not set(keys) <= KEYS:
             raise ValueError('no {"envelope": [..]} or {"wants": ".."}')
         envelope = keys.get("envelope", [])
         if not isinstance(envelope, list):

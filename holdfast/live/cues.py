@@ -304,7 +304,7 @@ class CueOutput:
             self._send(prediction, QUIET, SILENCE)
         else:
             # no line to send: a broken wire is noticed and opened again all the same
-            self._wire.look()
+            self._wire.look(prediction.sequence)
 
     def close(self, reason: str = STOPPED) -> None:
         """Send the cue `unknown`: nothing looks after the grip any more."""

@@ -11,7 +11,15 @@ from contextlib import suppress
 from pathlib import Path
 
 from holdfast.core.errors import OutputError
-from holdfast.live.guardian_process import FRESH, GOODBYE, READY, RELEASE
+from holdfast.core.line_key import LinkKey
+from holdfast.live.guardian_process import (
+    FRESH,
+    GOODBYE,
+    MEMORY_BYTES,
+    READY,
+    RELEASE,
+    SEQUENCE_BYTES,
+)
 
 SCRIPT = Path(__file__).with_name("guardian_process.py")
 START_S = 30.0
@@ -23,25 +31,38 @@ END_S = 0.2
 class Guardian:
     """The guardian's process. pid: its process id.
 
-    text: the last line, with %(sequence)d and %(t_ns)d where numbers belong. Raises OutputError
-    where it cannot be started.
+    text: the last line, with %(sequence)d and %(t_ns)d where numbers belong. key: of the link, None
+    where lines are not sealed. Raises OutputError where it cannot be started.
     """
 
-    def __init__(self, text: str) -> None:
+    def __init__(self, text: str, key: LinkKey | None = None) -> None:
         self._control, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         # shared memory, so that a new number costs no system call at any sample
         memory_fd = os.memfd_create("holdfast sequence")
-        os.ftruncate(memory_fd, 8)
-        self._memory = mmap.mmap(memory_fd, 8)
-        self._sequence = memoryview(self._memory).cast("q")
+        os.ftruncate(memory_fd, MEMORY_BYTES)
+        self._memory = mmap.mmap(memory_fd, MEMORY_BYTES)
+        self._sequence = memoryview(self._memory)[:SEQUENCE_BYTES].cast("q")
         # no line was sent yet
         self._sequence[0] = -1
+        link = []
+        if key is not None:
+            # in memory, because other users can read a command line
+            self._memory[SEQUENCE_BYTES : SEQUENCE_BYTES + len(key.key)] = key.key
+            link = [key.link]
         numbers = [theirs.fileno(), memory_fd]
         try:
             self._process = subprocess.Popen(
                 # isolated and without site packages: it starts fast, and imports nothing of the
                 # user
-                [sys.executable, "-I", "-S", str(SCRIPT), *map(str, numbers), text],
+                [
+                    sys.executable,
+                    "-I",
+                    "-S",
+                    str(SCRIPT),
+                    *map(str, numbers),
+                    text,
+                    *link,
+                ],
                 pass_fds=numbers,
                 # Ctrl-C in the terminal must not end the guardian before the run
                 start_new_session=True,

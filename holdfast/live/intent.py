@@ -1,7 +1,7 @@
 """The wearer's command next to the sensors: the stream behind the URL of --intent, and its log.
 
-udp://HOST:PORT?envelopes=2 or lsl://NAME. The log of `holdfast run --samples FILE` is
-FILE.intent.csv.
+unix:///PATH?envelopes=2, udp://HOST:PORT?envelopes=2 or lsl://NAME. The log of `holdfast run
+--samples FILE` is FILE.intent.csv.
 """
 
 from __future__ import annotations
@@ -12,21 +12,24 @@ from contextlib import closing, contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
-from urllib.parse import parse_qs, unquote, urlsplit
+from urllib.parse import unquote
 
 from holdfast.core.contract import CommandLink
 from holdfast.core.errors import UsageError
+from holdfast.core.line_port import line_port
 from holdfast.core.trial_layout import intent_path
-from holdfast.edge_runtime.commands import Command, receiving
+from holdfast.edge_runtime.commands import Command
 from holdfast.edge_runtime.intent import (
     IntentMonitor,
-    UdpIntent,
+    PortIntent,
     intent_header,
     intent_row,
 )
 from holdfast.live.outputs import STOPPED, SampleFile, file_sink
 
-ADDRESSES = "udp://127.0.0.1:9003?envelopes=2 or lsl://NAME"
+ADDRESSES = (
+    "unix:///run/holdfast/intent, udp://127.0.0.1:9003?envelopes=2 or lsl://NAME"
+)
 MOST_ENVELOPES = 16
 
 
@@ -89,10 +92,10 @@ def intent_monitor(
             stream = LslIntent(inlet, clock.now_ns, report)
             yield IntentMonitor(stream, clock.now_ns, report, opens_at)
     else:
-        address, n_envelopes = _udp_address(url)
-        with receiving(address) as receiver:
-            datagrams = UdpIntent(receiver, n_envelopes, clock.now_ns, report)
-            yield IntentMonitor(datagrams, clock.now_ns, report, opens_at)
+        options: dict[str, str] = {}
+        with line_port(url, "intent", report, clock.now_ns, options) as port:
+            stream_of_lines = PortIntent(port, _envelopes(options), clock.now_ns)
+            yield IntentMonitor(stream_of_lines, clock.now_ns, report, opens_at)
 
 
 def _stream_name(url: str) -> str:
@@ -104,28 +107,17 @@ def _stream_name(url: str) -> str:
     return name
 
 
-def _udp_address(url: str) -> tuple[str, int]:
-    """(HOST:PORT, number of envelopes)."""
-    # made once, because several faults of an address mean the same to the user
-    not_an_address = UsageError(
-        f"--intent {url[:80]!r} is not an address", next_step=ADDRESSES
-    )
-    try:
-        parts = urlsplit(url)
-    except ValueError:
-        raise not_an_address from None
-
-    options = parse_qs(parts.query, keep_blank_values=True)
-    count = options.pop("envelopes", ["2"])[-1]
-    if parts.scheme != "udp" or parts.path or options:
-        raise not_an_address
+def _envelopes(options: dict[str, str]) -> int:
+    """How many envelopes an item has, by the options of the URL. Raises UsageError."""
+    count = options.pop("envelopes", "2")
+    for name in options:
+        raise UsageError(f"--intent: {name[:40]!r} is no option", next_step=ADDRESSES)
     if not count.isdecimal() or len(count) > 2 or not 1 <= int(count) <= MOST_ENVELOPES:
         raise UsageError(
             f"--intent: envelopes={count[:40]!r} is not a whole number from 1 to {MOST_ENVELOPES}",
             next_step="envelopes=2",
         )
-
-    return parts.netloc, int(count)
+    return int(count)
 
 
 def intended(

@@ -1,7 +1,10 @@
-"""The wires to a hand's controller: a UDP port or a serial port, written without waiting.
+"""The wires to a hand's controller: a socket or a serial port, written without waiting.
 
+    unix:///PATH                  one datagram a line, to a socket file of its receiver
     udp://HOST:PORT               one datagram a line
     serial:///dev/ttyX?baud=N     lines that end with a line feed; 115200 where no baud is given
+
+Each takes key=FILE, the key that seals its lines (core/line_key.py).
 
 A serial port carries few lines: 115200 baud about 60 a second. A line is left out while the one
 before is still on its way, so that what arrives is never older than two lines. A line that was cut
@@ -14,6 +17,7 @@ written and has not left the machine yet can be counted and thrown away.
 
 from __future__ import annotations
 
+import errno
 import fcntl
 import math
 import os
@@ -23,9 +27,10 @@ import struct
 import termios
 from contextlib import suppress
 from threading import Thread
-from urllib.parse import SplitResult, parse_qs, urlsplit
 
 from holdfast.core.errors import AccessDenied, DeviceError, DeviceNotFound, UsageError
+from holdfast.core.line_key import LinkKey
+from holdfast.core.line_port import LineUrl, line_url
 
 RATES = {
     int(name[1:]): value
@@ -101,11 +106,13 @@ def forget_unsent(port: int) -> None:
 DEFAULT_BAUD = 115200
 MOST_UNSENT = 96
 """A serial port that still has more bytes to send gets no further line."""
-BITS_A_COMMAND = 1900
-"""About 190 bytes, ten bits each."""
+BITS_A_COMMAND, BITS_A_CODE = 2300, 730
+"""About 230 bytes, ten bits each, and 73 more in a sealed line."""
 LAST_LINE_MS = 200
 """The last line waits this long for room in a serial port."""
-ADDRESSES = "udp://127.0.0.1:9000 or serial:///dev/ttyUSB0?baud=115200"
+ADDRESSES = (
+    "unix:///run/hand/grip, udp://127.0.0.1:9000 or serial:///dev/ttyUSB0?baud=115200"
+)
 
 
 class UdpLink:
@@ -114,8 +121,9 @@ class UdpLink:
     most_hz: commands a second that it carries.
     """
 
-    is_serial = False
+    is_serial = reconnects = False
     most_hz = math.inf
+    key: LinkKey | None = None
 
     def __init__(self, sender: socket.socket, name: str) -> None:
         self.name = name
@@ -138,6 +146,9 @@ class UdpLink:
         """The socket stays."""
         return True
 
+    def lose(self) -> None:
+        """The socket stays."""
+
     def finish(self, line: bytes) -> None:
         """Send it, a second time where the first time only reported an old error."""
         with suppress(ConnectionRefusedError):
@@ -150,19 +161,95 @@ class UdpLink:
         self._sender.close()
 
 
-class SerialLink:
-    """A serial port that may be unplugged and comes back. most_hz: commands a second."""
+class UnixLink:
+    """A datagram socket to a receiver's socket file, which may come later, or anew.
 
-    is_serial = True
+    Who may write to the file may command its receiver: it should have permissions 0600.
+    """
+
+    is_serial = False
+    reconnects = True
+    most_hz = math.inf
+    key: LinkKey | None = None
+
+    def __init__(self, path: str, name: str) -> None:
+        self.name = name
+        self._path = path
+        self._sender: socket.socket | None = None
+
+    @property
+    def handle(self) -> int:
+        """The socket's descriptor, -1 while there is no receiver."""
+        return -1 if self._sender is None else self._sender.fileno()
+
+    def connect(self) -> None:
+        """Find the receiver. Raises OSError."""
+        self.lose()
+        sender = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+        sender.setblocking(False)
+        try:
+            sender.connect(self._path)
+        except OSError:
+            sender.close()
+            raise
+        self._sender = sender
+
+    def write(self, line: bytes) -> bool:
+        """Send one datagram; False where the receiver's queue is full."""
+        if self._sender is None:
+            raise FileNotFoundError(errno.ENOENT, "there is no receiver")
+        try:
+            self._sender.send(line)
+        except BlockingIOError:
+            return False
+        return True
+
+    def reopen(self) -> bool:
+        """Find the receiver again; whether it is there."""
+        if self._sender is None:
+            with suppress(OSError):
+                self.connect()
+        return self._sender is not None
+
+    def lose(self) -> None:
+        """Let go of a receiver that is gone; `reopen` looks for a new one."""
+        if self._sender is not None:
+            self._sender.close()
+            self._sender = None
+
+    def finish(self, line: bytes) -> None:
+        """Send it, to a new receiver where the one before is gone."""
+        if self._sender is not None:
+            with suppress(ConnectionError):
+                self._sender.send(line)
+                return
+        self.connect()
+        self.write(line)
+
+    def close(self) -> None:
+        """Close the socket."""
+        self.lose()
+
+
+class SerialLink:
+    """A serial port that may be unplugged and comes back."""
+
+    is_serial = reconnects = True
+    key: LinkKey | None = None
 
     def __init__(self, path: str, baud: int, name: str) -> None:
         self.name = name
         self._path = path
         self._baud = baud
-        self.most_hz = baud / BITS_A_COMMAND
         self.handle = -1
         self._rest = b""
         self._opening: Thread | None = None
+
+    @property
+    def most_hz(self) -> float:
+        """Commands a second."""
+        code = BITS_A_CODE if self.key else 0
+        return self._baud / (BITS_A_COMMAND + code)
 
     def open(self) -> None:
         """Open the port. Raises OSError, UsageError."""
@@ -251,19 +338,36 @@ class SerialLink:
         return bool(ready.poll(wait_ms))
 
 
-def open_link(url: str, option: str) -> UdpLink | SerialLink:
-    """Open a URL's wire. option: its name on the command line. Raises UsageError, DeviceError."""
+Link = UdpLink | UnixLink | SerialLink
+
+
+def open_link(url: str, option: str) -> Link:
+    """Open a URL's wire. option: its name on the command line.
+
+    Raises UsageError, DeviceError, and for a key DataNotFound.
+    """
     try:
-        parts = urlsplit(url)
-        port = parts.port
+        where = line_url(url, option.removeprefix("--"))
     except ValueError as error:
         raise _not_an_address(url, option, str(error)) from None
 
-    if parts.scheme == "udp":
-        return _udp(parts.hostname, port, url, option)
-    if parts.scheme == "serial":
-        return _serial(parts, url, option)
-    raise _not_an_address(url, option, "")
+    link = _opened(where, option)
+    link.key = where.key
+    return link
+
+
+def _opened(where: LineUrl, option: str) -> Link:
+    scheme = where.parts.scheme
+    if scheme == "serial":
+        return _serial(where, option)
+    if where.options:
+        cause = f"{next(iter(where.options))[:40]!r} is no option of it"
+        raise _not_an_address(where.url, option, cause)
+    if scheme == "udp":
+        return _udp(where, option)
+    if scheme == "unix":
+        return _unix(where, option)
+    raise _not_an_address(where.url, option, "")
 
 
 def _not_an_address(url: str, option: str, cause: str) -> UsageError:
@@ -272,7 +376,17 @@ def _not_an_address(url: str, option: str, cause: str) -> UsageError:
     )
 
 
-def _udp(host: str | None, port: int | None, url: str, option: str) -> UdpLink:
+def _unix(where: LineUrl, option: str) -> UnixLink:
+    if where.parts.netloc or not where.path.strip("/"):
+        raise _not_an_address(where.url, option, "a path from / on, as unix:///PATH")
+    link = UnixLink(where.path, f"{option} {where.url}")
+    # a receiver that starts later is found then; until then its absence is reported
+    link.reopen()
+    return link
+
+
+def _udp(where: LineUrl, option: str) -> UdpLink:
+    host, port, url = where.parts.hostname, where.parts.port, where.url
     if not host or not port:
         raise _not_an_address(url, option, "host or port is missing")
     try:
@@ -290,12 +404,12 @@ def _udp(host: str | None, port: int | None, url: str, option: str) -> UdpLink:
     return UdpLink(sender, f"{option} {url}")
 
 
-def _serial(parts: SplitResult, url: str, option: str) -> SerialLink:
-    options = parse_qs(parts.query, keep_blank_values=True)
-    baud = options.pop("baud", [str(DEFAULT_BAUD)])[-1]
+def _serial(where: LineUrl, option: str) -> SerialLink:
+    parts, url = where.parts, where.url
+    baud = where.options.get("baud", str(DEFAULT_BAUD))
     # serial://dev/ttyX, with two slashes, would lose the first part of the path
-    if options or parts.netloc or not parts.path.strip("/"):
-        raise _not_an_address(url, option, "a path, and nothing but baud= after it")
+    if set(where.options) - {"baud"} or parts.netloc or not parts.path.strip("/"):
+        raise _not_an_address(url, option, "a path, and nothing but baud= and key=")
     if not baud.isdecimal() or len(baud) > 9:
         raise _not_an_address(url, option, f"baud={baud[:40]!r} is not a whole number")
 

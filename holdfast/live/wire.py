@@ -12,9 +12,10 @@ from __future__ import annotations
 import errno
 from collections.abc import Callable
 
+from holdfast.core.line_session import LineSender
 from holdfast.edge_runtime.supervisor import EXPIRES_MS
 from holdfast.live.guardian import Guardian
-from holdfast.live.links import SerialLink, UdpLink, open_link
+from holdfast.live.links import Link, open_link
 
 FIRST_RETRY_NS = 50_000_000
 """From a failure to the first new try: 50 ms."""
@@ -37,7 +38,8 @@ class Wire:
 
     def __init__(
         self,
-        link: UdpLink | SerialLink,
+        link: Link,
+        sender: LineSender,
         last: LastLine,
         report: Callable[[str], object],
         now_ns: Callable[[], int],
@@ -45,6 +47,7 @@ class Wire:
         effect: str = HOLDS,
     ) -> None:
         self._link = link
+        self._sender = sender
         self._last = last
         self._now_ns = now_ns
         self._report = report
@@ -82,9 +85,12 @@ class Wire:
         self.dropped += not taken
         return taken
 
-    def look(self) -> None:
+    def look(self, sequence: int) -> None:
         """Try a wire that failed again, where there is no line to pass on."""
         if not self._works:
+            # a hold line, too, must have a later number than the line before it
+            self._sequence = sequence
+            self._guardian.note(sequence)
             self._retry(self._now_ns())
 
     def close(self, reason: str) -> None:
@@ -93,9 +99,9 @@ class Wire:
             return
         # set first: a failure while closing must not lead to a second last line
         self._closed = True
-        line = self._last(self._sequence + 1, self._now_ns(), reason).encode()
+        line = self._last(self._sequence + 1, self._now_ns(), reason)
         try:
-            self._link.finish(line)
+            self._link.finish(self._sender.line(line))
             written = True
         except (OSError, ValueError):
             written = False
@@ -108,7 +114,7 @@ class Wire:
 
     def _write(self, line: str, now_ns: int) -> bool:
         try:
-            taken = self._link.write(line.encode())
+            taken = self._link.write(self._sender.line(line))
         except OSError as error:
             self._fail(error, now_ns)
             return False
@@ -133,8 +139,9 @@ class Wire:
             # ever longer, so that a device that is gone costs the loop little
             self._wait_ns = min(2 * self._wait_ns, LAST_RETRY_NS)
 
-        # an unplugged adapter gets another name as long as a process holds the old one
-        if isinstance(self._link, SerialLink) and error.errno != errno.EAGAIN:
+        # an unplugged adapter gets another name as long as a process holds the old one, and a
+        # receiver that starts again makes a new socket file
+        if self._link.reconnects and error.errno != errno.EAGAIN:
             self._link.lose()
             self._guardian.release()
 
@@ -153,7 +160,7 @@ class Wire:
         # a hold line: a command from before the failure would be old
         line = self._last(self._sequence, now_ns, LOST)
         try:
-            if not self._link.write(line.encode()):
+            if not self._link.write(self._sender.line(line)):
                 raise _stalled()
         except OSError as error:
             self._fail(error, now_ns)
@@ -179,13 +186,15 @@ def open_wire(
     now_ns: Callable[[], int],
     effect: str = HOLDS,
 ) -> Wire:
-    """An open wire, which ends with its last line when it is closed.
+    """An open wire, which ends with its last line when it is closed. Its lines have a session.
 
-    Raises UsageError, DeviceError, OutputError.
+    Raises UsageError, DeviceError, OutputError, and for a key DataNotFound.
     """
     link = open_link(url, option)
-    text = _template(last(-7, -8, DIED), is_serial=link.is_serial)
-    return Wire(link, last, report, now_ns, Guardian(text), effect)
+    sender = LineSender.begin(link.key)
+    text = _template(sender.unsealed(last(-7, -8, DIED)), is_serial=link.is_serial)
+    guardian = Guardian(text, link.key)
+    return Wire(link, sender, last, report, now_ns, guardian, effect)
 
 
 def _template(line: str, *, is_serial: bool) -> str:

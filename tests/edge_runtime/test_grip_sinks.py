@@ -13,21 +13,26 @@ from grip_bench import (
     Hands,
     TtyReceiver,
     UdpReceiver,
+    UnixReceiver,
+    command,
     opened,
     send,
     sender,
     wait_for_the_end_of,
 )
-from hazard_marks import NO_GRIP_COMMAND, RUN_DIES, WIRE_FAILS
+from hazard_marks import FORGED_LINE, NO_GRIP_COMMAND, RUN_DIES, WIRE_FAILS
 
-from holdfast.core.errors import DeviceNotFound, UsageError
+from holdfast.core.errors import DataNotFound, DeviceNotFound, UsageError
+from holdfast.core.line_key import LinkKey, read_key
+from holdfast.core.line_session import LineReceiver, LineSender
+from holdfast.edge_runtime.supervisor import to_line
 from holdfast.live.guardian import Guardian
-from holdfast.live.links import open_link
+from holdfast.live.links import BITS_A_CODE, BITS_A_COMMAND, open_link
 
 A_WHILE_NS = 3_000_000_000
 
 
-@pytest.fixture(params=[UdpReceiver, TtyReceiver])
+@pytest.fixture(params=[UdpReceiver, UnixReceiver, TtyReceiver])
 def receiver(request) -> Iterator[UdpReceiver | TtyReceiver]:
     one = request.param()
     yield one
@@ -274,3 +279,69 @@ def test_an_address_that_cannot_be_is_a_usage_error(url):
 def test_what_is_not_a_serial_port_is_a_device_error(path):
     with pytest.raises(DeviceNotFound, match="serial"):
         open_link(f"serial://{path}", "--grip")
+
+
+@WIRE_FAILS.mark
+def test_a_receiver_that_is_not_there_yet_or_starts_again_is_found(tmp_path):
+    clock, messages, path = Hands(), list[str](), str(tmp_path / "grip")
+    with opened(f"unix://{path}", clock, messages) as sink:
+        assert send(sink, 1) == [False]
+        assert "there is no receiver" in messages[0]
+        first = UnixReceiver(path)
+        send_slowly(sink, clock, range(2, 10))
+        assert [line["reason"] for line in first.waiting()][:3] == ["link was lost"] * 3
+        first.close()
+        assert send(sink, 10) == [False]
+        second = UnixReceiver(path)
+        send_slowly(sink, clock, range(11, 20))
+        lines = second.waiting()
+        assert [line["mode"] for line in lines][:4] == ["hold"] * 3 + ["tighten"]
+        assert len(messages) == 4
+    assert second.until("stopped")["sequence"] == 20
+    second.close()
+
+
+# -- sessions and keys
+
+
+def test_every_line_of_a_run_has_its_session_and_a_rising_number(receiver):
+    sessions = []
+    for _ in range(2):
+        with opened(receiver.url, Hands(), []) as sink:
+            send(sink, 3, 5, 9)
+        lines = [receiver.next() for _ in range(4)]
+        assert [line["sequence"] for line in lines] == [3, 5, 9, 10]
+        (session,) = {line["session"] for line in lines}
+        sessions.append(session)
+        assert lines[0]["target_n"] == 9.4
+        assert "mac" not in lines[0]
+    assert sessions[0] != sessions[1]
+
+
+@FORGED_LINE.mark
+def test_with_a_key_every_line_is_sealed_also_the_guardian_s(receiver, tmp_path):
+    path = tmp_path / "link.key"
+    path.write_text("k" * 32, encoding="ascii")
+    path.chmod(0o600)
+    key, clock = read_key(path, "grip"), Hands()
+    ear = LineReceiver(clock.now_ns, 150, key=key)
+    with sender(f"{receiver.url}?key={path}") as (process, guardian):
+        command_line = Path(f"/proc/{guardian}/cmdline").read_bytes()
+        process.kill()
+        reasons = [
+            ear.take(receiver.raw(), lambda fields: fields["reason"]) for _ in range(4)
+        ]
+    assert reasons == ["risky slip"] * 3 + ["process died"]
+    assert b"k" * 32 not in command_line
+
+
+def test_a_key_that_is_no_key_is_an_error_before_the_run(tmp_path):
+    with pytest.raises(DataNotFound, match="no such key"):
+        open_link(f"udp://127.0.0.1:9000?key={tmp_path / 'none'}", "--grip")
+
+
+def test_a_serial_port_s_rate_counts_the_whole_line(tmp_path):
+    line = LineSender(2**53 - 1).line(to_line(command(10**6)._replace(mu_hat=0.6123)))
+    assert 10 * len(line) < BITS_A_COMMAND < 14 * len(line)
+    key = LinkKey(b"k" * 32, "grip")
+    assert 10 * (len(key.sealed(line)) - len(line)) == BITS_A_CODE

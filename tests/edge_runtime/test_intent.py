@@ -2,23 +2,22 @@
 
 from __future__ import annotations
 
-import json
-import socket
 from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numbered_lines import numbered_sender
 
 from holdfast.core.errors import ColumnError, DeviceLost, NotANumber
+from holdfast.core.line_port import line_port
 from holdfast.core.lsl_streams import StreamFacts
 from holdfast.drivers.lsl import LslIntent
-from holdfast.edge_runtime.commands import receiving
 from holdfast.edge_runtime.intent import (
     Intent,
     IntentMonitor,
-    UdpIntent,
+    PortIntent,
     intent_header,
     intent_row,
     read_intent,
@@ -163,19 +162,14 @@ def test_the_wish_is_never_older_than_it_may_be_and_never_made_up(stream, level)
 
 
 @pytest.fixture
-def udp() -> Iterator[tuple[Callable[[Any], None], UdpIntent, list[str]]]:
+def udp() -> Iterator[tuple[Callable[[Any], None], PortIntent, list[str]]]:
     """(sends one datagram, the stream, its messages)."""
     messages: list[str] = []
     with (
-        receiving("127.0.0.1:0") as receiver,
-        socket.socket(type=socket.SOCK_DGRAM) as sender,
+        line_port("udp://127.0.0.1:0", "intent", messages.append, lambda: 7) as port,
+        numbered_sender(port.address()) as sender,
     ):
-        sender.connect(receiver.getsockname())
-
-        def send(said: Any) -> None:
-            sender.send(said if isinstance(said, bytes) else json.dumps(said).encode())
-
-        yield send, UdpIntent(receiver, 2, lambda: 7, messages.append), messages
+        yield sender.send, PortIntent(port, 2, lambda: 7), messages
 
 
 def test_datagrams_are_items_with_the_time_of_their_arrival(udp):
@@ -199,6 +193,7 @@ def test_datagrams_are_items_with_the_time_of_their_arrival(udp):
         b"[0.5, 0.5]",
         b"[" * 1000,
         b'{"envelope": [NaN, 0]}',
+        b"{}",
         {},
         {"wants": "closed"},
         {"wants": ""},
@@ -222,7 +217,7 @@ def test_what_is_not_understood_is_no_item_and_reported_once(udp, rubbish):
         send(rubbish)
     assert stream.came() == []
     assert len(messages) == 1
-    assert "is not understood" in messages[0]
+    assert "is skipped: not understood" in messages[0]
     assert messages[0].isprintable()
 
 

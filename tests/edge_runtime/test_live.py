@@ -24,6 +24,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from live_bench import ROOT, RUN, Steady, closing_output, free_port, go
 from made_prediction import prediction
+from numbered_lines import numbered_sender
 
 from holdfast.core.contract import Prediction, Sample
 from holdfast.core.errors import (
@@ -576,13 +577,14 @@ def commanded(
     address = "127.0.0.1", free_port()
     with (
         command_port(f"127.0.0.1:{address[1]}", log.append, clock.now_ns) as ask,
-        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as user,
+        numbered_sender(address) as user,
     ):
-        user.connect(address)
 
         def after(datagram: str) -> Command:
             if datagram:
-                user.send(datagram.encode())
+                # an object gets its numbers, and rubbish none
+                is_object = datagram.startswith("{")
+                user.send(json.loads(datagram) if is_object else datagram.encode())
             return ask()
 
         yield after
@@ -612,7 +614,7 @@ def test_the_user_s_commands_come_by_a_port_of_their_own_and_changes_are_logged(
         Command(link="live"),
         Command(link="live"),
     ]
-    assert [line.endswith("(not understood)") for line in log] == [
+    assert ["not understood" in line for line in log] == [
         False,
         False,
         True,

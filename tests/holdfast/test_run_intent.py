@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import json
 import signal
-import socket
 import subprocess
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -17,6 +16,7 @@ import pytest
 from grip_bench import ROOT
 from live_bench import RUN, free_port
 from made_prediction import prediction
+from numbered_lines import numbered_sender
 from recorder_bench import Hand, columns_of, meta_of, one_pull, said, session
 
 from holdfast.core.contract import Sample
@@ -35,12 +35,8 @@ Send = Callable[[Any], None]
 def wearer() -> Iterator[tuple[str, Send]]:
     """(the URL of a stream, what sends one item)."""
     port = free_port()
-    with socket.socket(type=socket.SOCK_DGRAM) as sender:
-
-        def send(said: Any) -> None:
-            sender.sendto(json.dumps(said).encode(), ("127.0.0.1", port))
-
-        yield f"udp://127.0.0.1:{port}", send
+    with numbered_sender(("127.0.0.1", port)) as sender:
+        yield f"udp://127.0.0.1:{port}", sender.send
 
 
 def monitored(

@@ -8,6 +8,7 @@ import select
 import socket
 import subprocess
 import sys
+import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -32,8 +33,12 @@ class UdpReceiver:
         self.port = self.socket.getsockname()[1]
         self.url = f"udp://127.0.0.1:{self.port}"
 
+    def raw(self) -> bytes:
+        """The next line as it came."""
+        return self.socket.recv(65536)
+
     def next(self) -> dict[str, Any]:
-        line: dict[str, Any] = json.loads(self.socket.recv(65536))
+        line: dict[str, Any] = json.loads(self.raw())
         return line
 
     def waiting(self) -> list[dict[str, Any]]:
@@ -57,6 +62,24 @@ class UdpReceiver:
         self.socket.close()
 
 
+class UnixReceiver(UdpReceiver):
+    """A socket file of this user."""
+
+    def __init__(self, path: str = "") -> None:
+        self.folder = tempfile.TemporaryDirectory()
+        self.path = path or f"{self.folder.name}/grip"
+        self.socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+        self.socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 20)
+        self.socket.bind(self.path)
+        self.socket.settimeout(PATIENCE_S)
+        self.url = f"unix://{self.path}"
+
+    def close(self) -> None:
+        self.socket.close()
+        Path(self.path).unlink(missing_ok=True)
+        self.folder.cleanup()
+
+
 class TtyReceiver:
     """The other end of a serial port; lines that are not JSON are skipped, as a hand does."""
 
@@ -66,15 +89,19 @@ class TtyReceiver:
         self.url = f"serial://{self.path}"
         self._other, self._text = other, b""
 
+    def raw(self) -> bytes:
+        """The next line as it came, without its line feed."""
+        while b"\n" not in self._text:
+            ready, _, _ = select.select([self.handle], [], [], PATIENCE_S)
+            assert ready
+            self._text += os.read(self.handle, 65536)
+        line, _, self._text = self._text.partition(b"\n")
+        return line or self.raw()
+
     def next(self) -> dict[str, Any]:
         while True:
-            while b"\n" not in self._text:
-                ready, _, _ = select.select([self.handle], [], [], PATIENCE_S)
-                assert ready
-                self._text += os.read(self.handle, 65536)
-            line, _, self._text = self._text.partition(b"\n")
             try:
-                read: dict[str, Any] = json.loads(line)
+                read: dict[str, Any] = json.loads(self.raw())
             except ValueError:
                 continue
             return read

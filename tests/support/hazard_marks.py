@@ -146,6 +146,13 @@ DEAD_HAND = Hazard(
     "sensors is `unknown`",
     "The hand holds its grip on `unknown`",
 )
+FROZEN_SENSOR = Hazard(
+    LIVE,
+    "One sensor freezes at a reading that looks good, while others live",
+    "The driver goes by the chip's own counter; without one, a sensor whose noise was seen counts "
+    "as lost once it has repeated for 0.2 s while another one changed",
+    "The hand holds its grip on `unknown`; a sensor that repeats at rest is not judged",
+)
 LATE_ANSWER = Hazard(
     LIVE,
     "An answer is late because the computer paused",
@@ -273,4 +280,27 @@ FOREIGN_BROWSER = Hazard(
     "On loopback only requests for a loopback host are answered; on any other host only those with "
     "the token of the run",
     "Choosing a network that is trusted: the page is not encrypted",
+)
+BROKEN_LINE = Hazard(
+    OUTSIDE,
+    "A line on a link is cut off, broken, or not a line at all",
+    "Commands, envelopes and the example receivers skip what is not one JSON object of finite "
+    "numbers; what is skipped is counted and reported once a second",
+    "A receiver of one's own must do the same",
+)
+FORGED_LINE = Hazard(
+    OUTSIDE,
+    "A program on the board or on the network forges or replays lines that move the hand",
+    "A receiver keeps one session until 300 ms without its own lines and obeys rising numbers "
+    "only, within the ceiling and the speed of its hand; with a key it obeys only sealed lines, "
+    "and none twice; a Unix socket is for one user",
+    "Using a Unix socket, a serial port or a key: without one, a sender that reads the link or "
+    "comes first is obeyed",
+)
+FLOODED_PORT = Hazard(
+    OUTSIDE,
+    "A program floods the port of the wearer's commands",
+    "A sender that is obeyed has a queue of its own, no sample waits, and what is skipped is one "
+    "line a second in the log",
+    "Without a Unix socket or a key, a flood that comes first can keep the wearer's commands out",
 )

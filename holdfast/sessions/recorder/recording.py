@@ -21,7 +21,7 @@ from holdfast.live.bias import MeasuredBias, measure_bias, require_good
 from holdfast.live.hand_sources import open_live
 from holdfast.live.intent import intent_monitor
 from holdfast.live.running import first_in_line
-from holdfast.live.sources import force_of
+from holdfast.live.sources import LINES, STANDARD_INPUT, force_of
 from holdfast.sessions.camera import CameraProcess
 from holdfast.sessions.recorder.folder import (
     RECORDING,
@@ -43,6 +43,7 @@ KINDS = {
     "i2c": "recorded",
     "virtual": "simulated",
     "sim": "simulated",
+    **dict.fromkeys(LINES, "recorded"),
 }
 
 
@@ -123,6 +124,8 @@ def record_plan(options: RecordOptions, plan: Plan, context: RunContext) -> int:
 
 def kind_of(url: str) -> str:
     """What trials from a source are: recorded, simulated or replayed."""
+    if url == STANDARD_INPUT:
+        return "recorded"
     scheme, mark, _ = url.partition("://")
     return KINDS.get(scheme if mark else "", "replayed")
 
