@@ -7,7 +7,7 @@ write or record, and where.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
@@ -131,14 +131,8 @@ def examine(root: Path, part: Part = ignored) -> FolderReport:
 
     cells: CellTrials = {}
     trials = []
-    read = read_all(readers, faults.append, part)
-    for reader, trial in zip(readers, read, strict=True):
-        place = reader.place
-        folder = place.object_folder
-        name = object_name(folder.name) if folder else None
-
-        of_cell = cells.setdefault((place.person, name, place.action), [])
-        of_cell.append(trial)
+    for name, trial in _read(readers, faults, part):
+        cells.setdefault(name, []).append(trial)
         if trial:
             trials.append(trial)
 
@@ -199,6 +193,18 @@ def _public(root: Path, layout: str, part: Part) -> FolderReport:
         missing=[],
         not_held_out=held_out.lines(),
     )
+
+
+def _read(
+    readers: Sequence[TrialReader], faults: list[DataError], part: Part
+) -> Iterator[tuple[CellName, TimedTrial | None]]:
+    """Every trial with the name of its cell; None for one that cannot be read."""
+    read = read_all(readers, faults.append, part)
+    for reader, trial in zip(readers, read, strict=True):
+        place = reader.place
+        folder = place.object_folder
+        name = object_name(folder.name) if folder else None
+        yield (place.person, name, place.action), trial
 
 
 def _held_out(trials: list[TimedTrial]) -> HoldOutChoice | None:

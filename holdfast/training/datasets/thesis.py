@@ -99,6 +99,8 @@ SLIP_CAVEAT = (
     "When the object slipped is not known in {n} of {of} trials: the slip is taken to be about "
     "the largest change of the readings, and an alarm anywhere in these trials counts as right."
 )
+BY_SCRIPT = "script"
+"""How the source of labels begins that follow the script (timeline.labels_by)."""
 OPEN_HAND = "open hand"
 """What the labels come from where the trial is that of the hand alone."""
 READING = 0.5
@@ -232,13 +234,12 @@ def _caveat(trials: Sequence[TimedTrial], meta: Json) -> str:
     """The sentences that stand with every figure of these trials."""
     sources = [trial.labels_by for trial in trials]
     guessed = sources.count(OF_WHOLE_TRIAL["slip"])
-    labelled = set(OF_WHOLE_TRIAL.values())
 
     sentences = []
     if classes_of(trials) == CLASSES:
         sentences.append(WEIGHT_CAVEAT)
-    # Trials that only say slip or hold follow no script.
-    if not labelled.issuperset(sources):
+    # Trials with phases, and those that only say slip or hold, follow no script.
+    if any(source.startswith(BY_SCRIPT) for source in sources):
         sentences.append(CAVEAT.format(at_s=meta.get(ACTION_KEY, ACTION_S)))
     if guessed:
         sentences.append(SLIP_CAVEAT.format(n=guessed, of=len(trials)))
