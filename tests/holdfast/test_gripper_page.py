@@ -8,10 +8,15 @@ import re
 import shlex
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
 from command_line import Run
+
+from holdfast.training.datasets.eflesh_slip import BLOCK_TRIALS, SIX_MAGNETOMETERS
+from holdfast.training.datasets.public_files import channels_of
 
 PAGE = Path(__file__).resolve().parents[2] / "docs/gripper.md"
 BLOCK = re.compile(r"```(sh|python)\n(.*?)```", re.DOTALL)
@@ -63,3 +68,55 @@ def test_the_page_runs_from_logs_of_another_program_to_a_gripper_that_holds(
     states = {json.loads(line)["state"] for line in answers}
     assert {"nothing", "grasp"} <= states
     assert "scene: the object is in the hand" in found["run"]
+
+
+def pads_as_logs(npz: Path, folder: Path, every: int) -> Path:
+    """Real trials of a two-pad gripper as another program's logs; returns one that slips."""
+    folder.mkdir()
+    with np.load(npz) as arrays:
+        fields_ut = arrays["X"][:, :, channels_of(SIX_MAGNETOMETERS)]
+        tugged = arrays["y"]
+    names = [f"pad {p} m{k} {a} [uT]" for p in "AB" for k in (1, 2, 3) for a in "xyz"]
+    head = ";".join(["clock (ms)", *names])
+    slips = []
+    for number in range(0, len(tugged), every):
+        action = "slip" if tugged[number] else "hold"
+        path = folder / f"block-{number // BLOCK_TRIALS}_{action}_{number}.csv"
+        field_ut = fields_ut[number]
+        rows = np.column_stack([10.0 * np.arange(len(field_ut)) + 7e5, field_ut])
+        np.savetxt(path, rows, "%.3f", ";", header=head, comments="")
+        path.write_text(path.read_text("utf-8").replace(".", ","), "utf-8")
+        slips += [path] if tugged[number] else []
+    return slips[0]
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_real_logs_of_two_pads_become_a_judged_model_and_a_live_run(
+    run: Run,
+    real_set: Callable[[str], Path],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    slip = pads_as_logs(real_set("eflesh_slip") / "eflesh_slip.npz", Path("logs"), 4)
+    assert run("import", "logs", "--out", "set")[0] == 2
+    proposed = Path("set-map.toml")
+    card = 'hand = "eflesh-gripper"\n'
+    proposed.write_text(card + proposed.read_text("utf-8"), "utf-8")
+    code, out, err = run("import", "logs", "--out", "set", "--map", proposed)
+    assert code == 0, out + err
+    assert "6 sensors, in uT" in out
+    assert run("check", "set")[0] == 0
+    words = "train --data set --out model --report r.html --size tiny --learner forest"
+    code, out, err = run(*words.split())
+    assert code == 0, err
+    assert "held out by object: macro F1 over grasp, risky slip alone" in out
+    page = Path("r.html").read_text("utf-8")
+    assert "<h1>Held out by object: macro F1" in page
+    assert "thumb" not in page
+    assert run("export", "model", "--out", "pads.onnx")[0] == 0
+    source = shlex.quote("stdin://?map=set-map.toml&paced=1")
+    line = f"holdfast run pads.onnx --quiet --out a.jsonl --source {source} < {slip}"
+    said = in_a_shell(line)
+    assert "hand: eflesh-gripper, 6 sensors" in said
+    assert '"state":"risky_slip"' in Path("a.jsonl").read_text("utf-8")
