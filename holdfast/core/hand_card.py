@@ -162,8 +162,8 @@ class HandCard:
         """One line for people: the card and its sensors, side by side."""
         sides = self.sensor_sides
         thumb, opposing = sides.count("thumb"), sides.count("opposing")
-        counts = f"{thumb} on the thumb's side, {opposing} opposing"
-        return f"hand: {self.name}, {len(sides)} sensors ({counts})"
+        against = f"{thumb} against {opposing}"
+        return f"hand: {self.name}, {len(sides)} sensors ({against})"
 
     def to_json(self) -> Json:
         """For a model's metadata: the contacts and what the file was, without its text."""
