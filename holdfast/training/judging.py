@@ -11,7 +11,6 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from holdfast.core.contract import SITUATIONS
 from holdfast.core.errors import ClassMissing, TooFewGroups
 from holdfast.training.crossval import (
     HeldOut,
@@ -23,7 +22,13 @@ from holdfast.training.featurise import FloatRows
 from holdfast.training.figures import HeadFigures, Interval
 from holdfast.training.plan import TrainingPlan
 from holdfast.training.progress import Say, ignored
-from holdfast.training.recording import DataSet, Fold, HoldOut, regrouped
+from holdfast.training.recording import (
+    DataSet,
+    Fold,
+    HoldOut,
+    learned_rows,
+    regrouped,
+)
 
 STRICTEST_FIRST: tuple[HoldOut, ...] = ("person", "object", "session", "trial")
 SHARES = (0.25, 0.5, 0.75)
@@ -51,7 +56,7 @@ class HoldOutChoice:
     """A set with the groups that are held out, and why these.
 
     skipped: a stricter hold-out that is not taken -> why. lacks: what a fold even so cannot learn,
-    in words; "" where every fold learns every situation.
+    in words; "" where every fold learns every class.
     """
 
     data: DataSet
@@ -69,7 +74,7 @@ class HoldOutChoice:
 
 
 def strictest_hold_out(data: DataSet, folds: int, seed: int) -> HoldOutChoice:
-    """The first of STRICTEST_FIRST with which every fold learns every situation of the set.
+    """The first of STRICTEST_FIRST with which every fold learns every class of the set.
 
     Where there is none, the last one that makes two groups. A set whose reader has its own kind of
     group, such as blocks, keeps it.
@@ -99,7 +104,10 @@ def as_grouped(data: DataSet, folds: int, seed: int) -> HoldOutChoice:
     """The set with the groups that it has, and what the first such fold lacks."""
     main = main_task(data)
     groups = data.group_of(main)
-    label = data.tasks[main].of_situations().label
+    # A weight counts as much as a situation: held-out votes of models that lack one would
+    # calibrate it the wrong way round.
+    rows = learned_rows(data.tasks[main])
+    label = rows.label
     n_folds = min(folds, len(np.unique(groups)))
     if n_folds < 2:
         return HoldOutChoice(data, lacks=f"one {data.group_kind} alone")
@@ -110,9 +118,17 @@ def as_grouped(data: DataSet, folds: int, seed: int) -> HoldOutChoice:
         if gone.size:
             those = test[label[test] == gone[0]]
             names = _in_short(np.unique(groups[those]).tolist())
-            situation = SITUATIONS[gone[0]].replace("_", " ")
-            return HoldOutChoice(data, lacks=f"without {names} no {situation} is left")
+            what = _in_words(rows.classes[gone[0]])
+            return HoldOutChoice(data, lacks=f"without {names} no {what} is left")
     return HoldOutChoice(data)
+
+
+def _in_words(name: str) -> str:
+    """A situation, or a class: a situation and a weight."""
+    situation, _, weight = name.rpartition("_")
+    if weight not in ("light", "heavy"):
+        return name.replace("_", " ")
+    return f"{situation.replace('_', ' ')} with a {weight} object"
 
 
 def _in_short(names: Sequence[str]) -> str:

@@ -232,6 +232,13 @@ def learnable(data: DataSet) -> DataSet:
     return data
 
 
+def learned_rows(rows: LabelledRows) -> LabelledRows:
+    """The windows as `learnable` has them: situations where the weight is not learned."""
+    if len(rows.classes) > len(SITUATIONS) and _of_one_weight(rows):
+        return rows.of_situations()
+    return rows
+
+
 def cannot_tell(data: DataSet, *, by_force: bool) -> dict[str, str]:
     """What a model of this set cannot tell: situations and WEIGHT, with the reason of each.
 

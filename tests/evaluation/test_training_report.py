@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -25,7 +26,14 @@ def by_trial(tmp_path_factory: pytest.TempPathFactory) -> DataSet:
 def test_a_set_is_held_out_by_person_else_object_else_session_else_trial(
     by_trial: DataSet,
 ) -> None:
-    assert strictest_hold_out(by_trial, 2, 0).kind == "object"
+    assert strictest_hold_out(by_trial.without_weight(), 2, 0).kind == "object"
+    # One light and one heavy object: a model without one of them knows one weight alone.
+    weighed = strictest_hold_out(by_trial, 2, 0)
+    assert weighed.kind == "trial"
+    assert re.match(
+        "not held out by object: without .* no nothing with a (light|heavy) object",
+        weighed.lines()[1],
+    )
     one_object = replace(
         by_trial,
         recordings=[replace(one, object_name="book") for one in by_trial.recordings],

@@ -56,8 +56,8 @@ def test_the_page_runs_from_logs_of_another_program_to_a_gripper_that_holds(
 
     # The first import only proposes a map.
     assert codes == [0, 2, 0, 0, 0, 0]
-    assert "30 trials, 2 sensors, in N" in found["import"]
-    assert "held out by object: 3 objects" in found["check"]
+    assert "32 trials, 2 sensors, in N" in found["import"]
+    assert "held out by object: 4 objects" in found["check"]
     assert "held out by object: macro F1" in found["train"]
     headline = "<h1>Held out by object: macro F1"
     assert headline in Path("build/gripper/report.html").read_text("utf-8")
