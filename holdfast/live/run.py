@@ -227,9 +227,11 @@ class _Run:
         untold = untold_of(card.raw)
         # the view is opened first: from then on messages appear above its picture
         if options.view:
+            from holdfast.core.hand_card import sensor_names
             from holdfast.live.view import open_view
 
-            self._view = open_view(card.unit, untold=untold)
+            names = sensor_names(card.hand, card.n_channels // 3)
+            self._view = open_view(card.unit, untold=untold, names=names)
             close_at_end(stack, self._view)
 
         sinks: list[Sink] = []

@@ -66,6 +66,7 @@ def _summary(report: FolderReport) -> list[str]:
         f"{report.channels} channels; {FORMATS.get(report.layout, 'a public set')}",
         f"held out by {report.held_out_by}: {counted(report.groups, report.held_out_by)}",
     ]
+    lines += report.not_held_out
     if report.intents:
         lines.append(f"the wearer's command beside {counted(report.intents, 'trial')}")
     return lines
