@@ -214,6 +214,8 @@ class _Run:
                     resting=resting,
                     command=command,
                 )
+                if summary.source_ended:
+                    self.report(f"the source has ended; samples: {summary.samples}")
 
         # exact only now: while sinks are open, waiting lines count as dropped
         summary.dropped = self.lines.dropped
