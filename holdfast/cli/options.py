@@ -108,7 +108,7 @@ def printed_mm(word: str) -> float:
 def add_grip_options(parser: argparse.ArgumentParser) -> None:
     """--grip, --controller, --ceiling, --feedback, --cues."""
     option = parser.add_argument
-    wires = "udp://HOST:PORT, serial:///dev/ttyX?baud=115200"
+    wires = "unix:///PATH, udp://HOST:PORT, serial:///dev/ttyX?baud=115200"
     scene = (
         "or the word virtual for the hand in a scene (--source virtual://..?scene=..)"
     )
@@ -118,8 +118,7 @@ def add_grip_options(parser: argparse.ArgumentParser) -> None:
     option("--controller", metavar="NAME", help=f"grip controller: {names}")
     ceiling = "largest grip of the hand, N of either side (default: 70)"
     option("--ceiling", type=positive, metavar="N", help=ceiling)
-    either = "udp://HOST:PORT or serial:///dev/ttyX?baud=115200"
-    feedback = f"send vibration cues for the wearer: {either}"
+    feedback = f"send vibration cues for the wearer: {wires}"
     option("--feedback", metavar="URL", help=feedback)
     cues = "patterns of the cues (TOML; default: the shipped table, docs/feedback.md)"
     option("--cues", type=path_argument, metavar="FILE", help=cues)
@@ -130,7 +129,7 @@ def require_grip(args: argparse.Namespace) -> None:
     if args.cues and not args.feedback:
         raise UsageError(
             "--cues needs --feedback, which sends the cues",
-            next_step="--feedback udp://127.0.0.1:9002",
+            next_step="--feedback unix:///run/hand/cues",
         )
 
     # Silently ignored, these options would look as if they worked.
@@ -139,13 +138,14 @@ def require_grip(args: argparse.Namespace) -> None:
         if value and not args.grip:
             raise UsageError(
                 f"--{option} needs --grip, which runs the controller",
-                next_step="--grip udp://127.0.0.1:9000",
+                next_step="--grip unix:///run/hand/grip",
             )
 
 
 def add_intent_option(parser: argparse.ArgumentParser) -> None:
     """--intent."""
-    intent = "show and record the wearer's command: udp://HOST:PORT?envelopes=2 or lsl://NAME"
+    ports = "unix:///PATH, udp://HOST:PORT?envelopes=2 or lsl://NAME"
+    intent = f"show and record the wearer's command: {ports}"
     parser.add_argument("--intent", metavar="URL", help=intent)
 
 

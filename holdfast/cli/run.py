@@ -46,7 +46,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     lsl = "also send values and decisions as the LSL streams NAME and NAME-decision"
     option("--lsl", metavar="NAME", help=lsl)
     commands = "receive the user's commands here: opening, and override of an alarm"
-    option("--commands", metavar="HOST:PORT", help=commands)
+    option(
+        "--commands", metavar="URL", help=f"{commands} (unix:///PATH, udp://HOST:PORT)"
+    )
     add_intent_option(parser)
     add_obey_option(parser)
     add_grip_options(parser)

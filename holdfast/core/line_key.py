@@ -1,4 +1,4 @@
-"""A shared key for the lines of a link: who does not have it can neither write nor replay them.
+"""A shared key for the lines of a link: a program without it can neither write nor replay them.
 
 A key is a file with 32 to 64 printable characters, which only its owner may read:
 

@@ -51,6 +51,27 @@ class GripSense:
     overridden: Flag
 
 
+LARGEST = 1e9
+"""No sensor reads more, N or uT."""
+
+
+def possible(batch: Batch, sense: GripSense) -> GripSense:
+    """The sense with its forces within 0 and LARGEST, and its probabilities within 0 and 1.
+
+    A sample with a number that is NaN is unknown: it says nothing, and the grip is held. Without
+    this, one infinite force would stay in what a controller remembers.
+    """
+    numbers = (sense.grip_n, sense.load_n, sense.p_risky, sense.p_safe)
+    known = sense.known
+    for number in numbers:
+        # only NaN differs from itself
+        known = known & (number == number)
+    grip_n, load_n = (batch.within(0.0, force_n, LARGEST) for force_n in numbers[:2])
+    p_risky, p_safe = (batch.within(0.0, p, 1.0) for p in numbers[2:])
+    flags = (known, sense.empty, sense.opening, sense.overridden)
+    return GripSense(grip_n, load_n, p_risky, p_safe, *flags)
+
+
 class WearersGrip:
     """The grip that the wearer set, measured while no target is given; 0 while nothing is held."""
 

@@ -29,10 +29,12 @@ from holdfast.core.errors import UsageError
 from holdfast.edge_runtime.batch import ONE_HAND, Batch, Flag, Number
 from holdfast.edge_runtime.grip import (
     CONTROLLERS,
+    LARGEST,
     AnswerRules,
     Controller,
     GripSense,
     Holdfast,
+    possible,
 )
 from holdfast.edge_runtime.supervisor import (
     HOLD,
@@ -148,8 +150,6 @@ class FrictionMargin:
 
 FORCE_CONTROLLERS = ("pd-shear", "sliding-mode")
 """Controllers whose parameters are in N: they need forces, not raw fields."""
-LARGEST = 1e9
-"""No sensor reads more, N or uT; a larger number counts as no force."""
 
 
 def controller_of(
@@ -186,12 +186,14 @@ class GripLoop:
         limits: Limits | None = None,
         shear_gain: float = 1.0,
     ) -> None:
+        self._batch = batch
         self.controller = controller
         self.margin = FrictionMargin(batch, rate_hz, shear_gain)
         self.supervisor = Supervisor(batch, rate_hz, limits)
 
     def step(self, sense: GripSense) -> Number:
-        """One sample: the target, N a side; 0 for none."""
+        """One sample, whatever it says: the target, N a side; 0 for none, up to the ceiling."""
+        sense = possible(self._batch, sense)
         self.margin.step(sense)
         # what was given, not what was wanted: a controller must not wind up
         margin = self.margin
@@ -301,7 +303,7 @@ def sense_of(
     for x, y, z, good, weight in zip(
         f[::3], f[1::3], f[2::3], flags, weights, strict=True
     ):
-        # NaN is not below LARGEST
+        # a larger number counts as no force, and NaN is not below LARGEST
         if good and abs(x) + abs(y) + abs(z) < LARGEST:
             # a finger can press, not pull: less than 0 is noise
             grip_n += weight * z if z > 0.0 else 0.0
@@ -331,9 +333,10 @@ def _weights(thumb: tuple[bool, ...] | None, flags: list[bool]) -> list[float]:
 
 def _cue(prediction: Prediction, from_p: float) -> float:
     """Strength of the wearer's vibration cue: 0 below from_p, and p(risky slip) above."""
-    if prediction.state == "unknown" or prediction.p_risky < from_p:
+    p_risky: float = ONE_HAND.within(0.0, prediction.p_risky, 1.0)
+    if prediction.state == "unknown" or p_risky < from_p:
         return 0.0
-    return prediction.p_risky
+    return p_risky
 
 
 def _reason(prediction: Prediction, mode: int, from_p: float, reduced: bool) -> str:

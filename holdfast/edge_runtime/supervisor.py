@@ -21,8 +21,9 @@ One grip command a sample reaches the hand, as one JSON line:
     {"sequence":812,"t_ns":5413333333,"mode":"tighten","target_n":9.4,"slew_n_s":400.0,
      "feedback":0.6,"reason":"risky slip","mu_hat":0.61,"margin":0.12,"expires_ms":300}
 
-`docs/shared-control.md` has every field, and a receiver in Python and in C. A hand that has got no
-line for expires_ms holds its grip.
+The wire adds a session and, with a key, a code (core/line_session.py). `docs/shared-control.md` has
+every field, and a receiver in Python and in C. A hand that has got no line for expires_ms holds its
+grip.
 """
 
 from __future__ import annotations
@@ -165,8 +166,10 @@ class Supervisor:
         is_fresh = self.since_s < limits.rise_s
         may_rise = is_fresh & (self.risen_s < limits.most_rise_s)
 
+        # what no controller can want changes nothing; only NaN differs from itself
+        wanted_n = batch.choose(wanted_n == wanted_n, wanted_n, self.given_n)
         # Without fresh evidence the target may still fall, and only rising is barred.
-        capped_n = batch.least(wanted_n, limits.ceiling_n)
+        capped_n = batch.within(0.0, wanted_n, limits.ceiling_n)
         lower_n = batch.least(capped_n, self.given_n)
         return batch.choose(may_rise, capped_n, lower_n)
 

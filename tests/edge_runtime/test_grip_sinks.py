@@ -301,6 +301,19 @@ def test_a_receiver_that_is_not_there_yet_or_starts_again_is_found(tmp_path):
     second.close()
 
 
+def test_a_wire_without_a_line_to_pass_on_is_tried_with_rising_numbers(tmp_path):
+    clock, path = Hands(), str(tmp_path / "cues")
+    with opened(f"unix://{path}", clock, []) as sink:
+        assert send(sink, 1) == [False]
+        receiver = UnixReceiver(path)
+        for k in range(5, 9):
+            clock.ns += A_WHILE_NS
+            sink.look(k)
+        assert [line["sequence"] for line in receiver.waiting()] == [5, 6, 7]
+    assert receiver.next()["sequence"] == 8
+    receiver.close()
+
+
 # -- sessions and keys
 
 

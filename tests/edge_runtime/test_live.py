@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 from command_line import fails
-from hazard_marks import LOST_SENSOR, RESTART, SILENT_SENDER
+from hazard_marks import FORGED_LINE, LOST_SENSOR, RESTART, SILENT_SENDER
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
@@ -720,6 +720,7 @@ def test_the_shipped_service_names_bias_calibration_and_commands_is_never_given_
 
 
 @RESTART.mark
+@FORGED_LINE.mark
 def test_the_shipped_service_s_command_is_one_that_the_program_understands():
     import shlex
 
@@ -737,11 +738,13 @@ def test_the_shipped_service_s_command_is_one_that_the_program_understands():
     words = shlex.split(line.removeprefix("ExecStart="))
     args = parser.parse_args(words[2:])
     assert words[1] == "run"
-    assert (args.bias.name, args.commands, args.quiet) == (
-        "bias.json",
-        "127.0.0.1:9001",
-        True,
-    )
+    assert (args.bias.name, args.quiet) == ("bias.json", True)
+    # no port, which every program of the board could write to
+    assert args.commands == "unix:///run/holdfast/commands"
+    assert args.grip == "unix:///run/holdfast/grip"
+    assert args.udp is None
+    for line in ("RuntimeDirectory=holdfast", "RuntimeDirectoryMode=0700"):
+        assert f"{line}\n" in unit
 
 
 def test_a_bias_that_was_measured_before_lets_a_run_begin_with_a_loaded_hand(

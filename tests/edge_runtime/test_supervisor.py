@@ -5,16 +5,19 @@ docs/safety.md has the same invariants as a table.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from itertools import product
 from typing import NamedTuple
 
 import pytest
-from grip_senses import RATE_HZ, sense
-from hazard_marks import SUPERVISOR_INVARIANTS
+from grip_senses import QUICK, RATE_HZ, loop_of, numbers_of, sense
+from hazard_marks import IMPOSSIBLE_SENSE, SUPERVISOR_INVARIANTS
+from hypothesis import given
+from hypothesis import strategies as st
 
 from holdfast.edge_runtime.batch import ONE_HAND
-from holdfast.edge_runtime.grip import Controller
+from holdfast.edge_runtime.grip import CONTROLLERS, Controller, GripSense
 from holdfast.edge_runtime.grip_control import GripLoop
 from holdfast.edge_runtime.supervisor import (
     HOLD,
@@ -271,3 +274,45 @@ def test_a_loop_gives_its_supervisor_what_the_wearer_commands() -> None:
         assert loop.step(sense(**command)) == 0.0
     loop.supervisor.given_n = 9.0
     assert loop.step(sense(known=False)) == 9.0
+
+
+ANY = st.floats(allow_nan=True, allow_infinity=True)
+ANY_SENSE = st.builds(
+    GripSense, ANY, ANY, ANY, ANY, *[st.sampled_from((False, False, True))] * 4
+)
+
+
+@IMPOSSIBLE_SENSE.mark
+@pytest.mark.parametrize("name", CONTROLLERS)
+@given(st.lists(ANY_SENSE, max_size=30))
+def test_whatever_is_sensed_every_controller_s_target_is_finite_and_within_the_ceiling(
+    name: str, senses: list[GripSense]
+) -> None:
+    loop = loop_of(ONE_HAND, name)
+    for _ in range(3):
+        loop.step(sense(p_risky=1.0))
+    for one in senses:
+        before_n = loop.supervisor.given_n
+        target_n = loop.step(one)
+        assert 0.0 <= target_n <= QUICK.ceiling_n
+        assert all(map(math.isfinite, numbers_of(loop)))
+        numbers = (one.grip_n, one.load_n, one.p_risky, one.p_safe)
+        if one.opening or one.overridden:
+            assert target_n == 0.0
+        # held, and neither tightened nor released
+        elif not one.known or any(map(math.isnan, numbers)):
+            assert target_n == before_n
+
+
+@IMPOSSIBLE_SENSE.mark
+@given(st.lists(st.tuples(ANY, st.booleans(), ANY), max_size=30))
+def test_whatever_is_wanted_a_target_is_finite_and_within_the_ceiling(
+    wants: list[tuple[float, bool, float]],
+) -> None:
+    supervisor = Supervisor(ONE_HAND, RATE_HZ, QUICK)
+    for wanted_n, fresh, holds_n in wants:
+        before_n = supervisor.given_n
+        target_n = supervisor.step(sense(), wanted_n, fresh, holds_n)
+        assert 0.0 <= target_n <= QUICK.ceiling_n
+        if math.isnan(wanted_n):
+            assert target_n <= before_n

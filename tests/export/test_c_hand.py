@@ -11,13 +11,14 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 from c_form import SANITISED, CForm, c_form, run
-from grip_senses import QUICK, random_senses
+from grip_senses import QUICK, hostile_senses, random_senses
+from hazard_marks import IMPOSSIBLE_SENSE
 from made_once import made_once
 from small_model import artifact, graph_of, spec
 
 from holdfast.edge_runtime.batch import ManyHands
 from holdfast.edge_runtime.decision import LIMITS, DecisionRules, DecisionState, decide
-from holdfast.edge_runtime.grip import AnswerRules, GripSense
+from holdfast.edge_runtime.grip import AnswerRules, GripSense, possible
 from holdfast.edge_runtime.grip_control import GripLoop, controller_of
 from holdfast.export.c.constants import RULE_ORDER
 from holdfast.export.c.graph import read_graph
@@ -157,9 +158,9 @@ def commanded(senses: list[GripSense], hands: int) -> Array:
         commands["mode"][:, at] = loop.supervisor.mode
         for name in ("mu_hat", "margin", "needed_n"):
             commands[name][:, at] = getattr(loop.margin, name)
-        commands["feedback"][:, at] = np.where(
-            one.known & (one.p_risky >= rules.from_p), one.p_risky, 0.0
-        )
+        felt = possible(batch, one)
+        is_felt = felt.known & (felt.p_risky >= rules.from_p)
+        commands["feedback"][:, at] = np.where(is_felt, felt.p_risky, 0.0)
     commands["slew_n_s"] = QUICK.slew_n_s
     return commands
 
@@ -187,5 +188,29 @@ def test_a_grip_command_in_c_has_the_bits_of_python_at_every_step(form, hands):
         assert got[name].tobytes() == wanted[name].tobytes(), name
     assert set(np.unique(wanted["mode"])) == {0, 1, 2, 3, 4}
     assert (wanted["mu_hat"] > 0.0).mean() > 0.05
+    few = run(form.program("gcc", *SANITISED), "grip", given[:20], COMMAND)
+    assert few.tobytes() == got[:20].tobytes()
+
+
+@IMPOSSIBLE_SENSE.mark
+@pytest.mark.parametrize("hands", [100, pytest.param(2_500, marks=pytest.mark.soak)])
+def test_whatever_is_sensed_a_target_in_c_and_python_is_finite_and_within_the_ceiling(
+    form, hands
+):
+    senses = hostile_senses(37, 400, hands)
+    given = records_of(senses, hands)
+    with np.errstate(all="raise", under="ignore"):
+        wanted = commanded(senses, hands)
+    got = run(form.program("gcc", "-O2"), "grip", given, COMMAND).reshape(wanted.shape)
+    for commands in (got, wanted):
+        target_n = commands["target_n"]
+        assert (
+            np.count_nonzero(~((target_n >= 0.0) & (target_n <= QUICK.ceiling_n))) == 0
+        )
+        assert all(np.isfinite(commands[name]).all() for name in NUMBERS)
+    assert (got["mode"] == wanted["mode"]).all()
+    for name in NUMBERS:
+        assert got[name].tobytes() == wanted[name].tobytes(), name
+    assert (wanted["target_n"] > 0.0).mean() > 0.1
     few = run(form.program("gcc", *SANITISED), "grip", given[:20], COMMAND)
     assert few.tobytes() == got[:20].tobytes()

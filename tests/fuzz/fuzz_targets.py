@@ -10,11 +10,12 @@ from __future__ import annotations
 import hashlib
 import io
 import json
+import math
 import os
 import socket
 import tempfile
 from collections.abc import Callable
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -25,8 +26,12 @@ import numpy as np
 import usb.core
 from import_targets import IMPORT_TARGETS
 
+from holdfast.core.column_map import column_map_of
 from holdfast.core.contract import RISKY_SLIP
 from holdfast.core.errors import HoldfastError, NotAModel
+from holdfast.core.line_key import LinkKey
+from holdfast.core.line_port import line_url
+from holdfast.core.line_session import SILENCE_NS, LineReceiver, LineRefused
 from holdfast.core.tactile_file import RepairResult, repair_table
 from holdfast.core.trial_file import read_trial
 from holdfast.core.trial_layout import mass_g as read_mass_g
@@ -38,8 +43,10 @@ from holdfast.drivers.finger import TEST_PACKETS, FingerState
 from holdfast.drivers.ft232h import Ft232h
 from holdfast.drivers.hand import Hand
 from holdfast.drivers.layout import Finger, read_layout
+from holdfast.drivers.line_feeds import LineSplitter
 from holdfast.drivers.mcp2221 import Mcp2221
 from holdfast.drivers.replay import open_replay
+from holdfast.drivers.sample_lines import SampleReader
 from holdfast.drivers.tiny_usb import TinyUsb
 from holdfast.drivers.tmag5273 import CHECKED_BYTES, LAYOUT, Setup, packet_crc
 from holdfast.drivers.virtual.clock import VirtualClock
@@ -61,7 +68,8 @@ from holdfast.edge_runtime.model_file import (
 )
 from holdfast.edge_runtime.onnx_bytes import read_onnx
 from holdfast.edge_runtime.preparation import Tare
-from holdfast.live.hand_sources import open_live
+from holdfast.live.hand_sources import is_lines, open_live
+from holdfast.live.line_sources import read_line_url
 from holdfast.live.page.link import read_address
 from holdfast.live.page.server import Access, PageHandler, PageServer
 from holdfast.live.page.stream import LiveStream
@@ -106,6 +114,10 @@ MCP2221_REPORTS = (
 BOARD = ("usb", "i2c", "lsl")
 """Sources on this very machine: their URLs are taken apart as the others are, but nothing of a
 stranger is opened."""
+LINE_MAP = column_map_of(
+    'unit = "gf"\n[time]\ncolumn = "t"\n[[sensors]]\nx = "f.0"\ny = "-f.1"\nz = "f.2"\n'
+)
+LINE_KEY = LinkKey(b"k" * 32, "samples")
 ERRNOS = (5, 13, 16, 19, 32, 75, 110)
 
 
@@ -383,9 +395,33 @@ def source(data: bytes) -> None:
     if scheme in BOARD:
         url = url.lstrip().replace(scheme, "virtual", 1)
     os.chdir(folder())
+    if is_lines(url):
+        # no port of a stranger's choice is opened
+        read_line_url(url)
+        return
     opened = open_live(url, clock=VirtualClock(), report=lambda line: None)
     opened.read()
     opened.close()
+
+
+def sample_lines(data: bytes) -> None:
+    """Lines of a program that sends samples: first a header or a key, then lines in pieces."""
+    sealed = data[:1] == b"k"
+    reader = SampleReader(
+        LINE_MAP if data[:1] == b"m" else None, key=LINE_KEY if sealed else None
+    )
+    splitter = LineSplitter()
+    for k, at in enumerate(range(1, len(data), 97)):
+        for line in splitter.split(data[at : at + 97]):
+            with suppress(LineRefused):
+                text = LINE_KEY.sealed(line) if sealed and k % 2 else line
+                sample = reader.take(text, k % 3, 10_000_000 * k)
+                if sample is not None:
+                    assert reader.map is not None
+                    assert sample.values.shape == (len(reader.map.channels),)
+                    assert sample.valid.shape == (len(reader.map.sensors),)
+                    held = np.repeat(sample.valid, 3)
+                    assert np.isfinite(sample.values[held]).all()
 
 
 def packets(data: bytes) -> None:
@@ -408,9 +444,10 @@ def commands(data: bytes) -> None:
         probe.bind(("127.0.0.1", 0))
         address = probe.getsockname()
     messages: list[str] = []
+    clock = VirtualClock()
     with (
         command_port(
-            f"{address[0]}:{address[1]}", messages.append, VirtualClock().now_ns
+            f"{address[0]}:{address[1]}", messages.append, clock.now_ns
         ) as ask,
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as user,
     ):
@@ -418,9 +455,58 @@ def commands(data: bytes) -> None:
         for result in data[:8192].split(b"\n"):
             user.send(result)
             assert isinstance(ask(), Command)
-        user.send(b'{"override": true}')
+        # a session that the data began is over
+        clock.spend(SILENCE_NS + 1)
+        user.send(b'{"session": 1, "sequence": 0, "override": true}')
         assert ask().override
     assert all(line.isprintable() for line in messages)
+    assert len(messages) < 20
+
+
+LINK_KEY = LinkKey(b"k" * 32, "grip")
+
+
+def link_line(data: bytes) -> None:
+    """A line of a link: it is obeyed or skipped, nothing forged is obeyed with a key, and the
+    genuine line after it is."""
+    for key in (None, LINK_KEY):
+        clock = VirtualClock()
+        receiver = LineReceiver(clock.now_ns, 150, key=key, needs_session=False)
+        for line in data.split(b"\n"):
+            try:
+                fields = receiver.take(line, lambda fields: fields)
+            except LineRefused:
+                continue
+            assert key is None
+            assert all_finite(list(fields.values()))
+        clock.spend(SILENCE_NS + 1)
+        genuine = b'{"session":9007199254740991,"sequence":9007199254740991}'
+        taken = receiver.take(
+            key.sealed(genuine) if key else genuine, lambda fields: fields
+        )
+        assert taken == {}
+
+
+def all_finite(values: list[Any]) -> bool:
+    """Whether all numbers are, also within lists and objects."""
+    while values:
+        value = values.pop()
+        if isinstance(value, dict):
+            values += value.values()
+        elif isinstance(value, list):
+            values += value
+        elif isinstance(value, float) and not math.isfinite(value):
+            return False
+    return True
+
+
+def link_url(data: bytes) -> None:
+    """Where commands are to come from: an address, or one error."""
+    try:
+        where = line_url(text_of(data), "commands")
+    except ValueError:
+        return
+    assert isinstance(where.options, dict)
 
 
 def web_address(data: bytes) -> None:
@@ -816,15 +902,41 @@ TARGETS = {
             b"a#0",
             b"i2c://1",
             b"usb://tiny-usb?number=2",
+            b"udp://127.0.0.1:9000?network=1&stamps=sender&rate_hz=150&unit=uT",
+            b"serial:///dev/ttyACM0?baud=115200",
+            b"tcp://localhost:9000?listen=1",
+            b"stdin://?paced=1",
         ),
         100,
+    ),
+    "sample_lines": Target(
+        sample_lines,
+        (
+            b'j{"session":1,"sequence":2,"t_ms":3,"X1":1,"Y1":2,"Z1":-3.5}\n',
+            b"cTime,X1,Y1,Z1,valid1\n0.1,1,2,3,1\n0.2,nan,,3,0\n",
+            b'm{"t":5,"f":[1,2,null]}\nt;f.0;f.1;f.2\n1,5;2;3;4\n',
+            b'k{"session":1,"sequence":2,"X1":1,"Y1":2,"Z1":3}\n',
+        ),
     ),
     "commands": Target(
         commands,
         (
-            b'{"opening": true}\n{"override": true}',
-            b'{"opening": false, "override": false}',
+            b'{"session": 1, "sequence": 2, "opening": true}\n{"override": true}',
+            b'{"session": 7, "sequence": 3, "opening": false, "override": false}',
         ),
+    ),
+    "link_line": Target(
+        link_line,
+        (
+            b'{"session":1,"sequence":2,"target_n":9.4}\n{"session":1,"sequence":3}',
+            LINK_KEY.sealed(b'{"session":1,"sequence":1}')[:-1],
+            b'{"session":1,"sequence":1,"target_n":-Infinity,"a":[[1e999]]}',
+            b"[" * 2000,
+        ),
+        300,
+    ),
+    "link_url": Target(
+        link_url, (b"udp://127.0.0.1:9001?envelopes=2", b"unix:///run/a?mode=1"), 100
     ),
     "web_address": Target(web_address, (b"8000", b"[::1]:0", b"0.0.0.0:8000", b"a:b")),
     "web_request": Target(

@@ -107,8 +107,12 @@ def test_a_receiver_that_comes_back_gets_the_cue_that_applies():
             cues.write(prediction(k, t_decided_ns=clock.now_ns(), **RISKY))
             if k == 20:
                 again = UdpReceiver(port)
-    kinds = [line["cue"] for line in again.waiting()]
+    lines = again.waiting()
+    kinds = [line["cue"] for line in lines]
     assert kinds[:3] == ["unknown"] * 3
+    # a device skips what does not rise
+    sequences = [line["sequence"] for line in lines]
+    assert sequences == sorted(set(sequences))
     assert "act" in kinds[3:]
     again.close()
 

@@ -99,3 +99,24 @@ def bits(numbers: list[Any], hand: int | None = None) -> bytes:
     return struct.pack(
         f"{len(numbers)}d", *(n if hand is None else n[hand] for n in numbers)
     )
+
+
+NUMBERS = (
+    "nan inf -inf -1e308 -1 -0 0 5e-324 1e-300 .3 .95 1 1.0000001 3 1e9 3e38 1.7e308"
+)
+HOSTILE = np.array([float(number) for number in NUMBERS.split()])
+"""What no sensor and no model should say, between numbers that they do."""
+
+
+def hostile_senses(seed: int, samples: int, hands: int) -> list[GripSense]:
+    """Streams like the random ones, in which half of all numbers are any at all."""
+    rng = np.random.default_rng(seed)
+    senses = random_senses(seed, samples, hands)
+    for one in senses:
+        for name in ("grip_n", "load_n", "p_risky", "p_safe"):
+            usual = getattr(one, name)
+            hostile = np.where(
+                rng.random(hands) < 0.5, rng.choice(HOSTILE, hands), usual
+            )
+            setattr(one, name, hostile)
+    return senses

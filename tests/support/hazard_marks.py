@@ -153,6 +153,21 @@ FROZEN_SENSOR = Hazard(
     "as lost once it has repeated for 0.2 s while another one changed",
     "The hand holds its grip on `unknown`; a sensor that repeats at rest is not judged",
 )
+FORGED_SAMPLES = Hazard(
+    OUTSIDE,
+    "Another program sends samples to the port of a source",
+    "A source keeps one sender until none of its samples has come for 300 ms, takes rising lines "
+    "only, listens on this machine only unless told otherwise, and with a key takes sealed lines "
+    "only, none of them twice",
+    "Without a key, a sender that can read the link, or that comes first, is believed",
+)
+STALE_LINES = Hazard(
+    LIVE,
+    "A program that sends samples as lines is stuck, late or silent",
+    "Late and silent are judged on arrival: what did not come in time is lost, what waited while "
+    "nothing was read is dropped, and the state is `unknown`",
+    "A delay that is constant from the start cannot be seen without a common clock",
+)
 LATE_ANSWER = Hazard(
     LIVE,
     "An answer is late because the computer paused",
@@ -215,6 +230,13 @@ SUPERVISOR_INVARIANTS = Hazard(
     "A grip controller wants too much, for too long, or against the wearer",
     "A supervisor bounds every target; all its reachable states and inputs are searched, and the "
     "invariants hold in each",
+    "The force limit of the drive, whatever the request is",
+)
+IMPOSSIBLE_SENSE = Hazard(
+    DECISIONS,
+    "The grip controller is fed numbers that cannot be: NaN, infinite, negative, or huge",
+    "Each is brought into its range, and a sample with a NaN counts as unknown; targets are "
+    "finite and within the ceiling, in C as in Python",
     "The force limit of the drive, whatever the request is",
 )
 FOREIGN_MODEL = Hazard(

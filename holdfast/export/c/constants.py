@@ -8,8 +8,13 @@ from __future__ import annotations
 import math
 
 from holdfast.edge_runtime import grip_control as friction
-from holdfast.edge_runtime.grip import AnswerRules, Holdfast, LoadSwing, WearersGrip
-from holdfast.edge_runtime.grip_control import LARGEST
+from holdfast.edge_runtime.grip import (
+    LARGEST,
+    AnswerRules,
+    Holdfast,
+    LoadSwing,
+    WearersGrip,
+)
 from holdfast.edge_runtime.model_file import ModelCard
 from holdfast.edge_runtime.supervisor import Limits
 from holdfast.export.c.literals import number

@@ -28,7 +28,22 @@ holdfast_sense holdfast_sense_of(const holdfast_out *out, const holdfast_decisio
     return sense;
 }
 
-void holdfast_grip_step(holdfast_grip *grip, const holdfast_sense *sense, holdfast_command *command) {
+/* The sense with its forces within 0 and HF_LARGEST, and its probabilities within 0 and 1. A sample
+   with a number that is NaN is unknown: it says nothing, and the grip is held. */
+static holdfast_sense hf_possible(const holdfast_sense *given) {
+    holdfast_sense sense = *given;
+    sense.known = given->known && given->grip_n == given->grip_n && given->load_n == given->load_n &&
+                  given->p_risky == given->p_risky && given->p_safe == given->p_safe;
+    sense.grip_n = hf_low(hf_high(given->grip_n, 0.0), HF_LARGEST);
+    sense.load_n = hf_low(hf_high(given->load_n, 0.0), HF_LARGEST);
+    sense.p_risky = hf_low(hf_high(given->p_risky, 0.0), 1.0);
+    sense.p_safe = hf_low(hf_high(given->p_safe, 0.0), 1.0);
+    return sense;
+}
+
+void holdfast_grip_step(holdfast_grip *grip, const holdfast_sense *given, holdfast_command *command) {
+    const holdfast_sense possible = hf_possible(given);
+    const holdfast_sense *const sense = &possible;
     int fresh;
     double wanted_n;
     hf_step_friction(grip, sense);

@@ -161,7 +161,8 @@ typedef struct {
 extern const holdfast_grip_options holdfast_own_options;
 
 /* What the controller knows of one sample: forces of either side and along the skin,
-   probabilities, flags. */
+   probabilities, flags. A number out of range is brought into it, and a sample with a NaN counts as
+   unknown: targets are finite and within the ceiling, whatever is sensed. */
 typedef struct {
     double grip_n, load_n, p_risky, p_safe;
     uint8_t known, empty, opening, overridden;

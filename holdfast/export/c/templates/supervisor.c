@@ -9,7 +9,9 @@ static void hf_pass_time(holdfast_grip *own, const holdfast_sense *sense, int fr
 /* The wanted grip, where the target may go there. */
 static double hf_followed(const holdfast_grip *own, double wanted_n) {
     const int may_rise = own->since_s < own->options.rise_s && own->risen_s < own->options.most_rise_s;
-    const double capped_n = hf_low(wanted_n, own->options.ceiling_n);
+    /* what no controller can want changes nothing; only NaN differs from itself */
+    const double possible_n = wanted_n == wanted_n ? wanted_n : own->given_n;
+    const double capped_n = hf_low(hf_high(possible_n, 0.0), own->options.ceiling_n);
     return may_rise ? capped_n : hf_low(capped_n, own->given_n);
 }
 
