@@ -41,8 +41,8 @@ from holdfast.edge_runtime.model import Model
 from holdfast.live.grip import GripOutput, controller_for, grip_to_wire
 from holdfast.live.hand_sources import open_live, simulated
 from holdfast.live.loop import Summary
-from holdfast.live.outputs import LineOutput, Output, close_at_end, file_sink
-from holdfast.live.run import answer, emit_to
+from holdfast.live.outputs import LineOutput, Output, close_at_end, emit_to, file_sink
+from holdfast.live.run import answer
 from holdfast.live.running import stop_signals
 from holdfast.live.scene import SceneClock, Still
 
