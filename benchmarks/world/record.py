@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass
 import numpy as np
 
 from benchmarks.world.answers import answered_run
-from benchmarks.world.draws import NEVER_S, RISKY, WorldTrial
+from benchmarks.world.draws import NEVER_S, RISKY, WorldTrial, with_intent
 from benchmarks.world.outcomes import (
     REFUSALS,
     BareRun,
@@ -34,15 +34,17 @@ class TrialKey:
         return f"{self.kind} {self.repetition} {self.pads} {self.sensors}"
 
 
-def record(key: TrialKey, seed: int, model: str, controller: str) -> Json:
-    """Run one trial in all its hands; a JSON object."""
+def record(
+    key: TrialKey, seed: int, model: str, controller: str, intent: str = "drawn"
+) -> Json:
+    """Run one trial in all its hands; a JSON object. intent: of INTENTS."""
     started_s = time.process_time()
     first = 0
     unstable = 0
     while True:
         bare, refused = possible_run(key.kind, key.repetition, seed, key.pads, first)
         try:
-            found = _hands(bare, key, model, controller)
+            found = _hands(bare, key, model, controller, intent)
         except FloatingPointError:
             first = bare.trial.attempt + 1
             unstable += 1
@@ -53,9 +55,11 @@ def record(key: TrialKey, seed: int, model: str, controller: str) -> Json:
         return {**asdict(key), **about, **found}
 
 
-def _hands(bare: BareRun, key: TrialKey, model: str, controller: str) -> Json:
+def _hands(
+    bare: BareRun, key: TrialKey, model: str, controller: str, intent: str
+) -> Json:
     """The bare hand, the oracle where it drops the object, and the answered hand."""
-    trial = bare.trial
+    trial = with_intent(bare.trial, intent)
     saves = None
     if key.kind in RISKY and np.isfinite(bare.outcome.lost_s):
         saves = oracle_saves(bare)
