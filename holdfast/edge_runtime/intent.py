@@ -6,8 +6,8 @@
 Nothing in a stream reaches the decision, unless the run was asked for it. A stream that has been
 silent for EXPIRES_NS means `unknown`, never that the hand should close. An opening that lasts for
 MOST_OPEN_NS no longer counts until it has ended: an electrode that has come off reads like one. A
-word counts before envelopes. Without words, and with a level, the wearer wants to open from the moment when the first
-envelope reaches the level until it is below half of it.
+word counts before envelopes. Without words, and with a level, the wearer wants to open from the
+moment when the first envelope reaches the level until it is below half of it.
 
 The same as a file of a trial (trial_n.intent.csv, tactile.intent.csv):
 
