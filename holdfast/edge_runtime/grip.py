@@ -20,6 +20,7 @@ that controllers differ in their answers only. holdfast is ours (docs/shared-con
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -212,7 +213,9 @@ class AnswerRules:
     p(safe slip) from which the hand gives back, where the load falls by more than a tremor can
     (LoadSwing) for yield_samples in a row. graded: the lead grows with the evidence; otherwise it
     is full from half the evidence on, or nothing. revocable: a hand-over ends an answer; otherwise
-    only the empty hand does. margin: what the friction margin needs is kept.
+    only the empty hand does. margin: what the friction margin needs is kept. most_times: evidence
+    raises the target to no more than so many times the wearer's grip, which is about what a load
+    that begins to slip needs; inf for no such cap.
     """
 
     from_p: float = DecisionRules.answer_permille / 1000
@@ -222,6 +225,7 @@ class AnswerRules:
     graded: bool = True
     revocable: bool = True
     margin: bool = True
+    most_times: float = math.inf
 
     @classmethod
     def of(cls, decision: DecisionRules, **others: Any) -> AnswerRules:
@@ -348,7 +352,7 @@ class Holdfast(Controller):
         fading = self._last_evidence - self._period_s / self.FADES_S
         evidence = batch.choose(holds, batch.most(now, fading), 0.0)
         rises = evidence > 0.0
-        ahead_n = batch.most(sense.grip_n, wearers_n) + self._setting * evidence
+        ahead_n = self._ahead_n(sense, wearers_n, evidence)
         kept_n = self._kept_n(sense, wearers_n, given_n, needed_n)
         wanted_n = batch.choose(rises, ahead_n, kept_n)
         # a slip that is likely now outweighs a hand-over, and one that fades does not
@@ -363,6 +367,15 @@ class Holdfast(Controller):
         self.fresh = rises
 
         return batch.choose(ends, 0.0, wanted_n)
+
+    def _ahead_n(self, sense: GripSense, wearers_n: Number, evidence: Number) -> Number:
+        """The grip to lead to while a slip is likely."""
+        batch = self._batch
+        ahead_n = batch.most(sense.grip_n, wearers_n) + self._setting * evidence
+        # for studies: a product with inf would be no number where the wearer's grip is 0
+        if math.isinf(self.rules.most_times):
+            return ahead_n
+        return batch.least(ahead_n, self.rules.most_times * wearers_n)
 
     def _evidence(self, sense: GripSense) -> Number:
         """0 to 1."""

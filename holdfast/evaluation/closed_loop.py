@@ -75,7 +75,7 @@ class LoopRequest:
     the true slips, so late; None: what the model says. evidence_of: of an oracle: it begins with
     the first evidence that this request got in the event, and not with the load onset. rules: names
     and values of AnswerRules that differ from those that come with the model. most_times: largest
-    command of an oracle over what the load needs.
+    command of an oracle over what the load needs; of a controller see AnswerRules.
     """
 
     name: str
@@ -156,7 +156,8 @@ def run_part(
         settings = replace(settings, true_slips=tell)
     # A controller has a state, so every batch gets controllers of its own.
     opened = model_of(model)
-    rules = AnswerRules.of(opened.card.decision, **dict(request.rules))
+    others = {"most_times": request.most_times, **dict(request.rules)}
+    rules = AnswerRules.of(opened.card.decision, **others)
     make = _maker(scene, request, onset_s, rules)
     return run_batch(scene, trials, batch, opened, make, settings)
 
@@ -221,7 +222,7 @@ class LoopRuns:
         bare = [_bare(of) for of, _ in wanted]
         best = list(dict.fromkeys(_best(of, request) for of, request in wanted))
         others = [run for run in wanted if run[1].name != ORACLE]
-        capped = [run for run in wanted if np.isfinite(run[1].most_times)]
+        capped = [run for run in wanted if _is_capped_oracle(run[1])]
 
         total = len({*bare, *best, *others})
         share_bare = len(set(bare)) / total
@@ -329,7 +330,7 @@ class LoopRuns:
         bare = self._outcomes[_bare(of)]
         best = self._outcomes[_best(of, request)]
         held = best
-        if request.name != ORACLE or np.isfinite(request.most_times):
+        if request.name != ORACLE or _is_capped_oracle(request):
             held = self._outcomes[of, request]
         early = self._outcomes.get((of, _by_evidence(request)), {})
         # Batches hold trials of similar length, so outcomes are not in the order of the set.
@@ -346,6 +347,10 @@ class LoopRuns:
 def _lost(bare: LoopOutcome, best: LoopOutcome) -> bool:
     """Whether a drop of the bare hand is none that a closure has prevented so far."""
     return ThreeRuns(bare, best, best).drop and best.dropped
+
+
+def _is_capped_oracle(request: LoopRequest) -> bool:
+    return request.name == ORACLE and np.isfinite(request.most_times)
 
 
 def _bare(of: LoopSet) -> Run:

@@ -29,6 +29,10 @@ SETTINGS: dict[str, tuple[float, ...]] = {
 """The curve of each controller: its one setting."""
 WIDEST = ("everyday", "wide")
 """Sets of everyday actions and of any hold; every controller runs on them."""
+CAPS = (2.5, 4.0, 6.0, 10.0)
+"""In the part `cap` commands are at most so many times the wearer's grip, and the oracle's so
+many times what the load needs. 2.5 is what the target allows (holdfast/evaluation/loop_figures)."""
+CAP_SETS = ("wide", "fragile")
 TRUE_EVIDENCE_S = 0.02
 """In the part `truth` the controller gets the true slips, so late."""
 CURVE_SETS = ("p1", "quick")
@@ -49,7 +53,7 @@ so for this receiver a hand that opens after 4 s never opens."""
 LATE_SETS = ("author", "p1")
 PARTS = (
     *("table", "curve", "lag", "delay", "noise", "without", *OPENS_AFTER_S, "tremor"),
-    *("truth", "intent"),
+    *("truth", "intent", "cap"),
 )
 """Parts of the study; each row belongs to one."""
 WITHOUT = {
@@ -109,6 +113,8 @@ def rows(trials: int, seed: int = SEED) -> list[Row]:
         made += _opening_late(name, by_name[name])
     for name in ("author", *WIDEST):
         made += _with_more(name, by_name[name])
+    for name in CAP_SETS:
+        made += _capped(name, by_name[name])
     return [*made, *_trembling(by_name["author"])]
 
 
@@ -129,6 +135,20 @@ def _with_more(name: str, one: LoopSet) -> list[Row]:
         Row("intent", name, "never comes", one, deaf),
         Row("intent", name, "alone ends an answer", one, alone),
     ]
+
+
+def _capped(name: str, one: LoopSet) -> list[Row]:
+    """What a smaller command saves, and what the oracle saves with no larger one."""
+    ours = LoopRequest(OURS, OUR_LEAD_N)
+    made = [
+        Row("cap", name, OURS, one, ours),
+        Row("cap", name, ORACLE, one, LoopRequest(ORACLE)),
+    ]
+    for times in CAPS:
+        for which in (ours, LoopRequest(ORACLE)):
+            capped = replace(which, most_times=times)
+            made.append(Row("cap", name, which.name, one, capped))
+    return made
 
 
 def _opening_late(name: str, one: LoopSet) -> list[Row]:
