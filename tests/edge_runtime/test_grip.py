@@ -184,6 +184,16 @@ def test_holdfast_leads_the_grip_by_the_evidence(p_risky: float, share: float) -
     assert wanted == pytest.approx(3.0 + 8.0 * share if share else 0.0)
 
 
+def test_a_capped_answer_leads_to_so_many_times_the_wearers_grip_and_no_further() -> (
+    None
+):
+    controller = after_a_hold("holdfast", 8.0, AnswerRules(most_times=2.5))
+    some = {"p_risky": 0.775}
+    wanted = answers_of(controller, some, *[{"grip_n": 9.0, "p_risky": 1.0}] * 2)
+    assert wanted[0] == pytest.approx(7.0)
+    assert wanted[1:] == pytest.approx([7.5, 7.5], rel=0.07)
+
+
 def test_holdfast_without_grading_answers_fully_or_not_at_all() -> None:
     controller = after_a_hold("holdfast", 8.0, AnswerRules(graded=False))
     wanted = [controller.want(sense(p_risky=p), 0.0, 0.0) for p in (0.77, 0.78)]
