@@ -215,7 +215,8 @@ class AnswerRules:
     is full from half the evidence on, or nothing. revocable: a hand-over ends an answer; otherwise
     only the empty hand does. margin: what the friction margin needs is kept. most_times: evidence
     raises the target to no more than so many times the wearer's grip, which is about what a load
-    that begins to slip needs; inf for no such cap.
+    that begins to slip needs; lead_times: the lead is no more than so many times that grip. inf for
+    no such cap.
     """
 
     from_p: float = DecisionRules.answer_permille / 1000
@@ -226,6 +227,7 @@ class AnswerRules:
     revocable: bool = True
     margin: bool = True
     most_times: float = math.inf
+    lead_times: float = math.inf
 
     @classmethod
     def of(cls, decision: DecisionRules, **others: Any) -> AnswerRules:
@@ -371,11 +373,15 @@ class Holdfast(Controller):
     def _ahead_n(self, sense: GripSense, wearers_n: Number, evidence: Number) -> Number:
         """The grip to lead to while a slip is likely."""
         batch = self._batch
-        ahead_n = batch.most(sense.grip_n, wearers_n) + self._setting * evidence
+        rules = self.rules
+        lead_n: Number = self._setting
         # for studies: a product with inf would be no number where the wearer's grip is 0
-        if math.isinf(self.rules.most_times):
-            return ahead_n
-        return batch.least(ahead_n, self.rules.most_times * wearers_n)
+        if math.isfinite(rules.lead_times):
+            lead_n = batch.least(self._setting, rules.lead_times * wearers_n)
+        ahead_n = batch.most(sense.grip_n, wearers_n) + lead_n * evidence
+        if math.isfinite(rules.most_times):
+            ahead_n = batch.least(ahead_n, rules.most_times * wearers_n)
+        return ahead_n
 
     def _evidence(self, sense: GripSense) -> Number:
         """0 to 1."""

@@ -75,7 +75,7 @@ class LoopRequest:
     the true slips, so late; None: what the model says. evidence_of: of an oracle: it begins with
     the first evidence that this request got in the event, and not with the load onset. rules: names
     and values of AnswerRules that differ from those that come with the model. most_times: largest
-    command of an oracle over what the load needs; of a controller see AnswerRules.
+    command of an oracle over what the load needs.
     """
 
     name: str
@@ -156,8 +156,7 @@ def run_part(
         settings = replace(settings, true_slips=tell)
     # A controller has a state, so every batch gets controllers of its own.
     opened = model_of(model)
-    others = {"most_times": request.most_times, **dict(request.rules)}
-    rules = AnswerRules.of(opened.card.decision, **others)
+    rules = AnswerRules.of(opened.card.decision, **dict(request.rules))
     make = _maker(scene, request, onset_s, rules)
     return run_batch(scene, trials, batch, opened, make, settings)
 

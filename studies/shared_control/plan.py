@@ -29,9 +29,18 @@ SETTINGS: dict[str, tuple[float, ...]] = {
 """The curve of each controller: its one setting."""
 WIDEST = ("everyday", "wide")
 """Sets of everyday actions and of any hold; every controller runs on them."""
-CAPS = (2.5, 4.0, 6.0, 10.0)
-"""In the part `cap` commands are at most so many times the wearer's grip, and the oracle's so
-many times what the load needs. 2.5 is what the target allows (holdfast/evaluation/loop_figures)."""
+CAPS: dict[str, tuple[tuple[str, object], ...]] = {
+    f"command at most {times:g} x the wearer's grip": (("most_times", times),)
+    for times in (2.5, 4.0, 6.0)
+}
+CAPS |= {
+    f"lead at most {times:g} x the wearer's grip": (("lead_times", times),)
+    for times in (2.0, 3.0, 5.0)
+}
+"""In the part `cap` the answer grows with the grip that the wearer gave the object."""
+ORACLE_CAPS = (2.0, 2.5, 4.0)
+"""There the oracle's commands are at most so many times what the load needs. 2.5 is what the target
+allows (holdfast/evaluation/loop_figures.py)."""
 CAP_SETS = ("wide", "fragile")
 TRUE_EVIDENCE_S = 0.02
 """In the part `truth` the controller gets the true slips, so late."""
@@ -140,15 +149,14 @@ def _with_more(name: str, one: LoopSet) -> list[Row]:
 def _capped(name: str, one: LoopSet) -> list[Row]:
     """What a smaller command saves, and what the oracle saves with no larger one."""
     ours = LoopRequest(OURS, OUR_LEAD_N)
-    made = [
-        Row("cap", name, OURS, one, ours),
-        Row("cap", name, ORACLE, one, LoopRequest(ORACLE)),
-    ]
-    for times in CAPS:
-        for which in (ours, LoopRequest(ORACLE)):
-            capped = replace(which, most_times=times)
-            made.append(Row("cap", name, which.name, one, capped))
-    return made
+    made = [Row("cap", name, "no cap", one, ours)]
+    for label, rules in CAPS.items():
+        made.append(Row("cap", name, label, one, replace(ours, rules=rules)))
+    for times in ORACLE_CAPS:
+        label = f"oracle, at most {times:g} x the need"
+        known = LoopRequest(ORACLE, most_times=times)
+        made.append(Row("cap", name, label, one, known))
+    return [*made, Row("cap", name, ORACLE, one, LoopRequest(ORACLE))]
 
 
 def _opening_late(name: str, one: LoopSet) -> list[Row]:

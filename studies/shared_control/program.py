@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import math
 import sys
 from pathlib import Path
 
@@ -39,7 +38,6 @@ ROW_KEYS = (
     "delay_samples",
     "noise",
     "tremor_m_s2",
-    "most_times",
 )
 """What a row measures: two runs have it once."""
 BEFORE = Path("docs/measured/loop-d86a7e638b14.json")
@@ -134,8 +132,7 @@ def merged(earlier: Json, figures: Json) -> Json:
             )
 
     def key_of(row: Json) -> tuple[object, ...]:
-        # rows of a time before there was a key do not have it
-        return tuple(row.get(name) for name in ROW_KEYS)
+        return tuple(row[name] for name in ROW_KEYS)
 
     new = {key_of(row) for row in figures["rows"]}
     kept = [row for row in earlier["rows"] if key_of(row) not in new]
@@ -177,11 +174,6 @@ def _chosen(wanted: list[Row], args: argparse.Namespace) -> list[Row]:
     return left
 
 
-def _finite(value: float) -> float | None:
-    """A number that JSON has; None for inf."""
-    return value if math.isfinite(value) else None
-
-
 def _row(row: Row, runs: LoopRuns) -> Json:
     request = row.request
     return {
@@ -193,6 +185,5 @@ def _row(row: Row, runs: LoopRuns) -> Json:
         "delay_samples": request.delay_samples,
         "noise": row.one.noise,
         "tremor_m_s2": row.one.tremor_m_s2,
-        "most_times": _finite(request.most_times),
         **runs.figures(row.one, request).to_json(),
     }
