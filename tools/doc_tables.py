@@ -84,6 +84,7 @@ SOURCES: dict[str, dict[str, str]] = {
     "docs/shared-control.md": {
         "loop": "build/loop/loop.json",
         "before": "docs/measured/loop-d86a7e638b14.json",
+        "cap": "docs/measured/loop-cap-326dbe034565.json",
     },
     "docs/transfer.md": {
         "transfer": "build/transfer/transfer.json",
