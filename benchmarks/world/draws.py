@@ -43,8 +43,6 @@ RISKY = (*PULLS, *FALLS, "tug-lost")
 """Kinds in which losing the object is a drop that an answer may prevent."""
 HAND_OVERS = ("hand-over", "hand-over-late")
 HOLDS = ("quiet-hold", "trembling-hold")
-OPENED = (*HAND_OVERS, "put-down")
-"""Kinds in which the wearer may open the hand; in the others no signal comes."""
 INTENTS = {
     "drawn": "one in two wearers' signals to open reach the run",
     "wired": "nine in ten do, as in our own loop",
@@ -112,6 +110,11 @@ class WorldTrial:
         """[3] the weight."""
         weight: FloatArray = self.numbers["mass_kg"] * self.gravity_m_s2
         return weight
+
+    @property
+    def has_signal(self) -> bool:
+        """Whether the wearer opens the hand, and the signal reaches the run."""
+        return self.signal_s < NEVER_S and self.open_s < NEVER_S
 
 
 @dataclass(frozen=True)

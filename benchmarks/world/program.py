@@ -15,7 +15,12 @@ from functools import partial
 from pathlib import Path
 
 from benchmarks.mujoco_version import require_mujoco
-from benchmarks.world.draws import INTENTS, KINDS, OPENED
+from benchmarks.world.draws import (
+    INTENTS,
+    KINDS,
+    draw_trial,
+    with_intent,
+)
 from benchmarks.world.trials_file import ROOT, TrialsFile, code_sha256, file_sha256
 from holdfast.cli.command import path_argument, seed, show
 from holdfast.cli.options import CORES, add_job_options, chosen_workers
@@ -133,7 +138,7 @@ def _others(args: argparse.Namespace, version: str, records: list[Json]) -> Json
     wired = {args.intent[0]: records}
     for name in args.intent[1:]:
         about = _about(args, version, args.controller[0], name)
-        wired[name] = _with_other_signals(args, about, records)
+        wired[name] = _with_other_signals(args, about, list(wired.values()))
 
     rows = {}
     if len(of) > 1:
@@ -179,56 +184,64 @@ def _about(
     }
 
 
-def _records(
-    args: argparse.Namespace, about: Json, kinds: Sequence[str] | None = None
-) -> tuple[list[Json], float]:
-    """(records of one controller on all trials, seconds for those that were not done yet).
+def _records(args: argparse.Namespace, about: Json) -> tuple[list[Json], float]:
+    """(records of one controller on all trials, seconds for those that were not done yet)."""
+    count = args.trials or (FULL_TRIALS if args.full else TRIALS)
+    names = [
+        (kind, k, pads, sensors)
+        for pads, sensors in (FULL_SETS if args.full else QUICK_SETS)
+        for k in range(count)
+        for kind in args.kinds
+    ]
+    return _run_trials(args, about, names)
 
-    kinds: None for those that were asked for.
+
+def _with_other_signals(
+    args: argparse.Namespace, about: Json, ran: Sequence[list[Json]]
+) -> list[Json]:
+    """The records with another choice of signals; only what no record of `ran` has is run."""
+    found: dict[str, Json] = {}
+    left = []
+    for same in zip(*ran, strict=True):
+        one = same[0]
+        first = one["attempt"]
+        trial = draw_trial(one["kind"], one["repetition"], args.seed, first)
+        signal = with_intent(trial, about["intent"]).has_signal
+        known = [other for other in same if other["trial"]["signal"] == signal]
+        if known:
+            found[one["name"]] = known[0]
+        else:
+            left.append((one["kind"], one["repetition"], one["pads"], one["sensors"]))
+    made, _ = _run_trials(args, about, left)
+    found |= {one["name"]: one for one in made}
+    return [found[one["name"]] for one in ran[0]]
+
+
+def _run_trials(
+    args: argparse.Namespace, about: Json, which: Sequence[tuple[str, int, str, str]]
+) -> tuple[list[Json], float]:
+    """(records of these trials, seconds for those that were not done yet).
+
+    which: kind, repetition, pads, sensors of each.
     """
-    parts = [about["model"]["id"], about["controller"], about["intent"], args.seed]
+    from benchmarks.world.record import TrialKey, record
+
+    made_with = (args.seed, str(args.model), about["controller"], about["intent"])
+    parts = (about["model"]["id"], about["controller"], about["intent"], args.seed)
     name = f"trials-{'-'.join(map(str, parts))}.jsonl"
     file = TrialsFile(args.out / name, about)
     if file.put_aside:
         show(f"{name} was of other code or another model: begun anew")
-    names, seconds = _run_trials(args, file, about, kinds or args.kinds)
-    return file.of(names), seconds
-
-
-def _with_other_signals(
-    args: argparse.Namespace, about: Json, records: list[Json]
-) -> list[Json]:
-    """The records with another intent; a trial in which no wearer opens is the same with any."""
-    kinds = [kind for kind in args.kinds if kind in OPENED]
-    changed = {}
-    if kinds:
-        changed = {one["name"]: one for one in _records(args, about, kinds)[0]}
-    return [changed.get(one["name"], one) for one in records]
-
-
-def _run_trials(
-    args: argparse.Namespace, file: TrialsFile, about: Json, kinds: Sequence[str]
-) -> tuple[list[str], float]:
-    """(names of all trials of the request, seconds for those that were not done yet)."""
-    from benchmarks.world.record import TrialKey, record
-
-    count = args.trials or (FULL_TRIALS if args.full else TRIALS)
-    keys = [
-        TrialKey(kind, k, pads, sensors)
-        for pads, sensors in (FULL_SETS if args.full else QUICK_SETS)
-        for k in range(count)
-        for kind in kinds
-    ]
+    keys = [TrialKey(*one) for one in which]
     left = [key for key in keys if key.name not in file.done]
     show(f"{len(keys)} trials, {len(keys) - len(left)} of them done before")
-    made_with = (args.seed, str(args.model), about["controller"], about["intent"])
     jobs = [partial(record, key, *made_with) for key in left]
     started = time.monotonic()
     for k, one in enumerate(chosen_workers(args).run(jobs), 1):
         file.add(one)
         if k % 100 == 0:
             show(f"{k} of {len(left)} trials, {time.monotonic() - started:.0f} s")
-    return [key.name for key in keys], time.monotonic() - started
+    return file.of([key.name for key in keys]), time.monotonic() - started
 
 
 def _command(args: argparse.Namespace) -> str:

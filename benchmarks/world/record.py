@@ -94,7 +94,7 @@ def _drawn(trial: WorldTrial) -> Json:
         "need_n": round(trial.need_n, 4),
         "opens_s": None if trial.open_s >= NEVER_S else round(opens_s, 4),
         "tremor_m_s2": round(n["tremor_m_s2"], 4),
-        "signal": trial.signal_s < NEVER_S and trial.open_s < NEVER_S,
+        "signal": trial.has_signal,
     }
 
 

@@ -18,7 +18,6 @@ from packages import ROOT, SHIPPED, folder_of
 from benchmarks.world.draws import (
     KINDS,
     NEVER_S,
-    OPENED,
     RISKY,
     WorldTrial,
     draw_trial,
@@ -74,22 +73,22 @@ def test_another_choice_of_signals_changes_the_wearers_signal_and_nothing_else(
 ) -> None:
     for trial in trials:
         assert with_intent(trial, "drawn") is trial
-        if trial.kind not in OPENED or trial.open_s >= NEVER_S:
+        if trial.open_s >= NEVER_S:
             assert with_intent(trial, "wired") is trial
             continue
-        assert with_intent(trial, "none").signal_s == NEVER_S
+        assert not with_intent(trial, "none").has_signal
         wired = with_intent(trial, "wired")
         assert replace(wired, signal_s=trial.signal_s).numbers == trial.numbers
-        if wired.signal_s < NEVER_S:
+        if wired.has_signal:
             assert 0.08 <= trial.open_s - wired.signal_s <= 0.15
 
 
 def test_nine_in_ten_signals_of_wired_wearers_come() -> None:
     signals = []
-    for k in range(200):
+    for k in range(100):
         one = draw_trial("hand-over", k, DEVELOPMENT)
-        signals.append(with_intent(one, "wired").signal_s < NEVER_S)
-    assert 0.84 < np.mean(signals) < 0.96
+        signals.append(with_intent(one, "wired").has_signal)
+    assert 0.82 < np.mean(signals) < 0.97
 
 
 def test_every_number_is_within_its_range(trials: list[WorldTrial]) -> None:
