@@ -10,7 +10,7 @@ import argparse
 import json
 import subprocess
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 
@@ -186,62 +186,64 @@ def _about(
 
 def _records(args: argparse.Namespace, about: Json) -> tuple[list[Json], float]:
     """(records of one controller on all trials, seconds for those that were not done yet)."""
+    from benchmarks.world.record import TrialKey, record
+
     count = args.trials or (FULL_TRIALS if args.full else TRIALS)
-    names = [
-        (kind, k, pads, sensors)
+    keys = [
+        TrialKey(kind, k, pads, sensors)
         for pads, sensors in (FULL_SETS if args.full else QUICK_SETS)
         for k in range(count)
         for kind in args.kinds
     ]
-    return _run_trials(args, about, names)
+    made_with = _made_with(args, about)
+    jobs = {key.name: partial(record, key, *made_with) for key in keys}
+    return _run_trials(args, about, jobs)
 
 
 def _with_other_signals(
     args: argparse.Namespace, about: Json, ran: Sequence[list[Json]]
 ) -> list[Json]:
     """The records with another choice of signals; only what no record of `ran` has is run."""
+    from benchmarks.world.record import answered_again
+
     found: dict[str, Json] = {}
-    left = []
+    jobs = {}
     for same in zip(*ran, strict=True):
         one = same[0]
-        first = one["attempt"]
-        trial = draw_trial(one["kind"], one["repetition"], args.seed, first)
-        signal = with_intent(trial, about["intent"]).has_signal
+        drawn = draw_trial(one["kind"], one["repetition"], args.seed, one["attempt"])
+        signal = with_intent(drawn, about["intent"]).has_signal
         known = [other for other in same if other["trial"]["signal"] == signal]
         if known:
             found[one["name"]] = known[0]
         else:
-            left.append((one["kind"], one["repetition"], one["pads"], one["sensors"]))
-    made, _ = _run_trials(args, about, left)
+            jobs[one["name"]] = partial(answered_again, one, *_made_with(args, about))
+    made, _ = _run_trials(args, about, jobs)
     found |= {one["name"]: one for one in made}
     return [found[one["name"]] for one in ran[0]]
 
 
+def _made_with(args: argparse.Namespace, about: Json) -> tuple[int, str, str, str]:
+    """(seed, model, controller, intent) of a record."""
+    return args.seed, str(args.model), about["controller"], about["intent"]
+
+
 def _run_trials(
-    args: argparse.Namespace, about: Json, which: Sequence[tuple[str, int, str, str]]
+    args: argparse.Namespace, about: Json, jobs: Mapping[str, Callable[[], Json]]
 ) -> tuple[list[Json], float]:
-    """(records of these trials, seconds for those that were not done yet).
-
-    which: kind, repetition, pads, sensors of each.
-    """
-    from benchmarks.world.record import TrialKey, record
-
-    made_with = (args.seed, str(args.model), about["controller"], about["intent"])
+    """(records of these trials, seconds for those that were not done yet). jobs: by name."""
     parts = (about["model"]["id"], about["controller"], about["intent"], args.seed)
     name = f"trials-{'-'.join(map(str, parts))}.jsonl"
     file = TrialsFile(args.out / name, about)
     if file.put_aside:
         show(f"{name} was of other code or another model: begun anew")
-    keys = [TrialKey(*one) for one in which]
-    left = [key for key in keys if key.name not in file.done]
-    show(f"{len(keys)} trials, {len(keys) - len(left)} of them done before")
-    jobs = [partial(record, key, *made_with) for key in left]
+    left = [job for one, job in jobs.items() if one not in file.done]
+    show(f"{len(jobs)} trials, {len(jobs) - len(left)} of them done before")
     started = time.monotonic()
-    for k, one in enumerate(chosen_workers(args).run(jobs), 1):
+    for k, one in enumerate(chosen_workers(args).run(left), 1):
         file.add(one)
         if k % 100 == 0:
             show(f"{k} of {len(left)} trials, {time.monotonic() - started:.0f} s")
-    return file.of([key.name for key in keys]), time.monotonic() - started
+    return file.of(list(jobs)), time.monotonic() - started
 
 
 def _command(args: argparse.Namespace) -> str:

@@ -7,8 +7,14 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from benchmarks.world.answers import answered_run
-from benchmarks.world.draws import NEVER_S, RISKY, WorldTrial, with_intent
+from benchmarks.world.answers import Answers, answered_run
+from benchmarks.world.draws import (
+    NEVER_S,
+    RISKY,
+    WorldTrial,
+    draw_trial,
+    with_intent,
+)
 from benchmarks.world.outcomes import (
     REFUSALS,
     BareRun,
@@ -55,6 +61,17 @@ def record(
         return {**asdict(key), **about, **found}
 
 
+def answered_again(
+    one: Json, seed: int, model: str, controller: str, intent: str
+) -> Json:
+    """The record with another choice of signals: the bare hand and the oracle are the same."""
+    first = one["attempt"]
+    drawn = draw_trial(one["kind"], one["repetition"], seed, first)
+    trial = with_intent(drawn, intent)
+    answers = answered_run(trial, one["pads"], one["sensors"], model, controller)
+    return {**one, "trial": _drawn(trial), "answered": _answered(answers, trial)}
+
+
 def _hands(
     bare: BareRun, key: TrialKey, model: str, controller: str, intent: str
 ) -> Json:
@@ -64,6 +81,17 @@ def _hands(
     if key.kind in RISKY and np.isfinite(bare.outcome.lost_s):
         saves = oracle_saves(bare)
     answers = answered_run(trial, key.pads, key.sensors, model, controller)
+    return {
+        "attempt": trial.attempt,
+        "trial": _drawn(trial),
+        "bare": _outcome(bare.outcome, trial),
+        "oracle": saves,
+        "answered": _answered(answers, trial),
+    }
+
+
+def _answered(answers: Answers, trial: WorldTrial) -> Json:
+    """What the answered hand did, and what became of the object."""
     counted = {
         "earlier": answers.earlier,
         "called": answers.called,
@@ -72,13 +100,7 @@ def _hands(
         "quiet_s": round(answers.quiet_s, 4),
         "most_n": round(answers.most_n, 4),
     }
-    return {
-        "attempt": trial.attempt,
-        "trial": _drawn(trial),
-        "bare": _outcome(bare.outcome, trial),
-        "oracle": saves,
-        "answered": _outcome(answers.outcome, trial) | counted,
-    }
+    return _outcome(answers.outcome, trial) | counted
 
 
 def _drawn(trial: WorldTrial) -> Json:
