@@ -41,7 +41,7 @@ CAPS |= {
 ORACLE_CAPS = (2.0, 2.5, 4.0)
 """There the oracle's commands are at most so many times what the load needs. 2.5 is what the target
 allows (holdfast/evaluation/loop_figures.py)."""
-CAP_SETS = ("wide", "fragile")
+CAP_SETS = ("wide", "author", "slow", "fragile")
 TRUE_EVIDENCE_S = 0.02
 """In the part `truth` the controller gets the true slips, so late."""
 CURVE_SETS = ("p1", "quick")
