@@ -186,12 +186,15 @@ def test_holdfast_leads_the_grip_by_the_evidence(p_risky: float, share: float) -
 
 @pytest.mark.parametrize(
     ("rules", "first_n", "later_n"),
-    [({"most_times": 2.5}, 7.0, 7.5), ({"lead_times": 1.0}, 4.5, 12.0)],
+    [
+        (AnswerRules(most_times=2.5), 7.0, 7.5),
+        (AnswerRules(lead_times=1.0), 4.5, 12.0),
+    ],
 )
 def test_a_capped_answer_grows_with_the_wearers_grip_alone(
-    rules: dict[str, float], first_n: float, later_n: float
+    rules: AnswerRules, first_n: float, later_n: float
 ) -> None:
-    controller = after_a_hold("holdfast", 8.0, AnswerRules(**rules))
+    controller = after_a_hold("holdfast", 8.0, rules)
     firm = {"grip_n": 9.0, "p_risky": 1.0}
     first, later = answers_of(controller, {"p_risky": 0.775}, firm)
     assert (first, later) == pytest.approx((first_n, later_n), rel=0.01)
