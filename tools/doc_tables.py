@@ -79,7 +79,6 @@ SOURCES: dict[str, dict[str, str]] = {
         "before": "docs/measured/world-d86a7e638b14.json",
         "world": "build/world/world.json",
         "intent": "docs/measured/world-intent-326dbe034565.json",
-        "oracle": "docs/measured/world-oracle-326dbe034565.json",
     },
     "docs/shared-control.md": {
         "loop": "build/loop/loop.json",

@@ -202,9 +202,7 @@ def test_of_the_oracles_commands_those_below_a_cap_keep_the_fewer_the_lower_it_i
         (3.0, 3, 4),
         (None, 4, 4),
     ]
-    made = tables_of(
-        "docs/second-physics.md", {"oracle": {"tables": [{"oracle": rows}]}}
-    )
+    made = tables_of("docs/second-physics.md", {"world": figures_of("a", "b", rows)})
     assert "| at most 2 | 2 of 4: 0.5 " in made["world-oracle"]
     assert "| up to the ceiling of 70 N | 4 of 4: 1 " in made["world-oracle"]
 
@@ -253,7 +251,7 @@ def test_tightenings_of_quiet_holds_are_a_rate() -> None:
     assert (low, high) == pytest.approx((9.59, 36.78), abs=0.01)
 
 
-def figures_of(model: str, code: str = "a") -> Json:
+def figures_of(model: str, code: str = "a", oracle: Any = ()) -> Json:
     lost = {"lost_s": 0.2}
     records = [record_of(kind, 0) for kind in KINDS]
     records += [record_of(kind, 1, bare=lost, oracle="2") for kind in RISKY]
@@ -262,7 +260,7 @@ def figures_of(model: str, code: str = "a") -> Json:
         "model": {"id": model},
         "commit": code,
         "code_sha256": code,
-        "tables": [table_of(records)],
+        "tables": [{**table_of(records), **({"oracle": oracle} if oracle else {})}],
     }
 
 
