@@ -213,10 +213,8 @@ class AnswerRules:
     p(safe slip) from which the hand gives back, where the load falls by more than a tremor can
     (LoadSwing) for yield_samples in a row. graded: the lead grows with the evidence; otherwise it
     is full from half the evidence on, or nothing. revocable: a hand-over ends an answer; otherwise
-    only the empty hand does. margin: what the friction margin needs is kept. most_times: evidence
-    raises the target to no more than so many times the wearer's grip, which is about what a load
-    that begins to slip needs; lead_times: the lead is no more than so many times that grip. inf for
-    no such cap.
+    only the empty hand does. margin: what the friction margin needs is kept. lead_times: the lead
+    is at most so many times the wearer's grip, for studies; inf for no such cap.
     """
 
     from_p: float = DecisionRules.answer_permille / 1000
@@ -226,7 +224,6 @@ class AnswerRules:
     graded: bool = True
     revocable: bool = True
     margin: bool = True
-    most_times: float = math.inf
     lead_times: float = math.inf
 
     @classmethod
@@ -354,7 +351,11 @@ class Holdfast(Controller):
         fading = self._last_evidence - self._period_s / self.FADES_S
         evidence = batch.choose(holds, batch.most(now, fading), 0.0)
         rises = evidence > 0.0
-        ahead_n = self._ahead_n(sense, wearers_n, evidence)
+        lead_n: Number = self._setting
+        # inf times a grip of 0 would be no number
+        if math.isfinite(self.rules.lead_times):
+            lead_n = batch.least(lead_n, self.rules.lead_times * wearers_n)
+        ahead_n = batch.most(sense.grip_n, wearers_n) + lead_n * evidence
         kept_n = self._kept_n(sense, wearers_n, given_n, needed_n)
         wanted_n = batch.choose(rises, ahead_n, kept_n)
         # a slip that is likely now outweighs a hand-over, and one that fades does not
@@ -369,19 +370,6 @@ class Holdfast(Controller):
         self.fresh = rises
 
         return batch.choose(ends, 0.0, wanted_n)
-
-    def _ahead_n(self, sense: GripSense, wearers_n: Number, evidence: Number) -> Number:
-        """The grip to lead to while a slip is likely."""
-        batch = self._batch
-        rules = self.rules
-        lead_n: Number = self._setting
-        # for studies: a product with inf would be no number where the wearer's grip is 0
-        if math.isfinite(rules.lead_times):
-            lead_n = batch.least(self._setting, rules.lead_times * wearers_n)
-        ahead_n = batch.most(sense.grip_n, wearers_n) + lead_n * evidence
-        if math.isfinite(rules.most_times):
-            ahead_n = batch.least(ahead_n, rules.most_times * wearers_n)
-        return ahead_n
 
     def _evidence(self, sense: GripSense) -> Number:
         """0 to 1."""

@@ -85,7 +85,7 @@ class IntentMonitor:
         self._log = log
         self._opens_at = opens_at
         self._opening = False
-        self._opened_ns: int | None = None
+        self._opened_ns = 0
         self._stuck = False
         self._looked_ns: int | None = None
         self.n_envelopes = stream.n_envelopes
@@ -104,6 +104,7 @@ class IntentMonitor:
         if self._looked_ns is None or now_ns - self._looked_ns > EXPIRES_NS:
             # what waited since then has no known time
             self._stream.forget()
+            self._opened_ns = now_ns
 
         self._looked_ns = now_ns
         self.fresh = [self._taken(item) for item in self._stream.came()]
@@ -118,20 +119,12 @@ class IntentMonitor:
         self._watch_opening(now_ns)
 
     def _watch_opening(self, now_ns: int) -> None:
-        """How long the opening lasts; one that ended between two samples begins anew."""
-        ended = any(item.wants != "open" for item in self.fresh)
-        if ended or self.newest.wants != "open":
-            self._opened_ns = None
-            self._stuck = False
-        if self.newest.wants != "open":
-            return
-        if self._opened_ns is None:
+        """How long it has been open; an opening that ended between two samples begins anew."""
+        if any(item.wants != "open" for item in (*self.fresh, self.newest)):
             self._opened_ns = now_ns
-        if not self._stuck and now_ns - self._opened_ns > MOST_OPEN_NS:
-            seconds = 1e-9 * MOST_OPEN_NS
-            self._log(
-                f"intent: open for {seconds:g} s; it does not count until it ends"
-            )
+            self._stuck = False
+        elif not self._stuck and now_ns - self._opened_ns > MOST_OPEN_NS:
+            self._log("intent: open for 3 s; it does not count until it ends")
             self._stuck = True
 
     def _taken(self, item: Intent) -> Intent:

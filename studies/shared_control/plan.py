@@ -30,10 +30,6 @@ SETTINGS: dict[str, tuple[float, ...]] = {
 WIDEST = ("everyday", "wide")
 """Sets of everyday actions and of any hold; every controller runs on them."""
 CAPS: dict[str, tuple[tuple[str, object], ...]] = {
-    f"command at most {times:g} x the wearer's grip": (("most_times", times),)
-    for times in (2.5, 4.0, 6.0)
-}
-CAPS |= {
     f"lead at most {times:g} x the wearer's grip": (("lead_times", times),)
     for times in (2.0, 3.0, 5.0)
 }

@@ -174,7 +174,7 @@ def test_what_a_smaller_command_saves_stands_beside_the_oracle_with_a_cap() -> N
     shares: dict[str, Any] = {"above_need": some, "squeezed": some}
     made = row("cap", "wide", labels[1], **figures, **shares)
     table = tables_of(PAGE, {"cap": {"rows": [made]}})["cap"]
-    line = "| wide | command at most 2.5 x the wearer's grip | 1 of 4: 0.25 (0.00 to 1.00) |"
+    line = "| wide | lead at most 2 x the wearer's grip | 1 of 4: 0.25 (0.00 to 1.00) |"
     assert line in table
 
 
