@@ -126,8 +126,15 @@ def test_an_opening_that_never_ends_counts_for_three_seconds_until_it_has_ended(
     assert hand.monitor.opening
 
 
+class Early(Hand):
+    """An item comes between the emptying of the port and the first look."""
+
+    def forget(self) -> None:
+        pass
+
+
 def test_an_opening_that_is_there_at_the_first_look_counts():
-    hand = Hand()
+    hand = Early()
     hand.sample({"wants": "open"})
     assert hand.monitor.opening
 
