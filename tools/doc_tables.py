@@ -80,10 +80,12 @@ SOURCES: dict[str, dict[str, str]] = {
     "docs/second-physics.md": {
         "before": "docs/measured/world-d86a7e638b14.json",
         "world": "build/world/world.json",
+        "intent": "docs/measured/world-intent-326dbe034565.json",
     },
     "docs/shared-control.md": {
         "loop": "build/loop/loop.json",
         "before": "docs/measured/loop-d86a7e638b14.json",
+        "cap": "docs/measured/loop-cap-326dbe034565.json",
     },
     "docs/transfer.md": {
         "transfer": "build/transfer/transfer.json",
