@@ -67,7 +67,7 @@ def positive(word: str) -> float:
     number = float(word)
     if not LEAST_NUMBER <= number <= MOST_NUMBER:
         raise argparse.ArgumentTypeError(
-            f"{word!r} is not a number from {LEAST_NUMBER:g} to {MOST_NUMBER:g}"
+            f"{word!r} is not a number above 0, from {LEAST_NUMBER:g} to {MOST_NUMBER:g}"
         )
     return number
 
