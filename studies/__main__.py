@@ -47,6 +47,11 @@ PROGRAMS = {
         "what pooled features and disturbed copies bring and cost, family by family",
         "build/robustness",
     ),
+    "hands": Program(
+        "studies.other_hands",
+        "one learner on hands of 2, 3, 6 and 12 sensors, not trained again",
+        "build/hands",
+    ),
     "wide": Program(
         "studies.wide_scene",
         "the widest scene: its draws, and the shipped model on it by action",

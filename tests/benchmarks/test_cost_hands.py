@@ -1,4 +1,4 @@
-"""What robustness costs: the same streams on a hand that is turned, mirrored, or has lost a sensor."""
+"""What robustness costs: the same streams on a hand turned, mirrored, or without one sensor."""
 
 from __future__ import annotations
 
