@@ -22,6 +22,11 @@ PROGRAMS = {
         "forest, network and committee on the public recordings; over an hour",
         "build/real",
     ),
+    "nested-choice": Program(
+        "studies.real.nested_choice",
+        "taxels, features and learner chosen on people, never on those that are scored",
+        "build/real",
+    ),
     "window-network": Program(
         "studies.real.window_network",
         "a small convolutional network beside the committee on the public recordings",

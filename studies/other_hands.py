@@ -1,4 +1,4 @@
-"""`python -m studies hands`: one learner on hands of 2, 3, 6 and 12 sensors, without training again.
+"""`python -m studies hands`: one learner on hands of 2, 3, 6 and 12 sensors, not trained again.
 
 The same trials on every hand (objects, people, forces), the same learner behind a step of each hand
 card. Open loop: slips found, in time, voluntary actions called. Closed loop: preventable drops that

@@ -91,6 +91,7 @@ SOURCES: dict[str, dict[str, str]] = {
     "docs/what-accuracy-costs.md": {
         "cost": "build/bench/cost.json",
         "robust": "build/robustness/robustness.json",
+        "on_hands": "docs/measured/robust-2026-11-25.json",
         "latency": "build/bench/latency.json",
         "training": "build/bench/training.json",
         "instructions": "build/bench/instructions.json",

@@ -9,10 +9,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from page_tables import filled
 
 from benchmarks.cost import recordings
 from benchmarks.cost.features import whole_rows
 from benchmarks.cost.hands import DIES_S, HANDS, UNCHANGED, on_hand
+from benchmarks.cost.picture import on_hands
 from benchmarks.cost.point import FAMILIES, GROUPS, ON_HANDS, POOLED, Point, points
 from benchmarks.cost.surface import cost
 from holdfast.core.contract import BoolArray, FloatArray
@@ -117,3 +119,18 @@ def test_without_all_sensors_only_degraded_answers_find_a_slip(
     found = {what: row["hands"]["one dead"]["recall"] for what, row in rows.items()}
     assert found["pooled"] > 0.0
     assert found["reference"] == found["pooled, no degraded answers"] == 0.0
+
+
+def test_the_page_and_its_figure_show_every_hand(
+    rows: dict[str, dict[str, Any]], tmp_path: Path
+) -> None:
+    made = {"on_hands": {"rows": list(rows.values())}}
+    text = filled("docs/what-accuracy-costs.md", made, tmp_path)
+    dead = rows["pooled"]["hands"]["one dead"]
+    low, high = dead["in_time_ci"]
+    assert f"{dead['in_time']:.3g} ({low:.2f} to {high:.2f})" in text
+    assert "| pooled, no degraded answers |" in text
+    every = [{**rows["pooled"], "what": point.what} for point in ON_HANDS]
+    drawn = on_hands(every)
+    for name in ("held one way", *HANDS):
+        assert name in drawn
