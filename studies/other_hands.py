@@ -16,11 +16,13 @@ from holdfast.cli.options import add_job_options, chosen_workers
 from holdfast.core.hand_card import read_hand_card
 from holdfast.core.reading import Json, model_path
 from holdfast.core.writing import require_writable, write_whole
-from holdfast.edge_runtime.engine import ModelChoice
+from holdfast.edge_runtime.c_engine import LIBRARY
+from holdfast.edge_runtime.engine import ONNXRUNTIME, C, ModelChoice
 from holdfast.edge_runtime.model import Model
 from holdfast.evaluation.closed_loop import LoopRuns
 from holdfast.evaluation.jobs import Workers
 from holdfast.export.again import export_again
+from holdfast.export.c.exporting import export_c
 from holdfast.training.progress import stages
 from studies.distortions.closed_loop import (
     CONTROLLER,
@@ -46,6 +48,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     option("--model", type=path_argument, default=model, metavar="FILE")
     option("--trials", type=int, metavar="N", help="default: all of the scene")
     option("--hands", nargs="+", default=list(HANDS), metavar="CARD")
+    engines = "what computes a step; c is generated and compiled, and much faster"
+    option("--engine", choices=(ONNXRUNTIME, C), default=ONNXRUNTIME, help=engines)
     add_job_options(parser, 2)
     parser.set_defaults(seed=LOCKED_SEED)
 
@@ -59,12 +63,13 @@ def run(args: argparse.Namespace) -> int:
     with stages(len(args.hands)) as say:
         for name in args.hands:
             say(name)
-            hand = OnHand(name, path, args.out, args.trials, args.seed)
-            rows.append(hand.figures(workers))
+            hand = OnHand(name, args.out, args.trials, args.seed)
+            rows.append(hand.figures(hand.exported(path, args.engine), workers))
     figures = {
         "kind": "simulated",
         **measured_now(),
         "model": Model(path).card.model_id,
+        "engine": args.engine,
         "seed": args.seed,
         "trials": args.trials,
         "controller": CONTROLLER,
@@ -82,21 +87,26 @@ def run(args: argparse.Namespace) -> int:
 
 
 class OnHand:
-    """The trials on one hand, and the model file exported for it. trials: None for all."""
+    """The trials on one hand. out: of its scene and of files for it. trials: None for all."""
 
-    def __init__(
-        self, name: str, model: Path, out: Path, trials: int | None, seed: int
-    ) -> None:
+    def __init__(self, name: str, out: Path, trials: int | None, seed: int) -> None:
         self.card = read_hand_card(name)
+        self.file = out / f"{name}.onnx"
         self.trials = trials
         self.seed = seed
         self.scene = str(write_whole(out / f"{name}.toml", scene_text(name)))
-        self.file = out / f"{name}.onnx"
-        export_again(model, self.file, self.card)
 
-    def figures(self, workers: Workers) -> Json:
+    def exported(self, model: Path, engine: str) -> ModelChoice:
+        """A model file's learner in a file for this hand."""
+        export_again(model, self.file, self.card)
+        if engine != C:
+            return ModelChoice(str(self.file))
+        folder = self.file.with_name(f"{self.file.stem}-c")
+        export_c(self.file, folder, build=True)
+        return ModelChoice(str(self.file), C, str(folder / LIBRARY))
+
+    def figures(self, model: ModelChoice, workers: Workers) -> Json:
         """What became of the trials, open and in the closed loop."""
-        model = ModelChoice(str(self.file))
         job = OpenJob(model, UNCHANGED, self.scene, self.trials, self.seed)
         (outcomes,) = workers.run([job])
         runs = LoopRuns(model, workers, lambda share: None)

@@ -86,7 +86,7 @@ SOURCES: dict[str, dict[str, str]] = {
     "docs/transfer.md": {
         "transfer": "build/transfer/transfer.json",
         "spread": "build/transfer-spread/transfer.json",
-        "tugs": "build/transfer-tugs/transfer.json",
+        "tugs": "docs/measured/transfer-tugs-326dbe034565.json",
     },
     "docs/what-accuracy-costs.md": {
         "cost": "build/bench/cost.json",
