@@ -60,6 +60,8 @@ SOURCES: dict[str, dict[str, str]] = {
     "docs/hand.md": {
         "hand": "build/bench/hand.json",
         "files": "build/bench/hand-files.json",
+        "answered": "docs/measured/hand-files-326dbe034565.json",
+        "others": "docs/measured/hands-326dbe034565.json",
     },
     "docs/learners.md": {
         "learners": "build/real/learners.json",
