@@ -40,7 +40,13 @@ from holdfast.training.featurise import FloatRows, features_of, spec_for
 from holdfast.training.figures import PLURAL, HeadFigures
 from holdfast.training.fixture import KIND, write_fixture
 from holdfast.training.metrics import report
-from holdfast.training.plan import PLANS, TASK_HEADS, LearnerKind, TrainingPlan
+from holdfast.training.plan import (
+    PLANS,
+    TASK_HEADS,
+    LearnerKind,
+    TrainingPlan,
+    at_rate,
+)
 from holdfast.training.progress import Part, Say, Stages, ignored
 from holdfast.training.recording import (
     DataSet,
@@ -144,6 +150,7 @@ def train_on_sets(
         sets.append(data)
 
     plan = PLANS[request.features](request.size, request.learner)
+    plan = at_rate(plan, sets[0].rate_hz)
     if request.hold_out is None:
         sets = [_held_out(data, plan.folds, request) for data in sets]
 
