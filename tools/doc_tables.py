@@ -57,6 +57,8 @@ SOURCES: dict[str, dict[str, str]] = {
     "docs/hand.md": {
         "hand": "build/bench/hand.json",
         "files": "build/bench/hand-files.json",
+        "answered": "docs/measured/hand-files-326dbe034565.json",
+        "others": "docs/measured/hands-326dbe034565.json",
     },
     "docs/learners.md": {
         "learners": "build/real/learners.json",
@@ -90,11 +92,12 @@ SOURCES: dict[str, dict[str, str]] = {
     "docs/transfer.md": {
         "transfer": "build/transfer/transfer.json",
         "spread": "build/transfer-spread/transfer.json",
-        "tugs": "build/transfer-tugs/transfer.json",
+        "tugs": "docs/measured/transfer-tugs-326dbe034565.json",
     },
     "docs/what-accuracy-costs.md": {
         "cost": "build/bench/cost.json",
         "robust": "build/robustness/robustness.json",
+        "on_hands": "docs/measured/robust-2026-11-25.json",
         "latency": "build/bench/latency.json",
         "training": "build/bench/training.json",
         "instructions": "build/bench/instructions.json",

@@ -305,7 +305,11 @@ BROKEN: list[tuple[dict[str, Any], type[DataError], str]] = [
         DataError,
         "-inf is not a finite",
     ),
-    ({"matrix_n_per_ut": [[[1.0, 2.0, 10**400]] * 3] * 2}, DataError, "more than 64 bits"),
+    (
+        {"matrix_n_per_ut": [[[1.0, 2.0, 10**400]] * 3] * 2},
+        DataError,
+        "more than 64 bits",
+    ),
     (
         {"matrix_n_per_ut": [[[1.0, 2.0, "3"]] * 3] * 2},
         NotANumber,
@@ -544,7 +548,11 @@ def test_a_bias_comes_back_bit_for_bit(
     [
         ({"unit": "g"}, UnitError, "unit 'g' is not one of"),
         ({"values": [1.0, 2.0]}, ChannelError, "2 values, not a multiple of three"),
-        ({"values": [float("nan")] * 3}, DataError, r"values\[0\] = nan is not a finite"),
+        (
+            {"values": [float("nan")] * 3},
+            DataError,
+            r"values\[0\] = nan is not a finite",
+        ),
         ({"spread": [1.0]}, ChannelError, "spread has shape"),
         ({"reversed": []}, ChannelError, "reversed is not 6 times"),
         ({"kind": "calibration"}, DataError, "not a bias"),
