@@ -6,11 +6,11 @@
 
 enum { PIECES = 8, AVERAGED = 3, GIVER = 0, TAKER = 1, PULLER = 2, PEOPLE = 3 };
 static const double NEVER_S = 1e9, OPEN_GAP_M = 0.03, CLOSING_S = 0.4, OPENING_S = 0.4, SIGNAL_S = 0.1;
-static const double GIVER_N_PER_M = 800.0, TAKER_N_PER_M = 300.0, PULLER_N_PER_M = 500.0, DAMPING_RATIO = 0.7;
-static const double CAP_N = 40.0, TAKER_CAP_N = 8.0, TAKES_S = 0.4, MOVES_S = 1.5, TAKES_M = 0.2;
+static const double GIVER_N_PER_M = 800.0, TAKER_N_PER_M = 300.0, PULLER_N_PER_M = 250.0, DAMPING_RATIO = 0.7;
+static const double GIVER_CAP_N = 40.0, PULLER_CAP_N = 25.0, TAKER_CAP_N = 8.0, TAKES_S = 0.4, MOVES_S = 1.5, TAKES_M = 0.2;
 /* of a sensor along the skin and across it, as in the thesis' scene: noise (sd), smallest step, largest bias */
 static const double NOISE_N[2] = {0.012, 0.015}, STEP_N[2] = {0.0107, 0.0386}, BIAS_N[2] = {0.5, 0.2};
-static const double REACH_PER_S = 25.0, FASTEST_M_S = 1.0; /* how a person's arm follows the pointer */
+static const double REACH_PER_S = 15.0, FASTEST_M_S = 1.0; /* how a person's arm follows the pointer */
 
 /* What the page writes before it starts: examples/browser/setups.py makes it, all double. */
 typedef struct {
@@ -21,6 +21,7 @@ typedef struct {
 /* What the page reads after a sample, all double. people_n: force of the people on the object. */
 typedef struct {
     double t_s, position_m[3], people_n[3], pull_n[3], grip_n, own_n, target_n, load_n, sensed_n, touching, sliding;
+    double gap_m, supports, takes; /* how far the hand is open; how far those people are there, 0 .. 1 */
 } try_view;
 
 static try_setup set;
@@ -105,9 +106,9 @@ static void act(double t_s, double dt_s, scene_person *people) {
     const double there = 1.0 - scene_smooth((t_s - gives_s) / giving_s);
     const double u = within((t_s - takes_s - TAKES_S) / MOVES_S, 0.0, 1.0);
     const double taken = scene_smooth((t_s - takes_s) / TAKES_S), path[3] = {0.0, 0.5, 0.8660254037844386};
-    people[GIVER] = person(there, GIVER_N_PER_M, CAP_N, there);
+    people[GIVER] = person(there, GIVER_N_PER_M, GIVER_CAP_N, there);
     people[TAKER] = person(t_s >= takes_s, TAKER_N_PER_M, TAKER_CAP_N, taken);
-    people[PULLER] = person(pulls, PULLER_N_PER_M, CAP_N, 0.0);
+    people[PULLER] = person(pulls, PULLER_N_PER_M, PULLER_CAP_N, 0.0);
     if (pulls) reach(dt_s);
     for (int k = 0; k < 3; ++k) {
         people[TAKER].target_m[k] = TAKES_M * scene_smooth(u) * path[k];
@@ -136,12 +137,18 @@ static void sense_fingers(void) {
     }
 }
 
-static void note(double target_n) {
+static void note(double target_n, const double *closure_m, const scene_person *people) {
+    double squares = 0.0;
     for (int k = 0; k < 3; ++k) {
         view.position_m[k] = world.position_m[k];
         view.people_n[k] = world.agents_n[k];
-        view.pull_n[k] = pulls ? PULLER_N_PER_M * (pulled_m[k] - world.position_m[k]) : 0.0;
+        view.pull_n[k] = people[PULLER].stiffness_n_per_m * (pulled_m[k] - world.position_m[k]);
+        squares += view.pull_n[k] * view.pull_n[k];
     }
+    for (int k = 0; k < 3; ++k) view.pull_n[k] *= smaller(1.0, PULLER_CAP_N / larger(sqrt(squares), TINY));
+    view.gap_m = larger(-closure_m[0], 0.0);
+    view.supports = people[GIVER].weight_share;
+    view.takes = people[TAKER].weight_share;
     view.grip_n = larger(drive.place_n, 0.0);
     view.own_n = larger(drive.own_n, 0.0);
     view.target_n = target_n;
@@ -185,7 +192,7 @@ EXPORTED(advance) int advance(int helped) {
         scene_forces(&set.body, &world, forces_n);
         for (int k = 0; k < C && piece > PIECES - AVERAGED; ++k) felt_n[k] += forces_n[k] / AVERAGED;
     }
-    note(helped ? command.target_n : 0.0);
+    note(helped ? command.target_n : 0.0, closure_m, people);
     view.t_s += 1.0 / HOLDFAST_RATE_HZ;
     return 0;
 }
