@@ -25,14 +25,14 @@ function follow(action, t, called, view) {
   if (action.lost === null) action.peak = Math.max(action.peak, view.grip);
 }
 
-const ms = (s) => `${Math.round(1e3 * s)} ms`;
+const ms = (s) => `${Math.round(1e3 * s)}\u00a0ms`;
 
 /** The sentence of an action, and whether it ended well: {text, end: "", "good" or "bad"}. */
 function sentenceOf(action, view, helped) {
   const kind = KINDS[action.kind];
   if (!kind) return { text: "Held. Pull it.", end: "" };
   const call = action.called === null ? "no slip was called" : `called ${ms(action.called)} after ${kind.began}`;
-  const rose = action.peak > action.grip + 0.5 ? `the grip rose to ${action.peak.toFixed(0)} N` : `the grip stayed at ${action.grip.toFixed(1)} N`;
+  const rose = action.peak > action.grip + 0.5 ? `the grip rose to ${action.peak.toFixed(0)}\u00a0N` : `the grip stayed at ${action.grip.toFixed(1)}\u00a0N`;
   if (action.kind === "hand-over") return handedOver(action, view, call, rose);
   if (action.lost !== null) {
     const why = helped ? `${call}, ${rose}, but not in time.` : `${call.replace("called", "Holdfast would have called it")}, but the grip is the wearer's alone.`;
@@ -42,12 +42,13 @@ function sentenceOf(action, view, helped) {
     return { text: action.called === null ? kind.lasts : `${kind.lasts} Slip ${call}.`, end: "" };
   }
   const slid = 1e3 * Math.hypot(...view.position.map((m, k) => m - action.place[k]));
-  return { text: `Kept: ${call}, ${rose}; it slid ${slid.toFixed(0)} mm.`, end: "good" };
+  return { text: `Kept: ${call}, ${rose}; it slid ${slid.toFixed(0)}\u00a0mm.`, end: "good" };
 }
 
 function handedOver(action, view, call, rose) {
   if (action.lost === null && (action.ended === null || view.t < action.ended + 3)) return { text: KINDS["hand-over"].lasts, end: "" };
   if (action.lost === null) return { text: `Held too long: ${call}, ${rose}.`, end: "bad" };
   if (action.called === null) return { text: `Handed over, let go after ${ms(action.lost)}: ${call}, ${rose}.`, end: "good" };
-  return { text: `Handed over after ${ms(action.lost)}, but taken for a slip: ${call}, ${rose}.`, end: "bad" };
+  const held = action.peak > action.grip + 0.5;
+  return { text: `Handed over after ${ms(action.lost)}: ${call}, ${held ? `and ${rose}` : "but the grip followed the wearer, who was opening the hand"}.`, end: held ? "bad" : "good" };
 }

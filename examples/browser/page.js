@@ -168,5 +168,5 @@ function listen() {
   window.addEventListener("resize", draw);
 }
 
-fillLegend(at("legend"), { ...COLOURS, "load along the skin": LINES.load, "grip of either side": LINES.grip, "grip command": LINES.target });
+fillLegend(at("legend"), COLOURS, { "load along the skin": LINES.load, "grip of either side": LINES.grip, "grip command": LINES.target });
 open().then(listen).catch((error) => { at("problem").textContent = error.message; });

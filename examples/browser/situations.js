@@ -23,12 +23,12 @@ function penOf(canvas) {
   return pen;
 }
 
-/** A list of names with the colour of each. */
-function fillLegend(list, names) {
-  for (const [name, colour] of Object.entries(names)) {
+/** A list of names with the colour of each: of areas, and of lines. */
+function fillLegend(list, areas, lines) {
+  for (const [name, colour] of [...Object.entries(areas), ...Object.entries(lines)]) {
     const item = document.createElement("li");
     const swatch = document.createElement("span");
-    swatch.className = "swatch";
+    swatch.className = name in lines ? "swatch line" : "swatch";
     swatch.style.background = colour;
     item.append(swatch, name);
     list.append(item);

@@ -41,7 +41,7 @@ function stageOf(svg, held, degrees) {
     const x = side < 0 ? -PAD_MM : 0;
     const tall = side < 0 ? 48 : 88;
     const arms = side < 0 ? [0] : [-22, 22];
-    for (const z of arms) svgOf("rect", { class: "arm", x: side < 0 ? -150 : PAD_MM - 4, y: z - 13, width: 154 - PAD_MM, height: 26, rx: 9 }, group);
+    for (const z of arms) svgOf("rect", { class: "arm", x: side < 0 ? -400 : PAD_MM - 4, y: z - 13, width: 404 - PAD_MM, height: 26, rx: 9 }, group);
     const pad = svgOf("rect", { class: "pad", x, y: -tall / 2, width: PAD_MM, height: tall, rx: 7 }, group);
     const arrow = svgOf("path", { class: "arrow" }, group);
     return { side, group, pad, arrow, below: tall / 2 + 14 };

@@ -4,7 +4,7 @@
 const LINES = { load: "#7a4fb5", grip: "#0b69a3" };
 const DARK_LINES = { load: "#b79aec", grip: "#5fb0e5" };
 const SHOWN_S = 2;
-const [LEFT, STRIP, TOP] = [40, 18, 44];
+const [LEFT, STRIP, TOP] = [54, 18, 44];
 const dark = window.matchMedia("(prefers-color-scheme: dark)");
 const linesNow = () => (dark.matches ? DARK_LINES : LINES);
 
@@ -36,7 +36,7 @@ function drawAxes(pen, ink, x, y, now, most) {
   pen.fillStyle = ink;
   pen.strokeStyle = ink;
   pen.textAlign = "right";
-  pen.fillText("answer", LEFT - 2, STRIP + 13);
+  pen.fillText("answer", LEFT - 6, STRIP + 13);
   const step = [2, 5, 10, 20].find((n) => most / n <= 4) ?? 50;
   for (let n = 0; n <= most; n += step) {
     pen.fillText(`${n} N`, LEFT - 6, y(n) + 4);
@@ -45,7 +45,7 @@ function drawAxes(pen, ink, x, y, now, most) {
     pen.globalAlpha = 1;
   }
   pen.textAlign = "center";
-  for (let s = 0.5; s < SHOWN_S; s += 0.5) pen.fillText(`${(1e3 * s).toFixed(0)} ms ago`, x(now - s), y(0) + 18);
+  for (let s = 0.5; s < SHOWN_S; s += 0.5) pen.fillText(`${s} s ago`, x(now - s), y(0) + 18);
 }
 
 function drawCalls(pen, rows, x, bottom) {

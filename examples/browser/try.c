@@ -6,11 +6,11 @@
 
 enum { PIECES = 8, AVERAGED = 3, GIVER = 0, TAKER = 1, PULLER = 2, PEOPLE = 3 };
 static const double NEVER_S = 1e9, OPEN_GAP_M = 0.03, CLOSING_S = 0.4, OPENING_S = 0.4, SIGNAL_S = 0.1;
-static const double GIVER_N_PER_M = 800.0, TAKER_N_PER_M = 300.0, PULLER_N_PER_M = 250.0, DAMPING_RATIO = 0.7;
-static const double GIVER_CAP_N = 40.0, PULLER_CAP_N = 25.0, TAKER_CAP_N = 8.0, TAKES_S = 0.4, MOVES_S = 1.5, TAKES_M = 0.2;
+static const double GIVER_N_PER_M = 800.0, TAKER_N_PER_M = 300.0, PULLER_N_PER_M = 150.0, DAMPING_RATIO = 0.7;
+static const double GIVER_CAP_N = 40.0, PULLER_CAP_N = 20.0, TAKER_CAP_N = 8.0, TAKES_S = 0.4, MOVES_S = 1.5, TAKES_M = 0.2;
 /* of a sensor along the skin and across it, as in the thesis' scene: noise (sd), smallest step, largest bias */
 static const double NOISE_N[2] = {0.012, 0.015}, STEP_N[2] = {0.0107, 0.0386}, BIAS_N[2] = {0.5, 0.2};
-static const double REACH_PER_S = 15.0, FASTEST_M_S = 1.0; /* how a person's arm follows the pointer */
+static const double REACH_PER_S = 15.0, FASTEST_M_S = 0.8; /* how a person's arm follows the pointer */
 
 /* What the page writes before it starts: examples/browser/setups.py makes it, all double. */
 typedef struct {

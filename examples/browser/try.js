@@ -7,7 +7,7 @@ const FRICTION_AT = 42;  // in `setup` of try.c, as is the mass at 0 and gravity
 const G = 9.81;
 const KEYS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
 const REACH_MM = 80;  // of a pull by key
-const TEAR = { mm: 120, lasts_s: 0.6 };  // of the button's pull
+const TEAR = { mm: 130, lasts_s: 0.55 };  // of the button's pull
 const still = window.matchMedia("(prefers-reduced-motion: reduce)");
 const now = { hand: null, view: null, rows: [], action: null, draw: null, dragged: null, plan: [], last: null, owed: 0, seed: 1, alarm: -1 };
 
@@ -52,7 +52,7 @@ function sample() {
   now.view = look();
   const situation = ["unknown", "nothing", "grasp", "safe slip", "risky slip"][1 + now.hand.label()];
   const called = situation === "risky slip" || now.hand.acts() === 1;
-  if (called) now.alarm = t;
+  if (situation === "risky slip") now.alarm = t;
   now.rows.push({ t, situation, called, load: now.view.load, grip: now.view.grip });
   if (now.rows.length > 2 * RATE) now.rows.shift();
   follow(now.action, t, called, now.view);
@@ -144,9 +144,10 @@ function show() {
   const alarm = now.alarm >= 0 && view.t - now.alarm < 0.3;
   now.draw(view, alarm);
   drawStrip(at("strip"), now.rows);
+  const { situation, called } = now.rows.at(-1);
   at("alarm").dataset.on = alarm ? "yes" : "no";
-  write(at("alarm").firstChild, alarm ? "Slip! The grip is about to fail." : `Answer: ${now.rows.at(-1).situation}`);
-  for (const [id, n] of [["grip", view.grip], ["load", view.load], ["force", Math.hypot(...view.pull)]]) write(at(id), `${n.toFixed(1)} N`);
+  write(at("alarm").firstChild, alarm ? "Slip! The grip is about to fail." : called ? "A slip was called: hold tighter" : `Answer: ${situation}`);
+  for (const [id, n] of [["grip", view.grip], ["load", view.load], ["force", Math.hypot(...view.pull)]]) write(at(id), `${n.toFixed(1)}\u00a0N`);
   write(at("friction-is"), Number(at("friction").value).toFixed(2));
   write(at("turn-is"), { 0: "upright", 90: "fingers below", "-90": "thumb below", 180: "upside down", "-180": "upside down" }[degrees()] ?? `turned by ${degrees()}°`);
   const said = action.said ?? sentenceOf(action, view, at("helped").checked);
@@ -174,10 +175,10 @@ function frame(time) {
 
 async function open() {
   now.hand = await openHand(WASM);
-  for (const one of OBJECTS) at("object").append(new Option(`${one.name.replace("-", " ")}, ${one.mass_g} g`, one.name));
+  for (const one of OBJECTS) at("object").append(new Option(`${one.name.replace("-", " ")}, ${Math.round(one.mass_g)} g`, one.name));
   at("object").value = "full-bottle";
   at("friction").value = held().friction;
-  fillLegend(at("legend"), { ...COLOURS, load: linesNow().load, grip: linesNow().grip });
+  fillLegend(at("legend"), COLOURS, { "load along the skin": "var(--pull)", "grip of either side": "var(--arrow)" });
   start(false);
   listen();
   requestAnimationFrame(frame);
