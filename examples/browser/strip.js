@@ -50,10 +50,13 @@ function drawAxes(pen, ink, x, y, now, most) {
 
 function drawCalls(pen, rows, x, bottom) {
   pen.fillStyle = dark.matches ? "#ff8f5c" : "#b3400b";
+  pen.textAlign = "center";
+  let free = LEFT + 16;  // no label over another
   rows.forEach((one, k) => {
     if (!one.called || rows[k - 1]?.called) return;
     pen.fillRect(x(one.t) - 1, STRIP - 4, 2, bottom - STRIP + 4);
-    pen.textAlign = x(one.t) > LEFT + 40 ? "right" : "left";
-    pen.fillText("slip!", x(one.t) + 4, STRIP - 6);
+    if (x(one.t) < free) return;
+    pen.fillText("slip!", Math.min(x(one.t), x(rows.at(-1).t) - 12), STRIP - 6);
+    free = x(one.t) + 34;
   });
 }

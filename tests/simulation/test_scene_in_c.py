@@ -190,7 +190,7 @@ def test_the_trials_hold_slip_are_lost_and_are_caught() -> None:
     }
     caught_m = ends["a caught slip"][1][:, 2]
     assert 1e-3 < -caught_m[-1] < 0.05
-    assert caught_m[-1] == pytest.approx(caught_m[-100], abs=1e-5)
+    assert caught_m[-1] == pytest.approx(caught_m[-100], abs=2e-4)
 
 
 def test_the_drive_in_c_is_that_of_the_scenes(scene: ctypes.CDLL) -> None:
