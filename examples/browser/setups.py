@@ -1,4 +1,4 @@
-"""What the page's world is set up with: the objects of the thesis in a hand, as one trial of a scene."""
+"""What the page's world is set up with: an object of the thesis in a hand, as in a scene's trial."""
 
 from __future__ import annotations
 

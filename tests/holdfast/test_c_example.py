@@ -52,9 +52,11 @@ WebAssembly.instantiate(readFileSync(process.argv[1]), {}).then(({ instance }) =
   new Float64Array(hand.memory.buffer, hand.setup(), hand.setup_count()).set(numbers);
   hand.start(3);
   for (let k = 0; k < 600; ++k) {
-    for (const [at, name, ...values] of JSON.parse(process.argv[3])) if (at === k) hand[name](...values);
+    for (const [at, name, ...values] of JSON.parse(process.argv[3]))
+      if (at === k) hand[name](...values);
     hand.advance(1);
-    console.log(bytes(hand.seen(), 8 * hand.seen_count()) + bytes(hand.answers(), hand.answers_bytes()));
+    const seen = bytes(hand.seen(), 8 * hand.seen_count());
+    console.log(seen + bytes(hand.answers(), hand.answers_bytes()));
   }
 });
 """

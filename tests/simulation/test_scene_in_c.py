@@ -163,7 +163,9 @@ def of_c(scene: ctypes.CDLL, hand: Hand) -> tuple[FloatArray, FloatArray]:
         closed = (ctypes.c_double * 6)(*closure_m)
         if k == 0:
             scene.scene_rest(body, closed, state)
-        person = np.concatenate([np.ravel(part[..., 0]) for part in vars(pull).values()])
+        person = np.concatenate(
+            [np.ravel(part[..., 0]) for part in vars(pull).values()]
+        )
         people = (ctypes.c_double * 10)(*person)
         scene.scene_step(body, state, closed, people, 1, DT_S)
         scene.scene_forces(body, state, force_n)
