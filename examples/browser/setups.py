@@ -1,4 +1,4 @@
-"""What the page's world is set up with: an object of the thesis in a hand, as in a scene's trial."""
+"""What the page's world is set up with: an object of the thesis in a hand, as a scene's trial."""
 
 from __future__ import annotations
 

@@ -229,13 +229,14 @@ def test_the_pages_world_has_the_same_bits_in_webassembly_and_on_this_machine(
 ):
     made = model.parent / "try.so"
     # -Bsymbolic: the C library has a `step` of its own.
-    shared = ["-shared", "-fPIC", "-Wl,-Bsymbolic", "-I", "c", "-o", made]
+    shared = ["-shared", "-fPIC", "-Wl,-Bsymbolic", "-I", "c", "-o", str(made)]
     words = [require_compiler(), *FLAGS, *shared]
-    sources = ["c/holdfast.c", EXAMPLES / "browser/try.c", "-lm"]
+    sources = ["c/holdfast.c", str(EXAMPLES / "browser/try.c"), "-lm"]
     done = subprocess.run([*words, *sources], cwd=model.parent)
     assert done.returncode == 0
     setup = [*setup_numbers("full-bottle"), 8.0]
-    story = ["node", "-e", SAME_STORY, wasm, json.dumps(setup), json.dumps(STORY)]
+    words = ["node", "-e", SAME_STORY, str(wasm)]
+    story = [*words, json.dumps(setup), json.dumps(STORY)]
     printed = subprocess.run(story, capture_output=True, text=True, check=True).stdout
     wanted = story_in_c(ctypes.CDLL(str(made)), setup)
     assert printed.splitlines() == wanted

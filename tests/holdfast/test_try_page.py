@@ -25,7 +25,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     if not WASM.is_installed:
         pytest.skip(f"the browser's example needs {', '.join(WASM.programs)}")
     made = tmp_path_factory.mktemp("pages")
-    build = [sys.executable, ROOT / "examples/browser/build.py", RELEASED, made]
+    script = str(ROOT / "examples/browser/build.py")
+    build = [sys.executable, script, str(RELEASED), str(made)]
     done = subprocess.run(build, capture_output=True, text=True, check=True)
     assert re.fullmatch(r"(\S+\.html: [12]\.\d\d MB\n){2}", done.stdout)
     return made

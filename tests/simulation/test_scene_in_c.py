@@ -42,11 +42,9 @@ def scene(tmp_path_factory: pytest.TempPathFactory) -> ctypes.CDLL:
     assert done.returncode == 0
     library = ctypes.CDLL(str(made))
     library.scene_drive_step.restype = ctypes.c_double
-    library.scene_drive_step.argtypes = [ctypes.c_void_p] + 3 * [ctypes.c_double]
-    library.scene_step.argtypes = 4 * [ctypes.c_void_p] + [
-        ctypes.c_int,
-        ctypes.c_double,
-    ]
+    real, place = ctypes.c_double, ctypes.c_void_p
+    library.scene_drive_step.argtypes = [place, real, real, real]
+    library.scene_step.argtypes = [place, place, place, place, ctypes.c_int, real]
     return library
 
 

@@ -1,8 +1,8 @@
 """What mkdocs does not do: pages from outside docs/, executed notebooks, equations as MathML.
 
-The README is the first page. Where clang is there, it leads to the page of a hand to pull at. A file
-of the repository that a page links to becomes a page below source/. A link to a file that is not
-there stays as it is, and `mkdocs build --strict` then fails.
+The README is the first page. Where clang is there, it leads to the page of a hand to pull at. A
+file of the repository that a page links to becomes a page below source/. A link to a file that is
+not there stays as it is, and `mkdocs build --strict` then fails.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ EQUATION = re.compile(
 )
 MODEL = ROOT / "models/holdfast-150hz.onnx"
 TRY = """
-[**Try it here**: pull a bottle out of a simulated hand, and see the call and the grip](try.html){ .try }
+[**Try it here**: pull a bottle out of a hand, and see the call and the grip](try.html){ .try }
 """
 IN_NAV = ("CHANGELOG.md", "CONTRIBUTING.md")
 SHIM, FROM_ELSEWHERE = "iframe-worker.js", "https://unpkg.com/iframe-worker/shim"
