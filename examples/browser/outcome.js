@@ -14,7 +14,7 @@ function actionOf(kind, view) {
   return { kind, base: view.people, place: view.position, began: null, called: null, lost: null, peak: view.grip, grip: view.grip, ended: null, said: null };
 }
 
-/** One sample into an action: called: whether it says that a slip is risky; t: its time; view: the world after it. */
+/** One sample into an action. called: whether the hand is asked to tighten; t: its time; view: the world after it. */
 function follow(action, t, called, view) {
   if (!action.kind || action.said) return;
   const change = Math.hypot(...view.people.map((n, k) => n - action.base[k]));

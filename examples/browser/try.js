@@ -6,6 +6,7 @@ const [BEGINS_S, GIVES_S, READY_S] = [1.0, 1.6, 2.5];  // try.c closes the hand 
 const FRICTION_AT = 42;  // in `setup` of try.c, as is the mass at 0 and gravity at 1
 const G = 9.81;
 const KEYS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
+const TIGHTEN = 2;  // of the modes in holdfast.h
 const REACH_MM = 80;  // of a pull by key
 const TEAR = { mm: 130, lasts_s: 0.55 };  // of the button's pull
 const still = window.matchMedia("(prefers-reduced-motion: reduce)");
@@ -51,8 +52,9 @@ function sample() {
   if (now.hand.advance(at("helped").checked ? 1 : 0) !== 0) throw new Error("a sample was refused");
   now.view = look();
   const situation = ["unknown", "nothing", "grasp", "safe slip", "risky slip"][1 + now.hand.label()];
-  const called = situation === "risky slip" || now.hand.acts() === 1;
-  if (situation === "risky slip") now.alarm = t;
+  const tightens = now.hand.mode() === TIGHTEN;
+  const called = tightens || now.hand.acts() === 1;
+  if (tightens || (called && !now.rows.at(-1)?.called)) now.alarm = t;
   now.rows.push({ t, situation, called, load: now.view.load, grip: now.view.grip });
   if (now.rows.length > 2 * RATE) now.rows.shift();
   follow(now.action, t, called, now.view);
@@ -146,7 +148,7 @@ function show() {
   drawStrip(at("strip"), now.rows);
   const { situation, called } = now.rows.at(-1);
   at("alarm").dataset.on = alarm ? "yes" : "no";
-  write(at("alarm").firstChild, alarm ? "Slip! The grip is about to fail." : called ? "A slip was called: hold tighter" : `Answer: ${situation}`);
+  write(at("alarm").firstChild, alarm ? "Slip! The grip is about to fail." : called ? "A slip was called." : `Answer: ${situation}`);
   for (const [id, n] of [["grip", view.grip], ["load", view.load], ["force", Math.hypot(...view.pull)]]) write(at(id), `${n.toFixed(1)}\u00a0N`);
   write(at("friction-is"), Number(at("friction").value).toFixed(2));
   write(at("turn-is"), { 0: "upright", 90: "fingers below", "-90": "thumb below", 180: "upside down", "-180": "upside down" }[degrees()] ?? `turned by ${degrees()}°`);
