@@ -2,7 +2,7 @@
 
 python examples/browser/build.py MODEL FOLDER
 
-FOLDER gets try.html, a simulated hand that answers, and recording.html, for a trial's own CSV.
+FOLDER gets try.html, a simulated hand that answers, and trial.html, for a trial's own CSV.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ HERE = Path(__file__).parent
 SEED, TRIALS = 1, 9
 SCRIPTS = {
     "try": ("situations.js", "stage.js", "strip.js", "outcome.js", "try.js"),
-    "recording": ("situations.js", "trial.js", "page.js"),
+    "trial": ("situations.js", "trial.js", "page.js"),
 }
 """Of each page, in the order in which they are needed."""
 
@@ -57,7 +57,7 @@ def pages(model: Path, home: str = "") -> dict[str, str]:
         "/* STYLE_CSS */": _text("style.css"),
         "/* TRY_CSS */": _text("try.css"),
     }
-    data = {"try": ("OBJECTS_JSON", _objects()), "recording": ("EXAMPLE_JSON", example)}
+    data = {"try": ("OBJECTS_JSON", _objects()), "trial": ("EXAMPLE_JSON", example)}
     made = {}
     for page, (mark, value) in data.items():
         scripts = "\n".join(f"<script>{_text(one)}</script>" for one in SCRIPTS[page])

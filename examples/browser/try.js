@@ -16,6 +16,9 @@ const held = () => OBJECTS.find((one) => one.name === at("object").value);
 const degrees = () => Number(at("turn").value);
 const speed = () => Number(document.querySelector("input[name=speed]:checked").value);
 
+const TURNS = { 0: "upright", 90: "fingers below", "-90": "thumb below", 180: "upside down", "-180": "upside down" };
+const turnName = () => TURNS[degrees()] ?? `turned by ${degrees()}°`;
+
 /** The world's numbers by name; vectors in the hand's frame. */
 function look() {
   const all = new Float64Array(now.hand.memory.buffer, now.hand.seen(), now.hand.seen_count());
@@ -151,7 +154,8 @@ function show() {
   write(at("alarm").firstChild, alarm ? "Slip! The grip is about to fail." : called ? "A slip was called." : `Answer: ${situation}`);
   for (const [id, n] of [["grip", view.grip], ["load", view.load], ["force", Math.hypot(...view.pull)]]) write(at(id), `${n.toFixed(1)}\u00a0N`);
   write(at("friction-is"), Number(at("friction").value).toFixed(2));
-  write(at("turn-is"), { 0: "upright", 90: "fingers below", "-90": "thumb below", 180: "upside down", "-180": "upside down" }[degrees()] ?? `turned by ${degrees()}°`);
+  write(at("turn-is"), turnName());
+  at("turn").ariaValueText = turnName();
   const said = action.said ?? sentenceOf(action, view, at("helped").checked);
   if (said.end) action.said = said;
   write(at("said"), said.text);

@@ -253,7 +253,7 @@ def made_page(model: Path, wasm: Path) -> Path:
         made,
     ]
     assert subprocess.run(build, capture_output=True).returncode == 0
-    return made / "recording.html"
+    return made / "trial.html"
 
 
 ANSWERS = "shown.answers.map((one) => [one.t, one.load, one.grip, one.risky])"

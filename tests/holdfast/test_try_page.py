@@ -54,11 +54,11 @@ def said_after(tab: Tab, button: str, helped: bool) -> str:
 
 
 def test_both_pages_are_whole_small_and_may_ask_nothing_of_any_network(folder: Path):
-    for name in ("try.html", "recording.html"):
+    for name in ("try.html", "trial.html"):
         text = (folder / name).read_text("utf-8")
         assert len(text.encode()) < MOST_BYTES
         assert "default-src 'none'" in text
-        assert not re.search(r"(src|href)=\"(?!(try|recording)\.html)", text)
+        assert not re.search(r"(src|href)=\"(?!(try|trial)\.html)", text)
 
 
 @needs_chromium
