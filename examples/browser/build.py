@@ -1,8 +1,9 @@
 """A model as static pages: its C form in WebAssembly, with a hand to pull at. `make browser`.
 
-python examples/browser/build.py MODEL FOLDER
+python examples/browser/build.py MODEL FOLDER [HOME]
 
 FOLDER gets try.html, a simulated hand that answers, and trial.html, for a trial's own CSV.
+HOME: where a link back leads, for pages of a site.
 """
 
 from __future__ import annotations
@@ -107,6 +108,6 @@ def _example(rate_hz: float, work: Path) -> dict[str, str]:
 if __name__ == "__main__":
     folder = Path(sys.argv[2])
     folder.mkdir(parents=True, exist_ok=True)
-    for name, text in pages(Path(sys.argv[1])).items():
+    for name, text in pages(Path(sys.argv[1]), *sys.argv[3:]).items():
         path = write_whole(folder / name, text)
         show(f"{path}: {len(text.encode()) / 1e6:.2f} MB")

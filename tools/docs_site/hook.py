@@ -10,6 +10,10 @@ from __future__ import annotations
 import html
 import posixpath
 import re
+import shutil
+import subprocess
+import sys
+import tempfile
 from pathlib import Path
 from typing import Any
 
@@ -20,8 +24,7 @@ from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
 from notebooks import executed
 
-from examples.browser.build import pages
-from holdfast.core.errors import LibraryMissing
+from benchmarks.runtimes.c_programs import BROWSER, WASM
 
 ROOT = Path(__file__).resolve().parents[2]
 HERE = Path(__file__).parent
@@ -130,10 +133,13 @@ def _mathml(match: re.Match[str]) -> str:
 
 def _pages_to_try() -> dict[str, str]:
     """The pages of examples/browser; none without clang."""
-    try:
-        return pages(MODEL, home="index.html")
-    except LibraryMissing:
+    if not all(map(shutil.which, (WASM.compiler, *WASM.also))):
         return {}
+    with tempfile.TemporaryDirectory() as folder:
+        words = [sys.executable, BROWSER / "build.py", MODEL, folder, "index.html"]
+        subprocess.run([str(word) for word in words], check=True)
+        made = sorted(Path(folder).glob("*.html"))
+        return {page.name: page.read_text("utf-8") for page in made}
 
 
 def _add(files: Files, config: MkDocsConfig, uri: str, content: str) -> File:
