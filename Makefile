@@ -76,7 +76,7 @@ models: setup  ## rebuild the default model from scenes, into models; RATE=50 fo
 	$(BIN)/holdfast simulate wide --rate $(RATE) --trials 500 --out $(MADE)/wide
 	$(BIN)/holdfast simulate everyday --rate $(RATE) --trials 200 --out $(MADE)/everyday
 	$(BIN)/holdfast train --data $(MADE)/thesis $(MADE)/broad $(MADE)/wide $(MADE)/everyday \
-	    --features pooled --windows dense $(if $(filter-out default,$(SIZE)),--size $(SIZE)) --out $(MADE)
+	    --features pooled --windows dense --hold-out trial $(if $(filter-out default,$(SIZE)),--size $(SIZE)) --out $(MADE)
 	$(BIN)/holdfast export $(MADE) --force --out models/holdfast-$(RATE)hz$(if $(filter-out default,$(SIZE)),-$(SIZE)).onnx
 
 fuzz: setup  ## fuzz everything that comes from outside, SECONDS=60 each; what breaks it goes into build/fuzz

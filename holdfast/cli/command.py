@@ -177,6 +177,7 @@ EXTRA_OF = {
     "jinja2": "viz",
     "matplotlib": "viz",
     "mcap": "mcap",
+    "openpyxl": "xlsx",
     "pyarrow": "parquet",
     "pylsl": "lsl",
     "pyxdf": "xdf",

@@ -22,6 +22,10 @@ VERBS = {
         "holdfast.cli.check",
         "say what a folder of recordings holds and what is missing",
     ),
+    "import": (
+        "holdfast.cli.importing",
+        "turn logs of other programs into trials, by a column map",
+    ),
     "convert": (
         "holdfast.cli.convert",
         "write recordings in the formats of other tools",

@@ -28,7 +28,10 @@ DEFAULT_LEVEL = 0.5
 
 def add_source_option(parser: argparse.ArgumentParser) -> None:
     """--source."""
-    urls = "usb://ft232h, i2c://1, virtual://ft232h?scene=.., sim://CARD, lsl://NAME"
+    urls = (
+        "usb://ft232h, i2c://1, virtual://ft232h?scene=.., sim://CARD, lsl://NAME, or lines: "
+        "- (stdin), tcp://, udp://, unix:///PATH, serial:///dev/ttyACM0 (docs/live-sources.md)"
+    )
     parser.add_argument("--source", required=True, metavar="URL", help=urls)
 
 
@@ -65,6 +68,10 @@ def add_recording_options(parser: argparse.ArgumentParser, cameras: str) -> None
     option("--anyway", action="store_true", help="record even if the bias is not good")
     seconds = "end and keep a trial after S seconds"
     option("--seconds", type=positive, metavar="S", help=seconds)
+    card = (
+        "hand card, by name or path (docs/scenes.md#hands); the recordings keep a copy"
+    )
+    option("--hand", metavar="CARD", help=card)
     option("--camera", metavar=cameras, help="film every trial (docs/camera.md)")
     add_camera_options(parser)
     add_intent_option(parser)

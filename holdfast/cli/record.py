@@ -104,4 +104,5 @@ def options_of(args: argparse.Namespace) -> RecordOptions:
         trials=args.trials,
         at_once=args.at_once,
         intent=args.intent,
+        hand=args.hand,
     )

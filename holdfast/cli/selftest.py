@@ -13,7 +13,7 @@ from holdfast.core.errors import needs_extra
 from holdfast.live.running import say
 
 if TYPE_CHECKING:
-    from holdfast.edge_runtime.model import CheckResult
+    from holdfast.core.contract import CheckResult
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -116,5 +116,6 @@ def options_of(args: argparse.Namespace) -> StudyOptions:
         anyway=args.anyway,
         seconds=args.seconds,
         intent=args.intent,
+        hand=args.hand,
     )
     return StudyOptions(recording, args.rehearse)

@@ -74,8 +74,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--report",
         type=path_argument,
         metavar="OUT",
-        help="write a report (HTML): held out by person, else object, session or trial, with a "
-        "learning curve",
+        help="write a report (HTML): the held-out figure, with a learning curve",
     )
 
 
@@ -91,8 +90,8 @@ def _choose_recordings(parser: argparse.ArgumentParser) -> None:
         "--hold-out",
         choices=HELD_OUT_BY,
         metavar="WHAT",
-        help="what is held out together: person (default with two or more), object, session "
-        "(a date in the path), or trial",
+        help="what is held out together: person, object, session (a date in the path) or trial "
+        "(default: the first of these with which every model learns every class)",
     )
 
 
@@ -181,6 +180,7 @@ def run(args: argparse.Namespace) -> int:
         auc = with_interval(ranking.auc, ranking.auc_ci, figures.group_kind)
         lines.append(f"{held_out}0.25 s prediction AUC {auc}")
 
+    lines += trained.not_held_out
     lines += in_words_untold(untold)
     lines += [data.caveat, f"artifact: {args.out}; next: holdfast export {args.out}"]
 
@@ -190,6 +190,7 @@ def run(args: argparse.Namespace) -> int:
         "kind": data.kind,
         "caveat": data.caveat,
         "held_out": figures.to_json(),
+        "not_held_out": trained.not_held_out,
         CANNOT_TELL: untold,
         "learning_curve": [asdict(point) for point in trained.curve],
     }

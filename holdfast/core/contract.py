@@ -44,6 +44,7 @@ UNIT_OF: dict[str, tuple[Unit, float]] = {
     "gf": ("N", 1e-3 * STANDARD_GRAVITY_M_S2),
     "uT": ("uT", 1.0),
     "mT": ("uT", 1e3),
+    "T": ("uT", 1e6),
     "count": ("count", 1.0),
 }
 """A unit that arrays may come in -> the unit of ours, and the factor to it."""
@@ -159,3 +160,12 @@ class Prediction:
     degraded: bool
     settled: bool
     model_id: str
+
+
+@dataclass(frozen=True)
+class CheckResult:
+    """One self-check of a model file: what it checks, whether it held, and its figure."""
+
+    what: str
+    ok: bool
+    figure: str

@@ -27,6 +27,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any, Literal
 
@@ -48,6 +49,8 @@ FARTHEST_MM = 100.0
 STIFFNESS = (0.01, 100.0)
 """Smallest and largest stiffness over that of one fingertip."""
 
+USUAL_HAND = "six-fingertips"
+"""Of a set or a model that has its number of sensors and no hand card."""
 THUMB_MM, FINGER_MM = 48.0, 22.0
 """Widths along the object's axis, contacts of a hand without a card spread evenly over each."""
 FINGERS_AT_MM = (33.0, 11.0, -11.0, -33.0)
@@ -111,6 +114,12 @@ class HandCard:
         return tuple(side == "thumb" for side in self.sensor_sides)
 
     @property
+    def sensor_names(self) -> tuple[str, ...]:
+        """What people call each sensor, in the order of the channels."""
+        names = [contact.name for contact in self.contacts if contact.sensed]
+        return tuple(name.replace("-", " ") for name in names)
+
+    @property
     def sensed(self) -> BoolArray:
         """[S] which contacts have a sensor."""
         return np.array([contact.sensed for contact in self.contacts])
@@ -119,6 +128,12 @@ class HandCard:
     def part(self) -> FloatArray:
         """[S] a contact's stiffness over that of one fingertip."""
         return np.array([contact.stiffness for contact in self.contacts])
+
+    @property
+    def side_parts(self) -> tuple[float, float]:
+        """The stiffness of either side over that of one fingertip."""
+        part = self.part
+        return float(part[: self.thumb].sum()), float(part[self.thumb :].sum())
 
     @property
     def along_m(self) -> FloatArray:
@@ -147,8 +162,8 @@ class HandCard:
         """One line for people: the card and its sensors, side by side."""
         sides = self.sensor_sides
         thumb, opposing = sides.count("thumb"), sides.count("opposing")
-        counts = f"{thumb} on the thumb's side, {opposing} opposing"
-        return f"hand: {self.name}, {len(sides)} sensors ({counts})"
+        against = f"{thumb} against {opposing}"
+        return f"hand: {self.name}, {len(sides)} sensors ({against})"
 
     def to_json(self) -> Json:
         """For a model's metadata: the contacts and what the file was, without its text."""
@@ -257,6 +272,28 @@ def read_hand_card(name: str | Path, folder: Path | None = None) -> HandCard:
     path = find_hand_card(str(name), folder)
     text, raw = read_toml(path)
     return _HandReader(path).card(raw, text)
+
+
+@cache
+def usual_hand() -> HandCard:
+    """The thesis' hand."""
+    return read_hand_card(USUAL_HAND)
+
+
+def hand_or_usual(card: HandCard | None, n_sensors: int) -> HandCard | None:
+    """A card; without one the usual hand, where that has as many sensors, else None."""
+    if card is not None:
+        return card
+    usual = usual_hand()
+    return usual if usual.n_sensors == n_sensors else None
+
+
+def sensor_names(card: HandCard | None, n_sensors: int) -> tuple[str, ...]:
+    """What people call each sensor; by its number where no card names it."""
+    hand = hand_or_usual(card, n_sensors)
+    if hand is not None:
+        return hand.sensor_names
+    return tuple(f"sensor {k}" for k in range(1, n_sensors + 1))
 
 
 def hand_of_section(section: Json, reader: CardReader) -> HandCard:

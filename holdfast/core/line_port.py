@@ -78,75 +78,37 @@ def printable(datagram: bytes) -> str:
     return "".join(letter if letter.isprintable() else "?" for letter in text)
 
 
-class LinePort:
-    """The lines that come to one open socket, read by the rules of a receiver."""
+class Datagrams:
+    """The datagrams that come to one open socket, those of one sender first."""
 
-    def __init__(
-        self,
-        listener: socket.socket,
-        receiver: LineReceiver,
-        tally: Tally,
-    ) -> None:
+    def __init__(self, listener: socket.socket) -> None:
         self._listener = listener
-        self._receiver = receiver
-        self._tally = tally
         self._peer: socket.socket | None = None
         self._peer_address: Any = None
 
-    def came(self, read: Callable[[Json], T]) -> list[tuple[T, bytes]]:
-        """What `read` makes of each line that is obeyed, oldest first, and the line; never waits.
+    @property
+    def sockets(self) -> list[socket.socket]:
+        """Those that datagrams come to: of the followed sender, and of all others."""
+        return [one for one in (self._peer, self._listener) if one is not None]
 
-        read: raises ValueError, with the reason, for what it does not understand.
-        """
-        obeyed = []
-        for datagram, address in self._waiting():
-            try:
-                value = self._receiver.take(datagram, read)
-            except LineRefused as error:
-                shown = f"{printable(datagram)} is skipped: {error}"
-                self._tally.count(error.kind, shown)
-                continue
-            obeyed.append((value, datagram))
-            if address is not None:
-                self._follow(address)
-        self._tally.look()
-        return obeyed
-
-    def forget(self) -> None:
-        """Drop what is waiting."""
-        for _ in range(MOST_FORGOTTEN):
-            if not list(self._waiting()):
-                return
-
-    def address(self) -> Any:
-        """Of the listener."""
-        return self._listener.getsockname()
-
-    def close(self) -> None:
-        """Report the last counts, and close the queue of the sender that was followed."""
-        self._tally.flush()
-        if self._peer is not None:
-            self._peer.close()
-            self._peer = None
-
-    def _waiting(self) -> Iterator[tuple[bytes, Any]]:
-        """Datagrams that have come, those of the followed sender first; with the sender's address.
-
-        The address is None where it is followed already or cannot be.
-        """
-        for open_socket in (self._peer, self._listener):
-            if open_socket is None:
-                continue
-            is_peer = open_socket is self._peer
+    def waiting(self) -> Iterator[tuple[bytes, Any]]:
+        """Datagrams that have come, with the sender's address; never waits."""
+        for open_socket in self.sockets:
             for _ in range(MOST_A_CALL):
                 try:
                     datagram, address = open_socket.recvfrom(LONGEST_LINE + 1)
                 # a sender that is gone is reported at its own queue
                 except (BlockingIOError, ConnectionError):
                     break
-                yield datagram, None if is_peer else address
+                yield datagram, address
 
-    def _follow(self, address: Any) -> None:
+    def forget(self) -> None:
+        """Drop what is waiting."""
+        for _ in range(MOST_FORGOTTEN):
+            if not list(self.waiting()):
+                return
+
+    def follow(self, address: Any) -> None:
         """Give a sender a queue of its own: a connected socket at the same port."""
         if self._listener.family == socket.AF_UNIX or address == self._peer_address:
             return
@@ -164,6 +126,53 @@ class LinePort:
             self._peer.close()
         self._peer = peer
         self._peer_address = address
+
+    def address(self) -> Any:
+        """Of the listener."""
+        return self._listener.getsockname()
+
+    def close(self) -> None:
+        """Close the queue of the sender that was followed."""
+        if self._peer is not None:
+            self._peer.close()
+            self._peer = None
+
+
+class LinePort(Datagrams):
+    """The lines that come to one open socket, read by the rules of a receiver."""
+
+    def __init__(
+        self,
+        listener: socket.socket,
+        receiver: LineReceiver,
+        tally: Tally,
+    ) -> None:
+        super().__init__(listener)
+        self._receiver = receiver
+        self._tally = tally
+
+    def came(self, read: Callable[[Json], T]) -> list[tuple[T, bytes]]:
+        """What `read` makes of each line that is obeyed, oldest first, and the line; never waits.
+
+        read: raises ValueError, with the reason, for what it does not understand.
+        """
+        obeyed = []
+        for datagram, address in self.waiting():
+            try:
+                value = self._receiver.take(datagram, read)
+            except LineRefused as error:
+                shown = f"{printable(datagram)} is skipped: {error}"
+                self._tally.count(error.kind, shown)
+                continue
+            obeyed.append((value, datagram))
+            self.follow(address)
+        self._tally.look()
+        return obeyed
+
+    def close(self) -> None:
+        """Report the last counts, and close the queue of the sender that was followed."""
+        self._tally.flush()
+        super().close()
 
 
 @contextmanager
@@ -189,7 +198,7 @@ def line_port(
         raise not_an_address(url, link, f"{next(iter(where.options))} is not known")
 
     with ExitStack() as stack:
-        listener = _listening(where, link, stack)
+        listener = listening(where, link, stack)
         # a sample never waits for a line
         listener.setblocking(False)
         key = where.key
@@ -215,7 +224,8 @@ def not_an_address(url: str, link: str, cause: str = "") -> UsageError:
     )
 
 
-def _listening(where: LineUrl, link: str, stack: ExitStack) -> socket.socket:
+def listening(where: LineUrl, link: str, stack: ExitStack) -> socket.socket:
+    """A socket that datagrams come to, closed with the stack. Raises UsageError."""
     try:
         if where.parts.scheme == "udp" and not where.parts.path:
             return _udp_listener(where, link, stack)

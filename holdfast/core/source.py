@@ -33,3 +33,10 @@ class Source(Protocol):
     def close(self) -> None:
         """Release the device or file."""
         ...
+
+
+class SelfPaced:
+    """Base of a source whose `read` waits for the next sample, so that it paces its reader.
+
+    Where none comes in time, `read` returns an invalid reading about once a period.
+    """

@@ -12,6 +12,7 @@ import math
 import re
 import warnings
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -40,6 +41,17 @@ Rows lost in a shorter step are filled in as invalid, so that no later stage tak
 them for neighbours in time.
 """
 LONGEST_S, LATEST_S = 1e6, 1e12
+LONGEST_TRIAL_S = 3600.0
+SLOWEST_HZ, FASTEST_HZ = 5.0, 5000.0
+"""Of a hand: slip is not seen more slowly, and no such sensor is faster."""
+UNITS_OF_TIME_S = {
+    "milliseconds": 1e-3,
+    "microseconds": 1e-6,
+    "nanoseconds": 1e-9,
+    "minutes": 60.0,
+    "days": 86400.0,
+}
+"""What a time that should be in seconds may be in."""
 MOST_LOST = 2
 """A trial is refused if more than one sample in this many is lost."""
 IntArray = npt.NDArray[np.int64]
@@ -65,6 +77,33 @@ class Trial:
         return lag / float(np.median(self.t_s[lag:] - self.t_s[:-lag]))
 
 
+def line_of_row(row: int) -> str:
+    """Where a row from 0 stands in a trial file, whose first line is the header."""
+    return f"line {row + 2}"
+
+
+def implausible_rate(rate_hz: float, lasts_s: float = 0.0) -> str:
+    """What a rate and a length that no hand has look like; "" for those that one may have.
+
+    lasts_s: of the trial; more than an hour is looked into too, 0 for not.
+
+    >>> implausible_rate(0.1)
+    'runs at 0.1 Hz: looks like milliseconds (100 Hz)'
+    """
+    if SLOWEST_HZ <= rate_hz <= FASTEST_HZ and lasts_s <= LONGEST_TRIAL_S:
+        return ""
+    over = f" for {lasts_s / 60.0:.1f} min" if lasts_s else ""
+    for unit, seconds in UNITS_OF_TIME_S.items():
+        truly_hz = rate_hz / seconds
+        if SLOWEST_HZ <= truly_hz <= FASTEST_HZ:
+            then = f" for {lasts_s * seconds:.1f} s" if lasts_s else ""
+            looks = f"looks like {unit} ({truly_hz:.4g} Hz{then})"
+            return f"runs at {rate_hz:.4g} Hz{over}: {looks}"
+    if SLOWEST_HZ <= rate_hz <= FASTEST_HZ:
+        return f"lasts {lasts_s / 60.0:.1f} min: one trial is no longer than an hour"
+    return f"runs at {rate_hz:.4g} Hz{over}: no time in seconds"
+
+
 def read_trial(path: str | Path) -> Trial:
     """Read and check one trial file.
 
@@ -77,8 +116,13 @@ def read_trial(path: str | Path) -> Trial:
     return trial_of(header, _table(path, header), path)
 
 
-def trial_of(header: list[str], table: FloatArray, path: Path) -> Trial:
-    """A trial of a table [T, len(header)]; path: what its errors name.
+def trial_of(
+    header: list[str],
+    table: FloatArray,
+    path: Path,
+    row_name: Callable[[int], str] = line_of_row,
+) -> Trial:
+    """A trial of a table [T, len(header)]; path: what its errors name, with the names of rows.
 
     Raises EmptyRecording, ColumnError or TimeError.
     """
@@ -86,7 +130,8 @@ def trial_of(header: list[str], table: FloatArray, path: Path) -> Trial:
     require_rows(table, path)
     # the counter of the recorder knows exactly what was lost; time alone only guesses
     counted = table[:, header.index("sequence")] if "sequence" in header else None
-    t_s = _check_time(table[:, 0], path, gaps_counted=counted is not None)
+    is_counted = counted is not None
+    t_s = _check_time(table[:, 0], path, row_name, gaps_counted=is_counted)
     raw = table[:, 1 : 1 + 3 * n_sensors]
     trial = Trial(path, t_s, raw, _valid(table, header, n_sensors))
     if counted is None:
@@ -282,33 +327,36 @@ def _is_number(cell: str) -> bool:
 
 
 def _check_time(
-    time_s: FloatArray, path: Path, *, gaps_counted: bool = False
+    time_s: FloatArray,
+    path: Path,
+    row_name: Callable[[int], str],
+    *,
+    gaps_counted: bool = False,
 ) -> FloatArray:
-    """Time from zero, or a TimeError that names the line. The first sample is on line 2."""
+    """Time from zero, or a TimeError that names the row."""
     impossible = np.flatnonzero(~(np.abs(time_s) < LATEST_S))
     if len(impossible):
         raise TimeError(
-            f"line {impossible[0] + 2}: time is not finite, or impossibly large",
+            f"{row_name(impossible[0])}: time is not finite, or impossibly large",
             where=path,
             next_step="remove that line",
         )
-    # the first step is between lines 2 and 3
     steps = np.diff(time_s)
     backwards = np.flatnonzero(steps <= 0.0)
     if len(backwards):
         at = backwards[0]
         word = f"runs backwards by {-steps[at]:.6g} s" if steps[at] else "stands still"
         raise TimeError(
-            f"line {at + 3}: time {word}",
+            f"{row_name(at + 1)}: time {word}",
             where=path,
             cause="the clock was set, or the file holds two recordings",
             next_step="split the file there",
         )
     median = float(np.median(steps))
-    at = np.argmax(steps)
+    at = int(np.argmax(steps))
     if steps[at] > GAP_STEPS * median and not gaps_counted:
         raise TimeError(
-            f"line {at + 3}: a gap of {steps[at]:.6g} s where {median:.6g} s is usual",
+            f"{row_name(at + 1)}: a gap of {steps[at]:.6g} s where {median:.6g} s is usual",
             where=path,
             cause="samples were lost",
             next_step="split the file there, or fill lost rows with nan at the usual step",

@@ -36,6 +36,12 @@ INTENT_SUFFIX = ".intent.csv"
 HAND_FILE = "hand.toml"
 """The hand card of a set, next to the set's meta.json (core/hand_card.py)."""
 TRUTH = "tactile" + TRUTH_SUFFIX
+LOG_SUFFIXES = (
+    ".csv", ".tsv", ".txt", ".dat", ".xlsx", ".xlsm", ".parquet", ".mcap", ".xdf", ".xdfz"
+)  # fmt: skip
+"""Endings of logs of other programs, which `holdfast import` reads."""
+LOG_MARKS = ("metadata.yaml", "meta/info.json")
+"""Files in the folder of a log: a bag of ROS 2, a LeRobot set."""
 DISCARDED = "discarded"
 """A person's folder of trials that were done again: kept on the disk, read by nothing."""
 
@@ -93,6 +99,21 @@ def truth_path(trial: Path) -> Path:
 def intent_path(trial: Path) -> Path:
     """`trial_3.csv` -> `trial_3.intent.csv`."""
     return trial.with_suffix(INTENT_SUFFIX)
+
+
+def has_logs(path: Path) -> bool:
+    """Whether a file or folder may be, or hold, logs of other programs."""
+    if path.is_file():
+        return path.suffix.lower() in LOG_SUFFIXES
+    inside = (path, *(one for one in path.rglob("*") if one.is_dir()))
+    if any((one / mark).is_file() for one in inside for mark in LOG_MARKS):
+        return True
+    return any(one.suffix.lower() in LOG_SUFFIXES for one in path.rglob("*.*"))
+
+
+def import_command(path: Path) -> str:
+    """The command that imports a log or a folder of logs."""
+    return f"holdfast import {path} --out {path.with_suffix('')}-trials"
 
 
 def read_events(path: Path) -> list[Json]:

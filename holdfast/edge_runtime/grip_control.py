@@ -253,7 +253,7 @@ class GripControl:
         fingers = self._n_fingers
         if forces.shape != (3 * fingers,) or valid.shape != (fingers,):
             raise UsageError(
-                f"{forces.size // 3} fingers, the grip controller was made for {fingers}",
+                f"{forces.size // 3} sensors, the grip controller was made for {fingers}",
                 next_step="use a model made for this hand",
             )
 

@@ -1,6 +1,7 @@
-"""Whether samples can be trusted, next to the guard in the graph: repeats, rate, a loaded start.
+"""Whether samples can be trusted, next to the guard in the graph.
 
-Each watch takes one sample at a time and answers yes or no. No watch knows a clock or a model.
+Watched are repeats of the whole hand, single frozen sensors, the rate and a loaded start. Each
+watch takes one sample at a time. No watch knows a clock or a model.
 """
 
 from __future__ import annotations
@@ -19,6 +20,10 @@ LEAST_SPAN = 10
 """The rate is not judged on fewer samples: jitter of 0.45 periods moves the mean of ten by 9 %."""
 EMPTY_S = 0.2
 """A hand that reads its unloaded bias for this long is empty."""
+FROZEN_S = 0.2
+"""A noisy sensor that repeats its reading for so long is frozen."""
+NOISY_S = 0.5
+"""A sensor is noisy after so many turns of its reading, less two for each sample without one."""
 
 
 class RepeatWatch:
@@ -63,6 +68,101 @@ class RepeatWatch:
 
         longest = self._runs.max(axis=0)[usable]
         return bool(usable.any() and (longest >= self._most).all())
+
+
+class FrozenWatch:
+    """Finds single frozen sensors where no counter of the chip says whether a reading is new.
+
+    A sensor is judged once its noise was seen: at nearly every sample one of its axes turns round.
+    White noise of 0.6 steps of the converter does that, and repeats all three axes for FROZEN_S
+    with a chance of 1e-20 at 150 Hz. Smaller noise turns too seldom, and so does a moved finger.
+
+    Never judged is a sensor that has repeated for FROZEN_S before that: it repeats at rest. Where a
+    repeat of a third of FROZEN_S ends by itself, the noise must be seen again.
+    """
+
+    def __init__(self, n_sensors: int, rate_hz: float) -> None:
+        most = max(LEAST_SPAN, round(FROZEN_S * rate_hz))
+        enough = max(LEAST_SPAN, round(NOISY_S * rate_hz))
+        self._sensors = [_Liveness(most, enough) for _ in range(n_sensors)]
+        # all arrays are made here, and each sample is computed inside them
+        readings = np.zeros((4, n_sensors, 3))
+        self._reading, self._change, self._before, self._product = readings
+        self._axes: BoolArray = np.zeros((n_sensors, 3), dtype=np.bool_)
+        self._moved, self._turned, self._frozen = np.zeros((3, n_sensors), np.bool_)
+        # without a copy, and as Python's True and False
+        self._flags = memoryview(self._moved), memoryview(self._turned)
+        self._is_lively = False
+
+    def frozen(self, values: FloatArray, usable: BoolArray) -> BoolArray:
+        """[S] which sensors are frozen after this sample; the next call overwrites the array.
+
+        values: [C]. usable: [S]; a sample at which a sensor is not usable does not count for it.
+        """
+        here = usable[:, None]
+        now = values.reshape(-1, 3)
+        # where a sensor is not usable its change stays 0, so that nothing is infinite
+        self._change.fill(0.0)
+        np.subtract(now, self._reading, out=self._change, where=here)
+        np.copyto(self._reading, now, where=here)
+        np.not_equal(self._change, 0.0, out=self._axes)
+        np.logical_or.reduce(self._axes, axis=1, out=self._moved)
+        # nearly every sample of a hand of noisy sensors ends here
+        if self._is_lively and self._moved.all():
+            return self._frozen
+
+        np.multiply(self._before, self._change, out=self._product)
+        np.less(self._product, 0.0, out=self._axes)
+        np.logical_or.reduce(self._axes, axis=1, out=self._turned)
+        np.copyto(self._before, self._change, where=here)
+
+        any_moved = bool(self._moved.any())
+        for k, one in enumerate(self._sensors):
+            if usable[k]:
+                moved, turned = self._flags
+                self._frozen[k] = one.frozen(moved[k], turned[k], any_moved)
+        self._is_lively = all(one.is_lively for one in self._sensors)
+        return self._frozen
+
+
+class _Liveness:
+    """What is known of one sensor of a FrozenWatch. most, enough: samples."""
+
+    def __init__(self, most: int, enough: int) -> None:
+        self._most = most
+        self._enough = enough
+        self._turns = 0
+        # samples in a row that repeat, and those of them at which another sensor moved
+        self._repeats = 0
+        self._alone = 0
+        self._is_noisy = False
+        self._repeats_at_rest = False
+
+    @property
+    def is_lively(self) -> bool:
+        """Whether its noise was seen and its last reading was another one."""
+        return self._is_noisy and not self._repeats
+
+    def frozen(self, moved: bool, turned: bool, any_moved: bool) -> bool:
+        """Whether the sensor is frozen after a sample at which it moved, or turned round."""
+        if not moved:
+            self._repeats = min(self._repeats + 1, self._most)
+            self._alone = min(self._alone + any_moved, self._most)
+        else:
+            # a longer repeat is a frozen sensor that came back
+            if self._most // 3 <= self._alone < self._most:
+                self._is_noisy = False
+                self._turns = 0
+            self._repeats = self._alone = 0
+
+        if not self._is_noisy and not self._repeats_at_rest:
+            self._look_for_noise(turned)
+        return self._is_noisy and self._alone >= self._most
+
+    def _look_for_noise(self, turned: bool) -> None:
+        self._turns = max(0, self._turns + (1 if turned else -2))
+        self._is_noisy = self._turns >= self._enough
+        self._repeats_at_rest = self._repeats >= self._most
 
 
 class RateWatch:

@@ -18,7 +18,6 @@ import ctypes
 import gc
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -54,15 +53,6 @@ if TYPE_CHECKING:
 
 LONGEST_REASON = 200
 """Characters of onnxruntime's message, which may be several pages long."""
-
-
-@dataclass(frozen=True)
-class CheckResult:
-    """One self-check of a model file: what it checks, whether it held, and its figure."""
-
-    what: str
-    ok: bool
-    figure: str
 
 
 class Model:

@@ -18,6 +18,7 @@ from holdfast.core.contract import (
     NOTHING,
     RATE_TOLERANCE,
     SITUATIONS,
+    BoolArray,
     CommandLink,
     Prediction,
     Reason,
@@ -26,7 +27,12 @@ from holdfast.core.contract import (
 )
 from holdfast.core.errors import ChannelError, RateError, TimeError, UnitError
 from holdfast.edge_runtime.decision import UNKNOWN, DecisionState, decide, period_us
-from holdfast.edge_runtime.health import LoadedStart, RateWatch, RepeatWatch
+from holdfast.edge_runtime.health import (
+    FrozenWatch,
+    LoadedStart,
+    RateWatch,
+    RepeatWatch,
+)
 from holdfast.edge_runtime.model import ANSWERS, WEIGHS
 from holdfast.edge_runtime.model import (
     Model as Model,  # both from here, as the README does
@@ -64,7 +70,9 @@ class GripMonitor:
 
     clock_ns: the monotonic clock of the samples' stamps; None for a replay, whose answers are never
     late and whose latency is the computing time. bias_known: the samples' bias was measured on the
-    unloaded hand and stored, so that a start under load can be detected.
+    unloaded hand and stored, so that a start under load can be detected. has_counters: a counter in
+    each chip says which readings are new, as the driver's do; else single sensors that freeze are
+    found by their readings, and count as lost.
     """
 
     def __init__(
@@ -73,6 +81,7 @@ class GripMonitor:
         clock_ns: Callable[[], int] | None = NOW_NS,
         *,
         bias_known: bool = False,
+        has_counters: bool = False,
     ) -> None:
         self.card = model.card
         self._model = model
@@ -83,6 +92,7 @@ class GripMonitor:
         self._graph = model.stepper(outputs)
         self._clock_ns = clock_ns
         self._bias_known = bias_known
+        self._has_counters = has_counters
         self._period_us = period_us(self.card.rate_hz)
         self._oldest_ns = round(OLDEST_PERIODS * 1e9 / self.card.rate_hz)
         self._fed_ns = 0
@@ -107,8 +117,8 @@ class GripMonitor:
 
         The state is unknown, and `why` gives the reason, where the samples cannot be trusted
         (edge_runtime/health.py): the whole hand repeats itself, the rate is not the model's, or the
-        answer is late. (The driver detects one finger that repeats itself, by the chip's own
-        counter.) opening, override, commands: what the wearer commands now.
+        answer is late. A frozen sensor counts as lost: the answer is `degraded`, or unknown where
+        the model needs that sensor. opening, override, commands: what the wearer commands now.
         """
         self._require_shape(sample)
 
@@ -120,9 +130,10 @@ class GripMonitor:
         repeated = stamp == (self._last_t_ns, self._last_sequence)
         if not repeated:
             self._bridge_gap(sample.t_ns)
-            self._watch(sample)
+            frozen = self._watch(sample)
             np.copyto(self._graph.sample[0], sample.values)
-            np.copyto(self._graph.valid[0], sample.valid)
+            # True only where a sensor is valid and not frozen
+            np.greater(sample.valid, frozen, out=self._graph.valid[0])
             self._graph.step()
 
         self.stepped_ns = self._now_ns(sample)
@@ -174,7 +185,11 @@ class GripMonitor:
 
         # as long as the history: a hand that is stuck is unknown before it can look settled
         most_repeats = max(1, card.settle_samples - 1)
-        self._repeats = RepeatWatch(card.n_channels // 3, most_repeats)
+        n_sensors = card.n_channels // 3
+        self._repeats = RepeatWatch(n_sensors, most_repeats)
+        self._frozen: FrozenWatch | None = None
+        if not self._has_counters:
+            self._frozen = FrozenWatch(n_sensors, card.rate_hz)
         self._rate = RateWatch(card.rate_hz, card.settle_samples)
         self._start: LoadedStart | None = None
         if self._bias_known:
@@ -221,8 +236,11 @@ class GripMonitor:
         for _ in range(min(missing, self.card.gap_samples + 1)):
             self._graph.step()
 
-    def _watch(self, sample: Sample) -> None:
-        """Pass the sample to every watch that judges whether samples can be trusted."""
+    def _watch(self, sample: Sample) -> BoolArray | bool:
+        """Pass the sample to every watch that judges whether samples can be trusted.
+
+        Returns which sensors [S] are frozen, or False for none.
+        """
         self._last_sequence = sample.sequence
         inside = np.abs(sample.values) < self.card.range_limit  # False for NaN
         usable = sample.valid & inside.reshape(-1, 3).all(axis=1)
@@ -230,6 +248,9 @@ class GripMonitor:
         self._rate_fits = self._rate.fits(sample.t_ns, sample.sequence)
         if self._start is not None:
             self._start.take(sample.values, usable)
+        if self._frozen is None:
+            return False
+        return self._frozen.frozen(sample.values, usable)
 
     def _now_ns(self, sample: Sample) -> int:
         """The clock's time; in a replay, the sample's time plus the computing time."""

@@ -62,7 +62,7 @@ class Answers:
 
 
 @dataclass(frozen=True)
-class Recording:
+class PreparedRecording:
     """Arrays that a model can be fed with: as in Answers, without bias and in a unit of ours."""
 
     t_s: FloatArray
@@ -90,7 +90,7 @@ def prepared_recording(
     valid: npt.ArrayLike | None,
     unit: str | None,
     bias: npt.ArrayLike | None,
-) -> Recording:
+) -> PreparedRecording:
     """The arguments of GripMonitor.replay, checked, in a unit of ours and without bias."""
     raw = _table(values, card)
     times_s = _times(t_s, len(raw), card)
@@ -100,7 +100,7 @@ def prepared_recording(
     # the first rows decide, or one row: what the unloaded hand reads
     first = raw if bias is None else (_resting(bias, card) * factor)[None]
     sign, offset = card.preparation.learn(first)
-    recording = Recording(times_s, raw * sign - offset, usable, ours)
+    recording = PreparedRecording(times_s, raw * sign - offset, usable, ours)
     _require_seconds(recording.rate_hz, card)
     return recording
 
@@ -193,7 +193,7 @@ def _resting(bias: npt.ArrayLike, card: ModelCard) -> FloatArray:
     return np.broadcast_to(resting, (card.n_channels,))
 
 
-def answers_of(recording: Recording, predictions: list[Prediction]) -> Answers:
+def answers_of(recording: PreparedRecording, predictions: list[Prediction]) -> Answers:
     """One array a quantity. predictions: of all samples of the recording."""
 
     def column(name: str) -> Any:

@@ -1,11 +1,11 @@
 """Closing in time: a small model of whether a hand that acts on an alarm still holds the object.
 
 From the request on, the hand closes at v_max (1 - exp(-t / lag)): a rate limit behind a
-first-order lag. Its travel squeezes fingers and object, springs in series, two fingers on the
-thumb's side against four:
+first-order lag. Its travel squeezes fingers and object, springs in series, the contacts of one side
+against those of the other (a and b fingertips' stiffness by the hand card; usual hand 2 and 4):
 
-    N(t) = grip + travel(t) / c,    c = 1 / (2 k) + 1 / (4 k),    N <= 70 N a side
-    k = finger and object in series
+    N(t) = grip + travel(t) / c,    c = 1 / (a k) + 1 / (b k),    N <= 70 N a side
+    k = fingertip and object in series
 
 The object is a mass on one line, the hand's skin a spring along it that lets go at 2 mu N (static
 until it slides, kinetic until it rests again). A pull is a spring and damper on a minimum-jerk
@@ -15,7 +15,7 @@ keeps the object if it comes to rest before it has moved so far, and keeps it wi
 slid less than 2 mm, which is the truth's threshold of gross slip.
 
 From the truth: load onset, gross slip, contact lost, grip, stiffness, friction, and the pull.
-Assumed: LAG_S; no dead time in addition; all six fingers close together (the real hand drives three
+Assumed: LAG_S; no dead time in addition; all fingers close together (the real hand drives three
 and the others follow); the puller does not pull harder because the hand resists; no ball is
 squeezed out. `model_error_ms` compares its slips with those of the truth.
 """
@@ -30,6 +30,7 @@ import numpy as np
 import numpy.typing as npt
 
 from holdfast.core.contract import BoolArray, FloatArray
+from holdfast.core.hand_card import HandCard, usual_hand
 from holdfast.evaluation.statistics import spread
 from holdfast.evaluation.trials import Grasp
 from holdfast.training.timeline import RiskyEvent
@@ -100,8 +101,13 @@ class Drop:
     cap_n: float
 
 
-def drop_of(event: RiskyEvent, grasp: Grasp | None) -> Drop | None:
-    """The event as the model sees it; None where its truth is not complete (a hold)."""
+def drop_of(
+    event: RiskyEvent, grasp: Grasp | None, hand: HandCard | None = None
+) -> Drop | None:
+    """The event as the model sees it; None where its truth is not complete (a hold).
+
+    hand: the set's hand card, None for the usual hand.
+    """
     if grasp is None or grasp.action not in MODELLED or event.gross_s is None:
         return None
     # Recorded and older simulated truths do not give the object.
@@ -113,8 +119,9 @@ def drop_of(event: RiskyEvent, grasp: Grasp | None) -> Drop | None:
     stuff = held["stiffness_n_per_m"]
     # Springs in series: their compliances add, so the softer of the two decides.
     series = finger * stuff / (finger + stuff)
-    # Two fingers on the thumb's side against four on the other.
-    compliance = 1.0 / (2.0 * series) + 1.0 / (4.0 * series)
+    # The contacts of a side are parallel, and both sides in series.
+    parts = (hand or usual_hand()).side_parts
+    compliance = sum(1.0 / (part * series) for part in parts)
     friction = held["friction"] * drawn["friction_factor"]
 
     return Drop(
@@ -124,8 +131,8 @@ def drop_of(event: RiskyEvent, grasp: Grasp | None) -> Drop | None:
         mass_kg=1e-3 * held["mass_g"],
         grip_n=float(grasp.truth["grip_n"]),
         squeeze_n_per_m=1.0 / compliance,
-        # Six fingers share the load along the skin, so their shear springs are parallel.
-        skin_n_per_m=6.0 * finger * drawn["shear_ratio"],
+        # All contacts share the load along the skin, so their shear springs are parallel.
+        skin_n_per_m=sum(parts) * finger * drawn["shear_ratio"],
         static=friction,
         kinetic=friction * held["kinetic_share"],
         vanish_s=drawn.get("vanish_s", 0.0),

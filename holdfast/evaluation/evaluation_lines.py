@@ -39,6 +39,10 @@ def evaluation_lines(of: Evaluation) -> list[str]:
         if RISKY in untold:
             lines.append(f"{name}: cannot tell risky slip, so no event can be found")
             continue
+        if name in of.sets and not of.sets[name].card.timed:
+            requests = f"none of {row.false_alarms} requests to act is judged"
+            lines.append(f"{name}: no label has a time, so {requests}")
+            continue
         lines.append(_events_in_words(f"{name}, {display_name(headline)}", row))
         lines += _kinds_in_words(name, row)
         # The camera is a second opinion on the same events, so it follows their line.

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from holdfast.core.contract import BoolArray
+from holdfast.core.trial_layout import VOLUNTARY_ACTIONS
 from holdfast.evaluation.alarms import (
     WIDE_COLLAR_S,
     EventMatch,
@@ -178,7 +179,7 @@ class KindFigures:
 
 @dataclass(frozen=True)
 class MethodFigures(EventScores):
-    """Everything a table shows of a method. safe_acts: voluntary actions that were called risky.
+    """Everything a table shows of a method. safe_acts_..: those that were called risky.
 
     with_enough_time: of all actions together; by_action: of each action by itself.
     """
@@ -192,6 +193,12 @@ class MethodFigures(EventScores):
     specificity: dict[str, HoldFigures] | None
     closing: KeptObjects | None
     camera: CameraFigures | None
+
+    @property
+    def safe_acts(self) -> str:
+        """What the safe slips are: voluntary actions where each is known to be one."""
+        meant = set(self.safe_acts_by_action) <= set(VOLUNTARY_ACTIONS)
+        return "voluntary actions" if meant else "safe slips"
 
 
 def figures_of_methods(

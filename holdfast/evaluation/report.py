@@ -5,6 +5,7 @@ The template is templates/evaluation.html; the order of its sections is the orde
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -45,6 +46,8 @@ def write_event_report(
         "evaluation.html",
         of=of,
         kind=kind,
+        short_kind=_in_short(of),
+        timed=any(one.card.timed for one in of.sets.values()),
         headline=headline,
         deployed=DEPLOYED,
         oracle=ORACLE,
@@ -79,6 +82,12 @@ def kind_of(of: Evaluation) -> str:
     """The kind of the data (simulated, recorded), which stands next to every number."""
     kinds = [one.card.kind for one in of.sets.values()]
     # Each kind once, in the order of the sets.
+    return ", ".join(dict.fromkeys(kinds))
+
+
+def _in_short(of: Evaluation) -> str:
+    """The first word of each kind, for where the whole of it has no room."""
+    kinds = [re.split("[,:]", one.card.kind)[0] for one in of.sets.values()]
     return ", ".join(dict.fromkeys(kinds))
 
 

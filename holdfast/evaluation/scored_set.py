@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from holdfast.core.contract import BoolArray, untold_of
+from holdfast.core.hand_card import HandCard
 from holdfast.core.reading import Json
 from holdfast.core.trial_layout import read_json
 from holdfast.edge_runtime.model_file import ModelCard
@@ -50,7 +51,10 @@ MADE_FROM = ("title", "card_sha256", "seed", "effects")
 
 @dataclass(frozen=True)
 class SetCard:
-    """What a set is. made_from: those of MADE_FROM that its meta.json has."""
+    """What a set is. made_from: those of MADE_FROM that its meta.json has.
+
+    timed: some of its labels have times; without any, no alarm is right or wrong.
+    """
 
     name: str
     kind: str
@@ -66,6 +70,7 @@ class SetCard:
     onsets_by: dict[str, int]
     trained_on_recordings: int
     caveat: str
+    timed: bool
 
     def to_json(self) -> Json:
         """As it stands in figures.json."""
@@ -144,7 +149,7 @@ def score_set(
     methods = {}
     for name, on in requests.items():
         methods[name] = method_result(trials, on)
-    drops = _drops(trials)
+    drops = _drops(trials, data.hand)
 
     headline = thresholds.headline
     permille = thresholds.confidences[headline]
@@ -210,13 +215,13 @@ def _requests(
     return requests
 
 
-def _drops(trials: Sequence[LabelledTrial]) -> list[Drop | None]:
+def _drops(trials: Sequence[LabelledTrial], hand: HandCard | None) -> list[Drop | None]:
     drops = []
     for trial in trials:
         for event in trial.recording.events:
             # Without its grasp an event has no physics, and cannot be modelled.
             grasp = grasp_of(event, trial.grasps)
-            drops.append(drop_of(event, grasp))
+            drops.append(drop_of(event, grasp, hand))
     return drops
 
 
@@ -288,4 +293,5 @@ def _card(root: Path, data: DataSet, windows: WindowFigures) -> SetCard:
         onsets_by=onsets_by(root, data.recordings),
         trained_on_recordings=windows.trained_on_recordings,
         caveat=data.caveat,
+        timed=any(one.phases or one.events for one in data.recordings),
     )

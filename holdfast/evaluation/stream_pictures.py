@@ -20,7 +20,8 @@ from holdfast.core.contract import (
     BoolArray,
     FloatArray,
 )
-from holdfast.core.trial_layout import read_json, truth_path
+from holdfast.core.hand_card import read_hand_card, sensor_names
+from holdfast.core.trial_layout import HAND_FILE, read_json, truth_path
 from holdfast.edge_runtime.decision import UNKNOWN, DecisionRules
 from holdfast.evaluation.alarms import Answers, requests_at
 from holdfast.evaluation.formats import spaced
@@ -56,8 +57,6 @@ EVENTS = {
     "contact_lost_s": "lost",
 }
 """Event of a truth -> its name in a picture; "": not drawn."""
-FINGERS = ("thumb 1", "thumb 2", "index", "middle", "ring", "little")
-"""Names of the sensors in the order of the channels."""
 AROUND_S = (-0.35, 0.65)
 """The second column shows so long before and after the action's first sign."""
 
@@ -66,10 +65,11 @@ AROUND_S = (-0.35, 0.65)
 class StreamPicture:
     """One held-out trial. answer [T]: a situation or UNKNOWN. acts [T]: where an act is requested.
 
-    events: times in s of the truth's events that happened, by name.
+    events: times in s of the truth's events that happened, by name. names: of the sensors.
     """
 
     recording: Recording
+    names: tuple[str, ...]
     phases: tuple[Phase, ...]
     events: dict[str, float]
     points: list[CriticalPoint]
@@ -154,8 +154,12 @@ def picture_of(
     # By the rate and not by the recorded stamps, as the model counts time.
     t_s = np.arange(len(recording.samples)) / recording.rate_hz
 
+    card = folder / HAND_FILE
+    hand = read_hand_card(card) if card.is_file() else None
+
     return StreamPicture(
         recording=recording,
+        names=sensor_names(hand, recording.n_sensors),
         phases=read_truth(truth, t_s),
         events=events,
         points=offline_critical_points(recording),
@@ -221,17 +225,17 @@ def stream(picture: StreamPicture, kind: str) -> str:
 def _forces(
     axes: Axes, t_s: FloatArray, force_n: FloatArray, picture: StreamPicture
 ) -> None:
-    """One line a finger; dotted, the labeller's critical points; dashed, the truth's events."""
-    # A set with more sensors than fingers shows its first six.
-    n_lines = min(force_n.shape[1], len(FINGERS))
-    for finger in range(n_lines):
+    """One line a sensor; dotted, the labeller's critical points; dashed, the truth's events."""
+    for k, name in enumerate(picture.names):
+        # Of more sensors than colours, the second round is dotted.
+        is_first = k < len(FINGER_COLOURS)
         axes.plot(
             t_s,
-            force_n[:, finger],
-            FINGER_LINES[finger],
-            color=FINGER_COLOURS[finger],
+            force_n[:, k],
+            FINGER_LINES[k] if is_first else ":",
+            color=FINGER_COLOURS[k % len(FINGER_COLOURS)],
             linewidth=0.9,
-            label=FINGERS[finger],
+            label=name,
         )
 
     # Both stand in the same panel, so that the labeller can be compared with the truth.

@@ -38,6 +38,7 @@ def write_training_report(
         situations=figures.situations,
         untold=trained.cannot_tell,
         held_out_by=kind,
+        not_held_out=trained.not_held_out,
         groups=groups,
         n_groups=n_groups,
         curve=curve,

@@ -17,8 +17,8 @@ import numpy as np
 import onnx
 from onnx import helper, numpy_helper
 
+from holdfast.core.contract import CheckResult
 from holdfast.core.errors import ModelError
-from holdfast.edge_runtime.model import CheckResult
 from holdfast.edge_runtime.model_file import read_sealed
 from holdfast.edge_runtime.onnx_bytes import ALLOWED, MOST_ELEMENTS
 

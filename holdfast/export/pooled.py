@@ -25,6 +25,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from holdfast.core.contract import FloatArray
+from holdfast.core.hand_card import hand_or_usual
 from holdfast.export.spec import StepSpec
 
 CHANGES_S = (2 / 150, 4 / 150, 8 / 150, 16 / 150, 32 / 150, 64 / 150)
@@ -311,13 +312,11 @@ MEANING: dict[str, tuple[str, str]] = {
 def side_matrix(spec: StepSpec) -> FloatArray:
     """[sensors, 2]: 1 where a sensor belongs to the thumb's or the opposing side.
 
-    Without a card, six sensors are those of the thesis' hand, and others lie on one side. Sensors
-    that all lie on one side count for both.
+    Without a card, as many sensors as the usual hand has are that hand's, and others lie on one
+    side. Sensors that all lie on one side count for both.
     """
-    if spec.hand is not None:
-        thumb = np.array(spec.hand.of_thumb)
-    else:
-        thumb = np.arange(spec.n_sensors) < (2 if spec.n_sensors == 6 else 0)
+    hand = hand_or_usual(spec.hand, spec.n_sensors)
+    thumb = np.array(hand.of_thumb if hand else [False] * spec.n_sensors)
     sides = np.stack([thumb, ~thumb], axis=1).astype(np.float64)
     if not sides.any(axis=0).all():
         sides[:] = 1.0

@@ -7,7 +7,8 @@ resampled for that: `observation.time_s` is what to trust. The task of an episod
 and object. There is no `action`: a recording of a hand commands nothing.
 
 The layout is that of lerobot 0.4 (lerobot/datasets/utils.py and lerobot_dataset.py); statistics are
-over the values that are there. tables.py writes the Parquet.
+over the values that are there. tables.py writes and reads the Parquet. `read_log` reads any set:
+the episodes of all files, one after the other.
 """
 
 from __future__ import annotations
@@ -20,11 +21,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from holdfast.core.contract import SITUATIONS, channel_names
-from holdfast.core.errors import needs_extra
-from holdfast.core.reading import Json
+from holdfast.core.errors import DataError, EmptyRecording, NotANumber, needs_extra
+from holdfast.core.reading import Json, json_of, text_of
 from holdfast.core.writing import write_whole
-from holdfast.interop.payload import NO_LABEL, TrialPayload
-from holdfast.interop.tables import write_columns, write_frame, write_rows
+from holdfast.interop.logs.log import Columns as LogColumns
+from holdfast.interop.logs.log import ForeignLog, Stream
+from holdfast.interop.payload import NO_LABEL, UNLABELLED, TrialPayload
+from holdfast.interop.tables import (
+    read_columns,
+    write_columns,
+    write_frame,
+    write_rows,
+)
 from holdfast.training.datasets.thesis import common_rate
 
 with needs_extra("lerobot"):
@@ -215,3 +223,108 @@ def _write_tasks(folder: Path, tasks: list[str]) -> None:
 
 def _write_json(path: Path, value: Json) -> None:
     write_whole(path, json.dumps(value, indent=4, allow_nan=False) + "\n")
+
+
+INFO = "meta/info.json"
+EPISODE, TASK_INDEX = "episode_index", "task_index"
+
+
+def read_log(folder: Path, name: str) -> ForeignLog:
+    """A set of any robot as a log of one table, its episodes in their order.
+
+    Features of several numbers have the names that info.json gives them. `task` is the text of the
+    task; of a set of `holdfast convert` there are also `person`, `object` and `action`, and
+    `situation` by name. Raises DataError.
+    """
+    info = _info_of(folder)
+    parts = [read_columns(path)[0] for path in sorted(folder.glob("data/**/*.parquet"))]
+    parts = [part for part in parts if part]
+    if not parts:
+        raise EmptyRecording("no data of an episode", where=folder / "data")
+    columns: LogColumns = {}
+    for key in parts[0]:
+        if all(key in part for part in parts):
+            columns[key] = np.concatenate([part[key] for part in parts])
+
+    columns = _with_names(columns, info)
+    _add_texts(columns, folder, info)
+    ours = info.get("holdfast")
+    return ForeignLog(
+        folder, name, (Stream(columns),), ours if isinstance(ours, dict) else {}
+    )
+
+
+def _info_of(folder: Path) -> Json:
+    """meta/info.json. Raises NotANumber."""
+    path = folder / INFO
+    try:
+        info = json_of(text_of(path))
+    except (OSError, ValueError):
+        info = None
+    if not isinstance(info, dict) or not isinstance(info.get("features", {}), dict):
+        raise NotANumber(
+            "is no description of a LeRobot set",
+            where=path,
+            cause="an interrupted copy",
+            next_step="copy the set again",
+        )
+    return info
+
+
+def _with_names(columns: LogColumns, info: Json) -> LogColumns:
+    """`observation.state.0` by its name in info.json, where that names each number."""
+    renamed = {}
+    for feature, about in info.get("features", {}).items():
+        names = about.get("names") if isinstance(about, dict) else None
+        if isinstance(names, list):
+            for k, label in enumerate(names):
+                renamed[f"{feature}.{k}"] = f"{feature}.{label}"
+    return {renamed.get(key, key): column for key, column in columns.items()}
+
+
+def _add_texts(columns: LogColumns, folder: Path, info: Json) -> None:
+    """The columns of texts that the numbers of a frame stand for."""
+    tasks = _texts(folder.glob("meta/tasks*.parquet"), TASK_INDEX, "task")
+    _look_up(columns, TASK_INDEX, "task", tasks)
+    for key in ("person", "object", "action"):
+        rows = _texts(folder.glob("meta/episodes/**/*.parquet"), EPISODE, "holdfast")
+        known = {}
+        for number, text in rows.items():
+            about = _about(text)
+            if about.get(key):
+                known[number] = str(about[key])
+        _look_up(columns, EPISODE, key, known)
+    if isinstance(info.get("holdfast"), dict) and SITUATION in columns:
+        names = dict(enumerate(SITUATIONS)) | {NO_LABEL: UNLABELLED}
+        _look_up(columns, SITUATION, SITUATION, names)
+
+
+def _about(text: str) -> Json:
+    """What `holdfast convert` says of an episode; nothing where it is no JSON object."""
+    try:
+        about = json_of(text)
+    except ValueError:
+        return {}
+    return about if isinstance(about, dict) else {}
+
+
+def _texts(paths: Any, number: str, text: str) -> dict[int, str]:
+    """Number -> text, of tables; the index of pandas may hold the text."""
+    found: dict[int, str] = {}
+    for path in sorted(paths):
+        try:
+            table, _ = read_columns(path)
+        except DataError:
+            continue
+        if number in table and text in table:
+            found |= zip(table[number].tolist(), table[text].tolist(), strict=True)
+    return found
+
+
+def _look_up(
+    columns: LogColumns, number: str, name: str, texts: dict[int, str]
+) -> None:
+    """Add a column of the texts that a column of numbers stands for, where there are any."""
+    if number in columns and texts:
+        cells = [texts.get(one, "") for one in columns[number].tolist()]
+        columns[name] = np.array(cells, dtype=object)

@@ -10,13 +10,14 @@
 
 The 3D view is a picture, not the geometry of a hand: two rows of pads face each other, the thumb's
 and that of the other fingers, and each arrow points from its pad away from the object. This module
-alone imports mcap, mcap_protobuf and foxglove_schemas_protobuf.
+alone imports mcap, mcap_protobuf and foxglove_schemas_protobuf. `read_log` reads any file whose
+messages are JSON, protobuf or those of ROS 2: each number is a column `topic.field`.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
@@ -25,9 +26,10 @@ from typing import Any
 import numpy as np
 
 from holdfast.core.contract import AXES, FloatArray, Unit
-from holdfast.core.errors import needs_extra
+from holdfast.core.errors import DataError, NotANumber, needs_extra
 from holdfast.core.hand_card import hand_of_counts
-from holdfast.core.reading import Json
+from holdfast.core.reading import Json, json_of, require_file
+from holdfast.interop.logs.log import ForeignLog, Stream, columns_of
 from holdfast.interop.payload import TrialPayload, log_lines
 
 HALF_GAP_M = 0.03
@@ -114,8 +116,11 @@ with needs_extra("mcap"):
     from foxglove_schemas_protobuf.SpherePrimitive_pb2 import SpherePrimitive
     from foxglove_schemas_protobuf.TextPrimitive_pb2 import TextPrimitive
     from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
+    from google.protobuf.json_format import MessageToDict
     from google.protobuf.timestamp_pb2 import Timestamp
+    from mcap.reader import make_reader
     from mcap.writer import Writer
+    from mcap_protobuf.decoder import DecoderFactory
     from mcap_protobuf.schema import register_schema
 
 ROOT_FRAME, FRAME = "world", "hand"
@@ -324,3 +329,71 @@ def _stamp(t_ns: int) -> Any:
     """A protobuf time of ns since 1970."""
     seconds, nanos = divmod(t_ns, 1_000_000_000)
     return Timestamp(seconds=seconds, nanos=nanos)
+
+
+PICTURES = ("SceneUpdate", "Image", "Video", "PointCloud", "Grid", "LaserScan")
+"""In names of schemas: what is drawn, and holds no reading of a sensor."""
+Decode = Callable[[bytes], Any]
+
+
+def read_log(path: Path, name: str) -> ForeignLog:
+    """Any MCAP file as a log: a stream a topic, without pictures. Raises NotANumber."""
+    require_file(path)
+    messages: dict[str, list[Any]] = {}
+    stamps: dict[str, list[int]] = {}
+    decoders: dict[int, Decode | None] = {}
+    about: Json = {}
+    try:
+        with path.open("rb") as file:
+            reader = make_reader(file, validate_crcs=True)
+            for schema, channel, message in reader.iter_messages():
+                if channel.id not in decoders:
+                    decoders[channel.id] = _decoder(channel.message_encoding, schema)
+                decode = decoders[channel.id]
+                if decode is not None:
+                    messages.setdefault(channel.topic, []).append(decode(message.data))
+                    stamps.setdefault(channel.topic, []).append(message.log_time)
+            for metadata in reader.iter_metadata():
+                if metadata.name == "holdfast":
+                    about = {
+                        key: json_of(text) for key, text in metadata.metadata.items()
+                    }
+    except Exception as error:  # mcap and protobuf raise whatever their parsing meets
+        raise NotANumber(
+            f"cannot be read as MCAP ({type(error).__name__}: {str(error)[:120]})",
+            where=path,
+            cause="an interrupted recording or copy, or another format",
+            next_step="mcap recover FILE writes what is left",
+        ) from None
+
+    streams = []
+    for topic, rows in messages.items():
+        try:
+            columns = columns_of(rows, topic, path)
+        except DataError:
+            continue  # too many fields for readings of sensors
+        t_ns = np.array(stamps[topic], dtype=np.uint64).astype(np.int64)
+        streams.append(Stream(columns, t_ns))
+    return ForeignLog(path, name, tuple(streams), about)
+
+
+def _decoder(encoding: str, schema: Any) -> Decode | None:
+    """What makes a message dictionaries; None for a picture, or an encoding that is not known."""
+    if schema is not None and any(word in schema.name for word in PICTURES):
+        return None
+    if encoding == "json":
+        return json_of
+    if encoding == "protobuf" and schema is not None:
+        decode = DecoderFactory().decoder_for(encoding, schema)
+        if decode is None:
+            return None
+        return lambda data: MessageToDict(
+            decode(data),
+            preserving_proto_field_name=True,
+            always_print_fields_with_no_presence=True,
+        )
+    if encoding == "cdr" and schema is not None and schema.encoding == "ros2msg":
+        from holdfast.interop.ros2 import cdr_reader
+
+        return cdr_reader(schema.name, schema.data.decode())
+    return None

@@ -8,25 +8,29 @@
 | /holdfast/about | std_msgs/String, once: JSON with unit, object, bias, .. |
 | /diagnostics | DiagnosticArray, at the start and where a finger is lost or back |
 
-A lost finger sends no message: the gap stays. This module alone imports rosbags.
+A lost finger sends no message: the gap stays. This module alone imports rosbags. `read_log` reads
+any bag: each number of a message is a column `topic.field`.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from holdfast.core.contract import Unit
-from holdfast.core.errors import needs_extra
+from holdfast.core.errors import ColumnError, NotANumber, needs_extra
+from holdfast.core.reading import Json, json_of
+from holdfast.interop.logs.log import ForeignLog, Stream, columns_of
 from holdfast.interop.payload import TrialPayload, log_lines
 
 with needs_extra("ros2"):
+    from rosbags.highlevel import AnyReader
     from rosbags.rosbag2 import StoragePlugin, Writer
-    from rosbags.typesys import Stores, get_typestore
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 TESLA_PER_UT = 1e-6
 """REP 103: ROS messages are in SI units."""
@@ -160,3 +164,105 @@ def _diagnostics(bag: _Bag, t_ns: int, valid: list[bool]) -> Any:
     # The fingers have frames of their own; a status of all of them has none.
     header = bag.header(t_ns, "")
     return bag.make(DIAGNOSTICS, header=header, status=statuses)
+
+
+UNIT_OF_MESSAGE = {
+    "geometry_msgs/msg/WrenchStamped": "N",
+    "geometry_msgs/msg/Wrench": "N",
+    "sensor_msgs/msg/MagneticField": "T",
+}
+"""What the standard messages of a finger are in (REP 103)."""
+ABOUT = "/holdfast/about"
+MOST_LIST = 256
+"""Numbers of a list that become columns; an image or a point cloud has more, and is left out."""
+
+
+def read_log(folder: Path, name: str) -> ForeignLog:
+    """A bag of ROS 2 as a log: a stream a topic. Raises NotANumber."""
+    messages: dict[str, list[Any]] = {}
+    stamps: dict[str, list[int]] = {}
+    kinds = {}
+    try:
+        store = get_typestore(Stores.ROS2_HUMBLE)
+        with AnyReader([folder], default_typestore=store) as bag:
+            for connection, t_ns, data in bag.messages():
+                topic = connection.topic
+                message = bag.deserialize(data, connection.msgtype)
+                kinds[topic] = connection.msgtype
+                messages.setdefault(topic, []).append(plain_message(message))
+                stamps.setdefault(topic, []).append(int(t_ns))
+    except Exception as error:  # rosbags raises whatever its parsing meets
+        raise NotANumber(
+            f"cannot be read as a bag of ROS 2 ({type(error).__name__})",
+            where=folder,
+            cause="an interrupted recording, or messages whose types it does not hold",
+            next_step="ros2 bag reindex, or ros2 bag convert to MCAP with its types",
+        ) from None
+
+    about = _about(messages.pop(ABOUT, []))
+    units = {
+        UNIT_OF_MESSAGE[kind] for kind in kinds.values() if kind in UNIT_OF_MESSAGE
+    }
+    if len(units) == 1:
+        about["unit"] = units.pop()
+    return ForeignLog(folder, name, streams_of(messages, stamps, folder), about)
+
+
+def streams_of(
+    messages: dict[str, list[Any]], stamps: dict[str, list[int]], path: Path
+) -> tuple[Stream, ...]:
+    """A stream for each topic whose messages are small enough to be columns."""
+    streams = []
+    for topic, rows in messages.items():
+        try:
+            columns = columns_of(rows, topic, path)
+        except ColumnError:
+            continue  # an image, or the like
+        if columns:
+            streams.append(Stream(columns, np.array(stamps[topic], dtype=np.int64)))
+    return tuple(streams)
+
+
+def plain_message(message: Any) -> Any:
+    """A message as dictionaries, lists, numbers and texts; a time as ns."""
+    if hasattr(message, "__msgtype__") or hasattr(message, "__dataclass_fields__"):
+        fields = [key for key in message.__dataclass_fields__ if key != "__msgtype__"]
+        value = {key: plain_message(getattr(message, key)) for key in fields}
+        if value.keys() == {"sec", "nanosec"}:
+            return value["sec"] * NS + value["nanosec"]
+        return value
+    if isinstance(message, np.ndarray):
+        return message.tolist() if message.size <= MOST_LIST else None
+    if isinstance(message, list | tuple):
+        return [plain_message(one) for one in message[: MOST_LIST + 1]]
+    if isinstance(message, bytes):
+        return None
+    return message
+
+
+def cdr_reader(name: str, definition: str) -> Callable[[bytes], Any]:
+    """Reads messages of a type whose definition a file holds, such as an MCAP file of ROS 2.
+
+    Raises NotANumber.
+    """
+    try:
+        store = get_typestore(Stores.ROS2_HUMBLE)
+        kind = name if "/msg/" in name else name.replace("/", "/msg/", 1)
+        for other, types in get_types_from_msg(definition, kind).items():
+            if other not in store.types:
+                store.register({other: types})
+    except Exception as error:  # the parser of definitions raises errors of its own
+        raise NotANumber(
+            f"the type {name:.60} cannot be read ({type(error).__name__})",
+            next_step="record the bag with the definitions of its types",
+        ) from None
+    return lambda data: plain_message(store.deserialize_cdr(data, kind))
+
+
+def _about(messages: list[Any]) -> Json:
+    """What `holdfast convert` says of the trial, as it wrote it."""
+    try:
+        about = json_of(messages[0]["data"]) if messages else {}
+    except (KeyError, TypeError, ValueError):
+        return {}
+    return about if isinstance(about, dict) else {}

@@ -3,7 +3,7 @@
 A trial is `<name>.parquet`, one row a sample: `Time` (s from the first sample), `X1` .. `Zn`,
 `valid1` .. `validn`, `label` and, the same in all rows, `trial`, `person`, `object`, `action`. A
 lost value and a missing label are null. Units stand in the metadata of the columns, and what else
-is known of the trial in that of the table, under `holdfast`, as JSON.
+is known of the trial in that of the table, under `holdfast`, as JSON. `read_log` reads any table.
 """
 
 from __future__ import annotations
@@ -16,9 +16,10 @@ from typing import Any
 import numpy as np
 
 from holdfast.core.contract import channel_names
-from holdfast.core.errors import needs_extra
-from holdfast.core.reading import Json
+from holdfast.core.errors import NotANumber, needs_extra
+from holdfast.core.reading import Json, json_of, require_file
 from holdfast.core.trial_file import TIME_COLUMN
+from holdfast.interop.logs.log import Columns, ForeignLog, Stream
 from holdfast.interop.payload import NO_LABEL, TrialPayload
 
 with needs_extra("parquet"):
@@ -98,3 +99,72 @@ def write_table(path: Path, table: Any) -> None:
     """Write a pyarrow.Table, compressed with zstd."""
     path.parent.mkdir(parents=True, exist_ok=True)
     pq.write_table(table, path, compression="zstd")
+
+
+def read_log(path: Path, name: str) -> ForeignLog:
+    """Any Parquet file as a log of one table. Raises NotANumber."""
+    columns, about = read_columns(path)
+    return ForeignLog(path, name, (Stream(columns),), about)
+
+
+def read_columns(path: Path) -> tuple[Columns, Json]:
+    """(columns, what `holdfast convert` says of the trial) of a Parquet file.
+
+    A column of lists of one length, or of structs, becomes `name.0`, `name.1`, .. or `name.field`;
+    a null is nan or "". Raises NotANumber for a file that is none.
+    """
+    require_file(path)
+    try:
+        # the path itself may look like a set in pieces (a=1/), which only a folder is
+        table = pq.ParquetFile(path).read()
+        metadata = table.schema.metadata or {}
+        about = json_of(metadata.get(KEY.encode(), b"{}"))
+        columns: Columns = {}
+        while any(pa.types.is_struct(field.type) for field in table.schema):
+            table = table.flatten()
+        for name, column in zip(table.column_names, table.columns, strict=True):
+            columns.update(_cells(name, column.combine_chunks()))
+    except Exception as error:  # pyarrow raises whatever its parsing meets
+        raise NotANumber(
+            f"cannot be read as Parquet ({type(error).__name__})",
+            where=path,
+            cause="another format, or an interrupted copy",
+            next_step="open it with another reader to see what is left",
+        ) from None
+    return columns, about if isinstance(about, dict) else {}
+
+
+def _cells(name: str, array: Any) -> Columns:
+    """A column of numbers, of texts, or the columns of a list of one length; none of others."""
+    kind = array.type
+    if pa.types.is_dictionary(kind):
+        array = array.dictionary_decode()
+        kind = array.type
+    if pa.types.is_timestamp(kind):
+        array = array.cast(pa.timestamp("ns")).cast(pa.int64())
+        kind = array.type
+    if pa.types.is_fixed_size_list(kind) or pa.types.is_list(kind):
+        return _of_lists(name, array)
+    if pa.types.is_string(kind) or pa.types.is_large_string(kind):
+        texts = [text or "" for text in array.to_pylist()]
+        return {name: np.array(texts, dtype=object)}
+    if pa.types.is_integer(kind) and not array.null_count:
+        return {name: array.to_numpy().astype(np.int64)}
+    if pa.types.is_integer(kind) or pa.types.is_floating(kind):
+        return {name: array.cast(pa.float64()).to_numpy(zero_copy_only=False)}
+    if pa.types.is_boolean(kind):
+        return {name: array.cast(pa.int8()).cast(pa.float64()).to_numpy(False)}
+    return {}
+
+
+def _of_lists(name: str, array: Any) -> Columns:
+    """`name.0`, `name.1`, .. of lists that all have the same length."""
+    lengths = set(array.value_lengths().to_pylist()) if len(array) else set()
+    if len(lengths) != 1 or lengths == {None}:
+        return {}
+    (wide,) = lengths
+    columns: Columns = {}
+    for inner in _cells(name, array.flatten()).values():
+        rows = inner.reshape(-1, wide)
+        columns = {f"{name}.{k}": rows[:, k] for k in range(wide)}
+    return columns

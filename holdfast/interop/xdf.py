@@ -7,7 +7,7 @@ through all stamps hides lost samples.
 Markers cut a recording and label it. `begin OBJECT/ACTION` (or `begin nothing`) starts a trial and
 `end` ends it; without them the whole recording is one trial. A marker that is a situation starts
 that phase, which lasts to the next of them or to the end. A sample that is missing between two
-stamps becomes a gap in `sequence`.
+stamps becomes a gap in `sequence`. `read_log` reads any file as columns, for `holdfast import`.
 """
 
 from __future__ import annotations
@@ -44,6 +44,7 @@ from holdfast.core.trial_file import (
 )
 from holdfast.core.trial_layout import META, read_json, truth_path
 from holdfast.core.writing import write_whole
+from holdfast.interop.logs.log import Columns, ForeignLog, Stream
 from holdfast.training.datasets.trials import EMPTY_HAND, FOLDERS
 
 with needs_extra("xdf"):
@@ -380,3 +381,28 @@ def _phases(markers: list[Marker], t0_s: float, t1_s: float) -> list[Json]:
         phases.insert(0, phase)
         stop_s = marker.t_s
     return phases
+
+
+def read_log(path: Path, name: str) -> ForeignLog:
+    """Any XDF file as a log: a stream with columns `stream.channel`; of markers, one of texts.
+
+    Raises DataNotFound, NotANumber or TimeError.
+    """
+    streams = []
+    for stream in _loaded(path):
+        facts = stream.facts
+        if not len(stream.t_s):
+            continue
+        if not (np.abs(stream.t_s) < LATEST_S).all():
+            raise TimeError(f"stamps of {facts.name:.60} are no times", where=path)
+        columns: Columns = {}
+        if facts.is_text:
+            texts = [str(row[0]) if len(row) else "" for row in stream.rows]
+            columns[facts.name] = np.array(texts, dtype=object)
+        else:
+            values = np.asarray(stream.rows, dtype=np.float64)
+            for k, label in enumerate(facts.labels):
+                columns[f"{facts.name}.{label or k}"] = values[:, k]
+        t_ns = np.round(stream.t_s * 1e9).astype(np.int64)
+        streams.append(Stream(columns, t_ns))
+    return ForeignLog(path, name, tuple(streams))

@@ -10,7 +10,7 @@ import numpy as np
 
 from holdfast.core.contract import FloatArray
 from holdfast.core.errors import DataError
-from holdfast.core.source import Source
+from holdfast.core.source import SelfPaced, Source
 from holdfast.drivers.calibration import Bias, bias_of
 
 RATE_HZ = 100.0
@@ -62,7 +62,8 @@ def read_rows(source: Source, clock: Any, seconds: float) -> FloatArray:
     rate_hz = source.rate_hz or RATE_HZ
     rows = []
     for k in range(round(seconds * rate_hz)):
-        clock.wait_until(start_ns + round(k * 1e9 / rate_hz))
+        if not isinstance(source, SelfPaced):
+            clock.wait_until(start_ns + round(k * 1e9 / rate_hz))
         measured = source.read()
         # a recording that is shorter than asked for is measured as far as it goes
         if measured is None:

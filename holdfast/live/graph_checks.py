@@ -11,14 +11,14 @@ from pathlib import Path
 
 import numpy as np
 
-from holdfast.core.contract import SITUATIONS, BoolArray, FloatArray
+from holdfast.core.contract import SITUATIONS, BoolArray, CheckResult, FloatArray
 from holdfast.edge_runtime.graph import (
     Outputs,
     StepGraph,
     run_recording,
     run_recordings,
 )
-from holdfast.edge_runtime.model import CheckResult, Model, golden_input
+from holdfast.edge_runtime.model import Model, golden_input
 from holdfast.edge_runtime.model_file import ModelCard, votes_in_all
 
 SILENT_STEPS = 10_000

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from holdfast.core.contract import Prediction, Sample
 from holdfast.core.errors import ChannelError
+from holdfast.core.hand_card import hand_or_usual
 from holdfast.core.source import Source
 from holdfast.edge_runtime.grip import AnswerRules
 from holdfast.edge_runtime.grip_control import GripControl
@@ -25,8 +26,6 @@ if TYPE_CHECKING:
     from holdfast.live.scene import LiveScene
 
 DEFAULT_CONTROLLER = "holdfast"
-FINGERS = 6
-"""Of a hand without a card: half of the sum of all normal forces is the grip of either side."""
 Report = Callable[[str], None]
 
 
@@ -43,11 +42,12 @@ def controller_for(
     shear_gain: read over true, of the hand's calibration.
     report: gets one line where it runs in reduced mode. Raises UsageError, ChannelError.
     """
-    fingers = card.n_channels // 3
+    n_sensors = card.n_channels // 3
+    # half of the sum of all normal forces is the grip of either side, where no card says more
     thumb = None if card.hand is None else card.hand.of_thumb
-    if thumb is None and fingers != FINGERS:
+    if hand_or_usual(card.hand, n_sensors) is None:
         raise ChannelError(
-            f"the model is for {fingers} sensors and does not say which side they press from",
+            f"the model is for {n_sensors} sensors and does not say which side they press from",
             where="--grip",
             next_step="export it for the hand (holdfast export MODEL --hand CARD --out FILE), "
             "or run without --grip",
@@ -58,7 +58,7 @@ def controller_for(
         name,
         card.rate_hz,
         unit=card.unit,
-        n_fingers=fingers,
+        n_fingers=n_sensors,
         limits=limits,
         shear_gain=shear_gain,
         thumb=thumb,

@@ -6,6 +6,7 @@
               &fault=nack:3@1.5+0.2           trial, and faults (drivers/virtual/virtual_hand.py)
     lsl://NAME?unit=N                         a stream of the lab streaming layer (extra `lsl`);
               unit and rate_hz where the stream does not say them
+    -, tcp://, udp://, serial://, unix://     lines of any program (holdfast/live/line_sources.py)
     any other source                          a recording or a scene, at its own pace
 
 A hand has more options: layout=mux (drivers/layout.py), averages=32, crc=auto (on: a chip without
@@ -36,8 +37,10 @@ from holdfast.drivers.replay import PacedReplay
 from holdfast.drivers.tmag5273 import Setup
 from holdfast.live.running import progress_of, say
 from holdfast.live.sources import (
+    LINES,
     MOST_DIGITS,
     SIM,
+    STANDARD_INPUT,
     SetReader,
     ToForce,
     open_source,
@@ -108,6 +111,10 @@ def open_live(
     virtual hand's chips measure, in place of the recorded field of its scene; read_set: reads
     SET#N. Raises UsageError for an impossible URL, and the errors of the hand or the recording.
     """
+    if is_lines(url):
+        from holdfast.live.line_sources import open_lines
+
+        return open_lines(url, clock, report, to_force)
     source = _source_url(url)
     # a stream sends by itself: it has no bridge and needs no schedule on a bus
     if source.scheme == LSL:
@@ -130,9 +137,14 @@ def open_live(
     return live
 
 
+def is_lines(url: str) -> bool:
+    """Whether a URL stands for lines of another program."""
+    return url == STANDARD_INPUT or split_url(url).scheme in LINES
+
+
 def is_hand(url: str) -> bool:
     """Whether a URL is a hand or a stream, which has no end of its own, unlike a recording."""
-    return split_url(url).scheme in (*HANDS, LSL)
+    return is_lines(url) or split_url(url).scheme in (*HANDS, LSL)
 
 
 def _stream(

@@ -5,7 +5,7 @@
 Sample k is due at start + k periods, so a late sample delays no other one. A sample that would be
 due in the past is not read: it counts as an overrun, and the monitor takes it as lost. So a stalled
 machine loses samples, but it is never late without reporting it. A recording is due at its rate,
-so every row of it is read once.
+so every row of it is read once. A source that waits for its next sample paces the loop itself.
 
 A reading is used once. A reading with the stamp of the last one is the same again (`repeated`); a
 slightly older one came late (`late`). Both are counted, and their sample is lost. Stamps that go
@@ -30,7 +30,7 @@ from holdfast.core.contract import (
     Sample,
 )
 from holdfast.core.reading import Json
-from holdfast.core.source import Source, SourceReading
+from holdfast.core.source import SelfPaced, Source, SourceReading
 from holdfast.edge_runtime.commands import Command
 from holdfast.edge_runtime.monitor import GripMonitor
 from holdfast.edge_runtime.preparation import Tare
@@ -202,14 +202,17 @@ class _LiveRun:
         self._period_ns = 1e9 / (source.rate_hz or monitor.card.rate_hz)
         self._stamps = Stamps(self._period_ns)
         self._start_ns = clock.now_ns()
+        # its reads wait for the next sample: a schedule of this clock would drift from its own
+        self._is_paced = isinstance(source, SelfPaced)
         self._turn = 0
         self._acted = False
 
     def answer_next(self) -> bool:
         """Wait until the next sample is due, read and answer it; False where the source ended."""
         # from the start and not from the last turn: rounding and delays do not add up
-        due_ns = self._start_ns + round(self._turn * self._period_ns)
-        self._clock.wait_until(due_ns)
+        if not self._is_paced:
+            due_ns = self._start_ns + round(self._turn * self._period_ns)
+            self._clock.wait_until(due_ns)
         began_ns = self._clock.now_ns()
         measured = self._source.read()
         # a recording that ends; a hand never does
@@ -264,6 +267,8 @@ class _LiveRun:
     def _schedule_next(self) -> None:
         """Count this turn, and skip the turns whose time has passed."""
         self._turn += 1
+        if self._is_paced:
+            return
         # turns that are past are never made up for: late answers would act on old touch
         passed_ns = self._clock.now_ns() - self._start_ns
         missed = int(passed_ns / self._period_ns) - self._turn

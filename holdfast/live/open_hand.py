@@ -8,6 +8,7 @@ from pathlib import Path
 from types import TracebackType
 
 from holdfast.core.contract import Sample
+from holdfast.core.source import SelfPaced
 from holdfast.edge_runtime.monitor import GripMonitor, require_fit
 from holdfast.edge_runtime.preparation import Tare
 from holdfast.live.hand_sources import open_live
@@ -63,7 +64,8 @@ class OpenHand:
         sequence = 0
         while seconds is None or sequence < seconds * rate_hz:
             # an absolute schedule: a late sample delays no other one
-            self._clock.wait_until(start_ns + round(1e9 * sequence / rate_hz))
+            if not isinstance(source, SelfPaced):
+                self._clock.wait_until(start_ns + round(1e9 * sequence / rate_hz))
             reading = source.read()
             if reading is None:
                 return

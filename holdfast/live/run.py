@@ -17,6 +17,7 @@ from holdfast.core.contract import FloatArray, Prediction, Sample, untold_of
 from holdfast.core.errors import OutputError, RateError, visible
 from holdfast.core.lines import Sink, stream_sink
 from holdfast.core.source import Source, SourceReading
+from holdfast.drivers.hand import LiveHand
 from holdfast.edge_runtime.commands import Command, command_port
 from holdfast.edge_runtime.engine import ModelChoice, OpenedModel
 from holdfast.edge_runtime.model_file import ModelCard
@@ -226,9 +227,11 @@ class _Run:
         untold = untold_of(card.raw)
         # the view is opened first: from then on messages appear above its picture
         if options.view:
+            from holdfast.core.hand_card import sensor_names
             from holdfast.live.view import open_view
 
-            self._view = open_view(card.unit, untold=untold)
+            names = sensor_names(card.hand, card.n_channels // 3)
+            self._view = open_view(card.unit, untold=untold, names=names)
             close_at_end(stack, self._view)
 
         sinks: list[Sink] = []
@@ -410,7 +413,12 @@ def answer(
         where="source",
     )
 
-    monitor = GripMonitor(model, clock.now_ns, bias_known=resting is not None)
+    monitor = GripMonitor(
+        model,
+        clock.now_ns,
+        bias_known=resting is not None,
+        has_counters=isinstance(source, LiveHand),
+    )
     tare = Tare(card.preparation, card.n_channels, resting)
     # after the tare is ready and before the schedule: reads that are too slow would all be
     # overruns

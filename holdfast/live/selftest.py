@@ -13,13 +13,19 @@ from pathlib import Path
 import numpy as np
 
 from holdfast.core.clock import MonotonicClock
-from holdfast.core.contract import GRASP, RISKY_SLIP, FloatArray, Sample, State
+from holdfast.core.contract import (
+    GRASP,
+    RISKY_SLIP,
+    CheckResult,
+    FloatArray,
+    Sample,
+    State,
+)
 from holdfast.core.errors import HoldfastError
 from holdfast.edge_runtime.decision import UNKNOWN, DecisionState, decide, period_us
 from holdfast.edge_runtime.health import RING
 from holdfast.edge_runtime.model import (
     AMPLITUDE,
-    CheckResult,
     Model,
     golden_answers,
     golden_from_json,

@@ -30,14 +30,19 @@ if TYPE_CHECKING:
     from holdfast.simulation.scene import Scene, SimulatedTrial
 
 
-SCHEMES = ("usb", "i2c", "virtual", "sim", "replay")
+LINES = ("stdin", "tcp", "udp", "serial", "unix")
+"""Sources that are lines of another program (holdfast/live/line_sources.py)."""
+STANDARD_INPUT = "-"
+"""The same as stdin://."""
+SCHEMES = ("usb", "i2c", "virtual", "sim", "replay", *LINES)
 _NATIVE = re.compile(r"(?:/dev/)?i2c-(\d{1,3})")
 
 
 def require_meant(word: str) -> None:
     """Raise UsageError with a suggestion, if the word looks like a source without its scheme."""
     # a file may have the name of a scene or a bridge, and then it is the file that is meant
-    if "://" in word or _exists(word):
+    is_terminal = word.startswith("/dev/tty")
+    if "://" in word or (_exists(word) and not is_terminal):
         return
     meant = _meant(word)
     if meant:
@@ -57,7 +62,10 @@ def _meant(word: str) -> str:
     """What to write instead; empty without a suggestion."""
     scheme, colon, name = word.partition(":")
     if colon and scheme in SCHEMES:
-        return f"{scheme}://{name.lstrip('/')}"
+        slash = "/" if scheme in ("serial", "unix") else ""
+        return f"{scheme}://{slash}{name.lstrip('/')}"
+    if word.startswith("/dev/tty"):
+        return f"serial://{word}?baud=115200"
     if native := _NATIVE.fullmatch(word):
         return f"i2c://{native[1]}"
     return _bridge(word) or _card(word)
@@ -110,7 +118,7 @@ def open_source(
         raise UsageError(
             f"{url!r}: no such source",
             next_step=f"use {REPLAY}PATH or {SIM}CARD; holdfast run and record also read usb://, "
-            "i2c://, virtual:// and lsl://",
+            "i2c://, virtual://, lsl:// and lines (docs/live-sources.md)",
         )
     else:
         require_meant(url)

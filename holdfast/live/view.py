@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 import sys
 from collections import deque
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from threading import Event, Thread
 from typing import NamedTuple, TextIO
 
@@ -34,7 +34,8 @@ COLOURS = {
 BOLD = "1"
 PLAIN = "\x1b[0m"
 NAME_WIDTH = max(map(len, SITUATIONS))
-FINGER_WIDTHS = (7, 12, 11)
+WIDTHS = (12, 11)
+"""Of the columns of numbers."""
 SMALLEST = os.terminal_size((80, 24))
 """Taken where a terminal does not say how large it is."""
 CLEAR_LINE = "\x1b[K"
@@ -55,10 +56,15 @@ class View:
     """The newest sample as a picture that is redrawn in place, with messages above it."""
 
     def __init__(
-        self, unit: str, terminal: TextIO, untold: Collection[str] = ()
+        self,
+        unit: str,
+        terminal: TextIO,
+        untold: Collection[str] = (),
+        names: Sequence[str] = (),
     ) -> None:
         self._unit = unit
         self._untold = untold
+        self._names = names
         self._terminal = terminal
         self._newest: tuple[Prediction, Sample, SourceReading] | None = None
         self._messages: deque[str] = deque(maxlen=STREAM_LINES)
@@ -111,7 +117,9 @@ class View:
             return [[Span("waiting for the first sample")]]
         wearer = None if self.intent is None else self.intent.newest
         prediction, sample, reading = self._newest
-        return picture(prediction, sample, reading, self._unit, wearer, self._untold)
+        return picture(
+            prediction, sample, reading, self._unit, wearer, self._untold, self._names
+        )
 
     def _frame(self, lines: list[Line]) -> str:
         """The codes and lines that overwrite the last picture."""
@@ -131,14 +139,18 @@ class View:
 
 
 def open_view(
-    unit: str, *, terminal: TextIO | None = None, untold: Collection[str] = ()
+    unit: str,
+    *,
+    terminal: TextIO | None = None,
+    untold: Collection[str] = (),
+    names: Sequence[str] = (),
 ) -> View:
     """A view that draws in its thread until it is closed; without a terminal it draws nothing.
 
-    untold: what the model cannot tell.
+    untold: what the model cannot tell. names: of the sensors, by their hand card.
     """
     terminal = terminal or sys.stderr
-    view = View(unit, terminal, untold)
+    view = View(unit, terminal, untold, names)
     # codes for the cursor would only litter a file or a pipe
     if terminal.isatty() and os.environ.get("TERM", "dumb") != "dumb":
         view.start()
@@ -172,10 +184,11 @@ def picture(
     unit: str,
     intent: Intent | None = None,
     untold: Collection[str] = (),
+    names: Sequence[str] = (),
 ) -> list[Line]:
-    """State and request, the four situations as bars, the fingers, and the wearer's command.
+    """State and request, the four situations as bars, the sensors, and the wearer's command.
 
-    untold: what the model cannot tell, which has no bar.
+    untold: what the model cannot tell, which has no bar. names: of the sensors; numbers without.
     """
     # a request to act is above one to arm, so only the stronger one is shown
     request = ""
@@ -200,7 +213,7 @@ def picture(
             continue
         share = prediction.p_situation[name]
         lines.append(_bar(name.replace("_", " "), share, COLOURS[name]))
-    lines += _fingers(sample, measured, unit)
+    lines += _sensors(sample, measured, unit, names)
     if intent is not None:
         lines += _wearer(intent)
     return lines
@@ -217,19 +230,24 @@ def _bar(name: str, share: float, style: str = "") -> Line:
     ]
 
 
-def _fingers(sample: Sample, measured: SourceReading, unit: str) -> list[Line]:
-    """Normal force and shear of each finger, and why one is not valid."""
-    heads = ("finger", f"normal, {unit}", f"shear, {unit}")
+def _sensors(
+    sample: Sample, measured: SourceReading, unit: str, names: Sequence[str]
+) -> list[Line]:
+    """Normal force and shear of each sensor, and why one is not valid."""
+    names = names or [str(k + 1) for k in range(len(sample.valid))]
+    head = "sensor"
+    width = max(len(head), *map(len, names))
+    heads = (head.rjust(width), f"normal, {unit}", f"shear, {unit}")
     lines = [[Span(_row(heads))]]
     for k, force in enumerate(sample.values.reshape(-1, 3)):
         x, y = force[:NORMAL_AXIS]
         shear = float(np.hypot(x, y))
         trouble = ""
         if not sample.valid[k]:
-            # a finger that was read well and is not valid still waits for its bias
+            # a sensor that was read well and is not valid still waits for its bias
             why = measured.why[k] if measured.why else ""
             trouble = why or "taring"
-        numbers = (str(k + 1), f"{force[NORMAL_AXIS]:.2f}", f"{shear:.2f}")
+        numbers = (names[k].rjust(width), f"{force[NORMAL_AXIS]:.2f}", f"{shear:.2f}")
         line = [Span(_row(numbers))]
         if trouble:
             line.append(Span(f"  {trouble}", COLOURS["unknown"]))
@@ -238,11 +256,9 @@ def _fingers(sample: Sample, measured: SourceReading, unit: str) -> list[Line]:
 
 
 def _row(cells: tuple[str, str, str]) -> str:
-    """Cells of the table of fingers, right-aligned."""
-    text = ""
-    for cell, width in zip(cells, FINGER_WIDTHS, strict=True):
-        text += cell.rjust(width)
-    return text
+    """Cells of the table of sensors, right-aligned; the first is as wide as it comes."""
+    name, normal, shear = cells
+    return f"{name}{normal:>{WIDTHS[0]}}{shear:>{WIDTHS[1]}}"
 
 
 def _wearer(intent: Intent) -> list[Line]:

@@ -153,20 +153,6 @@ def splits_of(data: DataSet, plan: TrainingPlan, seed: int) -> list[dict[str, Fo
     return splits
 
 
-def folds_see_all(data: DataSet, folds: int, seed: int) -> bool:
-    """Whether each fold trains on every situation that the set has."""
-    main = main_task(data)
-    label = data.tasks[main].of_situations().label
-    n_folds = min(folds, len(np.unique(data.group_of(main))))
-    if n_folds < 2:
-        return False
-    for split in splits_of(data, TrainingPlan(folds=n_folds), seed):
-        train, _ = split[main]
-        if len(np.unique(label[train])) < len(np.unique(label)):
-            return False
-    return True
-
-
 def _groups_of_all(data: DataSet) -> StringArray:
     """Groups of the main task's windows, then of those windows of other tasks with other people."""
     main = main_task(data)

@@ -30,7 +30,6 @@ from holdfast.training.crossval import (
     cross_validate,
     fit_calibration,
     fit_learner,
-    folds_see_all,
     main_task,
     plan_for,
     with_even_classes,
@@ -39,6 +38,12 @@ from holdfast.training.datasets import find, join, load
 from holdfast.training.featurise import FloatRows, features_of, spec_for
 from holdfast.training.figures import PLURAL, HeadFigures
 from holdfast.training.fixture import KIND, write_fixture
+from holdfast.training.judging import (
+    CurvePoint,
+    as_grouped,
+    learning_curve,
+    strictest_hold_out,
+)
 from holdfast.training.metrics import report
 from holdfast.training.plan import PLANS, TASK_HEADS, LearnerKind, TrainingPlan
 from holdfast.training.progress import Part, Say, Stages, ignored
@@ -53,7 +58,6 @@ from holdfast.training.windows import Choice
 
 if TYPE_CHECKING:
     from holdfast.export.spec import StepSpec
-    from holdfast.training.judging import CurvePoint
 
 VERSIONS_OF = ("numpy", "scipy", "scikit-learn", "skl2onnx", "onnx", "onnxruntime")
 FIXTURE = "fixture"
@@ -77,9 +81,9 @@ class TrainingRequest:
 
     data: sets by name or folder; none for the generated fixture. replace: an artifact in `out` may
     be replaced; replace_fixture: one of the fixture may be, by one of the fixture. channels,
-    groups, hold_out, windows: as `datasets.load` takes them. features, size, learner, inner_folds:
-    of the plan. seed: of every random choice, so that the same request gives the same model.
-    judge: hold out the strictest that the data allow, and compute the learning curve.
+    groups, hold_out, windows: as `datasets.load` takes them; hold_out: None for the strictest that
+    the data allow. features, size, learner, inner_folds: of the plan. seed: of every random choice,
+    so that the same request gives the same model. judge: compute the learning curve too.
     """
 
     data: tuple[str, ...]
@@ -103,13 +107,15 @@ class Trained:
     """What a training run leaves in memory: held-out figures, and the votes behind them.
 
     curve: the same with fewer training data, where that was asked for. cannot_tell: situations and
-    "weight" that the model does not know, with the reason.
+    "weight" that the model does not know, with the reason. not_held_out: why no stricter hold-out
+    was taken, a line each.
     """
 
     figures: HeadFigures
     held_out: HeldOut
     curve: list[CurvePoint] = field(default_factory=list)
     cannot_tell: dict[str, str] = field(default_factory=dict)
+    not_held_out: list[str] = field(default_factory=list)
 
 
 def train_on_sets(
@@ -144,10 +150,9 @@ def train_on_sets(
         sets.append(data)
 
     plan = PLANS[request.features](request.size, request.learner)
-    if request.hold_out is None:
-        sets = [_held_out(data, plan.folds, request) for data in sets]
-
-    joined = learnable(join(sets))
+    not_held_out: list[str] = []
+    chosen = [_held_out(data, plan.folds, request, not_held_out) for data in sets]
+    joined = learnable(join(chosen))
     warn_of_scarcity(joined, undersampled=request.windows == "thesis")
 
     trained = train(
@@ -159,27 +164,31 @@ def train_on_sets(
         part=progress.part,
         judge=request.judge,
     )
-    return joined, trained
+    return joined, replace(trained, not_held_out=not_held_out)
 
 
-def _held_out(data: DataSet, folds: int, request: TrainingRequest) -> DataSet:
-    """The set, held out by something with which every fold still learns every situation."""
-    if not request.judge and folds_see_all(data, folds, request.seed):
-        return data
-    # only a run that is judged, or has such data, needs this module
-    from holdfast.training.judging import with_strictest_hold_out
+def _held_out(
+    data: DataSet, folds: int, request: TrainingRequest, reasons: list[str]
+) -> DataSet:
+    """The set with what is held out. reasons: receives why it is nothing stricter."""
+    if request.hold_out is None:
+        choice = strictest_hold_out(data, folds, request.seed)
+    else:
+        choice = as_grouped(data, folds, request.seed)
 
-    found = with_strictest_hold_out(data, folds, request.seed)
-    if not folds_see_all(found, folds, request.seed):
-        kind = PLURAL.get(found.group_kind, "groups")
+    several = len(request.data) > 1
+    for line in choice.lines():
+        reasons.append(f"{data.name}: {line}" if several else line)
+    if choice.lacks:
+        kind = PLURAL.get(choice.kind, "groups")
         warnings.warn(
-            f"{data.name}: some of the {kind} have a situation to themselves; models that hold "
-            "them out never saw it, so do not trust figures and probabilities; next: record each "
-            "situation more often",
+            f"{data.name}: some of the {kind} have a situation to themselves "
+            f"({choice.lacks}); models that hold them out never saw it, so do not trust figures "
+            "and probabilities; next: record each situation more often",
             FewGroups,
             stacklevel=2,
         )
-    return found
+    return choice.data
 
 
 def _require_open(names: Sequence[str]) -> None:
@@ -330,8 +339,6 @@ def train(
     write_artifact(out, artifact)
     curve = []
     if judge:
-        from holdfast.training.judging import learning_curve
-
         curve = learning_curve(
             data, features, plan, seed, held_out_figures, figures, say
         )

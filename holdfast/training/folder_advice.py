@@ -94,12 +94,14 @@ def advice_on(
     layout: str,
     trials: Sequence[TimedTrial],
     classes: Sequence[ClassSeconds],
+    held_out_by: str,
     *,
     all_read: bool,
 ) -> list[Missing]:
     """What is missing besides the faults: unit, people, masses, situations, weights, exact labels.
 
-    all_read: else only the first three are known, since an unread trial may have the rest.
+    held_out_by: what training holds out. all_read: else only the first three are known, since an
+    unread trial may have the rest.
     """
     found = []
 
@@ -114,7 +116,8 @@ def advice_on(
     people = sorted({trial.recording.person or "" for trial in trials} - {""})
     if len(people) < 2:
         named = f"one person, {people[0]}" if people else "no people"
-        limit = "figures are held out by trial and do not apply to other people"
+        held_out = f"figures are held out by {held_out_by}"
+        limit = f"{held_out} and do not apply to other people"
         what = f"{named}: {limit}"
         next_step = f"sort trials of several people into {LAYOUT}"
         found.append(Missing("advice", str(root), what, next_step))

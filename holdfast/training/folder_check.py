@@ -7,8 +7,8 @@ write or record, and where.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -17,17 +17,19 @@ from holdfast.core.contract import (
     CLASSES,
     SITUATIONS,
 )
-from holdfast.core.errors import DataError
+from holdfast.core.errors import ColumnError, DataError, NotANumber
 from holdfast.core.reading import Json
 from holdfast.core.trial_layout import (
     INTENT_SUFFIX,
     TACTILE,
+    has_logs,
+    import_command,
     intent_path,
     object_name,
 )
 from holdfast.edge_runtime.intent import read_intent
 from holdfast.training.datasets import LAYOUTS, layout_of, load, reader_of
-from holdfast.training.datasets.thesis import common_rate
+from holdfast.training.datasets.thesis import common_rate, of_trials
 from holdfast.training.datasets.trials import FOLDERS, TrialReader, read_all
 from holdfast.training.folder_advice import (
     LAYOUT,
@@ -36,10 +38,13 @@ from holdfast.training.folder_advice import (
     Missing,
     advice_on,
 )
+from holdfast.training.judging import HoldOutChoice, strictest_hold_out
+from holdfast.training.plan import TrainingPlan
 from holdfast.training.progress import Part, ignored
-from holdfast.training.recording import grouped
 from holdfast.training.windows import TimedTrial, classes_of
 
+TRAINING_SEED = 0
+"""Of `holdfast train` where none is given."""
 OF_THE_SET = "labels of the set"
 """What the labels of a public set come from."""
 CellName = tuple[str | None, str | None, str | None]
@@ -75,7 +80,8 @@ class FolderReport:
 
     layout: None where no reader recognises the folder. held_out_by: what training holds out.
     groups: how many of these there are. channels: of the first recording, three a sensor.
-    intents: trials with a file of the wearer's command.
+    intents: trials with a file of the wearer's command. not_held_out: why not by something
+    stricter, a line each.
     """
 
     folder: str
@@ -87,6 +93,7 @@ class FolderReport:
     classes: list[ClassSeconds]
     missing: list[Missing]
     intents: int = 0
+    not_held_out: list[str] = field(default_factory=list)
 
     @property
     def readable(self) -> bool:
@@ -124,26 +131,26 @@ def examine(root: Path, part: Part = ignored) -> FolderReport:
 
     cells: CellTrials = {}
     trials = []
-    read = read_all(readers, faults.append, part)
-    for reader, trial in zip(readers, read, strict=True):
-        place = reader.place
-        folder = place.object_folder
-        name = object_name(folder.name) if folder else None
-
-        of_cell = cells.setdefault((place.person, name, place.action), [])
-        of_cell.append(trial)
+    for name, trial in _read(readers, faults, part):
+        cells.setdefault(name, []).append(trial)
         if trial:
             trials.append(trial)
 
     # Checks of the whole set compare only what can be read: a fault of one trial is noted already.
-    recordings, kind = grouped([trial.recording for trial in trials])
-    if recordings:
-        common_rate(recordings, faults.append)
+    if trials:
+        common_rate([trial.recording for trial in trials], faults.append)
     classes = _class_seconds(trials)
     # The same fault of a file may be met twice; the keys of a dict keep the first, in order.
     missing = list(dict.fromkeys(Missing.of(fault) for fault in faults))
-    if trials:
-        missing += advice_on(root, layout, trials, classes, all_read=not missing)
+    if not trials and any(
+        isinstance(fault, ColumnError | NotANumber) for fault in faults
+    ):
+        what = "no trial has the columns of the layout: logs of another program?"
+        missing.append(Missing("error", str(root), what, import_command(root)))
+    held_out = _held_out(trials)
+    if held_out:
+        kind, all_read = held_out.kind, not missing
+        missing += advice_on(root, layout, trials, classes, kind, all_read=all_read)
 
     # Training reads no file of the wearer's command, so a damaged one is advice and no error.
     paths = [reader.place.path for reader in readers]
@@ -155,13 +162,14 @@ def examine(root: Path, part: Part = ignored) -> FolderReport:
     return FolderReport(
         folder=str(root),
         layout=layout,
-        held_out_by=kind if recordings else None,
-        groups=len({recording.group for recording in recordings}),
-        channels=3 * recordings[0].n_sensors if recordings else None,
+        held_out_by=held_out.kind if held_out else None,
+        groups=len(held_out.data.groups()) if held_out else 0,
+        channels=3 * trials[0].recording.n_sensors if trials else None,
         cells=_cells(cells),
         classes=classes,
         missing=missing,
         intents=intents,
+        not_held_out=held_out.lines() if held_out else [],
     )
 
 
@@ -173,16 +181,42 @@ def _public(root: Path, layout: str, part: Part) -> FolderReport:
         name = (recording.person, recording.object_name, recording.action)
         trial = TimedTrial(recording, None, labels_by=OF_THE_SET)
         cells.setdefault(name, []).append(trial)
+    held_out = strictest_hold_out(data, TrainingPlan.folds, TRAINING_SEED)
     return FolderReport(
         folder=str(root),
         layout=layout,
-        held_out_by=data.group_kind,
-        groups=len(data.groups()),
+        held_out_by=held_out.kind,
+        groups=len(held_out.data.groups()),
         channels=3 * data.n_sensors,
         cells=_cells(cells),
         classes=[],
         missing=[],
+        not_held_out=held_out.lines(),
     )
+
+
+def _read(
+    readers: Sequence[TrialReader], faults: list[DataError], part: Part
+) -> Iterator[tuple[CellName, TimedTrial | None]]:
+    """Every trial with the name of its cell; None for one that cannot be read."""
+    read = read_all(readers, faults.append, part)
+    for reader, trial in zip(readers, read, strict=True):
+        place = reader.place
+        folder = place.object_folder
+        name = object_name(folder.name) if folder else None
+        yield (place.person, name, place.action), trial
+
+
+def _held_out(trials: list[TimedTrial]) -> HoldOutChoice | None:
+    """What `train` holds out of these trials where it is asked for nothing else."""
+    if not trials:
+        return None
+    # Neither names nor rates change what is held out; with faults the trials may differ in both.
+    about = {"name": "", "kind": ""}
+    data = of_trials(
+        trials, about, trials[0].recording.rate_hz, "balanced", TRAINING_SEED
+    )
+    return strictest_hold_out(data, TrainingPlan.folds, TRAINING_SEED)
 
 
 def _cells(cells: CellTrials) -> list[Cell]:
@@ -260,13 +294,17 @@ def _not_read(root: Path, read: Sequence[Path]) -> list[Missing]:
     if read and not others:
         return []
 
-    what = "no CSV file"
+    what = "no trial" if has_logs(root) else "no CSV file"
     if others:
         first = others[0].relative_to(root).as_posix()
         what = f"CSV files at no trial's place: {len(others)}, such as {first}"
 
     actions = ", ".join(FOLDERS)
     next_step = f"a trial belongs at {root / LAYOUT}; an action is one of {actions}"
+    if not read and has_logs(root):
+        next_step = (
+            f"{import_command(root)}, for logs of other programs; or {next_step}"
+        )
     level: Level = "advice" if read else "error"
     return [Missing(level, str(root), what, next_step)]
 

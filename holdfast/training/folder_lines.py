@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import TypeVar
 
 from holdfast.training.figures import in_words as counted
 from holdfast.training.folder_advice import ClassSeconds, Missing
@@ -17,6 +18,7 @@ FORMATS = {"thesis": "folders of CSV trials", "recorded": "folders of holdfast r
 NUMBER = re.compile(r"[0-9.]+")
 """Left out where faults are compared."""
 HAND_ALONE = "hand alone"
+T = TypeVar("T")
 LEVELS = {"error": "ERROR", "training": "FOR TRAINING", "advice": "ADVICE"}
 
 
@@ -29,7 +31,7 @@ def report_lines(report: FolderReport) -> list[str]:
         lines += ["", *_aligned(_class_rows(report.classes))]
 
     # One line for many faults of a kind: a folder of a hundred trials would fill the screen.
-    for first, more in _alike(report.missing):
+    for first, more in alike(report.missing, _words):
         lines += ["", f"{LEVELS[first.level]} {first.where}: {first.what}"]
         lines.append(f"  -> {first.next_step}")
         if more:
@@ -37,13 +39,17 @@ def report_lines(report: FolderReport) -> list[str]:
     return [*lines, "", _verdict(report)]
 
 
-def _alike(missing: Sequence[Missing]) -> list[tuple[Missing, int]]:
-    """The first of those that differ only in place and numbers, and how many more there are."""
+def alike(ones: Sequence[T], words: Callable[[T], str]) -> list[tuple[T, int]]:
+    """The first of those whose words differ in numbers alone, and how many more there are."""
     # Numbers are left out of the comparison: "at 49 Hz" and "at 51 Hz" are the same fault.
-    alike: dict[tuple[str, str], list[Missing]] = {}
-    for one in missing:
-        alike.setdefault((one.level, NUMBER.sub("#", one.what)), []).append(one)
-    return [(ones[0], len(ones) - 1) for ones in alike.values()]
+    found: dict[str, list[T]] = {}
+    for one in ones:
+        found.setdefault(NUMBER.sub("#", words(one)), []).append(one)
+    return [(group[0], len(group) - 1) for group in found.values()]
+
+
+def _words(missing: Missing) -> str:
+    return f"{missing.level} {missing.what}"
 
 
 def _summary(report: FolderReport) -> list[str]:
@@ -60,6 +66,7 @@ def _summary(report: FolderReport) -> list[str]:
         f"{report.channels} channels; {FORMATS.get(report.layout, 'a public set')}",
         f"held out by {report.held_out_by}: {counted(report.groups, report.held_out_by)}",
     ]
+    lines += report.not_held_out
     if report.intents:
         lines.append(f"the wearer's command beside {counted(report.intents, 'trial')}")
     return lines

@@ -7,7 +7,7 @@ window: neighbours in time are nearly the same, and a model that saw one knows t
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -15,7 +15,6 @@ from holdfast.core.errors import ClassMissing, TooFewGroups
 from holdfast.training.crossval import (
     HeldOut,
     answer_fold,
-    folds_see_all,
     main_task,
     splits_of,
 )
@@ -23,11 +22,19 @@ from holdfast.training.featurise import FloatRows
 from holdfast.training.figures import HeadFigures, Interval
 from holdfast.training.plan import TrainingPlan
 from holdfast.training.progress import Say, ignored
-from holdfast.training.recording import DataSet, Fold, HoldOut, regrouped
+from holdfast.training.recording import (
+    DataSet,
+    Fold,
+    HoldOut,
+    learned_rows,
+    regrouped,
+)
 
 STRICTEST_FIRST: tuple[HoldOut, ...] = ("person", "object", "session", "trial")
 SHARES = (0.25, 0.5, 0.75)
 """Of the groups a fold trains on; the last point is the whole, the held-out figure itself."""
+MOST_NAMED = 3
+"""Groups that a reason names."""
 
 
 FiguresOf = Callable[[DataSet, HeldOut, int], HeadFigures]
@@ -44,22 +51,91 @@ class CurvePoint:
     macro_f1_ci: Interval | None
 
 
-def with_strictest_hold_out(data: DataSet, folds: int, seed: int) -> DataSet:
-    """The set held out by the first of STRICTEST_FIRST with which every fold can be trained.
+@dataclass(frozen=True)
+class HoldOutChoice:
+    """A set with the groups that are held out, and why these.
 
-    A set whose reader has its own kind of group, such as blocks, keeps it.
+    skipped: a stricter hold-out that is not taken -> why. lacks: what a fold even so cannot learn,
+    in words; "" where every fold learns every class.
+    """
+
+    data: DataSet
+    skipped: dict[HoldOut, str] = field(default_factory=dict)
+    lacks: str = ""
+
+    @property
+    def kind(self) -> str:
+        """What a group is."""
+        return self.data.group_kind
+
+    def lines(self) -> list[str]:
+        """The reasons as sentences for people."""
+        return [f"not held out by {kind}: {why}" for kind, why in self.skipped.items()]
+
+
+def strictest_hold_out(data: DataSet, folds: int, seed: int) -> HoldOutChoice:
+    """The first of STRICTEST_FIRST with which every fold learns every class of the set.
+
+    Where there is none, the last one that makes two groups. A set whose reader has its own kind of
+    group, such as blocks, keeps it.
     """
     if data.group_kind not in STRICTEST_FIRST:
-        return data
+        return as_grouped(data, folds, seed)
+
+    skipped: dict[HoldOut, str] = {}
+    last = HoldOutChoice(data)
     for kind in STRICTEST_FIRST:
         try:
             candidate = regrouped(data, kind)
-        except TooFewGroups:
+        except TooFewGroups as error:
+            skipped[kind] = error.cause
             continue
-        if folds_see_all(candidate, folds, seed):
-            return candidate
-    # Training itself says what is missing.
-    return data
+        last = as_grouped(candidate, folds, seed)
+        if not last.lacks:
+            break
+        skipped[kind] = last.lacks
+
+    # What is taken is not skipped, whatever it lacks.
+    others = {kind: why for kind, why in skipped.items() if kind != last.kind}
+    return replace(last, skipped=others)
+
+
+def as_grouped(data: DataSet, folds: int, seed: int) -> HoldOutChoice:
+    """The set with the groups that it has, and what the first such fold lacks."""
+    main = main_task(data)
+    groups = data.group_of(main)
+    # A weight counts as much as a situation: held-out votes of models that lack one would
+    # calibrate it the wrong way round.
+    rows = learned_rows(data.tasks[main])
+    label = rows.label
+    n_folds = min(folds, len(np.unique(groups)))
+    if n_folds < 2:
+        return HoldOutChoice(data, lacks=f"one {data.group_kind} alone")
+
+    for split in splits_of(data, TrainingPlan(folds=n_folds), seed):
+        train, test = split[main]
+        gone = np.setdiff1d(label[test], label[train])
+        if gone.size:
+            those = test[label[test] == gone[0]]
+            names = _in_short(np.unique(groups[those]).tolist())
+            what = _in_words(rows.classes[gone[0]])
+            return HoldOutChoice(data, lacks=f"without {names} no {what} is left")
+    return HoldOutChoice(data)
+
+
+def _in_words(name: str) -> str:
+    """A situation, or a class: a situation and a weight."""
+    situation, _, weight = name.rpartition("_")
+    if weight not in ("light", "heavy"):
+        return name.replace("_", " ")
+    return f"{situation.replace('_', ' ')} with a {weight} object"
+
+
+def _in_short(names: Sequence[str]) -> str:
+    """Some names, and how many more there are."""
+    if len(names) <= MOST_NAMED:
+        return " and ".join(names)
+    return f"{', '.join(names[:MOST_NAMED])} and {len(names) - MOST_NAMED} more"
 
 
 def learning_curve(

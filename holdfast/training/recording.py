@@ -232,6 +232,13 @@ def learnable(data: DataSet) -> DataSet:
     return data
 
 
+def learned_rows(rows: LabelledRows) -> LabelledRows:
+    """The windows as `learnable` has them: situations where the weight is not learned."""
+    if len(rows.classes) > len(SITUATIONS) and _of_one_weight(rows):
+        return rows.of_situations()
+    return rows
+
+
 def cannot_tell(data: DataSet, *, by_force: bool) -> dict[str, str]:
     """What a model of this set cannot tell: situations and WEIGHT, with the reason of each.
 
@@ -351,21 +358,31 @@ def regrouped(data: DataSet, by: HoldOut) -> DataSet:
     """The same set held out by something else. Raises TooFewGroups with less than two groups."""
     recordings = _grouped_by(data.recordings, by)
     regrouped_set = replace(data, recordings=recordings, group_kind=by)
-    # A recording without a person could be of one on the other side of a split.
-    people = {recording.person for recording in recordings}
-
-    unnamed = by == "person" and None in people
-    if by == "session":
-        dates = [_DATE.search(one.trial_id) for one in recordings]
-        unnamed = None in dates
-    if unnamed or len(regrouped_set.groups()) < 2:
+    why_not = _unnamed(recordings, by)
+    if not why_not and len(regrouped_set.groups()) < 2:
+        why_not = f"one {by} alone"
+    if why_not:
         raise TooFewGroups(
             f"the recordings cannot be held out by {by}",
             where=data.name,
-            cause="the set names no people" if by == "person" else f"one {by} alone",
+            cause=why_not,
             next_step=_NEXT[by],
         )
     return regrouped_set
+
+
+def _unnamed(recordings: Sequence[Recording], by: HoldOut) -> str:
+    """Why not each recording names its person or its session; "" where each does."""
+    # A recording without a person could be of one on the other side of a split.
+    named = [True]
+    if by == "person":
+        named = [recording.person is not None for recording in recordings]
+    elif by == "session":
+        named = [_DATE.search(one.trial_id) is not None for one in recordings]
+    if all(named):
+        return ""
+    what = "people" if by == "person" else "dates"
+    return f"some trials name no {by}" if any(named) else f"the set names no {what}"
 
 
 _DATE = re.compile(r"(?<!\d)20\d\d-?[01]\d-?[0-3]\d(?!\d)")

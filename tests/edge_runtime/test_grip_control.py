@@ -142,7 +142,7 @@ def test_a_controller_that_needs_newtons_is_refused_where_there_are_none(
 
 @pytest.mark.parametrize("fingers", [0, 5, 16])
 def test_another_number_of_fingers_is_refused(fingers: int) -> None:
-    with pytest.raises(UsageError, match=f"{fingers} fingers, .* made for 6"):
+    with pytest.raises(UsageError, match=f"{fingers} sensors, .* made for 6"):
         step(held(), np.zeros(3 * fingers), np.ones(fingers, dtype=np.bool_))
     with pytest.raises(UsageError):
         step(held(), HELD, np.ones(5, dtype=np.bool_))

@@ -130,7 +130,7 @@ def test_one_spoilt_reading_in_seventy_does_not_hide_a_stuck_hand(
 
 
 @DEAD_HAND.mark
-def test_one_live_finger_is_a_live_hand_and_the_stuck_ones_are_the_drivers_to_find() -> (
+def test_one_live_finger_is_a_live_hand_and_the_stuck_ones_are_found_one_by_one() -> (
     None
 ):
     watch, values = RepeatWatch(6, 10), np.zeros(18)

@@ -35,6 +35,7 @@ from holdfast.core.errors import (
     UnitError,
     UsageError,
 )
+from holdfast.core.hand_card import read_hand_card, sensor_names
 from holdfast.core.lines import stream_sink
 from holdfast.core.source import SourceReading
 from holdfast.drivers.calibration import read_bias
@@ -460,6 +461,18 @@ def test_the_view_shows_the_state_the_fingers_and_what_is_wrong_with_them(model)
     text = shown(answers[-1], samples[-1], measured, "N", Intent(0, "open", (0.5, 0)))
     assert re.search(r"wearer +open", text)
     assert re.search(r"envelope 1 █{15} +0\.50", text)
+
+
+def test_the_view_of_a_gripper_of_two_pads_names_these_and_no_other_hand():
+    both = np.ones(2, dtype=np.bool_)
+    sample = Sample(0, np.array([0.3, 0.4, 2.0] * 2), both, 0)
+    measured = SourceReading(0, sample.values, both)
+    names = sensor_names(read_hand_card("two-pad-gripper"), 2)
+    lines = picture(prediction(), sample, measured, "N", names=names)
+    text = "\n".join(drawn(line, 80) for line in lines)
+    assert re.search(r"^ left jaw +2\.00 +0\.50$", text, re.MULTILINE)
+    assert re.search(r"^right jaw +2\.00", text, re.MULTILINE)
+    assert not re.search(r"thumb|finger|\bsix\b", text.lower())
 
 
 def test_a_line_of_the_view_is_cut_to_the_terminal_and_keeps_its_colours():

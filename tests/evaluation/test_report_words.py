@@ -14,10 +14,12 @@ import pytest
 from holdfast.edge_runtime.engine import ModelChoice
 from holdfast.evaluation.alarms import event_scores
 from holdfast.evaluation.evaluate import EvaluationRequest, evaluate_events
+from holdfast.evaluation.evaluation_lines import evaluation_lines
 from holdfast.evaluation.figures import Evaluation
 from holdfast.evaluation.report import write_event_report
 from holdfast.evaluation.statistics import Spread
 from holdfast.evaluation.trials import drawn_trials
+from holdfast.training.figures import Share
 from holdfast.training.fixture import write_fixture
 
 if TYPE_CHECKING:
@@ -70,7 +72,7 @@ def test_the_answer_stands_first(recorded: Evaluation, page: str) -> None:
 def test_what_recordings_do_not_have_is_absent_and_the_report_says_why(
     page: str,
 ) -> None:
-    assert "No voluntary action (hand-over, put-down) is labelled" in page
+    assert "No safe slip (hand-over, put-down) is labelled" in page
     assert "voluntary actions called risky" not in page
     assert "<th>drops prevented</th>" not in page
     assert "Drops prevented are not shown: without the forces" in page
@@ -129,3 +131,38 @@ def test_trials_of_other_actions_are_drawn_too(recorded: Evaluation) -> None:
     unnamed = replace(tugged[0].trial.recording, action=None)
     trial = replace(tugged[0].trial, recording=unnamed)
     assert list(drawn_trials([replace(tugged[0], trial=trial)])) == ["trials"]
+
+
+def test_safe_slips_are_voluntary_actions_only_where_people_are_known_to_mean_them(
+    recorded: Evaluation, tmp_path: Path
+) -> None:
+    def with_safe_slips(action: str) -> str:
+        some = Share(0.5, (0.1, 0.9), 4)
+        called = {"safe_acts_called": some, "safe_acts_by_action": {action: some}}
+        rows = {name: replace(row, **called) for name, row in recorded.rows.items()}
+        sets = {name: replace(one, rows=rows) for name, one in recorded.sets.items()}
+        return page_of(replace(recorded, rows=rows, sets=sets), tmp_path)
+
+    meant = with_safe_slips("put-down")
+    assert "of 4 voluntary actions called risky" in meant
+    assert "of the hand-overs and put-downs are called risky" in meant
+    slipped = with_safe_slips("baseline")
+    assert "of 4 safe slips called risky" in slipped
+    assert "False alarms on safe slips" in slipped
+    assert not re.search("voluntary|put-downs", slipped)
+
+
+def test_without_a_time_of_any_label_no_alarm_is_judged(
+    recorded: Evaluation, tmp_path: Path
+) -> None:
+    sets = {
+        name: replace(one, card=replace(one.card, timed=False))
+        for name, one in recorded.sets.items()
+    }
+    untimed = replace(recorded, sets=sets)
+    page = page_of(untimed, tmp_path)
+    assert "No label of these recordings has a time" in page
+    assert "false alarms a minute" not in page
+    lines = evaluation_lines(untimed)
+    assert any("own: no label has a time, so none of" in line for line in lines)
+    assert not any("false alarms a minute" in line for line in lines)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,7 +12,7 @@ from command_line import Run
 
 from holdfast.training.datasets import load
 from holdfast.training.fixture import write_fixture
-from holdfast.training.judging import CurvePoint, per_doubling, with_strictest_hold_out
+from holdfast.training.judging import CurvePoint, per_doubling, strictest_hold_out
 from holdfast.training.recording import DataSet
 
 
@@ -25,23 +26,38 @@ def by_trial(tmp_path_factory: pytest.TempPathFactory) -> DataSet:
 def test_a_set_is_held_out_by_person_else_object_else_session_else_trial(
     by_trial: DataSet,
 ) -> None:
-    assert with_strictest_hold_out(by_trial, 2, 0).group_kind == "object"
+    assert strictest_hold_out(by_trial.without_weight(), 2, 0).kind == "object"
+    # One light and one heavy object: a model without one of them knows one weight alone.
+    objects = ("basket-ball", "hard-ball")
+    of_two = {one.group for one in by_trial.recordings if one.object_name in objects}
+    weighed = strictest_hold_out(by_trial.of_groups(of_two), 2, 0)
+    assert weighed.kind == "trial"
+    assert re.match(
+        "not held out by object: without .* no nothing with a (light|heavy) object",
+        weighed.lines()[1],
+    )
     one_object = replace(
         by_trial,
         recordings=[replace(one, object_name="book") for one in by_trial.recordings],
     )
-    assert with_strictest_hold_out(one_object, 2, 0).group_kind == "trial"
+    assert strictest_hold_out(one_object, 2, 0).kind == "trial"
     dated = []
     named = []
     for k, one in enumerate(one_object.recordings):
         path = f"2026-11-2{k % 2}/{one.trial_id}"
         dated.append(replace(one, trial_id=path))
         named.append(replace(one, person=f"p{k % 2}"))
-    sessions = with_strictest_hold_out(replace(one_object, recordings=dated), 2, 0)
+    by_one = strictest_hold_out(one_object, 2, 0)
+    assert by_one.lines() == [
+        "not held out by person: the set names no people",
+        "not held out by object: one object alone",
+        "not held out by session: the set names no dates",
+    ]
+    sessions = strictest_hold_out(replace(one_object, recordings=dated), 2, 0).data
     assert sessions.group_kind == "session"
     assert sessions.groups() == ["2026-11-20", "2026-11-21"]
-    people = with_strictest_hold_out(replace(one_object, recordings=named), 2, 0)
-    assert people.group_kind == "person"
+    people = strictest_hold_out(replace(one_object, recordings=named), 2, 0)
+    assert people.kind == "person"
 
 
 def test_the_headline_is_the_held_out_figure_and_a_curve_shows_fewer_trials(

@@ -18,6 +18,7 @@ from typing import Any
 
 HERE = Path(__file__).resolve().parent
 CORPUS = HERE / "corpus"
+sys.path.insert(0, str(HERE.parent / "support"))
 LONGEST_S, MOST_MB, LONGEST_BYTES = 120, 1500, 4096
 """Seconds, MiB and bytes of one input. Beside other work a first input took ten seconds."""
 ROOMS = ["edge_runtime", "drivers", "simulation", "holdfast", "training"]

@@ -24,6 +24,7 @@ from urllib.parse import urlsplit
 
 import numpy as np
 import usb.core
+from import_targets import IMPORT_TARGETS
 
 from holdfast.core.contract import RISKY_SLIP
 from holdfast.core.errors import HoldfastError, NotAModel
@@ -913,3 +914,4 @@ TARGETS = {
         500,
     ),
 }
+TARGETS |= {name: Target(*parts) for name, parts in IMPORT_TARGETS.items()}

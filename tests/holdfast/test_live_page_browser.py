@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,8 @@ from hazard_marks import STALE_PAGE
 from headless_browser import Tab, browser, needs_chromium
 from page_bench import Served, sample, served
 
+from holdfast.core.hand_card import read_hand_card, shipped_hands
+from holdfast.live.page.run_page import drawn_hand
 from holdfast.sessions.recorder.display import ACTIONS
 
 pytestmark = needs_chromium
@@ -56,7 +59,7 @@ def test_a_phone_and_a_desk_show_state_forces_and_faults_in_words(tab, width, da
             tab.value(f"{DETAIL}.textContent")
             == "too few sensors can be used; lost: index"
         )
-        fingers, numbers = text_of(tab, "fingers"), text_of(tab, "numbers")
+        sensors, numbers = text_of(tab, "sensors"), text_of(tab, "numbers")
         assert tab.value("document.documentElement.scrollWidth <= window.innerWidth")
         assert tab.value("document.querySelectorAll('#hand .lost').length") == 1
         assert tab.value(
@@ -65,8 +68,8 @@ def test_a_phone_and_a_desk_show_state_forces_and_faults_in_words(tab, width, da
         background = "getComputedStyle(document.body).backgroundColor"
         assert (tab.value(background) == "rgb(255, 255, 255)") is not dark
         assert tab.problems == []
-    assert "0.67 N\t0.10 N\tgood" in fingers
-    assert "does not answer" in fingers
+    assert "0.67 N\t0.10 N\tgood" in sensors
+    assert "does not answer" in sensors
     assert "grip of either side\n1.67 N" in numbers
     assert "lost samples\nnone" in numbers
 
@@ -136,9 +139,9 @@ def test_marks_pause_and_saving_are_buttons(tab):
         tab.wait_until(
             "document.getElementById('numbers').innerText.includes('27.00 N')"
         )
-        assert "0.67 N" in text_of(tab, "fingers")
+        assert "0.67 N" in text_of(tab, "sensors")
         tab.wait_until(PRESS.format("Resume"))
-        assert "9.00 N" in text_of(tab, "fingers")
+        assert "9.00 N" in text_of(tab, "sensors")
         assert (
             tab.value("document.querySelector('a.button').getAttribute('href')")
             == "save"
@@ -178,4 +181,35 @@ def test_what_a_message_says_is_text_and_never_markup(tab, tmp_path: Path):
             tab.value("document.querySelectorAll('#said script, #about img').length")
             == 0
         )
+        assert tab.problems == []
+
+
+def test_the_page_of_a_gripper_of_two_pads_shows_these_and_no_word_of_another_hand(tab):
+    hand = drawn_hand(read_hand_card("two-pad-gripper"), 2)
+    with served(hand=hand) as page:
+        grasp = sample(0, x=[0.1, 0.0, 1.0] * 2, v=[1, 0], why=["", "nack"])
+        page.frame(grasp)
+        opened(tab, page)
+        tab.wait_until(f"{STATE} === 'grasp'")
+        assert tab.value(f"{DETAIL}.textContent") == "lost: right jaw; light object"
+        assert "left jaw\t1.00 N\t0.10 N\tgood" in text_of(tab, "sensors")
+        assert tab.value("document.querySelectorAll('#hand .pad').length") == 2
+        source = tab.value("document.documentElement.outerHTML").lower()
+        assert not re.search(r"thumb|finger|\bsix\b", source)
+        assert tab.problems == []
+
+
+@pytest.mark.parametrize("name", shipped_hands())
+def test_the_page_draws_every_sensor_of_a_hand_card_at_a_place_of_its_own(tab, name):
+    card = read_hand_card(name)
+    n = card.n_sensors
+    with served(hand=drawn_hand(card, n)) as page:
+        page.frame(sample(0, x=[0.1, 0.0, 1.0] * n, v=[1] * n, why=[""] * n))
+        opened(tab, page)
+        tab.wait_until(f"{STATE} === 'grasp'")
+        groups = "[...document.querySelectorAll('#hand g')]"
+        places = tab.value(f"{groups}.map((g) => g.getAttribute('transform'))")
+        assert len(set(places)) == len(places) == n
+        labels = f"{groups}.map((g) => g.querySelector('text').textContent)"
+        assert tab.value(labels) == list(card.sensor_names)
         assert tab.problems == []

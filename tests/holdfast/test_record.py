@@ -24,13 +24,14 @@ from recorder_bench import (
 from study_bench import SUS_ANSWERS, TALK, Study
 
 from holdfast.core import tactile_file
-from holdfast.core.errors import EmptyRecording, TimeError
+from holdfast.core.errors import ChannelError, EmptyRecording, TimeError
 from holdfast.core.source import SourceReading
 from holdfast.core.tactile_file import TactileFile
 from holdfast.core.trial_file import read_trial
 from holdfast.drivers.replay import open_replay
 from holdfast.drivers.virtual.clock import VirtualClock
 from holdfast.live.sources import open_source
+from holdfast.training.datasets import load
 
 # -- what is written
 
@@ -84,7 +85,24 @@ def test_a_trial_of_a_labelled_set_can_be_recorded_again(people, tmp_path):
 def test_a_study_opens_a_trial_of_a_labelled_set_as_its_hand(people, tmp_path):
     study = Study(tmp_path, TALK, f"{people}#0")
     study.run("   " + SUS_ANSWERS)
-    assert said(study.messages, "the hand answers: 6 fingers")
+    assert said(study.messages, "the hand answers: 6 sensors")
+
+
+def test_the_hand_card_lies_beside_the_recordings_and_that_of_another_hand_is_refused(
+    tmp_path,
+):
+    out = tmp_path / "out"
+    one_pull(out, "--hand", "six-fingertips")
+    hand = load(out, windows="none").hand
+    assert hand is not None
+    assert hand.name == "six-fingertips"
+    with pytest.raises(ChannelError, match="two-pad-gripper is the card of another"):
+        one_pull(tmp_path / "other", "--hand", "two-pad-gripper")
+    changed = tmp_path / "changed.toml"
+    changed.write_text(hand.text + "# moved\n", "utf-8")
+    with pytest.raises(ChannelError, match="recordings with another card"):
+        one_pull(out, "--hand", changed)
+    assert (out / "hand.toml").read_text("utf-8") == hand.text
 
 
 def test_nothing_that_is_written_names_a_place_of_the_machine(people, card, tmp_path):

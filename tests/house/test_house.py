@@ -43,6 +43,7 @@ OF_ONE_FILE = (
     "depthai",
     "foxglove_schemas_protobuf",
     "mcap",
+    "openpyxl",
     "pyarrow",
     "pylsl",
     "pyxdf",

@@ -146,6 +146,13 @@ DEAD_HAND = Hazard(
     "sensors is `unknown`",
     "The hand holds its grip on `unknown`",
 )
+FROZEN_SENSOR = Hazard(
+    LIVE,
+    "One sensor freezes at a reading that looks good, while others live",
+    "The driver goes by the chip's own counter; without one, a sensor whose noise was seen counts "
+    "as lost once it has repeated for 0.2 s while another one changed",
+    "The hand holds its grip on `unknown`; a sensor that repeats at rest is not judged",
+)
 LATE_ANSWER = Hazard(
     LIVE,
     "An answer is late because the computer paused",

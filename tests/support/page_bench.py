@@ -10,7 +10,7 @@ from http.client import HTTPConnection, HTTPResponse
 from threading import Thread
 from typing import Any
 
-from holdfast.live.page.run_page import ACTIONS
+from holdfast.live.page.run_page import ACTIONS, drawn_hand
 from holdfast.live.page.server import Access, PageServer
 from holdfast.live.page.stream import LiveStream
 
@@ -18,6 +18,7 @@ LOCAL = Access("", ("localhost", "127.0.0.1", "::1"))
 ABOUT = {
     "verb": "run",
     "unit": "N",
+    "hand": drawn_hand(None, 6),
     "model": "m.onnx",
     "source": "virtual://ft232h",
     "answers": True,

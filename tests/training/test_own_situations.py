@@ -333,6 +333,12 @@ def test_people_with_one_situation_each_are_held_out_by_trial(
     )
     # By person, each model would have seen the other situation alone, and be always wrong.
     assert "held out by trial: macro F1" in said
+    reason = "not held out by person: without p0[12] no (risky slip|grasp) is left"
+    assert re.search(reason, said)
+    code, checked, _ = run("check", tmp_path / "set")
+    assert code == 0
+    assert "held out by trial: 8 trials" in checked
+    assert re.search(reason, checked)
     assert card["held_out"]["situations"]["macro_f1"] > 0.5
 
 

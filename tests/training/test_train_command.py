@@ -56,7 +56,7 @@ def test_train_without_flags_is_the_default_plan_on_balanced_windows(
     assert made["training"]["windows"] == {"classes": dense}
     lines = out.splitlines()
     assert any(
-        re.match(r"held out by trial: macro F1 over four situations  0\.\d{3}", one)
+        re.match(r"held out by object: macro F1 over four situations  0\.\d{3}", one)
         for one in lines
     )
     assert "in training every class weighs the same, whatever its count" in out

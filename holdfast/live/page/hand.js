@@ -1,19 +1,12 @@
-// The hand: a drawing of six fingertips, or a row of pads for another number; discs and arrows on them.
+// The hand as its card describes it: the contacts of either side beside the object, discs and arrows on the sensors.
 
 const SVG = "http://www.w3.org/2000/svg";
-const NAMES = ["thumb 1", "thumb 2", "index", "middle", "ring", "little"];
-// A right hand seen from its palm. Each finger: where it begins, where it ends.
-const BONES = [[[222, 210], [292, 128]], [[196, 150], [214, 62]], [[160, 144], [164, 36]], [[124, 150], [114, 54]], [[92, 166], [68, 92]]];
-const PADS = [[290, 130], [256, 170], [214, 64], [164, 38], [114, 56], [68, 94]];
-const PALM = "M92 160 L196 146 L226 210 L196 276 L110 276 Z";
-const PAD_PX = 15, ARROW_PX = 44;
+const PAD_PX = 15, ARROW_PX = 44, MARGIN_PX = 62, SIDES_PX = 110, NEAR_PX = 60, HIGH_PX = 330, LONE_MM = 20;
 const LEAST = { N: 0.5, uT: 50, count: 50 };
 const FADES = 0.995;  // the scales follow a falling force slowly
 
 let pads = [];
 let largest = { press: 0, along: 0 };
-
-export const nameOf = (k, count) => (count === NAMES.length ? NAMES[k] : `finger ${k + 1}`);
 
 function make(name, attributes, parent) {
   const element = document.createElementNS(SVG, name);
@@ -22,30 +15,70 @@ function make(name, attributes, parent) {
   return element;
 }
 
-/** Draw the hand for a number of fingers. */
-export function build(svg, count) {
+const range = (values) => [Math.min(...values), Math.max(...values)];
+
+/** Pixels a mm: neighbours are apart, and the whole is not too high. */
+function scaleOf(sides) {
+  const distances = sides.flatMap((side) => side.flatMap((one, k) => side.slice(k + 1).map((other) => Math.hypot(one.x_mm - other.x_mm, one.y_mm - other.y_mm))));
+  const [low, high] = range(sides.flat().map((one) => one.y_mm));
+  return Math.min(NEAR_PX / Math.min(LONE_MM, ...distances.filter((mm) => mm > 0)), HIGH_PX / Math.max(high - low, LONE_MM));
+}
+
+/** The places of the contacts in px: the sides left and right of the object, each around its middle. */
+function placed(contacts) {
+  const sides = [0, 1].map((side) => contacts.filter((one) => (one.side ?? 0) === side)).filter((side) => side.length);
+  const scale = scaleOf(sides);
+  const [, top] = range(contacts.map((one) => one.y_mm));
+  const places = new Map();
+  let right = 0;
+  for (const [k, side] of sides.entries()) {
+    const [from, to] = range(side.map((one) => one.x_mm));
+    const left = k ? right + SIDES_PX : MARGIN_PX;
+    for (const one of side) places.set(one, [left + (one.x_mm - from) * scale, MARGIN_PX + (top - one.y_mm) * scale]);
+    right = left + (to - from) * scale;
+  }
+  const [low] = range(contacts.map((one) => one.y_mm));
+  return { places, width: right + MARGIN_PX, height: 2 * MARGIN_PX + (top - low) * scale, sides: sides.length };
+}
+
+/** The soft pad around contacts that share one, or around one that is alone. */
+function drawPad(svg, points) {
+  const [[left, right], [top, bottom]] = [range(points.map(([x]) => x)), range(points.map(([, y]) => y))];
+  const edge = 2 * PAD_PX;
+  make("rect", { class: "skin", x: left - edge, y: top - edge, width: right - left + 2 * edge, height: bottom - top + 2 * edge, rx: edge }, svg);
+}
+
+/** Draw the hand of these contacts: name, side (0, 1 or null), x_mm, y_mm, pad, sensed. */
+export function build(svg, contacts) {
   svg.replaceChildren();
   largest = { press: 0, along: 0 };
-  const isHand = count === NAMES.length;
-  const across = Math.min(count, 6);
-  const places = isHand ? PADS : Array.from({ length: count }, (_, k) => [50 + 90 * (k % across), 50 + 90 * Math.floor(k / across)]);
-  svg.setAttribute("viewBox", isHand ? "20 -14 330 306" : `0 0 ${90 * across + 10} ${90 * Math.ceil(count / across) + 20}`);
-  if (isHand) {
-    for (const [kind, width] of [["edge", 40], ["palm", 35]]) {
-      for (const [from, to] of BONES) make("line", { class: kind, x1: from[0], y1: from[1], x2: to[0], y2: to[1], "stroke-width": width }, svg);
-      make("path", { class: kind, d: PALM, "stroke-width": width - 6 }, svg);
-    }
+  const { places, width, height, sides } = placed(contacts);
+  svg.setAttribute("viewBox", `0 0 ${width} ${height}`);
+  const byPad = new Map();
+  for (const [k, one] of contacts.entries()) {
+    const key = one.pad || k;
+    byPad.set(key, [...(byPad.get(key) ?? []), places.get(one)]);
   }
-  pads = places.map(([x, y], k) => {
+  if (sides === 2) {
+    const edge = range(contacts.filter((one) => one.side === 0).map((one) => places.get(one)[0]))[1];
+    make("rect", { class: "object", x: edge + SIDES_PX / 2 - 9, y: 8, width: 18, height: height - 16, rx: 9 }, svg);
+  }
+  for (const points of byPad.values()) drawPad(svg, points);
+  for (const one of contacts.filter(({ sensed }) => !sensed)) make("circle", { class: "bare", r: PAD_PX / 2, cx: places.get(one)[0], cy: places.get(one)[1] }, svg);
+
+  pads = contacts.filter(({ sensed }) => sensed).map((one) => {
+    const [x, y] = places.get(one);
     const group = make("g", { transform: `translate(${x} ${y})` }, svg);
     make("circle", { class: "pad", r: PAD_PX }, group);
+    // every second one of a row has its name below, so that neighbours' names do not meet
+    const before = contacts.filter((other) => other.sensed && other.side === one.side && other.y_mm === one.y_mm && other.x_mm < one.x_mm);
     return {
       group,
       press: make("circle", { class: "press", r: 0 }, group),
       arrow: make("line", { class: "arrow", x1: 0, y1: 0, x2: 0, y2: 0 }, group),
       head: make("path", { class: "head", d: "" }, group),
-      label: make("text", { y: isHand && k === 1 ? 34 : -22 }, group),
-      name: nameOf(k, count),
+      label: make("text", { y: before.length % 2 ? 28 : -20 }, group),
+      name: one.name,
     };
   });
 }

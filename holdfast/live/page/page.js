@@ -1,6 +1,6 @@
 // The page of a live run: takes frames from the server, and shows them; never a frozen answer.
 
-import { build, nameOf, show as showHand } from "./hand.js";
+import { build, show as showHand } from "./hand.js";
 import { draw, inWords, legend } from "./plot.js";
 
 const SILENT_S = 0.5, LOST_MS = 1500, SPEAK_MS = 1000, RETRY_MS = 2000, RISK_ECHO_S = 3, MOST_SAID = 40;
@@ -21,7 +21,7 @@ const number = (value, places = 2) => (value === null || value === undefined ? "
 
 const placesOf = (unit) => (unit === "N" ? 2 : 0);
 
-const page = { about: null, sample: null, rows: [], marks: [], ready: null, ended: "", silent: null, heardMs: 0, paused: null, spokenMs: -SPEAK_MS, riskyAt: null };
+const page = { about: null, sample: null, rows: [], marks: [], ready: null, ended: "", silent: null, heardMs: 0, hand: null, paused: null, spokenMs: -SPEAK_MS, riskyAt: null };
 
 // -- what the server sends
 
@@ -99,15 +99,17 @@ function showState(newest) {
 
 function showTrial(sample) {
   const missing = sample.v.filter((good) => !good).length;
-  headline("recording", "recording", `${sample.task}, ${number(sample.trial_s, 1)} s${missing ? `; ${missing} fingers are not read` : ""}`);
+  headline("recording", "recording", `${sample.task}, ${number(sample.trial_s, 1)} s${missing ? `; ${missing} sensors are not read` : ""}`);
 }
+
+const names = () => page.about.hand.filter((one) => one.sensed).map((one) => one.name);
 
 function details(answer, state) {
   const since = page.riskyAt === null || state === "risky_slip" ? null : page.sample.t_s - page.riskyAt;
-  const lost = page.sample.v.flatMap((good, k) => (good ? [] : [nameOf(k, page.sample.v.length)]));
+  const lost = names().filter((_, k) => !page.sample.v[k]);
   return [
     state === "unknown" && (REASONS[answer.why] ?? answer.why),
-    lost.length > 0 && (lost.length === page.sample.v.length ? "no finger is read" : `lost: ${lost.join(", ")}`),
+    lost.length > 0 && (lost.length === page.sample.v.length ? "no sensor is read" : `lost: ${lost.join(", ")}`),
     answer.act && "the hand is asked to act",
     answer.weight && state !== "unknown" && `${answer.weight} object`,
     since !== null && since < RISK_ECHO_S && `risky slip ${number(since, 1)} s ago`,
@@ -135,9 +137,9 @@ function headline(state, text, detail) {
 function showPicture() {
   const { sample, about } = page;
   if (!sample) return;
-  if (at("fingers").tBodies[0].rows.length !== sample.v.length) buildFingers(sample.v.length);
+  if (page.hand !== about.hand) buildSensors();
   at("hand-scale").textContent = showHand(sample.forces, sample.v, about.unit);
-  showFingers(sample);
+  showSensors(sample);
   drawPlot();
 }
 
@@ -147,24 +149,25 @@ function drawPlot() {
   if (page.about) draw(at("plot"), rows, page.marks, end, page.about.shown_s, page.about.unit, page.about.answers);
 }
 
-function buildFingers(count) {
-  build(at("hand"), count);
-  const body = at("fingers").tBodies[0];
+function buildSensors() {
+  page.hand = page.about.hand;
+  build(at("hand"), page.hand);
+  const body = at("sensors").tBodies[0];
   body.replaceChildren();
-  for (let k = 0; k < count; k += 1) {
+  for (const name of names()) {
     const row = body.insertRow();
     const head = document.createElement("th");
     head.scope = "row";
-    head.textContent = nameOf(k, count);
+    head.textContent = name;
     row.append(head);
     for (let cell = 0; cell < 3; cell += 1) row.insertCell();
   }
 }
 
-function showFingers({ forces, v, why }) {
+function showSensors({ forces, v, why }) {
   const { unit } = page.about;
   const places = placesOf(unit);
-  [...at("fingers").tBodies[0].rows].forEach((row, k) => {
+  [...at("sensors").tBodies[0].rows].forEach((row, k) => {
     const [x, y, z] = forces[k];
     const along = x === null || y === null ? null : Math.hypot(x, y);
     row.className = v[k] ? "" : "lost";
@@ -263,7 +266,7 @@ function togglePause(pause) {
   page.paused = page.paused === null ? { rows: [...page.rows] } : null;
   pause.setAttribute("aria-pressed", String(page.paused !== null));
   pause.textContent = page.paused ? "Resume" : "Pause";
-  at("note").textContent = page.paused ? "The pictures and the table of fingers stand still; the state and the numbers continue." : "";
+  at("note").textContent = page.paused ? "The pictures and the table of sensors stand still; the state and the numbers continue." : "";
   if (!page.paused) showPicture();
 }
 

@@ -15,6 +15,7 @@ from holdfast.core.contract import (
     Sample,
     untold_of,
 )
+from holdfast.core.hand_card import SIDES, HandCard, hand_or_usual, sensor_names
 from holdfast.core.reading import Json
 from holdfast.core.source import SourceReading
 from holdfast.edge_runtime.batch import ONE_HAND
@@ -28,6 +29,8 @@ if TYPE_CHECKING:
     from holdfast.live.grip import GripOutput
 
 MARK = b"m"
+A_ROW, APART_MM = 4, 25.0
+"""Sensors of which no card says where they are."""
 ACTIONS = [{"do": "mark", "label": "Mark", "key": MARK.decode(), "when": "always"}]
 
 
@@ -135,6 +138,35 @@ def intent_message(intent: IntentMonitor | None) -> Json:
     return {"intent": wish}
 
 
+def drawn_hand(card: HandCard | None, n_sensors: int) -> list[Json]:
+    """The contacts of a hand for the page, sensors in the order of their channels.
+
+    side: 0 or 1, left and right of the object; null, with places in a row, without a card.
+    """
+    hand = hand_or_usual(card, n_sensors)
+    if hand is not None:
+        names = iter(hand.sensor_names)
+        return [
+            {
+                "name": next(names) if one.sensed else "",
+                "side": SIDES.index(one.side),
+                "x_mm": one.across_mm,
+                "y_mm": one.along_mm,
+                "pad": one.pad,
+                "sensed": one.sensed,
+            }
+            for one in hand.contacts
+        ]
+
+    contacts: list[Json] = []
+    for k, name in enumerate(sensor_names(None, n_sensors)):
+        place = {"x_mm": APART_MM * (k % A_ROW), "y_mm": -APART_MM * (k // A_ROW)}
+        contacts.append(
+            {"name": name, "side": None, **place, "pad": "", "sensed": True}
+        )
+    return contacts
+
+
 def _answer(prediction: Prediction) -> Json:
     return {
         "state": prediction.state,
@@ -172,6 +204,7 @@ def open_run_page(
     about: Json = {
         "verb": "run",
         "unit": card.unit,
+        "hand": drawn_hand(card.hand, card.n_channels // 3),
         "model": model_name,
         "source": source,
         "answers": True,

@@ -15,10 +15,11 @@ from typing import TextIO
 import numpy as np
 
 from holdfast.core.errors import visible_lines
+from holdfast.core.hand_card import HandCard, read_hand_card
 from holdfast.core.reading import Json
 from holdfast.core.source import SourceReading
 from holdfast.live.page.link import PageLink, open_page
-from holdfast.live.page.run_page import intent_message
+from holdfast.live.page.run_page import drawn_hand, intent_message
 from holdfast.sessions.recorder.keys import Keys
 from holdfast.sessions.recorder.plan import RecordOptions
 from holdfast.sessions.recorder.session import Display
@@ -128,10 +129,13 @@ def columns_of(stream: TextIO) -> int:
 class RecordPage(Display):
     """A session's messages and samples go to the page, and on to the terminal."""
 
-    def __init__(self, link: PageLink, terminal: Display) -> None:
+    def __init__(
+        self, link: PageLink, terminal: Display, hand: HandCard | None = None
+    ) -> None:
         super().__init__(terminal.report)
         self._link = link
         self._terminal = terminal
+        self._hand = hand
         self._task = ""
         self._unit = ""
 
@@ -148,10 +152,11 @@ class RecordPage(Display):
     def show(self, trial: TrialRecorder, measured: SourceReading, now_ns: int) -> None:
         """One sample, less the bias; nothing waits."""
         quality = trial.quality
-        # The unit is known only once the source is open.
+        # Unit and number of sensors are known only once the source is open.
         if quality.unit != self._unit:
             self._unit = quality.unit
-            self._link.send({"about": {"unit": self._unit}})
+            hand = drawn_hand(self._hand, len(measured.valid))
+            self._link.send({"about": {"unit": self._unit, "hand": hand}})
         values = measured.values - np.nan_to_num(quality.bias)
         sample: Json = {
             "t_ns": now_ns,
@@ -174,23 +179,25 @@ def record_page(
 ) -> Iterator[RecordPage]:
     """The page of a recording, served on [HOST:]PORT until its end; its buttons press keys.
 
-    Raises UsageError, OutputError.
+    Raises UsageError, CardError, OutputError.
     """
     about: Json = {
         "verb": f"record {options.person}",
         "unit": "",
+        "hand": [],
         "source": options.source,
         "answers": False,
         "grip": False,
         "saves": False,
         "actions": ACTIONS,
     }
+    hand = None if options.hand is None else read_hand_card(options.hand)
     link = open_page(address, about, terminal.report)
 
     end = "the recording failed"
     try:
         keys.listen_to(link.handle)
-        yield RecordPage(link, terminal)
+        yield RecordPage(link, terminal, hand)
         end = "the recording has ended"
     finally:
         link.close(end)

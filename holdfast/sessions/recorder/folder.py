@@ -12,15 +12,17 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 from holdfast.core.errors import (
+    ChannelError,
     DataNotFound,
     EmptyRecording,
     OutputError,
     UnitError,
     UsageError,
 )
-from holdfast.core.reading import Json, json_of
+from holdfast.core.hand_card import HandCard
+from holdfast.core.reading import Json, json_of, text_of
 from holdfast.core.tactile_file import RepairResult, repair_lines, repair_table
-from holdfast.core.trial_layout import DISCARDED, EVENTS, META, TACTILE
+from holdfast.core.trial_layout import DISCARDED, EVENTS, HAND_FILE, META, TACTILE
 from holdfast.core.writing import require_writable, write_whole
 from holdfast.sessions.recorder.labels import read_meta
 from holdfast.sessions.recorder.protocol import NOTHING, Task
@@ -151,6 +153,24 @@ def _require_same(root: Path, there: Json, unit: str, kind: str) -> None:
             f"{root}: holds trials that are {there.get('kind')}, these would be {kind}",
             next_step="name another folder, so that each has a name of its own",
         )
+
+
+def keep_hand(root: Path, card: HandCard, n_sensors: int) -> None:
+    """Put the hand card beside the recordings, where training reads it.
+
+    Raises ChannelError for a card of another hand, OutputError where it cannot be written.
+    """
+    there = root / HAND_FILE
+    kept = text_of(there) if there.is_file() else card.text
+    if card.n_sensors != n_sensors or kept != card.text:
+        raise ChannelError(
+            f"{card.name} is the card of another hand",
+            where="--hand",
+            cause=f"{n_sensors} sensors answer, {card.n_sensors} are on the card, or {root} has "
+            "recordings with another card",
+            next_step="give the card of this hand, or another --out",
+        )
+    write_whole(there, card.text)
 
 
 # -- trials

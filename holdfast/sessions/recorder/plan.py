@@ -31,7 +31,8 @@ class RecordOptions:
     """The options of a run, by the names under which meta.json lists them.
 
     seconds: length of a trial; None: until a key. at_once: begin a trial without a key. protocol:
-    a path, or the name of a study's protocol. rate: Hz, of a hand.
+    a path, or the name of a study's protocol. rate: Hz, of a hand. hand: the name or path of its
+    hand card.
     """
 
     source: str
@@ -49,6 +50,7 @@ class RecordOptions:
     trials: int | None = None
     at_once: bool = False
     intent: str | None = None
+    hand: str | None = None
 
     @property
     def only_a_key_ends(self) -> bool:

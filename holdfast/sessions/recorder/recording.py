@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from holdfast.core.errors import LabelError
+from holdfast.core.hand_card import read_hand_card
 from holdfast.core.reading import Json
 from holdfast.core.source import Source
 from holdfast.drivers.calibration import read_calibration
@@ -20,9 +21,15 @@ from holdfast.live.bias import MeasuredBias, measure_bias, require_good
 from holdfast.live.hand_sources import open_live
 from holdfast.live.intent import intent_monitor
 from holdfast.live.running import first_in_line
-from holdfast.live.sources import force_of
+from holdfast.live.sources import LINES, STANDARD_INPUT, force_of
 from holdfast.sessions.camera import CameraProcess
-from holdfast.sessions.recorder.folder import RECORDING, opened, require_ours, trials_of
+from holdfast.sessions.recorder.folder import (
+    RECORDING,
+    keep_hand,
+    opened,
+    require_ours,
+    trials_of,
+)
 from holdfast.sessions.recorder.labels import scene_truth_of
 from holdfast.sessions.recorder.plan import Plan, RecordOptions, planned, require_keys
 from holdfast.sessions.recorder.protocol import NOTHING, checked_name
@@ -36,6 +43,7 @@ KINDS = {
     "i2c": "recorded",
     "virtual": "simulated",
     "sim": "simulated",
+    **dict.fromkeys(LINES, "recorded"),
 }
 
 
@@ -61,6 +69,7 @@ def record_plan(options: RecordOptions, plan: Plan, context: RunContext) -> int:
     """
     clock = context.clock
     report = context.display.report
+    card = None if options.hand is None else read_hand_card(options.hand)
     report(f"opening {options.source}")
     source = open_live(
         options.source,
@@ -79,6 +88,8 @@ def record_plan(options: RecordOptions, plan: Plan, context: RunContext) -> int:
         monitor as intent,
         first_in_line(report) as has_priority,
     ):
+        if card is not None:
+            keep_hand(options.out, card, source.n_channels // 3)
         measured = measure_bias(source, clock, report, CHECK_S)
         # A bias that was measured while something touched the hand shifts every sample.
         if not options.anyway:
@@ -113,6 +124,8 @@ def record_plan(options: RecordOptions, plan: Plan, context: RunContext) -> int:
 
 def kind_of(url: str) -> str:
     """What trials from a source are: recorded, simulated or replayed."""
+    if url == STANDARD_INPUT:
+        return "recorded"
     scheme, mark, _ = url.partition("://")
     return KINDS.get(scheme if mark else "", "replayed")
 

@@ -19,7 +19,7 @@ from typing import Any
 from holdfast.core.contract import FloatArray
 from holdfast.core.errors import EmptyRecording, TimeError
 from holdfast.core.reading import Json
-from holdfast.core.source import Source, SourceReading
+from holdfast.core.source import SelfPaced, Source, SourceReading
 from holdfast.core.trial_layout import META
 from holdfast.core.writing import write_whole
 from holdfast.drivers.replay import PacedReplay
@@ -234,11 +234,14 @@ class Session:
         """Record until a key, a signal, the time or the source ends the trial."""
         stamps = Stamps(self.period_ns)
         start_ns = self.clock.now_ns()
+        # Then its reads wait for the next sample, and no turn passes unread.
+        is_paced = isinstance(self.source, SelfPaced)
 
         turn = 0
         while not self.stopped():
             # From the start, not from the last sample: a late one delays no other.
-            self.clock.wait_until(start_ns + round(turn * self.period_ns))
+            if not is_paced:
+                self.clock.wait_until(start_ns + round(turn * self.period_ns))
             now_ns = self.clock.now_ns()
             if self._time_is_over(now_ns - start_ns):
                 return TIME_OVER
@@ -264,7 +267,7 @@ class Session:
             # Turns whose time has passed are lost samples, and none is read late for them.
             spent_ns = self.clock.now_ns() - start_ns
             due = int(spent_ns / self.period_ns)
-            if due > turn:
+            if due > turn and not is_paced:
                 trial.quality.lost += due - turn
                 turn = due
 

@@ -170,9 +170,9 @@ class Trials:
         )
         # Closed at once: every trial opens the hand for itself.
         with closing(source), opened(self.root, source.unit, kind):
-            fingers = source.n_channels // 3
+            n_sensors = source.n_channels // 3
             self.display.report(
-                f"the hand answers: {fingers} fingers, in {source.unit}"
+                f"the hand answers: {n_sensors} sensors, in {source.unit}"
             )
 
     def repair(self) -> None:

@@ -26,7 +26,14 @@ from holdfast.core.errors import (
     UnitError,
     UsageError,
 )
-from holdfast.core.trial_layout import HAND_FILE, META, TACTILE, read_json
+from holdfast.core.trial_layout import (
+    HAND_FILE,
+    META,
+    TACTILE,
+    has_logs,
+    import_command,
+    read_json,
+)
 from holdfast.training.datasets.trials import ChannelsNotOffered, has_thesis_layout
 from holdfast.training.progress import Part, ignored
 from holdfast.training.recording import (
@@ -165,12 +172,15 @@ def find(name_or_path: str | Path) -> Path:
             cause=f"{FOLDER_VARIABLE} {'points elsewhere' if is_set else 'is not set'}",
             next_step=f"set {FOLDER_VARIABLE} to the folder that holds {name_or_path}/",
         )
-    is_file = candidates[0].exists()
+    path = candidates[0]
+    next_step = f"give a folder, or one of {', '.join(PUBLIC_SETS)}"
+    if path.is_file() and has_logs(path):
+        next_step = f"{next_step}; of a log: {import_command(path)}"
     raise DataNotFound(
-        "a file, not a folder" if is_file else "no such data set or folder",
-        where=candidates[0],
+        "a file, not a folder" if path.exists() else "no such data set or folder",
+        where=path,
         cause="a name misspelt, or a path from another folder",
-        next_step=f"give a folder, or one of {', '.join(PUBLIC_SETS)}",
+        next_step=next_step,
     )
 
 

@@ -26,7 +26,7 @@ from holdfast.core.errors import (
     UnitError,
 )
 from holdfast.core.reading import Json
-from holdfast.core.trial_file import Trial, read_trial
+from holdfast.core.trial_file import Trial, implausible_rate, read_trial
 from holdfast.core.trial_layout import (
     LABELLED_ACTIONS,
     MASSES_KEY,
@@ -99,6 +99,8 @@ SLIP_CAVEAT = (
     "When the object slipped is not known in {n} of {of} trials: the slip is taken to be about "
     "the largest change of the readings, and an alarm anywhere in these trials counts as right."
 )
+BY_SCRIPT = "script"
+"""How the source of labels begins that follow the script (timeline.labels_by)."""
 OPEN_HAND = "open hand"
 """What the labels come from where the trial is that of the hand alone."""
 READING = 0.5
@@ -183,17 +185,29 @@ def assembled(
     trials = [trial for trial in read if trial]
     recordings = [trial.recording for trial in trials]
 
-    rate_hz, unit = common_rate(recordings), recordings[0].unit
+    rate_hz = common_rate(recordings)
     n_channels = 3 * recordings[0].n_sensors
     if channels not in (None, n_channels):
         raise ChannelsNotOffered(str(meta["name"]), channels, [n_channels])
+    return of_trials(trials, meta, rate_hz, windows, seed, span(part, READING, 1.0))
 
+
+def of_trials(
+    trials: list[TimedTrial],
+    meta: Json,
+    rate_hz: float,
+    windows: Choice,
+    seed: int,
+    part: Part = ignored,
+) -> DataSet:
+    """The data set of trials that are read. meta: name, kind, origin."""
     tasks: dict[str, LabelledRows] = {}
     notes: Json = {}
     if windows != "none":
-        tasks, notes = _windows(trials, windows, seed, span(part, READING, 1.0))
+        tasks, notes = _windows(trials, windows, seed, part)
 
-    recordings, group_kind = grouped(recordings)
+    unit = trials[0].recording.unit
+    recordings, group_kind = grouped([trial.recording for trial in trials])
     return DataSet(
         name=str(meta["name"]),
         recordings=recordings,
@@ -220,13 +234,12 @@ def _caveat(trials: Sequence[TimedTrial], meta: Json) -> str:
     """The sentences that stand with every figure of these trials."""
     sources = [trial.labels_by for trial in trials]
     guessed = sources.count(OF_WHOLE_TRIAL["slip"])
-    labelled = set(OF_WHOLE_TRIAL.values())
 
     sentences = []
     if classes_of(trials) == CLASSES:
         sentences.append(WEIGHT_CAVEAT)
-    # Trials that only say slip or hold follow no script.
-    if not labelled.issuperset(sources):
+    # Trials with phases, and those that only say slip or hold, follow no script.
+    if any(source.startswith(BY_SCRIPT) for source in sources):
         sentences.append(CAVEAT.format(at_s=meta.get(ACTION_KEY, ACTION_S)))
     if guessed:
         sentences.append(SLIP_CAVEAT.format(n=guessed, of=len(trials)))
@@ -353,14 +366,23 @@ def _phased(
 def common_rate(recordings: Sequence[Recording], fault: Fault = refuse) -> float:
     """Median sampling rate, Hz, to three digits.
 
-    fault: receives a RateError or ChannelError for each recording that differs from the others.
+    fault: receives a RateError or ChannelError for each recording that differs from the others, or
+    whose rate no hand has, such as milliseconds taken for seconds.
     """
     # Three digits: a clock that is a microsecond off must not change the rows of a window.
     rate_hz = float(f"{np.median([recording.rate_hz for recording in recordings]):.3g}")
 
     first = recordings[0]
     for recording in recordings:
-        if abs(recording.rate_hz / rate_hz - 1.0) > RATE_TOLERANCE:
+        impossible = implausible_rate(recording.rate_hz)
+        if impossible:
+            no_rate = RateError(
+                impossible,
+                where=recording.trial_id,
+                next_step="write Time in seconds: holdfast import takes other units of time",
+            )
+            fault(no_rate)
+        elif abs(recording.rate_hz / rate_hz - 1.0) > RATE_TOLERANCE:
             error = RateError(
                 f"runs at {recording.rate_hz:.4g} Hz, the set at {rate_hz:g} Hz",
                 where=recording.trial_id,

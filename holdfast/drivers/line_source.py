@@ -1,0 +1,325 @@
+"""Lines of any program as a live source: stamps, silence, and what comes too fast.
+
+Stamps are those of arrival, or of the sender. Without a common clock only the changes of a delay
+are known: a sender's stamps are put on this machine's clock by the smallest delay so far. That one
+may grow by DRIFT, because the sender's clock may be slow. A sample that comes later than so is old,
+and its answer is `late`.
+
+The source waits for the next sample, so the sender paces the loop. While none comes, the last
+reading is given again, invalid, and the state is unknown. Of more than MOST_WAITING samples all but
+the newest are dropped, and one invalid reading stands for them. What waited while nothing was read,
+as between two trials, has no known time of arrival, and is dropped.
+
+A recording that is read as lines (paced) is another matter: each row waits for its time.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Hashable
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+from holdfast.core.contract import BoolArray, FloatArray, Unit
+from holdfast.core.errors import DeviceNotFound, RateError
+from holdfast.core.line_port import printable
+from holdfast.core.line_session import NOT_RISING, SILENCE_NS, LineRefused
+from holdfast.core.source import SelfPaced, SourceReading
+from holdfast.core.tally import Tally
+from holdfast.drivers.line_feeds import Feed
+from holdfast.drivers.sample_lines import SampleLine, SampleReader
+
+FIRST_S = 10.0
+"""An opened source must send within this time."""
+LOOK_S = 0.05
+MEASURE_S = 0.5
+MEASURE_LINES = 20
+"""The rate is measured over so many samples, and for so long."""
+MOST_MEASURED = 4096
+WAIT_PERIODS = 1.5
+"""A sample that comes later than this after the last one is missing."""
+MOST_WAITING = 2
+PAUSE_PERIODS = 3.0
+"""Where nothing was read for longer, what waits has no known time of arrival."""
+DRIFT = 2e-4
+"""A sender's clock may be so much slower: four times what a poor crystal is."""
+SLOWER_RATES = 1.5
+MOST_DROPPED = 4096
+ROW_BEGINS = tuple(bytes([one]) for one in b"{0123456789+-.,;")
+"""How objects and rows begin, and no header does."""
+LOST, SKIPPED = "no sample came", "samples were dropped"
+NOT_VALID = "not valid"
+Stamps = Literal["arrival", "sender"]
+ToForce = Callable[[FloatArray], FloatArray]
+
+
+@dataclass(frozen=True)
+class LineOptions:
+    """How lines are read. rate_hz: None where it is measured. paced: a recording."""
+
+    stamps: Stamps = "arrival"
+    rate_hz: float | None = None
+    paced: bool = False
+
+
+class SenderClock:
+    """Puts a sender's stamps on this machine's clock."""
+
+    def __init__(self) -> None:
+        self._delay_ns: int | None = None
+        self._arrived_ns = 0
+
+    def local_ns(self, stamp_ns: int, arrived_ns: int) -> int:
+        """The stamp on this machine's clock, never after its arrival."""
+        delay_ns = arrived_ns - stamp_ns
+        if self._delay_ns is not None:
+            drift_ns = round(DRIFT * (arrived_ns - self._arrived_ns))
+            delay_ns = min(delay_ns, self._delay_ns + drift_ns)
+        self._delay_ns = delay_ns
+        self._arrived_ns = arrived_ns
+        return stamp_ns + delay_ns
+
+    def forget(self) -> None:
+        """Another sender, or one that began anew."""
+        self._delay_ns = None
+
+
+class LineSource(SelfPaced):
+    """The lines of a feed as a source. clock: has now_ns and wait_until.
+
+    say: receives what a person should know. to_force: a calibration, for lines in uT. Raises
+    DeviceNotFound where no sample comes, and RateError where a rate is not to be had.
+    """
+
+    def __init__(
+        self,
+        feed: Feed,
+        reader: SampleReader,
+        clock: Any,
+        say: Callable[[str], object],
+        options: LineOptions,
+        to_force: ToForce | None = None,
+    ) -> None:
+        self._feed = feed
+        self._reader = reader
+        self._clock = clock
+        self._say = say
+        self._options = options
+        self._to_force = to_force
+        self._tally = Tally(feed.name, say, clock.now_ns)
+        self._sender = SenderClock()
+        self._waiting: deque[tuple[SampleLine, int]] = deque()
+        self._looked_ns = clock.now_ns()
+        self._is_silent = self._said_end = False
+        self._given = 0
+        self._began: tuple[int, int] | None = None
+        self._rows = 0
+        self._row_ns: int | None = None
+        self._open()
+
+    def _open(self) -> None:
+        """Wait for the first samples, and learn of them what the source is."""
+        # what waited before this program began has no known time
+        if not self._options.paced:
+            self._drop_waiting()
+        first = self._first_samples()
+        column_map = self._reader.map
+        assert column_map is not None
+        self.unit: Unit = column_map.unit_of_values if self._to_force is None else "N"
+        self.n_channels = len(column_map.channels)
+        self.rate_hz: float | None = self._rate_of(first)
+        self._period_ns = 1e9 / self.rate_hz
+        if not self._options.paced:
+            self._waiting = deque(first[-1:])
+        self._last = self._reading(*first[-1])
+        stamps = "the recording" if self._options.paced else self._options.stamps
+        self._say(
+            f"{self._feed.name}: {self.n_channels // 3} sensors in {self.unit} at "
+            f"{self.rate_hz:.4g} Hz, stamps of {stamps}"
+        )
+
+    # -- the first samples
+
+    def _first_samples(self) -> list[tuple[SampleLine, int]]:
+        """Enough of them to measure the rate; one where it is known."""
+        waiting = self._waiting
+        enough = 1 if self._options.rate_hz else MEASURE_LINES
+        least_ns = (
+            0 if self._options.rate_hz or self._options.paced else 1e9 * MEASURE_S
+        )
+        until_ns = self._clock.now_ns() + round(1e9 * FIRST_S)
+        while not self._feed.ended and self._clock.now_ns() < until_ns:
+            self._collect(LOOK_S)
+            lasted_ns = waiting[-1][1] - waiting[0][1] if waiting else 0
+            if len(waiting) >= enough and lasted_ns >= least_ns:
+                break
+            if len(waiting) >= MOST_MEASURED:
+                break
+        if not waiting:
+            refused = self._tally.total.most_common(1)
+            cause = f"{refused[0][1]} lines {refused[0][0]}" if refused else ""
+            raise DeviceNotFound(
+                "no sample came" + ("" if self._feed.ended else f" for {FIRST_S:g} s"),
+                where=self._feed.name,
+                cause=cause or "its sender does not run, or sends elsewhere",
+                next_step="start the sender; docs/live-sources.md shows the lines",
+            )
+        return list(waiting)
+
+    def _rate_of(self, first: list[tuple[SampleLine, int]]) -> float:
+        if self._options.rate_hz:
+            return self._options.rate_hz
+        stamps = [line.stamp_ns for line, _ in first if line.stamp_ns is not None]
+        if not self._options.paced and len(stamps) < len(first):
+            stamps = [arrived_ns for _, arrived_ns in first]
+        steps = np.diff(np.array(stamps, dtype=np.float64))
+        # a gap of a recording says nothing about its rate; what comes live may come in bursts
+        if self._options.paced and len(steps):
+            steps = steps[steps < SLOWER_RATES * np.median(steps)]
+        if not len(steps) or not steps.mean() > 0.0:
+            raise RateError(
+                "its rate cannot be measured",
+                where=self._feed.name,
+                cause="too few samples, or no column of time",
+                next_step="add rate_hz=150 to the URL",
+            )
+        return float(1e9 / steps.mean())
+
+    # -- one sample after another
+
+    def read(self) -> SourceReading | None:
+        """The next sample, or the last reading again with no sensor valid; None at the end."""
+        self._tally.look()
+        reading = self._next_row() if self._options.paced else self._next_sample()
+        if reading is None:
+            if not self._feed.ended:
+                return self._invalid(LOST)
+            self._say_end()
+            return None
+        self._last = reading
+        return reading
+
+    def close(self) -> None:
+        """Stop reading."""
+        self._tally.flush()
+        self._feed.close()
+
+    def _next_sample(self) -> SourceReading | None:
+        now_ns = self._clock.now_ns()
+        if now_ns - self._looked_ns > PAUSE_PERIODS * self._period_ns:
+            self._drop_waiting()
+        # a missing sample is noticed late, and the ones after it one period later each
+        periods = 1.0 if self._is_silent else WAIT_PERIODS
+        until_ns = now_ns + round(periods * self._period_ns)
+        self._collect(0.0)
+        while not self._waiting and not self._feed.ended:
+            left_s = 1e-9 * (until_ns - self._clock.now_ns())
+            if left_s <= 0.0:
+                break
+            self._collect(left_s)
+        self._looked_ns = self._clock.now_ns()
+        self._is_silent = not self._waiting
+        if not self._waiting:
+            return None
+        if len(self._waiting) > MOST_WAITING:
+            # the newest is kept: an old sample would delay every later one
+            newest = self._waiting.pop()
+            self._last = self._reading(*self._waiting[-1])
+            self._waiting = deque([newest])
+            return self._invalid(SKIPPED)
+        self._given += 1
+        return self._reading(*self._waiting.popleft())
+
+    def _next_row(self) -> SourceReading | None:
+        """The next row of a recording at its time; None while that is not near."""
+        while not self._waiting and not self._feed.ended:
+            self._collect(0.0)
+        if not self._waiting:
+            return None
+        line, _ = self._waiting[0]
+        stamp_ns = line.stamp_ns
+        if stamp_ns is None:
+            stamp_ns = round(self._given * self._period_ns)
+        now_ns = self._clock.now_ns()
+        if self._began is None:
+            self._began = now_ns, stamp_ns
+        due_ns = self._began[0] + stamp_ns - self._began[1]
+        # a gap of the recording: the loop must not sleep through it
+        if due_ns - now_ns > WAIT_PERIODS * self._period_ns:
+            self._clock.wait_until(now_ns + round(self._period_ns))
+            return self._invalid(LOST)
+        self._clock.wait_until(due_ns)
+        self._waiting.popleft()
+        self._given += 1
+        return self._valued(line, due_ns)
+
+    def _drop_waiting(self) -> None:
+        """Drop what came while nothing was read; headers count."""
+        self._waiting.clear()
+        for _ in range(MOST_DROPPED):
+            lines = self._feed.pull(0.0)
+            if not lines:
+                return
+            for peer, text in lines:
+                if not text.startswith(ROW_BEGINS):
+                    with suppress(LineRefused):
+                        self._reader.take(text, peer, self._clock.now_ns())
+
+    def _collect(self, timeout_s: float) -> None:
+        """Take what comes; waits at most so long for the first bytes."""
+        lines = self._feed.pull(timeout_s)
+        arrived_ns = self._clock.now_ns()
+        for peer, text in lines:
+            try:
+                line = self._taken(text, peer, arrived_ns)
+            except LineRefused as error:
+                shown = f"{printable(text)} is skipped: {error}"
+                self._tally.count(error.kind, shown)
+                continue
+            if line is not None:
+                self._feed.obeyed(peer)
+                self._waiting.append((line, arrived_ns))
+
+    def _taken(self, text: bytes, peer: Hashable, arrived_ns: int) -> SampleLine | None:
+        """The sample of a line that counts. Raises LineRefused."""
+        if not self._options.paced:
+            return self._reader.take(text, peer, arrived_ns)
+        # a recording has no sender that could be forged, and its rows come all at once: to the
+        # reader each one is the first of a session
+        self._rows += 1
+        line = self._reader.take(text, peer, 2 * SILENCE_NS * self._rows)
+        if line is None or line.stamp_ns is None:
+            return line
+        if self._row_ns is not None and line.stamp_ns <= self._row_ns:
+            raise LineRefused(NOT_RISING)
+        self._row_ns = line.stamp_ns
+        return line
+
+    def _reading(self, line: SampleLine, arrived_ns: int) -> SourceReading:
+        if line.begins:
+            self._sender.forget()
+        if self._options.stamps == "arrival" or line.stamp_ns is None:
+            return self._valued(line, arrived_ns)
+        return self._valued(line, self._sender.local_ns(line.stamp_ns, arrived_ns))
+
+    def _valued(self, line: SampleLine, t_ns: int) -> SourceReading:
+        values = line.values
+        if self._to_force is not None:
+            values = self._to_force(values.reshape(-1, 3)).reshape(-1)
+        why: tuple[str, ...] = ()
+        if not line.valid.all():
+            why = tuple("" if valid else NOT_VALID for valid in line.valid)
+        return SourceReading(t_ns, values, line.valid, why)
+
+    def _invalid(self, why: str) -> SourceReading:
+        last = self._last
+        none: BoolArray = np.zeros(len(last.valid), dtype=np.bool_)
+        return SourceReading(last.t_ns, last.values, none, (why,) * len(none))
+
+    def _say_end(self) -> None:
+        if not self._said_end:
+            self._say(f"{self._feed.name}: its lines ended after {self._given} samples")
+        self._said_end = True

@@ -1,0 +1,1 @@
+"""Logs of other programs as columns: `find.py` says which files are logs, and reads each."""

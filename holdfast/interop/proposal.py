@@ -1,0 +1,186 @@
+"""A column map that is proposed for foreign logs: from names, rates and sizes, to be looked at.
+
+What nothing says stays a hole in the map, which reading it then refuses with its line.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from holdfast.core.column_map import ColumnMap, SensorColumns, TimeColumn
+from holdfast.core.contract import UNIT_OF
+from holdfast.core.errors import ColumnError, DataError, DataNotFound, EmptyRecording
+from holdfast.core.reading import Json
+from holdfast.interop.column_names import (
+    counted_sensors,
+    guess_sensors,
+    guess_time,
+    guess_unit,
+    longest_stream,
+    turned_normals,
+    unit_of_signals,
+)
+from holdfast.interop.logs.find import LogPlace, find_logs, read_log
+from holdfast.interop.logs.layout import TableFormat
+from holdfast.interop.logs.log import LOG_TIME, Columns, ForeignLog, numeric
+from holdfast.interop.proposed_trials import (
+    Example,
+    propose_events,
+    propose_facts,
+    propose_path,
+    propose_split,
+)
+
+HOLE = SensorColumns("", "", "")
+READ_FIRST = 4
+"""Logs that are read for a proposal; the others are taken to be alike."""
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """A map as text, and what it was taken from, a line each."""
+
+    text: str
+    reasons: tuple[str, ...]
+
+
+def propose(source: Path) -> Proposal:
+    """A map for the logs of a source. Raises a DataError where no log can be read at all."""
+    places = find_logs(source)
+    logs, tables = _examples(places)
+    first = logs[0]
+    reasons: list[str] = []
+    time, table = _time(first, reasons)
+    sensors = _sensors(first, table, time, reasons)
+    unit, sensors = _unit(first, sensors, reasons)
+
+    hidden = {log.path for log in tables}
+    left = [place for place in places if place.path not in hidden]
+    example = Example(source, first, logs[1:], left, time, sensors)
+    columns = ColumnMap(unit, time, tuple(sensors or [HOLE]), tables={})
+    parts: Json = {}
+    _add(parts, "trials", propose_split(example, reasons))
+    events = propose_events(example, tables, parts.get("trials", {}), reasons)
+    path = propose_path(left, reasons)
+    _add(parts, "trials", {**path, **parts.get("trials", {})})
+    actions, facts = propose_facts(example, parts, events, reasons)
+    _add(parts, "facts", facts)
+    _add(parts, "actions", actions)
+    _add(parts, "events", events)
+    text = replace(columns, tables=parts).to_toml()
+    head = [f"# Proposed by holdfast import for {source.name}: check every line."]
+    head += [f"# {reason}" for reason in reasons]
+    return Proposal("\n".join([*head, "", text]), tuple(reasons))
+
+
+def _add(parts: Json, name: str, table: Json) -> None:
+    if table:
+        parts[name] = table
+
+
+def _examples(places: Sequence[LogPlace]) -> tuple[list[ForeignLog], list[ForeignLog]]:
+    """(logs with sensors, tables without), of the first of them and of what may be events."""
+    logs: list[ForeignLog] = []
+    tables: list[ForeignLog] = []
+    fault: DataError | None = None
+    for place in places:
+        is_candidate = place.is_table and _may_be_events(place, places)
+        if len(logs) >= READ_FIRST and not is_candidate:
+            continue
+        try:
+            log = read_log(place, TableFormat())
+        except DataError as error:
+            fault = fault or error
+            continue
+        if not log.streams:
+            fault = fault or EmptyRecording("no stream with a sample", where=place.path)
+            continue
+        has_sensors = bool(guess_sensors(numeric(longest_stream(log))))
+        is_table = place.is_table and is_candidate and not has_sensors
+        (tables if is_table and len(places) > 1 else logs).append(log)
+    if not logs:
+        raise fault or DataNotFound(
+            "no log with sensors", where=places[0].path, next_step="give the logs"
+        )
+    logs.sort(key=lambda log: not guess_sensors(numeric(longest_stream(log))))
+    return logs, tables
+
+
+def _may_be_events(place: LogPlace, places: Sequence[LogPlace]) -> bool:
+    """By its name, or because no other file is of its kind or in its folder."""
+    words = r"event|label|marker|annot|phase|slip|onset|trials|meta|notes"
+    if re.search(words, place.path.stem.lower()):
+        return True
+    alike = [one for one in places if one.kind == place.kind]
+    beside = [one for one in places if one.path.parent == place.path.parent]
+    return len(places) > 1 and (len(alike) == 1 or len(beside) == 1 or len(places) <= 3)
+
+
+def _time(log: ForeignLog, reasons: list[str]) -> tuple[TimeColumn, Columns]:
+    """Where the time comes from; a rate of 0 is a hole."""
+    columns = longest_stream(log)
+    guess = None if log.stamped else guess_time(columns)
+    if log.stamped:
+        reasons.append("time: the stamps of the log")
+        return TimeColumn(LOG_TIME, "ns"), columns
+    if guess is None:
+        reasons.append(
+            "time: no column runs like a clock; write rate_hz, rows a second"
+        )
+        return TimeColumn(rate_hz=0.0), columns
+    reasons.append(f"time: {guess.column}, {guess.why}")
+    return TimeColumn(guess.column, guess.unit), columns
+
+
+def _sensors(
+    log: ForeignLog, columns: Columns, time: TimeColumn, reasons: list[str]
+) -> list[SensorColumns]:
+    """The sensors by their names; none is a hole."""
+    names = [name for name in numeric(columns) if name != time.column]
+    sensors = guess_sensors(names)
+    if sensors:
+        reasons.append(f"sensors: {len(sensors)}, by the axes in their names")
+        return sensors
+    sensors = counted_sensors(columns, {time.column})
+    if sensors:
+        reasons.append(
+            f"sensors: {len(sensors)}, three numbered columns each, taken to be x, y, z"
+        )
+        return sensors
+    reasons.append("sensors: no names with x, y and z; write the columns of each")
+    return []
+
+
+def _unit(
+    log: ForeignLog, sensors: Sequence[SensorColumns], reasons: list[str]
+) -> tuple[str, list[SensorColumns]]:
+    """The unit by the file, by the names, else by size; normals with signs where it is a force."""
+    said = log.about.get("unit")
+    unit = said if isinstance(said, str) and said in UNIT_OF else None
+    why = "by the file"
+    if unit is None:
+        unit = unit_of_signals([s.x for s in sensors] + [s.z for s in sensors])
+        why = "by the names"
+    names = [name for sensor in sensors for name in sensor.axes]
+    try:
+        table: dict[str, Any] = log.table(names) if names else {}
+    except ColumnError:
+        table = {}
+    if not names or not all(name in table for name in names):
+        return unit or "N", list(sensors)
+    if unit is None:
+        values = np.stack([table[name].astype(np.float64) for name in names], axis=-1)
+        unit, why = guess_unit(values)
+    reasons.append(f"unit: {unit}, {why}")
+    if UNIT_OF[unit][0] != "N":
+        return unit, list(sensors)
+    turned = turned_normals(sensors, table)
+    if turned != list(sensors):
+        reasons.append('normals with "-": a press makes them negative')
+    return unit, turned

@@ -1,0 +1,220 @@
+"""`holdfast import` of other formats: what `convert` writes, and plain files of others."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from command_line import Run
+from foreign_logs import Made, axes, made, write_sheet
+from own_data import write_people_folders
+from xdf_file import markers, samples, stream_header, xdf_bytes
+
+from holdfast.core.trial_file import read_trial
+from holdfast.interop.mcap_file import Writer as McapWriter
+from holdfast.interop.ros2 import StoragePlugin, Stores, Writer, get_typestore
+from holdfast.interop.tables import pa, pq
+from holdfast.training.datasets import load
+
+ONLY = "p0?/soft-ball/*"
+
+
+@pytest.fixture(scope="module")
+def own(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_people_folders(tmp_path_factory.mktemp("own"))
+
+
+@pytest.mark.parametrize("form", ["parquet", "mcap", "ros2", "lerobot"])
+def test_what_convert_writes_comes_back_with_its_labels(
+    run: Run, own: Path, tmp_path: Path, form: str
+) -> None:
+    logs, back = tmp_path / "logs", tmp_path / "back"
+    words = ("convert", own, "--to", form, "--out", logs, "--only", ONLY)
+    assert run(*words)[0] == 0
+    code, out, err = run("import", logs, "--out", back, "--yes")
+    assert code == 0, out + err
+    before = {one.trial_id: one for one in load(own, windows="none").recordings}
+    after = load(back, windows="none").recordings
+    assert len(after) == 6
+    for one in after:
+        first = before[one.trial_id]
+        assert (one.person, one.object_name, one.action) == (
+            first.person,
+            first.object_name,
+            first.action,
+        )
+        spans = [(phase.first, phase.stop, phase.situation) for phase in first.phases]
+        assert [(p.first, p.stop, p.situation) for p in one.phases] == spans
+        # the values have no bias any more, and float32 digits in LeRobot; normals point outwards
+        np.testing.assert_allclose(
+            np.abs(one.samples[:, :3]), np.abs(first.samples[:, :3]), atol=0.02
+        )
+
+
+# -- plain files of others
+
+
+def mcap_of_json(path: Path, one: Made) -> None:
+    with path.with_suffix(".mcap").open("wb") as file:
+        writer = McapWriter(file)
+        writer.start()
+        schema = writer.register_schema("pads", "jsonschema", b"{}")
+        pads = writer.register_channel("/pads", "json", schema)
+        notes = writer.register_channel("/notes", "json", schema)
+        for k, row in enumerate(one.values.tolist()):
+            t_ns = 1_700_000_000_000_000_000 + k * 10_000_000
+            forces = [
+                dict(zip("xyz", row[3 * s : 3 * s + 3], strict=True)) for s in range(5)
+            ]
+            data = json.dumps({"seq": k, "force": forces}).encode()
+            writer.add_message(pads, t_ns, data, t_ns)
+            if k in (0, 100, 300, 350):
+                text = {0: "open", 100: "holding", 300: "slipping", 350: "holding"}[k]
+                data = json.dumps({"state": text}).encode()
+                writer.add_message(notes, t_ns, data, t_ns)
+        writer.finish()
+
+
+def bag_of_wrenches(path: Path, one: Made) -> None:
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    make = store.types
+    zero = make["geometry_msgs/msg/Vector3"](x=0.0, y=0.0, z=0.0)
+    with Writer(path, version=9, storage_plugin=StoragePlugin.SQLITE3) as writer:
+        kind = "geometry_msgs/msg/WrenchStamped"
+        for s in range(5):
+            topic = writer.add_connection(f"/ft{s}", kind, typestore=store)
+            for k, row in enumerate(one.values[:, 3 * s : 3 * s + 3].tolist()):
+                # a message of the third sensor is lost
+                if s == 2 and k == 40:
+                    continue
+                stamp = make["builtin_interfaces/msg/Time"](
+                    sec=k // 100, nanosec=k % 100 * 10_000_000
+                )
+                header = make["std_msgs/msg/Header"](stamp=stamp, frame_id="a")
+                force = make["geometry_msgs/msg/Vector3"](x=row[0], y=row[1], z=row[2])
+                wrench = make["geometry_msgs/msg/Wrench"](force=force, torque=zero)
+                message = make[kind](header=header, wrench=wrench)
+                data = store.serialize_cdr(message, kind)
+                writer.write(topic, 10**9 + k * 10_000_000, data)
+
+
+def parquet_of_lists(path: Path, one: Made) -> None:
+    columns = {
+        "timestamp": pa.array((1e9 * one.t_s).astype(np.int64), pa.timestamp("ns")),
+        "tactile": pa.array(
+            one.values.reshape(-1, 15).tolist(), pa.list_(pa.float64())
+        ),
+    }
+    pq.write_table(pa.table(columns), path.with_suffix(".parquet"))
+
+
+def lerobot_of_a_robot(path: Path, one: Made) -> None:
+    features = {
+        "observation.tactile": {"dtype": "float32", "names": axes(5, "p{k}.{axis}")}
+    }
+    (path / "meta").mkdir(parents=True)
+    (path / "meta/info.json").write_text(json.dumps({"features": features}))
+    rows = len(one.t_s)
+    data = path / "data/chunk-000/episode_000000.parquet"
+    data.parent.mkdir(parents=True)
+    table = {
+        "observation.tactile": pa.array(
+            one.values.tolist(), pa.list_(pa.float64(), 15)
+        ),
+        "timestamp": pa.array(one.t_s),
+        "episode_index": pa.array(np.zeros(rows, dtype=np.int64)),
+    }
+    pq.write_table(pa.table(table), data)
+
+
+def xdf_of_a_lab(path: Path, one: Made) -> None:
+    named = "".join(f"<channel><label>{name}</label></channel>" for name in axes(5))
+    texts = [(7.0, "open"), (8.0, "grasp"), (10.0, "slip"), (10.5, "grasp")]
+    path.with_suffix(".xdf").write_bytes(
+        xdf_bytes(
+            [
+                stream_header(1, "Pads", "double64", 15, 100.0, named),
+                stream_header(2, "Markers", "string", 1, 0.0),
+                samples(1, 7.0 + one.t_s, one.values),
+                markers(2, texts),
+            ]
+        )
+    )
+
+
+def sheet_of_a_lab(path: Path, one: Made) -> None:
+    rows = [
+        [1e3 * t, *row] for t, row in zip(one.t_s, one.values.tolist(), strict=True)
+    ]
+    names = ["Time (ms)", *axes(5, "Pad {k} {axis} (N)")]
+    write_sheet(path.with_suffix(".xlsx"), [["Lab 7"], [], names, *rows])
+
+
+PLAIN: dict[str, Callable[[Path, Made], None]] = {
+    write.__name__: write
+    for write in (
+        mcap_of_json,
+        bag_of_wrenches,
+        parquet_of_lists,
+        lerobot_of_a_robot,
+        xdf_of_a_lab,
+        sheet_of_a_lab,
+    )
+}
+
+
+@pytest.mark.parametrize("form", PLAIN)
+def test_a_plain_file_of_others_becomes_a_trial(
+    run: Run, tmp_path: Path, form: str
+) -> None:
+    one = made(4)
+    source = tmp_path / "logs"
+    source.mkdir()
+    PLAIN[form](source / "p03_cup_slip", one)
+    (source / "notes.md").write_text("no log")
+    words = ("import", source, "--out", tmp_path / "set", "--yes")
+    code, out, err = run(*words)
+    assert code == 0, out + err
+    (place,) = (tmp_path / "set").rglob("trial_1.csv")
+    trial = read_trial(place)
+    wanted = one.values.copy()
+    if form == "bag_of_wrenches":
+        wanted[40, 6:9] = np.nan
+    np.testing.assert_allclose(trial.raw, wanted, atol=1e-6)
+    np.testing.assert_allclose(trial.t_s, one.t_s, atol=1e-6)
+    if "events" in out:
+        truth = json.loads(place.with_suffix(".truth.json").read_text())["phases"]
+        assert [(p["t0_s"], p["label"]) for p in truth] == [
+            (0.0, "nothing"),
+            (1.0, "grasp"),
+            (3.0, "risky_slip"),
+            (3.5, "grasp"),
+        ]
+    assert ("events" in out) == (form in ("mcap_of_json", "xdf_of_a_lab"))
+
+
+@pytest.mark.parametrize(
+    ("name", "data"),
+    [
+        ("a.mcap", b"\x89MCAP0\r\n" + bytes(40)),
+        ("a.parquet", b"PAR1" + bytes(40)),
+        ("a.xlsx", b"PK\3\4" + bytes(40)),
+        ("a.xdf", b"XDF:" + bytes(40)),
+        ("a.csv", bytes(40)),
+        ("bag/metadata.yaml", b"rosbag2_bagfile_information: [\n"),
+        ("set/meta/info.json", b"[]"),
+    ],
+)
+def test_a_damaged_file_is_refused_by_name(
+    run: Run, tmp_path: Path, name: str, data: bytes
+) -> None:
+    path = tmp_path / "logs" / name
+    path.parent.mkdir(parents=True)
+    path.write_bytes(data)
+    code, _, err = run("import", tmp_path / "logs", "--out", tmp_path / "set", "--yes")
+    assert code == 3
+    assert f"{tmp_path}/logs/{name.split('/')[0]}" in err
+    assert not (tmp_path / "set").exists()

@@ -1,0 +1,71 @@
+"""Trials rewritten as logs of other programs: separators, units, names and clocks of their own."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import openpyxl
+
+RATE_HZ = 100.0
+
+
+@dataclass(frozen=True)
+class Made:
+    """A grasp that slips: t_s [T], values [T, 3 S] in N, and when it is held and slips, s."""
+
+    t_s: np.ndarray
+    values: np.ndarray
+    held_s: tuple[float, float] = (1.0, 4.0)
+    slips_s: tuple[float, float] = (3.0, 3.5)
+
+
+def made(seed: int, sensors: int = 5, lasts_s: float = 5.0) -> Made:
+    """Noise, a grip of 3 N and a tone while it slips; the values have four decimals."""
+    t_s = np.arange(round(lasts_s * RATE_HZ)) / RATE_HZ
+    values = np.random.default_rng(seed).normal(0.0, 0.02, (len(t_s), 3 * sensors))
+    values[:, 2::3] += 3.0 * ((t_s >= 1.0) & (t_s < 4.0))[:, None]
+    slips = (t_s >= 3.0) & (t_s < 3.5)
+    values[:, 0::3] += slips[:, None] * np.sin(2 * np.pi * 15.0 * t_s)[:, None]
+    return Made(t_s, values.round(4))
+
+
+def axes(sensors: int, form: str = "s{k}_{axis}") -> list[str]:
+    """Names of the channels, three a sensor."""
+    numbers = range(1, sensors + 1)
+    return [form.format(k=k, axis=axis) for k in numbers for axis in "xyz"]
+
+
+def write_text(
+    path: Path,
+    names: Sequence[str],
+    rows: np.ndarray,
+    *,
+    separator: str = ",",
+    decimal: str = ".",
+    head: str = "",
+    bom: bool = False,
+    texts: Sequence[str] | None = None,
+) -> Path:
+    """A text table. texts: of a last column."""
+    lines = []
+    for k, row in enumerate(rows.tolist()):
+        cells = [f"{cell:.10g}".replace(".", decimal) for cell in row]
+        lines.append(separator.join(cells + ([texts[k]] if texts is not None else [])))
+    text = "\n".join([*head.splitlines(), separator.join(names), *lines]) + "\n"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_bytes((b"\xef\xbb\xbf" if bom else b"") + text.encode())
+    return path
+
+
+def write_sheet(path: Path, rows: Sequence[Sequence[object]], sheet: str = "A") -> Path:
+    """A workbook of one sheet, behind an empty one."""
+    book = openpyxl.Workbook()
+    book.active.title = sheet
+    for row in rows:
+        book.active.append(list(row))
+    path.parent.mkdir(parents=True, exist_ok=True)
+    book.save(path)
+    return path
