@@ -12,7 +12,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from holdfast.cli.command import add_json_option, path_argument, show, show_found
-from holdfast.core.errors import DataError, OutputError, UsageError, one_line
+from holdfast.core.errors import (
+    CardError,
+    DataError,
+    OutputError,
+    UsageError,
+    one_line,
+)
 
 if TYPE_CHECKING:
     from holdfast.interop.import_map import ImportMap
@@ -88,7 +94,12 @@ def _plan(args: argparse.Namespace) -> ImportMap | None:
     if args.json is None:
         show(proposal.text)
     if args.yes or (sys.stdin.isatty() and sys.stdout.isatty() and _agrees()):
-        return import_map_of_text(proposal.text, beside)
+        try:
+            return import_map_of_text(proposal.text, beside)
+        except CardError:
+            # The error names a line of the map: what nothing in the logs says.
+            _write_map(beside, proposal.text)
+            raise
     _write_map(beside, proposal.text)
     command = f"holdfast import {args.source} --out {args.out} --map {beside}"
     show_found(

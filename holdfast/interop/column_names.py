@@ -15,7 +15,7 @@ from holdfast.interop.logs.log import LOG_TIME, Column, Columns, ForeignLog
 
 TIME_WORDS = {
     "time", "timestamp", "stamp", "t", "zeit", "clock", "elapsed", "millis", "micros",
-    "nanos", "seconds", "secs", "sec", "ms", "us", "ns", "zeitstempel", "temps",
+    "nanos", "seconds", "secs", "sec", "ms", "us", "ns", "zeitstempel", "temps", "when",
 }  # fmt: skip
 UNIT_WORDS = {
     "s": {"s", "sec", "secs", "second", "seconds"},
@@ -39,6 +39,7 @@ SIGNAL_UNITS = {
     "count": {"count", "counts", "raw", "adc", "lsb", "digits"},
 }
 USUAL_HZ = 100.0
+UNNAMED_FIRST = "column1"
 AXIS_FORMS = (
     re.compile(r"(?i)(?<![a-z])([xyz])(?![a-z])"),
     re.compile(r"(?i)([xyz])(?![a-z])"),
@@ -84,7 +85,9 @@ def guess_time(columns: Columns) -> TimeGuess | None:
         step = _usual_step(column)
         if step is None:
             continue
-        is_named = bool(words_of(name) & TIME_WORDS)
+        # of a table without names, the first column is taken for the time
+        is_first = name == UNNAMED_FIRST and not (np.diff(column) == 1).all()
+        is_named = bool(words_of(name) & TIME_WORDS) or is_first
         if not is_named:
             continue
         unit, why = _unit_of_step(name, step)
@@ -189,15 +192,23 @@ def guess_unit(values: FloatArray) -> tuple[str, str]:
 def turned_normals(
     sensors: Sequence[SensorColumns], columns: Mapping[str, Column]
 ) -> list[SensorColumns]:
-    """The sensors, Z with a sign where a press makes it negative."""
-    turned = []
+    """The sensors with a sign where a press makes their Z negative.
+
+    Of all sensors, that is how the log has its Z; of some, their magnets are upside down, which
+    turns all three axes (docs/decisions.md).
+    """
+    are_turned = []
     for sensor in sensors:
-        normal = columns[sensor.z].astype(np.float64)
+        normal = columns[sensor.axes[NORMAL_AXIS]].astype(np.float64)
         pressed = np.nan_to_num(normal - np.nanmean(normal[:5]))
-        if len(pressed) and abs(float(pressed.min())) > 2.0 * float(pressed.max()):
-            sensor = SensorColumns(sensor.x, sensor.y, f"-{sensor.z}")
-        turned.append(sensor)
-    assert AXES[NORMAL_AXIS] == "z"
+        below, above = abs(float(pressed.min())), float(pressed.max())
+        are_turned.append(below > 2.0 * above)
+    turned = []
+    for sensor, is_turned in zip(sensors, are_turned, strict=True):
+        signed = SensorColumns(*(f"-{name}" for name in sensor.axes))
+        if all(are_turned):
+            signed = SensorColumns(sensor.x, sensor.y, signed.z)
+        turned.append(signed if is_turned else sensor)
     return turned
 
 

@@ -66,12 +66,26 @@ class EventTables:
             rules.sheet or None,
         )
         self._read: dict[Path, list[Event]] = {}
+        self._known: set[str] = set()
 
     def path_of(self, log: LogPlace) -> Path:
         """The table of a log."""
         if "{name}" in self.rules.file:
             return log.path.parent / self.rules.file.replace("{name}", log.path.stem)
         return self._root / self.rules.file
+
+    def strangers(self) -> list[tuple[Path, Event]]:
+        """The first event of each name that no log and no trial has, with its table."""
+        found: dict[tuple[Path, str], tuple[Path, Event]] = {}
+        for path, events in self._read.items():
+            for event in events:
+                if event.trial and event.trial.casefold() not in self._known:
+                    found.setdefault((path, event.trial), (path, event))
+        return list(found.values())
+
+    def know(self, keys: Sequence[str]) -> None:
+        """Names of a log or a trial that events may have."""
+        self._known |= {key.casefold() for key in keys}
 
     def of(self, log: LogPlace) -> list[Event]:
         """The events of a log's table, of all trials. Raises a DataError."""
@@ -109,7 +123,7 @@ def _rows(
                 cause=f"its columns are {listed(list(columns), most=40)}",
                 next_step="correct [events] of the column map",
             )
-    starts = _times(columns[rules.start], rules.start, first_line, path)
+    starts = _times(columns[rules.start], rules.start, first_line, path, empty=True)
     ends = np.full(len(starts), np.nan)
     if rules.end:
         ends = _times(columns[rules.end], rules.end, first_line, path, empty=True)
@@ -120,6 +134,14 @@ def _rows(
     found = []
     for k, (start, end, label, trial) in enumerate(rows):
         event = Event(start, end, label.strip(), trial.strip(), first_line + k)
+        if np.isnan(start) and np.isnan(end) and not event.label:
+            continue  # a trial without an event
+        if np.isnan(start):
+            raise LabelError(
+                f"line {event.line}: an event without a start",
+                where=path,
+                next_step="correct that line",
+            )
         if end < start:
             raise LabelError(
                 f"line {event.line}: an event ends at {end:g} before it begins at {start:g}",

@@ -54,6 +54,7 @@ from typing import Any
 
 from holdfast.core.column_map import NS_OF, ColumnMap, MapReader, column_map_of
 from holdfast.core.contract import SITUATIONS
+from holdfast.core.errors import LabelError
 from holdfast.core.reading import Json
 from holdfast.interop.logs.layout import TableFormat
 from holdfast.training.datasets.trials import EMPTY_HAND, FOLDERS, action_of
@@ -272,3 +273,41 @@ class _Reader(MapReader):
             words = ", ".join(word or '""' for word in allowed)
             raise self.refused(key, value, words)
         return value
+
+
+def path_pattern(path: str) -> re.Pattern[str]:
+    """A pattern such as `{person}/{object}_{trial}` as a regular expression; * is any text."""
+    parts = re.split(r"(\{\w+\}|\*)", path)
+    found = []
+    for part in parts:
+        if part == "*":
+            found.append("[^/]*")
+        elif part.startswith("{") and part.endswith("}"):
+            found.append(f"(?P<{part[1:-1]}>[^/]+?)")
+        else:
+            found.append(re.escape(part))
+    return re.compile("".join(found))
+
+
+def names_of_path(path: str, name: str, where: Path) -> dict[str, str]:
+    """What the log's path says by the pattern. Raises LabelError."""
+    if not path:
+        return {}
+    match = path_pattern(path).fullmatch(name)
+    if match is None:
+        raise LabelError(
+            f"{name} is not {path} (trials.path)",
+            where=where,
+            next_step="correct trials.path in the column map, or leave it out: [trials] skip",
+        )
+    return {key: text for key, text in match.groupdict().items() if key in NAMES}
+
+
+def safe_name(text: str) -> str:
+    """A name as a folder: letters, digits and dashes.
+
+    >>> safe_name("Soft ball #2")
+    'Soft-ball-2'
+    """
+    plain = re.sub(r"[^\w-]+", "-", text.strip(), flags=re.ASCII)
+    return plain.strip("-_")[:60]

@@ -6,7 +6,7 @@ A fault is noted with the line of the map that it hangs on, and the reading goes
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from fnmatch import fnmatch
@@ -16,9 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from holdfast.core.column_map import ColumnMap
-from holdfast.core.contract import FloatArray, IntArray, channel_names
 from holdfast.core.errors import (
-    ColumnError,
     DataError,
     DataNotFound,
     EmptyRecording,
@@ -26,13 +24,9 @@ from holdfast.core.errors import (
     TimeError,
 )
 from holdfast.core.trial_file import (
-    TIME_COLUMN,
     Trial,
-    implausible_rate,
-    trial_of,
 )
 from holdfast.interop.events import (
-    FOR_EVER_NS,
     Event,
     EventTables,
     at_event,
@@ -40,19 +34,31 @@ from holdfast.interop.events import (
     events_of_column,
     matching,
 )
-from holdfast.interop.import_map import ACTIONS, NAMES, ImportMap
+from holdfast.interop.import_map import (
+    ACTIONS,
+    NAMES,
+    ImportMap,
+    names_of_path,
+    safe_name,
+)
+from holdfast.interop.import_rows import (
+    Cut,
+    LogRows,
+    Phase,
+    by_map,
+    checked,
+    phases_of,
+    texts_of,
+)
 from holdfast.interop.logs.find import LogPlace, find_logs, read_log
-from holdfast.interop.logs.log import Columns, ForeignLog, text_cells
-from holdfast.training.datasets.thesis import prepared
 from holdfast.training.datasets.trials import EMPTY_HAND
 from holdfast.training.progress import Part, ignored
-from holdfast.training.timeline import LABELLED_ACTIONS, UNSCRIPTED, contact
+from holdfast.training.timeline import LABELLED_ACTIONS, UNSCRIPTED
 
 PROVENANCE = "events"
 """What a truth file says of where its phases come from."""
 DAILY = "daily"
 """The action of a trial of which only events are known."""
-MOST_TRIALS = 100_000
 
 
 @dataclass(frozen=True)
@@ -63,15 +69,6 @@ class ImportFault:
     what: str
     next_step: str
     map_line: str
-
-
-@dataclass(frozen=True)
-class Phase:
-    """[t0_s, t1_s) from the first row of a trial, in a situation."""
-
-    t0_s: float
-    t1_s: float
-    label: str
 
 
 @dataclass(frozen=True)
@@ -88,26 +85,6 @@ class ImportedTrial:
     action: str
     trial: Trial
     phases: tuple[Phase, ...] | None
-
-
-@dataclass(frozen=True)
-class _Cut:
-    """Rows [first, stop) of a log that are a trial. key: how events name it."""
-
-    first: int
-    stop: int
-    key: str = ""
-    action_word: str = ""
-
-
-@dataclass(frozen=True)
-class _Rows:
-    """A log by the map: stamps [T] ns on its clock, values [T, C] in the model's unit."""
-
-    log: ForeignLog
-    table: Columns
-    stamps: IntArray
-    values: FloatArray
 
 
 class TrialImport:
@@ -129,11 +106,19 @@ class TrialImport:
             with self._noted(place.path):
                 self._read_log(place)
             part(number / len(places))
+        for path, event in self._events.strangers() if self._events else []:
+            stranger = LabelError(
+                f"{event.trial!r:.60} is no log and no trial (events.trial)",
+                next_step="correct its name, or remove its lines",
+            )
+            self.fault(at_event(stranger, path, event), path)
 
     def _places(self) -> list[LogPlace]:
         """The logs without those that are skipped, and without tables of events."""
         places = []
         for place in find_logs(self.source):
+            if self._events is not None:
+                self._events.know(_keys_of(place))
             skipped = any(fnmatch(place.name, one) for one in self.plan.trials.skip)
             if not skipped and place.path != self.plan.columns.path:
                 places.append(place)
@@ -167,7 +152,7 @@ class TrialImport:
 
     def _read_log(self, place: LogPlace) -> None:
         log = read_log(place, self.plan.table)
-        rows = _by_map(log, self.plan)
+        rows = by_map(log, self.plan)
         cuts = list(self._cuts(rows, place))
         if not cuts:
             raise EmptyRecording(
@@ -182,38 +167,38 @@ class TrialImport:
 
     # -- where a trial ends
 
-    def _cuts(self, rows: _Rows, place: LogPlace) -> Iterator[_Cut]:
+    def _cuts(self, rows: LogRows, place: LogPlace) -> Iterator[Cut]:
         rules, n_rows = self.plan.trials, len(rows.stamps)
         if rules.by == "file":
-            yield _Cut(0, n_rows)
+            yield Cut(0, n_rows)
         elif rules.by == "gaps":
             steps = np.diff(rows.stamps)
             ends = np.flatnonzero(steps > 1e9 * rules.gap_s) + 1
             bounds = [0, *ends.tolist(), n_rows]
             for first, stop in pairwise(bounds):
-                yield _Cut(first, stop)
+                yield Cut(first, stop)
         elif rules.by == "column":
             yield from self._cuts_of_column(rows, place)
         else:
             yield from self._cuts_of_events(rows, place)
 
-    def _cuts_of_column(self, rows: _Rows, place: LogPlace) -> Iterator[_Cut]:
+    def _cuts_of_column(self, rows: LogRows, place: LogPlace) -> Iterator[Cut]:
         name = self.plan.trials.column
-        cells = _texts(rows.table, name, "trials.column", place.path)
+        cells = texts_of(rows.table, name, "trials.column", place.path)
         starts = [k for k, cell in enumerate(cells) if not k or cell != cells[k - 1]]
         for first, stop in zip(starts, [*starts[1:], len(cells)], strict=True):
             # rows between trials have no name
             if cells[first]:
-                yield _Cut(first, stop, cells[first])
+                yield Cut(first, stop, cells[first])
 
-    def _cuts_of_events(self, rows: _Rows, place: LogPlace) -> Iterator[_Cut]:
+    def _cuts_of_events(self, rows: LogRows, place: LogPlace) -> Iterator[Cut]:
         """A trial for each event whose label is an action."""
-        for event in self._events_of(rows, place, _Cut(0, len(rows.stamps))):
+        for event in self._events_of(rows, place, Cut(0, len(rows.stamps))):
             if self.plan.action(event.label) is not None:
                 first, stop = np.searchsorted(rows.stamps, [event.start, event.end])
-                yield _Cut(int(first), int(stop), event.label, event.label)
+                yield Cut(int(first), int(stop), event.label, event.label)
 
-    def _events_of(self, rows: _Rows, place: LogPlace, cut: _Cut) -> list[Event]:
+    def _events_of(self, rows: LogRows, place: LogPlace, cut: Cut) -> list[Event]:
         """The events of a trial, ns on the log's clock."""
         rules = self.plan.events
         if rules is None:
@@ -223,8 +208,9 @@ class TrialImport:
             return events_of_column(
                 rows.log, rules.column, rows.table, rows.stamps, within
             )
-        keys = [place.name, place.path.name, place.path.stem, Path(place.name).name]
+        keys = _keys_of(place)
         by_trial = [cut.key] if self.plan.trials.by == "column" else keys
+        self._events.know(by_trial)
         events = matching(self._events.of(place), [*by_trial, *keys])
         in_trial = rules.zero == "trial"
         stamps = rows.stamps[cut.first : cut.stop] if in_trial else rows.stamps
@@ -234,13 +220,18 @@ class TrialImport:
     # -- one trial
 
     def _trial(
-        self, rows: _Rows, cut: _Cut, place: LogPlace, source: str, where: Path
+        self, rows: LogRows, cut: Cut, place: LogPlace, source: str, where: Path
     ) -> None:
         names = self._names(rows, cut, place, where)
-        trial = _checked(rows, cut, self.plan.columns, where)
+        trial = checked(rows, cut, self.plan.columns, where)
         action = names["action"]
         events = self._events_of(rows, place, cut)
-        phases = self._phases(rows, cut, events, trial, place) if events else ()
+        phases: tuple[Phase, ...] = ()
+        if events or (self.plan.events is not None and self.plan.events.rest):
+            begin = int(rows.stamps[cut.first])
+            skipped = cut.key if self.plan.trials.by == "events" else ""
+            path = self._events.path_of(place) if self._events else place.path
+            phases = phases_of(self.plan, events, trial, begin, skipped, path)
         if not action and phases:
             action = DAILY
         if not action:
@@ -269,15 +260,15 @@ class TrialImport:
         )
 
     def _names(
-        self, rows: _Rows, cut: _Cut, place: LogPlace, where: Path
+        self, rows: LogRows, cut: Cut, place: LogPlace, where: Path
     ) -> dict[str, str]:
         """Person, object and action of a trial: by the path, by columns, by what is always so."""
         plan = self.plan
         about = rows.log.about
         names = {key: str(plan.facts.get(key) or about.get(key) or "") for key in NAMES}
-        names |= _names_of_path(plan.trials.path, place)
+        names |= names_of_path(plan.trials.path, place.name, place.path)
         for key, column in plan.trials.columns.items():
-            cells = _texts(rows.table, column, f"trials.{key}", place.path)
+            cells = texts_of(rows.table, column, f"trials.{key}", place.path)
             of_trial = dict.fromkeys(
                 cell for cell in cells[cut.first : cut.stop] if cell
             )
@@ -302,160 +293,10 @@ class TrialImport:
             "action": known
         }
 
-    def _phases(
-        self,
-        rows: _Rows,
-        cut: _Cut,
-        events: Sequence[Event],
-        trial: Trial,
-        place: LogPlace,
-    ) -> tuple[Phase, ...]:
-        """The phases of a trial by its events, and what a closed hand does outside them."""
-        rules = self.plan.events
-        assert rules is not None
-        path = self._events.path_of(place) if self._events else place.path
-        begin = int(rows.stamps[cut.first])
-        lasts_s = float(trial.t_s[-1]) + 1.0 / trial.rate_hz
-        phases: list[Phase] = []
-        for event in events:
-            t0_s = max(0.0, 1e-9 * (event.start - begin))
-            t1_s = min(lasts_s, 1e-9 * (min(event.end, FOR_EVER_NS) - begin))
-            if t1_s <= t0_s or (
-                self.plan.trials.by == "events" and event.label == cut.key
-            ):
-                continue
-            situation = rules.situation or self.plan.situation(event.label)
-            if situation is None:
-                unknown = LabelError(
-                    f"the label {event.label!r:.60} is no situation (events.labels)",
-                    next_step=f'add "{event.label:.60}" = .. to [events.labels] of the map: a '
-                    'situation, or "" for none',
-                )
-                raise at_event(unknown, path, event)
-            if situation and phases and phases[-1].t1_s > t0_s + 1e-9:
-                overlap = LabelError(
-                    f"{event.label!r:.60} begins at {t0_s:.3f} s, before the event above ends",
-                    next_step='correct one of them, or map one label to ""',
-                )
-                raise at_event(overlap, path, event)
-            if situation:
-                phases.append(Phase(t0_s, t1_s, situation))
-        if rules.rest and phases:
-            phases = _with_rest(phases, trial, rules.rest, self.plan.columns)
-        return tuple(phases)
 
-
-def _with_rest(
-    phases: Sequence[Phase], trial: Trial, rest: str, columns: ColumnMap
-) -> list[Phase]:
-    """The phases, and `rest` between them while the hand is closed on something."""
-    samples = prepared(trial, columns.unit_of_values, "").samples
-    first, stop = contact(trial.t_s, samples)
-    at_s, end_s = (
-        float(trial.t_s[first]),
-        float(trial.t_s[stop - 1]) + 1 / trial.rate_hz,
-    )
-    whole: list[Phase] = []
-    for phase in phases:
-        if phase.t0_s > at_s:
-            whole.append(Phase(at_s, min(phase.t0_s, end_s), rest))
-        whole.append(phase)
-        at_s = max(at_s, phase.t1_s)
-    if at_s < end_s:
-        whole.append(Phase(at_s, end_s, rest))
-    return [phase for phase in whole if phase.t1_s > phase.t0_s]
-
-
-def _by_map(log: ForeignLog, plan: ImportMap) -> _Rows:
-    """The samples of a log. Raises ColumnError or NotANumber."""
-    columns, rules = plan.columns, plan.trials
-    wanted = {*columns.columns, *rules.columns.values()}
-    if rules.by == "column":
-        wanted.add(rules.column)
-    # labels of a topic of their own are not joined to the samples
-    if plan.events is not None and plan.events.column and not log.stamped:
-        wanted.add(plan.events.column)
-    table = log.table(wanted)
-    values = columns.values_of(table, log.path)
-    stamps = columns.stamps_ns(table, len(values), log.path)
-    return _Rows(log, table, stamps, values)
-
-
-def _checked(rows: _Rows, cut: _Cut, columns: ColumnMap, where: Path) -> Trial:
-    """The trial of a cut, checked as a file of its own is. Raises EmptyRecording or TimeError."""
-    stamps = rows.stamps[cut.first : cut.stop]
-    if not len(stamps):
-        raise EmptyRecording("no row of the log lies in it", where=where)
-    t_s = 1e-9 * (stamps - stamps[0])
-    values = np.where(np.isfinite(rows.values), rows.values, np.nan)
-    table = np.column_stack([t_s, values[cut.first : cut.stop]])
-    header = [TIME_COLUMN, *channel_names(len(columns.sensors))]
-    at = rows.log.first_line + cut.first
-    _require_time(t_s, columns, where)
-    return trial_of(header, table, where, lambda row: f"row {at + row}")
-
-
-def _require_time(t_s: FloatArray, columns: ColumnMap, where: Path) -> None:
-    """Raise TimeError where a time without a unit is none in seconds, by what it looks like."""
-    if columns.time.unit is not None or columns.time.rate_hz is not None:
-        return
-    steps = np.diff(t_s)
-    if not len(steps) or not np.median(steps) > 0.0:
-        return
-    wrong = implausible_rate(1.0 / float(np.median(steps)), float(t_s[-1]))
-    if wrong:
-        raise TimeError(
-            f"{wrong}; the map gives time.unit of no column",
-            where=where,
-            next_step='write unit = "ms" (or s, us, ns) to [time] of the map',
-        )
-
-
-def _texts(table: Columns, name: str, key: str, path: Path) -> list[str]:
-    """The cells of a column that the map names. Raises ColumnError."""
-    if name not in table:
-        raise ColumnError(
-            f"no column {name} ({key})", where=path, next_step="correct the column map"
-        )
-    return text_cells(table[name])
-
-
-def path_pattern(path: str) -> re.Pattern[str]:
-    """A pattern such as `{person}/{object}_{trial}` as a regular expression; * is any text."""
-    parts = re.split(r"(\{\w+\}|\*)", path)
-    found = []
-    for part in parts:
-        if part == "*":
-            found.append("[^/]*")
-        elif part.startswith("{") and part.endswith("}"):
-            found.append(f"(?P<{part[1:-1]}>[^/]+?)")
-        else:
-            found.append(re.escape(part))
-    return re.compile("".join(found))
-
-
-def _names_of_path(path: str, place: LogPlace) -> dict[str, str]:
-    """What the log's path says by the pattern. Raises LabelError."""
-    if not path:
-        return {}
-    match = path_pattern(path).fullmatch(place.name)
-    if match is None:
-        raise LabelError(
-            f"{place.name} is not {path} (trials.path)",
-            where=place.path,
-            next_step="correct trials.path in the column map, or leave it out: [trials] skip",
-        )
-    return {key: text for key, text in match.groupdict().items() if key in NAMES}
-
-
-def safe_name(text: str) -> str:
-    """A name as a folder: letters, digits and dashes.
-
-    >>> safe_name("Soft ball #2")
-    'Soft-ball-2'
-    """
-    plain = re.sub(r"[^\w-]+", "-", text.strip(), flags=re.ASCII)
-    return plain.strip("-_")[:60]
+def _keys_of(place: LogPlace) -> list[str]:
+    """How a table of events may name a log."""
+    return [place.name, place.path.name, place.path.stem, Path(place.name).name]
 
 
 KEY_IN_TEXT = re.compile(

@@ -343,11 +343,14 @@ def read_log(path: Path, name: str) -> ForeignLog:
     stamps: dict[str, list[int]] = {}
     decoders: dict[int, Decode | None] = {}
     about: Json = {}
+    kinds: set[str] = set()
     try:
         with path.open("rb") as file:
             reader = make_reader(file, validate_crcs=True)
             for schema, channel, message in reader.iter_messages():
                 if channel.id not in decoders:
+                    if channel.message_encoding == "cdr" and schema is not None:
+                        kinds.add(schema.name)
                     decoders[channel.id] = _decoder(channel.message_encoding, schema)
                 decode = decoders[channel.id]
                 if decode is not None:
@@ -374,6 +377,10 @@ def read_log(path: Path, name: str) -> ForeignLog:
             continue  # too many fields for readings of sensors
         t_ns = np.array(stamps[topic], dtype=np.uint64).astype(np.int64)
         streams.append(Stream(columns, t_ns))
+    if kinds:
+        from holdfast.interop.ros2 import unit_of_messages
+
+        about |= unit_of_messages(kinds)
     return ForeignLog(path, name, tuple(streams), about)
 
 

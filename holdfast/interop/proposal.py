@@ -182,5 +182,5 @@ def _unit(
         return unit, list(sensors)
     turned = turned_normals(sensors, table)
     if turned != list(sensors):
-        reasons.append('normals with "-": a press makes them negative')
+        reasons.append('sensors with "-": a press makes their Z negative')
     return unit, turned

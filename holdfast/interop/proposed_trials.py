@@ -14,7 +14,7 @@ from holdfast.core.contract import SITUATIONS
 from holdfast.core.reading import Json
 from holdfast.interop.column_names import longest_stream, unit_of_time, words_of
 from holdfast.interop.events import is_event_table
-from holdfast.interop.import_map import ROW
+from holdfast.interop.import_map import ROW, path_pattern
 from holdfast.interop.logs.find import LogPlace
 from holdfast.interop.logs.log import (
     LOG_TIME,
@@ -25,6 +25,7 @@ from holdfast.interop.logs.log import (
     text_cells,
 )
 from holdfast.training.datasets.trials import action_of
+from holdfast.training.timeline import LABELLED_ACTIONS, UNSCRIPTED
 
 WORDS = {
     "trial": {"trial", "run", "episode", "recording", "rep", "repetition", "take"},
@@ -46,9 +47,10 @@ SITUATION_WORDS = (
     ("", ("unlabelled", "unknown", "none", "ignore")),
     ("nothing", ("nothing", "no contact", "open", "empty", "idle", "rest", "free")),
     ("grasp", ("no slip", "noslip", "non slip", "grasp", "hold", "held", "stable")),
+    ("grasp", ("still", "static", "steady")),
     ("safe_slip", ("safe", "release", "hand over", "handover", "put down", "place")),
     ("risky_slip", ("slip", "slid", "drop", "fall", "fail", "lost", "tug", "pull")),
-    ("grasp", ("grip", "contact", "steady", "lift", "carry")),
+    ("grasp", ("grip", "contact", "lift", "carry")),
 )
 """Words in labels, the first that fits counts."""
 ACTION_OF_SITUATION = {
@@ -57,6 +59,8 @@ ACTION_OF_SITUATION = {
     "safe_slip": "pass",
     "nothing": "nothing",
 }
+NEED_EVENTS = tuple(name for name in UNSCRIPTED if name not in LABELLED_ACTIONS)
+"""Actions that follow no script: what happens when is known by events alone."""
 LONG_GAP_S, LONG_GAP_STEPS = 0.5, 20.0
 """A step is a gap between trials from so many seconds and so many usual steps on."""
 MOST_LABELS = 40
@@ -105,10 +109,13 @@ def situation_of_word(label: str) -> str | None:
     return None
 
 
-def action_of_word(word: str) -> str | None:
-    """The action that a word means; None where it says nothing."""
+def action_of_word(word: str, *, has_events: bool = False) -> str | None:
+    """The action that a word means; None where it says nothing.
+
+    has_events: else an action that needs its phases is only a slip or a hold.
+    """
     known = action_of(word)
-    if known is not None:
+    if known is not None and (has_events or known not in NEED_EVENTS):
         return known
     return ACTION_OF_SITUATION.get(situation_of_word(word) or "")
 
@@ -265,7 +272,8 @@ def _trial_column(
     for name, column in columns.items():
         cells = {cell.casefold() for cell in text_cells(column) if cell}
         is_named = bool(words_of(name) & (WORDS["trial"] | {"file", "log"}))
-        if cells and cells <= names and is_text(column):
+        # a name that no log has becomes a fault, not an event of all logs
+        if is_text(column) and 2 * len(cells & names) > len(cells):
             return name
         if cells and values and is_named and cells <= {v.casefold() for v in values}:
             return name
@@ -329,14 +337,15 @@ def propose_facts(
     actions: Json = {}
     facts: Json = {}
     if "{action}" in path:
-        pattern = re.sub(r"\\\{(\w+)\\\}", r"(?P<\1>[^/]+?)", re.escape(path))
-        pattern = pattern.replace(r"\*", "[^/]*")
+        pattern = path_pattern(path)
         for place in example.places:
-            match = re.fullmatch(pattern, place.name)
-            if match and action_of(match["action"]) is None:
-                actions[match["action"]] = action_of_word(match["action"])
+            match = pattern.fullmatch(place.name)
+            word = match["action"] if match else ""
+            meant = action_of_word(word, has_events=bool(events))
+            if word and action_of(word) != meant:
+                actions[word] = meant
     else:
-        is_known = _action_column(example, trials, actions) or events
+        is_known = _action_column(example, trials, actions, events) or events
         if not is_known and not example.log.about.get("action"):
             reasons.append("action: nothing says it; write one of docs/your-data.md")
             facts["action"] = ""
@@ -345,16 +354,20 @@ def propose_facts(
     return actions, facts
 
 
-def _action_column(example: Example, trials: Json, actions: Json) -> bool:
+def _action_column(example: Example, trials: Json, actions: Json, events: Json) -> bool:
     """Whether a column says the action of each trial; it is added with its words."""
     for name, column in example.columns.items():
         if name in example.taken or not words_of(name) & WORDS["action"]:
             continue
         words = [cell for cell in dict.fromkeys(_labels(column)) if cell]
+        # a word that changes within a trial is an event
+        is_event = len(words) > 1 and trials.get("by") != "column"
+        if is_event or name == events.get("column"):
+            continue
         if is_text(column) and 0 < len(words) <= MOST_LABELS:
-            known = {word: action_of_word(word) for word in words}
+            known = {w: action_of_word(w, has_events=bool(events)) for w in words}
             if all(known.values()):
                 trials["action"] = name
-                actions |= {w: a for w, a in known.items() if action_of(w) is None}
+                actions |= {w: a for w, a in known.items() if action_of(w) != a}
                 return True
     return False

@@ -200,12 +200,14 @@ def read_log(folder: Path, name: str) -> ForeignLog:
         ) from None
 
     about = _about(messages.pop(ABOUT, []))
-    units = {
-        UNIT_OF_MESSAGE[kind] for kind in kinds.values() if kind in UNIT_OF_MESSAGE
-    }
-    if len(units) == 1:
-        about["unit"] = units.pop()
+    about |= unit_of_messages(kinds.values())
     return ForeignLog(folder, name, streams_of(messages, stamps, folder), about)
+
+
+def unit_of_messages(kinds: Iterable[str]) -> Json:
+    """{"unit": ..} where the messages of a bag say one; a key of UNIT_OF."""
+    units = {UNIT_OF_MESSAGE[kind] for kind in kinds if kind in UNIT_OF_MESSAGE}
+    return {"unit": units.pop()} if len(units) == 1 else {}
 
 
 def streams_of(

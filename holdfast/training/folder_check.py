@@ -302,9 +302,7 @@ def _not_read(root: Path, read: Sequence[Path]) -> list[Missing]:
     actions = ", ".join(FOLDERS)
     next_step = f"a trial belongs at {root / LAYOUT}; an action is one of {actions}"
     if not read and has_logs(root):
-        next_step = (
-            f"{import_command(root)}, for logs of other programs; or {next_step}"
-        )
+        next_step += f"; logs of another program: {import_command(root)}"
     level: Level = "advice" if read else "error"
     return [Missing(level, str(root), what, next_step)]
 

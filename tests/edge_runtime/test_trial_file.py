@@ -17,7 +17,7 @@ from holdfast.core.errors import (
     NotANumber,
     TimeError,
 )
-from holdfast.core.trial_file import read_trial
+from holdfast.core.trial_file import implausible_rate, read_trial
 
 HEADER = "Time,X1,Y1,Z1,X2,Y2,Z2"
 
@@ -268,3 +268,24 @@ def test_rows_are_times_to_the_end_of_a_long_trial_though_its_stamps_are_rounded
     trial = read_trial(path)
     assert abs((len(trial.t_s) - 1) / trial.rate_hz - trial.t_s[-1]) < 1e-4
     assert abs(trial.rate_hz - 300.0) < 1e-4
+
+
+@pytest.mark.parametrize(
+    ("rate_hz", "lasts_s", "looks"),
+    [
+        (100.0, 3600.0, ""),
+        (5.0, 0.0, ""),
+        (0.1, 5000.0, "looks like milliseconds (100 Hz for 5.0 s)"),
+        (1e-4, 5e6, "looks like microseconds (100 Hz"),
+        (6000.0, 1.0, "looks like minutes (100 Hz for 60.0 s)"),
+        (100.0, 3601.0, "no longer than an hour"),
+        (4.0, 10.0, "looks like milliseconds (4000 Hz for 0.0 s)"),
+        (1e-9, 0.0, "no time in seconds"),
+    ],
+)
+def test_a_rate_that_no_hand_has_is_said_to_look_like_its_unit(
+    rate_hz: float, lasts_s: float, looks: str
+) -> None:
+    said = implausible_rate(rate_hz, lasts_s)
+    assert looks in said
+    assert bool(said) == bool(looks)

@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+import importlib
 import json
+import os
+import pty
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -12,6 +17,7 @@ from command_line import Run, fails
 from foreign_logs import RATE_HZ, Made, axes, made, write_sheet, write_text
 
 from holdfast.core.column_map import column_map_of
+from holdfast.core.errors import LibraryMissing
 from holdfast.core.trial_file import read_trial
 from holdfast.interop.logs.find import find_logs, read_log
 from holdfast.interop.logs.layout import TableFormat
@@ -78,6 +84,8 @@ def test_a_text_table_of_any_form_becomes_the_same_trial(
     assert f"--map {proposed}" in out
     if style == "spaces_without_a_clock":
         fails(run, 3, "CardError", *words, "--map", proposed, says="time.rate_hz = 0")
+        proposed.unlink()
+        fails(run, 3, "CardError", *words, "--yes", says=f"{proposed}: line")
         text = proposed.read_text("utf-8").replace("rate_hz = 0", "rate_hz = 100")
         proposed.write_text(text, "utf-8")
     code, out, err = run(*words, "--map", proposed)
@@ -215,10 +223,26 @@ def test_events_of_all_trials_in_one_sheet_go_to_their_logs(
         table = np.column_stack([one.t_s, one.values])
         write_text(source / f"p0{k}/mug_{k}.csv", ["t_s", *axes(5)], table)
         rows.append([f"mug_{k}.csv", 3000, 3500 + k, "Slipping"])
+    # a trial without an event is held, and a name that no log has is a fault
+    one = made(3)
+    table = np.column_stack([one.t_s, one.values])
+    write_text(source / "p03/mug_3.csv", ["t_s", *axes(5)], table)
+    rows.append(["mug_3.csv", None, None, None])
+    write_sheet(source / "notes.xlsx", [*rows, ["mug_4.csv", 1000, 2000, "Slipping"]])
+    words = ("import", source, "--out", tmp_path / "set")
+    assert run(*words)[0] == 2
+    code, out, _ = run(*words, "--map", tmp_path / "set-map.toml")
+    assert code == 3
+    assert "notes.xlsx, line 5: 'mug_4.csv' is no log and no trial" in out
     write_sheet(source / "notes.xlsx", rows)
-    code, out, err = run("import", source, "--out", tmp_path / "set", "--yes")
+    (tmp_path / "set-map.toml").unlink()
+    code, out, err = run(*words, "--yes")
     assert code == 0, out + err
-    assert '"Slipping" = "risky_slip"' in out or 'Slipping = "risky_slip"' in out
+    assert 'Slipping = "risky_slip"' in out
+    held = json.loads((tmp_path / "set/p03/mug/daily/trial_1.truth.json").read_text())[
+        "phases"
+    ]
+    assert [phase["label"] for phase in held] == ["grasp"]
     path = tmp_path / "set/p02/mug/daily/trial_1.truth.json"
     phases = json.loads(path.read_text())["phases"]
     assert [(p["t1_s"], p["label"]) for p in phases if p["label"] != "grasp"] == [
@@ -353,3 +377,54 @@ def test_a_folder_of_logs_is_read_in_the_order_of_its_numbers(tmp_path: Path) ->
     assert [place.name for place in places] == ["t1", "t2", "t10"]
     log = read_log(places[0], TableFormat())
     assert log.names == ["t", "a"]
+
+
+def test_a_terminal_is_asked_and_no_is_no(tmp_path: Path, one: Made) -> None:
+    semicolons(tmp_path / "p01_mug_slip_3.csv", one)
+    words = [sys.executable, "-m", "holdfast", "import", "p01_mug_slip_3.csv"]
+    for answer, code in (("n", 2), ("y", 0)):
+        master, slave = pty.openpty()
+        os.write(master, f"{answer}\n".encode())
+        done = subprocess.run(
+            [*words, "--out", f"set-{answer}"],
+            cwd=tmp_path,
+            stdin=slave,
+            stdout=slave,
+            stderr=subprocess.PIPE,
+            check=False,
+        )
+        shown = os.read(master, 1 << 16).decode()
+        os.close(master)
+        os.close(slave)
+        assert done.returncode == code, done.stderr
+        assert "# unit: mN, by the names" in shown
+        assert (tmp_path / f"set-{answer}").exists() == (answer == "y")
+        assert (tmp_path / f"set-{answer}-map.toml").exists() == (answer == "n")
+
+
+@pytest.mark.parametrize(
+    ("library", "extra", "module"),
+    [("pandas", "train", "text_table"), ("openpyxl", "xlsx", "workbook")],
+)
+def test_a_missing_library_names_its_extra(
+    monkeypatch: pytest.MonkeyPatch, library: str, extra: str, module: str
+) -> None:
+    monkeypatch.setitem(sys.modules, library, None)
+    reader = importlib.import_module(f"holdfast.interop.logs.{module}")
+    with pytest.raises(LibraryMissing, match=rf"pip install 'holdfast\[{extra}\]'"):
+        importlib.reload(reader)
+
+
+def test_dates_are_a_clock_and_a_counter_is_none(run: Run, tmp_path: Path) -> None:
+    one = made(2)
+    start = np.datetime64("2024-05-01T12:00:00.5")
+    days = start + (1e6 * one.t_s).round().astype("timedelta64[us]")
+    rows = np.column_stack([np.arange(len(one.t_s)), one.values])
+    names = ["", *axes(5), "when"]
+    write_text(tmp_path / "mug_slip.csv", names, rows, texts=[str(day) for day in days])
+    words = ("import", tmp_path / "mug_slip.csv", "--out", tmp_path / "set", "--yes")
+    code, out, err = run(*words)
+    assert code == 0, out + err
+    assert "# time: when, 100 Hz" in out
+    (place,) = (tmp_path / "set").rglob("trial_1.csv")
+    np.testing.assert_allclose(read_trial(place).t_s, one.t_s, atol=1e-6)

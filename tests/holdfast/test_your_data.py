@@ -12,6 +12,9 @@ from pathlib import Path
 import pytest
 from command_line import fails
 
+from holdfast.core.column_map import IMPORT_TABLES
+from holdfast.core.hand_card import HANDS
+from holdfast.interop.import_map import import_map_of_text
 from holdfast.training.fixture import write_example
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -45,6 +48,7 @@ def test_the_page_runs_from_the_first_command_to_the_last(
     assert [new.splitlines()[-1][:9] for _, new in shown] == [
         "not ready",
         "not ready",
+        "next: hol",
         "ready for",
     ]
     assert "held out by person: macro F1" in everything
@@ -56,6 +60,13 @@ def test_the_page_runs_from_the_first_command_to_the_last(
     ]
     assert (card["groups"], card["group_kind"]) == (3, "person")
     assert set(names["answers"]["truth"].dropna()) == {"nothing", "grasp", "safe_slip"}  # type: ignore[index]
+
+
+def test_the_map_of_the_page_is_read(tmp_path: Path) -> None:
+    (text,) = re.findall(r"```toml\n(.*?)```", PAGE.read_text("utf-8"), re.DOTALL)
+    (tmp_path / "hand.toml").write_bytes((HANDS / "two-pad-gripper.toml").read_bytes())
+    plan = import_map_of_text(text, tmp_path / "map.toml")
+    assert set(plan.columns.tables) == set(IMPORT_TABLES)
 
 
 def test_the_example_is_the_same_every_time_and_overwrites_nothing(

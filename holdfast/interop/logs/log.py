@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -148,13 +149,19 @@ def columns_of(messages: Sequence[Any], prefix: str, path: Path) -> Columns:
 
 
 def column_of(cells: Sequence[Any]) -> Column:
-    """Whole numbers as int64, others as float64 with nan for None; else texts, "" for None."""
+    """Whole numbers as int64, others as float64 with nan for None; else texts, "" for None.
+
+    Dates with a time of day are ns since 1970.
+    """
     kinds = {type(cell) for cell in cells}
     if kinds <= {int}:
         try:
             return np.array(cells, dtype=np.int64)
         except OverflowError:
             return np.array(cells, dtype=np.float64)
+    if kinds == {datetime}:
+        # a spreadsheet's dates have no time zone
+        return np.array(cells, dtype="datetime64[ns]").astype(np.int64)
     if kinds <= {int, float, bool, type(None)}:
         return np.array(cells, dtype=np.float64)
     texts = ["" if cell is None else str(cell) for cell in cells]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import codecs
+import re
 import warnings
 from pathlib import Path
 
@@ -25,6 +26,7 @@ with needs_extra("train"):
 HEAD_BYTES, HEAD_LINES = 256 << 10, 400
 """Of the beginning, from which the layout is found."""
 BOMS = ((codecs.BOM_UTF16_LE, "utf-16"), (codecs.BOM_UTF16_BE, "utf-16"))
+DATE = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d")
 UTF8, WESTERN = "utf-8-sig", "cp1252"
 
 
@@ -124,8 +126,21 @@ def _read(path: Path, layout: TableLayout, form: TableFormat, encoding: str) -> 
         if column.dtype.kind in "iufb":
             columns[name] = column.to_numpy()
         else:
-            columns[name] = column.astype(object).where(column.notna(), "").to_numpy()
+            texts = column.astype(object).where(column.notna(), "").to_numpy()
+            columns[name] = _as_stamps(texts)
     return {name: _plain(column) for name, column in columns.items()}
+
+
+def _as_stamps(texts: np.ndarray) -> np.ndarray:
+    """Dates with a time of day as ns since 1970; other texts as they are."""
+    if not len(texts) or not DATE.match(str(texts[0])):
+        return texts
+    try:
+        stamps = pd.to_datetime(pd.Series(texts), format="ISO8601", utc=True)
+    except (ValueError, OverflowError):
+        return texts
+    ns: np.ndarray = stamps.to_numpy(dtype="datetime64[ns]").astype(np.int64)
+    return ns
 
 
 def _plain(column: np.ndarray) -> np.ndarray:
