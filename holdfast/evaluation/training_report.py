@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from holdfast.core.errors import count_of
 from holdfast.evaluation.html import write_page
 from holdfast.evaluation.stream_pictures import labelled
 from holdfast.evaluation.style import svg
@@ -22,7 +23,7 @@ def write_training_report(
     kind = figures.group_kind
     # A joined set may be held out by several kinds.
     groups = PLURAL.get(kind, "groups")
-    n_groups = f"{figures.n_groups} groups"
+    n_groups = count_of(figures.n_groups, "group")
     if kind in PLURAL:
         n_groups = in_words(figures.n_groups, kind)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+from holdfast.core.errors import count_of
 from holdfast.core.writing import write_whole
 from holdfast.evaluation.formats import number
 from holdfast.evaluation.html import write_page
@@ -44,8 +45,10 @@ def write_report(home: Path, outcome: StudyOutcome) -> Path:
 
 def summary_lines(outcome: StudyOutcome, page: Path) -> list[str]:
     """The outcome as lines for the operator."""
-    trials = f"{outcome.kept} of {outcome.planned} trials kept"
-    lines = [f"{outcome.person}: {trials}, {len(outcome.adverse)} adverse events"]
+    trials = f"{outcome.kept} of {count_of(outcome.planned, 'trial')} kept"
+    lines = [
+        f"{outcome.person}: {trials}, {count_of(len(outcome.adverse), 'adverse event')}"
+    ]
     figures = outcome.figures
 
     if figures is None:
@@ -53,8 +56,9 @@ def summary_lines(outcome: StudyOutcome, page: Path) -> list[str]:
     else:
         for one in (*figures.actions, figures.whole):
             lines.append(
-                f"  {one.action or 'all'}: {one.recognised} of {one.labelled} labelled trials "
-                f"recognised, {one.false_alarms} false alarms in {one.minutes:.1f} min "
+                f"  {one.action or 'all'}: {one.recognised} of "
+                f"{count_of(one.labelled, 'labelled trial')} recognised, "
+                f"{count_of(one.false_alarms, 'false alarm')} in {one.minutes:.1f} min "
                 f"({figures.kind})"
             )
 
