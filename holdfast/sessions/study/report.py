@@ -9,7 +9,7 @@ from holdfast.core.errors import count_of
 from holdfast.core.writing import write_whole
 from holdfast.evaluation.formats import number
 from holdfast.evaluation.html import write_page
-from holdfast.evaluation.pictures import timelines
+from holdfast.evaluation.pictures import timelines, trial
 from holdfast.sessions.study.console import clock_text
 from holdfast.sessions.study.outcome import StudyOutcome
 
@@ -24,11 +24,14 @@ def write_report(home: Path, outcome: StudyOutcome) -> Path:
     figures = outcome.figures
     cells = {}
     pictures = {}
+    central = ""
     if figures is not None:
         # The page is a table of objects by actions.
         cells = {(cell.object, cell.action): cell for cell in figures.cells}
         for action, rows in figures.drawn.items():
             pictures[action] = timelines(rows, figures.kind)
+        if figures.central is not None:
+            central = trial(figures.central, figures.kind)
 
     return write_page(
         home / REPORT,
@@ -39,6 +42,7 @@ def write_report(home: Path, outcome: StudyOutcome) -> Path:
         objects=list(dict.fromkeys(name for name, _ in cells if name)),
         cells=cells,
         pictures=pictures,
+        central_picture=central,
         clock=clock_text,
     )
 
