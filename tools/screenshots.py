@@ -73,8 +73,10 @@ def main(words: Sequence[str] | None = None) -> int:
     if CHROMIUM is None:
         print("chromium is not installed: sudo apt install chromium", file=sys.stderr)
         return 2
-    if not pages:
-        print("no page: make docs-site first, or name HTML files", file=sys.stderr)
+    absent = [str(page) for page in pages if not page.is_file()]
+    if absent or not pages:
+        what = ", ".join(absent) or "no page"
+        print(f"{what}: make docs-site first, or name HTML files", file=sys.stderr)
         return 2
 
     args.out.mkdir(parents=True, exist_ok=True)

@@ -94,6 +94,7 @@ def test_the_api_page_answers_a_trial_and_a_hand(
     [
         ("read-a-recording", "first request to act: "),
         ("train-on-your-data", "holdfast.onnx: "),
+        ("from-your-recordings", "unseen, this model, as deployed: recall "),
     ],
 )
 def test_a_notebook_runs_as_a_program(
