@@ -26,7 +26,7 @@ from holdfast.training.datasets import load
 
 os.chdir(tempfile.mkdtemp())
 Path("lab/logs").mkdir(parents=True)
-main("simulate thesis --trials 36 --rate 100 --out simulated".split())
+main(["simulate", "thesis", "--trials", "36", "--rate", "100", "--out", "simulated"])
 
 people = ("anna", "ben", "carla")
 meaning = {"safe_slip": "lets go", "risky_slip": "slips"}
@@ -78,7 +78,7 @@ rest = "grasp"
 "lets go" = "safe_slip"
 "slips" = "risky_slip"
 """)
-assert main("import lab/logs --map map.toml --out trials".split()) == 0
+assert main(["import", "lab/logs", "--map", "map.toml", "--out", "trials"]) == 0
 
 # %% [markdown]
 # ## Check: what is there, and what is missing
@@ -106,7 +106,7 @@ command = (
     "train --data trials --learner forest --size tiny --out model --report train.html"
 )
 assert main(command.split()) == 0
-assert main("export model --out holdfast.onnx".split()) == 0
+assert main(["export", "model", "--out", "holdfast.onnx"]) == 0
 
 # %% [markdown]
 # ## A judged model: answers on a person that it has never seen
@@ -114,7 +114,7 @@ assert main("export model --out holdfast.onnx".split()) == 0
 # Whether each slip was called in time, and each hand-over left alone, trial by trial.
 
 # %%
-main("evaluate holdfast.onnx --data unseen --report evaluate.html".split())
+main(["evaluate", "holdfast.onnx", "--data", "unseen", "--report", "evaluate.html"])
 
 # %% [markdown]
 # A line a sample: the truth beside the answer.
@@ -125,5 +125,6 @@ answers = evaluation.to_frame(evaluation.run_model(Model("holdfast.onnx"), data)
 pd.crosstab(answers["truth"], answers["state"])
 
 # %% [markdown]
-# Next: more people, more objects, and both kinds of slips of each ([what to record](../recording.md)).
-# Then run it on the hand: `holdfast run holdfast.onnx --source URL` ([live page](../live-page.md)).
+# Next: more people, more objects, and both kinds of slips of each ([how to
+# record](../recording.md)). Then run it on the hand: `holdfast run holdfast.onnx --source URL`
+# ([live page](../live-page.md)).

@@ -33,7 +33,7 @@ MOST_MS = 150.0
 """Right end of the distributions, ms, unless most alarms come later."""
 LEAST_EVENTS = 5
 """Fewer make no distribution."""
-AROUND_S = (-2.0, 1.5)
+AROUND_S = (-1.0, 0.8)
 """A trial in full is shown from so long before its first slip to so long after it began."""
 MOST_SHOWN_S = 20.0
 """Of one without a slip."""
