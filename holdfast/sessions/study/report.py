@@ -67,7 +67,8 @@ def summary_lines(outcome: StudyOutcome, page: Path) -> list[str]:
             )
 
     for form in outcome.questionnaires:
-        score = number(form["score"], 1)
-        lines.append(f"  {form['title']}: {score} of 100")
+        score = form["score"]
+        said = "no score" if score is None else f"{number(score, 1)} of 100"
+        lines.append(f"  {form['title']}: {said}")
 
     return [*lines, f"report: {page}"]
