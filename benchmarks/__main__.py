@@ -23,7 +23,7 @@ from holdfast.cli.command import (
 )
 from holdfast.cli.options import CORES, add_job_options, chosen_workers
 from holdfast.core.reading import Json, model_path
-from tools.harness import Program
+from tools.harness import Program, measured_now
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
@@ -31,6 +31,8 @@ if TYPE_CHECKING:
     from holdfast.evaluation.jobs import Workers
 
 MODEL = model_path("holdfast-150hz")
+SURFACES = ("cost", "robust")
+"""Of these the front alone is printed."""
 LIVE_HZ = (150.0, 400.0)
 LIVE_S = 60.0
 
@@ -96,7 +98,7 @@ def run(args: argparse.Namespace) -> int:
             picture = PICTURES[what](figures) if what in PICTURES else None
             written = write_measured(args.out, what, measure.kind, figures, picture)
             if args.json != STDOUT:
-                tables = table_lines(short(figures) if what == "cost" else figures)
+                tables = table_lines(short(figures) if what in SURFACES else figures)
                 print("\n".join([*tables, *written]))
     write_found(args, found)
     return int(args.check and any(one.get("broken") for one in found.values()))
@@ -148,6 +150,15 @@ def _cost(request: BenchRequest) -> Json:
     from benchmarks.cost.surface import cost
 
     return cost(request.out / "cost", workers=request.workers)
+
+
+def _robust(request: BenchRequest) -> Json:
+    from benchmarks.cost.point import ON_HANDS
+    from benchmarks.cost.surface import cost
+
+    # The folder of the whole surface: what is measured here is not measured there again.
+    measured = cost(request.out / "cost", ON_HANDS, workers=request.workers)
+    return {**measured_now(), **measured}
 
 
 def _hand(request: BenchRequest) -> Json:
@@ -219,6 +230,12 @@ MEASURES: dict[str, Measure] = {
         "recall and delay by trees, depth, features, rate, window, debounce (hours; --dask)",
         "scenes simulated, people public real data",
         _cost,
+    ),
+    "robust": Measure(
+        "what robustness costs: the points of cost that are asked on other hands too",
+        "scenes simulated",
+        _robust,
+        alone=True,
     ),
     "training": Measure(
         "CPU time of simulating, features and training by number of trials",

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
 from benchmarks.cost.picture import figure as cost_figure
+from benchmarks.cost.picture import on_hands
 from holdfast.core.reading import Json
 from holdfast.evaluation.latency.picture import latency
 from holdfast.evaluation.style import GRID, INK, OURS, QUIET, WARNING, drawing, svg
@@ -89,9 +90,15 @@ def cost(figures: Figures) -> str:
     return cost_figure(figures["rows"])
 
 
+def robust(figures: Figures) -> str:
+    """Found in time on other hands."""
+    return on_hands(figures["rows"])
+
+
 PICTURES: dict[str, Callable[[Figures], str]] = {
     "latency": latency,
     "cost": cost,
+    "robust": robust,
     "training": training,
     "instructions": instructions,
     "effects": effects,

@@ -22,6 +22,11 @@ PROGRAMS = {
         "forest, network and committee on the public recordings; over an hour",
         "build/real",
     ),
+    "nested-choice": Program(
+        "studies.real.nested_choice",
+        "taxels, features and learner chosen on people, never on those that are scored",
+        "build/real",
+    ),
     "window-network": Program(
         "studies.real.window_network",
         "a small convolutional network beside the committee on the public recordings",
@@ -46,6 +51,11 @@ PROGRAMS = {
         "studies.robustness",
         "what pooled features and disturbed copies bring and cost, family by family",
         "build/robustness",
+    ),
+    "hands": Program(
+        "studies.other_hands",
+        "one learner on hands of 2, 3, 6 and 12 sensors, not trained again",
+        "build/hands",
     ),
     "wide": Program(
         "studies.wide_scene",

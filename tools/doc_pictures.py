@@ -8,7 +8,7 @@ from pathlib import Path
 
 import onnx
 
-from benchmarks.cost.picture import figure
+from benchmarks.cost.picture import figure, on_hands
 from benchmarks.world import page as world
 from holdfast.cli.command import show
 from holdfast.core.reading import Json
@@ -23,12 +23,17 @@ from studies.transfer.pictures import PICTURES as TRANSFER
 
 MODEL = Path("models/holdfast-150hz.onnx")
 COST = "build/bench/cost.json"
+ROBUST = "docs/measured/robust-2026-11-25.json"
 EVALUATED = "build/evaluate/figures.json"
 TRANSFERRED = "build/transfer/transfer.json"
 MEASURED: dict[str, tuple[str, Callable[[Json], str]]] = {
     "what-accuracy-costs.svg": (
         COST,
         lambda cost: for_any_page(figure(cost["rows"])),
+    ),
+    "what-robustness-costs.svg": (
+        ROBUST,
+        lambda robust: for_any_page(on_hands(robust["rows"])),
     ),
     "second-physics.svg": (str(world.BEFORE), world.draw),
     **{name: (EVALUATED, draw) for name, draw in TIMING.items()},

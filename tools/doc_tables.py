@@ -57,6 +57,8 @@ SOURCES: dict[str, dict[str, str]] = {
     "docs/hand.md": {
         "hand": "build/bench/hand.json",
         "files": "build/bench/hand-files.json",
+        "answered": "docs/measured/hand-files-326dbe034565.json",
+        "others": "docs/measured/hands-326dbe034565.json",
     },
     "docs/learners.md": {
         "learners": "build/real/learners.json",
@@ -80,19 +82,22 @@ SOURCES: dict[str, dict[str, str]] = {
     "docs/second-physics.md": {
         "before": "docs/measured/world-d86a7e638b14.json",
         "world": "build/world/world.json",
+        "intent": "docs/measured/world-intent-326dbe034565.json",
     },
     "docs/shared-control.md": {
         "loop": "build/loop/loop.json",
         "before": "docs/measured/loop-d86a7e638b14.json",
+        "cap": "docs/measured/loop-cap-326dbe034565.json",
     },
     "docs/transfer.md": {
         "transfer": "build/transfer/transfer.json",
         "spread": "build/transfer-spread/transfer.json",
-        "tugs": "build/transfer-tugs/transfer.json",
+        "tugs": "docs/measured/transfer-tugs-326dbe034565.json",
     },
     "docs/what-accuracy-costs.md": {
         "cost": "build/bench/cost.json",
         "robust": "build/robustness/robustness.json",
+        "on_hands": "docs/measured/robust-2026-11-25.json",
         "latency": "build/bench/latency.json",
         "training": "build/bench/training.json",
         "instructions": "build/bench/instructions.json",

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from benchmarks.cost.point import GROUPS, WINDOWS_S, Point, Set
+from benchmarks.cost.point import EVERY_POOLED, GROUPS, WINDOWS_S, Point, Set
 from benchmarks.cost.recordings import read, starts
 from holdfast.core.contract import FloatArray
 from holdfast.core.errors import DataError
@@ -109,7 +109,8 @@ def _whole(
         with_bands = _kept(
             folder, of, replace(whole, groups=GROUPS["default and bands"]), name
         )
-        if "window" in whole.groups or not with_bands.is_file():
+        has_none = "window" in whole.groups or whole.is_pooled
+        if has_none or not with_bands.is_file():
             return computed(whole)
         rows: FloatRows = np.load(with_bands, mmap_mode="r")[:, : feature_count(whole)]
         return rows
@@ -119,6 +120,9 @@ def _whole(
 
 def whole_of(spec: StepSpec) -> StepSpec:
     """The spec whose features include those of every point, so that they are computed once."""
+    if spec.is_pooled:
+        groups = GROUPS[EVERY_POOLED]
+        return replace(spec, groups=groups, min_valid_sensors=0)
     if "window" in spec.groups:
         return replace(
             spec,
@@ -156,7 +160,8 @@ def columns(spec: StepSpec) -> npt.NDArray[np.int64]:
 
 
 def _kept(folder: Path, of: Set, spec: StepSpec, part: str) -> Path:
-    return folder / "features" / f"{of}-{digest_of(spec.to_json())}-{part}.npy"
+    name = f"{of}-{digest_of(spec.to_json())}-{part.replace(', ', '-')}.npy"
+    return folder / "features" / name.replace(" ", "-")
 
 
 def _seen(rows: FloatRows, spec: StepSpec, look_back_s: float) -> FloatRows:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from copy import copy
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +13,8 @@ import numpy.typing as npt
 import onnx
 
 from benchmarks.cost.features import everywhere, windows
-from benchmarks.cost.point import Point
+from benchmarks.cost.hands import HANDS, UNCHANGED, hand_figures
+from benchmarks.cost.point import ON_HANDS, Point
 from benchmarks.cost.recordings import per_recording, read
 from holdfast.core.contract import RISKY_SLIP, FloatArray
 from holdfast.core.reading import Json
@@ -106,13 +107,14 @@ class Fitted:
     """A learner, its figures on unseen windows, its calibration, and its votes.
 
     of: pairs (streams to choose a threshold on, streams to evaluate at it); one pair for scenes, a
-    pair per fold for people.
+    pair per fold for people. on_hands: the streams to evaluate on, felt by other hands.
     """
 
     learner: Learner
     figures: SituationFigures
     calibration: Calibration
     of: list[tuple[Voted, Voted]]
+    on_hands: dict[str, Voted] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -120,7 +122,7 @@ class PointFigures:
     """Figures of a point on unseen recordings.
 
     macro_f1: over four situations at windows. permille: the least confidence, one for each pair of
-    streams.
+    streams. hands: of points that are asked on other hands, the figures of each.
     """
 
     point: Point
@@ -128,12 +130,14 @@ class PointFigures:
     macro_f1_ci: Interval | None
     events: EventScores
     permille: list[int]
+    hands: Json | None = None
 
     def to_json(self) -> Json:
         """As it stands in the file of the point."""
         windows = {"macro_f1": self.macro_f1, "macro_f1_ci": self.macro_f1_ci}
         figures = windows | asdict(self.events) | {"permille": self.permille}
-        return asdict(self.point) | {"what": self.point.what} | figures
+        on_hands = {"hands": self.hands}
+        return asdict(self.point) | {"what": self.point.what} | figures | on_hands
 
 
 def measure(
@@ -165,7 +169,11 @@ def _grasps(point: Point, folder: Path, data: DataSet, grown: Grown) -> Fitted:
         choosing.tasks["classes"].label,
     )
     figures = held_out_figures(asking, _held_out(evaluated, asking)).situations
-    return Fitted(learner, figures, calibration, [(chosen_on, evaluated)])
+    on_hands = {
+        name: _voted(point, folder, f"ask, {name}", learner)[0]
+        for name in (HANDS if point in ON_HANDS else ())
+    }
+    return Fitted(learner, figures, calibration, [(chosen_on, evaluated)], on_hands)
 
 
 def _people(point: Point, folder: Path, data: DataSet, grown: Grown) -> Fitted:
@@ -262,10 +270,15 @@ def _decided(point: Point, fitted: Fitted, spec: StepSpec) -> PointFigures:
         )
         chosen.append(choose_confidence(there, point.rules, MOST_FALSE_PER_MIN))
         matches += match_all_alarms(here, point.rules, chosen[-1])
-    windows = fitted.figures
-    return PointFigures(
-        point, windows.macro_f1, windows.macro_f1_ci, event_scores(matches), chosen
-    )
+    hands = None
+    if point in ON_HANDS:
+        hands = {UNCHANGED: hand_figures(matches)}
+        for name, voted in fitted.on_hands.items():
+            here = _answers(point, voted, fitted.calibration, spec)
+            felt = match_all_alarms(here, point.rules, chosen[-1])
+            hands[name] = hand_figures(felt)
+    f1, f1_ci = fitted.figures.macro_f1, fitted.figures.macro_f1_ci
+    return PointFigures(point, f1, f1_ci, event_scores(matches), chosen, hands)
 
 
 def _answers(
@@ -276,6 +289,8 @@ def _answers(
         by_situation = situation_votes(votes)
         situation = riskier_argmax(by_situation)
         situation[: spec.settle_samples - 1] = UNKNOWN
+        usable = recording.valid.sum(axis=1)
+        situation[usable < spec.min_valid_sensors] = UNKNOWN
         risky = (
             _probability(votes, calibration)
             if point.confidence == "calibrated"

@@ -7,9 +7,12 @@ from collections.abc import Callable, Sequence
 from matplotlib.axes import Axes
 from matplotlib.ticker import LogLocator
 
+from benchmarks.cost.hands import HANDS, UNCHANGED
 from benchmarks.cost.point import (
     DEBOUNCES,
     DEPTHS,
+    ON_HANDS,
+    POOLED,
     RATES_HZ,
     REFERENCE,
     SHIPPED,
@@ -24,7 +27,8 @@ COMPUTED = {
     "depth": [(f"{n or 'unlimited'}", Point(depth=n)) for n in DEPTHS],
     "learner": [(kind, Point(learner=kind)) for kind in ("network", "committee")],
     "features": [
-        (name, Point(groups=name)) for name in ("now", "now, differences", "raw window")
+        (name, Point(groups=name))
+        for name in ("now", "now, differences", "raw window", POOLED)
     ],
 }
 WAITED = {
@@ -46,7 +50,15 @@ LABELLED = {
     "now",
     "raw window",
     "network",
+    POOLED,
 }
+COMPARED = {
+    "single fingers": Point(),
+    "single fingers, committee": Point(learner="committee"),
+    "pooled": Point(groups=POOLED),
+    "pooled, committee (shipped)": SHIPPED,
+}
+"""Learners that the figure of other hands draws as lines."""
 Families = dict[str, list[tuple[str, Point]]]
 Measure = Callable[[Json], float | None]
 
@@ -68,6 +80,53 @@ def figure(rows: list[Json]) -> str:
         right.legend(frameon=False, fontsize=8, loc="lower left")
         _label(left, right)
         return svg(drawn)
+
+
+def on_hands(rows: list[Json]) -> str:
+    """Slips acted on before gross slip, on each hand, and on the worst one against microseconds."""
+    by_name = {row["what"]: row for row in rows if row["of"] == "scenes"}
+    with drawing(9.4, 4.0) as drawn:
+        drawn.suptitle(
+            "simulated", x=0.995, ha="right", fontsize=8, color=WARNING, style="italic"
+        )
+        left, right = drawn.subplots(1, 2, sharey=True)
+        for place, (colour, (name, point)) in enumerate(
+            zip(FAMILY_COLOURS, COMPARED.items(), strict=True)
+        ):
+            _by_hand(left, by_name[point.what], name, colour, 0.06 * (place - 1.5))
+        left.set_xticks(range(1 + len(HANDS)), ["held one way", *HANDS])
+        left.set(ylabel="risky slips acted on before all fingers slide", ylim=(0, 1.02))
+        left.legend(frameon=False, fontsize=8, loc="lower left")
+        for point in ON_HANDS:
+            row = by_name[point.what]
+            is_pooled = point.groups != Point().groups
+            worst = min(one["in_time"] for one in row["hands"].values())
+            colour = FAMILY_COLOURS[2 if is_pooled else 0]
+            right.plot(row["step_us"], worst, "o", color=colour, markersize=4.5)
+        right.set(
+            xlabel="computing: one decision, us; height: the worst of these hands"
+        )
+        right.grid(color=GRID)
+        return svg(drawn)
+
+
+def _by_hand(axes: Axes, row: Json, name: str, colour: str, aside: float) -> None:
+    """One learner on every hand, with its 95 % intervals."""
+    hands = [row["hands"][one] for one in (UNCHANGED, *HANDS)]
+    middle = [one["in_time"] for one in hands]
+    below = [one["in_time"] - one["in_time_ci"][0] for one in hands]
+    above = [one["in_time_ci"][1] - one["in_time"] for one in hands]
+    places = [aside + place for place in range(len(hands))]
+    axes.errorbar(
+        places,
+        middle,
+        (below, above),
+        fmt="o",
+        color=colour,
+        markersize=4.5,
+        label=name,
+    )
+    axes.grid(color=GRID, axis="y")
 
 
 def _panel(

@@ -14,6 +14,7 @@ from holdfast.training.featurise import spec_for
 from holdfast.training.plan import (
     CLOCK_FREE_GROUPS,
     HIGH_CONFIDENCE,
+    POOLED_GROUPS,
     RAW_GROUPS,
     LearnerKind,
     TrainingPlan,
@@ -34,7 +35,8 @@ a third of its trees."""
 DEBOUNCE = HIGH_CONFIDENCE["forest"].act_samples
 REFERENCE = "reference"
 """Name of the point where nothing is changed."""
-GROUPS = {
+POOLED = "pooled"
+ANY_GROUPS = {
     "default": CLOCK_FREE_GROUPS,
     "now": ("now",),
     "now, differences": CLOCK_FREE_GROUPS[:2],
@@ -42,7 +44,18 @@ GROUPS = {
     "default and bands": (*CLOCK_FREE_GROUPS, "bands"),
     "raw window": RAW_GROUPS,
     "now and bands": ("now", "bands"),
+    POOLED: POOLED_GROUPS,
 }
+"""Tried on scenes and on people."""
+EVERY_POOLED = "pooled and across"
+FAMILIES = {
+    f"pooled without {name.removeprefix('pooled_')}": tuple(
+        other for other in POOLED_GROUPS if other != name
+    )
+    for name in POOLED_GROUPS
+} | {EVERY_POOLED: (*POOLED_GROUPS, "pooled_across")}
+"""Pooled features with a family less or more: tried on scenes."""
+GROUPS = ANY_GROUPS | FAMILIES
 BANDS = {
     "all": BANDS_HZ,
     "10 Hz": (10.0,),
@@ -72,7 +85,8 @@ class Point:
 
     trees, depth: None for the reference's; a depth of 0 is none. window_s: of the raw window.
     look_back_s: no feature sees further. bank: the type the bank computes in. confidence: what the
-    alarm's threshold is set on, the votes or the calibrated probability.
+    alarm's threshold is set on, the votes or the calibrated probability. degraded: pooled features
+    answer although a sensor is lost.
     """
 
     of: Set = "scenes"
@@ -87,6 +101,7 @@ class Point:
     bank: Literal["float64", "float32"] = "float64"
     confidence: Literal["votes", "calibrated"] = "votes"
     learner: LearnerKind = "forest"
+    degraded: bool = True
 
     @property
     def name(self) -> str:
@@ -125,6 +140,7 @@ class Point:
         parts += [f"debounce {self.debounce}"] if self.debounce != DEBOUNCE else []
         parts += ["bank in float32"] if self.bank != "float64" else []
         parts += ["calibrated"] if self.confidence != "votes" else []
+        parts += ["no degraded answers"] if not self.degraded else []
         return ", ".join(parts) or REFERENCE
 
     @property
@@ -146,10 +162,12 @@ class Point:
 
     def spec(self, data: DataSet) -> StepSpec:
         """As a step graph for a set."""
+        of_set = spec_for(data, GROUPS[self.groups])
         return replace(
-            spec_for(data, GROUPS[self.groups]),
+            of_set,
             window_s=self.window_s,
             bands_hz=BANDS[self.bands],
+            min_valid_sensors=0 if self.degraded else of_set.n_sensors,
         )
 
     @property
@@ -181,8 +199,16 @@ class Point:
         return DecisionRules(act_samples=self.debounce)
 
 
-SHIPPED = Point(learner="committee")
+SHIPPED = Point(learner="committee", groups=POOLED)
 """The model in models/."""
+ON_HANDS = (
+    Point(),
+    *(Point(groups=name) for name in (POOLED, *FAMILIES)),
+    Point(groups=POOLED, degraded=False),
+    Point(learner="committee"),
+    SHIPPED,
+)
+"""Asked on other hands too: what robustness costs and brings, family by family."""
 
 
 def points() -> list[Point]:
@@ -198,17 +224,21 @@ def _scenes() -> Iterator[Point]:
     )
     yield from (Point(groups="now and bands", bands=name) for name in BANDS)
     yield Point(groups="now and bands", bank="float32")
+    yield from ON_HANDS
+    for trees, depth in COMMITTEES:
+        yield replace(SHIPPED, trees=trees, depth=depth)
 
 
 def _human() -> Iterator[Point]:
     yield from _anywhere("human")
+    yield replace(SHIPPED, of="human")
 
 
 def _anywhere(of: Set) -> Iterator[Point]:
     yield from (Point(of, debounce=debounce) for debounce in DEBOUNCES)
     yield from (Point(of, trees=trees) for trees in TREES)
     yield from (Point(of, depth=depth) for depth in DEPTHS)
-    yield from (Point(of, groups=name) for name in GROUPS)
+    yield from (Point(of, groups=name) for name in ANY_GROUPS)
     yield from (
         Point(of, groups="raw window", window_s=window_s) for window_s in WINDOWS_S
     )
@@ -222,15 +252,15 @@ def _anywhere(of: Set) -> Iterator[Point]:
 README_POINTS = (
     Point(),
     Point(debounce=2),
+    Point(learner="committee"),
     SHIPPED,
-    Point(learner="committee", trees=100, depth=0),
     Point(rate_hz=50.0),
     Point("human", learner="committee"),
 )
 """What the README shows of the surface."""
 RECOMMENDED = {
-    "tiny": Point(learner="committee", trees=8, depth=10),
+    "tiny": replace(SHIPPED, trees=8, depth=10),
     "default": SHIPPED,
-    "best": Point(learner="committee", trees=100, depth=0),
+    "best": replace(SHIPPED, trees=100, depth=0),
 }
 """The models that have names."""

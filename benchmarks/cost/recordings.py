@@ -12,13 +12,16 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.cost.hands import on_hand
 from benchmarks.cost.point import Set
 from holdfast.core.errors import DataError, UsageError
 from holdfast.core.writing import write_whole
+from holdfast.export.pooled import side_matrix
 from holdfast.simulation.folder import write_set
 from holdfast.simulation.scene import Scene
 from holdfast.simulation.scene_file import read_scene_file
 from holdfast.training.datasets import load
+from holdfast.training.featurise import spec_for
 from holdfast.training.recording import DataSet
 
 Parts = Mapping[str, tuple[str, int, int]]
@@ -88,7 +91,15 @@ def read_slower(there: Path, here: Path, ratio: float) -> None:
 
 @cache
 def read(folder: Path, of: Set, rate_hz: float, part: str) -> DataSet:
-    """A part: of scenes balanced (dense) to train on; human_slip_uskin is one part."""
+    """A part: of scenes balanced (dense) to train on; human_slip_uskin is one part.
+
+    part: "ask, turned" is the part "ask" on another hand (hands.py).
+    """
+    part, _, hand = part.partition(", ")
+    if hand:
+        data = read(folder, of, rate_hz, part)
+        thumb = side_matrix(spec_for(data, ("now",)))[:, 0] > 0.0
+        return on_hand(data, hand, thumb)
     if of == "human":
         data = load(HUMAN)
         return replace(data, tasks={"situations": data.tasks["situations"]})

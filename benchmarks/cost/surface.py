@@ -21,8 +21,9 @@ from typing import Any
 import numpy as np
 
 from benchmarks.cost.features import some, whole_rows, windows
+from benchmarks.cost.hands import HANDS
 from benchmarks.cost.measure import Grown, measure
-from benchmarks.cost.point import GOOD, GROUPS, Point, points
+from benchmarks.cost.point import GOOD, GROUPS, ON_HANDS, POOLED, Point, points
 from benchmarks.cost.recordings import PARTS, Parts, read, require_parts, simulate
 from benchmarks.timed_calls import learner_call, step_call
 from holdfast.cli.options import CORES
@@ -110,17 +111,26 @@ def _by_features(chosen: Sequence[Point]) -> list[tuple[list[Point], str]]:
         key=lambda one: ("bands" in GROUPS[one.groups], one.rate_hz),
         reverse=True,
     ):
-        alike = sets.setdefault(
-            (one.of, one.rate_hz, "window" in GROUPS[one.groups]), {}
-        )
+        alike = sets.setdefault((one.of, one.rate_hz, _kind(one)), {})
         alike.setdefault("bands" in GROUPS[one.groups], one)
     largest = sorted(sets.items(), key=lambda item: item[0][1], reverse=True)
-    return [
+    found = [
         (list(alike.values()), part)
         for part in PARTS
         for (of, *_), alike in largest
         if of == "scenes" or part == "train"
     ]
+    # One point of each kind is enough: it makes the features that all of its kind take.
+    asked = {_kind(one): one for one in chosen if one in ON_HANDS}
+    return found + [([one], f"ask, {name}") for name in HANDS for one in asked.values()]
+
+
+def _kind(point: Point) -> str:
+    """Points of a kind take their features from the same ones."""
+    groups = GROUPS[point.groups]
+    if groups[0].startswith(POOLED):
+        return "pooled"
+    return "window" if "window" in groups else "fixed"
 
 
 def fronts(rows: Sequence[Json]) -> dict[str, dict[str, list[str]]]:
@@ -158,7 +168,7 @@ def _features(folder: Path, points: Sequence[Point], part: str) -> None:
     for point in points:
         if part == "train":
             windows(folder, point)
-        if part == _settings(point) or part == "choose":
+        if part != "train" or part == _settings(point):
             whole_rows(folder, point, part)
 
 

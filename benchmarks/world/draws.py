@@ -8,7 +8,7 @@ is a part of a larger one.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -43,6 +43,13 @@ RISKY = (*PULLS, *FALLS, "tug-lost")
 """Kinds in which losing the object is a drop that an answer may prevent."""
 HAND_OVERS = ("hand-over", "hand-over-late")
 HOLDS = ("quiet-hold", "trembling-hold")
+INTENTS = {
+    "drawn": "one in two wearers' signals to open reach the run",
+    "wired": "nine in ten do, as in our own loop",
+    "none": "none does",
+}
+MISSED_SHARE = 0.1
+"""Of the signals of wearers who are wired."""
 SHAPES = ("box", "cylinder", "ball")
 HAND = hand_of_counts()
 SIDE = np.where(np.arange(HAND.n_contacts) < HAND.thumb, 1.0, -1.0)
@@ -103,6 +110,11 @@ class WorldTrial:
         """[3] the weight."""
         weight: FloatArray = self.numbers["mass_kg"] * self.gravity_m_s2
         return weight
+
+    @property
+    def has_signal(self) -> bool:
+        """Whether the wearer opens the hand, and the signal reaches the run."""
+        return self.signal_s < NEVER_S and self.open_s < NEVER_S
 
 
 @dataclass(frozen=True)
@@ -182,6 +194,17 @@ def _drawn(
         **times,
         signal_s=signal_s,
     )
+
+
+def with_intent(trial: WorldTrial, intent: str) -> WorldTrial:
+    """The trial with the wearer's signal as `intent`, of INTENTS, has it; all else is the same."""
+    if intent == "drawn" or trial.open_s >= NEVER_S:
+        return trial
+    # A stream of its own: the draws of the trial stay as they are.
+    rng = stream(trial.seed, trial.number, "muscle signal")
+    missed = intent == "none" or rng.uniform() < MISSED_SHARE
+    signal_s = NEVER_S if missed else trial.open_s - trial.numbers["signal_s"]
+    return replace(trial, signal_s=signal_s)
 
 
 def direction(rng: np.random.Generator, most_x: float = 1.0) -> FloatArray:

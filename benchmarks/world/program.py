@@ -10,11 +10,17 @@ import argparse
 import json
 import subprocess
 import time
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 
 from benchmarks.mujoco_version import require_mujoco
-from benchmarks.world.draws import KINDS
+from benchmarks.world.draws import (
+    INTENTS,
+    KINDS,
+    draw_trial,
+    with_intent,
+)
 from benchmarks.world.trials_file import ROOT, TrialsFile, code_sha256, file_sha256
 from holdfast.cli.command import path_argument, seed, show
 from holdfast.cli.options import CORES, add_job_options, chosen_workers
@@ -63,6 +69,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="NAME",
         help=f"the tables are of the first, others stand beside it (default {CONTROLLER})",
     )
+    option(
+        "--intent",
+        nargs="+",
+        choices=tuple(INTENTS),
+        default=["drawn"],
+        metavar="NAME",
+        help="which wearers' signals to open reach the run: drawn (half, the default), wired "
+        "(nine in ten), none; the tables are of the first, others stand beside it",
+    )
     seeds = f"default {SEED}, which is locked; choose nothing on it (100 to 199: development)"
     option("--seed", type=seed, default=SEED, metavar="S", help=seeds)
     trials = f"of each kind (default {TRIALS}, with --full {FULL_TRIALS})"
@@ -86,9 +101,9 @@ def run(args: argparse.Namespace) -> int:
     require_writable(args.out)
     show(seed_line(args.seed))
     from benchmarks.world.picture import picture
-    from benchmarks.world.scores import beside, tables
+    from benchmarks.world.scores import tables
 
-    about = _about(args, version, args.controller[0])
+    about = _about(args, version, args.controller[0], args.intent[0])
     records, seconds = _records(args, about)
     figures = {
         "command": _command(args),
@@ -102,16 +117,38 @@ def run(args: argparse.Namespace) -> int:
         "cpu_s": round(sum(one.get("cpu_s", 0.0) for one in records)),
         "tables": tables(records),
     }
-    others = {args.controller[0]: records}
-    for name in args.controller[1:]:
-        others[name], _ = _records(args, _about(args, version, name))
-    if len(others) > 1:
-        figures["controllers"] = [beside(name, of) for name, of in others.items()]
+    figures |= _others(args, version, records)
     write_whole(args.out / "world.json", json.dumps(figures, indent=1) + "\n")
     write_whole(args.out / "world.svg", picture([figures]))
     for line in summary(figures):
         show(line)
     return 0
+
+
+def _others(args: argparse.Namespace, version: str, records: list[Json]) -> Json:
+    """The rows of further controllers and signals, each beside the first, whose records these are.
+
+    The list of a choice of one is left out.
+    """
+    from benchmarks.world.scores import beside
+
+    of = {args.controller[0]: records}
+    for name in args.controller[1:]:
+        of[name], _ = _records(args, _about(args, version, name, args.intent[0]))
+    wired = {args.intent[0]: records}
+    for name in args.intent[1:]:
+        about = _about(args, version, args.controller[0], name)
+        wired[name] = _with_other_signals(args, about, list(wired.values()))
+
+    rows = {}
+    if len(of) > 1:
+        rows["controllers"] = [beside(name, made) for name, made in of.items()]
+    if len(wired) > 1:
+        first = args.controller[0]
+        rows["intents"] = [
+            {"intent": name, **beside(first, made)} for name, made in wired.items()
+        ]
+    return rows
 
 
 def seed_line(number: int) -> str:
@@ -126,7 +163,9 @@ def seed_line(number: int) -> str:
     return f"seed {number}: neither locked nor for development; its figures are for no report"
 
 
-def _about(args: argparse.Namespace, version: str, controller: str) -> Json:
+def _about(
+    args: argparse.Namespace, version: str, controller: str, intent: str
+) -> Json:
     """What decides the outcome of a trial: a file of trials with another one is not continued."""
     from holdfast.edge_runtime.model import Model
 
@@ -134,6 +173,7 @@ def _about(args: argparse.Namespace, version: str, controller: str) -> Json:
         "simulated": True,
         "seed": args.seed,
         "controller": controller,
+        "intent": intent,
         "model": {
             "file": args.model.name,
             "id": Model(args.model).card.model_id,
@@ -146,19 +186,6 @@ def _about(args: argparse.Namespace, version: str, controller: str) -> Json:
 
 def _records(args: argparse.Namespace, about: Json) -> tuple[list[Json], float]:
     """(records of one controller on all trials, seconds for those that were not done yet)."""
-    controller = about["controller"]
-    name = f"trials-{about['model']['id']}-{controller}-{args.seed}.jsonl"
-    file = TrialsFile(args.out / name, about)
-    if file.put_aside:
-        show(f"{name} was of other code or another model: begun anew")
-    names, seconds = _run_trials(args, file, controller)
-    return file.of(names), seconds
-
-
-def _run_trials(
-    args: argparse.Namespace, file: TrialsFile, controller: str
-) -> tuple[list[str], float]:
-    """(names of all trials of the request, seconds for those that were not done yet)."""
     from benchmarks.world.record import TrialKey, record
 
     count = args.trials or (FULL_TRIALS if args.full else TRIALS)
@@ -168,17 +195,55 @@ def _run_trials(
         for k in range(count)
         for kind in args.kinds
     ]
-    left = [key for key in keys if key.name not in file.done]
-    show(f"{len(keys)} trials, {len(keys) - len(left)} of them done before")
-    jobs = [
-        partial(record, key, args.seed, str(args.model), controller) for key in left
-    ]
+    made_with = _made_with(args, about)
+    jobs = {key.name: partial(record, key, *made_with) for key in keys}
+    return _run_trials(args, about, jobs)
+
+
+def _with_other_signals(
+    args: argparse.Namespace, about: Json, ran: Sequence[list[Json]]
+) -> list[Json]:
+    """The records with another choice of signals; only what no record of `ran` has is run."""
+    from benchmarks.world.record import answered_again
+
+    found: dict[str, Json] = {}
+    jobs = {}
+    for same in zip(*ran, strict=True):
+        one = same[0]
+        drawn = draw_trial(one["kind"], one["repetition"], args.seed, one["attempt"])
+        signal = with_intent(drawn, about["intent"]).has_signal
+        known = [other for other in same if other["trial"]["signal"] == signal]
+        if known:
+            found[one["name"]] = known[0]
+        else:
+            jobs[one["name"]] = partial(answered_again, one, *_made_with(args, about))
+    made, _ = _run_trials(args, about, jobs)
+    found |= {one["name"]: one for one in made}
+    return [found[one["name"]] for one in ran[0]]
+
+
+def _made_with(args: argparse.Namespace, about: Json) -> tuple[int, str, str, str]:
+    """(seed, model, controller, intent) of a record."""
+    return args.seed, str(args.model), about["controller"], about["intent"]
+
+
+def _run_trials(
+    args: argparse.Namespace, about: Json, jobs: Mapping[str, Callable[[], Json]]
+) -> tuple[list[Json], float]:
+    """(records of these trials, seconds for those that were not done yet). jobs: by name."""
+    parts = (about["model"]["id"], about["controller"], about["intent"], args.seed)
+    name = f"trials-{'-'.join(map(str, parts))}.jsonl"
+    file = TrialsFile(args.out / name, about)
+    if file.put_aside:
+        show(f"{name} was of other code or another model: begun anew")
+    left = [job for one, job in jobs.items() if one not in file.done]
+    show(f"{len(jobs)} trials, {len(jobs) - len(left)} of them done before")
     started = time.monotonic()
-    for k, one in enumerate(chosen_workers(args).run(jobs), 1):
+    for k, one in enumerate(chosen_workers(args).run(left), 1):
         file.add(one)
         if k % 100 == 0:
             show(f"{k} of {len(left)} trials, {time.monotonic() - started:.0f} s")
-    return [key.name for key in keys], time.monotonic() - started
+    return file.of(list(jobs)), time.monotonic() - started
 
 
 def _command(args: argparse.Namespace) -> str:
@@ -191,6 +256,8 @@ def _command(args: argparse.Namespace) -> str:
         options.append(f"--kinds {' '.join(args.kinds)}")
     if args.controller != [CONTROLLER]:
         options.append(f"--controller {' '.join(args.controller)}")
+    if args.intent != ["drawn"]:
+        options.append(f"--intent {' '.join(args.intent)}")
     joined = " ".join(options)
     return " ".join([*words, f'ARGS="{joined}"'])
 

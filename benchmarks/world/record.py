@@ -7,8 +7,14 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from benchmarks.world.answers import answered_run
-from benchmarks.world.draws import NEVER_S, RISKY, WorldTrial
+from benchmarks.world.answers import Answers, answered_run
+from benchmarks.world.draws import (
+    NEVER_S,
+    RISKY,
+    WorldTrial,
+    draw_trial,
+    with_intent,
+)
 from benchmarks.world.outcomes import (
     REFUSALS,
     BareRun,
@@ -34,15 +40,17 @@ class TrialKey:
         return f"{self.kind} {self.repetition} {self.pads} {self.sensors}"
 
 
-def record(key: TrialKey, seed: int, model: str, controller: str) -> Json:
-    """Run one trial in all its hands; a JSON object."""
+def record(
+    key: TrialKey, seed: int, model: str, controller: str, intent: str = "drawn"
+) -> Json:
+    """Run one trial in all its hands; a JSON object. intent: of INTENTS."""
     started_s = time.process_time()
     first = 0
     unstable = 0
     while True:
         bare, refused = possible_run(key.kind, key.repetition, seed, key.pads, first)
         try:
-            found = _hands(bare, key, model, controller)
+            found = _hands(bare, key, model, controller, intent)
         except FloatingPointError:
             first = bare.trial.attempt + 1
             unstable += 1
@@ -53,13 +61,37 @@ def record(key: TrialKey, seed: int, model: str, controller: str) -> Json:
         return {**asdict(key), **about, **found}
 
 
-def _hands(bare: BareRun, key: TrialKey, model: str, controller: str) -> Json:
+def answered_again(
+    one: Json, seed: int, model: str, controller: str, intent: str
+) -> Json:
+    """The record with another choice of signals: the bare hand and the oracle are the same."""
+    first = one["attempt"]
+    drawn = draw_trial(one["kind"], one["repetition"], seed, first)
+    trial = with_intent(drawn, intent)
+    answers = answered_run(trial, one["pads"], one["sensors"], model, controller)
+    return {**one, "trial": _drawn(trial), "answered": _answered(answers, trial)}
+
+
+def _hands(
+    bare: BareRun, key: TrialKey, model: str, controller: str, intent: str
+) -> Json:
     """The bare hand, the oracle where it drops the object, and the answered hand."""
-    trial = bare.trial
+    trial = with_intent(bare.trial, intent)
     saves = None
     if key.kind in RISKY and np.isfinite(bare.outcome.lost_s):
         saves = oracle_saves(bare)
     answers = answered_run(trial, key.pads, key.sensors, model, controller)
+    return {
+        "attempt": trial.attempt,
+        "trial": _drawn(trial),
+        "bare": _outcome(bare.outcome, trial),
+        "oracle": saves,
+        "answered": _answered(answers, trial),
+    }
+
+
+def _answered(answers: Answers, trial: WorldTrial) -> Json:
+    """What the answered hand did, and what became of the object."""
     counted = {
         "earlier": answers.earlier,
         "called": answers.called,
@@ -68,13 +100,7 @@ def _hands(bare: BareRun, key: TrialKey, model: str, controller: str) -> Json:
         "quiet_s": round(answers.quiet_s, 4),
         "most_n": round(answers.most_n, 4),
     }
-    return {
-        "attempt": trial.attempt,
-        "trial": _drawn(trial),
-        "bare": _outcome(bare.outcome, trial),
-        "oracle": saves,
-        "answered": _outcome(answers.outcome, trial) | counted,
-    }
+    return _outcome(answers.outcome, trial) | counted
 
 
 def _drawn(trial: WorldTrial) -> Json:
@@ -90,7 +116,7 @@ def _drawn(trial: WorldTrial) -> Json:
         "need_n": round(trial.need_n, 4),
         "opens_s": None if trial.open_s >= NEVER_S else round(opens_s, 4),
         "tremor_m_s2": round(n["tremor_m_s2"], 4),
-        "signal": trial.signal_s < NEVER_S and trial.open_s < NEVER_S,
+        "signal": trial.has_signal,
     }
 
 

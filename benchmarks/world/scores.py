@@ -9,6 +9,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from benchmarks.world.draws import FALLS, HAND_OVERS, KINDS, PULLS, RISKY
+from benchmarks.world.outcomes import CEILING, CLOSURES
 from holdfast.core.reading import Json
 from holdfast.evaluation.loop_figures import BLOCKED_N, BLOCKED_S
 from holdfast.evaluation.statistics import share
@@ -101,9 +102,10 @@ def beside(controller: str, records: Records) -> Json:
     """One controller's row beside the others: drops, hand-overs, and what should be left alone."""
 
     def of(name: str, kinds: Sequence[str]) -> Json:
-        return kind_row(name, [one for one in records if one["kind"] in kinds])
+        return kind_row(name, _of(records, kinds))
 
-    overs = [one for one in records if one["kind"] in HAND_OVERS]
+    overs = _of(records, HAND_OVERS)
+    opened = [one for one in overs if one["trial"]["opens_s"] is not None]
     return {
         "controller": controller,
         "drops": of("all drops", RISKY),
@@ -111,10 +113,33 @@ def beside(controller: str, records: Records) -> Json:
         "over": hand_over_row(
             "both hand-overs", [one for one in overs if dropped(one["bare"])]
         ),
+        "opened": hand_over_row("the wearer opens", opened),
+        "put": hand_over_row("put-down", _of(records, ("put-down",))),
+        "given": of("both hand-overs", HAND_OVERS),
         "held": of("tug-held", ("tug-held",)),
         "picked": of("pick-up", ("pick-up",)),
         "every": kind_row("all trials", records),
     }
+
+
+def oracle_rows(records: Records) -> list[Json]:
+    """Preventable drops that the oracle keeps with commands of no more than so many times the need.
+
+    It begins at the load onset, with the same drive: what no controller under this cap can exceed.
+    """
+    can = [one for one in _of(records, RISKY) if preventable(one)]
+    rows = []
+    for most in (*CLOSURES, np.inf):
+        kept = [_closure(one) <= most for one in can]
+        rows.append(
+            {"times": most if np.isfinite(most) else None} | _with_share("kept", kept)
+        )
+    return rows
+
+
+def _closure(one: Json) -> float:
+    """The gentlest closure that kept a preventable object, in times of the need."""
+    return np.inf if one["oracle"] == CEILING else float(one["oracle"])
 
 
 def blocked(one: Json) -> bool:
@@ -225,6 +250,7 @@ def table_of(records: Records) -> Json:
         "groups": [*groups, both, everything],
         "hand_overs": overs,
         "quiet": quiet_rows(records),
+        "oracle": oracle_rows(records),
         "drawn": drawn_rows(records),
         "refused": refused,
     }

@@ -58,11 +58,17 @@ def path_argument(word: str) -> Path:
     return Path(word)
 
 
+LEAST_NUMBER, MOST_NUMBER = 1e-6, 1e9
+"""Of what is given as a time, a rate, a size or a force: their quotients are times and counts."""
+
+
 def positive(word: str) -> float:
-    """A number above zero from the command line."""
+    """A number above zero from the command line, of a size that times and rates can have."""
     number = float(word)
-    if not 0.0 < number < float("inf"):
-        raise argparse.ArgumentTypeError(f"{word!r} is not a number above 0")
+    if not LEAST_NUMBER <= number <= MOST_NUMBER:
+        raise argparse.ArgumentTypeError(
+            f"{word!r} is not a number above 0, from {LEAST_NUMBER:g} to {MOST_NUMBER:g}"
+        )
     return number
 
 

@@ -59,8 +59,9 @@ def run(args: argparse.Namespace) -> int:
     """Record until the plan is done, the operator stops it, or an error ends it."""
     from holdfast.core.lines import stream_sink
     from holdfast.live.running import RunClock, stop_signals
+    from holdfast.live.sources import is_standard_input
     from holdfast.sessions.recorder.display import StatusLine, columns_of, record_page
-    from holdfast.sessions.recorder.keys import listening
+    from holdfast.sessions.recorder.keys import Keys, listening
     from holdfast.sessions.recorder.recording import record
     from holdfast.sessions.recorder.session import Display, RunContext
 
@@ -71,7 +72,10 @@ def run(args: argparse.Namespace) -> int:
     )
     with ExitStack() as stack:
         stopped = stack.enter_context(stop_signals())
-        keys = stack.enter_context(listening(sys.stdin.fileno()))
+        keys = Keys(None)
+        # Samples are no keys.
+        if not is_standard_input(args.source):
+            keys = stack.enter_context(listening(sys.stdin.fileno()))
         # The page is one more display and one more source of keys.
         if args.web:
             page = record_page(args.web, options, keys, display)

@@ -91,7 +91,7 @@ def _choose_recordings(parser: argparse.ArgumentParser) -> None:
         choices=HELD_OUT_BY,
         metavar="WHAT",
         help="what is held out together: person, object, session (a date in the path) or trial "
-        "(default: the first of these with which every model learns every class)",
+        "(default: the first of these with which every model learns every situation)",
     )
 
 

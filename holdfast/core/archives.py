@@ -16,6 +16,7 @@ from typing import IO
 import numpy as np
 
 from holdfast.core.errors import TooLarge
+from holdfast.core.reading import require_file
 
 NOT_AN_ARCHIVE = (
     OSError,
@@ -45,8 +46,9 @@ _LOCATOR_64_BYTES = 20
 def require_modest_archive(path: Path) -> None:
     """Raise TooLarge where an archive unpacks to too much, or an array claims more than it has.
 
-    Raises one of NOT_AN_ARCHIVE for a file that is no archive.
+    Raises DataNotFound for a device or a pipe, one of NOT_AN_ARCHIVE for a file that is no archive.
     """
+    require_file(path)
     _require_short_directory(path)
     with zipfile.ZipFile(path) as archive:
         # the sizes that the directory claims; _require_claim compares them with the arrays

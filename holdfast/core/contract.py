@@ -67,6 +67,8 @@ IntArray = npt.NDArray[np.int64]
 
 RATE_TOLERANCE = 0.10
 """A source may run within +-10 % of the rate a model was built for (median step)."""
+RATES_HZ = (1e-3, 1e5)
+"""The least and the largest sampling rate, wherever one comes from."""
 
 
 CANNOT_TELL = "cannot_tell"
@@ -93,6 +95,11 @@ def in_words_untold(untold: Mapping[str, str]) -> list[str]:
     for name, reason in untold.items():
         lines.append(f"cannot tell {name.replace('_', ' ')}: {reason}")
     return lines
+
+
+def is_rate(rate_hz: float) -> bool:
+    """Whether a number can be a sampling rate; NaN is none."""
+    return RATES_HZ[0] <= rate_hz <= RATES_HZ[1]
 
 
 def class_id(situation: int, *, heavy: bool) -> int:

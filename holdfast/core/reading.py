@@ -1,12 +1,14 @@
 """Files before they are read: where a shipped model is, and whether a file can be read whole.
 
-A file may be of the wrong kind, too long, or JSON that nests too deep. A TOML file's content is
-checked by a CardReader: its errors name file, key, value and what is allowed.
+A file may be of the wrong kind, or too long. Of JSON and TOML two programs must read the same, so
+no key comes twice, and every number is finite and has 64 bits. A TOML file's content is checked by
+a CardReader: its errors name file, key, value and what is allowed.
 """
 
 from __future__ import annotations
 
 import json
+import math
 import stat
 import tomllib
 from collections.abc import Collection, Mapping
@@ -25,6 +27,8 @@ DEFAULT_MODEL = "holdfast-150hz"
 """The shipped model that a run takes where none is named."""
 MOST_LEVELS = 32
 """Our files nest less deeply; a thousand brackets in a row exhaust Python's stack."""
+LEAST_INTEGER, MOST_INTEGER = -(1 << 63), (1 << 63) - 1
+"""Larger numbers are no int64, and the largest no float either."""
 
 
 def shipped() -> list[str]:
@@ -85,7 +89,11 @@ CHUNK_BYTES = 64 << 10
 
 
 def text_of(path: Path) -> str:
-    """The text of a small file, UTF-8. Raises TooLarge, and what opening and decoding it raise."""
+    """The text of a small file, UTF-8.
+
+    Raises TooLarge, DataNotFound for a device or a pipe, and what opening and decoding it raise.
+    """
+    require_file(path)
     # the size first: a file of a gigabyte is not read
     size = path.stat().st_size
     if size > MOST_DOCUMENT_BYTES:
@@ -100,7 +108,11 @@ def text_of(path: Path) -> str:
 
 
 def require_lines(path: Path) -> None:
-    """Raise TooLarge for a table or a line that is too long; raises also what opening it raises."""
+    """Raise TooLarge for a table or a line that is too long.
+
+    Raises DataNotFound for a device or a pipe, and what opening the file raises.
+    """
+    require_file(path)
     with path.open("rb") as file:
         if path.stat().st_size > MOST_TABLE_BYTES:
             raise TooLarge(
@@ -128,40 +140,74 @@ def require_lines(path: Path) -> None:
             number += chunk.count(b"\n")
 
 
+def named_file(folder: Path, name: object) -> Path:
+    """The file that a file in a folder names, which must be a regular one inside that folder.
+
+    Raises ValueError for any other, such as a device, a path upwards or a link to elsewhere.
+    """
+    path = folder / name if isinstance(name, str) and "\0" not in name else folder
+    if not path.is_file() or not path.resolve().is_relative_to(folder.resolve()):
+        raise ValueError(f"{name!r:.80} is not a file in this folder")
+    return path
+
+
 def json_of(text: str | bytes) -> Any:
-    """json.loads with one kind of error: ValueError, also for text that is too long or too deep."""
+    """The value of a JSON text from outside, read strictly.
+
+    Raises ValueError for a text that is too long, nests too deep, has a key twice in an object, or
+    holds a number that is not finite or needs more than 64 bits.
+    """
     if len(text) > MOST_DOCUMENT_BYTES:
         raise ValueError("too long")
     try:
-        value = json.loads(text)
+        value = json.loads(text, object_pairs_hook=_object)
     except RecursionError:
         raise ValueError("nested too deep") from None
+    _require_plain(value)
+    return value
+
+
+def _object(pairs: list[tuple[str, Any]]) -> Json:
+    """An object; of a key that comes twice, two programs may take different values."""
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        raise ValueError("a key comes twice")
+    return found
+
+
+def _require_plain(value: Any, *, finite: bool = True) -> None:
+    """Raise ValueError for what nests too deep, and for numbers that are not finite, or too large.
+
+    Dates, which TOML has, and texts are plain.
+    """
     # level by level, so that this check does not recurse itself
-    level = [value]
-    for _ in range(MOST_LEVELS):
-        level = [one for inner in level for one in _within(inner)]
-        if not level:
-            return value
+    level: list[tuple[str, Any]] = [("", value)]
+    for _ in range(MOST_LEVELS + 1):
+        inside: list[tuple[str, Any]] = []
+        for name, one in level:
+            if isinstance(one, dict):
+                dot = "." if name else ""
+                inside += [(f"{name}{dot}{key}", each) for key, each in one.items()]
+            elif isinstance(one, list):
+                inside += [(f"{name}[{k}]", each) for k, each in enumerate(one)]
+            elif finite and isinstance(one, float) and not math.isfinite(one):
+                raise ValueError(f"{name} = {one} is not a finite number")
+            elif isinstance(one, int) and not LEAST_INTEGER <= one <= MOST_INTEGER:
+                raise ValueError(f"{name} needs more than 64 bits")
+        if not inside:
+            return
+        level = inside
     raise ValueError("nested too deep")
-
-
-def _within(value: Any) -> list[Any]:
-    """The lists and objects one level down."""
-    inner = (
-        value.values()
-        if isinstance(value, dict)
-        else value
-        if isinstance(value, list)
-        else ()
-    )
-    return [one for one in inner if isinstance(one, dict | list)]
 
 
 def read_toml(path: Path) -> tuple[str, Json]:
     """(text, tables) of a card. Raises CardError, and FileNotFoundError where there is no file."""
     try:
         text = text_of(path)
-        return text, tomllib.loads(text)
+        tables = tomllib.loads(text)
+        # a card's reader names the key of a number that is not finite, and what is allowed there
+        _require_plain(tables, finite=False)
+        return text, tables
     except FileNotFoundError:
         raise
     except (OSError, UnicodeDecodeError) as error:

@@ -8,7 +8,6 @@ it skips were lost; they become invalid rows instead of a gap.
 from __future__ import annotations
 
 import csv
-import math
 import re
 import warnings
 from collections import Counter
@@ -19,7 +18,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from holdfast.core.contract import BoolArray, FloatArray, channel_names
+from holdfast.core.contract import BoolArray, FloatArray, channel_names, is_rate
 from holdfast.core.errors import (
     ColumnError,
     DataNotFound,
@@ -362,7 +361,7 @@ def _check_time(
             next_step="split the file there, or fill lost rows with nan at the usual step",
         )
     from_zero: FloatArray = time_s - time_s[0]
-    if not math.isfinite(1.0 / median) or from_zero[-1] > LONGEST_S:
+    if not is_rate(1.0 / median) or from_zero[-1] > LONGEST_S:
         raise TimeError(
             f"{from_zero[-1]:.4g} s in steps of {median:.4g} s",
             where=path,

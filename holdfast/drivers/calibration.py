@@ -446,5 +446,5 @@ class _File:
                 where=self._path,
                 next_step="check the path and its permissions",
             ) from None
-        except ValueError:
-            raise self.wrong(DataError, "not JSON") from None
+        except ValueError as error:
+            raise self.wrong(DataError, f"not JSON: {error}") from None

@@ -35,12 +35,13 @@ from holdfast.drivers.sample_lines import SampleLine, SampleReader
 FIRST_S = 10.0
 """An opened source must send within this time."""
 LOOK_S = 0.05
-MEASURE_S = 0.5
+SETTLE_S, MEASURE_S = 0.2, 0.5
 MEASURE_LINES = 20
-"""The rate is measured over so many samples, and for so long."""
+"""The rate is measured over so many samples, and for so long; not over the first ones, because a
+sender that was held up sends all that it has at once."""
 MOST_MEASURED = 4096
-WAIT_PERIODS = 1.5
-"""A sample that comes later than this after the last one is missing."""
+WAIT_PERIODS = 2.0
+"""A sample that comes later than this after the last one is missing: it would be late."""
 MOST_WAITING = 2
 PAUSE_PERIODS = 3.0
 """Where nothing was read for longer, what waits has no known time of arrival."""
@@ -135,6 +136,7 @@ class LineSource(SelfPaced):
         if not self._options.paced:
             self._waiting = deque(first[-1:])
         self._last = self._reading(*first[-1])
+        self._looked_ns = self._clock.now_ns()
         stamps = "the recording" if self._options.paced else self._options.stamps
         self._say(
             f"{self._feed.name}: {self.n_channels // 3} sensors in {self.unit} at "
@@ -146,28 +148,37 @@ class LineSource(SelfPaced):
     def _first_samples(self) -> list[tuple[SampleLine, int]]:
         """Enough of them to measure the rate; one where it is known."""
         waiting = self._waiting
+        is_measured = not self._options.rate_hz and not self._options.paced
         enough = 1 if self._options.rate_hz else MEASURE_LINES
-        least_ns = (
-            0 if self._options.rate_hz or self._options.paced else 1e9 * MEASURE_S
-        )
+        least_ns = 1e9 * (SETTLE_S + MEASURE_S) if is_measured else 0.0
         until_ns = self._clock.now_ns() + round(1e9 * FIRST_S)
         while not self._feed.ended and self._clock.now_ns() < until_ns:
             self._collect(LOOK_S)
             lasted_ns = waiting[-1][1] - waiting[0][1] if waiting else 0
-            if len(waiting) >= enough and lasted_ns >= least_ns:
+            is_enough = len(waiting) >= enough and lasted_ns >= least_ns
+            if is_enough or len(waiting) >= MOST_MEASURED:
                 break
-            if len(waiting) >= MOST_MEASURED:
-                break
+
         if not waiting:
-            refused = self._tally.total.most_common(1)
-            cause = f"{refused[0][1]} lines {refused[0][0]}" if refused else ""
-            raise DeviceNotFound(
-                "no sample came" + ("" if self._feed.ended else f" for {FIRST_S:g} s"),
-                where=self._feed.name,
-                cause=cause or "its sender does not run, or sends elsewhere",
-                next_step="start the sender; docs/live-sources.md shows the lines",
-            )
-        return list(waiting)
+            raise self._no_sample()
+        settled_ns = waiting[0][1] + round(1e9 * SETTLE_S)
+        steady = [one for one in waiting if one[1] >= settled_ns]
+        use_steady = is_measured and len(steady) >= MEASURE_LINES
+        return steady if use_steady else list(waiting)
+
+    def _no_sample(self) -> DeviceNotFound:
+        refused = self._tally.total.most_common(1)
+        cause = "its sender does not run, or sends elsewhere"
+        if refused:
+            kind, count = refused[0]
+            cause = f"{count:,} lines were {kind}, as the message above shows"
+        how_long = "" if self._feed.ended else f" for {FIRST_S:g} s"
+        return DeviceNotFound(
+            f"no sample came{how_long}",
+            where=self._feed.name,
+            cause=cause,
+            next_step="start the sender; docs/live-sources.md shows the lines",
+        )
 
     def _rate_of(self, first: list[tuple[SampleLine, int]]) -> float:
         if self._options.rate_hz:

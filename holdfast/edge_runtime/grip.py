@@ -20,6 +20,7 @@ that controllers differ in their answers only. holdfast is ours (docs/shared-con
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -233,7 +234,8 @@ class AnswerRules:
     p(safe slip) from which the hand gives back, where the load falls by more than a tremor can
     (LoadSwing) for yield_samples in a row. graded: the lead grows with the evidence; otherwise it
     is full from half the evidence on, or nothing. revocable: a hand-over ends an answer; otherwise
-    only the empty hand does. margin: what the friction margin needs is kept.
+    only the empty hand does. margin: what the friction margin needs is kept. lead_times: the lead
+    is at most so many times the wearer's grip, for studies; inf for no such cap.
     """
 
     from_p: float = DecisionRules.answer_permille / 1000
@@ -243,6 +245,7 @@ class AnswerRules:
     graded: bool = True
     revocable: bool = True
     margin: bool = True
+    lead_times: float = math.inf
 
     @classmethod
     def of(cls, decision: DecisionRules, **others: Any) -> AnswerRules:
@@ -369,7 +372,11 @@ class Holdfast(Controller):
         fading = self._last_evidence - self._period_s / self.FADES_S
         evidence = batch.choose(holds, batch.most(now, fading), 0.0)
         rises = evidence > 0.0
-        ahead_n = batch.most(sense.grip_n, wearers_n) + self._setting * evidence
+        lead_n: Number = self._setting
+        # inf times a grip of 0 would be no number
+        if math.isfinite(self.rules.lead_times):
+            lead_n = batch.least(lead_n, self.rules.lead_times * wearers_n)
+        ahead_n = batch.most(sense.grip_n, wearers_n) + lead_n * evidence
         kept_n = self._kept_n(sense, wearers_n, given_n, needed_n)
         wanted_n = batch.choose(rises, ahead_n, kept_n)
         # a slip that is likely now outweighs a hand-over, and one that fades does not

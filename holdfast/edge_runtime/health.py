@@ -90,8 +90,8 @@ class FrozenWatch:
         self._reading, self._change, self._before, self._product = readings
         self._axes: BoolArray = np.zeros((n_sensors, 3), dtype=np.bool_)
         self._moved, self._turned, self._frozen = np.zeros((3, n_sensors), np.bool_)
-        # without a copy, and as Python's True and False
-        self._flags = memoryview(self._moved), memoryview(self._turned)
+        # without a copy
+        self._flags = self._moved.data, self._turned.data
         self._is_lively = False
 
     def frozen(self, values: FloatArray, usable: BoolArray) -> BoolArray:
@@ -117,10 +117,10 @@ class FrozenWatch:
         np.copyto(self._before, self._change, where=here)
 
         any_moved = bool(self._moved.any())
+        moved, turned = self._flags
         for k, one in enumerate(self._sensors):
             if usable[k]:
-                moved, turned = self._flags
-                self._frozen[k] = one.frozen(moved[k], turned[k], any_moved)
+                self._frozen[k] = one.frozen(bool(moved[k]), bool(turned[k]), any_moved)
         self._is_lively = all(one.is_lively for one in self._sensors)
         return self._frozen
 

@@ -4,9 +4,10 @@
     {"wants": "open"}                   or "close", "rest"
 
 Nothing in a stream reaches the decision, unless the run was asked for it. A stream that has been
-silent for EXPIRES_NS means `unknown`, never that the hand should close. A word counts before
-envelopes. Without words, and with a level, the wearer wants to open from the moment when the first
-envelope reaches the level until it is below half of it.
+silent for EXPIRES_NS means `unknown`, never that the hand should close. An opening that lasts for
+MOST_OPEN_NS no longer counts until it has ended: an electrode that has come off reads like one. A
+word counts before envelopes. Without words, and with a level, the wearer wants to open from the
+moment when the first envelope reaches the level until it is below half of it.
 
 The same as a file of a trial (trial_n.intent.csv, tactile.intent.csv):
 
@@ -35,6 +36,8 @@ WORDS: tuple[Wants, ...] = ("open", "close", "rest")
 KEYS = {"envelope", "wants"}
 ENDS_AT = 0.5
 """An opening ends below this share of the level at which it begins."""
+MOST_OPEN_NS = 3_000_000_000
+"""A hand opens within half a second, and a receiver takes what it holds: longer, it is a fault."""
 MOST_FORGOTTEN = 100_000
 
 
@@ -81,6 +84,8 @@ class IntentMonitor:
         self._log = log
         self._opens_at = opens_at
         self._opening = False
+        self._opened_ns = 0
+        self._stuck = False
         self._looked_ns: int | None = None
         self.n_envelopes = stream.n_envelopes
         self.link: CommandLink = "none"
@@ -89,8 +94,8 @@ class IntentMonitor:
 
     @property
     def opening(self) -> bool:
-        """Whether the wearer wants to open the hand, as far as that is known."""
-        return self.newest.wants == "open"
+        """Whether the wearer wants to open the hand, as far as that is known and can be meant."""
+        return self.newest.wants == "open" and not self._stuck
 
     def look(self) -> None:
         """Take what came. Call it once a sample."""
@@ -98,6 +103,7 @@ class IntentMonitor:
         if self._looked_ns is None or now_ns - self._looked_ns > EXPIRES_NS:
             # what waited since then has no known time
             self._stream.forget()
+            self._opened_ns = now_ns
 
         self._looked_ns = now_ns
         self.fresh = [self._taken(item) for item in self._stream.came()]
@@ -109,6 +115,16 @@ class IntentMonitor:
             self.link = "expired"
             self.newest = Intent(now_ns, "unknown")
             self.fresh.append(self.newest)
+        self._watch_opening(now_ns)
+
+    def _watch_opening(self, now_ns: int) -> None:
+        """How long it has been open; an opening that ended between two samples begins anew."""
+        if any(item.wants != "open" for item in (*self.fresh, self.newest)):
+            self._opened_ns = now_ns
+            self._stuck = False
+        elif not self._stuck and now_ns - self._opened_ns > MOST_OPEN_NS:
+            self._log("intent: open for 3 s; it does not count until it ends")
+            self._stuck = True
 
     def _taken(self, item: Intent) -> Intent:
         """The item, with a word where its first envelope says one."""

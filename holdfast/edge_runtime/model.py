@@ -65,27 +65,31 @@ class Model:
         # before anything is read: a wrong runtime must not even open the file
         check_runtime()
         self.path = Path(path)
-        data = read_sealed(path)
-        self.card, golden, _ = read_model(data, path)
-        try:
-            self.session: ort.InferenceSession = open_session(data)
-            answers = golden_answers(
-                self.session,
-                self.card.n_channels,
-                self.card.unit,
-                self.card.settle_samples,
-            )
-        # onnxruntime raises several unrelated types of its own
-        except Exception as error:
-            reason = f"{error!s:.{LONGEST_REASON}}"
-            raise _refusal(f"onnxruntime cannot run it ({reason})", path) from None
-
-        check_golden(golden, answers, str(path))
+        self.card, self.session = _checked(path)
+        # only now: what was read and compared is let go where it was checked
         _give_back_memory()
 
     def stepper(self, outputs: Sequence[str], hands: int = 1) -> StepGraph:
         """The step of B hands, from a fresh state. outputs: those to compute."""
         return StepGraph(self.session, hands, outputs)
+
+
+def _checked(path: str | Path) -> tuple[ModelCard, ort.InferenceSession]:
+    """Card and session of a file that has passed all checks. Raises a ModelError."""
+    data = read_sealed(path)
+    card, golden = read_model(data, path)[:2]
+    try:
+        session = open_session(data, arena=False)
+        answers = golden_answers(
+            session, card.n_channels, card.unit, card.settle_samples
+        )
+    # onnxruntime raises several unrelated types of its own
+    except Exception as error:
+        reason = f"{error!s:.{LONGEST_REASON}}"
+        raise _refusal(f"onnxruntime cannot run it ({reason})", path) from None
+
+    check_golden(golden, answers, str(path))
+    return card, session
 
 
 def read_model(data: bytes, path: str | Path) -> tuple[ModelCard, Outputs, OnnxModel]:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from holdfast.core.contract import CLASSES, SITUATIONS, UNITS, Unit
+from holdfast.core.contract import CLASSES, RATES_HZ, SITUATIONS, UNITS, Unit
 from holdfast.core.errors import BrokenSeal, DataNotFound, NotAModel, RuntimeRefused
 from holdfast.core.reading import Json, json_of, model_path, require_file, shipped
 from holdfast.edge_runtime.decision import LIMITS, DecisionRules
@@ -246,7 +246,7 @@ def check_runtime(version: str | None = None) -> None:
         )
 
 
-LARGEST = sys.float_info.max
+SMALLEST, LARGEST = sys.float_info.min, sys.float_info.max
 """Finite, but otherwise any reading may be a model's limit."""
 READING = "a positive number in the model's unit"
 
@@ -264,7 +264,7 @@ def read_card(metadata: dict[str, str], path: str | Path = "") -> ModelCard:
         spec = raw["spec"]
         return ModelCard(
             model_id=metadata[SEAL_KEY][:12],
-            rate_hz=_above_zero(spec["rate_hz"], 1e5, "a sampling rate"),
+            rate_hz=_above_zero(spec["rate_hz"], "a sampling rate", *RATES_HZ),
             unit=UNITS[UNITS.index(spec["unit"])],
             n_channels=3 * _count(spec["n_sensors"], least=1),
             settle_samples=_count(raw["settle_samples"]),
@@ -275,8 +275,8 @@ def read_card(metadata: dict[str, str], path: str | Path = "") -> ModelCard:
             preparation=preparation_from_json(raw["preparation"]),
             decision=_decision(raw["decision"]),
             min_valid_sensors=_count(spec["min_valid_sensors"]),
-            range_limit=_above_zero(raw["range_limit"], LARGEST, READING),
-            normal_floor=_above_zero(raw["normal_floor"], LARGEST, READING),
+            range_limit=_above_zero(raw["range_limit"], READING),
+            normal_floor=_above_zero(raw["normal_floor"], READING),
             raw=raw,
         )
     except (AttributeError, KeyError, TypeError, ValueError) as error:
@@ -298,10 +298,12 @@ def _count(value: object, least: int = 0) -> int:
     return value
 
 
-def _above_zero(value: Any, most: float, what: str) -> float:
-    """A number above zero, up to most. NaN is in no range."""
+def _above_zero(
+    value: Any, what: str, least: float = SMALLEST, most: float = LARGEST
+) -> float:
+    """A number above zero, from least to most. NaN is in no range."""
     is_number = isinstance(value, int | float) and not isinstance(value, bool)
-    if not is_number or not 0.0 < value <= most:
+    if not is_number or not least <= value <= most:
         raise ValueError(f"{value!r:.40}, not {what}")
     return float(value)
 

@@ -50,6 +50,8 @@ RECORDED = (
     "samples that are a minute old or more, as of a recording: every answer is late and unknown. "
     "Use monitor.replay(values, t_s), or holdfast.load(model, live=False) and feed"
 )
+MOST_NS = 1 << 62
+"""146 years, or so many samples: differences of two are int64 then."""
 OLDEST_PERIODS = 2.0
 """An answer that is older than this is late: `late` is set, and its state is unknown."""
 _STATES: tuple[State, ...] = ("nothing", "grasp", "safe_slip", "risky_slip")
@@ -113,7 +115,7 @@ class GripMonitor:
         Samples that never came (a gap in t_ns) count as lost: the graph is stepped over them, and a
         gap of more than 20 ms makes the state unknown until the history is complete again. A sample
         that comes twice, with the same time and the same sequence, is answered again and counts
-        once. Raises ChannelError, and TimeError where time runs backwards.
+        once. Raises ChannelError, and TimeError where time runs backwards or no clock gives it.
 
         The state is unknown, and `why` gives the reason, where the samples cannot be trusted
         (edge_runtime/health.py): the whole hand repeats itself, the rate is not the model's, or the
@@ -121,6 +123,7 @@ class GripMonitor:
         the model needs that sensor. opening, override, commands: what the wearer commands now.
         """
         self._require_shape(sample)
+        self._require_stamp(sample)
 
         self._fed_ns = time.perf_counter_ns()
 
@@ -216,6 +219,14 @@ class GripMonitor:
                 f"a sample of {values} values and {flags} flags, "
                 f"the model wants {channels} channels of {channels // 3} sensors",
                 next_step="use a model made for this source",
+            )
+
+    def _require_stamp(self, sample: Sample) -> None:
+        """Raise TimeError for a time or a number that no clock or counter gives."""
+        if not (-MOST_NS < sample.t_ns < MOST_NS and abs(sample.sequence) < MOST_NS):
+            raise TimeError(
+                f"a sample at {sample.t_ns} ns, number {sample.sequence}",
+                next_step="give t_ns of a monotonic clock in ns, and count samples from 0",
             )
 
     def _bridge_gap(self, t_ns: int) -> None:

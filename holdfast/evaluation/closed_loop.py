@@ -74,7 +74,8 @@ class LoopRequest:
     The setting of an oracle is how far it closes, one of CLOSURES. evidence_s: the controller gets
     the true slips, so late; None: what the model says. evidence_of: of an oracle: it begins with
     the first evidence that this request got in the event, and not with the load onset. rules: names
-    and values of AnswerRules that differ from those that come with the model.
+    and values of AnswerRules that differ from those that come with the model. most_times: largest
+    command of an oracle over what the load needs.
     """
 
     name: str
@@ -86,6 +87,7 @@ class LoopRequest:
     between: Between | None = None
     evidence_s: float | None = None
     evidence_of: LoopRequest | None = None
+    most_times: float = np.inf
 
 
 @lru_cache(maxsize=16)
@@ -177,7 +179,8 @@ def _maker(
     if request.name == ORACLE:
         # The oracle tightens at each true onset, up to the force that the drive can give.
         closure = CLOSURES[0] if request.setting is None else request.setting
-        return oracle(dict(onset_s), Drive().ceiling_n, closure)
+        ceiling_n = Drive().ceiling_n
+        return oracle(dict(onset_s), ceiling_n, closure, request.most_times)
 
     # No controller: the wearer feels a vibration and reacts to it.
     if request.name == VIBRATION:
@@ -218,6 +221,7 @@ class LoopRuns:
         bare = [_bare(of) for of, _ in wanted]
         best = list(dict.fromkeys(_best(of, request) for of, request in wanted))
         others = [run for run in wanted if run[1].name != ORACLE]
+        capped = [run for run in wanted if _is_capped_oracle(run[1])]
 
         total = len({*bare, *best, *others})
         share_bare = len(set(bare)) / total
@@ -225,7 +229,7 @@ class LoopRuns:
         self._run(bare, 0.0, share_bare)
         # Few trials are left for each closure, so all of them count as little work.
         for closure in CLOSURES:
-            self._try(best, closure, share_bare)
+            self._try([*best, *capped], closure, share_bare)
         self._run(others, share_bare, 1.0)
         if not losses:
             return
@@ -250,6 +254,8 @@ class LoopRuns:
         """Run one closure of each oracle, for the drops that no closure before has prevented."""
         places = {}
         for of, request in best:
+            if request.most_times < closure < np.inf:
+                continue
             bare = self._outcomes[_bare(of)]
             # A hand that knows what will come does nothing where the bare hand keeps the object.
             known = self._outcomes.setdefault((of, request), dict(bare))
@@ -322,10 +328,9 @@ class LoopRuns:
         """Every trial of a set in its three hands, in the order of the set."""
         bare = self._outcomes[_bare(of)]
         best = self._outcomes[_best(of, request)]
-        if request.name == ORACLE:
-            return [ThreeRuns(bare[k], best[k], best[k]) for k in sorted(best)]
-
-        held = self._outcomes[of, request]
+        held = best
+        if request.name != ORACLE or _is_capped_oracle(request):
+            held = self._outcomes[of, request]
         early = self._outcomes.get((of, _by_evidence(request)), {})
         # Batches hold trials of similar length, so outcomes are not in the order of the set.
         places = sorted(held)
@@ -341,6 +346,10 @@ class LoopRuns:
 def _lost(bare: LoopOutcome, best: LoopOutcome) -> bool:
     """Whether a drop of the bare hand is none that a closure has prevented so far."""
     return ThreeRuns(bare, best, best).drop and best.dropped
+
+
+def _is_capped_oracle(request: LoopRequest) -> bool:
+    return request.name == ORACLE and np.isfinite(request.most_times)
 
 
 def _bare(of: LoopSet) -> Run:

@@ -77,7 +77,7 @@ def adapted(base: bytes, adaptation: Adaptation) -> bytes:
     """
     model = onnx.load_from_string(base)
     metadata = _metadata(model)
-    card = _card(json.loads(metadata[CARD_KEY]), base, adaptation)
+    card = _card(json_of(metadata[CARD_KEY]), base, adaptation)
     if adaptation.correction is not None:
         add_correction(model, adaptation.correction)
 

@@ -6,7 +6,6 @@ is built anew, and force decides "nothing". So a file needs no artifact folder t
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +15,7 @@ import onnx
 from holdfast.core.contract import channel_names
 from holdfast.core.errors import UsageError, VerificationFailed
 from holdfast.core.hand_card import HandCard
-from holdfast.core.reading import Json
+from holdfast.core.reading import Json, json_of
 from holdfast.core.writing import require_writable, write_whole
 from holdfast.edge_runtime.graph import Outputs, open_session, run_recording
 from holdfast.edge_runtime.model import golden_input, read_model
@@ -64,7 +63,7 @@ def export_again(path: Path, out: Path, hand: HandCard | None = None) -> int:
 def with_contact_rule(old: bytes, where: str | Path = "") -> tuple[Json, bytes]:
     """Card and bytes of the file again, verified. Raises UsageError or VerificationFailed."""
     model = onnx.load_from_string(old)
-    card = json.loads({one.key: one.value for one in model.metadata_props}[CARD_KEY])
+    card = json_of({one.key: one.value for one in model.metadata_props}[CARD_KEY])
     spec = StepSpec.from_json(card["spec"])
     _require_older(old, card, spec, where)
 
@@ -89,7 +88,7 @@ def for_hand(old: bytes, hand: HandCard, where: str | Path = "") -> tuple[Json, 
     Raises UsageError for a file whose features are not pooled, or that is adapted to a person.
     """
     model = onnx.load_from_string(old)
-    card = json.loads({one.key: one.value for one in model.metadata_props}[CARD_KEY])
+    card = json_of({one.key: one.value for one in model.metadata_props}[CARD_KEY])
     _require_base(old, where)
     spec = spec_for_hand(StepSpec.from_json(card["spec"]), hand, where)
     again = _graph(model, spec, [])
@@ -218,7 +217,7 @@ def _rows(model: onnx.ModelProto) -> FloatRows:
     """Feature rows: of the golden input, noise of their size, and the edges of float32."""
     session = open_session(model.SerializeToString())
     metadata = {one.key: one.value for one in model.metadata_props}
-    spec = StepSpec.from_json(json.loads(metadata[CARD_KEY])["spec"])
+    spec = StepSpec.from_json(json_of(metadata[CARD_KEY])["spec"])
     values, valid = golden_input(spec.n_channels, spec.unit, spec.settle_samples)
     golden = run_recording(session, values, valid, [FEATURES])[FEATURES]
 

@@ -18,8 +18,8 @@ import numpy as np
 
 from holdfast.core.archives import NOT_AN_ARCHIVE, require_modest_archive
 from holdfast.core.contract import SITUATIONS
-from holdfast.core.errors import ArtifactError, OutputError, TooLarge
-from holdfast.core.reading import Json, json_of, text_of
+from holdfast.core.errors import ArtifactError, DataNotFound, OutputError, TooLarge
+from holdfast.core.reading import Json, json_of, named_file, text_of
 from holdfast.core.writing import remove, write_whole
 from holdfast.edge_runtime.decision import DecisionRules
 from holdfast.edge_runtime.preparation import Preparation, preparation_from_json
@@ -163,7 +163,7 @@ def read_artifact(folder: str | Path) -> Artifact:
 
         # building the rules checks them
         rules = DecisionRules(**index["decision"])
-        rows = _read_arrays(folder / ROWS)["rows"]
+        rows = _read_arrays(named_file(folder, ROWS))["rows"]
         artifact = Artifact(
             spec=StepSpec.from_json(index["spec"]),
             preparation=preparation_from_json(index["preparation"]),
@@ -173,7 +173,7 @@ def read_artifact(folder: str | Path) -> Artifact:
             training=index["training"],
         )
         _require_that_parts_fit(artifact)
-    except TooLarge as error:
+    except (DataNotFound, TooLarge) as error:
         raise ArtifactError(
             error.what, where=error.where, next_step=EMPTY_FOLDER
         ) from None
@@ -233,13 +233,13 @@ def _read_head(folder: Path, name: str, entry: Mapping[str, Any]) -> Head:
 
 
 def _read_learner(folder: Path, entry: Mapping[str, Any]) -> Learner:
-    """The learner of a head's files. Raises KeyError without any."""
+    """The learner of a head's files. Raises KeyError without any, ValueError for one elsewhere."""
     if "network" not in entry:
-        return _read_forest(folder / entry["forest"])
-    network = _read_network(folder / entry["network"])
+        return _read_forest(named_file(folder, entry["forest"]))
+    network = _read_network(named_file(folder, entry["network"]))
     if "forest" not in entry:
         return network
-    return Committee(_read_forest(folder / entry["forest"]), network)
+    return Committee(_read_forest(named_file(folder, entry["forest"])), network)
 
 
 def _read_forest(path: Path) -> Forest:

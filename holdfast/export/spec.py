@@ -7,7 +7,7 @@ import warnings
 from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING
 
-from holdfast.core.contract import UNITS, Unit
+from holdfast.core.contract import UNITS, Unit, is_rate
 from holdfast.core.errors import ChannelError, RateError, UnitError
 from holdfast.core.reading import Json
 from holdfast.core.trial_layout import NORMAL_FLOOR
@@ -157,7 +157,7 @@ class StepSpec:
             raise ChannelError(f"{self.n_sensors} sensors, another number on the card")
         if self.unit not in UNITS:
             raise UnitError(f"unit {self.unit!r} is not one of {', '.join(UNITS)}")
-        if not math.isfinite(self.rate_hz) or self.rate_hz <= 0:
+        if not is_rate(self.rate_hz):
             raise RateError(
                 f"a rate of {self.rate_hz} Hz", next_step="check the time stamps"
             )

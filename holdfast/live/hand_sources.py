@@ -139,7 +139,9 @@ def open_live(
 
 def is_lines(url: str) -> bool:
     """Whether a URL stands for lines of another program."""
-    return url == STANDARD_INPUT or split_url(url).scheme in LINES
+    # udp:HOST:PORT, without the slashes, gets a suggestion like other sources
+    named = "://" in url and split_url(url).scheme in LINES
+    return url == STANDARD_INPUT or named
 
 
 def is_hand(url: str) -> bool:

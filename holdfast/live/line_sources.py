@@ -21,10 +21,11 @@ import socket
 import stat
 from collections.abc import Callable
 from contextlib import ExitStack
+from dataclasses import dataclass
 from typing import Any
 
 from holdfast.core.column_map import ColumnMap, read_column_map
-from holdfast.core.contract import UNITS
+from holdfast.core.contract import UNITS, Unit
 from holdfast.core.errors import CardError, DeviceNotFound, UsageError
 from holdfast.core.line_port import Datagrams, LineUrl, line_url, listening
 from holdfast.core.line_session import store_in_thread
@@ -61,6 +62,35 @@ EXAMPLES = (
 Report = Callable[[str], None]
 
 
+@dataclass(frozen=True)
+class LineWords:
+    """A checked URL. unit: of the values without a map."""
+
+    where: LineUrl
+    column_map: ColumnMap | None
+    unit: Unit
+    options: LineOptions
+
+
+def read_line_url(url: str) -> LineWords:
+    """Check a URL, and read its column map and its key; opens nothing else.
+
+    Raises UsageError, a DataError for map and key, AccessDenied.
+    """
+    where = _where(url)
+    scheme = where.parts.scheme
+    for name in where.options:
+        if name not in (*COMMON, *OPTIONS[scheme]):
+            allowed = ", ".join((*COMMON, "key", *OPTIONS[scheme]))
+            raise UsageError(
+                f"{scheme}://: {name[:40]!r} is not known",
+                next_step=f"allowed: {allowed}",
+            )
+    column_map = _column_map(where)
+    unit: Unit = _word(where.options, "unit", UNITS)
+    return LineWords(where, column_map, unit, _line_options(where, column_map))
+
+
 def open_lines(
     url: str, clock: Any, report: Report, to_force: ToForce | None = None
 ) -> LineSource:
@@ -68,35 +98,23 @@ def open_lines(
 
     Raises UsageError, a DataError for the column map, a DeviceError.
     """
-    where = _where(url)
-    scheme = where.parts.scheme
-    options = where.options
-    for name in options:
-        if name not in (*COMMON, *OPTIONS[scheme]):
-            allowed = ", ".join((*COMMON, "key", *OPTIONS[scheme]))
-            raise UsageError(
-                f"{scheme}://: {name[:40]!r} is not known",
-                next_step=f"allowed: {allowed}",
-            )
-
-    column_map = _column_map(where)
-    chosen = _line_options(where, column_map)
-    unit = _word(options, "unit", UNITS)
-    values = column_map.unit_of_values if column_map else unit
-    if to_force is not None and values != "uT":
+    words = read_line_url(url)
+    column_map = words.column_map
+    unit = words.unit if column_map is None else column_map.unit_of_values
+    if to_force is not None and unit != "uT":
         raise UsageError(
-            f"--calibration maps a field in uT to a force, and these lines are in {values}",
+            f"--calibration maps a field in uT to a force, and these lines are in {unit}",
             next_step="leave it out, or say unit=uT",
         )
 
-    key = where.key
+    key = words.where.key
     began = None if key is None else store_in_thread(key, report)
-    reader = SampleReader(column_map, unit, key=key, began=began)
-    feed = _feed(where, clock, report)
+    reader = SampleReader(column_map, words.unit, key=key, began=began)
+    feed = _feed(words.where, clock, report)
     with ExitStack() as on_error:
         on_error.callback(feed.close)
         report(f"{feed.name}: waiting for the first samples")
-        source = LineSource(feed, reader, clock, report, chosen, to_force)
+        source = LineSource(feed, reader, clock, report, words.options, to_force)
         on_error.pop_all()
     return source
 

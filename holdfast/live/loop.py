@@ -78,6 +78,8 @@ class Summary:
     lost_sinks: dict[str, str] = field(default_factory=dict)
     """The error after which a consumer got no more lines, by its name."""
     states: dict[str, int] = field(default_factory=dict)
+    source_ended: bool = False
+    """It had no more samples, as a recording; a hand never ends by itself."""
     stage_us: npt.NDArray[np.float32] = field(
         default_factory=lambda: np.zeros((REMEMBERED, len(STAGES)), dtype=np.float32)
     )
@@ -218,6 +220,7 @@ class _LiveRun:
         measured = self._source.read()
         # a recording that ends; a hand never does
         if measured is None:
+            self.summary.source_ended = True
             return False
         read_ns = self._clock.now_ns()
 

@@ -67,6 +67,18 @@ def close_at_end(stack: ExitStack, output: Output) -> None:
     stack.push(close)
 
 
+def emit_to(
+    outputs: Sequence[Output],
+) -> Callable[[Prediction, Sample, SourceReading], None]:
+    """An emit that passes each answer to all outputs in turn."""
+
+    def emit(prediction: Prediction, sample: Sample, reading: SourceReading) -> None:
+        for output in outputs:
+            output.write(prediction, sample, reading)
+
+    return emit
+
+
 def to_json_line(prediction: Prediction, untold: Collection[str] = ()) -> str:
     """One line without the line break; floats keep all their digits, unknown values are null.
 

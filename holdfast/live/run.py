@@ -13,10 +13,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from holdfast.core.contract import FloatArray, Prediction, Sample, untold_of
+from holdfast.core.contract import FloatArray, untold_of
 from holdfast.core.errors import OutputError, RateError, visible
 from holdfast.core.lines import Sink, stream_sink
-from holdfast.core.source import Source, SourceReading
+from holdfast.core.source import Source
 from holdfast.drivers.hand import LiveHand
 from holdfast.edge_runtime.commands import Command, command_port
 from holdfast.edge_runtime.engine import ModelChoice, OpenedModel
@@ -31,6 +31,7 @@ from holdfast.live.outputs import (
     SampleFile,
     about_model,
     close_at_end,
+    emit_to,
     file_sink,
     udp_sink,
 )
@@ -214,6 +215,8 @@ class _Run:
                     resting=resting,
                     command=command,
                 )
+                if summary.source_ended:
+                    self.report(f"the source has ended; samples: {summary.samples}")
 
         # exact only now: while sinks are open, waiting lines count as dropped
         summary.dropped = self.lines.dropped
@@ -379,16 +382,6 @@ def known_shear_gain(options: RunOptions, card: ModelCard) -> float | None:
     if not (options.grip or options.web) or card.unit != "N":
         return 1.0
     return shear_gain_of(options.source, options.calibration)
-
-
-def emit_to(outputs: list[Output]) -> Emit:
-    """An emit that passes each answer to all outputs in turn."""
-
-    def emit(prediction: Prediction, sample: Sample, reading: SourceReading) -> None:
-        for output in outputs:
-            output.write(prediction, sample, reading)
-
-    return emit
 
 
 def answer(

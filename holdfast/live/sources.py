@@ -38,6 +38,11 @@ SCHEMES = ("usb", "i2c", "virtual", "sim", "replay", *LINES)
 _NATIVE = re.compile(r"(?:/dev/)?i2c-(\d{1,3})")
 
 
+def is_standard_input(url: str) -> bool:
+    """Whether a source is what is piped into the program, so that no key can be read from there."""
+    return url == STANDARD_INPUT or url.startswith("stdin:")
+
+
 def require_meant(word: str) -> None:
     """Raise UsageError with a suggestion, if the word looks like a source without its scheme."""
     # a file may have the name of a scene or a bridge, and then it is the file that is meant

@@ -306,6 +306,9 @@ class Oracle:
     `closure` times what holds the largest load that will come by kinetic friction; in a hand-over
     it does nothing. onset_s [B]: load onset in a hand that does nothing, inf where there is none.
 
+    most_times: commands stay below so many times what the load needs; inf for the ceiling alone. A
+    drive that gets no more than that is slower.
+
     A further closure holds more, and may also push a curved object out of the hand, so none is the
     best for every event: a drop is preventable where any of CLOSURES keeps the object.
     """
@@ -316,8 +319,10 @@ class Oracle:
         onset_s: FloatArray,
         ceiling_n: float,
         closure: float = SPARE,
+        most_times: float = np.inf,
     ) -> None:
-        self.ceiling_n = ceiling_n
+        most_n = np.array([needed_grip_n(trial, most_times) for trial in trials])
+        self.most_n = np.minimum(ceiling_n, most_n)
         risky = np.array([may_slip(trial.action) for trial in trials])
         self.act_s = np.where(risky, onset_s, np.inf)
         self.needed_n = np.array([needed_grip_n(trial, closure) for trial in trials])
@@ -327,7 +332,7 @@ class Oracle:
         """[B] N a side; 0 for none."""
         # A target at the ceiling moves the drive at its full speed.
         too_weak = now.grip_n < self.needed_n
-        close_n = np.where(too_weak, self.ceiling_n, self.needed_n)
+        close_n = np.where(too_weak, self.most_n, self.needed_n)
         return np.where(now.t_s >= self.act_s, close_n, 0.0)
 
 
@@ -413,12 +418,17 @@ def managed(
     return make
 
 
-def oracle(onset_s: dict[int, float], ceiling_n: float, closure: float = SPARE) -> Make:
+def oracle(
+    onset_s: dict[int, float],
+    ceiling_n: float,
+    closure: float = SPARE,
+    most_times: float = np.inf,
+) -> Make:
     """A maker of the oracle; onset_s: trial number -> load onset in a hand that does nothing."""
 
     def make(trials: Sequence[PlannedTrial], rate_hz: float) -> LoopController:
         onsets = np.array([onset_s[trial.number] for trial in trials])
-        return Oracle(trials, onsets, ceiling_n, closure)
+        return Oracle(trials, onsets, ceiling_n, closure, most_times)
 
     return make
 

@@ -45,7 +45,13 @@ from holdfast.training.judging import (
     strictest_hold_out,
 )
 from holdfast.training.metrics import report
-from holdfast.training.plan import PLANS, TASK_HEADS, LearnerKind, TrainingPlan
+from holdfast.training.plan import (
+    PLANS,
+    TASK_HEADS,
+    LearnerKind,
+    TrainingPlan,
+    at_rate,
+)
 from holdfast.training.progress import Part, Say, Stages, ignored
 from holdfast.training.recording import (
     DataSet,
@@ -150,6 +156,7 @@ def train_on_sets(
         sets.append(data)
 
     plan = PLANS[request.features](request.size, request.learner)
+    plan = at_rate(plan, sets[0].rate_hz)
     not_held_out: list[str] = []
     chosen = [_held_out(data, plan.folds, request, not_held_out) for data in sets]
     joined = learnable(join(chosen))

@@ -56,7 +56,7 @@ class HoldOutChoice:
     """A set with the groups that are held out, and why these.
 
     skipped: a stricter hold-out that is not taken -> why. lacks: what a fold even so cannot learn,
-    in words; "" where every fold learns every class.
+    in words; "" where every fold learns what it should.
     """
 
     data: DataSet
@@ -74,10 +74,12 @@ class HoldOutChoice:
 
 
 def strictest_hold_out(data: DataSet, folds: int, seed: int) -> HoldOutChoice:
-    """The first of STRICTEST_FIRST with which every fold learns every class of the set.
+    """The first of STRICTEST_FIRST with which every fold learns every situation of the set.
 
-    Where there is none, the last one that makes two groups. A set whose reader has its own kind of
-    group, such as blocks, keeps it.
+    Objects are held out only where every fold learns both weights, too.
+
+    Where there is no such, the last one that makes two groups. A set whose reader has its own kind
+    of group, such as blocks, keeps it.
     """
     if data.group_kind not in STRICTEST_FIRST:
         return as_grouped(data, folds, seed)
@@ -104,9 +106,11 @@ def as_grouped(data: DataSet, folds: int, seed: int) -> HoldOutChoice:
     """The set with the groups that it has, and what the first such fold lacks."""
     main = main_task(data)
     groups = data.group_of(main)
-    # A weight counts as much as a situation: held-out votes of models that lack one would
-    # calibrate it the wrong way round.
-    rows = learned_rows(data.tasks[main])
+    rows = data.tasks[main].of_situations()
+    # An object brings its weight: votes of models that lack one would calibrate it the wrong way
+    # round.
+    if data.group_kind == "object":
+        rows = learned_rows(data.tasks[main])
     label = rows.label
     n_folds = min(folds, len(np.unique(groups)))
     if n_folds < 2:

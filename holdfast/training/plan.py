@@ -103,6 +103,10 @@ ANY_HAND = {
 }
 """Of a committee on pooled features, which is trained on wider scenes: it is less sure that a slip
 begins, so the grip answers earlier, and a request asks for more (development seeds)."""
+SLOW_HZ = 100.0
+SLOW_PERMILLE = 500
+"""Below SLOW_HZ it asks for less: at 50 Hz a slip has a third of the samples that it has at 150 Hz,
+so few of them are sure that it begins (development seeds)."""
 
 UNTUNED = ForestPlan(kind="random", class_weight=None)
 """The thesis' forest: 100 trees, nothing chosen."""
@@ -225,6 +229,14 @@ def pooled_plan(size: str, learner: LearnerKind = "committee") -> TrainingPlan:
         even_classes=True,
         folds=3,
     )
+
+
+def at_rate(plan: TrainingPlan, rate_hz: float) -> TrainingPlan:
+    """The plan for recordings of a rate; pooled features at a slow one request earlier."""
+    if plan.groups != POOLED_GROUPS or rate_hz >= SLOW_HZ:
+        return plan
+    decision = replace(plan.decision, min_risky_permille=SLOW_PERMILLE)
+    return replace(plan, decision=decision)
 
 
 PLANS = {"fixed": hand_plan, "pooled": pooled_plan}

@@ -29,6 +29,15 @@ SETTINGS: dict[str, tuple[float, ...]] = {
 """The curve of each controller: its one setting."""
 WIDEST = ("everyday", "wide")
 """Sets of everyday actions and of any hold; every controller runs on them."""
+CAPS: dict[str, tuple[tuple[str, object], ...]] = {
+    f"lead at most {times:g} x the wearer's grip": (("lead_times", times),)
+    for times in (2.0, 3.0, 5.0)
+}
+"""In the part `cap` the answer grows with the grip that the wearer gave the object."""
+ORACLE_CAPS = (2.0, 2.5, 4.0)
+"""There the oracle's commands are at most so many times what the load needs. 2.5 is what the target
+allows (holdfast/evaluation/loop_figures.py)."""
+CAP_SETS = ("wide", "author", "slow", "fragile")
 TRUE_EVIDENCE_S = 0.02
 """In the part `truth` the controller gets the true slips, so late."""
 CURVE_SETS = ("p1", "quick")
@@ -49,7 +58,7 @@ so for this receiver a hand that opens after 4 s never opens."""
 LATE_SETS = ("author", "p1")
 PARTS = (
     *("table", "curve", "lag", "delay", "noise", "without", *OPENS_AFTER_S, "tremor"),
-    *("truth", "intent"),
+    *("truth", "intent", "cap"),
 )
 """Parts of the study; each row belongs to one."""
 WITHOUT = {
@@ -109,6 +118,8 @@ def rows(trials: int, seed: int = SEED) -> list[Row]:
         made += _opening_late(name, by_name[name])
     for name in ("author", *WIDEST):
         made += _with_more(name, by_name[name])
+    for name in CAP_SETS:
+        made += _capped(name, by_name[name])
     return [*made, *_trembling(by_name["author"])]
 
 
@@ -129,6 +140,19 @@ def _with_more(name: str, one: LoopSet) -> list[Row]:
         Row("intent", name, "never comes", one, deaf),
         Row("intent", name, "alone ends an answer", one, alone),
     ]
+
+
+def _capped(name: str, one: LoopSet) -> list[Row]:
+    """What a smaller command saves, and what the oracle saves with no larger one."""
+    ours = LoopRequest(OURS, OUR_LEAD_N)
+    made = [Row("cap", name, "no cap", one, ours)]
+    for label, rules in CAPS.items():
+        made.append(Row("cap", name, label, one, replace(ours, rules=rules)))
+    for times in ORACLE_CAPS:
+        label = f"oracle, at most {times:g} x the need"
+        known = LoopRequest(ORACLE, most_times=times)
+        made.append(Row("cap", name, label, one, known))
+    return [*made, Row("cap", name, ORACLE, one, LoopRequest(ORACLE))]
 
 
 def _opening_late(name: str, one: LoopSet) -> list[Row]:

@@ -175,7 +175,8 @@ def file_rows(path: Path, scenes: DataSet, real: DataSet, seed: int) -> list[Jso
     the file sees the change of the load alone, and no grip.
     """
     hand = read_hand_card(HAND)
-    spec = StepSpec.from_json(Model(path).card.raw["spec"])
+    card = Model(path).card
+    spec = StepSpec.from_json(card.raw["spec"])
     if not spec.is_pooled:
         return []
     _, data = for_hand(read_sealed(path), hand)
@@ -192,7 +193,8 @@ def file_rows(path: Path, scenes: DataSet, real: DataSet, seed: int) -> list[Jso
     answers = run_recordings(session, values, valid, ["p_situation"], rows)
     share = np.array([one["p_situation"][:, RISKY_SLIP].mean() for one in answers])
     row = _row(OF_FILE, OWN_LEVEL, real, share, seed)
-    return [row | {"level_n": level, "real_level_ut": level_of(real)}]
+    about = {"model": card.model_id, "level_n": level, "real_level_ut": level_of(real)}
+    return [row | about]
 
 
 def _at_rate(samples: FloatArray, rate_hz: float, wanted_hz: float) -> FloatArray:

@@ -136,7 +136,7 @@ tests of its own."""
 
 
 def test_every_measure_leaves_a_picture_that_names_what_was_measured():
-    assert set(PICTURES) == {*SHOWN, "cost"} <= set(MEASURES)
+    assert set(PICTURES) == {*SHOWN, "cost", "robust"} <= set(MEASURES)
     for name, (figures, read) in SHOWN.items():
         assert read in PICTURES[name](figures)
 

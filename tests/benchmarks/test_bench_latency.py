@@ -8,6 +8,8 @@ from dataclasses import replace
 
 import pytest
 
+from holdfast.core.reading import DEFAULT_MODEL, model_path
+from holdfast.edge_runtime.model import Model
 from holdfast.evaluation.latency import check as bench
 from holdfast.evaluation.latency.calls import (
     BARE,
@@ -29,6 +31,7 @@ from holdfast.evaluation.latency.check import (
     latency,
     ratios,
 )
+from holdfast.evaluation.latency.memory import memory
 from holdfast.simulation.scene_file import SceneFile, read_scene_file
 
 
@@ -134,3 +137,15 @@ def test_a_broken_budget_is_named_with_its_limit(change, line):
 
 def test_a_model_or_a_process_too_big_is_over_budget():
     assert len(broken(WITHIN, 9 * 2**20, resident_mb=500.0)) == 2
+
+
+def test_the_live_path_keeps_no_second_copy_of_its_file_and_is_within_its_memory():
+    path = model_path(DEFAULT_MODEL)
+    floor, live = memory(path)
+    limits = tomllib.loads(BUDGET.read_text(encoding="utf-8"))["at_most"]
+    assert floor.resident_mb < live.resident_mb <= limits["resident_mb"]
+    size = path.stat().st_size
+    model = Model(path)
+    # whatever the session holds of the file, it is not its bytes
+    held = [one for one in vars(model.session).values() if isinstance(one, bytes)]
+    assert max(map(len, held), default=0) < size // 100

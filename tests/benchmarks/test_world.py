@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,14 @@ import numpy as np
 import pytest
 from packages import ROOT, SHIPPED, folder_of
 
-from benchmarks.world.draws import KINDS, RISKY, WorldTrial, draw_trial
+from benchmarks.world.draws import (
+    KINDS,
+    NEVER_S,
+    RISKY,
+    WorldTrial,
+    draw_trial,
+    with_intent,
+)
 from benchmarks.world.page import columns
 from benchmarks.world.picture import picture
 from benchmarks.world.program import SEED, seed_line
@@ -58,6 +66,29 @@ def test_a_trial_depends_on_its_number_and_seed_alone() -> None:
     assert first.numbers == again.numbers
     assert first.grip_n == again.grip_n
     assert first.numbers != other.numbers
+
+
+def test_another_choice_of_signals_changes_the_wearers_signal_and_nothing_else(
+    trials: list[WorldTrial],
+) -> None:
+    for trial in trials:
+        assert with_intent(trial, "drawn") is trial
+        if trial.open_s >= NEVER_S:
+            assert with_intent(trial, "wired") is trial
+            continue
+        assert not with_intent(trial, "none").has_signal
+        wired = with_intent(trial, "wired")
+        assert replace(wired, signal_s=trial.signal_s).numbers == trial.numbers
+        if wired.has_signal:
+            assert 0.08 <= trial.open_s - wired.signal_s <= 0.15
+
+
+def test_nine_in_ten_signals_of_wired_wearers_come() -> None:
+    signals = []
+    for k in range(100):
+        one = draw_trial("hand-over", k, DEVELOPMENT)
+        signals.append(with_intent(one, "wired").has_signal)
+    assert 0.82 < np.mean(signals) < 0.97
 
 
 def test_every_number_is_within_its_range(trials: list[WorldTrial]) -> None:
@@ -155,6 +186,27 @@ def test_saved_counts_of_all_drops_of_the_preventable_and_without_earlier() -> N
     assert row["saved_share_ci"] == pytest.approx((0.0943, 0.9916), abs=1e-4)
 
 
+def test_of_the_oracles_commands_those_below_a_cap_keep_the_fewer_the_lower_it_is() -> (
+    None
+):
+    lost = {"lost_s": 0.2}
+    by = ("1.1", "2", "3", "ceiling", None)
+    records = [
+        record_of("pull-fast", k, bare=lost, oracle=one) for k, one in enumerate(by)
+    ]
+    rows = table_of(records)["oracle"]
+    assert [(row["times"], row["kept"], row["kept_of"]) for row in rows] == [
+        (1.1, 1, 4),
+        (1.5, 1, 4),
+        (2.0, 2, 4),
+        (3.0, 3, 4),
+        (None, 4, 4),
+    ]
+    made = tables_of("docs/second-physics.md", {"world": figures_of("a", "b", rows)})
+    assert "| at most 2 | 2 of 4: 0.5 " in made["world-oracle"]
+    assert "| up to the ceiling of 70 N | 4 of 4: 1 " in made["world-oracle"]
+
+
 def test_what_is_to_leave_the_hand_is_no_drop() -> None:
     records = [record_of("hand-over", 0, bare={"lost_s": 0.8})]
     assert row_of(table_of(records), "all trials")["drops"] == 0
@@ -199,7 +251,7 @@ def test_tightenings_of_quiet_holds_are_a_rate() -> None:
     assert (low, high) == pytest.approx((9.59, 36.78), abs=0.01)
 
 
-def figures_of(model: str, code: str = "a") -> Json:
+def figures_of(model: str, code: str = "a", oracle: Any = ()) -> Json:
     lost = {"lost_s": 0.2}
     records = [record_of(kind, 0) for kind in KINDS]
     records += [record_of(kind, 1, bare=lost, oracle="2") for kind in RISKY]
@@ -208,7 +260,7 @@ def figures_of(model: str, code: str = "a") -> Json:
         "model": {"id": model},
         "commit": code,
         "code_sha256": code,
-        "tables": [table_of(records)],
+        "tables": [{**table_of(records), **({"oracle": oracle} if oracle else {})}],
     }
 
 
@@ -233,6 +285,19 @@ def test_the_published_controllers_stand_beside_ours_on_the_same_trials() -> Non
     table = tables_of("docs/second-physics.md", {"world": world})["world-controllers"]
     assert "| holdfast | 1 (0.03 to 1.00) | 1 (" in table
     assert "| smsp | 0 (0.00 to 0.97) | 0 (" in table
+
+
+def test_hand_overs_and_put_downs_stand_by_the_signals_that_reach_the_run() -> None:
+    late = {"lost_s": 0.8}
+    given = record_of("hand-over", 0, bare=late, answered=late)
+    kept = record_of("hand-over", 0, bare=late)
+    rows = [
+        {"intent": name, **beside("holdfast", [one])}
+        for name, one in (("wired", given), ("none", kept))
+    ]
+    tables = tables_of("docs/second-physics.md", {"intent": {"intents": rows}})
+    assert "| nine in ten | 0 (0.00 to 0.97) | 0 of 1: 0 " in tables["world-intent"]
+    assert "| none | 0 (0.00 to 0.97) | 1 of 1: 1 " in tables["world-intent"]
 
 
 def test_the_same_run_stands_on_the_page_once() -> None:

@@ -169,10 +169,11 @@ def by_the_book(values: FloatArray, usable: BoolArray) -> BoolArray:
         moved[row] = (change[row] != 0.0).any(axis=1)
         last[here] = readings[row, here]
     found = np.zeros((n_rows, n_sensors), dtype=np.bool_)
+    others: BoolArray = np.logical_or.reduce(moved, axis=1)
     for sensor in range(n_sensors):
         mine = np.flatnonzero(usable[:, sensor])
         found[:, sensor] = _one_sensor(
-            mine, moved[:, sensor], change[:, sensor], moved.any(axis=1)
+            mine, moved[:, sensor], change[:, sensor], others
         )
     return found
 

@@ -184,6 +184,13 @@ def test_holdfast_leads_the_grip_by_the_evidence(p_risky: float, share: float) -
     assert wanted == pytest.approx(3.0 + 8.0 * share if share else 0.0)
 
 
+def test_a_capped_lead_grows_with_the_wearers_grip() -> None:
+    controller = after_a_hold("holdfast", 8.0, AnswerRules(lead_times=1.0))
+    firm = {"grip_n": 9.0, "p_risky": 1.0}
+    first, later = answers_of(controller, {"p_risky": 0.775}, firm)
+    assert (first, later) == pytest.approx((4.5, 12.0), rel=0.01)
+
+
 def test_holdfast_without_grading_answers_fully_or_not_at_all() -> None:
     controller = after_a_hold("holdfast", 8.0, AnswerRules(graded=False))
     wanted = [controller.want(sense(p_risky=p), 0.0, 0.0) for p in (0.77, 0.78)]

@@ -9,11 +9,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hazard_marks import DEAD_HAND, LATE_ANSWER, RESTART, WRONG_RATE
+from hazard_marks import AMBIGUOUS, DEAD_HAND, LATE_ANSWER, RESTART, WRONG_RATE
 from hypothesis import example, given
 from hypothesis import strategies as st
 
 from holdfast.core.contract import Prediction, Sample
+from holdfast.core.errors import TimeError
 from holdfast.edge_runtime.health import (
     LEAST_SPAN,
     RING,
@@ -357,3 +358,38 @@ def test_every_answer_is_a_line_of_json_with_the_reason(model: Model) -> None:
     expected = {"why": "settling", "commands": "expired", "late": False}
     assert expected.items() <= content.items()
     assert content["state"] == "unknown"
+
+
+@AMBIGUOUS.mark
+@pytest.mark.parametrize("sequence", [0, 2**63, -(2**63)])
+@pytest.mark.parametrize("t_ns", [2**63, 2**63 - 1, -(2**63), 2**200, 2**62, 0])
+def test_a_stamp_that_no_clock_gives_is_refused_and_the_stream_goes_on(
+    model: Model, t_ns: int, sequence: int
+) -> None:
+    monitor = GripMonitor(model, None)
+    answers = []
+    for k, values in enumerate(noise(400)):
+        if (t_ns or sequence) and k % 7 == 3:
+            with pytest.raises(TimeError):
+                monitor.feed(Sample(t_ns or k, values, ALL, sequence))
+        stamp_ns = round(k * PERIOD_NS)
+        answers.append(monitor.feed(Sample(stamp_ns, values, ALL, k)).state)
+    assert answers[:1] == ["unknown"]
+    assert "unknown" not in answers[100:]
+
+
+@AMBIGUOUS.mark
+def test_times_near_the_largest_are_answered_like_any(model: Model) -> None:
+    late_ns = 2**62 - round(500 * PERIOD_NS)
+    states = []
+    for begin_ns in (0, late_ns, -late_ns):
+        monitor = GripMonitor(model, None)
+        states.append(
+            [
+                monitor.feed(
+                    Sample(begin_ns + round(k * PERIOD_NS), values, ALL, k)
+                ).state
+                for k, values in enumerate(noise(300))
+            ]
+        )
+    assert states[0] == states[1] == states[2]

@@ -111,6 +111,33 @@ def test_after_a_silence_an_opening_must_reach_its_level_again():
     assert hand.sample({"envelope": (0.3, 0.0)}).wants == "rest"
 
 
+@pytest.mark.parametrize("item", [{"wants": "open"}, {"envelope": (1.0, 0.0)}])
+def test_an_opening_that_never_ends_counts_for_three_seconds_until_it_has_ended(item):
+    hand = Hand(opens_at=0.4)
+    hand.sample()
+    opened = []
+    for _ in range(600):
+        assert hand.sample(item).wants == "open"
+        opened.append(hand.monitor.opening)
+    assert (sum(opened), opened[448], opened[449]) == (449, True, False)
+    assert hand.messages == ["intent: open for 3 s; it does not count until it ends"]
+    hand.sample({"wants": "rest"}, item)
+    assert hand.monitor.opening
+
+
+class Early(Hand):
+    """An item comes between the emptying of the port and the first look."""
+
+    def forget(self) -> None:
+        pass
+
+
+def test_an_opening_that_is_there_at_the_first_look_counts():
+    hand = Early()
+    hand.sample({"wants": "open"})
+    assert hand.monitor.opening
+
+
 def test_a_word_counts_before_envelopes():
     hand = Hand(opens_at=0.4)
     hand.sample()

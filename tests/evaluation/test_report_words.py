@@ -169,8 +169,12 @@ def test_safe_slips_are_voluntary_actions_only_where_people_are_known_to_mean_th
 ) -> None:
     def with_safe_slips(action: str) -> str:
         some = Share(0.5, (0.1, 0.9), 4)
-        called = {"safe_acts_called": some, "safe_acts_by_action": {action: some}}
-        rows = {name: replace(row, **called) for name, row in recorded.rows.items()}
+        rows = {}
+        for name, row in recorded.rows.items():
+            by_action = {action: some}
+            rows[name] = replace(
+                row, safe_acts_called=some, safe_acts_by_action=by_action
+            )
         sets = {name: replace(one, rows=rows) for name, one in recorded.sets.items()}
         return page_of(replace(recorded, rows=rows, sets=sets), tmp_path)
 

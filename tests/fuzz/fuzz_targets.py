@@ -15,7 +15,7 @@ import os
 import socket
 import tempfile
 from collections.abc import Callable
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -26,6 +26,7 @@ import numpy as np
 import usb.core
 from import_targets import IMPORT_TARGETS
 
+from holdfast.core.column_map import column_map_of
 from holdfast.core.contract import RISKY_SLIP
 from holdfast.core.errors import HoldfastError, NotAModel
 from holdfast.core.line_key import LinkKey
@@ -42,8 +43,10 @@ from holdfast.drivers.finger import TEST_PACKETS, FingerState
 from holdfast.drivers.ft232h import Ft232h
 from holdfast.drivers.hand import Hand
 from holdfast.drivers.layout import Finger, read_layout
+from holdfast.drivers.line_feeds import LineSplitter
 from holdfast.drivers.mcp2221 import Mcp2221
 from holdfast.drivers.replay import open_replay
+from holdfast.drivers.sample_lines import SampleReader
 from holdfast.drivers.tiny_usb import TinyUsb
 from holdfast.drivers.tmag5273 import CHECKED_BYTES, LAYOUT, Setup, packet_crc
 from holdfast.drivers.virtual.clock import VirtualClock
@@ -65,7 +68,8 @@ from holdfast.edge_runtime.model_file import (
 )
 from holdfast.edge_runtime.onnx_bytes import read_onnx
 from holdfast.edge_runtime.preparation import Tare
-from holdfast.live.hand_sources import open_live
+from holdfast.live.hand_sources import is_lines, open_live
+from holdfast.live.line_sources import read_line_url
 from holdfast.live.page.link import read_address
 from holdfast.live.page.server import Access, PageHandler, PageServer
 from holdfast.live.page.stream import LiveStream
@@ -110,6 +114,10 @@ MCP2221_REPORTS = (
 BOARD = ("usb", "i2c", "lsl")
 """Sources on this very machine: their URLs are taken apart as the others are, but nothing of a
 stranger is opened."""
+LINE_MAP = column_map_of(
+    'unit = "gf"\n[time]\ncolumn = "t"\n[[sensors]]\nx = "f.0"\ny = "-f.1"\nz = "f.2"\n'
+)
+LINE_KEY = LinkKey(b"k" * 32, "samples")
 ERRNOS = (5, 13, 16, 19, 32, 75, 110)
 
 
@@ -387,9 +395,33 @@ def source(data: bytes) -> None:
     if scheme in BOARD:
         url = url.lstrip().replace(scheme, "virtual", 1)
     os.chdir(folder())
+    if is_lines(url):
+        # no port of a stranger's choice is opened
+        read_line_url(url)
+        return
     opened = open_live(url, clock=VirtualClock(), report=lambda line: None)
     opened.read()
     opened.close()
+
+
+def sample_lines(data: bytes) -> None:
+    """Lines of a program that sends samples: first a header or a key, then lines in pieces."""
+    sealed = data[:1] == b"k"
+    reader = SampleReader(
+        LINE_MAP if data[:1] == b"m" else None, key=LINE_KEY if sealed else None
+    )
+    splitter = LineSplitter()
+    for k, at in enumerate(range(1, len(data), 97)):
+        for line in splitter.split(data[at : at + 97]):
+            with suppress(LineRefused):
+                text = LINE_KEY.sealed(line) if sealed and k % 2 else line
+                sample = reader.take(text, k % 3, 10_000_000 * k)
+                if sample is not None:
+                    assert reader.map is not None
+                    assert sample.values.shape == (len(reader.map.channels),)
+                    assert sample.valid.shape == (len(reader.map.sensors),)
+                    held = np.repeat(sample.valid, 3)
+                    assert np.isfinite(sample.values[held]).all()
 
 
 def packets(data: bytes) -> None:
@@ -870,8 +902,21 @@ TARGETS = {
             b"a#0",
             b"i2c://1",
             b"usb://tiny-usb?number=2",
+            b"udp://127.0.0.1:9000?network=1&stamps=sender&rate_hz=150&unit=uT",
+            b"serial:///dev/ttyACM0?baud=115200",
+            b"tcp://localhost:9000?listen=1",
+            b"stdin://?paced=1",
         ),
         100,
+    ),
+    "sample_lines": Target(
+        sample_lines,
+        (
+            b'j{"session":1,"sequence":2,"t_ms":3,"X1":1,"Y1":2,"Z1":-3.5}\n',
+            b"cTime,X1,Y1,Z1,valid1\n0.1,1,2,3,1\n0.2,nan,,3,0\n",
+            b'm{"t":5,"f":[1,2,null]}\nt;f.0;f.1;f.2\n1,5;2;3;4\n',
+            b'k{"session":1,"sequence":2,"X1":1,"Y1":2,"Z1":3}\n',
+        ),
     ),
     "commands": Target(
         commands,

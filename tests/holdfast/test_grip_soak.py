@@ -29,7 +29,8 @@ from holdfast.edge_runtime.model import Model
 from holdfast.edge_runtime.supervisor import GripCommand
 from holdfast.live.grip import GripOutput, controller_for
 from holdfast.live.hand_sources import open_live
-from holdfast.live.run import answer, emit_to
+from holdfast.live.outputs import emit_to
+from holdfast.live.run import answer
 from holdfast.live.running import RunClock, first_in_line
 from holdfast.live.scene import SceneClock, drive_of, live_scene
 

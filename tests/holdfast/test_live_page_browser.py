@@ -106,23 +106,46 @@ def test_a_page_that_hears_nothing_never_shows_an_old_state(tab):
     tab.wait_until(f"{STATE} === 'the test has ended'")
 
 
-def test_a_risky_slip_of_one_sample_is_seen_and_remembered(tab):
+def test_a_risky_slip_of_one_sample_is_a_red_alarm_for_two_seconds(tab):
+    red = "getComputedStyle(document.getElementById('now')).backgroundColor"
     with served() as page:
         opened(tab, page)
         page.frame(sample(0), sample(1, "risky_slip"), sample(2))
         tab.wait_until(f"{STATE} === 'risky slip'")
         page.frame(sample(60))
+        tab.wait_until(f"{DETAIL}.textContent.startsWith('0.4 s ago, now grasp')")
+        assert tab.value(STATE) == "risky slip"
+        assert tab.value(red) == "rgb(179, 38, 30)"
+        page.frame(sample(450))
         tab.wait_until(f"{STATE} === 'grasp'")
-        assert "risky slip 0.4 s ago" in tab.value(f"{DETAIL}.textContent")
+        assert "risky slip 3.0 s ago" in tab.value(f"{DETAIL}.textContent")
+        assert tab.value(red) != "rgb(179, 38, 30)"
 
 
-def test_a_page_that_is_opened_after_a_risky_slip_announces_none(tab):
+def test_a_page_that_is_opened_after_a_risky_slip_says_when_it_was(tab):
     with served() as page:
         page.frame(sample(0, "risky_slip"), *(sample(k) for k in range(1, 150)))
         opened(tab, page)
-        assert tab.value(STATE) == "grasp"
-        assert text_of(tab, "spoken") == "grasp"
-        assert "risky slip 1.0 s ago" in tab.value(f"{DETAIL}.textContent")
+        assert tab.value(STATE) == "risky slip"
+        assert tab.value(f"{DETAIL}.textContent").startswith("1.0 s ago, now grasp")
+
+
+@pytest.mark.parametrize(("grip", "says"), [(False, "moves no hand"), (True, "sends")])
+def test_the_page_says_whether_a_hand_is_moved(tab, grip, says):
+    with served(grip=grip) as page:
+        page.frame(sample(0))
+        opened(tab, page)
+        assert says in text_of(tab, "moves")
+
+
+def test_the_end_says_why(tab):
+    with served() as page:
+        page.frame(sample(0))
+        opened(tab, page)
+        page.frame({"said": "the source has ended; samples: 1"})
+        tab.wait_until("document.getElementById('said').innerText !== ''")
+    tab.wait_until(f"{STATE} === 'the test has ended'")
+    assert "the source has ended; samples: 1" in tab.value(f"{DETAIL}.textContent")
 
 
 def test_marks_pause_and_saving_are_buttons(tab):

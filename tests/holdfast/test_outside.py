@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import struct
 import tracemalloc
 import warnings
@@ -16,10 +17,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 import skops.io
-from hazard_marks import HUGE_INPUT, MISTAKEN_ARGUMENT, TERMINAL_ESCAPES
+from hazard_marks import AMBIGUOUS, HUGE_INPUT, MISTAKEN_ARGUMENT, TERMINAL_ESCAPES
 from hypothesis import given
 from hypothesis import strategies as st
-from small_model import artifact, sealed_bytes, spec
+from small_model import artifact, card_of, sealed_bytes, spec, with_metadata
 
 from holdfast.cli.command import finish
 from holdfast.cli.main import main
@@ -27,17 +28,20 @@ from holdfast.core import archives, reading
 from holdfast.core.errors import (
     LONGEST_LINE,
     ArtifactError,
+    CardError,
     ColumnError,
     DataError,
+    DataNotFound,
     HoldfastError,
     NotAModel,
     NotANumber,
+    TimeError,
     TooLarge,
     UsageError,
     one_line,
     visible,
 )
-from holdfast.core.reading import MOST_DOCUMENT_BYTES, MOST_LINE_BYTES
+from holdfast.core.reading import MOST_DOCUMENT_BYTES, MOST_LINE_BYTES, json_of
 from holdfast.core.trial_file import check_columns, read_trial
 from holdfast.core.trial_layout import read_json
 from holdfast.drivers.calibration import read_bias, read_calibration
@@ -46,7 +50,8 @@ from holdfast.drivers.camera.sources import read_frames
 from holdfast.drivers.replay import open_replay
 from holdfast.drivers.virtual.clock import VirtualClock
 from holdfast.drivers.virtual.faults import read_fault
-from holdfast.edge_runtime.model_file import read_sealed
+from holdfast.edge_runtime.model_file import CARD_KEY, read_sealed
+from holdfast.edge_runtime.monitor import GripMonitor, Model
 from holdfast.export.artifact import read_artifact, write_artifact
 from holdfast.export.exporting import export_artifact
 from holdfast.live.hand_sources import open_bus, open_live
@@ -348,6 +353,149 @@ def test_a_model_file_of_a_terabyte_is_refused_unread(tmp_path: Path) -> None:
         patch.setattr("holdfast.edge_runtime.model_file.MOST_BYTES", MB)
         with pytest.raises(NotAModel, match="larger than 1 MiB"):
             read_sealed(sparse(tmp_path / "m.onnx", 1 << 40))
+
+
+# -- devices, links and names of files
+
+ANY_FILE = TABLES | DOCUMENTS | {name: ("a.npz", read) for name, read in ARRAYS.items()}
+
+
+@HUGE_INPUT.mark
+@pytest.mark.parametrize("device", ["/dev/zero", "/dev/null", "a pipe"])
+@pytest.mark.parametrize("kind", ANY_FILE)
+def test_a_device_or_a_pipe_is_refused_unread(
+    tmp_path: Path, kind: str, device: str
+) -> None:
+    name, read = ANY_FILE[kind]
+    if device == "a pipe":
+        os.mkfifo(tmp_path / name)
+    else:
+        (tmp_path / name).symlink_to(device)
+    with little_memory(2 * MB), pytest.raises((DataNotFound, CardError, ArtifactError)):
+        read(tmp_path / name)
+
+
+@HUGE_INPUT.mark
+@pytest.mark.parametrize("part", ["forest", "network"])
+@pytest.mark.parametrize(
+    "named",
+    ["/dev/zero", "pipe", "zero", "../outside.skops", "link", ".", "", "a\0b", 7, [7]],
+)
+def test_an_artifact_names_regular_files_of_its_folder_only(
+    tmp_path: Path, part: str, named: object
+) -> None:
+    folder = written(tmp_path / "artifact")
+    outside = (folder / "situation.skops").rename(tmp_path / "outside.skops")
+    (folder / "link").symlink_to(outside)
+    (folder / "zero").symlink_to("/dev/zero")
+    os.mkfifo(folder / "pipe")
+    index = json.loads((folder / "artifact.json").read_text("utf-8"))
+    index["heads"]["situation"][part] = named
+    (folder / "artifact.json").write_text(json.dumps(index), encoding="utf-8")
+    with (
+        little_memory(4 * MB),
+        pytest.raises(ArtifactError, match="is not a file in this folder"),
+    ):
+        read_artifact(folder)
+
+
+@HUGE_INPUT.mark
+def test_an_artifact_s_rows_may_be_no_link_to_a_device(tmp_path: Path) -> None:
+    folder = written(tmp_path / "artifact")
+    (folder / "rows.npz").unlink()
+    (folder / "rows.npz").symlink_to("/dev/zero")
+    with little_memory(4 * MB), pytest.raises(ArtifactError):
+        read_artifact(folder)
+
+
+# -- JSON that two programs would read differently
+
+JSONS = [kind for kind, (name, _) in DOCUMENTS.items() if ".json" in name]
+
+
+@AMBIGUOUS.mark
+@pytest.mark.parametrize("kind", JSONS)
+@pytest.mark.parametrize(
+    "text",
+    [
+        '{"unit": "N", "unit": "uT"}',
+        '{"a": [{"b": 1, "b": 1}]}',
+        '{"a": 9223372036854775808}',
+        '{"a": 1e999}',
+        '{"a": NaN}',
+        '{"a": -Infinity}',
+    ],
+)
+def test_a_key_that_comes_twice_and_a_number_that_is_none_are_refused(
+    tmp_path: Path, kind: str, text: str
+) -> None:
+    name, read = DOCUMENTS[kind]
+    (tmp_path / name).write_text(text + "\n", encoding="ascii")
+    with pytest.raises((DataError, ArtifactError)) as caught:
+        read(tmp_path / name)
+    # refused as JSON, and not for what the object lacks
+    said = str(caught.value)
+    assert "ValueError" in said or "readable" in said or "twice" in said
+
+
+@AMBIGUOUS.mark
+@pytest.mark.parametrize("text", ["a = nan", "a = -inf", "a = [1e999]", f"a = {2**63}"])
+def test_a_toml_file_has_finite_numbers_of_64_bits(tmp_path: Path, text: str) -> None:
+    (tmp_path / "card.toml").write_text(text + "\n", encoding="ascii")
+    with pytest.raises(CardError, match="not valid TOML"):
+        read_scene_file(str(tmp_path / "card.toml"))
+
+
+@pytest.mark.parametrize(
+    "text", ["9223372036854775807", "-9223372036854775808", "[true, null, 1e308]"]
+)
+def test_the_largest_numbers_are_read(text: str) -> None:
+    assert json_of(text) == json.loads(text)
+
+
+# -- rates
+
+RATES = ["1e-300", "5e-324", "1e300", "-1", "0", "NaN", "1e999", "true", '"150"']
+
+
+@AMBIGUOUS.mark
+@pytest.mark.parametrize("rate", RATES)
+def test_a_model_s_card_has_a_possible_rate(tmp_path: Path, rate: str) -> None:
+    data = sealed_bytes()
+    card = json.dumps(card_of(data)).replace('"rate_hz": 50.0', f'"rate_hz": {rate}')
+    (tmp_path / "m.onnx").write_bytes(with_metadata(data, **{CARD_KEY: card}))
+    with pytest.raises(NotAModel):
+        GripMonitor(Model(tmp_path / "m.onnx"))
+
+
+@AMBIGUOUS.mark
+@pytest.mark.parametrize("rate", [rate for rate in RATES if rate != "NaN"])
+def test_a_scene_has_a_possible_rate(tmp_path: Path, rate: str) -> None:
+    text = read_scene_file("pull-soft-ball").text
+    with_rate = re.sub(r"rate_hz *= *\S+", f"rate_hz = {rate}", text)
+    assert with_rate != text
+    (tmp_path / "card.toml").write_text(with_rate, encoding="utf-8")
+    with pytest.raises(CardError):
+        read_scene_file(str(tmp_path / "card.toml"))
+
+
+@AMBIGUOUS.mark
+@pytest.mark.parametrize("step_s", ["1e-300", "1e-9", "1e5", "1e300"])
+def test_a_recording_has_a_possible_rate(tmp_path: Path, step_s: str) -> None:
+    rows = "".join(f"{k * float(step_s)!r},1,2,3\n" for k in range(9))
+    (tmp_path / "t.csv").write_text("Time,X1,Y1,Z1\n" + rows, encoding="ascii")
+    with pytest.raises(TimeError):
+        read_trial(tmp_path / "t.csv")
+
+
+@AMBIGUOUS.mark
+@pytest.mark.parametrize("words", [["record", "--rate"], ["bias", "--seconds"]])
+@pytest.mark.parametrize("number", ["1e-300", "1e300", "nan", "-1", "0"])
+def test_a_time_or_a_rate_on_the_command_line_is_possible(
+    words: list[str], number: str, capsys
+) -> None:
+    assert main([*words, number]) == UsageError.exit_code
+    assert "is not a number from" in capsys.readouterr().err
 
 
 # -- what reaches a terminal

@@ -13,6 +13,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from holdfast.core.line_key import LinkKey
+from holdfast.drivers.sample_lines import SampleReader
+
 ROOT = Path(__file__).resolve().parents[2]
 BLOCK = re.compile(r"^```(sh|python)\n(.*?)^```", re.DOTALL | re.MULTILINE)
 
@@ -86,6 +89,20 @@ def test_the_api_page_answers_a_trial_and_a_hand(
     assert "cue to act at [" in printed
     assert re.search(rf"^{states} \d+ us$", printed, re.MULTILINE)
     assert "no such model file | export one" in printed
+
+
+def test_live_sources_runs_a_recording_and_seals_a_line_that_is_a_sample(
+    follow: Callable[[str], str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    follow("live-sources.md")
+    printed = capsys.readouterr().out
+    assert "its lines ended after 60 samples" in printed
+    page = (ROOT / "docs" / "live-sources.md").read_text("utf-8")
+    (key,) = re.findall(r'^key = b"(.+)"$', page, re.MULTILINE)
+    reader = SampleReader(key=LinkKey(key.encode(), "samples"))
+    sample = reader.take(printed.splitlines()[-1].encode(), "sender", 0)
+    assert sample is not None
+    assert sample.values.tolist() == [0.1, 0.0, 2.5]
 
 
 @pytest.mark.filterwarnings("ignore")

@@ -35,11 +35,11 @@ from holdfast.edge_runtime.model import Model
 from holdfast.edge_runtime.supervisor import GripCommand
 from holdfast.live.grip import GripOutput, controller_for, grip_to_scene, grip_to_wire
 from holdfast.live.hand_sources import open_live, planned_scene, shear_gain_of
+from holdfast.live.outputs import emit_to
 from holdfast.live.run import (
     NO_SHEAR_GAIN,
     RunOptions,
     answer,
-    emit_to,
     known_shear_gain,
 )
 from holdfast.live.scene import ROWS_HZ, STEP_S, drive_of

@@ -14,6 +14,8 @@ from typing import Any
 import numpy as np
 import pytest
 from grip_bench import ROOT
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from live_bench import RUN, free_port
 from made_prediction import prediction
 from numbered_lines import numbered_sender
@@ -23,10 +25,13 @@ from holdfast.core.contract import Sample
 from holdfast.core.source import SourceReading
 from holdfast.drivers.virtual.clock import VirtualClock
 from holdfast.edge_runtime.commands import Command
+from holdfast.edge_runtime.grip_control import GripControl
 from holdfast.edge_runtime.intent import Intent, IntentMonitor, read_intent
 from holdfast.edge_runtime.model import Model
+from holdfast.edge_runtime.supervisor import GripCommand
 from holdfast.live.intent import intended, intent_monitor
 from holdfast.live.page.run_page import RunPage
+from holdfast.simulation.drive import Actuator, Drive
 
 Send = Callable[[Any], None]
 
@@ -122,15 +127,15 @@ def test_a_run_records_the_stream_beside_its_samples_and_opens_only_if_asked(
 
 
 class Scripted:
-    """A stream that gives one item at every look."""
+    """A stream that gives its items at every look."""
 
     n_envelopes = 1
 
     def __init__(self, item: Intent) -> None:
-        self.item = item
+        self.items = [item]
 
     def came(self) -> list[Intent]:
-        return [self.item]
+        return self.items
 
     def forget(self) -> None:
         pass
@@ -154,6 +159,56 @@ def test_a_stream_adds_an_opening_and_takes_nothing_from_the_commands(
     assert got.override == own.override
     assert got.opening == (own.opening or (obeyed and wants == "open"))
     assert not (own.link == "expired" and got.link != "expired")
+
+
+class OneDrive(Actuator):
+    """A drive whose wearer asks for 4 N a side."""
+
+    def __init__(self) -> None:
+        self.drive = Drive()
+        self.own_n, self.motor_n, self.place_n = np.full((3, 1), 4.0)
+        self.fastest_n_s, self.backlash_n = np.full((2, 1), 200.0)
+        self.speed_n_s = np.zeros(1)
+
+
+def obeyed_n(command: GripCommand, drive: OneDrive) -> Any:
+    """The target that a hand which obeys docs/shared-control.md follows."""
+    if command.mode in ("idle", "yield"):
+        return np.zeros(1)
+    return drive.kept_n if command.target_n is None else np.array([command.target_n])
+
+
+@settings(deadline=None, max_examples=15)
+@given(
+    st.lists(
+        st.tuples(
+            st.sampled_from([None, "open", "rest", "close"]), st.sampled_from([0, 1])
+        ),
+        max_size=60,
+    ),
+    st.integers(1, 40),
+)
+def test_a_stuck_or_forged_stream_takes_back_our_answer_and_nothing_of_the_wearers(
+    said, lasts
+):
+    clock, stream = VirtualClock(10**9), Scripted(Intent(0, "rest"))
+    intent = IntentMonitor(stream, clock.now_ns, lambda line: None)
+    ask = intended(Command, intent, obeyed=True)
+    control, drive = GripControl("holdfast", 150.0), OneDrive()
+    for wants, p_risky in [one for one in said for _ in range(lasts)]:
+        clock.wait_until(clock.now_ns() + 6_666_667)
+        stream.items = [Intent(clock.now_ns(), wants)] if wants else []
+        opening = ask().opening
+        forces = np.tile([0.1, 0.0, float(drive.grip_n[0]) / 3.0], 6)
+        now = prediction(p_risky=float(p_risky), opening=opening)
+        command = control.step(now, forces, np.ones(6, dtype=np.bool_))
+        if opening:
+            assert command.mode in ("idle", "yield")
+            assert command.target_n is None
+        drive.step(obeyed_n(command, drive), 1.0 / 150.0)
+        assert drive.motor_n[0] >= drive.own_n[0]
+    stream.items = [Intent(clock.now_ns(), "rest")]
+    assert not ask().opening
 
 
 def test_the_page_of_a_run_gets_the_wearers_own_command():

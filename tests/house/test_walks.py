@@ -17,8 +17,9 @@ MOST_LOADED = {
     "a virtual hand": 60,
     "a closed loop": 60,
     # three more than before the pooled features: their list, what adds them to a graph, and the
-    # history that they share with the other groups (history.py, out of guard.py)
-    "train and export": 54,
+    # history that they share with the other groups (history.py, out of guard.py); two more since
+    # own data: the hand card of a set, and one rule of what is held out (judging.py)
+    "train and export": 55,
 }
 
 
@@ -33,8 +34,9 @@ def test_a_program_loads_few_modules(walk: str, tmp_path: Path) -> None:
 
 
 def test_few_files_are_shipped_and_none_is_long(shipped: Size) -> None:
-    # 306: arrays of a whole recording, edge_runtime/recording.py; the advice of `holdfast check`
-    assert shipped.files <= 306
+    # 306 before other people's files and any sender: 18 modules import logs (interop/logs, maps,
+    # events), 4 read lines, 3 hold the rule of links (session, key, port)
+    assert shipped.files <= 332
     assert shipped.most_lines <= 450
     # 225 since imports and own trials: files of the middle grew by a few lines each
     assert 120 <= shipped.median_lines <= 225
@@ -42,13 +44,14 @@ def test_few_files_are_shipped_and_none_is_long(shipped: Size) -> None:
 
 def test_what_is_shipped_is_plain(shipped: Size) -> None:
     """Limits a little above today's figures: what grows past them should be cut, or explained."""
-    # 4,000 of them: `monitor.replay`, arrays in and arrays out; trials of any situations, and
-    # without masses, and what a model cannot tell; 2,000: a view without a package, and a doctor
-    # that knows what is installed
-    assert shipped.nodes <= 377_000
-    assert shipped.nodes_a_line <= 5.70
+    # 377,000 before imports (30,000), lines as a source and frozen sensors (9,000), the rule of
+    # links and what receivers check (4,000), and what adapt, dask and the page refuse (2,000).
+    # Imports are mostly tables of names and units, which are many nodes a line.
+    assert shipped.nodes <= 425_000
+    assert shipped.nodes_a_line <= 5.80
     assert shipped.comprehensions_per_1000_lines <= 20
 
 
 def test_what_runs_on_the_hand_stays_small() -> None:
-    assert size_of(["holdfast/edge_runtime"]).lines <= 4300
+    # 80 more than before the watch for frozen sensors, which no chip's counter gives away
+    assert size_of(["holdfast/edge_runtime"]).lines <= 4380

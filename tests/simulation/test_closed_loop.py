@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from grip_senses import sense
 from loop_bench import (
     ACTIONS,
     WHOLE_BRUSH,
@@ -23,7 +24,9 @@ from loop_bench import (
 from holdfast.simulation.closed_loop import (
     ClosedLoop,
     LoopSettings,
+    LoopTruth,
     managed,
+    needed_grip_n,
     oracle,
     run_loops,
 )
@@ -171,6 +174,23 @@ def test_the_oracle_keeps_a_fall_that_the_bare_hand_drops(
     assert best.lost_s == np.inf
     assert best.peak_grip_n > 2.0 * bare.peak_grip_n
     assert 0.0 < best.slip_mm < 50.0
+
+
+@pytest.mark.parametrize("closure", [1.1, np.inf])
+def test_the_commands_of_an_oracle_with_a_cap_stay_below_it(
+    tmp_path: Path, closure: float
+) -> None:
+    scene = scene_of(tmp_path, card_text(row("fall", "weak_grip = 0.5\n")))
+    (trial,) = scene.trials()
+    capped = oracle({trial.number: 1.0}, 70.0, closure, 2.5)([trial], 150.0)
+    commands = []
+    for grip_n in (0.0, 1.0, 60.0):
+        now = LoopTruth(np.array([1.5]), np.array([grip_n]))
+        commands.append(capped.step(sense(), now)[0])
+    most_n = needed_grip_n(trial, 2.5)
+    assert commands[0] == pytest.approx(most_n)
+    assert max(commands) <= most_n < 70.0
+    assert commands[-1] == pytest.approx(needed_grip_n(trial, min(closure, 2.5)))
 
 
 def test_a_puller_stronger_than_the_hand_gets_the_object_and_nothing_is_a_nan(

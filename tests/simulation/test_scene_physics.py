@@ -474,7 +474,7 @@ def test_a_leaning_box_along_z_is_the_upright_one():
 def test_what_is_carried_when_the_hand_opens_is_no_part_of_the_pause_before() -> None:
     trials = Scene(read_scene_file("thesis"), 0).trials()
     trial = next(one for one in trials if one.action == "put-down")
-    at_s = 0.5 * np.arange(1, 9)
+    at_s = np.arange(1.0, 9.0, dtype=np.float64) * np.float64(0.5)
     carried_n = np.zeros((8, 3))
     # The box has taken over at 2.5 s; at 3.0 s the hand opens and much more is carried.
     carried_n[3:, 2] = [1.0, 2.0, 10.0, 10.0, 10.0]

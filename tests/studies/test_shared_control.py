@@ -163,6 +163,21 @@ def test_the_figures_before_a_mend_stay_beside_the_new_ones() -> None:
     assert "| 3 of 4: 0.75" in made
 
 
+def test_what_a_smaller_command_saves_stands_beside_the_oracle_with_a_cap() -> None:
+    capped = [one for one in rows(10) if one.part == "cap" and one.set_name == "wide"]
+    labels = [one.label for one in capped]
+    assert labels[0] == "no cap"
+    assert labels[-1] == "oracle"
+    assert "oracle, at most 2.5 x the need" in labels
+    some = {"count": 1, "of": 4, "share": 0.25, "share_ci": [0.0, 1.0]}
+    figures = {"saved": 1, "preventable": 4, "saved_share": 0.25, "blocked_share": 0.5}
+    shares: dict[str, Any] = {"above_need": some, "squeezed": some}
+    made = row("cap", "wide", labels[1], **figures, **shares)
+    table = tables_of(PAGE, {"cap": {"rows": [made]}})["cap"]
+    line = "| wide | lead at most 2 x the wearer's grip | 1 of 4: 0.25 (0.00 to 1.00) |"
+    assert line in table
+
+
 def test_every_set_has_the_seed_that_was_asked_for() -> None:
     assert {one.one.seed for one in rows(10, 123)} == {123}
     assert {one.one.seed for one in rows(10)} == {SEED}

@@ -153,6 +153,21 @@ FROZEN_SENSOR = Hazard(
     "as lost once it has repeated for 0.2 s while another one changed",
     "The hand holds its grip on `unknown`; a sensor that repeats at rest is not judged",
 )
+FORGED_SAMPLES = Hazard(
+    OUTSIDE,
+    "Another program sends samples to the port of a source",
+    "A source keeps one sender until none of its samples has come for 300 ms, takes rising lines "
+    "only, listens on this machine only unless told otherwise, and with a key takes sealed lines "
+    "only, none of them twice",
+    "Without a key, a sender that can read the link, or that comes first, is believed",
+)
+STALE_LINES = Hazard(
+    LIVE,
+    "A program that sends samples as lines is stuck, late or silent",
+    "Late and silent are judged on arrival: what did not come in time is lost, what waited while "
+    "nothing was read is dropped, and the state is `unknown`",
+    "A delay that is constant from the start cannot be seen without a common clock",
+)
 LATE_ANSWER = Hazard(
     LIVE,
     "An answer is late because the computer paused",
@@ -210,6 +225,13 @@ INVARIANTS = Hazard(
     "All reachable states and inputs of the decision are searched, and the invariants hold in each",
     "Nothing",
 )
+TROUBLE_EVERY_SECOND = Hazard(
+    LIVE,
+    "Faults, signals, pauses, full disks and forged datagrams come one after another for an hour",
+    "Every sample is answered or counted, every command arrives, unknown states let nothing go, "
+    "and memory does not grow (`make soak` plays the hour; this is a part of it)",
+    "Hardware that fails in other ways than the emulated one",
+)
 SUPERVISOR_INVARIANTS = Hazard(
     DECISIONS,
     "A grip controller wants too much, for too long, or against the wearer",
@@ -236,6 +258,13 @@ HUGE_INPUT = Hazard(
     "Input is huge, or claims to be",
     "It is refused by a typed error before memory or time is spent on it",
     "Nothing",
+)
+AMBIGUOUS = Hazard(
+    OUTSIDE,
+    "A file or a stamp means two things, or holds a number that no clock, rate or size can be",
+    "It is refused by a typed error: a key that comes twice, a number that is not finite or needs "
+    "more than 64 bits, a rate outside 0.001 to 100,000 Hz, a stamp beyond 146 years",
+    "Numbers that are possible but wrong",
 )
 TERMINAL_ESCAPES = Hazard(
     OUTSIDE,
@@ -310,4 +339,12 @@ FLOODED_PORT = Hazard(
     "A sender that is obeyed has a queue of its own, no sample waits, and what is skipped is one "
     "line a second in the log",
     "Without a Unix socket or a key, a flood that comes first can keep the wearer's commands out",
+)
+CROWDED_PAGE = Hazard(
+    OUTSIDE,
+    "A program shuts the live page with slow or huge requests, or fills the memory with them",
+    "A request must be whole after 5 s and within 32 KiB; connections are limited, and those that "
+    "have not asked make way for a browser",
+    "A program on the same machine, or with the token, that opens whole requests faster than the "
+    "browser does: it disconnects the browser, which comes back after a second",
 )

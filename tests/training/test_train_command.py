@@ -14,7 +14,7 @@ from command_line import Run
 
 from holdfast.training.datasets import load
 from holdfast.training.fixture import write_fixture
-from holdfast.training.plan import SIZES
+from holdfast.training.plan import SIZES, SLOW_PERMILLE, at_rate, pooled_plan
 
 SIGNALLED = """
 import os
@@ -112,3 +112,18 @@ def test_label_weights_are_chosen_where_they_are_wanted_and_stand_in_the_artifac
     code, _, err = run(*words, "--force", "--inner-folds", "1")
     assert code == 2
     assert "'1' is not a whole number of 2 or more" in err
+
+
+def test_pooled_features_of_slow_recordings_ask_for_less_confidence(
+    run: Run, fixture_set: Path, tmp_path: Path
+) -> None:
+    words = ("train", "--data", fixture_set, "--out", tmp_path / "out")
+    size = ("--size", "tiny", "--features", "pooled", "--learner", "forest")
+    code, _, err = run(*words, *size)
+    assert code == 0, err
+    made = json.loads((tmp_path / "out/artifact.json").read_text("utf-8"))
+    assert made["spec"]["rate_hz"] == pytest.approx(50.0)
+    assert made["decision"]["min_risky_permille"] == SLOW_PERMILLE
+    for untouched in (at_rate(pooled_plan("tiny"), 150.0), pooled_plan("tiny")):
+        assert untouched.decision.min_risky_permille == 740
+    assert at_rate(SIZES["tiny"], 50.0) == SIZES["tiny"]

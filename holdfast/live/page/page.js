@@ -3,7 +3,7 @@
 import { build, show as showHand } from "./hand.js";
 import { draw, inWords, legend } from "./plot.js";
 
-const SILENT_S = 0.5, LOST_MS = 1500, SPEAK_MS = 1000, RETRY_MS = 2000, RISK_ECHO_S = 3, MOST_SAID = 40;
+const SILENT_S = 0.5, LOST_MS = 1500, SPEAK_MS = 1000, RETRY_MS = 2000, ALARM_S = 2, RISK_ECHO_S = 5, MOST_SAID = 40;
 const SENSORS = {
   nack: "does not answer", missing: "does not answer, it is looked for", mux: "its multiplexer did not switch", stale: "has stopped measuring",
   garbage: "sends no measurement", crc: "its checksum is wrong", reset: "has lost its power", diagnosis: "reports a fault of its own",
@@ -45,6 +45,7 @@ function introduce(about) {
   at("risk").hidden = !page.about.answers;
   document.body.classList.toggle("records", !page.about.answers);
   legend(at("legend"), page.about.answers, page.about.grip);
+  at("moves").textContent = page.about.grip ? "This page only shows; the run that it shows sends grip targets to a hand." : "This page only shows; it moves no hand.";
   buildButtons();
 }
 
@@ -74,7 +75,7 @@ const riskiest = (rows) => rows.reduce((most, row) => (RANKS.indexOf(row.state) 
 
 /** What is wrong with the connection or the loop, as [headline, detail]; null where nothing is. */
 function trouble() {
-  if (page.ended) return [page.ended, "what is shown below is its last picture"];
+  if (page.ended) return [page.ended, [at("said").firstChild?.textContent, "what is shown below is its last picture"].filter(Boolean).join("; ")];
   const silentMs = performance.now() - page.heardMs;
   if (!page.heardMs || silentMs > LOST_MS) return ["no connection", "no data comes from the program: the state is not known"];
   if (page.silent === null) return ["waiting", at("said").firstChild?.textContent ?? "no sample has come yet"];
@@ -91,10 +92,18 @@ function showState(newest) {
   if (!page.sample) return;
   if (!page.about.answers) { showTrial(page.sample); return; }
   const state = newest ?? page.sample.answer.state;
-  headline(state, inWords(state), details(page.sample.answer, state).join("; "));
+  const agoS = page.riskyAt === null ? Infinity : page.sample.t_s - page.riskyAt;
+  // a slip lasts a few samples: its alarm stays until a person has seen it
+  if (agoS < ALARM_S) showAlarm(state, agoS);
+  else headline(state, inWords(state), details(page.sample.answer, state).join("; "));
   const p = state === "unknown" ? null : page.rows.at(-1).p_risky;
   at("risk-bar").value = p ?? 0;
   at("risk-value").textContent = number(p);
+}
+
+function showAlarm(state, agoS) {
+  const now = state === "risky_slip" ? "now" : `${number(agoS, 1)} s ago, now ${inWords(state)}`;
+  headline("risky_slip", "risky slip", [now, ...details(page.sample.answer, state)].join("; "));
 }
 
 function showTrial(sample) {
@@ -105,14 +114,14 @@ function showTrial(sample) {
 const names = () => page.about.hand.filter((one) => one.sensed).map((one) => one.name);
 
 function details(answer, state) {
-  const since = page.riskyAt === null || state === "risky_slip" ? null : page.sample.t_s - page.riskyAt;
+  const since = page.riskyAt === null ? null : page.sample.t_s - page.riskyAt;
   const lost = names().filter((_, k) => !page.sample.v[k]);
   return [
     state === "unknown" && (REASONS[answer.why] ?? answer.why),
     lost.length > 0 && (lost.length === page.sample.v.length ? "no sensor is read" : `lost: ${lost.join(", ")}`),
     answer.act && "the hand is asked to act",
     answer.weight && state !== "unknown" && `${answer.weight} object`,
-    since !== null && since < RISK_ECHO_S && `risky slip ${number(since, 1)} s ago`,
+    since !== null && since >= ALARM_S && since < RISK_ECHO_S && `risky slip ${number(since, 1)} s ago`,
     answer.degraded && "some sensors are missing",
     answer.opening && "the user opens the hand",
     answer.overridden && "the user overrides",

@@ -2,10 +2,11 @@
 
 const STATES = ["unknown", "nothing", "grasp", "safe_slip", "risky_slip"];
 const STRIPES = { unknown: true };
-const LINES = { load: ["--risky_slip", []], grip: ["--grasp", []], target: ["--target", [6, 4]] };
+const LINES = { load: ["--load", []], grip: ["--grip", []], target: ["--target", [6, 4]] };
 const TITLES = { load: "load along the skin", grip: "grip of either side", target: "target" };
 const MARGIN = { left: 44, right: 8, top: 8 };
 const STRIP_PX = 18, AXIS_PX = 20, RISK_PX = 44, GAP_PX = 10;
+const SAME_SLIP_S = 0.1;
 const WIDEST_GAP_S = 0.06;  // rows further apart have lost samples between them
 
 export const inWords = (state) => state.replace("_", " ");
@@ -32,12 +33,36 @@ export function draw(canvas, rows, marks, end, seconds, unit, answers) {
     drawRisk(pen, x, rows, bottom + GAP_PX, width);
     drawStrip(pen, x, rows, height - AXIS_PX - STRIP_PX);
   }
+  const names = new Labels(width);
+  pen.fillStyle = colour("--problem");
+  for (const t of slips(rows)) notch(pen, names, x(t), height, "slip");
   pen.fillStyle = colour("--ink");
-  for (const mark of marks) {
-    if (mark.t_s < end - seconds) continue;
-    pen.fillRect(x(mark.t_s), MARGIN.top, 1.5, height - AXIS_PX - MARGIN.top);
-    pen.fillText(`mark ${mark.number}`, Math.min(x(mark.t_s) + 4, width - 50), MARGIN.top + 10);
+  for (const mark of marks.filter((one) => one.t_s >= end - seconds)) notch(pen, names, x(mark.t_s), height, `mark ${mark.number}`);
+}
+
+/** Times at which a risky slip begins to be called; one that is called again within 0.1 s is the same. */
+function slips(rows) {
+  const called = rows.filter((row) => row.state === "risky_slip").map((row) => row.t_s);
+  return called.filter((t, k) => k === 0 || t - called[k - 1] > SAME_SLIP_S);
+}
+
+/** Where the name of a line may stand: each name on the first row that is free there. */
+class Labels {
+  constructor(width) { this.width = width; this.ends = []; }
+
+  place(left, wide) {
+    const from = Math.min(left, this.width - wide);
+    let row = 0;
+    while (this.ends[row] > from) row += 1;
+    this.ends[row] = from + wide + 6;
+    return [from, MARGIN.top + 10 + 13 * row];
   }
+}
+
+/** A line over the whole plot with its name; names that come in the order of time do not collide. */
+function notch(pen, names, x, height, name) {
+  pen.fillRect(x, MARGIN.top, 1.5, height - AXIS_PX - MARGIN.top);
+  pen.fillText(name, ...names.place(x + 4, pen.measureText(name).width));
 }
 
 function drawTimes(pen, x, end, seconds, height) {
@@ -58,9 +83,9 @@ function drawForces(pen, x, rows, bottom, width, unit) {
   const y = (v) => bottom - (v / most) * (bottom - MARGIN.top);
   for (const part of [0, 0.5, 1]) {
     pen.strokeRect(MARGIN.left, y(part * most), width - MARGIN.left - MARGIN.right, 0);
-    pen.fillText(`${+(part * most).toPrecision(2)}`, 4, y(part * most) + (part ? 10 : 0));
+    const text = `${+(part * most).toPrecision(2)}`;
+    pen.fillText(part === 1 ? `${text} ${unit}` : text, 4, y(part * most) + (part ? 10 : 0));
   }
-  pen.fillText(unit, 4, y(0.5 * most) + 24);
   for (const [name, [shade, dash]] of Object.entries(LINES)) {
     pen.strokeStyle = colour(shade);
     pen.lineWidth = name === "target" ? 2.5 : 1.75;
@@ -91,7 +116,7 @@ function drawRisk(pen, x, rows, top, width) {
   pen.fillText("0", 30, top + RISK_PX);
   pen.fillText("p", 6, top + RISK_PX / 2 - 2);
   pen.fillText("risky", 6, top + RISK_PX / 2 + 12);
-  pen.strokeStyle = colour("--risky_slip");
+  pen.strokeStyle = colour("--risk");
   pen.lineWidth = 2;
   line(pen, rows, (row) => x(row.t_s), (row) => (row.p_risky === null ? null : top + (1 - row.p_risky) * RISK_PX));
   pen.lineWidth = 1;
@@ -116,6 +141,7 @@ export function legend(list, answers, target) {
   const shown = Object.entries(LINES).filter(([name]) => name !== "target" || target);
   for (const [name, [shade, dash]] of shown) item(list, TITLES[name], shade, dash);
   if (!answers) return;
+  item(list, "p(risky)", "--risk", []);
   for (const state of STATES) item(list, inWords(state), `--${state}`, null, STRIPES[state]);
   item(list, "act requested", "--ink", []);
 }

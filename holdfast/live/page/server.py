@@ -5,7 +5,9 @@
     GET /[TOKEN/]save          the last 30 s
     POST /[TOKEN/]do/NAME      an action that the page offers, such as mark
 
-A browser that takes nothing for STALLED_S is disconnected; it comes back by itself.
+A request must be whole REQUEST_S after its connection began, and its headers are limited. A browser
+that takes nothing for STALLED_S is disconnected; it comes back by itself. Where there are too many
+connections, those that have not asked for anything yet make way.
 
 The last 30 s are saved as a zipped folder in the form of a recorded trial.
 
@@ -21,6 +23,7 @@ from __future__ import annotations
 import hmac
 import io
 import json
+import re
 import socket
 import struct
 import time
@@ -32,7 +35,7 @@ from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, HTTPServer
 from pathlib import Path
 from socketserver import ThreadingMixIn
-from threading import BoundedSemaphore
+from threading import Lock
 from typing import Any
 from urllib.parse import urlsplit
 
@@ -101,8 +104,13 @@ FILES = {
     "plot.js": ("plot.js", "text/javascript; charset=utf-8"),
 }
 """Paths of the files of the page; nothing else is read from the disk."""
-MOST_CONNECTIONS = 64
-"""Connections at a time; further ones are closed at once."""
+MOST_CONNECTIONS, MOST_OF_ADDRESS = 64, 16
+"""Connections at a time, altogether and from one address; a browser opens six."""
+MOST_HEAD_BYTES = 32 << 10
+"""Of a request's first line and headers: a browser sends 1 KiB, and cookies that pages on other
+ports of this machine have set."""
+REQUEST_S = 5.0
+"""From the connection to the end of its request; a browser needs milliseconds."""
 STALLED_S = 5.0
 """A browser that takes nothing for so long is disconnected."""
 HEADERS = {
@@ -121,6 +129,8 @@ TEXT = "text/plain; charset=utf-8"
 EVENT_STREAM = "text/event-stream"
 ZIP = "application/zip"
 REFUSED = "not allowed: open the address that the command printed\n"
+TOO_LONG = b"HTTP/1.0 431 Request Header Fields Too Large\r\n\r\n"
+_HEAD_END = re.compile(rb"\n\r?\n")
 
 
 @dataclass(frozen=True)
@@ -154,10 +164,84 @@ def _name_of(host: str) -> str | None:
     return None
 
 
+def read_head(connection: socket.socket, now_s: Callable[[], float]) -> bytes | None:
+    """The first line and headers of a request; None where they are too long.
+
+    A part of them where the browser goes away. Raises TimeoutError where they are not whole after
+    REQUEST_S, however many pieces came.
+    """
+    until_s = now_s() + REQUEST_S
+    head = bytearray()
+    while len(head) <= MOST_HEAD_BYTES:
+        left_s = until_s - now_s()
+        if left_s <= 0.0:
+            raise TimeoutError
+        connection.settimeout(left_s)
+        piece = connection.recv(MOST_HEAD_BYTES + 1 - len(head))
+        # the end may have begun in the piece before
+        searched = max(0, len(head) - 2)
+        head += piece
+        if not piece or _HEAD_END.search(head, searched):
+            return bytes(head)
+
+    return None
+
+
+class Visitors:
+    """The open connections. Where there are too many, one makes way for the new one.
+
+    The oldest that has not asked for anything makes way: a browser asks as soon as it is connected.
+    Where all have asked, the oldest of the same address does. So no address takes the place of a
+    browser elsewhere.
+    """
+
+    def __init__(self) -> None:
+        self._lock = Lock()
+        self._addresses: dict[socket.socket, str] = {}
+        self._asked: set[socket.socket] = set()
+
+    def enter(self, connection: socket.socket, address: str) -> bool:
+        """Take a connection in; False where none makes way for it."""
+        with self._lock:
+            same = [one for one, its in self._addresses.items() if its == address]
+            crowd = list(self._addresses)
+            has_room = len(crowd) < MOST_CONNECTIONS
+            if len(same) >= MOST_OF_ADDRESS:
+                crowd, has_room = same, False
+
+            if not has_room:
+                waiting = [one for one in crowd if one not in self._asked]
+                leaver = next(iter(waiting + same), None)
+                if leaver is None:
+                    return False
+                self._forget(leaver)
+                # its thread may wait for it: this ends every read and write of a connection
+                with suppress(OSError):
+                    leaver.shutdown(socket.SHUT_RDWR)
+            self._addresses[connection] = address
+            return True
+
+    def ask(self, connection: socket.socket) -> None:
+        """Its request is whole."""
+        with self._lock:
+            if connection in self._addresses:
+                self._asked.add(connection)
+
+    def leave(self, connection: socket.socket) -> None:
+        """It is about to be closed."""
+        with self._lock:
+            self._forget(connection)
+
+    def _forget(self, connection: socket.socket) -> None:
+        self._addresses.pop(connection, None)
+        self._asked.discard(connection)
+
+
 class PageServer(ThreadingMixIn, HTTPServer):
-    """A thread for each connection, of which there are at most MOST_CONNECTIONS.
+    """A thread for each connection.
 
     listener: a listening socket. act: passes on an action's byte, False where there is no room.
+    now_s: a monotonic clock.
     """
 
     daemon_threads = True
@@ -169,6 +253,7 @@ class PageServer(ThreadingMixIn, HTTPServer):
         stream: LiveStream,
         access: Access,
         act: Callable[[bytes], bool],
+        now_s: Callable[[], float] = time.monotonic,
     ) -> None:
         super().__init__(
             listener.getsockname()[:2], PageHandler, bind_and_activate=False
@@ -179,22 +264,21 @@ class PageServer(ThreadingMixIn, HTTPServer):
         self.stream = stream
         self.access = access
         self.act = act
-        self._room = BoundedSemaphore(MOST_CONNECTIONS)
+        self.now_s = now_s
+        self.visitors = Visitors()
 
     def process_request(self, request: Any, client_address: Any) -> None:
         """Answer in a thread; close the connection at once where there are too many."""
         # each connection costs a thread, and browsers open several
-        if not self._room.acquire(blocking=False):
+        if self.visitors.enter(request, client_address[0]):
+            super().process_request(request, client_address)
+        else:
             self.shutdown_request(request)
-            return
-        super().process_request(request, client_address)
 
-    def process_request_thread(self, request: Any, client_address: Any) -> None:
-        """Answer, and make room for another connection."""
-        try:
-            super().process_request_thread(request, client_address)
-        finally:
-            self._room.release()
+    def shutdown_request(self, request: Any) -> None:
+        """Close a connection, which makes room for another one."""
+        self.visitors.leave(request)
+        super().shutdown_request(request)
 
     def handle_error(self, request: Any, client_address: Any) -> None:
         """Browsers go away and stall: those are no errors. All others end one connection."""
@@ -206,7 +290,19 @@ class PageHandler(BaseHTTPRequestHandler):
     server: PageServer
     server_version = "holdfast"
     sys_version = ""
-    timeout = STALLED_S
+
+    def handle(self) -> None:
+        """Read the request whole and within its limits, then answer it."""
+        head = read_head(self.connection, self.server.now_s)
+        self.connection.settimeout(STALLED_S)
+        if head is None:
+            self.wfile.write(TOO_LONG)
+            return
+
+        self.server.visitors.ask(self.connection)
+        self.rfile.close()
+        self.rfile = io.BytesIO(head)
+        super().handle()
 
     def do_GET(self) -> None:
         """A file of the page, the events, or the last 30 s."""

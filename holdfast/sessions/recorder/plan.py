@@ -122,6 +122,7 @@ def require_keys(options: RecordOptions, plan: Plan, keys: Keys) -> None:
     if plan.tasks and missing and keys.ended():
         raise UsageError(
             f"only a key {' and '.join(missing)} a trial, and no key can be pressed",
-            cause="standard input is at its end (</dev/null), or the program is in the background",
+            cause="standard input is at its end (</dev/null) or is the source, or the program is "
+            "in the background",
             next_step=f"run it in a terminal, or add {' '.join(missing.values())}",
         )

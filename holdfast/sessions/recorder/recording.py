@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import platform
 from contextlib import closing
 from dataclasses import asdict
@@ -13,7 +12,7 @@ from typing import Any
 
 from holdfast.core.errors import LabelError
 from holdfast.core.hand_card import read_hand_card
-from holdfast.core.reading import Json
+from holdfast.core.reading import Json, json_of, text_of
 from holdfast.core.source import Source
 from holdfast.drivers.calibration import read_calibration
 from holdfast.drivers.hand import LiveHand
@@ -234,7 +233,7 @@ def _calibration(path: Path | None) -> Json | None:
         "date": meta.date,
         "n": meta.n,
         # The whole calibration: the file may be changed later, the recording may not.
-        "content": json.loads(path.read_text("utf-8")),
+        "content": json_of(text_of(path)),
     }
 
 

@@ -17,6 +17,7 @@ from holdfast.core.writing import require_writable, write_whole
 from holdfast.drivers.virtual.clock import VirtualClock
 from holdfast.live.hand_sources import is_hand
 from holdfast.live.running import RunClock, say, stop_signals
+from holdfast.live.sources import is_standard_input
 from holdfast.sessions.recorder.display import StatusLine, columns_of
 from holdfast.sessions.recorder.folder import alone, require_ours, reserved
 from holdfast.sessions.recorder.keys import Keys, listening
@@ -66,6 +67,11 @@ class StudyOptions:
         # A person who withdrew must not come back under the same name by mistake.
         require_not_withdrawn(recording.out, recording.person)
         recording.camera.require_usable(recording.source)
+        if is_standard_input(recording.source):
+            raise UsageError(
+                "a study is led by keys, and standard input is its source",
+                next_step="let the samples come by tcp://, udp://, unix:// or serial://",
+            )
         if self.rehearse:
             self._require_rehearsal()
         _require_same_protocol(self.home, protocol)

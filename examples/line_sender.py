@@ -1,0 +1,37 @@
+"""Sends what a hand feels as lines, 150 a second: one JSON object for each sample, in newtons.
+
+python examples/line_sender.py | holdfast run --source -
+python examples/line_sender.py 9000        and: holdfast run --source udp://127.0.0.1:9000
+"""
+
+import json
+import random
+import socket
+import sys
+import time
+
+RATE_HZ = 150
+
+
+def fingers():
+    """Here the hand would be read: x, y, z of each of six fingers."""
+    return [random.gauss(0.0, 0.02) for _ in range(18)]
+
+
+def main(port=None):
+    """Send until stopped, on an absolute schedule."""
+    udp = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    names = [f"{axis}{k}" for k in range(1, 7) for axis in "XYZ"]
+    session, start = random.getrandbits(53), time.monotonic()
+    for k in range(sys.maxsize):
+        time.sleep(max(0.0, start + k / RATE_HZ - time.monotonic()))
+        sample = {"session": session, "sequence": k, "t_s": time.monotonic() - start}
+        line = json.dumps(sample | dict(zip(names, fingers(), strict=True)))
+        if port:
+            udp.sendto(line.encode(), ("127.0.0.1", port))
+        else:
+            print(line, flush=True)
+
+
+if __name__ == "__main__":
+    main(int(sys.argv[1]) if len(sys.argv) > 1 else None)

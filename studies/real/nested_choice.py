@@ -1,0 +1,206 @@
+"""`python -m studies nested-choice`: taxels, features and learner chosen without the scored people.
+
+Rows of `make real` compare sets of taxels and features on all people, so picking the best of them
+would see the people that it is scored on. Here each fold's people are answered by the choice that
+was best on the other people alone, their own people held out in turn. A choice is scored by the
+sum of macro F1, AUC and average precision. One network stands for four while choosing.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from sklearn.metrics import average_precision_score, f1_score, roc_auc_score
+
+from holdfast.core.contract import FloatArray
+from holdfast.core.reading import Json
+from holdfast.core.writing import require_writable, write_whole
+from holdfast.export.heads import riskier_argmax
+from holdfast.export.learner import LEARNERS
+from holdfast.export.network import IntArray
+from holdfast.training.crossval import splits_of
+from holdfast.training.featurise import FloatRows
+from holdfast.training.metrics import report
+from holdfast.training.plan import TrainingPlan
+from holdfast.training.progress import Say, stages
+from holdfast.training.recording import DataSet, assign_groups, folds_of
+from studies.real.learners import learner_votes
+from studies.real.methods import COMMITTEE, OWN_LEVEL, POOLED, Method
+from tools.harness import measured_now, write_figures
+
+INNER_FOLDS = 2
+METHODS = {
+    "most loaded taxels": Method(COMMITTEE),
+    "spread taxels": Method(COMMITTEE, spread=True),
+    "spread taxels, own level": Method(OWN_LEVEL, spread=True),
+    "spread taxels, pooled features": POOLED,
+}
+"""Taxels and features; each with every learner of LEARNERS is a choice."""
+SITUATIONS, PREDICTION = "situations", "predict_250ms"
+Split = Mapping[str, tuple[IntArray, IntArray]]
+"""Task -> training and test rows; all tasks hold out the same people."""
+
+
+@dataclass(frozen=True)
+class Considered:
+    """A method's set, its features by task, and its plan."""
+
+    data: DataSet
+    features: Mapping[str, FloatRows]
+    plan: TrainingPlan
+
+
+@dataclass(frozen=True)
+class FoldChoice:
+    """What one fold chose, the inner score of every choice, and what the choice answered.
+
+    situation: of the test windows of the situations. risky: share of votes at the test windows of
+    the prediction.
+    """
+
+    method: str
+    learner: str
+    scores: dict[str, float]
+    situation: list[int]
+    risky: list[float]
+
+
+def chosen_fold(
+    of: Mapping[str, Considered], split: Split, seed: int, say: Say
+) -> FoldChoice:
+    """Choose on a fold's training people, then answer its test people."""
+    scores: dict[tuple[str, str], float] = {}
+    for name, one in of.items():
+        say(name)
+        for learner, score in _inner_scores(one, split, seed).items():
+            scores[name, learner] = score
+    method, learner = max(scores, key=lambda choice: scores[choice])
+    one = of[method]
+    votes = {}
+    for task, (train, test) in split.items():
+        votes[task] = _votes(one, one.plan, task, train, test, seed)[learner]
+    return FoldChoice(
+        method,
+        learner,
+        {", ".join(choice): score for choice, score in scores.items()},
+        riskier_argmax(votes[SITUATIONS]).tolist(),
+        _share(votes[PREDICTION]).tolist(),
+    )
+
+
+def _inner_scores(one: Considered, split: Split, seed: int) -> dict[str, float]:
+    """Learner -> its score on the training people, who are held out in turn."""
+    plan = replace(
+        one.plan,
+        network=replace(one.plan.network, members=1),
+        prediction_network=replace(one.plan.prediction_network, members=1),
+    )
+    people = one.data.group_of(SITUATIONS)[split[SITUATIONS][0]]
+    inner = assign_groups(people, INNER_FOLDS, seed=seed)
+    votes: dict[str, dict[str, IntArray]] = {name: {} for name in LEARNERS}
+    truth = {}
+    for task, (rows, _) in split.items():
+        task_rows = one.data.tasks[task]
+        truth[task] = task_rows.label[rows]
+        for name in LEARNERS:
+            votes[name][task] = np.zeros((len(rows), len(task_rows.classes)), np.int64)
+        for train, test in folds_of(one.data.group_of(task)[rows], inner):
+            found = _votes(one, plan, task, rows[train], rows[test], seed)
+            for name, of_learner in found.items():
+                votes[name][task][test] = of_learner
+    return {name: _score(found, truth) for name, found in votes.items()}
+
+
+def _votes(
+    one: Considered,
+    plan: TrainingPlan,
+    task: str,
+    train: IntArray,
+    test: IntArray,
+    seed: int,
+) -> dict[str, IntArray]:
+    """Votes of every learner on the test rows of a task."""
+    features = one.features[task]
+    return learner_votes(one.data, features, plan, task, train, test, seed)[0]
+
+
+def _score(votes: Mapping[str, IntArray], truth: Mapping[str, IntArray]) -> float:
+    """Macro F1 of the situations, plus AUC and average precision of the prediction."""
+    answered = riskier_argmax(votes[SITUATIONS])
+    risky = _share(votes[PREDICTION])
+    return float(
+        f1_score(truth[SITUATIONS], answered, average="macro")
+        + roc_auc_score(truth[PREDICTION], risky)
+        + average_precision_score(truth[PREDICTION], risky)
+    )
+
+
+def _share(votes: IntArray) -> FloatArray:
+    share: FloatArray = votes[:, 1] / votes.sum(axis=1)
+    return share
+
+
+def figures_of(
+    data: DataSet, splits: list[dict[str, tuple[IntArray, IntArray]]], folds: list[Json]
+) -> Json:
+    """The figures of all folds together, what each chose, and how often."""
+    situation = np.zeros(len(data.tasks[SITUATIONS]), np.int64)
+    risky = np.zeros(len(data.tasks[PREDICTION]))
+    for split, fold in zip(splits, folds, strict=True):
+        situation[split[SITUATIONS][1]] = fold["situation"]
+        risky[split[PREDICTION][1]] = fold["risky"]
+    chosen = [f"{fold['method']}, {fold['learner']}" for fold in folds]
+    return {
+        "row": report(data, situation, risky).to_json(),
+        "chosen": dict(Counter(chosen).most_common()),
+        "inner_scores": [fold["scores"] for fold in folds],
+    }
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """This study has no options of its own."""
+
+
+def run(args: argparse.Namespace) -> int:
+    """Choose fold by fold, each kept in a file; write nested-choice.json."""
+    require_writable(args.out)
+    considered = {
+        name: Considered(method.data(), method.features(), method.plan)
+        for name, method in METHODS.items()
+    }
+    first = next(iter(considered.values()))
+    splits = splits_of(first.data, first.plan, args.seed)
+    with stages(len(splits) * (1 + len(METHODS))) as say:
+        folds = []
+        for number, split in enumerate(splits, 1):
+            say(f"fold {number} of {len(splits)}")
+            kept = args.out / "nested" / f"{args.seed}-{number}.json"
+            folds.append(_kept(kept, considered, split, args.seed, say))
+    figures = {
+        "kind": "public real data",
+        **measured_now(),
+        "seed": args.seed,
+        "folds": len(splits),
+        "inner_folds": INNER_FOLDS,
+        **figures_of(first.data, splits, folds),
+    }
+    print(write_figures(args.out / "nested-choice.json", figures))
+    return 0
+
+
+def _kept(
+    path: Path, of: Mapping[str, Considered], split: Split, seed: int, say: Say
+) -> Json:
+    """A fold from its file, or chosen and written there."""
+    if not path.is_file():
+        found = chosen_fold(of, split, seed, say)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_whole(path, json.dumps(vars(found)) + "\n")
+    fold: Json = json.loads(path.read_text("utf-8"))
+    return fold

@@ -1,0 +1,674 @@
+"""Lines as a live source: stamps, silence, what comes too fast, and where the bytes come from."""
+
+from __future__ import annotations
+
+import json
+import os
+import pty
+import socket
+import tty
+from collections.abc import Callable, Hashable, Iterator
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hazard_marks import FORGED_SAMPLES, STALE_LINES
+from hypothesis import given
+from hypothesis import strategies as st
+from live_bench import go
+
+from holdfast.core.column_map import column_map_of
+from holdfast.core.contract import Prediction, channel_names
+from holdfast.core.errors import (
+    AccessDenied,
+    CardError,
+    DeviceNotFound,
+    RateError,
+    UsageError,
+)
+from holdfast.core.line_key import LinkKey
+from holdfast.core.line_session import LONGEST_LINE
+from holdfast.core.source import SourceReading
+from holdfast.drivers.line_feeds import LineSplitter
+from holdfast.drivers.line_source import (
+    DRIFT,
+    LOST,
+    SKIPPED,
+    LineOptions,
+    LineSource,
+    SenderClock,
+)
+from holdfast.drivers.sample_lines import SampleReader
+from holdfast.drivers.virtual.clock import VirtualClock
+from holdfast.edge_runtime.model import Model
+from holdfast.live.bias import read_rows
+from holdfast.live.hand_sources import is_hand, open_live
+from holdfast.live.line_sources import open_lines
+from holdfast.live.running import RunClock
+
+PERIOD_NS = round(1e9 / 150)
+NAMES = channel_names(6)
+AHEAD_NS = 77 * 10**9
+"""The sender's clock over this machine's."""
+AT_150_HZ = LineOptions(rate_hz=150.0)
+
+
+def text_of(k: int, **more: Any) -> bytes:
+    """Line k of a sender: one line is unlike any other."""
+    values = 0.02 * np.random.default_rng(k).normal(size=18)
+    fields = dict(zip(NAMES, values.tolist(), strict=True))
+    return json.dumps(fields | {"n": k} | more).encode()
+
+
+class ScriptedFeed:
+    """Line k is sent at (k + 0.5) periods and arrives after late_ns(k); None: never. The feed ends
+    after `ends` lines."""
+
+    name = "script"
+
+    def __init__(
+        self,
+        clock: VirtualClock,
+        late_ns: Callable[[int], int | None] = lambda k: 0,
+        line: Callable[[int], bytes] = lambda k: text_of(
+            k, t_ns=AHEAD_NS + round((k + 0.5) * PERIOD_NS)
+        ),
+        ends: int = 10**9,
+        rubbish: bytes = b"",
+    ) -> None:
+        self.clock, self.line, self.ends = clock, line, ends
+        self.rubbish = rubbish
+        self.late_ns = late_ns
+        self.ended = False
+        self.next = 0
+        self.followed: list[Hashable] = []
+
+    def arrives_ns(self, k: int) -> int:
+        late = self.late_ns(k)
+        return 1 << 62 if late is None else round((k + 0.5) * PERIOD_NS) + late
+
+    def pull(self, timeout_s: float) -> list[tuple[Hashable, bytes]]:
+        until_ns = self.clock.now_ns() + round(1e9 * timeout_s)
+        while self.next < self.ends and self.late_ns(self.next) is None:
+            self.next += 1
+        if self.next >= self.ends:
+            self.ended = True
+            return []
+        if self.arrives_ns(self.next) > until_ns:
+            self.clock.wait_until(until_ns)
+            return []
+        self.clock.wait_until(self.arrives_ns(self.next))
+        came: list[tuple[Hashable, bytes]] = []
+        while (
+            self.next < self.ends and self.arrives_ns(self.next) <= self.clock.now_ns()
+        ):
+            came.append(("a", self.line(self.next)))
+            if self.rubbish and self.next % 5 == 1:
+                came.append(("a", self.rubbish))
+            self.next += 1
+        return came
+
+    def obeyed(self, peer: Hashable) -> None:
+        self.followed.append(peer)
+
+    def close(self) -> None:
+        self.ended = True
+
+
+def opened(
+    clock: VirtualClock,
+    options: LineOptions = AT_150_HZ,
+    **script: Any,
+) -> tuple[LineSource, ScriptedFeed, list[str]]:
+    said: list[str] = []
+    feed = ScriptedFeed(clock, **script)
+    source = LineSource(feed, SampleReader(), clock, said.append, options)
+    return source, feed, said
+
+
+def read(source: LineSource) -> SourceReading:
+    reading = source.read()
+    assert reading is not None
+    return reading
+
+
+def answered(
+    model: Model, clock: VirtualClock, source: LineSource, periods: int
+) -> list[Prediction]:
+    _, answers, _ = go(
+        model, source, clock, stopped=lambda: clock.now_ns() > periods * PERIOD_NS
+    )
+    return answers
+
+
+def test_every_line_is_read_once_at_its_arrival() -> None:
+    clock = VirtualClock()
+    source, feed, said = opened(clock, late_ns=lambda k: 2_000_000)
+    for k in range(50):
+        reading = read(source)
+        assert reading.t_ns == feed.arrives_ns(k) == clock.now_ns()
+        values = json.loads(feed.line(k))
+        assert reading.values.tolist() == [values[name] for name in NAMES]
+    assert (source.unit, source.n_channels, source.rate_hz) == ("N", 18, 150.0)
+    assert said == ["script: 6 sensors in N at 150 Hz, stamps of arrival"]
+
+
+def test_the_rate_is_measured_and_a_bias_is_of_every_line() -> None:
+    clock = VirtualClock()
+    source, feed, _ = opened(clock, LineOptions())
+    assert source.rate_hz == pytest.approx(150.0, rel=1e-3)
+    first = feed.next
+    rows = read_rows(source, clock, 1.0)
+    expected = [json.loads(feed.line(first - 1 + k)) for k in range(len(rows))]
+    assert len(rows) == 150
+    np.testing.assert_array_equal(rows, [[one[n] for n in NAMES] for one in expected])
+
+
+def test_stamps_of_the_sender_take_away_the_jitter_of_the_network() -> None:
+    clock = VirtualClock()
+    jitter = np.random.default_rng(2).integers(0, 5_000_000, size=10_000)
+    options = LineOptions("sender", 150.0)
+    source, feed, _ = opened(
+        clock, options, late_ns=lambda k: 3_000_000 + int(jitter[k])
+    )
+    readings = [read(source) for _ in range(400)]
+    assert all(one.valid.all() for one in readings)
+    stamps = [one.t_ns for one in readings]
+    steps = np.diff(stamps[100:])
+    assert np.abs(steps - PERIOD_NS).max() < 200_000
+    # the least delay cannot be seen: it counts as the difference of the clocks
+    assert 2_900_000 < stamps[-1] - (feed.next - 0.5) * PERIOD_NS < 3_400_000
+
+
+@given(
+    st.lists(st.integers(0, 50_000_000), min_size=2, max_size=200),
+    st.integers(-(10**15), 10**15),
+)
+def test_a_stamp_is_never_put_after_its_arrival_nor_before_the_least_delay(
+    delays_ns: list[int], offset_ns: int
+) -> None:
+    clock = SenderClock()
+    for k, delay_ns in enumerate(delays_ns):
+        sent_ns = k * PERIOD_NS
+        local_ns = clock.local_ns(sent_ns + offset_ns, sent_ns + delay_ns)
+        assert local_ns <= sent_ns + delay_ns
+        least_ns = min(delays_ns[: k + 1])
+        passed_ns = sent_ns + max(delays_ns)
+        assert (
+            sent_ns + least_ns
+            <= local_ns
+            <= sent_ns + least_ns + 1 + 2 * DRIFT * passed_ns
+        )
+
+
+@STALE_LINES.mark
+@pytest.mark.parametrize("stamps", ["arrival", "sender"])
+def test_a_silent_sender_is_unknown_and_comes_back(model: Model, stamps: Any) -> None:
+    clock = VirtualClock()
+    gap = range(300, 450)
+    source, _, _ = opened(
+        clock, LineOptions(stamps, 150.0), late_ns=lambda k: None if k in gap else 0
+    )
+    answers = answered(model, clock, source, 620)
+    at = [round(one.t_decided_ns / PERIOD_NS - 0.5) for one in answers]
+    states = dict(zip(at, (one.state for one in answers), strict=True))
+    assert {states[k] for k in at if 150 < k < 300} == {"nothing"}
+    assert {states[k] for k in at if 304 < k < 450} == {"unknown"}
+    # one answer a period, also while nothing comes
+    assert len([k for k in at if 304 < k < 450]) in range(140, 150)
+    assert states[max(at)] == "nothing"
+
+
+@STALE_LINES.mark
+def test_a_sender_whose_delay_grows_is_late_and_unknown(model: Model) -> None:
+    """Its own stamps say so, though each line arrives a period after the one before."""
+    clock = VirtualClock()
+    source, _, _ = opened(
+        clock,
+        LineOptions("sender", 150.0),
+        late_ns=lambda k: 0 if k < 300 else 200_000_000,
+    )
+    answers = answered(model, clock, source, 620)
+    late = [one for one in answers if one.t_decided_ns > 340 * PERIOD_NS]
+    assert {one.state for one in late} == {"unknown"}
+    assert "late" in {one.why for one in late}
+
+
+@pytest.mark.parametrize("drift", [-1e-4, 1e-4, 1.9e-4])
+def test_a_sender_whose_clock_drifts_as_crystals_do_stays_on_time(drift: float) -> None:
+    """Over a quarter of an hour, in which 1e-4 is 90 ms."""
+    clock = SenderClock()
+    late_ns = []
+    for arrived_ns in range(0, 900 * 10**9, 10**8):
+        stamp_ns = round((1.0 - drift) * arrived_ns)
+        late_ns.append(arrived_ns - clock.local_ns(stamp_ns, arrived_ns))
+    assert max(late_ns) < 1000
+
+
+@STALE_LINES.mark
+def test_a_stuck_sender_is_unknown(model: Model) -> None:
+    clock = VirtualClock()
+    source, _, _ = opened(
+        clock, line=lambda k: text_of(min(k, 200), t_ns=k * PERIOD_NS)
+    )
+    answers = answered(model, clock, source, 600)
+    assert {one.why for one in answers if one.t_decided_ns > 320 * PERIOD_NS} == {
+        "repeats"
+    }
+
+
+@STALE_LINES.mark
+def test_a_burst_after_a_stall_is_dropped_but_for_the_newest() -> None:
+    clock = VirtualClock()
+    burst_ns = 30 * PERIOD_NS
+    source, feed, _ = opened(
+        clock,
+        late_ns=lambda k: max(0, burst_ns - k * PERIOD_NS) if 10 <= k < 30 else 0,
+    )
+    readings = [read(source) for _ in range(60)]
+    why = [one.why[:1] for one in readings]
+    assert why.count((LOST,)) >= 15
+    assert why.count((SKIPPED,)) == 1
+    newest = readings[why.index((SKIPPED,)) + 1]
+    assert newest.values[0] == json.loads(feed.line(30))["X1"]
+
+
+@STALE_LINES.mark
+def test_what_waited_while_nothing_was_read_is_dropped() -> None:
+    """As between two trials: a sender that died meanwhile must not leave one fresh sample."""
+    clock = VirtualClock()
+    source, feed, _ = opened(clock, ends=200)
+    for _ in range(50):
+        read(source)
+    clock.wait_until(190 * PERIOD_NS)
+    reading = read(source)
+    assert reading.valid.all()
+    assert reading.t_ns > 190 * PERIOD_NS
+    clock.wait_until(230 * PERIOD_NS)
+    assert source.read() is None
+    assert feed.ended
+
+
+def test_lines_that_are_no_samples_are_counted_and_end_nothing(model: Model) -> None:
+    clock = VirtualClock()
+    source, _, said = opened(clock, rubbish=b"rubbish")
+    answers = answered(model, clock, source, 900)
+    source.close()
+    reports = [one for one in said if "rubbish" in one or "more" in one]
+    assert 2 <= len(reports) <= 2 + 900 // 150
+    assert {one.state for one in answers[150:]} == {"nothing"}
+
+
+def test_the_end_of_the_lines_is_a_sentence_and_the_end() -> None:
+    source, _, said = opened(VirtualClock(), ends=30)
+    count = sum(1 for _ in iter(source.read, None))
+    assert source.read() is None
+    assert count == 30
+    assert said[-1] == "script: its lines ended after 30 samples"
+
+
+def test_a_calibration_turns_a_field_into_a_force() -> None:
+    clock = VirtualClock()
+    feed = ScriptedFeed(clock)
+    options = LineOptions(rate_hz=150.0)
+    reader = SampleReader(unit="uT")
+    source = LineSource(feed, reader, clock, print, options, lambda field: 2.0 * field)
+    assert source.unit == "N"
+    assert read(source).values[0] == 2.0 * json.loads(feed.line(0))["X1"]
+
+
+@pytest.mark.parametrize(
+    ("script", "options", "error", "says"),
+    [
+        ({"ends": 0}, LineOptions(), DeviceNotFound, "no sample came"),
+        ({"late_ns": lambda k: 10**12}, LineOptions(), DeviceNotFound, "for 10 s"),
+        ({"line": lambda k: b"a"}, LineOptions(), DeviceNotFound, "not understood"),
+        ({"line": text_of, "ends": 1}, LineOptions(), RateError, "rate_hz=150"),
+    ],
+)
+def test_a_source_without_samples_says_so(
+    script: Any, options: LineOptions, error: type[Exception], says: str
+) -> None:
+    with pytest.raises(error, match=says):
+        opened(VirtualClock(), options, **script)
+
+
+# -- a recording as lines
+
+
+def recording(count: int, gap: range = range(0)) -> Callable[[int], bytes]:
+    return lambda k: text_of(k, t_s=k / 150 + (1.0 if k >= gap.start > 0 else 0.0))
+
+
+def test_a_recording_that_is_there_at_once_goes_at_its_own_pace(model: Model) -> None:
+    clock = VirtualClock()
+    options = LineOptions(paced=True)
+    source, _, _ = opened(
+        clock, options, late_ns=lambda k: -k * PERIOD_NS, line=recording(300), ends=300
+    )
+    assert source.rate_hz == pytest.approx(150.0)
+    answers = answered(model, clock, source, 10**6)
+    assert len(answers) == 300
+    assert clock.now_ns() == pytest.approx(300 * PERIOD_NS, abs=3 * PERIOD_NS)
+    assert {one.state for one in answers[100:]} == {"nothing"}
+
+
+def test_a_gap_of_a_recording_is_silence() -> None:
+    clock = VirtualClock()
+    gap = range(150, 151)
+    source, _, _ = opened(
+        clock,
+        LineOptions(paced=True),
+        late_ns=lambda k: -k * PERIOD_NS,
+        line=recording(300, gap),
+        ends=300,
+    )
+    readings = list(iter(source.read, None))
+    silent = [one for one in readings if one.why[:1] == (LOST,)]
+    assert len(readings) - len(silent) == 300
+    assert 145 <= len(silent) <= 155
+
+
+# -- bytes
+
+
+@given(
+    st.lists(st.binary(max_size=40), max_size=20),
+    st.lists(st.integers(1, 9), max_size=60),
+)
+def test_lines_are_the_same_however_they_are_cut(
+    lines: list[bytes], cuts: list[int]
+) -> None:
+    lines = [one.replace(b"\n", b"") for one in lines]
+    data = b"".join(one + b"\n" for one in lines)
+    splitter = LineSplitter()
+    found: list[bytes] = []
+    for size in [*cuts, len(data)]:
+        found += splitter.split(data[:size])
+        data = data[size:]
+    assert found == lines
+
+
+def test_a_line_without_an_end_takes_no_memory_and_is_counted_once() -> None:
+    splitter = LineSplitter()
+    found = [line for _ in range(1000) for line in splitter.split(b"x" * 1000)]
+    assert [len(line) for line in found] == [LONGEST_LINE + 1]
+    assert splitter.split(b"tail\nwhole\n") == [b"whole"]
+
+
+@pytest.fixture
+def said() -> list[str]:
+    return []
+
+
+@pytest.fixture
+def stack() -> Iterator[ExitStack]:
+    with ExitStack() as stack:
+        yield stack
+
+
+def free_port(kind: int = socket.SOCK_DGRAM) -> int:
+    with socket.socket(type=kind) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+class Sender:
+    """Sends a line a period, when the source asks for the time."""
+
+    def __init__(self, send: Callable[[bytes], object]) -> None:
+        self.send, self.k, self._sent_ns = send, 0, 0
+        self._clock = RunClock()
+
+    def now_ns(self) -> int:
+        now_ns = self._clock.now_ns()
+        if now_ns - self._sent_ns >= PERIOD_NS:
+            self._sent_ns = now_ns
+            self.send(text_of(self.k) + b"\n")
+            self.k += 1
+        return now_ns
+
+    def wait_until(self, t_ns: int) -> None:
+        self._clock.wait_until(t_ns)
+
+
+def first_reading(
+    url: str, send: Callable[[bytes], object], said: list[str]
+) -> SourceReading:
+    source = open_lines(f"{url}rate_hz=150", Sender(send), said.append)
+    try:
+        return next(one for one in iter(source.read, None) if one.valid.all())
+    finally:
+        source.close()
+
+
+def test_datagrams_come_over_udp(said: list[str], stack: ExitStack) -> None:
+    port = free_port()
+    out = stack.enter_context(socket.socket(type=socket.SOCK_DGRAM))
+    to = ("127.0.0.1", port)
+    first_reading(f"udp://127.0.0.1:{port}?", lambda text: out.sendto(text, to), said)
+
+
+@FORGED_SAMPLES.mark
+def test_a_flood_of_forged_samples_moves_nothing_and_fills_no_log(
+    said: list[str], stack: ExitStack
+) -> None:
+    """Sixty forged datagrams for each genuine one, some of them with late stamps."""
+    port = free_port()
+    genuine, forger = (
+        stack.enter_context(socket.socket(type=socket.SOCK_DGRAM)) for _ in range(2)
+    )
+    forged = [text_of(9, X1=500.0), text_of(9, X1=500.0, t_ns=2**62), b"x" * 9000]
+    sent: list[float] = []
+
+    def send(text: bytes) -> None:
+        genuine.sendto(text, ("127.0.0.1", port))
+        sent.append(json.loads(text)["X1"])
+        # the source has a sender by then
+        for one in forged * (20 if len(sent) > 50 else 0):
+            forger.sendto(one, ("127.0.0.1", port))
+
+    url = f"udp://127.0.0.1:{port}?rate_hz=150"
+    source = open_lines(url, Sender(send), said.append)
+    stack.callback(source.close)
+    readings = [read(source) for _ in range(300)]
+    assert {one.values[0] for one in readings} <= set(sent)
+    # a line is sent when the source looks at the clock, so many come late or two at once
+    assert sum(one.valid.all() for one in readings[100:]) > 20
+    assert len(said) < 20
+
+
+def test_a_unix_socket_is_of_its_owner_alone_and_gone_at_the_end(
+    said: list[str], stack: ExitStack, tmp_path: Path
+) -> None:
+    path = tmp_path / "hand"
+    out = stack.enter_context(socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM))
+    out.setblocking(False)
+    modes: set[int] = set()
+
+    def send(text: bytes) -> None:
+        if path.exists():
+            modes.add(path.stat().st_mode & 0o777)
+            try:
+                out.sendto(text, str(path))
+            except BlockingIOError:
+                return
+
+    first_reading(f"unix://{path}?", send, said)
+    assert modes == {0o600}
+    assert not path.exists()
+
+
+def test_a_serial_port_needs_no_library(said: list[str], stack: ExitStack) -> None:
+    board, port = pty.openpty()
+    tty.setraw(board)
+    os.set_blocking(board, False)
+    name = os.ttyname(port)
+    stack.callback(os.close, board)
+    stack.callback(os.close, port)
+
+    def send(text: bytes) -> None:
+        try:
+            os.write(board, text)
+        except BlockingIOError:
+            return
+
+    first_reading(f"serial://{name}?baud=230400&", send, said)
+
+
+@FORGED_SAMPLES.mark
+def test_a_port_that_listens_has_one_client_until_that_is_silent(
+    said: list[str], stack: ExitStack
+) -> None:
+    port = free_port(socket.SOCK_STREAM)
+    clients: list[socket.socket] = []
+
+    def connect() -> socket.socket:
+        client = stack.enter_context(socket.create_connection(("127.0.0.1", port)))
+        client.setblocking(False)
+        clients.append(client)
+        return client
+
+    def send(text: bytes) -> None:
+        # the first one comes as soon as the port is there
+        try:
+            (clients[0] if clients else connect()).send(text)
+        except (ConnectionRefusedError, BlockingIOError):
+            return
+
+    source = open_lines(
+        f"tcp://127.0.0.1:{port}?listen=1&rate_hz=150", Sender(send), said.append
+    )
+    stack.callback(source.close)
+    forger = connect()
+    forger.send(text_of(7) + b"\n")
+    readings = [read(source) for _ in range(5)]
+    assert all(one.values[0] != json.loads(text_of(7))["X1"] for one in readings)
+    with pytest.raises(ConnectionResetError):
+        forger.recv(1)
+    assert any("refused" in line for line in said)
+
+
+def test_a_connection_that_is_lost_is_made_again(
+    said: list[str], stack: ExitStack
+) -> None:
+    server = stack.enter_context(socket.create_server(("127.0.0.1", 0)))
+    server.setblocking(False)
+    port = server.getsockname()[1]
+    clients: list[socket.socket] = []
+
+    def send(text: bytes) -> None:
+        try:
+            client, _ = server.accept()
+            client.setblocking(False)
+            clients.append(stack.enter_context(client))
+        except BlockingIOError:
+            pass
+        if clients:
+            try:
+                clients[-1].send(text)
+            except OSError:
+                return
+
+    clock = Sender(send)
+    source = open_lines(f"tcp://127.0.0.1:{port}?rate_hz=150", clock, said.append)
+    stack.callback(source.close)
+    read(source)
+    clients[0].close()
+    while len(clients) == 1 or not read(source).valid.all():
+        read(source)
+    assert [line for line in said if "lost (its sender closed it)" in line]
+    assert [line for line in said if "it is back" in line]
+
+
+# -- words of the URL
+
+
+@pytest.mark.parametrize(
+    ("url", "says"),
+    [
+        ("udp://0.0.0.0:9000", "network=1 and key=FILE"),
+        ("tcp://192.0.2.1:9000?listen=1", "network=1"),
+        ("udp://example.org:9000", "network=1"),
+        ("tcp://127.0.0.1:9000?network=1", "listen=1"),
+        ("udp://127.0.0.1", "port is missing"),
+        ("udp://127.0.0.1:x", "not an address"),
+        ("tcp://:9000", "host"),
+        ("unix://relative", "not an address"),
+        ("serial://dev/ttyACM0", "three slashes"),
+        ("serial:///dev/ttyACM0?baud=fast", "baud=115200"),
+        ("serial:///dev/ttyACM0?baud=12345", "cannot be set"),
+        ("udp://127.0.0.1:9000?speed=1", "allowed: map, unit"),
+        ("udp://127.0.0.1:9000?unit=kg", "unit=N|uT|count"),
+        ("udp://127.0.0.1:9000?stamps=none", "stamps=arrival|sender"),
+        ("udp://127.0.0.1:9000?rate_hz=nan", "rate_hz=150"),
+        ("udp://127.0.0.1:9000?rate_hz=0", "rate_hz=150"),
+        ("udp://127.0.0.1:9000?map=a.toml&unit=N", "into the map"),
+        ("stdin://name", "nothing but options"),
+    ],
+)
+def test_a_url_that_cannot_be_is_a_usage_error(url: str, says: str) -> None:
+    with pytest.raises(UsageError) as error:
+        open_live(url, clock=VirtualClock(), report=print)
+    assert says in str(error.value)
+
+
+def test_a_source_that_cannot_be_opened_says_what_to_do(tmp_path: Path) -> None:
+    clock = VirtualClock()
+    with pytest.raises(DeviceNotFound, match="listen=1"):
+        open_lines(f"tcp://127.0.0.1:{free_port(socket.SOCK_STREAM)}", clock, print)
+    with pytest.raises((DeviceNotFound, AccessDenied), match="serial:///dev/tty"):
+        open_lines("serial:///dev/ttyNone", clock, print)
+    with pytest.raises(CardError, match="no such column map"):
+        open_lines(f"-?map={tmp_path}/none".replace("-", "stdin://"), clock, print)
+    with pytest.raises(UsageError, match="unit=uT"):
+        open_lines("udp://127.0.0.1:0", clock, print, lambda field: field)
+
+
+def test_a_port_for_other_machines_without_a_key_is_named(
+    said: list[str], tmp_path: Path, stack: ExitStack
+) -> None:
+    port = free_port()
+    out = stack.enter_context(socket.socket(type=socket.SOCK_DGRAM))
+    to = ("127.0.0.1", port)
+    url = f"udp://127.0.0.1:{port}?network=1&"
+    first_reading(url, lambda text: out.sendto(text, to), said)
+    assert "without key=FILE" in said[0]
+
+
+@FORGED_SAMPLES.mark
+def test_with_a_key_only_sealed_lines_are_samples(
+    said: list[str], tmp_path: Path, stack: ExitStack
+) -> None:
+    path = tmp_path / "link.key"
+    path.touch(0o600)
+    path.write_text("k" * 32)
+    key = LinkKey(b"k" * 32, "samples")
+    port = free_port()
+    out = stack.enter_context(socket.socket(type=socket.SOCK_DGRAM))
+    sent: list[int] = []
+
+    def send(text: bytes) -> None:
+        fields = json.loads(text)
+        forged = json.dumps(fields | {"X1": 500.0}).encode()
+        numbers = {"session": 12, "sequence": len(sent)}
+        sent.append(len(sent))
+        for one in (forged, key.sealed(json.dumps(fields | numbers).encode())):
+            out.sendto(one, ("127.0.0.1", port))
+
+    reading = first_reading(f"udp://127.0.0.1:{port}?key={path}&", send, said)
+    assert abs(reading.values[0]) < 1.0
+    assert any("without the right code" in line or "its code" in line for line in said)
+
+
+def test_every_kind_of_lines_has_no_end_of_its_own() -> None:
+    urls = ("-", "stdin://", "tcp://a:1", "udp://a:1", "unix:///a", "serial:///dev/a")
+    assert all(map(is_hand, urls))
+
+
+def test_the_example_map_of_the_page_is_one() -> None:
+    page = Path(__file__).resolve().parents[2] / "docs" / "live-sources.md"
+    text = page.read_text("utf-8").split("```toml\n")[1].split("```")[0]
+    assert column_map_of(text).unit_of_values == "N"

@@ -1,0 +1,182 @@
+"""The example senders of lines, piped into a run."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+from command_line import fails
+from live_bench import DEFAULT, free_port
+
+from holdfast.drivers.sample_lines import SampleReader
+
+ROOT = Path(__file__).resolve().parents[2]
+EXAMPLES = ROOT / "examples"
+RUN = [sys.executable, "-m", "holdfast", "run", str(DEFAULT), "--source"]
+MS = 1_000_000
+
+
+def example(name: str) -> ModuleType:
+    spec = importlib.util.spec_from_file_location(name, EXAMPLES / f"{name}.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture(scope="module")
+def c_sender(tmp_path_factory: pytest.TempPathFactory) -> str:
+    compiler = shutil.which("gcc") or shutil.which("cc")
+    if compiler is None:
+        pytest.skip("no C compiler (cc) for examples/line_sender.c")
+    made = str(tmp_path_factory.mktemp("sender") / "line_sender")
+    strict = ["-std=c99", "-D_POSIX_C_SOURCE=200809L", "-Wall", "-Wextra", "-Werror"]
+    source = str(EXAMPLES / "line_sender.c")
+    subprocess.run([compiler, *strict, "-o", made, source], check=True)
+    return made
+
+
+def answers_of(sender: list[str], url: str, *options: str) -> tuple[list[dict], str]:
+    """What a run prints on lines that a program sends into its standard input."""
+    with subprocess.Popen(sender, stdout=subprocess.PIPE, cwd=ROOT) as lines:
+        assert lines.stdout is not None
+        with lines.stdout:
+            run = subprocess.run(
+                [*RUN, url, *options],
+                stdin=lines.stdout,
+                capture_output=True,
+                text=True,
+                cwd=ROOT,
+                check=False,
+            )
+        lines.kill()
+    assert run.returncode == 0, run.stderr
+    return [json.loads(line) for line in run.stdout.splitlines()], run.stderr
+
+
+def test_the_sender_in_c_is_answered_until_its_end(c_sender: str) -> None:
+    answers, said = answers_of([c_sender, "600"], "stdin://?rate_hz=150")
+    assert re.search(r"stdin: its lines ended after \d+ samples", said)
+    assert "6 sensors in N at 150 Hz" in said
+    assert len(answers) > 0
+    assert all(one["state"] in ("unknown", "nothing") for one in answers)
+
+
+def test_the_sender_in_python_is_answered(tmp_path: Path) -> None:
+    sender = [sys.executable, str(EXAMPLES / "line_sender.py")]
+    answers, said = answers_of(sender, "-", "--seconds", "1")
+    assert "stdin: 6 sensors in N" in said
+    assert answers
+
+
+def test_the_sender_in_python_also_sends_datagrams() -> None:
+    port = str(free_port())
+    sender = [sys.executable, str(EXAMPLES / "line_sender.py"), port]
+    answers, _ = answers_of(sender, f"udp://127.0.0.1:{port}", "--seconds", "0.5")
+    assert answers
+
+
+def test_a_file_of_lines_is_run_at_its_own_pace(tmp_path: Path, c_sender: str) -> None:
+    rows = subprocess.run([c_sender, "3"], capture_output=True, text=True, check=True)
+    header, *_ = rows.stdout.splitlines()
+    cells = ",".join(["0.01"] * 18)
+    table = tmp_path / "trial.csv"
+    body = "".join(f"{k / 150:.6f},{cells}\n" for k in range(90))
+    table.write_text(f"{header}\n{body}", "utf-8")
+    with table.open("rb") as file:
+        run = subprocess.run(
+            [*RUN, "-"],
+            stdin=file,
+            capture_output=True,
+            text=True,
+            cwd=ROOT,
+            check=False,
+        )
+    assert run.returncode == 0, run.stderr
+    answers = [json.loads(line) for line in run.stdout.splitlines()]
+    assert len(answers) == 90
+    assert "stdin: its lines ended after 90 samples" in run.stderr
+
+
+def test_the_node_of_ros_2_prints_lines_that_are_samples() -> None:
+    """rclpy is not needed for its lines; the node itself runs where ROS 2 is."""
+    line = example("ros2_lines").line
+    reader = SampleReader()
+    newest = [(0, (0.1, 0.2, 3.0)), None, (-60 * MS, (0.1, 0.2, 3.0))]
+    sample = reader.take(line(0, 5 * MS, newest).encode(), "ros", 0)
+    assert sample is not None
+    assert sample.valid.tolist() == [True, False, False]
+    assert sample.values[:3].tolist() == [0.1, 0.2, 3.0]
+    assert sample.stamp_ns == 5 * MS
+
+
+def test_the_board_sends_rows_below_a_header_of_our_names() -> None:
+    """What the sketch prints, by its own text: there is no compiler for it here."""
+    sketch = (EXAMPLES / "line_sender" / "line_sender.ino").read_text("utf-8")
+    (header,) = re.findall(r'Serial\.println\("([^"]+)"\)', sketch)
+    reader = SampleReader(unit="count")
+    assert reader.take(header.encode() + b"\r", "board", 0) is None
+    sample = reader.take(b"512,498,533,510,500,490\r", "board", 0)
+    assert sample is not None
+    assert sample.stamp_ns is None
+    assert sample.valid.all()
+
+
+def test_the_page_shows_the_senders_as_they_are() -> None:
+    page = (ROOT / "docs" / "live-sources.md").read_text("utf-8")
+    for name in (
+        "line_sender.py",
+        "line_sender.c",
+        "line_sender/line_sender.ino",
+        "ros2_lines.py",
+    ):
+        assert f"(../examples/{name})" in page
+        assert (EXAMPLES / name).is_file()
+
+
+def test_a_study_and_keys_do_not_come_from_the_standard_input_that_is_the_source(
+    run, tmp_path: Path
+) -> None:
+    words = ["record", "--source", "-", "--out", tmp_path / "a", "--person", "p01"]
+    words += ["--object", "cup", "--action", "pull"]
+    fails(run, 2, "UsageError", *words, says="is the source")
+
+
+def test_what_looks_like_a_source_of_lines_is_suggested(run) -> None:
+    for word, says in {
+        "/dev/ttyACM0": "serial:///dev/ttyACM0",
+        "serial:/dev/ttyACM0": "serial:///dev/ttyACM0",
+        "udp:127.0.0.1:9000": "udp://127.0.0.1:9000",
+    }.items():
+        fails(run, 2, "UsageError", "run", DEFAULT, "--source", word, says=says)
+
+
+def test_lines_load_no_library_beyond_the_live_path() -> None:
+    program = "import json, sys, holdfast.live.line_sources; print(json.dumps([*sys.modules]))"
+    done = subprocess.run(
+        [sys.executable, "-c", program],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=True,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+    )
+    loaded = {name.partition(".")[0] for name in json.loads(done.stdout)}
+    assert not loaded & {
+        "scipy",
+        "sklearn",
+        "pandas",
+        "onnx",
+        "serial",
+        "pylsl",
+        "rich",
+    }
