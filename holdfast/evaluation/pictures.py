@@ -165,10 +165,12 @@ def distributions(times: dict[str, TimesMs], kind: str) -> str:
     if not many:
         return ""
 
-    n_rows = math.ceil(len(many) / COLUMNS)
-    height = 2.35 * n_rows + 0.3
-    with labelled(kind, 10.2, height) as figure:
-        panels = figure.subplots(n_rows, COLUMNS, squeeze=False, sharey=True)
+    # One set needs no room for three.
+    n_columns = min(COLUMNS, len(many))
+    n_rows = math.ceil(len(many) / n_columns)
+    width = 3.2 * n_columns + 0.6
+    with labelled(kind, width, 2.35 * n_rows + 0.3) as figure:
+        panels = figure.subplots(n_rows, n_columns, squeeze=False, sharey=True)
         for axes, (name, one) in zip(panels.flat, many.items(), strict=False):
             # The first is wide: the second often lies on it.
             _curve(axes, one.to_state, "to the first risky_slip state", "#56b4e9", 3.6)
