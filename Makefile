@@ -107,8 +107,8 @@ safety: setup  ## run the tests of the hazards and write their results into docs
 bench: setup  ## what accuracy costs in time on this machine; all, or only NAME=cost; into build/bench
 	$(BIN)/python -m benchmarks $(or $(NAME),all) --out build/bench $(ARGS)
 
-browser: setup  ## the default model as one static page that needs no server, into build/browser
-	$(BIN)/python examples/browser/build.py $(MODEL) build/browser/holdfast.html
+browser: setup  ## a simulated hand to pull at, with the default model, as a page that needs no server, into build/browser
+	$(BIN)/python examples/browser/build.py $(MODEL) build/browser
 
 peers: $(PEERS)/.stamp  ## beside others: hold and pull, and the closed loop, in MuJoCo, the forest in treelite; an environment of its own, into build/bench
 	$(PEERS)/bin/python -m benchmarks.mujoco_peer --out build/bench/mujoco.json $(ARGS)

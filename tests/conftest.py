@@ -46,6 +46,9 @@ settings.register_profile("fixed", derandomize=True, deadline=None)
 settings.load_profile("fixed")
 # under nohup a hangup is ignored, and so it would be in every process that a test starts
 signal.signal(signal.SIGHUP, signal.SIG_DFL)
+# and so is Ctrl-C where the tests run in the background of a shell
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.fixture(scope="session")

@@ -10,12 +10,12 @@ import onnx
 
 from benchmarks.cost.picture import figure, on_hands
 from benchmarks.world import page as world
+from examples.demo import demo_picture
 from holdfast.cli.command import show
 from holdfast.core.reading import Json
 from holdfast.core.writing import write_whole
 from holdfast.edge_runtime.model import Model
 from holdfast.evaluation.style import for_any_page
-from studies.doc_pictures import first_sight
 from studies.doc_pictures.step import picture as step_picture
 from studies.doc_pictures.tags import sheet
 from studies.doc_pictures.timing import PICTURES as TIMING
@@ -46,7 +46,7 @@ def draw_all(docs: Path) -> None:
     """Draw every picture whose figures are there; name those that stay as they are."""
     write_whole(docs / "step.svg", step_picture(onnx.load(MODEL).graph))
     write_whole(docs / "tags.svg", sheet())
-    write_whole(docs / "first-sight.svg", first_sight.picture(Model(MODEL)))
+    write_whole(docs / "first-sight.svg", demo_picture.picture(Model(MODEL)))
     draw_measured(docs)
 
 

@@ -10,11 +10,15 @@ enum { C = HOLDFAST_CHANNELS, S = HOLDFAST_SENSORS };
 #if HOLDFAST_BIAS_MEDIAN
 #error "the bias of this model is a median; this example takes a mean"
 #endif
+#ifdef __wasm__
 #define EXPORTED(name) __attribute__((export_name(#name)))
 
 void *memcpy(void *to, const void *from, size_t n) { return __builtin_memcpy(to, from, n); }
 void *memmove(void *to, const void *from, size_t n) { return __builtin_memmove(to, from, n); }
 void *memset(void *to, int value, size_t n) { return __builtin_memset(to, value, n); }
+#else
+#define EXPORTED(name) /* a test calls it in a library of this machine */
+#endif
 
 static holdfast_state state;
 static holdfast_out out;
@@ -24,6 +28,7 @@ static holdfast_command command;
 static double sample[C], sign[C], sum[C];
 static uint8_t valid[S];
 static int rows, is_known;
+static holdfast_wish wish; /* what the wearer commands at this sample */
 
 EXPORTED(begin) int begin(void) {
     memset(&state, 0, sizeof state);
@@ -32,6 +37,7 @@ EXPORTED(begin) int begin(void) {
     memset(&command, 0, sizeof command);
     memset(sum, 0, sizeof sum);
     rows = is_known = 0;
+    wish = HOLDFAST_NO_WISH;
     holdfast_grip_init(&grip, NULL);
     return holdfast_init(&state);
 }
@@ -60,8 +66,8 @@ EXPORTED(feed) int feed(double harder) {
     for (int k = 0; k < C; ++k) sample[k] *= k % 3 == 2 ? 1.0 : harder;
     for (int k = 0; k < S; ++k) valid[k] = (uint8_t)(valid[k] && is_known);
     if (step() != HOLDFAST_OK) return 1;
-    holdfast_decide(&decision, &out, HOLDFAST_NO_WISH);
-    sense = holdfast_sense_of(&out, &decision, sample, valid, HOLDFAST_NO_WISH);
+    holdfast_decide(&decision, &out, wish);
+    sense = holdfast_sense_of(&out, &decision, sample, valid, wish);
     holdfast_grip_step(&grip, &sense, &command);
     return 0;
 }

@@ -1,21 +1,17 @@
 // The page: takes files, runs the hand over them, draws what it answered.
 "use strict";
 
-const COLOURS = { nothing: "#bbbbbb", grasp: "#56b4e9", "safe slip": "#009e73", "risky slip": "#d55e00", unknown: "#e3c76a" };
 const LINES = { load: "#7a4fb5", grip: "#00857a", target: "#c2691a" };
 const MARGIN = { left: 44, right: 8 };
 const CLOSE_S = 0.4;
 const DRAG_PX = 120;  // doubles the pull
 
-const at = (id) => document.getElementById(id);
 const seconds = (s) => `${s.toFixed(2)} s`;
 let hand;
 let shown = { trial: null, truth: [], harder: null, answers: [] };
 
 async function open() {
-  const bytes = Uint8Array.from(atob(WASM), (letter) => letter.charCodeAt(0));
-  const { instance } = await WebAssembly.instantiate(bytes, {});
-  hand = instance.exports;
+  hand = await openHand(WASM);
   show(readTrial(EXAMPLE.csv, hand.channels()), readTruth(EXAMPLE.truth));
 }
 
@@ -74,12 +70,7 @@ function draw() {
 }
 
 function drawOn(canvas, range) {
-  const ratio = window.devicePixelRatio || 1;
-  canvas.width = canvas.clientWidth * ratio;
-  canvas.height = canvas.clientHeight * ratio;
-  const pen = canvas.getContext("2d");
-  pen.scale(ratio, ratio);
-  pen.font = "12px system-ui, sans-serif";
+  const pen = penOf(canvas);
   const ink = getComputedStyle(document.body).color;
   const { x } = scales(canvas, range);
   const bottom = canvas.clientHeight - 76;
@@ -147,18 +138,6 @@ function phasesOf(answers) {
   return phases;
 }
 
-function legend() {
-  const names = { ...COLOURS, "load along the skin": LINES.load, "grip of either side": LINES.grip, "grip command": LINES.target };
-  for (const [name, colour] of Object.entries(names)) {
-    const item = document.createElement("li");
-    const swatch = document.createElement("span");
-    swatch.className = "swatch";
-    swatch.style.background = colour;
-    item.append(swatch, name);
-    at("legend").append(item);
-  }
-}
-
 /** Dragging on a canvas changes the pull from there on. range: the seconds that it shows. */
 function draggable(canvas, range) {
   let start = null;
@@ -189,5 +168,5 @@ function listen() {
   window.addEventListener("resize", draw);
 }
 
-legend();
+fillLegend(at("legend"), COLOURS, { "load along the skin": LINES.load, "grip of either side": LINES.grip, "grip command": LINES.target });
 open().then(listen).catch((error) => { at("problem").textContent = error.message; });

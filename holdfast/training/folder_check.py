@@ -17,8 +17,9 @@ from holdfast.core.contract import (
     CLASSES,
     SITUATIONS,
 )
-from holdfast.core.errors import ColumnError, DataError, NotANumber
+from holdfast.core.errors import ColumnError, DataError, NotANumber, RateError
 from holdfast.core.reading import Json
+from holdfast.core.trial_file import implausible_rate
 from holdfast.core.trial_layout import (
     INTENT_SUFFIX,
     TACTILE,
@@ -139,6 +140,7 @@ def examine(root: Path, part: Part = ignored) -> FolderReport:
     # Checks of the whole set compare only what can be read: a fault of one trial is noted already.
     if trials:
         common_rate([trial.recording for trial in trials], faults.append)
+    held_out = _held_out(trials, root, faults)
     classes = _class_seconds(trials)
     # The same fault of a file may be met twice; the keys of a dict keep the first, in order.
     missing = list(dict.fromkeys(Missing.of(fault) for fault in faults))
@@ -147,7 +149,6 @@ def examine(root: Path, part: Part = ignored) -> FolderReport:
     ):
         what = "no trial has the columns of the layout: logs of another program?"
         missing.append(Missing("error", str(root), what, import_command(root)))
-    held_out = _held_out(trials)
     if held_out:
         kind, all_read = held_out.kind, not missing
         missing += advice_on(root, layout, trials, classes, kind, all_read=all_read)
@@ -207,15 +208,29 @@ def _read(
         yield (place.person, name, place.action), trial
 
 
-def _held_out(trials: list[TimedTrial]) -> HoldOutChoice | None:
-    """What `train` holds out of these trials where it is asked for nothing else."""
+def _held_out(
+    trials: list[TimedTrial], root: Path, faults: list[DataError]
+) -> HoldOutChoice | None:
+    """What `train` holds out of these trials where it is asked for nothing else.
+
+    None, with a fault, where their rate is too low for training.
+    """
     if not trials:
         return None
     # Neither names nor rates change what is held out; with faults the trials may differ in both.
     about = {"name": "", "kind": ""}
-    data = of_trials(
-        trials, about, trials[0].recording.rate_hz, "balanced", TRAINING_SEED
-    )
+    rate_hz = trials[0].recording.rate_hz
+    try:
+        data = of_trials(trials, about, rate_hz, "balanced", TRAINING_SEED)
+    except RateError as error:
+        # a rate that is not one at all is named by trial already
+        if not implausible_rate(rate_hz):
+            faults.append(
+                RateError(
+                    error.what, where=root, cause=error.cause, next_step=error.next_step
+                )
+            )
+        return None
     return strictest_hold_out(data, TrainingPlan.folds, TRAINING_SEED)
 
 

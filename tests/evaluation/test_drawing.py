@@ -84,7 +84,7 @@ def test_text_in_a_template_is_escaped_and_a_forgotten_value_is_an_error(
 
 
 @pytest.mark.parametrize(
-    "page", ["holdfast/live/page/page.css", "examples/browser/page.js"]
+    "page", ["holdfast/live/page/page.css", "examples/browser/situations.js"]
 )
 def test_pages_of_their_own_give_situations_the_colours_of_every_report(
     page: str,

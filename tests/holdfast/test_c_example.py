@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import ctypes
 import json
 import re
 import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -16,7 +18,8 @@ from c_form import STRICT, require_compiler
 from headless_browser import Tab, browser, needs_chromium
 from small_model import for_the_hand, graph_of
 
-from benchmarks.runtimes.c_programs import WASM, compiled
+from benchmarks.runtimes.c_programs import FLAGS, WASM, compiled
+from examples.browser.setups import setup_numbers
 from holdfast.core.contract import Prediction, channel_names
 from holdfast.core.reading import Json
 from holdfast.drivers.replay import open_replay
@@ -40,6 +43,32 @@ WebAssembly.instantiate(readFileSync(process.argv[2]), {}).then(({ instance }) =
   for (const one of runTrial(hand, trial, null)) console.log(JSON.stringify(one));
 });
 """
+SAME_STORY = """
+const { readFileSync } = require("node:fs");
+WebAssembly.instantiate(readFileSync(process.argv[1]), {}).then(({ instance }) => {
+  const hand = instance.exports;
+  const bytes = (from, count) => Buffer.from(hand.memory.buffer, from, count).toString("hex");
+  const numbers = JSON.parse(process.argv[2]);
+  new Float64Array(hand.memory.buffer, hand.setup(), hand.setup_count()).set(numbers);
+  hand.start(3);
+  for (let k = 0; k < 600; ++k) {
+    for (const [at, name, ...values] of JSON.parse(process.argv[3]))
+      if (at === k) hand[name](...values);
+    hand.advance(1);
+    const seen = bytes(hand.seen(), 8 * hand.seen_count());
+    console.log(seen + bytes(hand.answers(), hand.answers_bytes()));
+  }
+});
+"""
+"""Prints what the page sees of its world, and the answers, bit for bit."""
+STORY: list[list[Any]] = [
+    [240, "let_go", 0.3],
+    [400, "pull_to", 0.01, 0.0, -0.1],
+    [440, "release"],
+    [470, "take_over"],
+    [520, "open_hand"],
+]
+"""[sample, call, its numbers]."""
 ROWS = 600
 Rows = npt.NDArray[np.float64]
 
@@ -146,7 +175,8 @@ def test_the_example_answers_a_recording_as_the_live_path_does(
 def wasm(model: Path) -> Path:
     if not WASM.is_installed:
         pytest.skip(f"the browser's example needs {', '.join(WASM.programs)}")
-    return compiled(WASM, model.parent / "c", WASM.main, model.parent / "hand.wasm")
+    main = EXAMPLES / "browser/try.c"
+    return compiled(WASM, model.parent / "c", main, model.parent / "hand.wasm")
 
 
 def test_the_hand_in_the_browser_answers_as_the_live_path_does(
@@ -175,9 +205,47 @@ def test_the_hand_in_the_browser_answers_as_the_live_path_does(
     require_same(got, model, trial)
 
 
+def story_in_c(library: ctypes.CDLL, setup: list[float]) -> list[str]:
+    """What SAME_STORY prints, by the same sources compiled for this machine."""
+    for name in ("setup", "seen", "answers"):
+        getattr(library, name).restype = ctypes.c_void_p
+    numbers = (ctypes.c_double * len(setup))(*setup)
+    ctypes.memmove(library.setup(), numbers, ctypes.sizeof(numbers))
+    library.start(ctypes.c_double(3))
+    lines = []
+    for k in range(600):
+        for at, name, *values in STORY:
+            if at == k:
+                getattr(library, name)(*map(ctypes.c_double, values))
+        assert library.advance(1) == 0
+        seen = ctypes.string_at(library.seen(), 8 * library.seen_count())
+        answers = ctypes.string_at(library.answers(), library.answers_bytes())
+        lines.append((seen + answers).hex())
+    return lines
+
+
+def test_the_pages_world_has_the_same_bits_in_webassembly_and_on_this_machine(
+    model: Path, wasm: Path
+):
+    made = model.parent / "try.so"
+    # -Bsymbolic: the C library has a `step` of its own.
+    shared = ["-shared", "-fPIC", "-Wl,-Bsymbolic", "-I", "c", "-o", str(made)]
+    words = [require_compiler(), *FLAGS, *shared]
+    sources = ["c/holdfast.c", str(EXAMPLES / "browser/try.c"), "-lm"]
+    done = subprocess.run([*words, *sources], cwd=model.parent)
+    assert done.returncode == 0
+    setup = [*setup_numbers("full-bottle"), 8.0]
+    words = ["node", "-e", SAME_STORY, str(wasm)]
+    story = [*words, json.dumps(setup), json.dumps(STORY)]
+    printed = subprocess.run(story, capture_output=True, text=True, check=True).stdout
+    wanted = story_in_c(ctypes.CDLL(str(made)), setup)
+    assert printed.splitlines() == wanted
+    assert len(set(wanted)) == 600
+
+
 @pytest.fixture(scope="module")
 def made_page(model: Path, wasm: Path) -> Path:
-    made = model.parent / "page.html"
+    made = model.parent / "pages"
     build: list[str | Path] = [
         sys.executable,
         EXAMPLES / "browser/build.py",
@@ -185,7 +253,7 @@ def made_page(model: Path, wasm: Path) -> Path:
         made,
     ]
     assert subprocess.run(build, capture_output=True).returncode == 0
-    return made
+    return made / "trial.html"
 
 
 ANSWERS = "shown.answers.map((one) => [one.t, one.load, one.grip, one.risky])"

@@ -7,10 +7,12 @@ import shutil
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
 from command_line import Run, fails
 from own_data import write_meta, write_people_folders, write_phases
 
+from holdfast.core.contract import channel_names
 from holdfast.core.trial_layout import intent_path, truth_path
 from holdfast.edge_runtime.intent import intent_header
 
@@ -278,3 +280,19 @@ def test_the_hand_alone_has_a_line(run: Run, own: Path, made: Path) -> None:
     report = reported(run, own)
     assert cell(report, "p01", None, None)["labels_by"] == {"open hand": 1}  # type: ignore[arg-type]
     assert "hand alone" in run("check", own)[1]
+
+
+def test_a_rate_that_is_too_low_for_training_is_an_error_of_the_set(
+    run: Run, tmp_path: Path
+) -> None:
+    rows = np.random.default_rng(0).normal(0.0, 0.01, (600, 18))
+    rows[200:400, 2::3] += 2.0
+    table = np.column_stack([np.arange(600) / 15.0, rows])
+    for action in ("slip", "hold"):
+        place = tmp_path / "set/mug" / action / "trial_1.csv"
+        place.parent.mkdir(parents=True)
+        header = ",".join(("Time", *channel_names(6)))
+        np.savetxt(place, table, delimiter=",", header=header, comments="")
+    code, out, _ = run("check", tmp_path / "set")
+    assert code == 3
+    assert f"ERROR {tmp_path / 'set'}: 15 Hz carries none of the bands" in out

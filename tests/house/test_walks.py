@@ -53,5 +53,6 @@ def test_what_is_shipped_is_plain(shipped: Size) -> None:
 
 
 def test_what_runs_on_the_hand_stays_small() -> None:
-    # 80 more than before the watch for frozen sensors, which no chip's counter gives away
-    assert size_of(["holdfast/edge_runtime"]).lines <= 4380
+    # 100 more than before the watch for frozen sensors, which no chip's counter gives away, and
+    # before an opening of the wearer that never ends
+    assert size_of(["holdfast/edge_runtime"]).lines <= 4405

@@ -1,7 +1,8 @@
 """What mkdocs does not do: pages from outside docs/, executed notebooks, equations as MathML.
 
-The README is the first page. A file of the repository that a page links to becomes a page below
-source/. A link to a file that is not there stays as it is, and `mkdocs build --strict` then fails.
+The README is the first page. Where clang is there, it leads to the page of a hand to pull at. A
+file of the repository that a page links to becomes a page below source/. A link to a file that is
+not there stays as it is, and `mkdocs build --strict` then fails.
 """
 
 from __future__ import annotations
@@ -19,6 +20,9 @@ from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
 from notebooks import executed
 
+from examples.browser.build import pages
+from holdfast.core.errors import LibraryMissing
+
 ROOT = Path(__file__).resolve().parents[2]
 HERE = Path(__file__).parent
 LINK = re.compile(r"(\]\()(?!\w+:)([^)#\s]+)(?=[)#])")
@@ -31,6 +35,10 @@ INDENT = re.compile(r"^ {2,3}(?=\S)", re.MULTILINE)
 EQUATION = re.compile(
     r'<(span|div) class="arithmatex">\\[(\[](.*?)\\[)\]]</\1>', re.DOTALL
 )
+MODEL = ROOT / "models/holdfast-150hz.onnx"
+TRY = """
+[**Try it here**: pull a bottle out of a hand, and see the call and the grip](try.html){ .try }
+"""
 IN_NAV = ("CHANGELOG.md", "CONTRIBUTING.md")
 SHIM, FROM_ELSEWHERE = "iframe-worker.js", "https://unpkg.com/iframe-worker/shim"
 LOADED = re.compile(r'(?:src|<link[^>]*href)="(https?://[^"]*)"')
@@ -49,6 +57,8 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     _add(files, config, "index.md", (ROOT / "README.md").read_text("utf-8"))
     for name in ("holdfast.css", SHIM):
         _add(files, config, name, (HERE / name).read_text("utf-8"))
+    for name, content in _pages_to_try().items():
+        _add(files, config, name, content)
     for source in sorted((ROOT / "docs/notebooks").glob("*.py")):
         for name, content in executed(source).items():
             _add(files, config, f"notebooks/{name}", content)
@@ -66,8 +76,11 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     return files
 
 
-def on_page_markdown(markdown: str, page: Page, **_: Any) -> str:
+def on_page_markdown(markdown: str, page: Page, files: Files, **_: Any) -> str:
     """Links in the site's own terms; lists and fences as GitHub reads them."""
+    if page.file.src_uri == "index.md" and files.get_file_from_path("try.html"):
+        # Before the first picture.
+        markdown = markdown.replace("\n![", f"{TRY}\n![", 1)
     parts = FENCE.split(markdown)
     for place in range(0, len(parts), 2):
         linked = LINK.sub(
@@ -113,6 +126,14 @@ def _mathml(match: re.Match[str]) -> str:
         if match[1] == "div"
         else mathml
     )
+
+
+def _pages_to_try() -> dict[str, str]:
+    """The pages of examples/browser; none without clang."""
+    try:
+        return pages(MODEL, home="index.html")
+    except LibraryMissing:
+        return {}
 
 
 def _add(files: Files, config: MkDocsConfig, uri: str, content: str) -> File:

@@ -1,7 +1,7 @@
 """docs/first-sight.svg: a slip and a hand-over, with and without Holdfast, ten times slower.
 
 `make docs` simulates the demo's two trials in a closed loop with the shipped model, and draws what
-became of object, grip, load and answer (studies/templates/first_sight.svg). The animation is CSS; a
+became of object, grip, load and answer (demo_picture.svg). The animation is CSS; a
 reader who asked for less motion sees its end.
 """
 
@@ -26,7 +26,7 @@ from holdfast.simulation.protocol import PlannedTrial
 from holdfast.simulation.scene import Scene
 from holdfast.simulation.scene_file import read_scene_file
 
-TEMPLATES = Path(__file__).resolve().parents[1] / "templates"
+TEMPLATES = Path(__file__).parent
 LABEL = (
     "Simulated, ten times slower. A bottle slips: without Holdfast it is lost; with Holdfast the "
     "slip is called, the grip tightens and the bottle is kept. A hand-over is let go."
@@ -131,7 +131,7 @@ def picture(model: OpenedModel) -> str:
         lstrip_blocks=True,
         autoescape=True,
     )
-    drawn = environment.get_template("first_sight.svg").render(
+    drawn = environment.get_template("demo_picture.svg").render(
         columns=columns,
         legend=list(
             zip(

@@ -8,17 +8,17 @@ import xml.etree.ElementTree as ET
 import pytest
 from loop_bench import MODEL
 
+from examples.demo import demo_picture
 from holdfast.edge_runtime.model import Model
-from studies.doc_pictures import first_sight
 
 
 @pytest.fixture(scope="module")
-def seen() -> list[first_sight.Seen]:
-    return first_sight.watch(Model(MODEL))
+def seen() -> list[demo_picture.Seen]:
+    return demo_picture.watch(Model(MODEL))
 
 
 def test_the_bottle_is_lost_without_and_kept_with_the_grip_controlled(
-    seen: list[first_sight.Seen],
+    seen: list[demo_picture.Seen],
 ) -> None:
     bare_fall, _, held_fall, held_pass = seen
     assert bare_fall.outcome.dropped
@@ -32,17 +32,17 @@ def test_the_bottle_is_lost_without_and_kept_with_the_grip_controlled(
 
 
 def test_a_reader_without_animation_sees_the_end(
-    seen: list[first_sight.Seen], monkeypatch: pytest.MonkeyPatch
+    seen: list[demo_picture.Seen], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(first_sight, "watch", lambda _: seen)
-    drawn = first_sight.picture(Model(MODEL))
+    monkeypatch.setattr(demo_picture, "watch", lambda _: seen)
+    drawn = demo_picture.picture(Model(MODEL))
     root = ET.fromstring(drawn)
     assert root.get("role") == "img"
     still, _, moving = drawn.partition("@media(prefers-reduced-motion:no-preference)")
     ends = [float(px) for px in re.findall(r"translateY\((\S+?)px\)", still)]
     assert ends == pytest.approx(
         [
-            sign * first_sight.PX_PER_MM * seen[k].moved_mm[-1]
+            sign * demo_picture.PX_PER_MM * seen[k].moved_mm[-1]
             for k, sign in ((0, 1), (2, 1), (3, -1))
         ],
         abs=5.0,

@@ -1,0 +1,147 @@
+"""The page of a hand to pull at: what a person does there, on a desk and on a phone."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from headless_browser import Tab, browser, needs_chromium
+
+from benchmarks.runtimes.c_programs import WASM
+
+ROOT = Path(__file__).resolve().parents[2]
+RELEASED = ROOT / "models/holdfast-150hz.onnx"
+MOST_BYTES = 3_000_000
+SAID = "now.action.said && at('said').textContent"
+HELPED = "((yes) => { if (at('helped').checked !== yes) at('helped').click(); })"
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    if not WASM.is_installed:
+        pytest.skip(f"the browser's example needs {', '.join(WASM.programs)}")
+    made = tmp_path_factory.mktemp("pages")
+    script = str(ROOT / "examples/browser/build.py")
+    build = [sys.executable, script, str(RELEASED), str(made)]
+    done = subprocess.run(build, capture_output=True, text=True, check=True)
+    assert re.fullmatch(r"(\S+\.html: [12]\.\d\d MB\n){2}", done.stdout)
+    return made
+
+
+@pytest.fixture(scope="module")
+def tab(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Tab]:
+    with browser(tmp_path_factory.mktemp("profile")) as one:
+        yield one
+
+
+def opened(tab: Tab, folder: Path, width: int = 1366, height: int = 768) -> Tab:
+    tab.problems.clear()
+    tab.open((folder / "try.html").as_uri(), width, height)
+    tab.wait_until("now.view && at('said').textContent.startsWith('Held')")
+    # Real time: the story is the same at any speed.
+    tab.value("document.querySelector('input[name=speed]').click()")
+    return tab
+
+
+def said_after(tab: Tab, button: str, helped: bool) -> str:
+    tab.value(f"{HELPED}({'true' if helped else 'false'}); at('{button}').click()")
+    text: str = tab.wait_until(SAID)
+    return text.replace("\u00a0", " ")
+
+
+def test_both_pages_are_whole_small_and_may_ask_nothing_of_any_network(folder: Path):
+    for name in ("try.html", "trial.html"):
+        text = (folder / name).read_text("utf-8")
+        assert len(text.encode()) < MOST_BYTES
+        assert "default-src 'none'" in text
+        assert not re.search(r"(src|href)=\"(?!(try|trial)\.html)", text)
+
+
+@needs_chromium
+def test_a_pull_is_kept_with_holdfast_and_lost_without(tab: Tab, folder: Path):
+    opened(tab, folder)
+    kept = said_after(tab, "pull", helped=True)
+    assert re.match(r"Kept: called \d\d ms after the pull began, the grip rose", kept)
+    assert tab.value("now.view.touching") > 0
+    lost = said_after(tab, "pull", helped=False)
+    assert re.match(r"Lost after \d{3} ms: Holdfast would have called it \d\d", lost)
+    assert tab.value("now.view.touching") == 0
+    assert tab.value("performance.getEntriesByType('resource').length") == 0
+    assert tab.problems == []
+
+
+@needs_chromium
+def test_a_lost_support_is_caught_and_a_hand_over_is_let_go(tab: Tab, folder: Path):
+    opened(tab, folder)
+    assert said_after(tab, "drop", helped=True).startswith("Kept: called ")
+    assert said_after(tab, "drop", helped=False).startswith("Lost after ")
+    assert re.match(
+        r"Handed over.*the grip (stayed|followed)",
+        said_after(tab, "hand-over", helped=True),
+    )
+    assert tab.problems == []
+
+
+@needs_chromium
+def test_a_drag_pulls_the_way_the_pointer_goes_however_the_hand_is_held(
+    tab: Tab, folder: Path
+):
+    opened(tab, folder)
+    middle = "(({ left, top, width, height }) => [left + width / 2, top + height / 2])"
+    for turn in (0, 90, 180):
+        tab.value(f"at('turn').value = {turn}; restart()")
+        x, y = tab.value(f"{middle}(at('stage').getBoundingClientRect())")
+        for kind, place in (("Pressed", (x, y)), ("Moved", (x, y + 60))):
+            event = {"x": place[0], "y": place[1], "button": "left", "buttons": 1}
+            tab.call("Input.dispatchMouseEvent", type=f"mouse{kind}", **event)
+        pull = tab.wait_until(
+            "Math.hypot(...now.view.pull) > 1"
+            " && toPage([now.view.pull[0], now.view.pull[2]], degrees())"
+        )
+        assert abs(pull[0]) < 0.2 * pull[1]
+        tab.call(
+            "Input.dispatchMouseEvent", type="mouseReleased", x=x, y=y, button="left"
+        )
+        tab.wait_until(SAID)
+    assert tab.problems == []
+
+
+@needs_chromium
+def test_a_phone_needs_no_scrolling_sideways_and_keys_pull_too(tab: Tab, folder: Path):
+    opened(tab, folder, 390, 844)
+    assert tab.value("document.documentElement.scrollWidth") <= 390
+    tab.value("at('stage').focus()")
+    for kind in ("keyDown", "keyUp"):
+        tab.call("Input.dispatchKeyEvent", type=kind, key="ArrowDown", code="ArrowDown")
+        if kind == "keyDown":
+            tab.wait_until("now.view.pull[2] < -2")
+    assert tab.wait_until(SAID).startswith("Kept")
+    nameless = tab.value(
+        "[...document.querySelectorAll('input, select, button, canvas, svg')].filter((one) =>"
+        " !(one.labels?.length || one.textContent.trim() || one.getAttribute('aria-label')))"
+        ".map((one) => one.outerHTML)"
+    )
+    assert nameless == []
+    assert tab.problems == []
+
+
+@needs_chromium
+def test_a_page_that_should_not_move_stands_still_until_it_is_pulled(
+    tab: Tab, folder: Path
+):
+    opened(tab, folder)
+    still = [{"name": "prefers-reduced-motion", "value": "reduce"}]
+    tab.call("Emulation.setEmulatedMedia", features=still)
+    twenty_frames = """new Promise((done) => {
+        let left = 20;
+        const look = () => (--left ? requestAnimationFrame(look) : done(now.view.t));
+        look(); })"""
+    before = tab.value(twenty_frames)
+    assert tab.value(twenty_frames) == before
+    assert said_after(tab, "pull", helped=True).startswith("Kept")
+    tab.call("Emulation.setEmulatedMedia", features=[])
+    assert tab.problems == []
