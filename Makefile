@@ -35,7 +35,7 @@ unexport VIRTUAL_ENV PYTHONPATH PYTHONHOME PYTHONDONTWRITEBYTECODE
 # onnxruntime sends usage data otherwise; edge_runtime says so too.
 export ORT_DISABLE_TELEMETRY := 1
 
-.PHONY: help setup hooks demo test lint lock clean dist docs docs-site hard-cases safety soak fuzz mutants real loop distortions evaluate study models bench browser peers world lerobot
+.PHONY: help setup hooks demo test lint lock clean dist docs docs-site screenshots hard-cases safety soak fuzz mutants real loop distortions evaluate study models bench browser peers world lerobot
 
 help:  ## list the targets
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/make \1\t\2/p' Makefile | expand -t 16
@@ -92,6 +92,9 @@ docs: setup  ## rewrite the tables and pictures of README and docs from build an
 
 docs-site: $(DOCS)/.stamp  ## the documents as a site that opens from a folder, into build/docs-site; fails on a broken link
 	NO_MKDOCS_2_WARNING=1 $(DOCS)/bin/mkdocs build --strict --config-file tools/docs_site/mkdocs.yml
+
+screenshots: setup  ## pictures of the site and the reports at 390, 1366 and 1920 px, light and dark, into build/screenshots; names what is cut off; needs chromium
+	PYTHONPATH=tests/support $(BIN)/python tools/screenshots.py $(ARGS)
 
 hard-cases: setup  ## run the hard cases and write their results into docs/hard-cases.md
 	$(BIN)/python -m pytest $(ACROSS) -m "hard_case and not soak" --hard-cases=build/hard-cases.json $(ARGS)

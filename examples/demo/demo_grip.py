@@ -99,7 +99,7 @@ def section(pairs: Sequence[TwoHands]) -> str:
     return f"""<h2>The loop closed</h2>
 <p class=note>The grip of a hand that does nothing, and of one that the model controls, in the same
 scene. Dotted: contact ends. Two trials, chosen to show it; simulated.</p>
-<ul>{lines}</ul>{picture(pairs)}"""
+<ul>{lines}</ul><div class=wide>{picture(pairs)}</div>"""
 
 
 def picture(pairs: Sequence[TwoHands]) -> str:

@@ -13,7 +13,7 @@ from typing import Any
 
 from holdfast.cli.command import add_json_option, path_argument, show_found
 from holdfast.core.contract import UNITS
-from holdfast.core.errors import LibraryMissing, OutputError, UsageError
+from holdfast.core.errors import LibraryMissing, OutputError, UsageError, count_of
 
 WRITERS = {
     "parquet": "holdfast.interop.tables",
@@ -97,7 +97,7 @@ def _to_format(args: argparse.Namespace) -> int:
         writer.write_trials(trials, folder)
     rows = sum(len(trial.t_s) for trial in trials)
 
-    words = f"{args.out}: {len(trials)} trials, {rows} samples"
+    words = f"{args.out}: {count_of(len(trials), 'trial')}, {count_of(rows, 'sample')}"
     show_found(args, words, {"out": args.out, "trials": len(trials), "samples": rows})
     return 0
 

@@ -17,6 +17,7 @@ from holdfast.core.errors import (
     DataError,
     OutputError,
     UsageError,
+    count_of,
     one_line,
 )
 
@@ -152,9 +153,12 @@ def _written_lines(out: Path, written: dict[str, str], plan: ImportMap) -> list[
 
     n_sensors = len(plan.columns.sensors)
     unit = plan.columns.unit_of_values
-    lines = [f"{out}: {len(written)} trials, {n_sensors} sensors, in {unit}"]
+    lines = [
+        f"{out}: {count_of(len(written), 'trial')}, {count_of(n_sensors, 'sensor')}, in {unit}"
+    ]
     if not plan.columns.hand and (out / HAND_FILE).is_file():
         lines.append(
-            f"{out / HAND_FILE}: proposed for {n_sensors} sensors; correct their sides and places"
+            f"{out / HAND_FILE}: proposed for {count_of(n_sensors, 'sensor')}; correct their "
+            "sides and places"
         )
     return [*lines, f"next: holdfast check {out}"]

@@ -24,6 +24,7 @@ from holdfast.cli.options import (
     add_source_option,
     add_web_option,
 )
+from holdfast.core.errors import count_of
 from holdfast.sessions.recorder.protocol import ACTIONS
 
 if TYPE_CHECKING:
@@ -82,7 +83,7 @@ def run(args: argparse.Namespace) -> int:
         kept = record(options, RunContext(RunClock(), keys, display, stopped))
 
     next_step = f"next: holdfast evaluate MODEL --data {args.out}"
-    words = f"{kept} trials kept in {args.out / args.person}; {next_step}"
+    words = f"{count_of(kept, 'trial')} kept in {args.out / args.person}; {next_step}"
     show_found(args, words, {"out": args.out, "person": args.person, "kept": kept})
     return 0
 

@@ -17,7 +17,7 @@ from holdfast.cli.command import (
     seed,
     show_found,
 )
-from holdfast.core.errors import visible
+from holdfast.core.errors import count_of, visible
 from holdfast.simulation import shipped_scenes
 
 
@@ -58,7 +58,7 @@ def run(args: argparse.Namespace) -> int:
     scene, trials = planned_set(args.card, args.seed, args.trials, args.rate, "--rate ")
     total = len(trials)
     card = scene.file
-    announced = f"simulating {total} trials of {card.name}"
+    announced = f"simulating {count_of(total, 'trial')} of {card.name}"
     # The handlers are set first, so that no signal falls between.
     with _nothing_left_of(args.out), counted(announced, total) as done:
         files = write_set(scene, args.out, args.trials, done)
@@ -78,7 +78,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _in_words(found: Mapping[str, Any]) -> str:
-    rate = f"{found['recordings']} recordings at {found['rate_hz']:g} Hz"
+    rate = f"{count_of(found['recordings'], 'recording')} at {found['rate_hz']:g} Hz"
     next_step = f"next: holdfast train --data {found['out']} --out build/model"
     if found["locked"]:
         next_step = f"for a last test, not to train or choose on: {found['locked']}"

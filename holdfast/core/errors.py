@@ -58,6 +58,15 @@ LONGEST_LINE = 2000
 """Characters of one message; a name may have a hundred thousand."""
 
 
+def count_of(n: int, noun: str, plural: str = "") -> str:
+    """How many, and of what. plural: where it is more than the noun and an s.
+
+    >>> count_of(1, "trial"), count_of(1200, "sample"), count_of(0, "person", "people")
+    ('1 trial', '1200 samples', '0 people')
+    """
+    return f"{n} {noun if n == 1 else plural or noun + 's'}"
+
+
 def visible(text: str) -> str:
     r"""The text, with what does not print as its escape: ESC as \x1b, an RTL override as \u202e.
 

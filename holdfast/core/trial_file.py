@@ -25,6 +25,7 @@ from holdfast.core.errors import (
     EmptyRecording,
     NotANumber,
     TimeError,
+    count_of,
     listed,
 )
 from holdfast.core.reading import require_file, require_lines
@@ -270,7 +271,7 @@ def require_rows(table: FloatArray, path: Path) -> None:
     """Raise EmptyRecording for a table with less than two rows."""
     if len(table) < MIN_ROWS:
         raise EmptyRecording(
-            f"{len(table)} rows of data",
+            f"{count_of(len(table), 'row')} of data",
             where=path,
             cause="the recording stopped at once",
             next_step="record it again",

@@ -13,6 +13,7 @@ from dataclasses import asdict, dataclass
 import numpy as np
 
 from holdfast.core.contract import GRASP, NOTHING, BoolArray
+from holdfast.core.errors import count_of
 from holdfast.core.reading import Json
 from holdfast.edge_runtime.model_file import CONTACT_KEY, ModelCard
 from holdfast.evaluation.alarms import match_alarms
@@ -52,12 +53,15 @@ class BelowFloor:
         """The row as a sentence."""
         of = self.slips_found
         found = round((of.share or 0.0) * of.n)
-        slips = f"{found} of {of.n} slips found" if of.n else "no slip in them"
+        slips = (
+            f"{found} of {count_of(of.n, 'slip')} found" if of.n else "no slip in them"
+        )
         trials = in_words(self.trials, "trial")
+        samples = count_of(self.samples, "sample")
         return (
             f"holds below the contact floor ({self.floor:g} {self.unit}): {self.holds} of them in "
-            f"{trials}, {self.share_nothing:.3f} of {self.samples} samples called nothing, {slips}"
-            "; all other figures include them"
+            f"{trials}, {self.share_nothing:.3f} of {samples} called nothing, "
+            f"{slips}; all other figures include them"
         )
 
 

@@ -8,7 +8,7 @@ from functools import partial
 
 import numpy as np
 
-from holdfast.core.errors import UsageError
+from holdfast.core.errors import UsageError, count_of
 from holdfast.core.locked import require_open
 from holdfast.core.trial_layout import read_json
 from holdfast.edge_runtime.engine import ModelChoice, OpenedModel
@@ -102,7 +102,7 @@ def evaluate_events(
     if workers.here:
         sets = [run.scored(name, found, chosen) for name in request.data]
     else:
-        say(f"scoring {len(request.data)} sets")
+        say(f"scoring {count_of(len(request.data), 'set')}")
         # Sessions cannot be sent to another process, so a job opens the model again.
         job = partial(_scored, model, request, forest, chosen)
         jobs = [partial(job, name) for name in request.data]
@@ -203,7 +203,9 @@ class _Run:
             recordings += data.recordings
             labels.append(_label(name, data))
 
-        self.say(f"running the model on {len(recordings)} recordings to choose on")
+        self.say(
+            f"running the model on {count_of(len(recordings), 'recording')} to choose on"
+        )
         steps = steps_with(self.model, OUTPUTS)
         computed = everywhere(steps, recordings, self.part)
         outputs = read_outputs(self.model, recordings, computed)
@@ -227,7 +229,9 @@ class _Run:
         data = self._load(name)
         recordings = data.recordings
 
-        self.say(f"{data.name}: running the model on {len(recordings)} recordings")
+        self.say(
+            f"{data.name}: running the model on {count_of(len(recordings), 'recording')}"
+        )
         # Heads without labels in this set cost time and cannot be scored.
         heads = heads_with_task(self.model, data.with_situations())
         # One pass gives both the states and what the windows are scored by.

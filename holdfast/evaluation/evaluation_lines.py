@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection
 
 from holdfast.core.contract import RISKY_SLIP, SITUATIONS, in_words_untold
+from holdfast.core.errors import count_of
 from holdfast.evaluation.camera import CameraFigures, onsets_in_words
 from holdfast.evaluation.figures import Evaluation
 from holdfast.evaluation.formats import display_name
@@ -40,7 +41,9 @@ def evaluation_lines(of: Evaluation) -> list[str]:
             lines.append(f"{name}: cannot tell risky slip, so no event can be found")
             continue
         if name in of.sets and not of.sets[name].card.timed:
-            requests = f"none of {row.false_alarms} requests to act is judged"
+            requests = (
+                f"none of {count_of(row.false_alarms, 'request')} to act is judged"
+            )
             lines.append(f"{name}: no label has a time, so {requests}")
             continue
         lines.append(_events_in_words(f"{name}, {display_name(headline)}", row))
@@ -63,11 +66,12 @@ def evaluation_lines(of: Evaluation) -> list[str]:
 def _events_in_words(name: str, row: MethodFigures) -> str:
     # Without an event there is no recall, and the false alarms are all there is to report.
     if not row.events:
-        return f"{name}: no risky event; {row.false_alarms} false alarms in {row.minutes:.1f} min"
+        alarms = count_of(row.false_alarms, "false alarm")
+        return f"{name}: no risky event; {alarms} in {row.minutes:.1f} min"
     delay = row.delay_ms
     when = f", act {delay.p50:.0f} ms after load onset (median)" if delay else ""
     return (
-        f"{name}: recall {row.found} of {row.events} risky events{when}; "
+        f"{name}: recall {row.found} of {count_of(row.events, 'risky event')}{when}; "
         f"{row.false_per_min:.2f} false alarms a minute in {row.minutes:.1f} min"
     )
 
@@ -94,7 +98,7 @@ def _camera_in_words(name: str, of: CameraFigures | None) -> list[str]:
     if of.delay_ms is None or of.lead_ms is None or of.start_sd_ms is None:
         return [f"{name}, by the camera: {of.onsets} onsets, recall 0"]
     lines = [
-        f"{name}, by the camera: recall {of.found} of {of.events} events; act "
+        f"{name}, by the camera: recall {of.found} of {count_of(of.events, 'event')}; act "
         f"{of.delay_ms.p50:+.0f} ms from its onset (sd {of.start_sd_ms.p50:.1f} ms), "
         f"{of.lead_ms.p50:+.0f} ms left to its gross slip (medians)"
     ]
@@ -140,15 +144,15 @@ def _warnings(figures: WindowFigures) -> list[str]:
     warnings = []
     if figures.unknown_windows:
         warnings.append(
-            f"WARNING: the state is unknown at {figures.unknown_windows} windows (lost or "
-            "unsettled sensors); they count as misses."
+            f"WARNING: the state is unknown at {count_of(figures.unknown_windows, 'window')} (lost "
+            "or unsettled sensors); they count as misses."
         )
 
     if figures.trained_on_recordings:
         warnings.append(
             f"WARNING: the model was trained on {figures.trained_on_recordings} of these "
-            f"{figures.heads.n_trials} recordings; these figures flatter it. Held-out figures are "
-            "in its card and in make real."
+            f"{count_of(figures.heads.n_trials, 'recording')}; these figures flatter it. "
+            "Held-out figures are in its card and in make real."
         )
 
     return warnings

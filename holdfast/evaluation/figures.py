@@ -52,7 +52,7 @@ class TimesMs:
 class Evaluation:
     """Everything the report shows. rows, mcnemar: of all sets together.
 
-    thresholds: of the first set where each set has its own. drawn, times: of pictures only.
+    thresholds: of the first set where each set has its own. drawn, times, central: of pictures.
     """
 
     model: EvaluatedModel
@@ -64,6 +64,7 @@ class Evaluation:
     outcomes: list[OutcomeRow]
     drawn: dict[str, list[AnsweredTrial]] = field(default_factory=dict)
     times: dict[str, TimesMs] = field(default_factory=dict)
+    central: AnsweredTrial | None = None
 
     def to_json(self) -> Json:
         """figures.json; of one set alone, its window figures stand on top."""
@@ -94,6 +95,7 @@ def all_sets(
     judged = []
     by_method: dict[str, list[MethodResult]] = {}
     drawn: dict[str, list[AnsweredTrial]] = {}
+    central = None
     times = {}
     for name, one in scored.items():
         trials += one.trials
@@ -105,6 +107,7 @@ def all_sets(
 
         # The first set with a trial to draw stands for all.
         drawn = drawn or one.drawn
+        central = central or one.central
         # A set without events has no delays to draw.
         if one.figures.card.events:
             headline = one.methods[thresholds.headline]
@@ -131,6 +134,7 @@ def all_sets(
         outcomes=outcome_table(judged),
         drawn=drawn,
         times=times,
+        central=central,
     )
 
 

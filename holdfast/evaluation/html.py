@@ -17,6 +17,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
 from holdfast.core.contract import SITUATIONS, in_words_untold
+from holdfast.core.errors import count_of
 from holdfast.core.writing import write_whole
 from holdfast.evaluation import formats
 from holdfast.evaluation.style import SITUATION_COLOURS, dark_rules
@@ -24,6 +25,7 @@ from holdfast.training.figures import over
 
 TEMPLATES = Path(__file__).with_name("templates")
 FILTERS = {
+    "count_of": count_of,
     "number": formats.number,
     "whole": formats.whole,
     "percent": formats.percent,

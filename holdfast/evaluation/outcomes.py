@@ -19,7 +19,14 @@ import numpy as np
 
 from holdfast.core.contract import SAFE_SLIP, SITUATIONS
 from holdfast.core.reading import Json
-from holdfast.core.trial_layout import RISKY_ACTIONS, TACTILE, read_json, truth_path
+from holdfast.core.trial_layout import (
+    EVENTS,
+    RISKY_ACTIONS,
+    TACTILE,
+    read_events,
+    read_json,
+    truth_path,
+)
 from holdfast.edge_runtime.engine import OpenedModel
 from holdfast.evaluation.alarms import EventMatch, match_alarms
 from holdfast.evaluation.model_outputs import run_model
@@ -29,6 +36,7 @@ from holdfast.evaluation.trials import (
     AnsweredTrial,
     LabelledTrial,
     answered_trials,
+    central_trial,
     style_of,
     voluntary_actions,
     without_samples,
@@ -74,6 +82,8 @@ THESIS: dict[str, dict[str, tuple[str, str, str]]] = {
     "apple": {"author": ("ok", "ok", "ok")},
 }
 """Object -> style -> (pass, pull or fall, put-down); the participants did not get the apple."""
+ONSETS = ("load_onset", "incipient_slip")
+"""Marks of which either begins the action of a trial."""
 SLIPS = SITUATIONS[2:]
 """Labels of a slip, safe or risky."""
 
@@ -210,7 +220,9 @@ class ActionFigures:
 
 @dataclass(frozen=True)
 class ParticipantFigures:
-    """All figures of one person's recordings. labels_by: provenance -> labels of slips.
+    """All figures of one person's recordings. labels_by: provenance -> trials whose slip it gives.
+
+    unlabelled: why an action has no label -> its trials.
 
     cells: each action with each object; actions: with all objects. drawn: action -> its trials.
     """
@@ -223,7 +235,9 @@ class ParticipantFigures:
     whole: ActionFigures
     actions: list[ActionFigures]
     cells: list[ActionFigures]
+    unlabelled: dict[str, int]
     drawn: dict[str, list[AnsweredTrial]]
+    central: AnsweredTrial | None
 
     def to_json(self) -> Json:
         """As it stands in report.json, without the timelines."""
@@ -232,6 +246,7 @@ class ParticipantFigures:
             "kind": self.kind,
             "trials": self.trials,
             "labels_by": self.labels_by,
+            "unlabelled": self.unlabelled,
             "caveat": self.caveat,
             "all": self.whole.to_json(),
             "actions": [one.to_json() for one in self.actions],
@@ -293,11 +308,13 @@ def participant_figures(model: OpenedModel, folder: Path) -> ParticipantFigures:
         kind=data.kind,
         trials=len(trials),
         labels_by=_labels_by(folder, data.recordings),
+        unlabelled=_unlabelled(folder, every),
         caveat=data.caveat,
         whole=_figures("", "", every),
         actions=[_figures("", action, by_action[action]) for action in in_order],
         cells=[_figures(name, action, of) for (name, action), of in by_cell.items()],
         drawn={action: drawn[action] for action in in_order},
+        central=central_trial(drawn, data.recordings),
     )
 
 
@@ -331,12 +348,43 @@ def _figures(name: str, action: str, judged: Sequence[_Judged]) -> ActionFigures
 
 
 def _labels_by(folder: Path, recordings: Sequence[Recording]) -> dict[str, int]:
-    """Provenance (scene, camera, key) -> number of slips, risky or safe, whose label it gave."""
+    """Provenance (scene, camera, key) -> number of trials whose slip, risky or safe, it gave."""
     count: Counter[str] = Counter()
     for recording in recordings:
         truth = read_json(truth_path(folder / recording.trial_id / TACTILE))
+        sources = set()
         for phase in truth.get("phases", []):
             # Slips are the labels that decide the figures, so their provenance is reported.
             if phase.get("label") in SLIPS:
-                count[str(phase.get("provenance"))] += 1
+                # A put-down slips more than once, and is still one trial.
+                sources.add(str(phase.get("provenance")))
+        count.update(sources)
     return dict(sorted(count.items()))
+
+
+def _unlabelled(folder: Path, judged: Sequence[_Judged]) -> dict[str, int]:
+    """Why a trial's action has no label -> number of trials."""
+    reasons = Counter(
+        _why_no_label(folder / one.recording.trial_id, one.recording.action)
+        for one in judged
+        if one.right is None
+    )
+    return dict(sorted(reasons.items()))
+
+
+def _onsets(trial: Path) -> list[Json]:
+    """Events that begin an action: marks, and what a camera wrote."""
+    events = read_events(trial / EVENTS)
+    return [one for one in events if one.get("mark") in ONSETS or "gross_s" in one]
+
+
+def _why_no_label(trial: Path, action: str | None) -> str:
+    if action not in ACTIONS:
+        return "nothing to recognise in its action"
+    phases = read_json(truth_path(trial / TACTILE)).get("phases", [])
+    if any(phase.get("provenance") == "scene" for phase in phases):
+        return "the object did not slip"
+    sources = {event.get("provenance") for event in _onsets(trial)}
+    if sources & {"key", "camera"}:
+        return "marked, but outside the grip, or the grip has no beginning or end"
+    return "no key l, and no camera"

@@ -9,11 +9,12 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 
+from holdfast.core.contract import NORMAL_AXIS, SAFE_SLIP
 from holdfast.evaluation.figures import TimesMs
 from holdfast.evaluation.formats import spaced
 from holdfast.evaluation.states import CalibrationBin, ConfusionFigures
 from holdfast.evaluation.stream_pictures import draw_unknown, labelled, spans
-from holdfast.evaluation.style import INK, QUIET, SITUATION_COLOURS, svg
+from holdfast.evaluation.style import INK, OURS, QUIET, SITUATION_COLOURS, WARNING, svg
 from holdfast.evaluation.trials import AnsweredTrial
 from holdfast.training.figures import ABSENT
 from holdfast.training.recording import Recording
@@ -32,6 +33,10 @@ MOST_MS = 150.0
 """Right end of the distributions, ms, unless most alarms come later."""
 LEAST_EVENTS = 5
 """Fewer make no distribution."""
+AROUND_S = (-1.0, 0.8)
+"""A trial in full is shown from so long before its first slip to so long after it began."""
+MOST_SHOWN_S = 20.0
+"""Of one without a slip."""
 COLUMNS = 3
 """Panels side by side."""
 
@@ -94,6 +99,61 @@ def _timeline(axes: Axes, place: int, row: AnsweredTrial) -> None:
         axes.plot(first_s, place - 0.46, "v", color=INK, markersize=4.5, clip_on=False)
 
 
+def trial(row: AnsweredTrial, kind: str) -> str:
+    """One trial as it went by: grip, load along the skin, and the answer below the truth.
+
+    The samples of its recording are needed. A request to act is a shade behind the grip.
+    """
+    recording = row.trial.recording
+    step_s = 1.0 / recording.rate_hz
+    t_s = np.arange(len(recording.samples)) * step_s
+    forces = np.nan_to_num(recording.samples).reshape(len(t_s), -1, 3)
+    signals = {
+        "grip": np.abs(forces[..., NORMAL_AXIS]).sum(axis=1),
+        "load": np.hypot(forces[..., 0], forces[..., 1]).sum(axis=1),
+    }
+    with labelled(kind, 5.4, 4.2) as figure:
+        *above, states = figure.subplots(3, 1, sharex=True, height_ratios=(1.1, 1.1, 1))
+        for axes, (name, signal) in zip(above, signals.items(), strict=True):
+            axes.plot(t_s, signal, color=OURS if name == "grip" else INK, linewidth=1.3)
+            axes.set_ylabel(f"{name}, {recording.unit}")
+            axes.set_ylim(bottom=0.0)
+            for first_s, length_s in spans(row.requests, step_s):
+                end_s = first_s + max(length_s, step_s)
+                axes.axvspan(first_s, end_s, color=WARNING, alpha=0.3, linewidth=0)
+        _states(states, row, step_s)
+        states.set_xlim(*_shown_s(recording, float(t_s[-1])))
+        states.set_xlabel("time in the trial, s")
+        return svg(figure)
+
+
+def _states(axes: Axes, row: AnsweredTrial, step_s: float) -> None:
+    """The truth above the answer, and a triangle where an act is requested."""
+    for phase in row.trial.recording.phases:
+        span = (phase.first * step_s, (phase.stop - phase.first) * step_s)
+        colour = SITUATION_COLOURS[phase.situation]
+        axes.broken_barh([span], (-0.4, 0.8), color=colour, linewidth=0)
+    for situation, colour in enumerate(SITUATION_COLOURS):
+        here = spans(row.situation == situation, step_s)
+        axes.broken_barh(here, (0.6, 0.8), color=colour, linewidth=0)
+    draw_unknown(axes, row.situation, step_s, (0.6, 0.8))
+    for first_s, _ in spans(row.requests, step_s):
+        axes.plot(first_s, 1.6, "^", color=INK, markersize=6, clip_on=True)
+    axes.set_yticks([0, 1], ["truth", "answer"])
+    axes.set_ylim(1.85, -0.6)
+    axes.spines[:].set_visible(False)
+
+
+def _shown_s(recording: Recording, last_s: float) -> tuple[float, float]:
+    """What is shown of a trial: about its first slip, or the whole of one without, s."""
+    for phase in recording.phases:
+        if phase.situation >= SAFE_SLIP:
+            at_s = phase.first / recording.rate_hz
+            before_s, after_s = AROUND_S
+            return max(0.0, at_s + before_s), min(last_s, at_s + after_s)
+    return 0.0, min(last_s, MOST_SHOWN_S)
+
+
 def distributions(times: dict[str, TimesMs], kind: str) -> str:
     """Share of the detected events by delay and lead in ms, one panel a set; "" without events."""
     many = {}
@@ -105,10 +165,12 @@ def distributions(times: dict[str, TimesMs], kind: str) -> str:
     if not many:
         return ""
 
-    n_rows = math.ceil(len(many) / COLUMNS)
-    height = 2.35 * n_rows + 0.3
-    with labelled(kind, 10.2, height) as figure:
-        panels = figure.subplots(n_rows, COLUMNS, squeeze=False, sharey=True)
+    # One set needs no room for three.
+    n_columns = min(COLUMNS, len(many))
+    n_rows = math.ceil(len(many) / n_columns)
+    width = 3.2 * n_columns + 0.6
+    with labelled(kind, width, 2.35 * n_rows + 0.3) as figure:
+        panels = figure.subplots(n_rows, n_columns, squeeze=False, sharey=True)
         for axes, (name, one) in zip(panels.flat, many.items(), strict=False):
             # The first is wide: the second often lies on it.
             _curve(axes, one.to_state, "to the first risky_slip state", "#56b4e9", 3.6)

@@ -61,6 +61,7 @@ def write_event_report(
         least_events=draw.LEAST_EVENTS,
         resampled=_resampled(of),
         timelines=drawn,
+        central_picture=draw.trial(of.central, kind) if of.central else "",
         distributions=draw.distributions(of.times, kind),
         camera_rows=_camera_rows(of),
         closing={name: one.closing for name, one in of.sets.items() if one.closing},

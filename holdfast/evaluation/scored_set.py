@@ -36,6 +36,7 @@ from holdfast.evaluation.trials import (
     AnsweredTrial,
     LabelledTrial,
     answered_trials,
+    central_trial,
     drawn_trials,
     grasp_of,
     grasps_of,
@@ -120,7 +121,8 @@ class SetFigures:
 class ScoredSet:
     """A set with what the figures of all sets together need.
 
-    drawn: trials of a report, by title. to_state_ms: load onset to the first risky state.
+    drawn: trials of a report, by title. central: one of them, with its samples.
+    to_state_ms: load onset to the first risky state.
     """
 
     figures: SetFigures
@@ -129,6 +131,7 @@ class ScoredSet:
     drops: list[Drop | None]
     judged: list[JudgedTrial]
     drawn: dict[str, list[AnsweredTrial]]
+    central: AnsweredTrial | None
     to_state_ms: list[float]
 
 
@@ -172,6 +175,7 @@ def score_set(
 
     # At the headline's confidence: the pictures show what the table counts.
     answered = answered_trials(trials, outputs, requests[headline])
+    drawn = drawn_trials(answered)
 
     return ScoredSet(
         figures=figures,
@@ -179,7 +183,8 @@ def score_set(
         methods=methods,
         drops=drops,
         judged=judged_trials(answered),
-        drawn=drawn_trials(answered),
+        drawn=drawn,
+        central=central_trial(drawn, data.recordings),
         to_state_ms=_to_state_ms(outputs, permille),
     )
 

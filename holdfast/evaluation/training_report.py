@@ -4,13 +4,23 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
+
+from holdfast.core.errors import count_of
 from holdfast.evaluation.html import write_page
+from holdfast.evaluation.pictures import trial
 from holdfast.evaluation.stream_pictures import labelled
 from holdfast.evaluation.style import svg
+from holdfast.evaluation.trials import AnsweredTrial, LabelledTrial, central_trial
+from holdfast.export.spec import window_samples
+from holdfast.training.crossval import main_task
 from holdfast.training.figures import PLURAL, Interval, in_words
 from holdfast.training.fitting import Trained
 from holdfast.training.judging import CurvePoint, per_doubling
 from holdfast.training.recording import DataSet
+
+NOT_ANSWERED = -2
+"""At samples in no window that was scored; no state has this number."""
 
 
 def write_training_report(
@@ -22,7 +32,7 @@ def write_training_report(
     kind = figures.group_kind
     # A joined set may be held out by several kinds.
     groups = PLURAL.get(kind, "groups")
-    n_groups = f"{figures.n_groups} groups"
+    n_groups = count_of(figures.n_groups, "group")
     if kind in PLURAL:
         n_groups = in_words(figures.n_groups, kind)
 
@@ -30,6 +40,7 @@ def write_training_report(
     if trained.curve:
         curve = _curve(points, data.kind, groups)
 
+    central = _central(data, trained)
     return write_page(
         path,
         "training.html",
@@ -42,10 +53,34 @@ def write_training_report(
         groups=groups,
         n_groups=n_groups,
         curve=curve,
+        central=central,
+        central_picture=trial(central, data.kind) if central else "",
         points=points,
         gain=per_doubling(points),
         artifact=artifact,
     )
+
+
+def _central(data: DataSet, trained: Trained) -> AnsweredTrial | None:
+    """A trial with its held-out answers, those at the windows that were scored."""
+    task = data.tasks[main_task(data)]
+    answers = trained.held_out.labels
+    if answers is None:
+        return None
+
+    rows: list[AnsweredTrial] = []
+    for k, recording in enumerate(data.recordings):
+        if not recording.phases:
+            continue
+        situation = np.full(len(recording.samples), NOT_ANSWERED)
+        length = window_samples(recording.rate_hz)
+        of_trial = np.flatnonzero(task.trial == k)
+        for window in of_trial[np.argsort(task.row[of_trial])].tolist():
+            row = int(task.row[window])
+            situation[max(0, row + 1 - length) : row + 1] = answers[window]
+        no_requests = np.zeros(len(situation), dtype=np.bool_)
+        rows.append(AnsweredTrial(LabelledTrial(recording, ()), situation, no_requests))
+    return central_trial({"": rows}, data.recordings)
 
 
 def _curve(points: list[CurvePoint], kind: str, groups: str) -> str:

@@ -6,7 +6,7 @@ one has an empty grasp. Voluntary actions come from the labelled phases, which e
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -16,7 +16,12 @@ import numpy.typing as npt
 
 from holdfast.core.contract import NOTHING, RISKY_SLIP, SAFE_SLIP, BoolArray
 from holdfast.core.reading import Json
-from holdfast.core.trial_layout import OTHER_ACTIONS, read_json, truth_path
+from holdfast.core.trial_layout import (
+    OTHER_ACTIONS,
+    RISKY_ACTIONS,
+    read_json,
+    truth_path,
+)
 from holdfast.training.recording import Recording
 from holdfast.training.timeline import Phase, RiskyEvent
 
@@ -182,6 +187,24 @@ def answered_trials(
     for trial, of, on in zip(trials, outputs, requests, strict=True):
         answered.append(AnsweredTrial(trial, of.situation, on))
     return answered
+
+
+def central_trial(
+    drawn: Mapping[str, Sequence[AnsweredTrial]], recordings: Sequence[Recording]
+) -> AnsweredTrial | None:
+    """The trial that a report draws in full, with its samples: the first pull or fall drawn.
+
+    Without such a trial it is the first of all, and None without a trial. No answer decides.
+    """
+    rows = [one for of_title in drawn.values() for one in of_title]
+    slips = [one for one in rows if one.trial.recording.action in RISKY_ACTIONS]
+    if not rows:
+        return None
+
+    first = (slips or rows)[0]
+    by_id = {one.trial_id: one for one in recordings}
+    whole = by_id[first.trial.recording.trial_id]
+    return replace(first, trial=replace(first.trial, recording=whole))
 
 
 def drawn_trials(answered: Sequence[AnsweredTrial]) -> dict[str, list[AnsweredTrial]]:

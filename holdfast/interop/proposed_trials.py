@@ -11,6 +11,7 @@ import numpy as np
 
 from holdfast.core.column_map import NS_OF, SensorColumns, TimeColumn
 from holdfast.core.contract import SITUATIONS
+from holdfast.core.errors import count_of
 from holdfast.core.reading import Json
 from holdfast.interop.column_names import longest_stream, unit_of_time, words_of
 from holdfast.interop.events import is_event_table
@@ -193,7 +194,7 @@ def propose_path(places: Sequence[LogPlace], reasons: list[str]) -> Json:
         parts.append(f"{{{fields[k]}}}" if k in fields else values[0] if same else "*")
     separators = [*first[1::2], ""]
     path = "".join(a + b for a, b in zip(parts, separators, strict=True))
-    reasons.append(f"names: {path}, by the paths of {len(places)} logs")
+    reasons.append(f"names: {path}, by the paths of {count_of(len(places), 'log')}")
     return {"path": path}
 
 

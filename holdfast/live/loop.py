@@ -29,6 +29,7 @@ from holdfast.core.contract import (
     Prediction,
     Sample,
 )
+from holdfast.core.errors import count_of
 from holdfast.core.reading import Json
 from holdfast.core.source import SelfPaced, Source, SourceReading
 from holdfast.edge_runtime.commands import Command
@@ -303,9 +304,12 @@ def run_live(
 def report_summary(summary: Summary, report: Callable[[str], object]) -> None:
     """Print counts, lost outputs, and the latency of each stage."""
     states = ", ".join(f"{name} {count}" for name, count in summary.states.items())
-    counts = [f"{summary.samples} samples", f"{summary.overruns} overruns"]
+    counts = [
+        count_of(summary.samples, "sample"),
+        count_of(summary.overruns, "overrun"),
+    ]
     counts += [f"{count} {name}" for name, count in summary.lost().items() if count]
-    counts.append(f"{summary.acts} acts")
+    counts.append(count_of(summary.acts, "act"))
     report(f"\n{', '.join(counts)}; {states}")
 
     # a sink that broke during the run is named once more: its message may have scrolled away

@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from holdfast.core.contract import RISKY_SLIP, BoolArray
-from holdfast.core.errors import TooLittleToAdapt, UsageError, WorseThanBase
+from holdfast.core.errors import TooLittleToAdapt, UsageError, WorseThanBase, count_of
 from holdfast.edge_runtime.decision import DecisionRules
 from holdfast.edge_runtime.model import Model
 from holdfast.edge_runtime.model_file import ModelCard, votes_in_all
@@ -158,12 +158,14 @@ def adapt(
     require_enough(counts)
     others = others_of()
     require_slips(others)
-    say(f"running the model on {counts.trials} trials of the person")
+    say(f"running the model on {count_of(counts.trials, 'trial')} of the person")
     of_person = streams_of(model, person, part)
     rules = model.card.decision
     against = contradicted(of_person, rules)
     warn_of_contradicted(against, len(of_person))
-    slips = f"{len(others.recordings)} recordings with slips ({others.name})"
+    slips = (
+        f"{count_of(len(others.recordings), 'recording')} with slips ({others.name})"
+    )
     say(f"running the model on {slips}")
     of_others = streams_of(model, others, part)
     say("fitting the correction, each trial held out in turn")

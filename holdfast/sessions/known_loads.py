@@ -44,6 +44,7 @@ from holdfast.core.errors import (
     NotANumber,
     TooFewGroups,
     UnitError,
+    count_of,
     listed,
 )
 from holdfast.core.reading import require_lines
@@ -162,7 +163,7 @@ def _csv_set(path: Path) -> LoadSet:
     reversed_ = rest_ut[:, NORMAL_AXIS] < -NORMAL_FLOOR["uT"]
     turned = [str(k + 1) for k in np.flatnonzero(reversed_)]
     names = ", ".join(turned) or "none"
-    rows = f"{n_lost} rows with a lost value left out"
+    rows = f"{count_of(n_lost, 'row')} with a lost value left out"
     evidence = [f"{rows}; sensors with a reversed magnet: {names}"]
 
     return LoadSet(path.stem, probings, "N", 1.0, rest_ut, reversed_, evidence)

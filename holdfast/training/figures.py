@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from dataclasses import asdict, dataclass
 
+from holdfast.core.errors import count_of
 from holdfast.core.reading import Json
 
 ABSENT = "-"
@@ -125,4 +126,4 @@ def in_words(n_groups: int, kind: str) -> str:
     >>> in_words(3, "person"), in_words(1, "object"), in_words(4, "trial")
     ('3 people', '1 object', '4 trials')
     """
-    return f"{n_groups} {kind if n_groups == 1 else PLURAL[kind]}"
+    return count_of(n_groups, kind, PLURAL[kind])

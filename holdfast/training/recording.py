@@ -25,7 +25,7 @@ from holdfast.core.contract import (
     IntArray,
     Unit,
 )
-from holdfast.core.errors import ClassMissing, TooFewGroups
+from holdfast.core.errors import ClassMissing, TooFewGroups, count_of
 from holdfast.core.reading import Json
 from holdfast.edge_runtime.preparation import Preparation
 from holdfast.training.timeline import Phase, RiskyEvent
@@ -286,7 +286,7 @@ def assign_groups(
     if n_folds < 2 or len(names) < n_folds:
         fewer = f"use {len(names)} folds"
         raise TooFewGroups(
-            f"{len(names)} groups (people, blocks) do not make {n_folds} folds",
+            f"{count_of(len(names), 'group')} (people, blocks) cannot make {n_folds} folds",
             cause="the set holds too few people, or was cut down with --groups",
             next_step=fewer if len(names) > 1 else "add recordings of other people",
         )

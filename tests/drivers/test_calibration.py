@@ -687,7 +687,7 @@ def test_rows_with_a_lost_value_are_left_out_and_counted(
     )
     (tmp_path / "loads.csv").write_text("\n".join(lines))
     calibrate_with(tmp_path / "loads.csv", "--out", tmp_path / "c.json")
-    assert "1 rows with a lost value left out" in capsys.readouterr().out
+    assert "1 row with a lost value left out" in capsys.readouterr().out
 
 
 def test_one_press_is_too_little_to_hold_one_out(tmp_path: Path) -> None:

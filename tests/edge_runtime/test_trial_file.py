@@ -178,7 +178,7 @@ REFUSED = {
     ),
     "time is not finite": (HEADER, changed(3, "inf,1,2,3,4,5,6"), TimeError, "line 5"),
     "there is a header only": (HEADER, [], EmptyRecording, "0 rows"),
-    "there is one row": (HEADER, rows([0.0]), EmptyRecording, "1 rows"),
+    "there is one row": (HEADER, rows([0.0]), EmptyRecording, "1 row"),
 }
 
 

@@ -69,6 +69,37 @@ def test_the_answer_stands_first(recorded: Evaluation, page: str) -> None:
     assert page.index(first) < page.index("<table")
 
 
+def test_the_headline_has_the_figure_and_a_trial_in_full_and_the_next_step_follow(
+    recorded: Evaluation, page: str
+) -> None:
+    row = recorded.rows[recorded.thresholds.headline]
+    grips = "failing grip" if row.events == 1 else "failing grips"
+    assert f"<h1>{row.found} of {row.events} {grips} called, recorded</h1>" in page
+    parts = ["<h1>", "One trial, as it went by", "What to do next", "Trials over time"]
+    places = [page.index(part) for part in parts]
+    assert places == sorted(places)
+    assert "Record hand-overs and put-downs too" in page, "there are none"
+
+
+def test_the_trial_in_full_is_the_first_that_slips_whatever_was_answered(
+    recorded: Evaluation,
+) -> None:
+    assert recorded.central is not None
+    recording = recorded.central.trial.recording
+    assert recording.action in ("pull", "fall")
+    assert len(recording.samples) == len(recorded.central.situation)
+    rows = [one for of_title in recorded.drawn.values() for one in of_title]
+    slips = [one for one in rows if one.trial.recording.action in ("pull", "fall")]
+    assert recording.trial_id == slips[0].trial.recording.trial_id
+    assert not len(slips[0].trial.recording.samples), "of one trial alone"
+
+
+def test_a_trial_in_full_shows_grip_load_truth_and_answer(page: str) -> None:
+    picture = page.partition('<div class="trial">')[2].partition("</svg>")[0]
+    for word in ("grip, N", "load, N", "truth", "answer", "recorded"):
+        assert f">{word}<" in picture, word
+
+
 def test_what_recordings_do_not_have_is_absent_and_the_report_says_why(
     page: str,
 ) -> None:

@@ -107,7 +107,7 @@ def test_a_proposed_map_is_taken_with_yes(run: Run, tmp_path: Path, one: Made) -
     words = ("import", tmp_path / "p01_mug_slip_3.csv", "--out", tmp_path / "set")
     code, out, _ = run(*words, "--yes")
     assert code == 0
-    assert "1 trials, 5 sensors, in N" in out
+    assert "1 trial, 5 sensors, in N" in out
     assert not (tmp_path / "set-map.toml").exists()
     assert column_map_of((tmp_path / "set/import.toml").read_text("utf-8")).unit == "mN"
     fails(run, 5, "OutputError", *words, "--yes", says="not empty")

@@ -111,6 +111,7 @@ def test_live_sources_runs_a_recording_and_seals_a_line_that_is_a_sample(
     [
         ("read-a-recording", "first request to act: "),
         ("train-on-your-data", "holdfast.onnx: "),
+        ("from-your-recordings", "unseen, this model, as deployed: recall "),
     ],
 )
 def test_a_notebook_runs_as_a_program(

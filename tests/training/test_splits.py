@@ -70,7 +70,7 @@ def test_two_tasks_hold_out_the_same_people() -> None:
 @EMPTY.mark
 def test_one_person_only_says_what_to_do() -> None:
     with pytest.raises(
-        TooFewGroups, match=r"1 groups .* next: add recordings of other people"
+        TooFewGroups, match=r"1 group .* next: add recordings of other people"
     ):
         grouped_folds(["a"] * 10, 2)
     with pytest.raises(TooFewGroups, match="next: use 3 folds"):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import tempfile
 from pathlib import Path
 
@@ -13,6 +14,8 @@ from holdfast.evaluation.style import for_any_page, with_label
 
 ROOT = Path(__file__).resolve().parents[2]
 SECONDS = 300
+PROGRESS = re.compile(r"^\x1b\[2m.*\x1b\[0m\n?", re.MULTILINE)
+"""What a terminal shows faintly while it works: how far it is, which differs on every machine."""
 SETUP = "%config InlineBackend.figure_formats = ['svg']"
 
 
@@ -66,4 +69,5 @@ def _text(output: nbformat.NotebookNode) -> str:
     data = output.get("data", {})
     if "image/svg+xml" in data:
         return ""
-    return f"{(output.get('text') or data.get('text/plain', '')).rstrip()}\n"
+    printed = output.get("text") or data.get("text/plain", "")
+    return f"{PROGRESS.sub('', printed).rstrip()}\n"

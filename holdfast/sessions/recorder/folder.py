@@ -18,6 +18,7 @@ from holdfast.core.errors import (
     OutputError,
     UnitError,
     UsageError,
+    count_of,
 )
 from holdfast.core.hand_card import HandCard
 from holdfast.core.reading import Json, json_of, text_of
@@ -308,15 +309,17 @@ def _repaired(folder: Path) -> list[str]:
             raise
         return [_voided(folder, meta)]
 
-    done = _removed(samples, f"line removed, {samples.rows} samples complete")
+    done = _removed(
+        samples, f"line removed, {count_of(samples.rows, 'sample')} complete"
+    )
     if (folder / EVENTS).exists():
         events = repair_lines(folder / EVENTS, is_json_object)
         done += _removed(events, "event removed")
     if state == RECORDING:
         # The samples before the cut are whole, but the trial is not: training leaves it out.
-        why = f"cut off; mended, {samples.rows} samples"
+        why = f"cut off; mended, {count_of(samples.rows, 'sample')}"
         write_meta(folder, meta | {"state": INTERRUPTED, "why": why})
-        done.append(f"marked as interrupted with {samples.rows} samples")
+        done.append(f"marked as interrupted with {count_of(samples.rows, 'sample')}")
 
     return done
 

@@ -13,7 +13,7 @@ from holdfast.core.trial_layout import META, read_events
 from holdfast.sessions.recorder.folder import KEPT, REDONE
 from holdfast.sessions.recorder.labels import read_meta
 from holdfast.sessions.study.journal import JOURNAL, Event, Progress, progress_of
-from holdfast.sessions.study.protocol import StudyProtocol
+from holdfast.sessions.study.protocol import StudyProtocol, read_study
 from holdfast.sessions.study.questionnaires import scores
 
 if TYPE_CHECKING:
@@ -68,7 +68,10 @@ class TrialCounts:
 
 @dataclass(frozen=True)
 class StudyOutcome:
-    """All of one person. figures: of the model, None where `no_figures` says why not."""
+    """All of one person. figures: of the model, None where `no_figures` says why not.
+
+    thesis_protocol: whether it followed the shipped protocol of that name, to the letter.
+    """
 
     person: str
     title: str
@@ -84,6 +87,7 @@ class StudyOutcome:
     questionnaires: list[dict[str, Any]]
     figures: ParticipantFigures | None
     no_figures: str
+    thesis_protocol: bool
 
     @property
     def kept(self) -> int:
@@ -142,6 +146,7 @@ def outcome_of(
         questionnaires=scores(protocol, progress),
         figures=figures,
         no_figures=why,
+        thesis_protocol=protocol.sha256 == read_study("thesis").sha256,
     )
 
 

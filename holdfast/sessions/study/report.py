@@ -5,10 +5,11 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+from holdfast.core.errors import count_of
 from holdfast.core.writing import write_whole
 from holdfast.evaluation.formats import number
 from holdfast.evaluation.html import write_page
-from holdfast.evaluation.pictures import timelines
+from holdfast.evaluation.pictures import timelines, trial
 from holdfast.sessions.study.console import clock_text
 from holdfast.sessions.study.outcome import StudyOutcome
 
@@ -23,11 +24,14 @@ def write_report(home: Path, outcome: StudyOutcome) -> Path:
     figures = outcome.figures
     cells = {}
     pictures = {}
+    central = ""
     if figures is not None:
         # The page is a table of objects by actions.
         cells = {(cell.object, cell.action): cell for cell in figures.cells}
         for action, rows in figures.drawn.items():
             pictures[action] = timelines(rows, figures.kind)
+        if figures.central is not None:
+            central = trial(figures.central, figures.kind)
 
     return write_page(
         home / REPORT,
@@ -38,14 +42,17 @@ def write_report(home: Path, outcome: StudyOutcome) -> Path:
         objects=list(dict.fromkeys(name for name, _ in cells if name)),
         cells=cells,
         pictures=pictures,
+        central_picture=central,
         clock=clock_text,
     )
 
 
 def summary_lines(outcome: StudyOutcome, page: Path) -> list[str]:
     """The outcome as lines for the operator."""
-    trials = f"{outcome.kept} of {outcome.planned} trials kept"
-    lines = [f"{outcome.person}: {trials}, {len(outcome.adverse)} adverse events"]
+    trials = f"{outcome.kept} of {count_of(outcome.planned, 'trial')} kept"
+    lines = [
+        f"{outcome.person}: {trials}, {count_of(len(outcome.adverse), 'adverse event')}"
+    ]
     figures = outcome.figures
 
     if figures is None:
@@ -53,13 +60,15 @@ def summary_lines(outcome: StudyOutcome, page: Path) -> list[str]:
     else:
         for one in (*figures.actions, figures.whole):
             lines.append(
-                f"  {one.action or 'all'}: {one.recognised} of {one.labelled} labelled trials "
-                f"recognised, {one.false_alarms} false alarms in {one.minutes:.1f} min "
+                f"  {one.action or 'all'}: {one.recognised} of "
+                f"{count_of(one.labelled, 'labelled trial')} recognised, "
+                f"{count_of(one.false_alarms, 'false alarm')} in {one.minutes:.1f} min "
                 f"({figures.kind})"
             )
 
     for form in outcome.questionnaires:
-        score = number(form["score"], 1)
-        lines.append(f"  {form['title']}: {score} of 100")
+        score = form["score"]
+        said = "no score" if score is None else f"{number(score, 1)} of 100"
+        lines.append(f"  {form['title']}: {said}")
 
     return [*lines, f"report: {page}"]

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 
-from holdfast.core.errors import HoldfastError
+from holdfast.core.errors import HoldfastError, count_of
 from holdfast.sessions.recorder.protocol import Task
 from holdfast.sessions.study.console import Console, Key, clock_text
 from holdfast.sessions.study.journal import Event, Journal
@@ -154,7 +154,7 @@ class Runner:
             self.console.report(f"{nth}: space begins it; a in it: adverse event")
         elif part.task:
             self.console.report(
-                f"{times} trials kept: space goes on, r repeats the last one"
+                f"{count_of(times, 'trial')} kept: space goes on, r repeats the last one"
             )
 
     def _left_s(self) -> float:
