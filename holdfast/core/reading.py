@@ -1,8 +1,8 @@
 """Files before they are read: where a shipped model is, and whether a file can be read whole.
 
 A file may be of the wrong kind, or too long. Of JSON and TOML two programs must read the same, so
-no key comes twice, and every number is finite and has 64 bits. A TOML file's content is checked by
-a CardReader: its errors name file, key, value and what is allowed.
+no key comes twice, and every number has 64 bits; in JSON it is finite. A TOML file's content is
+checked by a CardReader: its errors name file, key, value and what is allowed there.
 """
 
 from __future__ import annotations
