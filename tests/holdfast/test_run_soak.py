@@ -279,8 +279,9 @@ class Soak:
             grip = grip_to_wire(url, control, rate_hz, self.clock, lambda line: None)
             close_at_end(stack, grip)
             witness = Witness(grip, wire)
+            # one seed: the emulated chips keep their noise, 3 MB, which is no memory of the run
             hand = open_live(
-                f"virtual://ft232h?seed={self.lives}{trouble.faults()}",
+                f"virtual://ft232h?seed=1{trouble.faults()}",
                 clock=self.clock,
                 report=lambda line: None,
                 field=self._field,
