@@ -118,7 +118,7 @@ def picture(model: OpenedModel) -> str:
     """The picture: a bottle in a bare hand, the same with the grip controlled, a hand-over."""
     bare_fall, _, held_fall, held_pass = watch(model)
     columns = [
-        _column("Without Holdfast: a slip", bare_fall, _lost(bare_fall)),
+        _column("Without Holdfast: a slip", bare_fall, _lost(bare_fall), says=False),
         _column("With Holdfast: a slip", held_fall, _kept(held_fall)),
         _column("With Holdfast: a hand-over", held_pass, _taken(held_pass)),
     ]
@@ -135,7 +135,7 @@ def picture(model: OpenedModel) -> str:
         columns=columns,
         legend=list(
             zip(
-                ("empty", "grasp", "safe slip", "risky slip"),
+                ("empty", "grasp", "hand-over", "slip"),
                 SITUATION_COLOURS,
                 strict=True,
             )
@@ -198,15 +198,16 @@ def _lost(one: Seen) -> str:
 
 def _kept(one: Seen) -> str:
     called_ms = 1e3 * (one.outcome.evidence_s - one.outcome.act_s)
-    return f"called after {called_ms:.0f} ms, kept"
+    return f"noticed after {called_ms:.0f} ms, kept"
 
 
 def _taken(one: Seen) -> str:
     extra_n = (one.outcome.grip_n - one.outcome.own_n).max()
-    return f"let go, with at most {max(extra_n, 0.0):.1f} N more"
+    return f"let go; grip rose by {max(extra_n, 0.0):.1f} N at most"
 
 
-def _column(title: str, one: Seen, end: str) -> Column:
+def _column(title: str, one: Seen, end: str, *, says: bool = True) -> Column:
+    """says: whether there is a model whose answer is drawn."""
     taken = one.outcome.trial.action == "pass"
     x = PLOT_PX * (one.t_s + BEFORE_S) / (BEFORE_S + AFTER_S)
     up = -1.0 if taken else 1.0
@@ -217,7 +218,7 @@ def _column(title: str, one: Seen, end: str) -> Column:
         taken=taken,
         moved_px=_frames(one, up * PX_PER_MM * one.moved_mm),
         arrow=_frames(one, one.grip_n / HIGH_N),
-        band=_band(x, one.situation),
+        band=_band(x, one.situation) if says else [],
         load=_points(x, one.load_n),
         grip=_points(x, one.grip_n),
     )
