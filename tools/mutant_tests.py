@@ -1,0 +1,122 @@
+"""Which test files try a change of a module, and how long they take without a change."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from xml.etree import ElementTree
+
+PYTHON = Path(__file__).resolve().parents[1] / ".venv/bin/python"
+FOLDERS = (
+    "edge_runtime",
+    "drivers",
+    "training",
+    "holdfast",
+    "simulation",
+    "export",
+    "fuzz",
+)
+"""Folders of tests/ that test these packages; not those of studies, pages and the house."""
+LONG_FILES = "tests/support/longest_first.py"
+"""The list of slow test files there: these are used only where no other names the module."""
+LONGEST_CHAIN = 3
+MOST_FILES = 3
+LONGEST_WALL_S = 60.0
+
+
+@dataclass(frozen=True)
+class TimedTest:
+    """A test file, and what a run without a change took and said."""
+
+    name: str
+    wall_s: float
+    passes: bool
+
+    @property
+    def usable(self) -> bool:
+        """A file that fails without a change would make every mutant die."""
+        return self.passes and self.wall_s <= LONGEST_WALL_S
+
+
+def naming_tests(module: Path) -> list[str]:
+    """At most three test files that name a module, or else one that imports it; best match first.
+
+    The module itself is one of them where it holds doctests.
+    """
+    modules = texts("holdfast", "**/*.py")
+    files = {
+        name: text
+        for folder in FOLDERS
+        for name, text in texts(f"tests/{folder}", "test_*.py").items()
+    }
+    found = mentions(module, files)
+    importers = {str(module): 0}
+    for _ in range(LONGEST_CHAIN):
+        if not found:
+            importers = {
+                name: 0 for one in importers for name in mentions(Path(one), modules)
+            }
+            for importer in importers:
+                found |= mentions(Path(importer), files)
+    slow = set(re.findall(r'"(test_\w+)"', Path(LONG_FILES).read_text("utf-8")))
+    found = {
+        name: times for name, times in found.items() if Path(name).stem not in slow
+    } or found
+    near = f"tests/{module.parts[1]}/"
+    ranked = sorted(
+        found,
+        key=lambda name: (
+            module.stem not in name,
+            not name.startswith(near),
+            -found[name],
+            name,
+        ),
+    )
+    own = [str(module)] if ">>> " in modules[str(module)] else []
+    return own + ranked[:MOST_FILES]
+
+
+def mentions(module: Path, files: dict[str, str]) -> dict[str, int]:
+    """Files that import a module, with how often the names of its package's module occur."""
+    dotted = ".".join(module.with_suffix("").parts).removesuffix(".__init__")
+    parent, _, stem = dotted.rpartition(".")
+    imports = rf"{re.escape(dotted)}\b(?!\.)|from {re.escape(parent)} import [^\n]*\b{stem}\b"
+    return {
+        name: text.count(stem)
+        for name, text in files.items()
+        if re.search(imports, text)
+    }
+
+
+@cache
+def texts(folder: str, pattern: str) -> dict[str, str]:
+    """The files of a folder of the tree, by name."""
+    return {
+        str(path): path.read_text("utf-8") for path in sorted(Path(folder).glob(pattern))
+    }
+
+
+def command_of(names: list[str]) -> str:
+    """The command that runs test files, until one fails."""
+    return f"{PYTHON} -m pytest -p no:xdist -p no:cacheprovider -q -x {' '.join(names)}"
+
+
+def timed_tests(names: list[str]) -> dict[str, TimedTest]:
+    """Run test files without a change, all in one process, which loads the libraries once."""
+    kept = Path("unchanged.xml")
+    words = [*command_of(names).replace(" -x ", " ").split(), f"--junitxml={kept}"]
+    subprocess.run(words, capture_output=True)
+    spent = dict.fromkeys(names, 0.0)
+    failed = set()
+    for case in ElementTree.parse(kept).iter("testcase"):
+        name = str(case.get("classname")).replace(".", "/") + ".py"
+        spent[name] = spent.get(name, 0.0) + float(case.get("time", 0))
+        if case.find("failure") is not None or case.find("error") is not None:
+            failed.add(name)
+    return {
+        name: TimedTest(name, round(spent[name], 2), name not in failed)
+        for name in names
+    }
