@@ -1,13 +1,10 @@
-"""Which test files try a change of a module, and how long they take without a change."""
+"""Which test files try a change of a module, and which test noticed it."""
 
 from __future__ import annotations
 
 import re
-import subprocess
-from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from xml.etree import ElementTree
 
 PYTHON = Path(__file__).resolve().parents[1] / ".venv/bin/python"
 FOLDERS = (
@@ -24,21 +21,6 @@ LONG_FILES = "tests/support/longest_first.py"
 """The list of slow test files there: these are used only where no other names the module."""
 LONGEST_CHAIN = 3
 MOST_FILES = 3
-LONGEST_WALL_S = 60.0
-
-
-@dataclass(frozen=True)
-class TimedTest:
-    """A test file, and what a run without a change took and said."""
-
-    name: str
-    wall_s: float
-    passes: bool
-
-    @property
-    def usable(self) -> bool:
-        """A file that fails without a change would make every mutant die."""
-        return self.passes and self.wall_s <= LONGEST_WALL_S
 
 
 def naming_tests(module: Path) -> list[str]:
@@ -104,19 +86,11 @@ def command_of(names: list[str]) -> str:
     return f"{PYTHON} -m pytest -p no:xdist -p no:cacheprovider -q -x {' '.join(names)}"
 
 
-def timed_tests(names: list[str]) -> dict[str, TimedTest]:
-    """Run test files without a change, all in one process, which loads the libraries once."""
-    kept = Path("unchanged.xml")
-    words = [*command_of(names).replace(" -x ", " ").split(), f"--junitxml={kept}"]
-    subprocess.run(words, capture_output=True)
-    spent = dict.fromkeys(names, 0.0)
-    failed = set()
-    for case in ElementTree.parse(kept).iter("testcase"):
-        name = str(case.get("classname")).replace(".", "/") + ".py"
-        spent[name] = spent.get(name, 0.0) + float(case.get("time", 0))
-        if case.find("failure") is not None or case.find("error") is not None:
-            failed.add(name)
-    return {
-        name: TimedTest(name, round(spent[name], 2), name not in failed)
-        for name in names
-    }
+def failures(output: str) -> set[str]:
+    """Tests that failed by pytest's short summary, without parameters; or files not collected."""
+    return set(re.findall(r"^(?:FAILED|ERROR) ([^\s\[]+)", output, re.MULTILINE))
+
+
+def noticing(output: str) -> str:
+    """The first test that failed; empty where none did, or none began."""
+    return min(failures(output), default="")

@@ -19,18 +19,18 @@ import random
 import resource
 import shutil
 import subprocess
-import time
 import tomllib
-from collections.abc import Iterable
+import warnings
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from itertools import islice
 from multiprocessing import Queue, get_context
 from pathlib import Path
 
 from cosmic_ray.ast import ast_nodes, get_ast_from_path
-from cosmic_ray.mutating import mutate_and_test
+from cosmic_ray.mutating import mutate_and_test, mutate_code
 from cosmic_ray.plugins import get_operator, operator_names
 from cosmic_ray.work_item import MutationSpec, TestOutcome
-from mutant_tests import TimedTest, command_of, naming_tests, timed_tests
+from mutant_tests import command_of, failures, naming_tests, noticing
 
 ROOT = Path(__file__).resolve().parents[1]
 EQUIVALENT = ROOT / "tools/mutants_equivalent.toml"
@@ -39,6 +39,8 @@ TYPES_ALONE = "ReplaceBinaryOperator_BitOr"
 """Of these nearly all are `X | None` in an annotation, which nothing evaluates."""
 OF_A_MODULE = 3
 AT_ONCE = 2
+LONGEST_CPU_S, LONGEST_WALL_S = 60, 240.0
+"""A mutant that lasts so long hangs, and is noticed. On a loaded machine only CPU time tells."""
 MEMORY_BYTES = 8 << 30
 """A changed size must not take the memory of the machine."""
 
@@ -59,13 +61,18 @@ def main() -> int:
     open_specs = [one for one in specs if key_of(one) not in known]
     with pool(trees) as workers, lines.open("w", encoding="utf-8") as out:
         out.writelines(json.dumps(row) + "\n" for row in rows)
-        for row in tried(workers, open_specs, args.out / "times.json"):
+        jobs = [workers.submit(tested, one) for one in open_specs]
+        for row in (job.result() for job in as_completed(jobs)):
             rows.append(row)
             out.write(json.dumps(row) + "\n")
             out.flush()
             print(f"{len(rows)} of {len(specs)}: {row['outcome']}", flush=True)
             if row["outcome"] == "lived":
                 print(row["diff"], flush=True)
+    failing = without_change(rows, trees[0])
+    for row in rows:
+        if row["noticed_by"] in failing:
+            row["outcome"] = "undecided"
     result = summary(rows, args)
     text = json.dumps(result, indent=1, sort_keys=True) + "\n"
     (args.out / "mutants.json").write_text(text, "utf-8")
@@ -101,20 +108,20 @@ def copy_tree(tree: Path) -> None:
 
 def sampled(n_mutants: int, seed: int) -> list[MutationSpec]:
     """The same mutants for the same seed and code: a share a package, few a module, one a line."""
-    dice = random.Random(seed)
-    drawn: list[MutationSpec] = []
-    for number, package in enumerate(PACKAGES):
-        share = (n_mutants + number) // len(PACKAGES)
+    by_package = []
+    for package in PACKAGES:
         modules = sorted(Path("holdfast", package).rglob("*.py"))
-        modules = [path for path in modules if path.name != "__init__.py"]
-        dice.shuffle(modules)
-        own = [spec for path in modules for spec in drawn_from(path, dice)]
-        drawn += own[:share]
-    return drawn
+        random.Random(f"{seed} {package}").shuffle(modules)
+        by_package.append(spec for path in modules for spec in drawn_from(path, seed))
+    # in turns, so that a smaller sample is the beginning of a larger one
+    in_turns = (spec for turn in zip(*by_package, strict=False) for spec in turn)
+    return list(islice(in_turns, n_mutants))
 
 
-def drawn_from(module: Path, dice: random.Random) -> list[MutationSpec]:
+def drawn_from(module: Path, seed: int) -> list[MutationSpec]:
     """A few changes of a module, of different kinds: arithmetic, a comparison, a number, a loop."""
+    dice = random.Random(f"{seed} {module}")
+    code = module.read_text("utf-8")
     nodes = list(ast_nodes(get_ast_from_path(module)))
     names = [name for name in sorted(operator_names()) if TYPES_ALONE not in name]
     dice.shuffle(names)
@@ -127,12 +134,22 @@ def drawn_from(module: Path, dice: random.Random) -> list[MutationSpec]:
         found = [at for node in nodes for at in operator().mutation_positions(node)]
         lines = {one.start_pos[0] for one in drawn.values()}
         free = [k for k, at in enumerate(found) if at[0][0] not in lines]
-        if free:
-            k = dice.choice(free)
+        k = dice.choice(free) if free else 0
+        if free and compiles(mutate_code(code, operator(), k)):
             drawn[kind] = MutationSpec(module, name, k, *found[k])
         if len(drawn) == OF_A_MODULE:
             break
     return list(drawn.values())
+
+
+def compiles(code: str) -> bool:
+    """Without this a `*` that is no product counts as noticed, since no code can have it changed."""
+    with warnings.catch_warnings(action="ignore"):
+        try:
+            compile(code, "changed", "exec")
+        except SyntaxError:
+            return False
+    return True
 
 
 def pool(trees: list[Path]) -> ProcessPoolExecutor:
@@ -150,53 +167,40 @@ def enter(free: Queue[Path]) -> None:
     os.chdir(tree)
     os.environ |= {"PYTHONPATH": str(tree), "OPENBLAS_NUM_THREADS": "1"}
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY_BYTES, MEMORY_BYTES))
+    # a worker itself costs little; what it starts has the limit for itself
+    resource.setrlimit(resource.RLIMIT_CPU, (LONGEST_CPU_S, LONGEST_CPU_S))
 
 
-def tried(
-    workers: ProcessPoolExecutor, specs: list[MutationSpec], kept: Path
-) -> Iterable[Row]:
-    """A row a mutant, as they end. Test files are timed once, without a change, before."""
-    named = {path: naming_tests(path) for path in {one.module_path for one in specs}}
-    times: dict[str, TimedTest] = {}
-    if kept.exists():
-        told = json.loads(kept.read_text("utf-8"))
-        times = {name: TimedTest(**one) for name, one in told.items()}
-    untimed = sorted({name for names in named.values() for name in names} - set(times))
-    for timed in workers.map(timed_tests, (untimed[k::AT_ONCE] for k in range(AT_ONCE))):
-        times |= timed
-    kept.write_text(json.dumps({name: vars(one) for name, one in times.items()}))
-    jobs = [
-        workers.submit(tested, one, [times[name] for name in named[one.module_path]])
-        for one in specs
-    ]
-    for job in as_completed(jobs):
-        yield job.result()
-
-
-def tested(spec: MutationSpec, timed: list[TimedTest]) -> Row:
+def tested(spec: MutationSpec) -> Row:
     """A mutant and whether a test noticed it. Cosmic Ray runs the command where this runs."""
-    tests = sorted((one for one in timed if one.usable), key=lambda one: one.wall_s)
-    longest_s = 60 + 4 * sum(one.wall_s for one in tests)
-    begin_s = time.monotonic()
-    result = mutate_and_test(
-        [spec], command_of([one.name for one in tests]), longest_s
-    )
+    tests = naming_tests(spec.module_path)
+    result = mutate_and_test([spec], command_of(tests), LONGEST_WALL_S)
     lived = not tests or result.test_outcome == TestOutcome.SURVIVED
-    if result.output == "timeout":
-        outcome = "timed out"
-    else:
-        outcome = "lived" if lived else "killed"
+    outcome = "timed out" if result.output == "timeout" else "killed"
     reason = equivalent(str(spec.module_path), result.diff or "")
     row: Row = {"why": reason} if lived and reason else {}
     return row | {
         "key": key_of(spec),
         "module": str(spec.module_path),
         "line": spec.start_pos[0],
-        "outcome": "equivalent" if lived and reason else outcome,
+        "outcome": ("equivalent" if reason else "lived") if lived else outcome,
         "diff": result.diff,
-        "tests": [one.name for one in tests],
-        "wall_s": round(time.monotonic() - begin_s, 1),
+        "tests": tests,
+        "noticed_by": noticing(result.output or ""),
     }
+
+
+def without_change(rows: list[Row], tree: Path) -> set[str]:
+    """Which of the tests that noticed a change fail without one too, as on a broken machine."""
+    names = sorted({str(row["noticed_by"]) for row in rows if row["noticed_by"]})
+    if not names:
+        return set()
+    words = command_of(names).replace(" -x ", " ").split()
+    path = os.environ | {"PYTHONPATH": str(tree)}
+    done = subprocess.run(words, cwd=tree, env=path, capture_output=True, text=True)
+    if done.returncode not in (0, 1):
+        raise SystemExit(f"the tests cannot be run without a change:\n{done.stdout}")
+    return failures(done.stdout)
 
 
 def equivalent(module: str, diff: str) -> str:
