@@ -20,13 +20,14 @@ FOLDERS = (
 LONG_FILES = "tests/support/longest_first.py"
 """The list of slow test files there: these are used only where no other names the module."""
 LONGEST_CHAIN = 3
-MOST_FILES = 3
+MOST_FILES = 2
+OF_EVERY_MODULE = "tests/house/test_values.py"
 
 
 def naming_tests(module: Path) -> list[str]:
-    """At most three test files that name a module, or else one that imports it; best match first.
+    """At most two test files that name a module, or else one that imports it; best match first.
 
-    The module itself is one of them where it holds doctests.
+    The module itself is added where it holds doctests, and the test of all values.
     """
     modules = texts("holdfast", "**/*.py")
     files = {
@@ -58,7 +59,7 @@ def naming_tests(module: Path) -> list[str]:
         ),
     )
     own = [str(module)] if ">>> " in modules[str(module)] else []
-    return own + ranked[:MOST_FILES]
+    return [*own, *ranked[:MOST_FILES], OF_EVERY_MODULE]
 
 
 def mentions(module: Path, files: dict[str, str]) -> dict[str, int]:

@@ -30,7 +30,7 @@ from cosmic_ray.ast import ast_nodes, get_ast_from_path
 from cosmic_ray.mutating import mutate_and_test, mutate_code
 from cosmic_ray.plugins import get_operator, operator_names
 from cosmic_ray.work_item import MutationSpec, TestOutcome
-from mutant_tests import command_of, failures, naming_tests, noticing
+from mutant_tests import PYTHON, command_of, failures, naming_tests, noticing
 
 ROOT = Path(__file__).resolve().parents[1]
 EQUIVALENT = ROOT / "tools/mutants_equivalent.toml"
@@ -53,6 +53,7 @@ def main() -> int:
     trees = [args.out / f"tree-{number}" for number in range(AT_ONCE)]
     for tree in trees:
         copy_tree(tree)
+        copy_compiled(tree)
     os.chdir(trees[0])
     specs = sampled(args.sample, args.seed)
     lines = args.out / "mutants.jsonl"
@@ -104,6 +105,18 @@ def copy_tree(tree: Path) -> None:
         path = tree / name
         path.parent.mkdir(parents=True, exist_ok=True)
         shutil.copy2(ROOT / name, path, follow_symlinks=False)
+
+
+def copy_compiled(tree: Path) -> None:
+    """What is compiled already, because a run of a changed module writes nothing compiled."""
+    words = [str(PYTHON), "-m", "compileall", "-q", "holdfast"]
+    subprocess.run(words, cwd=ROOT, check=True)
+    for folder in ("holdfast", "tests"):
+        for path in (ROOT / folder).rglob("__pycache__/*.pyc"):
+            copy = tree / path.relative_to(ROOT)
+            if copy.parent.parent.is_dir():
+                copy.parent.mkdir(exist_ok=True)
+                shutil.copy2(path, copy)
 
 
 def sampled(n_mutants: int, seed: int) -> list[MutationSpec]:
