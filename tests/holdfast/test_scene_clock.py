@@ -89,6 +89,7 @@ def test_the_machine_s_clock_waits_until_a_time_and_for_none_that_has_passed(
     now_ns, slept_s = [1_000], list[float]()
 
     def sleep(seconds: float) -> None:
+        assert seconds >= 0.0
         slept_s.append(seconds)
         now_ns[0] += max(1, round(0.75e9 * seconds))
 
