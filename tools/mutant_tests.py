@@ -20,12 +20,13 @@ FOLDERS = (
 LONG_FILES = "tests/support/longest_first.py"
 """The list of slow test files there: these are used only where no other names the module."""
 LONGEST_CHAIN = 3
-MOST_FILES = 2
+MOST_FILES, MOST_AGAIN = 2, 10
+"""Test files for a module; the larger number for what lived with the smaller."""
 OF_EVERY_MODULE = "tests/house/test_values.py"
 
 
-def naming_tests(module: Path) -> list[str]:
-    """At most two test files that name a module, or else one that imports it; best match first.
+def naming_tests(module: Path, most: int) -> list[str]:
+    """The test files that name a module, or else one that imports it; best match first.
 
     The module itself is added where it holds doctests, and the test of all values.
     """
@@ -59,14 +60,16 @@ def naming_tests(module: Path) -> list[str]:
         ),
     )
     own = [str(module)] if ">>> " in modules[str(module)] else []
-    return [*own, *ranked[:MOST_FILES], OF_EVERY_MODULE]
+    return [*own, *ranked[:most], OF_EVERY_MODULE]
 
 
 def mentions(module: Path, files: dict[str, str]) -> dict[str, int]:
     """Files that import a module, with how often the names of its package's module occur."""
     dotted = ".".join(module.with_suffix("").parts).removesuffix(".__init__")
     parent, _, stem = dotted.rpartition(".")
-    imports = rf"{re.escape(dotted)}\b(?!\.)|from {re.escape(parent)} import [^\n]*\b{stem}\b"
+    imports = (
+        rf"{re.escape(dotted)}\b(?!\.)|from {re.escape(parent)} import [^\n]*\b{stem}\b"
+    )
     return {
         name: text.count(stem)
         for name, text in files.items()
@@ -78,7 +81,8 @@ def mentions(module: Path, files: dict[str, str]) -> dict[str, int]:
 def texts(folder: str, pattern: str) -> dict[str, str]:
     """The files of a folder of the tree, by name."""
     return {
-        str(path): path.read_text("utf-8") for path in sorted(Path(folder).glob(pattern))
+        str(path): path.read_text("utf-8")
+        for path in sorted(Path(folder).glob(pattern))
     }
 
 

@@ -2,12 +2,13 @@
 
     make mutants ARGS="--sample 75 --seed 0"
 
-Cosmic Ray finds and makes the changes, in two copies of the tree. A change is tried on the few
-fastest test files that name its module (`mutant_tests.py`), so the share that died is a lower bound.
+Cosmic Ray makes the changes, in two copies of the tree. A change is tried on the few test files
+that name its module best (`mutant_tests.py`), so the share that died is a lower bound.
 Changes that alter nothing are listed in `mutants_equivalent.toml`, each with its reason.
 
 mutants.jsonl gets a line a mutant as it ends, so what was done before an interruption is kept;
-`--again` tries only what lived, after a test was written. mutants.json is the whole result.
+`--again` tries only what lived, on more files, after a test was written. mutants.json is the whole
+result.
 """
 
 from __future__ import annotations
@@ -15,29 +16,29 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import random
 import resource
 import shutil
 import subprocess
 import tomllib
-import warnings
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from itertools import islice
 from multiprocessing import Queue, get_context
 from pathlib import Path
 
-from cosmic_ray.ast import ast_nodes, get_ast_from_path
-from cosmic_ray.mutating import mutate_and_test, mutate_code
-from cosmic_ray.plugins import get_operator, operator_names
+from cosmic_ray.mutating import mutate_and_test
 from cosmic_ray.work_item import MutationSpec, TestOutcome
-from mutant_tests import PYTHON, command_of, failures, naming_tests, noticing
+from mutant_sample import sampled
+from mutant_tests import (
+    MOST_AGAIN,
+    MOST_FILES,
+    PYTHON,
+    command_of,
+    failures,
+    naming_tests,
+    noticing,
+)
 
 ROOT = Path(__file__).resolve().parents[1]
 EQUIVALENT = ROOT / "tools/mutants_equivalent.toml"
-PACKAGES = ("core", "edge_runtime", "drivers")
-TYPES_ALONE = "ReplaceBinaryOperator_BitOr"
-"""Of these nearly all are `X | None` in an annotation, which nothing evaluates."""
-OF_A_MODULE = 3
 AT_ONCE = 2
 LONGEST_CPU_S, LONGEST_WALL_S = 60, 240.0
 """A mutant that lasts so long hangs, and is noticed. On a loaded machine only CPU time tells."""
@@ -59,10 +60,11 @@ def main() -> int:
     lines = args.out / "mutants.jsonl"
     known = killed_before(lines) if args.again else {}
     rows = [known[key] for one in specs if (key := key_of(one)) in known]
+    most = MOST_AGAIN if args.again else MOST_FILES
     open_specs = [one for one in specs if key_of(one) not in known]
     with pool(trees) as workers, lines.open("w", encoding="utf-8") as out:
         out.writelines(json.dumps(row) + "\n" for row in rows)
-        jobs = [workers.submit(tested, one) for one in open_specs]
+        jobs = [workers.submit(tested, one, most) for one in open_specs]
         for row in (job.result() for job in as_completed(jobs)):
             rows.append(row)
             out.write(json.dumps(row) + "\n")
@@ -89,7 +91,7 @@ def options() -> argparse.Namespace:
     out = ROOT / "build/mutants"
     parser.add_argument("--out", type=Path, default=out, metavar="DIR")
     parser.add_argument(
-        "--again", action="store_true", help="try only what lived in the run before"
+        "--again", action="store_true", help="try only what lived before"
     )
     args = parser.parse_args()
     args.out = args.out.resolve()
@@ -119,52 +121,6 @@ def copy_compiled(tree: Path) -> None:
                 shutil.copy2(path, copy)
 
 
-def sampled(n_mutants: int, seed: int) -> list[MutationSpec]:
-    """The same mutants for the same seed and code: a share a package, few a module, one a line."""
-    by_package = []
-    for package in PACKAGES:
-        modules = sorted(Path("holdfast", package).rglob("*.py"))
-        random.Random(f"{seed} {package}").shuffle(modules)
-        by_package.append(spec for path in modules for spec in drawn_from(path, seed))
-    # in turns, so that a smaller sample is the beginning of a larger one
-    in_turns = (spec for turn in zip(*by_package, strict=False) for spec in turn)
-    return list(islice(in_turns, n_mutants))
-
-
-def drawn_from(module: Path, seed: int) -> list[MutationSpec]:
-    """A few changes of a module, of different kinds: arithmetic, a comparison, a number, a loop."""
-    dice = random.Random(f"{seed} {module}")
-    code = module.read_text("utf-8")
-    nodes = list(ast_nodes(get_ast_from_path(module)))
-    names = [name for name in sorted(operator_names()) if TYPES_ALONE not in name]
-    dice.shuffle(names)
-    drawn: dict[str, MutationSpec] = {}
-    for name in names:
-        kind = name.split("/")[1].split("_")[0]
-        operator = get_operator(name)
-        if kind in drawn or operator.arguments():
-            continue
-        found = [at for node in nodes for at in operator().mutation_positions(node)]
-        lines = {one.start_pos[0] for one in drawn.values()}
-        free = [k for k, at in enumerate(found) if at[0][0] not in lines]
-        k = dice.choice(free) if free else 0
-        if free and compiles(mutate_code(code, operator(), k)):
-            drawn[kind] = MutationSpec(module, name, k, *found[k])
-        if len(drawn) == OF_A_MODULE:
-            break
-    return list(drawn.values())
-
-
-def compiles(code: str) -> bool:
-    """Without this a `*` that is no product counts as noticed, since no code can have it changed."""
-    with warnings.catch_warnings(action="ignore"):
-        try:
-            compile(code, "changed", "exec")
-        except SyntaxError:
-            return False
-    return True
-
-
 def pool(trees: list[Path]) -> ProcessPoolExecutor:
     """Processes that work in a tree of their own each."""
     context = get_context("spawn")
@@ -184,9 +140,9 @@ def enter(free: Queue[Path]) -> None:
     resource.setrlimit(resource.RLIMIT_CPU, (LONGEST_CPU_S, LONGEST_CPU_S))
 
 
-def tested(spec: MutationSpec) -> Row:
+def tested(spec: MutationSpec, most: int) -> Row:
     """A mutant and whether a test noticed it. Cosmic Ray runs the command where this runs."""
-    tests = naming_tests(spec.module_path)
+    tests = naming_tests(spec.module_path, most)
     result = mutate_and_test([spec], command_of(tests), LONGEST_WALL_S)
     lived = not tests or result.test_outcome == TestOutcome.SURVIVED
     outcome = "timed out" if result.output == "timeout" else "killed"
@@ -234,7 +190,9 @@ def equivalent(module: str, diff: str) -> str:
 
 def key_of(spec: MutationSpec) -> str:
     """Which mutant this is."""
-    return f"{spec.module_path}:{spec.start_pos[0]} {spec.operator_name} {spec.occurrence}"
+    return (
+        f"{spec.module_path}:{spec.start_pos[0]} {spec.operator_name} {spec.occurrence}"
+    )
 
 
 def killed_before(lines: Path) -> dict[str, Row]:

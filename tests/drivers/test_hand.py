@@ -13,10 +13,10 @@ import pytest
 from hand_bench import PERIOD_NS, Bench, bad, listen, started
 
 from holdfast.core.errors import DeviceNotFound, UsageError, WrongDevice
+from holdfast.drivers.bus import Transfer
 from holdfast.drivers.finger import STALE_NS
 from holdfast.drivers.ft232h import Ft232h
 from holdfast.drivers.hand import Hand
-from holdfast.drivers.bus import Transfer
 from holdfast.drivers.layout import (
     LAYOUTS,
     MUX_ADDRESSES,
@@ -404,9 +404,7 @@ def test_a_plan_knows_the_place_of_every_mux_write_and_every_read(
     fingers = read_layout(layout)
     reads = [Transfer(one.read_at, bytes([k]), 12) for k, one in enumerate(fingers)]
     plan = ScanPlanner(fingers).plan(reads, doubtful=doubtful)
-    to_mux = [
-        k for k, one in enumerate(plan.transfers) if one.address in MUX_ADDRESSES
-    ]
+    to_mux = [k for k, one in enumerate(plan.transfers) if one.address in MUX_ADDRESSES]
     writes = [k for k in to_mux if plan.transfers[k].write]
     assert [k for group in plan.groups for k in group.selects] == writes
     backs = [k for group in plan.groups for k in group.read_backs]

@@ -17,7 +17,13 @@ from bridge_bench import (
 from hypothesis import given
 from hypothesis import strategies as st
 
-from holdfast.core.errors import AccessDenied, BusStuck, DeviceNotFound, LibraryMissing, UsageError
+from holdfast.core.errors import (
+    AccessDenied,
+    BusStuck,
+    DeviceNotFound,
+    LibraryMissing,
+    UsageError,
+)
 from holdfast.drivers.bridges import open_bus
 from holdfast.drivers.bus import NOT_ACKED, Reply, Transfer
 from holdfast.drivers.ft232h import Ft232h
