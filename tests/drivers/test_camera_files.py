@@ -29,7 +29,7 @@ from holdfast.core.errors import (
     TimeError,
 )
 from holdfast.drivers.camera import sources
-from holdfast.drivers.camera.recording import TagFile, read_tracks
+from holdfast.drivers.camera.recording import COLUMNS, TagFile, read_tracks
 from holdfast.drivers.camera.sources import OAK_ISO, QUIET, Lens, Oak, read_frames
 from holdfast.simulation.camera_frames import HAND_TAG, OBJECT_TAG, cells
 from studies.doc_pictures.tags import sheet
@@ -296,3 +296,11 @@ def test_an_oak_exposes_as_the_lens_says_and_ends_when_its_time_is_up(monkeypatc
     now_s[0] = 102.0
     assert not goes_on()
     assert Oak(lens).connect(dai, pipeline, [])()
+
+
+def test_a_frame_without_a_tag_has_a_cell_for_every_column(tmp_path):
+    with TagFile(tmp_path) as file:
+        file.write(0, 0.0, {HAND_TAG: [0.5] * 8})
+        file.write(1, 0.1, {})
+    lines = file.path.read_text("utf-8").splitlines()
+    assert [line.count(",") for line in lines] == [len(COLUMNS) - 1] * 3
