@@ -174,11 +174,7 @@ def without_change(rows: list[Row], tree: Path) -> set[str]:
 
 def equivalent(module: str, diff: str) -> str:
     """Why a change alters nothing a caller sees, or an empty text."""
-    changed = [
-        line[1:].strip()
-        for line in diff.splitlines()
-        if line[:1] == "+" and line[:3] != "+++"
-    ]
+    changed = changed_lines(diff, "+")
     listed = tomllib.loads(EQUIVALENT.read_text("utf-8")).get("mutant", [])
     found = [
         one["why"]
@@ -186,6 +182,12 @@ def equivalent(module: str, diff: str) -> str:
         if one["module"] == module and [one["changed"]] == changed
     ]
     return found[0] if found else ""
+
+
+def changed_lines(diff: str, sign: str) -> list[str]:
+    """Lines of a diff that are new (+) or gone (-)."""
+    lines = [line for line in diff.splitlines() if line[:1] == sign]
+    return [line[1:].strip() for line in lines if line[:3] != 3 * sign]
 
 
 def key_of(spec: MutationSpec) -> str:
@@ -210,7 +212,11 @@ def summary(rows: list[Row], args: argparse.Namespace) -> Row:
     died = counts.get("killed", 0) + counts.get("timed out", 0)
     same = counts.get("equivalent", 0)
     share = died / max(1, len(rows) - same)
-    short = [{key: row[key] for key in row if key != "tests"} for row in rows]
+    short = [
+        {key: row[key] for key in row if key not in ("tests", "diff")}
+        | {sign: changed_lines(str(row["diff"]), sign) for sign in "-+"}
+        for row in rows
+    ]
     return {
         "command": f'make mutants ARGS="--sample {args.sample} --seed {args.seed}"',
         "counts": counts,
