@@ -1,74 +1,101 @@
 """Mutation tests: a sample of small changes to the code, each to be noticed by its tests.
 
-    make mutants ARGS="--sample 150 --seed 0"
+    make mutants ARGS="--sample 60 --seed 1"
 
-Cosmic Ray finds and makes the changes, in a copy of the tree. For each, only the test files that
-name the changed module are run, with the packages of .venv. mutants.jsonl gets a line a mutant as
-it ends, so what was done before an interruption is kept.
+Cosmic Ray makes the changes, in two copies of the tree. A change is tried on the few test files
+that name its module best (`mutant_tests.py`), so the share that died is a lower bound.
+Changes that alter nothing are listed in `mutants_equivalent.toml`, each with its reason.
 
-A test that fails without a change would make every mutant die, so such tests end the program.
+mutants.jsonl gets a line a mutant as it ends, so what was done before an interruption is kept;
+`--again` tries only what lived, on more files, after a test was written. mutants.json is the whole
+result.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
-import random
+import os
+import resource
 import shutil
 import subprocess
-import sys
-from functools import cache
+import tomllib
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from multiprocessing import Queue, get_context
 from pathlib import Path
 
-from cosmic_ray.commands import init
 from cosmic_ray.mutating import mutate_and_test
-from cosmic_ray.work_db import WorkDB
 from cosmic_ray.work_item import MutationSpec, TestOutcome
+from mutant_sample import sampled
+from mutant_tests import (
+    MOST_AGAIN,
+    MOST_FILES,
+    PYTHON,
+    command_of,
+    failures,
+    naming_tests,
+    noticing,
+)
 
 ROOT = Path(__file__).resolve().parents[1]
-PYTHON = ROOT / ".venv/bin/python"
-PACKAGES = ("core", "edge_runtime", "drivers")
-TESTS = ("edge_runtime", "drivers", "training")
-"""Folders of tests/ that test these packages, without the long ones of whole programs."""
-TYPES_ALONE = "ReplaceBinaryOperator_BitOr"
-"""Of these nearly all are `X | None` in an annotation, which nothing evaluates."""
-LONGEST_S = 300.0
-"""A mutant that lasts so long hangs, and is noticed."""
+EQUIVALENT = ROOT / "tools/mutants_equivalent.toml"
+AT_ONCE = 2
+LONGEST_CPU_S, LONGEST_WALL_S = 60, 240.0
+"""A mutant that lasts so long hangs, and is noticed. On a loaded machine only CPU time tells."""
+MEMORY_BYTES = 8 << 30
+"""A changed size must not take the memory of the machine."""
+
+Row = dict[str, object]
 
 
 def main() -> int:
     """Copy the tree, change it, run tests; prints the survivors and the share that died."""
     args = options()
-    tree = args.out / "tree"
-    copy_tree(tree)
-    specs = sampled(tree, args.sample, args.seed)
-    killed = 0
-    with (args.out / "mutants.jsonl").open("w", encoding="utf-8") as lines:
-        for number, spec in enumerate(specs, 1):
-            tests = tests_of(tree, spec.module_path)
-            require_passing(tree, tests)
-            found = tested(tree, spec, tests)
-            killed += found["killed"]
-            lines.write(json.dumps(found) + "\n")
-            lines.flush()
-            print(
-                f"{number} of {len(specs)}: {'killed' if found['killed'] else 'LIVES'}"
-            )
-            if not found["killed"]:
-                print(found["diff"], flush=True)
-
-    print(f"killed: {killed} of {len(specs)} ({killed / max(1, len(specs)):.2f})")
+    trees = [args.out / f"tree-{number}" for number in range(AT_ONCE)]
+    for tree in trees:
+        copy_tree(tree)
+        copy_compiled(tree)
+    os.chdir(trees[0])
+    specs = sampled(args.sample, args.seed)
+    lines = args.out / "mutants.jsonl"
+    known = killed_before(lines) if args.again else {}
+    rows = [known[key] for one in specs if (key := key_of(one)) in known]
+    most = MOST_AGAIN if args.again else MOST_FILES
+    open_specs = [one for one in specs if key_of(one) not in known]
+    with pool(trees) as workers, lines.open("w", encoding="utf-8") as out:
+        out.writelines(json.dumps(row) + "\n" for row in rows)
+        jobs = [workers.submit(tested, one, most) for one in open_specs]
+        for row in (job.result() for job in as_completed(jobs)):
+            rows.append(row)
+            out.write(json.dumps(row) + "\n")
+            out.flush()
+            print(f"{len(rows)} of {len(specs)}: {row['outcome']}", flush=True)
+            if row["outcome"] == "lived":
+                print(row["diff"], flush=True)
+    failing = without_change(rows, trees[0])
+    for row in rows:
+        if row["noticed_by"] in failing:
+            row["outcome"] = "undecided"
+    result = summary(rows, args)
+    text = json.dumps(result, indent=1, sort_keys=True) + "\n"
+    (args.out / "mutants.json").write_text(text, "utf-8")
+    print(result["says"])
     return 0
 
 
 def options() -> argparse.Namespace:
     """What the user gave."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
-    parser.add_argument("--sample", type=int, default=150, metavar="N")
+    parser.add_argument("--sample", type=int, default=75, metavar="N")
     parser.add_argument("--seed", type=int, default=0, metavar="S")
     out = ROOT / "build/mutants"
     parser.add_argument("--out", type=Path, default=out, metavar="DIR")
-    return parser.parse_args()
+    parser.add_argument(
+        "--again", action="store_true", help="try only what lived before"
+    )
+    args = parser.parse_args()
+    args.out = args.out.resolve()
+    return args
 
 
 def copy_tree(tree: Path) -> None:
@@ -82,56 +109,122 @@ def copy_tree(tree: Path) -> None:
         shutil.copy2(ROOT / name, path, follow_symlinks=False)
 
 
-def sampled(tree: Path, n_mutants: int, seed: int) -> list[MutationSpec]:
-    """The same mutants for the same seed and the same code."""
-    modules: list[Path] = []
-    for package in PACKAGES:
-        modules += sorted((tree / "holdfast" / package).rglob("*.py"))
-    every = WorkDB(tree.with_name("every.sqlite"), WorkDB.Mode.create)
-    init(modules, every, {})
-    specs = [item.mutations[0] for item in every.work_items]
-    every.close()
-    telling = [one for one in specs if TYPES_ALONE not in one.operator_name]
-    # The order of a database says nothing, so the sample is drawn from a sorted list.
-    telling.sort(key=lambda one: (one.module_path, one.operator_name, one.occurrence))
-    return random.Random(seed).sample(telling, min(n_mutants, len(telling)))
+def copy_compiled(tree: Path) -> None:
+    """What is compiled already, because a run of a changed module writes nothing compiled."""
+    words = [str(PYTHON), "-m", "compileall", "-q", "holdfast"]
+    subprocess.run(words, cwd=ROOT, check=True)
+    for folder in ("holdfast", "tests"):
+        for path in (ROOT / folder).rglob("__pycache__/*.pyc"):
+            copy = tree / path.relative_to(ROOT)
+            if copy.parent.parent.is_dir():
+                copy.parent.mkdir(exist_ok=True)
+                shutil.copy2(path, copy)
 
 
-def tests_of(tree: Path, module: Path) -> tuple[str, ...]:
-    """The test files that name a module; all of the live path's where none does."""
-    dotted = ".".join(module.relative_to(tree).with_suffix("").parts)
-    folders = [tree / "tests" / name for name in TESTS]
-    files = [path for one in folders for path in sorted(one.glob("test_*.py"))]
-    naming = [path for path in files if dotted in path.read_text("utf-8")]
-    chosen = naming or sorted(folders[0].glob("test_*.py"))
-    return tuple(str(path.relative_to(tree)) for path in chosen)
+def pool(trees: list[Path]) -> ProcessPoolExecutor:
+    """Processes that work in a tree of their own each."""
+    context = get_context("spawn")
+    free: Queue[Path] = context.Queue()
+    for tree in trees:
+        free.put(tree)
+    return ProcessPoolExecutor(len(trees), context, enter, (free,))
 
 
-def words_of(tests: tuple[str, ...]) -> list[str]:
-    """The command that runs test files, until one fails."""
-    return [str(PYTHON), "-m", "pytest", "-p", "no:xdist", "-q", "-x", *tests]
+def enter(free: Queue[Path]) -> None:
+    """Begin a process: its tree, whose package comes before the installed one."""
+    tree = free.get()
+    os.chdir(tree)
+    os.environ |= {"PYTHONPATH": str(tree), "OPENBLAS_NUM_THREADS": "1"}
+    resource.setrlimit(resource.RLIMIT_AS, (MEMORY_BYTES, MEMORY_BYTES))
+    # a worker itself costs little; what it starts has the limit for itself
+    resource.setrlimit(resource.RLIMIT_CPU, (LONGEST_CPU_S, LONGEST_CPU_S))
 
 
-@cache
-def require_passing(tree: Path, tests: tuple[str, ...]) -> None:
-    """End the program where tests fail without a change."""
-    done = subprocess.run(words_of(tests), cwd=tree, capture_output=True, text=True)
-    if done.returncode:
-        sys.exit(f"tests fail without a change:\n{done.stdout[-3000:]}")
-
-
-def tested(tree: Path, spec: MutationSpec, tests: tuple[str, ...]) -> dict[str, object]:
+def tested(spec: MutationSpec, most: int) -> Row:
     """A mutant and whether a test noticed it. Cosmic Ray runs the command where this runs."""
-    command = f"cd {tree} && {' '.join(words_of(tests))}"
-    result = mutate_and_test([spec], f"sh -c '{command}'", LONGEST_S)
-    return {
-        "module": str(spec.module_path.relative_to(tree)),
-        "operator": spec.operator_name,
+    tests = naming_tests(spec.module_path, most)
+    result = mutate_and_test([spec], command_of(tests), LONGEST_WALL_S)
+    lived = not tests or result.test_outcome == TestOutcome.SURVIVED
+    outcome = "timed out" if result.output == "timeout" else "killed"
+    reason = equivalent(str(spec.module_path), result.diff or "")
+    row: Row = {"why": reason} if lived and reason else {}
+    return row | {
+        "key": key_of(spec),
+        "module": str(spec.module_path),
         "line": spec.start_pos[0],
-        "killed": result.test_outcome != TestOutcome.SURVIVED,
-        "outcome": str(result.test_outcome),
+        "outcome": ("equivalent" if reason else "lived") if lived else outcome,
         "diff": result.diff,
-        "tests": list(tests),
+        "tests": tests,
+        "noticed_by": noticing(result.output or ""),
+    }
+
+
+def without_change(rows: list[Row], tree: Path) -> set[str]:
+    """Which of the tests that noticed a change fail without one too, as on a broken machine."""
+    names = sorted({str(row["noticed_by"]) for row in rows if row["noticed_by"]})
+    if not names:
+        return set()
+    words = command_of(names).replace(" -x ", " ").split()
+    path = os.environ | {"PYTHONPATH": str(tree)}
+    done = subprocess.run(words, cwd=tree, env=path, capture_output=True, text=True)
+    if done.returncode not in (0, 1):
+        raise SystemExit(f"the tests cannot be run without a change:\n{done.stdout}")
+    return failures(done.stdout)
+
+
+def equivalent(module: str, diff: str) -> str:
+    """Why a change alters nothing a caller sees, or an empty text."""
+    changed = changed_lines(diff, "+")
+    listed = tomllib.loads(EQUIVALENT.read_text("utf-8")).get("mutant", [])
+    found = [
+        one["why"]
+        for one in listed
+        if one["module"] == module and [one["changed"]] == changed
+    ]
+    return found[0] if found else ""
+
+
+def changed_lines(diff: str, sign: str) -> list[str]:
+    """Lines of a diff that are new (+) or gone (-)."""
+    lines = [line for line in diff.splitlines() if line[:1] == sign]
+    return [line[1:].strip() for line in lines if line[:3] != 3 * sign]
+
+
+def key_of(spec: MutationSpec) -> str:
+    """Which mutant this is."""
+    return (
+        f"{spec.module_path}:{spec.start_pos[0]} {spec.operator_name} {spec.occurrence}"
+    )
+
+
+def killed_before(lines: Path) -> dict[str, Row]:
+    """What a run before this one killed, by key."""
+    rows = [json.loads(line) for line in lines.read_text("utf-8").splitlines()]
+    return {
+        row["key"]: row for row in rows if row["outcome"] in ("killed", "timed out")
+    }
+
+
+def summary(rows: list[Row], args: argparse.Namespace) -> Row:
+    """The whole result: counts, shares, and every mutant without its long diff."""
+    outcomes = [row["outcome"] for row in rows]
+    counts = {name: outcomes.count(name) for name in sorted(set(map(str, outcomes)))}
+    died = counts.get("killed", 0) + counts.get("timed out", 0)
+    same = counts.get("equivalent", 0)
+    share = died / max(1, len(rows) - same)
+    short = [
+        {key: row[key] for key in row if key not in ("tests", "diff")}
+        | {sign: changed_lines(str(row["diff"]), sign) for sign in "-+"}
+        for row in rows
+    ]
+    return {
+        "command": f'make mutants ARGS="--sample {args.sample} --seed {args.seed}"',
+        "counts": counts,
+        "share_of_all": round(died / max(1, len(rows)), 3),
+        "share_without_equivalent": round(share, 3),
+        "mutants": sorted(short, key=lambda row: str(row["key"])),
+        "says": f"noticed: {died} of {len(rows)}; {same} alter nothing; "
+        f"{share:.2f} of the others",
     }
 
 

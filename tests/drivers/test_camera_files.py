@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
 from xml.etree import ElementTree
 
 import numpy as np
@@ -28,8 +29,8 @@ from holdfast.core.errors import (
     TimeError,
 )
 from holdfast.drivers.camera import sources
-from holdfast.drivers.camera.recording import TagFile, read_tracks
-from holdfast.drivers.camera.sources import QUIET, read_frames
+from holdfast.drivers.camera.recording import COLUMNS, TagFile, read_tracks
+from holdfast.drivers.camera.sources import OAK_ISO, QUIET, Lens, Oak, read_frames
 from holdfast.simulation.camera_frames import HAND_TAG, OBJECT_TAG, cells
 from studies.doc_pictures.tags import sheet
 
@@ -271,3 +272,35 @@ def test_depthai_is_imported_in_one_file_and_by_no_help():
 
 def test_the_longest_wait_is_longer_than_the_search():
     assert float(QUIET["DEPTHAI_SEARCH_TIMEOUT"]) < 1e3 * sources.LONGEST_WAIT_S
+
+
+def test_an_oak_exposes_as_the_lens_says_and_ends_when_its_time_is_up(monkeypatch):
+    now_s, exposed, linked = [100.0], [], []
+    monkeypatch.setattr(sources.time, "monotonic", lambda: now_s[0])
+    camera = SimpleNamespace(
+        initialControl=SimpleNamespace(
+            setManualExposure=lambda *given: exposed.append(given)
+        ),
+        requestOutput=lambda size, type, fps: SimpleNamespace(link=linked.append),
+    )
+    created = SimpleNamespace(build=lambda sensorFps: camera)
+    dai = SimpleNamespace(
+        node=SimpleNamespace(Camera="camera"),
+        ImgFrame=SimpleNamespace(Type=SimpleNamespace(GRAY8="gray")),
+    )
+    pipeline = SimpleNamespace(create=lambda node: created)
+    lens = Lens(60.0, 1.5, 12.0, "monotonic")
+    goes_on = Oak(lens, seconds=2.0).connect(dai, pipeline, ["first", "second"])
+    assert (exposed, linked) == ([(1500, OAK_ISO)], ["first", "second"])
+    assert goes_on()
+    now_s[0] = 102.0
+    assert not goes_on()
+    assert Oak(lens).connect(dai, pipeline, [])()
+
+
+def test_a_frame_without_a_tag_has_a_cell_for_every_column(tmp_path):
+    with TagFile(tmp_path) as file:
+        file.write(0, 0.0, {HAND_TAG: [0.5] * 8})
+        file.write(1, 0.1, {})
+    lines = file.path.read_text("utf-8").splitlines()
+    assert [line.count(",") for line in lines] == [len(COLUMNS) - 1] * 3

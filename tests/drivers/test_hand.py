@@ -13,10 +13,17 @@ import pytest
 from hand_bench import PERIOD_NS, Bench, bad, listen, started
 
 from holdfast.core.errors import DeviceNotFound, UsageError, WrongDevice
+from holdfast.drivers.bus import Transfer
 from holdfast.drivers.finger import STALE_NS
 from holdfast.drivers.ft232h import Ft232h
 from holdfast.drivers.hand import Hand
-from holdfast.drivers.layout import LAYOUTS, Finger, read_layout
+from holdfast.drivers.layout import (
+    LAYOUTS,
+    MUX_ADDRESSES,
+    Finger,
+    ScanPlanner,
+    read_layout,
+)
 from holdfast.drivers.tmag5273 import Setup
 from holdfast.drivers.virtual.clock import VirtualClock
 from holdfast.drivers.virtual.faults import KINDS, Fault, read_fault
@@ -386,3 +393,23 @@ def test_a_machine_that_stood_still_in_the_middle_of_a_scan_takes_no_finger_for_
         assert after.why == ("",) * 6
         bench.read_for(0.05)
     assert not bench.messages
+
+
+@pytest.mark.parametrize("doubtful", [False, True])
+@pytest.mark.parametrize("layout", [*LAYOUTS, "70/0:35,71/0:35,70/1:35,71/1:35,22,78"])
+def test_a_plan_knows_the_place_of_every_mux_write_and_every_read(
+    layout: str, doubtful: bool
+) -> None:
+    """A mux write that nothing looks at could fail, and the scan would read another finger."""
+    fingers = read_layout(layout)
+    reads = [Transfer(one.read_at, bytes([k]), 12) for k, one in enumerate(fingers)]
+    plan = ScanPlanner(fingers).plan(reads, doubtful=doubtful)
+    to_mux = [k for k, one in enumerate(plan.transfers) if one.address in MUX_ADDRESSES]
+    writes = [k for k in to_mux if plan.transfers[k].write]
+    assert [k for group in plan.groups for k in group.selects] == writes
+    backs = [k for group in plan.groups for k in group.read_backs]
+    assert backs == [k for k in to_mux if not plan.transfers[k].write]
+    places = {k: at for group in plan.groups for k, at in group.fingers.items()}
+    assert [plan.transfers[places[k]] for k in range(len(fingers))] == reads
+    for group in plan.groups:
+        assert all(at > max(group.selects, default=-1) for at in group.fingers.values())

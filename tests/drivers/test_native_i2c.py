@@ -17,7 +17,14 @@ from bridge_bench import (
 from hypothesis import given
 from hypothesis import strategies as st
 
-from holdfast.core.errors import AccessDenied, BusStuck, DeviceNotFound
+from holdfast.core.errors import (
+    AccessDenied,
+    BusStuck,
+    DeviceNotFound,
+    LibraryMissing,
+    UsageError,
+)
+from holdfast.drivers.bridges import open_bus
 from holdfast.drivers.bus import NOT_ACKED, Reply, Transfer
 from holdfast.drivers.ft232h import Ft232h
 from holdfast.drivers.native_i2c import NativeI2C
@@ -120,3 +127,14 @@ def test_commands_that_come_byte_by_byte_do_what_a_batch_does(transfers, held):
             )
         )
     assert outcomes[0] == outcomes[1]
+
+
+@pytest.mark.parametrize("name", ["one", "-1", "", "1" * 40])
+def test_a_bus_of_the_board_is_named_by_a_number(name: str) -> None:
+    with pytest.raises(UsageError, match="not a bus number"):
+        open_bus("i2c", name)
+
+
+def test_a_bus_that_the_board_does_not_have_is_not_found() -> None:
+    with pytest.raises((DeviceNotFound, LibraryMissing)):
+        open_bus("i2c", "987")

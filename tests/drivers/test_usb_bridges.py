@@ -18,6 +18,7 @@ from holdfast.core.errors import AccessDenied, DeviceNotFound, TransferFailed
 from holdfast.drivers.mcp2221 import Mcp2221
 from holdfast.drivers.tiny_usb import TinyUsb
 from holdfast.drivers.virtual.faults import Fault
+from holdfast.drivers.virtual.usb_backend import VirtualBackend
 
 
 @every_usb_bridge
@@ -52,6 +53,29 @@ def test_a_second_claim_fails_as_with_libusb_and_another_interface_is_free(make)
     backend.detach_kernel_driver(second, 0)
     backend.claim_interface(second, 0)
     backend.claim_interface(second, 0)
+
+
+def test_only_a_request_for_an_interface_that_is_no_vendor_s_claims_it(make):
+    backend = make("stm32").backend
+    second = backend.open_device(next(backend.enumerate_devices()))
+    set_delay = 2
+    assert backend.ctrl_transfer(second, 0x41, set_delay, 10, 0, b"", 10) == 0
+    with pytest.raises(usb.core.USBError, match="busy"):
+        backend.ctrl_transfer(second, 0x21, set_delay, 10, 0, b"", 10)
+
+
+def test_a_bridge_that_is_unplugged_takes_the_power_away_once(make):
+    bench = make("stm32", faults=[Fault("unplug", 1, 1), Fault("unplug", 3, 1)])
+    off = []
+    backend = VirtualBackend(
+        bench.device, bench.clock, bench.hand.faults, lambda: off.append(1)
+    )
+    counted = []
+    for now_s in (0.5, 1.2, 1.8, 2.5, 3.2, 3.8):
+        bench.clock.wait_until(round(1e9 * now_s))
+        list(backend.enumerate_devices())
+        counted.append(len(off))
+    assert counted == [0, 1, 1, 1, 2, 2]
 
 
 def test_a_handle_that_is_closed_or_unplugged_claims_nothing_any_more(make):

@@ -7,7 +7,7 @@ import pytest
 from grip_senses import RATE_HZ, sense
 
 from holdfast.edge_runtime.batch import ONE_HAND
-from holdfast.edge_runtime.grip_control import SAMPLES, SPARE, FrictionMargin
+from holdfast.edge_runtime.grip_control import FIRM_N, SAMPLES, SPARE, FrictionMargin
 
 GRIP_N = 4.0
 
@@ -149,3 +149,16 @@ def test_sensors_that_read_too_little_along_the_skin_are_corrected() -> None:
     exact = margin_of()
     sliding(exact, 0.3)
     assert margin.needed_n == pytest.approx(exact.needed_n)
+
+
+@pytest.mark.parametrize(
+    ("grip_n", "counts"),
+    [(0.9 * FIRM_N, False), (FIRM_N, False), (1.01 * FIRM_N, True)],
+)
+def test_a_hold_that_is_not_firm_says_nothing_about_friction(
+    grip_n: float, counts: bool
+) -> None:
+    margin = margin_of()
+    for _ in range(60):
+        margin.step(sense(grip_n=grip_n, load_n=grip_n))
+    assert (margin.held > 0.0) == counts

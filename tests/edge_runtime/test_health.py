@@ -302,6 +302,13 @@ def test_without_a_stored_bias_whether_the_start_was_loaded_is_not_known(
     assert {answer.started_loaded for answer in fed(model, noise(100))} == {None}
 
 
+def test_only_a_larger_force_than_that_of_an_empty_finger_is_a_load() -> None:
+    watch = LoadedStart(0.5, 150.0, 6)
+    for _ in range(1000):
+        watch.take(np.tile([0.0, 0.0, 0.5], 6), np.ones(6, dtype=np.bool_))
+    assert watch.seen_empty
+
+
 @RESTART.mark
 @pytest.mark.parametrize(
     ("rest_n", "sensors", "loaded"), [(0.31, 6, True), (0.0, 5, False)]

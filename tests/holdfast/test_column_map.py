@@ -96,6 +96,7 @@ def test_a_file_has_no_times_of_arrival_and_a_sender_does() -> None:
         ('z = "b.z"', 'z = "a.z"', r"line 15: .* allowed: not that of sensors\[0\].z"),
         ('z = "b.z"', 'z = "b.z"\nw = "q"', r"line 16: sensors\[1\].w is not known"),
         ('column = "millis"', "rate_hz = 0", r"line 5: time.unit = 'ms'"),
+        ('column = "millis"\nunit = "ms"', "arrival = 1", r"time.arrival = 1; next"),
         ("[time]", "[times]", "line 3: times is not known"),
         ('unit = "mN"', 'unit = "mN', "not valid TOML"),
     ],

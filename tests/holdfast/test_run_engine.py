@@ -224,3 +224,12 @@ def test_an_evaluation_gives_the_same_figures_with_either_engine(
         figures.append(json.loads(out.read_text("utf-8"), parse_float=to_five_places))
     assert figures[0] == figures[1]
     assert figures[0]["sets"]["two"]["data"]["recordings"] == 2
+
+
+def test_a_choice_of_an_engine_loads_none() -> None:
+    code = "import sys, holdfast.edge_runtime.engine; print(*sys.modules)"
+    words = [sys.executable, "-c", code]
+    done = subprocess.run(words, capture_output=True, text=True, check=True)
+    loaded = set(done.stdout.split())
+    named = {"graph", "model_file", "model", "c_engine"}
+    assert {f"holdfast.edge_runtime.{name}" for name in named} & loaded == set()

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import time
+
 import pytest
 
 from holdfast.core.clock import MonotonicClock
@@ -78,3 +80,23 @@ def test_a_time_that_has_passed_is_not_waited_for(machine: Machine) -> None:
         machine.now_ns += 100
     clock.wait_until(900)
     assert (clock.now_ns(), machine.slept_ns) == (1_000, 0)
+
+
+def test_the_machine_s_clock_waits_until_a_time_and_for_none_that_has_passed(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The machine ends each sleep early here; so the clock has to sleep again."""
+    now_ns, slept_s = [1_000], list[float]()
+
+    def sleep(seconds: float) -> None:
+        assert seconds >= 0.0
+        slept_s.append(seconds)
+        now_ns[0] += max(1, round(0.75e9 * seconds))
+
+    monkeypatch.setattr(time, "clock_gettime_ns", lambda which: now_ns[0])
+    monkeypatch.setattr(time, "sleep", sleep)
+    MonotonicClock().wait_until(900)
+    assert slept_s == []
+    MonotonicClock().wait_until(2_000)
+    assert now_ns == [2_000]
+    assert slept_s[:2] == pytest.approx([1e-6, 0.25e-6])

@@ -14,6 +14,7 @@ from small_model import artifact, card_of, graph_of, spec
 from holdfast.core.errors import CardError, ChannelError, DataNotFound, NotAModel
 from holdfast.core.hand_card import (
     HandCard,
+    find_hand_card,
     hand_of_counts,
     read_hand_card,
     shipped_hands,
@@ -136,6 +137,7 @@ def test_a_contact_without_a_sensor_presses_and_has_no_channels(tmp_path: Path) 
     [
         (('side = "thumb"', 'side = "palm"'), ["sensors[0].side", "thumb or opposing"]),
         (("along_mm = 0", "along_mm = 1e4"), ["sensors[0].along_mm", "-100 to 100"]),
+        (("along_mm = 0", "along_mm = -101"), ["sensors[0].along_mm", "-100 to 100"]),
         (("along_mm = 0", "along_mm = nan"), ["sensors[0].along_mm", "mm"]),
         (("along_mm = 0", "along_mm = true"), ["sensors[0].along_mm", "mm"]),
         (("along_mm = 0\n", ""), ["sensors[0].along_mm", "every sensor"]),
@@ -327,3 +329,19 @@ def test_a_damaged_card_in_a_model_is_a_typed_error() -> None:
         stored = read_card({"holdfast.card": json.dumps(card), **SEALED})
         with pytest.raises(NotAModel, match="hand card"):
             _ = stored.hand
+
+
+def test_a_name_that_no_file_can_have_is_no_hand_card() -> None:
+    for name in ("x" * 5000, "a\0b"):
+        with pytest.raises(CardError, match="no hand card"):
+            find_hand_card(name)
+
+
+@pytest.mark.parametrize("count", [1, 2, 5])
+def test_contacts_of_a_thumb_lie_evenly_around_its_middle(count: int) -> None:
+    hand = hand_of_counts(count, 1)
+    places_m = hand.along_m[: hand.thumb]
+    assert len(places_m) == count
+    assert float(places_m.sum()) == pytest.approx(0.0, abs=1e-12)
+    steps_m = np.diff(places_m)
+    assert steps_m == pytest.approx(np.full(count - 1, steps_m[:1].sum()))

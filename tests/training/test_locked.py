@@ -67,6 +67,11 @@ def test_a_part_of_a_locked_set_is_locked(tmp_path: Path) -> None:
     assert lock_of(action.parent)
 
 
+def test_the_nearest_set_says_whether_a_folder_is_locked(tmp_path: Path) -> None:
+    a_set(tmp_path / "set")
+    assert lock_of(a_set(tmp_path / "set" / "mine", seed=100)) == ""
+
+
 def test_recordings_copied_out_of_a_locked_set_are_locked(tmp_path: Path) -> None:
     truth = {"card": "thesis", "card_sha256": "0", "seed": 7001, "phases": []}
     (tmp_path / "mine").mkdir()

@@ -1,0 +1,101 @@
+"""Which test files try a change of a module, and which test noticed it."""
+
+from __future__ import annotations
+
+import re
+from functools import cache
+from pathlib import Path
+
+PYTHON = Path(__file__).resolve().parents[1] / ".venv/bin/python"
+FOLDERS = (
+    "edge_runtime",
+    "drivers",
+    "training",
+    "holdfast",
+    "simulation",
+    "export",
+    "fuzz",
+)
+"""Folders of tests/ that test these packages; not those of studies, pages and the house."""
+LONG_FILES = "tests/support/longest_first.py"
+"""The list of slow test files there: these are used only where no other names the module."""
+LONGEST_CHAIN = 3
+MOST_FILES, MOST_AGAIN = 2, 10
+"""Test files for a module; the larger number for what lived with the smaller."""
+OF_EVERY_MODULE = "tests/house/test_values.py"
+
+
+def naming_tests(module: Path, most: int) -> list[str]:
+    """The test files that name a module, or else one that imports it; best match first.
+
+    The module itself is added where it holds doctests, and the test of all values.
+    """
+    modules = texts("holdfast", "**/*.py")
+    files = {
+        name: text
+        for folder in FOLDERS
+        for name, text in texts(f"tests/{folder}", "test_*.py").items()
+    }
+    found = mentions(module, files)
+    importers = {str(module): 0}
+    for _ in range(LONGEST_CHAIN):
+        if not found:
+            importers = {
+                name: 0 for one in importers for name in mentions(Path(one), modules)
+            }
+            for importer in importers:
+                found |= mentions(Path(importer), files)
+    slow = set(re.findall(r'"(test_\w+)"', Path(LONG_FILES).read_text("utf-8")))
+    found = {
+        name: times for name, times in found.items() if Path(name).stem not in slow
+    } or found
+    near = f"tests/{module.parts[1]}/"
+    ranked = sorted(
+        found,
+        key=lambda name: (
+            module.stem not in name,
+            not name.startswith(near),
+            -found[name],
+            name,
+        ),
+    )
+    own = [str(module)] if ">>> " in modules[str(module)] else []
+    return [*own, *ranked[:most], OF_EVERY_MODULE]
+
+
+def mentions(module: Path, files: dict[str, str]) -> dict[str, int]:
+    """Files that import a module, with how often the names of its package's module occur."""
+    dotted = ".".join(module.with_suffix("").parts).removesuffix(".__init__")
+    parent, _, stem = dotted.rpartition(".")
+    imports = (
+        rf"{re.escape(dotted)}\b(?!\.)|from {re.escape(parent)} import [^\n]*\b{stem}\b"
+    )
+    return {
+        name: text.count(stem)
+        for name, text in files.items()
+        if re.search(imports, text)
+    }
+
+
+@cache
+def texts(folder: str, pattern: str) -> dict[str, str]:
+    """The files of a folder of the tree, by name."""
+    return {
+        str(path): path.read_text("utf-8")
+        for path in sorted(Path(folder).glob(pattern))
+    }
+
+
+def command_of(names: list[str]) -> str:
+    """The command that runs test files, until one fails."""
+    return f"{PYTHON} -m pytest -p no:xdist -p no:cacheprovider -q -x {' '.join(names)}"
+
+
+def failures(output: str) -> set[str]:
+    """Tests that failed by pytest's short summary, without parameters; or files not collected."""
+    return set(re.findall(r"^(?:FAILED|ERROR) ([^\s\[]+)", output, re.MULTILINE))
+
+
+def noticing(output: str) -> str:
+    """The first test that failed; empty where none did, or none began."""
+    return min(failures(output), default="")
