@@ -227,7 +227,9 @@ class TrialImport:
         action = names["action"]
         events = self._events_of(rows, place, cut)
         phases: tuple[Phase, ...] = ()
-        if events or (self.plan.events is not None and self.plan.events.rest):
+        # a trial named for a slip that has no row keeps the labels of its name: it is no grasp
+        rests = self.plan.events is not None and self.plan.events.rest
+        if events or (rests and action in ("", "hold", DAILY)):
             begin = int(rows.stamps[cut.first])
             skipped = cut.key if self.plan.trials.by == "events" else ""
             path = self._events.path_of(place) if self._events else place.path
