@@ -225,7 +225,7 @@ def _require_local(where: LineUrl, report: Report) -> None:
         )
     if network and where.key is None:
         report(
-            f"{where.parts.scheme}://{where.parts.netloc}: without key=FILE, whoever can read "
+            f"{where.parts.scheme}://{where.parts.netloc}: without key=FILE, a program that reads "
             "this network can send samples, which move the hand"
         )
 

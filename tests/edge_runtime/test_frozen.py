@@ -64,9 +64,9 @@ def test_five_frozen_sensors_and_a_live_one_are_unknown_within_a_quarter_second(
     model: Model,
 ) -> None:
     """1300 of 1300 such samples were called grasp before."""
-    told = answers(model, with_frozen(noise(1500), [0, 1, 2, 3, 4], 200))
-    assert {answer.state for answer in told[150:200]} == {"grasp"}
-    assert {answer.state for answer in told[200 + MOST + 5 :]} == {"unknown"}
+    answered = answers(model, with_frozen(noise(1500), [0, 1, 2, 3, 4], 200))
+    assert {answer.state for answer in answered[150:200]} == {"grasp"}
+    assert {answer.state for answer in answered[200 + MOST + 5 :]} == {"unknown"}
 
 
 @FROZEN_SENSOR.mark
@@ -74,18 +74,18 @@ def test_where_the_model_has_enough_others_a_frozen_sensor_is_degraded(
     model: Model,
 ) -> None:
     assert model.card.min_valid_sensors == 4
-    told = answers(model, with_frozen(noise(400), [5], 200))
-    assert not any(answer.degraded for answer in told[: 200 + MOST])
-    assert all(answer.degraded for answer in told[200 + MOST + 1 :])
-    assert "unknown" not in {answer.state for answer in told[150:]}
+    answered = answers(model, with_frozen(noise(400), [5], 200))
+    assert not any(answer.degraded for answer in answered[: 200 + MOST])
+    assert all(answer.degraded for answer in answered[200 + MOST + 1 :])
+    assert "unknown" not in {answer.state for answer in answered[150:]}
 
 
 def test_a_hand_whose_chips_count_their_readings_is_not_judged_by_them(
     model: Model,
 ) -> None:
     values = with_frozen(noise(500), [0, 1, 2, 3, 4], 200)
-    told = answers(model, values, has_counters=True)[150:]
-    assert not any(answer.degraded or answer.why for answer in told)
+    answered = answers(model, values, has_counters=True)[150:]
+    assert not any(answer.degraded or answer.why for answer in answered)
 
 
 def test_a_sensor_that_comes_back_is_believed_at_once() -> None:

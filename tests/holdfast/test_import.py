@@ -428,3 +428,23 @@ def test_dates_are_a_clock_and_a_counter_is_none(run: Run, tmp_path: Path) -> No
     assert "# time: when, 100 Hz" in out
     (place,) = (tmp_path / "set").rglob("trial_1.csv")
     np.testing.assert_allclose(read_trial(place).t_s, one.t_s, atol=1e-6)
+
+
+def test_a_slip_trial_without_a_row_of_events_is_not_labelled_as_a_grasp(
+    run: Run, tmp_path: Path
+) -> None:
+    events = (
+        '[events]\nfile = "e.csv"\ntrial = "file"\nstart = "at"\nend = "to"\n'
+        'label = "what"\nrest = "grasp"\n'
+    )
+    (tmp_path / "logs").mkdir()
+    rows = "file,at,to,what\na_slip_1,2,2.3,risky_slip\n"
+    (tmp_path / "logs/e.csv").write_text(rows)
+    code, out = by_map(run, tmp_path, "[facts]", f"{events}[facts]")
+    assert code == 0, out
+    _, out, _ = run("check", tmp_path / "set", "--json")
+    labels = {
+        k: n for cell in json.loads(out)["cells"] for k, n in cell["labels_by"].items()
+    }
+    assert labels.pop("events") == 1
+    assert sum(labels.values()) == 1
