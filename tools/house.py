@@ -33,17 +33,24 @@ for k in range(3):
 VERBS = """
 from holdfast.cli.main import main
 for words in {}:
-    main(words)
+    assert main(words) == 0
 """
 RUN = ["run", "holdfast-150hz", "--source", "virtual://ft232h", "--quiet"]
-LOOP = ["loop", "thesis", "--trials", "2", "--jobs", "1", "--json", "loop.json"]
+LOOP = ["loop", "coarse.toml", "--trials", "1", "--jobs", "1", "--json", "loop.json"]
+COARSE = """
+from importlib.resources import files
+from pathlib import Path
+card = (files("holdfast") / "simulation/cards/pull-soft-ball.toml").read_text("utf-8")
+Path("coarse.toml").write_text(card + "[physics]\\nstep_s = 0.003\\n", "utf-8")
+"""
+"""A scene with few steps: the walk loads the same modules."""
 TRAIN = ["train", "--learner", "forest", "--out", "made"]
 EXPORT = ["export", "made", "--out", "made.onnx"]
 WALKS = {
     "import holdfast": "import holdfast; dir(holdfast)",
     "a fed monitor": MONITOR,
     "a virtual hand": VERBS.format([[*RUN, "--seconds", "0.5"]]),
-    "a closed loop": VERBS.format([LOOP]),
+    "a closed loop": COARSE + VERBS.format([LOOP]),
     "train and export": VERBS.format([TRAIN, EXPORT]),
 }
 """A walk through the house -> the program that goes it."""

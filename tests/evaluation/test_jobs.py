@@ -21,7 +21,7 @@ from command_line import Run
 from dask_cluster import of_this_process
 from distributed import LocalCluster
 from loop_bench import card_text, row
-from small_jobs import HELD, dies_once, held, square
+from small_jobs import HELD, dies_at_gate, dies_once, held, square
 
 from holdfast.core.errors import UsageError, WorkersLost
 from holdfast.evaluation import jobs
@@ -128,10 +128,14 @@ def test_no_worker_outlives_the_program_that_started_it(
 def test_a_worker_that_is_killed_is_an_error_that_says_how_far_it_came(
     tmp_path: Path,
 ) -> None:
-    lethal = partial(dies_once, tmp_path / "mark")
+    # it dies only when the first result is here: a pool that breaks gives none
+    gate = tmp_path / "gate"
+    os.mkfifo(gate)
+    lethal = partial(dies_at_gate, gate)
     three: list[Job[Any]] = [partial(square, 1), lethal, partial(square, 2)]
     run = Workers(2).run(three)
     assert next(run)[0] == 1
+    gate.write_bytes(b"")
     with pytest.raises(WorkersLost, match="the first 1 of 3 jobs were finished"):
         list(run)
 

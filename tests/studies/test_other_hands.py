@@ -41,7 +41,7 @@ def test_trials_on_another_hand_have_the_same_objects_and_people(
 def test_the_learner_of_six_fingertips_answers_on_a_gripper_of_two_pads(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    words = ["hands", "--hands", "two-pad-gripper", "--trials", "8", "--jobs", "1"]
+    words = ["hands", "--hands", "two-pad-gripper", "--trials", "4", "--jobs", "1"]
     words += ["--seed", "130", "--model", str(DEFAULT), "--out", str(tmp_path)]
     assert start("studies", PROGRAMS, words) == 0
     found = json.loads((tmp_path / "hands.json").read_text("utf-8"))

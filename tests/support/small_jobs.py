@@ -24,6 +24,12 @@ def dies_once(mark: Path) -> str:
     return mark.name
 
 
+def dies_at_gate(gate: Path) -> None:
+    """Kills its own process once something opens the other end of a named pipe."""
+    gate.read_bytes()
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
 def held(pipe: Path) -> None:
     """Writes a byte once it runs, and has the pipe open until HELD is set or its process ends."""
     with pipe.open("wb", buffering=0) as begun:
