@@ -7,12 +7,14 @@ chooses thresholds, one trains the thesis' forest, which is a baseline; neither 
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
 
 from holdfast.cli.command import path_argument
 from holdfast.cli.main import main as holdfast
 from holdfast.core.writing import write_whole
+from holdfast.edge_runtime.model import Model
 from tools.harness import SimulatedSet, simulate_sets
 
 MODEL = Path("models/holdfast-150hz.onnx")
@@ -46,7 +48,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Simulate the sets, score the model; figures.json and report.html."""
-    simulate_sets(_sets(args.out), args.out)
+    rate_hz = Model(args.model).card.rate_hz
+    simulate_sets(_sets(args.out, rate_hz), args.out)
     words = ["evaluate", str(args.model), "--data"]
     words += [str(args.out / one.folder) for one in SCORED]
     words += ["--choose", str(args.out / CHOOSE.folder)]
@@ -58,12 +61,12 @@ def run(args: argparse.Namespace) -> int:
     return holdfast(words)
 
 
-def _sets(out: Path) -> list[SimulatedSet]:
-    """All sets; the scene of the rough objects is written first, for it is no shipped one."""
+def _sets(out: Path, rate_hz: float) -> list[SimulatedSet]:
+    """All sets at the model's rate; the scene of the rough objects, no shipped one, is written."""
     scene = out / f"{TEXTURE}.toml"
     thesis = files("holdfast") / "simulation" / "cards" / "thesis.toml"
     out.mkdir(parents=True, exist_ok=True)
     write_whole(scene, thesis.read_text("utf-8") + "\n[effects.texture]\n")
     rough = SimulatedSet(TEXTURE, str(scene), 300, 7001)
     others = [one for one in SCORED if one.folder != TEXTURE]
-    return [*others, rough, CHOOSE, TRAIN]
+    return [replace(one, rate_hz=rate_hz) for one in (*others, rough, CHOOSE, TRAIN)]

@@ -14,7 +14,9 @@ from pathlib import Path
 
 import numpy as np
 
+from holdfast.cli.command import path_argument
 from holdfast.core.reading import Json, model_path
+from holdfast.edge_runtime.model import Model
 from tools.harness import SimulatedSet, measured_now, simulate_sets, write_figures
 
 TRIALS = 600
@@ -40,14 +42,17 @@ ROW = (
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this program."""
     parser.add_argument("--trials", type=int, default=TRIALS, metavar="N")
+    model = model_path("holdfast-150hz")
+    parser.add_argument("--model", type=path_argument, default=model, metavar="FILE")
 
 
 def run(args: argparse.Namespace) -> int:
     """Simulate, evaluate, and write wide.json."""
-    one = SimulatedSet(FOLDER, SCENE, args.trials, args.seed, 150.0)
+    rate_hz = Model(args.model).card.rate_hz
+    one = SimulatedSet(FOLDER, SCENE, args.trials, args.seed, rate_hz)
     simulate_sets([one], args.out)
     evaluated = args.out / "evaluated.json"
-    words = [sys.executable, "-m", "holdfast", "evaluate", model_path("holdfast-150hz")]
+    words = [sys.executable, "-m", "holdfast", "evaluate", args.model]
     words += ["--data", args.out / FOLDER, "--json", evaluated]
     subprocess.run(list(map(str, words)), check=True)
     write_figures(args.out / "wide.json", figures_of(args.out / FOLDER, evaluated))

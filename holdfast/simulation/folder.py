@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import io
 import json
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -336,7 +337,11 @@ def _origin(simulated: SimulatedTrial, sensors: Mapping[str, Drawn]) -> Json:
     """What was drawn for a trial; the object's numbers decide whether a grip holds it."""
     trial = simulated.trial
     held = simulated.trial.object
-    drawn = {name: round(value, 6) for name, value in trial.drawn.items()}
+    # a hold that a table bears uses no number of its friction, and JSON has no infinity
+    drawn = {
+        name: round(value, 6) if math.isfinite(value) else None
+        for name, value in trial.drawn.items()
+    }
     origin: Json = {
         "number": trial.number,
         "object": held.name,
@@ -361,4 +366,4 @@ def _origin(simulated: SimulatedTrial, sensors: Mapping[str, Drawn]) -> Json:
 
 def _json(value: object) -> str:
     """JSON as it is written in a set, one key a line."""
-    return json.dumps(value, indent=1) + "\n"
+    return json.dumps(value, indent=1, allow_nan=False) + "\n"

@@ -8,14 +8,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from holdfast.core.contract import NOTHING
 from holdfast.core.errors import CardError, HoldfastError
+from holdfast.core.trial_file import read_trial
 from holdfast.core.trial_layout import is_heavy
-from holdfast.simulation.folder import write_set
+from holdfast.simulation.folder import write_recording, write_set
 from holdfast.simulation.holds import BOTH_CLOSED, LEAST_N, MOST_N
 from holdfast.simulation.protocol import GRAVITY_M_S2
 from holdfast.simulation.scene import Scene, SimulatedTrial
 from holdfast.simulation.scene_file import read_scene_file
 from holdfast.simulation.script_times import Times
+from holdfast.training.timeline import read_truth
 
 WIDE = """
 mass_g = { log_uniform = [10, 800] }
@@ -175,3 +178,17 @@ def test_values_of_every_trial_give_way_to_those_of_a_row(tmp_path: Path) -> Non
     path.write_text("[every_trial]\ncount = 2\n" + rows, encoding="utf-8")
     with pytest.raises(CardError, match="every_trial"):
         read_scene_file(str(path))
+
+
+def test_a_hold_that_a_table_bears_is_written_without_an_infinity_and_read_again(
+    tmp_path: Path,
+) -> None:
+    """Strict JSON has none, and one trial in several hundred of `wide` is such a hold."""
+    made = Scene(read_scene_file("wide"), 100)
+    (borne,) = [one for one in made.trials() if one.number == 142]
+    assert borne.drawn["used"] == np.inf
+    write_recording(tmp_path / "trial_1", made, list(made.run([borne])))
+    path = tmp_path / "trial_1.truth.json"
+    assert json.loads(path.read_text("utf-8"))["drawn"]["used"] is None
+    times_s = read_trial(tmp_path / "trial_1.csv").t_s
+    assert read_truth(path, times_s)[0].situation == NOTHING
