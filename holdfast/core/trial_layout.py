@@ -24,7 +24,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
-from holdfast.core.errors import LabelError
+from holdfast.core.errors import LabelError, one_line
 from holdfast.core.reading import Json, json_of, text_of
 
 if TYPE_CHECKING:
@@ -134,7 +134,7 @@ def read_events(path: Path) -> list[Json]:
         return events
     except (OSError, ValueError) as error:
         raise LabelError(
-            f"a line is not a JSON object ({type(error).__name__})",
+            f"a line is not a JSON object: {one_line(str(error)):.120}",
             where=path,
             next_step="correct it",
         ) from None
@@ -157,7 +157,7 @@ def read_json(path: Path) -> Json:
         return {}
     except (OSError, ValueError) as error:
         raise LabelError(
-            f"cannot be read as JSON ({type(error).__name__})",
+            f"cannot be read as JSON: {one_line(str(error)):.120}",
             where=path,
             next_step="correct or remove it",
         ) from None
