@@ -6,7 +6,7 @@ All times become ns from the log's first row. An event without an end lasts to t
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -67,6 +67,8 @@ class EventTables:
         )
         self._read: dict[Path, list[Event]] = {}
         self._known: set[str] = set()
+        self._met: set[tuple[Path, int]] = set()
+        self._missed: dict[tuple[Path, int], tuple[Event, str]] = {}
 
     def path_of(self, log: LogPlace) -> Path:
         """The table of a log."""
@@ -82,6 +84,24 @@ class EventTables:
                 if event.trial and event.trial.casefold() not in self._known:
                     found.setdefault((path, event.trial), (path, event))
         return list(found.values())
+
+    def in_ns(
+        self, path: Path, events: Sequence[Event], stamps: IntArray, zero_ns: int
+    ) -> list[Event]:
+        """Events of a table on the clock of a log or a trial; those outside of it are noted."""
+        moved = events_in_ns(events, self.rules, stamps, zero_ns)
+        for event, there in zip(events, moved, strict=True):
+            if _is_within(there, stamps):
+                self._met.add((path, event.line))
+            else:
+                why = _outside(event, self.rules, stamps)
+                self._missed[path, event.line] = event, why
+        return moved
+
+    def outside(self) -> list[tuple[Path, Event, str]]:
+        """Events that lie in no log, each with its table and with what is wrong."""
+        missed = [key for key in self._missed if key not in self._met]
+        return [(key[0], *self._missed[key]) for key in missed]
 
     def know(self, keys: Sequence[str]) -> None:
         """Names of a log or a trial that events may have."""
@@ -211,6 +231,31 @@ def _in_ns(time: float, rules: EventRules, stamps: IntArray, zero_ns: int) -> fl
         return zero_ns + time * NS_OF[rules.unit]
     row = max(0, int(time))
     return float(stamps[row]) if row < len(stamps) else float(stamps[-1] + 1)
+
+
+def _is_within(event: Event, stamps: IntArray) -> bool:
+    """Whether an event, ns, and rows [T] have a moment in common."""
+    return bool(event.start <= stamps[-1] and event.end >= stamps[0])
+
+
+def _outside(event: Event, rules: EventRules, stamps: IntArray) -> str:
+    """What is wrong with an event outside its log, and which unit and zero would mend it."""
+    lasts_s = 1e-9 * float(stamps[-1] - stamps[0])
+    what = (
+        f"{event.label or 'an event'!r:.60} begins at {event.start:g} {rules.unit}, outside its "
+        f"log of {lasts_s:.1f} s (events.unit = {rules.unit!r}, zero = {rules.zero!r})"
+    )
+    zeros = dict.fromkeys((rules.zero, "log", "clock"))
+    # the largest unit that fits: in a smaller one every event is near the beginning
+    for unit in dict.fromkeys((rules.unit, *NS_OF)):
+        for zero in zeros:
+            zero_ns = 0 if zero == "clock" else int(stamps[0])
+            (there,) = events_in_ns(
+                [event], replace(rules, unit=unit), stamps, zero_ns
+            )
+            if _is_within(there, stamps) and (unit, zero) != (rules.unit, rules.zero):
+                return f'{what}: looks like unit = "{unit}", zero = "{zero}"'
+    return what
 
 
 def events_of_column(

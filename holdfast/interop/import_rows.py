@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from holdfast.core.column_map import ColumnMap
+from holdfast.core.column_map import NS_OF, ColumnMap
 from holdfast.core.contract import FloatArray, IntArray, channel_names
 from holdfast.core.errors import ColumnError, EmptyRecording, LabelError, TimeError
 from holdfast.core.trial_file import TIME_COLUMN, Trial, implausible_rate, trial_of
@@ -99,18 +99,32 @@ def checked(rows: LogRows, cut: Cut, columns: ColumnMap, where: Path) -> Trial:
 
 
 def _require_time(t_s: FloatArray, columns: ColumnMap, where: Path) -> None:
-    """Raise TimeError where a time without a unit is none in seconds, by what it looks like."""
-    if columns.time.unit is not None or columns.time.rate_hz is not None:
-        return
+    """Raise TimeError for a rate that no hand has, by what it looks like.
+
+    A time without a unit is also one that makes a trial longer than an hour.
+    """
     steps = np.diff(t_s)
     if not len(steps) or not np.median(steps) > 0.0:
         return
-    wrong = implausible_rate(1.0 / float(np.median(steps)), float(t_s[-1]))
+    rate_hz = 1.0 / float(np.median(steps))
+    time = columns.time
+    if time.unit is None and time.rate_hz is None:
+        wrong = implausible_rate(rate_hz, float(t_s[-1]))
+        said = "time.unit of no column"
+    else:
+        wrong = implausible_rate(rate_hz) and f"runs at {rate_hz:.4g} Hz"
+        said = f"time.rate_hz = {time.rate_hz}"
+    if wrong and time.unit is not None:
+        said = f'time.unit = "{time.unit}"'
+        for unit, unit_ns in NS_OF.items():
+            then_hz = rate_hz * time.unit_ns / unit_ns
+            if not implausible_rate(then_hz):
+                wrong += f' (with unit = "{unit}": {then_hz:.4g} Hz)'
     if wrong:
         raise TimeError(
-            f"{wrong}; the map gives time.unit of no column",
+            f"{wrong}; the map gives {said}",
             where=where,
-            next_step='write unit = "ms" (or s, us, ns) to [time] of the map',
+            next_step='write unit = "ms" (or s, us, ns), or the true rate_hz, to [time] of the map',
         )
 
 

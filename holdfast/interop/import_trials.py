@@ -30,7 +30,6 @@ from holdfast.interop.events import (
     Event,
     EventTables,
     at_event,
-    events_in_ns,
     events_of_column,
     matching,
 )
@@ -112,6 +111,9 @@ class TrialImport:
                 next_step="correct its name, or remove its lines",
             )
             self.fault(at_event(stranger, path, event), path)
+        for path, event, why in self._events.outside() if self._events else []:
+            missed = LabelError(why, next_step="correct [events], or remove that line")
+            self.fault(at_event(missed, path, event), path)
 
     def _places(self) -> list[LogPlace]:
         """The logs without those that are skipped, and without tables of events."""
@@ -215,7 +217,7 @@ class TrialImport:
         in_trial = rules.zero == "trial"
         stamps = rows.stamps[cut.first : cut.stop] if in_trial else rows.stamps
         zero_ns = 0 if rules.zero == "clock" else int(stamps[0])
-        return events_in_ns(events, rules, stamps, zero_ns)
+        return self._events.in_ns(self._events.path_of(place), events, stamps, zero_ns)
 
     # -- one trial
 

@@ -253,11 +253,13 @@ def test_events_of_all_trials_in_one_sheet_go_to_their_logs(
 # -- faults
 
 
-def by_map(run: Run, tmp_path: Path, old: str, new: str) -> tuple[int, str]:
+def by_map(
+    run: Run, tmp_path: Path, old: str, new: str, begin_ms: float = 0.0
+) -> tuple[int, str]:
     """Import two logs by a map in which something is other."""
     for k in (1, 2):
         one = made(k)
-        rows = np.column_stack([1e3 * one.t_s, one.values])
+        rows = np.column_stack([begin_ms + 1e3 * one.t_s, one.values])
         write_text(tmp_path / f"logs/a_slip_{k}.csv", ["millis", *axes(5)], rows)
     text = (
         f'unit = "N"\n\n[time]\ncolumn = "millis"\nunit = "ms"\n\n{SENSORS}'
@@ -341,15 +343,50 @@ def test_a_label_that_is_not_known_names_its_line(run: Run, tmp_path: Path) -> N
     assert 'add "sliding" = .. to [events.labels]' in out
 
 
-def test_a_slow_declared_rate_is_written_and_check_says_what_it_is(
+def test_milliseconds_declared_as_seconds_are_refused_before_anything_is_written(
     run: Run, tmp_path: Path
 ) -> None:
     code, out = by_map(run, tmp_path, 'unit = "ms"', 'unit = "s"')
-    assert code == 0, out
-    code, out, _ = run("check", tmp_path / "set")
     assert code == 3
-    assert "runs at 0.1 Hz: looks like milliseconds (100 Hz)" in out
-    assert "ready for" not in out
+    assert 'runs at 0.1 Hz (with unit = "ms": 100 Hz)' in out
+    assert 'line 5: unit = "s"' in out
+    assert not (tmp_path / "set").exists()
+
+
+EVENTS = '[events]\nfile = "e.csv"\nstart = "at"\nlabel = "what"\n[facts]'
+
+
+@pytest.mark.parametrize(
+    ("times", "more", "looks"),
+    [
+        ((500, 3000), "", 'unit = "ms", zero = "log"'),
+        ((0.5, 3), 'zero = "clock"\n', 'unit = "s", zero = "log"'),
+        ((50_000_000, 3e9), 'unit = "ms"\n', 'unit = "ns", zero = "log"'),
+    ],
+)
+def test_events_outside_their_log_are_faults_that_name_what_would_fit(
+    run: Run, tmp_path: Path, times: tuple[float, float], more: str, looks: str
+) -> None:
+    (tmp_path / "logs").mkdir()
+    rows = "".join(f"{at},grasp\n" for at in times)
+    (tmp_path / "logs/e.csv").write_text(f"at,what\n{rows}")
+    events = EVENTS.replace("[facts]", f"{more}[facts]")
+    code, out = by_map(run, tmp_path, "[facts]", events, begin_ms=60_000)
+    assert code == 3
+    assert "outside its log" in out
+    assert f"looks like {looks}" in out
+    assert "nothing was written" in out
+
+
+def test_an_event_of_one_table_for_all_logs_need_only_lie_in_one_of_them(
+    run: Run, tmp_path: Path
+) -> None:
+    (tmp_path / "logs").mkdir()
+    (tmp_path / "logs/e.csv").write_text("at,what\n-1,nothing\n0.5,grasp\n99,grasp\n")
+    code, out = by_map(run, tmp_path, "[facts]", EVENTS)
+    assert code == 3
+    assert "e.csv, line 4: 'grasp' begins at 99 s, outside its log" in out
+    assert out.count("ERROR /") == 1
 
 
 def test_check_of_foreign_logs_proposes_the_import(run: Run, tmp_path: Path) -> None:
