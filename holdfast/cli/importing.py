@@ -94,20 +94,24 @@ def _plan(args: argparse.Namespace) -> ImportMap | None:
     # With --json alone on stdout, the map is in its file.
     if args.json is None:
         show(proposal.text)
-    if args.yes or (sys.stdin.isatty() and sys.stdout.isatty() and _agrees()):
-        try:
-            return import_map_of_text(proposal.text, beside)
-        except CardError:
-            # The error names a line of the map: what nothing in the logs says.
-            _write_map(beside, proposal.text)
-            raise
-    _write_map(beside, proposal.text)
     command = f"holdfast import {args.source} --out {args.out} --map {beside}"
-    show_found(
-        args,
-        f"{beside}: the map above, written; no trial yet\nnext: correct it, then {command}",
-        {"out": None, "map": str(beside), "next": command},
-    )
+    on_terminal = sys.stdin.isatty() and sys.stdout.isatty()
+    if proposal.gaps:
+        _write_map(beside, proposal.text)
+        if args.yes or on_terminal:
+            raise CardError(
+                f"the proposed map is written, but not whole: {'; '.join(proposal.gaps)}",
+                where=beside,
+                next_step=f"write what is missing, then {command}",
+            )
+    elif args.yes or (on_terminal and _agrees()):
+        return import_map_of_text(proposal.text, beside)
+    _write_map(beside, proposal.text)
+    lines = [f"{beside}: the map above, written; no trial yet"]
+    lines += [f"missing: {gap}" for gap in proposal.gaps]
+    lines.append(f"next: correct it, then {command}")
+    found = {"out": None, "map": str(beside), "next": command}
+    show_found(args, "\n".join(lines), {**found, "missing": list(proposal.gaps)})
     return None
 
 

@@ -250,9 +250,7 @@ def _outside(event: Event, rules: EventRules, stamps: IntArray) -> str:
     for unit in dict.fromkeys((rules.unit, *NS_OF)):
         for zero in zeros:
             zero_ns = 0 if zero == "clock" else int(stamps[0])
-            (there,) = events_in_ns(
-                [event], replace(rules, unit=unit), stamps, zero_ns
-            )
+            (there,) = events_in_ns([event], replace(rules, unit=unit), stamps, zero_ns)
             if _is_within(there, stamps) and (unit, zero) != (rules.unit, rules.zero):
                 return f'{what}: looks like unit = "{unit}", zero = "{zero}"'
     return what

@@ -6,6 +6,7 @@ What nothing says stays a hole in the map, which reading it then refuses with it
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -15,8 +16,15 @@ import numpy as np
 
 from holdfast.core.column_map import ColumnMap, SensorColumns, TimeColumn
 from holdfast.core.contract import UNIT_OF
-from holdfast.core.errors import ColumnError, DataError, DataNotFound, EmptyRecording
+from holdfast.core.errors import (
+    ColumnError,
+    DataError,
+    DataNotFound,
+    EmptyRecording,
+    listed,
+)
 from holdfast.core.reading import Json
+from holdfast.core.toml_lines import line_of
 from holdfast.interop.column_names import (
     counted_sensors,
     guess_sensors,
@@ -35,19 +43,27 @@ from holdfast.interop.proposed_trials import (
     propose_facts,
     propose_path,
     propose_split,
+    remarks,
 )
 
 HOLE = SensorColumns("", "", "")
+GAPS = (
+    ("time.rate_hz", "0", "rows a second, or name the column of time instead"),
+    ("sensors[0].x", '""', "columns of the first sensor; a table for each further one"),
+    ("facts.action", '""', "what is done in every trial"),
+)
+"""Key, how it is written where nothing says it, and what belongs there."""
 READ_FIRST = 4
 """Logs that are read for a proposal; the others are taken to be alike."""
 
 
 @dataclass(frozen=True)
 class Proposal:
-    """A map as text, and what it was taken from, a line each."""
+    """A map as text, what it was taken from, and what is left to be written, a line each."""
 
     text: str
     reasons: tuple[str, ...]
+    gaps: tuple[str, ...]
 
 
 def propose(source: Path) -> Proposal:
@@ -68,15 +84,39 @@ def propose(source: Path) -> Proposal:
     _add(parts, "trials", propose_split(example, reasons))
     events = propose_events(example, tables, parts.get("trials", {}), reasons)
     path = propose_path(left, reasons)
-    _add(parts, "trials", {**path, **parts.get("trials", {})})
+    skip = _skipped(source, tables, events)
+    _add(parts, "trials", {**path, **parts.get("trials", {}), **skip})
     actions, facts = propose_facts(example, parts, events, reasons)
     _add(parts, "facts", facts)
     _add(parts, "actions", actions)
     _add(parts, "events", events)
-    text = replace(columns, tables=parts).to_toml()
+    reasons += remarks(example, parts)
     head = [f"# Proposed by holdfast import for {source.name}: check every line."]
     head += [f"# {reason}" for reason in reasons]
-    return Proposal("\n".join([*head, "", text]), tuple(reasons))
+    text = "\n".join([*head, "", replace(columns, tables=parts).to_toml()])
+    return Proposal(text, tuple(reasons), tuple(_gaps(text)))
+
+
+def _gaps(text: str) -> list[str]:
+    """What nothing in the logs says and every map needs, with its line."""
+    found = []
+    for key, empty, what in GAPS:
+        number = line_of(text, key)
+        if number and text.split("\n")[number - 1].endswith(f"= {empty}"):
+            found.append(f"line {number}: {key} = {empty}: {what}")
+    return found
+
+
+def _skipped(source: Path, tables: Sequence[ForeignLog], events: Json) -> Json:
+    """[trials] skip: tables without sensors that hold no events."""
+    root = source if source.is_dir() else source.parent
+    file = str(events.get("file", ""))
+    names = []
+    for table in tables:
+        name = table.path.relative_to(root)
+        if "{name}" not in file and name.as_posix() != file:
+            names.append(name.with_suffix("").as_posix())
+    return {"skip": names} if names else {}
 
 
 def _add(parts: Json, name: str, table: Json) -> None:
@@ -114,8 +154,12 @@ def _examples(places: Sequence[LogPlace]) -> tuple[list[ForeignLog], list[Foreig
 
 def _may_be_events(place: LogPlace, places: Sequence[LogPlace]) -> bool:
     """By its name, or because no other file is of its kind or in its folder."""
-    words = r"event|label|marker|annot|phase|slip|onset|trials|meta|notes"
+    words = r"event|label|marker|annot|phase|slip|onset|trials|meta|notes|ereig|notiz"
     if re.search(words, place.path.stem.lower()):
+        return True
+    # a name that is built in another way than those of most logs
+    forms = Counter(len(re.split("[/_]", one.name)) for one in places)
+    if forms[len(re.split("[/_]", place.name))] == 1 < len(places):
         return True
     alike = [one for one in places if one.kind == place.kind]
     beside = [one for one in places if one.path.parent == place.path.parent]
@@ -153,7 +197,10 @@ def _sensors(
             f"sensors: {len(sensors)}, three numbered columns each, taken to be x, y, z"
         )
         return sensors
-    reasons.append("sensors: no names with x, y and z; write the columns of each")
+    there = listed(names, most=40)
+    reasons.append(
+        f"sensors: no names with x, y and z; write the columns of each, out of {there}"
+    )
     return []
 
 

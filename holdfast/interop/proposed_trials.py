@@ -11,7 +11,7 @@ import numpy as np
 
 from holdfast.core.column_map import NS_OF, SensorColumns, TimeColumn
 from holdfast.core.contract import SITUATIONS
-from holdfast.core.errors import count_of
+from holdfast.core.errors import count_of, listed
 from holdfast.core.reading import Json
 from holdfast.interop.column_names import longest_stream, unit_of_time, words_of
 from holdfast.interop.events import is_event_table
@@ -29,17 +29,34 @@ from holdfast.training.datasets.trials import action_of
 from holdfast.training.timeline import LABELLED_ACTIONS, UNSCRIPTED
 
 WORDS = {
-    "trial": {"trial", "run", "episode", "recording", "rep", "repetition", "take"},
-    "person": {"person", "subject", "participant", "subj", "sub", "proband", "user"},
-    "object": {"object", "item", "obj", "objekt"},
-    "action": {"action", "condition", "task", "label", "class"},
-    "start": {"start", "begin", "from", "onset", "t0", "time", "beginn"},
-    "end": {"end", "stop", "to", "until", "offset", "finish", "ende"},
+    "trial": {"trial", "run", "episode", "recording", "rep", "repetition", "take"}
+    | {"datei", "versuch", "durchgang", "fichier", "essai", "archivo", "ensayo"},
+    "person": {"person", "subject", "participant", "subj", "sub", "proband", "user"}
+    | {"teilnehmer", "sujet", "sujeto", "participante"},
+    "object": {"object", "item", "obj", "objekt", "gegenstand", "objet", "objeto"},
+    "action": {"action", "condition", "task", "label", "class", "aktion", "tarea"},
+    "start": {
+        "start",
+        "begin",
+        "from",
+        "onset",
+        "t0",
+        "time",
+        "beginn",
+        "von",
+        "anfang",
+    }
+    | {"d\u00e9but", "debut", "inicio", "desde"},
+    "end": {"end", "stop", "to", "until", "offset", "finish", "ende", "bis"}
+    | {"fin", "hasta"},
     "label": {"label", "event", "what", "phase", "state", "situation", "type", "marker"}
     | {"annotation", "description", "name", "data", "class", "labels", "events"}
-    | {"markers", "states", "phases"},
+    | {"markers", "states", "phases", "was", "ereignis", "zustand"}
+    | {"\u00e9v\u00e9nement", "evenement", "\u00e9tat", "evento", "estado"},
     ROW: {"row", "rows", "index", "frame", "sample"},
 }
+FINGERS = {"thumb", "index", "middle", "ring", "little", "pinky", "daumen", "finger"}
+"""Words of a file that holds one finger of several."""
 PERSON = re.compile(
     r"(?i)(p|s|vp|sub|subj|subject|person|participant|proband)[-_ ]?\d+"
 )
@@ -195,7 +212,39 @@ def propose_path(places: Sequence[LogPlace], reasons: list[str]) -> Json:
     separators = [*first[1::2], ""]
     path = "".join(a + b for a, b in zip(parts, separators, strict=True))
     reasons.append(f"names: {path}, by the paths of {count_of(len(places), 'log')}")
+    for k, field in fields.items():
+        if field == "object" and len(set(tokens[k])) > 1:
+            names = listed(list(dict.fromkeys(tokens[k])), most=4)
+            reasons.append(
+                f"object: {names}: a guess; where they are people, write {{person}} instead, "
+                "because a model is judged on people that it has not seen"
+            )
     return {"path": path}
+
+
+def remarks(example: Example, parts: Mapping[str, Json]) -> list[str]:
+    """What nothing in the logs says, and what it means, a line each."""
+    trials, facts = parts.get("trials", {}), parts.get("facts", {})
+    known = {*trials, *facts, *example.log.about}
+    path = str(trials.get("path", ""))
+    lines = []
+    if "person" not in known and "{person}" not in path:
+        lines.append(
+            "person: nothing says it; with facts.person, trials.person or {person} in "
+            "trials.path, a model is judged on people that it has not seen"
+        )
+    if "object" not in known and "{object}" not in path:
+        lines.append(
+            'object: nothing says it; the folder is named "object" (facts.object, '
+            "trials.object or {object} in trials.path)"
+        )
+    one_each = [place for place in example.places if words_of(place.name) & FINGERS]
+    if len(one_each) > 1:
+        lines.append(
+            f"{one_each[0].path.name} looks like one finger of several: a log holds all sensors of "
+            "a trial; put files of the same rows side by side first"
+        )
+    return lines
 
 
 def propose_events(
@@ -205,12 +254,21 @@ def propose_events(
     reasons: list[str],
 ) -> Json:
     """[events], from a table beside the logs or from a column of labels."""
+    chosen: Json = {}
     for table in tables:
         columns = table.streams[0].columns
         found = _events_of_table(table, columns, example, trials)
-        if found:
-            reasons.append(f"events: {table.path.name}, by the names of its columns")
-            return found
+        if found and not chosen:
+            reasons.append(f"events: {table.path.name}, by its columns")
+            chosen = found
+        elif not _is_of_same_tables(table, tables, chosen):
+            names = listed(list(columns), most=12)
+            reasons.append(
+                f"skipped: {table.path.name}, which has no sensor (columns {names}); if it holds "
+                "events, write [events] file, start, end, label and trial"
+            )
+    if chosen:
+        return chosen
     for name, column in example.columns.items():
         if name in example.taken or not words_of(name) & WORDS["label"]:
             continue
@@ -225,6 +283,18 @@ def propose_events(
     return {}
 
 
+def _is_of_same_tables(
+    table: ForeignLog, tables: Sequence[ForeignLog], chosen: Json
+) -> bool:
+    """Whether a table is another log's table of events, as {name} says."""
+    file = str(chosen.get("file", ""))
+    if "{name}" not in file:
+        return False
+    before, after = file.split("{name}")
+    name = table.path.as_posix()
+    return name.endswith(after) and Path(before).name in table.path.name
+
+
 def _events_of_table(
     table: ForeignLog, columns: Columns, example: Example, trials: Mapping[str, object]
 ) -> Json:
@@ -233,11 +303,20 @@ def _events_of_table(
         return {}
     numbers = {name: c for name, c in columns.items() if not is_text(c)}
     texts = {name: c for name, c in columns.items() if is_text(c)}
+    trial = _trial_column(columns, example, trials)
+    times = [name for name in numbers if name != trial]
     start = _first_named("start", numbers)
+    if start is None and trial is not None and len(times) in (1, 2):
+        # a sheet whose cells name the logs, with headings in another language
+        start = times[0]
     if start is None:
         return {}
     end = _first_named("end", {n: c for n, c in numbers.items() if n != start})
-    trial = _trial_column(columns, example, trials)
+    if end is None and len(times) == 2 and start == times[0]:
+        later = columns[times[1]].astype(np.float64) >= columns[start].astype(
+            np.float64
+        )
+        end = times[1] if later.all() else None
     others = {name: column for name, column in texts.items() if name != trial}
     label = _first_named("label", others) or next(iter(others), None)
     if label is None:
@@ -253,8 +332,8 @@ def _events_of_table(
     if end is not None:
         found["end"] = end
     found["label"] = label
-    times = columns[end or start].astype(np.float64)
-    found |= _time_of_events(start, float(np.nanmax(times)), example)
+    latest = float(np.nanmax(columns[end or start].astype(np.float64)))
+    found |= _time_of_events(start, latest, example)
     if found.get("zero") is None and trials.get("by") == "column" and trial is not None:
         found["zero"] = "trial"
     return _with_labels(found, _situations(_labels(columns[label])), [])

@@ -105,8 +105,8 @@ ANY_HAND = {
 begins, so the grip answers earlier, and a request asks for more (development seeds)."""
 SLOW_HZ = 100.0
 SLOW_PERMILLE = 680
-"""Below SLOW_HZ it asks for a little less: at 50 Hz a slip has a third of the samples that it has at
-150 Hz, so fewer of them are sure that it begins (development seeds)."""
+"""Below SLOW_HZ it asks for a little less: at 50 Hz a slip has a third of the samples that it has
+at 150 Hz, so fewer of them are sure that it begins (development seeds)."""
 
 UNTUNED = ForestPlan(kind="random", class_weight=None)
 """The thesis' forest: 100 trees, nothing chosen."""

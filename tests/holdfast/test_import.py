@@ -85,7 +85,9 @@ def test_a_text_table_of_any_form_becomes_the_same_trial(
     if style == "spaces_without_a_clock":
         fails(run, 3, "CardError", *words, "--map", proposed, says="time.rate_hz = 0")
         proposed.unlink()
-        fails(run, 3, "CardError", *words, "--yes", says=f"{proposed}: line")
+        fails(
+            run, 3, "CardError", *words, "--yes", says="time.rate_hz = 0: rows a second"
+        )
         text = proposed.read_text("utf-8").replace("rate_hz = 0", "rate_hz = 100")
         proposed.write_text(text, "utf-8")
     code, out, err = run(*words, "--map", proposed)
@@ -122,6 +124,79 @@ def test_a_map_that_was_corrected_is_not_written_over(
     assert run(*words)[0] == 2
     (tmp_path / "set-map.toml").write_text("# mine\n")
     fails(run, 5, "OutputError", *words, says="may hold your corrections")
+
+
+def named_logs(folder: Path, *names: str) -> None:
+    """A log for each name, with an axis in each heading."""
+    for k, name in enumerate(names):
+        one = made(k)
+        rows = np.column_stack([one.t_s, one.values])
+        write_text(folder / f"{name}.csv", ["time_s", *axes(5)], rows)
+
+
+def test_all_that_a_map_misses_is_listed_at_once_with_the_columns_there_are(
+    run: Run, tmp_path: Path, one: Made
+) -> None:
+    names = ["nr", *(f"{word}{k}" for k in range(5) for word in ("a", "b", "c"))]
+    rows = np.column_stack([np.arange(len(one.t_s)) // 2, one.values])
+    write_text(tmp_path / "logs/first.csv", names, rows)
+    words = ("import", tmp_path / "logs", "--out", tmp_path / "set")
+    code, out, _ = run(*words)
+    assert code == 2
+    assert "out of nr, a0, b0, c0" in out
+    fails(run, 3, "CardError", *words, "--yes", says="sensors[0].x")
+    missing = [line for line in out.splitlines() if line.startswith("missing: line ")]
+    keys = [line.split(": ")[2].split(" = ")[0] for line in missing]
+    assert keys == ["time.rate_hz", "sensors[0].x", "facts.action"]
+
+
+def test_names_that_may_be_people_are_called_a_guess(run: Run, tmp_path: Path) -> None:
+    named_logs(tmp_path / "logs", "anna_slip_1", "ben_slip_2", "anna_hold_3")
+    _, out, _ = run("import", tmp_path / "logs", "--out", tmp_path / "set")
+    assert 'path = "{object}_{action}_{trial}"' in out
+    assert "# object: anna, ben: a guess; where they are people, write {person}" in out
+    assert "# person: nothing says it" in out
+
+
+SHEETS = {
+    "ereignisse": "datei;von;bis;was\n{a};3.0;3.5;slip\n{b};3.1;3.6;slip\n",
+    "b": "log;aa;bb;cc\n{a};3.0;3.5;slip\n{b};3.1;3.6;slip\n",
+}
+
+
+@pytest.mark.parametrize("name", SHEETS)
+def test_a_sheet_with_foreign_headings_is_taken_by_its_cells(
+    run: Run, tmp_path: Path, name: str
+) -> None:
+    logs = [f"p01_mug_{k}" for k in range(6)]
+    named_logs(tmp_path / "logs", *logs)
+    text = SHEETS[name].format(a=logs[0], b=logs[1])
+    (tmp_path / f"logs/{name}.csv").write_text(text)
+    words = ("import", tmp_path / "logs", "--out", tmp_path / "set")
+    code, out, err = run(*words, "--yes")
+    assert code == 0, out + err
+    assert 'path = "{person}_{object}_{trial}"' in out
+    assert f"# events: {name}.csv, by its columns" in out
+    assert 'slip = "risky_slip"' in out
+
+
+def test_a_sheet_that_holds_no_events_is_named_and_skipped(
+    run: Run, tmp_path: Path
+) -> None:
+    named_logs(tmp_path / "logs", *(f"p01_mug_slip_{k}" for k in range(5)))
+    (tmp_path / "logs/weights.csv").write_text("thing,grams\nmug,198\ncup,90\n")
+    words = ("import", tmp_path / "logs", "--out", tmp_path / "set")
+    code, out, err = run(*words, "--yes")
+    assert code == 0, out + err
+    assert "# skipped: weights.csv, which has no sensor (columns thing, grams)" in out
+    assert 'skip = ["weights"]' in out
+    assert "5 trials" in out
+
+
+def test_a_file_for_each_finger_is_noticed(run: Run, tmp_path: Path) -> None:
+    named_logs(tmp_path / "logs", "a_slip_thumb", "a_slip_index")
+    _, out, _ = run("import", tmp_path / "logs", "--out", tmp_path / "set")
+    assert "looks like one finger of several" in out
 
 
 # -- one long file
@@ -446,8 +521,9 @@ def test_a_terminal_is_asked_and_no_is_no(tmp_path: Path, one: Made) -> None:
 def test_a_missing_library_names_its_extra(
     monkeypatch: pytest.MonkeyPatch, library: str, extra: str, module: str
 ) -> None:
-    monkeypatch.setitem(sys.modules, library, None)
+    # first with its library, and again without
     reader = importlib.import_module(f"holdfast.interop.logs.{module}")
+    monkeypatch.setitem(sys.modules, library, None)
     with pytest.raises(LibraryMissing, match=rf"pip install 'holdfast\[{extra}\]'"):
         importlib.reload(reader)
 
