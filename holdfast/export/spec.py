@@ -246,7 +246,8 @@ class StepSpec:
         lost = ", ".join(f"{band:g}" for band in self.lost_bands())
         if lost:
             warnings.warn(
-                f"bands left out at {self.rate_hz:.4g} Hz: {lost} Hz",
+                f"bands left out at {self.rate_hz:.4g} Hz: {lost} Hz (too near half the rate, or "
+                "above it; the others are used)",
                 BandsLeftOut,
                 stacklevel=2,
             )

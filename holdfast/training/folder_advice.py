@@ -126,7 +126,8 @@ def advice_on(
     found += unweighed
     # A class that seems to be missing may be in the trial that could not be read.
     if all_read:
-        found += _missing_situations(root, classes)
+        by_force = {trial.recording.unit for trial in trials} == {"N"}
+        found += _missing_situations(root, classes, nothing_by_force=by_force)
         if not unweighed:
             found += _missing_weights(root, classes)
         if len(people) > 1:
@@ -136,8 +137,13 @@ def advice_on(
     return found
 
 
-def _missing_situations(root: Path, classes: Sequence[ClassSeconds]) -> list[Missing]:
-    """The situations without a sample: a forest cannot learn what it never saw."""
+def _missing_situations(
+    root: Path, classes: Sequence[ClassSeconds], *, nothing_by_force: bool
+) -> list[Missing]:
+    """The situations without a sample: a forest cannot learn what it never saw.
+
+    nothing_by_force: in N a model knows an empty hand by its force, and learns nothing of it.
+    """
     absent = [one.situation for one in classes if not one.seconds]
     # Of one situation alone there is nothing to learn.
     level: Level = "advice"
@@ -146,6 +152,8 @@ def _missing_situations(root: Path, classes: Sequence[ClassSeconds]) -> list[Mis
 
     found = []
     for situation in absent:
+        if nothing_by_force and situation == SITUATIONS[NOTHING] and level == "advice":
+            continue
         what = f"no {situation}: {WITHOUT[situation]}"
         next_step = f"record {root / PLACE[situation]}"
         found.append(Missing(level, str(root), what, next_step))

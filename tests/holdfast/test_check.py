@@ -199,6 +199,17 @@ def test_what_is_missing_is_advice_with_what_it_would_bring(
     assert "no risky_slip: a model cannot tell that an object slips" in said
 
 
+def test_an_open_hand_is_asked_for_only_where_force_does_not_tell_it(
+    run: Run, tmp_path: Path
+) -> None:
+    for unit, asked in (("N", False), ("uT", True)):
+        root = tmp_path / unit
+        write_phases(root / "mug/pull/trial_1.csv", "grasp", "risky_slip")
+        (root / "meta.json").write_text(json.dumps({"unit": unit}))
+        whats = [missing["what"] for missing in reported(run, root)["missing"]]
+        assert any(what.startswith("no nothing") for what in whats) == asked
+
+
 def test_one_situation_alone_is_nothing_to_train_on(run: Run, tmp_path: Path) -> None:
     write_phases(tmp_path / "mug/pull/trial_1.csv", "risky_slip")
     report = reported(run, tmp_path)

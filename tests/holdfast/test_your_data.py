@@ -14,7 +14,7 @@ from command_line import fails
 
 from holdfast.core.column_map import IMPORT_TABLES
 from holdfast.core.hand_card import HANDS
-from holdfast.interop.import_map import import_map_of_text
+from holdfast.interop.import_map import ACTIONS, import_map_of_text
 from holdfast.training.fixture import write_example
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -60,6 +60,11 @@ def test_the_page_runs_from_the_first_command_to_the_last(
     ]
     assert (card["groups"], card["group_kind"]) == (3, "person")
     assert set(names["answers"]["truth"].dropna()) == {"nothing", "grasp", "safe_slip"}  # type: ignore[index]
+
+
+def test_the_page_names_every_action_that_a_map_may_have() -> None:
+    page = PAGE.read_text("utf-8")
+    assert [action for action in ACTIONS if f"`{action}`" not in page] == []
 
 
 def test_the_map_of_the_page_is_read(tmp_path: Path) -> None:
