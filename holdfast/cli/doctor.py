@@ -23,10 +23,11 @@ def run(args: argparse.Namespace) -> int:
     from holdfast.live.installation import examine
 
     findings = examine(_data_sets, _settings)
+    width = max(len(one.what) for one in findings) + 2
     lines = []
     for one in findings:
         step = f"  -> {one.next_step}" if one.next_step else ""
-        lines.append(f"{one.status:<11}{one.what:<28}{one.found}{step}")
+        lines.append(f"{one.status:<11}{one.what:<{width}}{one.found}{step}")
 
     show_found(args, "\n".join(lines), {"findings": [asdict(one) for one in findings]})
     return 0
@@ -45,9 +46,9 @@ def _data_sets() -> list[Finding]:
     findings = [Finding(name, "ok", f"in {folder}") for name in there]
     missing = [name for name in PUBLIC_SETS if name not in there]
     if missing:
-        found = f"{', '.join(missing)}: not in {folder}"
-        step = "HOLDFAST_DATA names the folder (only for figures on real recordings)"
-        findings.append(Finding("data sets", "missing", found, step))
+        found = f"not in {folder}: {', '.join(missing)}"
+        step = "only for figures on public recordings: HOLDFAST_DATA names their folder"
+        findings.append(Finding("public data sets", "ok", found, step))
     return findings
 
 

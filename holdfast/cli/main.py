@@ -139,8 +139,13 @@ def _run(verb: str, argv: Sequence[str]) -> int:
     module = import_module(module_name)
     parser = _parser(verb, argv, about)
     module.add_arguments(parser)
-    code: int = module.run(parser.parse_args(argv))
+    code: int = module.run(parser.parse_args([_stdin_url(word) for word in argv]))
     return code
+
+
+def _stdin_url(word: str) -> str:
+    """`-?map=FILE` as a URL: argparse takes it for an option."""
+    return f"stdin://{word[1:]}" if word.startswith("-?") else word
 
 
 def _parser(verb: str, argv: Sequence[str], about: str) -> Parser:

@@ -30,7 +30,7 @@ from holdfast.core.line_session import NOT_RISING, SILENCE_NS, LineRefused
 from holdfast.core.source import SelfPaced, SourceReading
 from holdfast.core.tally import Tally
 from holdfast.drivers.line_feeds import Feed
-from holdfast.drivers.sample_lines import SampleLine, SampleReader
+from holdfast.drivers.sample_lines import NAME_A_MAP, SampleLine, SampleReader
 
 FIRST_S = 10.0
 """An opened source must send within this time."""
@@ -124,8 +124,7 @@ class LineSource(SelfPaced):
     def _open(self) -> None:
         """Wait for the first samples, and learn of them what the source is."""
         # what waited before this program began has no known time
-        if not self._options.paced:
-            self._drop_waiting()
+        self._waited = dropped = 0 if self._options.paced else self._drop_waiting()
         first = self._first_samples()
         column_map = self._reader.map
         assert column_map is not None
@@ -134,6 +133,7 @@ class LineSource(SelfPaced):
         self.rate_hz: float | None = self._rate_of(first)
         self._period_ns = 1e9 / self.rate_hz
         if not self._options.paced:
+            dropped += len(self._waiting) - 1
             self._waiting = deque(first[-1:])
         self._last = self._reading(*first[-1])
         self._looked_ns = self._clock.now_ns()
@@ -141,6 +141,7 @@ class LineSource(SelfPaced):
         self._say(
             f"{self._feed.name}: {self.n_channels // 3} sensors in {self.unit} at "
             f"{self.rate_hz:.4g} Hz, stamps of {stamps}"
+            + (f"; {dropped:,} samples before that are dropped" if dropped else "")
         )
 
     # -- the first samples
@@ -169,15 +170,20 @@ class LineSource(SelfPaced):
     def _no_sample(self) -> DeviceNotFound:
         refused = self._tally.total.most_common(1)
         cause = "its sender does not run, or sends elsewhere"
+        next_step = "start the sender; docs/live-sources.md shows the lines"
         if refused:
             kind, count = refused[0]
             cause = f"{count:,} lines were {kind}, as the message above shows"
+            next_step = f"correct the lines, or {NAME_A_MAP}"
+        elif self._waited:
+            cause = "its lines were there before this program was, and ended"
+            next_step = "paced=1 for a recording; a live sender goes on"
         how_long = "" if self._feed.ended else f" for {FIRST_S:g} s"
         return DeviceNotFound(
             f"no sample came{how_long}",
             where=self._feed.name,
             cause=cause,
-            next_step="start the sender; docs/live-sources.md shows the lines",
+            next_step=next_step,
         )
 
     def _rate_of(self, first: list[tuple[SampleLine, int]]) -> float:
@@ -267,17 +273,21 @@ class LineSource(SelfPaced):
         self._given += 1
         return self._valued(line, due_ns)
 
-    def _drop_waiting(self) -> None:
-        """Drop what came while nothing was read; headers count."""
+    def _drop_waiting(self) -> int:
+        """Drop what came while nothing was read; headers count. Returns how many samples."""
+        dropped = len(self._waiting)
         self._waiting.clear()
         for _ in range(MOST_DROPPED):
             lines = self._feed.pull(0.0)
             if not lines:
-                return
+                break
             for peer, text in lines:
-                if not text.startswith(ROW_BEGINS):
-                    with suppress(LineRefused):
-                        self._reader.take(text, peer, self._clock.now_ns())
+                if text.startswith(ROW_BEGINS):
+                    dropped += 1
+                    continue
+                with suppress(LineRefused):
+                    self._reader.take(text, peer, self._clock.now_ns())
+        return dropped
 
     def _collect(self, timeout_s: float) -> None:
         """Take what comes; waits at most so long for the first bytes."""

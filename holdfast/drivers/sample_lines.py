@@ -71,6 +71,13 @@ class _Header:
     separator: str
 
 
+NAME_A_MAP = (
+    "describe the columns in a map, and add it to the URL: ?map=FILE (for - : "
+    '"stdin://?map=FILE")'
+)
+"""What to do about columns that are not those of a trial."""
+
+
 def map_of_names(names: Collection[str], unit: Unit) -> ColumnMap:
     """The map of columns that are called X1, Y1, Z1, ..; Raises ColumnError."""
     numbers = [int(found[1]) for found in map(CHANNEL.fullmatch, names) if found]
@@ -79,7 +86,7 @@ def map_of_names(names: Collection[str], unit: Unit) -> ColumnMap:
     if not 0 < n_sensors <= MOST_SENSORS or not set(channels) <= set(names):
         raise ColumnError(
             f"no columns X1, Y1, Z1 to Xn, Yn, Zn among {listed(list(names))}",
-            next_step="name a column map: map=FILE",
+            next_step=NAME_A_MAP,
         )
     sensors = [SensorColumns(*channels[k : k + 3]) for k in range(0, len(channels), 3)]
     time = TimeColumn(arrival=True)

@@ -163,8 +163,11 @@ def _file_bytes(path: Path) -> bytes:
             next_step=f"export one (holdfast export DIR), or name one of {', '.join(shipped())}",
         ) from None
     except OSError as error:
+        next_step = "check the path"
+        if (path / "artifact.json").is_file():
+            next_step = f"holdfast export {path} makes its file, {path / 'holdfast.onnx'}: give that"
         raise NotAModel(
-            f"cannot be read ({error.strerror})", where=path, next_step="check the path"
+            f"cannot be read ({error.strerror})", where=path, next_step=next_step
         ) from None
 
     if size > MOST_BYTES:

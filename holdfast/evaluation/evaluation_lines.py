@@ -152,7 +152,7 @@ def _warnings(figures: WindowFigures) -> list[str]:
         warnings.append(
             f"WARNING: the model was trained on {figures.trained_on_recordings} of these "
             f"{count_of(figures.heads.n_trials, 'recording')}; these figures flatter it. "
-            "Held-out figures are in its card and in make real."
+            "Held-out figures are in its card, and in the report of holdfast train --report."
         )
 
     return warnings

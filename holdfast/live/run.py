@@ -23,6 +23,7 @@ from holdfast.edge_runtime.engine import ModelChoice, OpenedModel
 from holdfast.edge_runtime.model_file import ModelCard
 from holdfast.edge_runtime.monitor import GripMonitor, require_fit
 from holdfast.edge_runtime.preparation import Tare
+from holdfast.live.bias import ZeroWatch
 from holdfast.live.hand_sources import open_live, shear_gain_of
 from holdfast.live.loop import Emit, Summary, report_summary, run_live
 from holdfast.live.outputs import (
@@ -54,9 +55,6 @@ if TYPE_CHECKING:
 
 PACE_READS = 30
 """So many scans may be too slow before a hand is: the first ones are, and so is a busy machine."""
-UNLOADED = (
-    "no --bias: the first samples must be of the unloaded hand; this is not checked"
-)
 NO_SHEAR_GAIN = (
     "the shear gain of these sensors is not known, so the friction estimate takes 1; "
     "holdfast calibrate measures it from loads with shear"
@@ -202,8 +200,8 @@ class _Run:
                 for line in about_model(self._model.card, options.model.path):
                     self.report(line)
                 resting = resting_of(options.bias, source)
-                if resting is None:
-                    self.report(UNLOADED)
+                if resting is None and self._model.card.preparation.bias_rows:
+                    outputs.append(ZeroWatch(self._model.card, self.report))
                 if self._shear_gain is None:
                     self.report(NO_SHEAR_GAIN)
                 summary = answer(

@@ -176,15 +176,18 @@ def learning_curve(
         points.append(point)
 
     if points:
-        every = _cut(one_task, plan, 1.0, seed)
-        points.append(_point(one_task, every, whole))
+        every = _point(one_task, _cut(one_task, plan, 1.0, seed), whole)
+        # the largest share of few groups is all of them
+        points = [point for point in points if point.n_groups < every.n_groups]
+        points += [every] if points else []
     return points
 
 
 def per_doubling(points: Sequence[CurvePoint]) -> float | None:
     """What twice the trials brought to the macro F1: a line through it over log2 of the trials.
 
-    A curve flattens, so the next doubling brings this much at most. None with less than two points.
+    A curve flattens, so the next doubling brings this much at most. None with less than three
+    points: two say nothing of how well a line fits.
     """
     n_trials = []
     macro_f1 = []
@@ -192,7 +195,7 @@ def per_doubling(points: Sequence[CurvePoint]) -> float | None:
         if point.macro_f1 is not None:
             n_trials.append(point.n_trials)
             macro_f1.append(point.macro_f1)
-    if len(macro_f1) < 2:
+    if len(macro_f1) < 3:
         return None
     slope, _ = np.polyfit(np.log2(n_trials), macro_f1, 1)
     return float(slope)

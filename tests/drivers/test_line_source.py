@@ -157,9 +157,10 @@ def test_every_line_is_read_once_at_its_arrival() -> None:
 
 def test_the_rate_is_measured_and_a_bias_is_of_every_line() -> None:
     clock = VirtualClock()
-    source, feed, _ = opened(clock, LineOptions())
+    source, feed, said = opened(clock, LineOptions())
     assert source.rate_hz == pytest.approx(150.0, rel=1e-3)
     first = feed.next
+    assert said[-1].endswith(f"; {first - 1} samples before that are dropped")
     rows = read_rows(source, clock, 1.0)
     expected = [json.loads(feed.line(first - 1 + k)) for k in range(len(rows))]
     assert len(rows) == 150
@@ -325,6 +326,7 @@ def test_a_calibration_turns_a_field_into_a_force() -> None:
         ({"ends": 0}, LineOptions(), DeviceNotFound, "no sample came"),
         ({"late_ns": lambda k: 10**12}, LineOptions(), DeviceNotFound, "for 10 s"),
         ({"line": lambda k: b"a"}, LineOptions(), DeviceNotFound, "not understood"),
+        ({"line": lambda k: b"a"}, LineOptions(), DeviceNotFound, "correct the lines"),
         ({"line": text_of, "ends": 1}, LineOptions(), RateError, "rate_hz=150"),
     ],
 )

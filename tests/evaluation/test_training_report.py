@@ -60,6 +60,12 @@ def test_a_set_is_held_out_by_person_else_object_else_session_else_trial(
     assert people.kind == "person"
 
 
+def test_a_gain_is_read_off_three_points_at_least() -> None:
+    points = [CurvePoint(k, 10.0 * k, 0.1 * k, None) for k in (1.0, 2.0, 4.0)]
+    assert per_doubling(points[:2]) is None
+    assert per_doubling(points) == pytest.approx(0.15)
+
+
 def test_the_headline_is_the_held_out_figure_and_a_curve_shows_fewer_trials(
     run: Run, tmp_path: Path
 ) -> None:
@@ -75,9 +81,10 @@ def test_the_headline_is_the_held_out_figure_and_a_curve_shows_fewer_trials(
     value = f"{held_out['situations']['macro_f1']:.3f}"
     by = held_out["group_kind"]
     assert f"<h1>Held out by {by}: macro F1 {value}</h1>" in page
-    assert (
-        figures["learning_curve"][-1]["macro_f1"] == held_out["situations"]["macro_f1"]
-    )
+    curve = figures["learning_curve"]
+    assert curve[-1]["macro_f1"] == held_out["situations"]["macro_f1"]
+    groups = [point["n_groups"] for point in curve]
+    assert groups == sorted(set(groups)), "no share of the groups comes twice"
     trials = [point["n_trials"] for point in figures["learning_curve"]]
     assert trials == sorted(trials)
     assert ("<svg" in page) == bool(trials)

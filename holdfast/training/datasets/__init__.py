@@ -77,12 +77,17 @@ def load(
     root = find(name_or_path)
     layout = layout_of(root)
     if layout is None:
+        next_step = (
+            "give a public set, a folder of `holdfast record`, or a folder with "
+            "<object>/<action>/trial_<n>.csv; holdfast check says what was found"
+        )
+        if has_logs(root):
+            next_step = f"logs of another program: {import_command(root)}"
         raise DataNotFound(
             "no known data set in this folder",
             where=root,
             cause="a level too high or too low, or an empty copy",
-            next_step="give a public set, a folder of `holdfast record`, or a folder with "
-            "<object>/<action>/trial_<n>.csv; holdfast check says what was found",
+            next_step=next_step,
         )
 
     # Only the layouts of folders of trials choose windows; a public set brings its own.

@@ -1,0 +1,50 @@
+"""A run without a bias says when its zero is taken, and when it was taken from a closed hand."""
+
+from __future__ import annotations
+
+import numpy as np
+from live_bench import DEFAULT
+
+from holdfast.core.contract import NORMAL_AXIS, Sample
+from holdfast.edge_runtime.monitor import Model
+from holdfast.live.bias import PULLS_FLOORS, PULLS_S, ZeroWatch
+
+CARD = Model(DEFAULT).card
+LONG = round(PULLS_S * CARD.rate_hz) + 1
+"""Samples in a row after which the hand is warned of."""
+
+
+def watched(
+    normal_n: float, samples: int, valid: bool = True
+) -> tuple[ZeroWatch, list[str]]:
+    """Five samples at zero, then one sensor at a force along its normal."""
+    lines: list[str] = []
+    watch = ZeroWatch(CARD, lines.append)
+    for k in range(5 + samples):
+        values = np.zeros(CARD.n_channels)
+        usable = np.ones(CARD.n_channels // 3, dtype=np.bool_)
+        if k >= 5:
+            values[3 + NORMAL_AXIS] = normal_n
+            usable[1] = valid
+        watch.write(None, Sample(k, values, usable, k))
+    return watch, lines
+
+
+def test_the_user_is_asked_to_keep_the_hand_open_and_then_freed() -> None:
+    _, lines = watched(5.0, LONG)
+    assert "keep the hand open" in lines[0]
+    assert lines[1:] == ["the zero is taken: the hand may close now"]
+
+
+def test_a_fingertip_that_is_pulled_at_was_pressed_when_its_zero_was_taken() -> None:
+    below = -1.01 * PULLS_FLOORS * CARD.normal_floor
+    _, lines = watched(below, 10 * LONG)
+    assert len(lines) == 3
+    assert lines[2].startswith("warning: sensor 2 reads -0.61 N along its normal")
+
+
+def test_a_short_pull_noise_and_a_lost_sensor_are_no_reason_to_warn() -> None:
+    below = -1.01 * PULLS_FLOORS * CARD.normal_floor
+    assert len(watched(below, LONG - 1)[1]) == 2
+    assert len(watched(0.9 * below, 10 * LONG)[1]) == 2
+    assert len(watched(below, 10 * LONG, valid=False)[1]) == 2
