@@ -66,8 +66,8 @@ def test_a_released_file_acts_in_pulls_of_an_unseen_object_and_in_few_hand_overs
         )
         monitor = GripMonitor(model, None)
         acted[one.trial.action] += any(monitor.feed(sample).act for sample in source)
-    # 77 of 80 pulls of this object are acted in (docs/evaluation.md): one of 16 may be missed.
-    assert acted["pull"] >= 15
+    # 77 of 80 pulls of this object are acted in, at 50 Hz 68 (docs/evaluation.md)
+    assert acted["pull"] >= (15 if model.card.rate_hz == 150.0 else 11)
     assert acted["pass"] < 3
 
 
