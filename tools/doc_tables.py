@@ -81,7 +81,7 @@ SOURCES: dict[str, dict[str, str]] = {
     },
     "docs/second-physics.md": {
         "before": "docs/measured/world-d86a7e638b14.json",
-        "world": "build/world/world.json",
+        "world": "docs/measured/world-326dbe034565.json",
         "intent": "docs/measured/world-intent-326dbe034565.json",
     },
     "docs/shared-control.md": {
