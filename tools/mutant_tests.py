@@ -20,7 +20,7 @@ FOLDERS = (
 LONG_FILES = "tests/support/longest_first.py"
 """The list of slow test files there: these are used only where no other names the module."""
 LONGEST_CHAIN = 3
-MOST_FILES, MOST_AGAIN = 2, 10
+MOST_FILES, MOST_MORE = 2, 10
 """Test files for a module; the larger number for what lived with the smaller."""
 OF_EVERY_MODULE = "tests/house/test_values.py"
 

@@ -293,3 +293,13 @@ def test_an_unfinished_command_of_an_earlier_program_is_cleared_before_the_next_
     # a write of 65 bytes, of which none came
     bench.backend.device.write(OUT_ENDPOINT, b"\x11\x40\x00")
     assert bus.scan(ONE)[1].data == IDENTITY
+
+
+def test_bytes_beyond_those_asked_for_are_a_transfer_that_failed() -> None:
+    bench = Bench()
+    bus = bench.open_bus()
+    assert isinstance(bus, Ft232h)
+    bench.backend.device._answers += b"\x00" * 7
+    with pytest.raises(TransferFailed, match=r"\d+ bytes arrived, not \d+"):
+        bus.scan(ONE)
+    assert bus.scan(ONE)[1].data == IDENTITY
