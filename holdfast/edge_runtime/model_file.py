@@ -165,7 +165,8 @@ def _file_bytes(path: Path) -> bytes:
     except OSError as error:
         next_step = "check the path"
         if (path / "artifact.json").is_file():
-            next_step = f"holdfast export {path} makes its file, {path / 'holdfast.onnx'}: give that"
+            made = path / "holdfast.onnx"
+            next_step = f"holdfast export {path} makes its file: give {made}"
         raise NotAModel(
             f"cannot be read ({error.strerror})", where=path, next_step=next_step
         ) from None

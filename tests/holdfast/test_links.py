@@ -28,7 +28,7 @@ def test_a_module_by_its_short_name_is_the_package_s_own(name: str) -> None:
 
 
 def test_a_module_that_is_not_there_is_missed_by_its_own_name() -> None:
-    with pytest.raises(ModuleNotFoundError, match="holdfast.training.nowhere"):
+    with pytest.raises(ModuleNotFoundError, match=r"holdfast\.training\.nowhere"):
         import_module("training.nowhere")
 
 
