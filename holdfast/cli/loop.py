@@ -57,15 +57,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="seed of every choice (default 0)",
     )
     add_job_options(parser, 2)
+    page = "write an HTML page with trials as they went by (needs the extra viz)"
+    option("--report", type=path_argument, metavar="OUT.html", help=page)
     add_json_option(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     """Run, print a line a controller, write the figures."""
+    from holdfast.core.writing import require_writable
     from holdfast.evaluation.closed_loop import LoopComparison
     from holdfast.training.progress import counted
 
     require_json_writable(args)
+    if args.report is not None:
+        require_writable(args.report.parent)
     comparison = LoopComparison(
         model=chosen_model(args),
         cards=tuple(args.cards),
@@ -79,7 +84,7 @@ def run(args: argparse.Namespace) -> int:
     comparison.require_runnable()
     announced = f"running {', '.join(args.cards)} in a closed loop (simulated)"
     with counted(announced, 1) as done:
-        figures = comparison.run(chosen_workers(args), done)
+        figures, runs = comparison.run(chosen_workers(args), done)
 
     lines = []
     for card, rows in figures.items():
@@ -87,6 +92,11 @@ def run(args: argparse.Namespace) -> int:
         lines.append(f"{card}, {lag}, seed {args.seed} (simulated)")
         lines += [_in_words(name, one) for name, one in rows.items()]
 
+    if args.report is not None:
+        from holdfast.evaluation.loop_report import write_loop_report
+
+        page = write_loop_report(args.report, comparison, figures, runs)
+        lines.append(f"report: {page}")
     show_found(args, "\n".join(lines), comparison.to_json(figures))
     return 0
 

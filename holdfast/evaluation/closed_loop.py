@@ -370,6 +370,8 @@ def _by_evidence(request: LoopRequest) -> LoopRequest:
 
 FiguresByCard = dict[str, dict[str, LoopFigures]]
 """Scene -> controller -> its figures."""
+RunsByCard = dict[str, dict[str, list[ThreeRuns]]]
+"""Scene -> controller -> its trials."""
 
 
 @dataclass(frozen=True)
@@ -401,7 +403,9 @@ class LoopComparison:
         for card in self.cards:
             require_runnable(model, card)
 
-    def run(self, workers: Workers, done: Callable[[float], None]) -> FiguresByCard:
+    def run(
+        self, workers: Workers, done: Callable[[float], None]
+    ) -> tuple[FiguresByCard, RunsByCard]:
         """Run every controller on every scene. done: gets the share of the work that is done."""
         runs = LoopRuns(self.model, workers, done)
         wanted = []
@@ -415,12 +419,15 @@ class LoopComparison:
         runs.run(wanted)
 
         figures: FiguresByCard = {}
+        trials: RunsByCard = {}
         for loop_set, request in wanted:
             # By the name of the scene: a path would differ from machine to machine.
-            of_card = figures.setdefault(Path(loop_set.card).stem, {})
-            of_card[request.name] = runs.figures(loop_set, request)
+            name = Path(loop_set.card).stem
+            of_request = runs.figures(loop_set, request)
+            figures.setdefault(name, {})[request.name] = of_request
+            trials.setdefault(name, {})[request.name] = runs.runs(loop_set, request)
 
-        return figures
+        return figures, trials
 
     def to_json(self, figures: FiguresByCard) -> Json:
         """The figures with all that they depend on."""

@@ -144,6 +144,10 @@ class ThreeRuns:
         """The bare hand hands the object over, after the action began."""
         return self.bare.act_s <= _taken_s(self.bare) < np.inf
 
+    def hands_over(self, action: str) -> bool:
+        """A hand-over of a kind; what the bare hand does not finish is none."""
+        return self.completes and self.bare.trial.action == action
+
     @property
     def blocked(self) -> bool:
         """The hand-over needs more force, more time or an override."""
@@ -310,8 +314,8 @@ class LoopFigures:
 
 def loop_figures(runs: Sequence[ThreeRuns]) -> LoopFigures:
     """The figures of one controller on one set."""
-    passes = [run for run in runs if _hands_over(run, "pass")]
-    put_downs = [run for run in runs if _hands_over(run, "put-down")]
+    passes = [run for run in runs if run.hands_over("pass")]
+    put_downs = [run for run in runs if run.hands_over("put-down")]
     # Only fragile objects can be crushed, so only they are in the denominator.
     fragile = [run for run in runs if run.bare.trial.object.crush_n > 0.0]
     preventable = [run for run in runs if run.preventable]
@@ -372,11 +376,6 @@ def loop_figures(runs: Sequence[ThreeRuns]) -> LoopFigures:
         mu_observed=len(known_errors),
         mu_error_p50=_percentile(known_errors, 50),
     )
-
-
-def _hands_over(run: ThreeRuns, action: str) -> bool:
-    """Whether a trial is a hand-over of a kind; what the bare hand does not finish is none."""
-    return run.completes and run.bare.trial.action == action
 
 
 def _losses(runs: Sequence[ThreeRuns]) -> dict[str, int]:

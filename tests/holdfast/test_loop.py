@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -50,7 +51,8 @@ def test_the_figures_of_every_controller_are_written_and_printed(
     run: Run, tmp_path: Path
 ) -> None:
     words = ("--controller", "holdfast", "oracle", "--lag-ms", 20, "--seed", 3)
-    printed, written_json = looped(run, tmp_path, CARD, *words)
+    page = tmp_path / "report.html"
+    printed, written_json = looped(run, tmp_path, CARD, *words, "--report", page)
     assert (written_json["kind"], written_json["lag_ms"], written_json["seed"]) == (
         "simulated",
         20.0,
@@ -71,6 +73,17 @@ def test_the_figures_of_every_controller_are_written_and_printed(
     assert rows["oracle"]["saved_share"] == 1.0
     assert "of 2 hand-overs blocked" in printed
     assert "(simulated)" in printed
+    text = page.read_text("utf-8")
+    figures = rows["holdfast"]
+    headline = f"{figures['saved']} of 1 preventable drop saved by holdfast"
+    assert f"<h1>{headline}</h1>" in text
+    shown = re.findall(r"<h3>(.*?)</h3>", text)
+    saved = "saved" if figures["saved"] else "lost"
+    assert shown[0].endswith(f"the first preventable drop that was {saved}")
+    blocked = {one for one in shown if "hand-over" in one}
+    assert len(blocked) == (2 if figures["blocked"] == 1 else 1)
+    assert text.count("<svg") == len(shown)
+    assert "1 preventable drops" not in text
 
 
 def test_what_no_hand_can_hold_is_an_outcome(run: Run, tmp_path: Path) -> None:
