@@ -33,6 +33,7 @@ from holdfast.interop.column_names import (
     longest_stream,
     turned_normals,
     unit_of_signals,
+    words_of,
 )
 from holdfast.interop.logs.find import LogPlace, find_logs, read_log
 from holdfast.interop.logs.layout import TableFormat
@@ -43,7 +44,6 @@ from holdfast.interop.proposed_trials import (
     propose_facts,
     propose_path,
     propose_split,
-    remarks,
 )
 
 HOLE = SensorColumns("", "", "")
@@ -53,6 +53,8 @@ GAPS = (
     ("facts.action", '""', "what is done in every trial"),
 )
 """Key, how it is written where nothing says it, and what belongs there."""
+FINGERS = {"thumb", "index", "middle", "ring", "little", "pinky", "daumen", "finger"}
+"""Words of a file that holds one finger of several."""
 READ_FIRST = 4
 """Logs that are read for a proposal; the others are taken to be alike."""
 
@@ -90,11 +92,36 @@ def propose(source: Path) -> Proposal:
     _add(parts, "facts", facts)
     _add(parts, "actions", actions)
     _add(parts, "events", events)
-    reasons += remarks(example, parts)
+    reasons += _remarks(example, parts)
     head = [f"# Proposed by holdfast import for {source.name}: check every line."]
     head += [f"# {reason}" for reason in reasons]
     text = "\n".join([*head, "", replace(columns, tables=parts).to_toml()])
     return Proposal(text, tuple(reasons), tuple(_gaps(text)))
+
+
+def _remarks(example: Example, parts: Json) -> list[str]:
+    """What nothing in the logs says, and what it means, a line each."""
+    trials, facts = parts.get("trials", {}), parts.get("facts", {})
+    known = {*trials, *facts, *example.log.about}
+    path = str(trials.get("path", ""))
+    lines = []
+    if "person" not in known and "{person}" not in path:
+        lines.append(
+            "person: nothing says it; with facts.person, trials.person or {person} in "
+            "trials.path, a model is judged on people that it has not seen"
+        )
+    if "object" not in known and "{object}" not in path:
+        lines.append(
+            'object: nothing says it; the folder is named "object" (facts.object, '
+            "trials.object or {object} in trials.path)"
+        )
+    one_each = [place for place in example.places if words_of(place.name) & FINGERS]
+    if len(one_each) > 1:
+        lines.append(
+            f"{one_each[0].path.name} looks like one finger of several: a log holds all sensors of "
+            "a trial; put files of the same rows side by side first"
+        )
+    return lines
 
 
 def _gaps(text: str) -> list[str]:

@@ -55,8 +55,6 @@ WORDS = {
     | {"\u00e9v\u00e9nement", "evenement", "\u00e9tat", "evento", "estado"},
     ROW: {"row", "rows", "index", "frame", "sample"},
 }
-FINGERS = {"thumb", "index", "middle", "ring", "little", "pinky", "daumen", "finger"}
-"""Words of a file that holds one finger of several."""
 PERSON = re.compile(
     r"(?i)(p|s|vp|sub|subj|subject|person|participant|proband)[-_ ]?\d+"
 )
@@ -220,31 +218,6 @@ def propose_path(places: Sequence[LogPlace], reasons: list[str]) -> Json:
                 "because a model is judged on people that it has not seen"
             )
     return {"path": path}
-
-
-def remarks(example: Example, parts: Mapping[str, Json]) -> list[str]:
-    """What nothing in the logs says, and what it means, a line each."""
-    trials, facts = parts.get("trials", {}), parts.get("facts", {})
-    known = {*trials, *facts, *example.log.about}
-    path = str(trials.get("path", ""))
-    lines = []
-    if "person" not in known and "{person}" not in path:
-        lines.append(
-            "person: nothing says it; with facts.person, trials.person or {person} in "
-            "trials.path, a model is judged on people that it has not seen"
-        )
-    if "object" not in known and "{object}" not in path:
-        lines.append(
-            'object: nothing says it; the folder is named "object" (facts.object, '
-            "trials.object or {object} in trials.path)"
-        )
-    one_each = [place for place in example.places if words_of(place.name) & FINGERS]
-    if len(one_each) > 1:
-        lines.append(
-            f"{one_each[0].path.name} looks like one finger of several: a log holds all sensors of "
-            "a trial; put files of the same rows side by side first"
-        )
-    return lines
 
 
 def propose_events(

@@ -36,7 +36,7 @@ def test_a_program_loads_few_modules(walk: str, tmp_path: Path) -> None:
 def test_few_files_are_shipped_and_none_is_long(shipped: Size) -> None:
     # 306 before other people's files and any sender: 18 modules import logs (interop/logs, maps,
     # events), 4 read lines, 3 hold the rule of links (session, key, port)
-    assert shipped.files <= 332
+    assert shipped.files <= 333
     assert shipped.most_lines <= 450
     # 225 since imports and own trials: files of the middle grew by a few lines each
     assert 120 <= shipped.median_lines <= 227
@@ -47,7 +47,8 @@ def test_what_is_shipped_is_plain(shipped: Size) -> None:
     # 377,000 before imports (30,000), lines as a source and frozen sensors (9,000), the rule of
     # links and what receivers check (4,000), and what adapt, dask and the page refuse (2,000).
     # Imports are mostly tables of names and units, which are many nodes a line.
-    assert shipped.nodes <= 426_000
+    # 3,000 since then: what a proposed map guesses and misses, and the report of a closed loop
+    assert shipped.nodes <= 430_000
     assert shipped.nodes_a_line <= 5.80
     assert shipped.comprehensions_per_1000_lines <= 20
 
