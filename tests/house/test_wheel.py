@@ -193,7 +193,7 @@ def test_the_readmes_commands_are_those_of_the_wheel(
     # the wheel has no folder models/: a shipped model has a name
     assert re.findall(r"holdfast \w+ models/", readme) == []
     commands = commands_of_the_readme()
-    assert sum("virtual://" in command for command in commands) >= 2
+    assert any("virtual://" in command for command in commands)
     for printed in commands:
         words = shlex.split(printed)[1:]
         if words[0] == "run":
