@@ -121,7 +121,7 @@ def _refusal(what: str, path: str | Path) -> NotAModel:
 
 
 def _give_back_memory() -> None:
-    """Return freed memory to the system, where libc can: the default model's 114 MB become 82.
+    """Return freed memory to the system, where libc can: a quarter of the process.
 
     onnxruntime takes a forest apart node by node, and glibc keeps the freed pieces.
     """

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import fields, replace
 from itertools import product
 from typing import NamedTuple
 
@@ -323,3 +324,12 @@ def test_whatever_is_wanted_a_target_is_finite_and_within_the_ceiling(
         assert 0.0 <= target_n <= QUICK.ceiling_n
         if math.isnan(wanted_n):
             assert target_n <= before_n
+
+
+@pytest.mark.parametrize("wrong", [float("nan"), float("inf"), -1.0])
+@pytest.mark.parametrize("name", [one.name for one in fields(Limits)])
+def test_a_limit_that_is_no_finite_number_from_zero_on_is_refused(
+    name: str, wrong: float
+) -> None:
+    with pytest.raises(ValueError, match=f"{name} = {wrong}"):
+        replace(Limits(), **{name: wrong})

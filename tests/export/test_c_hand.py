@@ -20,6 +20,7 @@ from holdfast.edge_runtime.batch import ManyHands
 from holdfast.edge_runtime.decision import LIMITS, DecisionRules, DecisionState, decide
 from holdfast.edge_runtime.grip import AnswerRules, GripSense, possible
 from holdfast.edge_runtime.grip_control import GripLoop, controller_of
+from holdfast.edge_runtime.supervisor import Limits
 from holdfast.export.c.constants import RULE_ORDER
 from holdfast.export.c.graph import read_graph
 from holdfast.export.exporting import model_card, seal
@@ -214,3 +215,22 @@ def test_whatever_is_sensed_a_target_in_c_and_python_is_finite_and_within_the_ce
     assert (wanted["target_n"] > 0.0).mean() > 0.1
     few = run(form.program("gcc", *SANITISED), "grip", given[:20], COMMAND)
     assert few.tobytes() == got[:20].tobytes()
+
+
+IMPOSSIBLE = (float("nan"), float("inf"), -1.0)
+
+
+@pytest.mark.parametrize("wrong", IMPOSSIBLE)
+@pytest.mark.parametrize("at", range(8))
+def test_an_option_that_is_no_finite_number_leaves_the_defaults_in_c(form, at, wrong):
+    """Python refuses such limits; C has no exception, and says -1."""
+    senses = random_senses(5, 60, 5)
+    given = records_of(senses, 5)
+    own = Limits()
+    lead_n = given["options"][0, 0, 0]
+    limits = (own.ceiling_n, own.slew_n_s, own.rise_s, own.most_rise_s)
+    given["options"] = (lead_n, *limits, own.give_back_s, own.give_back_n_s, 1.0)
+    program = form.program("gcc", "-O2")
+    usual = run(program, "grip", given, COMMAND)
+    given["options"][..., at] = wrong
+    assert run(program, "grip", given, COMMAND).tobytes() == usual.tobytes()

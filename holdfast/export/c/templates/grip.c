@@ -2,10 +2,22 @@
 
 const holdfast_grip_options holdfast_own_options = {@OPTIONS@};
 
-void holdfast_grip_init(holdfast_grip *grip, const holdfast_grip_options *options) {
+/* Whether every option is a number from 0 on; NaN fails the comparison. */
+static int hf_options_possible(const holdfast_grip_options *options) {
+    const double all[] = {options->lead_n, options->ceiling_n, options->slew_n_s, options->rise_s,
+                          options->most_rise_s, options->give_back_s, options->give_back_n_s};
+    for (size_t k = 0; k < sizeof all / sizeof *all; ++k) {
+        if (!(all[k] >= 0.0 && all[k] < HF_LARGEST)) return 0;
+    }
+    return options->shear_gain > 0.0 && options->shear_gain < HF_LARGEST;
+}
+
+int holdfast_grip_init(holdfast_grip *grip, const holdfast_grip_options *options) {
+    const int possible = !options || hf_options_possible(options);
     memset(grip, 0, sizeof *grip);
-    grip->options = options ? *options : holdfast_own_options;
+    grip->options = options && possible ? *options : holdfast_own_options;
     grip->since_s = grip->options.give_back_s;
+    return possible ? 0 : -1;
 }
 
 holdfast_sense holdfast_sense_of(const holdfast_out *out, const holdfast_decision *decision,
