@@ -144,6 +144,17 @@ def test_a_word_counts_before_envelopes():
     assert hand.sample({"wants": "close", "envelope": (1.0, 1.0)}).wants == "close"
 
 
+@pytest.mark.parametrize(("word", "then"), [("open", "open"), ("rest", "rest")])
+def test_an_envelope_after_a_word_ends_what_the_word_began_and_begins_nothing(
+    word, then
+):
+    """0.3 is between the level at which an opening ends and that at which it begins."""
+    hand = Hand(opens_at=0.4)
+    hand.sample()
+    hand.sample({"wants": word})
+    assert hand.sample({"envelope": (0.3, 0.0)}).wants == then
+
+
 def test_what_waited_while_nothing_looked_is_dropped(hand):
     assert hand.forgotten == 1
     hand.ns += 10**9
@@ -343,4 +354,11 @@ def test_a_damaged_file_is_an_error_with_its_place(tmp_path, text, error):
     path = tmp_path / "trial_1.intent.csv"
     path.write_text(text, encoding="utf-8")
     with pytest.raises(error, match=r"trial_1\.intent\.csv"):
+        read_intent(path)
+
+
+def test_a_line_of_another_length_says_how_long_it_is_and_should_be(tmp_path):
+    path = tmp_path / "trial_1.intent.csv"
+    path.write_text(f"{intent_header(2)}\n0.1,5,open,0.5\n", encoding="utf-8")
+    with pytest.raises(NotANumber, match="4 cells, not 5"):
         read_intent(path)
