@@ -20,6 +20,8 @@ from holdfast.simulation.scene_file import read_scene_file
 PLACE = Path(__file__).resolve().parents[2] / "models"
 MODELS = sorted(PLACE.glob("*.onnx"))
 MOST_BYTES = 8 * 2**20
+LEAST_PULLS = {"holdfast-150hz": 15, "holdfast-150hz-tiny": 13, "holdfast-50hz": 11}
+"""Of 16 pulls of an apple: of 80 locked ones they act in 77, 75 and 68 (docs/evaluation.md)."""
 
 
 def test_there_is_a_default_model():
@@ -66,8 +68,7 @@ def test_a_released_file_acts_in_pulls_of_an_unseen_object_and_in_few_hand_overs
         )
         monitor = GripMonitor(model, None)
         acted[one.trial.action] += any(monitor.feed(sample).act for sample in source)
-    # 77 of 80 pulls of this object are acted in, at 50 Hz 68 (docs/evaluation.md)
-    assert acted["pull"] >= (15 if model.card.rate_hz == 150.0 else 11)
+    assert acted["pull"] >= LEAST_PULLS.get(path.stem, 15)
     assert acted["pass"] < 3
 
 
