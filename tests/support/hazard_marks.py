@@ -157,8 +157,8 @@ FORGED_SAMPLES = Hazard(
     OUTSIDE,
     "Another program sends samples to the port of a source",
     "A source keeps one sender until none of its samples has come for 300 ms, takes rising lines "
-    "only, listens on this machine only unless told otherwise, and with a key takes sealed lines "
-    "only, none of them twice",
+    "only, listens on this machine only unless network=1 is given, and with a key takes sealed "
+    "lines only, none of them twice",
     "Without a key, a sender that can read the link, or that comes first, is believed",
 )
 STALE_LINES = Hazard(
