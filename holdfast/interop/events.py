@@ -93,7 +93,7 @@ class EventTables:
         for event, there in zip(events, moved, strict=True):
             if _is_within(there, stamps):
                 self._met.add((path, event.line))
-            else:
+            elif self.rules.labels.get(event.label) != "":
                 why = _outside(event, self.rules, stamps)
                 self._missed[path, event.line] = event, why
         return moved

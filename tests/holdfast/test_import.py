@@ -462,6 +462,10 @@ def test_an_event_of_one_table_for_all_logs_need_only_lie_in_one_of_them(
     assert code == 3
     assert "e.csv, line 4: 'grasp' begins at 99 s, outside its log" in out
     assert out.count("ERROR /") == 1
+    ignored = EVENTS.replace("[facts]", '[events.labels]\ngrasp = ""\n[facts]')
+    (tmp_path / "logs/e.csv").write_text("at,what\n99,grasp\n")
+    code, out = by_map(run, tmp_path, "[facts]", ignored)
+    assert code == 0, out
 
 
 def test_check_of_foreign_logs_proposes_the_import(run: Run, tmp_path: Path) -> None:
