@@ -29,7 +29,6 @@ grip.
 from __future__ import annotations
 
 import json
-import math
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Literal, NamedTuple
 
@@ -93,7 +92,7 @@ class Limits:
 
     ceiling_n: largest target, N a side. slew_n_s: fastest change. rise_s: a target rises for so
     long after evidence, and for most_rise_s in all. give_back_s: it is given back so long after the
-    last evidence, at give_back_n_s. Raises ValueError for one that is no finite number from 0 on.
+    last evidence, at give_back_n_s. Raises ValueError for one that is no number from 0 on.
     """
 
     ceiling_n: float = 70.0
@@ -105,11 +104,10 @@ class Limits:
 
     def __post_init__(self) -> None:
         for name, value in asdict(self).items():
-            # nan fails the comparison: as a ceiling it would bound nothing
-            if not 0.0 <= value < math.inf:
-                raise ValueError(
-                    f"{name} = {value!r:.40} is no finite number from 0 on"
-                )
+            # nan fails the comparison: as a ceiling it would bound nothing by mistake; inf bounds
+            # nothing on purpose, on raw fields, which have no newtons
+            if not value >= 0.0:
+                raise ValueError(f"{name} = {value!r:.40} is no number from 0 on")
 
 
 class Supervisor:

@@ -326,9 +326,9 @@ def test_whatever_is_wanted_a_target_is_finite_and_within_the_ceiling(
             assert target_n <= before_n
 
 
-@pytest.mark.parametrize("wrong", [float("nan"), float("inf"), -1.0])
+@pytest.mark.parametrize("wrong", [float("nan"), -1.0])
 @pytest.mark.parametrize("name", [one.name for one in fields(Limits)])
-def test_a_limit_that_is_no_finite_number_from_zero_on_is_refused(
+def test_a_limit_that_is_no_number_from_zero_on_is_refused(
     name: str, wrong: float
 ) -> None:
     with pytest.raises(ValueError, match=f"{name} = {wrong}"):

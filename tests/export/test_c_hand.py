@@ -217,12 +217,14 @@ def test_whatever_is_sensed_a_target_in_c_and_python_is_finite_and_within_the_ce
     assert few.tobytes() == got[:20].tobytes()
 
 
-IMPOSSIBLE = (float("nan"), float("inf"), -1.0)
+IMPOSSIBLE = (float("nan"), -1.0)
 
 
 @pytest.mark.parametrize("wrong", IMPOSSIBLE)
 @pytest.mark.parametrize("at", range(8))
-def test_an_option_that_is_no_finite_number_leaves_the_defaults_in_c(form, at, wrong):
+def test_an_option_that_is_no_number_from_zero_on_leaves_the_defaults_in_c(
+    form, at, wrong
+):
     """Python refuses such limits; C has no exception, and says -1."""
     senses = random_senses(5, 60, 5)
     given = records_of(senses, 5)

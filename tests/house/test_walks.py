@@ -55,6 +55,6 @@ def test_what_is_shipped_is_plain(shipped: Size) -> None:
 
 def test_what_runs_on_the_hand_stays_small() -> None:
     # 100 more than before the watch for frozen sensors, which no chip's counter gives away, and
-    # before an opening of the wearer that never ends; 10 for limits that are no finite numbers,
+    # before an opening of the wearer that never ends; 10 for limits that are no numbers,
     # and for a folder in the place of a model file
     assert size_of(["holdfast/edge_runtime"]).lines <= 4415

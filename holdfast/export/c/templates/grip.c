@@ -7,7 +7,7 @@ static int hf_options_possible(const holdfast_grip_options *options) {
     const double all[] = {options->lead_n, options->ceiling_n, options->slew_n_s, options->rise_s,
                           options->most_rise_s, options->give_back_s, options->give_back_n_s};
     for (size_t k = 0; k < sizeof all / sizeof *all; ++k) {
-        if (!(all[k] >= 0.0 && all[k] < HF_LARGEST)) return 0;
+        if (!(all[k] >= 0.0)) return 0;
     }
     return options->shear_gain > 0.0 && options->shear_gain < HF_LARGEST;
 }

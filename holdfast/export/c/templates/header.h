@@ -193,8 +193,8 @@ typedef struct {
     double mu_hat, needed_n, holds_n, margin;
 } holdfast_grip;
 
-/* options: NULL for the defaults. -1 for options that are no finite numbers from 0 on: then the defaults
-   are taken. 0 else. */
+/* options: NULL for the defaults. -1 for options that are no numbers from 0 on: then the defaults are
+   taken. 0 else. */
 int holdfast_grip_init(holdfast_grip *grip, const holdfast_grip_options *options);
 
 /* After holdfast_decide: what was sensed, from the sample's forces (lost sensors count as no force). */
