@@ -299,7 +299,9 @@ def test_bytes_beyond_those_asked_for_are_a_transfer_that_failed() -> None:
     bench = Bench()
     bus = bench.open_bus()
     assert isinstance(bus, Ft232h)
-    bench.backend.device._answers += b"\x00" * 7
+    device = bench.backend.device
+    assert isinstance(device, VirtualFt232h)
+    device._answers += b"\x00" * 7
     with pytest.raises(TransferFailed, match=r"\d+ bytes arrived, not \d+"):
         bus.scan(ONE)
     assert bus.scan(ONE)[1].data == IDENTITY

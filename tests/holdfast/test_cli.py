@@ -262,13 +262,13 @@ def test_a_folder_in_the_place_of_another_is_met_with_the_command_it_needs(
     made = tmp_path / "made"
     made.mkdir()
     (made / "artifact.json").write_text("{}")
-    words = ("evaluate", made, "--data", four_situations.fixture)
-    fails(run, 4, "NotAModel", *words, says=f"holdfast export {made} makes")
+    evaluate = ("evaluate", made, "--data", four_situations.fixture)
+    fails(run, 4, "NotAModel", *evaluate, says=f"holdfast export {made} makes")
     logs = tmp_path / "logs"
     logs.mkdir()
     (logs / "a.csv").write_text("a;b\n1;2\n")
-    words = ("train", "--data", logs, "--out", tmp_path / "out")
-    fails(run, 3, "DataNotFound", *words, says=f"holdfast import {logs} --out")
+    train = ("train", "--data", logs, "--out", tmp_path / "out")
+    fails(run, 3, "DataNotFound", *train, says=f"holdfast import {logs} --out")
     url = f"-?map={tmp_path}/none.toml"
     fails(run, 3, "CardError", "run", "--source", url, says="no such column map")
 
