@@ -25,7 +25,7 @@ def sampled(n_mutants: int, seed: int) -> list[MutationSpec]:
         modules = sorted(Path("holdfast", package).rglob("*.py"))
         random.Random(f"{seed} {package}").shuffle(modules)
         by_package.append(spec for path in modules for spec in drawn_from(path, seed))
-    # in turns, so that a smaller sample is the beginning of a larger one
+    # interleaved, so that a smaller sample is the beginning of a larger one
     in_turns = (spec for turn in zip(*by_package, strict=False) for spec in turn)
     return list(islice(in_turns, n_mutants))
 

@@ -1,4 +1,4 @@
-"""Colours of the live page and of reports: told apart by colour-blind readers, and readable."""
+"""Colours of the live page and of reports: distinguished by colour-blind readers, and readable."""
 
 from __future__ import annotations
 
