@@ -60,6 +60,7 @@ def test_the_page_has_a_line_a_test_with_the_largest_of_what_its_variants_measur
     assert "- passed once, failed once: it is clean (off 3e-15)\n" in written
     assert "- passed: without: it drifts\n" in written
     assert "Elsewhere: it drifts. Here: it does not." in written
+    assert "<summary>2 tests: passed 2 times, failed once</summary>\n\n-" in written
 
 
 @pytest.mark.parametrize("name", ["hard_cases", "safety"])

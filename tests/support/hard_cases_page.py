@@ -13,7 +13,7 @@ from tools.doc_tables import write_between
 
 
 def lists(results: list[dict[str, Any]]) -> str:
-    """A section an area, a paragraph a case, a line a test."""
+    """A section an area, a paragraph a case, a folded line a test."""
     sections = []
     for area in AREAS:
         rows = [row for row in results if row["area"] == area]
@@ -34,7 +34,23 @@ def _case(case: str, rows: list[dict[str, Any]]) -> str:
         _line([row for row in rows if row["test"].partition("[")[0] == test])
         for test in by_test
     )
-    return f"### {case}\n\nElsewhere: {first['elsewhere']}. Here: {first['here']}.\n\n{lines}\n"
+    ended = [row["outcome"] for row in rows]
+    head = f"### {case}\n\nElsewhere: {first['elsewhere']}. Here: {first['here']}.\n\n"
+    return head + folded(lines, len(by_test), ended)
+
+
+def folded(lines: str, tests: int, outcomes: list[str]) -> str:
+    """The lines of tests behind one that says how many there are and how all their runs ended."""
+    counts = {outcome: outcomes.count(outcome) for outcome in dict.fromkeys(outcomes)}
+    ended = (
+        next(iter(counts))
+        if len(counts) == 1
+        else ", ".join(map(_times, counts, counts.values()))
+    )
+    title = f"{tests} test{'s' * (tests > 1)}: {ended}"
+    return (
+        f'<details markdown="1"><summary>{title}</summary>\n\n{lines}\n\n</details>\n'
+    )
 
 
 def _line(rows: list[dict[str, Any]]) -> str:

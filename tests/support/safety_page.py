@@ -8,11 +8,13 @@ from itertools import groupby
 from pathlib import Path
 from typing import Any
 
+from hard_cases_page import folded
+
 from tools.doc_tables import write_between
 
 
 def lists(results: list[dict[str, Any]]) -> str:
-    """A section an area, a paragraph a hazard, a line a test."""
+    """A section an area, a paragraph a hazard, a folded line a test."""
     parts = []
     for area, rows in groupby(
         sorted(results, key=lambda row: str(row["area"])), key=lambda row: row["area"]
@@ -31,7 +33,9 @@ def _hazard(name: str, rows: list[dict[str, Any]]) -> str:
     first = rows[0]
     left = f"*Left to the hand's own controller or to people:* {first['left']}."
     head = f"**{name}.** {first['does']}. {left}\n"
-    return "\n".join([head, *_lines(rows)]) + "\n"
+    lines = _lines(rows)
+    ended = [row["outcome"] for row in rows]
+    return head + "\n" + folded("\n".join(lines), len(lines), ended)
 
 
 def _lines(rows: list[dict[str, Any]]) -> list[str]:
