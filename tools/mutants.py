@@ -149,6 +149,8 @@ def tested(spec: MutationSpec) -> Row:
     for most in (MOST_FILES, MOST_MORE):
         before, tests = tests, naming_tests(spec.module_path, most)
         more = [name for name in tests if name not in before]
+        if not more:  # pytest without a name would run every test
+            break
         result = mutate_and_test([spec], command_of(more), LONGEST_WALL_S)
         lived = result.test_outcome == TestOutcome.SURVIVED
         if not lived:

@@ -96,17 +96,15 @@ def _plan(args: argparse.Namespace) -> ImportMap | None:
         show(proposal.text)
     command = f"holdfast import {args.source} --out {args.out} --map {beside}"
     on_terminal = sys.stdin.isatty() and sys.stdout.isatty()
-    if proposal.gaps:
-        _write_map(beside, proposal.text)
-        if args.yes or on_terminal:
-            raise CardError(
-                f"the proposed map is written, but not whole: {'; '.join(proposal.gaps)}",
-                where=beside,
-                next_step=f"write what is missing, then {command}",
-            )
-    elif args.yes or (on_terminal and _agrees()):
+    if not proposal.gaps and (args.yes or (on_terminal and _agrees())):
         return import_map_of_text(proposal.text, beside)
     _write_map(beside, proposal.text)
+    if proposal.gaps and (args.yes or on_terminal):
+        raise CardError(
+            f"the proposed map is written, but not whole: {'; '.join(proposal.gaps)}",
+            where=beside,
+            next_step=f"write what is missing, then {command}",
+        )
     lines = [f"{beside}: the map above, written; no trial yet"]
     lines += [f"missing: {gap}" for gap in proposal.gaps]
     lines.append(f"next: correct it, then {command}")

@@ -80,7 +80,7 @@ def loop_trial(run: ThreeRuns) -> str:
     with labelled("simulated", 5.4, 3.6) as figure:
         grip, evidence = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
         grip.plot(t_s, held.own_n, color=INK, linewidth=1.2, label="the wearer's own")
-        grip.plot(t_s, held.grip_n, color=OURS, linewidth=2.0, label="with Holdfast")
+        grip.plot(t_s, held.grip_n, color=OURS, linewidth=2.0, label="controlled")
         commanded = np.where(held.target_n > 0.0, held.target_n, np.nan)
         grip.plot(t_s, commanded, color=OURS, linestyle="--", label="commanded")
         grip.set_ylabel("grip, N a side")
