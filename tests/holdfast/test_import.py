@@ -148,6 +148,8 @@ def test_all_that_a_map_misses_is_listed_at_once_with_the_columns_there_are(
     missing = [line for line in out.splitlines() if line.startswith("missing: line ")]
     keys = [line.split(": ")[2].split(" = ")[0] for line in missing]
     assert keys == ["time.rate_hz", "sensors[0].x", "facts.action"]
+    whole = "; ".join(line.removeprefix("missing: ") for line in missing)
+    fails(run, 3, "CardError", *words, "--map", tmp_path / "set-map.toml", says=whole)
 
 
 def test_names_that_may_be_people_are_called_a_guess(run: Run, tmp_path: Path) -> None:
