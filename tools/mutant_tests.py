@@ -18,9 +18,9 @@ FOLDERS = (
 )
 """Folders of tests/ that test these packages; not those of studies, pages and the house."""
 LONG_FILES = "tests/support/longest_first.py"
-"""The list of slow test files there: these are tried after the others."""
+"""The list of slow test files there: these are tried where they have the name of the module."""
 LONGEST_CHAIN = 3
-MOST_FILES = 12
+MOST_FILES = 10
 TOGETHER = 3
 """Test files for a module, and how many of them one command runs."""
 OF_EVERY_MODULE = "tests/house/test_values.py"
@@ -41,22 +41,22 @@ def naming_tests(module: Path) -> list[str]:
     slow = set(re.findall(r'"(test_\w+)"', Path(LONG_FILES).read_text("utf-8")))
     words = (*module.parts[2:-1], module.stem)
     near = f"tests/{module.parts[1]}/"
+
+    def is_named(name: str) -> bool:
+        return any(word in Path(name).stem for word in words)
+
     ranked: list[str] = []
     importers = {str(module)}
     for _ in range(LONGEST_CHAIN):
         found: dict[str, int] = {}
         for one in map(Path, sorted(importers)):
             found = relayed(one, files) | found | mentions(one, files)
-        ranked += sorted(
-            found.keys() - {*ranked},
-            key=lambda name: (
-                not any(word in Path(name).stem for word in words),
-                Path(name).stem in slow,
-                not name.startswith(near),
-                -found[name],
-                name,
-            ),
-        )
+        keys = {
+            name: (not is_named(name), not name.startswith(near), -times, name)
+            for name, times in found.items()
+            if is_named(name) or Path(name).stem not in slow
+        }
+        ranked += sorted(keys.keys() - {*ranked}, key=keys.__getitem__)
         importers = {name for one in importers for name in mentions(Path(one), modules)}
     own = [str(module)] if ">>> " in modules[str(module)] else []
     return [OF_EVERY_MODULE, *own, *ranked[:MOST_FILES]]
