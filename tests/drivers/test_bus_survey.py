@@ -10,15 +10,19 @@ import pytest
 from holdfast.drivers import bus_survey
 from holdfast.drivers.bus import Reply, Transfer
 from holdfast.drivers.bus_survey import ScannedBus, median_scan_s, survey
-from holdfast.drivers.scanning import BusDevice
-from holdfast.drivers.tmag5273 import RESULTS
+from holdfast.drivers.scanning import BusDevice, as_layout, look_at
+from holdfast.drivers.tmag5273 import REGISTERS, RESULTS
 
 
 @pytest.mark.parametrize(
     ("scan_s", "model_hz", "what"),
     [
         (0.002, 150.0, "a scan takes 2.00 ms (500 Hz): serves a model of 150 Hz"),
-        (0.05, None, "a scan takes 50.00 ms (20 Hz): serves no model"),
+        (
+            0.05,
+            None,
+            "a scan takes 50.00 ms (20 Hz): serves no model, 50 Hz needs another bridge",
+        ),
     ],
 )
 def test_a_survey_says_how_long_a_scan_takes_and_which_model_that_serves(
@@ -112,3 +116,41 @@ def test_the_time_of_a_scan_is_the_median_of_twenty(
     monkeypatch.setattr(bus_survey.time, "perf_counter", bus.perf_counter)
     assert median_scan_s(bus, "35,22") == 10.0
     assert [len(one) for one in bus.scans] == [2] * 20
+
+
+def test_sensors_are_in_the_order_of_muxes_channels_and_fingers() -> None:
+    def sensor(address: int, channel: int | None, mux: int = 0x70) -> BusDevice:
+        return BusDevice(address, channel, "sensor", "TMAG5273", mux=mux)
+
+    found = [
+        *(sensor(one, 1) for one in (0x51, 0x50, 0x44, 0x78, 0x22, 0x35)),
+        sensor(0x35, 0, 0x71),
+        sensor(0x35, 0),
+        sensor(0x44, None, 0x77),
+        BusDevice(0x36, 0, "unknown", "unknown"),
+    ]
+    layout = "44,0:35,1:35,1:22,1:78,1:44,1:50,1:51,71/0:35"
+    assert as_layout(found) == layout
+
+
+def test_what_a_chip_reports_as_wrong_is_in_its_line(make: Any) -> None:
+    bench = make("native", version=2)
+    chips = bench.hand.chips
+    address = REGISTERS["DEVICE_STATUS"].address
+    for chip, byte in zip(chips, (0x10, 0x08, 0x04, 0x02, 0x01, 0x0B), strict=True):
+        chip._bytes[address] = byte
+    chips[0]._bytes[REGISTERS["CONV_STATUS"].address] |= 0x02
+    chips[3].address = 0x50
+    found = [one for one in look_at(bench.bus, bench.wait_s) if one.kind == "sensor"]
+    assert {(one.what, one.trouble) for one in found} == {
+        ("TMAG5273 A2 (133/266 mT)", "its own diagnosis failed"),
+        ("TMAG5273 B2 (133/266 mT)", "OSC_ER"),
+        ("TMAG5273 C2 (133/266 mT)", ""),
+        (
+            "TMAG5273 ?2 (133/266 mT)",
+            "OTP_CRC_ER, not a factory address: it was given at run time and is lost with "
+            "its power",
+        ),
+        ("TMAG5273 A2 (133/266 mT)", "VCC_UV_ER"),
+        ("TMAG5273 B2 (133/266 mT)", "OSC_ER, OTP_CRC_ER, VCC_UV_ER"),
+    }

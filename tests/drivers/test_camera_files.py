@@ -25,6 +25,7 @@ from page_tables import filled
 
 from holdfast.cli.main import main
 from holdfast.core.errors import (
+    CameraUnavailable,
     ColumnError,
     DataNotFound,
     DeviceLost,
@@ -33,6 +34,7 @@ from holdfast.core.errors import (
     NotANumber,
     OutputError,
     TimeError,
+    TransferFailed,
 )
 from holdfast.drivers.camera import graph, sources
 from holdfast.drivers.camera.recording import (
@@ -50,6 +52,7 @@ from holdfast.drivers.camera.sources import (
     Frame,
     Lens,
     Oak,
+    Stored,
     read_frames,
 )
 from holdfast.simulation.camera_frames import HAND_TAG, OBJECT_TAG, cells
@@ -490,3 +493,114 @@ def test_a_file_is_whole_with_as_many_frames_as_were_counted(tmp_path, expected)
     require_whole(3, expected, tmp_path)
     with pytest.raises(EmptyRecording, match="holds 3 of its 4 frames"):
         require_whole(3, 4, tmp_path)
+
+
+# -- frames and their lens
+
+
+@pytest.mark.parametrize(
+    ("changed", "fits"),
+    [
+        ({"fps": 0.5}, False),
+        ({"fps": 0.51}, True),
+        ({"fps": np.inf}, False),
+        ({"exposure_ms": 0.0}, False),
+        ({"exposure_ms": 0.01}, True),
+        ({"tag_mm": 0.01}, True),
+        ({"apart_mm": 0.0}, False),
+        ({"apart_mm": 0.01}, True),
+        ({"apart_mm": None}, True),
+    ],
+)
+def test_a_lens_has_positive_numbers_and_half_a_frame_a_second(changed, fits):
+    numbers = {"fps": 60.0, "exposure_ms": 2.0, "tag_mm": 10.0} | changed
+    if not fits:
+        with pytest.raises(ValueError, match=r"fps .* apart_mm"):
+            Lens.of(numbers, "trial")
+        return
+    lens = Lens.of(numbers, "trial")
+    assert (lens.fps, lens.exposure_ms, lens.tag_mm) == tuple(
+        numbers[name] for name in ("fps", "exposure_ms", "tag_mm")
+    )
+    assert (lens.clock, lens.apart_mm) == ("trial", changed.get("apart_mm"))
+
+
+@pytest.mark.parametrize(
+    ("text", "cause"), [("No Permissions", "udev rule"), ("none", "not plugged in")]
+)
+def test_a_camera_that_does_not_open_has_the_cause_that_its_library_names(text, cause):
+    with pytest.raises(CameraUnavailable, match=rf"no camera \({text}\).*{cause}"):
+        Oak(Lens(60.0, 1.5, 12.0, "monotonic")).open(
+            SimpleNamespace(Device=lambda: (_ for _ in ()).throw(RuntimeError(text)))
+        )
+
+
+@pytest.mark.parametrize(
+    ("refused", "stops_at", "taken"),
+    [
+        (0, 99, True),
+        (3, 99, True),
+        (10_001, 10**6, True),
+        (10_002, 10**6, False),
+        (5, 3, False),
+    ],
+)
+def test_a_frame_waits_ten_seconds_for_room_unless_the_graph_stops(
+    monkeypatch, refused, stops_at, taken
+):
+    now_s, pauses = [50.0], []
+
+    def sleep(pause_s):
+        pauses.append(pause_s)
+        now_s[0] = 50.0 + len(pauses) / 1000
+
+    monkeypatch.setattr(sources.time, "monotonic", lambda: now_s[0])
+    monkeypatch.setattr(sources.time, "sleep", sleep)
+    messages = []
+
+    class Closed(Exception):
+        pass
+
+    def send(message):
+        messages.append(message)
+        if len(messages) == 2:
+            raise Closed
+        return len(messages) > refused
+
+    queue = SimpleNamespace(trySend=send)
+    dai = SimpleNamespace(
+        MessageQueue=SimpleNamespace(QueueException=Closed),
+        ImgFrame=lambda: SimpleNamespace(
+            **{
+                name: lambda *given: None
+                for name in (
+                    "setType",
+                    "setSize",
+                    "setData",
+                    "setSequenceNum",
+                    "setTimestamp",
+                    "setTimestampDevice",
+                )
+            }
+        ),
+    )
+    dai.ImgFrame.Type = SimpleNamespace(GRAY8="gray")
+    made = []
+    one = SimpleNamespace(
+        createInputQueue=lambda maxSize, blocking: (
+            made.append((maxSize, blocking)) or queue
+        )
+    )
+    pipeline = SimpleNamespace(isRunning=lambda: len(pauses) < stops_at)
+    frames = [Frame(0, 0.0, np.zeros((2, 4), np.uint8))]
+    step = Stored("some", Lens(60.0, 2.0, 10.0, "trial"), frames).connect(
+        dai, pipeline, [one]
+    )
+    assert made == [(4, True)]
+    if taken:
+        assert step()
+        assert not step()
+    else:
+        with pytest.raises(TransferFailed, match="takes no more frames"):
+            step()
+    assert set(pauses) <= {0.001}
