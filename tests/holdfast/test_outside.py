@@ -753,9 +753,7 @@ def test_the_list_of_an_archive_s_members_may_have_a_mib(tmp_path: Path) -> None
 
 
 @pytest.mark.parametrize(("levels", "fits"), [(33, True), (34, False)])
-def test_a_document_nests_32_levels_in_its_outermost(
-    tmp_path: Path, levels: int, fits: bool
-) -> None:
+def test_a_document_nests_33_levels(tmp_path: Path, levels: int, fits: bool) -> None:
     text = "[" * levels + "]" * levels
     card = tmp_path / "card.toml"
     card.write_text(f"a = {text[1:-1]}")
