@@ -18,17 +18,19 @@ FOLDERS = (
 )
 """Folders of tests/ that test these packages; not those of studies, pages and the house."""
 LONG_FILES = "tests/support/longest_first.py"
-"""The list of slow test files there: these are used only where no other names the module."""
+"""The list of slow test files there: these are tried where they have the name of the module."""
 LONGEST_CHAIN = 3
-MOST_FILES, MOST_MORE = 2, 10
-"""Test files for a module; the larger number for what lived with the smaller."""
+MOST_FILES = 10
+TOGETHER = 3
+"""Test files for a module, and how many of them one command runs."""
 OF_EVERY_MODULE = "tests/house/test_values.py"
 
 
-def naming_tests(module: Path, most: int) -> list[str]:
-    """The test files that name a module, or else one that imports it; best match first.
+def naming_tests(module: Path) -> list[str]:
+    """The test files that name a module, then those of what imports it; best match first.
 
-    The module itself is added where it holds doctests, and the test of all values.
+    A file names a module too where it imports what supports the tests and that names it. The
+    module itself is added where it holds doctests, and the test of all values.
     """
     modules = texts("holdfast", "**/*.py")
     files = {
@@ -36,31 +38,36 @@ def naming_tests(module: Path, most: int) -> list[str]:
         for folder in FOLDERS
         for name, text in texts(f"tests/{folder}", "test_*.py").items()
     }
-    found = mentions(module, files)
-    importers = {str(module): 0}
-    for _ in range(LONGEST_CHAIN):
-        if not found:
-            importers = {
-                name: 0 for one in importers for name in mentions(Path(one), modules)
-            }
-            for importer in importers:
-                found |= mentions(Path(importer), files)
     slow = set(re.findall(r'"(test_\w+)"', Path(LONG_FILES).read_text("utf-8")))
-    found = {
-        name: times for name, times in found.items() if Path(name).stem not in slow
-    } or found
+    words = (*module.parts[2:-1], module.stem)
     near = f"tests/{module.parts[1]}/"
-    ranked = sorted(
-        found,
-        key=lambda name: (
-            module.stem not in name,
-            not name.startswith(near),
-            -found[name],
-            name,
-        ),
-    )
+
+    def is_named(name: str) -> bool:
+        return any(word in Path(name).stem for word in words)
+
+    ranked: list[str] = []
+    importers = {str(module)}
+    for _ in range(LONGEST_CHAIN):
+        found: dict[str, int] = {}
+        for one in map(Path, sorted(importers)):
+            found = relayed(one, files) | found | mentions(one, files)
+        keys = {
+            name: (not is_named(name), not name.startswith(near), -times, name)
+            for name, times in found.items()
+            if is_named(name) or Path(name).stem not in slow
+        }
+        ranked += sorted(keys.keys() - {*ranked}, key=keys.__getitem__)
+        importers = {name for one in importers for name in mentions(Path(one), modules)}
     own = [str(module)] if ">>> " in modules[str(module)] else []
-    return [*own, *ranked[:most], OF_EVERY_MODULE]
+    return [OF_EVERY_MODULE, *own, *ranked[:MOST_FILES]]
+
+
+def relayed(module: Path, files: dict[str, str]) -> dict[str, int]:
+    """Files that import a module of tests/support that names a module, each once."""
+    support = mentions(module, texts("tests/support", "*.py"))
+    stems = "|".join(Path(one).stem for one in support)
+    imports = re.compile(rf"^(?:from|import) (?:{stems})\b", re.MULTILINE)
+    return {name: 1 for name, text in files.items() if stems and imports.search(text)}
 
 
 def mentions(module: Path, files: dict[str, str]) -> dict[str, int]:

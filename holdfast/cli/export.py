@@ -5,7 +5,8 @@ file in the artifact's folder is derived from it and replaced; a file elsewhere 
 with --force. `--to c` turns a sealed file into C99 instead (export/c). A model file of an older
 version is exported again with the same learner: `holdfast export OLD.onnx --out NEW.onnx`. With
 --hand CARD, an artifact or a model file becomes a file for another hand, where all its features are
-pooled over the sensors.
+pooled over the sensors. --rule NAME=NUMBER changes a rule of a model file's decision, such as how
+sure it is when it requests (min_risky_permille) and how long a request lasts (evidence_ms).
 """
 
 from __future__ import annotations
@@ -39,7 +40,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default=Path("build/default"),
         metavar="DIR",
         help="artifact folder of holdfast train (default build/default); "
-        "a model file with --to c or --hand, or an older one to be exported again",
+        "a model file with --to c, --hand or --rule, or an older one to be exported again",
     )
     parser.add_argument(
         "--to",
@@ -52,6 +53,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="CARD",
         help="the hand the file is for: a hand card by name or path "
         "(default: the hand of the training recordings)",
+    )
+    parser.add_argument(
+        "--rule",
+        action="append",
+        default=[],
+        metavar="NAME=NUMBER",
+        help="a rule of a model file's decision: min_risky_permille, evidence_ms, .. "
+        "(docs/how-it-works.md); can be repeated",
     )
     parser.add_argument(
         "--out",
@@ -75,10 +84,10 @@ def run(args: argparse.Namespace) -> int:
     # the name of a shipped model, as every other command takes it
     args.artifact = model_path(args.artifact)
     if args.to == "c":
-        if args.hand is not None:
+        if args.hand is not None or args.rule:
             raise UsageError(
-                "--hand with --to c",
-                next_step="export the model file for that hand first, then that file to C",
+                f"{'--hand' if args.hand else '--rule'} with --to c",
+                next_step="export the model file that way first, then that file to C",
             )
         _report_begin(args)
         return _export_c(args)
@@ -87,6 +96,10 @@ def run(args: argparse.Namespace) -> int:
         raise UsageError("--build compiles C", next_step="add --to c")
     if args.artifact.suffix == ".onnx":
         return _export_again(args)
+    if args.rule:
+        raise UsageError(
+            "--rule changes a model file", next_step="export the folder first"
+        )
     from holdfast.export.exporting import (
         MODEL_NAME,
         export_artifact,
@@ -125,7 +138,7 @@ def _report_begin(args: argparse.Namespace) -> None:
 
 
 def _export_again(args: argparse.Namespace) -> int:
-    """Export a model file again, with its learner: for another hand, or with the contact rule."""
+    """Export a model file again, with its learner: for another hand, by other rules."""
     from holdfast.export.again import export_again
 
     if args.out is None or args.out.suffix != ".onnx":
@@ -137,13 +150,23 @@ def _export_again(args: argparse.Namespace) -> int:
         raise UsageError(
             f"--out {args.out} exists", next_step="name a new file, or add --force"
         )
+    rules = dict(_rule(text) for text in args.rule)
     _report_begin(args)
-    size = export_again(args.artifact, args.out, _hand(args))
-    lines = (
-        f"the same learner behind a new step\nmodel: {args.out} ({size / 1e6:.1f} MB)"
-    )
+    size = export_again(args.artifact, args.out, _hand(args), rules)
+    lines = f"the same learner\nmodel: {args.out} ({size / 1e6:.1f} MB)"
     show_found(args, lines, {"model": args.out, "bytes": size})
     return 0
+
+
+def _rule(text: str) -> tuple[str, int]:
+    """Name and number of --rule. Raises UsageError."""
+    name, _, number = text.partition("=")
+    try:
+        return name, int(number)
+    except ValueError:
+        raise UsageError(
+            f"--rule {text}", next_step="write NAME=NUMBER, such as evidence_ms=300"
+        ) from None
 
 
 def _export_c(args: argparse.Namespace) -> int:

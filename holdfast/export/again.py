@@ -1,11 +1,14 @@
-"""A model file again, for another hand or with the contact rule: the same learner, a new step.
+"""A model file again: for another hand, with the contact rule, or with other rules of the decision.
 
 What stands behind the features is copied node by node, constants and all; the step in front of them
 is built anew, and force decides "nothing". So a file needs no artifact folder to be exported again.
+Rules of the decision stand in the card alone, so the graph stays as it is.
 """
 
 from __future__ import annotations
 
+import json
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +20,7 @@ from holdfast.core.errors import UsageError, VerificationFailed
 from holdfast.core.hand_card import HandCard
 from holdfast.core.reading import Json, json_of
 from holdfast.core.writing import require_writable, write_whole
+from holdfast.edge_runtime.decision import LIMITS, DecisionRules
 from holdfast.edge_runtime.graph import Outputs, open_session, run_recording
 from holdfast.edge_runtime.model import golden_input, read_model
 from holdfast.edge_runtime.model_file import (
@@ -28,7 +32,12 @@ from holdfast.edge_runtime.model_file import (
 )
 from holdfast.export.adapted_file import is_adapted
 from holdfast.export.builder import GraphBuilder
-from holdfast.export.exporting import readable_card, seal, spec_for_hand
+from holdfast.export.exporting import (
+    readable_card,
+    seal,
+    sealed_with,
+    spec_for_hand,
+)
 from holdfast.export.features import add_step
 from holdfast.export.heads import MAIN_HEAD, ByForce, FloatRows, learned_name
 from holdfast.export.spec import StepSpec
@@ -42,19 +51,28 @@ RANDOM_ROWS = 5_000
 """Rows of noise at the size of the golden input's features, on which the votes are compared."""
 
 
-def export_again(path: Path, out: Path, hand: HandCard | None = None) -> int:
+def export_again(
+    path: Path,
+    out: Path,
+    hand: HandCard | None = None,
+    rules: Mapping[str, int] | None = None,
+) -> int:
     """Write a file again, with its card beside it; returns its size in bytes.
 
-    hand: for which the new file is; None for an older file, which gets the contact rule. Raises
-    UsageError for a file that needs it not, VerificationFailed where the learner differs.
+    hand: for which the new file is. rules: of the decision, by name. Without either an older file
+    gets the contact rule. Raises UsageError for a file that needs it not or a rule that cannot be,
+    VerificationFailed where the learner differs.
     """
-    old = read_sealed(path)
-    read_model(old, path)
+    data = read_sealed(path)
+    read_model(data, path)
     require_writable(out.parent)
-    if hand is None:
-        card, data = with_contact_rule(old, path)
-    else:
-        card, data = for_hand(old, hand, path)
+    card: Json = {}
+    if hand is not None:
+        card, data = for_hand(data, hand, path)
+    if rules:
+        card, data = with_rules(data, rules)
+    if not card:
+        card, data = with_contact_rule(data, path)
     write_whole(out, data)
     write_whole(out.with_suffix(CARD_SUFFIX), readable_card(card, out.name, data))
     return len(data)
@@ -100,6 +118,28 @@ def for_hand(old: bytes, hand: HandCard, where: str | Path = "") -> tuple[Json, 
     card["channels"] = list(channel_names(spec.n_sensors))
     card[CONTACT_KEY] = None if rule is None else rule.to_json()
     return card, seal(again, card, spec)
+
+
+def with_rules(old: bytes, rules: Mapping[str, int]) -> tuple[Json, bytes]:
+    """Card and bytes of the file with other rules of the decision. Raises UsageError."""
+    model = onnx.load_from_string(old)
+    metadata = {one.key: one.value for one in model.metadata_props}
+    card = json_of(metadata[CARD_KEY])
+    for name in rules:
+        if name not in LIMITS:
+            raise UsageError(
+                f"no rule {name!r} of the decision",
+                next_step=f"choose from {', '.join(LIMITS)}",
+            )
+    try:
+        decision = DecisionRules(**{**card["decision"], **rules})
+    except ValueError as error:
+        raise UsageError(
+            f"rule {error}", next_step="give a number that fits the other rules"
+        ) from None
+    card["decision"] = decision.to_json()
+    metadata[CARD_KEY] = json.dumps(card, separators=(",", ":"))
+    return card, sealed_with(model, metadata)
 
 
 def _require_older(old: bytes, card: Json, spec: StepSpec, where: str | Path) -> None:

@@ -100,9 +100,11 @@ ANY_HAND = {
     "min_risky_permille": 740,
     "answer_permille": 600,
     "full_answer_permille": 750,
+    "evidence_ms": 300,
 }
 """Of a committee on pooled features, which is trained on wider scenes: it is less sure that a slip
-begins, so the grip answers earlier, and a request asks for more (development seeds)."""
+begins, so the grip answers earlier, and a request asks for more. A request without evidence is over
+soon, so that a false one hides no slip after it (development seeds)."""
 SLOW_HZ = 100.0
 SLOW_PERMILLE = 680
 """Below SLOW_HZ it asks for a little less: at 50 Hz a slip has a third of the samples that it has

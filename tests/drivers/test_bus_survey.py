@@ -2,16 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Any
+
 import pytest
 
-from holdfast.drivers.bus_survey import ScannedBus
+from holdfast.drivers import bus_survey
+from holdfast.drivers.bus import Reply, Transfer
+from holdfast.drivers.bus_survey import ScannedBus, median_scan_s, survey
+from holdfast.drivers.scanning import BusDevice, as_layout, look_at
+from holdfast.drivers.tmag5273 import REGISTERS, RESULTS
 
 
 @pytest.mark.parametrize(
     ("scan_s", "model_hz", "what"),
     [
         (0.002, 150.0, "a scan takes 2.00 ms (500 Hz): serves a model of 150 Hz"),
-        (0.05, None, "a scan takes 50.00 ms (20 Hz): serves no model"),
+        (
+            0.05,
+            None,
+            "a scan takes 50.00 ms (20 Hz): serves no model, 50 Hz needs another bridge",
+        ),
     ],
 )
 def test_a_survey_says_how_long_a_scan_takes_and_which_model_that_serves(
@@ -26,3 +37,120 @@ def test_a_survey_says_how_long_a_scan_takes_and_which_model_that_serves(
 def test_a_bus_without_a_sensor_has_likely_causes() -> None:
     (_, cause) = ScannedBus("i2c://1", []).lines()
     assert "SDA and SCL swapped" in cause
+
+
+def devices(*muxes: int) -> list[BusDevice]:
+    found = [BusDevice(one, None, "mux", "mux (TCA9548A)") for one in muxes]
+    behind = [BusDevice(0x35, 7, "sensor", "TMAG5273 A1", mux=one) for one in muxes]
+    return [*found, *behind, BusDevice(0x50, None, "unknown", "unknown", "of others")]
+
+
+def test_each_chip_has_a_line_that_names_its_mux_where_there_are_several() -> None:
+    lines = ScannedBus("i2c://1", devices(0x70)).lines()
+    assert lines[1:4] == [
+        "  0x70              mux (TCA9548A)",
+        "  channel 7, 0x35   TMAG5273 A1",
+        "  0x50              unknown                     of others",
+    ]
+    lines = ScannedBus("i2c://1", devices(0x70, 0x71)).lines()
+    assert lines[1:4] == [
+        "  0x70                          mux (TCA9548A)",
+        "  0x71                          mux (TCA9548A)",
+        "  mux 0x70, channel 7, 0x35     TMAG5273 A1",
+    ]
+
+
+class Timed:
+    """A bus whose scans take what is in `lasts_s`, in turn, by the clock that it stands for."""
+
+    def __init__(self, bus: Any, lasts_s: Sequence[float]) -> None:
+        self.bus, self.name, self.lasts_s = bus, "timed", list(lasts_s)
+        self.now_s = 0.0
+        self.scans: list[list[Transfer]] = []
+
+    def scan(self, transfers: Sequence[Transfer]) -> list[Reply]:
+        self.scans.append(list(transfers))
+        self.now_s = self.lasts_s[len(self.scans) % len(self.lasts_s)]
+        return self.bus.scan(transfers)  # type: ignore[no-any-return]
+
+    def perf_counter(self) -> float:
+        now_s, self.now_s = self.now_s, 0.0
+        return now_s
+
+
+@pytest.mark.parametrize(
+    ("scan_s", "model_hz"),
+    [
+        (0.0026, 300.0),
+        (0.0027, 150.0),
+        (0.0053, 150.0),
+        (0.0054, 100.0),
+        (0.008, 50.0),
+        (0.0079, 100.0),
+        (0.0159, 50.0),
+        (0.016, None),
+    ],
+)
+def test_a_scan_may_take_four_fifths_of_a_model_s_period(
+    make: Any, monkeypatch: Any, scan_s: float, model_hz: float | None
+) -> None:
+    bench = make("native")
+    bus = Timed(bench.bus, [scan_s])
+    monkeypatch.setattr(bus_survey.time, "perf_counter", bus.perf_counter)
+    found = survey("i2c://1", bus, frozenset(), bench.wait_s)
+    assert (found.scan_s, found.model_hz) == (scan_s, model_hz)
+    assert found.layout == "0:35,0:22,0:78,0:44,1:35,1:22"
+    read = bytes([RESULTS])
+    assert bus.scans[-1] == [
+        Transfer(0x70, b"\x01"),
+        *(Transfer(one, read, 7) for one in (0x35, 0x22, 0x78, 0x44)),
+        Transfer(0x70, b"\x02"),
+        *(Transfer(one, read, 7) for one in (0x35, 0x22)),
+    ]
+
+
+def test_the_time_of_a_scan_is_the_median_of_twenty(
+    make: Any, monkeypatch: Any
+) -> None:
+    bus = Timed(make("native").bus, [float(k * 7 % 20) for k in range(20)])
+    monkeypatch.setattr(bus_survey.time, "perf_counter", bus.perf_counter)
+    assert median_scan_s(bus, "35,22") == 10.0
+    assert [len(one) for one in bus.scans] == [2] * 20
+
+
+def test_sensors_are_in_the_order_of_muxes_channels_and_fingers() -> None:
+    def sensor(address: int, channel: int | None, mux: int = 0x70) -> BusDevice:
+        return BusDevice(address, channel, "sensor", "TMAG5273", mux=mux)
+
+    found = [
+        *(sensor(one, 1) for one in (0x51, 0x50, 0x44, 0x78, 0x22, 0x35)),
+        sensor(0x35, 0, 0x71),
+        sensor(0x35, 0),
+        sensor(0x44, None, 0x77),
+        BusDevice(0x36, 0, "unknown", "unknown"),
+    ]
+    layout = "44,0:35,1:35,1:22,1:78,1:44,1:50,1:51,71/0:35"
+    assert as_layout(found) == layout
+
+
+def test_what_a_chip_reports_as_wrong_is_in_its_line(make: Any) -> None:
+    bench = make("native", version=2)
+    chips = bench.hand.chips
+    address = REGISTERS["DEVICE_STATUS"].address
+    for chip, byte in zip(chips, (0x10, 0x08, 0x04, 0x02, 0x01, 0x0B), strict=True):
+        chip._bytes[address] = byte
+    chips[0]._bytes[REGISTERS["CONV_STATUS"].address] |= 0x02
+    chips[3].address = 0x50
+    found = [one for one in look_at(bench.bus, bench.wait_s) if one.kind == "sensor"]
+    assert {(one.what, one.trouble) for one in found} == {
+        ("TMAG5273 A2 (133/266 mT)", "its own diagnosis failed"),
+        ("TMAG5273 B2 (133/266 mT)", "OSC_ER"),
+        ("TMAG5273 C2 (133/266 mT)", ""),
+        (
+            "TMAG5273 ?2 (133/266 mT)",
+            "OTP_CRC_ER, not a factory address: it was given at run time and is lost with "
+            "its power",
+        ),
+        ("TMAG5273 A2 (133/266 mT)", "VCC_UV_ER"),
+        ("TMAG5273 B2 (133/266 mT)", "OSC_ER, OTP_CRC_ER, VCC_UV_ER"),
+    }

@@ -873,3 +873,79 @@ def test_the_real_loads_are_grams_and_judged_on_probings_never_seen(
     pad = read_calibration(tmp_path / "c.json")
     assert (pad.matrix.shape, pad.rest_ut) == ((5, 3, 3), None)
     assert read_calibration(tmp_path / "c.shear_force.json").matrix.shape == (10, 3, 3)
+
+
+# -- limits, exactly
+
+
+@pytest.mark.parametrize(
+    ("first", "middle", "last", "drifts"),
+    [
+        (0.0, 0.0, 0.12, False),
+        (0.0, 0.0, 0.1201, True),
+        (0.1201, 0.0, 0.0, True),
+        (0.0, 0.3, 0.0, False),
+        (0.1, 0.3, -0.03, True),
+    ],
+)
+def test_a_drift_lies_between_the_first_and_the_last_third(
+    first: float, middle: float, last: float, drifts: bool
+) -> None:
+    rows = np.zeros((90, 3))
+    rows[:, 1] = np.repeat([first, middle, last], 30)
+    _, warnings = bias_of(rows, "N")
+    assert any("drifts by more than 0.12 N: Y1;" in one for one in warnings) == drifts
+
+
+def test_a_bias_needs_thirty_rows_and_one_row_in_twenty_may_be_lost() -> None:
+    rows = np.zeros((100, 6))
+    assert bias_of(rows[:30], "uT")[0].n == 30
+    with pytest.raises(EmptyRecording, match="29 rows"):
+        bias_of(rows[:29], "uT")
+    for lost, warned in ((5, False), (6, True)):
+        rows[:lost, 4] = np.inf
+        assert bool(bias_of(rows, "N")[1]) == warned
+    assert bias_of(rows, "N")[1][0].startswith("up to 6 of 100 rows are lost in Y2; ")
+    rows[:, 4] = np.nan
+    rows[:29, 4] = 0.0
+    with pytest.raises(NotANumber, match="fewer than 30 finite rows in Y2"):
+        bias_of(rows, "N")
+    rows[29, 4] = 0.0
+    bias_of(rows, "N")
+
+
+def test_noise_is_a_standard_deviation_above_what_an_untouched_hand_has() -> None:
+    for unit, most in (("N", 0.12), ("uT", 40.0)):
+        rows = np.zeros((100, 3))
+        for factor, warned in ((0.999, False), (1.001, True)):
+            rows[::2, 2], rows[1::2, 2] = factor * most, -factor * most
+            bias, warnings = bias_of(rows, unit)  # type: ignore[arg-type]
+            assert bias.spread[2] == pytest.approx(factor * most)
+            assert (
+                any(f"noise above {most:g} {unit}: Z1;" in one for one in warnings)
+                == warned
+            )
+
+
+@pytest.mark.parametrize(
+    ("gain", "fits"),
+    [
+        (0.1, True),
+        (10, True),
+        (0.0999, False),
+        (10.01, False),
+        (True, False),
+        ("1", False),
+    ],
+)
+def test_a_shear_gain_lies_between_a_tenth_and_ten(
+    tmp_path: Path, gain: object, fits: bool
+) -> None:
+    path = write_calibration(tmp_path / "a.json", replace(made(), shear_gain=1.0))
+    content = json.loads(path.read_text())
+    path.write_text(json.dumps(content | {"shear_gain": gain}))
+    if fits:
+        assert read_calibration(path).shear_gain == gain
+        return
+    with pytest.raises(DataError, match=r"not a number from 0\.1 to 10"):
+        read_calibration(path)

@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import json
+import sys
+from collections.abc import Callable, Sequence
+from datetime import timedelta
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
@@ -21,16 +25,36 @@ from page_tables import filled
 
 from holdfast.cli.main import main
 from holdfast.core.errors import (
+    CameraUnavailable,
     ColumnError,
     DataNotFound,
+    DeviceLost,
     EmptyRecording,
     HoldfastError,
     NotANumber,
+    OutputError,
     TimeError,
+    TransferFailed,
 )
-from holdfast.drivers.camera import sources
-from holdfast.drivers.camera.recording import COLUMNS, TagFile, read_tracks
-from holdfast.drivers.camera.sources import OAK_ISO, QUIET, Lens, Oak, read_frames
+from holdfast.drivers.camera import graph, sources
+from holdfast.drivers.camera.recording import (
+    COLUMNS,
+    TagFile,
+    Tracks,
+    read_about,
+    read_tracks,
+    require_same_stamps,
+    require_whole,
+)
+from holdfast.drivers.camera.sources import (
+    OAK_ISO,
+    QUIET,
+    Frame,
+    Lens,
+    Oak,
+    Stored,
+    read_frames,
+)
 from holdfast.simulation.camera_frames import HAND_TAG, OBJECT_TAG, cells
 from studies.doc_pictures.tags import sheet
 
@@ -304,3 +328,279 @@ def test_a_frame_without_a_tag_has_a_cell_for_every_column(tmp_path):
         file.write(1, 0.1, {})
     lines = file.path.read_text("utf-8").splitlines()
     assert [line.count(",") for line in lines] == [len(COLUMNS) - 1] * 3
+
+
+# -- the graph, where depthai does as a script says
+
+
+def answer(sequence: int, end_s: float) -> Any:
+    return SimpleNamespace(
+        getSequenceNum=lambda: sequence,
+        getTimestamp=lambda: timedelta(seconds=end_s),
+        aprilTags=[],
+    )
+
+
+class ScriptedDepthai:
+    """depthai as far as the graph calls it, and the source in front of it.
+
+    answers: None where nothing came as long as the graph waits. sizes: of the video's queue.
+    """
+
+    class QueueException(Exception):
+        pass
+
+    name, void = "script", None
+    lens = Lens(60.0, 2.0, 10.0, "trial")
+
+    def __init__(
+        self,
+        answers: Sequence[Any],
+        sent: int,
+        sizes: Sequence[int] = (),
+        last_lost: int = 0,
+    ) -> None:
+        self.answers, self.sent, self.sizes = list(answers), sent, list(sizes)
+        self.last_lost = last_lost
+        self.waited_s: list[float] = []
+        self.queue: tuple[int, bool] | None = None
+        self.MessageQueue = self
+        self.node = SimpleNamespace(RecordVideo="video", AprilTag="tags")
+        self.AprilTagConfig = SimpleNamespace(Family=SimpleNamespace(TAG_36H11="36h11"))
+
+    def create(self, node: str) -> Any:
+        called = ("VideoFile", "MetadataFile")
+        names = [f"setRecord{one}" for one in called] + [
+            "setFps",
+            "setRunOnHost",
+            "setNumThreads",
+        ]
+        return SimpleNamespace(
+            **dict.fromkeys(names, lambda given: None),
+            input=SimpleNamespace(
+                getSize=lambda: self.sizes.pop(0) if self.sizes else 0
+            ),
+            inputImage=SimpleNamespace(setBlocking=lambda given: None),
+            initialConfig=SimpleNamespace(setFamily=lambda given: None),
+            out=SimpleNamespace(createOutputQueue=self.output),
+        )
+
+    def output(self, maxSize: int, blocking: bool) -> Any:
+        self.queue = (maxSize, blocking)
+        return self
+
+    def get(self, wait: timedelta) -> Any:
+        self.waited_s.append(wait.total_seconds())
+        return self.answers.pop(0) if self.answers else None
+
+    def tryGet(self) -> Any:  # noqa: N802
+        return None
+
+    def open(self, dai: Any) -> Any:
+        return self
+
+    def connect(self, *given: Any) -> Callable[[], bool]:
+        steps = iter([True] * self.sent)
+        return lambda: next(steps, False)
+
+    def isRunning(self) -> bool:  # noqa: N802
+        return True
+
+    def start(self) -> None:
+        pass
+
+    stop = wait = close = start
+
+
+def watched(
+    monkeypatch: Any, out: Path, script: ScriptedDepthai
+) -> tuple[Any, list[float]]:
+    """camera.json of a run, whose video is never there, and the pauses of its end."""
+    slept: list[float] = []
+    monkeypatch.setitem(sys.modules, "depthai", script)
+    monkeypatch.setattr(graph.time, "sleep", slept.append)
+    out.mkdir()
+    with pytest.raises((DeviceLost, OutputError, TimeError)):
+        graph.watch(script, out, say=print)
+    return read_about(out), slept
+
+
+@pytest.mark.parametrize(("quiet", "frames"), [(99, 3), (100, 2)])
+def test_answers_are_waited_for_until_none_came_for_ten_seconds(
+    monkeypatch, tmp_path, quiet, frames
+):
+    silence = [None] * quiet
+    first, second, third = (answer(k, 0.1 * k) for k in range(3))
+    script = ScriptedDepthai([first, *silence[:99], second, *silence, third], sent=3)
+    about, _ = watched(monkeypatch, tmp_path / "out", script)
+    assert (about["frames"], script.queue) == (frames, (30, True))
+    assert set(script.waited_s) == {0.1}
+    assert ("stopped coming" in about["void"]) == (frames < 3)
+
+
+def test_lost_frames_are_counted_from_the_first_and_stamps_that_stand_still_void_a_trial(
+    monkeypatch, tmp_path
+):
+    stamps = ((5, -0.5), (6, 0.1), (9, 0.2), (10, 0.2), (10, 0.3))
+    script = ScriptedDepthai([answer(*one) for one in stamps], sent=5)
+    about, _ = watched(monkeypatch, tmp_path / "out", script)
+    assert (about["frames"], about["lost"], about["backwards"]) == (5, 2, 1)
+    assert "1 frames are not later" in about["void"]
+    lines = (tmp_path / "out/tags.csv").read_text("utf-8").splitlines()
+    assert lines[1] == "5,-0.501000" + "," * 9
+
+
+def test_frames_of_a_camera_are_not_waited_for_at_its_end(monkeypatch, tmp_path):
+    script = ScriptedDepthai([answer(0, 0.0)], sent=4, last_lost=1)
+    about, _ = watched(monkeypatch, tmp_path / "out", script)
+    assert (about["frames"], script.waited_s) == (1, [0.1] * 4)
+
+
+@pytest.mark.parametrize(
+    ("sizes", "pauses"),
+    [([], 5), ([3, 0, 0, 1, 0, 0, 0, 0, 0, 1], 15), ([1] * 2000, 1000)],
+)
+def test_a_video_s_queue_is_waited_for_until_it_stays_empty_or_ten_seconds_are_over(
+    monkeypatch, tmp_path, sizes, pauses
+):
+    script = ScriptedDepthai([answer(0, 0.0)], sent=1, sizes=sizes)
+    assert watched(monkeypatch, tmp_path / "out", script)[1] == [0.01] * pauses
+
+
+@pytest.mark.parametrize("off_s", [-2.1e-6, -1.9e-6, 1.9e-6, 2.1e-6])
+def test_a_stamp_of_the_video_may_differ_by_two_microseconds(tmp_path, off_s):
+    tracks = Tracks(np.array([4]), np.array([0.5]), {})
+    frames = [Frame(4, 0.501 + off_s, np.empty((0, 0), np.uint8))]
+    if abs(off_s) < 2e-6:
+        require_same_stamps(frames, tracks, ScriptedDepthai.lens, tmp_path)
+        return
+    with pytest.raises(ColumnError, match="1 frames of the video"):
+        require_same_stamps(frames, tracks, ScriptedDepthai.lens, tmp_path)
+
+
+def test_frames_after_the_last_tag_line_have_no_stamp_and_are_no_error(tmp_path):
+    tracks = Tracks(np.array([4]), np.array([0.5]), {})
+    image = np.empty((0, 0), np.uint8)
+    frames = [Frame(4, 0.501, image), Frame(5, 0.6, image), Frame(6, 0.7, image)]
+    require_same_stamps(frames, tracks, ScriptedDepthai.lens, tmp_path)
+    late = [Frame(4, 0.6, image), *frames[1:]]
+    with pytest.raises(ColumnError, match="3 frames of the video"):
+        require_same_stamps(late, tracks, ScriptedDepthai.lens, tmp_path)
+
+
+@pytest.mark.parametrize("expected", [2, 3, None, "4"])
+def test_a_file_is_whole_with_as_many_frames_as_were_counted(tmp_path, expected):
+    require_whole(3, expected, tmp_path)
+    with pytest.raises(EmptyRecording, match="holds 3 of its 4 frames"):
+        require_whole(3, 4, tmp_path)
+
+
+# -- frames and their lens
+
+
+@pytest.mark.parametrize(
+    ("changed", "fits"),
+    [
+        ({"fps": 0.5}, False),
+        ({"fps": 0.51}, True),
+        ({"fps": np.inf}, False),
+        ({"exposure_ms": 0.0}, False),
+        ({"exposure_ms": 0.01}, True),
+        ({"tag_mm": 0.01}, True),
+        ({"apart_mm": 0.0}, False),
+        ({"apart_mm": 0.01}, True),
+        ({"apart_mm": None}, True),
+    ],
+)
+def test_a_lens_has_positive_numbers_and_half_a_frame_a_second(changed, fits):
+    numbers = {"fps": 60.0, "exposure_ms": 2.0, "tag_mm": 10.0} | changed
+    if not fits:
+        with pytest.raises(ValueError, match=r"fps .* apart_mm"):
+            Lens.of(numbers, "trial")
+        return
+    lens = Lens.of(numbers, "trial")
+    assert (lens.fps, lens.exposure_ms, lens.tag_mm) == tuple(
+        numbers[name] for name in ("fps", "exposure_ms", "tag_mm")
+    )
+    assert (lens.clock, lens.apart_mm) == ("trial", changed.get("apart_mm"))
+
+
+@pytest.mark.parametrize(
+    ("text", "cause"), [("No Permissions", "udev rule"), ("none", "not plugged in")]
+)
+def test_a_camera_that_does_not_open_has_the_cause_that_its_library_names(text, cause):
+    with pytest.raises(CameraUnavailable, match=rf"no camera \({text}\).*{cause}"):
+        Oak(Lens(60.0, 1.5, 12.0, "monotonic")).open(
+            SimpleNamespace(Device=lambda: (_ for _ in ()).throw(RuntimeError(text)))
+        )
+
+
+@pytest.mark.parametrize(
+    ("refused", "stops_at", "taken"),
+    [
+        (0, 99, True),
+        (3, 99, True),
+        (10_001, 10**6, True),
+        (10_002, 10**6, False),
+        (5, 3, False),
+    ],
+)
+def test_a_frame_waits_ten_seconds_for_room_unless_the_graph_stops(
+    monkeypatch, refused, stops_at, taken
+):
+    now_s, pauses = [50.0], []
+
+    def sleep(pause_s):
+        pauses.append(pause_s)
+        now_s[0] = 50.0 + len(pauses) / 1000
+
+    monkeypatch.setattr(sources.time, "monotonic", lambda: now_s[0])
+    monkeypatch.setattr(sources.time, "sleep", sleep)
+    messages = []
+
+    class Closed(Exception):
+        pass
+
+    def send(message):
+        messages.append(message)
+        if len(messages) == 2:
+            raise Closed
+        return len(messages) > refused
+
+    queue = SimpleNamespace(trySend=send)
+    dai = SimpleNamespace(
+        MessageQueue=SimpleNamespace(QueueException=Closed),
+        ImgFrame=lambda: SimpleNamespace(
+            **{
+                name: lambda *given: None
+                for name in (
+                    "setType",
+                    "setSize",
+                    "setData",
+                    "setSequenceNum",
+                    "setTimestamp",
+                    "setTimestampDevice",
+                )
+            }
+        ),
+    )
+    dai.ImgFrame.Type = SimpleNamespace(GRAY8="gray")
+    made = []
+    one = SimpleNamespace(
+        createInputQueue=lambda maxSize, blocking: (
+            made.append((maxSize, blocking)) or queue
+        )
+    )
+    pipeline = SimpleNamespace(isRunning=lambda: len(pauses) < stops_at)
+    frames = [Frame(0, 0.0, np.zeros((2, 4), np.uint8))]
+    step = Stored("some", Lens(60.0, 2.0, 10.0, "trial"), frames).connect(
+        dai, pipeline, [one]
+    )
+    assert made == [(4, True)]
+    if taken:
+        assert step()
+        assert not step()
+    else:
+        with pytest.raises(TransferFailed, match="takes no more frames"):
+            step()
+    assert set(pauses) <= {0.001}

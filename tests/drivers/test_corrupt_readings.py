@@ -312,3 +312,108 @@ def test_a_status_whose_reserved_bits_are_set_is_no_packet_of_the_chip(data):
         == "garbage"
     )
     assert packet(spoilt).raw == packet(data).raw
+
+
+# -- one finger, packet by packet
+
+
+def plain(x: int = 5, status: int = 1, count: int = 0) -> Reply:
+    return Reply(LAYOUT.pack(x, 6, 7, status | count << 5), acked=True)
+
+
+def lively(**setup: Any) -> FingerState:
+    """A finger that was brought up at 0 and has converted twice by 1 ms."""
+    state = FingerState(Finger(ADDRESS), Setup(**setup))
+    state.brought_up(1, 0)
+    assert [state.judge(plain(count=k), 500_000 * k)[1] for k in (1, 2)] == [
+        "settling",
+        "",
+    ]
+    assert state.settled
+    return state
+
+
+@pytest.mark.parametrize(
+    ("reply", "why"),
+    [
+        (plain(32766), ""),
+        (plain(32767), "saturated"),
+        (plain(-32766), ""),
+        (plain(-32767), "saturated"),
+        (plain(-32768), "saturated"),
+        (plain(status=0x05), "garbage"),
+        (plain(status=0x09), "garbage"),
+        (plain(status=0x11), "reset"),
+        (plain(status=0x03), "diagnosis"),
+        (Reply(bytes(7), acked=True), "garbage"),
+        (Reply(b"\xff" * 7, acked=True), "garbage"),
+        (Reply(bytes(6) + b"\x01", acked=True), "settling"),
+        (Reply(b"", acked=False), "nack"),
+        (Reply(bytes(6), acked=True), "nack"),
+        (Reply(bytes(8), acked=True), "nack"),
+        (None, "missing"),
+    ],
+)
+def test_each_reply_that_is_no_reading_has_its_word(reply, why):
+    state = lively()
+    found, word = state.judge(reply, 2_000_000)
+    assert word == why
+    assert (found is None) == (why in ("nack", "missing"))
+    assert state.needs_bring_up(word) == (
+        why in ("garbage", "reset", "diagnosis", "missing")
+    )
+
+
+@pytest.mark.parametrize(("after_ns", "why"), [(20_000_000, ""), (20_000_001, "stale")])
+def test_a_packet_that_repeats_is_stale_after_twenty_milliseconds(after_ns, why):
+    state = lively()
+    assert state.judge(plain(count=2), 1_000_000 + after_ns)[1] == why
+    assert state.needs_bring_up("stale")
+
+
+@pytest.mark.parametrize(
+    ("after_ns", "why"), [(20_000_000, ""), (20_000_001, "settling")]
+)
+def test_after_a_missing_acknowledge_and_a_longer_pause_a_chip_may_have_slept(
+    after_ns, why
+):
+    state = lively()
+    assert state.judge(Reply(b"", acked=False), 2_000_000)[1] == "nack"
+    assert not state.needs_bring_up("nack")
+    assert state.judge(plain(count=3), 1_000_000 + after_ns)[1] == why
+    for _ in range(2):
+        state.judge(Reply(b"", acked=False), 40_000_000)
+    assert state.needs_bring_up("nack")
+    state.begin(41_000_000)
+    assert (state.nacks, state.ready, state.tried_ns) == (0, False, 41_000_000)
+
+
+def test_a_finger_is_read_as_its_chip_is_set_up():
+    moved = Finger(ADDRESS, 0, 0x50)
+    transfers = [
+        FingerState(moved, setup).transfer
+        for setup in (Setup(), Setup(burst=True), Setup(crc=True))
+    ]
+    assert [(one.address, one.write, one.read) for one in transfers] == [
+        (0x50, bytes([RESULTS]), 7),
+        (0x50, b"", 7),
+        (0x50, b"", 8),
+    ]
+    fresh = FingerState(moved, Setup(crc=True))
+    assert (fresh.tried_ns, fresh.version, fresh.settled) == (-50_000_000, 1, True)
+
+
+def test_a_test_of_a_crc_fails_after_24_packets_and_a_missing_one_shows_after_8():
+    check = PacketCheck()
+    wrong = [one[:-1] + bytes([k]) for k, one in enumerate(packets(3, 48))]
+    failures = []
+    for one in wrong:
+        assert not check.believes(ADDRESS, one)
+        failures.append(check.failures)
+    assert failures == [0] * 23 + [1] * 24 + [2]
+    check = PacketCheck()
+    absent = []
+    for one in packets(4, 8):
+        check.believes(ADDRESS, one[:-1] + b"\0")
+        absent.append(check.absent)
+    assert absent == [False] * 7 + [True]

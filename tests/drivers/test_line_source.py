@@ -31,7 +31,13 @@ from holdfast.core.errors import (
 from holdfast.core.line_key import LinkKey
 from holdfast.core.line_session import LONGEST_LINE
 from holdfast.core.source import SourceReading
-from holdfast.drivers.line_feeds import LineSplitter
+from holdfast.drivers import line_feeds
+from holdfast.drivers.line_feeds import (
+    LineSplitter,
+    SerialEnd,
+    TcpCaller,
+    TcpListener,
+)
 from holdfast.drivers.line_source import (
     DRIFT,
     LOST,
@@ -264,7 +270,7 @@ def test_a_stuck_sender_is_unknown(model: Model) -> None:
 def test_a_burst_after_a_stall_is_dropped_but_for_the_newest() -> None:
     clock = VirtualClock()
     burst_ns = 30 * PERIOD_NS
-    source, feed, _ = opened(
+    source, feed, said = opened(
         clock,
         late_ns=lambda k: max(0, burst_ns - k * PERIOD_NS) if 10 <= k < 30 else 0,
     )
@@ -274,13 +280,15 @@ def test_a_burst_after_a_stall_is_dropped_but_for_the_newest() -> None:
     assert why.count((SKIPPED,)) == 1
     newest = readings[why.index((SKIPPED,)) + 1]
     assert newest.values[0] == json.loads(feed.line(30))["X1"]
+    # lines 10 to 30 came at once
+    assert said[1:] == ["script: 20 samples dropped: more came than are read"]
 
 
 @STALE_LINES.mark
 def test_what_waited_while_nothing_was_read_is_dropped() -> None:
     """As between two trials: a sender that died meanwhile must not leave one fresh sample."""
     clock = VirtualClock()
-    source, feed, _ = opened(clock, ends=200)
+    source, feed, said = opened(clock, ends=200)
     for _ in range(50):
         read(source)
     clock.wait_until(190 * PERIOD_NS)
@@ -290,6 +298,13 @@ def test_what_waited_while_nothing_was_read_is_dropped() -> None:
     clock.wait_until(230 * PERIOD_NS)
     assert source.read() is None
     assert feed.ended
+    # lines 50 to 189, then within the same second 191 to 199
+    source.close()
+    assert said[1:] == [
+        "script: 140 samples dropped: nothing was read",
+        "script: its lines ended after 51 samples",
+        "script: 9 more samples dropped",
+    ]
 
 
 def test_lines_that_are_no_samples_are_counted_and_end_nothing(model: Model) -> None:
@@ -674,3 +689,256 @@ def test_the_example_map_of_the_page_is_one() -> None:
     page = Path(__file__).resolve().parents[2] / "docs" / "live-sources.md"
     text = page.read_text("utf-8").split("```toml\n")[1].split("```")[0]
     assert column_map_of(text).unit_of_values == "N"
+
+
+# -- exact times
+
+
+def test_a_missing_sample_is_noticed_after_two_periods_and_each_later_one_after_one() -> (
+    None
+):
+    clock = VirtualClock()
+    gone = range(10, 20)
+    source, feed, _ = opened(clock, late_ns=lambda k: None if k in gone else 0)
+    for _ in range(10):
+        read(source)
+    at_ns = [feed.arrives_ns(9)]
+    while (reading := read(source)).why[:1] == (LOST,):
+        assert not reading.valid.any()
+        assert (reading.t_ns, reading.why) == (at_ns[0], (LOST,) * 6)
+        at_ns.append(clock.now_ns())
+    steps = np.round(np.diff(at_ns) / PERIOD_NS, 3).tolist()
+    assert steps == [2.0, *[1.0] * 9]
+
+
+@pytest.mark.parametrize(("waiting", "why"), [(2, ""), (3, SKIPPED)])
+def test_two_samples_may_wait_and_of_three_the_newest_alone_is_read(
+    waiting: int, why: str
+) -> None:
+    clock = VirtualClock()
+    source, feed, _ = opened(clock)
+    read(source)
+    clock.wait_until(feed.arrives_ns(waiting))
+    first, second = read(source), read(source)
+    assert first.why == ((why,) * 6 if why else ())
+    assert second.values[0] == json.loads(feed.line(waiting))["X1"]
+
+
+@pytest.mark.parametrize(
+    ("pause_ns", "why"), [(20_000_000, (SKIPPED,) * 6), (20_000_001, ())]
+)
+def test_after_a_pause_of_more_than_three_periods_what_waits_has_no_known_time(
+    pause_ns: int, why: tuple[str, ...]
+) -> None:
+    clock = VirtualClock()
+    source, feed, _ = opened(clock)
+    read(source)
+    clock.spend(pause_ns)
+    reading = read(source)
+    assert reading.why == why
+    assert why or reading.t_ns == feed.arrives_ns(4)
+
+
+def test_a_source_that_sends_nothing_is_given_up_after_ten_seconds() -> None:
+    clock = VirtualClock()
+    with pytest.raises(
+        DeviceNotFound, match=r"no sample came for 10 s.*sends elsewhere"
+    ):
+        opened(clock, late_ns=lambda k: 10**12)
+    assert clock.now_ns() == 10_000_000_000
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (LineOptions(), "at 150 Hz, stamps of arrival; 105 samples before that"),
+        (LineOptions(rate_hz=100.0), "6 sensors in N at 100 Hz, stamps of arrival"),
+        (LineOptions("sender", 150.0), "at 150 Hz, stamps of sender"),
+    ],
+)
+def test_a_rate_is_measured_for_half_a_second_after_a_fifth(
+    options: LineOptions, said: str
+) -> None:
+    clock = VirtualClock()
+    _, feed, lines = opened(clock, options)
+    assert said in lines[0]
+    assert lines[0].endswith("are dropped") == (options.rate_hz is None)
+    # 0.7 s after the first one
+    assert feed.next == (106 if options.rate_hz is None else 1)
+
+
+def test_a_slow_sender_is_measured_over_twenty_samples() -> None:
+    clock = VirtualClock()
+    source, feed, _ = opened(
+        clock, LineOptions(), late_ns=lambda k: 9 * k * PERIOD_NS, line=text_of
+    )
+    assert source.rate_hz == pytest.approx(15.0, rel=1e-6)
+    assert feed.next == 20
+
+
+def test_a_burst_at_the_beginning_does_not_count_for_the_rate() -> None:
+    clock = VirtualClock()
+    source, _, _ = opened(
+        clock, LineOptions(), late_ns=lambda k: max(0, (20 - k) * PERIOD_NS)
+    )
+    assert source.rate_hz == pytest.approx(150.0, rel=1e-6)
+
+
+def test_the_rate_of_a_recording_is_that_of_its_steps_without_its_gaps() -> None:
+    for gap_periods, rate_hz in ((0.49, 150.0 * 19 / 19.49), (0.51, 150.0)):
+        line = lambda k, gap=gap_periods: text_of(  # noqa: E731
+            k, t_s=(k + (gap if k > 5 else 0.0)) / 150
+        )
+        source, _, _ = opened(
+            VirtualClock(),
+            LineOptions(paced=True),
+            late_ns=lambda k: -k * PERIOD_NS,
+            line=line,
+            ends=20,
+        )
+        assert source.rate_hz == pytest.approx(rate_hz, rel=1e-6)
+
+
+def test_a_recording_waits_for_its_rows_and_gives_up_a_gap_of_two_periods() -> None:
+    for gap, lost in ((1, 0), (2, 1), (3, 2)):
+        clock = VirtualClock()
+        source, _, _ = opened(
+            clock,
+            LineOptions(paced=True),
+            late_ns=lambda k: -k * PERIOD_NS,
+            line=lambda k, gap=gap: text_of(  # type: ignore[misc]
+                k, t_s=(k + (gap if k > 9 else 0)) / 150
+            ),
+            ends=30,
+        )
+        readings = list(iter(source.read, None))
+        assert [one.why[:1] for one in readings].count((LOST,)) == lost
+        assert len(readings) == 30 + lost
+
+
+# -- ends of streams, on a clock by hand
+
+
+class ByHand:
+    def __init__(self) -> None:
+        self.ns = 0
+
+    def now_ns(self) -> int:
+        return self.ns
+
+
+def test_a_lost_serial_port_is_looked_for_once_a_second(tmp_path: Path) -> None:
+    clock = ByHand()
+    path = tmp_path / "port"
+    path.write_bytes(b"a")
+    tried: list[int] = []
+
+    def open_port() -> int:
+        tried.append(clock.ns)
+        if len(tried) < 2:
+            raise OSError
+        return os.open(path, os.O_RDONLY)
+
+    clock.ns = 5_000_000_000
+    end = SerialEnd(os.open(path, os.O_RDONLY), open_port, clock.now_ns)
+    first = end.handle()
+    assert first is not None
+    assert (end.handle(), end.number) == (first, 0)
+    assert end.lost()
+    with pytest.raises(OSError, match="Bad file"):
+        os.fstat(first)
+    for after_ns in (0, 999_999_999, 1_000_000_000, 1_999_999_999, 2_000_000_000):
+        clock.ns = 5_000_000_000 + after_ns
+        assert end.handle() is None
+        if end._opening is not None:
+            end._opening.join()
+    assert tried == [6_000_000_000, 7_000_000_000]
+    assert end.handle() is not None
+    assert end.number == 1
+    end.close()
+    end.close()
+
+
+@pytest.fixture
+def unanswered(stack: ExitStack, monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """Connections are begun and not made while `answers` is empty; the errors they then have."""
+    answers: list[int] = []
+
+    class Pending(socket.socket):
+        def connect_ex(self, address: Any) -> int:
+            return 115
+
+        def getsockopt(self, *given: Any) -> Any:
+            return answers[0]
+
+    monkeypatch.setattr(line_feeds.socket, "socket", Pending)
+    monkeypatch.setattr(
+        line_feeds.select,
+        "select",
+        lambda reads, writes, errors, wait: ([], writes if answers else [], []),
+    )
+    return answers
+
+
+def test_a_connection_is_tried_again_each_second_and_one_that_is_not_made_after_five(
+    stack: ExitStack, unanswered: list[int]
+) -> None:
+    clock = ByHand()
+    server = stack.enter_context(socket.create_server(("127.0.0.1", 0)))
+    connection = socket.create_connection(server.getsockname())
+    caller = TcpCaller(connection, server.getsockname(), clock.now_ns)
+    stack.callback(caller.close)
+    assert (caller.handle(), caller.number) == (connection.fileno(), 0)
+    assert caller.lost()
+
+    def begun(at_ns: int) -> bool:
+        clock.ns = at_ns
+        assert caller.handle() is None
+        return caller._socket is not None
+
+    assert [begun(at) for at in (0, 999_999_999, 1_000_000_000)] == [False, False, True]
+    assert [begun(at) for at in (5_999_999_999, 6_000_000_000)] == [True, True]
+    assert not begun(6_000_000_001)
+    assert [begun(at) for at in (7_000_000_000, 7_000_000_001)] == [False, True]
+    # refused, then made
+    unanswered[:] = [111]
+    assert not begun(7_000_000_002)
+    unanswered[:] = []
+    assert begun(8_000_000_001)
+    unanswered[:] = [0]
+    assert caller.handle() is not None
+    assert caller.number == 1
+
+
+@pytest.mark.parametrize(("silent_ns", "number"), [(300_000_000, 0), (300_000_001, 1)])
+def test_a_second_client_is_let_in_where_the_first_was_silent_for_300_ms(
+    stack: ExitStack, silent_ns: int, number: int
+) -> None:
+    clock = ByHand()
+    refused: list[int] = []
+    server = socket.create_server(("127.0.0.1", 0))
+    listener = TcpListener(server, clock.now_ns, lambda: refused.append(clock.ns))
+    stack.callback(listener.close)
+    assert (listener.handle(), listener.number) == (None, -1)
+    for at_ns in (1_000, 1_000 + silent_ns):
+        clock.ns = at_ns
+        stack.enter_context(socket.create_connection(server.getsockname()))
+        handle = listener.handle()
+        assert handle is not None
+        if at_ns == 1_000:
+            clock.ns = 500
+            assert listener.number == 0
+    assert (listener.number, len(refused)) == (number, 1 - number)
+    listener.obeyed()
+    assert listener._heard_ns == clock.ns
+    assert listener.lost()
+    assert listener.handle() is None
+
+
+@pytest.mark.parametrize("over", [0, 1])
+def test_a_line_may_be_as_long_as_the_longest(over: int) -> None:
+    text = b"x" * (LONGEST_LINE + over)
+    splitter = LineSplitter()
+    assert splitter.split(text) == ([text] if over else [])
+    assert splitter.split(b"\n") == ([] if over else [text])
+    assert splitter.split(b"next\n") == [b"next"]

@@ -7,6 +7,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ import pylsl
 import pytest
 from command_line import fails
 from live_bench import DEFAULT, go
+from pylsl.util import LostError
 
 from holdfast.core.contract import Sample, channel_names
 from holdfast.core.errors import (
@@ -26,6 +28,7 @@ from holdfast.core.errors import (
     UnitError,
 )
 from holdfast.core.lsl_streams import StreamFacts
+from holdfast.drivers import lsl_library
 from holdfast.drivers.lsl import (
     DECISION,
     LOST,
@@ -358,3 +361,170 @@ def test_a_stream_loads_nothing_but_numpy_onnxruntime_and_pylsl():
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
     loaded = {name.partition(".")[0] for name in json.loads(done.stdout)}
     assert not loaded & {"scipy", "sklearn", "pandas", "onnx", "mne", "rich", "pyarrow"}
+
+
+@pytest.mark.parametrize(
+    ("ahead_ns", "late_ns"), [(0, 0), (1_000_000, 0), (1_000_001, 1_000_001), (-5, -5)]
+)
+def test_a_stamp_may_be_a_millisecond_ahead_and_is_then_now(ahead_ns, late_ns):
+    clock = VirtualClock(10**12)
+
+    class Inlet(ScriptedInlet):
+        def pull(self, timeout_s):
+            return [((10**12 + ahead_ns) * 1e-9, [0.0] * 18)]
+
+        def clock_s(self):
+            return 1e3
+
+    source = LslSource(Inlet(clock), clock.now_ns, print)
+    assert abs(source.read().t_ns - clock.now_ns() - late_ns) <= 1
+
+
+@pytest.mark.parametrize(("waiting", "why"), [(2, ""), (3, SKIPPED)])
+def test_two_samples_of_a_stream_may_wait(waiting, why):
+    clock = VirtualClock()
+    source, inlet, _ = opened(clock)
+    source.read()
+    clock.spend(round(1e9 * (waiting + 0.25) * PERIOD_S))
+    first = source.read()
+    assert first.why == (why,) * 6
+    if not why:
+        np.testing.assert_array_equal(first.values, inlet.rows(1))
+    np.testing.assert_array_equal(source.read().values, inlet.rows(waiting))
+
+
+def test_a_missing_sample_of_a_stream_is_noticed_after_one_and_a_half_periods():
+    clock = VirtualClock()
+    source, _, _ = opened(clock, gone=range(1, 9))
+    source.read()
+    began_ns = clock.now_ns()
+    assert source.read().why == (LOST,) * 6
+    assert clock.now_ns() - began_ns == 10_000_000
+
+
+def test_an_opened_stream_has_five_seconds_and_its_url_may_say_unit_and_rate():
+    clock = VirtualClock()
+    with pytest.raises(DeviceNotFound, match="for 5 s"):
+        opened(clock, gone=range(10**4))
+    assert clock.now_ns() == 5_000_000_000
+    facts = StreamFacts("hand", False, 0.0, LABELS, ("",) * 18)
+    source = LslSource(
+        ScriptedInlet(VirtualClock(), facts), VirtualClock().now_ns, print, "uT", 100.0
+    )
+    assert (source.unit, source.rate_hz) == ("uT", 100.0)
+    with pytest.raises(UnitError, match=r"lsl://hand\?unit=N\|uT\|count"):
+        opened(VirtualClock(), facts=facts)
+
+
+def test_a_decision_is_nine_numbers_and_nan_where_the_model_cannot_tell():
+    prediction = GripMonitor(Model(DEFAULT), None).feed(
+        Sample(0, np.zeros(18), np.ones(6, dtype=bool), 0)
+    )
+    one = replace(
+        prediction,
+        state="safe_slip",
+        p_situation={"nothing": 0.1, "grasp": 0.2, "safe_slip": 0.6, "risky_slip": 0.1},
+        p_risky=0.125,
+        arm=True,
+        act=False,
+    )
+    assert decision_row(one) == [2.0, 0.1, 0.2, 0.6, 0.1, 0.125, 1.0, 0.0]
+    assert decision_row(replace(one, state="unknown", act=True))[::7] == [-1.0, 1.0]
+    rows = decision_row(one, ["safe_slip"]), decision_row(one, ["risky_slip"])
+    assert [np.flatnonzero(np.isnan(row)).tolist() for row in rows] == [[3], [4, 5]]
+
+
+class ScriptedPylsl:
+    """pylsl as far as the driver calls it; `errors` by the name of the call."""
+
+    cf_string, cf_double64 = 3, 2
+
+    def __init__(self, **errors: Exception) -> None:
+        self.errors = errors
+        self.called: list[tuple[Any, ...]] = []
+        self.samples = [([1.0], 5.0), (None, None)]
+        self.streams = ["a stream"]
+        self.labels: list[str | None] | None = ["X1", None, "Z1"]
+
+    def __getattr__(self, name: str) -> Callable[..., Any]:
+        answers = {
+            "resolve_byprop": lambda: self.streams,
+            "StreamInlet": lambda: self,
+            "info": lambda: self,
+            "time_correction": lambda: 0.25,
+            "pull_sample": lambda: self.samples.pop(0),
+            "pull_chunk": lambda: ([[2.0], [3.0]], [6.0, 7.0]),
+            "channel_count": lambda: 3,
+            "channel_format": lambda: 2,
+            "nominal_srate": lambda: 150.0,
+            "name": lambda: "hand",
+            "get_channel_labels": lambda: self.labels,
+            "get_channel_units": lambda: None,
+            "StreamInfo": lambda: self,
+            "StreamOutlet": lambda: self,
+        }
+
+        def call(*given: Any) -> Any:
+            self.called.append((name, *given))
+            if name in self.errors:
+                raise self.errors[name]
+            return answers.get(name, lambda: None)()
+
+        return call
+
+
+def scripted(monkeypatch: Any, **errors: Exception) -> ScriptedPylsl:
+    script = ScriptedPylsl(**errors)
+    monkeypatch.setattr(lsl_library, "pylsl", script)
+    return script
+
+
+def test_an_inlet_is_found_by_name_keeps_two_seconds_and_gives_all_that_came(
+    monkeypatch,
+):
+    script = scripted(monkeypatch)
+    inlet = LslInlet("hand")
+    assert script.called[:2] == [
+        ("resolve_byprop", "name", "hand", 1, 5.0),
+        ("StreamInlet", "a stream", 2, 1),
+    ]
+    assert {("info", 5.0), ("open_stream", 5.0), ("time_correction", 5.0)} <= {
+        *script.called
+    }
+    assert inlet.facts == StreamFacts("hand", False, 150.0, ("X1", "", "Z1"), ("",) * 3)
+    assert inlet.pull(0.5) == [(5.25, [1.0]), (6.25, [2.0]), (7.25, [3.0])]
+    assert ("pull_sample", 0.5) in script.called
+    assert ("pull_chunk", 0.0, 4096) in script.called
+    assert inlet.pull(0.5) == []
+
+
+@pytest.mark.parametrize("error", [TimeoutError(), LostError()])
+def test_a_stream_that_does_not_open_or_ends_is_an_error_of_its_own(monkeypatch, error):
+    for name in ("info", "open_stream", "time_correction"):
+        scripted(monkeypatch, **{name: error})
+        with pytest.raises(
+            DeviceNotFound, match=f"does not open .{type(error).__name__}"
+        ):
+            LslInlet("hand")
+    script = scripted(monkeypatch)
+    inlet = LslInlet("hand")
+    for name in ("pull_sample", "pull_chunk", "time_correction"):
+        script.errors = {name: error}
+        script.samples = [([1.0], 5.0)]
+        with pytest.raises(DeviceLost, match="the stream ended"):
+            inlet.pull(0.0)
+    script.streams = []
+    with pytest.raises(DeviceNotFound, match="no such stream"):
+        LslInlet("hand")
+
+
+def test_an_outlet_is_of_doubles_and_found_again_by_its_source_id(monkeypatch):
+    script = scripted(monkeypatch)
+    LslOutlet("hand", "Tactile", 150.0, ["X1"], ["N"]).push([1.0], 2.0)
+    assert script.called == [
+        ("StreamInfo", "hand", "Tactile", 1, 150.0, 2, "holdfast-hand"),
+        ("set_channel_labels", ["X1"]),
+        ("set_channel_units", ["N"]),
+        ("StreamOutlet", script, 1),
+        ("push_sample", [1.0], 2.0),
+    ]

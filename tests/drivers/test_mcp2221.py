@@ -15,7 +15,7 @@ from bridge_bench import (
 
 from holdfast.core.errors import BusStuck, TransferFailed, UsageError
 from holdfast.drivers.bus import Transfer
-from holdfast.drivers.mcp2221 import Mcp2221
+from holdfast.drivers.mcp2221 import Mcp2221, Status
 
 
 def test_a_cancel_of_an_engine_that_was_never_used_hangs_it(make):
@@ -164,3 +164,65 @@ def test_an_engine_that_hangs_ends_in_an_error_and_not_in_a_loop(make):
     with pytest.raises(TransferFailed, match="0x62"):
         bench.bus.scan([Transfer(ABSENT, b"\0")])
     assert bench.backend.traffic.transfers < 100
+
+
+@pytest.mark.parametrize(
+    ("status", "ready"),
+    [
+        (Status(0, False, True, True, True), True),
+        (Status(0, False, False, True, True), True),
+        (Status(1, False, True, True, True), False),
+        (Status(0, True, True, True, True), False),
+        (Status(0, False, True, False, True), False),
+        (Status(0, False, True, True, False), False),
+    ],
+)
+def test_an_engine_is_ready_where_it_is_idle_and_both_lines_are_high(status, ready):
+    assert status.ready == ready
+
+
+def test_a_hanging_engine_is_asked_and_cancelled_so_often_and_then_named(make):
+    bench = make("mcp2221")
+    bench.bus.scan([FIRST])
+    sent = []
+    write = bench.bus._port.write
+    bench.bus._port.write = lambda *given: sent.append(given[1][:3]) or write(*given)
+    bench.engine().hangs = True
+    with pytest.raises(TransferFailed, match=r"hangs in state 0x62.*unplug it"):
+        bench.bus.scan([Transfer(ABSENT, b"\0")])
+    cancels = [one for one in sent if one[2]]
+    assert (len(cancels), set(cancels)) == (3, {b"\x10\0\x10"})
+
+
+def test_an_engine_that_works_is_asked_twenty_times(make):
+    bench = make("mcp2221")
+    bench.bus.scan([FIRST])
+    asked = []
+    bus, ask = bench.bus, bench.bus._ask
+
+    def working(command):
+        asked.append(command[0])
+        reply = bytearray(ask(command))
+        reply[8 if command[0] == 0x10 else 2] = 0x50
+        if command[0] == 0x40:
+            reply[1] = 0x41
+        return bytes(reply)
+
+    bus._ask = working
+    with pytest.raises(TransferFailed, match="hangs in state 0x50"):
+        bus.scan([FIRST])
+    # once to see that it is ready, then after each of three cancels
+    assert len(asked) == 20 + 3 * (1 + 20)
+    bus._ask = ask
+
+
+def test_a_line_that_is_low_is_named(make):
+    bench = make("mcp2221")
+    for scl, sda, says in (
+        (False, True, "SCL is"),
+        (True, False, "SDA is"),
+        (False, False, "SCL"),
+    ):
+        error = bench.bus._not_ready(Status(0, False, True, scl, sda))
+        assert isinstance(error, BusStuck)
+        assert says in str(error)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import os
 import sys
 
 import pytest
@@ -20,12 +21,14 @@ from hypothesis import strategies as st
 from holdfast.core.errors import (
     AccessDenied,
     BusStuck,
+    DeviceLost,
     DeviceNotFound,
     LibraryMissing,
+    TransferFailed,
     UsageError,
 )
 from holdfast.drivers.bridges import open_bus
-from holdfast.drivers.bus import NOT_ACKED, Reply, Transfer
+from holdfast.drivers.bus import NOT_ACKED, Reply, Transfer, freeing
 from holdfast.drivers.ft232h import Ft232h
 from holdfast.drivers.native_i2c import NativeI2C
 from holdfast.drivers.tmag5273 import GENERAL_CALL
@@ -138,3 +141,79 @@ def test_a_bus_of_the_board_is_named_by_a_number(name: str) -> None:
 def test_a_bus_that_the_board_does_not_have_is_not_found() -> None:
     with pytest.raises((DeviceNotFound, LibraryMissing)):
         open_bus("i2c", "987")
+
+
+class Refusing(VirtualI2cDev):
+    """The kernel refuses to open the file, or every transfer, with an error of this number."""
+
+    opens = transfers = 0
+
+    def open(self, path: str, flags: int) -> int | None:
+        if self.opens:
+            raise OSError(self.opens, os.strerror(self.opens))
+        return super().open(path, flags)
+
+    def _suffer(self) -> None:
+        if self.transfers:
+            raise OSError(self.transfers, os.strerror(self.transfers))
+
+
+@pytest.mark.parametrize(
+    ("opens", "transfers", "error", "says"),
+    [
+        (errno.EACCES, 0, AccessDenied, "group i2c"),
+        (errno.EPERM, 0, AccessDenied, "group i2c"),
+        (errno.ENOENT, 0, DeviceNotFound, "no /dev/i2c-1"),
+        (errno.ENODEV, 0, DeviceNotFound, "no /dev/i2c-1"),
+        (errno.ENXIO, 0, DeviceNotFound, "no /dev/i2c-1"),
+        (errno.EIO, 0, TransferFailed, "cannot be opened: Input/output error"),
+        (0, errno.ETIMEDOUT, BusStuck, "SDA or SCL is held low"),
+        (0, errno.ENODEV, DeviceLost, "no longer there"),
+        (0, errno.ENOENT, DeviceLost, "no longer there"),
+        (0, errno.EIO, TransferFailed, "a transfer failed: Input/output error"),
+        (0, errno.EHOSTDOWN, TransferFailed, "a transfer failed: Host is down"),
+    ],
+)
+def test_each_error_of_the_kernel_has_its_own(opens, transfers, error, says):
+    with Refusing(VirtualHand(VirtualClock())) as device:
+        device.opens, device.transfers = opens, transfers
+        with pytest.raises(error) as raised:
+            NativeI2C(1).scan([FIRST])
+    assert type(raised.value) is error
+    assert str(raised.value).startswith("i2c-1: ")
+    assert says in str(raised.value)
+
+
+def test_the_kernel_carries_8192_bytes_in_a_message(make):
+    bus = make("native").bus
+    assert bus.scan([Transfer(ABSENT, bytes(8192))]) == [NOT_ACKED]
+    with pytest.raises(TransferFailed, match=r"8193 bytes.*at most 8192"):
+        bus.scan([Transfer(ABSENT, bytes(8193))])
+
+
+def test_a_bus_number_has_nine_digits_at_most():
+    with pytest.raises(DeviceNotFound):
+        open_bus("i2c", "9" * 9)
+    with pytest.raises(UsageError):
+        open_bus("i2c", "9" * 10)
+
+
+def test_a_bus_that_is_held_low_is_cleared_nine_times_at_most():
+    class Stuck:
+        name, held, cleared = "stuck", 9, 0
+
+        def clear(self) -> None:
+            self.cleared += 1
+            self.held -= 1
+
+        def act(self) -> str:
+            if self.held:
+                raise BusStuck("held low", where=self.name)
+            return "done"
+
+    bus = Stuck()
+    assert (freeing(bus, bus.act), bus.cleared) == ("done", 9)
+    bus.held = 10
+    with pytest.raises(BusStuck):
+        freeing(bus, bus.act)
+    assert bus.cleared == 18

@@ -16,6 +16,7 @@ from holdfast.drivers.camera.onset import (
     HiddenMotion,
     Slip,
     find_slip,
+    fitted_start,
     gross_distance_mm,
     largest_move_mm,
 )
@@ -278,3 +279,149 @@ def test_the_interval_ends_where_the_object_rests_again_or_is_last_seen():
     )
     assert found(stopped).end_s == pytest.approx(1.3, abs=0.04)
     assert found(hiding(moved, 90, len(moved.t_s))).end_s == pytest.approx(90 / 60.0)
+
+
+# -- limits, exactly
+
+
+@pytest.mark.parametrize(
+    ("wide", "hand_px", "apart_mm", "fits"),
+    [
+        (1.049, 40.0, None, True),
+        (1.051, 40.0, None, False),
+        (0.951, 40.0, None, True),
+        (0.949, 40.0, None, False),
+        (1.0, 40.0 / 1.049, None, True),
+        (1.0, 40.0 / 1.051, None, False),
+        (1.0, 40.0 / 0.951, None, True),
+        (1.0, 40.0 / 0.949, None, False),
+        (1.0, 40.0, 20.0 / 1.049, True),
+        (1.0, 40.0, 20.0 / 1.051, False),
+        (1.0, 40.0, 20.0 / 0.951, True),
+        (1.0, 40.0, 20.0 / 0.949, False),
+    ],
+)
+def test_sides_sizes_and_distances_may_differ_by_a_twentieth(
+    wide, hand_px, apart_mm, fits
+):
+    thing = tag(np.zeros((5, 2))) * [wide, 1.0] + [180.0, 100.0]
+    if wide != 1.0:
+        hand_px = 20.0 * (1.0 + wide)
+    hand = tag(np.tile([180.0 - 2.0 * hand_px, 100.0], (5, 1)), hand_px)
+    if fits:
+        moved = motion(np.arange(5.0), thing, hand, TAG_MM, apart_mm)
+        assert moved.mm_per_px == pytest.approx(TAG_MM / hand_px)
+        return
+    with pytest.raises(TagError):
+        motion(np.arange(5.0), thing, hand, TAG_MM, apart_mm)
+
+
+def test_five_frames_with_both_tags_are_enough_and_four_are_not():
+    hand = tag(np.tile([100.0, 100.0], (6, 1)))
+    thing = tag(np.tile([180.0, 100.0], (6, 1)))
+    thing[1] = np.nan
+    assert motion(np.arange(6.0), thing, hand, TAG_MM).seen == 5
+    hand[4, 2, 1] = np.nan
+    with pytest.raises(LabelError, match="4 of 6 frames"):
+        motion(np.arange(6.0), thing, hand, TAG_MM)
+
+
+def test_noise_is_the_median_step_and_the_threshold_five_of_it_or_a_part_of_a_pixel():
+    place_mm = np.array([[0.0, 0.0], [0.1, -0.1], [0.0, 0.0], [np.nan] * 2, [0.1, 0.1]])
+    moved = Motion(np.arange(5.0), place_mm, MM_PER_PX)
+    assert moved.sigma_mm == pytest.approx(1.4826 * 0.1 / np.sqrt(2.0))
+    assert moved.threshold_mm == pytest.approx(5.0 * moved.sigma_mm)
+    assert Motion(np.arange(5.0), place_mm, 4.0).threshold_mm == 0.15 * 4.0
+    assert moved.seen == 4
+    assert moved.between(1.0, 3.0).t_s.tolist() == [1.0, 2.0, 3.0]
+    assert Motion(np.zeros(1), place_mm[:1], MM_PER_PX).sigma_mm == 0.0
+    assert Motion(np.arange(2.0), place_mm[:2], MM_PER_PX).sigma_mm > 0.0
+
+
+def steps(places_mm, fps=20.0, mm_per_px=1.0):
+    """A motion along y at 20 frames a second, without noise; nan where a tag is hidden."""
+    place_mm = np.array([[0.0 * one, one] for one in places_mm])
+    return Motion(np.arange(len(places_mm)) / fps, place_mm, mm_per_px)
+
+
+REST = [0.0] * 8
+
+
+def test_three_frames_in_a_row_beyond_the_threshold_are_a_motion_and_two_are_not():
+    assert largest_move_mm(steps([*REST, 1.0, 1.0, *REST])) == 0.0
+    assert largest_move_mm(steps([*REST, 1.0, 1.0, 1.0, *REST])) == 1.0
+    assert largest_move_mm(steps([*REST, 0.15, 0.15, 0.15, *REST])) == 0.0
+    assert largest_move_mm(steps([*REST, 0.151, 0.151, 0.151, *REST])) == 0.151
+    assert largest_move_mm(steps([*REST, 1.0, 1.0, 0.0, 1.0, 1.0, *REST])) == 0.0
+
+
+def test_a_slip_has_these_times_to_the_millisecond():
+    """2 mm are reached between two frames, where the root of the distance grows linearly."""
+    slip = found(steps([*REST, 0.25, 1.0, 2.25, 4.0, *[4.0] * 9]))
+    assert slip.seen_s == pytest.approx(8 / 20)
+    assert slip.gross_s == pytest.approx((9 + (np.sqrt(2.0) - 1.0) / 0.5) / 20)
+    assert slip.start_s == pytest.approx(7 / 20, abs=0.001)
+    assert slip.frame_s == pytest.approx(1 / 20)
+    # the rest that follows begins with its first frame
+    assert slip.end_s == pytest.approx(11 / 20, abs=0.051)
+    cut = found(steps([*REST, 0.25, 1.0, 2.25, 4.0]))
+    assert cut.end_s == pytest.approx(11 / 20)
+    assert find_slip(steps([*REST, 0.25, 1.0, 1.9, 1.99, 1.9])) is None
+    assert isinstance(find_slip(steps([*REST, 0.25, 1.0, 1.9, 2.0, 2.0])), Slip)
+
+
+def test_a_gap_is_a_step_of_more_than_two_and_a_half_periods():
+    nan = float("nan")
+    for hidden in (1, 2):
+        gap = [nan] * hidden
+        moved = find_slip(steps([*REST, *gap, 0.25, 1.0, 2.25, 4.0]))
+        if hidden == 1:
+            assert isinstance(moved, Slip)
+            assert moved.frame_s == pytest.approx(2 / 20)
+        else:
+            assert moved == HiddenMotion(pytest.approx(7 / 20), pytest.approx(10 / 20))
+    # the tag comes back, and the object rests where it was
+    assert find_slip(steps([*REST, nan, nan, nan, *REST])) is None
+    after = find_slip(
+        steps([*REST, 0.25, 1.0, 2.25, 4.0, 6.25, nan, nan, nan, *[9.0] * 9])
+    )
+    assert isinstance(after, Slip)
+    assert after.end_s == pytest.approx(12 / 20)
+
+
+def test_a_tag_that_stays_hidden_tells_of_a_motion_where_the_object_was_away_at_last():
+    nan = float("nan")
+    for away_mm, hidden, moves in ((1.0, 3, True), (0.1, 3, False), (1.0, 2, False)):
+        found_ = find_slip(steps([*REST, away_mm, *[nan] * hidden]))
+        expected = HiddenMotion(pytest.approx(8 / 20), pytest.approx((8 + hidden) / 20))
+        assert found_ == (expected if moves else None)
+
+
+def test_the_fit_takes_the_rest_before_and_four_frames_and_more_of_a_slow_start():
+    def start(places_mm, threshold_mm=0.15):
+        t_s = np.arange(len(places_mm)) / 20.0
+        return fitted_start(t_s, np.array(places_mm), 8, threshold_mm, 0.01)
+
+    ramp = [0.25 * (k + 1) ** 2 for k in range(12)]
+    exact, sd_s = start([*REST, *ramp])
+    assert exact == pytest.approx(7 / 20, abs=2e-5)
+    # frames further than 20 thresholds (3 mm) and later than 0.3 s say nothing
+    assert start([*REST, *ramp[:4], *[50.0] * 8]) == (exact, sd_s)
+    assert start([*REST, *ramp[:3], 4.5, *ramp[4:]])[0] != exact
+    slow = [0.01 * (k + 1) ** 2 for k in range(12)]
+    whole = start([*REST, *slow])
+    assert start([*REST, *slow[:7], *[1.0] * 5])[0] == whole[0]
+    assert start([*REST, *slow[:5], 1.0, *slow[6:]])[0] != whole[0]
+    # a rest longer ago than 0.3 s says nothing either
+    assert start([9.0, 9.0, *REST[2:], *ramp]) == (exact, sd_s)
+    assert start([*REST[:3], 0.3, *REST[4:], *ramp])[1] > sd_s
+    # the noise of the track is the least that is believed
+    assert sd_s > 0.0
+    assert fitted_start(np.arange(20) / 20, np.array([*REST, *ramp]), 8, 0.15, 0.02)[
+        1
+    ] == pytest.approx(2.0 * sd_s, rel=1e-6)
+
+
+def test_the_uncertainty_is_of_the_fit_and_of_a_frame():
+    slip = Slip(0.0, 0.3, 0.0, 0.0, 0.0, 0.4 * np.sqrt(12.0))
+    assert slip.uncertainty_s == pytest.approx(0.5)

@@ -242,3 +242,81 @@ def test_numbers_come_as_they_were_sent_in_both_formats(values: list[float]) -> 
     row = ",".join(map(repr, values)).encode()
     assert taken(reader, row).values.tolist() == values
     assert all(map(math.isfinite, values))
+
+
+def test_a_line_may_have_16_kib() -> None:
+    padded = line().ljust(16 << 10, b" ")
+    assert taken(SampleReader(), padded).valid.all()
+    assert refused(SampleReader(), padded + b" ") == NOT_UNDERSTOOD
+
+
+def test_the_oldest_of_nine_headers_is_forgotten() -> None:
+    reader = SampleReader()
+    for peer in range(9):
+        reader.take(b"X1,Y1,Z1", peer, 0)
+    # a header that comes again makes none of the others old
+    reader.take(b"Z1,Y1,X1", 8, 0)
+    assert refused(reader, b"1,2,3", peer=0) == NOT_UNDERSTOOD
+    assert taken(reader, b"1,2,3", peer=1).values.tolist() == [1.0, 2.0, 3.0]
+
+
+def test_there_may_be_12_sensors_and_as_many_as_have_all_their_columns() -> None:
+    def names(n_sensors: int) -> list[str]:
+        return [f"{axis}{k}" for k in range(1, n_sensors + 1) for axis in "XYZ"]
+
+    assert len(map_of_names(names(12), "N").channels) == 36
+    for wrong in (names(13), names(2)[:5], names(2)[3:], ["X0", "Y0", "Z0"]):
+        with pytest.raises(ColumnError, match="no columns X1"):
+            map_of_names(wrong, "N")
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("Time", 2), ("t_s", 2), ("t_ms", 2e3), ("t_us", 2e6), ("t_ns", 2e9)],
+)
+def test_a_column_of_time_has_the_unit_of_its_name(name: str, value: float) -> None:
+    assert taken(SampleReader(), line(**{name: value})).stamp_ns == 2_000_000_000
+    assert taken(SampleReader(), line(Time=2, t_ms=1)).stamp_ns == 2_000_000_000
+    assert taken(SampleReader(), line()).stamp_ns is None
+
+
+@pytest.mark.parametrize("flag", [0, "0", "false", False, 0.0])
+def test_a_flag_that_is_zero_or_false_makes_a_sensor_invalid(flag: Any) -> None:
+    assert taken(SampleReader(), line(valid1=1, valid2=flag)).valid.tolist() == [
+        True,
+        False,
+    ]
+    assert taken(SampleReader(), line(valid1=flag)).valid.tolist() == [False, True]
+    # without the first flag there are none
+    assert taken(SampleReader(), line(valid2=flag)).valid.all()
+
+
+def test_a_session_in_a_table_is_a_number_of_16_digits_at_most() -> None:
+    def read(session: str) -> bool:
+        reader = SampleReader()
+        reader.take(b"session,sequence,X1,Y1,Z1", "a", 0)
+        return refused_or_taken(reader, f"{session},1,1,2,3".encode())
+
+    assert [read(one) for one in ("1" * 15, "0" * 16, "0" * 17, "-1", "1.5", "x")] == [
+        True,
+        True,
+        *[False] * 4,
+    ]
+
+
+def refused_or_taken(reader: SampleReader, text: bytes) -> bool:
+    try:
+        return reader.take(text, "a", 0) is not None
+    except LineRefused:
+        return False
+
+
+def test_lines_without_any_number_count_one_after_the_other() -> None:
+    reader = SampleReader()
+    samples = [taken(reader, line(), at_ms) for at_ms in (0, 10, 310, 611)]
+    assert [one.begins for one in samples] == [True, False, False, True]
+    # with a sequence, a line without a stamp and one with an older stamp
+    reader = SampleReader()
+    assert taken(reader, line(session=3, sequence=1, t_ms=50), 1000).begins
+    assert refused(reader, line(session=3, sequence=2, t_ms=50), 1000) == NOT_RISING
+    assert taken(reader, line(session=3, sequence=2, t_ms=51), 1000).stamp_ns == 51 * MS

@@ -11,8 +11,9 @@ from bridge_bench import FIRST, ID, IDENTITY, SECOND, SIX, A, B, Bench, C, D
 from hypothesis import given
 from hypothesis import strategies as st
 
-from holdfast.core.errors import BusStuck, UsageError
+from holdfast.core.errors import BusStuck, TransferFailed, UsageError
 from holdfast.drivers.bus import Transfer
+from holdfast.drivers.ft232h import Ft232h
 from holdfast.drivers.tmag5273 import (
     PACKET_BYTES,
     REGISTERS,
@@ -278,3 +279,143 @@ def test_pyftdi_unmodified_reads_the_sensors_of_the_virtual_bridge(monkeypatch):
         controller.get_port(0x36).read_from(0x0D, 1)
     controller.close()
     UsbTools.flush_cache()
+
+
+# -- the table of registers, the configuration and packets of the data sheet
+
+FIELDS = """
+DEVICE_CONFIG_1 CRC_EN=80 MAG_TEMPCO=60 CONV_AVG=1c I2C_RD=03
+DEVICE_CONFIG_2 THR_HYST=e0 LP_LN=10 I2C_GLITCH_FILTER=08 TRIGGER_MODE=04 OPERATING_MODE=03
+SENSOR_CONFIG_1 MAG_CH_EN=f0 SLEEPTIME=0f
+SENSOR_CONFIG_2 THRX_COUNT=40 MAG_THR_DIR=20 MAG_GAIN_CH=10 ANGLE_EN=0c X_Y_RANGE=02 Z_RANGE=01
+T_CONFIG T_THR=fe T_CH_EN=01
+INT_CONFIG_1 RSLT_INT=80 THRSLD_INT=40 INT_STATE=20 INT_MODE=1c MASK_INTB=01
+I2C_ADDRESS ADDRESS=fe UPDATE_EN=01
+DEVICE_ID VER=03
+CONV_STATUS SET_COUNT=e0 POR=10 DIAG_STATUS=02 RESULT_STATUS=01
+DEVICE_STATUS INTB_RB=10 OSC_ER=08 INT_ER=04 OTP_CRC_ER=02 VCC_UV_ER=01
+"""
+
+
+def test_each_field_has_the_bits_that_the_data_sheet_gives_it():
+    masks = {
+        f"{name} {field}": register.value(**{field: (1 << bits) - 1})
+        for name, register in REGISTERS.items()
+        for field, (_, bits) in register.fields.items()
+    }
+    expected = {}
+    for line in FIELDS.split("\n")[1:-1]:
+        name, *fields = line.split()
+        expected |= {
+            f"{name} {field}": int(mask, 16)
+            for field, mask in (one.split("=") for one in fields)
+        }
+    assert masks == expected
+    for name in masks:
+        register, field = name.split()
+        assert REGISTERS[register].read(masks[name], field) == max(
+            REGISTERS[register].read(byte, field) for byte in range(256)
+        )
+
+
+def test_a_write_changes_what_the_data_sheet_lets_it_change():
+    read_only = {n: (r.writable, r.write_one_clears) for n, r in REGISTERS.items()}
+    assert {n for n, (writable, _) in read_only.items() if not writable} == {
+        *(name for name in REGISTERS if "RESULT" in name or name.startswith("MANUF")),
+        "DEVICE_ID",
+        "CONV_STATUS",
+        "DEVICE_STATUS",
+    }
+    assert {
+        n: found for n, found in read_only.items() if found[0] in range(1, 255)
+    } == {"SENSOR_CONFIG_2": (0x7F, 0)}
+    assert {n: found[1] for n, found in read_only.items() if found[1]} == {
+        "CONV_STATUS": 0x10,
+        "DEVICE_STATUS": 0x0F,
+    }
+
+
+def test_a_number_that_does_not_fit_its_field_is_refused():
+    config = REGISTERS["DEVICE_CONFIG_1"]
+    assert config.value(CONV_AVG=7, I2C_RD=0) == 0x1C
+    for number in (8, -1):
+        with pytest.raises(ValueError, match="CONV_AVG"):
+            config.value(CONV_AVG=number)
+
+
+@pytest.mark.parametrize(
+    ("setup", "bytes_", "range_mt"),
+    [
+        (Setup(averages=1), {0x00: 0x20}, [133, 133, 266]),
+        (Setup(averages=8, crc=True), {0x00: 0xAD}, [133, 133, 266]),
+        (Setup(wide_xy=True, wide_z=False), {0x03: 0x02}, [266, 266, 133]),
+        (Setup(together=True), {0x01: 0x10}, [133, 133, 266]),
+    ],
+)
+def test_a_setup_is_in_these_registers_and_has_this_range(setup, bytes_, range_mt):
+    default = dict(Setup().registers())
+    assert dict(setup.registers()) == default | bytes_
+    assert setup.range_mt(2).tolist() == range_mt
+    assert setup.packets == setup.crc
+    assert dict(setup.plain.registers())[0x00] & 0x83 == 0
+
+
+def test_a_packet_has_seven_bytes_and_its_status_says_what_is_wrong():
+    for length in (6, 8):
+        with pytest.raises(ValueError, match=f"{length} bytes, not 7"):
+            packet(bytes(length))
+    found = {
+        status: packet(bytes(6) + bytes([status])) for status in (0x10, 0x02, 0xE1)
+    }
+    states = [(one.set_count, one.reset, one.failing) for one in found.values()]
+    assert states == [(0, True, False), (0, False, True), (7, False, False)]
+
+
+# -- limits of the FT232H
+
+
+@pytest.mark.parametrize(
+    ("bus_hz", "divider"),
+    [(10_000, 1999), (100_000, 199), (400_000, 49), (1_000_000, 19)],
+)
+def test_the_ft232h_divides_its_clock_by_three_phases(bench, bus_hz, divider):
+    bench.bus.close()
+    bench.bus = Ft232h(bench.backend, bus_hz=bus_hz)
+    assert bench.device._divider == divider
+    for wrong_hz in (9_999, 1_000_001):
+        with pytest.raises(UsageError, match="choose 10000 to 1000000 Hz"):
+            Ft232h(bench.backend, bus_hz=wrong_hz)
+
+
+def test_as_many_answers_are_asked_for_at_once_as_a_packet_holds(bench):
+    def transfers(*reads: int) -> int:
+        bench.backend.traffic.transfers = 0
+        bench.bus.scan([Transfer(A, b"\x00", one) for one in reads])
+        return bench.backend.traffic.transfers
+
+    bench.bus.scan([FIRST])
+    # three acknowledge bits each, 506 bytes a packet
+    assert [transfers(250, 250), transfers(250, 251), transfers(503)] == [2, 4, 2]
+    with pytest.raises(UsageError, match="read fewer than 504 bytes"):
+        transfers(504)
+
+
+def test_an_answer_may_come_after_a_hundred_empty_packets_and_no_more(bench):
+    port = bench.bus._port
+    read, empty = port.read, []
+
+    def late(*given):
+        return empty.pop() if empty else read(*given)
+
+    port.read = late
+    empty[:] = [b"\x32\x60"] * 100
+    assert bench.bus.scan([FIRST])[0].acked
+    for packets, says in (
+        ([b"\x32\x60"] * 101, "0 of 6 bytes"),
+        ([b"\x32"], "of 1 bytes"),
+    ):
+        empty[:] = packets
+        with pytest.raises(TransferFailed, match=says):
+            bench.bus.scan([FIRST])
+        empty.clear()
+        assert bench.bus.scan([FIRST])[0].acked

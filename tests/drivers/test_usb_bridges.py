@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import struct
+from types import SimpleNamespace
 
 import pytest
 import usb.core
@@ -14,9 +15,19 @@ from bridge_bench import (
     every_usb_bridge,
 )
 
-from holdfast.core.errors import AccessDenied, DeviceNotFound, TransferFailed
+from holdfast.core.errors import (
+    AccessDenied,
+    DeviceLost,
+    DeviceNotFound,
+    LibraryMissing,
+    TransferFailed,
+)
+from holdfast.drivers import usb as bridge_on_usb
+from holdfast.drivers.bridges import bridges_on_usb, ids_of, open_bus, open_virtual
+from holdfast.drivers.ft232h import Ft232h
 from holdfast.drivers.mcp2221 import Mcp2221
 from holdfast.drivers.tiny_usb import TinyUsb
+from holdfast.drivers.usb import Stalled, named_errors
 from holdfast.drivers.virtual.faults import Fault
 from holdfast.drivers.virtual.usb_backend import VirtualBackend
 
@@ -174,3 +185,104 @@ def test_a_bridge_that_does_not_open_is_given_back(make, kind):
     assert bench.backend.is_kernel_driver_active(None, 2 if kind == "mcp2221" else 0)
     bench.clock.wait_until(2_500_000_000)
     bench.bus = bench.open()
+
+
+@pytest.mark.parametrize(
+    ("raised", "error", "says"),
+    [
+        (usb.core.USBError("text", None, 19), DeviceLost, "no longer on USB"),
+        (usb.core.USBError("text", None, 13), AccessDenied, "no udev rule"),
+        (usb.core.USBError("text", None, 16), AccessDenied, "another program"),
+        (usb.core.USBError("text", None, 110), TransferFailed, "no answer in time"),
+        (usb.core.USBTimeoutError("text"), TransferFailed, "no answer in time"),
+        (usb.core.USBError("text", None, 32), Stalled, "(stall)"),
+        (usb.core.USBError("text", None, 5), TransferFailed, "USB error 5: text"),
+        (usb.core.NoBackendError("text"), LibraryMissing, "no libusb"),
+    ],
+)
+def test_each_error_of_usb_has_its_own(raised, error, says):
+    with pytest.raises(error) as found, named_errors("ft232h"):
+        raise raised
+    assert type(found.value) is error
+    assert str(found.value).startswith("ft232h: ")
+    assert says in str(found.value)
+
+
+@every_usb_bridge
+def test_a_bridge_waits_for_a_transfer_as_long_as_that_may_take(make, kind):
+    bench = make(kind)
+    waits_ms = set()
+
+    def noting(carry):
+        def noted(*values):
+            waits_ms.add(values[-1])
+            return carry(*values)
+
+        return noted
+
+    bench.bus.close()
+    for name in ("ctrl_transfer", "bulk_read", "bulk_write", "intr_read", "intr_write"):
+        setattr(bench.backend, name, noting(getattr(bench.backend, name)))
+    bench.bus = bench.open()
+    bench.bus.scan([FIRST, WHO])
+    # 5 ms: reading away what an earlier program left
+    assert waits_ms == {"mcp2221": {5, 50}, "ft232h": {5, 10}}.get(kind, {100})
+
+
+def test_what_is_left_is_read_away_until_none_is_or_64_times(make):
+    port = make("ft232h").bus._port
+    for left, read in (([5, 3, 2, 9], 3), ([3] * 100, 64), ([9, None, 9], 2)):
+        asked = []
+
+        def bring(*given, asked=asked, left=left):
+            asked.append(given)
+            length = left[len(asked) - 1]
+            if length is None:
+                raise TransferFailed("no answer in time")
+            return bytes(length)
+
+        port.read = bring
+        port.drain(0x81, 512, empty=2)
+        assert asked == [(0x81, 512, 5)] * read
+
+
+def test_a_bridge_is_one_of_those_on_usb_by_its_number(make):
+    backend = make("ft232h").backend
+    with pytest.raises(DeviceNotFound, match=r"only 1 on USB.*0403:6014"):
+        Ft232h(backend, number=1)
+    with pytest.raises(DeviceNotFound, match="none on USB"):
+        Mcp2221(backend)
+
+
+def test_bridges_on_usb_are_urls_with_their_numbers(make, monkeypatch):
+    backend = make("ft232h").backend
+    monkeypatch.setattr(bridge_on_usb, "real_backend", lambda: backend)
+    assert bridges_on_usb() == ["usb://ft232h?number=0"]
+    assert ids_of("tiny-usb") == ((0x0403, 0xC631), (0x1C40, 0x0534))
+    with pytest.raises(AccessDenied, match="busy"):
+        open_bus("usb", "ft232h")
+    with pytest.raises(DeviceNotFound, match="only 1"):
+        open_bus("usb", "ft232h", number=1)
+
+
+def test_a_bridge_runs_at_400_khz_where_no_speed_is_named(make):
+    bench = make("mcp2221")
+    assert open_virtual("mcp2221", bench.hand).bus_hz == 400_000
+    assert bench.engine().bus_hz == 400_000
+    (bench.bus.close)()
+    opened = open_virtual("ft232h", bench.hand)
+    assert opened()._divider == 49  # 60 MHz / (3 * 50)
+
+
+def test_bytes_that_did_not_go_out_are_a_transfer_that_failed(make):
+    port = make("ft232h").bus._port
+    device = port.device
+    port.device = SimpleNamespace(
+        write=lambda endpoint, data, wait: len(data) - 1,
+        ctrl_transfer=lambda *given: 0,
+    )
+    with pytest.raises(TransferFailed, match="2 of 3 bytes went out"):
+        port.write(0x02, b"abc")
+    with pytest.raises(TransferFailed, match="0 of 1 bytes went out"):
+        port.control_out(0x40, 0, 0, 0, b"a")
+    port.device = device

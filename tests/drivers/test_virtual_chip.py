@@ -8,6 +8,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from holdfast.core.errors import UsageError
+from holdfast.drivers.layout import read_layout
 from holdfast.drivers.tmag5273 import (
     CONTINUOUS,
     FACTORY_ADDRESSES,
@@ -17,10 +19,11 @@ from holdfast.drivers.tmag5273 import (
     XYZ,
     crc8,
 )
+from holdfast.drivers.virtual import clock as clock_module
 from holdfast.drivers.virtual.chip import Chip
-from holdfast.drivers.virtual.clock import VirtualClock
-from holdfast.drivers.virtual.faults import Faults
-from holdfast.drivers.virtual.virtual_hand import Wire
+from holdfast.drivers.virtual.clock import VirtualClock, WallClock
+from holdfast.drivers.virtual.faults import Fault, Faults, read_fault
+from holdfast.drivers.virtual.virtual_hand import Noise, Wire, wiring_of
 
 A = FACTORY_ADDRESSES[0]
 CRC_ON = 0x80
@@ -220,3 +223,162 @@ def test_a_chip_that_waits_for_its_pin_is_not_triggered_over_the_bus():
         on.write(0x80)
         on.wait_us(200)
         assert on.status("RESULT_STATUS") == converted
+
+
+# -- time, and what goes wrong at what time
+
+
+def test_virtual_time_never_runs_backwards():
+    clock = VirtualClock(7)
+    for duration_ns, now_ns in ((0, 7), (-5, 7), (1, 8)):
+        clock.spend(duration_ns)
+        assert clock.now_ns() == now_ns
+    for t_ns, now_ns in ((3, 8), (9, 9)):
+        clock.wait_until(t_ns)
+        assert clock.now_ns() == now_ns
+
+
+def test_real_time_is_slept_through(monkeypatch):
+    slept: list[float] = []
+    monkeypatch.setattr(clock_module.time, "sleep", slept.append)
+    for duration_ns in (-1, 0, 1, 1_500_000_000):
+        WallClock().spend(duration_ns)
+    assert slept == [pytest.approx(1e-9), pytest.approx(1.5)]
+
+
+def test_a_fault_lasts_from_its_time_on_and_one_that_happens_happens_once():
+    faults = Faults(
+        [Fault("nack", 1.0, 0.5, 3), Fault("por", 2.0, sensor=3), Fault("stuck", 3.0)]
+    )
+    assert [faults.lasts("nack", at, 3) for at in (0.999, 1.0, 1.499, 1.5)] == [
+        False,
+        True,
+        True,
+        False,
+    ]
+    assert not faults.lasts("nack", 1.2, 2)
+    assert [faults.happened("por", at, 3) for at in (1.999, 2.0, 2.1)] == [
+        False,
+        True,
+        False,
+    ]
+    assert not faults.happened("stuck", 9.0, 3)
+    assert faults.happened("stuck", 3.0)
+    assert faults
+    assert not Faults()
+    assert read_fault("stall@1").lasts_s == 0.1
+
+
+def test_beyond_the_last_register_a_chip_reads_zero_and_takes_nothing():
+    on = ChipOnWire()
+    assert on.read(3, 0x1C) == b"\x10\0\0"
+    assert on.write(0x1B, 1, 2, 3)
+    assert on.read(2, 0x1B) == b"\0\x10"
+    on.write(0x03, 0xFF)
+    assert on.read(1, 0x03) == b"\x7f"
+
+
+def test_averages_are_powers_of_two_up_to_32_and_shorten_no_conversion():
+    for code, averages in enumerate((1, 2, 4, 8, 16, 32, 32, 32)):
+        on = ChipOnWire(raw_field(5, 6, 7))
+        on.configure(
+            SENSOR_CONFIG_1=XYZ << 4,
+            DEVICE_CONFIG_1=code << 2,
+            DEVICE_CONFIG_2=CONTINUOUS,
+        )
+        on.wait_us(25 * (3 * averages + 1) - 1)
+        assert on.status("RESULT_STATUS") == 0
+        on.wait_us(1)
+        assert on.status("RESULT_STATUS") == 1
+        assert on.status("SET_COUNT") == 1
+        on.wait_us(8 * 25 * (3 * averages + 1))
+        assert on.status("SET_COUNT") == 1
+
+
+def test_a_conversion_measures_the_field_in_its_middle():
+    on = ChipOnWire(lambda now_s: [1e7 * now_s, 0.0, 0.0])
+    on.wait_us(50)
+    on.convert(2)
+    # begun at 50 us, the second lasts from 150 to 250
+    assert on.results()[0] == round(1e7 * 200e-6 / 40e3 * 32768)
+
+
+def test_a_woken_chip_answers_after_50_microseconds():
+    on = ChipOnWire()
+    on.configure(DEVICE_CONFIG_2=1)
+    assert not on.write(0x00)
+    on.clock.spend(49_999)
+    assert not on.write(0x00)
+    on.clock.spend(1)
+    assert on.write(0x00)
+
+
+def test_bits_flip_on_a_wire_at_their_rate_and_in_the_order_of_the_seed():
+    noise = Noise(0.1, seed=1)
+    flips = [noise.flips() for _ in range(2000)]
+    count = sum(one.bit_count() for one in flips)
+    assert count == pytest.approx(0.1 * 9 * 2000, rel=0.05)
+    assert max(flips) < 512
+    assert [sum(one >> bit & 1 for one in flips) for bit in range(9)] == [
+        pytest.approx(200, rel=0.3)
+    ] * 9
+    again = Noise(0.1, seed=1)
+    assert [again.flips() for _ in range(2000)] == flips
+
+
+@pytest.mark.parametrize(
+    ("places", "wiring"),
+    [
+        ("0:35,7:44", ((0, 0x35), (7, 0x44))),
+        ("71/0:35,71/1:35", ((0, 0x35), (1, 0x35))),
+        ("0:35,71/1:35", None),
+        ("35,0:22", None),
+        ("0:36", None),
+    ],
+)
+def test_a_virtual_hand_has_its_fingers_behind_one_mux_at_factory_addresses(
+    places, wiring
+):
+    if wiring:
+        assert wiring_of(read_layout(places)) == wiring
+        return
+    with pytest.raises(UsageError, match="no such layout"):
+        wiring_of(read_layout(places))
+
+
+@pytest.mark.parametrize(
+    ("text", "fits"),
+    [
+        ("0:08", True),
+        ("0:07", False),
+        ("0:7f", True),
+        ("0:80", False),
+        ("7:35", True),
+        ("8:35", False),
+        ("70/0:35", True),
+        ("77/0:35", True),
+        ("6f/0:35", False),
+        ("78/0:35", False),
+        ("71/35", False),
+        ("0:35,1:35", True),
+        ("0:35,0:35", False),
+        ("35,35", False),
+        ("0:35>50,0:22>51", True),
+        ("0:35>50,0:22>50", False),
+        ("0:35>22,0:22", False),
+        ("0:70", False),
+        ("0:71", True),
+        ("70", True),
+        ("0:35>70", False),
+        ("mux@70", True),
+        ("mux@77", True),
+        ("mux@78", False),
+        ("none@70", False),
+    ],
+)
+def test_a_layout_has_places_that_chips_can_have_and_each_once(text, fits):
+    if fits:
+        assert read_layout(text)
+        return
+    with pytest.raises(UsageError):
+        read_layout(text)

@@ -235,3 +235,17 @@ def test_a_rule_outside_its_limits_is_refused(name: str) -> None:
 def test_a_full_answer_is_above_the_least_one() -> None:
     with pytest.raises(ValueError, match="full answer"):
         DecisionRules(answer_permille=850)
+
+
+def test_the_rules_and_their_limits_are_those_of_the_safety_page() -> None:
+    assert {name: (*LIMITS[name], value) for name, value in vars(RULES).items()} == {
+        "arm_samples": (1, 10_000, 1),
+        "act_samples": (1, 10_000, 2),
+        "release_samples": (1, 10_000, 5),
+        "min_risky_permille": (0, 1000, 0),
+        "override_ms": (1, 600_000, 2000),
+        "evidence_ms": (1, 600_000, 2000),
+        "answer_permille": (1, 998, 700),
+        "full_answer_permille": (2, 999, 850),
+    }
+    assert [period_us(one) for one in (150.0, 100.0, 300.0)] == [6667, 10_000, 3333]

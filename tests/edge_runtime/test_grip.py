@@ -15,6 +15,7 @@ from grip_senses import (
     of_hand,
     of_hands,
     random_senses,
+    scripted_senses,
     sense,
 )
 from hypothesis import given, settings
@@ -27,9 +28,15 @@ from holdfast.edge_runtime.grip import (
     AnswerRules,
     Controller,
     Holdfast,
+    LoadSwing,
     PdShear,
 )
-from holdfast.edge_runtime.grip_control import controller_of
+from holdfast.edge_runtime.grip_control import (
+    FrictionMargin,
+    GripLoop,
+    controller_of,
+)
+from holdfast.edge_runtime.supervisor import Limits
 
 SAMPLES, HANDS = 80, 3
 EVERY = sorted(CONTROLLERS)
@@ -344,3 +351,77 @@ def test_an_unknown_controller_is_refused_with_the_names_there_are() -> None:
         UsageError, match="pd-shear, sliding-mode, smsp, ismsp, holdfast"
     ):
         controller_of("pid", ONE_HAND, RATE_HZ)
+
+
+# a whole stream, number by number
+
+TARGETS_N = {
+    "none": (0.000000, "0 0 0 0 0 0 0 0 0 0 0"),
+    "pd-shear": (
+        3710.248639,
+        "2.621227 3.723321 4.459152 4.562934 4.231004 8.807789"
+        " 5.706427 6.874497 5.792566 5.793464 5.53853",
+    ),
+    "sliding-mode": (
+        1345.986860,
+        "0 2.141056 0.682662 2.026205 2.168779 1.911353"
+        " 2.053928 2.196502 1.939076 2.08165 2.224225",
+    ),
+    "smsp": (
+        5245.770679,
+        "0 0 11.197138 11.197138 8.930471 4.263805 3.609087 11.609087 11.609087 0 0",
+    ),
+    "ismsp": (34311.039732, "0 0 61.863805 70 70 69.2 64.533333 70 70 0 0"),
+    "holdfast": (
+        5229.616897,
+        "0 0 26.482178 3.975243 3.975243 0 0 15.030068 3.884223 0 0",
+    ),
+}
+"""Sum of all targets of the scripted senses, and every 70th from the 130th on, N a side."""
+
+
+@pytest.mark.parametrize("name", TARGETS_N)
+def test_each_controller_answers_a_whole_stream_by_its_formulas(name: str) -> None:
+    controller = controller_of(name, ONE_HAND, RATE_HZ)
+    loop = GripLoop(ONE_HAND, RATE_HZ, controller, shear_gain=1.1)
+    targets_n = [loop.step(one) for one in scripted_senses()]
+    total_n, each_n = TARGETS_N[name]
+    assert sum(targets_n) == pytest.approx(total_n, abs=1e-4)
+    each = [float(one) for one in each_n.split()]
+    assert targets_n[130::70] == pytest.approx(each, abs=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("rules", "total_n"),
+    [
+        (AnswerRules(graded=False), 4634.168316729319),
+        (AnswerRules(revocable=False, margin=False), 3776.891210794735),
+        (AnswerRules(lead_times=2.0, yield_samples=5), 2342.060454310453),
+    ],
+)
+def test_the_rules_of_an_answer_and_the_limits_of_a_hand_change_a_whole_stream(
+    rules: AnswerRules, total_n: float
+) -> None:
+    limits = Limits(20.0, most_rise_s=0.1, give_back_s=0.2, give_back_n_s=5.0)
+    controller = controller_of("holdfast", ONE_HAND, RATE_HZ, rules=rules)
+    loop = GripLoop(ONE_HAND, RATE_HZ, controller, limits)
+    targets_n = [loop.step(one) for one in scripted_senses()]
+    assert sum(targets_n) == pytest.approx(total_n, abs=1e-5)
+
+
+def test_the_friction_margin_and_the_swing_follow_a_whole_stream() -> None:
+    margin = FrictionMargin(ONE_HAND, RATE_HZ, 1.1)
+    swing = LoadSwing(ONE_HAND, RATE_HZ)
+    rows, falls = [], []
+    for one in scripted_senses():
+        margin.step(one)
+        falls.append(swing.step(one.load_n, one.known))
+        numbers = (margin.mu_hat, margin.needed_n, margin.holds_n)
+        rows.append([*numbers, margin.margin, margin.held])
+    assert np.sum(rows, axis=0).tolist() == pytest.approx(
+        [384.976599, 2364.486645, 3601.042836, 31.687184, 445.255685], abs=1e-5
+    )
+    assert rows[250] == pytest.approx(
+        [0.589305, 3.618923, 3.618923, 0.279248, 0.589305], abs=1e-6
+    )
+    assert [k for k, fell in enumerate(falls) if fell] == [*range(441, 480)]

@@ -400,3 +400,67 @@ def test_times_near_the_largest_are_answered_like_any(model: Model) -> None:
             ]
         )
     assert states[0] == states[1] == states[2]
+
+
+# -- the watches alone, at their limits
+
+
+@pytest.mark.parametrize(
+    ("loads", "seen_empty", "loaded"),
+    [
+        ([0.3] * 29, False, False),
+        ([0.3] * 30, True, False),
+        ([0.31] * 29, False, False),
+        ([0.31] * 30, False, True),
+        ([0.3] * 29 + [0.31] + [0.3] * 29, False, True),
+        ([0.31] * 40 + [0.3] * 30 + [0.31], True, False),
+    ],
+)
+def test_a_hand_is_empty_after_a_fifth_of_a_second_within_its_bias(
+    loads: list[float], seen_empty: bool, loaded: bool
+) -> None:
+    watch = LoadedStart(0.3, 150.0, 1)
+    for load in loads:
+        # with no usable sensor nothing is judged
+        watch.take(np.array([0.0, 0.0, 9.0] * 2), np.array([False, False]))
+        watch.take(np.array([9.0, 9.0, 9.0, 0.0, load, 0.0]), np.array([False, True]))
+    assert (watch.seen_empty, watch.loaded) == (seen_empty, loaded)
+
+
+@pytest.mark.parametrize(
+    ("factor", "fits"),
+    [(0.9001, True), (1.0999, True), (0.8999, False), (1.1001, False)],
+)
+def test_a_rate_is_judged_from_ten_intervals_on_and_may_be_a_tenth_off(
+    factor: float, fits: bool
+) -> None:
+    watch = RateWatch(100.0, 5)
+    stamps = [round(k * 1e7 * factor) for k in range(12)]
+    assert [watch.fits(at, k) for k, at in enumerate(stamps)] == [True] * 10 + [
+        fits
+    ] * 2
+    watch.forget()
+    assert watch.fits(stamps[-1] + 10**9, 12)
+
+
+def test_a_rate_is_right_where_the_mean_or_the_median_of_the_intervals_is() -> None:
+    gap = [k * 10**7 + (10**9 if k > 5 else 0) for k in range(11)]
+    drift = [k * 10**7 + (3 * 10**6 if k % 2 else 0) for k in range(11)]
+    both = [k * 13 * 10**6 for k in range(11)]
+    for stamps, fits in ((gap, True), (drift, True), (both, False)):
+        watch = RateWatch(100.0, 5)
+        assert [watch.fits(at, k) for k, at in enumerate(stamps)][-1] == fits
+    # losses that the sequence counts are no other rate, also at every second sample
+    watch = RateWatch(100.0, 10)
+    assert all([watch.fits(2 * k * 10**7, 2 * k) for k in range(30)])
+    watch = RateWatch(100.0, 10)
+    assert not all([watch.fits(2 * k * 10**7, 0) for k in range(30)])
+
+
+@pytest.mark.parametrize("period", [1, 3, RING, RING + 1])
+def test_a_sensor_is_stuck_after_as_many_repeats_as_are_asked_for(period: int) -> None:
+    watch = RepeatWatch(1, 4)
+    usable = np.array([True])
+    readings = [np.array([float(k % period), 0.0, 1.0]) for k in range(30)]
+    found = [watch.stuck(one, usable) for one in readings]
+    assert found == [period <= RING and k >= period + 3 for k in range(30)]

@@ -19,7 +19,7 @@ from numbered_lines import NumberedSender, numbered_sender
 
 from holdfast.core.errors import UsageError
 from holdfast.core.line_key import LinkKey, read_key
-from holdfast.core.line_port import MOST_A_CALL, line_port
+from holdfast.core.line_port import MOST_A_CALL, line_port, printable
 from holdfast.drivers.virtual.clock import VirtualClock
 from holdfast.edge_runtime.commands import Command, command_port
 
@@ -304,3 +304,28 @@ def test_a_skipped_line_is_shown_without_control_characters(tmp_path):
     assert line.isprintable()
     assert line.startswith("intent: ?[2J")
     assert len(line) < 200
+
+
+def test_ten_changes_of_a_second_are_logged_one_by_one_and_the_others_counted():
+    clock, log = VirtualClock(10**9), []
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        address = probe.getsockname()
+    with (
+        command_port(f"127.0.0.1:{address[1]}", log.append, clock.now_ns) as ask,
+        numbered_sender(address) as user,
+    ):
+        for k in range(13):
+            user.send({"opening": k % 2 == 0})
+            assert ask() == Command(opening=k % 2 == 0, link="live")
+        assert len(log) == 10
+        # no change
+        user.send({"opening": True})
+        ask()
+    assert log[10:] == ["command: 3 more changes"]
+
+
+def test_a_datagram_is_shown_by_its_first_80_printable_characters():
+    assert printable(b"a" * 79 + b"bc") == "a" * 79 + "b"
+    assert printable("\u00e4\x1b\n".encode() * 100) == ("\u00e4??" * 27)[:80]
+    assert printable(b"\xff") == "\ufffd"

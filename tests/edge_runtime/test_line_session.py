@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from holdfast.core import line_key
 from holdfast.core.errors import AccessDenied, DataNotFound, HoldfastError, UsageError
 from holdfast.core.line_key import LARGEST, LinkKey, read_key
 from holdfast.core.line_session import (
@@ -357,3 +358,77 @@ def test_the_first_few_of_a_second_are_shown_at_once():
     tally.look()
     tally.count("changes", "5")
     assert messages[3:] == ["command: 2 more changes", "command: 5"]
+
+
+def test_a_line_has_16_kib_256_brackets_and_whole_numbers_of_63_bits_at_most():
+    receiver = LineReceiver(Clock().now_ns, RATE, needs_session=False)
+
+    def fits(text: bytes) -> bool:
+        return kind(receiver, text) == ""
+
+    padded = b'{"a":1}'.ljust(16 << 10)
+    assert [fits(padded), fits(padded + b" ")] == [True, False]
+    lists = [b'{"a":[' + b"[]," * (n - 3) + b"[]]}" for n in (256, 257)]
+    assert [fits(one) for one in lists] == [True, False]
+    whole = [2**63 - 1, -(2**63 - 1), 2**63, -(2**63), 10**20, 10**19]
+    assert [fits(b'{"a":%d}' % one) for one in whole] == [True] * 2 + [False] * 4
+    assert [fits(b'{"a":%s}' % one) for one in (b"1e308", b"-1e309")] == [True, False]
+
+
+def test_a_session_and_a_sequence_go_from_zero_to_the_largest_whole_number_of_a_double():
+    for session, sequence in ((0, 0), (LARGEST, LARGEST), (LARGEST + 1, 0), (0, -1)):
+        fits = sequence >= 0 and session <= LARGEST
+        receiver = LineReceiver(Clock().now_ns, RATE)
+        expected = "" if fits else NOT_UNDERSTOOD
+        assert kind(receiver, line(session, sequence)) == expected
+
+
+@pytest.mark.parametrize("length", [31, 32, 64, 65])
+def test_a_key_has_32_to_64_characters_and_no_space(tmp_path, length):
+    path = key_file(tmp_path, "k" * length)
+    if 32 <= length <= 64:
+        assert read_key(path, "grip").key == b"k" * length
+    else:
+        with pytest.raises(UsageError, match="32 to 64 printable"):
+            read_key(path, "grip")
+    for text in ("k" * 31 + " k", "k" * 31 + "\u00e9", "k" * 31 + "\tk"):
+        with pytest.raises(UsageError, match="32 to 64 printable"):
+            read_key(key_file(tmp_path, text), "grip")
+
+
+def test_numbers_of_sessions_are_stored_beside_the_key_and_rise(tmp_path, monkeypatch):
+    key = read_key(key_file(tmp_path), "grip")
+    monkeypatch.setattr(line_key.time, "time_ns", lambda: 5_000_999)
+    assert [key.next_session() for _ in range(3)] == [5000, 5001, 5002]
+    assert (tmp_path / "link.key.grip.sent").read_text() == "5002\n"
+    (tmp_path / "link.key.grip.sent").write_text(f"{LARGEST - 1}\n")
+    assert key.next_session() == LARGEST
+    with pytest.raises(UsageError, match="no number of a session"):
+        key.next_session()
+    assert key.newest_seen() == 0
+    key.store_seen(7)
+    assert (tmp_path / "link.key.grip.seen").read_text() == "7\n"
+    assert key.newest_seen() == 7
+    assert LinkKey(KEY.key, "grip").next_session() == 5000
+
+
+def test_a_tally_begins_a_new_second_after_one_and_its_report_counts_in_it():
+    now_ns, lines = [10**9], []
+    tally = Tally("a", lines.append, lambda: now_ns[0], 2)
+    for at_ns in (0, 1, 2, 999_999_999):
+        now_ns[0] = 10**9 + at_ns
+        tally.count("kind", str(at_ns))
+        tally.look()
+    assert lines == ["a: 0", "a: 1"]
+    now_ns[0] = 2 * 10**9
+    tally.look()
+    assert lines[2:] == ["a: 2 more kind"]
+    # of the two that a second may have, the report was one
+    for shown in "bcd":
+        tally.count("other", shown)
+    tally.count("kind", "e")
+    assert lines[3:] == ["a: b"]
+    tally.flush()
+    tally.flush()
+    assert lines[4:] == ["a: 1 more kind, 2 more other"]
+    assert tally.total == {"kind": 5, "other": 3}

@@ -42,7 +42,9 @@ from holdfast.edge_runtime.model_file import (
     SEAL_KEY,
     WRONG_RUNTIMES,
     check_runtime,
+    read_card,
     read_sealed,
+    votes_in_all,
 )
 from holdfast.edge_runtime.monitor import GripMonitor, Model
 from holdfast.export.artifact import read_artifact, write_artifact
@@ -424,3 +426,49 @@ def test_the_decision_rules_of_the_card_are_the_ones_that_decide(
 
     assert armed(eight_classes.model)
     assert not armed(path)
+
+
+LARGEST = 1.7976931348623157e308
+"""Of a double."""
+RANGES: dict[str, tuple[list[object], list[object]]] = {
+    "spec.n_sensors": ([1, 10_000], [0, 10_001, True, 6.0]),
+    "settle_samples": ([0, 10_000], [-1, 10_001, None]),
+    "gap_samples": ([0, 10_000], [-1, 10_001]),
+    "spec.min_valid_sensors": ([0, 6], [-1, False]),
+    "spec.rate_hz": ([1e-3, 150, 1e5], [0.99e-3, 1.01e5, True, "150"]),
+    "range_limit": ([2.3e-308, LARGEST], [0.0, -1.0, 1e-310, float("inf")]),
+    "normal_floor": ([0.3, 1], [0, True]),
+    "spec.unit": (["N", "uT", "count"], ["mN", None]),
+    "detectors": ([[], ["a"]], ["a", [1], None]),
+    "heads.situation.classes": (
+        [list(CLASSES), list(SITUATIONS)],
+        [list(CLASSES[:7]), "nothing"],
+    ),
+    "decision": ([{}, {"act_samples": 3}], [[], {"acts": 3}]),
+    "format": ([2], [1, 3]),
+}
+
+
+@pytest.mark.parametrize("name", RANGES)
+def test_each_value_of_a_card_has_its_range(eight_classes: Built, name: str) -> None:
+    metadata = metadata_of(content(eight_classes.model))
+    *path, last = name.split(".")
+    for good in (True, False):
+        for value in RANGES[name][not good]:
+            card = json.loads(metadata[CARD_KEY])
+            place = card
+            for key in path:
+                place = place[key]
+            place[last] = value
+            changed = metadata | {CARD_KEY: json.dumps(card)}
+            if good:
+                made = read_card(changed)
+                assert made.model_id == metadata[SEAL_KEY][:12]
+                continue
+            with pytest.raises(NotAModel):
+                read_card(changed)
+
+
+def test_votes_are_trees_times_a_power_of_two_where_the_card_does_not_say() -> None:
+    assert votes_in_all({"trees": 100, "vote_bits": 10}) == 102_400
+    assert votes_in_all({"votes": 7, "trees": 100, "vote_bits": 10}) == 7

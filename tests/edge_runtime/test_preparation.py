@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Any
+
+import numpy as np
 import pytest
 
 from holdfast.edge_runtime.preparation import (
     MOST_ROWS,
     Preparation,
+    Tare,
     preparation_from_json,
 )
 
@@ -22,3 +26,89 @@ def test_rows_of_a_bias_are_a_whole_number_within_bounds(rows: object) -> None:
 def test_a_description_comes_back_as_it_was(rows: int) -> None:
     made = Preparation(bias_rows=rows)
     assert preparation_from_json(made.to_json()) == made
+
+
+@pytest.mark.parametrize(
+    ("name", "good", "bad"),
+    [
+        ("statistic", ["mean", "median"], ["mode", None]),
+        ("flip_negative_normal", [True, False], [1, 0, None]),
+        ("flip_beyond", [0.0, 9.99e8], [-1e-9, 1e9, float("nan")]),
+        ("turns", ["normal", "sensor"], ["axis", None]),
+    ],
+)
+def test_each_word_and_number_of_a_description_has_its_range(
+    name: str, good: list[object], bad: list[object]
+) -> None:
+    for value in good:
+        made = preparation_from_json(Preparation().to_json() | {name: value})
+        assert getattr(made, name) == value
+    for value in bad:
+        with pytest.raises(ValueError, match=name):
+            preparation_from_json(Preparation().to_json() | {name: value})
+
+
+RAW = np.array(
+    [
+        [1.0, 2.0, -3.0, 1.0, 1.0, 0.5],
+        [2.0, np.nan, -5.0, 3.0, 1.0, -9.0],
+        [6.0, 4.0, -4.0, 2.0, 1.0, 1.5],
+        [9.0, 9.0, 9.0, 9.0, 9.0, 9.0],
+    ]
+)
+
+
+@pytest.mark.parametrize(
+    ("options", "sign", "bias"),
+    [
+        ({}, [1] * 6, [0] * 6),
+        ({"bias_rows": 3}, [1] * 6, [2, 3, -4, 2, 1, 0.5]),
+        ({"bias_rows": 3, "statistic": "mean"}, [1] * 6, [3, 3, -4, 2, 1, -7 / 3]),
+        (
+            {"bias_rows": 3, "flip_negative_normal": True, "flip_beyond": 2.9},
+            [1, 1, -1, 1, 1, 1],
+            [2, 3, 4, 2, 1, 0.5],
+        ),
+        (
+            {"bias_rows": 3, "flip_negative_normal": True, "turns": "sensor"},
+            [-1, -1, -1, 1, 1, 1],
+            [-2, -3, 4, 2, 1, 0.5],
+        ),
+        (
+            {"bias_rows": 3, "flip_negative_normal": True, "flip_beyond": 3.0},
+            [1] * 6,
+            [2, 3, -4, 2, 1, 0.5],
+        ),
+        ({"flip_negative_normal": True}, [1, 1, -1, 1, 1, 1], [0] * 6),
+    ],
+)
+def test_the_first_rows_decide_sign_and_bias(
+    options: dict[str, Any], sign: list[float], bias: list[float]
+) -> None:
+    preparation = Preparation(**options)
+    found = preparation.learn(RAW)
+    assert found[0].tolist() == sign
+    assert found[1].tolist() == pytest.approx(bias)
+    np.testing.assert_allclose(preparation.apply(RAW), RAW * sign - np.array(bias))
+    # a stream whose second sensor comes a row late is tared by its own first rows
+    tare = Tare(preparation, 6)
+    valid = np.array([True, False])
+    needed = max(1, preparation.bias_rows) if options else 0
+    known = []
+    for row in np.where(np.isnan(RAW), 3.0, RAW):
+        known.append(tare.prepare(row, valid)[1].tolist())
+        valid = np.array([True, True])
+    if not options:
+        assert known == [[True, False], *[[True, True]] * 3]
+    else:
+        assert [one for one, _ in known] == [k >= needed for k in range(1, 5)]
+        assert [two for _, two in known] == [k > needed for k in range(1, 5)]
+
+
+def test_what_the_unloaded_hand_reads_is_the_bias_of_a_loaded_stream() -> None:
+    preparation = Preparation(bias_rows=3, flip_negative_normal=True, flip_beyond=1.0)
+    tare = Tare(preparation, 6, np.array([1.0, 2.0, -3.0, 1.0, 1.0, -0.5]))
+    assert tare.known.all()
+    values, valid = tare.prepare(RAW[3], np.array([True, False]))
+    assert values.tolist() == [8.0, 7.0, -12.0, 8.0, 8.0, 9.5]
+    assert valid.tolist() == [True, False]

@@ -17,7 +17,7 @@ from holdfast.core.errors import (
     NotANumber,
     TimeError,
 )
-from holdfast.core.trial_file import implausible_rate, read_trial
+from holdfast.core.trial_file import GAP_STEPS, implausible_rate, read_trial
 
 HEADER = "Time,X1,Y1,Z1,X2,Y2,Z2"
 
@@ -289,3 +289,68 @@ def test_a_rate_that_no_hand_has_is_said_to_look_like_its_unit(
     said = implausible_rate(rate_hz, lasts_s)
     assert looks in said
     assert bool(said) == bool(looks)
+
+
+@pytest.mark.parametrize(
+    ("rate_hz", "lasts_s", "says"),
+    [
+        (5.0, 3600.0, ""),
+        (5000.0, 0.0, ""),
+        (4.99, 0.0, "runs at 4.99 Hz: looks like milliseconds (4990 Hz)"),
+        (5001.0, 0.0, "looks like minutes (83.35 Hz)"),
+        (1e-4, 0.0, "looks like microseconds (100 Hz)"),
+        (1e-7, 9e9, "nanoseconds (100 Hz for 9.0 s)"),
+        (8.64e6, 0.0, "looks like days (100 Hz)"),
+        (
+            6000.0,
+            60.0,
+            "runs at 6000 Hz for 1.0 min: looks like minutes (100 Hz for 3600.0 s)",
+        ),
+        (100.0, 3600.1, "lasts 60.0 min: one trial is no longer than an hour"),
+        (1e9, 0.0, "runs at 1e+09 Hz: no time in seconds"),
+    ],
+)
+def test_a_rate_that_no_hand_has_says_what_its_time_may_be_in(
+    rate_hz: float, lasts_s: float, says: str
+) -> None:
+    found = implausible_rate(rate_hz, lasts_s)
+    assert found.endswith(says)
+    assert bool(found) == bool(says)
+
+
+def test_of_every_two_samples_one_may_be_lost(tmp_path: Path) -> None:
+    header = f"{HEADER},sequence"
+
+    def read(*counted: float) -> list[bool]:
+        lines = [f"{0.02 * k:.3f},1,2,3,4,5,6,{n}" for k, n in enumerate(counted)]
+        return read_trial(written(tmp_path, header, lines)).valid[:, 0].tolist()
+
+    assert read(7, 8, 10, 13) == [True, True, False, True, False, False, True]
+    assert read(3, 4, 6, 10) == [True, True, False, True, False, False, False, True]
+    with pytest.raises(TimeError, match="5 of 9 samples were lost"):
+        read(3, 4, 6, 11)
+    for wrong in (
+        (3, 4, 4),
+        (3, 4, 4.5),
+        (3, 2, 5),
+        (3, float("nan"), 5),
+        (1, 2, 1e12),
+    ):
+        with pytest.raises(TimeError, match="does not count up"):
+            read(*wrong)
+
+
+def test_a_gap_is_refused_where_it_is_longer_than_usual_by_this_much(
+    tmp_path: Path,
+) -> None:
+    """One lost row is a step of two; from GAP_STEPS periods on, too many are lost."""
+
+    def read(gap: float) -> int:
+        times_s = [0.02 * k + (gap if k > 5 else 0.0) for k in range(12)]
+        return len(read_trial(written(tmp_path, lines=rows(times_s))).t_s)
+
+    usual = 0.02
+    assert [read(usual * more) for more in (0.0, 0.4, 0.6, 1.0)] == [12, 12, 13, 13]
+    assert read(usual * (GAP_STEPS - 1.01)) == 12 + round(GAP_STEPS - 1.01)
+    with pytest.raises(TimeError, match="line 8: a gap of"):
+        read(usual * (GAP_STEPS - 0.9))

@@ -21,7 +21,7 @@ from holdfast.edge_runtime.graph import open_session, run_recording
 from holdfast.edge_runtime.grip_control import sense_of
 from holdfast.edge_runtime.model_file import read_sealed
 from holdfast.edge_runtime.monitor import GripMonitor, Model
-from holdfast.export.again import for_hand
+from holdfast.export.again import for_hand, with_rules
 from holdfast.export.artifact import write_artifact
 from holdfast.export.exporting import export_artifact
 from holdfast.export.pooled import FAMILIES
@@ -192,3 +192,55 @@ def test_the_grip_of_a_hand_with_a_card_keeps_the_force_of_a_dead_finger() -> No
     # a pinch whose sensors all lie on one side: the other side bears the same
     one_side = sense_of(prediction, forces, np.ones(6, np.bool_), (True,) * 6)
     assert one_side.grip_n == pytest.approx(6.0)
+
+
+def test_rules_of_the_decision_change_and_the_answers_do_not(
+    six: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "changed.onnx"
+    asked = ["--rule", "evidence_ms=300", "--rule", "min_risky_permille=650"]
+    assert main(["export", str(six), "--out", str(out), *asked]) == 0
+    before, after = Model(six).card.raw, Model(out).card.raw
+    changed = {"evidence_ms": 300, "min_risky_permille": 650}
+    assert after == before | {"decision": before["decision"] | changed}
+    beside = json.loads(out.with_suffix(".json").read_text("utf-8"))
+    assert beside["decision"] == after["decision"]
+    values = np.random.default_rng(1).normal(0.0, 1.0, size=(200, 18))
+    answers, as_before = votes(out, values), votes(six, values)
+    assert all(np.array_equal(answers[name], as_before[name]) for name in answers)
+
+
+def test_a_rule_changes_with_the_hand(six: Path, tmp_path: Path) -> None:
+    out = tmp_path / "pads.onnx"
+    asked = ["--hand", "two-pad-gripper", "--rule", "evidence_ms=300"]
+    assert main(["export", str(six), "--out", str(out), *asked]) == 0
+    card = Model(out).card
+    assert (card.n_channels, card.decision.evidence_ms) == (6, 300)
+
+
+@pytest.mark.parametrize(
+    ("rules", "says"),
+    [
+        ({"evidence": 300}, "no rule 'evidence' of the decision; next: choose from"),
+        ({"evidence_ms": 0}, "rule evidence_ms = 0, not a whole number from 1 to"),
+        ({"answer_permille": 900}, "rule a full answer is not above answer_permille"),
+    ],
+)
+def test_a_rule_that_cannot_be_is_an_error(
+    six: Path, rules: dict[str, int], says: str
+) -> None:
+    with pytest.raises(UsageError, match=says):
+        with_rules(read_sealed(six), rules)
+
+
+def test_a_rule_is_of_a_model_file_and_has_a_number(
+    six: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = ["--out", str(tmp_path / "new.onnx")]
+    assert main(["export", str(six), *out, "--rule", "evidence_ms"]) == 2
+    assert "write NAME=NUMBER" in capsys.readouterr().err
+    assert main(["export", str(six.parent), *out, "--rule", "evidence_ms=3"]) == 2
+    assert "export the folder first" in capsys.readouterr().err
+    words = ["export", str(six), "--to", "c", "--rule", "evidence_ms=3"]
+    assert main(words) == 2
+    assert "--rule with --to c" in capsys.readouterr().err

@@ -185,3 +185,76 @@ def test_a_message_is_flat() -> None:
         deep = [deep]
     with pytest.raises(ColumnError, match="too deep"):
         flat_fields(deep)
+
+
+@pytest.mark.parametrize(
+    ("line", "value", "fits"),
+    [
+        ("rate_hz", "0.001", True),
+        ("rate_hz", "1e6", True),
+        ("rate_hz", "0.00099", False),
+        ("rate_hz", "1.01e6", False),
+        ("rate_hz", "true", False),
+        ("column", f'"{"t" * 200}"', True),
+        ("column", f'"{"t" * 201}"', False),
+        ("column", '""', False),
+    ],
+)
+def test_a_rate_and_a_name_have_their_limits(line: str, value: str, fits: bool) -> None:
+    text = MAP.replace('column = "millis"\nunit = "ms"', f"{line} = {value}")
+    if fits:
+        assert column_map_of(text).time.unit_ns == 10**9
+        return
+    with pytest.raises(CardError, match=rf"line 4: time\.{line}"):
+        column_map_of(text)
+
+
+@pytest.mark.parametrize("sensors", [0, 1, 64, 65])
+def test_a_map_has_up_to_64_sensors(sensors: int) -> None:
+    tables = [
+        f'[[sensors]]\nx = "x{k}"\ny = "y{k}"\nz = "z{k}"\n' for k in range(sensors)
+    ]
+    text = 'unit = "N"\n[time]\narrival = true\n' + "".join(tables)
+    if sensors in (1, 64):
+        assert len(column_map_of(text).channels) == 3 * sensors
+        return
+    with pytest.raises(CardError, match="1 to 64 tables"):
+        column_map_of(text)
+
+
+def test_a_message_has_4096_fields_at_most() -> None:
+    assert len(flat_fields({"a": [0] * 4096})) == 4096
+    with pytest.raises(ColumnError, match="more than 4096 fields"):
+        flat_fields({"a": [0] * 4097})
+    deep: object = 1
+    for _ in range(32):
+        deep = [deep]
+    assert list(flat_fields(deep).values()) == [1]
+    with pytest.raises(ColumnError, match="nests too deep"):
+        flat_fields([deep])
+
+
+@pytest.mark.parametrize(
+    "stamp", [2**62 - 1, -(2**62) + 1, 2**62, "4611686018427387904"]
+)
+def test_a_stamp_lies_within_146_years(stamp: int | str) -> None:
+    columns = column_map_of(MAP.replace('unit = "ms"', 'unit = "ns"'))
+    if abs(int(stamp)) < 2**62:
+        assert columns.stamp_ns({"millis": stamp}, 0) == stamp
+        return
+    with pytest.raises(NotANumber, match="row 1, column millis: no time"):
+        columns.stamp_ns({"millis": stamp}, 0)
+
+
+def test_eight_columns_that_are_missing_are_named_and_the_others_counted() -> None:
+    columns = column_map_of(MAP)
+    with pytest.raises(
+        ColumnError, match=r"no column millis \(line 4\), a\.x \(line 8\)"
+    ):
+        columns.require_columns([], "a")
+    more = ColumnMap("N", TimeColumn(arrival=True), (SensorColumns(*"abc"),) * 3)
+    with pytest.raises(ColumnError, match=r"b \(the map\) and 1 more"):
+        more.require_columns([], "a")
+    with pytest.raises(ColumnError) as error:
+        more.require_columns([], "a", [*"abcdefgh"])
+    assert "more" not in str(error.value)

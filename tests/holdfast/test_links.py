@@ -43,3 +43,11 @@ def test_a_link_finds_its_own_modules_alone() -> None:
     found = finder.find_spec("training.windows", None)
     assert found is not None
     assert found.loader is finder
+
+
+def test_a_link_goes_before_every_other_finder(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One before it would load a second copy of a module from the package's own folder."""
+    monkeypatch.setattr(sys, "meta_path", list(sys.meta_path))
+    links.link("edge_runtime")
+    assert isinstance(sys.meta_path[0], links._Link)
+    assert sys.modules["edge_runtime"] is import_module("holdfast.edge_runtime")

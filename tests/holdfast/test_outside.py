@@ -701,3 +701,98 @@ def test_an_export_to_a_json_file_would_be_overwritten_by_its_card_and_is_refuse
 
 def test_the_longest_line_holds_more_than_any_hand_of_ours_needs() -> None:
     assert MOST_LINE_BYTES > 3 * 64 * 25
+
+
+# -- limits, exactly
+
+
+def zipped(path: Path, *arrays: np.ndarray) -> Path:
+    np.savez_compressed(path, **{f"a{k}": array for k, array in enumerate(arrays)})
+    return path
+
+
+def test_a_small_archive_may_be_of_zeros_and_a_larger_one_packed_to_a_five_hundredth(
+    tmp_path: Path,
+) -> None:
+    small = np.zeros((16 << 20) - 128, np.uint8)
+    archives.require_modest_archive(zipped(tmp_path / "a.npz", small))
+    path = zipped(tmp_path / "b.npz", np.zeros((16 << 20) - 127, np.uint8))
+    with zipfile.ZipFile(path) as opened:
+        (member,) = opened.infolist()
+    times = member.file_size // member.compress_size
+    assert 500 < times < 2000
+    with pytest.raises(TooLarge, match=f"unpack to {times} times its size"):
+        archives.require_modest_archive(path)
+    for noise, fits in ((15_000, False), (25_000, True)):
+        noisy = np.random.default_rng(1).integers(0, 256, noise).astype(np.uint8)
+        path = zipped(tmp_path / "c.npz", small, noisy)
+        with zipfile.ZipFile(path) as opened:
+            size = sum(one.compress_size for one in opened.infolist())
+        assert ((16 << 20) + noise + 128 <= 500 * size) == fits
+        if fits:
+            archives.require_modest_archive(path)
+        else:
+            with pytest.raises(TooLarge, match="times its size"):
+                archives.require_modest_archive(path)
+
+
+def test_the_list_of_an_archive_s_members_may_have_a_mib(tmp_path: Path) -> None:
+    path = zipped(tmp_path / "a.npz", np.zeros(3))
+    data = bytearray(path.read_bytes())
+    at = data.rfind(b"PK\x05\x06")
+    for size in (1 << 20, (1 << 20) + 1):
+        data[at + 12 : at + 16] = size.to_bytes(4, "little")
+        path.write_bytes(data)
+        error = TooLarge if size > 1 << 20 else zipfile.BadZipFile
+        with pytest.raises(error):
+            archives.require_modest_archive(path)
+    # a comment of any length may follow
+    path.write_bytes(data[:at] + data[at:-2] + b"\xff\xff" + b"c" * 65535)
+    with pytest.raises(TooLarge):
+        archives.require_modest_archive(path)
+
+
+@pytest.mark.parametrize(("levels", "fits"), [(33, True), (34, False)])
+def test_a_document_nests_33_levels(tmp_path: Path, levels: int, fits: bool) -> None:
+    text = "[" * levels + "]" * levels
+    card = tmp_path / "card.toml"
+    card.write_text(f"a = {text[1:-1]}")
+    if fits:
+        json_of(text)
+        reading.read_toml(card)
+        return
+    with pytest.raises(ValueError, match="nested too deep"):
+        json_of(text)
+    with pytest.raises(CardError, match="nested too deep"):
+        reading.read_toml(card)
+
+
+def test_whole_numbers_have_64_bits_and_their_place_is_named() -> None:
+    assert json_of(f"[{2**63 - 1}, {-(2**63)}]") == [2**63 - 1, -(2**63)]
+    for number in (2**63, -(2**63) - 1):
+        with pytest.raises(ValueError, match=r"a\[1\].b needs more than 64 bits"):
+            json_of(f'{{"a": [1, {{"b": {number}}}]}}')
+    with pytest.raises(ValueError, match=r"a.b\[0\] = inf is not a finite number"):
+        json_of('{"a": {"b": [1e999]}}')
+
+
+def test_a_document_has_16_mib_and_a_line_of_a_table_128_kib(tmp_path: Path) -> None:
+    text = json.dumps("x" * ((16 << 20) - 2))
+    path = tmp_path / "a"
+    path.write_text(text)
+    assert reading.text_of(path) == text
+    assert len(json_of(text)) == (16 << 20) - 2
+    with pytest.raises(ValueError, match="too long"):
+        json_of(text + " ")
+    path.write_text(text + " ")
+    with pytest.raises(TooLarge, match="more than 16 MiB"):
+        reading.text_of(path)
+    for length in (128 << 10, (128 << 10) + 1):
+        path.write_text("a\n" + "b" * length + "\nc\n")
+        if length == 128 << 10:
+            reading.require_lines(path)
+            continue
+        with pytest.raises(TooLarge, match="line 2 is longer than 131072 bytes"):
+            reading.require_lines(path)
+    with pytest.raises(TooLarge, match="more than 4 GiB"):
+        reading.require_lines(sparse(tmp_path / "big", (4 << 30) + 1))

@@ -18,6 +18,7 @@ from hypothesis import strategies as st
 from recorder_bench import meta_of
 
 from holdfast.cli.main import main
+from holdfast.core import tactile_file
 from holdfast.core.errors import ColumnError, DataError, EmptyRecording, OutputError
 from holdfast.core.tactile_file import TactileFile, repair_lines, repair_table
 from holdfast.core.trial_file import read_trial
@@ -301,3 +302,70 @@ def test_events_are_judged_by_their_own_lines(tmp_path):
         assert path.read_bytes() == data[: len(data) - mended.cut_bytes]
     with pytest.raises(EmptyRecording):
         repair_lines(tmp_path / "absent.jsonl", lambda _: True)
+
+
+def test_a_line_has_all_digits_and_a_disk_is_synced_once_a_second_of_samples(
+    tmp_path, monkeypatch
+):
+    synced: list[int] = []
+    monkeypatch.setattr(tactile_file.os, "fsync", synced.append)
+    file = TactileFile(tmp_path / "tactile.csv", 3)
+    times_ns = [-5, 999_999_994, 999_999_995, 1_999_999_994, 1_999_999_995]
+    values = np.array([0.1, np.nan, -1e-300])
+    given = [
+        file.write(t_ns, 7, k, values, np.array([k > 0]))
+        for k, t_ns in enumerate(times_ns)
+    ]
+    assert given == pytest.approx([0.0, 0.999999999, 1.0, 1.999999999, 2.0], abs=1e-12)
+    assert file.rows == 5
+    file.close()
+    # twice by the time of the samples, and at the end
+    assert len(synced) == 3
+    lines = (tmp_path / "tactile.csv").read_text().splitlines()
+    assert lines[0] == "Time,X1,Y1,Z1,host_ns,sequence,valid1"
+    assert lines[1] == "0.000000000,0.1,nan,-1e-300,7,0,0"
+    assert lines[4] == "1.999999999,0.1,nan,-1e-300,7,3,1"
+    with pytest.raises(OutputError, match="cannot write"):
+        TactileFile(tmp_path / "tactile.csv", 3)
+
+
+@pytest.mark.parametrize(
+    ("n_cells", "sensors"), [(7, 1), (259, 64), (263, 0), (3, 0), (8, 0)]
+)
+def test_rows_that_fit_the_recorder_s_header_are_told_it(tmp_path, n_cells, sensors):
+    path = tmp_path / "tactile.csv"
+    path.write_text("Time,edited\n" + ",".join(["1"] * n_cells) + "\n")
+    with pytest.raises(ColumnError) as error:
+        repair_table(path)
+    assert ("the recorder's header is" in str(error.value)) == bool(sensors)
+    assert str(error.value).endswith(f"valid{sensors}") == bool(sensors)
+
+
+@pytest.mark.parametrize(
+    ("last", "rows", "cut"),
+    [
+        (b"0.1,1,2,3,4,5,1", 2, 0),
+        (b"0.1,1,2,3,4,5,", 1, 14),
+        (b"0.1,1,2,3,4,5", 1, 13),
+        (b"0.1,1,2,3,4,5,-", 1, 15),
+        (b"0.1,1,2,3,4,1e", 1, 14),
+        (b"0", 1, 1),
+        (b"na", 1, 2),
+        (b"0.1,1\0\0", 1, 5),
+        (b"0.1,1,2,3,4,5,1\0\0", 2, 2),
+        (b"", 1, 0),
+    ],
+)
+def test_a_last_line_is_torn_where_it_is_the_beginning_of_a_row(
+    tmp_path, last, rows, cut
+):
+    path = tmp_path / "tactile.csv"
+    whole = b"Time,X1,Y1,Z1,host_ns,sequence,valid1\n0.0,1,2,3,4,5,1\n"
+    path.write_bytes(whole + last)
+    done = repair_table(path)
+    zeros = len(last) - len(last.rstrip(b"\0"))
+    assert (done.rows, done.cut_bytes) == (
+        rows,
+        max(cut, zeros and cut + 2 * (rows == 1)),
+    )
+    assert path.read_bytes() == (whole + last)[: len(whole + last) - done.cut_bytes]

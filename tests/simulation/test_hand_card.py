@@ -345,3 +345,56 @@ def test_contacts_of_a_thumb_lie_evenly_around_its_middle(count: int) -> None:
     assert float(places_m.sum()) == pytest.approx(0.0, abs=1e-12)
     steps_m = np.diff(places_m)
     assert steps_m == pytest.approx(np.full(count - 1, steps_m[:1].sum()))
+
+
+@pytest.mark.parametrize(
+    ("line", "fits"),
+    [
+        ("across_mm = 100", True),
+        ("across_mm = -100", True),
+        ("across_mm = 100.1", False),
+        ("across_mm = -100.1", False),
+        ("across_mm = true", False),
+        ("stiffness = 0.01", True),
+        ("stiffness = 100", True),
+        ("stiffness = 0.0099", False),
+        ("stiffness = 100.1", False),
+        ("stiffness = nan", False),
+        (f'pad = "{"p" * 80}"', True),
+        (f'pad = "{"p" * 81}"', False),
+    ],
+)
+def test_each_number_and_text_of_a_card_has_its_limits(
+    tmp_path: Path, line: str, fits: bool
+) -> None:
+    (tmp_path / "mine.toml").write_text(f"{TWO}{line}\n")
+    if not fits:
+        with pytest.raises(CardError, match=r"sensors\[1\]"):
+            read_hand_card("mine.toml", tmp_path)
+        return
+    name, value = line.split(" = ")
+    contact = read_hand_card("mine.toml", tmp_path).contacts[1]
+    assert getattr(contact, name) == (value[1:-1] if name == "pad" else float(value))
+
+
+def test_a_hand_has_2_to_12_sensors_and_32_contacts(tmp_path: Path) -> None:
+    def hand(sensors: int, bare: int) -> HandCard:
+        rows = [
+            f'[[sensors]]\nname = "{k}"\nside = "{"opposing" if k else "thumb"}"\n'
+            f"along_mm = {k}\n" + ("" if k < sensors else "sensed = false\n")
+            for k in range(sensors + bare)
+        ]
+        (tmp_path / "mine.toml").write_text("\n".join(rows))
+        return read_hand_card("mine.toml", tmp_path)
+
+    for sensors, bare in ((2, 0), (12, 20)):
+        made = hand(sensors, bare)
+        assert (made.n_sensors, made.n_contacts) == (sensors, sensors + bare)
+        assert made.contacts[-1].stiffness == 1.0
+    for sensors, bare, says in (
+        (1, 1, "1 sensors"),
+        (13, 0, "13"),
+        (12, 21, "33 contacts"),
+    ):
+        with pytest.raises(CardError, match=says):
+            hand(sensors, bare)

@@ -120,3 +120,40 @@ def hostile_senses(seed: int, samples: int, hands: int) -> list[GripSense]:
             )
             setattr(one, name, hostile)
     return senses
+
+
+def scripted_senses() -> list[GripSense]:
+    """Six seconds: an empty hand, a hold, a slip, a hand-over, a tug, and what the wearer commands.
+
+    Whole numbers and square roots alone make the curves, so that every machine has these bits.
+    """
+    senses = []
+    for k in range(900):
+        wave = ((37 * k) % 101) / 101 - 0.5
+        grip_n = min(3.0, max(0.0, 0.04 * (k - 60))) + 0.2 * wave
+        load_n = max(0.0, min(4.0, 0.05 * (k - 90)) + 0.3 * wave)
+        p_risky = p_safe = 0.0
+        if 200 <= k < 320:
+            p_risky = min(1.0, (k - 200) / 40) * (1.0 if k % 50 < 45 else 0.6)
+            load_n = 0.62 * 2.0 * grip_n * (1.0 + 0.04 * wave)
+            grip_n += 0.02 * (k - 200)
+        if 420 <= k < 480:
+            load_n = max(0.0, load_n - 0.08 * (k - 420))
+            p_safe = 0.7 if k % 7 else 0.4
+        if 560 <= k < 640:
+            p_risky, load_n = 0.72 + 0.3 * wave, load_n + 1.5
+        if 700 <= k < 720:
+            p_risky = 0.95
+        senses.append(
+            sense(
+                grip_n=grip_n,
+                load_n=load_n,
+                p_risky=p_risky,
+                p_safe=p_safe,
+                known=not (260 <= k < 266 or 600 <= k < 602),
+                empty=k < 70 or k >= 880,
+                opening=740 <= k < 745,
+                overridden=800 <= k < 805,
+            )
+        )
+    return senses

@@ -47,6 +47,8 @@ On a busy machine two threads take 10 times as long.
 """
 ANSWERS = 30
 LIVE_WAIT_S = 0.1
+MOST_QUIET = round(LONGEST_WAIT_S / LIVE_WAIT_S)
+"""Waits without an answer after which none is expected any more."""
 EMPTY_POLLS = 6
 POLL_S = 0.01
 
@@ -174,14 +176,12 @@ class _Watch:
         except HoldfastError as error:
             failed = error
 
-        quiet_s = time.monotonic()
-        while not live and self.frames < sent and self.pipeline.isRunning():
-            if self._take(answers, tags, LIVE_WAIT_S):
-                quiet_s = time.monotonic()
-            elif time.monotonic() - quiet_s > LONGEST_WAIT_S:
-                break
+        quiet = 0
+        wanted = 0 if live else sent
+        while self.frames < wanted and quiet < MOST_QUIET and self.pipeline.isRunning():
+            quiet = 0 if self._take(answers, tags, LIVE_WAIT_S) else quiet + 1
 
-        if failed is None and not live and self.frames < sent:
+        if failed is None and self.frames < wanted:
             failed = _lost("depthai")
         if failed is not None:
             raise failed
@@ -304,9 +304,10 @@ def _drain(record: Any) -> None:
     Stopping would discard what is in it.
     """
     empty = 0
-    until_s = time.monotonic() + LONGEST_WAIT_S
-    while empty < EMPTY_POLLS and time.monotonic() < until_s:
-        empty = empty + 1 if record.input.getSize() == 0 else 0
+    for _ in range(round(LONGEST_WAIT_S / POLL_S)):
+        empty = 0 if record.input.getSize() else empty + 1
+        if empty == EMPTY_POLLS:
+            break
         time.sleep(POLL_S)
 
 

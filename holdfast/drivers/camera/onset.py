@@ -97,7 +97,7 @@ def find_slip(moved: Motion, gross_mm: float = GROSS_MM) -> Slip | HiddenMotion 
         gross = departure.first + int(far[0])
         gap = track.first_gap(max(departure.first - 1, 0), gross + 1)
         if gap is not None:
-            return HiddenMotion(float(track.t_s[gap]), track.next_seen_s(gap))
+            return HiddenMotion(float(track.t_s[gap]), float(track.t_s[gap + 1]))
         return _slip(track, departure, gross, gross_mm)
 
     return track.hidden_while_away()
@@ -180,10 +180,6 @@ class _Track:
                 return
             yield Departure(level_mm, first, again[1])
             level_mm, after = again
-
-    def next_seen_s(self, row: int) -> float:
-        """When both tags are seen again after this frame; the recording's end if never."""
-        return float(self.t_s[row + 1]) if row + 1 < len(self.t_s) else self.end_s
 
     def hidden_while_away(self) -> HiddenMotion | None:
         """The gap at the end of what is seen, if the object was away from its rest then."""
@@ -304,6 +300,6 @@ def _misfit(t: FloatArray, d: FloatArray, starts: FloatArray) -> FloatArray:
     slope = x @ y
     square = (x * x).sum(axis=1)
     # a motion back towards the rest explains nothing
-    explained = np.where((slope > 0.0) & (square > 0.0), slope, 0.0) ** 2
+    explained = np.maximum(slope, 0.0) ** 2
     misfit: FloatArray = y @ y - explained / np.maximum(square, 1e-300)
     return misfit
