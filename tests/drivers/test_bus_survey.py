@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
 from typing import Any
 
 import pytest
 
-from holdfast.drivers import bus_survey
-from holdfast.drivers.bus import Reply, Transfer
+from holdfast.drivers.bus import Bus, Reply, Transfer
 from holdfast.drivers.bus_survey import ScannedBus, median_scan_s, survey
 from holdfast.drivers.scanning import BusDevice, as_layout, look_at
 from holdfast.drivers.tmag5273 import REGISTERS, RESULTS
@@ -63,7 +63,7 @@ def test_each_chip_has_a_line_that_names_its_mux_where_there_are_several() -> No
 class Timed:
     """A bus whose scans take what is in `lasts_s`, in turn, by the clock that it stands for."""
 
-    def __init__(self, bus: Any, lasts_s: Sequence[float]) -> None:
+    def __init__(self, bus: Bus, lasts_s: Sequence[float]) -> None:
         self.bus, self.name, self.lasts_s = bus, "timed", list(lasts_s)
         self.now_s = 0.0
         self.scans: list[list[Transfer]] = []
@@ -71,7 +71,13 @@ class Timed:
     def scan(self, transfers: Sequence[Transfer]) -> list[Reply]:
         self.scans.append(list(transfers))
         self.now_s = self.lasts_s[len(self.scans) % len(self.lasts_s)]
-        return self.bus.scan(transfers)  # type: ignore[no-any-return]
+        return self.bus.scan(transfers)
+
+    def clear(self) -> None:
+        self.bus.clear()
+
+    def close(self) -> None:
+        self.bus.close()
 
     def perf_counter(self) -> float:
         now_s, self.now_s = self.now_s, 0.0
@@ -96,7 +102,7 @@ def test_a_scan_may_take_four_fifths_of_a_model_s_period(
 ) -> None:
     bench = make("native")
     bus = Timed(bench.bus, [scan_s])
-    monkeypatch.setattr(bus_survey.time, "perf_counter", bus.perf_counter)
+    monkeypatch.setattr(time, "perf_counter", bus.perf_counter)
     found = survey("i2c://1", bus, frozenset(), bench.wait_s)
     assert (found.scan_s, found.model_hz) == (scan_s, model_hz)
     assert found.layout == "0:35,0:22,0:78,0:44,1:35,1:22"
@@ -113,7 +119,7 @@ def test_the_time_of_a_scan_is_the_median_of_twenty(
     make: Any, monkeypatch: Any
 ) -> None:
     bus = Timed(make("native").bus, [float(k * 7 % 20) for k in range(20)])
-    monkeypatch.setattr(bus_survey.time, "perf_counter", bus.perf_counter)
+    monkeypatch.setattr(time, "perf_counter", bus.perf_counter)
     assert median_scan_s(bus, "35,22") == 10.0
     assert [len(one) for one in bus.scans] == [2] * 20
 

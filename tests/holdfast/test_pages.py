@@ -24,7 +24,7 @@ Command = Callable[..., tuple[int, str, str]]
 
 
 @pytest.fixture(autouse=True)
-def smaller(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+def less_work(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """No page claims the time of a slip to the millisecond, nor how long memory was watched."""
     monkeypatch.setattr(graph_checks, "SILENT_STEPS", 3000)
     with long_steps():

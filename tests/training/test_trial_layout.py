@@ -11,6 +11,7 @@ from holdfast.core.errors import LabelError
 from holdfast.core.trial_layout import (
     NORMAL_FLOOR,
     SITUATION_OF_ACTION,
+    Mass,
     contact_rows,
     has_logs,
     import_command,
@@ -72,10 +73,7 @@ def test_a_mass_is_a_positive_number_beside_the_recordings_first(
     folder.mkdir()
     assert mass_g(folder) == 15.1
     (folder / "meta.json").write_text('{"mass_g": 5e-324}')
-    assert (mass_g(folder), mass_of(folder).source) == (
-        5e-324,
-        str(folder / "meta.json"),
-    )  # type: ignore[union-attr]
+    assert mass_of(folder) == Mass(5e-324, str(folder / "meta.json"))
     if mass is not None:
         with pytest.raises(LabelError, match="mass of 'mug'"):
             named_mass("mug", {"mug": mass})
