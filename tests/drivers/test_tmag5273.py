@@ -419,3 +419,13 @@ def test_an_answer_may_come_after_a_hundred_empty_packets_and_no_more(bench):
             bench.bus.scan([FIRST])
         empty.clear()
         assert bench.bus.scan([FIRST])[0].acked
+
+
+@pytest.mark.parametrize(
+    ("byte", "level"), [(0x80, True), (0xFF, True), (0x7F, False), (0x00, False)]
+)
+def test_an_acknowledge_bit_is_the_highest_of_its_byte(bench, byte, level):
+    levels = []
+    bench.device._lines.acknowledge_out = levels.append
+    bench.device._carry_out(0x13, bytes([0, byte]))
+    assert levels == [level]

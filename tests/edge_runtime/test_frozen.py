@@ -277,3 +277,10 @@ def test_no_sensor_of_simulated_trials_at_twelve_bits_is_called_frozen(
         repeats += int((rows[1:] == rows[:-1]).all(axis=1).sum())
         assert not watched(rows).any()
     assert noisy or repeats > 50
+
+
+def test_a_sensor_that_has_never_moved_is_not_called_frozen() -> None:
+    watch = FrozenWatch(2, 150.0)
+    for k in range(100):
+        values = np.array([1.0, 1.0, 1.0, k % 2, 0.0, k % 3])
+        assert not watch.frozen(values, np.ones(2, dtype=np.bool_)).any()

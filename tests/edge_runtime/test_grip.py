@@ -30,6 +30,7 @@ from holdfast.edge_runtime.grip import (
     Holdfast,
     LoadSwing,
     PdShear,
+    possible,
 )
 from holdfast.edge_runtime.grip_control import (
     FrictionMargin,
@@ -425,3 +426,14 @@ def test_the_friction_margin_and_the_swing_follow_a_whole_stream() -> None:
         [0.589305, 3.618923, 3.618923, 0.279248, 0.589305], abs=1e-6
     )
     assert [k for k, fell in enumerate(falls) if fell] == [*range(441, 480)]
+
+
+@pytest.mark.parametrize("name", ["grip_n", "load_n", "p_risky", "p_safe"])
+def test_a_sample_with_a_number_that_is_none_is_unknown(name: str) -> None:
+    assert not possible(ONE_HAND, sense(**{name: float("nan")})).known
+    many = possible(ManyHands(2), sense(**{name: np.array([np.nan, 0.5])}))
+    assert many.known.tolist() == [False, True]
+    beyond = sense(grip_n=2e9, load_n=-1.0, p_risky=1.5, p_safe=-0.1)
+    one = possible(ONE_HAND, beyond)
+    assert (one.grip_n, one.load_n, one.p_risky, one.p_safe) == (1e9, 0.0, 1.0, 0.0)
+    assert one.known
