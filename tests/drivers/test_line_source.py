@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import pty
+import select
 import socket
 import tty
 from collections.abc import Callable, Hashable, Iterator
@@ -31,7 +32,6 @@ from holdfast.core.errors import (
 from holdfast.core.line_key import LinkKey
 from holdfast.core.line_session import LONGEST_LINE
 from holdfast.core.source import SourceReading
-from holdfast.drivers import line_feeds
 from holdfast.drivers.line_feeds import (
     LineSplitter,
     SerialEnd,
@@ -806,9 +806,7 @@ def test_a_recording_waits_for_its_rows_and_gives_up_a_gap_of_two_periods() -> N
             clock,
             LineOptions(paced=True),
             late_ns=lambda k: -k * PERIOD_NS,
-            line=lambda k, gap=gap: text_of(  # type: ignore[misc]
-                k, t_s=(k + (gap if k > 9 else 0)) / 150
-            ),
+            line=lambda k, gap=gap: text_of(k, t_s=(k + (gap if k > 9 else 0)) / 150),
             ends=30,
         )
         readings = list(iter(source.read, None))
@@ -871,9 +869,9 @@ def unanswered(stack: ExitStack, monkeypatch: pytest.MonkeyPatch) -> list[int]:
         def getsockopt(self, *given: Any) -> Any:
             return answers[0]
 
-    monkeypatch.setattr(line_feeds.socket, "socket", Pending)
+    monkeypatch.setattr(socket, "socket", Pending)
     monkeypatch.setattr(
-        line_feeds.select,
+        select,
         "select",
         lambda reads, writes, errors, wait: ([], writes if answers else [], []),
     )
