@@ -31,7 +31,7 @@ SOURCES: dict[str, dict[str, str]] = {
         "cost": "build/bench/cost.json",
         "distortions": "docs/measured/distortions-326dbe034565.json",
         "wide": "docs/measured/wide-080828f74eb1.json",
-        "world": "docs/measured/world-326dbe034565.json",
+        "world": "docs/measured/world-080828f74eb1.json",
     },
     "docs/adapt.md": {
         "adapt": "build/adapt-study/adapt.json",
@@ -81,7 +81,7 @@ SOURCES: dict[str, dict[str, str]] = {
     },
     "docs/second-physics.md": {
         "before": "docs/measured/world-d86a7e638b14.json",
-        "world": "docs/measured/world-326dbe034565.json",
+        "world": "docs/measured/world-080828f74eb1.json",
         "intent": "docs/measured/world-intent-326dbe034565.json",
     },
     "docs/shared-control.md": {
