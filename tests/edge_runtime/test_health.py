@@ -478,3 +478,11 @@ def test_a_source_fits_a_model_of_its_unit_wherever_the_word_comes_from(
             continue
         with pytest.raises(UnitError, match="the source is in count"):
             require_fit(card, **facts, where="a")
+
+
+def test_a_sample_out_of_order_says_by_how_much(model: Model) -> None:
+    monitor = GripMonitor(model, None)
+    flags = np.ones(6, dtype=np.bool_)
+    monitor.feed(Sample(10_000_000, np.zeros(18), flags, 0))
+    with pytest.raises(TimeError, match=r"a sample 3\.000 ms older"):
+        monitor.feed(Sample(7_000_000, np.zeros(18), flags, 1))
