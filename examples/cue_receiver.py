@@ -50,15 +50,28 @@ def whole(value, most):
     return value
 
 
+def flat(pairs):
+    """An object: each key once, texts and finite numbers only. Raises ValueError or TypeError."""
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        raise ValueError("a key comes twice: two programs may take different values")
+    for value in found.values():
+        is_word = value is None or isinstance(value, str)
+        if not is_word and not abs(value) <= sys.float_info.max:  # a list: TypeError
+            raise ValueError("not a finite number")
+    return found
+
+
 def read(line):
     """((session, sequence), what to play), None for a line to skip."""
     try:
-        cue = json.loads(line.decode())
+        cue = json.loads(line.decode(), object_pairs_hook=flat)
         numbers = tuple(whole(cue[k], 2**53 - 1) for k in ("session", "sequence"))
         pulses = whole(cue["pulses"], 10)
         on_ms, off_ms = (whole(cue[k], 60_000) for k in ("on_ms", "off_ms"))
         strength = cue["strength"]
-        if not cue["cue"].isprintable() or not 0 <= strength <= 1:
+        is_share = not isinstance(strength, bool) and 0 <= strength <= 1
+        if not is_share or not cue["cue"].isprintable():
             return None
     except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
         return None  # cut off on the way, forged, or something else

@@ -42,34 +42,80 @@ static int obeys(session_t *s, long long session, long long sequence, long long 
     return 1;
 }
 
-/* What follows `"key":` in a line, or NULL. */
-static const char *value(const char *line, const char *key) {
-    const char *at = strstr(line, key);
-    return at ? at + strlen(key) : NULL;
+/* Behind the blanks, the digits, or a text in quotes (ASCII, as all lines of Holdfast are); NULL: none. */
+static const char *past_blanks(const char *at) { return at + strspn(at, " \t\r\n"); }
+
+static const char *past_digits(const char *at) {
+    const size_t n = at ? strspn(at, "0123456789") : 0;
+    return n ? at + n : NULL;
 }
 
-static int ends(const char *at) { return *at == ',' || *at == '}'; }
+static const char *past_text(const char *at) {
+    if (*at != '"') return NULL;
+    while (*++at != '"') {
+        if (*at == '\\') ++at;
+        if (!isprint((unsigned char)*at)) return NULL;
+    }
+    return at + 1;
+}
+
+/* Behind a text, a number or a word of JSON. NULL: anything else, also a list or an object. */
+static const char *past_value(const char *at) {
+    static const char *WORDS[] = {"null", "true", "false"};
+    const char *end;
+    if (*at == '"') return past_text(at);
+    for (int k = 0; k < 3; ++k)
+        if (!strncmp(at, WORDS[k], strlen(WORDS[k]))) return at + strlen(WORDS[k]);
+    end = at + (*at == '-');
+    end = *end == '0' ? end + 1 : past_digits(end);
+    if (end && *end == '.') end = past_digits(end + 1);
+    if (end && (*end == 'e' || *end == 'E')) end = past_digits(end + 1 + (end[1] == '-' || end[1] == '+'));
+    return end && isfinite(strtod(at, NULL)) ? end : NULL;
+}
+
+enum { SESSION, SEQUENCE, MODE, TARGET_N, SPEED, REASON, NAMES, MOST_MEMBERS = 32 };
+static const char *KEYS[] = {"\"session\"", "\"sequence\"", "\"mode\"", "\"target_n\"", "\"slew_n_s\"", "\"reason\""};
+
+/* Finds the values of KEYS. Whether the line is one JSON object of plain values, each key once, and has them all. */
+static int members(const char *at, const char *values[NAMES]) {
+    const char *keys[MOST_MEMBERS], *end;
+    size_t sizes[MOST_MEMBERS];
+    int n = 0, found = 0;
+    do {
+        if (n == MOST_MEMBERS || *at != (n ? ',' : '{')) return 0;
+        keys[n] = past_blanks(at + 1);
+        if (!(end = past_text(keys[n]))) return 0;
+        sizes[n] = (size_t)(end - keys[n]);
+        if (memchr(keys[n], '\\', sizes[n])) return 0; /* another way to write the same key */
+        for (int k = 0; k < n; ++k)
+            if (sizes[k] == sizes[n] && !memcmp(keys[k], keys[n], sizes[n])) return 0;
+        end = past_blanks(end);
+        if (*end != ':') return 0;
+        at = past_blanks(end + 1);
+        for (int k = 0; k < NAMES; ++k)
+            if (strlen(KEYS[k]) == sizes[n] && !memcmp(KEYS[k], keys[n], sizes[n])) values[k] = at, ++found;
+        if (!(end = past_value(at))) return 0;
+        at = past_blanks(end);
+        ++n;
+    } while (*at != '}');
+    return found == NAMES && !*past_blanks(at + 1);
+}
 
 /* A whole number from 0 to 2^53 - 1, or -1. */
-static long long whole(const char *line, const char *key) {
-    const char *at = value(line, key);
+static long long whole(const char *at) {
     long long number = 0;
-    if (!at || !isdigit((unsigned char)*at)) return -1;
-    for (; isdigit((unsigned char)*at); ++at)
+    const char *end = past_digits(at);
+    if (!end || *end == '.' || *end == 'e' || *end == 'E') return -1;
+    for (; at < end; ++at)
         if ((number = 10 * number + (*at - '0')) > 9007199254740991LL) return -1;
-    return ends(at) ? number : -1;
+    return number;
 }
 
-/* A finite number from 0 on, at most `most`; -1 for null, -2 for anything else. */
-static double number(const char *line, const char *key, double most) {
-    const char *at = value(line, key);
-    char *end;
-    double found;
-    if (at && !strncmp(at, "null", 4) && ends(at + 4)) return -1;
-    if (!at || !isdigit((unsigned char)*at)) return -2; /* also Infinity, NaN, -0 */
-    found = strtod(at, &end);
-    if (!ends(end) || !isfinite(found)) return -2;
-    return found < most ? found : most;
+/* A number from 0 on, at most `most`; -1 for null, -2 for anything else. */
+static double number(const char *at, double most) {
+    if (*at == 'n') return -1;
+    if (!isdigit((unsigned char)*at)) return -2; /* also -0 */
+    return fmin(strtod(at, NULL), most);
 }
 
 /* Takes the code from the end of a line of n bytes. Whether it is right. */
@@ -96,17 +142,20 @@ typedef struct {
 
 /* Whether a line is a whole command; else it is skipped. */
 static int parsed(const char *line, command_t *c) {
-    const char *mode = value(line, "\"mode\":\""), *reason = value(line, "\"reason\":\"");
+    const char *values[NAMES];
     int known = 0;
-    if (*line != '{' || line[strlen(line) - 1] != '}' || !mode || !reason) return 0;
-    if (sscanf(mode, "%15[a-z]", c->mode) != 1 || sscanf(reason, "%40[^\"]", c->reason) != 1) return 0;
-    for (int k = 0; k < 5; ++k) known |= !strcmp(c->mode, MODES[k]);
-    for (const char *at = c->reason; *at; ++at)
-        if (!isprint((unsigned char)*at)) return 0;
-    c->session = whole(line, "\"session\":");
-    c->sequence = whole(line, "\"sequence\":");
-    c->target_n = number(line, "\"target_n\":", CEILING_N);
-    c->slew_n_s = number(line, "\"slew_n_s\":", SLEW_N_S);
+    if (!members(past_blanks(line), values)) return 0;
+    if (sscanf(values[REASON], "\"%40[^\"]", c->reason) != 1 || strchr(c->reason, '\\')) return 0;
+    for (int k = 0; k < 5; ++k) {
+        const size_t n = strlen(MODES[k]);
+        if (*values[MODE] != '"' || strncmp(values[MODE] + 1, MODES[k], n) || values[MODE][n + 1] != '"') continue;
+        strcpy(c->mode, MODES[k]);
+        known = 1;
+    }
+    c->session = whole(values[SESSION]);
+    c->sequence = whole(values[SEQUENCE]);
+    c->target_n = number(values[TARGET_N], CEILING_N);
+    c->slew_n_s = number(values[SPEED], SLEW_N_S);
     return known && c->session >= 0 && c->sequence >= 0 && c->target_n > -2 && c->slew_n_s >= 0;
 }
 

@@ -64,6 +64,18 @@ def whole(value):
     return number(value, 2**53 - 1)
 
 
+def flat(pairs):
+    """An object: each key once, texts and finite numbers only. Raises ValueError or TypeError."""
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        raise ValueError("a key comes twice: two programs may take different values")
+    for value in found.values():
+        is_word = value is None or isinstance(value, str)
+        if not is_word and not abs(value) <= sys.float_info.max:  # a list: TypeError
+            raise ValueError("not a finite number")
+    return found
+
+
 def opened(line, key):
     """A sealed line without its code. Raises ValueError."""
     line, _, code = line.rpartition(b',"mac":"')
@@ -76,7 +88,8 @@ def opened(line, key):
 def read(line, key):
     """((session, sequence), (mode, target_n, slew_n_s, reason)), None for a line to skip."""
     try:
-        command = json.loads((opened(line, key) if key else line).decode())
+        text = (opened(line, key) if key else line).decode()
+        command = json.loads(text, object_pairs_hook=flat)
         numbers = whole(command["session"]), whole(command["sequence"])
         mode, reason, target_n = (command[k] for k in ("mode", "reason", "target_n"))
         if mode not in MODES or not reason.isprintable():

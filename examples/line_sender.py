@@ -19,18 +19,21 @@ def fingers():
 
 
 def main(port=None):
-    """Send until stopped, on an absolute schedule."""
+    """Send until stopped, on an absolute schedule; what was missed is left out, not sent at once."""
     udp = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     names = [f"{axis}{k}" for k in range(1, 7) for axis in "XYZ"]
     session, start = random.getrandbits(53), time.monotonic()
-    for k in range(sys.maxsize):
+    k = 0
+    while True:
         time.sleep(max(0.0, start + k / RATE_HZ - time.monotonic()))
-        sample = {"session": session, "sequence": k, "t_s": time.monotonic() - start}
+        t_s = time.monotonic() - start
+        sample = {"session": session, "sequence": k, "t_s": t_s}
         line = json.dumps(sample | dict(zip(names, fingers(), strict=True)))
         if port:
             udp.sendto(line.encode(), ("127.0.0.1", port))
         else:
             print(line, flush=True)
+        k = max(k + 1, int(t_s * RATE_HZ))
 
 
 if __name__ == "__main__":

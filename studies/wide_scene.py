@@ -7,8 +7,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import subprocess
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -17,7 +15,13 @@ import numpy as np
 from holdfast.cli.command import path_argument
 from holdfast.core.reading import Json, model_path
 from holdfast.edge_runtime.model import Model
-from tools.harness import SimulatedSet, measured_now, simulate_sets, write_figures
+from tools.harness import (
+    SimulatedSet,
+    measured_now,
+    run_holdfast,
+    simulate_sets,
+    write_figures,
+)
 
 TRIALS = 600
 SCENE = "wide"
@@ -52,9 +56,8 @@ def run(args: argparse.Namespace) -> int:
     one = SimulatedSet(FOLDER, SCENE, args.trials, args.seed, rate_hz)
     simulate_sets([one], args.out)
     evaluated = args.out / "evaluated.json"
-    words = [sys.executable, "-m", "holdfast", "evaluate", args.model]
-    words += ["--data", args.out / FOLDER, "--json", evaluated]
-    subprocess.run(list(map(str, words)), check=True)
+    words = ["evaluate", args.model, "--data", args.out / FOLDER, "--json", evaluated]
+    run_holdfast([list(map(str, words))])
     write_figures(args.out / "wide.json", figures_of(args.out / FOLDER, evaluated))
     return 0
 

@@ -46,7 +46,8 @@ def draw_all(docs: Path) -> None:
     """Draw every picture whose figures are there; name those that stay as they are."""
     write_whole(docs / "step.svg", step_picture(onnx.load(MODEL).graph))
     write_whole(docs / "tags.svg", sheet())
-    write_whole(docs / "first-sight.svg", demo_picture.picture(Model(MODEL)))
+    for name, across in (("first-sight", 3), ("first-sight-phone", 1)):
+        write_whole(docs / f"{name}.svg", demo_picture.picture(Model(MODEL), across))
     draw_measured(docs)
 
 

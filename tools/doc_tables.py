@@ -30,7 +30,7 @@ SOURCES: dict[str, dict[str, str]] = {
     "README.md": {
         "cost": "build/bench/cost.json",
         "distortions": "docs/measured/distortions-326dbe034565.json",
-        "wide": "docs/measured/wide-326dbe034565.json",
+        "wide": "docs/measured/wide-080828f74eb1.json",
         "world": "docs/measured/world-326dbe034565.json",
     },
     "docs/adapt.md": {
@@ -72,7 +72,7 @@ SOURCES: dict[str, dict[str, str]] = {
         "simulator": "build/bench/simulator.json",
         "mujoco_loop": "build/bench/mujoco-loop.json",
         "scenes": "build/scenes/scenes.json",
-        "wide": "docs/measured/wide-326dbe034565.json",
+        "wide": "docs/measured/wide-080828f74eb1.json",
     },
     "docs/people.md": {
         "real": "build/real/metrics.json",

@@ -29,7 +29,7 @@ from holdfast.core.errors import HoldfastError, UsageError
 from holdfast.core.reading import Json
 from holdfast.core.writing import write_whole
 
-SIMULATED_AT_ONCE = 2
+AT_ONCE = 2
 
 
 @dataclass(frozen=True)
@@ -64,13 +64,17 @@ class SimulatedSet:
 
 def simulate_sets(sets: Sequence[SimulatedSet], out: Path) -> None:
     """Simulate the sets into folders of `out`, two at a time. Earlier sets of that name go."""
-    from holdfast.evaluation.jobs import Workers
-
     for one in sets:
         shutil.rmtree(out / one.folder, ignore_errors=True)
-    commands = [one.command(out) for one in sets]
+    run_holdfast([one.command(out) for one in sets])
+
+
+def run_holdfast(commands: Sequence[Sequence[str]]) -> None:
+    """Run `holdfast` with each of these words, two at a time. Raises HoldfastError."""
+    from holdfast.evaluation.jobs import Workers
+
     # as workers, which end with this program however it ends
-    codes = Workers(SIMULATED_AT_ONCE).run([partial(main, one) for one in commands])
+    codes = Workers(AT_ONCE).run([partial(main, one) for one in commands])
     for words, code in zip(commands, codes, strict=True):
         if code:
             failed = f"`holdfast {shlex.join(words)}` ended with exit code {code}"

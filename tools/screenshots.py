@@ -1,7 +1,8 @@
 """Pictures of pages at three widths, light and dark: `make screenshots`. Needs chromium.
 
 Without names it takes the pages of build/docs-site that a reader meets first, and the reports
-below build. It also names what is cut off: wider than the window, and in no box that scrolls.
+below build. It also names what is cut off: wider than the window, and in no box that scrolls; and
+a page that looks the same to a reader who prefers dark.
 """
 
 from __future__ import annotations
@@ -50,21 +51,25 @@ def pages_of(names: Sequence[Path]) -> list[Path]:
 
 
 def take(tab: Tab, page: Path, out: Path) -> Iterator[str]:
-    """Write the pictures of a page; yields what is cut off, once for each width."""
+    """Write the pictures of a page; yields what is cut off, and where dark is as light."""
     for width in WIDTHS_PX:
+        taken = []
         for dark in (False, True):
             tab.open(page.resolve().as_uri(), width, HEIGHT_PX, dark=dark)
             tab.wait_until(
                 f"location.pathname.endsWith('/{page.name}') && document.readyState == 'complete'"
             )
             name = f"{page.parent.name}-{page.stem}-{width}"
-            tab.screenshot(out / f"{name}{'-dark' if dark else ''}.png")
+            taken.append(out / f"{name}{'-dark' if dark else ''}.png")
+            tab.screenshot(taken[-1])
+        if taken[0].read_bytes() == taken[1].read_bytes():
+            yield f"{page} at {width} px: no other in the dark"
         for one in tab.value(CUT):
             yield f"{page} at {width} px: cut off: {one}"
 
 
 def main(words: Sequence[str] | None = None) -> int:
-    """Take them all; 1 where something is cut off, 2 without chromium or a page."""
+    """Take them all; 1 where something is wrong, 2 without chromium or a page."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("pages", nargs="*", type=Path, help="HTML files")
     parser.add_argument("--out", type=Path, default=Path("build/screenshots"))

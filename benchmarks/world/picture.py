@@ -30,7 +30,7 @@ COLOURS = (QUIET, OURS)
 
 def picture(columns: Sequence[Json]) -> str:
     """The SVG. columns: figures of world.json, the older first; their first tables are drawn."""
-    with drawing(10.2, 3.6) as figure:
+    with drawing(10.2, 3.9) as figure:
         panels = figure.subplots(1, len(PANELS))
         for axes, (title, kinds, name) in zip(panels, PANELS, strict=True):
             for place, column in enumerate(columns):
@@ -43,7 +43,16 @@ def picture(columns: Sequence[Json]) -> str:
             axes.set_xlabel("share of trials, 95 % interval")
             axes.grid(axis="x", color=GRID)
         if len(columns) > 1:
-            panels[0].legend(frameon=False, fontsize=8)
+            # below the panels: beside the points there is no room
+            handles, labels = panels[0].get_legend_handles_labels()
+            figure.legend(
+                handles,
+                labels,
+                loc="outside lower center",
+                ncols=len(labels),
+                frameon=False,
+                fontsize=8,
+            )
         return for_any_page(svg(figure))
 
 

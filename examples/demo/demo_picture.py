@@ -2,7 +2,7 @@
 
 `make docs` simulates the demo's two trials in a closed loop with the shipped model, and draws what
 became of object, grip, load and answer (demo_picture.svg). The animation is CSS; a
-reader who asked for less motion sees its end.
+reader who asked for less motion sees its end. first-sight-phone.svg is the same, for a phone.
 """
 
 from __future__ import annotations
@@ -114,8 +114,11 @@ class Column:
     grip: str
 
 
-def picture(model: OpenedModel) -> str:
-    """The picture: a bottle in a bare hand, the same with the grip controlled, a hand-over."""
+def picture(model: OpenedModel, across: int = 3) -> str:
+    """The picture: a bottle in a bare hand, the same with the grip controlled, a hand-over.
+
+    across: how many of these stand side by side, 3 or, for a phone, 1.
+    """
     bare_fall, _, held_fall, held_pass = watch(model)
     columns = [
         _column("Without Holdfast: a slip", bare_fall, _lost(bare_fall), says=False),
@@ -133,6 +136,8 @@ def picture(model: OpenedModel) -> str:
     )
     drawn = environment.get_template("demo_picture.svg").render(
         columns=columns,
+        across=across,
+        down=len(columns) // across,
         legend=list(
             zip(
                 ("empty", "grasp", "hand-over", "slip"),

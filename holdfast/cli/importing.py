@@ -69,8 +69,13 @@ def run(args: argparse.Namespace) -> int:
     written = write_set(args.out, reading.trials, plan)
     show_found(
         args,
-        "\n".join(_written_lines(args.out, written, plan)),
-        {"out": str(args.out), "trials": written, "faults": []},
+        "\n".join([*reading.notes, *_written_lines(args.out, written, plan)]),
+        {
+            "out": str(args.out),
+            "trials": written,
+            "faults": [],
+            "notes": reading.notes,
+        },
     )
     return 0
 

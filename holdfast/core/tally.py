@@ -34,15 +34,15 @@ class Tally:
         self._waiting: Counter[str] = Counter()
         self.total: Counter[str] = Counter()
 
-    def count(self, kind: str, shown: str) -> None:
-        """One more. kind: one of a few words, to count by; shown: this one, for the report."""
-        self.total[kind] += 1
+    def count(self, kind: str, shown: str, n: int = 1) -> None:
+        """`n` more. kind: one of a few words, to count by; shown: these, for the report."""
+        self.total[kind] += n
         self._begin_second()
         if self._reported < self._most and not self._waiting:
             self._reported += 1
             self._report(f"{self._name}: {shown}")
         else:
-            self._waiting[kind] += 1
+            self._waiting[kind] += n
 
     def look(self) -> None:
         """Report what was counted, where a second has passed. Call it once a sample."""

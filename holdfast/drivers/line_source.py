@@ -8,7 +8,7 @@ and its answer is `late`.
 The source waits for the next sample, so the sender paces the loop. While none comes, the last
 reading is given again, invalid, and the state is unknown. Of more than MOST_WAITING samples all but
 the newest are dropped, and one invalid reading stands for them. What waited while nothing was read,
-as between two trials, has no known time of arrival, and is dropped.
+as between two trials, has no known time of arrival, and is dropped. Dropped samples are counted.
 
 A recording that is read as lines (paced) is another matter: each row waits for its time.
 """
@@ -227,7 +227,7 @@ class LineSource(SelfPaced):
     def _next_sample(self) -> SourceReading | None:
         now_ns = self._clock.now_ns()
         if now_ns - self._looked_ns > PAUSE_PERIODS * self._period_ns:
-            self._drop_waiting()
+            self._count_dropped(self._drop_waiting(), "nothing was read")
         # a missing sample is noticed late, and the ones after it one period later each
         periods = 1.0 if self._is_silent else WAIT_PERIODS
         until_ns = now_ns + round(periods * self._period_ns)
@@ -245,6 +245,7 @@ class LineSource(SelfPaced):
             # the newest is kept: an old sample would delay every later one
             newest = self._waiting.pop()
             self._last = self._reading(*self._waiting[-1])
+            self._count_dropped(len(self._waiting), "more came than are read")
             self._waiting = deque([newest])
             return self._invalid(SKIPPED)
         self._given += 1
@@ -288,6 +289,10 @@ class LineSource(SelfPaced):
                 with suppress(LineRefused):
                     self._reader.take(text, peer, self._clock.now_ns())
         return dropped
+
+    def _count_dropped(self, n: int, why: str) -> None:
+        if n:
+            self._tally.count("samples dropped", f"{n:,} samples dropped: {why}", n)
 
     def _collect(self, timeout_s: float) -> None:
         """Take what comes; waits at most so long for the first bytes."""

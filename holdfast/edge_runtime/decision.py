@@ -4,8 +4,7 @@ arm: `arm_samples` risky samples in a row. act: `act_samples` in a row; the hand
 risky label with less than `min_risky_permille` of the votes does not count (rejection by
 confidence).
 
-An act continues when the alarm ends, because a hand that then let go would drop the object. An act
-ends
+An act continues when the alarm ends, because evidence comes and goes within a slip. An act ends
 
 - "released": the situation is "nothing" for `release_samples` in a row;
 - "timed_out": no risky label for `evidence_ms` of known samples;

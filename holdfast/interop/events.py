@@ -86,22 +86,38 @@ class EventTables:
         return list(found.values())
 
     def in_ns(
-        self, path: Path, events: Sequence[Event], stamps: IntArray, zero_ns: int
+        self,
+        path: Path,
+        events: Sequence[Event],
+        stamps: IntArray,
+        zero_ns: int,
+        rows: IntArray,
     ) -> list[Event]:
-        """Events of a table on the clock of a log or a trial; those outside of it are noted."""
+        """Events of a table on the clock of a log or a trial; those outside of it are noted.
+
+        rows: stamps of the rows of the trial, which an event of it shares.
+        """
         moved = events_in_ns(events, self.rules, stamps, zero_ns)
         for event, there in zip(events, moved, strict=True):
-            if _is_within(there, stamps):
+            if _labels_a_row(there, rows):
                 self._met.add((path, event.line))
             elif self.rules.labels.get(event.label) != "":
-                why = _outside(event, self.rules, stamps)
+                within = _is_within(there, stamps)
+                why = "" if within else _outside(event, self.rules, stamps)
                 self._missed[path, event.line] = event, why
         return moved
 
     def outside(self) -> list[tuple[Path, Event, str]]:
-        """Events that lie in no log, each with its table and with what is wrong."""
+        """Events that label no row, each with its table and with what is wrong.
+
+        That is "" for one that lies in its log.
+        """
         missed = [key for key in self._missed if key not in self._met]
         return [(key[0], *self._missed[key]) for key in missed]
+
+    def labels_rows(self, path: Path) -> bool:
+        """Whether an event of a table labels a row of a trial."""
+        return any(met == path for met, _ in self._met)
 
     def know(self, keys: Sequence[str]) -> None:
         """Names of a log or a trial that events may have."""
@@ -161,6 +177,12 @@ def _rows(
                 f"line {event.line}: an event without a start",
                 where=path,
                 next_step="correct that line",
+            )
+        if rules.unit == ROW and start < 0:
+            raise LabelError(
+                f"line {event.line}: an event in row {start:g}; the first row is 0",
+                where=path,
+                next_step="correct that line, or events.unit",
             )
         if end < start:
             raise LabelError(
@@ -229,13 +251,20 @@ def _in_ns(time: float, rules: EventRules, stamps: IntArray, zero_ns: int) -> fl
         return float(FOR_EVER_NS)
     if rules.unit != ROW:
         return zero_ns + time * NS_OF[rules.unit]
-    row = max(0, int(time))
+    row = int(time)
     return float(stamps[row]) if row < len(stamps) else float(stamps[-1] + 1)
 
 
 def _is_within(event: Event, stamps: IntArray) -> bool:
     """Whether an event, ns, and rows [T] have a moment in common."""
     return bool(event.start <= stamps[-1] and event.end >= stamps[0])
+
+
+def _labels_a_row(event: Event, stamps: IntArray) -> bool:
+    """Whether an event, ns, lasts while a trial with these rows does."""
+    if not len(stamps):
+        return False
+    return bool(max(event.start, stamps[0]) < min(event.end, stamps[-1] + 1))
 
 
 def _outside(event: Event, rules: EventRules, stamps: IntArray) -> str:

@@ -54,8 +54,9 @@ from typing import Any
 
 from holdfast.core.column_map import NS_OF, ColumnMap, MapReader, column_map_of
 from holdfast.core.contract import SITUATIONS
-from holdfast.core.errors import LabelError
-from holdfast.core.reading import Json
+from holdfast.core.errors import CardError, LabelError
+from holdfast.core.reading import Json, read_toml
+from holdfast.core.toml_lines import line_of
 from holdfast.interop.logs.layout import TableFormat
 from holdfast.training.datasets.trials import EMPTY_HAND, FOLDERS, action_of
 
@@ -70,6 +71,12 @@ TABLE_KEYS = ("separator", "decimal", "comment", "encoding", "sheet")
 TRIAL_KEYS = ("by", "path", "column", "gap_s", *NAMES, "skip")
 EVENT_TEXTS = ("file", "sheet", "trial", "start", "end", "label", "column")
 EVENT_KEYS = (*EVENT_TEXTS, "situation", "unit", "zero", "rest", "labels")
+GAPS = (
+    ("time.rate_hz", "0", "rows a second, or name the column of time instead"),
+    ("sensors[0].x", '""', "columns of the first sensor; a table for each further one"),
+    ("facts.action", '""', "what is done in every trial"),
+)
+"""Holes of a proposed map: key, how it is written where nothing says it, and what belongs there."""
 
 
 @dataclass(frozen=True)
@@ -129,9 +136,26 @@ class ImportMap:
 
 def read_import_map(path: Path) -> ImportMap:
     """Read and check a map with all its tables. Raises CardError and FileNotFoundError."""
-    from holdfast.core.column_map import read_column_map
+    text, raw = read_toml(path)
+    missing = gaps_of(text)
+    # one alone is refused where it is read, with what is allowed there
+    if len(missing) > 1:
+        raise CardError(
+            f"not whole: {'; '.join(missing)}",
+            where=path,
+            next_step="write what is missing",
+        )
+    return import_map_of(MapReader(path, text).column_map(raw))
 
-    return import_map_of(read_column_map(path))
+
+def gaps_of(text: str) -> list[str]:
+    """What nothing in the logs says and every map needs, with its line."""
+    found = []
+    for key, empty, what in GAPS:
+        number = line_of(text, key)
+        if number and text.split("\n")[number - 1].endswith(f"= {empty}"):
+            found.append(f"line {number}: {key} = {empty}: {what}")
+    return found
 
 
 def import_map_of_text(text: str, path: Path) -> ImportMap:

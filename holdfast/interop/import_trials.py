@@ -93,6 +93,7 @@ class TrialImport:
         self.plan, self.source = plan, source
         self.trials: list[ImportedTrial] = []
         self.faults: list[ImportFault] = []
+        self.notes: list[str] = []
         rules = plan.events
         self._events = None
         if rules is not None and rules.file:
@@ -111,9 +112,22 @@ class TrialImport:
                 next_step="correct its name, or remove its lines",
             )
             self.fault(at_event(stranger, path, event), path)
-        for path, event, why in self._events.outside() if self._events else []:
-            missed = LabelError(why, next_step="correct [events], or remove that line")
-            self.fault(at_event(missed, path, event), path)
+        if self._events is not None:
+            self._note_missed(self._events)
+
+    def _note_missed(self, tables: EventTables) -> None:
+        """Events outside their log are faults; so are those that label no row, if none does."""
+        is_whole = not self.faults
+        for path, event, why in tables.outside():
+            lost = f"{event.label!r:.60} at {event.start:g} {tables.rules.unit} is in no trial"
+            missed = LabelError(
+                why or f"{lost} of its log, and no other event is",
+                next_step="correct [events], or remove that line",
+            )
+            if why or (is_whole and not tables.labels_rows(path)):
+                self.fault(at_event(missed, path, event), path)
+            else:
+                self.notes.append(f"{path}, line {event.line}: {lost}: left out")
 
     def _places(self) -> list[LogPlace]:
         """The logs without those that are skipped, and without tables of events."""
@@ -195,7 +209,7 @@ class TrialImport:
 
     def _cuts_of_events(self, rows: LogRows, place: LogPlace) -> Iterator[Cut]:
         """A trial for each event whose label is an action."""
-        for event in self._events_of(rows, place, Cut(0, len(rows.stamps))):
+        for event in self._events_of(rows, place, Cut(0, 0)):
             if self.plan.action(event.label) is not None:
                 first, stop = np.searchsorted(rows.stamps, [event.start, event.end])
                 yield Cut(int(first), int(stop), event.label, event.label)
@@ -214,10 +228,12 @@ class TrialImport:
         by_trial = [cut.key] if self.plan.trials.by == "column" else keys
         self._events.know(by_trial)
         events = matching(self._events.of(place), [*by_trial, *keys])
-        in_trial = rules.zero == "trial"
-        stamps = rows.stamps[cut.first : cut.stop] if in_trial else rows.stamps
+        in_trial = rows.stamps[cut.first : cut.stop]
+        is_of_trial = rules.zero == "trial" and len(in_trial)
+        stamps = in_trial if is_of_trial else rows.stamps
         zero_ns = 0 if rules.zero == "clock" else int(stamps[0])
-        return self._events.in_ns(self._events.path_of(place), events, stamps, zero_ns)
+        path = self._events.path_of(place)
+        return self._events.in_ns(path, events, stamps, zero_ns, in_trial)
 
     # -- one trial
 

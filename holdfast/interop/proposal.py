@@ -24,7 +24,6 @@ from holdfast.core.errors import (
     listed,
 )
 from holdfast.core.reading import Json
-from holdfast.core.toml_lines import line_of
 from holdfast.interop.column_names import (
     counted_sensors,
     guess_sensors,
@@ -35,6 +34,7 @@ from holdfast.interop.column_names import (
     unit_of_signals,
     words_of,
 )
+from holdfast.interop.import_map import gaps_of
 from holdfast.interop.logs.find import LogPlace, find_logs, read_log
 from holdfast.interop.logs.layout import TableFormat
 from holdfast.interop.logs.log import LOG_TIME, Columns, ForeignLog, numeric
@@ -47,12 +47,6 @@ from holdfast.interop.proposed_trials import (
 )
 
 HOLE = SensorColumns("", "", "")
-GAPS = (
-    ("time.rate_hz", "0", "rows a second, or name the column of time instead"),
-    ("sensors[0].x", '""', "columns of the first sensor; a table for each further one"),
-    ("facts.action", '""', "what is done in every trial"),
-)
-"""Key, how it is written where nothing says it, and what belongs there."""
 FINGERS = {"thumb", "index", "middle", "ring", "little", "pinky", "daumen", "finger"}
 """Words of a file that holds one finger of several."""
 READ_FIRST = 4
@@ -96,7 +90,7 @@ def propose(source: Path) -> Proposal:
     head = [f"# Proposed by holdfast import for {source.name}: check every line."]
     head += [f"# {reason}" for reason in reasons]
     text = "\n".join([*head, "", replace(columns, tables=parts).to_toml()])
-    return Proposal(text, tuple(reasons), tuple(_gaps(text)))
+    return Proposal(text, tuple(reasons), tuple(gaps_of(text)))
 
 
 def _remarks(example: Example, parts: Json) -> list[str]:
@@ -122,16 +116,6 @@ def _remarks(example: Example, parts: Json) -> list[str]:
             "a trial; put files of the same rows side by side first"
         )
     return lines
-
-
-def _gaps(text: str) -> list[str]:
-    """What nothing in the logs says and every map needs, with its line."""
-    found = []
-    for key, empty, what in GAPS:
-        number = line_of(text, key)
-        if number and text.split("\n")[number - 1].endswith(f"= {empty}"):
-            found.append(f"line {number}: {key} = {empty}: {what}")
-    return found
 
 
 def _skipped(source: Path, tables: Sequence[ForeignLog], events: Json) -> Json:

@@ -292,15 +292,15 @@ def _virtual(
     track = field or _track(source.text("scene", ""), seed, trial, report)
     if track is not None and track.n_sensors != len(places):
         raise UsageError(
-            f"the layout has {len(places)} fingers, the scene's hand {track.n_sensors} sensors",
+            f"the layout has {len(places)} sensors, the scene's hand {track.n_sensors} sensors",
             next_step="name a place for each sensor, such as layout=0:35,0:22 for two",
         )
 
     faults = [read_fault(text) for text in source.options.get("fault", [])]
     for fault in faults:
         if (fault.sensor or 0) > len(places):
-            what = f"fault={fault.kind}:{fault.sensor}: the layout has {len(places)} fingers"
-            raise UsageError(what, next_step=f"name a finger from 1 to {len(places)}")
+            what = f"fault={fault.kind}:{fault.sensor}: the layout has {len(places)} sensors"
+            raise UsageError(what, next_step=f"name a sensor from 1 to {len(places)}")
 
     hand = VirtualHand(clock, track=track, wiring=wiring, seed=seed, faults=faults)
     # the emulated multiplexer answers where the URL's layout looks for it

@@ -16,15 +16,11 @@ from holdfast.export.heads import riskier_argmax
 from holdfast.export.learner import reference_votes
 from holdfast.export.network import IntArray
 from holdfast.training.crossval import fit_learner
-from holdfast.training.datasets.eflesh_slip import (
-    amplitude,
-    detection_delay_s,
-    threshold_baseline,
-)
 from holdfast.training.featurise import features_everywhere, features_of, spec_for
 from holdfast.training.metrics import situation_scores
 from holdfast.training.plan import TrainingPlan
 from holdfast.training.recording import DataSet, assign_groups, folds_of
+from studies.real.one_threshold import amplitude, detection_delay_s, threshold_baseline
 
 ACT_SAMPLES = DecisionRules().act_samples
 """An alarm is so many risky samples in a row, as the hand would act on it."""

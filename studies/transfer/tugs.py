@@ -36,13 +36,12 @@ from holdfast.training.datasets.eflesh_slip import (
     PREPARATION,
     TRIAL_ROWS,
     WINDOW_ROWS,
-    amplitude,
-    threshold_baseline,
 )
 from holdfast.training.featurise import features_of, spec_for
 from holdfast.training.metrics import prediction_scores, share_scores
 from holdfast.training.plan import TrainingPlan
 from holdfast.training.recording import DataSet, LabelledRows, Recording
+from studies.real.one_threshold import amplitude, threshold_baseline
 from studies.transfer.levels import scaled
 from studies.transfer.people import AS_RECORDED, OWN_LEVEL, TIMING
 

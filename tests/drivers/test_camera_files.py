@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+import time
 from collections.abc import Callable, Sequence
 from datetime import timedelta
 from pathlib import Path
@@ -412,13 +413,11 @@ class ScriptedDepthai:
     stop = wait = close = start
 
 
-def watched(
-    monkeypatch: Any, out: Path, script: ScriptedDepthai
-) -> tuple[Any, list[float]]:
+def watched(monkeypatch: Any, out: Path, script: Any) -> tuple[Any, list[float]]:
     """camera.json of a run, whose video is never there, and the pauses of its end."""
     slept: list[float] = []
     monkeypatch.setitem(sys.modules, "depthai", script)
-    monkeypatch.setattr(graph.time, "sleep", slept.append)
+    monkeypatch.setattr(time, "sleep", slept.append)
     out.mkdir()
     with pytest.raises((DeviceLost, OutputError, TimeError)):
         graph.watch(script, out, say=print)

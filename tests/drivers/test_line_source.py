@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import pty
+import select
 import socket
 import tty
 from collections.abc import Callable, Hashable, Iterator
@@ -31,7 +32,6 @@ from holdfast.core.errors import (
 from holdfast.core.line_key import LinkKey
 from holdfast.core.line_session import LONGEST_LINE
 from holdfast.core.source import SourceReading
-from holdfast.drivers import line_feeds
 from holdfast.drivers.line_feeds import (
     LineSplitter,
     SerialEnd,
@@ -270,7 +270,7 @@ def test_a_stuck_sender_is_unknown(model: Model) -> None:
 def test_a_burst_after_a_stall_is_dropped_but_for_the_newest() -> None:
     clock = VirtualClock()
     burst_ns = 30 * PERIOD_NS
-    source, feed, _ = opened(
+    source, feed, said = opened(
         clock,
         late_ns=lambda k: max(0, burst_ns - k * PERIOD_NS) if 10 <= k < 30 else 0,
     )
@@ -280,13 +280,15 @@ def test_a_burst_after_a_stall_is_dropped_but_for_the_newest() -> None:
     assert why.count((SKIPPED,)) == 1
     newest = readings[why.index((SKIPPED,)) + 1]
     assert newest.values[0] == json.loads(feed.line(30))["X1"]
+    # lines 10 to 30 came at once
+    assert said[1:] == ["script: 20 samples dropped: more came than are read"]
 
 
 @STALE_LINES.mark
 def test_what_waited_while_nothing_was_read_is_dropped() -> None:
     """As between two trials: a sender that died meanwhile must not leave one fresh sample."""
     clock = VirtualClock()
-    source, feed, _ = opened(clock, ends=200)
+    source, feed, said = opened(clock, ends=200)
     for _ in range(50):
         read(source)
     clock.wait_until(190 * PERIOD_NS)
@@ -296,6 +298,13 @@ def test_what_waited_while_nothing_was_read_is_dropped() -> None:
     clock.wait_until(230 * PERIOD_NS)
     assert source.read() is None
     assert feed.ended
+    # lines 50 to 189, then within the same second 191 to 199
+    source.close()
+    assert said[1:] == [
+        "script: 140 samples dropped: nothing was read",
+        "script: its lines ended after 51 samples",
+        "script: 9 more samples dropped",
+    ]
 
 
 def test_lines_that_are_no_samples_are_counted_and_end_nothing(model: Model) -> None:
@@ -797,9 +806,7 @@ def test_a_recording_waits_for_its_rows_and_gives_up_a_gap_of_two_periods() -> N
             clock,
             LineOptions(paced=True),
             late_ns=lambda k: -k * PERIOD_NS,
-            line=lambda k, gap=gap: text_of(  # type: ignore[misc]
-                k, t_s=(k + (gap if k > 9 else 0)) / 150
-            ),
+            line=lambda k, gap=gap: text_of(k, t_s=(k + (gap if k > 9 else 0)) / 150),
             ends=30,
         )
         readings = list(iter(source.read, None))
@@ -862,9 +869,9 @@ def unanswered(stack: ExitStack, monkeypatch: pytest.MonkeyPatch) -> list[int]:
         def getsockopt(self, *given: Any) -> Any:
             return answers[0]
 
-    monkeypatch.setattr(line_feeds.socket, "socket", Pending)
+    monkeypatch.setattr(socket, "socket", Pending)
     monkeypatch.setattr(
-        line_feeds.select,
+        select,
         "select",
         lambda reads, writes, errors, wait: ([], writes if answers else [], []),
     )

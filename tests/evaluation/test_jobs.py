@@ -19,7 +19,6 @@ from typing import Any
 import pytest
 from command_line import Run
 from dask_cluster import of_this_process
-from distributed import LocalCluster
 from loop_bench import card_text, row
 from small_jobs import HELD, dies_at_gate, dies_once, held, square
 
@@ -67,6 +66,8 @@ def test_results_come_in_the_order_of_the_jobs_wherever_these_run(cluster: str) 
     "default"
 )  # of a library that is here for these tests alone
 def test_what_a_killed_worker_computed_is_computed_by_another(tmp_path: Path) -> None:
+    from distributed import LocalCluster  # a second, which not every process needs
+
     jobs = [partial(dies_once, tmp_path / name) for name in ("one", "two", "three")]
     (tmp_path / "one").touch()
     (tmp_path / "three").touch()

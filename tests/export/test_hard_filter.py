@@ -270,9 +270,9 @@ def step_us(graph: StepGraph, values: FloatArray) -> FloatArray:
     took = np.empty(len(values))
     for row, sample in enumerate(values):
         graph.sample[0] = sample
-        begin_ns = time.perf_counter_ns()
+        begin_ns = time.thread_time_ns()
         graph.step()
-        took[row] = 1e-3 * (time.perf_counter_ns() - begin_ns)
+        took[row] = 1e-3 * (time.thread_time_ns() - begin_ns)
         if row % 100 == 0:
             assert not subnormal(graph.state).any()
     return took
@@ -295,9 +295,13 @@ def test_a_plain_filter_is_still_busy_with_subnormal_numbers_ten_minutes_later(
     silence = np.zeros(200_000)
     times = []
     for state in (memory, np.zeros_like(memory)):
-        begin_ns = time.perf_counter_ns()
-        sosfilt(sos, silence, zi=state)
-        times.append(time.perf_counter_ns() - begin_ns)
+        took = []
+        # of this thread, the least of five: other work on the machine is none of the filter's
+        for _ in range(5):
+            begin_ns = time.thread_time_ns()
+            sosfilt(sos, silence, zi=state)
+            took.append(time.thread_time_ns() - begin_ns)
+        times.append(min(took))
     record_property("cost_on_subnormal_numbers_over_cost_on_zeros", times[0] / times[1])
 
 

@@ -50,3 +50,23 @@ def test_a_reader_without_animation_sees_the_end(
     assert "animation" not in still
     assert moving.count("@keyframes") == 2 + 2 * 3
     assert len(drawn) < 40_000
+
+
+def test_for_a_phone_the_same_hands_stand_one_below_the_other(
+    seen: list[demo_picture.Seen], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(demo_picture, "watch", lambda _: seen)
+    drawn = {k: demo_picture.picture(Model(MODEL), across=k) for k in (1, 3)}
+    places = {}
+    for across, text in drawn.items():
+        width, height = map(int, re.findall(r'viewBox="0 0 (\d+) (\d+)"', text)[0])
+        panels = re.findall(r'<g transform="translate\((\d+) (\d+)\)">', text)
+        places[across] = [(int(x), int(y)) for x, y in panels]
+        assert all(x + 300 <= width and y + 470 <= height for x, y in places[across])
+        tops = [
+            float(y) for y in re.findall(r'<text class="s" x="\S+" y="(\d+)"', text)
+        ]
+        assert max(tops) < height
+    assert places == {1: [(0, 0), (0, 470), (0, 940)], 3: [(0, 0), (300, 0), (600, 0)]}
+    lines = [set(re.findall(r"<polyline .*", text)) for text in drawn.values()]
+    assert lines[0] == lines[1]

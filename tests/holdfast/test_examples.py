@@ -149,6 +149,24 @@ SKIPPED = {
     "a list for a mode": grip_line(5, mode=[]),
     "an unknown mode": grip_line(5, mode="crush"),
     "a terminal's escape": grip_line(5, reason="\x7f[2J"),
+    "a key twice": grip_line(5).replace(b"9.4,", b'9.4,"target_n":500,'),
+    "a key twice, once escaped": grip_line(5)[:-1] + rb',"target_\u006e":500}',
+    "a key twice that no receiver reads": grip_line(5, a=1)[:-1] + b',"a":2}',
+    "an object inside": grip_line(5, more={"target_n": 500}),
+    "a list inside": grip_line(5, more=[{"target_n": 500}]),
+    "its force inside": grip_line(5).replace(
+        b'"target_n":9.4', b'"a":{"target_n":9.4}'
+    ),
+    "its force in a text": grip_line(5, reason='"target_n":9').replace(
+        b'"target_n"', b'"n"'
+    ),
+    "a number that is not finite beside": grip_line(5, needed_n=math.inf),
+    "a force of 16 as base": grip_line(5).replace(b"9.4", b"0x9"),
+    "a force without its end": grip_line(5).replace(b"9.4", b"9."),
+    "a force with a zero before": grip_line(5).replace(b"9.4", b"09.4"),
+    "a mode that begins well": grip_line(5, mode="hold 5"),
+    "a word after the end": grip_line(5) + b"{}",
+    "a comma too many": grip_line(5)[:-1] + b",}",
 }
 
 
@@ -157,8 +175,9 @@ def test_a_receiver_skips_what_is_no_command(program):
     with listening(program) as (lines, url), sending(url) as send_line:
         for broken in SKIPPED.values():
             send_line(broken)
-        send_line(grip_line(6))
-        assert next(lines).startswith("tighten: 9.4 N")
+        spaced = grip_line(6, target_n=8.5).replace(b",", b", ").replace(b":", b" : ")
+        send_line(spaced)
+        assert next(lines) == "tighten: 8.5 N, at most 400 N/s (risky slip)"
 
 
 @FORGED_LINE.mark
@@ -364,6 +383,9 @@ BROKEN_CUES = (
         cue(1, strength=math.nan),
         cue(1, strength=math.inf),
         cue(1, cue=[]),
+        cue(1, strength=True),
+        cue(1, more={"pulses": 1}),
+        cue(1)[:-1] + b',"pulses":5}',
     ]
     + [
         cue(1, pulses=10**400),
@@ -382,7 +404,8 @@ def test_the_cue_receiver_plays_cues_and_skips_signs_of_life_and_what_is_no_cue(
         listening([sys.executable, str(EXAMPLES / "cue_receiver.py")]) as (lines, url),
         sending(url) as send_line,
     ):
-        for line in (*BROKEN_CUES, quiet, cue(1, 666), cue(0), cue(601), cue(600)):
+        whole = cue(600, on_ms=61)
+        for line in (*BROKEN_CUES, quiet, cue(1, 666), cue(0), cue(601), whole):
             send_line(line)
-        assert next(lines) == "act: 3 x 60 ms on, 40 ms off, strength 1"
+        assert next(lines) == "act: 3 x 61 ms on, 40 ms off, strength 1"
         assert next(lines) == "link lost: 1 x 1500 ms on, 0 ms off, strength 0.5"

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import pytest
 from command_line import fails
 from live_bench import free_port
+from long_steps import long_steps
 
 from holdfast.cli.main import main
 from holdfast.core import hand_card
@@ -101,7 +102,8 @@ def test_the_help_of_grip_names_the_word_and_the_source_that_it_needs(
 def five_sensors(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Simulated trials without the last sensor's columns."""
     folder = tmp_path_factory.mktemp("five") / "trials"
-    assert main(["simulate", "thesis", "--trials", "2", "--out", str(folder)]) == 0
+    with long_steps():
+        assert main(["simulate", "thesis", "--trials", "2", "--out", str(folder)]) == 0
     for path in folder.rglob("trial_*.csv"):
         with path.open(encoding="utf-8", newline="") as file:
             rows = [row[:16] for row in csv.reader(file)]

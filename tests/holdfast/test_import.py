@@ -148,6 +148,8 @@ def test_all_that_a_map_misses_is_listed_at_once_with_the_columns_there_are(
     missing = [line for line in out.splitlines() if line.startswith("missing: line ")]
     keys = [line.split(": ")[2].split(" = ")[0] for line in missing]
     assert keys == ["time.rate_hz", "sensors[0].x", "facts.action"]
+    whole = "; ".join(line.removeprefix("missing: ") for line in missing)
+    fails(run, 3, "CardError", *words, "--map", tmp_path / "set-map.toml", says=whole)
 
 
 def test_names_that_may_be_people_are_called_a_guess(run: Run, tmp_path: Path) -> None:
@@ -197,6 +199,10 @@ def test_a_file_for_each_finger_is_noticed(run: Run, tmp_path: Path) -> None:
     named_logs(tmp_path / "logs", "a_slip_thumb", "a_slip_index")
     _, out, _ = run("import", tmp_path / "logs", "--out", tmp_path / "set")
     assert "looks like one finger of several" in out
+
+
+EVENTS = '[events]\nfile = "e.csv"\nstart = "at"\nlabel = "what"\n[facts]'
+ROWS = EVENTS.replace("[facts]", 'unit = "row"\n[facts]')
 
 
 # -- one long file
@@ -418,6 +424,16 @@ def test_a_label_that_is_not_known_names_its_line(run: Run, tmp_path: Path) -> N
     assert 'add "sliding" = .. to [events.labels]' in out
 
 
+def test_an_event_in_a_row_below_0_is_refused(run: Run, tmp_path: Path) -> None:
+    (tmp_path / "logs").mkdir()
+    (tmp_path / "logs/e.csv").write_text("at,what\n-1,nothing\n100,grasp\n")
+    code, out = by_map(run, tmp_path, "[facts]", ROWS)
+    assert code == 3
+    assert "line 2: an event in row -1; the first row is 0" in out
+    (tmp_path / "logs/e.csv").write_text("at,what\n0,nothing\n100,grasp\n")
+    assert by_map(run, tmp_path, "[facts]", ROWS)[0] == 0
+
+
 def test_milliseconds_declared_as_seconds_are_refused_before_anything_is_written(
     run: Run, tmp_path: Path
 ) -> None:
@@ -426,9 +442,6 @@ def test_milliseconds_declared_as_seconds_are_refused_before_anything_is_written
     assert 'runs at 0.1 Hz (with unit = "ms": 100 Hz)' in out
     assert 'line 5: unit = "s"' in out
     assert not (tmp_path / "set").exists()
-
-
-EVENTS = '[events]\nfile = "e.csv"\nstart = "at"\nlabel = "what"\n[facts]'
 
 
 @pytest.mark.parametrize(
@@ -466,6 +479,60 @@ def test_an_event_of_one_table_for_all_logs_need_only_lie_in_one_of_them(
     (tmp_path / "logs/e.csv").write_text("at,what\n99,grasp\n")
     code, out = by_map(run, tmp_path, "[facts]", ignored)
     assert code == 0, out
+
+
+PAUSE_MAP = (
+    f'unit = "N"\n[time]\ncolumn = "time_s"\nunit = "s"\n{SENSORS}'
+    '[trials]\nby = "gaps"\n[facts]\naction = "slip"\n'
+    '[events]\nfile = "e.csv"\nstart = "at"\nend = "to"\nlabel = "what"\n'
+)
+
+
+@pytest.mark.parametrize(
+    ("rows", "faults", "notes"),
+    [
+        # trials of 5 s with a pause of 4 s between them
+        ("3,3.5,risky_slip\n6,7,risky_slip\n", 0, ["line 3: 'risky_slip' at 6 s"]),
+        ("6,7,risky_slip\n12,12.5,risky_slip\n", 0, ["line 2: 'risky_slip' at 6 s"]),
+        ("4,10,risky_slip\n", 0, []),
+        ("3,3,risky_slip\n3,3.5,risky_slip\n", 0, ["line 2: 'risky_slip' at 3 s"]),
+        ("6,7,risky_slip\n7,8,risky_slip\n", 2, []),
+        ("3,3.5,risky_slip\n6,7,risky_slip\n99,99.5,risky_slip\n", 1, None),
+    ],
+)
+def test_an_event_in_the_pause_between_two_trials_is_named(
+    run: Run, tmp_path: Path, rows: str, faults: int, notes: list[str] | None
+) -> None:
+    long_table(tmp_path / "logs/log.csv", [made(k) for k in range(2)], 4.0)
+    (tmp_path / "logs/e.csv").write_text(f"at,to,what\n{rows}")
+    (tmp_path / "map.toml").write_text(PAUSE_MAP)
+    words = ("import", tmp_path / "logs", "--out", tmp_path / "set")
+    code, out, _ = run(*words, "--map", tmp_path / "map.toml", "--json", "-")
+    found = json.loads(out)
+    assert (code, len(found["faults"])) == (3 if faults else 0, faults)
+    if notes is None:
+        assert "outside its log" in found["faults"][0]["what"]
+    elif faults:
+        assert "is in no trial of its log, and no other" in found["faults"][0]["what"]
+    else:
+        where = f"{tmp_path}/logs/e.csv, "
+        assert found["notes"] == [f"{where}{n} is in no trial: left out" for n in notes]
+
+
+def test_an_event_between_the_trials_that_events_cut_is_named(
+    run: Run, tmp_path: Path
+) -> None:
+    long_table(tmp_path / "logs/log.csv", [made(k) for k in range(2)], 0.0)
+    (tmp_path / "logs/e.csv").write_text(
+        "at,to,what\n0,4.9,pull\n3,3.5,risky_slip\n5,5.5,risky_slip\n6,9.9,pull\n"
+    )
+    cut = PAUSE_MAP.replace('"gaps"', '"events"').replace('action = "slip"', "")
+    (tmp_path / "map.toml").write_text(cut)
+    words = ("import", tmp_path / "logs", "--out", tmp_path / "set")
+    code, out, _ = run(*words, "--map", tmp_path / "map.toml")
+    assert code == 0
+    assert out.count("left out") == 1
+    assert "e.csv, line 4: 'risky_slip' at 5 s is in no trial: left out" in out
 
 
 def test_check_of_foreign_logs_proposes_the_import(run: Run, tmp_path: Path) -> None:

@@ -77,6 +77,19 @@ def test_the_figures_of_every_controller_are_written_and_printed(
     figures = rows["holdfast"]
     headline = f"{figures['saved']} of 1 preventable drop saved by holdfast"
     assert f"<h1>{headline}</h1>" in text
+    # exact, of so few: (0 or 1) of 1 and (0, 1 or 2) of 2
+    ends = {
+        0: {1: "0.0 to 97.5", 2: "0.0 to 84.2"},
+        1: {1: "2.5 to 100.0", 2: "1.3 to 98.7"},
+    }
+    saved_ends = f"95 % interval {ends[figures['saved']][1]} %"
+    blocked_ends = (
+        f"95 % interval {(ends | {2: {2: '15.8 to 100.0'}})[figures['blocked']][2]} %"
+    )
+    assert f"({saved_ends})" in text
+    assert f"of 2 hand-overs ({blocked_ends})" in text
+    # once more in the boxes, where the share of all drops has its own
+    assert text.count(saved_ends) >= 2
     shown = re.findall(r"<h3>(.*?)</h3>", text)
     saved = "saved" if figures["saved"] else "lost"
     assert shown[0].endswith(f"the first preventable drop that was {saved}")

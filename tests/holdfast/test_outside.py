@@ -13,6 +13,7 @@ import zipfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -707,7 +708,8 @@ def test_the_longest_line_holds_more_than_any_hand_of_ours_needs() -> None:
 
 
 def zipped(path: Path, *arrays: np.ndarray) -> Path:
-    np.savez_compressed(path, **{f"a{k}": array for k, array in enumerate(arrays)})
+    named: Any = {f"a{k}": array for k, array in enumerate(arrays)}
+    np.savez_compressed(path, **named)
     return path
 
 

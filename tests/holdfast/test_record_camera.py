@@ -185,7 +185,8 @@ def test_a_scene_that_is_felt_and_filmed_at_once_gives_the_onset_that_it_had(
     assert abs(seen["t0_s"] - scene["incipient_slip_s"]) < 0.010
     assert abs(seen["gross_s"] - scene["gross_slip_s"]) < 0.015
     assert truth_of(folder) == scene, "a scene is believed before a camera"
-    row, printed = evaluated(tmp_path, capsys)
+    report_path = tmp_path / "report.html"
+    row, printed = evaluated(tmp_path, capsys, "--report", report_path)
     by_camera = row["camera"]
     counts = (by_camera["onsets"], by_camera["events"], by_camera["found"])
     assert counts == (1, 1, row["found"]) == (1, 1, 1)
@@ -194,7 +195,7 @@ def test_a_scene_that_is_felt_and_filmed_at_once_gives_the_onset_that_it_had(
     assert by_camera["delay_ms"]["p50"] == pytest.approx(truth_ms - off_ms, abs=0.01)
     assert f"act {by_camera['delay_ms']['p50']:+.0f} ms from its onset" in printed
     assert f"by the scene's truth: act {truth_ms:+.0f} ms from" in printed
-    report = (tmp_path / "report.html").read_text()
+    report = report_path.read_text()
     assert "Alarms against a camera" in report
     assert "<td>1 of 1<br>" in report
 
@@ -216,14 +217,13 @@ def test_a_scene_that_is_felt_and_filmed_at_once_gives_the_onset_that_it_had(
     assert "source of load onsets: camera 1" in printed
 
 
-def evaluated(folder: Path, capsys: Any) -> tuple[dict[str, Any], str]:
+def evaluated(folder: Path, capsys: Any, *more: object) -> tuple[dict[str, Any], str]:
     """The deployed model's row of figures on what was recorded, and what evaluate prints."""
     figures = folder / "figures.json"
     model = ROOT / "models/holdfast-150hz.onnx"
-    words = ("evaluate", model, "--data", folder / "out", "--json", figures)
+    words = ("evaluate", model, "--data", folder / "out", "--json", figures, *more)
     capsys.readouterr()
-    argv = [str(word) for word in (*words, "--report", folder / "report.html")]
-    assert main(argv) == 0
+    assert main([str(word) for word in words]) == 0
     rows = json.loads(figures.read_text())["sets"]["out"]["rows"]
     return rows["ours, as deployed"], capsys.readouterr().out
 

@@ -9,6 +9,8 @@ from headless_browser import needs_chromium
 
 from tools import screenshots
 
+HEAD = '<!doctype html><meta name="viewport" content="width=device-width">'
+DARK = "<style>@media (prefers-color-scheme: dark) {body {background: black}}</style>"
 WIDE = '<table style="width: 90rem"><tr><td>{name}</td></tr></table>'
 
 
@@ -37,8 +39,7 @@ def test_what_is_wider_than_the_window_is_cut_off_unless_its_box_scrolls(
     page = tmp_path / "page.html"
     scrolls = f'<div style="overflow-x: auto">{WIDE.format(name="scrolls")}</div>'
     hidden = f'<div style="overflow: hidden">{WIDE.format(name="hidden")}</div>'
-    head = '<!doctype html><meta name="viewport" content="width=device-width">'
-    page.write_text(head + scrolls + hidden)
+    page.write_text(f"{HEAD}{DARK}{scrolls}{hidden}")
     out = tmp_path / "out"
     assert screenshots.main([str(page), "--out", str(out)]) == 1
     told = capsys.readouterr().out
@@ -47,3 +48,17 @@ def test_what_is_wider_than_the_window_is_cut_off_unless_its_box_scrolls(
     assert "1920" not in told, "90rem fit"
     assert "scrolls" not in told
     assert len(list(out.glob("*.png"))) == 6
+
+
+@needs_chromium
+def test_a_page_that_is_the_same_in_the_dark_is_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    follows, keeps = tmp_path / "follows.html", tmp_path / "keeps.html"
+    follows.write_text(f"{HEAD}{DARK}<p>text")
+    keeps.write_text(f"{HEAD}<p>text")
+    words = [str(follows), str(keeps), "--out", str(tmp_path / "out")]
+    assert screenshots.main(words) == 1
+    told = capsys.readouterr().out
+    assert told.count("keeps.html at") == 3
+    assert "follows.html" not in told

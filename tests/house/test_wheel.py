@@ -15,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from long_steps import long_steps
 from lossy_set import write_lossy_set
 from packages import MAY_IMPORT, ROOT, SHIPPED, folder_of
 
@@ -76,7 +77,10 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def installed(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
-    """An environment with the wheel, the live path's packages and nothing else."""
+    """An environment with the wheel, the live path's packages and nothing else.
+
+    Compiled modules are kept: each of many processes would compile the wheel anew.
+    """
     folder = tmp_path_factory.mktemp("site")
     with zipfile.ZipFile(wheel) as packed:
         packed.extractall(folder)
@@ -84,7 +88,7 @@ def installed(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str
     for name in LIVE:
         if (packages / name).exists():
             (folder / name).symlink_to(packages / name)
-    return {**os.environ, "PYTHONPATH": str(folder), "PYTHONDONTWRITEBYTECODE": "1"}
+    return {**os.environ, "PYTHONPATH": str(folder), "PYTHONDONTWRITEBYTECODE": ""}
 
 
 def test_the_wheel_puts_one_name_into_site_packages(wheel: Path) -> None:
@@ -140,7 +144,8 @@ def test_the_readmes_lines_run_as_printed_where_only_the_live_path_is(
 
 def write_recording(path: Path) -> None:
     """A simulated pull that the shipped model acts on, as a table of times and forces."""
-    source = open_source("sim://pull-soft-ball")
+    with long_steps():
+        source = open_source("sim://pull-soft-ball")
     table = np.column_stack([source.t_ns * 1e-9, source.values])
     header = ",".join(["Time", *channel_names(6)])
     np.savetxt(path, table, delimiter=",", header=header, comments="")
@@ -197,7 +202,8 @@ def test_the_readmes_commands_are_those_of_the_wheel(
     for printed in commands:
         words = shlex.split(printed)[1:]
         if words[0] == "run":
-            words += ["--seconds", "0.2"]
+            # the README's program above opens its scene, which takes seconds to simulate
+            words = [word.split("?scene=")[0] for word in words] + ["--seconds", "0.2"]
         command = [sys.executable, "-S", "-m", "holdfast", *words]
         done = subprocess.run(
             command, cwd=tmp_path, env=installed, capture_output=True, text=True

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 from live_bench import DEFAULT
+from long_steps import long_steps
 
 from holdfast.core.writing import write_whole
 from holdfast.simulation.scene import Scene
@@ -15,6 +16,7 @@ from studies.__main__ import PROGRAMS
 from studies.other_hands import HANDS, scene_text
 from tools.harness import start
 
+TINY = DEFAULT.with_name("holdfast-150hz-tiny.onnx")
 SENSORS = {
     "six-fingertips": 6,
     "two-pad-gripper": 2,
@@ -42,8 +44,9 @@ def test_the_learner_of_six_fingertips_answers_on_a_gripper_of_two_pads(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     words = ["hands", "--hands", "two-pad-gripper", "--trials", "4", "--jobs", "1"]
-    words += ["--seed", "130", "--model", str(DEFAULT), "--out", str(tmp_path)]
-    assert start("studies", PROGRAMS, words) == 0
+    words += ["--seed", "130", "--model", str(TINY), "--out", str(tmp_path)]
+    with long_steps():
+        assert start("studies", PROGRAMS, words) == 0
     found = json.loads((tmp_path / "hands.json").read_text("utf-8"))
     (row,) = found["rows"]
     assert (row["hand"], row["sensors"]) == ("two-pad-gripper", 2)

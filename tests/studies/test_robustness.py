@@ -6,10 +6,15 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from long_steps import long_steps
 from page_tables import filled
 
+from holdfast.core.errors import HoldfastError
 from holdfast.core.reading import Json
 from holdfast.edge_runtime.model import Model
+from holdfast.simulation.folder import write_set
+from holdfast.simulation.scene import Scene
+from holdfast.simulation.scene_file import read_scene_file
 from holdfast.training.plan import CLOCK_FREE_GROUPS, POOLED_GROUPS, pooled_plan
 from studies import robustness as robust
 from studies.distortions.table import by_name
@@ -22,6 +27,8 @@ from studies.robustness import (
     Sizes,
     choices,
 )
+from tools import harness
+from tools.harness import SimulatedSet
 
 SMALL = Sizes(train=10, choose=4, ask=4, turns=1, calls=2)
 
@@ -69,7 +76,25 @@ def measured(
     network = replace(plan.network, hidden=(3,), members=1, epochs=1)
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(robust, "PLAN", replace(plan, network=network))
-        return out, robust.robust(out, SMALL, lambda line: None, chosen)
+        # in this process, which has its libraries loaded
+        patched.setattr(harness, "SIMULATED_AT_ONCE", 1)
+        with long_steps():
+            # in the place of the card wide, whose texture asks for short steps
+            card = read_scene_file("p1", rate_hz=robust.RATE_HZ)
+            write_set(Scene(card, 1), out / f"wide-{SMALL.train}", SMALL.train)
+            return out, robust.robust(out, SMALL, lambda line: None, chosen)
+
+
+def test_sets_are_simulated_in_processes_and_one_that_fails_is_named(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    card = tmp_path / "still.toml"
+    card.write_text('[[trials]]\naction = "nothing"\nlasts_s = 2\n', "utf-8")
+    sets = [SimulatedSet("still", str(card), 1), SimulatedSet("none", "nowhere", 1)]
+    with pytest.raises(HoldfastError, match="holdfast simulate nowhere --trials 1"):
+        harness.simulate_sets(sets, tmp_path)
+    assert (tmp_path / "still" / "meta.json").is_file()
+    assert "error: " in capfd.readouterr().err
 
 
 def test_a_choice_is_a_file_that_answers_and_is_timed(

@@ -27,6 +27,7 @@ from holdfast.edge_runtime.preparation import Preparation
 from holdfast.training.datasets import eflesh_slip, join, load
 from holdfast.training.datasets.proactive_slip_uskin import situations
 from holdfast.training.recording import DataSet
+from studies.real import one_threshold
 
 PADS = ("xela_sensor1.csv", "xela_sensor2.csv")
 TAXELS = ",".join(f"txl{taxel}_{axis}" for taxel in range(1, 17) for axis in "xyz")
@@ -146,14 +147,14 @@ def test_an_eflesh_trial_is_held_or_tugged(tmp_path: Path) -> None:
 
 
 def test_one_threshold_separates_what_amplitude_separates(tmp_path: Path) -> None:
-    figures = eflesh_slip.threshold_baseline(load(write_eflesh(tmp_path)), n_folds=4)
+    figures = one_threshold.threshold_baseline(load(write_eflesh(tmp_path)), n_folds=4)
     assert figures == eflesh_slip.ThresholdAccuracy(1.0, 1.0, 1.0)
 
 
 def test_a_threshold_lies_in_the_middle_of_the_widest_of_the_best_gaps() -> None:
     def fitted(*is_slip: int) -> float:
         value = np.array([1.0, 2.0, 4.0, 3.0])
-        return eflesh_slip.fit_threshold(value, np.array(is_slip, dtype=np.bool_))
+        return one_threshold.fit_threshold(value, np.array(is_slip, dtype=np.bool_))
 
     assert fitted(0, 0, 1, 1) == 2.5
     assert fitted(0, 0, 1, 0) == 3.5
@@ -164,10 +165,10 @@ def test_a_threshold_lies_in_the_middle_of_the_widest_of_the_best_gaps() -> None
 def test_delay_is_counted_from_the_departure_of_the_field(tmp_path: Path) -> None:
     held, tugged = load(write_eflesh(tmp_path)).recordings[:2]
     alarm = np.arange(300) >= 162
-    assert eflesh_slip.departure_row(tugged.samples) == 150
-    assert eflesh_slip.detection_delay_s(tugged, alarm) == pytest.approx(0.12)
-    assert eflesh_slip.detection_delay_s(tugged, np.zeros(300, bool)) is None
-    assert eflesh_slip.detection_delay_s(held, alarm) is None
+    assert one_threshold.departure_row(tugged.samples) == 150
+    assert one_threshold.detection_delay_s(tugged, alarm) == pytest.approx(0.12)
+    assert one_threshold.detection_delay_s(tugged, np.zeros(300, bool)) is None
+    assert one_threshold.detection_delay_s(held, alarm) is None
 
 
 def test_labels_that_are_not_zero_or_one_are_refused(tmp_path: Path) -> None:
@@ -254,10 +255,10 @@ def test_the_real_eflesh_set_falls_to_one_threshold(
     data = load(real_set("eflesh_slip"))
     tugged = [recording for recording in data.recordings if recording.action == "tug"]
     assert (len(data.recordings), len(tugged)) == (137, 103)
-    figures = eflesh_slip.threshold_baseline(data)
+    figures = one_threshold.threshold_baseline(data)
     assert figures.trial_accuracy == figures.trial_accuracy_in_sample
     assert figures.trial_accuracy == pytest.approx(136 / 137)
-    departed = [eflesh_slip.departure_row(one.samples) or 0 for one in tugged]
+    departed = [one_threshold.departure_row(one.samples) or 0 for one in tugged]
     percentiles = np.percentile(departed, [5, 50, 95])
     assert percentiles == pytest.approx([70, 117, 155], abs=1)
 

@@ -38,6 +38,8 @@ INDENT = re.compile(r"^ {2,3}(?=\S)", re.MULTILINE)
 EQUATION = re.compile(
     r'<(span|div) class="arithmatex">\\[(\[](.*?)\\[)\]]</\1>', re.DOTALL
 )
+FIRST_SIGHT = re.compile(r'<img [^>]*src="([^"]*first-sight)\.svg"[^>]*>')
+PHONE = "(max-width: 44.984375em)"
 MODEL = ROOT / "models/holdfast-150hz.onnx"
 TRY = """
 [**Try it here**: pull a bottle out of a hand, and see the call and the grip](try.html){ .try }
@@ -95,8 +97,12 @@ def on_page_markdown(markdown: str, page: Page, files: Files, **_: Any) -> str:
 
 
 def on_page_content(content: str, **_: Any) -> str:
-    """Equations as MathML, which needs no script; tables that scroll by themselves."""
+    """Equations as MathML, without a script; tables that scroll; a first picture for phones."""
     content = EQUATION.sub(_mathml, content)
+    for_phone = (
+        rf'<picture><source media="{PHONE}" srcset="\1-phone.svg">\g<0></picture>'
+    )
+    content = FIRST_SIGHT.sub(for_phone, content)
     content = content.replace("<table>", '<div class="wide" tabindex="0"><table>')
     return content.replace("</table>", "</table></div>")
 

@@ -283,16 +283,16 @@ def still(field_ut: FloatArray = REST_UT, sensors: int = 6) -> Track:
 
 
 def wiring_of(places: Sequence[Finger]) -> Wiring:
-    """The wiring on which a driver with this layout finds its fingers. Raises UsageError."""
+    """The wiring on which a driver with this layout finds its sensors. Raises UsageError."""
     wiring = []
     for one in places:
         same_mux = one.mux == places[0].mux
         if one.channel is None or not same_mux or one.address not in FACTORY_ADDRESSES:
             raise UsageError(
                 "a virtual hand has no such layout",
-                cause="its fingers are behind one mux, each at a factory address",
+                cause="its sensors are behind one mux, each at a factory address",
                 next_step=f"layout={' or layout='.join(WIRINGS)}, or channel:address for "
-                "each finger, such as layout=0:35,0:22",
+                "each sensor, such as layout=0:35,0:22",
             )
         wiring.append((one.channel, one.address))
     return tuple(wiring)
