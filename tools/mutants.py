@@ -191,7 +191,7 @@ def ends_well(row: Row, tree: Path) -> bool:
 
     Without a named test the change had no end, or the tests could not begin.
     """
-    limits = f"ulimit -t {LONGEST_CPU_S // 2} && exec timeout {LONGEST_WALL_S // 2}"
+    limits = f"ulimit -t {LONGEST_CPU_S // 2} && timeout {LONGEST_WALL_S // 2}"
     names = list(cast("list[str]", row["tests"]))
     return unchanged(names, tree, limits).returncode == 0
 
@@ -199,8 +199,12 @@ def ends_well(row: Row, tree: Path) -> bool:
 def unchanged(
     names: list[str], tree: Path, limits: str = ""
 ) -> subprocess.CompletedProcess[str]:
-    """Run all of these tests on an unchanged tree. limits: words of the shell before."""
-    line = f"{limits} {command_of(names).replace(' -x ', ' ')}"
+    """Run all of these tests on an unchanged tree, in the memory that a change had.
+
+    limits: words of the shell before.
+    """
+    command = command_of(names).replace(" -x ", " ")
+    line = f"ulimit -v {MEMORY_BYTES >> 10}; {limits} {command}"
     path = os.environ | {"PYTHONPATH": str(tree)}
     return subprocess.run(
         line, cwd=tree, env=path, capture_output=True, text=True, shell=True

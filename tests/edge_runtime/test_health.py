@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from holdfast.core.contract import Prediction, Sample
-from holdfast.core.errors import TimeError
+from holdfast.core.errors import TimeError, UnitError
 from holdfast.edge_runtime.health import (
     LEAST_SPAN,
     RING,
@@ -22,7 +23,7 @@ from holdfast.edge_runtime.health import (
     RateWatch,
     RepeatWatch,
 )
-from holdfast.edge_runtime.monitor import GripMonitor, Model
+from holdfast.edge_runtime.monitor import GripMonitor, Model, require_fit
 
 DEFAULT = Path(__file__).resolve().parents[2] / "models" / "holdfast-150hz.onnx"
 ALL = np.ones(6, dtype=np.bool_)
@@ -464,3 +465,24 @@ def test_a_sensor_is_stuck_after_as_many_repeats_as_are_asked_for(period: int) -
     readings = [np.array([float(k % period), 0.0, 1.0]) for k in range(30)]
     found = [watch.stuck(one, usable) for one in readings]
     assert found == [period <= RING and k >= period + 3 for k in range(30)]
+
+
+def test_a_source_fits_a_model_of_its_unit_wherever_the_word_comes_from(
+    model: Model,
+) -> None:
+    card = replace(model.card, unit="uT")
+    for unit, fits in (("".join(["u", "T"]), True), ("count", False)):
+        facts: dict[str, Any] = {"n_channels": 18, "unit": unit, "rate_hz": 150.0}
+        if fits:
+            require_fit(card, **facts, where="a")
+            continue
+        with pytest.raises(UnitError, match="the source is in count"):
+            require_fit(card, **facts, where="a")
+
+
+def test_a_sample_out_of_order_says_by_how_much(model: Model) -> None:
+    monitor = GripMonitor(model, None)
+    flags = np.ones(6, dtype=np.bool_)
+    monitor.feed(Sample(10_000_000, np.zeros(18), flags, 0))
+    with pytest.raises(TimeError, match=r"a sample 3\.000 ms older"):
+        monitor.feed(Sample(7_000_000, np.zeros(18), flags, 1))

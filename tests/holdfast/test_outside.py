@@ -798,3 +798,25 @@ def test_a_document_has_16_mib_and_a_line_of_a_table_128_kib(tmp_path: Path) -> 
             reading.require_lines(path)
     with pytest.raises(TooLarge, match="more than 4 GiB"):
         reading.require_lines(sparse(tmp_path / "big", (4 << 30) + 1))
+
+
+def test_an_archive_may_hold_packed_and_unpacked_members(tmp_path: Path) -> None:
+    single = zipped(tmp_path / "a.npz", np.arange(3.0))
+    with zipfile.ZipFile(single) as opened:
+        data = opened.read("a0.npy")
+    with zipfile.ZipFile(tmp_path / "b.npz", "w") as opened:
+        for kind in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+            opened.writestr(f"a{kind}.npy", data, kind)
+    archives.require_modest_archive(tmp_path / "b.npz")
+
+
+def test_a_shipped_model_is_named_by_a_bare_name_that_no_file_has(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    name = reading.DEFAULT_MODEL
+    assert reading.model_path(name) == reading.MODELS / f"{name}.onnx"
+    for word in ("nowhere", f"mine/{name}", f"{name}.onnx"):
+        assert reading.model_path(word) == Path(word)
+    Path(name).touch()
+    assert reading.model_path(name) == Path(name)
