@@ -19,7 +19,7 @@ def fingers():
 
 
 def main(port=None):
-    """Send until stopped, on an absolute schedule; what was missed is left out, not sent at once."""
+    """Send until stopped, on an absolute schedule; what was missed is left out."""
     udp = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     names = [f"{axis}{k}" for k in range(1, 7) for axis in "XYZ"]
     session, start = random.getrandbits(53), time.monotonic()
