@@ -306,7 +306,7 @@ def running(name: str, config: Path) -> Iterator[subprocess.Popen[bytes]]:
 
 
 def test_a_run_sends_what_another_process_receives(name, running):
-    inlet = next(filter(None, (_found(f"{name}-run-decision") for _ in range(12))))
+    inlet = next(filter(None, (_found(f"{name}-run-decision") for _ in range(60))))
     rows = [row for _, row in received(inlet, 30)]
     assert len(rows) >= 30
     assert {len(row) for row in rows} == {len(DECISION)}
