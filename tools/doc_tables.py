@@ -29,7 +29,7 @@ TEMPLATES = Path(__file__).with_name("tables")
 SOURCES: dict[str, dict[str, str]] = {
     "README.md": {
         "cost": "build/bench/cost.json",
-        "distortions": "docs/measured/distortions-326dbe034565.json",
+        "distortions": "docs/measured/distortions-080828f74eb1.json",
         "wide": "docs/measured/wide-080828f74eb1.json",
         "world": "docs/measured/world-080828f74eb1.json",
     },
