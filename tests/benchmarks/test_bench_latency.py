@@ -139,11 +139,17 @@ def test_a_model_or_a_process_too_big_is_over_budget():
     assert len(broken(WITHIN, 9 * 2**20, resident_mb=500.0)) == 2
 
 
+LIBRARIES_MB = 44.0
+"""numpy and onnxruntime alone, where the budget was set."""
+
+
 def test_the_live_path_keeps_no_second_copy_of_its_file_and_is_within_its_memory():
     path = model_path(DEFAULT_MODEL)
     floor, live = memory(path)
     limits = tomllib.loads(BUDGET.read_text(encoding="utf-8"))["at_most"]
-    assert floor.resident_mb < live.resident_mb <= limits["resident_mb"]
+    # how much of a shared library is mapped differs by machine: 44 MB of libraries, or 50
+    own_mb = live.resident_mb - floor.resident_mb
+    assert 0.0 < own_mb <= limits["resident_mb"] - LIBRARIES_MB
     size = path.stat().st_size
     model = Model(path)
     # whatever the session holds of the file, it is not its bytes

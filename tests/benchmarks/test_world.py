@@ -281,8 +281,8 @@ def test_the_published_controllers_stand_beside_ours_on_the_same_trials() -> Non
     ours = [record_of("pull-fast", 0, bare=lost, oracle="2")]
     theirs = [record_of("pull-fast", 0, bare=lost, oracle="2", answered=lost)]
     ran = [beside("holdfast", ours), beside("smsp", theirs)]
-    world = figures_of("new") | {"controllers": ran}
-    table = tables_of("docs/second-physics.md", {"world": world})["world-controllers"]
+    figures = {"controllers": {"controllers": ran}}
+    table = tables_of("docs/second-physics.md", figures)["world-controllers"]
     assert "| holdfast | 1 (0.03 to 1.00) | 1 (" in table
     assert "| smsp | 0 (0.00 to 0.97) | 0 (" in table
 

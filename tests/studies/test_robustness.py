@@ -77,7 +77,7 @@ def measured(
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(robust, "PLAN", replace(plan, network=network))
         # in this process, which has its libraries loaded
-        patched.setattr(harness, "SIMULATED_AT_ONCE", 1)
+        patched.setattr(harness, "AT_ONCE", 1)
         with long_steps():
             # in the place of the card wide, whose texture asks for short steps
             card = read_scene_file("p1", rate_hz=robust.RATE_HZ)
