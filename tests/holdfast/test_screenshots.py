@@ -42,11 +42,11 @@ def test_what_is_wider_than_the_window_is_cut_off_unless_its_box_scrolls(
     page.write_text(f"{HEAD}{DARK}{scrolls}{hidden}")
     out = tmp_path / "out"
     assert screenshots.main([str(page), "--out", str(out)]) == 1
-    told = capsys.readouterr().out
-    assert "at 390 px: cut off: table hidden" in told
-    assert "at 1366 px: cut off: table hidden" in told
-    assert "1920" not in told, "90rem fit"
-    assert "scrolls" not in told
+    printed = capsys.readouterr().out
+    assert "at 390 px: cut off: table hidden" in printed
+    assert "at 1366 px: cut off: table hidden" in printed
+    assert "1920" not in printed, "90rem fit"
+    assert "scrolls" not in printed
     assert len(list(out.glob("*.png"))) == 6
 
 
@@ -59,6 +59,6 @@ def test_a_page_that_is_the_same_in_the_dark_is_named(
     keeps.write_text(f"{HEAD}<p>text")
     words = [str(follows), str(keeps), "--out", str(tmp_path / "out")]
     assert screenshots.main(words) == 1
-    told = capsys.readouterr().out
-    assert told.count("keeps.html at") == 3
-    assert "follows.html" not in told
+    printed = capsys.readouterr().out
+    assert printed.count("keeps.html at") == 3
+    assert "follows.html" not in printed
