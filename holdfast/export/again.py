@@ -147,7 +147,7 @@ def _require_older(old: bytes, card: Json, spec: StepSpec, where: str | Path) ->
     if CONTACT_KEY in card:
         raise UsageError(
             f"{where}: this file is up to date",
-            next_step="use it as it is, or give another hand with --hand CARD",
+            next_step="use it as it is, or give --hand CARD or --rule NAME=NUMBER",
         )
     if spec.contact is None:
         raise UsageError(
