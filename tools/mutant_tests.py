@@ -20,8 +20,6 @@ FOLDERS = (
 LONG_FILES = "tests/support/longest_first.py"
 """The list of slow test files there: these are tried where they have the name of the module."""
 LONGEST_CHAIN = 3
-NEEDS_MEMORY = "SANITISED"
-"""Of tests in which a sanitizer maps more memory than a changed size may take."""
 MOST_FILES = 10
 TOGETHER = 3
 """Test files for a module, and how many of them one command runs."""
@@ -39,7 +37,6 @@ def naming_tests(module: Path) -> list[str]:
         name: text
         for folder in FOLDERS
         for name, text in texts(f"tests/{folder}", "test_*.py").items()
-        if NEEDS_MEMORY not in text
     }
     slow = set(re.findall(r'"(test_\w+)"', Path(LONG_FILES).read_text("utf-8")))
     words = (*module.parts[2:-1], module.stem)

@@ -106,7 +106,6 @@ class StepGraph:
         self.valid: BoolArray = self._inputs["valid"].reshape(batch, -1)
         self.valid[:] = True
         self._reset: BoolArray = self._inputs["reset"].reshape(batch)
-        self._reset[:] = True
 
         self.out: Outputs = {}
         for name in outputs:

@@ -331,7 +331,7 @@ CONVERSATIONS = {
 < 81 3260faaa
 > 2 ab81{START}{written(0xE0)}{written(1)}{STOP}{START}{written(0x6A)}{written(0x0D)}\
 {read_from(A, 3)}{START}{written(0x22)}{STOP}{read_from(A, 2)}8187
-< 81 3260faab0700000000000149540100000007
+< 81 3260faab0700000000000149540102000007
 """,
     "mcp2221": """
 > 3 10

@@ -104,8 +104,10 @@ def test_frames_that_cannot_be_used_are_refused_by_name(tmp_path, how):
     [
         ("", ColumnError),
         ("a,b\n", ColumnError),
+        ("z,b\n", ColumnError),
         ("HEAD", EmptyRecording),
         ("HEAD0,0.1,0,1,2,3,4,5,6,7,x\n", NotANumber),
+        ("HEAD0,0.1,,,,,,,,,\n1,0.2,0\n2,0.3,,,,,,,,,\n", NotANumber),
         ("HEAD0,0.2,,,,,,,,,\n1,0.1,,,,,,,,,\n", TimeError),
     ],
 )
@@ -116,6 +118,15 @@ def test_tracks_that_cannot_be_used_are_refused(tmp_path, text, error):
     (tmp_path / "tags.csv").write_text(text.replace("HEAD", head))
     with pytest.raises(error, match=r"tags\.csv"):
         read_tracks(tmp_path)
+
+
+def test_an_incomplete_last_line_is_left_out_and_no_other(tmp_path):
+    with TagFile(tmp_path) as file:
+        file.write(0, 0.1, {})
+        file.write(1, 0.2, {})
+    path = tmp_path / "tags.csv"
+    path.write_text(path.read_text() + "2,0.3,")
+    assert read_tracks(tmp_path).t_s.tolist() == [0.1, 0.2]
 
 
 def test_onset_counts_from_the_first_tactile_sample_and_leaves_other_events_alone(

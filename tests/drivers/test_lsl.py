@@ -528,3 +528,16 @@ def test_an_outlet_is_of_doubles_and_found_again_by_its_source_id(monkeypatch):
         ("StreamOutlet", script, 1),
         ("push_sample", [1.0], 2.0),
     ]
+
+
+def test_answers_are_stamped_on_the_clock_of_lsl(monkeypatch):
+    """Both clocks count from a start of their own; LSL's is 3 s behind here."""
+    script = scripted(monkeypatch)
+    script.local_clock = lambda: 5.0
+    answers = open_answers("hand", 1, "N", 150.0, lambda: 8_000_000_000)
+    prediction = GripMonitor(Model(DEFAULT), None).feed(
+        Sample(0, np.zeros(18), np.ones(6, dtype=bool), 0)
+    )
+    answers.write(prediction, Sample(9_000_000_000, np.zeros(3), np.ones(1, bool), 0))
+    pushed = [given for given in script.called if given[0] == "push_sample"]
+    assert [given[2] for given in pushed] == [6.0, 6.0]

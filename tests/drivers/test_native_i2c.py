@@ -85,6 +85,28 @@ def test_the_controller_refuses_a_read_that_is_not_the_last_message():
         bus.close()
 
 
+def test_the_controller_takes_42_messages_at_once_and_no_more():
+    smbus2 = sys.modules["smbus2"]
+    with VirtualI2cDev(VirtualHand(VirtualClock())):
+        bus = smbus2.SMBus(1)
+        message = smbus2.i2c_msg.write(0x70, [1])
+        bus.i2c_rdwr(*[message] * 42)
+        with pytest.raises(OSError, match="argument"):
+            bus.i2c_rdwr(*[message] * 43)
+        bus.close()
+
+
+def test_a_message_with_another_flag_is_written_and_not_read():
+    smbus2 = sys.modules["smbus2"]
+    with VirtualI2cDev(VirtualHand(VirtualClock())) as device:
+        bus = smbus2.SMBus(1)
+        message = smbus2.i2c_msg.write(0x70, [1])
+        message.flags |= 0x1000  # I2C_M_IGNORE_NAK
+        bus.i2c_rdwr(message)
+        bus.close()
+        assert (device.traffic.bytes_out, device.traffic.bytes_in) == (1, 0)
+
+
 class OneByOne(VirtualFt232h):
     """An engine that gets every command in a transfer of its own."""
 

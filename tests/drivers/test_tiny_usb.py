@@ -18,6 +18,7 @@ from bridge_bench import (
 from holdfast.core.errors import TransferFailed
 from holdfast.drivers.bus import NOT_ACKED, Reply, Transfer
 from holdfast.drivers.tmag5273 import REGISTERS
+from holdfast.drivers.virtual.tiny_usb import FIRMWARES
 from holdfast.drivers.virtual.usb_device import stall
 
 
@@ -62,6 +63,16 @@ def test_tiny_usb_says_that_a_transfer_is_too_long(make, kind):
     for transfer in (Transfer(A, bytes(65)), Transfer(A, b"\0", 65)):
         with pytest.raises(TransferFailed, match="65 bytes"):
             make(kind).bus.scan([FIRST, transfer])
+
+
+@every_firmware
+def test_a_firmware_takes_its_largest_message_and_stalls_at_a_byte_more(make, kind):
+    bench = make(kind)
+    bench.bus.scan([FIRST])
+    largest = FIRMWARES[kind].largest
+    assert len(bench.device.control_in(0xC1, 7, 1, A, largest)) == largest
+    with pytest.raises(type(stall())):
+        bench.device.control_in(0xC1, 7, 1, A, largest + 1)
 
 
 def test_a_firmware_that_swings_the_pins_itself_makes_no_second_start(make):

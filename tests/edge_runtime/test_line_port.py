@@ -192,6 +192,16 @@ def test_over_a_unix_socket_a_command_needs_no_session_and_may_have_one(tmp_path
         assert port.ask() == Command(link="live")
 
 
+def test_a_command_behind_a_line_that_is_skipped_is_obeyed_at_the_same_sample(tmp_path):
+    with (
+        listening("unix", tmp_path, None) as port,
+        numbered_sender(port.address) as wearer,
+    ):
+        wearer.send(b"no command")
+        wearer.send(b'{"opening": true}')
+        assert port.ask().opening
+
+
 @FORGED_LINE.mark
 @pytest.mark.parametrize("umask", [0o000, 0o022, 0o077])
 def test_a_socket_file_is_for_its_owner_only_whatever_the_umask(tmp_path, umask):

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import pytest
-from c_form import STRICT, require_compiler
+from c_form import SANITISED, STRICT, require_compiler
 from headless_browser import Tab, browser, needs_chromium
 from small_model import for_the_hand, graph_of
 
@@ -84,8 +84,7 @@ def model(tmp_path_factory: pytest.TempPathFactory) -> Path:
     words = [
         require_compiler(),
         *STRICT,
-        "-O0",
-        "-fsanitize=address,undefined",
+        *SANITISED,
         "-I",
         "c",
         "-o",

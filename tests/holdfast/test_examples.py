@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from c_form import SANITIZERS
 from grip_bench import ROOT, Hands, command, opened, send, sender
 from hazard_marks import BROKEN_LINE, FORGED_LINE, NO_GRIP_COMMAND
 from hypothesis import given
@@ -41,8 +42,7 @@ def compiled(source: Path, made: Path) -> list[str]:
     compiler = shutil.which("cc")
     if compiler is None:
         pytest.skip("no C compiler (cc) for examples/grip_receiver.c")
-    checks = ["-fsanitize=address,undefined", "-fno-sanitize-recover"]
-    command = [compiler, *STRICT, *checks, "-I", str(EXAMPLES), "-o", str(made)]
+    command = [compiler, *STRICT, *SANITIZERS, "-I", str(EXAMPLES), "-o", str(made)]
     subprocess.run([*command, str(source), "-lm"], check=True, cwd=ROOT)
     return [str(made)]
 

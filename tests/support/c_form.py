@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import resource
 import shutil
 import subprocess
 from dataclasses import dataclass
@@ -19,7 +20,11 @@ from holdfast.export.c.literals import C_TYPES
 
 HARNESS = Path(__file__).with_name("c_harness.c")
 STRICT = ("-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-ffp-contract=off")
-SANITISED = ("-O0", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
+SANITIZERS = ("-fsanitize=address,undefined", "-fno-sanitize-recover=all")
+if resource.getrlimit(resource.RLIMIT_AS)[0] != resource.RLIM_INFINITY:
+    # a sanitizer maps 16 TB of addresses, which is more than a mutant's tests may have
+    SANITIZERS = ()
+SANITISED = ("-O0", *SANITIZERS)
 NUMPY_TYPES = {"double": "f8", "float": "f4", "int32_t": "i4", "uint8_t": "u1"}
 Array = npt.NDArray[Any]
 

@@ -101,6 +101,7 @@ class VirtualFt232h(Device):
         self._answers = bytearray()
         self._flushed = False
         self._lines = BusLines(self.hand.wire)
+        self._shifted = 0
         self._divider = 0
         self._by_five = True
         self._phases = 2
@@ -195,7 +196,9 @@ class VirtualFt232h(Device):
             for byte in arguments[2:]:
                 self._lines.byte_out(byte)
         elif opcode in BIT_READS:
-            self._answers.append(self._lines.acknowledge_in())
+            # the newest bit is the lowest, and older ones stay above it
+            self._shifted = (self._shifted << 1 | self._lines.acknowledge_in()) & 0xFF
+            self._answers.append(self._shifted)
         elif opcode in BYTE_READS:
             for _ in range(int.from_bytes(arguments, "little") + 1):
                 self._answers.append(self._lines.byte_in())
