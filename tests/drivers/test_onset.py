@@ -408,6 +408,9 @@ def test_the_fit_takes_the_rest_before_and_four_frames_and_more_of_a_slow_start(
     # frames further than 20 thresholds (3 mm) and later than 0.3 s say nothing
     assert start([*REST, *ramp[:4], *[50.0] * 8]) == (exact, sd_s)
     assert start([*REST, *ramp[:3], 4.5, *ramp[4:]])[0] != exact
+    # 20 thresholds to the digit
+    assert start([*REST, *ramp[:4], 3.01, *[50.0] * 7]) == (exact, sd_s)
+    assert start([*REST, *ramp[:4], 2.99, *[50.0] * 7]) != (exact, sd_s)
     slow = [0.01 * (k + 1) ** 2 for k in range(12)]
     whole = start([*REST, *slow])
     assert start([*REST, *slow[:7], *[1.0] * 5])[0] == whole[0]

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from holdfast.core.contract import FloatArray
+from holdfast.core.contract import BoolArray, FloatArray
 from holdfast.core.errors import LabelError, TagError
 
 SIGMAS = 5.0
@@ -85,7 +85,8 @@ def motion(
     the tags' centres in the first frames, or None. Raises TagError where the tags contradict these
     lengths or each other, LabelError where both tags are never seen together.
     """
-    both = (np.isfinite(object_px) & np.isfinite(hand_px)).all(axis=(1, 2))
+    seen = np.isfinite(object_px) & np.isfinite(hand_px)
+    both: BoolArray = np.logical_and.reduce(seen, axis=(1, 2))
     if both.sum() < REST_FRAMES:
         raise LabelError(
             f"both tags are seen in {both.sum()} of {len(both)} frames",
