@@ -1,5 +1,4 @@
-"""When an object began to slip, from tag corners alone: no camera, no depthai, nothing but
-numbers."""
+"""When an object began to slip, from tag corners alone: no camera, no depthai."""
 
 from __future__ import annotations
 
@@ -168,17 +167,15 @@ def test_the_fitted_start_is_the_start_and_the_gross_distance_is_reached_when_it
     slip = found(slid(acceleration, start_s, seed=seed))
     assert slip.start_s == pytest.approx(start_s, abs=6e-3)
     assert abs(slip.start_s - start_s) < 3.0 * slip.uncertainty_s
-    assert slip.gross_s == pytest.approx(
-        start_s + np.sqrt(2.0 * GROSS_MM / acceleration), abs=4e-3
-    )
+    lasts_s = np.sqrt(2.0 * GROSS_MM / acceleration)
+    assert slip.gross_s == pytest.approx(start_s + lasts_s, abs=4e-3)
 
 
 def test_a_threshold_sees_a_slip_late_by_what_the_spec_says():
     for acceleration in (10.0, 100.0, 1000.0):
-        slips = [found(slid(acceleration, 1.0 + k / 600.0, seed=k)) for k in range(10)]
-        late_s = np.mean(
-            [slip.seen_s - (1.0 + k / 600.0) for k, slip in enumerate(slips)]
-        )
+        starts_s = [1.0 + k / 600.0 for k in range(10)]
+        slips = [found(slid(acceleration, s, seed=k)) for k, s in enumerate(starts_s)]
+        late_s = np.mean([slip.seen_s for slip in slips]) - np.mean(starts_s)
         expected_s = np.sqrt(2.0 * FLOOR_PX * MM_PER_PX / acceleration)
         assert expected_s - 0.012 < late_s < expected_s + 1.2 / 60.0
 
@@ -242,9 +239,8 @@ def test_a_tag_lost_as_the_object_leaves_is_hidden_and_not_no_slip():
 
 
 def test_a_trial_may_end_as_soon_as_the_object_has_rested():
-    rested = slid(0.0, 1.0)
-    for last_s in (19 / 60, 20 / 60, 21 / 60, 22 / 60):
-        moved = rested.between(0.0, last_s)
+    for frames in (19, 20, 21, 22):
+        moved = slid(0.0, 1.0).between(0.0, frames / 60)
         assert (find_slip(moved), largest_move_mm(moved)) == (None, 0.0)
 
 
@@ -343,6 +339,11 @@ def test_three_frames_in_a_row_beyond_the_threshold_are_a_motion_and_two_are_not
     assert largest_move_mm(steps([*REST, 0.15, 0.15, 0.15, *REST])) == 0.0
     assert largest_move_mm(steps([*REST, 0.151, 0.151, 0.151, *REST])) == 0.151
     assert largest_move_mm(steps([*REST, 1.0, 1.0, 0.0, 1.0, 1.0, *REST])) == 0.0
+
+
+@pytest.mark.parametrize(("frames", "move_mm"), [(6, 2.5), (7, 1.5), (8, 1.5)])
+def test_a_rest_of_0_3_s_between_two_moves_makes_them_two(frames, move_mm):
+    assert largest_move_mm(steps([*REST, *[1.0] * frames, *[2.5] * 4])) == move_mm
 
 
 def test_a_slip_has_these_times_to_the_millisecond():
