@@ -313,6 +313,25 @@ def test_depthai_is_imported_in_one_file_and_by_no_help():
     assert process("-c", code).stdout == "False\n"
 
 
+def test_depthai_gets_its_settings_and_those_that_the_user_has_made_stay_and_are_named(
+    monkeypatch,
+):
+    environment, said = {"HOME": "/"}, []
+    monkeypatch.delitem(sys.modules, "depthai", raising=False)
+    monkeypatch.setattr(sources.os, "environ", environment)
+    monkeypatch.setattr(sources, "import_module", lambda name: f"the module {name}")
+    assert sources.load_depthai(said.append) == "the module depthai"
+    assert environment == QUIET | {"HOME": "/"}
+    environment["DEPTHAI_LEVEL"] = "info"
+    sources.load_depthai(said.append)
+    assert environment == QUIET | {"HOME": "/", "DEPTHAI_LEVEL": "info"}
+    first, second = said
+    assert second == f"{first}; your own settings stay: DEPTHAI_LEVEL=info"
+    monkeypatch.setitem(sys.modules, "depthai", "there")
+    assert sources.load_depthai(said.append) == "there"
+    assert len(said) == 2
+
+
 def test_the_longest_wait_is_longer_than_the_search():
     assert float(QUIET["DEPTHAI_SEARCH_TIMEOUT"]) < 1e3 * sources.LONGEST_WAIT_S
 

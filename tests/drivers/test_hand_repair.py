@@ -9,7 +9,7 @@ import pytest
 from hand_bench import Bench, bad, started
 
 from holdfast.core.errors import BusStuck, DeviceLost, TransferFailed
-from holdfast.drivers.bus import Reply, Transfer
+from holdfast.drivers.bus import Bus, Reply, Transfer
 from holdfast.drivers.hand import LiveHand
 from holdfast.drivers.virtual.virtual_hand import REST_UT
 
@@ -110,6 +110,21 @@ def test_a_bridge_that_is_gone_is_looked_for_at_once_and_then_every_fifty_millis
     assert said == ["script: no longer on USB", "script: back"]
     fingers = [line for line in bench.messages if line.startswith("finger 2")]
     assert fingers[0] == "finger 2: lost"
+
+
+def test_a_hand_that_was_not_started_looks_for_its_bridge_at_its_first_reading() -> (
+    None
+):
+    bench = Bench()
+    opened_ns = []
+
+    def gone() -> Bus:
+        opened_ns.append(bench.clock.now_ns())
+        raise GONE
+
+    bench.hand._open_bus = gone
+    assert bench.hand.read().why == ("lost",) * 6
+    assert opened_ns == [0]
 
 
 def test_what_is_wrong_with_a_bus_is_said_once_until_a_scan_goes_well(

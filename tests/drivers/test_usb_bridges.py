@@ -235,7 +235,12 @@ def test_a_bridge_waits_for_a_transfer_as_long_as_that_may_take(make, kind):
 
 def test_what_is_left_is_read_away_until_none_is_or_64_times(make):
     port = make("ft232h").bus._port
-    for left, read in (([5, 3, 2, 9], 3), ([3] * 100, 64), ([9, None, 9], 2)):
+    for left, read in (
+        ([5, 3, 2, 9], 3),
+        ([5, 1, 9], 2),
+        ([3] * 100, 64),
+        ([9, None, 9], 2),
+    ):
         asked = []
 
         def bring(*given, asked=asked, left=left):
