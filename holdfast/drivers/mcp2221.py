@@ -286,5 +286,5 @@ class Mcp2221(UsbBridge):
         for endpoint in (OUT_ENDPOINT, IN_ENDPOINT):
             self._port.clear_halt(endpoint)
 
-        self._port.drain(IN_ENDPOINT, REPORT)
+        self._port.drain(IN_ENDPOINT, REPORT, empty=0)
         self._doubtful = False
