@@ -150,6 +150,21 @@ def test_the_mcp2221_runs_at_the_speed_of_the_url(make, bus_hz):
     assert bench.bus.scan([FIRST, Transfer(A, bytes(60)), WHO])[2].data == IDENTITY
 
 
+@pytest.mark.parametrize(
+    ("bus_hz", "divider"), [(47_000, "fc"), (65_000, "b6"), (400_000, "1b")]
+)
+def test_the_engine_is_told_its_divider_to_the_nearest(make, bus_hz, divider):
+    bench = make("mcp2221")
+    bench.bus.close()
+    sent = []
+    write = bench.engine().write
+    bench.engine().write = lambda at, data: (
+        sent.append(data.hex(" ")) or write(at, data)
+    )
+    bench.bus = Mcp2221(bench.backend, bus_hz=bus_hz)
+    assert sent[-1].startswith(f"10 00 00 20 {divider} 00")
+
+
 @pytest.mark.parametrize("bus_hz", [46_999, 400_001])
 def test_the_mcp2221_refuses_other_speeds(make, bus_hz):
     with pytest.raises(UsageError):
@@ -298,12 +313,13 @@ def test_data_are_taken_once_the_engine_has_them_and_says_that_they_are_right(ma
         report(),
         # not yet, not right, then there
         report(b2=0x54),
+        report(b2=0x60),
         report(b1=0x41, b2=0x55, b3=2, b4=9, b5=9),
         report(b2=0x55, b3=2, b4=7, b5=8, b6=9),
     ]
     commands = asked(bench, *answers)
     assert bench.bus.scan([Transfer(A, b"", 2)])[0].data == b"\x07\x08"
-    assert commands == ["10", "91 02 00 6b", "40", "40", "40"]
+    assert commands == ["10", "91 02 00 6b", "40", "40", "40", "40"]
 
 
 @pytest.mark.parametrize(
@@ -330,7 +346,10 @@ def test_a_late_reply_is_read_away_before_the_next_scan(make):
     bench = make("mcp2221")
     bench.bus.scan([FIRST])
     port = bench.bus._port
-    for wrong, says in ((bytes(64), "reply 0x00 to 0x10"), (b"\x10", "of 1 bytes")):
+    for wrong, says in (
+        (bytes(64), "reply 0x00 to 0x10"),
+        (b"\x10" * 65, "of 65 bytes"),
+    ):
         read, cleared = port.read, []
         port.read = lambda *given, wrong=wrong: wrong
         with pytest.raises(TransferFailed, match=says):
