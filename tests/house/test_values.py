@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+from functools import cache
 from itertools import pairwise
 from pathlib import Path
 
@@ -22,30 +23,27 @@ IDENTITY = (ast.Is, ast.IsNot)
 CONTAINED = (ast.In, ast.NotIn)
 
 
-def unfrozen(text: str) -> set[str]:
-    """Names of the dataclasses of a file whose fields can be set."""
-    classes = [one for one in ast.walk(ast.parse(text)) if type(one) is ast.ClassDef]
-    return {
+@cache
+def nodes() -> list[ast.AST]:
+    """Of the code of three packages."""
+    paths = [
+        path
+        for package in ("core", "edge_runtime", "drivers")
+        for path in sorted((ROOT / "holdfast" / package).rglob("*.py"))
+    ]
+    trees = [ast.parse(path.read_text("utf-8")) for path in paths]
+    return [node for tree in trees for node in ast.walk(tree)]
+
+
+def test_values_of_the_core_the_live_path_and_the_drivers_are_frozen() -> None:
+    classes = [one for one in nodes() if isinstance(one, ast.ClassDef)]
+    unfrozen = {
         one.name
         for one in classes
         for form in map(ast.unparse, one.decorator_list)
         if form.startswith("dataclass") and "frozen=True" not in form
     }
-
-
-def test_values_of_the_core_the_live_path_and_the_drivers_are_frozen() -> None:
-    found: set[str] = set()
-    for text in texts():
-        found |= unfrozen(text)
-    assert found == CHANGED_IN_PLACE
-
-
-def texts() -> list[str]:
-    return [
-        path.read_text("utf-8")
-        for package in ("core", "edge_runtime", "drivers")
-        for path in sorted((ROOT / "holdfast" / package).rglob("*.py"))
-    ]
+    assert unfrozen == CHANGED_IN_PLACE
 
 
 def is_one_of_a_kind(node: ast.expr) -> bool:
@@ -61,9 +59,7 @@ def test_none_and_types_are_compared_by_identity_and_numbers_and_texts_are_not()
     """Small numbers are one object in CPython, and larger ones are not."""
     by_identity: set[str] = set()
     by_value: set[str] = set()
-    for node in (one for text in texts() for one in ast.walk(ast.parse(text))):
-        if not isinstance(node, ast.Compare):
-            continue
+    for node in (one for one in nodes() if isinstance(one, ast.Compare)):
         sides = [node.left, *node.comparators]
         for operator, pair in zip(node.ops, pairwise(sides), strict=True):
             expected = any(map(is_one_of_a_kind, pair))
@@ -78,7 +74,6 @@ def test_none_and_types_are_compared_by_identity_and_numbers_and_texts_are_not()
 
 
 def test_every_parameter_has_a_name_that_a_caller_may_use() -> None:
-    for text in texts():
-        for node in ast.walk(ast.parse(text)):
-            if isinstance(node, ast.arguments):
-                assert [one.arg for one in node.posonlyargs] == []
+    for node in nodes():
+        if isinstance(node, ast.arguments):
+            assert [one.arg for one in node.posonlyargs] == []
