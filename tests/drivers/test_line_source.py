@@ -940,3 +940,119 @@ def test_a_line_may_be_as_long_as_the_longest(over: int) -> None:
     assert splitter.split(text) == ([text] if over else [])
     assert splitter.split(b"\n") == ([] if over else [text])
     assert splitter.split(b"next\n") == [b"next"]
+
+
+# -- what waited before, tables, and recordings that are not in order
+
+
+def table(k: int) -> bytes:
+    """A table of one sensor: a header, then rows."""
+    return b"X1,Y1,Z1" if k == 0 else f"{k},{2 * k},{3 * k}".encode()
+
+
+def test_a_header_that_waited_before_the_program_names_the_rows_that_come_later() -> (
+    None
+):
+    clock = VirtualClock(20 * PERIOD_NS)
+    source, feed, said = opened(clock, line=table)
+    assert feed.next == 21
+    assert said[0].endswith("; 19 samples before that are dropped")
+    assert read(source).values.tolist() == [20.0, 40.0, 60.0]
+    assert feed.followed == ["a"]
+
+
+def test_lines_that_were_there_before_and_ended_are_named_as_a_recording() -> None:
+    with pytest.raises(DeviceNotFound, match=r"came; .*there before.*next: paced=1"):
+        opened(VirtualClock(10**9), ends=5)
+    with pytest.raises(DeviceNotFound, match=r"came; .*does not run.*start the sender"):
+        opened(VirtualClock(), ends=0)
+    with pytest.raises(DeviceNotFound, match=r"200 lines were not understood, as"):
+        opened(VirtualClock(), ends=200, line=lambda k: b"a")
+
+
+class Endless(ScriptedFeed):
+    """A line is there whenever it is asked for."""
+
+    def pull(self, timeout_s: float) -> list[tuple[Hashable, bytes]]:
+        self.next += 1
+        self.clock.spend(1000)
+        return [("a", b'{"X1":1,"Y1":2,"Z1":3}')]
+
+
+def test_at_most_4096_waiting_lines_are_dropped_and_as_many_measured() -> None:
+    for rate_hz, pulls in ((150.0, 4096 + 1), (None, 2 * 4096)):
+        said: list[str] = []
+        clock = VirtualClock()
+        feed = Endless(clock)
+        options = LineOptions(rate_hz=rate_hz)
+        LineSource(feed, SampleReader(), clock, said.append, options)
+        assert feed.next == pulls
+        dropped = 4096 if rate_hz else 2 * 4096 - 1
+        assert said[0].endswith(f"; {dropped:,} samples before that are dropped")
+
+
+def paced(line: Callable[[int], bytes], **options: Any) -> tuple[Any, list[str]]:
+    """(time in ms, values) of the readings of a recording that is there at once."""
+    clock = VirtualClock()
+    source, _, said = opened(
+        clock,
+        LineOptions(paced=True, **options),
+        late_ns=lambda k: -k * PERIOD_NS,
+        line=line,
+        ends=30,
+    )
+    assert not [one for one in said if "dropped" in one]
+    readings = list(iter(source.read, None))
+    began_ns = readings[0].t_ns
+    return [(1e-6 * (r.t_ns - began_ns), r.values[0]) for r in readings], said
+
+
+def test_a_recording_without_a_time_goes_at_the_rate_that_is_named() -> None:
+    found, said = paced(table, rate_hz=100.0)
+    assert found == [(pytest.approx(10.0 * k), k + 1.0) for k in range(29)]
+    assert said[0] == "script: 1 sensors in N at 100 Hz, stamps of the recording"
+    with pytest.raises(RateError, match="no column of time"):
+        paced(table)
+
+
+def test_a_row_of_a_recording_that_is_not_later_than_the_one_before_is_skipped() -> (
+    None
+):
+    """Row 12 has the time of row 11, and row 14 an earlier one."""
+
+    def line(k: int) -> bytes:
+        fields = {"X1": k, "Y1": 0, "Z1": 0, "t_s": {12: 11, 14: 3}.get(k, k) / 100}
+        return json.dumps(fields).encode()
+
+    found, said = paced(line, rate_hz=100.0)
+    rows = [k for k in range(30) if k not in (12, 14)]
+    assert found == [(pytest.approx(10.0 * k), k) for k in rows]
+    assert len([one for one in said if "skipped" in one]) == 1
+
+
+def test_a_sender_whose_session_begins_anew_has_a_new_clock() -> None:
+    """Its stamps jump a minute back, after it was silent for longer than 300 ms."""
+    clock = VirtualClock()
+    gone = range(40, 100)
+
+    def line(k: int) -> bytes:
+        ahead_ns = AHEAD_NS if k < 100 else AHEAD_NS - 60 * 10**9
+        return text_of(k, t_ns=ahead_ns + round((k + 0.5) * PERIOD_NS))
+
+    source, feed, _ = opened(
+        clock,
+        LineOptions("sender", 150.0),
+        line=line,
+        late_ns=lambda k: None if k in gone else 0,
+    )
+    readings = [read(source) for _ in range(150)]
+    stamps = [one.t_ns for one in readings if one.valid.all()]
+    kept = [k for k in range(feed.next) if k not in gone]
+    assert stamps == [feed.arrives_ns(k) for k in kept]
+
+
+def test_a_sensor_that_is_not_valid_has_its_word_and_the_others_have_none() -> None:
+    source, _, _ = opened(VirtualClock(), line=lambda k: text_of(k, Y2=None))
+    reading = read(source)
+    assert reading.valid.tolist() == [True, False, True, True, True, True]
+    assert reading.why == ("", "not valid", "", "", "", "")
