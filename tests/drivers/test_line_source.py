@@ -11,6 +11,7 @@ import tty
 from collections.abc import Callable, Hashable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -33,8 +34,11 @@ from holdfast.core.line_key import LinkKey
 from holdfast.core.line_session import LONGEST_LINE
 from holdfast.core.source import SourceReading
 from holdfast.drivers.line_feeds import (
+    DatagramFeed,
     LineSplitter,
     SerialEnd,
+    StandardInput,
+    StreamFeed,
     TcpCaller,
     TcpListener,
 )
@@ -1056,3 +1060,166 @@ def test_a_sensor_that_is_not_valid_has_its_word_and_the_others_have_none() -> N
     reading = read(source)
     assert reading.valid.tolist() == [True, False, True, True, True, True]
     assert reading.why == ("", "not valid", "", "", "", "")
+
+
+# -- where bytes come from, call by call
+
+
+@pytest.fixture
+def waits(monkeypatch: pytest.MonkeyPatch) -> list[float]:
+    """How long was waited for bytes; nothing really waits."""
+    found: list[float] = []
+    real = select.select
+
+    def noted(reads: Any, writes: Any, errors: Any, wait_s: float) -> Any:
+        found.append(wait_s)
+        return real(reads, writes, errors, 0.0)
+
+    monkeypatch.setattr(select, "select", noted)
+    return found
+
+
+class PipeEnd:
+    """A stream over a pipe that is lost and back as a test says."""
+
+    def __init__(self, reads: int) -> None:
+        self.number, self.reads, self.comes_back = 0, reads, True
+        self.heard: list[int] = []
+
+    def handle(self) -> int | None:
+        return None if self.reads < 0 else self.reads
+
+    def lost(self) -> bool:
+        return self.comes_back
+
+    def obeyed(self) -> None:
+        self.heard.append(self.number)
+
+    def close(self) -> None:
+        self.reads = -1
+
+
+def test_a_stream_gives_whole_lines_and_forgets_half_of_one_where_it_is_opened_again(
+    stack: ExitStack, waits: list[float], said: list[str]
+) -> None:
+    reads, writes = os.pipe()
+    end = PipeEnd(reads)
+    feed = StreamFeed("pipe", end, said.append)
+    assert feed.pull(0.25) == []
+    os.write(writes, b"one\ntwo\nhalf")
+    assert feed.pull(-1.0) == [(0, b"one"), (0, b"two")]
+    end.number = 1
+    os.write(writes, b"three\n")
+    assert feed.pull(0.5) == [(1, b"three")]
+    feed.obeyed(0)
+    feed.obeyed(1)
+    assert end.heard == [1]
+    os.close(writes)
+    for _ in range(2):
+        assert (feed.pull(0.0), feed.ended) == ([], False)
+    lost = "pipe: lost (its sender closed it); the state is unknown until it is back"
+    assert said == [lost]
+    os.close(reads)
+    end.reads, writes = os.pipe()
+    stack.callback(os.close, writes)
+    stack.callback(os.close, end.reads)
+    end.number = 2
+    assert (feed.pull(0.0), said[1:]) == ([], ["pipe: it is back"])
+    # no handle: the time passes all the same
+    end.close()
+    assert feed.pull(0.75) == []
+    assert waits == [0.25, 0.0, 0.5, 0.0, 0.0, 0.0, 0.75]
+
+
+def test_a_stream_that_fails_and_does_not_come_back_has_ended(
+    stack: ExitStack, waits: list[float], said: list[str], tmp_path: Path
+) -> None:
+    # a folder can be opened and not read
+    folder = os.open(tmp_path, os.O_RDONLY)
+    stack.callback(os.close, folder)
+    end = PipeEnd(folder)
+    feed = StreamFeed("folder", end, said.append)
+    assert (feed.pull(0.0), feed.ended) == ([], False)
+    assert said == [
+        "folder: lost (Is a directory); the state is unknown until it is back"
+    ]
+    end.comes_back = False
+    assert (feed.pull(0.0), feed.ended) == ([], True)
+    assert feed.pull(-2.0) == []
+    assert (len(said), waits) == (1, [0.0] * 3)
+    standard = StandardInput(folder)
+    assert (standard.handle(), standard.lost(), standard.number) == (folder, False, 0)
+    standard.close()
+    assert os.fstat(folder)
+
+
+def test_datagrams_are_cut_into_lines_that_hold_something(waits: list[float]) -> None:
+    done: list[object] = []
+    came = [(b"one\n\ntwo\n", "a"), (b"\n", "b"), (b"three", "b")]
+    datagrams: Any = SimpleNamespace(
+        sockets=[],
+        waiting=lambda: came,
+        follow=done.append,
+        close=lambda: done.append("datagrams"),
+    )
+    feed = DatagramFeed("udp", datagrams, lambda: done.append("socket"))
+    assert feed.pull(0.5) == [("a", b"one"), ("a", b"two"), ("b", b"three")]
+    feed.pull(-0.5)
+    assert (waits, feed.ended) == ([0.5, 0.0], False)
+    feed.obeyed("b")
+    feed.close()
+    assert done == ["b", "datagrams", "socket"]
+
+
+def test_a_serial_port_may_have_the_lowest_descriptor(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    closed: list[int] = []
+    monkeypatch.setattr(os, "close", closed.append)
+    clock = ByHand()
+    end = SerialEnd(0, lambda: 0, clock.now_ns)
+    assert end.handle() == 0
+    assert end.lost()
+    clock.ns = 1_000_000_000
+    assert end.handle() is None
+    assert end._opening is not None
+    end._opening.join()
+    assert (end.handle(), end.number) == (0, 1)
+    end.close()
+    assert closed == [0, 0]
+
+
+@pytest.mark.parametrize(("code", "is_begun"), [(0, True), (115, True), (111, False)])
+def test_a_connection_that_is_refused_at_once_is_closed_at_once(
+    stack: ExitStack, monkeypatch: pytest.MonkeyPatch, code: int, is_begun: bool
+) -> None:
+    clock = ByHand()
+    server = stack.enter_context(socket.create_server(("127.0.0.1", 0)))
+    connection = socket.create_connection(server.getsockname())
+    caller = TcpCaller(connection, server.getsockname(), clock.now_ns)
+    stack.callback(caller.close)
+    assert caller.lost()
+
+    class Answering(socket.socket):
+        def connect_ex(self, address: Any) -> int:
+            return code
+
+    monkeypatch.setattr(socket, "socket", Answering)
+    clock.ns = 1_000_000_000
+    assert caller.handle() is None
+    assert (caller._socket is not None) == is_begun
+
+
+def test_eight_new_connections_are_looked_at_in_one_call(stack: ExitStack) -> None:
+    clock = ByHand()
+    refused: list[int] = []
+    server = socket.create_server(("127.0.0.1", 0), backlog=16)
+    listener = TcpListener(server, clock.now_ns, lambda: refused.append(1))
+    stack.callback(listener.close)
+    for _ in range(10):
+        stack.enter_context(socket.create_connection(server.getsockname()))
+    counts = []
+    for _ in range(3):
+        assert listener.handle() is not None
+        counts.append(len(refused))
+    assert (counts, listener.number) == ([7, 9, 9], 0)
