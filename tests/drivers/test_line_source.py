@@ -1111,8 +1111,8 @@ def test_a_stream_gives_whole_lines_and_forgets_half_of_one_where_it_is_opened_a
     end.number = 1
     os.write(writes, b"three\n")
     assert feed.pull(0.5) == [(1, b"three")]
-    feed.obeyed(0)
-    feed.obeyed(1)
+    for peer in (0, 1, 2):
+        feed.obeyed(peer)
     assert end.heard == [1]
     os.close(writes)
     for _ in range(2):
