@@ -234,7 +234,7 @@ class Answers:
 
 def own(version: int = 1, maker: bytes = b"\x49\x54") -> bytes:
     """Four registers from I2C_ADDRESS on; the upper bits of DEVICE_ID are reserved."""
-    return bytes([0x6A, 0xF0 | version]) + maker
+    return bytes([0x6A, 0xE0 | version]) + maker
 
 
 def sent_packets(

@@ -10,6 +10,7 @@ from hand_bench import Bench, bad, started
 
 from holdfast.core.errors import BusStuck, DeviceLost, TransferFailed
 from holdfast.drivers.bus import Bus, Reply, Transfer
+from holdfast.drivers.fingers import Reading, ScanReplies
 from holdfast.drivers.hand import LiveHand
 from holdfast.drivers.virtual.virtual_hand import REST_UT
 
@@ -170,3 +171,76 @@ def test_a_hand_says_what_is_known_of_it_and_is_a_source_in_both_units() -> None
         normal = sign * reading.values.reshape(6, 3)[:, 2].mean()
         assert normal == pytest.approx(REST_UT[2], abs=40.0)
     assert plain.about() == bench.hand.about()
+
+
+# -- times of repairs and of doubt, exactly
+
+
+class Seen:
+    """The bus of a bench; `transfers` are those of the last scans."""
+
+    def __init__(self, bench: Bench) -> None:
+        self.bus, self.name = bench.open_bus(), "seen"
+        self.clear, self.close = self.bus.clear, self.bus.close
+        self.transfers: list[Transfer] = []
+
+    def scan(self, transfers: Sequence[Transfer]) -> list[Reply]:
+        self.transfers += transfers
+        return self.bus.scan(transfers)
+
+
+@pytest.fixture
+def seen() -> tuple[Bench, Seen]:
+    bench = started()
+    bench.hand.close()
+    return bench, Seen(bench)
+
+
+@pytest.mark.parametrize(("after_ns", "reads"), [(9_999_999_999, 2), (10**10, 0)])
+def test_muxes_are_read_back_for_ten_seconds_after_a_doubtful_reply(
+    seen: tuple[Bench, Seen], after_ns: int, reads: int
+) -> None:
+    bench, bus = seen
+    fingers = bench.hand._driven
+    reading = fingers.judge(0, ScanReplies([None] * 6, {2}))
+    assert reading.why == ("missing", "missing", "mux", *["missing"] * 3)
+    bench.clock.wait_until(bench.clock.now_ns() + after_ns)
+    fingers.scan(bus)
+    to_mux = [one for one in bus.transfers if one.address == 0x70]
+    assert len([one for one in to_mux if not one.write]) == reads
+
+
+@pytest.mark.parametrize(
+    ("why", "brought_up"),
+    [
+        ({1: "reset", 2: "reset", 4: "stale"}, 4),
+        ({1: "reset", 2: "reset"}, 2),
+        ({0: "saturated", 3: "reset"}, None),
+        ({0: "saturated"}, None),
+    ],
+)
+def test_the_finger_that_has_waited_longest_is_brought_up_fifty_milliseconds_later(
+    seen: tuple[Bench, Seen], why: dict[int, str], brought_up: int | None
+) -> None:
+    bench, bus = seen
+    fingers = bench.hand._driven
+    # finger 3 is the only one that was tried less than 50 ms ago
+    for state, at_ns in zip(fingers._states, (0, 30, 20, 41, 10, 40), strict=True):
+        state.tried_ns = at_ns
+    words = tuple(why.get(k, "") for k in range(6))
+    nothing = np.full((6, 3), np.nan)
+    reading = Reading(50_000_040, nothing, np.zeros(6, bool), words)
+    fingers.repair(bus, reading)
+    begun = [k for k, one in enumerate(fingers._states) if one.tried_ns > 41]
+    assert begun == ([] if brought_up is None else [brought_up])
+    assert bool(bus.transfers) == (brought_up is not None)
+
+
+def test_a_start_waits_for_25_conversions_of_a_chip_that_does_not_convert() -> None:
+    bench = Bench(faults=("frozen:2@0+100",))
+    pauses: list[float] = []
+    pause = bench.hand._driven._pause
+    bench.hand._driven._pause = lambda s: (pauses.append(s), pause(s))[1]
+    bench.hand.start()
+    assert [one for one in pauses if one > 1e-3] == [0.002425] * 26
+    assert bench.hand.read().why[0] == ""
