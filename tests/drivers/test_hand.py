@@ -548,6 +548,8 @@ def test_a_mux_that_enables_nothing_is_written_first() -> None:
     channels = frozenset({(0x71, 3), (0x70, 0), (0x70, 7)})
     masks = masks_of(channels, frozenset({0x70, 0x71, 0x72, 0x73}))
     assert list(masks.items()) == [(0x72, 0), (0x73, 0), (0x70, 0x81), (0x71, 0x08)]
+    masks = masks_of(frozenset({(0x70, 0)}), frozenset({0x70, 0x71}))
+    assert list(masks.items()) == [(0x71, 0), (0x70, 1)]
     planner = ScanPlanner(read_layout("70/0:35,72/1:35"))
     both = frozenset({(0x70, 0), (0x72, 1)})
     writes = [planner.select(one) for one in (both, both, frozenset({(0x72, 1)}))]

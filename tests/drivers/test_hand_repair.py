@@ -217,6 +217,8 @@ def test_muxes_are_read_back_for_ten_seconds_after_a_doubtful_reply(
         ({1: "reset", 2: "reset"}, 2),
         ({0: "saturated", 3: "reset"}, None),
         ({0: "saturated"}, None),
+        ({5: "nack"}, None),
+        ({5: "reset"}, 5),
     ],
 )
 def test_the_finger_that_has_waited_longest_is_brought_up_fifty_milliseconds_later(
