@@ -85,7 +85,7 @@ def bias_of(values: FloatArray, unit: Unit) -> tuple[Bias, tuple[str, ...]]:
 
 
 def _check_bias_rows(values: FloatArray) -> None:
-    if values.ndim != 2 or values.shape[1] == 0 or values.shape[1] % 3:
+    if values.ndim != 2 or not values.shape[1] or values.shape[1] % 3:
         raise ChannelError(
             f"rows of shape {list(values.shape)}",
             next_step="give [T, C] with three channels a sensor",
@@ -296,7 +296,8 @@ def _is_singular(matrix: FloatArray) -> bool:
     """Whether the rows of the loaded axes (not all zero) do not span as many directions."""
     # scaled row by row: a calibration in small numbers is not singular
     largest = np.abs(matrix).max(axis=1)
-    rows = matrix[largest > 0.0] / largest[largest > 0.0, None]
+    loaded = np.flatnonzero(largest)
+    rows = matrix[loaded] / largest[loaded, None]
     return not len(rows) or int(np.linalg.matrix_rank(rows)) < len(rows)
 
 

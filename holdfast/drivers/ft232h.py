@@ -93,7 +93,7 @@ class Ft232h(UsbBridge):
     def __init__(self, backend: Any, *, number: int = 0, bus_hz: int = 400_000) -> None:
         require_bus_hz(self.name, bus_hz, SLOWEST_HZ, FASTEST_HZ)
         # three phases: each bit takes one and a half clocks of the two-phase formula
-        self._divider = max(0, round(MASTER_HZ / (3 * bus_hz)) - 1)
+        self._divider = round(MASTER_HZ / (3 * bus_hz)) - 1
         self._turn = 0
         self._doubtful = True
         super().__init__(backend, number)

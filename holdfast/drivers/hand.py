@@ -64,7 +64,7 @@ class Hand:
         )
         self._bus: Bus | None = None
         self._failures = 0
-        self._looked_ns = -TRY_AGAIN_NS
+        self._look_at_ns = 0
         self._complaint = ""
         self._last_why = tuple("" for _ in self.fingers)
 
@@ -149,9 +149,9 @@ class Hand:
 
     def _look_for_bridge(self, t_ns: int) -> Bus | None:
         # looking for a bridge takes milliseconds, which the loop has not got each time
-        if t_ns - self._looked_ns < TRY_AGAIN_NS:
+        if t_ns < self._look_at_ns:
             return None
-        self._looked_ns = t_ns
+        self._look_at_ns = t_ns + TRY_AGAIN_NS
         try:
             bus = self._bus = self._open_bus()
             freeing(bus, lambda: self._driven.bring_up_all(bus))

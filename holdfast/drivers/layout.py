@@ -162,7 +162,7 @@ def masks_of(channels: frozenset[Channel], muxes: frozenset[int]) -> dict[int, i
     for mux, channel in channels:
         masks[mux] |= 1 << channel
     # a channel is disabled before another one with the same addresses is enabled
-    return dict(sorted(masks.items(), key=lambda item: item[1] != 0))
+    return dict(sorted(masks.items(), key=lambda item: bool(item[1])))
 
 
 # -- muxes on a bus

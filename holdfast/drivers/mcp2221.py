@@ -140,7 +140,7 @@ class Mcp2221(UsbBridge):
             reply = self._ask(bytes([GET_DATA]))
             state = reply[2]
             count = reply[3]
-            if state == DATA_READY and reply[1] == 0:
+            if state == DATA_READY and not reply[1]:
                 return self._data(reply, count, transfer.read)
             if state == NACK:
                 self._cancel()
@@ -162,8 +162,9 @@ class Mcp2221(UsbBridge):
         self, command: int, length: int, address: int, data: bytes = b""
     ) -> None:
         """Hand a transfer to the engine."""
-        reply = self._ask(bytes([command, length & 0xFF, length >> 8, address]) + data)
-        if reply[1] != 0:
+        size = length.to_bytes(2, "little")
+        reply = self._ask(bytes([command, *size, address]) + data)
+        if reply[1]:
             raise self._gave_up(reply[2])
 
     def _gave_up(self, state: int) -> TransferFailed:
@@ -246,9 +247,9 @@ class Mcp2221(UsbBridge):
             state=state,
             # after a write without STOP the same byte has another meaning
             confused=reply[CONFUSED_AT] == CONFUSED and state != WRITTEN_NO_STOP,
-            used=reply[USED_AT] != 0,
-            scl=reply[SCL_AT] != 0,
-            sda=reply[SDA_AT] != 0,
+            used=bool(reply[USED_AT]),
+            scl=bool(reply[SCL_AT]),
+            sda=bool(reply[SDA_AT]),
         )
 
     # -- reports
@@ -285,5 +286,5 @@ class Mcp2221(UsbBridge):
         for endpoint in (OUT_ENDPOINT, IN_ENDPOINT):
             self._port.clear_halt(endpoint)
 
-        self._port.drain(IN_ENDPOINT, REPORT)
+        self._port.drain(IN_ENDPOINT, REPORT, empty=0)
         self._doubtful = False

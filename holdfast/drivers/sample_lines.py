@@ -252,7 +252,7 @@ def _number(columns: dict[str, Any], name: str) -> int | None:
 
 def _number_of_peer(peer: Hashable) -> int:
     """A number below all sessions for lines that name none, another one for each sender."""
-    return -1 - int.from_bytes(repr(peer).encode(), "big")
+    return -int.from_bytes(repr(peer).encode(), "big")
 
 
 def _rises(stamp_ns: int | None, before_ns: int | None) -> bool:

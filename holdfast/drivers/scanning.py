@@ -151,12 +151,12 @@ def as_layout(found: list[BusDevice]) -> str:
     sensors = [one for one in found if one.kind == "sensor"]
 
     # the order of the factory addresses is that of the fingers in `mux`
-    def rank(one: BusDevice) -> tuple[int, ...]:
-        mux = -1 if one.channel is None else one.mux
-        channel = -1 if one.channel is None else one.channel
+    def rank(one: BusDevice) -> tuple[tuple[int, ...], int, int]:
+        # what is directly on the bus comes first
+        behind = () if one.channel is None else (one.mux, one.channel)
         order = len(FACTORY_ADDRESSES)
         if one.address in FACTORY_ADDRESSES:
             order = FACTORY_ADDRESSES.index(one.address)
-        return mux, channel, order, one.address
+        return behind, order, one.address
 
     return ",".join(one.place for one in sorted(sensors, key=rank))

@@ -27,6 +27,8 @@ DRAIN_MS = 5
 DRAINED_AT_MOST = 64
 NO_DEVICE, NO_ACCESS, BUSY, STALL, TIMED_OUT = 19, 13, 16, 32, 110
 
+DOCTOR = "holdfast doctor"
+
 UsbId = tuple[int, int]
 """Vendor, product."""
 
@@ -134,7 +136,7 @@ class UsbPort:
 
         return bytes(data)
 
-    def drain(self, endpoint: int, length: int, *, empty: int = 0) -> None:
+    def drain(self, endpoint: int, length: int, *, empty: int) -> None:
         """Read away what is left of a transfer that timed out, so that no later request gets it.
 
         empty: length of the answer of a device that has nothing to send.
@@ -250,36 +252,37 @@ def named_errors(name: str) -> Iterator[None]:
     try:
         yield
     except usb.core.NoBackendError:
-        raise LibraryMissing(
-            "no libusb", where=name, next_step="holdfast doctor"
-        ) from None
+        raise LibraryMissing("no libusb", where=name, next_step=DOCTOR) from None
     except usb.core.USBError as error:
         raise _named(error, name) from None
+
+
+ERRORS: dict[int, tuple[type[DeviceError], str, str, str]] = {
+    TIMED_OUT: (
+        TransferFailed,
+        "no answer in time",
+        "a bridge or a bus that hangs",
+        "",
+    ),
+    NO_DEVICE: (
+        DeviceLost,
+        "no longer on USB",
+        "it was unplugged, or its power dipped",
+        "",
+    ),
+    # doctor answers both, and their causes differ
+    NO_ACCESS: (AccessDenied, "not allowed to open it", "no udev rule", DOCTOR),
+    BUSY: (AccessDenied, "busy", "another program has it open", DOCTOR),
+    STALL: (Stalled, "the bridge refused the transfer (stall)", "", ""),
+}
+"""Number of libusb's error -> ours: what, likely cause, next step."""
 
 
 def _named(error: Any, name: str) -> DeviceError:
     # a time-out has a class of its own, or only its errno
     timed_out = isinstance(error, usb.core.USBTimeoutError)
-    if timed_out or error.errno == TIMED_OUT:
-        return TransferFailed(
-            "no answer in time", where=name, cause="a bridge or a bus that hangs"
-        )
-    if error.errno == NO_DEVICE:
-        return DeviceLost(
-            "no longer on USB",
-            where=name,
-            cause="it was unplugged, or its power dipped",
-        )
-    if error.errno in (NO_ACCESS, BUSY):
-        # both are answered by doctor, and their causes differ
-        busy = error.errno == BUSY
-        return AccessDenied(
-            "busy" if busy else "not allowed to open it",
-            where=name,
-            cause="another program has it open" if busy else "no udev rule",
-            next_step="holdfast doctor",
-        )
-
-    if error.errno == STALL:
-        return Stalled("the bridge refused the transfer (stall)", where=name)
-    return TransferFailed(f"USB error {error.errno}: {error.strerror}", where=name)
+    number = TIMED_OUT if timed_out else error.errno
+    if number not in ERRORS:
+        return TransferFailed(f"USB error {number}: {error.strerror}", where=name)
+    kind, what, cause, next_step = ERRORS[number]
+    return kind(what, where=name, cause=cause, next_step=next_step)

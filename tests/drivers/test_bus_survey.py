@@ -160,3 +160,50 @@ def test_what_a_chip_reports_as_wrong_is_in_its_line(make: Any) -> None:
         ("TMAG5273 A2 (133/266 mT)", "VCC_UV_ER"),
         ("TMAG5273 B2 (133/266 mT)", "OSC_ER, OTP_CRC_ER, VCC_UV_ER"),
     }
+
+
+class Leaving:
+    """A bus with one chip at 0x40, which answers reads of one byte and nothing else."""
+
+    name = "leaving"
+
+    def __init__(self) -> None:
+        self.asked: list[Transfer] = []
+
+    def scan(self, transfers: Sequence[Transfer]) -> list[Reply]:
+        self.asked += transfers
+        there = [one.address == 0x40 and one.read == 1 for one in transfers]
+        return [Reply(b"\x00" if one else b"", acked=one) for one in there]
+
+    def clear(self) -> None:
+        """Nothing to free."""
+
+    close = clear
+
+
+def test_a_chip_that_is_gone_before_it_is_known_is_sent_nothing_to_its_registers() -> (
+    None
+):
+    bus = Leaving()
+    (found,) = look_at(bus, lambda pause_s: None)
+    assert (found.place, found.kind) == ("40", "unknown")
+    assert "not identified for its safety" in found.trouble
+    assert not [one for one in bus.asked if one.write]
+    # a user who says that a sensor is there has it asked
+    (named,) = look_at(bus, lambda pause_s: None, frozenset({0x40}))
+    assert named.trouble == "does not answer"
+    assert [one for one in bus.asked if one.write] == [Transfer(0x40, b"\x0c", 4)] * 2
+
+
+def test_a_place_names_its_mux_where_that_is_not_the_usual_one() -> None:
+    places = [
+        BusDevice(0x35, channel, "sensor", "TMAG5273", mux=mux).place
+        for channel, mux in (
+            (None, 0x70),
+            (None, 0x71),
+            (0, 0x70),
+            (7, 0x71),
+            (1, 0x6F),
+        )
+    ]
+    assert places == ["35", "35", "0:35", "71/7:35", "6f/1:35"]

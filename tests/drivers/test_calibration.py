@@ -281,6 +281,7 @@ def test_a_calibration_comes_back_bit_for_bit(
 
 BROKEN: list[tuple[dict[str, Any], type[DataError], str]] = [
     ({"format": 2}, DataError, "format 2 is not known, only 1"),
+    ({"format": 0}, DataError, "format 0 is not known, only 1"),
     ({"format": True}, DataError, "format True is not known"),
     ({"kind": "bias"}, DataError, "this is a 'bias', not a calibration"),
     (
@@ -289,6 +290,11 @@ BROKEN: list[tuple[dict[str, Any], type[DataError], str]] = [
         r"shape \[1, 3\], not \[S, 3, 3\]",
     ),
     ({"matrix_n_per_ut": []}, ChannelError, "shape not rectangular"),
+    (
+        {"matrix_n_per_ut": [np.ones((3, 3, 3)).tolist()]},
+        ChannelError,
+        r"shape \[1, 3, 3, 3\], not \[S, 3, 3\]",
+    ),
     (
         {"matrix_n_per_ut": [[[1.0], [1.0, 2.0], [1.0]]]},
         ChannelError,
@@ -342,6 +348,7 @@ BROKEN: list[tuple[dict[str, Any], type[DataError], str]] = [
         r"rest_ut has shape \[1, 3\], not \[2, 3\]",
     ),
     ({"reversed": [False]}, ChannelError, "reversed is not 2 times"),
+    ({"reversed": [False] * 3}, ChannelError, "reversed is not 2 times"),
     ({"reversed": [0, 1]}, ChannelError, "reversed is not 2 times"),
     ({"n": 2.5}, NotANumber, "n is 2.5"),
     ({"n": -1}, NotANumber, "n is -1"),
@@ -490,7 +497,7 @@ def test_too_few_rows_are_an_error() -> None:
         bias_of(resting(29), "uT")
 
 
-@pytest.mark.parametrize("shape", [(300, 4), (300, 0), (300,)])
+@pytest.mark.parametrize("shape", [(300, 4), (300, 0), (300,), (300, 6, 3)])
 def test_channels_that_are_no_sensors_are_an_error(shape: tuple[int, ...]) -> None:
     with pytest.raises(ChannelError, match="three channels a sensor"):
         bias_of(np.zeros(shape), "uT")

@@ -4,12 +4,8 @@ from __future__ import annotations
 
 import json
 import sys
-import time
-from collections.abc import Callable, Sequence
-from datetime import timedelta
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
@@ -29,26 +25,19 @@ from holdfast.core.errors import (
     CameraUnavailable,
     ColumnError,
     DataNotFound,
-    DeviceLost,
     EmptyRecording,
     HoldfastError,
     NotANumber,
-    OutputError,
     TimeError,
     TransferFailed,
 )
-from holdfast.drivers.camera import graph, sources
+from holdfast.drivers.camera import sources
 from holdfast.drivers.camera.recording import (
     COLUMNS,
     TagFile,
-    Tracks,
-    read_about,
     read_tracks,
-    require_same_stamps,
-    require_whole,
 )
 from holdfast.drivers.camera.sources import (
-    OAK_ISO,
     QUIET,
     Frame,
     Lens,
@@ -73,8 +62,18 @@ def spoil(path: Path, how: str) -> None:
         write_frames(path, stamps_s[:2], frames)
     elif how == "not grey":
         write_frames(path, stamps_s, np.zeros((3, 8, 8, 3), dtype=np.uint8))
+    elif how == "no bytes":
+        write_frames(path, stamps_s, frames.astype(np.uint16))
+    elif how == "one picture":
+        write_frames(path, stamps_s, frames[:, 0])
+    elif how == "no frames":
+        write_frames(path, stamps_s[:0], frames[:0])
     elif how == "backwards":
         write_frames(path, stamps_s[::-1], frames)
+    elif how == "standing":
+        write_frames(path, stamps_s[[0, 1, 1]], frames)
+    elif how == "no time":
+        write_frames(path, [0.1, np.nan, 0.3], frames)
     elif how == "cut":
         write_frames(path, stamps_s, frames)
         path.write_bytes(path.read_bytes()[:300])
@@ -86,7 +85,12 @@ SPOILT: dict[str, type[HoldfastError]] = {
     "a number missing": ColumnError,
     "other lengths": EmptyRecording,
     "not grey": EmptyRecording,
+    "no bytes": EmptyRecording,
+    "one picture": EmptyRecording,
+    "no frames": EmptyRecording,
     "backwards": TimeError,
+    "standing": TimeError,
+    "no time": TimeError,
     "cut": EmptyRecording,
 }
 
@@ -109,6 +113,10 @@ def test_frames_that_cannot_be_used_are_refused_by_name(tmp_path, how):
         ("HEAD0,0.1,0,1,2,3,4,5,6,7,x\n", NotANumber),
         ("HEAD0,0.1,,,,,,,,,\n1,0.2,0\n2,0.3,,,,,,,,,\n", NotANumber),
         ("HEAD0,0.2,,,,,,,,,\n1,0.1,,,,,,,,,\n", TimeError),
+        ("HEAD0,0.2,,,,,,,,,\n1,0.2,,,,,,,,,\n", TimeError),
+        ("HEAD0,nan,,,,,,,,,\n", TimeError),
+        ("HEAD0,0.1,,,,,,,,,\n\n", NotANumber),
+        ("HEAD0,0.1,0\n", EmptyRecording),
     ],
 )
 def test_tracks_that_cannot_be_used_are_refused(tmp_path, text, error):
@@ -306,32 +314,88 @@ def test_depthai_is_imported_in_one_file_and_by_no_help():
     assert process("-c", code).stdout == "False\n"
 
 
+def test_depthai_gets_its_settings_and_those_that_the_user_has_made_stay_and_are_named(
+    monkeypatch,
+):
+    environment, said = {"HOME": "/"}, []
+    monkeypatch.delitem(sys.modules, "depthai", raising=False)
+    monkeypatch.setattr(sources.os, "environ", environment)
+    monkeypatch.setattr(sources, "import_module", lambda name: f"the module {name}")
+    assert sources.load_depthai(said.append) == "the module depthai"
+    assert environment == QUIET | {"HOME": "/"}
+    environment["DEPTHAI_LEVEL"] = "info"
+    sources.load_depthai(said.append)
+    assert environment == QUIET | {"HOME": "/", "DEPTHAI_LEVEL": "info"}
+    first, second = said
+    assert second == f"{first}; your own settings stay: DEPTHAI_LEVEL=info"
+    monkeypatch.setitem(sys.modules, "depthai", "there")
+    assert sources.load_depthai(said.append) == "there"
+    assert len(said) == 2
+
+
 def test_the_longest_wait_is_longer_than_the_search():
     assert float(QUIET["DEPTHAI_SEARCH_TIMEOUT"]) < 1e3 * sources.LONGEST_WAIT_S
 
 
-def test_an_oak_exposes_as_the_lens_says_and_ends_when_its_time_is_up(monkeypatch):
-    now_s, exposed, linked = [100.0], [], []
+def test_an_oak_films_as_the_lens_says_and_ends_when_its_time_is_up(monkeypatch):
+    now_s, told, linked = [100.0], [], []
     monkeypatch.setattr(sources.time, "monotonic", lambda: now_s[0])
     camera = SimpleNamespace(
         initialControl=SimpleNamespace(
-            setManualExposure=lambda *given: exposed.append(given)
+            setManualExposure=lambda *given: told.append(given)
         ),
-        requestOutput=lambda size, type, fps: SimpleNamespace(link=linked.append),
+        requestOutput=lambda size, type, fps: (
+            told.append((size, type, fps)) or SimpleNamespace(link=linked.append)
+        ),
     )
-    created = SimpleNamespace(build=lambda sensorFps: camera)
+    created = SimpleNamespace(build=lambda sensorFps: told.append(sensorFps) or camera)
     dai = SimpleNamespace(
         node=SimpleNamespace(Camera="camera"),
         ImgFrame=SimpleNamespace(Type=SimpleNamespace(GRAY8="gray")),
     )
     pipeline = SimpleNamespace(create=lambda node: created)
     lens = Lens(60.0, 1.5, 12.0, "monotonic")
-    goes_on = Oak(lens, seconds=2.0).connect(dai, pipeline, ["first", "second"])
-    assert (exposed, linked) == ([(1500, OAK_ISO)], ["first", "second"])
+    oak = Oak(lens, seconds=2.0)
+    assert (oak.last_lost, oak.void) == (20, None)
+    goes_on = oak.connect(dai, pipeline, ["first", "second"])
+    assert told == [60.0, (1500, 800), ((640, 400), "gray", 60.0)]
+    assert linked == ["first", "second"]
     assert goes_on()
     now_s[0] = 102.0
     assert not goes_on()
     assert Oak(lens).connect(dai, pipeline, [])()
+
+
+def test_an_oak_that_falls_off_the_bus_ends_its_graph_and_is_given_back():
+    told = []
+    device = SimpleNamespace(
+        setMaxReconnectionAttempts=lambda most: told.append(most),
+        close=lambda: told.append("closed"),
+    )
+    pipeline = SimpleNamespace(setStopOnDeviceLoss=told.append)
+    dai = SimpleNamespace(
+        Device=lambda: device, Pipeline=lambda one: told.append(one) or pipeline
+    )
+    oak = Oak(Lens(60.0, 1.5, 12.0, "monotonic"))
+    oak.close()
+    assert oak.open(dai) is pipeline
+    oak.close()
+    assert told == [0, device, True, "closed"]
+
+
+def test_frames_from_disk_are_numbered_in_order_and_are_whole_as_they_were(tmp_path):
+    images = np.arange(24, dtype=np.uint8).reshape(3, 2, 4)
+    path = write_frames(tmp_path / "a.frames.npz", np.arange(3) / 4, images, fps=4.0)
+    source = read_frames(path)
+    assert (source.name, source.last_lost, source.void) == (path.name, 0, None)
+    assert source.lens == Lens(4.0, 2.0, 10.0, "trial")
+    frames = list(source.frames)
+    assert [(one.sequence, one.end_s) for one in frames] == [
+        (0, 0),
+        (1, 0.25),
+        (2, 0.5),
+    ]
+    np.testing.assert_array_equal([one.image for one in frames], images)
 
 
 def test_a_frame_without_a_tag_has_a_cell_for_every_column(tmp_path):
@@ -340,169 +404,6 @@ def test_a_frame_without_a_tag_has_a_cell_for_every_column(tmp_path):
         file.write(1, 0.1, {})
     lines = file.path.read_text("utf-8").splitlines()
     assert [line.count(",") for line in lines] == [len(COLUMNS) - 1] * 3
-
-
-# -- the graph, where depthai does as a script says
-
-
-def answer(sequence: int, end_s: float) -> Any:
-    return SimpleNamespace(
-        getSequenceNum=lambda: sequence,
-        getTimestamp=lambda: timedelta(seconds=end_s),
-        aprilTags=[],
-    )
-
-
-class ScriptedDepthai:
-    """depthai as far as the graph calls it, and the source in front of it.
-
-    answers: None where nothing came as long as the graph waits. sizes: of the video's queue.
-    """
-
-    class QueueException(Exception):
-        pass
-
-    name, void = "script", None
-    lens = Lens(60.0, 2.0, 10.0, "trial")
-
-    def __init__(
-        self,
-        answers: Sequence[Any],
-        sent: int,
-        sizes: Sequence[int] = (),
-        last_lost: int = 0,
-    ) -> None:
-        self.answers, self.sent, self.sizes = list(answers), sent, list(sizes)
-        self.last_lost = last_lost
-        self.waited_s: list[float] = []
-        self.queue: tuple[int, bool] | None = None
-        self.MessageQueue = self
-        self.node = SimpleNamespace(RecordVideo="video", AprilTag="tags")
-        self.AprilTagConfig = SimpleNamespace(Family=SimpleNamespace(TAG_36H11="36h11"))
-
-    def create(self, node: str) -> Any:
-        called = ("VideoFile", "MetadataFile")
-        names = [f"setRecord{one}" for one in called] + [
-            "setFps",
-            "setRunOnHost",
-            "setNumThreads",
-        ]
-        return SimpleNamespace(
-            **dict.fromkeys(names, lambda given: None),
-            input=SimpleNamespace(
-                getSize=lambda: self.sizes.pop(0) if self.sizes else 0
-            ),
-            inputImage=SimpleNamespace(setBlocking=lambda given: None),
-            initialConfig=SimpleNamespace(setFamily=lambda given: None),
-            out=SimpleNamespace(createOutputQueue=self.output),
-        )
-
-    def output(self, maxSize: int, blocking: bool) -> Any:
-        self.queue = (maxSize, blocking)
-        return self
-
-    def get(self, wait: timedelta) -> Any:
-        self.waited_s.append(wait.total_seconds())
-        return self.answers.pop(0) if self.answers else None
-
-    def tryGet(self) -> Any:  # noqa: N802
-        return None
-
-    def open(self, dai: Any) -> Any:
-        return self
-
-    def connect(self, *given: Any) -> Callable[[], bool]:
-        steps = iter([True] * self.sent)
-        return lambda: next(steps, False)
-
-    def isRunning(self) -> bool:  # noqa: N802
-        return True
-
-    def start(self) -> None:
-        pass
-
-    stop = wait = close = start
-
-
-def watched(monkeypatch: Any, out: Path, script: Any) -> tuple[Any, list[float]]:
-    """camera.json of a run, whose video is never there, and the pauses of its end."""
-    slept: list[float] = []
-    monkeypatch.setitem(sys.modules, "depthai", script)
-    monkeypatch.setattr(time, "sleep", slept.append)
-    out.mkdir()
-    with pytest.raises((DeviceLost, OutputError, TimeError)):
-        graph.watch(script, out, say=print)
-    return read_about(out), slept
-
-
-@pytest.mark.parametrize(("quiet", "frames"), [(99, 3), (100, 2)])
-def test_answers_are_waited_for_until_none_came_for_ten_seconds(
-    monkeypatch, tmp_path, quiet, frames
-):
-    silence = [None] * quiet
-    first, second, third = (answer(k, 0.1 * k) for k in range(3))
-    script = ScriptedDepthai([first, *silence[:99], second, *silence, third], sent=3)
-    about, _ = watched(monkeypatch, tmp_path / "out", script)
-    assert (about["frames"], script.queue) == (frames, (30, True))
-    assert set(script.waited_s) == {0.1}
-    assert ("stopped coming" in about["void"]) == (frames < 3)
-
-
-def test_lost_frames_are_counted_from_the_first_and_stamps_that_stand_still_void_a_trial(
-    monkeypatch, tmp_path
-):
-    stamps = ((5, -0.5), (6, 0.1), (9, 0.2), (10, 0.2), (10, 0.3))
-    script = ScriptedDepthai([answer(*one) for one in stamps], sent=5)
-    about, _ = watched(monkeypatch, tmp_path / "out", script)
-    assert (about["frames"], about["lost"], about["backwards"]) == (5, 2, 1)
-    assert "1 frames are not later" in about["void"]
-    lines = (tmp_path / "out/tags.csv").read_text("utf-8").splitlines()
-    assert lines[1] == "5,-0.501000" + "," * 9
-
-
-def test_frames_of_a_camera_are_not_waited_for_at_its_end(monkeypatch, tmp_path):
-    script = ScriptedDepthai([answer(0, 0.0)], sent=4, last_lost=1)
-    about, _ = watched(monkeypatch, tmp_path / "out", script)
-    assert (about["frames"], script.waited_s) == (1, [0.1] * 4)
-
-
-@pytest.mark.parametrize(
-    ("sizes", "pauses"),
-    [([], 5), ([3, 0, 0, 1, 0, 0, 0, 0, 0, 1], 15), ([1] * 2000, 1000)],
-)
-def test_a_video_s_queue_is_waited_for_until_it_stays_empty_or_ten_seconds_are_over(
-    monkeypatch, tmp_path, sizes, pauses
-):
-    script = ScriptedDepthai([answer(0, 0.0)], sent=1, sizes=sizes)
-    assert watched(monkeypatch, tmp_path / "out", script)[1] == [0.01] * pauses
-
-
-@pytest.mark.parametrize("off_s", [-2.1e-6, -1.9e-6, 1.9e-6, 2.1e-6])
-def test_a_stamp_of_the_video_may_differ_by_two_microseconds(tmp_path, off_s):
-    tracks = Tracks(np.array([4]), np.array([0.5]), {})
-    frames = [Frame(4, 0.501 + off_s, np.empty((0, 0), np.uint8))]
-    if abs(off_s) < 2e-6:
-        require_same_stamps(frames, tracks, ScriptedDepthai.lens, tmp_path)
-        return
-    with pytest.raises(ColumnError, match="1 frames of the video"):
-        require_same_stamps(frames, tracks, ScriptedDepthai.lens, tmp_path)
-
-
-def test_frames_after_the_last_tag_line_have_no_stamp_and_are_no_error(tmp_path):
-    tracks = Tracks(np.array([4]), np.array([0.5]), {})
-    image = np.empty((0, 0), np.uint8)
-    frames = [Frame(4, 0.501, image), Frame(5, 0.6, image), Frame(6, 0.7, image)]
-    require_same_stamps(frames, tracks, ScriptedDepthai.lens, tmp_path)
-    late = [Frame(4, 0.6, image), *frames[1:]]
-    with pytest.raises(ColumnError, match="3 frames of the video"):
-        require_same_stamps(late, tracks, ScriptedDepthai.lens, tmp_path)
-
-
-@pytest.mark.parametrize("expected", [2, 3, None, "4"])
-def test_a_file_is_whole_with_as_many_frames_as_were_counted(tmp_path, expected):
-    require_whole(3, expected, tmp_path)
-    with pytest.raises(EmptyRecording, match="holds 3 of its 4 frames"):
-        require_whole(3, 4, tmp_path)
 
 
 # -- frames and their lens
@@ -514,7 +415,9 @@ def test_a_file_is_whole_with_as_many_frames_as_were_counted(tmp_path, expected)
         ({"fps": 0.5}, False),
         ({"fps": 0.51}, True),
         ({"fps": np.inf}, False),
+        ({"fps": -60.0}, False),
         ({"exposure_ms": 0.0}, False),
+        ({"exposure_ms": -2.0}, False),
         ({"exposure_ms": 0.01}, True),
         ({"tag_mm": 0.01}, True),
         ({"apart_mm": 0.0}, False),

@@ -417,3 +417,13 @@ def test_a_test_of_a_crc_fails_after_24_packets_and_a_missing_one_shows_after_8(
         check.believes(ADDRESS, one[:-1] + b"\0")
         absent.append(check.absent)
     assert absent == [False] * 7 + [True]
+
+
+@pytest.mark.parametrize(("failures", "again"), [(0, False), (1, False), (2, True)])
+def test_a_test_that_failed_since_the_bring_up_calls_for_another(failures, again):
+    state = FingerState(Finger(ADDRESS), Setup(crc=True))
+    state.check.failures = 1
+    state.brought_up(1, 0)
+    state.check.failures = failures
+    assert state.needs_bring_up("crc") == again
+    assert not state.needs_bring_up("settling")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from contextlib import closing
 from typing import Any
 
@@ -12,11 +13,11 @@ from hazard_marks import FOREIGN_CHIP, WIRING
 
 from holdfast.cli.main import main
 from holdfast.core.errors import DeviceNotFound, WrongDevice
-from holdfast.drivers.bus import Transfer
+from holdfast.drivers.bus import Reply, Transfer
 from holdfast.drivers.finger import identify
 from holdfast.drivers.layout import read_layout
 from holdfast.drivers.scanning import as_layout, look_at
-from holdfast.drivers.tmag5273 import FACTORY_ADDRESSES, Setup
+from holdfast.drivers.tmag5273 import FACTORY_ADDRESSES, Setup, packet_crc
 from holdfast.drivers.virtual.virtual_hand import Mux
 
 EIGHT_BITS = 0x36
@@ -203,3 +204,128 @@ def test_a_named_layout_has_its_mux_where_the_url_says(layout, capsys):
     assert "0x74" in out
     assert "layout=74/0:35," in out
     assert "serves a model of" in out
+
+
+# -- what tells a sensor in 1-byte mode from another chip
+
+
+class Answers:
+    """A bus with one chip at 0x35: `known` are its registers, and packets are what it sends."""
+
+    name = "script"
+
+    def __init__(self, *answers: bytes | None) -> None:
+        self.answers = list(answers)
+        self.asked: list[Transfer] = []
+
+    def scan(self, transfers: Sequence[Transfer]) -> list[Reply]:
+        self.asked += transfers
+        replies = []
+        for one in transfers:
+            data = self.answers.pop(0) if one.read else b""
+            replies.append(Reply(data or b"", acked=data is not None))
+        return replies
+
+    def clear(self) -> None:
+        """Nothing to do."""
+
+    close = clear
+
+
+def own(version: int = 1, maker: bytes = b"\x49\x54") -> bytes:
+    """Four registers from I2C_ADDRESS on; the upper bits of DEVICE_ID are reserved."""
+    return bytes([0x6A, 0xE0 | version]) + maker
+
+
+def sent_packets(
+    n_different: int, counts: int = 1, status: int = 0x01, offset: int | None = 0
+) -> list[bytes]:
+    """12 packets; offset: of their CRC from the data sheet's, None where it is of nothing."""
+    packets = []
+    for k in range(12):
+        number = k % n_different
+        row = bytes([0, number, 1, 2, 3, 4, number % counts << 5 | status])
+        wrong = 37 * k % 256 if offset is None else offset
+        packets.append(row + bytes([packet_crc(0x35, row) ^ wrong]))
+    return packets
+
+
+NOT_OURS = b"\x01\x02\x03\x04"
+
+
+@pytest.mark.parametrize(
+    ("packets", "is_ours"),
+    [
+        (sent_packets(6), True),
+        (sent_packets(6, offset=0x2B), True),
+        (sent_packets(5), False),
+        (sent_packets(12, status=0x11), True),
+        (sent_packets(12, offset=None), False),
+        (sent_packets(12, counts=4, offset=None), True),
+        (sent_packets(12, counts=3, offset=None), False),
+        (sent_packets(12, counts=4, offset=None, status=0x00), False),
+        (sent_packets(12, counts=4, offset=None, status=0x11), False),
+        (sent_packets(12, counts=4, offset=None, status=0x03), False),
+        (sent_packets(12, status=0x05), False),
+        (sent_packets(12, status=0x09), False),
+        ([*sent_packets(12)[:11], b"1234567"], False),
+        ([*sent_packets(12)[:11], None], False),
+    ],
+)
+def test_a_dozen_packets_tell_a_sensor_by_their_crcs_or_their_counts(
+    packets: list[bytes], is_ours: bool
+) -> None:
+    bus = Answers(NOT_OURS, *packets, own(2))
+    pauses: list[float] = []
+    if not is_ours:
+        with pytest.raises(WrongDevice, match="maker 0x0403, version 2: no TMAG5273"):
+            identify(bus, 0x35, pauses.append, 0x34)
+        assert not [one for one in bus.asked if len(one.write) > 1]
+        return
+    assert identify(bus, 0x35, pauses.append, 0x34) == 2
+    identity = Transfer(0x35, b"\x0c", 4)
+    dozen = [Transfer(0x35, b"\x0c", 8), Transfer(0x35, b"\x92", 8)] * 6
+    assert bus.asked == [identity, *dozen, Transfer(0x35, b"\x00\x34"), identity]
+    assert pauses == pytest.approx([0.002425 * (1.0 + k / 16) for k in range(12)])
+
+
+@pytest.mark.parametrize(
+    ("identity", "version"),
+    [
+        (own(1), 1),
+        (own(2), 2),
+        (own(0), None),
+        (own(3), None),
+        (own(1, b"\x48\x54"), None),
+        (own(1, b"\x4a\x54"), None),
+        (own(1, b"\x49\x53"), None),
+        (own(1, b"\x49\x55"), None),
+    ],
+)
+def test_a_sensor_has_its_maker_s_number_and_one_of_two_versions(
+    identity: bytes, version: int | None
+) -> None:
+    bus = Answers(identity, b"")
+    if version is not None:
+        assert identify(bus, 0x35, lambda pause_s: None) == version
+        assert len(bus.asked) == 1
+        return
+    with pytest.raises(WrongDevice, match="no TMAG5273"):
+        identify(bus, 0x35, lambda pause_s: None)
+
+
+@pytest.mark.parametrize(
+    ("answers", "pauses"), [([own()], 0), ([None, own()], 1), ([None, None], 1)]
+)
+def test_a_chip_that_does_not_answer_is_asked_again_once_it_may_have_woken(
+    answers: list[bytes | None], pauses: int
+) -> None:
+    bus = Answers(*answers)
+    paused: list[float] = []
+    if answers[-1] is None:
+        with pytest.raises(DeviceNotFound, match="0x35: does not answer"):
+            identify(bus, 0x35, paused.append)
+    else:
+        assert identify(bus, 0x35, paused.append) == 1
+    assert paused == [1e-4] * pauses
+    assert bus.asked == [Transfer(0x35, b"\x0c", 4)] * len(answers)

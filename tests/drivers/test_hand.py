@@ -27,6 +27,7 @@ from holdfast.drivers.layout import (
     MUX_ADDRESSES,
     Finger,
     ScanPlanner,
+    masks_of,
     read_layout,
 )
 from holdfast.drivers.tmag5273 import Setup
@@ -493,3 +494,69 @@ def test_what_is_known_of_a_hand_names_every_finger():
     }
     bench.hand.close()
     assert bench.hand.about()["bridge"] is None
+
+
+# -- limits of layouts, exactly
+
+LAYOUT, PLACE, MUX = "is not a layout", "two fingers at one place", "a mux's address"
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("7:35", ""),
+        ("8:35", LAYOUT),
+        ("-1:35", LAYOUT),
+        ("0:08", ""),
+        ("0:07", LAYOUT),
+        ("0:7f", ""),
+        ("0:80", LAYOUT),
+        ("35>08", ""),
+        ("35>7f", ""),
+        ("35>80", LAYOUT),
+        ("70/0:35,77/0:35", ""),
+        ("6f/0:35", LAYOUT),
+        ("78/0:35", LAYOUT),
+        ("71/:35", LAYOUT),
+        ("71/35", LAYOUT),
+        ("mux@77", ""),
+        ("mux@78", LAYOUT),
+        ("nine@71", LAYOUT),
+        ("0:35,35,1:35", ""),
+        ("0:35,0:35", PLACE),
+        ("0:35>50,1:22>51", ""),
+        ("0:35>50,1:22>50", PLACE),
+        ("0:35>22,1:22", PLACE),
+        ("0:35>50,0:35>51", PLACE),
+        ("71/0:35,70", ""),
+        ("71/0:35,71", f"{MUX}, 0x71"),
+        ("0:35>70", f"{MUX}, 0x70"),
+        ("0:22,0:72,72/1:44>70", f"{MUX}, 0x70"),
+    ],
+)
+def test_a_layout_has_channels_addresses_and_muxes_within_their_limits(
+    text: str, says: str
+) -> None:
+    if not says:
+        assert len(read_layout(text)) == (6 if "mux" in text else text.count(",") + 1)
+        return
+    with pytest.raises(UsageError, match=says):
+        read_layout(text)
+
+
+def test_a_mux_that_enables_nothing_is_written_first() -> None:
+    channels = frozenset({(0x71, 3), (0x70, 0), (0x70, 7)})
+    masks = masks_of(channels, frozenset({0x70, 0x71, 0x72, 0x73}))
+    assert list(masks.items()) == [(0x72, 0), (0x73, 0), (0x70, 0x81), (0x71, 0x08)]
+    masks = masks_of(frozenset({(0x70, 0)}), frozenset({0x70, 0x71}))
+    assert list(masks.items()) == [(0x71, 0), (0x70, 1)]
+    planner = ScanPlanner(read_layout("70/0:35,72/1:35"))
+    both = frozenset({(0x70, 0), (0x72, 1)})
+    writes = [planner.select(one) for one in (both, both, frozenset({(0x72, 1)}))]
+    assert [[(w.address, w.write) for w in one] for one in writes] == [
+        [(0x70, b"\x01"), (0x72, b"\x02")],
+        [],
+        [(0x70, b"\x00")],
+    ]
+    planner.forget_masks()
+    assert len(planner.select(both)) == 2

@@ -11,6 +11,7 @@ import tty
 from collections.abc import Callable, Hashable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -33,8 +34,11 @@ from holdfast.core.line_key import LinkKey
 from holdfast.core.line_session import LONGEST_LINE
 from holdfast.core.source import SourceReading
 from holdfast.drivers.line_feeds import (
+    DatagramFeed,
     LineSplitter,
     SerialEnd,
+    StandardInput,
+    StreamFeed,
     TcpCaller,
     TcpListener,
 )
@@ -940,3 +944,282 @@ def test_a_line_may_be_as_long_as_the_longest(over: int) -> None:
     assert splitter.split(text) == ([text] if over else [])
     assert splitter.split(b"\n") == ([] if over else [text])
     assert splitter.split(b"next\n") == [b"next"]
+
+
+# -- what waited before, tables, and recordings that are not in order
+
+
+def table(k: int) -> bytes:
+    """A table of one sensor: a header, then rows."""
+    return b"X1,Y1,Z1" if k == 0 else f"{k},{2 * k},{3 * k}".encode()
+
+
+def test_a_header_that_waited_before_the_program_names_the_rows_that_come_later() -> (
+    None
+):
+    clock = VirtualClock(20 * PERIOD_NS)
+    source, feed, said = opened(clock, line=table)
+    assert feed.next == 21
+    assert said[0].endswith("; 19 samples before that are dropped")
+    assert read(source).values.tolist() == [20.0, 40.0, 60.0]
+    assert feed.followed == ["a"]
+
+
+def test_lines_that_were_there_before_and_ended_are_named_as_a_recording() -> None:
+    with pytest.raises(DeviceNotFound, match=r"came; .*there before.*next: paced=1"):
+        opened(VirtualClock(10**9), ends=5)
+    with pytest.raises(DeviceNotFound, match=r"came; .*does not run.*start the sender"):
+        opened(VirtualClock(), ends=0)
+    with pytest.raises(DeviceNotFound, match=r"200 lines were not understood, as"):
+        opened(VirtualClock(), ends=200, line=lambda k: b"a")
+
+
+class Endless(ScriptedFeed):
+    """A line is there whenever it is asked for."""
+
+    def pull(self, timeout_s: float) -> list[tuple[Hashable, bytes]]:
+        self.next += 1
+        self.clock.spend(1000)
+        return [("a", b'{"X1":1,"Y1":2,"Z1":3}')]
+
+
+def test_at_most_4096_waiting_lines_are_dropped_and_as_many_measured() -> None:
+    for rate_hz, pulls in ((150.0, 4096 + 1), (None, 2 * 4096)):
+        said: list[str] = []
+        clock = VirtualClock()
+        feed = Endless(clock)
+        options = LineOptions(rate_hz=rate_hz)
+        LineSource(feed, SampleReader(), clock, said.append, options)
+        assert feed.next == pulls
+        dropped = 4096 if rate_hz else 2 * 4096 - 1
+        assert said[0].endswith(f"; {dropped:,} samples before that are dropped")
+
+
+def paced(line: Callable[[int], bytes], **options: Any) -> tuple[Any, list[str]]:
+    """(time in ms, values) of the readings of a recording that is there at once."""
+    clock = VirtualClock()
+    source, _, said = opened(
+        clock,
+        LineOptions(paced=True, **options),
+        late_ns=lambda k: -k * PERIOD_NS,
+        line=line,
+        ends=30,
+    )
+    assert not [one for one in said if "dropped" in one]
+    readings = list(iter(source.read, None))
+    began_ns = readings[0].t_ns
+    return [(1e-6 * (r.t_ns - began_ns), r.values[0]) for r in readings], said
+
+
+def test_a_recording_without_a_time_goes_at_the_rate_that_is_named() -> None:
+    found, said = paced(table, rate_hz=100.0)
+    assert found == [(pytest.approx(10.0 * k), k + 1.0) for k in range(29)]
+    assert said[0] == "script: 1 sensors in N at 100 Hz, stamps of the recording"
+    with pytest.raises(RateError, match="no column of time"):
+        paced(table)
+
+
+def test_a_row_of_a_recording_that_is_not_later_than_the_one_before_is_skipped() -> (
+    None
+):
+    """Row 12 has the time of row 11, and row 14 an earlier one."""
+
+    def line(k: int) -> bytes:
+        fields = {"X1": k, "Y1": 0, "Z1": 0, "t_s": {12: 11, 14: 3}.get(k, k) / 100}
+        return json.dumps(fields).encode()
+
+    found, said = paced(line, rate_hz=100.0)
+    rows = [k for k in range(30) if k not in (12, 14)]
+    assert found == [(pytest.approx(10.0 * k), k) for k in rows]
+    assert len([one for one in said if "skipped" in one]) == 1
+
+
+def test_a_sender_whose_session_begins_anew_has_a_new_clock() -> None:
+    """Its stamps jump a minute back, after it was silent for longer than 300 ms."""
+    clock = VirtualClock()
+    gone = range(40, 100)
+
+    def line(k: int) -> bytes:
+        ahead_ns = AHEAD_NS if k < 100 else AHEAD_NS - 60 * 10**9
+        return text_of(k, t_ns=ahead_ns + round((k + 0.5) * PERIOD_NS))
+
+    source, feed, _ = opened(
+        clock,
+        LineOptions("sender", 150.0),
+        line=line,
+        late_ns=lambda k: None if k in gone else 0,
+    )
+    readings = [read(source) for _ in range(150)]
+    stamps = [one.t_ns for one in readings if one.valid.all()]
+    kept = [k for k in range(feed.next) if k not in gone]
+    assert stamps == [feed.arrives_ns(k) for k in kept]
+
+
+def test_a_sensor_that_is_not_valid_has_its_word_and_the_others_have_none() -> None:
+    source, _, _ = opened(VirtualClock(), line=lambda k: text_of(k, Y2=None))
+    reading = read(source)
+    assert reading.valid.tolist() == [True, False, True, True, True, True]
+    assert reading.why == ("", "not valid", "", "", "", "")
+
+
+# -- where bytes come from, call by call
+
+
+@pytest.fixture
+def waits(monkeypatch: pytest.MonkeyPatch) -> list[float]:
+    """How long was waited for bytes; nothing really waits."""
+    found: list[float] = []
+    real = select.select
+
+    def noted(reads: Any, writes: Any, errors: Any, wait_s: float) -> Any:
+        found.append(wait_s)
+        return real(reads, writes, errors, 0.0)
+
+    monkeypatch.setattr(select, "select", noted)
+    return found
+
+
+class PipeEnd:
+    """A stream over a pipe that is lost and back as a test says."""
+
+    def __init__(self, reads: int) -> None:
+        self.number, self.reads, self.comes_back = 0, reads, True
+        self.heard: list[int] = []
+
+    def handle(self) -> int | None:
+        return None if self.reads < 0 else self.reads
+
+    def lost(self) -> bool:
+        return self.comes_back
+
+    def obeyed(self) -> None:
+        self.heard.append(self.number)
+
+    def close(self) -> None:
+        self.reads = -1
+
+
+def test_a_stream_gives_whole_lines_and_forgets_half_of_one_where_it_is_opened_again(
+    stack: ExitStack, waits: list[float], said: list[str]
+) -> None:
+    reads, writes = os.pipe()
+    end = PipeEnd(reads)
+    feed = StreamFeed("pipe", end, said.append)
+    assert feed.pull(0.25) == []
+    os.write(writes, b"one\ntwo\nhalf")
+    assert feed.pull(-1.0) == [(0, b"one"), (0, b"two")]
+    end.number = 1
+    os.write(writes, b"three\n")
+    assert feed.pull(0.5) == [(1, b"three")]
+    for peer in (0, 1, 2):
+        feed.obeyed(peer)
+    assert end.heard == [1]
+    os.close(writes)
+    for _ in range(2):
+        assert (feed.pull(0.0), feed.ended) == ([], False)
+    lost = "pipe: lost (its sender closed it); the state is unknown until it is back"
+    assert said == [lost]
+    os.close(reads)
+    end.reads, writes = os.pipe()
+    stack.callback(os.close, writes)
+    stack.callback(os.close, end.reads)
+    end.number = 2
+    assert (feed.pull(0.0), said[1:]) == ([], ["pipe: it is back"])
+    # no handle: the time passes all the same
+    end.close()
+    assert feed.pull(0.75) == []
+    assert waits == [0.25, 0.0, 0.5, 0.0, 0.0, 0.0, 0.75]
+
+
+def test_a_stream_that_fails_and_does_not_come_back_has_ended(
+    stack: ExitStack, waits: list[float], said: list[str], tmp_path: Path
+) -> None:
+    # a folder can be opened and not read
+    folder = os.open(tmp_path, os.O_RDONLY)
+    stack.callback(os.close, folder)
+    end = PipeEnd(folder)
+    feed = StreamFeed("folder", end, said.append)
+    assert (feed.pull(0.0), feed.ended) == ([], False)
+    assert said == [
+        "folder: lost (Is a directory); the state is unknown until it is back"
+    ]
+    end.comes_back = False
+    assert (feed.pull(0.0), feed.ended) == ([], True)
+    assert feed.pull(-2.0) == []
+    assert (len(said), waits) == (1, [0.0] * 3)
+    standard = StandardInput(folder)
+    assert (standard.handle(), standard.lost(), standard.number) == (folder, False, 0)
+    standard.close()
+    assert os.fstat(folder)
+
+
+def test_datagrams_are_cut_into_lines_that_hold_something(waits: list[float]) -> None:
+    done: list[object] = []
+    came = [(b"one\n\ntwo\n", "a"), (b"\n", "b"), (b"three", "b")]
+    datagrams: Any = SimpleNamespace(
+        sockets=[],
+        waiting=lambda: came,
+        follow=done.append,
+        close=lambda: done.append("datagrams"),
+    )
+    feed = DatagramFeed("udp", datagrams, lambda: done.append("socket"))
+    assert feed.pull(0.5) == [("a", b"one"), ("a", b"two"), ("b", b"three")]
+    feed.pull(-0.5)
+    assert (waits, feed.ended) == ([0.5, 0.0], False)
+    feed.obeyed("b")
+    feed.close()
+    assert done == ["b", "datagrams", "socket"]
+
+
+def test_a_serial_port_may_have_the_lowest_descriptor(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    closed: list[int] = []
+    monkeypatch.setattr(os, "close", closed.append)
+    clock = ByHand()
+    end = SerialEnd(0, lambda: 0, clock.now_ns)
+    assert end.handle() == 0
+    assert end.lost()
+    clock.ns = 1_000_000_000
+    assert end.handle() is None
+    assert end._opening is not None
+    end._opening.join()
+    assert (end.handle(), end.number) == (0, 1)
+    end.close()
+    assert closed == [0, 0]
+
+
+@pytest.mark.parametrize(("code", "is_begun"), [(0, True), (115, True), (111, False)])
+def test_a_connection_that_is_refused_at_once_is_closed_at_once(
+    stack: ExitStack, monkeypatch: pytest.MonkeyPatch, code: int, is_begun: bool
+) -> None:
+    clock = ByHand()
+    server = stack.enter_context(socket.create_server(("127.0.0.1", 0)))
+    connection = socket.create_connection(server.getsockname())
+    caller = TcpCaller(connection, server.getsockname(), clock.now_ns)
+    stack.callback(caller.close)
+    assert caller.lost()
+
+    class Answering(socket.socket):
+        def connect_ex(self, address: Any) -> int:
+            return code
+
+    monkeypatch.setattr(socket, "socket", Answering)
+    clock.ns = 1_000_000_000
+    assert caller.handle() is None
+    assert (caller._socket is not None) == is_begun
+
+
+def test_eight_new_connections_are_looked_at_in_one_call(stack: ExitStack) -> None:
+    clock = ByHand()
+    refused: list[int] = []
+    server = socket.create_server(("127.0.0.1", 0), backlog=16)
+    listener = TcpListener(server, clock.now_ns, lambda: refused.append(1))
+    stack.callback(listener.close)
+    for _ in range(10):
+        stack.enter_context(socket.create_connection(server.getsockname()))
+    counts = []
+    for _ in range(3):
+        assert listener.handle() is not None
+        counts.append(len(refused))
+    assert (counts, listener.number) == ([7, 9, 9], 0)

@@ -171,6 +171,8 @@ def test_a_value_that_is_no_number_makes_its_finger_invalid_and_labels_give_the_
         (StreamFacts("hand", False, RATE_HZ, LABELS, ("",) * 18), UnitError),
         (StreamFacts("hand", False, RATE_HZ, LABELS, (*("N",) * 17, "uT")), UnitError),
         (StreamFacts("hand", False, 0.0, LABELS, ("N",) * 18), RateError),
+        (StreamFacts("hand", False, -1.0, LABELS, ("N",) * 18), RateError),
+        (StreamFacts("hand", False, np.nan, LABELS, ("N",) * 18), RateError),
     ],
 )
 def test_a_stream_that_cannot_be_a_hand_is_refused(facts, error):

@@ -150,7 +150,22 @@ def test_the_mcp2221_runs_at_the_speed_of_the_url(make, bus_hz):
     assert bench.bus.scan([FIRST, Transfer(A, bytes(60)), WHO])[2].data == IDENTITY
 
 
-@pytest.mark.parametrize("bus_hz", [46_000, 400_001])
+@pytest.mark.parametrize(
+    ("bus_hz", "divider"), [(47_000, "fc"), (65_000, "b6"), (400_000, "1b")]
+)
+def test_the_engine_is_told_its_divider_to_the_nearest(make, bus_hz, divider):
+    bench = make("mcp2221")
+    bench.bus.close()
+    sent = []
+    write = bench.engine().write
+    bench.engine().write = lambda at, data: (
+        sent.append(data.hex(" ")) or write(at, data)
+    )
+    bench.bus = Mcp2221(bench.backend, bus_hz=bus_hz)
+    assert sent[-1].startswith(f"10 00 00 20 {divider} 00")
+
+
+@pytest.mark.parametrize("bus_hz", [46_999, 400_001])
 def test_the_mcp2221_refuses_other_speeds(make, bus_hz):
     with pytest.raises(UsageError):
         Mcp2221(make("mcp2221").backend, bus_hz=bus_hz)
@@ -226,3 +241,123 @@ def test_a_line_that_is_low_is_named(make):
         error = bench.bus._not_ready(Status(0, False, True, scl, sda))
         assert isinstance(error, BusStuck)
         assert says in str(error)
+
+
+def asked(bench, *answers):
+    """The engine's reports are answered by these, then by itself; what it was asked."""
+    commands = []
+    waiting, ask = list(answers), bench.bus._ask
+
+    def answered(command):
+        commands.append(command.hex(" "))
+        return waiting.pop(0) if waiting else ask(command)
+
+    bench.bus._ask = answered
+    return commands
+
+
+def report(**bytes_at):
+    """A report of 64 zeros but for the bytes at these places (`b8` for byte 8)."""
+    reply = bytearray(64)
+    for name, byte in bytes_at.items():
+        reply[int(name[1:])] = byte
+    return bytes(reply)
+
+
+def test_each_transfer_is_these_reports(make):
+    bench = make("mcp2221")
+    bench.bus.scan([FIRST])
+    commands = asked(bench)
+    bench.bus.scan([Transfer(A, bytes([ID, 2])), WHO, Transfer(A, b"", 60)])
+    assert commands == [
+        "10",
+        "90 02 00 6a 0d 02",
+        "10",
+        "94 01 00 6a 0d",
+        "10",
+        "93 03 00 6b",
+        "40",
+        "91 3c 00 6b",
+        "40",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("places", "status"),
+    [
+        ({}, Status(0, False, False, False, False)),
+        ({"b8": 0x61, "b21": 1}, Status(0x61, False, True, False, False)),
+        ({"b18": 8, "b22": 1}, Status(0, True, False, True, False)),
+        ({"b18": 7, "b23": 255}, Status(0, False, False, False, True)),
+        ({"b18": 9, "b21": 255}, Status(0, False, True, False, False)),
+        ({"b8": 0x45, "b18": 8}, Status(0x45, False, False, False, False)),
+        ({"b8": 0x46, "b18": 8}, Status(0x46, True, False, False, False)),
+        ({"b8": 0x44, "b18": 8}, Status(0x44, True, False, False, False)),
+    ],
+)
+def test_a_status_has_its_state_its_confusion_its_use_and_its_lines(
+    make, places, status
+):
+    bench = make("mcp2221")
+    asked(bench, report(**places))
+    assert bench.bus._status() == status
+
+
+READY = {"b22": 1, "b23": 1}
+
+
+def test_data_are_taken_once_the_engine_has_them_and_says_that_they_are_right(make):
+    bench = make("mcp2221")
+    answers = [
+        report(**READY),
+        report(),
+        # not yet, not right, then there
+        report(b2=0x54),
+        report(b2=0x60),
+        report(b1=0x41, b2=0x55, b3=2, b4=9, b5=9),
+        report(b2=0x55, b3=2, b4=7, b5=8, b6=9),
+    ]
+    commands = asked(bench, *answers)
+    assert bench.bus.scan([Transfer(A, b"", 2)])[0].data == b"\x07\x08"
+    assert commands == ["10", "91 02 00 6b", "40", "40", "40", "40"]
+
+
+@pytest.mark.parametrize(
+    ("answers", "state"),
+    [
+        # the engine takes no transfer, ends a write in another state, or a read
+        ([report(b1=1, b2=0x33)], "0x33"),
+        ([report(), report(b8=0x62, **READY)], "0x62"),
+    ],
+)
+def test_a_transfer_that_the_engine_gives_up_is_cancelled_and_named(
+    make, answers, state
+):
+    bench = make("mcp2221")
+    bench.bus.scan([FIRST])
+    commands = asked(bench, report(**READY), *answers)
+    with pytest.raises(TransferFailed, match=f"the transfer ended in state {state}"):
+        bench.bus.scan([FIRST])
+    assert "10 00 10" in commands
+    assert bench.bus.scan([FIRST, WHO])[1].data == IDENTITY
+
+
+def test_a_late_reply_is_read_away_before_the_next_scan(make):
+    bench = make("mcp2221")
+    bench.bus.scan([FIRST])
+    port = bench.bus._port
+    for wrong, says in (
+        (bytes(64), "reply 0x00 to 0x10"),
+        (b"\x10" * 65, "of 65 bytes"),
+    ):
+        read, cleared = port.read, []
+        port.read = lambda *given, wrong=wrong: wrong
+        with pytest.raises(TransferFailed, match=says):
+            bench.bus.scan([FIRST])
+        port.read = read
+        clear = port.clear_halt
+        port.clear_halt = lambda one, cleared=cleared: cleared.append(one)
+        assert bench.bus.scan([FIRST, WHO])[1].data == IDENTITY
+        assert bench.bus.scan([FIRST, WHO])[1].data == IDENTITY
+        assert cleared == [0x03, 0x83]
+        port.clear_halt = clear

@@ -1,5 +1,4 @@
-"""When an object began to slip, from tag corners alone: no camera, no depthai, nothing but
-numbers."""
+"""When an object began to slip, from tag corners alone: no camera, no depthai."""
 
 from __future__ import annotations
 
@@ -35,12 +34,14 @@ def tag(
     """[K, 4, 2] corners of a square tag at centre_px [K, 2]."""
     angle = np.broadcast_to(turned, len(centre_px))
     side = np.broadcast_to(side_px, len(centre_px))
-    turn = np.array(
-        [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
-    ).transpose(2, 0, 1)
-    return centre_px[:, None, :] + side[:, None, None] * (
-        SQUARE @ turn.transpose(0, 2, 1)
-    )
+    corners = SQUARE @ turn_of(angle).transpose(0, 2, 1)
+    return centre_px[:, None, :] + side[:, None, None] * corners
+
+
+def turn_of(angle: FloatArray) -> FloatArray:
+    """[K, 2, 2] turns by angle [K]."""
+    rows = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
+    return np.array(rows).transpose(2, 0, 1)
 
 
 def slid(
@@ -92,10 +93,7 @@ def test_a_hand_that_moves_turns_and_comes_nearer_moves_nothing(seed, side_px):
     angle = rng.uniform(-1, 1, 20)
     side = side_px * rng.uniform(0.8, 1.25, 20)
     hand = rng.uniform(100, 300, (20, 2))
-    turn = np.array(
-        [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
-    ).transpose(2, 0, 1)
-    thing = hand + (turn @ away_mm) * side[:, None] / TAG_MM
+    thing = hand + (turn_of(angle) @ away_mm) * side[:, None] / TAG_MM
     moved = motion(
         np.arange(20.0), tag(thing, side, angle + 0.3), tag(hand, side, angle), TAG_MM
     )
@@ -114,9 +112,8 @@ def test_millimetres_come_from_the_printed_side():
 
 
 def test_a_hidden_tag_gives_a_gap_and_never_a_number():
-    hand, thing = (
-        tag(np.tile(place, (20, 1))) for place in ([100.0, 100.0], [180.0, 100.0])
-    )
+    hand = tag(np.full((20, 2), 100.0))
+    thing = tag(np.full((20, 2), [180.0, 100.0]))
     hand[3] = np.nan
     thing[7, 2] = np.nan
     moved = motion(np.arange(20.0), thing, hand, TAG_MM)
@@ -125,9 +122,8 @@ def test_a_hidden_tag_gives_a_gap_and_never_a_number():
 
 
 def test_tags_never_seen_together_are_an_error():
-    hand, thing = (
-        tag(np.tile(place, (20, 1))) for place in ([100.0, 100.0], [180.0, 100.0])
-    )
+    hand = tag(np.full((20, 2), 100.0))
+    thing = tag(np.full((20, 2), [180.0, 100.0]))
     hand[::2] = np.nan
     thing[1::2] = np.nan
     with pytest.raises(LabelError, match=r"0 of 20 frames.*36h11"):
@@ -144,18 +140,15 @@ def test_tags_printed_in_two_sizes_are_refused_with_the_size_the_other_has():
 
 
 def test_a_tag_that_is_no_square_is_refused():
-    places = np.tile([100.0, 100.0], (20, 1))
     flat = tag(np.zeros((20, 2))) * [1.0, 0.9] + [180.0, 100.0]
     with pytest.raises(
         TagError, match=r"object's tag is 40\.0 px wide and 36\.0 px high.*face"
     ):
-        motion(np.arange(20.0), flat, tag(places), TAG_MM)
+        motion(np.arange(20.0), flat, tag(np.full((20, 2), 100.0)), TAG_MM)
 
 
 def test_both_tags_printed_too_small_are_found_by_their_distance():
-    places = np.tile([100.0, 100.0], (20, 1))
-    hand = tag(places)
-    thing = tag(places + np.array([80.0, 0.0]))
+    hand, thing = (tag(np.full((20, 2), [x, 100.0])) for x in (100.0, 180.0))
     motion(np.arange(20.0), thing, hand, 9.7, apart_mm=19.4)
     with pytest.raises(
         TagError, match=r"19\.4 mm apart, but 21\.00 mm.*92 %.*--tag-mm"
@@ -174,25 +167,21 @@ def test_the_fitted_start_is_the_start_and_the_gross_distance_is_reached_when_it
     slip = found(slid(acceleration, start_s, seed=seed))
     assert slip.start_s == pytest.approx(start_s, abs=6e-3)
     assert abs(slip.start_s - start_s) < 3.0 * slip.uncertainty_s
-    assert slip.gross_s == pytest.approx(
-        start_s + np.sqrt(2.0 * GROSS_MM / acceleration), abs=4e-3
-    )
+    lasts_s = np.sqrt(2.0 * GROSS_MM / acceleration)
+    assert slip.gross_s == pytest.approx(start_s + lasts_s, abs=4e-3)
 
 
 def test_a_threshold_sees_a_slip_late_by_what_the_spec_says():
     for acceleration in (10.0, 100.0, 1000.0):
-        slips = [found(slid(acceleration, 1.0 + k / 600.0, seed=k)) for k in range(10)]
-        late_s = np.mean(
-            [slip.seen_s - (1.0 + k / 600.0) for k, slip in enumerate(slips)]
-        )
+        starts_s = [1.0 + k / 600.0 for k in range(10)]
+        slips = [found(slid(acceleration, s, seed=k)) for k, s in enumerate(starts_s)]
+        late_s = np.mean([slip.seen_s for slip in slips]) - np.mean(starts_s)
         expected_s = np.sqrt(2.0 * FLOOR_PX * MM_PER_PX / acceleration)
         assert expected_s - 0.012 < late_s < expected_s + 1.2 / 60.0
 
 
 def test_the_uncertainty_is_never_less_than_a_frame_period_s_and_grows_for_slow_slips():
-    slow, fast = (
-        found(slid(acceleration, 1.0, lasts_s=2.5)) for acceleration in (5.0, 500.0)
-    )
+    slow, fast = (found(slid(one, 1.0, lasts_s=2.5)) for one in (5.0, 500.0))
     assert fast.uncertainty_s >= 1.0 / 60.0 / np.sqrt(12.0) - 1e-9
     assert slow.start_sd_s > 3.0 * fast.start_sd_s
 
@@ -212,7 +201,7 @@ def test_the_gross_distance_stands_above_what_the_pads_give():
     soft = pressed(1.6)
     assert largest_move_mm(soft) == pytest.approx(1.6, abs=0.02)
     assert gross_distance_mm([soft, pressed(0.4)]) == pytest.approx(2.4, abs=0.03)
-    assert gross_distance_mm([pressed(0.4)]) == GROSS_MM
+    assert gross_distance_mm([pressed(0.4)]) == gross_distance_mm([]) == GROSS_MM
     assert isinstance(find_slip(soft, 1.5), Slip)
     assert find_slip(soft, gross_distance_mm([soft])) is None
 
@@ -238,8 +227,7 @@ def test_a_gap_while_the_object_rests_or_already_slides_changes_no_start():
 
 def test_an_object_that_moves_behind_a_gap_has_no_onset():
     hidden = find_slip(hiding(slid(300.0, 1.0), 50, 75))
-    assert isinstance(hidden, HiddenMotion)
-    assert (hidden.from_s, hidden.to_s) == pytest.approx((50 / 60.0, 76 / 60.0))
+    assert hidden == HiddenMotion(pytest.approx(50 / 60.0), pytest.approx(76 / 60.0))
 
 
 def test_a_tag_lost_as_the_object_leaves_is_hidden_and_not_no_slip():
@@ -250,18 +238,17 @@ def test_a_tag_lost_as_the_object_leaves_is_hidden_and_not_no_slip():
     assert find_slip(hiding(moved, 58, len(moved.t_s))) is None
 
 
-@pytest.mark.parametrize("frames", [19, 20, 21, 22])
-def test_a_trial_may_end_as_soon_as_the_object_has_rested(frames):
-    rested = slid(0.0, 1.0)
-    moved = Motion(rested.t_s[:frames], rested.place_mm[:frames], MM_PER_PX)
-    assert find_slip(moved) is None
-    assert largest_move_mm(moved) == 0.0
+def test_a_trial_may_end_as_soon_as_the_object_has_rested():
+    for frames in (19, 20, 21, 22):
+        moved = slid(0.0, 1.0).between(0.0, frames / 60)
+        assert (find_slip(moved), largest_move_mm(moved)) == (None, 0.0)
 
 
 def test_an_object_that_never_rests_is_an_error():
-    t_s = np.arange(1, 100) / 60.0
-    with pytest.raises(LabelError, match="never rest"):
-        find_slip(Motion(t_s, np.outer(t_s, [5.0, 0.0]), MM_PER_PX))
+    for frames in (0, 1, 100):
+        t_s = np.arange(frames) / 60.0
+        with pytest.raises(LabelError, match=r"never rests in the hand for 0\.3 s"):
+            find_slip(Motion(t_s, np.outer(t_s, [5.0, 0.0]), MM_PER_PX))
 
 
 def test_a_part_of_the_trial_is_looked_at_alone():
@@ -317,8 +304,7 @@ def test_sides_sizes_and_distances_may_differ_by_a_twentieth(
 
 
 def test_five_frames_with_both_tags_are_enough_and_four_are_not():
-    hand = tag(np.tile([100.0, 100.0], (6, 1)))
-    thing = tag(np.tile([180.0, 100.0], (6, 1)))
+    hand, thing = (tag(np.full((6, 2), [x, 100.0])) for x in (100.0, 180.0))
     thing[1] = np.nan
     assert motion(np.arange(6.0), thing, hand, TAG_MM).seen == 5
     hand[4, 2, 1] = np.nan
@@ -355,6 +341,11 @@ def test_three_frames_in_a_row_beyond_the_threshold_are_a_motion_and_two_are_not
     assert largest_move_mm(steps([*REST, 1.0, 1.0, 0.0, 1.0, 1.0, *REST])) == 0.0
 
 
+@pytest.mark.parametrize(("frames", "move_mm"), [(6, 2.5), (7, 1.5), (8, 1.5)])
+def test_a_rest_of_0_3_s_between_two_moves_makes_them_two(frames, move_mm):
+    assert largest_move_mm(steps([*REST, *[1.0] * frames, *[2.5] * 4])) == move_mm
+
+
 def test_a_slip_has_these_times_to_the_millisecond():
     """2 mm are reached between two frames, where the root of the distance grows linearly."""
     slip = found(steps([*REST, 0.25, 1.0, 2.25, 4.0, *[4.0] * 9]))
@@ -387,6 +378,10 @@ def test_a_gap_is_a_step_of_more_than_two_and_a_half_periods():
     )
     assert isinstance(after, Slip)
     assert after.end_s == pytest.approx(12 / 20)
+    # a gap at the very frame that reaches the gross distance hides nothing before it
+    at_once = found(steps([*REST, 0.25, 1.0, 2.25, nan, nan, nan, *[9.0] * 9]))
+    assert at_once.seen_s == pytest.approx(8 / 20)
+    assert at_once.end_s == pytest.approx(10 / 20)
 
 
 def test_a_tag_that_stays_hidden_tells_of_a_motion_where_the_object_was_away_at_last():
@@ -408,6 +403,9 @@ def test_the_fit_takes_the_rest_before_and_four_frames_and_more_of_a_slow_start(
     # frames further than 20 thresholds (3 mm) and later than 0.3 s say nothing
     assert start([*REST, *ramp[:4], *[50.0] * 8]) == (exact, sd_s)
     assert start([*REST, *ramp[:3], 4.5, *ramp[4:]])[0] != exact
+    # 20 thresholds to the digit
+    assert start([*REST, *ramp[:4], 3.01, *[50.0] * 7]) == (exact, sd_s)
+    assert start([*REST, *ramp[:4], 2.99, *[50.0] * 7]) != (exact, sd_s)
     slow = [0.01 * (k + 1) ** 2 for k in range(12)]
     whole = start([*REST, *slow])
     assert start([*REST, *slow[:7], *[1.0] * 5])[0] == whole[0]
@@ -425,3 +423,28 @@ def test_the_fit_takes_the_rest_before_and_four_frames_and_more_of_a_slow_start(
 def test_the_uncertainty_is_of_the_fit_and_of_a_frame():
     slip = Slip(0.0, 0.3, 0.0, 0.0, 0.0, 0.4 * np.sqrt(12.0))
     assert slip.uncertainty_s == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize(("noise_mm", "sigma_mm"), [(0.0, 0.01), (0.05, 0.0)])
+def test_the_deviation_of_a_start_is_that_of_a_fit_of_level_acceleration_and_start(
+    noise_mm, sigma_mm
+):
+    """Of the frames up to 0.3 s before the motion, and of four frames of it."""
+    t_s = np.arange(20) / 20.0
+    d = np.where(t_s > 0.35, 100.0 * (t_s - 0.35) ** 2, 0.0)
+    d += noise_mm * np.cos(9.0 * np.arange(20))
+    start_s, sd_s = fitted_start(t_s, d, 8, 0.15, sigma_mm)
+    since = np.maximum(t_s[3:12] - start_s, 0.0)
+    model = np.stack([np.ones(9), since**2], axis=1)
+    (_, half), left, *_ = np.linalg.lstsq(model, d[3:12], rcond=None)
+    slopes = np.column_stack([model, -2.0 * half * since])
+    share = np.linalg.inv(slopes.T @ slopes)[2, 2]
+    assert sd_s == pytest.approx((sigma_mm or np.sqrt(left[0] / 6)) * np.sqrt(share))
+
+
+def test_the_distance_of_the_tags_is_the_median_of_the_first_five_frames():
+    for at, apart_mm in ((2, 30.0), (3, 20.0)):
+        thing_px = np.full((12, 2), [220.0, 100.0])
+        thing_px[:at, 0] = 180.0
+        hand = tag(np.full((12, 2), 100.0))
+        motion(np.arange(12.0), tag(thing_px), hand, TAG_MM, apart_mm)

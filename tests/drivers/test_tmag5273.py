@@ -376,7 +376,7 @@ def test_a_packet_has_seven_bytes_and_its_status_says_what_is_wrong():
 
 @pytest.mark.parametrize(
     ("bus_hz", "divider"),
-    [(10_000, 1999), (100_000, 199), (400_000, 49), (1_000_000, 19)],
+    [(10_000, 1999), (70_000, 285), (100_000, 199), (400_000, 49), (1_000_000, 19)],
 )
 def test_the_ft232h_divides_its_clock_by_three_phases(bench, bus_hz, divider):
     bench.bus.close()

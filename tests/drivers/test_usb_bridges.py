@@ -6,8 +6,11 @@ import errno
 import struct
 from types import SimpleNamespace
 
+import libusb_package
 import pytest
+import usb.backend.libusb1
 import usb.core
+import usb.util
 from bridge_bench import (
     FIRST,
     IDENTITY,
@@ -24,10 +27,11 @@ from holdfast.core.errors import (
 )
 from holdfast.drivers import usb as bridge_on_usb
 from holdfast.drivers.bridges import bridges_on_usb, ids_of, open_bus, open_virtual
+from holdfast.drivers.bus import Transfer
 from holdfast.drivers.ft232h import Ft232h
 from holdfast.drivers.mcp2221 import Mcp2221
 from holdfast.drivers.tiny_usb import TinyUsb
-from holdfast.drivers.usb import Stalled, named_errors
+from holdfast.drivers.usb import Stalled, UsbPort, named_errors, real_backend
 from holdfast.drivers.virtual.faults import Fault
 from holdfast.drivers.virtual.usb_backend import VirtualBackend
 
@@ -231,7 +235,12 @@ def test_a_bridge_waits_for_a_transfer_as_long_as_that_may_take(make, kind):
 
 def test_what_is_left_is_read_away_until_none_is_or_64_times(make):
     port = make("ft232h").bus._port
-    for left, read in (([5, 3, 2, 9], 3), ([3] * 100, 64), ([9, None, 9], 2)):
+    for left, read in (
+        ([5, 3, 2, 9], 3),
+        ([5, 1, 9], 2),
+        ([3] * 100, 64),
+        ([9, None, 9], 2),
+    ):
         asked = []
 
         def bring(*given, asked=asked, left=left):
@@ -274,15 +283,131 @@ def test_a_bridge_runs_at_400_khz_where_no_speed_is_named(make):
     assert opened()._divider == 49  # 60 MHz / (3 * 50)
 
 
-def test_bytes_that_did_not_go_out_are_a_transfer_that_failed(make):
+@pytest.mark.parametrize("sent", [0, 2, 4])
+def test_bytes_that_did_not_go_out_are_a_transfer_that_failed(make, sent):
     port = make("ft232h").bus._port
     device = port.device
     port.device = SimpleNamespace(
-        write=lambda endpoint, data, wait: len(data) - 1,
-        ctrl_transfer=lambda *given: 0,
+        write=lambda endpoint, data, wait: sent, ctrl_transfer=lambda *given: sent
     )
-    with pytest.raises(TransferFailed, match="2 of 3 bytes went out"):
+    with pytest.raises(TransferFailed, match=f"{sent} of 3 bytes went out"):
         port.write(0x02, b"abc")
-    with pytest.raises(TransferFailed, match="0 of 1 bytes went out"):
-        port.control_out(0x40, 0, 0, 0, b"a")
+    with pytest.raises(TransferFailed, match=f"{sent} of 3 bytes went out"):
+        port.control_out(0x40, 0, 0, 0, b"abc")
     port.device = device
+
+
+@pytest.mark.parametrize(
+    ("active", "calls"),
+    [
+        (True, ["detach 2", "claim 2", "release 2", "attach 2", "dispose"]),
+        (False, ["claim 2", "release 2", "dispose"]),
+        (None, ["claim 2", "release 2", "dispose"]),
+    ],
+)
+def test_only_a_kernel_driver_that_was_there_is_brought_back_and_once(
+    monkeypatch, active, calls
+):
+    """None: a backend that knows of no kernel drivers."""
+    called = []
+
+    def is_active(interface):
+        if active is None:
+            raise NotImplementedError
+        return active
+
+    def noting(name):
+        return lambda *given: called.append(" ".join([name, *map(str, given)]))
+
+    device = SimpleNamespace(
+        idVendor=1,
+        idProduct=2,
+        is_kernel_driver_active=is_active,
+        detach_kernel_driver=noting("detach"),
+        attach_kernel_driver=noting("attach"),
+    )
+    others = [SimpleNamespace(idVendor=v, idProduct=p) for v, p in ((1, 3), (3, 2))]
+    monkeypatch.setattr(usb.core, "find", lambda **given: [*others, device])
+    for name in ("claim", "release"):
+        monkeypatch.setattr(
+            usb.util, f"{name}_interface", lambda one, k, n=name: noting(n)(k)
+        )
+    monkeypatch.setattr(usb.util, "dispose_resources", lambda one: noting("dispose")())
+    port = UsbPort("a", [(1, 2), (3, 4)], None, interface=2)
+    port.close()
+    port.close()
+    assert called == calls
+
+
+def test_libusb_is_the_system_s_or_the_packaged_one_and_without_both_an_error(
+    monkeypatch,
+):
+    for system, packaged, found in (("a", "b", "a"), (None, "b", "b")):
+        monkeypatch.setattr(
+            usb.backend.libusb1, "get_backend", lambda system=system: system
+        )
+        monkeypatch.setattr(
+            libusb_package, "get_libusb1_backend", lambda packaged=packaged: packaged
+        )
+        assert real_backend() == found
+    monkeypatch.setattr(libusb_package, "get_libusb1_backend", lambda: None)
+    with pytest.raises(LibraryMissing, match=r"no libusb.*holdfast doctor"):
+        real_backend()
+
+
+# -- the bytes that the FT232H is sent
+
+HIGH, SCL_ONLY, SDA_ONLY, LOW = (
+    f"80 {levels} 03 " for levels in ("03", "01", "02", "00")
+)
+START, STOP = HIGH * 4 + SCL_ONLY * 4 + LOW, LOW * 4 + SCL_ONLY * 4 + HIGH * 4
+
+
+def written(byte):
+    return f"11 00 00 {byte} {SDA_ONLY}22 00 "
+
+
+def sent_by(bus):
+    """What goes out from now on, in hexadecimal."""
+    port, sent = bus._port, []
+    write = port.write
+    port.write = lambda at, data, *wait: sent.append(data.hex(" ")) or write(at, data)
+    return sent
+
+
+def test_a_write_and_a_read_are_these_commands_and_begin_with_marks_that_alternate(
+    make,
+):
+    bus = make("ft232h").bus
+    sent = sent_by(bus)
+    bus.scan([Transfer(0x70, b"\x01"), Transfer(0x35, b"\x0d", 2)])
+    bus.scan([Transfer(0x35, b"")])
+    bus.scan([Transfer(0x35, b"", 1)])
+    read = "20 00 00 13 00 {} " + SDA_ONLY
+    first = START + written("e0") + written("01") + STOP
+    second = START + written("6a") + written("0d") + SDA_ONLY + START + written("6b")
+    second += read.format("00") + read.format("ff") + STOP
+    touch = START + written("6a") + STOP
+    third = SDA_ONLY + START + written("6b") + read.format("ff") + STOP
+    assert {one[:2] for one in sent} == {"aa", "ab"}
+    assert sent[0][:2] == sent[2][:2] != sent[1][:2]
+    assert [one[3:] for one in sent] == [
+        f"81 {commands}81 87" for commands in (first + second, touch, third)
+    ]
+
+
+def test_an_ft232h_is_set_up_looked_at_and_cleared_by_these_commands(make):
+    bus = make("ft232h", version=1).bus
+    sent = sent_by(bus)
+    asked, ask = [], bus._port.control_out
+    bus._port.control_out = lambda *given: asked.append(given) or ask(*given)
+    bus.clear()
+    requests = [(0, 0), (0, 1), (0, 2), (9, 1), (11, 0), (11, 0x200), (0, 1), (0, 2)]
+    assert asked == [(0x40, request, value, 1) for request, value in requests]
+    mark, setup, wiring, clocks = sent
+    assert mark[3:] == "87"
+    assert setup == f"8a 97 8c 9e 07 00 85 86 31 00 {HIGH * 4}".strip()
+    pulse = SDA_ONLY * 4 + LOW * 4 + "81 " + SDA_ONLY * 4 + HIGH * 4
+    assert wiring[3:] == f"{pulse}87"
+    nine = (SDA_ONLY * 4 + HIGH * 4) * 9
+    assert clocks[3:] == f"{nine}{STOP}81 87"

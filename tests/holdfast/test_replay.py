@@ -11,7 +11,8 @@ import sys
 import sysconfig
 from dataclasses import fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 import pytest
@@ -22,7 +23,7 @@ from holdfast.cli.main import main
 from holdfast.core.contract import CLASSES, SITUATIONS, Prediction, Sample
 from holdfast.core.errors import DataNotFound, UnitError
 from holdfast.core.trial_file import read_trial
-from holdfast.drivers.replay import open_replay
+from holdfast.drivers.replay import PacedReplay, open_replay
 from holdfast.edge_runtime.monitor import GripMonitor, Model
 from holdfast.live.outputs import to_json_line
 
@@ -231,6 +232,82 @@ def test_the_unit_is_the_nearest_meta_jsons_and_newton_without_one(
         (folder / "meta.json").write_text(wrong, encoding="latin-1")
         with pytest.raises(UnitError):
             open_replay(trial)
+
+
+def short_trial(folder: Path) -> Path:
+    folder.mkdir(parents=True)
+    trial = folder / "trial_1.csv"
+    rows = [f"{0.02 * k:.2f},{k},2,{10 * k}" for k in range(4)]
+    trial.write_text("\n".join(["Time,X1,Y1,Z1", *rows]) + "\n")
+    return trial
+
+
+@pytest.mark.parametrize(
+    ("up", "unit"), [(0, "uT"), (1, "uT"), (3, "uT"), (4, "N"), (5, "N")]
+)
+def test_a_meta_json_counts_up_to_three_folders_above_the_trial(
+    tmp_path: Path, up: int, unit: str
+) -> None:
+    trial = short_trial(tmp_path / "a/b/c/d/e/f")
+    (trial.parents[up] / "meta.json").write_text('{"unit": "uT"}')
+    assert open_replay(trial).unit == unit
+
+
+@pytest.mark.parametrize(
+    ("content", "prepared"),
+    [
+        ('{"bias_removed": true}', True),
+        ('{"bias_removed": false}', False),
+        ('{"bias_removed": 1}', False),
+        ('{"bias_removed": "true"}', False),
+        ("{}", False),
+        (None, False),
+    ],
+)
+def test_values_are_prepared_already_where_the_trials_own_meta_json_says_true(
+    tmp_path: Path, content: str | None, prepared: bool
+) -> None:
+    trial = short_trial(tmp_path / "action")
+    if content is not None:
+        trial.with_name("meta.json").write_text(content)
+    (tmp_path / "meta.json").write_text('{"bias_removed": true}')
+    replay = open_replay(trial)
+    assert replay.bias_removed == prepared
+    doubled = cast("Any", SimpleNamespace(apply=lambda values: 2.0 * values))
+    for once in (replay.prepared(doubled), replay.prepared(doubled).prepared(doubled)):
+        assert once.bias_removed
+        factor = 1.0 if prepared else 2.0
+        np.testing.assert_array_equal(once.values, factor * replay.values)
+
+
+def test_a_recording_goes_row_by_row_at_its_own_rate_and_may_begin_anew(
+    tmp_path: Path,
+) -> None:
+    replay = open_replay(short_trial(tmp_path / "action"))
+    assert (replay.rate_hz, replay.t_ns.tolist()) == (
+        pytest.approx(50.0),
+        [0, 20_000_000, 40_000_000, 60_000_000],
+    )
+    assert [(one.t_ns, one.sequence) for one in replay] == [
+        (20_000_000 * k, k) for k in range(4)
+    ]
+    now_ns = [7_000_000_000]
+    source = PacedReplay(replay, lambda: now_ns[0])
+    assert (source.unit, source.n_channels, source.rate_hz) == ("N", 3, replay.rate_hz)
+    for _ in range(2):
+        began_ns = now_ns[0]
+        # a row's time has come half a period before it; a late reader gets the newest
+        for after_ms, row in ((0, 0), (9, 0), (11, 1), (49, 2), (60, 3), (69, 3)):
+            now_ns[0] = began_ns + 1_000_000 * after_ms
+            reading = source.read()
+            assert reading is not None
+            assert (reading.t_ns, reading.values.tolist()) == (
+                now_ns[0],
+                [row, 2.0, 10.0 * row],
+            )
+        now_ns[0] = began_ns + 71_000_000
+        assert source.read() is None
+        source.begin_anew()
 
 
 def test_a_folder_without_a_recording_is_refused_as_one(tmp_path: Path) -> None:

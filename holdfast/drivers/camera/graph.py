@@ -166,7 +166,7 @@ class _Watch:
         sent = 0
         failed = None
         # a camera goes on by itself; frames from disk wait for their answers
-        live = self.source.last_lost > 0
+        live = bool(self.source.last_lost)
         try:
             while not stopped() and step():
                 sent += 1

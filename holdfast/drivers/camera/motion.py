@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from holdfast.core.contract import FloatArray
+from holdfast.core.contract import BoolArray, FloatArray
 from holdfast.core.errors import LabelError, TagError
 
 SIGMAS = 5.0
@@ -40,7 +40,11 @@ class Motion:
     @property
     def seen(self) -> int:
         """Frames that show both tags."""
-        return int(np.isfinite(self.place_mm[:, 0]).sum())
+        return len(self._seen_mm)
+
+    @property
+    def _seen_mm(self) -> FloatArray:
+        return self.place_mm[np.isfinite(self.place_mm).all(axis=1)]
 
     @property
     def sigma_mm(self) -> float:
@@ -49,7 +53,7 @@ class Motion:
         A slip of a few frames does not change it.
         """
         # 1.4826 makes the median deviation of a normal distribution its sigma
-        steps = np.diff(self.place_mm[np.isfinite(self.place_mm[:, 0])], axis=0)
+        steps = np.diff(self._seen_mm, axis=0)
         return (
             float(1.4826 * np.median(np.abs(steps)) / np.sqrt(2.0))
             if len(steps)
@@ -81,9 +85,8 @@ def motion(
     the tags' centres in the first frames, or None. Raises TagError where the tags contradict these
     lengths or each other, LabelError where both tags are never seen together.
     """
-    both = np.isfinite(
-        np.concatenate([object_px, hand_px], axis=1).reshape(len(t_s), -1)
-    ).all(axis=1)
+    seen = np.isfinite(object_px) & np.isfinite(hand_px)
+    both: BoolArray = np.logical_and.reduce(seen, axis=(1, 2))
     if both.sum() < REST_FRAMES:
         raise LabelError(
             f"both tags are seen in {both.sum()} of {len(both)} frames",

@@ -95,7 +95,7 @@ def find_slip(moved: Motion, gross_mm: float = GROSS_MM) -> Slip | HiddenMotion 
         if not far.size:
             continue
         gross = departure.first + int(far[0])
-        gap = track.first_gap(max(departure.first - 1, 0), gross + 1)
+        gap = track.first_gap(departure.first - 1, gross + 1)
         if gap is not None:
             return HiddenMotion(float(track.t_s[gap]), float(track.t_s[gap + 1]))
         return _slip(track, departure, gross, gross_mm)
@@ -109,18 +109,17 @@ def largest_move_mm(moved: Motion) -> float:
     In a trial that loads and holds, this is the elastic shear.
     """
     track = _Track(moved)
-    moves_mm = [track.away_mm(one).max(initial=0.0) for one in track.departures()]
+    moves_mm = [track.away_mm(one).max() for one in track.departures()]
     return float(max(moves_mm, default=0.0))
 
 
 def gross_distance_mm(no_slip: Sequence[Motion]) -> float:
     """A gross distance above the elastic shear of loaded trials without slip, at least 2 mm."""
-    shear_mm = max((largest_move_mm(one) for one in no_slip), default=0.0)
-    return max(GROSS_MM, ABOVE_SHEAR * shear_mm)
+    return max([GROSS_MM, *(ABOVE_SHEAR * largest_move_mm(one) for one in no_slip)])
 
 
 class _Track:
-    """The frames that show both tags: t_s [N], place_mm [N, 2]; end_s: the end of the recording."""
+    """The frames that show both tags: t_s [N], place_mm [N, 2]."""
 
     def __init__(self, moved: Motion) -> None:
         seen = np.isfinite(moved.place_mm).all(axis=1)
@@ -128,10 +127,12 @@ class _Track:
         self.place_mm = moved.place_mm[seen]
         self.threshold_mm = moved.threshold_mm
         self.sigma_mm = moved.sigma_mm
-        self.end_s = float(moved.t_s[-1]) if len(moved.t_s) else 0.0
-        self.longest_s = 0.0
-        if len(moved.t_s) > 1:
-            self.longest_s = LONGEST_STEP * float(np.median(np.diff(moved.t_s)))
+        self._all_s = moved.t_s
+
+    @property
+    def longest_s(self) -> float:
+        """The longest step between seen frames that is no gap."""
+        return LONGEST_STEP * float(np.median(np.diff(self._all_s)))
 
     def away_mm(self, departure: Departure) -> FloatArray:
         """Distance from the rest, for each frame of a departure."""
@@ -188,8 +189,9 @@ class _Track:
             level_mm, after = again
         last = len(self.t_s) - 1
         last_s = float(self.t_s[last])
-        if self.end_s - last_s > self.longest_s and self._away(last, level_mm)[0]:
-            return HiddenMotion(last_s, self.end_s)
+        end_s = float(self._all_s[-1])
+        if end_s - last_s > self.longest_s and self._away(last, level_mm).any():
+            return HiddenMotion(last_s, end_s)
         return None
 
     def _away(self, first: int, level_mm: FloatArray) -> BoolArray:
@@ -232,7 +234,7 @@ def _slip(track: _Track, departure: Departure, gross: int, gross_mm: float) -> S
         seen_s=float(t_s[first]),
         gross_s=gross_s,
         end_s=end_s,
-        frame_s=float(np.diff(t_s[max(first - 1, 0) : gross + 1]).max()),
+        frame_s=float(np.diff(t_s[first - 1 : gross + 1]).max()),
     )
 
 

@@ -150,12 +150,9 @@ class Lens:
         apart_mm = (
             None if numbers.get("apart_mm") is None else float(numbers["apart_mm"])
         )
-        positive = (
-            fps - SLOWEST_FPS,
-            exposure_ms,
-            tag_mm,
-            1.0 if apart_mm is None else apart_mm,
-        )
+        positive = [fps - SLOWEST_FPS, exposure_ms, tag_mm]
+        if apart_mm is not None:
+            positive.append(apart_mm)
         if not all(math.isfinite(number) and number > 0.0 for number in positive):
             raise ValueError(
                 f"fps {fps}, exposure_ms {exposure_ms}, tag_mm {tag_mm}, apart_mm {apart_mm}"
