@@ -296,8 +296,7 @@ def _is_singular(matrix: FloatArray) -> bool:
     """Whether the rows of the loaded axes (not all zero) do not span as many directions."""
     # scaled row by row: a calibration in small numbers is not singular
     largest = np.abs(matrix).max(axis=1)
-    loaded = np.flatnonzero(largest)
-    rows = matrix[loaded] / largest[loaded, None]
+    rows = matrix[largest != 0.0] / largest[largest != 0.0, None]
     return not len(rows) or int(np.linalg.matrix_rank(rows)) < len(rows)
 
 
