@@ -3,7 +3,11 @@ held low."""
 
 from __future__ import annotations
 
+import ctypes
+import errno
+import sys
 from array import array
+from typing import Any
 
 import pytest
 import usb.core
@@ -29,7 +33,8 @@ from holdfast.drivers.mcp2221 import TIMEOUT_MS, Mcp2221
 from holdfast.drivers.virtual.clock import VirtualClock
 from holdfast.drivers.virtual.faults import Fault, Faults
 from holdfast.drivers.virtual.mcp2221 import VirtualMcp2221
-from holdfast.drivers.virtual.usb_backend import VirtualBackend
+from holdfast.drivers.virtual.native import VirtualI2cDev
+from holdfast.drivers.virtual.usb_backend import Traffic, VirtualBackend
 from holdfast.drivers.virtual.usb_device import Device, Endpoint, Interface
 from holdfast.drivers.virtual.virtual_hand import VirtualHand
 
@@ -325,9 +330,6 @@ def test_a_late_answer_comes_first_when_answers_are_in_time_again_and_once():
             bus.read(1)
         assert bus.clock.now_ns() == 5_000 + 1_000_000 * now_ms
     assert [bus.read() for _ in range(3)] == [b"one", b"two", b"three"]
-    bus.backend.reset_device(bus.handle)
-    with pytest.raises(usb.core.USBTimeoutError):
-        bus.read()
 
 
 def test_a_reset_and_an_unplugged_cable_take_late_answers_away():
@@ -397,3 +399,50 @@ def test_an_interface_that_is_given_back_by_another_handle_stays_claimed():
     bus.backend.close_device(other)
     bus.backend.attach_kernel_driver(other, 1)
     assert bus.backend.is_kernel_driver_active(other, 1)
+
+
+# -- the emulated board's bus
+
+
+def test_the_emulated_controller_fails_as_the_kernel_does_and_takes_this_time():
+    smbus2 = sys.modules["smbus2"]
+    faults = [("late", 1), ("stall", 3), ("short", 5), ("stuck", 7), ("unplug", 9)]
+    clock = VirtualClock(5_000)
+    hand = VirtualHand(clock, faults=[Fault(kind, at, 0.1) for kind, at in faults])
+    write, read = smbus2.i2c_msg.write, smbus2.i2c_msg.read
+    with VirtualI2cDev(hand) as device:
+        bus = smbus2.SMBus(1)
+
+        def outcome(*messages: Any) -> tuple[int, int, int]:
+            begun_ns, bits, number = clock.now_ns(), hand.wire.bits, 0
+            try:
+                bus.i2c_rdwr(*messages)
+            except OSError as error:
+                number = error.errno or -1
+            return number, clock.now_ns() - begun_ns, hand.wire.bits - bits
+
+        assert outcome(write(0x70, [1])) == (0, 100_000, 20)
+        assert outcome(write(A, [ID]), read(A, 3)) == (0, 192_500, 57)
+        assert outcome(read(ABSENT, 3)) == (errno.EREMOTEIO, 77_500, 11)
+        assert device.traffic == Traffic(3, 2, 3)
+        assert outcome(read(A, 8193)) == (errno.EINVAL, 0, 0)
+        assert outcome() == (errno.EINVAL, 0, 0)
+        for at_s, number, took_ns in (
+            (1, errno.ETIMEDOUT, 1_000_050_000),
+            (3, errno.EIO, 50_000),
+            (5, errno.EAGAIN, 50_000),
+            (7, errno.ETIMEDOUT, 1_000_050_000),
+            (9, errno.ENODEV, 0),
+            (9.2, errno.ENODEV, 0),
+        ):
+            clock.wait_until(5_000 + round(1e9 * at_s))
+            assert outcome(write(A, [ID])) == (number, took_ns, 0)
+        assert (hand.mux.control, hand.wire.held_low) == (0, False)
+        module = vars(sys.modules["smbus2.smbus2"])
+        again, functions = module["os"].open("/dev/i2c-1", 0), ctypes.c_ulong(0)
+        assert module["ioctl"](again, 0x0705, functions) == 0
+        assert (functions.value, again >= 1_000_000) == (1, True)
+        with pytest.raises(OSError, match="ioctl"):
+            module["ioctl"](again, 0x0703, 0x35)
+        bus.close()
+        assert device.open_files == 1
