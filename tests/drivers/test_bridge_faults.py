@@ -3,7 +3,14 @@ held low."""
 
 from __future__ import annotations
 
+import ctypes
+import errno
+import sys
+from array import array
+from typing import Any
+
 import pytest
+import usb.core
 from bridge_bench import (
     ABSENT,
     CANNOT_CLOCK,
@@ -24,9 +31,11 @@ from holdfast.core.errors import BusStuck, DeviceLost, DeviceNotFound, TransferF
 from holdfast.drivers.bus import NOT_ACKED, Reply, Transfer
 from holdfast.drivers.mcp2221 import TIMEOUT_MS, Mcp2221
 from holdfast.drivers.virtual.clock import VirtualClock
-from holdfast.drivers.virtual.faults import Fault
+from holdfast.drivers.virtual.faults import Fault, Faults
 from holdfast.drivers.virtual.mcp2221 import VirtualMcp2221
-from holdfast.drivers.virtual.usb_backend import VirtualBackend
+from holdfast.drivers.virtual.native import VirtualI2cDev
+from holdfast.drivers.virtual.usb_backend import Traffic, VirtualBackend
+from holdfast.drivers.virtual.usb_device import Device, Endpoint, Interface
 from holdfast.drivers.virtual.virtual_hand import VirtualHand
 
 
@@ -194,3 +203,246 @@ def test_clearing_a_bus_that_is_free_does_no_harm(make, kind):
     bench.bus.scan([FIRST, Transfer(ABSENT, b"\0")])
     bench.bus.clear()
     assert bench.bus.scan([FIRST, WHO])[1].data == IDENTITY
+
+
+# -- the emulated bus
+
+
+class Talking(Device):
+    """One endpoint out and one in, which has what is left in `says`."""
+
+    interfaces = (
+        Interface(),
+        Interface((Endpoint(0x85, 3, 9), Endpoint(0x06, 2, 300))),
+    )
+    kernel_driver = frozenset({1})
+    strings = ("", "Talking", "")
+    says: tuple[bytes, ...] = ()
+
+    def read(self, endpoint: int, length: int) -> bytes:
+        assert (endpoint, length) == (0x85, 9)
+        first, *rest = self.says or (b"",)
+        self.says = tuple(rest)
+        return first
+
+    def write(self, endpoint: int, data: bytes) -> None:
+        self.says += (data,)
+
+    def control_out(
+        self, request_type: int, request: int, value: int, index: int, data: bytes
+    ) -> None:
+        self.says += (bytes([request, value, index, *data]),)
+
+    def control_in(
+        self, request_type: int, request: int, value: int, index: int, length: int
+    ) -> bytes:
+        return bytes([request, value, index]).ljust(length, b"!")
+
+
+class Bus:
+    """It on a bus of its own, opened, with its kernel driver detached."""
+
+    def __init__(self, *faults: Fault) -> None:
+        self.device, self.clock = Talking(), VirtualClock(5_000)
+        self.backend = VirtualBackend(self.device, self.clock, Faults(faults))
+        self.handle = self.backend.open_device(next(self.backend.enumerate_devices()))
+        self.backend.detach_kernel_driver(self.handle, 1)
+
+    def read(self, wait_ms: int = 7) -> bytes:
+        """What the endpoint has, as pyusb asks for it."""
+        into = array("B", bytes(9))
+        count = self.backend.bulk_read(self.handle, 0x85, 1, into, wait_ms)
+        return bytes(into[:count])
+
+    def write(self, data: bytes) -> int:
+        return self.backend.bulk_write(self.handle, 0x06, 1, data, 7)
+
+    def control(self, kind: int, data: array, *request: int) -> int:
+        return self.backend.ctrl_transfer(self.handle, kind, *request, data, 7)
+
+    def at(self, now_ms: float) -> None:
+        """Go on to a time since it was made."""
+        self.clock.wait_until(5_000 + round(1e6 * now_ms))
+
+
+def test_pyusb_finds_an_emulated_device_by_what_its_descriptors_say():
+    bus = Bus()
+    found = usb.core.find(backend=bus.backend)
+    assert (found.bus, found.address, found.speed) == (1, 1, 2)
+    assert (found.port_number, found.port_numbers) == (1, (1,))
+    assert (found.bNumConfigurations, found.iProduct, found.iSerialNumber) == (1, 2, 0)
+    configuration = found[0]
+    assert (configuration.bMaxPower, configuration.bNumInterfaces) == (50, 2)
+    assert [i.bInterfaceNumber for i in configuration] == [0, 1]
+    endpoints = list(configuration[(1, 0)])
+    assert [
+        (e.bEndpointAddress, e.bmAttributes, e.wMaxPacketSize, e.bInterval)
+        for e in endpoints
+    ] == [(0x85, 3, 9, 1), (0x06, 2, 300, 1)]
+    assert [(e.bRefresh, e.bSynchAddress) for e in endpoints] == [(0, 0)] * 2
+    assert bus.backend.get_configuration(bus.handle) == 1
+    with pytest.raises(IndexError):
+        bus.backend.get_configuration_descriptor(bus.handle, 1)
+    with pytest.raises(IndexError):
+        bus.backend.get_interface_descriptor(bus.handle, 0, 1, 0)
+
+
+def test_standard_requests_are_answered_for_the_device_and_others_by_it():
+    bus = Bus()
+    for kind, request, answer in (
+        (0x80, (0, 0, 0), bytes(2)),
+        (0x80, (8, 0, 0), b"\1"),
+        (0x80, (6, 0x0300, 0), b"\4\3\x09\4"),
+        (0x80, (6, 0x0302, 0), b"\x10\3T\0a\0l\0k\0"),
+        (0xC0, (8, 1, 2), b"\x08\1\2!!!!!!!"),
+        (0xA1, (8, 1, 1), b"\x08\1\1!!!!!!!"),
+    ):
+        into = array("B", bytes(10))
+        length = bus.control(kind, into, *request)
+        assert bytes(into[:length]) == answer
+    for request in ((9, 0, 0), (6, 0x0301, 0), (6, 0x0304, 0)):
+        with pytest.raises(usb.core.USBError, match="Pipe") as refused:
+            bus.control(0x80, array("B", bytes(10)), *request)
+        assert (refused.value.errno, refused.value.backend_error_code) == (32, 32)
+    assert bus.control(0x40, array("B", b"ab"), 1, 2, 3) == 2
+    assert bus.read() == b"\1\2\3ab"
+    traffic = bus.backend.traffic
+    assert (traffic.transfers, traffic.bytes_out, traffic.bytes_in) == (11, 2, 42)
+
+
+def test_a_read_of_nothing_takes_its_time_out_and_nothing_else_does():
+    bus = Bus()
+    assert bus.write(b"abc") == 3
+    assert bus.read() == b"abc"
+    assert bus.clock.now_ns() == 5_000
+    with pytest.raises(usb.core.USBTimeoutError) as late:
+        bus.read(9)
+    assert (late.value.errno, late.value.backend_error_code) == (110, 110)
+    assert bus.clock.now_ns() == 9_005_000
+
+
+def test_a_late_answer_comes_first_when_answers_are_in_time_again_and_once():
+    bus = Bus(Fault("late", 0.001, 0.002))
+    bus.at(1)
+    bus.device.says = (b"one", b"two", b"three")
+    for now_ms in (2, 3):
+        with pytest.raises(usb.core.USBTimeoutError):
+            bus.read(1)
+        assert bus.clock.now_ns() == 5_000 + 1_000_000 * now_ms
+    assert [bus.read() for _ in range(3)] == [b"one", b"two", b"three"]
+
+
+def test_a_reset_and_an_unplugged_cable_take_late_answers_away():
+    for end in ("reset", "unplug"):
+        bus = Bus(Fault("late", 0.001, 0.001), Fault("unplug", 0.005, 0.001))
+        bus.at(1)
+        bus.device.says = (b"one",)
+        with pytest.raises(usb.core.USBTimeoutError):
+            bus.read(1)
+        if end == "reset":
+            bus.backend.reset_device(bus.handle)
+        else:
+            bus.at(5.5)
+            with pytest.raises(usb.core.USBError) as gone:
+                bus.read()
+            assert (gone.value.errno, gone.value.backend_error_code) == (19, 19)
+            bus.at(6)
+            found = next(bus.backend.enumerate_devices())
+            assert bus.backend.get_device_descriptor(found).address == 2
+            bus.handle = bus.backend.open_device(found)
+            assert bus.backend.is_kernel_driver_active(bus.handle, 1)
+            bus.backend.detach_kernel_driver(bus.handle, 1)
+        bus.device.says = (b"two",)
+        assert bus.read() == b"two"
+
+
+def test_half_of_an_answer_comes_where_one_is_short_and_a_stall_ends_every_transfer():
+    bus = Bus(Fault("short", 0.001, 0.001), Fault("stall", 0.003, 0.001))
+    bus.at(1)
+    bus.device.says = (b"abcdefg",)
+    assert bus.read() == b"abc"
+    assert bus.control(0xC0, array("B", bytes(4)), 1, 2, 3) == 2
+    bus.at(3)
+    for act in (
+        bus.read,
+        lambda: bus.write(b"a"),
+        lambda: bus.control(0x40, array("B"), 1, 2, 3),
+    ):
+        with pytest.raises(usb.core.USBError, match="Pipe"):
+            act()
+    assert bus.backend.traffic.transfers == 5
+    bus.at(4)
+    assert bus.write(b"a") == 1
+
+
+def test_a_control_request_without_an_answer_in_time_was_carried_out_all_the_same():
+    bus = Bus(Fault("late", 0, 0.001))
+    with pytest.raises(usb.core.USBTimeoutError):
+        bus.control(0x40, array("B", b"ab"), 1, 2, 3)
+    assert bus.backend.traffic.bytes_out == 0
+    assert bus.clock.now_ns() == 5_000 + 7_000_000
+    assert bus.read() == b"\1\2\3ab"
+
+
+def test_an_interface_that_is_given_back_by_another_handle_stays_claimed():
+    bus = Bus()
+    other = bus.backend.open_device(bus.handle)
+    bus.backend.claim_interface(bus.handle, 1)
+    with pytest.raises(usb.core.USBError, match="busy"):
+        bus.backend.attach_kernel_driver(bus.handle, 1)
+    bus.backend.release_interface(other, 1)
+    bus.backend.close_device(other)
+    with pytest.raises(usb.core.USBError, match="busy"):
+        bus.backend.claim_interface(other, 1)
+    bus.backend.release_interface(bus.handle, 1)
+    bus.backend.claim_interface(other, 1)
+    bus.backend.close_device(other)
+    bus.backend.attach_kernel_driver(other, 1)
+    assert bus.backend.is_kernel_driver_active(other, 1)
+
+
+# -- the emulated board's bus
+
+
+def test_the_emulated_controller_fails_as_the_kernel_does_and_takes_this_time():
+    smbus2 = sys.modules["smbus2"]
+    faults = [("late", 1), ("stall", 3), ("short", 5), ("stuck", 7), ("unplug", 9)]
+    clock = VirtualClock(5_000)
+    hand = VirtualHand(clock, faults=[Fault(kind, at, 0.1) for kind, at in faults])
+    write, read = smbus2.i2c_msg.write, smbus2.i2c_msg.read
+    with VirtualI2cDev(hand) as device:
+        bus = smbus2.SMBus(1)
+
+        def outcome(*messages: Any) -> tuple[int, int, int]:
+            begun_ns, bits, number = clock.now_ns(), hand.wire.bits, 0
+            try:
+                bus.i2c_rdwr(*messages)
+            except OSError as error:
+                number = error.errno or -1
+            return number, clock.now_ns() - begun_ns, hand.wire.bits - bits
+
+        assert outcome(write(0x70, [1])) == (0, 100_000, 20)
+        assert outcome(write(A, [ID]), read(A, 3)) == (0, 192_500, 57)
+        assert outcome(read(ABSENT, 3)) == (errno.EREMOTEIO, 77_500, 11)
+        assert device.traffic == Traffic(3, 2, 3)
+        assert outcome(read(A, 8193)) == (errno.EINVAL, 0, 0)
+        assert outcome() == (errno.EINVAL, 0, 0)
+        for at_s, number, took_ns in (
+            (1, errno.ETIMEDOUT, 1_000_050_000),
+            (3, errno.EIO, 50_000),
+            (5, errno.EAGAIN, 50_000),
+            (7, errno.ETIMEDOUT, 1_000_050_000),
+            (9, errno.ENODEV, 0),
+            (9.2, errno.ENODEV, 0),
+        ):
+            clock.wait_until(5_000 + round(1e9 * at_s))
+            assert outcome(write(A, [ID])) == (number, took_ns, 0)
+        assert (hand.mux.control, hand.wire.held_low) == (0, False)
+        module = vars(sys.modules["smbus2.smbus2"])
+        again, functions = module["os"].open("/dev/i2c-1", 0), ctypes.c_ulong(0)
+        assert module["ioctl"](again, 0x0705, functions) == 0
+        assert (functions.value, again >= 1_000_000) == (1, True)
+        with pytest.raises(OSError, match="ioctl"):
+            module["ioctl"](again, 0x0703, 0x35)
+        bus.close()
+        assert device.open_files == 1

@@ -1,4 +1,4 @@
-"""The board's own I2C bus, and MPSSE commands joined into one."""
+"""The board's own I2C bus, MPSSE commands joined into one, and those that the FT232H takes."""
 
 from __future__ import annotations
 
@@ -33,9 +33,10 @@ from holdfast.drivers.ft232h import Ft232h
 from holdfast.drivers.native_i2c import NativeI2C
 from holdfast.drivers.tmag5273 import GENERAL_CALL
 from holdfast.drivers.virtual.clock import VirtualClock
-from holdfast.drivers.virtual.ft232h import VirtualFt232h
+from holdfast.drivers.virtual.ft232h import IN_ENDPOINT, OUT_ENDPOINT, VirtualFt232h
 from holdfast.drivers.virtual.native import VirtualI2cDev
 from holdfast.drivers.virtual.usb_backend import VirtualBackend
+from holdfast.drivers.virtual.usb_device import stall
 from holdfast.drivers.virtual.virtual_hand import VirtualHand
 
 
@@ -239,3 +240,210 @@ def test_a_bus_that_is_held_low_is_cleared_nine_times_at_most():
     with pytest.raises(BusStuck):
         freeing(bus, bus.act)
     assert bus.cleared == 18
+
+
+# -- the emulated FT232H, command by command
+
+
+TALKS = {
+    "its own requests": """
+get:a 10 0 0
+get:5 0160 0 0
+get:c 07 0 0
+get:b stall 0 0
+get:d stall 0 0
+set:9,1ff - 0 0
+get:a ff 0 0
+set:9,2 - 0 0
+set:c,0 - 0 0
+set:d,0 stall 0 0
+set:0,3 - 0 0
+w:81 - 125000 0
+r:64 3260 2125000 0
+set:b,1ff - 0 0
+w:81 - 125000 0
+r:64 3260 2125000 0
+set:b,200 - 0 0
+w:81 - 125000 0
+r:64 326007 2125000 0
+""",
+    "pins and the latency timer": """
+set:b,200 - 0 0
+set:9,1 - 0 0
+w:8183 - 125000 0
+r:64 32600700 1125000 0
+w:80000381 - 125000 0
+r:64 326000 1125000 0
+w:80000281 - 125000 0
+r:64 326001 1125000 0
+w:80000081 - 125167 1
+r:64 326007 1125000 0
+w:80010381 - 125167 1
+r:64 326001 1125000 0
+w:80020381 - 125000 0
+r:64 326006 1125000 0
+w:8000008187 - 125000 0
+r:64 326007 125000 0
+get:c 07 0 0
+r:64 3260 1125000 0
+w:87 - 125000 0
+r:64 3260 125000 0
+w:81 - 125000 0
+r:2 3260 1125000 0
+r:3 326007 1125000 0
+""",
+    "how long a byte takes": """
+set:b,200 - 0 0
+set:9,1 - 0 0
+w:860200 - 125000 0
+w:800303800103800003110100e000 - 134500 19
+w:860001 - 125000 0
+w:11000000 - 510500 9
+w:860000 - 125000 0
+w:8a - 125000 0
+w:11000000 - 125300 9
+w:8b - 125000 0
+w:11000000 - 126500 9
+w:8c - 125000 0
+w:11000000 - 127250 9
+w:8d - 125000 0
+w:11000000 - 126500 9
+w:8a8c8a - 125000 0
+w:10000000 - 125450 9
+""",
+    "bytes that are no command or half of one": """
+set:b,200 - 0 0
+set:9,1 - 0 0
+w:aa - 125000 0
+r:64 3260faaa 1125000 0
+w:ab99 - 125000 0
+r:64 3260faabfa99 1125000 0
+w:82000084858d969e0000 - 125000 0
+r:64 3260 1125000 0
+w:1b0087 - 125000 0
+r:64 3260fa1bfa00 125000 0
+w:20 - 125000 0
+w:00 - 125000 0
+w:00 - 125000 0
+r:64 3260ff 1125000 0
+w:24010087 - 125000 0
+r:64 3260ffff 125000 0
+w:26002200 - 125000 0
+r:64 32600103 1125000 0
+w:1000 - 125000 0
+w:00 - 125000 0
+w:5a - 125000 0
+w:1200ff - 125000 0
+w:138000 - 125000 0
+r:64 3260 1125000 0
+""",
+    "a mux and a chip": """
+set:b,200 - 0 0
+set:9,1 - 0 0
+w:800303800103800003110000e08002032200110000018002032200800003800103800303 - 128333 20
+r:64 32600000 1125000 0
+w:8003038001038000031100006a80020322001100000d8002032200 - 128167 19
+w:8003038003038001038000031100006b8002032200 - 126667 10
+r:64 3260000000 1125000 0
+w:20000087 - 126500 9
+r:64 326001 125000 0
+w:1300008002032000008713007f200000 - 128000 18
+r:64 32604954 125000 0
+w:13008020000087 - 125000 0
+r:64 3260ff 125000 0
+w:800003800103800303 - 125167 1
+w:8003038001038000031100002380020322002000002200800003800103800303220087 - 126833 11
+r:64 326001ff0307 125000 0
+w:8003038001038000038002032200110000e18002032200 - 126667 10
+w:1100005520000013000080200000 - 126500 9
+w:11000055200000220080000380010380030387 - 126667 10
+r:64 32600f1efffa00ff3d 125000 0
+""",
+    "a chip holds SDA low": """
+set:b,200 - 0 0
+set:9,1 - 0 0
+hold: - 0 0
+w:81 - 125000 0
+get:c 03 0 0
+w:80030380010380000387 - 125000 0
+w:110000e022002000002200810087 - 126500 9
+r:64 32600300ff0000fa00 125000 0
+hold: - 0 0
+w:8002038003038103 - 125167 1
+w:800203800303 - 125167 1
+w:8002038003038002038003038002038003038002 - 125500 3
+w:03800303800203800303800203800303800203800303800203800303 - 125667 4
+w:8187 - 125000 0
+r:64 326003fa0307 125000 0
+hold: - 0 0
+w:20030081 - 127667 16
+w:13008081 - 125000 0
+w:20000081 - 125000 0
+w:110000e081 - 125000 0
+r:64 32600000ffff0606ff0600 1125000 0
+""",
+    "packets of 512 bytes": """
+set:b,200 - 0 0
+set:9,1 - 0 0
+w:20fd0187 - 125000 0
+r:600 3260ffff..514 125000 0
+w:20fc0187 - 125000 0
+r:1024 3260ffff..511 125000 0
+w:20fd0187 - 125000 0
+r:512 3260ffff..512 125000 0
+w:20fe0187 - 125000 0
+r:1024 3260ffff..515 125000 0
+w:20fe0187 - 125000 0
+r:512 3260ffff..512 125000 0
+r:512 3260ff 125000 0
+w:20ff0387 - 125000 0
+r:515 3260ffff..515 125000 0
+r:514 3260ffff..514 125000 0
+r:513 3260ffffff 125000 0
+""",
+}
+"""What is done, what it answers, how many ns it takes, and the bits that it moves on the wire.
+
+set and get: a control request out or in, and its value. w: commands (FTDI AN 108). r: the largest
+number of bytes that are read; of more than 50 the first four are shown, then how many came. hold:
+a chip holds SDA low."""
+
+
+def said(device: VirtualFt232h, act: str, given: str) -> bytes:
+    """One act of TALKS."""
+    if act == "set":
+        request, value = (int(one, 16) for one in given.split(","))
+        device.control_out(0x40, request, value, 1, b"")
+    elif act == "get":
+        return device.control_in(0xC0, int(given, 16), 0, 1, 2)
+    elif act == "w":
+        device.write(OUT_ENDPOINT, bytes.fromhex(given))
+    elif act == "r":
+        return device.read(IN_ENDPOINT, int(given))
+    else:
+        device.hand.wire.hold_low()
+    return b""
+
+
+def shown(device: VirtualFt232h, act: str, given: str) -> str:
+    """Its answer as TALKS have it."""
+    try:
+        answer = said(device, act, given).hex() or "-"
+    except type(stall()):
+        return "stall"
+    many = f"{answer[:8]}..{len(answer) // 2}"
+    return many if len(answer) > 100 else answer
+
+
+@pytest.mark.parametrize("subject", TALKS)
+def test_the_emulated_ft232h_answers_each_command_with_these_bytes_in_this_time(
+    subject,
+):
+    device = VirtualFt232h(VirtualHand(VirtualClock()))
+    wire, clock = device.hand.wire, device.hand.clock
+    for line in TALKS[subject].strip().split("\n"):
+        act, _, given = line.split()[0].partition(":")
+        bits, begun_ns = wire.bits, clock.now_ns()
+        answer = shown(device, act, given)
+        took_ns = clock.now_ns() - begun_ns
+        assert f"{act}:{given} {answer} {took_ns} {wire.bits - bits}" == line

@@ -20,7 +20,7 @@ from holdfast.drivers.tmag5273 import (
     crc8,
 )
 from holdfast.drivers.virtual import clock as clock_module
-from holdfast.drivers.virtual.chip import Chip
+from holdfast.drivers.virtual.chip import Chip, noise_of
 from holdfast.drivers.virtual.clock import VirtualClock, WallClock
 from holdfast.drivers.virtual.faults import Fault, Faults, read_fault
 from holdfast.drivers.virtual.virtual_hand import Noise, Wire, wiring_of
@@ -35,15 +35,20 @@ WAKE_AND_SLEEP = 3
 
 
 class ChipOnWire:
-    """One chip of version 1 at 0x35, alone on a wire, without noise. field_ut: x, y, z at a time in
-    s."""
+    """One chip at 0x35, alone on a wire. field_ut: x, y, z at a time in s. seed: of its noise."""
 
     def __init__(
         self,
         field_ut: Callable[[float], list[float]] = lambda now_s: [0.0, 0.0, 0.0],
+        *faults: Fault,
+        number: int = 1,
+        version: int = 1,
+        seed: int | None = None,
     ) -> None:
-        self.clock = VirtualClock()
-        self.chip = Chip(1, A, 1, field_ut, self.clock, Faults())
+        self.clock = VirtualClock(5)
+        self.chip = Chip(
+            number, A, version, field_ut, self.clock, Faults(faults), seed=seed
+        )
         self.wire = Wire([self.chip])
 
     def write(self, *data: int) -> bool:
@@ -346,39 +351,85 @@ def test_a_virtual_hand_has_its_fingers_behind_one_mux_at_factory_addresses(
         wiring_of(read_layout(places))
 
 
-@pytest.mark.parametrize(
-    ("text", "fits"),
-    [
-        ("0:08", True),
-        ("0:07", False),
-        ("0:7f", True),
-        ("0:80", False),
-        ("7:35", True),
-        ("8:35", False),
-        ("70/0:35", True),
-        ("77/0:35", True),
-        ("6f/0:35", False),
-        ("78/0:35", False),
-        ("71/35", False),
-        ("0:35,1:35", True),
-        ("0:35,0:35", False),
-        ("35,35", False),
-        ("0:35>50,0:22>51", True),
-        ("0:35>50,0:22>50", False),
-        ("0:35>22,0:22", False),
-        ("0:70", False),
-        ("0:71", True),
-        ("70", True),
-        ("0:35>70", False),
-        ("mux@70", True),
-        ("mux@77", True),
-        ("mux@78", False),
-        ("none@70", False),
-    ],
-)
-def test_a_layout_has_places_that_chips_can_have_and_each_once(text, fits):
-    if fits:
-        assert read_layout(text)
-        return
-    with pytest.raises(UsageError):
-        read_layout(text)
+# -- a chip's registers, noise and faults
+
+
+def test_a_chip_has_these_registers_after_power_on_and_answers_at_a_new_address_after_a_stop():
+    on = ChipOnWire()
+    assert (
+        on.read(0x1D, 0).hex()
+        == "0000000000000000000000006a01495400000000000000001000000010"
+    )
+    on.wire.start()
+    sent = [on.wire.write(b) for b in (A << 1, 0x0C, 0xA1)]
+    assert (sent, on.chip.address) == ([True] * 3, A)
+    on.wire.stop()
+    assert (on.chip.address, on.write(0)) == (0x50, False)
+    on.wire.start()
+    assert [on.wire.write(b) for b in (0xA0, 0x0C)] == [True] * 2
+    on.wire.start()
+    assert (on.wire.write(0xA1), on.wire.read()) == (True, 0xA0)
+    on.chip.power_on()
+    assert (on.chip.address, on.write(0), on.status("POR")) == (A, True, 1)
+
+
+@pytest.mark.parametrize("version", [1, 2])
+@pytest.mark.parametrize("wide", [(0, 0), (0, 1), (1, 0), (1, 1)])
+def test_a_field_is_read_over_its_full_scale_and_held_at_its_ends(version, wide):
+    xy, z = (RANGES_MT[version][one] for one in wide)
+    for field_ut, raw in (
+        ([1e3 * xy / 4, -1e3 * xy / 8, 1e3 * z / 2], [8192, -4096, 16384]),
+        ([1e9, -1e9, 1e9], [32767, -32768, 32767]),
+    ):
+        on = ChipOnWire(lambda now_s, field_ut=field_ut: field_ut, version=version)
+        on.configure(SENSOR_CONFIG_2=wide[0] << 1 | wide[1])
+        on.convert(1)
+        assert on.results() == raw
+
+
+def test_each_conversion_has_its_own_noise_smaller_by_the_root_of_the_averages():
+    noise = np.array(noise_of(7, 2))
+    drawn = np.random.default_rng([7, 2]).normal(size=(4096, 3))
+    assert (noise == drawn * [125.0, 125.0, 68.0]).all()
+    assert noise_of(None, 2) == ((0.0, 0.0, 0.0),)
+    assert not np.isin(noise, noise_of(7, 3)).any()
+    for code, conversion_us in ((0, 100), (4, 1225)):
+        for conversions in (1, 2, 4096, 4097):
+            on = ChipOnWire(number=2, seed=7)
+            on.convert(0, code << 2)
+            on.wait_us(conversions * conversion_us)
+            noise_ut = noise[conversions % 4096] / 2 ** (code / 2)
+            assert on.results() == np.round(32768 * noise_ut / 40e3).tolist()
+            assert on.status("SET_COUNT") == conversions % 8
+
+
+def test_each_fault_of_a_chip_lasts_or_happens_at_its_time():
+    kinds = ["nack", "wrong", "diag", "frozen", "por", "sleep"]
+    faults = [Fault(kind, k + 1, 0.5, 1) for k, kind in enumerate(kinds)]
+    on = ChipOnWire(raw_field(0, 0, 0), *faults)
+    on.convert(1)
+    lost = (None, None, None, None)
+    for at_s, seen in (
+        (0.9997, (True, 0, 0x70, 5)),
+        (1, lost),
+        (1.4999, lost),
+        (1.5, (True, 0, 0x70, 0)),
+        (2, (False, 0, 0x70, 0)),
+        (2.5, (True, 0, 0x70, 0)),
+        (3, (True, 1, 0x70, 0)),
+        (3.5003, (True, 0, 0x70, 3)),
+        (4, (True, 0, 0x70, 3)),
+        (4.4999, (True, 0, 0x70, 3)),
+        (4.5001, (True, 0, 0x70, 1)),
+        (5, (True, 0, 0, 0)),
+        (6, lost),
+        (6.1, (True, 0, 0, 0)),
+    ):
+        on.clock.wait_until(5 + round(1e9 * at_s))
+        answer = lost
+        if on.write(0):
+            who = on.read(2, 0x0E) == b"\x49\x54"
+            channels = on.read(1, REGISTERS["SENSOR_CONFIG_1"].address)[0]
+            states = (on.status("DIAG_STATUS"), channels, on.status("SET_COUNT"))
+            answer = (who, *states)
+        assert (at_s, answer) == (at_s, seen)

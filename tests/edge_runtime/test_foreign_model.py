@@ -481,6 +481,40 @@ def test_the_fields_that_are_read_are_counted_and_limited() -> None:
     assert reader.fields == MOST_FIELDS + 1
 
 
+@pytest.mark.parametrize(
+    ("data", "says"),
+    [
+        ("08 7f", 127),
+        ("08 80 01", 128),
+        ("08 00", 0),
+        (f"08 {'ff' * 9} 01", 2**64 - 1),
+        (f"08 {'ff' * 9} 02", "too long"),
+        (f"08 {'80' * 10} 01", "too long"),
+        ("08 80 00", "padded"),
+        ("08", "cut short"),
+        ("08 80", "cut short"),
+        ("12 00", b""),
+        ("12 02 61 62", b"ab"),
+        ("12 02 61", "a field is longer than its message"),
+        ("72 01 61", b"a"),
+        ("08 01 08 01", "its field x occurs twice"),
+        ("18 01", "number 3, type 0"),
+        ("0a 00", "number 1, type 2"),
+        ("10 01", "number 2, type 0"),
+        ("09 01", "number 1, type 1"),
+    ],
+)
+def test_a_field_is_a_tag_and_a_value_and_nothing_else(data: str, says: object) -> None:
+    schema = {1: Field("x", wire=VARINT), 2: Field("d"), 14: Field("d")}
+    message = memoryview(bytes.fromhex(data))
+    if isinstance(says, str):
+        with pytest.raises(ValueError, match=says):
+            Reader().message(message, schema)
+    else:
+        ((value,),) = Reader().message(message, schema).values()
+        assert value == says
+
+
 # -- what our exporter writes is what is allowed
 
 

@@ -162,3 +162,61 @@ def test_a_hold_that_is_not_firm_says_nothing_about_friction(
     for _ in range(60):
         margin.step(sense(grip_n=grip_n, load_n=grip_n))
     assert (margin.held > 0.0) == counts
+
+
+@pytest.mark.parametrize(
+    ("changes", "knows"),
+    [
+        ({}, True),
+        ({"samples": 5}, False),
+        ({"samples": 6}, True),
+        ({"p_risky": 0.9}, False),
+        ({"p_risky": 0.901}, True),
+        ({"grip_n": 0.3}, False),
+        ({"grip_n": 0.301}, True),
+        ({"spread": 0.101}, False),
+        ({"spread": 0.099}, True),
+        ({"known": False}, False),
+        ({"ratio": 0.04}, True),
+    ],
+)
+def test_a_slide_is_sure_long_firm_and_steady(
+    changes: dict[str, float], knows: bool
+) -> None:
+    slide = {"samples": 9, "spread": 0.0, "ratio": 0.6, "grip_n": 4.0, "p_risky": 1.0}
+    slide |= changes
+    samples, spread, ratio = (slide.pop(k) for k in ("samples", "spread", "ratio"))
+    grip_n = slide["grip_n"]
+    margin = margin_of()
+    for k in range(int(samples)):
+        now = ratio * (1.0 - spread * (k % 2))
+        margin.step(sense(load_n=2.0 * now * grip_n, **slide))
+    assert (margin.mu_hat > 0.0) == knows
+    if knows:
+        # the least of the row, and no less than the floor
+        lower = max(0.05, ratio * (1.0 - spread))
+        assert margin.mu_hat == pytest.approx(lower)
+        assert margin.needed_n == pytest.approx(1.25 * now * grip_n / lower)
+        assert margin.margin == pytest.approx(1.0 - now / lower)
+
+
+@pytest.mark.parametrize(
+    ("changes", "holds"),
+    [
+        ({}, True),
+        ({"p_risky": 0.199}, True),
+        ({"p_risky": 0.2}, False),
+        ({"p_safe": 0.199}, True),
+        ({"p_safe": 0.2}, False),
+        ({"grip_n": 0.301, "load_n": 0.602}, True),
+        ({"grip_n": 0.3, "load_n": 0.6}, False),
+        ({"known": False}, False),
+    ],
+)
+def test_a_ratio_is_held_in_a_firm_hold_in_which_nothing_may_slip(
+    changes: dict[str, float], holds: bool
+) -> None:
+    margin = margin_of()
+    margin.step(sense(**({"grip_n": 4.0, "load_n": 8.0} | changes)))
+    # a first-order low-pass of 0.1 s, at 150 Hz
+    assert margin.held == pytest.approx(1.0 / 16.0 if holds else 0.0)

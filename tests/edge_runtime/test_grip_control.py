@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from copy import copy
 from typing import Any
 
 import numpy as np
@@ -12,8 +13,9 @@ from made_prediction import prediction
 
 from holdfast.core.contract import BoolArray, FloatArray
 from holdfast.core.errors import UsageError
-from holdfast.edge_runtime.grip import Holdfast
-from holdfast.edge_runtime.grip_control import GripControl
+from holdfast.edge_runtime.batch import ONE_HAND
+from holdfast.edge_runtime.grip import Holdfast, LoadSwing
+from holdfast.edge_runtime.grip_control import GripControl, sense_of
 from holdfast.edge_runtime.supervisor import (
     EXPIRES_MS,
     MODES,
@@ -204,3 +206,110 @@ def test_the_last_line_of_a_run_is_a_hold() -> None:
     )
     assert (values["sequence"], values["t_ns"], values["reason"]) == (9, 5, "stopped")
     assert values["expires_ms"] == EXPIRES_MS
+
+
+# -- what is sensed, at its limits
+
+
+@pytest.mark.parametrize(
+    ("thumb", "flags", "weights"),
+    [
+        (None, (1, 0, 1, 1), (1, 1, 1)),
+        ((1, 0, 0, 0), (1, 1, 1, 1), (1, 1, 1, 1)),
+        ((1, 0, 0, 0), (1, 1, 0, 1), (1, 1.5, 1.5)),
+        ((1, 0, 0, 0), (1, 1, 0, 0), (1, 3)),
+        ((1, 0, 0, 0), (0, 1, 1, 1), (2, 2, 2)),
+        ((1, 0, 0, 0), (1, 0, 0, 0), (2,)),
+        ((1, 1, 0, 0), (0, 1, 1, 1), (2, 1, 1)),
+        ((1, 1, 1, 1), (1, 1, 1, 1), (2, 2, 2, 2)),
+        ((1, 0, 0, 0), (0, 0, 0, 0), ()),
+    ],
+)
+def test_fingers_without_a_reading_are_stood_in_for_by_those_of_their_side(
+    thumb: Any, flags: tuple[int, ...], weights: tuple[float, ...]
+) -> None:
+    """Each finger presses with a force of its own, so that a sum says who counts how much."""
+    press_n = np.array([1.0, 8.0, 64.0, 512.0])
+    forces = np.zeros((4, 3))
+    forces[:, 2], forces[:, 0], forces[:, 1] = press_n, 3 * press_n, -4 * press_n
+    sides = thumb and tuple(map(bool, thumb))
+    valid = np.array(flags, dtype=np.bool_)
+    sense = sense_of(prediction(), forces.ravel(), valid, sides)
+    counted_n = float((press_n[valid] * weights).sum())
+    assert (sense.grip_n, sense.load_n) == (counted_n / 2.0, 5.0 * counted_n)
+
+
+@pytest.mark.parametrize(
+    ("force", "grip_n", "load_n"),
+    [
+        ((0.0, 0.0, 1e9), 0.0, 0.0),
+        ((0.0, 0.0, 0.999e9), 0.4995e9, 0.0),
+        ((4e8, -4e8, 2e8), 0.0, 0.0),
+        ((3.0, 4.0, -0.5), 0.0, 5.0),
+        ((3.0, 4.0, 0.5), 0.25, 5.0),
+        ((3.0, 4.0, -1e9), 0.0, 0.0),
+        ((3.0, np.nan, 1.0), 0.0, 0.0),
+    ],
+)
+def test_a_finger_presses_and_no_reading_is_as_large_as_the_largest(
+    force: tuple[float, ...], grip_n: float, load_n: float
+) -> None:
+    sense = sense_of(prediction(), np.array(force), np.array([True]))
+    assert (sense.grip_n, sense.load_n) == (grip_n, load_n)
+
+
+@pytest.mark.parametrize(
+    ("p_risky", "feedback", "reason"),
+    [
+        (0.0, 0.0, "friction margin"),
+        (0.699, 0.0, "friction margin"),
+        (0.7, 0.7, "risky slip"),
+        (0.8, 0.8, "risky slip"),
+    ],
+)
+def test_the_cue_and_the_reason_begin_where_an_answer_begins(
+    p_risky: float, feedback: float, reason: str
+) -> None:
+    control = held()
+    step(control, **RISKY)
+    # full evidence fades meanwhile, and the target with it
+    command = step(control, p_risky=p_risky)
+    assert command.mode in ("tighten", "relax")
+    assert (command.feedback, command.reason) == (feedback, reason)
+
+
+# -- the swing of the load, by the least fall that is beyond it
+
+QUIET = [3.0] * 900
+
+
+def least_fall_n(before_n: list[float], samples: int) -> float:
+    """The least fall within so many samples, after these loads, that is no tremor's."""
+    settled = LoadSwing(ONE_HAND, RATE_HZ)
+    assert not any([settled.step(load_n, True) for load_n in before_n])
+    below, beyond = 0.0, 3.0
+    while beyond - below > 1e-6:
+        fall_n, swing = 0.5 * (below + beyond), copy(settled)
+        after_n = np.linspace(before_n[-1], before_n[-1] - fall_n, samples).tolist()
+        fell = any([swing.step(load_n, True) for load_n in after_n])
+        below, beyond = (below, fall_n) if fell else (fall_n, beyond)
+    return beyond
+
+
+@pytest.mark.parametrize(
+    ("before_n", "samples", "least_n"),
+    [
+        (QUIET, 2, 2.4946),
+        (QUIET, 12, 0.9368),
+        (QUIET, 60, 1.2071),
+        (QUIET, 240, 2.3357),
+        ([0.5] * 900, 12, 0.23347),
+        ([*QUIET, *np.linspace(3.0, 3.5, 12).tolist()], 12, 1.7261),
+        ([*QUIET, *np.linspace(3.0, 3.5, 12).tolist(), *[3.5] * 75], 12, 1.4666),
+        ([*QUIET, *np.linspace(3.0, 3.5, 12).tolist(), *[3.5] * 450], 12, 1.1139),
+    ],
+)
+def test_the_least_fall_of_the_load_that_is_no_tremor(
+    before_n: list[float], samples: int, least_n: float
+) -> None:
+    assert least_fall_n(before_n, samples) == pytest.approx(least_n, rel=1e-4)

@@ -3,6 +3,7 @@ under load."""
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -225,6 +226,9 @@ def test_jitter_is_no_other_rate(late: list[float]) -> None:
 # -- late answers
 
 
+OLDEST_NS = round(2e9 / 150.0)
+
+
 class Clock:
     """A monitor's clock: the newest sample's stamp and so much more."""
 
@@ -252,6 +256,34 @@ def test_an_answer_older_than_two_periods_or_from_the_future_is_unknown(
     assert answer is not None
     assert (answer.why, answer.late) == (why, why == "late")
     assert answer.state == ("unknown" if why else "grasp")
+
+
+@LATE_ANSWER.mark
+@pytest.mark.parametrize(
+    ("age_ns", "late", "warns"),
+    [
+        (OLDEST_NS, False, False),
+        (OLDEST_NS + 1, True, False),
+        (-OLDEST_NS, False, False),
+        (60_000_000_000, True, False),
+        (60_000_000_001, True, True),
+        (-60_000_000_001, False, False),
+    ],
+)
+def test_an_answer_is_late_after_two_periods_and_a_recording_s_after_a_minute(
+    model: Model, age_ns: int, late: bool, warns: bool
+) -> None:
+    clock = Clock()
+    clock.now_ns = 10**12 + age_ns
+    monitor = GripMonitor(model, clock)
+    sample = Sample(10**12, np.zeros(18), ALL, 0)
+    with warnings.catch_warnings(record=True) as warned:
+        warnings.simplefilter("always")
+        answer = monitor.feed(sample)
+    assert (answer.late, bool(warned)) == (late, warns)
+    assert answer.latency_us == age_ns / 1000.0
+    # a state that is unknown for a reason of its own keeps it
+    assert answer.why == "settling"
 
 
 @LATE_ANSWER.mark

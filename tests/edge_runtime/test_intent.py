@@ -17,8 +17,11 @@ from holdfast.drivers.lsl import LslIntent
 from holdfast.edge_runtime.intent import (
     Intent,
     IntentMonitor,
+    IntentRecord,
+    ItemReader,
     PortIntent,
     intent_header,
+    intent_of,
     intent_row,
     read_intent,
 )
@@ -129,7 +132,7 @@ class Early(Hand):
     """An item comes between the emptying of the port and the first look."""
 
     def forget(self) -> None:
-        pass
+        self.forgotten += 1
 
 
 def test_an_opening_that_is_there_at_the_first_look_counts():
@@ -344,10 +347,7 @@ def test_a_file_reads_back_as_it_was_written_without_a_torn_line(tmp_path):
     [
         ("", ColumnError),
         ("Time,X1\n", ColumnError),
-        (f"{intent_header(1)}\n0.1,5,shut,0.5\n", NotANumber),
-        (f"{intent_header(1)}\n0.1,5,open\n", NotANumber),
         (f"{intent_header(1)}\n0.1,five,open,0.5\n", NotANumber),
-        (f"{intent_header(1)}\n0.1,5,open,nan\n", NotANumber),
         (f"{intent_header(2)}\n0.1,5,open,0.5,\n", NotANumber),
     ],
 )
@@ -358,8 +358,94 @@ def test_a_damaged_file_is_an_error_with_its_place(tmp_path, text, error):
         read_intent(path)
 
 
-def test_a_line_of_another_length_says_how_long_it_is_and_should_be(tmp_path):
+# -- limits, to the nanosecond
+
+
+def test_a_silence_and_a_pause_are_longer_than_three_tenths_of_a_second():
+    hand = Early()
+    for at_ns, link, fresh, forgotten in (
+        (5, "live", [5], 1),
+        (300_000_004, "live", [], 1),
+        (300_000_005, "live", [], 1),
+        (300_000_006, "expired", [300_000_006], 1),
+        (600_000_006, "expired", [], 1),
+        (900_000_007, "expired", [], 2),
+    ):
+        hand.ns = at_ns
+        hand.next = [Intent(5, "rest")] if at_ns == 5 else []
+        hand.monitor.look()
+        assert (hand.monitor.link, hand.forgotten) == (link, forgotten)
+        assert [one.t_ns for one in hand.monitor.fresh] == fresh
+        assert (hand.monitor.newest.wants == "rest") == (link == "live")
+    assert len(hand.messages) == 1
+
+
+def test_an_opening_counts_for_three_seconds_from_the_last_sample_without_it():
+    hand = Early()
+    for at_ns in (7, *range(200_000_000, 3_000_000_000, 200_000_000), 3_000_000_007):
+        hand.ns, hand.next = at_ns, [Intent(at_ns, "open")]
+        hand.monitor.look()
+        assert (hand.monitor.opening, hand.messages) == (True, [])
+    hand.ns += 1
+    hand.monitor.look()
+    assert (hand.monitor.opening, len(hand.messages)) == (False, 1)
+
+
+@pytest.mark.parametrize(
+    ("wants", "envelope", "says"),
+    [
+        ("open", [], ""),
+        ("", [0, 1.0], ""),
+        ("rest", [0.5, 0.0], ""),
+        ("shut", [], "wants is one of open, close, rest"),
+        ("", [], "it is empty"),
+        ("open", [0.5], "1 envelopes, not 2"),
+        ("open", [0.5] * 3, "3 envelopes, not 2"),
+        ("", [0.5, True], "an envelope is no number"),
+        ("", [0.5, 1.001], "an envelope is not within 0 and 1"),
+        ("", [-0.001, 0.5], "an envelope is not within 0 and 1"),
+        ("", [0.5, float("nan")], "an envelope is not within 0 and 1"),
+    ],
+)
+def test_an_item_has_a_word_or_all_envelopes_or_both(wants, envelope, says):
+    if says:
+        with pytest.raises(ValueError, match=says):
+            intent_of(wants, envelope, 5, 2)
+    else:
+        item = intent_of(wants, envelope, 5, 2)
+        assert item == Intent(5, wants, tuple(map(float, envelope)))
+
+
+@pytest.mark.parametrize(
+    ("n_envelopes", "line", "says"),
+    [
+        (0, "0.5,7,open", (0.5, Intent(7, "open"))),
+        (0, "-0.5,7,unknown", (-0.5, Intent(7, "unknown"))),
+        (1, "0,7,,1", (0.0, Intent(7, "", (1.0,)))),
+        (2, "0,7,rest,,", (0.0, Intent(7, "rest"))),
+        (1, "0,7,,1,1", "line 2: 5 cells, not 4"),
+        (1, f"0,7,{'x' * 50},1", f"line 2: wants is '{'x' * 40}'"),
+        (1, "0,7.5,,1", "line 2: invalid literal"),
+    ],
+)
+def test_a_line_of_a_file_is_an_item_or_named(tmp_path, n_envelopes, line, says):
     path = tmp_path / "trial_1.intent.csv"
-    path.write_text(f"{intent_header(2)}\n0.1,5,open,0.5\n", encoding="utf-8")
-    with pytest.raises(NotANumber, match="4 cells, not 5"):
-        read_intent(path)
+    path.write_text(f"{intent_header(n_envelopes)}\n{line}\n", encoding="utf-8")
+    if isinstance(says, str):
+        with pytest.raises(NotANumber, match=says):
+            read_intent(path)
+    else:
+        assert read_intent(path) == IntentRecord((says[0],), (says[1],))
+
+
+def test_what_is_not_understood_is_shown_up_to_80_characters_once_in_a_row():
+    said: list[str] = []
+    reader = ItemReader(said.append)
+
+    def wrong() -> Intent:
+        raise ValueError("so")
+
+    item = Intent(5, "open")
+    for read in (wrong, wrong, lambda: item, wrong):
+        assert reader.item(read, 90 * "x") == (None if read is wrong else item)
+    assert said == [f"intent: {80 * 'x'} is not understood (so)"] * 2

@@ -339,3 +339,21 @@ def test_a_datagram_is_shown_by_its_first_80_printable_characters():
     assert printable(b"a" * 79 + b"bc") == "a" * 79 + "b"
     assert printable("\u00e4\x1b\n".encode() * 100) == ("\u00e4??" * 27)[:80]
     assert printable(b"\xff") == "\ufffd"
+
+
+def test_of_many_lines_at_one_sample_an_override_counts_and_ten_changes_are_shown(
+    tmp_path: Path,
+) -> None:
+    with (
+        listening("udp", tmp_path, None) as port,
+        numbered_sender(port.address) as wearer,
+    ):
+        for keys in ({"override": True}, {"override": True}, {"opening": True}):
+            wearer.send(keys)
+        assert port.ask() == Command(opening=True, override=True, link="live")
+        assert port.ask() == Command(opening=True, link="live")
+        for k in range(12):
+            wearer.send({"opening": k % 2 > 0})
+        assert port.ask() == Command(opening=True, link="live")
+        shown = [line for line in port.log if "opening" in line or "override" in line]
+        assert len(shown) == 10

@@ -35,7 +35,7 @@ from holdfast.core.errors import (
     RuntimeRefused,
 )
 from holdfast.edge_runtime.decision import DecisionRules
-from holdfast.edge_runtime.model import golden_input
+from holdfast.edge_runtime.model import check_golden, golden_input
 from holdfast.edge_runtime.model_file import (
     CARD_KEY,
     GOLDEN_KEY,
@@ -472,3 +472,57 @@ def test_each_value_of_a_card_has_its_range(eight_classes: Built, name: str) -> 
 def test_votes_are_trees_times_a_power_of_two_where_the_card_does_not_say() -> None:
     assert votes_in_all({"trees": 100, "vote_bits": 10}) == 102_400
     assert votes_in_all({"votes": 7, "trees": 100, "vote_bits": 10}) == 7
+
+
+@pytest.mark.parametrize(
+    ("unit", "size"), [("N", 1.0 / 64.0), ("uT", 2.0), ("count", 8.0)]
+)
+def test_golden_input_has_these_numbers_and_these_faults(
+    unit: str, size: float
+) -> None:
+    values, valid = golden_input(6, unit, 20)
+    numbers = values / size
+    assert numbers.shape == (84, 6)
+    assert numbers[:2].tolist() == [[9, 12, 12, 9, 7, 10], [3, 1, 14, 1, 4, 13]]
+    assert numbers[28].tolist() == [241, 268, 264, 200, 149, 201]
+    assert numbers[19:22, 2].tolist() == [87, 89, 95]
+    assert np.argwhere(~np.isfinite(values)).tolist() == [[29, 1], [31, 2]]
+    assert values[33, 0] == 1e30
+    gone = [[26, 0], *([row, 1] for row in range(35, 60))]
+    assert np.argwhere(~valid).tolist() == gone
+    rest = numbers[np.isfinite(values) & (values < 1e6)]
+    assert rest.sum() == 40137
+
+
+@pytest.mark.parametrize(
+    ("dtype", "tolerance"), [("float64", 1e-9), ("float32", 1e-6), ("int64", 0)]
+)
+def test_golden_answers_agree_within_the_tolerance_of_their_type(
+    dtype: str, tolerance: float
+) -> None:
+    stored = {"votes": np.array([0, 1, 1000], dtype)}
+    for share, fits in ((0.9, True), (1.9, True), (2.2, False), (-2.2, False)):
+        # at 1 the relative and the absolute tolerance add up
+        other = {"votes": stored["votes"] + np.array([0, share * tolerance, 0], dtype)}
+        if fits or not tolerance:
+            check_golden(stored, other)
+            continue
+        with pytest.raises(GoldenMismatch, match="'votes' differs"):
+            check_golden(stored, other)
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        {},
+        {"votes": np.array([1.0, 2.0, 3.0])},
+        {"votes": np.array([[1.0, 2.0]])},
+        {"votes": np.array([1.0, np.nan])},
+        {"votes": np.array([1.0, 2.0]), "more": np.array([1])},
+    ],
+)
+def test_golden_answers_of_another_shape_or_name_do_not_agree(other: Any) -> None:
+    stored = {"votes": np.array([1.0, 2.0])}
+    for one, two in ((stored, other), (other, stored)):
+        with pytest.raises(GoldenMismatch, match="differs"):
+            check_golden(one, two)

@@ -1,4 +1,4 @@
-"""How a model file's values are prepared: what such a description may hold."""
+"""How a model file's values are prepared, and how many recordings are stepped together."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from holdfast.edge_runtime.graph import step_recordings
 from holdfast.edge_runtime.preparation import (
     MOST_ROWS,
     Preparation,
@@ -112,3 +113,50 @@ def test_what_the_unloaded_hand_reads_is_the_bias_of_a_loaded_stream() -> None:
     values, valid = tare.prepare(RAW[3], np.array([True, False]))
     assert values.tolist() == [8.0, 7.0, -12.0, 8.0, 8.0, 9.5]
     assert valid.tolist() == [True, False]
+
+
+# -- many recordings at once
+
+
+class Counting:
+    """A step that counts, and says for each hand what it was given."""
+
+    def __init__(self, hands: int) -> None:
+        self.sample = np.zeros((hands, 3))
+        self.valid = np.zeros((hands, 1), np.bool_)
+        self.out = {"sum": np.zeros(hands), "all": np.zeros((hands, 2))}
+        self.steps = 0
+
+    def step(self) -> Any:
+        self.out["sum"][:] = self.sample.sum(axis=1)
+        self.out["all"][:, 0], self.out["all"][:, 1] = self.steps, self.valid[:, 0]
+        self.steps += 1
+        return self.out
+
+    def reset(self) -> None:
+        """Never asked for: each batch has a step of its own."""
+        raise AssertionError
+
+
+def test_many_recordings_are_stepped_together_by_length_and_keep_their_rows() -> None:
+    lengths = [*range(70, 0, -1), 3]
+    values = [np.full((n, 3), n) + np.arange(n)[:, None] for n in lengths]
+    valid = [np.arange(n)[:, None] % 2 == 0 for n in lengths]
+    rows = [np.arange(n)[n % 3 :: 1 + n % 4] for n in lengths]
+    batches = []
+
+    def steps(hands: int) -> Counting:
+        batches.append(Counting(hands))
+        return batches[-1]
+
+    answers = step_recordings(steps, values, valid, rows)
+    assert [len(one.sample) for one in batches] == [64, 7]
+    # up to the last row that is wanted of any of them
+    assert [one.steps for one in batches] == [61, 69]
+    for n, kept, answer in zip(lengths, rows, answers, strict=True):
+        assert answer["sum"].tolist() == (3 * (n + kept)).tolist()
+        assert answer["all"].tolist() == np.stack([kept, kept % 2 == 0], 1).tolist()
+    assert step_recordings(steps, [], [], []) == []
+    (none,) = step_recordings(steps, values[:1], valid[:1], [np.arange(0)])
+    assert (none["sum"].shape, none["all"].shape) == ((0,), (0, 2))
+    assert batches[-1].steps == 0

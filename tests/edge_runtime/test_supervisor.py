@@ -275,6 +275,15 @@ def test_an_answer_that_the_wearer_ended_begins_again_with_fresh_evidence() -> N
     assert wish.to(one) == 3.0
 
 
+@pytest.mark.parametrize("holds_n", [0.0, -1.0, -math.inf])
+def test_a_target_that_is_given_back_ends_at_zero_and_not_below(holds_n: float) -> None:
+    one = Supervisor(ONE_HAND, RATE_HZ)
+    one.given_n = 0.1
+    targets = [one.step(sense(), 9.0, False, holds_n) for _ in range(3)]
+    assert targets == [pytest.approx(0.1 - 10.0 / RATE_HZ), 0.0, 0.0]
+    assert one.mode == IDLE
+
+
 def test_a_loop_gives_its_supervisor_what_the_wearer_commands() -> None:
     loop = GripLoop(ONE_HAND, RATE_HZ, Controller(ONE_HAND, RATE_HZ, 0.0))
     for command in ({"opening": True}, {"overridden": True}, {"empty": True}):

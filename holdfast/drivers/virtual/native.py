@@ -107,7 +107,7 @@ class VirtualI2cDev:
         """Whether it was one of ours."""
         return self._opened.pop(fd, None) is not None
 
-    def _ioctl(self, fd: int, request: int, argument: Any = 0) -> Any:
+    def _ioctl(self, fd: int, request: int, argument: Any) -> Any:
         if fd not in self._opened:
             return self._replaced["ioctl"](fd, request, argument)
         if self._unplugged() or self._opened[fd] != self._generation:

@@ -70,7 +70,6 @@ class VirtualTinyUsb(Device):
         self.firmware = FIRMWARES[firmware]
         self.speed = self.firmware.speed
         self.strings = ("Till Harbaum", "i2c-tiny-usb", f"HOLDFAST-{firmware.upper()}")
-        self.delay_us = 0
         self.reset()
 
     def reset(self) -> None:
