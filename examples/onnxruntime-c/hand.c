@@ -9,7 +9,7 @@
 #include <stdio.h>
 #include <time.h>
 
-enum { CHANNELS = 18, SENSORS = CHANNELS / 3, LANES = 119 };
+enum { CHANNELS = 18, SENSORS = CHANNELS / 3, STATE_INPUT = 3 };
 
 static const OrtApi *ort;
 
@@ -46,6 +46,18 @@ static OrtSession *open_model(const char *path) {
     return session;
 }
 
+/* Rows of the state table, which differ from model to model. */
+static int rows_of_state(const OrtSession *session) {
+    OrtTypeInfo *info;
+    const OrtTensorTypeAndShapeInfo *table;
+    int64_t shape[3];
+    must(ort->SessionGetInputTypeInfo(session, STATE_INPUT, &info));
+    must(ort->CastTypeInfoToTensorInfo(info, &table));
+    must(ort->GetDimensions(table, shape, 3));
+    ort->ReleaseTypeInfo(info);
+    return (int)shape[1];
+}
+
 /* A tensor on the caller's memory; rows of the shape [1, lanes, width], or [1] where lanes is 0. */
 static OrtValue *tensor(void *data, size_t bytes, int lanes, int width, ONNXTensorElementDataType type) {
     static OrtMemoryInfo *memory;
@@ -66,7 +78,7 @@ static double now_us(void) {
 int main(int argc, char **argv) {
     static const char *const inputs[] = {"sample", "valid", "reset", "state"};
     static const char *const outputs[] = {"situation", "unknown", "state_out"};
-    static double sample[CHANNELS], states[2][LANES][CHANNELS];
+    static double sample[CHANNELS];
     static bool valid[SENSORS], reset = true, unknown; /* the model finds the nan of a lost finger itself */
     static int64_t situation;
     double spent_us = 0.0;
@@ -75,7 +87,14 @@ int main(int argc, char **argv) {
     if (argc != 3) stop("usage", "hand LIBRARY MODEL < samples");
     open_library(argv[1]);
     OrtSession *session = open_model(argv[2]);
-    OrtValue *state[] = {TENSOR(states[0], LANES, CHANNELS, DOUBLE), TENSOR(states[1], LANES, CHANNELS, DOUBLE)};
+    const int lanes = rows_of_state(session);
+    const size_t bytes = (size_t)lanes * CHANNELS * sizeof(double);
+    OrtValue *state[2]; /* each step reads one and writes the other */
+    for (int k = 0; k < 2; ++k) {
+        void *table = calloc(1, bytes);
+        if (!table) stop("hand", "no memory");
+        state[k] = tensor(table, bytes, lanes, CHANNELS, ONNX_TENSOR_ELEMENT_DATA_TYPE_DOUBLE);
+    }
     const OrtValue *given[] = {TENSOR(sample, 1, CHANNELS, DOUBLE), TENSOR(valid, 1, SENSORS, BOOL),
                                TENSOR(reset, 1, 1, BOOL), NULL};
     OrtValue *answers[] = {TENSOR(situation, 0, 0, INT64), TENSOR(unknown, 0, 0, BOOL), NULL};

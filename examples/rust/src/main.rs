@@ -5,7 +5,6 @@ use std::io::{stdin, BufRead};
 use std::time::{Duration, Instant};
 
 const CHANNELS: usize = 18;
-const STATE: usize = 119 * CHANNELS;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     std::env::set_var("ORT_DISABLE_TELEMETRY", "1");
@@ -17,7 +16,10 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut session = Session::builder()?
         .with_intra_threads(1)?
         .commit_from_file(model)?;
-    let (mut state, mut reset) = (vec![0.0f64; STATE], true);
+    let table = session.inputs.iter().find(|input| input.name == "state");
+    let shape = table.and_then(|input| input.input_type.tensor_shape());
+    let rows_of_state = shape.ok_or("no state in this file")?[1] as usize;
+    let (mut state, mut reset) = (vec![0.0f64; rows_of_state * CHANNELS], true);
     let (mut rows, mut spent) = (0, Duration::ZERO);
     for line in stdin().lock().lines() {
         let sample: Vec<f64> = line?
@@ -32,7 +34,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             "sample" => Tensor::from_array(([1, 1, CHANNELS], sample))?,
             "valid" => Tensor::from_array(([1, 1, CHANNELS / 3], vec![true; CHANNELS / 3]))?,
             "reset" => Tensor::from_array(([1, 1, 1], vec![reset]))?,
-            "state" => Tensor::from_array(([1, STATE / CHANNELS, CHANNELS], state))?,
+            "state" => Tensor::from_array(([1, rows_of_state, CHANNELS], state))?,
         ])?;
         spent += begin.elapsed();
         rows += 1;
