@@ -303,8 +303,8 @@ def test_a_rate_that_no_hand_has_is_said_to_look_like_its_unit(
         (8.64e6, 0.0, "looks like days (100 Hz)"),
         (
             6000.0,
-            60.0,
-            "runs at 6000 Hz for 1.0 min: looks like minutes (100 Hz for 3600.0 s)",
+            600.0,
+            "runs at 6000 Hz for 10.0 min: looks like minutes (100 Hz for 36000.0 s)",
         ),
         (100.0, 3600.1, "lasts 60.0 min: one trial is no longer than an hour"),
         (1e9, 0.0, "runs at 1e+09 Hz: no time in seconds"),

@@ -71,6 +71,14 @@ def test_a_file_written_anew_is_readable_by_no_more_people_than_before(tmp_path,
     assert (mode_of(path), path.read_text()) == (0o600, '{"mass_g": 80}')
 
 
+def test_a_file_written_anew_is_readable_by_all_who_could_read_it(tmp_path, umask):
+    path = write_whole(tmp_path / "meta.json", "{}")
+    path.chmod(0o644)
+    umask(0o077)
+    write_whole(path, '{"mass_g": 80}')
+    assert mode_of(path) == 0o644
+
+
 @READABLE_BY_OTHERS.mark
 def test_under_a_umask_of_077_no_command_leaves_a_file_that_others_can_read(
     tmp_path, umask
