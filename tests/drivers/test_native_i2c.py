@@ -33,7 +33,12 @@ from holdfast.drivers.ft232h import Ft232h
 from holdfast.drivers.native_i2c import NativeI2C
 from holdfast.drivers.tmag5273 import GENERAL_CALL
 from holdfast.drivers.virtual.clock import VirtualClock
-from holdfast.drivers.virtual.ft232h import IN_ENDPOINT, OUT_ENDPOINT, VirtualFt232h
+from holdfast.drivers.virtual.ft232h import (
+    IN_ENDPOINT,
+    OUT_ENDPOINT,
+    VirtualFt232h,
+    parsed,
+)
 from holdfast.drivers.virtual.native import VirtualI2cDev
 from holdfast.drivers.virtual.usb_backend import VirtualBackend
 from holdfast.drivers.virtual.usb_device import stall
@@ -106,6 +111,13 @@ def test_a_message_with_another_flag_is_written_and_not_read():
         bus.i2c_rdwr(message)
         bus.close()
         assert (device.traffic.bytes_out, device.traffic.bytes_in) == (1, 0)
+
+
+def test_only_a_pin_write_that_repeats_the_one_before_is_left_out():
+    low, high, read = bytes([0x80, 0, 3]), bytes([0x80, 3, 3]), bytes([0x22, 0])
+    commands, used = parsed(low + low + high + low + read + read + low[:1])
+    assert used == 16
+    assert [opcode for opcode, _ in commands] == [0x80] * 3 + [0x22] * 2
 
 
 class OneByOne(VirtualFt232h):

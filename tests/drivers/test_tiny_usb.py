@@ -267,3 +267,14 @@ def test_an_emulated_firmware_answers_each_request_with_these_bytes_in_this_time
         device.control_in(0x41, 3, 0, 0, 1)
     device.reset()
     assert (device.delay_us, answer_of(device, "in", "3,0,0,1")) == (10, "00")
+
+
+@pytest.mark.parametrize(
+    ("status", "says"), [(b"\7", "the status is 07,"), (b"", "the status is empty,")]
+)
+def test_a_status_that_says_neither_is_shown(make, status, says):
+    bench = make("stm32")
+    answer = bench.device.control_in
+    bench.device.control_in = lambda *given: status if given[1] == 3 else answer(*given)
+    with pytest.raises(TransferFailed, match=says):
+        bench.bus.scan([FIRST])
