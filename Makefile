@@ -15,9 +15,9 @@ RATE   ?= 150
 SIZE   ?= default
 MODEL  ?= models/holdfast-150hz.onnx
 MADE    = build/models/$(RATE)hz-$(SIZE)
-# Tests run in a process a core, a file at a time: what a file sets up is set up once. The order of the
-# files is that of tests/support/longest_first.py.
-ACROSS := -n auto --dist loadfile --no-loadscope-reorder
+# Tests run in a process a core and one more, a file at a time: what a file sets up is set up once. The order of the
+# files is that of tests/support/longest_first.py. One more, because some tests wait for a process or for real time.
+ACROSS := -n $(shell expr $$(nproc 2>/dev/null || echo 2) + 1) --dist loadfile --no-loadscope-reorder
 # A process a core: numpy's own threads would only wait for each other.
 test hard-cases safety: export OPENBLAS_NUM_THREADS := 1
 
