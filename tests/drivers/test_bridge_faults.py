@@ -258,7 +258,8 @@ class Bus:
         return self.backend.bulk_write(self.handle, 0x06, 1, data, 7)
 
     def control(self, kind: int, data: array, *request: int) -> int:
-        return self.backend.ctrl_transfer(self.handle, kind, *request, data, 7)
+        words: list[Any] = [self.handle, kind, *request, data, 7]
+        return self.backend.ctrl_transfer(*words)
 
     def at(self, now_ms: float) -> None:
         """Go on to a time since it was made."""

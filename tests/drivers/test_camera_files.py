@@ -73,7 +73,7 @@ def spoil(path: Path, how: str) -> None:
     elif how == "standing":
         write_frames(path, stamps_s[[0, 1, 1]], frames)
     elif how == "no time":
-        write_frames(path, [0.1, np.nan, 0.3], frames)
+        write_frames(path, np.array([0.1, np.nan, 0.3]), frames)
     elif how == "cut":
         write_frames(path, stamps_s, frames)
         path.write_bytes(path.read_bytes()[:300])

@@ -72,6 +72,8 @@ def picture(sequence: int, end_s: float, size: tuple[int, int] = (2, 4)) -> Any:
 class Told:
     """A node of depthai: `told` keeps what it is told, by the name of the call."""
 
+    told: dict[str, Any]
+
     def __init__(self, told: dict[str, Any], **parts: Any) -> None:
         self.__dict__.update(parts, told=told)
 
@@ -494,7 +496,7 @@ VIDEO = [picture(7, 0.101), picture(8, 0.201)]
 def dai_of(*videos: Sequence[Any]) -> Any:
     """depthai, where each pipeline plays the next of these videos."""
     replays = [ScriptedReplay(video) for video in videos]
-    script = ScriptedDepthai([], sent=0)
+    script: Any = ScriptedDepthai([], sent=0)
     waiting = iter(replays)
 
     def pipeline(createImplicitDevice: bool) -> ScriptedReplay:

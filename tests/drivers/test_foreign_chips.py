@@ -340,7 +340,8 @@ class Target:
     """Answers at one address; says one byte for ever, and notes what comes."""
 
     def __init__(self, address: int, says: int) -> None:
-        self.address, self.says, self.got = address, says, []
+        self.address, self.says = address, says
+        self.got: list[int | str] = []
 
     def addressed(self, address: int, *, read: bool) -> bool:
         return address == self.address

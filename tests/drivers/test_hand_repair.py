@@ -52,7 +52,7 @@ def scripted() -> Scripted:
     """A hand that was started and read, on a bridge that does as a script says from then on."""
     bench = Bench()
     script = Scripted(bench)
-    bench.hand._open_bus = script.open  # type: ignore[assignment]
+    bench.hand._open_bus = script.open
     bench.hand.start()
     assert bad(bench.read_for(0.1)) == []
     script.opened_ns.clear()
@@ -242,7 +242,12 @@ def test_a_start_waits_for_25_conversions_of_a_chip_that_does_not_convert() -> N
     bench = Bench(faults=("frozen:2@0+100",))
     pauses: list[float] = []
     pause = bench.hand._driven._pause
-    bench.hand._driven._pause = lambda s: (pauses.append(s), pause(s))[1]
+
+    def noted(pause_s: float) -> None:
+        pauses.append(pause_s)
+        pause(pause_s)
+
+    bench.hand._driven._pause = noted
     bench.hand.start()
     assert [one for one in pauses if one > 1e-3] == [0.002425] * 26
     assert bench.hand.read().why[0] == ""

@@ -20,7 +20,10 @@ from holdfast.export.c.literals import C_TYPES
 
 HARNESS = Path(__file__).with_name("c_harness.c")
 STRICT = ("-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-ffp-contract=off")
-SANITIZERS = ("-fsanitize=address,undefined", "-fno-sanitize-recover=all")
+SANITIZERS: tuple[str, ...] = (
+    "-fsanitize=address,undefined",
+    "-fno-sanitize-recover=all",
+)
 if resource.getrlimit(resource.RLIMIT_AS)[0] != resource.RLIM_INFINITY:
     # a sanitizer maps 16 TB of addresses, which is more than a mutant's tests may have
     SANITIZERS = ()
