@@ -338,17 +338,19 @@ def test_the_longest_wait_is_longer_than_the_search():
 
 
 def test_an_oak_films_as_the_lens_says_and_ends_when_its_time_is_up(monkeypatch):
-    now_s, told, linked = [100.0], [], []
+    now_s, received, linked = [100.0], [], []
     monkeypatch.setattr(sources.time, "monotonic", lambda: now_s[0])
     camera = SimpleNamespace(
         initialControl=SimpleNamespace(
-            setManualExposure=lambda *given: told.append(given)
+            setManualExposure=lambda *given: received.append(given)
         ),
         requestOutput=lambda size, type, fps: (
-            told.append((size, type, fps)) or SimpleNamespace(link=linked.append)
+            received.append((size, type, fps)) or SimpleNamespace(link=linked.append)
         ),
     )
-    created = SimpleNamespace(build=lambda sensorFps: told.append(sensorFps) or camera)
+    created = SimpleNamespace(
+        build=lambda sensorFps: received.append(sensorFps) or camera
+    )
     dai = SimpleNamespace(
         node=SimpleNamespace(Camera="camera"),
         ImgFrame=SimpleNamespace(Type=SimpleNamespace(GRAY8="gray")),
@@ -358,7 +360,7 @@ def test_an_oak_films_as_the_lens_says_and_ends_when_its_time_is_up(monkeypatch)
     oak = Oak(lens, seconds=2.0)
     assert (oak.last_lost, oak.void) == (20, None)
     goes_on = oak.connect(dai, pipeline, ["first", "second"])
-    assert told == [60.0, (1500, 800), ((640, 400), "gray", 60.0)]
+    assert received == [60.0, (1500, 800), ((640, 400), "gray", 60.0)]
     assert linked == ["first", "second"]
     assert goes_on()
     now_s[0] = 102.0
@@ -367,20 +369,20 @@ def test_an_oak_films_as_the_lens_says_and_ends_when_its_time_is_up(monkeypatch)
 
 
 def test_an_oak_that_falls_off_the_bus_ends_its_graph_and_is_given_back():
-    told = []
+    received = []
     device = SimpleNamespace(
-        setMaxReconnectionAttempts=lambda most: told.append(most),
-        close=lambda: told.append("closed"),
+        setMaxReconnectionAttempts=lambda most: received.append(most),
+        close=lambda: received.append("closed"),
     )
-    pipeline = SimpleNamespace(setStopOnDeviceLoss=told.append)
+    pipeline = SimpleNamespace(setStopOnDeviceLoss=received.append)
     dai = SimpleNamespace(
-        Device=lambda: device, Pipeline=lambda one: told.append(one) or pipeline
+        Device=lambda: device, Pipeline=lambda one: received.append(one) or pipeline
     )
     oak = Oak(Lens(60.0, 1.5, 12.0, "monotonic"))
     oak.close()
     assert oak.open(dai) is pipeline
     oak.close()
-    assert told == [0, device, True, "closed"]
+    assert received == [0, device, True, "closed"]
 
 
 def test_frames_from_disk_are_numbered_in_order_and_are_whole_as_they_were(tmp_path):

@@ -69,24 +69,24 @@ def picture(sequence: int, end_s: float, size: tuple[int, int] = (2, 4)) -> Any:
     )
 
 
-class Told:
-    """A node of depthai: `told` keeps what it is told, by the name of the call."""
+class ScriptedNode:
+    """A node of depthai: `received` keeps what it is given, by the name of the call."""
 
-    told: dict[str, Any]
+    received: dict[str, Any]
 
-    def __init__(self, told: dict[str, Any], **parts: Any) -> None:
-        self.__dict__.update(parts, told=told)
+    def __init__(self, received: dict[str, Any], **parts: Any) -> None:
+        self.__dict__.update(parts, received=received)
 
     def __getattr__(self, name: str) -> Callable[[Any], None]:
         def call(given: Any) -> None:
-            self.told[name] = given
+            self.received[name] = given
             if name.startswith("setRecord"):
                 given.touch()
 
         return call
 
     def __setattr__(self, name: str, value: Any) -> None:
-        self.told[name] = value
+        self.received[name] = value
 
 
 class ScriptedReplay:
@@ -94,15 +94,17 @@ class ScriptedReplay:
 
     def __init__(self, video: Sequence[Any]) -> None:
         self.video = video
-        self.told: dict[str, Any] = {}
+        self.received: dict[str, Any] = {}
         self.thread = Thread(target=self.play)
 
     def create(self, node: str) -> Any:
-        self.told["node"] = node
-        return Told(self.told, out=SimpleNamespace(createOutputQueue=self.output))
+        self.received["node"] = node
+        return ScriptedNode(
+            self.received, out=SimpleNamespace(createOutputQueue=self.output)
+        )
 
     def output(self, maxSize: int, blocking: bool) -> Any:
-        self.told["queue"] = maxSize, blocking
+        self.received["queue"] = maxSize, blocking
         return self
 
     def addCallback(self, take: Callable[[Any], None]) -> None:  # noqa: N802
@@ -150,7 +152,7 @@ class ScriptedDepthai:
         self.stepped = 0
         self.waited_s: list[float] = []
         self.queue: tuple[int, bool] | None = None
-        self.told: dict[str, Any] = {}
+        self.received: dict[str, Any] = {}
         self.replay = ScriptedReplay(video)
         self.MessageQueue = self
         self.ImgFrame = SimpleNamespace(Type=SimpleNamespace(GRAY8="gray"))
@@ -160,17 +162,17 @@ class ScriptedDepthai:
         self.AprilTagConfig = SimpleNamespace(Family=SimpleNamespace(TAG_36H11="36h11"))
 
     def Pipeline(self, createImplicitDevice: bool) -> Any:  # noqa: N802
-        self.replay.told["implicit"] = createImplicitDevice
+        self.replay.received["implicit"] = createImplicitDevice
         return self.replay
 
     def create(self, node: str) -> Any:
-        return Told(
-            self.told,
+        return ScriptedNode(
+            self.received,
             input=SimpleNamespace(
                 getSize=lambda: self.sizes.pop(0) if self.sizes else 0
             ),
-            inputImage=Told(self.told),
-            initialConfig=Told(self.told),
+            inputImage=ScriptedNode(self.received),
+            initialConfig=ScriptedNode(self.received),
             out=SimpleNamespace(createOutputQueue=self.output),
         )
 
@@ -352,7 +354,7 @@ def test_a_recording_and_its_result_say_what_was_filmed_and_what_depthai_was_tol
         "backwards": 0,
         "void": None,
     }
-    assert script.told == {
+    assert script.received == {
         "setRecordVideoFile": tmp_path / "out/camera.mkv",
         "setRecordMetadataFile": tmp_path / "out/camera.mcap",
         "setFps": 60,
@@ -501,7 +503,7 @@ def dai_of(*videos: Sequence[Any]) -> Any:
 
     def pipeline(createImplicitDevice: bool) -> ScriptedReplay:
         replay = next(waiting)
-        replay.told["implicit"] = createImplicitDevice
+        replay.received["implicit"] = createImplicitDevice
         return replay
 
     script.Pipeline = pipeline
@@ -525,7 +527,7 @@ def test_a_video_is_played_once_as_fast_as_it_is_read_with_few_frames_ahead(
     assert [(one.sequence, one.end_s) for one in frames] == [(7, 0.101), (8, 0.201)]
     assert frames[1].image.tolist() == [[0, 1, 2, 3], [4, 5, 6, 7]]
     assert [one.image.size for one in read_video(folder, dai, images=False)] == [0, 0]
-    assert dai.replays[0].told == {
+    assert dai.replays[0].received == {
         "implicit": False,
         "node": "replay",
         "setReplayVideoFile": folder / "camera.mkv",
