@@ -125,8 +125,8 @@ class CStep:
         self.valid: BoolArray = np.ones((hands, channels // 3), dtype=np.bool_)
         self._size = library.holdfast_state_bytes()
 
-        # of float64, as the struct is: so every state begins where a double may
-        self._states = np.zeros((hands, self._size // 8))
+        # a struct's size is a multiple of its numbers' alignment, so each state is aligned
+        self._states = np.zeros((hands, self._size), np.uint8)
 
         # one struct holdfast_out for each hand
         self._fields = np.zeros(hands, out_type)

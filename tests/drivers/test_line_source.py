@@ -882,14 +882,20 @@ def unanswered(stack: ExitStack, monkeypatch: pytest.MonkeyPatch) -> list[int]:
     return answers
 
 
-def test_a_connection_is_tried_again_each_second_and_one_that_is_not_made_after_five(
-    stack: ExitStack, unanswered: list[int]
-) -> None:
-    clock = ByHand()
+def called(stack: ExitStack, clock: ByHand) -> tuple[socket.socket, TcpCaller]:
+    """A connection to a server of this machine, and what calls it again."""
     server = stack.enter_context(socket.create_server(("127.0.0.1", 0)))
     connection = socket.create_connection(server.getsockname())
     caller = TcpCaller(connection, server.getsockname(), clock.now_ns)
     stack.callback(caller.close)
+    return connection, caller
+
+
+def test_a_connection_is_tried_again_each_second_and_one_that_is_not_made_after_five(
+    stack: ExitStack, unanswered: list[int]
+) -> None:
+    clock = ByHand()
+    connection, caller = called(stack, clock)
     assert (caller.handle(), caller.number) == (connection.fileno(), 0)
     assert caller.lost()
 
@@ -1194,10 +1200,7 @@ def test_a_connection_that_is_refused_at_once_is_closed_at_once(
     stack: ExitStack, monkeypatch: pytest.MonkeyPatch, code: int, is_begun: bool
 ) -> None:
     clock = ByHand()
-    server = stack.enter_context(socket.create_server(("127.0.0.1", 0)))
-    connection = socket.create_connection(server.getsockname())
-    caller = TcpCaller(connection, server.getsockname(), clock.now_ns)
-    stack.callback(caller.close)
+    _, caller = called(stack, clock)
     assert caller.lost()
 
     class Answering(socket.socket):
