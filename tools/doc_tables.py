@@ -90,6 +90,16 @@ SOURCES: dict[str, dict[str, str]] = {
         "before": "docs/measured/loop-d86a7e638b14.json",
         "cap": "docs/measured/loop-cap-326dbe034565.json",
     },
+    "docs/targets.md": {
+        "distortions": "docs/measured/distortions-080828f74eb1.json",
+        "evaluated": "build/evaluate/figures.json",
+        "files": "build/bench/hand-files.json",
+        "loop": "build/loop/loop.json",
+        "nested": "docs/measured/nested-choice-2026-11-25.json",
+        "spread": "build/transfer-spread/transfer.json",
+        "wide": "docs/measured/wide-080828f74eb1.json",
+        "world": "docs/measured/world-080828f74eb1.json",
+    },
     "docs/transfer.md": {
         "transfer": "build/transfer/transfer.json",
         "spread": "build/transfer-spread/transfer.json",
