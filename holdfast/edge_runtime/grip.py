@@ -10,7 +10,8 @@ target is given.
     sliding-mode   r + k sat((r - N) / phi)            r: wearer's grip; no provision against slip
     smsp           wearer's + one step for every slip event
     ismsp          wearer's + the integral of the slip signal
-    holdfast       N + lead * evidence while a slip is likely; taken back when it was a hand-over
+    holdfast       N + lead * evidence while a slip is likely, until N has risen by rise_n; taken
+                   back when it was a hand-over
 
 pd-shear is the scheme of the SensorHand Speed as the thesis describes it (2.4, [46]); sliding-mode,
 smsp and ismsp are those of Engeberg and Meek, IEEE/ASME Trans. Mechatronics 18(1), 2013 ([47] of
@@ -20,7 +21,6 @@ that controllers differ in their answers only. holdfast is ours (docs/shared-con
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -234,8 +234,8 @@ class AnswerRules:
     p(safe slip) from which the hand gives back, where the load falls by more than a tremor can
     (LoadSwing) for yield_samples in a row. graded: the lead grows with the evidence; otherwise it
     is full from half the evidence on, or nothing. revocable: a hand-over ends an answer; otherwise
-    only the empty hand does. margin: what the friction margin needs is kept. lead_times: the lead
-    is at most so many times the wearer's grip, for studies; inf for no such cap.
+    only the empty hand does. margin: what the friction margin needs is kept. rise_n: an answer
+    raises the grip by so much over the wearer's and not further, N a side; inf for no such end.
     """
 
     from_p: float = DecisionRules.answer_permille / 1000
@@ -245,7 +245,7 @@ class AnswerRules:
     graded: bool = True
     revocable: bool = True
     margin: bool = True
-    lead_times: float = math.inf
+    rise_n: float = 6.0
 
     @classmethod
     def of(cls, decision: DecisionRules, **others: Any) -> AnswerRules:
@@ -340,7 +340,8 @@ class Holdfast(Controller):
     strong. Evidence fades within FADES_S instead of ending at once: the closing hand itself raises
     the normal force, so a slip soon looks like a firm grasp. When it has ended the drive is braked,
     and the grip stays where it is, or where the friction margin wants it, until the evidence says
-    hand-over. setting: the largest lead, N.
+    hand-over. The lead sets the drive's speed. The grip itself rises by rise_n over the wearer's,
+    or to what friction is known to need, and no further. setting: the largest lead, N.
     """
 
     SETTING = 22.0
@@ -372,11 +373,10 @@ class Holdfast(Controller):
         fading = self._last_evidence - self._period_s / self.FADES_S
         evidence = batch.choose(holds, batch.most(now, fading), 0.0)
         rises = evidence > 0.0
-        lead_n: Number = self._setting
-        # inf times a grip of 0 would be no number
-        if math.isfinite(self.rules.lead_times):
-            lead_n = batch.least(lead_n, self.rules.lead_times * wearers_n)
-        ahead_n = batch.most(sense.grip_n, wearers_n) + lead_n * evidence
+        ahead_n = batch.most(sense.grip_n, wearers_n) + self._setting * evidence
+        # A lead without an end would press the object out of the hand.
+        most_n = batch.most(wearers_n + self.rules.rise_n, needed_n)
+        ahead_n = batch.choose(sense.grip_n < most_n, ahead_n, most_n)
         kept_n = self._kept_n(sense, wearers_n, given_n, needed_n)
         wanted_n = batch.choose(rises, ahead_n, kept_n)
         # a slip that is likely now outweighs a hand-over, and one that fades does not

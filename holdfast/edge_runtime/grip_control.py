@@ -238,11 +238,12 @@ class GripControl:
             )
 
         self.limits = limits or Limits()
-        controller = controller_of(name, ONE_HAND, rate_hz, setting, rules)
         within = self.limits
         if self.reduced:
-            # a ceiling in N says nothing about numbers in another unit
+            # a ceiling in N says nothing about numbers in another unit, and neither does a rise
             within = replace(within, ceiling_n=math.inf)
+            self.rules = replace(self.rules, rise_n=math.inf)
+        controller = controller_of(name, ONE_HAND, rate_hz, setting, self.rules)
 
         self._loop = GripLoop(ONE_HAND, rate_hz, controller, within, shear_gain)
 

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from holdfast.edge_runtime.grip import CONTROLLERS
+from holdfast.edge_runtime.grip import CONTROLLERS, AnswerRules
 from holdfast.evaluation.closed_loop import ORACLE, VIBRATION, LoopRequest, LoopSet
 from holdfast.simulation.loop_people import Habits
 
@@ -29,15 +30,16 @@ SETTINGS: dict[str, tuple[float, ...]] = {
 """The curve of each controller: its one setting."""
 WIDEST = ("everyday", "wide")
 """Sets of everyday actions and of any hold; every controller runs on them."""
-CAPS: dict[str, tuple[tuple[str, object], ...]] = {
-    f"lead at most {times:g} x the wearer's grip": (("lead_times", times),)
-    for times in (2.0, 3.0, 5.0)
+RISES: dict[str, tuple[tuple[str, object], ...]] = {
+    f"grip raised by at most {rise_n:g} N": (("rise_n", rise_n),)
+    for rise_n in (2.0, 4.0, AnswerRules.rise_n, 10.0)
 }
-"""In the part `cap` the answer grows with the grip that the wearer gave the object."""
+RISES["without an end"] = (("rise_n", math.inf),)
+"""In the part `cap` an answer raises the grip by less, or by more."""
 ORACLE_CAPS = (2.0, 2.5, 4.0)
 """There the oracle's commands are at most so many times what the load needs. 2.5 is what the target
 allows (holdfast/evaluation/loop_figures.py)."""
-CAP_SETS = ("wide", "author", "slow", "fragile")
+CAP_SETS = ("wide", "author", "tugs", "fragile")
 TRUE_EVIDENCE_S = 0.02
 """In the part `truth` the controller gets the true slips, so late."""
 CURVE_SETS = ("p1", "quick")
@@ -145,8 +147,8 @@ def _with_more(name: str, one: LoopSet) -> list[Row]:
 def _capped(name: str, one: LoopSet) -> list[Row]:
     """What a smaller command saves, and what the oracle saves with no larger one."""
     ours = LoopRequest(OURS, OUR_LEAD_N)
-    made = [Row("cap", name, "no cap", one, ours)]
-    for label, rules in CAPS.items():
+    made = []
+    for label, rules in RISES.items():
         made.append(Row("cap", name, label, one, replace(ours, rules=rules)))
     for times in ORACLE_CAPS:
         label = f"oracle, at most {times:g} x the need"

@@ -192,11 +192,20 @@ def test_holdfast_leads_the_grip_by_the_evidence(p_risky: float, share: float) -
     assert wanted == pytest.approx(3.0 + 8.0 * share if share else 0.0)
 
 
-def test_a_capped_lead_grows_with_the_wearers_grip() -> None:
-    controller = after_a_hold("holdfast", 8.0, AnswerRules(lead_times=1.0))
-    firm = {"grip_n": 9.0, "p_risky": 1.0}
-    first, later = answers_of(controller, {"p_risky": 0.775}, firm)
-    assert (first, later) == pytest.approx((4.5, 12.0), rel=0.01)
+def test_an_answer_raises_the_grip_by_so_much_and_not_further() -> None:
+    controller = after_a_hold("holdfast", 8.0, AnswerRules(rise_n=4.0))
+    sure = [{"grip_n": n, "p_risky": 1.0} for n in (3.0, 6.9, 7.1, 9.0)]
+    # the wearer's 3 N, and 4 N more
+    wanted = [11.0, 14.9, 7.0, 7.0]
+    assert answers_of(controller, *sure) == pytest.approx(wanted)
+
+
+def test_what_friction_needs_is_no_part_of_the_rise() -> None:
+    controller = after_a_hold("holdfast", 8.0, AnswerRules(rise_n=4.0))
+    firm = sense(grip_n=9.0, p_risky=1.0)
+    assert controller.want(firm, 5.0, needed_n=9.5) == pytest.approx(17.0)
+    firm = sense(grip_n=9.6, p_risky=1.0)
+    assert controller.want(firm, 5.0, needed_n=9.5) == pytest.approx(9.5)
 
 
 def test_holdfast_without_grading_answers_fully_or_not_at_all() -> None:
@@ -397,7 +406,7 @@ def test_each_controller_answers_a_whole_stream_by_its_formulas(name: str) -> No
     [
         (AnswerRules(graded=False), 4634.168316729319),
         (AnswerRules(revocable=False, margin=False), 3776.891210794735),
-        (AnswerRules(lead_times=2.0, yield_samples=5), 2342.060454310453),
+        (AnswerRules(rise_n=2.0, yield_samples=5), 4307.504804435801),
     ],
 )
 def test_the_rules_of_an_answer_and_the_limits_of_a_hand_change_a_whole_stream(

@@ -124,6 +124,13 @@ def test_raw_fields_have_ratios_and_no_newtons_and_every_reason_says_so() -> Non
     assert commands[-1].reason == "risky_slip (reduced: no N)"
 
 
+def test_a_rise_in_newtons_does_not_end_an_answer_on_raw_fields() -> None:
+    """The fields grow by far more than six while it lasts."""
+    control = held(unit="uT")
+    modes = [step(control, k * HELD, **RISKY).mode for k in (1.0, 20.0, 40.0, 60.0)]
+    assert modes == ["tighten"] * 4
+
+
 def test_a_ceiling_in_newtons_does_not_end_the_grip_on_raw_fields() -> None:
     control = held(unit="uT")
     for _ in range(75):

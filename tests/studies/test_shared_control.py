@@ -166,7 +166,7 @@ def test_the_figures_before_a_mend_stay_beside_the_new_ones() -> None:
 def test_what_a_smaller_command_saves_stands_beside_the_oracle_with_a_cap() -> None:
     capped = [one for one in rows(10) if one.part == "cap" and one.set_name == "wide"]
     labels = [one.label for one in capped]
-    assert labels[0] == "no cap"
+    assert labels[0] == "grip raised by at most 2 N"
     assert labels[-1] == "oracle"
     assert "oracle, at most 2.5 x the need" in labels
     some = {"count": 1, "of": 4, "share": 0.25, "share_ci": [0.0, 1.0]}
@@ -174,7 +174,7 @@ def test_what_a_smaller_command_saves_stands_beside_the_oracle_with_a_cap() -> N
     shares: dict[str, Any] = {"above_need": some, "squeezed": some}
     made = row("cap", "wide", labels[1], **figures, **shares)
     table = tables_of(PAGE, {"cap": {"rows": [made]}})["cap"]
-    line = "| wide | lead at most 2 x the wearer's grip | 1 of 4: 0.25 (0.00 to 1.00) |"
+    line = "| wide | grip raised by at most 4 N | 1 of 4: 0.25 (0.00 to 1.00) |"
     assert line in table
 
 

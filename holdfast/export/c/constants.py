@@ -58,9 +58,12 @@ RULE_ORDER = (
 
 
 def constants(card: ModelCard) -> str:
-    """`#define` lines for the controller and what it needs; two of them come with the model."""
+    """`#define` lines for the controller and what it needs; three of them depend on the model."""
     answer = AnswerRules.of(card.decision)
+    # a rise in N says nothing about forces in another unit
+    rise_n = answer.rise_n if card.unit == "N" else math.inf
     reals = {"HF_FROM_P": answer.from_p, "HF_FULL_P": answer.full_p, **REALS}
+    reals["HF_RISE_N"] = rise_n
     lines = []
     for name, value in reals.items():
         lines.append(f"#define {name} {number(value, 'double')}\n")

@@ -67,12 +67,14 @@ static double hf_step_controller(holdfast_grip *own, const holdfast_sense *sense
     const double now = holds ? hf_evidence(sense) : 0.0;
     const double fading = own->last_evidence - HF_PERIOD_S / HF_FADES_S;
     const double evidence = holds ? hf_high(now, fading) : 0.0;
-    double wanted_n;
+    double most_n, ahead_n, wanted_n;
     int ends;
     hf_step_own_grip(own, sense);
     *fresh = evidence > 0.0;
-    wanted_n = *fresh ? hf_high(sense->grip_n, own->own_n) + own->options.lead_n * evidence
-                      : hf_kept_n(own, sense);
+    most_n = hf_high(own->own_n + HF_RISE_N, own->needed_n);
+    ahead_n = hf_high(sense->grip_n, own->own_n) + own->options.lead_n * evidence;
+    if (!(sense->grip_n < most_n)) ahead_n = most_n;
+    wanted_n = *fresh ? ahead_n : hf_kept_n(own, sense);
     ends = hf_handed_over(own, sense) && !(now > 0.0);
     if (sense->known) own->last_evidence = evidence;
     if (ends) own->last_evidence = 0.0;
