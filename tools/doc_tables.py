@@ -48,6 +48,10 @@ SOURCES: dict[str, dict[str, str]] = {
     },
     "docs/evaluation.md": {
         "evaluated": "build/evaluate/figures.json",
+        "fifty": "build/evaluate-50hz/figures.json",
+        "fifty_wide": "docs/measured/wide-2ff3bcf27669.json",
+        "tiny": "build/evaluate-tiny/figures.json",
+        "tiny_wide": "docs/measured/wide-9d282ae40fef.json",
         "handover": "build/fast-handover/figures.json",
         "scenes": "build/scenes/scenes.json",
         "preliminary": "build/preliminary/preliminary.json",
@@ -103,7 +107,7 @@ SOURCES: dict[str, dict[str, str]] = {
     "docs/transfer.md": {
         "transfer": "build/transfer/transfer.json",
         "spread": "build/transfer-spread/transfer.json",
-        "tugs": "docs/measured/transfer-tugs-326dbe034565.json",
+        "tugs": "docs/measured/transfer-tugs-080828f74eb1.json",
     },
     "docs/what-accuracy-costs.md": {
         "cost": "build/bench/cost.json",
