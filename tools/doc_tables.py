@@ -86,7 +86,7 @@ SOURCES: dict[str, dict[str, str]] = {
     "docs/second-physics.md": {
         "before": "docs/measured/world-d86a7e638b14.json",
         "world": "docs/measured/world-080828f74eb1.json",
-        "controllers": "docs/measured/world-326dbe034565.json",
+        "controllers": "docs/measured/world-controllers.json",
         "intent": "docs/measured/world-intent-326dbe034565.json",
     },
     "docs/shared-control.md": {

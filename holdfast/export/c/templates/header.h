@@ -148,7 +148,8 @@ int holdfast_risky_permille(const holdfast_out *out);
 
 /* ---- the grip: from answers to one command a sample, by the controller "holdfast" ---- */
 
-/* lead_n: the largest lead of the target over the grip, N a side. The others are the supervisor's:
+/* lead_n: the largest lead of the target over the grip, N a side, while the grip itself has risen by
+   less than HF_RISE_N over the wearer's. The others are the supervisor's:
    the target stays below ceiling_n; it rises only for rise_s after evidence, and not for longer than
    most_rise_s an answer; after give_back_s without evidence it falls by give_back_n_s. slew_n_s is
    passed on to the drive. shear_gain: shear over normal force as the sensors read it, over the true
