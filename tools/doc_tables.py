@@ -61,8 +61,8 @@ SOURCES: dict[str, dict[str, str]] = {
     "docs/hand.md": {
         "hand": "build/bench/hand.json",
         "files": "build/bench/hand-files.json",
-        "answered": "docs/measured/hand-files-326dbe034565.json",
-        "others": "docs/measured/hands-326dbe034565.json",
+        "answered": "docs/measured/hand-files-080828f74eb1.json",
+        "others": "docs/measured/hands-080828f74eb1.json",
     },
     "docs/learners.md": {
         "learners": "build/real/learners.json",
@@ -87,26 +87,26 @@ SOURCES: dict[str, dict[str, str]] = {
         "before": "docs/measured/world-d86a7e638b14.json",
         "world": "docs/measured/world-080828f74eb1.json",
         "controllers": "docs/measured/world-controllers.json",
-        "intent": "docs/measured/world-intent-326dbe034565.json",
+        "intent": "docs/measured/world-intent-080828f74eb1.json",
     },
     "docs/shared-control.md": {
         "loop": "build/loop/loop.json",
         "before": "docs/measured/loop-d86a7e638b14.json",
-        "cap": "docs/measured/loop-cap-326dbe034565.json",
+        "cap": "docs/measured/loop-cap-080828f74eb1.json",
     },
     "docs/targets.md": {
         "distortions": "docs/measured/distortions-080828f74eb1.json",
         "evaluated": "build/evaluate/figures.json",
-        "files": "build/bench/hand-files.json",
-        "loop": "build/loop/loop.json",
+        "files": "docs/measured/hand-files-080828f74eb1.json",
+        "loop": "docs/measured/loop-080828f74eb1.json",
         "nested": "docs/measured/nested-choice-2026-11-25.json",
-        "spread": "build/transfer-spread/transfer.json",
+        "spread": "docs/measured/transfer-spread-2026-11-26.json",
         "wide": "docs/measured/wide-080828f74eb1.json",
         "world": "docs/measured/world-080828f74eb1.json",
     },
     "docs/transfer.md": {
         "transfer": "build/transfer/transfer.json",
-        "spread": "build/transfer-spread/transfer.json",
+        "spread": "docs/measured/transfer-spread-2026-11-26.json",
         "tugs": "docs/measured/transfer-tugs-080828f74eb1.json",
     },
     "docs/what-accuracy-costs.md": {
