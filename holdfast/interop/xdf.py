@@ -54,6 +54,8 @@ BEGIN, END = "begin ", "end"
 """Markers that begin and end a trial."""
 PROVENANCE = "marker"
 """What the truth file says of where a phase comes from."""
+SAME_S = 1e-6
+"""A marker this near to a sample is at it: clocks are fitted, and end in rounded numbers."""
 
 
 @dataclass(frozen=True)
@@ -289,7 +291,7 @@ def write_trials(
 
 def _table(stream: TactileStream, cut: Cut) -> tuple[str, float, float]:
     """(CSV text, first stamp, last stamp) of a cut. Raises EmptyRecording or TimeError."""
-    inside = (stream.t_s >= cut.t0_s) & (stream.t_s < cut.t1_s)
+    inside = (stream.t_s >= cut.t0_s - SAME_S) & (stream.t_s < cut.t1_s - SAME_S)
     stamps = stream.t_s[inside]
     if len(stamps) < MIN_ROWS:
         raise EmptyRecording(
@@ -368,12 +370,13 @@ def _phases(markers: list[Marker], t0_s: float, t1_s: float) -> list[Json]:
     # From the last marker to the first, because each phase ends where the next one begins.
     phases: list[Json] = []
     # The last phase ends just after the last sample, so that this sample is part of it.
-    stop_s = t1_s + 1e-6
+    stop_s = t1_s + SAME_S
     for marker in reversed(markers):
-        if marker.text not in SITUATIONS or not t0_s <= marker.t_s <= t1_s:
+        within = t0_s - SAME_S <= marker.t_s <= t1_s
+        if marker.text not in SITUATIONS or not within:
             continue
         phase = {
-            "t0_s": round(marker.t_s - t0_s, 6),
+            "t0_s": round(max(0.0, marker.t_s - t0_s), 6),
             "t1_s": round(stop_s - t0_s, 6),
             "label": marker.text,
             "provenance": PROVENANCE,
