@@ -36,15 +36,19 @@ for words in {}:
     assert main(words) == 0
 """
 RUN = ["run", "holdfast-150hz", "--source", "virtual://ft232h", "--quiet"]
-LOOP = ["loop", "coarse.toml", "--trials", "1", "--jobs", "1", "--json", "loop.json"]
+LOOP = ["loop", "coarse.toml", "--model", "holdfast-50hz"]
+LOOP += ["--trials", "1", "--jobs", "1", "--json", "loop.json"]
 COARSE = """
 from importlib.resources import files
 from pathlib import Path
 card = (files("holdfast") / "simulation/cards/pull-soft-ball.toml").read_text("utf-8")
-Path("coarse.toml").write_text(card + "[physics]\\nstep_s = 0.003\\n", "utf-8")
+short = "[[trials]]\\nclose_at_s = 0.5\\nhold_s = 0.8\\ntail_s = 0.2"
+card = card.replace("[[trials]]", short).replace("rate_hz = 150", "rate_hz = 50")
+card += "[physics]\\nstep_s = 0.01\\n"
+Path("coarse.toml").write_text(card, "utf-8")
 """
-"""A scene with few steps: the walk loads the same modules."""
-TRAIN = ["train", "--learner", "forest", "--out", "made"]
+"""A short scene with few steps: the walk loads the same modules."""
+TRAIN = ["train", "--learner", "forest", "--size", "tiny", "--out", "made"]
 EXPORT = ["export", "made", "--out", "made.onnx"]
 WALKS = {
     "import holdfast": "import holdfast; dir(holdfast)",

@@ -19,7 +19,7 @@ from typing import Any
 import pytest
 from command_line import Run
 from dask_cluster import of_this_process
-from loop_bench import card_text, row
+from loop_bench import SLOWER, card_text, row
 from small_jobs import HELD, dies_at_gate, dies_once, held, square
 
 from holdfast.core.errors import UsageError, WorkersLost
@@ -235,7 +235,7 @@ def test_zero_processes_are_refused(run: Run) -> None:
 def test_sets_scored_on_a_cluster_have_the_figures_of_this_process(
     run: Run, tmp_path: Path, cluster: str
 ) -> None:
-    (tmp_path / "pulls.toml").write_text(card_text(row("pull")))
+    (tmp_path / "pulls.toml").write_text(card_text(row("pull"), rate_hz=50))
     for number in (1, 2):
         words = ("--trials", 2, "--seed", number, "--out", tmp_path / f"set{number}")
         assert run("simulate", tmp_path / "pulls.toml", *words)[0] == 0
@@ -245,7 +245,7 @@ def test_sets_scored_on_a_cluster_have_the_figures_of_this_process(
         sets = (tmp_path / "set1", tmp_path / "set2")
         code, _, err = run(
             "evaluate",
-            "models/holdfast-150hz.onnx",
+            SLOWER,
             "--data",
             *sets,
             "--json",
@@ -262,14 +262,12 @@ def test_a_closed_loop_on_a_cluster_ends_as_in_this_process(
     run: Run, tmp_path: Path, cluster: str
 ) -> None:
     card, written = tmp_path / "two.toml", []
-    card.write_text(
-        card_text(row("fall", "weak_grip = 0.5\n", "hard-ball"), row("pass"))
-    )
+    both = (row("fall", "weak_grip = 0.5\n", "hard-ball"), row("pass"))
+    card.write_text(card_text(*both, rate_hz=50))
+    words = ("loop", card, "--model", SLOWER, "--controller", "pd-shear")
     for name, where in (("here", ("--jobs", 1)), ("there", ("--dask", cluster))):
         out = tmp_path / f"{name}.json"
-        code, _, err = run(
-            "loop", card, "--controller", "pd-shear", "--json", out, *where
-        )
+        code, _, err = run(*words, "--json", out, *where)
         assert code == 0, err
         written.append(out.read_bytes())
     assert written[0] == written[1]

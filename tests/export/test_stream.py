@@ -267,13 +267,13 @@ def test_reset_of_one_recording_leaves_the_others_of_its_batch_alone() -> None:
         np.testing.assert_array_equal(after[1], fresh[1])
 
 
-def last_features(spec: StepSpec, values: FloatArray) -> bytes:
-    """The features after the last of these samples."""
-    valid = np.ones((len(values), spec.n_sensors), dtype=np.bool_)
-    rows = [np.array([len(values) - 1])]
-    return run_recordings(session_of(spec), [values], [valid], ["features"], rows)[0][
-        "features"
-    ].tobytes()
+def last_features(spec: StepSpec, *streams: FloatArray) -> list[bytes]:
+    """The features after the last of the samples of each stream."""
+    valid = [np.ones((len(one), spec.n_sensors), dtype=np.bool_) for one in streams]
+    rows = [np.array([len(one) - 1]) for one in streams]
+    # together: that each has the bits it has alone is a test above
+    outs = run_recordings(session_of(spec), streams, valid, ["features"], rows)
+    return [out["features"].tobytes() for out in outs]
 
 
 def inside(seconds: float, rate_hz: float) -> int:
@@ -293,10 +293,10 @@ def test_a_group_sees_nothing_older_than_its_stated_memory(
     oldest = len(values) - 1 - inside(GROUPS[name].memory_s, rate_hz)
     altered = values.copy()
     altered[:oldest] = 50.0 * numbers(oldest, 2, seed + 1)
-    before = last_features(spec, values)
-    assert last_features(spec, altered) == before
     longer_life = np.concatenate([numbers(longer, 2, seed + 2), values])
-    assert last_features(spec, longer_life) == before  # no clock either
+    before, after, later = last_features(spec, values, altered, longer_life)
+    assert after == before
+    assert later == before  # no clock either
 
 
 @pytest.mark.parametrize("rate_hz", RATES_HZ)
@@ -306,13 +306,13 @@ def test_a_group_sees_something_inside_its_stated_memory(
 ) -> None:
     spec = StepSpec(2, rate_hz, "N", (name,))
     values = numbers(120, 2)
-    before = last_features(spec, values)
-    seen = []
+    altered = []
     every = 1 if name == "window" else 12
     for back in range(0, inside(GROUPS[name].memory_s, rate_hz) + 1, every):
-        altered = values.copy()
-        altered[-1 - back] += 5.0
-        seen.append(last_features(spec, altered) != before)
+        altered.append(values.copy())
+        altered[-1][-1 - back] += 5.0
+    before, *after = last_features(spec, values, *altered)
+    seen = [one != before for one in after]
     assert seen[0]
     if name == "window":
         assert all(seen)
@@ -325,7 +325,8 @@ def test_a_group_that_rings_for_ever_says_so() -> None:
         altered = values.copy()
         altered[20] += 5.0
         assert GROUPS[name].memory_s == math.inf
-        assert last_features(spec, altered) != last_features(spec, values)
+        before, after = last_features(spec, values, altered)
+        assert after != before
 
 
 @pytest.mark.parametrize("rate_hz", [*RATES_HZ, 100.0, 300.0])
@@ -334,13 +335,14 @@ def test_no_clock_free_feature_can_see_anything_older_than_half_a_second(
 ) -> None:
     spec = StepSpec(2, rate_hz, "N", CLOCK_FREE_GROUPS)
     values = numbers(500, 2)
-    before = last_features(spec, values)
     oldest = len(values) - 1 - inside(HISTORY_S, rate_hz)
     altered = values.copy()
     altered[:oldest] += 100.0
-    assert last_features(spec, altered) == before
-    altered[oldest] += 100.0
-    assert last_features(spec, altered) != before
+    touched = altered.copy()
+    touched[oldest] += 100.0
+    before, older, within = last_features(spec, values, altered, touched)
+    assert older == before
+    assert within != before
 
 
 def test_the_clock_free_groups_exist_and_none_claims_a_longer_memory() -> None:

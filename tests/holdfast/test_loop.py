@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 from command_line import Run, fails
-from loop_bench import MODEL, card_text, row
+from loop_bench import MODEL, SLOWER, card_text, row
 
 CARD = card_text(
     row("pass", "count = 2\n"),
@@ -102,8 +102,9 @@ def test_the_figures_of_every_controller_are_written_and_printed(
 def test_what_no_hand_can_hold_is_an_outcome(run: Run, tmp_path: Path) -> None:
     slippery = '[objects."soap"]\nmass_g = 2000\nfriction = 0.05\nhalf_length_mm = 80\n'
     beyond = row("pull", "cap_n = 400\narm_n_per_m = 100000\ndistance_m = 1\n")
-    text = card_text(row("fall", "", "soap"), beyond, effects=slippery)
-    _, made = looped(run, tmp_path, text, "--controller", "holdfast")
+    text = card_text(row("fall", "", "soap"), beyond, effects=slippery, rate_hz=50)
+    words = ("--controller", "holdfast", "--model", SLOWER)
+    _, made = looped(run, tmp_path, text, *words)
     figures = made["sets"]["mine"]["holdfast"]
     assert (figures["drops"], figures["preventable"], figures["saved_share"]) == (
         2,

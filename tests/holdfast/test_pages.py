@@ -94,7 +94,7 @@ def test_calibrate_finds_the_matrix_of_its_own_example(
 
 @pytest.mark.filterwarnings("ignore")
 def test_train_ends_with_a_model_file(follow: Callable[..., str]) -> None:
-    follow("train.md", ("--trials 60 ", "--trials 60 --rate 50 "))
+    follow("train.md", ("--trials 60 ", "--trials 30 --rate 50 "))
     assert Path("build/train/model/holdfast.onnx").is_file()
 
 

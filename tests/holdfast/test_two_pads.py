@@ -53,17 +53,23 @@ def two_pads(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return out
 
 
-def scene_url(folder: Path, seed: int, layout: str = LAYOUT) -> str:
-    path = folder / "tug.toml"
+@pytest.fixture(scope="module")
+def tug(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The scene. One path for all: a process keeps the trial that it simulated last."""
+    path = tmp_path_factory.mktemp("scene") / "tug.toml"
     path.write_text(TUG, encoding="utf-8")
-    return f"virtual://ft232h?{layout}&scene={path}&seed={seed}"
+    return path
+
+
+def scene_url(scene: Path, seed: int, layout: str = LAYOUT) -> str:
+    return f"virtual://ft232h?{layout}&scene={scene}&seed={seed}"
 
 
 @pytest.mark.parametrize(("controller", "kept"), [("holdfast", True), ("none", False)])
 def test_a_tug_at_a_gripper_of_two_pads_is_held_by_the_commands(
-    two_pads: Path, tmp_path: Path, controller: str, kept: bool
+    two_pads: Path, tug: Path, controller: str, kept: bool
 ) -> None:
-    url = scene_url(tmp_path, 102)
+    url = scene_url(tug, 102)
     model = Model(two_pads)
     clock = VirtualClock()
     gain = shear_gain_of(url, None) or 1.0
@@ -77,11 +83,9 @@ def test_a_tug_at_a_gripper_of_two_pads_is_held_by_the_commands(
     assert (outcome.strongest_n > 1.5 * outcome.wearers_n) == kept
 
 
-def test_a_run_names_the_gripper_and_commands_it(
-    two_pads: Path, tmp_path: Path
-) -> None:
+def test_a_run_names_the_gripper_and_commands_it(two_pads: Path, tug: Path) -> None:
     words = [sys.executable, "-m", "holdfast", "run", str(two_pads), "--source"]
-    words += [scene_url(tmp_path, 102), "--grip", "virtual", "--quiet"]
+    words += [scene_url(tug, 102), "--grip", "virtual", "--quiet"]
     done = subprocess.run(
         [*words, "--seconds", "0.5"],
         cwd=ROOT,
@@ -105,9 +109,7 @@ WRONG = {
 
 
 @pytest.mark.parametrize("layout", WRONG)
-def test_a_virtual_gripper_has_the_sensors_of_its_scene(
-    tmp_path: Path, layout: str
-) -> None:
-    url = scene_url(tmp_path, 102, layout)
+def test_a_virtual_gripper_has_the_sensors_of_its_scene(tug: Path, layout: str) -> None:
+    url = scene_url(tug, 102, layout)
     with pytest.raises(UsageError, match=WRONG[layout]):
         open_live(url, clock=VirtualClock(), report=print)

@@ -19,6 +19,8 @@ from holdfast.simulation.scene_file import read_scene_file
 from holdfast.simulation.script_times import Times
 
 MODEL = Path(__file__).resolve().parents[2] / "models" / "holdfast-150hz.onnx"
+SLOWER = MODEL.with_name("holdfast-50hz.onnx")
+"""A third of the samples, for what is the same at any rate."""
 ACTIONS = {
     "pass": "soft-ball",
     "pull": "soft-ball",
@@ -49,13 +51,11 @@ def row(action: str, more: str = "", name: str = "") -> str:
     return first + "\n".join(lines) + "\n" + more + "\n"
 
 
-def card_text(*rows: str, effects: str = "") -> str:
-    """A card at 150 Hz with two steps a sample."""
-    return (
-        "[record]\nrate_hz = 150\n[physics]\nstep_s = 0.0035\n"
-        + "".join(rows)
-        + effects
-    )
+def card_text(*rows: str, effects: str = "", rate_hz: int = 150) -> str:
+    """A card with two steps a sample."""
+    step_s = 0.525 / rate_hz
+    head = f"[record]\nrate_hz = {rate_hz}\n[physics]\nstep_s = {step_s:g}\n"
+    return head + "".join(rows) + effects
 
 
 def scene_of(folder: Path, text: str, seed: int = 0) -> Scene:
