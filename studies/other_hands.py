@@ -77,13 +77,23 @@ def run(args: argparse.Namespace) -> int:
     }
     written = write_figures(args.out / "hands.json", figures)
     for row in rows:
-        print(
-            f"{row['hand']}: {row['found']:.3f} found, {row['in_time']:.3f} in time, "
-            f"{row['called']:.3f} called, {row['saved']} of {row['preventable']} saved, "
-            f"{row['blocked']} of {row['handovers']} hand-overs blocked"
-        )
+        print(line_of(row))
     print(written)
     return 0
+
+
+def line_of(row: Json) -> str:
+    """One hand's row in a sentence; "-": a share of nothing, where trials are few."""
+    of_none = "-"
+    found, in_time, called = (
+        of_none if row[key] is None else f"{row[key]:.3f}"
+        for key in ("found", "in_time", "called")
+    )
+    return (
+        f"{row['hand']}: {found} found, {in_time} in time, {called} called, "
+        f"{row['saved']} of {row['preventable']} saved, "
+        f"{row['blocked']} of {row['handovers']} hand-overs blocked"
+    )
 
 
 class OnHand:

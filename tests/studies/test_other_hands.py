@@ -13,7 +13,7 @@ from holdfast.core.writing import write_whole
 from holdfast.simulation.scene import Scene
 from holdfast.simulation.scene_file import read_scene_file
 from studies.__main__ import PROGRAMS
-from studies.other_hands import HANDS, scene_text
+from studies.other_hands import HANDS, line_of, scene_text
 from tools.harness import start
 
 TINY = DEFAULT.with_name("holdfast-150hz-tiny.onnx")
@@ -54,3 +54,10 @@ def test_the_learner_of_six_fingertips_answers_on_a_gripper_of_two_pads(
     assert row["found_of"] > 0
     assert row["found"] > 0.5
     assert "two-pad-gripper: " in capsys.readouterr().out
+
+
+def test_a_hand_on_which_too_few_trials_ran_for_a_share_has_none() -> None:
+    shares = {"found": 0.5, "in_time": None, "called": None}
+    counts = {"saved": 0, "preventable": 0, "blocked": 0, "handovers": 1}
+    line = line_of({"hand": "two-pad-gripper", **shares, **counts})
+    assert "0.500 found, - in time, - called" in line
