@@ -1,6 +1,6 @@
-"""`python -m tools.house`: the size of the house, and how many modules each walk through it loads.
+"""`python -m tools.house`: how large the project is, each figure beside its limit (budget.toml).
 
-Things are counted as nodes of the syntax tree, because lines say more about the formatter.
+Sizes are counted as nodes of the syntax tree, because lines say more about the formatter.
 """
 
 from __future__ import annotations
@@ -10,10 +10,10 @@ import os
 import subprocess
 import sys
 import tempfile
+import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from statistics import median
 
 ROOT = Path(__file__).resolve().parents[1]
 COMPREHENSIONS = (ast.ListComp, ast.SetComp, ast.DictComp, ast.GeneratorExp)
@@ -51,13 +51,13 @@ Path("coarse.toml").write_text(card, "utf-8")
 TRAIN = ["train", "--learner", "forest", "--size", "tiny", "--out", "made"]
 EXPORT = ["export", "made", "--out", "made.onnx"]
 WALKS = {
-    "import holdfast": "import holdfast; dir(holdfast)",
-    "a fed monitor": MONITOR,
-    "a virtual hand": VERBS.format([[*RUN, "--seconds", "0.5"]]),
-    "a closed loop": COARSE + VERBS.format([LOOP]),
-    "train and export": VERBS.format([TRAIN, EXPORT]),
+    "import_holdfast": "import holdfast; dir(holdfast)",
+    "fed_monitor": MONITOR,
+    "live_run": VERBS.format([[*RUN, "--seconds", "0.5"]]),
+    "closed_loop": COARSE + VERBS.format([LOOP]),
+    "train_and_export": VERBS.format([TRAIN, EXPORT]),
 }
-"""A walk through the house -> the program that goes it."""
+"""The name of a walk in the budget -> a program that loads what it needs."""
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,6 @@ class Size:
     lines: int
     nodes: int
     comprehensions: int
-    median_lines: float
     most_lines: int
 
     @property
@@ -93,7 +92,6 @@ def size_of(folders: Sequence[str]) -> Size:
         lines=sum(lines),
         nodes=len(nodes),
         comprehensions=sum(isinstance(node, COMPREHENSIONS) for node in nodes),
-        median_lines=median(lines),
         most_lines=max(lines),
     )
 
@@ -111,21 +109,49 @@ def modules_loaded(program: str, folder: Path) -> int:
     return int(done.stdout.split()[-1])
 
 
+def budget() -> dict[str, dict[str, float]]:
+    """The limits, by section of tools/budget.toml."""
+    return tomllib.loads((ROOT / "tools" / "budget.toml").read_text("utf-8"))
+
+
+def package_nodes() -> dict[str, float]:
+    """Nodes of each package that ships; `top` are the files beside them."""
+    folders = sorted(path.parent.name for path in ROOT.glob("holdfast/*/__init__.py"))
+    nodes = {name: float(size_of([f"holdfast/{name}"]).nodes) for name in folders}
+    return nodes | {"top": size_of(["holdfast"]).nodes - sum(nodes.values())}
+
+
+def size_figures() -> dict[str, dict[str, float]]:
+    """Every figure of the budget but the walks, under the names that it has there."""
+    shipped = size_of(["holdfast"])
+    return {
+        "packages": package_nodes(),
+        "shipped": {
+            "files": shipped.files,
+            "lines": shipped.lines,
+            "nodes_a_line": shipped.nodes_a_line,
+            "comprehensions_per_1000_lines": shipped.comprehensions_per_1000_lines,
+            "most_lines_a_file": shipped.most_lines,
+        },
+        "outside": {
+            "studies_and_benchmarks": size_of(["studies", "benchmarks"]).nodes,
+            "tests": size_of(["tests"]).nodes,
+        },
+    }
+
+
 def main() -> None:
-    """Print the size of each part, and each walk."""
-    packages = sorted(path.parent.name for path in ROOT.glob("holdfast/*/__init__.py"))
-    parts = {f"holdfast/{name}": [f"holdfast/{name}"] for name in packages}
-    parts |= {"shipped": ["holdfast"], "studies, benchmarks": ["studies", "benchmarks"]}
-    parts["tests"] = ["tests"]
-    print(f"{'':24}files   lines   nodes  nodes a line  comprehensions per 1,000")
-    for name, folders in parts.items():
-        size = size_of(folders)
-        dense, comprehensions = size.nodes_a_line, size.comprehensions_per_1000_lines
-        counts = f"{size.files:5} {size.lines:7,} {size.nodes:7,}"
-        print(f"{name:24}{counts} {dense:13.2f} {comprehensions:25.1f}")
+    """Print every figure beside its limit."""
+    figures, limits = size_figures(), budget()
     with tempfile.TemporaryDirectory() as folder:
-        for name, program in WALKS.items():
-            print(f"{name:24}{modules_loaded(program, Path(folder)):5} modules of ours")
+        walks = {name: modules_loaded(WALKS[name], Path(folder)) for name in WALKS}
+    for section, named in [*figures.items(), ("walks", walks)]:
+        for name, figure in named.items():
+            label = f"{section} {name}"
+            print(f"{label:42}{figure:12,.6g} of {limits[section][name]:12,.6g}")
+        if section == "packages":
+            nodes, most = sum(named.values()), sum(limits[section].values())
+            print(f"{'packages, sum of nodes':42}{nodes:12,.0f} of {most:12,.0f}")
 
 
 if __name__ == "__main__":
