@@ -7,7 +7,6 @@ BIN    := .venv/bin
 LOCKS  := requirements/live.lock requirements/dev.lock requirements/build.lock
 DEMO_LOCKS := requirements/demo.lock requirements/build.lock
 PEERS  := .venv-peers
-LEROBOT := .venv-lerobot
 DIST   := .venv-dist
 DOCS   := .venv-docs
 MUTANTS := .venv-mutants
@@ -35,7 +34,7 @@ unexport VIRTUAL_ENV PYTHONPATH PYTHONHOME PYTHONDONTWRITEBYTECODE
 # onnxruntime sends usage data otherwise; edge_runtime says so too.
 export ORT_DISABLE_TELEMETRY := 1
 
-.PHONY: help setup hooks demo test lint lock clean dist docs docs-site screenshots hard-cases safety soak fuzz mutants real loop distortions evaluate study models bench browser peers world lerobot
+.PHONY: help setup hooks demo test lint lock clean dist docs docs-site screenshots hard-cases safety soak fuzz mutants real loop distortions evaluate study models bench browser world
 
 help:  ## list the targets
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/make \1\t\2/p' Makefile | expand -t 16
@@ -69,7 +68,7 @@ evaluate: setup  ## the default model on unseen simulated sets, with baselines, 
 study: setup  ## one study: make study NAME=adapt; without NAME the list
 	$(BIN)/python -m studies $(NAME) $(ARGS)
 
-models: setup  ## rebuild the default model from scenes, into models; RATE=50 for slow bridges, SIZE=tiny or best
+models: setup  ## rebuild the default model from scenes, into models; RATE=50 for slow bridges, SIZE=tiny
 	rm -rf $(MADE)
 	$(BIN)/holdfast simulate thesis --rate $(RATE) --out $(MADE)/thesis
 	$(BIN)/holdfast simulate broad --rate $(RATE) --out $(MADE)/broad
@@ -110,20 +109,8 @@ bench: setup  ## what accuracy costs in time on this machine; all, or only NAME=
 browser: setup  ## a simulated hand to pull at, with the default model, as a page that needs no server, into build/browser
 	$(BIN)/python examples/browser/build.py $(MODEL) build/browser
 
-peers: $(PEERS)/.stamp  ## beside others: hold and pull, and the closed loop, in MuJoCo, the forest in treelite; an environment of its own, into build/bench
-	$(PEERS)/bin/python -m benchmarks.mujoco_peer --out build/bench/mujoco.json $(ARGS)
-	$(PEERS)/bin/python -m benchmarks.mujoco_loop --out build/bench/mujoco-loop.json
-	$(PEERS)/bin/python -m holdfast bench latency
-
 world: $(PEERS)/.stamp  ## the shipped model in a second physics (MuJoCo), for testing only; FULL=1: all of it, hours, resumes; into build/world
 	OPENBLAS_NUM_THREADS=1 $(PEERS)/bin/python -m benchmarks world --out build/world --model $(MODEL) $(if $(FULL),--full) $(ARGS)
-
-lerobot: setup $(LEROBOT)/.stamp  ## lerobot's own loader reads what holdfast convert writes; an environment of its own, 8 GB, needs a C compiler
-	rm -rf build/lerobot
-	PYTHONPATH=tests/support $(BIN)/python -c "import lossy_set, pathlib; lossy_set.write_lossy_set(pathlib.Path('build/lerobot/trials'))"
-	$(BIN)/holdfast convert build/lerobot/trials --to lerobot --out build/lerobot/lerobot
-	$(BIN)/holdfast convert build/lerobot/trials --to parquet --out build/lerobot/parquet
-	HF_HUB_OFFLINE=1 $(LEROBOT)/bin/python benchmarks/lerobot_peer.py build/lerobot/lerobot build/lerobot/parquet
 
 lint: setup  ## ruff and mypy
 	$(BIN)/ruff check .
@@ -133,7 +120,7 @@ lock: .tools/.stamp  ## rewrite the locks after a change of dependencies; UPGRAD
 	PYTHON=$(PYTHON) UPGRADE=$(UPGRADE) tools/lock.sh
 
 clean:  ## remove .venv, the other environments, .tools, build and caches
-	rm -rf .venv $(PEERS) $(LEROBOT) $(DIST) $(DOCS) $(MUTANTS) .tools build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf .venv $(PEERS) $(DIST) $(DOCS) $(MUTANTS) .tools build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
 dist: setup $(DIST)/.stamp  ## the wheel and the source archive, checked, into dist
@@ -169,12 +156,6 @@ $(PEERS)/.stamp: .tools/.stamp $(LOCKS) requirements/peers.lock
 	@test -x $(PEERS)/bin/python || $(UV) venv --quiet --clear --python "$$(command -v $(PYTHON))" $(PEERS)
 	$(UV) pip sync --quiet --python $(PEERS)/bin/python --only-binary :all: --require-hashes \
 	    $(LOCKS) requirements/peers.lock
-	@touch $@
-
-# Not beside .venv's packages: lerobot wants older versions of some.
-$(LEROBOT)/.stamp: .tools/.stamp requirements/lerobot.lock
-	@test -x $(LEROBOT)/bin/python || $(UV) venv --quiet --clear --python "$$(command -v $(PYTHON))" $(LEROBOT)
-	$(UV) pip sync --quiet --python $(LEROBOT)/bin/python --require-hashes requirements/lerobot.lock
 	@touch $@
 
 # Apart from .venv, which runs the tests; one of its packages has no wheel.

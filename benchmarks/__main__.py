@@ -116,34 +116,18 @@ def _effects(request: BenchRequest) -> Json:
 
 
 def _simulator(request: BenchRequest) -> Json:
-    from benchmarks.friction_peers import table
-    from benchmarks.hold_and_pull import rows
     from benchmarks.simulator import plausibility, size_curve, step_curve
 
     step = _rows(step_curve())
     sizes = asdict(size_curve())
     leads = _rows(plausibility())
-    peers = {"hold_and_pull": _rows(rows(request.out)), "friction": _rows(table())}
-    return {"step": step, **sizes, "plausibility": leads, **peers}
+    return {"step": step, **sizes, "plausibility": leads}
 
 
 def _latency(request: BenchRequest) -> Json:
     from holdfast.evaluation.latency.check import figures_of
 
     return figures_of(MODEL)
-
-
-def _instructions(request: BenchRequest) -> Json:
-    from benchmarks.instructions import INSTRUCTIONS_A_CYCLE, instructions
-
-    rows = _rows(instructions(MODEL))
-    return {"rows": rows, "assumed_instructions_a_cycle": INSTRUCTIONS_A_CYCLE}
-
-
-def _training(request: BenchRequest) -> Json:
-    from benchmarks.training_time import training_times
-
-    return {"rows": _rows(training_times())}
 
 
 def _cost(request: BenchRequest) -> Json:
@@ -163,11 +147,8 @@ def _robust(request: BenchRequest) -> Json:
 
 def _hand(request: BenchRequest) -> Json:
     from benchmarks.hand import fault_table, latency, scan_costs
-    from benchmarks.hand_delays import delays
-    from holdfast.edge_runtime.monitor import Model
     from holdfast.evaluation.latency.memory import memory
 
-    act_samples = Model(MODEL).card.decision.act_samples
     scans = scan_costs()
     live = [latency(MODEL, rate_hz, LIVE_S) for rate_hz in LIVE_HZ]
     compute_ms = 1e-3 * sum(
@@ -178,28 +159,8 @@ def _hand(request: BenchRequest) -> Json:
         "scans": _rows(scans),
         "faults": [row.to_json() for row in fault_table(MODEL, compute_ms)],
         "live": _rows(live),
-        "act_samples": act_samples,
-        "delays": _rows(delays(scans, compute_ms, act_samples)),
         "memory": _rows(memory(MODEL)),
     }
-
-
-def _onset(request: BenchRequest) -> Json:
-    from benchmarks.onset import held, pulls, ramps
-
-    return {"ramps": ramps(), "pulls": pulls(), "held": held()}
-
-
-def _network(request: BenchRequest) -> Json:
-    from benchmarks.network_time import measure
-
-    return measure()
-
-
-def _live_page(request: BenchRequest) -> Json:
-    from benchmarks.live_page import measure
-
-    return measure()
 
 
 def _runtimes(request: BenchRequest) -> Json:
@@ -237,43 +198,18 @@ MEASURES: dict[str, Measure] = {
         _robust,
         alone=True,
     ),
-    "training": Measure(
-        "CPU time of simulating, features and training by number of trials",
-        "time on this machine, trials simulated",
-        _training,
-    ),
-    "instructions": Measure(
-        "instructions of a step (callgrind), projected to a small board",
-        "counted by callgrind",
-        _instructions,
-    ),
     "effects": Measure(
         "time per sample of every effect of a scene", "time on this machine", _effects
     ),
     "hand": Measure(
-        "scans by bridge, faults, delays, latency of the live loop by stage (minutes)",
+        "scans by bridge, faults, latency of the live loop by stage (minutes)",
         "simulated",
         _hand,
     ),
-    "onset": Measure(
-        "error of the slip onset that a camera finds (needs the extra camera)",
-        "simulated",
-        _onset,
-    ),
     "simulator": Measure(
-        "error by step, CPU time by size, other friction laws, MuJoCo after make peers",
+        "error by step, CPU time by size",
         "simulated, time on this machine",
         _simulator,
-    ),
-    "network": Measure(
-        "a network in whole numbers, in real numbers, and the trees",
-        "time on this machine",
-        _network,
-    ),
-    "live-page": Measure(
-        "whether browsers that stall and read delay the loop (minutes)",
-        "time on this machine, samples simulated",
-        _live_page,
     ),
     "runtimes": Measure(
         "the default model in every runtime of this machine: labels, bits, time",
@@ -291,9 +227,6 @@ MEASURES: dict[str, Measure] = {
 
 
 PROGRAMS = {
-    "hand-files": Program(
-        "benchmarks.hand_files", "one file a hand, or one padded file", "build/bench"
-    ),
     "world": Program(
         "benchmarks.world.program", "the model in a second physics", "build/world"
     ),

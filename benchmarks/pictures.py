@@ -34,23 +34,6 @@ def effects(figures: Figures) -> str:
     return _bars(bars, 0.22, "ns a sample", xscale="log")
 
 
-def training(figures: Figures) -> str:
-    """CPU seconds of every stage against the number of trials."""
-    rows = figures["rows"]
-    curves = {}
-    for name in rows[0]:
-        if name.endswith("_cpu_s"):
-            stage = name.removesuffix("_cpu_s").replace("_", " ")
-            curves[stage] = [(row["trials"], row[name]) for row in rows]
-    return _curves(curves, "trials", "CPU seconds")
-
-
-def instructions(figures: Figures) -> str:
-    """Instructions a call."""
-    bars = [Bar(row["what"], row["instructions"], True) for row in figures["rows"]]
-    return _bars(bars, 0.4, "instructions a call (callgrind)")
-
-
 def hand(figures: Figures) -> str:
     """A scan of six fingers by bridge, layout and clock."""
     bars = []
@@ -76,15 +59,6 @@ def simulator(figures: Figures) -> str:
     )
 
 
-def onset(figures: Figures) -> str:
-    """Error of the slip's start against the object's acceleration."""
-    curves: dict[str, list[tuple[float, float]]] = {}
-    for row in figures["ramps"]:
-        point = (row["mm_per_s2"], row["start_worst_ms"])
-        curves.setdefault(f"{row['fps']:g} fps", []).append(point)
-    return _curves(curves, "acceleration, mm/s2", "worst error of the slip's start, ms")
-
-
 def cost(figures: Figures) -> str:
     """Found in time against microseconds and milliseconds."""
     return cost_figure(figures["rows"])
@@ -99,11 +73,8 @@ PICTURES: dict[str, Callable[[Figures], str]] = {
     "latency": latency,
     "cost": cost,
     "robust": robust,
-    "training": training,
-    "instructions": instructions,
     "effects": effects,
     "hand": hand,
-    "onset": onset,
     "simulator": simulator,
 }
 

@@ -28,6 +28,7 @@ SCORED = [
     SimulatedSet("p2", "p2", 900, 7004),
     SimulatedSet("perturbed-hold", "perturbed-hold", 300, 7005),
     SimulatedSet("daily", "daily", 370, 7006),
+    SimulatedSet("wide", "wide", 600, 7001),
 ]
 CHOOSE = SimulatedSet("choose", "daily", 370, 107)
 TRAIN = SimulatedSet("train", "thesis", 500, 108)

@@ -4,28 +4,21 @@ from __future__ import annotations
 
 from holdfast.evaluation.formats import display_name
 
-OURS = "ours, clock-free"
-RAW = "raw-window forest"
-LINE = "one line of code"
 CLOCK = "WARNING: a clock, time since contact and summed force"
 OURS_18 = "ours, 18 channels"
-OURS_48 = "ours, 48 channels"
 RAW_18 = "raw forest, 18 channels"
 COMMITTEE_18 = "committee, 18 channels"
 SPREAD_18 = "committee, 18 channels, spread taxels"
 SPREAD_OWN_18 = "committee, 18 channels, spread taxels, own level"
 POOLED_18 = "committee, 18 channels, spread taxels, pooled features"
-RAW_48_FOLDS = 3
-RAW_48 = f"raw forest, 48 channels, {RAW_48_FOLDS} folds"
 LEAKY_FOLDS = 2
 LEAKY = f"WARNING: leaky, raw forest on random windows, {LEAKY_FOLDS} folds"
-OURS_ROWS = frozenset({OURS, OURS_18, OURS_48})
+OURS_ROWS = frozenset({OURS_18})
 WARNING_ROWS = frozenset({CLOCK, LEAKY})
 """Rows that warn of what a figure may hide; no detector is built like them."""
 SHOWN = {
     CLOCK: "timing-only baseline",
     LEAKY: f"leaky split: raw forest on random windows, {LEAKY_FOLDS} folds",
-    LINE: "shear-rate threshold",
 }
 """JSON key -> the glossary's name, where they differ."""
 

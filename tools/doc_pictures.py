@@ -19,13 +19,11 @@ from holdfast.evaluation.style import for_any_page
 from studies.doc_pictures.step import picture as step_picture
 from studies.doc_pictures.tags import sheet
 from studies.doc_pictures.timing import PICTURES as TIMING
-from studies.transfer.pictures import PICTURES as TRANSFER
 
 MODEL = Path("models/holdfast-150hz.onnx")
 COST = "build/bench/cost.json"
 ROBUST = "docs/measured/robust-2026-11-25.json"
 EVALUATED = "build/evaluate/figures.json"
-TRANSFERRED = "build/transfer/transfer.json"
 MEASURED: dict[str, tuple[str, Callable[[Json], str]]] = {
     "what-accuracy-costs.svg": (
         COST,
@@ -37,7 +35,6 @@ MEASURED: dict[str, tuple[str, Callable[[Json], str]]] = {
     ),
     "second-physics.svg": (str(world.BEFORE), world.draw),
     **{name: (EVALUATED, draw) for name, draw in TIMING.items()},
-    **{name: (TRANSFERRED, draw) for name, draw in TRANSFER.items()},
 }
 """Picture -> the file of its figures, and what draws it."""
 

@@ -29,9 +29,6 @@ locked=$(sed -n 's/^\([A-Za-z0-9][A-Za-z0-9._-]*\)==[^;]*$/--no-emit-package \1/
 # shellcheck disable=SC2086
 compile requirements/docs.in --constraint requirements/dev.lock $locked --output-file requirements/docs.lock
 
-# By itself: lerobot wants older versions than those of dev.lock.
-compile requirements/lerobot.in --output-file requirements/lerobot.lock
-
 if grep -nE '://|--(extra-)?index-url|--find-links' tools/uv.txt requirements/*.lock; then
     echo "a lock names an index: remove the lines above" >&2
     exit 1

@@ -6,8 +6,6 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-import numpy as np
-
 from benchmarks.cost.point import GOOD, README_POINTS, RECOMMENDED, REFERENCE
 from benchmarks.world.page import FUNCTIONS as WORLD
 from holdfast.core.reading import Json
@@ -21,16 +19,13 @@ from holdfast.simulation.magnet import residual_n
 from holdfast.simulation.protocol import ALL_ACTIONS, COMMON, parameters_of
 from holdfast.simulation.scene_file import read_scene_file
 from holdfast.training.figures import ABSENT, over
-from studies.ablation import gains_table
 from studies.distortions.targets import pairs_by_name
 from studies.distortions.targets import target_rows as distortion_targets
-from studies.fast_handover.targets import target_rows as handover_targets
-from studies.row_names import OURS, RAW, shown
+from studies.row_names import shown
 from studies.shared_control.plan import CURVE_SETS, OUR_LEAD_N, UNSEEN
 from studies.shared_control.plan import OURS as OUR_CONTROLLER
 from studies.shared_control.targets import target_rows as loop_targets
 from studies.thesis_preliminary.published import ACCURACY_PERCENT, LEARNERS
-from studies.transfer.tables import FUNCTIONS as TRANSFER
 
 Rows = Sequence[Json]
 SENSORS, RATE_HZ = 6, 58.9
@@ -82,38 +77,6 @@ def with_interval(value: float | None, interval: Sequence[float] | None) -> str 
 def exact(value: float, interval: Sequence[float]) -> str:
     """The same with three places everywhere."""
     return f"{value:.3f} ({interval[0]:.3f} to {interval[1]:.3f})"
-
-
-def f1_by_person(people: Json) -> list[Json]:
-    """Least, median and largest macro F1 of a person, and how many each learner answers best."""
-    learners = list(next(iter(people.values())))
-    f1 = np.array([[one[name] for name in learners] for one in people.values()], float)
-    best = np.bincount(f1.argmax(axis=1), minlength=len(learners))
-    rows = []
-    for k, name in enumerate(learners):
-        row = {"learner": name, "best": best[k], "people": len(f1)}
-        row |= {"least": f1[:, k].min(), "most": f1[:, k].max()}
-        rows.append(row | {"median": np.median(f1[:, k])})
-    return rows
-
-
-def watched_runs(figures: Json) -> list[Json]:
-    """Of every case sums of counts and medians of times over its runs."""
-    sums = ("samples", "overruns", "disconnects")
-    by_case: dict[str, list[Json]] = {}
-    for row in figures["rows"]:
-        by_case.setdefault(row["case"], []).append(row)
-    together = []
-    for case, runs in by_case.items():
-        line: Json = {"case": case}
-        for key in runs[0].keys() - {"case"}:
-            values = [run[key] for run in runs]
-            if key in sums:
-                line[key] = sum(values)
-            elif None not in values and not isinstance(values[0], str):
-                line[key] = float(np.median(values))
-        together.append(line)
-    return together
 
 
 def lags() -> str:
@@ -311,32 +274,25 @@ FUNCTIONS: dict[str, Callable[..., Any] | object] = {
     "distortion_targets": distortion_targets,
     "effect_rows": effect_rows,
     "exact": exact,
-    "f1_by_person": f1_by_person,
     "feature_groups": feature_groups,
     "floors": floors,
-    "gains": gains_table,
     "grouped": grouped,
-    "handover_targets": handover_targets,
     "lags": lags,
     "loop_targets": loop_targets,
     "number": number,
     "our_controller": OUR_CONTROLLER,
-    "ours": OURS,
     "pairs_by_name": pairs_by_name,
     "percent": percent,
     "published_learners": LEARNERS,
     "published_percent": ACCURACY_PERCENT,
-    "raw": RAW,
     "readme_points": readme_points,
     "recommended_points": recommended_points,
     "reference_point": reference_point,
     "scene_titles": scene_titles,
     "shown": shown,
     "table": table,
-    "watched_runs": watched_runs,
     "with_interval": with_interval,
     "worst_of_unseen": worst_of_unseen,
-    **TRANSFER,
     **WORLD,
 }
 """Every name that a template may use besides the figures."""

@@ -261,6 +261,5 @@ README_POINTS = (
 RECOMMENDED = {
     "tiny": replace(SHIPPED, trees=8, depth=10),
     "default": SHIPPED,
-    "best": replace(SHIPPED, trees=100, depth=0),
 }
 """The models that have names."""

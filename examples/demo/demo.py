@@ -38,12 +38,13 @@ def _learn_and_watch(out: Path, work: Path, ready: Await) -> None:
     from examples.demo.demo_grip import close_the_loop, section
     from examples.demo.demo_watch import LEGEND, show, watch
     from holdfast.edge_runtime.monitor import Model
+    from holdfast.evaluation.stream_pictures import stream
     from holdfast.export.exporting import export_artifact
     from holdfast.training.datasets.thesis import load
     from holdfast.training.fitting import train, versions
     from holdfast.training.plan import TrainingPlan
-    from studies.scenes.figures import MadeBy
-    from studies.scenes.report import demo_report
+    from studies.real.pictures import confusion
+    from studies.report import write_report
 
     data = load(ready(TRAIN), windows="thesis")
     trained = train(data, work / "model", TrainingPlan(), seed=0)
@@ -64,9 +65,18 @@ def _learn_and_watch(out: Path, work: Path, ready: Await) -> None:
     hands = close_the_loop(shipped)
     print("\nthe same shipped model closes the hand (two trials that show it):")
     print("\n".join(f"  {one.sentence}" for one in hands))
-    made = MadeBy(seed=0, versions=versions(), command="make demo")
-    loop, held_out = section(hands), trained.held_out
-    report = demo_report(out / "report.html", data, held_out, made, pictures, loop)
+    held_out = trained.held_out
+    report = write_report(
+        out / "report.html",
+        "demo.html",
+        kind=data.kind,
+        data=data,
+        situations=trained.figures.situations,
+        trials=[(one.recording.trial_id, stream(one, data.kind)) for one in pictures],
+        closed_loop=section(hands),
+        confusion=confusion(data.with_situations(), held_out),
+        versions=versions(),
+    )
     print(f"\nreport: {report}")
 
 

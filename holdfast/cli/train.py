@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 # As holdfast.training has them; repeated here so that --help need not import it.
 WINDOWS = ("balanced", "dense", "thesis", "natural")
 FEATURES = ("fixed", "pooled")
-MODEL_SIZES = ("tiny", "default", "best")
+MODEL_SIZES = ("tiny", "default")
 LEARNERS = ("forest", "network", "committee")
 HELD_OUT_BY = ("person", "object", "session", "trial")
 DEFAULT_OUT = Path("build/default")

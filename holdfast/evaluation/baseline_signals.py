@@ -9,7 +9,7 @@ compares them). Shear rate, timing and raw windows need no graph of their own.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from onnx import TensorProto
@@ -21,14 +21,13 @@ from holdfast.evaluation.model_outputs import everywhere
 from holdfast.export.builder import GraphBuilder
 from holdfast.export.detectors import add_bank, noise_gain
 from holdfast.export.guard import add_guard
-from holdfast.export.spec import NOISE_RMS, StepSpec, window_samples
+from holdfast.export.spec import NOISE_RMS, StepSpec
 from holdfast.training.datasets.human_slip_labels import (
     contact_force_n,
     frames_since_contact,
 )
-from holdfast.training.featurise import FloatRows, features_of, spec_for
-from holdfast.training.plan import RAW_GROUPS
-from holdfast.training.recording import DataSet, LabelledRows, Recording
+from holdfast.training.featurise import FloatRows
+from holdfast.training.recording import DataSet, Recording
 
 OUTPUTS = ("loudest", "now", "usable")
 NARROW = 2048
@@ -36,9 +35,6 @@ NARROW = 2048
 BACK_SAMPLES = 2
 JUMP_N = 0.5
 """The shear-rate threshold: samples back, and the change of the summed shear from there, in N."""
-SHEAR_RATE_LAW = (
-    "a slip where |S[t] - S[t-2]| > 0.5 N, S the sum over the fingers of |x| + |y|"
-)
 
 
 @dataclass(frozen=True)
@@ -238,32 +234,6 @@ def shear_change(samples: FloatArray) -> FloatArray:
     return jump
 
 
-def shear_rate_fires(samples: FloatArray) -> BoolArray:
-    """[T, C] in N -> [T]: the summed shear changed by more than 0.5 N within two samples. Causal.
-
-    Two samples are 40 ms at 50 Hz and 13 ms at 150 Hz, so the law depends on the rate.
-    """
-    fires: BoolArray = shear_change(samples) > JUMP_N
-    return fires
-
-
-def shear_rate_at(data: DataSet, reach_samples: int = 1) -> BoolArray:
-    """[M] whether it fires at any of the last `reach_samples` samples of each window."""
-    task = data.tasks["classes"]
-    fired = np.zeros(len(task), dtype=np.bool_)
-    for trial in np.unique(task.trial):
-        here = task.trial == trial
-        # On the whole recording: the law needs the samples before a window as well.
-        fires = shear_rate_fires(data.recordings[trial].samples)
-        # A sum up to every sample: the difference of two counts what fired between them.
-        count = np.cumsum(np.concatenate([[0], fires]))
-        row = task.row[here] + 1
-        before = np.maximum(row - reach_samples, 0)
-        fired[here] = count[row] > count[before]
-
-    return fired
-
-
 def clock_features(data: DataSet) -> FloatRows:
     """[M, 2]: s since contact (below 0 before any) and summed normal force in N.
 
@@ -280,38 +250,3 @@ def clock_features(data: DataSet) -> FloatRows:
         features[here] = clock[task.row[here]]
 
     return features
-
-
-def raw_windows(data: DataSet) -> FloatRows:
-    """[M, N C] the window group's features of every window of "classes", each from a fresh state.
-
-    Every window is stepped through the graph as a recording of its own, so nothing before its first
-    row is seen: of the trial only the offset remains, which the preparation takes from its unloaded
-    start. The group has no bias or filter of its own: without a lost sample it equals the streamed
-    one.
-    """
-    # A window that saw its past could know which trial it is from.
-    alone = windows_alone(data)
-    return features_of(alone, spec_for(alone, RAW_GROUPS))["classes"]
-
-
-def windows_alone(data: DataSet) -> DataSet:
-    """The windows of "classes", each a recording of the N samples that end at its row."""
-    task = data.tasks["classes"]
-    n = window_samples(data.rate_hz)
-    recordings = []
-    for trial, row in zip(task.trial, task.row, strict=True):
-        whole = data.recordings[trial]
-        # A window at the begin of a trial is shorter.
-        first = max(0, row + 1 - n)
-        rows = slice(first, row + 1)
-        # The labels stay behind: a cut has only the one of its newest sample.
-        cut = replace(whole, samples=whole.samples[rows], valid=whole.valid[rows])
-        recordings.append(cut)
-
-    # The window's label stands at its newest sample.
-    last_rows = [len(one.samples) - 1 for one in recordings]
-    last = np.array(last_rows, dtype=np.int64)
-    trial_of = np.arange(len(task))
-    rows_of = LabelledRows(trial_of, last, task.label, task.classes)
-    return replace(data, recordings=recordings, tasks={"classes": rows_of})

@@ -19,7 +19,6 @@ from onnx import TensorProto
 
 from holdfast.core.contract import FloatArray
 from holdfast.core.errors import UsageError
-from holdfast.core.trial_layout import NORMAL_FLOOR
 from holdfast.export.builder import GraphBuilder
 from holdfast.export.detectors import add_bank, add_detectors
 from holdfast.export.guard import GuardOutputs, add_contact, add_guard
@@ -29,11 +28,9 @@ from holdfast.export.pooled_graph import add_pooled, own_scaled
 from holdfast.export.spec import HISTORY_S, WINDOW_S, StepSpec
 
 SPANS_S = (0.10, 0.25, 0.50)
-"""Spans of means and ranges, in s; each ends at the present sample."""
+"""Spans of means, in s; each ends at the present sample."""
 SCALED_LAGS = (1, 3, 5)
 """Which of LAGS_S the scaled differences use: 0.10, 0.25 and 0.50 s."""
-MORE_LAGS_S = (0.02, 0.075, 0.13, 0.21, 0.31, 0.43)
-"""Lags between those of LAGS_S, in s."""
 
 
 @dataclass(frozen=True)
@@ -81,16 +78,8 @@ def _differences(history: History) -> Triples:
     return Triples(history.change_places[1:, :-1].T.ravel().tolist())
 
 
-def _sums(history: History) -> Triples:
-    return Triples(history.change_places[:, -1].tolist())
-
-
 def _scaled_sums(history: History) -> Triples:
     return Triples(history.change_places[1:, -1].tolist(), scaled=True)
-
-
-def _scaled_now(history: History) -> Triples:
-    return Triples(_now(history).places, scaled=True)
 
 
 def _scaled_differences(history: History) -> Triples:
@@ -123,96 +112,6 @@ def _span_means(spec: StepSpec) -> FloatArray:
     return means
 
 
-def _shear(history: History) -> str:
-    graph = history.graph
-    changes = history.summed_changes((1, 1 + len(LAGS_S)), (0, 2))
-    # The length of (x, y) is the same whatever the direction of the pull.
-    shear = graph.node("ReduceL2", changes, [2], keepdims=1)
-
-    # a floor, because a light touch has next to no normal force to divide by
-    normal = history.normal
-    floor = NORMAL_FLOOR[history.spec.unit]
-    scale = graph.node("Max", normal, floor)
-    scaled = graph.node("Div", shear, scale)
-
-    both = graph.node("Concat", shear, scaled, axis=1)
-    return graph.node("Flatten", both, axis=1)
-
-
-def _ranges(history: History) -> Triples:
-    places: list[int] = []
-    for span_s in SPANS_S:
-        of_span = _range(history, history.summed, span_s)
-        places += history.pooled(of_span, 1)
-    return Triples(places)
-
-
-def _range(history: History, signal: str, span_s: float) -> str:
-    """[B, 1, ..]: the largest minus the smallest of a signal [B, L, ..] over a span."""
-    graph = history.graph
-    length = history.length
-    first = length - history.spec.lag(span_s) - 1
-    recent = graph.columns(signal, first, length)
-    high = graph.node("ReduceMax", recent, [1], keepdims=1)
-    low = graph.node("ReduceMin", recent, [1], keepdims=1)
-    return graph.node("Sub", high, low)
-
-
-def _more_differences(history: History) -> Triples:
-    graph = history.graph
-    now = history.length - 1
-    lags = [history.spec.lag(seconds) for seconds in MORE_LAGS_S]
-    places = [now, *(now - lag for lag in lags)]
-    rows = graph.node("Gather", history.samples, places, axis=1)
-
-    # x[t] minus each older row; products with 1 and -1 are exact
-    since = np.hstack([np.ones((len(lags), 1)), -np.eye(len(lags))])
-    changes = graph.node("MatMul", since, rows)
-
-    count = len(lags) * history.spec.n_sensors
-    triples = graph.reshape(changes, 0, count, 3)
-    return Triples(history.pooled(triples, count))
-
-
-def _finger_ranges(history: History) -> Triples:
-    n_sensors = history.spec.n_sensors
-    places: list[int] = []
-    for span_s in SPANS_S:
-        channels = _range(history, history.samples, span_s)
-        by_finger = history.graph.reshape(channels, 0, n_sensors, 3)
-        places += history.pooled(by_finger, n_sensors)
-    return Triples(places)
-
-
-def _moments(history: History) -> Triples:
-    """The arm of a sensor is its place in the row, from the middle."""
-    n_sensors = history.spec.n_sensors
-    places = np.arange(n_sensors, dtype=np.float64)
-    middle = (n_sensors - 1) / 2.0
-    return _leaned(history, places - middle)
-
-
-def _imbalance(history: History) -> Triples:
-    """The first half of the sensors against the second."""
-    n_sensors = history.spec.n_sensors
-    middle = (n_sensors - 1) / 2.0
-    first_half = np.arange(n_sensors) < middle
-    sides = np.where(first_half, -1.0, 1.0)
-    return _leaned(history, sides)
-
-
-def _leaned(history: History, arms: FloatArray) -> Triples:
-    """Sum a x[t] and its changes, scaled, for arms [S] of the sensors."""
-    graph = history.graph
-    rows = 1 + len(LAGS_S)
-
-    # the moment of a difference is the difference of the moments: one product for all rows
-    by_arm = graph.constant(np.kron(arms[:, None], np.eye(3)))
-    channels = graph.columns(history.changes, 0, history.spec.n_channels, axis=2)
-    moments = graph.node("MatMul", channels, by_arm)
-    return Triples(history.pooled(moments, rows), scaled=True)
-
-
 def _bands(history: History) -> str:
     graph = history.graph
     by_channel = graph.node("Transpose", history.rectified, perm=[0, 2, 1])
@@ -240,20 +139,6 @@ GROUPS: dict[str, FeatureGroup] = {
         HISTORY_S,
         "x[t] - x[t-l]",
         "how every finger's force changed over half a second",
-    ),
-    "sums": FeatureGroup(
-        _sums,
-        lambda s: 3 * (1 + len(LAGS_S)),
-        HISTORY_S,
-        "Sum x[t]; Sum x[t] - Sum x[t-l]",
-        "the whole grip: opposite forces on single fingers cancel",
-    ),
-    "scaled_now": FeatureGroup(
-        _scaled_now,
-        lambda s: s.n_channels,
-        0.0,
-        "x[t] / Zs",
-        "how the fingers share the load, independent of its size",
     ),
     "scaled_differences": FeatureGroup(
         _scaled_differences,
@@ -283,48 +168,6 @@ GROUPS: dict[str, FeatureGroup] = {
         HISTORY_S,
         "mean |Sum x[u] - Sum x[u-1]| over the last 0.10, 0.25, 0.50 s, / Zs",
         "activity of the grip: rubbing and swinging in any direction",
-    ),
-    "shear": FeatureGroup(
-        _shear,
-        lambda s: 2 * len(LAGS_S),
-        HISTORY_S,
-        "|Sum xy[t] - Sum xy[t-l]|, the same / Zs",
-        "change of shear in any direction",
-    ),
-    "ranges": FeatureGroup(
-        _ranges,
-        lambda s: 3 * len(SPANS_S),
-        HISTORY_S,
-        "max - min of Sum x over 0.10, 0.25, 0.50 s",
-        "changes between the lags",
-    ),
-    "more_differences": FeatureGroup(
-        _more_differences,
-        lambda s: s.n_channels * len(MORE_LAGS_S),
-        HISTORY_S,
-        "x[t] - x[t-l], l = 0.02, 0.075, 0.13, 0.21, 0.31, 0.43 s",
-        "changes of every finger between the lags",
-    ),
-    "finger_ranges": FeatureGroup(
-        _finger_ranges,
-        lambda s: s.n_channels * len(SPANS_S),
-        HISTORY_S,
-        "max - min of x over 0.10, 0.25, 0.50 s",
-        "rubbing and swinging at every finger",
-    ),
-    "moments": FeatureGroup(
-        _moments,
-        lambda s: 3 * (1 + len(LAGS_S)),
-        HISTORY_S,
-        "Sum a x[t] / Zs; Sum a (x[t] - x[t-l]) / Zs; a: place of the sensor from the middle",
-        "torsion (x, y) and centre of pressure (z) along the row of sensors",
-    ),
-    "imbalance": FeatureGroup(
-        _imbalance,
-        lambda s: 3 * (1 + len(LAGS_S)),
-        HISTORY_S,
-        "the same with a = -1 for the first half of the sensors, 1 for the second",
-        "one side of the hand carries or loses more than the other",
     ),
     "bands": FeatureGroup(
         _bands,

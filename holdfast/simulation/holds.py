@@ -115,10 +115,6 @@ class HandMotion:
     lever_m: float = 0.0
 
 
-STILL = HandMotion()
-"""Of a hand that does not move, and an object held at its centre of mass."""
-
-
 def in_hold(
     trial: PlannedTrial,
     values: Mapping[str, Any],

@@ -8,10 +8,8 @@ from __future__ import annotations
 
 import hashlib
 import json
-import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -124,33 +122,6 @@ def features_everywhere(data: DataSet, spec: StepSpec) -> list[FloatRows]:
     """Features [T, F] at every sample of every recording, as a free-running stream has them."""
     every = [np.arange(len(recording.samples)) for recording in data.recordings]
     return _compute(data, spec, every)
-
-
-@dataclass(frozen=True)
-class FeatureCost:
-    """CPU time of the features of all samples of a set, stepped in batches.
-
-    cpu_s: of all threads together. us_per_sample: cpu_s over the number of samples, us.
-    """
-
-    cpu_s: float
-    samples: int
-    us_per_sample: float
-
-
-def cpu_cost(data: DataSet, spec: StepSpec) -> FeatureCost:
-    """CPU time of stepping all features over every sample of a set."""
-    # All samples are stepped; only the last row of each recording is kept.
-    last = [np.array([len(recording.samples) - 1]) for recording in data.recordings]
-
-    # CPU time of all threads together: a second thread makes the run shorter and the cost no
-    # smaller.
-    started = time.process_time()
-    _compute(data, spec, last)
-    cpu_s = time.process_time() - started
-
-    samples = int(np.sum(last)) + len(last)
-    return FeatureCost(cpu_s, samples, 1e6 * cpu_s / samples)
 
 
 def _compute(

@@ -29,7 +29,6 @@ from holdfast.training.figures import (
     HeadFigures,
     Interval,
     PredictionFigures,
-    Share,
     SituationFigures,
 )
 from holdfast.training.recording import DataSet
@@ -201,30 +200,6 @@ def ranking_draws(
     return figures
 
 
-def share_scores(
-    hit: BoolArray,
-    groups: npt.ArrayLike,
-    *,
-    percent: tuple[float, float] = INTERVAL_PERCENT,
-    n_draws: int = N_DRAWS,
-    seed: int = 0,
-) -> Share:
-    """Share of the windows [M] that are hit, its interval over groups [M], and their number n."""
-    if not len(hit):
-        return Share(None, None, 0)
-    code = _codes(groups)
-
-    # Counts by group are all that a draw needs: it weighs each group by how often it was drawn.
-    windows = np.bincount(code)
-    hits = np.bincount(code, weights=hit)
-
-    # A draw's share is over all its windows: people with many count for more, as in the figure.
-    draws = draw_groups(len(windows), n_draws, seed)
-    shares = (draws @ hits) / (draws @ windows)
-    interval = interval_of(shares, percent)
-    return Share(float(np.mean(hit)), interval, len(hit))
-
-
 @dataclass(frozen=True)
 class Ranking:
     """Scores sorted once, best first, so that each reweighting costs one pass.
@@ -357,67 +332,3 @@ def interval_of(
 
     low, high = np.percentile(defined, percent)
     return float(low), float(high)
-
-
-@dataclass(frozen=True)
-class Gain:
-    """A difference of two figures and its 95 % interval; None where one is not defined.
-
-    Two answers to the same people go up and down together, so this interval is much narrower than
-    the difference of their intervals suggests. Both are resampled by the same draws.
-    """
-
-    value: float | None
-    ci: Interval | None
-
-
-def macro_f1_gain(
-    truth: Labels,
-    ours: Labels,
-    theirs: Labels,
-    groups: npt.ArrayLike,
-    *,
-    n_draws: int = N_DRAWS,
-    seed: int = 0,
-) -> Gain:
-    """What our labels [M] gain over theirs, groups [M]."""
-    n = len(SITUATIONS)
-    our_f1, our_draws = f1_and_draws(truth, ours, groups, n, n_draws, seed)
-    their_f1, their_draws = f1_and_draws(truth, theirs, groups, n, n_draws, seed)
-
-    # Both sides are resampled by the same seed, hence by the same draws.
-    gain = float(macro(our_f1) - macro(their_f1))
-    return Gain(_value(gain), interval_of(macro(our_draws) - macro(their_draws)))
-
-
-def prediction_gains(
-    truth: Labels,
-    ours: FloatArray,
-    theirs: FloatArray,
-    groups: npt.ArrayLike,
-    *,
-    n_draws: int = N_DRAWS,
-    seed: int = 0,
-) -> tuple[Gain, Gain]:
-    """What our scores [M] gain over theirs in AUC and in average precision."""
-    our = prediction_scores(truth, ours, groups, n_draws=0)
-    their = prediction_scores(truth, theirs, groups, n_draws=0)
-
-    auc = _difference(our.auc, their.auc)
-    precision = _difference(our.average_precision, their.average_precision)
-
-    # The same seed draws the same groups, so the draws are paired.
-    our_draws = ranking_draws(truth, ours, groups, n_draws, seed)
-    their_draws = ranking_draws(truth, theirs, groups, n_draws, seed)
-    gains = our_draws - their_draws
-    return (
-        Gain(auc, interval_of(gains[:, 0])),
-        Gain(precision, interval_of(gains[:, 1])),
-    )
-
-
-def _difference(our: float | None, their: float | None) -> float | None:
-    """None where one of the two is not defined."""
-    if our is None or their is None:
-        return None
-    return our - their

@@ -121,7 +121,7 @@ PREDICTION_NETWORK = NetworkPlan(alpha=10.0, epochs=10, rate=1e-3, balance=0.5)
 
 
 HAND_NETWORK = NetworkPlan(hidden=(64,), balance=1.0)
-"""For the hand: a second hidden layer costs time and brings no clear gain (docs/learners.md)."""
+"""For the hand: a second hidden layer costs time and brings no clear gain (docs/evaluation.md)."""
 
 
 POOLED_NETWORK = NetworkPlan(hidden=(96,), members=2, balance=1.0)
@@ -192,7 +192,7 @@ class TrainingPlan:
 RAW_BASELINE = TrainingPlan(groups=RAW_GROUPS, situation=UNTUNED, prediction=UNTUNED)
 """The raw-window forest, the reference of every other figure."""
 
-_FOREST_SIZES = {"tiny": (8, 10), "default": (20, 16), "best": (100, None)}
+_FOREST_SIZES = {"tiny": (8, 10), "default": (20, 16)}
 """Trees and depth."""
 
 
@@ -215,11 +215,9 @@ def pooled_plan(size: str, learner: LearnerKind = "committee") -> TrainingPlan:
     Larger leaves than in `hand_plan`: copies are many windows, and a file must stay small.
     """
     plan = hand_plan(size, learner)
-    depth = plan.situation.max_depth
+    depth = _FOREST_SIZES[size][1]
     forest = replace(
-        plan.situation,
-        min_samples_leaf=12,
-        max_depth=POOLED_DEPTH if depth is None else min(depth, POOLED_DEPTH),
+        plan.situation, min_samples_leaf=12, max_depth=min(depth, POOLED_DEPTH)
     )
     return replace(
         plan,
@@ -243,9 +241,6 @@ def at_rate(plan: TrainingPlan, rate_hz: float) -> TrainingPlan:
 
 PLANS = {"fixed": hand_plan, "pooled": pooled_plan}
 """By features: of sensors in fixed places, or pooled over the sensors of a side."""
-
-SIZES = {size: hand_plan(size) for size in _FOREST_SIZES}
-"""Three models for the hand (`make bench NAME=cost` says what each costs)."""
 
 _SMOOTH = ForestPlan(kind="random", min_samples_leaf=20)
 CLOCK_PLAN = TrainingPlan(groups=(), situation=_SMOOTH, prediction=_SMOOTH)

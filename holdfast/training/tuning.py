@@ -12,7 +12,7 @@ import numpy.typing as npt
 from sklearn.metrics import average_precision_score
 
 from holdfast.core.contract import SITUATIONS, FloatArray, IntArray
-from holdfast.export.heads import FloatRows, riskier_argmax, weighted
+from holdfast.export.heads import FloatRows, riskier_argmax
 from holdfast.training.network_fit import fit_members
 from holdfast.training.plan import NetworkPlan
 from holdfast.training.recording import grouped_folds
@@ -75,11 +75,6 @@ def _macro_f1(scores: FloatArray, situation: IntArray, present: list[int]) -> fl
     predicted_and_true = confusion.sum(axis=0) + confusion.sum(axis=1)
     f1 = 2 * right / np.maximum(predicted_and_true, 1)
     return float(f1[present].mean())
-
-
-def situation_labels(votes: IntArray, weights: LabelWeights | None) -> IntArray:
-    """[M] situations from situation votes [M, 4]; weights: None for the same for all."""
-    return riskier_argmax(weighted(votes, weights))
 
 
 def candidates_of(plan: NetworkPlan) -> list[NetworkPlan]:

@@ -6,10 +6,8 @@ from dataclasses import asdict, dataclass
 
 from holdfast.core.reading import Json
 from holdfast.evaluation.provenance import Host
-from holdfast.evaluation.real_sets import EfleshFigures
 from holdfast.evaluation.window_scores import WindowFigures
 from holdfast.export.verify import ExportReport
-from holdfast.training.featurise import FeatureCost
 from holdfast.training.figures import HeadFigures, PredictionFigures
 
 
@@ -68,10 +66,8 @@ class RealStudy:
     clock_free: str
     caveat: str
     verification: VerificationSums
-    features_cost: FeatureCost
     streamed_fold: StreamedFold
     rows: dict[str, HeadFigures]
-    eflesh_slip: EfleshFigures
     model: FinalModel
     seed: int
     host: Host

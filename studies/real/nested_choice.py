@@ -22,15 +22,15 @@ from holdfast.core.contract import FloatArray
 from holdfast.core.reading import Json
 from holdfast.core.writing import require_writable, write_whole
 from holdfast.export.heads import riskier_argmax
-from holdfast.export.learner import LEARNERS
-from holdfast.export.network import IntArray
+from holdfast.export.learner import LEARNERS, forest_votes, votes_of_trees
+from holdfast.export.network import IntArray, network_votes
 from holdfast.training.crossval import splits_of
 from holdfast.training.featurise import FloatRows
 from holdfast.training.metrics import report
+from holdfast.training.network_fit import fit_members, in_whole_numbers
 from holdfast.training.plan import TrainingPlan
 from holdfast.training.progress import Say, stages
 from holdfast.training.recording import DataSet, assign_groups, folds_of
-from studies.real.learners import learner_votes
 from studies.real.methods import COMMITTEE, OWN_LEVEL, POOLED, Method
 from tools.harness import measured_now, write_figures
 
@@ -69,6 +69,34 @@ class FoldChoice:
     scores: dict[str, float]
     situation: list[int]
     risky: list[float]
+
+
+Votes = dict[str, IntArray]
+"""Learner -> votes [N, K]."""
+
+
+def learner_votes(
+    data: DataSet,
+    features: FloatRows,
+    plan: TrainingPlan,
+    task: str,
+    train: IntArray,
+    test: IntArray,
+    seed: int,
+) -> tuple[Votes, FloatArray]:
+    """Votes of every learner on test windows, and the network's shares before quantising."""
+    rows = data.tasks[task]
+    k = len(rows.classes)
+    label = rows.label[train]
+    forest = plan.forest_for(task).build(seed, n_jobs=1)
+    forest.fit(np.asfortranarray(features[train]), label)
+    members = fit_members(plan.network_for(task), features[train], label, seed)
+    in_all = votes_of_trees(len(forest.estimators_))
+    network = in_whole_numbers(members, features[train], k, in_all)
+    trees = forest_votes(forest, features[test], k)
+    nets = network_votes(network, features[test])
+    shares = members.shares(features[test], k)
+    return {"forest": trees, "network": nets, "committee": trees + nets}, shares
 
 
 def chosen_fold(

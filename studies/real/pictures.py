@@ -14,7 +14,6 @@ from holdfast.evaluation.style import (
     OURS,
     QUIET,
     SITUATION_COLOURS,
-    WARNING,
     Bar,
     bar,
     bars,
@@ -27,7 +26,6 @@ from holdfast.training.figures import ABSENT, HeadFigures, Interval
 from holdfast.training.metrics import situation_scores
 from holdfast.training.recording import DataSet
 from studies.real.figures import prediction_of
-from studies.real.proactive import ReplayPicture
 from studies.row_names import row_class, shown
 
 TRIALS_SHOWN = 8
@@ -173,57 +171,3 @@ def _strips(axes: Axes, rows: IntArray, start_s: float, end_s: float) -> None:
     axes.axhline(1, color="white", linewidth=1.5)
     axes.set_yticks([0.5, 1.5], ["was", "answered"], fontsize=7)
     axes.spines[:].set_visible(False)
-
-
-def delays(delays_s: dict[str, list[float]]) -> str:
-    """Distribution of the delay of the first alarm after the field departs."""
-    with drawing(5.2, 2.6) as figure:
-        axes = figure.subplots()
-        for colour, (name, values) in zip(
-            (OURS, WARNING), delays_s.items(), strict=True
-        ):
-            ordered = np.sort(values)
-            axes.step(
-                1000 * ordered,
-                np.arange(1, len(ordered) + 1) / len(ordered),
-                color=colour,
-                label=name,
-            )
-        axes.axvline(0, color=QUIET, linewidth=0.8)
-        axes.set(
-            xlabel="first alarm after the field departs, ms",
-            ylabel="share of tugs",
-            ylim=(0, 1),
-        )
-        axes.legend(frameon=False)
-        return svg(figure)
-
-
-def replay(picture: ReplayPicture) -> str:
-    """Forces, truth, answer and the risky share of the votes of one replayed trial."""
-    recording = picture.recording
-    rate_hz = picture.recording.rate_hz
-    time_s = np.arange(len(recording.samples)) / rate_hz
-    with drawing(8.6, 3.6) as figure:
-        signals, strips, votes = figure.subplots(
-            3, 1, sharex=True, height_ratios=(3, 1.4, 2)
-        )
-        by_sensor = recording.samples.reshape(len(time_s), -1, 3)
-        signals.plot(
-            time_s,
-            np.hypot(by_sensor[..., 0], by_sensor[..., 1]),
-            color=OURS,
-            linewidth=0.8,
-            alpha=0.8,
-        )
-        signals.plot(time_s, by_sensor[..., 2], color=QUIET, linewidth=0.8, alpha=0.8)
-        signals.set_ylabel("shear (blue),\nnormal (grey)\nchange, counts")
-        _strips(
-            strips, np.stack([picture.truth, picture.answer]), 0.0, float(time_s[-1])
-        )
-        share = np.where(
-            np.arange(len(time_s)) >= picture.settled_from, picture.risky_share, np.nan
-        )
-        votes.plot(time_s, share, color=SITUATION_COLOURS[3])
-        votes.set(xlabel="s", ylabel="risky share\nof votes", ylim=(0, 1))
-        return svg(figure)

@@ -12,9 +12,7 @@ from holdfast.core.contract import SITUATIONS
 from holdfast.training.crossval import HeldOut
 from holdfast.training.recording import DataSet
 from studies.real import pictures
-from studies.real.eflesh import EfleshStudy
 from studies.real.figures import RealStudy, prediction_of
-from studies.real.proactive import ReplayPicture
 from studies.report import write_report
 
 
@@ -25,8 +23,6 @@ class Evidence:
     data: DataSet
     held_out: HeldOut
     figures: RealStudy
-    eflesh: EfleshStudy
-    replays: list[ReplayPicture]
 
 
 def write_real_report(path: Path, evidence: Evidence) -> Path:
@@ -34,8 +30,6 @@ def write_real_report(path: Path, evidence: Evidence) -> Path:
     data = evidence.data
     held_out = evidence.held_out
     figures = evidence.figures
-    eflesh = figures.eflesh_slip
-    threshold = eflesh.one_threshold
     return write_report(
         path,
         "real.html",
@@ -51,15 +45,5 @@ def write_real_report(path: Path, evidence: Evidence) -> Path:
         curves=pictures.curves(data, held_out),
         trials_shown=pictures.TRIALS_SHOWN,
         timelines=pictures.timelines(data, held_out),
-        eflesh=eflesh,
-        eflesh_rows=[
-            ("forest", eflesh.trial_vote_accuracy, eflesh.window_accuracy),
-            ("one threshold", threshold.trial_accuracy, threshold.window_accuracy),
-        ],
-        delays=pictures.delays(evidence.eflesh.delays_s),
-        replays=[
-            (f"{one.title} ({one.recording.trial_id})", pictures.replay(one))
-            for one in evidence.replays
-        ],
         checked=figures.verification,
     )

@@ -28,15 +28,13 @@ from holdfast.export.heads import riskier_argmax
 from holdfast.export.learner import reference_votes
 from holdfast.export.network import IntArray
 from holdfast.training.crossval import HeldOut, fit_learner
-from holdfast.training.datasets import load
-from holdfast.training.featurise import FloatRows, cpu_cost, features_of, spec_for
+from holdfast.training.featurise import FloatRows, features_of, spec_for
 from holdfast.training.figures import HeadFigures
 from holdfast.training.fitting import final_artifact, versions
 from holdfast.training.metrics import report
 from holdfast.training.plan import RAW_BASELINE, TrainingPlan
 from holdfast.training.progress import Say, stages
 from holdfast.training.recording import DataSet, leaky_folds
-from studies.real.eflesh import EfleshStudy, study_eflesh
 from studies.real.figures import (
     FinalModel,
     RealStudy,
@@ -45,7 +43,6 @@ from studies.real.figures import (
     prediction_of,
 )
 from studies.real.methods import METHODS, OURS, PLACED, cross_validated, done
-from studies.real.proactive import ReplayPicture, study_proactive
 from studies.real.report import Evidence, write_real_report
 from studies.real.streamed_fold import stream_one_fold
 from studies.row_names import LEAKY, LEAKY_FOLDS, OURS_18
@@ -56,7 +53,7 @@ CLOCK_FREE = (
     "time, movement indices and IMUs are never inputs"
 )
 ALONE = Workers()
-STAGES = sum(method.plan.folds for method in METHODS.values()) + 8
+STAGES = sum(method.plan.folds for method in METHODS.values()) + 6
 """Lines the progress bar expects; a wrong number only makes the bar end early or late."""
 
 
@@ -71,7 +68,7 @@ def study_sets(out: Path, seed: int, say: Say, workers: Workers = ALONE) -> Real
     heads = rows[OURS_18].figures
     data = OURS.data()
     parts = _parts(ours, heads, out.absolute(), seed)
-    streamed, model, leaky_row, eflesh, replays = list(done(parts, workers, say))
+    streamed, model, leaky_row = list(done(parts, workers, say))
     figures = RealStudy(
         heads=heads,
         data=data.name,
@@ -80,10 +77,8 @@ def study_sets(out: Path, seed: int, say: Say, workers: Workers = ALONE) -> Real
         clock_free=CLOCK_FREE,
         caveat=data.caveat,
         verification=verification_of(ours),
-        features_cost=cpu_cost(data, spec_for(data, OURS.plan.groups)),
         streamed_fold=streamed,
         rows={name: row.figures for name, row in rows.items()} | {LEAKY: leaky_row},
-        eflesh_slip=eflesh.figures,
         model=model,
         seed=seed,
         host=host(),
@@ -91,16 +86,14 @@ def study_sets(out: Path, seed: int, say: Say, workers: Workers = ALONE) -> Real
         seconds=round(time.perf_counter() - started, 1),
     )
     say("report")
-    write_real_report(
-        out / "report.html", Evidence(data, ours, figures, eflesh, replays)
-    )
+    write_real_report(out / "report.html", Evidence(data, ours, figures))
     return figures
 
 
 def _parts(
     ours: HeldOut, heads: HeadFigures, out: Path, seed: int
 ) -> dict[str, Callable[[], Any]]:
-    """What follows the table: our files, the leaky split, and the two smaller sets."""
+    """What follows the table: our files, and the leaky split."""
     return {
         "one fold's file, sealed, loaded and streamed sample by sample": partial(
             _streamed, ours, out, seed
@@ -109,8 +102,6 @@ def _parts(
             _final_model, ours, heads, out, seed
         ),
         LEAKY: partial(_leaky, seed),
-        "eflesh_slip: blocks held out": partial(_eflesh, seed),
-        "proactive_slip_uskin: two slips replayed": partial(_proactive, seed),
     }
 
 
@@ -152,14 +143,6 @@ def _leaky_votes(
         forest = fit_learner(data, features, plan, task, train, seed)
         votes[test] = reference_votes(forest, features[test], n_classes)
     return votes
-
-
-def _eflesh(seed: int) -> EfleshStudy:
-    return study_eflesh(load("eflesh_slip"), TrainingPlan(), seed)
-
-
-def _proactive(seed: int) -> list[ReplayPicture]:
-    return study_proactive(load("proactive_slip_uskin"), TrainingPlan(), seed)
 
 
 def verification_of(held_out: HeldOut) -> VerificationSums:

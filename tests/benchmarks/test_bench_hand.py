@@ -13,14 +13,12 @@ from page_tables import filled
 
 from benchmarks import hand
 from benchmarks.hand import (
-    CHECKED,
     FAULTS,
     RATES_HZ,
     fault_table,
     latency,
     scan_costs,
 )
-from benchmarks.hand_delays import delays, seen_after_ms
 from holdfast.drivers.bridges import BRIDGES
 from holdfast.evaluation.latency.memory import memory
 from holdfast.evaluation.latency.timing import time_in_turns
@@ -86,37 +84,6 @@ def test_a_fault_is_detected_only_once_its_answer_is_out(faults):
     assert 0.5 + 1.0 < absent.detected_ms < absent.detected_max_ms
 
 
-def read_as_drivers_do(scans, bridge):
-    """The row of a bridge at 400 kHz."""
-    return next(
-        row
-        for row in scans
-        if row.bridge == bridge and row.reads == CHECKED and row.bus_khz == 400
-    )
-
-
-def test_a_step_is_seen_after_a_time_that_depends_on_its_phase(scans):
-    cost = read_as_drivers_do(scans, "ft232h")
-    after_ms = seen_after_ms(cost, 150.0, steps=16)
-    assert after_ms.min() > cost.scan_ms
-    period_ms, conversion_ms = 1e3 / 150, 2.425
-    assert after_ms.max() < period_ms + 2 * conversion_ms + 2 * cost.scan_ms
-    assert after_ms.max() - after_ms.min() > 0.7 * period_ms
-
-
-def test_every_risky_sample_after_the_first_costs_a_period(scans):
-    costs = [read_as_drivers_do(scans, "i2c")]
-    rows = {samples: delays(costs, 0.5, samples, steps=4) for samples in (1, 3)}
-    for one, three in zip(rows[1], rows[3], strict=True):
-        assert one.debounce_ms == 0.0
-        assert three.acted_ms - one.acted_ms == pytest.approx(2e3 / one.rate_hz)
-        assert one.acted_ms == one.seen_ms
-        assert one.falls_until_acted_mm == pytest.approx(
-            0.5 * 9.81 * one.acted_max_ms**2 * 1e-3
-        )
-    assert [row.rate_hz for row in rows[1]] == [300.0, 150.0, 100.0]
-
-
 def test_the_live_loop_has_a_time_for_every_stage_and_the_page_shows_it(
     scans, faults, tmp_path, monkeypatch
 ):
@@ -126,15 +93,13 @@ def test_the_live_loop_has_a_time_for_every_stage_and_the_page_shows_it(
     live = latency(MODEL, 150.0, 1.0)
     assert list(live.latency_us) == [*STAGES, "read to emit"]
     assert live.samples > 100
-    rows = delays([read_as_drivers_do(scans, "ft232h")], 0.5, 1, steps=2)
     figures = {
         "scans": [asdict(row) for row in scans],
         "faults": [row.to_json() for row in faults],
         "live": [asdict(live)],
-        "delays": [asdict(row) for row in rows],
         "memory": [asdict(row) for row in memory(MODEL)],
     }
-    written = json.loads(json.dumps(figures | {"act_samples": 1}))
+    written = json.loads(json.dumps(figures))
     text = filled("docs/hand.md", {"hand": written}, tmp_path)
     assert "| ft232h | registers |" in text
     assert "busy-wait reference" in text

@@ -15,7 +15,6 @@ from holdfast.evaluation.formats import number, percent
 from holdfast.evaluation.pictures import confusion
 from holdfast.evaluation.states import ConfusionFigures
 from holdfast.training.figures import over
-from studies.scenes.pictures import confusion_spread
 
 if TYPE_CHECKING:
     from conftest import Built
@@ -66,7 +65,3 @@ def test_the_row_of_an_absent_class_is_a_dash_in_pictures_of_confusions() -> Non
         ("grasp", "safe_slip", "unknown"), counts, 0.9, None, {}, {}
     )
     assert "-" in drawn_texts(confusion(level, "made"))
-    matrix = np.diag([5, 5, 5, 5, 0, 5, 5, 5])
-    full = np.diag([5] * 8)
-    assert "-" in drawn_texts(confusion_spread([matrix, matrix], "made"))
-    assert "-" not in drawn_texts(confusion_spread([full, full], "made"))

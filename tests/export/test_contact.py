@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from conftest import Built
 
 RATE_HZ = 100.0
-SPEC = StepSpec(6, RATE_HZ, "N", ("now", "sums"))
+SPEC = StepSpec(6, RATE_HZ, "N", ("now", "scaled_sums"))
 
 
 def rule_of(spec: StepSpec = SPEC) -> ContactRule:

@@ -473,33 +473,6 @@ def activity(past: Past) -> FloatArray:
     return np.stack([mean(span_s) for span_s in SPANS_S], axis=1)
 
 
-def shear(past: Past) -> FloatArray:
-    size = np.hypot(past.changes()[:, :, 0], past.changes()[:, :, 1])
-    return np.concatenate([size, size / past.scale], axis=1)
-
-
-def ranges(past: Past, signal: FloatArray) -> FloatArray:
-    def reach(span_s: float) -> FloatArray:
-        lag = min(max(1, round(span_s * past.rate_hz)), inside(HISTORY_S, past.rate_hz))
-        recent = np.stack([before(signal, back) for back in range(lag + 1)])
-        return recent.max(axis=0) - recent.min(axis=0)
-
-    return np.stack([reach(span_s) for span_s in SPANS_S], axis=1)
-
-
-def more_differences(past: Past) -> FloatArray:
-    """Lag by lag, sensor by sensor."""
-    lags_s = (0.02, 0.075, 0.13, 0.21, 0.31, 0.43)
-    return np.stack([past.x - past.ago(past.x, lag_s) for lag_s in lags_s], axis=1)
-
-
-def leaned(past: Past, *arms: float) -> FloatArray:
-    """For the four sensors here."""
-    leaning = np.einsum("tni,n->ti", past.x, np.array(arms))
-    changes = [leaning - past.ago(leaning, lag_s) for lag_s in LAGS_S]
-    return np.stack([leaning, *changes], axis=1) / past.scale[:, None]
-
-
 def bands(past: Past) -> FloatArray:
     """Sensor by sensor, shear axis by axis, from rest at the first sample."""
     rest = past.x[:, :, :2] - past.x[0, :, :2]
@@ -517,18 +490,10 @@ ORACLES: dict[str, Callable[[Past], FloatArray]] = {
     "window": window,
     "now": lambda past: past.x,
     "differences": differences,
-    "sums": lambda past: np.concatenate([past.total[:, None], past.changes()], axis=1),
-    "scaled_now": lambda past: past.x / past.scale[:, None],
     "scaled_differences": scaled_differences,
     "own_scaled_differences": own_scaled_differences,
     "scaled_sums": lambda past: past.changes() / past.scale[:, None],
     "activity": activity,
-    "shear": shear,
-    "ranges": lambda past: ranges(past, past.total),
-    "more_differences": more_differences,
-    "finger_ranges": lambda past: ranges(past, past.x),
-    "moments": lambda past: leaned(past, -1.5, -0.5, 0.5, 1.5),
-    "imbalance": lambda past: leaned(past, -1.0, -1.0, 1.0, 1.0),
     "bands": bands,
 }
 

@@ -30,7 +30,7 @@ def test_the_readme_shows_the_real_output_of_the_demo(
     report = Path("build/demo/report.html").read_text("utf-8")
     drawn = re.findall(r"<h3>\S+/(\S+)/trial_1 \(simulated\)", report)
     assert sorted(drawn) == sorted(demo_trials.SHOWN)
-    assert report.count("<svg") == 4 + len(demo_trials.SHOWN)
+    assert report.count("<svg") == 2 + len(demo_trials.SHOWN)
 
 
 def test_the_page_of_features_is_written_from_the_groups(tmp_path: Path) -> None:

@@ -6,11 +6,13 @@ from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
-from test_learners_study import SMALL, made_up
 
+from holdfast.core.contract import SITUATIONS as NAMES
+from holdfast.edge_runtime.preparation import Preparation
 from holdfast.training.crossval import splits_of
 from holdfast.training.featurise import features_of, spec_for
-from holdfast.training.recording import DataSet
+from holdfast.training.plan import ForestPlan, NetworkPlan, TrainingPlan
+from holdfast.training.recording import DataSet, LabelledRows, Recording
 from studies.real.nested_choice import (
     PREDICTION,
     SITUATIONS,
@@ -19,6 +21,47 @@ from studies.real.nested_choice import (
     chosen_fold,
     figures_of,
 )
+
+PEOPLE, SAMPLES, RATE_HZ = 4, 400, 50.0
+NETWORK = NetworkPlan(hidden=(8,), members=2, epochs=2, batch=64)
+TREES = ForestPlan(n_estimators=4, max_depth=5)
+SMALL = replace(
+    TrainingPlan(learner="committee", inner_folds=2),
+    folds=2,
+    groups=("now",),
+    situation=TREES,
+    prediction=TREES,
+    network=NETWORK,
+    prediction_network=NETWORK,
+)
+
+
+def made_up() -> DataSet:
+    """Six sensors whose every channel says the situation, beneath noise; slips are rare."""
+    rng = np.random.default_rng(0)
+    recordings, labels = [], []
+    for person in range(PEOPLE):
+        label = np.repeat(rng.choice(4, SAMPLES // 20, p=[0.3, 0.4, 0.2, 0.1]), 20)
+        label[:80] = np.repeat(np.arange(4), 20)
+        values = rng.normal(2.0, 0.4, (SAMPLES, 18))
+        values += 0.5 * label[:, None]
+        valid = np.ones((SAMPLES, 6), np.bool_)
+        name = f"p{person}"
+        recordings.append(Recording(name, name, values, valid, RATE_HZ, "N"))
+        labels.append(label)
+    kept = np.arange(30, SAMPLES)
+    trial, row = np.repeat(np.arange(PEOPLE), len(kept)), np.tile(kept, PEOPLE)
+    label = np.concatenate([one[kept] for one in labels]).astype(np.int64)
+    tasks = {
+        "situations": LabelledRows(trial, row, label, NAMES),
+        "predict_250ms": LabelledRows(
+            trial, row, (label == 3).astype(np.int64), ("no", "yes")
+        ),
+    }
+    return DataSet(
+        "made up", recordings, tasks, RATE_HZ, "N", Preparation(), "made up", True, ""
+    )
+
 
 GOOD, BLIND = "says it", "says nothing"
 

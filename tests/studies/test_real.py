@@ -6,7 +6,7 @@ import html
 import json
 import re
 from collections.abc import Callable
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,31 +15,24 @@ from page_tables import filled
 
 from holdfast.evaluation.jobs import Workers
 from holdfast.evaluation.provenance import host
-from holdfast.evaluation.real_sets import EfleshFigures
 from holdfast.evaluation.window_scores import WindowFigures
 from holdfast.export.verify import ExportReport
 from holdfast.training.crossval import HeldOut, cross_validate
 from holdfast.training.datasets import load
-from holdfast.training.featurise import FloatRows, cpu_cost, features_of, spec_for
+from holdfast.training.featurise import FloatRows, features_of, spec_for
 from holdfast.training.fitting import held_out_figures, versions
 from holdfast.training.plan import (
-    CLOCK_FREE_GROUPS,
     CLOCK_PLAN,
     ForestPlan,
     TrainingPlan,
 )
-from holdfast.training.progress import ignored
 from holdfast.training.recording import DataSet
-from studies.ablation import gains_table, rows_of
-from studies.real.eflesh import EfleshStudy, study_eflesh
 from studies.real.figures import FinalModel, RealStudy, StreamedFold
-from studies.real.further_rows import further_rows
 from studies.real.methods import Method, cross_validated
-from studies.real.proactive import ReplayPicture, study_proactive
 from studies.real.report import Evidence, write_real_report
 from studies.real.streamed_fold import stream_one_fold
 from studies.real.study import leaky, verification_of
-from studies.row_names import CLOCK, OURS_18, OURS_48
+from studies.row_names import CLOCK, OURS_18
 
 pytestmark = pytest.mark.filterwarnings("ignore::holdfast.export.spec.BandsLeftOut")
 FEW = ForestPlan(kind="extra", n_estimators=8, min_samples_leaf=10)
@@ -53,16 +46,6 @@ def small(real_set: Callable[[str], Path]) -> Small:
     spec = spec_for(data, PLAN.groups)
     features = features_of(data, spec)
     return data, features, cross_validate(data, features, PLAN, verify_spec=spec)
-
-
-@pytest.fixture(scope="module")
-def eflesh(real_set: Callable[[str], Path]) -> EfleshStudy:
-    return study_eflesh(load(real_set("eflesh_slip")), PLAN)
-
-
-@pytest.fixture(scope="module")
-def replays(real_set: Callable[[str], Path]) -> list[ReplayPicture]:
-    return study_proactive(load(real_set("proactive_slip_uskin")), PLAN)
 
 
 def test_every_window_is_answered_by_a_forest_that_never_saw_its_person(
@@ -109,24 +92,6 @@ def test_methods_side_by_side_answer_as_each_would_alone(
         assert rows[name].figures == held_out_figures(method.data(), alone)
 
 
-def test_further_rows_say_how_many_windows_there_are_and_fill_the_readme_s_table(
-    real_set: Callable[[str], Path], tmp_path: Path
-) -> None:
-    real_set("human_slip_uskin")
-    tiny = ForestPlan(n_estimators=2, max_depth=2)
-    timed = Method(
-        replace(CLOCK_PLAN, situation=tiny, prediction=tiny, folds=2), channels=48
-    )
-    found = further_rows({OURS_48: timed}, 0, Workers(), ignored)
-    written = json.loads(json.dumps(found, allow_nan=False))
-    assert sum(written["windows"].values()) == len(timed.data().tasks["situations"])
-    text = filled("docs/people.md", {"all_channels": written}, tmp_path)
-    assert (
-        f"| {OURS_48} | {written['rows'][OURS_48]['situations']['macro_f1']:.3f} ("
-        in text
-    )
-
-
 def test_every_fold_was_exported_and_agrees_with_the_reference_on_every_held_out_row(
     small: Small,
 ) -> None:
@@ -164,43 +129,8 @@ def test_a_leaky_split_flatters(small: Small) -> None:
     assert (wrong.predict_250ms.auc or 0.0) > (honest.predict_250ms.auc or 1.0)
 
 
-def test_eflesh_stands_beside_one_threshold_with_a_delay_for_every_tug_that_departs(
-    eflesh: EfleshStudy,
-) -> None:
-    figures = eflesh.figures
-    assert figures.one_threshold.trial_accuracy == pytest.approx(136 / 137)
-    assert 0.9 < figures.trial_vote_accuracy <= 1.0
-    for name, delay in figures.delay_s.items():
-        assert delay.n == len(eflesh.delays_s[name]) > 90
-        assert delay.p5 is not None
-        assert delay.p5 <= (delay.p50 or 0.0) <= (delay.p95 or 0.0) < 0.5
-
-
-def test_the_figures_of_eflesh_are_read_back_as_they_were_written(
-    eflesh: EfleshStudy,
-) -> None:
-    written = json.loads(json.dumps(asdict(eflesh.figures)))
-    again = EfleshFigures.from_json(written)
-    assert json.loads(json.dumps(asdict(again))) == written
-    assert again.delay_s == eflesh.figures.delay_s
-
-
-def test_two_slips_are_replayed_one_that_recovers_and_one_that_fails(
-    replays: list[ReplayPicture],
-) -> None:
-    assert sorted(picture.title for picture in replays) == [
-        "a slip that ends in failure",
-        "a slip that recovers",
-    ]
-    for picture in replays:
-        assert 3 in picture.truth if "failure" in picture.title else 2 in picture.truth
-        assert (picture.answer[: picture.settled_from] == -1).all()
-
-
 @pytest.fixture(scope="module")
-def evidence(
-    small: Small, eflesh: EfleshStudy, replays: list[ReplayPicture]
-) -> Evidence:
+def evidence(small: Small) -> Evidence:
     data, _, held_out = small
     heads = held_out_figures(data, held_out)
     windows = WindowFigures(heads, "model", data.name, data.kind, 0, 0, data.caveat, 0)
@@ -212,10 +142,8 @@ def evidence(
         clock_free="nothing old",
         caveat=data.caveat,
         verification=verification_of(held_out),
-        features_cost=cpu_cost(data, spec_for(data, PLAN.groups)),
         streamed_fold=StreamedFold(windows, rows=1, label_mismatches=0),
         rows={OURS_18: heads, CLOCK: heads},
-        eflesh_slip=eflesh.figures,
         model=FinalModel(
             "human/holdfast.onnx",
             1,
@@ -226,7 +154,7 @@ def evidence(
         versions=versions(),
         seconds=1.0,
     )
-    return Evidence(data, held_out, figures, eflesh, replays)
+    return Evidence(data, held_out, figures)
 
 
 def test_the_report_is_one_file_that_loads_nothing_else_and_says_its_caveat(
@@ -234,7 +162,7 @@ def test_the_report_is_one_file_that_loads_nothing_else_and_says_its_caveat(
 ) -> None:
     page = write_real_report(tmp_path / "report.html", evidence).read_text()
     assert re.findall(r"""(?:src|href)=["']?(?!#|data:)[^"'#> ]+""", page) == []
-    assert page.count("<svg") == 8
+    assert page.count("<svg") == 5
     assert evidence.data.caveat in html.unescape(page)
     assert f"{evidence.figures.heads.situations.macro_f1:.3f}" in page
 
@@ -247,36 +175,3 @@ def test_the_readme_s_tables_show_every_method_and_what_was_checked(
     assert f"| {OURS_18} | {figures['situations']['macro_f1']:.3f} (" in text
     assert "| timing-only baseline |" in text
     assert f"| {figures['n_trials']}, {figures['n_groups']} |" in text
-
-
-def test_the_ablation_has_a_row_for_every_group_and_says_which_is_not_clock_free() -> (
-    None
-):
-    rows = rows_of(CLOCK_FREE_GROUPS)
-    assert rows["default"] == CLOCK_FREE_GROUPS
-    assert all(f"without {group}" in rows for group in CLOCK_FREE_GROUPS)
-    assert "bands" in rows["with bands"]
-    assert list(rows_of(CLOCK_FREE_GROUPS, ["now", "bands"])) == [
-        "default",
-        "without now",
-        "with bands",
-    ]
-    free = {
-        "features": 2,
-        "macro_f1": 0.5,
-        "auc": 0.5,
-        "average_precision": None,
-        "nodes": 3,
-        "us": 1.0,
-        "clock_free": True,
-        "gains": {
-            "macro_f1": {"value": 0.004, "ci": (-0.001, 0.01)},
-            "auc": {"value": 0.0, "ci": None},
-            "average_precision": {"value": None, "ci": None},
-        },
-    }
-    text = gains_table({"default": free, "with bands": free | {"clock_free": False}})
-    default, bands = text.splitlines()[2:]
-    assert "| 0.500 (+0.004, -0.001 to +0.010) | 0.500 (+0.000) | - |" in default
-    assert default.endswith("| yes |")
-    assert bands.endswith("| NO |")

@@ -28,8 +28,8 @@ from holdfast.export.learner import reference_votes
 from holdfast.export.spec import StepSpec
 from holdfast.export.verify import cut_learners
 from holdfast.training.crossval import cross_validate, fit_calibration
-from holdfast.training.figures import PredictionFigures, Share
-from holdfast.training.metrics import prediction_scores, share_scores, situation_scores
+from holdfast.training.figures import PredictionFigures
+from holdfast.training.metrics import prediction_scores, situation_scores
 from holdfast.training.plan import ForestPlan, TrainingPlan
 from holdfast.training.recording import DataSet, LabelledRows
 
@@ -108,7 +108,6 @@ def test_figures_of_no_window_are_none_and_have_all_their_names() -> None:
     assert none.macro_f1 is none.macro_f1_ci is None
     assert none.f1 == none.f1_ci == dict.fromkeys(SITUATIONS)
     assert prediction_scores(NO_ROWS, np.zeros(0), []) == PredictionFigures()
-    assert share_scores(np.zeros(0, np.bool_), []) == Share(None, None, 0)
     forest = ExtraTreesClassifier(2).fit([[0.0], [1.0]], [0, 1])
     assert reference_votes(forest, np.zeros((0, 1), np.float32), 2).shape == (0, 2)
 

@@ -14,7 +14,7 @@ from command_line import Run
 
 from holdfast.training.datasets import load
 from holdfast.training.fixture import write_fixture
-from holdfast.training.plan import SIZES, SLOW_PERMILLE, at_rate, pooled_plan
+from holdfast.training.plan import SLOW_PERMILLE, at_rate, hand_plan, pooled_plan
 
 SIGNALLED = """
 import os
@@ -49,9 +49,9 @@ def test_train_without_flags_is_the_default_plan_on_balanced_windows(
     code, out, err = run("train", "--data", fixture_set, "--out", tmp_path / "out")
     assert code == 0, err
     made = json.loads((tmp_path / "out/artifact.json").read_text("utf-8"))
-    plan = json.loads(json.dumps(SIZES["default"].to_json()))
+    plan = json.loads(json.dumps(hand_plan("default").to_json()))
     assert made["training"]["plan"] == plan
-    assert made["decision"] == SIZES["default"].decision.to_json()
+    assert made["decision"] == hand_plan("default").decision.to_json()
     dense = load(fixture_set, windows="balanced").notes["windows"]
     assert made["training"]["windows"] == {"classes": dense}
     lines = out.splitlines()
@@ -126,4 +126,4 @@ def test_pooled_features_of_slow_recordings_ask_for_less_confidence(
     assert made["decision"]["min_risky_permille"] == SLOW_PERMILLE
     for untouched in (at_rate(pooled_plan("tiny"), 150.0), pooled_plan("tiny")):
         assert untouched.decision.min_risky_permille == 740
-    assert at_rate(SIZES["tiny"], 50.0) == SIZES["tiny"]
+    assert at_rate(hand_plan("tiny"), 50.0) == hand_plan("tiny")

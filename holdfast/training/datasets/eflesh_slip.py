@@ -8,7 +8,6 @@ answers.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -90,20 +89,6 @@ def load(root: Path, *, channels: int = 18) -> DataSet:
             "doubtful_trials": ["trial_086: labelled as held, but shows a large event"]
         },
     )
-
-
-@dataclass(frozen=True)
-class ThresholdAccuracy:
-    """Accuracies of one threshold, 0 to 1.
-
-    trial_accuracy: largest amplitude in the last second, threshold from the other blocks.
-    trial_accuracy_in_sample: threshold from the same trials. window_accuracy: amplitude at each
-    window's last row, threshold from the other blocks' windows.
-    """
-
-    trial_accuracy: float
-    trial_accuracy_in_sample: float
-    window_accuracy: float
 
 
 def _columns(channels: int) -> list[int]:

@@ -1,1 +1,0 @@
-"""What the simulation is worth outside itself: `python -m studies transfer`."""
