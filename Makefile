@@ -9,7 +9,6 @@ DEMO_LOCKS := requirements/demo.lock requirements/build.lock
 PEERS  := .venv-peers
 DIST   := .venv-dist
 DOCS   := .venv-docs
-MUTANTS := .venv-mutants
 RATE   ?= 150
 SIZE   ?= default
 MODEL  ?= models/holdfast-150hz.onnx
@@ -34,7 +33,7 @@ unexport VIRTUAL_ENV PYTHONPATH PYTHONHOME PYTHONDONTWRITEBYTECODE
 # onnxruntime sends usage data otherwise; edge_runtime says so too.
 export ORT_DISABLE_TELEMETRY := 1
 
-.PHONY: help setup hooks demo test lint lock clean dist docs docs-site screenshots hard-cases safety soak fuzz mutants real loop distortions evaluate study models bench browser world
+.PHONY: help setup hooks demo test lint lock clean dist docs docs-site screenshots hard-cases safety soak fuzz real loop distortions evaluate study models bench browser world
 
 help:  ## list the targets
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/make \1\t\2/p' Makefile | expand -t 16
@@ -49,9 +48,6 @@ demo: .venv/.demo-stamp  ## simulate, train, export, watch trials go by that the
 
 test: setup  ## run the tests
 	$(BIN)/python -m pytest $(ACROSS) $(ARGS)
-
-mutants: setup $(MUTANTS)/.stamp  ## mutation tests of core, edge_runtime and drivers: a sample (ARGS="--sample 60 --seed 1"), about ten minutes; into build/mutants
-	OPENBLAS_NUM_THREADS=1 nice -n 3 $(MUTANTS)/bin/python -u tools/mutants.py $(ARGS)
 
 real: setup  ## train, export and evaluate on the public recordings, into build/real
 	$(BIN)/python -m studies real $(ARGS)
@@ -120,7 +116,7 @@ lock: .tools/.stamp  ## rewrite the locks after a change of dependencies; UPGRAD
 	PYTHON=$(PYTHON) UPGRADE=$(UPGRADE) tools/lock.sh
 
 clean:  ## remove .venv, the other environments, .tools, build and caches
-	rm -rf .venv $(PEERS) $(DIST) $(DOCS) $(MUTANTS) .tools build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf .venv $(PEERS) $(DIST) $(DOCS) .tools build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
 dist: setup $(DIST)/.stamp  ## the wheel and the source archive, checked, into dist
@@ -158,10 +154,45 @@ $(PEERS)/.stamp: .tools/.stamp $(LOCKS) requirements/peers.lock
 	    $(LOCKS) requirements/peers.lock
 	@touch $@
 
+$(DIST)/.stamp  ## the wheel and the source archive, checked, into dist
+	rm -rf dist
+	$(BIN)/python -m hatchling build -d dist
+	$(DIST)/bin/twine check --strict dist/*
+
+# pip is used once, to fetch uv: `--target` works where Debian marks its Python as externally managed.
+.tools/.stamp: tools/uv.txt
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "Holdfast needs Python 3.11 or newer; try: make setup PYTHON=python3.11")'
+	rm -rf .tools
+	$(PYTHON) -m pip install --quiet --disable-pip-version-check --root-user-action=ignore --no-deps \
+	    --only-binary :all: --target .tools --require-hashes -r tools/uv.txt
+	@touch $@
+
+.venv/.stamp: .tools/.stamp $(LOCKS) pyproject.toml
+	@test -x $(BIN)/python || $(UV) venv --quiet --clear --python "$$(command -v $(PYTHON))" .venv
+	$(UV) pip sync --quiet --python $(BIN)/python --only-binary :all: --require-hashes $(LOCKS)
+	$(UV) pip install --quiet --python $(BIN)/python --no-build-isolation --no-deps --editable .
+	@touch $@
+
+# A part of what .stamp installs: enough to simulate, train, export and draw. It adds and removes nothing, so that
+# `make demo` leaves what `make test` has installed, and `make test` after it adds the rest.
+.venv/.demo-stamp: .tools/.stamp $(DEMO_LOCKS) pyproject.toml
+	@test -x $(BIN)/python || $(UV) venv --quiet --clear --python "$$(command -v $(PYTHON))" .venv
+	$(UV) pip install --quiet --python $(BIN)/python --only-binary :all: --no-deps --require-hashes \
+	    $(addprefix --requirement ,$(DEMO_LOCKS))
+	$(UV) pip install --quiet --python $(BIN)/python --no-build-isolation --no-deps --editable .
+	@touch $@
+
+# Beside .venv, which keeps to what is tested: everything of dev.lock, so that ours and peers run on the same numpy.
+$(PEERS)/.stamp: .tools/.stamp $(LOCKS) requirements/peers.lock
+	@test -x $(PEERS)/bin/python || $(UV) venv --quiet --clear --python "$$(command -v $(PYTHON))" $(PEERS)
+	$(UV) pip sync --quiet --python $(PEERS)/bin/python --only-binary :all: --require-hashes \
+	    $(LOCKS) requirements/peers.lock
+	@touch $@
+
 # Apart from .venv, which runs the tests; one of its packages has no wheel.
 $(MUTANTS)/.stamp: .tools/.stamp requirements/mutants.lock
-	@test -x $(MUTANTS)/bin/python || $(UV) venv --quiet --clear --python "$$(command -v $(PYTHON))" $(MUTANTS)
-	$(UV) pip sync --quiet --python $(MUTANTS)/bin/python --require-hashes requirements/mutants.lock
+	@test -x/bin/python || $(UV) venv --quiet --clear --python "$$(command -v $(PYTHON))"
+	$(UV) pip sync --quiet --python/bin/python --require-hashes requirements/mutants.lock
 	@touch $@
 
 $(DIST)/.stamp: .tools/.stamp requirements/dist.lock

@@ -7,7 +7,7 @@ has it), not measured on silicon; times of computing are this machine's.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +21,6 @@ from holdfast.drivers.bridges import BRIDGES, open_virtual
 from holdfast.drivers.bus import Bus, Reply, Transfer
 from holdfast.drivers.hand import Hand, LiveHand
 from holdfast.drivers.layout import read_layout
-from holdfast.drivers.tmag5273 import Setup
 from holdfast.drivers.virtual.clock import VirtualClock
 from holdfast.drivers.virtual.faults import read_fault
 from holdfast.drivers.virtual.usb_backend import Traffic
@@ -52,10 +51,6 @@ PHASES_FROM_S = 1.0
 SCANS = 50
 RATES_HZ = (300.0, 150.0, 100.0, 50.0)
 SPARE = 0.8
-CHECKED = "1-byte + CRC"
-READS = ("registers", "1-byte", CHECKED)
-"""Ways to read a chip: by register number, its packet, and its packet with the CRC that the drivers
-ask for."""
 NATIVE = "i2c"
 """The board's own bus, by smbus2; its transfers are ioctls."""
 
@@ -66,14 +61,12 @@ LOST = ("unknown", "degraded")
 
 @dataclass(frozen=True)
 class ScanCost:
-    """One scan of six fingers, by bridge and way to read.
+    """One scan of six fingers by bridge.
 
-    serves_model_hz: the fastest model that it leaves time for, None: none. crc_costs_us: what the
-    CRC adds, None where there is nothing to compare with.
+    serves_model_hz: the fastest model that it leaves time for, None: none.
     """
 
     bridge: str
-    reads: str
     layout: str
     bus_khz: int
     transfers: float
@@ -82,7 +75,6 @@ class ScanCost:
     scan_ms: float
     scans_hz: float
     serves_model_hz: float | None
-    crc_costs_us: float | None = None
 
 
 @dataclass(frozen=True)
@@ -129,10 +121,9 @@ class LiveLatency:
 
 @dataclass
 class Bench:
-    """A virtual hand behind a bridge, its driver started. reads: one of READS."""
+    """A virtual hand behind a bridge, its driver started."""
 
     bridge: str = "ft232h"
-    reads: str = CHECKED
     layout: str = "mux"
     bus_hz: int = 400_000
     faults: tuple[str, ...] = ()
@@ -157,8 +148,6 @@ class Bench:
         self.hand = Hand(
             opened,
             read_layout(self.layout),
-            setup=Setup(burst=self.reads == "1-byte"),
-            crc="on" if self.reads == CHECKED else "off",
             now_ns=self.clock.now_ns,
             pause=lambda seconds: self.clock.spend(round(1e9 * seconds)),
             say=self.messages.append,
@@ -188,28 +177,15 @@ def _native(virtual: VirtualHand) -> tuple[Traffic, Callable[[], Bus]]:
 
 
 def scan_costs() -> list[ScanCost]:
-    """One row per bridge and way to read."""
-    ways = [
-        (bridge, reads, "mux", 400_000)
-        for bridge in (*BRIDGES, NATIVE)
-        for reads in READS
-    ]
-    ways += [("ft232h", reads, "mux", 1_000_000) for reads in READS]
-    ways += [("ft232h", CHECKED, layout, 400_000) for layout in ("mux6", "moved")]
-    rows = [_scan_cost(*way) for way in ways]
-    plain = {
-        (row.bridge, row.bus_khz): row.scan_ms for row in rows if row.reads == "1-byte"
-    }
-    return [
-        replace(row, crc_costs_us=1e3 * (row.scan_ms - plain[row.bridge, row.bus_khz]))
-        if row.reads == CHECKED and row.layout == "mux"
-        else row
-        for row in rows
-    ]
+    """One row for each bridge, clock and layout."""
+    ways = [(bridge, "mux", 400_000) for bridge in (*BRIDGES, NATIVE)]
+    ways += [("ft232h", "mux", 1_000_000)]
+    ways += [("ft232h", layout, 400_000) for layout in ("mux6", "moved")]
+    return [_scan_cost(*way) for way in ways]
 
 
-def _scan_cost(bridge: str, reads: str, layout: str, bus_hz: int) -> ScanCost:
-    bench = Bench(bridge, reads, layout, bus_hz)
+def _scan_cost(bridge: str, layout: str, bus_hz: int) -> ScanCost:
+    bench = Bench(bridge, layout, bus_hz)
     traffic = bench.traffic
     before_ns = bench.clock.now_ns()
     traffic.transfers = traffic.bytes_out = traffic.bytes_in = 0
@@ -218,7 +194,6 @@ def _scan_cost(bridge: str, reads: str, layout: str, bus_hz: int) -> ScanCost:
     scan_s = 1e-9 * (bench.clock.now_ns() - before_ns) / SCANS
     return ScanCost(
         bridge=bridge,
-        reads=reads,
         layout=layout,
         bus_khz=bus_hz // 1000,
         transfers=traffic.transfers / SCANS,

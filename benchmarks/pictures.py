@@ -38,7 +38,7 @@ def hand(figures: Figures) -> str:
     """A scan of six fingers by bridge, layout and clock."""
     bars = []
     for row in figures["scans"]:
-        name = f"{row['bridge']}, {row['reads']}, {row['layout']}, {row['bus_khz']} kHz"
+        name = f"{row['bridge']}, {row['layout']}, {row['bus_khz']} kHz"
         bars.append(Bar(name, row["scan_ms"], bool(row["serves_model_hz"])))
     of = "ms a scan of six fingers, of the virtual hand; grey: too slow for any model"
     return _bars(bars, 0.24, of, xscale="log")

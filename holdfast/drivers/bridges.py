@@ -12,8 +12,6 @@ from holdfast.drivers.bus import Bus
 
 BRIDGES = {
     "ft232h": ("ft232h:Ft232h", "virtual.ft232h:VirtualFt232h"),
-    "tiny-usb": ("tiny_usb:TinyUsb", "virtual.tiny_usb:VirtualTinyUsb"),
-    "mcp2221": ("mcp2221:Mcp2221", "virtual.mcp2221:VirtualMcp2221"),
 }
 """Name -> (driver, its emulation for virtual://), loaded when one is opened."""
 MOST_DIGITS = 9

@@ -34,7 +34,6 @@ class Reply:
     acked: bool
 
 
-ACKED = Reply(b"", acked=True)
 NOT_ACKED = Reply(b"", acked=False)
 
 

@@ -1,8 +1,8 @@
 """The fingertips of a hand on an open bus: brought up, scanned, judged and brought up again.
 
-A reading is valid only if all of this holds: the chip acknowledged, the CRC of its packet fits
-(holdfast/drivers/finger.py), it converted anew within the last 20 ms, it kept its power, its own
-diagnosis found no fault, and no axis is at the end of its range. The chip converted anew if its
+A reading is valid only if all of this holds: the chip acknowledged, it converted anew within the
+last 20 ms, it kept its power, its own diagnosis found no fault, and no axis is at the end of its
+range. The chip converted anew if its
 packet differs from the last one: results and SET_COUNT change with a conversion and with nothing
 else. SET_COUNT alone is not enough: it rolls over every 8 conversions (19.4 ms), so it seems to
 stand still when the hand is read at 50 Hz.
@@ -15,8 +15,7 @@ fingers.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from typing import Literal
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -24,7 +23,6 @@ from holdfast.core.contract import BoolArray, FloatArray
 from holdfast.core.errors import DeviceError, DeviceNotFound, WrongDevice
 from holdfast.drivers.bus import Bus, Reply, Transfer
 from holdfast.drivers.finger import (
-    MOST_TEST_PACKETS,
     TRY_AGAIN_NS,
     FingerState,
     bring_up,
@@ -40,12 +38,11 @@ from holdfast.drivers.tmag5273 import (
 
 TRIES_AT_START = 3
 """One flipped bit must not keep a hand from starting."""
+MOST_READS_TO_SETTLE = 8
 DOUBT_NS = 10_000_000_000
-DOUBTS = frozenset({"crc", "nack", "garbage", "reset", "mux"})
+DOUBTS = frozenset({"nack", "garbage", "reset", "mux"})
 """Reasons for an invalid reading that a bus which flips bits produces."""
 NO_READING = (np.nan, np.nan, np.nan)
-
-Crc = Literal["auto", "on", "off"]
 
 
 @dataclass(frozen=True)
@@ -70,27 +67,22 @@ class Fingers:
     """The fingers of one hand. Methods take the open bus; Hand owns it and its repair.
 
     now_ns, pause (s): the clock. say: receives one line for each event that the user should see.
-    crc: see holdfast/drivers/hand.py.
     """
 
     def __init__(
         self,
         fingers: Sequence[Finger],
         setup: Setup,
-        crc: Crc,
         *,
         now_ns: Callable[[], int],
         pause: Callable[[float], None],
         say: Callable[[str], None],
     ) -> None:
         self._setup = setup
-        self._crc = crc
         self._now_ns = now_ns
         self._pause = pause
         self._say = say
-        # even without a CRC test the user's own format is kept in _setup
-        chip_setup = replace(setup, crc=crc != "off")
-        self._states = [FingerState(finger, chip_setup) for finger in fingers]
+        self._states = [FingerState(finger) for finger in fingers]
         self._planner = ScanPlanner(fingers)
         self._doubtful_until_ns = 0
         self._range_mt = np.array([setup.range_mt(one.version) for one in self._states])
@@ -113,7 +105,6 @@ class Fingers:
                     "range_mt": self._setup.range_mt(state.version).tolist(),
                     "version": state.version,
                     "serial": None,
-                    "crc": state.setup.crc,
                 }
             )
 
@@ -151,22 +142,15 @@ class Fingers:
         return [self._bring_up_patiently(bus, k) for k in range(len(self._states))]
 
     def settle(self, bus: Bus) -> None:
-        """Read until each finger has converted and passed its CRC test.
-
-        The next reading can then be valid. Raises WrongDevice where a CRC does not pass its test.
-        """
+        """Read until each finger has converted: the next reading can then be valid."""
         conversion = conversion_s(self._setup.averages)
-        for _ in range(MOST_TEST_PACKETS + 1):
+        for _ in range(MOST_READS_TO_SETTLE):
             self._pause(conversion)
             self.judge(self._now_ns(), self.scan(bus))
-            self._accept_absent_crcs(bus)
             if all(state.settled for state in self._states):
                 break
 
         self._pause(conversion)
-        for k, state in enumerate(self._states, 1):
-            if state.ready and state.check.failures:
-                raise _crc_failed(k, state)
 
     def repair(self, bus: Bus, reading: Reading) -> None:
         """Bring up the finger that has waited longest; only one, so the others stay on time."""
@@ -178,8 +162,6 @@ class Fingers:
                 due.append((state.tried_ns, k))
 
         try:
-            if self._crc == "auto":
-                self._accept_absent_crcs(bus)
             if due:
                 self._bring_up(bus, min(due)[1])
         except DeviceError:
@@ -213,9 +195,7 @@ class Fingers:
         state.begin(self._now_ns())
         try:
             self._switch_to(bus, state.finger)
-            version = bring_up(
-                bus, state.finger, state.setup, self._pause, known=state.known
-            )
+            version = bring_up(bus, state.finger, self._setup, self._pause)
         except (DeviceNotFound, WrongDevice) as failure:
             return failure
 
@@ -238,29 +218,6 @@ class Fingers:
                 cause="no power, or noise on the bus",
                 next_step="holdfast scan lists the muxes and sensors on the bus",
             )
-
-    def _accept_absent_crcs(self, bus: Bus) -> None:
-        for k, state in enumerate(self._states):
-            if state.check.absent and state.setup.crc:
-                self._go_without_crc(bus, k)
-
-    def _go_without_crc(self, bus: Bus, k: int) -> None:
-        """Read a chip that sends no CRC without checking one. Raises WrongDevice with crc=on."""
-        state = self._states[k]
-        if self._crc == "on":
-            raise WrongDevice(
-                f"finger {k + 1}: sends no CRC",
-                where=f"{state.finger.read_at:#04x}",
-                cause="a chip whose CRC does not work",
-                next_step="crc=auto reads this finger unchecked",
-            )
-
-        self._say(
-            f"finger {k + 1}: sends no CRC, its readings are unchecked (crc=auto)"
-        )
-        # from here on without a CRC; its transfer becomes one byte shorter
-        state.setup = self._setup
-        self._bring_up(bus, k)
 
     # -- scans
 
@@ -335,13 +292,4 @@ def _no_mux(mux: int, *, another_chip: bool) -> DeviceError:
         where=f"{mux:#04x}",
         cause="no power, SDA and SCL swapped, or another address (0x70 to 0x77, pins A0 to A2)",
         next_step=next_step,
-    )
-
-
-def _crc_failed(number: int, state: FingerState) -> WrongDevice:
-    return WrongDevice(
-        f"finger {number}: its CRC does not fit its packets",
-        where=f"{state.finger.read_at:#04x}",
-        cause="two chips at one address, noise on the bus, or a chip whose CRC is broken",
-        next_step="try shorter wires or bus_hz=100000; crc=off reads all fingers unchecked",
     )

@@ -3,8 +3,8 @@
 A failure costs only the readings that it affects, and it is repaired while the other fingers are
 read on (the recovery ladder):
 
-    a finger      does not acknowledge twice in a row, lost its power, or two CRCs do not fit:
-                  the driver brings it up again (holdfast/drivers/fingers.py)
+    a finger      does not acknowledge twice in a row, or lost its power: the driver brings it up
+                  again (holdfast/drivers/fingers.py)
     the bus       is held low: the driver sends nine clocks
     the bridge    fails three times in a row: the driver opens it again
                   is gone from USB, or another program has it: the driver looks for it until it is
@@ -24,7 +24,7 @@ from holdfast.core.errors import BusStuck, DeviceError, TransferFailed
 from holdfast.core.source import SourceReading
 from holdfast.drivers.bus import Bus, freeing
 from holdfast.drivers.finger import TRY_AGAIN_NS
-from holdfast.drivers.fingers import Crc, Fingers, Reading
+from holdfast.drivers.fingers import Fingers, Reading
 from holdfast.drivers.layout import LAYOUTS, Finger
 from holdfast.drivers.tmag5273 import Setup
 
@@ -35,8 +35,6 @@ class Hand:
     """Fingers behind a bridge that open_bus opens.
 
     now_ns, pause (s): the clock. say: receives one line for each failure and each recovery.
-    crc: "auto" checks each chip that sends a CRC, says which chips send none and reads those
-    unchecked; "on" refuses chips without a CRC; "off" checks none.
 
     start raises what keeps every finger from being read. After that nothing is raised: each reading
     says what is wrong.
@@ -48,19 +46,17 @@ class Hand:
         fingers: Sequence[Finger] = LAYOUTS["mux"],
         *,
         setup: Setup | None = None,
-        crc: Crc = "auto",
         now_ns: Callable[[], int],
         pause: Callable[[float], None],
         say: Callable[[str], None] = lambda line: None,
     ) -> None:
         self.fingers = tuple(fingers)
         self.setup = setup or Setup()
-        self.crc = crc
         self._open_bus = open_bus
         self._now_ns = now_ns
         self._say = say
         self._driven = Fingers(
-            self.fingers, self.setup, crc, now_ns=now_ns, pause=pause, say=say
+            self.fingers, self.setup, now_ns=now_ns, pause=pause, say=say
         )
         self._bus: Bus | None = None
         self._failures = 0
@@ -72,8 +68,7 @@ class Hand:
         """Open the bridge and bring up every finger that answers; free a bus that is held low.
 
         Raises a DeviceError and closes the bridge: what the bridge raises, DeviceNotFound where no
-        finger or no mux answers, WrongDevice for another chip, for two chips at one address, or
-        (with crc "on") for a chip without a CRC.
+        finger or no mux answers, WrongDevice for another chip.
         """
         try:
             bus = self._bus = self._open_bus()

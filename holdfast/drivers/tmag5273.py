@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
@@ -158,21 +158,12 @@ STANDBY = 0
 SLEEP = 1
 CONTINUOUS = 2
 """DEVICE_CONFIG_2.OPERATING_MODE."""
-REGISTER_READS = 0
-BURST_16 = 1
-BURST_8 = 2
-"""DEVICE_CONFIG_1.I2C_RD.
-
-Register reads, or packets without a register byte (16 or 8 bits an axis).
-"""
 XYZ = 7
 """SENSOR_CONFIG_1.MAG_CH_EN."""
 RESULTS = REGISTERS["X_MSB_RESULT"].address
 """Seven bytes from here: x, y, z (big-endian) and CONV_STATUS."""
 LAYOUT = struct.Struct(">3hB")
 PACKET_BYTES = LAYOUT.size
-CHECKED_BYTES = PACKET_BYTES + 1
-"""The same and a CRC, if the chip sends one (1-byte reads with CRC_EN)."""
 RESERVED_STATUS = 0x0C
 """Bits of CONV_STATUS that are always 0."""
 
@@ -198,75 +189,23 @@ def field_ut(raw: npt.ArrayLike, range_mt: float | FloatArray) -> FloatArray:
     return converted
 
 
-def _shifted(byte: int) -> int:
-    """Eight steps of the CRC's shift register."""
-    for _ in range(8):
-        byte = (byte << 1 ^ 0x07 if byte & 0x80 else byte << 1) & 0xFF
-    return byte
-
-
-CRC_TABLE = bytes(_shifted(byte) for byte in range(256))
-
-
-def crc8(data: bytes) -> int:
-    """x^8 + x^2 + x + 1, begun with 0xFF (section 7.5.3.3).
-
-    >>> [hex(crc8(bytes([byte]))) for byte in (0x00, 0xFF, 0x80, 0x4C)]
-    ['0xf3', '0x0', '0x7a', '0x10']
-    """
-    crc = 0xFF
-    for byte in data:
-        crc = CRC_TABLE[crc ^ byte]
-    return crc
-
-
-def packet_crc(address: int, data: bytes) -> int:
-    """The CRC of a packet from this address: over the address byte of the read, then the packet.
-
-    >>> hex(packet_crc(0x35, bytes(7)))
-    '0xc4'
-    """
-    return crc8(bytes([address << 1 | 1]) + data)
-
-
 @dataclass(frozen=True)
 class Setup:
     """How a chip is configured. averages: 1 to 32. wide_xy, wide_z: the wide range of these axes.
 
-    burst: 1-byte reads, which are shorter because they send no register byte; registers cannot be
-    read meanwhile. together: all chips convert at one moment, at a general call; otherwise each at
-    its own times. crc: a CRC after each packet. Only 1-byte reads have one over the whole packet,
-    so crc implies them.
+    together: all chips convert at one moment, at a general call; otherwise each at its own times.
     """
 
     averages: int = 32
     wide_xy: bool = False
     wide_z: bool = True
-    burst: bool = False
     together: bool = False
-    crc: bool = False
-
-    @property
-    def packets(self) -> bool:
-        """Whether 1-byte reads are on."""
-        return self.burst or self.crc
-
-    @property
-    def plain(self) -> Setup:
-        """The same with register reads, which a read-back needs."""
-        return replace(self, burst=False, crc=False)
 
     def registers(self) -> list[tuple[int, int]]:
-        """(address, byte) in the order to write.
-
-        The read format last but one, the operating mode last.
-        """
+        """(address, byte) in the order to write: the operating mode last."""
         one = REGISTERS
         config = one["DEVICE_CONFIG_1"].value(
-            CRC_EN=int(self.crc),
-            MAG_TEMPCO=1,
-            CONV_AVG=self.averages.bit_length() - 1,
-            I2C_RD=BURST_16 if self.packets else REGISTER_READS,
+            MAG_TEMPCO=1, CONV_AVG=self.averages.bit_length() - 1
         )
         # a triggered chip waits; otherwise it converts without being asked
         mode = STANDBY if self.together else CONTINUOUS

@@ -28,6 +28,8 @@ DRAINED_AT_MOST = 64
 NO_DEVICE, NO_ACCESS, BUSY, STALL, TIMED_OUT = 19, 13, 16, 32, 110
 
 DOCTOR = "holdfast doctor"
+INTERFACE = 0
+"""Of an FT232H there is one."""
 
 UsbId = tuple[int, int]
 """Vendor, product."""
@@ -70,11 +72,9 @@ class UsbPort:
         ids: Sequence[UsbId],
         backend: Any,
         *,
-        interface: int = 0,
         number: int = 0,
     ) -> None:
         self.name = name
-        self.interface = interface
         found = find_usb(ids, backend)
         if number >= len(found):
             shown = [f"{vendor:04x}:{product:04x}" for vendor, product in ids]
@@ -119,23 +119,6 @@ class UsbPort:
 
         self._require_all(sent, data)
 
-    def control_in(
-        self,
-        request_type: int,
-        request: int,
-        value: int,
-        index: int,
-        length: int,
-        timeout_ms: int = TIMEOUT_MS,
-    ) -> bytes:
-        """A control transfer in: its data, which may be shorter than length."""
-        with named_errors(self.name):
-            data = self.device.ctrl_transfer(
-                request_type, request, value, index, length, timeout_ms
-            )
-
-        return bytes(data)
-
     def drain(self, endpoint: int, length: int, *, empty: int) -> None:
         """Read away what is left of a transfer that timed out, so that no later request gets it.
 
@@ -168,9 +151,9 @@ class UsbPort:
             return
         self._closed = True
         try:
-            usb.util.release_interface(self.device, self.interface)
+            usb.util.release_interface(self.device, INTERFACE)
             if self._attached:
-                self.device.attach_kernel_driver(self.interface)
+                self.device.attach_kernel_driver(INTERFACE)
         except (usb.core.USBError, NotImplementedError):
             pass  # it is gone, and there is nothing to give back
 
@@ -198,16 +181,16 @@ class UsbPort:
         """Detach the kernel's driver, and claim the interface."""
         with named_errors(self.name):
             try:
-                if self.device.is_kernel_driver_active(self.interface):
-                    self.device.detach_kernel_driver(self.interface)
+                if self.device.is_kernel_driver_active(INTERFACE):
+                    self.device.detach_kernel_driver(INTERFACE)
                     self._attached = True
             except NotImplementedError:
                 pass  # a backend without kernel drivers
-            usb.util.claim_interface(self.device, self.interface)
+            usb.util.claim_interface(self.device, INTERFACE)
 
 
 class UsbBridge:
-    """A bridge on USB. A driver sets name, ids and interface, and overrides _begin.
+    """A bridge on USB. A driver sets name and ids, and overrides _begin.
 
     number: which of the bridges with these ids, 0 is the first. Raises DeviceNotFound,
     AccessDenied, DeviceLost, TransferFailed, or what _begin raises.
@@ -215,12 +198,9 @@ class UsbBridge:
 
     name: str
     ids: ClassVar[tuple[UsbId, ...]]
-    interface: ClassVar[int] = 0
 
     def __init__(self, backend: Any, number: int) -> None:
-        self._port = UsbPort(
-            self.name, self.ids, backend, interface=self.interface, number=number
-        )
+        self._port = UsbPort(self.name, self.ids, backend, number=number)
         # a bridge that does not get ready must not keep its interface
         try:
             self._begin()

@@ -9,9 +9,8 @@
     -, tcp://, udp://, serial://, unix://     lines of any program (holdfast/live/line_sources.py)
     any other source                          a recording or a scene, at its own pace
 
-A hand has more options: layout=mux (drivers/layout.py), averages=32, crc=auto (on: a chip without
-CRC is refused; off: nothing is checked), burst=1 (shorter reads without CRC) and together=1 (a
-trigger makes all fingers convert at one moment).
+A hand has more options: layout=mux (drivers/layout.py), averages=32 and together=1 (a trigger makes
+all fingers convert at one moment).
 """
 
 from __future__ import annotations
@@ -19,7 +18,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any
 from urllib.parse import parse_qs, unquote
 
 import numpy as np
@@ -30,7 +29,6 @@ from holdfast.core.source import Source
 from holdfast.drivers.bridges import BRIDGES, open_virtual
 from holdfast.drivers.bridges import open_bus as open_bridge
 from holdfast.drivers.bus import Bus
-from holdfast.drivers.fingers import Crc
 from holdfast.drivers.hand import Hand, LiveHand
 from holdfast.drivers.layout import read_layout
 from holdfast.drivers.replay import PacedReplay
@@ -61,13 +59,10 @@ LSL_KEYS = ("unit", "rate_hz")
 HAND_KEYS = (
     "layout",
     "averages",
-    "crc",
-    "burst",
     "together",
     "bus_hz",
     "number",
 )
-CRC_WORDS = ("auto", "on", "off")
 VIRTUAL_KEYS = (*HAND_KEYS, "scene", "trial", "seed", "fault")
 FIELD_HZ = 1000.0
 """Rate of a scene's field for the virtual chips, each of which converts it at its time."""
@@ -254,25 +249,16 @@ def _started(
             next_step="1, 2, 4, 8, 16 or 32",
         )
 
-    crc = source.text("crc", "auto")
-    if crc not in CRC_WORDS:
-        raise UsageError(
-            f"crc={crc[:40]!r} is not known",
-            next_step=f"crc={' or crc='.join(CRC_WORDS)}",
-        )
-
     def pause(seconds: float) -> None:
         clock.wait_until(clock.now_ns() + round(1e9 * seconds))
 
-    burst = bool(source.number("burst", 0))
     together = bool(source.number("together", 0))
     hand = Hand(
         open_bus,
         read_layout(source.text("layout", "mux")),
         now_ns=clock.now_ns,
         say=report,
-        crc=cast("Crc", crc),
-        setup=Setup(averages, burst=burst, together=together),
+        setup=Setup(averages, together=together),
         pause=pause,
     )
     hand.start()

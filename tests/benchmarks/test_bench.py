@@ -43,7 +43,6 @@ SHOWN: dict[str, tuple[dict[str, Any], str]] = {
             "scans": [
                 {
                     "bridge": "ft232h",
-                    "reads": "1-byte",
                     "layout": "mux",
                     "bus_khz": 400,
                     "scan_ms": 1.4,
@@ -51,7 +50,7 @@ SHOWN: dict[str, tuple[dict[str, Any], str]] = {
                 }
             ]
         },
-        "ft232h, 1-byte, mux, 400 kHz",
+        "ft232h, mux, 400 kHz",
     ),
     "simulator": (
         {

@@ -12,8 +12,6 @@ from hazard_marks import BRIDGE_FAULT, SLOW_REPAIR, STUCK_BUS, WIRING
 from holdfast.core.errors import BusStuck, DeviceError, TransferFailed, UsageError
 from holdfast.drivers.bus import Transfer
 from holdfast.drivers.ft232h import FASTEST_HZ, SLOWEST_HZ, Ft232h
-from holdfast.drivers.hand import Hand
-from holdfast.drivers.mcp2221 import Mcp2221
 from holdfast.drivers.scanning import as_layout, look_at
 from holdfast.drivers.virtual.clock import VirtualClock
 from holdfast.drivers.virtual.ft232h import (
@@ -23,7 +21,6 @@ from holdfast.drivers.virtual.ft232h import (
     SDA_IN,
     VirtualFt232h,
 )
-from holdfast.drivers.virtual.mcp2221 import VirtualMcp2221
 from holdfast.drivers.virtual.usb_backend import VirtualBackend
 from holdfast.drivers.virtual.usb_device import stall
 from holdfast.drivers.virtual.virtual_hand import VirtualHand
@@ -47,28 +44,6 @@ def test_a_repaired_finger_is_valid_from_its_second_new_reading_on(fault, rate_h
     assert after.index("") <= 4  # read, brought up, read once, and again
     assert set(after[after.index("") :]) == {""}
     assert all(reading.valid[[0, 1, 3, 4, 5]].all() for reading in readings)
-
-
-@SLOW_REPAIR.mark
-def test_a_finger_behind_an_mcp2221_comes_back_though_every_scan_outlasts_the_stale_time():
-    clock = VirtualClock()
-    virtual = VirtualHand(
-        clock, seed=0, faults=Bench(faults=("por:3@4",)).virtual.faults._pending
-    )
-    backend = VirtualBackend(
-        VirtualMcp2221(virtual), clock, virtual.faults, virtual.power_off
-    )
-    hand = Hand(
-        lambda: Mcp2221(backend),
-        now_ns=clock.now_ns,
-        pause=lambda s: clock.spend(round(1e9 * s)),
-    )
-    hand.start()
-    words = []
-    while clock.now_ns() < 8e9:
-        words.append(hand.read().why[2])
-    assert words[0] == words[-1] == ""
-    assert 0 < sum(bool(word) for word in words) < 8
 
 
 @SLOW_REPAIR.mark
@@ -189,12 +164,6 @@ def test_the_ft232h_serves_a_hand_at_every_speed_it_takes(bus_hz):
     assert reading is not None
     assert reading.valid.all()
     source.close()
-
-
-@pytest.mark.parametrize("crc", ["yes", "1", ""])
-def test_a_crc_option_that_is_none_is_a_usage_error(crc):
-    with pytest.raises(UsageError, match="crc=auto or crc=on or crc=off"):
-        open_live(f"virtual://ft232h?crc={crc}", clock=VirtualClock(), report=print)
 
 
 # -- the bridge

@@ -18,7 +18,6 @@ from drawn_frames import (
 )
 from hand_made_tracks import hand_made
 from packages import MAY_IMPORT, ROOT, folder_of, imports_of
-from page_tables import filled
 
 from holdfast.cli.main import main
 from holdfast.core.errors import (
@@ -272,30 +271,6 @@ def test_the_printed_sheet_holds_both_tags_at_their_size():
         - min(shape["x"] for shape in left)
         == 10.0
     )
-
-
-def test_the_page_of_the_camera_is_made_of_what_was_measured(tmp_path):
-    numbers = {
-        f"{name}_p{q}_ms": 1.25
-        for name in ("start", "seen", "gross")
-        for q in (5, 50, 95)
-    }
-    row = {
-        "fps": 60.0,
-        "mm_per_s2": 42.0,
-        "n": 3,
-        "found": 2,
-        "hidden": 1,
-        "start_worst_ms": 7.7,
-        "within_10_ms": 1.0,
-    }
-    made = {
-        "ramps": [row | numbers],
-        "pulls": [row | numbers],
-        "held": [{"n": 5, "onsets": 0}],
-    }
-    text = filled("docs/camera.md", {"onset": made}, tmp_path)
-    assert "| 60 | 42 | 2 of 3 | 1 | 1.2 / 1.2 / 1.2 |" in text
 
 
 def test_depthai_is_imported_in_one_file_and_by_no_help():

@@ -19,7 +19,7 @@ from holdfast.drivers.bus import Reply, Transfer
 from holdfast.drivers.finger import identify
 from holdfast.drivers.layout import read_layout
 from holdfast.drivers.scanning import as_layout, look_at
-from holdfast.drivers.tmag5273 import FACTORY_ADDRESSES, Setup, packet_crc
+from holdfast.drivers.tmag5273 import FACTORY_ADDRESSES, Setup
 from holdfast.drivers.virtual.virtual_hand import Mux, Wire
 
 EIGHT_BITS = 0x36
@@ -129,34 +129,6 @@ def test_fingers_triggered_together_reset_no_foreign_chip_by_the_general_call(la
     assert [chip.state for chip in chips] == before
 
 
-@pytest.mark.parametrize("averages", [1, 8, 32])
-@pytest.mark.parametrize(
-    ("crc", "burst", "together"),
-    [
-        ("auto", False, False),
-        ("auto", False, True),
-        ("off", True, False),
-        ("off", True, True),
-    ],
-)
-def test_a_sensor_left_in_one_byte_mode_is_recognised_by_its_packets_alone(
-    averages, crc, burst, together
-):
-    bench = started(setup=Setup(averages, burst=burst, together=together), crc=crc)
-    bench.hand.close()
-    assert as_layout(scan(bench)) == SIX
-
-
-def test_a_sensor_that_another_program_left_in_other_packets_is_not_written_to():
-    bench = started()
-    bench.hand.close()
-    chip = bench.virtual.chips[0]
-    with closing(bench.open_bus()) as bus:
-        bus.scan([Transfer(0x70, b"\x01"), Transfer(0x35, bytes([0x00, EIGHT_BITS]))])
-    assert as_layout(scan(bench)) == SIX.removeprefix("0:35,")
-    assert chip._bytes[0x00] == EIGHT_BITS
-
-
 def test_sensors_that_were_moved_are_found_at_their_new_addresses_scan_after_scan():
     bench = started(layout="moved")
     bench.hand.close()
@@ -239,56 +211,7 @@ def own(version: int = 1, maker: bytes = b"\x49\x54") -> bytes:
     return bytes([0x6A, 0xE0 | version]) + maker
 
 
-def sent_packets(
-    n_different: int, counts: int = 1, status: int = 0x01, offset: int | None = 0
-) -> list[bytes]:
-    """12 packets; offset: of their CRC from the data sheet's, None where it is of nothing."""
-    packets = []
-    for k in range(12):
-        number = k % n_different
-        row = bytes([0, number, 1, 2, 3, 4, number % counts << 5 | status])
-        wrong = 37 * k % 256 if offset is None else offset
-        packets.append(row + bytes([packet_crc(0x35, row) ^ wrong]))
-    return packets
-
-
 NOT_OURS = b"\x01\x02\x03\x04"
-
-
-@pytest.mark.parametrize(
-    ("packets", "is_ours"),
-    [
-        (sent_packets(6), True),
-        (sent_packets(6, offset=0x2B), True),
-        (sent_packets(5), False),
-        (sent_packets(12, status=0x11), True),
-        (sent_packets(12, offset=None), False),
-        (sent_packets(12, counts=4, offset=None), True),
-        (sent_packets(12, counts=3, offset=None), False),
-        (sent_packets(12, counts=4, offset=None, status=0x00), False),
-        (sent_packets(12, counts=4, offset=None, status=0x11), False),
-        (sent_packets(12, counts=4, offset=None, status=0x03), False),
-        (sent_packets(12, status=0x05), False),
-        (sent_packets(12, status=0x09), False),
-        ([*sent_packets(12)[:11], b"1234567"], False),
-        ([*sent_packets(12)[:11], None], False),
-    ],
-)
-def test_a_dozen_packets_tell_a_sensor_by_their_crcs_or_their_counts(
-    packets: list[bytes], is_ours: bool
-) -> None:
-    bus = Answers(NOT_OURS, *packets, own(2))
-    pauses: list[float] = []
-    if not is_ours:
-        with pytest.raises(WrongDevice, match="maker 0x0403, version 2: no TMAG5273"):
-            identify(bus, 0x35, pauses.append, 0x34)
-        assert not [one for one in bus.asked if len(one.write) > 1]
-        return
-    assert identify(bus, 0x35, pauses.append, 0x34) == 2
-    identity = Transfer(0x35, b"\x0c", 4)
-    dozen = [Transfer(0x35, b"\x0c", 8), Transfer(0x35, b"\x92", 8)] * 6
-    assert bus.asked == [identity, *dozen, Transfer(0x35, b"\x00\x34"), identity]
-    assert pauses == pytest.approx([0.002425 * (1.0 + k / 16) for k in range(12)])
 
 
 @pytest.mark.parametrize(
@@ -307,7 +230,7 @@ def test_a_dozen_packets_tell_a_sensor_by_their_crcs_or_their_counts(
 def test_a_sensor_has_its_maker_s_number_and_one_of_two_versions(
     identity: bytes, version: int | None
 ) -> None:
-    bus = Answers(identity, b"")
+    bus = Answers(identity)
     if version is not None:
         assert identify(bus, 0x35, lambda pause_s: None) == version
         assert len(bus.asked) == 1

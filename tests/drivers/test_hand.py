@@ -20,8 +20,6 @@ from holdfast.core.errors import (
 )
 from holdfast.drivers.bus import Transfer
 from holdfast.drivers.finger import STALE_NS
-from holdfast.drivers.ft232h import Ft232h
-from holdfast.drivers.hand import Hand
 from holdfast.drivers.layout import (
     LAYOUTS,
     MUX_ADDRESSES,
@@ -46,20 +44,12 @@ class Faltering(VirtualClock):
         self.lost_ns = 0
 
 
-WAYS_TO_READ = pytest.mark.parametrize(
-    ("crc", "burst"), [("auto", False), ("off", False), ("off", True)]
-)
-
-
 @pytest.mark.parametrize("layout", LAYOUTS)
-@WAYS_TO_READ
-def test_six_fingers_report_the_field_at_their_magnets(layout, crc, burst):
+def test_six_fingers_report_the_field_at_their_magnets(layout):
     field_ut = np.arange(18.0).reshape(1, 6, 3) * 500.0
     bench = started(
         track=Track(np.array([0.0]), field_ut),
         layout=layout,
-        setup=Setup(burst=burst),
-        crc=crc,
     )
     reading = bench.read_for(0.05)[-1]
     assert reading.valid.all()
@@ -68,7 +58,7 @@ def test_six_fingers_report_the_field_at_their_magnets(layout, crc, burst):
 
 
 def test_moved_fingers_are_read_without_ever_switching_and_at_addresses_of_their_own():
-    bench = started(layout="moved", crc="off")
+    bench = started(layout="moved")
     assert [chip.address for chip in bench.virtual.chips] == [
         0x50,
         0x51,
@@ -98,10 +88,9 @@ def test_a_hand_that_is_still_moved_from_before_is_started_as_it_is():
     assert bad(bench.read_for(0.1)) == []
 
 
-@WAYS_TO_READ
 @pytest.mark.parametrize("layout", LAYOUTS)
 def test_fingers_triggered_together_convert_at_one_moment_and_only_when_triggered(
-    layout, crc, burst
+    layout,
 ):
     """A field that rises fast: fingers that convert at their own times disagree, those
     triggered together do not."""
@@ -114,8 +103,7 @@ def test_fingers_triggered_together_convert_at_one_moment_and_only_when_triggere
         bench = started(
             track=rising,
             layout=layout,
-            setup=Setup(burst=burst, together=together),
-            crc=crc,
+            setup=Setup(together=together),
         )
         readings = bench.read_for(0.5)
         assert bad(readings) == []
@@ -168,7 +156,7 @@ def test_a_slow_reader_takes_no_roll_over_of_the_counter_for_a_stop_and_still_se
 
 @pytest.mark.parametrize(
     ("fault", "why"),
-    [("por:4@1", "garbage"), ("sleep:4@1", "nack"), ("diag:4@1+0.1", "diagnosis")],
+    [("por:4@1", "reset"), ("sleep:4@1", "nack"), ("diag:4@1+0.1", "diagnosis")],
 )
 def test_a_chip_that_lost_itself_is_brought_up_while_the_others_are_read(fault, why):
     readings = started(fault).read_for(2.0)
@@ -254,29 +242,6 @@ def test_another_chip_at_an_address_is_refused_by_its_maker():
     bench = Bench(faults=("wrong:2@0+100",))
     with pytest.raises(WrongDevice, match=r"maker 0x0000.*no TMAG5273"):
         bench.hand.start()
-
-
-def test_a_hand_left_in_one_byte_mode_by_a_driver_that_died_is_read_again():
-    first = started(setup=Setup(burst=True))
-    first.hand.close()
-    again = Hand(
-        lambda: Ft232h(first.backend),
-        LAYOUTS["mux"],
-        now_ns=first.clock.now_ns,
-        pause=lambda seconds: first.clock.spend(round(1e9 * seconds)),
-    )
-    again.start()
-    assert again.read().valid.all()
-
-
-def test_a_scan_with_burst_reads_is_shorter():
-    spent = {}
-    for burst in (False, True):
-        bench = started(setup=Setup(burst=burst), crc="off")
-        before_ns = bench.clock.now_ns()
-        bench.hand.read()
-        spent[burst] = bench.clock.now_ns() - before_ns
-    assert spent[True] < 0.85 * spent[False]
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -372,6 +337,7 @@ def soak(scans: int) -> None:
         "bridge",
         "lost",
         "garbage",
+        "reset",
     }
     assert _allocated_blocks() - blocks < 5000
     assert len(os.listdir("/proc/self/fd")) == descriptors
@@ -439,7 +405,7 @@ def test_a_plan_knows_the_place_of_every_mux_write_and_every_read(
 def test_after_a_doubtful_reply_the_muxes_are_read_back_for_ten_seconds(
     after_ns, transfers
 ):
-    bench = started("nack:3@1+0.001", crc="off")
+    bench = started("nack:3@1+0.001")
     bench.clock.wait_until(1_000_000_000)
     assert bench.hand.read().why[2] == "nack"
     doubtful_until_ns = bench.clock.now_ns() + 10_000_000_000
@@ -484,7 +450,7 @@ def test_a_bridge_is_opened_again_after_three_failures_in_a_row_and_looked_for_e
 
 
 def test_what_is_known_of_a_hand_names_every_finger():
-    bench = Bench(layout="mux@71", on_wire="mux", crc="off", setup=Setup(averages=8))
+    bench = Bench(layout="mux@71", on_wire="mux", setup=Setup(averages=8))
     bench.virtual.mux.address = 0x71
     bench.hand.start()
     about = bench.hand.about()
@@ -504,7 +470,6 @@ def test_what_is_known_of_a_hand_names_every_finger():
         "range_mt": [40.0, 40.0, 80.0],
         "version": 1,
         "serial": None,
-        "crc": False,
     }
     bench.hand.close()
     assert bench.hand.about()["bridge"] is None

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import errno
-import struct
 from types import SimpleNamespace
 
 import libusb_package
@@ -29,8 +27,6 @@ from holdfast.drivers import usb as bridge_on_usb
 from holdfast.drivers.bridges import bridges_on_usb, ids_of, open_bus, open_virtual
 from holdfast.drivers.bus import Transfer
 from holdfast.drivers.ft232h import Ft232h
-from holdfast.drivers.mcp2221 import Mcp2221
-from holdfast.drivers.tiny_usb import TinyUsb
 from holdfast.drivers.usb import Stalled, UsbPort, named_errors, real_backend
 from holdfast.drivers.virtual.faults import Fault
 from holdfast.drivers.virtual.usb_backend import VirtualBackend
@@ -39,7 +35,7 @@ from holdfast.drivers.virtual.usb_backend import VirtualBackend
 @every_usb_bridge
 def test_a_kernel_driver_is_away_while_a_bridge_is_open_and_back_afterwards(make, kind):
     bench = make(kind)
-    interface = 2 if kind == "mcp2221" else 0
+    interface = 0
     assert not bench.backend.is_kernel_driver_active(None, interface)
     bench.bus.close()
     assert bench.backend.is_kernel_driver_active(None, interface)
@@ -64,31 +60,8 @@ def test_a_bridge_that_is_open_cannot_be_opened_again_until_it_is_closed(make, k
     assert bench.bus.scan([FIRST, WHO])[1].data == IDENTITY
 
 
-def test_a_second_claim_fails_as_with_libusb_and_another_interface_is_free(make):
-    backend = make("mcp2221").backend
-    found = next(backend.enumerate_devices())
-    second = backend.open_device(found)
-    with pytest.raises(usb.core.USBError) as refused:
-        backend.claim_interface(second, 2)
-    assert (refused.value.errno, refused.value.backend_error_code) == (errno.EBUSY, -6)
-    with pytest.raises(usb.core.USBError, match="busy"):
-        backend.bulk_write(second, 0x03, 2, bytes(64), 10)
-    backend.detach_kernel_driver(second, 0)
-    backend.claim_interface(second, 0)
-    backend.claim_interface(second, 0)
-
-
-def test_only_a_request_for_an_interface_that_is_no_vendor_s_claims_it(make):
-    backend = make("stm32").backend
-    second = backend.open_device(next(backend.enumerate_devices()))
-    set_delay = 2
-    assert backend.ctrl_transfer(second, 0x41, set_delay, 10, 0, b"", 10) == 0
-    with pytest.raises(usb.core.USBError, match="busy"):
-        backend.ctrl_transfer(second, 0x21, set_delay, 10, 0, b"", 10)
-
-
 def test_a_bridge_that_is_unplugged_takes_the_power_away_once(make):
-    bench = make("stm32", faults=[Fault("unplug", 1, 1), Fault("unplug", 3, 1)])
+    bench = make("ft232h", faults=[Fault("unplug", 1, 1), Fault("unplug", 3, 1)])
     off = []
     backend = VirtualBackend(
         bench.device, bench.clock, bench.hand.faults, lambda: off.append(1)
@@ -102,7 +75,7 @@ def test_a_bridge_that_is_unplugged_takes_the_power_away_once(make):
 
 
 def test_a_handle_that_is_closed_or_unplugged_claims_nothing_any_more(make):
-    bench = make("stm32", faults=[Fault("unplug", 1, 1)])
+    bench = make("ft232h", faults=[Fault("unplug", 1, 1)])
     bench.bus.close()
     first, second = (
         bench.backend.open_device(next(bench.backend.enumerate_devices()))
@@ -123,11 +96,6 @@ def test_a_handle_that_is_closed_or_unplugged_claims_nothing_any_more(make):
     ("kind", "strings"),
     [
         ("ft232h", ("FTDI", "Single RS232-HS", "FTHOLD01")),
-        ("rp2040", ("Till Harbaum", "i2c-tiny-usb", "HOLDFAST-RP2040")),
-        (
-            "mcp2221",
-            ("Microchip Technology Inc.", "MCP2221 USB-I2C/UART Combo", "0000000001"),
-        ),
     ],
 )
 def test_a_bridge_shows_its_maker_its_product_and_its_serial_number(
@@ -159,34 +127,6 @@ def test_descriptors_by_request_are_those_that_libusb_shows(make, kind):
         found.ctrl_transfer(0x80, 6, 0x03FF, 0, 64)
 
 
-def test_the_mcp2221_announces_a_hid_interface_of_64_bytes_each_way(make):
-    bench = make("mcp2221")
-    bench.bus.close()
-    found = usb.core.find(backend=bench.backend)
-    found.detach_kernel_driver(2)
-    interface = found[0][(2, 0)]
-    assert (interface.bInterfaceClass, [e.wMaxPacketSize for e in interface]) == (
-        3,
-        [64, 64],
-    )
-    length, kind, _, _, _, report_kind, report_length = struct.unpack(
-        "<BBHBBBH", bytes(interface.extra_descriptors)
-    )
-    assert (length, kind, report_kind) == (9, 0x21, 0x22)
-    report = bytes(found.ctrl_transfer(0x80 | 1, 6, 0x2200, 2, 255))
-    assert len(report) == report_length
-    assert report.startswith(b"\x06\x00\xff\x09\x01")  # usage page 0xFF00, usage 1
-    assert report.count(b"\x95\x40") == 1  # 64 bytes a report
-
-
-def test_no_bridge_on_usb_is_named_with_its_ids(make):
-    bench = make("mcp2221")
-    with pytest.raises(DeviceNotFound, match="0403:c631 or 1c40:0534"):
-        TinyUsb(bench.backend)
-    with pytest.raises(DeviceNotFound, match="04d8:00dd"):
-        Mcp2221(make("avr").backend)
-
-
 @every_usb_bridge
 def test_a_bridge_that_does_not_open_is_given_back(make, kind):
     bench = make(kind, faults=[Fault("stall", 1, 1)])
@@ -194,7 +134,7 @@ def test_a_bridge_that_does_not_open_is_given_back(make, kind):
     bench.bus.close()
     with pytest.raises(TransferFailed):
         bench.open()
-    assert bench.backend.is_kernel_driver_active(None, 2 if kind == "mcp2221" else 0)
+    assert bench.backend.is_kernel_driver_active(None, 0)
     bench.clock.wait_until(2_500_000_000)
     bench.bus = bench.open()
 
@@ -233,12 +173,12 @@ def test_a_bridge_waits_for_a_transfer_as_long_as_that_may_take(make, kind):
         return noted
 
     bench.bus.close()
-    for name in ("ctrl_transfer", "bulk_read", "bulk_write", "intr_read", "intr_write"):
+    for name in ("ctrl_transfer", "bulk_read", "bulk_write"):
         setattr(bench.backend, name, noting(getattr(bench.backend, name)))
     bench.bus = bench.open()
     bench.bus.scan([FIRST, WHO])
     # 5 ms: reading away what an earlier program left
-    assert waits_ms == {"mcp2221": {5, 50}, "ft232h": {5, 10}}.get(kind, {100})
+    assert waits_ms == {5, 10}
 
 
 def test_what_is_left_is_read_away_until_none_is_or_64_times(make):
@@ -267,15 +207,13 @@ def test_a_bridge_is_one_of_those_on_usb_by_its_number(make):
     backend = make("ft232h").backend
     with pytest.raises(DeviceNotFound, match=r"only 1 on USB.*0403:6014"):
         Ft232h(backend, number=1)
-    with pytest.raises(DeviceNotFound, match="none on USB"):
-        Mcp2221(backend)
 
 
 def test_bridges_on_usb_are_urls_with_their_numbers(make, monkeypatch):
     backend = make("ft232h").backend
     monkeypatch.setattr(bridge_on_usb, "real_backend", lambda: backend)
     assert bridges_on_usb() == ["usb://ft232h?number=0"]
-    assert ids_of("tiny-usb") == ((0x0403, 0xC631), (0x1C40, 0x0534))
+    assert ids_of("ft232h") == ((0x0403, 0x6014),)
     with pytest.raises(AccessDenied, match="busy"):
         open_bus("usb", "ft232h")
     with pytest.raises(DeviceNotFound, match="only 1"):
@@ -283,10 +221,8 @@ def test_bridges_on_usb_are_urls_with_their_numbers(make, monkeypatch):
 
 
 def test_a_bridge_runs_at_400_khz_where_no_speed_is_named(make):
-    bench = make("mcp2221")
-    assert open_virtual("mcp2221", bench.hand).bus_hz == 400_000
-    assert bench.engine().bus_hz == 400_000
-    (bench.bus.close)()
+    bench = make("ft232h")
+    assert open_virtual("ft232h", bench.hand).bus_hz == 400_000
     opened = open_virtual("ft232h", bench.hand)
     assert opened()._divider == 49  # 60 MHz / (3 * 50)
 
@@ -308,9 +244,9 @@ def test_bytes_that_did_not_go_out_are_a_transfer_that_failed(make, sent):
 @pytest.mark.parametrize(
     ("active", "calls"),
     [
-        (True, ["detach 2", "claim 2", "release 2", "attach 2", "dispose"]),
-        (False, ["claim 2", "release 2", "dispose"]),
-        (None, ["claim 2", "release 2", "dispose"]),
+        (True, ["detach 0", "claim 0", "release 0", "attach 0", "dispose"]),
+        (False, ["claim 0", "release 0", "dispose"]),
+        (None, ["claim 0", "release 0", "dispose"]),
     ],
 )
 def test_only_a_kernel_driver_that_was_there_is_brought_back_and_once(
@@ -341,7 +277,7 @@ def test_only_a_kernel_driver_that_was_there_is_brought_back_and_once(
             usb.util, f"{name}_interface", lambda one, k, n=name: noting(n)(k)
         )
     monkeypatch.setattr(usb.util, "dispose_resources", lambda one: noting("dispose")())
-    port = UsbPort("a", [(1, 2), (3, 4)], None, interface=2)
+    port = UsbPort("a", [(1, 2), (3, 4)], None)
     port.close()
     port.close()
     assert called == calls

@@ -17,7 +17,6 @@ from holdfast.drivers.tmag5273 import (
     REGISTERS,
     RESULTS,
     XYZ,
-    crc8,
 )
 from holdfast.drivers.virtual import clock as clock_module
 from holdfast.drivers.virtual.chip import Chip, noise_of
@@ -27,8 +26,6 @@ from holdfast.drivers.virtual.virtual_hand import Noise, Wire, wiring_of
 
 A = FACTORY_ADDRESSES[0]
 CRC_ON = 0x80
-ONE_BYTE_16 = 0x01
-ONE_BYTE_8 = 0x02
 """Bits of DEVICE_CONFIG_1."""
 X_THRESHOLD = REGISTERS["X_THR_CONFIG"].address
 WAKE_AND_SLEEP = 3
@@ -102,65 +99,10 @@ def raw_field(*raw: int) -> Callable[[float], list[float]]:
     return lambda now_s: field_ut
 
 
-# -- CRC (section 7.5.1.3.6)
-
-
-@pytest.mark.parametrize(
-    ("registers", "check"), [("00000000", 0xD1), ("ffffffff", 0x0F)]
-)
-def test_a_register_read_with_crc_has_the_data_sheet_s_check_byte_after_four_registers(
-    registers, check
-):
-    on = ChipOnWire()
-    on.write(X_THRESHOLD, *bytes.fromhex(registers))
-    on.write(0x00, CRC_ON)
-    assert on.read(5, X_THRESHOLD) == bytes.fromhex(registers) + bytes([check])
-
-
-def test_a_register_read_without_crc_goes_on_with_the_next_register():
+def test_a_register_read_goes_on_with_the_next_register():
     on = ChipOnWire()
     on.write(X_THRESHOLD, 1, 2, 3, 4, 5)
     assert on.read(5, X_THRESHOLD) == bytes([1, 2, 3, 4, 5])
-
-
-def test_each_register_read_begins_its_check_anew_and_goes_on_where_the_last_one_ended():
-    on = ChipOnWire()
-    on.write(X_THRESHOLD, *range(1, 9))
-    on.write(0x00, CRC_ON)
-    assert on.read(2, X_THRESHOLD) == bytes([1, 2])
-    assert on.read(5) == bytes([3, 4, 5, 6, crc8(bytes([3, 4, 5, 6]))])
-
-
-def test_a_register_read_of_more_than_four_registers_is_not_supported_with_crc():
-    on = ChipOnWire()
-    on.write(X_THRESHOLD, 1, 2, 3, 4)
-    on.write(0x00, CRC_ON)
-    assert on.read(8, X_THRESHOLD)[5:] == b"\xff\xff\xff"
-
-
-def test_the_check_byte_of_a_16_bit_packet_is_the_one_that_a_real_chip_sent():
-    """Command byte 0x6B, the first packet of TI E2E thread 1200004; its chip still showed POR."""
-    on = ChipOnWire(raw_field(0x0009, 0x0018, 0x002B))
-    on.convert(5, CRC_ON | ONE_BYTE_16)
-    assert on.read(8).hex() == "00090018002bb152"
-
-
-def test_the_check_byte_of_an_8_bit_packet_covers_the_command_byte_and_four_bytes():
-    on = ChipOnWire(raw_field(0x1200, -0x3400, 0x5600))
-    on.convert(1, CRC_ON | ONE_BYTE_8)
-    data = on.read(5)
-    assert data[:4] == bytes([0x12, 0xCC, 0x56, 0x31])
-    assert data[4] == crc8(bytes([0x6B]) + data[:4])
-
-
-def test_a_bit_that_was_read_wrong_shows_in_the_check_byte():
-    on = ChipOnWire(raw_field(1000, -2000, 3000))
-    on.convert(3, CRC_ON | ONE_BYTE_16)
-    read = np.frombuffer(on.read(8), np.uint8)
-    for bit in range(8 * len(read)):
-        wrong = read.copy()
-        wrong[bit // 8] ^= 1 << bit % 8
-        assert crc8(bytes([0x6B]) + wrong[:7].tobytes()) != wrong[7]
 
 
 # -- channels (register 0x02) and their time (section 6.11)
@@ -188,13 +130,6 @@ def test_only_the_channels_of_the_mask_are_converted_and_sent(mask, axes, conver
     assert on.status("RESULT_STATUS") == (conversions > 0)
     wanted = {"x": 100, "y": 200, "z": 300}
     assert on.results() == [wanted[axis] if axis in axes else 0 for axis in "xyz"]
-    on.configure(DEVICE_CONFIG_1=ONE_BYTE_16)
-    on.wait_us(1_000)
-    packet = on.read(2 * len(axes) + 2)
-    assert np.frombuffer(packet[: 2 * len(axes)], ">i2").tolist() == [
-        wanted[axis] for axis in axes
-    ]
-    assert packet[-1] == 0xFF
 
 
 # -- sleep, and wake-and-sleep (section 7.4)

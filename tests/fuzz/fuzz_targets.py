@@ -36,24 +36,18 @@ from holdfast.core.tactile_file import RepairResult, repair_table
 from holdfast.core.trial_file import read_trial
 from holdfast.core.trial_layout import mass_g as read_mass_g
 from holdfast.core.trial_layout import read_events
-from holdfast.drivers.bus import Bus, Reply
+from holdfast.drivers.bus import Bus
 from holdfast.drivers.calibration import read_bias, read_calibration
 from holdfast.drivers.camera.sources import LENS, read_frames
-from holdfast.drivers.finger import TEST_PACKETS, FingerState
 from holdfast.drivers.ft232h import Ft232h
 from holdfast.drivers.hand import Hand
-from holdfast.drivers.layout import Finger, read_layout
+from holdfast.drivers.layout import read_layout
 from holdfast.drivers.line_feeds import LineSplitter
-from holdfast.drivers.mcp2221 import Mcp2221
 from holdfast.drivers.replay import open_replay
 from holdfast.drivers.sample_lines import SampleReader
-from holdfast.drivers.tiny_usb import TinyUsb
-from holdfast.drivers.tmag5273 import CHECKED_BYTES, LAYOUT, Setup, packet_crc
 from holdfast.drivers.virtual.clock import VirtualClock
 from holdfast.drivers.virtual.faults import read_fault
 from holdfast.drivers.virtual.ft232h import VirtualFt232h
-from holdfast.drivers.virtual.mcp2221 import VirtualMcp2221
-from holdfast.drivers.virtual.tiny_usb import VirtualTinyUsb
 from holdfast.drivers.virtual.usb_backend import VirtualBackend
 from holdfast.drivers.virtual.usb_device import Device
 from holdfast.drivers.virtual.virtual_hand import VirtualHand
@@ -91,26 +85,9 @@ SMALL_MODEL = Path(__file__).resolve().parent / "small.onnx"
 changes."""
 MODEL_CARD = ROOT / "models" / "holdfast-150hz.json"
 READS = 6
-LEFT_ALONE = 580
-"""Answers: 57 bring up a hand on an FT232H and read it, 340 on an i2c-tiny-usb, 579 on an
-MCP2221A."""
-MCP2221_REPORTS = (
-    b"\x10",
-    b"\x61",
-    b"\x60\0\x8f\x83\x9f\x87\x9f\x80\x08\x10\x18\x03",
-    b"\x50\0\1\1\1",
-    b"\x51",
-    b"\xb0\0",
-    b"\xb0\4",
-    b"\xb1\0\xfd\x12\0\x60\xd8\x04\xdd\0\x80\x32password",
-    b"\xb1\4\x06\3a\0b\0",
-    b"\xb2\0password",
-    b"\xb1\1\x08\x08",
-    b"\x94\1\0\x6a\x0d",
-    b"\x93\3\0\x6b",
-    b"\x40",
-    b"\x70\xab\xcd\xef",
-)
+LEFT_ALONE = 60
+"""Answers: 57 bring up a hand on an FT232H and read it."""
+
 BOARD = ("usb", "i2c", "lsl")
 """Sources on this very machine: their URLs are taken apart as the others are, but nothing of a
 stranger is opened."""
@@ -424,20 +401,6 @@ def sample_lines(data: bytes) -> None:
                     assert np.isfinite(sample.values[held]).all()
 
 
-def packets(data: bytes) -> None:
-    """What a chip answers, packet by packet: no reading counts before eight different ones have
-    fitted their CRC."""
-    state = FingerState(Finger(0x35), Setup(crc=True))
-    came = 0
-    for k, at in enumerate(range(0, len(data), CHECKED_BYTES)):
-        found, why = state.judge(
-            Reply(data[at : at + CHECKED_BYTES], acked=True), 6_000_000 * k
-        )
-        came += found is not None
-        assert why or came > TEST_PACKETS
-        assert found is not None or why == "nack"
-
-
 def commands(data: bytes) -> None:
     """The user's commands, a datagram a line; the port goes on listening whatever comes."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
@@ -693,18 +656,6 @@ GOLDEN = (
 )
 
 
-def mcp2221_reports(data: bytes) -> None:
-    """An emulated MCP2221A answers every report but a reset with one, and has descriptors whatever
-    it holds."""
-    device = VirtualMcp2221(VirtualHand(VirtualClock()))
-    for at in range(0, len(data), 64):
-        device.write(0x03, data[at : at + 64])
-        assert len(device.read(0x83, 64)) in (0, 64)
-        assert int.from_bytes(device.device_descriptor[8:10], "little") == device.vendor
-        for number in range(4):
-            assert len(device.descriptor(3, number, 0x0409) or b"") <= 64
-
-
 def spoilings() -> tuple[bytes, ...]:
     """Scripts that spoil early and late, one answer in four, in every way."""
     rng = np.random.default_rng(0)
@@ -837,11 +788,6 @@ EVENTS = b"""{"t_s": 0.01, "mark": "load_onset", "provenance": "key"}
 {"t0_s": 0.0, "t1_s": 0.02, "label": "grasp", "provenance": "scene"}
 """
 
-RESULTS_OF_A_CHIP = [
-    LAYOUT.pack(100 + k, -200, 9000 - k, k % 8 << 5 | 1) for k in range(12)
-]
-PACKETS = [one + bytes([packet_crc(0x35, one)]) for one in RESULTS_OF_A_CHIP]
-
 TARGETS = {
     "trial": Target(
         trial,
@@ -891,17 +837,16 @@ TARGETS = {
     "layout": Target(
         layout, (b"mux", b"1:35,22,0:35>50", b"moved@71", b"71/0:35,77/1:35>50")
     ),
-    "packets": Target(packets, (b"".join(PACKETS), bytes(80), b"".join(PACKETS)[:-9])),
     "source": Target(
         source,
         (
-            b"virtual://ft232h?averages=32&burst=1&fault=nack:3@1.5%2B0.2&layout=mux6&seed=1",
-            b"virtual://mcp2221?crc=off&layout=mux@77&fault=noise@0%2B9",
+            b"virtual://ft232h?averages=32&fault=nack:3@1.5%2B0.2&layout=mux6&seed=1",
+            b"virtual://ft232h?layout=mux@77&fault=noise@0%2B9",
             b"sim://nobody?seed=1&trial=2&rate_hz=50",
             b"replay://a.csv",
             b"a#0",
             b"i2c://1",
-            b"usb://tiny-usb?number=2",
+            b"usb://ft232h?number=2",
             b"udp://127.0.0.1:9000?network=1&stamps=sender&rate_hz=150&unit=uT",
             b"serial:///dev/ttyACM0?baud=115200",
             b"tcp://localhost:9000?listen=1",
@@ -951,12 +896,5 @@ TARGETS = {
         100,
     ),
     "ft232h": Target(bridge(VirtualFt232h, Ft232h), spoilings(), 40),
-    "tiny_usb": Target(bridge(VirtualTinyUsb, TinyUsb), spoilings(), 40),
-    "mcp2221": Target(bridge(VirtualMcp2221, Mcp2221), spoilings(), 40),
-    "mcp2221_reports": Target(
-        mcp2221_reports,
-        (b"".join(one.ljust(64, b"\0") for one in MCP2221_REPORTS),),
-        500,
-    ),
 }
 TARGETS |= {name: Target(*parts) for name, parts in IMPORT_TARGETS.items()}

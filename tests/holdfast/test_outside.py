@@ -627,7 +627,7 @@ def test_no_escape_in_a_warning_or_an_error_of_the_system_reaches_the_terminal(
     [
         ("ft232h", "usb://ft232h"),
         ("ft232h", "virtual://ft232h"),
-        ("mcp2221?number=1", "usb://mcp2221?number=1"),
+        ("ft232h?number=1", "usb://ft232h?number=1"),
         ("/dev/i2c-1", "i2c://1"),
         ("i2c-7", "i2c://7"),
         ("apple", "sim://apple"),

@@ -9,9 +9,7 @@ import pytest
 
 from holdfast.drivers.bus import Bus, Transfer
 from holdfast.drivers.ft232h import Ft232h
-from holdfast.drivers.mcp2221 import Mcp2221
 from holdfast.drivers.native_i2c import NativeI2C
-from holdfast.drivers.tiny_usb import TinyUsb
 from holdfast.drivers.tmag5273 import (
     FACTORY_ADDRESSES,
     PACKET_BYTES,
@@ -21,9 +19,7 @@ from holdfast.drivers.tmag5273 import (
 )
 from holdfast.drivers.virtual.clock import VirtualClock
 from holdfast.drivers.virtual.ft232h import VirtualFt232h
-from holdfast.drivers.virtual.mcp2221 import VirtualMcp2221
 from holdfast.drivers.virtual.native import VirtualI2cDev
-from holdfast.drivers.virtual.tiny_usb import FIRMWARES, VirtualTinyUsb
 from holdfast.drivers.virtual.usb_backend import VirtualBackend
 from holdfast.drivers.virtual.usb_device import Device
 from holdfast.drivers.virtual.virtual_hand import VirtualHand
@@ -41,11 +37,8 @@ SIX = (
     SECOND,
     *(Transfer(a, bytes([RESULTS]), PACKET_BYTES) for a in (A, B)),
 )
-TINY = tuple(FIRMWARES)
-ON_USB = (*TINY, "mcp2221", "ft232h")
+ON_USB = ("ft232h",)
 ALL = (*ON_USB, "native")
-CANNOT_CLOCK = ("rp2040", "stm32", "mcp2221", "native")
-"""A chip that holds SDA low."""
 
 
 class Bench:
@@ -61,17 +54,12 @@ class Bench:
             self.backend = VirtualI2cDev(self.hand).__enter__()
             self.open = lambda: NativeI2C(1)
         else:
-            emulated: dict[str, Callable[[], Device]] = {
-                "mcp2221": lambda: VirtualMcp2221(self.hand),
-                "ft232h": lambda: VirtualFt232h(self.hand),
-            }
-            self.device = emulated.get(kind, lambda: VirtualTinyUsb(self.hand, kind))()
+            self.device = VirtualFt232h(self.hand)
             self.backend = VirtualBackend(
                 self.device, self.clock, self.hand.faults, self.hand.power_off
             )
-            driver: Any = {"mcp2221": Mcp2221, "ft232h": Ft232h}.get(kind, TinyUsb)
-            self.open = lambda: driver(self.backend)
-        self.bus = self.open()
+            self.open = lambda: Ft232h(self.backend)
+        self.bus: Bus = self.open()
 
     def end(self) -> None:
         self.bus.close()
@@ -93,10 +81,6 @@ class Bench:
             ]
         )
 
-    def engine(self) -> VirtualMcp2221:
-        assert isinstance(self.device, VirtualMcp2221)
-        return self.device
-
 
 Make = Callable[..., Bench]
 
@@ -117,4 +101,3 @@ def make() -> Iterator[Make]:
 
 every_bridge = pytest.mark.parametrize("kind", ALL)
 every_usb_bridge = pytest.mark.parametrize("kind", ON_USB)
-every_firmware = pytest.mark.parametrize("kind", TINY)

@@ -6,7 +6,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from holdfast.drivers.bus import Bus
-from holdfast.drivers.fingers import Crc, Reading
+from holdfast.drivers.fingers import Reading
 from holdfast.drivers.ft232h import Ft232h
 from holdfast.drivers.hand import Hand
 from holdfast.drivers.layout import read_layout
@@ -29,7 +29,6 @@ class Bench:
     layout: str = "mux"
     setup: Setup = field(default_factory=Setup)
     on_wire: str | None = None
-    crc: Crc = "auto"
     clock: VirtualClock = field(default_factory=VirtualClock)
 
     def __post_init__(self) -> None:
@@ -49,7 +48,6 @@ class Bench:
             self.open_bus,
             read_layout(self.layout),
             setup=self.setup,
-            crc=self.crc,
             now_ns=self.clock.now_ns,
             pause=lambda seconds: self.clock.spend(round(1e9 * seconds)),
             say=self.messages.append,

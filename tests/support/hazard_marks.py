@@ -96,9 +96,10 @@ FOREIGN_CHIP = Hazard(
 )
 CORRUPT_READING = Hazard(
     BUS,
-    "Two sensors share an address, or the bus flips bits",
-    "The chip's own CRC turns such a reading into an invalid one, never into a wrong valid one",
-    "A bus short and clean enough to be read",
+    "The bus flips bits",
+    "A reading whose status cannot be the chip's, or that is all zeros or ones, is invalid; a "
+    "flipped bit of a value is not seen, and is wrong for one sample",
+    "A bus short and clean enough to be read, and an address of its own for each sensor",
 )
 SLOW_REPAIR = Hazard(
     BUS,

@@ -1,10 +1,10 @@
 """A TMAG5273 at register level, as the data sheet says, in a field that changes with time.
 
-Covers what a driver of three axes sets: the channels, averaging, ranges, the trigger, the read
-format and its check bytes (SLYS045A 7.5). Temperature, angle, repeated channels and the interrupts
-of wake-and-sleep mode are missing: their registers can be written and have no effect, and
-wake-and-sleep is sleep. Where the data sheet is silent, the emulation does what is harder for a
-driver: a disabled channel keeps its last result.
+Covers what a driver of three axes sets: the channels, averaging, ranges and the trigger, with
+register reads (SLYS045A 7.5). The 1-byte read formats, check bytes, temperature, angle, repeated
+channels and the interrupts of wake-and-sleep mode are missing: their registers can be written and
+have no effect, and wake-and-sleep is sleep. Where the data sheet is silent, the emulation does what
+is harder for a driver: a disabled channel keeps its last result.
 """
 
 from __future__ import annotations
@@ -18,8 +18,6 @@ from functools import lru_cache
 import numpy as np
 
 from holdfast.drivers.tmag5273 import (
-    BURST_8,
-    BURST_16,
     CONTINUOUS,
     GENERAL_CALL,
     RANGES_MT,
@@ -31,8 +29,6 @@ from holdfast.drivers.tmag5273 import (
     TRIGGER,
     Register,
     conversion_s,
-    crc8,
-    packet_crc,
 )
 from holdfast.drivers.virtual.clock import Clock
 from holdfast.drivers.virtual.faults import Faults
@@ -53,13 +49,6 @@ IDS = (
     REGISTERS["MANUFACTURER_ID_MSB"].address,
 )
 WRONG_ID = 0x00
-CHECKED_BYTES = 4
-"""Register bytes before the check byte of a register read with CRC (SLYS045A 7.5.1.3.3).
-
-Longer reads have no check byte.
-"""
-NOTHING_SENT = 0xFF
-"""What a master reads where no chip pulls SDA low."""
 AXES = range(3)
 NOISE_UT = np.array([125.0, 125.0, 68.0])
 """Noise of one conversion (SLYS045A 6.7); averaging divides it by the root of the averages."""
@@ -205,9 +194,7 @@ class Chip:
         self._done = 0
         self._started_ns: int | None = None
         self._awake_ns = 0
-        self._packet: bytes | None = None
         self._first_byte = False
-        self._sent = bytearray()
 
     # -- the wire
 
@@ -228,9 +215,6 @@ class Chip:
             return False
         self._update()
         self._first_byte = not read
-        # a packet is what the registers held when the read began
-        self._packet = self._burst(address) if read else None
-        self._sent.clear()
         return True
 
     def write(self, byte: int) -> bool:
@@ -250,21 +234,9 @@ class Chip:
         return True
 
     def read(self) -> int:
-        """The next register, or the next byte of a packet in 1-byte mode."""
-        if self._packet is not None:
-            if not self._packet:
-                return NOTHING_SENT
-            byte = self._packet[0]
-            self._packet = self._packet[1:]
-            return byte
-        if self._checked and len(self._sent) > CHECKED_BYTES:
-            return NOTHING_SENT
-        if self._checked and len(self._sent) == CHECKED_BYTES:
-            byte = crc8(bytes(self._sent))
-        else:
-            byte = self._load(self._pointer)
-            self._pointer += 1
-        self._sent.append(byte)
+        """The next register."""
+        byte = self._load(self._pointer)
+        self._pointer += 1
         return byte
 
     def stop(self) -> None:
@@ -302,8 +274,6 @@ class Chip:
         """Decode the registers once, not at every conversion."""
         self._mode = self._registers.field("DEVICE_CONFIG_2", "OPERATING_MODE")
         self._settings = settings(self._registers.configuration, self.version)
-        self._reads_as = self._registers.field("DEVICE_CONFIG_1", "I2C_RD")
-        self._checked = bool(self._registers.field("DEVICE_CONFIG_1", "CRC_EN"))
 
     # -- conversions
 
@@ -360,21 +330,6 @@ class Chip:
         # SET_COUNT rolls over after eight conversions
         count = (self._conversions % 8) << 5
         self._bytes[STATUS] = self._bytes[STATUS] & 0x1E | count | RESULT_READY
-
-    def _burst(self, address: int) -> bytes | None:
-        """The packet of a read without a register byte; None in register reads.
-
-        X, Y and Z as they are enabled, then the status and perhaps a check byte.
-        """
-        if self._reads_as not in (BURST_16, BURST_8):
-            return None
-        places = [RESULTS + 2 * axis for axis in self._settings.axes]
-        width = 2 if self._reads_as == BURST_16 else 1
-        data = b"".join(self._bytes[at : at + width] for at in places)
-        data += bytes([self._load(STATUS)])
-        if self._checked:
-            data += bytes([packet_crc(address, data)])
-        return data
 
     # -- faults
 

@@ -151,10 +151,8 @@ class VirtualBackend(usb.backend.IBackend):  # type: ignore[misc]
         """One without alternatives."""
         if alt:
             raise IndexError(alt)
-        interface = self.device.interfaces[intf]
-        extra = list(interface.extra)
-        found = interface.descriptor(intf)
-        return _named("<9B", INTERFACE_FIELDS, found, extra_descriptors=extra)
+        found = self.device.interfaces[intf].descriptor(intf)
+        return _named("<9B", INTERFACE_FIELDS, found, extra_descriptors=[])
 
     def get_endpoint_descriptor(
         self, dev: Any, ep: int, intf: int, alt: int, config: int
@@ -273,7 +271,7 @@ class VirtualBackend(usb.backend.IBackend):  # type: ignore[misc]
         if request_type & TYPE_MASK != STANDARD:
             return self.device.control_in(request_type, request, value, index, length)
         if request == GET_DESCRIPTOR:
-            found = self.device.descriptor(value >> 8, value & 0xFF, index)
+            found = self.device.descriptor(value >> 8, value & 0xFF)
         else:
             found = {GET_STATUS: bytes(2), GET_CONFIGURATION: b"\x01"}.get(request)
         if found is None:
@@ -309,9 +307,6 @@ class VirtualBackend(usb.backend.IBackend):  # type: ignore[misc]
             raise timed_out()
         return self._deliver(self._spoilt(answer, timeout), buff)
 
-    intr_write = bulk_write
-    intr_read = bulk_read
-
     # -- faults
 
     def _deliver(self, answer: bytes, buff: Any) -> int:
@@ -345,7 +340,7 @@ class VirtualBackend(usb.backend.IBackend):  # type: ignore[misc]
 
         Leaving drops all claims, detached drivers and late replies.
         """
-        generation = self._unplugs + self.device.restarts
+        generation = self._unplugs
         if generation != self._seen:
             self._seen = generation
             self._claimed.clear()

@@ -9,12 +9,9 @@ from typing import Any
 import usb.core
 
 BULK = 2
-INTERRUPT = 3
 """bmAttributes of an endpoint."""
 STALL = 32
 DEVICE, CONFIGURATION, STRING, INTERFACE, ENDPOINT = 1, 2, 3, 4, 5
-HID = 0x21
-REPORT = 0x22
 """bDescriptorType."""
 VENDOR_CLASS = (0xFF, 0xFF, 0xFF)
 US_ENGLISH = 0x0409
@@ -30,7 +27,7 @@ def stall() -> Any:
 
 @dataclass(frozen=True)
 class Endpoint:
-    """address with its direction bit, BULK or INTERRUPT, and the largest packet."""
+    """address with its direction bit, its attributes, and the largest packet."""
 
     address: int
     attributes: int
@@ -46,19 +43,10 @@ class Endpoint:
 
 @dataclass(frozen=True)
 class Interface:
-    """usb_class: class, subclass and protocol. report: the HID report descriptor, if any."""
+    """usb_class: class, subclass and protocol."""
 
     endpoints: tuple[Endpoint, ...] = ()
     usb_class: tuple[int, int, int] = VENDOR_CLASS
-    report: bytes = b""
-
-    @property
-    def extra(self) -> bytes:
-        """The HID class descriptor that announces the report descriptor (HID 1.11, 6.2.1)."""
-        if not self.report:
-            return b""
-        length = len(self.report)
-        return struct.pack("<BBHBBBH", 9, HID, 0x0111, 0, 1, REPORT, length)
 
     def descriptor(self, number: int) -> bytes:
         """USB 2.0, table 9-12; no alternative, no string."""
@@ -70,8 +58,7 @@ class Device:
     """An emulated device; a bridge overrides how it answers.
 
     interfaces: by number. kernel_driver: interfaces that a kernel driver is bound to. strings:
-    manufacturer, product and serial number, empty for none. restarts: how often the device itself
-    has left USB and come back, as after a command that resets it.
+    manufacturer, product and serial number, empty for none.
     """
 
     vendor = product = 0
@@ -82,7 +69,6 @@ class Device:
     strings = ("", "", "")
     interfaces: tuple[Interface, ...] = (Interface(),)
     kernel_driver: frozenset[int] = frozenset()
-    restarts = 0
 
     def control_out(
         self, request_type: int, request: int, value: int, index: int, data: bytes
@@ -124,7 +110,7 @@ class Device:
         """USB 2.0, table 9-10, with the interfaces and endpoints behind it."""
         below = b""
         for number, interface in enumerate(self.interfaces):
-            below += interface.descriptor(number) + interface.extra
+            below += interface.descriptor(number)
             for endpoint in interface.endpoints:
                 below += endpoint.descriptor
         total = 9 + len(below)
@@ -141,18 +127,12 @@ class Device:
         text = self.strings[number - 1].encode("utf-16-le")
         return bytes([2 + len(text), STRING]) + text
 
-    def descriptor(self, kind: int, number: int, index: int) -> bytes | None:
-        """The answer to GET_DESCRIPTOR; None where the descriptor does not exist.
-
-        index: the interface or, for a string, its language.
-        """
+    def descriptor(self, kind: int, number: int) -> bytes | None:
+        """The answer to GET_DESCRIPTOR; None where the descriptor does not exist."""
         if kind == DEVICE and not number:
             return self.device_descriptor
         if kind == CONFIGURATION and not number:
             return self.configuration_descriptor
         if kind == STRING:
             return self.string_descriptor(number)
-        if kind in (HID, REPORT) and index < len(self.interfaces):
-            interface = self.interfaces[index]
-            return (interface.extra if kind == HID else interface.report) or None
         return None
