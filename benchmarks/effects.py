@@ -1,8 +1,8 @@
 """Prices of effects: what each adds to a simulated sample, in one run with the core's own price.
 
 Effects of the loop are priced by running the same trials with and without them (median of pairs
-interleaved), effects of the sensor by calling them on the same recordings, a camera by filming
-one. CPU time; ns per sample of six fingertips.
+interleaved), effects of the sensor by calling them on the same recordings. CPU time; ns per sample
+of six fingertips.
 """
 
 from __future__ import annotations
@@ -11,11 +11,10 @@ import statistics
 import tempfile
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
-from holdfast.simulation.camera_frames import CAMERA, Camera
 from holdfast.simulation.effect import (
     EFFECT_MODULES,
     Signal,
@@ -129,17 +128,7 @@ def _sensor_price(name: str, effort: Effort) -> float:
     return statistics.median(spent) / sum(len(signal.t_s) for signal in signals)
 
 
-def _camera_price(name: str, effort: Effort) -> float:
-    scene = scene_with(effort=replace(effort, lanes=2))
-    camera = Camera(**{name: p.default for name, p in CAMERA.items()})
-    (simulated,) = scene.run_together(scene.trials()[:1])
-    started = time.process_time_ns()
-    scene.film(simulated, camera)
-    return (time.process_time_ns() - started) / len(simulated.signal.t_s)
-
-
 PRICED: dict[str, Callable[[str, Effort], float]] = {
     "physics": _loop_price,
     "sensor": _sensor_price,
-    "camera": _camera_price,
 }

@@ -17,7 +17,6 @@ from holdfast.core.writing import write_whole
 from holdfast.edge_runtime.model import Model
 from holdfast.evaluation.style import for_any_page
 from studies.doc_pictures.step import picture as step_picture
-from studies.doc_pictures.tags import sheet
 from studies.doc_pictures.timing import PICTURES as TIMING
 
 MODEL = Path("models/holdfast-150hz.onnx")
@@ -42,7 +41,6 @@ MEASURED: dict[str, tuple[str, Callable[[Json], str]]] = {
 def draw_all(docs: Path) -> None:
     """Draw every picture whose figures are there; name those that stay as they are."""
     write_whole(docs / "step.svg", step_picture(onnx.load(MODEL).graph))
-    write_whole(docs / "tags.svg", sheet())
     for name, across in (("first-sight", 3), ("first-sight-phone", 1)):
         write_whole(docs / f"{name}.svg", demo_picture.picture(Model(MODEL), across))
     draw_measured(docs)

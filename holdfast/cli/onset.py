@@ -2,7 +2,6 @@
 
     holdfast onset trials/7 --action pull                a folder of holdfast watch: events.jsonl
     holdfast onset trials/p01/my-cup/pull/trial_1        of holdfast record: its phases too
-    holdfast onset scenes/soft-ball/pull/trial_1.csv     with its frames: trial_1.onset.json
 
 The action decides what a slip means: pull, fall and hold make it risky, pass and put-down safe.
 """
@@ -22,7 +21,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this verb."""
     option = parser.add_argument
     ever = float("inf")
-    trial = "a watched folder, or trial_n.csv with its frames"
+    trial = "a watched folder"
     option("trial", type=path_argument, metavar="TRIAL", help=trial)
     option(
         "--action",

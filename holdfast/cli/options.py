@@ -60,8 +60,8 @@ def add_web_option(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--web", metavar="[HOST:]PORT", help=web)
 
 
-def add_recording_options(parser: argparse.ArgumentParser, cameras: str) -> None:
-    """The options that `record` and `study` share. cameras: what may stand after --camera."""
+def add_recording_options(parser: argparse.ArgumentParser) -> None:
+    """The options that `record` and `study` share."""
     option = parser.add_argument
     rate = f"sampling rate of a hand (default {RATE_HZ:g})"
     option("--rate", type=positive, default=RATE_HZ, metavar="HZ", help=rate)
@@ -72,7 +72,7 @@ def add_recording_options(parser: argparse.ArgumentParser, cameras: str) -> None
         "hand card, by name or path (docs/scenes.md#hands); the recordings keep a copy"
     )
     option("--hand", metavar="CARD", help=card)
-    option("--camera", metavar=cameras, help="film every trial (docs/camera.md)")
+    option("--camera", metavar="oak|FILE", help="film every trial (docs/camera.md)")
     add_camera_options(parser)
     add_intent_option(parser)
 

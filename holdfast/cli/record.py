@@ -50,7 +50,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     option("--trials", type=int, metavar="N", help="stop after N trials")
     at_once = "begin every trial without waiting for a key"
     option("--at-once", action="store_true", help=at_once)
-    add_recording_options(parser, "oak|scene|FILE")
+    add_recording_options(parser)
     add_web_option(parser)
     add_json_option(parser)
 

@@ -49,14 +49,16 @@ def run(args: argparse.Namespace) -> int:
     """
     from holdfast.core.locked import lock_of
     from holdfast.simulation.folder import require_new, write_set
-    from holdfast.simulation.loop_recording import planned_set
+    from holdfast.simulation.scene import Scene
+    from holdfast.simulation.scene_file import read_scene_file
     from holdfast.training.progress import counted
 
     require_json_writable(args)
     # A set is made of one card and one seed; files of two sets must not mix.
     require_new(args.out)
-    scene, trials = planned_set(args.card, args.seed, args.trials, args.rate, "--rate ")
-    total = len(trials)
+    file = read_scene_file(args.card, rate_hz=args.rate, rate_option="--rate ")
+    scene = Scene(file, args.seed)
+    total = len(scene.trials(args.trials))
     card = scene.file
     announced = f"simulating {count_of(total, 'trial')} of {card.name}"
     # The handlers are set first, so that no signal falls between.

@@ -40,7 +40,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     option("--out", type=path_argument, metavar="DIR", help=out)
     person = "letters, digits, dashes; never a real name"
     option("--person", metavar="PSEUDONYM", help=person)
-    add_recording_options(parser, "oak|FILE")
+    add_recording_options(parser)
     model = "model file for the report (default: the shipped one)"
     option("--model", type=path_argument, default=MODEL, metavar="MODEL", help=model)
     rehearse = "virtual participant, no operator: every step passes at once"

@@ -1,8 +1,7 @@
 """`holdfast watch --camera oak --tag-mm 10 --out DIR`: records video and tag tracks until Ctrl-C.
 
 holdfast watch --camera oak --tag-mm 9.96 --seconds 15 --out trials/7
-holdfast watch --camera build/scenes/soft-ball/pull/trial_1.frames.npz --out build/watched
-holdfast watch --camera trials/7 --out build/again     the tags of a recorded video once more
+holdfast watch --camera drawn.frames.npz --out build/watched
 """
 
 from __future__ import annotations
@@ -23,7 +22,7 @@ if TYPE_CHECKING:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this verb."""
     option = parser.add_argument
-    cameras = "oak, a .frames.npz, or a recorded folder"
+    cameras = "oak, or a .frames.npz"
     option("--camera", required=True, metavar="oak|FILE", help=cameras)
     option(
         "--out",
@@ -69,10 +68,9 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _source(args: argparse.Namespace) -> FrameSource:
-    """The camera, or stored frames. Raises UsageError, a DataError or LibraryMissing."""
-    from holdfast.drivers.camera.sources import OAK, Lens, Oak
-    from holdfast.live.running import say
-    from holdfast.sessions.camera import CameraOptions, stored_frames
+    """The camera, or stored frames. Raises UsageError or a DataError."""
+    from holdfast.drivers.camera.sources import OAK, Lens, Oak, read_frames
+    from holdfast.sessions.camera import CameraOptions
 
     options = CameraOptions(args.camera, args.tag_mm, args.fps, args.exposure_ms)
     # Options that do not fit the camera are refused before it is opened.
@@ -81,7 +79,7 @@ def _source(args: argparse.Namespace) -> FrameSource:
         lens = Lens(**options.shooting(), clock="monotonic", apart_mm=args.apart_mm)
         return Oak(lens, args.seconds)
 
-    source = stored_frames(Path(args.camera), say)
+    source = read_frames(Path(args.camera))
     if args.apart_mm is not None:
         source.lens = replace(source.lens, apart_mm=args.apart_mm)
     return source

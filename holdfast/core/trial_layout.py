@@ -2,8 +2,7 @@
 
 Recording, simulation, training and evaluation share this module::
 
-    <object>/<action>/trial_<n>.csv     samples; next to it trial_<n>.truth.json, .onset.json,
-                                        .frames.npz and .intent.csv
+    <object>/<action>/trial_<n>.csv     samples; next to it trial_<n>.truth.json and .intent.csv
     <object>/<action>/trial_<n>/        of the recorder: tactile.csv, events.jsonl, meta.json,
                                         tactile.truth.json and tactile.intent.csv
 

@@ -117,8 +117,7 @@ def scene_of(of: LoopSet) -> tuple[Scene, tuple[PlannedTrial, ...]]:
         tremor = dict(effects.get("tremor", {}))
         effects["tremor"] = {**tremor, "amplitude_m_s2": of.tremor_m_s2}
 
-    changed = replace(card, rows=tuple(rows), controller=None, effects=effects)
-    # Without the controller that the scene names: the request brings its own.
+    changed = replace(card, rows=tuple(rows), effects=effects)
     scene = Scene(changed, of.seed)
     trials = scene.trials(of.trials)
     return scene, tuple(trial for trial in trials if trial.holds_object)

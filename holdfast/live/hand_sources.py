@@ -388,7 +388,7 @@ def _scene_at_chips(
         if EFFECT_MODULES[effect] != "chip":
             effects[effect] = values
 
-    field = replace(card, rate_hz=rate_hz, unit="uT", effects=effects, controller=None)
+    field = replace(card, rate_hz=rate_hz, unit="uT", effects=effects)
     if step_s is not None:
         field = replace(field, step_s=step_s)
     return Scene(field, seed)

@@ -165,14 +165,14 @@ def simulated_scene(url: str) -> Scene:
 
 @lru_cache(maxsize=1)
 def _trials_of(url: str) -> tuple[Scene, list[SimulatedTrial]]:
-    from holdfast.simulation.loop_recording import scene_of
+    from holdfast.simulation.scene import Scene
     from holdfast.simulation.scene_file import read_scene_file
 
     parts = split_url(url)
     name = parts.netloc + parts.path
     numbers = _numbers(url)
     card = read_scene_file(name, rate_hz=numbers.get("rate_hz"))
-    scene = scene_of(card, int(numbers["seed"]))
+    scene = Scene(card, int(numbers["seed"]))
 
     trials = scene.trials()
     first = int(numbers["trial"])

@@ -42,7 +42,7 @@ from holdfast.sessions.slip_evidence import (
     warn_of_contradicted,
 )
 from holdfast.simulation.folder import write_set
-from holdfast.simulation.loop_recording import scene_of
+from holdfast.simulation.scene import Scene
 from holdfast.simulation.scene_file import read_scene_file
 from holdfast.training.datasets import load
 from holdfast.training.progress import Part, Say, ignored
@@ -431,7 +431,7 @@ def simulated_slips(
             next_step="--slips FOLDER, with recordings of pulls and falls by any person",
         )
 
-    scene = scene_of(read_scene_file(SCENE, rate_hz=card.rate_hz), SEED)
+    scene = Scene(read_scene_file(SCENE, rate_hz=card.rate_hz), SEED)
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder) / SCENE
 

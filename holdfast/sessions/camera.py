@@ -3,8 +3,7 @@
     python -m holdfast.sessions.camera '{"camera": "oak", "out": "trial_1", ..}'
 
 One process films one trial, on the same monotonic clock as the recorder. It ends when its standard
-input does, so it never outlives the recorder. A scene is then filmed up to that moment, however
-busy the machine is; a camera is stopped at once. Errors are written to camera.json and stderr.
+input does, so it never outlives the recorder. Errors are written to camera.json and stderr.
 """
 
 from __future__ import annotations
@@ -15,42 +14,32 @@ import select
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from holdfast.core.errors import CameraUnavailable, DataError, HoldfastError, UsageError
 from holdfast.core.reading import Json
-from holdfast.drivers.camera.recording import TAGS, read_about, read_recorded
+from holdfast.drivers.camera.recording import TAGS, read_about
 from holdfast.drivers.camera.sources import (
     OAK,
-    Frame,
-    FrameSource,
     Lens,
     Oak,
-    Stored,
-    load_depthai,
     read_frames,
 )
-from holdfast.drivers.virtual.clock import Clock, WallClock
-from holdfast.live.hand_sources import scene_of
 from holdfast.live.running import say
 from holdfast.sessions.onset import doubt
 
 FPS = 60.0
 EXPOSURE_MS = 2.0
 """Of an OAK camera, where nothing else is given."""
-SCENE = "scene"
-LONGEST_S = 36_000.0
-"""Ten hours; a scene is not filmed beyond it."""
+
 LONGEST_START_S = 40.0
 """An OAK loads its program over USB before its first frame."""
 LONGEST_END_S = 120.0
-"""A scene draws what is left of its frames; then the process is killed."""
+"""Frames from disk are read to their end; then the process is killed."""
 FIRST_FRAME_POLL_S = 0.02
-POLL_NS = 10_000_000
-"""Between looks at the end while a frame is not due."""
+
 NICE = 5
 """The hand has precedence: it loses samples that are read late; the camera's queues can wait."""
 LOG = "camera.log"
@@ -61,7 +50,7 @@ LOG = "camera.log"
 class CameraOptions:
     """A camera as the user named it. Only an OAK on USB uses the other options.
 
-    camera: oak, scene, or a file; None films nothing. tag_mm: measured side of the printed tags.
+    camera: oak, or a file; None films nothing. tag_mm: measured side of the printed tags.
     """
 
     camera: str | None = None
@@ -98,15 +87,13 @@ class CameraOptions:
                 next_step=f"omit it{corrects if '--tag-mm' in given else ''}",
             )
 
-    def require_usable(self, source: str) -> None:
-        """Raise UsageError for a camera that cannot film a source's trials, before they begin."""
+    def require_usable(self) -> None:
+        """Raise UsageError for a camera that cannot film, before the trials begin."""
         self.require_complete()
-        if self.camera == SCENE:
-            _filmed_scene(source)
-        elif self.camera not in (None, OAK) and not Path(self.camera).exists():
+        if self.camera not in (None, OAK) and not Path(self.camera).exists():
             raise UsageError(
                 f"--camera {self.camera!r}: no such file",
-                next_step="oak, scene, or a .frames.npz",
+                next_step="oak, or a .frames.npz",
             )
 
     def shooting(self) -> dict[str, Any]:
@@ -116,13 +103,6 @@ class CameraOptions:
             "exposure_ms": self.exposure_ms or EXPOSURE_MS,
             "tag_mm": self.tag_mm,
         }
-
-
-def stored_frames(path: Path, report: Callable[[str], None]) -> FrameSource:
-    """Frames on disk or a recorded folder as a source. Raises a DataError or LibraryMissing."""
-    if path.is_dir():
-        return read_recorded(path, load_depthai(report))
-    return read_frames(path)
 
 
 # -- the recorder's side
@@ -243,71 +223,13 @@ def film(options: Json) -> None:
             clock="monotonic",
         )
         watch(Oak(lens), out, say=say, stopped=must_end)
-    elif options["camera"] == SCENE:
-        scene = filmed(options["source"], options["began_ns"], WallClock(), must_end)
-        watch(scene, out, say=say)
     else:
-        watch(stored_frames(Path(options["camera"]), say), out, say=say)
+        watch(read_frames(Path(options["camera"])), out, say=say)
 
 
 def must_end() -> bool:
     """Whether the recorder has closed standard input, or has ended."""
     return bool(select.select([sys.stdin], [], [], 0)[0])
-
-
-def filmed(
-    url: str, began_ns: int, clock: Clock, must_end: Callable[[], bool]
-) -> FrameSource:
-    """The scene of a virtual hand, filmed live; began_ns: its start on the clock.
-
-    Raises UsageError.
-    """
-    scene, trial = _filmed_scene(url)
-    camera = scene.camera
-    shoot = scene.shooting(trial, camera)
-    lens = Lens(camera.fps, camera.exposure_ms, camera.tag_mm, clock="monotonic")
-    frames = _live(shoot, camera.fps, began_ns, clock, must_end)
-    return Stored(f"{SCENE} {url}", lens, frames)
-
-
-def _filmed_scene(url: str) -> Any:
-    """(scene, trial) of a virtual hand whose scene has a camera. Raises UsageError."""
-    scene_and_trial = scene_of(url) if url.startswith("virtual://") else None
-    if scene_and_trial is None or scene_and_trial[0].camera is None:
-        raise UsageError(
-            f"--camera {SCENE} cannot film {url!r}",
-            cause="no virtual hand in a scene, or its file has no [camera]",
-            next_step="virtual://ft232h?scene=SCENE, "
-            "with [camera] and [effects.camera_frames] in the scene",
-        )
-
-    return scene_and_trial
-
-
-def _live(
-    shoot: Callable[[float], Any],
-    fps: float,
-    began_ns: int,
-    clock: Clock,
-    must_end: Callable[[], bool],
-) -> Iterator[Frame]:
-    """Frames from now on, none before its time, until it must end; the last is of that moment."""
-    # Drawing starts with the next frame: those before it were never asked for.
-    spent_ns = clock.now_ns() - began_ns
-    first = max(1, int(spent_ns * 1e-9 * fps))
-    until_ns = began_ns + round(1e9 * LONGEST_S)
-
-    for k in range(first, first + round(LONGEST_S * fps)):
-        end_s = k / fps
-        end_ns = began_ns + round(1e9 * end_s)
-        while (now_ns := clock.now_ns()) < end_ns and not must_end():
-            clock.spend(min(POLL_NS, end_ns - now_ns))
-        # The last frame is of the moment of the end, however late it is drawn.
-        if must_end():
-            until_ns = min(until_ns, now_ns)
-        if end_ns > until_ns:
-            return
-        yield Frame(k - first, 1e-9 * began_ns + end_s, shoot(end_s))
 
 
 def main() -> int:

@@ -1,13 +1,12 @@
 """The label of a slip that a camera saw: found in the object's motion, written beside the trial.
 
-The motion in the hand is read from a watched folder, or from frames that are stored beside a trial.
+The motion in the hand is read from a watched folder.
 """
 
 from __future__ import annotations
 
 import csv
 import json
-import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -23,9 +22,7 @@ from holdfast.core.errors import (
 from holdfast.core.reading import Json, require_lines
 from holdfast.core.trial_layout import (
     EVENTS,
-    FRAMES_SUFFIX,
     HELD_ACTIONS,
-    ONSET_SUFFIX,
     RISKY_ACTIONS,
     TACTILE,
     TRUTH,
@@ -64,43 +61,14 @@ class WatchedTrial:
 def read_motion(
     path: Path, tag_mm: float | None = None, apart_mm: float | None = None
 ) -> WatchedTrial:
-    """The object's motion in the hand, from a watched folder or frames beside a trial.
-
-    Raises a DataError.
-    """
-    if path.is_dir():
-        return watched(path, path, tag_mm, apart_mm)
-
-    from holdfast.drivers.camera.graph import watch
-    from holdfast.drivers.camera.sources import read_frames
-    from holdfast.live.running import say
-
-    # Either of the two files names the trial.
-    is_frames = path.name.endswith(FRAMES_SUFFIX)
-    frames = path if is_frames else path.with_suffix(FRAMES_SUFFIX)
-    if not frames.exists():
-        raise _no_frames(path, frames)
-
-    with tempfile.TemporaryDirectory() as folder:
-        watch(read_frames(frames), Path(folder), say=say)
-        trial = frames.with_name(frames.name.removesuffix(FRAMES_SUFFIX) + ".csv")
-        return watched(Path(folder), trial, tag_mm, apart_mm)
-
-
-def _no_frames(path: Path, frames: Path) -> DataNotFound:
-    """The error for a trial without frames; it names the path that was given."""
-    if path.exists() and path != frames:
-        return DataNotFound(
-            f"no frames beside this trial, {frames.name} is missing",
+    """The object's motion in the hand, from a watched folder. Raises a DataError."""
+    if not path.is_dir():
+        raise DataNotFound(
+            "no folder of a watched trial",
             where=path,
-            next_step="film a trial with holdfast watch or holdfast record --camera",
+            next_step="give a folder of holdfast watch, or of record --camera",
         )
-
-    return DataNotFound(
-        "no such trial",
-        where=path,
-        next_step="give a folder of watch or record, or trial_n.csv with trial_n.frames.npz",
-    )
+    return watched(path, tag_mm, apart_mm)
 
 
 def _with_place(error: LabelError, trial: Path) -> LabelError:
@@ -111,9 +79,9 @@ def _with_place(error: LabelError, trial: Path) -> LabelError:
 
 
 def watched(
-    folder: Path, trial: Path, tag_mm: float | None, apart_mm: float | None
+    folder: Path, tag_mm: float | None = None, apart_mm: float | None = None
 ) -> WatchedTrial:
-    """Read a watched folder; trial: what its label belongs to. Raises LabelError if it is void."""
+    """Read a watched folder. Raises LabelError if it is void."""
     from holdfast.drivers.camera.motion import motion
     from holdfast.drivers.camera.recording import (
         TAGS,
@@ -144,16 +112,16 @@ def watched(
             apart_mm or about.get("apart_mm"),
         )
     except LabelError as error:
-        raise _with_place(error, trial) from None
+        raise _with_place(error, folder) from None
 
-    starts_s = 0.0 if about.get("clock") == "trial" else _starts_s(trial, moved)
-    return WatchedTrial(trial, moved, starts_s)
+    starts_s = 0.0 if about.get("clock") == "trial" else _starts_s(folder, moved)
+    return WatchedTrial(folder, moved, starts_s)
 
 
 def doubt(folder: Path) -> LabelError | None:
     """The error in the tags of a folder just watched: sizes, shape, distance, never both seen."""
     try:
-        watched(folder, folder, None, None)
+        watched(folder)
     except LabelError as error:
         return error
     except DataError:
@@ -243,12 +211,7 @@ def write_label(
         "frames": len(trial.moved.t_s),
         "frames_seen": trial.moved.seen,
     }
-    if trial.path.is_dir():
-        where = _write_events(trial.path, [phase | basis for phase in phases])
-    else:
-        # trial_<n>.truth.json does not change: it is the truth of a simulated trial.
-        text = json.dumps({"phases": phases, **basis}, indent=1) + "\n"
-        where = write_whole(trial.path.with_suffix(ONSET_SUFFIX), text)
+    where = _write_events(trial.path, [phase | basis for phase in phases])
 
     if phases:
         words = _sentence(phases[0])

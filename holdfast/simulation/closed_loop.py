@@ -105,7 +105,6 @@ class LoopSettings:
     drive          of the hand
     habits         of the people
     delay_samples  by so many samples later than they could do targets act
-    whole_trials   go on to the end of every trial, for a recording; else until nothing more happens
     between        what changes the readings before the model gets them; None: nothing does
     true_slips     the controller is told these in place of what the model says; None: it is not
     """
@@ -113,7 +112,6 @@ class LoopSettings:
     drive: Drive = field(default_factory=Drive)
     habits: Habits = field(default_factory=Habits)
     delay_samples: int = 0
-    whole_trials: bool = False
     between: Between | None = None
     true_slips: TrueSlips | None = None
 
@@ -193,7 +191,7 @@ class ClosedLoop:
         # When the hand begins to close, the bias must be known and the filters of the model
         # settled.
         before = model.card.settle_samples + preparation.bias_rows + ROWS_TO_SPARE
-        self.spans = spans_of(scene, trials, before, habits, settings.whole_trials)
+        self.spans = spans_of(scene, trials, before, habits)
 
         self.actuator = Actuator(settings.drive, trials)
         steps = scene.step_settings_of(trials)

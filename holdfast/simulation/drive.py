@@ -14,49 +14,22 @@ closing time, times the stiffness of all fingers and the object in series.
 
 Source: Michelangelo hand, 120 mm in 0.37 s and 70 N (thesis, 5.1.1; Front. Syst. Neurosci. 9:162,
 2015, table 1). Lag and backlash are assumptions: none is published.
-
-The `[controller]` of a scene file names who moves the grip while the scene goes on, and the drive:
-
-    [controller]
-    name = "holdfast"                      # of holdfast/edge_runtime/grip.py: none, pd-shear, ..
-    model = "models/holdfast-150hz.onnx"   # the file that answers, from the working directory
-    setting = 22                           # of the controller; its own default without this line
-    lag_ms = 50                            # of the drive, as are ceiling_n, closing_s, ..
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from holdfast.core.contract import BoolArray, FloatArray
-from holdfast.core.reading import Json
-from holdfast.edge_runtime.grip import CONTROLLERS
-from holdfast.simulation.effect import NumberReader, Parameter
 from holdfast.simulation.protocol import PlannedTrial
 from holdfast.simulation.script import body_of
 
-GRIP_COLUMNS = {"target_n": 3, "needed_n": 3, "mu_hat": 4, "mode": 0, "grip_n": 3}
-"""Columns of trial_<n>.grip.csv after the time, and their decimals."""
 FELT_N_S = 0.5
 FELT_N = 0.05
 """Speed and distance of a grip whose change cannot be felt."""
-MODEL = "models/holdfast-150hz.onnx"
-"""The model file of a scene that names none."""
-CONTROLLER_NUMBERS = {
-    "setting": Parameter(0.0, "", 1e-3, 1e4, "the controller's own setting"),
-    "lag_ms": Parameter(50.0, "ms", 0.0, 1000.0, "lag of the drive"),
-    "ceiling_n": Parameter(70.0, "N", 0.1, 1e3, "largest grip of either side"),
-    "closing_s": Parameter(0.37, "s", 0.01, 100.0, "time of the whole stroke"),
-    "stroke_mm": Parameter(120.0, "mm", 1.0, 1e3, "how far the fingers can open"),
-    "backlash_mm": Parameter(
-        0.3, "mm", 0.0, 10.0, "of the fingers, at a change of direction"
-    ),
-}
-"""Numbers of `[controller]`: its setting (default: the controller's), and those of Drive."""
 
 
 @dataclass(frozen=True)
@@ -75,46 +48,6 @@ class Drive:
     closing_s: float = 0.37
     stroke_mm: float = 120.0
     backlash_mm: float = 0.3
-
-
-@dataclass(frozen=True)
-class HandControl:
-    """Who moves the grip.
-
-    name     of the controller
-    model    path of the model file
-    setting  of the controller; None: its default
-    drive    of the hand
-    """
-
-    name: str
-    model: str
-    setting: float | None
-    drive: Drive
-
-
-def read_control(reader: NumberReader, raw: Mapping[str, Any]) -> HandControl | None:
-    """Who moves the grip of a scene file, or None for a hand that keeps it. Raises CardError."""
-    if "controller" not in raw:
-        return None
-
-    section = reader.table(raw, "controller")
-    name = section.pop("name", None)
-    model = section.pop("model", MODEL)
-    if name not in CONTROLLERS:
-        raise reader.refused("controller.name", name, ", ".join(CONTROLLERS))
-    if not isinstance(model, str) or not model:
-        raise reader.refused("controller.model", model, "the path of a model file")
-
-    allowed = ["name", "model", *CONTROLLER_NUMBERS]
-    reader.require_known(section, allowed, "controller")
-    numbers = reader.numbers("controller", section, CONTROLLER_NUMBERS)
-    setting = numbers.pop("setting")
-    if "setting" not in section:
-        # The default of a setting is that of the controller, not that of the table.
-        return HandControl(name, model, None, Drive(**numbers))
-
-    return HandControl(name, model, setting, Drive(**numbers))
 
 
 class Actuator:
@@ -221,27 +154,3 @@ def stiffness_n_per_m(trials: Sequence[PlannedTrial]) -> FloatArray:
     thumb = body.stiffness_n_per_m[: body.thumb].sum(axis=0)
     fingers = body.stiffness_n_per_m[body.thumb :].sum(axis=0)
     return thumb * fingers / (thumb + fingers)
-
-
-@dataclass(frozen=True)
-class GripRecord:
-    """What a controller commanded in a trial, and what its drive did.
-
-    rows        [T, 5], a row a sample, columns as in GRIP_COLUMNS:
-      target_n  commanded, N a side, nan where the wearer's grip is left alone
-      needed_n  by the friction margin, nan while no slip has shown the friction
-      mu_hat    the margin's estimate of friction, nan until then
-      mode      number of edge_runtime.grip_command.MODES
-      grip_n    N a side that the place of the drive gives
-    about       controller, model and drive, for the truth of the trial
-    overrode_s  the wearer overrides, inf where that never happens
-    """
-
-    rows: FloatArray
-    about: Json
-    overrode_s: float
-
-    def to_json(self) -> Json:
-        """The controller in the truth of the trial."""
-        at_s = round(self.overrode_s, 6) if np.isfinite(self.overrode_s) else None
-        return self.about | {"overrode_s": at_s}

@@ -1,10 +1,10 @@
-"""Effects: optional parts of the physics, the sensor or the camera, and their parameters.
+"""Effects: optional parts of the physics or the sensor, and their parameters.
 
 A scene file compiles to the list of effects that it names: the module of an effect is loaded when
 a scene names it, and one that no scene names is never called and keeps no state. Every effect has
 a random stream of its own, so that it shifts no other draw. Stages, in this order: `physics`
 effects take part in every step of the core, or set how it steps; `sensor` effects turn the forces
-on the fingertips into what a sensor reports; `camera` effects draw frames.
+on the fingertips into what a sensor reports.
 
 A parameter in a scene file is a constant, a choice, or a distribution that is drawn once a trial:
 
@@ -68,7 +68,6 @@ EFFECT_MODULES = {
     "timing_jitter": "chip",
     "dropped_samples": "chip",
     "stale_sensor": "chip",
-    "camera_frames": "camera_frames",
 }
 """Every effect in the order in which they run, and the module of this package that has it."""
 
@@ -234,7 +233,7 @@ class Effect:
     """
 
     name: str
-    stage: Literal["physics", "sensor", "camera"]
+    stage: Literal["physics", "sensor"]
     make: Callable[..., Any]
     parameters: dict[str, Parameter] = field(default_factory=dict)
     needs: tuple[str, ...] = ()

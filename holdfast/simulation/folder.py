@@ -7,18 +7,14 @@ OUT/<object>/<action>/
     trial_<n>.csv                Time, X1, Y1, Z1 .. Z6 (and valid1 .. if an effect invalidates)
     trial_<n>.truth.json         phases, events, draws, scene and seed
     trial_<n>.motion.csv         object and hand, mm; with `rotation` the object's turn, degrees
-    trial_<n>.grip.csv           with a controller in the scene: its commands, the drive's grip
-    trial_<n>.frames.npz         with a camera in the scene: frames, time stamps and scale
 """
 
 from __future__ import annotations
 
-import io
 import json
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -28,7 +24,6 @@ from holdfast.core.reading import Json
 from holdfast.core.trial_file import TIME_COLUMN
 from holdfast.core.trial_layout import HAND_FILE
 from holdfast.core.writing import require_writable, whole_folder, write_whole
-from holdfast.simulation.drive import GRIP_COLUMNS, GripRecord
 from holdfast.simulation.effect import Drawn, Signal, effect_named
 from holdfast.simulation.protocol import PlannedTrial
 from holdfast.simulation.run import Done
@@ -169,10 +164,6 @@ def write_recording(path: Path, scene: Scene, trials: Sequence[SimulatedTrial]) 
         "motion.csv": _motion(trials, starts_s),
         "truth.json": _json(truth),
     }
-    if trials[0].grip:
-        parts["grip.csv"] = _grip(signal.t_s, trials[0].grip)
-    if scene.camera:
-        parts["frames.npz"] = _film(scene, trials[0])
 
     for ending, content in parts.items():
         write_whole(path.with_name(f"{path.name}.{ending}"), content)
@@ -223,8 +214,6 @@ def _meta(scene: Scene, trials: Sequence[PlannedTrial]) -> Json:
     }
     if file.hand.text:
         meta["hand"] = {"card": file.hand.name, "sha256": file.hand.sha256}
-    if file.controller is not None:
-        meta["controller"] = file.controller.name
     if any("used" in row.values for row in file.rows):
         # Holds that no hand can grip, or whose grip no sensor sees, are drawn again.
         refused = sum(trial.refused for trial in trials)
@@ -287,26 +276,6 @@ def _turned_rad(simulated: SimulatedTrial) -> FloatArray:
     return np.interp(motion.t_s, motion.at_s, motion.turned_rad)
 
 
-def _grip(t_s: FloatArray, grip: GripRecord) -> bytes:
-    """The CSV of the commands of a controller and of the grip of the drive."""
-    header = [TIME_COLUMN, *GRIP_COLUMNS]
-    columns: list[Column] = [(t_s, TIME_DECIMALS)]
-    columns += zip(grip.rows.T, GRIP_COLUMNS.values(), strict=True)
-    return csv_bytes(header, columns)
-
-
-def _film(scene: Scene, simulated: SimulatedTrial) -> bytes:
-    """An .npz: frames [K, H, W] uint8, time_s [K] ends of the exposures, the camera's numbers."""
-    assert scene.camera is not None
-    time_s, frames = scene.film(simulated, scene.camera)
-    packed = io.BytesIO()
-    numbers: dict[str, Any] = {}
-    for name, value in vars(scene.camera).items():
-        numbers[name] = np.float64(value)
-    np.savez_compressed(packed, frames=frames, time_s=time_s, **numbers)
-    return packed.getvalue()
-
-
 def _truth(
     scene: Scene,
     simulated: Sequence[SimulatedTrial],
@@ -358,9 +327,6 @@ def _origin(simulated: SimulatedTrial, sensors: Mapping[str, Drawn]) -> Json:
         "drawn": drawn,
         "effects": {**simulated.effects, **sensors},
     }
-    if simulated.grip:
-        origin["controller"] = simulated.grip.to_json()
-
     return origin
 
 

@@ -94,7 +94,6 @@ def spans_of(
     trials: Sequence[PlannedTrial],
     before: int,
     habits: Habits,
-    whole_trials: bool,
 ) -> Spans:
     """When the loops of some trials begin, so many samples early, and end.
 
@@ -114,8 +113,6 @@ def spans_of(
         # Nothing is decided after the hand has opened.
         if trial.action not in RISKY_ACTIONS:
             end = min(end, whole)
-        if whole_trials:
-            end = max(end, whole)
 
         # A loop that outlasts its trial needs sensor draws for the samples after it, too.
         count = max(grid.n_samples, end + 1)

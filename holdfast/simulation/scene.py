@@ -6,9 +6,9 @@ kept.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -37,16 +37,10 @@ from holdfast.simulation.scene_file import SceneFile
 from holdfast.simulation.script_times import grid_of
 from holdfast.simulation.truth import Truth, truth_of
 
-if TYPE_CHECKING:
-    from holdfast.simulation.camera_frames import Camera, Frames
-    from holdfast.simulation.drive import GripRecord
-
 BATCH = 1000
 """About this many trials are stepped together: fewer waste time on calls, more on memory."""
 HAND_MOTION = "motion_m"
-"""Method of an effect that moves the hand where a camera can see it."""
-
-Moved = Iterator[tuple[TrialMotion, "GripRecord | None"]]
+"""Method of an effect that moves the hand."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +53,6 @@ class SimulatedTrial:
     truth    events and phases
     effects  effect name -> what was drawn for it
     hand_m   [T, 3] position of the hand, zero where no effect moves it
-    grip     what the scene's controller did, None without one
     """
 
     trial: PlannedTrial
@@ -68,7 +61,6 @@ class SimulatedTrial:
     truth: Truth
     effects: dict[str, Drawn]
     hand_m: FloatArray
-    grip: GripRecord | None = None
 
 
 class Scene:
@@ -79,18 +71,11 @@ class Scene:
     settings         how the core steps
     sensor_effects   name -> effect, in the order in which they act
     physics_effects  name -> effect, those that take part in every step
-    camera           None for a scene without one
-
-    controlled: steps trials whose hand has a controller (loop_recording.py); without it the hand
-    keeps its grip, whatever the file says.
     """
 
-    def __init__(
-        self, file: SceneFile, seed: int, controlled: Controlled | None = None
-    ) -> None:
+    def __init__(self, file: SceneFile, seed: int) -> None:
         self.file = file
         self.seed = seed
-        self._controlled = controlled
 
         # An effect that only sets how the core steps is called once, by step_settings.
         self.sensor_effects: dict[str, Effect] = {}
@@ -104,13 +89,6 @@ class Scene:
 
         more = step_settings(file.effects)
         self.settings = StepSettings(file.rate_hz, file.step_s, **more)
-
-        self.camera: Camera | None = None
-        if file.camera is not None:
-            # A scene without a camera does not load it.
-            from holdfast.simulation.camera_frames import Camera
-
-            self.camera = Camera(**file.camera)
 
     def trials(self, total: int | None = None) -> list[PlannedTrial]:
         """The scene's trials; with a total, that many in the proportions of the file's counts."""
@@ -198,32 +176,21 @@ class Scene:
         # Effects of the physics are built once for the batch, those of the sensor trial by trial.
         drawn, made = self._made(trials)
         movers = [effect for effect in made if hasattr(effect, HAND_MOTION)]
-        moved = self._moved(trials, made, done)
+        settings = self._step_settings(made, len(trials))
+        moved = motions(trials, settings, done)
 
-        for k, (trial, (motion, grip)) in enumerate(zip(trials, moved, strict=True)):
+        for k, (trial, motion) in enumerate(zip(trials, moved, strict=True)):
             if trial.action in ACTION_MODULES and not trial.holds_object:
                 touches = action_module(trial.action)
                 motion = touches.touched(trial, motion, self.settings.average_s)
             hand_m = np.zeros_like(motion.position_m)
             if movers:
-                # Only an effect with a path moves the picture; tremor and knock give accelerations
-                # alone.
+                # Only an effect with a path moves it; tremor and knock give accelerations alone.
                 hand_m = movers[0].motion_m(motion.t_s, k)
             signal, sensed = self.sense(trial, motion.t_s, motion.forces_n)
             effects = {name: values[k] for name, values in drawn.items()} | sensed
-            truth = truth_of(trial, motion, acted=grip is not None)
-            yield SimulatedTrial(trial, signal, motion, truth, effects, hand_m, grip)
-
-    def _moved(
-        self, trials: Sequence[PlannedTrial], made: list[Any], done: Done
-    ) -> Moved:
-        """The motion of each trial, and the grip where a controller moves it."""
-        if self._controlled is not None:
-            yield from self._controlled(self, trials, done)
-            return
-        settings = self._step_settings(made, len(trials))
-        for motion in motions(trials, settings, done):
-            yield motion, None
+            truth = truth_of(trial, motion)
+            yield SimulatedTrial(trial, signal, motion, truth, effects, hand_m)
 
     def step_settings_of(self, trials: Sequence[PlannedTrial]) -> StepSettings:
         """How a batch of these trials is stepped, with its effects."""
@@ -313,22 +280,6 @@ class Scene:
 
         return calibrate(signal)
 
-    def film(
-        self, simulated: SimulatedTrial, camera: Camera
-    ) -> tuple[FloatArray, Frames]:
-        """(time stamps in s, frames) of one trial."""
-        motion = simulated.motion
-        rng = self.rng("camera_frames", simulated.trial)
-        return camera.film(motion.t_s, motion.position_m, simulated.hand_m, rng)
-
-    def shooting(
-        self, simulated: SimulatedTrial, camera: Camera
-    ) -> Callable[[float], Frames]:
-        """A function that takes one frame of a trial at a given time, s."""
-        motion = simulated.motion
-        rng = self.rng("camera_frames", simulated.trial)
-        return camera.shooting(motion.t_s, motion.position_m, simulated.hand_m, rng)
-
     def draw(self, name: str, trial: PlannedTrial) -> Drawn:
         """Parameters of an effect in a trial."""
         return self._draw(name, trial.number)
@@ -347,7 +298,6 @@ class Scene:
         return len(grid_of(trial, self.file.rate_hz, self.file.step_s).at_s)
 
 
-Controlled = Callable[[Scene, Sequence[PlannedTrial], Done], Moved]
 """Steps trials in a closed loop: (scene, trials, done)."""
 
 

@@ -26,12 +26,6 @@
     [hand]                   # a hand with other contacts than the default six
     card = "two-pad-gripper" # a hand card by name or path
 
-    [controller]             # a hand that acts (holdfast/simulation/drive.py)
-    name = "holdfast"
-
-    [camera]                 # with [effects.camera_frames]: films every trial
-    fps = 60
-
 Only the effects that the file names run.
 """
 
@@ -49,7 +43,6 @@ from holdfast.core.errors import HoldfastError, UsageError
 from holdfast.core.hand_card import HandCard, hand_of_counts, hand_of_section
 from holdfast.core.reading import Json, read_toml
 from holdfast.simulation import STYLES, find_scene_file
-from holdfast.simulation.drive import HandControl, read_control
 from holdfast.simulation.effect import (
     EFFECT_MODULES,
     Effect,
@@ -87,9 +80,7 @@ SECTIONS = (
     "trials",
     "effects",
     "objects",
-    "camera",
     "hand",
-    "controller",
 )
 """Keys and sections at the top of a scene file."""
 ROW_KEYS = {"objects", "action", "style", "count"}
@@ -122,9 +113,7 @@ class SceneFile:
     rows         the file's [[trials]]
     effects      name -> values, in the order in which they run
     objects      all objects that a trial may name, the shipped ones included
-    camera       numbers of CAMERA; None without one
     hand         its contacts and sensors
-    controller   None for a hand that keeps its grip
     text         of the file, as it was read
     """
 
@@ -137,9 +126,7 @@ class SceneFile:
     rows: tuple[TrialsRow, ...]
     effects: dict[str, Json]
     objects: dict[str, HeldObject]
-    camera: dict[str, float] | None
     hand: HandCard
-    controller: HandControl | None
     text: str
 
     @property
@@ -206,9 +193,7 @@ class _SceneReader(NumberReader):
             rows=self.rows(raw, objects),
             effects=self.effects(self.table(raw, "effects")),
             objects=objects,
-            camera=self.camera(raw),
             hand=self.hand(raw),
-            controller=read_control(self, raw),
             text=text,
         )
         self.require_agreement(scene)
@@ -311,15 +296,6 @@ class _SceneReader(NumberReader):
         # The order is that in which effects run, not that of the file.
         return {name: effects[name] for name in EFFECT_MODULES if name in effects}
 
-    def camera(self, raw: Mapping[str, Any]) -> dict[str, float] | None:
-        """Numbers of [camera], or None without that section. Raises CardError."""
-        if "camera" not in raw:
-            return None
-        # A scene without a camera does not load it.
-        from holdfast.simulation.camera_frames import CAMERA
-
-        return self.numbers("camera", self.table(raw, "camera"), CAMERA)
-
     def hand(self, raw: Mapping[str, Any]) -> HandCard:
         """The hand of a card, or of numbers of contacts. Raises CardError."""
         section = self.table(raw, "hand")
@@ -334,8 +310,6 @@ class _SceneReader(NumberReader):
         for name in scene.effects:
             self.require_effect_fits(scene, effect_named(name))
 
-        self.require_controller_fits(scene)
-        self.require_camera_fits(scene)
         self.require_unit_given(scene)
         # A chip that averages cannot read faster than it converts.
         average_s = step_settings(scene.effects).get("average_s")
@@ -376,37 +350,6 @@ class _SceneReader(NumberReader):
         if scene.step_s > effect.longest_step_s:
             allowed = f"at most {effect.longest_step_s:g} s with {key}"
             raise self.refused("physics.step_s", scene.step_s, allowed)
-        if effect.stage == "camera" and scene.camera is None:
-            raise self.refused(key, "in the scene", "only together with [camera]")
-
-    def require_controller_fits(self, scene: SceneFile) -> None:
-        """Raise CardError for what a scene with a controller cannot record."""
-        if scene.controller is None:
-            return
-        if scene.join > 1:
-            allowed = "1 with a controller: each trial has its own sensors"
-            raise self.refused("record.join", scene.join, allowed)
-        if scene.unit != "N":
-            raise self.refused("record.unit", scene.unit, "N with a controller")
-
-    def require_camera_fits(self, scene: SceneFile) -> None:
-        """Raise CardError for a camera that the scene does not use, or that exposes too long."""
-        camera = scene.camera
-        if camera is None:
-            return
-        if "camera_frames" not in scene.effects:
-            allowed = "only together with [effects.camera_frames]"
-            raise self.refused("camera", "in the scene", allowed)
-        if scene.join > 1:
-            allowed = "1 with a camera: it films single trials"
-            raise self.refused("record.join", scene.join, allowed)
-
-        # An exposure must end before the next one begins.
-        exposed_share = 1e-3 * camera["exposure_ms"] * camera["fps"]
-        if exposed_share > 1.0:
-            frame_ms = 1e3 / camera["fps"]
-            allowed = f"at most the time of a frame, {frame_ms:.3g} ms"
-            raise self.refused("camera.exposure_ms", camera["exposure_ms"], allowed)
 
     def require_holdable(
         self, key: str, row: TrialsRow, objects: Mapping[str, HeldObject]

@@ -154,11 +154,8 @@ def slipped_far(motion: TrialMotion, since: int) -> BoolArray:
     return far | (np.abs(turned_rad) >= GROSS_TURN_RAD)
 
 
-def truth_of(trial: PlannedTrial, motion: TrialMotion, *, acted: bool = False) -> Truth:
-    """Read the events of a trial from its steps.
-
-    acted: the hand had a controller; then a slip that it stopped ends as a grasp.
-    """
+def truth_of(trial: PlannedTrial, motion: TrialMotion) -> Truth:
+    """Read the events of a trial from its steps."""
     # A sample lasts until the next one would come.
     end_s = 2.0 * float(motion.t_s[-1]) - float(motion.t_s[-2])
     everyday = trial.action in ACTION_MODULES
@@ -176,8 +173,6 @@ def truth_of(trial: PlannedTrial, motion: TrialMotion, *, acted: bool = False) -
         marks = _marks(trial, motion, times, steps)
         if "used" in trial.drawn and _ends_before(motion, steps.lost, times.act):
             marks = _failed(motion, steps)
-        if acted:
-            marks = _stopped(marks, motion, steps.lost)
 
     at_last_m = motion.slip_m[steps.lost - 1]
     at_first_m = motion.slip_m[steps.contact]
@@ -262,19 +257,6 @@ def _failed(motion: TrialMotion, steps: _Steps) -> list[Mark]:
     held: list[Mark] = [(0.0, NOTHING), (float(at_s[steps.contact]), GRASP)]
     gone = float(at_s[steps.lost])
     return [*held, (float(at_s[begin]), RISKY_SLIP), (gone, NOTHING)]
-
-
-def _stopped(marks: list[Mark], motion: TrialMotion, lost: int) -> list[Mark]:
-    """The marks, and a grasp from the last slip on where the object stays in the hand."""
-    # The last mark is the departure of the object; the one before it may be a slip.
-    if lost < len(motion.at_s) or marks[-2][1] != RISKY_SLIP:
-        return marks
-    # What stays in the hand has been stopped.
-    still = int(np.flatnonzero(motion.slips)[-1]) + 1
-    if still >= len(motion.at_s):
-        return marks
-    stopped = (float(motion.at_s[still]), GRASP)
-    return [*marks[:-1], stopped, marks[-1]]
 
 
 def _transferred(

@@ -35,7 +35,7 @@ from holdfast.sessions.slip_evidence import (
 )
 from holdfast.simulation import SCENES
 from holdfast.simulation.folder import write_set
-from holdfast.simulation.loop_recording import scene_of
+from holdfast.simulation.scene import Scene
 from holdfast.simulation.scene_file import read_scene_file
 from holdfast.training.datasets import load
 from holdfast.training.recording import DataSet
@@ -145,7 +145,7 @@ def _adapt_card(style: str) -> str:
 
 
 def _simulated(card: str, out: Path, seed: int, trials: int | None) -> DataSet:
-    write_set(scene_of(read_scene_file(card), seed), out, trials, lambda n: None)
+    write_set(Scene(read_scene_file(card), seed), out, trials, lambda n: None)
     return load(out, windows="none")
 
 

@@ -6,10 +6,9 @@ depthai runs outside the process of the tests: what crashes it fails one test, n
 
 from __future__ import annotations
 
-import shutil
-
 import numpy as np
 import pytest
+from camera_frames import HAND_TAG, OBJECT_TAG
 from drawn_frames import (
     COVERED,
     FPS,
@@ -22,8 +21,7 @@ from drawn_frames import (
 )
 from scipy.interpolate import CubicSpline
 
-from holdfast.drivers.camera.recording import read_about, read_tracks, write_about
-from holdfast.simulation.camera_frames import HAND_TAG, OBJECT_TAG
+from holdfast.drivers.camera.recording import read_about, read_tracks
 
 # -- tracks and video
 
@@ -138,32 +136,6 @@ print(json.dumps({"slowly": slowly}))
     assert output["slowly"] == list(range(N_FRAMES))
 
 
-def test_a_recorded_folder_through_the_graph_gives_the_same_tracks_to_the_last_digit(
-    recorded, tmp_path
-):
-    done = command("watch", "--camera", recorded, "--out", tmp_path / "again")
-    assert done.returncode == 0, done.stderr
-    assert (tmp_path / "again/tags.csv").read_bytes() == (
-        recorded / "tags.csv"
-    ).read_bytes()
-
-
-def test_a_void_trial_watched_again_stays_void_and_gets_no_label(recorded, tmp_path):
-    void = shutil.copytree(recorded, tmp_path / "void")
-    again = tmp_path / "again"
-    write_about(void, read_about(void) | {"void": "oak: frames stopped coming"})
-    done = command("watch", "--camera", void, "--out", again)
-    assert (done.returncode, "warning: " in done.stderr) == (0, True)
-    assert (
-        "is void and gets no label; likely cause: oak: frames stopped coming"
-        in done.stderr
-    )
-    assert read_about(again)["void"] == "oak: frames stopped coming"
-    assert read_about(again)["frames"] == N_FRAMES
-    done = command("onset", again, "--action", "pull")
-    assert (done.returncode, "LabelError" in done.stderr) == (3, True)
-
-
 def test_a_recording_is_described_in_a_file_beside_it(recorded):
     about = read_about(recorded)
     numbers = {
@@ -191,7 +163,7 @@ def test_nothing_recorded_is_written_over(drawn, recorded):
 def test_a_tag_smeared_over_one_cell_is_seen_and_over_two_is_lost(tmp_path):
     output = program(
         """
-from holdfast.simulation.camera_frames import CAMERA, Camera
+from camera_frames import CAMERA, Camera
 defaults = {name: parameter.default for name, parameter in CAMERA.items()}
 one = Camera(**defaults | {"width_px": 240.0, "height_px": 160.0})
 seen = []

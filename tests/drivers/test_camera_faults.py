@@ -197,15 +197,6 @@ def test_a_full_disk_is_an_error_though_depthai_says_nothing(drawn, tmp_path, li
     assert len(read_tracks(tmp_path).t_s) > 10
 
 
-READ = """
-try:
-    stored = read_recorded(Path(sys.argv[1]), load_depthai(quiet))
-    print(json.dumps({"frames": len(list(stored.frames))}))
-except HoldfastError as error:
-    print(json.dumps({"error": type(error).__name__, "what": error.what}))
-"""
-
-
 def cut(recorded: Path, folder: Path, name: str, share: float) -> None:
     """A copy of a recording, one file of it cut off."""
     for path in recorded.iterdir():
@@ -213,27 +204,6 @@ def cut(recorded: Path, folder: Path, name: str, share: float) -> None:
     (folder / name).write_bytes(
         (folder / name).read_bytes()[: int(share * (folder / name).stat().st_size)]
     )
-
-
-@pytest.mark.parametrize(
-    ("name", "share"), [("camera.mkv", 0.0), ("camera.mcap", 0.0), ("tags.csv", 0.5)]
-)
-def test_a_recording_cut_off_is_refused(recorded, tmp_path, name, share):
-    cut(recorded, tmp_path, name, share)
-    assert program(READ, tmp_path)["error"] == (
-        "ColumnError" if name == "camera.mcap" else "EmptyRecording"
-    )
-
-
-def test_half_a_video_is_refused_if_it_was_whole_once_and_read_to_its_end_if_a_kill_ended_it(
-    recorded, tmp_path
-):
-    cut(recorded, tmp_path, "camera.mkv", 0.5)
-    output = program(READ, tmp_path)
-    assert output["error"] == "EmptyRecording"
-    assert f"of its {N_FRAMES} frames" in output["what"]
-    write_about(tmp_path, read_about(tmp_path) | {"frames": 0, "in_video": 0})
-    assert 30 < program(READ, tmp_path)["frames"] < N_FRAMES
 
 
 def test_half_the_tracks_are_no_whole_trial_in_which_nothing_slips(

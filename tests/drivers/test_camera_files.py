@@ -6,10 +6,10 @@ import json
 import sys
 from pathlib import Path
 from types import SimpleNamespace
-from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from camera_frames import HAND_TAG
 from drawn_frames import (
     FPS,
     process,
@@ -44,8 +44,6 @@ from holdfast.drivers.camera.sources import (
     Stored,
     read_frames,
 )
-from holdfast.simulation.camera_frames import HAND_TAG, OBJECT_TAG, cells
-from studies.doc_pictures.tags import sheet
 
 
 def spoil(path: Path, how: str) -> None:
@@ -254,25 +252,6 @@ print(json.dumps({"between": between, "lacks": lacks}))
     assert output == {"between": True, "lacks": []}
 
 
-def test_the_printed_sheet_holds_both_tags_at_their_size():
-    drawn = ElementTree.fromstring(sheet())
-    assert (drawn.get("width"), drawn.get("viewBox")) == ("120mm", "0 0 120 50")
-    black = [
-        {key: float(shape.get(key, 0)) for key in ("x", "y", "width", "height")}
-        for shape in drawn
-    ][1:]
-    left = [shape for shape in black if shape["width"] == 1.25]
-    assert len(left) == sum(
-        int((cells(tag) == 0).sum()) for tag in (OBJECT_TAG, HAND_TAG)
-    )
-    assert (
-        max(shape["x"] for shape in left if shape["x"] < 30)
-        + 1.25
-        - min(shape["x"] for shape in left)
-        == 10.0
-    )
-
-
 def test_depthai_is_imported_in_one_file_and_by_no_help():
     naming = {
         path: text
@@ -333,7 +312,7 @@ def test_an_oak_films_as_the_lens_says_and_ends_when_its_time_is_up(monkeypatch)
     pipeline = SimpleNamespace(create=lambda node: created)
     lens = Lens(60.0, 1.5, 12.0, "monotonic")
     oak = Oak(lens, seconds=2.0)
-    assert (oak.last_lost, oak.void) == (20, None)
+    assert oak.last_lost == 20
     goes_on = oak.connect(dai, pipeline, ["first", "second"])
     assert received == [60.0, (1500, 800), ((640, 400), "gray", 60.0)]
     assert linked == ["first", "second"]
@@ -364,7 +343,7 @@ def test_frames_from_disk_are_numbered_in_order_and_are_whole_as_they_were(tmp_p
     images = np.arange(24, dtype=np.uint8).reshape(3, 2, 4)
     path = write_frames(tmp_path / "a.frames.npz", np.arange(3) / 4, images, fps=4.0)
     source = read_frames(path)
-    assert (source.name, source.last_lost, source.void) == (path.name, 0, None)
+    assert (source.name, source.last_lost) == (path.name, 0)
     assert source.lens == Lens(4.0, 2.0, 10.0, "trial")
     frames = list(source.frames)
     assert [(one.sequence, one.end_s) for one in frames] == [

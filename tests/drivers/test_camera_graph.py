@@ -29,12 +29,10 @@ from holdfast.drivers.camera.recording import (
     TagFile,
     Tracks,
     read_about,
-    read_recorded,
     read_tracks,
     read_video,
     require_same_stamps,
     require_whole,
-    write_about,
 )
 from holdfast.drivers.camera.sources import Frame, Lens
 
@@ -562,23 +560,6 @@ def test_a_folder_without_a_file_of_its_video_is_named(folder, name):
     (folder / name).unlink()
     with pytest.raises(HoldfastError, match=f"no {name}"):
         next(read_video(folder, dai_of(VIDEO)))
-
-
-@pytest.mark.parametrize("void", [None, "oak: frames stopped coming"])
-def test_a_recorded_folder_is_a_source_that_is_as_void_as_it_was(folder, void):
-    numbers = {"fps": 30.0, "exposure_ms": 2.0, "tag_mm": 9.5, "apart_mm": 20.0}
-    counts = {"frames": 2, "in_video": 2}
-    write_about(folder, numbers | counts | {"clock": "monotonic", "void": void})
-    source = read_recorded(folder, dai_of(VIDEO, VIDEO))
-    assert source.name == f"{folder.name}/camera.mkv"
-    assert source.lens == Lens(30.0, 2.0, 9.5, "monotonic", 20.0)
-    assert source.void == void
-    assert [frame.image.shape for frame in source.frames] == [(2, 4)] * 2
-    for name in counts:
-        write_about(folder, numbers | counts | {name: 3})
-        file = "camera.mkv" if name == "in_video" else "tags.csv"
-        with pytest.raises(EmptyRecording, match=f"{file}: holds 2 of its 3 frames"):
-            read_recorded(folder, dai_of(VIDEO))
 
 
 def test_a_video_may_have_fewer_or_far_more_frames_than_lines_and_none_that_is_off(

@@ -5,18 +5,18 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
-from drawn_frames import (
-    command,
-    two_sizes,
-)
+from camera_frames import AWAY_SIDES
+from drawn_frames import camera, command, two_sizes, write_frames
 
 from holdfast.cli.main import main
 from holdfast.drivers.camera.recording import read_about, read_tracks
-from holdfast.simulation.camera_frames import AWAY_SIDES
-from holdfast.training.timeline import read_truth
+from holdfast.simulation.scene import Scene
+from holdfast.simulation.scene_file import read_scene_file
+from holdfast.simulation.truth import Truth
 
 CARD = """
 [record]
@@ -40,97 +40,59 @@ tail_s = 0.2
 load_n = 1.0
 [effects.brush]
 count = 5
-[effects.camera_frames]
-[camera]
-width_px = 240
-height_px = 160
-noise_levels = 0
 """
 
 
 @pytest.fixture(scope="module")
-def filmed(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A pull and a loaded hold, simulated with their frames."""
+def filmed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[Path, Truth]]:
+    """A pull and a loaded hold, simulated, drawn and watched: folder and truth by action."""
     folder = tmp_path_factory.mktemp("filmed")
     (folder / "card.toml").write_text(CARD, encoding="utf-8")
-    assert (
-        main(
-            [
-                "simulate",
-                str(folder / "card.toml"),
-                "--out",
-                str(folder / "set"),
-                "--seed",
-                "1",
-            ]
+    scene = Scene(read_scene_file(str(folder / "card.toml")), 1)
+    of_action = {}
+    for one in scene.run_together(scene.trials()):
+        motion = one.motion
+        stamps_s, frames = camera(width_px=240, height_px=160, fps=60).film(
+            motion.t_s, motion.position_m, one.hand_m, np.random.default_rng(0)
         )
-        == 0
-    )
-    return folder / "set"
+        action = one.trial.action
+        drawn = write_frames(
+            folder / f"{action}.frames.npz", stamps_s, frames, fps=60.0
+        )
+        out = folder / action / "trial_1"
+        out.parent.mkdir()
+        done = command("watch", "--camera", drawn, "--out", out)
+        assert done.returncode == 0, done.stderr
+        of_action[action] = out, one.truth
+    return of_action
 
 
-def test_onset_writes_a_label_of_the_camera_s_beside_the_trial_and_leaves_its_truth_alone(
-    filmed,
-):
-    trial = filmed / "soft-ball/pull/trial_1.csv"
-    truth = trial.with_suffix(".truth.json").read_bytes()
-    done = command("onset", trial)
+def phases_of(folder: Path) -> list[dict[str, Any]]:
+    """What a camera has written for a trial."""
+    lines = (folder / "events.jsonl").read_text("utf-8").splitlines()
+    return [json.loads(line) for line in lines]
+
+
+def test_onset_writes_the_label_that_the_camera_saw(filmed):
+    folder, truth = filmed["pull"]
+    done = command("onset", folder)
     assert done.returncode == 0, done.stderr
-    assert trial.with_suffix(".truth.json").read_bytes() == truth
-    (phase,) = json.loads(trial.with_suffix(".onset.json").read_text("utf-8"))["phases"]
-    assert (phase["label"], phase["provenance"], phase["by"]) == (
-        "risky_slip",
-        "camera",
-        "holdfast onset",
-    )
+    (phase,) = phases_of(folder)
+    assert (phase["label"], phase["provenance"]) == ("risky_slip", "camera")
     assert phase["t0_s"] == phase["onset_s"] < phase["gross_s"] < phase["t1_s"]
-    assert phase["onset_s"] == pytest.approx(
-        json.loads(truth)["incipient_slip_s"], abs=0.025
-    )
-    t_s = np.loadtxt(trial, delimiter=",", skiprows=1, usecols=0)
-    (read,) = read_truth(trial.with_suffix(".onset.json"), t_s)
-    assert t_s[read.first - 1] < phase["t0_s"] <= t_s[read.first]
+    assert phase["onset_s"] == pytest.approx(truth.incipient_slip_s, abs=0.025)
 
 
 def test_a_loaded_hold_has_no_onset_and_sets_the_gross_distance_above_its_shear(filmed):
-    held = filmed / "basket-ball/hold/trial_1.csv"
-    pull = filmed / "soft-ball/pull/trial_1.csv"
-    opens_s = json.loads(held.with_suffix(".truth.json").read_text("utf-8"))["phases"][
-        -2
-    ]["t0_s"]
+    held, truth = filmed["hold"]
+    pull, _ = filmed["pull"]
+    opens_s = truth.marks[-2][0]
     done = command("onset", held, "--until", opens_s)
     assert done.returncode == 0, done.stderr
     assert "no onset: the object moved by less than 2.00 mm" in done.stdout
-    content = json.loads(held.with_suffix(".onset.json").read_text("utf-8"))
-    assert (content["phases"], content["pad_shear"]) == ([], "not measured")
+    assert phases_of(held) == []
     assert command("onset", pull, "--no-slip", held).returncode == 0
-    assert (
-        json.loads(pull.with_suffix(".onset.json").read_text("utf-8"))["pad_shear"]
-        == "measured"
-    )
-
-
-@pytest.mark.parametrize("there", ["", "trial_1.csv"])
-def test_onset_names_the_path_that_was_given_where_there_are_no_frames(
-    tmp_path, there, capsys
-):
-    given = tmp_path / (there or "trial_9")
-    if there:
-        given.write_text("Time,X1,Y1,Z1\n")
-    assert main(["onset", str(given)]) == 3
-    err = capsys.readouterr().err
-    assert err.startswith(f"error: DataNotFound: {given}: no ")
-    assert ("trial_1.frames.npz is missing" in err) == bool(there)
-    assert f"{tmp_path}/trial_9.frames" not in err
-
-
-def test_a_tag_printed_in_another_size_is_refused_by_its_size(tmp_path):
-    path = two_sizes(tmp_path / "trial_1.frames.npz")
-    done = command("onset", path, "--action", "pull")
-    assert done.returncode == 3
-    assert "TagError" in done.stderr
-    assert "if the hand's tag is 10 mm, the object's is 12.5" in done.stderr
-    assert not (tmp_path / "trial_1.onset.json").exists()
+    assert phases_of(pull)[0]["pad_shear"] == "measured"
 
 
 def test_tags_of_two_sizes_are_reported_as_soon_as_they_were_watched_and_what_was_watched_is_kept(

@@ -14,11 +14,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from camera_frames import CAMERA, GREY, Camera, Frames
 from camera_process import CameraProcess
 
 from holdfast.core.contract import FloatArray
 from holdfast.drivers.camera.sources import QUIET
-from holdfast.simulation.camera_frames import CAMERA, GREY, Camera, Frames
 
 ROOT = Path(__file__).resolve().parents[2]
 SIZE = {"width_px": 320.0, "height_px": 240.0}
@@ -113,7 +113,7 @@ from typing import Any
 import numpy as np
 from holdfast.drivers.camera.graph import watch
 from holdfast.drivers.camera.sources import load_depthai
-from holdfast.drivers.camera.recording import read_about, read_recorded, read_tracks, read_video
+from holdfast.drivers.camera.recording import read_about, read_tracks, read_video
 from holdfast.drivers.camera.sources import Frame, Lens, Stored, read_frames
 from holdfast.core.errors import DeviceLost, HoldfastError
 quiet = lambda line: None

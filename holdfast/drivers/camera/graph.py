@@ -113,7 +113,7 @@ class _Watch:
         # read even after a failure: the frames so far are worth keeping
         in_video, unread = self._in_video()
         failed = failed or unread
-        self._about(str(failed) if failed else self.source.void, in_video)
+        self._about(str(failed) if failed else None, in_video)
         if failed is not None:
             raise failed
         return CameraResult(self.frames, self.lost, self.backwards, in_video)

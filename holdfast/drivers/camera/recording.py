@@ -38,7 +38,7 @@ from holdfast.core.errors import (
 )
 from holdfast.core.reading import Json, json_of, require_lines, text_of
 from holdfast.core.writing import write_whole
-from holdfast.drivers.camera.sources import Frame, Lens, Stored, require_forward
+from holdfast.drivers.camera.sources import Frame, Lens, require_forward
 
 VIDEO = "camera.mkv"
 STAMPS = "camera.mcap"
@@ -209,24 +209,6 @@ def read_about(folder: Path) -> Json:
             where=path,
             next_step="correct it by hand",
         ) from None
-
-
-def read_recorded(folder: Path, dai: Any) -> Stored:
-    """A recorded folder as a source; a void trial stays void.
-
-    Raises what read_about, read_tracks and read_video raise.
-
-    The video is read twice, first for its stamps alone: ten minutes of pictures are nine gigabytes.
-    """
-    about = read_about(folder)
-    lens = Lens.of(about, str(about.get("clock")))
-    frames = list(read_video(folder, dai, images=False))
-    tracks = read_tracks(folder)
-    require_same_stamps(frames, tracks, lens, folder)
-    require_whole(len(frames), about.get("in_video"), folder / VIDEO)
-    require_whole(len(tracks.t_s), about.get("frames"), folder / TAGS)
-    void = None if about.get("void") is None else str(about["void"])
-    return Stored(f"{folder.name}/{VIDEO}", lens, read_video(folder, dai), void)
 
 
 def require_same_stamps(

@@ -1,4 +1,4 @@
-"""Where frames come from: an OAK camera, frames on disk (.npz), or a recorded folder.
+"""Where frames come from: an OAK camera, or frames on disk (.npz).
 
 The only import of depthai is here: late, and with its telemetry switched off first.
 """
@@ -161,15 +161,11 @@ class Lens:
 
 
 class FrameSource(Protocol):
-    """A source of frames. last_lost: frames at the end that a stop may cost the video.
-
-    void: why the trial that the frames are of is void, or None.
-    """
+    """A source of frames. last_lost: frames at the end that a stop may cost the video."""
 
     name: str
     lens: Lens
     last_lost: int
-    void: str | None
 
     def open(self, dai: Any) -> Any:
         """A pipeline without nodes. Raises CameraUnavailable."""
@@ -191,13 +187,10 @@ class Stored:
 
     last_lost = 0
 
-    def __init__(
-        self, name: str, lens: Lens, frames: Iterable[Frame], void: str | None = None
-    ) -> None:
+    def __init__(self, name: str, lens: Lens, frames: Iterable[Frame]) -> None:
         self.name = name
         self.lens = lens
         self.frames = frames
-        self.void = void
 
     def open(self, dai: Any) -> Any:
         """A pipeline that has no device and looks for none."""
@@ -237,7 +230,6 @@ class Oak:
 
     name = OAK
     last_lost = LOSSLESS_LAST
-    void: str | None = None
 
     def __init__(self, lens: Lens, seconds: float | None = None) -> None:
         self.lens = lens
@@ -381,8 +373,7 @@ def _read_arrays(path: Path) -> tuple[npt.NDArray[Any], npt.NDArray[np.float64],
         raise DataNotFound(
             "no such file",
             where=path,
-            next_step="check the path; watch takes oak, a .frames.npz or a recorded folder, "
-            "onset a recorded folder or trial_n.csv",
+            next_step="check the path; watch takes oak or a .frames.npz",
         ) from None
     except NOT_AN_ARCHIVE as error:
         raise EmptyRecording(

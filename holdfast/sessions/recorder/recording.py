@@ -13,7 +13,6 @@ from typing import Any
 from holdfast.core.errors import LabelError
 from holdfast.core.hand_card import read_hand_card
 from holdfast.core.reading import Json, json_of, text_of
-from holdfast.core.source import Source
 from holdfast.drivers.calibration import read_calibration
 from holdfast.drivers.hand import LiveHand
 from holdfast.live.bias import MeasuredBias, measure_bias, require_good
@@ -55,7 +54,7 @@ def record(options: RecordOptions, context: RunContext) -> int:
     require_ours(options.out)
     # In this order, so that every mistake of the options is reported before anything opens.
     plan = planned(options)
-    options.camera.require_usable(options.source)
+    options.camera.require_usable()
     require_keys(options, plan, context.keys)
     _report_before(options, plan, context.display)
     return record_plan(options, plan, context)
@@ -114,7 +113,7 @@ def record_plan(options: RecordOptions, plan: Plan, context: RunContext) -> int:
             measured.bias.values,
             about,
             mass_g=plan.mass_g,
-            camera=_camera(options, context, source),
+            camera=_camera(options, context),
             intent=intent,
             truth=scene_truth_of(options.source, source),
         )
@@ -129,21 +128,12 @@ def kind_of(url: str) -> str:
     return KINDS.get(scheme if mark else "", "replayed")
 
 
-def _camera(
-    options: RecordOptions, context: RunContext, source: Source
-) -> CameraProcess | None:
+def _camera(options: RecordOptions, context: RunContext) -> CameraProcess | None:
     """The camera of a run, if any."""
     if options.camera.camera is None:
         return None
-
-    began_ns = getattr(source, "began_ns", None)
-    if began_ns is not None:
-        # The scene began on the source's clock; the camera's process has the host's.
-        began_ns += context.host_ns() - context.clock.now_ns()
-    process = {"camera": options.camera.camera, "source": options.source}
-
     return context.camera(
-        {**process, **options.camera.shooting(), "began_ns": began_ns}
+        {"camera": options.camera.camera, **options.camera.shooting()}
     )
 
 

@@ -66,7 +66,7 @@ class StudyOptions:
         require_ours(recording.out)
         # A person who withdrew must not come back under the same name by mistake.
         require_not_withdrawn(recording.out, recording.person)
-        recording.camera.require_usable(recording.source)
+        recording.camera.require_usable()
         if is_standard_input(recording.source):
             raise UsageError(
                 "a study is led by keys, and standard input is its source",

@@ -20,7 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from holdfast.core.contract import FloatArray
-from holdfast.simulation.effect import Effect, Parameter
+from holdfast.simulation.effect import Parameter
 
 Frames = npt.NDArray[np.uint8]
 """Grey levels, 0 to 255: [H, W] one frame, [K, H, W] several."""
@@ -266,6 +266,3 @@ class Camera:
             exact += self.noise_levels * noise
         np.rint(exact, out=exact)
         return np.clip(exact, 0, 255, out=exact).astype(np.uint8)
-
-
-EFFECTS = {"camera_frames": Effect("camera_frames", "camera", make=Camera)}

@@ -3,18 +3,12 @@ camera."""
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
+import camera_frames as film
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
-from scipy.interpolate import CubicSpline
-
-from holdfast.core.errors import CardError
-from holdfast.simulation import camera_frames as film
-from holdfast.simulation.camera_frames import (
+from camera_frames import (
     BLACK,
     CAMERA,
     CODES,
@@ -25,24 +19,13 @@ from holdfast.simulation.camera_frames import (
     Camera,
     cells,
 )
-from holdfast.simulation.folder import write_set
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.interpolate import CubicSpline
+
 from holdfast.simulation.scene import Scene
 from holdfast.simulation.scene_file import read_scene_file
 
-CARD = """
-[record]
-rate_hz = 60
-[[trials]]
-objects = ["soft-ball"]
-action = "pull"
-close_at_s = 0.1
-hold_s = 0.8
-tail_s = 0.3
-"""
-FILMED = (
-    CARD
-    + "[effects.camera_frames]\n[camera]\nwidth_px = 240\nheight_px = 120\ntag_mm = 8\n"
-)
 PICTURES = {
     0: ["..#.#.", "#...#.", "#..###", ".#.###", "#.#..#", "###.##"],
     1: ["..#..#", "#.#...", "....##", "#..###", ".#..#.", "##.##."],
@@ -142,67 +125,3 @@ def test_frames_are_stamped_at_the_end_of_whole_exposures():
     assert stamps_s[0] == pytest.approx(0.02)
     assert np.diff(stamps_s) == pytest.approx(0.02)
     assert stamps_s[-1] == pytest.approx(1.0)
-
-
-def test_a_card_with_a_camera_leaves_frames_of_the_object_s_motion(tmp_path):
-    filmed = scene(tmp_path, FILMED)
-    write_set(filmed, tmp_path / "set")
-    trial = tmp_path / "set" / "soft-ball" / "pull" / "trial_1"
-    with np.load(trial.with_suffix(".frames.npz"), allow_pickle=False) as shots:
-        frames = shots["frames"]
-        time_s = shots["time_s"]
-        px_per_mm = float(shots["px_per_mm"])
-    assert frames.shape == (len(time_s), 120, 240)
-    truth = json.loads(trial.with_suffix(".truth.json").read_text())
-    motion = np.genfromtxt(trial.with_suffix(".motion.csv"), delimiter=",", names=True)
-    held = np.flatnonzero((time_s > 0.9) & (time_s < truth["load_onset_s"]))
-    assert (frames[held, :, :100] == frames[held[0], :, :100]).all()
-    first = held[0]
-    middle = np.searchsorted(time_s, truth["contact_lost_s"])
-    fell_px = px_per_mm * np.interp(
-        time_s[[first, middle]] - 1e-3, motion["Time"], motion["object_z_mm"]
-    )
-    right = [frames[k, :, 120:].astype(float) - GREY for k in (first, middle)]
-    centres = [
-        (light.sum(axis=1) * np.arange(120)).sum() / light.sum() for light in right
-    ]
-    assert centres[0] - centres[1] == pytest.approx(fell_px[1] - fell_px[0], abs=0.3)
-
-
-def test_the_same_card_and_seed_film_the_same_bytes(tmp_path):
-    filmed = scene(tmp_path, FILMED + "noise_levels = 2\n")
-    for name in ("one", "two"):
-        write_set(filmed, tmp_path / name)
-    one, two = (
-        next((tmp_path / name).rglob("*.npz")).read_bytes() for name in ("one", "two")
-    )
-    assert one == two
-
-
-def test_a_camera_changes_no_force(tmp_path):
-    for name, text in (("plain", CARD), ("filmed", FILMED)):
-        write_set(scene(tmp_path, text), tmp_path / name)
-    plain, filmed = (
-        next((tmp_path / name).rglob("trial_1.csv")).read_bytes()
-        for name in ("plain", "filmed")
-    )
-    assert plain == filmed
-
-
-@pytest.mark.parametrize(
-    ("text", "named"),
-    [
-        (CARD + "[camera]\n", ["camera", "effects.camera_frames"]),
-        (FILMED + "lens = 3\n", ["camera", "lens", "not known", "px_per_mm"]),
-        (FILMED + "fps = 1000\n", ["camera.fps", "1000", "1 to 255"]),
-        (FILMED + "fps = 200\nexposure_ms = 8\n", ["camera.exposure_ms", "8", "5 ms"]),
-        (
-            FILMED.replace("rate_hz = 60", "rate_hz = 60\njoin = 2"),
-            ["record.join", "2", "single trials"],
-        ),
-    ],
-)
-def test_a_camera_that_cannot_be_is_refused_by_name(tmp_path, text, named):
-    with pytest.raises(CardError) as refused:
-        scene(tmp_path, text)
-    assert all(word in str(refused.value) for word in named)
